@@ -1,0 +1,80 @@
+//! Lever arm: the antenna does not sit where the inertial unit sits (Groves 2013, eqs. 14.124 and 14.125).
+
+use super::{Effect, FixInstant, ParameterGroup, Shape, unit};
+use crate::rotation::skew;
+use nalgebra::{Matrix3, Vector3};
+
+/// Position of the antenna relative to the inertial unit: forward, right, down.
+#[derive(Debug)]
+pub struct GpsLeverArm;
+
+impl Effect for GpsLeverArm {
+    fn name(&self) -> &'static str {
+        "gps_lever_arm"
+    }
+
+    fn description(&self) -> &'static str {
+        "the GNSS antenna sits away from the inertial unit"
+    }
+
+    fn groups(&self) -> &'static [ParameterGroup] {
+        &[ParameterGroup {
+            unit: unit::M,
+            shape: Shape::Vector,
+            names: &["lever_x", "lever_y", "lever_z"],
+            prior_sigma: 1.0,
+        }]
+    }
+
+    fn fix(&self, p: &[f64], x: &FixInstant) -> [Vector3<f64>; 2] {
+        let arm = Vector3::from_column_slice(p);
+        [x.c_nb * arm, x.c_nb * x.rate_eb.cross(&arm)]
+    }
+
+    fn fix_jacobian(
+        &self,
+        _p: &[f64],
+        x: &FixInstant,
+        position: &mut [Vector3<f64>],
+        velocity: &mut [Vector3<f64>],
+    ) {
+        let by_rate = x.c_nb * skew(&x.rate_eb);
+        for k in 0..3 {
+            position[k] = x.c_nb.column(k).into();
+            velocity[k] = by_rate.column(k).into();
+        }
+    }
+
+    fn fix_by_attitude(&self, p: &[f64], x: &FixInstant) -> Option<[Matrix3<f64>; 2]> {
+        let arm = Vector3::from_column_slice(p);
+        Some([-x.c_nb * skew(&arm), -x.c_nb * skew(&x.rate_eb.cross(&arm))])
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::effects::testing::{check_jacobians, fix_instant};
+    use crate::rotation::exp;
+
+    #[test]
+    fn jacobians_match_finite_differences() {
+        check_jacobians(&GpsLeverArm);
+    }
+
+    #[test]
+    fn attitude_jacobian_matches_finite_differences() {
+        let x = fix_instant();
+        let p = [0.5, -0.3, 0.2];
+        let Some([dp, dv]) = GpsLeverArm.fix_by_attitude(&p, &x) else { panic!("a lever arm turns") };
+        for k in 0..3 {
+            let mut e = Vector3::zeros();
+            e[k] = 1e-6;
+            let turned = FixInstant { c_nb: x.c_nb * exp(&e).to_rotation_matrix().into_inner(), ..x };
+            let [p0, v0] = GpsLeverArm.fix(&p, &x);
+            let [p1, v1] = GpsLeverArm.fix(&p, &turned);
+            assert!(((p1 - p0) * 1e6 - dp.column(k)).norm() < 1e-5);
+            assert!(((v1 - v0) * 1e6 - dv.column(k)).norm() < 1e-5);
+        }
+    }
+}

@@ -1,0 +1,253 @@
+//! Effects: the named ways in which a real sensor differs from an ideal one.
+//!
+//! One file per effect holds its name, its parameters with units and prior sigmas, what it adds to an ideal sample
+//! and its Jacobian. Simulator, filter, smoother and explanation all use that one definition through [`Effect`].
+//! Contributions are evaluated at the *true* rate and specific force and add up: ω̃ = ω + Σ gyro(ω, f),
+//! f̃ = f + Σ accel(f) (the paper, eqs. (1) and (2), generalised); biases are not effects but part of every model.
+
+mod gps_latency;
+mod gps_lever_arm;
+mod gyro_g_sensitivity;
+mod imu_truncation;
+mod misalignment;
+mod scale_factor;
+
+use crate::earth::STANDARD_GRAVITY;
+use nalgebra::{Matrix3, Vector3};
+
+pub use gps_latency::GpsLatency;
+pub use gps_lever_arm::GpsLeverArm;
+pub use gyro_g_sensitivity::GyroGSensitivity;
+pub use imu_truncation::ImuTruncation;
+pub use misalignment::{AccelMisalignment, GyroMisalignment};
+pub use scale_factor::{AccelScaleFactor, GyroScaleFactor};
+
+/// The largest number of parameters of one effect.
+pub const MAX_PARAMETERS: usize = 9;
+
+/// Every effect that exists, in the order of the design's table. Adding one adds a line here.
+pub static REGISTRY: &[&dyn Effect] = &[
+    &GyroGSensitivity,
+    &GyroScaleFactor,
+    &AccelScaleFactor,
+    &GyroMisalignment,
+    &AccelMisalignment,
+    &GpsLatency,
+    &GpsLeverArm,
+    &ImuTruncation,
+];
+
+/// The effect of this name, if there is one.
+pub fn find(name: &str) -> Option<&'static dyn Effect> {
+    REGISTRY.iter().copied().find(|e| e.name() == name)
+}
+
+/// A unit at the border: symbol for people, suffix for files, size in SI.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Unit {
+    /// As printed, for example `deg/h/g`.
+    pub symbol: &'static str,
+    /// As in file keys, for example `deg_per_h_per_g`.
+    pub suffix: &'static str,
+    /// One such unit in SI.
+    pub si: f64,
+}
+
+/// Units of the parameters of effects.
+pub mod unit {
+    use super::{STANDARD_GRAVITY, Unit};
+    const DEG_PER_H_SI: f64 = std::f64::consts::PI / 180.0 / 3600.0;
+
+    /// Gyro bias.
+    pub const DEG_PER_H: Unit = Unit { symbol: "deg/h", suffix: "deg_per_h", si: DEG_PER_H_SI };
+    /// g-sensitivity.
+    pub const DEG_PER_H_PER_G: Unit =
+        Unit { symbol: "deg/h/g", suffix: "deg_per_h_per_g", si: DEG_PER_H_SI / STANDARD_GRAVITY };
+    /// g²-sensitivity.
+    pub const DEG_PER_H_PER_G2: Unit = Unit {
+        symbol: "deg/h/g²",
+        suffix: "deg_per_h_per_g2",
+        si: DEG_PER_H_SI / (STANDARD_GRAVITY * STANDARD_GRAVITY),
+    };
+    /// Scale factor error.
+    pub const PPM: Unit = Unit { symbol: "ppm", suffix: "ppm", si: 1e-6 };
+    /// Misalignment.
+    pub const MRAD: Unit = Unit { symbol: "mrad", suffix: "mrad", si: 1e-3 };
+    /// Accelerometer bias.
+    pub const MG: Unit = Unit { symbol: "mg", suffix: "mg", si: 1e-3 * STANDARD_GRAVITY };
+    /// Time.
+    pub const S: Unit = Unit { symbol: "s", suffix: "s", si: 1.0 };
+    /// Length.
+    pub const M: Unit = Unit { symbol: "m", suffix: "m", si: 1.0 };
+}
+
+/// How the values of a parameter group are laid out in `model.toml`.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Shape {
+    /// One number.
+    Scalar,
+    /// Three numbers: x, y, z, or north, east, down.
+    Vector,
+    /// Three rows of three.
+    Matrix,
+    /// Three rows of three, the diagonal zero and not a parameter.
+    MatrixWithoutDiagonal,
+    /// xy, xz, yz.
+    UpperTriangle,
+}
+
+impl Shape {
+    /// Number of parameters.
+    pub fn len(self) -> usize {
+        match self {
+            Self::Scalar => 1,
+            Self::Vector | Self::UpperTriangle => 3,
+            Self::MatrixWithoutDiagonal => 6,
+            Self::Matrix => 9,
+        }
+    }
+
+    /// Never empty.
+    pub fn is_empty(self) -> bool {
+        false
+    }
+}
+
+/// Parameters of one unit within an effect.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct ParameterGroup {
+    /// Unit at the border.
+    pub unit: Unit,
+    /// Layout in files.
+    pub shape: Shape,
+    /// A short name per parameter, as on screens: `g11`, `latency`.
+    pub names: &'static [&'static str],
+    /// Prior 1-sigma when the effect is estimated and nothing is known of its size, SI.
+    pub prior_sigma: f64,
+}
+
+/// The ideal inertial unit at one instant: what its effects may depend on.
+#[derive(Debug, Clone, Copy)]
+pub struct Instant {
+    /// Time, s.
+    pub t_s: f64,
+    /// True angular rate ω_ib^b, rad/s.
+    pub rate: Vector3<f64>,
+    /// True specific force f^b, m/s².
+    pub force: Vector3<f64>,
+    /// Temperature above 25 °C; 0 where unknown.
+    pub temperature_above_25_degc: f64,
+}
+
+/// The vehicle at the time of validity of a fix: what effects on GNSS may depend on. North-east-down.
+#[derive(Debug, Clone, Copy)]
+pub struct FixInstant {
+    /// Time, s.
+    pub t_s: f64,
+    /// Velocity of the inertial unit, m/s.
+    pub v_n: Vector3<f64>,
+    /// Acceleration of the inertial unit relative to Earth, m/s².
+    pub a_n: Vector3<f64>,
+    /// C_b^n.
+    pub c_nb: Matrix3<f64>,
+    /// Rate of the body relative to Earth ω_eb^b, rad/s.
+    pub rate_eb: Vector3<f64>,
+}
+
+/// Spectral densities (square roots) of random walks that an effect adds to the biases.
+#[derive(Debug, Clone, Copy, Default, PartialEq)]
+pub struct BiasWalk {
+    /// rad/s per √s.
+    pub gyro: f64,
+    /// m/s² per √s.
+    pub accel: f64,
+}
+
+/// One way in which a real sensor differs from an ideal one.
+///
+/// `p` holds the effect's parameters in SI, in the order of its groups; its length is [`Effect::len`]. All methods
+/// have a neutral default, so an effect implements only what it does. Jacobian slices come zeroed, one column per
+/// parameter.
+pub trait Effect: Sync + std::fmt::Debug {
+    /// The fixed name of the design's table.
+    fn name(&self) -> &'static str;
+
+    /// One line for people.
+    fn description(&self) -> &'static str;
+
+    /// The parameters; empty for a discrete effect.
+    fn groups(&self) -> &'static [ParameterGroup];
+
+    /// Number of parameters.
+    fn len(&self) -> usize {
+        self.groups().iter().map(|g| g.shape.len()).sum()
+    }
+
+    /// Whether the effect is discrete: present or absent, without parameters.
+    fn is_empty(&self) -> bool {
+        self.len() == 0
+    }
+
+    /// What it adds to the true rate, rad/s.
+    fn gyro(&self, _p: &[f64], _x: &Instant) -> Vector3<f64> {
+        Vector3::zeros()
+    }
+
+    /// What it adds to the true specific force, m/s².
+    fn accel(&self, _p: &[f64], _x: &Instant) -> Vector3<f64> {
+        Vector3::zeros()
+    }
+
+    /// ∂gyro/∂p and ∂accel/∂p.
+    fn imu_jacobian(
+        &self,
+        _p: &[f64],
+        _x: &Instant,
+        _gyro: &mut [Vector3<f64>],
+        _accel: &mut [Vector3<f64>],
+    ) {
+    }
+
+    /// ∂gyro/∂force: how an error of specific force becomes one of rate.
+    fn gyro_by_force(&self, _p: &[f64], _x: &Instant) -> Option<Matrix3<f64>> {
+        None
+    }
+
+    /// How much older than its time stamp a fix is, s.
+    fn fix_delay_s(&self, _p: &[f64]) -> f64 {
+        0.0
+    }
+
+    /// What it adds to position (m) and velocity (m/s) of a fix, north-east-down, beyond the delay.
+    fn fix(&self, _p: &[f64], _x: &FixInstant) -> [Vector3<f64>; 2] {
+        [Vector3::zeros(); 2]
+    }
+
+    /// ∂position/∂p and ∂velocity/∂p of a fix, delay included, at the time of validity.
+    fn fix_jacobian(
+        &self,
+        _p: &[f64],
+        _x: &FixInstant,
+        _position: &mut [Vector3<f64>],
+        _velocity: &mut [Vector3<f64>],
+    ) {
+    }
+
+    /// ∂(position, velocity)/∂(body rotation ε) of what [`Effect::fix`] adds, where C = Ĉ exp(ε).
+    fn fix_by_attitude(&self, _p: &[f64], _x: &FixInstant) -> Option<[Matrix3<f64>; 2]> {
+        None
+    }
+
+    /// Random walk that it adds to the biases.
+    fn bias_walk(&self, _p: &[f64]) -> BiasWalk {
+        BiasWalk::default()
+    }
+
+    /// Whether it says that integer samples are truncated toward zero.
+    fn truncates_samples(&self) -> bool {
+        false
+    }
+}
+
+#[cfg(test)]
+pub(crate) mod testing;

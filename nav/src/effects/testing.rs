@@ -1,0 +1,75 @@
+//! What the tests of all effects share.
+
+use super::{Effect, FixInstant, Instant, MAX_PARAMETERS};
+use crate::rotation::c_nb_from_euler;
+use nalgebra::Vector3;
+
+pub fn instant(rate: [f64; 3], force: [f64; 3]) -> Instant {
+    Instant { t_s: 12.0, rate: rate.into(), force: force.into(), temperature_above_25_degc: 7.0 }
+}
+
+pub fn fix_instant() -> FixInstant {
+    FixInstant {
+        t_s: 12.0,
+        v_n: Vector3::new(20.0, -5.0, 1.0),
+        a_n: Vector3::new(1.0, 3.0, -0.5),
+        c_nb: c_nb_from_euler(0.4, -0.2, 1.0),
+        rate_eb: Vector3::new(0.1, 0.2, -0.4),
+    }
+}
+
+/// Every Jacobian of an effect against central differences, at three instants and parameters of prior size.
+pub fn check_jacobians(effect: &dyn Effect) {
+    let n = effect.len();
+    let priors: Vec<f64> =
+        effect.groups().iter().flat_map(|g| std::iter::repeat_n(g.prior_sigma, g.shape.len())).collect();
+    let p: Vec<f64> = priors.iter().enumerate().map(|(i, s)| s * (0.7 - 0.3 * i as f64)).collect();
+    let shifted = |k: usize, by: f64| -> Vec<f64> {
+        let mut q = p.clone();
+        q[k] += by;
+        q
+    };
+    let close = |numeric: Vector3<f64>, exact: &Vector3<f64>| {
+        assert!(
+            (numeric - exact).norm() <= 1e-6 * (1.0 + exact.norm()),
+            "{}: {numeric} {exact}",
+            effect.name()
+        );
+    };
+    for x in [
+        instant([0.3, -0.2, 0.5], [1.0, 2.0, -15.0]),
+        instant([0.0, 0.1, 0.0], [0.2, -0.4, -9.8]),
+        instant([-2.0, 1.0, 0.7], [-20.0, 5.0, 3.0]),
+    ] {
+        let mut gyro = [Vector3::zeros(); MAX_PARAMETERS];
+        let mut accel = [Vector3::zeros(); MAX_PARAMETERS];
+        effect.imu_jacobian(&p, &x, &mut gyro[..n], &mut accel[..n]);
+        for k in 0..n {
+            let h = priors[k] * 1e-2;
+            let (plus, minus) = (shifted(k, h), shifted(k, -h));
+            close((effect.gyro(&plus, &x) - effect.gyro(&minus, &x)) / (2.0 * h), &gyro[k]);
+            close((effect.accel(&plus, &x) - effect.accel(&minus, &x)) / (2.0 * h), &accel[k]);
+        }
+        if let Some(by_force) = effect.gyro_by_force(&p, &x) {
+            for k in 0..3 {
+                let mut step = Vector3::zeros();
+                step[k] = 1e-3;
+                let (plus, minus) =
+                    (Instant { force: x.force + step, ..x }, Instant { force: x.force - step, ..x });
+                let numeric = (effect.gyro(&p, &plus) - effect.gyro(&p, &minus)) / 2e-3;
+                close(numeric, &by_force.column(k).into());
+            }
+        }
+    }
+    if effect.fix_delay_s(&p) == 0.0 {
+        let x = fix_instant();
+        let (mut dp, mut dv) = ([Vector3::zeros(); MAX_PARAMETERS], [Vector3::zeros(); MAX_PARAMETERS]);
+        effect.fix_jacobian(&p, &x, &mut dp[..n], &mut dv[..n]);
+        for k in 0..n {
+            let h = priors[k] * 1e-2;
+            let ([p1, v1], [p0, v0]) = (effect.fix(&shifted(k, h), &x), effect.fix(&shifted(k, -h), &x));
+            close((p1 - p0) / (2.0 * h), &dp[k]);
+            close((v1 - v0) / (2.0 * h), &dv[k]);
+        }
+    }
+}

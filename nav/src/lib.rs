@@ -1,0 +1,12 @@
+//! Inertial navigation, sensor effects, filter, observability and identification of `gaware`.
+//!
+//! This crate is arithmetic only: it does no I/O, reads no clock, draws no random numbers of its own and knows
+//! nothing of MAVLink. Time is always a parameter. It cannot navigate without GNSS for longer than its sensors allow,
+//! and it treats the vehicle as a rigid body whose inertial unit does not move.
+
+pub mod earth;
+pub mod effects;
+pub mod model;
+pub mod quantisation;
+pub mod rotation;
+pub mod sample;

@@ -1,0 +1,349 @@
+//! `model.toml`: reading and writing, with units in the names of the keys (design, section 3).
+
+use super::{EffectSetting, Model, ModelError, QuantisationBelief};
+use crate::effects::{self, Effect, ParameterGroup, Shape};
+use serde::{Deserialize, Serialize};
+use toml::{Table, Value};
+
+const SCHEMA: &str = "gaware.model/1";
+
+#[derive(Debug, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+struct File {
+    schema: String,
+    #[serde(default)]
+    imu: Imu,
+    #[serde(default)]
+    gnss: Gnss,
+    #[serde(default, skip_serializing_if = "Table::is_empty")]
+    effects: Table,
+}
+
+#[derive(Debug, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+struct Imu {
+    gyro_noise_deg_per_s_per_rthz: f64,
+    accel_noise_m_per_s2_per_rthz: f64,
+    gyro_bias_sigma_deg_per_s: f64,
+    accel_bias_sigma_m_per_s2: f64,
+    #[serde(skip_serializing_if = "is_zero")]
+    gyro_bias_deg_per_s: [f64; 3],
+    #[serde(skip_serializing_if = "is_zero")]
+    accel_bias_m_per_s2: [f64; 3],
+    quantisation: Belief,
+}
+
+#[derive(Debug, Clone, Copy, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+enum Belief {
+    Auto,
+    None,
+    Round,
+    Truncate,
+}
+
+#[derive(Debug, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+struct Gnss {
+    position_sigma_m: [f64; 3],
+    velocity_sigma_m_per_s: [f64; 3],
+    position_correlation_s: f64,
+    #[serde(skip_serializing_if = "is_zero")]
+    position_wander_sigma_m: [f64; 3],
+}
+
+fn is_zero(v: &[f64; 3]) -> bool {
+    v.iter().all(|x| *x == 0.0)
+}
+
+impl Default for Imu {
+    fn default() -> Self {
+        Self::from(&Model::default().imu)
+    }
+}
+
+impl From<&super::ImuModel> for Imu {
+    fn from(m: &super::ImuModel) -> Self {
+        Self {
+            gyro_noise_deg_per_s_per_rthz: m.gyro_noise.to_degrees(),
+            accel_noise_m_per_s2_per_rthz: m.accel_noise,
+            gyro_bias_sigma_deg_per_s: m.gyro_bias_sigma.to_degrees(),
+            accel_bias_sigma_m_per_s2: m.accel_bias_sigma,
+            gyro_bias_deg_per_s: m.gyro_bias.map(f64::to_degrees),
+            accel_bias_m_per_s2: m.accel_bias,
+            quantisation: match m.quantisation {
+                QuantisationBelief::Auto => Belief::Auto,
+                QuantisationBelief::None => Belief::None,
+                QuantisationBelief::Round => Belief::Round,
+                QuantisationBelief::Truncate => Belief::Truncate,
+            },
+        }
+    }
+}
+
+impl Default for Gnss {
+    fn default() -> Self {
+        Self::from(&Model::default().gnss)
+    }
+}
+
+impl From<&super::GnssModel> for Gnss {
+    fn from(m: &super::GnssModel) -> Self {
+        Self {
+            position_sigma_m: m.position_sigma_m,
+            velocity_sigma_m_per_s: m.velocity_sigma_m_per_s,
+            position_correlation_s: m.position_correlation_s,
+            position_wander_sigma_m: m.position_wander_sigma_m,
+        }
+    }
+}
+
+impl Model {
+    /// Reads `model.toml`.
+    ///
+    /// # Errors
+    /// Not TOML, unknown keys or effects, wrong counts, values that no sensor can have.
+    ///
+    /// # Examples
+    /// ```
+    /// let model = gaware_nav::model::Model::from_toml(
+    ///     "schema = \"gaware.model/1\"\n[effects.gps_latency]\nvalue_s = 0.12\n",
+    /// )?;
+    /// assert_eq!(model.get("gps_latency").map(|s| s.values[0]), Some(0.12));
+    /// # Ok::<(), gaware_nav::model::ModelError>(())
+    /// ```
+    pub fn from_toml(text: &str) -> Result<Self, ModelError> {
+        let file: File = toml::from_str(text)
+            .map_err(|e| ModelError::Syntax { message: e.message().to_owned(), span: e.span() })?;
+        if file.schema != SCHEMA {
+            return Err(ModelError::Schema(file.schema));
+        }
+        let mut model =
+            Model { imu: imu_from_file(&file.imu)?, gnss: gnss_from_file(&file.gnss)?, effects: Vec::new() };
+        for (name, value) in &file.effects {
+            let effect = effects::find(name).ok_or_else(|| ModelError::UnknownEffect {
+                name: name.clone(),
+                known: effects::REGISTRY.iter().map(|e| e.name()).collect::<Vec<_>>().join(", "),
+            })?;
+            model.set(setting_from_toml(effect, value)?);
+        }
+        Ok(model)
+    }
+
+    /// Writes `model.toml`; reading it back gives the same model to the last digit printed.
+    pub fn to_toml(&self) -> String {
+        let effects = self.effects.iter().map(|s| (s.effect.name().to_owned(), setting_to_toml(s))).collect();
+        let file = File {
+            schema: SCHEMA.to_owned(),
+            imu: Imu::from(&self.imu),
+            gnss: Gnss::from(&self.gnss),
+            effects,
+        };
+        toml::to_string(&file).unwrap_or_default()
+    }
+}
+
+fn usable(key: &str, value: f64, positive: bool) -> Result<f64, ModelError> {
+    let reason = if !value.is_finite() {
+        "it must be a finite number"
+    } else if positive && value <= 0.0 {
+        "it must be positive"
+    } else {
+        return Ok(value);
+    };
+    Err(ModelError::Value { key: key.to_owned(), value, reason })
+}
+
+fn not_negative(key: &str, value: f64) -> Result<f64, ModelError> {
+    usable(key, value, false)?;
+    if value < 0.0 {
+        return Err(ModelError::Value { key: key.to_owned(), value, reason: "it must not be negative" });
+    }
+    Ok(value)
+}
+
+fn imu_from_file(f: &Imu) -> Result<super::ImuModel, ModelError> {
+    for v in f.gyro_bias_deg_per_s {
+        usable("gyro_bias_deg_per_s", v, false)?;
+    }
+    for v in f.accel_bias_m_per_s2 {
+        usable("accel_bias_m_per_s2", v, false)?;
+    }
+    Ok(super::ImuModel {
+        gyro_noise: usable("gyro_noise_deg_per_s_per_rthz", f.gyro_noise_deg_per_s_per_rthz, true)?
+            .to_radians(),
+        accel_noise: usable("accel_noise_m_per_s2_per_rthz", f.accel_noise_m_per_s2_per_rthz, true)?,
+        gyro_bias_sigma: usable("gyro_bias_sigma_deg_per_s", f.gyro_bias_sigma_deg_per_s, true)?.to_radians(),
+        accel_bias_sigma: usable("accel_bias_sigma_m_per_s2", f.accel_bias_sigma_m_per_s2, true)?,
+        gyro_bias: f.gyro_bias_deg_per_s.map(f64::to_radians),
+        accel_bias: f.accel_bias_m_per_s2,
+        quantisation: match f.quantisation {
+            Belief::Auto => QuantisationBelief::Auto,
+            Belief::None => QuantisationBelief::None,
+            Belief::Round => QuantisationBelief::Round,
+            Belief::Truncate => QuantisationBelief::Truncate,
+        },
+    })
+}
+
+fn gnss_from_file(f: &Gnss) -> Result<super::GnssModel, ModelError> {
+    for v in f.position_sigma_m {
+        usable("position_sigma_m", v, true)?;
+    }
+    for v in f.velocity_sigma_m_per_s {
+        usable("velocity_sigma_m_per_s", v, true)?;
+    }
+    for v in f.position_wander_sigma_m {
+        not_negative("position_wander_sigma_m", v)?;
+    }
+    not_negative("position_correlation_s", f.position_correlation_s)?;
+    Ok(super::GnssModel {
+        position_sigma_m: f.position_sigma_m,
+        velocity_sigma_m_per_s: f.velocity_sigma_m_per_s,
+        position_correlation_s: f.position_correlation_s,
+        position_wander_sigma_m: f.position_wander_sigma_m,
+    })
+}
+
+fn setting_from_toml(effect: &'static dyn Effect, value: &Value) -> Result<EffectSetting, ModelError> {
+    let empty = Table::new();
+    let table = value.as_table().unwrap_or(&empty);
+    let mut keys = Vec::new();
+    let (mut values, mut sigmas) = (Vec::new(), Vec::new());
+    let mut given = false;
+    for group in effect.groups() {
+        let (value_key, sigma_key) =
+            (format!("value_{}", group.unit.suffix), format!("sigma_{}", group.unit.suffix));
+        let v = table.get(&value_key).map(|v| numbers(effect, group, v, &value_key)).transpose()?;
+        let s = table.get(&sigma_key).map(|v| numbers(effect, group, v, &sigma_key)).transpose()?;
+        given |= v.is_some() || s.is_some();
+        for sigma in s.iter().flatten() {
+            not_negative(&sigma_key, *sigma)?;
+        }
+        values.extend(v.unwrap_or_else(|| vec![0.0; group.shape.len()]));
+        sigmas.extend(s.unwrap_or_else(|| vec![0.0; group.shape.len()]));
+        keys.extend([value_key, sigma_key]);
+    }
+    if let Some(key) = table.keys().find(|k| !keys.contains(k)) {
+        let wanted = if keys.is_empty() { "no keys".to_owned() } else { keys.join(", ") };
+        return Err(ModelError::UnknownKey { effect: effect.name(), key: key.clone(), wanted });
+    }
+    // An effect that is named without a value is to be estimated from nothing.
+    if !given {
+        return Ok(EffectSetting::unknown(effect));
+    }
+    Ok(EffectSetting { effect, values, sigmas })
+}
+
+/// The numbers of one group in SI, in the order of its parameters.
+fn numbers(
+    effect: &'static dyn Effect,
+    group: &ParameterGroup,
+    value: &Value,
+    key: &str,
+) -> Result<Vec<f64>, ModelError> {
+    let mut flat = Vec::new();
+    flatten(value, &mut flat);
+    let wanted = match group.shape {
+        Shape::MatrixWithoutDiagonal => 9,
+        shape => shape.len(),
+    };
+    if flat.len() != wanted {
+        return Err(ModelError::Count { effect: effect.name(), wanted, found: flat.len() });
+    }
+    if group.shape == Shape::MatrixWithoutDiagonal {
+        if let Some(v) = [0, 4, 8].iter().map(|i| flat[*i]).find(|v| *v != 0.0) {
+            return Err(ModelError::Value {
+                key: key.to_owned(),
+                value: v,
+                reason: "the diagonal must be zero",
+            });
+        }
+        flat = (0..9).filter(|i| i % 4 != 0).map(|i| flat[i]).collect();
+    }
+    for v in &flat {
+        usable(key, *v, false)?;
+    }
+    Ok(flat.into_iter().map(|v| v * group.unit.si).collect())
+}
+
+fn flatten(value: &Value, out: &mut Vec<f64>) {
+    match value {
+        Value::Float(f) => out.push(*f),
+        Value::Integer(i) => out.push(*i as f64),
+        Value::Array(a) => a.iter().for_each(|v| flatten(v, out)),
+        _ => out.push(f64::NAN),
+    }
+}
+
+fn setting_to_toml(setting: &EffectSetting) -> Value {
+    let mut table = Table::new();
+    let mut at = 0;
+    for group in setting.effect.groups() {
+        let range = at..at + group.shape.len();
+        at = range.end;
+        let (values, sigmas) = (&setting.values[range.clone()], &setting.sigmas[range]);
+        table.insert(format!("value_{}", group.unit.suffix), shaped(group, values));
+        if sigmas.iter().any(|s| *s > 0.0) {
+            table.insert(format!("sigma_{}", group.unit.suffix), shaped(group, sigmas));
+        }
+    }
+    Value::Table(table)
+}
+
+fn shaped(group: &ParameterGroup, si: &[f64]) -> Value {
+    // Twelve significant digits: more than any sensor, fewer than the noise of unit conversion.
+    let number =
+        |v: f64| Value::Float(format!("{:.11e}", v / group.unit.si).parse().unwrap_or(v / group.unit.si));
+    let row = |r: &[f64]| Value::Array(r.iter().map(|v| number(*v)).collect());
+    match group.shape {
+        Shape::Scalar => number(si[0]),
+        Shape::Vector | Shape::UpperTriangle => row(si),
+        Shape::Matrix => Value::Array(si.chunks(3).map(row).collect()),
+        Shape::MatrixWithoutDiagonal => Value::Array(vec![
+            row(&[0.0, si[0], si[1]]),
+            row(&[si[2], 0.0, si[3]]),
+            row(&[si[4], si[5], 0.0]),
+        ]),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn every_effect_survives_a_round_trip() {
+        let mut model = Model::default();
+        for effect in effects::REGISTRY {
+            let mut s = EffectSetting::unknown(*effect);
+            for (k, v) in s.values.iter_mut().enumerate() {
+                *v = s.sigmas[k] * (0.1 + k as f64);
+            }
+            model.set(s);
+        }
+        let text = model.to_toml();
+        let back = Model::from_toml(&text).expect("own output");
+        assert_eq!(back.to_toml(), text);
+        assert_eq!(back.effects.len(), model.effects.len());
+        for (a, b) in back.effects.iter().map(|a| (a, model.get(a.effect.name()).expect("same"))) {
+            for (x, y) in a.values.iter().zip(&b.values) {
+                assert!((x - y).abs() <= 1e-10 * y.abs(), "{}", a.effect.name());
+            }
+        }
+    }
+
+    #[test]
+    fn mistakes_are_named() {
+        let error = |t: &str| Model::from_toml(t).expect_err("must be refused").to_string();
+        assert!(error("schema = \"gaware.model/2\"").contains("gaware.model/1"));
+        let head = "schema = \"gaware.model/1\"\n";
+        assert!(error(&format!("{head}[effects.gps_latincy]\nvalue_s = 1")).contains("gps_latency"));
+        assert!(error(&format!("{head}[effects.gps_latency]\nvalue_ms = 1")).contains("value_s"));
+        assert!(
+            error(&format!("{head}[effects.gyro_scale_factor]\nvalue_ppm = [1, 2]")).contains("3 values")
+        );
+        assert!(error(&format!("{head}[imu]\ngyro_noise_deg_per_s_per_rthz = -1.0")).contains("positive"));
+        assert!(error(&format!("{head}[imu]\ngyro_nois = 1.0")).contains("gyro_nois"));
+    }
+}

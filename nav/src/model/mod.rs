@@ -1,0 +1,272 @@
+//! The model: which effects are believed to be present, with their values, and how noisy the sensors are.
+//!
+//! The simulation is what the model says: the simulator produces samples with it, the filter and the explanation
+//! predict with it. In memory everything is SI; [`file`] reads and writes `model.toml` with units in the names.
+
+pub mod file;
+
+use crate::earth::STANDARD_GRAVITY;
+use crate::effects::{self, Effect};
+use crate::sample::{ImuStream, Quantisation, Steps};
+
+/// Noise and priors of the inertial unit, SI.
+#[derive(Debug, Clone, PartialEq)]
+pub struct ImuModel {
+    /// White noise of the gyros: N in rad/s/√Hz, so that angle variance grows as N²·t.
+    pub gyro_noise: f64,
+    /// White noise of the accelerometers: N in m/s²/√Hz.
+    pub accel_noise: f64,
+    /// Prior 1-sigma of the gyro bias, rad/s.
+    pub gyro_bias_sigma: f64,
+    /// Prior 1-sigma of the accelerometer bias, m/s².
+    pub accel_bias_sigma: f64,
+    /// Gyro bias where it is known or simulated, rad/s.
+    pub gyro_bias: [f64; 3],
+    /// Accelerometer bias where it is known or simulated, m/s².
+    pub accel_bias: [f64; 3],
+    /// What is believed of the rounding of the source.
+    pub quantisation: QuantisationBelief,
+}
+
+/// What the model says of integer samples.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub enum QuantisationBelief {
+    /// As the source message is known to be.
+    #[default]
+    Auto,
+    /// Taken as they come.
+    None,
+    /// Rounded to the nearest.
+    Round,
+    /// Truncated toward zero.
+    Truncate,
+}
+
+/// Noise of the fixes where they bring no figures of their own.
+#[derive(Debug, Clone, PartialEq)]
+pub struct GnssModel {
+    /// 1-sigma north, east, down, m.
+    pub position_sigma_m: [f64; 3],
+    /// 1-sigma north, east, down, m/s.
+    pub velocity_sigma_m_per_s: [f64; 3],
+    /// Correlation time of position errors, s; 0 = white.
+    pub position_correlation_s: f64,
+    /// Stationary 1-sigma of the correlated part, m; the white part is `position_sigma_m`.
+    pub position_wander_sigma_m: [f64; 3],
+}
+
+/// One effect with the values believed, SI, one per parameter.
+#[derive(Debug, Clone)]
+pub struct EffectSetting {
+    /// Which.
+    pub effect: &'static dyn Effect,
+    /// Known or prior values.
+    pub values: Vec<f64>,
+    /// Prior sigmas; a parameter with sigma 0 is known and not estimated.
+    pub sigmas: Vec<f64>,
+}
+
+impl EffectSetting {
+    /// An effect to be estimated from nothing: zero with the prior sigmas of its definition.
+    pub fn unknown(effect: &'static dyn Effect) -> Self {
+        let sigmas =
+            effect.groups().iter().flat_map(|g| std::iter::repeat_n(g.prior_sigma, g.shape.len())).collect();
+        Self { effect, values: vec![0.0; effect.len()], sigmas }
+    }
+
+    /// An effect of known size.
+    ///
+    /// # Errors
+    /// When the number of values is not that of the effect's parameters.
+    pub fn known(effect: &'static dyn Effect, values: &[f64]) -> Result<Self, ModelError> {
+        if values.len() != effect.len() {
+            return Err(ModelError::Count {
+                effect: effect.name(),
+                wanted: effect.len(),
+                found: values.len(),
+            });
+        }
+        Ok(Self { effect, values: values.to_vec(), sigmas: vec![0.0; values.len()] })
+    }
+
+    /// Names of the parameters with their groups' units, in order.
+    pub fn parameters(&self) -> impl Iterator<Item = (&'static str, effects::Unit)> {
+        self.effect.groups().iter().flat_map(|g| g.names.iter().map(|n| (*n, g.unit)))
+    }
+
+    /// Number of parameters that are estimated.
+    pub fn estimated(&self) -> usize {
+        self.sigmas.iter().filter(|s| **s > 0.0).count()
+    }
+}
+
+/// The whole model.
+#[derive(Debug, Clone)]
+pub struct Model {
+    /// Inertial unit.
+    pub imu: ImuModel,
+    /// Fixes.
+    pub gnss: GnssModel,
+    /// Effects in the order in which their states stand in the filter.
+    pub effects: Vec<EffectSetting>,
+}
+
+impl Default for Model {
+    /// Noise and priors of a consumer autopilot (FIELD_NOTES figures), and no effects.
+    fn default() -> Self {
+        Self {
+            imu: ImuModel {
+                gyro_noise: 0.01_f64.to_radians(),
+                accel_noise: 0.006,
+                gyro_bias_sigma: 0.5_f64.to_radians(),
+                accel_bias_sigma: 0.2,
+                gyro_bias: [0.0; 3],
+                accel_bias: [0.0; 3],
+                quantisation: QuantisationBelief::Auto,
+            },
+            gnss: GnssModel {
+                position_sigma_m: [1.5, 1.5, 2.5],
+                velocity_sigma_m_per_s: [0.1, 0.1, 0.2],
+                position_correlation_s: 0.0,
+                position_wander_sigma_m: [0.0; 3],
+            },
+            effects: Vec::new(),
+        }
+    }
+}
+
+/// Number of elements of G that the filter estimates.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum GElements {
+    /// None: the 15-state filter.
+    None,
+    /// The diagonal: 18 states (the paper, eq. 20).
+    Diagonal,
+    /// All nine: 24 states (the paper, eq. 24).
+    Full,
+}
+
+impl Model {
+    /// What `run` and `replay` assume when nobody says otherwise: full G and the GNSS latency are estimated.
+    pub fn standard() -> Self {
+        let mut model = Self::default().with_g(GElements::Full, None);
+        let mut latency = EffectSetting::unknown(&effects::GpsLatency);
+        // u-blox receivers about 0.12 s, published flights 0.05 to 0.3 s (FIELD_NOTES).
+        latency.values[0] = 0.12;
+        latency.sigmas[0] = 0.08;
+        model.set(latency);
+        model
+    }
+
+    /// The same model with this many elements of G estimated, from zero, with a prior sigma in rad/s per m/s²
+    /// (`None`: the effect's own).
+    #[must_use]
+    pub fn with_g(mut self, elements: GElements, prior_sigma: Option<f64>) -> Self {
+        let mut setting = EffectSetting::unknown(&effects::GyroGSensitivity);
+        for (k, sigma) in setting.sigmas.iter_mut().enumerate() {
+            let estimated = match elements {
+                GElements::None => false,
+                GElements::Diagonal => k % 4 == 0,
+                GElements::Full => true,
+            };
+            *sigma = if estimated { prior_sigma.unwrap_or(*sigma) } else { 0.0 };
+        }
+        self.remove(setting.effect.name());
+        if elements != GElements::None {
+            self.effects.insert(0, setting);
+        }
+        self
+    }
+
+    /// Puts an effect in, replacing one of the same name.
+    pub fn set(&mut self, setting: EffectSetting) {
+        match self.effects.iter_mut().find(|s| s.effect.name() == setting.effect.name()) {
+            Some(old) => *old = setting,
+            None => self.effects.push(setting),
+        }
+    }
+
+    /// Takes an effect out.
+    pub fn remove(&mut self, name: &str) {
+        self.effects.retain(|s| s.effect.name() != name);
+    }
+
+    /// The setting of this effect, if the model has it.
+    pub fn get(&self, name: &str) -> Option<&EffectSetting> {
+        self.effects.iter().find(|s| s.effect.name() == name)
+    }
+
+    /// How the samples of this stream are to be read: the belief of the model over what the source says.
+    pub fn quantisation_of(&self, stream: &ImuStream) -> Quantisation {
+        let steps = match stream.quantisation {
+            Quantisation::None => Steps::RAW_IMU,
+            Quantisation::Round(steps) | Quantisation::Truncate(steps) => steps,
+        };
+        if self.effects.iter().any(|s| s.effect.truncates_samples()) {
+            return Quantisation::Truncate(steps);
+        }
+        match self.imu.quantisation {
+            QuantisationBelief::Auto => stream.quantisation,
+            QuantisationBelief::None => Quantisation::None,
+            QuantisationBelief::Round => Quantisation::Round(steps),
+            QuantisationBelief::Truncate => Quantisation::Truncate(steps),
+        }
+    }
+}
+
+/// Why a model cannot be had.
+#[derive(Debug, Clone, PartialEq, thiserror::Error)]
+pub enum ModelError {
+    /// Not TOML, or a key that the contract does not have.
+    #[error("{message}")]
+    Syntax {
+        /// What the parser said.
+        message: String,
+        /// Bytes of the source it is about.
+        span: Option<std::ops::Range<usize>>,
+    },
+    /// Another schema.
+    #[error("schema is \"{0}\", this program reads \"gaware.model/1\"")]
+    Schema(String),
+    /// An effect that does not exist.
+    #[error("there is no effect \"{name}\"; known effects: {known}")]
+    UnknownEffect {
+        /// As written.
+        name: String,
+        /// The registry, comma separated.
+        known: String,
+    },
+    /// A key an effect does not have.
+    #[error("effect {effect} has no key \"{key}\"; it takes {wanted}")]
+    UnknownKey {
+        /// Effect.
+        effect: &'static str,
+        /// As written.
+        key: String,
+        /// The keys that exist.
+        wanted: String,
+    },
+    /// Wrong number or layout of values.
+    #[error("effect {effect} takes {wanted} values, {found} were given")]
+    Count {
+        /// Effect.
+        effect: &'static str,
+        /// Parameters it has.
+        wanted: usize,
+        /// Values given.
+        found: usize,
+    },
+    /// A value outside what is physically possible.
+    #[error("{key} = {value} is not usable: {reason}")]
+    Value {
+        /// Key in the file.
+        key: String,
+        /// As written.
+        value: f64,
+        /// Why.
+        reason: &'static str,
+    },
+}
+
+/// 1 mg in m/s².
+pub const MILLI_G: f64 = 1e-3 * STANDARD_GRAVITY;

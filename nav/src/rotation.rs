@@ -1,0 +1,108 @@
+//! Rotations: exponential map, its Jacobians, Euler angles. Plain geometry, no frames of its own.
+//!
+//! Names say from and to: `c_eb` turns body vectors into ECEF ones (C_b^e of the paper).
+
+use nalgebra::{Matrix3, UnitQuaternion, Vector3};
+
+/// The matrix [v×] with [v×]·w = v × w.
+pub fn skew(v: &Vector3<f64>) -> Matrix3<f64> {
+    Matrix3::new(0.0, -v.z, v.y, v.z, 0.0, -v.x, -v.y, v.x, 0.0)
+}
+
+/// exp([φ×]) as a unit quaternion (Solà 2017, eq. 101).
+pub fn exp(phi: &Vector3<f64>) -> UnitQuaternion<f64> {
+    UnitQuaternion::from_scaled_axis(*phi)
+}
+
+/// Rotation vector of a rotation, |φ| ≤ π (Solà 2017, eq. 105).
+pub fn log(q: &UnitQuaternion<f64>) -> Vector3<f64> {
+    q.scaled_axis()
+}
+
+/// Left Jacobian J(φ) of SO(3): exp(φ + δ) ≈ exp(J δ) exp(φ) (Barfoot 2017, eq. 7.77).
+pub fn left_jacobian(phi: &Vector3<f64>) -> Matrix3<f64> {
+    let a2 = phi.norm_squared();
+    let k = skew(phi);
+    let (b, c) = if a2 < 1e-8 {
+        (0.5 - a2 / 24.0, 1.0 / 6.0 - a2 / 120.0)
+    } else {
+        let a = a2.sqrt();
+        ((1.0 - a.cos()) / a2, (a - a.sin()) / (a2 * a))
+    };
+    Matrix3::identity() + k * b + k * k * c
+}
+
+/// Inverse of [`left_jacobian`] (Barfoot 2017, eq. 7.76b).
+pub fn left_jacobian_inverse(phi: &Vector3<f64>) -> Matrix3<f64> {
+    let a2 = phi.norm_squared();
+    let k = skew(phi);
+    let c = if a2 < 1e-6 {
+        1.0 / 12.0 + a2 / 720.0
+    } else {
+        let a = a2.sqrt();
+        1.0 / a2 - (1.0 + a.cos()) / (2.0 * a * a.sin())
+    };
+    Matrix3::identity() - k * 0.5 + k * k * c
+}
+
+/// C_b^n from roll, pitch, yaw, rad (Groves 2013, eq. 2.22 transposed).
+pub fn c_nb_from_euler(roll: f64, pitch: f64, yaw: f64) -> Matrix3<f64> {
+    UnitQuaternion::from_euler_angles(roll, pitch, yaw).to_rotation_matrix().into_inner()
+}
+
+/// Roll, pitch, yaw in rad of C_b^n; yaw in (−π, π] (Groves 2013, eq. 2.23).
+pub fn euler_from_c_nb(c_nb: &Matrix3<f64>) -> Vector3<f64> {
+    Vector3::new(
+        c_nb[(2, 1)].atan2(c_nb[(2, 2)]),
+        -c_nb[(2, 0)].clamp(-1.0, 1.0).asin(),
+        c_nb[(1, 0)].atan2(c_nb[(0, 0)]),
+    )
+}
+
+/// An angle brought into (−π, π].
+pub fn wrap_pi(angle: f64) -> f64 {
+    let a = angle.rem_euclid(std::f64::consts::TAU);
+    if a > std::f64::consts::PI { a - std::f64::consts::TAU } else { a }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use proptest::prelude::*;
+
+    fn vector(limit: f64) -> impl Strategy<Value = Vector3<f64>> {
+        [-limit..limit, -limit..limit, -limit..limit].prop_map(Vector3::from)
+    }
+
+    proptest! {
+        #[test]
+        fn exp_and_log_are_inverse(phi in vector(1.7)) {
+            prop_assert!((log(&exp(&phi)) - phi).norm() < 1e-12);
+        }
+
+        #[test]
+        fn left_jacobian_matches_finite_differences(phi in vector(1.5), delta in vector(1e-6)) {
+            let exact = log(&(exp(&(phi + delta)) * exp(&phi).inverse()));
+            prop_assert!((exact - left_jacobian(&phi) * delta).norm() < 1e-10);
+        }
+
+        #[test]
+        fn left_jacobian_inverse_is_the_inverse(phi in vector(1.7)) {
+            let product = left_jacobian(&phi) * left_jacobian_inverse(&phi);
+            prop_assert!((product - Matrix3::identity()).norm() < 1e-10);
+        }
+
+        #[test]
+        fn euler_round_trip(roll in -3.1..3.1f64, pitch in -1.5..1.5f64, yaw in -3.1..3.1f64) {
+            let back = euler_from_c_nb(&c_nb_from_euler(roll, pitch, yaw));
+            prop_assert!((back - Vector3::new(roll, pitch, yaw)).norm() < 1e-9);
+        }
+
+        #[test]
+        fn wrapping_keeps_the_direction(angle in -50.0..50.0f64) {
+            let w = wrap_pi(angle);
+            prop_assert!(w > -std::f64::consts::PI - 1e-12 && w <= std::f64::consts::PI);
+            prop_assert!((w.sin() - angle.sin()).abs() < 1e-9 && (w.cos() - angle.cos()).abs() < 1e-9);
+        }
+    }
+}

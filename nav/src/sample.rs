@@ -1,0 +1,137 @@
+//! What the filter eats: inertial samples, GNSS fixes, attitude hints, in SI units and one time base.
+//!
+//! The time base is the autopilot's boot time in seconds. Whoever makes these (live link, log reader, simulator) has
+//! already dropped duplicates and foreign components; nothing here knows where a sample came from.
+
+use crate::earth::{Geodetic, STANDARD_GRAVITY};
+use nalgebra::Vector3;
+use serde::{Deserialize, Serialize};
+
+/// One inertial sample in body axes (forward, right, down).
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+pub struct ImuSample {
+    /// Time of validity, s: of the instant ([`SampleKind::Point`]) or of the end of the interval.
+    pub t_s: f64,
+    /// Angular rate ω_ib^b as measured, rad/s.
+    pub gyro: Vector3<f64>,
+    /// Specific force f^b as measured, m/s².
+    pub accel: Vector3<f64>,
+    /// Temperature of the inertial unit, °C, where the message carries it.
+    pub temperature_degc: Option<f64>,
+}
+
+/// How the values of a sample came about.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum SampleKind {
+    /// The value at one instant (all MAVLink sources).
+    #[default]
+    Point,
+    /// The mean over the interval that ends at the time stamp (increments divided by their interval).
+    IntervalMean,
+}
+
+/// How a source turns real values into integers.
+#[derive(Debug, Clone, Copy, PartialEq, Default, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Quantisation {
+    /// Floating-point values.
+    #[default]
+    None,
+    /// To the nearest multiple of the step.
+    Round(Steps),
+    /// Toward zero, as a C cast does (`RAW_IMU`, `SCALED_IMU*` of ArduPilot and PX4).
+    Truncate(Steps),
+}
+
+/// Steps of an integer source.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+pub struct Steps {
+    /// rad/s per count.
+    pub gyro: f64,
+    /// m/s² per count.
+    pub accel: f64,
+}
+
+impl Steps {
+    /// `RAW_IMU` and `SCALED_IMU*`: 1 mrad/s and 1 mg.
+    pub const RAW_IMU: Self = Self { gyro: 1e-3, accel: 1e-3 * STANDARD_GRAVITY };
+}
+
+/// What a stream of inertial samples is, told once at its start and again when the source changes.
+#[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize)]
+pub struct ImuStream {
+    /// Name of the source message, for example `RAW_IMU`; empty where there is none.
+    pub message: String,
+    /// Point samples or interval means.
+    pub kind: SampleKind,
+    /// Rounding of the source.
+    pub quantisation: Quantisation,
+}
+
+/// What a fix says about velocity, in north-east-down axes, m/s.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum FixVelocity {
+    /// Nothing.
+    None,
+    /// North and east (`GPS_RAW_INT`: ground speed and course).
+    Horizontal([f64; 2]),
+    /// North, east and down.
+    Full([f64; 3]),
+}
+
+/// One GNSS solution.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+pub struct GnssFix {
+    /// Time stamp, s, on the time base of the inertial samples, before any latency is taken off.
+    pub t_s: f64,
+    /// Position of the antenna, height above the ellipsoid (or above sea level where nothing else is known:
+    /// a constant offset does not matter to the filter).
+    pub position: Geodetic,
+    /// Velocity of the antenna.
+    pub velocity: FixVelocity,
+    /// The fix's own 1-sigma figures for north, east, down, m.
+    pub position_sigma_m: Option<[f64; 3]>,
+    /// The fix's own 1-sigma figures for velocity north, east, down, m/s.
+    pub velocity_sigma_m_per_s: Option<[f64; 3]>,
+    /// Dual-antenna heading of the vehicle and its sigma, rad.
+    pub yaw_rad: Option<(f64, f64)>,
+}
+
+/// Another filter's attitude: good for an initial value with an honest sigma and for comparison, never a measurement.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+pub struct AttitudeHint {
+    /// Time stamp, s.
+    pub t_s: f64,
+    /// Roll, pitch, yaw, rad.
+    pub roll_pitch_yaw: [f64; 3],
+}
+
+/// Why the time base or the vehicle started anew.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum RestartReason {
+    /// The autopilot's boot time went back.
+    Reboot,
+    /// The time base jumped forward beyond any plausible gap.
+    ClockJump,
+    /// Another source message took over.
+    SourceChange,
+}
+
+/// One item on the straight line from a source to the engine.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Sample {
+    /// What the following inertial samples are.
+    Stream(ImuStream),
+    /// An inertial sample.
+    Imu(ImuSample),
+    /// A GNSS fix.
+    Fix(GnssFix),
+    /// The autopilot's own attitude.
+    Attitude(AttitudeHint),
+    /// A fresh start: state is kept for the constants of the vehicle, dropped for motion.
+    Restart(RestartReason),
+}

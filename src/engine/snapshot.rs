@@ -1,0 +1,288 @@
+//! What the engine tells every sink: one [`Snapshot`] at a few hertz, one [`Summary`] at the end.
+//!
+//! The field names are a contract (design, section 3): screens, telemetry, recordings and the web page all read
+//! these types and nothing else. Units are in the names.
+
+use schemars::JsonSchema;
+use serde::{Deserialize, Serialize};
+
+/// A value with its 1-sigma, per axis.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
+pub struct Estimate3 {
+    /// Values of the three axes.
+    pub value: [f64; 3],
+    /// 1-sigma of the three axes.
+    pub sigma: [f64; 3],
+}
+
+/// G with its 1-sigmas; row = gyro axis, column = axis of specific force.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
+pub struct EstimateMatrix {
+    /// Values, rows of G.
+    pub value: [[f64; 3]; 3],
+    /// 1-sigmas, rows of G.
+    pub sigma: [[f64; 3]; 3],
+}
+
+/// One parameter of an estimated effect other than G.
+#[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
+pub struct ParameterEstimate {
+    /// Effect, for example `gps_latency`.
+    pub effect: String,
+    /// Parameter, for example `latency`.
+    pub name: String,
+    /// Unit of value and sigma.
+    pub unit: String,
+    /// Value.
+    pub value: f64,
+    /// 1-sigma.
+    pub sigma: f64,
+}
+
+/// All estimates in the units of screens.
+#[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
+pub struct Estimate {
+    /// Roll, pitch, yaw.
+    pub attitude_deg: Estimate3,
+    /// Gyro bias, body axes.
+    pub gyro_bias_deg_per_h: Estimate3,
+    /// Accelerometer bias, body axes.
+    pub accel_bias_mg: Estimate3,
+    /// The g-sensitivity matrix.
+    pub g_sensitivity_deg_per_h_per_g: EstimateMatrix,
+    /// Parameters of every other estimated effect.
+    #[serde(default)]
+    pub effects: Vec<ParameterEstimate>,
+}
+
+/// Where the vehicle is.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
+pub struct Motion {
+    /// Latitude, deg.
+    pub lat_deg: f64,
+    /// Longitude, deg.
+    pub lon_deg: f64,
+    /// Height as the fixes count it, m.
+    pub height_m: f64,
+    /// Velocity north, east, down, m/s.
+    pub velocity_ned_m_per_s: [f64; 3],
+    /// Specific force, body axes, g, bias removed.
+    pub specific_force_g: [f64; 3],
+    /// Angular rate, body axes, deg/s, bias and G removed.
+    pub rate_deg_per_s: [f64; 3],
+    /// 1-sigma of position north, east, down, m.
+    pub position_sigma_m: [f64; 3],
+}
+
+/// One of the paper's conditions.
+#[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
+pub struct Condition {
+    /// Whether it is met.
+    pub met: bool,
+    /// How far, 0 to 1.
+    #[serde(default)]
+    pub progress: f64,
+    /// What is missing, in words; empty when met.
+    #[serde(default)]
+    pub missing: String,
+}
+
+/// The paper's conditions (a), (b), (c).
+#[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
+pub struct Conditions {
+    /// Two independent changes of specific force on a segment of constant attitude: attitude and biases.
+    pub a: Condition,
+    /// Every element of specific force changes on such segments: diagonal G.
+    pub b: Condition,
+    /// Three independent changes on such segments: full G.
+    pub c: Condition,
+}
+
+/// How well a state is known.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize, JsonSchema)]
+#[serde(rename_all = "snake_case")]
+pub enum Status {
+    /// Sigma as at the start.
+    #[default]
+    Unobservable,
+    /// Sigma has begun to shrink.
+    Weak,
+    /// Sigma shrinks and the target is in sight.
+    Converging,
+    /// Sigma below the target.
+    Observable,
+}
+
+/// One state of the filter as the pilot sees it.
+#[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
+pub struct StateStatus {
+    /// `g11`, `bg_x`, `ba_z`, …
+    pub name: String,
+    /// How well known.
+    pub status: Status,
+    /// Sigma now over sigma at the start.
+    pub sigma_ratio: f64,
+    /// Sigma in `unit`.
+    #[serde(default)]
+    pub sigma: f64,
+    /// Sigma below which the state counts as observable, in `unit`.
+    #[serde(default)]
+    pub target: f64,
+    /// Unit of sigma and target.
+    #[serde(default)]
+    pub unit: String,
+}
+
+/// A combination of states that the flight has not made known.
+#[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
+pub struct Direction {
+    /// Weight of each state that takes part.
+    pub states: std::collections::BTreeMap<String, f64>,
+    /// The same in words, with the remedy.
+    pub text: String,
+}
+
+/// The three views together.
+#[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
+pub struct Observability {
+    /// The paper's conditions.
+    pub conditions: Conditions,
+    /// Covariance per state.
+    pub states: Vec<StateStatus>,
+    /// Weak directions of the whitened Gramian.
+    pub unobservable_directions: Vec<Direction>,
+    /// Which view is stricter where they disagree, and why; empty where they agree.
+    #[serde(default)]
+    pub disagreement: String,
+}
+
+/// What the pilot is asked to fly.
+#[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
+pub struct Guidance {
+    /// The instruction as a pilot would say it; empty when there is none.
+    pub instruction: String,
+    /// The state it is for and why, in words.
+    pub reason: String,
+    /// Progress of the maneuver that is being flown, 0 to 1.
+    pub progress: f64,
+    /// What the last maneuver brought, in words.
+    pub last_result: String,
+    /// Whether everything the airframe can excite is known.
+    pub done: bool,
+}
+
+/// The phase the estimator is in.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
+#[serde(rename_all = "snake_case")]
+pub enum Phase {
+    /// No inertial samples yet.
+    #[default]
+    WaitingForImu,
+    /// Inertial samples, but no fix.
+    WaitingForGnss,
+    /// Levelling.
+    Aligning,
+    /// Roll and pitch known, several headings possible.
+    SearchingHeading,
+    /// Running.
+    Running,
+}
+
+/// The inertial source.
+#[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
+pub struct ImuStatus {
+    /// Message name.
+    pub message: String,
+    /// Samples used so far.
+    pub samples: u64,
+    /// Rate over the last seconds (summary: over the whole run), Hz.
+    pub rate_hz: f64,
+    /// Samples that were lost or refused.
+    pub dropped: u64,
+}
+
+/// The fixes.
+#[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
+pub struct GnssStatus {
+    /// Fixes received.
+    pub fixes: u64,
+    /// Of these used.
+    pub used: u64,
+    /// Of these rejected.
+    pub rejected: u64,
+    /// Rate over the last seconds, Hz.
+    #[serde(default)]
+    pub rate_hz: f64,
+}
+
+/// Filter consistency.
+#[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
+pub struct Consistency {
+    /// Mean normalised innovation squared per degree of freedom; 1 is right.
+    pub nis_mean_per_dof: f64,
+    /// The last fix's normalised innovations: position n, e, d, velocity n, e, d; NaN-free, 0 where absent.
+    #[serde(default)]
+    pub last_normalised_innovation: [f64; 6],
+}
+
+/// The state of the estimator at one instant.
+#[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
+pub struct Snapshot {
+    /// `gaware.snapshot/1`.
+    pub schema: String,
+    /// Time on the autopilot's base, s.
+    pub t_s: f64,
+    /// Seconds since the first sample.
+    pub elapsed_s: f64,
+    /// `ardupilot`, `px4` or `unknown`.
+    pub autopilot: String,
+    /// What the estimator is doing.
+    pub phase: Phase,
+    /// Why it does not estimate, in words; empty while running.
+    pub waiting_for: String,
+    /// Inertial source.
+    pub imu: ImuStatus,
+    /// Fixes.
+    pub gnss: GnssStatus,
+    /// Estimates.
+    pub estimate: Estimate,
+    /// Where the vehicle is.
+    pub motion: Motion,
+    /// The three views.
+    pub observability: Observability,
+    /// What to fly.
+    pub guidance: Guidance,
+    /// Filter health.
+    pub consistency: Consistency,
+    /// What the user should know, newest last.
+    pub warnings: Vec<String>,
+}
+
+/// The result of a run or a replay (`gaware.summary/1`).
+#[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
+pub struct Summary {
+    /// `gaware.summary/1`.
+    pub schema: String,
+    /// Seconds from first to last sample.
+    pub duration_s: f64,
+    /// `ardupilot`, `px4` or `unknown`.
+    pub autopilot: String,
+    /// Inertial source.
+    pub imu: ImuStatus,
+    /// Fixes.
+    pub gnss: GnssStatus,
+    /// Estimates at the end.
+    pub estimate: Estimate,
+    /// The three views at the end.
+    pub observability: Observability,
+    /// Filter consistency over the run.
+    pub consistency: Consistency,
+    /// What the user should know.
+    pub warnings: Vec<String>,
+    /// Phase at the end.
+    #[serde(default)]
+    pub phase: Phase,
+    /// Why it does not estimate, in words.
+    #[serde(default)]
+    pub waiting_for: String,
+}

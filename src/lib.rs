@@ -1,0 +1,5 @@
+//! `gaware`: a flight-test companion that estimates what acceleration does to the gyros.
+//!
+//! The library holds everything the binary does, so that tests and benches drive the same code.
+
+pub mod engine;

@@ -1,0 +1,2 @@
+//! gaware
+fn main() {}
