@@ -7,6 +7,7 @@
 pub mod earth;
 pub mod effects;
 pub mod model;
+pub mod observability;
 pub mod quantisation;
 pub mod rotation;
 pub mod sample;
