@@ -7,11 +7,13 @@
 //! kept only if it changes by more than what vibration, tilt within the tolerance and the drift of an accelerometer
 //! explain together.
 //!
-//! **What "more" means.** If nothing but vibration moves the blocks, their Gram is a Wishart matrix: k = blocks − 1
-//! degrees of freedom, scale ψ, the noise of a block mean. ψ is measured by the scatter of the samples within the
-//! blocks (ν degrees of freedom). With probability 1 − e^(−x) each, the largest eigenvalue of the first stays below
-//! ψ (√k + √3 + √(2x))² and the smallest of the second above ψ (√ν − √3 − √(2x))² (Davidson & Szarek 2001, thm. II.13).
-//! x is chosen so that in ten minutes of looking every block the chance of one false direction is below
+//! **What "more" means.** If nothing but vibration moves the blocks, what is left of S in a direction is a quadratic
+//! form in independent normal block means of variance ψ/Δt, with mean 0, Frobenius norm √(n/2) for n blocks and operator
+//! norm at most 1. With probability 1 − e^(−x) it stays below ψ (2√(x n/2) + 2x) (Laurent & Massart 2000, lemma 1), and
+//! in all directions at once below 1.25 times that with x + ln 9261 for x (a net of mesh 0.1, Vershynin 2018,
+//! sec. 4.4.1). ψ is measured by the scatter of the samples within the blocks, ν degrees of freedom in all; with
+//! probability 1 − e^(−x) it is at most ν/(√ν − √3 − √(2x))² times what they show (Davidson & Szarek 2001, thm. II.13).
+//! x is chosen so that in ten minutes of looking at every block the chance of one false direction is below
 //! [`FALSE_ALARMS_IN_TEN_MINUTES`].
 //!
 //! **What it cannot tell.** A vibration line that aliases to below 0.5 Hz is a slow change of the samples and looks like
@@ -39,6 +41,10 @@ const DRIFT: f64 = 0.1;
 const TILT_MARGIN: f64 = 2.0;
 /// Longest gap within a segment, s: two samples lost at the slowest useful rate.
 const LONGEST_GAP_S: f64 = 1.5;
+
+/// Directions in a net of mesh 0.1 on the sphere, and what lies between them at most.
+const NET: f64 = 9261.0;
+const NET_FACTOR: f64 = 1.25;
 
 /// x of the module's text: two bounds, each looked at once per block for ten minutes.
 fn confidence() -> f64 {
@@ -177,13 +183,14 @@ impl PathSegment {
 
     /// The part of the Gram in directions that pass the test of the module's text.
     fn significant(&self) -> Matrix3<f64> {
-        let dof = f64::from(self.blocks) - 1.0;
-        let reach = 3.0_f64.sqrt() + (2.0 * confidence()).sqrt();
-        let known = self.noise_dof.sqrt() - reach;
-        if dof < 1.0 || known <= 0.0 || self.duration_s() < SHORTEST_SEGMENT_S {
+        let x = confidence();
+        let known = self.noise_dof.sqrt() - 3.0_f64.sqrt() - (2.0 * x).sqrt();
+        if self.blocks < 2 || known <= 0.0 || self.duration_s() < SHORTEST_SEGMENT_S {
             return Matrix3::zeros();
         }
-        let vibration = self.noise * ((dof.sqrt() + reach) / known).powi(2);
+        let any_direction = x + NET.ln();
+        let chance = 2.0 * (any_direction * f64::from(self.blocks) / 2.0).sqrt() + 2.0 * any_direction;
+        let vibration = self.noise * (NET_FACTOR * chance / (known * known));
         let lever = skew(&self.force.mean);
         let tilt = lever * self.tilt.gram * lever.transpose() * (TILT_MARGIN * TILT_MARGIN);
         let drift = Matrix3::from_diagonal_element(DRIFT * DRIFT * self.duration_s());
