@@ -254,6 +254,31 @@ mod tests {
     }
 
     #[test]
+    fn noise_behind_a_low_pass_dithers_as_well() {
+        // One step RMS, 20 Hz first-order low-pass, 200 Hz: neighbours are half alike.
+        let keep = (-std::f64::consts::TAU * 20.0 * 0.005_f64).exp();
+        for rate in [0.3, 0.8, -1.2] {
+            let mut rng = Xoshiro256PlusPlus::seed_from_u64(11);
+            let mut dequantiser = Dequantiser::new(STEP);
+            let (mut noise, mut sums, n) = (0.0, [0.0; 2], 60_000_u32);
+            for k in 0..n {
+                let white: f64 = StandardNormal.sample(&mut rng);
+                noise = keep * noise + (1.0 - keep * keep).sqrt() * white;
+                let sample = ImuSample {
+                    t_s: f64::from(k) * 0.005,
+                    gyro: Vector3::repeat((rate + noise).trunc()),
+                    accel: Vector3::zeros(),
+                    temperature_degc: None,
+                };
+                sums[0] += STEP.undo(&sample).gyro.x - rate - noise;
+                sums[1] += dequantiser.undo(&sample).gyro.x - rate - noise;
+            }
+            let [centre, this] = sums.map(|s| (s / f64::from(n)).abs());
+            assert!(this < 0.02 && this < 0.5 * centre, "{rate}: {centre} {this}");
+        }
+    }
+
+    #[test]
     fn without_dither_it_is_no_worse_than_the_centre_of_the_bin() {
         for sigma in [0.1, 0.2, 0.3] {
             let mut sums = [0.0; 2];

@@ -319,6 +319,38 @@ mod tests {
         }
     }
 
+    /// The contract of `model.toml`: users' files and reports carry these names.
+    #[test]
+    fn the_registry_is_the_designs_table() {
+        let table = [
+            ("gyro_g_sensitivity", "deg_per_h_per_g:9"),
+            ("gyro_g2_sensitivity", "deg_per_h_per_g2:3"),
+            ("gyro_scale_factor", "ppm:3"),
+            ("accel_scale_factor", "ppm:3"),
+            ("gyro_misalignment", "mrad:6"),
+            ("accel_misalignment", "mrad:3"),
+            ("accel_nonlinearity", "mg_per_g2:3"),
+            ("gyro_temperature", "deg_per_h_per_degc:3"),
+            ("accel_temperature", "mg_per_degc:3"),
+            ("gps_latency", "s:1"),
+            ("gps_lever_arm", "m:3"),
+            ("imu_truncation", ""),
+            ("gyro_bias_drift", "deg_per_h_per_rth:1"),
+            ("accel_bias_drift", "mg_per_rth:1"),
+            ("gps_bias_step", "s:1 m:3"),
+            ("gyro_bias_step", "s:1 deg_per_h:3"),
+        ];
+        let found: Vec<_> = REGISTRY
+            .iter()
+            .map(|e| {
+                let groups = e.groups().iter().map(|g| format!("{}:{}", g.unit.suffix, g.shape.len()));
+                (e.name(), groups.collect::<Vec<_>>().join(" "))
+            })
+            .collect();
+        let wanted: Vec<_> = table.iter().map(|(name, keys)| (*name, (*keys).to_owned())).collect();
+        assert_eq!(found, wanted);
+    }
+
     #[test]
     fn what_is_no_state_is_set_or_searched_for() {
         for effect in REGISTRY {
