@@ -6,6 +6,8 @@
 
 pub mod earth;
 pub mod effects;
+pub mod filter;
+pub mod mechanization;
 pub mod model;
 pub mod quantisation;
 pub mod rotation;

@@ -1,0 +1,4 @@
+//! Studies: claims about accuracy that anybody can repeat with one command.
+
+pub mod recorded;
+pub mod statistics;
