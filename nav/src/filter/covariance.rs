@@ -72,6 +72,14 @@ impl Covariance {
         }
     }
 
+    /// Takes over all entries of another covariance of the same size from state `from` on.
+    pub fn copy_tail(&mut self, other: &Self, from: usize) {
+        for i in from..self.n.min(other.n) {
+            let range = i * self.n + from..(i + 1) * self.n;
+            self.data[range.clone()].copy_from_slice(&other.data[range]);
+        }
+    }
+
     /// Adds variance to a state.
     pub fn add_variance(&mut self, i: usize, variance: f64) {
         self.data[i * self.n + i] += variance;
@@ -120,9 +128,9 @@ impl Covariance {
                 self.data[i * n + j] = v;
                 self.data[j * n + i] = v;
             }
-            for j in NAV..n {
-                self.data[i * n + j] = ti[j];
-                self.data[j * n + i] = ti[j];
+            for (j, v) in ti.iter().enumerate().skip(NAV) {
+                self.data[i * n + j] = *v;
+                self.data[j * n + i] = *v;
             }
         }
         self.scratch = t;

@@ -107,6 +107,27 @@ impl Filter {
         }
     }
 
+    /// The same constants, with all that is known of them, and motion from a new start; the biases may have moved by this share of
+    /// their prior sigma.
+    #[must_use]
+    pub fn restarted(&self, initial: &Initial, bias_share: f64) -> Self {
+        let mut fresh = Self::new(&self.model, initial);
+        fresh.calibration = self.calibration.clone();
+        fresh.initial_sigmas[index::GYRO_BIAS..].copy_from_slice(&self.initial_sigmas[index::GYRO_BIAS..]);
+        fresh.p.copy_tail(&self.p, index::GYRO_BIAS);
+        for k in 0..3 {
+            let imu = &self.model.imu;
+            fresh.p.add_variance(index::GYRO_BIAS + k, (bias_share * imu.gyro_bias_sigma).powi(2));
+            fresh.p.add_variance(index::ACCEL_BIAS + k, (bias_share * imu.accel_bias_sigma).powi(2));
+        }
+        fresh
+    }
+
+    /// Replaces position, velocity and attitude; the covariance stays.
+    pub fn set_nav(&mut self, nav: NavState) {
+        self.nav = nav;
+    }
+
     /// Says how samples came about and how much variance per hertz their rounding adds.
     pub fn set_stream(&mut self, kind: SampleKind, extra_noise: (f64, f64)) {
         self.kind = kind;

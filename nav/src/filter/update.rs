@@ -90,6 +90,14 @@ pub(crate) struct Row {
     pub(crate) variance: f64,
 }
 
+/// What the effects add to position or velocity of a fix, and how that depends on the states.
+#[derive(Debug, Clone, Default)]
+struct Added {
+    sum: Vector3<f64>,
+    by_attitude: Matrix3<f64>,
+    by_state: Vec<(usize, Vector3<f64>)>,
+}
+
 /// A group of up to three rows with what the covariance says of them.
 struct Prepared {
     ph: Vec<Vec<f64>>,
@@ -267,9 +275,9 @@ impl Filter {
         (instant, c_ne)
     }
 
-    /// What the effects add to a fix, and its Jacobian: (sum, by attitude, by state) for position and velocity.
-    fn fix_effects(&self, x: &FixInstant) -> [(Vector3<f64>, Matrix3<f64>, Vec<(usize, Vector3<f64>)>); 2] {
-        let mut out = [(); 2].map(|()| (Vector3::zeros(), Matrix3::zeros(), Vec::new()));
+    /// What the effects add to position and velocity of a fix.
+    fn fix_effects(&self, x: &FixInstant) -> [Added; 2] {
+        let mut out = [Added::default(), Added::default()];
         for (e, (setting, p)) in self.model.effects.iter().zip(&self.calibration.parameters).enumerate() {
             let added = setting.effect.fix(p, x);
             let turned = setting.effect.fix_by_attitude(p, x);
@@ -278,14 +286,14 @@ impl Filter {
             let [position, velocity] = &mut columns;
             setting.effect.fix_jacobian(p, x, &mut position[..n], &mut velocity[..n]);
             for (kind, slot) in out.iter_mut().enumerate() {
-                slot.0 += added[kind];
+                slot.sum += added[kind];
                 if let Some(by_attitude) = turned {
-                    slot.1 += by_attitude[kind];
+                    slot.by_attitude += by_attitude[kind];
                 }
                 for s in self.layout.slots().iter().filter(|s| s.effect == e) {
                     let column = columns[kind][s.parameter];
                     if column != Vector3::zeros() {
-                        slot.2.push((s.state, column));
+                        slot.by_state.push((s.state, column));
                     }
                 }
             }
@@ -295,11 +303,10 @@ impl Filter {
 
     fn position_rows(&self, fix: &GnssFix) -> Vec<Row> {
         let (x, c_ne) = self.fix_instant();
-        let [(added, by_attitude, by_state), _] = self.fix_effects(&x);
-        let z = c_ne * (fix.position.to_ecef() - self.nav.r_e) - added - self.wander;
+        let [added, _] = self.fix_effects(&x);
+        let z = c_ne * (fix.position.to_ecef() - self.nav.r_e) - added.sum - self.wander;
         let sigma = fix.position_sigma_m.unwrap_or(self.model.gnss.position_sigma_m);
-        let mut rows =
-            rows_of(3, z, &x.c_nb, index::POSITION, &by_attitude, &by_state, &sigma, SIGMA_FLOOR.0);
+        let mut rows = rows_of(index::POSITION, &z.as_slice()[..3], &x.c_nb, &added, &sigma, SIGMA_FLOOR.0);
         if let Some(w) = self.layout.wander() {
             rows.iter_mut().enumerate().for_each(|(k, row)| row.h.push((w + k, 1.0)));
         }
@@ -313,10 +320,10 @@ impl Filter {
             FixVelocity::Full(v) => (Vector3::from(v), 3),
         };
         let (x, _) = self.fix_instant();
-        let [_, (added, by_attitude, by_state)] = self.fix_effects(&x);
+        let [_, added] = self.fix_effects(&x);
         let sigma = fix.velocity_sigma_m_per_s.unwrap_or(self.model.gnss.velocity_sigma_m_per_s);
-        let z = measured - x.v_n - added;
-        rows_of(rows, z, &x.c_nb, index::VELOCITY, &by_attitude, &by_state, &sigma, SIGMA_FLOOR.1)
+        let z = measured - x.v_n - added.sum;
+        rows_of(index::VELOCITY, &z.as_slice()[..rows], &x.c_nb, &added, &sigma, SIGMA_FLOOR.1)
     }
 
     fn believe_position(&mut self, fix: &GnssFix) {
@@ -347,23 +354,23 @@ impl Filter {
     }
 }
 
-#[allow(clippy::too_many_arguments)]
+/// Rows of the first `z.len()` of north, east, down for the error block at `block`.
 fn rows_of(
-    count: usize,
-    z: Vector3<f64>,
-    c_nb: &Matrix3<f64>,
     block: usize,
-    by_attitude: &Matrix3<f64>,
-    by_state: &[(usize, Vector3<f64>)],
+    z: &[f64],
+    c_nb: &Matrix3<f64>,
+    added: &Added,
     sigma: &[f64; 3],
     floor: f64,
 ) -> Vec<Row> {
-    (0..count)
-        .map(|i| {
+    z.iter()
+        .enumerate()
+        .map(|(i, residual)| {
             let mut h: Vec<(usize, f64)> = (0..3).map(|j| (block + j, c_nb[(i, j)])).collect();
-            h.extend((0..3).map(|j| (index::ATTITUDE + j, by_attitude[(i, j)])).filter(|(_, c)| *c != 0.0));
-            h.extend(by_state.iter().map(|(state, column)| (*state, column[i])));
-            Row { residual: z[i], h, variance: sigma[i].max(floor).powi(2) }
+            let turned = (0..3).map(|j| (index::ATTITUDE + j, added.by_attitude[(i, j)]));
+            h.extend(turned.filter(|(_, c)| *c != 0.0));
+            h.extend(added.by_state.iter().map(|(state, column)| (*state, column[i])));
+            Row { residual: *residual, h, variance: sigma[i].max(floor).powi(2) }
         })
         .collect()
 }
