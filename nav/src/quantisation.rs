@@ -7,6 +7,24 @@
 use crate::sample::{ImuSample, Quantisation, Steps};
 use nalgebra::Vector3;
 
+/// Time over which [`Dequantiser`] learns the local mean and scatter, s. Long against the correlation of filtered
+/// sensor noise, short against a maneuver.
+const MEMORY_S: f64 = 1.0;
+/// At slow rates the memory is this many samples instead: fewer would not tell a mean within a step.
+const MEMORY_SAMPLES: f64 = 32.0;
+/// Smallest scatter believed, steps. Below it the counts stand still and say nothing of where in a bin the mean lies.
+const SCATTER_FLOOR: f64 = 0.25;
+/// Scatter from which on the frequencies of the counts tell the mean, steps: at half a step the residual bias is
+/// below 0.05 step.
+const SCATTER_DITHERS: f64 = 0.5;
+/// Scatter before the first samples have told one, steps: every bin about flat.
+const SCATTER_AT_START: f64 = 2.0;
+/// Pull of the local mean toward the centre of the bin, and of the scatter toward its floor, so that they do not stay
+/// where they were when the counts stand still.
+const PULL: f64 = 0.02;
+/// Slices of a bin in the numerical integral: half the smallest scatter in the dead zone.
+const SLICES: u32 = 16;
+
 impl Quantisation {
     /// What the source makes of a real sample.
     pub fn apply(&self, gyro: &Vector3<f64>, accel: &Vector3<f64>) -> (Vector3<f64>, Vector3<f64>) {
@@ -47,10 +65,255 @@ fn centre(value: f64, step: f64) -> f64 {
     if count == 0.0 { 0.0 } else { value + 0.5 * step * count.signum() }
 }
 
+/// Lower and upper limit of the values that truncation maps to this count, steps.
+fn bin(count: f64) -> (f64, f64) {
+    if count > 0.0 {
+        (count, count + 1.0)
+    } else if count < 0.0 {
+        (count - 1.0, count)
+    } else {
+        (-1.0, 1.0)
+    }
+}
+
+/// Local mean and variance of one axis, steps.
+#[derive(Debug, Clone, Copy)]
+struct Channel {
+    mean: f64,
+    variance: f64,
+}
+
+impl Channel {
+    /// The expected value behind a count and its variance, steps and steps²; learns from it with weight `gain`.
+    fn update(&mut self, count: f64, gain: f64) -> (f64, f64) {
+        if !count.is_finite() {
+            return (count, SCATTER_AT_START * SCATTER_AT_START);
+        }
+        let (low, high) = bin(count);
+        let width = (high - low) / f64::from(SLICES);
+        let points = (0..SLICES).map(|k| low + (f64::from(k) + 0.5) * width);
+        // The exponent at the point of the bin nearest to the mean is taken off: far bins must not underflow.
+        let nearest = (self.mean.clamp(low, high) - self.mean).powi(2);
+        let (mut w, mut wx, mut wxx) = (0.0, 0.0, 0.0);
+        for x in points {
+            let weight = (-0.5 * ((x - self.mean).powi(2) - nearest) / self.variance).exp();
+            w += weight;
+            wx += weight * x;
+            wxx += weight * x * x;
+        }
+        let expected = wx / w;
+        let variance = (wxx / w - expected * expected).max(0.0);
+        let scatter = (1.0 - PULL) * (variance + (expected - self.mean).powi(2));
+        // Without dither the counts carry no mean: toward the centre of the bin and its flat variance.
+        let dither =
+            ((self.variance.sqrt() - SCATTER_FLOOR) / (SCATTER_DITHERS - SCATTER_FLOOR)).clamp(0.0, 1.0);
+        let (centre, flat) = (0.5 * (low + high), (high - low).powi(2) / 12.0);
+        let value = centre + dither * (1.0 - PULL) * (expected - centre);
+        self.variance = (self.variance + gain * (scatter - self.variance)).max(SCATTER_FLOOR * SCATTER_FLOOR);
+        self.mean += gain * (value - self.mean);
+        (centre + dither * (expected - centre), flat + dither * (variance - flat))
+    }
+}
+
+/// Gives truncated samples back their expected value, using what the last second says of mean and noise.
+///
+/// Where the sensor noise is about a step, truncation hides a mean rate inside the dead zone, but the *frequencies* of the
+/// counts still tell it. Each axis carries a local mean and variance, found by expectation maximisation over a
+/// fading memory (Dempster, Laird & Rubin 1977, interval-censored normal samples), and each count is replaced by the
+/// mean of that normal distribution inside the count's bin. Where the motion is much larger than a step the normal is
+/// flat across a bin, and where the noise is too small to dither the counts they tell no mean: both times this is
+/// [`Quantisation::undo`]. Deterministic: equal samples give equal results.
+///
+/// Largest bias for constant rates from -3 to 3 steps and white noise, in steps: centre of the bin 0.29, 0.19, 0.11,
+/// 0.03 and this 0.04, 0.01, 0.01, 0.01 for a noise of 0.5, 0.7, 1 and 2 steps. At 0.1 step neither helps (0.7).
+#[derive(Debug, Clone)]
+pub struct Dequantiser {
+    quantisation: Quantisation,
+    channels: Option<[Channel; 6]>,
+    last_t_s: f64,
+    variance: [Vector3<f64>; 2],
+}
+
+impl Dequantiser {
+    /// For a source that turns values into integers this way.
+    pub fn new(quantisation: Quantisation) -> Self {
+        let (gyro, accel) = quantisation.variance();
+        let variance = [Vector3::repeat(gyro), Vector3::repeat(accel)];
+        Self { quantisation, channels: None, last_t_s: f64::NEG_INFINITY, variance }
+    }
+
+    /// The rounding it undoes.
+    pub fn quantisation(&self) -> Quantisation {
+        self.quantisation
+    }
+
+    /// The sample with each count replaced by the expected value behind it.
+    pub fn undo(&mut self, sample: &ImuSample) -> ImuSample {
+        let Quantisation::Truncate(steps) = self.quantisation else { return *sample };
+        let dt = sample.t_s - self.last_t_s;
+        self.last_t_s = sample.t_s;
+        let gain = if dt.is_finite() && dt > 0.0 { (dt / MEMORY_S).min(1.0 / MEMORY_SAMPLES) } else { 0.0 };
+        let counts = |v: &Vector3<f64>, step: f64| v.map(|x| (x / step).round());
+        let (gyro, accel) = (counts(&sample.gyro, steps.gyro), counts(&sample.accel, steps.accel));
+        let at_start = |count: f64| {
+            let (low, high) = bin(count);
+            Channel { mean: 0.5 * (low + high), variance: SCATTER_AT_START * SCATTER_AT_START }
+        };
+        let channels = self
+            .channels
+            .get_or_insert_with(|| [gyro.x, gyro.y, gyro.z, accel.x, accel.y, accel.z].map(at_start));
+        let mut back = *sample;
+        let (gyro_channels, accel_channels) = channels.split_at_mut(3);
+        for k in 0..3 {
+            let (value, variance) = gyro_channels[k].update(gyro[k], gain);
+            back.gyro[k] = value * steps.gyro;
+            self.variance[0][k] = variance * steps.gyro * steps.gyro;
+            let (value, variance) = accel_channels[k].update(accel[k], gain);
+            back.accel[k] = value * steps.accel;
+            self.variance[1][k] = variance * steps.accel * steps.accel;
+        }
+        back
+    }
+
+    /// Variances that the rounding adds to the sample undone last, (rad/s)² and (m/s²)², per axis.
+    pub fn variance(&self) -> (Vector3<f64>, Vector3<f64>) {
+        (self.variance[0], self.variance[1])
+    }
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
     use proptest::prelude::*;
+    use rand::SeedableRng;
+    use rand::rngs::Xoshiro256PlusPlus;
+    use rand_distr::{Distribution, StandardNormal};
+
+    const STEP: Quantisation = Quantisation::Truncate(Steps { gyro: 1.0, accel: 1.0 });
+
+    /// What `n` samples at 50 Hz of a rate with white noise (steps) show, for centre of the bin and dequantiser.
+    struct Shown {
+        bias: [f64; 2],
+        /// Variance that quantisation adds to 5 s means, per sample.
+        added: f64,
+        predicted: f64,
+    }
+
+    fn show(rate: impl Fn(f64) -> f64, sigma: f64, seed: u64) -> Shown {
+        const WARM_UP: u32 = 500;
+        const BLOCK: u32 = 250;
+        const BLOCKS: u32 = 60;
+        let mut rng = Xoshiro256PlusPlus::seed_from_u64(seed);
+        let mut dequantiser = Dequantiser::new(STEP);
+        let n = f64::from(BLOCK * BLOCKS);
+        let (mut sums, mut predicted, mut block, mut squares) = ([0.0; 2], 0.0, 0.0, 0.0);
+        for k in 0..WARM_UP + BLOCK * BLOCKS {
+            let t_s = f64::from(k) * 0.02;
+            let noise: f64 = StandardNormal.sample(&mut rng);
+            let truth = rate(t_s);
+            let gyro = Vector3::repeat((truth + sigma * noise).trunc());
+            let sample = ImuSample { t_s, gyro, accel: Vector3::zeros(), temperature_degc: None };
+            let back = [STEP.undo(&sample).gyro.x, dequantiser.undo(&sample).gyro.x];
+            if k >= WARM_UP {
+                for (sum, value) in sums.iter_mut().zip(back) {
+                    *sum += value - truth - sigma * noise;
+                }
+                predicted += dequantiser.variance().0.x;
+                block += back[1] - truth;
+                if (k - WARM_UP + 1).is_multiple_of(BLOCK) {
+                    squares += block * block / f64::from(BLOCK);
+                    block = 0.0;
+                }
+            }
+        }
+        let added = squares / f64::from(BLOCKS) - sigma * sigma;
+        Shown { bias: sums.map(|s| s / n), added, predicted: predicted / n }
+    }
+
+    /// Mean rates from -3 to 3 steps.
+    fn rates() -> impl Iterator<Item = (f64, u64)> {
+        (0..=24_u32).map(|i| (f64::from(i) * 0.25 - 3.0, u64::from(i)))
+    }
+
+    #[test]
+    fn a_dithered_mean_in_the_dead_zone_is_found_again() {
+        for sigma in [0.5, 0.7, 1.0, 1.5, 2.0, 3.0] {
+            let (mut worst, mut rms) = (0.0_f64, [0.0; 2]);
+            for (rate, seed) in rates() {
+                let shown = show(|_| rate, sigma, seed);
+                worst = worst.max(shown.bias[1].abs());
+                for (sum, bias) in rms.iter_mut().zip(shown.bias) {
+                    *sum += bias * bias;
+                }
+            }
+            assert!(worst < 0.06, "sigma {sigma}: {worst}");
+            if sigma <= 1.0 {
+                assert!(rms[1].sqrt() < 0.3 * rms[0].sqrt(), "sigma {sigma}: {rms:?}");
+            }
+        }
+    }
+
+    #[test]
+    fn without_dither_it_is_no_worse_than_the_centre_of_the_bin() {
+        for sigma in [0.1, 0.2, 0.3] {
+            let mut sums = [0.0; 2];
+            for (rate, seed) in rates() {
+                for (sum, bias) in sums.iter_mut().zip(show(|_| rate, sigma, seed).bias) {
+                    *sum += bias * bias;
+                }
+            }
+            assert!(sums[1] < sums[0], "sigma {sigma}: {sums:?}");
+        }
+        // After a turn the mean must not stay at the edge of the dead zone.
+        let shown = show(|t| if t < 5.0 { 40.0 } else { 0.0 }, 0.1, 1);
+        assert!(shown.bias[1].abs() < 0.02, "{:?}", shown.bias);
+    }
+
+    #[test]
+    fn large_motion_passes_as_through_the_centres() {
+        for (amplitude, period) in [(5.0, 10.0), (20.0, 5.0), (100.0, 2.0)] {
+            let shown = show(|t| 0.3 + amplitude * (std::f64::consts::TAU * t / period).sin(), 1.0, 7);
+            assert!(shown.bias[1].abs() < 0.02, "{amplitude}: {:?}", shown.bias);
+        }
+    }
+
+    #[test]
+    fn the_variance_told_is_the_one_means_show() {
+        for sigma in [0.5, 1.0, 2.0] {
+            let (mut added, mut predicted) = (0.0, 0.0);
+            for (rate, seed) in rates() {
+                let shown = show(|_| rate, sigma, seed);
+                added += shown.added / 25.0;
+                predicted += shown.predicted / 25.0;
+            }
+            // Measured at sigma 2 with an uncertainty of 0.15.
+            assert!((predicted - added).abs() < 0.05 + 0.1 * sigma * sigma, "{sigma}: {predicted} {added}");
+        }
+        // Counts that have stood still for minutes: anything from -1 to 1.
+        let mut dequantiser = Dequantiser::new(STEP);
+        for k in 0..20_000_u32 {
+            dequantiser.undo(&ImuSample {
+                t_s: f64::from(k) * 0.02,
+                gyro: Vector3::zeros(),
+                accel: Vector3::zeros(),
+                temperature_degc: None,
+            });
+        }
+        assert!((dequantiser.variance().0.x - 1.0 / 3.0).abs() < 0.01, "{:?}", dequantiser.variance());
+    }
+
+    #[test]
+    fn sources_that_do_not_truncate_pass_unchanged() {
+        let sample = ImuSample {
+            t_s: 1.0,
+            gyro: Vector3::new(0.4e-3, 1.0, -1.0),
+            accel: Vector3::new(0.0, 0.1, -9.8),
+            temperature_degc: None,
+        };
+        for q in [Quantisation::None, Quantisation::Round(Steps::RAW_IMU)] {
+            assert_eq!(Dequantiser::new(q).undo(&sample), sample);
+        }
+    }
 
     proptest! {
         #[test]

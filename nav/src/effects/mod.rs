@@ -5,22 +5,34 @@
 //! Contributions are evaluated at the *true* rate and specific force and add up: ω̃ = ω + Σ gyro(ω, f),
 //! f̃ = f + Σ accel(f) (the paper, eqs. (1) and (2), generalised); biases are not effects but part of every model.
 
+mod accel_nonlinearity;
+mod bias_drift;
+mod gps_bias_step;
 mod gps_latency;
 mod gps_lever_arm;
+mod gyro_bias_step;
+mod gyro_g2_sensitivity;
 mod gyro_g_sensitivity;
 mod imu_truncation;
 mod misalignment;
 mod scale_factor;
+mod temperature;
 
 use crate::earth::STANDARD_GRAVITY;
 use nalgebra::{Matrix3, Vector3};
 
+pub use accel_nonlinearity::AccelNonlinearity;
+pub use bias_drift::{AccelBiasDrift, GyroBiasDrift};
+pub use gps_bias_step::GpsBiasStep;
 pub use gps_latency::GpsLatency;
 pub use gps_lever_arm::GpsLeverArm;
+pub use gyro_bias_step::GyroBiasStep;
 pub use gyro_g_sensitivity::GyroGSensitivity;
+pub use gyro_g2_sensitivity::GyroG2Sensitivity;
 pub use imu_truncation::ImuTruncation;
 pub use misalignment::{AccelMisalignment, GyroMisalignment};
 pub use scale_factor::{AccelScaleFactor, GyroScaleFactor};
+pub use temperature::{AccelTemperature, GyroTemperature};
 
 /// The largest number of parameters of one effect.
 pub const MAX_PARAMETERS: usize = 9;
@@ -28,13 +40,21 @@ pub const MAX_PARAMETERS: usize = 9;
 /// Every effect that exists, in the order of the design's table. Adding one adds a line here.
 pub static REGISTRY: &[&dyn Effect] = &[
     &GyroGSensitivity,
+    &GyroG2Sensitivity,
     &GyroScaleFactor,
     &AccelScaleFactor,
     &GyroMisalignment,
     &AccelMisalignment,
+    &AccelNonlinearity,
+    &GyroTemperature,
+    &AccelTemperature,
     &GpsLatency,
     &GpsLeverArm,
     &ImuTruncation,
+    &GyroBiasDrift,
+    &AccelBiasDrift,
+    &GpsBiasStep,
+    &GyroBiasStep,
 ];
 
 /// The effect of this name, if there is one.
@@ -73,8 +93,22 @@ pub mod unit {
     pub const PPM: Unit = Unit { symbol: "ppm", suffix: "ppm", si: 1e-6 };
     /// Misalignment.
     pub const MRAD: Unit = Unit { symbol: "mrad", suffix: "mrad", si: 1e-3 };
+    /// Temperature drift of a gyro bias.
+    pub const DEG_PER_H_PER_DEGC: Unit =
+        Unit { symbol: "deg/h/°C", suffix: "deg_per_h_per_degc", si: DEG_PER_H_SI };
+    /// Random walk of a gyro bias; √h = 60 √s.
+    pub const DEG_PER_H_PER_RTH: Unit =
+        Unit { symbol: "deg/h/√h", suffix: "deg_per_h_per_rth", si: DEG_PER_H_SI / 60.0 };
     /// Accelerometer bias.
     pub const MG: Unit = Unit { symbol: "mg", suffix: "mg", si: 1e-3 * STANDARD_GRAVITY };
+    /// Non-linearity of an accelerometer.
+    pub const MG_PER_G2: Unit = Unit { symbol: "mg/g²", suffix: "mg_per_g2", si: 1e-3 / STANDARD_GRAVITY };
+    /// Temperature drift of an accelerometer bias.
+    pub const MG_PER_DEGC: Unit =
+        Unit { symbol: "mg/°C", suffix: "mg_per_degc", si: 1e-3 * STANDARD_GRAVITY };
+    /// Random walk of an accelerometer bias.
+    pub const MG_PER_RTH: Unit =
+        Unit { symbol: "mg/√h", suffix: "mg_per_rth", si: 1e-3 * STANDARD_GRAVITY / 60.0 };
     /// Time.
     pub const S: Unit = Unit { symbol: "s", suffix: "s", si: 1.0 };
     /// Length.
@@ -122,8 +156,16 @@ pub struct ParameterGroup {
     pub shape: Shape,
     /// A short name per parameter, as on screens: `g11`, `latency`.
     pub names: &'static [&'static str],
-    /// Prior 1-sigma when the effect is estimated and nothing is known of its size, SI.
+    /// Prior 1-sigma when the effect is estimated and nothing is known of its size, SI. Zero for a parameter that
+    /// is no linear state (an instant, a noise density): it is only ever set, and found by searching over values.
     pub prior_sigma: f64,
+}
+
+impl ParameterGroup {
+    /// Whether a filter can carry these parameters as states. Otherwise their Jacobian columns stay zero.
+    pub fn is_state(&self) -> bool {
+        self.prior_sigma > 0.0
+    }
 }
 
 /// The ideal inertial unit at one instant: what its effects may depend on.
@@ -243,6 +285,12 @@ pub trait Effect: Sync + std::fmt::Debug {
         BiasWalk::default()
     }
 
+    /// Values worth trying, SI and ascending, for an effect whose only parameter is no state; empty where the
+    /// flight itself gives the candidates (the instant of a step).
+    fn sizes_to_try(&self) -> &'static [f64] {
+        &[]
+    }
+
     /// Whether it says that integer samples are truncated toward zero.
     fn truncates_samples(&self) -> bool {
         false
@@ -251,3 +299,36 @@ pub trait Effect: Sync + std::fmt::Debug {
 
 #[cfg(test)]
 pub(crate) mod testing;
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use std::collections::BTreeSet;
+
+    #[test]
+    fn names_are_unique_and_fit_their_shapes() {
+        let effects: BTreeSet<_> = REGISTRY.iter().map(|e| e.name()).collect();
+        assert_eq!(effects.len(), REGISTRY.len());
+        let mut parameters = BTreeSet::new();
+        for effect in REGISTRY {
+            assert!(effect.len() <= MAX_PARAMETERS, "{}", effect.name());
+            for group in effect.groups() {
+                assert_eq!(group.names.len(), group.shape.len(), "{}", effect.name());
+                assert!(group.names.iter().all(|n| parameters.insert(*n)), "{}", effect.name());
+            }
+        }
+    }
+
+    #[test]
+    fn what_is_no_state_is_set_or_searched_for() {
+        for effect in REGISTRY {
+            let searched: Vec<_> = effect.groups().iter().filter(|g| !g.is_state()).collect();
+            for group in &searched {
+                assert_eq!(group.shape, Shape::Scalar, "{}", effect.name());
+            }
+            assert!(searched.len() <= 1, "{}", effect.name());
+            let alone = searched.len() == 1 && effect.len() == 1;
+            assert_eq!(alone, !effect.sizes_to_try().is_empty(), "{}", effect.name());
+        }
+    }
+}
