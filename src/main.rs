@@ -1,12 +1,11 @@
 //! gaware
 fn main() {
-    let name = std::env::args().nth(1).unwrap_or_default();
-    let setup = gaware::study::recorded::setup(&name).unwrap();
-    let flight = gaware::study::recorded::CsvFlight::read(
-        &std::path::Path::new("../shared/data").join(setup.folder),
-        setup.fixes,
-    )
-    .unwrap();
-    let r = gaware::study::recorded::run(&flight, &setup);
-    println!("{}", serde_json::to_string_pretty(&r).unwrap());
+    let a: Vec<String> = std::env::args().collect();
+    let s = gaware::study::paper::Settings {
+        runs: a[1].parse().unwrap(),
+        seed: 1,
+        attitude_error_deg: a[2].parse().unwrap(),
+    };
+    let r = gaware::study::paper::run(&s, &gaware::study::parallel::Silent).unwrap();
+    println!("{}", serde_json::to_string(&r).unwrap());
 }

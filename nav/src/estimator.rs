@@ -9,6 +9,7 @@ use crate::heading::{HeadingBank, MEMBERS};
 use crate::mechanization::NavState;
 use crate::model::Model;
 use crate::noise_meter::NoiseMeter;
+use crate::quantisation::Dequantiser;
 use crate::rotation::c_nb_from_euler;
 use crate::sample::{GnssFix, ImuSample, ImuStream, Quantisation, RestartReason, Sample};
 
@@ -46,7 +47,7 @@ pub enum Stage {
 pub struct Estimator {
     model: Model,
     stream: ImuStream,
-    dequantiser: Quantisation,
+    dequantiser: Dequantiser,
     meter: NoiseMeter,
     state: State,
     /// The last filter before a restart: its constants go on.
@@ -59,7 +60,7 @@ impl Estimator {
         Self {
             model,
             stream: ImuStream::default(),
-            dequantiser: Quantisation::None,
+            dequantiser: Dequantiser::new(Quantisation::None),
             meter: NoiseMeter::default(),
             state: State::Gathering(Gathering::default()),
             before: None,
@@ -142,7 +143,7 @@ impl Estimator {
     fn new_stream(&mut self, stream: &ImuStream) {
         if *stream != self.stream {
             self.stream = stream.clone();
-            self.dequantiser = self.model.quantisation_of(stream);
+            self.dequantiser = Dequantiser::new(self.model.quantisation_of(stream));
             self.meter = NoiseMeter::default();
         }
     }
@@ -234,7 +235,7 @@ impl Estimator {
             self.before = Some(Box::new(filter.clone()));
         }
         self.meter = NoiseMeter::default();
-        self.dequantiser = self.model.quantisation_of(&self.stream);
+        self.dequantiser = Dequantiser::new(self.model.quantisation_of(&self.stream));
         self.state = State::Gathering(Gathering::default());
     }
 }
