@@ -4,9 +4,17 @@
 //! nothing of MAVLink. Time is always a parameter. It cannot navigate without GNSS for longer than its sensors allow,
 //! and it treats the vehicle as a rigid body whose inertial unit does not move.
 
+pub mod alignment;
+pub mod bound;
+pub mod consistency;
 pub mod earth;
 pub mod effects;
+pub mod estimator;
+pub mod filter;
+pub mod heading;
+pub mod mechanization;
 pub mod model;
+pub mod noise_meter;
 pub mod observability;
 pub mod quantisation;
 pub mod rotation;

@@ -1,0 +1,67 @@
+//! Errors against a known truth in the filter's own coordinates, and their normalised square (NEES).
+
+use crate::filter::Filter;
+use crate::filter::calibration::Calibration;
+use crate::filter::layout::index;
+use crate::mechanization::NavState;
+use crate::rotation::{left_jacobian_inverse, log};
+use nalgebra::{DMatrix, DVector};
+
+/// Truth minus estimate in the filter's error coordinates, one entry per state; wander states are left zero.
+pub fn error(filter: &Filter, nav: &NavState, truth: &Calibration) -> Vec<f64> {
+    let estimate = filter.nav();
+    let back = estimate.q_eb.inverse();
+    let eps = log(&(back * nav.q_eb));
+    let j_inverse = left_jacobian_inverse(&eps);
+    let dr = j_inverse * (back * (nav.r_e - estimate.r_e));
+    let dv = j_inverse * (back * (nav.v_e - estimate.v_e));
+    let layout = filter.layout();
+    let mut out = vec![0.0; layout.len()];
+    for k in 0..3 {
+        out[index::POSITION + k] = dr[k];
+        out[index::VELOCITY + k] = dv[k];
+        out[index::ATTITUDE + k] = eps[k];
+    }
+    for (i, _) in layout.names().iter().enumerate() {
+        let state = index::GYRO_BIAS + i;
+        out[state] = truth.get(layout, state) - filter.calibration().get(layout, state);
+    }
+    out
+}
+
+/// eᵀ P⁻¹ e over the given states; `None` where their covariance is singular.
+pub fn nees(filter: &Filter, error: &[f64], states: &[usize]) -> Option<f64> {
+    let p = filter.covariance();
+    // Scaled to correlations first: positions and g-sensitivities differ by nine orders of magnitude.
+    let sigma: Vec<f64> = states.iter().map(|s| p.sigma(*s)).collect();
+    if sigma.iter().any(|s| s.is_nan() || *s <= 0.0) {
+        return None;
+    }
+    let correlation = DMatrix::from_fn(states.len(), states.len(), |i, j| {
+        p.at(states[i], states[j]) / (sigma[i] * sigma[j])
+    });
+    let e = DVector::from_fn(states.len(), |i, _| error[states[i]] / sigma[i]);
+    Some(e.dot(&correlation.cholesky()?.solve(&e)))
+}
+
+/// The band that holds the mean of `runs` NEES values per degree of freedom in 95 of 100 cases (Bar-Shalom 2001,
+/// section 5.4; Wilson & Hilferty's approximation of the χ² quantile).
+pub fn nees_band_95(dof: usize, runs: usize) -> [f64; 2] {
+    let k = (dof * runs).max(1) as f64;
+    [-1.959_964, 1.959_964].map(|z: f64| {
+        let a = 2.0 / (9.0 * k);
+        (1.0 - a + z * a.sqrt()).powi(3)
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_band_matches_tables() {
+        // χ²(0.025, 100) = 74.222, χ²(0.975, 100) = 129.561.
+        let [low, high] = nees_band_95(10, 10);
+        assert!((low - 0.74222).abs() < 2e-4 && (high - 1.29561).abs() < 2e-4, "{low} {high}");
+    }
+}

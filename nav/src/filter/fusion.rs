@@ -1,0 +1,112 @@
+//! Fixes at their own time: the filter waits at the time of the last fix, samples queue up in front of it, and a fix is
+//! applied when the samples around its time of validity are there.
+//!
+//! The state at the present is the filter run through the queue. A fix may be up to [`BUFFER_S`] old; without fixes the
+//! filter follows at that distance.
+
+use super::{Filter, FixOutcome};
+use crate::sample::{GnssFix, ImuSample};
+use std::collections::VecDeque;
+
+/// How far back a fix may lie, s.
+pub const BUFFER_S: f64 = 1.5;
+/// A fix this little before the filter's own time is applied all the same, s.
+const LATE_S: f64 = 1e-3;
+/// More fixes than this never wait: a clock that stands still must not fill the memory.
+const MAX_WAITING: usize = 64;
+
+/// A filter with the samples and fixes that it has not reached yet.
+#[derive(Debug, Clone)]
+pub struct Fusion {
+    filter: Filter,
+    samples: VecDeque<ImuSample>,
+    fixes: VecDeque<GnssFix>,
+    late: u64,
+}
+
+impl Fusion {
+    /// Around a filter.
+    pub fn new(filter: Filter) -> Self {
+        Self { filter, samples: VecDeque::new(), fixes: VecDeque::new(), late: 0 }
+    }
+
+    /// The filter at the time of the last fix it used (or [`BUFFER_S`] behind).
+    pub fn filter(&self) -> &Filter {
+        &self.filter
+    }
+
+    /// The same, to be changed.
+    pub fn filter_mut(&mut self) -> &mut Filter {
+        &mut self.filter
+    }
+
+    /// Fixes that came too late to be used.
+    pub fn late(&self) -> u64 {
+        self.late
+    }
+
+    /// Time of the newest sample, s.
+    pub fn now_s(&self) -> f64 {
+        self.samples.back().map_or(self.filter.t_s(), |s| s.t_s)
+    }
+
+    /// Takes a sample; those not newer than the newest are ignored.
+    pub fn push_imu(&mut self, sample: ImuSample) {
+        if self.samples.back().is_none_or(|s| sample.t_s > s.t_s) {
+            self.samples.push_back(sample);
+        }
+    }
+
+    /// Takes a fix.
+    pub fn push_fix(&mut self, fix: GnssFix) {
+        if self.fixes.len() == MAX_WAITING {
+            self.fixes.pop_front();
+            self.late += 1;
+        }
+        self.fixes.push_back(fix);
+    }
+
+    /// Applies the next fix whose time has come and says what became of it; call it until it returns `None`.
+    pub fn poll(&mut self) -> Option<FixOutcome> {
+        let now = self.now_s();
+        while let Some(fix) = self.fixes.front() {
+            let valid_s = fix.t_s - self.filter.fix_delay_s();
+            if valid_s > now {
+                break;
+            }
+            let fix = self.fixes.pop_front()?;
+            if valid_s < self.filter.t_s() - LATE_S {
+                self.late += 1;
+                continue;
+            }
+            self.advance_to(valid_s);
+            return Some(self.filter.update(&fix));
+        }
+        while self.samples.front().is_some_and(|s| s.t_s < now - BUFFER_S) {
+            if let Some(sample) = self.samples.pop_front() {
+                self.filter.propagate(&sample);
+            }
+        }
+        None
+    }
+
+    /// The filter at the time of the newest sample.
+    pub fn predicted(&self) -> Filter {
+        let mut filter = self.filter.clone();
+        self.samples.iter().for_each(|s| filter.propagate(s));
+        filter
+    }
+
+    fn advance_to(&mut self, t_s: f64) {
+        while self.samples.front().is_some_and(|s| s.t_s <= t_s) {
+            if let Some(sample) = self.samples.pop_front() {
+                self.filter.propagate(&sample);
+            }
+        }
+        if self.filter.t_s() < t_s
+            && let Some(next) = self.samples.front()
+        {
+            self.filter.propagate_to(t_s, next);
+        }
+    }
+}

@@ -1,0 +1,200 @@
+//! The error-state Kalman filter.
+//!
+//! Errors are left-invariant (body axes): C = Ĉ exp(ε), v = v̂ + Ĉ J(ε) δv, r = r̂ + Ĉ J(ε) δr (Barrau & Bonnabel 2017,
+//! section V, applied to the ECEF mechanisation). The transition matrix then depends on the attitude estimate only through
+//! Earth rate and gravity gradient, so large initial errors do not fake information. Which constant states there are
+//! is decided by the [`Model`]: biases always, and every effect parameter with a prior sigma.
+
+pub mod calibration;
+pub mod covariance;
+pub mod fusion;
+pub mod layout;
+mod propagation;
+mod update;
+
+use crate::mechanization::{Motion, NavState};
+use crate::model::Model;
+use crate::sample::{ImuSample, SampleKind};
+use calibration::{Calibration, MotionJacobian};
+use covariance::Covariance;
+use layout::{Layout, index};
+use nalgebra::{Matrix3, Vector3};
+
+pub use fusion::Fusion;
+pub use update::{FixOutcome, Group};
+
+/// What a filter starts from.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Initial {
+    /// Time of validity, s.
+    pub t_s: f64,
+    /// Position, velocity and attitude.
+    pub nav: NavState,
+    /// 1-sigma of position north, east, down, m.
+    pub position_sigma_m: [f64; 3],
+    /// 1-sigma of velocity north, east, down, m/s.
+    pub velocity_sigma_m_per_s: [f64; 3],
+    /// 1-sigma of the rotation about north, east and down, rad.
+    pub attitude_sigma_rad: [f64; 3],
+}
+
+/// Filter state at one instant.
+#[derive(Debug, Clone)]
+pub struct Filter {
+    model: Model,
+    layout: Layout,
+    kind: SampleKind,
+    t_s: f64,
+    nav: NavState,
+    calibration: Calibration,
+    /// Estimated position wander of the fixes, north-east-down, m.
+    wander: Vector3<f64>,
+    p: Covariance,
+    initial_sigmas: Vec<f64>,
+    /// The last raw sample, its motion and the Jacobian of that motion.
+    last: Option<ImuSample>,
+    motion: Motion,
+    jacobian: MotionJacobian,
+    /// The Jacobian at the start of the present step; kept to spare the allocation.
+    start_jacobian: MotionJacobian,
+    gate: update::Gate,
+    phi: Vec<f64>,
+    /// Extra white noise of the samples, added to the model's: variances per hertz, (rad/s)²/Hz and (m/s²)²/Hz.
+    extra_noise: (f64, f64),
+}
+
+impl Filter {
+    /// A filter with the states and priors of `model`.
+    pub fn new(model: &Model, initial: &Initial) -> Self {
+        let layout = Layout::new(model);
+        let mut sigmas = vec![0.0; layout.len()];
+        sigmas[index::GYRO_BIAS..index::ACCEL_BIAS].fill(model.imu.gyro_bias_sigma);
+        sigmas[index::ACCEL_BIAS..index::EFFECTS].fill(model.imu.accel_bias_sigma);
+        for slot in layout.slots() {
+            sigmas[slot.state] = model.effects[slot.effect].sigmas[slot.parameter];
+        }
+        if let Some(w) = layout.wander() {
+            sigmas[w..w + 3].copy_from_slice(&model.gnss.position_wander_sigma_m);
+        }
+        let mut p = Covariance::from_sigmas(&sigmas);
+        let c_bn = initial.nav.c_nb().transpose();
+        for (at, ned) in [
+            (index::POSITION, &initial.position_sigma_m),
+            (index::VELOCITY, &initial.velocity_sigma_m_per_s),
+            (index::ATTITUDE, &initial.attitude_sigma_rad),
+        ] {
+            let variances = Matrix3::from_diagonal(&Vector3::from(*ned).map(|s| s * s));
+            p.set_block3(at, &(c_bn * variances * c_bn.transpose()));
+        }
+        let initial_sigmas = (0..layout.len()).map(|i| p.sigma(i)).collect();
+        Self {
+            calibration: Calibration::new(model),
+            model: model.clone(),
+            layout,
+            kind: SampleKind::Point,
+            t_s: initial.t_s,
+            nav: initial.nav,
+            wander: Vector3::zeros(),
+            p,
+            initial_sigmas,
+            last: None,
+            motion: Motion::default(),
+            jacobian: MotionJacobian::default(),
+            start_jacobian: MotionJacobian::default(),
+            gate: update::Gate::default(),
+            phi: Vec::new(),
+            extra_noise: (0.0, 0.0),
+        }
+    }
+
+    /// The same constants, with all that is known of them, and motion from a new start; the biases may have moved by this share of
+    /// their prior sigma.
+    #[must_use]
+    pub fn restarted(&self, initial: &Initial, bias_share: f64) -> Self {
+        let mut fresh = Self::new(&self.model, initial);
+        fresh.calibration = self.calibration.clone();
+        fresh.initial_sigmas[index::GYRO_BIAS..].copy_from_slice(&self.initial_sigmas[index::GYRO_BIAS..]);
+        fresh.p.copy_tail(&self.p, index::GYRO_BIAS);
+        for k in 0..3 {
+            let imu = &self.model.imu;
+            fresh.p.add_variance(index::GYRO_BIAS + k, (bias_share * imu.gyro_bias_sigma).powi(2));
+            fresh.p.add_variance(index::ACCEL_BIAS + k, (bias_share * imu.accel_bias_sigma).powi(2));
+        }
+        fresh
+    }
+
+    /// Replaces position, velocity and attitude; the covariance stays.
+    pub fn set_nav(&mut self, nav: NavState) {
+        self.nav = nav;
+    }
+
+    /// Says how samples came about and how much variance per hertz their rounding adds.
+    pub fn set_stream(&mut self, kind: SampleKind, extra_noise: (f64, f64)) {
+        self.kind = kind;
+        self.extra_noise = extra_noise;
+    }
+
+    /// Time of the state, s.
+    pub fn t_s(&self) -> f64 {
+        self.t_s
+    }
+
+    /// Position, velocity, attitude.
+    pub fn nav(&self) -> &NavState {
+        &self.nav
+    }
+
+    /// Compensated motion at the last sample.
+    pub fn motion(&self) -> &Motion {
+        &self.motion
+    }
+
+    /// Biases and effect parameters.
+    pub fn calibration(&self) -> &Calibration {
+        &self.calibration
+    }
+
+    /// The model whose states these are.
+    pub fn model(&self) -> &Model {
+        &self.model
+    }
+
+    /// The order of the states.
+    pub fn layout(&self) -> &Layout {
+        &self.layout
+    }
+
+    /// Error covariance.
+    pub fn covariance(&self) -> &Covariance {
+        &self.p
+    }
+
+    /// 1-sigma of every state at the start.
+    pub fn initial_sigmas(&self) -> &[f64] {
+        &self.initial_sigmas
+    }
+
+    /// Whether the samples are points or means.
+    pub fn kind(&self) -> SampleKind {
+        self.kind
+    }
+
+    /// 1-sigma of roll, pitch and yaw, rad.
+    pub fn euler_sigma(&self) -> Vector3<f64> {
+        let [roll, pitch, _] = self.nav.euler().into();
+        let (sr, cr) = roll.sin_cos();
+        // Away from the vertical; at it roll and yaw are not apart anyway.
+        let (sp, cp) = (pitch.sin(), pitch.cos().max(1e-3));
+        // Euler rates from body rates (Groves 2013, eq. 2.58).
+        let e = Matrix3::new(1.0, sr * sp / cp, cr * sp / cp, 0.0, cr, -sr, 0.0, sr / cp, cr / cp);
+        let p = e * self.p.block3(index::ATTITUDE) * e.transpose();
+        p.diagonal().map(|v| v.max(0.0).sqrt())
+    }
+
+    /// 1-sigma north, east, down of position (m) and velocity (m/s).
+    pub fn ned_sigmas(&self) -> [Vector3<f64>; 2] {
+        let c_nb = self.nav.c_nb();
+        [index::POSITION, index::VELOCITY]
+            .map(|at| (c_nb * self.p.block3(at) * c_nb.transpose()).diagonal().map(|v| v.max(0.0).sqrt()))
+    }
+}

@@ -1,0 +1,389 @@
+//! The measurement update: position and velocity of a fix at its own time of validity.
+//!
+//! Position and velocity are tested and applied as two groups. A group that fails its test is left out, but not for
+//! long: after [`LOCKED_OUT_S`] of nothing but failures the filter takes the fixes' word again, so gating cannot lock
+//! it out.
+
+use super::Filter;
+use super::layout::index;
+use crate::earth::Geodetic;
+use crate::effects::{FixInstant, MAX_PARAMETERS};
+use crate::mechanization;
+use crate::rotation::{exp, left_jacobian, skew};
+use crate::sample::{FixVelocity, GnssFix};
+use nalgebra::{Matrix3, SMatrix, Vector3};
+
+/// Squared normalised innovation beyond which a group of 1, 2, 3 rows is refused: chance 6e-7, five sigma of one row.
+const GATE: [f64; 4] = [f64::INFINITY, 25.0, 28.7, 31.8];
+/// After so long without an accepted group the fixes are believed again, s.
+const LOCKED_OUT_S: f64 = 3.0;
+/// … and after at least so many refusals.
+const LOCKED_OUT_COUNT: u32 = 4;
+/// Attitude uncertainty that is added when the fixes had to be believed again, rad.
+const LOCKED_OUT_ATTITUDE: f64 = 0.05;
+/// No fix is believed to be better than this, m and m/s.
+const SIGMA_FLOOR: (f64, f64) = (0.01, 0.01);
+
+/// What became of one group of rows.
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
+pub struct Group {
+    /// Rows: 0 where the fix had nothing to say.
+    pub dof: usize,
+    /// Normalised innovation squared.
+    pub nis: f64,
+    /// Innovations north, east, down.
+    pub innovation: [f64; 3],
+    /// Innovations over their predicted sigmas.
+    pub normalised: [f64; 3],
+    /// Logarithm of the likelihood of the innovations.
+    pub log_likelihood: f64,
+    /// Whether it was applied.
+    pub used: bool,
+    /// Whether the fixes were believed again after a lock-out.
+    pub recovered: bool,
+}
+
+/// What became of one fix.
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
+pub struct FixOutcome {
+    /// Time of validity, s.
+    pub t_s: f64,
+    /// Position.
+    pub position: Group,
+    /// Velocity.
+    pub velocity: Group,
+}
+
+impl FixOutcome {
+    /// Whether any of it was used.
+    pub fn used(&self) -> bool {
+        self.position.used || self.velocity.used
+    }
+}
+
+/// Since when each group has been refused.
+#[derive(Debug, Clone, Copy, Default)]
+pub(super) struct Gate {
+    position: Refusals,
+    velocity: Refusals,
+}
+
+#[derive(Debug, Clone, Copy, Default)]
+struct Refusals {
+    since_s: Option<f64>,
+    count: u32,
+}
+
+impl Refusals {
+    fn locked_out(&mut self, t_s: f64) -> bool {
+        self.count += 1;
+        let since = *self.since_s.get_or_insert(t_s);
+        self.count >= LOCKED_OUT_COUNT && t_s - since >= LOCKED_OUT_S
+    }
+}
+
+/// One scalar measurement: residual, sparse row, variance.
+#[derive(Debug, Clone, Default)]
+pub(crate) struct Row {
+    pub(crate) residual: f64,
+    pub(crate) h: Vec<(usize, f64)>,
+    pub(crate) variance: f64,
+}
+
+/// What the effects add to position or velocity of a fix, and how that depends on the states.
+#[derive(Debug, Clone, Default)]
+struct Added {
+    sum: Vector3<f64>,
+    by_attitude: Matrix3<f64>,
+    by_state: Vec<(usize, Vector3<f64>)>,
+}
+
+/// A group of up to three rows with what the covariance says of them.
+struct Prepared {
+    ph: Vec<Vec<f64>>,
+    s: Matrix3<f64>,
+    inverse: Matrix3<f64>,
+    group: Group,
+}
+
+impl Filter {
+    /// Delay of the fixes as presently estimated, s.
+    pub fn fix_delay_s(&self) -> f64 {
+        self.model
+            .effects
+            .iter()
+            .zip(&self.calibration.parameters)
+            .map(|(s, p)| s.effect.fix_delay_s(p))
+            .sum()
+    }
+
+    /// Applies a fix to the present state, which must be that of the fix's time of validity.
+    pub fn update(&mut self, fix: &GnssFix) -> FixOutcome {
+        let mut outcome = FixOutcome { t_s: self.t_s, ..FixOutcome::default() };
+        outcome.position = self.apply(|f| f.position_rows(fix), |f| &mut f.gate.position);
+        if outcome.position.recovered {
+            self.believe_position(fix);
+        }
+        outcome.velocity = self.apply(|f| f.velocity_rows(fix), |f| &mut f.gate.velocity);
+        if outcome.velocity.recovered {
+            self.believe_velocity(fix);
+        }
+        outcome
+    }
+
+    /// Applies a fix to the covariance alone, as if it had brought no news: for information bounds and predictions.
+    pub fn update_covariance(&mut self, fix: &GnssFix) {
+        for rows in [self.position_rows(fix), self.velocity_rows(fix)] {
+            if let Some(prepared) = self.prepare(&rows) {
+                self.shrink(&prepared);
+            }
+        }
+    }
+
+    /// A standing vehicle does not turn: ties b_g + G f to the mean rate shown, rad/s, within `sigma`.
+    pub fn observe_standing(&mut self, sigma: f64) {
+        let rate = self.motion.rate;
+        let rows = (0..3)
+            .map(|axis| Row {
+                residual: -rate[axis],
+                h: self
+                    .jacobian
+                    .rate
+                    .iter()
+                    .enumerate()
+                    .filter(|(_, column)| column[axis] != 0.0)
+                    .map(|(k, column)| (index::GYRO_BIAS + k, column[axis]))
+                    .collect(),
+                variance: sigma * sigma,
+            })
+            .collect::<Vec<_>>();
+        if let Some(prepared) = self.prepare(&rows) {
+            self.absorb(&rows, &prepared);
+        }
+    }
+
+    fn apply(&mut self, rows: impl Fn(&Self) -> Vec<Row>, gate: fn(&mut Self) -> &mut Refusals) -> Group {
+        let rows = rows(self);
+        let Some(mut prepared) = self.prepare(&rows) else { return Group::default() };
+        let t_s = self.t_s;
+        if prepared.group.nis > GATE[prepared.group.dof] {
+            prepared.group.recovered = gate(self).locked_out(t_s);
+            if prepared.group.recovered {
+                *gate(self) = Refusals::default();
+            }
+            return prepared.group;
+        }
+        *gate(self) = Refusals::default();
+        self.absorb(&rows, &prepared);
+        prepared.group.used = true;
+        prepared.group
+    }
+
+    fn prepare(&self, rows: &[Row]) -> Option<Prepared> {
+        let d = rows.len();
+        if d == 0 || d > 3 || rows.iter().any(|r| !r.residual.is_finite()) {
+            return None;
+        }
+        let ph: Vec<Vec<f64>> = rows.iter().map(|r| self.p.times(&r.h)).collect();
+        let mut s = Matrix3::identity();
+        for (i, row) in rows.iter().enumerate() {
+            for (j, column) in ph.iter().enumerate() {
+                s[(i, j)] = row.h.iter().map(|(k, c)| c * column[*k]).sum();
+            }
+            s[(i, i)] += row.variance;
+        }
+        let inverse = s.cholesky()?.inverse();
+        let mut v = Vector3::zeros();
+        for (i, row) in rows.iter().enumerate() {
+            v[i] = row.residual;
+        }
+        let nis = (v.transpose() * inverse * v)[0];
+        let ln_det = s.determinant().ln();
+        let log_likelihood = -0.5 * (nis.min(GATE[d]) + ln_det + d as f64 * std::f64::consts::TAU.ln());
+        let normalised = std::array::from_fn(|i| if i < d { v[i] / s[(i, i)].sqrt() } else { 0.0 });
+        let group = Group {
+            dof: d,
+            nis,
+            innovation: v.into(),
+            normalised,
+            log_likelihood,
+            used: false,
+            recovered: false,
+        };
+        Some(Prepared { ph, s, inverse, group })
+    }
+
+    /// P ← P − P Hᵀ S⁻¹ H P, as outer products so that it stays symmetric.
+    fn shrink(&mut self, prepared: &Prepared) {
+        let d = prepared.ph.len();
+        let Some(l) = prepared.s.cholesky().map(|c| c.l()) else { return };
+        let mut w: Vec<Vec<f64>> = Vec::with_capacity(d);
+        for i in 0..d {
+            let mut column = prepared.ph[i].clone();
+            for (j, done) in w.iter().enumerate() {
+                column.iter_mut().zip(done).for_each(|(c, x)| *c -= l[(i, j)] * x);
+            }
+            column.iter_mut().for_each(|c| *c /= l[(i, i)]);
+            self.p.subtract_outer(&column);
+            w.push(column);
+        }
+    }
+
+    fn absorb(&mut self, rows: &[Row], prepared: &Prepared) {
+        let mut dx = vec![0.0; self.layout.len()];
+        for (i, column) in prepared.ph.iter().enumerate() {
+            let gain: f64 = rows.iter().enumerate().map(|(j, r)| prepared.inverse[(i, j)] * r.residual).sum();
+            dx.iter_mut().zip(column).for_each(|(x, c)| *x += gain * c);
+        }
+        self.shrink(prepared);
+        self.correct(&dx);
+    }
+
+    /// Moves the estimate by an error and re-expresses the covariance about the new estimate.
+    fn correct(&mut self, dx: &[f64]) {
+        let part = |at: usize| Vector3::new(dx[at], dx[at + 1], dx[at + 2]);
+        let (dr, dv, eps) = (part(index::POSITION), part(index::VELOCITY), part(index::ATTITUDE));
+        let j = left_jacobian(&eps);
+        let c_eb = self.nav.c_eb();
+        self.nav.r_e += c_eb * j * dr;
+        self.nav.v_e += c_eb * j * dv;
+        self.nav.q_eb *= exp(&eps);
+        self.nav.q_eb.renormalize();
+        self.calibration.correct(&self.layout, dx);
+        if let Some(w) = self.layout.wander() {
+            self.wander += part(w);
+        }
+        // Below this the change of coordinates is under the noise of the covariance itself.
+        if eps.norm_squared() > 1e-8 {
+            self.p.transform_nav(&right_jacobian(&dr, &dv, &eps));
+        }
+        self.refresh_motion();
+    }
+
+    fn fix_instant(&self) -> (FixInstant, Matrix3<f64>) {
+        let c_ne = self.nav.geodetic().c_en().transpose();
+        let c_nb = c_ne * self.nav.c_eb();
+        let a_e = mechanization::acceleration(&self.nav, &self.motion.force);
+        let earth_b = self.nav.q_eb.inverse() * crate::earth::rotation_rate();
+        let instant = FixInstant {
+            t_s: self.t_s,
+            v_n: c_ne * self.nav.v_e,
+            a_n: c_ne * a_e,
+            c_nb,
+            rate_eb: self.motion.rate - earth_b,
+        };
+        (instant, c_ne)
+    }
+
+    /// What the effects add to position and velocity of a fix.
+    fn fix_effects(&self, x: &FixInstant) -> [Added; 2] {
+        let mut out = [Added::default(), Added::default()];
+        for (e, (setting, p)) in self.model.effects.iter().zip(&self.calibration.parameters).enumerate() {
+            let added = setting.effect.fix(p, x);
+            let turned = setting.effect.fix_by_attitude(p, x);
+            let n = setting.effect.len();
+            let mut columns = [[Vector3::zeros(); MAX_PARAMETERS]; 2];
+            let [position, velocity] = &mut columns;
+            setting.effect.fix_jacobian(p, x, &mut position[..n], &mut velocity[..n]);
+            for (kind, slot) in out.iter_mut().enumerate() {
+                slot.sum += added[kind];
+                if let Some(by_attitude) = turned {
+                    slot.by_attitude += by_attitude[kind];
+                }
+                for s in self.layout.slots().iter().filter(|s| s.effect == e) {
+                    let column = columns[kind][s.parameter];
+                    if column != Vector3::zeros() {
+                        slot.by_state.push((s.state, column));
+                    }
+                }
+            }
+        }
+        out
+    }
+
+    fn position_rows(&self, fix: &GnssFix) -> Vec<Row> {
+        let (x, c_ne) = self.fix_instant();
+        let [added, _] = self.fix_effects(&x);
+        let z = c_ne * (fix.position.to_ecef() - self.nav.r_e) - added.sum - self.wander;
+        let sigma = fix.position_sigma_m.unwrap_or(self.model.gnss.position_sigma_m);
+        let mut rows = rows_of(index::POSITION, &z.as_slice()[..3], &x.c_nb, &added, &sigma, SIGMA_FLOOR.0);
+        if let Some(w) = self.layout.wander() {
+            rows.iter_mut().enumerate().for_each(|(k, row)| row.h.push((w + k, 1.0)));
+        }
+        rows
+    }
+
+    fn velocity_rows(&self, fix: &GnssFix) -> Vec<Row> {
+        let (measured, rows) = match fix.velocity {
+            FixVelocity::None => return Vec::new(),
+            FixVelocity::Horizontal([n, e]) => (Vector3::new(n, e, 0.0), 2),
+            FixVelocity::Full(v) => (Vector3::from(v), 3),
+        };
+        let (x, _) = self.fix_instant();
+        let [_, added] = self.fix_effects(&x);
+        let sigma = fix.velocity_sigma_m_per_s.unwrap_or(self.model.gnss.velocity_sigma_m_per_s);
+        let z = measured - x.v_n - added.sum;
+        rows_of(index::VELOCITY, &z.as_slice()[..rows], &x.c_nb, &added, &sigma, SIGMA_FLOOR.1)
+    }
+
+    fn believe_position(&mut self, fix: &GnssFix) {
+        self.nav.r_e = fix.position.to_ecef();
+        let sigma = fix.position_sigma_m.unwrap_or(self.model.gnss.position_sigma_m);
+        let worst = sigma.iter().fold(SIGMA_FLOOR.0, |a, b| a.max(*b));
+        (0..3).for_each(|k| self.p.reset(index::POSITION + k, worst * 2.0));
+        self.loosen_attitude();
+    }
+
+    fn believe_velocity(&mut self, fix: &GnssFix) {
+        let place: Geodetic = self.nav.geodetic();
+        let mut v_n = self.nav.v_n();
+        match fix.velocity {
+            FixVelocity::None => return,
+            FixVelocity::Horizontal([n, e]) => (v_n.x, v_n.y) = (n, e),
+            FixVelocity::Full(v) => v_n = v.into(),
+        }
+        self.nav.v_e = place.c_en() * v_n;
+        let sigma = fix.velocity_sigma_m_per_s.unwrap_or(self.model.gnss.velocity_sigma_m_per_s);
+        let worst = sigma.iter().fold(0.5, |a: f64, b| a.max(*b));
+        (0..3).for_each(|k| self.p.reset(index::VELOCITY + k, worst * 2.0));
+        self.loosen_attitude();
+    }
+
+    fn loosen_attitude(&mut self) {
+        (0..3).for_each(|k| self.p.add_variance(index::ATTITUDE + k, LOCKED_OUT_ATTITUDE.powi(2)));
+    }
+}
+
+/// Rows of the first `z.len()` of north, east, down for the error block at `block`.
+fn rows_of(
+    block: usize,
+    z: &[f64],
+    c_nb: &Matrix3<f64>,
+    added: &Added,
+    sigma: &[f64; 3],
+    floor: f64,
+) -> Vec<Row> {
+    z.iter()
+        .enumerate()
+        .map(|(i, residual)| {
+            let mut h: Vec<(usize, f64)> = (0..3).map(|j| (block + j, c_nb[(i, j)])).collect();
+            let turned = (0..3).map(|j| (index::ATTITUDE + j, added.by_attitude[(i, j)]));
+            h.extend(turned.filter(|(_, c)| *c != 0.0));
+            h.extend(added.by_state.iter().map(|(state, column)| (*state, column[i])));
+            Row { residual: *residual, h, variance: sigma[i].max(floor).powi(2) }
+        })
+        .collect()
+}
+
+/// How an error about the old estimate reads about the new one: the right Jacobian of SE₂(3) to first order in the
+/// position and velocity parts (Barfoot 2017, section 7.1.5), for [δr δv ε].
+fn right_jacobian(dr: &Vector3<f64>, dv: &Vector3<f64>, eps: &Vector3<f64>) -> [[f64; 9]; 9] {
+    let j = left_jacobian(&-eps);
+    let mut m = SMatrix::<f64, 9, 9>::zeros();
+    for at in [index::POSITION, index::VELOCITY, index::ATTITUDE] {
+        m.fixed_view_mut::<3, 3>(at, at).copy_from(&j);
+    }
+    m.fixed_view_mut::<3, 3>(index::POSITION, index::ATTITUDE).copy_from(&(skew(dr) * -0.5));
+    m.fixed_view_mut::<3, 3>(index::VELOCITY, index::ATTITUDE).copy_from(&(skew(dv) * -0.5));
+    std::array::from_fn(|i| std::array::from_fn(|j| m[(i, j)]))
+}

@@ -1,0 +1,127 @@
+//! No heading at all: a bank of filters with different headings, weighed by how well each predicts the fixes.
+//!
+//! As the Gaussian-sum yaw estimators of PX4 and ArduPilot do, but with the full filter in every member, so that the
+//! winner goes on as it is (Alspach & Sorenson 1972 for the weights). Standing still all members predict alike and
+//! keep their weights; motion decides.
+
+use crate::filter::{FixOutcome, Fusion};
+use crate::rotation::wrap_pi;
+use crate::sample::{GnssFix, ImuSample};
+
+/// Headings that a search starts with.
+pub const MEMBERS: usize = 12;
+/// 1-sigma heading of each member: half the spacing, so that the sum is flat.
+pub const MEMBER_SIGMA_RAD: f64 = std::f64::consts::PI / MEMBERS as f64;
+/// A member below this weight is given up.
+const GIVE_UP: f64 = 1e-5;
+/// The search ends when this much of the weight lies around the best member …
+const DECIDED: f64 = 0.995;
+/// … within this angle, rad.
+const AROUND: f64 = 0.6;
+
+/// The bank.
+#[derive(Debug, Clone)]
+pub struct HeadingBank {
+    members: Vec<Member>,
+}
+
+#[derive(Debug, Clone)]
+struct Member {
+    fusion: Fusion,
+    log_weight: f64,
+}
+
+impl HeadingBank {
+    /// From filters that differ in heading.
+    pub fn new(members: impl IntoIterator<Item = Fusion>) -> Self {
+        Self { members: members.into_iter().map(|fusion| Member { fusion, log_weight: 0.0 }).collect() }
+    }
+
+    /// Members still in the race.
+    pub fn len(&self) -> usize {
+        self.members.len()
+    }
+
+    /// Whether none is left; cannot happen after [`HeadingBank::new`] with at least one.
+    pub fn is_empty(&self) -> bool {
+        self.members.is_empty()
+    }
+
+    /// Takes a sample.
+    pub fn push_imu(&mut self, sample: ImuSample) {
+        self.members.iter_mut().for_each(|m| m.fusion.push_imu(sample));
+    }
+
+    /// Takes a fix.
+    pub fn push_fix(&mut self, fix: GnssFix) {
+        self.members.iter_mut().for_each(|m| m.fusion.push_fix(fix));
+    }
+
+    /// Tells every member of more noise.
+    pub fn for_each(&mut self, mut f: impl FnMut(&mut Fusion)) {
+        self.members.iter_mut().for_each(|m| f(&mut m.fusion));
+    }
+
+    /// Applies the fixes whose time has come; the outcomes of the best member.
+    pub fn poll(&mut self) -> Vec<FixOutcome> {
+        let mut outcomes = Vec::new();
+        for member in &mut self.members {
+            let mut own = Vec::new();
+            while let Some(outcome) = member.fusion.poll() {
+                member.log_weight += outcome.position.log_likelihood + outcome.velocity.log_likelihood;
+                own.push(outcome);
+            }
+            outcomes.push(own);
+        }
+        let best = self.best_index();
+        let top = self.members.get(best).map_or(0.0, |m| m.log_weight);
+        self.members.iter_mut().for_each(|m| m.log_weight -= top);
+        let result = if best < outcomes.len() { outcomes.swap_remove(best) } else { Vec::new() };
+        self.members.retain(|m| m.log_weight > GIVE_UP.ln());
+        result
+    }
+
+    fn best_index(&self) -> usize {
+        let by_weight =
+            |a: &(usize, &Member), b: &(usize, &Member)| a.1.log_weight.total_cmp(&b.1.log_weight);
+        self.members.iter().enumerate().max_by(by_weight).map_or(0, |(i, _)| i)
+    }
+
+    /// The best member so far.
+    pub fn best(&self) -> Option<&Fusion> {
+        self.members.get(self.best_index()).map(|m| &m.fusion)
+    }
+
+    /// The winner, once motion has decided.
+    pub fn winner(&self) -> Option<Fusion> {
+        let best = self.best()?;
+        let yaw = best.filter().nav().euler().z;
+        let (mut near, mut all) = (0.0, 0.0);
+        for m in &self.members {
+            let w = m.log_weight.exp();
+            all += w;
+            if wrap_pi(m.fusion.filter().nav().euler().z - yaw).abs() < AROUND {
+                near += w;
+            }
+        }
+        let settled = best.filter().euler_sigma().z < MEMBER_SIGMA_RAD;
+        (near > DECIDED * all && settled).then(|| best.clone())
+    }
+
+    /// 1-sigma of heading over all members, rad.
+    pub fn yaw_sigma(&self) -> f64 {
+        let (mut s, mut c, mut all, mut within) = (0.0, 0.0, 0.0, 0.0);
+        for m in &self.members {
+            let w = m.log_weight.exp();
+            let yaw = m.fusion.filter().nav().euler().z;
+            (s, c, all) = (s + w * yaw.sin(), c + w * yaw.cos(), all + w);
+            within += w * m.fusion.filter().euler_sigma().z.powi(2);
+        }
+        if all <= 0.0 {
+            return std::f64::consts::PI;
+        }
+        // Circular variance (Mardia & Jupp 2000, section 3.4.1), at most that of a uniform heading.
+        let r = (s.hypot(c) / all).clamp(1e-9, 1.0);
+        (-2.0 * r.ln() + within / all).sqrt().min(std::f64::consts::PI / 3.0_f64.sqrt())
+    }
+}

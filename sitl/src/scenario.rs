@@ -1,0 +1,265 @@
+//! Named scenarios: a flight with its sensors and the model that is true in it.
+
+use crate::sensors::{Flight, SensorConfig, VibrationLine};
+use crate::trajectory::Flown;
+use crate::trajectory::bench::Bench;
+use crate::trajectory::fixed_wing::FixedWing;
+use crate::trajectory::multirotor::Multirotor;
+use crate::trajectory::paper::Paper;
+use crate::truth::Trajectory;
+use gaware_nav::effects::{self, unit};
+use gaware_nav::model::{EffectSetting, GnssModel, ImuModel, MILLI_G, Model};
+use gaware_nav::sample::{Quantisation, Steps};
+
+/// What flies.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Airframe {
+    /// An aircraft.
+    FixedWing,
+    /// A multirotor.
+    Multirotor,
+}
+
+/// A flight with its sensors and the model that is true in it.
+#[derive(Debug, Clone)]
+pub struct Scenario {
+    /// Name on the command line.
+    pub name: &'static str,
+    /// One line for people.
+    pub description: &'static str,
+    /// What flies.
+    pub airframe: Airframe,
+    /// The truth about the sensors: values are simulated, sigmas are the prior of a filter that does not know them.
+    pub model: Model,
+    /// Rates and habits.
+    pub sensors: SensorConfig,
+    trajectory: Flown,
+}
+
+impl Scenario {
+    /// The trajectory; copies share the integrated path.
+    pub fn trajectory(&self) -> Box<dyn Trajectory> {
+        Box::new(self.trajectory.clone())
+    }
+
+    /// The flight as its sensors tell it.
+    pub fn flight(&self, seed: u64) -> Flight {
+        Flight::new(self.trajectory(), &self.model, self.sensors.clone(), seed)
+    }
+}
+
+type Builder = fn() -> Scenario;
+
+/// Every scenario, by name.
+const REGISTRY: &[(&str, Builder)] = &[
+    ("paper", paper),
+    ("fixed_wing", fixed_wing),
+    ("fixed_wing_coordinated", fixed_wing_coordinated),
+    ("fixed_wing_gusts", fixed_wing_gusts),
+    ("multirotor", multirotor),
+    ("bench", bench),
+    ("bench_vibration", bench_vibration),
+];
+
+/// Names of all scenarios.
+pub fn names() -> impl Iterator<Item = &'static str> {
+    REGISTRY.iter().map(|(name, _)| *name)
+}
+
+/// The scenario of this name.
+pub fn scenario(name: &str) -> Option<Scenario> {
+    REGISTRY.iter().find(|(n, _)| *n == name).map(|(_, build)| build())
+}
+
+/// The paper's flight, section 4, with the figures of its sensors.
+fn paper() -> Scenario {
+    const IMU_RATE_HZ: f64 = 200.0;
+    let g = 10.0 * unit::DEG_PER_H_PER_G.si;
+    let mut model = Model {
+        imu: ImuModel {
+            // The paper gives noise per sample.
+            gyro_noise: 0.0028f64.to_radians() / IMU_RATE_HZ.sqrt(),
+            accel_noise: 0.001 / IMU_RATE_HZ.sqrt(),
+            gyro_bias_sigma: 100.0 * unit::DEG_PER_H.si,
+            accel_bias_sigma: 2.0 * MILLI_G,
+            gyro_bias: [50.0 * unit::DEG_PER_H.si; 3],
+            accel_bias: [MILLI_G; 3],
+            ..Model::default().imu
+        },
+        gnss: GnssModel {
+            position_sigma_m: [5.0; 3],
+            velocity_sigma_m_per_s: [0.5; 3],
+            position_correlation_s: 0.0,
+            position_wander_sigma_m: [0.0; 3],
+        },
+        effects: Vec::new(),
+    };
+    model.effects.push(EffectSetting {
+        effect: &effects::GyroGSensitivity,
+        values: vec![g, 0.0, 0.0, 0.0, g, 0.0, 0.0, 0.0, g],
+        sigmas: vec![0.0; 9],
+    });
+    Scenario {
+        name: "paper",
+        description: "the paper's flight: 70 s, up to 80 g to the right (Fan et al. 2014, section 4)",
+        airframe: Airframe::FixedWing,
+        model,
+        sensors: SensorConfig {
+            imu_rate_hz: IMU_RATE_HZ,
+            fix_rate_hz: 100.0,
+            vertical_velocity: true,
+            report_sigmas: true,
+            message: "HIGHRES_IMU".into(),
+            ..SensorConfig::default()
+        },
+        trajectory: Flown::new(Paper::new()),
+    }
+}
+
+/// A consumer autopilot: MPU-6000 class gyros with a visible g-sensitivity, wandering GNSS.
+fn consumer_model() -> Model {
+    let mut model = Model::default();
+    model.imu.gyro_bias = [0.12f64, -0.2, 0.08].map(f64::to_radians);
+    model.imu.accel_bias = [0.06, -0.05, 0.09];
+    model.gnss.position_sigma_m = [0.5, 0.5, 0.8];
+    model.gnss.position_correlation_s = 60.0;
+    model.gnss.position_wander_sigma_m = [1.2, 1.2, 2.0];
+    let g = [150.0, 30.0, -60.0, -45.0, 130.0, 50.0, 25.0, -35.0, -170.0];
+    model.effects.push(EffectSetting {
+        effect: &effects::GyroGSensitivity,
+        values: g.map(|v| v * unit::DEG_PER_H_PER_G.si).to_vec(),
+        sigmas: vec![0.0; 9],
+    });
+    model.effects.push(EffectSetting { effect: &effects::GpsLatency, values: vec![0.12], sigmas: vec![0.0] });
+    model
+}
+
+/// What such an autopilot sends: truncated integers at 200 Hz, fixes at 5 Hz without vertical velocity.
+fn consumer_sensors() -> SensorConfig {
+    SensorConfig {
+        imu_rate_hz: 200.0,
+        fix_rate_hz: 5.0,
+        report_sigmas: true,
+        message: "RAW_IMU".into(),
+        quantisation: Quantisation::Truncate(Steps::RAW_IMU),
+        attitude_rate_hz: 10.0,
+        ..SensorConfig::default()
+    }
+}
+
+fn small_aircraft(name: &'static str, description: &'static str, profile: FixedWing) -> Scenario {
+    Scenario {
+        name,
+        description,
+        airframe: Airframe::FixedWing,
+        model: consumer_model(),
+        sensors: consumer_sensors(),
+        trajectory: Flown::new(profile),
+    }
+}
+
+fn fixed_wing() -> Scenario {
+    small_aircraft(
+        "fixed_wing",
+        "small aircraft, 300 s: coordinated turns, speed changes, pull-ups and sideslips",
+        FixedWing::new(true),
+    )
+}
+
+fn fixed_wing_coordinated() -> Scenario {
+    small_aircraft(
+        "fixed_wing_coordinated",
+        "the same flight without sideslip: nothing excites the right axis",
+        FixedWing::new(false),
+    )
+}
+
+fn fixed_wing_gusts() -> Scenario {
+    small_aircraft(
+        "fixed_wing_gusts",
+        "the same flight without deliberate sideslip, in turbulent air",
+        FixedWing::new(false).with_gusts(30.0, 0.7, 0.3),
+    )
+}
+
+fn multirotor() -> Scenario {
+    Scenario {
+        name: "multirotor",
+        description: "quadrotor, 240 s: hover, dashes and crab legs in all directions, yaw, climbs",
+        airframe: Airframe::Multirotor,
+        model: consumer_model(),
+        sensors: consumer_sensors(),
+        trajectory: Flown::new(Multirotor::new()),
+    }
+}
+
+fn bench() -> Scenario {
+    Scenario {
+        name: "bench",
+        description: "standing still for 600 s",
+        airframe: Airframe::FixedWing,
+        model: consumer_model(),
+        sensors: consumer_sensors(),
+        trajectory: Flown::new(Bench::new(600.0)),
+    }
+}
+
+/// 3 m/s² RMS in three lines that sampling folds to low and high frequencies.
+fn bench_vibration() -> Scenario {
+    let line = |frequency_hz: f64, rms: f64| VibrationLine {
+        frequency_hz,
+        accel_rms: [0.55 * rms, 0.45 * rms, 0.7 * rms],
+        gyro_rms: [0.01 * rms, 0.012 * rms, 0.006 * rms],
+    };
+    let mut scenario = bench();
+    scenario.name = "bench_vibration";
+    scenario.description = "standing for 600 s with a running engine: vibration of 3 m/s² RMS";
+    scenario.sensors.vibration = vec![line(93.7, 2.4), line(187.4, 1.6), line(41.3, 0.9)];
+    scenario
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use gaware_nav::sample::Sample;
+    use nalgebra::Vector3;
+
+    #[test]
+    fn every_scenario_can_be_had_by_its_name() {
+        for name in names() {
+            assert_eq!(scenario(name).map(|s| s.name), Some(name));
+        }
+        assert!(scenario("no such thing").is_none());
+    }
+
+    #[test]
+    fn the_papers_sensors_have_the_papers_figures() {
+        let paper = scenario("paper").unwrap();
+        let items: Vec<_> = paper.flight(1).take_while(|(_, t)| t.t_s < 10.0).collect();
+        let gyro: Vec<Vector3<f64>> = items
+            .iter()
+            .filter_map(|(s, t)| if let Sample::Imu(i) = s { Some(i.gyro - t.rate_ib) } else { None })
+            .collect();
+        assert_eq!(gyro.len(), 2000);
+        let mean = gyro.iter().sum::<Vector3<f64>>() / 2000.0;
+        let sigma = (gyro.iter().map(|g| (g - mean).norm_squared()).sum::<f64>() / 6000.0).sqrt();
+        assert!((sigma.to_degrees() / 0.0028 - 1.0).abs() < 0.03, "{sigma}");
+        // 50 deg/h of bias, and −10 deg/h on the down axis from standing on the ground.
+        let expected = Vector3::new(50.0, 50.0, 40.0) * unit::DEG_PER_H.si;
+        assert!((mean - expected).norm() < 1.0 * unit::DEG_PER_H.si, "{mean}");
+        // Fixes fall on sample times.
+        assert!(items.iter().filter(|(s, _)| matches!(s, Sample::Fix(_))).count() == 1000);
+    }
+
+    #[test]
+    fn the_vibrating_bench_vibrates_as_said() {
+        let bench = scenario("bench_vibration").unwrap();
+        let samples: Vec<f64> = bench
+            .flight(3)
+            .take_while(|(_, t)| t.t_s < 30.0)
+            .filter_map(|(s, t)| if let Sample::Imu(i) = s { Some((i.accel - t.force).norm()) } else { None })
+            .collect();
+        let rms = (samples.iter().map(|v| v * v).sum::<f64>() / samples.len() as f64).sqrt();
+        assert!((rms - 3.0).abs() < 0.1, "{rms}");
+    }
+}

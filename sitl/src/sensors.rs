@@ -1,0 +1,378 @@
+//! The sensors of a simulated vehicle: truth in, samples out, through the effects of a model.
+//!
+//! ω̃ = ω_ib + b_g + Σ effects + noise and f̃ likewise (the paper, eqs. (1) and (2)), then the rounding of the source.
+//! Fixes tell of the vehicle some time before their stamp. The simulation is what the model says.
+
+use crate::noise::{GaussMarkov, Noise, Purpose};
+use crate::truth::{Trajectory, Truth};
+use gaware_nav::earth::Geodetic;
+use gaware_nav::effects::{FixInstant, Instant};
+use gaware_nav::model::Model;
+use gaware_nav::rotation::{euler_from_c_nb, wrap_pi};
+use gaware_nav::sample::{
+    AttitudeHint, FixVelocity, GnssFix, ImuSample, ImuStream, Quantisation, Sample, SampleKind,
+};
+use nalgebra::Vector3;
+use std::f64::consts::{SQRT_2, TAU};
+
+/// One line of a vibration spectrum; sampling aliases it.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct VibrationLine {
+    /// Hz.
+    pub frequency_hz: f64,
+    /// Specific force on each axis, RMS, m/s².
+    pub accel_rms: [f64; 3],
+    /// Angular rate about each axis, RMS, rad/s.
+    pub gyro_rms: [f64; 3],
+}
+
+/// Temperature of the inertial unit: it warms up exponentially.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Temperature {
+    /// At the start, °C.
+    pub start_degc: f64,
+    /// In the end, °C.
+    pub end_degc: f64,
+    /// Time constant, s.
+    pub time_constant_s: f64,
+}
+
+impl Temperature {
+    /// At a time, °C.
+    pub fn at(&self, t_s: f64) -> f64 {
+        self.end_degc + (self.start_degc - self.end_degc) * (-t_s / self.time_constant_s).exp()
+    }
+}
+
+/// Rates and habits of the sensors, apart from what the [`Model`] says.
+#[derive(Debug, Clone, PartialEq)]
+pub struct SensorConfig {
+    /// Inertial samples, Hz.
+    pub imu_rate_hz: f64,
+    /// Fixes, Hz; 0 = none.
+    pub fix_rate_hz: f64,
+    /// Time of the first fix, s.
+    pub fix_phase_s: f64,
+    /// Whether fixes carry vertical velocity.
+    pub vertical_velocity: bool,
+    /// Whether fixes carry their own 1-sigma figures (those of the model).
+    pub report_sigmas: bool,
+    /// Name of the source message.
+    pub message: String,
+    /// Rounding of the source.
+    pub quantisation: Quantisation,
+    /// The autopilot's own attitude, Hz; 0 = none.
+    pub attitude_rate_hz: f64,
+    /// 1-sigma of its slowly wandering error, rad.
+    pub attitude_sigma_rad: [f64; 3],
+    /// Vibration.
+    pub vibration: Vec<VibrationLine>,
+    /// Stamps of inertial samples are late by up to this, s, evenly spread.
+    pub time_jitter_s: f64,
+    /// Temperature; `None` = the samples carry none and no effect sees any.
+    pub temperature: Option<Temperature>,
+    /// Times without fixes: from, to, s.
+    pub outages: Vec<(f64, f64)>,
+}
+
+impl Default for SensorConfig {
+    fn default() -> Self {
+        Self {
+            imu_rate_hz: 200.0,
+            fix_rate_hz: 5.0,
+            fix_phase_s: 0.0,
+            vertical_velocity: false,
+            report_sigmas: false,
+            message: String::new(),
+            quantisation: Quantisation::None,
+            attitude_rate_hz: 0.0,
+            attitude_sigma_rad: [0.01, 0.01, 0.03],
+            vibration: Vec::new(),
+            time_jitter_s: 0.0,
+            temperature: None,
+            outages: Vec::new(),
+        }
+    }
+}
+
+/// Correlation time of the error of the autopilot's own attitude, s.
+const ATTITUDE_CORRELATION_S: f64 = 30.0;
+
+/// The sensors: what they read follows from the truth, the model, the seed, and the order of the calls.
+#[derive(Debug, Clone)]
+pub struct Sensors {
+    model: Model,
+    config: SensorConfig,
+    quantisation: Quantisation,
+    gyro_noise: Noise,
+    accel_noise: Noise,
+    walk_noise: Noise,
+    position_noise: Noise,
+    velocity_noise: Noise,
+    jitter: Noise,
+    wander: GaussMarkov,
+    attitude: GaussMarkov,
+    gyro_walk: Vector3<f64>,
+    accel_walk: Vector3<f64>,
+    /// Phase per line and axis: three of force, three of rate.
+    phases: Vec<[f64; 6]>,
+}
+
+impl Sensors {
+    /// New sensors of this seed.
+    pub fn new(model: &Model, config: SensorConfig, seed: u64) -> Self {
+        let stream = ImuStream { quantisation: config.quantisation, ..ImuStream::default() };
+        let mut phase = Noise::new(seed, Purpose::Vibration);
+        let phases =
+            config.vibration.iter().map(|_| std::array::from_fn(|_| TAU * phase.uniform())).collect();
+        let noise = |purpose| Noise::new(seed, purpose);
+        Self {
+            quantisation: model.quantisation_of(&stream),
+            model: model.clone(),
+            config,
+            gyro_noise: noise(Purpose::Gyro),
+            accel_noise: noise(Purpose::Accel),
+            walk_noise: noise(Purpose::BiasWalk),
+            position_noise: noise(Purpose::Position),
+            velocity_noise: noise(Purpose::Velocity),
+            jitter: noise(Purpose::Jitter),
+            wander: GaussMarkov::new(noise(Purpose::PositionWander)),
+            attitude: GaussMarkov::new(noise(Purpose::Attitude)),
+            gyro_walk: Vector3::zeros(),
+            accel_walk: Vector3::zeros(),
+            phases,
+        }
+    }
+
+    /// Rates and habits.
+    pub fn config(&self) -> &SensorConfig {
+        &self.config
+    }
+
+    /// The model that is simulated.
+    pub fn model(&self) -> &Model {
+        &self.model
+    }
+
+    /// What the samples claim to be.
+    pub fn stream(&self) -> ImuStream {
+        ImuStream {
+            message: self.config.message.clone(),
+            kind: SampleKind::Point,
+            quantisation: self.config.quantisation,
+        }
+    }
+
+    /// The inertial sample at this truth; call it once per sample in order of time.
+    pub fn imu(&mut self, truth: &Truth) -> ImuSample {
+        let (vibration_force, vibration_rate) = self.vibration(truth.t_s);
+        let temperature = self.config.temperature.map(|t| t.at(truth.t_s));
+        let x = Instant {
+            t_s: truth.t_s,
+            rate: truth.rate_ib + vibration_rate,
+            force: truth.force + vibration_force,
+            temperature_above_25_degc: temperature.map_or(0.0, |t| t - 25.0),
+        };
+        let per_sample = self.config.imu_rate_hz.sqrt();
+        let imu = &self.model.imu;
+        let mut gyro = x.rate
+            + Vector3::from(imu.gyro_bias)
+            + self.gyro_walk
+            + self.gyro_noise.normal3() * (imu.gyro_noise * per_sample);
+        let mut accel = x.force
+            + Vector3::from(imu.accel_bias)
+            + self.accel_walk
+            + self.accel_noise.normal3() * (imu.accel_noise * per_sample);
+        let (mut gyro_walk, mut accel_walk) = (0.0f64, 0.0f64);
+        for setting in &self.model.effects {
+            gyro += setting.effect.gyro(&setting.values, &x);
+            accel += setting.effect.accel(&setting.values, &x);
+            let walk = setting.effect.bias_walk(&setting.values);
+            gyro_walk = gyro_walk.hypot(walk.gyro);
+            accel_walk = accel_walk.hypot(walk.accel);
+        }
+        self.gyro_walk += self.walk_noise.normal3() * (gyro_walk / per_sample);
+        self.accel_walk += self.walk_noise.normal3() * (accel_walk / per_sample);
+        let (gyro, accel) = self.quantisation.apply(&gyro, &accel);
+        let late_s = self.config.time_jitter_s * self.jitter.uniform();
+        ImuSample { t_s: truth.t_s + late_s, gyro, accel, temperature_degc: temperature }
+    }
+
+    fn vibration(&self, t_s: f64) -> (Vector3<f64>, Vector3<f64>) {
+        let (mut force, mut rate) = (Vector3::zeros(), Vector3::zeros());
+        for (line, phase) in self.config.vibration.iter().zip(&self.phases) {
+            let angle = TAU * line.frequency_hz * t_s;
+            for axis in 0..3 {
+                force[axis] += SQRT_2 * line.accel_rms[axis] * (angle + phase[axis]).sin();
+                rate[axis] += SQRT_2 * line.gyro_rms[axis] * (angle + phase[axis + 3]).sin();
+            }
+        }
+        (force, rate)
+    }
+
+    /// How much older than its stamp a fix is, s.
+    pub fn fix_delay_s(&self) -> f64 {
+        self.model.effects.iter().map(|s| s.effect.fix_delay_s(&s.values)).sum()
+    }
+
+    /// The fix with this stamp, from the truth at its time of validity.
+    pub fn fix(&mut self, stamp_s: f64, truth: &Truth) -> GnssFix {
+        let x = FixInstant {
+            t_s: truth.t_s,
+            v_n: truth.v_n,
+            a_n: truth.a_n,
+            c_nb: truth.c_nb,
+            rate_eb: truth.rate_eb,
+        };
+        let gnss = &self.model.gnss;
+        let white = self.position_noise.normal3().component_mul(&Vector3::from(gnss.position_sigma_m));
+        let correlated = self.wander.at(stamp_s, gnss.position_correlation_s);
+        let mut offset = white;
+        if gnss.position_correlation_s > 0.0 {
+            offset += correlated.component_mul(&Vector3::from(gnss.position_wander_sigma_m));
+        }
+        let mut velocity = truth.v_n
+            + self.velocity_noise.normal3().component_mul(&Vector3::from(gnss.velocity_sigma_m_per_s));
+        for setting in &self.model.effects {
+            let [position, speed] = setting.effect.fix(&setting.values, &x);
+            offset += position;
+            velocity += speed;
+        }
+        GnssFix {
+            t_s: stamp_s,
+            position: displaced(&truth.place, &offset),
+            velocity: if self.config.vertical_velocity {
+                FixVelocity::Full(velocity.into())
+            } else {
+                FixVelocity::Horizontal([velocity.x, velocity.y])
+            },
+            position_sigma_m: self.config.report_sigmas.then_some(gnss.position_sigma_m),
+            velocity_sigma_m_per_s: self.config.report_sigmas.then_some(gnss.velocity_sigma_m_per_s),
+            yaw_rad: None,
+        }
+    }
+
+    /// The autopilot's own attitude.
+    pub fn attitude(&mut self, truth: &Truth) -> AttitudeHint {
+        let error = self
+            .attitude
+            .at(truth.t_s, ATTITUDE_CORRELATION_S)
+            .component_mul(&Vector3::from(self.config.attitude_sigma_rad));
+        let angles = euler_from_c_nb(&truth.c_nb) + error;
+        AttitudeHint { t_s: truth.t_s, roll_pitch_yaw: [angles.x, angles.y, wrap_pi(angles.z)] }
+    }
+
+    /// Whether there is no fix at this time.
+    pub fn in_outage(&self, t_s: f64) -> bool {
+        self.config.outages.iter().any(|(from, to)| (*from..*to).contains(&t_s))
+    }
+}
+
+/// A place moved by north, east, down, m.
+fn displaced(place: &Geodetic, by: &Vector3<f64>) -> Geodetic {
+    let (r_n, r_e) = place.radii();
+    Geodetic {
+        lat_rad: place.lat_rad + by.x / (r_n + place.height_m),
+        lon_rad: place.lon_rad + by.y / ((r_e + place.height_m) * place.lat_rad.cos()),
+        height_m: place.height_m - by.z,
+    }
+}
+
+/// A flight as its sensors tell it: samples in order of arrival, each with the truth at the time it was measured
+/// (for a fix its time of validity). The first item is the [`Sample::Stream`].
+pub struct Flight {
+    trajectory: Box<dyn Trajectory>,
+    sensors: Sensors,
+    announced: bool,
+    imu: u64,
+    fix: u64,
+    attitude: u64,
+}
+
+impl std::fmt::Debug for Flight {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.debug_struct("Flight").field("sensors", &self.sensors).finish_non_exhaustive()
+    }
+}
+
+impl Flight {
+    /// Flies a trajectory with these sensors.
+    pub fn new(trajectory: Box<dyn Trajectory>, model: &Model, config: SensorConfig, seed: u64) -> Self {
+        Self {
+            trajectory,
+            sensors: Sensors::new(model, config, seed),
+            announced: false,
+            imu: 0,
+            fix: 0,
+            attitude: 0,
+        }
+    }
+
+    /// The next fix, or `None` in an outage or before there was anything to measure.
+    fn next_fix(&mut self, stamp_s: f64) -> Option<(Sample, Truth)> {
+        self.fix += 1;
+        let valid_s = stamp_s - self.sensors.fix_delay_s();
+        // Drawn in any case, so that an outage leaves the noise of later fixes alone.
+        let truth = self.trajectory.truth_at(valid_s.max(0.0));
+        let fix = self.sensors.fix(stamp_s, &truth);
+        (valid_s >= 0.0 && !self.sensors.in_outage(stamp_s)).then_some((Sample::Fix(fix), truth))
+    }
+}
+
+impl Iterator for Flight {
+    type Item = (Sample, Truth);
+
+    fn next(&mut self) -> Option<Self::Item> {
+        if !self.announced {
+            self.announced = true;
+            return Some((Sample::Stream(self.sensors.stream()), self.trajectory.truth_at(0.0)));
+        }
+        let end = self.trajectory.duration_s();
+        loop {
+            let config = self.sensors.config();
+            let due = |count: u64, rate: f64| if rate > 0.0 { count as f64 / rate } else { f64::INFINITY };
+            let imu = due(self.imu, config.imu_rate_hz);
+            let fix = config.fix_phase_s + due(self.fix, config.fix_rate_hz);
+            let attitude = due(self.attitude, config.attitude_rate_hz);
+            if imu.min(fix).min(attitude) > end {
+                return None;
+            }
+            if imu <= fix && imu <= attitude {
+                self.imu += 1;
+                let truth = self.trajectory.truth_at(imu);
+                return Some((Sample::Imu(self.sensors.imu(&truth)), truth));
+            }
+            if fix <= attitude {
+                if let Some(item) = self.next_fix(fix) {
+                    return Some(item);
+                }
+            } else {
+                self.attitude += 1;
+                let truth = self.trajectory.truth_at(attitude);
+                return Some((Sample::Attitude(self.sensors.attitude(&truth)), truth));
+            }
+        }
+    }
+}
+
+/// A model whose biases and uncertain parameters are drawn from their prior sigmas: one vehicle of many, for Monte
+/// Carlo studies. Values with sigma 0 stay.
+pub fn draw_vehicle(model: &Model, seed: u64) -> Model {
+    let mut noise = Noise::new(seed, Purpose::HiddenTruth);
+    let mut drawn = model.clone();
+    for axis in 0..3 {
+        drawn.imu.gyro_bias[axis] += noise.normal() * model.imu.gyro_bias_sigma;
+    }
+    for axis in 0..3 {
+        drawn.imu.accel_bias[axis] += noise.normal() * model.imu.accel_bias_sigma;
+    }
+    for setting in &mut drawn.effects {
+        for (value, sigma) in setting.values.iter_mut().zip(&setting.sigmas) {
+            *value += noise.normal() * sigma;
+        }
+    }
+    drawn
+}
+
+#[cfg(test)]
+mod tests;

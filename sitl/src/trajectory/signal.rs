@@ -1,0 +1,185 @@
+//! Smooth signals of time with their derivatives: what analytic profiles are made of.
+//!
+//! All pieces are twice continuously differentiable, so a speed made of them has a smooth acceleration and an angle
+//! a smooth rate.
+
+use std::ops::{Add, Mul};
+
+/// A value with its first two derivatives by time.
+#[derive(Debug, Clone, Copy, Default, PartialEq)]
+pub struct Jet {
+    /// Value.
+    pub x: f64,
+    /// First derivative.
+    pub d1: f64,
+    /// Second derivative.
+    pub d2: f64,
+}
+
+impl Add for Jet {
+    type Output = Self;
+    fn add(self, o: Self) -> Self {
+        Self { x: self.x + o.x, d1: self.d1 + o.d1, d2: self.d2 + o.d2 }
+    }
+}
+
+impl Mul for Jet {
+    type Output = Self;
+    fn mul(self, o: Self) -> Self {
+        Self {
+            x: self.x * o.x,
+            d1: self.d1 * o.x + self.x * o.d1,
+            d2: self.d2 * o.x + 2.0 * self.d1 * o.d1 + self.x * o.d2,
+        }
+    }
+}
+
+#[derive(Debug, Clone, Copy)]
+enum Term {
+    Step { from_s: f64, for_s: f64, size: f64 },
+    Ramp { from_s: f64, for_s: f64, rate: f64 },
+    Wave { from_s: f64, to_s: f64, amplitude: f64, omega: f64, phase: f64, fade_s: f64 },
+}
+
+/// The quintic 6u⁵ − 15u⁴ + 10u³: from 0 to 1 with two derivatives zero at both ends.
+fn smooth_step(t: f64, from_s: f64, for_s: f64) -> Jet {
+    let u = (t - from_s) / for_s;
+    if u <= 0.0 {
+        return Jet::default();
+    }
+    if u >= 1.0 {
+        return Jet { x: 1.0, d1: 0.0, d2: 0.0 };
+    }
+    let u2 = u * u;
+    Jet {
+        x: u2 * u * (10.0 + u * (6.0 * u - 15.0)),
+        d1: 30.0 * u2 * (1.0 - u) * (1.0 - u) / for_s,
+        d2: 60.0 * u * (1.0 - u) * (1.0 - 2.0 * u) / (for_s * for_s),
+    }
+}
+
+impl Term {
+    fn at(&self, t: f64) -> Jet {
+        match *self {
+            Self::Step { from_s, for_s, size } => {
+                let s = smooth_step(t, from_s, for_s);
+                Jet { x: size * s.x, d1: size * s.d1, d2: size * s.d2 }
+            }
+            Self::Ramp { from_s, for_s, rate } => {
+                let u = (t - from_s) / for_s;
+                let s = smooth_step(t, from_s, for_s);
+                let integral = if u <= 0.0 {
+                    0.0
+                } else if u >= 1.0 {
+                    u - 0.5
+                } else {
+                    u.powi(4) * (2.5 + u * (u - 3.0))
+                };
+                Jet { x: rate * for_s * integral, d1: rate * s.x, d2: rate * s.d1 }
+            }
+            Self::Wave { from_s, to_s, amplitude, omega, phase, fade_s } => {
+                if t <= from_s || t >= to_s {
+                    return Jet::default();
+                }
+                let (s, c) = (omega * (t - from_s) + phase).sin_cos();
+                let sine =
+                    Jet { x: amplitude * s, d1: amplitude * omega * c, d2: -amplitude * omega * omega * s };
+                let fall = smooth_step(t, to_s - fade_s, fade_s);
+                let window =
+                    smooth_step(t, from_s, fade_s) * Jet { x: 1.0 - fall.x, d1: -fall.d1, d2: -fall.d2 };
+                window * sine
+            }
+        }
+    }
+}
+
+/// A sum of smooth pieces.
+#[derive(Debug, Clone, Default)]
+pub struct Signal {
+    start: f64,
+    terms: Vec<Term>,
+}
+
+impl Signal {
+    /// A constant.
+    pub fn constant(start: f64) -> Self {
+        Self { start, terms: Vec::new() }
+    }
+
+    /// From `from_s` on, changes by `size` within `for_s`.
+    #[must_use]
+    pub fn step(mut self, from_s: f64, for_s: f64, size: f64) -> Self {
+        self.terms.push(Term::Step { from_s, for_s, size });
+        self
+    }
+
+    /// Changes by `size` and back: away within `for_s` from `from_s`, back within `for_s` from `back_s`.
+    #[must_use]
+    pub fn pulse(self, from_s: f64, back_s: f64, for_s: f64, size: f64) -> Self {
+        self.step(from_s, for_s, size).step(back_s, for_s, -size)
+    }
+
+    /// From `from_s` on, the *rate* changes by `rate` within `for_s`.
+    #[must_use]
+    pub fn ramp(mut self, from_s: f64, for_s: f64, rate: f64) -> Self {
+        self.terms.push(Term::Ramp { from_s, for_s, rate });
+        self
+    }
+
+    /// A sine that fades in and out within `fade_s`.
+    #[must_use]
+    pub fn wave(self, from_s: f64, to_s: f64, amplitude: f64, frequency_hz: f64, fade_s: f64) -> Self {
+        self.wave_with_phase(from_s, to_s, amplitude, frequency_hz, fade_s, 0.0)
+    }
+
+    /// The same with a phase at `from_s`, rad.
+    #[must_use]
+    pub fn wave_with_phase(
+        mut self,
+        from_s: f64,
+        to_s: f64,
+        amplitude: f64,
+        frequency_hz: f64,
+        fade_s: f64,
+        phase: f64,
+    ) -> Self {
+        let omega = std::f64::consts::TAU * frequency_hz;
+        self.terms.push(Term::Wave { from_s, to_s, amplitude, omega, phase, fade_s });
+        self
+    }
+
+    /// Value and derivatives at a time.
+    pub fn at(&self, t_s: f64) -> Jet {
+        let start = Jet { x: self.start, d1: 0.0, d2: 0.0 };
+        self.terms.iter().fold(start, |sum, term| sum + term.at(t_s))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use proptest::prelude::*;
+
+    fn example() -> Signal {
+        Signal::constant(2.0).step(1.0, 2.0, 3.0).ramp(0.5, 1.5, -0.7).wave(1.0, 6.0, 0.8, 0.9, 1.2)
+    }
+
+    proptest! {
+        #[test]
+        fn derivatives_match_finite_differences(t in 0.0..8.0f64) {
+            let h = 1e-4;
+            let (before, here, after) = (example().at(t - h), example().at(t), example().at(t + h));
+            prop_assert!(((after.x - before.x) / (2.0 * h) - here.d1).abs() < 1e-5);
+            // The second derivative has corners, so its own difference is only as good as h times the third.
+            prop_assert!(((after.d1 - before.d1) / (2.0 * h) - here.d2).abs() < 0.03);
+        }
+    }
+
+    #[test]
+    fn a_ramp_moves_on_at_its_rate() {
+        let s = Signal::constant(1.0).ramp(2.0, 4.0, 3.0);
+        assert!((s.at(6.0).x - 7.0).abs() < 1e-12);
+        assert!((s.at(10.0).x - 19.0).abs() < 1e-12);
+        assert_eq!(s.at(10.0).d1, 3.0);
+    }
+}

@@ -1,0 +1,289 @@
+//! Accuracy on flights with an independent truth: CSV sets of inertial samples, fixes and truth.
+//!
+//! A set is a folder with `imu.csv` (t, rate rad/s, specific force m/s², forward-right-down), a file of fixes and
+//! `truth.csv`. The filter starts at the truth with stated sigmas and runs forward only.
+
+use super::statistics::Rms3;
+use gaware_nav::earth::Geodetic;
+use gaware_nav::effects;
+use gaware_nav::filter::{Filter, Fusion, Initial};
+use gaware_nav::mechanization::NavState;
+use gaware_nav::model::{EffectSetting, GElements, Model};
+use gaware_nav::rotation::{c_nb_from_euler, wrap_pi};
+use gaware_nav::sample::{FixVelocity, GnssFix, ImuSample, SampleKind};
+use nalgebra::Vector3;
+use serde::Serialize;
+use std::path::{Path, PathBuf};
+
+/// Why a set cannot be read.
+#[derive(Debug, thiserror::Error)]
+pub enum CsvError {
+    /// The file cannot be opened or is not CSV.
+    #[error("cannot read {path}: {source}")]
+    Read {
+        /// File.
+        path: PathBuf,
+        /// Cause.
+        source: csv::Error,
+    },
+    /// Too few columns.
+    #[error("{path}, row {row}: {found} columns, {wanted} expected")]
+    Columns {
+        /// File.
+        path: PathBuf,
+        /// Row, counted from 1 without the header.
+        row: usize,
+        /// Columns that were there.
+        found: usize,
+        /// Columns that must be there.
+        wanted: usize,
+    },
+    /// Nothing in it.
+    #[error("{0} holds no rows")]
+    Empty(PathBuf),
+    /// No such set.
+    #[error("there is no recorded set \"{0}\"; known: qdr, sim_thor")]
+    UnknownSet(String),
+}
+
+/// One row of `truth.csv`.
+#[derive(Debug, Clone, Copy)]
+pub struct TruthRow {
+    /// Time, s.
+    pub t_s: f64,
+    /// Place.
+    pub place: Geodetic,
+    /// Velocity north, east, down, m/s.
+    pub v_n: Vector3<f64>,
+    /// Roll, pitch, yaw, rad.
+    pub euler: Vector3<f64>,
+}
+
+/// A whole set in memory.
+#[derive(Debug, Clone)]
+pub struct CsvFlight {
+    /// Inertial samples.
+    pub imu: Vec<ImuSample>,
+    /// Fixes.
+    pub fixes: Vec<GnssFix>,
+    /// Truth.
+    pub truth: Vec<TruthRow>,
+}
+
+fn rows<const N: usize>(path: &Path) -> Result<Vec<[f64; N]>, CsvError> {
+    let read = |source| CsvError::Read { path: path.to_owned(), source };
+    let mut reader = csv::Reader::from_path(path).map_err(read)?;
+    let mut out = Vec::new();
+    for (i, record) in reader.deserialize::<Vec<f64>>().enumerate() {
+        let record = record.map_err(read)?;
+        let row = record.get(..N).and_then(|r| r.try_into().ok()).ok_or_else(|| CsvError::Columns {
+            path: path.to_owned(),
+            row: i + 1,
+            found: record.len(),
+            wanted: N,
+        })?;
+        out.push(row);
+    }
+    if out.is_empty() { Err(CsvError::Empty(path.to_owned())) } else { Ok(out) }
+}
+
+impl CsvFlight {
+    /// Reads `imu.csv`, `truth.csv` and the named file of fixes.
+    ///
+    /// # Errors
+    /// A file that is missing, not numeric, too narrow or empty.
+    pub fn read(folder: &Path, fixes: &str) -> Result<Self, CsvError> {
+        let imu = rows::<7>(&folder.join("imu.csv"))?
+            .into_iter()
+            .map(|[t_s, wx, wy, wz, fx, fy, fz]| ImuSample {
+                t_s,
+                gyro: Vector3::new(wx, wy, wz),
+                accel: Vector3::new(fx, fy, fz),
+                temperature_degc: None,
+            })
+            .collect();
+        let fixes = rows::<13>(&folder.join(fixes))?
+            .into_iter()
+            .map(|r| GnssFix {
+                t_s: r[0],
+                position: Geodetic::from_degrees(r[1], r[2], r[3]),
+                velocity: FixVelocity::Full([r[4], r[5], r[6]]),
+                position_sigma_m: Some([r[7], r[8], r[9]]),
+                velocity_sigma_m_per_s: Some([r[10], r[11], r[12]]),
+                yaw_rad: None,
+            })
+            .collect();
+        let truth = rows::<10>(&folder.join("truth.csv"))?
+            .into_iter()
+            .map(|r| TruthRow {
+                t_s: r[0],
+                place: Geodetic::from_degrees(r[1], r[2], r[3]),
+                v_n: Vector3::new(r[4], r[5], r[6]),
+                euler: Vector3::new(r[7], r[8], r[9]).map(f64::to_radians),
+            })
+            .collect();
+        Ok(Self { imu, fixes, truth })
+    }
+}
+
+/// How a set is to be run.
+#[derive(Debug, Clone)]
+pub struct Setup {
+    /// Name on the command line.
+    pub name: &'static str,
+    /// Folder below the folder of recorded flights.
+    pub folder: &'static str,
+    /// File of fixes.
+    pub fixes: &'static str,
+    /// Model.
+    pub model: Model,
+    /// Errors count from here on, s after the start.
+    pub settle_s: f64,
+    /// The best of the other filters in each figure: position, velocity, attitude.
+    pub others: [[f64; 3]; 3],
+}
+
+/// Accuracy of one run.
+#[derive(Debug, Clone, Serialize)]
+pub struct Accuracy {
+    /// Set.
+    pub set: &'static str,
+    /// RMS north, east, down, m.
+    pub position_rms_m: [f64; 3],
+    /// RMS north, east, down, m/s.
+    pub velocity_rms_m_per_s: [f64; 3],
+    /// RMS roll, pitch, yaw, deg.
+    pub attitude_rms_deg: [f64; 3],
+    /// The best of the other filters (data/README.md), same order.
+    pub best_of_others: [[f64; 3]; 3],
+    /// Mean NIS per degree of freedom.
+    pub nis_mean_per_dof: f64,
+    /// Truth epochs compared.
+    pub epochs: u64,
+    /// Final estimates of the constant states: name, value, sigma, unit.
+    pub parameters: Vec<(String, f64, f64, &'static str)>,
+}
+
+/// The recorded sets and the settings that `data/README.md` states for them.
+///
+/// # Errors
+/// An unknown name.
+pub fn setup(name: &str) -> Result<Setup, CsvError> {
+    let mut model = Model::default().with_g(GElements::None, None);
+    match name {
+        "qdr" => {
+            model.imu.gyro_noise = 0.02_f64.to_radians();
+            model.imu.accel_noise = 0.05;
+            model.imu.gyro_bias_sigma = 1.0_f64.to_radians();
+            model.imu.accel_bias_sigma = 0.6;
+            Ok(Setup {
+                name: "qdr",
+                folder: "qdr_p4rtk_xsensdot",
+                fixes: "gps_1hz_noisy.csv",
+                model,
+                settle_s: 10.0,
+                others: [[0.37, 0.48, 0.69], [0.11, 0.14, 0.08], [1.15, 0.47, 0.63]],
+            })
+        }
+        "sim_thor" => {
+            model.imu.gyro_noise = 0.01_f64.to_radians();
+            model.imu.accel_noise = 0.003;
+            model.imu.gyro_bias_sigma = 0.5_f64.to_radians();
+            model.imu.accel_bias_sigma = 0.2;
+            for effect in [
+                &effects::GyroScaleFactor as &dyn effects::Effect,
+                &effects::AccelScaleFactor,
+                &effects::GyroMisalignment,
+                &effects::AccelMisalignment,
+            ] {
+                let mut setting = EffectSetting::unknown(match effects::find(effect.name()) {
+                    Some(e) => e,
+                    None => continue,
+                });
+                setting.sigmas.fill(0.006);
+                model.set(setting);
+            }
+            Ok(Setup {
+                name: "sim_thor",
+                folder: "sim_thor_traj_mems",
+                fixes: "gps.csv",
+                model,
+                settle_s: 30.0,
+                others: [[0.21, 0.23, 0.18], [0.038, 0.037, 0.019], [0.10, 0.06, 0.15]],
+            })
+        }
+        other => Err(CsvError::UnknownSet(other.to_owned())),
+    }
+}
+
+/// 1-sigma of the start: 3 m, 0.5 m/s, 3/3/5° (data/README.md).
+const START_SIGMAS: ([f64; 3], [f64; 3], [f64; 3]) = ([3.0; 3], [0.5; 3], [3.0, 3.0, 5.0]);
+
+/// Runs the filter over a set.
+pub fn run(flight: &CsvFlight, setup: &Setup) -> Accuracy {
+    let first = flight.truth[0];
+    let initial = Initial {
+        t_s: first.t_s,
+        nav: NavState::from_ned(
+            first.place,
+            &first.v_n,
+            &c_nb_from_euler(first.euler.x, first.euler.y, first.euler.z),
+        ),
+        position_sigma_m: START_SIGMAS.0,
+        velocity_sigma_m_per_s: START_SIGMAS.1,
+        attitude_sigma_rad: START_SIGMAS.2.map(f64::to_radians),
+    };
+    let mut filter = Filter::new(&setup.model, &initial);
+    filter.set_stream(SampleKind::IntervalMean, (0.0, 0.0));
+    let mut fusion = Fusion::new(filter);
+    let (mut position, mut velocity, mut attitude) = (Rms3::default(), Rms3::default(), Rms3::default());
+    let (mut nis, mut dof) = (0.0, 0usize);
+    let mut fixes = flight.fixes.iter().filter(|f| f.t_s > first.t_s).peekable();
+    let mut truth = flight.truth.iter().peekable();
+    for sample in flight.imu.iter().filter(|s| s.t_s > first.t_s) {
+        while let Some(fix) = fixes.next_if(|f| f.t_s <= sample.t_s) {
+            fusion.push_fix(*fix);
+        }
+        fusion.push_imu(*sample);
+        while let Some(outcome) = fusion.poll() {
+            nis += outcome.position.nis + outcome.velocity.nis;
+            dof += outcome.position.dof + outcome.velocity.dof;
+        }
+        while let Some(row) = truth.next_if(|r| r.t_s <= sample.t_s + 1e-9) {
+            // The last sample before the epoch is at most one interval old.
+            if row.t_s - first.t_s < setup.settle_s || sample.t_s - row.t_s > 0.02 {
+                continue;
+            }
+            let state = fusion.predicted();
+            let nav = state.nav();
+            let behind = state.t_s() - row.t_s;
+            let v_n = nav.v_n();
+            let c_ne = row.place.c_en().transpose();
+            position.add((c_ne * (nav.r_e - row.place.to_ecef()) - v_n * behind).into());
+            velocity.add((v_n - row.v_n).into());
+            attitude.add((nav.euler() - row.euler).map(|a| wrap_pi(a).to_degrees()).into());
+        }
+    }
+    let filter = fusion.filter();
+    let parameters = filter
+        .layout()
+        .names()
+        .iter()
+        .enumerate()
+        .map(|(i, s)| {
+            let state = i + gaware_nav::filter::layout::index::GYRO_BIAS;
+            let value = filter.calibration().get(filter.layout(), state) / s.unit.si;
+            (s.name.to_owned(), value, filter.covariance().sigma(state) / s.unit.si, s.unit.symbol)
+        })
+        .collect();
+    Accuracy {
+        set: setup.name,
+        position_rms_m: position.value(),
+        velocity_rms_m_per_s: velocity.value(),
+        attitude_rms_deg: attitude.value(),
+        best_of_others: setup.others,
+        nis_mean_per_dof: nis / dof.max(1) as f64,
+        epochs: position.count(),
+        parameters,
+    }
+}
