@@ -13,6 +13,9 @@ use nalgebra::{Matrix3, Vector3};
 const SEGMENTS: u32 = 2;
 /// Progress of (b) and (c) as long as all came from one segment.
 const ONE_SEGMENT_ONLY: f64 = 0.9;
+/// However quiet the gyros, a change must be worth half a m/s² held for four seconds, (m/s²)² s: less is what speed
+/// (Coriolis), trim and fuel do by themselves.
+const LEAST_NEEDED: f64 = 1.0;
 /// Names of the body axes, as pilots say them.
 const AXES: [&str; 3] = ["forward", "right", "down"];
 
@@ -39,7 +42,7 @@ impl ConditionSettings {
 
     /// Gram along a direction that reaches the target, (m/s²)² s.
     pub fn needed(&self) -> f64 {
-        (self.gyro_noise / self.target_sigma).powi(2).max(f64::MIN_POSITIVE)
+        (self.gyro_noise / self.target_sigma).powi(2).max(LEAST_NEEDED)
     }
 }
 
