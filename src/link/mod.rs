@@ -3,5 +3,10 @@
 //! Everything that decides anything is a state machine without sockets or clocks; the tasks around them only move
 //! bytes.
 
+pub mod address;
+pub mod endpoint;
 pub mod frame;
 pub mod framer;
+pub mod heartbeat;
+pub mod rates;
+pub mod timesync;
