@@ -6,4 +6,5 @@ pub mod engine;
 pub mod link;
 pub mod logs;
 pub mod sensors;
+pub mod sinks;
 pub mod study;

@@ -4,7 +4,10 @@
 //! the autopilot's own sensor messages give samples. Damage is skipped and counted, never fatal while anything can be
 //! read.
 
+pub mod dataflash;
+pub mod mcap;
 pub mod tlog;
+pub mod ulog;
 
 use crate::link::frame::Frame;
 use gaware_nav::sample::Sample;
@@ -111,6 +114,9 @@ pub enum LogError {
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 enum Format {
     Tlog,
+    Mcap,
+    Dataflash,
+    Ulog,
 }
 
 /// Opens a log of any known format. The content decides; the extension only where the content says nothing.
@@ -129,6 +135,9 @@ pub fn open(path: &Path) -> Result<Box<dyn LogReader>, LogError> {
     let file = File::open(path).map_err(failed)?;
     match format_of(&head, path) {
         Some(Format::Tlog) => Ok(Box::new(tlog::TlogReader::new(file, total))),
+        Some(Format::Mcap) => Ok(Box::new(mcap::McapReader::new(file, total))),
+        Some(Format::Dataflash) => Ok(Box::new(dataflash::DataflashReader::new(file, total))),
+        Some(Format::Ulog) => Ok(Box::new(ulog::UlogReader::new(file, total))),
         None => Err(LogError::UnknownFormat(path.to_owned())),
     }
 }
@@ -136,6 +145,9 @@ pub fn open(path: &Path) -> Result<Box<dyn LogReader>, LogError> {
 fn format_of(head: &[u8], path: &Path) -> Option<Format> {
     let extension = path.extension().and_then(|e| e.to_str()).map(str::to_ascii_lowercase);
     match head {
+        head if head.starts_with(mcap::MAGIC) => Some(Format::Mcap),
+        head if head.starts_with(ulog::MAGIC) => Some(Format::Ulog),
+        head if head.starts_with(&dataflash::MAGIC) => Some(Format::Dataflash),
         [_, _, _, _, _, _, _, _, 0xFD | 0xFE, ..] => Some(Format::Tlog),
         _ => match extension.as_deref() {
             Some("tlog") => Some(Format::Tlog),
@@ -143,3 +155,6 @@ fn format_of(head: &[u8], path: &Path) -> Option<Format> {
         },
     }
 }
+
+#[cfg(test)]
+mod tests;
