@@ -3,4 +3,8 @@
 //! The library holds everything the binary does, so that tests and benches drive the same code.
 
 pub mod engine;
+pub mod link;
+pub mod logs;
+pub mod sensors;
+pub mod sinks;
 pub mod study;

@@ -1,0 +1,143 @@
+//! Addresses of links as users write them: `serial:/dev/ttyAMA0:921600`, `udpin:0.0.0.0:14550`, `udpout:HOST:PORT`,
+//! `tcpout:HOST:PORT`.
+
+use serde::Serialize;
+use std::fmt;
+use std::net::SocketAddr;
+use std::str::FromStr;
+
+/// Baud rate of a serial address without one: the usual setting of a companion port is faster, but this one is
+/// the firmware's default.
+const DEFAULT_BAUD: u32 = 57_600;
+
+/// Where a link leads.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize)]
+#[serde(into = "String")]
+pub enum Address {
+    /// A serial port or a pseudo-terminal.
+    Serial {
+        /// Device.
+        path: String,
+        /// Bits per second.
+        baud: u32,
+    },
+    /// Waits for datagrams; answers whoever sent some lately.
+    UdpIn(SocketAddr),
+    /// Sends datagrams to a host.
+    UdpOut(String),
+    /// Connects to a host.
+    TcpOut(String),
+}
+
+/// Why an address is none.
+#[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
+pub enum AddressError {
+    /// No kind before the first colon.
+    #[error(
+        "\"{0}\" is no address; write serial:/dev/ttyAMA0:921600, udpin:0.0.0.0:14550, udpout:HOST:PORT or tcpout:HOST:PORT"
+    )]
+    Kind(String),
+    /// A host without a port or the other way round.
+    #[error("\"{0}\" needs a host and a port from 1 to 65535, as in {1}:192.168.1.10:14550")]
+    HostPort(String, &'static str),
+    /// `udpin` binds a local address, not a name.
+    #[error("udpin waits on a local IP address and port, as in udpin:0.0.0.0:14550; \"{0}\" is none")]
+    Local(String),
+    /// No device.
+    #[error("serial needs a device and a baud rate, as in serial:/dev/ttyAMA0:921600; found \"{0}\"")]
+    Device(String),
+    /// Not a rate.
+    #[error("\"{0}\" is no baud rate; usual ones are 57600, 115200 and 921600")]
+    Baud(String),
+}
+
+impl FromStr for Address {
+    type Err = AddressError;
+
+    fn from_str(s: &str) -> Result<Self, Self::Err> {
+        let (kind, rest) = s.split_once(':').ok_or_else(|| AddressError::Kind(s.to_owned()))?;
+        match kind {
+            "serial" => serial(rest),
+            "udpin" => rest.parse().map(Self::UdpIn).map_err(|_| AddressError::Local(rest.to_owned())),
+            "udpout" => host_port(rest, "udpout").map(Self::UdpOut),
+            "tcpout" => host_port(rest, "tcpout").map(Self::TcpOut),
+            _ => Err(AddressError::Kind(s.to_owned())),
+        }
+    }
+}
+
+fn serial(rest: &str) -> Result<Address, AddressError> {
+    let (path, baud) = match rest.rsplit_once(':') {
+        None => (rest, DEFAULT_BAUD),
+        Some((path, baud)) => match baud.parse() {
+            Ok(baud) if baud > 0 => (path, baud),
+            _ => return Err(AddressError::Baud(baud.to_owned())),
+        },
+    };
+    if path.is_empty() {
+        return Err(AddressError::Device(rest.to_owned()));
+    }
+    Ok(Address::Serial { path: path.to_owned(), baud })
+}
+
+fn host_port(rest: &str, kind: &'static str) -> Result<String, AddressError> {
+    match rest.rsplit_once(':') {
+        Some((host, port)) if !host.is_empty() && port.parse::<u16>().is_ok_and(|p| p != 0) => {
+            Ok(rest.to_owned())
+        }
+        _ => Err(AddressError::HostPort(rest.to_owned(), kind)),
+    }
+}
+
+impl fmt::Display for Address {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::Serial { path, baud } => write!(f, "serial:{path}:{baud}"),
+            Self::UdpIn(address) => write!(f, "udpin:{address}"),
+            Self::UdpOut(host) => write!(f, "udpout:{host}"),
+            Self::TcpOut(host) => write!(f, "tcpout:{host}"),
+        }
+    }
+}
+
+impl From<Address> for String {
+    fn from(address: Address) -> Self {
+        address.to_string()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn addresses_read_back_as_written() {
+        for text in [
+            "serial:/dev/ttyAMA0:921600",
+            "udpin:0.0.0.0:14550",
+            "udpin:[::1]:14550",
+            "udpout:gcs.local:14550",
+            "tcpout:127.0.0.1:5760",
+        ] {
+            assert_eq!(text.parse::<Address>().map(|a| a.to_string()).as_deref(), Ok(text));
+        }
+        assert_eq!("serial:/dev/pts/3".parse::<Address>().unwrap().to_string(), "serial:/dev/pts/3:57600");
+    }
+
+    #[test]
+    fn a_wrong_address_says_what_is_wrong() {
+        for (text, word) in [
+            ("/dev/ttyAMA0", "serial:/dev"),
+            ("usb:/dev/x", "udpin"),
+            ("serial:/dev/ttyAMA0:fast", "baud"),
+            ("serial::57600", "device"),
+            ("udpin:localhost:14550", "local IP"),
+            ("udpout:14550", "host and a port"),
+            ("tcpout:host:0", "host and a port"),
+            ("tcpout:host:70000", "host and a port"),
+        ] {
+            let message = text.parse::<Address>().unwrap_err().to_string();
+            assert!(message.contains(word), "{text}: {message}");
+        }
+    }
+}

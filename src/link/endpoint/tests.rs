@@ -1,0 +1,117 @@
+//! Endpoints over real sockets and a pseudo-terminal.
+
+use super::*;
+use crate::link::heartbeat::{Voice, heartbeat};
+use std::net::Ipv4Addr;
+use tokio::net::TcpListener;
+use tokio::time::timeout;
+
+const PATIENCE: Duration = Duration::from_secs(20);
+
+fn start(address: &str) -> Links {
+    Links::start(&[address.parse().unwrap()], ReceiveClock::start(), &CancellationToken::new())
+}
+
+fn beats(n: usize) -> Vec<Frame> {
+    let mut voice = Voice::new();
+    (0..n).map(|_| voice.say(&heartbeat(true))).collect()
+}
+
+async fn next(links: &mut Links) -> Frame {
+    timeout(PATIENCE, links.next()).await.expect("a frame in time").expect("links run").frame
+}
+
+async fn is_up(links: &Links, openings: u64) {
+    let mut watch = links.handles()[0].watch();
+    timeout(PATIENCE, watch.wait_for(|s| s.up && s.openings >= openings)).await.expect("up in time").unwrap();
+}
+
+#[tokio::test]
+async fn tcp_reconnects_after_the_other_side_closes() {
+    let listener = TcpListener::bind((Ipv4Addr::LOCALHOST, 0)).await.unwrap();
+    let mut links = start(&format!("tcpout:{}", listener.local_addr().unwrap()));
+    let frames = beats(2);
+    for (k, frame) in frames.iter().enumerate() {
+        let (mut socket, _) = timeout(PATIENCE, listener.accept()).await.unwrap().unwrap();
+        socket.write_all(frame.raw()).await.unwrap();
+        assert_eq!(next(&mut links).await, *frame);
+        is_up(&links, k as u64 + 1).await;
+        // And the way back.
+        links.broadcast(frame);
+        let mut back = vec![0; frame.raw().len()];
+        timeout(PATIENCE, socket.read_exact(&mut back)).await.unwrap().unwrap();
+        assert_eq!(&back[..], &frame.raw()[..]);
+    }
+    assert_eq!(links.handles()[0].status().framer.frames, 2);
+    links.stop().await;
+}
+
+#[tokio::test]
+async fn a_udp_peer_may_change_its_port() {
+    let free = UdpSocket::bind((Ipv4Addr::LOCALHOST, 0)).await.unwrap();
+    let address = free.local_addr().unwrap();
+    drop(free);
+    let mut links = start(&format!("udpin:{address}"));
+    is_up(&links, 1).await;
+    for frame in beats(2) {
+        let vehicle = UdpSocket::bind((Ipv4Addr::LOCALHOST, 0)).await.unwrap();
+        vehicle.send_to(frame.raw(), address).await.unwrap();
+        assert_eq!(next(&mut links).await, frame);
+        links.broadcast(&frame);
+        let mut bytes = [0; 300];
+        let n = timeout(PATIENCE, vehicle.recv(&mut bytes)).await.unwrap().unwrap();
+        assert_eq!(&bytes[..n], &frame.raw()[..]);
+    }
+    links.stop().await;
+}
+
+#[tokio::test]
+async fn udp_out_speaks_first_and_hears_the_answer() {
+    let station = UdpSocket::bind((Ipv4Addr::LOCALHOST, 0)).await.unwrap();
+    let mut links = start(&format!("udpout:{}", station.local_addr().unwrap()));
+    is_up(&links, 1).await;
+    let frame = beats(1).remove(0);
+    links.broadcast(&frame);
+    let mut bytes = [0; 300];
+    let (n, from) = timeout(PATIENCE, station.recv_from(&mut bytes)).await.unwrap().unwrap();
+    station.send_to(&bytes[..n], from).await.unwrap();
+    assert_eq!(next(&mut links).await, frame);
+    links.stop().await;
+}
+
+#[tokio::test]
+async fn a_serial_port_that_does_not_exist_says_so_and_is_tried_again() {
+    let links = start("serial:/dev/gaware-no-such-port:57600");
+    let mut watch = links.handles()[0].watch();
+    let status = timeout(PATIENCE, watch.wait_for(|s| s.problem.contains("no-such-port")))
+        .await
+        .unwrap()
+        .unwrap()
+        .clone();
+    assert!(!status.up);
+    links.stop().await;
+}
+
+#[tokio::test]
+async fn a_full_reply_queue_drops_and_counts() {
+    let links = start("serial:/dev/gaware-no-such-port:57600");
+    let frame = beats(1).remove(0);
+    for _ in 0..REPLIES_AHEAD + 10 {
+        links.broadcast(&frame);
+    }
+    assert_eq!(links.handles()[0].dropped(), 10);
+    links.stop().await;
+}
+
+#[tokio::test]
+async fn a_pseudo_terminal_is_a_serial_port() {
+    let (mut vehicle, ours) = tokio_serial::SerialStream::pair().unwrap();
+    let path = tokio_serial::SerialPort::name(&ours).unwrap();
+    let mut links = start(&format!("serial:{path}:57600"));
+    is_up(&links, 1).await;
+    for frame in beats(3) {
+        vehicle.write_all(frame.raw()).await.unwrap();
+        assert_eq!(next(&mut links).await, frame);
+    }
+    links.stop().await;
+}

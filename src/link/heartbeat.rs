@@ -1,0 +1,86 @@
+//! Who we are on the link: an onboard computer of the vehicle.
+
+use super::frame::{Frame, Sender};
+use mavlink::dialects::ardupilotmega::{
+    HEARTBEAT_DATA, MavAutopilot, MavMessage, MavModeFlag, MavState, MavType,
+};
+
+/// `MAV_COMP_ID_ONBOARD_COMPUTER`.
+pub const COMPONENT: u8 = 191;
+const PERIOD_US: u64 = 1_000_000;
+
+/// The heartbeat of a companion. `healthy` is whether the estimator runs.
+pub fn heartbeat(healthy: bool) -> MavMessage {
+    MavMessage::HEARTBEAT(HEARTBEAT_DATA {
+        custom_mode: 0,
+        mavtype: MavType::MAV_TYPE_ONBOARD_CONTROLLER,
+        autopilot: MavAutopilot::MAV_AUTOPILOT_INVALID,
+        base_mode: MavModeFlag::empty(),
+        system_status: if healthy { MavState::MAV_STATE_ACTIVE } else { MavState::MAV_STATE_STANDBY },
+        mavlink_version: 3,
+    })
+}
+
+/// Numbers our frames, and knows when the next heartbeat is due.
+#[derive(Debug, Clone)]
+pub struct Voice {
+    sender: Sender,
+    sequence: u8,
+    next_us: Option<u64>,
+}
+
+impl Voice {
+    /// A companion of no vehicle yet: system 1 until one is known.
+    pub fn new() -> Self {
+        Self { sender: Sender { system_id: 1, component_id: COMPONENT }, sequence: 0, next_us: None }
+    }
+
+    /// Takes the vehicle's system id.
+    pub fn belongs_to(&mut self, system_id: u8) {
+        self.sender.system_id = system_id;
+    }
+
+    /// Who we are.
+    pub fn sender(&self) -> Sender {
+        self.sender
+    }
+
+    /// The next frame with this message.
+    pub fn say(&mut self, message: &MavMessage) -> Frame {
+        let frame = Frame::encode(self.sender, self.sequence, message);
+        self.sequence = self.sequence.wrapping_add(1);
+        frame
+    }
+
+    /// A heartbeat when one is due, once a second.
+    pub fn poll(&mut self, now_us: u64, healthy: bool) -> Option<Frame> {
+        if self.next_us.is_some_and(|t| now_us < t) {
+            return None;
+        }
+        self.next_us = Some(now_us + PERIOD_US);
+        Some(self.say(&heartbeat(healthy)))
+    }
+}
+
+impl Default for Voice {
+    fn default() -> Self {
+        Self::new()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn one_heartbeat_a_second_with_running_numbers() {
+        let mut voice = Voice::new();
+        voice.belongs_to(7);
+        let frames: Vec<_> = (0..50).filter_map(|k| voice.poll(k * 100_000, true)).collect();
+        assert_eq!(frames.len(), 5);
+        assert_eq!(frames.iter().map(|f| f.sequence).collect::<Vec<_>>(), vec![0, 1, 2, 3, 4]);
+        assert!(frames.iter().all(|f| (f.system_id, f.component_id) == (7, 191)));
+        let MavMessage::HEARTBEAT(m) = frames[0].decode().unwrap() else { panic!("no heartbeat") };
+        assert_eq!((m.mavtype as u32, m.autopilot as u32), (18, 8));
+    }
+}

@@ -1,0 +1,263 @@
+//! Recordings of gaware (`.mcap`): the frames in the order in which they were recorded.
+//!
+//! The file is taken apart record by record, and each chunk is checked as a whole before anything in it is believed. A
+//! damaged chunk is skipped and the next one looked for; a file without its end (a power cut) gives all its finished
+//! chunks.
+
+use super::{Damage, Item, LogError, LogReader, Progress, Record};
+use crate::link::frame::Frame;
+use crate::sinks::recorder::{FRAME_TOPIC, SETUP_METADATA, Setup};
+use bytes::Bytes;
+use mcap::records::{Record as McapRecord, op};
+use mcap::sans_io::linear_reader::{LinearReadEvent, LinearReader, LinearReaderOptions};
+use std::collections::{BTreeMap, VecDeque};
+use std::fs::File;
+use std::io::{BufReader, Read, Seek, SeekFrom};
+use std::path::Path;
+
+/// First bytes of every MCAP file.
+pub const MAGIC: &[u8; 8] = b"\x89MCAP0\r\n";
+const HEADER_LEN: u64 = 9;
+/// Longer records are damage: a second of flight is some 100 kB.
+const RECORD_LIMIT: usize = 64 * 1024 * 1024;
+/// Where the name of the compression stands behind the start of a chunk record: opcode, length, two times, size, CRC.
+const NAME_IN_CHUNK: usize = 1 + 8 + 8 + 8 + 8 + 4;
+const CHUNK_NAME: &[u8] = b"\x04\0\0\0zstd";
+
+/// Reads the frames of a recording.
+pub struct McapReader {
+    file: BufReader<File>,
+    position: u64,
+    progress: Progress,
+    damage: Damage,
+    topics: BTreeMap<u16, String>,
+    queue: VecDeque<Record>,
+    records: u64,
+    finished: bool,
+}
+
+/// A top-level record.
+enum Top {
+    Record(u8, Vec<u8>),
+    /// No record can start here.
+    Damaged,
+    End,
+}
+
+impl McapReader {
+    /// Starts behind the magic.
+    pub fn new(file: File, total_bytes: u64) -> Self {
+        Self {
+            file: BufReader::with_capacity(256 * 1024, file),
+            position: 0,
+            progress: Progress { read_bytes: 0, total_bytes },
+            damage: Damage::default(),
+            topics: BTreeMap::new(),
+            queue: VecDeque::new(),
+            records: 0,
+            finished: false,
+        }
+    }
+
+    fn failed(&self, source: std::io::Error) -> LogError {
+        LogError::Read { read_bytes: self.progress.read_bytes, source }
+    }
+
+    fn top(&mut self) -> Result<Top, LogError> {
+        if self.position == 0 {
+            self.position = MAGIC.len() as u64;
+            self.file.seek(SeekFrom::Start(self.position)).map_err(|e| self.failed(e))?;
+        }
+        let rest = self.progress.total_bytes.saturating_sub(self.position);
+        if rest < HEADER_LEN {
+            self.damage.truncated = true;
+            return Ok(Top::End);
+        }
+        let mut head = [0; HEADER_LEN as usize];
+        self.file.read_exact(&mut head).map_err(|e| self.failed(e))?;
+        let [opcode, length @ ..] = head;
+        let length = u64::from_le_bytes(length);
+        if !(op::HEADER..=op::DATA_END).contains(&opcode)
+            || length > rest - HEADER_LEN
+            || length > RECORD_LIMIT as u64
+        {
+            return Ok(Top::Damaged);
+        }
+        let mut body = vec![0; length as usize];
+        self.file.read_exact(&mut body).map_err(|e| self.failed(e))?;
+        self.position += HEADER_LEN + length;
+        self.progress.read_bytes = self.position;
+        Ok(Top::Record(opcode, body))
+    }
+
+    /// Goes to the next place behind the present one that looks like the start of a chunk.
+    fn find_chunk(&mut self) -> Result<bool, LogError> {
+        let from = self.position + 1;
+        self.file.seek(SeekFrom::Start(from)).map_err(|e| self.failed(e))?;
+        let (mut window, mut base) = (Vec::new(), from);
+        loop {
+            let old = window.len();
+            window.resize(old + 64 * 1024, 0);
+            let n = self.file.read(window.get_mut(old..).unwrap_or_default()).map_err(|e| self.failed(e))?;
+            window.truncate(old + n);
+            let hits = window.windows(CHUNK_NAME.len()).enumerate().filter(|(_, w)| *w == CHUNK_NAME);
+            let starts = hits.filter_map(|(k, _)| k.checked_sub(NAME_IN_CHUNK));
+            let found = starts.into_iter().find(|k| window.get(*k) == Some(&op::CHUNK));
+            if let Some(k) = found {
+                self.damage.skipped_bytes += base + k as u64 - self.position;
+                self.position = base + k as u64;
+                self.file.seek(SeekFrom::Start(self.position)).map_err(|e| self.failed(e))?;
+                return Ok(true);
+            }
+            if n == 0 {
+                self.damage.skipped_bytes += self.progress.total_bytes.saturating_sub(self.position);
+                self.damage.truncated = true;
+                return Ok(false);
+            }
+            let keep = (NAME_IN_CHUNK + CHUNK_NAME.len()).min(window.len());
+            base += (window.len() - keep) as u64;
+            window.drain(..window.len() - keep);
+        }
+    }
+
+    /// Reads on until frames are queued; false at the end.
+    fn more(&mut self) -> Result<bool, LogError> {
+        while self.queue.is_empty() {
+            let start = self.position.max(MAGIC.len() as u64);
+            match self.top()? {
+                Top::End => return Ok(false),
+                Top::Record(op::DATA_END | op::FOOTER, _) => return Ok(false),
+                Top::Record(op::CHUNK, body) => {
+                    if self.chunk(&body).is_none() {
+                        self.damage.bad_records += 1;
+                        self.position = start;
+                        if !self.find_chunk()? {
+                            return Ok(false);
+                        }
+                    }
+                }
+                Top::Record(opcode, body) => self.entry(opcode, &body),
+                Top::Damaged => {
+                    self.position = start;
+                    if !self.find_chunk()? {
+                        return Ok(false);
+                    }
+                }
+            }
+        }
+        Ok(true)
+    }
+
+    /// Takes a chunk in; nothing when its checksum or its content is wrong.
+    fn chunk(&mut self, body: &[u8]) -> Option<()> {
+        let mut record = Vec::with_capacity(body.len() + HEADER_LEN as usize);
+        record.push(op::CHUNK);
+        record.extend((body.len() as u64).to_le_bytes());
+        record.extend_from_slice(body);
+        let mut reader = LinearReader::new_with_options(
+            LinearReaderOptions::default()
+                .with_skip_start_magic(true)
+                .with_skip_end_magic(true)
+                .with_prevalidate_chunk_crcs(true)
+                .with_record_length_limit(RECORD_LIMIT),
+        );
+        let mut rest = record.as_slice();
+        let mut entries = Vec::new();
+        while let Some(event) = reader.next_event() {
+            match event.ok()? {
+                LinearReadEvent::ReadRequest(wanted) => {
+                    let (now, later) = rest.split_at(wanted.min(rest.len()));
+                    reader.insert(now.len()).copy_from_slice(now);
+                    reader.notify_read(now.len());
+                    rest = later;
+                }
+                LinearReadEvent::Record { data, opcode } => entries.push((opcode, data.to_vec())),
+            }
+        }
+        for (opcode, data) in entries {
+            self.entry(opcode, &data);
+        }
+        Some(())
+    }
+
+    fn entry(&mut self, opcode: u8, body: &[u8]) {
+        if !matches!(opcode, op::CHANNEL | op::MESSAGE) {
+            return;
+        }
+        match mcap::parse_record(opcode, body) {
+            Ok(McapRecord::Channel(channel)) => {
+                self.topics.insert(channel.id, channel.topic);
+            }
+            Ok(McapRecord::Message { header, data }) => {
+                let frames = self.topics.get(&header.channel_id).is_some_and(|t| t.starts_with(FRAME_TOPIC));
+                if !frames {
+                    return;
+                }
+                match Frame::parse(Bytes::copy_from_slice(&data)) {
+                    Ok(frame) => {
+                        self.queue
+                            .push_back(Record { t_us: header.log_time / 1000, item: Item::Frame(frame) });
+                    }
+                    Err(_) => self.damage.bad_records += 1,
+                }
+            }
+            Ok(_) => {}
+            Err(_) => self.damage.bad_records += 1,
+        }
+    }
+}
+
+impl Iterator for McapReader {
+    type Item = Result<Record, LogError>;
+
+    fn next(&mut self) -> Option<Self::Item> {
+        if self.finished {
+            return None;
+        }
+        match self.more() {
+            Ok(true) => {
+                self.records += 1;
+                self.queue.pop_front().map(Ok)
+            }
+            Ok(false) => {
+                self.finished = true;
+                let bytes = self.progress.total_bytes;
+                self.progress.read_bytes = bytes;
+                (self.records == 0).then_some(Err(LogError::NothingReadable { format: "mcap", bytes }))
+            }
+            Err(e) => {
+                self.finished = true;
+                Some(Err(e))
+            }
+        }
+    }
+}
+
+impl LogReader for McapReader {
+    fn progress(&self) -> Progress {
+        self.progress
+    }
+
+    fn damage(&self) -> Damage {
+        self.damage
+    }
+}
+
+/// The set-up of a recording: model, converter options, links. Nothing where the file is none of gaware's, or its
+/// beginning is damaged.
+pub fn recorded_setup(path: &Path) -> Option<Setup> {
+    let file = File::open(path).ok()?;
+    let total = file.metadata().ok()?.len();
+    let mut reader = McapReader::new(file, total);
+    // It stands among the first records.
+    for _ in 0..8 {
+        let Top::Record(opcode, body) = reader.top().ok()? else { return None };
+        if opcode == op::METADATA
+            && let Ok(McapRecord::Metadata(m)) = mcap::parse_record(opcode, &body)
+            && m.name == SETUP_METADATA
+        {
+            return serde_json::from_str(m.metadata.get("json")?).ok();
+        }
+    }
+    None
+}

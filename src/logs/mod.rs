@@ -1,0 +1,160 @@
+//! Recorded flights of every format as one stream of records.
+//!
+//! Formats that hold MAVLink frames give frames, which take the same way as those of a live link; formats that hold
+//! the autopilot's own sensor messages give samples. Damage is skipped and counted, never fatal while anything can be
+//! read.
+
+pub mod dataflash;
+pub mod mcap;
+pub mod tlog;
+pub mod ulog;
+
+use crate::link::frame::Frame;
+use gaware_nav::sample::Sample;
+use serde::Serialize;
+use std::fs::File;
+use std::io::Read;
+use std::path::{Path, PathBuf};
+
+/// One entry of a log.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Record {
+    /// When it was received or logged, µs: Unix time in logs of links, boot time in logs of autopilots.
+    pub t_us: u64,
+    /// What.
+    pub item: Item,
+}
+
+/// What an entry of a log is.
+#[derive(Debug, Clone, PartialEq)]
+pub enum Item {
+    /// A MAVLink frame, still to be converted.
+    Frame(Frame),
+    /// A sample as it goes to the engine.
+    Sample(Sample),
+}
+
+/// How far a reader is.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub struct Progress {
+    /// Bytes consumed.
+    pub read_bytes: u64,
+    /// Bytes of the file.
+    pub total_bytes: u64,
+}
+
+/// What a reader could not use.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize)]
+pub struct Damage {
+    /// Bytes that belong to no entry.
+    pub skipped_bytes: u64,
+    /// Entries with a wrong checksum or content.
+    pub bad_records: u64,
+    /// Messages outside the dialect.
+    pub unknown_messages: u64,
+    /// Whether the file ends in the middle of an entry.
+    pub truncated: bool,
+}
+
+impl Damage {
+    /// Whether anything was lost (messages outside the dialect are none).
+    pub fn any(&self) -> bool {
+        self.skipped_bytes > 0 || self.bad_records > 0 || self.truncated
+    }
+}
+
+/// A log being read.
+pub trait LogReader: Iterator<Item = Result<Record, LogError>> + Send {
+    /// How far.
+    fn progress(&self) -> Progress;
+    /// What could not be used so far.
+    fn damage(&self) -> Damage;
+    /// The autopilot, where the format itself tells (formats with frames leave it to the heartbeat).
+    fn autopilot(&self) -> Option<&'static str> {
+        None
+    }
+}
+
+/// Why a log cannot be read.
+#[derive(Debug, thiserror::Error)]
+pub enum LogError {
+    /// The file cannot be opened.
+    #[error("cannot open {path}: {source}")]
+    Open {
+        /// File.
+        path: PathBuf,
+        /// What the system said.
+        source: std::io::Error,
+    },
+    /// Reading failed on the way.
+    #[error("reading failed after {read_bytes} bytes: {source}")]
+    Read {
+        /// Bytes consumed before.
+        read_bytes: u64,
+        /// What the system said.
+        source: std::io::Error,
+    },
+    /// Nothing in it.
+    #[error("{0} is empty")]
+    Empty(PathBuf),
+    /// Another format.
+    #[error("{0} is none of the formats gaware reads (.tlog, .bin, .ulg, .mcap)")]
+    UnknownFormat(PathBuf),
+    /// The format was recognised, and not one entry could be read.
+    #[error("no {format} entry could be read in {bytes} bytes: the file is damaged or of another format")]
+    NothingReadable {
+        /// Format that was tried.
+        format: &'static str,
+        /// Bytes looked at.
+        bytes: u64,
+    },
+}
+
+/// The formats.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+enum Format {
+    Tlog,
+    Mcap,
+    Dataflash,
+    Ulog,
+}
+
+/// Opens a log of any known format. The content decides; the extension only where the content says nothing.
+///
+/// # Errors
+/// No such file, an empty one, or one of another format.
+pub fn open(path: &Path) -> Result<Box<dyn LogReader>, LogError> {
+    let failed = |source| LogError::Open { path: path.to_owned(), source };
+    let mut file = File::open(path).map_err(failed)?;
+    let total = file.metadata().map_err(failed)?.len();
+    let mut head = Vec::with_capacity(16);
+    file.by_ref().take(16).read_to_end(&mut head).map_err(failed)?;
+    if head.is_empty() {
+        return Err(LogError::Empty(path.to_owned()));
+    }
+    let file = File::open(path).map_err(failed)?;
+    match format_of(&head, path) {
+        Some(Format::Tlog) => Ok(Box::new(tlog::TlogReader::new(file, total))),
+        Some(Format::Mcap) => Ok(Box::new(mcap::McapReader::new(file, total))),
+        Some(Format::Dataflash) => Ok(Box::new(dataflash::DataflashReader::new(file, total))),
+        Some(Format::Ulog) => Ok(Box::new(ulog::UlogReader::new(file, total))),
+        None => Err(LogError::UnknownFormat(path.to_owned())),
+    }
+}
+
+fn format_of(head: &[u8], path: &Path) -> Option<Format> {
+    let extension = path.extension().and_then(|e| e.to_str()).map(str::to_ascii_lowercase);
+    match head {
+        head if head.starts_with(mcap::MAGIC) => Some(Format::Mcap),
+        head if head.starts_with(ulog::MAGIC) => Some(Format::Ulog),
+        head if head.starts_with(&dataflash::MAGIC) => Some(Format::Dataflash),
+        [_, _, _, _, _, _, _, _, 0xFD | 0xFE, ..] => Some(Format::Tlog),
+        _ => match extension.as_deref() {
+            Some("tlog") => Some(Format::Tlog),
+            _ => None,
+        },
+    }
+}
+
+#[cfg(test)]
+mod tests;

@@ -1,0 +1,128 @@
+//! Opening logs: recorded flights where they are at hand, and files that are none.
+
+use super::*;
+use gaware_nav::sample::FixVelocity;
+
+fn flight(name: &str) -> Option<PathBuf> {
+    let folder = std::env::var_os("GAWARE_FLIGHTS")
+        .map_or_else(|| PathBuf::from(env!("CARGO_MANIFEST_DIR")).join("../shared/data"), PathBuf::from);
+    Some(folder.join(name)).filter(|p| p.exists())
+}
+
+fn samples(path: &Path) -> (Vec<Sample>, Damage) {
+    let mut reader = open(path).unwrap();
+    let samples = reader
+        .by_ref()
+        .filter_map(Result::ok)
+        .filter_map(|r| match r.item {
+            Item::Sample(s) => Some(s),
+            Item::Frame(_) => None,
+        })
+        .collect();
+    assert_eq!(reader.progress().read_bytes, reader.progress().total_bytes);
+    (samples, reader.damage())
+}
+
+struct Counts {
+    imu_hz: f64,
+    fixes: usize,
+    attitudes: usize,
+    restarts: usize,
+    mean_down_g: f64,
+}
+
+fn counts(samples: &[Sample]) -> Counts {
+    assert!(matches!(
+        samples.iter().find(|s| matches!(s, Sample::Stream(_) | Sample::Imu(_))),
+        Some(Sample::Stream(_))
+    ));
+    let imu: Vec<_> =
+        samples.iter().filter_map(|s| if let Sample::Imu(i) = s { Some(i) } else { None }).collect();
+    assert!(imu.windows(2).all(|w| w[1].t_s > w[0].t_s));
+    let count = |f: fn(&Sample) -> bool| samples.iter().filter(|s| f(s)).count();
+    Counts {
+        imu_hz: (imu.len() - 1) as f64 / (imu[imu.len() - 1].t_s - imu[0].t_s),
+        fixes: count(|s| matches!(s, Sample::Fix(_))),
+        attitudes: count(|s| matches!(s, Sample::Attitude(_))),
+        restarts: count(|s| matches!(s, Sample::Restart(_))),
+        mean_down_g: imu.iter().map(|s| s.accel.z).sum::<f64>() / imu.len() as f64 / 9.806_65,
+    }
+}
+
+#[test]
+fn a_dataflash_log_gives_full_rate_samples_and_fixes_with_accuracies() {
+    let Some(path) = flight("sitl_gsens_typical_dither_cut.BIN") else { return };
+    let (samples, damage) = samples(&path);
+    let c = counts(&samples);
+    assert!(!damage.any(), "{damage:?}");
+    assert!((c.imu_hz - 400.0).abs() < 2.0, "{}", c.imu_hz);
+    assert_eq!((c.fixes, c.attitudes, c.restarts), (1050, 1050, 0));
+    assert!((-1.5..-0.9).contains(&c.mean_down_g), "{}", c.mean_down_g);
+    let full = samples.iter().filter(|s| {
+        matches!(s, Sample::Fix(f) if matches!(f.velocity, FixVelocity::Full(_))
+            && f.position_sigma_m.is_some() && f.velocity_sigma_m_per_s.is_some())
+    });
+    assert_eq!(full.count(), 1050);
+}
+
+#[test]
+fn a_dataflash_log_of_an_older_copter_is_read() {
+    let Some(path) = flight("real_copter_sample.BIN") else { return };
+    let c = counts(&samples(&path).0);
+    assert!(c.imu_hz > 20.0 && c.fixes > 300, "{} Hz, {} fixes", c.imu_hz, c.fixes);
+    assert!((-1.1..-0.9).contains(&c.mean_down_g), "{}", c.mean_down_g);
+}
+
+#[test]
+fn px4_logs_give_samples() {
+    for name in ["real_px4_sample.ulg", "real_px4_ekf_failure.ulg"] {
+        let Some(path) = flight(name) else { return };
+        let c = counts(&samples(&path).0);
+        assert!((90.0..260.0).contains(&c.imu_hz), "{name}: {} Hz", c.imu_hz);
+        assert!(c.fixes > 100 && c.attitudes > 100, "{name}: {} fixes, {} attitudes", c.fixes, c.attitudes);
+        assert!((-1.3..-0.7).contains(&c.mean_down_g), "{name}: {}", c.mean_down_g);
+    }
+}
+
+#[test]
+fn cut_logs_of_autopilots_give_what_they_have() {
+    for name in ["real_px4_sample.ulg", "real_copter_sample.BIN"] {
+        let Some(path) = flight(name) else { return };
+        let bytes = std::fs::read(path).unwrap();
+        let cut = std::env::temp_dir().join(format!("gaware-cut-{}-{name}", std::process::id()));
+        std::fs::write(&cut, &bytes[..bytes.len() / 2 + 7]).unwrap();
+        let records = open(&cut).unwrap().filter_map(Result::ok).count();
+        std::fs::remove_file(&cut).unwrap();
+        assert!(records > 1000, "{name}: {records}");
+    }
+}
+
+#[test]
+fn files_that_are_no_logs_are_refused_with_a_sentence() {
+    let folder = std::env::temp_dir().join(format!("gaware-nologs-{}", std::process::id()));
+    std::fs::create_dir_all(&folder).unwrap();
+    let message = |name: &str, bytes: &[u8]| {
+        let path = folder.join(name);
+        std::fs::write(&path, bytes).unwrap();
+        match open(&path) {
+            Err(e) => e.to_string(),
+            Ok(mut reader) => {
+                let error = reader.find_map(Result::err);
+                error.expect("an error").to_string()
+            }
+        }
+    };
+    assert!(message("a.tlog", b"").contains("is empty"));
+    assert!(message("a.txt", b"hello, this is no log at all").contains("none of the formats"));
+    assert!(message("b.tlog", b"hello, this is no log at all").contains("no tlog entry"));
+    assert!(
+        message("a.ulg", b"ULog\x01\x12\x35\x01 and then rubbish, rubbish, rubbish")
+            .contains("no ULog entry")
+    );
+    assert!(
+        message("a.bin", b"\xA3\x95\x01 and then rubbish, rubbish, rubbish").contains("no DataFlash entry")
+    );
+    assert!(message("a.mcap", b"\x89MCAP0\r\nand then rubbish, rubbish, rubbish").contains("no mcap entry"));
+    assert!(open(&folder.join("missing.tlog")).err().unwrap().to_string().contains("missing.tlog"));
+    std::fs::remove_dir_all(&folder).unwrap();
+}

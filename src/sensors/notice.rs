@@ -1,0 +1,97 @@
+//! What the conversion has to tell the user, as values that screens and logs turn into words.
+
+use super::source::{Autopilot, ImuSource};
+use serde::{Deserialize, Serialize};
+use std::fmt;
+
+/// One thing worth telling.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case", tag = "notice")]
+pub enum Notice {
+    /// The vehicle was found.
+    Vehicle {
+        /// System id.
+        system_id: u8,
+        /// Firmware.
+        autopilot: Autopilot,
+    },
+    /// An inertial source was chosen, at the start or in place of another.
+    SourceChosen {
+        /// Message.
+        source: ImuSource,
+        /// Firmware it was chosen for.
+        autopilot: Autopilot,
+    },
+    /// The message asked for by the user does not arrive.
+    SourceAbsent {
+        /// Message.
+        source: ImuSource,
+    },
+    /// The autopilot started anew.
+    Reboot,
+    /// The time base jumped forward, or nothing arrived for long.
+    ClockJump,
+    /// The receiver has no three-dimensional fix.
+    NoFix,
+    /// The receiver has a fix (again).
+    FixGained,
+    /// Inertial samples arrive too slowly to follow a maneuver.
+    RateTooLow {
+        /// Measured, Hz.
+        rate_hz: f64,
+    },
+}
+
+/// How much a notice matters.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Severity {
+    /// For the record.
+    Info,
+    /// The result suffers.
+    Warning,
+}
+
+impl Notice {
+    /// How much it matters.
+    pub fn severity(&self) -> Severity {
+        match self {
+            Self::Vehicle { .. } | Self::FixGained => Severity::Info,
+            Self::SourceChosen { source, autopilot } => match autopilot.consequence(*source) {
+                Some(_) => Severity::Warning,
+                None => Severity::Info,
+            },
+            _ => Severity::Warning,
+        }
+    }
+}
+
+impl fmt::Display for Notice {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::Vehicle { system_id, autopilot } => {
+                write!(f, "vehicle {system_id} found, autopilot {autopilot}")
+            }
+            Self::SourceChosen { source, autopilot } => {
+                write!(f, "inertial samples are taken from {source}")?;
+                match autopilot.consequence(*source) {
+                    Some(text) => write!(f, ": {text}"),
+                    None => Ok(()),
+                }
+            }
+            Self::SourceAbsent { source } => {
+                write!(f, "{source} was asked for and does not arrive; choose another --source")
+            }
+            Self::Reboot => f.write_str("the autopilot rebooted; the motion state starts anew"),
+            Self::ClockJump => {
+                f.write_str("no inertial samples for more than 10 s; the motion state starts anew")
+            }
+            Self::NoFix => f.write_str("the GNSS receiver has no 3-D fix"),
+            Self::FixGained => f.write_str("the GNSS receiver has a 3-D fix"),
+            Self::RateTooLow { rate_hz } => write!(
+                f,
+                "inertial samples arrive at {rate_hz:.0} Hz; at least 50 Hz are needed to follow a maneuver"
+            ),
+        }
+    }
+}

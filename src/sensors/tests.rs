@@ -1,0 +1,251 @@
+//! The converter on made-up frames, then on recorded flights.
+
+use super::*;
+use crate::link::frame::Sender;
+use crate::logs::{self, Item};
+use mavlink::dialects::ardupilotmega::{ATTITUDE_DATA, GpsFixType, RAW_IMU_DATA, SCALED_IMU_DATA};
+use proptest::prelude::*;
+use std::path::PathBuf;
+
+const VEHICLE: Sender = Sender { system_id: 1, component_id: 1 };
+
+struct Bench {
+    converter: Converter,
+    out: Vec<Sample>,
+}
+
+impl Bench {
+    fn new() -> Self {
+        Self { converter: Converter::new(ConverterOptions::default()), out: Vec::new() }
+    }
+
+    fn send_as(&mut self, from: Sender, message: MavMessage) {
+        self.converter.feed(0, &Frame::encode(from, 0, &message), &mut self.out);
+    }
+
+    fn heartbeat(&mut self, from: Sender, autopilot: MavAutopilot, mavtype: MavType) {
+        self.send_as(
+            from,
+            MavMessage::HEARTBEAT(HEARTBEAT_DATA { autopilot, mavtype, ..Default::default() }),
+        );
+    }
+
+    fn ardupilot() -> Self {
+        let mut bench = Self::new();
+        bench.heartbeat(VEHICLE, MavAutopilot::MAV_AUTOPILOT_ARDUPILOTMEGA, MavType::MAV_TYPE_FIXED_WING);
+        bench
+    }
+
+    /// `RAW_IMU` every 20 ms over this span.
+    fn raw_imu(&mut self, span_ms: std::ops::Range<u64>) {
+        for ms in span_ms.step_by(20) {
+            let m = RAW_IMU_DATA { time_usec: ms * 1000, zacc: -1000, ..Default::default() };
+            self.send_as(VEHICLE, MavMessage::RAW_IMU(m));
+        }
+    }
+
+    fn gps(&mut self, ms: u64, fix_type: GpsFixType) {
+        let m = GPS_RAW_INT_DATA {
+            time_usec: ms * 1000,
+            lat: 473_977_420,
+            lon: 85_455_940,
+            fix_type,
+            ..Default::default()
+        };
+        self.send_as(VEHICLE, MavMessage::GPS_RAW_INT(m));
+    }
+
+    fn restarts(&self) -> Vec<RestartReason> {
+        self.out.iter().filter_map(|s| if let Sample::Restart(r) = s { Some(*r) } else { None }).collect()
+    }
+}
+
+const FIX: GpsFixType = GpsFixType::GPS_FIX_TYPE_3D_FIX;
+
+#[test]
+fn the_stream_is_announced_before_its_first_sample() {
+    let mut bench = Bench::ardupilot();
+    bench.raw_imu(5000..8000);
+    assert_eq!(bench.out[0], Sample::Stream(ImuSource::RawImu.stream()));
+    let imu = bench.out.iter().filter(|s| matches!(s, Sample::Imu(_))).count();
+    assert_eq!(imu, 100, "the first second serves the choice");
+    assert!(bench.restarts().is_empty());
+    assert!(bench.converter.take_notices().iter().any(|n| n.to_string().contains("RAW_IMU")));
+}
+
+#[test]
+fn others_on_the_link_are_ignored() {
+    let mut bench = Bench::new();
+    let station = Sender { system_id: 255, component_id: 190 };
+    let gimbal = Sender { system_id: 1, component_id: 154 };
+    let other = Sender { system_id: 2, component_id: 1 };
+    bench.heartbeat(station, MavAutopilot::MAV_AUTOPILOT_INVALID, MavType::MAV_TYPE_GCS);
+    bench.heartbeat(gimbal, MavAutopilot::MAV_AUTOPILOT_INVALID, MavType::MAV_TYPE_GIMBAL);
+    bench.heartbeat(VEHICLE, MavAutopilot::MAV_AUTOPILOT_PX4, MavType::MAV_TYPE_QUADROTOR);
+    bench.heartbeat(other, MavAutopilot::MAV_AUTOPILOT_ARDUPILOTMEGA, MavType::MAV_TYPE_FIXED_WING);
+    for ms in (0..3000).step_by(10) {
+        for from in [gimbal, other] {
+            let m = RAW_IMU_DATA { time_usec: ms * 1000, ..Default::default() };
+            bench.send_as(from, MavMessage::RAW_IMU(m));
+        }
+    }
+    assert!(bench.out.is_empty());
+    assert_eq!(bench.converter.vehicle(), Some(1));
+    assert_eq!(bench.converter.autopilot(), Autopilot::Px4);
+    assert_eq!(bench.converter.stats().foreign, 2 + 1 + 600);
+}
+
+#[test]
+fn a_vehicle_without_a_heartbeat_is_taken_after_a_while() {
+    let mut bench = Bench::new();
+    bench.raw_imu(0..6000);
+    assert_eq!(bench.converter.vehicle(), Some(1));
+    assert!(bench.converter.stats().imu_samples > 50);
+}
+
+#[test]
+fn a_reboot_is_one_restart_and_fixes_go_on() {
+    let mut bench = Bench::ardupilot();
+    bench.raw_imu(60_000..63_000);
+    bench.gps(62_900, FIX);
+    // The first fix after the reboot comes before inertial samples prove it, and fits nowhere.
+    bench.gps(1_900, FIX);
+    bench.raw_imu(2_000..5_000);
+    bench.gps(4_900, FIX);
+    assert_eq!(bench.restarts(), vec![RestartReason::Reboot]);
+    let stats = bench.converter.stats();
+    assert_eq!((stats.fixes, stats.fix_misplaced, stats.imu_unconfirmed), (2, 1, 1));
+    let Some(Sample::Fix(last)) = bench.out.last() else { panic!("no fix") };
+    assert!((last.t_s - 4.9).abs() < 1e-9);
+}
+
+#[test]
+fn repeated_fixes_and_missing_fixes_are_counted() {
+    let mut bench = Bench::ardupilot();
+    bench.raw_imu(0..3000);
+    bench.gps(2800, FIX);
+    bench.gps(2800, FIX);
+    bench.gps(2900, GpsFixType::GPS_FIX_TYPE_2D_FIX);
+    let stats = bench.converter.stats();
+    assert_eq!((stats.fixes, stats.fix_duplicates, stats.no_fix), (1, 1, 1));
+    let notices = bench.converter.take_notices();
+    assert_eq!(notices[notices.len() - 2..], [Notice::FixGained, Notice::NoFix]);
+}
+
+#[test]
+fn a_source_that_falls_silent_is_replaced() {
+    let mut bench = Bench::ardupilot();
+    bench.raw_imu(0..3000);
+    for ms in (3000..10_000_u32).step_by(20) {
+        bench.send_as(
+            VEHICLE,
+            MavMessage::SCALED_IMU(SCALED_IMU_DATA { time_boot_ms: ms, zacc: -1000, ..Default::default() }),
+        );
+    }
+    assert_eq!(bench.restarts(), vec![RestartReason::SourceChange]);
+    let at = bench.out.iter().position(|s| matches!(s, Sample::Restart(_))).unwrap();
+    assert_eq!(bench.out[at - 1], Sample::Stream(ImuSource::ScaledImu.stream()));
+    assert!(matches!(bench.out[at + 1], Sample::Imu(_)));
+}
+
+#[test]
+fn attitude_is_a_hint_on_the_same_base() {
+    let mut bench = Bench::ardupilot();
+    bench.raw_imu(0..2000);
+    let m = ATTITUDE_DATA { time_boot_ms: 1990, roll: 0.5, ..Default::default() };
+    bench.send_as(VEHICLE, MavMessage::ATTITUDE(m));
+    let Some(Sample::Attitude(hint)) = bench.out.last() else { panic!("no hint") };
+    assert_eq!((hint.t_s, hint.roll_pitch_yaw), (1.99, [0.5, 0.0, 0.0]));
+}
+
+proptest! {
+    /// Any payload in any relevant message: no panic, and inertial time only goes back across a restart.
+    #[test]
+    fn any_payload_is_survived(
+        messages in proptest::collection::vec(
+            (prop::sample::select(vec![0_u8, 2, 24, 26, 27, 30, 105, 116, 129]),
+             proptest::collection::vec(any::<u8>(), 0..64)), 1..200),
+    ) {
+        let mut bench = Bench::ardupilot();
+        bench.raw_imu(0..1100);
+        for (id, payload) in messages {
+            let mut raw = vec![0xFD, payload.len() as u8, 0, 0, 0, 1, 1, id, 0, 0];
+            raw.extend(payload);
+            let extra = <MavMessage as mavlink::Message>::extra_crc(u32::from(id));
+            let crc = mavlink::calculate_crc(&raw[1..], extra);
+            raw.extend(crc.to_le_bytes());
+            bench.converter.feed(0, &Frame::parse(raw.into()).unwrap(), &mut bench.out);
+        }
+        let mut last = f64::NEG_INFINITY;
+        for sample in &bench.out {
+            match sample {
+                Sample::Imu(s) => {
+                    prop_assert!(s.t_s > last && s.gyro.iter().all(|v| v.is_finite()));
+                    last = s.t_s;
+                }
+                Sample::Restart(_) => last = f64::NEG_INFINITY,
+                _ => {}
+            }
+        }
+    }
+}
+
+/// Samples, stats and notices of a recorded flight; nothing where the flights are not at hand.
+fn recorded(name: &str) -> Option<(Vec<Sample>, Converter, Vec<truth::SimTruth>)> {
+    let root = PathBuf::from(env!("CARGO_MANIFEST_DIR"));
+    let folder =
+        std::env::var_os("GAWARE_FLIGHTS").map_or_else(|| root.join("../shared/data"), PathBuf::from);
+    let path = [root.join("tests/data").join(name), folder.join(name)].into_iter().find(|p| p.exists())?;
+    let mut converter = Converter::new(ConverterOptions::default());
+    let (mut out, mut truths) = (Vec::new(), Vec::new());
+    for record in logs::open(&path).unwrap() {
+        let record = record.unwrap();
+        let Item::Frame(frame) = record.item else { panic!("a tlog holds frames") };
+        converter.feed(record.t_us, &frame, &mut out);
+        truths.extend(truth::SimTruth::from_frame(&frame, &converter));
+    }
+    Some((out, converter, truths))
+}
+
+#[test]
+fn a_flight_of_the_real_firmware_becomes_samples() {
+    let (out, converter, truths) = recorded("small_clean_dither.tlog").unwrap();
+    let stats = *converter.stats();
+    assert_eq!(converter.autopilot(), Autopilot::Ardupilot);
+    assert!((29_600..=30_000).contains(&stats.imu_samples), "{stats:?}");
+    assert!((740..=750).contains(&stats.fixes), "{stats:?}");
+    assert_eq!(
+        stats.imu_dropped() + stats.fix_misplaced + stats.undecodable + stats.restarts,
+        0,
+        "{stats:?}"
+    );
+    assert!(truths.len() > 1480);
+    // In the air the specific force stays near 1 g upward on average.
+    let imu: Vec<_> =
+        out.iter().filter_map(|s| if let Sample::Imu(i) = s { Some(i) } else { None }).collect();
+    let mean = imu.iter().map(|s| s.accel.z).sum::<f64>() / imu.len() as f64;
+    assert!((-14.0..-9.0).contains(&mean), "{mean}");
+}
+
+#[test]
+fn the_probe_flight_reboots_once() {
+    let Some((out, converter, _)) = recorded("sitl_probe_udp_reboot_gpsloss.tlog") else { return };
+    let restarts = out.iter().filter(|s| matches!(s, Sample::Restart(RestartReason::Reboot))).count();
+    assert_eq!(restarts, 1, "{:?}", converter.stats());
+    assert!(converter.stats().no_fix > 0);
+}
+
+#[test]
+fn repeated_fixes_of_the_stock_streams_are_dropped() {
+    let Some((_, converter, _)) = recorded("sitl_stock_streams.tlog") else { return };
+    let stats = converter.stats();
+    assert!((3200..3400).contains(&stats.fixes) && stats.fix_duplicates > 3000, "{stats:?}");
+}
+
+#[test]
+fn a_bench_with_three_components_gives_slow_samples_and_no_fix() {
+    let Some((_, mut converter, _)) = recorded("real_ardusub_bench.tlog") else { return };
+    let stats = *converter.stats();
+    assert!(stats.fixes == 0 && stats.no_fix > 400 && stats.foreign > 400, "{stats:?}");
+    assert!(converter.take_notices().iter().any(|n| matches!(n, Notice::RateTooLow { .. })));
+}

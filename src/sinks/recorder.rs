@@ -1,0 +1,380 @@
+//! The recording of a run: an MCAP file that holds everything needed to run it again, and that Foxglove opens.
+//!
+//! One writer thread owns the file; whoever records only hands items over and never waits. Every second the open chunk
+//! is finished and forced to the disk, so that a power cut costs a second. A disk that is full costs messages, which
+//! are counted, and a fresh file is tried now and then.
+//!
+//! Topics: `/mavlink/N` raw frames of link N in the order in which the converter saw them (no schema; the log time is
+//! the time of reception), `/imu`, `/fix`, `/attitude_autopilot`, `/snapshot`, and `/position`, `/pose`, `/log` in
+//! Foxglove's own schemas.
+
+mod foxglove;
+mod records;
+
+use crate::engine::snapshot::Snapshot;
+use crate::link::endpoint::Received;
+use crate::sensors::{ConverterOptions, Severity};
+use foxglove::{LocationFix, Log, PoseInFrame};
+use gaware_nav::sample::Sample;
+use mcap::records::{MessageHeader, Metadata};
+use mcap::{Attachment, McapError, WriteOptions, Writer};
+use records::{AttitudeRecord, FixRecord, ImuRecord};
+use schemars::JsonSchema;
+use serde::{Deserialize, Serialize};
+use std::borrow::Cow;
+use std::collections::BTreeMap;
+use std::fs::File;
+use std::io::BufWriter;
+use std::path::{Path, PathBuf};
+use std::sync::Arc;
+use std::sync::atomic::{AtomicU64, Ordering};
+use std::sync::mpsc::{Receiver, RecvTimeoutError, SyncSender, sync_channel};
+use std::thread::JoinHandle;
+use std::time::{Duration, Instant};
+
+/// Topic of the frames of a link is this and the link's number.
+pub const FRAME_TOPIC: &str = "/mavlink/";
+/// Name of the attachment with the model.
+pub const MODEL_ATTACHMENT: &str = "model.toml";
+/// Name of the metadata record with the set-up.
+pub const SETUP_METADATA: &str = "gaware.setup";
+
+const ITEMS_AHEAD: usize = 32 * 1024;
+const SYNC_PERIOD: Duration = Duration::from_secs(1);
+const RETRY_PERIOD: Duration = Duration::from_secs(10);
+
+/// What a replay must know beside the frames.
+#[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
+pub struct Setup {
+    /// Version of the program that recorded.
+    pub version: String,
+    /// Links, in the order of their numbers.
+    pub links: Vec<String>,
+    /// How frames were converted.
+    pub converter: ConverterOptions,
+    /// The model as a file.
+    pub model_toml: String,
+}
+
+/// One thing to record.
+#[derive(Debug, Clone)]
+pub enum RecordItem {
+    /// A raw frame.
+    Frame(Received),
+    /// A sample that came of it; the time of reception in µs.
+    Sample(u64, Sample),
+    /// The state of the estimator.
+    Snapshot(u64, Box<Snapshot>),
+    /// Something the user was told.
+    Log(u64, Severity, String),
+}
+
+/// Why a recording cannot be started.
+#[derive(Debug, thiserror::Error)]
+pub enum RecorderError {
+    /// The file cannot be made.
+    #[error("cannot record to {path}: {source}")]
+    Create {
+        /// File.
+        path: PathBuf,
+        /// What was said.
+        source: McapError,
+    },
+    /// The writer thread cannot be started.
+    #[error("cannot start the recorder: {0}")]
+    Thread(std::io::Error),
+}
+
+/// How the recording is doing.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize)]
+pub struct RecorderStats {
+    /// Items written.
+    pub written: u64,
+    /// Items lost because the writer was behind.
+    pub dropped: u64,
+    /// Items lost because writing failed.
+    pub failed: u64,
+}
+
+#[derive(Debug, Default)]
+struct Counters {
+    written: AtomicU64,
+    dropped: AtomicU64,
+    failed: AtomicU64,
+}
+
+/// The handle of a recording.
+#[derive(Debug)]
+pub struct Recorder {
+    items: Option<SyncSender<RecordItem>>,
+    counters: Arc<Counters>,
+    thread: Option<JoinHandle<()>>,
+    path: PathBuf,
+}
+
+impl Recorder {
+    /// Starts to record into a new file.
+    ///
+    /// # Errors
+    /// When the file cannot be made.
+    pub fn start(path: &Path, setup: &Setup) -> Result<Self, RecorderError> {
+        let output = Output::create(path, setup)
+            .map_err(|source| RecorderError::Create { path: path.to_owned(), source })?;
+        let (items, inbox) = sync_channel(ITEMS_AHEAD);
+        let counters = Arc::new(Counters::default());
+        let worker = Worker {
+            inbox,
+            counters: Arc::clone(&counters),
+            path: path.to_owned(),
+            setup: setup.clone(),
+            output: Some(output),
+            part: 1,
+            retry: Instant::now(),
+        };
+        let thread = std::thread::Builder::new()
+            .name("recorder".to_owned())
+            .spawn(move || worker.run())
+            .map_err(RecorderError::Thread)?;
+        Ok(Self { items: Some(items), counters, thread: Some(thread), path: path.to_owned() })
+    }
+
+    /// Hands an item over without waiting.
+    pub fn record(&self, item: RecordItem) {
+        let taken = self.items.as_ref().is_some_and(|items| items.try_send(item).is_ok());
+        if !taken {
+            self.counters.dropped.fetch_add(1, Ordering::Relaxed);
+        }
+    }
+
+    /// How it is doing.
+    pub fn stats(&self) -> RecorderStats {
+        RecorderStats {
+            written: self.counters.written.load(Ordering::Relaxed),
+            dropped: self.counters.dropped.load(Ordering::Relaxed),
+            failed: self.counters.failed.load(Ordering::Relaxed),
+        }
+    }
+
+    /// The file.
+    pub fn path(&self) -> &Path {
+        &self.path
+    }
+
+    /// Writes what is left and closes the file.
+    pub fn finish(mut self) -> RecorderStats {
+        self.close();
+        self.stats()
+    }
+
+    fn close(&mut self) {
+        self.items = None;
+        if let Some(thread) = self.thread.take() {
+            // A panicked writer has already told; what it wrote stays readable.
+            let _ = thread.join();
+        }
+    }
+}
+
+impl Drop for Recorder {
+    fn drop(&mut self) {
+        self.close();
+    }
+}
+
+struct Worker {
+    inbox: Receiver<RecordItem>,
+    counters: Arc<Counters>,
+    path: PathBuf,
+    setup: Setup,
+    output: Option<Output>,
+    part: u32,
+    retry: Instant,
+}
+
+impl Worker {
+    fn run(mut self) {
+        let mut sync = Instant::now() + SYNC_PERIOD;
+        loop {
+            match self.inbox.recv_timeout(sync.saturating_duration_since(Instant::now())) {
+                Ok(item) => self.write(&item),
+                Err(RecvTimeoutError::Timeout) => {}
+                Err(RecvTimeoutError::Disconnected) => break,
+            }
+            if Instant::now() >= sync {
+                sync = Instant::now() + SYNC_PERIOD;
+                let result = self.output.as_mut().map_or(Ok(()), Output::sync);
+                self.check(result);
+            }
+        }
+        let result = self.output.as_mut().map_or(Ok(()), Output::finish);
+        self.check(result);
+    }
+
+    fn write(&mut self, item: &RecordItem) {
+        if self.output.is_none() && Instant::now() >= self.retry {
+            self.part += 1;
+            self.retry = Instant::now() + RETRY_PERIOD;
+            self.output = Output::create(&part_path(&self.path, self.part), &self.setup).ok();
+        }
+        let Some(output) = &mut self.output else {
+            self.counters.failed.fetch_add(1, Ordering::Relaxed);
+            return;
+        };
+        let result = output.write(item);
+        let counter = if result.is_ok() { &self.counters.written } else { &self.counters.failed };
+        counter.fetch_add(1, Ordering::Relaxed);
+        self.check(result);
+    }
+
+    /// Gives a file up that can no longer be written.
+    fn check(&mut self, result: Result<(), McapError>) {
+        if let Err(error) = result {
+            tracing::error!(%error, path = %self.path.display(), "recording failed, messages are lost");
+            self.output = None;
+            self.retry = Instant::now() + RETRY_PERIOD;
+        }
+    }
+}
+
+fn part_path(path: &Path, part: u32) -> PathBuf {
+    let stem = path.file_stem().and_then(|s| s.to_str()).unwrap_or("gaware");
+    path.with_file_name(format!("{stem}_{part}.mcap"))
+}
+
+/// The open file and its channels.
+struct Output {
+    file: File,
+    writer: Writer<BufWriter<File>>,
+    frames: BTreeMap<u16, u16>,
+    channels: BTreeMap<&'static str, u16>,
+    sequence: u32,
+}
+
+impl Output {
+    fn create(path: &Path, setup: &Setup) -> Result<Self, McapError> {
+        if let Some(folder) = path.parent().filter(|p| !p.as_os_str().is_empty()) {
+            std::fs::create_dir_all(folder)?;
+        }
+        let file = File::create_new(path)?;
+        // The size of chunks is given by the flush every second.
+        let options = WriteOptions::new().library(format!("gaware {}", setup.version));
+        let mut writer = options.create(BufWriter::new(file.try_clone()?))?;
+        let json = serde_json::to_string(setup).unwrap_or_default();
+        writer.write_metadata(&Metadata {
+            name: SETUP_METADATA.to_owned(),
+            metadata: BTreeMap::from([("json".to_owned(), json)]),
+        })?;
+        writer.attach(&Attachment {
+            log_time: 0,
+            create_time: 0,
+            name: MODEL_ATTACHMENT.to_owned(),
+            media_type: "application/toml".to_owned(),
+            data: Cow::Borrowed(setup.model_toml.as_bytes()),
+        })?;
+        let mut output =
+            Self { file, writer, frames: BTreeMap::new(), channels: BTreeMap::new(), sequence: 0 };
+        // All channels at once, in a chunk of their own: damage to later chunks cannot take them away.
+        for (link, address) in setup.links.iter().enumerate() {
+            output.frame_channel(link as u16, address)?;
+        }
+        output.channel::<ImuRecord>("/imu", "gaware.Imu")?;
+        output.channel::<FixRecord>("/fix", "gaware.Fix")?;
+        output.channel::<AttitudeRecord>("/attitude_autopilot", "gaware.Attitude")?;
+        output.channel::<Snapshot>("/snapshot", "gaware.Snapshot")?;
+        output.channel::<LocationFix>("/position", "foxglove.LocationFix")?;
+        output.channel::<PoseInFrame>("/pose", "foxglove.PoseInFrame")?;
+        output.channel::<Log>("/log", "foxglove.Log")?;
+        output.sync()?;
+        Ok(output)
+    }
+
+    fn frame_channel(&mut self, link: u16, address: &str) -> Result<u16, McapError> {
+        let metadata = BTreeMap::from([("address".to_owned(), address.to_owned())]);
+        let id = self.writer.add_channel(0, &format!("{FRAME_TOPIC}{link}"), "mavlink", &metadata)?;
+        self.frames.insert(link, id);
+        Ok(id)
+    }
+
+    fn channel<T: JsonSchema>(&mut self, topic: &'static str, name: &str) -> Result<(), McapError> {
+        let schema = serde_json::to_vec(&schemars::schema_for!(T)).unwrap_or_default();
+        let schema = self.writer.add_schema(name, "jsonschema", &schema)?;
+        let id = self.writer.add_channel(schema, topic, "json", &BTreeMap::new())?;
+        self.channels.insert(topic, id);
+        Ok(())
+    }
+
+    fn write(&mut self, item: &RecordItem) -> Result<(), McapError> {
+        match item {
+            RecordItem::Frame(received) => {
+                let id = match self.frames.get(&received.link) {
+                    Some(id) => *id,
+                    None => self.frame_channel(received.link, "")?,
+                };
+                self.put(id, received.t_us, received.frame.raw())
+            }
+            RecordItem::Sample(t_us, Sample::Imu(s)) => self.json("/imu", *t_us, &ImuRecord::from(s)),
+            RecordItem::Sample(t_us, Sample::Fix(s)) => self.json("/fix", *t_us, &FixRecord::from(s)),
+            RecordItem::Sample(t_us, Sample::Attitude(s)) => {
+                self.json("/attitude_autopilot", *t_us, &AttitudeRecord::from(s))
+            }
+            // Both are told again by the frames and stand in the log.
+            RecordItem::Sample(_, Sample::Stream(_) | Sample::Restart(_)) => Ok(()),
+            RecordItem::Snapshot(t_us, s) => {
+                self.json("/snapshot", *t_us, s)?;
+                self.json("/position", *t_us, &LocationFix::new(*t_us, s))?;
+                self.json("/pose", *t_us, &PoseInFrame::new(*t_us, s))
+            }
+            RecordItem::Log(t_us, severity, text) => {
+                self.json("/log", *t_us, &Log::new(*t_us, *severity, text))
+            }
+        }
+    }
+
+    fn json<T: Serialize>(&mut self, topic: &'static str, t_us: u64, value: &T) -> Result<(), McapError> {
+        let id = self.channels.get(topic).copied().unwrap_or_default();
+        let bytes = serde_json::to_vec(value).unwrap_or_default();
+        self.put(id, t_us, &bytes)
+    }
+
+    fn put(&mut self, channel_id: u16, t_us: u64, data: &[u8]) -> Result<(), McapError> {
+        let t_ns = t_us.saturating_mul(1000);
+        self.sequence = self.sequence.wrapping_add(1);
+        let header =
+            MessageHeader { channel_id, sequence: self.sequence, log_time: t_ns, publish_time: t_ns };
+        self.writer.write_to_known_channel(&header, data)
+    }
+
+    fn sync(&mut self) -> Result<(), McapError> {
+        self.writer.flush()?;
+        Ok(self.file.sync_data()?)
+    }
+
+    fn finish(&mut self) -> Result<(), McapError> {
+        self.writer.finish()?;
+        Ok(self.file.sync_all()?)
+    }
+}
+
+/// The file to record to: `wanted` itself when it names a file, a new name in it when it is a folder.
+pub fn recording_path(wanted: &Path, unix_us: u64) -> PathBuf {
+    if wanted.extension().is_some_and(|e| e == "mcap") {
+        return wanted.to_owned();
+    }
+    wanted.join(format!("gaware-{}.mcap", utc(unix_us / 1_000_000)))
+}
+
+/// `20260102-030405` (days to civil date: Hinnant, "chrono-compatible low-level date algorithms").
+fn utc(unix_s: u64) -> String {
+    let (days, s) = (unix_s / 86_400 + 719_468, unix_s % 86_400);
+    let (era, day_of_era) = (days / 146_097, days % 146_097);
+    let year_of_era = (day_of_era - day_of_era / 1460 + day_of_era / 36_524 - day_of_era / 146_096) / 365;
+    let day_of_year = day_of_era - (365 * year_of_era + year_of_era / 4 - year_of_era / 100);
+    let shifted_month = (5 * day_of_year + 2) / 153;
+    let day = day_of_year - (153 * shifted_month + 2) / 5 + 1;
+    let month = if shifted_month < 10 { shifted_month + 3 } else { shifted_month - 9 };
+    let year = year_of_era + era * 400 + u64::from(month <= 2);
+    format!("{year:04}{month:02}{day:02}-{:02}{:02}{:02}", s / 3600, s / 60 % 60, s % 60)
+}
+
+#[cfg(test)]
+mod tests;

@@ -1,0 +1,138 @@
+//! Recording, damage and reading back.
+
+use super::*;
+use crate::link::frame::{Frame, Sender};
+use crate::logs::{self, Item};
+use mavlink::dialects::ardupilotmega::{MavMessage, RAW_IMU_DATA};
+
+fn received(k: u64) -> Received {
+    let m = RAW_IMU_DATA { time_usec: k * 5000, zacc: -1000, ..Default::default() };
+    let frame = Frame::encode(Sender { system_id: 1, component_id: 1 }, k as u8, &MavMessage::RAW_IMU(m));
+    Received { link: 0, t_us: 1_700_000_000_000_000 + k * 5000, frame }
+}
+
+fn setup() -> Setup {
+    Setup {
+        version: "0".to_owned(),
+        links: vec!["udpin:0.0.0.0:14550".to_owned()],
+        model_toml: "schema = \"gaware.model/1\"\n".to_owned(),
+        ..Setup::default()
+    }
+}
+
+fn scratch(name: &str) -> PathBuf {
+    let folder = std::env::temp_dir().join(format!("gaware-recorder-{}-{name}", std::process::id()));
+    let _ = std::fs::remove_dir_all(&folder);
+    folder.join("flight.mcap")
+}
+
+fn read(path: &Path) -> (Vec<(u64, Frame)>, logs::Damage) {
+    let mut reader = logs::open(path).unwrap();
+    let frames = reader
+        .by_ref()
+        .filter_map(Result::ok)
+        .map(|r| match r.item {
+            Item::Frame(f) => (r.t_us, f),
+            Item::Sample(s) => panic!("{s:?}"),
+        })
+        .collect();
+    (frames, reader.damage())
+}
+
+/// Records in chunks, `per_chunk` frames each.
+fn write_chunks(path: &Path, chunks: u64, per_chunk: u64) -> Output {
+    let mut output = Output::create(path, &setup()).unwrap();
+    for k in 0..chunks * per_chunk {
+        output.write(&RecordItem::Frame(received(k))).unwrap();
+        if k % per_chunk == per_chunk - 1 {
+            output.sync().unwrap();
+        }
+    }
+    output
+}
+
+#[test]
+fn a_recording_gives_back_the_frames_in_order_and_the_set_up() {
+    let path = scratch("order");
+    let recorder = Recorder::start(&path, &setup()).unwrap();
+    for k in 0..1000 {
+        recorder.record(RecordItem::Frame(received(k)));
+        recorder.record(RecordItem::Snapshot(received(k).t_us, Box::default()));
+    }
+    recorder.record(RecordItem::Log(0, Severity::Warning, "told".to_owned()));
+    let stats = recorder.finish();
+    assert_eq!(stats, RecorderStats { written: 2001, dropped: 0, failed: 0 });
+    let (frames, damage) = read(&path);
+    assert!(!damage.any(), "{damage:?}");
+    assert_eq!(frames.len(), 1000);
+    assert!((0..1000).all(|k| frames[k as usize] == (received(k).t_us, received(k).frame)));
+    assert_eq!(logs::mcap::recorded_setup(&path), Some(setup()));
+}
+
+#[test]
+fn a_power_cut_costs_the_unfinished_second_only() {
+    let path = scratch("cut");
+    let mut output = write_chunks(&path, 5, 100);
+    for k in 500..550 {
+        output.write(&RecordItem::Frame(received(k))).unwrap();
+    }
+    // As `kill -9` leaves it: nothing is flushed, no end is written.
+    let copy = path.with_extension("copy.mcap");
+    std::fs::copy(&path, &copy).unwrap();
+    let (frames, damage) = read(&copy);
+    assert_eq!(frames.len(), 500);
+    assert!(damage.truncated);
+    let bytes = std::fs::read(&path).unwrap();
+    std::fs::write(&copy, &bytes[..bytes.len() * 2 / 3]).unwrap();
+    let (frames, _) = read(&copy);
+    assert!(frames.len() >= 200 && frames.len() % 100 == 0, "{}", frames.len());
+}
+
+#[test]
+fn a_damaged_chunk_is_skipped_and_the_rest_is_read() {
+    let path = scratch("damage");
+    write_chunks(&path, 6, 100).finish().unwrap();
+    let clean = std::fs::read(&path).unwrap();
+    let starts: Vec<_> =
+        clean.windows(8).enumerate().filter(|(_, w)| *w == b"\x04\0\0\0zstd").map(|(k, _)| k).collect();
+    // Once in the data of the third chunk of frames, once in its length.
+    for at in [starts[3] + 40, starts[3] - 30] {
+        let mut bytes = clean.clone();
+        bytes[at..at + 8].iter_mut().for_each(|b| *b ^= 0x5A);
+        std::fs::write(&path, &bytes).unwrap();
+        let (frames, damage) = read(&path);
+        assert_eq!(frames.len(), 500, "damage at {at}");
+        assert!(damage.any());
+    }
+}
+
+#[test]
+fn any_flipped_byte_is_survived() {
+    let path = scratch("flip");
+    write_chunks(&path, 3, 20).finish().unwrap();
+    let clean = std::fs::read(&path).unwrap();
+    for at in (8..clean.len()).step_by(23) {
+        let mut bytes = clean.clone();
+        bytes[at] ^= 0xFF;
+        std::fs::write(&path, &bytes).unwrap();
+        let frames: Vec<_> = logs::open(&path).unwrap().filter_map(Result::ok).collect();
+        assert!(frames.len() <= 60);
+    }
+}
+
+#[test]
+fn a_file_that_exists_is_not_overwritten() {
+    let path = scratch("exists");
+    Recorder::start(&path, &setup()).unwrap().finish();
+    let error = Recorder::start(&path, &setup()).unwrap_err().to_string();
+    assert!(error.contains("flight.mcap"), "{error}");
+}
+
+#[test]
+fn folders_get_a_name_with_the_date() {
+    assert_eq!(
+        recording_path(Path::new("logs"), 1_767_323_045_000_000),
+        Path::new("logs/gaware-20260102-030405.mcap")
+    );
+    assert_eq!(recording_path(Path::new("a/b.mcap"), 0), Path::new("a/b.mcap"));
+}
