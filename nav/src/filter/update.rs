@@ -254,7 +254,7 @@ impl Filter {
             self.wander += part(w);
         }
         // Below this the change of coordinates is under the noise of the covariance itself.
-        if eps.norm_squared() > 1e-8 {
+        if eps.norm_squared() > 1e-16 {
             self.p.transform_nav(&right_jacobian(&dr, &dv, &eps));
         }
         self.refresh_motion();

@@ -1,7 +1,7 @@
 //! The model: which effects are believed to be present, with their values, and how noisy the sensors are.
 //!
 //! The simulation is what the model says: the simulator produces samples with it, the filter and the explanation
-//! predict with it. In memory everything is SI; [`file`] reads and writes `model.toml` with units in the names.
+//! predict with it. In memory everything is SI; [`mod@file`] reads and writes `model.toml` with units in the names.
 
 pub mod file;
 
