@@ -151,6 +151,10 @@ impl Estimator {
     fn feed_imu(&mut self, raw: &ImuSample) -> Vec<FixOutcome> {
         self.meter.push(raw);
         let sample = self.dequantiser.undo(raw);
+            Ok("centre") => self.dequantiser.quantisation().undo(raw),
+            Ok("none") => *raw,
+            _ => self.dequantiser.undo(raw),
+        };
         let (kind, noise) = (self.stream.kind, self.extra_noise());
         match &mut self.state {
             State::Gathering(gathering) => {
@@ -178,10 +182,9 @@ impl Estimator {
     fn extra_noise(&self) -> (f64, f64) {
         let imu = &self.model.imu;
         let (gyro, accel) = (imu.gyro_noise * imu.gyro_noise, imu.accel_noise * imu.accel_noise);
-        let rounding = self.model.quantisation_of(&self.stream).variance();
-        let dt = self.meter.interval_s();
-        let excess = self.meter.excess(gyro + rounding.0 * dt, accel + rounding.1 * dt);
-        (rounding.0 * dt + excess.0, rounding.1 * dt + excess.1)
+        let rounding = self.dequantiser.noise_density(self.meter.interval_s());
+        let excess = self.meter.excess(gyro + rounding.0, accel + rounding.1);
+        (rounding.0 + excess.0, rounding.1 + excess.1)
     }
 
     fn feed_fix(&mut self, fix: &GnssFix) {

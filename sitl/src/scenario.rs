@@ -91,6 +91,7 @@ fn paper() -> Scenario {
             velocity_sigma_m_per_s: [0.5; 3],
             position_correlation_s: 0.0,
             position_wander_sigma_m: [0.0; 3],
+            time_sigma_s: 0.0,
         },
         effects: Vec::new(),
     };
