@@ -31,7 +31,8 @@ pub struct Pipeline<E> {
     engine: E,
     samples: Vec<Sample>,
     truth: TruthComparison,
-    warnings: Vec<String>,
+    /// Warnings that nothing has settled.
+    warnings: Vec<Notice>,
     /// The autopilot where the log itself tells.
     told_autopilot: Option<&'static str>,
 }
@@ -67,10 +68,10 @@ impl<E: Estimator> Pipeline<E> {
             self.truth.push(&truth, self.engine.attitude());
         }
         let notices = self.converter.take_notices();
-        for notice in notices.iter().filter(|n| n.severity() == Severity::Warning) {
-            let text = notice.to_string();
-            if !self.warnings.contains(&text) {
-                self.warnings.push(text);
+        for notice in &notices {
+            self.warnings.retain(|earlier| earlier != notice && !notice.settles(earlier));
+            if notice.severity() == Severity::Warning {
+                self.warnings.push(notice.clone());
             }
         }
         (&self.samples, notices)
@@ -96,7 +97,7 @@ impl<E: Estimator> Pipeline<E> {
         let mut snapshot = self.engine.snapshot();
         snapshot.autopilot = self.autopilot().to_owned();
         snapshot.imu.dropped += self.converter.stats().imu_dropped();
-        snapshot.warnings.splice(0..0, self.warnings.iter().cloned());
+        snapshot.warnings.splice(0..0, self.warnings.iter().map(Notice::to_string));
         snapshot
     }
 
@@ -105,7 +106,7 @@ impl<E: Estimator> Pipeline<E> {
         let mut summary = self.engine.summary();
         summary.autopilot = self.autopilot().to_owned();
         summary.imu.dropped += self.converter.stats().imu_dropped();
-        summary.warnings.splice(0..0, self.warnings.iter().cloned());
+        summary.warnings.splice(0..0, self.warnings.iter().map(Notice::to_string));
         summary
     }
 
