@@ -22,6 +22,9 @@ pub enum CommandError {
     /// An address is none.
     #[error(transparent)]
     Address(#[from] AddressError),
+    /// Signing cannot be set up.
+    #[error(transparent)]
+    Signing(#[from] crate::link::signing::SigningError),
     /// A recording cannot be started.
     #[error(transparent)]
     Recorder(#[from] RecorderError),

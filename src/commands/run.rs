@@ -6,6 +6,7 @@ use super::{CommandError, load_model, print};
 use crate::engine::snapshot::Snapshot;
 use crate::link::address::Address;
 use crate::link::endpoint::{LinkStatus, Links, ReceiveClock, Received};
+use crate::link::frame::Frame;
 use crate::link::heartbeat::Voice;
 use crate::link::rates::{RateAction, RateKeeper, needs};
 use crate::link::timesync::Timesync;
@@ -23,6 +24,10 @@ use std::time::Duration;
 use tokio::sync::{mpsc, watch};
 use tokio::time::MissedTickBehavior;
 use tokio_util::sync::CancellationToken;
+
+mod guard;
+
+use guard::Guard;
 
 /// Period of heartbeat, rate and time requests.
 const HOUSEKEEPING: Duration = Duration::from_millis(50);
@@ -61,6 +66,10 @@ pub struct RunArgs {
     /// Listen to this system id (default: the first autopilot).
     #[arg(long, value_name = "ID")]
     pub vehicle: Option<u8>,
+    /// Sign with this key (32 bytes or 64 hexadecimal digits) and believe only frames signed with it. The last time used
+    /// is kept beside it.
+    #[arg(long, value_name = "FILE")]
+    pub signing_key: Option<PathBuf>,
     /// Serve the web page on this address.
     #[arg(long, value_name = "ADDR")]
     pub web: Option<SocketAddr>,
@@ -153,6 +162,7 @@ pub async fn serve<E: Estimator>(
     let model = args.model.as_deref().map_or_else(|| Ok(Model::standard()), load_model)?;
     let clock = ReceiveClock::start();
     let options = ConverterOptions { vehicle: args.vehicle, source: args.source };
+    let guard = args.signing_key.as_deref().map(|path| Guard::load(path, clock.now_us())).transpose()?;
     let recorder = start_recorder(args, &model, options, clock.now_us())?;
     // The engine gets the model as a replay will read it, to the last digit.
     let model = Model::from_toml(&model.to_toml()).unwrap_or(model);
@@ -165,6 +175,7 @@ pub async fn serve<E: Estimator>(
         rates: None,
         timesync: Timesync::new(),
         hooks,
+        guard,
         events: Vec::new(),
         imu_hz: usable_rate(args),
         source: args.source,
@@ -222,6 +233,7 @@ struct Session<E> {
     rates: Option<RateKeeper>,
     timesync: Timesync,
     hooks: Hooks,
+    guard: Option<Guard>,
     events: Vec<Event>,
     imu_hz: u16,
     source: Option<ImuSource>,
@@ -258,6 +270,13 @@ impl<E: Estimator> Session<E> {
 
     fn take(&mut self, received: Received) {
         let t_us = received.t_us;
+        // What is not believed is not recorded either: the recording is what the converter saw.
+        if let Some(refusal) = self.guard.as_mut().and_then(|g| g.refuse(&received.frame)) {
+            if let Some(text) = refusal.first_of_its_kind {
+                self.tell(t_us, Severity::Warning, text);
+            }
+            return;
+        }
         let now_ns = self.clock.monotonic_ns();
         self.record(RecordItem::Frame(received.clone()));
         let (samples, notices) = self.pipeline.frame(t_us, &received.frame);
@@ -333,7 +352,7 @@ impl<E: Estimator> Session<E> {
         let now_us = self.clock.now_us();
         let alive = self.pipeline.converter().source().is_some();
         if let Some(frame) = self.voice.poll(now_us, alive) {
-            self.links.broadcast(&frame);
+            self.send(frame);
         }
         if let Some(rates) = &mut self.rates {
             let mut actions = Vec::new();
@@ -349,6 +368,12 @@ impl<E: Estimator> Session<E> {
 
     fn say(&mut self, message: &MavMessage) {
         let frame = self.voice.say(message);
+        self.send(frame);
+    }
+
+    fn send(&mut self, frame: Frame) {
+        let now_us = self.clock.now_us();
+        let frame = self.guard.as_mut().map_or_else(|| frame.clone(), |g| g.sign(&frame, now_us));
         self.links.broadcast(&frame);
     }
 

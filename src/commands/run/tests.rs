@@ -130,6 +130,24 @@ async fn a_run_without_a_vehicle_ends_with_its_duration_and_says_why_the_link_is
 }
 
 #[test]
+fn with_a_key_only_signed_frames_are_believed() {
+    use crate::link::heartbeat::heartbeat;
+    let path = std::env::temp_dir().join(format!("gaware-guard-{}.key", std::process::id()));
+    std::fs::write(&path, "0b".repeat(32)).unwrap();
+    let now_us = 1_800_000_000_000_000;
+    let mut ours = Guard::load(&path, now_us).unwrap();
+    let mut theirs = Guard::load(&path, now_us).unwrap();
+    let frame = Voice::new().say(&heartbeat(true));
+    let told = |g: &mut Guard, f: &Frame| g.refuse(f).map(|r| r.first_of_its_kind.is_some());
+    assert_eq!(told(&mut ours, &theirs.sign(&frame, now_us)), None);
+    assert_eq!(told(&mut ours, &frame), Some(true));
+    assert_eq!(told(&mut ours, &frame), Some(false), "told once");
+    for file in [path.with_extension("time"), path] {
+        std::fs::remove_file(file).unwrap();
+    }
+}
+
+#[test]
 fn a_slow_serial_line_lowers_the_rate() {
     assert_eq!(usable_rate(&run_args(&["--connect", "serial:/dev/x:57600"])), 93);
     assert_eq!(usable_rate(&run_args(&["--connect", "serial:/dev/x:921600"])), 200);
