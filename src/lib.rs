@@ -2,4 +2,5 @@
 //!
 //! The library holds everything the binary does, so that tests and benches drive the same code.
 
+pub mod commands;
 pub mod engine;

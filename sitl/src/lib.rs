@@ -10,5 +10,6 @@ pub mod faults;
 pub mod noise;
 pub mod scenario;
 pub mod sensors;
+pub mod shell;
 pub mod trajectory;
 pub mod truth;
