@@ -13,3 +13,4 @@ pub mod sensors;
 pub mod shell;
 pub mod trajectory;
 pub mod truth;
+pub mod vehicle;

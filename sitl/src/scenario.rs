@@ -7,6 +7,7 @@ use crate::trajectory::fixed_wing::FixedWing;
 use crate::trajectory::multirotor::Multirotor;
 use crate::trajectory::paper::Paper;
 use crate::truth::Trajectory;
+use crate::vehicle::VehicleConfig;
 use gaware_nav::effects::{self, unit};
 use gaware_nav::model::{EffectSetting, GnssModel, ImuModel, MILLI_G, Model, ModelError};
 use gaware_nav::sample::{Quantisation, Steps};
@@ -33,6 +34,8 @@ pub struct Scenario {
     pub model: Model,
     /// Rates and habits.
     pub sensors: SensorConfig,
+    /// A vehicle that waits for a mission; `trajectory` then only stands where it starts.
+    pub vehicle: Option<VehicleConfig>,
     trajectory: Flown,
 }
 
@@ -113,6 +116,8 @@ const REGISTRY: &[(&str, Builder)] = &[
     ("multirotor", multirotor),
     ("bench", bench),
     ("bench_vibration", bench_vibration),
+    ("mission_fixed_wing", mission_fixed_wing),
+    ("mission_multirotor", mission_multirotor),
 ];
 
 /// Names of all scenarios.
@@ -166,6 +171,7 @@ fn paper() -> Scenario {
             message: "HIGHRES_IMU".into(),
             ..SensorConfig::default()
         },
+        vehicle: None,
         trajectory: Flown::new(Paper::new()),
     }
 }
@@ -208,6 +214,7 @@ fn small_aircraft(name: &'static str, description: &'static str, profile: FixedW
         airframe: Airframe::FixedWing,
         model: consumer_model(),
         sensors: consumer_sensors(),
+        vehicle: None,
         trajectory: Flown::new(profile),
     }
 }
@@ -243,6 +250,7 @@ fn multirotor() -> Scenario {
         airframe: Airframe::Multirotor,
         model: consumer_model(),
         sensors: consumer_sensors(),
+        vehicle: None,
         trajectory: Flown::new(Multirotor::new()),
     }
 }
@@ -254,8 +262,30 @@ fn bench() -> Scenario {
         airframe: Airframe::FixedWing,
         model: consumer_model(),
         sensors: consumer_sensors(),
+        vehicle: None,
         trajectory: Flown::new(Bench::new(600.0)),
     }
+}
+
+/// A vehicle that stands until a mission is uploaded and started.
+fn mission_vehicle(name: &'static str, description: &'static str, config: VehicleConfig) -> Scenario {
+    Scenario { name, description, airframe: config.airframe, vehicle: Some(config), ..bench() }
+}
+
+fn mission_fixed_wing() -> Scenario {
+    mission_vehicle(
+        "mission_fixed_wing",
+        "small aircraft that flies what is uploaded",
+        VehicleConfig { gust_m_per_s: 0.3, ..VehicleConfig::fixed_wing() },
+    )
+}
+
+fn mission_multirotor() -> Scenario {
+    mission_vehicle(
+        "mission_multirotor",
+        "quadrotor that flies what is uploaded",
+        VehicleConfig { gust_m_per_s: 0.3, ..VehicleConfig::multirotor() },
+    )
 }
 
 /// 3 m/s² RMS in three lines that sampling folds to low and high frequencies.

@@ -2,7 +2,7 @@
 
 use super::{Autopilot, Flavour};
 use crate::scenario::Airframe;
-use gaware_nav::earth::STANDARD_GRAVITY;
+use gaware_nav::earth::{Geodetic, STANDARD_GRAVITY};
 use gaware_nav::rotation::euler_from_c_nb;
 use gaware_nav::sample::{FixVelocity, GnssFix, ImuSample};
 use mavlink::MessageData;
@@ -77,21 +77,20 @@ impl Autopilot {
     }
 
     fn heartbeat(&self) -> HEARTBEAT_DATA {
-        let (autopilot, custom_mode) = match self.config.flavour {
-            Flavour::ArduPilot => (MavAutopilot::MAV_AUTOPILOT_ARDUPILOTMEGA, 0),
-            // Manual: main mode 1 in the third byte.
-            Flavour::Px4 => (MavAutopilot::MAV_AUTOPILOT_PX4, 1 << 16),
+        let autopilot = match self.config.flavour {
+            Flavour::ArduPilot => MavAutopilot::MAV_AUTOPILOT_ARDUPILOTMEGA,
+            Flavour::Px4 => MavAutopilot::MAV_AUTOPILOT_PX4,
         };
         let mavtype = match self.config.airframe {
             Airframe::FixedWing => MavType::MAV_TYPE_FIXED_WING,
             Airframe::Multirotor => MavType::MAV_TYPE_QUADROTOR,
         };
-        let flying = !self.is_waiting();
+        let flying = self.is_armed();
         let mut base_mode =
             MavModeFlag::MAV_MODE_FLAG_CUSTOM_MODE_ENABLED | MavModeFlag::MAV_MODE_FLAG_MANUAL_INPUT_ENABLED;
         base_mode.set(MavModeFlag::MAV_MODE_FLAG_SAFETY_ARMED, flying);
         HEARTBEAT_DATA {
-            custom_mode,
+            custom_mode: self.custom_mode(),
             mavtype,
             autopilot,
             base_mode,
@@ -299,10 +298,6 @@ impl Autopilot {
         })
     }
 
-    fn mission_current(&self) -> MavMessage {
-        MavMessage::MISSION_CURRENT(MISSION_CURRENT_DATA::default())
-    }
-
     pub(super) fn version(&self) -> MavMessage {
         let flight_sw_version = match self.config.flavour {
             Flavour::ArduPilot => 0x0406_00FF,
@@ -316,6 +311,19 @@ impl Autopilot {
             flight_sw_version,
             ..Default::default()
         })
+    }
+}
+
+/// Home as ArduPilot keeps it at sequence 0: above sea level.
+pub(super) fn home_item(place: &Geodetic, geoid_height_m: f64) -> MISSION_ITEM_INT_DATA {
+    MISSION_ITEM_INT_DATA {
+        command: MavCmd::MAV_CMD_NAV_WAYPOINT,
+        frame: MavFrame::MAV_FRAME_GLOBAL,
+        x: degrees_e7(place.lat_rad),
+        y: degrees_e7(place.lon_rad),
+        z: (place.height_m - geoid_height_m) as f32,
+        autocontinue: 1,
+        ..Default::default()
     }
 }
 

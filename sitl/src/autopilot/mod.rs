@@ -7,8 +7,11 @@
 // The dialect calls much of what flies today superseded; vehicles speak it all the same.
 #![allow(deprecated)]
 
+mod commands;
+mod flight;
 pub mod framer;
 mod messages;
+pub mod mission;
 pub mod streams;
 
 use crate::faults::Fault;
@@ -16,13 +19,16 @@ use crate::noise::{Noise, Purpose};
 use crate::scenario::{Airframe, Scenario};
 use crate::sensors::{SensorConfig, Sensors};
 use crate::truth::{Trajectory, Truth};
+use crate::vehicle::{Vehicle, VehicleConfig};
+use flight::Body;
 use framer::{Framer, encode};
 use gaware_nav::model::Model;
 use gaware_nav::sample::{GnssFix, ImuSample};
 use mavlink::dialects::ardupilotmega::*;
 use mavlink::{MavHeader, MessageData};
+use mission::MissionServer;
 use nalgebra::Vector3;
-use streams::Streams;
+use streams::{SLOW_DOWN, Streams};
 
 /// Which autopilot it behaves as.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -97,7 +103,8 @@ const GIMBAL_COMPONENT: u8 = 154;
 /// The simulated autopilot.
 pub struct Autopilot {
     config: AutopilotConfig,
-    body: Box<dyn Trajectory>,
+    body: Body,
+    mission: MissionServer,
     sensors: Sensors,
     streams: Streams,
     framer: Framer,
@@ -134,16 +141,38 @@ impl std::fmt::Debug for Autopilot {
 }
 
 impl Autopilot {
-    /// An autopilot in this body with these sensors.
+    /// An autopilot that plays an analytic flight with these sensors.
     pub fn new(
         config: AutopilotConfig,
-        mut body: Box<dyn Trajectory>,
+        body: Box<dyn Trajectory>,
         model: &Model,
         sensors: SensorConfig,
     ) -> Self {
-        let home_height = body.truth_at(0.0).place.height_m;
+        Self::with_body(config, Body::Analytic(body, Vec::new()), model, sensors)
+    }
+
+    /// An autopilot whose vehicle flies what is uploaded.
+    pub fn flying(
+        config: AutopilotConfig,
+        vehicle: VehicleConfig,
+        model: &Model,
+        sensors: SensorConfig,
+    ) -> Self {
+        let config = AutopilotConfig { airframe: vehicle.airframe, wait_for_station: false, ..config };
+        let vehicle = VehicleConfig {
+            first_item: usize::from(config.flavour == Flavour::ArduPilot),
+            geoid_height_m: config.geoid_height_m,
+            ..vehicle
+        };
+        Self::with_body(config, Body::Vehicle(Box::new(Vehicle::new(vehicle))), model, sensors)
+    }
+
+    fn with_body(config: AutopilotConfig, mut body: Body, model: &Model, sensors: SensorConfig) -> Self {
+        let start = body.truth_at(0.0).place;
+        let home = messages::home_item(&start, config.geoid_height_m);
         // Rounding is done where the message is made.
         let sensors = SensorConfig { time_jitter_s: 0.0, ..sensors };
+        let flavour = config.flavour;
         let streams = Streams::new(config.flavour, config.loop_rate_hz, config.has_highres_imu, 0.0);
         let filter = config.filter_hz.map(|hz| {
             let one = messages::LowPass::new(hz, config.loop_rate_hz);
@@ -175,12 +204,16 @@ impl Autopilot {
             imu_s: 0.0,
             filter,
             last_timesync_s: 0.0,
-            home_height,
+            home_height: start.height_m,
+            mission: MissionServer::new(flavour, home),
         }
     }
 
-    /// An autopilot that plays a scenario's analytic flight.
+    /// An autopilot that plays a scenario's analytic flight, or waits for a mission where the scenario has a vehicle.
     pub fn playing(config: AutopilotConfig, scenario: &Scenario) -> Self {
+        if let Some(vehicle) = &scenario.vehicle {
+            return Self::flying(config, vehicle.clone(), &scenario.model, scenario.sensors.clone());
+        }
         let config = AutopilotConfig { airframe: scenario.airframe, ..config };
         Self::new(config, scenario.trajectory(), &scenario.model, scenario.sensors.clone())
     }
@@ -261,11 +294,13 @@ impl Autopilot {
                 self.send_gimbal();
             }
         }
+        self.tell_of_mission();
         self.ask_for_time();
     }
 
     fn slow_down(&self) -> f64 {
-        1.0
+        let slow = self.config.flavour == Flavour::ArduPilot && self.mission.is_uploading();
+        if slow { SLOW_DOWN } else { 1.0 }
     }
 
     /// Boot time, s.
@@ -353,6 +388,7 @@ impl Autopilot {
         self.sequence = [0; 2];
         self.fix = None;
         self.framer = Framer::default();
+        self.mission.restart();
         let config = &self.config;
         self.streams =
             Streams::new(config.flavour, config.loop_rate_hz, config.has_highres_imu, self.silent_until_s);
@@ -395,94 +431,6 @@ impl Autopilot {
             let ts1 = (self.boot_s() * 1e9) as i64;
             self.send(&MavMessage::TIMESYNC(TIMESYNC_DATA { tc1: 0, ts1, ..Default::default() }));
         }
-    }
-
-    fn handle(&mut self, from: &MavHeader, message: &MavMessage) {
-        use mavlink::Message;
-        let for_me = |id: Option<u8>, mine: u8| id.is_none_or(|t| t == 0 || t == mine);
-        if !for_me(message.target_system_id(), self.config.system_id)
-            || !for_me(message.target_component_id(), 1)
-        {
-            return;
-        }
-        match message {
-            MavMessage::COMMAND_LONG(c) => {
-                let params = [c.param1, c.param2, c.param3, c.param4, c.param5, c.param6, c.param7];
-                self.command(from, c.command, &params);
-            }
-            MavMessage::COMMAND_INT(c) => {
-                let params = [c.param1, c.param2, c.param3, c.param4, c.x as f32, c.y as f32, c.z];
-                self.command(from, c.command, &params);
-            }
-            MavMessage::REQUEST_DATA_STREAM(r) => {
-                let start = r.start_stop != 0;
-                self.streams.request_group(r.req_stream_id, r.req_message_rate, start, self.now_s);
-                self.station_asked();
-            }
-            MavMessage::TIMESYNC(t) if t.tc1 == 0 => {
-                let tc1 = (self.boot_s() * 1e9) as i64;
-                self.send(&MavMessage::TIMESYNC(TIMESYNC_DATA { tc1, ts1: t.ts1, ..Default::default() }));
-            }
-            _ => {}
-        }
-    }
-
-    /// The first request of a station lets a waiting flight begin soon.
-    fn station_asked(&mut self) {
-        if self.release_s.is_infinite() {
-            self.release_s = self.now_s + RELEASE_AFTER_S;
-        }
-    }
-
-    fn command(&mut self, from: &MavHeader, command: MavCmd, params: &[f32; 7]) {
-        let id = params[0] as u32;
-        let mut then = None;
-        let result = match command {
-            MavCmd::MAV_CMD_SET_MESSAGE_INTERVAL => {
-                self.station_asked();
-                self.streams.set_interval(params, self.now_s)
-            }
-            MavCmd::MAV_CMD_GET_MESSAGE_INTERVAL => {
-                then = Some(MavMessage::MESSAGE_INTERVAL(MESSAGE_INTERVAL_DATA {
-                    message_id: id as u16,
-                    interval_us: self.streams.interval_us(id),
-                }));
-                MavResult::MAV_RESULT_ACCEPTED
-            }
-            MavCmd::MAV_CMD_REQUEST_MESSAGE if id == AUTOPILOT_VERSION_DATA::ID => {
-                then = Some(self.version());
-                MavResult::MAV_RESULT_ACCEPTED
-            }
-            MavCmd::MAV_CMD_REQUEST_MESSAGE if self.streams.supports(id) => {
-                then = self.stream_message(id);
-                MavResult::MAV_RESULT_ACCEPTED
-            }
-            MavCmd::MAV_CMD_REQUEST_AUTOPILOT_CAPABILITIES => {
-                then = Some(self.version());
-                MavResult::MAV_RESULT_ACCEPTED
-            }
-            MavCmd::MAV_CMD_PREFLIGHT_REBOOT_SHUTDOWN if params[0] == 1.0 => {
-                self.acknowledge(from, command, MavResult::MAV_RESULT_ACCEPTED);
-                self.reboot();
-                return;
-            }
-            _ => MavResult::MAV_RESULT_UNSUPPORTED,
-        };
-        self.acknowledge(from, command, result);
-        if let Some(message) = then {
-            self.send(&message);
-        }
-    }
-
-    fn acknowledge(&mut self, to: &MavHeader, command: MavCmd, result: MavResult) {
-        let ack = COMMAND_ACK_DATA {
-            command,
-            result,
-            target_system: u8::try_from(to.system_id).unwrap_or(0),
-            target_component: to.component_id,
-            ..Default::default()
-        };
-        self.send(&MavMessage::COMMAND_ACK(ack));
     }
 
     /// Bias that PX4's filter believes in and has taken off its `HIGHRES_IMU`: near the truth, and moving.

@@ -227,3 +227,95 @@ fn sim_state_is_the_truth() {
     assert!((f64::from(state.vn) - truth.v_n.x).abs() < 1e-5);
     assert_eq!(state.lat_int, messages::degrees_e7(truth.place.lat_rad));
 }
+
+fn waypoint(seq: u16, command: MavCmd, north_m: f64, z: f32) -> MISSION_ITEM_INT_DATA {
+    MISSION_ITEM_INT_DATA {
+        seq,
+        command,
+        frame: MavFrame::MAV_FRAME_GLOBAL_RELATIVE_ALT_INT,
+        param4: f32::NAN,
+        x: 473_977_000 + (north_m * 89.93) as i32,
+        y: 85_456_000,
+        z,
+        target_system: 1,
+        ..Default::default()
+    }
+}
+
+/// Uploads over the wire, answering what is asked; returns what the autopilot said at the end.
+fn upload(station: &mut Station, items: &[MISSION_ITEM_INT_DATA]) -> MISSION_ACK_DATA {
+    let count = MISSION_COUNT_DATA { count: items.len() as u16, target_system: 1, ..Default::default() };
+    station.send(MavMessage::MISSION_COUNT(count));
+    for _ in 0..1000 {
+        let now = station.autopilot.now_s();
+        for (_, message) in station.run(now + 0.05) {
+            match message {
+                MavMessage::MISSION_REQUEST(MISSION_REQUEST_DATA { seq, .. })
+                | MavMessage::MISSION_REQUEST_INT(MISSION_REQUEST_INT_DATA { seq, .. }) => {
+                    station.send(MavMessage::MISSION_ITEM_INT(items[usize::from(seq)].clone()));
+                }
+                MavMessage::MISSION_ACK(ack) => return ack,
+                _ => {}
+            }
+        }
+    }
+    panic!("the upload does not end")
+}
+
+fn last_ack(messages: &[(MavHeader, MavMessage)]) -> Option<MavResult> {
+    messages
+        .iter()
+        .rev()
+        .find_map(|(_, m)| if let MavMessage::COMMAND_ACK(a) = m { Some(a.result) } else { None })
+}
+
+#[test]
+fn an_uploaded_mission_is_flown_only_when_commanded() {
+    for (config, auto) in [(ardupilot(), [3.0, 0.0]), (px4(), [4.0, 4.0])] {
+        let first = u16::from(config.flavour == Flavour::ArduPilot);
+        let mut station = Station::new(config, "mission_multirotor");
+        station.run(3.0);
+        let mut items = vec![
+            waypoint(first, MavCmd::MAV_CMD_NAV_TAKEOFF, 0.0, 15.0),
+            waypoint(first + 1, MavCmd::MAV_CMD_NAV_WAYPOINT, 60.0, 15.0),
+            waypoint(first + 2, MavCmd::MAV_CMD_NAV_LAND, 60.0, 0.0),
+        ];
+        if first == 1 {
+            items.insert(0, waypoint(0, MavCmd::MAV_CMD_NAV_WAYPOINT, 0.0, 0.0));
+        }
+        assert_eq!(upload(&mut station, &items).mavtype, MavMissionResult::MAV_MISSION_ACCEPTED);
+        station.run(20.0);
+        assert_eq!(station.autopilot.truth().v_n, Vector3::zeros());
+
+        station.command(MavCmd::MAV_CMD_MISSION_START, &[]);
+        assert_eq!(last_ack(&station.run(20.1)), Some(MavResult::MAV_RESULT_FAILED), "not armed");
+        station.command(MavCmd::MAV_CMD_COMPONENT_ARM_DISARM, &[1.0]);
+        station.command(MavCmd::MAV_CMD_DO_SET_MODE, &[1.0, auto[0], auto[1]]);
+        let messages = station.run(120.0);
+        let mut reached: Vec<u16> = messages
+            .iter()
+            .filter_map(|(_, m)| if let MavMessage::MISSION_ITEM_REACHED(r) = m { Some(r.seq) } else { None })
+            .collect();
+        reached.dedup();
+        assert_eq!(reached[..2], [first, first + 1]);
+        let armed_auto = messages.iter().any(|(_, m)| {
+            matches!(m, MavMessage::HEARTBEAT(h)
+            if h.base_mode.contains(MavModeFlag::MAV_MODE_FLAG_SAFETY_ARMED) && h.custom_mode != 0)
+        });
+        assert!(armed_auto && station.autopilot.has_landed());
+    }
+}
+
+#[test]
+fn streams_slow_down_while_ardupilot_takes_a_mission() {
+    let mut station = Station::new(ardupilot(), "mission_fixed_wing");
+    station.set_interval(RAW_IMU_DATA::ID, 5000.0);
+    station.run(2.0);
+    station.send(MavMessage::MISSION_COUNT(MISSION_COUNT_DATA {
+        count: 3,
+        target_system: 1,
+        ..Default::default()
+    }));
+    let slow = raw_imus(&station.run(4.0)).len();
+    assert!((95..=110).contains(&slow), "{slow}");
+}
