@@ -115,8 +115,13 @@ pub struct Options {
     pub seed: u64,
     /// Writes every frame sent and received to this `.tlog`.
     pub record: Option<PathBuf>,
+    /// Virtual seconds per second at full speed while the station has to act (ask for messages, upload, arm): it
+    /// counts its timeouts by the wall clock.
+    pub idle_factor: f64,
     /// Ends after this much virtual time, s, also for a vehicle that could go on.
     pub until_s: f64,
+    /// Ends when a vehicle that flies missions has landed.
+    pub until_landed: bool,
 }
 
 impl Default for Options {
@@ -126,8 +131,18 @@ impl Default for Options {
             link_faults: LinkFaults::default(),
             seed: 1,
             record: None,
+            idle_factor: 1.0,
             until_s: f64::INFINITY,
+            until_landed: false,
         }
+    }
+}
+
+impl Options {
+    fn is_over(&self, autopilot: &Autopilot) -> bool {
+        autopilot.is_over()
+            || autopilot.now_s() >= self.until_s
+            || (self.until_landed && autopilot.has_landed())
     }
 }
 
@@ -214,7 +229,7 @@ impl Server {
         let mut up = FaultyLink::new(options.link_faults.clone(), options.seed, 1);
         let mut served = Served::default();
         let mut clock = VirtualClock::new();
-        while !autopilot.is_over() && autopilot.now_s() < options.until_s && !shutdown.is_cancelled() {
+        while !options.is_over(&autopilot) && !shutdown.is_cancelled() {
             for bytes in self.link.received() {
                 served.received_bytes += bytes.len() as u64;
                 up.push(autopilot.now_s(), bytes);
@@ -223,11 +238,10 @@ impl Server {
                 recorder.write((autopilot.now_s() * 1e6) as u64, &bytes)?;
                 autopilot.receive(&bytes);
             }
-            let connected = self.link.is_connected();
+            let racing = options.speed == Speed::Max && self.link.is_connected() && !autopilot.is_idle();
             let target = match options.speed {
-                Speed::Max if connected && !autopilot.is_waiting() => autopilot.now_s() + TURN_S,
-                // Waiting for a station, time is that of the wall: the station counts its own seconds.
-                Speed::Max => clock.advance(1.0, autopilot.now_s()),
+                Speed::Max if racing => autopilot.now_s() + TURN_S,
+                Speed::Max => clock.advance(options.idle_factor, autopilot.now_s()),
                 Speed::Times(factor) => clock.advance(factor, autopilot.now_s()),
             };
             autopilot.step(target);
@@ -245,7 +259,7 @@ impl Server {
                 () = sending => {}
                 () = shutdown.cancelled() => break,
             }
-            if options.speed == Speed::Max && connected && !autopilot.is_waiting() {
+            if racing {
                 tokio::task::yield_now().await;
             } else {
                 tokio::select! {
@@ -264,23 +278,25 @@ impl Server {
 /// Virtual time that follows the wall clock.
 struct VirtualClock {
     last: tokio::time::Instant,
-    behind_s: f64,
+    target_s: f64,
 }
 
 impl VirtualClock {
     fn new() -> Self {
-        Self { last: tokio::time::Instant::now(), behind_s: 0.0 }
+        Self { last: tokio::time::Instant::now(), target_s: 0.0 }
     }
 
-    /// The virtual time to go to, from where it is.
+    /// The virtual time to go to.
     fn advance(&mut self, factor: f64, now_s: f64) -> f64 {
-        let wall = self.last.elapsed().as_secs_f64();
+        let wall_s = self.last.elapsed().as_secs_f64();
         self.last = tokio::time::Instant::now();
-        // The loop steps whole periods; what it left over counts for the next time.
-        self.behind_s = (self.behind_s + wall * factor).min(PATIENCE_S * factor.max(1.0));
-        let target = now_s + self.behind_s;
-        self.behind_s = 0.0;
-        target.max(now_s)
+        self.advance_by(wall_s, factor, now_s)
+    }
+
+    /// The loop steps whole periods; what it leaves over counts for the next time.
+    fn advance_by(&mut self, wall_s: f64, factor: f64, now_s: f64) -> f64 {
+        self.target_s = self.target_s.max(now_s) + (wall_s * factor).min(PATIENCE_S * factor.max(1.0));
+        self.target_s
     }
 }
 

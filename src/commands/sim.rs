@@ -56,6 +56,12 @@ pub struct SimArgs {
     /// Begin the flight at once instead of waiting for a station's first request.
     #[arg(long)]
     pub no_wait: bool,
+    /// Mean wind blowing toward north and east, m/s, for vehicles that fly missions: 3,-2.
+    #[arg(long, value_name = "N,E", value_delimiter = ',', num_args = 1, allow_hyphen_values = true)]
+    pub wind: Vec<f64>,
+    /// End when a vehicle that flies missions has landed.
+    #[arg(long)]
+    pub until_landed: bool,
     /// End after this much virtual time.
     #[arg(long, value_name = "S")]
     pub until: Option<f64>,
@@ -82,6 +88,9 @@ pub enum SimError {
         /// What would do.
         wanted: &'static str,
     },
+    /// Not two numbers.
+    #[error("--wind takes two numbers, toward north and toward east in m/s: --wind 3,-2")]
+    Wind,
     /// A hidden effect that cannot be had.
     #[error(transparent)]
     Hide(#[from] HideError),
@@ -114,6 +123,16 @@ fn prepare(args: &SimArgs) -> Result<(Autopilot, Endpoint, Options), SimError> {
     for effect in &args.hide {
         scenario::hide(&mut scenario.model, effect)?;
     }
+    if let Some(vehicle) = &mut scenario.vehicle {
+        vehicle.seed = args.seed;
+        if let [north, east] = args.wind[..] {
+            vehicle.wind_n_e_m_per_s =
+                [within("wind", north, -30.0, 30.0, "30 m/s")?, within("wind", east, -30.0, 30.0, "30 m/s")?];
+        }
+    }
+    if !matches!(args.wind.len(), 0 | 2) {
+        return Err(SimError::Wind);
+    }
     let faults = args.fault.iter().map(|f| f.parse()).collect::<Result<Vec<Fault>, _>>()?;
     let loop_rate_hz = within("loop-rate", args.loop_rate, 10.0, 2000.0, "10 to 2000 Hz")?;
     let filter_hz = args
@@ -127,6 +146,8 @@ fn prepare(args: &SimArgs) -> Result<(Autopilot, Endpoint, Options), SimError> {
         seed: args.seed,
         record: args.record.clone(),
         until_s,
+        until_landed: args.until_landed,
+        ..Options::default()
     };
     let endpoint: Endpoint = args.listen.parse()?;
     if options.speed == Speed::Max && matches!(endpoint, Endpoint::UdpIn(_) | Endpoint::UdpOut(_)) {
@@ -199,6 +220,7 @@ mod tests {
             ("--speed fast", "is no speed"),
             ("--speed max", "UDP loses frames"),
             ("--filter 900", "out of range"),
+            ("--wind 3", "--wind takes two numbers"),
         ] {
             let error = prepare(&args(line)).err().unwrap();
             assert!(error.to_string().contains(said), "{error}");
@@ -214,6 +236,12 @@ mod tests {
         assert_eq!(endpoint, Endpoint::UdpOut("127.0.0.1:14550".into()));
         assert_eq!((options.speed, options.until_s, options.seed), (Speed::Times(5.0), 30.0, 7));
         assert_eq!(options.link_faults.loss, 0.2);
+    }
+
+    #[test]
+    fn wind_reaches_the_vehicle() {
+        let (autopilot, ..) = prepare(&args("--scenario mission_multirotor --wind -3,2")).unwrap();
+        assert_eq!(autopilot.vehicle().unwrap().config().wind_n_e_m_per_s, [-3.0, 2.0]);
     }
 
     #[tokio::test]

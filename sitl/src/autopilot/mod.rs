@@ -228,6 +228,11 @@ impl Autopilot {
         self.release_s > self.now_s
     }
 
+    /// Whether the next move is a station's: an analytic flight that waits, or a vehicle that is not armed.
+    pub fn is_idle(&self) -> bool {
+        self.is_waiting() || self.vehicle().is_some_and(|v| !v.is_armed())
+    }
+
     /// Whether an analytic flight is over.
     pub fn is_over(&self) -> bool {
         self.now_s - self.release_s >= self.body.duration_s()

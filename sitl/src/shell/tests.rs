@@ -111,6 +111,17 @@ async fn datagrams_go_out_and_requests_come_back() {
     serving.await.unwrap().unwrap();
 }
 
+#[test]
+fn virtual_time_keeps_its_pace() {
+    let mut clock = VirtualClock::new();
+    let mut autopilot = autopilot();
+    for _ in 0..2000 {
+        let target = clock.advance_by(0.005, 3.0, autopilot.now_s());
+        autopilot.step(target);
+    }
+    assert!((autopilot.now_s() - 30.0).abs() < 0.01, "{}", autopilot.now_s());
+}
+
 #[tokio::test]
 async fn udp_at_full_speed_is_refused() {
     let server = Server::bind(&"udpin:127.0.0.1:0".parse().unwrap()).await.unwrap();

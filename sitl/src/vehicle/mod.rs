@@ -120,7 +120,7 @@ const STEP_S: f64 = 2e-3;
 /// The pilot decides once in so many steps (20 ms).
 const STEPS_PER_DECISION: u64 = 10;
 /// Past that can be asked for, s.
-const MEMORY_S: f64 = 1.5;
+const MEMORY_S: f64 = 3.0;
 
 /// The vehicle.
 #[derive(Debug, Clone)]
@@ -276,6 +276,8 @@ impl Trajectory for Vehicle {
         }
         let after = self.history.partition_point(|(t, _, _)| *t <= t_s + 1e-9);
         let (t, x, control) = self.history[after.saturating_sub(1)];
+        // Older than the memory: the oldest there is.
+        let t_s = t_s.max(t);
         let rest = t_s - t;
         let x = if rest.abs() < 1e-9 { x } else { self.integrated(t, &x, &control, rest) };
         Truth::of(t_s, place(&x), &self.motion(t_s, &x, &control))
