@@ -355,7 +355,8 @@ impl Autopilot {
             .faults
             .iter()
             .any(|f| matches!(f, Fault::GnssLoss { from_s, to_s } if (*from_s..*to_s).contains(&due)));
-        self.fix = (valid >= 0.0 && !lost && !self.sensors.in_outage(due)).then_some(fix);
+        let known = valid >= 0.0 && due > self.silent_until_s && !lost && !self.sensors.in_outage(due);
+        self.fix = known.then_some(fix);
     }
 
     fn meet_faults(&mut self) {

@@ -156,7 +156,10 @@ fn a_reboot_starts_the_clock_anew_and_forgets_the_rates() {
     let before = raw_imus(&station.run(10.0));
     assert!(before.last().unwrap().time_usec > 9_900_000);
     assert!(station.run(11.9).is_empty());
-    let after = raw_imus(&station.run(20.0));
+    let messages = station.run(20.0);
+    let known = |f: &&GPS_RAW_INT_DATA| f.fix_type == GpsFixType::GPS_FIX_TYPE_3D_FIX;
+    assert!(fixes(&messages).iter().filter(known).all(|f| (1..=8_000_000).contains(&f.time_usec)));
+    let after = raw_imus(&messages);
     assert!(after[0].time_usec < 600_000);
     assert!(after.len() < 20, "{}", after.len());
 }
