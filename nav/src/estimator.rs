@@ -151,10 +151,6 @@ impl Estimator {
     fn feed_imu(&mut self, raw: &ImuSample) -> Vec<FixOutcome> {
         self.meter.push(raw);
         let sample = self.dequantiser.undo(raw);
-            Ok("centre") => self.dequantiser.quantisation().undo(raw),
-            Ok("none") => *raw,
-            _ => self.dequantiser.undo(raw),
-        };
         let (kind, noise) = (self.stream.kind, self.extra_noise());
         match &mut self.state {
             State::Gathering(gathering) => {

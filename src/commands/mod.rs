@@ -5,6 +5,7 @@ pub mod pipeline;
 pub mod print;
 pub mod replay;
 pub mod run;
+pub mod sim;
 pub mod truth_comparison;
 
 use crate::link::address::AddressError;
