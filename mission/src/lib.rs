@@ -8,3 +8,4 @@ pub mod compare;
 pub mod fence;
 pub mod files;
 pub mod item;
+pub mod transfer;
