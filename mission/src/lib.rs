@@ -4,8 +4,11 @@
 //! and times, flights are predicted with a point-mass model. It knows MAVLink only by its command and result numbers;
 //! turning [`transfer::MissionMessage`] into frames is the caller's work. It never arms, starts or changes modes.
 
+pub mod airframe;
 pub mod compare;
 pub mod fence;
 pub mod files;
 pub mod item;
+pub mod kinematics;
+pub mod maneuver;
 pub mod transfer;
