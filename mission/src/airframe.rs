@@ -190,14 +190,14 @@ impl Airframe {
 
     fn validate_turns(&self, fixed: bool) -> Result<(), AirframeError> {
         let needed = 1.0 / self.bank_max_deg.to_radians().cos();
-        if fixed && !(self.load_factor_max >= needed) {
+        if fixed && (self.load_factor_max.is_nan() || self.load_factor_max < needed) {
             return Err(AirframeError::Value {
                 key: "load_factor_max",
                 value: self.load_factor_max,
                 reason: format!("a level turn at {:.0}° bank needs {needed:.2}", self.bank_max_deg),
             });
         }
-        if !fixed && !(self.load_factor_max > 1.0) {
+        if !fixed && (self.load_factor_max.is_nan() || self.load_factor_max <= 1.0) {
             return Err(AirframeError::Value {
                 key: "load_factor_max",
                 value: self.load_factor_max,

@@ -8,6 +8,7 @@ pub mod airframe;
 pub mod compare;
 pub mod fence;
 pub mod files;
+pub mod flight;
 pub mod item;
 pub mod kinematics;
 pub mod maneuver;
