@@ -12,4 +12,7 @@ pub mod flight;
 pub mod item;
 pub mod kinematics;
 pub mod maneuver;
+pub mod planner;
+pub mod predictor;
+pub mod safety;
 pub mod transfer;

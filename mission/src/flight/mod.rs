@@ -69,6 +69,14 @@ pub struct Flight {
     pub begun_s: Vec<f64>,
 }
 
+/// What is kept of a flight while it is predicted.
+enum Record<'r> {
+    /// Everything.
+    Full(&'r mut Vec<Kinematics>),
+    /// Time and place: enough for a fence, at a fraction of the work.
+    Places(&'r mut Vec<(f64, Vector3<f64>)>),
+}
+
 impl<'a> Flyer<'a> {
     /// From a state in the air. `wind_ned` is the velocity of the air, m/s.
     pub fn new(airframe: &'a Airframe, frame: LocalFrame, wind_ned: Vector3<f64>, state: Entry) -> Self {
@@ -120,11 +128,35 @@ impl<'a> Flyer<'a> {
         for (k, item) in items.iter().enumerate() {
             flight.begun_s.push(self.t_s());
             if let Some(task) = self.task(k + 1, item)? {
-                self.follow(k + 1, &task, &mut flight.samples)?;
+                self.follow(k + 1, &task, &mut Record::Full(&mut flight.samples))?;
             }
         }
         fill_rates(&mut flight.samples);
         Ok(flight)
+    }
+
+    /// As [`Self::fly`], but keeps only times (s) and positions north, east, down (m).
+    ///
+    /// # Errors
+    /// As [`Self::fly`].
+    pub fn fly_places(&mut self, items: &[MissionItem]) -> Result<Vec<(f64, Vector3<f64>)>, FlightError> {
+        let mut places = Vec::new();
+        for (k, item) in items.iter().enumerate() {
+            if let Some(task) = self.task(k + 1, item)? {
+                self.follow(k + 1, &task, &mut Record::Places(&mut places))?;
+            }
+        }
+        Ok(places)
+    }
+
+    fn note(&self, record: &mut Record<'_>) {
+        match record {
+            Record::Places(places) => places.push((self.t_s(), self.position_ned_m())),
+            Record::Full(samples) => samples.push(match &self.state {
+                Entry::Wing(s) => s.kinematics(self.airframe, &self.wind_ned),
+                Entry::Rotor(s) => s.kinematics(self.airframe, &self.wind_ned),
+            }),
+        }
     }
 
     /// What this item asks for; none for one that only changes a setting.
@@ -171,12 +203,7 @@ impl<'a> Flyer<'a> {
         Ok(Some(task))
     }
 
-    fn follow(
-        &mut self,
-        number: usize,
-        task: &Task,
-        samples: &mut Vec<Kinematics>,
-    ) -> Result<(), FlightError> {
+    fn follow(&mut self, number: usize, task: &Task, record: &mut Record<'_>) -> Result<(), FlightError> {
         if let Task::Line { height: Some(h), .. }
         | Task::Circle { height: Some(h), .. }
         | Task::Hover { height: Some(h), .. } = task
@@ -187,10 +214,7 @@ impl<'a> Flyer<'a> {
         let mut progress = Progress::new(self.position_ned_m().xy());
         loop {
             let (airframe, wind) = (self.airframe, self.wind_ned);
-            samples.push(match &self.state {
-                Entry::Wing(s) => s.kinematics(airframe, &wind),
-                Entry::Rotor(s) => s.kinematics(airframe, &wind),
-            });
+            self.note(record);
             let ground = self.ground_velocity();
             if progress.is_done(
                 task,
