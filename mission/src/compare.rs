@@ -46,13 +46,15 @@ enum Stored {
     SignOnly,
     /// A radius with sign: integer metres up to 255, then tens.
     Radius,
+    /// A direction in degrees, wrapped as the vehicle likes.
+    Angle,
     /// A count up to 255; below 1 in steps of 1/256.
     Turns,
 }
 
 /// The storage of parameters 1 to 4 of a command.
 fn storage(autopilot: Autopilot, number: u16) -> [Stored; 4] {
-    use Stored::{Float, Ignored, Integer, IntegerOrDropped, Radius, SignOnly, Turns};
+    use Stored::{Angle, Float, Ignored, Integer, IntegerOrDropped, Radius, SignOnly, Turns};
     match (autopilot, number) {
         (_, command::DO_CHANGE_SPEED) => [Float, Float, Float, Ignored],
         (_, command::DO_JUMP) => [Integer, Integer, Ignored, Ignored],
@@ -69,7 +71,10 @@ fn storage(autopilot: Autopilot, number: u16) -> [Stored; 4] {
             [IntegerOrDropped, Ignored, Ignored, Ignored]
         }
         (Autopilot::ArduPilot, command::NAV_CONTINUE_AND_CHANGE_ALT) => [Integer, Ignored, Ignored, Ignored],
-        (Autopilot::Px4, command::NAV_WAYPOINT) => [Float, Float, Ignored, Float],
+        (Autopilot::Px4, command::NAV_WAYPOINT) => [Float, Float, Ignored, Angle],
+        // The pitch of a take-off and the abort height of a landing are not handed back.
+        (Autopilot::Px4, command::NAV_TAKEOFF) => [Ignored, Ignored, Ignored, Angle],
+        (Autopilot::Px4, command::NAV_LAND) => [Ignored, Integer, Ignored, Angle],
         (Autopilot::Px4, command::NAV_LOITER_TURNS) => [Float, Ignored, Float, Ignored],
         (Autopilot::Px4, command::NAV_LOITER_TIME) => [Float, Ignored, Float, Ignored],
         (Autopilot::Px4, command::NAV_LOITER_UNLIM) => [Ignored, Ignored, Float, Ignored],
@@ -93,6 +98,10 @@ fn same_parameter(kind: Stored, want: f32, got: f32) -> bool {
         Stored::SignOnly => same_sign,
         Stored::Radius if want.abs() <= 255.0 => same_sign && near(0.999_9),
         Stored::Radius => same_sign && got != 0.0 && near(9.999),
+        Stored::Angle => {
+            let off = (want - got).rem_euclid(360.0);
+            off.min(360.0 - off) < 0.01
+        }
         Stored::Turns if want > 0.0 && want < 1.0 => near(1.0 / 256.0),
         Stored::Turns => (want.clamp(0.0, 255.0) - got).abs() < 1.0,
     }
@@ -206,6 +215,24 @@ mod tests {
             found[0].to_string(),
             "item 1: loiter turns, parameter 3: 257 expected, the vehicle has 250"
         );
+    }
+
+    #[test]
+    fn px4_wraps_headings_and_forgets_the_pitch_of_a_take_off() {
+        let at = |number, params| one(MissionItem::at(number, params, PLACE, 50.0));
+        let pairs = [
+            (
+                at(command::NAV_WAYPOINT, [0.0, 0.0, 0.0, -90.0]),
+                at(command::NAV_WAYPOINT, [0.0, 0.0, 0.0, 270.0]),
+            ),
+            (at(command::NAV_TAKEOFF, [15.0, 0.0, 0.0, f32::NAN]), at(command::NAV_TAKEOFF, [0.0; 4])),
+        ];
+        for (want, got) in pairs {
+            assert_eq!(differences(Autopilot::Px4, &want, &got), vec![]);
+        }
+        let turned = at(command::NAV_WAYPOINT, [0.0, 0.0, 0.0, 90.0]);
+        let straight = at(command::NAV_WAYPOINT, [0.0; 4]);
+        assert_eq!(differences(Autopilot::Px4, &turned, &straight).len(), 1);
     }
 
     #[test]

@@ -36,13 +36,26 @@ pub enum FlightError {
         /// Item, from 1.
         item: usize,
     },
+    /// The time is over.
+    #[error("item {item}: still under way when the time budget is used up")]
+    OutOfTime {
+        /// Item, from 1.
+        item: usize,
+    },
+}
+
+/// When a circle is over, counted from the arrival at it.
+#[derive(Debug, Clone, Copy)]
+enum Until {
+    Turns(f64),
+    Seconds(f64),
 }
 
 /// What an item asks of the vehicle.
 #[derive(Debug, Clone, Copy)]
 enum Task {
     Line { from: Vector2<f64>, to: Vector2<f64>, height: Option<f64> },
-    Circle { center: Vector2<f64>, radius: f64, side: Side, turns: f64, height: Option<f64> },
+    Circle { center: Vector2<f64>, radius: f64, side: Side, until: Until, height: Option<f64> },
     Hover { at: Vector2<f64>, height: Option<f64> },
 }
 
@@ -58,6 +71,7 @@ pub struct Flyer<'a> {
     yaw: Option<f64>,
     height: f64,
     last_point: Option<Vector2<f64>>,
+    budget_s: f64,
 }
 
 /// A flight over some items.
@@ -93,7 +107,15 @@ impl<'a> Flyer<'a> {
             yaw: None,
             height,
             last_point: None,
+            budget_s: f64::INFINITY,
         }
+    }
+
+    /// Gives up at this time, s: what takes longer is of no use.
+    #[must_use]
+    pub fn within(mut self, budget_s: f64) -> Self {
+        self.budget_s = budget_s;
+        self
     }
 
     /// Time since the start, s.
@@ -189,11 +211,17 @@ impl<'a> Flyer<'a> {
             command::NAV_WAYPOINT => Task::Line { from: self.last_point.unwrap_or(here), to: at, height },
             command::NAV_LOITER_TURNS => {
                 let (radius, side) = radius(item.params[2]);
-                Task::Circle { center: at, radius, side, turns: f64::from(item.params[0]), height }
+                let until = Until::Turns(f64::from(item.params[0]));
+                Task::Circle { center: at, radius, side, until, height }
+            }
+            command::NAV_LOITER_TIME if self.airframe.is_fixed_wing() => {
+                let (radius, side) = radius(item.params[2]);
+                let until = Until::Seconds(f64::from(item.params[0]));
+                Task::Circle { center: at, radius, side, until, height }
             }
             command::NAV_LOITER_UNLIM if self.airframe.is_fixed_wing() => {
                 let (radius, side) = radius(item.params[2]);
-                Task::Circle { center: at, radius, side, turns: LAST_TURNS, height }
+                Task::Circle { center: at, radius, side, until: Until::Turns(LAST_TURNS), height }
             }
             command::NAV_LOITER_UNLIM => Task::Hover { at, height },
             _ => return Err(not_predicted()),
@@ -225,6 +253,9 @@ impl<'a> Flyer<'a> {
             ) {
                 return Ok(());
             }
+            if self.t_s() > self.budget_s {
+                return Err(FlightError::OutOfTime { item: number });
+            }
             if self.t_s() - began > ITEM_LIMIT_S {
                 return Err(FlightError::NotReached { item: number });
             }
@@ -245,13 +276,14 @@ impl<'a> Flyer<'a> {
 /// How far a task has come.
 struct Progress {
     swept: f64,
+    arrived_s: Option<f64>,
     last_bearing: Option<f64>,
     start: Vector2<f64>,
 }
 
 impl Progress {
     fn new(start: Vector2<f64>) -> Self {
-        Self { swept: 0.0, last_bearing: None, start }
+        Self { swept: 0.0, arrived_s: None, last_bearing: None, start }
     }
 
     fn is_done(
@@ -273,11 +305,12 @@ impl Progress {
                 // One second ahead: autopilots begin to turn before the point.
                 passed && left < 4.0 * airframe.turn_radius_min_m || left < v.norm().max(5.0)
             }
-            Task::Circle { center, radius, side, turns, .. } => {
+            Task::Circle { center, radius, side, until, .. } => {
                 let out = p - center;
                 let bearing = out.y.atan2(out.x);
                 // Turns count from the arrival at the circle.
                 if out.norm() < 1.3 * radius && out.norm() > 0.5 * radius {
+                    self.arrived_s.get_or_insert(elapsed_s);
                     if let Some(last) = self.last_bearing {
                         self.swept += side.sign() * gaware_nav::rotation::wrap_pi(bearing - last);
                     }
@@ -285,7 +318,10 @@ impl Progress {
                 } else {
                     self.last_bearing = None;
                 }
-                self.swept >= turns * std::f64::consts::TAU
+                match until {
+                    Until::Turns(turns) => self.swept >= turns * std::f64::consts::TAU,
+                    Until::Seconds(seconds) => self.arrived_s.is_some_and(|t| elapsed_s - t >= *seconds),
+                }
             }
             Task::Hover { at, .. } => (p - at).norm() < 3.0 && elapsed_s > LAST_HOVER_S,
         }

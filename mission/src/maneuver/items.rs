@@ -5,8 +5,9 @@
 
 use super::{Maneuver, NoRoom, Placement, Side};
 use crate::airframe::Airframe;
-use crate::item::{LatLon, MissionItem, command};
+use crate::item::{Autopilot, LatLon, MissionItem, command};
 use nalgebra::{Rotation2, Vector2};
+use std::f64::consts::TAU;
 
 /// Shortest half of a straight run, in seconds at cruise speed.
 const SHORTEST_HALF_S: f64 = 5.0;
@@ -16,6 +17,9 @@ const LONGEST_HALF_S: f64 = 12.0;
 const LEAST_CLIMB_M: f64 = 10.0;
 /// Change of height in a pull-up, in seconds of climb.
 const PULL_UP_S: f64 = 5.0;
+
+/// Waypoints in a ring.
+const RING: u32 = 10;
 
 /// A list of items under construction.
 struct Builder<'a> {
@@ -48,16 +52,29 @@ impl Builder<'_> {
         self.items.push(speed_item(self.airframe, speed_m_per_s));
     }
 
-    fn circles(&mut self, ahead: f64, right: f64, side: Side, radius_m: f64, turns: f32) {
-        let radius = (side.sign() * radius_m) as f32;
+    /// Circles around a point. PX4 refuses `NAV_LOITER_TURNS` and `CONDITION_YAW` in missions: its fixed wings circle for a
+    /// time instead, its multirotors fly a ring of waypoints.
+    fn circles(&mut self, ahead: f64, right: f64, side: Side, radius_m: f64, turns: f64) {
+        let signed = (side.sign() * radius_m) as f32;
         let place = self.at(ahead, right);
-        let height = self.place.height_m as f32;
-        self.items.push(MissionItem::at(
-            command::NAV_LOITER_TURNS,
-            [turns, 0.0, radius, f32::NAN],
-            place,
-            height,
-        ));
+        let (command, first) = match (self.airframe.autopilot, self.airframe.is_fixed_wing()) {
+            (Autopilot::ArduPilot, _) => (command::NAV_LOITER_TURNS, turns),
+            (Autopilot::Px4, true) => {
+                let round = TAU * radius_m / self.airframe.speed_cruise_m_per_s;
+                (command::NAV_LOITER_TIME, (turns * round).ceil())
+            }
+            (Autopilot::Px4, false) => return self.ring(ahead, right, side, radius_m, turns),
+        };
+        let params = [first as f32, 0.0, signed, f32::NAN];
+        self.items.push(MissionItem::at(command, params, place, self.place.height_m as f32));
+    }
+
+    fn ring(&mut self, ahead: f64, right: f64, side: Side, radius_m: f64, turns: f64) {
+        let corners = (turns * f64::from(RING)).round() as u32;
+        for k in 0..=corners {
+            let (s, c) = (side.sign() * TAU * f64::from(k) / f64::from(RING)).sin_cos();
+            self.waypoint(ahead + radius_m * c, right + radius_m * s, self.place.height_m);
+        }
     }
 
     /// What a turn-around at the end of a run takes beyond its last waypoint, m.
@@ -162,8 +179,10 @@ impl Builder<'_> {
         for axis_deg in [0.0_f64, 90.0, 45.0, 135.0] {
             let (s, c) = axis_deg.to_radians().sin_cos();
             for end in [1.0, -1.0] {
-                // The nose is held against the autopilot's wish to lead the path.
-                self.items.push(MissionItem::action(command::CONDITION_YAW, [yaw, 30.0, 0.0, 0.0]));
+                if self.airframe.autopilot == Autopilot::ArduPilot {
+                    // For every leg anew: ArduCopter's nose goes back to leading the path at each waypoint.
+                    self.items.push(MissionItem::action(command::CONDITION_YAW, [yaw, 30.0, 0.0, 0.0]));
+                }
                 self.waypoint(end * half * c, end * half * s, height);
                 if let Some(last) = self.items.last_mut() {
                     // PX4 takes the heading from the waypoint.

@@ -117,3 +117,16 @@ fn what_does_not_fit_is_refused_with_the_reason() {
     assert!(said(Maneuver::Climb, &flat).contains("band of 16 m of height, 10 m are there"));
     assert!(said(Maneuver::Sideslip, &place(600.0)).contains("a pilot must"));
 }
+
+#[test]
+fn px4_gets_only_commands_that_its_missions_know() {
+    // Of those used here: PX4 answers UNSUPPORTED to loiter turns and condition yaw in a mission.
+    let known = [command::NAV_WAYPOINT, command::NAV_LOITER_TIME, command::DO_CHANGE_SPEED];
+    for mut airframe in airframes() {
+        airframe.autopilot = crate::item::Autopilot::Px4;
+        for maneuver in Maneuver::automatic(&airframe) {
+            let items = maneuver.items(&airframe, &place(900.0)).expect("room enough");
+            assert!(items.iter().all(|i| known.contains(&i.command)), "{maneuver:?}");
+        }
+    }
+}

@@ -112,8 +112,6 @@ enum Rejection {
     Unsafe(#[from] Refusal),
     #[error(transparent)]
     NotPredicted(#[from] FlightError),
-    #[error("it would end {over_s:.0} s after the time budget")]
-    Late { over_s: f64 },
 }
 
 /// Plans.

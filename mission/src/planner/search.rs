@@ -4,15 +4,15 @@ use super::place::placements;
 use super::{Plan, PlanError, PlannedManeuver, Rejection, Request, SigmasAt};
 use crate::fence::LocalFrame;
 use crate::flight::Flyer;
-use crate::item::{Autopilot, Mission, MissionItem, command};
+use crate::item::{Mission, MissionItem, command};
 use crate::kinematics::Kinematics;
 use crate::maneuver::{Entry, Maneuver, Placement};
 use crate::predictor::{NamedSigma, Predictor};
 use crate::safety::Checker;
 use nalgebra::{Rotation3, Vector3};
 
-/// A state counts as one that this airframe can excite if some maneuver shrinks its sigma to this share.
-const EXCITED: f64 = 0.97;
+/// A state counts as one that this airframe can excite if its maneuvers shrink its sigma to this share.
+const EXCITED: f64 = 0.9;
 /// Weight of the mean over all states beside the worst one: breaks ties, keeps the search going where the worst is stuck.
 const MEAN_WEIGHT: f64 = 0.3;
 /// Least gain in log score per second that is worth flying for.
@@ -73,7 +73,7 @@ impl<'a> Search<'a> {
         if first.is_empty() {
             return Err(PlanError::NothingFits { reasons });
         }
-        let excited = excited(&before, &first);
+        let excited = self.excited(&root.predictor);
         let start_score = log_score(&before, &excited);
         let mut beam = self.prune(first, start_score, &excited);
         let mut best = beam.first().cloned().unwrap_or(root);
@@ -100,8 +100,12 @@ impl<'a> Search<'a> {
         let start = self.frame.to_local(request.start);
         let position = Vector3::new(start.x, start.y, -request.start_height_m);
         let entry = Entry::cruising(&request.airframe, position, request.start_heading_deg.to_radians());
-        let flyers: Vec<_> =
-            self.winds.iter().map(|w| Flyer::new(&request.airframe, self.frame, *w, entry)).collect();
+        let limit = request.budget_s;
+        let flyers: Vec<_> = self
+            .winds
+            .iter()
+            .map(|w| Flyer::new(&request.airframe, self.frame, *w, entry).within(limit))
+            .collect();
         let root = Node {
             flyers,
             predictor,
@@ -113,6 +117,23 @@ impl<'a> Search<'a> {
         };
         self.end(&root.flyers).map_err(|e| PlanError::NoWayHome(e.to_string()))?;
         Ok(root)
+    }
+
+    /// Which states this airframe can excite at all: every automatic maneuver twice, wherever it fits. One alone may show
+    /// nothing where another must come first.
+    fn excited<P: Predictor>(&self, predictor: &P) -> Vec<bool> {
+        let airframe = &self.request.airframe;
+        let mut predictor = predictor.clone();
+        let before = predictor.sigmas();
+        let position = Vector3::new(0.0, 0.0, -self.request.start_height_m);
+        for round in 0..2 {
+            let entry = Entry::cruising(airframe, position, f64::from(round));
+            for maneuver in Maneuver::automatic(airframe) {
+                let path = maneuver.kinematics(airframe, &entry, &self.request.limits.wind());
+                predictor.fly(&path, self.request.fix_interval_s);
+            }
+        }
+        before.iter().zip(predictor.sigmas()).map(|(b, a)| a.sigma < EXCITED * b.sigma).collect()
     }
 
     /// The hold at the end: around the centre with the most room.
@@ -141,11 +162,6 @@ impl<'a> Search<'a> {
             if k == 0 {
                 nominal = flyer.fly(items)?.samples;
                 self.checker.path(&nominal)?;
-                // No need to try the other winds with what is too late anyway.
-                let over_s = flyer.t_s() - self.request.budget_s;
-                if over_s > 0.0 {
-                    return Err(Rejection::Late { over_s });
-                }
             } else {
                 self.checker.places(&flyer.fly_places(items)?)?;
             }
@@ -235,9 +251,9 @@ impl<'a> Search<'a> {
         let mut path = best.path;
         path.extend(end.samples);
         let before = fresh.sigmas();
-        let notes = self.notes(&before, excited, &best.maneuvers);
-        let mut sigmas = vec![SigmasAt { t_s: 0.0, sigmas: before }];
+        let mut sigmas = vec![SigmasAt { t_s: 0.0, sigmas: before.clone() }];
         sigmas.extend(report(&mut fresh, &path, self.request.fix_interval_s));
+        let notes = self.notes(&before, &fresh.sigmas(), excited);
         Ok(Plan {
             mission: Mission { home: Some(self.request.home), items },
             maneuvers: best.maneuvers,
@@ -249,34 +265,25 @@ impl<'a> Search<'a> {
         })
     }
 
-    fn notes(&self, before: &[NamedSigma], excited: &[bool], flown: &[PlannedManeuver]) -> Vec<String> {
-        let airframe = &self.request.airframe;
-        let dark: Vec<&str> =
-            before.iter().zip(excited).filter(|(_, e)| !**e).map(|(s, _)| s.name.as_str()).collect();
+    fn notes(&self, before: &[NamedSigma], after: &[NamedSigma], excited: &[bool]) -> Vec<String> {
+        let names = |wanted: &dyn Fn(usize, &NamedSigma) -> bool| {
+            let found = before.iter().enumerate().filter(|(k, s)| wanted(*k, s));
+            found.map(|(_, s)| s.name.as_str()).collect::<Vec<_>>().join(", ")
+        };
+        let lit = |k: usize| excited.get(k).copied().unwrap_or(false);
+        let dark = names(&|k, _| !lit(k));
+        let unfinished = names(&|k, _| lit(k) && after.get(k).is_some_and(|s| s.ratio() > 1.0));
         let mut notes = Vec::new();
         if !dark.is_empty() {
-            let remedy =
-                if airframe.is_fixed_wing() { "; a pilot must fly sideslips for column y of G" } else { "" };
-            notes.push(format!("these maneuvers leave dark: {}{remedy}", dark.join(", ")));
+            let wing = self.request.airframe.is_fixed_wing();
+            let remedy = if wing { "; a pilot must fly sideslips for column y of G" } else { "" };
+            notes.push(format!("maneuvers of the autopilot leave dark: {dark}{remedy}"));
         }
-        let crab = flown.iter().any(|m| m.maneuver == Maneuver::CrabLegs);
-        if crab && airframe.autopilot == Autopilot::ArduPilot {
-            notes
-                .push("crab legs need WP_YAW_BEHAVIOR 0: other values turn the nose into the leg".to_owned());
+        if !unfinished.is_empty() {
+            notes.push(format!("after this plan still short of the target: {unfinished}"));
         }
         notes
     }
-}
-
-/// Which states some first maneuver made better.
-fn excited<P: Predictor>(before: &[NamedSigma], nodes: &[Node<'_, P>]) -> Vec<bool> {
-    let mut excited = vec![false; before.len()];
-    for node in nodes {
-        for ((flag, after), before) in excited.iter_mut().zip(node.predictor.sigmas()).zip(before) {
-            *flag |= after.sigma < EXCITED * before.sigma;
-        }
-    }
-    excited
 }
 
 /// Logarithm of the worst normalised sigma of the states that can be excited, and a part of their mean.

@@ -92,7 +92,7 @@ fn what_cannot_be_flown_safely_is_refused_with_the_reason() {
         (&|r| r.limits.fence = circle(120.0), "hold at the end cannot be reached safely"),
         (&|r| r.limits.wind_ned_m_per_s = [20.0, 0.0, 0.0], "wind of 20.0 m/s is more than 14.4"),
         (&|r| r.limits.ceiling_m = 52.0, "leave no height"),
-        (&|r| r.budget_s = 90.0, "after the time budget"),
+        (&|r| r.budget_s = 20.0, "time budget is used up"),
         (&|r| r.budget_s = -1.0, "must be positive"),
         (&|r| r.start_height_m = 400.0, "outside floor and ceiling"),
     ];
