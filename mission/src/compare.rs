@@ -128,7 +128,9 @@ fn compare_items(autopilot: Autopilot, want: &MissionItem, got: &MissionItem) ->
         }
     }
     if command::has_position(want.command) {
-        let off = want.x.abs_diff(got.x).max(want.y.abs_diff(got.y));
+        // Unset is stored as zero.
+        let set = |v: i32| if v == i32::MAX { 0 } else { v };
+        let off = set(want.x).abs_diff(set(got.x)).max(set(want.y).abs_diff(set(got.y)));
         if off > POSITION_TOLERANCE_E7 {
             found.push(format!(
                 "{name}, position: {:.7} {:.7} expected, the vehicle has {:.7} {:.7}",

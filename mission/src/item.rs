@@ -284,7 +284,7 @@ impl Mission {
                     y: home.lon_e7,
                     z: home.alt_m,
                 };
-                std::iter::once(home).chain(self.items.iter().copied()).collect()
+                std::iter::once(home).chain(self.items.iter().map(|i| here_as_zero(*i))).collect()
             }
             Autopilot::Px4 => self.items.iter().map(|i| shift_jump(*i, -1.0)).collect(),
         }
@@ -304,6 +304,16 @@ impl Mission {
             }
         }
     }
+}
+
+/// ArduPilot takes zero for "here" and refuses a position off the Earth.
+fn here_as_zero(mut item: MissionItem) -> MissionItem {
+    for v in [&mut item.x, &mut item.y] {
+        if *v == i32::MAX {
+            *v = 0;
+        }
+    }
+    item
 }
 
 /// PX4 counts the targets of jumps from 0.
@@ -345,6 +355,13 @@ mod tests {
         let wire = mission().wire_items(Autopilot::Px4);
         assert_eq!((wire.len(), wire[1].params[0]), (2, 0.0));
         assert_eq!(Mission::from_wire_items(Autopilot::Px4, &wire).items, mission().items);
+    }
+
+    #[test]
+    fn an_unset_position_is_zero_for_ardupilot() {
+        let here = MissionItem { x: i32::MAX, y: i32::MAX, ..mission().items[0] };
+        let wire = Mission { home: None, items: vec![here] }.wire_items(Autopilot::ArduPilot);
+        assert_eq!((wire[1].x, wire[1].y), (0, 0));
     }
 
     #[test]

@@ -19,6 +19,9 @@ use crate::safety::{Limits, Refusal};
 
 pub use rank::{Ranked, rank};
 
+/// Gives every kind of maneuver a chance to be the first: a plan of five minutes then takes seconds.
+pub const DEFAULT_BEAM: usize = 9;
+
 /// What to plan.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Request {
@@ -38,7 +41,7 @@ pub struct Request {
     pub budget_s: f64,
     /// Time between fixes, s.
     pub fix_interval_s: f64,
-    /// Plans that are followed up at the same time; 1 is greedy.
+    /// Plans that are followed up at the same time; 1 is greedy, [`DEFAULT_BEAM`] is usual.
     pub beam: usize,
 }
 

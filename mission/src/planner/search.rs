@@ -76,21 +76,24 @@ impl<'a> Search<'a> {
         let excited = self.excited(&root.predictor);
         let start_score = log_score(&before, &excited);
         let mut beam = self.prune(first, start_score, &excited);
-        let mut best = beam.first().cloned().unwrap_or(root);
-        for _ in 1..MOST_MANEUVERS {
+        let mut best = root;
+        best.log_score = start_score;
+        for _ in 0..MOST_MANEUVERS {
+            for node in &beam {
+                let extra = node.flyers[0].t_s() - best.flyers[0].t_s();
+                if best.log_score - node.log_score > LEAST_GAIN_PER_S * extra {
+                    best = node.clone();
+                }
+            }
             let next: Vec<_> = beam
                 .iter()
                 .filter(|n| n.predictor.sigmas().iter().zip(&excited).any(|(s, e)| *e && s.ratio() > 1.0))
                 .flat_map(|n| self.expand(n, &mut Vec::new()))
                 .collect();
-            beam = self.prune(next, start_score, &excited);
-            let Some(better) = beam.iter().min_by(|a, b| a.log_score.total_cmp(&b.log_score)).filter(|n| {
-                let extra = n.flyers[0].t_s() - best.flyers[0].t_s();
-                best.log_score - n.log_score > LEAST_GAIN_PER_S * extra
-            }) else {
+            if next.is_empty() {
                 break;
-            };
-            best = better.clone();
+            }
+            beam = self.prune(next, start_score, &excited);
         }
         self.finish(best, fresh, &excited)
     }
@@ -222,7 +225,8 @@ impl<'a> Search<'a> {
         Ok(next)
     }
 
-    /// Scores, sorts and keeps the best by gain per second.
+    /// Scores, sorts and keeps the best by gain per second, one for each first maneuver as long as there are others: plans of
+    /// long and of short maneuvers are only comparable at their ends.
     fn prune<P: Predictor>(
         &self,
         mut nodes: Vec<Node<'a, P>>,
@@ -234,8 +238,20 @@ impl<'a> Search<'a> {
             node.gain_per_s = (start_score - node.log_score) / node.flyers[0].t_s().max(1.0);
         }
         nodes.sort_by(|a, b| b.gain_per_s.total_cmp(&a.gain_per_s));
-        nodes.truncate(self.request.beam.max(1));
-        nodes
+        let mut firsts = Vec::new();
+        let (mut kept, mut rest) = (Vec::new(), Vec::new());
+        for node in nodes {
+            let first = node.maneuvers.first().map(|m| m.maneuver);
+            if firsts.contains(&first) {
+                rest.push(node);
+            } else {
+                firsts.push(first);
+                kept.push(node);
+            }
+        }
+        kept.extend(rest);
+        kept.truncate(self.request.beam.max(1));
+        kept
     }
 
     fn finish<P: Predictor>(

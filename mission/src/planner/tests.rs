@@ -81,6 +81,19 @@ fn the_best_maneuver_for_what_is_missing_is_chosen() {
 }
 
 #[test]
+fn a_wider_search_is_never_worse_than_the_greedy_one() {
+    let worst = |beam| {
+        let mut request = request("quadrotor", circle(600.0));
+        (request.beam, request.budget_s) = (beam, 200.0);
+        let plan = plan(&request, Spread([0.0; 3])).expect("room enough");
+        let last = plan.sigmas.last().map(|s| s.sigmas.clone()).unwrap_or_default();
+        last.iter().map(NamedSigma::ratio).fold(0.0, f64::max)
+    };
+    let (greedy, wide) = (worst(1), worst(DEFAULT_BEAM));
+    assert!(wide <= greedy, "{wide} {greedy}");
+}
+
+#[test]
 fn what_cannot_be_flown_safely_is_refused_with_the_reason() {
     let refusal = |change: &dyn Fn(&mut Request)| {
         let mut request = request("large_fixed_wing", circle(900.0));

@@ -195,6 +195,22 @@ fn a_vehicle_that_takes_off_during_the_backup_keeps_its_mission() {
 }
 
 #[test]
+fn a_mission_that_becomes_active_during_the_backup_is_left_alone() {
+    let armed = VehicleState { armed: true, mission_mode: false, flying_mission: false };
+    let (new, old) = (mission(5, 10), mission(6, 12));
+    let vehicle = Vehicle::new(Autopilot::Px4, old.wire_items(Autopilot::Px4));
+    let mut run = Run::start(3, Faults::NONE, Autopilot::Px4, vehicle, new, Some(armed));
+    run.until(0.5);
+    let active = MissionMessage::Current { seq: 1, total: 12, state: 3, mission_id: 7 };
+    run.upload
+        .receive(0.5, &Envelope { from: VEHICLE, to: Address { system: 0, component: 0 }, message: active });
+    run.until_outcome(60.0);
+    let said = run.upload.outcome().map(ToString::to_string).unwrap_or_default();
+    assert!(said.contains("flying a mission"), "{said}");
+    assert_eq!(run.vehicle.counts_received, 0);
+}
+
+#[test]
 fn cancelling_puts_the_previous_mission_back() {
     for autopilot in [Autopilot::ArduPilot, Autopilot::Px4] {
         let (new, old) = (mission(5, 10), mission(6, 12));

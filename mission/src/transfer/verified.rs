@@ -2,9 +2,13 @@
 //! and verify that. It ends with a statement of what is on the vehicle, and after a link cut it takes up the
 //! restoration where it was. It never arms, starts a mission or changes modes.
 
-use super::{Action, Clear, Download, Envelope, Peers, TransferError, Upload};
+use super::{Action, Clear, Download, Envelope, MissionMessage, Peers, TransferError, Upload};
 use crate::compare::{Difference, differences};
 use crate::item::{Autopilot, Mission};
+
+/// Values of `MISSION_STATE`.
+const MISSION_STATE_UNKNOWN: u8 = 0;
+const MISSION_STATE_ACTIVE: u8 = 3;
 
 /// What the caller knows about the vehicle from its heartbeat and `MISSION_CURRENT`.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -227,6 +231,7 @@ impl VerifiedUpload {
 
     /// A message from anyone.
     pub fn receive(&mut self, now: f64, envelope: &Envelope) -> Vec<Action> {
+        self.notice_state(envelope);
         let actions = match &mut self.step {
             Step::BackUp(d) | Step::ReadBack(d) => d.receive(now, envelope),
             Step::Upload(u) | Step::Restore(u) => u.receive(now, envelope),
@@ -267,6 +272,17 @@ impl VerifiedUpload {
         }
         self.restores_left = self.options.restore_attempts;
         self.read_back(now, true)
+    }
+
+    /// `MISSION_CURRENT` says whether a mission is active, on autopilots that fill that field.
+    fn notice_state(&mut self, envelope: &Envelope) {
+        if let MissionMessage::Current { state, .. } = envelope.message
+            && state != MISSION_STATE_UNKNOWN
+            && self.peers.concerns(envelope)
+            && let Some(vehicle) = &mut self.vehicle
+        {
+            vehicle.flying_mission = state == MISSION_STATE_ACTIVE;
+        }
     }
 
     fn objection(&self) -> Option<String> {
