@@ -16,6 +16,7 @@ use crate::kinematics::Kinematics;
 use crate::maneuver::Maneuver;
 use crate::predictor::{NamedSigma, Predictor};
 use crate::safety::{Limits, Refusal};
+use nalgebra::{Vector2, Vector3};
 
 pub use rank::{Ranked, rank};
 
@@ -29,7 +30,10 @@ pub struct Request {
     pub airframe: Airframe,
     /// Home: heights count from here.
     pub home: Home,
-    /// Where the vehicle is when the mission begins.
+    /// Whether the mission begins on the ground at home with a take-off; `start` is then where its climb ends, see
+    /// [`climb_out`].
+    pub take_off: bool,
+    /// Where the vehicle is when the maneuvers begin.
     pub start: LatLon,
     /// Height above home there, m.
     pub start_height_m: f64,
@@ -95,6 +99,14 @@ pub enum PlanError {
     /// The limits themselves, or the start.
     #[error("no plan: {0}")]
     Limits(#[from] Refusal),
+    /// The way from home to the start after a take-off.
+    #[error(
+        "no plan: the climb after take-off comes {by_m:.0} m too close to the fence; take off in another direction"
+    )]
+    ClimbOut {
+        /// m.
+        by_m: f64,
+    },
     /// The hold at the end cannot be reached safely.
     #[error("no plan: the hold at the end cannot be reached safely from the start: {0}")]
     NoWayHome(String),
@@ -115,6 +127,24 @@ enum Rejection {
     Unsafe(#[from] Refusal),
     #[error(transparent)]
     NotPredicted(#[from] FlightError),
+}
+
+/// Where a take-off from home on this course ends: a multirotor goes straight up, a fixed wing straight ahead.
+pub fn climb_out(
+    airframe: &Airframe,
+    home: Home,
+    heading_deg: f64,
+    height_m: f64,
+    wind_ned: &Vector3<f64>,
+) -> LatLon {
+    if !airframe.is_fixed_wing() {
+        return home.place();
+    }
+    let (s, c) = heading_deg.to_radians().sin_cos();
+    let course = Vector2::new(c, s);
+    let ground = (airframe.speed_cruise_m_per_s + wind_ned.xy().dot(&course)).max(1.0);
+    let seconds = height_m / airframe.climb_max_m_per_s;
+    LocalFrame::new(home.place()).to_place(course * (ground * seconds))
 }
 
 /// Plans.

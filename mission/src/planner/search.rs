@@ -9,7 +9,7 @@ use crate::kinematics::Kinematics;
 use crate::maneuver::{Entry, Maneuver, Placement};
 use crate::predictor::{NamedSigma, Predictor};
 use crate::safety::Checker;
-use nalgebra::{Rotation3, Vector3};
+use nalgebra::{Rotation3, Vector2, Vector3};
 
 /// A state counts as one that this airframe can excite if its maneuvers shrink its sigma to this share.
 const EXCITED: f64 = 0.9;
@@ -19,6 +19,10 @@ const MEAN_WEIGHT: f64 = 0.3;
 const LEAST_GAIN_PER_S: f64 = 1e-5;
 /// Most maneuvers in a plan.
 const MOST_MANEUVERS: usize = 12;
+/// Points of a climb-out that are checked.
+const CLIMB_CHECKS: u32 = 50;
+/// Pitch of a fixed wing's take-off, deg: ArduPlane's usual minimum.
+const TAKE_OFF_PITCH_DEG: f32 = 12.0;
 /// Spacing of the sigmas in the plan, s.
 const REPORT_S: f64 = 1.0;
 
@@ -112,7 +116,7 @@ impl<'a> Search<'a> {
         let root = Node {
             flyers,
             predictor,
-            items: Vec::new(),
+            items: self.take_off(start)?,
             maneuvers: Vec::new(),
             path: Vec::new(),
             log_score: 0.0,
@@ -120,6 +124,24 @@ impl<'a> Search<'a> {
         };
         self.end(&root.flyers).map_err(|e| PlanError::NoWayHome(e.to_string()))?;
         Ok(root)
+    }
+
+    /// The take-off, if the mission begins with one. Its climb is a straight line from home to the start.
+    fn take_off(&self, start: Vector2<f64>) -> Result<Vec<MissionItem>, PlanError> {
+        let request = self.request;
+        if !request.take_off {
+            return Ok(Vec::new());
+        }
+        for k in 0..=CLIMB_CHECKS {
+            let room = self.checker.room_at(start * (f64::from(k) / f64::from(CLIMB_CHECKS)));
+            if room < 0.0 {
+                return Err(PlanError::ClimbOut { by_m: -room });
+            }
+        }
+        let pitch = if request.airframe.is_fixed_wing() { TAKE_OFF_PITCH_DEG } else { 0.0 };
+        let height = request.start_height_m as f32;
+        let params = [pitch, 0.0, 0.0, f32::NAN];
+        Ok(vec![MissionItem::at(command::NAV_TAKEOFF, params, request.start, height)])
     }
 
     /// Which states this airframe can excite at all: every automatic maneuver twice, wherever it fits. One alone may show

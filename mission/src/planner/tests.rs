@@ -43,6 +43,7 @@ fn request(name: &str, fence: Fence) -> Request {
     Request {
         airframe: Airframe::example(name).expect("shipped"),
         home: HOME,
+        take_off: false,
         start: HOME.place(),
         start_height_m: 100.0,
         start_heading_deg: 30.0,
@@ -78,6 +79,21 @@ fn the_best_maneuver_for_what_is_missing_is_chosen() {
     let plan = plan(&request, Spread([0.0, 0.0, 1e6])).expect("room enough");
     let first = plan.maneuvers[0].maneuver;
     assert!(!matches!(first, Maneuver::SteadyTurn(_) | Maneuver::FigureEight), "{first:?}");
+}
+
+#[test]
+fn a_take_off_comes_first_and_its_climb_stays_inside() {
+    let mut request = request("small_fixed_wing", circle(900.0));
+    request.take_off = true;
+    let out =
+        |r: &Request, height| climb_out(&r.airframe, r.home, r.start_heading_deg, height, &r.limits.wind());
+    request.start = out(&request, 100.0);
+    let made = plan(&request, Spread([0.0; 3])).expect("room enough");
+    assert_eq!(made.mission.items[0].command, command::NAV_TAKEOFF);
+    assert_eq!(*made.maneuvers[0].items.start(), 2);
+    request.limits.fence = circle(430.0);
+    let said = plan(&request, Spread([0.0; 3])).expect_err("the climb is longer").to_string();
+    assert!(said.contains("take off in another direction"), "{said}");
 }
 
 #[test]
