@@ -195,6 +195,14 @@ impl Builder<'_> {
     }
 }
 
+/// One circle around the centre, to begin something else from.
+pub(crate) fn join(airframe: &Airframe, place: &Placement) -> Result<Vec<MissionItem>, NoRoom> {
+    let mut b = Builder { airframe, place, items: Vec::new() };
+    let radius = b.radius(1.0)?;
+    b.circles(0.0, 0.0, Side::Right, radius, 1.0);
+    Ok(b.items)
+}
+
 pub(super) fn build(
     maneuver: Maneuver,
     airframe: &Airframe,

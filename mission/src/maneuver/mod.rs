@@ -12,6 +12,7 @@ use crate::kinematics::{Extent, Kinematics, RotorState, WingState};
 use nalgebra::{Vector2, Vector3};
 use serde::{Deserialize, Serialize};
 
+pub(crate) use items::join as join_items;
 pub use words::Words;
 
 /// A direction of turning.

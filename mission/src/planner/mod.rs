@@ -23,6 +23,9 @@ pub use rank::{Ranked, rank};
 /// Gives every kind of maneuver a chance to be the first: a plan of five minutes then takes seconds.
 pub const DEFAULT_BEAM: usize = 9;
 
+/// Share of the best climb rate that a take-off reaches on average.
+pub const CLIMB_OUT_SHARE: f64 = 0.8;
+
 /// What to plan.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Request {
@@ -129,7 +132,8 @@ enum Rejection {
     NotPredicted(#[from] FlightError),
 }
 
-/// Where a take-off from home on this course ends: a multirotor goes straight up, a fixed wing straight ahead.
+/// Where a take-off from home on this course ends at the latest: a multirotor goes straight up, a fixed wing rolls, gathers
+/// speed and climbs straight ahead at no more than [`CLIMB_OUT_SHARE`] of its best rate.
 pub fn climb_out(
     airframe: &Airframe,
     home: Home,
@@ -142,9 +146,11 @@ pub fn climb_out(
     }
     let (s, c) = heading_deg.to_radians().sin_cos();
     let course = Vector2::new(c, s);
-    let ground = (airframe.speed_cruise_m_per_s + wind_ned.xy().dot(&course)).max(1.0);
-    let seconds = height_m / airframe.climb_max_m_per_s;
-    LocalFrame::new(home.place()).to_place(course * (ground * seconds))
+    let cruise = airframe.speed_cruise_m_per_s;
+    let ground = (cruise + wind_ned.xy().dot(&course)).max(1.0);
+    let roll = cruise * cruise / (2.0 * airframe.acceleration_m_per_s2);
+    let seconds = height_m / (CLIMB_OUT_SHARE * airframe.climb_max_m_per_s);
+    LocalFrame::new(home.place()).to_place(course * (roll + ground * seconds))
 }
 
 /// Plans.

@@ -6,7 +6,7 @@ use crate::fence::LocalFrame;
 use crate::flight::Flyer;
 use crate::item::{Mission, MissionItem, command};
 use crate::kinematics::Kinematics;
-use crate::maneuver::{Entry, Maneuver, Placement};
+use crate::maneuver::{Entry, Maneuver, Placement, join_items};
 use crate::predictor::{NamedSigma, Predictor};
 use crate::safety::Checker;
 use nalgebra::{Rotation3, Vector2, Vector3};
@@ -113,7 +113,7 @@ impl<'a> Search<'a> {
             .iter()
             .map(|w| Flyer::new(&request.airframe, self.frame, *w, entry).within(limit))
             .collect();
-        let root = Node {
+        let mut root = Node {
             flyers,
             predictor,
             items: self.take_off(start)?,
@@ -122,8 +122,23 @@ impl<'a> Search<'a> {
             log_score: 0.0,
             gain_per_s: 0.0,
         };
+        if request.take_off && request.airframe.is_fixed_wing() {
+            self.join(&mut root).map_err(|e| PlanError::NoWayHome(e.to_string()))?;
+        }
         self.end(&root.flyers).map_err(|e| PlanError::NoWayHome(e.to_string()))?;
         Ok(root)
+    }
+
+    /// A circle after the take-off: nobody knows exactly where a climb ends, and the first leg shall not begin there.
+    fn join<P: Predictor>(&self, root: &mut Node<'a, P>) -> Result<(), Rejection> {
+        let Some(place) = self.placements.first() else { return Ok(()) };
+        let items = join_items(&self.request.airframe, place)?;
+        let flown = self.fly(&root.flyers, &items)?;
+        root.predictor.fly(&flown.samples, self.request.fix_interval_s);
+        root.flyers = flown.flyers;
+        root.path = flown.samples;
+        root.items.extend(items);
+        Ok(())
     }
 
     /// The take-off, if the mission begins with one. Its climb is a straight line from home to the start.

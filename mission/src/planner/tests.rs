@@ -85,13 +85,14 @@ fn the_best_maneuver_for_what_is_missing_is_chosen() {
 fn a_take_off_comes_first_and_its_climb_stays_inside() {
     let mut request = request("small_fixed_wing", circle(900.0));
     request.take_off = true;
-    let out =
-        |r: &Request, height| climb_out(&r.airframe, r.home, r.start_heading_deg, height, &r.limits.wind());
-    request.start = out(&request, 100.0);
+    let (a, wind) = (&request.airframe, request.limits.wind());
+    request.start = climb_out(a, request.home, request.start_heading_deg, 100.0, &wind);
     let made = plan(&request, Spread([0.0; 3])).expect("room enough");
     assert_eq!(made.mission.items[0].command, command::NAV_TAKEOFF);
-    assert_eq!(*made.maneuvers[0].items.start(), 2);
-    request.limits.fence = circle(430.0);
+    assert_eq!(made.mission.items[1].command, command::NAV_LOITER_TURNS);
+    assert_eq!(*made.maneuvers[0].items.start(), 3);
+    assert!(made.maneuvers[0].start_s > 10.0, "the circle comes first");
+    request.limits.fence = circle(500.0);
     let said = plan(&request, Spread([0.0; 3])).expect_err("the climb is longer").to_string();
     assert!(said.contains("take off in another direction"), "{said}");
 }
