@@ -3,3 +3,4 @@
 //! The library holds everything the binary does, so that tests and benches drive the same code.
 
 pub mod engine;
+pub mod sinks;
