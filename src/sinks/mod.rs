@@ -7,5 +7,6 @@ pub mod events;
 pub mod metrics;
 pub mod status;
 pub mod telemetry;
+pub mod terminal;
 
 pub mod words;
