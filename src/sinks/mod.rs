@@ -9,4 +9,5 @@ pub mod status;
 pub mod telemetry;
 pub mod terminal;
 
+pub mod web;
 pub mod words;
