@@ -5,9 +5,11 @@
 
 mod script;
 
+use gaware::engine::snapshot::Snapshot;
 use gaware::sinks::status::{LinkState, LinkView, RecorderState, RecorderView, SinkStatus};
 use gaware::sinks::web::{self, WebCommand, WebState, access::Token};
 use std::error::Error;
+use std::net::SocketAddr;
 use std::process::ExitCode;
 use std::sync::Arc;
 use std::time::Duration;
@@ -75,8 +77,7 @@ async fn run() -> Result<(), Box<dyn Error>> {
     }
     let listener = TcpListener::bind(&options.bind).await?;
     let shutdown = CancellationToken::new();
-    println!("listening on http://{}/", listener.local_addr()?);
-    tokio::spawn(play(tx, status, options));
+    tokio::spawn(play(tx, status, options, listener.local_addr()?));
     let stop = shutdown.clone();
     tokio::spawn(async move {
         let _ = tokio::signal::ctrl_c().await;
@@ -91,19 +92,17 @@ async fn carry_out(mut commands: mpsc::Receiver<WebCommand>) {
     }
 }
 
-async fn play(
-    tx: watch::Sender<Arc<gaware::engine::snapshot::Snapshot>>,
-    status: Arc<SinkStatus>,
-    o: Options,
-) {
+async fn play(tx: watch::Sender<Arc<Snapshot>>, status: Arc<SinkStatus>, o: Options, address: SocketAddr) {
     // The minutes before `--from`, so that charts and track begin full.
     let mut t_s = 0.0;
     while t_s < o.from_s {
         tx.send_replace(Arc::new(script::snapshot(t_s)));
         t_s += script::STEP_S;
         // Slow enough for the page's history to see every one.
-        tokio::time::sleep(Duration::from_micros(200)).await;
+        tokio::time::sleep(Duration::from_millis(1)).await;
     }
+    surroundings(&status, t_s);
+    println!("listening on http://{address}/");
     let mut ticks =
         tokio::time::interval(Duration::from_secs_f64(script::STEP_S / o.speed.clamp(0.01, 100.0)));
     loop {

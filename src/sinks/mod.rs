@@ -8,6 +8,5 @@ pub mod metrics;
 pub mod status;
 pub mod telemetry;
 pub mod terminal;
-
 pub mod web;
 pub mod words;

@@ -64,7 +64,7 @@ function ring(letter) {
   face.append(
     svg("circle", { ...around, class: "ring-back" }),
     svg("circle", { ...around, class: "ring-front", transform: "rotate(-90 36 36)", "stroke-dasharray": "0 100" }),
-    svg("text", { x: 36, y: 37, class: "ring-letter" }),
+    svg("text", { x: 36, y: 35, class: "ring-letter" }),
   );
   face.querySelector("text").textContent = letter;
   const words = make("div", "ring-words");
@@ -234,7 +234,7 @@ export function showSnapshot(s) {
   setText($("clock"), clock(s.elapsed_s));
   chip("chip-phase", s.phase === "running" ? "good" : "wait", PHASE[s.phase] ?? s.phase);
   const nis = s.consistency.nis_mean_per_dof;
-  chip("chip-nis", s.phase !== "running" || nis === null ? "idle" : nis > 2 || nis < 0.4 ? "bad" : nis > 1.5 ? "wait" : "good", num(nis, 2));
+  chip("chip-nis", s.phase !== "running" || nis === null ? "idle" : nis > 2 || nis < 0.4 ? "bad" : nis > 1.5 ? "wait" : "good", s.phase === "running" ? num(nis, 2) : "–");
 }
 
 const LINK_LEVEL = { up: "good", connecting: "wait", silent: "bad", down: "bad" };
