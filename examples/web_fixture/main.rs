@@ -1,12 +1,13 @@
-//! Serves the scripted flight on the web page, without vehicle or engine: to look at the page, and for its test in
-//! a real browser.
+//! Serves the scripted flight on the web page, and with `--terminal` on the terminal, without vehicle or engine: to
+//! look at both, and for the page's test in a real browser.
 //!
-//! `web_fixture [--bind ADDR:PORT] [--token TOKEN] [--from SECONDS] [--speed FACTOR] [--freeze] [--commands]`
+//! `web_fixture [--bind ADDR:PORT] [--token TOKEN] [--from SECONDS] [--speed FACTOR] [--freeze] [--commands] [--terminal]`
 
 mod script;
 
 use gaware::engine::snapshot::Snapshot;
 use gaware::sinks::status::{LinkState, LinkView, RecorderState, RecorderView, SinkStatus};
+use gaware::sinks::terminal::{self, Sources};
 use gaware::sinks::web::{self, WebCommand, WebState, access::Token};
 use std::error::Error;
 use std::net::SocketAddr;
@@ -24,6 +25,7 @@ struct Options {
     speed: f64,
     freeze: bool,
     commands: bool,
+    terminal: bool,
 }
 
 fn options() -> Result<Options, Box<dyn Error>> {
@@ -34,6 +36,7 @@ fn options() -> Result<Options, Box<dyn Error>> {
         speed: 1.0,
         freeze: false,
         commands: false,
+        terminal: false,
     };
     let mut args = std::env::args().skip(1);
     while let Some(arg) = args.next() {
@@ -45,6 +48,7 @@ fn options() -> Result<Options, Box<dyn Error>> {
             "--speed" => o.speed = value()?.parse()?,
             "--freeze" => o.freeze = true,
             "--commands" => o.commands = true,
+            "--terminal" => o.terminal = true,
             other => return Err(format!("unknown option {other}").into()),
         }
     }
@@ -66,7 +70,7 @@ async fn run() -> Result<(), Box<dyn Error>> {
     let options = options()?;
     let status = SinkStatus::new();
     let (tx, rx) = watch::channel(Arc::new(script::snapshot(options.from_s)));
-    let mut state = WebState::new(rx, Arc::clone(&status));
+    let mut state = WebState::new(rx.clone(), Arc::clone(&status));
     if let Some(token) = &options.token {
         state = state.with_token(Token::new(token)?);
     }
@@ -77,13 +81,26 @@ async fn run() -> Result<(), Box<dyn Error>> {
     }
     let listener = TcpListener::bind(&options.bind).await?;
     let shutdown = CancellationToken::new();
+    let sources = Sources { snapshots: rx, status: Arc::clone(&status) };
+    let screen = options.terminal.then(|| {
+        terminal::spawn(
+            sources,
+            terminal::Options::from_env(|name| std::env::var(name).ok()),
+            shutdown.clone(),
+        )
+    });
+    let screen = screen.transpose()?;
     tokio::spawn(play(tx, status, options, listener.local_addr()?));
     let stop = shutdown.clone();
     tokio::spawn(async move {
         let _ = tokio::signal::ctrl_c().await;
         stop.cancel();
     });
-    Ok(web::serve(listener, state, shutdown).await?)
+    web::serve(listener, state, shutdown).await?;
+    match screen {
+        Some(ended) => Ok(ended.await??),
+        None => Ok(()),
+    }
 }
 
 async fn carry_out(mut commands: mpsc::Receiver<WebCommand>) {
@@ -102,7 +119,9 @@ async fn play(tx: watch::Sender<Arc<Snapshot>>, status: Arc<SinkStatus>, o: Opti
         tokio::time::sleep(Duration::from_millis(1)).await;
     }
     surroundings(&status, t_s);
-    println!("listening on http://{address}/");
+    if !o.terminal {
+        println!("listening on http://{address}/");
+    }
     let mut ticks =
         tokio::time::interval(Duration::from_secs_f64(script::STEP_S / o.speed.clamp(0.01, 100.0)));
     loop {

@@ -23,6 +23,11 @@ use tokio_util::sync::CancellationToken;
 /// Events kept for the list.
 const EVENTS: usize = 50;
 
+/// Between two frames.
+const REDRAW: Duration = Duration::from_millis(250);
+/// Between two frames on a serial console.
+const SERIAL_REDRAW: Duration = Duration::from_secs(1);
+
 /// Why there is no screen.
 #[derive(Debug, thiserror::Error)]
 pub enum TerminalError {
@@ -47,7 +52,7 @@ pub struct Options {
 
 impl Default for Options {
     fn default() -> Self {
-        Self { color: true, ascii: false, redraw: Duration::from_millis(250) }
+        Self { color: true, ascii: false, redraw: REDRAW }
     }
 }
 
@@ -56,13 +61,16 @@ impl Options {
     /// `|name| std::env::var(name).ok()`).
     pub fn from_env(get: impl Fn(&str) -> Option<String>) -> Self {
         let set = |name| get(name).filter(|v| !v.is_empty());
-        let dumb = set("TERM").is_some_and(|t| t == "dumb");
+        let term = set("TERM").unwrap_or_default();
+        let dumb = term == "dumb";
+        // What a getty on a serial port calls itself; at 9600 baud four frames a second would be too many.
+        let serial = dumb || term.starts_with("vt");
         let locale = ["LC_ALL", "LC_CTYPE", "LANG"].into_iter().find_map(set).unwrap_or_default();
         let locale = locale.to_ascii_lowercase();
         Self {
             color: set("NO_COLOR").is_none() && !dumb,
             ascii: dumb || !(locale.contains("utf-8") || locale.contains("utf8")),
-            ..Self::default()
+            redraw: if serial { SERIAL_REDRAW } else { REDRAW },
         }
     }
 }

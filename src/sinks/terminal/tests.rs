@@ -168,6 +168,7 @@ fn the_environment_decides_on_colours_and_letters() {
     assert!(of(&[("NO_COLOR", "")]).color);
     assert!(of(&[("LC_ALL", "C"), ("LANG", "en_US.UTF-8")]).ascii);
     assert!(of(&[("TERM", "dumb"), ("LANG", "C.UTF-8")]).ascii);
+    assert!(of(&[("TERM", "vt220")]).redraw > plain.redraw);
 }
 
 /// Keys in their order, one after each frame; then the keyboard breaks.

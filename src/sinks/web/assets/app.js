@@ -132,6 +132,7 @@ const stream = new Stream({
     showConnection(state, silent);
     if (!changed) return;
     if (state === "live") {
+      points = []; // It may be another flight now; the history knows this one.
       loadHistory();
       capabilities();
     }
