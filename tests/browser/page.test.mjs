@@ -46,7 +46,7 @@ test("a lost connection is said loudly, and the page returns by itself after a r
 });
 
 test("beyond localhost the page opens with the token only, and keeps it out of the address", async () => {
-  const server = await serve("--bind", "0.0.0.0:0", "--token", TOKEN, "--from", "20", "--commands");
+  const server = await serve("--bind", "0.0.0.0:0", "--token", TOKEN, "--from", "20", "--speed", "0.1", "--commands");
   const base = `http://127.0.0.1:${server.port}/`;
   assert.equal((await fetch(`${base}api/v1/status`)).status, 401);
   const { page, close } = await open(browser);
@@ -87,7 +87,7 @@ test("from 360 to 1920 pixels nothing scrolls sideways, nothing is cut, and the 
       wide: [...document.querySelectorAll("main *")]
         .filter((e) => !e.closest(".sr, svg") && e.getBoundingClientRect().right > window.innerWidth + 0.5)
         .map((e) => e.className || e.tagName),
-      cut: [...document.querySelectorAll(".g-value, .g-sigma, .list td, .list th")]
+      cut: [...document.querySelectorAll(".g-value, .g-sigma, .list td, .list th, .g th")]
         .filter((e) => e.offsetParent && e.scrollWidth > e.clientWidth + 1 && getComputedStyle(e).display !== "inline")
         .map((e) => e.textContent),
       theme: document.querySelector("#theme").getBoundingClientRect().height,

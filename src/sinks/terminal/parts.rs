@@ -9,7 +9,7 @@ use ratatui::Frame;
 use ratatui::layout::{Constraint, Layout, Rect};
 use ratatui::style::{Color, Modifier, Style};
 use ratatui::text::{Line, Span, Text};
-use ratatui::widgets::{Paragraph, Wrap};
+use ratatui::widgets::{Block, Padding, Paragraph, Wrap};
 
 const BOLD: Style = Style::new().add_modifier(Modifier::BOLD);
 
@@ -93,15 +93,24 @@ pub(super) fn instruction(frame: &mut Frame, view: &View, area: Rect) {
         Constraint::Length(u16::from(flying)),
     ])
     .areas(inner);
-    let look = view.ink(Color::Yellow).add_modifier(Modifier::BOLD);
-    let text = Text::styled(view.text(&words), look);
-    frame.render_widget(Paragraph::new(text).wrap(Wrap { trim: true }), top);
+    large(frame, view, &words, top);
     let words = if flying { &g.reason } else { &g.last_result };
     let line = fit_chars(&view.text(words), inner.width);
     frame.render_widget(Paragraph::new(line).style(Style::new().remove_modifier(Modifier::BOLD)), reason);
     let width = usize::from(progress.width.saturating_sub(6));
     let bar = format!("{} {:3.0} %", view.bar(width, g.progress), g.progress.clamp(0.0, 1.0) * 100.0);
     frame.render_widget(Paragraph::new(bar).style(view.ink(Color::Green)), progress);
+}
+
+/// Words as large as a terminal can: a bright field of their own, the words in its middle.
+fn large(frame: &mut Frame, view: &View, words: &str, area: Rect) {
+    let look = view.ink(Color::Yellow).add_modifier(Modifier::BOLD | Modifier::REVERSED);
+    let paragraph = Paragraph::new(view.text(words)).wrap(Wrap { trim: true }).style(look);
+    // An estimate that errs on the side of more lines: words do not fill a line.
+    let per_line = usize::from(area.width).saturating_sub(12).max(1);
+    let lines = u16::try_from(words.chars().count().div_ceil(per_line)).unwrap_or(u16::MAX);
+    let above = area.height.saturating_sub(lines) / 2;
+    frame.render_widget(paragraph.block(Block::new().padding(Padding::new(2, 2, above, 0))), area);
 }
 
 /// The instruction alone, for very small screens.
@@ -174,7 +183,8 @@ pub(super) fn g_rows(frame: &mut Frame, view: &View, area: Rect, bars: bool) {
             // No filter gives a sigma of zero: nothing is estimated yet.
             let text = match *sigma {
                 0.0 => "-".to_owned(),
-                sigma => format!("{value:+.1} {plus_minus}{}", brief(sigma)),
+                // Rounded and without the sign of a negative zero.
+                sigma => format!("{:+.1} {plus_minus}{}", (value * 10.0).round() / 10.0 + 0.0, brief(sigma)),
             };
             figures.push(Span::styled(format!("{text:<column$}"), style));
             let bar = view.bar(column.saturating_sub(2), state.map_or(0.0, way_to_target));

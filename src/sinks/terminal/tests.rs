@@ -148,6 +148,21 @@ fn nonsense_figures_do_not_break_it() {
 }
 
 #[test]
+fn a_long_instruction_is_shown_to_its_last_word() {
+    let mut s = flying();
+    s.guidance.instruction =
+        "Wings level at a safe height, full rudder left for five seconds, then right for five \
+                              seconds, needed for the g22 column; autopilots do not fly this"
+            .into();
+    for (width, height) in [(80, 24), (60, 18), (44, 12), (40, 10)] {
+        let shown = words(&screen(width, height, &s, Options::default(), false));
+        for word in s.guidance.instruction.split(' ') {
+            assert!(shown.contains(word), "{word} is missing at {width}x{height}:\n{shown}");
+        }
+    }
+}
+
+#[test]
 fn no_color_means_none() {
     let colored = |color| {
         let terminal = screen(80, 24, &flying(), Options { color, ..Options::default() }, false);
