@@ -10,7 +10,7 @@ after(() => browser.close());
 
 const instruction = (page) => page.locator("#instruction");
 const shows = (page, words) => page.waitForFunction(
-  (text) => document.querySelector("#instruction").textContent.includes(text), words, { timeout: 20000 },
+  (text) => document.querySelector("#instruction")?.textContent.includes(text), words, { timeout: 20000 },
 );
 
 test("the instruction changes with the flight, and the conditions turn true", async () => {
