@@ -230,6 +230,9 @@ pub struct Consistency {
 pub struct Snapshot {
     /// `gaware.snapshot/1`.
     pub schema: String,
+    /// Counts snapshots from 1; a gap tells a reader how many it has missed.
+    #[serde(default)]
+    pub sequence: u64,
     /// Time on the autopilot's base, s.
     pub t_s: f64,
     /// Seconds since the first sample.

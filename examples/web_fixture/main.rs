@@ -1,0 +1,152 @@
+//! Serves the scripted flight on the web page, and with `--terminal` on the terminal, without vehicle or engine: to
+//! look at both, and for the page's test in a real browser.
+//!
+//! `web_fixture [--bind ADDR:PORT] [--token TOKEN] [--from SECONDS] [--speed FACTOR] [--freeze] [--commands] [--terminal]`
+
+mod script;
+
+use gaware::engine::snapshot::Snapshot;
+use gaware::sinks::status::{LinkState, LinkView, RecorderState, RecorderView, SinkStatus};
+use gaware::sinks::terminal::{self, Sources};
+use gaware::sinks::web::{self, WebCommand, WebState, access::Token};
+use std::error::Error;
+use std::net::SocketAddr;
+use std::process::ExitCode;
+use std::sync::Arc;
+use std::time::Duration;
+use tokio::net::TcpListener;
+use tokio::sync::{mpsc, watch};
+use tokio_util::sync::CancellationToken;
+
+struct Options {
+    bind: String,
+    token: Option<String>,
+    from_s: f64,
+    speed: f64,
+    freeze: bool,
+    commands: bool,
+    terminal: bool,
+}
+
+fn options() -> Result<Options, Box<dyn Error>> {
+    let mut o = Options {
+        bind: "127.0.0.1:8765".into(),
+        token: None,
+        from_s: 0.0,
+        speed: 1.0,
+        freeze: false,
+        commands: false,
+        terminal: false,
+    };
+    let mut args = std::env::args().skip(1);
+    while let Some(arg) = args.next() {
+        let mut value = || args.next().ok_or(format!("{arg} needs a value"));
+        match arg.as_str() {
+            "--bind" => o.bind = value()?,
+            "--token" => o.token = Some(value()?),
+            "--from" => o.from_s = value()?.parse()?,
+            "--speed" => o.speed = value()?.parse()?,
+            "--freeze" => o.freeze = true,
+            "--commands" => o.commands = true,
+            "--terminal" => o.terminal = true,
+            other => return Err(format!("unknown option {other}").into()),
+        }
+    }
+    Ok(o)
+}
+
+#[tokio::main]
+async fn main() -> ExitCode {
+    match run().await {
+        Ok(()) => ExitCode::SUCCESS,
+        Err(e) => {
+            eprintln!("web_fixture: {e}");
+            ExitCode::FAILURE
+        }
+    }
+}
+
+async fn run() -> Result<(), Box<dyn Error>> {
+    let options = options()?;
+    let status = SinkStatus::new();
+    let (tx, rx) = watch::channel(Arc::new(script::snapshot(options.from_s)));
+    let mut state = WebState::new(rx.clone(), Arc::clone(&status));
+    if let Some(token) = &options.token {
+        state = state.with_token(Token::new(token)?);
+    }
+    if options.commands {
+        let (commands, handler) = mpsc::channel(1);
+        tokio::spawn(carry_out(handler));
+        state = state.with_commands(commands);
+    }
+    let listener = TcpListener::bind(&options.bind).await?;
+    let shutdown = CancellationToken::new();
+    let sources = Sources { snapshots: rx, status: Arc::clone(&status) };
+    let screen = options.terminal.then(|| {
+        terminal::spawn(
+            sources,
+            terminal::Options::from_env(|name| std::env::var(name).ok()),
+            shutdown.clone(),
+        )
+    });
+    let screen = screen.transpose()?;
+    tokio::spawn(play(tx, status, options, listener.local_addr()?));
+    let stop = shutdown.clone();
+    tokio::spawn(async move {
+        let _ = tokio::signal::ctrl_c().await;
+        stop.cancel();
+    });
+    web::serve(listener, state, shutdown).await?;
+    match screen {
+        Some(ended) => Ok(ended.await??),
+        None => Ok(()),
+    }
+}
+
+async fn carry_out(mut commands: mpsc::Receiver<WebCommand>) {
+    while let Some(WebCommand::UploadMission { reply }) = commands.recv().await {
+        let _ = reply.send(Ok("12 items uploaded and read back: they agree.".into()));
+    }
+}
+
+async fn play(tx: watch::Sender<Arc<Snapshot>>, status: Arc<SinkStatus>, o: Options, address: SocketAddr) {
+    // The minutes before `--from`, so that charts and track begin full.
+    let mut t_s = 0.0;
+    while t_s < o.from_s {
+        tx.send_replace(Arc::new(script::snapshot(t_s)));
+        t_s += script::STEP_S;
+        // Slow enough for the page's history to see every one.
+        tokio::time::sleep(Duration::from_millis(1)).await;
+    }
+    surroundings(&status, t_s);
+    if !o.terminal {
+        println!("listening on http://{address}/");
+    }
+    let mut ticks =
+        tokio::time::interval(Duration::from_secs_f64(script::STEP_S / o.speed.clamp(0.01, 100.0)));
+    loop {
+        ticks.tick().await;
+        surroundings(&status, t_s);
+        tx.send_replace(Arc::new(script::snapshot(t_s)));
+        if !o.freeze {
+            t_s += script::STEP_S;
+        }
+    }
+}
+
+fn surroundings(status: &SinkStatus, t_s: f64) {
+    status.set_link(LinkView {
+        state: LinkState::Up,
+        detail: "udpin:0.0.0.0:14550".into(),
+        frames: (t_s * 168.0) as u64,
+        bytes: (t_s * 7100.0) as u64,
+        lost: (t_s / 9.0) as u64,
+        bad_crc: 0,
+        rate_hz: 168.0,
+    });
+    status.set_recorder(RecorderView {
+        state: RecorderState::Recording,
+        detail: "flight-007.mcap".into(),
+        bytes: (t_s * 31_000.0) as u64,
+    });
+}

@@ -1,0 +1,222 @@
+//! What changed between two snapshots, in words: the one place that decides what is worth telling a pilot.
+//!
+//! Telemetry speaks these events, the terminal and the page list them. Pure: snapshot in, events out.
+
+use crate::engine::snapshot::{Condition, Phase, Snapshot, Status};
+use schemars::JsonSchema;
+use serde::{Deserialize, Serialize};
+use std::collections::{BTreeMap, BTreeSet};
+
+/// How urgent an event is; the order of MAVLink's severities, without those no estimator needs.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize, JsonSchema)]
+#[serde(rename_all = "snake_case")]
+pub enum Severity {
+    /// The pilot should look.
+    Warning,
+    /// The pilot should act: a new instruction.
+    Notice,
+    /// Good to know.
+    Info,
+}
+
+/// What an event is about.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize, JsonSchema)]
+#[serde(rename_all = "snake_case")]
+pub enum Topic {
+    /// What to fly.
+    Instruction,
+    /// What the last maneuver brought.
+    Result,
+    /// The estimator's phase.
+    Phase,
+    /// One of the paper's conditions.
+    Condition,
+    /// States that became observable, or are so no longer.
+    State,
+    /// A warning of the engine.
+    Warning,
+}
+
+/// One change.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
+pub struct Event {
+    /// Time of the snapshot, seconds since the first sample.
+    pub elapsed_s: f64,
+    /// How urgent.
+    pub severity: Severity,
+    /// About what.
+    pub topic: Topic,
+    /// In words.
+    pub text: String,
+}
+
+/// Remembers the last snapshot's words and says what is new.
+#[derive(Debug, Clone, Default)]
+pub struct EventDetector {
+    seen_any: bool,
+    instruction: String,
+    result: String,
+    done: bool,
+    phase: Phase,
+    met: [bool; 3],
+    observable: BTreeSet<String>,
+    warnings: BTreeSet<String>,
+}
+
+impl EventDetector {
+    /// Everything that is new since the snapshot before, most urgent first.
+    pub fn feed(&mut self, s: &Snapshot) -> Vec<Event> {
+        let mut out = Vec::new();
+        let mut say = |severity, topic, text: String| {
+            out.push(Event { elapsed_s: s.elapsed_s, severity, topic, text });
+        };
+        self.phase_event(s, &mut say);
+        self.warning_events(s, &mut say);
+        self.condition_events(s, &mut say);
+        self.state_events(s, &mut say);
+        self.guidance_events(s, &mut say);
+        self.seen_any = true;
+        out.sort_by_key(|e| e.severity);
+        out
+    }
+
+    fn phase_event(&mut self, s: &Snapshot, say: &mut impl FnMut(Severity, Topic, String)) {
+        if self.seen_any && s.phase == self.phase {
+            return;
+        }
+        let was_running = self.seen_any && self.phase == Phase::Running;
+        self.phase = s.phase;
+        let severity = if was_running { Severity::Warning } else { Severity::Info };
+        let text = match s.waiting_for.as_str() {
+            "" => phase_words(s.phase).to_owned(),
+            reason => format!("{}: {reason}", phase_words(s.phase)),
+        };
+        say(severity, Topic::Phase, text);
+    }
+
+    fn warning_events(&mut self, s: &Snapshot, say: &mut impl FnMut(Severity, Topic, String)) {
+        let now: BTreeSet<String> = s.warnings.iter().cloned().collect();
+        for text in s.warnings.iter().filter(|w| !self.warnings.contains(*w)) {
+            say(Severity::Warning, Topic::Warning, text.clone());
+        }
+        self.warnings = now;
+    }
+
+    fn condition_events(&mut self, s: &Snapshot, say: &mut impl FnMut(Severity, Topic, String)) {
+        let c = &s.observability.conditions;
+        let rows: [(&Condition, &str, &str); 3] =
+            [(&c.a, "a", "attitude, biases"), (&c.b, "b", "diagonal of G"), (&c.c, "c", "full G")];
+        for (met, (condition, letter, what)) in self.met.iter_mut().zip(rows) {
+            if condition.met && !*met {
+                say(Severity::Info, Topic::Condition, format!("Condition ({letter}) met: {what}"));
+            }
+            *met = condition.met;
+        }
+    }
+
+    fn state_events(&mut self, s: &Snapshot, say: &mut impl FnMut(Severity, Topic, String)) {
+        let status: BTreeMap<&str, Status> =
+            s.observability.states.iter().map(|x| (x.name.as_str(), x.status)).collect();
+        let now: BTreeSet<String> = status
+            .iter()
+            .filter(|(_, status)| **status == Status::Observable)
+            .map(|(name, _)| (*name).to_owned())
+            .collect();
+        let gained: Vec<&str> = now.difference(&self.observable).map(String::as_str).collect();
+        let lost: Vec<&str> = self.observable.difference(&now).map(String::as_str).collect();
+        if !gained.is_empty() {
+            say(Severity::Info, Topic::State, format!("Observable now: {}", gained.join(" ")));
+        }
+        if !lost.is_empty() {
+            say(Severity::Warning, Topic::State, format!("No longer observable: {}", lost.join(" ")));
+        }
+        self.observable = now;
+    }
+
+    fn guidance_events(&mut self, s: &Snapshot, say: &mut impl FnMut(Severity, Topic, String)) {
+        let g = &s.guidance;
+        if g.last_result != self.result && !g.last_result.is_empty() {
+            say(Severity::Info, Topic::Result, g.last_result.clone());
+        }
+        if g.done && !self.done {
+            say(Severity::Notice, Topic::Instruction, "All known that this airframe can show".to_owned());
+        } else if g.instruction != self.instruction && !g.instruction.is_empty() {
+            say(Severity::Notice, Topic::Instruction, format!("Fly: {}", g.instruction));
+        }
+        self.result.clone_from(&g.last_result);
+        self.instruction.clone_from(&g.instruction);
+        self.done = g.done;
+    }
+}
+
+/// The phase as screens and telemetry name it.
+pub fn phase_words(phase: Phase) -> &'static str {
+    match phase {
+        Phase::WaitingForImu => "Waiting for inertial data",
+        Phase::WaitingForGnss => "Waiting for GNSS",
+        Phase::Aligning => "Aligning",
+        Phase::SearchingHeading => "Searching heading",
+        Phase::Running => "Running",
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::engine::snapshot::StateStatus;
+
+    fn state(name: &str, status: Status) -> StateStatus {
+        StateStatus { name: name.into(), status, ..StateStatus::default() }
+    }
+
+    fn texts(events: &[Event]) -> Vec<&str> {
+        events.iter().map(|e| e.text.as_str()).collect()
+    }
+
+    #[test]
+    fn the_same_snapshot_twice_says_nothing_the_second_time() {
+        let mut s = Snapshot { phase: Phase::Running, ..Snapshot::default() };
+        s.guidance.instruction = "Climb".into();
+        s.warnings = vec!["rate low".into()];
+        let mut d = EventDetector::default();
+        assert_eq!(texts(&d.feed(&s)), ["rate low", "Fly: Climb", "Running"]);
+        assert!(d.feed(&s).is_empty());
+    }
+
+    #[test]
+    fn gained_and_lost_states_are_one_line_each() {
+        let mut s = Snapshot::default();
+        s.observability.states = vec![state("g11", Status::Observable), state("g13", Status::Observable)];
+        let mut d = EventDetector::default();
+        assert!(texts(&d.feed(&s)).contains(&"Observable now: g11 g13"));
+        s.observability.states = vec![state("g11", Status::Converging), state("g13", Status::Observable)];
+        let events = d.feed(&s);
+        assert_eq!(texts(&events), ["No longer observable: g11"]);
+        assert_eq!(events[0].severity, Severity::Warning);
+    }
+
+    #[test]
+    fn leaving_the_running_phase_is_a_warning_with_its_reason() {
+        let mut s = Snapshot { phase: Phase::Running, ..Snapshot::default() };
+        let mut d = EventDetector::default();
+        d.feed(&s);
+        s.phase = Phase::WaitingForGnss;
+        s.waiting_for = "no fix for 12 s".into();
+        let events = d.feed(&s);
+        assert_eq!(texts(&events), ["Waiting for GNSS: no fix for 12 s"]);
+        assert_eq!(events[0].severity, Severity::Warning);
+    }
+
+    #[test]
+    fn a_condition_is_announced_when_it_turns_true_and_again_after_it_was_lost() {
+        let mut s = Snapshot::default();
+        let mut d = EventDetector::default();
+        d.feed(&s);
+        s.observability.conditions.c.met = true;
+        assert_eq!(texts(&d.feed(&s)), ["Condition (c) met: full G"]);
+        s.observability.conditions.c.met = false;
+        assert!(d.feed(&s).is_empty());
+        s.observability.conditions.c.met = true;
+        assert_eq!(d.feed(&s).len(), 1);
+    }
+}

@@ -1,0 +1,227 @@
+//! What the tasks around the engine say about themselves: link, recorder, and what each sink has lost.
+//!
+//! Writers are the tasks that own a resource, readers are screens and metrics. Counters are atomics and the
+//! few words beside them sit behind a lock held only for a copy, so nobody ever waits here.
+
+use schemars::JsonSchema;
+use serde::{Deserialize, Serialize};
+use std::collections::BTreeMap;
+use std::sync::atomic::{AtomicU64, Ordering};
+use std::sync::{Arc, PoisonError, RwLock};
+
+/// State of the link to the autopilot.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
+#[serde(rename_all = "snake_case")]
+pub enum LinkState {
+    /// No frame yet.
+    #[default]
+    Connecting,
+    /// Frames arrive.
+    Up,
+    /// Open, but silent for longer than it should be.
+    Silent,
+    /// The device or the peer is gone; being retried.
+    Down,
+}
+
+impl LinkState {
+    /// Every state, in the order of metrics.
+    pub const ALL: [Self; 4] = [Self::Connecting, Self::Up, Self::Silent, Self::Down];
+
+    /// The word on screens and in metrics.
+    pub fn word(self) -> &'static str {
+        match self {
+            Self::Connecting => "connecting",
+            Self::Up => "up",
+            Self::Silent => "silent",
+            Self::Down => "down",
+        }
+    }
+}
+
+/// State of the recorder.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
+#[serde(rename_all = "snake_case")]
+pub enum RecorderState {
+    /// Not asked for.
+    #[default]
+    Off,
+    /// Writing.
+    Recording,
+    /// Gave up, for example on a full disk.
+    Failed,
+}
+
+impl RecorderState {
+    /// Every state, in the order of metrics.
+    pub const ALL: [Self; 3] = [Self::Off, Self::Recording, Self::Failed];
+
+    /// The word on screens and in metrics.
+    pub fn word(self) -> &'static str {
+        match self {
+            Self::Off => "off",
+            Self::Recording => "recording",
+            Self::Failed => "failed",
+        }
+    }
+}
+
+/// The link as screens show it. Counters count since the start.
+#[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
+pub struct LinkView {
+    /// State.
+    pub state: LinkState,
+    /// Endpoint and what is wrong with it, in words.
+    pub detail: String,
+    /// Good frames.
+    pub frames: u64,
+    /// Bytes received.
+    pub bytes: u64,
+    /// Frames lost by their sequence numbers.
+    pub lost: u64,
+    /// Frames with a bad checksum.
+    pub bad_crc: u64,
+    /// Good frames per second, over the last seconds.
+    pub rate_hz: f64,
+}
+
+/// The recorder as screens show it.
+#[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
+pub struct RecorderView {
+    /// State.
+    pub state: RecorderState,
+    /// File, or why it failed, in words.
+    pub detail: String,
+    /// Bytes written.
+    pub bytes: u64,
+}
+
+/// What one sink delivered and lost.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
+pub struct SinkView {
+    /// Messages delivered.
+    pub delivered: u64,
+    /// Messages lost because the sink was slower than the engine.
+    pub dropped: u64,
+}
+
+/// Everything of [`SinkStatus`] at one instant (`gaware.sinks/1`).
+#[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
+pub struct StatusView {
+    /// `gaware.sinks/1`.
+    pub schema: String,
+    /// Link.
+    pub link: LinkView,
+    /// Recorder.
+    pub recorder: RecorderView,
+    /// Per sink, by name.
+    pub sinks: BTreeMap<String, SinkView>,
+}
+
+impl StatusView {
+    /// Messages lost by all sinks together.
+    pub fn dropped(&self) -> u64 {
+        self.sinks.values().map(|s| s.dropped).sum()
+    }
+}
+
+/// Counters of one sink, shared between the sink and those who show them.
+#[derive(Debug, Default)]
+pub struct SinkCounters {
+    delivered: AtomicU64,
+    dropped: AtomicU64,
+}
+
+impl SinkCounters {
+    /// Counts `n` delivered messages.
+    pub fn delivered(&self, n: u64) {
+        self.delivered.fetch_add(n, Ordering::Relaxed);
+    }
+
+    /// Counts `n` lost messages.
+    pub fn dropped(&self, n: u64) {
+        self.dropped.fetch_add(n, Ordering::Relaxed);
+    }
+
+    /// Both figures.
+    pub fn view(&self) -> SinkView {
+        SinkView {
+            delivered: self.delivered.load(Ordering::Relaxed),
+            dropped: self.dropped.load(Ordering::Relaxed),
+        }
+    }
+}
+
+/// The registry: one per process, in an [`Arc`].
+#[derive(Debug, Default)]
+pub struct SinkStatus {
+    link: RwLock<LinkView>,
+    recorder: RwLock<RecorderView>,
+    sinks: RwLock<BTreeMap<&'static str, Arc<SinkCounters>>>,
+}
+
+impl SinkStatus {
+    /// An empty registry: link connecting, recorder off.
+    pub fn new() -> Arc<Self> {
+        Arc::new(Self::default())
+    }
+
+    /// The counters of the sink `name`, made on first use.
+    pub fn sink(&self, name: &'static str) -> Arc<SinkCounters> {
+        let mut sinks = self.sinks.write().unwrap_or_else(PoisonError::into_inner);
+        Arc::clone(sinks.entry(name).or_default())
+    }
+
+    /// Replaces what is known of the link; the link's supervisor calls it about once a second and on changes.
+    pub fn set_link(&self, link: LinkView) {
+        *self.link.write().unwrap_or_else(PoisonError::into_inner) = link;
+    }
+
+    /// Replaces what is known of the recorder.
+    pub fn set_recorder(&self, recorder: RecorderView) {
+        *self.recorder.write().unwrap_or_else(PoisonError::into_inner) = recorder;
+    }
+
+    /// A copy for screens, metrics and the page.
+    pub fn view(&self) -> StatusView {
+        let sinks = self.sinks.read().unwrap_or_else(PoisonError::into_inner);
+        StatusView {
+            schema: "gaware.sinks/1".to_owned(),
+            link: self.link.read().unwrap_or_else(PoisonError::into_inner).clone(),
+            recorder: self.recorder.read().unwrap_or_else(PoisonError::into_inner).clone(),
+            sinks: sinks.iter().map(|(name, c)| ((*name).to_owned(), c.view())).collect(),
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn counters_of_one_name_are_shared_and_summed_over_sinks() {
+        let status = SinkStatus::new();
+        status.sink("web").dropped(2);
+        status.sink("web").dropped(3);
+        status.sink("telemetry").dropped(1);
+        status.sink("telemetry").delivered(7);
+        let view = status.view();
+        assert_eq!(view.sinks["web"].dropped, 5);
+        assert_eq!(view.sinks["telemetry"], SinkView { delivered: 7, dropped: 1 });
+        assert_eq!(view.dropped(), 6);
+    }
+
+    #[test]
+    fn the_last_word_of_the_link_wins() {
+        let status = SinkStatus::new();
+        assert_eq!(status.view().link.state, LinkState::Connecting);
+        status.set_link(LinkView { state: LinkState::Up, frames: 9, ..LinkView::default() });
+        status.set_link(LinkView {
+            state: LinkState::Down,
+            detail: "unplugged".into(),
+            ..LinkView::default()
+        });
+        assert_eq!(status.view().link.state, LinkState::Down);
+        assert_eq!(status.view().link.detail, "unplugged");
+    }
+}

@@ -1,0 +1,261 @@
+use super::*;
+use crate::engine::snapshot::{Condition, Direction, Phase, StateStatus, Status};
+use crate::sinks::events::{Severity, Topic};
+use crate::sinks::status::{LinkState, LinkView, RecorderState, RecorderView, StatusView};
+use ratatui::backend::TestBackend;
+use ratatui::style::Color;
+use std::collections::VecDeque;
+
+fn flying() -> Snapshot {
+    let mut s = Snapshot { phase: Phase::Running, elapsed_s: 3723.4, sequence: 7, ..Snapshot::default() };
+    s.autopilot = "ardupilot".into();
+    s.imu.message = "RAW_IMU".into();
+    (s.imu.rate_hz, s.imu.dropped) = (99.6, 12);
+    (s.gnss.rate_hz, s.gnss.used, s.gnss.rejected) = (5.0, 323, 2);
+    s.consistency.nis_mean_per_dof = 1.08;
+    let met = Condition { met: true, progress: 1.0, missing: String::new() };
+    let part = |progress, missing: &str| Condition { met: false, progress, missing: missing.into() };
+    s.observability.conditions.a = met;
+    s.observability.conditions.b = part(0.62, "specific force y does not change yet: sideslip");
+    s.observability.conditions.c = part(0.999, "a third independent change");
+    let g = &mut s.estimate.g_sensitivity_deg_per_h_per_g;
+    for r in 0..3 {
+        for c in 0..3 {
+            let sigma = [29.1, 356.0, 61.5][c] + r as f64;
+            g.value[r][c] = [25.4, -8.1, 140.9][c] * (1.0 - 0.4 * r as f64);
+            g.sigma[r][c] = sigma;
+            s.observability.states.push(StateStatus {
+                name: format!("g{}{}", r + 1, c + 1),
+                status: [Status::Observable, Status::Unobservable, Status::Converging][c],
+                sigma_ratio: sigma / 360.0,
+                sigma,
+                target: 40.0,
+                unit: "deg/h/g".into(),
+            });
+        }
+    }
+    s.observability.unobservable_directions =
+        vec![Direction { text: "g12, g22, g32 not at all: needs sideslip".into(), ..Direction::default() }];
+    s.observability.disagreement = "Condition (b) is stricter: the turn was too short.".into();
+    s.guidance.instruction = "Steep turn right, 55° bank, one circle".into();
+    s.guidance.reason = "Loads the vertical axis: shows column z of G.".into();
+    s.guidance.progress = 0.4;
+    s.warnings = vec!["RAW_IMU at 99 Hz: another station asks for rates".into()];
+    s
+}
+
+fn sinks() -> StatusView {
+    let status = SinkStatus::new();
+    status.set_link(LinkView {
+        state: LinkState::Up,
+        detail: "udpin:0.0.0.0:14550".into(),
+        rate_hz: 168.0,
+        lost: 7,
+        ..LinkView::default()
+    });
+    status.set_recorder(RecorderView {
+        state: RecorderState::Recording,
+        detail: "flight-007.mcap".into(),
+        bytes: 2_040_000,
+    });
+    status.sink("web").dropped(3);
+    status.view()
+}
+
+fn screen(
+    width: u16,
+    height: u16,
+    snapshot: &Snapshot,
+    options: Options,
+    help: bool,
+) -> Terminal<TestBackend> {
+    let events = vec![
+        Event {
+            elapsed_s: 40.0,
+            severity: Severity::Info,
+            topic: Topic::State,
+            text: "Observable now: g11".into(),
+        },
+        Event {
+            elapsed_s: 61.0,
+            severity: Severity::Notice,
+            topic: Topic::Instruction,
+            text: "Fly: Climb".into(),
+        },
+    ];
+    let sinks = sinks();
+    let view = View { snapshot, sinks: &sinks, events: &events, options, help };
+    let mut terminal = Terminal::new(TestBackend::new(width, height)).unwrap();
+    terminal.draw(|frame| draw::draw(frame, &view)).unwrap();
+    terminal
+}
+
+fn words(terminal: &Terminal<TestBackend>) -> String {
+    terminal.backend().to_string()
+}
+
+#[test]
+fn screens_of_every_size() {
+    for (width, height) in [(80, 24), (132, 43), (60, 18), (30, 8)] {
+        let terminal = screen(width, height, &flying(), Options::default(), false);
+        insta::assert_snapshot!(format!("flying_{width}x{height}"), terminal.backend());
+    }
+}
+
+#[test]
+fn a_console_without_utf8_gets_ascii_only() {
+    let options = Options { ascii: true, ..Options::default() };
+    let terminal = screen(80, 24, &flying(), options, false);
+    let cells: Vec<&str> = terminal.backend().buffer().content().iter().map(|c| c.symbol()).collect();
+    assert!(cells.iter().all(|c| c.is_ascii()), "{}", words(&terminal));
+    insta::assert_snapshot!("flying_ascii", terminal.backend());
+}
+
+#[test]
+fn waiting_says_for_what() {
+    let s = Snapshot { waiting_for: "no RAW_IMU yet; asked for 100 Hz".into(), ..Snapshot::default() };
+    let terminal = screen(80, 24, &s, Options::default(), false);
+    insta::assert_snapshot!("waiting_80x24", terminal.backend());
+}
+
+#[test]
+fn help_lies_over_the_screen() {
+    let terminal = screen(80, 24, &flying(), Options::default(), true);
+    insta::assert_snapshot!("help_80x24", terminal.backend());
+}
+
+#[test]
+fn no_size_breaks_it() {
+    for width in (1..140).step_by(7) {
+        for height in (1..50).step_by(3) {
+            for help in [false, true] {
+                screen(width, height, &flying(), Options::default(), help);
+            }
+        }
+    }
+}
+
+#[test]
+fn nonsense_figures_do_not_break_it() {
+    let mut s = flying();
+    s.guidance.progress = f64::NAN;
+    s.observability.conditions.b.progress = -3.0;
+    s.observability.states[0].sigma = f64::INFINITY;
+    s.observability.states[1].sigma_ratio = 0.0;
+    s.estimate.g_sensitivity_deg_per_h_per_g.sigma[0] = [f64::NAN; 3];
+    s.consistency.nis_mean_per_dof = f64::NAN;
+    assert!(words(&screen(132, 43, &s, Options::default(), false)).contains("Steep turn right"));
+}
+
+#[test]
+fn a_long_instruction_is_shown_to_its_last_word() {
+    let mut s = flying();
+    s.guidance.instruction =
+        "Wings level at a safe height, full rudder left for five seconds, then right for five \
+                              seconds, needed for the g22 column; autopilots do not fly this"
+            .into();
+    for (width, height) in [(80, 24), (60, 18), (44, 12), (40, 10)] {
+        let shown = words(&screen(width, height, &s, Options::default(), false));
+        for word in s.guidance.instruction.split(' ') {
+            assert!(shown.contains(word), "{word} is missing at {width}x{height}:\n{shown}");
+        }
+    }
+}
+
+#[test]
+fn no_color_means_none() {
+    let colored = |color| {
+        let terminal = screen(80, 24, &flying(), Options { color, ..Options::default() }, false);
+        terminal.backend().buffer().content().iter().filter(|c| c.fg != Color::Reset).count()
+    };
+    assert!(colored(true) > 100);
+    assert_eq!(colored(false), 0);
+}
+
+#[test]
+fn the_environment_decides_on_colours_and_letters() {
+    let of = |vars: &[(&str, &str)]| {
+        Options::from_env(|name| vars.iter().find(|(n, _)| *n == name).map(|(_, v)| (*v).to_owned()))
+    };
+    let plain = of(&[("LANG", "en_US.UTF-8")]);
+    assert!(plain.color && !plain.ascii);
+    assert!(!of(&[("NO_COLOR", "1"), ("LANG", "C.utf8")]).color);
+    assert!(of(&[("NO_COLOR", "")]).color);
+    assert!(of(&[("LC_ALL", "C"), ("LANG", "en_US.UTF-8")]).ascii);
+    assert!(of(&[("TERM", "dumb"), ("LANG", "C.UTF-8")]).ascii);
+    assert!(of(&[("TERM", "vt220")]).redraw > plain.redraw);
+}
+
+/// Keys in their order, one after each frame; then the keyboard breaks.
+struct Script(VecDeque<Key>);
+
+impl Keys for Script {
+    fn next(&mut self, _wait: Duration) -> io::Result<Option<Key>> {
+        self.0.pop_front().map_or_else(|| Err(io::Error::other("no more keys")), |k| Ok(Some(k)))
+    }
+}
+
+fn play(keys: &[Key]) -> (Terminal<TestBackend>, Result<(), TerminalError>, CancellationToken) {
+    let (_tx, snapshots) = watch::channel(Arc::new(flying()));
+    let mut script = Script(keys.iter().copied().collect());
+    let mut terminal = Terminal::new(TestBackend::new(80, 24)).unwrap();
+    let shutdown = CancellationToken::new();
+    let sources = Sources { snapshots, status: SinkStatus::new() };
+    let options = Options { redraw: Duration::ZERO, ..Options::default() };
+    let result = run(&mut terminal, &mut script, sources, options, &shutdown);
+    (terminal, result, shutdown)
+}
+
+#[test]
+fn q_ends_the_program_and_the_question_mark_helps() {
+    let (terminal, result, shutdown) = play(&[Key::Help, Key::Quit]);
+    result.unwrap();
+    assert!(shutdown.is_cancelled());
+    assert!(words(&terminal).contains("this help"));
+    let (terminal, ..) = play(&[Key::Help, Key::Back, Key::Quit]);
+    assert!(!words(&terminal).contains("this help"));
+}
+
+#[test]
+fn a_broken_keyboard_ends_the_screen_but_not_the_program() {
+    let (_, result, shutdown) = play(&[]);
+    assert!(result.is_err());
+    assert!(!shutdown.is_cancelled());
+}
+
+#[test]
+fn the_keyboard_is_understood() {
+    let key = |code, modifiers| meaning(KeyEvent::new(code, modifiers));
+    assert_eq!(key(KeyCode::Char('c'), KeyModifiers::CONTROL), Some(Key::Quit));
+    assert_eq!(key(KeyCode::Char('c'), KeyModifiers::NONE), None);
+    assert_eq!(key(KeyCode::Char('q'), KeyModifiers::NONE), Some(Key::Quit));
+    assert_eq!(key(KeyCode::Char('?'), KeyModifiers::SHIFT), Some(Key::Help));
+}
+
+#[test]
+fn the_headless_line_carries_what_a_log_needs() {
+    let line = headless::line(&flying(), &sinks());
+    assert_eq!(
+        line,
+        "1:02:03 running; link up; imu 100 Hz; fixes 5.0 Hz; nis 1.08; a 100%; b 62%; c 99%; \
+         fly: Steep turn right, 55° bank, one circle 40%; rec 2.0 MB; 3 skipped; \
+         warning: RAW_IMU at 99 Hz: another station asks for rates"
+    );
+}
+
+#[tokio::test(start_paused = true)]
+async fn headless_writes_a_line_per_period_and_ends_with_the_shutdown() {
+    use tokio::io::{AsyncBufReadExt, BufReader};
+    let (_tx, snapshots) = watch::channel(Arc::new(flying()));
+    let (out, seen) = tokio::io::duplex(64);
+    let shutdown = CancellationToken::new();
+    let sources = Sources { snapshots, status: SinkStatus::new() };
+    let task = tokio::spawn(headless::run(sources, headless::PERIOD, out, shutdown.clone()));
+    let mut lines = BufReader::new(seen).lines();
+    for _ in 0..3 {
+        assert!(lines.next_line().await.unwrap().unwrap().starts_with("1:02:03 running"));
+    }
+    // Nobody reads any more: the line under way is given up.
+    shutdown.cancel();
+    task.await.unwrap().unwrap();
+}

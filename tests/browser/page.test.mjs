@@ -1,0 +1,163 @@
+import assert from "node:assert/strict";
+import { after, before, test } from "node:test";
+import { launch, open, serve } from "./harness.mjs";
+
+const TOKEN = "fly-the-steep-turn";
+const DOCS = new URL("../../docs/", import.meta.url).pathname;
+let browser;
+before(async () => { browser = await launch(); });
+after(() => browser.close());
+
+const instruction = (page) => page.locator("#instruction");
+const shows = (page, words) => page.waitForFunction(
+  (text) => document.querySelector("#instruction")?.textContent.includes(text), words, { timeout: 20000 },
+);
+
+test("the instruction changes with the flight, and the conditions turn true", async () => {
+  const server = await serve("--bind", "127.0.0.1:0", "--speed", "20");
+  const { page, errors, close } = await open(browser);
+  await page.goto(server.url);
+  await shows(page, "throttle full to idle");
+  assert.equal(await instruction(page).getAttribute("aria-live"), "assertive");
+  await shows(page, "Steep turn right");
+  await shows(page, "full rudder");
+  await page.waitForFunction(() => document.querySelectorAll('.ring[data-met="true"]').length === 3, null, { timeout: 20000 });
+  await page.waitForFunction(() => document.querySelectorAll('.cell[data-status="observable"]').length === 9);
+  assert.equal(await page.locator("#hero-title").textContent(), "Done");
+  await page.waitForFunction(() => document.querySelector("#events").textContent.includes("Condition (c) met"));
+  assert.deepEqual(errors, []);
+  await close();
+  await server.stop();
+});
+
+test("a lost connection is said loudly, and the page returns by itself after a restart", async () => {
+  const first = await serve("--bind", "127.0.0.1:0", "--from", "20", "--speed", "0.1");
+  const { page, close } = await open(browser);
+  await page.goto(first.url);
+  await shows(page, "throttle full to idle");
+  await first.stop();
+  await page.locator("#lost").waitFor({ state: "visible", timeout: 10000 });
+  assert.match(await page.locator("#lost").textContent(), /Connection lost/);
+  const second = await serve("--bind", `127.0.0.1:${first.port}`, "--from", "50", "--speed", "0.1");
+  await shows(page, "Steep turn right");
+  await page.locator("#lost").waitFor({ state: "hidden", timeout: 10000 });
+  await close();
+  await second.stop();
+});
+
+test("beyond localhost the page opens with the token only, and keeps it out of the address", async () => {
+  const server = await serve("--bind", "0.0.0.0:0", "--token", TOKEN, "--from", "20", "--speed", "0.1", "--commands");
+  const base = `http://127.0.0.1:${server.port}/`;
+  assert.equal((await fetch(`${base}api/v1/status`)).status, 401);
+  const { page, close } = await open(browser);
+  assert.equal((await page.goto(base)).status(), 401);
+  await page.fill("#token", "not-the-token-at-all");
+  await page.click("button");
+  await page.waitForURL(/not-the-token/);
+  assert.equal(await page.locator("#instruction").count(), 0);
+  await page.fill("#token", TOKEN);
+  await page.click("button");
+  await shows(page, "throttle full to idle");
+  assert.equal(page.url(), base);
+  assert.equal(await page.evaluate(() => document.cookie), "");
+
+  await page.click("#upload");
+  await page.click("#confirm button[value=no]");
+  assert.equal(await page.locator("#upload-result").textContent(), "");
+  await page.click("#upload");
+  await page.click("#confirm button[value=yes]");
+  await page.waitForFunction(() => document.querySelector("#upload-result").textContent.includes("read back"));
+  await close();
+  await server.stop();
+});
+
+test("a server beyond localhost without a token does not start", async () => {
+  await assert.rejects(serve("--bind", "0.0.0.0:0"), /ended with 1/);
+});
+
+test("from 360 to 1920 pixels nothing scrolls sideways, nothing is cut, and the buttons can be hit", async () => {
+  const server = await serve("--bind", "127.0.0.1:0", "--from", "60", "--speed", "0.1");
+  for (const width of [360, 768, 1280, 1920]) {
+    const { page, errors, close } = await open(browser, { viewport: { width, height: 900 } });
+    await page.goto(server.url);
+    await shows(page, "Steep turn right");
+    const sizes = await page.evaluate(() => ({
+      scroll: document.documentElement.scrollWidth,
+      inner: window.innerWidth,
+      wide: [...document.querySelectorAll("main *")]
+        .filter((e) => !e.closest(".sr, svg") && e.getBoundingClientRect().right > window.innerWidth + 0.5)
+        .map((e) => e.className || e.tagName),
+      cut: [...document.querySelectorAll(".g-value, .g-sigma, .list td, .list th, .g th")]
+        .filter((e) => e.offsetParent && e.scrollWidth > e.clientWidth + 1 && getComputedStyle(e).display !== "inline")
+        .map((e) => e.textContent),
+      theme: document.querySelector("#theme").getBoundingClientRect().height,
+    }));
+    assert.ok(sizes.scroll <= sizes.inner, `${width}: scrolls to ${sizes.scroll}`);
+    assert.deepEqual(sizes.wide, [], `at ${width}`);
+    assert.deepEqual(sizes.cut, [], `at ${width}`);
+    assert.ok(sizes.theme >= 44);
+    assert.deepEqual(errors, []);
+    await close();
+  }
+  await server.stop();
+});
+
+/** Contrast of every text against the nearest opaque background, by WCAG's formula. */
+function contrasts() {
+  const canvas = document.createElement("canvas").getContext("2d", { willReadFrequently: true });
+  const rgba = (css) => {
+    canvas.clearRect(0, 0, 1, 1);
+    canvas.fillStyle = css;
+    canvas.fillRect(0, 0, 1, 1);
+    return canvas.getImageData(0, 0, 1, 1).data;
+  };
+  const light = ([r, g, b]) => [r, g, b].map((v) => v / 255).map((v) => (v <= 0.04045 ? v / 12.92 : ((v + 0.055) / 1.055) ** 2.4))
+    .reduce((sum, v, i) => sum + v * [0.2126, 0.7152, 0.0722][i], 0);
+  const poor = [];
+  for (const element of document.querySelectorAll("body *")) {
+    const own = [...element.childNodes].some((n) => n.nodeType === 3 && n.textContent.trim());
+    if (!own || !element.offsetParent || element.closest(".sr, noscript, svg, dialog, .skip")) continue;
+    let behind = element;
+    while (behind && rgba(getComputedStyle(behind).backgroundColor)[3] < 255) behind = behind.parentElement;
+    const [a, b] = [light(rgba(getComputedStyle(element).color)), light(rgba(getComputedStyle(behind ?? document.body).backgroundColor))];
+    const ratio = (Math.max(a, b) + 0.05) / (Math.min(a, b) + 0.05);
+    if (ratio < 4.5) poor.push(`${element.textContent.trim().slice(0, 30)}: ${ratio.toFixed(1)}`);
+  }
+  return [...new Set(poor)];
+}
+
+for (const colorScheme of ["light", "dark"]) {
+  test(`every text has contrast in ${colorScheme} colours; the pictures for the documentation`, async () => {
+    for (const [name, viewport, from] of [["", { width: 1440, height: 1000 }, "66"], ["-phone", { width: 390, height: 844 }, "66"]]) {
+      const server = await serve("--bind", "127.0.0.1:0", "--from", from, "--speed", "0.1", "--freeze");
+      const { page, errors, close } = await open(browser, { viewport, colorScheme, deviceScaleFactor: 1 });
+      await page.goto(server.url);
+      await shows(page, "Steep turn right");
+      await page.waitForFunction(() => document.querySelector("#events").children.length > 3);
+      assert.deepEqual(await page.evaluate(contrasts), []);
+      assert.ok(await page.evaluate(() => document.querySelectorAll("h1").length === 1 && document.querySelectorAll("main h2").length >= 8));
+      assert.deepEqual(errors, []);
+      if (process.env.SCREENSHOTS) await page.screenshot({ path: `${DOCS}web-${colorScheme}${name}.png`, fullPage: true });
+      await close();
+      await server.stop();
+    }
+  });
+}
+
+test("the button overrules the system's colours and is remembered", async () => {
+  const server = await serve("--bind", "127.0.0.1:0", "--from", "20", "--speed", "0.1");
+  const { page, close } = await open(browser, { colorScheme: "light" });
+  const background = () => page.evaluate(() => getComputedStyle(document.body).backgroundColor);
+  await page.goto(server.url);
+  const light = await background();
+  await page.focus("#theme");
+  await page.keyboard.press("Enter");
+  assert.equal(await page.getAttribute("html", "data-theme"), "light");
+  await page.keyboard.press("Enter");
+  assert.equal(await page.getAttribute("html", "data-theme"), "dark");
+  assert.notEqual(await background(), light);
+  await page.reload();
+  assert.equal(await page.getAttribute("html", "data-theme"), "dark");
+  await close();
+  await server.stop();
+});
