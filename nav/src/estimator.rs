@@ -191,14 +191,20 @@ impl Estimator {
         }
     }
 
+    /// What rounding adds to the noise of gyros, (rad/s)²/Hz, and accelerometers, (m/s²)²/Hz, at the present rate.
+    pub fn rounding_noise(&self) -> (f64, f64) {
+        let (gyro, accel) = self.model.quantisation_of(&self.stream).variance();
+        let dt = self.meter.interval_s();
+        (gyro * dt, accel * dt)
+    }
+
     /// Variance per hertz beyond the model's: rounding and vibration.
     fn extra_noise(&self) -> (f64, f64) {
         let imu = &self.model.imu;
         let (gyro, accel) = (imu.gyro_noise * imu.gyro_noise, imu.accel_noise * imu.accel_noise);
-        let rounding = self.model.quantisation_of(&self.stream).variance();
-        let dt = self.meter.interval_s();
-        let excess = self.meter.excess(gyro + rounding.0 * dt, accel + rounding.1 * dt);
-        (rounding.0 * dt + excess.0, rounding.1 * dt + excess.1)
+        let rounding = self.rounding_noise();
+        let excess = self.meter.excess(gyro + rounding.0, accel + rounding.1);
+        (rounding.0 + excess.0, rounding.1 + excess.1)
     }
 
     fn feed_fix(&mut self, fix: &GnssFix) {

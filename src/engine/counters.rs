@@ -123,9 +123,9 @@ mod tests {
     #[test]
     fn a_reboot_does_not_lose_time() {
         let mut time = Timeline::default();
-        [100.0, 110.0].map(|t| time.push(t));
+        [100.0, 110.0].into_iter().for_each(|t| time.push(t));
         time.restart();
-        [0.0, 5.0].map(|t| time.push(t));
+        [0.0, 5.0].into_iter().for_each(|t| time.push(t));
         assert_eq!((time.elapsed_s(), time.now_s()), (15.0, Some(5.0)));
     }
 

@@ -5,6 +5,7 @@
 
 mod counters;
 mod estimate;
+mod observability;
 pub mod snapshot;
 mod standing;
 
@@ -13,12 +14,11 @@ use estimate::Constants;
 use gaware_nav::estimator::{Estimator, Stage};
 use gaware_nav::filter::{Filter, FixOutcome};
 use gaware_nav::model::Model;
-use gaware_nav::observability::covariance::{self, Knowledge, Targets};
+use gaware_nav::observability::covariance::Targets;
+use gaware_nav::observability::words::VehicleKind;
 use gaware_nav::sample::{FixVelocity, GnssFix, ImuSample, Sample};
-use snapshot::{
-    Consistency, Estimate, GnssStatus, ImuStatus, Observability, Phase, Snapshot, StateStatus, Status,
-    Summary,
-};
+use observability::{ConditionWatch, observability};
+use snapshot::{Consistency, Estimate, GnssStatus, ImuStatus, Phase, Snapshot, Summary};
 use standing::Stillness;
 
 /// Beyond these no sensor on a vehicle reads: rate, rad/s, and specific force, m/s² (the paper flies 80 g).
@@ -33,6 +33,8 @@ const FIX_PATIENCE_S: f64 = 3.0;
 pub struct EngineOptions {
     /// Sigmas below which states count as observable.
     pub targets: Targets,
+    /// What flies: remedies are worded for it.
+    pub vehicle: VehicleKind,
 }
 
 /// The whole estimation with its books.
@@ -56,6 +58,7 @@ pub struct Engine {
     last_outcome: FixOutcome,
     warnings: Warnings,
     stillness: Stillness,
+    watch: ConditionWatch,
     /// The last filter before a restart: shown until the next one runs.
     before: Option<Box<Filter>>,
 }
@@ -82,6 +85,7 @@ impl Engine {
             last_outcome: FixOutcome::default(),
             warnings: Warnings::default(),
             stillness: Stillness::default(),
+            watch: ConditionWatch::new(options.targets),
             before: None,
         }
     }
@@ -128,6 +132,7 @@ impl Engine {
         self.imu_rate.push(imu.t_s);
         self.stillness.push(imu);
         self.take(sample);
+        self.watch.push(&self.estimator);
     }
 
     fn feed_fix(&mut self, fix: &GnssFix, sample: &Sample) {
@@ -181,6 +186,7 @@ impl Engine {
         self.fix_rate = RateMeter::default();
         self.last_fix_s = None;
         self.stillness = Stillness::default();
+        self.watch.restart();
     }
 
     /// Roll, pitch, yaw, rad, and the time they are for, s; cheap enough to ask for at every sample.
@@ -203,7 +209,13 @@ impl Engine {
             gnss: self.gnss_status(),
             estimate: self.estimate(predicted.as_ref(), &constants),
             motion: predicted.as_ref().map(estimate::motion).unwrap_or_default(),
-            observability: self.observability(&constants),
+            observability: observability(
+                &self.watch,
+                &constants,
+                predicted.as_ref().or(self.before.as_deref()),
+                &self.options.targets,
+                self.options.vehicle,
+            ),
             consistency: self.consistency(),
             warnings: self.warnings(),
             ..Snapshot::default()
@@ -244,31 +256,6 @@ impl Engine {
             None => estimate::levelled(self.estimator.gathered_mean().as_ref()),
         };
         estimate
-    }
-
-    fn observability(&self, constants: &Constants) -> Observability {
-        let names = constants.layout.names().iter();
-        let states = names
-            .zip(&constants.sigma)
-            .zip(&constants.start)
-            .map(|((name, sigma), start)| {
-                let k = covariance::judge(name, *sigma, *start, &self.options.targets);
-                StateStatus {
-                    name: k.name.to_owned(),
-                    status: match k.knowledge {
-                        Knowledge::Unobservable => Status::Unobservable,
-                        Knowledge::Weak => Status::Weak,
-                        Knowledge::Converging => Status::Converging,
-                        Knowledge::Observable => Status::Observable,
-                    },
-                    sigma_ratio: k.ratio,
-                    sigma: k.sigma / k.unit.si,
-                    target: k.target / k.unit.si,
-                    unit: k.unit.symbol.to_owned(),
-                }
-            })
-            .collect();
-        Observability { states, ..Observability::default() }
     }
 
     fn phase(&self) -> Phase {

@@ -1,3 +1,4 @@
+use super::snapshot::{StateStatus, Status};
 use super::*;
 use gaware_nav::sample::RestartReason;
 use gaware_sitl::scenario::{Scenario, scenario};
@@ -151,4 +152,32 @@ fn the_search_for_the_heading_shows_its_own_sigma() {
     assert_eq!(now.phase, Phase::SearchingHeading);
     // The members themselves are 15° wide.
     assert!(now.estimate.attitude_deg.sigma[2] > 30.0, "{:?}", now.estimate.attitude_deg);
+}
+
+#[test]
+fn the_bench_meets_no_condition_and_says_what_is_missing() {
+    let now = fly(&named("bench_vibration"), 2, 60.0).snapshot().observability;
+    for condition in [&now.conditions.a, &now.conditions.b, &now.conditions.c] {
+        assert!(!condition.met && condition.progress == 0.0 && !condition.missing.is_empty());
+    }
+    let texts: Vec<_> = now.unobservable_directions.iter().map(|d| d.text.as_str()).collect();
+    assert!(texts.iter().any(|t| t.starts_with("column y of G: ")), "{texts:?}");
+    assert!(texts.iter().any(|t| t.starts_with("column x of G: ")), "{texts:?}");
+    let tied = now.unobservable_directions.iter().find(|d| d.states.contains_key("g23")).unwrap();
+    assert!(tied.states.contains_key("bg_y") && tied.text.contains("only as a sum"), "{tied:?}");
+}
+
+#[test]
+fn coordinated_flight_leaves_column_y_dark_and_sideslip_lights_it() {
+    let column_y = |name: &str| {
+        let now = fly(&named(name), 1, 300.0).snapshot().observability;
+        let dark = now.unobservable_directions.iter().any(|d| d.states.contains_key("g22"));
+        let asks = now.unobservable_directions.iter().any(|d| d.text.contains("fly a sideslip"));
+        let best = now.states.iter().find(|s| s.name == "g22").map(|s| s.sigma_ratio);
+        (dark, asks, best)
+    };
+    let (dark, asks, ratio) = column_y("fixed_wing_coordinated");
+    assert!(dark && asks && ratio > Some(0.5), "{ratio:?}");
+    let (dark, asks, ratio) = column_y("fixed_wing");
+    assert!(!dark && !asks && ratio < Some(0.5), "{ratio:?}");
 }

@@ -6,4 +6,6 @@
 
 pub mod conditions;
 pub mod covariance;
+pub mod gramian;
 pub mod segments;
+pub mod words;
