@@ -52,6 +52,7 @@ pub struct Estimator {
     state: State,
     /// The last filter before a restart: its constants go on.
     before: Option<Box<Filter>>,
+    last: Option<ImuSample>,
 }
 
 impl Estimator {
@@ -64,6 +65,7 @@ impl Estimator {
             meter: NoiseMeter::default(),
             state: State::Gathering(Gathering::default()),
             before: None,
+            last: None,
         }
     }
 
@@ -111,6 +113,29 @@ impl Estimator {
         }
     }
 
+    /// Time (s), position, velocity and attitude at the newest sample; cheaper than [`Estimator::predicted`].
+    pub fn predicted_nav(&self) -> Option<(f64, NavState)> {
+        match &self.state {
+            State::Gathering(_) => None,
+            State::Searching(bank) => bank.best().map(Fusion::predicted_nav),
+            State::Running(fusion) => Some(fusion.predicted_nav()),
+        }
+    }
+
+    /// The newest inertial sample as the filters see it, its rounding undone.
+    pub fn last_sample(&self) -> Option<&ImuSample> {
+        self.last.as_ref()
+    }
+
+    /// Time, s, and position, velocity and attitude at the newest sample: [`Estimator::predicted`] without the covariance.
+    pub fn predicted_nav(&self) -> Option<(f64, NavState)> {
+        match &self.state {
+            State::Gathering(_) => None,
+            State::Searching(bank) => bank.best().map(Fusion::predicted_nav),
+            State::Running(fusion) => Some(fusion.predicted_nav()),
+        }
+    }
+
     /// 1-sigma of heading over all hypotheses while it is searched, rad.
     pub fn searched_yaw_sigma(&self) -> Option<f64> {
         match &self.state {
@@ -151,6 +176,7 @@ impl Estimator {
     fn feed_imu(&mut self, raw: &ImuSample) -> Vec<FixOutcome> {
         self.meter.push(raw);
         let sample = self.dequantiser.undo(raw);
+        self.last = Some(sample);
         let (kind, noise) = (self.stream.kind, self.extra_noise());
         match &mut self.state {
             State::Gathering(gathering) => {
@@ -174,11 +200,16 @@ impl Estimator {
         }
     }
 
+    /// What rounding adds to the noise of gyros, (rad/s)²/Hz, and accelerometers, (m/s²)²/Hz, at the present rate.
+    pub fn rounding_noise(&self) -> (f64, f64) {
+        self.dequantiser.noise_density(self.meter.interval_s())
+    }
+
     /// Variance per hertz beyond the model's: rounding and vibration.
     fn extra_noise(&self) -> (f64, f64) {
         let imu = &self.model.imu;
         let (gyro, accel) = (imu.gyro_noise * imu.gyro_noise, imu.accel_noise * imu.accel_noise);
-        let rounding = self.dequantiser.noise_density(self.meter.interval_s());
+        let rounding = self.rounding_noise();
         let excess = self.meter.excess(gyro + rounding.0, accel + rounding.1);
         (rounding.0 + excess.0, rounding.1 + excess.1)
     }
@@ -236,5 +267,6 @@ impl Estimator {
         self.meter = NoiseMeter::default();
         self.dequantiser = Dequantiser::new(self.model.quantisation_of(&self.stream));
         self.state = State::Gathering(Gathering::default());
+        self.last = None;
     }
 }

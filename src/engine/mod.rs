@@ -1,3 +1,357 @@
 //! The engine: samples in, snapshots out. Synchronous and deterministic: no clock, no I/O, no randomness.
+//!
+//! It wraps the estimator of `gaware-nav` and adds what people want to know beyond the estimate: how much came in,
+//! what the estimation waits for, what the flight has made observable. Live, replay and simulation run the very same code.
 
+mod counters;
+mod estimate;
+mod observability;
 pub mod snapshot;
+mod standing;
+
+use counters::{RateMeter, Timeline, Warnings};
+use estimate::Constants;
+use gaware_nav::estimator::{Estimator, Stage};
+use gaware_nav::filter::{Filter, FixOutcome};
+use gaware_nav::model::Model;
+use gaware_nav::observability::covariance::Targets;
+use gaware_nav::observability::words::VehicleKind;
+use gaware_nav::sample::{FixVelocity, GnssFix, ImuSample, Sample};
+use observability::{ConditionWatch, observability};
+use snapshot::{Consistency, Estimate, GnssStatus, ImuStatus, Phase, Snapshot, Summary};
+use standing::Stillness;
+
+/// Beyond these no sensor on a vehicle reads: rate, rad/s, and specific force, m/s² (the paper flies 80 g).
+const PLAUSIBLE_SAMPLE: (f64, f64) = (100.0, 2000.0);
+/// Beyond these no fix is: height, m, and speed, m/s.
+const PLAUSIBLE_FIX: (f64, f64) = (1e5, 1e4);
+/// After so long without a fix the status says so, s.
+const FIX_PATIENCE_S: f64 = 3.0;
+
+/// What the user may set.
+#[derive(Debug, Clone, Copy, Default, PartialEq)]
+pub struct EngineOptions {
+    /// Sigmas below which states count as observable.
+    pub targets: Targets,
+    /// What flies: remedies are worded for it.
+    pub vehicle: VehicleKind,
+}
+
+/// The whole estimation with its books.
+#[derive(Debug, Clone)]
+pub struct Engine {
+    estimator: Estimator,
+    options: EngineOptions,
+    autopilot: String,
+    message: String,
+    time: Timeline,
+    imu_rate: RateMeter,
+    samples: u64,
+    refused: u64,
+    fix_rate: RateMeter,
+    last_fix_s: Option<f64>,
+    fixes: u64,
+    used: u64,
+    rejected: u64,
+    late_before: u64,
+    nis: (f64, usize),
+    last_outcome: FixOutcome,
+    warnings: Warnings,
+    stillness: Stillness,
+    watch: ConditionWatch,
+    /// The last filter before a restart: shown until the next one runs.
+    before: Option<Box<Filter>>,
+}
+
+impl Engine {
+    /// An engine that has seen nothing.
+    pub fn new(model: Model, options: EngineOptions) -> Self {
+        Self {
+            estimator: Estimator::new(model),
+            options,
+            autopilot: "unknown".to_owned(),
+            message: String::new(),
+            time: Timeline::default(),
+            imu_rate: RateMeter::default(),
+            samples: 0,
+            refused: 0,
+            fix_rate: RateMeter::default(),
+            last_fix_s: None,
+            fixes: 0,
+            used: 0,
+            rejected: 0,
+            late_before: 0,
+            nis: (0.0, 0),
+            last_outcome: FixOutcome::default(),
+            warnings: Warnings::default(),
+            stillness: Stillness::default(),
+            watch: ConditionWatch::new(options.targets),
+            before: None,
+        }
+    }
+
+    /// Names the firmware: `ardupilot`, `px4` or `unknown`.
+    pub fn set_autopilot(&mut self, name: &str) {
+        name.clone_into(&mut self.autopilot);
+    }
+
+    /// Takes something that the user should know.
+    pub fn notice(&mut self, text: &str) {
+        self.warnings.push(text);
+    }
+
+    /// Takes the next item.
+    pub fn feed(&mut self, sample: &Sample) {
+        match sample {
+            Sample::Stream(stream) => self.message.clone_from(&stream.message),
+            Sample::Imu(imu) => return self.feed_imu(imu, sample),
+            Sample::Fix(fix) => return self.feed_fix(fix, sample),
+            Sample::Attitude(hint) => {
+                if !hint.t_s.is_finite() || hint.roll_pitch_yaw.iter().any(|a| !a.is_finite()) {
+                    return;
+                }
+            }
+            Sample::Restart(_) => self.restart(),
+        }
+        self.take(sample);
+    }
+
+    fn feed_imu(&mut self, imu: &ImuSample, sample: &Sample) {
+        let (rate, force) = PLAUSIBLE_SAMPLE;
+        let plausible = imu.t_s.is_finite() && imu.gyro.norm() < rate && imu.accel.norm() < force;
+        let newer = self.time.now_s().is_none_or(|now| imu.t_s > now);
+        if !plausible || !newer {
+            self.refused += 1;
+            if !plausible {
+                self.warnings.push("inertial samples with impossible values were refused");
+            }
+            return;
+        }
+        self.samples += 1;
+        self.time.push(imu.t_s);
+        self.imu_rate.push(imu.t_s);
+        self.stillness.push(imu);
+        self.take(sample);
+        self.watch.push(&self.estimator);
+    }
+
+    fn feed_fix(&mut self, fix: &GnssFix, sample: &Sample) {
+        self.fixes += 1;
+        if !is_plausible(fix) {
+            self.rejected += 1;
+            self.warnings.push("fixes with impossible values were refused");
+            return;
+        }
+        self.fix_rate.push(fix.t_s);
+        self.last_fix_s = self.time.now_s();
+        self.take(sample);
+    }
+
+    fn take(&mut self, sample: &Sample) {
+        let running = self.estimator.stage() == Stage::Running;
+        for outcome in self.estimator.feed(sample) {
+            self.account(&outcome, running);
+        }
+    }
+
+    fn account(&mut self, outcome: &FixOutcome, running: bool) {
+        if outcome.used() {
+            self.used += 1;
+        } else {
+            self.rejected += 1;
+        }
+        for group in [&outcome.position, &outcome.velocity] {
+            // While headings compete, most of them are wrong.
+            if running && group.used {
+                self.nis.0 += group.nis;
+                self.nis.1 += group.dof;
+            }
+            if group.recovered {
+                self.warnings.push(
+                    "fixes contradicted the estimate for more than 3 s and are believed again: check GNSS and vibration",
+                );
+            }
+        }
+        self.last_outcome = *outcome;
+    }
+
+    /// The constants go on, motion starts anew.
+    fn restart(&mut self) {
+        self.late_before += self.estimator.late_fixes();
+        if let Some(filter) = self.estimator.filter() {
+            self.before = Some(Box::new(filter.clone()));
+        }
+        self.time.restart();
+        self.imu_rate = RateMeter::default();
+        self.fix_rate = RateMeter::default();
+        self.last_fix_s = None;
+        self.stillness = Stillness::default();
+        self.watch.restart();
+    }
+
+    /// Roll, pitch, yaw, rad, and the time they are for, s; cheap enough to ask for at every sample.
+    pub fn attitude(&self) -> Option<(f64, [f64; 3])> {
+        self.estimator.predicted_nav().map(|(t_s, nav)| (t_s, nav.euler().into()))
+    }
+
+    /// The state now.
+    pub fn snapshot(&self) -> Snapshot {
+        let predicted = self.estimator.predicted();
+        let constants = self.constants(predicted.as_ref());
+        Snapshot {
+            schema: "gaware.snapshot/1".to_owned(),
+            t_s: self.time.now_s().unwrap_or(0.0),
+            elapsed_s: self.time.elapsed_s(),
+            autopilot: self.autopilot.clone(),
+            phase: self.phase(),
+            waiting_for: self.waiting_for(predicted.as_ref()),
+            imu: self.imu_status(),
+            gnss: self.gnss_status(),
+            estimate: self.estimate(predicted.as_ref(), &constants),
+            motion: predicted.as_ref().map(estimate::motion).unwrap_or_default(),
+            observability: observability(
+                &self.watch,
+                &constants,
+                predicted.as_ref().or(self.before.as_deref()),
+                &self.options.targets,
+                self.options.vehicle,
+            ),
+            consistency: self.consistency(),
+            warnings: self.warnings(),
+            ..Snapshot::default()
+        }
+    }
+
+    /// The result so far.
+    pub fn summary(&self) -> Summary {
+        let now = self.snapshot();
+        let duration_s = self.time.elapsed_s();
+        let rate_hz = if duration_s > 0.0 { self.samples.saturating_sub(1) as f64 / duration_s } else { 0.0 };
+        Summary {
+            schema: "gaware.summary/1".to_owned(),
+            duration_s,
+            autopilot: now.autopilot,
+            imu: ImuStatus { rate_hz, ..now.imu },
+            gnss: now.gnss,
+            estimate: now.estimate,
+            observability: now.observability,
+            consistency: now.consistency,
+            warnings: now.warnings,
+            phase: now.phase,
+            waiting_for: now.waiting_for,
+        }
+    }
+
+    fn constants(&self, filter: Option<&Filter>) -> Constants {
+        match filter.or(self.before.as_deref()) {
+            Some(filter) => Constants::of_filter(filter),
+            None => Constants::of_model(self.estimator.model()),
+        }
+    }
+
+    fn estimate(&self, filter: Option<&Filter>, constants: &Constants) -> Estimate {
+        let mut estimate = constants.estimate(self.estimator.model());
+        estimate.attitude_deg = match filter {
+            Some(filter) => estimate::attitude(filter, self.estimator.searched_yaw_sigma()),
+            None => estimate::levelled(self.estimator.gathered_mean().as_ref()),
+        };
+        estimate
+    }
+
+    fn phase(&self) -> Phase {
+        match self.estimator.stage() {
+            Stage::WaitingForImu => Phase::WaitingForImu,
+            Stage::WaitingForGnss if self.fix_age_s().is_some_and(|age| age < FIX_PATIENCE_S) => {
+                Phase::Aligning
+            }
+            Stage::WaitingForGnss => Phase::WaitingForGnss,
+            Stage::SearchingHeading => Phase::SearchingHeading,
+            Stage::Running => Phase::Running,
+        }
+    }
+
+    fn fix_age_s(&self) -> Option<f64> {
+        Some(self.time.now_s()? - self.last_fix_s?)
+    }
+
+    fn waiting_for(&self, filter: Option<&Filter>) -> String {
+        let stands = filter.is_some_and(|f| self.stillness.stands(f.nav().v_n().norm()));
+        match self.phase() {
+            Phase::WaitingForImu => "no inertial samples yet: is the autopilot connected?".to_owned(),
+            Phase::WaitingForGnss if self.before.is_some() => {
+                "no GNSS fix since the restart: the constants are kept, motion starts with the next fix"
+                    .to_owned()
+            }
+            Phase::WaitingForGnss => "no GNSS fix yet: G cannot be estimated".to_owned(),
+            Phase::Aligning => "levelling: a second of inertial samples is needed".to_owned(),
+            Phase::SearchingHeading | Phase::Running => match self.fix_age_s() {
+                Some(age) if age >= FIX_PATIENCE_S => {
+                    format!("no GNSS fix for {age:.0} s: G cannot be estimated further")
+                }
+                _ if stands => "standing or hovering: nothing excites G".to_owned(),
+                _ if self.phase() == Phase::SearchingHeading => {
+                    "the heading is unknown: accelerate or turn, and the fixes will tell it".to_owned()
+                }
+                _ => String::new(),
+            },
+        }
+    }
+
+    fn imu_status(&self) -> ImuStatus {
+        ImuStatus {
+            message: self.message.clone(),
+            samples: self.samples,
+            rate_hz: self.time.now_s().map_or(0.0, |now| self.imu_rate.at(now)),
+            dropped: self.refused,
+        }
+    }
+
+    fn gnss_status(&self) -> GnssStatus {
+        GnssStatus {
+            fixes: self.fixes,
+            used: self.used,
+            rejected: self.rejected + self.late(),
+            rate_hz: self.time.now_s().map_or(0.0, |now| self.fix_rate.at(now)),
+        }
+    }
+
+    fn late(&self) -> u64 {
+        self.late_before + self.estimator.late_fixes()
+    }
+
+    fn consistency(&self) -> Consistency {
+        let (p, v) = (self.last_outcome.position.normalised, self.last_outcome.velocity.normalised);
+        Consistency {
+            nis_mean_per_dof: if self.nis.1 > 0 { self.nis.0 / self.nis.1 as f64 } else { 0.0 },
+            last_normalised_innovation: [p[0], p[1], p[2], v[0], v[1], v[2]],
+        }
+    }
+
+    fn warnings(&self) -> Vec<String> {
+        let mut list = self.warnings.to_vec();
+        if self.late() > 0 {
+            list.push("some fixes came more than 1.5 s after their time and were not used".to_owned());
+        }
+        list
+    }
+}
+
+fn is_plausible(fix: &GnssFix) -> bool {
+    let (height, speed) = PLAUSIBLE_FIX;
+    let velocity = match fix.velocity {
+        FixVelocity::None => [0.0; 3],
+        FixVelocity::Horizontal([n, e]) => [n, e, 0.0],
+        FixVelocity::Full(v) => v,
+    };
+    let sigmas = fix.position_sigma_m.iter().chain(&fix.velocity_sigma_m_per_s).flatten();
+    fix.t_s.is_finite()
+        && fix.position.lat_rad.abs() <= std::f64::consts::FRAC_PI_2
+        && fix.position.lon_rad.abs() <= 2.0 * std::f64::consts::PI
+        && fix.position.height_m.abs() < height
+        && velocity.iter().all(|v| v.abs() < speed)
+        && sigmas.copied().all(|s| s.is_finite() && s >= 0.0)
+        && fix.yaw_rad.is_none_or(|(yaw, sigma)| yaw.is_finite() && sigma.is_finite())
+}
+
+#[cfg(test)]
+mod tests;

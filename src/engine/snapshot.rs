@@ -133,10 +133,11 @@ pub struct StateStatus {
     pub unit: String,
 }
 
-/// A combination of states that the flight has not made known.
+/// A combination of states that the flight has not made known, or several states that lack the same excitation.
 #[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub struct Direction {
-    /// Weight of each state that takes part.
+    /// Weight of each state that takes part, in units of its remaining sigma; 1 for each of several states that are
+    /// unknown by themselves.
     pub states: std::collections::BTreeMap<String, f64>,
     /// The same in words, with the remedy.
     pub text: String,
@@ -154,6 +155,12 @@ pub struct Observability {
     /// Which view is stricter where they disagree, and why; empty where they agree.
     #[serde(default)]
     pub disagreement: String,
+    /// Directions of the whitened Gramian that are not weak …
+    #[serde(default)]
+    pub gramian_rank: usize,
+    /// … of so many constant states.
+    #[serde(default)]
+    pub gramian_states: usize,
 }
 
 /// What the pilot is asked to fly.
@@ -241,7 +248,7 @@ pub struct Snapshot {
     pub autopilot: String,
     /// What the estimator is doing.
     pub phase: Phase,
-    /// Why it does not estimate, in words; empty while running.
+    /// Why it does not learn, in words: no fix, no heading, standing; empty while it does.
     pub waiting_for: String,
     /// Inertial source.
     pub imu: ImuStatus,

@@ -153,6 +153,10 @@ impl Model {
     /// What `run` and `replay` assume when nobody says otherwise: full G and the GNSS latency are estimated.
     pub fn standard() -> Self {
         let mut model = Self::default().with_g(GElements::Full, None);
+        // Real position errors wander by 1 to 2 m over tens of seconds (FIELD_NOTES). A filter that takes them for
+        // white noise learns a heading and biases from them while the vehicle stands.
+        model.gnss.position_correlation_s = 60.0;
+        model.gnss.position_wander_sigma_m = [1.5, 1.5, 2.5];
         let mut latency = EffectSetting::unknown(&effects::GpsLatency);
         // u-blox receivers about 0.12 s, published flights 0.05 to 0.3 s (FIELD_NOTES).
         latency.values[0] = 0.12;

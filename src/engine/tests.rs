@@ -1,0 +1,183 @@
+use super::snapshot::{StateStatus, Status};
+use super::*;
+use gaware_nav::sample::RestartReason;
+use gaware_sitl::scenario::{Scenario, scenario};
+
+fn named(name: &str) -> Scenario {
+    scenario(name).unwrap()
+}
+
+/// Feeds a scenario until `until_s`.
+fn fly(scenario: &Scenario, seed: u64, until_s: f64) -> Engine {
+    let mut engine = Engine::new(Model::standard(), EngineOptions::default());
+    for (sample, _) in scenario.flight(seed).take_while(|(_, t)| t.t_s <= until_s) {
+        engine.feed(&sample);
+    }
+    engine
+}
+
+fn is_g(state: &StateStatus) -> bool {
+    state.unit == "deg/h/g"
+}
+
+#[test]
+fn before_anything_came_priors_are_shown_and_nothing_is_claimed() {
+    let now = Engine::new(Model::standard(), EngineOptions::default()).snapshot();
+    assert_eq!(now.phase, Phase::WaitingForImu);
+    assert_eq!(now.estimate.g_sensitivity_deg_per_h_per_g.sigma[1][2].round(), 360.0);
+    assert_eq!(now.estimate.gyro_bias_deg_per_h.sigma[0].round(), 1800.0);
+    assert!(now.observability.states.iter().all(|s| s.status == Status::Unobservable));
+    assert_eq!(now.observability.states.len(), 16);
+    assert_eq!(now.estimate.effects.len(), 1);
+}
+
+#[test]
+fn on_a_shaking_bench_g_stays_at_its_prior_and_the_status_says_why() {
+    for name in ["bench", "bench_vibration"] {
+        let now = fly(&named(name), 3, 60.0).snapshot();
+        assert_eq!(now.phase, Phase::Running, "{name}");
+        for state in now.observability.states.iter().filter(|s| is_g(s)) {
+            assert!(state.sigma_ratio > 0.95 && state.status == Status::Unobservable, "{name} {state:?}");
+        }
+        assert!(now.waiting_for.contains("nothing excites G"), "{name}: {}", now.waiting_for);
+        let speed = now.motion.velocity_ned_m_per_s.map(f64::abs);
+        assert!(speed.iter().all(|v| *v < 1.0), "{name} {speed:?}");
+        assert!((now.imu.rate_hz - 200.0).abs() < 2.0 && (now.gnss.rate_hz - 5.0).abs() < 0.3);
+    }
+}
+
+#[test]
+fn without_any_fix_nothing_diverges_and_nothing_is_learned() {
+    let mut bench = named("bench_vibration");
+    bench.sensors.fix_rate_hz = 0.0;
+    let now = fly(&bench, 1, 60.0).snapshot();
+    assert_eq!(now.phase, Phase::WaitingForGnss);
+    assert!(now.waiting_for.contains("no GNSS fix"));
+    assert!(now.observability.states.iter().all(|s| s.sigma_ratio == 1.0));
+    let [roll, pitch, yaw] = now.estimate.attitude_deg.value;
+    assert!((roll - 1.0).abs() < 3.0 && (pitch - 2.0).abs() < 3.0 && yaw == 0.0, "{roll} {pitch}");
+    assert!(now.estimate.attitude_deg.sigma[2] > 100.0);
+}
+
+#[test]
+fn an_outage_is_told_and_survived() {
+    let mut flight = named("fixed_wing");
+    flight.sensors.outages = vec![(60.0, 90.0)];
+    let during = fly(&flight, 2, 89.0).snapshot();
+    assert!(during.waiting_for.contains("no GNSS fix for 29 s"), "{}", during.waiting_for);
+    let after = fly(&flight, 2, 130.0).snapshot();
+    assert_eq!(after.waiting_for, "");
+    assert!(after.motion.position_sigma_m.iter().all(|s| *s < 10.0), "{:?}", after.motion);
+    assert!(after.gnss.used > 400, "{:?}", after.gnss);
+}
+
+#[test]
+fn the_same_samples_give_the_same_snapshots_to_the_last_bit() {
+    let run = || {
+        let mut engine = Engine::new(Model::standard(), EngineOptions::default());
+        let mut lines = Vec::new();
+        for (k, (sample, _)) in named("fixed_wing").flight(5).take(8000).enumerate() {
+            engine.feed(&sample);
+            if k % 400 == 0 {
+                lines.push(serde_json::to_string(&engine.snapshot()).unwrap());
+            }
+        }
+        lines.push(serde_json::to_string(&engine.summary()).unwrap());
+        lines
+    };
+    assert_eq!(run(), run());
+}
+
+#[test]
+fn asking_for_snapshots_changes_nothing() {
+    let flight = named("fixed_wing");
+    let mut asked = Engine::new(Model::standard(), EngineOptions::default());
+    for (sample, _) in flight.flight(4).take_while(|(_, t)| t.t_s <= 40.0) {
+        asked.feed(&sample);
+        if matches!(sample, Sample::Fix(_)) {
+            asked.snapshot();
+        }
+    }
+    assert_eq!(asked.snapshot(), fly(&flight, 4, 40.0).snapshot());
+}
+
+#[test]
+fn a_reboot_keeps_what_was_learned_of_the_vehicle() {
+    let flight = named("fixed_wing");
+    let mut engine = fly(&flight, 1, 150.0);
+    let learned = engine.snapshot();
+    engine.feed(&Sample::Restart(RestartReason::Reboot));
+    let waiting = engine.snapshot();
+    assert_eq!(waiting.estimate.g_sensitivity_deg_per_h_per_g, {
+        learned.estimate.g_sensitivity_deg_per_h_per_g
+    });
+    for (sample, _) in flight.flight(1).take_while(|(_, t)| t.t_s <= 10.0) {
+        engine.feed(&sample);
+    }
+    let again = engine.snapshot();
+    assert!((again.elapsed_s - 160.0).abs() < 0.1, "{}", again.elapsed_s);
+    assert_eq!(again.phase, Phase::Running);
+    for (old, new) in learned.observability.states.iter().zip(&again.observability.states) {
+        if is_g(old) {
+            assert!(new.sigma <= old.sigma * 1.01, "{old:?} {new:?}");
+        }
+    }
+}
+
+#[test]
+fn impossible_values_are_refused_counted_and_told() {
+    let mut engine = fly(&named("bench"), 1, 5.0);
+    let before = engine.snapshot();
+    let t_s = before.t_s + 0.005;
+    let [x, y] = [f64::NAN, 1e300];
+    for gyro in [[x, 0.0, 0.0], [0.0, y, 0.0]] {
+        engine.feed(&Sample::Imu(ImuSample {
+            t_s,
+            gyro: gyro.into(),
+            accel: [0.0, 0.0, -9.8].into(),
+            temperature_degc: None,
+        }));
+    }
+    let after = engine.snapshot();
+    assert_eq!(after.imu.dropped, before.imu.dropped + 2);
+    assert_eq!(after.estimate, before.estimate);
+    assert_eq!(after.warnings.len(), 1);
+}
+
+#[test]
+fn the_search_for_the_heading_shows_its_own_sigma() {
+    let mut bench = named("bench");
+    bench.sensors.attitude_rate_hz = 0.0;
+    let now = fly(&bench, 1, 20.0).snapshot();
+    assert_eq!(now.phase, Phase::SearchingHeading);
+    // The members themselves are 15° wide.
+    assert!(now.estimate.attitude_deg.sigma[2] > 30.0, "{:?}", now.estimate.attitude_deg);
+}
+
+#[test]
+fn the_bench_meets_no_condition_and_says_what_is_missing() {
+    let now = fly(&named("bench_vibration"), 2, 60.0).snapshot().observability;
+    for condition in [&now.conditions.a, &now.conditions.b, &now.conditions.c] {
+        assert!(!condition.met && condition.progress == 0.0 && !condition.missing.is_empty());
+    }
+    let texts: Vec<_> = now.unobservable_directions.iter().map(|d| d.text.as_str()).collect();
+    assert!(texts.iter().any(|t| t.starts_with("column y of G: ")), "{texts:?}");
+    assert!(texts.iter().any(|t| t.starts_with("column x of G: ")), "{texts:?}");
+    let tied = now.unobservable_directions.iter().find(|d| d.states.contains_key("g23")).unwrap();
+    assert!(tied.states.contains_key("bg_y") && tied.text.contains("only as a sum"), "{tied:?}");
+}
+
+#[test]
+fn coordinated_flight_leaves_column_y_dark_and_sideslip_lights_it() {
+    let column_y = |name: &str| {
+        let now = fly(&named(name), 1, 300.0).snapshot().observability;
+        let dark = now.unobservable_directions.iter().any(|d| d.states.contains_key("g22"));
+        let asks = now.unobservable_directions.iter().any(|d| d.text.contains("fly a sideslip"));
+        let best = now.states.iter().find(|s| s.name == "g22").map(|s| s.sigma_ratio);
+        (dark, asks, best)
+    };
+    let (dark, asks, ratio) = column_y("fixed_wing_coordinated");
+    assert!(dark && asks && ratio > Some(0.5), "{ratio:?}");
+    let (dark, asks, ratio) = column_y("fixed_wing");
+    assert!(!dark && !asks && ratio < Some(0.5), "{ratio:?}");
+}
