@@ -127,15 +127,6 @@ impl Estimator {
         self.last.as_ref()
     }
 
-    /// Time, s, and position, velocity and attitude at the newest sample: [`Estimator::predicted`] without the covariance.
-    pub fn predicted_nav(&self) -> Option<(f64, NavState)> {
-        match &self.state {
-            State::Gathering(_) => None,
-            State::Searching(bank) => bank.best().map(Fusion::predicted_nav),
-            State::Running(fusion) => Some(fusion.predicted_nav()),
-        }
-    }
-
     /// 1-sigma of heading over all hypotheses while it is searched, rad.
     pub fn searched_yaw_sigma(&self) -> Option<f64> {
         match &self.state {

@@ -1,11 +1,14 @@
 //! The commands, a file each: arguments in, work done, one clear sentence when it fails.
 
 pub mod baseline;
+pub mod cli;
 pub mod pipeline;
 pub mod print;
 pub mod replay;
 pub mod run;
 pub mod sim;
+pub mod start;
+pub mod study;
 pub mod truth_comparison;
 
 use crate::link::address::AddressError;
@@ -63,9 +66,50 @@ pub enum CommandError {
         /// One line each.
         differences: String,
     },
+    /// The simulation.
+    #[error(transparent)]
+    Sim(#[from] sim::SimError),
+    /// The paper's study.
+    #[error(transparent)]
+    Paper(#[from] crate::study::paper::PaperError),
+    /// A recorded CSV set.
+    #[error(transparent)]
+    Csv(#[from] crate::study::recorded::CsvError),
+    /// The web page.
+    #[error("cannot serve the web page on {address}: {reason}")]
+    Web {
+        /// Where.
+        address: std::net::SocketAddr,
+        /// Why.
+        reason: String,
+    },
     /// The result cannot be written.
     #[error("cannot write the result: {0}")]
     Output(#[from] std::io::Error),
+}
+
+impl CommandError {
+    /// Whether the arguments were at fault rather than the work: exit status 2 instead of 1.
+    pub fn is_usage(&self) -> bool {
+        match self {
+            Self::Address(_) => true,
+            Self::Sim(error) => error.is_usage(),
+            Self::Paper(crate::study::paper::PaperError::TooFewRuns) => true,
+            Self::Csv(crate::study::recorded::CsvError::UnknownSet(_)) => true,
+            _ => false,
+        }
+    }
+}
+
+/// A progress bar on stderr; hidden where that is no terminal.
+pub fn progress_bar(total: u64, unit: &str) -> indicatif::ProgressBar {
+    let bar = indicatif::ProgressBar::new(total);
+    let style =
+        indicatif::ProgressStyle::with_template(&format!("{{bar:40}} {{pos}}/{{len}} {unit}, {{eta}} left"));
+    if let Ok(style) = style {
+        bar.set_style(style);
+    }
+    bar
 }
 
 /// Reads a model file.

@@ -127,3 +127,21 @@ impl<E: Estimator> Pipeline<E> {
         self.told_autopilot.unwrap_or(self.converter.autopilot().name())
     }
 }
+
+impl Estimator for crate::engine::Engine {
+    fn feed(&mut self, sample: &Sample) {
+        Self::feed(self, sample);
+    }
+
+    fn snapshot(&self) -> Snapshot {
+        Self::snapshot(self)
+    }
+
+    fn summary(&self) -> Summary {
+        Self::summary(self)
+    }
+
+    fn attitude(&self) -> Option<(f64, [f64; 3])> {
+        Self::attitude(self)
+    }
+}

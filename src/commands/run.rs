@@ -73,6 +73,9 @@ pub struct RunArgs {
     /// Serve the web page on this address.
     #[arg(long, value_name = "ADDR")]
     pub web: Option<SocketAddr>,
+    /// Token that the web page asks for; without one, a page on any other than this machine's own address makes one up.
+    #[arg(long, value_name = "TOKEN", env = "GAWARE_WEB_TOKEN", hide_env_values = true)]
+    pub web_token: Option<String>,
     /// Print the result as one JSON document.
     #[arg(long)]
     pub json: bool,
@@ -398,7 +401,7 @@ impl<E: Estimator> Session<E> {
 }
 
 /// Ctrl-C, or SIGTERM from a service manager.
-async fn wait_for_signal() {
+pub(super) async fn wait_for_signal() {
     let interrupt = tokio::signal::ctrl_c();
     #[cfg(unix)]
     {

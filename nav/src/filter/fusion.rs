@@ -6,7 +6,6 @@
 
 use super::{Filter, FixOutcome};
 use crate::mechanization::{self, Increment, NavState};
-use crate::mechanization::{Increment, NavState, step};
 use crate::sample::{GnssFix, ImuSample};
 use std::collections::VecDeque;
 
@@ -110,18 +109,6 @@ impl Fusion {
                 nav = mechanization::step(&nav, &Increment::between(&motion, &next, filter.kind(), dt));
                 (t_s, motion) = (sample.t_s, next);
             }
-        }
-        (t_s, nav)
-    }
-
-    /// Time, s, and position, velocity and attitude at the newest sample: [`Fusion::predicted`] without the covariance.
-    pub fn predicted_nav(&self) -> (f64, NavState) {
-        let filter = &self.filter;
-        let (mut t_s, mut nav, mut motion) = (filter.t_s(), *filter.nav(), *filter.motion());
-        for sample in self.samples.iter().filter(|s| s.t_s > filter.t_s()) {
-            let next = filter.calibration().motion(filter.model(), sample);
-            nav = step(&nav, &Increment::between(&motion, &next, filter.kind(), sample.t_s - t_s));
-            (t_s, motion) = (sample.t_s, next);
         }
         (t_s, nav)
     }

@@ -1,0 +1,74 @@
+//! The command line: which commands there are, how they start, and what exit status their result becomes.
+
+use super::{CommandError, replay, run, sim, start, study};
+use crate::engine::{Engine, EngineOptions};
+use clap::{CommandFactory, Parser, Subcommand};
+use std::process::ExitCode;
+use tokio_util::sync::CancellationToken;
+
+/// A flight-test companion for ArduPilot and PX4: finds out what acceleration does to the gyros.
+#[derive(Debug, Parser)]
+#[command(version, max_term_width = 110, after_help = EXAMPLES)]
+pub struct Cli {
+    /// What to do.
+    #[command(subcommand)]
+    pub command: Command,
+}
+
+const EXAMPLES: &str = "\
+Examples:
+  gaware run --connect serial:/dev/ttyAMA0:921600 --web 127.0.0.1:8080
+  gaware replay flight.tlog --json
+  gaware sim --scenario fixed_wing --listen tcpin:127.0.0.1:5760
+  gaware study paper --runs 400
+
+Exit status: 0 done, 1 the work failed (stderr says why), 2 wrong usage.";
+
+/// The commands.
+#[derive(Debug, Subcommand)]
+pub enum Command {
+    /// Listen to a vehicle, estimate, show, record.
+    Run(run::RunArgs),
+    /// Run a recorded flight (.tlog, .bin, .ulg, .mcap) through the same pipeline.
+    Replay(replay::ReplayArgs),
+    /// Simulate an autopilot on UDP, TCP or a pseudo-terminal.
+    Sim(sim::SimArgs),
+    /// Monte Carlo studies and accuracy on recorded flights.
+    Study(study::StudyArgs),
+    /// Print shell completions.
+    Completions {
+        /// Shell.
+        shell: clap_complete::Shell,
+    },
+}
+
+/// Runs a command to its end.
+pub fn execute(cli: Cli) -> ExitCode {
+    match dispatch(cli.command) {
+        Ok(()) => ExitCode::SUCCESS,
+        Err(error) => {
+            eprintln!("gaware: {error}");
+            ExitCode::from(if error.is_usage() { 2 } else { 1 })
+        }
+    }
+}
+
+fn dispatch(command: Command) -> Result<(), CommandError> {
+    match command {
+        Command::Run(args) => start::run(args),
+        Command::Replay(args) => replay::run(&args, |model| Engine::new(model, EngineOptions::default())),
+        Command::Sim(args) => {
+            start::runtime()?.block_on(async {
+                let stop = CancellationToken::new();
+                start::cancel_on_signal(&stop);
+                sim::run(&args, |text| eprintln!("{text}"), stop).await
+            })?;
+            Ok(())
+        }
+        Command::Study(args) => study::run(&args),
+        Command::Completions { shell } => {
+            clap_complete::generate(shell, &mut Cli::command(), "gaware", &mut std::io::stdout());
+            Ok(())
+        }
+    }
+}

@@ -1,0 +1,147 @@
+//! `gaware study`: claims about accuracy that anybody can repeat.
+
+use super::CommandError;
+use crate::study::parallel::Progress;
+use crate::study::{paper, recorded};
+use serde::Serialize;
+use std::path::PathBuf;
+
+/// Arguments of `study`.
+#[derive(Debug, Clone, clap::Args)]
+pub struct StudyArgs {
+    /// Which study.
+    #[command(subcommand)]
+    pub study: StudyKind,
+}
+
+/// The studies.
+#[derive(Debug, Clone, clap::Subcommand)]
+pub enum StudyKind {
+    /// The paper's flight, many times: 15, 18 and 24 states against truth, predicted sigma and information bound.
+    Paper(PaperArgs),
+    /// Flights with an independent truth (CSV): position, velocity and attitude errors beside those of other filters.
+    Recorded(RecordedArgs),
+}
+
+/// Arguments of `study paper`.
+#[derive(Debug, Clone, clap::Args)]
+pub struct PaperArgs {
+    /// Flights per filter.
+    #[arg(long, default_value_t = 100)]
+    pub runs: usize,
+    /// First seed.
+    #[arg(long, default_value_t = 1)]
+    pub seed: u64,
+    /// 1-sigma of each initial attitude error, deg.
+    #[arg(long, default_value_t = 5.0, value_name = "DEG")]
+    pub attitude_error: f64,
+    /// Print one JSON document.
+    #[arg(long)]
+    pub json: bool,
+}
+
+/// Arguments of `study recorded`.
+#[derive(Debug, Clone, clap::Args)]
+pub struct RecordedArgs {
+    /// Sets to run: qdr, sim_thor.
+    #[arg(default_values_t = ["qdr".to_owned(), "sim_thor".to_owned()])]
+    pub sets: Vec<String>,
+    /// Folder that holds the recorded flights.
+    #[arg(long, env = "GAWARE_FLIGHTS", default_value = "../shared/data", value_name = "DIR")]
+    pub flights: PathBuf,
+    /// Print one JSON document.
+    #[arg(long)]
+    pub json: bool,
+}
+
+/// A bar on the terminal that counts runs.
+struct Bar(indicatif::ProgressBar);
+
+impl Progress for Bar {
+    fn tick(&self) {
+        self.0.inc(1);
+    }
+}
+
+/// Runs a study and prints it.
+///
+/// # Errors
+/// What the study says.
+pub fn run(args: &StudyArgs) -> Result<(), CommandError> {
+    match &args.study {
+        StudyKind::Paper(args) => {
+            let bar = super::progress_bar(3 * args.runs as u64, "flights");
+            let settings =
+                paper::Settings { runs: args.runs, seed: args.seed, attitude_error_deg: args.attitude_error };
+            let study = paper::run(&settings, &Bar(bar.clone()))?;
+            bar.finish_and_clear();
+            if args.json { print_json(&study) } else { print_paper(&study) }
+        }
+        StudyKind::Recorded(args) => {
+            let mut results = Vec::new();
+            for name in &args.sets {
+                let setup = recorded::setup(name)?;
+                let flight = recorded::CsvFlight::read(&args.flights.join(setup.folder), setup.fixes)?;
+                results.push(recorded::run(&flight, &setup));
+            }
+            if args.json {
+                print_json(&serde_json::json!({"schema": "gaware.study/1", "recorded": results}));
+            } else {
+                results.iter().for_each(print_recorded);
+            }
+        }
+    }
+    Ok(())
+}
+
+fn print_json(value: &impl Serialize) {
+    if let Ok(text) = serde_json::to_string_pretty(value) {
+        println!("{text}");
+    }
+}
+
+fn print_paper(study: &paper::Study) {
+    println!("The paper's flight, {} runs, initial attitude error {}°", study.runs, study.attitude_error_deg);
+    for f in &study.filters {
+        let [roll, pitch, yaw] = f.attitude_rms_deg;
+        let [low, high] = f.nees_band_95;
+        println!(
+            "\n{} states: attitude RMS from 60 s {roll:.4}/{pitch:.4}/{yaw:.4}°, NEES/dof {:.3} (95 % band of one epoch {low:.3} to {high:.3}, {:.0} % of epochs inside)",
+            f.states,
+            f.nees_per_dof,
+            100.0 * f.nees_inside_band
+        );
+        println!(
+            "{:8}{:>10}{:>12}{:>10}{:>12}{:>12}{:>12}  unit",
+            "", "truth", "mean", "± s.e.", "RMS error", "predicted", "bound"
+        );
+        for p in &f.parameters {
+            println!(
+                "{:8}{:10.3}{:12.4}{:10.4}{:12.4}{:12.4}{:12.4}  {}",
+                p.name,
+                p.truth,
+                p.mean,
+                p.mean_standard_error,
+                p.rms_error,
+                p.predicted_sigma,
+                p.bound,
+                p.unit
+            );
+        }
+    }
+}
+
+fn print_recorded(r: &recorded::Accuracy) {
+    println!("{}: {} epochs, NIS/dof {:.3}", r.set, r.epochs, r.nis_mean_per_dof);
+    let rows = [
+        ("position N/E/D, m", r.position_rms_m),
+        ("velocity N/E/D, m/s", r.velocity_rms_m_per_s),
+        ("roll/pitch/yaw, deg", r.attitude_rms_deg),
+    ];
+    for ((name, ours), best) in rows.into_iter().zip(r.best_of_others) {
+        println!(
+            "  RMS {name:20} {:.3} / {:.3} / {:.3}   best of the others in each figure {:.3} / {:.3} / {:.3}",
+            ours[0], ours[1], ours[2], best[0], best[1], best[2]
+        );
+    }
+}
