@@ -147,11 +147,10 @@ impl<'a> Search<'a> {
         if !request.take_off {
             return Ok(Vec::new());
         }
-        for k in 0..=CLIMB_CHECKS {
-            let room = self.checker.room_at(start * (f64::from(k) / f64::from(CLIMB_CHECKS)));
-            if room < 0.0 {
-                return Err(PlanError::ClimbOut { by_m: -room });
-            }
+        let along = |k: u32| start * (f64::from(k) / f64::from(CLIMB_CHECKS));
+        let room = (0..=CLIMB_CHECKS).map(|k| self.checker.room_at(along(k))).fold(f64::INFINITY, f64::min);
+        if room < 0.0 {
+            return Err(PlanError::ClimbOut { by_m: -room });
         }
         let pitch = if request.airframe.is_fixed_wing() { TAKE_OFF_PITCH_DEG } else { 0.0 };
         let height = request.start_height_m as f32;
