@@ -5,7 +5,7 @@
 
 mod counters;
 mod estimate;
-mod observability;
+pub mod observability;
 pub mod snapshot;
 mod standing;
 
@@ -15,9 +15,10 @@ use gaware_nav::estimator::{Estimator, Stage};
 use gaware_nav::filter::{Filter, FixOutcome};
 use gaware_nav::model::Model;
 use gaware_nav::observability::covariance::Targets;
+use gaware_nav::observability::segments::PathSegment;
 use gaware_nav::observability::words::VehicleKind;
 use gaware_nav::sample::{FixVelocity, GnssFix, ImuSample, Sample};
-use observability::{ConditionWatch, observability};
+use observability::ConditionWatch;
 use snapshot::{Consistency, Estimate, GnssStatus, ImuStatus, Phase, Snapshot, Summary};
 use standing::Stillness;
 
@@ -194,6 +195,16 @@ impl Engine {
         self.estimator.predicted_nav().map(|(t_s, nav)| (t_s, nav.euler().into()))
     }
 
+    /// The filter at the time of its last fix, once there is one.
+    pub fn filter(&self) -> Option<&Filter> {
+        self.estimator.filter()
+    }
+
+    /// The segment of constant attitude under way.
+    pub fn segment(&self) -> Option<&PathSegment> {
+        self.watch.segment()
+    }
+
     /// The state now.
     pub fn snapshot(&self) -> Snapshot {
         let predicted = self.estimator.predicted();
@@ -209,7 +220,7 @@ impl Engine {
             gnss: self.gnss_status(),
             estimate: self.estimate(predicted.as_ref(), &constants),
             motion: predicted.as_ref().map(estimate::motion).unwrap_or_default(),
-            observability: observability(
+            observability: observability::of(
                 &self.watch,
                 &constants,
                 predicted.as_ref().or(self.before.as_deref()),

@@ -10,7 +10,7 @@ use gaware_nav::filter::layout::index;
 use gaware_nav::observability::conditions::{ConditionSettings, ConditionStatus, PathConditions};
 use gaware_nav::observability::covariance::{self, Knowledge, Targets};
 use gaware_nav::observability::gramian;
-use gaware_nav::observability::segments::SegmentSample;
+use gaware_nav::observability::segments::{PathSegment, SegmentSample};
 use gaware_nav::observability::words::{VehicleKind, describe};
 use gaware_nav::sample::ImuSample;
 use nalgebra::DMatrix;
@@ -59,8 +59,34 @@ impl ConditionWatch {
             rate_sigma: self.rate_sigma,
             force: motion.force,
         };
-        let targets = &self.targets;
-        self.conditions.get_or_insert_with(|| PathConditions::new(settings(estimator, targets))).push(&x);
+        if self.conditions.is_none() {
+            let (rounding, _) = estimator.rounding_noise();
+            let noise = (estimator.model().imu.gyro_noise.powi(2) + rounding).sqrt();
+            self.conditions = Some(PathConditions::new(Self::settings(noise, &self.targets)));
+        }
+        self.push_motion(&x);
+    }
+
+    /// Watches with these conditions, whose samples are pushed as motion.
+    pub fn of(targets: Targets, conditions: PathConditions) -> Self {
+        Self { conditions: Some(conditions), ..Self::new(targets) }
+    }
+
+    /// Conditions for gyros of this white noise with their rounding, rad/s/√Hz, and these targets.
+    pub fn settings(gyro_noise: f64, targets: &Targets) -> ConditionSettings {
+        ConditionSettings { target_sigma: targets.g, ..ConditionSettings::new(gyro_noise) }
+    }
+
+    /// Takes a sample that needs no correction.
+    pub fn push_motion(&mut self, x: &SegmentSample) {
+        if let Some(conditions) = &mut self.conditions {
+            conditions.push(x);
+        }
+    }
+
+    /// The segment of constant attitude under way.
+    pub fn segment(&self) -> Option<&PathSegment> {
+        self.conditions.as_ref().and_then(PathConditions::segment)
     }
 
     /// The time base starts anew; what was shown stays shown.
@@ -101,16 +127,18 @@ impl ConditionWatch {
     }
 }
 
-/// White noise of the corrected gyros with their rounding, and what a row of G must reach.
-fn settings(estimator: &Estimator, targets: &Targets) -> ConditionSettings {
-    let model = estimator.model();
-    let (rounding, _) = estimator.rounding_noise();
-    let noise = (model.imu.gyro_noise.powi(2) + rounding).sqrt();
-    ConditionSettings { target_sigma: targets.g, ..ConditionSettings::new(noise) }
+/// The three views of a filter.
+pub fn observability(
+    watch: &ConditionWatch,
+    filter: &Filter,
+    targets: &Targets,
+    vehicle: VehicleKind,
+) -> Observability {
+    of(watch, &Constants::of_filter(filter), Some(filter), targets, vehicle)
 }
 
 /// The three views now. `filter` is absent where nothing has been estimated yet.
-pub fn observability(
+pub(super) fn of(
     watch: &ConditionWatch,
     constants: &Constants,
     filter: Option<&Filter>,

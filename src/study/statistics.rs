@@ -26,3 +26,29 @@ impl Rms3 {
         self.n
     }
 }
+
+/// 95 % interval of a share (Wilson 1927); everything when nothing was counted.
+pub fn wilson_95(hits: usize, of: usize) -> [f64; 2] {
+    if of == 0 {
+        return [0.0, 1.0];
+    }
+    let (z, n) = (1.959_964_f64, of as f64);
+    let share = hits as f64 / n;
+    let middle = share + z * z / (2.0 * n);
+    let half = z * (share * (1.0 - share) / n + z * z / (4.0 * n * n)).sqrt();
+    [middle - half, middle + half].map(|v| (v / (1.0 + z * z / n)).clamp(0.0, 1.0))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn wilson_agrees_with_the_textbook() {
+        // Agresti & Coull 1998: 0 of 10 gives (0, 0.278), 5 of 10 gives (0.237, 0.763).
+        let [low, high] = wilson_95(0, 10);
+        assert!(low < 1e-12 && (high - 0.278).abs() < 1e-3, "{low} {high}");
+        let [low, high] = wilson_95(5, 10);
+        assert!((low - 0.237).abs() < 1e-3 && (high - 0.763).abs() < 1e-3, "{low} {high}");
+    }
+}

@@ -14,6 +14,8 @@ use nalgebra::{DMatrix, SymmetricEigen};
 pub const DARK_SIGMA_RATIO: f64 = 0.5;
 /// A state takes part in dark directions if they make up this share of its remaining variance.
 const TAKES_PART: f64 = 0.5;
+/// … and if its own sigma is still above this share of the prior one: a trace of a dark state leaves a state known.
+const KNOWN_SIGMA_RATIO: f64 = 0.1;
 /// Weights below this share of the largest one of a direction are not named.
 const NAMED_WEIGHT: f64 = 0.25;
 
@@ -53,6 +55,9 @@ pub fn analyse(posterior: &DMatrix<f64>, prior_sigmas: &[f64]) -> Gramian {
     let dark: Vec<usize> =
         order.iter().copied().filter(|k| variance(*k) > DARK_SIGMA_RATIO * DARK_SIGMA_RATIO).collect();
     let loadings = DMatrix::from_fn(n, dark.len(), |i, j| {
+        if whitened[(i, i)] < KNOWN_SIGMA_RATIO * KNOWN_SIGMA_RATIO {
+            return 0.0;
+        }
         eigen.eigenvectors[(i, dark[j])]
             * (variance(dark[j]) / whitened[(i, i)].max(f64::MIN_POSITIVE)).sqrt()
     });

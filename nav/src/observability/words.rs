@@ -59,11 +59,11 @@ impl Cause {
             Self::Forward => "speed has hardly changed",
             Self::Sideways => "nothing has moved the aircraft sideways",
             Self::Vertical => "lift has hardly changed",
-            Self::Turn => "it cannot be told from tilt on one heading",
+            Self::Turn => "one heading cannot tell tilt from bias",
             Self::Rotation => "the vehicle has hardly rotated about all axes",
             Self::Speed => "the velocity has hardly changed",
             Self::Temperature => "the temperature has hardly changed",
-            Self::Motion => "the vehicle has hardly moved",
+            Self::Motion => "acceleration and heading have hardly changed",
         }
     }
 
