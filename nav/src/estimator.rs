@@ -232,7 +232,7 @@ impl Estimator {
             if start.standing {
                 filter.observe_standing(STANDING_RATE_SIGMA);
             }
-            Fusion::new(filter)
+            if start.heading_known { Fusion::new(filter) } else { Fusion::without_window(filter) }
         };
         self.state = if start.heading_known {
             State::Running(Box::new(make(&start.initial)))

@@ -4,6 +4,7 @@
 //! The state at the present is the filter run through the queue. A fix may be up to [`BUFFER_S`] old; without fixes the
 //! filter follows at that distance.
 
+use super::window::{Step, Window};
 use super::{Filter, FixOutcome};
 use crate::mechanization::{self, Increment, NavState};
 use crate::sample::{GnssFix, ImuSample};
@@ -23,12 +24,19 @@ pub struct Fusion {
     samples: VecDeque<ImuSample>,
     fixes: VecDeque<GnssFix>,
     late: u64,
+    window: Option<Box<Window>>,
 }
 
 impl Fusion {
-    /// Around a filter.
+    /// Around a filter. Where its attitude is uncertain, the start is run again once it has become known.
     pub fn new(filter: Filter) -> Self {
-        Self { filter, samples: VecDeque::new(), fixes: VecDeque::new(), late: 0 }
+        let window = Window::open(&filter).map(Box::new);
+        Self { window, ..Self::without_window(filter) }
+    }
+
+    /// Around a filter whose start is never run again: for one of many hypotheses.
+    pub fn without_window(filter: Filter) -> Self {
+        Self { filter, samples: VecDeque::new(), fixes: VecDeque::new(), late: 0, window: None }
     }
 
     /// The filter at the time of the last fix it used (or [`BUFFER_S`] behind).
@@ -81,12 +89,13 @@ impl Fusion {
                 continue;
             }
             self.advance_to(valid_s);
-            return Some(self.filter.update(&fix));
+            let outcome = self.filter.update(&fix);
+            self.keep(Step::Fix(fix));
+            self.look_back();
+            return Some(outcome);
         }
-        while self.samples.front().is_some_and(|s| s.t_s < now - BUFFER_S) {
-            if let Some(sample) = self.samples.pop_front() {
-                self.filter.propagate(&sample);
-            }
+        while let Some(sample) = self.samples.pop_front_if(|s| s.t_s < now - BUFFER_S) {
+            self.take(sample);
         }
         None
     }
@@ -114,15 +123,34 @@ impl Fusion {
     }
 
     fn advance_to(&mut self, t_s: f64) {
-        while self.samples.front().is_some_and(|s| s.t_s <= t_s) {
-            if let Some(sample) = self.samples.pop_front() {
-                self.filter.propagate(&sample);
-            }
+        while let Some(sample) = self.samples.pop_front_if(|s| s.t_s <= t_s) {
+            self.take(sample);
         }
         if self.filter.t_s() < t_s
-            && let Some(next) = self.samples.front()
+            && let Some(next) = self.samples.front().copied()
         {
-            self.filter.propagate_to(t_s, next);
+            self.filter.propagate_to(t_s, &next);
+            self.keep(Step::To(t_s, next));
         }
+    }
+
+    fn take(&mut self, sample: ImuSample) {
+        self.filter.propagate(&sample);
+        self.keep(Step::Sample(sample));
+    }
+
+    fn keep(&mut self, step: Step) {
+        if let Some(window) = &mut self.window {
+            window.keep(step);
+        }
+    }
+
+    /// Runs the window again when it is over, and opens the next where the attitude is still uncertain.
+    fn look_back(&mut self) {
+        let Some(window) = self.window.take_if(|w| w.is_over(&self.filter)) else { return };
+        if let Some(again) = window.run_again(&self.filter) {
+            self.filter = again;
+        }
+        self.window = Window::open(&self.filter).map(Box::new);
     }
 }

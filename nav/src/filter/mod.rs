@@ -11,6 +11,7 @@ pub mod fusion;
 pub mod layout;
 mod propagation;
 mod update;
+mod window;
 
 use crate::mechanization::{Motion, NavState};
 use crate::model::Model;
@@ -59,6 +60,8 @@ pub struct Filter {
     start_jacobian: MotionJacobian,
     gate: update::Gate,
     phi: Vec<f64>,
+    /// The mean error while the filter runs as a linear one about its state (see [`window`]).
+    carried: Option<Vec<f64>>,
     /// Extra white noise of the samples, added to the model's: variances per hertz, (rad/s)²/Hz and (m/s²)²/Hz.
     extra_noise: (f64, f64),
 }
@@ -103,6 +106,7 @@ impl Filter {
             start_jacobian: MotionJacobian::default(),
             gate: update::Gate::default(),
             phi: Vec::new(),
+            carried: None,
             extra_noise: (0.0, 0.0),
         }
     }

@@ -87,6 +87,7 @@ impl Filter {
         self.transition(inc);
         self.add_process_noise(inc.dt * 0.5);
         self.p.propagate(&self.phi);
+        self.carry(inc.dt);
         self.add_process_noise(inc.dt * 0.5);
         if inc.dt > GAP_S {
             for k in 0..3 {
@@ -101,6 +102,19 @@ impl Filter {
                 self.p.scale(w + k, decay);
                 self.p.add_variance(w + k, sigma * sigma * (1.0 - decay * decay));
             }
+        }
+    }
+
+    /// Takes the carried error along: x ← Φ x.
+    fn carry(&mut self, dt: f64) {
+        let decay = self.wander_decay(dt);
+        let Some(x) = &mut self.carried else { return };
+        let n = x.len();
+        let moved: Vec<f64> =
+            self.phi.chunks_exact(n).map(|row| row.iter().zip(x.iter()).map(|(a, b)| a * b).sum()).collect();
+        x[..NAV].copy_from_slice(&moved);
+        if let Some(w) = self.layout.wander() {
+            x[w..w + 3].iter_mut().for_each(|v| *v *= decay);
         }
     }
 

@@ -165,7 +165,7 @@ impl Filter {
     }
 
     fn apply(&mut self, rows: impl Fn(&Self) -> Vec<Row>, gate: fn(&mut Self) -> &mut Refusals) -> Group {
-        let rows = rows(self);
+        let rows = self.less_carried(rows(self));
         let Some(mut prepared) = self.prepare(&rows) else { return Group::default() };
         let t_s = self.t_s;
         if prepared.group.nis > GATE[prepared.group.dof] {
@@ -179,6 +179,16 @@ impl Filter {
         self.absorb(&rows, &prepared);
         prepared.group.used = true;
         prepared.group
+    }
+
+    /// The residuals less what the carried error explains of them.
+    fn less_carried(&self, mut rows: Vec<Row>) -> Vec<Row> {
+        if let Some(x) = &self.carried {
+            for row in &mut rows {
+                row.residual -= row.h.iter().map(|(k, c)| c * x[*k]).sum::<f64>();
+            }
+        }
+        rows
     }
 
     fn prepare(&self, rows: &[Row]) -> Option<Prepared> {
@@ -239,11 +249,14 @@ impl Filter {
             dx.iter_mut().zip(column).for_each(|(x, c)| *x += gain * c);
         }
         self.shrink(prepared);
-        self.correct(&dx);
+        match &mut self.carried {
+            Some(x) => x.iter_mut().zip(&dx).for_each(|(x, d)| *x += d),
+            None => self.correct(&dx),
+        }
     }
 
     /// Moves the estimate by an error and re-expresses the covariance about the new estimate.
-    fn correct(&mut self, dx: &[f64]) {
+    pub(super) fn correct(&mut self, dx: &[f64]) {
         let part = |at: usize| Vector3::new(dx[at], dx[at + 1], dx[at + 2]);
         let (dr, dv, eps) = (part(index::POSITION), part(index::VELOCITY), part(index::ATTITUDE));
         let j = left_jacobian(&eps);
@@ -396,7 +409,7 @@ fn rows_of(
 
 /// How an error about the old estimate reads about the new one: the right Jacobian of SE₂(3) to first order in the
 /// position and velocity parts (Barfoot 2017, section 7.1.5), for [δr δv ε].
-fn right_jacobian(dr: &Vector3<f64>, dv: &Vector3<f64>, eps: &Vector3<f64>) -> [[f64; 9]; 9] {
+pub(super) fn right_jacobian(dr: &Vector3<f64>, dv: &Vector3<f64>, eps: &Vector3<f64>) -> [[f64; 9]; 9] {
     let j = left_jacobian(&-eps);
     let mut m = SMatrix::<f64, 9, 9>::zeros();
     for at in [index::POSITION, index::VELOCITY, index::ATTITUDE] {
