@@ -3,9 +3,11 @@
 //! The library holds everything the binary does, so that tests and benches drive the same code.
 
 pub mod commands;
+pub mod demo;
 pub mod engine;
 pub mod link;
 pub mod logs;
+pub mod mission_link;
 pub mod sensors;
 pub mod sinks;
 pub mod study;

@@ -109,6 +109,11 @@ impl BoundPredictor {
         Self::from_filter(&Filter::new(model, &initial), frame, home, targets)
     }
 
+    /// 1-sigma of roll, pitch and yaw now, rad.
+    pub fn attitude_sigma_rad(&self) -> [f64; 3] {
+        self.bound.filter().euler_sigma().into()
+    }
+
     /// Fixes with another kind of velocity.
     #[must_use]
     pub fn with_velocity(mut self, velocity: FixVelocity) -> Self {

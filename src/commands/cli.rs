@@ -1,6 +1,6 @@
 //! The command line: which commands there are, how they start, and what exit status their result becomes.
 
-use super::{CommandError, replay, run, sim, start, study};
+use super::{CommandError, demo, replay, run, sim, start, study};
 use crate::engine::{Engine, EngineOptions};
 use clap::{CommandFactory, Parser, Subcommand};
 use std::process::ExitCode;
@@ -17,6 +17,7 @@ pub struct Cli {
 
 const EXAMPLES: &str = "\
 Examples:
+  gaware demo
   gaware run --connect serial:/dev/ttyAMA0:921600 --web 127.0.0.1:8080
   gaware replay flight.tlog --json
   gaware sim --scenario fixed_wing --listen tcpin:127.0.0.1:5760
@@ -27,6 +28,8 @@ Exit status: 0 done, 1 the work failed (stderr says why), 2 wrong usage.";
 /// The commands.
 #[derive(Debug, Subcommand)]
 pub enum Command {
+    /// Everything at once without hardware: a simulated vehicle flies the uploaded excitation mission.
+    Demo(demo::DemoArgs),
     /// Listen to a vehicle, estimate, show, record.
     Run(run::RunArgs),
     /// Run a recorded flight (.tlog, .bin, .ulg, .mcap) through the same pipeline.
@@ -55,6 +58,7 @@ pub fn execute(cli: Cli) -> ExitCode {
 
 fn dispatch(command: Command) -> Result<(), CommandError> {
     match command {
+        Command::Demo(args) => demo::run(&args),
         Command::Run(args) => start::run(args),
         Command::Replay(args) => replay::run(&args, |model| Engine::new(model, EngineOptions::default())),
         Command::Sim(args) => {

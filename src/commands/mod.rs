@@ -2,6 +2,7 @@
 
 pub mod baseline;
 pub mod cli;
+pub mod demo;
 pub mod pipeline;
 pub mod print;
 pub mod replay;
@@ -75,6 +76,9 @@ pub enum CommandError {
     /// A recorded CSV set.
     #[error(transparent)]
     Csv(#[from] crate::study::recorded::CsvError),
+    /// The demonstration.
+    #[error(transparent)]
+    Demo(#[from] demo::DemoError),
     /// The web page.
     #[error("cannot serve the web page on {address}: {reason}")]
     Web {
@@ -94,6 +98,7 @@ impl CommandError {
         match self {
             Self::Address(_) => true,
             Self::Sim(error) => error.is_usage(),
+            Self::Demo(error) => error.is_usage(),
             Self::Paper(crate::study::paper::PaperError::TooFewRuns) => true,
             Self::Csv(crate::study::recorded::CsvError::UnknownSet(_)) => true,
             _ => false,

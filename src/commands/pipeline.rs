@@ -87,6 +87,11 @@ impl<E: Estimator> Pipeline<E> {
         }
     }
 
+    /// The engine.
+    pub fn engine(&self) -> &E {
+        &self.engine
+    }
+
     /// The converter.
     pub fn converter(&self) -> &Converter {
         &self.converter

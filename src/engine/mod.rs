@@ -4,7 +4,7 @@
 //! what the estimation waits for, what the flight has made observable. Live, replay and simulation run the very same code.
 
 mod counters;
-mod estimate;
+pub(crate) mod estimate;
 pub mod observability;
 pub mod snapshot;
 mod standing;

@@ -178,6 +178,30 @@ impl Frame {
         }
     }
 
+    /// Makes a MAVLink 2 frame of a payload, for messages with values that the dialect's types do not hold. Zeros at the
+    /// end may be given or left out.
+    ///
+    /// # Errors
+    /// When the payload is too long, or the dialect does not know the message, so that its checksum cannot be made.
+    pub fn of_payload(
+        from: Sender,
+        sequence: u8,
+        message_id: u32,
+        payload: &[u8],
+    ) -> Result<Self, FrameError> {
+        let used = payload.iter().rposition(|b| *b != 0).map_or(1, |last| last + 1);
+        let payload = payload.get(..used).unwrap_or(&[0]);
+        let unfit = || FrameError::NotAFrame(payload.len());
+        let len = u8::try_from(payload.len()).map_err(|_| unfit())?;
+        let extra = extra_crc(message_id).ok_or_else(unfit)?;
+        let [a, b, c, _] = message_id.to_le_bytes();
+        let mut raw = vec![MAGIC_V2, len, 0, 0, sequence, from.system_id, from.component_id, a, b, c];
+        raw.extend(payload);
+        let crc = mavlink::calculate_crc(raw.get(1..).unwrap_or_default(), extra);
+        raw.extend(crc.to_le_bytes());
+        Self::parse(raw.into())
+    }
+
     /// The bytes as they stood on the wire.
     pub fn raw(&self) -> &Bytes {
         &self.raw

@@ -1,6 +1,6 @@
 //! Who we are on the link: an onboard computer of the vehicle.
 
-use super::frame::{Frame, Sender};
+use super::frame::{Frame, FrameError, Sender};
 use mavlink::dialects::ardupilotmega::{
     HEARTBEAT_DATA, MavAutopilot, MavMessage, MavModeFlag, MavState, MavType,
 };
@@ -50,6 +50,16 @@ impl Voice {
         let frame = Frame::encode(self.sender, self.sequence, message);
         self.sequence = self.sequence.wrapping_add(1);
         frame
+    }
+
+    /// The next frame with this payload.
+    ///
+    /// # Errors
+    /// As [`Frame::of_payload`].
+    pub fn say_payload(&mut self, message_id: u32, payload: &[u8]) -> Result<Frame, FrameError> {
+        let frame = Frame::of_payload(self.sender, self.sequence, message_id, payload)?;
+        self.sequence = self.sequence.wrapping_add(1);
+        Ok(frame)
     }
 
     /// A heartbeat when one is due, once a second.

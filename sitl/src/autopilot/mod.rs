@@ -254,6 +254,12 @@ impl Autopilot {
         self.truth_at(now)
     }
 
+    /// Where it really was at this time of the boot clock, s, which message stamps count; good for the last second or two.
+    pub fn truth_at_boot(&mut self, boot_s: f64) -> Truth {
+        let then = (boot_s + self.booted_s).min(self.now_s);
+        self.truth_at(then)
+    }
+
     /// Frames sent since the last call.
     pub fn take_output(&mut self) -> Vec<Outgoing> {
         std::mem::take(&mut self.out)

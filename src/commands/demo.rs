@@ -1,0 +1,241 @@
+//! `gaware demo`: everything at once without hardware.
+
+use super::{CommandError, start};
+use crate::demo::flight::{Ending, Flight, Stage};
+use crate::demo::{Prepared, Settings, result};
+use crate::engine::snapshot::Snapshot;
+use crate::sinks::status::{LinkState, LinkView, SinkStatus};
+use crate::sinks::terminal::{self, Sources, headless};
+use gaware_mission::airframe::{Airframe, EXAMPLES};
+use gaware_mission::planner::PlanError;
+use std::io::{IsTerminal, Write};
+use std::net::SocketAddr;
+use std::path::{Path, PathBuf};
+use std::sync::Arc;
+use std::time::{Duration, Instant};
+use tokio::sync::watch;
+use tokio::time::MissedTickBehavior;
+use tokio_util::sync::CancellationToken;
+
+/// Between two looks at the clock.
+const TICK: Duration = Duration::from_millis(20);
+/// Between two snapshots.
+const SNAPSHOT: Duration = Duration::from_millis(200);
+/// Most virtual time in one tick, s: a computer that is too slow for the speed asked for stays usable.
+const MOST_PER_TICK_S: f64 = 2.0;
+
+/// Arguments of `gaware demo`.
+#[derive(Debug, Clone, clap::Args)]
+pub struct DemoArgs {
+    /// What flies: small_fixed_wing, large_fixed_wing, quadrotor, or a file that describes it.
+    #[arg(long, value_name = "NAME|FILE", default_value = "small_fixed_wing")]
+    pub airframe: String,
+    /// Seed of the hidden truth and of all noise.
+    #[arg(long, default_value_t = 1)]
+    pub seed: u64,
+    /// Virtual seconds per second, or max: as fast as it goes, without screens.
+    #[arg(long, default_value = "8", value_parser = parse_speed)]
+    pub speed: DemoSpeed,
+    /// Time for the maneuvers, s.
+    #[arg(long, value_name = "SECONDS", default_value_t = 300.0)]
+    pub budget: f64,
+    /// Mean wind toward north and east, m/s.
+    #[arg(long, value_name = "N,E", value_delimiter = ',', num_args = 1, allow_hyphen_values = true, default_values_t = [-2.0, 1.5])]
+    pub wind: Vec<f64>,
+    /// Model of the sensors that the companion believes in and the hidden truth is drawn from.
+    #[arg(long, value_name = "FILE")]
+    pub model: Option<PathBuf>,
+    /// Address of the web page.
+    #[arg(long, value_name = "ADDR", default_value = "127.0.0.1:8080", conflicts_with = "no_web")]
+    pub web: SocketAddr,
+    /// No web page.
+    #[arg(long)]
+    pub no_web: bool,
+    /// Do not draw on the terminal.
+    #[arg(long)]
+    pub headless: bool,
+    /// Print the result as one JSON document.
+    #[arg(long)]
+    pub json: bool,
+}
+
+/// How fast virtual time runs.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub enum DemoSpeed {
+    /// Virtual seconds per second.
+    Times(f64),
+    /// As fast as it goes.
+    Max,
+}
+
+fn parse_speed(text: &str) -> Result<DemoSpeed, String> {
+    if text == "max" {
+        return Ok(DemoSpeed::Max);
+    }
+    match text.parse::<f64>() {
+        Ok(factor) if factor.is_finite() && factor > 0.0 => Ok(DemoSpeed::Times(factor)),
+        _ => Err("write a positive number or max".to_owned()),
+    }
+}
+
+/// Why there is no demonstration.
+#[derive(Debug, thiserror::Error)]
+pub enum DemoError {
+    /// No such airframe.
+    #[error("there is no airframe or file \"{name}\"; known airframes are {known}")]
+    UnknownAirframe {
+        /// As written.
+        name: String,
+        /// All names.
+        known: String,
+    },
+    /// The description is wrong.
+    #[error("{path}: {source}")]
+    Airframe {
+        /// File.
+        path: PathBuf,
+        /// Why.
+        source: gaware_mission::airframe::AirframeError,
+    },
+    /// Not two numbers.
+    #[error("--wind takes two numbers, toward north and toward east in m/s: --wind 3,-2")]
+    Wind,
+    /// No plan.
+    #[error(transparent)]
+    Plan(#[from] PlanError),
+    /// The mission could not be uploaded, or the flight did not end.
+    #[error("{0}")]
+    Flight(String),
+}
+
+impl DemoError {
+    /// Whether the arguments were at fault.
+    pub fn is_usage(&self) -> bool {
+        matches!(self, Self::UnknownAirframe { .. } | Self::Wind)
+    }
+}
+
+/// An airframe by name or from a file.
+///
+/// # Errors
+/// There is none, or the file does not describe one.
+pub fn load_airframe(name: &str) -> Result<Airframe, CommandError> {
+    if let Some(airframe) = Airframe::example(name) {
+        return Ok(airframe);
+    }
+    let path = Path::new(name);
+    if !path.exists() {
+        let known = EXAMPLES.map(|(n, _)| n).join(", ");
+        return Err(DemoError::UnknownAirframe { name: name.to_owned(), known }.into());
+    }
+    let text = std::fs::read_to_string(path)
+        .map_err(|source| CommandError::Read { path: path.to_owned(), source })?;
+    Ok(Airframe::from_toml(&text).map_err(|source| DemoError::Airframe { path: path.to_owned(), source })?)
+}
+
+/// Plans what these arguments ask for.
+///
+/// # Errors
+/// Arguments that make no sense, and no safe plan.
+pub fn prepare(args: &DemoArgs) -> Result<Prepared, CommandError> {
+    let mut settings = Settings::new(load_airframe(&args.airframe)?, args.budget);
+    settings.wind_n_e_m_per_s = args.wind[..].try_into().map_err(|_| DemoError::Wind)?;
+    if let Some(path) = &args.model {
+        settings.belief = super::load_model(path)?;
+    }
+    Ok(Prepared::new(settings).map_err(DemoError::from)?)
+}
+
+/// Runs the command and prints its result.
+///
+/// # Errors
+/// As [`prepare`]; also when the flight did not come to its end.
+pub fn run(args: &DemoArgs) -> Result<(), CommandError> {
+    eprintln!("planning for {} s of maneuvers …", args.budget);
+    let prepared = prepare(args)?;
+    let mut flight = Flight::new(prepared, args.seed);
+    match args.speed {
+        DemoSpeed::Max => {
+            flight.run();
+        }
+        DemoSpeed::Times(factor) => {
+            let runtime = start::runtime()?;
+            flight = runtime.block_on(show(args, flight, factor))?;
+            runtime.shutdown_timeout(Duration::from_secs(2));
+        }
+    }
+    let result = result::of(&mut flight, args.seed);
+    let mut out = std::io::stdout().lock();
+    if args.json {
+        serde_json::to_writer(&mut out, &result.document).map_err(std::io::Error::from)?;
+        writeln!(out)?;
+    } else {
+        out.write_all(result.text().as_bytes())?;
+    }
+    match &result.ending {
+        Ending::Holding | Ending::Landed => Ok(()),
+        Ending::NotUploaded(why) => Err(DemoError::Flight(why.clone()).into()),
+        Ending::OutOfTime => Err(DemoError::Flight("the flight did not come to its end".to_owned()).into()),
+    }
+}
+
+/// Flies at the speed of the clock, with screens.
+async fn show(args: &DemoArgs, mut flight: Flight, factor: f64) -> Result<Flight, CommandError> {
+    let stop = CancellationToken::new();
+    start::cancel_on_signal(&stop);
+    let status = SinkStatus::new();
+    let (snapshots, snapshots_rx) = watch::channel(Arc::new(Snapshot::default()));
+    let sources = || Sources { snapshots: snapshots_rx.clone(), status: status.clone() };
+    if !args.no_web {
+        start::serve_web(args.web, None, sources(), &stop).await?;
+    }
+    let options = terminal::Options::from_env(|name| std::env::var(name).ok());
+    let on_screen = !args.headless && !args.json && std::io::stdout().is_terminal();
+    let screen = if on_screen { terminal::spawn(sources(), options, stop.clone()).ok() } else { None };
+    if screen.is_none() {
+        tokio::spawn(headless::run(sources(), headless::PERIOD, tokio::io::stderr(), stop.clone()));
+    }
+    let mut tick = tokio::time::interval(TICK);
+    tick.set_missed_tick_behavior(MissedTickBehavior::Skip);
+    let (mut last, mut shown) = (Instant::now(), None::<Instant>);
+    let mut target_s = 0.0;
+    while !matches!(flight.stage(), Stage::Over(_)) && !stop.is_cancelled() {
+        tokio::select! {
+            () = stop.cancelled() => break,
+            _ = tick.tick() => {}
+        }
+        target_s = (target_s + last.elapsed().as_secs_f64() * factor).min(flight.now_s() + MOST_PER_TICK_S);
+        last = Instant::now();
+        tokio::task::block_in_place(|| {
+            while flight.now_s() < target_s && !matches!(flight.stage(), Stage::Over(_)) {
+                flight.turn();
+            }
+        });
+        for text in flight.take_told() {
+            if screen.is_none() {
+                eprintln!("{text}");
+            }
+        }
+        if shown.is_none_or(|t| t.elapsed() >= SNAPSHOT) {
+            shown = Some(Instant::now());
+            status.set_link(link_view(&flight));
+            snapshots.send_replace(Arc::new(flight.snapshot()));
+        }
+    }
+    stop.cancel();
+    if let Some(screen) = screen {
+        // The terminal is given back before the result is printed.
+        let _ = screen.await;
+    }
+    Ok(flight)
+}
+
+fn link_view(flight: &Flight) -> LinkView {
+    LinkView {
+        state: if flight.frames() > 0 { LinkState::Up } else { LinkState::Connecting },
+        detail: format!("simulated {}", flight.prepared().settings.airframe.name),
+        frames: flight.frames(),
+        rate_hz: flight.frames() as f64 / flight.now_s().max(1.0),
+        ..LinkView::default()
+    }
+}

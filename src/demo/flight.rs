@@ -1,0 +1,417 @@
+//! One flight of the demonstration, turn by turn in virtual time: the same converter, engine, rate keeper and mission transfer
+//! as on a real link, with the simulated autopilot at the other end of a function call.
+
+use super::{Prepared, hidden_truth};
+use crate::commands::pipeline::Pipeline;
+use crate::engine::snapshot::Snapshot;
+use crate::engine::{Engine, EngineOptions};
+use crate::link::frame::{Frame, Sender};
+use crate::link::heartbeat::Voice;
+use crate::link::rates::{RateAction, RateKeeper, needs};
+use crate::mission_link::codec;
+use crate::mission_link::vehicle::Vehicle;
+use crate::sensors::{ConverterOptions, Notice};
+use gaware_mission::item::Autopilot as Firmware;
+use gaware_mission::transfer::verified::{Options, Outcome, VerifiedUpload};
+use gaware_mission::transfer::{Action, Address, Peers};
+use gaware_nav::model::Model;
+use gaware_nav::observability::words::VehicleKind;
+use gaware_sitl::autopilot::Autopilot;
+use mavlink::dialects::ardupilotmega::{COMMAND_LONG_DATA, MavCmd, MavMessage};
+
+/// Virtual time of one turn, s.
+pub const TURN_S: f64 = 0.02;
+/// Rate of inertial samples that is asked for, Hz.
+const IMU_HZ: u16 = 100;
+/// The vehicle stands for so long before the upload, s: time to choose the inertial source and to level.
+const STAND_S: f64 = 12.0;
+/// Between the upload and the take-off, s.
+const BEFORE_TAKE_OFF_S: f64 = 2.0;
+/// Time in the hold at the end, s.
+const HOLD_S: f64 = 20.0;
+/// A flight takes no more than this share of its plan and this time beyond, s.
+const PATIENCE: (f64, f64) = (1.5, 180.0);
+/// Seconds after the first sample from which the attitude is compared with the truth.
+const TRUTH_FROM_S: f64 = 60.0;
+/// The ground station of the simulated pilot.
+const PILOT: Sender = Sender { system_id: 255, component_id: 190 };
+const MISSION_ITEM_REACHED: u32 = 46;
+
+/// What happens.
+#[derive(Debug, Clone, PartialEq)]
+pub enum Stage {
+    /// Standing, until there are samples.
+    Standing,
+    /// The mission is being uploaded.
+    Uploading,
+    /// On board, read back; the pilot takes off at this time, s.
+    Ready(f64),
+    /// The mission is being flown.
+    Flying,
+    /// The multirotor returns and lands.
+    Landing,
+    /// Over.
+    Over(Ending),
+}
+
+/// How it ended.
+#[derive(Debug, Clone, PartialEq)]
+pub enum Ending {
+    /// The mission was flown to its hold.
+    Holding,
+    /// The mission was flown and the vehicle stands again.
+    Landed,
+    /// The upload failed; what is on the vehicle.
+    NotUploaded(String),
+    /// The flight did not come to its end in time.
+    OutOfTime,
+}
+
+/// The sigmas when a maneuver was done.
+#[derive(Debug, Clone)]
+pub struct Milestone {
+    /// Index of the maneuver in the plan.
+    pub maneuver: usize,
+    /// Virtual time, s.
+    pub t_s: f64,
+    /// Name and sigma in the unit of screens, per state.
+    pub sigmas: Vec<(String, f64)>,
+}
+
+/// The flight.
+#[derive(Debug)]
+pub struct Flight {
+    prepared: Prepared,
+    truth: Model,
+    autopilot: Autopilot,
+    pipeline: Pipeline<Engine>,
+    voice: Voice,
+    pilot_sequence: u8,
+    rates: Option<RateKeeper>,
+    vehicle: Option<Vehicle>,
+    upload: Option<VerifiedUpload>,
+    outcome: Option<Outcome>,
+    stage: Stage,
+    now_s: f64,
+    took_off_s: f64,
+    holding_since: Option<f64>,
+    frames: u64,
+    told: Vec<String>,
+    milestones: Vec<Milestone>,
+}
+
+impl Flight {
+    /// A vehicle of this seed that stands at home.
+    pub fn new(prepared: Prepared, seed: u64) -> Self {
+        let settings = &prepared.settings;
+        let truth = hidden_truth(&settings.belief, seed);
+        let autopilot =
+            Autopilot::flying(settings.autopilot(seed), settings.vehicle(seed), &truth, Prepared::sensors());
+        let vehicle =
+            if settings.airframe.is_fixed_wing() { VehicleKind::FixedWing } else { VehicleKind::Multirotor };
+        let options = EngineOptions { vehicle, ..EngineOptions::default() };
+        let engine = Engine::new(settings.belief.clone(), options);
+        Self {
+            pipeline: Pipeline::new(ConverterOptions::default(), engine, TRUTH_FROM_S),
+            prepared,
+            truth,
+            autopilot,
+            voice: Voice::new(),
+            pilot_sequence: 0,
+            rates: None,
+            vehicle: None,
+            upload: None,
+            outcome: None,
+            stage: Stage::Standing,
+            now_s: 0.0,
+            took_off_s: 0.0,
+            holding_since: None,
+            frames: 0,
+            told: Vec::new(),
+            milestones: Vec::new(),
+        }
+    }
+
+    /// Virtual time, s.
+    pub fn now_s(&self) -> f64 {
+        self.now_s
+    }
+
+    /// What happens.
+    pub fn stage(&self) -> &Stage {
+        &self.stage
+    }
+
+    /// How the upload ended, once it has.
+    pub fn outcome(&self) -> Option<&Outcome> {
+        self.outcome.as_ref()
+    }
+
+    /// Frames from the vehicle so far.
+    pub fn frames(&self) -> u64 {
+        self.frames
+    }
+
+    /// The line from frames to snapshots.
+    pub fn pipeline(&self) -> &Pipeline<Engine> {
+        &self.pipeline
+    }
+
+    /// The state now, with what the demonstration has to tell.
+    pub fn snapshot(&self) -> Snapshot {
+        let mut snapshot = self.pipeline.snapshot();
+        snapshot.warnings.extend(self.told.last().cloned());
+        snapshot
+    }
+
+    /// What happened since the last call, for log lines.
+    pub fn take_told(&mut self) -> Vec<String> {
+        std::mem::take(&mut self.told)
+    }
+
+    /// The plan that is flown.
+    pub fn prepared(&self) -> &Prepared {
+        &self.prepared
+    }
+
+    /// The hidden truth about the sensors.
+    pub fn truth(&self) -> &Model {
+        &self.truth
+    }
+
+    /// Sigmas at the end of each maneuver so far.
+    pub fn milestones(&self) -> &[Milestone] {
+        &self.milestones
+    }
+
+    /// The vehicle's true roll, pitch, yaw, deg, at the time of the newest estimate.
+    pub fn true_attitude_deg(&mut self) -> [f64; 3] {
+        let at = self.pipeline.engine().attitude().map(|(t_s, _)| t_s);
+        let truth = match at {
+            Some(boot_s) => self.autopilot.truth_at_boot(boot_s),
+            None => self.autopilot.truth(),
+        };
+        gaware_nav::rotation::euler_from_c_nb(&truth.c_nb).map(f64::to_degrees).into()
+    }
+
+    /// Flies to the end.
+    pub fn run(&mut self) -> &Ending {
+        loop {
+            self.turn();
+            if let Stage::Over(_) = self.stage {
+                break;
+            }
+        }
+        match &self.stage {
+            Stage::Over(ending) => ending,
+            _ => &Ending::OutOfTime,
+        }
+    }
+
+    /// One turn of [`TURN_S`].
+    pub fn turn(&mut self) {
+        if matches!(self.stage, Stage::Over(_)) {
+            return;
+        }
+        self.now_s += TURN_S;
+        self.autopilot.step(self.now_s);
+        for out in self.autopilot.take_output() {
+            if let Ok(frame) = Frame::parse(out.bytes.into()) {
+                self.receive(out.t_us, &frame);
+            }
+        }
+        self.keep_house();
+        self.go_on();
+    }
+
+    fn receive(&mut self, t_us: u64, frame: &Frame) {
+        self.frames += 1;
+        let (_, notices) = self.pipeline.frame(t_us, frame);
+        for notice in notices {
+            if let Notice::Vehicle { system_id, autopilot } = notice {
+                self.voice.belongs_to(system_id);
+                let wanted = needs(autopilot, IMU_HZ, None);
+                self.rates = Some(RateKeeper::new(system_id, autopilot, wanted, t_us));
+            }
+        }
+        let mut actions = Vec::new();
+        if let Some(rates) = &mut self.rates {
+            rates.receive(t_us, frame, &mut actions);
+        }
+        self.perform(actions);
+        if let Some(vehicle) = Vehicle::from_heartbeat(frame) {
+            self.vehicle = Some(vehicle);
+            if let Some(upload) = &mut self.upload {
+                upload.vehicle_state(vehicle.state);
+            }
+        }
+        if let Some(upload) = &mut self.upload
+            && let Some(envelope) = codec::decode(frame)
+        {
+            let actions = upload.receive(self.now_s, &envelope);
+            self.transfer(actions);
+        }
+        if frame.message_id == MISSION_ITEM_REACHED
+            && let Ok(MavMessage::MISSION_ITEM_REACHED(m)) = frame.decode()
+        {
+            self.reached(usize::from(m.seq));
+        }
+    }
+
+    fn keep_house(&mut self) {
+        let now_us = (self.now_s * 1e6) as u64;
+        let alive = self.pipeline.converter().source().is_some();
+        if let Some(frame) = self.voice.poll(now_us, alive) {
+            self.autopilot.receive(frame.raw());
+        }
+        let mut actions = Vec::new();
+        if let Some(rates) = &mut self.rates {
+            rates.poll(now_us, &mut actions);
+        }
+        self.perform(actions);
+        if let Some(upload) = &mut self.upload
+            && upload.deadline().is_some_and(|t| t <= self.now_s)
+        {
+            let actions = upload.tick(self.now_s);
+            self.transfer(actions);
+        }
+    }
+
+    fn perform(&mut self, actions: Vec<RateAction>) {
+        for action in actions {
+            match action {
+                RateAction::Send(message) => {
+                    let frame = self.voice.say(&message);
+                    self.autopilot.receive(frame.raw());
+                }
+                RateAction::Tell(notice) => self.told.push(notice.to_string()),
+            }
+        }
+    }
+
+    fn transfer(&mut self, actions: Vec<Action>) {
+        let Some(vehicle) = self.vehicle else { return };
+        for action in actions {
+            if let Action::Send(message) = action {
+                let (id, payload) = codec::encode(vehicle.address, &message);
+                if let Ok(frame) = self.voice.say_payload(id, &payload) {
+                    self.autopilot.receive(frame.raw());
+                }
+            }
+        }
+    }
+
+    /// The simulated pilot's station says something.
+    fn pilot(&mut self, command: MavCmd, [param1, param2, param3]: [f32; 3]) {
+        let system_id = self.vehicle.map_or(1, |v| v.address.system);
+        let message = COMMAND_LONG_DATA {
+            command,
+            param1,
+            param2,
+            param3,
+            target_system: system_id,
+            target_component: 1,
+            ..Default::default()
+        };
+        let frame = Frame::encode(PILOT, self.pilot_sequence, &MavMessage::COMMAND_LONG(message));
+        self.pilot_sequence = self.pilot_sequence.wrapping_add(1);
+        self.autopilot.receive(frame.raw());
+    }
+
+    fn go_on(&mut self) {
+        let now = self.now_s;
+        match self.stage {
+            Stage::Standing if now >= STAND_S => self.begin_upload(),
+            Stage::Uploading => self.follow_upload(),
+            Stage::Ready(at) if now >= at => {
+                self.told.push("the demonstration's pilot arms and starts the mission".to_owned());
+                self.pilot(MavCmd::MAV_CMD_COMPONENT_ARM_DISARM, [1.0, 0.0, 0.0]);
+                self.pilot(MavCmd::MAV_CMD_MISSION_START, [0.0; 3]);
+                self.took_off_s = now;
+                self.stage = Stage::Flying;
+            }
+            Stage::Flying => self.follow_flight(),
+            Stage::Landing if self.autopilot.has_landed() => self.end(Ending::Landed),
+            _ => {}
+        }
+        let most = PATIENCE.0 * self.prepared.plan.duration_s + PATIENCE.1;
+        if now > most && !matches!(self.stage, Stage::Over(_)) {
+            self.end(Ending::OutOfTime);
+        }
+    }
+
+    fn begin_upload(&mut self) {
+        let Some(vehicle) = self.vehicle else { return };
+        let sender = self.voice.sender();
+        let me = Address { system: sender.system_id, component: sender.component_id };
+        let (upload, actions) = VerifiedUpload::start(
+            Peers::new(me, vehicle.address),
+            vehicle.autopilot,
+            Options::default(),
+            self.prepared.plan.mission.clone(),
+            Some(vehicle.state),
+            self.now_s,
+        );
+        self.told.push(format!("uploading {} mission items", self.prepared.plan.mission.items.len()));
+        self.upload = Some(upload);
+        self.stage = Stage::Uploading;
+        self.transfer(actions);
+    }
+
+    fn follow_upload(&mut self) {
+        let Some(outcome) = self.upload.as_ref().and_then(|u| u.outcome()).cloned() else { return };
+        self.upload = None;
+        self.told.push(outcome.to_string());
+        match &outcome {
+            Outcome::Verified { .. } => self.stage = Stage::Ready(self.now_s + BEFORE_TAKE_OFF_S),
+            other => self.end(Ending::NotUploaded(other.to_string())),
+        }
+        self.outcome = Some(outcome);
+    }
+
+    /// Sequence number of the hold at the end.
+    fn last_item(&self) -> usize {
+        self.autopilot.mission().len().saturating_sub(1)
+    }
+
+    fn follow_flight(&mut self) {
+        let holding = self.autopilot.vehicle().is_some_and(|v| v.current() >= self.last_item());
+        if !holding {
+            return;
+        }
+        let since = *self.holding_since.get_or_insert(self.now_s);
+        if self.now_s - since < HOLD_S {
+            return;
+        }
+        if self.prepared.settings.airframe.is_fixed_wing() {
+            self.end(Ending::Holding);
+        } else {
+            self.told.push("the demonstration's pilot returns and lands".to_owned());
+            let rtl = match self.prepared.settings.airframe.autopilot {
+                Firmware::ArduPilot => [1.0, 6.0, 0.0],
+                Firmware::Px4 => [1.0, 4.0, 5.0],
+            };
+            self.pilot(MavCmd::MAV_CMD_DO_SET_MODE, rtl);
+            self.stage = Stage::Landing;
+        }
+    }
+
+    fn reached(&mut self, seq: usize) {
+        let home_first = usize::from(self.autopilot.mission().len() > self.prepared.plan.mission.items.len());
+        let item = seq + 1 - home_first;
+        let maneuvers = &self.prepared.plan.maneuvers;
+        let Some(maneuver) = maneuvers.iter().position(|m| *m.items.end() == item) else { return };
+        let words = maneuvers.get(maneuver).map(|m| m.maneuver.words(&self.prepared.settings.airframe).short);
+        let sigmas = self.pipeline.snapshot().observability.states;
+        self.milestones.push(Milestone {
+            maneuver,
+            t_s: self.now_s - self.took_off_s,
+            sigmas: sigmas.into_iter().map(|s| (s.name, s.sigma)).collect(),
+        });
+        self.told.push(format!("flown: {}", words.unwrap_or_default()));
+    }
+
+    fn end(&mut self, ending: Ending) {
+        self.stage = Stage::Over(ending);
+    }
+}

@@ -1,0 +1,206 @@
+//! The demonstration: a vehicle whose sensor errors are drawn by seed and told to nobody, a plan to find them, the verified upload, and
+//! the flight, all in one process and one thread, without sockets and without a clock.
+//!
+//! [`Prepared`] plans, [`flight::Flight`] flies turn by turn in virtual time, [`result`] compares with the hidden truth.
+//! The simulated pilot who arms and starts the mission belongs to the demonstration: the companion itself never does.
+
+pub mod flight;
+pub mod result;
+
+use gaware_mission::airframe::Airframe;
+use gaware_mission::fence::{Fence, FencePolygon, LocalFrame};
+use gaware_mission::item::{Autopilot, Home};
+use gaware_mission::planner::{Plan, PlanError, Request, climb_out, plan};
+use gaware_mission::predictor::{BoundPredictor, NamedSigma, Predictor, Targets};
+use gaware_mission::safety::Limits;
+use gaware_nav::earth::{Geodetic, STANDARD_GRAVITY};
+use gaware_nav::model::Model;
+use gaware_sitl::autopilot::{AutopilotConfig, Flavour};
+use gaware_sitl::scenario;
+use gaware_sitl::sensors::draw_vehicle;
+use gaware_sitl::vehicle::VehicleConfig;
+use nalgebra::{Vector2, Vector3};
+
+/// Home: latitude and longitude in deg, height above the ellipsoid and of the geoid in m.
+const HOME: (f64, f64, f64, f64) = (47.397_7, 8.545_6, 488.0, 47.0);
+/// Fixes of the simulated receiver.
+const FIX_INTERVAL_S: f64 = 0.2;
+/// Fence: half of the side of a square around home, m, for wings and rotors.
+const HALF_SIDE_M: [f64; 2] = [900.0, 200.0];
+/// Floor and ceiling above home, m, for wings and rotors.
+const BAND_M: [(f64, f64); 2] = [(40.0, 160.0), (15.0, 70.0)];
+/// Gusts, RMS per axis, m/s.
+const GUST_M_PER_S: f64 = 0.3;
+
+/// What is to be shown.
+#[derive(Debug, Clone)]
+pub struct Settings {
+    /// What flies.
+    pub airframe: Airframe,
+    /// Time from take-off to the hold at the end, s.
+    pub budget_s: f64,
+    /// Width of the planner's search.
+    pub beam: usize,
+    /// Mean wind toward north and east, m/s.
+    pub wind_n_e_m_per_s: [f64; 2],
+    /// What the companion believes before the flight.
+    pub belief: Model,
+}
+
+impl Settings {
+    /// Light wind, the model that `run` starts with.
+    pub fn new(airframe: Airframe, budget_s: f64) -> Self {
+        Self { airframe, budget_s, beam: 3, wind_n_e_m_per_s: [-2.0, 1.5], belief: Model::standard() }
+    }
+
+    fn home(&self) -> Home {
+        let (lat, lon, height, geoid) = HOME;
+        Home {
+            lat_e7: (lat * 1e7).round() as i32,
+            lon_e7: (lon * 1e7).round() as i32,
+            alt_m: (height - geoid) as f32,
+        }
+    }
+
+    /// The take-off is into the wind.
+    fn heading_deg(&self) -> f64 {
+        let [n, e] = self.wind_n_e_m_per_s;
+        if n.hypot(e) < 0.1 { 60.0 } else { (-e).atan2(-n).to_degrees().rem_euclid(360.0) }
+    }
+
+    fn request(&self) -> Request {
+        let rotor = usize::from(!self.airframe.is_fixed_wing());
+        let home = self.home();
+        let frame = LocalFrame::new(home.place());
+        let half = HALF_SIDE_M[rotor];
+        let corners = [[1.0, 1.0], [1.0, -1.0], [-1.0, -1.0], [-1.0, 1.0]]
+            .map(|[n, e]| frame.to_place(Vector2::new(n * half, e * half)));
+        let fence = Fence {
+            polygons: vec![FencePolygon { inclusion: true, corners: corners.to_vec() }],
+            circles: Vec::new(),
+        };
+        let (floor_m, ceiling_m) = BAND_M[rotor];
+        let height = 0.5 * (floor_m + ceiling_m);
+        let [n, e] = self.wind_n_e_m_per_s;
+        let heading = self.heading_deg();
+        Request {
+            start: climb_out(&self.airframe, home, heading, height, &Vector3::new(n, e, 0.0)),
+            airframe: self.airframe.clone(),
+            home,
+            take_off: true,
+            start_height_m: height,
+            start_heading_deg: heading,
+            limits: Limits { fence, floor_m, ceiling_m, wind_ned_m_per_s: [n, e, 0.0] },
+            budget_s: self.budget_s,
+            fix_interval_s: FIX_INTERVAL_S,
+            beam: self.beam,
+        }
+    }
+
+    /// The simulated vehicle with the limits of the airframe.
+    fn vehicle(&self, seed: u64) -> VehicleConfig {
+        let a = &self.airframe;
+        let base = if a.is_fixed_wing() { VehicleConfig::fixed_wing() } else { VehicleConfig::multirotor() };
+        let (lat, lon, height, geoid_height_m) = HOME;
+        let bank = a.bank_max_deg.to_radians();
+        VehicleConfig {
+            start: Geodetic::from_degrees(lat, lon, height),
+            heading_rad: self.heading_deg().to_radians(),
+            cruise_m_per_s: a.speed_cruise_m_per_s,
+            min_m_per_s: a.speed_min_m_per_s,
+            max_m_per_s: a.speed_max_m_per_s,
+            max_bank_rad: bank,
+            climb_m_per_s: a.climb_max_m_per_s,
+            sink_m_per_s: a.descent_max_m_per_s,
+            accel_m_per_s2: a.acceleration_m_per_s2.min(STANDARD_GRAVITY * bank.tan()),
+            loiter_radius_m: a.turn_radius_min_m,
+            wind_n_e_m_per_s: self.wind_n_e_m_per_s,
+            gust_m_per_s: GUST_M_PER_S,
+            geoid_height_m,
+            seed,
+            ..base
+        }
+    }
+
+    fn autopilot(&self, seed: u64) -> AutopilotConfig {
+        AutopilotConfig {
+            flavour: match self.airframe.autopilot {
+                Autopilot::ArduPilot => Flavour::ArduPilot,
+                Autopilot::Px4 => Flavour::Px4,
+            },
+            geoid_height_m: HOME.3,
+            wait_for_station: false,
+            seed,
+            ..AutopilotConfig::default()
+        }
+    }
+}
+
+/// The truth of one vehicle: constants drawn from what is believed, unknown to the companion.
+fn hidden_truth(belief: &Model, seed: u64) -> Model {
+    let mut truth = draw_vehicle(belief, seed);
+    for setting in truth.effects.iter_mut().filter(|s| s.effect.name() == "gps_latency") {
+        // A fix does not come before it was measured.
+        setting.values.iter_mut().for_each(|v| *v = v.max(0.0));
+    }
+    truth
+}
+
+/// What the plan promises for the end of the flight.
+#[derive(Debug, Clone)]
+pub struct Prediction {
+    /// Constant states.
+    pub sigmas: Vec<NamedSigma>,
+    /// Roll, pitch, yaw, deg.
+    pub attitude_sigma_deg: [f64; 3],
+}
+
+/// A demonstration with its plan; the plan does not depend on the seed.
+#[derive(Debug, Clone)]
+pub struct Prepared {
+    /// What is to be shown.
+    pub settings: Settings,
+    /// The plan.
+    pub plan: Plan,
+    /// What it promises.
+    pub prediction: Prediction,
+}
+
+impl Prepared {
+    /// Plans.
+    ///
+    /// # Errors
+    /// No safe plan for this airframe, budget and wind.
+    pub fn new(settings: Settings) -> Result<Self, PlanError> {
+        let request = settings.request();
+        let frame = LocalFrame::new(request.home.place());
+        let start = gaware_mission::kinematics::Kinematics {
+            t_s: 0.0,
+            position_ned_m: Vector3::zeros(),
+            velocity_ned_m_per_s: Vector3::zeros(),
+            attitude: nalgebra::UnitQuaternion::from_euler_angles(
+                0.0,
+                0.0,
+                request.start_heading_deg.to_radians(),
+            ),
+            rate: Vector3::zeros(),
+            force: Vector3::new(0.0, 0.0, -STANDARD_GRAVITY),
+        };
+        let predictor =
+            || BoundPredictor::from_priors(&settings.belief, &start, frame, request.home, Targets::default());
+        let plan = plan(&request, predictor())?;
+        let mut flown = predictor();
+        flown.fly(&plan.path, FIX_INTERVAL_S);
+        let prediction = Prediction {
+            sigmas: flown.sigmas(),
+            attitude_sigma_deg: flown.attitude_sigma_rad().map(f64::to_degrees),
+        };
+        Ok(Self { settings, plan, prediction })
+    }
+
+    /// The sensors of the simulated vehicle.
+    fn sensors() -> gaware_sitl::sensors::SensorConfig {
+        let sensors = scenario::scenario("mission_fixed_wing").map(|s| s.sensors).unwrap_or_default();
+        gaware_sitl::sensors::SensorConfig { fix_rate_hz: 1.0 / FIX_INTERVAL_S, ..sensors }
+    }
+}

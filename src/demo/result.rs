@@ -1,0 +1,218 @@
+//! What a flight of the demonstration found out, beside the hidden truth and what the plan had promised.
+
+use super::flight::{Ending, Flight, Stage};
+use crate::engine::estimate::Constants;
+use crate::engine::snapshot::{Estimate, Status, Summary};
+use gaware_mission::transfer::verified::Outcome;
+use gaware_nav::filter::calibration::Calibration;
+use gaware_nav::filter::layout::{Layout, index};
+use gaware_nav::model::Model;
+use serde::Serialize;
+use serde_json::{Map, Value, json};
+use std::fmt::Write;
+
+/// One constant state at the end.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct StateResult {
+    /// Name.
+    pub name: String,
+    /// Unit of all figures.
+    pub unit: String,
+    /// Hidden truth.
+    pub truth: f64,
+    /// Estimate.
+    pub estimate: f64,
+    /// 1-sigma of the estimate.
+    pub sigma: f64,
+    /// Error over sigma.
+    pub normalised_error: f64,
+    /// 1-sigma that the plan promised.
+    pub planned_sigma: f64,
+    /// How well known.
+    pub status: Status,
+}
+
+/// Everything at the end of a flight.
+#[derive(Debug, Clone)]
+pub struct DemoResult {
+    /// How it ended.
+    pub ending: Ending,
+    /// What the companion knows.
+    pub summary: Summary,
+    /// Per constant state.
+    pub states: Vec<StateResult>,
+    /// True roll, pitch, yaw at the end, deg.
+    pub attitude_deg: [f64; 3],
+    /// The document.
+    pub document: Map<String, Value>,
+}
+
+/// What a flight that is over (or was broken off) has to show.
+pub fn of(flight: &mut Flight, seed: u64) -> DemoResult {
+    let ending = match flight.stage() {
+        Stage::Over(ending) => ending.clone(),
+        _ => Ending::OutOfTime,
+    };
+    let attitude_deg = flight.true_attitude_deg();
+    let summary = flight.pipeline().summary();
+    let states = states(flight, &summary);
+    let mut document = flight.pipeline().document();
+    document.insert("truth".to_owned(), truth(flight.truth(), attitude_deg));
+    document.insert("plan".to_owned(), plan(flight));
+    let uploaded = matches!(flight.outcome(), Some(Outcome::Verified { .. }));
+    let items = flight.prepared().plan.mission.items.len();
+    document.insert("mission".to_owned(), json!({"uploaded": uploaded, "items": items}));
+    document.insert("seed".to_owned(), json!(seed));
+    document.insert("airframe".to_owned(), json!(flight.prepared().settings.airframe.name));
+    document.insert("ending".to_owned(), json!(ending.word()));
+    let observable: Vec<&str> =
+        states.iter().filter(|s| s.status == Status::Observable).map(|s| s.name.as_str()).collect();
+    document.insert("observable".to_owned(), json!(observable));
+    document.insert("states".to_owned(), json!(states));
+    document.insert("maneuvers".to_owned(), maneuvers(flight));
+    DemoResult { ending, summary, states, attitude_deg, document }
+}
+
+impl Ending {
+    /// For documents.
+    pub fn word(&self) -> &'static str {
+        match self {
+            Self::Holding => "holding",
+            Self::Landed => "landed",
+            Self::NotUploaded(_) => "not_uploaded",
+            Self::OutOfTime => "out_of_time",
+        }
+    }
+}
+
+fn states(flight: &Flight, summary: &Summary) -> Vec<StateResult> {
+    let Some(filter) = flight.pipeline().engine().filter() else { return Vec::new() };
+    let truth = (Layout::new(flight.truth()), Calibration::new(flight.truth()));
+    let planned = &flight.prepared().prediction.sigmas;
+    let known = &summary.observability.states;
+    let names = filter.layout().names().iter().enumerate();
+    names
+        .filter_map(|(k, name)| {
+            let state = index::GYRO_BIAS + k;
+            let true_value = truth.1.get(&truth.0, truth.0.find(name.name)?) / name.unit.si;
+            let estimate = filter.calibration().get(filter.layout(), state) / name.unit.si;
+            let sigma = filter.covariance().sigma(state) / name.unit.si;
+            Some(StateResult {
+                name: name.name.to_owned(),
+                unit: name.unit.symbol.to_owned(),
+                truth: true_value,
+                estimate,
+                sigma,
+                normalised_error: (estimate - true_value) / sigma,
+                planned_sigma: planned.iter().find(|p| p.name == name.name)?.sigma,
+                status: known.iter().find(|s| s.name == name.name)?.status,
+            })
+        })
+        .collect()
+}
+
+/// The shape of `estimate` with values only.
+fn truth(model: &Model, attitude_deg: [f64; 3]) -> Value {
+    let mut estimate = Constants::of_model(model).estimate(model);
+    estimate.attitude_deg.value = attitude_deg;
+    without(estimate, "sigma")
+}
+
+/// The shape of `estimate` with sigmas only.
+fn plan(flight: &Flight) -> Value {
+    let belief = &flight.prepared().settings.belief;
+    let prediction = &flight.prepared().prediction;
+    let mut constants = Constants::of_model(belief);
+    for (name, sigma) in constants.layout.names().iter().zip(&mut constants.sigma) {
+        if let Some(planned) = prediction.sigmas.iter().find(|p| p.name == name.name) {
+            *sigma = planned.sigma * name.unit.si;
+        }
+    }
+    let mut estimate = constants.estimate(belief);
+    estimate.attitude_deg.sigma = prediction.attitude_sigma_deg;
+    without(estimate, "value")
+}
+
+fn without(estimate: Estimate, field: &str) -> Value {
+    let mut value = json!(estimate);
+    if let Value::Object(groups) = &mut value {
+        for group in groups.values_mut() {
+            let entries: Vec<&mut Value> = match group {
+                Value::Array(list) => list.iter_mut().collect(),
+                one => vec![one],
+            };
+            for entry in entries {
+                if let Value::Object(fields) = entry {
+                    fields.remove(field);
+                }
+            }
+        }
+    }
+    value
+}
+
+/// Per maneuver when it was flown, and predicted beside reached sigmas at its end.
+fn maneuvers(flight: &Flight) -> Value {
+    let plan = &flight.prepared().plan;
+    let rows = flight.milestones().iter().filter_map(|m| {
+        let planned = plan.maneuvers.get(m.maneuver)?;
+        let at_end = plan
+            .sigmas
+            .iter()
+            .min_by(|a, b| (a.t_s - planned.end_s).abs().total_cmp(&(b.t_s - planned.end_s).abs()))?;
+        let predicted: Map<String, Value> =
+            at_end.sigmas.iter().map(|s| (s.name.clone(), json!(s.sigma))).collect();
+        let reached: Map<String, Value> = m.sigmas.iter().map(|(n, s)| (n.clone(), json!(s))).collect();
+        Some(json!({"maneuver": planned.maneuver, "planned_end_s": planned.end_s, "flown_end_s": m.t_s,
+            "predicted_sigma": predicted, "reached_sigma": reached}))
+    });
+    Value::Array(rows.collect())
+}
+
+impl DemoResult {
+    /// For people.
+    pub fn text(&self) -> String {
+        let mut out = String::new();
+        // Writing to a string cannot fail.
+        let _ = self.write(&mut out);
+        out
+    }
+
+    fn write(&self, out: &mut String) -> std::fmt::Result {
+        let how = match &self.ending {
+            Ending::Holding => "the mission was flown to the hold at its end".to_owned(),
+            Ending::Landed => "the mission was flown, and the vehicle has landed".to_owned(),
+            Ending::NotUploaded(why) => format!("nothing was flown: {why}"),
+            Ending::OutOfTime => "the flight was broken off before its end".to_owned(),
+        };
+        writeln!(out, "{:.0} s: {how}", self.summary.duration_s)?;
+        let found = &self.summary.estimate.attitude_deg;
+        for (k, axis) in ["roll", "pitch", "yaw"].into_iter().enumerate() {
+            let error = (found.value[k] - self.attitude_deg[k] + 180.0).rem_euclid(360.0) - 180.0;
+            writeln!(out, "{axis:>10} error {error:8.2} deg, sigma {:.2}", found.sigma[k])?;
+        }
+        writeln!(
+            out,
+            "{:>10}{:>12}{:>12}{:>11}{:>12}{:>11}  unit",
+            "", "truth", "estimate", "sigma", "error/sigma", "planned"
+        )?;
+        for s in &self.states {
+            writeln!(
+                out,
+                "{:>10}{:12.3}{:12.3}{:11.3}{:12.2}{:11.3}  {:8} {}",
+                s.name,
+                s.truth,
+                s.estimate,
+                s.sigma,
+                s.normalised_error,
+                s.planned_sigma,
+                s.unit,
+                if s.status == Status::Observable { "known" } else { "" }
+            )?;
+        }
+        for direction in &self.summary.observability.unobservable_directions {
+            writeln!(out, "not observable: {}", direction.text)?;
+        }
+        Ok(())
+    }
+}

@@ -1,0 +1,4 @@
+//! The thin shell that carries the mission transfer of `gaware-mission` over our links.
+
+pub mod codec;
+pub mod vehicle;

@@ -1,0 +1,95 @@
+//! What a heartbeat says about the vehicle that a mission is meant for.
+
+use crate::link::frame::Frame;
+use crate::sensors::AUTOPILOT_COMPONENT;
+use gaware_mission::item::Autopilot;
+use gaware_mission::transfer::Address;
+use gaware_mission::transfer::verified::VehicleState;
+
+const HEARTBEAT: u32 = 0;
+/// `MAV_MODE_FLAG_SAFETY_ARMED`.
+const ARMED: u8 = 128;
+/// `MAV_AUTOPILOT_ARDUPILOTMEGA`, `MAV_AUTOPILOT_PX4`.
+const ARDUPILOT: u8 = 3;
+const PX4: u8 = 12;
+/// PX4's AUTO main mode and its MISSION sub mode.
+const PX4_MISSION: (u8, u8) = (4, 4);
+
+/// A vehicle as its last heartbeat tells.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Vehicle {
+    /// Where missions are sent.
+    pub address: Address,
+    /// Its habits.
+    pub autopilot: Autopilot,
+    /// Whether it may be changed.
+    pub state: VehicleState,
+}
+
+impl Vehicle {
+    /// From a heartbeat of an autopilot that flies missions; other frames say nothing.
+    pub fn from_heartbeat(frame: &Frame) -> Option<Self> {
+        if frame.message_id != HEARTBEAT || frame.component_id != AUTOPILOT_COMPONENT {
+            return None;
+        }
+        // MAVLink 2 leaves zeros at the end out.
+        let at = |k: usize| frame.payload().get(k).copied().unwrap_or(0);
+        let custom_mode = u32::from_le_bytes([at(0), at(1), at(2), at(3)]);
+        let (kind, firmware, base_mode) = (at(4), at(5), at(6));
+        let (autopilot, mission_mode) = match firmware {
+            ARDUPILOT => (Autopilot::ArduPilot, custom_mode == ardupilot_auto(kind)),
+            PX4 => (Autopilot::Px4, (at(2), at(3)) == PX4_MISSION),
+            _ => return None,
+        };
+        let armed = base_mode & ARMED != 0;
+        Some(Self {
+            address: Address { system: frame.system_id, component: frame.component_id },
+            autopilot,
+            state: VehicleState { armed, mission_mode, flying_mission: armed && mission_mode },
+        })
+    }
+}
+
+/// The number of AUTO by `MAV_TYPE`: 3 on ArduCopter, 10 on ArduPlane and the rest.
+fn ardupilot_auto(kind: u8) -> u32 {
+    const ROTORS: [u8; 8] = [2, 3, 4, 13, 14, 15, 29, 35];
+    if ROTORS.contains(&kind) { 3 } else { 10 }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::link::frame::Sender;
+    use mavlink::dialects::ardupilotmega::{HEARTBEAT_DATA, MavAutopilot, MavMessage, MavModeFlag, MavType};
+
+    fn vehicle(kind: MavType, autopilot: MavAutopilot, custom_mode: u32, armed: bool) -> Option<Vehicle> {
+        let base_mode = if armed { MavModeFlag::MAV_MODE_FLAG_SAFETY_ARMED } else { MavModeFlag::empty() };
+        let data = HEARTBEAT_DATA { custom_mode, mavtype: kind, autopilot, base_mode, ..Default::default() };
+        let sender = Sender { system_id: 9, component_id: 1 };
+        Vehicle::from_heartbeat(&Frame::encode(sender, 0, &MavMessage::HEARTBEAT(data)))
+    }
+
+    #[test]
+    fn the_mission_mode_is_known_by_type_and_firmware() {
+        use MavAutopilot::*;
+        use MavType::*;
+        let px4_mission = 4 << 16 | 4 << 24;
+        for (kind, firmware, mode, expected) in [
+            (MAV_TYPE_FIXED_WING, MAV_AUTOPILOT_ARDUPILOTMEGA, 10, true),
+            (MAV_TYPE_FIXED_WING, MAV_AUTOPILOT_ARDUPILOTMEGA, 3, false),
+            (MAV_TYPE_QUADROTOR, MAV_AUTOPILOT_ARDUPILOTMEGA, 3, true),
+            (MAV_TYPE_QUADROTOR, MAV_AUTOPILOT_PX4, px4_mission, true),
+            (MAV_TYPE_QUADROTOR, MAV_AUTOPILOT_PX4, 3, false),
+        ] {
+            let seen = vehicle(kind, firmware, mode, true).unwrap();
+            assert_eq!((seen.state.mission_mode, seen.state.armed), (expected, true), "{kind:?} {mode}");
+            assert_eq!(seen.address.system, 9);
+        }
+        assert!(!vehicle(MAV_TYPE_QUADROTOR, MAV_AUTOPILOT_PX4, px4_mission, false).unwrap().state.armed);
+    }
+
+    #[test]
+    fn a_gimbal_is_no_vehicle() {
+        assert_eq!(vehicle(MavType::MAV_TYPE_GIMBAL, MavAutopilot::MAV_AUTOPILOT_INVALID, 0, false), None);
+    }
+}
