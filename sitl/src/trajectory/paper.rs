@@ -48,11 +48,11 @@ impl Paper {
                 .ramp(48.0, 1.5, 3.0 * G)
                 .ramp(51.0, 1.0, -5.0 * G)
                 .ramp(53.0, 1.5, 8.0 * G)
-                .ramp(60.0, 1.5, 2.0 * G)
-                .ramp(63.0, 1.5, -3.5 * G)
-                .ramp(66.0, 1.5, 1.5 * G),
-            right: Signal::constant(0.0).wave(45.0, 55.0, 31.0, 0.3, 1.5).wave(60.0, 70.0, 8.0, 0.25, 2.0),
-            down: Signal::constant(0.0).wave(45.0, 55.0, 14.0, 0.45, 1.5).wave(60.0, 70.0, 5.0, 0.35, 2.0),
+                .ramp(58.0, 1.5, 12.0 * G)
+                .ramp(61.0, 1.5, -21.0 * G)
+                .ramp(64.5, 1.5, 9.0 * G),
+            right: Signal::constant(0.0).wave(45.0, 55.0, 31.0, 0.3, 1.5).wave(57.0, 70.0, 80.0, 0.25, 2.0),
+            down: Signal::constant(0.0).wave(45.0, 55.0, 45.0, 0.45, 1.5).wave(57.0, 70.0, 25.0, 0.35, 2.0),
             course: Signal::constant(40f64.to_radians())
                 .ramp(35.0, 2.0, TURN_RATE)
                 .ramp(43.0, 2.0, -TURN_RATE),
