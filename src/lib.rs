@@ -2,6 +2,7 @@
 //!
 //! The library holds everything the binary does, so that tests and benches drive the same code.
 
+pub mod commands;
 pub mod engine;
 pub mod link;
 pub mod logs;

@@ -193,9 +193,7 @@ impl Estimator {
 
     /// What rounding adds to the noise of gyros, (rad/s)²/Hz, and accelerometers, (m/s²)²/Hz, at the present rate.
     pub fn rounding_noise(&self) -> (f64, f64) {
-        let (gyro, accel) = self.model.quantisation_of(&self.stream).variance();
-        let dt = self.meter.interval_s();
-        (gyro * dt, accel * dt)
+        self.dequantiser.noise_density(self.meter.interval_s())
     }
 
     /// Variance per hertz beyond the model's: rounding and vibration.

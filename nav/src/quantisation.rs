@@ -19,6 +19,9 @@ const SCATTER_FLOOR: f64 = 0.25;
 const SCATTER_DITHERS: f64 = 0.5;
 /// Scatter before the first samples have told one, steps: every bin about flat.
 const SCATTER_AT_START: f64 = 2.0;
+/// How long the error of a count that nothing dithers stays the same, s: what it takes a vehicle that stands or rolls
+/// along to change its rate by a step.
+const PERSISTENCE_S: f64 = 2.0;
 /// Pull of the local mean toward the centre of the bin, and of the scatter toward its floor, so that they do not stay
 /// where they were when the counts stand still.
 const PULL: f64 = 0.02;
@@ -84,10 +87,11 @@ struct Channel {
 }
 
 impl Channel {
-    /// The expected value behind a count and its variance, steps and steps²; learns from it with weight `gain`.
-    fn update(&mut self, count: f64, gain: f64) -> (f64, f64) {
+    /// The expected value behind a count, its variance and the part of that which stays the same from sample to
+    /// sample, steps and steps²; learns from it with weight `gain`.
+    fn update(&mut self, count: f64, gain: f64) -> (f64, f64, f64) {
         if !count.is_finite() {
-            return (count, SCATTER_AT_START * SCATTER_AT_START);
+            return (count, SCATTER_AT_START * SCATTER_AT_START, 0.0);
         }
         let (low, high) = bin(count);
         let width = (high - low) / f64::from(SLICES);
@@ -111,7 +115,8 @@ impl Channel {
         let value = centre + dither * (1.0 - PULL) * (expected - centre);
         self.variance = (self.variance + gain * (scatter - self.variance)).max(SCATTER_FLOOR * SCATTER_FLOOR);
         self.mean += gain * (value - self.mean);
-        (centre + dither * (expected - centre), flat + dither * (variance - flat))
+        let persistent = (1.0 - dither) * flat;
+        (centre + dither * (expected - centre), flat + dither * (variance - flat), persistent)
     }
 }
 
@@ -132,6 +137,7 @@ pub struct Dequantiser {
     channels: Option<[Channel; 6]>,
     last_t_s: f64,
     variance: [Vector3<f64>; 2],
+    persistent: [Vector3<f64>; 2],
 }
 
 impl Dequantiser {
@@ -139,7 +145,13 @@ impl Dequantiser {
     pub fn new(quantisation: Quantisation) -> Self {
         let (gyro, accel) = quantisation.variance();
         let variance = [Vector3::repeat(gyro), Vector3::repeat(accel)];
-        Self { quantisation, channels: None, last_t_s: f64::NEG_INFINITY, variance }
+        Self {
+            quantisation,
+            channels: None,
+            last_t_s: f64::NEG_INFINITY,
+            variance,
+            persistent: [Vector3::zeros(); 2],
+        }
     }
 
     /// The rounding it undoes.
@@ -165,12 +177,14 @@ impl Dequantiser {
         let mut back = *sample;
         let (gyro_channels, accel_channels) = channels.split_at_mut(3);
         for k in 0..3 {
-            let (value, variance) = gyro_channels[k].update(gyro[k], gain);
+            let (value, variance, persistent) = gyro_channels[k].update(gyro[k], gain);
             back.gyro[k] = value * steps.gyro;
             self.variance[0][k] = variance * steps.gyro * steps.gyro;
-            let (value, variance) = accel_channels[k].update(accel[k], gain);
+            self.persistent[0][k] = persistent * steps.gyro * steps.gyro;
+            let (value, variance, persistent) = accel_channels[k].update(accel[k], gain);
             back.accel[k] = value * steps.accel;
             self.variance[1][k] = variance * steps.accel * steps.accel;
+            self.persistent[1][k] = persistent * steps.accel * steps.accel;
         }
         back
     }
@@ -178,6 +192,17 @@ impl Dequantiser {
     /// Variances that the rounding adds to the sample undone last, (rad/s)² and (m/s²)², per axis.
     pub fn variance(&self) -> (Vector3<f64>, Vector3<f64>) {
         (self.variance[0], self.variance[1])
+    }
+
+    /// What the rounding of the sample undone last adds to the variance per hertz of samples `interval_s` apart, mean
+    /// over the axes, (rad/s)²/Hz and (m/s²)²/Hz. An error that stays for a while counts with the time it stays: samples that nothing dithers
+    /// know less than their number says.
+    pub fn noise_density(&self, interval_s: f64) -> (f64, f64) {
+        let density = |k: usize| {
+            let (all, persistent) = (self.variance[k].mean(), self.persistent[k].mean());
+            (all - persistent) * interval_s + persistent * PERSISTENCE_S.max(interval_s)
+        };
+        (density(0), density(1))
     }
 }
 

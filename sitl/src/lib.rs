@@ -5,8 +5,12 @@
 //! force and rate belong together to better than a micrometre), but they are not aerodynamic models: use them to
 //! test estimators and protocols, not to design a control loop.
 
+pub mod autopilot;
+pub mod faults;
 pub mod noise;
 pub mod scenario;
 pub mod sensors;
+pub mod shell;
 pub mod trajectory;
 pub mod truth;
+pub mod vehicle;

@@ -7,8 +7,9 @@ use crate::trajectory::fixed_wing::FixedWing;
 use crate::trajectory::multirotor::Multirotor;
 use crate::trajectory::paper::Paper;
 use crate::truth::Trajectory;
+use crate::vehicle::VehicleConfig;
 use gaware_nav::effects::{self, unit};
-use gaware_nav::model::{EffectSetting, GnssModel, ImuModel, MILLI_G, Model};
+use gaware_nav::model::{EffectSetting, GnssModel, ImuModel, MILLI_G, Model, ModelError};
 use gaware_nav::sample::{Quantisation, Steps};
 
 /// What flies.
@@ -33,6 +34,8 @@ pub struct Scenario {
     pub model: Model,
     /// Rates and habits.
     pub sensors: SensorConfig,
+    /// A vehicle that waits for a mission; `trajectory` then only stands where it starts.
+    pub vehicle: Option<VehicleConfig>,
     trajectory: Flown,
 }
 
@@ -48,6 +51,60 @@ impl Scenario {
     }
 }
 
+/// A hidden effect that cannot be had.
+#[derive(Debug, Clone, PartialEq, thiserror::Error)]
+pub enum HideError {
+    /// The model refuses it.
+    #[error("cannot hide {text}: {source}")]
+    Model {
+        /// As written.
+        text: String,
+        /// Why.
+        source: ModelError,
+    },
+    /// A value per group of parameters is needed.
+    #[error("cannot hide {text}: {effect} takes {wanted}")]
+    Groups {
+        /// As written.
+        text: String,
+        /// Which effect.
+        effect: &'static str,
+        /// What it takes.
+        wanted: String,
+    },
+}
+
+/// Puts an effect into the truth: `EFFECT=VALUE` with the value as in a model file (`gps_latency=0.3`,
+/// `gps_lever_arm=[0.3,0,-0.1]`), several kinds of values apart by `;` (`gps_bias_step=40;5`), and the name alone for an
+/// effect without parameters.
+///
+/// # Errors
+/// When there is no such effect or the values do not fit it.
+pub fn hide(model: &mut Model, text: &str) -> Result<(), HideError> {
+    let wrong = |source| HideError::Model { text: text.into(), source };
+    let (name, value) = text.split_once('=').unwrap_or((text, ""));
+    let name = name.trim();
+    // The model file knows names, layouts, units and limits; the argument becomes one.
+    let mut file = format!("schema = \"gaware.model/1\"\n[effects.{name:?}]\n");
+    if let Some(effect) = effects::find(name) {
+        let values: Vec<&str> = value.split(';').filter(|v| !v.trim().is_empty()).collect();
+        let groups = effect.groups();
+        if values.len() != groups.len() {
+            let units: Vec<&str> = groups.iter().map(|g| g.unit.symbol).collect();
+            let wanted =
+                if units.is_empty() { "no value".into() } else { format!("values in {}", units.join("; ")) };
+            return Err(HideError::Groups { text: text.into(), effect: effect.name(), wanted });
+        }
+        for (group, value) in groups.iter().zip(values) {
+            file.push_str(&format!("value_{} = {value}\n", group.unit.suffix));
+        }
+    }
+    for setting in Model::from_toml(&file).map_err(wrong)?.effects {
+        model.set(setting);
+    }
+    Ok(())
+}
+
 type Builder = fn() -> Scenario;
 
 /// Every scenario, by name.
@@ -59,6 +116,8 @@ const REGISTRY: &[(&str, Builder)] = &[
     ("multirotor", multirotor),
     ("bench", bench),
     ("bench_vibration", bench_vibration),
+    ("mission_fixed_wing", mission_fixed_wing),
+    ("mission_multirotor", mission_multirotor),
 ];
 
 /// Names of all scenarios.
@@ -91,6 +150,7 @@ fn paper() -> Scenario {
             velocity_sigma_m_per_s: [0.5; 3],
             position_correlation_s: 0.0,
             position_wander_sigma_m: [0.0; 3],
+            time_sigma_s: 0.0,
         },
         effects: Vec::new(),
     };
@@ -112,6 +172,7 @@ fn paper() -> Scenario {
             message: "HIGHRES_IMU".into(),
             ..SensorConfig::default()
         },
+        vehicle: None,
         trajectory: Flown::new(Paper::new()),
     }
 }
@@ -154,6 +215,7 @@ fn small_aircraft(name: &'static str, description: &'static str, profile: FixedW
         airframe: Airframe::FixedWing,
         model: consumer_model(),
         sensors: consumer_sensors(),
+        vehicle: None,
         trajectory: Flown::new(profile),
     }
 }
@@ -189,6 +251,7 @@ fn multirotor() -> Scenario {
         airframe: Airframe::Multirotor,
         model: consumer_model(),
         sensors: consumer_sensors(),
+        vehicle: None,
         trajectory: Flown::new(Multirotor::new()),
     }
 }
@@ -200,8 +263,30 @@ fn bench() -> Scenario {
         airframe: Airframe::FixedWing,
         model: consumer_model(),
         sensors: consumer_sensors(),
+        vehicle: None,
         trajectory: Flown::new(Bench::new(600.0)),
     }
+}
+
+/// A vehicle that stands until a mission is uploaded and started.
+fn mission_vehicle(name: &'static str, description: &'static str, config: VehicleConfig) -> Scenario {
+    Scenario { name, description, airframe: config.airframe, vehicle: Some(config), ..bench() }
+}
+
+fn mission_fixed_wing() -> Scenario {
+    mission_vehicle(
+        "mission_fixed_wing",
+        "small aircraft that flies what is uploaded",
+        VehicleConfig { gust_m_per_s: 0.3, ..VehicleConfig::fixed_wing() },
+    )
+}
+
+fn mission_multirotor() -> Scenario {
+    mission_vehicle(
+        "mission_multirotor",
+        "quadrotor that flies what is uploaded",
+        VehicleConfig { gust_m_per_s: 0.3, ..VehicleConfig::multirotor() },
+    )
 }
 
 /// 3 m/s² RMS in three lines that sampling folds to low and high frequencies.
@@ -230,6 +315,27 @@ mod tests {
             assert_eq!(scenario(name).map(|s| s.name), Some(name));
         }
         assert!(scenario("no such thing").is_none());
+    }
+
+    #[test]
+    fn effects_are_hidden_as_written_or_refused_in_words() {
+        let mut model = Model::default();
+        hide(&mut model, "gps_latency=0.3").unwrap();
+        hide(&mut model, "gps_lever_arm=[0.3, 0, -0.1]").unwrap();
+        hide(&mut model, "imu_truncation").unwrap();
+        assert_eq!(model.get("gps_latency").unwrap().values, vec![0.3]);
+        assert_eq!(model.get("gps_lever_arm").unwrap().values, vec![0.3, 0.0, -0.1]);
+        assert_eq!(model.effects.len(), 3);
+        for (wrong, said) in [
+            ("gremlins=3", "there is no effect"),
+            ("gps_latency", "values in s"),
+            ("gps_lever_arm=0.3", "3 values"),
+            ("gps_latency=soon", "cannot hide"),
+            ("imu_truncation=1", "no value"),
+        ] {
+            let error = hide(&mut model, wrong).unwrap_err().to_string();
+            assert!(error.contains(said), "{error}");
+        }
     }
 
     #[test]

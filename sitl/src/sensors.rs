@@ -144,6 +144,11 @@ impl Sensors {
         }
     }
 
+    /// The same without the source's rounding, for whoever makes the messages.
+    pub fn unrounded(model: &Model, config: SensorConfig, seed: u64) -> Self {
+        Self { quantisation: Quantisation::None, ..Self::new(model, config, seed) }
+    }
+
     /// Rates and habits.
     pub fn config(&self) -> &SensorConfig {
         &self.config
@@ -165,6 +170,11 @@ impl Sensors {
 
     /// The inertial sample at this truth; call it once per sample in order of time.
     pub fn imu(&mut self, truth: &Truth) -> ImuSample {
+        self.imu_after(truth, 1.0 / self.config.imu_rate_hz)
+    }
+
+    /// The same when the last sample was taken `interval_s` before: noise and bias walk are those of that interval.
+    pub fn imu_after(&mut self, truth: &Truth, interval_s: f64) -> ImuSample {
         let (vibration_force, vibration_rate) = self.vibration(truth.t_s);
         let temperature = self.config.temperature.map(|t| t.at(truth.t_s));
         let x = Instant {
@@ -173,7 +183,7 @@ impl Sensors {
             force: truth.force + vibration_force,
             temperature_above_25_degc: temperature.map_or(0.0, |t| t - 25.0),
         };
-        let per_sample = self.config.imu_rate_hz.sqrt();
+        let per_sample = 1.0 / interval_s.sqrt();
         let imu = &self.model.imu;
         let mut gyro = x.rate
             + Vector3::from(imu.gyro_bias)

@@ -63,7 +63,7 @@ impl Truth {
 }
 
 /// A flight whose truth can be asked for.
-pub trait Trajectory: Send {
+pub trait Trajectory: Send + Sync {
     /// How long it lasts, s; infinite for a vehicle that flies on.
     fn duration_s(&self) -> f64;
 

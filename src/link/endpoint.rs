@@ -273,7 +273,11 @@ impl Link {
             tokio::select! {
                 read = reader.read(&mut bytes) => match read {
                     Ok(0) => break Ok(()),
-                    Ok(n) => self.take(&mut framer, bytes.get(..n).unwrap_or_default()).await?,
+                    Ok(n) => {
+                        self.take(&mut framer, bytes.get(..n).unwrap_or_default()).await?;
+                        let stats = add(self.past, framer.stats());
+                        self.status.send_modify(|s| s.framer = stats);
+                    }
                     Err(e) if e.kind() == io::ErrorKind::Interrupted => {}
                     Err(e) => break Err(e),
                 },
@@ -346,11 +350,7 @@ impl Link {
                 return Err(io::Error::from(io::ErrorKind::BrokenPipe));
             }
         }
-        let stats = add(self.past, framer.stats());
-        self.status.send_modify(|s| {
-            s.received_bytes += bytes.len() as u64;
-            s.framer = stats;
-        });
+        self.status.send_modify(|s| s.received_bytes += bytes.len() as u64);
         Ok(())
     }
 }

@@ -9,4 +9,5 @@ pub mod frame;
 pub mod framer;
 pub mod heartbeat;
 pub mod rates;
+pub mod signing;
 pub mod timesync;

@@ -54,12 +54,14 @@ pub fn needs(autopilot: Autopilot, imu_hz: u16, forced: Option<ImuSource>) -> Ve
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case", tag = "rate_notice")]
 pub enum RateNotice {
-    /// The autopilot refused a rate.
+    /// The autopilot refused the rate that is wanted.
     Refused {
         /// Message id.
         message_id: u32,
-        /// Rate asked for, Hz.
+        /// Rate wanted, Hz.
         rate_hz: u16,
+        /// Rate it gives instead, Hz; nothing where it does not send the message at all.
+        granted_hz: Option<u16>,
     },
     /// A message arrives more slowly than was agreed.
     Slow {
@@ -77,10 +79,13 @@ pub enum RateNotice {
 impl fmt::Display for RateNotice {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {
-            Self::Refused { message_id, rate_hz } => write!(
+            Self::Refused { message_id, rate_hz, granted_hz: Some(granted) } => write!(
                 f,
-                "the autopilot refuses message {message_id} at {rate_hz} Hz (its main loop may be too slow: SCHED_LOOP_RATE)"
+                "the autopilot gives message {message_id} at {granted} Hz only, {rate_hz} Hz are wanted (its main loop is too slow: SCHED_LOOP_RATE)"
             ),
+            Self::Refused { message_id, rate_hz, granted_hz: None } => {
+                write!(f, "the autopilot refuses to send message {message_id} ({rate_hz} Hz are wanted)")
+            }
             Self::Slow { message_id, rate_hz, measured_hz } => write!(
                 f,
                 "message {message_id} arrives at {measured_hz:.1} Hz instead of {rate_hz} Hz; the link is too slow, or another station has changed the rate; asking again"
@@ -120,7 +125,14 @@ struct Message {
     state: State,
     pause_us: u64,
     told_slow: bool,
+    told_refused: bool,
     arrivals: VecDeque<u64>,
+}
+
+impl Message {
+    fn refused(&self, granted_hz: Option<u16>) -> RateNotice {
+        RateNotice::Refused { message_id: self.wanted.message_id, rate_hz: self.wanted.rate_hz, granted_hz }
+    }
 }
 
 #[derive(Debug, Clone, Copy)]
@@ -158,6 +170,7 @@ impl RateKeeper {
                     state,
                     pause_us: FIRST_PAUSE_US,
                     told_slow: false,
+                    told_refused: false,
                     arrivals: VecDeque::new(),
                 }
             })
@@ -196,28 +209,32 @@ impl RateKeeper {
     fn answered(&mut self, index: usize, result: MavResult, now_us: u64, out: &mut Vec<RateAction>) {
         let Some(m) = self.messages.get_mut(index) else { return };
         match result {
-            MavResult::MAV_RESULT_ACCEPTED => m.state = State::Agreed(now_us),
+            MavResult::MAV_RESULT_ACCEPTED => {
+                m.state = State::Agreed(now_us);
+                if m.rate_hz < m.wanted.rate_hz {
+                    out.push(RateAction::Tell(m.refused(Some(m.rate_hz))));
+                }
+            }
             MavResult::MAV_RESULT_TEMPORARILY_REJECTED | MavResult::MAV_RESULT_IN_PROGRESS => {
                 m.state = State::Due(now_us + m.pause_us);
             }
             MavResult::MAV_RESULT_UNSUPPORTED if !m.wanted.alternative => self.use_old_way(now_us, out),
             _ => {
                 let lower = LADDER.into_iter().find(|hz| *hz < m.rate_hz);
-                let refused = RateNotice::Refused { message_id: m.wanted.message_id, rate_hz: m.rate_hz };
                 match lower {
+                    // A refusal means "too fast" or "not this message", without saying which.
                     Some(hz) if result != MavResult::MAV_RESULT_UNSUPPORTED => {
-                        out.push(RateAction::Tell(refused));
                         m.rate_hz = hz;
                         m.state = State::Due(now_us);
                     }
-                    _ => self.give_up(index, now_us),
+                    _ => self.give_up(index, now_us, out),
                 }
             }
         }
     }
 
     /// Turns to the next alternative, where there is one.
-    fn give_up(&mut self, index: usize, now_us: u64) {
+    fn give_up(&mut self, index: usize, now_us: u64, out: &mut Vec<RateAction>) {
         let next = self
             .messages
             .iter()
@@ -231,10 +248,13 @@ impl RateKeeper {
             // The last resort is asked for again later: a firmware may still be starting.
             _ => (index, State::Due(now_us + LONGEST_PAUSE_US)),
         };
-        if of != index
-            && let Some(m) = self.messages.get_mut(index)
-        {
-            m.state = State::Off;
+        if let Some(m) = self.messages.get_mut(index) {
+            if of != index {
+                m.state = State::Off;
+            } else if !std::mem::replace(&mut m.told_refused, true) {
+                out.push(RateAction::Tell(m.refused(None)));
+            }
+            m.rate_hz = m.wanted.rate_hz;
         }
         if let Some(m) = self.messages.get_mut(of) {
             m.state = state;
@@ -303,7 +323,7 @@ impl RateKeeper {
         if measured_hz == 0.0 && m.wanted.alternative && !self.old_way && !m.told_slow {
             // Accepted and never sent: the firmware knows the message but was built without it.
             m.told_slow = true;
-            self.give_up(index, now_us);
+            self.give_up(index, now_us, out);
             return;
         }
         if !std::mem::replace(&mut m.told_slow, true) {

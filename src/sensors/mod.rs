@@ -306,6 +306,10 @@ impl Converter {
                     self.tell(Notice::RateTooLow { rate_hz });
                 }
             }
+            Some(rate_hz) if self.slow_windows >= LOW_RATE_PATIENCE => {
+                self.slow_windows = 0;
+                self.tell(Notice::RateGood { rate_hz });
+            }
             _ => self.slow_windows = 0,
         }
     }

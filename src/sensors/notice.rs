@@ -40,6 +40,11 @@ pub enum Notice {
         /// Measured, Hz.
         rate_hz: f64,
     },
+    /// They arrive fast enough again.
+    RateGood {
+        /// Measured, Hz.
+        rate_hz: f64,
+    },
 }
 
 /// How much a notice matters.
@@ -53,10 +58,18 @@ pub enum Severity {
 }
 
 impl Notice {
+    /// Whether this settles what an earlier notice warned of.
+    pub fn settles(&self, earlier: &Self) -> bool {
+        matches!(
+            (self, earlier),
+            (Self::FixGained, Self::NoFix) | (Self::RateGood { .. }, Self::RateTooLow { .. })
+        )
+    }
+
     /// How much it matters.
     pub fn severity(&self) -> Severity {
         match self {
-            Self::Vehicle { .. } | Self::FixGained => Severity::Info,
+            Self::Vehicle { .. } | Self::FixGained | Self::RateGood { .. } => Severity::Info,
             Self::SourceChosen { source, autopilot } => match autopilot.consequence(*source) {
                 Some(_) => Severity::Warning,
                 None => Severity::Info,
@@ -88,9 +101,10 @@ impl fmt::Display for Notice {
             }
             Self::NoFix => f.write_str("the GNSS receiver has no 3-D fix"),
             Self::FixGained => f.write_str("the GNSS receiver has a 3-D fix"),
+            Self::RateGood { rate_hz } => write!(f, "inertial samples arrive at {rate_hz:.0} Hz"),
             Self::RateTooLow { rate_hz } => write!(
                 f,
-                "inertial samples arrive at {rate_hz:.0} Hz; at least 50 Hz are needed to follow a maneuver"
+                "inertial samples arrive at {rate_hz:.1} Hz; at least 50 Hz are needed to follow a maneuver"
             ),
         }
     }

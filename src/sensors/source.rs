@@ -170,13 +170,13 @@ impl SourceChoice {
     /// Counts a message of a candidate; tells when a window of message time has closed.
     pub fn count(&mut self, source: ImuSource, t_us: u64, autopilot: Autopilot) -> Option<Window> {
         let start = *self.window_start_us.get_or_insert(t_us);
-        // After a reboot or a gap the window has no meaning.
-        if t_us < start || t_us - start > 10 * WINDOW_US {
+        // After a reboot or a gap the window has no meaning. Millisecond stamps may be a little older than it.
+        if t_us + WINDOW_US < start || t_us.saturating_sub(start) > 10 * WINDOW_US {
             self.window_start_us = Some(t_us);
             self.counts = [0; 5];
         }
         let closed = (t_us.saturating_sub(start) >= WINDOW_US && self.window_start_us == Some(start))
-            .then(|| self.close(t_us, t_us - start, autopilot));
+            .then(|| self.close(t_us, t_us.saturating_sub(start), autopilot));
         if let Some(n) = self.counts.get_mut(source.index()) {
             *n += 1;
         }
@@ -263,6 +263,19 @@ mod tests {
         assert_eq!(changes.len(), 1);
         assert_eq!(changes[0].1, ScaledImu);
         assert!((3..=4).contains(&changes[0].0), "{changes:?}");
+    }
+
+    #[test]
+    fn coarser_stamps_of_a_second_unit_do_not_make_it_the_source() {
+        let mut choice = SourceChoice::new(None);
+        let mut changes = Vec::new();
+        for second in 1..20_u64 {
+            let t_us = second * 1_000_000 + 700;
+            for (source, t) in [(RawImu, t_us), (ImuSource::ScaledImu2, t_us / 1000 * 1000)] {
+                changes.extend(choice.count(source, t, Autopilot::Ardupilot).and_then(|w| w.change));
+            }
+        }
+        assert_eq!(changes, vec![RawImu]);
     }
 
     #[test]

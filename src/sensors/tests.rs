@@ -149,6 +149,20 @@ fn a_source_that_falls_silent_is_replaced() {
 }
 
 #[test]
+fn a_low_rate_is_told_and_settled() {
+    let mut bench = Bench::ardupilot();
+    for second in 0..10 {
+        let m = RAW_IMU_DATA { time_usec: second * 1_000_000, ..Default::default() };
+        bench.send_as(VEHICLE, MavMessage::RAW_IMU(m));
+    }
+    bench.raw_imu(10_000..14_000);
+    let notices = bench.converter.take_notices();
+    let low = notices.iter().find(|n| matches!(n, Notice::RateTooLow { .. })).unwrap();
+    let good = notices.last().unwrap();
+    assert!(good.settles(low), "{notices:?}");
+}
+
+#[test]
 fn attitude_is_a_hint_on_the_same_base() {
     let mut bench = Bench::ardupilot();
     bench.raw_imu(0..2000);

@@ -27,8 +27,8 @@ use std::fs::File;
 use std::io::BufWriter;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
-use std::sync::atomic::{AtomicU64, Ordering};
-use std::sync::mpsc::{Receiver, RecvTimeoutError, SyncSender, sync_channel};
+use std::sync::atomic::{AtomicU64, AtomicUsize, Ordering};
+use std::sync::mpsc::{Receiver, RecvTimeoutError, Sender, channel};
 use std::thread::JoinHandle;
 use std::time::{Duration, Instant};
 
@@ -39,7 +39,10 @@ pub const MODEL_ATTACHMENT: &str = "model.toml";
 /// Name of the metadata record with the set-up.
 pub const SETUP_METADATA: &str = "gaware.setup";
 
-const ITEMS_AHEAD: usize = 32 * 1024;
+/// Items that may wait for the writer. Frames are what a replay needs: they are dropped last.
+const FRAMES_AHEAD: usize = 256 * 1024;
+/// Everything else can be had again from the frames.
+const DERIVED_AHEAD: usize = 8 * 1024;
 const SYNC_PERIOD: Duration = Duration::from_secs(1);
 const RETRY_PERIOD: Duration = Duration::from_secs(10);
 
@@ -101,12 +104,13 @@ struct Counters {
     written: AtomicU64,
     dropped: AtomicU64,
     failed: AtomicU64,
+    waiting: AtomicUsize,
 }
 
 /// The handle of a recording.
 #[derive(Debug)]
 pub struct Recorder {
-    items: Option<SyncSender<RecordItem>>,
+    items: Option<Sender<RecordItem>>,
     counters: Arc<Counters>,
     thread: Option<JoinHandle<()>>,
     path: PathBuf,
@@ -120,7 +124,7 @@ impl Recorder {
     pub fn start(path: &Path, setup: &Setup) -> Result<Self, RecorderError> {
         let output = Output::create(path, setup)
             .map_err(|source| RecorderError::Create { path: path.to_owned(), source })?;
-        let (items, inbox) = sync_channel(ITEMS_AHEAD);
+        let (items, inbox) = channel();
         let counters = Arc::new(Counters::default());
         let worker = Worker {
             inbox,
@@ -140,8 +144,13 @@ impl Recorder {
 
     /// Hands an item over without waiting.
     pub fn record(&self, item: RecordItem) {
-        let taken = self.items.as_ref().is_some_and(|items| items.try_send(item).is_ok());
-        if !taken {
+        let room = if matches!(item, RecordItem::Frame(_)) { FRAMES_AHEAD } else { DERIVED_AHEAD };
+        let waiting = &self.counters.waiting;
+        // Counted before it is sent: the writer takes it off again after it has taken it.
+        if waiting.fetch_add(1, Ordering::Relaxed) >= room
+            || self.items.as_ref().is_none_or(|items| items.send(item).is_err())
+        {
+            waiting.fetch_sub(1, Ordering::Relaxed);
             self.counters.dropped.fetch_add(1, Ordering::Relaxed);
         }
     }
@@ -196,7 +205,10 @@ impl Worker {
         let mut sync = Instant::now() + SYNC_PERIOD;
         loop {
             match self.inbox.recv_timeout(sync.saturating_duration_since(Instant::now())) {
-                Ok(item) => self.write(&item),
+                Ok(item) => {
+                    self.write(&item);
+                    self.counters.waiting.fetch_sub(1, Ordering::Relaxed);
+                }
                 Err(RecvTimeoutError::Timeout) => {}
                 Err(RecvTimeoutError::Disconnected) => break,
             }

@@ -22,12 +22,12 @@ use gaware_sitl::truth::Truth;
 use nalgebra::Vector3;
 use serde::Serialize;
 
-/// Prior 1-sigma of an element of G: three times the paper's value, deg/h/g.
-const G_SIGMA_DEG_PER_H_PER_G: f64 = 30.0;
+/// Prior 1-sigma of an element of G: the size of the paper's values, deg/h/g.
+const G_SIGMA_DEG_PER_H_PER_G: f64 = 10.0;
 /// Prior 1-sigma of position, m, and velocity, m/s.
 const START_SIGMA: (f64, f64) = (5.0, 0.5);
 /// Consistency counts from here on, s.
-const CONSISTENT_FROM_S: f64 = 2.0;
+const CONSISTENT_FROM_S: f64 = 40.0;
 /// Attitude counts from here on, s (the design's contract).
 const ATTITUDE_FROM_S: f64 = 60.0;
 /// Samples between two epochs that are evaluated: one second.
@@ -166,8 +166,7 @@ fn one_filter(
 
 /// The model of the filter: true values, prior sigmas.
 fn prior(truth: &Model, elements: GElements) -> Model {
-    let gs: f64 = std::env::var("GS").ok().and_then(|v| v.parse().ok()).unwrap_or(1.0);
-    let sigma = gs * G_SIGMA_DEG_PER_H_PER_G * unit::DEG_PER_H_PER_G.si;
+    let sigma = G_SIGMA_DEG_PER_H_PER_G * unit::DEG_PER_H_PER_G.si;
     let mut model = truth.clone().with_g(elements, Some(sigma));
     if let (Some(to), Some(from)) = (model.effects.first_mut(), truth.effects.first()) {
         to.values.clone_from(&from.values);

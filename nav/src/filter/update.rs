@@ -22,7 +22,7 @@ const LOCKED_OUT_COUNT: u32 = 4;
 /// Attitude uncertainty that is added when the fixes had to be believed again, rad.
 const LOCKED_OUT_ATTITUDE: f64 = 0.05;
 /// No fix is believed to be better than this, m and m/s.
-const SIGMA_FLOOR: (f64, f64) = (0.01, 0.01);
+const SIGMA_FLOOR: f64 = 0.01;
 
 /// What became of one group of rows.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
@@ -82,12 +82,13 @@ impl Refusals {
     }
 }
 
-/// One scalar measurement: residual, sparse row, variance.
+/// One scalar measurement: residual, sparse row, variance of its own and loading of the noise that all rows share.
 #[derive(Debug, Clone, Default)]
-pub(crate) struct Row {
-    pub(crate) residual: f64,
-    pub(crate) h: Vec<(usize, f64)>,
-    pub(crate) variance: f64,
+struct Row {
+    residual: f64,
+    h: Vec<(usize, f64)>,
+    variance: f64,
+    shared: f64,
 }
 
 /// What the effects add to position or velocity of a fix, and how that depends on the states.
@@ -155,6 +156,7 @@ impl Filter {
                     .map(|(k, column)| (index::GYRO_BIAS + k, column[axis]))
                     .collect(),
                 variance: sigma * sigma,
+                shared: 0.0,
             })
             .collect::<Vec<_>>();
         if let Some(prepared) = self.prepare(&rows) {
@@ -188,7 +190,8 @@ impl Filter {
         let mut s = Matrix3::identity();
         for (i, row) in rows.iter().enumerate() {
             for (j, column) in ph.iter().enumerate() {
-                s[(i, j)] = row.h.iter().map(|(k, c)| c * column[*k]).sum();
+                s[(i, j)] =
+                    row.h.iter().map(|(k, c)| c * column[*k]).sum::<f64>() + row.shared * rows[j].shared;
             }
             s[(i, i)] += row.variance;
         }
@@ -306,7 +309,14 @@ impl Filter {
         let [added, _] = self.fix_effects(&x);
         let z = c_ne * (fix.position.to_ecef() - self.nav.r_e) - added.sum - self.wander;
         let sigma = fix.position_sigma_m.unwrap_or(self.model.gnss.position_sigma_m);
-        let mut rows = rows_of(index::POSITION, &z.as_slice()[..3], &x.c_nb, &added, &sigma, SIGMA_FLOOR.0);
+        let mut rows = rows_of(
+            index::POSITION,
+            &z.as_slice()[..3],
+            &x.c_nb,
+            &added,
+            &sigma,
+            &(x.v_n * self.model.gnss.time_sigma_s),
+        );
         if let Some(w) = self.layout.wander() {
             rows.iter_mut().enumerate().for_each(|(k, row)| row.h.push((w + k, 1.0)));
         }
@@ -323,13 +333,20 @@ impl Filter {
         let [_, added] = self.fix_effects(&x);
         let sigma = fix.velocity_sigma_m_per_s.unwrap_or(self.model.gnss.velocity_sigma_m_per_s);
         let z = measured - x.v_n - added.sum;
-        rows_of(index::VELOCITY, &z.as_slice()[..rows], &x.c_nb, &added, &sigma, SIGMA_FLOOR.1)
+        rows_of(
+            index::VELOCITY,
+            &z.as_slice()[..rows],
+            &x.c_nb,
+            &added,
+            &sigma,
+            &(x.a_n * self.model.gnss.time_sigma_s),
+        )
     }
 
     fn believe_position(&mut self, fix: &GnssFix) {
         self.nav.r_e = fix.position.to_ecef();
         let sigma = fix.position_sigma_m.unwrap_or(self.model.gnss.position_sigma_m);
-        let worst = sigma.iter().fold(SIGMA_FLOOR.0, |a, b| a.max(*b));
+        let worst = sigma.iter().fold(SIGMA_FLOOR, |a, b| a.max(*b));
         (0..3).for_each(|k| self.p.reset(index::POSITION + k, worst * 2.0));
         self.loosen_attitude();
     }
@@ -354,15 +371,17 @@ impl Filter {
     }
 }
 
-/// Rows of the first `z.len()` of north, east, down for the error block at `block`.
+/// Rows of the first `z.len()` of north, east, down for the error block at `block`; an error of the time stamp moves all
+/// of them together, by `shared` per sigma.
 fn rows_of(
     block: usize,
     z: &[f64],
     c_nb: &Matrix3<f64>,
     added: &Added,
     sigma: &[f64; 3],
-    floor: f64,
+    shared: &Vector3<f64>,
 ) -> Vec<Row> {
+    let floor = SIGMA_FLOOR;
     z.iter()
         .enumerate()
         .map(|(i, residual)| {
@@ -370,7 +389,7 @@ fn rows_of(
             let turned = (0..3).map(|j| (index::ATTITUDE + j, added.by_attitude[(i, j)]));
             h.extend(turned.filter(|(_, c)| *c != 0.0));
             h.extend(added.by_state.iter().map(|(state, column)| (*state, column[i])));
-            Row { residual: *residual, h, variance: sigma[i].max(floor).powi(2) }
+            Row { residual: *residual, h, variance: sigma[i].max(floor).powi(2), shared: shared[i] }
         })
         .collect()
 }

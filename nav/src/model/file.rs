@@ -50,6 +50,7 @@ struct Gnss {
     position_correlation_s: f64,
     #[serde(skip_serializing_if = "is_zero")]
     position_wander_sigma_m: [f64; 3],
+    time_sigma_s: f64,
 }
 
 fn is_zero(v: &[f64; 3]) -> bool {
@@ -94,6 +95,7 @@ impl From<&super::GnssModel> for Gnss {
             velocity_sigma_m_per_s: m.velocity_sigma_m_per_s,
             position_correlation_s: m.position_correlation_s,
             position_wander_sigma_m: m.position_wander_sigma_m,
+            time_sigma_s: m.time_sigma_s,
         }
     }
 }
@@ -197,11 +199,13 @@ fn gnss_from_file(f: &Gnss) -> Result<super::GnssModel, ModelError> {
         not_negative("position_wander_sigma_m", v)?;
     }
     not_negative("position_correlation_s", f.position_correlation_s)?;
+    not_negative("time_sigma_s", f.time_sigma_s)?;
     Ok(super::GnssModel {
         position_sigma_m: f.position_sigma_m,
         velocity_sigma_m_per_s: f.velocity_sigma_m_per_s,
         position_correlation_s: f.position_correlation_s,
         position_wander_sigma_m: f.position_wander_sigma_m,
+        time_sigma_s: f.time_sigma_s,
     })
 }
 

@@ -53,6 +53,8 @@ pub struct GnssModel {
     pub position_correlation_s: f64,
     /// Stationary 1-sigma of the correlated part, m; the white part is `position_sigma_m`.
     pub position_wander_sigma_m: [f64; 3],
+    /// 1-sigma of the time stamps, s: autopilots stamp a fix when a loop finds it complete.
+    pub time_sigma_s: f64,
 }
 
 /// One effect with the values believed, SI, one per parameter.
@@ -129,6 +131,7 @@ impl Default for Model {
                 velocity_sigma_m_per_s: [0.1, 0.1, 0.2],
                 position_correlation_s: 0.0,
                 position_wander_sigma_m: [0.0; 3],
+                time_sigma_s: 0.0,
             },
             effects: Vec::new(),
         }
@@ -159,6 +162,10 @@ impl Model {
         latency.values[0] = 0.12;
         latency.sigmas[0] = 0.08;
         model.set(latency);
+        // On a vehicle vibration dominates, and samples are stamped when they are sent.
+        model.imu.accel_noise = 0.015;
+        // A fix is found complete by a loop of 20 to 50 Hz.
+        model.gnss.time_sigma_s = 0.01;
         model
     }
 

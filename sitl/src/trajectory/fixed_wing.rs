@@ -4,7 +4,7 @@
 //! Bank, climb angle, speed and sideslip are prescribed; course and lift follow from the balance of forces in wind
 //! axes (Stevens, Lewis & Johnson 2016, section 2.5, without wind), angle of attack from the lift.
 
-use super::signal::Signal;
+use super::signal::{Jet, Signal};
 use super::{Chain, Profile};
 use crate::truth::Motion;
 use gaware_nav::earth::{Geodetic, STANDARD_GRAVITY};
@@ -200,29 +200,34 @@ impl Profile for FixedWing {
     }
 
     fn motion_at(&self, t_s: f64, course_rad: f64) -> (Motion, f64) {
-        let (v, gamma) = (self.speed.at(t_s), self.climb.at(t_s));
-        let (mu, beta) = (self.bank.at(t_s), self.slip.at(t_s));
-        let first = |j: super::signal::Jet| Dual { x: j.x, d: j.d1 };
-        let (speed, climb, bank, slip) = (first(v), first(gamma), first(mu), first(beta));
-        let climb_rate = Dual { x: gamma.d1, d: gamma.d2 };
-        // V γ̇ = L cos μ − Y sin μ − g cos γ and V cos γ χ̇ = L sin μ + Y cos μ.
-        let side = -(speed * speed * slip) * SIDE_FORCE_PER_M;
-        let lift = (speed * climb_rate + climb.cos() * STANDARD_GRAVITY + side * bank.sin()) / bank.cos();
-        let turning = lift.x * bank.x.sin() + side.x * bank.x.cos();
-        // On the ground nothing turns: bank and slip are zero there.
-        let course_rate = turning / (speed.x.max(1.0) * climb.x.cos());
-        let attack = lift * ATTACK / (speed * speed + Dual { x: ATTACK_SPEED_SQUARED, d: 0.0 });
-
-        let path = Chain::new().about(2, course_rad, course_rate).about(1, climb.x, climb.d);
-        let body = path.about(0, bank.x, bank.d).about(2, -slip.x, -slip.d).about(1, attack.x, attack.d);
-        let velocity = Vector3::new(speed.x, 0.0, 0.0);
-        let acceleration = Vector3::new(speed.d, 0.0, 0.0) + path.rate().cross(&velocity);
-        let motion = Motion {
-            v_n: path.matrix() * velocity,
-            a_n: path.matrix() * acceleration,
-            c_nb: body.matrix(),
-            rate_nb: body.rate(),
-        };
-        (motion, course_rate)
+        let [speed, climb, bank, slip] =
+            [&self.speed, &self.climb, &self.bank, &self.slip].map(|s| s.at(t_s));
+        wing_motion(course_rad, &speed, &climb, &bank, &slip)
     }
+}
+
+/// Motion of an aircraft relative to the air, and its rate of course, from course, speed, climb, bank and sideslip.
+pub(crate) fn wing_motion(course_rad: f64, v: &Jet, gamma: &Jet, mu: &Jet, beta: &Jet) -> (Motion, f64) {
+    let first = |j: &Jet| Dual { x: j.x, d: j.d1 };
+    let (speed, climb, bank, slip) = (first(v), first(gamma), first(mu), first(beta));
+    let climb_rate = Dual { x: gamma.d1, d: gamma.d2 };
+    // V γ̇ = L cos μ − Y sin μ − g cos γ and V cos γ χ̇ = L sin μ + Y cos μ.
+    let side = -(speed * speed * slip) * SIDE_FORCE_PER_M;
+    let lift = (speed * climb_rate + climb.cos() * STANDARD_GRAVITY + side * bank.sin()) / bank.cos();
+    let turning = lift.x * bank.x.sin() + side.x * bank.x.cos();
+    // On the ground nothing turns: bank and slip are zero there.
+    let course_rate = turning / (speed.x.max(1.0) * climb.x.cos());
+    let attack = lift * ATTACK / (speed * speed + Dual { x: ATTACK_SPEED_SQUARED, d: 0.0 });
+
+    let path = Chain::new().about(2, course_rad, course_rate).about(1, climb.x, climb.d);
+    let body = path.about(0, bank.x, bank.d).about(2, -slip.x, -slip.d).about(1, attack.x, attack.d);
+    let velocity = Vector3::new(speed.x, 0.0, 0.0);
+    let acceleration = Vector3::new(speed.d, 0.0, 0.0) + path.rate().cross(&velocity);
+    let motion = Motion {
+        v_n: path.matrix() * velocity,
+        a_n: path.matrix() * acceleration,
+        c_nb: body.matrix(),
+        rate_nb: body.rate(),
+    };
+    (motion, course_rate)
 }

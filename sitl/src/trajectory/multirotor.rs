@@ -81,23 +81,33 @@ impl Profile for Multirotor {
         let jets = [self.north.at(t_s), self.east.at(t_s), self.down.at(t_s)];
         let by = |f: fn(&Jet) -> f64| Vector3::new(f(&jets[0]), f(&jets[1]), f(&jets[2]));
         let (v_n, a_n, jerk) = (by(|j| j.x), by(|j| j.d1), by(|j| j.d2));
-        // Thrust per mass points against body z: T = a − g + k v.
-        let thrust = a_n - Vector3::new(0.0, 0.0, STANDARD_GRAVITY) + v_n * DRAG_PER_S;
-        let thrust_rate = jerk + a_n * DRAG_PER_S;
-        let size = thrust.norm();
-        let axis = -thrust / size;
-        let axis_rate = -(thrust_rate - axis * axis.dot(&thrust_rate)) / size;
-
-        let yaw = self.yaw.at(t_s);
-        let heading = Chain::new().about(2, yaw.x, yaw.d1);
-        let z = heading.matrix().transpose() * axis;
-        let z_rate = heading.matrix().transpose() * axis_rate - Vector3::new(0.0, 0.0, yaw.d1).cross(&z);
-        // z = (sin θ cos φ, −sin φ, cos θ cos φ).
-        let roll = -z.y.asin();
-        let roll_rate = -z_rate.y / (1.0 - z.y * z.y).sqrt();
-        let pitch = z.x.atan2(z.z);
-        let pitch_rate = (z_rate.x * z.z - z.x * z_rate.z) / (z.x * z.x + z.z * z.z);
-        let body = heading.about(1, pitch, pitch_rate).about(0, roll, roll_rate);
-        (Motion { v_n, a_n, c_nb: body.matrix(), rate_nb: body.rate() }, 0.0)
+        let drag = [v_n * DRAG_PER_S, a_n * DRAG_PER_S];
+        (rotor_motion([v_n, a_n, jerk], drag, &self.yaw.at(t_s)), 0.0)
     }
+}
+
+/// Motion of a multirotor from its velocity with two derivatives, the drag per mass against its motion with its derivative,
+/// and its heading.
+pub(crate) fn rotor_motion(
+    [v_n, a_n, jerk]: [Vector3<f64>; 3],
+    [drag, drag_rate]: [Vector3<f64>; 2],
+    yaw: &Jet,
+) -> Motion {
+    // Thrust per mass points against body z: T = a − g + drag.
+    let thrust = a_n - Vector3::new(0.0, 0.0, STANDARD_GRAVITY) + drag;
+    let thrust_rate = jerk + drag_rate;
+    let size = thrust.norm();
+    let axis = -thrust / size;
+    let axis_rate = -(thrust_rate - axis * axis.dot(&thrust_rate)) / size;
+
+    let heading = Chain::new().about(2, yaw.x, yaw.d1);
+    let z = heading.matrix().transpose() * axis;
+    let z_rate = heading.matrix().transpose() * axis_rate - Vector3::new(0.0, 0.0, yaw.d1).cross(&z);
+    // z = (sin θ cos φ, −sin φ, cos θ cos φ).
+    let roll = -z.y.asin();
+    let roll_rate = -z_rate.y / (1.0 - z.y * z.y).sqrt();
+    let pitch = z.x.atan2(z.z);
+    let pitch_rate = (z_rate.x * z.z - z.x * z_rate.z) / (z.x * z.x + z.z * z.z);
+    let body = heading.about(1, pitch, pitch_rate).about(0, roll, roll_rate);
+    Motion { v_n, a_n, c_nb: body.matrix(), rate_nb: body.rate() }
 }

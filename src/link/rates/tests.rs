@@ -96,8 +96,7 @@ fn a_refused_rate_is_lowered_and_told() {
         Some(if hz > 40.0 { MavResult::MAV_RESULT_DENIED } else { MavResult::MAV_RESULT_ACCEPTED })
     });
     assert_eq!(fake.rates, vec![(27, 40.0)]);
-    let refused: Vec<_> = fake.told.iter().map(|n| matches!(n, RateNotice::Refused { .. })).collect();
-    assert_eq!(refused, vec![true; 3]);
+    assert_eq!(fake.told, [RateNotice::Refused { message_id: 27, rate_hz: 200, granted_hz: Some(40) }]);
 }
 
 #[test]
@@ -107,6 +106,16 @@ fn an_unsupported_message_gives_way_to_the_next() {
         Some(if id == 105 { MavResult::MAV_RESULT_UNSUPPORTED } else { MavResult::MAV_RESULT_ACCEPTED })
     });
     assert_eq!(fake.sent, vec![(105, 100.0), (27, 100.0)]);
+}
+
+#[test]
+fn a_message_refused_at_every_rate_gives_way_without_noise() {
+    let mut fake = Fake::new(wanted(&[(105, 100), (27, 100)]));
+    fake.run(20, |id, _| {
+        Some(if id == 105 { MavResult::MAV_RESULT_DENIED } else { MavResult::MAV_RESULT_ACCEPTED })
+    });
+    assert_eq!(fake.rates, vec![(27, 100.0)]);
+    assert!(fake.told.is_empty(), "{:?}", fake.told);
 }
 
 #[test]

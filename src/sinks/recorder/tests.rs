@@ -20,10 +20,27 @@ fn setup() -> Setup {
     }
 }
 
-fn scratch(name: &str) -> PathBuf {
+/// A file in a folder that vanishes with the test.
+struct Scratch(PathBuf);
+
+impl std::ops::Deref for Scratch {
+    type Target = Path;
+
+    fn deref(&self) -> &Path {
+        &self.0
+    }
+}
+
+impl Drop for Scratch {
+    fn drop(&mut self) {
+        let _ = std::fs::remove_dir_all(self.0.parent().unwrap());
+    }
+}
+
+fn scratch(name: &str) -> Scratch {
     let folder = std::env::temp_dir().join(format!("gaware-recorder-{}-{name}", std::process::id()));
     let _ = std::fs::remove_dir_all(&folder);
-    folder.join("flight.mcap")
+    Scratch(folder.join("flight.mcap"))
 }
 
 fn read(path: &Path) -> (Vec<(u64, Frame)>, logs::Damage) {
@@ -78,11 +95,11 @@ fn a_power_cut_costs_the_unfinished_second_only() {
     }
     // As `kill -9` leaves it: nothing is flushed, no end is written.
     let copy = path.with_extension("copy.mcap");
-    std::fs::copy(&path, &copy).unwrap();
+    std::fs::copy(&*path, &copy).unwrap();
     let (frames, damage) = read(&copy);
     assert_eq!(frames.len(), 500);
     assert!(damage.truncated);
-    let bytes = std::fs::read(&path).unwrap();
+    let bytes = std::fs::read(&*path).unwrap();
     std::fs::write(&copy, &bytes[..bytes.len() * 2 / 3]).unwrap();
     let (frames, _) = read(&copy);
     assert!(frames.len() >= 200 && frames.len() % 100 == 0, "{}", frames.len());
@@ -92,14 +109,14 @@ fn a_power_cut_costs_the_unfinished_second_only() {
 fn a_damaged_chunk_is_skipped_and_the_rest_is_read() {
     let path = scratch("damage");
     write_chunks(&path, 6, 100).finish().unwrap();
-    let clean = std::fs::read(&path).unwrap();
+    let clean = std::fs::read(&*path).unwrap();
     let starts: Vec<_> =
         clean.windows(8).enumerate().filter(|(_, w)| *w == b"\x04\0\0\0zstd").map(|(k, _)| k).collect();
     // Once in the data of the third chunk of frames, once in its length.
     for at in [starts[3] + 40, starts[3] - 30] {
         let mut bytes = clean.clone();
         bytes[at..at + 8].iter_mut().for_each(|b| *b ^= 0x5A);
-        std::fs::write(&path, &bytes).unwrap();
+        std::fs::write(&*path, &bytes).unwrap();
         let (frames, damage) = read(&path);
         assert_eq!(frames.len(), 500, "damage at {at}");
         assert!(damage.any());
@@ -110,11 +127,11 @@ fn a_damaged_chunk_is_skipped_and_the_rest_is_read() {
 fn any_flipped_byte_is_survived() {
     let path = scratch("flip");
     write_chunks(&path, 3, 20).finish().unwrap();
-    let clean = std::fs::read(&path).unwrap();
+    let clean = std::fs::read(&*path).unwrap();
     for at in (8..clean.len()).step_by(23) {
         let mut bytes = clean.clone();
         bytes[at] ^= 0xFF;
-        std::fs::write(&path, &bytes).unwrap();
+        std::fs::write(&*path, &bytes).unwrap();
         let frames: Vec<_> = logs::open(&path).unwrap().filter_map(Result::ok).collect();
         assert!(frames.len() <= 60);
     }

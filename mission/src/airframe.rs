@@ -1,0 +1,287 @@
+//! What an airframe can do: `airframe.toml`, with three examples built in.
+
+use crate::item::Autopilot;
+use gaware_nav::earth::STANDARD_GRAVITY;
+use serde::{Deserialize, Serialize};
+
+/// A small fixed wing on ArduPlane.
+pub const SMALL_FIXED_WING: &str = include_str!("../airframes/small_fixed_wing.toml");
+/// A larger fixed wing on PX4.
+pub const LARGE_FIXED_WING: &str = include_str!("../airframes/large_fixed_wing.toml");
+/// A quadrotor on ArduCopter.
+pub const QUADROTOR: &str = include_str!("../airframes/quadrotor.toml");
+/// The examples by name.
+pub const EXAMPLES: [(&str, &str); 3] = [
+    ("small_fixed_wing", SMALL_FIXED_WING),
+    ("large_fixed_wing", LARGE_FIXED_WING),
+    ("quadrotor", QUADROTOR),
+];
+
+const SCHEMA: &str = "gaware.airframe/1";
+/// The part of the bank limit that a planned turn uses; the rest is for gusts and for holding the circle.
+const PLANNED_BANK: f64 = 0.8;
+
+/// Kinds of airframes.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Kind {
+    /// Wings carry it; it banks to turn and cannot stop.
+    FixedWing,
+    /// Rotors carry it; it tilts to accelerate and can stop.
+    Multirotor,
+}
+
+/// An airframe and its limits. Speeds are airspeeds of a fixed wing, ground speeds of a multirotor.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Airframe {
+    schema: String,
+    /// For people.
+    pub name: String,
+    /// Wings or rotors.
+    pub kind: Kind,
+    /// Who flies it.
+    pub autopilot: Autopilot,
+    /// Slowest planned speed, m/s: with a margin above the stall.
+    pub speed_min_m_per_s: f64,
+    /// Usual speed, m/s.
+    pub speed_cruise_m_per_s: f64,
+    /// Fastest planned speed, m/s.
+    pub speed_max_m_per_s: f64,
+    /// Acceleration along the path at full throttle, m/s².
+    pub acceleration_m_per_s2: f64,
+    /// Deceleration along the path at idle, m/s².
+    pub braking_m_per_s2: f64,
+    /// Largest bank (multirotor: tilt), deg.
+    pub bank_max_deg: f64,
+    /// Largest pitch up or down, deg.
+    pub pitch_max_deg: f64,
+    /// Largest roll rate, deg/s.
+    pub roll_rate_max_deg_per_s: f64,
+    /// Largest yaw rate of a multirotor, deg/s.
+    #[serde(default = "default_yaw_rate")]
+    pub yaw_rate_max_deg_per_s: f64,
+    /// Largest load factor.
+    pub load_factor_max: f64,
+    /// Climb rate, m/s.
+    pub climb_max_m_per_s: f64,
+    /// Descent rate, m/s.
+    pub descent_max_m_per_s: f64,
+    /// Smallest radius of a circle to plan, m.
+    pub turn_radius_min_m: f64,
+    /// Step to which the autopilot rounds radii above 255 m, m; 0: it does not.
+    #[serde(default)]
+    pub radius_step_above_255_m: f64,
+    /// Linear drag of a multirotor: deceleration per airspeed, 1/s.
+    #[serde(default)]
+    pub drag_per_s: f64,
+}
+
+fn default_yaw_rate() -> f64 {
+    60.0
+}
+
+/// Why an airframe cannot be used.
+#[derive(Debug, Clone, PartialEq, thiserror::Error)]
+pub enum AirframeError {
+    /// Not TOML, or a key that is missing or unknown.
+    #[error("{message}")]
+    Syntax {
+        /// What the parser said.
+        message: String,
+        /// Bytes of the source it is about.
+        span: Option<std::ops::Range<usize>>,
+    },
+    /// Another schema.
+    #[error("schema is \"{0}\", this program reads \"gaware.airframe/1\"")]
+    Schema(String),
+    /// A value no airframe has.
+    #[error("{key} = {value} cannot be: {reason}")]
+    Value {
+        /// Key.
+        key: &'static str,
+        /// As written.
+        value: f64,
+        /// Why.
+        reason: String,
+    },
+}
+
+impl Airframe {
+    /// Reads `airframe.toml`.
+    ///
+    /// # Errors
+    /// Not TOML, unknown or missing keys, limits that contradict each other.
+    ///
+    /// # Examples
+    /// ```
+    /// use gaware_mission::airframe::{Airframe, SMALL_FIXED_WING};
+    /// assert_eq!(Airframe::from_toml(SMALL_FIXED_WING)?.speed_cruise_m_per_s, 16.0);
+    /// # Ok::<(), gaware_mission::airframe::AirframeError>(())
+    /// ```
+    pub fn from_toml(text: &str) -> Result<Self, AirframeError> {
+        let airframe: Self = toml::from_str(text)
+            .map_err(|e| AirframeError::Syntax { message: e.message().to_owned(), span: e.span() })?;
+        airframe.validate()?;
+        Ok(airframe)
+    }
+
+    /// One of [`EXAMPLES`] by name.
+    pub fn example(name: &str) -> Option<Self> {
+        let (_, text) = EXAMPLES.iter().find(|(n, _)| *n == name)?;
+        Self::from_toml(text).ok()
+    }
+
+    /// Checks limits against each other; for airframes made in code.
+    ///
+    /// # Errors
+    /// As [`Self::from_toml`].
+    pub fn validate(&self) -> Result<(), AirframeError> {
+        if self.schema != SCHEMA {
+            return Err(AirframeError::Schema(self.schema.clone()));
+        }
+        let fixed = self.kind == Kind::FixedWing;
+        let bad = |key, value: f64, reason: &str| {
+            Err(AirframeError::Value { key, value, reason: reason.to_owned() })
+        };
+        let positive = [
+            ("speed_cruise_m_per_s", self.speed_cruise_m_per_s),
+            ("acceleration_m_per_s2", self.acceleration_m_per_s2),
+            ("braking_m_per_s2", self.braking_m_per_s2),
+            ("bank_max_deg", self.bank_max_deg),
+            ("pitch_max_deg", self.pitch_max_deg),
+            ("roll_rate_max_deg_per_s", self.roll_rate_max_deg_per_s),
+            ("yaw_rate_max_deg_per_s", self.yaw_rate_max_deg_per_s),
+            ("climb_max_m_per_s", self.climb_max_m_per_s),
+            ("descent_max_m_per_s", self.descent_max_m_per_s),
+            ("turn_radius_min_m", self.turn_radius_min_m),
+        ];
+        for (key, value) in positive {
+            if !value.is_finite() || value <= 0.0 {
+                return bad(key, value, "it must be positive");
+            }
+        }
+        let at_least_zero = [
+            ("speed_min_m_per_s", self.speed_min_m_per_s),
+            ("radius_step_above_255_m", self.radius_step_above_255_m),
+            ("drag_per_s", self.drag_per_s),
+        ];
+        for (key, value) in at_least_zero {
+            if !value.is_finite() || value < 0.0 {
+                return bad(key, value, "it must not be negative");
+            }
+        }
+        if fixed && self.speed_min_m_per_s <= 0.0 {
+            return bad("speed_min_m_per_s", self.speed_min_m_per_s, "a fixed wing cannot stand still");
+        }
+        if self.speed_min_m_per_s > self.speed_cruise_m_per_s {
+            return bad("speed_min_m_per_s", self.speed_min_m_per_s, "it is above speed_cruise_m_per_s");
+        }
+        if !self.speed_max_m_per_s.is_finite() || self.speed_max_m_per_s < self.speed_cruise_m_per_s {
+            return bad("speed_max_m_per_s", self.speed_max_m_per_s, "it is below speed_cruise_m_per_s");
+        }
+        for (key, value) in [("bank_max_deg", self.bank_max_deg), ("pitch_max_deg", self.pitch_max_deg)] {
+            if value > 75.0 {
+                return bad(key, value, "planned maneuvers stay below 75 degrees");
+            }
+        }
+        self.validate_turns(fixed)
+    }
+
+    fn validate_turns(&self, fixed: bool) -> Result<(), AirframeError> {
+        let needed = 1.0 / self.bank_max_deg.to_radians().cos();
+        if fixed && (self.load_factor_max.is_nan() || self.load_factor_max < needed) {
+            return Err(AirframeError::Value {
+                key: "load_factor_max",
+                value: self.load_factor_max,
+                reason: format!("a level turn at {:.0}° bank needs {needed:.2}", self.bank_max_deg),
+            });
+        }
+        if !fixed && (self.load_factor_max.is_nan() || self.load_factor_max <= 1.0) {
+            return Err(AirframeError::Value {
+                key: "load_factor_max",
+                value: self.load_factor_max,
+                reason: "a multirotor that hovers has more than 1".to_owned(),
+            });
+        }
+        let possible = self.turn_radius_m(self.speed_min_m_per_s, self.bank_max_deg.to_radians());
+        if fixed && self.turn_radius_min_m < possible {
+            return Err(AirframeError::Value {
+                key: "turn_radius_min_m",
+                value: self.turn_radius_min_m,
+                reason: format!(
+                    "even at {} m/s and {:.0}° bank a circle has {possible:.0} m",
+                    self.speed_min_m_per_s, self.bank_max_deg
+                ),
+            });
+        }
+        Ok(())
+    }
+
+    /// Radius of a level turn, m: V²/(g tan φ), speed in m/s, bank in rad.
+    pub fn turn_radius_m(&self, speed_m_per_s: f64, bank_rad: f64) -> f64 {
+        speed_m_per_s * speed_m_per_s / (STANDARD_GRAVITY * bank_rad.tan())
+    }
+
+    /// The smallest circle over ground that can be held at this speed (airspeed plus wind, m/s) with bank in reserve, m.
+    pub fn planned_radius_m(&self, speed_m_per_s: f64) -> f64 {
+        let radius = self.turn_radius_m(speed_m_per_s, self.bank_max_deg.to_radians() * PLANNED_BANK);
+        radius.max(self.turn_radius_min_m)
+    }
+
+    /// The radius that the autopilot will store for this one, m; never smaller.
+    pub fn stored_radius_m(&self, radius_m: f64) -> f64 {
+        let step = if radius_m > 255.0 { self.radius_step_above_255_m.max(1.0) } else { 1.0 };
+        (radius_m / step).ceil() * step
+    }
+
+    /// Whether it has wings.
+    pub fn is_fixed_wing(&self) -> bool {
+        self.kind == Kind::FixedWing
+    }
+
+    /// `MAV_TYPE`: 1 fixed wing, 2 quadrotor.
+    pub fn mav_type(&self) -> u8 {
+        if self.is_fixed_wing() { 1 } else { 2 }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_examples_are_valid_and_survive_a_round_trip() {
+        for (name, text) in EXAMPLES {
+            let airframe = Airframe::from_toml(text).unwrap_or_else(|e| panic!("{name}: {e}"));
+            let written = toml::to_string(&airframe).expect("plain data");
+            assert_eq!(Airframe::from_toml(&written), Ok(airframe), "{name}");
+        }
+        assert_eq!(Airframe::example("balloon"), None);
+    }
+
+    #[test]
+    fn mistakes_are_named() {
+        let cases = [
+            ("speed_min_m_per_s = 12.0", "speed_min_m_per_s = 0.0", "a fixed wing cannot stand still"),
+            ("speed_min_m_per_s = 12.0", "speed_min_m_per_s = 17.0", "above speed_cruise"),
+            ("speed_max_m_per_s = 24.0", "speed_max_m_per_s = 14.0", "below speed_cruise"),
+            ("bank_max_deg = 50.0", "bank_max_deg = 85.0", "below 75 degrees"),
+            ("load_factor_max = 2.5", "load_factor_max = 1.2", "50° bank needs 1.56"),
+            ("turn_radius_min_m = 45.0", "turn_radius_min_m = 5.0", "a circle has 12 m"),
+            ("climb_max_m_per_s = 4.0", "climb_max_m_per_s = nan", "it must be positive"),
+            ("gaware.airframe/1", "gaware.airframe/2", "schema is"),
+            ("bank_max_deg", "bank_maximum", "bank_maximum"),
+        ];
+        for (from, to, message) in cases {
+            let error = Airframe::from_toml(&SMALL_FIXED_WING.replace(from, to)).expect_err(message);
+            assert!(error.to_string().contains(message), "{error}");
+        }
+    }
+
+    #[test]
+    fn radii_are_stored_no_smaller() {
+        let small = Airframe::example("small_fixed_wing").expect("shipped");
+        assert_eq!([99.2, 256.0, 260.0].map(|r| small.stored_radius_m(r)), [100.0, 260.0, 260.0]);
+    }
+}

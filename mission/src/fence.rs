@@ -1,0 +1,191 @@
+//! Geofences: areas to stay in or out of, and the flat local frame in which distances are measured.
+
+use crate::item::LatLon;
+use gaware_nav::earth::Geodetic;
+use nalgebra::Vector2;
+use serde::{Deserialize, Serialize};
+
+/// A polygon of the fence.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct FencePolygon {
+    /// Stay inside (true) or outside.
+    pub inclusion: bool,
+    /// Corners in order; closed by itself.
+    pub corners: Vec<LatLon>,
+}
+
+/// A circle of the fence.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct FenceCircle {
+    /// Stay inside (true) or outside.
+    pub inclusion: bool,
+    /// Centre.
+    pub center: LatLon,
+    /// Radius, m.
+    pub radius_m: f64,
+}
+
+/// A geofence; empty means no limits.
+#[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize)]
+pub struct Fence {
+    /// Polygons.
+    pub polygons: Vec<FencePolygon>,
+    /// Circles.
+    pub circles: Vec<FenceCircle>,
+}
+
+impl Fence {
+    /// Whether it limits nothing.
+    pub fn is_empty(&self) -> bool {
+        self.polygons.is_empty() && self.circles.is_empty()
+    }
+}
+
+/// North and east in metres around an origin; good to 1e-4 of the distance within 10 km.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct LocalFrame {
+    origin: LatLon,
+    north_m_per_deg: f64,
+    east_m_per_deg: f64,
+}
+
+impl LocalFrame {
+    /// Around this place, by the radii of curvature there.
+    pub fn new(origin: LatLon) -> Self {
+        let place = Geodetic::from_degrees(origin.lat_deg, origin.lon_deg, 0.0);
+        let (north, east) = place.radii();
+        Self {
+            origin,
+            north_m_per_deg: north.to_radians(),
+            // Kept off zero so that a place at the pole divides by something.
+            east_m_per_deg: (east * place.lat_rad.cos()).to_radians().max(1e-3),
+        }
+    }
+
+    /// The origin.
+    pub fn origin(&self) -> LatLon {
+        self.origin
+    }
+
+    /// North and east of a place, m.
+    pub fn to_local(&self, place: LatLon) -> Vector2<f64> {
+        let dlon = (place.lon_deg - self.origin.lon_deg + 540.0).rem_euclid(360.0) - 180.0;
+        Vector2::new((place.lat_deg - self.origin.lat_deg) * self.north_m_per_deg, dlon * self.east_m_per_deg)
+    }
+
+    /// The place at north and east, m.
+    pub fn to_place(&self, ne: Vector2<f64>) -> LatLon {
+        let lon = self.origin.lon_deg + ne.y / self.east_m_per_deg;
+        LatLon {
+            lat_deg: self.origin.lat_deg + ne.x / self.north_m_per_deg,
+            lon_deg: (lon + 540.0).rem_euclid(360.0) - 180.0,
+        }
+    }
+}
+
+#[derive(Debug, Clone)]
+enum Area {
+    Polygon(Vec<Vector2<f64>>),
+    Circle(Vector2<f64>, f64),
+}
+
+/// A fence in metres, ready to measure distances.
+#[derive(Debug, Clone)]
+pub struct LocalFence {
+    areas: Vec<(bool, Area)>,
+}
+
+impl LocalFence {
+    /// The fence in this frame.
+    pub fn new(fence: &Fence, frame: &LocalFrame) -> Self {
+        let polygons = fence
+            .polygons
+            .iter()
+            .map(|p| (p.inclusion, Area::Polygon(p.corners.iter().map(|c| frame.to_local(*c)).collect())));
+        let circles =
+            fence.circles.iter().map(|c| (c.inclusion, Area::Circle(frame.to_local(c.center), c.radius_m)));
+        Self { areas: polygons.chain(circles).collect() }
+    }
+
+    /// Distance from the nearest limit, m; negative where a limit is broken, infinite without a fence.
+    pub fn clearance(&self, p: Vector2<f64>) -> f64 {
+        self.areas.iter().fold(f64::INFINITY, |least, (inclusion, area)| {
+            let inside = match area {
+                Area::Circle(center, radius) => radius - (p - center).norm(),
+                Area::Polygon(corners) => inside_polygon(corners, p),
+            };
+            least.min(if *inclusion { inside } else { -inside })
+        })
+    }
+
+    /// Corners of the box around all inclusions, if there is one.
+    pub fn bounds(&self) -> Option<(Vector2<f64>, Vector2<f64>)> {
+        let mut bounds: Option<(Vector2<f64>, Vector2<f64>)> = None;
+        for (_, area) in self.areas.iter().filter(|(inclusion, _)| *inclusion) {
+            let (low, high) = match area {
+                Area::Circle(c, r) => (c.add_scalar(-*r), c.add_scalar(*r)),
+                Area::Polygon(corners) => corners.iter().fold(
+                    (Vector2::repeat(f64::INFINITY), Vector2::repeat(f64::NEG_INFINITY)),
+                    |(low, high), c| (low.inf(c), high.sup(c)),
+                ),
+            };
+            // Several inclusions: all must hold, so the boxes intersect.
+            bounds = Some(bounds.map_or((low, high), |(l, h)| (l.sup(&low), h.inf(&high))));
+        }
+        bounds
+    }
+}
+
+/// Signed distance from the edge of a polygon, m; positive inside.
+fn inside_polygon(corners: &[Vector2<f64>], p: Vector2<f64>) -> f64 {
+    let mut inside = false;
+    let mut nearest = f64::INFINITY;
+    let Some(mut a) = corners.last().copied() else { return f64::NEG_INFINITY };
+    for &b in corners {
+        let edge = b - a;
+        let along = ((p - a).dot(&edge) / edge.norm_squared().max(f64::MIN_POSITIVE)).clamp(0.0, 1.0);
+        nearest = nearest.min((p - a - edge * along).norm());
+        if (a.y > p.y) != (b.y > p.y) && p.x < a.x + edge.x * (p.y - a.y) / edge.y {
+            inside = !inside;
+        }
+        a = b;
+    }
+    if inside { nearest } else { -nearest }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use proptest::prelude::*;
+
+    fn square(frame: &LocalFrame, half: f64, inclusion: bool) -> FencePolygon {
+        let corners = [(1.0, 1.0), (1.0, -1.0), (-1.0, -1.0), (-1.0, 1.0)]
+            .map(|(n, e)| frame.to_place(Vector2::new(n * half, e * half)))
+            .to_vec();
+        FencePolygon { inclusion, corners }
+    }
+
+    #[test]
+    fn distances_to_inclusion_and_exclusion() {
+        let frame = LocalFrame::new(LatLon { lat_deg: 47.4, lon_deg: 8.55 });
+        let hole =
+            FenceCircle { inclusion: false, center: frame.to_place(Vector2::new(50.0, 0.0)), radius_m: 10.0 };
+        let fence = Fence { polygons: vec![square(&frame, 100.0, true)], circles: vec![hole] };
+        let local = LocalFence::new(&fence, &frame);
+        let at = |n, e| local.clearance(Vector2::new(n, e));
+        assert!((at(-30.0, 0.0) - 70.0).abs() < 1e-6);
+        assert!((at(55.0, 0.0) + 5.0).abs() < 1e-6);
+        assert!((at(0.0, 130.0) + 30.0).abs() < 1e-6);
+        assert!((at(30.0, 0.0) - 10.0).abs() < 1e-6);
+        assert_eq!(LocalFence::new(&Fence::default(), &frame).clearance(Vector2::zeros()), f64::INFINITY);
+    }
+
+    proptest! {
+        #[test]
+        fn local_frame_round_trip(lat in -85.0..85.0f64, lon in -180.0..180.0f64, n in -5e3..5e3f64, e in -5e3..5e3f64) {
+            let frame = LocalFrame::new(LatLon { lat_deg: lat, lon_deg: lon });
+            let ne = Vector2::new(n, e);
+            prop_assert!((frame.to_local(frame.to_place(ne)) - ne).norm() < 1e-6);
+        }
+    }
+}

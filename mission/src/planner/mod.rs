@@ -1,0 +1,172 @@
+//! The planner: which maneuvers, where and in which order, make the states known soonest, and nothing unsafe among them.
+//!
+//! A beam search over maneuvers at places inside the fence. Every candidate is flown by the predicted vehicle in the wind given
+//! and in others near it; only what stays inside the limits, and from which the hold at the end can still be
+//! reached in time, is a candidate at all. Sigmas come from a [`Predictor`], so the search itself knows no filter.
+
+mod place;
+mod rank;
+mod search;
+
+use crate::airframe::Airframe;
+use crate::fence::LocalFrame;
+use crate::flight::FlightError;
+use crate::item::{Home, LatLon, Mission};
+use crate::kinematics::Kinematics;
+use crate::maneuver::Maneuver;
+use crate::predictor::{NamedSigma, Predictor};
+use crate::safety::{Limits, Refusal};
+use nalgebra::{Vector2, Vector3};
+
+pub use rank::{Ranked, rank};
+
+/// Gives every kind of maneuver a chance to be the first: a plan of five minutes then takes seconds.
+pub const DEFAULT_BEAM: usize = 9;
+
+/// Share of the best climb rate that a take-off reaches on average.
+pub const CLIMB_OUT_SHARE: f64 = 0.8;
+
+/// What to plan.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Request {
+    /// What flies.
+    pub airframe: Airframe,
+    /// Home: heights count from here.
+    pub home: Home,
+    /// Whether the mission begins on the ground at home with a take-off; `start` is then where its climb ends, see
+    /// [`climb_out`].
+    pub take_off: bool,
+    /// Where the vehicle is when the maneuvers begin.
+    pub start: LatLon,
+    /// Height above home there, m.
+    pub start_height_m: f64,
+    /// Course there, deg.
+    pub start_heading_deg: f64,
+    /// Fence, floor, ceiling, wind.
+    pub limits: Limits,
+    /// Time from the start to the arrival at the hold at the end, s.
+    pub budget_s: f64,
+    /// Time between fixes, s.
+    pub fix_interval_s: f64,
+    /// Plans that are followed up at the same time; 1 is greedy, [`DEFAULT_BEAM`] is usual.
+    pub beam: usize,
+}
+
+/// One maneuver of a plan.
+#[derive(Debug, Clone, PartialEq)]
+pub struct PlannedManeuver {
+    /// Which.
+    pub maneuver: Maneuver,
+    /// Begin of its first item (the way there included), s.
+    pub start_s: f64,
+    /// End, s.
+    pub end_s: f64,
+    /// Its items, counted from 1 as on the vehicle.
+    pub items: std::ops::RangeInclusive<usize>,
+}
+
+/// Predicted sigmas at one time.
+#[derive(Debug, Clone, PartialEq)]
+pub struct SigmasAt {
+    /// Time since the start of the mission, s.
+    pub t_s: f64,
+    /// All constant states.
+    pub sigmas: Vec<NamedSigma>,
+}
+
+/// A plan: safe within the limits it was made for.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Plan {
+    /// Home and items; the last one holds.
+    pub mission: Mission,
+    /// In order.
+    pub maneuvers: Vec<PlannedManeuver>,
+    /// Over time, about once per second.
+    pub sigmas: Vec<SigmasAt>,
+    /// The predicted flight in the wind given.
+    pub path: Vec<Kinematics>,
+    /// The frame of the path.
+    pub frame: LocalFrame,
+    /// When the hold at the end is reached, s.
+    pub duration_s: f64,
+    /// What the user should know: states that this flight leaves dark, settings of the autopilot.
+    pub notes: Vec<String>,
+}
+
+/// Why there is no plan.
+#[derive(Debug, Clone, PartialEq, thiserror::Error)]
+pub enum PlanError {
+    /// A request with values that are no numbers, or a budget of nothing.
+    #[error("{0}")]
+    Request(&'static str),
+    /// The limits themselves, or the start.
+    #[error("no plan: {0}")]
+    Limits(#[from] Refusal),
+    /// The way from home to the start after a take-off.
+    #[error(
+        "no plan: the climb after take-off comes {by_m:.0} m too close to the fence; take off in another direction"
+    )]
+    ClimbOut {
+        /// m.
+        by_m: f64,
+    },
+    /// The hold at the end cannot be reached safely.
+    #[error("no plan: the hold at the end cannot be reached safely from the start: {0}")]
+    NoWayHome(String),
+    /// Not one maneuver fits.
+    #[error("no plan: not one maneuver fits; {}", .reasons.join("; "))]
+    NothingFits {
+        /// Per maneuver the reason of its best try.
+        reasons: Vec<String>,
+    },
+}
+
+/// Why one candidate is none.
+#[derive(Debug, Clone, PartialEq, thiserror::Error)]
+enum Rejection {
+    #[error(transparent)]
+    NoRoom(#[from] crate::maneuver::NoRoom),
+    #[error(transparent)]
+    Unsafe(#[from] Refusal),
+    #[error(transparent)]
+    NotPredicted(#[from] FlightError),
+}
+
+/// Where a take-off from home on this course ends at the latest: a multirotor goes straight up, a fixed wing rolls, gathers
+/// speed and climbs straight ahead at no more than [`CLIMB_OUT_SHARE`] of its best rate.
+pub fn climb_out(
+    airframe: &Airframe,
+    home: Home,
+    heading_deg: f64,
+    height_m: f64,
+    wind_ned: &Vector3<f64>,
+) -> LatLon {
+    if !airframe.is_fixed_wing() {
+        return home.place();
+    }
+    let (s, c) = heading_deg.to_radians().sin_cos();
+    let course = Vector2::new(c, s);
+    let cruise = airframe.speed_cruise_m_per_s;
+    let ground = (cruise + wind_ned.xy().dot(&course)).max(1.0);
+    let roll = cruise * cruise / (2.0 * airframe.acceleration_m_per_s2);
+    let seconds = height_m / (CLIMB_OUT_SHARE * airframe.climb_max_m_per_s);
+    LocalFrame::new(home.place()).to_place(course * (roll + ground * seconds))
+}
+
+/// Plans.
+///
+/// # Errors
+/// A request that cannot be met safely; the reason is in the error.
+pub fn plan<P: Predictor>(request: &Request, predictor: P) -> Result<Plan, PlanError> {
+    let finite = [request.start_height_m, request.start_heading_deg, request.budget_s];
+    if finite.iter().any(|v| !v.is_finite()) || !request.start.is_valid() {
+        return Err(PlanError::Request("start and time budget must be numbers on the Earth"));
+    }
+    if request.budget_s <= 0.0 || request.fix_interval_s.is_nan() || request.fix_interval_s <= 0.0 {
+        return Err(PlanError::Request("time budget and fix interval must be positive"));
+    }
+    search::Search::new(request)?.run(predictor)
+}
+
+#[cfg(test)]
+mod tests;

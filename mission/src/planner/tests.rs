@@ -1,0 +1,263 @@
+use super::*;
+use crate::airframe::EXAMPLES;
+use crate::fence::{Fence, FenceCircle, FencePolygon, LocalFence};
+use crate::flight::Flyer;
+use crate::item::command;
+use crate::maneuver::{Entry, Side};
+use crate::predictor::{BoundPredictor, Targets};
+use gaware_nav::model::{GElements, Model};
+use nalgebra::{Vector2, Vector3};
+use proptest::prelude::*;
+
+const HOME: Home = Home { lat_e7: 474_000_000, lon_e7: 85_000_000, alt_m: 450.0 };
+
+/// Information about three imaginary states from the spread of each axis of specific force: enough to search by.
+#[derive(Clone)]
+struct Spread([f64; 3]);
+
+impl Predictor for Spread {
+    fn fly(&mut self, kinematics: &[Kinematics], _fix_interval_s: f64) {
+        for k in kinematics {
+            let d = k.force - Vector3::new(0.0, 0.0, -9.80665);
+            (0..3).for_each(|i| self.0[i] += d[i] * d[i] * 0.05);
+        }
+    }
+
+    fn sigmas(&self) -> Vec<NamedSigma> {
+        let named = |i: usize| NamedSigma {
+            name: ["g1", "g2", "g3"][i].to_owned(),
+            sigma: 360.0 / (1.0 + self.0[i]).sqrt(),
+            target: 5.0,
+            unit: "deg/h/g".to_owned(),
+        };
+        (0..3).map(named).collect()
+    }
+}
+
+fn circle(radius_m: f64) -> Fence {
+    let circle = FenceCircle { inclusion: true, center: HOME.place(), radius_m };
+    Fence { polygons: Vec::new(), circles: vec![circle] }
+}
+
+fn request(name: &str, fence: Fence) -> Request {
+    Request {
+        airframe: Airframe::example(name).expect("shipped"),
+        home: HOME,
+        take_off: false,
+        start: HOME.place(),
+        start_height_m: 100.0,
+        start_heading_deg: 30.0,
+        limits: Limits { fence, floor_m: 50.0, ceiling_m: 160.0, wind_ned_m_per_s: [3.0, -2.0, 0.0] },
+        budget_s: 240.0,
+        fix_interval_s: 0.2,
+        beam: 1,
+    }
+}
+
+#[test]
+fn a_plan_has_maneuvers_sigmas_and_a_hold_at_its_end() {
+    for (name, _) in EXAMPLES {
+        let request = request(name, circle(900.0));
+        let plan = plan(&request, Spread([0.0; 3])).unwrap_or_else(|e| panic!("{name}: {e}"));
+        assert!(plan.duration_s <= 240.0 && !plan.maneuvers.is_empty());
+        assert_eq!(plan.mission.items.last().map(|i| i.command), Some(command::NAV_LOITER_UNLIM));
+        let (first, last) = (&plan.sigmas[0], &plan.sigmas[plan.sigmas.len() - 1]);
+        assert!(last.sigmas[0].sigma < 0.3 * first.sigmas[0].sigma, "{name}");
+        assert!((last.t_s - plan.duration_s).abs() < 0.1);
+        let listed = plan.maneuvers.last().map(|m| *m.items.end());
+        assert_eq!(listed, Some(plan.mission.items.len() - 1));
+        let dark = plan.notes.iter().any(|n| n.contains("g2") && n.contains("sideslip"));
+        assert_eq!(dark, request.airframe.is_fixed_wing(), "{:?}", plan.notes);
+    }
+}
+
+#[test]
+fn the_best_maneuver_for_what_is_missing_is_chosen() {
+    // z is known well, x not at all: straight runs with changing speed.
+    let mut request = request("small_fixed_wing", circle(1200.0));
+    request.budget_s = 150.0;
+    let plan = plan(&request, Spread([0.0, 0.0, 1e6])).expect("room enough");
+    let first = plan.maneuvers[0].maneuver;
+    assert!(!matches!(first, Maneuver::SteadyTurn(_) | Maneuver::FigureEight), "{first:?}");
+}
+
+#[test]
+fn a_take_off_comes_first_and_its_climb_stays_inside() {
+    let mut request = request("small_fixed_wing", circle(900.0));
+    request.take_off = true;
+    let (a, wind) = (&request.airframe, request.limits.wind());
+    request.start = climb_out(a, request.home, request.start_heading_deg, 100.0, &wind);
+    let made = plan(&request, Spread([0.0; 3])).expect("room enough");
+    assert_eq!(made.mission.items[0].command, command::NAV_TAKEOFF);
+    assert_eq!(made.mission.items[1].command, command::NAV_LOITER_TURNS);
+    assert_eq!(*made.maneuvers[0].items.start(), 3);
+    assert!(made.maneuvers[0].start_s > 10.0, "the circle comes first");
+    request.limits.fence = circle(500.0);
+    let said = plan(&request, Spread([0.0; 3])).expect_err("the climb is longer").to_string();
+    assert!(said.contains("take off in another direction"), "{said}");
+}
+
+#[test]
+fn a_wider_search_is_never_worse_than_the_greedy_one() {
+    let worst = |beam| {
+        let mut request = request("quadrotor", circle(600.0));
+        (request.beam, request.budget_s) = (beam, 200.0);
+        let plan = plan(&request, Spread([0.0; 3])).expect("room enough");
+        let last = plan.sigmas.last().map(|s| s.sigmas.clone()).unwrap_or_default();
+        last.iter().map(NamedSigma::ratio).fold(0.0, f64::max)
+    };
+    let (greedy, wide) = (worst(1), worst(DEFAULT_BEAM));
+    assert!(wide <= greedy, "{wide} {greedy}");
+}
+
+#[test]
+fn what_cannot_be_flown_safely_is_refused_with_the_reason() {
+    let refusal = |change: &dyn Fn(&mut Request)| {
+        let mut request = request("large_fixed_wing", circle(900.0));
+        change(&mut request);
+        plan(&request, Spread([0.0; 3])).expect_err("not safe").to_string()
+    };
+    type Change<'a> = &'a dyn Fn(&mut Request);
+    let cases: [(Change<'_>, &str); 6] = [
+        (&|r| r.limits.fence = circle(120.0), "hold at the end cannot be reached safely"),
+        (&|r| r.limits.wind_ned_m_per_s = [20.0, 0.0, 0.0], "wind of 20.0 m/s is more than 14.4"),
+        (&|r| r.limits.ceiling_m = 52.0, "leave no height"),
+        (&|r| r.budget_s = 20.0, "time budget is used up"),
+        (&|r| r.budget_s = -1.0, "must be positive"),
+        (&|r| r.start_height_m = 400.0, "outside floor and ceiling"),
+    ];
+    for (change, message) in cases {
+        let said = refusal(change);
+        assert!(said.contains(message), "{said}");
+    }
+}
+
+fn predictor(airframe: &Airframe, entry: &Entry) -> BoundPredictor {
+    let frame = LocalFrame::new(HOME.place());
+    let start = Maneuver::Climb.kinematics(airframe, entry, &Vector3::zeros())[0];
+    let model = Model::default().with_g(GElements::Full, None);
+    BoundPredictor::from_priors(&model, &start, frame, HOME, Targets::default())
+}
+
+fn after<'a>(ranked: &'a [Ranked], maneuver: Maneuver, name: &str) -> &'a NamedSigma {
+    let found = ranked.iter().find(|r| r.maneuver == maneuver).expect("ranked");
+    found.after.iter().find(|s| s.name == name).expect("a state of the model")
+}
+
+#[test]
+fn the_information_bound_ranks_as_the_paper_says() {
+    let airframe = Airframe::example("small_fixed_wing").expect("shipped");
+    let entry = Entry::cruising(&airframe, Vector3::new(0.0, 0.0, -100.0), 0.0);
+    let predictor = predictor(&airframe, &entry);
+    let all = Maneuver::all(&airframe);
+    let ranked = rank(&all, &airframe, &entry, &Vector3::zeros(), &predictor, 0.2);
+    assert_eq!(ranked.len(), all.len());
+    assert!(ranked.windows(2).all(|w| w[0].gain_per_s >= w[1].gain_per_s));
+    // Coordinated flight leaves column y dark; sideslip does not. Prior: 360 deg/h/g.
+    let turn = Maneuver::SteadyTurn(Side::Right);
+    assert!(after(&ranked, turn, "g12").sigma > 359.5);
+    assert!(after(&ranked, Maneuver::Sideslip, "g12").sigma < 330.0);
+    // Speed changes show column x better than circles do, circles column z better than speed changes.
+    let both = [Maneuver::VaryingSpeed, Maneuver::FigureEight];
+    let [speed_x, turn_x] = both.map(|m| after(&ranked, m, "g21").sigma);
+    let [speed_z, turn_z] = both.map(|m| after(&ranked, m, "g13").sigma);
+    assert!(speed_x < 0.8 * turn_x, "{speed_x} {turn_x}");
+    assert!(turn_z < 0.8 * speed_z, "{turn_z} {speed_z}");
+}
+
+#[test]
+fn a_plan_on_the_information_bound_reaches_what_it_can() {
+    let mut request = request("small_fixed_wing", circle(900.0));
+    request.budget_s = 120.0;
+    let entry = Entry::cruising(&request.airframe, Vector3::new(0.0, 0.0, -100.0), 0.5);
+    let plan = plan(&request, predictor(&request.airframe, &entry)).expect("room enough");
+    let (first, last) = (&plan.sigmas[0], &plan.sigmas[plan.sigmas.len() - 1]);
+    for name in ["g11", "g31", "g33"] {
+        let of = |s: &SigmasAt| s.sigmas.iter().find(|s| s.name == name).map_or(0.0, |s| s.sigma);
+        assert!(of(last) < 0.6 * of(first), "{name}: {} to {}", of(first), of(last));
+    }
+    assert!(plan.sigmas.iter().all(|s| s.sigmas.iter().all(|n| n.sigma.is_finite())));
+}
+
+fn any_fence() -> impl Strategy<Value = Fence> {
+    let corners = prop::collection::vec(250.0..1100.0f64, 5..9);
+    let hole = prop::option::of((200.0..500.0f64, 0.0..std::f64::consts::TAU, 20.0..80.0f64));
+    (corners, hole).prop_map(|(radii, hole)| {
+        let frame = LocalFrame::new(HOME.place());
+        let n = radii.len() as f64;
+        let at = |angle: f64, r: f64| frame.to_place(Vector2::new(angle.cos(), angle.sin()) * r);
+        let corners =
+            radii.iter().enumerate().map(|(k, r)| at(k as f64 * std::f64::consts::TAU / n, *r)).collect();
+        let circles = hole.map(|(r, angle, size)| FenceCircle {
+            inclusion: false,
+            center: at(angle, r),
+            radius_m: size,
+        });
+        Fence {
+            polygons: vec![FencePolygon { inclusion: true, corners }],
+            circles: circles.into_iter().collect(),
+        }
+    })
+}
+
+fn any_request() -> impl Strategy<Value = Request> {
+    let wind = (0.0..0.6f64, 0.0..std::f64::consts::TAU);
+    let air = (0..3usize, 0.8..1.25f64, 0.85..1.15f64);
+    (any_fence(), wind, air, 0.0..360.0f64, 30.0..80.0f64, 25.0..150.0f64).prop_map(
+        |(fence, (share, toward), (kind, scale, bank), heading, floor, band)| {
+            let mut request = request(EXAMPLES[kind].0, fence);
+            let a = &mut request.airframe;
+            a.speed_cruise_m_per_s *= scale.clamp(a.speed_min_m_per_s / a.speed_cruise_m_per_s, 1.2);
+            a.speed_max_m_per_s = a.speed_max_m_per_s.max(a.speed_cruise_m_per_s);
+            a.bank_max_deg *= bank;
+            a.load_factor_max = a.load_factor_max.max(1.02 / a.bank_max_deg.to_radians().cos());
+            let wind = share * a.speed_cruise_m_per_s;
+            request.limits.wind_ned_m_per_s = [wind * toward.cos(), wind * toward.sin(), 0.0];
+            (request.limits.floor_m, request.limits.ceiling_m) = (floor, floor + band);
+            request.start_height_m = floor + band / 2.0;
+            request.start_heading_deg = heading;
+            request.budget_s = 150.0;
+            request
+        },
+    )
+}
+
+/// What a plan promised, checked with nothing of the planner but the flight model, in a wind of its own.
+fn assert_inside(request: &Request, plan: &Plan, wind_share: f64) {
+    let frame = LocalFrame::new(HOME.place());
+    let fence = LocalFence::new(&request.limits.fence, &frame);
+    let (a, limits) = (&request.airframe, &request.limits);
+    for item in &plan.mission.items {
+        if let Some(place) = item.place() {
+            assert!(fence.clearance(frame.to_local(place)) > 0.0);
+            assert!(f64::from(item.z) >= limits.floor_m && f64::from(item.z) <= limits.ceiling_m);
+        }
+        if item.command == command::DO_CHANGE_SPEED {
+            let speed = f64::from(item.params[1]);
+            assert!(speed >= a.speed_min_m_per_s - 1e-3 && speed <= a.speed_max_m_per_s + 1e-3);
+        }
+    }
+    let entry = Entry::cruising(
+        a,
+        Vector3::new(0.0, 0.0, -request.start_height_m),
+        request.start_heading_deg.to_radians(),
+    );
+    let mut flyer = Flyer::new(a, frame, limits.wind() * wind_share, entry);
+    let flight = flyer.fly(&plan.mission.items).expect("planned");
+    for k in plan.path.iter().chain(&flight.samples) {
+        assert!(fence.clearance(k.north_east_m()) > 0.0, "{} s: outside the fence", k.t_s);
+        assert!(k.height_m() >= limits.floor_m - 2.0 && k.height_m() <= limits.ceiling_m + 2.0);
+    }
+}
+
+proptest! {
+    #![proptest_config(ProptestConfig::with_cases(100))]
+    #[test]
+    fn no_plan_leaves_a_random_fence(request in any_request(), wind_share in 0.0..1.0f64) {
+        prop_assert_eq!(request.airframe.validate(), Ok(()));
+        match plan(&request, Spread([0.0; 3])) {
+            Ok(plan) => assert_inside(&request, &plan, wind_share),
+            Err(e) => prop_assert!(e.to_string().starts_with("no plan: "), "{e}"),
+        }
+    }
+}

@@ -1,0 +1,169 @@
+//! Prediction of what a flight makes known: the covariance recursion of the filter along kinematics.
+//!
+//! Planner and guidance know only the trait [`Predictor`]; [`BoundPredictor`] is the one on the information bound of
+//! `gaware-nav`. Sigmas are predictions in the sense of the bound: no filter does better.
+
+use crate::fence::LocalFrame;
+use crate::item::Home;
+use crate::kinematics::Kinematics;
+use gaware_nav::bound::InformationBound;
+use gaware_nav::earth::{Geodetic, rotation_rate};
+use gaware_nav::filter::layout::index;
+use gaware_nav::filter::{Filter, Initial};
+use gaware_nav::mechanization::{Motion, NavState};
+use gaware_nav::model::Model;
+use gaware_nav::sample::FixVelocity;
+use serde::{Deserialize, Serialize};
+
+/// The sigma of one state with its target.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct NamedSigma {
+    /// `bg_x`, `g11`, `latency`, …
+    pub name: String,
+    /// 1-sigma in `unit`.
+    pub sigma: f64,
+    /// Sigma below which the state counts as known, in `unit`.
+    pub target: f64,
+    /// Unit of screens.
+    pub unit: String,
+}
+
+impl NamedSigma {
+    /// Sigma over target: at most 1 where the state is known.
+    pub fn ratio(&self) -> f64 {
+        self.sigma / self.target.max(f64::MIN_POSITIVE)
+    }
+}
+
+/// Something that knows how flights change sigmas.
+pub trait Predictor: Clone {
+    /// Flies along these samples, which follow on those before, with a fix every `fix_interval_s` seconds.
+    fn fly(&mut self, kinematics: &[Kinematics], fix_interval_s: f64);
+
+    /// The sigmas now.
+    fn sigmas(&self) -> Vec<NamedSigma>;
+}
+
+/// Targets by kind of state, in units of screens; a state without one has a tenth of its prior sigma.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Targets {
+    /// deg/h/g: the diagonal and the rest of G.
+    pub g_deg_per_h_per_g: f64,
+    /// deg/h.
+    pub gyro_bias_deg_per_h: f64,
+    /// mg.
+    pub accel_bias_mg: f64,
+}
+
+impl Default for Targets {
+    /// 40 deg/h/g is a ninth of a consumer gyro's data-sheet figure; the bias to 100 deg/h, accelerometers to 5 mg.
+    fn default() -> Self {
+        Self { g_deg_per_h_per_g: 40.0, gyro_bias_deg_per_h: 100.0, accel_bias_mg: 5.0 }
+    }
+}
+
+/// The information bound along predicted kinematics.
+#[derive(Debug, Clone)]
+pub struct BoundPredictor {
+    bound: InformationBound,
+    frame: LocalFrame,
+    home_height_m: f64,
+    velocity: FixVelocity,
+    targets: Targets,
+    since_fix_s: f64,
+    last_t_s: Option<f64>,
+}
+
+impl BoundPredictor {
+    /// Goes on from the present covariance of a filter.
+    pub fn from_filter(filter: &Filter, frame: LocalFrame, home: Home, targets: Targets) -> Self {
+        Self {
+            bound: InformationBound::from_filter(filter),
+            frame,
+            home_height_m: f64::from(home.alt_m),
+            // What GPS_RAW_INT has: no vertical velocity (FIELD_NOTES, "GNSS").
+            velocity: FixVelocity::Horizontal([0.0; 2]),
+            targets,
+            since_fix_s: 0.0,
+            last_t_s: None,
+        }
+    }
+
+    /// From the priors of a model, as after levelling on the ground: tilt known to 3°, heading to 10°.
+    pub fn from_priors(
+        model: &Model,
+        start: &Kinematics,
+        frame: LocalFrame,
+        home: Home,
+        targets: Targets,
+    ) -> Self {
+        let nav = nav_state(&frame, f64::from(home.alt_m), start);
+        let [tilt, heading] = [3.0_f64, 10.0].map(f64::to_radians);
+        let initial = Initial {
+            t_s: 0.0,
+            nav,
+            position_sigma_m: model.gnss.position_sigma_m,
+            velocity_sigma_m_per_s: model.gnss.velocity_sigma_m_per_s,
+            attitude_sigma_rad: [tilt, tilt, heading],
+        };
+        Self::from_filter(&Filter::new(model, &initial), frame, home, targets)
+    }
+
+    /// Fixes with another kind of velocity.
+    #[must_use]
+    pub fn with_velocity(mut self, velocity: FixVelocity) -> Self {
+        self.velocity = velocity;
+        self
+    }
+}
+
+fn nav_state(frame: &LocalFrame, home_height_m: f64, k: &Kinematics) -> NavState {
+    let place = frame.to_place(k.north_east_m());
+    let place = Geodetic::from_degrees(place.lat_deg, place.lon_deg, home_height_m + k.height_m());
+    NavState::from_ned(place, &k.velocity_ned_m_per_s, k.attitude.to_rotation_matrix().matrix())
+}
+
+impl Predictor for BoundPredictor {
+    fn fly(&mut self, kinematics: &[Kinematics], fix_interval_s: f64) {
+        for k in kinematics {
+            let dt = self.last_t_s.map_or(0.0, |t| k.t_s - t);
+            self.last_t_s = Some(k.t_s);
+            let nav = nav_state(&self.frame, self.home_height_m, k);
+            let earth = nav.q_eb.inverse() * rotation_rate();
+            let motion = Motion { rate: k.rate + earth, force: k.force };
+            // A flight that begins anew has its own time; the filter's goes on.
+            let t_s = self.bound.filter().t_s() + dt.max(0.0);
+            self.bound.advance(t_s, &motion, None);
+            self.bound.set_nav(nav);
+            self.since_fix_s += dt.max(0.0);
+            if self.since_fix_s >= fix_interval_s {
+                self.since_fix_s = 0.0;
+                self.bound.fix(self.velocity, None);
+            }
+        }
+        self.last_t_s = None;
+    }
+
+    fn sigmas(&self) -> Vec<NamedSigma> {
+        let filter = self.bound.filter();
+        let covariance = filter.covariance();
+        let states = filter.layout().names().iter().enumerate();
+        states
+            .map(|(k, state)| {
+                let i = index::GYRO_BIAS + k;
+                let target = match state.effect {
+                    "gyro_g_sensitivity" => self.targets.g_deg_per_h_per_g,
+                    "gyro_bias" => self.targets.gyro_bias_deg_per_h,
+                    "accel_bias" => self.targets.accel_bias_mg,
+                    _ => 0.1 * filter.initial_sigmas().get(i).copied().unwrap_or(1.0) / state.unit.si,
+                };
+                NamedSigma {
+                    name: state.name.to_owned(),
+                    sigma: covariance.sigma(i) / state.unit.si,
+                    target,
+                    unit: state.unit.symbol.to_owned(),
+                }
+            })
+            .collect()
+    }
+}

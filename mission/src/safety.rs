@@ -1,0 +1,416 @@
+//! Is this safe to fly? Every item and every point of the predicted path against fence, heights and the airframe's limits;
+//! refusals say which item, where and why.
+
+use crate::airframe::Airframe;
+use crate::fence::{Fence, LocalFence, LocalFrame};
+use crate::item::{AltitudeReference, Autopilot, MissionItem, command};
+use crate::kinematics::Kinematics;
+use nalgebra::{Vector2, Vector3};
+
+/// Height that climbs and gusts may cost, m.
+const HEIGHT_MARGIN_M: f64 = 3.0;
+/// Margin of a multirotor against the fence, m: braking and gusts.
+const ROTOR_MARGIN_M: f64 = 8.0;
+/// Least margin of a fixed wing, m.
+const WING_MARGIN_M: f64 = 20.0;
+/// Share of the turn radius in strongest ground speed that autopilots differ by in turning early or late.
+const TURN_SHARE: f64 = 0.3;
+/// Most wind, in shares of the cruise speed.
+pub const WIND_SHARE: f64 = 0.6;
+
+/// The limits of a flight.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Limits {
+    /// Where it may be flown.
+    pub fence: Fence,
+    /// Lowest height above home, m.
+    pub floor_m: f64,
+    /// Highest height above home, m.
+    pub ceiling_m: f64,
+    /// Velocity of the air, north, east, down, m/s.
+    pub wind_ned_m_per_s: [f64; 3],
+}
+
+impl Limits {
+    /// The wind as a vector.
+    pub fn wind(&self) -> Vector3<f64> {
+        Vector3::from(self.wind_ned_m_per_s)
+    }
+
+    /// Wind over ground, m/s.
+    pub fn wind_speed(&self) -> f64 {
+        self.wind().xy().norm()
+    }
+
+    /// Distance that the predicted path keeps from the fence, m.
+    pub fn margin_m(&self, airframe: &Airframe) -> f64 {
+        if airframe.is_fixed_wing() {
+            let fastest = airframe.speed_cruise_m_per_s + self.wind_speed();
+            WING_MARGIN_M.max(TURN_SHARE * airframe.planned_radius_m(fastest))
+        } else {
+            ROTOR_MARGIN_M
+        }
+    }
+}
+
+/// Why a flight is refused.
+#[derive(Debug, Clone, PartialEq, thiserror::Error)]
+pub enum Refusal {
+    /// Floor above ceiling, or values that are no numbers.
+    #[error("floor {floor_m} m and ceiling {ceiling_m} m leave no height to fly in")]
+    Band {
+        /// m.
+        floor_m: f64,
+        /// m.
+        ceiling_m: f64,
+    },
+    /// Too much wind.
+    #[error("wind of {wind_m_per_s:.1} m/s is more than {limit_m_per_s:.1} m/s, {share} of the cruise speed", share = WIND_SHARE)]
+    Wind {
+        /// m/s.
+        wind_m_per_s: f64,
+        /// m/s.
+        limit_m_per_s: f64,
+    },
+    /// An item outside the fence or too close to it.
+    #[error("item {item} is {by_m:.0} m too close to the fence or outside it")]
+    ItemOutside {
+        /// From 1.
+        item: usize,
+        /// m.
+        by_m: f64,
+    },
+    /// An item below the floor or above the ceiling.
+    #[error(
+        "item {item} at {height_m:.0} m is not between the floor of {floor_m:.0} m and the ceiling of {ceiling_m:.0} m"
+    )]
+    ItemHeight {
+        /// From 1.
+        item: usize,
+        /// m.
+        height_m: f64,
+        /// m.
+        floor_m: f64,
+        /// m.
+        ceiling_m: f64,
+    },
+    /// Heights that are not counted from home.
+    #[error("item {item} counts its altitude from {reference:?}; only heights above home can be checked")]
+    Reference {
+        /// From 1.
+        item: usize,
+        /// What it counts from.
+        reference: AltitudeReference,
+    },
+    /// A circle that cannot be held.
+    #[error("item {item}: a circle of {radius_m:.0} m cannot be held in this wind, {needed_m:.0} m can")]
+    Radius {
+        /// From 1.
+        item: usize,
+        /// m.
+        radius_m: f64,
+        /// m.
+        needed_m: f64,
+    },
+    /// A speed outside the limits.
+    #[error("item {item}: {speed_m_per_s} m/s is not between {min_m_per_s} and {max_m_per_s} m/s")]
+    Speed {
+        /// From 1.
+        item: usize,
+        /// m/s.
+        speed_m_per_s: f32,
+        /// m/s.
+        min_m_per_s: f64,
+        /// m/s.
+        max_m_per_s: f64,
+    },
+    /// A speed type with side effects.
+    #[error(
+        "item {item}: speed type {kind} on a fixed wing; ground speed (1) would change ArduPlane's minimum ground speed \
+         for good: use airspeed (0)"
+    )]
+    SpeedType {
+        /// From 1.
+        item: usize,
+        /// As in the item.
+        kind: f32,
+    },
+    /// The predicted path leaves the fence.
+    #[error(
+        "{t_s:.0} s into the flight the path comes {by_m:.0} m too close to the fence, overshoot and wind included"
+    )]
+    PathOutside {
+        /// s.
+        t_s: f64,
+        /// m.
+        by_m: f64,
+    },
+    /// The predicted path leaves the heights.
+    #[error("{t_s:.0} s into the flight the path is at {height_m:.0} m, outside floor and ceiling")]
+    PathHeight {
+        /// s.
+        t_s: f64,
+        /// m.
+        height_m: f64,
+    },
+    /// Nothing safe at the end.
+    #[error(
+        "the mission does not end in a hold: its last item must be a loiter without end or a return to launch"
+    )]
+    NoSafeEnd,
+    /// Nothing to fly.
+    #[error("the mission has no items")]
+    Empty,
+}
+
+/// Checks against one set of limits.
+#[derive(Debug, Clone)]
+pub struct Checker<'a> {
+    airframe: &'a Airframe,
+    limits: &'a Limits,
+    frame: LocalFrame,
+    fence: LocalFence,
+    margin_m: f64,
+}
+
+impl<'a> Checker<'a> {
+    /// For this airframe in these limits.
+    ///
+    /// # Errors
+    /// Limits that leave nothing to fly in, or too much wind for this airframe.
+    pub fn new(airframe: &'a Airframe, limits: &'a Limits, frame: LocalFrame) -> Result<Self, Refusal> {
+        let (floor_m, ceiling_m) = (limits.floor_m, limits.ceiling_m);
+        let roomy = ceiling_m - floor_m >= 2.0 * HEIGHT_MARGIN_M;
+        if !roomy || !floor_m.is_finite() {
+            return Err(Refusal::Band { floor_m, ceiling_m });
+        }
+        let limit_m_per_s = WIND_SHARE * airframe.speed_cruise_m_per_s + 1e-9;
+        let wind_m_per_s = limits.wind_speed();
+        if wind_m_per_s.is_nan() || wind_m_per_s > limit_m_per_s {
+            return Err(Refusal::Wind { wind_m_per_s, limit_m_per_s });
+        }
+        let fence = LocalFence::new(&limits.fence, &frame);
+        Ok(Self { airframe, limits, frame, fence, margin_m: limits.margin_m(airframe) })
+    }
+
+    /// The fence in metres.
+    pub fn fence(&self) -> &LocalFence {
+        &self.fence
+    }
+
+    /// Distance kept from the fence, m.
+    pub fn margin_m(&self) -> f64 {
+        self.margin_m
+    }
+
+    /// How much further than the margin this point is from the fence, m; negative: too close.
+    pub fn room_at(&self, ne: Vector2<f64>) -> f64 {
+        self.fence.clearance(ne) - self.margin_m
+    }
+
+    /// Items one by one: place, height, radius, speed.
+    ///
+    /// # Errors
+    /// The first item that breaks a limit.
+    pub fn items(&self, items: &[MissionItem]) -> Result<(), Refusal> {
+        for (k, item) in items.iter().enumerate() {
+            self.item(k + 1, item)?;
+        }
+        Ok(())
+    }
+
+    fn item(&self, number: usize, item: &MissionItem) -> Result<(), Refusal> {
+        if item.command == command::DO_CHANGE_SPEED {
+            return self.speed(number, item);
+        }
+        if command::has_altitude(item.command) {
+            self.height(number, item)?;
+        }
+        let Some(place) = item.place() else { return Ok(()) };
+        let radius = match item.command {
+            command::NAV_LOITER_TURNS | command::NAV_LOITER_UNLIM | command::NAV_LOITER_TIME => {
+                item.params[2]
+            }
+            command::NAV_LOITER_TO_ALT => item.params[1],
+            _ => 0.0,
+        };
+        let radius = f64::from(radius.abs());
+        self.radius(number, item.command, radius)?;
+        let room = self.room_at(self.frame.to_local(place)) - radius;
+        if room < 0.0 || room.is_nan() {
+            return Err(Refusal::ItemOutside { item: number, by_m: -room });
+        }
+        Ok(())
+    }
+
+    fn height(&self, number: usize, item: &MissionItem) -> Result<(), Refusal> {
+        let reference = item.frame.altitude_reference();
+        if reference != AltitudeReference::Home {
+            return Err(Refusal::Reference { item: number, reference });
+        }
+        let (height_m, floor_m, ceiling_m) = (f64::from(item.z), self.limits.floor_m, self.limits.ceiling_m);
+        if !(floor_m..=ceiling_m).contains(&height_m) {
+            return Err(Refusal::ItemHeight { item: number, height_m, floor_m, ceiling_m });
+        }
+        Ok(())
+    }
+
+    fn speed(&self, number: usize, item: &MissionItem) -> Result<(), Refusal> {
+        let a = self.airframe;
+        let [kind, speed, ..] = item.params;
+        if a.is_fixed_wing() && kind != 0.0 {
+            return Err(Refusal::SpeedType { item: number, kind });
+        }
+        // A hair for the single precision of the item.
+        let (min, max) = (a.speed_min_m_per_s - 1e-3, a.speed_max_m_per_s + 1e-3);
+        let fits = (min..=max).contains(&f64::from(speed)) && (a.is_fixed_wing() || speed > 0.0);
+        if !fits {
+            return Err(Refusal::Speed {
+                item: number,
+                speed_m_per_s: speed,
+                min_m_per_s: a.speed_min_m_per_s,
+                max_m_per_s: a.speed_max_m_per_s,
+            });
+        }
+        Ok(())
+    }
+
+    fn radius(&self, number: usize, of: u16, radius_m: f64) -> Result<(), Refusal> {
+        let circles = matches!(
+            of,
+            command::NAV_LOITER_TURNS
+                | command::NAV_LOITER_UNLIM
+                | command::NAV_LOITER_TIME
+                | command::NAV_LOITER_TO_ALT
+        );
+        let a = self.airframe;
+        if !circles || !a.is_fixed_wing() {
+            return Ok(());
+        }
+        let needed_m = a.planned_radius_m(a.speed_cruise_m_per_s + self.limits.wind_speed());
+        // Autopilots round down by up to a metre (below 255 m).
+        if radius_m + 1.0 < needed_m {
+            return Err(Refusal::Radius { item: number, radius_m, needed_m });
+        }
+        if a.autopilot == Autopilot::ArduPilot && radius_m > 2550.0 {
+            return Err(Refusal::Radius { item: number, radius_m, needed_m });
+        }
+        Ok(())
+    }
+
+    /// Every point of a predicted path: fence with margin, floor, ceiling.
+    ///
+    /// # Errors
+    /// The first point that breaks a limit.
+    pub fn path(&self, samples: &[Kinematics]) -> Result<(), Refusal> {
+        samples.iter().try_for_each(|k| self.point(k.t_s, &k.position_ned_m))
+    }
+
+    /// As [`Self::path`] for times (s) and positions north, east, down (m).
+    ///
+    /// # Errors
+    /// The first point that breaks a limit.
+    pub fn places(&self, places: &[(f64, Vector3<f64>)]) -> Result<(), Refusal> {
+        places.iter().try_for_each(|(t_s, p)| self.point(*t_s, p))
+    }
+
+    fn point(&self, t_s: f64, position_ned_m: &Vector3<f64>) -> Result<(), Refusal> {
+        let room = self.room_at(position_ned_m.xy());
+        if room < 0.0 || room.is_nan() {
+            return Err(Refusal::PathOutside { t_s, by_m: -room });
+        }
+        let height_m = -position_ned_m.z;
+        if !(self.limits.floor_m..=self.limits.ceiling_m).contains(&height_m) {
+            return Err(Refusal::PathHeight { t_s, height_m });
+        }
+        Ok(())
+    }
+
+    /// Whether the mission ends in something that can last.
+    ///
+    /// # Errors
+    /// It does not, or is empty.
+    pub fn end(&self, items: &[MissionItem]) -> Result<(), Refusal> {
+        match items.last().map(|i| i.command) {
+            None => Err(Refusal::Empty),
+            Some(command::NAV_LOITER_UNLIM | command::NAV_RETURN_TO_LAUNCH) => Ok(()),
+            Some(_) => Err(Refusal::NoSafeEnd),
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::fence::FenceCircle;
+    use crate::item::{Frame, LatLon};
+
+    const CENTER: LatLon = LatLon { lat_deg: 47.4, lon_deg: 8.5 };
+
+    fn limits(wind: f64) -> Limits {
+        let circle = FenceCircle { inclusion: true, center: CENTER, radius_m: 400.0 };
+        Limits {
+            fence: Fence { polygons: Vec::new(), circles: vec![circle] },
+            floor_m: 50.0,
+            ceiling_m: 150.0,
+            wind_ned_m_per_s: [wind, 0.0, 0.0],
+        }
+    }
+
+    fn said(item: MissionItem) -> String {
+        let airframe = Airframe::example("small_fixed_wing").expect("shipped");
+        let limits = limits(5.0);
+        let checker = Checker::new(&airframe, &limits, LocalFrame::new(CENTER)).expect("flyable limits");
+        checker.items(&[item]).map_or_else(|e| e.to_string(), |()| "fine".to_owned())
+    }
+
+    fn at(number: u16, params: [f32; 4], north: f64, height: f32) -> MissionItem {
+        let frame = LocalFrame::new(CENTER);
+        MissionItem::at(number, params, frame.to_place(Vector2::new(north, 0.0)), height)
+    }
+
+    #[test]
+    fn items_are_checked_one_by_one() {
+        let speed = |kind, v| MissionItem::action(command::DO_CHANGE_SPEED, [kind, v, -1.0, 0.0]);
+        let msl = MissionItem { frame: Frame::GLOBAL_INT, ..at(16, [0.0; 4], 0.0, 100.0) };
+        let cases = [
+            (at(16, [0.0; 4], 300.0, 100.0), "fine"),
+            (at(16, [0.0; 4], 390.0, 100.0), "item 1 is 10 m too close to the fence"),
+            (at(16, [0.0; 4], 500.0, 100.0), "outside it"),
+            (at(16, [0.0; 4], 0.0, 49.0), "not between the floor of 50 m"),
+            (msl, "MeanSeaLevel"),
+            (at(18, [1.0, 0.0, -100.0, 0.0], 0.0, 100.0), "fine"),
+            (at(18, [1.0, 0.0, 30.0, 0.0], 0.0, 100.0), "circle of 30 m cannot be held"),
+            (at(18, [1.0, 0.0, 100.0, 0.0], 300.0, 100.0), "too close to the fence"),
+            (speed(0.0, 20.0), "fine"),
+            (speed(0.0, 30.0), "30 m/s is not between 12 and 24 m/s"),
+            (speed(1.0, 20.0), "minimum ground speed"),
+        ];
+        for (item, message) in cases {
+            let said = said(item);
+            assert!(said.contains(message), "{said}");
+        }
+    }
+
+    #[test]
+    fn limits_that_leave_nothing_are_refused() {
+        let airframe = Airframe::example("small_fixed_wing").expect("shipped");
+        let refusal = |limits: &Limits| {
+            Checker::new(&airframe, limits, LocalFrame::new(CENTER)).map(|_| ()).map_err(|e| e.to_string())
+        };
+        assert!(refusal(&limits(9.0)).is_ok());
+        assert!(refusal(&limits(12.0)).is_err_and(|e| e.contains("wind of 12.0 m/s is more than 9.6")));
+        let flat = Limits { floor_m: 100.0, ceiling_m: 103.0, ..limits(0.0) };
+        assert!(refusal(&flat).is_err_and(|e| e.contains("no height to fly in")));
+    }
+
+    #[test]
+    fn a_mission_must_end_in_a_hold() {
+        let airframe = Airframe::example("quadrotor").expect("shipped");
+        let limits = limits(0.0);
+        let checker = Checker::new(&airframe, &limits, LocalFrame::new(CENTER)).expect("flyable limits");
+        assert_eq!(checker.end(&[]), Err(Refusal::Empty));
+        assert_eq!(checker.end(&[at(16, [0.0; 4], 0.0, 100.0)]), Err(Refusal::NoSafeEnd));
+        assert_eq!(checker.end(&[at(17, [0.0; 4], 0.0, 100.0)]), Ok(()));
+    }
+}

@@ -1,0 +1,148 @@
+//! The mission transfer: messages and times in, messages out; no sockets, no clock (MAVLink "Mission Protocol").
+//!
+//! [`Upload`], [`Download`] and [`Clear`] are single transfers; [`verified::VerifiedUpload`] is the one that vehicles
+//! deserve: back up, upload, read back, restore on failure. Times are seconds on any monotonic base.
+
+mod clear;
+mod download;
+mod message;
+mod upload;
+pub mod verified;
+
+pub use clear::Clear;
+pub use download::{Download, Downloaded};
+pub use message::{Address, Envelope, MissionMessage, MissionResult};
+pub use upload::Upload;
+
+/// Waiting times and patience (FIELD_NOTES, "Mission protocol").
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Timing {
+    /// Wait for the first reply, s.
+    pub first_reply_s: f64,
+    /// Wait for each item of a download, s; stretched to twice the measured round trip on slower links.
+    pub item_s: f64,
+    /// Repetitions of a message that got no reply.
+    pub retries: u32,
+    /// Silence after which an upload is over, s: ArduPilot gives up after 8 s, PX4 after 5 s.
+    pub silence_s: f64,
+}
+
+impl Default for Timing {
+    fn default() -> Self {
+        Self { first_reply_s: 1.5, item_s: 0.25, retries: 5, silence_s: 9.0 }
+    }
+}
+
+/// Who talks with whom about which kind of mission.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Peers {
+    /// This program.
+    pub me: Address,
+    /// The autopilot.
+    pub vehicle: Address,
+    /// `MAV_MISSION_TYPE`; 0 is the mission, 1 the geofence, 2 rally points.
+    pub mission_type: u8,
+    /// Waiting times.
+    pub timing: Timing,
+}
+
+impl Peers {
+    /// The mission itself, with the usual waiting times.
+    pub fn new(me: Address, vehicle: Address) -> Self {
+        Self { me, vehicle, mission_type: 0, timing: Timing::default() }
+    }
+
+    /// Whether a message is from the vehicle, for us (or for all), about this kind of mission.
+    pub(crate) fn concerns(&self, envelope: &Envelope) -> bool {
+        envelope.from == self.vehicle
+            && (envelope.to.system == 0 || envelope.to.system == self.me.system)
+            && (envelope.to.component == 0 || envelope.to.component == self.me.component)
+            && envelope.message.mission_type().is_none_or(|t| t == self.mission_type)
+    }
+}
+
+/// What a transfer asks its caller to do.
+#[derive(Debug, Clone, PartialEq)]
+pub enum Action {
+    /// Send this to the vehicle.
+    Send(MissionMessage),
+    /// Tell the user.
+    Progress {
+        /// Items done.
+        done: usize,
+        /// Items in all.
+        total: usize,
+    },
+}
+
+/// Why a transfer failed.
+#[derive(Debug, Clone, PartialEq, thiserror::Error)]
+pub enum TransferError {
+    /// No reply to the opening message.
+    #[error("the vehicle does not answer; check the link and the system id")]
+    NoReply,
+    /// The vehicle fell silent in between.
+    #[error("the vehicle fell silent after {done} of {total} items")]
+    Silent {
+        /// Items done.
+        done: usize,
+        /// Items in all.
+        total: usize,
+    },
+    /// The vehicle said no.
+    #[error("the vehicle refused: {}", .result.describe())]
+    Refused {
+        /// What it said.
+        result: MissionResult,
+        /// The item it asked for last, as the vehicle counts.
+        seq: Option<u16>,
+    },
+    /// The user.
+    #[error("cancelled")]
+    Cancelled,
+    /// More items than a sequence number can count.
+    #[error("a mission of {0} items cannot be transferred")]
+    TooLong(usize),
+}
+
+impl TransferError {
+    /// Whether trying again with the same mission may work.
+    pub fn is_transient(&self) -> bool {
+        match self {
+            Self::NoReply | Self::Silent { .. } => true,
+            Self::Refused { result, .. } => !result.is_final(),
+            Self::Cancelled | Self::TooLong(_) => false,
+        }
+    }
+}
+
+/// The opening message of a transfer and its repetitions.
+#[derive(Debug, Clone)]
+pub(crate) struct Opening {
+    pub deadline: f64,
+    retries_left: u32,
+    period: f64,
+}
+
+impl Opening {
+    pub fn new(now: f64, timing: &Timing) -> Self {
+        Self {
+            deadline: now + timing.first_reply_s,
+            retries_left: timing.retries,
+            period: timing.first_reply_s,
+        }
+    }
+
+    /// At its deadline: true to send again, false when patience is over.
+    pub fn again(&mut self, now: f64) -> bool {
+        if self.retries_left == 0 {
+            return false;
+        }
+        self.retries_left -= 1;
+        self.deadline = now + self.period;
+        true
+    }
+}
+
+#[cfg(test)]
+mod tests;

@@ -1,0 +1,478 @@
+//! The verified upload: back up what is on the vehicle, upload, read back and compare; on any failure put the backup back
+//! and verify that. It ends with a statement of what is on the vehicle, and after a link cut it takes up the
+//! restoration where it was. It never arms, starts a mission or changes modes.
+
+use super::{Action, Clear, Download, Envelope, MissionMessage, Peers, TransferError, Upload};
+use crate::compare::{Difference, differences};
+use crate::item::{Autopilot, Mission};
+
+/// Values of `MISSION_STATE`.
+const MISSION_STATE_UNKNOWN: u8 = 0;
+const MISSION_STATE_ACTIVE: u8 = 3;
+
+/// What the caller knows about the vehicle from its heartbeat and `MISSION_CURRENT`.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct VehicleState {
+    /// Whether the motors are armed.
+    pub armed: bool,
+    /// Whether its mode flies missions (AUTO, AUTO.MISSION).
+    pub mission_mode: bool,
+    /// Whether it says that a mission is being flown.
+    pub flying_mission: bool,
+}
+
+impl VehicleState {
+    /// Why the mission of a vehicle in this state must not be replaced.
+    fn objection(self) -> Option<&'static str> {
+        if self.flying_mission && self.armed {
+            Some("the vehicle is flying a mission; replacing it in flight can send it anywhere")
+        } else if self.armed && self.mission_mode {
+            Some("the vehicle is armed in the mission mode and would start to fly whatever arrives")
+        } else {
+            None
+        }
+    }
+}
+
+/// How far to go.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Options {
+    /// Upload although a mission is being flown or the vehicle is armed in its mission mode.
+    pub even_while_flying: bool,
+    /// Attempts to upload the new mission.
+    pub upload_attempts: u32,
+    /// Attempts to put the backup back before calling for help.
+    pub restore_attempts: u32,
+    /// Attempts of each download.
+    pub download_attempts: u32,
+}
+
+impl Default for Options {
+    fn default() -> Self {
+        Self { even_while_flying: false, upload_attempts: 2, restore_attempts: 4, download_attempts: 6 }
+    }
+}
+
+/// What is on the vehicle.
+#[derive(Debug, Clone, PartialEq)]
+pub enum Outcome {
+    /// The new mission, read back and compared.
+    Verified {
+        /// Items without home.
+        items: usize,
+    },
+    /// The previous mission, read back and compared, or never touched.
+    RestoredPrevious {
+        /// Why not the new one.
+        why: String,
+    },
+    /// Nobody knows for sure. [`VerifiedUpload::link_restored`] takes up the restoration.
+    Unknown {
+        /// What may be on the vehicle.
+        on_vehicle: String,
+        /// What to do.
+        what_to_do: String,
+    },
+}
+
+impl std::fmt::Display for Outcome {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        match self {
+            Self::Verified { items } => {
+                write!(f, "the new mission of {items} items is on the vehicle, read back and compared")
+            }
+            Self::RestoredPrevious { why } => {
+                write!(f, "the previous mission is on the vehicle; the new one is not, because {why}")
+            }
+            Self::Unknown { on_vehicle, what_to_do } => write!(f, "{on_vehicle}. {what_to_do}"),
+        }
+    }
+}
+
+/// What it is doing.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Phase {
+    /// Reading what is on the vehicle.
+    BackingUp,
+    /// Sending the new mission.
+    Uploading,
+    /// Reading back after an upload or a failure.
+    ReadingBack,
+    /// Putting the backup back.
+    Restoring,
+    /// Over, or waiting for the link.
+    Finished,
+}
+
+#[derive(Debug)]
+enum Step {
+    BackUp(Download),
+    Upload(Upload),
+    Clear { clear: Clear, restoring: bool },
+    ReadBack(Download),
+    Restore(Upload),
+    Finished(Outcome),
+}
+
+/// The machine. Feed it with messages, times and the state of the vehicle; send what it returns.
+#[derive(Debug)]
+pub struct VerifiedUpload {
+    peers: Peers,
+    autopilot: Autopilot,
+    options: Options,
+    mission: Mission,
+    backup: Option<Mission>,
+    vehicle: Option<VehicleState>,
+    /// Whether anything was sent that can change the mission on board.
+    touched: bool,
+    cancelled: bool,
+    uploads_left: u32,
+    restores_left: u32,
+    downloads_left: u32,
+    /// Why the new mission is not to be had; set with the first failure.
+    why: Option<String>,
+    step: Step,
+}
+
+impl VerifiedUpload {
+    /// Starts with the backup; send what is returned. A vehicle that is flying a mission, or whose state is not known, is
+    /// refused here and again right before the upload.
+    pub fn start(
+        peers: Peers,
+        autopilot: Autopilot,
+        options: Options,
+        mission: Mission,
+        vehicle: Option<VehicleState>,
+        now: f64,
+    ) -> (Self, Vec<Action>) {
+        let (download, actions) = Download::start(peers, now);
+        let mut upload = Self {
+            uploads_left: options.upload_attempts,
+            restores_left: options.restore_attempts,
+            downloads_left: options.download_attempts,
+            peers,
+            autopilot,
+            options,
+            mission,
+            backup: None,
+            vehicle,
+            touched: false,
+            cancelled: false,
+            why: None,
+            step: Step::BackUp(download),
+        };
+        match upload.objection() {
+            Some(why) => {
+                upload.finish_untouched(why);
+                (upload, Vec::new())
+            }
+            None => (upload, actions),
+        }
+    }
+
+    /// Takes up an upload that was cut off by the end of this program: checks what is on board and restores the
+    /// backup unless the new mission is there whole.
+    pub fn resume(
+        peers: Peers,
+        autopilot: Autopilot,
+        options: Options,
+        mission: Mission,
+        backup: Mission,
+        now: f64,
+    ) -> (Self, Vec<Action>) {
+        let (mut upload, _) =
+            Self::start(peers, autopilot, Options { even_while_flying: true, ..options }, mission, None, now);
+        upload.backup = Some(backup);
+        upload.touched = true;
+        upload.uploads_left = 0;
+        upload.why = Some("the upload was interrupted".to_owned());
+        let actions = upload.read_back(now, true);
+        (upload, actions)
+    }
+
+    /// The mission that was on the vehicle before; write it to a file as soon as it is there.
+    pub fn backup(&self) -> Option<&Mission> {
+        self.backup.as_ref()
+    }
+
+    /// What it is doing.
+    pub fn phase(&self) -> Phase {
+        match &self.step {
+            Step::BackUp(_) => Phase::BackingUp,
+            Step::Upload(_) | Step::Clear { restoring: false, .. } => Phase::Uploading,
+            Step::ReadBack(_) => Phase::ReadingBack,
+            Step::Restore(_) | Step::Clear { restoring: true, .. } => Phase::Restoring,
+            Step::Finished(_) => Phase::Finished,
+        }
+    }
+
+    /// What is on the vehicle, once that can be said.
+    pub fn outcome(&self) -> Option<&Outcome> {
+        match &self.step {
+            Step::Finished(outcome) => Some(outcome),
+            _ => None,
+        }
+    }
+
+    /// When [`Self::tick`] wants to be called, s.
+    pub fn deadline(&self) -> Option<f64> {
+        match &self.step {
+            Step::BackUp(d) | Step::ReadBack(d) => d.deadline(),
+            Step::Upload(u) | Step::Restore(u) => u.deadline(),
+            Step::Clear { clear, .. } => clear.deadline(),
+            Step::Finished(_) => None,
+        }
+    }
+
+    /// The vehicle's state changed.
+    pub fn vehicle_state(&mut self, state: VehicleState) {
+        self.vehicle = Some(state);
+    }
+
+    /// A message from anyone.
+    pub fn receive(&mut self, now: f64, envelope: &Envelope) -> Vec<Action> {
+        self.notice_state(envelope);
+        let actions = match &mut self.step {
+            Step::BackUp(d) | Step::ReadBack(d) => d.receive(now, envelope),
+            Step::Upload(u) | Step::Restore(u) => u.receive(now, envelope),
+            Step::Clear { clear, .. } => clear.receive(now, envelope),
+            Step::Finished(_) => return Vec::new(),
+        };
+        self.advance(now, actions)
+    }
+
+    /// Time passed.
+    pub fn tick(&mut self, now: f64) -> Vec<Action> {
+        let actions = match &mut self.step {
+            Step::BackUp(d) | Step::ReadBack(d) => d.tick(now),
+            Step::Upload(u) | Step::Restore(u) => u.tick(now),
+            Step::Clear { clear, .. } => clear.tick(now),
+            Step::Finished(_) => return Vec::new(),
+        };
+        self.advance(now, actions)
+    }
+
+    /// The user gives up: the previous mission is put back if anything was changed.
+    pub fn cancel(&mut self, now: f64) -> Vec<Action> {
+        self.cancelled = true;
+        self.why.get_or_insert_with(|| "it was cancelled".to_owned());
+        let actions = match &mut self.step {
+            Step::BackUp(d) => d.cancel(),
+            Step::Upload(u) => u.cancel(),
+            // Checking and restoring go on: the vehicle must not be left with half a mission.
+            _ => Vec::new(),
+        };
+        self.advance(now, actions)
+    }
+
+    /// The link is back: an outcome of [`Outcome::Unknown`] is settled.
+    pub fn link_restored(&mut self, now: f64) -> Vec<Action> {
+        if !matches!(self.step, Step::Finished(Outcome::Unknown { .. })) || self.backup.is_none() {
+            return Vec::new();
+        }
+        self.restores_left = self.options.restore_attempts;
+        self.read_back(now, true)
+    }
+
+    /// `MISSION_CURRENT` says whether a mission is active, on autopilots that fill that field.
+    fn notice_state(&mut self, envelope: &Envelope) {
+        if let MissionMessage::Current { state, .. } = envelope.message
+            && state != MISSION_STATE_UNKNOWN
+            && self.peers.concerns(envelope)
+            && let Some(vehicle) = &mut self.vehicle
+        {
+            vehicle.flying_mission = state == MISSION_STATE_ACTIVE;
+        }
+    }
+
+    fn objection(&self) -> Option<String> {
+        if self.options.even_while_flying {
+            return None;
+        }
+        match self.vehicle {
+            None => Some("nothing is known of the vehicle's mode yet (no heartbeat)".to_owned()),
+            Some(state) => state.objection().map(str::to_owned),
+        }
+    }
+
+    /// Goes on where a step has ended.
+    fn advance(&mut self, now: f64, mut actions: Vec<Action>) -> Vec<Action> {
+        let more = match &self.step {
+            Step::BackUp(d) => match d.result() {
+                None => Vec::new(),
+                Some(Ok(got)) => {
+                    self.backup = Some(Mission::from_wire_items(self.autopilot, &got.items));
+                    self.begin_upload(now)
+                }
+                Some(Err(e)) => {
+                    let e = e.clone();
+                    self.back_up_failed(now, &e)
+                }
+            },
+            Step::Upload(u) => match u.result().cloned() {
+                None => Vec::new(),
+                Some(result) => self.sent(now, result.map(drop)),
+            },
+            Step::Clear { clear, .. } => match clear.result().cloned() {
+                None => Vec::new(),
+                Some(result) => self.sent(now, result),
+            },
+            Step::Restore(u) => match u.result() {
+                None => Vec::new(),
+                // Whatever the vehicle says, what counts is what is on it.
+                Some(_) => self.read_back(now, true),
+            },
+            Step::ReadBack(d) => match d.result() {
+                None => Vec::new(),
+                Some(Ok(got)) => {
+                    let got = Mission::from_wire_items(self.autopilot, &got.items);
+                    self.judge(now, &got)
+                }
+                Some(Err(e)) => {
+                    let e = e.clone();
+                    self.read_back_failed(now, &e)
+                }
+            },
+            Step::Finished(_) => Vec::new(),
+        };
+        actions.extend(more);
+        actions
+    }
+
+    fn back_up_failed(&mut self, now: f64, e: &TransferError) -> Vec<Action> {
+        self.downloads_left = self.downloads_left.saturating_sub(1);
+        if self.downloads_left > 0 && e.is_transient() && !self.cancelled {
+            let (download, actions) = Download::start(self.peers, now);
+            self.step = Step::BackUp(download);
+            return actions;
+        }
+        self.finish_untouched(format!("the mission on board could not be backed up first: {e}"));
+        Vec::new()
+    }
+
+    fn finish_untouched(&mut self, why: String) {
+        self.step = Step::Finished(Outcome::RestoredPrevious { why });
+    }
+
+    fn begin_upload(&mut self, now: f64) -> Vec<Action> {
+        if self.cancelled {
+            self.finish_untouched("it was cancelled".to_owned());
+            return Vec::new();
+        }
+        // The backup took a while: look again.
+        if !self.touched
+            && let Some(why) = self.objection()
+        {
+            self.finish_untouched(why);
+            return Vec::new();
+        }
+        self.touched = true;
+        self.uploads_left = self.uploads_left.saturating_sub(1);
+        self.send(now, false)
+    }
+
+    /// Sends the new mission, or the backup.
+    fn send(&mut self, now: f64, restoring: bool) -> Vec<Action> {
+        let empty = Mission::default();
+        let mission = if restoring { self.backup.as_ref().unwrap_or(&empty) } else { &self.mission };
+        if mission.items.is_empty() {
+            let (clear, actions) = Clear::start(self.peers, now);
+            self.step = Step::Clear { clear, restoring };
+            return actions;
+        }
+        let (upload, actions) = Upload::start(self.peers, mission.wire_items(self.autopilot), now);
+        let refused_at_once = upload.result().is_some();
+        self.step = if restoring { Step::Restore(upload) } else { Step::Upload(upload) };
+        if refused_at_once { self.advance(now, actions) } else { actions }
+    }
+
+    /// The upload is over, well or not: see what is on board.
+    fn sent(&mut self, now: f64, result: Result<(), TransferError>) -> Vec<Action> {
+        if let Err(e) = &result {
+            if !e.is_transient() {
+                self.uploads_left = 0;
+            }
+            self.why.get_or_insert_with(|| e.to_string());
+        }
+        self.read_back(now, true)
+    }
+
+    fn read_back(&mut self, now: f64, first: bool) -> Vec<Action> {
+        if first {
+            self.downloads_left = self.options.download_attempts;
+        }
+        let (download, actions) = Download::start(self.peers, now);
+        self.step = Step::ReadBack(download);
+        actions
+    }
+
+    fn read_back_failed(&mut self, now: f64, e: &TransferError) -> Vec<Action> {
+        self.downloads_left = self.downloads_left.saturating_sub(1);
+        if self.downloads_left > 0 {
+            return self.read_back(now, false);
+        }
+        self.stranded(&format!("it could not be read back: {e}"));
+        Vec::new()
+    }
+
+    /// Compares what was read with both missions and decides.
+    fn judge(&mut self, now: f64, got: &Mission) -> Vec<Action> {
+        let backup = self.backup.clone().unwrap_or_default();
+        let wrong = differences(self.autopilot, &self.mission, got);
+        if wrong.is_empty() && !self.cancelled {
+            self.step = Step::Finished(Outcome::Verified { items: self.mission.items.len() });
+            return Vec::new();
+        }
+        let previous = differences(self.autopilot, &backup, got).is_empty();
+        let why = self
+            .why
+            .clone()
+            .unwrap_or_else(|| format!("what was read back is not what was sent ({})", summary(&wrong)));
+        self.why = Some(why.clone());
+        if self.uploads_left > 0 && !self.cancelled && self.vehicle_allows() {
+            return self.begin_upload(now);
+        }
+        if previous {
+            self.finish_untouched(why);
+            return Vec::new();
+        }
+        if self.restores_left == 0 {
+            let on_board = format!(
+                "{} items were read back that are neither mission ({})",
+                got.items.len(),
+                summary(&differences(self.autopilot, &backup, got))
+            );
+            self.stranded(&on_board);
+            return Vec::new();
+        }
+        self.restores_left -= 1;
+        self.send(now, true)
+    }
+
+    /// A second attempt is held back when the vehicle has started to fly.
+    fn vehicle_allows(&self) -> bool {
+        self.objection().is_none()
+    }
+
+    fn stranded(&mut self, detail: &str) {
+        let (new, old) = (self.mission.items.len(), self.backup.as_ref().map_or(0, |b| b.items.len()));
+        let on_vehicle = format!(
+            "UNKNOWN MISSION ON THE VEHICLE: it may hold the new mission ({new} items), the previous one ({old} items) \
+             or a mixture of both; {detail}"
+        );
+        let what_to_do =
+            "Do not arm in or switch to the mission mode. Restore the link: the previous mission is then \
+             put back by itself; or upload a mission and read it back before flying it"
+                .to_owned();
+        self.step = Step::Finished(Outcome::Unknown { on_vehicle, what_to_do });
+    }
+}
+
+/// The first difference and the number of the others.
+fn summary(found: &[Difference]) -> String {
+    match found {
+        [] => "no difference".to_owned(),
+        [one] => one.to_string(),
+        [first, rest @ ..] => format!("{first}, and {} more", rest.len()),
+    }
+}

@@ -1,0 +1,212 @@
+//! What the autopilot makes of its vehicle: arming, modes, mission items, and how all that looks on the wire.
+
+use super::{Autopilot, Flavour};
+use crate::scenario::Airframe;
+use crate::truth::{Trajectory, Truth};
+use crate::vehicle::{Mode, PilotEvent, Vehicle};
+use mavlink::MavHeader;
+use mavlink::dialects::ardupilotmega::*;
+
+/// What carries the sensors.
+pub(super) enum Body {
+    /// An analytic flight; missions can be stored but are not flown.
+    Analytic(Box<dyn Trajectory>, Vec<MISSION_ITEM_INT_DATA>),
+    /// A vehicle that flies what is uploaded.
+    Vehicle(Box<Vehicle>),
+}
+
+impl Body {
+    pub(super) fn truth_at(&mut self, t_s: f64) -> Truth {
+        match self {
+            Self::Analytic(trajectory, _) => trajectory.truth_at(t_s),
+            Self::Vehicle(vehicle) => vehicle.truth_at(t_s),
+        }
+    }
+
+    pub(super) fn duration_s(&self) -> f64 {
+        match self {
+            Self::Analytic(trajectory, _) => trajectory.duration_s(),
+            Self::Vehicle(_) => f64::INFINITY,
+        }
+    }
+
+    pub(super) fn items_mut(&mut self) -> &mut Vec<MISSION_ITEM_INT_DATA> {
+        match self {
+            Self::Analytic(_, items) => items,
+            Self::Vehicle(vehicle) => vehicle.items_mut(),
+        }
+    }
+
+    pub(super) fn items(&self) -> &[MISSION_ITEM_INT_DATA] {
+        match self {
+            Self::Analytic(_, items) => items,
+            Self::Vehicle(vehicle) => vehicle.items(),
+        }
+    }
+
+    fn vehicle(&self) -> Option<&Vehicle> {
+        match self {
+            Self::Analytic(..) => None,
+            Self::Vehicle(vehicle) => Some(vehicle),
+        }
+    }
+
+    fn vehicle_mut(&mut self) -> Option<&mut Vehicle> {
+        match self {
+            Self::Analytic(..) => None,
+            Self::Vehicle(vehicle) => Some(vehicle),
+        }
+    }
+}
+
+/// Modes with their numbers: ArduPlane, ArduCopter, PX4 (main mode, sub mode).
+const MODES: &[(Mode, u32, u32, [u8; 2])] = &[
+    (Mode::Manual, 0, 0, [1, 0]),
+    (Mode::Auto, 10, 3, [4, 4]),
+    (Mode::Loiter, 12, 5, [4, 3]),
+    (Mode::Rtl, 11, 6, [4, 5]),
+    (Mode::Land, u32::MAX, 9, [4, 6]),
+];
+
+impl Autopilot {
+    /// The vehicle, where there is one that flies missions.
+    pub fn vehicle(&self) -> Option<&Vehicle> {
+        self.body.vehicle()
+    }
+
+    /// Whether a vehicle that flies missions has flown and stands again.
+    pub fn has_landed(&self) -> bool {
+        self.vehicle().is_some_and(Vehicle::has_landed)
+    }
+
+    /// The mission on board, by sequence number.
+    pub fn mission(&self) -> &[MISSION_ITEM_INT_DATA] {
+        self.body.items()
+    }
+
+    pub(super) fn is_armed(&self) -> bool {
+        self.vehicle().map_or(!self.is_waiting(), Vehicle::is_armed)
+    }
+
+    pub(super) fn custom_mode(&self) -> u32 {
+        let mode = self.vehicle().map_or(Mode::Manual, Vehicle::mode);
+        let Some((_, plane, copter, [main, sub])) = MODES.iter().find(|(m, ..)| *m == mode) else { return 0 };
+        match (self.config.flavour, self.config.airframe) {
+            (Flavour::Px4, _) => u32::from(*main) << 16 | u32::from(*sub) << 24,
+            (Flavour::ArduPilot, Airframe::FixedWing) => *plane,
+            (Flavour::ArduPilot, Airframe::Multirotor) => *copter,
+        }
+    }
+
+    /// `SET_MODE`, `MAV_CMD_DO_SET_MODE`: the custom mode as it stands in a heartbeat.
+    pub(super) fn set_custom_mode(&mut self, custom: u32) -> MavResult {
+        let (flavour, airframe) = (self.config.flavour, self.config.airframe);
+        let mode = MODES.iter().find(|(_, plane, copter, [main, sub])| match (flavour, airframe) {
+            (Flavour::Px4, _) => custom == u32::from(*main) << 16 | u32::from(*sub) << 24,
+            (Flavour::ArduPilot, Airframe::FixedWing) => custom == *plane,
+            (Flavour::ArduPilot, Airframe::Multirotor) => custom == *copter,
+        });
+        let Some(vehicle) = self.body.vehicle_mut() else { return MavResult::MAV_RESULT_UNSUPPORTED };
+        match mode {
+            None => MavResult::MAV_RESULT_DENIED,
+            Some((mode, ..)) if vehicle.set_mode(*mode) => MavResult::MAV_RESULT_ACCEPTED,
+            Some(_) => MavResult::MAV_RESULT_FAILED,
+        }
+    }
+
+    /// Commands that concern the flight.
+    pub(super) fn flight_command(&mut self, command: MavCmd, params: &[f32; 7]) -> MavResult {
+        let done = |ok| if ok { MavResult::MAV_RESULT_ACCEPTED } else { MavResult::MAV_RESULT_FAILED };
+        match command {
+            MavCmd::MAV_CMD_DO_SET_MODE => {
+                let custom = match self.config.flavour {
+                    Flavour::ArduPilot => params[1] as u32,
+                    Flavour::Px4 => (params[1] as u32) << 16 | (params[2] as u32) << 24,
+                };
+                self.set_custom_mode(custom)
+            }
+            MavCmd::MAV_CMD_COMPONENT_ARM_DISARM => self
+                .body
+                .vehicle_mut()
+                .map_or(MavResult::MAV_RESULT_UNSUPPORTED, |v| done(v.arm(params[0] == 1.0))),
+            MavCmd::MAV_CMD_MISSION_START => {
+                let Some(vehicle) = self.body.vehicle_mut() else {
+                    return MavResult::MAV_RESULT_UNSUPPORTED;
+                };
+                done(vehicle.is_armed() && vehicle.set_mode(Mode::Auto))
+            }
+            MavCmd::MAV_CMD_DO_SET_MISSION_CURRENT => done(self.set_current(params[0].max(0.0) as u16)),
+            _ => MavResult::MAV_RESULT_UNSUPPORTED,
+        }
+    }
+
+    fn set_current(&mut self, seq: u16) -> bool {
+        self.body.vehicle_mut().is_some_and(|v| v.set_current(usize::from(seq)))
+    }
+
+    /// Messages of the mission protocol and the old ways to command.
+    pub(super) fn handle_flight(&mut self, from: &MavHeader, message: &MavMessage) {
+        match message {
+            MavMessage::SET_MODE(m) => {
+                self.set_custom_mode(m.custom_mode);
+            }
+            MavMessage::MISSION_SET_CURRENT(m) => {
+                if self.set_current(m.seq) {
+                    let current = self.mission_current();
+                    self.send(&current);
+                }
+            }
+            _ => {
+                let answers = self.mission.handle(self.body.items_mut(), from, message, self.now_s);
+                for answer in answers {
+                    self.send(&answer);
+                }
+            }
+        }
+    }
+
+    /// What the mission protocol and the pilot have to say by themselves.
+    pub(super) fn tell_of_mission(&mut self) {
+        for message in self.mission.tick(self.now_s) {
+            self.send(&message);
+        }
+        let events = self.body.vehicle_mut().map(Vehicle::take_events).unwrap_or_default();
+        for event in events {
+            let message = match event {
+                PilotEvent::Reached(seq) => {
+                    MavMessage::MISSION_ITEM_REACHED(MISSION_ITEM_REACHED_DATA { seq: seq as u16 })
+                }
+                PilotEvent::Landed => MavMessage::STATUSTEXT(STATUSTEXT_DATA {
+                    severity: MavSeverity::MAV_SEVERITY_INFO,
+                    text: "Landed, disarmed".into(),
+                    ..Default::default()
+                }),
+            };
+            self.send(&message);
+        }
+    }
+
+    pub(super) fn mission_current(&self) -> MavMessage {
+        let items = self.body.items();
+        let vehicle = self.vehicle();
+        let seq = vehicle.map_or(0, Vehicle::current);
+        let mission_state = match vehicle {
+            _ if items.is_empty() => MissionState::MISSION_STATE_NO_MISSION,
+            Some(v) if v.mode() == Mode::Auto && v.is_armed() => MissionState::MISSION_STATE_ACTIVE,
+            Some(v) if v.current() >= items.len() => MissionState::MISSION_STATE_COMPLETE,
+            _ => MissionState::MISSION_STATE_NOT_STARTED,
+        };
+        // ArduPilot does not count home.
+        let total = match self.config.flavour {
+            Flavour::ArduPilot => items.len().saturating_sub(1),
+            Flavour::Px4 => items.len(),
+        };
+        MavMessage::MISSION_CURRENT(MISSION_CURRENT_DATA {
+            seq: seq.min(usize::from(u16::MAX)) as u16,
+            total: total.min(usize::from(u16::MAX)) as u16,
+            mission_state,
+            mission_id: self.mission.opaque_id(items),
+            ..Default::default()
+        })
+    }
+}

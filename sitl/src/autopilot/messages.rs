@@ -1,0 +1,367 @@
+//! From the vehicle's state to its messages, with the units, stamps and roundings of each autopilot.
+
+use super::{Autopilot, Flavour};
+use crate::scenario::Airframe;
+use gaware_nav::earth::{Geodetic, STANDARD_GRAVITY};
+use gaware_nav::rotation::euler_from_c_nb;
+use gaware_nav::sample::{FixVelocity, GnssFix, ImuSample};
+use mavlink::MessageData;
+use mavlink::dialects::ardupilotmega::*;
+use nalgebra::{Rotation3, UnitQuaternion, Vector3};
+use std::f64::consts::{SQRT_2, TAU};
+
+/// Second-order Butterworth low-pass, as ArduPilot runs it over its inertial samples (Oppenheim & Schafer 2010, section
+/// 7.1, bilinear transform).
+#[derive(Debug, Clone)]
+pub(super) struct LowPass {
+    b0: f64,
+    a1: f64,
+    a2: f64,
+    memory: Option<[Vector3<f64>; 2]>,
+}
+
+impl LowPass {
+    pub(super) fn new(corner_hz: f64, rate_hz: f64) -> Self {
+        let k = (0.5 * TAU * corner_hz / rate_hz).tan();
+        let norm = 1.0 / (1.0 + SQRT_2 * k + k * k);
+        Self {
+            b0: k * k * norm,
+            a1: 2.0 * (k * k - 1.0) * norm,
+            a2: (1.0 - SQRT_2 * k + k * k) * norm,
+            memory: None,
+        }
+    }
+
+    /// Starts settled on its first value.
+    pub(super) fn next(&mut self, x: Vector3<f64>) -> Vector3<f64> {
+        let [d1, d2] = self.memory.unwrap_or([x / (1.0 + self.a1 + self.a2); 2]);
+        let d0 = x - d1 * self.a1 - d2 * self.a2;
+        self.memory = Some([d0, d1]);
+        (d0 + d1 * 2.0 + d2) * self.b0
+    }
+}
+
+/// As a C cast does: toward zero, and clamped where C would overflow.
+fn counts(value: f64, step: f64) -> i16 {
+    (value / step) as i16
+}
+
+const MILLI_G: f64 = 1e-3 * STANDARD_GRAVITY;
+
+impl Autopilot {
+    pub(super) fn send_stream(&mut self, id: u32) {
+        if let Some(message) = self.stream_message(id) {
+            self.send(&message);
+        }
+    }
+
+    /// The message of this id as it would be sent now.
+    pub(super) fn stream_message(&mut self, id: u32) -> Option<MavMessage> {
+        let boot_ms = (self.boot_s() * 1e3) as u32;
+        Some(match id {
+            HEARTBEAT_DATA::ID => MavMessage::HEARTBEAT(self.heartbeat()),
+            SYSTEM_TIME_DATA::ID => {
+                MavMessage::SYSTEM_TIME(SYSTEM_TIME_DATA { time_boot_ms: boot_ms, ..Default::default() })
+            }
+            RAW_IMU_DATA::ID => self.raw_imu(),
+            SCALED_IMU_DATA::ID => self.scaled_imu(),
+            HIGHRES_IMU_DATA::ID => self.highres_imu(),
+            GPS_RAW_INT_DATA::ID => return self.gps_raw_int(),
+            ATTITUDE_DATA::ID => self.attitude(boot_ms),
+            GLOBAL_POSITION_INT_DATA::ID => self.global_position(boot_ms),
+            VFR_HUD_DATA::ID => self.vfr_hud(),
+            SIM_STATE_DATA::ID => self.sim_state(),
+            MISSION_CURRENT_DATA::ID => self.mission_current(),
+            _ => return None,
+        })
+    }
+
+    fn heartbeat(&self) -> HEARTBEAT_DATA {
+        let autopilot = match self.config.flavour {
+            Flavour::ArduPilot => MavAutopilot::MAV_AUTOPILOT_ARDUPILOTMEGA,
+            Flavour::Px4 => MavAutopilot::MAV_AUTOPILOT_PX4,
+        };
+        let mavtype = match self.config.airframe {
+            Airframe::FixedWing => MavType::MAV_TYPE_FIXED_WING,
+            Airframe::Multirotor => MavType::MAV_TYPE_QUADROTOR,
+        };
+        let flying = self.is_armed();
+        let mut base_mode =
+            MavModeFlag::MAV_MODE_FLAG_CUSTOM_MODE_ENABLED | MavModeFlag::MAV_MODE_FLAG_MANUAL_INPUT_ENABLED;
+        base_mode.set(MavModeFlag::MAV_MODE_FLAG_SAFETY_ARMED, flying);
+        HEARTBEAT_DATA {
+            custom_mode: self.custom_mode(),
+            mavtype,
+            autopilot,
+            base_mode,
+            system_status: if flying { MavState::MAV_STATE_ACTIVE } else { MavState::MAV_STATE_STANDBY },
+            mavlink_version: 3,
+        }
+    }
+
+    /// ArduPilot stamps when it sends, up to one loop after the sample; PX4 keeps the time of the sample.
+    fn imu_stamp_us(&mut self) -> u64 {
+        let late = match self.config.flavour {
+            Flavour::ArduPilot if self.config.late_stamps => {
+                self.stamp_noise.uniform() / self.config.loop_rate_hz
+            }
+            _ => 0.0,
+        };
+        ((self.boot_s() + late) * 1e6) as u64
+    }
+
+    /// Hundredths of a degree; 0 means unknown.
+    fn temperature_cdegc(sample: &ImuSample) -> i16 {
+        sample.temperature_degc.map_or(0, |t| (t * 100.0) as i16)
+    }
+
+    fn raw_imu(&mut self) -> MavMessage {
+        let s = self.sample_imu();
+        MavMessage::RAW_IMU(RAW_IMU_DATA {
+            time_usec: self.imu_stamp_us(),
+            xacc: counts(s.accel.x, MILLI_G),
+            yacc: counts(s.accel.y, MILLI_G),
+            zacc: counts(s.accel.z, MILLI_G),
+            xgyro: counts(s.gyro.x, 1e-3),
+            ygyro: counts(s.gyro.y, 1e-3),
+            zgyro: counts(s.gyro.z, 1e-3),
+            temperature: Self::temperature_cdegc(&s),
+            ..Default::default()
+        })
+    }
+
+    fn scaled_imu(&mut self) -> MavMessage {
+        let s = self.sample_imu();
+        MavMessage::SCALED_IMU(SCALED_IMU_DATA {
+            time_boot_ms: (self.imu_stamp_us() / 1000) as u32,
+            xacc: counts(s.accel.x, MILLI_G),
+            yacc: counts(s.accel.y, MILLI_G),
+            zacc: counts(s.accel.z, MILLI_G),
+            xgyro: counts(s.gyro.x, 1e-3),
+            ygyro: counts(s.gyro.y, 1e-3),
+            zgyro: counts(s.gyro.z, 1e-3),
+            temperature: Self::temperature_cdegc(&s),
+            ..Default::default()
+        })
+    }
+
+    fn highres_imu(&mut self) -> MavMessage {
+        let mut s = self.sample_imu();
+        if self.config.flavour == Flavour::Px4 {
+            let [gyro, accel] = self.px4_bias_estimate();
+            s.gyro -= gyro;
+            s.accel -= accel;
+        }
+        // The first six flags: three of acceleration, three of rate.
+        let fields_updated = HighresImuUpdatedFlags::from_bits_truncate(0x3F);
+        MavMessage::HIGHRES_IMU(HIGHRES_IMU_DATA {
+            time_usec: self.imu_stamp_us(),
+            xacc: s.accel.x as f32,
+            yacc: s.accel.y as f32,
+            zacc: s.accel.z as f32,
+            xgyro: s.gyro.x as f32,
+            ygyro: s.gyro.y as f32,
+            zgyro: s.gyro.z as f32,
+            // ArduPilot puts the barometer's temperature here, PX4 the air's.
+            temperature: 21.5,
+            fields_updated,
+            ..Default::default()
+        })
+    }
+
+    fn gps_raw_int(&mut self) -> Option<MavMessage> {
+        let data = match (&self.fix, self.config.flavour) {
+            (Some(fix), _) => self.fix_message(fix),
+            (None, Flavour::ArduPilot) => no_fix(GpsFixType::GPS_FIX_TYPE_NO_FIX, self.boot_s()),
+            (None, Flavour::Px4) => {
+                if self.now_s - self.last_filler_s < 1.0 {
+                    return None;
+                }
+                self.last_filler_s = self.now_s;
+                no_fix(GpsFixType::GPS_FIX_TYPE_NO_GPS, self.boot_s())
+            }
+        };
+        Some(MavMessage::GPS_RAW_INT(data))
+    }
+
+    fn fix_message(&self, fix: &GnssFix) -> GPS_RAW_INT_DATA {
+        let boot_s = fix.t_s - self.booted_s;
+        let time_usec = match self.config.flavour {
+            // The fix's arrival in whole milliseconds.
+            Flavour::ArduPilot => ((boot_s * 1e3 + 1e-6) as u64) * 1000,
+            Flavour::Px4 => (boot_s * 1e6).round() as u64,
+        };
+        let (north, east) = match fix.velocity {
+            FixVelocity::Horizontal([n, e]) | FixVelocity::Full([n, e, _]) => (n, e),
+            FixVelocity::None => (0.0, 0.0),
+        };
+        let course_deg = east.atan2(north).to_degrees().rem_euclid(360.0);
+        let mm = |sigma: f64| (sigma * 1e3).round() as u32;
+        let (h_acc, v_acc) = fix.position_sigma_m.map_or((0, 0), |s| (mm((s[0] * s[1]).sqrt()), mm(s[2])));
+        let vel_acc = fix.velocity_sigma_m_per_s.map_or(0, |s| mm((s[0] * s[1]).sqrt()));
+        let height = fix.position.height_m;
+        GPS_RAW_INT_DATA {
+            time_usec,
+            lat: degrees_e7(fix.position.lat_rad),
+            lon: degrees_e7(fix.position.lon_rad),
+            alt: ((height - self.config.geoid_height_m) * 1e3).round() as i32,
+            alt_ellipsoid: (height * 1e3).round() as i32,
+            eph: 70,
+            epv: 110,
+            vel: (north.hypot(east) * 100.0).round().min(65534.0) as u16,
+            cog: ((course_deg * 100.0).round() as u16) % 36000,
+            fix_type: GpsFixType::GPS_FIX_TYPE_3D_FIX,
+            satellites_visible: 14,
+            h_acc,
+            v_acc,
+            vel_acc,
+            hdg_acc: 0,
+            yaw: 0,
+        }
+    }
+
+    fn attitude(&mut self, time_boot_ms: u32) -> MavMessage {
+        let truth = self.truth();
+        let [roll, pitch, yaw] = self.sensors.attitude(&truth).roll_pitch_yaw;
+        MavMessage::ATTITUDE(ATTITUDE_DATA {
+            time_boot_ms,
+            roll: roll as f32,
+            pitch: pitch as f32,
+            yaw: yaw as f32,
+            rollspeed: truth.rate_eb.x as f32,
+            pitchspeed: truth.rate_eb.y as f32,
+            yawspeed: truth.rate_eb.z as f32,
+        })
+    }
+
+    fn global_position(&mut self, time_boot_ms: u32) -> MavMessage {
+        let truth = self.truth();
+        let home = self.home_height;
+        let yaw = euler_from_c_nb(&truth.c_nb).z.to_degrees().rem_euclid(360.0);
+        let cm = |v: f64| (v * 100.0).round().clamp(-32767.0, 32767.0) as i16;
+        MavMessage::GLOBAL_POSITION_INT(GLOBAL_POSITION_INT_DATA {
+            time_boot_ms,
+            lat: degrees_e7(truth.place.lat_rad),
+            lon: degrees_e7(truth.place.lon_rad),
+            alt: ((truth.place.height_m - self.config.geoid_height_m) * 1e3).round() as i32,
+            relative_alt: ((truth.place.height_m - home) * 1e3).round() as i32,
+            vx: cm(truth.v_n.x),
+            vy: cm(truth.v_n.y),
+            vz: cm(truth.v_n.z),
+            hdg: ((yaw * 100.0).round() as u16) % 36000,
+        })
+    }
+
+    fn vfr_hud(&mut self) -> MavMessage {
+        let truth = self.truth();
+        let speed = truth.v_n.norm() as f32;
+        let yaw = euler_from_c_nb(&truth.c_nb).z.to_degrees().rem_euclid(360.0);
+        MavMessage::VFR_HUD(VFR_HUD_DATA {
+            airspeed: speed,
+            groundspeed: truth.v_n.xy().norm() as f32,
+            alt: (truth.place.height_m - self.config.geoid_height_m) as f32,
+            climb: -truth.v_n.z as f32,
+            heading: yaw as i16,
+            throttle: 50,
+        })
+    }
+
+    /// The truth, as ArduPilot's own simulation sends it.
+    fn sim_state(&mut self) -> MavMessage {
+        let truth = self.truth();
+        let q = UnitQuaternion::from_rotation_matrix(&Rotation3::from_matrix_unchecked(truth.c_nb));
+        let angles = euler_from_c_nb(&truth.c_nb);
+        let f = |v: f64| v as f32;
+        MavMessage::SIM_STATE(SIM_STATE_DATA {
+            q1: f(q.w),
+            q2: f(q.i),
+            q3: f(q.j),
+            q4: f(q.k),
+            roll: f(angles.x),
+            pitch: f(angles.y),
+            yaw: f(angles.z),
+            xacc: f(truth.force.x),
+            yacc: f(truth.force.y),
+            zacc: f(truth.force.z),
+            xgyro: f(truth.rate_ib.x),
+            ygyro: f(truth.rate_ib.y),
+            zgyro: f(truth.rate_ib.z),
+            lat: f(truth.place.lat_rad.to_degrees()),
+            lon: f(truth.place.lon_rad.to_degrees()),
+            alt: f(truth.place.height_m - self.config.geoid_height_m),
+            vn: f(truth.v_n.x),
+            ve: f(truth.v_n.y),
+            vd: f(truth.v_n.z),
+            lat_int: degrees_e7(truth.place.lat_rad),
+            lon_int: degrees_e7(truth.place.lon_rad),
+            ..Default::default()
+        })
+    }
+
+    pub(super) fn version(&self) -> MavMessage {
+        let flight_sw_version = match self.config.flavour {
+            Flavour::ArduPilot => 0x0406_00FF,
+            Flavour::Px4 => 0x010F_00FF,
+        };
+        let capabilities = MavProtocolCapability::MAV_PROTOCOL_CAPABILITY_MISSION_INT
+            | MavProtocolCapability::MAV_PROTOCOL_CAPABILITY_COMMAND_INT
+            | MavProtocolCapability::MAV_PROTOCOL_CAPABILITY_MAVLINK2;
+        MavMessage::AUTOPILOT_VERSION(AUTOPILOT_VERSION_DATA {
+            capabilities,
+            flight_sw_version,
+            ..Default::default()
+        })
+    }
+}
+
+/// Home as ArduPilot keeps it at sequence 0: above sea level.
+pub(super) fn home_item(place: &Geodetic, geoid_height_m: f64) -> MISSION_ITEM_INT_DATA {
+    MISSION_ITEM_INT_DATA {
+        command: MavCmd::MAV_CMD_NAV_WAYPOINT,
+        frame: MavFrame::MAV_FRAME_GLOBAL,
+        x: degrees_e7(place.lat_rad),
+        y: degrees_e7(place.lon_rad),
+        z: (place.height_m - geoid_height_m) as f32,
+        autocontinue: 1,
+        ..Default::default()
+    }
+}
+
+/// 1e-7 degrees.
+pub(super) fn degrees_e7(rad: f64) -> i32 {
+    (rad.to_degrees() * 1e7).round() as i32
+}
+
+fn no_fix(fix_type: GpsFixType, boot_s: f64) -> GPS_RAW_INT_DATA {
+    GPS_RAW_INT_DATA {
+        time_usec: (boot_s * 1e3) as u64 * 1000,
+        fix_type,
+        eph: u16::MAX,
+        epv: u16::MAX,
+        vel: u16::MAX,
+        cog: u16::MAX,
+        ..Default::default()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn counts_are_cut_toward_zero_and_clamped() {
+        assert_eq!(counts(1.9e-3, 1e-3), 1);
+        assert_eq!(counts(-1.9e-3, 1e-3), -1);
+        assert_eq!(counts(80.0 * STANDARD_GRAVITY, MILLI_G), i16::MAX);
+    }
+
+    /// The notes give 11.25 ms for a 20 Hz corner; a slow ramp lags by the group delay.
+    #[test]
+    fn the_filter_delays_as_the_field_notes_say() {
+        let mut filter = LowPass::new(20.0, 400.0);
+        let ramp = |k: u32| Vector3::repeat(f64::from(k) / 400.0);
+        let last = (0..4000).map(|k| filter.next(ramp(k))).last().unwrap();
+        let delay = ramp(3999).x - last.x;
+        assert!((delay - 0.01125).abs() < 2e-4, "{delay}");
+    }
+}

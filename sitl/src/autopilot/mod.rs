@@ -1,0 +1,452 @@
+//! The simulated autopilot: a sans-I/O core that behaves on the wire as ArduPilot or as PX4 does (FIELD_NOTES).
+//!
+//! Feed it received bytes, [step](Autopilot::step) its virtual time, and take the frames it sends. It knows no clock and no
+//! socket, so the same seed and the same input give the same bytes. The shell that puts it on a wire is
+//! [`crate::shell`].
+
+// The dialect calls much of what flies today superseded; vehicles speak it all the same.
+#![allow(deprecated)]
+
+mod commands;
+mod flight;
+pub mod framer;
+mod messages;
+pub mod mission;
+pub mod streams;
+
+use crate::faults::Fault;
+use crate::noise::{Noise, Purpose};
+use crate::scenario::{Airframe, Scenario};
+use crate::sensors::{SensorConfig, Sensors};
+use crate::truth::{Trajectory, Truth};
+use crate::vehicle::{Vehicle, VehicleConfig};
+use flight::Body;
+use framer::{Framer, encode};
+use gaware_nav::model::Model;
+use gaware_nav::sample::{GnssFix, ImuSample};
+use mavlink::dialects::ardupilotmega::*;
+use mavlink::{MavHeader, MessageData};
+use mission::MissionServer;
+use nalgebra::Vector3;
+use streams::{SLOW_DOWN, Streams};
+
+/// Which autopilot it behaves as.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Flavour {
+    /// ArduPilot 4.6.
+    ArduPilot,
+    /// PX4 1.15.
+    Px4,
+}
+
+/// What kind of autopilot.
+#[derive(Debug, Clone, PartialEq)]
+pub struct AutopilotConfig {
+    /// Which autopilot it behaves as.
+    pub flavour: Flavour,
+    /// What it flies.
+    pub airframe: Airframe,
+    /// MAVLink system id; the component is 1.
+    pub system_id: u8,
+    /// Main loop, Hz.
+    pub loop_rate_hz: f64,
+    /// Corner of the two-pole filter on the inertial samples, Hz; `None` = unfiltered.
+    pub filter_hz: Option<f64>,
+    /// Whether ArduPilot's bigger boards' `HIGHRES_IMU` is there.
+    pub has_highres_imu: bool,
+    /// Whether ArduPilot's inertial stamps are those of sending, up to one loop late.
+    pub late_stamps: bool,
+    /// Height of the geoid above the ellipsoid, m.
+    pub geoid_height_m: f64,
+    /// Whether an analytic flight waits, standing, until a station has asked for messages.
+    pub wait_for_station: bool,
+    /// What goes wrong.
+    pub faults: Vec<Fault>,
+    /// Seed of all noise.
+    pub seed: u64,
+}
+
+impl Default for AutopilotConfig {
+    fn default() -> Self {
+        Self {
+            flavour: Flavour::ArduPilot,
+            airframe: Airframe::FixedWing,
+            system_id: 1,
+            loop_rate_hz: 400.0,
+            filter_hz: None,
+            has_highres_imu: true,
+            late_stamps: true,
+            geoid_height_m: 47.0,
+            wait_for_station: true,
+            faults: Vec::new(),
+            seed: 1,
+        }
+    }
+}
+
+/// A frame on its way to the station.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Outgoing {
+    /// When it was sent, µs since the start of the simulation.
+    pub t_us: u64,
+    /// The MAVLink 2 frame.
+    pub bytes: Vec<u8>,
+}
+
+/// How long a restart takes, s.
+const REBOOT_S: f64 = 2.0;
+/// The flight begins this long after the station's first request, so that it can make all of them, s.
+const RELEASE_AFTER_S: f64 = 1.0;
+/// Component of the gimbal that may share the link (`MAV_COMP_ID_GIMBAL`).
+const GIMBAL_COMPONENT: u8 = 154;
+
+/// The simulated autopilot.
+pub struct Autopilot {
+    config: AutopilotConfig,
+    body: Body,
+    mission: MissionServer,
+    sensors: Sensors,
+    streams: Streams,
+    framer: Framer,
+    out: Vec<Outgoing>,
+    loops: u64,
+    now_s: f64,
+    /// Simulation time at which the boot clock was 0.
+    booted_s: f64,
+    silent_until_s: f64,
+    /// Faults by time that are still to come.
+    pending: Vec<Fault>,
+    sequence: [u8; 2],
+    fixes: u64,
+    fix: Option<GnssFix>,
+    last_filler_s: f64,
+    imu: Option<ImuSample>,
+    imu_s: f64,
+    filter: Option<[messages::LowPass; 2]>,
+    stamp_noise: Noise,
+    /// When the analytic flight begins; infinite while it waits.
+    release_s: f64,
+    last_timesync_s: f64,
+    /// Height above the ellipsoid that relative altitudes count from, m.
+    home_height: f64,
+}
+
+impl std::fmt::Debug for Autopilot {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.debug_struct("Autopilot")
+            .field("config", &self.config)
+            .field("now_s", &self.now_s)
+            .finish_non_exhaustive()
+    }
+}
+
+impl Autopilot {
+    /// An autopilot that plays an analytic flight with these sensors.
+    pub fn new(
+        config: AutopilotConfig,
+        body: Box<dyn Trajectory>,
+        model: &Model,
+        sensors: SensorConfig,
+    ) -> Self {
+        Self::with_body(config, Body::Analytic(body, Vec::new()), model, sensors)
+    }
+
+    /// An autopilot whose vehicle flies what is uploaded.
+    pub fn flying(
+        config: AutopilotConfig,
+        vehicle: VehicleConfig,
+        model: &Model,
+        sensors: SensorConfig,
+    ) -> Self {
+        let config = AutopilotConfig { airframe: vehicle.airframe, wait_for_station: false, ..config };
+        let vehicle = VehicleConfig {
+            first_item: usize::from(config.flavour == Flavour::ArduPilot),
+            geoid_height_m: config.geoid_height_m,
+            ..vehicle
+        };
+        Self::with_body(config, Body::Vehicle(Box::new(Vehicle::new(vehicle))), model, sensors)
+    }
+
+    fn with_body(config: AutopilotConfig, mut body: Body, model: &Model, sensors: SensorConfig) -> Self {
+        let start = body.truth_at(0.0).place;
+        let home = messages::home_item(&start, config.geoid_height_m);
+        // Rounding is done where the message is made.
+        let sensors = SensorConfig { time_jitter_s: 0.0, ..sensors };
+        let flavour = config.flavour;
+        let streams = Streams::new(config.flavour, config.loop_rate_hz, config.has_highres_imu, 0.0);
+        let filter = config.filter_hz.map(|hz| {
+            let one = messages::LowPass::new(hz, config.loop_rate_hz);
+            [one.clone(), one]
+        });
+        let mut pending = config.faults.clone();
+        pending.retain(|f| {
+            matches!(f, Fault::Reboot { .. } | Fault::ClockJump { .. } | Fault::RateTheft { .. })
+        });
+        Self {
+            sensors: Sensors::unrounded(model, sensors, config.seed),
+            stamp_noise: Noise::new(config.seed, Purpose::Jitter),
+            release_s: if config.wait_for_station { f64::INFINITY } else { 0.0 },
+            config,
+            body,
+            streams,
+            framer: Framer::default(),
+            out: Vec::new(),
+            loops: 0,
+            now_s: 0.0,
+            booted_s: 0.0,
+            silent_until_s: 0.0,
+            pending,
+            sequence: [0; 2],
+            fixes: 0,
+            fix: None,
+            last_filler_s: 0.0,
+            imu: None,
+            imu_s: 0.0,
+            filter,
+            last_timesync_s: 0.0,
+            home_height: start.height_m,
+            mission: MissionServer::new(flavour, home),
+        }
+    }
+
+    /// An autopilot that plays a scenario's analytic flight, or waits for a mission where the scenario has a vehicle.
+    pub fn playing(config: AutopilotConfig, scenario: &Scenario) -> Self {
+        if let Some(vehicle) = &scenario.vehicle {
+            return Self::flying(config, vehicle.clone(), &scenario.model, scenario.sensors.clone());
+        }
+        let config = AutopilotConfig { airframe: scenario.airframe, ..config };
+        Self::new(config, scenario.trajectory(), &scenario.model, scenario.sensors.clone())
+    }
+
+    /// Virtual time since the start, s.
+    pub fn now_s(&self) -> f64 {
+        self.now_s
+    }
+
+    /// Whether an analytic flight still waits for a station.
+    pub fn is_waiting(&self) -> bool {
+        self.release_s > self.now_s
+    }
+
+    /// Whether the next move is a station's: an analytic flight that waits, or a vehicle that is not armed.
+    pub fn is_idle(&self) -> bool {
+        self.is_waiting() || self.vehicle().is_some_and(|v| !v.is_armed())
+    }
+
+    /// Whether an analytic flight is over.
+    pub fn is_over(&self) -> bool {
+        self.now_s - self.release_s >= self.body.duration_s()
+    }
+
+    /// Lets an analytic flight begin now.
+    pub fn release(&mut self) {
+        self.release_s = self.release_s.min(self.now_s);
+    }
+
+    /// The hidden truth about the sensors.
+    pub fn model(&self) -> &Model {
+        self.sensors.model()
+    }
+
+    /// Where the vehicle really is now.
+    pub fn truth(&mut self) -> Truth {
+        let now = self.now_s;
+        self.truth_at(now)
+    }
+
+    /// Frames sent since the last call.
+    pub fn take_output(&mut self) -> Vec<Outgoing> {
+        std::mem::take(&mut self.out)
+    }
+
+    /// Received bytes, in any portions.
+    pub fn receive(&mut self, bytes: &[u8]) {
+        if self.now_s < self.silent_until_s {
+            return;
+        }
+        self.framer.push(bytes);
+        while let Some((header, message)) = self.framer.next_message() {
+            self.handle(&header, &message);
+        }
+    }
+
+    /// Runs the main loop up to this virtual time.
+    pub fn step(&mut self, until_s: f64) {
+        loop {
+            let next = self.loops as f64 / self.config.loop_rate_hz;
+            if next > until_s {
+                return;
+            }
+            self.loops += 1;
+            self.now_s = next;
+            self.run_loop();
+        }
+    }
+
+    fn run_loop(&mut self) {
+        self.meet_faults();
+        self.take_fix();
+        if self.filter.is_some() {
+            self.sample_imu();
+        }
+        if self.now_s < self.silent_until_s {
+            return;
+        }
+        let slower = self.slow_down();
+        for id in self.streams.due(self.now_s, slower) {
+            self.send_stream(id);
+            if id == HEARTBEAT_DATA::ID && self.config.faults.contains(&Fault::Gimbal) {
+                self.send_gimbal();
+            }
+        }
+        self.tell_of_mission();
+        self.ask_for_time();
+    }
+
+    fn slow_down(&self) -> f64 {
+        let slow = self.config.flavour == Flavour::ArduPilot && self.mission.is_uploading();
+        if slow { SLOW_DOWN } else { 1.0 }
+    }
+
+    /// Boot time, s.
+    fn boot_s(&self) -> f64 {
+        self.now_s - self.booted_s
+    }
+
+    fn truth_at(&mut self, t_s: f64) -> Truth {
+        let flight_s = (t_s - self.release_s).max(0.0);
+        Truth { t_s, ..self.body.truth_at(flight_s) }
+    }
+
+    /// The inertial sample of this loop.
+    fn sample_imu(&mut self) -> ImuSample {
+        if let Some(sample) = self.imu.filter(|_| self.imu_s == self.now_s) {
+            return sample;
+        }
+        let interval =
+            if self.imu.is_some() { self.now_s - self.imu_s } else { 1.0 / self.config.loop_rate_hz };
+        let truth = self.truth_at(self.now_s);
+        let mut sample = self.sensors.imu_after(&truth, interval);
+        if let Some([gyro, accel]) = &mut self.filter {
+            sample.gyro = gyro.next(sample.gyro);
+            sample.accel = accel.next(sample.accel);
+        }
+        self.imu = Some(sample);
+        self.imu_s = self.now_s;
+        sample
+    }
+
+    /// The receiver delivers at its own rate, whatever the link asks for.
+    fn take_fix(&mut self) {
+        let config = self.sensors.config();
+        if config.fix_rate_hz <= 0.0 {
+            return;
+        }
+        let due = config.fix_phase_s + self.fixes as f64 / config.fix_rate_hz;
+        if due > self.now_s + 1e-9 {
+            return;
+        }
+        self.fixes += 1;
+        let valid = due - self.sensors.fix_delay_s();
+        let truth = self.truth_at(valid.max(0.0));
+        let fix = self.sensors.fix(due, &truth);
+        let lost = self
+            .config
+            .faults
+            .iter()
+            .any(|f| matches!(f, Fault::GnssLoss { from_s, to_s } if (*from_s..*to_s).contains(&due)));
+        let known = valid >= 0.0 && due > self.silent_until_s && !lost && !self.sensors.in_outage(due);
+        self.fix = known.then_some(fix);
+    }
+
+    fn meet_faults(&mut self) {
+        let now = self.now_s;
+        let mut reboot = false;
+        let (mut jump, mut theft) = (0.0, false);
+        self.pending.retain(|fault| match *fault {
+            Fault::Reboot { at_s } if at_s <= now => {
+                reboot = true;
+                false
+            }
+            Fault::ClockJump { at_s, by_s } if at_s <= now => {
+                jump += by_s;
+                false
+            }
+            Fault::RateTheft { at_s } if at_s <= now => {
+                theft = true;
+                false
+            }
+            _ => true,
+        });
+        self.booted_s -= jump;
+        if theft {
+            let group = MavDataStream::MAV_DATA_STREAM_RAW_SENSORS;
+            self.streams.request_group(group, 2, true, now);
+        }
+        if reboot {
+            self.reboot();
+        }
+    }
+
+    fn reboot(&mut self) {
+        self.booted_s = self.now_s + REBOOT_S;
+        self.silent_until_s = self.now_s + REBOOT_S;
+        self.sequence = [0; 2];
+        self.fix = None;
+        self.framer = Framer::default();
+        self.mission.restart();
+        let config = &self.config;
+        self.streams =
+            Streams::new(config.flavour, config.loop_rate_hz, config.has_highres_imu, self.silent_until_s);
+    }
+
+    fn send(&mut self, message: &MavMessage) {
+        self.send_as(1, message);
+    }
+
+    fn send_as(&mut self, component_id: u8, message: &MavMessage) {
+        let sequence = &mut self.sequence[usize::from(component_id != 1)];
+        let header = MavHeader { system_id: self.config.system_id.into(), component_id, sequence: *sequence };
+        *sequence = sequence.wrapping_add(1);
+        let t_us = (self.now_s * 1e6).round() as u64;
+        self.out.push(Outgoing { t_us, bytes: encode(header, message) });
+    }
+
+    /// A gimbal on the same link, whose inertial unit must not be taken for the vehicle's.
+    fn send_gimbal(&mut self) {
+        let heartbeat = HEARTBEAT_DATA {
+            mavtype: MavType::MAV_TYPE_GIMBAL,
+            autopilot: MavAutopilot::MAV_AUTOPILOT_INVALID,
+            system_status: MavState::MAV_STATE_ACTIVE,
+            mavlink_version: 3,
+            ..Default::default()
+        };
+        self.send_as(GIMBAL_COMPONENT, &MavMessage::HEARTBEAT(heartbeat));
+        let imu = RAW_IMU_DATA { time_usec: 77, xacc: 700, yacc: -700, zgyro: 900, ..Default::default() };
+        self.send_as(GIMBAL_COMPONENT, &MavMessage::RAW_IMU(imu));
+    }
+
+    /// The autopilot synchronises its own clock: PX4 at 10 Hz, ArduPilot every 10 s.
+    fn ask_for_time(&mut self) {
+        let every_s = match self.config.flavour {
+            Flavour::ArduPilot => 10.0,
+            Flavour::Px4 => 0.1,
+        };
+        if self.now_s - self.last_timesync_s >= every_s {
+            self.last_timesync_s = self.now_s;
+            let ts1 = (self.boot_s() * 1e9) as i64;
+            self.send(&MavMessage::TIMESYNC(TIMESYNC_DATA { tc1: 0, ts1, ..Default::default() }));
+        }
+    }
+
+    /// Bias that PX4's filter believes in and has taken off its `HIGHRES_IMU`: near the truth, and moving.
+    fn px4_bias_estimate(&self) -> [Vector3<f64>; 2] {
+        let settled = 1.0 - (-self.boot_s() / 30.0).exp();
+        let sway = 0.05 * (self.boot_s() / 23.0).sin();
+        let imu = &self.sensors.model().imu;
+        [Vector3::from(imu.gyro_bias), Vector3::from(imu.accel_bias)].map(|b| b * (settled + sway))
+    }
+}
+
+#[cfg(test)]
+mod tests;

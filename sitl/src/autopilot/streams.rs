@@ -1,0 +1,240 @@
+//! Which messages are sent how often, with the habits of each autopilot (FIELD_NOTES, "Rates and links").
+
+use super::Flavour;
+use mavlink::MessageData;
+use mavlink::dialects::ardupilotmega::*;
+use std::collections::BTreeMap;
+
+/// Share of the loop rate that ArduPilot grants to one message.
+const RATE_SHARE: f64 = 0.8;
+/// ArduPilot sends everything this much slower while a mission is uploaded.
+pub const SLOW_DOWN: f64 = 4.0;
+/// Slack when due times are compared with loop times, s.
+const SLACK_S: f64 = 1e-7;
+
+/// Messages that can be streamed at all.
+const COMMON: &[u32] = &[
+    HEARTBEAT_DATA::ID,
+    SYSTEM_TIME_DATA::ID,
+    GPS_RAW_INT_DATA::ID,
+    SCALED_IMU_DATA::ID,
+    ATTITUDE_DATA::ID,
+    GLOBAL_POSITION_INT_DATA::ID,
+    MISSION_CURRENT_DATA::ID,
+    VFR_HUD_DATA::ID,
+];
+
+#[derive(Debug, Clone, Copy)]
+struct Entry {
+    interval_s: f64,
+    next_s: f64,
+}
+
+/// The table of streams.
+#[derive(Debug, Clone)]
+pub struct Streams {
+    flavour: Flavour,
+    has_highres_imu: bool,
+    /// Highest rate of one message, Hz.
+    cap_hz: f64,
+    entries: BTreeMap<u32, Entry>,
+}
+
+impl Streams {
+    /// The table after a start at `now_s`.
+    pub fn new(flavour: Flavour, loop_rate_hz: f64, has_highres_imu: bool, now_s: f64) -> Self {
+        let cap_hz = match flavour {
+            Flavour::ArduPilot => RATE_SHARE * loop_rate_hz,
+            Flavour::Px4 => loop_rate_hz,
+        };
+        let mut streams = Self { flavour, has_highres_imu, cap_hz, entries: BTreeMap::new() };
+        for (id, rate_hz) in streams.defaults() {
+            streams.put(id, 1.0 / rate_hz, now_s);
+        }
+        streams
+    }
+
+    fn defaults(&self) -> Vec<(u32, f64)> {
+        let mut rates = vec![
+            (HEARTBEAT_DATA::ID, 1.0),
+            (GPS_RAW_INT_DATA::ID, 2.0),
+            (ATTITUDE_DATA::ID, 4.0),
+            (GLOBAL_POSITION_INT_DATA::ID, 2.0),
+            (SYSTEM_TIME_DATA::ID, 1.0),
+            (MISSION_CURRENT_DATA::ID, 1.0),
+        ];
+        if self.flavour == Flavour::ArduPilot {
+            rates.push((RAW_IMU_DATA::ID, 2.0));
+        }
+        rates
+    }
+
+    /// Whether this autopilot can send the message.
+    pub fn supports(&self, id: u32) -> bool {
+        COMMON.contains(&id)
+            || match self.flavour {
+                Flavour::ArduPilot => {
+                    id == RAW_IMU_DATA::ID
+                        || id == SIM_STATE_DATA::ID
+                        || (id == HIGHRES_IMU_DATA::ID && self.has_highres_imu)
+                }
+                Flavour::Px4 => id == HIGHRES_IMU_DATA::ID,
+            }
+    }
+
+    fn put(&mut self, id: u32, interval_s: f64, now_s: f64) {
+        self.entries.insert(id, Entry { interval_s, next_s: now_s });
+    }
+
+    /// `MAV_CMD_SET_MESSAGE_INTERVAL`. −1 stops a message, 0 gives its default back.
+    pub fn set_interval(&mut self, params: &[f32; 7], now_s: f64) -> MavResult {
+        let (id, interval_us) = (params[0] as u32, f64::from(params[1]));
+        let refused = match self.flavour {
+            Flavour::ArduPilot => MavResult::MAV_RESULT_DENIED,
+            Flavour::Px4 => MavResult::MAV_RESULT_FAILED,
+        };
+        if !self.supports(id) {
+            return refused;
+        }
+        if self.flavour == Flavour::ArduPilot && params[2..6].iter().any(|p| *p != 0.0) {
+            return MavResult::MAV_RESULT_DENIED;
+        }
+        if interval_us < 0.0 {
+            self.entries.remove(&id);
+            return MavResult::MAV_RESULT_ACCEPTED;
+        }
+        if interval_us == 0.0 {
+            match self.defaults().into_iter().find(|(i, _)| *i == id) {
+                Some((_, rate_hz)) => self.put(id, 1.0 / rate_hz, now_s),
+                None => _ = self.entries.remove(&id),
+            }
+            return MavResult::MAV_RESULT_ACCEPTED;
+        }
+        let interval_s = match self.flavour {
+            Flavour::ArduPilot => (interval_us / 1000.0).floor().max(1.0) * 1e-3,
+            Flavour::Px4 => interval_us * 1e-6,
+        };
+        if self.flavour == Flavour::ArduPilot && 1.0 / interval_s > self.cap_hz + SLACK_S {
+            return refused;
+        }
+        self.put(id, interval_s, now_s);
+        MavResult::MAV_RESULT_ACCEPTED
+    }
+
+    /// The answer to `MAV_CMD_GET_MESSAGE_INTERVAL`, µs: −1 = off, 0 = not available.
+    pub fn interval_us(&self, id: u32) -> i32 {
+        match self.entries.get(&id) {
+            Some(entry) => (entry.interval_s * 1e6).round() as i32,
+            None if self.supports(id) => -1,
+            None => 0,
+        }
+    }
+
+    /// `REQUEST_DATA_STREAM`, the old way that other stations use; silently capped. PX4 does not know it.
+    pub fn request_group(&mut self, group: MavDataStream, rate_hz: u16, start: bool, now_s: f64) {
+        if self.flavour == Flavour::Px4 {
+            return;
+        }
+        let raw = [RAW_IMU_DATA::ID];
+        let status = [GPS_RAW_INT_DATA::ID, MISSION_CURRENT_DATA::ID];
+        let position = [GLOBAL_POSITION_INT_DATA::ID];
+        let extra1 = [ATTITUDE_DATA::ID, SIM_STATE_DATA::ID];
+        let extra2 = [VFR_HUD_DATA::ID];
+        let extra3 = [SYSTEM_TIME_DATA::ID];
+        let groups: &[&[u32]] = match group {
+            MavDataStream::MAV_DATA_STREAM_ALL => &[&raw, &status, &position, &extra1, &extra2, &extra3],
+            MavDataStream::MAV_DATA_STREAM_RAW_SENSORS => &[&raw],
+            MavDataStream::MAV_DATA_STREAM_EXTENDED_STATUS => &[&status],
+            MavDataStream::MAV_DATA_STREAM_POSITION => &[&position],
+            MavDataStream::MAV_DATA_STREAM_EXTRA1 => &[&extra1],
+            MavDataStream::MAV_DATA_STREAM_EXTRA2 => &[&extra2],
+            MavDataStream::MAV_DATA_STREAM_EXTRA3 => &[&extra3],
+            _ => &[],
+        };
+        for id in groups.iter().copied().flatten().copied() {
+            if start && rate_hz > 0 {
+                let rate = f64::from(rate_hz).min(self.cap_hz);
+                self.put(id, 1.0 / rate, now_s);
+            } else {
+                self.entries.remove(&id);
+            }
+        }
+    }
+
+    /// Messages due at this loop, in order of their ids; `slower` stretches the intervals.
+    pub fn due(&mut self, now_s: f64, slower: f64) -> Vec<u32> {
+        let mut due = Vec::new();
+        for (id, entry) in &mut self.entries {
+            if entry.next_s > now_s + SLACK_S {
+                continue;
+            }
+            due.push(*id);
+            let interval = entry.interval_s * slower;
+            entry.next_s += interval;
+            // A message that the loop cannot serve in time is not sent twice to make up for it.
+            if entry.next_s <= now_s {
+                entry.next_s = now_s + interval;
+            }
+        }
+        due
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn set(streams: &mut Streams, id: u32, interval_us: f32) -> MavResult {
+        streams.set_interval(&[id as f32, interval_us, 0.0, 0.0, 0.0, 0.0, 0.0], 0.0)
+    }
+
+    #[test]
+    fn ardupilot_denies_more_than_its_share_of_the_loop() {
+        let mut plane = Streams::new(Flavour::ArduPilot, 50.0, false, 0.0);
+        assert_eq!(set(&mut plane, RAW_IMU_DATA::ID, 20_000.0), MavResult::MAV_RESULT_DENIED);
+        assert_eq!(set(&mut plane, RAW_IMU_DATA::ID, 25_000.0), MavResult::MAV_RESULT_ACCEPTED);
+        assert_eq!(plane.interval_us(RAW_IMU_DATA::ID), 25_000);
+        assert_eq!(set(&mut plane, HIGHRES_IMU_DATA::ID, 50_000.0), MavResult::MAV_RESULT_DENIED);
+        assert_eq!(plane.interval_us(HIGHRES_IMU_DATA::ID), 0);
+    }
+
+    #[test]
+    fn ardupilot_counts_whole_milliseconds() {
+        let mut copter = Streams::new(Flavour::ArduPilot, 400.0, true, 0.0);
+        assert_eq!(set(&mut copter, RAW_IMU_DATA::ID, 6_700.0), MavResult::MAV_RESULT_ACCEPTED);
+        assert_eq!(copter.interval_us(RAW_IMU_DATA::ID), 6_000);
+        let with_extra = [RAW_IMU_DATA::ID as f32, 10_000.0, 1.0, 0.0, 0.0, 0.0, 0.0];
+        assert_eq!(copter.set_interval(&with_extra, 0.0), MavResult::MAV_RESULT_DENIED);
+    }
+
+    #[test]
+    fn px4_has_no_raw_imu_and_no_stream_groups() {
+        let mut px4 = Streams::new(Flavour::Px4, 250.0, true, 0.0);
+        assert_eq!(set(&mut px4, RAW_IMU_DATA::ID, 10_000.0), MavResult::MAV_RESULT_FAILED);
+        assert_eq!(set(&mut px4, HIGHRES_IMU_DATA::ID, 5_000.0), MavResult::MAV_RESULT_ACCEPTED);
+        px4.request_group(MavDataStream::MAV_DATA_STREAM_ALL, 50, true, 0.0);
+        assert_eq!(px4.interval_us(VFR_HUD_DATA::ID), -1);
+    }
+
+    #[test]
+    fn another_station_can_overwrite_a_rate() {
+        let mut copter = Streams::new(Flavour::ArduPilot, 400.0, true, 0.0);
+        set(&mut copter, RAW_IMU_DATA::ID, 5_000.0);
+        copter.request_group(MavDataStream::MAV_DATA_STREAM_RAW_SENSORS, 2, true, 0.0);
+        assert_eq!(copter.interval_us(RAW_IMU_DATA::ID), 500_000);
+    }
+
+    #[test]
+    fn messages_come_at_their_rate_and_slower_during_an_upload() {
+        let mut copter = Streams::new(Flavour::ArduPilot, 400.0, true, 0.0);
+        set(&mut copter, RAW_IMU_DATA::ID, 5_000.0);
+        let mut count = |from: u32, slower: f64| {
+            (from..from + 400)
+                .filter(|k| copter.due(f64::from(*k) / 400.0, slower).contains(&RAW_IMU_DATA::ID))
+                .count()
+        };
+        assert_eq!(count(0, 1.0), 200);
+        let slow = count(400, SLOW_DOWN);
+        assert!((50..=51).contains(&slow), "{slow}");
+    }
+}

@@ -1,0 +1,109 @@
+//! The commands, a file each: arguments in, work done, one clear sentence when it fails.
+
+pub mod baseline;
+pub mod pipeline;
+pub mod print;
+pub mod replay;
+pub mod run;
+pub mod sim;
+pub mod truth_comparison;
+
+use crate::link::address::AddressError;
+use crate::logs::LogError;
+use crate::sinks::recorder::RecorderError;
+use gaware_nav::model::{Model, ModelError};
+use std::path::{Path, PathBuf};
+
+/// Why a command failed; the text says what to do.
+#[derive(Debug, thiserror::Error)]
+pub enum CommandError {
+    /// A log cannot be read.
+    #[error(transparent)]
+    Log(#[from] LogError),
+    /// An address is none.
+    #[error(transparent)]
+    Address(#[from] AddressError),
+    /// Signing cannot be set up.
+    #[error(transparent)]
+    Signing(#[from] crate::link::signing::SigningError),
+    /// A recording cannot be started.
+    #[error(transparent)]
+    Recorder(#[from] RecorderError),
+    /// A file cannot be read.
+    #[error("cannot read {path}: {source}")]
+    Read {
+        /// File.
+        path: PathBuf,
+        /// What the system said.
+        source: std::io::Error,
+    },
+    /// A model file is wrong.
+    #[error("{path}{place}: {source}", place = line.map(|l| format!(", line {l}")).unwrap_or_default())]
+    Model {
+        /// File.
+        path: PathBuf,
+        /// Line, where the parser tells.
+        line: Option<usize>,
+        /// What is wrong.
+        source: ModelError,
+    },
+    /// A baseline cannot be used.
+    #[error("{path} is no baseline: {reason}")]
+    Baseline {
+        /// File.
+        path: PathBuf,
+        /// Why.
+        reason: String,
+    },
+    /// The result left the tolerance of the baseline.
+    #[error("the result left its baseline in {count} place(s):\n{differences}")]
+    Differs {
+        /// Number of places.
+        count: usize,
+        /// One line each.
+        differences: String,
+    },
+    /// The result cannot be written.
+    #[error("cannot write the result: {0}")]
+    Output(#[from] std::io::Error),
+}
+
+/// Reads a model file.
+///
+/// # Errors
+/// When it cannot be read, or is no model; the line is told where it is known.
+pub fn load_model(path: &Path) -> Result<Model, CommandError> {
+    let text = std::fs::read_to_string(path)
+        .map_err(|source| CommandError::Read { path: path.to_owned(), source })?;
+    parse_model(&text, path)
+}
+
+fn parse_model(text: &str, path: &Path) -> Result<Model, CommandError> {
+    Model::from_toml(text).map_err(|source| {
+        let line = match &source {
+            ModelError::Syntax { span: Some(span), .. } => {
+                text.get(..span.start).map(|before| before.matches('\n').count() + 1)
+            }
+            _ => None,
+        };
+        CommandError::Model { path: path.to_owned(), line, source }
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_typo_in_a_model_is_shown_with_its_line() {
+        let text = "schema = \"gaware.model/1\"\n[imu]\ngyro_noize = 1.0\n";
+        let message = parse_model(text, Path::new("m.toml")).unwrap_err().to_string();
+        assert!(message.contains("m.toml, line 3") && message.contains("gyro_noize"), "{message}");
+    }
+
+    #[test]
+    fn a_missing_model_is_named() {
+        let message = load_model(Path::new("/no/such/model.toml")).unwrap_err().to_string();
+        assert!(message.contains("/no/such/model.toml"), "{message}");
+    }
+}

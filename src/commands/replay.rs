@@ -1,0 +1,134 @@
+//! `gaware replay LOG`: the pipeline over a recorded flight.
+
+use super::pipeline::{Estimator, Pipeline};
+use super::{CommandError, baseline, load_model, parse_model, print};
+use crate::logs::{self, Damage, LogError};
+use crate::sensors::{ConverterOptions, ImuSource};
+use gaware_nav::model::Model;
+use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
+use serde_json::{Map, Value, json};
+use std::io::{IsTerminal, Write};
+use std::path::{Path, PathBuf};
+
+/// Records between two looks at the progress.
+const PROGRESS_EVERY: u64 = 4096;
+
+/// Arguments of `replay`.
+#[derive(Debug, Clone, clap::Args)]
+pub struct ReplayArgs {
+    /// Recorded flight: .tlog, DataFlash .bin, .ulg or a recording of gaware (.mcap).
+    pub log: PathBuf,
+    /// Print the result as one JSON document.
+    #[arg(long)]
+    pub json: bool,
+    /// Model of the sensors (default: the recording's own, otherwise g-sensitivity and GNSS latency are estimated).
+    #[arg(long, value_name = "FILE")]
+    pub model: Option<PathBuf>,
+    /// Compare the result with this earlier one and fail when it left its tolerance.
+    #[arg(long, value_name = "FILE")]
+    pub baseline: Option<PathBuf>,
+    /// Take inertial samples from this message (default: the best that arrives).
+    #[arg(long, value_name = "MESSAGE")]
+    pub source: Option<ImuSource>,
+    /// Listen to this system id (default: the first autopilot).
+    #[arg(long, value_name = "ID")]
+    pub vehicle: Option<u8>,
+    /// Compare with the truth of a simulated flight from this many seconds after the start.
+    #[arg(long, value_name = "SECONDS", default_value_t = 150.0)]
+    pub truth_from: f64,
+}
+
+/// Runs the command and prints its result.
+///
+/// # Errors
+/// When log, model or baseline cannot be read, nothing in the log can, or the result left the baseline.
+pub fn run<E: Estimator>(args: &ReplayArgs, make: impl FnOnce(Model) -> E) -> Result<(), CommandError> {
+    let (pipeline, document) = replay(args, make)?;
+    let mut out = std::io::stdout().lock();
+    if args.json {
+        serde_json::to_writer(&mut out, &document).map_err(std::io::Error::from)?;
+        writeln!(out)?;
+    } else {
+        out.write_all(print::summary(&pipeline.summary(), &document).as_bytes())?;
+    }
+    match &args.baseline {
+        Some(path) => baseline::check(path, &document),
+        None => Ok(()),
+    }
+}
+
+/// Runs the log through and gives the pipeline at its end with the result.
+///
+/// # Errors
+/// When log or model cannot be read, or nothing in the log can.
+pub fn replay<E: Estimator>(
+    args: &ReplayArgs,
+    make: impl FnOnce(Model) -> E,
+) -> Result<(Pipeline<E>, Map<String, Value>), CommandError> {
+    let mut reader = logs::open(&args.log)?;
+    let setup = logs::mcap::recorded_setup(&args.log);
+    let model = match (&args.model, &setup) {
+        (Some(path), _) => load_model(path)?,
+        (None, Some(setup)) => parse_model(&setup.model_toml, &args.log)?,
+        (None, None) => Model::standard(),
+    };
+    let recorded = setup.map(|s| s.converter).unwrap_or_default();
+    let options = ConverterOptions {
+        source: args.source.or(recorded.source),
+        vehicle: args.vehicle.or(recorded.vehicle),
+    };
+    let mut pipeline = Pipeline::new(options, make(model), args.truth_from);
+    pipeline.set_autopilot(reader.autopilot());
+    let bar = progress_bar(&args.log, reader.progress().total_bytes);
+    let mut records = 0_u64;
+    while let Some(record) = reader.next() {
+        match record {
+            Ok(record) => pipeline.record(&record),
+            // What was read before a failing disk is still a result.
+            Err(error @ LogError::Read { .. }) if records > 0 => {
+                tracing::warn!(%error, "the log is used up to here");
+                break;
+            }
+            Err(error) => return Err(error.into()),
+        }
+        records += 1;
+        if records.is_multiple_of(PROGRESS_EVERY) {
+            bar.set_position(reader.progress().read_bytes);
+        }
+    }
+    bar.finish_and_clear();
+    let mut document = pipeline.document();
+    tell_damage(reader.damage(), &mut document);
+    Ok((pipeline, document))
+}
+
+/// A damaged log says so in the result; the field is absent for a good one.
+fn tell_damage(damage: Damage, document: &mut Map<String, Value>) {
+    if !damage.any() {
+        return;
+    }
+    tracing::warn!(?damage, "parts of the log could not be read");
+    document.insert("log_damage".to_owned(), json!(damage));
+    if let Some(Value::Array(warnings)) = document.get_mut("warnings") {
+        let end = if damage.truncated { ", and it ends in the middle of an entry" } else { "" };
+        warnings.push(json!(format!(
+            "the log is damaged: {} bytes and {} entries could not be read{end}",
+            damage.skipped_bytes, damage.bad_records
+        )));
+    }
+}
+
+/// Progress on a terminal only.
+fn progress_bar(log: &Path, total_bytes: u64) -> ProgressBar {
+    let target = if std::io::stderr().is_terminal() {
+        ProgressDrawTarget::stderr()
+    } else {
+        ProgressDrawTarget::hidden()
+    };
+    let bar = ProgressBar::with_draw_target(Some(total_bytes), target);
+    if let Ok(style) = ProgressStyle::with_template("{msg} [{bar:40}] {percent}% {eta}") {
+        bar.set_style(style);
+    }
+    bar.set_message(log.file_name().map(|n| n.to_string_lossy().into_owned()).unwrap_or_default());
+    bar
+}

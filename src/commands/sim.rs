@@ -1,0 +1,255 @@
+//! `gaware sim`: a simulated autopilot on UDP, TCP or a pseudo-terminal.
+
+use clap::{Args, ValueEnum};
+use gaware_sitl::autopilot::{Autopilot, AutopilotConfig, Flavour};
+use gaware_sitl::faults::{Fault, FaultError, link_faults};
+use gaware_sitl::scenario::{self, HideError};
+use gaware_sitl::shell::{Endpoint, Options, Served, Server, ShellError, Speed};
+use std::path::PathBuf;
+use tokio_util::sync::CancellationToken;
+
+/// Which autopilot the simulation behaves as.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
+pub enum AutopilotKind {
+    /// Truncated RAW_IMU, send-time stamps, rate caps.
+    Ardupilot,
+    /// HIGHRES_IMU without the filter's bias estimate, no RAW_IMU.
+    Px4,
+}
+
+/// Arguments of `gaware sim`.
+#[derive(Debug, Clone, Args)]
+pub struct SimArgs {
+    /// Flight to fly; a wrong name lists all.
+    #[arg(long, default_value = "fixed_wing")]
+    pub scenario: String,
+    /// Where to talk: udpout:HOST:PORT, udpin:HOST:PORT, tcpin:HOST:PORT, tcpout:HOST:PORT or pty.
+    #[arg(long, default_value = "udpout:127.0.0.1:14550")]
+    pub listen: String,
+    /// Autopilot to behave as.
+    #[arg(long, value_enum, default_value = "ardupilot")]
+    pub autopilot: AutopilotKind,
+    /// Virtual seconds per second, or max (not over UDP).
+    #[arg(long, default_value = "1")]
+    pub speed: String,
+    /// Seed of all noise and all faults.
+    #[arg(long, default_value_t = 1)]
+    pub seed: u64,
+    /// Hide an effect in the sensors, values as in a model file: gps_latency=0.3, gps_lever_arm=[0.3,0,-0.1].
+    #[arg(long, value_name = "EFFECT=VALUE")]
+    pub hide: Vec<String>,
+    /// Record every frame, sent and received, to this .tlog.
+    #[arg(long, value_name = "FILE")]
+    pub record: Option<PathBuf>,
+    /// Something that goes wrong: reboot@30, gnss-loss@20-40, clock-jump@50+10, gimbal, loss=0.1, …
+    #[arg(long, value_name = "FAULT")]
+    pub fault: Vec<String>,
+    /// MAVLink system id.
+    #[arg(long, default_value_t = 1)]
+    pub system_id: u8,
+    /// Main loop, Hz; ArduPilot grants a message 0.8 of it.
+    #[arg(long, default_value_t = 400.0, value_name = "HZ")]
+    pub loop_rate: f64,
+    /// Corner of the two-pole filter over the inertial samples (real vehicles: 20); without, they are unfiltered.
+    #[arg(long, value_name = "HZ")]
+    pub filter: Option<f64>,
+    /// Begin the flight at once instead of waiting for a station's first request.
+    #[arg(long)]
+    pub no_wait: bool,
+    /// Mean wind blowing toward north and east, m/s, for vehicles that fly missions: 3,-2.
+    #[arg(long, value_name = "N,E", value_delimiter = ',', num_args = 1, allow_hyphen_values = true)]
+    pub wind: Vec<f64>,
+    /// End when a vehicle that flies missions has landed.
+    #[arg(long)]
+    pub until_landed: bool,
+    /// End after this much virtual time.
+    #[arg(long, value_name = "S")]
+    pub until: Option<f64>,
+}
+
+/// Why a simulation did not run.
+#[derive(Debug, thiserror::Error)]
+pub enum SimError {
+    /// No such scenario.
+    #[error("there is no scenario \"{name}\"; known are {known}")]
+    Scenario {
+        /// As written.
+        name: String,
+        /// All names.
+        known: String,
+    },
+    /// A number outside of sense.
+    #[error("--{name} {value} is out of range: {wanted}")]
+    Range {
+        /// Argument.
+        name: &'static str,
+        /// As written.
+        value: f64,
+        /// What would do.
+        wanted: &'static str,
+    },
+    /// Not two numbers.
+    #[error("--wind takes two numbers, toward north and toward east in m/s: --wind 3,-2")]
+    Wind,
+    /// A hidden effect that cannot be had.
+    #[error(transparent)]
+    Hide(#[from] HideError),
+    /// A fault that cannot be read.
+    #[error(transparent)]
+    Fault(#[from] FaultError),
+    /// The link or the recording.
+    #[error(transparent)]
+    Shell(#[from] ShellError),
+}
+
+impl SimError {
+    /// Whether the arguments were at fault rather than the work (exit status 2 rather than 1).
+    pub fn is_usage(&self) -> bool {
+        match self {
+            Self::Shell(e) => {
+                matches!(e, ShellError::Address(_) | ShellError::Speed(_) | ShellError::UdpAtFullSpeed)
+            }
+            _ => true,
+        }
+    }
+}
+
+/// Everything the arguments ask for, checked before anything is opened.
+fn prepare(args: &SimArgs) -> Result<(Autopilot, Endpoint, Options), SimError> {
+    let mut scenario = scenario::scenario(&args.scenario).ok_or_else(|| SimError::Scenario {
+        name: args.scenario.clone(),
+        known: scenario::names().collect::<Vec<_>>().join(", "),
+    })?;
+    for effect in &args.hide {
+        scenario::hide(&mut scenario.model, effect)?;
+    }
+    if let Some(vehicle) = &mut scenario.vehicle {
+        vehicle.seed = args.seed;
+        if let [north, east] = args.wind[..] {
+            vehicle.wind_n_e_m_per_s =
+                [within("wind", north, -30.0, 30.0, "30 m/s")?, within("wind", east, -30.0, 30.0, "30 m/s")?];
+        }
+    }
+    if !matches!(args.wind.len(), 0 | 2) {
+        return Err(SimError::Wind);
+    }
+    let faults = args.fault.iter().map(|f| f.parse()).collect::<Result<Vec<Fault>, _>>()?;
+    let loop_rate_hz = within("loop-rate", args.loop_rate, 10.0, 2000.0, "10 to 2000 Hz")?;
+    let filter_hz = args
+        .filter
+        .map(|hz| within("filter", hz, 0.1, 0.45 * loop_rate_hz, "0.1 Hz to 0.45 of the loop rate"))
+        .transpose()?;
+    let until_s = args.until.map_or(Ok(f64::INFINITY), |s| within("until", s, 0.0, 1e7, "0 to 1e7 s"))?;
+    let options = Options {
+        speed: args.speed.parse()?,
+        link_faults: link_faults(&faults),
+        seed: args.seed,
+        record: args.record.clone(),
+        until_s,
+        until_landed: args.until_landed,
+        ..Options::default()
+    };
+    let endpoint: Endpoint = args.listen.parse()?;
+    if options.speed == Speed::Max && matches!(endpoint, Endpoint::UdpIn(_) | Endpoint::UdpOut(_)) {
+        return Err(ShellError::UdpAtFullSpeed.into());
+    }
+    let config = AutopilotConfig {
+        flavour: match args.autopilot {
+            AutopilotKind::Ardupilot => Flavour::ArduPilot,
+            AutopilotKind::Px4 => Flavour::Px4,
+        },
+        system_id: args.system_id,
+        loop_rate_hz,
+        filter_hz,
+        wait_for_station: !args.no_wait,
+        faults,
+        seed: args.seed,
+        ..AutopilotConfig::default()
+    };
+    Ok((Autopilot::playing(config, &scenario), endpoint, options))
+}
+
+fn within(
+    name: &'static str,
+    value: f64,
+    low: f64,
+    high: f64,
+    wanted: &'static str,
+) -> Result<f64, SimError> {
+    if (low..=high).contains(&value) { Ok(value) } else { Err(SimError::Range { name, value, wanted }) }
+}
+
+/// Runs the simulation until its flight is over or `shutdown` is called. `announce` gets the address that a station
+/// connects to, as soon as it is open.
+///
+/// # Errors
+/// When an argument makes no sense, or the link or the recording cannot be opened.
+pub async fn run(
+    args: &SimArgs,
+    announce: impl FnOnce(&str),
+    shutdown: CancellationToken,
+) -> Result<Served, SimError> {
+    let (autopilot, endpoint, options) = prepare(args)?;
+    let server = Server::bind(&endpoint).await?;
+    announce(server.address());
+    Ok(server.run(autopilot, options, shutdown).await?)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use clap::Parser;
+
+    #[derive(Parser)]
+    struct Cli {
+        #[command(flatten)]
+        sim: SimArgs,
+    }
+
+    fn args(line: &str) -> SimArgs {
+        Cli::parse_from(std::iter::once("sim").chain(line.split_whitespace())).sim
+    }
+
+    #[test]
+    fn wrong_arguments_are_explained_in_one_sentence() {
+        for (line, said) in [
+            ("--scenario moon", "there is no scenario \"moon\"; known are paper, "),
+            ("--hide gremlins=1", "there is no effect \"gremlins\""),
+            ("--fault gremlins", "is no fault; known are"),
+            ("--listen nowhere", "is no address; write"),
+            ("--speed fast", "is no speed"),
+            ("--speed max", "UDP loses frames"),
+            ("--filter 900", "out of range"),
+            ("--wind 3", "--wind takes two numbers"),
+        ] {
+            let error = prepare(&args(line)).err().unwrap();
+            assert!(error.to_string().contains(said), "{error}");
+            assert!(error.is_usage());
+        }
+    }
+
+    #[test]
+    fn arguments_reach_the_simulation() {
+        let line = "--hide gps_latency=0.3 --fault loss=0.2 --fault reboot@9 --speed 5 --until 30 --seed 7";
+        let (autopilot, endpoint, options) = prepare(&args(line)).unwrap();
+        assert_eq!(autopilot.model().get("gps_latency").unwrap().values, vec![0.3]);
+        assert_eq!(endpoint, Endpoint::UdpOut("127.0.0.1:14550".into()));
+        assert_eq!((options.speed, options.until_s, options.seed), (Speed::Times(5.0), 30.0, 7));
+        assert_eq!(options.link_faults.loss, 0.2);
+    }
+
+    #[test]
+    fn wind_reaches_the_vehicle() {
+        let (autopilot, ..) = prepare(&args("--scenario mission_multirotor --wind -3,2")).unwrap();
+        assert_eq!(autopilot.vehicle().unwrap().config().wind_n_e_m_per_s, [-3.0, 2.0]);
+    }
+
+    #[tokio::test]
+    async fn a_simulation_that_nobody_stops_ends_at_its_time() {
+        let args = args("--listen tcpin:127.0.0.1:0 --speed 1000 --until 3 --no-wait --scenario bench");
+        let mut address = String::new();
+        let served = run(&args, |a| address = a.to_owned(), CancellationToken::new()).await.unwrap();
+        assert!(address.starts_with("tcpout:127.0.0.1:"));
+        assert!(served.virtual_s >= 3.0);
+    }
+}

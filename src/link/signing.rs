@@ -1,0 +1,312 @@
+//! MAVLink 2 signing: 13 bytes that prove who sent a frame and that it is no repetition.
+//!
+//! Times are 10 µs ticks since 2015-01-01. A sender's times only ever rise, also across restarts and on a computer whose
+//! clock is wrong: the last one used is kept in a file beside the key. The key itself never appears in a log or an
+//! error.
+
+use super::frame::{FLAG_SIGNED, Frame, SIGNATURE_LEN};
+use bytes::Bytes;
+use mavlink::{MAVLinkV2MessageRaw, calculate_crc};
+use std::collections::BTreeMap;
+use std::fmt;
+use std::path::{Path, PathBuf};
+
+/// 2015-01-01 in Unix µs.
+const EPOCH_US: u64 = 1_420_070_400_000_000;
+const TICK_US: u64 = 10;
+/// A stream that is new to us may lag behind by this much: one minute.
+const NEW_STREAM_TICKS: u64 = 60 * 100_000;
+/// Ticks that are reserved in the file ahead of use, so that it is written once in ten seconds and not per frame.
+const RESERVE_TICKS: u64 = 10 * 100_000;
+
+/// The shared secret.
+#[derive(Clone)]
+pub struct Key([u8; 32]);
+
+impl fmt::Debug for Key {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str("Key(…)")
+    }
+}
+
+/// Why signing cannot be set up.
+#[derive(Debug, thiserror::Error)]
+pub enum SigningError {
+    /// The key file cannot be read.
+    #[error("cannot read the signing key {path}: {source}")]
+    Read {
+        /// File.
+        path: PathBuf,
+        /// What the system said.
+        source: std::io::Error,
+    },
+    /// Neither 32 bytes nor 64 hexadecimal digits.
+    #[error("{0} is no signing key: it must hold 32 bytes or 64 hexadecimal digits")]
+    Malformed(PathBuf),
+}
+
+impl Key {
+    /// From its bytes.
+    pub fn new(bytes: [u8; 32]) -> Self {
+        Self(bytes)
+    }
+
+    /// From a file of 32 bytes or 64 hexadecimal digits.
+    ///
+    /// # Errors
+    /// When the file cannot be read or holds no key.
+    pub fn load(path: &Path) -> Result<Self, SigningError> {
+        let bytes =
+            std::fs::read(path).map_err(|source| SigningError::Read { path: path.to_owned(), source })?;
+        if let Ok(key) = <[u8; 32]>::try_from(bytes.as_slice()) {
+            return Ok(Self(key));
+        }
+        std::str::from_utf8(&bytes)
+            .ok()
+            .and_then(|text| from_hex(text.trim()))
+            .map(Self)
+            .ok_or_else(|| SigningError::Malformed(path.to_owned()))
+    }
+}
+
+fn from_hex(text: &str) -> Option<[u8; 32]> {
+    let mut key = [0; 32];
+    if text.len() != 64 || !text.is_ascii() {
+        return None;
+    }
+    for (k, byte) in key.iter_mut().enumerate() {
+        *byte = u8::from_str_radix(text.get(2 * k..2 * k + 2)?, 16).ok()?;
+    }
+    Some(key)
+}
+
+/// Unix µs in ticks.
+fn ticks(unix_us: u64) -> u64 {
+    unix_us.saturating_sub(EPOCH_US) / TICK_US
+}
+
+/// Signs our frames.
+#[derive(Debug)]
+pub struct Signer {
+    key: Key,
+    link_id: u8,
+    last: u64,
+}
+
+impl Signer {
+    /// Signs as this link; `last_ticks` is the last time used before (0 where there is none).
+    pub fn new(key: Key, link_id: u8, last_ticks: u64) -> Self {
+        Self { key, link_id, last: last_ticks }
+    }
+
+    /// The last time used, to be kept across restarts.
+    pub fn last_ticks(&self) -> u64 {
+        self.last
+    }
+
+    /// The same MAVLink 2 frame with a signature; MAVLink 1 has none and is returned as it is.
+    pub fn sign(&mut self, frame: &Frame, unix_us: u64) -> Frame {
+        self.last = ticks(unix_us).max(self.last + 1);
+        signed(frame, &self.key, self.link_id, self.last).unwrap_or_else(|| frame.clone())
+    }
+}
+
+fn signed(frame: &Frame, key: &Key, link_id: u8, ticks: u64) -> Option<Frame> {
+    let mut raw = frame.raw().to_vec();
+    if frame.signature().is_some() {
+        raw.truncate(raw.len() - SIGNATURE_LEN);
+    }
+    // The flag is part of what the checksum covers, so the frame is closed anew.
+    let magic = *raw.first()?;
+    if magic != super::frame::MAGIC_V2 {
+        return None;
+    }
+    *raw.get_mut(2)? |= FLAG_SIGNED;
+    let end = raw.len().checked_sub(2)?;
+    let extra =
+        <mavlink::dialects::ardupilotmega::MavMessage as mavlink::Message>::extra_crc(frame.message_id);
+    let crc = calculate_crc(raw.get(1..end)?, extra);
+    raw.truncate(end);
+    raw.extend(crc.to_le_bytes());
+    raw.push(link_id);
+    raw.extend(ticks.to_le_bytes().iter().take(6));
+    let hash = hash(&raw, key)?;
+    raw.extend(hash);
+    Frame::parse(Bytes::from(raw)).ok()
+}
+
+/// The 48-bit hash over key, frame, link id and time; `raw` ends with the time, or goes on with a hash.
+fn hash(raw: &[u8], key: &Key) -> Option<[u8; 6]> {
+    let mut whole = MAVLinkV2MessageRaw::new();
+    let len = raw.len();
+    whole.as_mut_slice().get_mut(..len)?.copy_from_slice(raw);
+    let mut hash = [0; 6];
+    whole.calculate_signature(&key.0, &mut hash);
+    Some(hash)
+}
+
+/// What a signature says of a frame.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Trust {
+    /// Signed with our key, and newer than anything of its sender.
+    Genuine,
+    /// Not signed.
+    Unsigned,
+    /// Signed with another key, or damaged.
+    WrongKey,
+    /// Signed with our key and heard before, or too old for a new sender.
+    Old,
+}
+
+/// Checks the signatures of others.
+#[derive(Debug)]
+pub struct Verifier {
+    key: Key,
+    newest: BTreeMap<(u8, u8, u8), u64>,
+    clock: u64,
+}
+
+impl Verifier {
+    /// Has heard nobody. `unix_us` sets the clock that new senders are compared with.
+    pub fn new(key: Key, unix_us: u64) -> Self {
+        Self { key, newest: BTreeMap::new(), clock: ticks(unix_us) }
+    }
+
+    /// Judges a frame.
+    pub fn judge(&mut self, frame: &Frame) -> Trust {
+        let Some([link_id, a, b, c, d, e, f, theirs @ ..]) = frame.signature() else {
+            return Trust::Unsigned;
+        };
+        let covered = frame.raw().len().saturating_sub(theirs.len());
+        match frame.raw().get(..covered).and_then(|raw| hash(raw, &self.key)) {
+            Some(ours) if ours == *theirs => {}
+            _ => return Trust::WrongKey,
+        }
+        let time = u64::from_le_bytes([*a, *b, *c, *d, *e, *f, 0, 0]);
+        let sender = (*link_id, frame.system_id, frame.component_id);
+        let old = match self.newest.get(&sender) {
+            Some(newest) => time <= *newest,
+            None => time + NEW_STREAM_TICKS < self.clock,
+        };
+        if old {
+            return Trust::Old;
+        }
+        self.newest.insert(sender, time);
+        self.clock = self.clock.max(time);
+        Trust::Genuine
+    }
+}
+
+/// The file that keeps a signer's last time across restarts.
+#[derive(Debug)]
+pub struct TimeFile {
+    path: PathBuf,
+    reserved: u64,
+}
+
+impl TimeFile {
+    /// Reads the last time that may have been used; 0 where there is no file yet.
+    pub fn open(path: &Path) -> (Self, u64) {
+        let last = std::fs::read_to_string(path).ok().and_then(|t| t.trim().parse().ok()).unwrap_or(0);
+        (Self { path: path.to_owned(), reserved: last }, last)
+    }
+
+    /// Makes sure that the file holds a time beyond this one.
+    ///
+    /// # Errors
+    /// When it cannot be written.
+    pub fn keep(&mut self, last_ticks: u64) -> std::io::Result<()> {
+        if last_ticks < self.reserved {
+            return Ok(());
+        }
+        let reserved = last_ticks + RESERVE_TICKS;
+        let fresh = self.path.with_extension("new");
+        std::fs::write(&fresh, reserved.to_string())?;
+        std::fs::rename(&fresh, &self.path)?;
+        self.reserved = reserved;
+        Ok(())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::frame::Sender;
+    use super::super::heartbeat::heartbeat;
+    use super::*;
+
+    const NOW: u64 = 1_800_000_000_000_000;
+
+    fn frame() -> Frame {
+        Frame::encode(Sender { system_id: 1, component_id: 191 }, 4, &heartbeat(true))
+    }
+
+    fn key() -> Key {
+        Key::new([7; 32])
+    }
+
+    #[test]
+    fn a_signed_frame_is_genuine_once() {
+        let signed = Signer::new(key(), 3, 0).sign(&frame(), NOW);
+        assert_eq!(signed.raw().len(), frame().raw().len() + SIGNATURE_LEN);
+        assert_eq!(signed.decode().unwrap(), frame().decode().unwrap());
+        let mut verifier = Verifier::new(key(), NOW);
+        assert_eq!(verifier.judge(&signed), Trust::Genuine);
+        assert_eq!(verifier.judge(&signed), Trust::Old);
+        assert_eq!(verifier.judge(&frame()), Trust::Unsigned);
+        assert_eq!(Verifier::new(Key::new([8; 32]), NOW).judge(&signed), Trust::WrongKey);
+    }
+
+    #[test]
+    fn the_crate_accepts_what_we_sign() {
+        let signed = Signer::new(key(), 3, 0).sign(&frame(), NOW);
+        let mut raw = MAVLinkV2MessageRaw::new();
+        raw.as_mut_slice()[..signed.raw().len()].copy_from_slice(signed.raw());
+        let theirs = mavlink::SigningData::from_config(mavlink::SigningConfig::new([7; 32], 0, false, false));
+        assert!(theirs.verify_signature(&raw));
+    }
+
+    #[test]
+    fn times_rise_although_the_clock_goes_back() {
+        let mut signer = Signer::new(key(), 0, 0);
+        let mut verifier = Verifier::new(key(), NOW);
+        for now in [NOW, NOW, NOW - 3_600_000_000, 0] {
+            assert_eq!(verifier.judge(&signer.sign(&frame(), now)), Trust::Genuine);
+        }
+    }
+
+    #[test]
+    fn a_new_sender_far_behind_is_not_believed() {
+        let late = Signer::new(key(), 0, 0).sign(&frame(), NOW - 61_000_000);
+        assert_eq!(Verifier::new(key(), NOW).judge(&late), Trust::Old);
+    }
+
+    #[test]
+    fn times_are_kept_across_restarts() {
+        let path = std::env::temp_dir().join(format!("gaware-signing-{}", std::process::id()));
+        let (mut file, last) = TimeFile::open(&path);
+        assert_eq!(last, 0);
+        let mut signer = Signer::new(key(), 0, last);
+        signer.sign(&frame(), NOW);
+        file.keep(signer.last_ticks()).unwrap();
+        signer.sign(&frame(), NOW + 5_000_000);
+        file.keep(signer.last_ticks()).unwrap();
+        let (_, again) = TimeFile::open(&path);
+        std::fs::remove_file(&path).unwrap();
+        assert!(again > signer.last_ticks());
+    }
+
+    #[test]
+    fn keys_are_bytes_or_hexadecimal_and_never_shown() {
+        let path = std::env::temp_dir().join(format!("gaware-key-{}", std::process::id()));
+        let load = |content: &[u8]| {
+            std::fs::write(&path, content).unwrap();
+            Key::load(&path)
+        };
+        assert_eq!(load(&[9; 32]).unwrap().0, [9; 32]);
+        assert_eq!(load(format!("{}\n", "0a".repeat(32)).as_bytes()).unwrap().0, [10; 32]);
+        let error = load(b"secret").unwrap_err().to_string();
+        assert!(!error.contains("secret") && error.contains("64 hexadecimal"), "{error}");
+        assert_eq!(format!("{:?}", key()), "Key(…)");
+        std::fs::remove_file(&path).unwrap();
+    }
+}
