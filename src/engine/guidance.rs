@@ -101,13 +101,16 @@ impl Guide {
         (self.next_s, self.round, self.asked) = (f64::NEG_INFINITY, None, None);
     }
 
-    /// Takes the running filter at sample time `t_s`.
-    pub fn push(&mut self, t_s: f64, filter: &Filter, fix_interval_s: f64) {
+    /// Takes the running filter at sample time `t_s`. A vehicle that stands flies nothing: whatever it learns is not
+    /// the maneuver's merit, and each ranking starts from there.
+    pub fn push(&mut self, t_s: f64, filter: &Filter, fix_interval_s: f64, standing: bool) {
         if t_s < self.next_s {
             return;
         }
         self.next_s = t_s + SLICE_S;
-        self.follow(t_s, filter);
+        if !standing {
+            self.follow(t_s, filter);
+        }
         let Some(round) = &mut self.round else {
             self.round = Some(Box::new(self.begin(filter, fix_interval_s)));
             return;
@@ -117,6 +120,9 @@ impl Guide {
             return;
         }
         if let Some(round) = self.round.take() {
+            if standing {
+                self.asked = None;
+            }
             self.conclude(t_s, &round);
             self.next_s = t_s + PAUSE_S;
         }
@@ -202,12 +208,8 @@ impl Guide {
         } else {
             words.long
         };
-        Guidance {
-            instruction,
-            reason: asked.reason(&now, words.purpose),
-            progress: asked.progress(&now),
-            ..base
-        }
+        let progress = if standing { 0.0 } else { asked.progress(&now) };
+        Guidance { instruction, reason: asked.reason(&now, words.purpose), progress, ..base }
     }
 }
 
@@ -251,13 +253,11 @@ impl Asked {
             return format!("not flown: {}", self.maneuver.words(airframe).short);
         }
         let pairs = self.before.iter().zip(now).zip(&self.excitable).filter(|(_, e)| **e).map(|(p, _)| p);
-        let Some((before, after)) =
-            pairs.min_by(|(b, a), (d, c)| (a.sigma / b.sigma).total_cmp(&(c.sigma / d.sigma)))
-        else {
+        let Some((before, after)) = pairs.max_by(|x, y| toward_target(x).total_cmp(&toward_target(y))) else {
             return String::new();
         };
         format!(
-            "{}: {} from {} to {} {}",
+            "since \"{}\": {} from {} to {} {}",
             self.maneuver.words(airframe).short,
             before.name,
             Figures(before.sigma),
@@ -265,6 +265,11 @@ impl Asked {
             before.unit
         )
     }
+}
+
+/// How far a state has come toward its target, in the logarithm.
+fn toward_target((before, after): &(&NamedSigma, &NamedSigma)) -> f64 {
+    (before.ratio().max(1.0) / after.ratio().max(1.0)).ln()
 }
 
 /// Fourth-power mean of sigma over target, at least 1 each: close to the largest, with every laggard in it.

@@ -223,7 +223,8 @@ impl Engine {
             (&mut self.guide, self.estimator.filter(), self.estimator.stage())
             && rate > 0.0
         {
-            guide.push(t_s, filter, (1.0 / rate).clamp(FIX_INTERVAL_S.0, FIX_INTERVAL_S.1));
+            let interval_s = (1.0 / rate).clamp(FIX_INTERVAL_S.0, FIX_INTERVAL_S.1);
+            guide.push(t_s, filter, interval_s, self.stillness.stands(filter.nav().v_e.norm()));
         }
     }
 

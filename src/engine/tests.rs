@@ -207,7 +207,7 @@ fn a_standing_aircraft_is_told_to_take_off_first() {
     let (engine, asked, _) = guided("bench", true, 30.0);
     let now = engine.snapshot().guidance;
     assert!(now.instruction.starts_with("Take off") && !now.done, "{now:?}");
-    assert!(now.progress < 0.5, "{now:?}");
+    assert!(now.progress == 0.0 && now.last_result.is_empty(), "{now:?}");
     assert!(!asked.is_empty());
 }
 
