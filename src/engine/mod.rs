@@ -5,12 +5,14 @@
 
 mod counters;
 pub(crate) mod estimate;
+pub mod guidance;
 pub mod observability;
 pub mod snapshot;
 mod standing;
 
 use counters::{RateMeter, Timeline, Warnings};
 use estimate::Constants;
+use gaware_mission::airframe::Airframe;
 use gaware_nav::estimator::{Estimator, Stage};
 use gaware_nav::filter::{Filter, FixOutcome};
 use gaware_nav::model::Model;
@@ -18,8 +20,9 @@ use gaware_nav::observability::covariance::Targets;
 use gaware_nav::observability::segments::PathSegment;
 use gaware_nav::observability::words::VehicleKind;
 use gaware_nav::sample::{FixVelocity, GnssFix, ImuSample, Sample};
+use guidance::{GuidanceOptions, Guide};
 use observability::ConditionWatch;
-use snapshot::{Consistency, Estimate, GnssStatus, ImuStatus, Phase, Snapshot, Summary};
+use snapshot::{Consistency, Estimate, GnssStatus, Guidance, ImuStatus, Phase, Snapshot, Summary};
 use standing::Stillness;
 
 /// Beyond these no sensor on a vehicle reads: rate, rad/s, and specific force, m/s² (the paper flies 80 g).
@@ -28,14 +31,30 @@ const PLAUSIBLE_SAMPLE: (f64, f64) = (100.0, 2000.0);
 const PLAUSIBLE_FIX: (f64, f64) = (1e5, 1e4);
 /// After so long without a fix the status says so, s.
 const FIX_PATIENCE_S: f64 = 3.0;
+/// Fixes are predicted at the present rate within these intervals, s.
+const FIX_INTERVAL_S: (f64, f64) = (0.1, 1.0);
 
 /// What the user may set.
-#[derive(Debug, Clone, Copy, Default, PartialEq)]
+#[derive(Debug, Clone, Default, PartialEq)]
 pub struct EngineOptions {
     /// Sigmas below which states count as observable.
     pub targets: Targets,
-    /// What flies: remedies are worded for it.
-    pub vehicle: VehicleKind,
+    /// What flies, for guidance and the words of remedies; without it there is no guidance.
+    pub guidance: Option<GuidanceOptions>,
+}
+
+impl EngineOptions {
+    /// With guidance for this airframe, by hand or by the autopilot alone.
+    pub fn for_airframe(airframe: Airframe, manual: bool) -> Self {
+        Self { guidance: Some(GuidanceOptions { airframe, manual }), ..Self::default() }
+    }
+
+    fn vehicle(&self) -> VehicleKind {
+        match &self.guidance {
+            Some(g) if !g.airframe.is_fixed_wing() => VehicleKind::Multirotor,
+            _ => VehicleKind::FixedWing,
+        }
+    }
 }
 
 /// The whole estimation with its books.
@@ -60,6 +79,7 @@ pub struct Engine {
     warnings: Warnings,
     stillness: Stillness,
     watch: ConditionWatch,
+    guide: Option<Guide>,
     /// The last filter before a restart: shown until the next one runs.
     before: Option<Box<Filter>>,
 }
@@ -67,6 +87,8 @@ pub struct Engine {
 impl Engine {
     /// An engine that has seen nothing.
     pub fn new(model: Model, options: EngineOptions) -> Self {
+        let guide = options.guidance.clone().map(|g| Guide::new(g, &options.targets));
+        let watch = ConditionWatch::new(options.targets);
         Self {
             estimator: Estimator::new(model),
             options,
@@ -86,7 +108,8 @@ impl Engine {
             last_outcome: FixOutcome::default(),
             warnings: Warnings::default(),
             stillness: Stillness::default(),
-            watch: ConditionWatch::new(options.targets),
+            watch,
+            guide,
             before: None,
         }
     }
@@ -134,6 +157,7 @@ impl Engine {
         self.stillness.push(imu);
         self.take(sample);
         self.watch.push(&self.estimator);
+        self.guide(imu.t_s);
     }
 
     fn feed_fix(&mut self, fix: &GnssFix, sample: &Sample) {
@@ -188,6 +212,27 @@ impl Engine {
         self.last_fix_s = None;
         self.stillness = Stillness::default();
         self.watch.restart();
+        if let Some(guide) = &mut self.guide {
+            guide.restart();
+        }
+    }
+
+    fn guide(&mut self, t_s: f64) {
+        let rate = self.fix_rate.at(t_s);
+        if let (Some(guide), Some(filter), Stage::Running) =
+            (&mut self.guide, self.estimator.filter(), self.estimator.stage())
+            && rate > 0.0
+        {
+            let interval_s = (1.0 / rate).clamp(FIX_INTERVAL_S.0, FIX_INTERVAL_S.1);
+            guide.push(t_s, filter, interval_s, self.stillness.stands(filter.nav().v_e.norm()));
+        }
+    }
+
+    fn guidance(&self) -> Guidance {
+        let running = self.estimator.stage() == Stage::Running;
+        let filter = self.estimator.filter().filter(|_| running);
+        let stands = filter.is_some_and(|f| self.stillness.stands(f.nav().v_n().norm()));
+        self.guide.as_ref().map(|g| g.guidance(filter, stands)).unwrap_or_default()
     }
 
     /// Roll, pitch, yaw, rad, and the time they are for, s; cheap enough to ask for at every sample.
@@ -225,11 +270,11 @@ impl Engine {
                 &constants,
                 predicted.as_ref().or(self.before.as_deref()),
                 &self.options.targets,
-                self.options.vehicle,
+                self.options.vehicle(),
             ),
+            guidance: self.guidance(),
             consistency: self.consistency(),
             warnings: self.warnings(),
-            ..Snapshot::default()
         }
     }
 

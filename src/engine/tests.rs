@@ -181,3 +181,48 @@ fn coordinated_flight_leaves_column_y_dark_and_sideslip_lights_it() {
     let (dark, asks, ratio) = column_y("fixed_wing");
     assert!(!dark && !asks && ratio < Some(0.5), "{ratio:?}");
 }
+
+/// An engine for the small fixed wing, with everything it is asked to fly and how each ended.
+fn guided(name: &str, manual: bool, until_s: f64) -> (Engine, Vec<String>, Vec<String>) {
+    let airframe = Airframe::example("small_fixed_wing").unwrap();
+    let mut engine = Engine::new(Model::standard(), EngineOptions::for_airframe(airframe, manual));
+    let (mut asked, mut results) = (Vec::new(), Vec::new());
+    for (sample, _) in named(name).flight(1).take_while(|(_, t)| t.t_s <= until_s) {
+        engine.feed(&sample);
+        if matches!(sample, Sample::Fix(_)) {
+            let now = engine.snapshot().guidance;
+            assert!((0.0..=1.0).contains(&now.progress));
+            for (list, text) in [(&mut asked, now.instruction), (&mut results, now.last_result)] {
+                if !text.is_empty() && list.last() != Some(&text) {
+                    list.push(text);
+                }
+            }
+        }
+    }
+    (engine, asked, results)
+}
+
+#[test]
+fn a_standing_aircraft_is_told_to_take_off_first() {
+    let (engine, asked, _) = guided("bench", true, 30.0);
+    let now = engine.snapshot().guidance;
+    assert!(now.instruction.starts_with("Take off") && !now.done, "{now:?}");
+    assert!(now.progress == 0.0 && now.last_result.is_empty(), "{now:?}");
+    assert!(!asked.is_empty());
+}
+
+#[test]
+fn what_was_flown_is_noticed_and_its_gain_is_told() {
+    let (_, asked, results) = guided("fixed_wing", true, 300.0);
+    assert!(results.iter().any(|r| r.contains(" from ") && r.contains("deg/h")), "{asked:?} {results:?}");
+    assert!(asked.len() >= 2, "{asked:?}");
+}
+
+#[test]
+fn sideslip_is_asked_for_only_where_a_pilot_flies() {
+    let (_, asked, _) = guided("fixed_wing_coordinated", true, 300.0);
+    assert!(asked.iter().any(|a| a.contains("rudder")), "{asked:?}");
+    let (engine, asked, _) = guided("fixed_wing_coordinated", false, 300.0);
+    assert!(asked.iter().all(|a| !a.contains("rudder")), "{asked:?}");
+    assert!(engine.snapshot().guidance.reason.len() > 10);
+}

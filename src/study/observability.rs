@@ -177,10 +177,9 @@ fn count(elements: GElements) -> usize {
 }
 
 /// A recorded flight through the engine, for 3 and 9 elements of G.
-pub fn of_samples(name: &str, samples: &[Sample], vehicle: VehicleKind, progress: &dyn Progress) -> Table {
+pub fn of_samples(name: &str, samples: &[Sample], progress: &dyn Progress) -> Table {
     let rows = map_runs(2, progress, |k| {
-        let options = EngineOptions { vehicle, ..EngineOptions::default() };
-        let mut engine = Engine::new(Model::standard().with_g(elements(k), None), options);
+        let mut engine = Engine::new(Model::standard().with_g(elements(k), None), EngineOptions::default());
         let mut book = Book::default();
         for sample in samples {
             engine.feed(sample);
