@@ -87,6 +87,12 @@ pub enum CommandError {
         /// Why.
         reason: String,
     },
+    /// Not one link of a run could be opened.
+    #[error("no link could be opened: {problems}")]
+    NoLink {
+        /// Address and reason of each.
+        problems: String,
+    },
     /// The result cannot be written.
     #[error("cannot write the result: {0}")]
     Output(#[from] std::io::Error),

@@ -1,6 +1,6 @@
 //! The result in words and columns, for people.
 
-use crate::engine::snapshot::Summary;
+use crate::engine::snapshot::{Phase, Summary};
 use serde_json::{Map, Value};
 use std::fmt::Write;
 
@@ -27,7 +27,8 @@ fn write_summary(out: &mut String, s: &Summary, document: &Map<String, Value>) -
         s.gnss.rejected
     )?;
     if !s.waiting_for.is_empty() {
-        writeln!(out, "no estimate: {}", s.waiting_for)?;
+        let what = if s.phase == Phase::Running { "at the end" } else { "no estimate" };
+        writeln!(out, "{what}: {}", s.waiting_for)?;
     }
     for (name, unit, e) in [
         ("attitude", "deg", &s.estimate.attitude_deg),

@@ -80,8 +80,14 @@ pub struct RunArgs {
     #[arg(long)]
     pub json: bool,
     /// Stop after this many seconds.
-    #[arg(long, value_name = "SECONDS")]
-    pub duration: Option<f64>,
+    #[arg(long, value_name = "SECONDS", value_parser = seconds)]
+    pub duration: Option<Duration>,
+}
+
+/// Seconds that make sense as the length of a run.
+fn seconds(text: &str) -> Result<Duration, String> {
+    let number = text.parse::<f64>().ok().filter(|s| (0.0..=1e9).contains(s));
+    number.map(Duration::from_secs_f64).ok_or_else(|| "write a number of seconds from 0 to 1e9".to_owned())
 }
 
 /// Everything a screen shows at one instant.
@@ -127,7 +133,8 @@ pub struct Hooks {
 /// Runs the command until a signal or its duration ends it, and prints the result.
 ///
 /// # Errors
-/// When the model cannot be read or the recording cannot be started. A link that does not open is none: it is tried again.
+/// When the model cannot be read or the recording cannot be started. A link that does not open is tried again until the
+/// end, and only an error when by then none ever did.
 pub async fn run<E: Estimator>(
     args: &RunArgs,
     hooks: Hooks,
@@ -139,6 +146,7 @@ pub async fn run<E: Estimator>(
         wait_for_signal().await;
         signalled.cancel();
     });
+    let live = hooks.live.subscribe();
     let result = serve(args, hooks, stop, make).await;
     signals.abort();
     let (pipeline, document) = result?;
@@ -149,13 +157,22 @@ pub async fn run<E: Estimator>(
     } else {
         out.write_all(print::summary(&pipeline.summary(), &document).as_bytes())?;
     }
-    Ok(())
+    never_open(&live.borrow().links)
+}
+
+/// An error when not one link could ever be opened.
+fn never_open(links: &[LinkStatus]) -> Result<(), CommandError> {
+    if links.iter().any(|l| l.openings > 0) {
+        return Ok(());
+    }
+    let problems = links.iter().map(|l| format!("{}: {}", l.address, l.problem));
+    Err(CommandError::NoLink { problems: problems.collect::<Vec<_>>().join("; ") })
 }
 
 /// Runs until `stop` or the duration, and gives the pipeline at the end with the result.
 ///
 /// # Errors
-/// As [`run`].
+/// When the model cannot be read or the recording cannot be started.
 pub async fn serve<E: Estimator>(
     args: &RunArgs,
     hooks: Hooks,
@@ -183,8 +200,7 @@ pub async fn serve<E: Estimator>(
         imu_hz: usable_rate(args),
         source: args.source,
     };
-    let end = args.duration.map(Duration::from_secs_f64);
-    session.until(stop, end).await;
+    session.until(stop, args.duration).await;
     let document = session.pipeline.document();
     session.links.stop().await;
     if let Some(recorder) = session.recorder {

@@ -1,8 +1,8 @@
 //! The recording of a run: an MCAP file that holds everything needed to run it again, and that Foxglove opens.
 //!
-//! One writer thread owns the file; whoever records only hands items over and never waits. Every second the open chunk
-//! is finished and forced to the disk, so that a power cut costs a second. A disk that is full costs messages, which
-//! are counted, and a fresh file is tried now and then.
+//! One writer thread owns the file; whoever records only hands items over and never waits. Twice a second the open
+//! chunk is finished and forced to the disk, so that a power cut costs less than a second. A disk that is full costs
+//! messages, which are counted, and a fresh file is tried now and then.
 //!
 //! Topics: `/mavlink/N` raw frames of link N in the order in which the converter saw them (no schema; the log time is
 //! the time of reception), `/imu`, `/fix`, `/attitude_autopilot`, `/snapshot`, and `/position`, `/pose`, `/log` in
@@ -43,7 +43,8 @@ pub const SETUP_METADATA: &str = "gaware.setup";
 const FRAMES_AHEAD: usize = 256 * 1024;
 /// Everything else can be had again from the frames.
 const DERIVED_AHEAD: usize = 8 * 1024;
-const SYNC_PERIOD: Duration = Duration::from_secs(1);
+/// Half of the second that may be lost: the other half is for a disk that is slow to take it.
+const SYNC_PERIOD: Duration = Duration::from_millis(500);
 const RETRY_PERIOD: Duration = Duration::from_secs(10);
 
 /// What a replay must know beside the frames.
@@ -76,7 +77,7 @@ pub enum RecordItem {
 #[derive(Debug, thiserror::Error)]
 pub enum RecorderError {
     /// The file cannot be made.
-    #[error("cannot record to {path}: {source}")]
+    #[error("cannot record to {path}: {}", said(source))]
     Create {
         /// File.
         path: PathBuf,
@@ -86,6 +87,17 @@ pub enum RecorderError {
     /// The writer thread cannot be started.
     #[error("cannot start the recorder: {0}")]
     Thread(std::io::Error),
+}
+
+/// What the system said, rather than the library's words around it; a recording never overwrites an earlier one.
+fn said(error: &McapError) -> String {
+    match error {
+        McapError::Io(source) if source.kind() == std::io::ErrorKind::AlreadyExists => {
+            "the file exists already; name another one, or a folder".to_owned()
+        }
+        McapError::Io(source) => source.to_string(),
+        other => other.to_string(),
+    }
 }
 
 /// How the recording is doing.
@@ -268,7 +280,7 @@ impl Output {
             std::fs::create_dir_all(folder)?;
         }
         let file = File::create_new(path)?;
-        // The size of chunks is given by the flush every second.
+        // The size of chunks is given by the regular flush.
         let options = WriteOptions::new().library(format!("gaware {}", setup.version));
         let mut writer = options.create(BufWriter::new(file.try_clone()?))?;
         let json = serde_json::to_string(setup).unwrap_or_default();

@@ -1,0 +1,161 @@
+//! What a user may get wrong: one clear sentence on stderr, exit status 1 or 2, and never a panic.
+
+#![allow(clippy::unwrap_used, clippy::panic, reason = "helpers of tests may panic, as tests do")]
+
+mod support;
+
+use std::fs;
+use std::net::UdpSocket;
+use support::{Ended, Folder, fixture, gaware};
+
+/// Runs it, and checks the manners that every failure has to have.
+fn fails(code: i32, said: &str, args: &[&str]) -> Ended {
+    let ended = gaware(args);
+    assert_eq!(ended.code(), Some(code), "{args:?}: {}", ended.stderr);
+    assert!(ended.stderr.contains(said), "{args:?}: {}", ended.stderr);
+    assert!(!ended.stderr.contains("panicked"), "{args:?}: {}", ended.stderr);
+    let sentences = ended.stderr.lines().filter(|l| l.starts_with("gaware: ") || l.starts_with("error: "));
+    assert_eq!(sentences.count(), 1, "{args:?}: {}", ended.stderr);
+    ended
+}
+
+/// Bytes that look like nothing, the same every time.
+fn noise(n: usize) -> Vec<u8> {
+    let mut state = 0x2545_f491_u32;
+    let mut next = || {
+        state ^= state << 13;
+        state ^= state >> 17;
+        state ^= state << 5;
+        (state >> 24) as u8
+    };
+    std::iter::repeat_with(&mut next).take(n).collect()
+}
+
+#[test]
+fn logs_in_which_nothing_can_be_read_are_refused_in_one_sentence() {
+    let folder = Folder::new("rubbish");
+    let none = "none of the formats gaware reads";
+    let nothing = "entry could be read";
+    let cases: [(&str, &[u8], &str); 9] = [
+        ("noise.bin", b"", none),
+        ("noise.mcap", b"", none),
+        ("noise.ulg", b"", none),
+        ("noise.txt", b"", none),
+        ("noise", b"", none),
+        ("noise.tlog", b"", nothing),
+        ("headed.mcap", b"\x89MCAP0\r\n", nothing),
+        ("headed.bin", b"\xa3\x95", nothing),
+        ("headed.ulg", b"ULog\x01\x12\x35", nothing),
+    ];
+    for (name, head, said) in cases {
+        let file = folder.file(name);
+        fs::write(&file, [head, &noise(5000)].concat()).unwrap();
+        let ended = fails(1, said, &["replay", &file, "--json"]);
+        assert_eq!(ended.stdout, "", "{name}");
+    }
+    let empty = folder.file("empty.tlog");
+    fs::write(&empty, b"").unwrap();
+    fails(1, "is empty", &["replay", &empty]);
+    fails(1, "No such file", &["replay", &folder.file("missing.tlog")]);
+    fails(1, "directory", &["replay", &folder.file("")]);
+}
+
+#[test]
+fn what_is_left_of_a_cut_or_misnamed_log_is_used_and_the_rest_counted() {
+    let folder = Folder::new("cut");
+    let whole = fs::read(fixture("small_clean_dither.tlog")).unwrap();
+    let cut = folder.file("cut.tlog");
+    fs::write(&cut, &whole[..300_001]).unwrap();
+    let misnamed = folder.file("really_a_tlog.mcap");
+    fs::write(&misnamed, &whole[..300_001]).unwrap();
+    let mut hit = whole[..300_001].to_vec();
+    hit[100_000..102_000].copy_from_slice(&noise(2000));
+    let damaged = folder.file("damaged.tlog");
+    fs::write(&damaged, hit).unwrap();
+    let documents = [&cut, &misnamed, &damaged].map(|file| {
+        let ended = gaware(&["replay", file, "--json"]);
+        assert_eq!(ended.code(), Some(0), "{}", ended.stderr);
+        let document = ended.json();
+        support::assert_finite(&document, file);
+        assert_eq!(document["log_damage"]["truncated"], true);
+        assert!(document["warnings"].to_string().contains("the log is damaged"), "{document:#}");
+        document
+    });
+    assert_eq!(documents[0], documents[1], "the name does not matter");
+    assert!(documents[2]["log_damage"]["skipped_bytes"].as_u64().unwrap() >= 2000);
+    let samples = |k: usize| documents[k]["imu"]["samples"].as_u64().unwrap();
+    assert!(samples(2) > samples(0) - 60 && samples(2) < samples(0), "{} of {}", samples(2), samples(0));
+}
+
+#[test]
+fn models_and_baselines_with_mistakes_are_refused_with_their_place() {
+    let folder = Folder::new("model");
+    let log = fixture("small_clean_dither.tlog");
+    let log = log.to_str().unwrap();
+    let model = folder.file("typo.toml");
+    fs::write(&model, "schema = \"gaware.model/1\"\n[imu]\ngyro_noize = 1.0\n").unwrap();
+    fails(1, "line 3: unknown field `gyro_noize`", &["replay", log, "--model", &model]);
+    fails(1, "No such file", &["replay", log, "--model", &folder.file("none.toml")]);
+    fails(1, "is no baseline", &["replay", log, "--json", "--baseline", &model]);
+}
+
+#[test]
+fn addresses_that_are_none_are_wrong_usage() {
+    for (address, said) in [
+        ("nowhere", "is no address; write"),
+        ("udpin:host:14550", "udpin waits on a local IP address"),
+        ("serial:/dev/ttyAMA0:fast", "is no baud rate"),
+        ("tcpout:127.0.0.1:99999", "a port from 1 to 65535"),
+    ] {
+        fails(2, said, &["run", "--connect", address, "--no-record"]);
+    }
+    for duration in ["nan", "1e30", "inf", "soon"] {
+        fails(2, "a number of seconds", &["run", "--connect", "udpin:127.0.0.1:0", "--duration", duration]);
+    }
+    fails(2, "--connect", &["run"]);
+}
+
+#[test]
+fn a_run_whose_links_never_open_fails_and_says_why() {
+    let taken = UdpSocket::bind("127.0.0.1:0").unwrap();
+    let taken = format!("udpin:{}", taken.local_addr().unwrap());
+    for (address, said) in [
+        (taken.as_str(), "in use"),
+        ("tcpout:127.0.0.1:1", "refused"),
+        ("serial:/dev/gaware-no-such-port", "No such file"),
+        ("udpout:no-such-host.invalid:14550", "cannot resolve"),
+    ] {
+        let args = ["run", "--connect", address, "--no-record", "--headless", "--json", "--duration", "0.3"];
+        let ended = fails(1, "no link could be opened", &args);
+        assert!(ended.stderr.contains(said), "{}", ended.stderr);
+        assert_eq!(ended.json()["imu"]["samples"], 0, "the result is printed nevertheless");
+    }
+}
+
+#[test]
+fn a_recording_never_overwrites_an_earlier_one() {
+    let folder = Folder::new("overwrite");
+    let file = folder.file("flight.mcap");
+    fs::write(&file, b"precious").unwrap();
+    let args =
+        ["run", "--connect", "udpin:127.0.0.1:0", "--headless", "--duration", "0.3", "--record", &file];
+    fails(1, "exists already", &args);
+    assert_eq!(fs::read(&file).unwrap(), b"precious");
+    fails(1, "cannot record to", &[&args[..7], &["/dev/null/flight.mcap"]].concat());
+}
+
+#[test]
+fn wrong_arguments_of_sim_are_explained() {
+    let taken = UdpSocket::bind("127.0.0.1:0").unwrap();
+    let taken = format!("udpin:{}", taken.local_addr().unwrap());
+    fails(2, "known are paper, ", &["sim", "--scenario", "moon"]);
+    fails(2, "is no address; write", &["sim", "--listen", "nowhere"]);
+    fails(2, "is no speed", &["sim", "--speed", "0"]);
+    fails(2, "UDP loses frames", &["sim", "--speed", "max"]);
+    fails(2, "there is no effect", &["sim", "--hide", "gremlins=1"]);
+    fails(2, "is no fault; known are", &["sim", "--fault", "gremlins"]);
+    fails(2, "out of range", &["sim", "--until", "nan"]);
+    fails(1, "in use", &["sim", "--listen", &taken]);
+    let args = ["sim", "--listen", "tcpin:127.0.0.1:0", "--record", "/dev/null/flight.tlog"];
+    fails(1, "cannot write the recording", &args);
+}

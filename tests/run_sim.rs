@@ -1,0 +1,166 @@
+//! `gaware run` against `gaware sim`, both as processes over real wires, and the replay of what was recorded.
+
+#![allow(clippy::unwrap_used, clippy::panic, reason = "helpers of tests may panic, as tests do")]
+
+mod support;
+
+use gaware::logs::{self, Item};
+use mavlink::dialects::ardupilotmega::MavMessage;
+use mcap::MessageStream;
+use mcap::read::Options;
+use std::path::Path;
+use support::{Folder, Gaware, gaware};
+
+/// Flies `sim` with these arguments, lets `run` listen until the flight is over, and replays its recording: both must
+/// print the same document to the last byte.
+fn replay_repeats_run(name: &str, sim: &[&str]) -> serde_json::Value {
+    let folder = Folder::new(name);
+    let recording = folder.file("flight.mcap");
+    let vehicle = Gaware::start(&[&["sim"], sim].concat());
+    let address = vehicle.line();
+    let station =
+        Gaware::start(&["run", "--connect", &address, "--record", &recording, "--headless", "--json"]);
+    let flown = vehicle.ended();
+    assert_eq!(flown.code(), Some(0), "{}", flown.stderr);
+    if address.starts_with("tcpout:") {
+        // Everything has been read when the end is.
+        station.line_with("link is down");
+    }
+    station.terminate();
+    let live = station.ended();
+    assert_eq!(live.code(), Some(0), "{}", live.stderr);
+    let again = gaware(&["replay", &recording, "--json"]);
+    assert_eq!(again.code(), Some(0), "{}", again.stderr);
+    assert_eq!(live.stdout, again.stdout, "run and replay of {name} differ\n{}", live.stderr);
+    let document = live.json();
+    assert_eq!(document["schema"], "gaware.summary/1");
+    assert_eq!(document["phase"], "running", "{document:#}");
+    support::assert_finite(&document, name);
+    document
+}
+
+#[test]
+fn over_tcp_the_replay_equals_the_run_byte_for_byte() {
+    let document = replay_repeats_run(
+        "tcp",
+        &["--scenario", "fixed_wing", "--listen", "tcpin:127.0.0.1:0", "--speed", "max", "--until", "60"],
+    );
+    assert_eq!(document["autopilot"], "ardupilot");
+    // The flight runs ahead while a busy station still asks for its rates; the rest has to arrive.
+    assert!(document["imu"]["samples"].as_u64().unwrap() > 3_000, "{document:#}");
+    assert!(document["gnss"]["used"].as_u64().unwrap() > 50, "{document:#}");
+}
+
+#[test]
+fn over_udp_the_replay_equals_the_run_byte_for_byte() {
+    let document = replay_repeats_run(
+        "udp",
+        &["--scenario", "fixed_wing", "--listen", "udpin:127.0.0.1:0", "--speed", "10", "--until", "40"],
+    );
+    assert!(document["imu"]["samples"].as_u64().unwrap() > 3_000, "{document:#}");
+}
+
+#[test]
+fn over_a_pseudo_terminal_the_replay_equals_the_run_byte_for_byte() {
+    let document = replay_repeats_run(
+        "pty",
+        &[
+            "--scenario",
+            "fixed_wing",
+            "--autopilot",
+            "px4",
+            "--listen",
+            "pty",
+            "--speed",
+            "10",
+            "--until",
+            "40",
+        ],
+    );
+    assert_eq!(document["autopilot"], "px4");
+    assert!(document["imu"]["samples"].as_u64().unwrap() > 3_000, "{document:#}");
+}
+
+#[test]
+fn a_link_that_loses_and_damages_frames_and_a_reboot_change_nothing_about_that() {
+    let document = replay_repeats_run(
+        "faults",
+        &[
+            "--scenario",
+            "fixed_wing",
+            "--listen",
+            "tcpin:127.0.0.1:0",
+            "--speed",
+            "10",
+            "--until",
+            "60",
+            "--fault",
+            "loss=0.02",
+            "--fault",
+            "reboot@30",
+            "--fault",
+            "gnss-loss@40-50",
+        ],
+    );
+    let told = document["warnings"].to_string();
+    assert!(told.contains("restart") || told.contains("reboot"), "{told}");
+}
+
+/// Flight time of the last inertial message of a log, s, and how many frames it holds.
+fn end_of(log: &Path) -> (f64, usize) {
+    let (mut last_s, mut frames) = (0.0, 0);
+    for record in logs::open(log).unwrap().map_while(Result::ok) {
+        let Item::Frame(frame) = record.item else { continue };
+        frames += 1;
+        if let Ok(MavMessage::RAW_IMU(imu)) = frame.decode() {
+            last_s = imu.time_usec as f64 * 1e-6;
+        }
+    }
+    (last_s, frames)
+}
+
+#[test]
+fn after_kill_9_the_recording_lacks_at_most_a_second() {
+    let folder = Folder::new("kill");
+    let (recording, truth) = (folder.file("flight.mcap"), folder.file("flight.tlog"));
+    // At the speed of the wall clock, as the second that may be missing is one of the wall clock.
+    let vehicle = Gaware::start(&[
+        "sim",
+        "--scenario",
+        "fixed_wing",
+        "--listen",
+        "udpin:127.0.0.1:0",
+        "--until",
+        "7",
+        "--no-wait",
+        "--record",
+        &truth,
+    ]);
+    let address = vehicle.line();
+    let station =
+        Gaware::start(&["run", "--connect", &address, "--record", &recording, "--headless", "--json"]);
+    // The vehicle ends while the station, over UDP, still believes in the flight.
+    assert_eq!(vehicle.ended().code(), Some(0));
+    station.kill();
+
+    let (sent_s, _) = end_of(Path::new(&truth));
+    let (recorded_s, frames) = end_of(Path::new(&recording));
+    assert!(sent_s > 6.0, "the flight was too short to prove anything: {sent_s} s");
+    assert!(recorded_s <= sent_s && sent_s - recorded_s <= 1.0, "{recorded_s} s recorded of {sent_s} s");
+
+    // By the rules of the mcap crate, without its own reader: every message up to the unfinished end.
+    let bytes = std::fs::read(&recording).unwrap();
+    let whole = MessageStream::new_with_options(&bytes, Options::IgnoreEndMagic.into())
+        .unwrap()
+        .map_while(Result::ok)
+        .filter(|m| m.channel.topic.starts_with("/mavlink/"))
+        .count();
+    assert!(whole >= frames && frames > 500, "{whole} by the crate, {frames} by our reader");
+
+    let again = gaware(&["replay", &recording, "--json"]);
+    assert_eq!(again.code(), Some(0), "{}", again.stderr);
+    let document = again.json();
+    assert_eq!(document["log_damage"]["truncated"], true, "{document:#}");
+    assert!(document["imu"]["samples"].as_u64().unwrap() > 500);
+    support::assert_finite(&document, "killed");
+}

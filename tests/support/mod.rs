@@ -1,0 +1,177 @@
+//! What the end-to-end tests share: the real binary as a process, and where recorded flights are.
+
+#![allow(dead_code, reason = "every test file uses its own part of this")]
+#![allow(clippy::unwrap_used, clippy::panic, reason = "helpers of tests may panic, as tests do")]
+
+use serde_json::Value;
+use std::io::{BufRead, BufReader, Read};
+use std::path::{Path, PathBuf};
+use std::process::{Child, Command, ExitStatus, Stdio};
+use std::sync::mpsc::{Receiver, channel};
+use std::time::Duration;
+
+/// Longer than anything here takes on a busy machine, shorter than a test runner's patience.
+pub const PATIENCE: Duration = Duration::from_secs(180);
+
+/// A `gaware` process whose output is collected; it does not outlive the test.
+pub struct Gaware {
+    child: Child,
+    line: String,
+    stderr: Receiver<String>,
+    stdout: Receiver<String>,
+}
+
+/// How a process ended.
+pub struct Ended {
+    /// Status.
+    pub status: ExitStatus,
+    /// All of stdout.
+    pub stdout: String,
+    /// What of stderr had not been read before.
+    pub stderr: String,
+}
+
+impl Ended {
+    /// The exit status as a shell sees it.
+    pub fn code(&self) -> Option<i32> {
+        self.status.code()
+    }
+
+    /// Stdout as the JSON document that it must be.
+    pub fn json(&self) -> Value {
+        serde_json::from_str(&self.stdout).unwrap_or_else(|e| panic!("{e}: {:?}", self.stdout))
+    }
+}
+
+impl Gaware {
+    /// Starts the binary.
+    pub fn start(args: &[&str]) -> Self {
+        let mut child = Command::new(env!("CARGO_BIN_EXE_gaware"))
+            .args(args)
+            .env_remove("RUST_LOG")
+            .stdin(Stdio::null())
+            .stdout(Stdio::piped())
+            .stderr(Stdio::piped())
+            .spawn()
+            .unwrap();
+        let (lines, stderr) = channel();
+        let errors = BufReader::new(child.stderr.take().unwrap());
+        std::thread::spawn(move || {
+            for line in errors.lines().map_while(Result::ok) {
+                let _ = lines.send(line);
+            }
+        });
+        let (text, stdout) = channel();
+        let mut out = child.stdout.take().unwrap();
+        std::thread::spawn(move || {
+            let mut all = String::new();
+            let _ = out.read_to_string(&mut all);
+            let _ = text.send(all);
+        });
+        Self { child, line: args.join(" "), stderr, stdout }
+    }
+
+    /// The next line of stderr.
+    pub fn line(&self) -> String {
+        self.stderr.recv_timeout(PATIENCE).unwrap_or_else(|e| panic!("{}: no line on stderr: {e}", self.line))
+    }
+
+    /// The first line of stderr that holds this text.
+    pub fn line_with(&self, text: &str) -> String {
+        std::iter::repeat_with(|| self.line()).find(|line| line.contains(text)).unwrap()
+    }
+
+    /// Its process id.
+    pub fn id(&self) -> u32 {
+        self.child.id()
+    }
+
+    /// Asks it to end, as a service manager does.
+    pub fn terminate(&self) {
+        let sent = Command::new("kill").args(["-TERM", &self.child.id().to_string()]).status().unwrap();
+        assert!(sent.success());
+    }
+
+    /// Ends it without asking (`kill -9`).
+    pub fn kill(mut self) {
+        self.child.kill().unwrap();
+        self.child.wait().unwrap();
+    }
+
+    /// Waits for its end.
+    pub fn ended(mut self) -> Ended {
+        let stdout =
+            self.stdout.recv_timeout(PATIENCE).unwrap_or_else(|e| panic!("{} does not end: {e}", self.line));
+        let status = self.child.wait().unwrap();
+        let stderr = self.stderr.iter().collect::<Vec<_>>().join("\n");
+        Ended { status, stdout, stderr }
+    }
+}
+
+impl Drop for Gaware {
+    fn drop(&mut self) {
+        // Already ended, mostly.
+        let _ = self.child.kill();
+        let _ = self.child.wait();
+    }
+}
+
+/// Runs the binary to its end.
+pub fn gaware(args: &[&str]) -> Ended {
+    Gaware::start(args).ended()
+}
+
+/// A fresh folder of this test, emptied at the start and removed at the end.
+pub struct Folder(PathBuf);
+
+impl Folder {
+    /// Makes it.
+    pub fn new(name: &str) -> Self {
+        let path = std::env::temp_dir().join(format!("gaware-{name}-{}", std::process::id()));
+        let _ = std::fs::remove_dir_all(&path);
+        std::fs::create_dir_all(&path).unwrap();
+        Self(path)
+    }
+
+    /// A file in it, as an argument.
+    pub fn file(&self, name: &str) -> String {
+        self.0.join(name).to_str().unwrap().to_owned()
+    }
+}
+
+impl Drop for Folder {
+    fn drop(&mut self) {
+        let _ = std::fs::remove_dir_all(&self.0);
+    }
+}
+
+/// A small recorded flight that belongs to the repository.
+pub fn fixture(name: &str) -> PathBuf {
+    Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/data").join(name)
+}
+
+/// The folder of recorded flights that are too big for the repository; a note is printed where it is missing.
+pub fn flights() -> Option<PathBuf> {
+    let folder = std::env::var_os("GAWARE_FLIGHTS")
+        .map_or_else(|| Path::new(env!("CARGO_MANIFEST_DIR")).join("../shared/data"), PathBuf::from);
+    if folder.is_dir() {
+        return Some(folder);
+    }
+    eprintln!(
+        "skipped: {} with the recorded flights is missing (GAWARE_FLIGHTS names another)",
+        folder.display()
+    );
+    None
+}
+
+/// Fails on a number that is none anywhere in the document (`null` stands where a float was not finite).
+pub fn assert_finite(document: &Value, at: &str) {
+    match document {
+        Value::Null => panic!("{at} is not finite"),
+        Value::Array(list) => {
+            list.iter().enumerate().for_each(|(k, v)| assert_finite(v, &format!("{at}/{k}")))
+        }
+        Value::Object(map) => map.iter().for_each(|(k, v)| assert_finite(v, &format!("{at}/{k}"))),
+        _ => {}
+    }
+}
