@@ -3,8 +3,10 @@
 //! The library holds everything the binary does, so that tests and benches drive the same code.
 
 pub mod engine;
+pub mod explain;
 pub mod link;
 pub mod logs;
+pub mod report;
 pub mod sensors;
 pub mod sinks;
 pub mod study;

@@ -11,6 +11,7 @@ pub mod fusion;
 pub mod layout;
 mod propagation;
 mod update;
+pub mod watch;
 
 use crate::mechanization::{Motion, NavState};
 use crate::model::Model;
@@ -21,7 +22,7 @@ use layout::{Layout, index};
 use nalgebra::{Matrix3, Vector3};
 
 pub use fusion::Fusion;
-pub use update::{FixOutcome, Group};
+pub use update::{FixOutcome, Group, gate};
 
 /// What a filter starts from.
 #[derive(Debug, Clone, PartialEq)]
@@ -61,6 +62,10 @@ pub struct Filter {
     phi: Vec<f64>,
     /// Extra white noise of the samples, added to the model's: variances per hertz, (rad/s)²/Hz and (m/s²)²/Hz.
     extra_noise: (f64, f64),
+    /// Whether fixes far off are refused.
+    gating: bool,
+    /// Parameters that are not estimated but watched.
+    watch: Option<Box<watch::Watch>>,
 }
 
 impl Filter {
@@ -104,7 +109,24 @@ impl Filter {
             gate: update::Gate::default(),
             phi: Vec::new(),
             extra_noise: (0.0, 0.0),
+            gating: true,
+            watch: None,
         }
+    }
+
+    /// Whether fixes far off are refused (they are unless somebody else has judged them before).
+    pub fn set_gating(&mut self, gating: bool) {
+        self.gating = gating;
+    }
+
+    /// Watches how the innovations depend on parameters that are not estimated.
+    pub fn watch(&mut self, watched: watch::Watched) {
+        self.watch = Some(Box::new(watch::Watch::new(watched, &self.layout)));
+    }
+
+    /// The watch, if there is one.
+    pub fn watch_mut(&mut self) -> Option<&mut watch::Watch> {
+        self.watch.as_deref_mut()
     }
 
     /// The same constants, with all that is known of them, and motion from a new start; the biases may have moved by this share of

@@ -4,7 +4,7 @@ use super::Filter;
 use super::covariance::NAV;
 use super::layout::index;
 use crate::earth;
-use crate::mechanization::{self, Increment};
+use crate::mechanization::{self, Increment, Motion};
 use crate::rotation::{exp, skew};
 use crate::sample::{ImuSample, SampleKind};
 use nalgebra::{Matrix3, Vector3};
@@ -30,11 +30,20 @@ impl Filter {
         std::mem::swap(&mut self.jacobian, &mut self.start_jacobian);
         self.calibration.jacobian(&self.model, &self.layout, sample, &motion, &mut self.jacobian);
         self.propagate_covariance(&inc);
+        self.watch_step(sample, &motion, &inc);
         self.nav = mechanization::step(&self.nav, &inc);
         self.wander *= self.wander_decay(dt);
         self.motion = motion;
         self.last = Some(*sample);
         self.t_s = sample.t_s;
+    }
+
+    fn watch_step(&mut self, sample: &ImuSample, motion: &Motion, inc: &Increment) {
+        let decay = self.wander_decay(inc.dt);
+        if let Some(watch) = self.watch.as_deref_mut() {
+            watch.sample(sample, motion, self.nav.v_e.norm(), &self.calibration, &self.model);
+            watch.propagate(&self.phi, inc, self.kind, decay);
+        }
     }
 
     /// Takes the state to a time between the last sample and the next one.
