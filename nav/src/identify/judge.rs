@@ -155,6 +155,12 @@ fn measure(
     (passes, drifts)
 }
 
+/// Held-out log-likelihood that an effect may cost. A jump shows where it happens and hardly anywhere else.
+fn tolerated(name: &str) -> f64 {
+    let jump = crate::effects::find(name).is_some_and(super::select::is_jump);
+    if jump { -3.0 } else { 0.0 }
+}
+
 /// Judges a selection. `validate` are flights that took no part; without any, the held-out blocks of `flights` judge.
 pub fn judge(
     flights: &[&Flight],
@@ -164,6 +170,7 @@ pub fn judge(
     workers: &dyn Workers,
 ) -> Judged {
     let mut selection = selection;
+    let settings = &Settings { options: selection.options, ..*settings };
     let search = Search { flights, base: &selection.base.clone(), settings: *settings, workers };
     let whole = settings.options.all();
     let (others, others_options, part) =
@@ -196,7 +203,7 @@ pub fn judge(
         let worst = left_out
             .iter()
             .enumerate()
-            .filter(|(_, l)| l.held_out <= 0.0 || l.evidence <= 0.0)
+            .filter(|(_, l)| l.held_out <= tolerated(l.name) || l.evidence <= 0.0)
             .min_by(|a, b| a.1.held_out.total_cmp(&b.1.held_out))
             .map(|(k, _)| k);
         let Some(k) = worst else { break };

@@ -48,3 +48,6 @@ pub(crate) fn map<T: Send>(workers: &dyn Workers, jobs: usize, job: impl Fn(usiz
     all.sort_by_key(|(k, _)| *k);
     all.into_iter().map(|(_, r)| r).collect()
 }
+
+#[cfg(test)]
+mod tests;

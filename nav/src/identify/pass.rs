@@ -20,11 +20,13 @@ pub struct Options {
     pub block_s: f64,
     /// … of which every so many-th is held out; 0 = none.
     pub held_out_every: u32,
+    /// Which of them: 0 … `held_out_every` − 1.
+    pub phase: u32,
 }
 
 impl Default for Options {
     fn default() -> Self {
-        Self { settle_s: 15.0, block_s: 5.0, held_out_every: 4 }
+        Self { settle_s: 15.0, block_s: 5.0, held_out_every: 4, phase: 0 }
     }
 }
 
@@ -43,7 +45,7 @@ impl Options {
             return Some(0);
         }
         let block = (elapsed_s / self.block_s) as u32;
-        Some(usize::from(block % self.held_out_every == self.held_out_every - 1))
+        Some(usize::from((block + self.phase) % self.held_out_every == self.held_out_every - 1))
     }
 }
 

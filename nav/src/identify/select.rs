@@ -92,6 +92,8 @@ pub struct Selection {
     pub remaining: Vec<(&'static str, f64)>,
     /// Log-likelihood of the fit part before and after.
     pub log_likelihood: [f64; 2],
+    /// What counted.
+    pub options: Options,
 }
 
 impl Selection {
@@ -133,7 +135,7 @@ fn lacking(base: &Model, flights: &[&Flight], added: &[Added]) -> Vec<EffectSett
         .collect()
 }
 
-fn is_jump(effect: &dyn Effect) -> bool {
+pub(super) fn is_jump(effect: &dyn Effect) -> bool {
     effect.groups().first().is_some_and(|g| !g.is_state()) && effect.groups().len() > 1
 }
 
@@ -239,6 +241,39 @@ impl Search<'_> {
             let n = ((to - from) / spacing).max(0.0) as usize;
             (0..n).map(|k| from + k as f64 * spacing).collect()
         })
+    }
+
+    /// A jump can be seen only where it happens: where all the data speak of one, its block must not be held out. This is
+    /// all that the held-out data ever have to say to the choice.
+    fn phase_for_jumps(&self, noise: &Noise) -> u32 {
+        let options = self.settings.options;
+        let [gyro, fix] = self.jump_times();
+        if options.held_out_every < 2 || fix.is_empty() {
+            return options.phase;
+        }
+        let watched = Watched { gyro_jumps_s: gyro, fix_jumps_s: fix, ..Watched::default() };
+        let whole = Search { settings: Settings { options: options.all(), ..self.settings }, ..*self };
+        let (_, Some(information)) = whole.run(self.base, noise, Some(&watched)) else {
+            return options.phase;
+        };
+        let (gyro, fix) = information.jumps.split_at(watched.gyro_jumps_s.len());
+        let best =
+            [(gyro, &watched.gyro_jumps_s, "gyro_bias_step"), (fix, &watched.fix_jumps_s, "gps_bias_step")]
+                .into_iter()
+                .filter_map(|(jumps, times, name)| {
+                    let sigma = prior_sigmas(crate::effects::find(name)?)[1];
+                    let (evidence, at, _) = evidence::jump(jumps, sigma)?;
+                    Some((evidence, *times.get(at)?))
+                })
+                .max_by(|a, b| a.0.total_cmp(&b.0));
+        let Some((_, at_s)) = best.filter(|b| b.0 > self.settings.threshold) else { return options.phase };
+        let start_s = self.flights.first().map_or(0.0, |f| f.initial().t_s);
+        // The jump lies up to one spacing before or after; two seconds later it must still be in the fit part.
+        let held = |phase: u32| {
+            let o = Options { phase, ..options };
+            [-1.0, 0.0, 1.0, 2.0].iter().filter(|d| o.part(at_s - start_s + *d) == Some(1)).count()
+        };
+        (0..options.held_out_every).min_by_key(|p| held(*p)).unwrap_or(options.phase)
     }
 
     /// Every candidate, linearised about the present point; best first.
@@ -504,9 +539,10 @@ impl Search<'_> {
 
 /// Fits the noise and adds effects until none has enough evidence.
 pub fn select(flights: &[&Flight], base: &Model, settings: &Settings, workers: &dyn Workers) -> Selection {
-    let search = Search { flights, base, settings: *settings, workers };
     let start = Noise::measured(base, flights);
     let (noise, _) = noise::fit(flights, base, start, &settings.options, 8, workers);
+    let mut search = Search { flights, base, settings: *settings, workers };
+    search.settings.options.phase = search.phase_for_jumps(&noise);
     let mut point = search.settle(&[], &noise, 0);
     let base_point = point.clone();
     let fixes: usize = flights.iter().map(|f| f.fixes().len()).sum();
@@ -543,6 +579,7 @@ pub fn select(flights: &[&Flight], base: &Model, settings: &Settings, workers: &
         point = next;
     }
     Selection {
+        options: search.settings.options,
         base: base.clone(),
         base_noise: base_point.noise,
         noise: point.noise,
