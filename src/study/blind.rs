@@ -6,9 +6,10 @@
 
 use super::parallel::{Progress, map_runs};
 use gaware_nav::effects::{self, Effect, REGISTRY};
-use gaware_nav::identify::Serial;
 use gaware_nav::identify::flight::Flight;
+use gaware_nav::identify::noise::fit;
 use gaware_nav::identify::select::{self, Settings};
+use gaware_nav::identify::{Serial, pass};
 use gaware_nav::model::{EffectSetting, Model};
 use gaware_nav::sample::{Quantisation, Sample, Steps};
 use gaware_sitl::noise::{Noise, Purpose};
@@ -200,6 +201,98 @@ pub struct Outcome {
     pub last: Vec<(&'static str, f64)>,
 }
 
+/// Whether somebody who knows the candidates and the true size would have named the truth alone: its likelihood, paid for only with
+/// the choice among the candidates, is above the threshold, and no other candidate comes within the margin.
+fn oracle(
+    flight: &Flight,
+    base: &Model,
+    hidden: &EffectSetting,
+    selection: &select::Selection,
+    settings: &Settings,
+) -> bool {
+    let mut truth = base.clone();
+    truth.set(hidden.clone());
+    let options = settings.options.all();
+    let (noise, with) = fit(&[flight], &truth, selection.noise, &options, 3, &Serial);
+    let without = pass::run(flight, base, &noise, &options, None).log_likelihood[0];
+    let gain = with - without - (REGISTRY.len() as f64).ln();
+    let whole = Settings { options, ..*settings };
+    let other = select::odds(&[flight], base, &noise, &whole, &Serial)
+        .into_iter()
+        .find(|c| c.setting.effect.name() != hidden.effect.name())
+        .map_or(0.0, |c| c.evidence);
+    gain > settings.threshold && gain - other > settings.margin
+}
+
+/// What a campaign shows, over its flights.
+#[derive(Debug, Clone, Default, PartialEq, Serialize)]
+pub struct Summary {
+    /// Flights with a hidden effect.
+    pub hidden: usize,
+    /// Of these, that the oracle would have named alone.
+    pub oracle: usize,
+    /// Of the oracle's, named alone and right.
+    pub oracle_alone_right: usize,
+    /// Named alone and right.
+    pub alone_right: usize,
+    /// Something named, and the truth among the first group.
+    pub in_group: usize,
+    /// Something named.
+    pub named: usize,
+    /// Named alone and wrong.
+    pub alone_wrong: usize,
+    /// A second effect named where there was one.
+    pub too_many: usize,
+    /// Clean flights.
+    pub clean: usize,
+    /// Clean flights with something named.
+    pub false_alarms: usize,
+    /// Parameters within three sigma, of how many.
+    pub within_3_sigma: (usize, usize),
+}
+
+/// Sums up a campaign.
+pub fn summarise(outcomes: &[Outcome]) -> Summary {
+    let mut s = Summary::default();
+    for o in outcomes {
+        if o.hidden == "none" {
+            s.clean += 1;
+            s.false_alarms += usize::from(!o.groups.is_empty());
+            continue;
+        }
+        s.hidden += 1;
+        s.oracle += usize::from(o.oracle);
+        s.too_many += usize::from(o.groups.len() > 1);
+        s.within_3_sigma.0 += o.within_3_sigma.0;
+        s.within_3_sigma.1 += o.within_3_sigma.1;
+        let Some(first) = o.groups.first() else { continue };
+        let (inside, alone) = (first.contains(&o.hidden.as_str()), first.len() == 1);
+        s.named += 1;
+        s.in_group += usize::from(inside);
+        s.alone_right += usize::from(inside && alone);
+        s.oracle_alone_right += usize::from(inside && alone && o.oracle);
+        s.alone_wrong += usize::from(!inside && alone);
+    }
+    s
+}
+
+/// What `sim --hide-random` hides for a seed: an effect of the table with its size, or (once in as many draws as there are
+/// effects and one more) nothing.
+pub fn hide_random(seed: u64) -> Option<EffectSetting> {
+    let mut noise = Noise::numbered(seed, Purpose::HiddenTruth, 3);
+    let pick = (noise.uniform() * (REGISTRY.len() + 1) as f64) as usize;
+    REGISTRY.get(pick).map(|e| draw(*e, &mut noise))
+}
+
+/// The sealed truth as text: a `model.toml` that holds nothing but what was hidden.
+pub fn seal(hidden: Option<&EffectSetting>) -> String {
+    let mut model = Model::default();
+    if let Some(setting) = hidden {
+        model.set(setting.clone());
+    }
+    model.to_toml()
+}
+
 /// Hides, flies, explains, unseals.
 pub fn one(
     effect: Option<&'static dyn Effect>,
@@ -220,6 +313,7 @@ pub fn one(
     }
     let flight = Flight::prepare(&blind.samples, &base).ok()?;
     let selection = select::select(&[&flight], &base, settings, &Serial);
+    let oracle = hidden.first().is_some_and(|h| oracle(&flight, &base, h, &selection, settings));
     let mut within = (0, 0);
     for h in &hidden {
         if let Some(a) = selection.added.iter().find(|a| a.setting.effect.name() == h.effect.name()) {
@@ -237,7 +331,7 @@ pub fn one(
         seed,
         groups: selection.steps.iter().map(|s| s.group.clone()).collect(),
         evidence: selection.steps.iter().map(|s| s.evidence).collect(),
-        oracle: false,
+        oracle,
         within_3_sigma: within,
         last,
     })
@@ -292,4 +386,55 @@ pub fn confusion(outcomes: &[Outcome]) -> BTreeMap<String, BTreeMap<String, usiz
 /// The effect of this name, for callers that hold names.
 pub fn effect(name: &str) -> Option<&'static dyn Effect> {
     effects::find(name)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn draws_stay_within_what_an_effect_can_be() {
+        for (k, effect) in REGISTRY.iter().enumerate() {
+            let setting = draw(*effect, &mut Noise::numbered(k as u64, Purpose::HiddenTruth, 3));
+            assert_eq!(setting.values.len(), effect.len());
+            assert!(setting.values.iter().all(|v| v.is_finite()), "{}", effect.name());
+            assert!(effect.is_empty() || setting.values.iter().any(|v| *v != 0.0), "{}", effect.name());
+        }
+    }
+
+    #[test]
+    fn what_is_sealed_can_be_unsealed() {
+        let hidden: Vec<_> = (0..200).map(hide_random).collect();
+        let named: std::collections::BTreeSet<_> =
+            hidden.iter().map(|h| h.as_ref().map_or("none", |s| s.effect.name())).collect();
+        assert_eq!(named.len(), REGISTRY.len() + 1);
+        for h in hidden.iter().flatten() {
+            let back = Model::from_toml(&seal(Some(h))).unwrap();
+            let found = back.get(h.effect.name()).unwrap();
+            assert!(found.values.iter().zip(&h.values).all(|(a, b)| (a - b).abs() <= 1e-9 * b.abs()));
+        }
+    }
+
+    #[test]
+    fn the_summary_counts_what_was_promised() {
+        let outcome = |hidden: &str, groups: Vec<Vec<&'static str>>, oracle| Outcome {
+            hidden: hidden.into(),
+            kind: Kind::Rich,
+            seed: 1,
+            evidence: vec![9.0; groups.len()],
+            groups,
+            oracle,
+            within_3_sigma: (1, 1),
+            last: Vec::new(),
+        };
+        let s = summarise(&[
+            outcome("gps_latency", vec![vec!["gps_latency"]], true),
+            outcome("gps_latency", vec![vec!["gps_lever_arm", "gps_latency"]], false),
+            outcome("gps_latency", vec![vec!["gps_lever_arm"]], true),
+            outcome("none", vec![vec!["gps_latency"]], false),
+            outcome("none", vec![], false),
+        ]);
+        assert_eq!((s.hidden, s.oracle, s.oracle_alone_right, s.alone_right), (3, 2, 1, 1));
+        assert_eq!((s.in_group, s.alone_wrong, s.clean, s.false_alarms), (2, 1, 2, 1));
+    }
 }

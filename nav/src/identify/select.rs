@@ -537,6 +537,19 @@ impl Search<'_> {
     }
 }
 
+/// The evidence of every effect that the model lacks, with this noise and nothing added; best first.
+pub fn odds(
+    flights: &[&Flight],
+    base: &Model,
+    noise: &Noise,
+    settings: &Settings,
+    workers: &dyn Workers,
+) -> Vec<Candidate> {
+    let search = Search { flights, base, settings: *settings, workers };
+    let point = search.settle(&[], noise, 0);
+    search.scan(&point)
+}
+
 /// Fits the noise and adds effects until none has enough evidence.
 pub fn select(flights: &[&Flight], base: &Model, settings: &Settings, workers: &dyn Workers) -> Selection {
     let start = Noise::measured(base, flights);
