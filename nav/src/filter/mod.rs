@@ -64,6 +64,8 @@ pub struct Filter {
     extra_noise: (f64, f64),
     /// Whether fixes far off are refused.
     gating: bool,
+    /// 1-sigma of the fixes' time stamps, s.
+    stamp_sigma_s: f64,
     /// Parameters that are not estimated but watched.
     watch: Option<Box<watch::Watch>>,
 }
@@ -110,6 +112,7 @@ impl Filter {
             phi: Vec::new(),
             extra_noise: (0.0, 0.0),
             gating: true,
+            stamp_sigma_s: 0.0,
             watch: None,
         }
     }
@@ -117,6 +120,11 @@ impl Filter {
     /// Whether fixes far off are refused (they are unless somebody else has judged them before).
     pub fn set_gating(&mut self, gating: bool) {
         self.gating = gating;
+    }
+
+    /// Says how far the fixes' time stamps scatter, 1-sigma, s: a moving vehicle turns that into position and velocity.
+    pub fn set_stamp_sigma(&mut self, stamp_sigma_s: f64) {
+        self.stamp_sigma_s = stamp_sigma_s;
     }
 
     /// Watches how the innovations depend on parameters that are not estimated.

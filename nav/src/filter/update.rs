@@ -344,6 +344,7 @@ impl Filter {
         let [added, _] = self.fix_effects(&x);
         let z = c_ne * (fix.position.to_ecef() - self.nav.r_e) - added.sum - self.wander;
         let sigma = fix.position_sigma_m.unwrap_or(self.model.gnss.position_sigma_m);
+        let sigma = self.with_stamp(sigma, &x.v_n);
         let mut rows = rows_of(index::POSITION, &z.as_slice()[..3], &x.c_nb, &added, &sigma, SIGMA_FLOOR.0);
         if let Some(w) = self.layout.wander() {
             rows.iter_mut().enumerate().for_each(|(k, row)| row.h.push((w + k, 1.0)));
@@ -360,8 +361,17 @@ impl Filter {
         let (x, _) = self.fix_instant();
         let [_, added] = self.fix_effects(&x);
         let sigma = fix.velocity_sigma_m_per_s.unwrap_or(self.model.gnss.velocity_sigma_m_per_s);
+        let sigma = self.with_stamp(sigma, &x.a_n);
         let z = measured - x.v_n - added.sum;
         rows_of(index::VELOCITY, &z.as_slice()[..rows], &x.c_nb, &added, &sigma, SIGMA_FLOOR.1)
+    }
+
+    /// Sigmas of a fix with what the scatter of its stamp adds, given how fast the quantity changes.
+    fn with_stamp(&self, sigma: [f64; 3], rate: &Vector3<f64>) -> [f64; 3] {
+        if self.stamp_sigma_s == 0.0 {
+            return sigma;
+        }
+        std::array::from_fn(|k| sigma[k].hypot(self.stamp_sigma_s * rate[k]))
     }
 
     fn believe_position(&mut self, fix: &GnssFix) {

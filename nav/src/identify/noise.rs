@@ -1,7 +1,7 @@
 //! Noise that is no effect: fitted by the likelihood of the innovations, for every model alike.
 //!
-//! White noise of the inertial samples (vibration adds to it), of positions and velocities, and the slow wander of
-//! positions (a first-order Gauss-Markov process).
+//! White noise of the inertial samples (vibration adds to it), of positions and velocities, the slow wander of
+//! positions (a first-order Gauss-Markov process), and the scatter of the fixes' time stamps.
 
 use super::flight::Flight;
 use super::pass::{self, Options};
@@ -25,26 +25,56 @@ pub struct Noise {
     pub wander_m: f64,
     /// Correlation time of the wander, s.
     pub correlation_s: f64,
+    /// Scatter of the fixes' time stamps, s.
+    pub stamp_s: f64,
 }
 
 /// Number of figures.
-const FIGURES: usize = 7;
+const FIGURES: usize = 8;
 /// Noise of the inertial samples may exceed what they show from sample to sample, or the model says, by this factor …
 const INERTIAL_ABOVE: f64 = 3.0;
 /// … and fall short of it by this one.
 const INERTIAL_BELOW: f64 = 8.0;
 /// White noise of the fixes as a factor on what they or the model claim. A receiver that is off by more is an effect's doing.
 const CLAIMED: (f64, f64) = (0.05, 5.0);
+/// However good fixes are, the model is not: sub-sample delays and filters leave centimetres. White noise is not fitted
+/// below this, m and m/s.
+const MODEL_FLOOR: (f64, f64) = (0.15, 0.04);
 /// Positions wander by metres …
 const WANDER_M: (f64, f64) = (0.02, 4.0);
 /// … within tens of seconds to minutes; anything quicker is motion that the model does not understand.
 const CORRELATION_S: (f64, f64) = (20.0, 300.0);
 
+/// Stamps scatter by a loop of the autopilot: milliseconds.
+const STAMP_S: (f64, f64) = (0.001, 0.02);
+
 /// Limits of each figure in the order of [`Noise::get`]: noise must not be able to pass for whatever is missing.
 fn limits(model: &Model, flights: &[&Flight]) -> [(f64, f64); FIGURES] {
     let start = Noise::measured(model, flights);
     let around = |v: f64| (v / INERTIAL_BELOW, v * INERTIAL_ABOVE);
-    [around(start.gyro), around(start.accel), CLAIMED, CLAIMED, CLAIMED, WANDER_M, CORRELATION_S]
+    let middle = |claim: &dyn Fn(&crate::sample::GnssFix) -> f64| {
+        let mut all: Vec<f64> = flights.iter().flat_map(|f| f.fixes()).map(claim).collect();
+        all.sort_by(f64::total_cmp);
+        all.get(all.len() / 2).copied().unwrap_or(1.0).max(1e-3)
+    };
+    let gnss = &model.gnss;
+    let position = middle(&|f| f.position_sigma_m.unwrap_or(gnss.position_sigma_m)[0]);
+    let height = middle(&|f| f.position_sigma_m.unwrap_or(gnss.position_sigma_m)[2]);
+    let velocity = middle(&|f| f.velocity_sigma_m_per_s.unwrap_or(gnss.velocity_sigma_m_per_s)[0]);
+    let above = |floor: f64, claimed: f64| {
+        let low = CLAIMED.0.max(floor / claimed);
+        (low, CLAIMED.1.max(2.0 * low))
+    };
+    [
+        around(start.gyro),
+        around(start.accel),
+        above(MODEL_FLOOR.0, position),
+        above(MODEL_FLOOR.0, height),
+        above(MODEL_FLOOR.1, velocity),
+        WANDER_M,
+        CORRELATION_S,
+        STAMP_S,
+    ]
 }
 
 /// Heights wander more than horizontal positions.
@@ -66,6 +96,7 @@ impl Noise {
             velocity_scale: 1.0,
             wander_m: if wanders { gnss.position_wander_sigma_m[0] } else { 0.7 },
             correlation_s: if wanders { gnss.position_correlation_s } else { 60.0 },
+            stamp_s: 0.003,
         }
     }
 
@@ -78,6 +109,7 @@ impl Noise {
             self.velocity_scale,
             self.wander_m,
             self.correlation_s,
+            self.stamp_s,
         ]
     }
 
@@ -93,6 +125,7 @@ impl Noise {
             velocity_scale: v[4],
             wander_m: v[5],
             correlation_s: v[6],
+            stamp_s: v[7],
         }
     }
 

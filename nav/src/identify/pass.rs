@@ -182,6 +182,7 @@ pub fn run(
     let mut filter = Filter::new(&model, flight.initial());
     filter.set_stream(flight.stream().kind, (gyro * dt, accel * dt));
     filter.set_gating(false);
+    filter.set_stamp_sigma(noise.stamp_s);
     let mut information = None;
     if let Some(w) = watched {
         let columns = w.slots().len() + w.terms.len();
@@ -255,6 +256,7 @@ pub(super) fn follow<'a>(
     let mut filter = Filter::new(&model, flight.initial());
     filter.set_stream(flight.stream().kind, (gyro * dt, accel * dt));
     filter.set_gating(false);
+    filter.set_stamp_sigma(noise.stamp_s);
     let mut fixes = flight.fixes().iter().peekable();
     for sample in flight.samples(quantisation) {
         // A fix is applied at the sample nearest after its time of validity: good enough to start a drift from.

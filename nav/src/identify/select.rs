@@ -25,7 +25,7 @@ pub struct Settings {
 
 impl Default for Settings {
     fn default() -> Self {
-        Self { options: Options::default(), threshold: 8.0, margin: 5.0, most_effects: 5 }
+        Self { options: Options::default(), threshold: 6.0, margin: 5.0, most_effects: 5 }
     }
 }
 
@@ -519,19 +519,27 @@ impl Search<'_> {
 
     fn close_looks(&self, scanned: &[Candidate], point: &Point) -> Vec<(Candidate, Point)> {
         let top = scanned.first().map_or(0.0, |c| c.evidence);
-        let mut looks: Vec<(Candidate, Point)> = scanned
-            .iter()
-            .filter(|c| c.evidence > top - HOPELESS - 0.3 * top.max(0.0) && c.evidence > 0.0)
-            .take(CLOSE_LOOKS)
-            .map(|c| {
-                let refined = match c.setting.effect {
-                    e if is_jump(e) => self.refine_jump(c, point),
-                    e if !e.sizes_to_try().is_empty() => self.refine_size(c, point),
-                    _ => c.clone(),
-                };
-                self.look_closely(&refined, point)
-            })
-            .collect();
+        let mut looks: Vec<(Candidate, Point)> = Vec::new();
+        let worth = |c: &&Candidate| c.evidence > top - HOPELESS - 0.3 * top.max(0.0) && c.evidence > 0.0;
+        for candidate in scanned.iter().filter(worth).take(CLOSE_LOOKS) {
+            let refined = match candidate.setting.effect {
+                e if is_jump(e) => self.refine_jump(candidate, point),
+                e if !e.sizes_to_try().is_empty() => self.refine_size(candidate, point),
+                _ => candidate.clone(),
+            };
+            // Whoever is far behind with the noise of the leader need not look for a noise of its own.
+            let leader = looks.iter().map(|l| &l.1).max_by(|a, b| a.evidence.total_cmp(&b.evidence));
+            if let Some(leader) = leader {
+                let mut added = point.added.clone();
+                added.push(Added { setting: refined.setting.clone(), prior: refined.prior.clone() });
+                let here = self.settle(&added, &leader.noise, STEPS);
+                let lead = leader.evidence - point.evidence;
+                if here.evidence < leader.evidence - HOPELESS - 0.1 * lead.max(0.0) {
+                    continue;
+                }
+            }
+            looks.push(self.look_closely(&refined, point));
+        }
         looks.sort_by(|a, b| b.0.evidence.total_cmp(&a.0.evidence));
         looks
     }

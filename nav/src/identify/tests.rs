@@ -89,6 +89,7 @@ fn noise() -> noise::Noise {
         velocity_scale: 1.0,
         wander_m: 0.02,
         correlation_s: 60.0,
+        stamp_s: 0.0,
     }
 }
 
