@@ -599,6 +599,15 @@ pub fn select(flights: &[&Flight], base: &Model, settings: &Settings, workers: &
         });
         point = next;
     }
+    if !point.added.is_empty() {
+        // What the effects did to the noise is gone with them; one more look at it from where it ended.
+        let options = &search.settings.options;
+        let (noise, _) = noise::fit(flights, &with(base, &point.added), point.noise, options, 5, workers);
+        let settled = search.settle(&point.added, &noise, STEPS);
+        if settled.evidence > point.evidence {
+            point = settled;
+        }
+    }
     Selection {
         options: search.settings.options,
         base: base.clone(),
