@@ -5,9 +5,11 @@
 pub mod commands;
 pub mod demo;
 pub mod engine;
+pub mod explain;
 pub mod link;
 pub mod logs;
 pub mod mission_link;
+pub mod report;
 pub mod sensors;
 pub mod sinks;
 pub mod study;

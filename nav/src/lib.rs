@@ -12,6 +12,7 @@ pub mod effects;
 pub mod estimator;
 pub mod filter;
 pub mod heading;
+pub mod identify;
 pub mod mechanization;
 pub mod model;
 pub mod noise_meter;

@@ -15,7 +15,6 @@ use gaware_mission::item::Autopilot as Firmware;
 use gaware_mission::transfer::verified::{Options, Outcome, VerifiedUpload};
 use gaware_mission::transfer::{Action, Address, Peers};
 use gaware_nav::model::Model;
-use gaware_nav::observability::words::VehicleKind;
 use gaware_sitl::autopilot::Autopilot;
 use mavlink::dialects::ardupilotmega::{COMMAND_LONG_DATA, MavCmd, MavMessage};
 
@@ -107,9 +106,7 @@ impl Flight {
         let truth = hidden_truth(&settings.belief, seed);
         let autopilot =
             Autopilot::flying(settings.autopilot(seed), settings.vehicle(seed), &truth, Prepared::sensors());
-        let vehicle =
-            if settings.airframe.is_fixed_wing() { VehicleKind::FixedWing } else { VehicleKind::Multirotor };
-        let options = EngineOptions { vehicle, ..EngineOptions::default() };
+        let options = EngineOptions::for_airframe(settings.airframe.clone(), false);
         let engine = Engine::new(settings.belief.clone(), options);
         Self {
             pipeline: Pipeline::new(ConverterOptions::default(), engine, TRUTH_FROM_S),

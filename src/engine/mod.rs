@@ -256,6 +256,7 @@ impl Engine {
         let constants = self.constants(predicted.as_ref());
         Snapshot {
             schema: "gaware.snapshot/1".to_owned(),
+            sequence: self.samples,
             t_s: self.time.now_s().unwrap_or(0.0),
             elapsed_s: self.time.elapsed_s(),
             autopilot: self.autopilot.clone(),

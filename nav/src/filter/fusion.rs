@@ -141,7 +141,7 @@ impl Fusion {
 
     fn keep(&mut self, step: Step) {
         if let Some(window) = &mut self.window {
-            window.keep(step);
+            window.keep(step, self.filter.extra_noise);
         }
     }
 

@@ -11,6 +11,7 @@ pub mod fusion;
 pub mod layout;
 mod propagation;
 mod update;
+pub mod watch;
 mod window;
 
 use crate::mechanization::{Motion, NavState};
@@ -22,7 +23,7 @@ use layout::{Layout, index};
 use nalgebra::{Matrix3, Vector3};
 
 pub use fusion::Fusion;
-pub use update::{FixOutcome, Group};
+pub use update::{FixOutcome, Group, gate};
 
 /// What a filter starts from.
 #[derive(Debug, Clone, PartialEq)]
@@ -55,6 +56,8 @@ pub struct Filter {
     /// The last raw sample, its motion and the Jacobian of that motion.
     last: Option<ImuSample>,
     motion: Motion,
+    /// The motion that the constants are judged by: [`Motion`] without its noise (see `propagation`).
+    regressor: Motion,
     jacobian: MotionJacobian,
     /// The Jacobian at the start of the present step; kept to spare the allocation.
     start_jacobian: MotionJacobian,
@@ -64,6 +67,10 @@ pub struct Filter {
     carried: Option<Vec<f64>>,
     /// Extra white noise of the samples, added to the model's: variances per hertz, (rad/s)²/Hz and (m/s²)²/Hz.
     extra_noise: (f64, f64),
+    /// Whether fixes far off are refused.
+    gating: bool,
+    /// Parameters that are not estimated but watched.
+    watch: Option<Box<watch::Watch>>,
 }
 
 impl Filter {
@@ -102,13 +109,36 @@ impl Filter {
             initial_sigmas,
             last: None,
             motion: Motion::default(),
+            regressor: Motion::default(),
             jacobian: MotionJacobian::default(),
             start_jacobian: MotionJacobian::default(),
             gate: update::Gate::default(),
             phi: Vec::new(),
             carried: None,
             extra_noise: (0.0, 0.0),
+            gating: true,
+            watch: None,
         }
+    }
+
+    /// Whether fixes far off are refused (they are unless somebody else has judged them before).
+    pub fn set_gating(&mut self, gating: bool) {
+        self.gating = gating;
+    }
+
+    /// Says how far the fixes' time stamps scatter, 1-sigma, s: a moving vehicle turns that into position and velocity.
+    pub fn set_stamp_sigma(&mut self, stamp_sigma_s: f64) {
+        self.model.gnss.time_sigma_s = stamp_sigma_s;
+    }
+
+    /// Watches how the innovations depend on parameters that are not estimated.
+    pub fn watch(&mut self, watched: watch::Watched) {
+        self.watch = Some(Box::new(watch::Watch::new(watched, &self.layout)));
+    }
+
+    /// The watch, if there is one.
+    pub fn watch_mut(&mut self) -> Option<&mut watch::Watch> {
+        self.watch.as_deref_mut()
     }
 
     /// The same constants, with all that is known of them, and motion from a new start; the biases may have moved by this share of

@@ -4,13 +4,17 @@ use super::Filter;
 use super::covariance::NAV;
 use super::layout::index;
 use crate::earth;
-use crate::mechanization::{self, Increment};
+use crate::mechanization::{self, Increment, Motion};
 use crate::rotation::{exp, skew};
 use crate::sample::{ImuSample, SampleKind};
 use nalgebra::{Matrix3, Vector3};
 
 /// A gap between samples longer than this is not integrated as if nothing had happened, s.
 const GAP_S: f64 = 0.25;
+/// What differs from the last value by more than so many sigmas of the noise is motion …
+const BEYOND_NOISE: f64 = 4.0;
+/// … and what does not is averaged over this time, s.
+const STEADY_S: f64 = 0.5;
 /// What an unseen vehicle may do in a gap: rate, rad/s, and acceleration, m/s².
 const GAP_MOTION: (f64, f64) = (0.5, 5.0);
 
@@ -28,13 +32,23 @@ impl Filter {
         let motion = self.calibration.motion(&self.model, sample);
         let inc = Increment::between(&self.motion, &motion, self.kind, dt);
         std::mem::swap(&mut self.jacobian, &mut self.start_jacobian);
-        self.calibration.jacobian(&self.model, &self.layout, sample, &motion, &mut self.jacobian);
+        self.regressor = self.without_noise(&motion, dt);
+        self.calibration.jacobian(&self.model, &self.layout, sample, &self.regressor, &mut self.jacobian);
         self.propagate_covariance(&inc);
+        self.watch_step(sample, &motion, &inc);
         self.nav = mechanization::step(&self.nav, &inc);
         self.wander *= self.wander_decay(dt);
         self.motion = motion;
         self.last = Some(*sample);
         self.t_s = sample.t_s;
+    }
+
+    fn watch_step(&mut self, sample: &ImuSample, motion: &Motion, inc: &Increment) {
+        let decay = self.wander_decay(inc.dt);
+        if let Some(watch) = self.watch.as_deref_mut() {
+            watch.sample(sample, motion, self.nav.v_e.norm(), &self.calibration, &self.model);
+            watch.propagate(&self.phi, inc, self.kind, decay);
+        }
     }
 
     /// Takes the state to a time between the last sample and the next one.
@@ -57,6 +71,7 @@ impl Filter {
     /// The first sample: nothing to integrate yet, but the filter's own time counts from here.
     fn start_at(&mut self, sample: &ImuSample) {
         self.last = Some(*sample);
+        self.regressor = self.calibration.motion(&self.model, sample);
         self.refresh_motion();
         let dt = sample.t_s - self.t_s;
         if dt > 0.0 && self.kind == SampleKind::IntervalMean {
@@ -68,12 +83,28 @@ impl Filter {
         }
     }
 
+    /// The motion as the constants see it. Noise of the accelerometers is not felt by the gyros: taken as excitation it
+    /// would make G known to a vehicle that stands (errors in variables, Fuller 1987, section 1.1). So what lies within
+    /// the noise of the last value is averaged over [`STEADY_S`], and what exceeds it is taken at once.
+    fn without_noise(&self, motion: &Motion, dt: f64) -> Motion {
+        let imu = &self.model.imu;
+        let band = |n: f64, extra: f64| BEYOND_NOISE * ((n * n + extra) / dt.max(1e-4)).sqrt();
+        let share = (dt / STEADY_S).min(1.0);
+        let toward = |old: &Vector3<f64>, new: &Vector3<f64>, band: f64| {
+            old.zip_map(new, |o, n| if (n - o).abs() < band { o + share * (n - o) } else { n })
+        };
+        Motion {
+            rate: toward(&self.regressor.rate, &motion.rate, band(imu.gyro_noise, self.extra_noise.0)),
+            force: toward(&self.regressor.force, &motion.force, band(imu.accel_noise, self.extra_noise.1)),
+        }
+    }
+
     /// Motion and Jacobian of the last sample anew, after the calibration changed.
     pub(super) fn refresh_motion(&mut self) {
         let Some(last) = self.last else { return };
         self.motion = self.calibration.motion(&self.model, &last);
         let mut jacobian = std::mem::take(&mut self.jacobian);
-        self.calibration.jacobian(&self.model, &self.layout, &last, &self.motion, &mut jacobian);
+        self.calibration.jacobian(&self.model, &self.layout, &last, &self.regressor, &mut jacobian);
         self.jacobian = jacobian;
     }
 

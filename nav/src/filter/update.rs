@@ -24,6 +24,11 @@ const LOCKED_OUT_ATTITUDE: f64 = 0.05;
 /// No fix is believed to be better than this, m and m/s.
 const SIGMA_FLOOR: f64 = 0.01;
 
+/// Squared normalised innovation beyond which a group of so many rows is refused.
+pub fn gate(dof: usize) -> f64 {
+    GATE.get(dof).copied().unwrap_or(GATE[3])
+}
+
 /// What became of one group of rows.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub struct Group {
@@ -84,11 +89,11 @@ impl Refusals {
 
 /// One scalar measurement: residual, sparse row, variance of its own and loading of the noise that all rows share.
 #[derive(Debug, Clone, Default)]
-struct Row {
-    residual: f64,
-    h: Vec<(usize, f64)>,
-    variance: f64,
-    shared: f64,
+pub(super) struct Row {
+    pub(super) residual: f64,
+    pub(super) h: Vec<(usize, f64)>,
+    pub(super) variance: f64,
+    pub(super) shared: f64,
 }
 
 /// What the effects add to position or velocity of a fix, and how that depends on the states.
@@ -121,11 +126,14 @@ impl Filter {
     /// Applies a fix to the present state, which must be that of the fix's time of validity.
     pub fn update(&mut self, fix: &GnssFix) -> FixOutcome {
         let mut outcome = FixOutcome { t_s: self.t_s, ..FixOutcome::default() };
-        outcome.position = self.apply(|f| f.position_rows(fix), |f| &mut f.gate.position);
+        if let Some(watch) = self.watch.as_deref_mut() {
+            watch.reach_fix(self.t_s, &self.layout);
+        }
+        outcome.position = self.apply(|f| f.position_rows(fix), |f| &mut f.gate.position, true);
         if outcome.position.recovered {
             self.believe_position(fix);
         }
-        outcome.velocity = self.apply(|f| f.velocity_rows(fix), |f| &mut f.gate.velocity);
+        outcome.velocity = self.apply(|f| f.velocity_rows(fix), |f| &mut f.gate.velocity, false);
         if outcome.velocity.recovered {
             self.believe_velocity(fix);
         }
@@ -164,11 +172,16 @@ impl Filter {
         }
     }
 
-    fn apply(&mut self, rows: impl Fn(&Self) -> Vec<Row>, gate: fn(&mut Self) -> &mut Refusals) -> Group {
+    fn apply(
+        &mut self,
+        rows: impl Fn(&Self) -> Vec<Row>,
+        gate: fn(&mut Self) -> &mut Refusals,
+        position: bool,
+    ) -> Group {
         let rows = self.less_carried(rows(self));
         let Some(mut prepared) = self.prepare(&rows) else { return Group::default() };
         let t_s = self.t_s;
-        if prepared.group.nis > GATE[prepared.group.dof] {
+        if self.gating && prepared.group.nis > GATE[prepared.group.dof] {
             prepared.group.recovered = gate(self).locked_out(t_s);
             if prepared.group.recovered {
                 *gate(self) = Refusals::default();
@@ -176,6 +189,7 @@ impl Filter {
             return prepared.group;
         }
         *gate(self) = Refusals::default();
+        self.watch_rows(&rows, &prepared, position);
         self.absorb(&rows, &prepared);
         prepared.group.used = true;
         prepared.group
@@ -189,6 +203,26 @@ impl Filter {
             }
         }
         rows
+    }
+
+    fn watch_rows(&mut self, rows: &[Row], prepared: &Prepared, position: bool) {
+        let Some(mut watch) = self.watch.take() else { return };
+        if let Some(l) = prepared.s.cholesky().map(|c| c.l()) {
+            let sensitivity = watch.sensitivity(rows, position, &self.fix_instant().0);
+            let residual: Vec<f64> = rows.iter().map(|r| r.residual).collect();
+            let gain: Vec<Vec<f64>> = (0..rows.len())
+                .map(|i| {
+                    let mut k = vec![0.0; self.layout.len()];
+                    for (j, column) in prepared.ph.iter().enumerate() {
+                        let c = prepared.inverse[(j, i)];
+                        k.iter_mut().zip(column).for_each(|(k, p)| *k += c * p);
+                    }
+                    k
+                })
+                .collect();
+            watch.absorb(&sensitivity, &residual, &gain, &l);
+        }
+        self.watch = Some(watch);
     }
 
     fn prepare(&self, rows: &[Row]) -> Option<Prepared> {
@@ -271,7 +305,11 @@ impl Filter {
         }
         // Below this the change of coordinates is under the noise of the covariance itself.
         if eps.norm_squared() > 1e-16 {
-            self.p.transform_nav(&right_jacobian(&dr, &dv, &eps));
+            let turn = right_jacobian(&dr, &dv, &eps);
+            self.p.transform_nav(&turn);
+            if let Some(watch) = self.watch.as_deref_mut() {
+                watch.transform_nav(&turn);
+            }
         }
         self.refresh_motion();
     }

@@ -41,7 +41,8 @@ pub(super) enum Step {
 #[derive(Debug, Clone)]
 pub(super) struct Window {
     prior: Filter,
-    steps: Vec<Step>,
+    /// Each step with the noise beyond the model's at its time.
+    steps: Vec<(Step, (f64, f64))>,
 }
 
 fn uncertainty(filter: &Filter) -> f64 {
@@ -55,8 +56,8 @@ impl Window {
     }
 
     /// Keeps a step.
-    pub(super) fn keep(&mut self, step: Step) {
-        self.steps.push(step);
+    pub(super) fn keep(&mut self, step: Step, extra_noise: (f64, f64)) {
+        self.steps.push((step, extra_noise));
     }
 
     /// Whether it is time to run the window again (or to give it up).
@@ -80,9 +81,9 @@ impl Window {
 
     fn pass(&self, now: &Filter) -> Option<Filter> {
         let mut filter = self.prior.clone();
-        filter.set_stream(now.kind(), now.extra_noise);
         filter.start_linear(&self.traced_back(now), now)?;
-        for step in &self.steps {
+        for (step, extra_noise) in &self.steps {
+            filter.set_stream(now.kind(), *extra_noise);
             match step {
                 Step::Sample(sample) => filter.propagate(sample),
                 Step::To(t_s, next) => filter.propagate_to(*t_s, next),
@@ -96,7 +97,7 @@ impl Window {
     /// The mechanisation run backwards from the present estimate to the start of the window.
     fn traced_back(&self, now: &Filter) -> NavState {
         let motion = |s: &ImuSample| now.calibration().motion(now.model(), s);
-        let samples = self.steps.iter().rev().filter_map(|s| match s {
+        let samples = self.steps.iter().rev().filter_map(|(s, _)| match s {
             Step::Sample(sample) => Some(sample),
             _ => None,
         });

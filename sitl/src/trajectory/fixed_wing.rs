@@ -40,6 +40,11 @@ impl FixedWing {
         }
     }
 
+    /// Any flight: speed (m/s), climb angle, bank and sideslip (rad) over time. It must start at speed zero or level.
+    pub fn from_signals(duration_s: f64, speed: Signal, climb: Signal, bank: Signal, slip: Signal) -> Self {
+        Self { duration_s, speed, climb, bank, slip }
+    }
+
     /// A steady coordinated turn from the first second, for `duration_s`.
     pub fn steady_turn(speed_m_per_s: f64, bank_rad: f64, duration_s: f64) -> Self {
         Self {

@@ -1,0 +1,90 @@
+//! From score and information to evidence: the marginal likelihood of parameters with a Gaussian prior, in closed form
+//! (MacKay 2003, section 28.1), with the prior's width averaged over a few scales so that a small effect of an unknown
+//! size need not pay for a wide prior.
+
+use super::pass::Information;
+use nalgebra::{DMatrix, DVector, Matrix3, Vector3};
+
+/// Widths of the prior that are averaged over, as factors on the sigma of the effect's definition.
+pub const SCALES: [f64; 5] = [2.0, 1.0, 0.5, 0.2, 0.08];
+
+/// Parameters fitted to score and information.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Fit {
+    /// Step from the point of linearisation, SI.
+    pub step: DVector<f64>,
+    /// Posterior covariance.
+    pub covariance: DMatrix<f64>,
+    /// Logarithm of the marginal likelihood, relative to the likelihood at the point of linearisation.
+    pub evidence: f64,
+    /// Gain of the likelihood itself.
+    pub gain: f64,
+}
+
+/// Fits columns of the information. `sigma` are prior sigmas, `offset` prior mean minus point of linearisation.
+pub fn fit(information: &Information, columns: &[usize], sigma: &[f64], offset: &[f64]) -> Option<Fit> {
+    let n = columns.len();
+    let b = DVector::from_fn(n, |i, _| information.score[columns[i]]);
+    let lambda = DMatrix::from_fn(n, n, |i, j| information.matrix[(columns[i], columns[j])]);
+    fit_dense(&b, &lambda, sigma, offset)
+}
+
+fn fit_dense(b: &DVector<f64>, lambda: &DMatrix<f64>, sigma: &[f64], offset: &[f64]) -> Option<Fit> {
+    let n = b.len();
+    if n == 0 {
+        return Some(Fit {
+            step: DVector::zeros(0),
+            covariance: DMatrix::zeros(0, 0),
+            evidence: 0.0,
+            gain: 0.0,
+        });
+    }
+    // In units of the prior: A = I + D Λ D.
+    let a = DMatrix::from_fn(n, n, |i, j| lambda[(i, j)] * sigma[i] * sigma[j] + f64::from(u8::from(i == j)));
+    let o = DVector::from_fn(n, |i, _| offset[i] / sigma[i]);
+    let rhs = DVector::from_fn(n, |i, _| b[i] * sigma[i] + o[i]);
+    let cholesky = a.cholesky()?;
+    let x = cholesky.solve(&rhs);
+    let ln_det: f64 = 2.0 * cholesky.l_dirty().diagonal().iter().map(|d| d.ln()).sum::<f64>();
+    let evidence = 0.5 * rhs.dot(&x) - 0.5 * o.dot(&o) - 0.5 * ln_det;
+    let inverse = cholesky.inverse();
+    let step = DVector::from_fn(n, |i, _| x[i] * sigma[i]);
+    let covariance = DMatrix::from_fn(n, n, |i, j| inverse[(i, j)] * sigma[i] * sigma[j]);
+    let gain = b.dot(&step) - 0.5 * step.dot(&(lambda * &step));
+    Some(Fit { step, covariance, evidence, gain })
+}
+
+/// The logarithm of the mean of exponentials.
+pub fn log_mean_exp(values: impl IntoIterator<Item = f64>) -> f64 {
+    let values: Vec<f64> = values.into_iter().filter(|v| !v.is_nan()).collect();
+    let top = values.iter().copied().fold(f64::NEG_INFINITY, f64::max);
+    if !top.is_finite() {
+        return f64::NEG_INFINITY;
+    }
+    top + (values.iter().map(|v| (v - top).exp()).sum::<f64>() / values.len() as f64).ln()
+}
+
+/// Evidence of a jump whose instant is unknown: each candidate's own, averaged over the candidates. Returns evidence,
+/// index of the best and its size.
+pub fn jump(jumps: &[(Vector3<f64>, Matrix3<f64>)], sigma: f64) -> Option<(f64, usize, Vector3<f64>)> {
+    let one = |(b, lambda): &(Vector3<f64>, Matrix3<f64>), scale: f64| {
+        let fit = fit_dense(
+            &DVector::from_column_slice(b.as_slice()),
+            &DMatrix::from_column_slice(3, 3, lambda.as_slice()),
+            &[sigma * scale; 3],
+            &[0.0; 3],
+        )?;
+        Some((fit.evidence, Vector3::from_column_slice(fit.step.as_slice())))
+    };
+    let each: Vec<(f64, Vector3<f64>)> = jumps
+        .iter()
+        .map(|j| {
+            let fits: Vec<_> = SCALES.iter().filter_map(|s| one(j, *s)).collect();
+            let evidence = log_mean_exp(fits.iter().map(|f| f.0));
+            let best = fits.iter().max_by(|a, b| a.0.total_cmp(&b.0)).map_or(Vector3::zeros(), |f| f.1);
+            (evidence, best)
+        })
+        .collect();
+    let (at, best) = each.iter().enumerate().max_by(|a, b| a.1.0.total_cmp(&b.1.0))?;
+    Some((log_mean_exp(each.iter().map(|e| e.0)), at, best.1))
+}

@@ -1,0 +1,291 @@
+//! One recorded flight, prepared once so that many models can be run over the very same samples and fixes.
+
+use crate::estimator::{Estimator, Stage};
+use crate::filter::Initial;
+use crate::model::Model;
+use crate::noise_meter::NoiseMeter;
+use crate::quantisation::Dequantiser;
+use crate::sample::{GnssFix, ImuSample, ImuStream, Quantisation, Sample, SampleKind};
+use nalgebra::Vector3;
+
+/// A filter that has heading starts with these 1-sigmas whatever the search said of them, rad.
+const START_ATTITUDE_SIGMA: [f64; 3] = [0.06, 0.06, 0.14];
+/// A flight must hold this much after the start, s …
+pub const ENOUGH_S: f64 = 40.0;
+/// … and this many fixes.
+pub const ENOUGH_FIXES: usize = 40;
+/// Samples that come faster are averaged down to about this, Hz: the fixes see nothing of what lies above.
+const ENOUGH_HZ: f64 = 50.0;
+/// A fix this many sigmas off that its neighbours contradict is left out.
+const OUTLIER_NIS: f64 = 60.0;
+
+/// Why a recording tells nothing.
+#[derive(Debug, Clone, PartialEq, thiserror::Error)]
+pub enum TooLittle {
+    /// No inertial samples.
+    #[error("there are no inertial samples")]
+    NoImu,
+    /// No fixes.
+    #[error("there are no GNSS fixes")]
+    NoFixes,
+    /// The estimation never got going.
+    #[error(
+        "the heading never became known: the vehicle must move, or the log must hold the autopilot's attitude"
+    )]
+    NoStart,
+    /// Too short.
+    #[error("only {seconds:.0} s with {fixes} fixes after the start; at least 40 s with 40 fixes are needed")]
+    TooShort {
+        /// Seconds after the start.
+        seconds: f64,
+        /// Fixes after the start.
+        fixes: usize,
+    },
+    /// It never moved.
+    #[error("the vehicle stands still: fly turns, climbs and changes of speed")]
+    Standing,
+}
+
+/// Samples and fixes from one start to the end.
+#[derive(Debug, Clone)]
+pub struct Flight {
+    stream: ImuStream,
+    initial: Initial,
+    raw: Vec<ImuSample>,
+    fixes: Vec<GnssFix>,
+    prepared: Vec<(Quantisation, Vec<ImuSample>)>,
+    interval_s: f64,
+    measured_noise: (f64, f64),
+}
+
+/// The longest stretch between two restarts.
+fn longest_stretch(samples: &[Sample]) -> &[Sample] {
+    let mut best: &[Sample] = &[];
+    let mut from = 0;
+    let cuts = samples.iter().enumerate().filter(|(_, s)| matches!(s, Sample::Restart(_))).map(|(i, _)| i);
+    for cut in cuts.chain([samples.len()]) {
+        if cut - from > best.len() {
+            best = &samples[from..cut];
+        }
+        from = cut + 1;
+    }
+    best
+}
+
+impl Flight {
+    /// Prepares the longest stretch without a restart. `model` is the one that is believed at first: it finds the start.
+    ///
+    /// # Errors
+    /// When the recording is too poor to say anything.
+    pub fn prepare(samples: &[Sample], model: &Model) -> Result<Self, TooLittle> {
+        let stretch = longest_stretch(samples);
+        let mut estimator = Estimator::new(model.clone());
+        let mut stream = ImuStream::default();
+        // The announcement may lie before the stretch.
+        for sample in samples {
+            if let Sample::Stream(s) = sample {
+                stream = s.clone();
+                estimator.feed(sample);
+                break;
+            }
+        }
+        let (mut raw, mut fixes): (Vec<ImuSample>, Vec<GnssFix>) = (Vec::new(), Vec::new());
+        let mut initial = None;
+        for sample in stretch {
+            match sample {
+                Sample::Stream(s) => stream = s.clone(),
+                Sample::Imu(imu) if raw.last().is_none_or(|l: &ImuSample| imu.t_s > l.t_s) => raw.push(*imu),
+                Sample::Fix(fix) => fixes.push(*fix),
+                _ => {}
+            }
+            if initial.is_none() {
+                estimator.feed(sample);
+                initial = start_of(&estimator);
+            }
+        }
+        if raw.is_empty() {
+            return Err(TooLittle::NoImu);
+        }
+        if fixes.is_empty() {
+            return Err(TooLittle::NoFixes);
+        }
+        let initial = initial.ok_or(TooLittle::NoStart)?;
+        raw.retain(|s| s.t_s > initial.t_s);
+        fixes.retain(|f| f.t_s > initial.t_s);
+        fixes.sort_by(|a, b| a.t_s.total_cmp(&b.t_s));
+        let seconds = raw.last().map_or(0.0, |s| s.t_s - initial.t_s);
+        if seconds < ENOUGH_S || fixes.len() < ENOUGH_FIXES {
+            return Err(TooLittle::TooShort { seconds, fixes: fixes.len() });
+        }
+        let mut flight = Self {
+            stream,
+            initial,
+            raw,
+            fixes,
+            prepared: Vec::new(),
+            interval_s: 0.0,
+            measured_noise: (0.0, 0.0),
+        };
+        if flight.stands() {
+            return Err(TooLittle::Standing);
+        }
+        flight.measure_noise();
+        flight.dequantise(model);
+        flight.drop_outliers(model);
+        Ok(flight)
+    }
+
+    /// Whether the fixes show no motion worth the name.
+    fn stands(&self) -> bool {
+        let speed = |f: &GnssFix| match f.velocity {
+            crate::sample::FixVelocity::None => None,
+            crate::sample::FixVelocity::Horizontal([n, e]) => Some(n.hypot(e)),
+            crate::sample::FixVelocity::Full([n, e, d]) => Some((n * n + e * e + d * d).sqrt()),
+        };
+        let mut speeds: Vec<f64> = self.fixes.iter().filter_map(speed).collect();
+        if !speeds.is_empty() {
+            speeds.sort_by(f64::total_cmp);
+            return speeds[speeds.len() * 9 / 10] < 1.0;
+        }
+        let first = self.fixes[0].position.to_ecef();
+        self.fixes.iter().all(|f| (f.position.to_ecef() - first).norm() < 30.0)
+    }
+
+    /// Noise that the samples show beyond what is smooth, per hertz: a start for the fit.
+    fn measure_noise(&mut self) {
+        let mut meter = NoiseMeter::default();
+        let (mut gyro, mut accel) = (Vec::new(), Vec::new());
+        for (i, sample) in self.raw.iter().enumerate() {
+            meter.push(sample);
+            if i % 100 == 99 {
+                let (g, a) = meter.excess(0.0, 0.0);
+                gyro.push(g);
+                accel.push(a);
+            }
+        }
+        let median = |v: &mut Vec<f64>| {
+            v.sort_by(f64::total_cmp);
+            v.get(v.len() / 2).copied().unwrap_or(0.0)
+        };
+        self.measured_noise = (median(&mut gyro), median(&mut accel));
+        self.interval_s = meter.interval_s();
+    }
+
+    fn dequantise(&mut self, model: &Model) {
+        let mut wanted = vec![model.quantisation_of(&self.stream)];
+        let truncated = Quantisation::Truncate(crate::sample::Steps::RAW_IMU);
+        if !wanted.contains(&truncated) {
+            wanted.push(truncated);
+        }
+        for q in wanted {
+            let mut dequantiser = Dequantiser::new(q);
+            let samples: Vec<ImuSample> = self.raw.iter().map(|s| dequantiser.undo(s)).collect();
+            self.prepared.push((q, samples));
+        }
+        let every = (1.0 / (ENOUGH_HZ * self.interval_s.max(1e-4))).round() as usize;
+        if every > 1 {
+            let kind = self.stream.kind;
+            for (_, samples) in &mut self.prepared {
+                *samples = averaged(samples, self.initial.t_s, kind, every);
+            }
+            self.stream.kind = SampleKind::IntervalMean;
+        }
+    }
+
+    /// Leaves out single fixes that their neighbours contradict, for all models alike.
+    fn drop_outliers(&mut self, model: &Model) {
+        let noise = super::noise::Noise::measured(model, &[&*self]);
+        let off: Vec<bool> = super::pass::run(self, model, &noise, &super::pass::Options::default(), None)
+            .innovations
+            .iter()
+            .map(|i| i.position.nis.max(i.velocity.nis) > OUTLIER_NIS * noise.tolerance())
+            .collect();
+        if off.len() != self.fixes.len() {
+            return;
+        }
+        let lonely = |i: usize| off[i] && (i == 0 || !off[i - 1]) && off.get(i + 1).is_none_or(|next| !next);
+        let keep: Vec<bool> = (0..off.len()).map(|i| !lonely(i)).collect();
+        let mut at = 0;
+        self.fixes.retain(|_| {
+            at += 1;
+            keep[at - 1]
+        });
+    }
+
+    /// Where every model starts.
+    pub fn initial(&self) -> &Initial {
+        &self.initial
+    }
+
+    /// The fixes after the start.
+    pub fn fixes(&self) -> &[GnssFix] {
+        &self.fixes
+    }
+
+    /// What the samples are.
+    pub fn stream(&self) -> &ImuStream {
+        &self.stream
+    }
+
+    /// Interval between samples, s.
+    pub fn interval_s(&self) -> f64 {
+        self.interval_s
+    }
+
+    /// Seconds from the start to the last sample.
+    pub fn duration_s(&self) -> f64 {
+        self.raw.last().map_or(0.0, |s| s.t_s - self.initial.t_s)
+    }
+
+    /// Whether the samples carry a temperature.
+    pub fn has_temperature(&self) -> bool {
+        self.raw.first().is_some_and(|s| s.temperature_degc.is_some())
+    }
+
+    /// Variance per hertz of gyro and accelerometer samples beyond smooth motion.
+    pub fn measured_noise(&self) -> (f64, f64) {
+        self.measured_noise
+    }
+
+    /// The samples as this belief about rounding reads them.
+    pub(crate) fn samples(&self, q: Quantisation) -> &[ImuSample] {
+        self.prepared.iter().find(|(p, _)| *p == q).map_or(&self.raw, |(_, s)| s)
+    }
+}
+
+/// Means over `every` intervals; point samples are taken as varying linearly in between.
+fn averaged(samples: &[ImuSample], start_s: f64, kind: SampleKind, every: usize) -> Vec<ImuSample> {
+    let mut out = Vec::with_capacity(samples.len() / every + 1);
+    let (mut before, mut begun_s) = (None::<&ImuSample>, start_s);
+    let (mut gyro, mut accel) = (Vector3::zeros(), Vector3::zeros());
+    for (i, sample) in samples.iter().enumerate() {
+        let from = match (before, kind) {
+            (Some(b), SampleKind::Point) => b,
+            _ => sample,
+        };
+        let dt = sample.t_s - before.map_or(start_s, |b| b.t_s);
+        gyro += (from.gyro + sample.gyro) * (0.5 * dt);
+        accel += (from.accel + sample.accel) * (0.5 * dt);
+        before = Some(sample);
+        let span = sample.t_s - begun_s;
+        if (i + 1) % every == 0 && span > 0.0 {
+            out.push(ImuSample { gyro: gyro / span, accel: accel / span, ..*sample });
+            (gyro, accel, begun_s) = (Vector3::zeros(), Vector3::zeros(), sample.t_s);
+        }
+    }
+    out
+}
+
+fn start_of(estimator: &Estimator) -> Option<Initial> {
+    if estimator.stage() != Stage::Running {
+        return None;
+    }
+    let filter = estimator.filter()?;
+    Some(Initial {
+        t_s: filter.t_s(),
+        nav: *filter.nav(),
+        position_sigma_m: [8.0; 3],
+        velocity_sigma_m_per_s: [2.0; 3],
+        attitude_sigma_rad: START_ATTITUDE_SIGMA,
+    })
+}

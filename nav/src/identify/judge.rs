@@ -1,0 +1,233 @@
+//! Is it true? The additions of a selection before data that took no part in it, one effect left out at a time, and how far
+//! the pure simulation drifts away without fixes.
+
+use super::flight::Flight;
+use super::noise::Noise;
+use super::pass::{self, Innovation, Options, Pass};
+use super::select::{Added, Search, Selection, Settings, with};
+use super::whereabouts;
+use super::{Workers, map};
+use crate::mechanization::{self, Increment};
+use crate::model::Model;
+
+/// Drift is told over these times, s.
+pub const DRIFT_S: [f64; 3] = [5.0, 10.0, 30.0];
+/// A drift starts this often, s.
+const DRIFT_EVERY_S: f64 = 10.0;
+
+/// The disagreement of a model with some data.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Gap {
+    /// Mean squared normalised innovation per degree of freedom.
+    pub nis_per_dof: f64,
+    /// The same per channel; `None` where the fixes have none.
+    pub channels: [Option<f64>; 6],
+    /// RMS of the innovations per channel, m and m/s.
+    pub rms: [Option<f64>; 6],
+    /// Logarithm of the likelihood.
+    pub log_likelihood: f64,
+    /// RMS of the horizontal position after 5, 10, 30 s without fixes, m.
+    pub drift_m: [Option<f64>; 3],
+}
+
+/// One line of the leave-one-out table.
+#[derive(Debug, Clone, PartialEq)]
+pub struct LeftOut {
+    /// Effect.
+    pub name: &'static str,
+    /// Evidence that is lost without it, nats.
+    pub evidence: f64,
+    /// Log-likelihood of the held-out data that is lost without it.
+    pub held_out: f64,
+}
+
+/// A selection after judgement.
+#[derive(Debug, Clone)]
+pub struct Judged {
+    /// The selection without the effects that the held-out data did not confirm; values refitted to all data.
+    pub selection: Selection,
+    /// Effects that were taken out again.
+    pub removed: Vec<&'static str>,
+    /// Chosen and fitted on this: before, after.
+    pub fit: [Gap; 2],
+    /// Took no part: before, after.
+    pub held_out: [Gap; 2],
+    /// What each effect contributes.
+    pub left_out: Vec<LeftOut>,
+    /// Innovations of the first flight, before and after.
+    pub innovations: [Vec<Innovation>; 2],
+}
+
+fn gap(passes: &[Pass], drifts: &[[(f64, usize); 3]], part: usize) -> Gap {
+    let (mut sum, mut count) = ([0.0; 6], [0usize; 6]);
+    let mut square = [0.0; 6];
+    for innovation in passes.iter().flat_map(|p| &p.innovations).filter(|i| i.part == Some(part)) {
+        for c in 0..6 {
+            if let Some(v) = whereabouts::channel(innovation, c) {
+                let group = if c < 3 { &innovation.position } else { &innovation.velocity };
+                sum[c] += v * v;
+                square[c] += group.innovation[c % 3].powi(2);
+                count[c] += 1;
+            }
+        }
+    }
+    let (nis, dof) = passes.iter().fold((0.0, 0), |(a, n), p| {
+        let [(x, i), (y, j)] = p.nis[part];
+        (a + x + y, n + i + j)
+    });
+    let mean = |total: f64, n: usize| (n > 0).then(|| total / n as f64);
+    Gap {
+        nis_per_dof: nis / dof.max(1) as f64,
+        channels: std::array::from_fn(|c| mean(sum[c], count[c])),
+        rms: std::array::from_fn(|c| mean(square[c], count[c]).map(f64::sqrt)),
+        log_likelihood: passes.iter().map(|p| p.log_likelihood[part]).sum(),
+        drift_m: std::array::from_fn(|k| {
+            let (total, n) = drifts.iter().fold((0.0, 0), |(a, n), d| (a + d[k].0, n + d[k].1));
+            mean(total, n).map(f64::sqrt)
+        }),
+    }
+}
+
+/// Squared horizontal errors after the times of [`DRIFT_S`] without fixes, with their number.
+fn drift(flight: &Flight, model: &Model, noise: &Noise, options: &Options) -> [(f64, usize); 3] {
+    struct Free {
+        since_s: f64,
+        nav: crate::mechanization::NavState,
+        calibration: crate::filter::calibration::Calibration,
+        done: usize,
+    }
+    let model_with_noise = noise.of(model);
+    let mut out = [(0.0, 0); 3];
+    let mut free: Vec<Free> = Vec::new();
+    let mut next_start = flight.initial().t_s + options.settle_s;
+    let mut fixes = flight.fixes().iter().peekable();
+    let mut last: Option<&crate::sample::ImuSample> = None;
+    pass::follow(flight, model, noise, |filter, sample| {
+        if let Some(before) = last {
+            for f in &mut free {
+                let (a, b) = (
+                    f.calibration.motion(&model_with_noise, before),
+                    f.calibration.motion(&model_with_noise, sample),
+                );
+                let inc = Increment::between(&a, &b, flight.stream().kind, sample.t_s - before.t_s);
+                f.nav = mechanization::step(&f.nav, &inc);
+            }
+        }
+        if sample.t_s >= next_start {
+            next_start = sample.t_s + DRIFT_EVERY_S;
+            free.push(Free {
+                since_s: sample.t_s,
+                nav: filter.nav,
+                calibration: filter.calibration,
+                done: 0,
+            });
+        }
+        // A fix tells of the vehicle its delay ago.
+        while let Some(fix) = fixes.next_if(|f| f.t_s <= sample.t_s) {
+            for f in &mut free {
+                let age = sample.t_s - f.since_s;
+                if f.done < DRIFT_S.len() && age >= DRIFT_S[f.done] {
+                    let c_ne = f.nav.geodetic().c_en().transpose();
+                    let behind = sample.t_s - fix.t_s + filter.fix_delay_s;
+                    let d = c_ne * (f.nav.r_e - f.nav.v_e * behind - fix.position.to_ecef());
+                    out[f.done].0 += d.x * d.x + d.y * d.y;
+                    out[f.done].1 += 1;
+                    f.done += 1;
+                }
+            }
+        }
+        free.retain(|f| f.done < DRIFT_S.len());
+        last = Some(sample);
+    });
+    out
+}
+
+/// Model and data as they stand to each other.
+fn measure(
+    flights: &[&Flight],
+    model: &Model,
+    noise: &Noise,
+    options: &Options,
+    workers: &dyn Workers,
+) -> (Vec<Pass>, Vec<[(f64, usize); 3]>) {
+    let passes = map(workers, flights.len(), |k| pass::run(flights[k], model, noise, options, None));
+    let drifts = map(workers, flights.len(), |k| drift(flights[k], model, noise, options));
+    (passes, drifts)
+}
+
+/// Held-out log-likelihood that an effect may cost. A jump shows where it happens and hardly anywhere else.
+fn tolerated(name: &str) -> f64 {
+    let jump = crate::effects::find(name).is_some_and(super::select::is_jump);
+    if jump { -3.0 } else { 0.0 }
+}
+
+/// Judges a selection. `validate` are flights that took no part; without any, the held-out blocks of `flights` judge.
+pub fn judge(
+    flights: &[&Flight],
+    validate: &[&Flight],
+    selection: Selection,
+    settings: &Settings,
+    workers: &dyn Workers,
+) -> Judged {
+    let mut selection = selection;
+    let settings = &Settings { options: selection.options, ..*settings };
+    let search = Search { flights, base: &selection.base.clone(), settings: *settings, workers };
+    let whole = settings.options.all();
+    let (others, others_options, part) =
+        if validate.is_empty() { (flights, settings.options, 1) } else { (validate, whole, 0) };
+    let held_out_of = |added: &[Added], noise: &Noise| -> f64 {
+        let model = with(&selection.base, added);
+        map(workers, others.len(), |k| {
+            pass::run(others[k], &model, noise, &others_options, None).log_likelihood[part]
+        })
+        .iter()
+        .sum()
+    };
+    let mut removed = Vec::new();
+    let mut left_out;
+    loop {
+        let full = search.settle(&selection.added, &selection.noise, 1);
+        let full_held_out = held_out_of(&full.added, &selection.noise);
+        left_out = Vec::new();
+        for k in 0..full.added.len() {
+            let mut fewer = full.added.clone();
+            let gone = fewer.remove(k);
+            let without = search.settle(&fewer, &selection.noise, 1);
+            left_out.push(LeftOut {
+                name: gone.setting.effect.name(),
+                evidence: full.evidence - without.evidence,
+                held_out: full_held_out - held_out_of(&without.added, &selection.noise),
+            });
+        }
+        selection.added = full.added;
+        let worst = left_out
+            .iter()
+            .enumerate()
+            .filter(|(_, l)| l.held_out <= tolerated(l.name) || l.evidence <= 0.0)
+            .min_by(|a, b| a.1.held_out.total_cmp(&b.1.held_out))
+            .map(|(k, _)| k);
+        let Some(k) = worst else { break };
+        removed.push(selection.added.remove(k).setting.effect.name());
+        selection.steps.remove(k.min(selection.steps.len() - 1));
+    }
+    let models = [selection.base.clone(), selection.model()];
+    // Both with the noise of the better model: what the lacking effect does must not hide in the noise.
+    let [before, after] =
+        [0, 1].map(|m| measure(flights, &models[m], &selection.noise, &settings.options, workers));
+    let fit = [gap(&before.0, &before.1, 0), gap(&after.0, &after.1, 0)];
+    let held_out = if validate.is_empty() {
+        [gap(&before.0, &before.1, 1), gap(&after.0, &after.1, 1)]
+    } else {
+        [0, 1].map(|m| {
+            let (passes, drifts) = measure(validate, &models[m], &selection.noise, &whole, workers);
+            gap(&passes, &drifts, 0)
+        })
+    };
+    let first = |passes: Vec<Pass>| passes.into_iter().next().map(|p| p.innovations).unwrap_or_default();
+    let innovations = [first(before.0), first(after.0)];
+    let everything = Settings { options: whole, ..*settings };
+    let base = selection.base.clone();
+    let search = Search { flights, base: &base, settings: everything, workers };
+    selection.added = search.settle(&selection.added, &selection.noise, 1).added;
+    Judged { selection, removed, fit, held_out, left_out, innovations }
+}

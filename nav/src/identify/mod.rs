@@ -1,0 +1,53 @@
+//! Identification: which effect does a model lack, how sure is that, and where does the gap lie.
+//!
+//! One run of the ordinary filter with a [`Watch`](crate::filter::watch::Watch) gives, for every parameter of every
+//! effect at once, the score b and the information Λ of the likelihood of the innovations. With the prior of an
+//! effect's definition the marginal likelihood of "the effect is there" over "it is not" follows in closed form
+//! ([`evidence`]). That ratio is a Bayes factor: with a right noise model it exceeds `exp(t)` by chance with a
+//! probability of at most `exp(−t)`, whatever the number of parameters, so one threshold controls the false alarms of the
+//! whole catalogue and no further penalty is due. Noise is fitted first ([`noise`]) so that it does not pass for an effect;
+//! effects are then added one by one at the values that the flights say ([`select`]).
+
+pub mod evidence;
+pub mod flight;
+pub mod judge;
+pub mod noise;
+pub mod pass;
+pub mod select;
+pub mod terms;
+pub mod whereabouts;
+
+use std::sync::Mutex;
+
+/// Somebody who can do several things at once. This crate starts no threads itself.
+pub trait Workers: Sync {
+    /// Does `job(0) … job(jobs − 1)` in any order and returns when all are done.
+    fn run(&self, jobs: usize, job: &(dyn Fn(usize) + Sync));
+}
+
+/// One after the other.
+#[derive(Debug, Clone, Copy, Default)]
+pub struct Serial;
+
+impl Workers for Serial {
+    fn run(&self, jobs: usize, job: &(dyn Fn(usize) + Sync)) {
+        (0..jobs).for_each(job);
+    }
+}
+
+/// The results of several jobs in order.
+pub(crate) fn map<T: Send>(workers: &dyn Workers, jobs: usize, job: impl Fn(usize) -> T + Sync) -> Vec<T> {
+    let results: Mutex<Vec<(usize, T)>> = Mutex::new(Vec::with_capacity(jobs));
+    workers.run(jobs, &|k| {
+        let result = job(k);
+        if let Ok(mut all) = results.lock() {
+            all.push((k, result));
+        }
+    });
+    let mut all = results.into_inner().unwrap_or_default();
+    all.sort_by_key(|(k, _)| *k);
+    all.into_iter().map(|(_, r)| r).collect()
+}
+
+#[cfg(test)]
+mod tests;

@@ -1,0 +1,166 @@
+//! Score and information against differences of the likelihood itself, and against chance.
+
+use super::*;
+use crate::earth::Geodetic;
+use crate::effects;
+use crate::filter::watch::Watched;
+use crate::mechanization::{Increment, Motion, NavState, step};
+use crate::model::{EffectSetting, Model};
+use crate::rotation::c_nb_from_euler;
+use crate::sample::{AttitudeHint, FixVelocity, GnssFix, ImuSample, ImuStream, Sample, SampleKind};
+use nalgebra::Vector3;
+use rand::SeedableRng;
+use rand::rngs::Xoshiro256PlusPlus;
+use rand_distr::{Distribution, StandardNormal};
+
+const RATE_HZ: f64 = 50.0;
+
+/// A vehicle that weaves, climbs and changes speed for 90 s, with noise, through the effects of a model.
+fn fly(model: &Model, seed: u64) -> Vec<Sample> {
+    let mut rng = Xoshiro256PlusPlus::seed_from_u64(seed);
+    let mut normal = || -> f64 { StandardNormal.sample(&mut rng) };
+    let mut nav = NavState::from_ned(
+        Geodetic::from_degrees(47.0, 8.0, 500.0),
+        &Vector3::new(20.0, 0.0, 0.0),
+        &c_nb_from_euler(0.0, 0.0, 0.0),
+    );
+    let calibration = crate::filter::calibration::Calibration::new(model);
+    let motion = |t: f64, nav: &NavState| {
+        let up = nav.c_nb().transpose() * Vector3::new(0.0, 0.0, -9.8);
+        let push = Vector3::new((0.3 * t).sin(), 0.8 * (0.23 * t).cos(), -3.0 * (0.4 * t).sin().max(0.0));
+        let level = nav.euler();
+        let rate = Vector3::new(
+            0.5 * (0.7 * t).sin() - 0.3 * level.x,
+            0.2 * (0.5 * t).cos() - 0.3 * level.y,
+            0.3 * (0.2 * t).sin(),
+        );
+        Motion { rate, force: up + push }
+    };
+    let mut samples = vec![Sample::Stream(ImuStream::default())];
+    let delay =
+        calibration.parameters.iter().zip(&model.effects).map(|(p, s)| s.effect.fix_delay_s(p)).sum::<f64>();
+    let late = (delay * RATE_HZ).round() as usize;
+    let mut path: Vec<NavState> = Vec::new();
+    let mut now = motion(0.0, &nav);
+    for i in 0..(90.0 * RATE_HZ) as usize {
+        let t_s = i as f64 / RATE_HZ;
+        let ideal = ImuSample { t_s, gyro: now.rate, accel: now.force, temperature_degc: None };
+        let shown = calibration.measure(model, &ideal, &now);
+        let noise = |scale: f64, normal: &mut dyn FnMut() -> f64| {
+            Vector3::new(normal(), normal(), normal()) * (scale * RATE_HZ.sqrt())
+        };
+        let gyro = shown.rate + noise(model.imu.gyro_noise, &mut normal);
+        let accel = shown.force + noise(model.imu.accel_noise, &mut normal);
+        samples.push(Sample::Imu(ImuSample { gyro, accel, ..ideal }));
+        path.push(nav);
+        if i % 5 == 0 {
+            samples.push(Sample::Attitude(AttitudeHint { t_s, roll_pitch_yaw: nav.euler().into() }));
+        }
+        if i % 10 == 0 && i >= late {
+            let then = &path[i - late];
+            let c_en = then.geodetic().c_en();
+            let white = c_en * Vector3::new(normal(), normal(), normal()) * 0.5;
+            let v = then.v_n() + Vector3::new(normal(), normal(), 0.0) * 0.1;
+            samples.push(Sample::Fix(GnssFix {
+                t_s,
+                position: Geodetic::from_ecef(&(then.r_e + white)),
+                velocity: FixVelocity::Horizontal([v.x, v.y]),
+                position_sigma_m: Some([0.5; 3]),
+                velocity_sigma_m_per_s: Some([0.1; 3]),
+                yaw_rad: None,
+            }));
+        }
+        // The motion at the end of the step depends on the attitude there: one correction is enough.
+        let dt = 1.0 / RATE_HZ;
+        let guess = step(&nav, &Increment::between(&now, &now, SampleKind::Point, dt));
+        let next = motion(t_s + dt, &guess);
+        nav = step(&nav, &Increment::between(&now, &next, SampleKind::Point, dt));
+        now = next;
+    }
+    samples
+}
+
+fn noise() -> noise::Noise {
+    noise::Noise {
+        gyro: Model::default().imu.gyro_noise,
+        accel: Model::default().imu.accel_noise,
+        position_scale: 1.0,
+        height_scale: 1.0,
+        velocity_scale: 1.0,
+        wander_m: 0.02,
+        correlation_s: 60.0,
+        stamp_s: 0.0,
+    }
+}
+
+/// Every parameter of every continuous effect: the watched score is the slope of the likelihood.
+#[test]
+fn the_score_is_the_slope_of_the_likelihood() {
+    let model = Model::default();
+    let flight = flight::Flight::prepare(&fly(&model, 1), &model).unwrap();
+    let options = pass::Options::default().all();
+    let linear: Vec<EffectSetting> = effects::REGISTRY
+        .iter()
+        .filter(|e| e.groups().iter().all(|g| g.is_state()) && !e.is_empty())
+        .filter(|e| !e.name().ends_with("temperature"))
+        .map(|e| EffectSetting { sigmas: vec![0.0; e.len()], ..EffectSetting::unknown(*e) })
+        .collect();
+    let watched = Watched { effects: linear.clone(), ..Watched::default() };
+    let pass = pass::run(&flight, &model, &noise(), &options, Some(&watched));
+    let information = &pass.information.unwrap()[0];
+    for (column, (e, p)) in watched.slots().into_iter().enumerate() {
+        let setting = &linear[e];
+        let sigma = information.matrix[(column, column)].sqrt().recip();
+        let at = |by: f64| {
+            let mut moved = model.clone();
+            let mut s = setting.clone();
+            s.values[p] += by;
+            moved.set(s);
+            pass::run(&flight, &moved, &noise(), &options, None).log_likelihood[0]
+        };
+        // In units of the parameter's own sigma: slope and curvature of the log-likelihood.
+        let h = 0.3 * sigma;
+        let (up, down, here) = (at(h), at(-h), pass.log_likelihood[0]);
+        let slope = (up - down) / 0.6;
+        let curvature = (2.0 * here - up - down) / 0.09;
+        let score = information.score[column] * sigma;
+        let name = setting.effect.name();
+        assert!((slope - score).abs() < 0.12 + 0.05 * score.abs(), "{name} {p}: {slope} {score}");
+        assert!((curvature - 1.0).abs() < 0.25, "{name} {p}: {curvature}");
+    }
+}
+
+#[test]
+fn a_hidden_delay_is_found_and_nothing_on_a_clean_flight() {
+    let settings = select::Settings::default();
+    let model = Model::default();
+    let clean = flight::Flight::prepare(&fly(&model, 2), &model).unwrap();
+    let nothing = select::select(&[&clean], &model, &settings, &Serial);
+    assert!(nothing.added.is_empty(), "{:?}", nothing.steps);
+    let mut with = model.clone();
+    with.set(EffectSetting::known(&effects::GpsLatency, &[0.12]).unwrap());
+    let late = flight::Flight::prepare(&fly(&with, 2), &model).unwrap();
+    let found = select::select(&[&late], &model, &settings, &Serial);
+    assert_eq!(found.steps.len(), 1, "{:?}", found.steps);
+    let judged = judge::judge(&[&late], &[], found, &settings, &Serial);
+    assert_eq!(judged.selection.added[0].setting.effect.name(), "gps_latency");
+    assert!((judged.selection.added[0].setting.values[0] - 0.12).abs() < 0.01);
+    assert!(judged.held_out[0].nis_per_dof > judged.held_out[1].nis_per_dof + 0.1);
+    assert!(judged.left_out[0].held_out > 10.0);
+}
+
+#[test]
+fn a_bayes_factor_pays_for_what_it_cannot_see() {
+    let mut information = pass::Information::zeros(1, 0);
+    // No information: no evidence either way.
+    let fit = evidence::fit(&information, &[0], &[1.0], &[0.0]).unwrap();
+    assert_eq!((fit.evidence, fit.gain), (0.0, 0.0));
+    // Known to 0.01 of the prior and found at zero: the odds fall by the ratio of the widths.
+    information.matrix[(0, 0)] = 1e4;
+    let fit = evidence::fit(&information, &[0], &[1.0], &[0.0]).unwrap();
+    assert!((fit.evidence + 0.5 * 10_001f64.ln()).abs() < 1e-9);
+    // Found five sigma away.
+    information.score[0] = 500.0;
+    let fit = evidence::fit(&information, &[0], &[1.0], &[0.0]).unwrap();
+    assert!((fit.step[0] - 0.05).abs() < 1e-4 && (fit.gain - 12.5).abs() < 0.01, "{fit:?}");
+}

@@ -1,0 +1,300 @@
+//! The `gaware.explanation/1` contract (design, section 3).
+
+use super::{advice, words};
+use gaware_nav::effects::Shape;
+use gaware_nav::identify::judge::{Gap as NavGap, Judged};
+use gaware_nav::identify::select::Added;
+use gaware_nav::identify::{terms, whereabouts};
+use gaware_nav::model::{EffectSetting, Model};
+use serde::Serialize;
+use serde_json::{Map, Value, json};
+use std::collections::BTreeMap;
+
+/// Mean NIS per degree of freedom up to which nothing is left to explain.
+const CLOSED: f64 = 1.15;
+
+/// What came of it.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Verdict {
+    /// Effects were found and each stands alone.
+    Explained,
+    /// At least one step names effects that this flight cannot tell apart.
+    Ambiguous,
+    /// The model explains the flight.
+    NothingMissing,
+    /// A gap is left that no named effect closes, or too little can be said.
+    Unexplained,
+}
+
+/// Evidence of one step.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize)]
+pub struct Evidence {
+    /// Gain of the log-likelihood of the innovations.
+    pub log_likelihood_gain: f64,
+    /// The same less half the number of parameters times the logarithm of the number of fixes.
+    pub bic_gain: f64,
+    /// Logarithm of the odds that the effect is there against that it is not: what decided.
+    pub log_odds: f64,
+}
+
+/// One step: an effect, or several that this flight cannot tell apart.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct EffectEntry {
+    /// Names, the best first.
+    pub names: Vec<&'static str>,
+    /// Values and sigmas with units in the keys, by effect.
+    pub parameters: BTreeMap<&'static str, Value>,
+    /// How sure.
+    pub evidence: Evidence,
+    /// Maneuver that would tell them apart.
+    pub separate_by: Option<String>,
+}
+
+/// A place that stands out.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct Where {
+    /// `velocity_north`.
+    pub channel: &'static str,
+    /// From, s.
+    pub t_start_s: f64,
+    /// To, s.
+    pub t_end_s: f64,
+    /// What the vehicle did.
+    pub regime: String,
+    /// Share of the whole gap.
+    pub share: f64,
+}
+
+/// Before and after.
+#[derive(Debug, Clone, Copy, PartialEq, Default, Serialize)]
+pub struct BeforeAfter {
+    /// With the model that was given.
+    pub before: f64,
+    /// With the new one.
+    pub after: f64,
+}
+
+/// Before and after per channel, RMS of the innovations.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct ChannelGap {
+    /// `velocity_north`.
+    pub channel: &'static str,
+    /// m or m/s.
+    pub rms: BeforeAfter,
+    /// Squared normalised innovation.
+    pub nis: BeforeAfter,
+}
+
+/// The gap.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct Gap {
+    /// `nis_mean_per_dof`.
+    pub metric: &'static str,
+    /// On the data that chose and fitted.
+    pub fit: BeforeAfter,
+    /// On the data that took no part.
+    pub held_out: BeforeAfter,
+    /// Held out, by channel.
+    pub held_out_channels: Vec<ChannelGap>,
+    /// Held out: horizontal position after so many seconds without fixes, m RMS.
+    pub drift_m: BTreeMap<String, BeforeAfter>,
+}
+
+/// One line of the leave-one-out table.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct LeaveOneOut {
+    /// Effect left out.
+    pub name: &'static str,
+    /// Evidence lost, nats.
+    pub evidence: f64,
+    /// Log-likelihood of the held-out data lost.
+    pub held_out_log_likelihood: f64,
+}
+
+/// A term outside the catalogue.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct Term {
+    /// `gyro_y`.
+    pub channel: &'static str,
+    /// `f_x*f_z`.
+    pub term: &'static str,
+    /// Value.
+    pub coefficient: f64,
+    /// 1-sigma.
+    pub sigma: f64,
+    /// Unit of both.
+    pub unit: String,
+}
+
+/// The contract.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct Explanation {
+    /// `gaware.explanation/1`.
+    pub schema: &'static str,
+    /// What came of it.
+    pub verdict: Verdict,
+    /// One entry per step, in the order found.
+    pub effects: Vec<EffectEntry>,
+    /// Places that stand out with the model that was given.
+    #[serde(rename = "where")]
+    pub places: Vec<Where>,
+    /// Before and after; `null` where too little can be said.
+    pub gap: Option<Gap>,
+    /// Terms outside the catalogue.
+    pub unexplained_terms: Vec<Term>,
+    /// What each effect contributes.
+    pub leave_one_out: Vec<LeaveOneOut>,
+    /// Effects that were found and that the held-out data did not confirm.
+    pub removed: Vec<&'static str>,
+    /// The result in plain words.
+    pub summary: String,
+}
+
+/// The result of recordings that say too little.
+pub fn too_little(why: &str) -> Explanation {
+    Explanation {
+        schema: "gaware.explanation/1",
+        verdict: Verdict::Unexplained,
+        effects: Vec::new(),
+        places: Vec::new(),
+        gap: None,
+        unexplained_terms: Vec::new(),
+        leave_one_out: Vec::new(),
+        removed: Vec::new(),
+        summary: format!("Nothing can be said about missing effects: {why}."),
+    }
+}
+
+/// Whether a gap is left that no effect of the catalogue closes.
+pub fn gap_is_left(judged: &Judged) -> bool {
+    judged.held_out[1].nis_per_dof > CLOSED
+}
+
+/// The model that was given with the effects found and the noise that was fitted. An effect of a group that cannot be told
+/// apart goes in with the best of its names.
+pub fn new_model(judged: &Judged) -> Model {
+    let selection = &judged.selection;
+    let mut model = selection.noise.of(&selection.base);
+    for added in &selection.added {
+        model.set(added.setting.clone());
+    }
+    model
+}
+
+/// Values or sigmas of an effect under the keys of `model.toml`.
+fn keys(setting: &EffectSetting, values: &[f64], prefix: &str, out: &mut Map<String, Value>) {
+    let mut at = 0;
+    for group in setting.effect.groups() {
+        let own = &values[at..at + group.shape.len()];
+        at += group.shape.len();
+        let v: Vec<f64> = own.iter().map(|v| v / group.unit.si).collect();
+        let value = match group.shape {
+            Shape::Scalar => json!(v[0]),
+            Shape::Vector | Shape::UpperTriangle => json!(v),
+            Shape::Matrix => json!([v[0..3], v[3..6], v[6..9]]),
+            Shape::MatrixWithoutDiagonal => json!([[0.0, v[0], v[1]], [v[2], 0.0, v[3]], [v[4], v[5], 0.0]]),
+        };
+        out.insert(format!("{prefix}_{}", group.unit.suffix), value);
+    }
+}
+
+/// Parameters of an added effect as in `model.toml`.
+pub fn parameters(added: &Added) -> Value {
+    let mut map = Map::new();
+    keys(&added.setting, &added.setting.values, "value", &mut map);
+    keys(&added.setting, &added.setting.sigmas, "sigma", &mut map);
+    Value::Object(map)
+}
+
+fn entries(judged: &Judged) -> Vec<EffectEntry> {
+    let selection = &judged.selection;
+    selection
+        .steps
+        .iter()
+        .zip(&selection.added)
+        .map(|(step, added)| EffectEntry {
+            names: step.group.clone(),
+            parameters: BTreeMap::from([(added.setting.effect.name(), parameters(added))]),
+            evidence: Evidence {
+                log_likelihood_gain: step.log_likelihood_gain,
+                bic_gain: step.bic_gain,
+                log_odds: step.evidence,
+            },
+            separate_by: advice::separate(&step.group),
+        })
+        .collect()
+}
+
+fn gap(judged: &Judged) -> Gap {
+    let pair = |g: &[NavGap; 2]| BeforeAfter { before: g[0].nis_per_dof, after: g[1].nis_per_dof };
+    let [before, after] = &judged.held_out;
+    let channels = whereabouts::CHANNELS.iter().enumerate().filter_map(|(c, channel)| {
+        Some(ChannelGap {
+            channel,
+            rms: BeforeAfter { before: before.rms[c]?, after: after.rms[c]? },
+            nis: BeforeAfter { before: before.channels[c]?, after: after.channels[c]? },
+        })
+    });
+    let drift = gaware_nav::identify::judge::DRIFT_S.iter().enumerate().filter_map(|(k, seconds)| {
+        let both = BeforeAfter { before: before.drift_m[k]?, after: after.drift_m[k]? };
+        Some((format!("{seconds:.0}_s"), both))
+    });
+    Gap {
+        metric: "nis_mean_per_dof",
+        fit: pair(&judged.fit),
+        held_out: pair(&judged.held_out),
+        held_out_channels: channels.collect(),
+        drift_m: drift.collect(),
+    }
+}
+
+/// The contract of a judged selection.
+pub fn explanation(judged: &Judged, found: Vec<terms::Found>) -> Explanation {
+    let effects = entries(judged);
+    let verdict = if effects.iter().any(|e| e.names.len() > 1) {
+        Verdict::Ambiguous
+    } else if !effects.is_empty() && found.is_empty() {
+        Verdict::Explained
+    } else if !found.is_empty() {
+        Verdict::Unexplained
+    } else {
+        Verdict::NothingMissing
+    };
+    let places = whereabouts::find(&judged.innovations[0])
+        .into_iter()
+        .map(|p| Where {
+            channel: p.channel,
+            t_start_s: p.t_start_s,
+            t_end_s: p.t_end_s,
+            regime: p.regime,
+            share: p.share,
+        })
+        .collect();
+    let mut explanation = Explanation {
+        schema: "gaware.explanation/1",
+        verdict,
+        effects,
+        places,
+        gap: Some(gap(judged)),
+        unexplained_terms: found
+            .into_iter()
+            .map(|t| Term {
+                channel: t.channel,
+                term: t.term,
+                coefficient: t.coefficient,
+                sigma: t.sigma,
+                unit: t.unit,
+            })
+            .collect(),
+        leave_one_out: judged
+            .left_out
+            .iter()
+            .map(|l| LeaveOneOut { name: l.name, evidence: l.evidence, held_out_log_likelihood: l.held_out })
+            .collect(),
+        removed: judged.removed.clone(),
+        summary: String::new(),
+    };
+    explanation.summary = words::summary(&explanation, &judged.selection);
+    explanation
+}

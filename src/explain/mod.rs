@@ -1,0 +1,233 @@
+//! Explain: where simulation and measurement disagree, which effect is missing, and whether adding it helps on data that
+//! took no part.
+//!
+//! Reads logs, hands the mathematics to `gaware_nav::identify`, and puts the result into words and the
+//! `gaware.explanation/1` contract. It decides nothing about likelihoods itself.
+
+pub mod advice;
+pub mod contract;
+pub mod words;
+
+use crate::logs::{self, Item, LogError};
+use crate::sensors::{Converter, ConverterOptions};
+use crate::study::parallel::{Silent, map_runs};
+use contract::Explanation;
+use gaware_nav::filter::watch::Watched;
+use gaware_nav::identify::flight::{Flight, TooLittle};
+use gaware_nav::identify::judge::{self, Judged};
+use gaware_nav::identify::select::{self, Settings};
+use gaware_nav::identify::{Workers, pass, terms};
+use gaware_nav::model::Model;
+use gaware_nav::sample::Sample;
+use std::path::{Path, PathBuf};
+
+/// What to explain.
+#[derive(Debug, Clone)]
+pub struct Request {
+    /// Flights to choose and fit on.
+    pub logs: Vec<PathBuf>,
+    /// Flights that only judge; empty: blocks of the first ones are held out.
+    pub validate: Vec<PathBuf>,
+    /// The model that is believed.
+    pub model: Model,
+    /// Vehicle and source message.
+    pub converter: ConverterOptions,
+    /// Thresholds.
+    pub settings: Settings,
+}
+
+/// What is being done, for a progress bar.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Phase {
+    /// Reading log number so many.
+    Reading(usize),
+    /// Fitting noise and adding effects.
+    Choosing,
+    /// Judging on held-out data.
+    Judging,
+    /// Looking for terms outside the catalogue.
+    Terms,
+}
+
+/// Why there is no explanation.
+#[derive(Debug, thiserror::Error)]
+pub enum ExplainError {
+    /// A log cannot be read.
+    #[error(transparent)]
+    Log(#[from] LogError),
+    /// No log was given.
+    #[error("no log was given")]
+    NoLog,
+    /// The result cannot be written.
+    #[error("cannot write {path}: {source}")]
+    Write {
+        /// File.
+        path: PathBuf,
+        /// What the system said.
+        source: std::io::Error,
+    },
+    /// A plot cannot be drawn.
+    #[error("cannot draw a plot: {0}")]
+    Plot(String),
+}
+
+/// The result with everything that the report shows.
+#[derive(Debug, Clone)]
+pub struct Explained {
+    /// The contract.
+    pub explanation: Explanation,
+    /// The model with the effects added (values with the sigmas of the estimate).
+    pub model: Model,
+    /// The numbers behind it; `None` where the flights say too little.
+    pub judged: Option<Judged>,
+    /// Names of the logs.
+    pub logs: Vec<String>,
+    /// Names of the logs that only judged.
+    pub validated: Vec<String>,
+}
+
+/// All cores.
+#[derive(Debug, Clone, Copy, Default)]
+pub struct Threads;
+
+impl Workers for Threads {
+    fn run(&self, jobs: usize, job: &(dyn Fn(usize) + Sync)) {
+        map_runs(jobs, &Silent, job);
+    }
+}
+
+/// All samples of a log of any format.
+///
+/// # Errors
+/// A log that cannot be opened or read.
+pub fn read(path: &Path, options: ConverterOptions) -> Result<Vec<Sample>, LogError> {
+    let mut converter = Converter::new(options);
+    let mut samples = Vec::new();
+    for record in logs::open(path)? {
+        let record = record?;
+        match record.item {
+            Item::Sample(sample) => samples.push(sample),
+            Item::Frame(frame) => converter.feed(record.t_us, &frame, &mut samples),
+        }
+    }
+    Ok(samples)
+}
+
+/// Reads and explains.
+///
+/// # Errors
+/// Logs that cannot be read. Logs that say too little are no error: the verdict says so.
+pub fn run(request: &Request, progress: &dyn Fn(Phase)) -> Result<Explained, ExplainError> {
+    if request.logs.is_empty() {
+        return Err(ExplainError::NoLog);
+    }
+    let read_all = |paths: &[PathBuf], first: usize| -> Result<Vec<Vec<Sample>>, ExplainError> {
+        paths
+            .iter()
+            .enumerate()
+            .map(|(k, path)| {
+                progress(Phase::Reading(first + k));
+                Ok(read(path, request.converter)?)
+            })
+            .collect()
+    };
+    let flights = read_all(&request.logs, 0)?;
+    let validate = read_all(&request.validate, request.logs.len())?;
+    let mut explained = samples(&flights, &validate, &request.model, &request.settings, progress);
+    let name = |p: &PathBuf| {
+        p.file_name().map_or_else(|| p.display().to_string(), |n| n.to_string_lossy().into_owned())
+    };
+    explained.logs = request.logs.iter().map(name).collect();
+    explained.validated = request.validate.iter().map(name).collect();
+    Ok(explained)
+}
+
+/// Explains flights that are already in memory.
+pub fn samples(
+    flights: &[Vec<Sample>],
+    validate: &[Vec<Sample>],
+    model: &Model,
+    settings: &Settings,
+    progress: &dyn Fn(Phase),
+) -> Explained {
+    let prepare = |all: &[Vec<Sample>]| -> (Vec<Flight>, Vec<TooLittle>) {
+        let (mut good, mut bad) = (Vec::new(), Vec::new());
+        for samples in all {
+            match Flight::prepare(samples, model) {
+                Ok(flight) => good.push(flight),
+                Err(why) => bad.push(why),
+            }
+        }
+        (good, bad)
+    };
+    progress(Phase::Choosing);
+    let (good, bad) = prepare(flights);
+    let (judging, _) = prepare(validate);
+    if good.is_empty() {
+        let why = bad.first().map_or_else(|| "there is no flight".to_owned(), ToString::to_string);
+        return Explained {
+            explanation: contract::too_little(&why),
+            model: model.clone(),
+            judged: None,
+            logs: Vec::new(),
+            validated: Vec::new(),
+        };
+    }
+    let good: Vec<&Flight> = good.iter().collect();
+    let judging: Vec<&Flight> = judging.iter().collect();
+    let selection = select::select(&good, model, settings, &Threads);
+    progress(Phase::Judging);
+    let judged = judge::judge(&good, &judging, selection, settings, &Threads);
+    progress(Phase::Terms);
+    let found =
+        if contract::gap_is_left(&judged) { pursue_terms(&good, &judged, settings) } else { Vec::new() };
+    let new_model = contract::new_model(&judged);
+    Explained {
+        explanation: contract::explanation(&judged, found),
+        model: new_model,
+        judged: Some(judged),
+        logs: Vec::new(),
+        validated: Vec::new(),
+    }
+}
+
+fn pursue_terms(flights: &[&Flight], judged: &Judged, settings: &Settings) -> Vec<terms::Found> {
+    let watched = Watched { terms: terms::all(), ..Watched::default() };
+    let model = judged.selection.model();
+    let mut sum: Option<pass::Information> = None;
+    for flight in flights {
+        let pass =
+            pass::run(flight, &model, &judged.selection.noise, &settings.options.all(), Some(&watched));
+        if let Some([information, _]) = pass.information {
+            match &mut sum {
+                Some(s) => s.add(&information),
+                None => sum = Some(information),
+            }
+        }
+    }
+    sum.map(|information| terms::pursue(&information, 0)).unwrap_or_default()
+}
+
+/// Writes `report.html`, `report.json` and `model.toml`.
+///
+/// # Errors
+/// A folder or file that cannot be written, a plot that cannot be drawn.
+pub fn write(explained: &Explained, folder: &Path) -> Result<(), ExplainError> {
+    let failed = |path: &Path| {
+        let path = path.to_owned();
+        move |source| ExplainError::Write { path, source }
+    };
+    std::fs::create_dir_all(folder).map_err(failed(folder))?;
+    let json = serde_json::to_string_pretty(&explained.explanation).unwrap_or_default();
+    let html = crate::report::explanation::html(explained).map_err(ExplainError::Plot)?;
+    for (name, text) in
+        [("report.json", json), ("report.html", html), ("model.toml", explained.model.to_toml())]
+    {
+        let path = folder.join(name);
+        std::fs::write(&path, text).map_err(failed(&path))?;
+    }
+    Ok(())
+}
+
+#[cfg(test)]
+mod tests;

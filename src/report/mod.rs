@@ -1,0 +1,4 @@
+//! Self-contained HTML reports: inline plots, no scripts, light and dark, printable.
+
+pub mod explanation;
+pub mod plot;
