@@ -164,6 +164,8 @@ impl Model {
         model.set(latency);
         // On a vehicle vibration dominates, and samples are stamped when they are sent.
         model.imu.accel_noise = 0.015;
+        model.imu.gyro_noise = 0.012_f64.to_radians();
+        model.gnss.velocity_sigma_m_per_s = [0.08, 0.08, 0.2];
         // A fix is found complete by a loop of 20 to 50 Hz.
         model.gnss.time_sigma_s = 0.01;
         model
