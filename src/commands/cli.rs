@@ -1,6 +1,6 @@
 //! The command line: which commands there are, how they start, and what exit status their result becomes.
 
-use super::{CommandError, demo, replay, run, sim, start, study};
+use super::{CommandError, demo, mission, plan, replay, run, sim, start, study};
 use crate::engine::{Engine, EngineOptions};
 use clap::{CommandFactory, Parser, Subcommand};
 use std::process::ExitCode;
@@ -38,6 +38,10 @@ pub enum Command {
     Sim(sim::SimArgs),
     /// Monte Carlo studies and accuracy on recorded flights.
     Study(study::StudyArgs),
+    /// Plan excitation maneuvers and predict what they make known.
+    Plan(plan::PlanArgs),
+    /// Verified transfer of missions.
+    Mission(mission::MissionArgs),
     /// Print shell completions.
     Completions {
         /// Shell.
@@ -69,6 +73,8 @@ fn dispatch(command: Command) -> Result<(), CommandError> {
             })?;
             Ok(())
         }
+        Command::Plan(args) => plan::run(&args),
+        Command::Mission(args) => mission::run(&args),
         Command::Study(args) => study::run(&args),
         Command::Completions { shell } => {
             clap_complete::generate(shell, &mut Cli::command(), "gaware", &mut std::io::stdout());

@@ -3,7 +3,9 @@
 pub mod baseline;
 pub mod cli;
 pub mod demo;
+pub mod mission;
 pub mod pipeline;
+pub mod plan;
 pub mod print;
 pub mod replay;
 pub mod run;
@@ -79,6 +81,12 @@ pub enum CommandError {
     /// The demonstration.
     #[error(transparent)]
     Demo(#[from] demo::DemoError),
+    /// A plan.
+    #[error(transparent)]
+    Plan(#[from] plan::PlanCommandError),
+    /// A mission transfer.
+    #[error(transparent)]
+    Mission(#[from] mission::MissionError),
     /// The web page.
     #[error("cannot serve the web page on {address}: {reason}")]
     Web {
@@ -99,6 +107,7 @@ impl CommandError {
             Self::Address(_) => true,
             Self::Sim(error) => error.is_usage(),
             Self::Demo(error) => error.is_usage(),
+            Self::Plan(plan::PlanCommandError::Numbers(_)) => true,
             Self::Paper(crate::study::paper::PaperError::TooFewRuns) => true,
             Self::Csv(crate::study::recorded::CsvError::UnknownSet(_)) => true,
             _ => false,

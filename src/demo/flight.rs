@@ -174,7 +174,8 @@ impl Flight {
         &self.prepared
     }
 
-    /// The hidden truth about the sensors.
+    /// The hidden truth about the sensors; the latency of fixes counts from the stamps of the inertial samples, as any
+    /// estimate of it must.
     pub fn truth(&self) -> &Model {
         &self.truth
     }
@@ -414,4 +415,11 @@ impl Flight {
     fn end(&mut self, ending: Ending) {
         self.stage = Stage::Over(ending);
     }
+}
+
+fn relative_to_stamps(mut truth: Model, stamp_delay_s: f64) -> Model {
+    for setting in truth.effects.iter_mut().filter(|s| s.effect.name() == "gps_latency") {
+        setting.values.iter_mut().for_each(|v| *v -= stamp_delay_s);
+    }
+    truth
 }
