@@ -1,5 +1,7 @@
 //! The closed loop, end to end: plan, verified upload, flight, estimates against the hidden truth.
 
+#![allow(clippy::unwrap_used, clippy::panic, reason = "helpers of tests may panic, as tests do")]
+
 use gaware::demo::flight::{Ending, Flight};
 use gaware::demo::{Prepared, Settings, result};
 use gaware::engine::snapshot::Status;

@@ -1,5 +1,7 @@
 //! `gaware mission` against the simulated autopilot over real sockets.
 
+#![allow(clippy::unwrap_used, clippy::panic, reason = "helpers of tests may panic, as tests do")]
+
 use gaware::commands::mission::{LinkArgs, UploadArgs, download, upload};
 use gaware::mission_link::files;
 use gaware_mission::files::waypoints;

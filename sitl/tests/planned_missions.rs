@@ -1,6 +1,8 @@
 //! Planned missions flown by the simulated vehicle: 100 random fences, height bands, airframes and winds up to 0.6 of the cruise
 //! speed. What the planner accepts must stay inside when flown; what it refuses, it refuses with a reason.
 
+#![allow(clippy::unwrap_used, clippy::panic, reason = "helpers of tests may panic, as tests do")]
+
 use gaware_mission::airframe::{Airframe, EXAMPLES};
 use gaware_mission::fence::{Fence, FencePolygon, LocalFence, LocalFrame};
 use gaware_mission::item::{Autopilot, Frame, Home, LatLon, MissionItem};

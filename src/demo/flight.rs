@@ -109,6 +109,7 @@ impl Flight {
             Autopilot::flying(settings.autopilot(seed), settings.vehicle(seed), &truth, Prepared::sensors());
         let vehicle =
             if settings.airframe.is_fixed_wing() { VehicleKind::FixedWing } else { VehicleKind::Multirotor };
+        let truth = relative_to_stamps(truth, autopilot.mean_stamp_delay_s());
         let options = EngineOptions { vehicle, ..EngineOptions::default() };
         let engine = Engine::new(settings.belief.clone(), options);
         Self {
