@@ -1,8 +1,9 @@
 //! `gaware study`: claims about accuracy that anybody can repeat.
 
 use super::CommandError;
+use crate::demo::{Prepared, Settings};
 use crate::study::parallel::Progress;
-use crate::study::{paper, recorded};
+use crate::study::{demo, paper, recorded};
 use serde::Serialize;
 use std::path::PathBuf;
 
@@ -21,6 +22,28 @@ pub enum StudyKind {
     Paper(PaperArgs),
     /// Flights with an independent truth (CSV): position, velocity and attitude errors beside those of other filters.
     Recorded(RecordedArgs),
+    /// The demonstration over many hidden truths: honest sigmas, and a plan that keeps its promises.
+    Demo(DemoStudyArgs),
+}
+
+/// Arguments of `study demo`.
+#[derive(Debug, Clone, clap::Args)]
+pub struct DemoStudyArgs {
+    /// Flights.
+    #[arg(long, default_value_t = 50)]
+    pub runs: usize,
+    /// First seed.
+    #[arg(long, default_value_t = 1)]
+    pub seed: u64,
+    /// What flies: small_fixed_wing, large_fixed_wing, quadrotor, or a file that describes it.
+    #[arg(long, value_name = "NAME|FILE", default_value = "small_fixed_wing")]
+    pub airframe: String,
+    /// Time for the maneuvers, s.
+    #[arg(long, value_name = "SECONDS", default_value_t = 300.0)]
+    pub budget: f64,
+    /// Print one JSON document.
+    #[arg(long)]
+    pub json: bool,
 }
 
 /// Arguments of `study paper`.
@@ -77,6 +100,14 @@ pub fn run(args: &StudyArgs) -> Result<(), CommandError> {
             bar.finish_and_clear();
             if args.json { print_json(&study) } else { print_paper(&study) }
         }
+        StudyKind::Demo(args) => {
+            let settings = Settings::new(super::demo::load_airframe(&args.airframe)?, args.budget);
+            let prepared = Prepared::new(settings).map_err(super::demo::DemoError::from)?;
+            let bar = super::progress_bar(args.runs as u64, "flights");
+            let study = demo::run(&prepared, args.runs, args.seed, &Bar(bar.clone()));
+            bar.finish_and_clear();
+            if args.json { print_json(&study) } else { print_demo(&study) }
+        }
         StudyKind::Recorded(args) => {
             let mut results = Vec::new();
             for name in &args.sets {
@@ -128,6 +159,28 @@ fn print_paper(study: &paper::Study) {
                 p.unit
             );
         }
+    }
+}
+
+fn print_demo(study: &demo::DemoStudy) {
+    let [low, high] = study.interval_95;
+    println!(
+        "{}: {} of {} flights completed; {} of {} observable estimates within 2 sigma: {:.3} (95 % interval {low:.3} to {high:.3}), worst {:.2} sigma; planned within a factor 1.5 of reached: {:.3}",
+        study.airframe,
+        study.completed,
+        study.runs,
+        study.within_2_sigma,
+        study.observable,
+        study.share,
+        study.worst_normalised_error,
+        study.plan_within_factor_1_5
+    );
+    println!("{:>10}{:>12}{:>10}{:>12}{:>17}", "", "observable", "within", "RMS error/σ", "planned/reached");
+    for s in &study.states {
+        println!(
+            "{:>10}{:12}{:10}{:12.2}{:17.2}",
+            s.name, s.observable, s.within_2_sigma, s.rms_normalised_error, s.planned_over_reached
+        );
     }
 }
 

@@ -1,5 +1,6 @@
 //! Studies: claims about accuracy that anybody can repeat with one command.
 
+pub mod demo;
 pub mod observability;
 pub mod paper;
 pub mod parallel;
