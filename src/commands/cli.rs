@@ -1,6 +1,6 @@
 //! The command line: which commands there are, how they start, and what exit status their result becomes.
 
-use super::{CommandError, demo, replay, run, sim, start, study};
+use super::{CommandError, demo, explain, mission, plan, replay, run, sim, start, study};
 use crate::engine::{Engine, EngineOptions};
 use clap::{CommandFactory, Parser, Subcommand};
 use std::process::ExitCode;
@@ -36,8 +36,14 @@ pub enum Command {
     Replay(replay::ReplayArgs),
     /// Simulate an autopilot on UDP, TCP or a pseudo-terminal.
     Sim(sim::SimArgs),
+    /// Find out where simulation and measurement disagree and which effect is missing.
+    Explain(explain::ExplainArgs),
     /// Monte Carlo studies and accuracy on recorded flights.
     Study(study::StudyArgs),
+    /// Plan excitation maneuvers and predict what they make known.
+    Plan(plan::PlanArgs),
+    /// Verified transfer of missions.
+    Mission(mission::MissionArgs),
     /// Print shell completions.
     Completions {
         /// Shell.
@@ -69,6 +75,9 @@ fn dispatch(command: Command) -> Result<(), CommandError> {
             })?;
             Ok(())
         }
+        Command::Plan(args) => plan::run(&args),
+        Command::Mission(args) => mission::run(&args),
+        Command::Explain(args) => explain::run(&args),
         Command::Study(args) => study::run(&args),
         Command::Completions { shell } => {
             clap_complete::generate(shell, &mut Cli::command(), "gaware", &mut std::io::stdout());

@@ -3,7 +3,10 @@
 pub mod baseline;
 pub mod cli;
 pub mod demo;
+pub mod explain;
+pub mod mission;
 pub mod pipeline;
+pub mod plan;
 pub mod print;
 pub mod replay;
 pub mod run;
@@ -79,6 +82,18 @@ pub enum CommandError {
     /// The demonstration.
     #[error(transparent)]
     Demo(#[from] demo::DemoError),
+    /// A plan.
+    #[error(transparent)]
+    Plan(#[from] plan::PlanCommandError),
+    /// A mission transfer.
+    #[error(transparent)]
+    Mission(#[from] mission::MissionError),
+    /// The explanation.
+    #[error(transparent)]
+    Explain(#[from] crate::explain::ExplainError),
+    /// The study of observability.
+    #[error(transparent)]
+    Observability(#[from] crate::study::observability::ObservabilityError),
     /// The web page.
     #[error("cannot serve the web page on {address}: {reason}")]
     Web {
@@ -105,6 +120,7 @@ impl CommandError {
             Self::Address(_) => true,
             Self::Sim(error) => error.is_usage(),
             Self::Demo(error) => error.is_usage(),
+            Self::Plan(plan::PlanCommandError::Numbers(_)) => true,
             Self::Paper(crate::study::paper::PaperError::TooFewRuns) => true,
             Self::Csv(crate::study::recorded::CsvError::UnknownSet(_)) => true,
             _ => false,

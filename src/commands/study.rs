@@ -1,9 +1,12 @@
 //! `gaware study`: claims about accuracy that anybody can repeat.
 
 use super::CommandError;
+use crate::demo::{Prepared, Settings};
 use crate::study::parallel::Progress;
-use crate::study::{paper, recorded};
+use crate::study::{blind, demo, observability, paper, recorded};
+use gaware_nav::identify::select;
 use serde::Serialize;
+use std::io::Write;
 use std::path::PathBuf;
 
 /// Arguments of `study`.
@@ -21,6 +24,75 @@ pub enum StudyKind {
     Paper(PaperArgs),
     /// Flights with an independent truth (CSV): position, velocity and attitude errors beside those of other filters.
     Recorded(RecordedArgs),
+    /// The demonstration over many hidden truths: honest sigmas, and a plan that keeps its promises.
+    Demo(DemoStudyArgs),
+    /// Which states each view calls observable, for 3 and 9 elements of G: a table of flights, or one scenario.
+    Observability(ObservabilityArgs),
+    /// Of the states called observable, how many lie within 2 sigma of the truth.
+    Sigmas(SigmasArgs),
+    /// Hide an effect, fly, explain, unseal: the confusion matrix.
+    Blind(BlindArgs),
+}
+
+/// Arguments of `study observability`.
+#[derive(Debug, Clone, clap::Args)]
+pub struct ObservabilityArgs {
+    /// One scenario (default: standing, straight, turn, coordinated, sideslip, paper).
+    pub scenario: Option<String>,
+}
+
+/// Arguments of `study sigmas`.
+#[derive(Debug, Clone, clap::Args)]
+pub struct SigmasArgs {
+    /// Flights per scenario.
+    #[arg(long, default_value_t = 40)]
+    pub runs: usize,
+    /// First seed.
+    #[arg(long, default_value_t = 1)]
+    pub seed: u64,
+    /// Scenarios.
+    #[arg(default_values_t = ["fixed_wing", "fixed_wing_coordinated", "multirotor", "paper"].map(str::to_owned))]
+    pub scenarios: Vec<String>,
+}
+
+/// Arguments of `study blind`.
+#[derive(Debug, Clone, clap::Args)]
+pub struct BlindArgs {
+    /// Flights per effect and kind of flight.
+    #[arg(long, default_value_t = 1)]
+    pub flights: usize,
+    /// Clean flights per kind of flight.
+    #[arg(long, default_value_t = 2)]
+    pub clean: usize,
+    /// First seed.
+    #[arg(long, default_value_t = 1)]
+    pub seed: u64,
+    /// Only these effects.
+    #[arg(long, value_name = "EFFECT")]
+    pub effect: Vec<String>,
+    /// The flights kept aside: another airframe, turbulence, other seeds.
+    #[arg(long)]
+    pub aside: bool,
+}
+
+/// Arguments of `study demo`.
+#[derive(Debug, Clone, clap::Args)]
+pub struct DemoStudyArgs {
+    /// Flights.
+    #[arg(long, default_value_t = 50)]
+    pub runs: usize,
+    /// First seed.
+    #[arg(long, default_value_t = 1)]
+    pub seed: u64,
+    /// What flies: small_fixed_wing, large_fixed_wing, quadrotor, or a file that describes it.
+    #[arg(long, value_name = "NAME|FILE", default_value = "small_fixed_wing")]
+    pub airframe: String,
+    /// Time for the maneuvers, s.
+    #[arg(long, value_name = "SECONDS", default_value_t = 300.0)]
+    pub budget: f64,
+    /// Print one JSON document.
+    #[arg(long)]
+    pub json: bool,
 }
 
 /// Arguments of `study paper`.
@@ -75,7 +147,61 @@ pub fn run(args: &StudyArgs) -> Result<(), CommandError> {
                 paper::Settings { runs: args.runs, seed: args.seed, attitude_error_deg: args.attitude_error };
             let study = paper::run(&settings, &Bar(bar.clone()))?;
             bar.finish_and_clear();
-            if args.json { print_json(&study) } else { print_paper(&study) }
+            if args.json {
+                print_json(&study)?;
+            } else {
+                print_paper(&study);
+            }
+        }
+        StudyKind::Demo(args) => {
+            let settings = Settings::new(super::demo::load_airframe(&args.airframe)?, args.budget);
+            let prepared = Prepared::new(settings).map_err(super::demo::DemoError::from)?;
+            let bar = super::progress_bar(args.runs as u64, "flights");
+            let study = demo::run(&prepared, args.runs, args.seed, &Bar(bar.clone()));
+            bar.finish_and_clear();
+            if args.json {
+                print_json(&study)?;
+            } else {
+                print_demo(&study);
+            }
+        }
+        StudyKind::Observability(args) => {
+            let bar = super::progress_bar(12, "flights");
+            let table = match &args.scenario {
+                Some(name) => observability::of_scenario(name, &Bar(bar.clone()))?,
+                None => observability::table(&Bar(bar.clone()))?,
+            };
+            bar.finish_and_clear();
+            print_json(&table)?;
+        }
+        StudyKind::Sigmas(args) => {
+            let bar = super::progress_bar((args.runs * args.scenarios.len()) as u64, "flights");
+            let settings = observability::HonestySettings {
+                runs: args.runs,
+                seed: args.seed,
+                scenarios: args.scenarios.clone(),
+            };
+            let result = observability::honest_sigmas(&settings, &Bar(bar.clone()))?;
+            bar.finish_and_clear();
+            print_json(&result)?;
+        }
+        StudyKind::Blind(args) => {
+            let bar = indicatif::ProgressBar::new_spinner();
+            let campaign = blind::Campaign {
+                effects: args.effect.clone(),
+                seeds: args.flights,
+                clean: args.clean,
+                first_seed: args.seed,
+                family: if args.aside { blind::Family::Aside } else { blind::Family::Tuning },
+            };
+            let outcomes = blind::run(&campaign, &select::Settings::default(), &Bar(bar.clone()));
+            bar.finish_and_clear();
+            print_json(&serde_json::json!({
+                "schema": "gaware.study/1",
+                "summary": blind::summarise(&outcomes),
+                "confusion": blind::confusion(&outcomes),
+                "flights": outcomes,
+            }))?;
         }
         StudyKind::Recorded(args) => {
             let mut results = Vec::new();
@@ -85,7 +211,7 @@ pub fn run(args: &StudyArgs) -> Result<(), CommandError> {
                 results.push(recorded::run(&flight, &setup));
             }
             if args.json {
-                print_json(&serde_json::json!({"schema": "gaware.study/1", "recorded": results}));
+                print_json(&serde_json::json!({"schema": "gaware.study/1", "recorded": results}))?;
             } else {
                 results.iter().for_each(print_recorded);
             }
@@ -94,10 +220,10 @@ pub fn run(args: &StudyArgs) -> Result<(), CommandError> {
     Ok(())
 }
 
-fn print_json(value: &impl Serialize) {
-    if let Ok(text) = serde_json::to_string_pretty(value) {
-        println!("{text}");
-    }
+fn print_json(value: &impl Serialize) -> Result<(), CommandError> {
+    let mut out = std::io::stdout().lock();
+    serde_json::to_writer_pretty(&mut out, value).map_err(std::io::Error::from)?;
+    Ok(writeln!(out)?)
 }
 
 fn print_paper(study: &paper::Study) {
@@ -128,6 +254,28 @@ fn print_paper(study: &paper::Study) {
                 p.unit
             );
         }
+    }
+}
+
+fn print_demo(study: &demo::DemoStudy) {
+    let [low, high] = study.interval_95;
+    println!(
+        "{}: {} of {} flights completed; {} of {} observable estimates within 2 sigma: {:.3} (95 % interval {low:.3} to {high:.3}), worst {:.2} sigma; planned within a factor 1.5 of reached: {:.3}",
+        study.airframe,
+        study.completed,
+        study.runs,
+        study.within_2_sigma,
+        study.observable,
+        study.share,
+        study.worst_normalised_error,
+        study.plan_within_factor_1_5
+    );
+    println!("{:>10}{:>12}{:>10}{:>12}{:>17}", "", "observable", "within", "RMS error/σ", "planned/reached");
+    for s in &study.states {
+        println!(
+            "{:>10}{:12}{:10}{:12.2}{:17.2}",
+            s.name, s.observable, s.within_2_sigma, s.rms_normalised_error, s.planned_over_reached
+        );
     }
 }
 

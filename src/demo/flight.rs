@@ -106,6 +106,7 @@ impl Flight {
         let truth = hidden_truth(&settings.belief, seed);
         let autopilot =
             Autopilot::flying(settings.autopilot(seed), settings.vehicle(seed), &truth, Prepared::sensors());
+        let truth = relative_to_stamps(truth, autopilot.mean_stamp_delay_s());
         let options = EngineOptions::for_airframe(settings.airframe.clone(), false);
         let engine = Engine::new(settings.belief.clone(), options);
         Self {
@@ -171,7 +172,8 @@ impl Flight {
         &self.prepared
     }
 
-    /// The hidden truth about the sensors.
+    /// The hidden truth about the sensors; the latency of fixes counts from the stamps of the inertial samples, as any
+    /// estimate of it must.
     pub fn truth(&self) -> &Model {
         &self.truth
     }
@@ -411,4 +413,11 @@ impl Flight {
     fn end(&mut self, ending: Ending) {
         self.stage = Stage::Over(ending);
     }
+}
+
+fn relative_to_stamps(mut truth: Model, stamp_delay_s: f64) -> Model {
+    for setting in truth.effects.iter_mut().filter(|s| s.effect.name() == "gps_latency") {
+        setting.values.iter_mut().for_each(|v| *v -= stamp_delay_s);
+    }
+    truth
 }

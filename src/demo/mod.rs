@@ -10,6 +10,7 @@ pub mod result;
 use gaware_mission::airframe::Airframe;
 use gaware_mission::fence::{Fence, FencePolygon, LocalFrame};
 use gaware_mission::item::{Autopilot, Home};
+use gaware_mission::kinematics::Kinematics;
 use gaware_mission::planner::{Plan, PlanError, Request, climb_out, plan};
 use gaware_mission::predictor::{BoundPredictor, NamedSigma, Predictor, Targets};
 use gaware_mission::safety::Limits;
@@ -19,7 +20,7 @@ use gaware_sitl::autopilot::{AutopilotConfig, Flavour};
 use gaware_sitl::scenario;
 use gaware_sitl::sensors::draw_vehicle;
 use gaware_sitl::vehicle::VehicleConfig;
-use nalgebra::{Vector2, Vector3};
+use nalgebra::{UnitQuaternion, Vector2, Vector3};
 
 /// Home: latitude and longitude in deg, height above the ellipsoid and of the geoid in m.
 const HOME: (f64, f64, f64, f64) = (47.397_7, 8.545_6, 488.0, 47.0);
@@ -146,6 +147,20 @@ fn hidden_truth(belief: &Model, seed: u64) -> Model {
     truth
 }
 
+/// The information bound from the priors of a model, for a flight that begins at home.
+pub fn predictor(belief: &Model, request: &Request) -> BoundPredictor {
+    let start = Kinematics {
+        t_s: 0.0,
+        position_ned_m: Vector3::zeros(),
+        velocity_ned_m_per_s: Vector3::zeros(),
+        attitude: UnitQuaternion::from_euler_angles(0.0, 0.0, request.start_heading_deg.to_radians()),
+        rate: Vector3::zeros(),
+        force: Vector3::new(0.0, 0.0, -STANDARD_GRAVITY),
+    };
+    let frame = LocalFrame::new(request.home.place());
+    BoundPredictor::from_priors(belief, &start, frame, request.home, Targets::default())
+}
+
 /// What the plan promises for the end of the flight.
 #[derive(Debug, Clone)]
 pub struct Prediction {
@@ -173,23 +188,8 @@ impl Prepared {
     /// No safe plan for this airframe, budget and wind.
     pub fn new(settings: Settings) -> Result<Self, PlanError> {
         let request = settings.request();
-        let frame = LocalFrame::new(request.home.place());
-        let start = gaware_mission::kinematics::Kinematics {
-            t_s: 0.0,
-            position_ned_m: Vector3::zeros(),
-            velocity_ned_m_per_s: Vector3::zeros(),
-            attitude: nalgebra::UnitQuaternion::from_euler_angles(
-                0.0,
-                0.0,
-                request.start_heading_deg.to_radians(),
-            ),
-            rate: Vector3::zeros(),
-            force: Vector3::new(0.0, 0.0, -STANDARD_GRAVITY),
-        };
-        let predictor =
-            || BoundPredictor::from_priors(&settings.belief, &start, frame, request.home, Targets::default());
-        let plan = plan(&request, predictor())?;
-        let mut flown = predictor();
+        let plan = plan(&request, predictor(&settings.belief, &request))?;
+        let mut flown = predictor(&settings.belief, &request);
         flown.fly(&plan.path, FIX_INTERVAL_S);
         let prediction = Prediction {
             sigmas: flown.sigmas(),

@@ -1,4 +1,6 @@
 //! The thin shell that carries the mission transfer of `gaware-mission` over our links.
 
 pub mod codec;
+pub mod files;
+pub mod session;
 pub mod vehicle;

@@ -20,6 +20,8 @@ const PX4_MISSION: (u8, u8) = (4, 4);
 pub struct Vehicle {
     /// Where missions are sent.
     pub address: Address,
+    /// `MAV_TYPE`.
+    pub mav_type: u8,
     /// Its habits.
     pub autopilot: Autopilot,
     /// Whether it may be changed.
@@ -44,6 +46,7 @@ impl Vehicle {
         let armed = base_mode & ARMED != 0;
         Some(Self {
             address: Address { system: frame.system_id, component: frame.component_id },
+            mav_type: kind,
             autopilot,
             state: VehicleState { armed, mission_mode, flying_mission: armed && mission_mode },
         })

@@ -1,6 +1,7 @@
 //! Studies: claims about accuracy that anybody can repeat with one command.
 
 pub mod blind;
+pub mod demo;
 pub mod observability;
 pub mod paper;
 pub mod parallel;

@@ -99,6 +99,13 @@ impl Autopilot {
         }
     }
 
+    /// How much later than its sample an inertial stamp is on average, s: whoever estimates the latency of fixes finds it
+    /// relative to these stamps.
+    pub fn mean_stamp_delay_s(&self) -> f64 {
+        let late = self.config.flavour == Flavour::ArduPilot && self.config.late_stamps;
+        if late { 0.5 / self.config.loop_rate_hz } else { 0.0 }
+    }
+
     /// ArduPilot stamps when it sends, up to one loop after the sample; PX4 keeps the time of the sample.
     fn imu_stamp_us(&mut self) -> u64 {
         let late = match self.config.flavour {

@@ -187,7 +187,7 @@ impl MissionServer {
                 Flavour::Px4 => Vec::new(),
             };
         }
-        if let Some(refused) = refusal(&item) {
+        if let Some(refused) = refusal(flavour, &item) {
             self.upload = None;
             return vec![ack(peer, refused, 0)];
         }
@@ -278,7 +278,7 @@ fn addressed(item: &Item, seq: u16, peer: Peer) -> Item {
 }
 
 /// Why an item cannot be taken, if so.
-fn refusal(item: &Item) -> Option<MavMissionResult> {
+fn refusal(flavour: Flavour, item: &Item) -> Option<MavMissionResult> {
     use MavFrame::*;
     let known_frame = matches!(
         item.frame,
@@ -293,7 +293,11 @@ fn refusal(item: &Item) -> Option<MavMissionResult> {
     }
     const KNOWN: &[u32] =
         &[16, 17, 18, 19, 20, 21, 22, 30, 31, 82, 93, 112, 114, 115, 177, 178, 179, 189, 195, 201, 206];
-    (!KNOWN.contains(&(item.command as u32))).then_some(MavMissionResult::MAV_MISSION_UNSUPPORTED)
+    /// `NAV_LOITER_TURNS` and `CONDITION_YAW`.
+    const NOT_PX4: &[u32] = &[18, 115];
+    let command = item.command as u32;
+    let known = KNOWN.contains(&command) && (flavour == Flavour::ArduPilot || !NOT_PX4.contains(&command));
+    (!known).then_some(MavMissionResult::MAV_MISSION_UNSUPPORTED)
 }
 
 /// Whether x, y, z of the command are a place.

@@ -251,7 +251,10 @@ impl Vehicle {
                 place: place(&self.state),
                 v_n: motion.v_n,
                 airspeed: self.state[wing::SPEED],
-                yaw: self.state[rotor::YAW],
+                yaw: match self.config.airframe {
+                    Airframe::FixedWing => self.state[wing::COURSE],
+                    Airframe::Multirotor => self.state[rotor::YAW],
+                },
             };
             self.control = self.pilot.decide(&sight);
         }

@@ -171,7 +171,8 @@ impl Pilot {
         let turn = speed * speed / (STANDARD_GRAVITY * self.config.max_bank_rad.tan());
         let near = f64::from(item.param2).max(EARLY * turn + speed).max(15.0);
         let way = offset(&leg.from, place);
-        let passed = way.norm() > near && d.dot(&way) < 0.0;
+        // Also on a leg that is shorter than the distance at which the next one begins.
+        let passed = way.norm() > 1.0 && d.dot(&way) < 0.0;
         d.norm() < near || passed
     }
 

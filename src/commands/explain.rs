@@ -1,0 +1,73 @@
+//! `gaware explain`: where simulation and measurement disagree, which effect is missing, the gap before and after.
+
+use super::{CommandError, load_model};
+use crate::explain::{self, Phase, Request};
+use crate::sensors::ConverterOptions;
+use gaware_nav::identify::select::Settings;
+use gaware_nav::model::Model;
+use std::path::PathBuf;
+use std::time::Duration;
+
+/// Arguments of `explain`.
+#[derive(Debug, Clone, clap::Args)]
+pub struct ExplainArgs {
+    /// Flights of one vehicle (.tlog, .bin, .ulg, .mcap).
+    #[arg(required = true, value_name = "LOG")]
+    pub logs: Vec<PathBuf>,
+    /// The model that is believed (default: no effects but those of the message itself).
+    #[arg(long, value_name = "FILE")]
+    pub model: Option<PathBuf>,
+    /// A flight that only judges; may be given several times (default: blocks of the flights are held out).
+    #[arg(long, value_name = "LOG")]
+    pub validate: Vec<PathBuf>,
+    /// Folder for report.html, report.json and model.toml.
+    #[arg(long, value_name = "DIR")]
+    pub out: PathBuf,
+    /// Print the explanation as one JSON document.
+    #[arg(long)]
+    pub json: bool,
+}
+
+/// Explains, writes the report and prints the verdict.
+///
+/// # Errors
+/// When a log or the model cannot be read, or the report cannot be written. A flight that says too little is none.
+pub fn run(args: &ExplainArgs) -> Result<(), CommandError> {
+    let model = args.model.as_deref().map_or_else(|| Ok(Model::default()), load_model)?;
+    let request = Request {
+        logs: args.logs.clone(),
+        validate: args.validate.clone(),
+        model,
+        converter: ConverterOptions::default(),
+        settings: Settings::default(),
+    };
+    let bar = indicatif::ProgressBar::new_spinner();
+    bar.enable_steady_tick(Duration::from_millis(200));
+    let explained = explain::run(&request, &|phase| {
+        bar.set_message(match phase {
+            Phase::Reading(k) => format!("reading log {}", k + 1),
+            Phase::Choosing => "fitting noise, comparing effects".to_owned(),
+            Phase::Judging => "judging on held-out data".to_owned(),
+            Phase::Terms => "looking for terms outside the catalogue".to_owned(),
+        });
+    })?;
+    bar.finish_and_clear();
+    explain::write(&explained, &args.out)?;
+    if args.json {
+        let text = serde_json::to_string_pretty(&explained.explanation).map_err(std::io::Error::from)?;
+        println!("{text}");
+    } else {
+        println!(
+            "verdict: {}",
+            serde_json::json!(explained.explanation.verdict).as_str().unwrap_or("unknown")
+        );
+        for entry in &explained.explanation.effects {
+            println!("  {}  {}", entry.names.join(" or "), serde_json::json!(entry.parameters));
+            if let Some(how) = &entry.separate_by {
+                println!("    to tell them apart: {how}");
+            }
+        }
+        println!("report: {}", args.out.join("report.html").display());
+    }
+    Ok(())
+}

@@ -1,0 +1,178 @@
+//! `gaware mission`: verified transfer of missions.
+
+use super::{CommandError, start};
+use crate::link::address::Address;
+use crate::mission_link::files::{self, FileError};
+use crate::mission_link::session::{News, Session, SessionError};
+use crate::mission_link::vehicle::Vehicle;
+use gaware_mission::fence::Fence;
+use gaware_mission::transfer::TransferError;
+use gaware_mission::transfer::verified::{Options, Outcome, Phase};
+use std::path::PathBuf;
+use std::time::{Duration, SystemTime};
+use tokio_util::sync::CancellationToken;
+
+/// Arguments of `gaware mission`.
+#[derive(Debug, Clone, clap::Args)]
+pub struct MissionArgs {
+    /// What to do.
+    #[command(subcommand)]
+    pub action: MissionAction,
+}
+
+/// The transfers.
+#[derive(Debug, Clone, clap::Subcommand)]
+pub enum MissionAction {
+    /// Back up, upload, read back, compare; restore on failure.
+    Upload(UploadArgs),
+    /// Read the mission on board into a file.
+    Download(LinkArgs),
+    /// Put a backup back, verified in the same way.
+    Restore(UploadArgs),
+}
+
+/// Link and file.
+#[derive(Debug, Clone, clap::Args)]
+pub struct LinkArgs {
+    /// Link to the vehicle: serial:/dev/ttyAMA0:921600, udpin:0.0.0.0:14550, udpout:HOST:PORT or tcpout:HOST:PORT.
+    #[arg(long, value_name = "ADDR", required = true)]
+    pub connect: Vec<Address>,
+    /// Mission file, .plan or .waypoints.
+    pub file: PathBuf,
+    /// Talk to this system id (default: the first autopilot).
+    #[arg(long, value_name = "ID")]
+    pub vehicle: Option<u8>,
+    /// Wait so long for the vehicle, at the start and after a loss of the link.
+    #[arg(long, value_name = "SECONDS", default_value_t = 30, value_parser = clap::value_parser!(u64).range(1..=3600))]
+    pub patience: u64,
+}
+
+/// Arguments of `upload` and `restore`.
+#[derive(Debug, Clone, clap::Args)]
+pub struct UploadArgs {
+    /// Link and file.
+    #[command(flatten)]
+    pub link: LinkArgs,
+    /// Where to keep the mission that is on board before (default: mission-backup-TIME.plan).
+    #[arg(long, value_name = "FILE")]
+    pub backup: Option<PathBuf>,
+    /// Replace the mission although it is being flown, or the vehicle is armed in its mission mode.
+    #[arg(long)]
+    pub even_while_flying: bool,
+}
+
+/// Why a transfer was not done.
+#[derive(Debug, thiserror::Error)]
+pub enum MissionError {
+    /// A file.
+    #[error(transparent)]
+    File(#[from] FileError),
+    /// No vehicle.
+    #[error(transparent)]
+    Session(#[from] SessionError),
+    /// A download.
+    #[error("the mission could not be read: {0}")]
+    Download(#[from] TransferError),
+    /// Anything but a verified upload.
+    #[error("{0}")]
+    NotVerified(String),
+}
+
+/// Runs the transfer and says in a sentence how it ended.
+///
+/// # Errors
+/// Anything but a verified transfer.
+pub fn run(args: &MissionArgs) -> Result<(), CommandError> {
+    let runtime = start::runtime()?;
+    let result = runtime.block_on(async {
+        let stop = CancellationToken::new();
+        start::cancel_on_signal(&stop);
+        match &args.action {
+            MissionAction::Upload(upload) | MissionAction::Restore(upload) => {
+                self::upload(upload, &stop, |text| eprintln!("{text}")).await
+            }
+            MissionAction::Download(link) => download(link, &stop).await,
+        }
+    });
+    runtime.shutdown_timeout(Duration::from_secs(2));
+    println!("{}", result?);
+    Ok(())
+}
+
+/// Uploads; the sentence at the end.
+///
+/// # Errors
+/// As [`run`].
+pub async fn upload(
+    args: &UploadArgs,
+    stop: &CancellationToken,
+    mut say: impl FnMut(&str),
+) -> Result<String, MissionError> {
+    let (mission, _) = files::read(&args.link.file)?;
+    let mut session = open(&args.link, stop).await?;
+    let vehicle = session.vehicle();
+    let backup_path = args.backup.clone().unwrap_or_else(default_backup);
+    let options = Options { even_while_flying: args.even_while_flying, ..Options::default() };
+    let mut kept = false;
+    let keep = |backup: &gaware_mission::item::Mission| {
+        let text =
+            files::text_of(&backup_path, backup, &Fence::default(), vehicle.autopilot, vehicle.mav_type);
+        text.and_then(|text| files::write_new(&backup_path, &text)).map_err(|e| e.to_string())?;
+        kept = true;
+        Ok(())
+    };
+    let mut percent = None;
+    let outcome = session
+        .upload(mission, options, Duration::from_secs(args.link.patience), keep, |news| match news {
+            News::Phase(phase) => say(phase_words(phase)),
+            News::Progress(done, total) => {
+                let now = done * 10 / total.max(1);
+                if percent.replace(now) != Some(now) {
+                    say(&format!("{done} of {total} items"));
+                }
+            }
+            News::Stranded(text) => say(&format!("{text}\nwaiting for the link …")),
+        })
+        .await;
+    session.close().await;
+    let backup =
+        if kept { format!("; the mission before is in {}", backup_path.display()) } else { String::new() };
+    match &outcome {
+        Outcome::Verified { .. } => Ok(format!("{outcome}{backup}")),
+        _ => Err(MissionError::NotVerified(format!("{outcome}{backup}"))),
+    }
+}
+
+/// Downloads; the sentence at the end.
+///
+/// # Errors
+/// As [`run`].
+pub async fn download(args: &LinkArgs, stop: &CancellationToken) -> Result<String, MissionError> {
+    let mut session = open(args, stop).await?;
+    let Vehicle { autopilot, mav_type, .. } = session.vehicle();
+    let mission = session.download().await;
+    session.close().await;
+    let mission = mission?;
+    let text = files::text_of(&args.file, &mission, &Fence::default(), autopilot, mav_type)?;
+    files::write_new(&args.file, &text)?;
+    Ok(format!("{} items were read from the vehicle into {}", mission.items.len(), args.file.display()))
+}
+
+async fn open(args: &LinkArgs, stop: &CancellationToken) -> Result<Session, SessionError> {
+    Session::open(&args.connect, args.vehicle, Duration::from_secs(args.patience), stop).await
+}
+
+fn default_backup() -> PathBuf {
+    let since = SystemTime::now().duration_since(SystemTime::UNIX_EPOCH).unwrap_or_default();
+    PathBuf::from(format!("mission-backup-{}.plan", since.as_millis()))
+}
+
+fn phase_words(phase: Phase) -> &'static str {
+    match phase {
+        Phase::BackingUp => "reading the mission that is on board",
+        Phase::Uploading => "uploading",
+        Phase::ReadingBack => "reading back",
+        Phase::Restoring => "putting the previous mission back",
+        Phase::Finished => "the transfer is over",
+    }
+}

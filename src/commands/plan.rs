@@ -1,0 +1,170 @@
+//! `gaware plan`: excitation maneuvers for an airframe and a place, and what they will make known.
+
+use super::{CommandError, demo};
+use crate::demo::predictor;
+use crate::mission_link::files::{self, FileError};
+use gaware_mission::fence::{Fence, FenceCircle};
+use gaware_mission::item::{Home, LatLon};
+use gaware_mission::planner::{DEFAULT_BEAM, Plan, PlanError, Request, climb_out, plan};
+use gaware_mission::safety::Limits;
+use gaware_nav::model::Model;
+use nalgebra::Vector3;
+use serde_json::{Value, json};
+use std::path::PathBuf;
+
+/// Arguments of `gaware plan`.
+#[derive(Debug, Clone, clap::Args)]
+pub struct PlanArgs {
+    /// small_fixed_wing, large_fixed_wing, quadrotor, or a file that describes the airframe.
+    #[arg(long, value_name = "NAME|FILE", default_value = "small_fixed_wing")]
+    pub airframe: String,
+    /// Home: latitude and longitude in deg, altitude above sea level in m.
+    #[arg(
+        long,
+        value_name = "LAT,LON,ALT",
+        value_delimiter = ',',
+        num_args = 1,
+        required = true,
+        allow_hyphen_values = true
+    )]
+    pub home: Vec<f64>,
+    /// Take the geofence of this .plan (default: a circle around home).
+    #[arg(long, value_name = "FILE")]
+    pub fence: Option<PathBuf>,
+    /// Radius of the circle around home where no fence is given, m.
+    #[arg(long, value_name = "M", default_value_t = 800.0, conflicts_with = "fence")]
+    pub radius: f64,
+    /// Lowest height above home for maneuvers, m.
+    #[arg(long, value_name = "M", default_value_t = 40.0)]
+    pub floor: f64,
+    /// Highest height above home, m.
+    #[arg(long, value_name = "M", default_value_t = 120.0)]
+    pub ceiling: f64,
+    /// Wind toward north and east, m/s.
+    #[arg(long, value_name = "N,E", value_delimiter = ',', num_args = 1, allow_hyphen_values = true, default_values_t = [0.0, 0.0])]
+    pub wind: Vec<f64>,
+    /// Course of the take-off, deg (default: into the wind).
+    #[arg(long, value_name = "DEG")]
+    pub heading: Option<f64>,
+    /// Time from the end of the climb to the hold at the end, s.
+    #[arg(long, value_name = "S", default_value_t = 300.0)]
+    pub budget: f64,
+    /// Model of the sensors (default: as `run`).
+    #[arg(long, value_name = "FILE")]
+    pub model: Option<PathBuf>,
+    /// Write the mission here: .plan or .waypoints.
+    #[arg(long, value_name = "FILE")]
+    pub out: Option<PathBuf>,
+    /// Print one JSON document.
+    #[arg(long)]
+    pub json: bool,
+}
+
+/// Why there is no plan.
+#[derive(Debug, thiserror::Error)]
+pub enum PlanCommandError {
+    /// Not so many numbers.
+    #[error("--{0}")]
+    Numbers(&'static str),
+    /// Refused, with the reason.
+    #[error(transparent)]
+    Refused(#[from] PlanError),
+    /// A file.
+    #[error(transparent)]
+    File(#[from] FileError),
+}
+
+/// Plans, writes and prints.
+///
+/// # Errors
+/// Arguments or files that make no sense; a refusal with its reason.
+pub fn run(args: &PlanArgs) -> Result<(), CommandError> {
+    let model = args.model.as_deref().map_or_else(|| Ok(Model::standard()), super::load_model)?;
+    let request = request(args)?;
+    let made = plan(&request, predictor(&model, &request)).map_err(PlanCommandError::from)?;
+    if let Some(path) = &args.out {
+        let a = &request.airframe;
+        let text = files::text_of(path, &made.mission, &request.limits.fence, a.autopilot, a.mav_type())
+            .map_err(PlanCommandError::from)?;
+        std::fs::write(path, text)
+            .map_err(|source| PlanCommandError::from(FileError::Write { path: path.clone(), source }))?;
+    }
+    if args.json {
+        println!("{}", document(&made));
+    } else {
+        print(&made, &request);
+    }
+    Ok(())
+}
+
+fn request(args: &PlanArgs) -> Result<Request, CommandError> {
+    let airframe = demo::load_airframe(&args.airframe)?;
+    let wrong = |what| CommandError::from(PlanCommandError::Numbers(what));
+    let [lat, lon, alt] =
+        args.home[..].try_into().map_err(|_| wrong("home takes latitude, longitude and altitude"))?;
+    let [n, e]: [f64; 2] =
+        args.wind[..].try_into().map_err(|_| wrong("wind takes two numbers, toward north and east"))?;
+    let place = LatLon { lat_deg: lat, lon_deg: lon };
+    if !place.is_valid() || !f64::is_finite(alt) {
+        return Err(wrong("home is not on the Earth: give latitude and longitude in degrees"));
+    }
+    let (lat_e7, lon_e7) = place.to_e7();
+    let home = Home { lat_e7, lon_e7, alt_m: alt as f32 };
+    let fence = match &args.fence {
+        Some(path) => files::read(path).map_err(PlanCommandError::from)?.1,
+        None => Fence {
+            circles: vec![FenceCircle { inclusion: true, center: place, radius_m: args.radius }],
+            ..Fence::default()
+        },
+    };
+    if fence.is_empty() {
+        return Err(wrong("fence: the file holds no geofence"));
+    }
+    let upwind = (-e).atan2(-n).to_degrees().rem_euclid(360.0);
+    let heading = args.heading.unwrap_or(if n.hypot(e) > 0.1 { upwind } else { 0.0 });
+    let height = 0.5 * (args.floor + args.ceiling);
+    Ok(Request {
+        start: climb_out(&airframe, home, heading, height, &Vector3::new(n, e, 0.0)),
+        airframe,
+        home,
+        take_off: true,
+        start_height_m: height,
+        start_heading_deg: heading,
+        limits: Limits { fence, floor_m: args.floor, ceiling_m: args.ceiling, wind_ned_m_per_s: [n, e, 0.0] },
+        budget_s: args.budget,
+        fix_interval_s: 0.2,
+        beam: DEFAULT_BEAM,
+    })
+}
+
+fn document(made: &Plan) -> Value {
+    let over_time = made.sigmas.iter().map(|at| json!({"t_s": at.t_s, "sigmas": at.sigmas}));
+    let maneuvers = made.maneuvers.iter().map(|m| {
+        json!({"maneuver": m.maneuver, "start_s": m.start_s, "end_s": m.end_s,
+            "items": [m.items.start(), m.items.end()]})
+    });
+    json!({"schema": "gaware.plan/1", "duration_s": made.duration_s, "items": made.mission.items.len(),
+        "maneuvers": maneuvers.collect::<Vec<_>>(), "sigmas": over_time.collect::<Vec<_>>(), "notes": made.notes})
+}
+
+fn print(made: &Plan, request: &Request) {
+    println!("{}: {} items, {:.0} s", request.airframe.name, made.mission.items.len(), made.duration_s);
+    for m in &made.maneuvers {
+        println!("{:6.0} s  {}", m.start_s, m.maneuver.words(&request.airframe).long);
+    }
+    let ends = made.maneuvers.iter().map(|m| m.end_s).chain([made.duration_s]);
+    let columns: Vec<_> = std::iter::once(0.0)
+        .chain(ends)
+        .filter_map(|t| made.sigmas.iter().min_by(|a, b| (a.t_s - t).abs().total_cmp(&(b.t_s - t).abs())))
+        .collect();
+    let Some(first) = columns.first() else { return };
+    print!("{:>10}", "sigma at");
+    columns.iter().for_each(|c| print!("{:>8.0} s", c.t_s));
+    println!("{:>10}  unit", "target");
+    for (k, state) in first.sigmas.iter().enumerate() {
+        print!("{:>10}", state.name);
+        columns.iter().filter_map(|c| c.sigmas.get(k)).for_each(|s| print!("{:>10.3}", s.sigma));
+        println!("{:>10.3}  {}", state.target, state.unit);
+    }
+    made.notes.iter().for_each(|note| println!("note: {note}"));
+}

@@ -1,0 +1,93 @@
+//! The demonstration over many hidden truths: are estimates that are called observable as good as their sigmas say, and did
+//! the plan promise what was reached?
+
+use super::parallel::{Progress, map_runs};
+use super::statistics::wilson_95;
+use crate::demo::flight::{Ending, Flight};
+use crate::demo::{Prepared, result};
+use crate::engine::snapshot::Status;
+use serde::Serialize;
+
+/// One state over all flights that made it observable.
+#[derive(Debug, Clone, Serialize)]
+pub struct StateShare {
+    /// Name.
+    pub name: String,
+    /// Flights that made it observable.
+    pub observable: usize,
+    /// Of these within 2 sigma.
+    pub within_2_sigma: usize,
+    /// RMS of error over sigma.
+    pub rms_normalised_error: f64,
+    /// Planned over reached sigma, mean.
+    pub planned_over_reached: f64,
+}
+
+/// All flights.
+#[derive(Debug, Clone, Serialize)]
+pub struct DemoStudy {
+    /// `gaware.study/1`.
+    pub schema: &'static str,
+    /// Airframe.
+    pub airframe: String,
+    /// Flights.
+    pub runs: usize,
+    /// Of these flown to their end.
+    pub completed: usize,
+    /// Estimates of states called observable.
+    pub observable: usize,
+    /// Of these within 2 sigma.
+    pub within_2_sigma: usize,
+    /// Their share.
+    pub share: f64,
+    /// 95 % interval of the share.
+    pub interval_95: [f64; 2],
+    /// Largest error over sigma.
+    pub worst_normalised_error: f64,
+    /// Share of observable states whose planned sigma is within a factor 1.5 of the one reached.
+    pub plan_within_factor_1_5: f64,
+    /// Per state.
+    pub states: Vec<StateShare>,
+}
+
+/// Flies the plan with the seeds `seed … seed + runs − 1`.
+pub fn run(prepared: &Prepared, runs: usize, seed: u64, progress: &dyn Progress) -> DemoStudy {
+    let flights = map_runs(runs, progress, |k| {
+        let seed = seed + k as u64;
+        let mut flight = Flight::new(prepared.clone(), seed);
+        flight.run();
+        result::of(&mut flight, seed)
+    });
+    let completed = flights.iter().filter(|f| matches!(f.ending, Ending::Holding | Ending::Landed)).count();
+    let known: Vec<_> =
+        flights.iter().flat_map(|f| &f.states).filter(|s| s.status == Status::Observable).collect();
+    let within = known.iter().filter(|s| s.normalised_error.abs() <= 2.0).count();
+    let kept = known.iter().filter(|s| (1.0 / 1.5..=1.5).contains(&(s.planned_sigma / s.sigma))).count();
+    let mut names: Vec<&str> = known.iter().map(|s| s.name.as_str()).collect();
+    names.sort_unstable();
+    names.dedup();
+    let states = names.into_iter().map(|name| {
+        let of_it: Vec<_> = known.iter().filter(|s| s.name == name).collect();
+        let n = of_it.len().max(1) as f64;
+        StateShare {
+            name: name.to_owned(),
+            observable: of_it.len(),
+            within_2_sigma: of_it.iter().filter(|s| s.normalised_error.abs() <= 2.0).count(),
+            rms_normalised_error: (of_it.iter().map(|s| s.normalised_error.powi(2)).sum::<f64>() / n).sqrt(),
+            planned_over_reached: of_it.iter().map(|s| s.planned_sigma / s.sigma).sum::<f64>() / n,
+        }
+    });
+    DemoStudy {
+        schema: "gaware.study/1",
+        airframe: prepared.settings.airframe.name.clone(),
+        runs,
+        completed,
+        observable: known.len(),
+        within_2_sigma: within,
+        share: within as f64 / known.len().max(1) as f64,
+        interval_95: wilson_95(within, known.len()),
+        worst_normalised_error: known.iter().map(|s| s.normalised_error.abs()).fold(0.0, f64::max),
+        plan_within_factor_1_5: kept as f64 / known.len().max(1) as f64,
+        states: states.collect(),
+    }
+}

@@ -1,0 +1,70 @@
+//! The closed loop, end to end: plan, verified upload, flight, estimates against the hidden truth.
+
+#![allow(clippy::unwrap_used, clippy::panic, reason = "helpers of tests may panic, as tests do")]
+
+use gaware::demo::flight::{Ending, Flight};
+use gaware::demo::{Prepared, Settings, result};
+use gaware::engine::snapshot::Status;
+use gaware_mission::airframe::Airframe;
+use serde_json::Value;
+
+fn prepared(airframe: &str) -> Prepared {
+    let mut settings = Settings::new(Airframe::example(airframe).unwrap(), 90.0);
+    settings.beam = 1;
+    Prepared::new(settings).unwrap()
+}
+
+fn flown(prepared: &Prepared, seed: u64) -> result::DemoResult {
+    let mut flight = Flight::new(prepared.clone(), seed);
+    flight.run();
+    result::of(&mut flight, seed)
+}
+
+#[test]
+fn estimates_of_three_vehicles_agree_with_their_hidden_truth() {
+    for (airframe, ending) in [("small_fixed_wing", Ending::Holding), ("quadrotor", Ending::Landed)] {
+        let prepared = prepared(airframe);
+        for seed in 1..=3 {
+            let result = flown(&prepared, seed);
+            assert_eq!(result.ending, ending, "{airframe} {seed}");
+            assert_eq!(result.document["mission"]["uploaded"], true);
+            assert_eq!(result.document["mission"]["items"], prepared.plan.mission.items.len());
+            let known: Vec<_> = result.states.iter().filter(|s| s.status == Status::Observable).collect();
+            assert!(known.iter().any(|s| s.name == "ba_z"), "{airframe} {seed}: {known:?}");
+            for state in &result.states {
+                assert!(state.normalised_error.abs() < 4.5, "{airframe} {seed}: {state:?}");
+            }
+        }
+    }
+}
+
+#[test]
+fn the_same_seed_gives_the_same_document_and_another_one_another() {
+    let prepared = prepared("quadrotor");
+    let [a, b, c] = [7, 7, 8].map(|seed| flown(&prepared, seed).document);
+    assert_eq!(a, b);
+    assert_ne!(a["truth"], c["truth"]);
+}
+
+/// `truth` and `plan` have the shape of `estimate`.
+#[test]
+fn truth_and_plan_have_the_shape_of_the_estimate() {
+    let document = flown(&prepared("quadrotor"), 4).document;
+    let Value::Object(estimate) = &document["estimate"] else { panic!("no estimate") };
+    for (group, fields) in estimate {
+        for (part, field) in [("truth", "value"), ("plan", "sigma")] {
+            let found = &document[part][group];
+            match fields {
+                Value::Array(list) => {
+                    assert_eq!(found.as_array().unwrap().len(), list.len());
+                    assert!(found[0][field].is_number());
+                }
+                _ => assert_eq!(
+                    found[field].as_array().unwrap().len(),
+                    fields[field].as_array().unwrap().len(),
+                    "{part} {group}"
+                ),
+            }
+        }
+    }
+}
