@@ -60,6 +60,10 @@ pub struct RunArgs {
     /// Rate of inertial messages to ask for, Hz.
     #[arg(long, value_name = "HZ", default_value_t = 200, value_parser = clap::value_parser!(u16).range(1..=1000))]
     pub rate: u16,
+    /// What flies, for guidance: small_fixed_wing, large_fixed_wing, quadrotor, or a file that describes it. Without it no
+    /// maneuver is proposed.
+    #[arg(long, value_name = "NAME|FILE")]
+    pub airframe: Option<String>,
     /// Take inertial samples from this message (default: the best that arrives).
     #[arg(long, value_name = "MESSAGE")]
     pub source: Option<ImuSource>,

@@ -67,6 +67,10 @@ pub fn run(args: RunArgs) -> Result<(), CommandError> {
 }
 
 async fn with_sinks(args: &RunArgs) -> Result<(), CommandError> {
+    let options = match &args.airframe {
+        Some(name) => EngineOptions::for_airframe(super::demo::load_airframe(name)?, true),
+        None => EngineOptions::default(),
+    };
     let stop = CancellationToken::new();
     let status = SinkStatus::new();
     let (live, live_rx) = watch::channel(Arc::new(Live::default()));
@@ -82,7 +86,7 @@ async fn with_sinks(args: &RunArgs) -> Result<(), CommandError> {
     }
     tokio::spawn(relay(live_rx, snapshots, outbox, status, stop.clone()));
     let hooks = Hooks { live, outbox: outbox_rx, frames };
-    run::run(args, hooks, stop, |model| Engine::new(model, EngineOptions::default())).await
+    run::run(args, hooks, stop, |model| Engine::new(model, options)).await
 }
 
 fn show_terminal(sources: Sources, stop: &CancellationToken) -> Result<(), terminal::TerminalError> {
