@@ -11,6 +11,8 @@ use nalgebra::{Matrix3, Vector3};
 
 /// A gap between samples longer than this is not integrated as if nothing had happened, s.
 const GAP_S: f64 = 0.25;
+/// Biases known to this share of the former sigma are known much better.
+const MUCH_BETTER: f64 = 0.25;
 /// What differs from the last value by more than so many sigmas of the noise is motion …
 const BEYOND_NOISE: f64 = 4.0;
 /// … and what does not is averaged over this time, s.
@@ -32,7 +34,7 @@ impl Filter {
         let motion = self.calibration.motion(&self.model, sample);
         let inc = Increment::between(&self.motion, &motion, self.kind, dt);
         std::mem::swap(&mut self.jacobian, &mut self.start_jacobian);
-        self.regressor = self.without_noise(&motion, dt);
+        self.regressor = self.without_noise(&self.settled.calibration.motion(&self.model, sample), dt);
         self.calibration.jacobian(&self.model, &self.layout, sample, &self.regressor, &mut self.jacobian);
         self.propagate_covariance(&inc);
         self.watch_step(sample, &motion, &inc);
@@ -71,7 +73,7 @@ impl Filter {
     /// The first sample: nothing to integrate yet, but the filter's own time counts from here.
     fn start_at(&mut self, sample: &ImuSample) {
         self.last = Some(*sample);
-        self.regressor = self.calibration.motion(&self.model, sample);
+        self.regressor = self.settled.calibration.motion(&self.model, sample);
         self.refresh_motion();
         let dt = sample.t_s - self.t_s;
         if dt > 0.0 && self.kind == SampleKind::IntervalMean {
@@ -96,6 +98,24 @@ impl Filter {
         Motion {
             rate: toward(&self.regressor.rate, &motion.rate, band(imu.gyro_noise, self.extra_noise.0)),
             force: toward(&self.regressor.force, &motion.force, band(imu.accel_noise, self.extra_noise.1)),
+        }
+    }
+
+    /// Takes biases over for the regressors once all three are known much better than those in use. Linearising about
+    /// every new estimate would make the motion seem to change with it (first-estimates Jacobian, Huang, Mourikis &
+    /// Roumeliotis 2010).
+    pub(super) fn settle(&mut self) {
+        let worst = |at: usize| (0..3).map(|k| self.p.sigma(at + k)).fold(0.0, f64::max);
+        let (gyro, accel) = (worst(index::GYRO_BIAS), worst(index::ACCEL_BIAS));
+        if gyro < MUCH_BETTER * self.settled.gyro_sigma {
+            self.settled.gyro_sigma = gyro;
+            self.settled.calibration.gyro_bias = self.calibration.gyro_bias;
+            self.settled.calibration.parameters.clone_from(&self.calibration.parameters);
+        }
+        if accel < MUCH_BETTER * self.settled.accel_sigma {
+            self.settled.accel_sigma = accel;
+            self.settled.calibration.accel_bias = self.calibration.accel_bias;
+            self.settled.calibration.parameters.clone_from(&self.calibration.parameters);
         }
     }
 

@@ -137,6 +137,7 @@ impl Filter {
         if outcome.velocity.recovered {
             self.believe_velocity(fix);
         }
+        self.settle();
         outcome
     }
 
