@@ -6,6 +6,7 @@ use super::noise::Noise;
 use crate::filter::watch::{Watched, WatchedRow};
 use crate::filter::{Filter, Fusion, Group};
 use crate::model::Model;
+use crate::sample::Quantisation;
 use nalgebra::{DMatrix, DVector, Matrix3, Vector3};
 
 /// Squared normalised innovations of a group count linearly beyond this (Huber's function of the norm).
@@ -167,14 +168,8 @@ fn capped(group: &Group) -> f64 {
     group.nis.min(crate::filter::gate(group.dof))
 }
 
-/// Runs the filter of `model` with this noise. The same fixes count for every model.
-pub fn run(
-    flight: &Flight,
-    model: &Model,
-    noise: &Noise,
-    options: &Options,
-    watched: Option<&Watched>,
-) -> Pass {
+/// The filter of `model` with this noise at the start of a flight, and how its samples are read.
+fn at_start(flight: &Flight, model: &Model, noise: &Noise) -> (Filter, Quantisation) {
     let model = noise.of(model);
     let quantisation = model.quantisation_of(flight.stream());
     let (gyro, accel) = quantisation.variance();
@@ -183,6 +178,18 @@ pub fn run(
     filter.set_stream(flight.stream().kind, (gyro * dt, accel * dt));
     filter.set_gating(false);
     filter.set_stamp_sigma(noise.stamp_s);
+    (filter, quantisation)
+}
+
+/// Runs the filter of `model` with this noise. The same fixes count for every model.
+pub fn run(
+    flight: &Flight,
+    model: &Model,
+    noise: &Noise,
+    options: &Options,
+    watched: Option<&Watched>,
+) -> Pass {
+    let (mut filter, quantisation) = at_start(flight, model, noise);
     let mut information = None;
     if let Some(w) = watched {
         let columns = w.slots().len() + w.terms.len();
@@ -249,14 +256,7 @@ pub(super) fn follow<'a>(
     noise: &Noise,
     mut see: impl FnMut(Present, &'a crate::sample::ImuSample),
 ) {
-    let model = noise.of(model);
-    let quantisation = model.quantisation_of(flight.stream());
-    let (gyro, accel) = quantisation.variance();
-    let dt = flight.interval_s();
-    let mut filter = Filter::new(&model, flight.initial());
-    filter.set_stream(flight.stream().kind, (gyro * dt, accel * dt));
-    filter.set_gating(false);
-    filter.set_stamp_sigma(noise.stamp_s);
+    let (mut filter, quantisation) = at_start(flight, model, noise);
     let mut fixes = flight.fixes().iter().peekable();
     for sample in flight.samples(quantisation) {
         // A fix is applied at the sample nearest after its time of validity: good enough to start a drift from.
