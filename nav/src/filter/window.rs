@@ -131,6 +131,8 @@ impl Filter {
         self.p.transform_nav(&std::array::from_fn(|i| std::array::from_fn(|j| inverse[(i, j)])));
         self.carried = Some(mean);
         self.refresh_motion();
+        self.regressor.let_through();
+        self.refresh_motion();
         Some(())
     }
 
