@@ -9,6 +9,7 @@ pub mod calibration;
 pub mod covariance;
 pub mod fusion;
 pub mod layout;
+mod nav_map;
 mod propagation;
 mod update;
 pub mod watch;
@@ -82,7 +83,7 @@ pub struct Filter {
     /// The Jacobian at the start of the present step; kept to spare the allocation.
     start_jacobian: MotionJacobian,
     gate: update::Gate,
-    phi: Vec<f64>,
+    phi: nav_map::Transition,
     /// The mean error while the filter runs as a linear one about its state (see [`window`]).
     carried: Option<Vec<f64>>,
     /// Extra white noise of the samples, added to the model's: variances per hertz, (rad/s)²/Hz and (m/s²)²/Hz.
@@ -134,7 +135,7 @@ impl Filter {
             jacobian: MotionJacobian::default(),
             start_jacobian: MotionJacobian::default(),
             gate: update::Gate::default(),
-            phi: Vec::new(),
+            phi: nav_map::Transition::default(),
             carried: None,
             extra_noise: (0.0, 0.0),
             gating: true,

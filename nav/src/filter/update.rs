@@ -6,12 +6,13 @@
 
 use super::Filter;
 use super::layout::index;
+use super::nav_map::Recentring;
 use crate::earth::Geodetic;
 use crate::effects::{FixInstant, MAX_PARAMETERS};
 use crate::mechanization;
-use crate::rotation::{exp, left_jacobian, skew};
+use crate::rotation::{exp, left_jacobian};
 use crate::sample::{FixVelocity, GnssFix};
-use nalgebra::{Matrix3, SMatrix, Vector3};
+use nalgebra::{Matrix3, Vector3};
 
 /// Squared normalised innovation beyond which a group of 1, 2, 3 rows is refused: chance 6e-7, five sigma of one row.
 const GATE: [f64; 4] = [f64::INFINITY, 25.0, 28.7, 31.8];
@@ -272,9 +273,10 @@ impl Filter {
                 column.iter_mut().zip(done).for_each(|(c, x)| *c -= l[(i, j)] * x);
             }
             column.iter_mut().for_each(|c| *c /= l[(i, i)]);
-            self.p.subtract_outer(&column);
             w.push(column);
         }
+        let w: [&[f64]; 3] = std::array::from_fn(|i| w.get(i).map_or(&[][..], Vec::as_slice));
+        self.p.subtract_outer(&w[..d]);
     }
 
     fn absorb(&mut self, rows: &[Row], prepared: &Prepared) {
@@ -306,10 +308,10 @@ impl Filter {
         }
         // Below this the change of coordinates is under the noise of the covariance itself.
         if eps.norm_squared() > 1e-16 {
-            let turn = right_jacobian(&dr, &dv, &eps);
-            self.p.transform_nav(&turn);
+            let turn = Recentring::new(&dr, &dv, &eps);
+            self.p.transform(&turn);
             if let Some(watch) = self.watch.as_deref_mut() {
-                watch.transform_nav(&turn);
+                watch.transform_nav(&turn.dense());
             }
         }
         self.refresh_motion();
@@ -444,17 +446,4 @@ fn rows_of(
             Row { residual: *residual, h, variance: sigma[i].max(floor).powi(2), shared: shared[i] }
         })
         .collect()
-}
-
-/// How an error about the old estimate reads about the new one: the right Jacobian of SE₂(3) to first order in the
-/// position and velocity parts (Barfoot 2017, section 7.1.5), for [δr δv ε].
-pub(super) fn right_jacobian(dr: &Vector3<f64>, dv: &Vector3<f64>, eps: &Vector3<f64>) -> [[f64; 9]; 9] {
-    let j = left_jacobian(&-eps);
-    let mut m = SMatrix::<f64, 9, 9>::zeros();
-    for at in [index::POSITION, index::VELOCITY, index::ATTITUDE] {
-        m.fixed_view_mut::<3, 3>(at, at).copy_from(&j);
-    }
-    m.fixed_view_mut::<3, 3>(index::POSITION, index::ATTITUDE).copy_from(&(skew(dr) * -0.5));
-    m.fixed_view_mut::<3, 3>(index::VELOCITY, index::ATTITUDE).copy_from(&(skew(dv) * -0.5));
-    std::array::from_fn(|i| std::array::from_fn(|j| m[(i, j)]))
 }
