@@ -8,6 +8,7 @@
 pub mod calibration;
 pub mod covariance;
 pub mod fusion;
+mod group;
 pub mod layout;
 mod nav_map;
 mod propagation;

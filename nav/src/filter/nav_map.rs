@@ -5,7 +5,7 @@
 //! vector register takes one column and only multiplies and adds, never fused: the result does not depend on the width
 //! of the registers, bit for bit.
 
-use super::covariance::NAV;
+use super::covariance::{NAV, PANEL};
 use super::layout::index;
 use crate::rotation::left_jacobian;
 use nalgebra::Vector3;
@@ -14,25 +14,26 @@ use pulp::Simd;
 /// Three values per column.
 pub(super) type Triple<S> = [<S as Simd>::f64s; 3];
 
-/// The columns of a matrix that one vector register covers.
+/// The columns of a panel that one vector register covers.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Columns<'a, S: Simd> {
+    /// From the first row on; rows follow each other at [`Columns::STRIDE`].
     data: &'a [S::f64s],
-    /// Registers per row.
-    stride: usize,
-    /// Which register of each row.
-    at: usize,
 }
 
 impl<'a, S: Simd> Columns<'a, S> {
-    /// Register `at` of each row; `stride` registers make a row.
-    pub(super) fn new(data: &'a [S::f64s], stride: usize, at: usize) -> Self {
-        Self { data, stride, at }
+    /// Registers per row of a panel.
+    const STRIDE: usize = PANEL / S::F64_LANES;
+
+    /// Register `at` of each row of a panel.
+    #[inline(always)]
+    pub(super) fn new(panel: &'a [S::f64s], at: usize) -> Self {
+        Self { data: &panel[at..] }
     }
 
     #[inline(always)]
     fn row(self, k: usize) -> S::f64s {
-        self.data[k * self.stride + self.at]
+        self.data[k * Self::STRIDE]
     }
 
     #[inline(always)]
@@ -48,7 +49,7 @@ pub(super) trait NavMap {
 }
 
 #[inline(always)]
-pub(super) fn add<S: Simd>(simd: S, a: Triple<S>, b: Triple<S>) -> Triple<S> {
+fn add<S: Simd>(simd: S, a: Triple<S>, b: Triple<S>) -> Triple<S> {
     [simd.add_f64s(a[0], b[0]), simd.add_f64s(a[1], b[1]), simd.add_f64s(a[2], b[2])]
 }
 
@@ -63,22 +64,32 @@ fn scaled<S: Simd>(simd: S, by: f64, x: Triple<S>) -> Triple<S> {
     [simd.mul_f64s(by, x[0]), simd.mul_f64s(by, x[1]), simd.mul_f64s(by, x[2])]
 }
 
+// No closures in what follows: one that the compiler does not inline would lose the wide registers.
+
+/// a·x for one row of three.
 #[inline(always)]
-pub(super) fn times<S: Simd>(simd: S, m: &[[f64; 3]; 3], x: Triple<S>) -> Triple<S> {
-    let row = |m: &[f64; 3]| {
-        let [a, b, c] = m.map(|c| simd.splat_f64s(c));
-        let sum = simd.add_f64s(simd.mul_f64s(a, x[0]), simd.mul_f64s(b, x[1]));
-        simd.add_f64s(sum, simd.mul_f64s(c, x[2]))
-    };
-    [row(&m[0]), row(&m[1]), row(&m[2])]
+fn dot<S: Simd>(simd: S, a: &[f64; 3], x: Triple<S>) -> S::f64s {
+    let first = simd.mul_f64s(simd.splat_f64s(a[0]), x[0]);
+    let sum = simd.add_f64s(first, simd.mul_f64s(simd.splat_f64s(a[1]), x[1]));
+    simd.add_f64s(sum, simd.mul_f64s(simd.splat_f64s(a[2]), x[2]))
+}
+
+#[inline(always)]
+fn times<S: Simd>(simd: S, m: &[[f64; 3]; 3], x: Triple<S>) -> Triple<S> {
+    [dot(simd, &m[0], x), dot(simd, &m[1], x), dot(simd, &m[2], x)]
+}
+
+/// p q − r s.
+#[inline(always)]
+fn minor<S: Simd>(simd: S, p: S::f64s, q: S::f64s, r: S::f64s, s: S::f64s) -> S::f64s {
+    simd.sub_f64s(simd.mul_f64s(p, q), simd.mul_f64s(r, s))
 }
 
 /// v × x.
 #[inline(always)]
 fn cross<S: Simd>(simd: S, v: &[f64; 3], x: Triple<S>) -> Triple<S> {
-    let [a, b, c] = v.map(|c| simd.splat_f64s(c));
-    let minor = |p, q, r, s| simd.sub_f64s(simd.mul_f64s(p, q), simd.mul_f64s(r, s));
-    [minor(b, x[2], c, x[1]), minor(c, x[0], a, x[2]), minor(a, x[1], b, x[0])]
+    let (a, b, c) = (simd.splat_f64s(v[0]), simd.splat_f64s(v[1]), simd.splat_f64s(v[2]));
+    [minor(simd, b, x[2], c, x[1]), minor(simd, c, x[0], a, x[2]), minor(simd, a, x[1], b, x[0])]
 }
 
 /// How much one constant state changes one axis of rate or force.
@@ -91,42 +102,56 @@ struct Entry {
 /// A sparse 3 × n matrix.
 #[derive(Debug, Clone, Default)]
 pub(super) struct Sparse {
+    /// Each as long as the matrix is wide, for whatever it may hold; the first `len` count.
     axes: [Vec<Entry>; 3],
+    len: [usize; 3],
 }
 
 impl Sparse {
     /// The mean of two dense matrices, given by their columns; the first column belongs to state `first`.
     pub(super) fn set_mean(&mut self, first: usize, a: &[Vector3<f64>], b: &[Vector3<f64>]) {
-        self.axes.iter_mut().for_each(Vec::clear);
+        self.axes.iter_mut().for_each(|axis| axis.resize(a.len(), Entry::default()));
+        let mut len = [0; 3];
         for (k, (a, b)) in a.iter().zip(b).enumerate() {
-            for (i, axis) in self.axes.iter_mut().enumerate() {
-                let by = a[i] + 0.5 * (b[i] - a[i]);
-                if by != 0.0 {
-                    axis.push(Entry { state: first + k, by });
+            let mean = (a + b) * 0.5;
+            for ((axis, len), by) in self.axes.iter_mut().zip(&mut len).zip(&mean) {
+                if *by != 0.0 {
+                    axis[*len] = Entry { state: first + k, by: *by };
+                    *len += 1;
                 }
             }
         }
+        self.len = len;
+    }
+
+    #[inline(always)]
+    fn axis(&self, i: usize) -> &[Entry] {
+        &self.axes[i][..self.len[i]]
     }
 
     /// As dense rows over `n` states.
     #[cfg(test)]
     pub(super) fn dense(&self, n: usize) -> Vec<f64> {
         let mut out = vec![0.0; 3 * n];
-        for (i, axis) in self.axes.iter().enumerate() {
-            axis.iter().for_each(|e| out[i * n + e.state] = e.by);
+        for i in 0..3 {
+            self.axis(i).iter().for_each(|e| out[i * n + e.state] = e.by);
         }
         out
     }
 
     #[inline(always)]
     fn times<S: Simd>(&self, simd: S, x: Columns<'_, S>) -> Triple<S> {
-        let row = |axis: &[Entry]| {
-            axis.iter().fold(simd.splat_f64s(0.0), |sum, e| {
-                simd.add_f64s(sum, simd.mul_f64s(simd.splat_f64s(e.by), x.row(e.state)))
-            })
-        };
-        [row(&self.axes[0]), row(&self.axes[1]), row(&self.axes[2])]
+        [row_times(simd, self.axis(0), x), row_times(simd, self.axis(1), x), row_times(simd, self.axis(2), x)]
     }
+}
+
+#[inline(always)]
+fn row_times<S: Simd>(simd: S, row: &[Entry], x: Columns<'_, S>) -> S::f64s {
+    let mut sum = simd.splat_f64s(0.0);
+    for entry in row {
+        sum = simd.add_f64s(sum, simd.mul_f64s(simd.splat_f64s(entry.by), x.row(entry.state)));
+    }
+    sum
 }
 
 /// Φ over one interval, in the factors it is made of.
@@ -173,7 +198,11 @@ impl NavMap for Transition {
         let moved = add(simd, moved, scaled(simd, 0.5 * self.dt * self.dt, force));
         let position = sub(simd, moved, cross(simd, &self.dp, tilt));
         let attitude = add(simd, eps, dtheta);
-        [position, velocity, attitude].map(|v| times(simd, &self.to_end, v))
+        [
+            times(simd, &self.to_end, position),
+            times(simd, &self.to_end, velocity),
+            times(simd, &self.to_end, attitude),
+        ]
     }
 }
 
@@ -210,12 +239,12 @@ impl NavMap for Recentring {
     #[inline(always)]
     fn rows<S: Simd>(&self, simd: S, x: Columns<'_, S>) -> [Triple<S>; 3] {
         let eps = x.triple(index::ATTITUDE);
-        let [position, velocity, attitude] = [index::POSITION, index::VELOCITY, index::ATTITUDE]
-            .map(|at| times(simd, &self.turn, x.triple(at)));
+        let position = times(simd, &self.turn, x.triple(index::POSITION));
+        let velocity = times(simd, &self.turn, x.triple(index::VELOCITY));
         [
             add(simd, position, cross(simd, &self.half_dr, eps)),
             add(simd, velocity, cross(simd, &self.half_dv, eps)),
-            attitude,
+            times(simd, &self.turn, eps),
         ]
     }
 }
@@ -227,22 +256,24 @@ pub(super) struct Dense(pub(super) [[f64; NAV]; NAV]);
 impl NavMap for Dense {
     #[inline(always)]
     fn rows<S: Simd>(&self, simd: S, x: Columns<'_, S>) -> [Triple<S>; 3] {
-        let row = |m: &[f64; NAV]| {
-            m.iter().enumerate().fold(simd.splat_f64s(0.0), |sum, (k, c)| {
-                simd.add_f64s(sum, simd.mul_f64s(simd.splat_f64s(*c), x.row(k)))
-            })
-        };
-        std::array::from_fn(|b| std::array::from_fn(|i| row(&self.0[3 * b + i])))
+        let mut out = [[simd.splat_f64s(0.0); 3]; NAV / 3];
+        for (row, out) in self.0.iter().zip(out.as_flattened_mut()) {
+            for (k, by) in row.iter().enumerate() {
+                *out = simd.add_f64s(*out, simd.mul_f64s(simd.splat_f64s(*by), x.row(k)));
+            }
+        }
+        out
     }
 }
 
 /// The nine rows of a map as a dense matrix over `n` states, row by row.
 pub(super) fn dense_rows(map: &impl NavMap, n: usize) -> Vec<f64> {
-    let mut identity = vec![0.0; n * n];
-    (0..n).for_each(|i| identity[i * n + i] = 1.0);
     let mut out = vec![0.0; NAV * n];
+    let mut unit = vec![0.0; n * PANEL];
     for column in 0..n {
-        let rows = map.rows(pulp::Scalar, Columns::new(&identity, n, column));
+        unit[column * PANEL] = 1.0;
+        let rows = map.rows(pulp::Scalar, Columns::new(&unit, 0));
+        unit[column * PANEL] = 0.0;
         rows.as_flattened().iter().enumerate().for_each(|(i, v)| out[i * n + column] = *v);
     }
     out
