@@ -94,6 +94,9 @@ pub enum CommandError {
     /// The study of observability.
     #[error(transparent)]
     Observability(#[from] crate::study::observability::ObservabilityError),
+    /// The study of the guidance.
+    #[error(transparent)]
+    Guidance(#[from] crate::study::guidance::GuidanceError),
     /// The web page.
     #[error("cannot serve the web page on {address}: {reason}")]
     Web {

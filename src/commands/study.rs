@@ -3,7 +3,7 @@
 use super::CommandError;
 use crate::demo::{Prepared, Settings};
 use crate::study::parallel::Progress;
-use crate::study::{blind, demo, observability, paper, recorded};
+use crate::study::{blind, demo, guidance, observability, paper, recorded};
 use gaware_nav::identify::select;
 use serde::Serialize;
 use std::io::Write;
@@ -30,6 +30,8 @@ pub enum StudyKind {
     Observability(ObservabilityArgs),
     /// Of the states called observable, how many lie within 2 sigma of the truth.
     Sigmas(SigmasArgs),
+    /// What following the guidance is worth against random maneuvers, by time.
+    Guidance(GuidanceArgs),
     /// Hide an effect, fly, explain, unseal: the confusion matrix.
     Blind(BlindArgs),
 }
@@ -53,6 +55,20 @@ pub struct SigmasArgs {
     /// Scenarios.
     #[arg(default_values_t = ["fixed_wing", "fixed_wing_coordinated", "multirotor", "paper"].map(str::to_owned))]
     pub scenarios: Vec<String>,
+}
+
+/// Arguments of `study guidance`.
+#[derive(Debug, Clone, clap::Args)]
+pub struct GuidanceArgs {
+    /// Pairs of flights.
+    #[arg(long, default_value_t = 50)]
+    pub runs: usize,
+    /// First seed.
+    #[arg(long, default_value_t = 1)]
+    pub seed: u64,
+    /// Print one JSON document.
+    #[arg(long)]
+    pub json: bool,
 }
 
 /// Arguments of `study blind`.
@@ -185,6 +201,16 @@ pub fn run(args: &StudyArgs) -> Result<(), CommandError> {
             bar.finish_and_clear();
             print_json(&result)?;
         }
+        StudyKind::Guidance(args) => {
+            let bar = super::progress_bar(2 * args.runs as u64, "flights");
+            let study = guidance::run(args.runs, args.seed, &Bar(bar.clone()))?;
+            bar.finish_and_clear();
+            if args.json {
+                print_json(&study)?;
+            } else {
+                print_guidance(&study);
+            }
+        }
         StudyKind::Blind(args) => {
             let bar = indicatif::ProgressBar::new_spinner();
             let campaign = blind::Campaign {
@@ -277,6 +303,25 @@ fn print_demo(study: &demo::DemoStudy) {
             s.name, s.observable, s.within_2_sigma, s.rms_normalised_error, s.planned_over_reached
         );
     }
+}
+
+fn print_guidance(s: &guidance::GuidanceStudy) {
+    println!(
+        "{}: columns x and z of G known to {} deg/h/g after {:.0} s guided, {:.0} s at random (medians of {} from standing start): {:.0} %",
+        s.airframe,
+        s.target_deg_per_h_per_g,
+        s.guided_median_s,
+        s.random_median_s,
+        s.runs,
+        100.0 * s.ratio_of_medians
+    );
+    let [guided, random] = s.from_first_maneuver_s;
+    println!(
+        "from the first maneuver on {guided:.0} s and {random:.0} s; guided faster in {:.0} % of the pairs; not finished: {} and {}",
+        100.0 * s.guided_faster,
+        s.unfinished[0],
+        s.unfinished[1]
+    );
 }
 
 fn print_recorded(r: &recorded::Accuracy) {

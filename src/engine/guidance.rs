@@ -190,6 +190,11 @@ impl Guide {
         self.asked = Some(Asked { maneuver: best.0, since_s: t_s, before, excitable, gain });
     }
 
+    /// The maneuver that is being asked for.
+    pub fn proposed(&self) -> Option<Maneuver> {
+        self.asked.as_ref().map(|a| a.maneuver)
+    }
+
     /// What to show; `filter` is the running one, `standing` whether the vehicle does not move.
     pub fn guidance(&self, filter: Option<&Filter>, standing: bool) -> Guidance {
         let base = Guidance { last_result: self.last_result.clone(), ..Guidance::default() };

@@ -2,6 +2,7 @@
 
 pub mod blind;
 pub mod demo;
+pub mod guidance;
 pub mod observability;
 pub mod paper;
 pub mod parallel;

@@ -8,7 +8,9 @@
 pub mod calibration;
 pub mod covariance;
 pub mod fusion;
+mod group;
 pub mod layout;
+mod nav_map;
 mod propagation;
 mod regressor;
 mod update;
@@ -64,7 +66,7 @@ pub struct Filter {
     /// The Jacobian at the start of the present step; kept to spare the allocation.
     start_jacobian: MotionJacobian,
     gate: update::Gate,
-    phi: Vec<f64>,
+    phi: nav_map::Transition,
     /// The mean error while the filter runs as a linear one about its state (see [`window`]).
     carried: Option<Vec<f64>>,
     /// Extra white noise of the samples, added to the model's: variances per hertz, (rad/s)²/Hz and (m/s²)²/Hz.
@@ -115,7 +117,7 @@ impl Filter {
             jacobian: MotionJacobian::default(),
             start_jacobian: MotionJacobian::default(),
             gate: update::Gate::default(),
-            phi: Vec::new(),
+            phi: nav_map::Transition::default(),
             carried: None,
             extra_noise: (0.0, 0.0),
             gating: true,
