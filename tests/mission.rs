@@ -2,6 +2,8 @@
 
 #![allow(clippy::unwrap_used, clippy::panic, reason = "helpers of tests may panic, as tests do")]
 
+mod support;
+
 use gaware::commands::mission::{LinkArgs, UploadArgs, download, upload};
 use gaware::mission_link::files;
 use gaware_mission::files::waypoints;
@@ -10,7 +12,10 @@ use gaware_sitl::autopilot::{Autopilot, AutopilotConfig, Flavour};
 use gaware_sitl::faults::LinkFaults;
 use gaware_sitl::scenario::scenario;
 use gaware_sitl::shell::{Options, Server, Speed};
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
+use support::Gaware;
+use tokio::io::{AsyncReadExt, AsyncWriteExt};
+use tokio::net::TcpStream;
 use tokio_util::sync::CancellationToken;
 
 fn mission(legs: usize) -> Mission {
@@ -120,4 +125,136 @@ async fn a_refused_mission_leaves_the_previous_one() {
     download(&link(&address, read.clone()), &stop).await.unwrap();
     assert_eq!(files::read(&read).unwrap().0.items.len(), 3);
     stop.cancel();
+}
+
+const TOKEN: &str = "fly-the-steep-turn";
+
+/// A run beside the vehicle, with a planned mission and its page; the page's address.
+fn run_with_page(link: &str, mission: &Path) -> (Gaware, String) {
+    let mission = mission.to_str().unwrap();
+    let companion = Gaware::start(&[
+        "run",
+        "--connect",
+        link,
+        "--no-record",
+        "--headless",
+        "--web",
+        "127.0.0.1:0",
+        "--web-token",
+        TOKEN,
+        "--mission",
+        mission,
+    ]);
+    let line = companion.line_with("web page: http://");
+    let page = line.split("//").nth(1).unwrap().split('/').next().unwrap().to_owned();
+    (companion, page)
+}
+
+/// Asks the page to upload; status and message.
+async fn ask(page: &str, token: Option<&str>, body: &str) -> (u16, String) {
+    let token = token.map_or_else(String::new, |t| format!("Authorization: Bearer {t}\r\n"));
+    let length = body.len();
+    let request = format!(
+        "POST /api/v1/mission/upload HTTP/1.1\r\nHost: {page}\r\n{token}Content-Type: application/json\r\n\
+         Content-Length: {length}\r\nConnection: close\r\n\r\n{body}"
+    );
+    let mut stream = TcpStream::connect(page).await.unwrap();
+    stream.write_all(request.as_bytes()).await.unwrap();
+    let mut answer = String::new();
+    stream.read_to_string(&mut answer).await.unwrap();
+    let status = answer.split(' ').nth(1).unwrap().parse().unwrap();
+    (status, answer.split_once("\r\n\r\n").unwrap().1.to_owned())
+}
+
+/// Asks until the companion has heard the vehicle.
+async fn upload_from(page: &str) -> (u16, String) {
+    loop {
+        let (status, message) = ask(page, Some(TOKEN), "{\"confirm\": true}").await;
+        if !message.contains("not heard") {
+            return (status, message);
+        }
+    }
+}
+
+async fn on_board(folder: &Folder, address: &str, stop: &CancellationToken) -> Mission {
+    let read = folder.file("on-board.plan");
+    let _ = std::fs::remove_file(&read);
+    download(&link(address, read.clone()), stop).await.unwrap();
+    files::read(&read).unwrap().0
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn the_page_uploads_with_token_and_confirmation_only_and_keeps_the_mission_before() {
+    for (name, flavour) in [("page-ap", Flavour::ArduPilot), ("page-px4", Flavour::Px4)] {
+        let (folder, stop) = (Folder::new(name), CancellationToken::new());
+        let address = vehicle("udpin:127.0.0.1:0", flavour, LinkFaults::default(), &stop).await;
+        let first = folder.mission("first.waypoints", 2);
+        upload(&put(&address, first, folder.file("b1.plan")), &stop, |_| ()).await.unwrap();
+        let planned = folder.mission("planned.waypoints", 6);
+        let (companion, page) = run_with_page(&address, &planned);
+        assert_eq!(ask(&page, None, "{\"confirm\": true}").await.0, 401);
+        assert_eq!(ask(&page, Some("not-the-token"), "{\"confirm\": true}").await.0, 401);
+        assert_eq!(ask(&page, Some(TOKEN), "{}").await.0, 400);
+        let (status, message) = upload_from(&page).await;
+        assert_eq!(status, 200, "{message}");
+        assert!(message.contains("7 items is on the vehicle, read back and compared"), "{message}");
+        companion.terminate();
+        assert_eq!(companion.ended().code(), Some(0));
+        assert_eq!(on_board(&folder, &address, &stop).await.items.len(), 7);
+        let backup = std::fs::read_dir(&folder.0).unwrap().map(|e| e.unwrap().path());
+        let backup: Vec<_> = backup.filter(|p| p.to_str().unwrap().contains("mission-backup-")).collect();
+        assert_eq!(backup.len(), 1);
+        assert_eq!(files::read(&backup[0]).unwrap().0.items.len(), 3);
+        stop.cancel();
+    }
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn the_page_refuses_while_a_mission_is_flown_and_leaves_what_is_on_board() {
+    let (folder, stop) = (Folder::new("page-flying"), CancellationToken::new());
+    let address = vehicle("udpin:127.0.0.1:0", Flavour::ArduPilot, LinkFaults::default(), &stop).await;
+    let first = folder.mission("first.waypoints", 3);
+    upload(&put(&address, first, folder.file("b1.plan")), &stop, |_| ()).await.unwrap();
+    fly(address.strip_prefix("udpout:").unwrap()).await;
+    let (_companion, page) = run_with_page(&address, &folder.mission("planned.waypoints", 6));
+    let (status, message) = upload_from(&page).await;
+    assert_eq!(status, 409, "{message}");
+    assert!(message.contains("the vehicle is flying a mission"), "{message}");
+    assert_eq!(on_board(&folder, &address, &stop).await.items.len(), 4);
+    stop.cancel();
+}
+
+/// The pilot's station arms and starts the mission; returns when the vehicle says that it flies it.
+async fn fly(vehicle: &str) {
+    use gaware::link::frame::{Frame, Sender};
+    use gaware::mission_link::vehicle::Vehicle;
+    use mavlink::dialects::ardupilotmega::{COMMAND_LONG_DATA, MavCmd, MavMessage};
+    let socket = tokio::net::UdpSocket::bind("127.0.0.1:0").await.unwrap();
+    socket.connect(vehicle).await.unwrap();
+    let pilot = Sender { system_id: 255, component_id: 190 };
+    let flies = async {
+        loop {
+            for (command, param1) in
+                [(MavCmd::MAV_CMD_COMPONENT_ARM_DISARM, 1.0), (MavCmd::MAV_CMD_MISSION_START, 0.0)]
+            {
+                let data = COMMAND_LONG_DATA {
+                    command,
+                    param1,
+                    target_system: 1,
+                    target_component: 1,
+                    ..Default::default()
+                };
+                let frame = Frame::encode(pilot, 0, &MavMessage::COMMAND_LONG(data));
+                socket.send(frame.raw()).await.unwrap();
+            }
+            let mut datagram = vec![0; 2048];
+            let n = socket.recv(&mut datagram).await.unwrap();
+            datagram.truncate(n);
+            let frame = Frame::parse(datagram.into()).ok();
+            if frame.and_then(|f| Vehicle::from_heartbeat(&f)).is_some_and(|v| v.state.flying_mission) {
+                return;
+            }
+        }
+    };
+    tokio::time::timeout(support::PATIENCE, flies).await.unwrap();
 }

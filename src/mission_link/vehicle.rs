@@ -32,6 +32,14 @@ pub struct Vehicle {
 }
 
 impl Vehicle {
+    /// Before any heartbeat: addresses nobody.
+    pub(super) const NOBODY: Self = Self {
+        address: Address { system: 0, component: 0 },
+        mav_type: 0,
+        autopilot: Autopilot::ArduPilot,
+        state: VehicleState { armed: true, mission_mode: true, flying_mission: true },
+    };
+
     /// From a heartbeat of an autopilot that flies missions; other frames say nothing.
     pub fn from_heartbeat(frame: &Frame) -> Option<Self> {
         if frame.message_id != HEARTBEAT || frame.component_id != AUTOPILOT_COMPONENT {

@@ -24,6 +24,11 @@ class Vehicle(threading.Thread):
         self.acks = []
         self.upload = None
         self.ask_s, self.give_up_s = ask_s, give_up_s
+        self.uploads = 0
+        #: Released once per download that the other side has ended well.
+        self.was_read = threading.Semaphore(0)
+        #: Set once somebody who has heard this vehicle asks it for something.
+        self.known = threading.Event()
         self.ending = threading.Event()
 
     def stop(self):
@@ -63,6 +68,9 @@ class Vehicle(threading.Thread):
         self.upload["asked"] = time.monotonic()
         self.request(self.upload["next"])
 
+    def on_command_long(self, m):
+        self.known.set()
+
     def on_mission_request_list(self, m):
         self.link.mav.mission_count_send(*self.peer, len(self.items), m.mission_type, self.opaque_id())
 
@@ -85,6 +93,7 @@ class Vehicle(threading.Thread):
             self.link.mav.mission_ack_send(*self.peer, mavlink.MAV_MISSION_UNSUPPORTED, m.mission_type)
             return
         now = time.monotonic()
+        self.uploads += self.upload is None
         self.upload = {"count": m.count, "next": 0, "asked": now, "heard": now, "staged": []}
         self.begin(m.count)
         self.ask()
@@ -92,6 +101,8 @@ class Vehicle(threading.Thread):
     def on_mission_ack(self, m):
         if m.type != mavlink.MAV_MISSION_ACCEPTED:
             self.upload = None
+        else:
+            self.was_read.release()
 
     def on_mission_item_int(self, m):
         self.heard_items += 1
