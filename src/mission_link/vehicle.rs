@@ -33,7 +33,7 @@ pub struct Vehicle {
 
 impl Vehicle {
     /// Before any heartbeat: addresses nobody.
-    pub(super) const NOBODY: Self = Self {
+    pub(crate) const NOBODY: Self = Self {
         address: Address { system: 0, component: 0 },
         mav_type: 0,
         autopilot: Autopilot::ArduPilot,

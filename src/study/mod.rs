@@ -7,3 +7,4 @@ pub mod paper;
 pub mod parallel;
 pub mod recorded;
 pub mod statistics;
+pub mod transfer;

@@ -237,7 +237,7 @@ fn an_upload_is_asked_for_by_two_keys_in_order_only() {
     use Key::{Back, Quit, Upload, Yes};
     let asks = |keys: &[Key], state| {
         let (requests, mut asked) = mpsc::channel(1);
-        play_with(keys, with_mission(state, "12 items ready"), Some(requests));
+        play_with(keys, with_mission(state, "12 items ready"), Some(requests)).1.unwrap();
         asked.try_recv().is_ok()
     };
     assert!(asks(&[Upload, Yes, Quit], MissionState::Ready));
