@@ -15,7 +15,8 @@ use gaware_sitl::shell::{Options, Server, Speed};
 use std::path::{Path, PathBuf};
 use support::Gaware;
 use tokio::io::{AsyncReadExt, AsyncWriteExt};
-use tokio::net::TcpStream;
+use tokio::net::{TcpListener, TcpStream};
+use tokio::sync::watch;
 use tokio_util::sync::CancellationToken;
 
 fn mission(legs: usize) -> Mission {
@@ -257,4 +258,105 @@ async fn fly(vehicle: &str) {
         }
     };
     tokio::time::timeout(support::PATIENCE, flies).await.unwrap();
+}
+
+/// `MISSION_ITEM_INT`.
+const ITEM_INT: [u8; 3] = [73, 0, 0];
+
+/// A wire to a TCP vehicle that breaks once so many items have gone up, and comes back when it is told to.
+async fn breakable(vehicle: &str, items: usize) -> (String, watch::Receiver<bool>, watch::Sender<bool>) {
+    let vehicle = vehicle.strip_prefix("tcpout:").unwrap().to_owned();
+    let listener = TcpListener::bind("127.0.0.1:0").await.unwrap();
+    let address = format!("tcpout:{}", listener.local_addr().unwrap());
+    let (broken, seen) = watch::channel(false);
+    let (mend, mut mended) = watch::channel(false);
+    tokio::spawn(async move {
+        let mut left = items;
+        loop {
+            let (station, _) = listener.accept().await.unwrap();
+            let vehicle = TcpStream::connect(&vehicle).await.unwrap();
+            carry(station, vehicle, &mut left).await;
+            broken.send_replace(true);
+            if mended.wait_for(|m| *m).await.is_err() {
+                return;
+            }
+        }
+    });
+    (address, seen, mend)
+}
+
+/// Until somebody closes, or the last of these items went up.
+async fn carry(station: TcpStream, vehicle: TcpStream, left: &mut usize) {
+    let (mut from_station, mut to_station) = station.into_split();
+    let (mut from_vehicle, mut to_vehicle) = vehicle.into_split();
+    let up = async {
+        let mut waiting = Vec::new();
+        while from_station.read_buf(&mut waiting).await.unwrap_or(0) > 0 {
+            while let Some(length) =
+                waiting.get(1).map(|n| 12 + usize::from(*n)).filter(|n| waiting.len() >= *n)
+            {
+                let frame: Vec<u8> = waiting.drain(..length).collect();
+                if frame[7..10] == ITEM_INT {
+                    *left = left.wrapping_sub(1);
+                    if *left == 0 {
+                        return;
+                    }
+                }
+                to_vehicle.write_all(&frame).await.unwrap();
+            }
+        }
+    };
+    tokio::select! {
+        () = up => {}
+        _ = tokio::io::copy(&mut from_vehicle, &mut to_station) => {}
+    }
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn what_a_broken_wire_has_left_is_settled_when_it_is_back() {
+    let mut tests = Vec::new();
+    for flavour in [Flavour::ArduPilot, Flavour::Px4] {
+        for gives_up in [false, true] {
+            tests.push(tokio::spawn(broken_wire(flavour, gives_up)));
+        }
+    }
+    for test in tests {
+        test.await.unwrap();
+    }
+}
+
+/// With or without a user who gives up while the wire is broken.
+async fn broken_wire(flavour: Flavour, gives_up: bool) {
+    let (folder, stop) = (Folder::new(&format!("broken-{flavour:?}-{gives_up}")), CancellationToken::new());
+    let address = vehicle("tcpin:127.0.0.1:0", flavour, LinkFaults::default(), &stop).await;
+    let first = folder.mission("first.waypoints", 3);
+    upload(&put(&address, first, folder.file("b1.plan")), &stop, |_| ()).await.unwrap();
+    let (through, mut broken, mend) = breakable(&address, 6).await;
+    let enough = CancellationToken::new();
+    let user = tokio::spawn({
+        let enough = enough.clone();
+        async move {
+            broken.wait_for(|b| *b).await.unwrap();
+            if gives_up {
+                enough.cancel();
+            }
+        }
+    });
+    let second = put(&through, folder.mission("second.waypoints", 12), folder.file("b2.plan"));
+    let result = upload(&second, &enough, |text| {
+        // Only once it wants to know what is left.
+        if text == "reading back" {
+            mend.send_replace(true);
+        }
+    });
+    let result = tokio::time::timeout(support::PATIENCE, result).await.unwrap();
+    user.await.unwrap();
+    let (told, items) = match result {
+        Ok(told) if !gives_up => (told, 13),
+        Err(error) if gives_up => (error.to_string(), 4),
+        other => panic!("{flavour:?} {gives_up}: {other:?}"),
+    };
+    assert_eq!(told.contains("the previous mission is on the vehicle"), gives_up, "{told}");
+    assert_eq!(on_board(&folder, &address, &stop).await.items.len(), items);
+    stop.cancel();
 }
