@@ -70,6 +70,12 @@ pub enum CommandError {
         /// One line each.
         differences: String,
     },
+    /// A mission transfer said what was not so.
+    #[error("{count} uploads ended with a wrong statement about what is on the vehicle")]
+    Transfers {
+        /// Uploads.
+        count: usize,
+    },
     /// The simulation.
     #[error(transparent)]
     Sim(#[from] sim::SimError),
