@@ -11,7 +11,7 @@ use std::time::Duration;
 /// Arguments of `explain`.
 #[derive(Debug, Clone, clap::Args)]
 pub struct ExplainArgs {
-    /// Flights of one vehicle (.tlog, .bin, .ulg, .mcap).
+    /// Flights of one vehicle (.tlog, .bin, .ulg, .mcap, a folder with imu.csv and gps.csv).
     #[arg(required = true, value_name = "LOG")]
     pub logs: Vec<PathBuf>,
     /// The model that is believed (default: no effects but those of the message itself).
