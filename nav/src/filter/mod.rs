@@ -10,6 +10,7 @@ pub mod covariance;
 pub mod fusion;
 pub mod layout;
 mod propagation;
+pub mod tape;
 mod update;
 pub mod watch;
 mod window;
@@ -91,6 +92,8 @@ pub struct Filter {
     gating: bool,
     /// Parameters that are not estimated but watched.
     watch: Option<Box<watch::Watch>>,
+    /// What happened, for a smoother.
+    tape: Option<Box<tape::Tape>>,
 }
 
 impl Filter {
@@ -139,6 +142,7 @@ impl Filter {
             extra_noise: (0.0, 0.0),
             gating: true,
             watch: None,
+            tape: None,
         }
     }
 

@@ -43,6 +43,7 @@ impl Filter {
         self.motion = motion;
         self.last = Some(*sample);
         self.t_s = sample.t_s;
+        self.tape_step(dt, self.wander_decay(dt));
     }
 
     fn watch_step(&mut self, sample: &ImuSample, motion: &Motion, inc: &Increment) {

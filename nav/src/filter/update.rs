@@ -6,6 +6,7 @@
 
 use super::Filter;
 use super::layout::index;
+use super::tape::Update;
 use crate::earth::Geodetic;
 use crate::effects::{FixInstant, MAX_PARAMETERS};
 use crate::mechanization;
@@ -138,6 +139,7 @@ impl Filter {
             self.believe_velocity(fix);
         }
         self.settle();
+        self.tape_fix();
         outcome
     }
 
@@ -283,6 +285,16 @@ impl Filter {
             let gain: f64 = rows.iter().enumerate().map(|(j, r)| prepared.inverse[(i, j)] * r.residual).sum();
             dx.iter_mut().zip(column).for_each(|(x, c)| *x += gain * c);
         }
+        if let Some(tape) = self.tape.as_deref_mut() {
+            tape.update(Update {
+                h: rows.iter().map(|r| r.h.clone()).collect(),
+                residual: rows.iter().map(|r| r.residual).collect(),
+                ph: prepared.ph.clone(),
+                s: prepared.s,
+                inverse: prepared.inverse,
+                turn: None,
+            });
+        }
         self.shrink(prepared);
         match &mut self.carried {
             Some(x) => x.iter_mut().zip(&dx).for_each(|(x, d)| *x += d),
@@ -310,6 +322,9 @@ impl Filter {
             self.p.transform_nav(&turn);
             if let Some(watch) = self.watch.as_deref_mut() {
                 watch.transform_nav(&turn);
+            }
+            if let Some(tape) = self.tape.as_deref_mut() {
+                tape.turn(&turn);
             }
         }
         self.refresh_motion();
