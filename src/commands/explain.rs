@@ -48,6 +48,7 @@ pub fn run(args: &ExplainArgs) -> Result<(), CommandError> {
             Phase::Reading(k) => format!("reading log {}", k + 1),
             Phase::Choosing => "fitting noise, comparing effects".to_owned(),
             Phase::Judging => "judging on held-out data".to_owned(),
+            Phase::Smoothing => "simulating the sensors along the best trajectory".to_owned(),
             Phase::Terms => "looking for terms outside the catalogue".to_owned(),
         });
     })?;
