@@ -1,6 +1,7 @@
 //! A group of up to three scalar measurements taken together: rows, innovation covariance, whitening.
 
 use super::covariance::{Covariance, GROUP, Tall};
+use super::tape::Update;
 use super::update::{Group, gate};
 use nalgebra::Matrix3;
 
@@ -93,6 +94,23 @@ impl Prepared {
                 k
             })
             .collect()
+    }
+
+    /// What a smoother needs of this group.
+    pub(super) fn on_tape(&self, rows: &Rows, n: usize) -> Update {
+        let l = Matrix3::from(self.l).transpose();
+        let s = l * l.transpose();
+        let row = |i: usize| {
+            rows.h.iter().filter(move |(_, by)| by[i] != 0.0).map(move |(k, by)| (*k, by[i])).collect()
+        };
+        Update {
+            h: (0..rows.dof).map(row).collect(),
+            residual: rows.residual[..rows.dof].to_vec(),
+            ph: (0..rows.dof).map(|i| (0..n).map(|k| self.ph.at(k)[i]).collect()).collect(),
+            s,
+            inverse: s.try_inverse().unwrap_or_default(),
+            turn: None,
+        }
     }
 
     /// Lets the group shrink the covariance, P ← P − P Hᵀ S⁻¹ H P as outer products so that it stays symmetric, and

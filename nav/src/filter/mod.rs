@@ -13,6 +13,7 @@ pub mod layout;
 mod nav_map;
 mod propagation;
 mod regressor;
+pub mod tape;
 mod update;
 pub mod watch;
 mod window;
@@ -75,6 +76,8 @@ pub struct Filter {
     gating: bool,
     /// Parameters that are not estimated but watched.
     watch: Option<Box<watch::Watch>>,
+    /// What happened, for a smoother.
+    tape: Option<Box<tape::Tape>>,
 }
 
 impl Filter {
@@ -122,6 +125,7 @@ impl Filter {
             extra_noise: (0.0, 0.0),
             gating: true,
             watch: None,
+            tape: None,
         }
     }
 

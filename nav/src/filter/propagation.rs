@@ -42,6 +42,7 @@ impl Filter {
         self.motion = motion;
         self.last = Some(*sample);
         self.t_s = sample.t_s;
+        self.tape_step(dt, decay);
     }
 
     /// Takes what is linear in the state's error along: the watch, and the carried mean x ← Φ x.

@@ -122,6 +122,7 @@ impl Filter {
         if outcome.velocity.recovered {
             self.believe_velocity(fix);
         }
+        self.tape_fix();
         outcome
     }
 
@@ -143,7 +144,7 @@ impl Filter {
             rows.push(index::GYRO_BIAS + k, |axis| column[axis]);
         }
         if let Some(prepared) = Prepared::new(&rows, &self.p) {
-            self.absorb(prepared);
+            self.absorb(&rows, prepared);
         }
     }
 
@@ -168,7 +169,7 @@ impl Filter {
         }
         *gate(self) = Refusals::default();
         self.watch_rows(&rows, &prepared, position);
-        Group { used: true, ..self.absorb(prepared) }
+        Group { used: true, ..self.absorb(&rows, prepared) }
     }
 
     fn watch_rows(&mut self, rows: &Rows, prepared: &Prepared, position: bool) {
@@ -179,7 +180,10 @@ impl Filter {
         self.watch = Some(watch);
     }
 
-    fn absorb(&mut self, prepared: Prepared) -> Group {
+    fn absorb(&mut self, rows: &Rows, prepared: Prepared) -> Group {
+        if let Some(tape) = self.tape.as_deref_mut() {
+            tape.update(prepared.on_tape(rows, self.layout.len()));
+        }
         let mut dx = vec![0.0; self.layout.len()];
         let group = prepared.absorb(&mut self.p, &mut dx);
         match &mut self.carried {
@@ -209,6 +213,9 @@ impl Filter {
             self.p.transform(&turn);
             if let Some(watch) = self.watch.as_deref_mut() {
                 watch.transform_nav(&turn.dense());
+            }
+            if let Some(tape) = self.tape.as_deref_mut() {
+                tape.turn(&turn.dense());
             }
         }
         self.refresh_motion();

@@ -169,7 +169,7 @@ fn capped(group: &Group) -> f64 {
 }
 
 /// The filter of `model` with this noise at the start of a flight, and how its samples are read.
-fn at_start(flight: &Flight, model: &Model, noise: &Noise) -> (Filter, Quantisation) {
+pub(crate) fn at_start(flight: &Flight, model: &Model, noise: &Noise) -> (Filter, Quantisation) {
     let model = noise.of(model);
     let quantisation = model.quantisation_of(flight.stream());
     let (gyro, accel) = quantisation.variance();
@@ -276,7 +276,7 @@ pub(super) fn follow<'a>(
 }
 
 /// The fix with its own sigmas scaled as the noise says.
-fn scaled(fix: &crate::sample::GnssFix, noise: &Noise) -> crate::sample::GnssFix {
+pub(crate) fn scaled(fix: &crate::sample::GnssFix, noise: &Noise) -> crate::sample::GnssFix {
     let mut fix = *fix;
     fix.position_sigma_m = fix
         .position_sigma_m
