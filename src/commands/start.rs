@@ -5,6 +5,7 @@ use super::run::{self, Hooks, Live, RunArgs};
 use crate::engine::snapshot::Snapshot;
 use crate::engine::{Engine, EngineOptions};
 use crate::link::framer::FramerStats;
+use crate::sinks::recorder::RecorderStats;
 use crate::sinks::status::{LinkState, LinkView, RecorderState, RecorderView, SinkStatus};
 use crate::sinks::telemetry::{Telemetry, TelemetryConfig};
 use crate::sinks::terminal::{self, Sources, headless};
@@ -137,6 +138,8 @@ async fn relay(
 ) {
     let mut telemetry = Telemetry::new(TelemetryConfig::default());
     let counters = status.sink("telemetry");
+    let recorded = status.sink("recorder");
+    let mut before = RecorderStats::default();
     let started = Instant::now();
     let mut meter = LinkMeter { frames: 0, since: started, heard: started, rate_hz: 0.0 };
     let mut texts_dropped = 0;
@@ -148,6 +151,11 @@ async fn relay(
         let now = live.borrow_and_update().clone();
         status.set_link(meter.view(&now));
         status.set_recorder(recorder_view(&now));
+        if let Some(stats) = now.recorder {
+            recorded.delivered(stats.written.saturating_sub(before.written));
+            recorded.dropped((stats.failed + stats.dropped).saturating_sub(before.failed + before.dropped));
+            before = stats;
+        }
         for message in telemetry.feed(started.elapsed().as_secs_f64(), &now.snapshot) {
             match outbox.try_send(message) {
                 Ok(()) => counters.delivered(1),
@@ -170,7 +178,7 @@ fn recorder_view(live: &Live) -> RecorderView {
             (0, lost) => format!("{} items, {lost} lost", stats.written),
             (failed, lost) => format!("{} items, {failed} not written, {lost} lost", stats.written),
         },
-        bytes: 0,
+        bytes: stats.bytes,
     }
 }
 

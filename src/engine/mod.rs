@@ -241,9 +241,9 @@ impl Engine {
         self.estimator.predicted_nav().map(|(t_s, nav)| (t_s, nav.euler().into()))
     }
 
-    /// The maneuver that the guidance asks for.
-    pub fn proposed(&self) -> Option<Maneuver> {
-        self.guide.as_ref().and_then(Guide::proposed)
+    /// The maneuvers that the guidance asks for, to be flown one after the other.
+    pub fn proposed(&self) -> &[Maneuver] {
+        self.guide.as_ref().map_or(&[], Guide::proposed)
     }
 
     /// The filter at the time of its last fix, once there is one.
