@@ -4,6 +4,7 @@
 
 mod support;
 
+use gaware::commands::ListenArgs;
 use gaware::commands::replay::{ReplayArgs, replay};
 use gaware::engine::{Engine, EngineOptions};
 use gaware::study::recorded;
@@ -30,8 +31,7 @@ fn replayed(log: &Path) -> Value {
         json: true,
         model: None,
         baseline: None,
-        source: None,
-        vehicle: None,
+        listen: ListenArgs::default(),
         truth_from: 150.0,
     };
     let (_, document) = replay(&args, |model| Engine::new(model, EngineOptions::default())).unwrap();

@@ -185,7 +185,7 @@ async fn show(args: &DemoArgs, mut flight: Flight, factor: f64) -> Result<Flight
     start::cancel_on_signal(&stop);
     let status = SinkStatus::new();
     let (snapshots, snapshots_rx) = watch::channel(Arc::new(Snapshot::default()));
-    let sources = || Sources { snapshots: snapshots_rx.clone(), status: status.clone() };
+    let sources = || Sources { snapshots: snapshots_rx.clone(), status: status.clone(), requests: None };
     if !args.no_web {
         start::serve_web(args.web, None, sources(), &stop).await?;
     }

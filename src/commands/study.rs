@@ -3,7 +3,7 @@
 use super::CommandError;
 use crate::demo::{Prepared, Settings};
 use crate::study::parallel::Progress;
-use crate::study::{blind, demo, guidance, honesty, observability, paper, recorded};
+use crate::study::{blind, demo, guidance, honesty, observability, paper, recorded, transfer};
 use gaware_nav::identify::select;
 use serde::Serialize;
 use std::io::Write;
@@ -32,6 +32,8 @@ pub enum StudyKind {
     Sigmas(SigmasArgs),
     /// What following the guidance is worth against random maneuvers, by time.
     Guidance(GuidanceArgs),
+    /// Mission uploads over bad and cut links: verified, the previous mission back, or said to be unknown.
+    Transfer(TransferArgs),
     /// Hide an effect, fly, explain, unseal: the confusion matrix.
     Blind(BlindArgs),
 }
@@ -111,6 +113,20 @@ pub struct DemoStudyArgs {
     pub json: bool,
 }
 
+/// Arguments of `study transfer`.
+#[derive(Debug, Clone, clap::Args)]
+pub struct TransferArgs {
+    /// Uploads per autopilot and kind of link.
+    #[arg(long, default_value_t = 200)]
+    pub runs: usize,
+    /// First seed.
+    #[arg(long, default_value_t = 1)]
+    pub seed: u64,
+    /// Print one JSON document.
+    #[arg(long)]
+    pub json: bool,
+}
+
 /// Arguments of `study paper`.
 #[derive(Debug, Clone, clap::Args)]
 pub struct PaperArgs {
@@ -179,6 +195,20 @@ pub fn run(args: &StudyArgs) -> Result<(), CommandError> {
                 print_json(&study)?;
             } else {
                 print_demo(&study);
+            }
+        }
+        StudyKind::Transfer(args) => {
+            let bar = super::progress_bar(6 * args.runs as u64, "uploads");
+            let study = transfer::run(args.runs, args.seed, &Bar(bar.clone()));
+            bar.finish_and_clear();
+            if args.json {
+                print_json(&study)?;
+            } else {
+                print!("{study}");
+            }
+            match study.wrong() {
+                0 => {}
+                count => return Err(CommandError::Transfers { count }),
             }
         }
         StudyKind::Observability(args) => {

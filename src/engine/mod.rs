@@ -11,7 +11,7 @@ pub mod snapshot;
 mod standing;
 
 use counters::{RateMeter, Timeline, Warnings};
-use estimate::Constants;
+use estimate::{BEYOND_PRIOR, Constants};
 use gaware_mission::airframe::Airframe;
 use gaware_mission::maneuver::Maneuver;
 use gaware_nav::estimator::{Estimator, Stage};
@@ -281,7 +281,7 @@ impl Engine {
             ),
             guidance: self.guidance(),
             consistency: self.consistency(),
-            warnings: self.warnings(),
+            warnings: self.warnings(&constants),
         }
     }
 
@@ -390,8 +390,15 @@ impl Engine {
         }
     }
 
-    fn warnings(&self) -> Vec<String> {
+    fn warnings(&self, constants: &Constants) -> Vec<String> {
         let mut list = self.warnings.to_vec();
+        let far = constants.beyond_prior(self.estimator.model());
+        if !far.is_empty() {
+            list.push(format!(
+                "{} left what the model expects by more than {BEYOND_PRIOR} of its sigmas: the sensors have an error that the model lacks, and these states take the blame for it",
+                far.join(", ")
+            ));
+        }
         if self.late() > 0 {
             list.push("some fixes came more than 1.5 s after their time and were not used".to_owned());
         }

@@ -9,3 +9,4 @@ pub mod paper;
 pub mod parallel;
 pub mod recorded;
 pub mod statistics;
+pub mod transfer;

@@ -4,20 +4,15 @@ use super::Filter;
 use super::covariance::NAV;
 use super::layout::index;
 use super::nav_map::dense_rows;
+use super::regressor::BEYOND_NOISE;
 use crate::earth;
 use crate::mechanization::{self, Increment, Motion};
 use crate::rotation::{exp, skew};
 use crate::sample::{ImuSample, SampleKind};
-use nalgebra::{Matrix3, Vector3};
+use nalgebra::Matrix3;
 
 /// A gap between samples longer than this is not integrated as if nothing had happened, s.
 const GAP_S: f64 = 0.25;
-/// Biases known to this share of the former sigma are known much better.
-const MUCH_BETTER: f64 = 0.25;
-/// What differs from the last value by more than so many sigmas of the noise is motion …
-const BEYOND_NOISE: f64 = 4.0;
-/// … and what does not is averaged over this time, s.
-const STEADY_S: f64 = 0.5;
 /// What an unseen vehicle may do in a gap: rate, rad/s, and acceleration, m/s².
 const GAP_MOTION: (f64, f64) = (0.5, 5.0);
 
@@ -35,8 +30,9 @@ impl Filter {
         let motion = self.calibration.motion(&self.model, sample);
         let inc = Increment::between(&self.motion, &motion, self.kind, dt);
         std::mem::swap(&mut self.jacobian, &mut self.start_jacobian);
-        self.regressor = self.without_noise(&self.settled.calibration.motion(&self.model, sample), dt);
-        self.calibration.jacobian(&self.model, &self.layout, sample, &self.regressor, &mut self.jacobian);
+        self.regressor.take(&motion, self.noise_band(dt), dt);
+        let seen = self.regressor.motion();
+        self.calibration.jacobian(&self.model, &self.layout, sample, &seen, &mut self.jacobian);
         let decay = self.wander_decay(dt);
         self.transition(&inc);
         self.carry_along(sample, &motion, &inc, decay);
@@ -89,7 +85,8 @@ impl Filter {
     /// The first sample: nothing to integrate yet, but the filter's own time counts from here.
     fn start_at(&mut self, sample: &ImuSample) {
         self.last = Some(*sample);
-        self.regressor = self.settled.calibration.motion(&self.model, sample);
+        self.motion = self.calibration.motion(&self.model, sample);
+        self.regressor.start(&self.motion);
         self.refresh_motion();
         let dt = sample.t_s - self.t_s;
         if dt > 0.0 && self.kind == SampleKind::IntervalMean {
@@ -101,46 +98,22 @@ impl Filter {
         }
     }
 
-    /// The motion as the constants see it. Noise of the accelerometers is not felt by the gyros: taken as excitation it
-    /// would make G known to a vehicle that stands (errors in variables, Fuller 1987, section 1.1). So what lies within
-    /// the noise of the last value is averaged over [`STEADY_S`], and what exceeds it is taken at once.
-    fn without_noise(&self, motion: &Motion, dt: f64) -> Motion {
+    /// How far noise reaches in one sample of rate, rad/s, and force, m/s².
+    fn noise_band(&self, dt: f64) -> (f64, f64) {
         let imu = &self.model.imu;
         let band = |n: f64, extra: f64| BEYOND_NOISE * ((n * n + extra) / dt.max(1e-4)).sqrt();
-        let share = (dt / STEADY_S).min(1.0);
-        let toward = |old: &Vector3<f64>, new: &Vector3<f64>, band: f64| {
-            old.zip_map(new, |o, n| if (n - o).abs() < band { o + share * (n - o) } else { n })
-        };
-        Motion {
-            rate: toward(&self.regressor.rate, &motion.rate, band(imu.gyro_noise, self.extra_noise.0)),
-            force: toward(&self.regressor.force, &motion.force, band(imu.accel_noise, self.extra_noise.1)),
-        }
-    }
-
-    /// Takes biases over for the regressors once all three are known much better than those in use. Linearising about
-    /// every new estimate would make the motion seem to change with it (first-estimates Jacobian, Huang, Mourikis &
-    /// Roumeliotis 2010).
-    pub(super) fn settle(&mut self) {
-        let worst = |at: usize| (0..3).map(|k| self.p.sigma(at + k)).fold(0.0, f64::max);
-        let (gyro, accel) = (worst(index::GYRO_BIAS), worst(index::ACCEL_BIAS));
-        if gyro < MUCH_BETTER * self.settled.gyro_sigma {
-            self.settled.gyro_sigma = gyro;
-            self.settled.calibration.gyro_bias = self.calibration.gyro_bias;
-            self.settled.calibration.parameters.clone_from(&self.calibration.parameters);
-        }
-        if accel < MUCH_BETTER * self.settled.accel_sigma {
-            self.settled.accel_sigma = accel;
-            self.settled.calibration.accel_bias = self.calibration.accel_bias;
-            self.settled.calibration.parameters.clone_from(&self.calibration.parameters);
-        }
+        (band(imu.gyro_noise, self.extra_noise.0), band(imu.accel_noise, self.extra_noise.1))
     }
 
     /// Motion and Jacobian of the last sample anew, after the calibration changed.
     pub(super) fn refresh_motion(&mut self) {
         let Some(last) = self.last else { return };
-        self.motion = self.calibration.motion(&self.model, &last);
+        let motion = self.calibration.motion(&self.model, &last);
+        self.regressor.estimate_changed(&self.motion, &motion);
+        self.motion = motion;
+        let seen = self.regressor.motion();
         let mut jacobian = std::mem::take(&mut self.jacobian);
-        self.calibration.jacobian(&self.model, &self.layout, &last, &self.regressor, &mut jacobian);
+        self.calibration.jacobian(&self.model, &self.layout, &last, &seen, &mut jacobian);
         self.jacobian = jacobian;
     }
 

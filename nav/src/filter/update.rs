@@ -122,7 +122,6 @@ impl Filter {
         if outcome.velocity.recovered {
             self.believe_velocity(fix);
         }
-        self.settle();
         outcome
     }
 

@@ -132,6 +132,8 @@ impl Filter {
         self.p.transform(&Dense(std::array::from_fn(|i| std::array::from_fn(|j| inverse[(i, j)]))));
         self.carried = Some(mean);
         self.refresh_motion();
+        self.regressor.let_through();
+        self.refresh_motion();
         Some(())
     }
 
