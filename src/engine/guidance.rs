@@ -202,7 +202,9 @@ impl Guide {
             (Some(one), Some(two)) if rate(two) > BETTER_AS_PAIR * rate(one) => Some(two),
             (one, two) => one.or(two),
         };
-        let worth = best.filter(|b| now > 1.0 && gain(b) > WORTH_FLYING);
+        // Close to the targets half of the rest is worth it.
+        let least = WORTH_FLYING.min(0.5 * now.ln());
+        let worth = best.filter(|b| now > 1.0 && gain(b) > least);
         self.done = worth.is_none();
         let Some(best) = worth else {
             self.asked = None;
@@ -348,7 +350,8 @@ fn within_reach(before: &[NamedSigma], candidates: &[Candidate]) -> Vec<bool> {
     let times: Vec<f64> = before.iter().enumerate().map(time_s).collect();
     let nearest = times.iter().copied().filter(|t| *t > 0.0).fold(f64::INFINITY, f64::min);
     let longest = HORIZON_S.max(NEAREST * nearest).min(OUT_OF_REACH_S);
-    times.into_iter().map(|t| t <= longest).collect()
+    // What is known already would only dilute the mean.
+    times.into_iter().map(|t| t > 0.0 && t <= longest).collect()
 }
 
 /// How far a state has come toward its target, in the logarithm.
