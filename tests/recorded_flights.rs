@@ -4,6 +4,7 @@
 
 mod support;
 
+use gaware::commands::ListenArgs;
 use gaware::commands::replay::{ReplayArgs, replay};
 use gaware::engine::{Engine, EngineOptions};
 use gaware::study::recorded;
@@ -30,8 +31,7 @@ fn replayed(log: &Path) -> Value {
         json: true,
         model: None,
         baseline: None,
-        source: None,
-        vehicle: None,
+        listen: ListenArgs::default(),
         truth_from: 150.0,
     };
     let (_, document) = replay(&args, |model| Engine::new(model, EngineOptions::default())).unwrap();
@@ -172,6 +172,21 @@ fn real_logs_give_finite_numbers_and_an_honest_status() {
             assert!(value.abs() < G_LARGEST, "{}: g{r}{c} {value}", real.file);
         }
         assert!(real.learns || elements.iter().all(|(.., sigma)| *sigma >= 0.97 * PRIOR), "{}", real.file);
+        if !real.learns {
+            let observability = &document["observability"];
+            for condition in ["a", "b", "c"] {
+                assert_eq!(
+                    observability["conditions"][condition]["met"], false,
+                    "{}: {condition}",
+                    real.file
+                );
+            }
+            let states = observability["states"].as_array().unwrap();
+            for state in states.iter().filter(|s| s["name"].as_str().unwrap().starts_with('g')) {
+                let status = state["status"].as_str().unwrap();
+                assert!(!["observable", "converging"].contains(&status), "{}: {state}", real.file);
+            }
+        }
         let smallest = elements.iter().map(|e| e.3).fold(f64::INFINITY, f64::min);
         println!("{}: NIS/dof {nis:.3}, smallest sigma of G {smallest:.0} deg/h/g; {told}", real.file);
     }

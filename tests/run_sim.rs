@@ -164,3 +164,51 @@ fn after_kill_9_the_recording_lacks_at_most_a_second() {
     assert!(document["imu"]["samples"].as_u64().unwrap() > 500);
     support::assert_finite(&document, "killed");
 }
+
+/// Messages that a status line says were skipped.
+fn skipped(line: &str) -> u64 {
+    let words: Vec<&str> = line.split("; ").collect();
+    words.iter().find_map(|w| w.strip_suffix(" skipped")?.parse().ok()).unwrap_or(0)
+}
+
+#[test]
+fn a_full_disk_costs_only_what_it_cannot_hold_and_that_is_counted_and_shown() {
+    let folder = Folder::new("full");
+    let recording = folder.file("flight.mcap");
+    let vehicle = Gaware::start(&[
+        "sim",
+        "--scenario",
+        "fixed_wing",
+        "--listen",
+        "tcpin:127.0.0.1:0",
+        "--speed",
+        "10",
+        "--until",
+        "60",
+    ]);
+    let address = vehicle.line();
+    // 256 kB: some seconds of this flight.
+    let station = Gaware::start_on_a_small_disk(
+        512,
+        &["run", "--connect", &address, "--record", &recording, "--headless", "--json"],
+    );
+    station.line_with("recording failed, messages are lost");
+    let shown = station.line_with("RECORDER FAILED");
+    assert!(shown.contains("not written"), "{shown}");
+    assert_eq!(vehicle.ended().code(), Some(0));
+    let last = station.line_with(" skipped");
+    assert!(skipped(&last) > 0, "{last}");
+    station.line_with("link is down");
+    station.terminate();
+    let ended = station.ended();
+    assert_eq!(ended.code(), Some(0), "{}", ended.stderr);
+    // The estimation has seen the whole flight.
+    let document = ended.json();
+    assert_eq!(document["phase"], "running", "{document:#}");
+    assert!(document["duration_s"].as_f64().unwrap() > 50.0, "{document:#}");
+    assert!(document["imu"]["samples"].as_u64().unwrap() > 3_000, "{document:#}");
+    // What the disk could hold is there and can be read.
+    assert!(std::fs::metadata(&recording).unwrap().len() <= 512 * 1024);
+    let (recorded_s, frames) = end_of(Path::new(&recording));
+    assert!(recorded_s > 1.0 && frames > 100, "{recorded_s} s, {frames} frames");
+}

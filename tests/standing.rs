@@ -5,7 +5,7 @@
 
 mod support;
 
-use gaware::engine::snapshot::{Phase, Summary};
+use gaware::engine::snapshot::{Phase, Status, Summary};
 use gaware::engine::{Engine, EngineOptions};
 use gaware_nav::model::Model;
 use gaware_nav::sample::Sample;
@@ -38,6 +38,27 @@ fn assert_nothing_learnt(s: &Summary) {
     assert!(smallest_sigma(s) >= STANDING_SHARE * PRIOR, "{:?}", s.estimate.g_sensitivity_deg_per_h_per_g);
     let c = &s.observability.conditions;
     assert!(!c.a.met && !c.b.met && !c.c.met, "{c:?}");
+    let of_g: Vec<_> = s.observability.states.iter().filter(|s| s.name.starts_with('g')).collect();
+    assert_eq!(of_g.len(), 9);
+    assert!(of_g.iter().all(|s| s.status <= Status::Weak), "{of_g:?}");
+}
+
+/// A running engine shakes the accelerometers by 3 m/s² RMS and the gyros with them: that is no excitation.
+#[test]
+fn ten_minutes_of_vibration_on_the_bench_meet_no_condition() {
+    let mut sum = (0.0, 0_u32);
+    let engine = fly("bench_vibration", 600.0, |s| {
+        if let Sample::Imu(imu) = s {
+            let gravity = 9.81;
+            sum = (sum.0 + (imu.accel.norm() - gravity).powi(2), sum.1 + 1);
+        }
+        true
+    });
+    assert!((sum.0 / f64::from(sum.1)).sqrt() > 1.0, "it shakes along gravity: {sum:?}");
+    let summary = engine.summary();
+    assert_nothing_learnt(&summary);
+    assert_eq!(summary.phase, Phase::Running);
+    assert!(summary.waiting_for.contains("standing"), "{}", summary.waiting_for);
 }
 
 #[test]

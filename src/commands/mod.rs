@@ -17,9 +17,28 @@ pub mod truth_comparison;
 
 use crate::link::address::AddressError;
 use crate::logs::LogError;
+use crate::sensors::{ConverterOptions, ImuSource};
 use crate::sinks::recorder::RecorderError;
 use gaware_nav::model::{Model, ModelError};
 use std::path::{Path, PathBuf};
+
+/// Whose samples are taken, in `run` and in `replay`.
+#[derive(Debug, Clone, Default, clap::Args)]
+pub struct ListenArgs {
+    /// Take inertial samples from this message (default: the best that arrives).
+    #[arg(long, value_name = "MESSAGE")]
+    pub source: Option<ImuSource>,
+    /// Listen to this system id (default: the first autopilot).
+    #[arg(long, value_name = "ID")]
+    pub vehicle: Option<u8>,
+}
+
+impl ListenArgs {
+    /// For the converter.
+    pub fn options(&self) -> ConverterOptions {
+        ConverterOptions { vehicle: self.vehicle, source: self.source }
+    }
+}
 
 /// Why a command failed; the text says what to do.
 #[derive(Debug, thiserror::Error)]

@@ -1,14 +1,13 @@
 //! `gaware replay LOG`: the pipeline over a recorded flight.
 
 use super::pipeline::{Estimator, Pipeline};
-use super::{CommandError, baseline, load_model, parse_model, print};
+use super::{CommandError, ListenArgs, baseline, load_model, parse_model, print, progress_bar};
 use crate::logs::{self, Damage, LogError};
-use crate::sensors::{ConverterOptions, ImuSource};
+use crate::sensors::ConverterOptions;
 use gaware_nav::model::Model;
-use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
 use serde_json::{Map, Value, json};
-use std::io::{IsTerminal, Write};
-use std::path::{Path, PathBuf};
+use std::io::Write;
+use std::path::PathBuf;
 
 /// Records between two looks at the progress.
 const PROGRESS_EVERY: u64 = 4096;
@@ -27,12 +26,9 @@ pub struct ReplayArgs {
     /// Compare the result with this earlier one and fail when it left its tolerance.
     #[arg(long, value_name = "FILE")]
     pub baseline: Option<PathBuf>,
-    /// Take inertial samples from this message (default: the best that arrives).
-    #[arg(long, value_name = "MESSAGE")]
-    pub source: Option<ImuSource>,
-    /// Listen to this system id (default: the first autopilot).
-    #[arg(long, value_name = "ID")]
-    pub vehicle: Option<u8>,
+    /// Whom to listen to.
+    #[command(flatten)]
+    pub listen: ListenArgs,
     /// Compare with the truth of a simulated flight from this many seconds after the start.
     #[arg(long, value_name = "SECONDS", default_value_t = 150.0)]
     pub truth_from: f64,
@@ -74,12 +70,12 @@ pub fn replay<E: Estimator>(
     };
     let recorded = setup.map(|s| s.converter).unwrap_or_default();
     let options = ConverterOptions {
-        source: args.source.or(recorded.source),
-        vehicle: args.vehicle.or(recorded.vehicle),
+        source: args.listen.source.or(recorded.source),
+        vehicle: args.listen.vehicle.or(recorded.vehicle),
     };
     let mut pipeline = Pipeline::new(options, make(model), args.truth_from);
     pipeline.set_autopilot(reader.autopilot());
-    let bar = progress_bar(&args.log, reader.progress().total_bytes);
+    let bar = progress_bar(reader.progress().total_bytes, "bytes");
     let mut records = 0_u64;
     while let Some(record) = reader.next() {
         match record {
@@ -116,19 +112,4 @@ fn tell_damage(damage: Damage, document: &mut Map<String, Value>) {
             damage.skipped_bytes, damage.bad_records
         )));
     }
-}
-
-/// Progress on a terminal only.
-fn progress_bar(log: &Path, total_bytes: u64) -> ProgressBar {
-    let target = if std::io::stderr().is_terminal() {
-        ProgressDrawTarget::stderr()
-    } else {
-        ProgressDrawTarget::hidden()
-    };
-    let bar = ProgressBar::with_draw_target(Some(total_bytes), target);
-    if let Ok(style) = ProgressStyle::with_template("{msg} [{bar:40}] {percent}% {eta}") {
-        bar.set_style(style);
-    }
-    bar.set_message(log.file_name().map(|n| n.to_string_lossy().into_owned()).unwrap_or_default());
-    bar
 }

@@ -2,7 +2,7 @@
 //! recorded, so that a replay of the recording repeats the run.
 
 use super::pipeline::{Estimator, Pipeline};
-use super::{CommandError, load_model, print};
+use super::{CommandError, ListenArgs, load_model, print};
 use crate::engine::snapshot::Snapshot;
 use crate::link::address::Address;
 use crate::link::endpoint::{LinkStatus, Links, ReceiveClock, Received};
@@ -65,12 +65,9 @@ pub struct RunArgs {
     /// maneuver is proposed.
     #[arg(long, value_name = "NAME|FILE")]
     pub airframe: Option<String>,
-    /// Take inertial samples from this message (default: the best that arrives).
-    #[arg(long, value_name = "MESSAGE")]
-    pub source: Option<ImuSource>,
-    /// Listen to this system id (default: the first autopilot).
-    #[arg(long, value_name = "ID")]
-    pub vehicle: Option<u8>,
+    /// Whom to listen to.
+    #[command(flatten)]
+    pub listen: ListenArgs,
     /// Sign with this key (32 bytes or 64 hexadecimal digits) and believe only frames signed with it. The last time used
     /// is kept beside it.
     #[arg(long, value_name = "FILE")]
@@ -185,7 +182,7 @@ pub async fn serve<E: Estimator>(
 ) -> Result<(Pipeline<E>, Map<String, Value>), CommandError> {
     let model = args.model.as_deref().map_or_else(|| Ok(Model::standard()), load_model)?;
     let clock = ReceiveClock::start();
-    let options = ConverterOptions { vehicle: args.vehicle, source: args.source };
+    let options = args.listen.options();
     let guard = args.signing_key.as_deref().map(|path| Guard::load(path, clock.now_us())).transpose()?;
     let recorder = start_recorder(args, &model, options, clock.now_us())?;
     // The engine gets the model as a replay will read it, to the last digit.
@@ -202,7 +199,7 @@ pub async fn serve<E: Estimator>(
         guard,
         events: Vec::new(),
         imu_hz: usable_rate(args),
-        source: args.source,
+        source: args.listen.source,
     };
     session.until(stop, args.duration).await;
     let document = session.pipeline.document();

@@ -7,6 +7,7 @@ use crate::engine::snapshot::{Phase, Snapshot};
 use crate::engine::{Engine, EngineOptions};
 use crate::link::framer::FramerStats;
 use crate::mission_link::uploader::{Planned, Uploader};
+use crate::sinks::recorder::RecorderStats;
 use crate::sinks::status::{
     LinkState, LinkView, MissionState, MissionView, RecorderState, RecorderView, SinkStatus,
 };
@@ -91,7 +92,7 @@ async fn with_sinks(args: &RunArgs) -> Result<(), CommandError> {
     let mut uploads = None;
     if let Some(path) = &args.mission {
         let planned = Planned::load(path).map_err(MissionError::from)?;
-        let uploader = Uploader::new(planned, args.vehicle, frames.subscribe(), raw, status.clone());
+        let uploader = Uploader::new(planned, args.listen.vehicle, frames.subscribe(), raw, status.clone());
         // One at a time; whoever comes second is told so.
         let (sender, receiver) = mpsc::channel(1);
         requests = Some(sender);
@@ -185,6 +186,8 @@ async fn relay(
 ) {
     let mut telemetry = Telemetry::new(TelemetryConfig::default());
     let counters = status.sink("telemetry");
+    let recorded = status.sink("recorder");
+    let mut before = RecorderStats::default();
     let started = Instant::now();
     let mut meter = LinkMeter { frames: 0, since: started, heard: started, rate_hz: 0.0 };
     let mut texts_dropped = 0;
@@ -197,6 +200,11 @@ async fn relay(
         let now = live.borrow_and_update().clone();
         status.set_link(meter.view(&now));
         status.set_recorder(recorder_view(&now));
+        if let Some(stats) = now.recorder {
+            recorded.delivered(stats.written.saturating_sub(before.written));
+            recorded.dropped((stats.failed + stats.dropped).saturating_sub(before.failed + before.dropped));
+            before = stats;
+        }
         let planned = status.mission();
         if std::mem::replace(&mut mission, planned.state) != planned.state {
             telemetry.announce(started.elapsed().as_secs_f64(), &planned);
@@ -249,7 +257,7 @@ fn recorder_view(live: &Live) -> RecorderView {
             (0, lost) => format!("{} items, {lost} lost", stats.written),
             (failed, lost) => format!("{} items, {failed} not written, {lost} lost", stats.written),
         },
-        bytes: 0,
+        bytes: stats.bytes,
     }
 }
 

@@ -3,7 +3,7 @@
 use super::CommandError;
 use crate::demo::{Prepared, Settings};
 use crate::study::parallel::Progress;
-use crate::study::{blind, demo, guidance, observability, paper, recorded, transfer};
+use crate::study::{blind, demo, guidance, honesty, observability, paper, recorded, transfer};
 use gaware_nav::identify::select;
 use serde::Serialize;
 use std::io::Write;
@@ -222,12 +222,12 @@ pub fn run(args: &StudyArgs) -> Result<(), CommandError> {
         }
         StudyKind::Sigmas(args) => {
             let bar = super::progress_bar((args.runs * args.scenarios.len()) as u64, "flights");
-            let settings = observability::HonestySettings {
+            let settings = honesty::HonestySettings {
                 runs: args.runs,
                 seed: args.seed,
                 scenarios: args.scenarios.clone(),
             };
-            let result = observability::honest_sigmas(&settings, &Bar(bar.clone()))?;
+            let result = honesty::honest_sigmas(&settings, &Bar(bar.clone()))?;
             bar.finish_and_clear();
             print_json(&result)?;
         }

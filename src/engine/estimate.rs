@@ -15,6 +15,9 @@ pub const UNKNOWN_ANGLE_DEG: f64 = 103.923_048_454_132_64;
 /// 1-sigma of roll and pitch that gravity alone shows while it is not known whether the vehicle stands, deg.
 const LEVELLED_DEG: f64 = 20.0;
 
+/// An estimate this many prior sigmas away from its prior value is no draw from that prior.
+pub const BEYOND_PRIOR: f64 = 4.0;
+
 /// Values and sigmas of every constant state, from the gyro bias on, SI.
 #[derive(Debug, Clone)]
 pub struct Constants {
@@ -47,6 +50,19 @@ impl Constants {
         sigma.extend([model.imu.accel_bias_sigma; 3]);
         sigma.extend(layout.slots().iter().map(|s| model.effects[s.effect].sigmas[s.parameter]));
         Self { calibration: Calibration::new(model), start: sigma.clone(), sigma, layout }
+    }
+
+    /// Names of the states whose estimates the prior of the model cannot explain.
+    pub fn beyond_prior(&self, model: &Model) -> Vec<&'static str> {
+        let (before, start) = (Calibration::new(model), index::GYRO_BIAS);
+        let states = self.layout.names().iter().zip(&self.start).enumerate();
+        states
+            .filter(|(k, (_, sigma))| {
+                let of = |c: &Calibration| c.get(&self.layout, start + k);
+                (of(&self.calibration) - of(&before)).abs() > BEYOND_PRIOR * **sigma
+            })
+            .map(|(_, (name, _))| name.name)
+            .collect()
     }
 
     /// Biases, G and effects in the units of screens; attitude is left at zero.

@@ -11,7 +11,7 @@ pub mod snapshot;
 mod standing;
 
 use counters::{RateMeter, Timeline, Warnings};
-use estimate::Constants;
+use estimate::{BEYOND_PRIOR, Constants};
 use gaware_mission::airframe::Airframe;
 use gaware_mission::maneuver::Maneuver;
 use gaware_nav::estimator::{Estimator, Stage};
@@ -241,9 +241,9 @@ impl Engine {
         self.estimator.predicted_nav().map(|(t_s, nav)| (t_s, nav.euler().into()))
     }
 
-    /// The maneuver that the guidance asks for.
-    pub fn proposed(&self) -> Option<Maneuver> {
-        self.guide.as_ref().and_then(Guide::proposed)
+    /// The maneuvers that the guidance asks for, to be flown one after the other.
+    pub fn proposed(&self) -> &[Maneuver] {
+        self.guide.as_ref().map_or(&[], Guide::proposed)
     }
 
     /// The filter at the time of its last fix, once there is one.
@@ -281,7 +281,7 @@ impl Engine {
             ),
             guidance: self.guidance(),
             consistency: self.consistency(),
-            warnings: self.warnings(),
+            warnings: self.warnings(&constants),
         }
     }
 
@@ -390,8 +390,15 @@ impl Engine {
         }
     }
 
-    fn warnings(&self) -> Vec<String> {
+    fn warnings(&self, constants: &Constants) -> Vec<String> {
         let mut list = self.warnings.to_vec();
+        let far = constants.beyond_prior(self.estimator.model());
+        if !far.is_empty() {
+            list.push(format!(
+                "{} left what the model expects by more than {BEYOND_PRIOR} of its sigmas: the sensors have an error that the model lacks, and these states take the blame for it",
+                far.join(", ")
+            ));
+        }
         if self.late() > 0 {
             list.push("some fixes came more than 1.5 s after their time and were not used".to_owned());
         }

@@ -103,12 +103,14 @@ fn said(error: &McapError) -> String {
 /// How the recording is doing.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize)]
 pub struct RecorderStats {
-    /// Items written.
+    /// Items that are on the disk.
     pub written: u64,
     /// Items lost because the writer was behind.
     pub dropped: u64,
     /// Items lost because writing failed.
     pub failed: u64,
+    /// Bytes on the disk.
+    pub bytes: u64,
 }
 
 #[derive(Debug, Default)]
@@ -116,6 +118,7 @@ struct Counters {
     written: AtomicU64,
     dropped: AtomicU64,
     failed: AtomicU64,
+    bytes: AtomicU64,
     waiting: AtomicUsize,
 }
 
@@ -144,6 +147,8 @@ impl Recorder {
             path: path.to_owned(),
             setup: setup.clone(),
             output: Some(output),
+            pending: 0,
+            earlier_bytes: 0,
             part: 1,
             retry: Instant::now(),
         };
@@ -173,6 +178,7 @@ impl Recorder {
             written: self.counters.written.load(Ordering::Relaxed),
             dropped: self.counters.dropped.load(Ordering::Relaxed),
             failed: self.counters.failed.load(Ordering::Relaxed),
+            bytes: self.counters.bytes.load(Ordering::Relaxed),
         }
     }
 
@@ -208,6 +214,10 @@ struct Worker {
     path: PathBuf,
     setup: Setup,
     output: Option<Output>,
+    /// Items handed to the file since it was last forced to the disk: a failure loses them all.
+    pending: u64,
+    /// Bytes of the files before this one.
+    earlier_bytes: u64,
     part: u32,
     retry: Instant,
 }
@@ -226,12 +236,22 @@ impl Worker {
             }
             if Instant::now() >= sync {
                 sync = Instant::now() + SYNC_PERIOD;
-                let result = self.output.as_mut().map_or(Ok(()), Output::sync);
-                self.check(result);
+                self.settle(Output::sync);
             }
         }
-        let result = self.output.as_mut().map_or(Ok(()), Output::finish);
-        self.check(result);
+        self.settle(Output::finish);
+    }
+
+    /// Brings what is pending to the disk, and counts it as written or as lost.
+    fn settle(&mut self, how: fn(&mut Output) -> Result<(), McapError>) {
+        let Some(output) = &mut self.output else { return };
+        match how(output).and_then(|()| Ok(output.file.metadata()?.len())) {
+            Ok(bytes) => {
+                self.counters.written.fetch_add(std::mem::take(&mut self.pending), Ordering::Relaxed);
+                self.counters.bytes.store(self.earlier_bytes + bytes, Ordering::Relaxed);
+            }
+            Err(error) => self.give_up(&error),
+        }
     }
 
     fn write(&mut self, item: &RecordItem) {
@@ -244,19 +264,19 @@ impl Worker {
             self.counters.failed.fetch_add(1, Ordering::Relaxed);
             return;
         };
-        let result = output.write(item);
-        let counter = if result.is_ok() { &self.counters.written } else { &self.counters.failed };
-        counter.fetch_add(1, Ordering::Relaxed);
-        self.check(result);
+        self.pending += 1;
+        if let Err(error) = output.write(item) {
+            self.give_up(&error);
+        }
     }
 
-    /// Gives a file up that can no longer be written.
-    fn check(&mut self, result: Result<(), McapError>) {
-        if let Err(error) = result {
-            tracing::error!(%error, path = %self.path.display(), "recording failed, messages are lost");
-            self.output = None;
-            self.retry = Instant::now() + RETRY_PERIOD;
-        }
+    /// Leaves a file that can no longer be written; what was on its way there is lost.
+    fn give_up(&mut self, error: &McapError) {
+        tracing::error!(%error, path = %self.path.display(), "recording failed, messages are lost");
+        self.counters.failed.fetch_add(std::mem::take(&mut self.pending), Ordering::Relaxed);
+        self.earlier_bytes = self.counters.bytes.load(Ordering::Relaxed);
+        self.output = None;
+        self.retry = Instant::now() + RETRY_PERIOD;
     }
 }
 

@@ -19,6 +19,7 @@ use gaware_sitl::sensors::{Flight, SensorConfig, draw_vehicle};
 use gaware_sitl::truth::{Trajectory, Truth};
 use gaware_sitl::vehicle::{Stick, Vehicle, VehicleConfig};
 use serde::Serialize;
+use std::collections::VecDeque;
 use std::sync::{Arc, Mutex, PoisonError};
 
 /// Columns x and z: a coordinated fixed wing excites no others.
@@ -34,7 +35,7 @@ const BAND_M: (f64, f64) = (40.0, 400.0);
 /// Climb angle of take-off and recovery, rad.
 const CLIMB_RAD: f64 = 0.2;
 /// A flight that has not come to its end by then counts as this long, s.
-const LONGEST_S: f64 = 900.0;
+const LONGEST_S: f64 = 1500.0;
 /// Limits of the random strength (share of the full deflection) and of the random length (share of the usual time).
 const STRENGTH: (f64, f64) = (0.25, 1.0);
 const LENGTH: (f64, f64) = (0.5, 1.5);
@@ -173,8 +174,11 @@ impl Setting {
         }
         let vehicle = Shared(Arc::new(Mutex::new(Vehicle::new(self.vehicle(seed)))));
         let flight = Flight::new(Box::new(vehicle.clone()), &truth, self.sensors.clone(), seed);
-        let mut engine =
-            Engine::new(self.belief.clone(), EngineOptions::for_airframe(self.airframe.clone(), false));
+        let options = match policy {
+            Policy::Guided => EngineOptions::for_airframe(self.airframe.clone(), false),
+            Policy::Random => EngineOptions::default(),
+        };
+        let mut engine = Engine::new(self.belief.clone(), options);
         let mut pilot = Pilot::new(self, policy, seed);
         for (sample, truth) in flight {
             engine.feed(&sample);
@@ -255,6 +259,8 @@ struct Pilot<'a> {
     now_s: f64,
     begun_s: Option<f64>,
     under: Option<Under>,
+    /// Asked for, to be flown after it.
+    next: VecDeque<Maneuver>,
     flown: Vec<String>,
 }
 
@@ -268,6 +274,7 @@ impl<'a> Pilot<'a> {
             now_s: 0.0,
             begun_s: None,
             under: None,
+            next: VecDeque::new(),
             flown: Vec::new(),
         }
     }
@@ -312,7 +319,12 @@ impl<'a> Pilot<'a> {
             .is_none_or(|u| self.now_s - u.since_s >= u.length * u.maneuver.duration_s(self.airframe));
         if over {
             self.under = match self.policy {
-                Policy::Guided => engine.proposed().map(|maneuver| (maneuver, 1.0, 1.0)),
+                Policy::Guided => {
+                    if self.next.is_empty() {
+                        self.next.extend(engine.proposed());
+                    }
+                    self.next.pop_front().map(|maneuver| (maneuver, 1.0, 1.0))
+                }
                 Policy::Random => {
                     let all = Maneuver::automatic(self.airframe);
                     let at = (self.dice.uniform() * all.len() as f64) as usize;

@@ -3,6 +3,7 @@
 pub mod blind;
 pub mod demo;
 pub mod guidance;
+pub mod honesty;
 pub mod observability;
 pub mod paper;
 pub mod parallel;

@@ -1,27 +1,24 @@
-//! What flights make observable, by each of the three views, and whether the sigmas that say so are honest.
+//! What flights make observable, by each of the three views.
 //!
 //! The table needs no random numbers: the covariance is the information bound along the true trajectory, the conditions see
 //! the true motion, so what it shows is a property of the flight and the sensors (the paper, section 3). Recorded flights go through
-//! the engine instead. The second study flies drawn vehicles through the engine and counts.
+//! the engine instead.
 
 use super::parallel::{Progress, map_runs};
-use super::statistics::wilson_95;
 use crate::engine::observability::{ConditionWatch, observability};
-use crate::engine::snapshot::{Observability, Status};
+use crate::engine::snapshot::Observability;
 use crate::engine::{Engine, EngineOptions};
 use gaware_nav::bound::InformationBound;
-use gaware_nav::effects::{GpsLatency, unit};
-use gaware_nav::filter::calibration::Calibration;
-use gaware_nav::filter::layout::Layout;
-use gaware_nav::filter::{Filter, Initial};
+use gaware_nav::effects::unit;
+use gaware_nav::filter::Initial;
 use gaware_nav::mechanization::{Motion, NavState};
-use gaware_nav::model::{EffectSetting, GElements, Model};
+use gaware_nav::model::{GElements, Model};
 use gaware_nav::observability::conditions::PathConditions;
 use gaware_nav::observability::segments::{PathSegment, SegmentSample};
 use gaware_nav::observability::words::VehicleKind;
 use gaware_nav::sample::{FixVelocity, ImuStream, Sample, SampleKind};
 use gaware_sitl::scenario::{Airframe, Scenario, scenario};
-use gaware_sitl::sensors::{SensorConfig, draw_vehicle};
+use gaware_sitl::sensors::SensorConfig;
 use gaware_sitl::trajectory::Flown;
 use gaware_sitl::trajectory::bench::Bench;
 use gaware_sitl::trajectory::fixed_wing::FixedWing;
@@ -33,7 +30,7 @@ const STRETCH_S: f64 = 5.0;
 /// 1-sigma of the start: position m, velocity m/s, tilt and heading rad.
 const START_SIGMA: (f64, f64, [f64; 3]) = (2.0, 0.5, [0.05, 0.05, 0.14]);
 /// Prior of an element of G on the paper's sensors, three times its value there.
-const PAPER_G_SIGMA: f64 = 30.0 * unit::DEG_PER_H_PER_G.si;
+pub(super) const PAPER_G_SIGMA: f64 = 30.0 * unit::DEG_PER_H_PER_G.si;
 
 /// What can go wrong.
 #[derive(Debug, thiserror::Error)]
@@ -127,7 +124,7 @@ fn vehicle_of(scenario: &Scenario) -> VehicleKind {
     }
 }
 
-fn find(name: &str) -> Result<Scenario, ObservabilityError> {
+pub(super) fn find(name: &str) -> Result<Scenario, ObservabilityError> {
     scenario(name).ok_or_else(|| ObservabilityError::UnknownScenario(name.to_owned()))
 }
 
@@ -311,123 +308,11 @@ fn start(truth: &Truth) -> Initial {
     }
 }
 
-/// What to fly for honest sigmas.
-#[derive(Debug, Clone)]
-pub struct HonestySettings {
-    /// Flights per scenario.
-    pub runs: usize,
-    /// First seed.
-    pub seed: u64,
-    /// Scenarios.
-    pub scenarios: Vec<String>,
-}
-
-/// One scenario over all flights.
-#[derive(Debug, Clone, Serialize)]
-pub struct Honesty {
-    /// Scenario.
-    pub scenario: String,
-    /// Flights.
-    pub runs: usize,
-    /// States called observable at the end, over all flights.
-    pub called_observable: usize,
-    /// Of these within 2 sigma of truth.
-    pub within_2_sigma: usize,
-    /// Their share.
-    pub share: f64,
-    /// 95 % interval of that share, as if states were independent (Wilson 1927).
-    pub interval_95: [f64; 2],
-    /// Called observable, within 2 sigma, by state.
-    pub by_state: Vec<(String, usize, usize)>,
-}
-
-/// Of the states called observable, how many lie within 2 sigma of truth: drawn vehicles through the engine.
-///
-/// # Errors
-/// An unknown scenario, or fewer than two runs.
-pub fn honest_sigmas(
-    settings: &HonestySettings,
-    progress: &dyn Progress,
-) -> Result<Vec<Honesty>, ObservabilityError> {
-    if settings.runs < 2 {
-        return Err(ObservabilityError::TooFewRuns);
-    }
-    let scenarios = settings.scenarios.iter().map(|name| find(name)).collect::<Result<Vec<_>, _>>()?;
-    Ok(scenarios.iter().map(|scenario| honesty(scenario, settings, progress)).collect())
-}
-
-fn honesty(scenario: &Scenario, settings: &HonestySettings, progress: &dyn Progress) -> Honesty {
-    let runs =
-        map_runs(settings.runs, progress, |k| one_flight(scenario, settings.seed.wrapping_add(k as u64)));
-    let mut by_state: Vec<(String, usize, usize)> = Vec::new();
-    for (name, inside) in runs.into_iter().flatten() {
-        let entry = match by_state.iter().position(|s| s.0 == name) {
-            Some(at) => &mut by_state[at],
-            None => {
-                by_state.push((name, 0, 0));
-                let last = by_state.len() - 1;
-                &mut by_state[last]
-            }
-        };
-        entry.1 += 1;
-        entry.2 += usize::from(inside);
-    }
-    let (called, within) = by_state.iter().fold((0, 0), |s, e| (s.0 + e.1, s.1 + e.2));
-    Honesty {
-        scenario: scenario.name.to_owned(),
-        runs: settings.runs,
-        called_observable: called,
-        within_2_sigma: within,
-        share: within as f64 / called.max(1) as f64,
-        interval_95: wilson_95(within, called),
-        by_state,
-    }
-}
-
-/// What the engine believes before the flight: the noise of these sensors, nothing of their constants.
-fn belief(scenario: &Scenario) -> Model {
-    let mut model = Model::standard();
-    model.imu = scenario.model.imu.clone();
-    (model.imu.gyro_bias, model.imu.accel_bias) = ([0.0; 3], [0.0; 3]);
-    model.gnss = scenario.model.gnss.clone();
-    if scenario.name == "paper" {
-        model = model.with_g(GElements::Full, Some(PAPER_G_SIGMA));
-    }
-    if scenario.model.get("gps_latency").is_none() {
-        model.set(EffectSetting { effect: &GpsLatency, values: vec![0.0], sigmas: vec![0.0] });
-    }
-    model
-}
-
-/// Name and whether within 2 sigma, of every state called observable after one flight of a drawn vehicle.
-fn one_flight(scenario: &Scenario, seed: u64) -> Vec<(String, bool)> {
-    let belief = belief(scenario);
-    let mut vehicle = draw_vehicle(&belief, seed);
-    for setting in vehicle.effects.iter_mut().filter(|s| s.effect.name() == "gps_latency") {
-        // A fix does not come before it was measured.
-        setting.values.iter_mut().for_each(|v| *v = v.max(0.0));
-    }
-    let flight =
-        gaware_sitl::sensors::Flight::new(scenario.trajectory(), &vehicle, scenario.sensors.clone(), seed);
-    let mut engine = Engine::new(belief, EngineOptions::default());
-    flight.for_each(|(sample, _)| engine.feed(&sample));
-    let Some(filter) = engine.filter() else { return Vec::new() };
-    let views = engine.snapshot().observability;
-    let (layout, truth) = (Layout::new(&vehicle), Calibration::new(&vehicle));
-    let observable = views.states.iter().filter(|s| s.status == Status::Observable);
-    observable.filter_map(|s| Some((s.name.clone(), inside(filter, &layout, &truth, &s.name)?))).collect()
-}
-
-fn inside(filter: &Filter, layout: &Layout, truth: &Calibration, name: &str) -> Option<bool> {
-    let state = filter.layout().find(name)?;
-    let error = filter.calibration().get(filter.layout(), state) - truth.get(layout, layout.find(name)?);
-    Some(error.abs() <= 2.0 * filter.covariance().sigma(state))
-}
-
 #[cfg(test)]
 mod tests {
     use super::super::parallel::Silent;
     use super::*;
+    use crate::engine::snapshot::Status;
 
     fn row(name: &str, k: usize) -> Row {
         of_scenario(name, &Silent).unwrap().rows.remove(k)

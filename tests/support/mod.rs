@@ -46,8 +46,17 @@ impl Ended {
 impl Gaware {
     /// Starts the binary.
     pub fn start(args: &[&str]) -> Self {
-        let mut child = Command::new(env!("CARGO_BIN_EXE_gaware"))
-            .args(args)
+        Self::of(Command::new(env!("CARGO_BIN_EXE_gaware")).args(args), args)
+    }
+
+    /// Starts the binary where no file may grow beyond this many blocks of 512 bytes: to it the disk is full then.
+    pub fn start_on_a_small_disk(blocks: u32, args: &[&str]) -> Self {
+        let line = format!("trap '' XFSZ; ulimit -f {blocks}; exec \"$0\" \"$@\"");
+        Self::of(Command::new("sh").args(["-c", &line, env!("CARGO_BIN_EXE_gaware")]).args(args), args)
+    }
+
+    fn of(command: &mut Command, args: &[&str]) -> Self {
+        let mut child = command
             .env_remove("RUST_LOG")
             .stdin(Stdio::null())
             .stdout(Stdio::piped())

@@ -223,6 +223,13 @@ fn setting_from_toml(effect: &'static dyn Effect, value: &Value) -> Result<Effec
         given |= v.is_some() || s.is_some();
         for sigma in s.iter().flatten() {
             not_negative(&sigma_key, *sigma)?;
+            if *sigma > 0.0 && !group.is_state() {
+                return Err(ModelError::Value {
+                    key: sigma_key,
+                    value: *sigma / group.unit.si,
+                    reason: "no filter can estimate this parameter; give its value alone",
+                });
+            }
         }
         values.extend(v.unwrap_or_else(|| vec![0.0; group.shape.len()]));
         sigmas.extend(s.unwrap_or_else(|| vec![0.0; group.shape.len()]));
@@ -349,5 +356,7 @@ mod tests {
         );
         assert!(error(&format!("{head}[imu]\ngyro_noise_deg_per_s_per_rthz = -1.0")).contains("positive"));
         assert!(error(&format!("{head}[imu]\ngyro_nois = 1.0")).contains("gyro_nois"));
+        let step = error(&format!("{head}[effects.gyro_bias_step]\nvalue_s = 40.0\nsigma_s = 1.0"));
+        assert!(step.contains("sigma_s") && step.contains("value alone"), "{step}");
     }
 }

@@ -59,8 +59,7 @@ fn replay_args(log: &Path) -> ReplayArgs {
         json: true,
         model: None,
         baseline: None,
-        source: None,
-        vehicle: None,
+        listen: ListenArgs::default(),
         truth_from: 150.0,
     }
 }

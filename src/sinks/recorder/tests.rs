@@ -78,7 +78,8 @@ fn a_recording_gives_back_the_frames_in_order_and_the_set_up() {
     }
     recorder.record(RecordItem::Log(0, Severity::Warning, "told".to_owned()));
     let stats = recorder.finish();
-    assert_eq!(stats, RecorderStats { written: 2001, dropped: 0, failed: 0 });
+    let bytes = std::fs::metadata(&*path).unwrap().len();
+    assert_eq!(stats, RecorderStats { written: 2001, dropped: 0, failed: 0, bytes });
     let (frames, damage) = read(&path);
     assert!(!damage.any(), "{damage:?}");
     assert_eq!(frames.len(), 1000);

@@ -1,0 +1,179 @@
+//! Honest sigmas: of the states that are called observable, how far the estimates are from the truth, over many drawn vehicles.
+
+use super::observability::{ObservabilityError, PAPER_G_SIGMA, find};
+use super::parallel::{Progress, map_runs};
+use super::statistics::wilson_95;
+use crate::engine::snapshot::Status;
+use crate::engine::{Engine, EngineOptions};
+use gaware_nav::effects::GpsLatency;
+use gaware_nav::filter::Filter;
+use gaware_nav::filter::calibration::Calibration;
+use gaware_nav::filter::layout::Layout;
+use gaware_nav::model::{EffectSetting, GElements, Model};
+use gaware_sitl::scenario::Scenario;
+use gaware_sitl::sensors::draw_vehicle;
+use serde::Serialize;
+
+/// What to fly for honest sigmas.
+#[derive(Debug, Clone)]
+pub struct HonestySettings {
+    /// Flights per scenario.
+    pub runs: usize,
+    /// First seed.
+    pub seed: u64,
+    /// Scenarios.
+    pub scenarios: Vec<String>,
+}
+
+/// One scenario over all flights.
+#[derive(Debug, Clone, Serialize)]
+pub struct Honesty {
+    /// Scenario.
+    pub scenario: String,
+    /// Flights.
+    pub runs: usize,
+    /// States called observable at the end, over all flights.
+    pub called_observable: usize,
+    /// Of these within 2 sigma of truth.
+    pub within_2_sigma: usize,
+    /// Their share.
+    pub share: f64,
+    /// 95 % interval of that share, as if states were independent (Wilson 1927).
+    pub interval_95: [f64; 2],
+    /// State by state, those that were called observable at least once.
+    pub by_state: Vec<StateHonesty>,
+}
+
+/// One state over all flights that made it observable.
+#[derive(Debug, Clone, Serialize)]
+pub struct StateHonesty {
+    /// Name.
+    pub name: String,
+    /// Flights in which it was called observable.
+    pub called_observable: usize,
+    /// Of these within 2 sigma of truth.
+    pub within_2_sigma: usize,
+    /// Their share.
+    pub share: f64,
+    /// 95 % interval of that share (Wilson 1927).
+    pub interval_95: [f64; 2],
+    /// RMS of error over sigma: 1 for an honest filter.
+    pub rms_error_over_sigma: f64,
+    /// Mean of error over sigma: 0 without a bias.
+    pub mean_error_over_sigma: f64,
+}
+
+impl StateHonesty {
+    fn of(name: &str, errors: &[f64]) -> Self {
+        let n = errors.len().max(1) as f64;
+        let within = errors.iter().filter(|e| e.abs() <= 2.0).count();
+        Self {
+            name: name.to_owned(),
+            called_observable: errors.len(),
+            within_2_sigma: within,
+            share: within as f64 / n,
+            interval_95: wilson_95(within, errors.len()),
+            rms_error_over_sigma: (errors.iter().map(|e| e * e).sum::<f64>() / n).sqrt(),
+            mean_error_over_sigma: errors.iter().sum::<f64>() / n,
+        }
+    }
+}
+
+/// Of the states called observable, how many lie within 2 sigma of truth: drawn vehicles through the engine.
+///
+/// # Errors
+/// An unknown scenario, or fewer than two runs.
+pub fn honest_sigmas(
+    settings: &HonestySettings,
+    progress: &dyn Progress,
+) -> Result<Vec<Honesty>, ObservabilityError> {
+    if settings.runs < 2 {
+        return Err(ObservabilityError::TooFewRuns);
+    }
+    let scenarios = settings.scenarios.iter().map(|name| find(name)).collect::<Result<Vec<_>, _>>()?;
+    Ok(scenarios.iter().map(|scenario| honesty(scenario, settings, progress)).collect())
+}
+
+fn honesty(scenario: &Scenario, settings: &HonestySettings, progress: &dyn Progress) -> Honesty {
+    let runs =
+        map_runs(settings.runs, progress, |k| one_flight(scenario, settings.seed.wrapping_add(k as u64)));
+    let errors: Vec<&(String, f64)> = runs.iter().flatten().collect();
+    let mut names: Vec<&str> = Vec::new();
+    for (name, _) in &errors {
+        if !names.contains(&name.as_str()) {
+            names.push(name);
+        }
+    }
+    let by_state: Vec<StateHonesty> = names
+        .into_iter()
+        .map(|name| {
+            let of_it: Vec<f64> = errors.iter().filter(|e| e.0 == name).map(|e| e.1).collect();
+            StateHonesty::of(name, &of_it)
+        })
+        .collect();
+    let within = by_state.iter().map(|s| s.within_2_sigma).sum();
+    Honesty {
+        scenario: scenario.name.to_owned(),
+        runs: settings.runs,
+        called_observable: errors.len(),
+        within_2_sigma: within,
+        share: within as f64 / errors.len().max(1) as f64,
+        interval_95: wilson_95(within, errors.len()),
+        by_state,
+    }
+}
+
+/// What the engine believes before the flight: the noise of these sensors, nothing of their constants.
+fn belief(scenario: &Scenario) -> Model {
+    let mut model = Model::standard();
+    model.imu = scenario.model.imu.clone();
+    (model.imu.gyro_bias, model.imu.accel_bias) = ([0.0; 3], [0.0; 3]);
+    model.gnss = scenario.model.gnss.clone();
+    if scenario.name == "paper" {
+        model = model.with_g(GElements::Full, Some(PAPER_G_SIGMA));
+    }
+    if scenario.model.get("gps_latency").is_none() {
+        model.set(EffectSetting { effect: &GpsLatency, values: vec![0.0], sigmas: vec![0.0] });
+    }
+    model
+}
+
+/// Name and error over sigma of every state called observable after one flight of a drawn vehicle.
+fn one_flight(scenario: &Scenario, seed: u64) -> Vec<(String, f64)> {
+    let belief = belief(scenario);
+    let mut vehicle = draw_vehicle(&belief, seed);
+    for setting in vehicle.effects.iter_mut().filter(|s| s.effect.name() == "gps_latency") {
+        // A fix does not come before it was measured.
+        setting.values.iter_mut().for_each(|v| *v = v.max(0.0));
+    }
+    let flight =
+        gaware_sitl::sensors::Flight::new(scenario.trajectory(), &vehicle, scenario.sensors.clone(), seed);
+    let mut engine = Engine::new(belief, EngineOptions::default());
+    flight.for_each(|(sample, _)| engine.feed(&sample));
+    let Some(filter) = engine.filter() else { return Vec::new() };
+    let views = engine.snapshot().observability;
+    let (layout, truth) = (Layout::new(&vehicle), Calibration::new(&vehicle));
+    let observable = views.states.iter().filter(|s| s.status == Status::Observable);
+    observable
+        .filter_map(|s| Some((s.name.clone(), error_over_sigma(filter, &layout, &truth, &s.name)?)))
+        .collect()
+}
+
+fn error_over_sigma(filter: &Filter, layout: &Layout, truth: &Calibration, name: &str) -> Option<f64> {
+    let state = filter.layout().find(name)?;
+    let error = filter.calibration().get(filter.layout(), state) - truth.get(layout, layout.find(name)?);
+    Some(error / filter.covariance().sigma(state).max(f64::MIN_POSITIVE))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn honest_errors_are_told_as_such() {
+        let state = StateHonesty::of("g11", &[1.0, -1.0, 0.5, -2.5]);
+        assert_eq!((state.called_observable, state.within_2_sigma), (4, 3));
+        assert!((state.rms_error_over_sigma - 1.458).abs() < 1e-3, "{state:?}");
+        assert!((state.mean_error_over_sigma + 0.5).abs() < 1e-12);
+    }
+}
