@@ -74,7 +74,7 @@ impl BoundPredictor {
         }
     }
 
-    /// From the priors of a model, as after levelling on the ground: tilt known to 3°, heading to 10°.
+    /// From the priors of a model, as after levelling on the ground: tilt known to 2°, heading by a compass to 8°.
     pub fn from_priors(
         model: &Model,
         start: &Kinematics,
@@ -83,7 +83,7 @@ impl BoundPredictor {
         targets: Targets,
     ) -> Self {
         let nav = nav_state(&frame, f64::from(home.alt_m), start);
-        let [tilt, heading] = [3.0_f64, 10.0].map(f64::to_radians);
+        let [tilt, heading] = [2.0_f64, 8.0].map(f64::to_radians);
         let initial = Initial {
             t_s: 0.0,
             nav,

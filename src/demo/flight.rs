@@ -24,9 +24,9 @@ pub const TURN_S: f64 = 0.02;
 /// Rate of inertial samples that is asked for, Hz.
 const IMU_HZ: u16 = 100;
 /// The vehicle stands for so long before the upload, s: time to choose the inertial source and to level.
-const STAND_S: f64 = 12.0;
+pub(super) const STAND_S: f64 = 12.0;
 /// Between the upload and the take-off, s.
-const BEFORE_TAKE_OFF_S: f64 = 2.0;
+pub(super) const BEFORE_TAKE_OFF_S: f64 = 2.0;
 /// Time in the hold at the end, s.
 const HOLD_S: f64 = 20.0;
 /// A flight takes no more than this share of its plan and this time beyond, s.

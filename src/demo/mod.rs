@@ -11,7 +11,7 @@ pub mod series;
 use gaware_mission::airframe::Airframe;
 use gaware_mission::fence::{Fence, FencePolygon, LocalFrame};
 use gaware_mission::item::{Autopilot, Home, command};
-use gaware_mission::kinematics::Kinematics;
+use gaware_mission::kinematics::{Kinematics, STEP_S};
 use gaware_mission::planner::{Plan, PlanError, Request, climb_out, plan};
 use gaware_mission::predictor::{BoundPredictor, NamedSigma, Predictor, Targets};
 use gaware_mission::safety::Limits;
@@ -31,6 +31,8 @@ const FIX_INTERVAL_S: f64 = 0.2;
 const HALF_SIDE_M: [f64; 2] = [900.0, 200.0];
 /// Floor and ceiling above home, m, for wings and rotors.
 const BAND_M: [(f64, f64); 2] = [(40.0, 160.0), (15.0, 70.0)];
+/// Time on the ground before a take-off, s.
+const STANDING_S: f64 = flight::STAND_S + flight::BEFORE_TAKE_OFF_S;
 /// Gusts, RMS per axis, m/s.
 const GUST_M_PER_S: f64 = 0.3;
 
@@ -160,7 +162,13 @@ pub fn predictor(belief: &Model, request: &Request) -> BoundPredictor {
         force: Vector3::new(0.0, 0.0, -STANDARD_GRAVITY),
     };
     let frame = LocalFrame::new(request.home.place());
-    BoundPredictor::from_priors(belief, &start, frame, request.home, Targets::default())
+    let mut predictor = BoundPredictor::from_priors(belief, &start, frame, request.home, Targets::default());
+    // The companion watches the standing vehicle before it flies: that splits bias and G a little.
+    let steps = (STANDING_S / STEP_S) as u32;
+    let standing: Vec<Kinematics> =
+        (0..=steps).map(|k| Kinematics { t_s: f64::from(k) * STEP_S, ..start }).collect();
+    predictor.fly(&standing, FIX_INTERVAL_S);
+    predictor
 }
 
 /// What the plan promises for the end of the flight.
