@@ -50,7 +50,6 @@ pub fn lines(title: &str, unit: &str, lines: &[Line<'_>]) -> Result<String, Stri
             .bold_line_style(INK.mix(0.12))
             .axis_style(INK.mix(0.5))
             .label_style(text(11))
-            .x_desc("s")
             .y_desc(unit)
             .draw()
             .map_err(|e| e.to_string())?;
