@@ -1,76 +1,60 @@
-//! What to fly so that effects that imitate each other come apart (field notes, "Which effects imitate which").
+//! What to fly so that effects that imitate each other come apart: the table `separate.toml`, in the words of the planner's maneuvers.
 
-/// Names of two effects, and what tells them apart.
-const PAIRS: &[(&str, &str, &str)] = &[
-    (
-        "gps_latency",
-        "gps_lever_arm",
-        "change speed in straight flight (10 m/s within 5 s), then turn to both sides",
-    ),
-    (
-        "gyro_g_sensitivity",
-        "gyro_misalignment",
-        "pull up and push over with wings level: specific force changes, the rates about roll and yaw do not",
-    ),
-    (
-        "gyro_g_sensitivity",
-        "gyro_scale_factor",
-        "roll from side to side at constant load: rates change, specific force hardly does",
-    ),
-    (
-        "gyro_g_sensitivity",
-        "gyro_g2_sensitivity",
-        "pull up to 2.5 g and push over to 0.2 g: a square and a line part there",
-    ),
-    ("gyro_g_sensitivity", "gyro_bias_drift", "repeat the same turn early and late in the flight"),
-    ("gyro_g_sensitivity", "gyro_bias_step", "repeat the same turn early and late in the flight"),
-    ("gyro_g2_sensitivity", "gyro_misalignment", "pull up and push over with wings level"),
-    ("gyro_g2_sensitivity", "gyro_scale_factor", "roll from side to side at constant load"),
-    (
-        "gyro_scale_factor",
-        "gyro_misalignment",
-        "rotate about more than one axis: roll quickly in level flight, then yaw flat with the rudder",
-    ),
-    (
-        "accel_scale_factor",
-        "accel_nonlinearity",
-        "steep turns at 45 and 60 degrees of bank and a push-over: three loads tell a line from a square",
-    ),
-    ("accel_scale_factor", "accel_misalignment", "sideslips to both sides and changes of speed"),
-    ("accel_misalignment", "accel_nonlinearity", "sideslips to both sides and changes of speed"),
-    (
-        "imu_truncation",
-        "gyro_scale_factor",
-        "hold slow turns of different rates: half a count does not grow with the rate",
-    ),
-    (
-        "imu_truncation",
-        "gyro_g_sensitivity",
-        "hold slow turns of different rates: half a count does not grow with the load",
-    ),
-    ("gyro_temperature", "gyro_bias_drift", "a second flight that starts with a warm autopilot"),
-    ("accel_temperature", "accel_bias_drift", "a second flight that starts with a warm autopilot"),
-    ("gyro_temperature", "gyro_bias_step", "a second flight that starts with a warm autopilot"),
-    ("gyro_bias_drift", "gyro_bias_step", "fly on for some minutes: a step happens once"),
-];
+use gaware_mission::airframe::Airframe;
+use gaware_mission::maneuver::{Maneuver, Side};
+use serde::Deserialize;
+use std::sync::OnceLock;
 
-/// The maneuver that tells the members of a group apart; `None` for a single effect.
-pub fn separate(group: &[&str]) -> Option<String> {
+/// Two effects, and what tells them apart.
+#[derive(Debug, Clone, Deserialize)]
+#[serde(deny_unknown_fields)]
+struct Pair {
+    effects: [String; 2],
+    fly: Vec<Maneuver>,
+    why: String,
+}
+
+#[derive(Debug, Default, Deserialize)]
+struct Table {
+    pair: Vec<Pair>,
+}
+
+fn table() -> &'static [Pair] {
+    static TABLE: OnceLock<Table> = OnceLock::new();
+    // A test reads the same text.
+    &TABLE.get_or_init(|| toml::from_str(include_str!("separate.toml")).unwrap_or_default()).pair
+}
+
+/// Maneuvers that excite everything, for groups that the table does not know.
+const EVERYTHING: [Maneuver; 4] =
+    [Maneuver::FigureEight, Maneuver::PullUp, Maneuver::VaryingSpeed, Maneuver::Sideslip];
+
+fn words(maneuver: Maneuver, airframe: &Airframe) -> String {
+    let maneuver = match maneuver {
+        Maneuver::Sideslip if !airframe.is_fixed_wing() => Maneuver::CrabLegs,
+        // One side alone may be the wind.
+        Maneuver::SteadyTurn(Side::Left) => Maneuver::SteadyTurn(Side::Right),
+        other => other,
+    };
+    maneuver.words(airframe).long
+}
+
+/// The maneuvers that tell the members of a group apart, for a typical airframe of this kind; `None` for a single effect.
+pub fn separate(group: &[&str], fixed_wing: bool) -> Option<String> {
     if group.len() < 2 {
         return None;
     }
-    let mut found: Vec<&str> = Vec::new();
-    for (a, b, text) in PAIRS {
-        if group.contains(a) && group.contains(b) && !found.contains(text) {
-            found.push(text);
-        }
+    let airframe = &Airframe::example(if fixed_wing { "small_fixed_wing" } else { "quadrotor" })?;
+    let mut told: Vec<String> = Vec::new();
+    for pair in table().iter().filter(|p| p.effects.iter().all(|e| group.contains(&e.as_str()))) {
+        let fly: Vec<String> = pair.fly.iter().map(|m| words(*m, airframe)).collect();
+        told.push(format!("{} ({})", fly.join(" "), pair.why));
     }
-    if found.is_empty() {
-        return Some(
-            "fly turns to both sides, pull-ups and push-overs, changes of speed and sideslips, each for itself".into(),
-        );
+    if told.is_empty() {
+        told.extend(EVERYTHING.iter().map(|m| words(*m, airframe)));
     }
-    Some(found.join("; "))
+    told.dedup();
+    Some(told.join(" "))
 }
 
 #[cfg(test)]
@@ -80,15 +64,21 @@ mod tests {
 
     #[test]
     fn the_table_speaks_of_effects_that_exist() {
-        for (a, b, _) in PAIRS {
-            assert!(effects::find(a).is_some() && effects::find(b).is_some(), "{a} {b}");
+        let table: Table = toml::from_str(include_str!("separate.toml")).unwrap();
+        assert!(table.pair.len() >= 18);
+        for pair in table.pair {
+            assert!(pair.effects.iter().all(|e| effects::find(e).is_some()), "{:?}", pair.effects);
+            assert!(!pair.fly.is_empty());
         }
     }
 
     #[test]
     fn a_single_effect_needs_no_maneuver() {
-        assert_eq!(separate(&["gps_latency"]), None);
-        assert!(separate(&["gps_lever_arm", "gps_latency"]).is_some_and(|t| t.contains("speed")));
-        assert!(separate(&["gps_latency", "accel_bias_drift"]).is_some());
+        assert_eq!(separate(&["gps_latency"], true), None);
+        let told = separate(&["gps_lever_arm", "gps_latency"], true).unwrap();
+        assert!(told.contains("throttle") && told.contains("grows with the speed"), "{told}");
+        assert!(separate(&["gps_latency", "accel_bias_drift"], true).is_some());
+        let rotor = separate(&["accel_scale_factor", "accel_misalignment"], false).unwrap();
+        assert!(!rotor.contains("rudder"), "{rotor}");
     }
 }

@@ -250,7 +250,7 @@ pub fn parameters(added: &Added) -> Value {
 }
 
 /// The effects that are worth a name, with the values behind them.
-fn entries<'a>(judged: &'a Judged, sizes: &[Size]) -> Vec<(EffectEntry, &'a Added)> {
+fn entries<'a>(judged: &'a Judged, sizes: &[Size], fixed_wing: bool) -> Vec<(EffectEntry, &'a Added)> {
     let selection = &judged.selection;
     let worth = sizes.iter().map(|s| !s.negligible);
     let steps = selection.steps.iter().zip(&selection.added).zip(worth).filter(|(_, worth)| *worth);
@@ -264,11 +264,21 @@ fn entries<'a>(judged: &'a Judged, sizes: &[Size]) -> Vec<(EffectEntry, &'a Adde
                     bic_gain: step.bic_gain,
                     log_odds: step.evidence,
                 },
-                separate_by: advice::separate(&step.group),
+                separate_by: advice::separate(&step.group, fixed_wing),
             };
             (entry, added)
         })
         .collect()
+}
+
+/// A vehicle that is faster than this for half of its flight is taken for an aircraft, m/s.
+const AIRCRAFT_M_PER_S: f64 = 9.0;
+
+/// Whether the vehicle is an aircraft, by its speed.
+fn flies_fast(gaps: &[FlightGap]) -> bool {
+    let mut speeds: Vec<f64> = gaps.iter().flat_map(|g| &g.after).map(|p| p.motion.speed).collect();
+    speeds.sort_by(f64::total_cmp);
+    speeds.get(speeds.len() / 2).is_some_and(|v| *v > AIRCRAFT_M_PER_S)
 }
 
 fn negligible(judged: &Judged, sizes: &[Size]) -> Vec<Negligible> {
@@ -350,7 +360,7 @@ pub fn explanation(
     gaps: &[FlightGap],
     found: Vec<terms::Found>,
 ) -> Explanation {
-    let (effects, added): (Vec<_>, Vec<_>) = entries(judged, sizes).into_iter().unzip();
+    let (effects, added): (Vec<_>, Vec<_>) = entries(judged, sizes, flies_fast(gaps)).into_iter().unzip();
     let verdict = if effects.iter().any(|e| e.names.len() > 1) {
         Verdict::Ambiguous
     } else if !effects.is_empty() && found.is_empty() {

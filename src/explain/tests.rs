@@ -1,7 +1,10 @@
 use super::*;
 use crate::study::blind::{Family, Kind, fly};
 use gaware_nav::effects;
+use gaware_nav::identify::noise::Noise;
 use gaware_nav::model::EffectSetting;
+use gaware_nav::smoother::gap::CHANNELS;
+use gaware_sitl::truth::Truth;
 
 fn explain(hidden: &[EffectSetting], seed: u64) -> Explained {
     let blind = fly(hidden, Kind::Rich, Family::Tuning, seed);
@@ -41,10 +44,104 @@ fn too_little_to_say_names_nothing() {
     let whole = fly(&[], Kind::Rich, Family::Tuning, 4).samples;
     let without_fixes: Vec<Sample> = whole.iter().filter(|s| !matches!(s, Sample::Fix(_))).cloned().collect();
     let short: Vec<Sample> = whole.into_iter().take(1500).collect();
-    for flight in [short, without_fixes, Vec::new()] {
+    let standing: Vec<Sample> =
+        gaware_sitl::scenario::scenario("bench").unwrap().flight(1).take(20_000).map(|(s, _)| s).collect();
+    for (flight, said) in [
+        (short, "at least 40 s"),
+        (without_fixes, "no GNSS fixes"),
+        (Vec::new(), "no inertial samples"),
+        (standing, "stands still"),
+    ] {
         let e = samples(&[flight], &[], &Model::default(), &Settings::default(), &|_| {}).explanation;
         assert_eq!(e.verdict, contract::Verdict::Unexplained);
         assert!(e.effects.is_empty() && e.gap.is_none());
-        assert!(e.summary.starts_with("Nothing can be said"), "{}", e.summary);
+        assert!(e.places.is_empty() && e.regimes.is_empty() && e.unexplained_terms.is_empty());
+        let told = e.summary.starts_with("Nothing can be said") && e.summary.contains(said);
+        assert!(told, "{} does not say {said}", e.summary);
     }
+}
+
+/// A simulated aircraft with its truth, and the flight with the noise that is in it.
+fn simulated(seed: u64) -> (Flight, Model, Noise, Vec<Truth>) {
+    let mut scenario = gaware_sitl::scenario::scenario("fixed_wing").unwrap();
+    scenario.model.effects.clear();
+    scenario.sensors.imu_rate_hz = 50.0;
+    scenario.sensors.quantisation = gaware_nav::sample::Quantisation::None;
+    let (mut samples, mut truths) = (Vec::new(), Vec::new());
+    for (sample, truth) in scenario.flight(seed) {
+        if matches!(sample, Sample::Imu(_)) {
+            truths.push(truth);
+        }
+        samples.push(sample);
+    }
+    let mut model = scenario.model;
+    model.imu.gyro_bias = [0.0; 3];
+    model.imu.accel_bias = [0.0; 3];
+    let flight = Flight::prepare(&samples, &model).unwrap();
+    let noise = Noise {
+        gyro: model.imu.gyro_noise,
+        accel: model.imu.accel_noise,
+        position_scale: 1.0,
+        height_scale: 1.0,
+        velocity_scale: 1.0,
+        wander_m: model.gnss.position_wander_sigma_m[0],
+        correlation_s: model.gnss.position_correlation_s,
+        stamp_s: 1e-4,
+    };
+    (flight, model, noise, truths)
+}
+
+#[test]
+fn the_smoother_halves_the_errors_of_the_filter() {
+    let (flight, model, noise, truths) = simulated(5);
+    let start_s = flight.initial().t_s;
+    let (mut before, mut after, mut n, mut within) = ([0.0; 2], [0.0; 2], 0.0, 0.0);
+    for s in gap::trajectory(&flight, &model, &noise).iter().filter(|s| s.t_s > start_s + 20.0) {
+        let at = truths.partition_point(|t| t.t_s < s.t_s - 1e-6);
+        let Some(truth) = truths.get(at).filter(|t| (t.t_s - s.t_s).abs() < 1e-6) else { continue };
+        let errors = |nav: &gaware_nav::mechanization::NavState| {
+            let turn = truth.c_nb.transpose() * nav.c_nb();
+            let angle = ((turn.trace() - 1.0) * 0.5).clamp(-1.0, 1.0).acos();
+            [angle, (nav.v_n() - truth.v_n).norm()]
+        };
+        let (old, new) = (errors(&s.filtered), errors(&s.nav));
+        for k in 0..2 {
+            before[k] += old[k] * old[k];
+            after[k] += new[k] * new[k];
+        }
+        n += 1.0;
+        let sigma = (6..9).map(|k| s.sigma[k] * s.sigma[k]).sum::<f64>();
+        within += new[0] * new[0] / sigma;
+    }
+    let [attitude, velocity] = [0, 1].map(|k| f64::sqrt(after[k] / before[k]));
+    println!(
+        "attitude {attitude:.2}, velocity {velocity:.2} of the filter's over {n} epochs, NEES {:.2}",
+        within / n
+    );
+    assert!(n > 1000.0 && attitude < 0.5 && velocity < 0.5, "{attitude} {velocity}");
+    assert!((0.3..2.0).contains(&(within / n)), "{}", within / n);
+}
+
+#[test]
+fn residuals_of_a_right_model_have_the_size_that_it_gives_them() {
+    let (mut sums, mut found) = ([[0.0; 2]; 12], 0);
+    for seed in 1..4 {
+        let (flight, model, noise, _) = simulated(seed);
+        let points = gap::points(&flight, &model, &noise);
+        let places = gap::places(&points);
+        println!("seed {seed}: {places:?}");
+        found += places.len();
+        for point in &points {
+            for c in 0..12 {
+                if let Some(z) = point.normalised(c) {
+                    sums[c] = [sums[c][0] + z * z, sums[c][1] + 1.0];
+                }
+            }
+        }
+    }
+    for (name, [sum, n]) in CHANNELS.iter().zip(sums).filter(|(_, s)| s[1] > 0.0) {
+        println!("{name}: {:.3}", sum / n);
+        assert!((0.6..1.4).contains(&(sum / n)), "{name}: {}", sum / n);
+    }
+    assert!(found <= 1, "{found} places stand out where nothing is wrong");
 }

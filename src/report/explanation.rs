@@ -1,12 +1,15 @@
 //! The page of `explain`: the result in words, what was found, before and after, where, and the fine print.
 
+use super::heat;
 use super::page;
 pub use super::page::escape;
 use super::plot::{AFTER, BEFORE, Line, lines};
 use crate::explain::Explained;
+use crate::explain::FlightGap;
 use crate::explain::contract::{Explanation, Verdict};
 use crate::explain::words::number;
 use gaware_nav::identify::judge::Judged;
+use gaware_nav::identify::select::Added;
 use gaware_nav::identify::whereabouts::{CHANNELS, channel};
 use std::fmt::Write;
 
@@ -38,12 +41,18 @@ pub fn html(explained: &Explained) -> Result<String, String> {
         },
         escape(&e.summary)
     );
-    effects(e, &mut body);
+    effects(e, explained.judged.as_ref(), &mut body);
+    small(e, &mut body);
     gaps(e, &mut body);
+    for (k, gap) in explained.gaps.iter().enumerate() {
+        let log = explained.logs.get(k).map_or("", String::as_str);
+        maps(gap, log, !e.effects.is_empty(), &mut body)?;
+    }
+    places(e, &explained.logs, &mut body);
+    regimes(e, &mut body);
     if let Some(judged) = &explained.judged {
         plots(judged, &mut body)?;
     }
-    places(e, &mut body);
     contributions(e, &mut body);
     terms(e, &mut body);
     let _ = write!(body, "<h2>The new model</h2><pre>{}</pre>", escape(&explained.model.to_toml()));
@@ -57,7 +66,29 @@ pub fn html(explained: &Explained) -> Result<String, String> {
     Ok(page::page(headline(e.verdict), &body))
 }
 
-fn effects(e: &Explanation, body: &mut String) {
+/// Every parameter with its sigma and unit, those that are surely not zero first.
+fn values(added: &Added) -> String {
+    let setting = &added.setting;
+    let mut all: Vec<(f64, String)> = setting
+        .parameters()
+        .zip(setting.values.iter().zip(&setting.sigmas))
+        .map(|((name, unit), (value, sigma))| {
+            let text = if *sigma > 0.0 {
+                format!("{name} = {} ± {} {}", number(value / unit.si), number(sigma / unit.si), unit.symbol)
+            } else {
+                format!("{name} = {} {}", number(value / unit.si), unit.symbol)
+            };
+            (if *sigma > 0.0 { (value / sigma).abs() } else { f64::INFINITY }, text)
+        })
+        .collect();
+    all.sort_by(|a, b| b.0.total_cmp(&a.0));
+    let strong = |(z, text): &(f64, String)| {
+        if *z > 3.0 { format!("<b>{}</b>", escape(text)) } else { format!("<small>{}</small>", escape(text)) }
+    };
+    all.iter().map(strong).collect::<Vec<_>>().join("<br>")
+}
+
+fn effects(e: &Explanation, judged: Option<&Judged>, body: &mut String) {
     if e.effects.is_empty() {
         return;
     }
@@ -65,21 +96,22 @@ fn effects(e: &Explanation, body: &mut String) {
         "<h2>What is missing</h2><table><tr><th>Effect</th><th>Values</th><th class=\"n\">log odds</th><th class=\"n\">log-likelihood gain</th></tr>",
     );
     for entry in &e.effects {
-        let values: Vec<String> = entry
+        let found = entry
             .parameters
-            .values()
-            .filter_map(|v| v.as_object())
-            .flat_map(|o| o.iter().map(|(k, v)| format!("{k} = {}", short(v))))
-            .collect();
+            .keys()
+            .next()
+            .and_then(|name| judged?.selection.added.iter().find(|a| a.setting.effect.name() == *name));
+        let what = gaware_nav::effects::find(entry.names.first().copied().unwrap_or_default())
+            .map_or("", |effect| effect.description());
         let _ = write!(
             body,
-            "<tr><td>{}{}</td><td>{}</td><td class=\"n\">{:.0}</td><td class=\"n\">{:.0}</td></tr>",
+            "<tr><td><b>{}</b><br>{what}{}</td><td>{}</td><td class=\"n\">{:.0}</td><td class=\"n\">{:.0}</td></tr>",
             escape(&entry.names.join(" or ")),
             entry
                 .separate_by
                 .as_ref()
                 .map_or_else(String::new, |s| format!("<br><small>to tell apart: {}</small>", escape(s))),
-            escape(&values.join("; ")),
+            found.map_or_else(String::new, values),
             entry.evidence.log_odds,
             entry.evidence.log_likelihood_gain
         );
@@ -87,12 +119,83 @@ fn effects(e: &Explanation, body: &mut String) {
     body.push_str("</table>");
 }
 
-fn short(value: &serde_json::Value) -> String {
-    match value {
-        serde_json::Value::Number(n) => number(n.as_f64().unwrap_or(0.0)),
-        serde_json::Value::Array(a) => format!("[{}]", a.iter().map(short).collect::<Vec<_>>().join(", ")),
-        other => other.to_string(),
+fn small(e: &Explanation, body: &mut String) {
+    if e.negligible.is_empty() {
+        return;
     }
+    body.push_str(
+        "<h2>Too small to matter</h2><p><small>There by the odds, but no more than what any simulation leaves out; not in the new \
+         model.</small></p><table><tr><th>Effect</th><th class=\"n\">on the gyros, deg/s RMS</th><th class=\"n\">on the \
+         accelerometers, m/s² RMS</th><th class=\"n\">on positions, m</th></tr>",
+    );
+    for n in &e.negligible {
+        let _ = write!(
+            body,
+            "<tr><td>{}</td><td class=\"n\">{}</td><td class=\"n\">{}</td><td class=\"n\">{}</td></tr>",
+            n.name,
+            number(n.gyro_rad_per_s.to_degrees()),
+            number(n.accel_m_per_s2),
+            number(n.position_m)
+        );
+    }
+    body.push_str("</table>");
+}
+
+/// What the vehicle did, and where it disagreed.
+fn maps(gap: &FlightGap, log: &str, changed: bool, body: &mut String) -> Result<(), String> {
+    if gap.before.is_empty() {
+        return Ok(());
+    }
+    let _ = write!(
+        body,
+        "<h2>Where in the flight{}</h2><p><small>The sensors simulated along the best trajectory against what they measured. \
+         Blank: they agree as well as their noise allows. The stronger the colour, the more they disagree.</small></p>",
+        if log.is_empty() { String::new() } else { format!(" ({})", escape(log)) }
+    );
+    let series = |of: &dyn Fn(&gaware_nav::smoother::gap::Motion) -> f64| -> Vec<(f64, f64)> {
+        let mut seconds: std::collections::BTreeMap<i64, (f64, f64)> = std::collections::BTreeMap::new();
+        for p in &gap.before {
+            let cell = seconds.entry(p.motion.elapsed_s as i64).or_default();
+            *cell = (cell.0 + of(&p.motion), cell.1 + 1.0);
+        }
+        seconds.into_iter().map(|(t, (sum, n))| (t as f64, sum / n)).collect()
+    };
+    let load = series(&|m| -m.force.z / gaware_nav::earth::STANDARD_GRAVITY);
+    let speed = series(&|m| m.speed);
+    body.push_str(&lines("speed", "m/s", &[Line { name: "speed", color: AFTER, points: speed }])?);
+    body.push_str(&lines("load", "g", &[Line { name: "load", color: AFTER, points: load }])?);
+    body.push_str(&heat::map("with the model that was given", &gap.before, "#d6604d"));
+    if changed {
+        body.push_str(&heat::map("with the new model", &gap.after, "#d6604d"));
+    }
+    Ok(())
+}
+
+/// Cells of the table of regimes that are shown at most.
+const REGIMES_SHOWN: usize = 12;
+
+fn regimes(e: &Explanation, body: &mut String) {
+    let mut worst: Vec<_> = e.regimes.iter().filter(|r| r.share > 0.02 && r.nis.before > 2.0).collect();
+    if worst.is_empty() {
+        return;
+    }
+    worst.sort_by(|a, b| (b.nis.before * b.share.sqrt()).total_cmp(&(a.nis.before * a.share.sqrt())));
+    body.push_str(
+        "<h2>What goes with the disagreement</h2><table><tr><th>Channel</th><th>When</th><th class=\"n\">share of the flight</th>\
+         <th class=\"n\">squared residual before</th><th class=\"n\">after</th></tr>",
+    );
+    for r in worst.into_iter().take(REGIMES_SHOWN) {
+        let _ = write!(
+            body,
+            "<tr><td>{}</td><td>{}</td><td class=\"n\">{:.0} %</td><td class=\"n\">{}</td><td class=\"n\">{}</td></tr>",
+            r.channel.replace('_', " "),
+            escape(&r.regime),
+            100.0 * r.share,
+            number(r.nis.before),
+            number(r.nis.after)
+        );
+    }
+    body.push_str("</table>");
 }
 
 fn gaps(e: &Explanation, body: &mut String) {
@@ -124,7 +227,7 @@ fn gaps(e: &Explanation, body: &mut String) {
 }
 
 fn plots(judged: &Judged, body: &mut String) -> Result<(), String> {
-    body.push_str("<h2>Over time</h2><p><small>Innovations over their sigmas, mean of a second; ±1 is what noise does.</small></p>");
+    body.push_str("<h2>Innovations over time</h2><p><small>Innovations over their sigmas, mean of a second; ±1 is what noise does.</small></p>");
     for (c, name) in CHANNELS.iter().enumerate() {
         let series = |k: usize| -> Vec<(f64, f64)> {
             let mut seconds: std::collections::BTreeMap<i64, (f64, f64)> = std::collections::BTreeMap::new();
@@ -145,7 +248,7 @@ fn plots(judged: &Judged, body: &mut String) -> Result<(), String> {
     Ok(())
 }
 
-fn places(e: &Explanation, body: &mut String) {
+fn places(e: &Explanation, logs: &[String], body: &mut String) {
     if e.places.is_empty() {
         return;
     }
@@ -155,8 +258,12 @@ fn places(e: &Explanation, body: &mut String) {
     for p in &e.places {
         let _ = write!(
             body,
-            "<tr><td>{}</td><td>{:.0} to {:.0} s</td><td>{}</td><td class=\"n\">{:.0} %</td></tr>",
+            "<tr><td>{}{}</td><td>{:.0} to {:.0} s</td><td>{}</td><td class=\"n\">{:.0} %</td></tr>",
             p.channel.replace('_', " "),
+            match logs.get(p.log).filter(|_| logs.len() > 1) {
+                Some(log) => format!(" <small>({})</small>", escape(log)),
+                None => String::new(),
+            },
             p.t_start_s,
             p.t_end_s,
             escape(&p.regime),

@@ -2,5 +2,6 @@
 
 pub mod demo;
 pub mod explanation;
+pub mod heat;
 mod page;
 pub mod plot;

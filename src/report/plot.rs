@@ -63,7 +63,6 @@ pub fn marked_lines(
             .bold_line_style(INK.mix(0.12))
             .axis_style(INK.mix(0.5))
             .label_style(text(11))
-            .x_desc("s")
             .y_desc(unit)
             .draw()
             .map_err(|e| e.to_string())?;

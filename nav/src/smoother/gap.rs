@@ -2,7 +2,8 @@
 //! channel, over time and over what the vehicle did.
 //!
 //! A squared normalised residual is 1 on average under a right model; what exceeds it is the gap. Residuals of
-//! neighbouring times are correlated, so sums of them scatter more than independent ones would; [`CORRELATED`] stands for that.
+//! neighbouring times are correlated (a fix speaks of all the accelerations before it), so sums of their squares scatter more than
+//! independent ones would, by Σρ² over all lags (Bartlett 1946); that is measured on the flight itself.
 
 use super::{Residual, Smoothed, smooth};
 use crate::earth::STANDARD_GRAVITY;
@@ -17,11 +18,13 @@ use nalgebra::Vector3;
 /// A node this long after the last one where fixes are rarer, s.
 const SPACING_S: f64 = 0.2;
 /// Before this the start is still felt, s.
-const SETTLE_S: f64 = 5.0;
+const SETTLE_S: f64 = 20.0;
 /// Places are looked for in steps of this, s.
 const WINDOW_S: f64 = 10.0;
-/// Sums of squares scatter by this factor more (in variance) than those of independent residuals.
-const CORRELATED: f64 = 4.0;
+/// Correlations are measured over this, points, and end where they fall below [`UNCORRELATED`].
+const LAGS: usize = 400;
+/// What chance leaves between independent residuals of a short flight.
+const UNCORRELATED: f64 = 0.1;
 /// A place stands out when its excess is this many sigmas.
 const STANDS_OUT: f64 = 5.0;
 /// At most so many places are told.
@@ -277,9 +280,21 @@ impl Sum {
         self.square - self.n
     }
 
-    fn stands_out(&self) -> bool {
-        self.n > 0.0 && self.excess() > STANDS_OUT * (2.0 * CORRELATED * self.n).sqrt()
+    fn stands_out(&self, correlated: f64) -> bool {
+        self.n > 0.0 && self.excess() > STANDS_OUT * (2.0 * correlated * self.n).sqrt()
     }
+}
+
+/// By how much correlation raises the variance of a sum of squares of this channel.
+fn correlated(points: &[Point], channel: usize) -> f64 {
+    let z: Vec<f64> = points.iter().filter_map(|p| p.normalised(channel)).collect();
+    let square: f64 = z.iter().map(|v| v * v).sum();
+    if square <= 0.0 {
+        return 1.0;
+    }
+    let rho = |lag: usize| z.iter().zip(&z[lag..]).map(|(a, b)| a * b).sum::<f64>() / square;
+    let lags = (1..LAGS.min(z.len())).map(rho).take_while(|r| *r > UNCORRELATED);
+    1.0 + 2.0 * lags.map(|r| r * r).sum::<f64>()
 }
 
 /// By channel over the whole flight: mean square and RMS.
@@ -346,10 +361,11 @@ pub fn places(points: &[Point]) -> Vec<Place> {
                 windows.entry((p.motion.elapsed_s / WINDOW_S) as i64).or_default().take(r);
             }
         }
+        let correlated = correlated(points, c);
         let mut last: Option<(i64, Place)> = None;
         for (w, sum) in windows {
             whole += sum.excess().max(0.0);
-            if !sum.stands_out() {
+            if !sum.stands_out(correlated) {
                 continue;
             }
             let (start_s, end_s) = (w as f64 * WINDOW_S, (w + 1) as f64 * WINDOW_S);
@@ -411,7 +427,8 @@ mod tests {
 
     fn point(elapsed_s: f64, load: f64, z: f64) -> Point {
         let mut residuals = [None; 12];
-        residuals[1] = Some(Residual { value: 0.01 * z, variance: 1e-4 });
+        let sign = if (elapsed_s * 5.0).round() as i64 % 2 == 0 { 1.0 } else { -1.0 };
+        residuals[1] = Some(Residual { value: 0.01 * z * sign, variance: 1e-4 });
         residuals[9] =
             Some(Residual { value: if (elapsed_s as i64) % 2 == 0 { 0.1 } else { -0.1 }, variance: 0.01 });
         let force = Vector3::new(0.0, 0.0, -load * STANDARD_GRAVITY);

@@ -43,6 +43,8 @@ pub struct Smoothed {
     pub dt_s: f64,
     /// Position, velocity, attitude.
     pub nav: NavState,
+    /// The same as the filter knew it then, without what came later.
+    pub filtered: NavState,
     /// Biases and effect parameters.
     pub calibration: Calibration,
     /// 1-sigma of every state, in the filter's error coordinates.
@@ -125,7 +127,20 @@ impl Adjoint {
                 }
             }
         }
+        self.symmetrise();
         (u, spread)
+    }
+
+    /// Rounding leaves an antisymmetric part, which the update above would let grow.
+    fn symmetrise(&mut self) {
+        let n = self.mu.len();
+        for i in 0..n {
+            for j in 0..i {
+                let mean = 0.5 * (self.lambda[i * n + j] + self.lambda[j * n + i]);
+                self.lambda[i * n + j] = mean;
+                self.lambda[j * n + i] = mean;
+            }
+        }
     }
 }
 
@@ -251,6 +266,7 @@ pub fn smooth(tape: Tape, layout: &Layout) -> Vec<Smoothed> {
             t_s: node.t_s,
             dt_s: node.dt_s,
             nav,
+            filtered: node.nav,
             calibration,
             sigma,
             gyro: disturbance(&after, index::ATTITUDE, node.noise.0),
