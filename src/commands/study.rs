@@ -3,8 +3,7 @@
 use super::CommandError;
 use crate::demo::{Prepared, Settings};
 use crate::study::parallel::Progress;
-use crate::study::{blind, demo, observability, paper, recorded};
-use gaware_nav::identify::select;
+use crate::study::{demo, observability, paper, recorded};
 use serde::Serialize;
 use std::io::Write;
 use std::path::PathBuf;
@@ -31,7 +30,7 @@ pub enum StudyKind {
     /// Of the states called observable, how many lie within 2 sigma of the truth.
     Sigmas(SigmasArgs),
     /// Hide an effect, fly, explain, unseal: the confusion matrix.
-    Blind(BlindArgs),
+    Blind(super::study_blind::BlindArgs),
 }
 
 /// Arguments of `study observability`.
@@ -53,26 +52,6 @@ pub struct SigmasArgs {
     /// Scenarios.
     #[arg(default_values_t = ["fixed_wing", "fixed_wing_coordinated", "multirotor", "paper"].map(str::to_owned))]
     pub scenarios: Vec<String>,
-}
-
-/// Arguments of `study blind`.
-#[derive(Debug, Clone, clap::Args)]
-pub struct BlindArgs {
-    /// Flights per effect and kind of flight.
-    #[arg(long, default_value_t = 1)]
-    pub flights: usize,
-    /// Clean flights per kind of flight.
-    #[arg(long, default_value_t = 2)]
-    pub clean: usize,
-    /// First seed.
-    #[arg(long, default_value_t = 1)]
-    pub seed: u64,
-    /// Only these effects.
-    #[arg(long, value_name = "EFFECT")]
-    pub effect: Vec<String>,
-    /// The flights kept aside: another airframe, turbulence, other seeds.
-    #[arg(long)]
-    pub aside: bool,
 }
 
 /// Arguments of `study demo`.
@@ -127,7 +106,7 @@ pub struct RecordedArgs {
 }
 
 /// A bar on the terminal that counts runs.
-struct Bar(indicatif::ProgressBar);
+pub(super) struct Bar(pub(super) indicatif::ProgressBar);
 
 impl Progress for Bar {
     fn tick(&self) {
@@ -185,24 +164,7 @@ pub fn run(args: &StudyArgs) -> Result<(), CommandError> {
             bar.finish_and_clear();
             print_json(&result)?;
         }
-        StudyKind::Blind(args) => {
-            let bar = indicatif::ProgressBar::new_spinner();
-            let campaign = blind::Campaign {
-                effects: args.effect.clone(),
-                seeds: args.flights,
-                clean: args.clean,
-                first_seed: args.seed,
-                family: if args.aside { blind::Family::Aside } else { blind::Family::Tuning },
-            };
-            let outcomes = blind::run(&campaign, &select::Settings::default(), &Bar(bar.clone()));
-            bar.finish_and_clear();
-            print_json(&serde_json::json!({
-                "schema": "gaware.study/1",
-                "summary": blind::summarise(&outcomes),
-                "confusion": blind::confusion(&outcomes),
-                "flights": outcomes,
-            }))?;
-        }
+        StudyKind::Blind(args) => super::study_blind::run(args)?,
         StudyKind::Recorded(args) => {
             let mut results = Vec::new();
             for name in &args.sets {
@@ -220,7 +182,7 @@ pub fn run(args: &StudyArgs) -> Result<(), CommandError> {
     Ok(())
 }
 
-fn print_json(value: &impl Serialize) -> Result<(), CommandError> {
+pub(super) fn print_json(value: &impl Serialize) -> Result<(), CommandError> {
     let mut out = std::io::stdout().lock();
     serde_json::to_writer_pretty(&mut out, value).map_err(std::io::Error::from)?;
     Ok(writeln!(out)?)
