@@ -7,7 +7,7 @@ mod script;
 use gaware::sinks::events::EventDetector;
 use gaware::sinks::status::{LinkState, LinkView, RecorderState, RecorderView, SinkStatus};
 use gaware::sinks::terminal::Options;
-use gaware::sinks::terminal::draw::{View, draw};
+use gaware::sinks::terminal::draw::{Over, View, draw};
 use ratatui::Terminal;
 use ratatui::backend::TestBackend;
 use ratatui::buffer::{Buffer, Cell};
@@ -42,7 +42,7 @@ fn main() -> Result<(), Infallible> {
         sinks: &sinks,
         events: &events,
         options: Options::default(),
-        help: false,
+        over: Over::Nothing,
     };
     let mut terminal = Terminal::new(TestBackend::new(120, 30))?;
     terminal.draw(|frame| draw(frame, &view))?;

@@ -2,6 +2,8 @@
 
 #![allow(clippy::unwrap_used, clippy::panic, reason = "helpers of tests may panic, as tests do")]
 
+mod support;
+
 use gaware::commands::mission::{LinkArgs, UploadArgs, download, upload};
 use gaware::mission_link::files;
 use gaware_mission::files::waypoints;
@@ -10,7 +12,11 @@ use gaware_sitl::autopilot::{Autopilot, AutopilotConfig, Flavour};
 use gaware_sitl::faults::LinkFaults;
 use gaware_sitl::scenario::scenario;
 use gaware_sitl::shell::{Options, Server, Speed};
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
+use support::Gaware;
+use tokio::io::{AsyncReadExt, AsyncWriteExt};
+use tokio::net::{TcpListener, TcpStream};
+use tokio::sync::watch;
 use tokio_util::sync::CancellationToken;
 
 fn mission(legs: usize) -> Mission {
@@ -119,5 +125,238 @@ async fn a_refused_mission_leaves_the_previous_one() {
     let read = folder.file("read.waypoints");
     download(&link(&address, read.clone()), &stop).await.unwrap();
     assert_eq!(files::read(&read).unwrap().0.items.len(), 3);
+    stop.cancel();
+}
+
+const TOKEN: &str = "fly-the-steep-turn";
+
+/// A run beside the vehicle, with a planned mission and its page; the page's address.
+fn run_with_page(link: &str, mission: &Path) -> (Gaware, String) {
+    let mission = mission.to_str().unwrap();
+    let companion = Gaware::start(&[
+        "run",
+        "--connect",
+        link,
+        "--no-record",
+        "--headless",
+        "--web",
+        "127.0.0.1:0",
+        "--web-token",
+        TOKEN,
+        "--mission",
+        mission,
+    ]);
+    let line = companion.line_with("web page: http://");
+    let page = line.split("//").nth(1).unwrap().split('/').next().unwrap().to_owned();
+    (companion, page)
+}
+
+/// Asks the page to upload; status and message.
+async fn ask(page: &str, token: Option<&str>, body: &str) -> (u16, String) {
+    let token = token.map_or_else(String::new, |t| format!("Authorization: Bearer {t}\r\n"));
+    let length = body.len();
+    let request = format!(
+        "POST /api/v1/mission/upload HTTP/1.1\r\nHost: {page}\r\n{token}Content-Type: application/json\r\n\
+         Content-Length: {length}\r\nConnection: close\r\n\r\n{body}"
+    );
+    let mut stream = TcpStream::connect(page).await.unwrap();
+    stream.write_all(request.as_bytes()).await.unwrap();
+    let mut answer = String::new();
+    stream.read_to_string(&mut answer).await.unwrap();
+    let status = answer.split(' ').nth(1).unwrap().parse().unwrap();
+    (status, answer.split_once("\r\n\r\n").unwrap().1.to_owned())
+}
+
+/// Asks until the companion has heard the vehicle.
+async fn upload_from(page: &str) -> (u16, String) {
+    loop {
+        let (status, message) = ask(page, Some(TOKEN), "{\"confirm\": true}").await;
+        if !message.contains("not heard") {
+            return (status, message);
+        }
+    }
+}
+
+async fn on_board(folder: &Folder, address: &str, stop: &CancellationToken) -> Mission {
+    let read = folder.file("on-board.plan");
+    let _ = std::fs::remove_file(&read);
+    download(&link(address, read.clone()), stop).await.unwrap();
+    files::read(&read).unwrap().0
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn the_page_uploads_with_token_and_confirmation_only_and_keeps_the_mission_before() {
+    for (name, flavour) in [("page-ap", Flavour::ArduPilot), ("page-px4", Flavour::Px4)] {
+        let (folder, stop) = (Folder::new(name), CancellationToken::new());
+        let address = vehicle("udpin:127.0.0.1:0", flavour, LinkFaults::default(), &stop).await;
+        let first = folder.mission("first.waypoints", 2);
+        upload(&put(&address, first, folder.file("b1.plan")), &stop, |_| ()).await.unwrap();
+        let planned = folder.mission("planned.waypoints", 6);
+        let (companion, page) = run_with_page(&address, &planned);
+        assert_eq!(ask(&page, None, "{\"confirm\": true}").await.0, 401);
+        assert_eq!(ask(&page, Some("not-the-token"), "{\"confirm\": true}").await.0, 401);
+        assert_eq!(ask(&page, Some(TOKEN), "{}").await.0, 400);
+        let (status, message) = upload_from(&page).await;
+        assert_eq!(status, 200, "{message}");
+        assert!(message.contains("7 items is on the vehicle, read back and compared"), "{message}");
+        companion.terminate();
+        assert_eq!(companion.ended().code(), Some(0));
+        assert_eq!(on_board(&folder, &address, &stop).await.items.len(), 7);
+        let backup = std::fs::read_dir(&folder.0).unwrap().map(|e| e.unwrap().path());
+        let backup: Vec<_> = backup.filter(|p| p.to_str().unwrap().contains("mission-backup-")).collect();
+        assert_eq!(backup.len(), 1);
+        assert_eq!(files::read(&backup[0]).unwrap().0.items.len(), 3);
+        stop.cancel();
+    }
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn the_page_refuses_while_a_mission_is_flown_and_leaves_what_is_on_board() {
+    let (folder, stop) = (Folder::new("page-flying"), CancellationToken::new());
+    let address = vehicle("udpin:127.0.0.1:0", Flavour::ArduPilot, LinkFaults::default(), &stop).await;
+    let first = folder.mission("first.waypoints", 3);
+    upload(&put(&address, first, folder.file("b1.plan")), &stop, |_| ()).await.unwrap();
+    fly(address.strip_prefix("udpout:").unwrap()).await;
+    let (_companion, page) = run_with_page(&address, &folder.mission("planned.waypoints", 6));
+    let (status, message) = upload_from(&page).await;
+    assert_eq!(status, 409, "{message}");
+    assert!(message.contains("the vehicle is flying a mission"), "{message}");
+    assert_eq!(on_board(&folder, &address, &stop).await.items.len(), 4);
+    stop.cancel();
+}
+
+/// The pilot's station arms and starts the mission; returns when the vehicle says that it flies it.
+async fn fly(vehicle: &str) {
+    use gaware::link::frame::{Frame, Sender};
+    use gaware::mission_link::vehicle::Vehicle;
+    use mavlink::dialects::ardupilotmega::{COMMAND_LONG_DATA, MavCmd, MavMessage};
+    let socket = tokio::net::UdpSocket::bind("127.0.0.1:0").await.unwrap();
+    socket.connect(vehicle).await.unwrap();
+    let pilot = Sender { system_id: 255, component_id: 190 };
+    let flies = async {
+        loop {
+            for (command, param1) in
+                [(MavCmd::MAV_CMD_COMPONENT_ARM_DISARM, 1.0), (MavCmd::MAV_CMD_MISSION_START, 0.0)]
+            {
+                let data = COMMAND_LONG_DATA {
+                    command,
+                    param1,
+                    target_system: 1,
+                    target_component: 1,
+                    ..Default::default()
+                };
+                let frame = Frame::encode(pilot, 0, &MavMessage::COMMAND_LONG(data));
+                socket.send(frame.raw()).await.unwrap();
+            }
+            let mut datagram = vec![0; 2048];
+            let n = socket.recv(&mut datagram).await.unwrap();
+            datagram.truncate(n);
+            let frame = Frame::parse(datagram.into()).ok();
+            if frame.and_then(|f| Vehicle::from_heartbeat(&f)).is_some_and(|v| v.state.flying_mission) {
+                return;
+            }
+        }
+    };
+    tokio::time::timeout(support::PATIENCE, flies).await.unwrap();
+}
+
+/// `MISSION_ITEM_INT`.
+const ITEM_INT: [u8; 3] = [73, 0, 0];
+
+/// A wire to a TCP vehicle that breaks once so many items have gone up, and comes back when it is told to.
+async fn breakable(vehicle: &str, items: usize) -> (String, watch::Receiver<bool>, watch::Sender<bool>) {
+    let vehicle = vehicle.strip_prefix("tcpout:").unwrap().to_owned();
+    let listener = TcpListener::bind("127.0.0.1:0").await.unwrap();
+    let address = format!("tcpout:{}", listener.local_addr().unwrap());
+    let (broken, seen) = watch::channel(false);
+    let (mend, mut mended) = watch::channel(false);
+    tokio::spawn(async move {
+        let mut left = items;
+        loop {
+            let (station, _) = listener.accept().await.unwrap();
+            let vehicle = TcpStream::connect(&vehicle).await.unwrap();
+            carry(station, vehicle, &mut left).await;
+            broken.send_replace(true);
+            if mended.wait_for(|m| *m).await.is_err() {
+                return;
+            }
+        }
+    });
+    (address, seen, mend)
+}
+
+/// Until somebody closes, or the last of these items went up.
+async fn carry(station: TcpStream, vehicle: TcpStream, left: &mut usize) {
+    let (mut from_station, mut to_station) = station.into_split();
+    let (mut from_vehicle, mut to_vehicle) = vehicle.into_split();
+    let up = async {
+        let mut waiting = Vec::new();
+        while from_station.read_buf(&mut waiting).await.unwrap_or(0) > 0 {
+            while let Some(length) =
+                waiting.get(1).map(|n| 12 + usize::from(*n)).filter(|n| waiting.len() >= *n)
+            {
+                let frame: Vec<u8> = waiting.drain(..length).collect();
+                if frame[7..10] == ITEM_INT {
+                    *left = left.wrapping_sub(1);
+                    if *left == 0 {
+                        return;
+                    }
+                }
+                to_vehicle.write_all(&frame).await.unwrap();
+            }
+        }
+    };
+    tokio::select! {
+        () = up => {}
+        _ = tokio::io::copy(&mut from_vehicle, &mut to_station) => {}
+    }
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn what_a_broken_wire_has_left_is_settled_when_it_is_back() {
+    let mut tests = Vec::new();
+    for flavour in [Flavour::ArduPilot, Flavour::Px4] {
+        for gives_up in [false, true] {
+            tests.push(tokio::spawn(broken_wire(flavour, gives_up)));
+        }
+    }
+    for test in tests {
+        test.await.unwrap();
+    }
+}
+
+/// With or without a user who gives up while the wire is broken.
+async fn broken_wire(flavour: Flavour, gives_up: bool) {
+    let (folder, stop) = (Folder::new(&format!("broken-{flavour:?}-{gives_up}")), CancellationToken::new());
+    let address = vehicle("tcpin:127.0.0.1:0", flavour, LinkFaults::default(), &stop).await;
+    let first = folder.mission("first.waypoints", 3);
+    upload(&put(&address, first, folder.file("b1.plan")), &stop, |_| ()).await.unwrap();
+    let (through, mut broken, mend) = breakable(&address, 6).await;
+    let enough = CancellationToken::new();
+    let user = tokio::spawn({
+        let enough = enough.clone();
+        async move {
+            broken.wait_for(|b| *b).await.unwrap();
+            if gives_up {
+                enough.cancel();
+            }
+        }
+    });
+    let second = put(&through, folder.mission("second.waypoints", 12), folder.file("b2.plan"));
+    let result = upload(&second, &enough, |text| {
+        // Only once it wants to know what is left.
+        if text == "reading back" {
+            mend.send_replace(true);
+        }
+    });
+    let result = tokio::time::timeout(support::PATIENCE, result).await.unwrap();
+    user.await.unwrap();
+    let (told, items) = match result {
+        Ok(told) if !gives_up => (told, 13),
+        Err(error) if gives_up => (error.to_string(), 4),
+        other => panic!("{flavour:?} {gives_up}: {other:?}"),
+    };
+    assert_eq!(told.contains("the previous mission is on the vehicle"), gives_up, "{told}");
+    assert_eq!(on_board(&folder, &address, &stop).await.items.len(), items);
     stop.cancel();
 }

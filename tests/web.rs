@@ -3,9 +3,10 @@
 #![allow(clippy::unwrap_used, reason = "helpers of tests may panic, as tests do")]
 
 use gaware::engine::snapshot::Snapshot;
+use gaware::sinks::Request;
 use gaware::sinks::status::{SinkStatus, StatusView};
 use gaware::sinks::web::access::Token;
-use gaware::sinks::web::{self, WebCommand, WebError, WebState};
+use gaware::sinks::web::{self, WebError, WebState};
 use std::net::SocketAddr;
 use std::sync::Arc;
 use std::time::Duration;
@@ -208,7 +209,7 @@ async fn an_upload_needs_token_confirmation_and_somebody_who_does_it() {
     assert!(handler.try_recv().is_err(), "nothing may be uploaded before all was right");
     tokio::spawn(async move {
         for answer in [Ok("12 items".to_owned()), Err("the autopilot refused".to_owned())] {
-            let Some(WebCommand::UploadMission { reply }) = handler.recv().await else { return };
+            let Some(Request::UploadMission { reply }) = handler.recv().await else { return };
             reply.send(answer).unwrap();
         }
     });

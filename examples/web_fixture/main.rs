@@ -6,9 +6,10 @@
 mod script;
 
 use gaware::engine::snapshot::Snapshot;
+use gaware::sinks::Request;
 use gaware::sinks::status::{LinkState, LinkView, RecorderState, RecorderView, SinkStatus};
 use gaware::sinks::terminal::{self, Sources};
-use gaware::sinks::web::{self, WebCommand, WebState, access::Token};
+use gaware::sinks::web::{self, WebState, access::Token};
 use std::error::Error;
 use std::net::SocketAddr;
 use std::process::ExitCode;
@@ -81,7 +82,7 @@ async fn run() -> Result<(), Box<dyn Error>> {
     }
     let listener = TcpListener::bind(&options.bind).await?;
     let shutdown = CancellationToken::new();
-    let sources = Sources { snapshots: rx, status: Arc::clone(&status) };
+    let sources = Sources { snapshots: rx, status: Arc::clone(&status), requests: None };
     let screen = options.terminal.then(|| {
         terminal::spawn(
             sources,
@@ -103,8 +104,8 @@ async fn run() -> Result<(), Box<dyn Error>> {
     }
 }
 
-async fn carry_out(mut commands: mpsc::Receiver<WebCommand>) {
-    while let Some(WebCommand::UploadMission { reply }) = commands.recv().await {
+async fn carry_out(mut commands: mpsc::Receiver<Request>) {
+    while let Some(Request::UploadMission { reply }) = commands.recv().await {
         let _ = reply.send(Ok("12 items uploaded and read back: they agree.".into()));
     }
 }

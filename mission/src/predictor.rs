@@ -15,6 +15,9 @@ use gaware_nav::model::Model;
 use gaware_nav::sample::FixVelocity;
 use serde::{Deserialize, Serialize};
 
+/// What is planned for is what later decides whether a state is called observable.
+pub use gaware_nav::observability::covariance::Targets;
+
 /// The sigma of one state with its target.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct NamedSigma {
@@ -42,24 +45,6 @@ pub trait Predictor: Clone {
 
     /// The sigmas now.
     fn sigmas(&self) -> Vec<NamedSigma>;
-}
-
-/// Targets by kind of state, in units of screens; a state without one has a tenth of its prior sigma.
-#[derive(Debug, Clone, PartialEq)]
-pub struct Targets {
-    /// deg/h/g: the diagonal and the rest of G.
-    pub g_deg_per_h_per_g: f64,
-    /// deg/h.
-    pub gyro_bias_deg_per_h: f64,
-    /// mg.
-    pub accel_bias_mg: f64,
-}
-
-impl Default for Targets {
-    /// 40 deg/h/g is a ninth of a consumer gyro's data-sheet figure; the bias to 100 deg/h, accelerometers to 5 mg.
-    fn default() -> Self {
-        Self { g_deg_per_h_per_g: 40.0, gyro_bias_deg_per_h: 100.0, accel_bias_mg: 5.0 }
-    }
 }
 
 /// The information bound along predicted kinematics.
@@ -156,12 +141,8 @@ impl Predictor for BoundPredictor {
         states
             .map(|(k, state)| {
                 let i = index::GYRO_BIAS + k;
-                let target = match state.effect {
-                    "gyro_g_sensitivity" => self.targets.g_deg_per_h_per_g,
-                    "gyro_bias" => self.targets.gyro_bias_deg_per_h,
-                    "accel_bias" => self.targets.accel_bias_mg,
-                    _ => 0.1 * filter.initial_sigmas().get(i).copied().unwrap_or(1.0) / state.unit.si,
-                };
+                let start = filter.initial_sigmas().get(i).copied().unwrap_or(f64::INFINITY);
+                let target = self.targets.of(state, start) / state.unit.si;
                 NamedSigma {
                     name: state.name.to_owned(),
                     sigma: covariance.sigma(i) / state.unit.si,

@@ -15,6 +15,8 @@ const ROTOR_MARGIN_M: f64 = 8.0;
 const WING_MARGIN_M: f64 = 20.0;
 /// Share of the turn radius in strongest ground speed that autopilots differ by in turning early or late.
 const TURN_SHARE: f64 = 0.3;
+/// Points of the line down to a landing that are checked.
+const LINE_CHECKS: u32 = 50;
 /// Most wind, in shares of the cruise speed.
 pub const WIND_SHARE: f64 = 0.6;
 
@@ -153,9 +155,18 @@ pub enum Refusal {
         /// m.
         height_m: f64,
     },
+    /// A landing that is off the line.
+    #[error("{t_s:.0} s into the flight the glide is {off_m:.0} m beside the line to the place of landing")]
+    NotAligned {
+        /// s.
+        t_s: f64,
+        /// m.
+        off_m: f64,
+    },
     /// Nothing safe at the end.
     #[error(
-        "the mission does not end in a hold: its last item must be a loiter without end or a return to launch"
+        "the mission does not end in a hold: its last item must be a loiter without end, a return to launch, or the \
+         landing of a fixed wing"
     )]
     NoSafeEnd,
     /// Nothing to fly.
@@ -315,13 +326,51 @@ impl<'a> Checker<'a> {
     }
 
     fn point(&self, t_s: f64, position_ned_m: &Vector3<f64>) -> Result<(), Refusal> {
-        let room = self.room_at(position_ned_m.xy());
-        if room < 0.0 || room.is_nan() {
-            return Err(Refusal::PathOutside { t_s, by_m: -room });
-        }
+        self.inside(t_s, position_ned_m)?;
         let height_m = -position_ned_m.z;
         if !(self.limits.floor_m..=self.limits.ceiling_m).contains(&height_m) {
             return Err(Refusal::PathHeight { t_s, height_m });
+        }
+        Ok(())
+    }
+
+    /// A landing: the items of its approach as any others, its end inside the fence, the line down to it as well.
+    ///
+    /// # Errors
+    /// The first thing that breaks a limit; items count within the approach.
+    pub fn landing(&self, approach: &[MissionItem], land: &MissionItem) -> Result<(), Refusal> {
+        self.items(approach)?;
+        let item = approach.len() + 1;
+        let reference = land.frame.altitude_reference();
+        if reference != AltitudeReference::Home {
+            return Err(Refusal::Reference { item, reference });
+        }
+        let ends = [approach.last().and_then(MissionItem::place), land.place()];
+        let [Some(from), Some(to)] = ends.map(|p| p.map(|p| self.frame.to_local(p))) else {
+            return Err(Refusal::NoSafeEnd);
+        };
+        for k in 0..=LINE_CHECKS {
+            let room = self.room_at(from.lerp(&to, f64::from(k) / f64::from(LINE_CHECKS)));
+            if room < 0.0 || room.is_nan() {
+                return Err(Refusal::ItemOutside { item, by_m: -room });
+            }
+        }
+        Ok(())
+    }
+
+    /// Every point against the fence with its margin, whatever its height: for what flies down to the ground. Times in s,
+    /// positions north, east, down in m.
+    ///
+    /// # Errors
+    /// The first point outside.
+    pub fn ground_track(&self, places: &[(f64, Vector3<f64>)]) -> Result<(), Refusal> {
+        places.iter().try_for_each(|(t_s, p)| self.inside(*t_s, p))
+    }
+
+    fn inside(&self, t_s: f64, position_ned_m: &Vector3<f64>) -> Result<(), Refusal> {
+        let room = self.room_at(position_ned_m.xy());
+        if room < 0.0 || room.is_nan() {
+            return Err(Refusal::PathOutside { t_s, by_m: -room });
         }
         Ok(())
     }
@@ -334,6 +383,7 @@ impl<'a> Checker<'a> {
         match items.last().map(|i| i.command) {
             None => Err(Refusal::Empty),
             Some(command::NAV_LOITER_UNLIM | command::NAV_RETURN_TO_LAUNCH) => Ok(()),
+            Some(command::NAV_LAND) if self.airframe.is_fixed_wing() => Ok(()),
             Some(_) => Err(Refusal::NoSafeEnd),
         }
     }

@@ -54,43 +54,18 @@ impl Geodetic {
         Vector3::new(p * cos_lon, p * sin_lon, ((1.0 - ECCENTRICITY_SQUARED) * n + self.height_m) * sin_lat)
     }
 
-    /// From an ECEF position, m. Bowring's formula with one refinement: below 1 nm up to 100 km height
-    /// (Bowring 1985, Survey Review 28).
+    /// From an ECEF position, m.
     pub fn from_ecef(r_e: &Vector3<f64>) -> Self {
-        let p = r_e.x.hypot(r_e.y);
-        let b = EQUATORIAL_RADIUS_M * (1.0 - FLATTENING);
-        let second_eccentricity_squared = ECCENTRICITY_SQUARED / (1.0 - ECCENTRICITY_SQUARED);
-        let mut tan_beta = r_e.z * EQUATORIAL_RADIUS_M / (p * b).max(f64::MIN_POSITIVE);
-        let mut lat = 0.0;
-        for _ in 0..3 {
-            let beta = tan_beta.atan();
-            let (s, c) = beta.sin_cos();
-            lat = (r_e.z + second_eccentricity_squared * b * s.powi(3))
-                .atan2(p - ECCENTRICITY_SQUARED * EQUATORIAL_RADIUS_M * c.powi(3));
-            tan_beta = (1.0 - FLATTENING) * lat.tan();
-        }
-        let (sin_lat, cos_lat) = lat.sin_cos();
+        let (sin_lat, cos_lat) = latitude(r_e);
         let w = (1.0 - ECCENTRICITY_SQUARED * sin_lat * sin_lat).sqrt();
         // Height without cancellation at the poles (Fukushima 1999, eq. 4).
-        let height = p * cos_lat + r_e.z * sin_lat - EQUATORIAL_RADIUS_M * w;
-        Self { lat_rad: lat, lon_rad: r_e.y.atan2(r_e.x), height_m: height }
+        let height = r_e.x.hypot(r_e.y) * cos_lat + r_e.z * sin_lat - EQUATORIAL_RADIUS_M * w;
+        Self { lat_rad: sin_lat.atan2(cos_lat), lon_rad: r_e.y.atan2(r_e.x), height_m: height }
     }
 
     /// C_n^e: turns north-east-down vectors at this place into ECEF (Groves 2013, eq. 2.150 transposed).
     pub fn c_en(&self) -> Matrix3<f64> {
-        let (sin_lat, cos_lat) = self.lat_rad.sin_cos();
-        let (sin_lon, cos_lon) = self.lon_rad.sin_cos();
-        Matrix3::new(
-            -sin_lat * cos_lon,
-            -sin_lon,
-            -cos_lat * cos_lon,
-            -sin_lat * sin_lon,
-            cos_lon,
-            -cos_lat * sin_lon,
-            cos_lat,
-            0.0,
-            -sin_lat,
-        )
+        ned_axes(self.lat_rad.sin_cos(), self.lon_rad.sin_cos())
     }
 
     /// Meridian and transverse radii of curvature R_N, R_E, m (Groves 2013, eqs. 2.105 and 2.106).
@@ -99,6 +74,53 @@ impl Geodetic {
         let r_e = EQUATORIAL_RADIUS_M / w2.sqrt();
         (r_e * (1.0 - ECCENTRICITY_SQUARED) / w2, r_e)
     }
+}
+
+/// C_n^e at an ECEF position: that of its [`Geodetic`] without the angles in between.
+pub fn c_en_at(r_e: &Vector3<f64>) -> Matrix3<f64> {
+    let p = (r_e.x * r_e.x + r_e.y * r_e.y).sqrt();
+    let lon = if p > 0.0 { (r_e.y / p, r_e.x / p) } else { (0.0, 1.0) };
+    ned_axes(latitude(r_e), lon)
+}
+
+/// Sine and cosine of the geodetic latitude: Bowring's formula with refinements, below 1 nm up to 100 km height
+/// (Bowring 1985, Survey Review 28), in sines and cosines alone.
+fn latitude(r_e: &Vector3<f64>) -> (f64, f64) {
+    let unit = |s: f64, c: f64| {
+        let norm = (s * s + c * c).sqrt().max(f64::MIN_POSITIVE);
+        (s / norm, c / norm)
+    };
+    let p = (r_e.x * r_e.x + r_e.y * r_e.y).sqrt();
+    let b = EQUATORIAL_RADIUS_M * (1.0 - FLATTENING);
+    let second_eccentricity_squared = ECCENTRICITY_SQUARED / (1.0 - ECCENTRICITY_SQUARED);
+    let (mut sin_beta, mut cos_beta) = unit(r_e.z * EQUATORIAL_RADIUS_M, p * b);
+    for _ in 0..2 {
+        let (sin_lat, cos_lat) = latitude_step(r_e.z, p, second_eccentricity_squared * b, sin_beta, cos_beta);
+        (sin_beta, cos_beta) = unit((1.0 - FLATTENING) * sin_lat, cos_lat);
+    }
+    let (sin_lat, cos_lat) = latitude_step(r_e.z, p, second_eccentricity_squared * b, sin_beta, cos_beta);
+    unit(sin_lat, cos_lat)
+}
+
+/// Latitude from the parametric latitude, as a direction of any length (Bowring 1985).
+fn latitude_step(z: f64, p: f64, polar: f64, sin_beta: f64, cos_beta: f64) -> (f64, f64) {
+    let cube = |x: f64| x * x * x;
+    (z + polar * cube(sin_beta), p - ECCENTRICITY_SQUARED * EQUATORIAL_RADIUS_M * cube(cos_beta))
+}
+
+/// North, east and down in ECEF axes as columns, from sine and cosine of latitude and longitude.
+fn ned_axes((sin_lat, cos_lat): (f64, f64), (sin_lon, cos_lon): (f64, f64)) -> Matrix3<f64> {
+    Matrix3::new(
+        -sin_lat * cos_lon,
+        -sin_lon,
+        -cos_lat * cos_lon,
+        -sin_lat * sin_lon,
+        cos_lon,
+        -cos_lat * sin_lon,
+        cos_lat,
+        0.0,
+        -sin_lat,
+    )
 }
 
 /// Gravity (gravitation plus centrifugal acceleration) in ECEF, m/s², at an ECEF position.
@@ -169,6 +191,14 @@ mod tests {
             let back = Geodetic::from_ecef(&place.to_ecef());
             prop_assert!((back.to_ecef() - place.to_ecef()).norm() < 1e-7);
             prop_assert!((back.lat_rad - place.lat_rad).abs() < 1e-14);
+        }
+
+        #[test]
+        fn axes_at_a_position_are_those_of_its_latitude_and_longitude(
+            lat in -90.0..90.0f64, lon in -180.0..180.0f64, h in -5e3..1e5f64,
+        ) {
+            let place = Geodetic::from_degrees(lat, lon, h);
+            prop_assert!((c_en_at(&place.to_ecef()) - place.c_en()).norm() < 1e-13);
         }
 
         #[test]

@@ -37,12 +37,12 @@ impl NavState {
 
     /// Velocity in north-east-down axes, m/s.
     pub fn v_n(&self) -> Vector3<f64> {
-        self.geodetic().c_en().transpose() * self.v_e
+        earth::c_en_at(&self.r_e).transpose() * self.v_e
     }
 
     /// C_b^n.
     pub fn c_nb(&self) -> Matrix3<f64> {
-        self.geodetic().c_en().transpose() * self.c_eb()
+        earth::c_en_at(&self.r_e).transpose() * self.c_eb()
     }
 
     /// Roll, pitch, yaw, rad.

@@ -2,16 +2,25 @@
 //!
 //! Names say from and to: `c_eb` turns body vectors into ECEF ones (C_b^e of the paper).
 
-use nalgebra::{Matrix3, UnitQuaternion, Vector3};
+use nalgebra::{Matrix3, Quaternion, UnitQuaternion, Vector3};
 
 /// The matrix [v×] with [v×]·w = v × w.
 pub fn skew(v: &Vector3<f64>) -> Matrix3<f64> {
     Matrix3::new(0.0, -v.z, v.y, v.z, 0.0, -v.x, -v.y, v.x, 0.0)
 }
 
+/// Below this angle squared the series of sine and cosine are exact to the last digit after three terms, rad².
+const SMALL: f64 = 1e-4;
+
 /// exp([φ×]) as a unit quaternion (Solà 2017, eq. 101).
 pub fn exp(phi: &Vector3<f64>) -> UnitQuaternion<f64> {
-    UnitQuaternion::from_scaled_axis(*phi)
+    let a2 = phi.norm_squared();
+    if a2 >= SMALL {
+        return UnitQuaternion::from_scaled_axis(*phi);
+    }
+    let vector = phi * (0.5 - a2 / 48.0 + a2 * a2 / 3840.0);
+    let scalar = 1.0 - a2 / 8.0 + a2 * a2 / 384.0;
+    UnitQuaternion::new_unchecked(Quaternion::from_parts(scalar, vector))
 }
 
 /// Rotation vector of a rotation, |φ| ≤ π (Solà 2017, eq. 105).
@@ -23,8 +32,8 @@ pub fn log(q: &UnitQuaternion<f64>) -> Vector3<f64> {
 pub fn left_jacobian(phi: &Vector3<f64>) -> Matrix3<f64> {
     let a2 = phi.norm_squared();
     let k = skew(phi);
-    let (b, c) = if a2 < 1e-8 {
-        (0.5 - a2 / 24.0, 1.0 / 6.0 - a2 / 120.0)
+    let (b, c) = if a2 < SMALL {
+        (0.5 - a2 / 24.0 + a2 * a2 / 720.0, 1.0 / 6.0 - a2 / 120.0 + a2 * a2 / 5040.0)
     } else {
         let a = a2.sqrt();
         ((1.0 - a.cos()) / a2, (a - a.sin()) / (a2 * a))
@@ -78,6 +87,12 @@ mod tests {
         #[test]
         fn exp_and_log_are_inverse(phi in vector(1.7)) {
             prop_assert!((log(&exp(&phi)) - phi).norm() < 1e-12);
+        }
+
+        #[test]
+        fn exp_of_a_small_rotation_is_exact(phi in vector(0.01)) {
+            let exact = UnitQuaternion::from_scaled_axis(phi);
+            prop_assert!((exp(&phi).coords - exact.coords).norm() < 3e-16);
         }
 
         #[test]

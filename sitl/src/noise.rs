@@ -34,6 +34,8 @@ pub enum Purpose {
     Link,
     /// Gusts.
     Wind,
+    /// What somebody does at random.
+    Choice,
 }
 
 /// Random numbers for one purpose.

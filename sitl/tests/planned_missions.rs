@@ -66,6 +66,7 @@ fn request(seed: u64) -> Request {
         airframe,
         home: HOME,
         take_off: true,
+        landing: true,
         start_height_m: height,
         start_heading_deg: 0.0,
         limits: Limits { fence, floor_m, ceiling_m, wind_ned_m_per_s: wind },
@@ -110,7 +111,9 @@ fn wire(item: &MissionItem) -> MISSION_ITEM_INT_DATA {
         17 => MavCmd::MAV_CMD_NAV_LOITER_UNLIM,
         18 => MavCmd::MAV_CMD_NAV_LOITER_TURNS,
         19 => MavCmd::MAV_CMD_NAV_LOITER_TIME,
+        21 => MavCmd::MAV_CMD_NAV_LAND,
         22 => MavCmd::MAV_CMD_NAV_TAKEOFF,
+        31 => MavCmd::MAV_CMD_NAV_LOITER_TO_ALT,
         115 => MavCmd::MAV_CMD_CONDITION_YAW,
         178 => MavCmd::MAV_CMD_DO_CHANGE_SPEED,
         other => panic!("the planner uses command {other}"),
@@ -119,7 +122,12 @@ fn wire(item: &MissionItem) -> MISSION_ITEM_INT_DATA {
     MISSION_ITEM_INT_DATA { command, frame, param1, param2, param3, param4, x, y, z, ..Default::default() }
 }
 
-/// Flies the plan to a minute in its hold; what went wrong, if anything.
+/// Whether the plan ends in a landing.
+fn lands(made: &Plan) -> bool {
+    made.mission.items.last().is_some_and(|i| i.command == 21)
+}
+
+/// Flies the plan to a minute in its hold, or to its landing at home; what went wrong, if anything.
 fn flown(request: &Request, made: &Plan, seed: u64) -> Result<(), String> {
     let autopilot = request.airframe.autopilot;
     let mut vehicle = vehicle(request, seed);
@@ -131,6 +139,8 @@ fn flown(request: &Request, made: &Plan, seed: u64) -> Result<(), String> {
     assert!(vehicle.arm(true) && vehicle.set_mode(Mode::Auto));
     let frame = LocalFrame::new(HOME.place());
     let fence = LocalFence::new(&request.limits.fence, &frame);
+    let slow = request.airframe.speed_min_m_per_s;
+    let roll_out = slow * slow / (2.0 * request.airframe.braking_m_per_s2) + 4.0 * slow;
     let (mut t, mut arrived) = (1.0, None);
     while t < 700.0 && arrived.is_none_or(|a: f64| t < a + 60.0) {
         t += 0.1;
@@ -141,11 +151,20 @@ fn flown(request: &Request, made: &Plan, seed: u64) -> Result<(), String> {
         if clearance <= 0.0 {
             return Err(format!("{:.0} m outside the fence at {t:.0} s, item {item}", -clearance));
         }
-        if height > request.limits.ceiling_m + 1.0 || (item > first && height < request.limits.floor_m - 1.0)
-        {
+        let low = item > first && height < request.limits.floor_m - 1.0;
+        let landing = lands(made) && (item == last || vehicle.has_landed());
+        if height > request.limits.ceiling_m + 1.0 || (low && !landing) {
             return Err(format!("{height:.0} m high at {t:.0} s, item {item}"));
         }
-        if item == last {
+        if vehicle.has_landed() {
+            let beside = frame.to_local(lat_lon).norm();
+            return if lands(made) && beside < roll_out {
+                Ok(())
+            } else {
+                Err(format!("landed {beside:.0} m from home"))
+            };
+        }
+        if item == last && !lands(made) {
             arrived.get_or_insert(t);
         }
     }
@@ -154,17 +173,21 @@ fn flown(request: &Request, made: &Plan, seed: u64) -> Result<(), String> {
 
 #[test]
 fn what_is_planned_stays_inside_when_flown() {
-    let (mut fine, mut wrong) = (0, Vec::new());
+    let (mut fine, mut landed, mut wrong) = (0, 0, Vec::new());
     for seed in 0..SEEDS {
         let request = request(seed);
         match plan(&request, Spread([0.0; 3])) {
             Err(refusal) => assert!(refusal.to_string().len() > 20, "{seed}: {refusal}"),
             Ok(made) => match flown(&request, &made, seed) {
-                Ok(()) => fine += 1,
+                Ok(()) => {
+                    fine += 1;
+                    landed += u64::from(lands(&made));
+                }
                 Err(why) => wrong.push(format!("{seed} {}: {why}", request.airframe.name)),
             },
         }
     }
     assert!(wrong.is_empty(), "{fine} fine, wrong: {wrong:#?}");
     assert!(fine > SEEDS / 4, "only {fine} of {SEEDS} could be planned");
+    assert!(landed > fine / 8, "only {landed} of {fine} end in a landing");
 }

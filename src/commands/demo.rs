@@ -57,6 +57,9 @@ pub struct DemoArgs {
     /// Print the result as one JSON document.
     #[arg(long)]
     pub json: bool,
+    /// Write the report here (default: demo-report.html; with --json none).
+    #[arg(long, value_name = "FILE")]
+    pub report: Option<PathBuf>,
 }
 
 /// How fast virtual time runs.
@@ -96,6 +99,14 @@ pub enum DemoError {
         path: PathBuf,
         /// Why.
         source: gaware_mission::airframe::AirframeError,
+    },
+    /// The report.
+    #[error("cannot write the report {path}: {reason}")]
+    Report {
+        /// File.
+        path: PathBuf,
+        /// Why.
+        reason: String,
     },
     /// Not two numbers.
     #[error("--wind takes two numbers, toward north and toward east in m/s: --wind 3,-2")]
@@ -165,6 +176,10 @@ pub fn run(args: &DemoArgs) -> Result<(), CommandError> {
         }
     }
     let result = result::of(&mut flight, args.seed);
+    let report = args.report.clone().or_else(|| (!args.json).then(|| PathBuf::from("demo-report.html")));
+    if let Some(path) = report {
+        write_report(&path, &flight, &result)?;
+    }
     let mut out = std::io::stdout().lock();
     if args.json {
         serde_json::to_writer(&mut out, &result.document).map_err(std::io::Error::from)?;
@@ -179,13 +194,21 @@ pub fn run(args: &DemoArgs) -> Result<(), CommandError> {
     }
 }
 
+fn write_report(path: &Path, flight: &Flight, result: &result::DemoResult) -> Result<(), DemoError> {
+    let fail = |reason: String| DemoError::Report { path: path.to_owned(), reason };
+    let page = crate::report::demo::html(&flight.prepared().settings.airframe.name, result, &result.series);
+    std::fs::write(path, page.map_err(fail)?).map_err(|e| fail(e.to_string()))?;
+    eprintln!("report: {}", path.display());
+    Ok(())
+}
+
 /// Flies at the speed of the clock, with screens.
 async fn show(args: &DemoArgs, mut flight: Flight, factor: f64) -> Result<Flight, CommandError> {
     let stop = CancellationToken::new();
     start::cancel_on_signal(&stop);
     let status = SinkStatus::new();
     let (snapshots, snapshots_rx) = watch::channel(Arc::new(Snapshot::default()));
-    let sources = || Sources { snapshots: snapshots_rx.clone(), status: status.clone() };
+    let sources = || Sources { snapshots: snapshots_rx.clone(), status: status.clone(), requests: None };
     if !args.no_web {
         start::serve_web(args.web, None, sources(), &stop).await?;
     }

@@ -11,7 +11,7 @@ use std::time::Duration;
 /// Arguments of `explain`.
 #[derive(Debug, Clone, clap::Args)]
 pub struct ExplainArgs {
-    /// Flights of one vehicle (.tlog, .bin, .ulg, .mcap).
+    /// Flights of one vehicle (.tlog, .bin, .ulg, .mcap, a folder with imu.csv and gps.csv).
     #[arg(required = true, value_name = "LOG")]
     pub logs: Vec<PathBuf>,
     /// The model that is believed (default: no effects but those of the message itself).
@@ -48,6 +48,7 @@ pub fn run(args: &ExplainArgs) -> Result<(), CommandError> {
             Phase::Reading(k) => format!("reading log {}", k + 1),
             Phase::Choosing => "fitting noise, comparing effects".to_owned(),
             Phase::Judging => "judging on held-out data".to_owned(),
+            Phase::Smoothing => "simulating the sensors along the best trajectory".to_owned(),
             Phase::Terms => "looking for terms outside the catalogue".to_owned(),
         });
     })?;

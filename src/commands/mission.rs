@@ -3,11 +3,13 @@
 use super::{CommandError, start};
 use crate::link::address::Address;
 use crate::mission_link::files::{self, FileError};
-use crate::mission_link::session::{News, Session, SessionError};
+use crate::mission_link::session::{Session, SessionError};
+use crate::mission_link::uploader::phase_words;
 use crate::mission_link::vehicle::Vehicle;
+use crate::mission_link::wire::{News, Wire};
 use gaware_mission::fence::Fence;
 use gaware_mission::transfer::TransferError;
-use gaware_mission::transfer::verified::{Options, Outcome, Phase};
+use gaware_mission::transfer::verified::{Options, Outcome};
 use std::path::PathBuf;
 use std::time::{Duration, SystemTime};
 use tokio_util::sync::CancellationToken;
@@ -165,14 +167,4 @@ async fn open(args: &LinkArgs, stop: &CancellationToken) -> Result<Session, Sess
 fn default_backup() -> PathBuf {
     let since = SystemTime::now().duration_since(SystemTime::UNIX_EPOCH).unwrap_or_default();
     PathBuf::from(format!("mission-backup-{}.plan", since.as_millis()))
-}
-
-fn phase_words(phase: Phase) -> &'static str {
-    match phase {
-        Phase::BackingUp => "reading the mission that is on board",
-        Phase::Uploading => "uploading",
-        Phase::ReadingBack => "reading back",
-        Phase::Restoring => "putting the previous mission back",
-        Phase::Finished => "the transfer is over",
-    }
 }

@@ -71,6 +71,12 @@ pub enum CommandError {
         /// One line each.
         differences: String,
     },
+    /// A mission transfer said what was not so.
+    #[error("{count} uploads ended with a wrong statement about what is on the vehicle")]
+    Transfers {
+        /// Uploads.
+        count: usize,
+    },
     /// The simulation.
     #[error(transparent)]
     Sim(#[from] sim::SimError),
@@ -95,6 +101,9 @@ pub enum CommandError {
     /// The study of observability.
     #[error(transparent)]
     Observability(#[from] crate::study::observability::ObservabilityError),
+    /// The study of the guidance.
+    #[error(transparent)]
+    Guidance(#[from] crate::study::guidance::GuidanceError),
     /// The web page.
     #[error("cannot serve the web page on {address}: {reason}")]
     Web {

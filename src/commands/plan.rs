@@ -46,6 +46,9 @@ pub struct PlanArgs {
     /// Course of the take-off, deg (default: into the wind).
     #[arg(long, value_name = "DEG")]
     pub heading: Option<f64>,
+    /// Land a fixed wing at home after the last maneuver, where there is room for it (default: end in a hold).
+    #[arg(long)]
+    pub land: bool,
     /// Time from the end of the climb to the hold at the end, s.
     #[arg(long, value_name = "S", default_value_t = 300.0)]
     pub budget: f64,
@@ -128,6 +131,7 @@ fn request(args: &PlanArgs) -> Result<Request, CommandError> {
         airframe,
         home,
         take_off: true,
+        landing: args.land,
         start_height_m: height,
         start_heading_deg: heading,
         limits: Limits { fence, floor_m: args.floor, ceiling_m: args.ceiling, wind_ned_m_per_s: [n, e, 0.0] },

@@ -10,6 +10,7 @@ use crate::link::frame::Frame;
 use crate::link::heartbeat::Voice;
 use crate::link::rates::{RateAction, RateKeeper, needs};
 use crate::link::timesync::Timesync;
+use crate::mission_link::uploader::RawMessage;
 use crate::sensors::{AUTOPILOT_COMPONENT, ConverterOptions, ImuSource, Notice, Severity};
 use crate::sinks::recorder::{RecordItem, Recorder, RecorderStats, Setup, recording_path};
 use gaware_nav::model::Model;
@@ -80,6 +81,10 @@ pub struct RunArgs {
     /// Token that the web page asks for; without one, a page on any other than this machine's own address makes one up.
     #[arg(long, value_name = "TOKEN", env = "GAWARE_WEB_TOKEN", hide_env_values = true)]
     pub web_token: Option<String>,
+    /// A planned mission (.plan or .waypoints, see `gaware plan`) that may be uploaded from the page or the terminal; nothing is
+    /// uploaded before somebody asks for it there and confirms. The mission before is kept in a file beside it.
+    #[arg(long, value_name = "FILE")]
+    pub mission: Option<PathBuf>,
     /// Print the result as one JSON document.
     #[arg(long)]
     pub json: bool,
@@ -130,11 +135,13 @@ pub struct Hooks {
     pub live: watch::Sender<Arc<Live>>,
     /// Messages for the vehicle and the ground station (telemetry, mission transfer); sent under our identity.
     pub outbox: mpsc::Receiver<MavMessage>,
+    /// Messages by id and payload, for the mission transfer; sent in the same way.
+    pub raw_outbox: mpsc::Receiver<RawMessage>,
     /// Gets a copy of every frame that arrives, for protocols with the vehicle; slow readers lose their own.
     pub frames: tokio::sync::broadcast::Sender<Received>,
 }
 
-/// Runs the command until a signal or its duration ends it, and prints the result.
+/// Runs the command until `stop` or its duration ends it, and prints the result.
 ///
 /// # Errors
 /// When the model cannot be read or the recording cannot be started. A link that does not open is tried again until the
@@ -145,15 +152,8 @@ pub async fn run<E: Estimator>(
     stop: CancellationToken,
     make: impl FnOnce(Model) -> E,
 ) -> Result<(), CommandError> {
-    let signalled = stop.clone();
-    let signals = tokio::spawn(async move {
-        wait_for_signal().await;
-        signalled.cancel();
-    });
     let live = hooks.live.subscribe();
-    let result = serve(args, hooks, stop, make).await;
-    signals.abort();
-    let (pipeline, document) = result?;
+    let (pipeline, document) = serve(args, hooks, stop, make).await?;
     let mut out = std::io::stdout().lock();
     if args.json {
         serde_json::to_writer(&mut out, &document).map_err(std::io::Error::from)?;
@@ -282,6 +282,7 @@ impl<E: Estimator> Session<E> {
                 _ = housekeeping.tick() => self.keep_house(),
                 _ = snapshots.tick() => self.show(),
                 Some(message) = self.hooks.outbox.recv() => self.say(&message),
+                Some(message) = self.hooks.raw_outbox.recv() => self.say_raw(&message),
                 received = self.links.next() => match received {
                     Some(received) => self.take(received),
                     None => break,
@@ -392,6 +393,13 @@ impl<E: Estimator> Session<E> {
     fn say(&mut self, message: &MavMessage) {
         let frame = self.voice.say(message);
         self.send(frame);
+    }
+
+    fn say_raw(&mut self, message: &RawMessage) {
+        match self.voice.say_payload(message.id, &message.payload) {
+            Ok(frame) => self.send(frame),
+            Err(error) => tracing::error!(%error, "a mission message could not be made"),
+        }
     }
 
     fn send(&mut self, frame: Frame) {

@@ -1,9 +1,11 @@
 //! `gaware sim`: a simulated autopilot on UDP, TCP or a pseudo-terminal.
 
+use crate::study::blind;
 use clap::{Args, ValueEnum};
 use gaware_sitl::autopilot::{Autopilot, AutopilotConfig, Flavour};
 use gaware_sitl::faults::{Fault, FaultError, link_faults};
-use gaware_sitl::scenario::{self, HideError};
+use gaware_sitl::scenario::{self, HideError, Scenario};
+use gaware_sitl::sensors::Temperature;
 use gaware_sitl::shell::{Endpoint, Options, Served, Server, ShellError, Speed};
 use std::path::PathBuf;
 use tokio_util::sync::CancellationToken;
@@ -38,6 +40,13 @@ pub struct SimArgs {
     /// Hide an effect in the sensors, values as in a model file: gps_latency=0.3, gps_lever_arm=[0.3,0,-0.1].
     #[arg(long, value_name = "EFFECT=VALUE")]
     pub hide: Vec<String>,
+    /// Hide an effect drawn by this seed, of a size drawn too, or none at all, in sensors that are otherwise free of effects;
+    /// what it was stands in the file of --sealed alone.
+    #[arg(long, value_name = "SEED", requires = "sealed", conflicts_with = "hide")]
+    pub hide_random: Option<u64>,
+    /// Where to write what --hide-random has hidden, as a model file.
+    #[arg(long, value_name = "FILE", requires = "hide_random")]
+    pub sealed: Option<PathBuf>,
     /// Record every frame, sent and received, to this .tlog.
     #[arg(long, value_name = "FILE")]
     pub record: Option<PathBuf>,
@@ -94,6 +103,14 @@ pub enum SimError {
     /// A hidden effect that cannot be had.
     #[error(transparent)]
     Hide(#[from] HideError),
+    /// The sealed truth cannot be written.
+    #[error("cannot write the sealed truth to {path}: {source}")]
+    Sealed {
+        /// Where.
+        path: PathBuf,
+        /// Why.
+        source: std::io::Error,
+    },
     /// A fault that cannot be read.
     #[error(transparent)]
     Fault(#[from] FaultError),
@@ -109,13 +126,37 @@ impl SimError {
             Self::Shell(e) => {
                 matches!(e, ShellError::Address(_) | ShellError::Speed(_) | ShellError::UdpAtFullSpeed)
             }
+            Self::Sealed { .. } => false,
             _ => true,
         }
     }
 }
 
+/// A board that warms up in flight, so that effects of temperature have something to go with.
+const WARMING: Temperature = Temperature { start_degc: 22.0, end_degc: 47.0, time_constant_s: 110.0 };
+
+/// Takes all effects out of a scenario and puts in what this seed draws, if anything; returns the sealed truth.
+///
+/// Truncation is never drawn: the message itself truncates, and everybody knows. Where it comes up nothing is hidden.
+fn hide_random(scenario: &mut Scenario, seed: u64) -> String {
+    let drawn = blind::hide_random(seed).filter(|s| !s.effect.truncates_samples());
+    scenario.model.effects = drawn.iter().cloned().collect();
+    scenario.sensors.temperature = Some(WARMING);
+    let what = drawn.as_ref().map_or("nothing", |s| s.effect.name());
+    format!("# hidden: {what}\n{}", blind::seal(drawn.as_ref()))
+}
+
+/// What is about to be run.
+struct Prepared {
+    autopilot: Autopilot,
+    endpoint: Endpoint,
+    options: Options,
+    /// What is hidden, for nobody to see before the flight has been explained.
+    sealed: Option<String>,
+}
+
 /// Everything the arguments ask for, checked before anything is opened.
-fn prepare(args: &SimArgs) -> Result<(Autopilot, Endpoint, Options), SimError> {
+fn prepare(args: &SimArgs) -> Result<Prepared, SimError> {
     let mut scenario = scenario::scenario(&args.scenario).ok_or_else(|| SimError::Scenario {
         name: args.scenario.clone(),
         known: scenario::names().collect::<Vec<_>>().join(", "),
@@ -123,6 +164,7 @@ fn prepare(args: &SimArgs) -> Result<(Autopilot, Endpoint, Options), SimError> {
     for effect in &args.hide {
         scenario::hide(&mut scenario.model, effect)?;
     }
+    let sealed = args.hide_random.map(|seed| hide_random(&mut scenario, seed));
     if let Some(vehicle) = &mut scenario.vehicle {
         vehicle.seed = args.seed;
         if let [north, east] = args.wind[..] {
@@ -162,11 +204,14 @@ fn prepare(args: &SimArgs) -> Result<(Autopilot, Endpoint, Options), SimError> {
         loop_rate_hz,
         filter_hz,
         wait_for_station: !args.no_wait,
+        // A blind flight is told by the integers that every board sends, and the truth is not on the wire.
+        has_highres_imu: sealed.is_none(),
+        has_sim_state: sealed.is_none(),
         faults,
         seed: args.seed,
         ..AutopilotConfig::default()
     };
-    Ok((Autopilot::playing(config, &scenario), endpoint, options))
+    Ok(Prepared { autopilot: Autopilot::playing(config, &scenario), endpoint, options, sealed })
 }
 
 fn within(
@@ -189,7 +234,10 @@ pub async fn run(
     announce: impl FnOnce(&str),
     shutdown: CancellationToken,
 ) -> Result<Served, SimError> {
-    let (autopilot, endpoint, options) = prepare(args)?;
+    let Prepared { autopilot, endpoint, options, sealed } = prepare(args)?;
+    if let (Some(text), Some(path)) = (&sealed, &args.sealed) {
+        std::fs::write(path, text).map_err(|source| SimError::Sealed { path: path.clone(), source })?;
+    }
     let server = Server::bind(&endpoint).await?;
     announce(server.address());
     Ok(server.run(autopilot, options, shutdown).await?)
@@ -231,7 +279,7 @@ mod tests {
     #[test]
     fn arguments_reach_the_simulation() {
         let line = "--hide gps_latency=0.3 --fault loss=0.2 --fault reboot@9 --speed 5 --until 30 --seed 7";
-        let (autopilot, endpoint, options) = prepare(&args(line)).unwrap();
+        let Prepared { autopilot, endpoint, options, .. } = prepare(&args(line)).unwrap();
         assert_eq!(autopilot.model().get("gps_latency").unwrap().values, vec![0.3]);
         assert_eq!(endpoint, Endpoint::UdpOut("127.0.0.1:14550".into()));
         assert_eq!((options.speed, options.until_s, options.seed), (Speed::Times(5.0), 30.0, 7));
@@ -239,8 +287,40 @@ mod tests {
     }
 
     #[test]
+    fn what_is_hidden_by_chance_stands_in_the_sealed_text_and_in_the_sensors_alone() {
+        let mut hidden = std::collections::BTreeSet::new();
+        let scenario = scenario::scenario("bench").unwrap();
+        for seed in 0..40 {
+            let mut scenario = scenario.clone();
+            let sealed = hide_random(&mut scenario, seed);
+            let truth = gaware_nav::model::Model::from_toml(&sealed).unwrap();
+            let inside = &scenario.model.effects;
+            assert_eq!(truth.effects.len(), inside.len(), "{sealed}");
+            for (told, real) in truth.effects.iter().zip(inside) {
+                assert_eq!(told.effect.name(), real.effect.name());
+                assert!(told.values.iter().zip(&real.values).all(|(a, b)| (a - b).abs() <= 1e-9 * b.abs()));
+            }
+            hidden.insert(inside.first().map(|s| s.effect.name()));
+        }
+        let prepared = prepare(&args("--scenario bench --hide-random 3 --sealed truth.toml")).unwrap();
+        assert_eq!(prepared.autopilot.model().effects.len(), 1, "{:?}", prepared.sealed);
+        assert_eq!(prepared.options.seed, 1, "the seed of the noise must not follow from what is hidden");
+        assert!(hidden.len() > 8 && hidden.contains(&None), "{hidden:?}");
+        assert!(Cli::try_parse_from(["sim", "--hide-random", "1"]).is_err(), "the truth must go somewhere");
+        let both = ["sim", "--hide-random", "1", "--sealed", "x", "--hide", "gps_latency=0.1"];
+        assert!(Cli::try_parse_from(both).is_err());
+    }
+
+    #[tokio::test]
+    async fn a_truth_that_cannot_be_sealed_is_not_flown() {
+        let args = args("--hide-random 1 --sealed no/such/folder/truth.toml --listen tcpin:127.0.0.1:0");
+        let error = run(&args, |_| panic!("it opened a link"), CancellationToken::new()).await.unwrap_err();
+        assert!(error.to_string().contains("sealed truth") && !error.is_usage(), "{error}");
+    }
+
+    #[test]
     fn wind_reaches_the_vehicle() {
-        let (autopilot, ..) = prepare(&args("--scenario mission_multirotor --wind -3,2")).unwrap();
+        let autopilot = prepare(&args("--scenario mission_multirotor --wind -3,2")).unwrap().autopilot;
         assert_eq!(autopilot.vehicle().unwrap().config().wind_n_e_m_per_s, [-3.0, 2.0]);
     }
 

@@ -1,11 +1,15 @@
 //! Starting `run`: the engine with its sinks (terminal or log lines, web page, telemetry) on one runtime.
 
 use super::CommandError;
+use super::mission::MissionError;
 use super::run::{self, Hooks, Live, RunArgs};
-use crate::engine::snapshot::Snapshot;
+use crate::engine::snapshot::{Phase, Snapshot};
 use crate::engine::{Engine, EngineOptions};
 use crate::link::framer::FramerStats;
-use crate::sinks::status::{LinkState, LinkView, RecorderState, RecorderView, SinkStatus};
+use crate::mission_link::uploader::{Planned, Uploader};
+use crate::sinks::status::{
+    LinkState, LinkView, MissionState, MissionView, RecorderState, RecorderView, SinkStatus,
+};
 use crate::sinks::telemetry::{Telemetry, TelemetryConfig};
 use crate::sinks::terminal::{self, Sources, headless};
 use crate::sinks::web::{self, WebState, access::Token};
@@ -20,6 +24,8 @@ use tokio_util::sync::CancellationToken;
 const OUTBOX: usize = 64;
 /// Copies of frames that a slow protocol may fall behind.
 const FRAMES: usize = 4096;
+/// Slower than this a vehicle stands, m/s.
+const STANDING: f64 = 1.5;
 /// A link without a frame for this long is called silent.
 const SILENT: Duration = Duration::from_secs(3);
 
@@ -66,27 +72,62 @@ pub fn run(args: RunArgs) -> Result<(), CommandError> {
     result
 }
 
+/// Runs with all sinks. Signals, the terminal and the duration cancel `asked`; the run itself ends once an upload under way
+/// has put the previous mission back.
 async fn with_sinks(args: &RunArgs) -> Result<(), CommandError> {
     let options = match &args.airframe {
         Some(name) => EngineOptions::for_airframe(super::demo::load_airframe(name)?, true),
         None => EngineOptions::default(),
     };
-    let stop = CancellationToken::new();
+    let (asked, stop) = (CancellationToken::new(), CancellationToken::new());
+    cancel_on_signal(&asked);
     let status = SinkStatus::new();
     let (live, live_rx) = watch::channel(Arc::new(Live::default()));
     let (outbox, outbox_rx) = mpsc::channel(OUTBOX);
     let (frames, _) = broadcast::channel(FRAMES);
     let (snapshots, snapshots_rx) = watch::channel(Arc::new(Snapshot::default()));
-    let sources = || Sources { snapshots: snapshots_rx.clone(), status: status.clone() };
+    let (raw, raw_outbox) = mpsc::channel(OUTBOX);
+    let mut requests = None;
+    let mut uploads = None;
+    if let Some(path) = &args.mission {
+        let planned = Planned::load(path).map_err(MissionError::from)?;
+        let uploader = Uploader::new(planned, args.vehicle, frames.subscribe(), raw, status.clone());
+        // One at a time; whoever comes second is told so.
+        let (sender, receiver) = mpsc::channel(1);
+        requests = Some(sender);
+        uploads = Some(tokio::spawn(uploader.run(receiver, asked.clone())));
+    }
+    let sources =
+        || Sources { snapshots: snapshots_rx.clone(), status: status.clone(), requests: requests.clone() };
     if let Some(address) = args.web {
         serve_web(address, args.web_token.as_deref(), sources(), &stop).await?;
     }
-    if args.headless || args.json || show_terminal(sources(), &stop).is_err() {
+    if args.headless || args.json || show_terminal(sources(), &asked).is_err() {
         tokio::spawn(headless::run(sources(), headless::PERIOD, tokio::io::stderr(), stop.clone()));
     }
     tokio::spawn(relay(live_rx, snapshots, outbox, status, stop.clone()));
-    let hooks = Hooks { live, outbox: outbox_rx, frames };
-    run::run(args, hooks, stop, |model| Engine::new(model, options)).await
+    let hooks = Hooks { live, outbox: outbox_rx, raw_outbox, frames };
+    let duration = args.duration;
+    let ends = stop.clone();
+    tokio::spawn(async move {
+        let over = async {
+            match duration {
+                Some(after) => tokio::time::sleep(after).await,
+                None => std::future::pending().await,
+            }
+        };
+        tokio::select! {
+            () = over => asked.cancel(),
+            () = asked.cancelled() => {}
+        }
+        if let Some(uploads) = uploads {
+            // Its end is all that matters.
+            let _ = uploads.await;
+        }
+        ends.cancel();
+    });
+    run::run(&RunArgs { duration: None, ..args.clone() }, hooks, stop, |model| Engine::new(model, options))
+        .await
 }
 
 fn show_terminal(sources: Sources, stop: &CancellationToken) -> Result<(), terminal::TerminalError> {
@@ -108,10 +149,17 @@ pub async fn serve_web(
     let listener = tokio::net::TcpListener::bind(address).await.map_err(fail)?;
     let bound = listener.local_addr().map_err(fail)?;
     let mut state = WebState::new(sources.snapshots, sources.status);
+    if let Some(requests) = sources.requests.clone() {
+        state = state.with_commands(requests);
+    }
     let refuse = |e: web::WebError| CommandError::Web { address, reason: e.to_string() };
     match token {
-        Some(text) => state = state.with_token(Token::new(text).map_err(refuse)?),
-        None if !bound.ip().is_loopback() => {
+        Some(text) => {
+            state = state.with_token(Token::new(text).map_err(refuse)?);
+            eprintln!("web page: http://{bound}/ (with the token given)");
+        }
+        // An upload needs a token, also from this machine.
+        None if !bound.ip().is_loopback() || sources.requests.is_some() => {
             let token = Token::random().map_err(refuse)?;
             eprintln!("web page: http://{bound}/?token={}", token.reveal());
             state = state.with_token(token);
@@ -140,6 +188,7 @@ async fn relay(
     let started = Instant::now();
     let mut meter = LinkMeter { frames: 0, since: started, heard: started, rate_hz: 0.0 };
     let mut texts_dropped = 0;
+    let mut mission = MissionState::None;
     loop {
         tokio::select! {
             () = stop.cancelled() => return,
@@ -148,6 +197,10 @@ async fn relay(
         let now = live.borrow_and_update().clone();
         status.set_link(meter.view(&now));
         status.set_recorder(recorder_view(&now));
+        let planned = status.mission();
+        if std::mem::replace(&mut mission, planned.state) != planned.state {
+            telemetry.announce(started.elapsed().as_secs_f64(), &planned);
+        }
         for message in telemetry.feed(started.elapsed().as_secs_f64(), &now.snapshot) {
             match outbox.try_send(message) {
                 Ok(()) => counters.delivered(1),
@@ -156,8 +209,34 @@ async fn relay(
         }
         counters.dropped(telemetry.dropped_texts() - texts_dropped);
         texts_dropped = telemetry.dropped_texts();
-        snapshots.send_replace(Arc::new(now.snapshot.clone()));
+        let mut snapshot = now.snapshot.clone();
+        point_to_mission(&mut snapshot, &planned);
+        snapshots.send_replace(Arc::new(snapshot));
     }
+}
+
+/// A vehicle that stands and has a planned mission at hand is not to be flown by hand first. Screens only: the engine, and
+/// with it the recording, knows nothing of missions.
+fn point_to_mission(snapshot: &mut Snapshot, planned: &MissionView) {
+    let speed = snapshot.motion.velocity_ned_m_per_s.iter().map(|v| v * v).sum::<f64>().sqrt();
+    let guidance = &mut snapshot.guidance;
+    if snapshot.phase != Phase::Running
+        || guidance.done
+        || guidance.instruction.is_empty()
+        || speed > STANDING
+    {
+        return;
+    }
+    let by_hand = format!("or by hand: {}", guidance.instruction);
+    let instruction = match planned.state {
+        MissionState::Ready | MissionState::NotOnVehicle => {
+            format!("Upload the planned mission, {} items: key u, or the button on the page", planned.items)
+        }
+        MissionState::OnVehicle => "Arm, and start the mission from your ground station".to_owned(),
+        MissionState::None | MissionState::Uploading | MissionState::Unknown => return,
+    };
+    guidance.instruction = instruction;
+    guidance.reason = by_hand;
 }
 
 fn recorder_view(live: &Live) -> RecorderView {
@@ -215,6 +294,31 @@ impl LinkMeter {
             lost: sum(|l| l.lost),
             bad_crc: sum(|l| l.bad_checksum),
             rate_hz: self.rate_hz,
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn pointed(state: MissionState, speed: f64) -> String {
+        let mut s = Snapshot { phase: Phase::Running, ..Snapshot::default() };
+        s.motion.velocity_ned_m_per_s = [speed, 0.0, 0.0];
+        s.guidance.instruction = "Steep turn right".into();
+        point_to_mission(&mut s, &MissionView { state, items: 12, ..MissionView::default() });
+        s.guidance.instruction
+    }
+
+    #[test]
+    fn who_stands_with_a_planned_mission_is_pointed_to_it() {
+        assert!(pointed(MissionState::Ready, 0.2).contains("Upload the planned mission, 12 items"));
+        assert!(pointed(MissionState::NotOnVehicle, 0.2).contains("Upload"));
+        assert!(pointed(MissionState::OnVehicle, 0.2).contains("start the mission"));
+        for (state, speed) in
+            [(MissionState::Ready, 20.0), (MissionState::None, 0.0), (MissionState::Unknown, 0.0)]
+        {
+            assert_eq!(pointed(state, speed), "Steep turn right");
         }
     }
 }

@@ -3,7 +3,7 @@
 use super::CommandError;
 use crate::demo::{Prepared, Settings};
 use crate::study::parallel::Progress;
-use crate::study::{demo, observability, paper, recorded};
+use crate::study::{demo, guidance, observability, paper, recorded, transfer};
 use serde::Serialize;
 use std::io::Write;
 use std::path::PathBuf;
@@ -29,6 +29,10 @@ pub enum StudyKind {
     Observability(ObservabilityArgs),
     /// Of the states called observable, how many lie within 2 sigma of the truth.
     Sigmas(SigmasArgs),
+    /// What following the guidance is worth against random maneuvers, by time.
+    Guidance(GuidanceArgs),
+    /// Mission uploads over bad and cut links: verified, the previous mission back, or said to be unknown.
+    Transfer(TransferArgs),
     /// Hide an effect, fly, explain, unseal: the confusion matrix.
     Blind(super::study_blind::BlindArgs),
 }
@@ -54,6 +58,20 @@ pub struct SigmasArgs {
     pub scenarios: Vec<String>,
 }
 
+/// Arguments of `study guidance`.
+#[derive(Debug, Clone, clap::Args)]
+pub struct GuidanceArgs {
+    /// Pairs of flights.
+    #[arg(long, default_value_t = 50)]
+    pub runs: usize,
+    /// First seed.
+    #[arg(long, default_value_t = 1)]
+    pub seed: u64,
+    /// Print one JSON document.
+    #[arg(long)]
+    pub json: bool,
+}
+
 /// Arguments of `study demo`.
 #[derive(Debug, Clone, clap::Args)]
 pub struct DemoStudyArgs {
@@ -69,6 +87,20 @@ pub struct DemoStudyArgs {
     /// Time for the maneuvers, s.
     #[arg(long, value_name = "SECONDS", default_value_t = 300.0)]
     pub budget: f64,
+    /// Print one JSON document.
+    #[arg(long)]
+    pub json: bool,
+}
+
+/// Arguments of `study transfer`.
+#[derive(Debug, Clone, clap::Args)]
+pub struct TransferArgs {
+    /// Uploads per autopilot and kind of link.
+    #[arg(long, default_value_t = 200)]
+    pub runs: usize,
+    /// First seed.
+    #[arg(long, default_value_t = 1)]
+    pub seed: u64,
     /// Print one JSON document.
     #[arg(long)]
     pub json: bool,
@@ -144,6 +176,20 @@ pub fn run(args: &StudyArgs) -> Result<(), CommandError> {
                 print_demo(&study);
             }
         }
+        StudyKind::Transfer(args) => {
+            let bar = super::progress_bar(6 * args.runs as u64, "uploads");
+            let study = transfer::run(args.runs, args.seed, &Bar(bar.clone()));
+            bar.finish_and_clear();
+            if args.json {
+                print_json(&study)?;
+            } else {
+                print!("{study}");
+            }
+            match study.wrong() {
+                0 => {}
+                count => return Err(CommandError::Transfers { count }),
+            }
+        }
         StudyKind::Observability(args) => {
             let bar = super::progress_bar(12, "flights");
             let table = match &args.scenario {
@@ -165,6 +211,16 @@ pub fn run(args: &StudyArgs) -> Result<(), CommandError> {
             print_json(&result)?;
         }
         StudyKind::Blind(args) => super::study_blind::run(args)?,
+        StudyKind::Guidance(args) => {
+            let bar = super::progress_bar(2 * args.runs as u64, "flights");
+            let study = guidance::run(args.runs, args.seed, &Bar(bar.clone()))?;
+            bar.finish_and_clear();
+            if args.json {
+                print_json(&study)?;
+            } else {
+                print_guidance(&study);
+            }
+        }
         StudyKind::Recorded(args) => {
             let mut results = Vec::new();
             for name in &args.sets {
@@ -239,6 +295,25 @@ fn print_demo(study: &demo::DemoStudy) {
             s.name, s.observable, s.within_2_sigma, s.rms_normalised_error, s.planned_over_reached
         );
     }
+}
+
+fn print_guidance(s: &guidance::GuidanceStudy) {
+    println!(
+        "{}: columns x and z of G known to {} deg/h/g after {:.0} s guided, {:.0} s at random (medians of {} from standing start): {:.0} %",
+        s.airframe,
+        s.target_deg_per_h_per_g,
+        s.guided_median_s,
+        s.random_median_s,
+        s.runs,
+        100.0 * s.ratio_of_medians
+    );
+    let [guided, random] = s.from_first_maneuver_s;
+    println!(
+        "from the first maneuver on {guided:.0} s and {random:.0} s; guided faster in {:.0} % of the pairs; not finished: {} and {}",
+        100.0 * s.guided_faster,
+        s.unfinished[0],
+        s.unfinished[1]
+    );
 }
 
 fn print_recorded(r: &recorded::Accuracy) {

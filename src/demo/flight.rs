@@ -1,6 +1,7 @@
 //! One flight of the demonstration, turn by turn in virtual time: the same converter, engine, rate keeper and mission transfer
 //! as on a real link, with the simulated autopilot at the other end of a function call.
 
+use super::series::{Log, PERIOD_S};
 use super::{Prepared, hidden_truth};
 use crate::commands::pipeline::Pipeline;
 use crate::engine::snapshot::Snapshot;
@@ -97,6 +98,7 @@ pub struct Flight {
     frames: u64,
     told: Vec<String>,
     milestones: Vec<Milestone>,
+    log: Log,
 }
 
 impl Flight {
@@ -127,6 +129,7 @@ impl Flight {
             frames: 0,
             told: Vec::new(),
             milestones: Vec::new(),
+            log: Log::default(),
         }
     }
 
@@ -183,6 +186,11 @@ impl Flight {
         &self.milestones
     }
 
+    /// Items reached and sigmas over time.
+    pub fn log(&self) -> &Log {
+        &self.log
+    }
+
     /// The vehicle's true roll, pitch, yaw, deg, at the time of the newest estimate.
     pub fn true_attitude_deg(&mut self) -> [f64; 3] {
         let at = self.pipeline.engine().attitude().map(|(t_s, _)| t_s);
@@ -221,6 +229,7 @@ impl Flight {
         }
         self.keep_house();
         self.go_on();
+        self.write_down();
     }
 
     fn receive(&mut self, t_us: u64, frame: &Frame) {
@@ -339,6 +348,22 @@ impl Flight {
         }
     }
 
+    fn write_down(&mut self) {
+        let in_flight = matches!(self.stage, Stage::Flying | Stage::Landing);
+        let t_s = self.now_s - self.took_off_s;
+        if !in_flight || self.log.sigmas.last().is_some_and(|(t, _)| t_s - t < PERIOD_S) {
+            return;
+        }
+        let sigmas = self.sigmas();
+        self.log.sigmas.push((t_s, sigmas));
+    }
+
+    /// Sigma by name.
+    fn sigmas(&self) -> Vec<(String, f64)> {
+        let states = self.pipeline.snapshot().observability.states;
+        states.into_iter().map(|s| (s.name, s.sigma)).collect()
+    }
+
     fn begin_upload(&mut self) {
         let Some(vehicle) = self.vehicle else { return };
         let sender = self.voice.sender();
@@ -374,6 +399,13 @@ impl Flight {
     }
 
     fn follow_flight(&mut self) {
+        if self.autopilot.has_landed() {
+            self.end(Ending::Landed);
+            return;
+        }
+        if self.prepared.lands() {
+            return;
+        }
         let holding = self.autopilot.vehicle().is_some_and(|v| v.current() >= self.last_item());
         if !holding {
             return;
@@ -386,6 +418,7 @@ impl Flight {
             self.end(Ending::Holding);
         } else {
             self.told.push("the demonstration's pilot returns and lands".to_owned());
+            self.log.at_end = self.sigmas();
             let rtl = match self.prepared.settings.airframe.autopilot {
                 Firmware::ArduPilot => [1.0, 6.0, 0.0],
                 Firmware::Px4 => [1.0, 4.0, 5.0],
@@ -398,19 +431,19 @@ impl Flight {
     fn reached(&mut self, seq: usize) {
         let home_first = usize::from(self.autopilot.mission().len() > self.prepared.plan.mission.items.len());
         let item = seq + 1 - home_first;
+        self.log.items.push((item, self.now_s - self.took_off_s));
         let maneuvers = &self.prepared.plan.maneuvers;
         let Some(maneuver) = maneuvers.iter().position(|m| *m.items.end() == item) else { return };
         let words = maneuvers.get(maneuver).map(|m| m.maneuver.words(&self.prepared.settings.airframe).short);
-        let sigmas = self.pipeline.snapshot().observability.states;
-        self.milestones.push(Milestone {
-            maneuver,
-            t_s: self.now_s - self.took_off_s,
-            sigmas: sigmas.into_iter().map(|s| (s.name, s.sigma)).collect(),
-        });
+        let sigmas = self.sigmas();
+        self.milestones.push(Milestone { maneuver, t_s: self.now_s - self.took_off_s, sigmas });
         self.told.push(format!("flown: {}", words.unwrap_or_default()));
     }
 
     fn end(&mut self, ending: Ending) {
+        if self.log.at_end.is_empty() {
+            self.log.at_end = self.sigmas();
+        }
         self.stage = Stage::Over(ending);
     }
 }

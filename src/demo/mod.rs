@@ -6,10 +6,11 @@
 
 pub mod flight;
 pub mod result;
+pub mod series;
 
 use gaware_mission::airframe::Airframe;
 use gaware_mission::fence::{Fence, FencePolygon, LocalFrame};
-use gaware_mission::item::{Autopilot, Home};
+use gaware_mission::item::{Autopilot, Home, command};
 use gaware_mission::kinematics::Kinematics;
 use gaware_mission::planner::{Plan, PlanError, Request, climb_out, plan};
 use gaware_mission::predictor::{BoundPredictor, NamedSigma, Predictor, Targets};
@@ -89,6 +90,7 @@ impl Settings {
             airframe: self.airframe.clone(),
             home,
             take_off: true,
+            landing: true,
             start_height_m: height,
             start_heading_deg: heading,
             limits: Limits { fence, floor_m, ceiling_m, wind_ned_m_per_s: [n, e, 0.0] },
@@ -196,6 +198,11 @@ impl Prepared {
             attitude_sigma_deg: flown.attitude_sigma_rad().map(f64::to_degrees),
         };
         Ok(Self { settings, plan, prediction })
+    }
+
+    /// Whether the mission itself ends in a landing.
+    pub fn lands(&self) -> bool {
+        self.plan.mission.items.last().is_some_and(|i| i.command == command::NAV_LAND)
     }
 
     /// The sensors of the simulated vehicle.

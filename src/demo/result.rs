@@ -1,6 +1,7 @@
 //! What a flight of the demonstration found out, beside the hidden truth and what the plan had promised.
 
 use super::flight::{Ending, Flight, Stage};
+use super::series::Series;
 use crate::engine::estimate::Constants;
 use crate::engine::snapshot::{Estimate, Status, Summary};
 use gaware_mission::transfer::verified::Outcome;
@@ -26,8 +27,10 @@ pub struct StateResult {
     pub sigma: f64,
     /// Error over sigma.
     pub normalised_error: f64,
-    /// 1-sigma that the plan promised.
+    /// 1-sigma that the plan promised for its end.
     pub planned_sigma: f64,
+    /// 1-sigma there: a multirotor then returns and lands, and learns more.
+    pub sigma_at_plan_end: f64,
     /// How well known.
     pub status: Status,
 }
@@ -43,6 +46,8 @@ pub struct DemoResult {
     pub states: Vec<StateResult>,
     /// True roll, pitch, yaw at the end, deg.
     pub attitude_deg: [f64; 3],
+    /// Predicted and reached sigmas over time.
+    pub series: Series,
     /// The document.
     pub document: Map<String, Value>,
 }
@@ -70,10 +75,22 @@ pub fn of(flight: &mut Flight, seed: u64) -> DemoResult {
     document.insert("observable".to_owned(), json!(observable));
     document.insert("states".to_owned(), json!(states));
     document.insert("maneuvers".to_owned(), maneuvers(flight));
-    DemoResult { ending, summary, states, attitude_deg, document }
+    let series = Series::of(flight.prepared(), flight.log());
+    document.insert("sigma_series".to_owned(), json!(series));
+    DemoResult { ending, summary, states, attitude_deg, series, document }
 }
 
 impl Ending {
+    /// For people.
+    pub fn sentence(&self) -> String {
+        match self {
+            Self::Holding => "the mission was flown to the hold at its end".to_owned(),
+            Self::Landed => "the mission was flown, and the vehicle has landed".to_owned(),
+            Self::NotUploaded(why) => format!("nothing was flown: {why}"),
+            Self::OutOfTime => "the flight was broken off before its end".to_owned(),
+        }
+    }
+
     /// For documents.
     pub fn word(&self) -> &'static str {
         match self {
@@ -90,6 +107,7 @@ fn states(flight: &Flight, summary: &Summary) -> Vec<StateResult> {
     let truth = (Layout::new(flight.truth()), Calibration::new(flight.truth()));
     let planned = &flight.prepared().prediction.sigmas;
     let known = &summary.observability.states;
+    let at_end = &flight.log().at_end;
     let names = filter.layout().names().iter().enumerate();
     names
         .filter_map(|(k, name)| {
@@ -105,6 +123,7 @@ fn states(flight: &Flight, summary: &Summary) -> Vec<StateResult> {
                 sigma,
                 normalised_error: (estimate - true_value) / sigma,
                 planned_sigma: planned.iter().find(|p| p.name == name.name)?.sigma,
+                sigma_at_plan_end: at_end.iter().find(|(n, _)| n == name.name).map_or(sigma, |(_, s)| *s),
                 status: known.iter().find(|s| s.name == name.name)?.status,
             })
         })
@@ -179,13 +198,7 @@ impl DemoResult {
     }
 
     fn write(&self, out: &mut String) -> std::fmt::Result {
-        let how = match &self.ending {
-            Ending::Holding => "the mission was flown to the hold at its end".to_owned(),
-            Ending::Landed => "the mission was flown, and the vehicle has landed".to_owned(),
-            Ending::NotUploaded(why) => format!("nothing was flown: {why}"),
-            Ending::OutOfTime => "the flight was broken off before its end".to_owned(),
-        };
-        writeln!(out, "{:.0} s: {how}", self.summary.duration_s)?;
+        writeln!(out, "{:.0} s: {}", self.summary.duration_s, self.ending.sentence())?;
         let found = &self.summary.estimate.attitude_deg;
         for (k, axis) in ["roll", "pitch", "yaw"].into_iter().enumerate() {
             let error = (found.value[k] - self.attitude_deg[k] + 180.0).rem_euclid(360.0) - 180.0;

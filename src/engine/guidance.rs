@@ -13,9 +13,7 @@ use gaware_mission::item::{Home, LatLon};
 use gaware_mission::kinematics::Kinematics;
 use gaware_mission::maneuver::{Entry, Maneuver};
 use gaware_mission::predictor::{BoundPredictor, NamedSigma, Predictor, Targets};
-use gaware_nav::effects::unit;
 use gaware_nav::filter::Filter;
-use gaware_nav::observability::covariance;
 use nalgebra::Vector3;
 
 /// One candidate is run every so often, s of sample time.
@@ -79,12 +77,8 @@ pub struct Guide {
 
 impl Guide {
     /// A guide who has seen nothing.
-    pub fn new(options: GuidanceOptions, targets: &covariance::Targets) -> Self {
-        let targets = Targets {
-            g_deg_per_h_per_g: targets.g / unit::DEG_PER_H_PER_G.si,
-            gyro_bias_deg_per_h: targets.gyro_bias / unit::DEG_PER_H.si,
-            accel_bias_mg: targets.accel_bias / unit::MG.si,
-        };
+    pub fn new(options: GuidanceOptions, targets: &Targets) -> Self {
+        let targets = *targets;
         Self {
             options,
             targets,
@@ -143,7 +137,7 @@ impl Guide {
         let here = LatLon { lat_deg: place.lat_rad.to_degrees(), lon_deg: place.lon_rad.to_degrees() };
         let (lat_e7, lon_e7) = here.to_e7();
         let home = Home { lat_e7, lon_e7, alt_m: place.height_m as f32 };
-        BoundPredictor::from_filter(filter, LocalFrame::new(here), home, self.targets.clone())
+        BoundPredictor::from_filter(filter, LocalFrame::new(here), home, self.targets)
     }
 
     /// Ends the maneuver that has brought what it should, or that nobody flies.
@@ -188,6 +182,11 @@ impl Guide {
         }
         let gain = (now, worst(&best.1, &excitable));
         self.asked = Some(Asked { maneuver: best.0, since_s: t_s, before, excitable, gain });
+    }
+
+    /// The maneuver that is being asked for.
+    pub fn proposed(&self) -> Option<Maneuver> {
+        self.asked.as_ref().map(|a| a.maneuver)
     }
 
     /// What to show; `filter` is the running one, `standing` whether the vehicle does not move.

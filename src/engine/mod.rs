@@ -13,6 +13,7 @@ mod standing;
 use counters::{RateMeter, Timeline, Warnings};
 use estimate::Constants;
 use gaware_mission::airframe::Airframe;
+use gaware_mission::maneuver::Maneuver;
 use gaware_nav::estimator::{Estimator, Stage};
 use gaware_nav::filter::{Filter, FixOutcome};
 use gaware_nav::model::Model;
@@ -238,6 +239,11 @@ impl Engine {
     /// Roll, pitch, yaw, rad, and the time they are for, s; cheap enough to ask for at every sample.
     pub fn attitude(&self) -> Option<(f64, [f64; 3])> {
         self.estimator.predicted_nav().map(|(t_s, nav)| (t_s, nav.euler().into()))
+    }
+
+    /// The maneuver that the guidance asks for.
+    pub fn proposed(&self) -> Option<Maneuver> {
+        self.guide.as_ref().and_then(Guide::proposed)
     }
 
     /// The filter at the time of its last fix, once there is one.

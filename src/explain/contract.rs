@@ -1,11 +1,13 @@
 //! The `gaware.explanation/1` contract (design, section 3).
 
-use super::{advice, words};
+use super::size::Size;
+use super::{FlightGap, advice, words};
 use gaware_nav::effects::Shape;
 use gaware_nav::identify::judge::{Gap as NavGap, Judged};
 use gaware_nav::identify::select::Added;
 use gaware_nav::identify::{terms, whereabouts};
 use gaware_nav::model::{EffectSetting, Model};
+use gaware_nav::smoother::gap::{self as map, Point};
 use serde::Serialize;
 use serde_json::{Map, Value, json};
 use std::collections::BTreeMap;
@@ -51,10 +53,44 @@ pub struct EffectEntry {
     pub separate_by: Option<String>,
 }
 
+/// An effect that the data show and that is too small to be told from what simulation and model leave out.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct Negligible {
+    /// Which.
+    pub name: &'static str,
+    /// Values and sigmas with units in the keys.
+    pub parameters: Value,
+    /// RMS of what it adds to the gyros about the mean, rad/s.
+    pub gyro_rad_per_s: f64,
+    /// RMS of what it adds to the accelerometers about the mean, m/s².
+    pub accel_m_per_s2: f64,
+    /// RMS of what it adds to the position of fixes, m.
+    pub position_m: f64,
+}
+
+/// The disagreement of one channel in one regime, on the smoothed trajectory.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct Regime {
+    /// `gyro_y`.
+    pub channel: &'static str,
+    /// What the regime is a range of.
+    pub quantity: &'static str,
+    /// `specific force z above 1.5 g`.
+    pub regime: String,
+    /// Share of the flights.
+    pub share: f64,
+    /// Mean squared normalised residual.
+    pub nis: BeforeAfter,
+    /// RMS residual, rad/s, m/s², m, m/s.
+    pub rms: BeforeAfter,
+}
+
 /// A place that stands out.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct Where {
-    /// `velocity_north`.
+    /// Number of the log, from 0.
+    pub log: usize,
+    /// `velocity_north`, `gyro_y`, …
     pub channel: &'static str,
     /// From, s.
     pub t_start_s: f64,
@@ -139,12 +175,16 @@ pub struct Explanation {
     /// Places that stand out with the model that was given.
     #[serde(rename = "where")]
     pub places: Vec<Where>,
+    /// The same over regimes, for every channel.
+    pub regimes: Vec<Regime>,
     /// Before and after; `null` where too little can be said.
     pub gap: Option<Gap>,
     /// Terms outside the catalogue.
     pub unexplained_terms: Vec<Term>,
     /// What each effect contributes.
     pub leave_one_out: Vec<LeaveOneOut>,
+    /// Effects that are there but too small to matter.
+    pub negligible: Vec<Negligible>,
     /// Effects that were found and that the held-out data did not confirm.
     pub removed: Vec<&'static str>,
     /// The result in plain words.
@@ -158,9 +198,11 @@ pub fn too_little(why: &str) -> Explanation {
         verdict: Verdict::Unexplained,
         effects: Vec::new(),
         places: Vec::new(),
+        regimes: Vec::new(),
         gap: None,
         unexplained_terms: Vec::new(),
         leave_one_out: Vec::new(),
+        negligible: Vec::new(),
         removed: Vec::new(),
         summary: format!("Nothing can be said about missing effects: {why}."),
     }
@@ -173,13 +215,13 @@ pub fn gap_is_left(judged: &Judged) -> bool {
 
 /// The model that was given with the effects found and the noise that was fitted. An effect of a group that cannot be told
 /// apart goes in with the best of its names.
-pub fn new_model(judged: &Judged) -> Model {
+pub fn new_model(judged: &Judged, sizes: &[Size]) -> Model {
     let selection = &judged.selection;
     let mut model = selection.noise.of(&selection.base);
-    for added in &selection.added {
+    for (added, _) in selection.added.iter().zip(sizes).filter(|(_, size)| !size.negligible) {
         model.set(added.setting.clone());
     }
-    model
+    super::without_receiver(model)
 }
 
 /// Values or sigmas of an effect under the keys of `model.toml`.
@@ -207,21 +249,73 @@ pub fn parameters(added: &Added) -> Value {
     Value::Object(map)
 }
 
-fn entries(judged: &Judged) -> Vec<EffectEntry> {
+/// The effects that are worth a name, with the values behind them.
+fn entries<'a>(judged: &'a Judged, sizes: &[Size]) -> Vec<(EffectEntry, &'a Added)> {
     let selection = &judged.selection;
-    selection
-        .steps
-        .iter()
-        .zip(&selection.added)
-        .map(|(step, added)| EffectEntry {
-            names: step.group.clone(),
-            parameters: BTreeMap::from([(added.setting.effect.name(), parameters(added))]),
-            evidence: Evidence {
-                log_likelihood_gain: step.log_likelihood_gain,
-                bic_gain: step.bic_gain,
-                log_odds: step.evidence,
-            },
-            separate_by: advice::separate(&step.group),
+    let worth = sizes.iter().map(|s| !s.negligible);
+    let steps = selection.steps.iter().zip(&selection.added).zip(worth).filter(|(_, worth)| *worth);
+    steps
+        .map(|((step, added), _)| {
+            let entry = EffectEntry {
+                names: step.group.clone(),
+                parameters: BTreeMap::from([(added.setting.effect.name(), parameters(added))]),
+                evidence: Evidence {
+                    log_likelihood_gain: step.log_likelihood_gain,
+                    bic_gain: step.bic_gain,
+                    log_odds: step.evidence,
+                },
+                separate_by: advice::separate(&step.group),
+            };
+            (entry, added)
+        })
+        .collect()
+}
+
+fn negligible(judged: &Judged, sizes: &[Size]) -> Vec<Negligible> {
+    let small = judged.selection.added.iter().zip(sizes).filter(|(_, size)| size.negligible);
+    small
+        .map(|(added, size)| Negligible {
+            name: added.setting.effect.name(),
+            parameters: parameters(added),
+            gyro_rad_per_s: size.gyro,
+            accel_m_per_s2: size.accel,
+            position_m: size.position,
+        })
+        .collect()
+}
+
+fn places(gaps: &[FlightGap]) -> Vec<Where> {
+    let mut out: Vec<Where> = Vec::new();
+    for (log, gap) in gaps.iter().enumerate() {
+        out.extend(map::places(&gap.before).into_iter().map(|p| Where {
+            log,
+            channel: map::CHANNELS[p.channel],
+            t_start_s: p.start_s,
+            t_end_s: p.end_s,
+            regime: p.regime,
+            share: p.share / gaps.len() as f64,
+        }));
+    }
+    out.sort_by(|a, b| b.share.total_cmp(&a.share));
+    out
+}
+
+fn regimes(gaps: &[FlightGap]) -> Vec<Regime> {
+    let all =
+        |of: fn(&FlightGap) -> &Vec<Point>| -> Vec<Point> { gaps.iter().flat_map(of).cloned().collect() };
+    let (before, after) = (map::cells(&all(|g| &g.before)), map::cells(&all(|g| &g.after)));
+    // Speeds are those of each model's own trajectory, so that a limit may differ in its last digit.
+    before
+        .into_iter()
+        .zip(after)
+        .filter(|(a, b)| a.channel == b.channel && a.quantity == b.quantity)
+        .map(|(a, b)| Regime {
+            channel: map::CHANNELS[a.channel],
+            quantity: a.quantity,
+            regime: a.regime,
+            share: a.share,
+            nis: BeforeAfter { before: a.mean_square, after: b.mean_square },
+            rms: BeforeAfter { before: a.rms, after: b.rms },
         })
         .collect()
 }
@@ -250,8 +344,13 @@ fn gap(judged: &Judged) -> Gap {
 }
 
 /// The contract of a judged selection.
-pub fn explanation(judged: &Judged, found: Vec<terms::Found>) -> Explanation {
-    let effects = entries(judged);
+pub fn explanation(
+    judged: &Judged,
+    sizes: &[Size],
+    gaps: &[FlightGap],
+    found: Vec<terms::Found>,
+) -> Explanation {
+    let (effects, added): (Vec<_>, Vec<_>) = entries(judged, sizes).into_iter().unzip();
     let verdict = if effects.iter().any(|e| e.names.len() > 1) {
         Verdict::Ambiguous
     } else if !effects.is_empty() && found.is_empty() {
@@ -261,22 +360,14 @@ pub fn explanation(judged: &Judged, found: Vec<terms::Found>) -> Explanation {
     } else {
         Verdict::NothingMissing
     };
-    let places = whereabouts::find(&judged.innovations[0])
-        .into_iter()
-        .map(|p| Where {
-            channel: p.channel,
-            t_start_s: p.t_start_s,
-            t_end_s: p.t_end_s,
-            regime: p.regime,
-            share: p.share,
-        })
-        .collect();
     let mut explanation = Explanation {
         schema: "gaware.explanation/1",
         verdict,
         effects,
-        places,
+        places: places(gaps),
+        regimes: regimes(gaps),
         gap: Some(gap(judged)),
+        negligible: negligible(judged, sizes),
         unexplained_terms: found
             .into_iter()
             .map(|t| Term {
@@ -295,6 +386,6 @@ pub fn explanation(judged: &Judged, found: Vec<terms::Found>) -> Explanation {
         removed: judged.removed.clone(),
         summary: String::new(),
     };
-    explanation.summary = words::summary(&explanation, &judged.selection);
+    explanation.summary = words::summary(&explanation, &added);
     explanation
 }

@@ -6,19 +6,22 @@
 
 pub mod advice;
 pub mod contract;
+pub mod size;
 pub mod words;
 
 use crate::logs::{self, Item, LogError};
 use crate::sensors::{Converter, ConverterOptions};
 use crate::study::parallel::{Silent, map_runs};
 use contract::Explanation;
+use gaware_nav::effects::{Effect, GpsSmoothing};
 use gaware_nav::filter::watch::Watched;
 use gaware_nav::identify::flight::{Flight, TooLittle};
 use gaware_nav::identify::judge::{self, Judged};
 use gaware_nav::identify::select::{self, Settings};
 use gaware_nav::identify::{Workers, pass, terms};
-use gaware_nav::model::Model;
+use gaware_nav::model::{EffectSetting, Model};
 use gaware_nav::sample::Sample;
+use gaware_nav::smoother::gap::{self, Point};
 use std::path::{Path, PathBuf};
 
 /// What to explain.
@@ -45,6 +48,8 @@ pub enum Phase {
     Choosing,
     /// Judging on held-out data.
     Judging,
+    /// Simulating the sensors along the smoothed trajectories.
+    Smoothing,
     /// Looking for terms outside the catalogue.
     Terms,
 }
@@ -80,10 +85,21 @@ pub struct Explained {
     pub model: Model,
     /// The numbers behind it; `None` where the flights say too little.
     pub judged: Option<Judged>,
+    /// Where simulation and measurement disagree, flight by flight.
+    pub gaps: Vec<FlightGap>,
     /// Names of the logs.
     pub logs: Vec<String>,
     /// Names of the logs that only judged.
     pub validated: Vec<String>,
+}
+
+/// The disagreement along one flight, with the model that was given and with the new one.
+#[derive(Debug, Clone, Default)]
+pub struct FlightGap {
+    /// With the model that was given.
+    pub before: Vec<Point>,
+    /// With the new one.
+    pub after: Vec<Point>,
 }
 
 /// All cores.
@@ -169,26 +185,55 @@ pub fn samples(
             explanation: contract::too_little(&why),
             model: model.clone(),
             judged: None,
+            gaps: Vec::new(),
             logs: Vec::new(),
             validated: Vec::new(),
         };
     }
     let good: Vec<&Flight> = good.iter().collect();
     let judging: Vec<&Flight> = judging.iter().collect();
-    let selection = select::select(&good, model, settings, &Threads);
+    let base = with_receiver(model);
+    let selection = select::select(&good, &base, settings, &Threads);
     progress(Phase::Judging);
     let judged = judge::judge(&good, &judging, selection, settings, &Threads);
+    progress(Phase::Smoothing);
+    let gaps = smoothed(&good, &judged);
     progress(Phase::Terms);
     let found =
         if contract::gap_is_left(&judged) { pursue_terms(&good, &judged, settings) } else { Vec::new() };
-    let new_model = contract::new_model(&judged);
+    let sizes = size::sizes(&judged, &gaps, &good);
     Explained {
-        explanation: contract::explanation(&judged, found),
-        model: new_model,
+        explanation: contract::explanation(&judged, &sizes, &gaps, found),
+        model: contract::new_model(&judged, &sizes),
         judged: Some(judged),
+        gaps,
         logs: Vec::new(),
         validated: Vec::new(),
     }
+}
+
+/// The model with what every receiver does and nobody asks for.
+fn with_receiver(model: &Model) -> Model {
+    let mut model = model.clone();
+    model.set(EffectSetting::unknown(&GpsSmoothing));
+    model
+}
+
+/// The model without it, for files.
+fn without_receiver(mut model: Model) -> Model {
+    model.remove(GpsSmoothing.name());
+    model
+}
+
+/// Simulates the sensors along the best trajectory, with both models and the noise of the better one.
+fn smoothed(flights: &[&Flight], judged: &Judged) -> Vec<FlightGap> {
+    let selection = &judged.selection;
+    let models = [selection.base.clone(), selection.model()];
+    let mut results = map_runs(2 * flights.len(), &Silent, |k| {
+        gap::points(flights[k / 2], &models[k % 2], &selection.noise)
+    })
+    .into_iter();
+    std::iter::from_fn(|| Some(FlightGap { before: results.next()?, after: results.next()? })).collect()
 }
 
 fn pursue_terms(flights: &[&Flight], judged: &Judged, settings: &Settings) -> Vec<terms::Found> {

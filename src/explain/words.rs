@@ -2,7 +2,7 @@
 
 use super::contract::{Explanation, Verdict};
 use gaware_nav::effects;
-use gaware_nav::identify::select::{Added, Selection};
+use gaware_nav::identify::select::Added;
 
 /// A value with two or three figures that mean something.
 pub fn number(v: f64) -> String {
@@ -47,7 +47,7 @@ fn size(added: &Added) -> String {
 }
 
 /// A paragraph.
-pub fn summary(e: &Explanation, selection: &Selection) -> String {
+pub fn summary(e: &Explanation, added: &[&Added]) -> String {
     let mut text = Vec::new();
     match e.verdict {
         Verdict::NothingMissing => text.push(
@@ -59,7 +59,7 @@ pub fn summary(e: &Explanation, selection: &Selection) -> String {
         }
         _ => {}
     }
-    for (entry, added) in e.effects.iter().zip(&selection.added) {
+    for (entry, added) in e.effects.iter().zip(added) {
         let size = size(added);
         let size = if size.is_empty() { size } else { format!(": {size}") };
         if entry.names.len() == 1 {
@@ -119,6 +119,13 @@ pub fn summary(e: &Explanation, selection: &Selection) -> String {
             number(t.coefficient),
             number(t.sigma),
             t.unit
+        ));
+    }
+    if !e.negligible.is_empty() {
+        let names: Vec<&str> = e.negligible.iter().map(|n| n.name).collect();
+        text.push(format!(
+            "Also seen, but too small to be told from what any simulation leaves out: {}.",
+            names.join(", ")
         ));
     }
     for name in &e.removed {

@@ -6,6 +6,7 @@
 
 pub mod dataflash;
 pub mod mcap;
+pub mod table;
 pub mod tlog;
 pub mod ulog;
 
@@ -97,8 +98,18 @@ pub enum LogError {
     /// Nothing in it.
     #[error("{0} is empty")]
     Empty(PathBuf),
+    /// A table that is none.
+    #[error("{path}, row {row}: {reason}")]
+    Table {
+        /// File.
+        path: PathBuf,
+        /// Row, counted from 1 without the header.
+        row: usize,
+        /// What is wrong.
+        reason: String,
+    },
     /// Another format.
-    #[error("{0} is none of the formats gaware reads (.tlog, .bin, .ulg, .mcap)")]
+    #[error("{0} is none of the formats gaware reads (.tlog, .bin, .ulg, .mcap, a folder with imu.csv)")]
     UnknownFormat(PathBuf),
     /// The format was recognised, and not one entry could be read.
     #[error("no {format} entry could be read in {bytes} bytes: the file is damaged or of another format")]
@@ -124,6 +135,9 @@ enum Format {
 /// # Errors
 /// No such file, an empty one, or one of another format.
 pub fn open(path: &Path) -> Result<Box<dyn LogReader>, LogError> {
+    if table::is_table(path) {
+        return Ok(Box::new(table::TableReader::read(path)?));
+    }
     let failed = |source| LogError::Open { path: path.to_owned(), source };
     let mut file = File::open(path).map_err(failed)?;
     let total = file.metadata().map_err(failed)?.len();

@@ -135,3 +135,30 @@ fn files_that_are_no_logs_are_refused_with_a_sentence() {
     assert!(open(&folder.join("missing.tlog")).err().unwrap().to_string().contains("missing.tlog"));
     std::fs::remove_dir_all(&folder).unwrap();
 }
+
+#[test]
+fn tables_give_means_over_intervals_and_fixes_in_order_of_time() {
+    let folder = std::env::temp_dir().join(format!("gaware-tables-{}", std::process::id()));
+    std::fs::create_dir_all(&folder).unwrap();
+    let write = |name: &str, text: &str| std::fs::write(folder.join(name), text).unwrap();
+    write(
+        "imu.csv",
+        "t_s,wx,wy,wz,fx,fy,fz\n0.01,0.1,0,0,0,0,-9.8\n0.02,0.2,0,0,0,0,-9.7\n0.03,0.3,0,0,0,0,-9.6\n",
+    );
+    let fix = "47.0,8.0,500,10,0,-1,1.5,1.5,2.5,0.1,0.1,0.2";
+    write("gps.csv", &format!("t,lat,lon,h,vn,ve,vd,a,b,c,d,e,f\n0.02,{fix}\n"));
+    write("other.csv", &format!("t,lat,lon,h,vn,ve,vd,a,b,c,d,e,f\n0.005,{fix}\n0.03,{fix}\n"));
+    let (all, _) = samples(&folder);
+    assert!(matches!(&all[0], Sample::Stream(s) if s.kind == gaware_nav::sample::SampleKind::IntervalMean));
+    assert!(matches!(&all[3], Sample::Fix(f) if f.velocity == FixVelocity::Full([10.0, 0.0, -1.0])));
+    assert!(matches!(&all[2], Sample::Imu(i) if i.gyro.x == 0.2));
+    let (named, _) = samples(&folder.join("other.csv"));
+    assert!(matches!(&named[1], Sample::Fix(_)));
+    assert_eq!(named.len(), 6);
+    write("gps.csv", "t,lat\n0.02,47\n");
+    let error = open(&folder).err().unwrap().to_string();
+    assert!(error.contains("gps.csv, row 1") && error.contains("columns"), "{error}");
+    write("gps.csv", "t,lat,lon,h,vn,ve,vd,a,b,c,d,e,f\n0.02,nan,8.0,500,10,0,-1,1.5,1.5,2.5,0.1,0.1,0.2\n");
+    assert!(open(&folder).err().unwrap().to_string().contains("not finite"));
+    std::fs::remove_dir_all(&folder).unwrap();
+}

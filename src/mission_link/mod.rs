@@ -3,4 +3,6 @@
 pub mod codec;
 pub mod files;
 pub mod session;
+pub mod uploader;
 pub mod vehicle;
+pub mod wire;

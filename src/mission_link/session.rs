@@ -3,12 +3,12 @@
 
 use super::codec;
 use super::vehicle::Vehicle;
+use super::wire::{self, Event, News, Wire};
 use crate::link::address::Address;
 use crate::link::endpoint::{Links, ReceiveClock};
-use crate::link::frame::Frame;
 use crate::link::heartbeat::Voice;
 use gaware_mission::item::Mission;
-use gaware_mission::transfer::verified::{Options, Outcome, Phase, VerifiedUpload};
+use gaware_mission::transfer::verified::{Options, Outcome};
 use gaware_mission::transfer::{self, Action, Download, Downloaded, Peers, TransferError};
 use std::time::Duration;
 use tokio_util::sync::CancellationToken;
@@ -29,17 +29,6 @@ pub enum SessionError {
     Cancelled,
 }
 
-/// What an upload tells on its way.
-#[derive(Debug, Clone, PartialEq)]
-pub enum News {
-    /// A new phase began.
-    Phase(Phase),
-    /// Items done, of all.
-    Progress(usize, usize),
-    /// It is not known what is on the vehicle; waiting for the link.
-    Stranded(String),
-}
-
 /// A link to a vehicle.
 #[derive(Debug)]
 pub struct Session {
@@ -49,12 +38,6 @@ pub struct Session {
     vehicle: Vehicle,
     stop: CancellationToken,
     stopping: bool,
-}
-
-enum Event {
-    Frame(Frame),
-    Deadline,
-    Stopped,
 }
 
 impl Session {
@@ -93,11 +76,6 @@ impl Session {
             voice.belongs_to(vehicle.address.system);
             return Ok(Self { links, clock, voice, vehicle, stop: stop.clone(), stopping: false });
         }
-    }
-
-    /// The vehicle as its last heartbeat tells.
-    pub fn vehicle(&self) -> Vehicle {
-        self.vehicle
     }
 
     /// Closes the links.
@@ -141,80 +119,24 @@ impl Session {
         }
     }
 
-    /// Uploads, reads back, and restores on failure. `keep` gets the mission that was on board before anything is
-    /// changed; if it cannot keep it, nothing is. After a loss of the link the restoration goes on when the vehicle is
-    /// heard again within `patience`.
+    /// [`wire::upload`] over these links.
     pub async fn upload(
         &mut self,
         mission: Mission,
         options: Options,
         patience: Duration,
-        mut keep: impl FnMut(&Mission) -> Result<(), String>,
-        mut tell: impl FnMut(News),
+        keep: impl FnMut(&Mission) -> Result<(), String>,
+        tell: impl FnMut(News),
     ) -> Outcome {
-        let (mut upload, actions) = VerifiedUpload::start(
-            self.peers(),
-            self.vehicle.autopilot,
-            options,
-            mission,
-            Some(self.vehicle.state),
-            self.now_s(),
-        );
-        self.send(&actions);
-        let (mut kept, mut phase, mut stranded_since) = (false, None, None);
-        loop {
-            if phase != Some(upload.phase()) {
-                phase = Some(upload.phase());
-                tell(News::Phase(upload.phase()));
-            }
-            match upload.outcome() {
-                Some(outcome @ Outcome::Unknown { .. }) => {
-                    if stranded_since.is_none() {
-                        tell(News::Stranded(outcome.to_string()));
-                    }
-                    let since: f64 = *stranded_since.get_or_insert(self.now_s());
-                    if self.now_s() - since > patience.as_secs_f64() {
-                        return outcome.clone();
-                    }
-                }
-                Some(outcome) => return outcome.clone(),
-                None => {}
-            }
-            let actions = match self.next(upload.deadline()).await {
-                Event::Frame(frame) => self.take(&mut upload, &frame),
-                Event::Deadline => upload.tick(self.now_s()),
-                Event::Stopped => upload.cancel(self.now_s()),
-            };
-            if let Some(backup) = upload.backup().filter(|_| !kept) {
-                if let Err(why) = keep(backup) {
-                    let why = format!("the backup could not be kept: {why}");
-                    return Outcome::RestoredPrevious { why };
-                }
-                kept = true;
-            }
-            for action in &actions {
-                if let Action::Progress { done, total } = action {
-                    tell(News::Progress(*done, *total));
-                }
-            }
-            self.send(&actions);
-        }
+        wire::upload(self, mission, options, patience.as_secs_f64(), keep, tell).await
+    }
+}
+
+impl Wire for Session {
+    fn vehicle(&self) -> Vehicle {
+        self.vehicle
     }
 
-    fn take(&mut self, upload: &mut VerifiedUpload, frame: &Frame) -> Vec<Action> {
-        let now = self.now_s();
-        if let Some(vehicle) = self.heard(frame) {
-            upload.vehicle_state(vehicle.state);
-            return upload.link_restored(now);
-        }
-        codec::decode(frame).map_or_else(Vec::new, |envelope| upload.receive(now, &envelope))
-    }
-
-    fn heard(&self, frame: &Frame) -> Option<Vehicle> {
-        Vehicle::from_heartbeat(frame).filter(|v| v.address == self.vehicle.address)
-    }
-
-    /// The next frame, or the deadline, or once the wish to stop.
     async fn next(&mut self, deadline_s: Option<f64>) -> Event {
         loop {
             if let Some(hello) = self.voice.poll(self.clock.now_us(), true) {
@@ -229,7 +151,7 @@ impl Session {
             });
             match tokio::time::timeout(left, self.links.next()).await {
                 Ok(Some(received)) => {
-                    if let Some(vehicle) = self.heard(&received.frame) {
+                    if let Some(vehicle) = wire::heard(self.vehicle, &received.frame) {
                         self.vehicle = vehicle;
                     }
                     return Event::Frame(received.frame);

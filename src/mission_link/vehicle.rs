@@ -9,7 +9,10 @@ use gaware_mission::transfer::verified::VehicleState;
 const HEARTBEAT: u32 = 0;
 /// `MAV_MODE_FLAG_SAFETY_ARMED`.
 const ARMED: u8 = 128;
-/// `MAV_AUTOPILOT_ARDUPILOTMEGA`, `MAV_AUTOPILOT_PX4`.
+/// `MAV_MODE_FLAG_AUTO_ENABLED`.
+const AUTO: u8 = 4;
+/// `MAV_AUTOPILOT_GENERIC`, `MAV_AUTOPILOT_ARDUPILOTMEGA`, `MAV_AUTOPILOT_PX4`.
+const GENERIC: u8 = 0;
 const ARDUPILOT: u8 = 3;
 const PX4: u8 = 12;
 /// PX4's AUTO main mode and its MISSION sub mode.
@@ -29,6 +32,14 @@ pub struct Vehicle {
 }
 
 impl Vehicle {
+    /// Before any heartbeat: addresses nobody.
+    pub(crate) const NOBODY: Self = Self {
+        address: Address { system: 0, component: 0 },
+        mav_type: 0,
+        autopilot: Autopilot::ArduPilot,
+        state: VehicleState { armed: true, mission_mode: true, flying_mission: true },
+    };
+
     /// From a heartbeat of an autopilot that flies missions; other frames say nothing.
     pub fn from_heartbeat(frame: &Frame) -> Option<Self> {
         if frame.message_id != HEARTBEAT || frame.component_id != AUTOPILOT_COMPONENT {
@@ -41,6 +52,8 @@ impl Vehicle {
         let (autopilot, mission_mode) = match firmware {
             ARDUPILOT => (Autopilot::ArduPilot, custom_mode == ardupilot_auto(kind)),
             PX4 => (Autopilot::Px4, (at(2), at(3)) == PX4_MISSION),
+            // Speaks the mission protocol as MAVLink describes it, as PX4 does; says no more of its mode than this flag.
+            GENERIC => (Autopilot::Px4, base_mode & AUTO != 0),
             _ => return None,
         };
         let armed = base_mode & ARMED != 0;
@@ -89,6 +102,24 @@ mod tests {
             assert_eq!(seen.address.system, 9);
         }
         assert!(!vehicle(MAV_TYPE_QUADROTOR, MAV_AUTOPILOT_PX4, px4_mission, false).unwrap().state.armed);
+    }
+
+    #[test]
+    fn an_autopilot_of_no_known_make_may_fly_a_mission_when_it_says_auto() {
+        let heard = |base_mode| {
+            let data = HEARTBEAT_DATA {
+                mavtype: MavType::MAV_TYPE_FIXED_WING,
+                autopilot: MavAutopilot::MAV_AUTOPILOT_GENERIC,
+                base_mode,
+                ..Default::default()
+            };
+            let sender = Sender { system_id: 9, component_id: 1 };
+            Vehicle::from_heartbeat(&Frame::encode(sender, 0, &MavMessage::HEARTBEAT(data))).unwrap()
+        };
+        let armed = MavModeFlag::MAV_MODE_FLAG_SAFETY_ARMED;
+        assert_eq!(heard(armed).autopilot, Autopilot::Px4);
+        assert!(!heard(armed).state.flying_mission);
+        assert!(heard(armed | MavModeFlag::MAV_MODE_FLAG_AUTO_ENABLED).state.flying_mission);
     }
 
     #[test]

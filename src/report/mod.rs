@@ -1,4 +1,6 @@
 //! Self-contained HTML reports: inline plots, no scripts, light and dark, printable.
 
+pub mod demo;
 pub mod explanation;
+mod page;
 pub mod plot;

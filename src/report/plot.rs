@@ -26,6 +26,19 @@ const INK_IN_SVG: &str = "#010203";
 /// # Errors
 /// What the drawing library says.
 pub fn lines(title: &str, unit: &str, lines: &[Line<'_>]) -> Result<String, String> {
+    marked_lines(title, unit, lines, &[])
+}
+
+/// A plot of lines over time with named instants.
+///
+/// # Errors
+/// What the drawing library says.
+pub fn marked_lines(
+    title: &str,
+    unit: &str,
+    lines: &[Line<'_>],
+    marks: &[(f64, &str)],
+) -> Result<String, String> {
     let all = || lines.iter().flat_map(|l| l.points.iter().copied());
     if all().count() == 0 {
         return Ok(String::new());
@@ -61,6 +74,14 @@ pub fn lines(title: &str, unit: &str, lines: &[Line<'_>]) -> Result<String, Stri
                 .map_err(|e| e.to_string())?
                 .label(line.name)
                 .legend(move |(x, y)| PathElement::new([(x, y), (x + 14, y)], color.stroke_width(2)));
+        }
+        for (t, name) in marks {
+            let upright = [(*t, bottom), (*t, top)];
+            chart
+                .draw_series(LineSeries::new(upright, INK.mix(0.35).stroke_width(1)))
+                .map_err(|e| e.to_string())?;
+            let words = Text::new((*name).to_owned(), (*t, top), text(10));
+            chart.draw_series(std::iter::once(words)).map_err(|e| e.to_string())?;
         }
         if lines.len() > 1 {
             chart

@@ -11,3 +11,16 @@ pub mod telemetry;
 pub mod terminal;
 pub mod web;
 pub mod words;
+
+use tokio::sync::oneshot;
+
+/// Something that a person at a screen wants changed on the vehicle; sent only after it was confirmed, and on the web page
+/// after the token was checked.
+#[derive(Debug)]
+pub enum Request {
+    /// Upload the planned excitation mission to the vehicle.
+    UploadMission {
+        /// What came of it, in words for the pilot.
+        reply: oneshot::Sender<Result<String, String>>,
+    },
+}

@@ -96,6 +96,45 @@ pub struct RecorderView {
     pub bytes: u64,
 }
 
+/// How far the planned mission is.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
+#[serde(rename_all = "snake_case")]
+pub enum MissionState {
+    /// There is none.
+    #[default]
+    None,
+    /// It can be uploaded.
+    Ready,
+    /// It is being transferred.
+    Uploading,
+    /// It is on the vehicle, read back and compared.
+    OnVehicle,
+    /// The upload failed; the mission before is on the vehicle.
+    NotOnVehicle,
+    /// The upload failed, and nobody knows what is on the vehicle.
+    Unknown,
+}
+
+/// The planned mission as screens show it.
+#[derive(Debug, Clone, Default, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
+pub struct MissionView {
+    /// State.
+    pub state: MissionState,
+    /// Name of its file.
+    pub name: String,
+    /// Items without home.
+    pub items: u64,
+    /// The state in words for the pilot.
+    pub text: String,
+}
+
+impl MissionView {
+    /// Whether an upload may be asked for now.
+    pub fn can_upload(&self) -> bool {
+        !matches!(self.state, MissionState::None | MissionState::Uploading)
+    }
+}
+
 /// What one sink delivered and lost.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 pub struct SinkView {
@@ -114,6 +153,9 @@ pub struct StatusView {
     pub link: LinkView,
     /// Recorder.
     pub recorder: RecorderView,
+    /// Planned mission.
+    #[serde(default)]
+    pub mission: MissionView,
     /// Per sink, by name.
     pub sinks: BTreeMap<String, SinkView>,
 }
@@ -157,6 +199,7 @@ impl SinkCounters {
 pub struct SinkStatus {
     link: RwLock<LinkView>,
     recorder: RwLock<RecorderView>,
+    mission: RwLock<MissionView>,
     sinks: RwLock<BTreeMap<&'static str, Arc<SinkCounters>>>,
 }
 
@@ -182,6 +225,16 @@ impl SinkStatus {
         *self.recorder.write().unwrap_or_else(PoisonError::into_inner) = recorder;
     }
 
+    /// Replaces what is known of the planned mission.
+    pub fn set_mission(&self, mission: MissionView) {
+        *self.mission.write().unwrap_or_else(PoisonError::into_inner) = mission;
+    }
+
+    /// What is known of the planned mission.
+    pub fn mission(&self) -> MissionView {
+        self.mission.read().unwrap_or_else(PoisonError::into_inner).clone()
+    }
+
     /// A copy for screens, metrics and the page.
     pub fn view(&self) -> StatusView {
         let sinks = self.sinks.read().unwrap_or_else(PoisonError::into_inner);
@@ -189,6 +242,7 @@ impl SinkStatus {
             schema: "gaware.sinks/1".to_owned(),
             link: self.link.read().unwrap_or_else(PoisonError::into_inner).clone(),
             recorder: self.recorder.read().unwrap_or_else(PoisonError::into_inner).clone(),
+            mission: self.mission(),
             sinks: sinks.iter().map(|(name, c)| ((*name).to_owned(), c.view())).collect(),
         }
     }

@@ -5,6 +5,7 @@
 //! slow radio never sees a burst; `STATUSTEXT` is rationed, because pilots read it.
 
 use super::events::{EventDetector, Severity, Topic};
+use super::status::{MissionState, MissionView};
 use super::words::{ascii, fit};
 use crate::engine::snapshot::Snapshot;
 use mavlink::dialects::ardupilotmega::{MavMessage, MavSeverity, NAMED_VALUE_FLOAT_DATA, STATUSTEXT_DATA};
@@ -84,6 +85,17 @@ impl Telemetry {
         let mut out = self.due_texts(now_s);
         self.due_values(now_s, snapshot, &mut out);
         out
+    }
+
+    /// Tells the pilot what has become of the planned mission.
+    pub fn announce(&mut self, now_s: f64, mission: &MissionView) {
+        let severity = match mission.state {
+            MissionState::None | MissionState::Uploading => return,
+            MissionState::Unknown => Severity::Warning,
+            MissionState::Ready | MissionState::OnVehicle | MissionState::NotOnVehicle => Severity::Notice,
+        };
+        let text = format!("Mission: {}", mission.text);
+        self.enqueue(Waiting { since_s: now_s, severity, topic: Topic::Result, text });
     }
 
     /// Texts that were dropped because there were too many, or became stale while they waited.

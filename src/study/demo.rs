@@ -19,7 +19,7 @@ pub struct StateShare {
     pub within_2_sigma: usize,
     /// RMS of error over sigma.
     pub rms_normalised_error: f64,
-    /// Planned over reached sigma, mean.
+    /// Planned sigma over the one at the end of the plan, mean.
     pub planned_over_reached: f64,
 }
 
@@ -62,7 +62,8 @@ pub fn run(prepared: &Prepared, runs: usize, seed: u64, progress: &dyn Progress)
     let known: Vec<_> =
         flights.iter().flat_map(|f| &f.states).filter(|s| s.status == Status::Observable).collect();
     let within = known.iter().filter(|s| s.normalised_error.abs() <= 2.0).count();
-    let kept = known.iter().filter(|s| (1.0 / 1.5..=1.5).contains(&(s.planned_sigma / s.sigma))).count();
+    let kept =
+        known.iter().filter(|s| (1.0 / 1.5..=1.5).contains(&(s.planned_sigma / s.sigma_at_plan_end))).count();
     let mut names: Vec<&str> = known.iter().map(|s| s.name.as_str()).collect();
     names.sort_unstable();
     names.dedup();
@@ -74,7 +75,8 @@ pub fn run(prepared: &Prepared, runs: usize, seed: u64, progress: &dyn Progress)
             observable: of_it.len(),
             within_2_sigma: of_it.iter().filter(|s| s.normalised_error.abs() <= 2.0).count(),
             rms_normalised_error: (of_it.iter().map(|s| s.normalised_error.powi(2)).sum::<f64>() / n).sqrt(),
-            planned_over_reached: of_it.iter().map(|s| s.planned_sigma / s.sigma).sum::<f64>() / n,
+            planned_over_reached: of_it.iter().map(|s| s.planned_sigma / s.sigma_at_plan_end).sum::<f64>()
+                / n,
         }
     });
     DemoStudy {

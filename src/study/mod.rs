@@ -2,8 +2,10 @@
 
 pub mod blind;
 pub mod demo;
+pub mod guidance;
 pub mod observability;
 pub mod paper;
 pub mod parallel;
 pub mod recorded;
 pub mod statistics;
+pub mod transfer;

@@ -5,7 +5,7 @@
 
 use super::statistics::Rms3;
 use gaware_nav::earth::Geodetic;
-use gaware_nav::effects;
+use gaware_nav::effects::{self, Effect, Instant, ParameterGroup, Shape, unit};
 use gaware_nav::filter::{Filter, Fusion, Initial};
 use gaware_nav::mechanization::NavState;
 use gaware_nav::model::{EffectSetting, GElements, Model};
@@ -126,6 +126,46 @@ impl CsvFlight {
     }
 }
 
+/// The lower triangle of the accelerometers' misalignment, which the registry leaves out: it is a rotation of the triad as a
+/// whole, and no flight tells that from attitude. Where a reference has body axes of its own, as a simulation has, it is
+/// as uncertain as the upper one and belongs to the states.
+#[derive(Debug)]
+struct AccelAxes;
+
+impl Effect for AccelAxes {
+    fn name(&self) -> &'static str {
+        "accel_axes_of_reference"
+    }
+
+    fn description(&self) -> &'static str {
+        "the accelerometer triad is turned against the body axes of the reference"
+    }
+
+    fn groups(&self) -> &'static [ParameterGroup] {
+        &[ParameterGroup {
+            unit: unit::MRAD,
+            shape: Shape::Vector,
+            names: &["ma_yx", "ma_zx", "ma_zy"],
+            prior_sigma: 6.0 * unit::MRAD.si,
+        }]
+    }
+
+    fn accel(&self, p: &[f64], x: &Instant) -> Vector3<f64> {
+        let f = x.force;
+        match p {
+            [yx, zx, zy] => Vector3::new(0.0, yx * f.x, zx * f.x + zy * f.y),
+            _ => Vector3::zeros(),
+        }
+    }
+
+    fn imu_jacobian(&self, _p: &[f64], x: &Instant, _gyro: &mut [Vector3<f64>], accel: &mut [Vector3<f64>]) {
+        let f = x.force;
+        if let [yx, zx, zy] = accel {
+            (yx.y, zx.z, zy.z) = (f.x, f.x, f.y);
+        }
+    }
+}
+
 /// How a set is to be run.
 #[derive(Debug, Clone)]
 pub struct Setup {
@@ -191,7 +231,7 @@ pub fn setup(name: &str) -> Result<Setup, CsvError> {
             model.imu.gyro_bias_sigma = 0.5_f64.to_radians();
             model.imu.accel_bias_sigma = 0.2;
             for effect in [
-                &effects::GyroScaleFactor as &dyn effects::Effect,
+                &effects::GyroScaleFactor as &dyn Effect,
                 &effects::AccelScaleFactor,
                 &effects::GyroMisalignment,
                 &effects::AccelMisalignment,
@@ -203,6 +243,9 @@ pub fn setup(name: &str) -> Result<Setup, CsvError> {
                 setting.sigmas.fill(0.006);
                 model.set(setting);
             }
+            let mut axes = EffectSetting::unknown(&AccelAxes);
+            axes.sigmas.fill(0.006);
+            model.set(axes);
             Ok(Setup {
                 name: "sim_thor",
                 folder: "sim_thor_traj_mems",

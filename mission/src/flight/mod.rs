@@ -18,6 +18,8 @@ const ITEM_LIMIT_S: f64 = 600.0;
 /// A circle "until told otherwise" is predicted for this many turns, a hover for this long, s.
 const LAST_TURNS: f64 = 1.25;
 const LAST_HOVER_S: f64 = 10.0;
+/// A height counts as reached within this, m.
+const LEVEL_M: f64 = 2.0;
 
 /// Why a flight cannot be predicted.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
@@ -49,14 +51,49 @@ pub enum FlightError {
 enum Until {
     Turns(f64),
     Seconds(f64),
+    /// The height is reached, as near as autopilots demand.
+    Level(f64),
 }
 
 /// What an item asks of the vehicle.
 #[derive(Debug, Clone, Copy)]
 enum Task {
-    Line { from: Vector2<f64>, to: Vector2<f64>, height: Option<f64> },
-    Circle { center: Vector2<f64>, radius: f64, side: Side, until: Until, height: Option<f64> },
-    Hover { at: Vector2<f64>, height: Option<f64> },
+    Line {
+        from: Vector2<f64>,
+        to: Vector2<f64>,
+        height: Option<f64>,
+    },
+    Circle {
+        center: Vector2<f64>,
+        radius: f64,
+        side: Side,
+        until: Until,
+        height: Option<f64>,
+    },
+    Hover {
+        at: Vector2<f64>,
+        height: Option<f64>,
+    },
+    /// Straight down to the ground from this height at the begin of the line.
+    Glide {
+        from: Vector2<f64>,
+        to: Vector2<f64>,
+        height: f64,
+    },
+}
+
+impl Task {
+    /// Height that is wanted at this place, where the task wants one.
+    fn height_at(&self, p: Vector2<f64>) -> Option<f64> {
+        match self {
+            Self::Line { height, .. } | Self::Circle { height, .. } | Self::Hover { height, .. } => *height,
+            Self::Glide { from, to, height } => {
+                let line = to - from;
+                let left = (to - p).dot(&line) / line.norm_squared().max(1.0);
+                Some(height * left.clamp(0.0, 1.0))
+            }
+        }
+    }
 }
 
 /// A vehicle that follows items; between calls it remembers where it is.
@@ -219,6 +256,14 @@ impl<'a> Flyer<'a> {
                 let until = Until::Seconds(f64::from(item.params[0]));
                 Task::Circle { center: at, radius, side, until, height }
             }
+            command::NAV_LOITER_TO_ALT if self.airframe.is_fixed_wing() => {
+                let (radius, side) = radius(item.params[1]);
+                let until = Until::Level(height.unwrap_or(self.height));
+                Task::Circle { center: at, radius, side, until, height }
+            }
+            command::NAV_LAND if self.airframe.is_fixed_wing() => {
+                Task::Glide { from: self.last_point.unwrap_or(here), to: at, height: self.height }
+            }
             command::NAV_LOITER_UNLIM if self.airframe.is_fixed_wing() => {
                 let (radius, side) = radius(item.params[2]);
                 Task::Circle { center: at, radius, side, until: Until::Turns(LAST_TURNS), height }
@@ -232,25 +277,17 @@ impl<'a> Flyer<'a> {
     }
 
     fn follow(&mut self, number: usize, task: &Task, record: &mut Record<'_>) -> Result<(), FlightError> {
-        if let Task::Line { height: Some(h), .. }
-        | Task::Circle { height: Some(h), .. }
-        | Task::Hover { height: Some(h), .. } = task
-        {
-            self.height = *h;
-        }
         let began = self.t_s();
         let mut progress = Progress::new(self.position_ned_m().xy());
         loop {
             let (airframe, wind) = (self.airframe, self.wind_ned);
+            if let Some(height) = task.height_at(self.position_ned_m().xy()) {
+                self.height = height;
+            }
             self.note(record);
             let ground = self.ground_velocity();
-            if progress.is_done(
-                task,
-                self.position_ned_m().xy(),
-                ground.xy(),
-                self.airframe,
-                self.t_s() - began,
-            ) {
+            if progress.is_done(task, &self.position_ned_m(), ground.xy(), self.airframe, self.t_s() - began)
+            {
                 return Ok(());
             }
             if self.t_s() > self.budget_s {
@@ -289,11 +326,12 @@ impl Progress {
     fn is_done(
         &mut self,
         task: &Task,
-        p: Vector2<f64>,
+        position_ned_m: &Vector3<f64>,
         v: Vector2<f64>,
         airframe: &Airframe,
         elapsed_s: f64,
     ) -> bool {
+        let p = position_ned_m.xy();
         match task {
             Task::Line { from, to, .. } => {
                 let left = (to - p).norm();
@@ -321,8 +359,12 @@ impl Progress {
                 match until {
                     Until::Turns(turns) => self.swept >= turns * std::f64::consts::TAU,
                     Until::Seconds(seconds) => self.arrived_s.is_some_and(|t| elapsed_s - t >= *seconds),
+                    Until::Level(height) => {
+                        self.arrived_s.is_some() && (height + position_ned_m.z).abs() < LEVEL_M
+                    }
                 }
             }
+            Task::Glide { from, to, .. } => (to - p).dot(&(to - from)) <= 0.0,
             Task::Hover { at, .. } => (p - at).norm() < 3.0 && elapsed_s > LAST_HOVER_S,
         }
     }

@@ -26,7 +26,7 @@ pub(super) fn steer(
     let ground = v.norm().max(1.0);
     let course = v.y.atan2(v.x);
     let (wanted, curve) = match task {
-        Task::Line { from, to, .. } => line(p, *from, *to, ground, airframe),
+        Task::Line { from, to, .. } | Task::Glide { from, to, .. } => line(p, *from, *to, ground, airframe),
         Task::Circle { center, radius, side, .. } => circle(p, *center, *radius, side.sign(), ground),
         Task::Hover { at, .. } => circle(p, *at, airframe.turn_radius_min_m, 1.0, ground),
     };

@@ -8,7 +8,7 @@ mod words;
 use crate::airframe::Airframe;
 use crate::fence::LocalFrame;
 use crate::item::MissionItem;
-use crate::kinematics::{Extent, Kinematics, RotorState, WingState};
+use crate::kinematics::{Extent, Kinematics, RotorState, WingCommand, WingState};
 use nalgebra::{Vector2, Vector3};
 use serde::{Deserialize, Serialize};
 
@@ -102,6 +102,11 @@ impl Maneuver {
     /// counted from its start.
     pub fn kinematics(self, airframe: &Airframe, entry: &Entry, wind_ned: &Vector3<f64>) -> Vec<Kinematics> {
         profile::fly(self, airframe, entry, wind_ned)
+    }
+
+    /// What a pilot of a fixed wing commands `t_s` seconds into it.
+    pub fn wing_command(self, airframe: &Airframe, t_s: f64) -> WingCommand {
+        profile::wing_command(self, airframe, t_s)
     }
 
     /// The room it takes when a pilot flies it, without wind.

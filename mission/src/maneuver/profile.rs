@@ -93,7 +93,7 @@ fn even_half(t: f64, half_s: f64) -> bool {
     (t / half_s).rem_euclid(2.0) < 1.0
 }
 
-fn wing_command(maneuver: Maneuver, airframe: &Airframe, t: f64) -> WingCommand {
+pub(super) fn wing_command(maneuver: Maneuver, airframe: &Airframe, t: f64) -> WingCommand {
     let (slow, fast) = (airframe.speed_min_m_per_s, airframe.speed_max_m_per_s);
     let bank = turn_bank_deg(airframe).to_radians();
     let turn = circle_s(airframe) - SETTLE_S;

@@ -4,6 +4,7 @@
 //! and in others near it; only what stays inside the limits, and from which the hold at the end can still be
 //! reached in time, is a candidate at all. Sigmas come from a [`Predictor`], so the search itself knows no filter.
 
+mod landing;
 mod place;
 mod rank;
 mod search;
@@ -36,6 +37,9 @@ pub struct Request {
     /// Whether the mission begins on the ground at home with a take-off; `start` is then where its climb ends, see
     /// [`climb_out`].
     pub take_off: bool,
+    /// Whether a fixed wing lands at home after its last maneuver, where there is room for that; otherwise it holds. A
+    /// multirotor always holds: it lands where it is told.
+    pub landing: bool,
     /// Where the vehicle is when the maneuvers begin.
     pub start: LatLon,
     /// Height above home there, m.
@@ -77,7 +81,7 @@ pub struct SigmasAt {
 /// A plan: safe within the limits it was made for.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Plan {
-    /// Home and items; the last one holds.
+    /// Home and items; the last one holds, or lands if that was asked for.
     pub mission: Mission,
     /// In order.
     pub maneuvers: Vec<PlannedManeuver>,
@@ -87,7 +91,7 @@ pub struct Plan {
     pub path: Vec<Kinematics>,
     /// The frame of the path.
     pub frame: LocalFrame,
-    /// When the hold at the end is reached, s.
+    /// When the hold at the end is reached or the vehicle has landed, s.
     pub duration_s: f64,
     /// What the user should know: states that this flight leaves dark, settings of the autopilot.
     pub notes: Vec<String>,

@@ -1,5 +1,6 @@
 //! The beam search.
 
+use super::landing::Landing;
 use super::place::placements;
 use super::{Plan, PlanError, PlannedManeuver, Rejection, Request, SigmasAt};
 use crate::fence::LocalFrame;
@@ -27,8 +28,8 @@ const TAKE_OFF_PITCH_DEG: f32 = 12.0;
 const REPORT_S: f64 = 1.0;
 
 pub(super) struct Search<'a> {
-    request: &'a Request,
-    frame: LocalFrame,
+    pub(super) request: &'a Request,
+    pub(super) frame: LocalFrame,
     checker: Checker<'a>,
     placements: Vec<Placement>,
     winds: Vec<Vector3<f64>>,
@@ -48,9 +49,9 @@ struct Node<'a, P> {
 }
 
 /// A piece of flight that stays inside all limits in all winds.
-struct Flown<'a> {
-    flyers: Vec<Flyer<'a>>,
-    samples: Vec<Kinematics>,
+pub(super) struct Flown<'a> {
+    pub(super) flyers: Vec<Flyer<'a>>,
+    pub(super) samples: Vec<Kinematics>,
 }
 
 impl<'a> Search<'a> {
@@ -66,6 +67,10 @@ impl<'a> Search<'a> {
         let turned = |deg: f64| Rotation3::from_axis_angle(&Vector3::z_axis(), deg.to_radians()) * wind;
         let winds = vec![wind, wind * 0.4, turned(25.0), turned(-25.0)];
         Ok(Self { request, frame, checker, placements, winds })
+    }
+
+    pub(super) fn checker(&self) -> &Checker<'a> {
+        &self.checker
     }
 
     pub fn run<P: Predictor>(self, predictor: P) -> Result<Plan, PlanError> {
@@ -176,7 +181,7 @@ impl<'a> Search<'a> {
     }
 
     /// The hold at the end: around the centre with the most room.
-    fn end_items(&self) -> Vec<MissionItem> {
+    pub(super) fn end_items(&self) -> Vec<MissionItem> {
         let airframe = &self.request.airframe;
         self.placements
             .first()
@@ -193,7 +198,7 @@ impl<'a> Search<'a> {
     }
 
     /// Flies items from here in every wind.
-    fn fly(&self, from: &[Flyer<'a>], items: &[MissionItem]) -> Result<Flown<'a>, Rejection> {
+    pub(super) fn fly(&self, from: &[Flyer<'a>], items: &[MissionItem]) -> Result<Flown<'a>, Rejection> {
         self.checker.items(items)?;
         let mut flyers = from.to_vec();
         let mut nominal = Vec::new();
@@ -296,16 +301,26 @@ impl<'a> Search<'a> {
         mut fresh: P,
         excited: &[bool],
     ) -> Result<Plan, PlanError> {
-        let end = self.end(&best.flyers).map_err(|e| PlanError::NoWayHome(e.to_string()))?;
+        let mut no_landing = None;
+        let landing = (self.request.landing && self.request.airframe.is_fixed_wing())
+            .then(|| self.landing(&best.flyers).map_err(|e| no_landing = Some(e.to_string())).ok());
+        let end = match landing.flatten() {
+            Some(landing) => landing,
+            None => {
+                let end = self.end(&best.flyers).map_err(|e| PlanError::NoWayHome(e.to_string()))?;
+                Landing { items: self.end_items(), samples: end.samples, flyers: end.flyers }
+            }
+        };
         let mut items = best.items;
-        items.extend(self.end_items());
+        items.extend(end.items);
         self.checker.end(&items)?;
         let mut path = best.path;
         path.extend(end.samples);
         let before = fresh.sigmas();
         let mut sigmas = vec![SigmasAt { t_s: 0.0, sigmas: before.clone() }];
         sigmas.extend(report(&mut fresh, &path, self.request.fix_interval_s));
-        let notes = self.notes(&before, &fresh.sigmas(), excited);
+        let mut notes = self.notes(&before, &fresh.sigmas(), excited);
+        notes.extend(no_landing.map(|e| format!("no room to land; the mission ends in a hold: {e}")));
         Ok(Plan {
             mission: Mission { home: Some(self.request.home), items },
             maneuvers: best.maneuvers,

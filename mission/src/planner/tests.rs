@@ -44,6 +44,7 @@ fn request(name: &str, fence: Fence) -> Request {
         airframe: Airframe::example(name).expect("shipped"),
         home: HOME,
         take_off: false,
+        landing: false,
         start: HOME.place(),
         start_height_m: 100.0,
         start_heading_deg: 30.0,

@@ -141,7 +141,9 @@ impl Calibration {
             }
         }
         for (rate, force) in out.rate.iter_mut().zip(&out.force) {
-            *rate -= by_force * force;
+            if *force != Vector3::zeros() {
+                *rate -= by_force * force;
+            }
         }
     }
 }

@@ -1,31 +1,37 @@
 //! A covariance matrix and the two things a filter does to it, with the structure of the problem used.
 //!
 //! Only the nine navigation states have dynamics; everything behind them is constant or a first-order Gauss-Markov
-//! process. So a time step touches nine rows and columns. Storage is a full symmetric matrix, row by row; every
-//! operation keeps it symmetric by construction.
+//! process. So a time step touches nine rows and columns. The matrix is stored in full, in panels of eight columns, so
+//! that a vector register takes neighbours of one row; every operation keeps it symmetric by construction.
 
+use super::nav_map::{Columns, NavMap};
 use nalgebra::Matrix3;
+use pulp::{Arch, Simd, WithSimd};
 
 /// Number of navigation states: position, velocity and attitude errors.
 pub const NAV: usize = 9;
+/// Columns of a panel: numbers in the widest vector register.
+pub(super) const PANEL: usize = 8;
+/// Rows of the largest group of measurements.
+pub(super) const GROUP: usize = 3;
 
 /// A symmetric, positive matrix of any size.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Covariance {
     n: usize,
-    data: Vec<f64>,
-    scratch: Vec<f64>,
+    /// Panel by panel, each with n rows; columns from n on are zero.
+    data: Vec<[f64; PANEL]>,
 }
 
 impl Covariance {
-    /// A diagonal covariance from 1-sigmas.
+    /// A diagonal covariance from 1-sigmas of at least the nine navigation states.
     pub fn from_sigmas(sigmas: &[f64]) -> Self {
         let n = sigmas.len();
-        let mut data = vec![0.0; n * n];
+        let mut p = Self { n, data: vec![[0.0; PANEL]; n * n.div_ceil(PANEL)] };
         for (i, s) in sigmas.iter().enumerate() {
-            data[i * n + i] = s * s;
+            *p.at_mut(i, i) = s * s;
         }
-        Self { n, data, scratch: Vec::new() }
+        p
     }
 
     /// Number of states.
@@ -40,12 +46,11 @@ impl Covariance {
 
     /// One element.
     pub fn at(&self, i: usize, j: usize) -> f64 {
-        self.data[i * self.n + j]
+        self.data[j / PANEL * self.n + i][j % PANEL]
     }
 
-    /// One row.
-    pub fn row(&self, i: usize) -> &[f64] {
-        &self.data[i * self.n..(i + 1) * self.n]
+    fn at_mut(&mut self, i: usize, j: usize) -> &mut f64 {
+        &mut self.data[j / PANEL * self.n + i][j % PANEL]
     }
 
     /// 1-sigma of a state.
@@ -67,7 +72,7 @@ impl Covariance {
     pub fn set_block3(&mut self, at: usize, block: &Matrix3<f64>) {
         for i in 0..3 {
             for j in 0..3 {
-                self.data[(at + i) * self.n + at + j] = 0.5 * (block[(i, j)] + block[(j, i)]);
+                *self.at_mut(at + i, at + j) = 0.5 * (block[(i, j)] + block[(j, i)]);
             }
         }
     }
@@ -75,95 +80,51 @@ impl Covariance {
     /// Takes over all entries of another covariance of the same size from state `from` on.
     pub fn copy_tail(&mut self, other: &Self, from: usize) {
         for i in from..self.n.min(other.n) {
-            let range = i * self.n + from..(i + 1) * self.n;
-            self.data[range.clone()].copy_from_slice(&other.data[range]);
+            for j in from..self.n.min(other.n) {
+                *self.at_mut(i, j) = other.at(i, j);
+            }
         }
     }
 
     /// Adds variance to a state.
     pub fn add_variance(&mut self, i: usize, variance: f64) {
-        self.data[i * self.n + i] += variance;
+        *self.at_mut(i, i) += variance;
     }
 
     /// Forgets all correlations of a state and gives it a new sigma.
     pub fn reset(&mut self, i: usize, sigma: f64) {
         for j in 0..self.n {
-            self.data[i * self.n + j] = 0.0;
-            self.data[j * self.n + i] = 0.0;
+            *self.at_mut(i, j) = 0.0;
+            *self.at_mut(j, i) = 0.0;
         }
-        self.data[i * self.n + i] = sigma * sigma;
+        *self.at_mut(i, i) = sigma * sigma;
     }
 
-    /// Scales a state by a factor: P ← D P D.
-    pub fn scale(&mut self, i: usize, factor: f64) {
-        for j in 0..self.n {
-            self.data[i * self.n + j] *= factor;
-            self.data[j * self.n + i] *= factor;
+    /// Scales three states that follow each other by a factor: P ← D P D.
+    pub fn scale3(&mut self, first: usize, factor: f64) {
+        for i in first..first + 3 {
+            for j in 0..self.n {
+                *self.at_mut(i, j) *= factor;
+                *self.at_mut(j, i) *= factor;
+            }
         }
     }
 
-    /// P ← Φ P Φᵀ, where Φ is the identity except for its first nine rows.
-    ///
-    /// `phi` holds these rows, 9 × n, row by row.
-    pub fn propagate(&mut self, phi: &[f64]) {
-        let n = self.n;
-        debug_assert_eq!(phi.len(), NAV * n);
-        let mut t = std::mem::take(&mut self.scratch);
-        t.clear();
-        t.resize(NAV * n, 0.0);
-        for (row, out) in phi.chunks_exact(n).zip(t.chunks_exact_mut(n)) {
-            for (coefficient, p) in row.iter().zip(self.data.chunks_exact(n)) {
-                if *coefficient != 0.0 {
-                    for (o, x) in out.iter_mut().zip(p) {
-                        *o += coefficient * x;
-                    }
-                }
-            }
-        }
-        for i in 0..NAV {
-            let ti = &t[i * n..(i + 1) * n];
-            for j in i..NAV {
-                let pj = &phi[j * n..(j + 1) * n];
-                let v: f64 = ti.iter().zip(pj).map(|(a, b)| a * b).sum();
-                self.data[i * n + j] = v;
-                self.data[j * n + i] = v;
-            }
-            for (j, v) in ti.iter().enumerate().skip(NAV) {
-                self.data[i * n + j] = *v;
-                self.data[j * n + i] = *v;
-            }
-        }
-        self.scratch = t;
+    /// P ← M P Mᵀ.
+    pub(super) fn transform(&mut self, map: &impl NavMap) {
+        Arch::new().dispatch(Congruence { map, n: self.n, data: &mut self.data });
     }
 
-    /// P h for a sparse row h, given as (state, coefficient) pairs.
-    pub fn times(&self, h: &[(usize, f64)]) -> Vec<f64> {
-        let mut out = vec![0.0; self.n];
-        for (k, c) in h {
-            for (o, x) in out.iter_mut().zip(self.row(*k)) {
-                *o += c * x;
-            }
-        }
+    /// P h for up to three sparse rows h, given as states with a coefficient per row.
+    pub(super) fn times(&self, h: &[(usize, [f64; GROUP])]) -> Tall {
+        let mut out = Tall::new(self.n);
+        Arch::new().dispatch(Product { n: self.n, data: self.data.as_flattened(), h, out: &mut out.panels });
         out
     }
 
-    /// P ← P − w wᵀ.
-    pub fn subtract_outer(&mut self, w: &[f64]) {
-        for (wi, row) in w.iter().zip(self.data.chunks_exact_mut(self.n)) {
-            for (p, wj) in row.iter_mut().zip(w) {
-                *p -= wi * wj;
-            }
-        }
-    }
-
-    /// P ← M P Mᵀ for a change of coordinates of the navigation states; `m` is 9 × 9, row by row.
-    pub fn transform_nav(&mut self, m: &[[f64; NAV]; NAV]) {
-        let n = self.n;
-        let mut phi = vec![0.0; NAV * n];
-        for (i, row) in m.iter().enumerate() {
-            phi[i * n..i * n + NAV].copy_from_slice(row);
-        }
-        self.propagate(&phi);
+    /// P ← P − Σ w wᵀ.
+    pub(super) fn subtract_outer(&mut self, w: &Tall) {
+        Arch::new().dispatch(Downdate { n: self.n, data: self.data.as_flattened_mut(), w: &w.panels });
     }
 
     /// Whether every variance is positive and finite, and no correlation exceeds one.
@@ -180,10 +141,214 @@ impl Covariance {
     }
 }
 
+/// Up to three vectors as long as the state, padded as the covariance is.
+#[derive(Debug, Clone)]
+pub(super) struct Tall {
+    panels: Vec<[[f64; PANEL]; GROUP]>,
+}
+
+impl Tall {
+    fn new(n: usize) -> Self {
+        Self { panels: vec![[[0.0; PANEL]; GROUP]; n.div_ceil(PANEL)] }
+    }
+
+    /// One number of each vector.
+    pub(super) fn at(&self, state: usize) -> [f64; GROUP] {
+        self.panels[state / PANEL].map(|v| v[state % PANEL])
+    }
+
+    /// Σ c·v over the vectors, for the first states of `out`.
+    pub(super) fn combined(&self, c: [f64; GROUP], out: &mut [f64]) {
+        for (out, panel) in out.chunks_mut(PANEL).zip(&self.panels) {
+            for (k, out) in out.iter_mut().enumerate() {
+                *out = c[0] * panel[0][k] + c[1] * panel[1][k] + c[2] * panel[2][k];
+            }
+        }
+    }
+
+    /// W with L W = V: the vectors whitened by a lower triangle.
+    pub(super) fn whitened(mut self, l: &[[f64; GROUP]; GROUP]) -> Self {
+        let scale = [1.0 / l[0][0], 1.0 / l[1][1], 1.0 / l[2][2]];
+        for [a, b, c] in &mut self.panels {
+            for k in 0..PANEL {
+                a[k] *= scale[0];
+                b[k] = (b[k] - l[1][0] * a[k]) * scale[1];
+                c[k] = (c[k] - l[2][0] * a[k] - l[2][1] * b[k]) * scale[2];
+            }
+        }
+        self
+    }
+}
+
+/// P ← M P Mᵀ as M (M P)ᵀ.
+struct Congruence<'a, M> {
+    map: &'a M,
+    n: usize,
+    data: &'a mut [[f64; PANEL]],
+}
+
+impl<M: NavMap> WithSimd for Congruence<'_, M> {
+    type Output = ();
+
+    #[inline(always)]
+    fn with_simd<S: Simd>(self, simd: S) {
+        let Self { map, n, data } = self;
+        // In place: each column of M P depends on the same column of P alone.
+        for panel in data.chunks_exact_mut(n) {
+            let (panel, _) = S::as_mut_simd_f64s(panel.as_flattened_mut());
+            for at in 0..PANEL / S::F64_LANES {
+                let rows = map.rows(simd, Columns::new(panel, at));
+                for (row, out) in rows.as_flattened().iter().zip(panel.chunks_exact_mut(PANEL / S::F64_LANES))
+                {
+                    out[at] = *row;
+                }
+            }
+        }
+        transpose_nav(n, data);
+        let mut square = [[0.0; 2 * PANEL]; NAV];
+        for (p, panel) in data.chunks_exact(n).enumerate().take(2) {
+            let (panel, _) = S::as_simd_f64s(panel.as_flattened());
+            let parts = (NAV - p * PANEL).min(PANEL).div_ceil(S::F64_LANES);
+            for at in 0..parts {
+                let rows = map.rows(simd, Columns::new(panel, at));
+                for (row, out) in rows.as_flattened().iter().zip(&mut square) {
+                    let (out, _) = S::as_mut_simd_f64s(&mut out[p * PANEL..]);
+                    out[at] = *row;
+                }
+            }
+        }
+        set_nav(n, data, &square);
+    }
+}
+
+/// Puts the transpose of the first nine rows into the first nine columns. What the rows hold behind their ninth number
+/// stays.
+#[inline(always)]
+fn transpose_nav(n: usize, data: &mut [[f64; PANEL]]) {
+    let (first, others) = data.split_at_mut(n);
+    let (second, others) = others.split_at_mut(n);
+    let (Some((square, first)), Some((right, second))) =
+        (first.split_first_chunk_mut::<NAV>(), second.split_first_chunk_mut::<NAV>())
+    else {
+        return;
+    };
+    for i in 0..PANEL {
+        let (upper, lower) = square.split_at_mut(i + 1);
+        for (row, right) in lower.iter_mut().zip(&mut upper[i][i + 1..]) {
+            std::mem::swap(&mut row[i], right);
+        }
+        // The row of the ninth state went with the square; its column is the first of the second panel.
+        std::mem::swap(&mut lower[PANEL - 1 - i][i], &mut right[i][0]);
+    }
+    let others = others.chunks_exact(n).filter_map(<[_]>::first_chunk);
+    // The second panel begins with the ninth state, which belongs to the square.
+    let (near, far) = first.split_at_mut(first.len().min(PANEL - 1));
+    let (near_end, far_end) = second.split_at_mut(near.len());
+    for (l, (out, end)) in near.iter_mut().zip(near_end).enumerate() {
+        flip(right, l + 1, out, end);
+    }
+    for ((block, out), end) in others.zip(far.chunks_mut(PANEL)).zip(far_end.chunks_mut(PANEL)) {
+        if let (Ok(out), Ok(end)) =
+            (<&mut [_; PANEL]>::try_from(&mut *out), <&mut [_; PANEL]>::try_from(&mut *end))
+        {
+            for l in 0..PANEL {
+                flip(block, l, &mut out[l], &mut end[l]);
+            }
+        } else {
+            out.iter_mut().zip(end).enumerate().for_each(|(l, (out, end))| flip(block, l, out, end));
+        }
+    }
+}
+
+/// Column `l` of a block as a row: eight numbers in the first panel, the ninth in the second.
+#[inline(always)]
+fn flip(block: &[[f64; PANEL]; NAV], l: usize, out: &mut [f64; PANEL], end: &mut [f64; PANEL]) {
+    for i in 0..PANEL {
+        out[i] = block[i][l];
+    }
+    end[0] = block[PANEL][l];
+}
+
+/// Sets the square of nine from its upper triangle.
+#[inline(always)]
+fn set_nav(n: usize, data: &mut [[f64; PANEL]], upper: &[[f64; 2 * PANEL]; NAV]) {
+    let (first, second) = data.split_at_mut(n);
+    for (i, (first, second)) in first.iter_mut().zip(second).take(NAV).enumerate() {
+        for (j, out) in first.iter_mut().enumerate() {
+            *out = upper[i.min(j)][i.max(j)];
+        }
+        second[0] = upper[i][PANEL];
+    }
+}
+
+/// P h.
+struct Product<'a> {
+    n: usize,
+    data: &'a [f64],
+    h: &'a [(usize, [f64; GROUP])],
+    out: &'a mut [[[f64; PANEL]; GROUP]],
+}
+
+impl WithSimd for Product<'_> {
+    type Output = ();
+
+    #[inline(always)]
+    fn with_simd<S: Simd>(self, simd: S) {
+        let parts = PANEL / S::F64_LANES;
+        for (panel, out) in self.data.chunks_exact(self.n * PANEL).zip(self.out) {
+            let (panel, _) = S::as_simd_f64s(panel);
+            let [a, b, c] = out;
+            let (a, b, c) = (S::as_mut_simd_f64s(a).0, S::as_mut_simd_f64s(b).0, S::as_mut_simd_f64s(c).0);
+            for at in 0..parts {
+                let mut sum = [simd.splat_f64s(0.0); GROUP];
+                for (state, by) in self.h {
+                    let x = panel[state * parts + at];
+                    sum[0] = simd.add_f64s(sum[0], simd.mul_f64s(simd.splat_f64s(by[0]), x));
+                    sum[1] = simd.add_f64s(sum[1], simd.mul_f64s(simd.splat_f64s(by[1]), x));
+                    sum[2] = simd.add_f64s(sum[2], simd.mul_f64s(simd.splat_f64s(by[2]), x));
+                }
+                (a[at], b[at], c[at]) = (sum[0], sum[1], sum[2]);
+            }
+        }
+    }
+}
+
+/// P ← P − Σ w wᵀ.
+struct Downdate<'a> {
+    n: usize,
+    data: &'a mut [f64],
+    w: &'a [[[f64; PANEL]; GROUP]],
+}
+
+impl WithSimd for Downdate<'_> {
+    type Output = ();
+
+    #[inline(always)]
+    fn with_simd<S: Simd>(self, simd: S) {
+        for (panel, columns) in self.data.chunks_exact_mut(self.n * PANEL).zip(self.w) {
+            let [a, b, c] = columns;
+            let (a, b, c) = (S::as_simd_f64s(a).0, S::as_simd_f64s(b).0, S::as_simd_f64s(c).0);
+            for (block, rows) in panel.chunks_mut(PANEL * PANEL).zip(self.w) {
+                for (i, row) in block.chunks_exact_mut(PANEL).enumerate() {
+                    let by = [rows[0][i], rows[1][i], rows[2][i]];
+                    let by = [simd.splat_f64s(by[0]), simd.splat_f64s(by[1]), simd.splat_f64s(by[2])];
+                    let (row, _) = S::as_mut_simd_f64s(row);
+                    for (((p, a), b), c) in row.iter_mut().zip(a).zip(b).zip(c) {
+                        let less = simd.sub_f64s(*p, simd.mul_f64s(by[0], *a));
+                        let less = simd.sub_f64s(less, simd.mul_f64s(by[1], *b));
+                        *p = simd.sub_f64s(less, simd.mul_f64s(by[2], *c));
+                    }
+                }
+            }
+        }
+    }
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
-    use nalgebra::DMatrix;
+    use crate::filter::nav_map::{Transition, dense_rows};
+    use nalgebra::{DMatrix, Matrix3xX, Vector3};
     use proptest::prelude::*;
 
     fn dense(c: &Covariance) -> DMatrix<f64> {
@@ -196,35 +361,134 @@ mod tests {
         let mut c = Covariance::from_sigmas(&vec![0.0; n]);
         for i in 0..n {
             for j in 0..n {
-                c.data[i * n + j] = p[(i, j)];
+                *c.at_mut(i, j) = p[(i, j)];
             }
         }
         c
     }
 
+    /// A transition with every part at work, on `n` states.
+    fn some_transition(n: usize, values: &[f64]) -> Transition {
+        let value = |k: usize| values[k % values.len()];
+        let triple = |k: usize| [value(k), value(k + 1), value(k + 2)];
+        let matrix = |k: usize| [triple(k), triple(k + 3), triple(k + 6)];
+        let mut phi = Transition {
+            dt: 0.3 + value(3).abs(),
+            to_end: matrix(0),
+            earth: triple(5),
+            gradient: matrix(11),
+            dv: triple(7),
+            dp: triple(13),
+            half_turn_dt: matrix(2),
+            ..Transition::default()
+        };
+        let columns = |from: usize| -> Vec<Vector3<f64>> {
+            (0..n - NAV)
+                .map(
+                    |k| if (k + from).is_multiple_of(3) { Vector3::zeros() } else { triple(from + k).into() },
+                )
+                .collect()
+        };
+        phi.rate.set_mean(NAV, &columns(1), &columns(4));
+        phi.force.set_mean(NAV, &columns(8), &columns(5));
+        phi
+    }
+
+    /// The same, from the blocks that its factors stand for.
+    fn dense_transition(
+        phi: &Transition,
+        n: usize,
+        rate: &Matrix3xX<f64>,
+        force: &Matrix3xX<f64>,
+    ) -> DMatrix<f64> {
+        let matrix = |m: &[[f64; 3]; 3]| Matrix3::from(*m).transpose();
+        let cross = |v: &[f64; 3]| crate::rotation::skew(&Vector3::from(*v));
+        let (turn, one) = (matrix(&phi.to_end), Matrix3::identity());
+        let (mean, dv, dp) = (matrix(&phi.half_turn_dt), cross(&phi.dv), cross(&phi.dp));
+        let mut full = DMatrix::<f64>::identity(n, n);
+        let mut put = |row: usize, column: usize, m: Matrix3xX<f64>| {
+            full.view_mut((row, column), (3, m.ncols())).copy_from(&m)
+        };
+        let three = |m: Matrix3<f64>| Matrix3xX::from_fn(3, |i, j| m[(i, j)]);
+        put(0, 0, three(turn * (one + cross(&phi.earth))));
+        put(0, 3, three(turn * phi.dt));
+        put(0, 6, three(-turn * dp));
+        put(3, 0, three(turn * matrix(&phi.gradient)));
+        put(3, 3, three(turn * (one - cross(&phi.earth))));
+        put(3, 6, three(-turn * dv));
+        put(6, 6, three(turn));
+        put(0, 9, turn * (force * (0.5 * phi.dt * phi.dt) - dp * mean * rate / 3.0));
+        put(3, 9, turn * (mean * force - dv * mean * rate * 0.5));
+        put(6, 9, turn * mean * rate);
+        full
+    }
+
+    fn columns_of(rows: impl Fn(usize) -> f64, n: usize) -> Matrix3xX<f64> {
+        Matrix3xX::from_fn(n - NAV, |i, k| rows(i * n + NAV + k))
+    }
+
     proptest! {
         #[test]
-        fn structured_products_equal_dense_ones(
+        fn a_step_equals_the_dense_product(
             values in proptest::collection::vec(-1.0..1.0f64, 23),
-            phi in proptest::collection::vec(-1.0..1.0f64, NAV * 14),
+            n in prop_oneof![Just(15_usize), Just(18), Just(24), Just(29)],
         ) {
-            let n = 14;
             let mut c = some_covariance(n, &values);
-            let mut full = DMatrix::<f64>::identity(n, n);
-            for i in 0..NAV { for j in 0..n { full[(i, j)] = phi[i * n + j]; } }
+            let phi = some_transition(n, &values);
+            let rate = phi.rate.dense(n);
+            let force = phi.force.dense(n);
+            let full = dense_transition(&phi, n, &columns_of(|k| rate[k], n), &columns_of(|k| force[k], n));
+            let rows = dense_rows(&phi, n);
+            for i in 0..NAV {
+                for j in 0..n {
+                    prop_assert!((rows[i * n + j] - full[(i, j)]).abs() < 1e-12);
+                }
+            }
             let expected = &full * dense(&c) * full.transpose();
-            c.propagate(&phi);
-            prop_assert!((dense(&c) - expected).norm() < 1e-9);
+            c.transform(&phi);
+            prop_assert!((dense(&c) - &expected).norm() < 1e-12 * expected.norm());
+            prop_assert_eq!(dense(&c), dense(&c).transpose());
+        }
+
+        #[test]
+        fn the_width_of_the_registers_changes_nothing(values in proptest::collection::vec(-1.0..1.0f64, 23)) {
+            let phi = some_transition(24, &values);
+            let mut wide = some_covariance(24, &values);
+            let mut narrow = wide.clone();
+            Congruence { map: &phi, n: 24, data: &mut narrow.data }.with_simd(pulp::Scalar);
+            wide.transform(&phi);
+            prop_assert_eq!(wide, narrow);
         }
 
         #[test]
         fn a_measurement_update_keeps_it_sound(values in proptest::collection::vec(-1.0..1.0f64, 23), r in 1e-6..1.0f64) {
             let mut c = some_covariance(14, &values);
-            let ph = c.times(&[(0, 1.0), (12, -0.5)]);
-            let s = ph[0] - 0.5 * ph[12] + r;
-            let w: Vec<f64> = ph.iter().map(|x| x / s.sqrt()).collect();
+            let h = [(0, [1.0, 0.0, 0.0]), (12, [-0.5, 0.0, 0.3])];
+            let ph = c.times(&h);
+            let before = dense(&c);
+            let rows = DMatrix::from_fn(3, 14, |i, j| h.iter().find(|(k, _)| *k == j).map_or(0.0, |(_, v)| v[i]));
+            let exact = &before * rows.transpose();
+            for k in 0..14 {
+                prop_assert!((0..3).all(|i| (ph.at(k)[i] - exact[(k, i)]).abs() < 1e-12));
+            }
+            let s = &rows * exact + DMatrix::identity(3, 3) * r;
+            let gained = &before * rows.transpose() * s.clone().try_inverse().unwrap_or_default() * &rows * &before;
+            let Some(l) = s.cholesky().map(|c| c.l()) else { return Ok(()) };
+            let w = ph.whitened(&std::array::from_fn(|i| std::array::from_fn(|j| l[(i, j)])));
             c.subtract_outer(&w);
             prop_assert!(c.is_sound());
+            prop_assert!((dense(&c) - (before - gained)).norm() < 1e-9);
         }
+    }
+
+    #[test]
+    fn scaling_keeps_correlations() {
+        let mut c = some_covariance(14, &[0.3, -0.2, 0.9, 0.5, -0.7]);
+        let before = dense(&c);
+        c.scale3(11, 0.5);
+        assert_eq!(c.at(3, 4), before[(3, 4)]);
+        assert_eq!(c.at(3, 12), 0.5 * before[(3, 12)]);
+        assert_eq!(c.at(12, 3), 0.5 * before[(3, 12)]);
+        assert_eq!(c.at(12, 13), 0.25 * before[(12, 13)]);
     }
 }

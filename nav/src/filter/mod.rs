@@ -8,8 +8,12 @@
 pub mod calibration;
 pub mod covariance;
 pub mod fusion;
+mod group;
 pub mod layout;
+mod nav_map;
 mod propagation;
+mod regressor;
+pub mod tape;
 mod update;
 pub mod watch;
 mod window;
@@ -21,6 +25,7 @@ use calibration::{Calibration, MotionJacobian};
 use covariance::Covariance;
 use layout::{Layout, index};
 use nalgebra::{Matrix3, Vector3};
+use regressor::Regressor;
 
 pub use fusion::Fusion;
 pub use update::{FixOutcome, Group, gate};
@@ -40,24 +45,6 @@ pub struct Initial {
     pub attitude_sigma_rad: [f64; 3],
 }
 
-/// The calibration that the regressors are found with, and how well its biases were known when they were taken over.
-#[derive(Debug, Clone)]
-struct Settled {
-    calibration: Calibration,
-    gyro_sigma: f64,
-    accel_sigma: f64,
-}
-
-impl Settled {
-    fn new(model: &Model) -> Self {
-        Self {
-            calibration: Calibration::new(model),
-            gyro_sigma: model.imu.gyro_bias_sigma,
-            accel_sigma: model.imu.accel_bias_sigma,
-        }
-    }
-}
-
 /// Filter state at one instant.
 #[derive(Debug, Clone)]
 pub struct Filter {
@@ -74,15 +61,13 @@ pub struct Filter {
     /// The last raw sample, its motion and the Jacobian of that motion.
     last: Option<ImuSample>,
     motion: Motion,
-    /// The motion that the constants are judged by: [`Motion`] without its noise (see `propagation`), …
-    regressor: Motion,
-    /// … found with biases that stay until they are known much better, so that a changing estimate is no excitation.
-    settled: Settled,
+    /// The motion that the constants are judged by.
+    regressor: Regressor,
     jacobian: MotionJacobian,
     /// The Jacobian at the start of the present step; kept to spare the allocation.
     start_jacobian: MotionJacobian,
     gate: update::Gate,
-    phi: Vec<f64>,
+    phi: nav_map::Transition,
     /// The mean error while the filter runs as a linear one about its state (see [`window`]).
     carried: Option<Vec<f64>>,
     /// Extra white noise of the samples, added to the model's: variances per hertz, (rad/s)²/Hz and (m/s²)²/Hz.
@@ -91,6 +76,8 @@ pub struct Filter {
     gating: bool,
     /// Parameters that are not estimated but watched.
     watch: Option<Box<watch::Watch>>,
+    /// What happened, for a smoother.
+    tape: Option<Box<tape::Tape>>,
 }
 
 impl Filter {
@@ -129,16 +116,16 @@ impl Filter {
             initial_sigmas,
             last: None,
             motion: Motion::default(),
-            regressor: Motion::default(),
-            settled: Settled::new(model),
+            regressor: Regressor::default(),
             jacobian: MotionJacobian::default(),
             start_jacobian: MotionJacobian::default(),
             gate: update::Gate::default(),
-            phi: Vec::new(),
+            phi: nav_map::Transition::default(),
             carried: None,
             extra_noise: (0.0, 0.0),
             gating: true,
             watch: None,
+            tape: None,
         }
     }
 
@@ -168,7 +155,7 @@ impl Filter {
     pub fn restarted(&self, initial: &Initial, bias_share: f64) -> Self {
         let mut fresh = Self::new(&self.model, initial);
         fresh.calibration = self.calibration.clone();
-        fresh.settled = self.settled.clone();
+        fresh.regressor = self.regressor.clone();
         fresh.initial_sigmas[index::GYRO_BIAS..].copy_from_slice(&self.initial_sigmas[index::GYRO_BIAS..]);
         fresh.p.copy_tail(&self.p, index::GYRO_BIAS);
         for k in 0..3 {

@@ -3,20 +3,16 @@
 use super::Filter;
 use super::covariance::NAV;
 use super::layout::index;
+use super::nav_map::dense_rows;
+use super::regressor::BEYOND_NOISE;
 use crate::earth;
 use crate::mechanization::{self, Increment, Motion};
 use crate::rotation::{exp, skew};
 use crate::sample::{ImuSample, SampleKind};
-use nalgebra::{Matrix3, Vector3};
+use nalgebra::Matrix3;
 
 /// A gap between samples longer than this is not integrated as if nothing had happened, s.
 const GAP_S: f64 = 0.25;
-/// Biases known to this share of the former sigma are known much better.
-const MUCH_BETTER: f64 = 0.25;
-/// What differs from the last value by more than so many sigmas of the noise is motion …
-const BEYOND_NOISE: f64 = 4.0;
-/// … and what does not is averaged over this time, s.
-const STEADY_S: f64 = 0.5;
 /// What an unseen vehicle may do in a gap: rate, rad/s, and acceleration, m/s².
 const GAP_MOTION: (f64, f64) = (0.5, 5.0);
 
@@ -34,22 +30,39 @@ impl Filter {
         let motion = self.calibration.motion(&self.model, sample);
         let inc = Increment::between(&self.motion, &motion, self.kind, dt);
         std::mem::swap(&mut self.jacobian, &mut self.start_jacobian);
-        self.regressor = self.without_noise(&self.settled.calibration.motion(&self.model, sample), dt);
-        self.calibration.jacobian(&self.model, &self.layout, sample, &self.regressor, &mut self.jacobian);
-        self.propagate_covariance(&inc);
-        self.watch_step(sample, &motion, &inc);
+        self.regressor.take(&motion, self.noise_band(dt), dt);
+        let seen = self.regressor.motion();
+        self.calibration.jacobian(&self.model, &self.layout, sample, &seen, &mut self.jacobian);
+        let decay = self.wander_decay(dt);
+        self.transition(&inc);
+        self.carry_along(sample, &motion, &inc, decay);
+        self.propagate_covariance(dt, decay);
         self.nav = mechanization::step(&self.nav, &inc);
-        self.wander *= self.wander_decay(dt);
+        self.wander *= decay;
         self.motion = motion;
         self.last = Some(*sample);
         self.t_s = sample.t_s;
+        self.tape_step(dt, decay);
     }
 
-    fn watch_step(&mut self, sample: &ImuSample, motion: &Motion, inc: &Increment) {
-        let decay = self.wander_decay(inc.dt);
+    /// Takes what is linear in the state's error along: the watch, and the carried mean x ← Φ x.
+    fn carry_along(&mut self, sample: &ImuSample, motion: &Motion, inc: &Increment, decay: f64) {
+        if self.watch.is_none() && self.carried.is_none() {
+            return;
+        }
+        let n = self.layout.len();
+        let phi = dense_rows(&self.phi, n);
         if let Some(watch) = self.watch.as_deref_mut() {
             watch.sample(sample, motion, self.nav.v_e.norm(), &self.calibration, &self.model);
-            watch.propagate(&self.phi, inc, self.kind, decay);
+            watch.propagate(&phi, inc, self.kind, decay);
+        }
+        if let Some(x) = &mut self.carried {
+            let moved: Vec<f64> =
+                phi.chunks_exact(n).map(|row| row.iter().zip(x.iter()).map(|(a, b)| a * b).sum()).collect();
+            x[..NAV].copy_from_slice(&moved);
+            if let Some(w) = self.layout.wander() {
+                x[w..w + 3].iter_mut().for_each(|v| *v *= decay);
+            }
         }
     }
 
@@ -73,7 +86,8 @@ impl Filter {
     /// The first sample: nothing to integrate yet, but the filter's own time counts from here.
     fn start_at(&mut self, sample: &ImuSample) {
         self.last = Some(*sample);
-        self.regressor = self.settled.calibration.motion(&self.model, sample);
+        self.motion = self.calibration.motion(&self.model, sample);
+        self.regressor.start(&self.motion);
         self.refresh_motion();
         let dt = sample.t_s - self.t_s;
         if dt > 0.0 && self.kind == SampleKind::IntervalMean {
@@ -85,46 +99,22 @@ impl Filter {
         }
     }
 
-    /// The motion as the constants see it. Noise of the accelerometers is not felt by the gyros: taken as excitation it
-    /// would make G known to a vehicle that stands (errors in variables, Fuller 1987, section 1.1). So what lies within
-    /// the noise of the last value is averaged over [`STEADY_S`], and what exceeds it is taken at once.
-    fn without_noise(&self, motion: &Motion, dt: f64) -> Motion {
+    /// How far noise reaches in one sample of rate, rad/s, and force, m/s².
+    fn noise_band(&self, dt: f64) -> (f64, f64) {
         let imu = &self.model.imu;
         let band = |n: f64, extra: f64| BEYOND_NOISE * ((n * n + extra) / dt.max(1e-4)).sqrt();
-        let share = (dt / STEADY_S).min(1.0);
-        let toward = |old: &Vector3<f64>, new: &Vector3<f64>, band: f64| {
-            old.zip_map(new, |o, n| if (n - o).abs() < band { o + share * (n - o) } else { n })
-        };
-        Motion {
-            rate: toward(&self.regressor.rate, &motion.rate, band(imu.gyro_noise, self.extra_noise.0)),
-            force: toward(&self.regressor.force, &motion.force, band(imu.accel_noise, self.extra_noise.1)),
-        }
-    }
-
-    /// Takes biases over for the regressors once all three are known much better than those in use. Linearising about
-    /// every new estimate would make the motion seem to change with it (first-estimates Jacobian, Huang, Mourikis &
-    /// Roumeliotis 2010).
-    pub(super) fn settle(&mut self) {
-        let worst = |at: usize| (0..3).map(|k| self.p.sigma(at + k)).fold(0.0, f64::max);
-        let (gyro, accel) = (worst(index::GYRO_BIAS), worst(index::ACCEL_BIAS));
-        if gyro < MUCH_BETTER * self.settled.gyro_sigma {
-            self.settled.gyro_sigma = gyro;
-            self.settled.calibration.gyro_bias = self.calibration.gyro_bias;
-            self.settled.calibration.parameters.clone_from(&self.calibration.parameters);
-        }
-        if accel < MUCH_BETTER * self.settled.accel_sigma {
-            self.settled.accel_sigma = accel;
-            self.settled.calibration.accel_bias = self.calibration.accel_bias;
-            self.settled.calibration.parameters.clone_from(&self.calibration.parameters);
-        }
+        (band(imu.gyro_noise, self.extra_noise.0), band(imu.accel_noise, self.extra_noise.1))
     }
 
     /// Motion and Jacobian of the last sample anew, after the calibration changed.
     pub(super) fn refresh_motion(&mut self) {
         let Some(last) = self.last else { return };
-        self.motion = self.calibration.motion(&self.model, &last);
+        let motion = self.calibration.motion(&self.model, &last);
+        self.regressor.estimate_changed(&self.motion, &motion);
+        self.motion = motion;
+        let seen = self.regressor.motion();
         let mut jacobian = std::mem::take(&mut self.jacobian);
-        self.calibration.jacobian(&self.model, &self.layout, &last, &self.regressor, &mut jacobian);
+        self.calibration.jacobian(&self.model, &self.layout, &last, &seen, &mut jacobian);
         self.jacobian = jacobian;
     }
 
@@ -134,38 +124,22 @@ impl Filter {
     }
 
     /// P ← Φ P Φᵀ + Q, with half of Q before and half after, so that noise also reaches velocity and position.
-    fn propagate_covariance(&mut self, inc: &Increment) {
-        self.transition(inc);
-        self.add_process_noise(inc.dt * 0.5);
-        self.p.propagate(&self.phi);
-        self.carry(inc.dt);
-        self.add_process_noise(inc.dt * 0.5);
-        if inc.dt > GAP_S {
+    fn propagate_covariance(&mut self, dt: f64, decay: f64) {
+        self.add_process_noise(dt * 0.5);
+        self.p.transform(&self.phi);
+        self.add_process_noise(dt * 0.5);
+        if dt > GAP_S {
             for k in 0..3 {
-                self.p.add_variance(index::ATTITUDE + k, (GAP_MOTION.0 * inc.dt).powi(2));
-                self.p.add_variance(index::VELOCITY + k, (GAP_MOTION.1 * inc.dt).powi(2));
-                self.p.add_variance(index::POSITION + k, (0.5 * GAP_MOTION.1 * inc.dt * inc.dt).powi(2));
+                self.p.add_variance(index::ATTITUDE + k, (GAP_MOTION.0 * dt).powi(2));
+                self.p.add_variance(index::VELOCITY + k, (GAP_MOTION.1 * dt).powi(2));
+                self.p.add_variance(index::POSITION + k, (0.5 * GAP_MOTION.1 * dt * dt).powi(2));
             }
         }
         if let Some(w) = self.layout.wander() {
-            let decay = self.wander_decay(inc.dt);
+            self.p.scale3(w, decay);
             for (k, sigma) in self.model.gnss.position_wander_sigma_m.into_iter().enumerate() {
-                self.p.scale(w + k, decay);
                 self.p.add_variance(w + k, sigma * sigma * (1.0 - decay * decay));
             }
-        }
-    }
-
-    /// Takes the carried error along: x ← Φ x.
-    fn carry(&mut self, dt: f64) {
-        let decay = self.wander_decay(dt);
-        let Some(x) = &mut self.carried else { return };
-        let n = x.len();
-        let moved: Vec<f64> =
-            self.phi.chunks_exact(n).map(|row| row.iter().zip(x.iter()).map(|(a, b)| a * b).sum()).collect();
-        x[..NAV].copy_from_slice(&moved);
-        if let Some(w) = self.layout.wander() {
-            x[w..w + 3].iter_mut().for_each(|v| *v *= decay);
         }
     }
 
@@ -186,55 +160,23 @@ impl Filter {
         }
     }
 
-    /// The nine rows of Φ over one interval.
-    ///
-    /// In the axes of the start attitude, with Δv = ∫Cf: ε' = ε + δθ, δv' = δv − Δv×ε − ω_ie×δv + Γ δr + ∫Cδf,
-    /// δr' = δr + δv dt + …; then everything turns into the axes of the end attitude. (Barrau & Bonnabel 2017 for the
-    /// structure; Earth terms from the paper's eqs. (7) and (15).)
+    /// Φ over one interval.
     fn transition(&mut self, inc: &Increment) {
+        let dt = inc.dt;
+        let c_be = self.nav.q_eb.inverse().to_rotation_matrix().into_inner();
+        let gradient = c_be * earth::gravity_gradient(&self.nav.r_e) * c_be.transpose() * dt;
+        let rows = |m: Matrix3<f64>| m.transpose().into();
+        let phi = &mut self.phi;
+        phi.dt = dt;
+        phi.to_end = rows(exp(&-inc.dtheta).to_rotation_matrix().into_inner());
+        phi.earth = (c_be * earth::rotation_rate() * dt).into();
+        phi.gradient = rows(gradient);
+        phi.dv = inc.dv.into();
+        phi.dp = inc.dp.into();
+        phi.half_turn_dt = rows((Matrix3::identity() + skew(&inc.dtheta) * 0.5) * dt);
         let end = &self.jacobian;
         let start = if self.kind == SampleKind::Point { &self.start_jacobian } else { end };
-        let n = self.layout.len();
-        self.phi.clear();
-        self.phi.resize(NAV * n, 0.0);
-        let dt = inc.dt;
-        let to_end = exp(&-inc.dtheta).to_rotation_matrix().into_inner();
-        let c_be = self.nav.q_eb.inverse().to_rotation_matrix().into_inner();
-        let earth_rate = skew(&(c_be * earth::rotation_rate())) * dt;
-        let gradient = c_be * earth::gravity_gradient(&self.nav.r_e) * c_be.transpose() * dt;
-        let (dv, dp) = (skew(&inc.dv), skew(&inc.dp));
-        let identity = Matrix3::identity();
-        let mut put = |row: usize, column: usize, block: Matrix3<f64>| {
-            let turned = to_end * block;
-            for i in 0..3 {
-                for j in 0..3 {
-                    self.phi[(row + i) * n + column + j] = turned[(i, j)];
-                }
-            }
-        };
-        put(index::POSITION, index::POSITION, identity + earth_rate);
-        put(index::POSITION, index::VELOCITY, identity * dt);
-        put(index::POSITION, index::ATTITUDE, -dp);
-        put(index::VELOCITY, index::POSITION, gradient);
-        put(index::VELOCITY, index::VELOCITY, identity - earth_rate);
-        put(index::VELOCITY, index::ATTITUDE, -dv);
-        put(index::ATTITUDE, index::ATTITUDE, identity);
-        let half_turn = identity + skew(&inc.dtheta) * 0.5;
-        for k in 0..n - NAV {
-            let rate = start.rate[k].lerp(&end.rate[k], 0.5);
-            let force = start.force[k].lerp(&end.force[k], 0.5);
-            if rate == Vector3::zeros() && force == Vector3::zeros() {
-                continue;
-            }
-            let dtheta = half_turn * rate * dt;
-            let dvel = half_turn * force * dt - dv * dtheta * 0.5;
-            let dpos = force * (0.5 * dt * dt) - dp * dtheta / 3.0;
-            for (row, v) in [(index::POSITION, dpos), (index::VELOCITY, dvel), (index::ATTITUDE, dtheta)] {
-                let turned = to_end * v;
-                for i in 0..3 {
-                    self.phi[(row + i) * n + NAV + k] = turned[i];
-                }
-            }
-        }
+        phi.rate.set_mean(NAV, &start.rate, &end.rate);
+        phi.force.set_mean(NAV, &start.force, &end.force);
     }
 }

@@ -5,13 +5,15 @@
 //! it out.
 
 use super::Filter;
+use super::group::{Prepared, Rows};
 use super::layout::index;
+use super::nav_map::Recentring;
 use crate::earth::Geodetic;
 use crate::effects::{FixInstant, MAX_PARAMETERS};
 use crate::mechanization;
-use crate::rotation::{exp, left_jacobian, skew};
+use crate::rotation::{exp, left_jacobian};
 use crate::sample::{FixVelocity, GnssFix};
-use nalgebra::{Matrix3, SMatrix, Vector3};
+use nalgebra::{Matrix3, Vector3};
 
 /// Squared normalised innovation beyond which a group of 1, 2, 3 rows is refused: chance 6e-7, five sigma of one row.
 const GATE: [f64; 4] = [f64::INFINITY, 25.0, 28.7, 31.8];
@@ -87,29 +89,12 @@ impl Refusals {
     }
 }
 
-/// One scalar measurement: residual, sparse row, variance of its own and loading of the noise that all rows share.
-#[derive(Debug, Clone, Default)]
-pub(super) struct Row {
-    pub(super) residual: f64,
-    pub(super) h: Vec<(usize, f64)>,
-    pub(super) variance: f64,
-    pub(super) shared: f64,
-}
-
 /// What the effects add to position or velocity of a fix, and how that depends on the states.
 #[derive(Debug, Clone, Default)]
 struct Added {
     sum: Vector3<f64>,
     by_attitude: Matrix3<f64>,
     by_state: Vec<(usize, Vector3<f64>)>,
-}
-
-/// A group of up to three rows with what the covariance says of them.
-struct Prepared {
-    ph: Vec<Vec<f64>>,
-    s: Matrix3<f64>,
-    inverse: Matrix3<f64>,
-    group: Group,
 }
 
 impl Filter {
@@ -137,15 +122,15 @@ impl Filter {
         if outcome.velocity.recovered {
             self.believe_velocity(fix);
         }
-        self.settle();
+        self.tape_fix();
         outcome
     }
 
     /// Applies a fix to the covariance alone, as if it had brought no news: for information bounds and predictions.
     pub fn update_covariance(&mut self, fix: &GnssFix) {
         for rows in [self.position_rows(fix), self.velocity_rows(fix)] {
-            if let Some(prepared) = self.prepare(&rows) {
-                self.shrink(&prepared);
+            if let Some(prepared) = Prepared::new(&rows, &self.p) {
+                prepared.absorb(&mut self.p, &mut []);
             }
         }
     }
@@ -153,34 +138,27 @@ impl Filter {
     /// A standing vehicle does not turn: ties b_g + G f to the mean rate shown, rad/s, within `sigma`.
     pub fn observe_standing(&mut self, sigma: f64) {
         let rate = self.motion.rate;
-        let rows = (0..3)
-            .map(|axis| Row {
-                residual: -rate[axis],
-                h: self
-                    .jacobian
-                    .rate
-                    .iter()
-                    .enumerate()
-                    .filter(|(_, column)| column[axis] != 0.0)
-                    .map(|(k, column)| (index::GYRO_BIAS + k, column[axis]))
-                    .collect(),
-                variance: sigma * sigma,
-                shared: 0.0,
-            })
-            .collect::<Vec<_>>();
-        if let Some(prepared) = self.prepare(&rows) {
-            self.absorb(&rows, &prepared);
+        let mut rows =
+            Rows { dof: 3, residual: (-rate).into(), variance: [sigma * sigma; 3], ..Rows::default() };
+        for (k, column) in self.jacobian.rate.iter().enumerate() {
+            rows.push(index::GYRO_BIAS + k, |axis| column[axis]);
+        }
+        if let Some(prepared) = Prepared::new(&rows, &self.p) {
+            self.absorb(&rows, prepared);
         }
     }
 
     fn apply(
         &mut self,
-        rows: impl Fn(&Self) -> Vec<Row>,
+        rows: impl Fn(&Self) -> Rows,
         gate: fn(&mut Self) -> &mut Refusals,
         position: bool,
     ) -> Group {
-        let rows = self.less_carried(rows(self));
-        let Some(mut prepared) = self.prepare(&rows) else { return Group::default() };
+        let mut rows = rows(self);
+        if let Some(x) = &self.carried {
+            rows = rows.less(x);
+        }
+        let Some(mut prepared) = Prepared::new(&rows, &self.p) else { return Group::default() };
         let t_s = self.t_s;
         if self.gating && prepared.group.nis > GATE[prepared.group.dof] {
             prepared.group.recovered = gate(self).locked_out(t_s);
@@ -191,103 +169,28 @@ impl Filter {
         }
         *gate(self) = Refusals::default();
         self.watch_rows(&rows, &prepared, position);
-        self.absorb(&rows, &prepared);
-        prepared.group.used = true;
-        prepared.group
+        Group { used: true, ..self.absorb(&rows, prepared) }
     }
 
-    /// The residuals less what the carried error explains of them.
-    fn less_carried(&self, mut rows: Vec<Row>) -> Vec<Row> {
-        if let Some(x) = &self.carried {
-            for row in &mut rows {
-                row.residual -= row.h.iter().map(|(k, c)| c * x[*k]).sum::<f64>();
-            }
-        }
-        rows
-    }
-
-    fn watch_rows(&mut self, rows: &[Row], prepared: &Prepared, position: bool) {
+    fn watch_rows(&mut self, rows: &Rows, prepared: &Prepared, position: bool) {
         let Some(mut watch) = self.watch.take() else { return };
-        if let Some(l) = prepared.s.cholesky().map(|c| c.l()) {
-            let sensitivity = watch.sensitivity(rows, position, &self.fix_instant().0);
-            let residual: Vec<f64> = rows.iter().map(|r| r.residual).collect();
-            let gain: Vec<Vec<f64>> = (0..rows.len())
-                .map(|i| {
-                    let mut k = vec![0.0; self.layout.len()];
-                    for (j, column) in prepared.ph.iter().enumerate() {
-                        let c = prepared.inverse[(j, i)];
-                        k.iter_mut().zip(column).for_each(|(k, p)| *k += c * p);
-                    }
-                    k
-                })
-                .collect();
-            watch.absorb(&sensitivity, &residual, &gain, &l);
-        }
+        let sensitivity = watch.sensitivity(rows, position, &self.fix_instant().0);
+        let gain = prepared.gain(self.layout.len());
+        watch.absorb(&sensitivity, &rows.residual[..rows.dof], &gain, &prepared.l);
         self.watch = Some(watch);
     }
 
-    fn prepare(&self, rows: &[Row]) -> Option<Prepared> {
-        let d = rows.len();
-        if d == 0 || d > 3 || rows.iter().any(|r| !r.residual.is_finite()) {
-            return None;
+    fn absorb(&mut self, rows: &Rows, prepared: Prepared) -> Group {
+        if let Some(tape) = self.tape.as_deref_mut() {
+            tape.update(prepared.on_tape(rows, self.layout.len()));
         }
-        let ph: Vec<Vec<f64>> = rows.iter().map(|r| self.p.times(&r.h)).collect();
-        let mut s = Matrix3::identity();
-        for (i, row) in rows.iter().enumerate() {
-            for (j, column) in ph.iter().enumerate() {
-                s[(i, j)] =
-                    row.h.iter().map(|(k, c)| c * column[*k]).sum::<f64>() + row.shared * rows[j].shared;
-            }
-            s[(i, i)] += row.variance;
-        }
-        let inverse = s.cholesky()?.inverse();
-        let mut v = Vector3::zeros();
-        for (i, row) in rows.iter().enumerate() {
-            v[i] = row.residual;
-        }
-        let nis = (v.transpose() * inverse * v)[0];
-        let ln_det = s.determinant().ln();
-        let log_likelihood = -0.5 * (nis.min(GATE[d]) + ln_det + d as f64 * std::f64::consts::TAU.ln());
-        let normalised = std::array::from_fn(|i| if i < d { v[i] / s[(i, i)].sqrt() } else { 0.0 });
-        let group = Group {
-            dof: d,
-            nis,
-            innovation: v.into(),
-            normalised,
-            log_likelihood,
-            used: false,
-            recovered: false,
-        };
-        Some(Prepared { ph, s, inverse, group })
-    }
-
-    /// P ← P − P Hᵀ S⁻¹ H P, as outer products so that it stays symmetric.
-    fn shrink(&mut self, prepared: &Prepared) {
-        let d = prepared.ph.len();
-        let Some(l) = prepared.s.cholesky().map(|c| c.l()) else { return };
-        let mut w: Vec<Vec<f64>> = Vec::with_capacity(d);
-        for i in 0..d {
-            let mut column = prepared.ph[i].clone();
-            for (j, done) in w.iter().enumerate() {
-                column.iter_mut().zip(done).for_each(|(c, x)| *c -= l[(i, j)] * x);
-            }
-            column.iter_mut().for_each(|c| *c /= l[(i, i)]);
-            self.p.subtract_outer(&column);
-            w.push(column);
-        }
-    }
-
-    fn absorb(&mut self, rows: &[Row], prepared: &Prepared) {
         let mut dx = vec![0.0; self.layout.len()];
-        for (i, column) in prepared.ph.iter().enumerate() {
-            let gain: f64 = rows.iter().enumerate().map(|(j, r)| prepared.inverse[(i, j)] * r.residual).sum();
-            dx.iter_mut().zip(column).for_each(|(x, c)| *x += gain * c);
-        }
-        self.shrink(prepared);
+        let group = prepared.absorb(&mut self.p, &mut dx);
         match &mut self.carried {
             Some(x) => x.iter_mut().zip(&dx).for_each(|(x, d)| *x += d),
             None => self.correct(&dx),
         }
+        group
     }
 
     /// Moves the estimate by an error and re-expresses the covariance about the new estimate.
@@ -306,17 +209,20 @@ impl Filter {
         }
         // Below this the change of coordinates is under the noise of the covariance itself.
         if eps.norm_squared() > 1e-16 {
-            let turn = right_jacobian(&dr, &dv, &eps);
-            self.p.transform_nav(&turn);
+            let turn = Recentring::new(&dr, &dv, &eps);
+            self.p.transform(&turn);
             if let Some(watch) = self.watch.as_deref_mut() {
-                watch.transform_nav(&turn);
+                watch.transform_nav(&turn.dense());
+            }
+            if let Some(tape) = self.tape.as_deref_mut() {
+                tape.turn(&turn.dense());
             }
         }
         self.refresh_motion();
     }
 
     fn fix_instant(&self) -> (FixInstant, Matrix3<f64>) {
-        let c_ne = self.nav.geodetic().c_en().transpose();
+        let c_ne = crate::earth::c_en_at(&self.nav.r_e).transpose();
         let c_nb = c_ne * self.nav.c_eb();
         let a_e = mechanization::acceleration(&self.nav, &self.motion.force);
         let earth_b = self.nav.q_eb.inverse() * crate::earth::rotation_rate();
@@ -356,7 +262,7 @@ impl Filter {
         out
     }
 
-    fn position_rows(&self, fix: &GnssFix) -> Vec<Row> {
+    fn position_rows(&self, fix: &GnssFix) -> Rows {
         let (x, c_ne) = self.fix_instant();
         let [added, _] = self.fix_effects(&x);
         let z = c_ne * (fix.position.to_ecef() - self.nav.r_e) - added.sum - self.wander;
@@ -370,14 +276,14 @@ impl Filter {
             &(x.v_n * self.model.gnss.time_sigma_s),
         );
         if let Some(w) = self.layout.wander() {
-            rows.iter_mut().enumerate().for_each(|(k, row)| row.h.push((w + k, 1.0)));
+            (0..3).for_each(|k| rows.push(w + k, |i| if i == k { 1.0 } else { 0.0 }));
         }
         rows
     }
 
-    fn velocity_rows(&self, fix: &GnssFix) -> Vec<Row> {
+    fn velocity_rows(&self, fix: &GnssFix) -> Rows {
         let (measured, rows) = match fix.velocity {
-            FixVelocity::None => return Vec::new(),
+            FixVelocity::None => return Rows::default(),
             FixVelocity::Horizontal([n, e]) => (Vector3::new(n, e, 0.0), 2),
             FixVelocity::Full(v) => (Vector3::from(v), 3),
         };
@@ -432,29 +338,16 @@ fn rows_of(
     added: &Added,
     sigma: &[f64; 3],
     shared: &Vector3<f64>,
-) -> Vec<Row> {
-    let floor = SIGMA_FLOOR;
-    z.iter()
-        .enumerate()
-        .map(|(i, residual)| {
-            let mut h: Vec<(usize, f64)> = (0..3).map(|j| (block + j, c_nb[(i, j)])).collect();
-            let turned = (0..3).map(|j| (index::ATTITUDE + j, added.by_attitude[(i, j)]));
-            h.extend(turned.filter(|(_, c)| *c != 0.0));
-            h.extend(added.by_state.iter().map(|(state, column)| (*state, column[i])));
-            Row { residual: *residual, h, variance: sigma[i].max(floor).powi(2), shared: shared[i] }
-        })
-        .collect()
-}
-
-/// How an error about the old estimate reads about the new one: the right Jacobian of SE₂(3) to first order in the
-/// position and velocity parts (Barfoot 2017, section 7.1.5), for [δr δv ε].
-pub(super) fn right_jacobian(dr: &Vector3<f64>, dv: &Vector3<f64>, eps: &Vector3<f64>) -> [[f64; 9]; 9] {
-    let j = left_jacobian(&-eps);
-    let mut m = SMatrix::<f64, 9, 9>::zeros();
-    for at in [index::POSITION, index::VELOCITY, index::ATTITUDE] {
-        m.fixed_view_mut::<3, 3>(at, at).copy_from(&j);
+) -> Rows {
+    let mut rows = Rows { dof: z.len(), ..Rows::default() };
+    rows.h.reserve(9 + added.by_state.len());
+    for (i, residual) in z.iter().enumerate() {
+        rows.residual[i] = *residual;
+        rows.variance[i] = sigma[i].max(SIGMA_FLOOR).powi(2);
+        rows.shared[i] = shared[i];
     }
-    m.fixed_view_mut::<3, 3>(index::POSITION, index::ATTITUDE).copy_from(&(skew(dr) * -0.5));
-    m.fixed_view_mut::<3, 3>(index::VELOCITY, index::ATTITUDE).copy_from(&(skew(dv) * -0.5));
-    std::array::from_fn(|i| std::array::from_fn(|j| m[(i, j)]))
+    (0..3).for_each(|j| rows.push(block + j, |i| c_nb[(i, j)]));
+    (0..3).for_each(|j| rows.push(index::ATTITUDE + j, |i| added.by_attitude[(i, j)]));
+    added.by_state.iter().for_each(|(state, column)| rows.push(*state, |i| column[i]));
+    rows
 }

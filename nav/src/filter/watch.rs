@@ -8,8 +8,8 @@
 
 use super::calibration::Calibration;
 use super::covariance::NAV;
+use super::group::Rows;
 use super::layout::{Layout, index};
-use super::update::Row;
 use crate::effects::{FixInstant, Instant, MAX_PARAMETERS};
 use crate::mechanization::{Increment, Motion};
 use crate::model::{EffectSetting, Model};
@@ -261,7 +261,7 @@ impl Watch {
     }
 
     /// ∂row/∂θ of a group of rows at the filter's present state: H U + D.
-    pub(super) fn sensitivity(&self, rows: &[Row], position: bool, x: &FixInstant) -> Vec<Vec<f64>> {
+    pub(super) fn sensitivity(&self, rows: &Rows, position: bool, x: &FixInstant) -> Vec<Vec<f64>> {
         let m = self.columns;
         let mut direct = vec![Vector3::zeros(); self.slots.len()];
         let mut at = 0;
@@ -276,12 +276,11 @@ impl Watch {
             }
         }
         let first_fix_jump = self.driven + 3 * self.watched.gyro_jumps_s.len();
-        rows.iter()
-            .enumerate()
-            .map(|(i, row)| {
+        (0..rows.dof)
+            .map(|i| {
                 let mut out = vec![0.0; m];
-                for (k, c) in &row.h {
-                    add_scaled(&mut out, &self.u[k * m..(k + 1) * m], *c);
+                for (k, by) in &rows.h {
+                    add_scaled(&mut out, &self.u[k * m..(k + 1) * m], by[i]);
                 }
                 out.iter_mut().zip(&direct).for_each(|(o, column)| *o += column[i]);
                 if position {
@@ -300,7 +299,7 @@ impl Watch {
         sensitivity: &[Vec<f64>],
         residual: &[f64],
         gain: &[Vec<f64>],
-        l: &Matrix3<f64>,
+        l: &[[f64; 3]; 3],
     ) {
         let m = self.columns;
         for (row, k) in sensitivity.iter().zip(gain) {
@@ -311,12 +310,11 @@ impl Watch {
         let first = self.rows.len();
         for (i, (row, r)) in sensitivity.iter().zip(residual).enumerate() {
             let mut white = WatchedRow { residual: *r, sensitivity: row.clone() };
-            for j in 0..i {
-                let c = l[(i, j)];
+            for (j, c) in l[i].iter().enumerate().take(i) {
                 white.residual -= c * self.rows[first + j].residual;
-                add_scaled(&mut white.sensitivity, &self.rows[first + j].sensitivity, -c);
+                add_scaled(&mut white.sensitivity, &self.rows[first + j].sensitivity, -*c);
             }
-            let scale = 1.0 / l[(i, i)];
+            let scale = 1.0 / l[i][i];
             white.residual *= scale;
             white.sensitivity.iter_mut().for_each(|s| *s *= scale);
             self.rows.push(white);

@@ -9,7 +9,7 @@
 
 use super::Filter;
 use super::layout::index;
-use super::update::right_jacobian;
+use super::nav_map::{Dense, Recentring};
 use crate::consistency::error;
 use crate::mechanization::{Increment, NavState, step};
 use crate::sample::{GnssFix, ImuSample};
@@ -126,10 +126,13 @@ impl Filter {
         self.calibration = like.calibration.clone();
         let mean = error(self, &own_nav, &own_constants);
         let part = |at: usize| Vector3::new(mean[at], mean[at + 1], mean[at + 2]);
-        let forward = right_jacobian(&part(index::POSITION), &part(index::VELOCITY), &part(index::ATTITUDE));
+        let forward =
+            Recentring::new(&part(index::POSITION), &part(index::VELOCITY), &part(index::ATTITUDE)).dense();
         let inverse = SMatrix::<f64, 9, 9>::from_fn(|i, j| forward[i][j]).try_inverse()?;
-        self.p.transform_nav(&std::array::from_fn(|i| std::array::from_fn(|j| inverse[(i, j)])));
+        self.p.transform(&Dense(std::array::from_fn(|i| std::array::from_fn(|j| inverse[(i, j)]))));
         self.carried = Some(mean);
+        self.refresh_motion();
+        self.regressor.let_through();
         self.refresh_motion();
         Some(())
     }

@@ -63,7 +63,7 @@ impl Autopilot {
             SYSTEM_TIME_DATA::ID => {
                 MavMessage::SYSTEM_TIME(SYSTEM_TIME_DATA { time_boot_ms: boot_ms, ..Default::default() })
             }
-            RAW_IMU_DATA::ID => self.raw_imu(),
+            RAW_IMU_DATA::ID => MavMessage::RAW_IMU(self.rounded_imu()),
             SCALED_IMU_DATA::ID => self.scaled_imu(),
             HIGHRES_IMU_DATA::ID => self.highres_imu(),
             GPS_RAW_INT_DATA::ID => return self.gps_raw_int(),
@@ -122,9 +122,10 @@ impl Autopilot {
         sample.temperature_degc.map_or(0, |t| (t * 100.0) as i16)
     }
 
-    fn raw_imu(&mut self) -> MavMessage {
+    /// In counts, as both of the older messages have it.
+    fn rounded_imu(&mut self) -> RAW_IMU_DATA {
         let s = self.sample_imu();
-        MavMessage::RAW_IMU(RAW_IMU_DATA {
+        RAW_IMU_DATA {
             time_usec: self.imu_stamp_us(),
             xacc: counts(s.accel.x, MILLI_G),
             yacc: counts(s.accel.y, MILLI_G),
@@ -134,22 +135,16 @@ impl Autopilot {
             zgyro: counts(s.gyro.z, 1e-3),
             temperature: Self::temperature_cdegc(&s),
             ..Default::default()
-        })
+        }
     }
 
     fn scaled_imu(&mut self) -> MavMessage {
-        let s = self.sample_imu();
-        MavMessage::SCALED_IMU(SCALED_IMU_DATA {
-            time_boot_ms: (self.imu_stamp_us() / 1000) as u32,
-            xacc: counts(s.accel.x, MILLI_G),
-            yacc: counts(s.accel.y, MILLI_G),
-            zacc: counts(s.accel.z, MILLI_G),
-            xgyro: counts(s.gyro.x, 1e-3),
-            ygyro: counts(s.gyro.y, 1e-3),
-            zgyro: counts(s.gyro.z, 1e-3),
-            temperature: Self::temperature_cdegc(&s),
-            ..Default::default()
-        })
+        let RAW_IMU_DATA { time_usec, xacc, yacc, zacc, xgyro, ygyro, zgyro, temperature, .. } =
+            self.rounded_imu();
+        let time_boot_ms = (time_usec / 1000) as u32;
+        let data =
+            SCALED_IMU_DATA { time_boot_ms, xacc, yacc, zacc, xgyro, ygyro, zgyro, ..Default::default() };
+        MavMessage::SCALED_IMU(SCALED_IMU_DATA { temperature, ..data })
     }
 
     fn highres_imu(&mut self) -> MavMessage {

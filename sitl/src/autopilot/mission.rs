@@ -348,51 +348,39 @@ fn rounded(item: Item) -> Item {
     kept
 }
 
+/// An item in the other of the two messages, which differ in the type of their place alone.
+macro_rules! recast {
+    ($item:expr, $kind:ident, $x:expr, $y:expr) => {
+        $kind {
+            param1: $item.param1,
+            param2: $item.param2,
+            param3: $item.param3,
+            param4: $item.param4,
+            x: $x,
+            y: $y,
+            z: $item.z,
+            seq: $item.seq,
+            command: $item.command,
+            target_system: $item.target_system,
+            target_component: $item.target_component,
+            frame: $item.frame,
+            current: $item.current,
+            autocontinue: $item.autocontinue,
+            mission_type: $item.mission_type,
+        }
+    };
+}
+
 fn from_float(i: &MISSION_ITEM_DATA) -> Item {
     let e7 = |v: f32| (f64::from(v) * 1e7).round() as i32;
     let (x, y) = if has_place(i.command) { (e7(i.x), e7(i.y)) } else { (i.x as i32, i.y as i32) };
-    Item {
-        param1: i.param1,
-        param2: i.param2,
-        param3: i.param3,
-        param4: i.param4,
-        x,
-        y,
-        z: i.z,
-        seq: i.seq,
-        command: i.command,
-        target_system: i.target_system,
-        target_component: i.target_component,
-        frame: i.frame,
-        current: i.current,
-        autocontinue: i.autocontinue,
-        mission_type: i.mission_type,
-    }
+    recast!(i, MISSION_ITEM_INT_DATA, x, y)
 }
 
 fn to_float(i: &Item) -> MISSION_ITEM_DATA {
-    let (x, y) = if has_place(i.command) {
-        ((f64::from(i.x) * 1e-7) as f32, (f64::from(i.y) * 1e-7) as f32)
-    } else {
-        (i.x as f32, i.y as f32)
-    };
-    MISSION_ITEM_DATA {
-        param1: i.param1,
-        param2: i.param2,
-        param3: i.param3,
-        param4: i.param4,
-        x,
-        y,
-        z: i.z,
-        seq: i.seq,
-        command: i.command,
-        target_system: i.target_system,
-        target_component: i.target_component,
-        frame: i.frame,
-        current: i.current,
-        autocontinue: i.autocontinue,
-        mission_type: i.mission_type,
-    }
+    let degrees = |v: i32| (f64::from(v) * 1e-7) as f32;
+    let (x, y) = if has_place(i.command) { (degrees(i.x), degrees(i.y)) } else { (i.x as f32, i.y as f32) };
+    recast!(i, MISSION_ITEM_DATA, x, y)
 }
 
 /// CRC-32 (IEEE 802.3) over the content of the items.

@@ -54,6 +54,8 @@ pub struct AutopilotConfig {
     pub filter_hz: Option<f64>,
     /// Whether ArduPilot's bigger boards' `HIGHRES_IMU` is there.
     pub has_highres_imu: bool,
+    /// Whether ArduPilot's `SIM_STATE`, the truth, can be had.
+    pub has_sim_state: bool,
     /// Whether ArduPilot's inertial stamps are those of sending, up to one loop late.
     pub late_stamps: bool,
     /// Height of the geoid above the ellipsoid, m.
@@ -75,6 +77,7 @@ impl Default for AutopilotConfig {
             loop_rate_hz: 400.0,
             filter_hz: None,
             has_highres_imu: true,
+            has_sim_state: true,
             late_stamps: true,
             geoid_height_m: 47.0,
             wait_for_station: true,
@@ -173,7 +176,8 @@ impl Autopilot {
         // Rounding is done where the message is made.
         let sensors = SensorConfig { time_jitter_s: 0.0, ..sensors };
         let flavour = config.flavour;
-        let streams = Streams::new(config.flavour, config.loop_rate_hz, config.has_highres_imu, 0.0);
+        let streams = Streams::new(config.flavour, config.loop_rate_hz, config.has_highres_imu, 0.0)
+            .with_sim_state(config.has_sim_state);
         let filter = config.filter_hz.map(|hz| {
             let one = messages::LowPass::new(hz, config.loop_rate_hz);
             [one.clone(), one]
@@ -403,7 +407,8 @@ impl Autopilot {
         self.mission.restart();
         let config = &self.config;
         self.streams =
-            Streams::new(config.flavour, config.loop_rate_hz, config.has_highres_imu, self.silent_until_s);
+            Streams::new(config.flavour, config.loop_rate_hz, config.has_highres_imu, self.silent_until_s)
+                .with_sim_state(config.has_sim_state);
     }
 
     fn send(&mut self, message: &MavMessage) {

@@ -35,6 +35,7 @@ struct Entry {
 pub struct Streams {
     flavour: Flavour,
     has_highres_imu: bool,
+    has_sim_state: bool,
     /// Highest rate of one message, Hz.
     cap_hz: f64,
     entries: BTreeMap<u32, Entry>,
@@ -47,11 +48,18 @@ impl Streams {
             Flavour::ArduPilot => RATE_SHARE * loop_rate_hz,
             Flavour::Px4 => loop_rate_hz,
         };
-        let mut streams = Self { flavour, has_highres_imu, cap_hz, entries: BTreeMap::new() };
+        let mut streams =
+            Self { flavour, has_highres_imu, has_sim_state: true, cap_hz, entries: BTreeMap::new() };
         for (id, rate_hz) in streams.defaults() {
             streams.put(id, 1.0 / rate_hz, now_s);
         }
         streams
+    }
+
+    /// The same table, with or without the truth among what can be streamed.
+    #[must_use]
+    pub fn with_sim_state(self, has_sim_state: bool) -> Self {
+        Self { has_sim_state, ..self }
     }
 
     fn defaults(&self) -> Vec<(u32, f64)> {
@@ -75,7 +83,7 @@ impl Streams {
             || match self.flavour {
                 Flavour::ArduPilot => {
                     id == RAW_IMU_DATA::ID
-                        || id == SIM_STATE_DATA::ID
+                        || (id == SIM_STATE_DATA::ID && self.has_sim_state)
                         || (id == HIGHRES_IMU_DATA::ID && self.has_highres_imu)
                 }
                 Flavour::Px4 => id == HIGHRES_IMU_DATA::ID,
@@ -151,7 +159,9 @@ impl Streams {
             MavDataStream::MAV_DATA_STREAM_EXTRA3 => &[&extra3],
             _ => &[],
         };
-        for id in groups.iter().copied().flatten().copied() {
+        for id in
+            groups.iter().copied().flatten().copied().filter(|id| self.supports(*id)).collect::<Vec<_>>()
+        {
             if start && rate_hz > 0 {
                 let rate = f64::from(rate_hz).min(self.cap_hz);
                 self.put(id, 1.0 / rate, now_s);
@@ -214,6 +224,15 @@ mod tests {
         assert_eq!(set(&mut px4, HIGHRES_IMU_DATA::ID, 5_000.0), MavResult::MAV_RESULT_ACCEPTED);
         px4.request_group(MavDataStream::MAV_DATA_STREAM_ALL, 50, true, 0.0);
         assert_eq!(px4.interval_us(VFR_HUD_DATA::ID), -1);
+    }
+
+    #[test]
+    fn a_truth_that_is_not_told_cannot_be_asked_for() {
+        let mut blind = Streams::new(Flavour::ArduPilot, 400.0, true, 0.0).with_sim_state(false);
+        assert_eq!(set(&mut blind, SIM_STATE_DATA::ID, 20_000.0), MavResult::MAV_RESULT_DENIED);
+        blind.request_group(MavDataStream::MAV_DATA_STREAM_ALL, 50, true, 0.0);
+        assert_eq!(blind.interval_us(SIM_STATE_DATA::ID), 0);
+        assert_eq!(blind.interval_us(ATTITUDE_DATA::ID), 20_000);
     }
 
     #[test]

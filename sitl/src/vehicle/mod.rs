@@ -96,6 +96,29 @@ impl VehicleConfig {
     }
 }
 
+/// A hand on the stick of a wing: what it wants instead of the pilot on board, within the limits of the vehicle.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Stick {
+    /// Bank, rad, right positive.
+    pub bank_rad: f64,
+    /// Climb angle, rad.
+    pub climb_rad: f64,
+    /// Airspeed, m/s; below [`VehicleConfig::min_m_per_s`] it only taxies.
+    pub airspeed_m_per_s: f64,
+}
+
+impl Stick {
+    fn control(&self, config: &VehicleConfig, otherwise: Control) -> Control {
+        let bank = config.max_bank_rad;
+        Control {
+            bank: self.bank_rad.clamp(-bank, bank),
+            climb: self.climb_rad,
+            speed: self.airspeed_m_per_s.clamp(0.0, config.max_m_per_s),
+            ..otherwise
+        }
+    }
+}
+
 /// Length of the state vector; a wing leaves the rest zero.
 const STATES: usize = 14;
 type State = [f64; STATES];
@@ -128,6 +151,7 @@ pub struct Vehicle {
     config: VehicleConfig,
     wind: Wind,
     pilot: Pilot,
+    stick: Option<Stick>,
     steps: u64,
     state: State,
     control: Control,
@@ -150,6 +174,7 @@ impl Vehicle {
         Self {
             wind: Wind::new(&config),
             pilot: Pilot::new(config.clone()),
+            stick: None,
             steps: 0,
             state,
             control,
@@ -181,6 +206,11 @@ impl Vehicle {
     /// Changes the mode; `Auto` needs a mission.
     pub fn set_mode(&mut self, mode: Mode) -> bool {
         self.pilot.set_mode(mode)
+    }
+
+    /// Takes a wing out of the pilot's hands, or gives it back.
+    pub fn steer(&mut self, stick: Option<Stick>) {
+        self.stick = stick;
     }
 
     /// The sequence number being flown.
@@ -256,7 +286,11 @@ impl Vehicle {
                     Airframe::Multirotor => self.state[rotor::YAW],
                 },
             };
-            self.control = self.pilot.decide(&sight);
+            let control = self.pilot.decide(&sight);
+            self.control = match &self.stick {
+                Some(stick) => stick.control(&self.config, control),
+                None => control,
+            };
         }
         self.history.push_back((t, self.state, self.control));
         while self.history.front().is_some_and(|(then, _, _)| *then < t - MEMORY_S) {

@@ -68,7 +68,9 @@ fn replay_args(log: &Path) -> ReplayArgs {
 fn hooks() -> (Hooks, watch::Receiver<Arc<Live>>, mpsc::Sender<MavMessage>) {
     let (live, seen) = watch::channel(Arc::default());
     let (outbox, from_others) = mpsc::channel(16);
-    (Hooks { live, outbox: from_others, frames: tokio::sync::broadcast::channel(16).0 }, seen, outbox)
+    let raw_outbox = mpsc::channel(1).1;
+    let frames = tokio::sync::broadcast::channel(16).0;
+    (Hooks { live, outbox: from_others, raw_outbox, frames }, seen, outbox)
 }
 
 #[tokio::test]

@@ -11,7 +11,7 @@ use ratatui::layout::{Alignment, Constraint, Layout, Rect};
 use ratatui::style::{Color, Modifier, Style};
 use ratatui::symbols::border;
 use ratatui::text::Line;
-use ratatui::widgets::{Block, Clear, Paragraph};
+use ratatui::widgets::{Block, Clear, Paragraph, Wrap};
 
 /// Everything a frame shows.
 #[derive(Debug, Clone, Copy)]
@@ -24,8 +24,20 @@ pub struct View<'a> {
     pub events: &'a [Event],
     /// How it looks.
     pub options: Options,
-    /// Whether the help lies over it.
-    pub help: bool,
+    /// What lies over it.
+    pub over: Over,
+}
+
+/// What lies over the screen.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
+pub enum Over {
+    /// Nothing.
+    #[default]
+    Nothing,
+    /// The help.
+    Help,
+    /// Whether the planned mission is really to be uploaded.
+    Question,
 }
 
 /// Borders for consoles without UTF-8.
@@ -86,8 +98,10 @@ pub fn draw(frame: &mut Frame, view: &View) {
         (w, h) if w >= 116 && h >= 30 => large(frame, view, area),
         _ => normal(frame, view, area),
     }
-    if view.help {
-        help(frame, view, area);
+    match view.over {
+        Over::Nothing => {}
+        Over::Help => help(frame, view, area),
+        Over::Question => question(frame, view, area),
     }
 }
 
@@ -148,6 +162,7 @@ fn help(frame: &mut Frame, view: &View, area: Rect) {
     let lines = [
         "q, Ctrl-C   end gaware",
         "?, h        this help",
+        "u           upload the planned mission",
         "",
         "Bars run from the first sigma to the target,",
         "on a logarithmic scale.",
@@ -157,11 +172,33 @@ fn help(frame: &mut Frame, view: &View, area: Rect) {
         "NIS: 1 is right; above 2 the filter is",
         "too sure of itself.",
     ];
-    let width = 50.min(area.width);
-    let height = 12.min(area.height);
+    let text: Vec<Line> = lines.into_iter().map(|l| Line::raw(format!(" {l}"))).collect();
+    let text = Paragraph::new(text).alignment(Alignment::Left).block(view.block("Help"));
+    lay_over(frame, text, area, [50, 13]);
+}
+
+/// The answer is a key of its own: whoever types ahead changes nothing.
+fn question(frame: &mut Frame, view: &View, area: Rect) {
+    let mission = &view.sinks.mission;
+    let text = vec![
+        Line::raw(view.text(&format!("{}, {} items, replaces", mission.name, mission.items))),
+        Line::raw("the mission in the vehicle. Not while a"),
+        Line::raw("mission is being flown."),
+        Line::raw(""),
+        Line::styled(
+            "y  upload      n, Esc  keep the present one",
+            Style::new().add_modifier(Modifier::BOLD),
+        ),
+    ];
+    let block = view.block("Upload the planned mission?").border_style(view.ink(Color::Yellow));
+    let text = Paragraph::new(text).wrap(Wrap { trim: true }).block(block);
+    lay_over(frame, text, area, [50, 8]);
+}
+
+fn lay_over(frame: &mut Frame, text: Paragraph, area: Rect, [width, height]: [u16; 2]) {
+    let (width, height) = (width.min(area.width), height.min(area.height));
     let over =
         Rect { x: area.x + (area.width - width) / 2, y: area.y + (area.height - height) / 2, width, height };
     frame.render_widget(Clear, over);
-    let text: Vec<Line> = lines.into_iter().map(|l| Line::raw(format!(" {l}"))).collect();
-    frame.render_widget(Paragraph::new(text).alignment(Alignment::Left).block(view.block("Help")), over);
+    frame.render_widget(text, over);
 }

@@ -7,17 +7,18 @@ pub mod draw;
 pub mod headless;
 mod parts;
 
+use super::Request;
 use super::events::{Event, EventDetector};
 use super::status::SinkStatus;
 use crate::engine::snapshot::Snapshot;
-use draw::View;
+use draw::{Over, View};
 use ratatui::Terminal;
 use ratatui::backend::Backend;
 use ratatui::crossterm::event::{self, Event as Input, KeyCode, KeyEvent, KeyEventKind, KeyModifiers};
 use std::io::{self, IsTerminal};
 use std::sync::Arc;
 use std::time::{Duration, Instant};
-use tokio::sync::{oneshot, watch};
+use tokio::sync::{mpsc, oneshot, watch};
 use tokio_util::sync::CancellationToken;
 
 /// Events kept for the list.
@@ -82,8 +83,12 @@ pub enum Key {
     Quit,
     /// `?`, `h`: show or hide the help.
     Help,
-    /// Escape: hide the help.
+    /// Escape, `n`: hide what lies over the screen; the answer no.
     Back,
+    /// `u`: ask for the upload of the planned mission.
+    Upload,
+    /// `y`: the answer yes.
+    Yes,
     /// The window has another size.
     Resized,
 }
@@ -118,7 +123,9 @@ fn meaning(key: KeyEvent) -> Option<Key> {
         KeyCode::Char('c') if key.modifiers.contains(KeyModifiers::CONTROL) => Some(Key::Quit),
         KeyCode::Char('q' | 'Q') => Some(Key::Quit),
         KeyCode::Char('?' | 'h') => Some(Key::Help),
-        KeyCode::Esc => Some(Key::Back),
+        KeyCode::Esc | KeyCode::Char('n' | 'N') => Some(Key::Back),
+        KeyCode::Char('u' | 'U') => Some(Key::Upload),
+        KeyCode::Char('y' | 'Y') => Some(Key::Yes),
         _ => None,
     }
 }
@@ -130,6 +137,8 @@ pub struct Sources {
     pub snapshots: watch::Receiver<Arc<Snapshot>>,
     /// What the tasks around it say.
     pub status: Arc<SinkStatus>,
+    /// The task that carries out what is asked for and confirmed, where there is one.
+    pub requests: Option<mpsc::Sender<Request>>,
 }
 
 /// Opens the screen on a thread of its own. The receiver yields how it ended; a quit cancels `shutdown`.
@@ -171,7 +180,7 @@ where
 {
     let mut detector = EventDetector::default();
     let mut events: Vec<Event> = Vec::new();
-    let mut help = false;
+    let mut over = Over::Nothing;
     let counters = sources.status.sink("terminal");
     sources.snapshots.mark_changed();
     let mut last_sequence = None;
@@ -185,7 +194,7 @@ where
         events.extend(detector.feed(&snapshot));
         events.drain(..events.len().saturating_sub(EVENTS));
         let sinks = sources.status.view();
-        let view = View { snapshot: &snapshot, sinks: &sinks, events: &events, options, help };
+        let view = View { snapshot: &snapshot, sinks: &sinks, events: &events, options, over };
         terminal
             .draw(|frame| draw::draw(frame, &view))
             .map_err(|e| TerminalError::Io(io::Error::other(e)))?;
@@ -197,8 +206,16 @@ where
                     shutdown.cancel();
                     return Ok(());
                 }
-                Some(Key::Help) => help = !help,
-                Some(Key::Back) => help = false,
+                Some(Key::Help) => over = if over == Over::Help { Over::Nothing } else { Over::Help },
+                Some(Key::Back) => over = Over::Nothing,
+                Some(Key::Upload) if sources.requests.is_some() && sinks.mission.can_upload() => {
+                    over = Over::Question;
+                }
+                Some(Key::Yes) if over == Over::Question => {
+                    over = Over::Nothing;
+                    ask_for_upload(&sources);
+                }
+                Some(Key::Upload | Key::Yes) => {}
                 Some(Key::Resized) => {}
                 None if started.elapsed() < options.redraw && !shutdown.is_cancelled() => continue,
                 None => {}
@@ -207,6 +224,13 @@ where
         }
     }
     Ok(())
+}
+
+/// Asks for the upload; how it goes is in the status.
+fn ask_for_upload(sources: &Sources) {
+    let (reply, _) = oneshot::channel();
+    // A queue that is full holds the same wish already.
+    let _ = sources.requests.as_ref().map(|r| r.try_send(Request::UploadMission { reply }));
 }
 
 #[cfg(test)]

@@ -3,7 +3,7 @@
 use super::draw::View;
 use crate::engine::snapshot::{Condition, Phase, StateStatus, Status};
 use crate::sinks::events::{Severity, phase_words};
-use crate::sinks::status::{LinkState, RecorderState};
+use crate::sinks::status::{LinkState, MissionState, RecorderState};
 use crate::sinks::words::{brief, bytes, clock, fit};
 use ratatui::Frame;
 use ratatui::layout::{Constraint, Layout, Rect};
@@ -232,7 +232,20 @@ pub(super) fn health(frame: &mut Frame, view: &View, area: Rect) {
     frame.render_widget(Paragraph::new(lines).block(view.block("Input and filter")), area);
 }
 
-/// Warnings of now, then events, newest first.
+/// What has become of the planned mission.
+fn mission_line(view: &View, width: u16) -> Option<Line<'static>> {
+    let mission = &view.sinks.mission;
+    let (mark, style) = match mission.state {
+        MissionState::None => return None,
+        MissionState::Unknown => ("!", view.ink(Color::Red).add_modifier(Modifier::BOLD)),
+        MissionState::NotOnVehicle => ("!", view.ink(Color::Yellow).add_modifier(Modifier::BOLD)),
+        MissionState::OnVehicle => ("=", view.ink(Color::Green)),
+        MissionState::Ready | MissionState::Uploading => (">", BOLD),
+    };
+    Some(Line::styled(fit_chars(&format!("{mark} mission: {}", view.text(&mission.text)), width), style))
+}
+
+/// The planned mission, warnings of now, then events, newest first.
 pub(super) fn events(frame: &mut Frame, view: &View, area: Rect) {
     let width = area.width.saturating_sub(2);
     let warnings = view.snapshot.warnings.iter().rev().map(|w| {
@@ -247,7 +260,12 @@ pub(super) fn events(frame: &mut Frame, view: &View, area: Rect) {
         };
         Line::styled(fit_chars(&format!("{} {}", clock(e.elapsed_s), view.text(&e.text)), width), style)
     });
-    let lines: Vec<Line> = warnings.chain(events).take(usize::from(area.height)).collect();
+    let lines: Vec<Line> = mission_line(view, width)
+        .into_iter()
+        .chain(warnings)
+        .chain(events)
+        .take(usize::from(area.height))
+        .collect();
     frame.render_widget(Paragraph::new(lines).block(view.block("Warnings, events")), area);
 }
 
@@ -287,6 +305,9 @@ pub(super) fn weak(frame: &mut Frame, view: &View, area: Rect) {
 pub(super) fn keys(frame: &mut Frame, view: &View, area: Rect) {
     let dropped = view.sinks.dropped();
     let mut spans = vec![Span::raw(" q quit  ? help")];
+    if view.sinks.mission.can_upload() {
+        spans.push(Span::raw("  u upload the mission"));
+    }
     if dropped > 0 {
         let text = format!("   {dropped} messages skipped by slow sinks");
         spans.push(Span::styled(text, view.ink(Color::Yellow)));

@@ -1,7 +1,9 @@
 use super::*;
 use crate::engine::snapshot::{Condition, Direction, Phase, StateStatus, Status};
 use crate::sinks::events::{Severity, Topic};
-use crate::sinks::status::{LinkState, LinkView, RecorderState, RecorderView, StatusView};
+use crate::sinks::status::{
+    LinkState, LinkView, MissionState, MissionView, RecorderState, RecorderView, StatusView,
+};
 use ratatui::backend::TestBackend;
 use ratatui::style::Color;
 use std::collections::VecDeque;
@@ -67,7 +69,7 @@ fn screen(
     height: u16,
     snapshot: &Snapshot,
     options: Options,
-    help: bool,
+    over: Over,
 ) -> Terminal<TestBackend> {
     let events = vec![
         Event {
@@ -84,7 +86,7 @@ fn screen(
         },
     ];
     let sinks = sinks();
-    let view = View { snapshot, sinks: &sinks, events: &events, options, help };
+    let view = View { snapshot, sinks: &sinks, events: &events, options, over };
     let mut terminal = Terminal::new(TestBackend::new(width, height)).unwrap();
     terminal.draw(|frame| draw::draw(frame, &view)).unwrap();
     terminal
@@ -97,7 +99,7 @@ fn words(terminal: &Terminal<TestBackend>) -> String {
 #[test]
 fn screens_of_every_size() {
     for (width, height) in [(80, 24), (132, 43), (60, 18), (30, 8)] {
-        let terminal = screen(width, height, &flying(), Options::default(), false);
+        let terminal = screen(width, height, &flying(), Options::default(), Over::Nothing);
         insta::assert_snapshot!(format!("flying_{width}x{height}"), terminal.backend());
     }
 }
@@ -105,7 +107,7 @@ fn screens_of_every_size() {
 #[test]
 fn a_console_without_utf8_gets_ascii_only() {
     let options = Options { ascii: true, ..Options::default() };
-    let terminal = screen(80, 24, &flying(), options, false);
+    let terminal = screen(80, 24, &flying(), options, Over::Nothing);
     let cells: Vec<&str> = terminal.backend().buffer().content().iter().map(|c| c.symbol()).collect();
     assert!(cells.iter().all(|c| c.is_ascii()), "{}", words(&terminal));
     insta::assert_snapshot!("flying_ascii", terminal.backend());
@@ -114,13 +116,13 @@ fn a_console_without_utf8_gets_ascii_only() {
 #[test]
 fn waiting_says_for_what() {
     let s = Snapshot { waiting_for: "no RAW_IMU yet; asked for 100 Hz".into(), ..Snapshot::default() };
-    let terminal = screen(80, 24, &s, Options::default(), false);
+    let terminal = screen(80, 24, &s, Options::default(), Over::Nothing);
     insta::assert_snapshot!("waiting_80x24", terminal.backend());
 }
 
 #[test]
 fn help_lies_over_the_screen() {
-    let terminal = screen(80, 24, &flying(), Options::default(), true);
+    let terminal = screen(80, 24, &flying(), Options::default(), Over::Help);
     insta::assert_snapshot!("help_80x24", terminal.backend());
 }
 
@@ -128,8 +130,8 @@ fn help_lies_over_the_screen() {
 fn no_size_breaks_it() {
     for width in (1..140).step_by(7) {
         for height in (1..50).step_by(3) {
-            for help in [false, true] {
-                screen(width, height, &flying(), Options::default(), help);
+            for over in [Over::Nothing, Over::Help, Over::Question] {
+                screen(width, height, &flying(), Options::default(), over);
             }
         }
     }
@@ -144,7 +146,7 @@ fn nonsense_figures_do_not_break_it() {
     s.observability.states[1].sigma_ratio = 0.0;
     s.estimate.g_sensitivity_deg_per_h_per_g.sigma[0] = [f64::NAN; 3];
     s.consistency.nis_mean_per_dof = f64::NAN;
-    assert!(words(&screen(132, 43, &s, Options::default(), false)).contains("Steep turn right"));
+    assert!(words(&screen(132, 43, &s, Options::default(), Over::Nothing)).contains("Steep turn right"));
 }
 
 #[test]
@@ -155,7 +157,7 @@ fn a_long_instruction_is_shown_to_its_last_word() {
                               seconds, needed for the g22 column; autopilots do not fly this"
             .into();
     for (width, height) in [(80, 24), (60, 18), (44, 12), (40, 10)] {
-        let shown = words(&screen(width, height, &s, Options::default(), false));
+        let shown = words(&screen(width, height, &s, Options::default(), Over::Nothing));
         for word in s.guidance.instruction.split(' ') {
             assert!(shown.contains(word), "{word} is missing at {width}x{height}:\n{shown}");
         }
@@ -165,7 +167,7 @@ fn a_long_instruction_is_shown_to_its_last_word() {
 #[test]
 fn no_color_means_none() {
     let colored = |color| {
-        let terminal = screen(80, 24, &flying(), Options { color, ..Options::default() }, false);
+        let terminal = screen(80, 24, &flying(), Options { color, ..Options::default() }, Over::Nothing);
         terminal.backend().buffer().content().iter().filter(|c| c.fg != Color::Reset).count()
     };
     assert!(colored(true) > 100);
@@ -196,11 +198,19 @@ impl Keys for Script {
 }
 
 fn play(keys: &[Key]) -> (Terminal<TestBackend>, Result<(), TerminalError>, CancellationToken) {
+    play_with(keys, SinkStatus::new(), None)
+}
+
+fn play_with(
+    keys: &[Key],
+    status: Arc<SinkStatus>,
+    requests: Option<mpsc::Sender<Request>>,
+) -> (Terminal<TestBackend>, Result<(), TerminalError>, CancellationToken) {
     let (_tx, snapshots) = watch::channel(Arc::new(flying()));
     let mut script = Script(keys.iter().copied().collect());
     let mut terminal = Terminal::new(TestBackend::new(80, 24)).unwrap();
     let shutdown = CancellationToken::new();
-    let sources = Sources { snapshots, status: SinkStatus::new() };
+    let sources = Sources { snapshots, status, requests };
     let options = Options { redraw: Duration::ZERO, ..Options::default() };
     let result = run(&mut terminal, &mut script, sources, options, &shutdown);
     (terminal, result, shutdown)
@@ -214,6 +224,47 @@ fn q_ends_the_program_and_the_question_mark_helps() {
     assert!(words(&terminal).contains("this help"));
     let (terminal, ..) = play(&[Key::Help, Key::Back, Key::Quit]);
     assert!(!words(&terminal).contains("this help"));
+}
+
+fn with_mission(state: MissionState, text: &str) -> Arc<SinkStatus> {
+    let status = SinkStatus::new();
+    status.set_mission(MissionView { state, name: "excite.plan".into(), items: 12, text: text.into() });
+    status
+}
+
+#[test]
+fn an_upload_is_asked_for_by_two_keys_in_order_only() {
+    use Key::{Back, Quit, Upload, Yes};
+    let asks = |keys: &[Key], state| {
+        let (requests, mut asked) = mpsc::channel(1);
+        play_with(keys, with_mission(state, "12 items ready"), Some(requests)).1.unwrap();
+        asked.try_recv().is_ok()
+    };
+    assert!(asks(&[Upload, Yes, Quit], MissionState::Ready));
+    assert!(asks(&[Upload, Yes, Quit], MissionState::NotOnVehicle), "again after a failure");
+    assert!(!asks(&[Yes, Quit], MissionState::Ready), "nobody was asked");
+    assert!(!asks(&[Upload, Back, Yes, Quit], MissionState::Ready), "the answer was no");
+    assert!(!asks(&[Upload, Yes, Quit], MissionState::Uploading), "one at a time");
+    assert!(!asks(&[Upload, Yes, Quit], MissionState::None));
+}
+
+#[test]
+fn the_question_names_the_mission_and_the_keys() {
+    let (requests, _asked) = mpsc::channel(1);
+    let status = with_mission(MissionState::Ready, "12 items of excite.plan are ready");
+    let (terminal, ..) = play_with(&[Key::Upload, Key::Resized, Key::Quit], status, Some(requests));
+    insta::assert_snapshot!("question_80x24", terminal.backend());
+}
+
+#[test]
+fn what_became_of_the_mission_comes_first() {
+    let shown = |state, text: &str| {
+        let (terminal, ..) = play_with(&[Key::Resized, Key::Quit], with_mission(state, text), None);
+        words(&terminal)
+    };
+    assert!(shown(MissionState::Unknown, "UNKNOWN MISSION ON THE VEHICLE").contains("! mission: UNKNOWN"));
+    assert!(shown(MissionState::OnVehicle, "is on the vehicle").contains("= mission: is on the vehicle"));
+    assert!(!shown(MissionState::None, "").contains("mission:"));
 }
 
 #[test]
@@ -230,6 +281,10 @@ fn the_keyboard_is_understood() {
     assert_eq!(key(KeyCode::Char('c'), KeyModifiers::NONE), None);
     assert_eq!(key(KeyCode::Char('q'), KeyModifiers::NONE), Some(Key::Quit));
     assert_eq!(key(KeyCode::Char('?'), KeyModifiers::SHIFT), Some(Key::Help));
+    assert_eq!(key(KeyCode::Char('u'), KeyModifiers::NONE), Some(Key::Upload));
+    assert_eq!(key(KeyCode::Char('y'), KeyModifiers::NONE), Some(Key::Yes));
+    assert_eq!(key(KeyCode::Char('n'), KeyModifiers::NONE), Some(Key::Back));
+    assert_eq!(key(KeyCode::Enter, KeyModifiers::NONE), None);
 }
 
 #[test]
@@ -249,7 +304,7 @@ async fn headless_writes_a_line_per_period_and_ends_with_the_shutdown() {
     let (_tx, snapshots) = watch::channel(Arc::new(flying()));
     let (out, seen) = tokio::io::duplex(64);
     let shutdown = CancellationToken::new();
-    let sources = Sources { snapshots, status: SinkStatus::new() };
+    let sources = Sources { snapshots, status: SinkStatus::new(), requests: None };
     let task = tokio::spawn(headless::run(sources, headless::PERIOD, out, shutdown.clone()));
     let mut lines = BufReader::new(seen).lines();
     for _ in 0..3 {

@@ -1,7 +1,8 @@
 //! The HTTP interface besides the event stream.
 
-use super::{Shared, WebCommand};
+use super::Shared;
 use crate::engine::snapshot::Snapshot;
+use crate::sinks::Request;
 use crate::sinks::metrics;
 use crate::sinks::status::StatusView;
 use axum::Json;
@@ -88,7 +89,7 @@ pub(super) async fn upload_mission(
         return say(StatusCode::BAD_REQUEST, "an upload needs the body {\"confirm\": true}");
     }
     let (reply, answer) = oneshot::channel();
-    let sent = shared.state.commands.as_ref().map(|c| c.try_send(WebCommand::UploadMission { reply }));
+    let sent = shared.state.commands.as_ref().map(|c| c.try_send(Request::UploadMission { reply }));
     if !matches!(sent, Some(Ok(()))) {
         return say(StatusCode::SERVICE_UNAVAILABLE, "nothing here can upload a mission now");
     }

@@ -1,7 +1,7 @@
 //! The web page of the pilot and the HTTP interface: an axum server with embedded assets.
 //!
 //! It reads snapshots from a `watch` channel and nothing else; what it may change goes out as typed
-//! [`WebCommand`]s. Who may ask for what is decided in [`access`], before any handler runs.
+//! [`Request`]s. Who may ask for what is decided in [`access`], before any handler runs.
 
 pub mod access;
 mod api;
@@ -9,6 +9,7 @@ mod assets;
 mod history;
 mod stream;
 
+use super::Request;
 use super::status::SinkStatus;
 use crate::engine::snapshot::Snapshot;
 use access::{Policy, Token};
@@ -21,7 +22,7 @@ use std::net::SocketAddr;
 use std::sync::{Arc, Mutex};
 use std::time::Duration;
 use tokio::net::TcpListener;
-use tokio::sync::{Semaphore, mpsc, oneshot, watch};
+use tokio::sync::{Semaphore, mpsc, watch};
 use tokio_util::sync::CancellationToken;
 
 /// Browsers that may hold an event stream at the same time.
@@ -50,23 +51,13 @@ pub enum WebError {
     Io(#[from] std::io::Error),
 }
 
-/// A request that changes something outside this process; sent only after token and confirmation were checked.
-#[derive(Debug)]
-pub enum WebCommand {
-    /// Upload the planned excitation mission to the vehicle.
-    UploadMission {
-        /// What came of it, in words for the pilot.
-        reply: oneshot::Sender<Result<String, String>>,
-    },
-}
-
 /// What the server is started with.
 #[derive(Debug, Clone)]
 pub struct WebState {
     snapshots: watch::Receiver<Arc<Snapshot>>,
     status: Arc<SinkStatus>,
     token: Option<Token>,
-    commands: Option<mpsc::Sender<WebCommand>>,
+    commands: Option<mpsc::Sender<Request>>,
     max_rate_hz: f64,
 }
 
@@ -84,7 +75,7 @@ impl WebState {
 
     /// Attaches the task that carries out commands; without one they are answered 503.
     #[must_use]
-    pub fn with_commands(self, commands: mpsc::Sender<WebCommand>) -> Self {
+    pub fn with_commands(self, commands: mpsc::Sender<Request>) -> Self {
         Self { commands: Some(commands), ..self }
     }
 

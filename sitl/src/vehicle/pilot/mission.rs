@@ -206,7 +206,12 @@ impl Pilot {
                     return self.take_off(sight, leg, &place);
                 }
                 match item.command {
-                    MavCmd::MAV_CMD_NAV_LOITER_TURNS => self.circle(sight, &place, radius),
+                    MavCmd::MAV_CMD_NAV_LOITER_TURNS => {
+                        // ArduCopter's nose points to the middle, whatever a CONDITION_YAW before it said.
+                        self.wanted_yaw = None;
+                        self.turn_toward(sight, &place);
+                        self.circle(sight, &place, radius)
+                    }
                     _ => self.hold_at(sight, &place, radius),
                 }
             }
@@ -238,6 +243,15 @@ impl Pilot {
         control
     }
 
+    /// The nose of a multirotor turns toward a place, no faster than 1 rad/s.
+    fn turn_toward(&mut self, sight: &Sight, place: &Geodetic) {
+        let d = sight.to(place);
+        if d.norm() > 1.0 {
+            let most = 0.02;
+            self.yaw += wrap_pi(d.y.atan2(d.x) - self.yaw).clamp(-most, most);
+        }
+    }
+
     fn waypoint(&mut self, sight: &Sight, leg: &Leg, place: &Geodetic) -> Control {
         if self.is_wing() {
             if self.height(sight) < 10.0 && !self.flaring && sight.airspeed < self.config.min_m_per_s {
@@ -250,8 +264,7 @@ impl Pilot {
         let d = sight.to(place);
         if self.wanted_yaw.is_none() && d.norm() > 3.0 {
             // Nose toward the waypoint unless the mission says otherwise.
-            let most = 0.02;
-            self.yaw += wrap_pi(d.y.atan2(d.x) - self.yaw).clamp(-most, most);
+            self.turn_toward(sight, place);
         }
         let velocity = point_velocity(&self.config, sight, place, self.speed);
         self.rotor(sight, velocity, Vector3::zeros())

@@ -3,7 +3,7 @@
 import { StripChart } from "./chart.js";
 import { Stream } from "./stream.js";
 import { Track } from "./track.js";
-import { setText, showConnection, showEvents, showSnapshot, showSystem } from "./view.js";
+import { setText, showConnection, showEvents, showMission, showSnapshot, showSystem } from "./view.js";
 
 const $ = (id) => document.getElementById(id);
 const KEEP_S = 900;
@@ -127,6 +127,7 @@ const stream = new Stream({
   onSinks(view) {
     sinks = view;
     showSystem(sinks, snapshot);
+    showMission(sinks.mission);
   },
   onState(state, silent, changed) {
     showConnection(state, silent);
@@ -178,6 +179,7 @@ $("confirm").addEventListener("close", async () => {
     setText($("upload-result"), "No answer: check the vehicle's mission.");
   }
   $("upload").disabled = false;
+  $("upload").focus();
 });
 
 for (const event of ["resize", "themechange"]) window.addEventListener(event, draw);

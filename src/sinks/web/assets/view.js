@@ -261,6 +261,19 @@ export function showSystem(sinks, s) {
   facts($("system"), pairs);
 }
 
+/** The planned mission, in the words of the status; a state that nobody knows is called out. */
+export function showMission(mission) {
+  if (!mission || mission.state === "none") return;
+  const result = $("upload-result");
+  const news = `${mission.state} ${mission.text}`;
+  if (result.dataset.news === news) return;
+  result.dataset.news = news;
+  result.dataset.state = mission.state;
+  result.setAttribute("role", mission.state === "unknown" ? "alert" : "status");
+  setText(result, mission.text);
+  setText($("confirm-what"), `${mission.name}, ${mission.items} items, replaces the mission in the vehicle.`);
+}
+
 export function showEvents(events) {
   const newest = events.slice(-40).reverse();
   const key = newest.map((e) => `${e.elapsed_s}${e.text}`).join();

@@ -1,0 +1,76 @@
+//! The receiver's own smoothing: no effect that anybody looks for, but one that every receiver has.
+//!
+//! A receiver that filters its solutions, or interpolates between them, tells z(t − L) + κ z̈ of a motion z, whatever the
+//! symmetric kernel is: L is its mean (the latency) and 2κ its variance. Between samples T apart a linear interpolation has κ up
+//! to T²/8: at 5 Hz 5 mm per m/s², toward the centre of a turn, and a speed that falls short by centimetres per second there.
+//! That imitates an antenna above the inertial unit. It is estimated beside the biases and never named.
+
+use super::{Effect, FixInstant, ParameterGroup, Shape, Unit};
+use crate::earth::STANDARD_GRAVITY;
+use nalgebra::Vector3;
+
+const S2: Unit = Unit { symbol: "s²", suffix: "s2", si: 1.0 };
+
+/// Half the variance of the receiver's kernel, s². It stands outside the registry: model files do not have it.
+#[derive(Debug)]
+pub struct GpsSmoothing;
+
+/// Acceleration and its rate of change: specific force turns with the body.
+fn derivatives(x: &FixInstant) -> [Vector3<f64>; 2] {
+    let force_n = x.a_n - Vector3::new(0.0, 0.0, STANDARD_GRAVITY);
+    [x.a_n, (x.c_nb * x.rate_eb).cross(&force_n)]
+}
+
+impl Effect for GpsSmoothing {
+    fn name(&self) -> &'static str {
+        "gps_smoothing"
+    }
+
+    fn description(&self) -> &'static str {
+        "the receiver rounds corners off"
+    }
+
+    fn groups(&self) -> &'static [ParameterGroup] {
+        &[ParameterGroup { unit: S2, shape: Shape::Scalar, names: &["smoothing"], prior_sigma: 0.005 }]
+    }
+
+    fn fix(&self, p: &[f64], x: &FixInstant) -> [Vector3<f64>; 2] {
+        derivatives(x).map(|d| d * p[0])
+    }
+
+    fn fix_jacobian(
+        &self,
+        _p: &[f64],
+        x: &FixInstant,
+        position: &mut [Vector3<f64>],
+        velocity: &mut [Vector3<f64>],
+    ) {
+        [position[0], velocity[0]] = derivatives(x);
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::rotation::c_nb_from_euler;
+
+    /// The middle of a chord of a level turn: nearer to the centre by v²/r T²/8, and slower in the same proportion.
+    #[test]
+    fn a_turn_is_cut_short() {
+        let (v, r, t) = (25.0, 60.0, 0.2);
+        let rate = v / r;
+        let x = FixInstant {
+            t_s: 0.0,
+            v_n: Vector3::new(v, 0.0, 0.0),
+            a_n: Vector3::new(0.0, v * rate, 0.0),
+            c_nb: c_nb_from_euler(0.0, 0.0, 0.0),
+            rate_eb: Vector3::new(0.0, 0.0, rate),
+        };
+        let [position, velocity] = GpsSmoothing.fix(&[t * t / 8.0], &x);
+        let half = 0.5 * rate * t;
+        assert!((position.y - r * (1.0 - half.cos())).abs() < 1e-4, "{position}");
+        assert!((velocity.x + v * (1.0 - half.cos())).abs() < 1e-3, "{velocity}");
+        assert!(velocity.y.abs() < 1e-12);
+        crate::effects::testing::check_jacobians(&GpsSmoothing);
+    }
+}

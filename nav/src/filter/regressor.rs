@@ -1,0 +1,158 @@
+//! The motion that the constants are judged by: the measured one without what is no excitation.
+//!
+//! Two things make motion seem to change though nothing moves. Noise of the accelerometers, which the gyros do not feel: taken as
+//! excitation it would make G known to a vehicle that stands (errors in variables, Fuller 1987, section 1.1). And the
+//! estimates themselves: every new value of a bias shifts the compensated motion, and Jacobians found at ever new values bring
+//! information that nothing measured (first-estimates Jacobian, Huang, Mourikis & Roumeliotis 2010). So noise is
+//! averaged out, and a shift that came from an estimate is held back until real motion is much larger.
+
+use crate::mechanization::Motion;
+use nalgebra::Vector3;
+
+/// What differs from the last value by more than so many sigmas of the noise is motion …
+pub(super) const BEYOND_NOISE: f64 = 4.0;
+/// … and what does not is averaged over this time, s.
+const STEADY_S: f64 = 0.5;
+/// Motion counts for the range once it lasts about so long, s.
+const LASTING_S: f64 = 1.0;
+/// A shift is let through when it is less than this share of the range of motion so far: it then adds a hundredth to what
+/// motion has told already.
+const NEGLIGIBLE: f64 = 0.1;
+
+/// One channel, rad/s or m/s².
+#[derive(Debug, Clone, Copy, Default, PartialEq)]
+struct Channel {
+    value: f64,
+    /// Shift by changed estimates that is not let through.
+    held: f64,
+    /// Low-passed value and the range it has covered.
+    lasting: f64,
+    low: f64,
+    high: f64,
+}
+
+impl Channel {
+    fn take(&mut self, measured: f64, band: f64, dt: f64) {
+        let shown = measured - self.held;
+        let far = (shown - self.value).abs() >= band;
+        self.value = if far { shown } else { self.value + (dt / STEADY_S).min(1.0) * (shown - self.value) };
+        self.lasting += (dt / LASTING_S).min(1.0) * (self.value - self.lasting);
+        self.low = self.low.min(self.lasting);
+        self.high = self.high.max(self.lasting);
+    }
+
+    fn shift(&mut self, by: f64) {
+        self.held += by;
+        if self.held.abs() < NEGLIGIBLE * (self.high - self.low) {
+            self.let_through();
+        }
+    }
+
+    fn let_through(&mut self) {
+        for x in [&mut self.value, &mut self.lasting, &mut self.low, &mut self.high] {
+            *x += self.held;
+        }
+        self.held = 0.0;
+    }
+}
+
+/// Rate and specific force, three axes each.
+#[derive(Debug, Clone, Default, PartialEq)]
+pub(super) struct Regressor {
+    channels: [Channel; 6],
+    started: bool,
+}
+
+impl Regressor {
+    /// The motion as the constants see it.
+    pub(super) fn motion(&self) -> Motion {
+        let at = |k: usize| {
+            Vector3::new(self.channels[k].value, self.channels[k + 1].value, self.channels[k + 2].value)
+        };
+        Motion { rate: at(0), force: at(3) }
+    }
+
+    /// The first sample of a stream: nothing to average with.
+    pub(super) fn start(&mut self, measured: &Motion) {
+        let fresh = !std::mem::replace(&mut self.started, true);
+        self.each(measured, |c, x| {
+            c.value = x - c.held;
+            c.lasting = c.value;
+            if fresh {
+                (c.low, c.high) = (c.value, c.value);
+            }
+        });
+    }
+
+    /// The next sample, `dt` after the last one; `band` is how far noise reaches in a rate and in a force.
+    pub(super) fn take(&mut self, measured: &Motion, band: (f64, f64), dt: f64) {
+        let mut k = 0;
+        self.each(measured, |c, x| {
+            c.take(x, if k < 3 { band.0 } else { band.1 }, dt);
+            k += 1;
+        });
+    }
+
+    /// The same sample is compensated differently now.
+    pub(super) fn estimate_changed(&mut self, before: &Motion, after: &Motion) {
+        let by = Motion { rate: after.rate - before.rate, force: after.force - before.force };
+        self.each(&by, Channel::shift);
+    }
+
+    /// The estimates stay where they are from now on: what was held back comes through.
+    pub(super) fn let_through(&mut self) {
+        self.channels.iter_mut().for_each(Channel::let_through);
+    }
+
+    fn each(&mut self, motion: &Motion, mut job: impl FnMut(&mut Channel, f64)) {
+        let values = motion.rate.iter().chain(&motion.force);
+        self.channels.iter_mut().zip(values).for_each(|(c, x)| job(c, *x));
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const DT: f64 = 0.01;
+
+    fn force(x: f64) -> Motion {
+        Motion { rate: Vector3::zeros(), force: Vector3::new(x, 0.0, 0.0) }
+    }
+
+    fn standing() -> Regressor {
+        let mut r = Regressor::default();
+        r.start(&force(0.0));
+        for k in 0..2000 {
+            r.take(&force(if k % 2 == 0 { 0.1 } else { -0.1 }), (1.0, 1.0), DT);
+        }
+        r
+    }
+
+    #[test]
+    fn noise_is_averaged_and_motion_is_followed_at_once() {
+        let mut r = standing();
+        assert!(r.motion().force.x.abs() < 0.01, "{r:?}");
+        r.take(&force(3.0), (1.0, 1.0), DT);
+        assert_eq!(r.motion().force.x, 3.0);
+    }
+
+    #[test]
+    fn a_new_estimate_is_no_motion_for_a_vehicle_that_stands() {
+        let mut r = standing();
+        let before = r.motion().force.x;
+        r.estimate_changed(&force(0.0), &force(0.2));
+        r.take(&force(0.2), (1.0, 1.0), DT);
+        assert!((r.motion().force.x - before).abs() < 0.01, "{r:?}");
+    }
+
+    #[test]
+    fn a_new_estimate_is_believed_once_motion_is_much_larger() {
+        let mut r = standing();
+        for _ in 0..1000 {
+            r.take(&force(5.0), (1.0, 1.0), DT);
+        }
+        r.estimate_changed(&force(5.0), &force(5.2));
+        assert!((r.motion().force.x - 5.2).abs() < 0.01, "{r:?}");
+    }
+}

@@ -1,0 +1,115 @@
+//! How large an effect is on these flights, and whether it is worth a name.
+//!
+//! Fixes that agree with the model far better than any receiver's noise come from a simulation, and then the small print of two
+//! simulations is compared: a sphere for the Earth, constant gravity, no Coriolis acceleration, fixes interpolated between
+//! epochs. Each is millimetres per second squared or centimetres, and each can be imitated by an effect of the catalogue with
+//! overwhelming evidence. So where fixes are too good to be true, an effect must also do more than that.
+
+use super::FlightGap;
+use gaware_nav::effects::Instant;
+use gaware_nav::identify::flight::Flight;
+use gaware_nav::identify::judge::Judged;
+use gaware_nav::identify::select::Added;
+use gaware_nav::smoother::gap::Motion;
+use nalgebra::Vector3;
+
+/// Squared normalised innovations below this, with the noise at the lowest that is credible, are too good to be true.
+const TOO_GOOD: f64 = 0.5;
+/// A gyro error below this, RMS about its mean, is no effect then, rad/s: a tenth of a count of `RAW_IMU`.
+const GYRO: f64 = 1e-4;
+/// The same of accelerometers, m/s²: two counts of `RAW_IMU`, and what a sphere, constant gravity and no Coriolis make of it.
+const ACCEL: f64 = 0.02;
+/// The same of the position of fixes, m: an antenna's phase centre, a turn cut short.
+const POSITION: f64 = 0.15;
+
+/// What an effect does on these flights.
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
+pub struct Size {
+    /// RMS of what it adds to the gyros about the mean, rad/s.
+    pub gyro: f64,
+    /// RMS of what it adds to the accelerometers about the mean, m/s².
+    pub accel: f64,
+    /// RMS of what it adds to the position of fixes, m.
+    pub position: f64,
+    /// Whether it is too small to be told from what the model leaves out.
+    pub negligible: bool,
+}
+
+/// Spread of vectors about their mean, RMS.
+#[derive(Default)]
+struct Spread {
+    n: f64,
+    sum: Vector3<f64>,
+    square: f64,
+}
+
+impl Spread {
+    fn take(&mut self, v: &Vector3<f64>) {
+        self.n += 1.0;
+        self.sum += v;
+        self.square += v.norm_squared();
+    }
+
+    fn rms(&self) -> f64 {
+        let n = self.n.max(1.0);
+        (self.square / n - (self.sum / n).norm_squared()).max(0.0).sqrt()
+    }
+}
+
+fn instant(motion: &Motion, start_s: f64) -> Instant {
+    Instant {
+        t_s: start_s + motion.elapsed_s,
+        rate: motion.rate,
+        force: motion.force,
+        temperature_above_25_degc: motion.temperature_degc.map_or(0.0, |t| t - 25.0),
+    }
+}
+
+/// Sizes of the effects added, in their order.
+pub fn sizes(judged: &Judged, gaps: &[FlightGap], flights: &[&Flight]) -> Vec<Size> {
+    let too_good = judged.fit[1].nis_per_dof < TOO_GOOD;
+    judged
+        .selection
+        .added
+        .iter()
+        .map(|added| {
+            let known = judged.selection.base.get(added.setting.effect.name()).map(|s| s.values.clone());
+            let mut size = size(added, known.as_deref(), gaps, flights);
+            // Truncation is there or not.
+            let sized = !added.setting.effect.is_empty();
+            size.negligible =
+                too_good && sized && size.gyro < GYRO && size.accel < ACCEL && size.position < POSITION;
+            size
+        })
+        .collect()
+}
+
+fn size(added: &Added, known: Option<&[f64]>, gaps: &[FlightGap], flights: &[&Flight]) -> Size {
+    let (effect, p) = (added.setting.effect, &added.setting.values);
+    let (mut gyro, mut accel, mut speed) = (Spread::default(), Spread::default(), Spread::default());
+    let mut longest_s = 0.0f64;
+    for (gap, flight) in gaps.iter().zip(flights) {
+        for point in &gap.after {
+            let x = instant(&point.motion, flight.initial().t_s);
+            let old = |f: &dyn Fn(&[f64]) -> Vector3<f64>| known.map_or(Vector3::zeros(), f);
+            gyro.take(&(effect.gyro(p, &x) - old(&|k| effect.gyro(k, &x))));
+            accel.take(&(effect.accel(p, &x) - old(&|k| effect.accel(k, &x))));
+            speed.take(&Vector3::new(point.motion.speed, 0.0, 0.0));
+        }
+        longest_s = longest_s.max(flight.duration_s());
+    }
+    let walk = effect.bias_walk(p);
+    let late_s = effect.fix_delay_s(p) - known.map_or(0.0, |k| effect.fix_delay_s(k));
+    let moved = if effect.name().starts_with("gps_") && late_s == 0.0 {
+        let offsets = added.setting.parameters().zip(p).filter(|((_, unit), _)| unit.symbol == "m");
+        offsets.map(|(_, v)| v * v).sum::<f64>().sqrt()
+    } else {
+        late_s.abs() * (speed.square / speed.n.max(1.0)).sqrt()
+    };
+    Size {
+        gyro: gyro.rms().max(walk.gyro * longest_s.sqrt()),
+        accel: accel.rms().max(walk.accel * longest_s.sqrt()),
+        position: moved,
+        negligible: false,
+    }
+}

@@ -1,0 +1,123 @@
+//! Tables: a folder with `imu.csv` (time s, rates rad/s, specific forces m/s², forward-right-down, perhaps a temperature in °C)
+//! and a table of fixes beside it (time s, latitude and longitude deg, height m, velocity north, east, down m/s, the 1-sigma
+//! figures of both).
+//!
+//! Samples are means over the interval that ends at their time, as instruments that deliver increments give them. A truth
+//! that may lie beside them is not looked at.
+
+use super::{Damage, Item, LogError, LogReader, Progress, Record};
+use gaware_nav::earth::Geodetic;
+use gaware_nav::sample::{FixVelocity, GnssFix, ImuSample, ImuStream, Quantisation, Sample, SampleKind};
+use nalgebra::Vector3;
+use std::path::{Path, PathBuf};
+
+/// Inertial samples in a folder.
+const IMU: &str = "imu.csv";
+/// Fixes in a folder, where no other table is named.
+const FIXES: &str = "gps.csv";
+
+/// Whether a path means tables: a folder that holds inertial samples, or a table.
+pub fn is_table(path: &Path) -> bool {
+    path.join(IMU).is_file() || path.extension().is_some_and(|e| e.eq_ignore_ascii_case("csv"))
+}
+
+/// Reads tables, all at once: they are small.
+#[derive(Debug)]
+pub struct TableReader {
+    items: std::vec::IntoIter<Record>,
+    read: u64,
+    total: u64,
+}
+
+fn rows(path: &Path, columns: usize) -> Result<Vec<Vec<f64>>, LogError> {
+    let wrong = |row: usize, reason: String| LogError::Table { path: path.to_owned(), row, reason };
+    let mut reader = csv::Reader::from_path(path).map_err(|e| match e.into_kind() {
+        csv::ErrorKind::Io(source) => LogError::Open { path: path.to_owned(), source },
+        other => wrong(0, format!("{other:?}")),
+    })?;
+    let mut out: Vec<Vec<f64>> = Vec::new();
+    for (i, record) in reader.deserialize::<Vec<f64>>().enumerate() {
+        let row = record.map_err(|e| wrong(i + 1, e.to_string()))?;
+        if row.len() < columns {
+            return Err(wrong(i + 1, format!("{} columns, at least {columns} are needed", row.len())));
+        }
+        if row.iter().any(|v| !v.is_finite()) || row[0] < 0.0 {
+            return Err(wrong(i + 1, "a value is not finite, or the time is negative".into()));
+        }
+        out.push(row);
+    }
+    if out.is_empty() { Err(LogError::Empty(path.to_owned())) } else { Ok(out) }
+}
+
+fn imu(row: &[f64]) -> ImuSample {
+    ImuSample {
+        t_s: row[0],
+        gyro: Vector3::new(row[1], row[2], row[3]),
+        accel: Vector3::new(row[4], row[5], row[6]),
+        temperature_degc: row.get(7).copied(),
+    }
+}
+
+fn fix(row: &[f64]) -> GnssFix {
+    GnssFix {
+        t_s: row[0],
+        position: Geodetic::from_degrees(row[1], row[2], row[3]),
+        velocity: FixVelocity::Full([row[4], row[5], row[6]]),
+        position_sigma_m: Some([row[7], row[8], row[9]]),
+        velocity_sigma_m_per_s: Some([row[10], row[11], row[12]]),
+        yaw_rad: None,
+    }
+}
+
+impl TableReader {
+    /// Reads the tables that a path means: a folder, or the table of fixes beside `imu.csv`.
+    ///
+    /// # Errors
+    /// A table that is missing, empty, too narrow or not numeric.
+    pub fn read(path: &Path) -> Result<Self, LogError> {
+        let named = path.file_name().is_some_and(|n| n != IMU) && !path.is_dir();
+        let folder: PathBuf = if path.is_dir() {
+            path.to_owned()
+        } else {
+            path.parent().map(Path::to_owned).unwrap_or_default()
+        };
+        let fixes = if named { path.to_owned() } else { folder.join(FIXES) };
+        let stream = ImuStream {
+            message: IMU.into(),
+            kind: SampleKind::IntervalMean,
+            quantisation: Quantisation::None,
+        };
+        let mut samples: Vec<(f64, Sample)> =
+            rows(&folder.join(IMU), 7)?.iter().map(|r| (r[0], Sample::Imu(imu(r)))).collect();
+        samples.extend(rows(&fixes, 13)?.iter().map(|r| (r[0], Sample::Fix(fix(r)))));
+        // Stable: a sample goes before the fix of the same time.
+        samples.sort_by(|a, b| a.0.total_cmp(&b.0));
+        let first = samples.first().map_or(0.0, |s| s.0);
+        let items: Vec<Record> = std::iter::once((first, Sample::Stream(stream)))
+            .chain(samples)
+            .map(|(t_s, sample)| Record { t_us: (t_s * 1e6) as u64, item: Item::Sample(sample) })
+            .collect();
+        Ok(Self { total: items.len() as u64, items: items.into_iter(), read: 0 })
+    }
+}
+
+impl Iterator for TableReader {
+    type Item = Result<Record, LogError>;
+
+    fn next(&mut self) -> Option<Self::Item> {
+        let record = self.items.next()?;
+        self.read += 1;
+        Some(Ok(record))
+    }
+}
+
+impl LogReader for TableReader {
+    /// In rows.
+    fn progress(&self) -> Progress {
+        Progress { read_bytes: self.read, total_bytes: self.total }
+    }
+
+    fn damage(&self) -> Damage {
+        Damage::default()
+    }
+}

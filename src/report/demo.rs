@@ -1,0 +1,123 @@
+//! The page of the demonstration: what the plan promised, what the flight reached, and the hidden truth.
+
+use super::page::{escape, page};
+use super::plot::{AFTER, BEFORE, Line, marked_lines};
+use crate::demo::result::DemoResult;
+use crate::demo::series::Series;
+use crate::engine::snapshot::Status;
+use plotters::style::RGBColor;
+use std::fmt::Write;
+
+/// Groups of states that one plot shows by their worst member, with what makes them known.
+const GROUPS: [(&str, &[&str]); 5] = [
+    ("G, column x: speed changes", &["g11", "g21", "g31"]),
+    ("G, column y: sideways force", &["g12", "g22", "g32"]),
+    ("G, column z: turns and pull-ups", &["g13", "g23", "g33"]),
+    ("Gyro bias", &["bg_x", "bg_y", "bg_z"]),
+    ("Accelerometer bias", &["ba_x", "ba_y", "ba_z"]),
+];
+const TARGET: RGBColor = RGBColor(120, 160, 90);
+
+/// The whole page.
+///
+/// # Errors
+/// What the drawing library says.
+pub fn html(airframe: &str, result: &DemoResult, series: &Series) -> Result<String, String> {
+    let mut body = String::new();
+    let known = result.states.iter().filter(|s| s.status == Status::Observable).count();
+    let _ = write!(
+        body,
+        "<h1>{}</h1><p class=\"verdict\">{}: {known} of {} states known after {:.0} s.</p>",
+        escape(airframe),
+        escape(&result.ending.sentence()),
+        result.states.len(),
+        result.summary.duration_s
+    );
+    body.push_str(
+        "<h2>Predicted and flown</h2><p>1-sigma of the least known state of each group: as the plan predicted it, and as the \
+         filter had it in flight. The prediction is laid over the flight maneuver by maneuver; upright lines are the ends \
+         of maneuvers.</p>",
+    );
+    let marks: Vec<(f64, &str)> =
+        series.maneuvers.iter().map(|m| (m.flown_end_s, m.words.as_str())).collect();
+    for (title, names) in GROUPS {
+        body.push_str(&plot(title, names, series, &marks)?);
+    }
+    maneuvers(series, &mut body);
+    states(result, &mut body);
+    Ok(page(airframe, &body))
+}
+
+fn plot(title: &str, names: &[&str], series: &Series, marks: &[(f64, &str)]) -> Result<String, String> {
+    let (Some(planned), Some(flown)) = (series.worst(names, false), series.worst(names, true)) else {
+        return Ok(String::new());
+    };
+    let (unit, target) = series.unit_and_target(names);
+    let ends = [flown.first(), flown.last()].map(|p| p.map_or(0.0, |(t, _)| *t));
+    let lines = [
+        Line { name: "predicted", color: BEFORE, points: planned },
+        Line { name: "flown", color: AFTER, points: flown },
+        Line { name: "target", color: TARGET, points: ends.map(|t| (t, target)).to_vec() },
+    ];
+    marked_lines(title, &unit, &lines, marks)
+}
+
+/// Per maneuver: when, and the worst of each group at its end.
+fn maneuvers(series: &Series, body: &mut String) {
+    if series.maneuvers.is_empty() {
+        return;
+    }
+    body.push_str("<h2>Maneuvers</h2><table><tr><th>Maneuver</th><th class=\"n\">planned, s</th><th class=\"n\">flown, s</th>");
+    for (title, _) in GROUPS {
+        let name = title.split(':').next().unwrap_or(title);
+        let _ = write!(body, "<th class=\"n\">{name}<br>predicted / flown</th>");
+    }
+    body.push_str("</tr>");
+    for m in &series.maneuvers {
+        let _ = write!(
+            body,
+            "<tr><td>{}</td><td class=\"n\">{:.0}</td><td class=\"n\">{:.0}</td>",
+            escape(&m.words),
+            m.planned_end_s - m.planned_start_s,
+            m.flown_end_s - m.flown_start_s
+        );
+        for (_, names) in GROUPS {
+            let at = |flown| series.worst(names, flown).and_then(|points| near(&points, m.flown_end_s));
+            match (at(false), at(true)) {
+                (Some(planned), Some(flown)) => {
+                    let _ = write!(body, "<td class=\"n\">{planned:.1} / {flown:.1}</td>");
+                }
+                _ => body.push_str("<td></td>"),
+            }
+        }
+        body.push_str("</tr>");
+    }
+    body.push_str("</table>");
+}
+
+fn near(points: &[(f64, f64)], t_s: f64) -> Option<f64> {
+    points.iter().min_by(|a, b| (a.0 - t_s).abs().total_cmp(&(b.0 - t_s).abs())).map(|(_, y)| *y)
+}
+
+fn states(result: &DemoResult, body: &mut String) {
+    body.push_str(
+        "<h2>Found and hidden</h2><table><tr><th>State</th><th class=\"n\">truth</th><th class=\"n\">estimate</th>\
+         <th class=\"n\">sigma</th><th class=\"n\">predicted sigma</th><th class=\"n\">error / sigma</th><th>unit</th><th></th></tr>",
+    );
+    for s in &result.states {
+        let _ = write!(
+            body,
+            "<tr><td>{}</td><td class=\"n\">{:.3}</td><td class=\"n\">{:.3}</td><td class=\"n\">{:.3}</td>\
+             <td class=\"n\">{:.3}</td><td class=\"n\">{:.2}</td><td>{}</td><td>{}</td></tr>",
+            escape(&s.name),
+            s.truth,
+            s.estimate,
+            s.sigma,
+            s.planned_sigma,
+            s.normalised_error,
+            escape(&s.unit),
+            if s.status == Status::Observable { "known" } else { "" }
+        );
+    }
+    body.push_str("</table>");
+}

@@ -1,0 +1,23 @@
+#!/bin/sh
+# Missions exchanged with software that nobody here wrote: MAVSDK, pymavlink, MAVProxy. Needs Python 3.10 or later with venv
+# and a package index; arguments choose tests (test_mavsdk, test_files.MavsdkReads, …).
+set -eu
+cd "$(dirname "$0")/../.."
+cargo build --quiet --locked
+target="${CARGO_TARGET_DIR:-$PWD/target}"
+GAWARE="$target/debug/gaware"
+export GAWARE
+venv="$target/interop-venv"
+wanted=$(cksum <tests/interop/requirements.txt)
+if [ "$(cat "$venv/ready" 2>/dev/null)" != "$wanted" ]; then
+    rm -rf "$venv"
+    python3 -m venv "$venv"
+    "$venv/bin/pip" install --quiet --disable-pip-version-check --no-deps -r tests/interop/requirements.txt
+    printf '%s\n' "$wanted" >"$venv/ready"
+fi
+cd tests/interop
+if [ $# -eq 0 ]; then
+    set -- test_*.py
+fi
+export MAVLINK20=1 PYTHONDONTWRITEBYTECODE=1
+exec "$venv/bin/python" -m unittest -v "$@"
