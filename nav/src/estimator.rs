@@ -166,7 +166,7 @@ impl Estimator {
 
     fn feed_imu(&mut self, raw: &ImuSample) -> Vec<FixOutcome> {
         self.meter.push(raw);
-        let sample = self.dequantiser.undo(raw);
+        let sample = self.dequantiser.undo(&self.model.undo_source(raw));
         self.last = Some(sample);
         let (kind, noise) = (self.stream.kind, self.extra_noise());
         match &mut self.state {

@@ -203,7 +203,10 @@ impl Sensors {
         }
         self.gyro_walk += self.walk_noise.normal3() * (gyro_walk / per_sample);
         self.accel_walk += self.walk_noise.normal3() * (accel_walk / per_sample);
-        let (gyro, accel) = self.quantisation.apply(&gyro, &accel);
+        let (mut gyro, mut accel) = self.quantisation.apply(&gyro, &accel);
+        for setting in self.model.effects.iter().filter(|s| s.effect.is_source_mistake()) {
+            [gyro, accel] = setting.effect.source(&gyro, &accel);
+        }
         let late_s = self.config.time_jitter_s * self.jitter.uniform();
         ImuSample { t_s: truth.t_s + late_s, gyro, accel, temperature_degc: temperature }
     }

@@ -13,6 +13,7 @@ pub mod run;
 pub mod sim;
 pub mod start;
 pub mod study;
+pub mod study_blind;
 pub mod truth_comparison;
 
 use crate::link::address::AddressError;

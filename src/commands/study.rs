@@ -3,8 +3,7 @@
 use super::CommandError;
 use crate::demo::{Prepared, Settings};
 use crate::study::parallel::Progress;
-use crate::study::{blind, demo, guidance, honesty, observability, paper, recorded, transfer};
-use gaware_nav::identify::select;
+use crate::study::{demo, guidance, honesty, observability, paper, recorded, transfer};
 use serde::Serialize;
 use std::io::Write;
 use std::path::PathBuf;
@@ -35,7 +34,7 @@ pub enum StudyKind {
     /// Mission uploads over bad and cut links: verified, the previous mission back, or said to be unknown.
     Transfer(TransferArgs),
     /// Hide an effect, fly, explain, unseal: the confusion matrix.
-    Blind(BlindArgs),
+    Blind(super::study_blind::BlindArgs),
 }
 
 /// Arguments of `study observability`.
@@ -71,26 +70,6 @@ pub struct GuidanceArgs {
     /// Print one JSON document.
     #[arg(long)]
     pub json: bool,
-}
-
-/// Arguments of `study blind`.
-#[derive(Debug, Clone, clap::Args)]
-pub struct BlindArgs {
-    /// Flights per effect and kind of flight.
-    #[arg(long, default_value_t = 1)]
-    pub flights: usize,
-    /// Clean flights per kind of flight.
-    #[arg(long, default_value_t = 2)]
-    pub clean: usize,
-    /// First seed.
-    #[arg(long, default_value_t = 1)]
-    pub seed: u64,
-    /// Only these effects.
-    #[arg(long, value_name = "EFFECT")]
-    pub effect: Vec<String>,
-    /// The flights kept aside: another airframe, turbulence, other seeds.
-    #[arg(long)]
-    pub aside: bool,
 }
 
 /// Arguments of `study demo`.
@@ -159,7 +138,7 @@ pub struct RecordedArgs {
 }
 
 /// A bar on the terminal that counts runs.
-struct Bar(indicatif::ProgressBar);
+pub(super) struct Bar(pub(super) indicatif::ProgressBar);
 
 impl Progress for Bar {
     fn tick(&self) {
@@ -231,6 +210,7 @@ pub fn run(args: &StudyArgs) -> Result<(), CommandError> {
             bar.finish_and_clear();
             print_json(&result)?;
         }
+        StudyKind::Blind(args) => super::study_blind::run(args)?,
         StudyKind::Guidance(args) => {
             let bar = super::progress_bar(2 * args.runs as u64, "flights");
             let study = guidance::run(args.runs, args.seed, &Bar(bar.clone()))?;
@@ -240,24 +220,6 @@ pub fn run(args: &StudyArgs) -> Result<(), CommandError> {
             } else {
                 print_guidance(&study);
             }
-        }
-        StudyKind::Blind(args) => {
-            let bar = indicatif::ProgressBar::new_spinner();
-            let campaign = blind::Campaign {
-                effects: args.effect.clone(),
-                seeds: args.flights,
-                clean: args.clean,
-                first_seed: args.seed,
-                family: if args.aside { blind::Family::Aside } else { blind::Family::Tuning },
-            };
-            let outcomes = blind::run(&campaign, &select::Settings::default(), &Bar(bar.clone()));
-            bar.finish_and_clear();
-            print_json(&serde_json::json!({
-                "schema": "gaware.study/1",
-                "summary": blind::summarise(&outcomes),
-                "confusion": blind::confusion(&outcomes),
-                "flights": outcomes,
-            }))?;
         }
         StudyKind::Recorded(args) => {
             let mut results = Vec::new();
@@ -276,7 +238,7 @@ pub fn run(args: &StudyArgs) -> Result<(), CommandError> {
     Ok(())
 }
 
-fn print_json(value: &impl Serialize) -> Result<(), CommandError> {
+pub(super) fn print_json(value: &impl Serialize) -> Result<(), CommandError> {
     let mut out = std::io::stdout().lock();
     serde_json::to_writer_pretty(&mut out, value).map_err(std::io::Error::from)?;
     Ok(writeln!(out)?)

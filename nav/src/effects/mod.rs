@@ -17,6 +17,7 @@ mod gyro_g_sensitivity;
 mod imu_truncation;
 mod misalignment;
 mod scale_factor;
+mod source;
 mod temperature;
 
 use crate::earth::STANDARD_GRAVITY;
@@ -34,6 +35,7 @@ pub use gyro_g2_sensitivity::GyroG2Sensitivity;
 pub use imu_truncation::ImuTruncation;
 pub use misalignment::{AccelMisalignment, GyroMisalignment};
 pub use scale_factor::{AccelScaleFactor, GyroScaleFactor};
+pub use source::MISTAKES;
 pub use temperature::{AccelTemperature, GyroTemperature};
 
 /// The largest number of parameters of one effect.
@@ -59,9 +61,9 @@ pub static REGISTRY: &[&dyn Effect] = &[
     &GyroBiasStep,
 ];
 
-/// The effect of this name, if there is one.
+/// The effect of this name, if there is one: of the design's table, or a mistake of a source.
 pub fn find(name: &str) -> Option<&'static dyn Effect> {
-    REGISTRY.iter().copied().find(|e| e.name() == name)
+    REGISTRY.iter().chain(MISTAKES).copied().find(|e| e.name() == name)
 }
 
 /// A unit at the border: symbol for people, suffix for files, size in SI.
@@ -291,6 +293,21 @@ pub trait Effect: Sync + std::fmt::Debug {
     /// flight itself gives the candidates (the instant of a step).
     fn sizes_to_try(&self) -> &'static [f64] {
         &[]
+    }
+
+    /// What the source makes of a finished gyro (rad/s) and accelerometer (m/s²) sample.
+    fn source(&self, gyro: &Vector3<f64>, accel: &Vector3<f64>) -> [Vector3<f64>; 2] {
+        [*gyro, *accel]
+    }
+
+    /// The finished sample behind what the source made of it.
+    fn undo_source(&self, gyro: &Vector3<f64>, accel: &Vector3<f64>) -> [Vector3<f64>; 2] {
+        [*gyro, *accel]
+    }
+
+    /// Whether it changes finished samples.
+    fn is_source_mistake(&self) -> bool {
+        false
     }
 
     /// Whether it says that integer samples are truncated toward zero.

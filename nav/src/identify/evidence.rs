@@ -64,27 +64,36 @@ pub fn log_mean_exp(values: impl IntoIterator<Item = f64>) -> f64 {
     top + (values.iter().map(|v| (v - top).exp()).sum::<f64>() / values.len() as f64).ln()
 }
 
-/// Evidence of a jump whose instant is unknown: each candidate's own, averaged over the candidates. Returns evidence,
-/// index of the best and its size.
-pub fn jump(jumps: &[(Vector3<f64>, Matrix3<f64>)], sigma: f64) -> Option<(f64, usize, Vector3<f64>)> {
-    let one = |(b, lambda): &(Vector3<f64>, Matrix3<f64>), scale: f64| {
+/// A jump whose instant is unknown.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Jump {
+    /// Evidence, averaged over the instants and the widths of the prior.
+    pub evidence: f64,
+    /// That of the best instant and width alone.
+    pub alone: f64,
+    /// The best instant, as an index.
+    pub at: usize,
+    /// The best width, as a factor on the prior sigma.
+    pub scale: f64,
+    /// The size that fits best there.
+    pub size: Vector3<f64>,
+}
+
+/// Each instant's own evidence, averaged over the instants. `None` without instants.
+pub fn jump(jumps: &[(Vector3<f64>, Matrix3<f64>)], sigma: f64) -> Option<Jump> {
+    let one = |at: usize, scale: f64| {
+        let (b, lambda) = &jumps[at];
         let fit = fit_dense(
             &DVector::from_column_slice(b.as_slice()),
             &DMatrix::from_column_slice(3, 3, lambda.as_slice()),
             &[sigma * scale; 3],
             &[0.0; 3],
         )?;
-        Some((fit.evidence, Vector3::from_column_slice(fit.step.as_slice())))
+        let size = Vector3::from_column_slice(fit.step.as_slice());
+        Some(Jump { evidence: fit.evidence, alone: fit.evidence, at, scale, size })
     };
-    let each: Vec<(f64, Vector3<f64>)> = jumps
-        .iter()
-        .map(|j| {
-            let fits: Vec<_> = SCALES.iter().filter_map(|s| one(j, *s)).collect();
-            let evidence = log_mean_exp(fits.iter().map(|f| f.0));
-            let best = fits.iter().max_by(|a, b| a.0.total_cmp(&b.0)).map_or(Vector3::zeros(), |f| f.1);
-            (evidence, best)
-        })
-        .collect();
-    let (at, best) = each.iter().enumerate().max_by(|a, b| a.1.0.total_cmp(&b.1.0))?;
-    Some((log_mean_exp(each.iter().map(|e| e.0)), at, best.1))
+    let all: Vec<Jump> =
+        (0..jumps.len()).flat_map(|at| SCALES.iter().filter_map(move |s| one(at, *s))).collect();
+    let best = *all.iter().max_by(|a, b| a.alone.total_cmp(&b.alone))?;
+    Some(Jump { evidence: log_mean_exp(all.iter().map(|j| j.alone)), ..best })
 }

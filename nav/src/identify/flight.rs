@@ -7,6 +7,7 @@ use crate::noise_meter::NoiseMeter;
 use crate::quantisation::Dequantiser;
 use crate::sample::{GnssFix, ImuSample, ImuStream, Quantisation, Sample, SampleKind};
 use nalgebra::Vector3;
+use std::borrow::Cow;
 
 /// A filter that has heading starts with these 1-sigmas whatever the search said of them, rad.
 const START_ATTITUDE_SIGMA: [f64; 3] = [0.06, 0.06, 0.14];
@@ -250,6 +251,15 @@ impl Flight {
     /// The samples as this belief about rounding reads them.
     pub(crate) fn samples(&self, q: Quantisation) -> &[ImuSample] {
         self.prepared.iter().find(|(p, _)| *p == q).map_or(&self.raw, |(_, s)| s)
+    }
+
+    /// The samples as a model reads them: its belief about rounding, mistakes of the source undone.
+    pub(crate) fn samples_of(&self, model: &Model) -> Cow<'_, [ImuSample]> {
+        let own = self.samples(model.quantisation_of(&self.stream));
+        if model.effects.iter().any(|s| s.effect.is_source_mistake()) {
+            return own.iter().map(|s| model.undo_source(s)).collect();
+        }
+        Cow::Borrowed(own)
     }
 }
 

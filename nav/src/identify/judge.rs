@@ -1,10 +1,11 @@
 //! Is it true? The additions of a selection before data that took no part in it, one effect left out at a time, and how far
 //! the pure simulation drifts away without fixes.
 
+use super::evidence::SCALES;
 use super::flight::Flight;
 use super::noise::Noise;
 use super::pass::{self, Innovation, Options, Pass};
-use super::select::{Added, Search, Selection, Settings, with};
+use super::select::{Added, STEPS, Search, Selection, Settings};
 use super::whereabouts;
 use super::{Workers, map};
 use crate::mechanization::{self, Increment};
@@ -101,9 +102,9 @@ fn drift(flight: &Flight, model: &Model, noise: &Noise, options: &Options) -> [(
     let mut free: Vec<Free> = Vec::new();
     let mut next_start = flight.initial().t_s + options.settle_s;
     let mut fixes = flight.fixes().iter().peekable();
-    let mut last: Option<&crate::sample::ImuSample> = None;
+    let mut last: Option<crate::sample::ImuSample> = None;
     pass::follow(flight, model, noise, |filter, sample| {
-        if let Some(before) = last {
+        if let Some(before) = &last {
             for f in &mut free {
                 let (a, b) = (
                     f.calibration.motion(&model_with_noise, before),
@@ -137,7 +138,7 @@ fn drift(flight: &Flight, model: &Model, noise: &Noise, options: &Options) -> [(
             }
         }
         free.retain(|f| f.done < DRIFT_S.len());
-        last = Some(sample);
+        last = Some(*sample);
     });
     out
 }
@@ -161,45 +162,86 @@ fn tolerated(name: &str) -> f64 {
     if jump { -3.0 } else { 0.0 }
 }
 
-/// Judges a selection. `validate` are flights that took no part; without any, the held-out blocks of `flights` judge.
-pub fn judge(
+/// A selection without the effects that the held-out data did not confirm.
+#[derive(Debug, Clone)]
+pub struct Confirmed {
+    /// What is left of it.
+    pub selection: Selection,
+    /// Effects that were taken out again.
+    pub removed: Vec<&'static str>,
+    /// What each effect contributes.
+    pub left_out: Vec<LeftOut>,
+}
+
+/// The flights that choose and those that judge.
+struct Court<'a> {
+    search: Search<'a>,
+    others: Search<'a>,
+    part: usize,
+    noise: Noise,
+}
+
+impl<'a> Court<'a> {
+    fn new(
+        flights: &'a [&'a Flight],
+        validate: &'a [&'a Flight],
+        selection: &Selection,
+        settings: &Settings,
+        workers: &'a dyn Workers,
+    ) -> Self {
+        let whole = Settings { options: settings.options.all(), ..*settings };
+        let new = |f, settings: &Settings| {
+            Search::new(f, &selection.base, settings, workers, &selection.noise)
+                .about(&selection.added, &selection.noise)
+        };
+        let (others, part) =
+            if validate.is_empty() { (new(flights, settings), 1) } else { (new(validate, &whole), 0) };
+        Self { search: new(flights, settings), others, part, noise: selection.noise }
+    }
+
+    /// The effects at their best values, their evidence, and the held-out likelihood.
+    fn hear(&self, added: &[Added]) -> (Vec<Added>, f64, f64) {
+        let all: Vec<Added> = self.search.given.iter().chain(added).cloned().collect();
+        let (point, _) = self.search.settle(&all, &self.noise, &self.search.nowhere(&self.noise), 1);
+        let held_out = self.others.likelihood(&point.added, &self.noise, self.part);
+        let given = self.search.given.len();
+        (point.added.into_iter().skip(given).collect(), point.evidence, held_out)
+    }
+
+    fn left_out(&self, added: &[Added], evidence: f64, held_out: f64) -> Vec<LeftOut> {
+        map(self.search.workers(), added.len(), |k| {
+            let mut fewer = added.to_vec();
+            let gone = fewer.remove(k);
+            let (_, without, without_held_out) = self.hear(&fewer);
+            LeftOut {
+                name: gone.setting.effect.name(),
+                evidence: evidence - without,
+                held_out: held_out - without_held_out,
+            }
+        })
+    }
+}
+
+/// Takes out what the held-out data do not confirm. `validate` are flights that took no part; without any, the held-out
+/// blocks of `flights` judge.
+pub fn confirm(
     flights: &[&Flight],
     validate: &[&Flight],
     selection: Selection,
     settings: &Settings,
     workers: &dyn Workers,
-) -> Judged {
+) -> Confirmed {
     let mut selection = selection;
+    let (mut removed, mut left_out) = (Vec::new(), Vec::new());
+    if selection.added.is_empty() {
+        return Confirmed { selection, removed, left_out };
+    }
     let settings = &Settings { options: selection.options, ..*settings };
-    let search = Search { flights, base: &selection.base.clone(), settings: *settings, workers };
-    let whole = settings.options.all();
-    let (others, others_options, part) =
-        if validate.is_empty() { (flights, settings.options, 1) } else { (validate, whole, 0) };
-    let held_out_of = |added: &[Added], noise: &Noise| -> f64 {
-        let model = with(&selection.base, added);
-        map(workers, others.len(), |k| {
-            pass::run(others[k], &model, noise, &others_options, None).log_likelihood[part]
-        })
-        .iter()
-        .sum()
-    };
-    let mut removed = Vec::new();
-    let mut left_out;
-    loop {
-        let full = search.settle(&selection.added, &selection.noise, 1);
-        let full_held_out = held_out_of(&full.added, &selection.noise);
-        left_out = Vec::new();
-        for k in 0..full.added.len() {
-            let mut fewer = full.added.clone();
-            let gone = fewer.remove(k);
-            let without = search.settle(&fewer, &selection.noise, 1);
-            left_out.push(LeftOut {
-                name: gone.setting.effect.name(),
-                evidence: full.evidence - without.evidence,
-                held_out: full_held_out - held_out_of(&without.added, &selection.noise),
-            });
-        }
-        selection.added = full.added;
+    let court = Court::new(flights, validate, &selection, settings, workers);
+    while !selection.added.is_empty() {
+        let (full, evidence, held_out) = court.hear(&selection.added);
+        left_out = court.left_out(&full, evidence, held_out);
+        selection.added = full;
         let worst = left_out
             .iter()
             .enumerate()
@@ -209,25 +251,54 @@ pub fn judge(
         let Some(k) = worst else { break };
         removed.push(selection.added.remove(k).setting.effect.name());
         selection.steps.remove(k.min(selection.steps.len() - 1));
+        left_out.clear();
     }
+    selection.added.iter_mut().for_each(widen);
+    selection.added = court.hear(&selection.added).0;
+    Confirmed { selection, removed, left_out }
+}
+
+/// The width of the prior that suited the evidence best draws values toward zero; what is told of them must not.
+fn widen(added: &mut Added) {
+    let own =
+        added.setting.effect.groups().iter().flat_map(|g| std::iter::repeat_n(g.prior_sigma, g.shape.len()));
+    for ((_, sigma), own) in added.prior.iter_mut().zip(own).filter(|(p, _)| p.1 > 0.0) {
+        *sigma = own * SCALES[0];
+    }
+}
+
+/// Judges a selection: what the held-out data confirm, and the gap before and after.
+pub fn judge(
+    flights: &[&Flight],
+    validate: &[&Flight],
+    selection: Selection,
+    settings: &Settings,
+    workers: &dyn Workers,
+) -> Judged {
+    let Confirmed { mut selection, removed, left_out } =
+        confirm(flights, validate, selection, settings, workers);
+    let options = selection.options;
     let models = [selection.base.clone(), selection.model()];
     // Both with the noise of the better model: what the lacking effect does must not hide in the noise.
-    let [before, after] =
-        [0, 1].map(|m| measure(flights, &models[m], &selection.noise, &settings.options, workers));
+    let [before, after] = [0, 1].map(|m| measure(flights, &models[m], &selection.noise, &options, workers));
     let fit = [gap(&before.0, &before.1, 0), gap(&after.0, &after.1, 0)];
     let held_out = if validate.is_empty() {
         [gap(&before.0, &before.1, 1), gap(&after.0, &after.1, 1)]
     } else {
         [0, 1].map(|m| {
-            let (passes, drifts) = measure(validate, &models[m], &selection.noise, &whole, workers);
+            let (passes, drifts) = measure(validate, &models[m], &selection.noise, &options.all(), workers);
             gap(&passes, &drifts, 0)
         })
     };
     let first = |passes: Vec<Pass>| passes.into_iter().next().map(|p| p.innovations).unwrap_or_default();
     let innovations = [first(before.0), first(after.0)];
-    let everything = Settings { options: whole, ..*settings };
-    let base = selection.base.clone();
-    let search = Search { flights, base: &base, settings: everything, workers };
-    selection.added = search.settle(&selection.added, &selection.noise, 1).added;
+    let everything = Settings { options: options.all(), ..*settings };
+    if !selection.added.is_empty() {
+        let search = Search::new(flights, &selection.base, &everything, workers, &selection.noise)
+            .about(&selection.added, &selection.noise);
+        let all: Vec<Added> = search.given.iter().chain(&selection.added).cloned().collect();
+        let (point, _) = search.settle(&all, &selection.noise, &search.nowhere(&selection.noise), STEPS);
+        selection.added = point.added.into_iter().skip(search.given.len()).collect();
+    }
     Judged { selection, removed, fit, held_out, left_out, innovations }
 }

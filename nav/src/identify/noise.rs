@@ -4,7 +4,8 @@
 //! positions (a first-order Gauss-Markov process), and the scatter of the fixes' time stamps.
 
 use super::flight::Flight;
-use super::pass::{self, Options};
+use super::linear::Problem;
+use super::pass::Options;
 use super::{Workers, map};
 use crate::model::Model;
 
@@ -30,7 +31,26 @@ pub struct Noise {
 }
 
 /// Number of figures.
-const FIGURES: usize = 8;
+pub const FIGURES: usize = 8;
+/// Which figure stands where.
+pub mod figure {
+    /// Gyros.
+    pub const GYRO: usize = 0;
+    /// Accelerometers.
+    pub const ACCEL: usize = 1;
+    /// Horizontal positions.
+    pub const POSITION: usize = 2;
+    /// Heights.
+    pub const HEIGHT: usize = 3;
+    /// Velocities.
+    pub const VELOCITY: usize = 4;
+    /// Size of the wander.
+    pub const WANDER: usize = 5;
+    /// Its correlation time.
+    pub const CORRELATION: usize = 6;
+    /// Stamps.
+    pub const STAMP: usize = 7;
+}
 /// Noise of the inertial samples may exceed what they show from sample to sample, or the model says, by this factor …
 const INERTIAL_ABOVE: f64 = 3.0;
 /// … and fall short of it by this one.
@@ -48,7 +68,35 @@ const CORRELATION_S: (f64, f64) = (20.0, 300.0);
 /// Stamps scatter by a loop of the autopilot: milliseconds.
 const STAMP_S: (f64, f64) = (0.001, 0.02);
 
-/// Limits of each figure in the order of [`Noise::get`]: noise must not be able to pass for whatever is missing.
+/// Limits of each figure: noise must not be able to pass for whatever is missing.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Limits([(f64, f64); FIGURES]);
+
+impl Limits {
+    /// Of a vehicle whose model is believed to be about this.
+    pub fn new(model: &Model, flights: &[&Flight]) -> Self {
+        Self(limits(model, flights))
+    }
+
+    /// The nearest noise within the limits.
+    fn within(&self, noise: &Noise) -> Noise {
+        let v = noise.get();
+        Noise::from_figures(&std::array::from_fn(|k| v[k].clamp(self.0[k].0, self.0[k].1)))
+    }
+
+    fn clamp(&self, at: &[f64; FIGURES]) -> [f64; FIGURES] {
+        std::array::from_fn(|k| at[k].clamp(self.0[k].0.ln(), self.0[k].1.ln()))
+    }
+
+    /// Which figures may move uphill.
+    fn free(&self, at: &[f64; FIGURES], slope: &[f64; FIGURES]) -> [bool; FIGURES] {
+        std::array::from_fn(|k| {
+            let (low, high) = (self.0[k].0.ln() + 1e-9, self.0[k].1.ln() - 1e-9);
+            !(at[k] <= low && slope[k] < 0.0 || at[k] >= high && slope[k] > 0.0)
+        })
+    }
+}
+
 fn limits(model: &Model, flights: &[&Flight]) -> [(f64, f64); FIGURES] {
     let start = Noise::measured(model, flights);
     let around = |v: f64| (v / INERTIAL_BELOW, v * INERTIAL_ABOVE);
@@ -78,9 +126,7 @@ fn limits(model: &Model, flights: &[&Flight]) -> [(f64, f64); FIGURES] {
 }
 
 /// Heights wander more than horizontal positions.
-const HEIGHT_WANDER: f64 = 1.6;
-/// A step of the search must gain this much.
-const WORTH: f64 = 0.3;
+pub(super) const HEIGHT_WANDER: f64 = 1.6;
 
 impl Noise {
     /// A start: the model's figures, and what the samples show if that is more.
@@ -100,7 +146,8 @@ impl Noise {
         }
     }
 
-    fn get(&self) -> [f64; FIGURES] {
+    /// All figures in the order of [`figure`].
+    pub(super) fn get(&self) -> [f64; FIGURES] {
         [
             self.gyro,
             self.accel,
@@ -113,10 +160,8 @@ impl Noise {
         ]
     }
 
-    fn scaled(&self, figure: usize, factor: f64, limits: &[(f64, f64); FIGURES]) -> Self {
-        let mut v = self.get();
-        let (low, high) = limits[figure];
-        v[figure] = (v[figure] * factor).clamp(low, high);
+    /// From all figures in the order of [`figure`].
+    pub(super) fn from_figures(v: &[f64; FIGURES]) -> Self {
         Self {
             gyro: v[0],
             accel: v[1],
@@ -151,51 +196,115 @@ impl Noise {
     }
 }
 
-/// Fits the noise by a pattern search on logarithms: steps of a factor, halved (as exponents) `sweeps` times.
-///
-/// Every sweep tries all figures up and down at once, takes the best of each as one common step where that is better
-/// than the best single one, and goes on from there. Returns the noise and its log-likelihood.
-pub fn fit(
-    flights: &[&Flight],
-    model: &Model,
-    start: Noise,
-    options: &Options,
-    sweeps: usize,
-    workers: &dyn Workers,
-) -> (Noise, f64) {
-    let value = |noise: &Noise| -> f64 {
-        flights.iter().map(|f| pass::run(f, model, noise, options, None).log_likelihood[0]).sum()
-    };
-    let mut best = (start, value(&start));
-    let limits = limits(model, flights);
-    let mut factor: f64 = 2.0;
-    let figures = FIGURES;
-    for sweep in 0..sweeps {
-        let tries: Vec<Noise> = (0..2 * figures)
-            .map(|k| best.0.scaled(k / 2, if k % 2 == 0 { factor } else { 1.0 / factor }, &limits))
-            .collect();
-        let values = map(workers, tries.len(), |k| value(&tries[k]));
-        let mut together = best.0;
-        let mut single = best;
-        for figure in 0..figures {
-            let (up, down) = (values[2 * figure], values[2 * figure + 1]);
-            let (gain, by) = if up > down { (up - best.1, factor) } else { (down - best.1, 1.0 / factor) };
-            if gain > WORTH {
-                together = together.scaled(figure, by, &limits);
-                if best.1 + gain > single.1 {
-                    single = (best.0.scaled(figure, by, &limits), best.1 + gain);
-                }
-            }
-        }
-        if single.0 == best.0 {
-            if sweep > 0 && factor < 1.15 {
-                break;
-            }
-            factor = factor.sqrt();
-            continue;
-        }
-        let joint = (together, value(&together));
-        best = if joint.1 > single.1 { joint } else { single };
+/// At most so many slopes are asked for in one fit.
+const MOST_SLOPES: usize = 40;
+/// No figure changes by more than this factor in one step (as a logarithm).
+const LONGEST_STEP: f64 = 0.7;
+/// A search that expects to gain less than this is over, nats.
+const WORTH: f64 = 0.02;
+
+/// The inverse curvature that a fit has learnt; the next one starts from it.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Metric([[f64; FIGURES]; FIGURES]);
+
+impl Metric {
+    /// Of so many fixes: white noise of the fixes is known to a few per cent, the rest to some tenths.
+    pub fn new(fixes: usize) -> Self {
+        let n = fixes.max(10) as f64;
+        let curvature = [n / 10.0, n / 10.0, 2.0 * n, n, 2.0 * n, n / 20.0, n / 50.0, n / 20.0];
+        Self(std::array::from_fn(|i| std::array::from_fn(|j| if i == j { 1.0 / curvature[i] } else { 0.0 })))
     }
-    best
+
+    /// Learns from a step and the change of the slope over it (Broyden, Fletcher, Goldfarb & Shanno; Nocedal & Wright
+    /// 2006, eq. 6.17).
+    fn learn(&mut self, step: &[f64; FIGURES], change: &[f64; FIGURES]) {
+        let along: f64 = step.iter().zip(change).map(|(s, y)| s * y).sum();
+        let size: f64 = step.iter().map(|s| s * s).sum::<f64>() * change.iter().map(|y| y * y).sum::<f64>();
+        if along <= 1e-8 * size.sqrt() {
+            return;
+        }
+        let hy = self.times(change);
+        let yhy: f64 = change.iter().zip(&hy).map(|(y, h)| y * h).sum();
+        for i in 0..FIGURES {
+            for j in 0..FIGURES {
+                self.0[i][j] += (1.0 + yhy / along) * step[i] * step[j] / along
+                    - (hy[i] * step[j] + step[i] * hy[j]) / along;
+            }
+        }
+    }
+
+    fn times(&self, v: &[f64; FIGURES]) -> [f64; FIGURES] {
+        std::array::from_fn(|i| self.0[i].iter().zip(v).map(|(h, v)| h * v).sum())
+    }
+
+    /// The step uphill that leaves out figures which stand at a limit and would go beyond it.
+    fn step(&self, slope: &[f64; FIGURES], free: &[bool; FIGURES]) -> [f64; FIGURES] {
+        let masked: [f64; FIGURES] = std::array::from_fn(|i| if free[i] { slope[i] } else { 0.0 });
+        let mut step = self.times(&masked);
+        (0..FIGURES).for_each(|i| step[i] = if free[i] { step[i] } else { 0.0 });
+        if step.iter().zip(&masked).map(|(s, g)| s * g).sum::<f64>() <= 0.0 {
+            step = std::array::from_fn(|i| self.0[i][i].max(1e-6) * masked[i]);
+        }
+        let longest = step.iter().fold(0.0f64, |m, s| m.max(s.abs()));
+        let scale = (LONGEST_STEP / longest.max(1e-12)).min(1.0);
+        step.map(|s| s * scale)
+    }
+}
+
+/// A fitted noise.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Fitted {
+    /// The noise.
+    pub noise: Noise,
+    /// Logarithm of the likelihood of the fit part.
+    pub log_likelihood: f64,
+    /// What the fit has learnt of the curvature.
+    pub metric: Metric,
+}
+
+/// Likelihood and slopes by the logarithms of the figures, all flights together.
+fn slope(
+    problems: &[Problem],
+    noise: &Noise,
+    options: &Options,
+    workers: &dyn Workers,
+) -> (f64, [f64; FIGURES]) {
+    let each = map(workers, problems.len(), |k| problems[k].slope(noise, options));
+    each.iter().fold((0.0, [0.0; FIGURES]), |(sum, by), s| {
+        (sum + s.log_likelihood, std::array::from_fn(|i| by[i] + s.by_figure[i]))
+    })
+}
+
+/// Fits the noise to linearised flights: a quasi-Newton search on logarithms within limits.
+pub fn fit(
+    problems: &[Problem],
+    start: Noise,
+    limits: &Limits,
+    metric: &Metric,
+    options: &Options,
+    workers: &dyn Workers,
+) -> Fitted {
+    let mut metric = *metric;
+    let mut at = limits.within(&start).get().map(f64::ln);
+    let noise = |at: &[f64; FIGURES]| Noise::from_figures(&at.map(f64::exp));
+    let (mut value, mut by) = slope(problems, &noise(&at), options, workers);
+    let mut share = 1.0;
+    for _ in 1..MOST_SLOPES {
+        let free = limits.free(&at, &by);
+        let step = metric.step(&by, &free);
+        let expected: f64 = step.iter().zip(&by).map(|(s, g)| 0.5 * s * g).sum();
+        if expected < WORTH || share < 0.05 {
+            break;
+        }
+        let next = limits.clamp(&std::array::from_fn(|i| at[i] + share * step[i]));
+        let moved: [f64; FIGURES] = std::array::from_fn(|i| next[i] - at[i]);
+        let (next_value, next_by) = slope(problems, &noise(&next), options, workers);
+        metric.learn(&moved, &std::array::from_fn(|i| by[i] - next_by[i]));
+        if next_value > value {
+            (at, value, by, share) = (next, next_value, next_by, 1.0);
+        } else {
+            share *= 0.4;
+        }
+    }
+    Fitted { noise: noise(&at), log_likelihood: value, metric }
 }

@@ -27,7 +27,7 @@ pub struct Options {
 
 impl Default for Options {
     fn default() -> Self {
-        Self { settle_s: 15.0, block_s: 5.0, held_out_every: 4, phase: 0 }
+        Self { settle_s: 15.0, block_s: 5.0, held_out_every: 6, phase: 0 }
     }
 }
 
@@ -102,13 +102,13 @@ impl Information {
         }
     }
 
-    fn take(&mut self, row: &WatchedRow, weight: f64) {
+    /// Adds a whitened innovation with its derivative by every parameter.
+    pub(super) fn take(&mut self, s: &[f64], residual: f64, weight: f64) {
         let n = self.score.len();
-        let s = &row.sensitivity;
         for i in 0..n {
             let w = weight * s[i];
             if w != 0.0 {
-                self.score[i] += w * row.residual;
+                self.score[i] += w * residual;
                 // The upper triangle, column by column, is filled; `finish` mirrors it.
                 self.matrix.column_mut(i).iter_mut().zip(s).take(i + 1).for_each(|(m, x)| *m += w * x);
             }
@@ -116,13 +116,14 @@ impl Information {
         for (jump, s) in self.jumps.iter_mut().zip(s[n..].chunks_exact(3)) {
             if s.iter().any(|v| *v != 0.0) {
                 let v = Vector3::from_column_slice(s);
-                jump.0 += v * (weight * row.residual);
+                jump.0 += v * (weight * residual);
                 jump.1 += v * v.transpose() * weight;
             }
         }
     }
 
-    fn finish(&mut self) {
+    /// Fills what [`Self::take`] left out by symmetry.
+    pub(super) fn finish(&mut self) {
         self.matrix.fill_lower_triangle_with_upper_triangle();
     }
 }
@@ -189,7 +190,7 @@ pub fn run(
     options: &Options,
     watched: Option<&Watched>,
 ) -> Pass {
-    let (mut filter, quantisation) = at_start(flight, model, noise);
+    let (mut filter, _) = at_start(flight, model, noise);
     let mut information = None;
     if let Some(w) = watched {
         let columns = w.slots().len() + w.terms.len();
@@ -207,7 +208,7 @@ pub fn run(
     };
     let mut fixes = flight.fixes().iter().peekable();
     let start_s = flight.initial().t_s;
-    for sample in flight.samples(quantisation) {
+    for sample in flight.samples_of(model).iter() {
         while let Some(fix) = fixes.next_if(|f| f.t_s <= sample.t_s) {
             fusion.push_fix(scaled(fix, noise));
         }
@@ -250,15 +251,15 @@ pub(super) struct Present {
 
 /// Runs the filter and shows its present at every sample. Fixes are applied as soon as the sample after their time of
 /// validity is there; the filter looks ahead by the delay, which is what a start of a drift wants.
-pub(super) fn follow<'a>(
-    flight: &'a Flight,
+pub(super) fn follow(
+    flight: &Flight,
     model: &Model,
     noise: &Noise,
-    mut see: impl FnMut(Present, &'a crate::sample::ImuSample),
+    mut see: impl FnMut(Present, &crate::sample::ImuSample),
 ) {
-    let (mut filter, quantisation) = at_start(flight, model, noise);
+    let (mut filter, _) = at_start(flight, model, noise);
     let mut fixes = flight.fixes().iter().peekable();
-    for sample in flight.samples(quantisation) {
+    for sample in flight.samples_of(model).iter() {
         // A fix is applied at the sample nearest after its time of validity: good enough to start a drift from.
         let delay = filter.fix_delay_s();
         while let Some(fix) = fixes.next_if(|f| f.t_s - delay <= sample.t_s) {
@@ -300,7 +301,7 @@ impl Pass {
         }
         if let (Some(parts), Some(rows)) = (&mut self.information, rows) {
             for (row, weight) in rows.iter().zip(weights) {
-                parts[part].take(row, weight);
+                parts[part].take(&row.sensitivity, row.residual, weight);
             }
         }
     }

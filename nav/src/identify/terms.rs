@@ -4,9 +4,14 @@
 //! axis, propagated through the filter like an effect, so that what the filter's own states can absorb counts for
 //! nothing.
 
-use super::evidence;
-use super::pass::Information;
-use crate::filter::watch::{Regressors, Term};
+use super::flight::Flight;
+use super::linear::Problem;
+use super::linear::reference::Reference;
+use super::noise::Noise;
+use super::pass::{Information, Options};
+use super::{Workers, evidence, map};
+use crate::filter::watch::{Regressors, Term, Watched};
+use crate::model::Model;
 
 /// One regressor with its name and unit.
 #[derive(Debug, Clone, Copy)]
@@ -27,7 +32,7 @@ macro_rules! regressor {
 }
 
 /// Every regressor.
-pub const REGRESSORS: [Regressor; 21] = [
+pub const REGRESSORS: [Regressor; 30] = [
     regressor!("f_x", "/(m/s2)", 3.0, |r| r.force.x),
     regressor!("f_y", "/(m/s2)", 3.0, |r| r.force.y),
     regressor!("f_z", "/(m/s2)", 10.0, |r| r.force.z),
@@ -43,6 +48,15 @@ pub const REGRESSORS: [Regressor; 21] = [
     regressor!("w_x*w_y", "/(rad/s)^2", 0.1, |r| r.rate.x * r.rate.y),
     regressor!("w_x*w_z", "/(rad/s)^2", 0.1, |r| r.rate.x * r.rate.z),
     regressor!("w_y*w_z", "/(rad/s)^2", 0.1, |r| r.rate.y * r.rate.z),
+    regressor!("w_x*f_x", "/(rad/s*m/s2)", 1.5, |r| r.rate.x * r.force.x),
+    regressor!("w_x*f_y", "/(rad/s*m/s2)", 1.5, |r| r.rate.x * r.force.y),
+    regressor!("w_x*f_z", "/(rad/s*m/s2)", 5.0, |r| r.rate.x * r.force.z),
+    regressor!("w_y*f_x", "/(rad/s*m/s2)", 1.0, |r| r.rate.y * r.force.x),
+    regressor!("w_y*f_y", "/(rad/s*m/s2)", 1.0, |r| r.rate.y * r.force.y),
+    regressor!("w_y*f_z", "/(rad/s*m/s2)", 3.0, |r| r.rate.y * r.force.z),
+    regressor!("w_z*f_x", "/(rad/s*m/s2)", 1.0, |r| r.rate.z * r.force.x),
+    regressor!("w_z*f_y", "/(rad/s*m/s2)", 1.0, |r| r.rate.z * r.force.y),
+    regressor!("w_z*f_z", "/(rad/s*m/s2)", 3.0, |r| r.rate.z * r.force.z),
     regressor!("T", "/degC", 10.0, |r| r.temperature_above_25_degc),
     regressor!("speed", "/(m/s)", 20.0, |r| r.speed),
     regressor!("speed*speed", "/(m/s)^2", 400.0, |r| r.speed * r.speed),
@@ -78,6 +92,25 @@ pub struct Found {
 /// All terms, in the order of the columns of the watch.
 pub fn all() -> Vec<Term> {
     (0..6).flat_map(|channel| REGRESSORS.iter().map(move |r| Term { channel, regressor: r.value })).collect()
+}
+
+/// The best few terms that a model lacks, over all flights. The flights are linearised about what the model shows.
+pub fn find(
+    flights: &[&Flight],
+    model: &Model,
+    noise: &Noise,
+    options: &Options,
+    workers: &dyn Workers,
+) -> Vec<Found> {
+    let watched = Watched { terms: all(), ..Watched::default() };
+    let runs = map(workers, flights.len(), |k| {
+        let reference = Reference::find(flights[k], model, noise);
+        let [fit, _] = Problem::new(flights[k], model, &reference, &watched).run(noise, options).information;
+        fit
+    });
+    let mut sum = Information::zeros(watched.terms.len(), 0);
+    runs.iter().for_each(|fit| sum.add(fit));
+    pursue(&sum, 0)
 }
 
 /// The best few terms; `first` is the column of the first term.

@@ -16,7 +16,7 @@ use rand_distr::{Distribution, StandardNormal};
 const RATE_HZ: f64 = 50.0;
 
 /// A vehicle that weaves, climbs and changes speed for 90 s, with noise, through the effects of a model.
-fn fly(model: &Model, seed: u64) -> Vec<Sample> {
+pub(super) fn fly(model: &Model, seed: u64) -> Vec<Sample> {
     let mut rng = Xoshiro256PlusPlus::seed_from_u64(seed);
     let mut normal = || -> f64 { StandardNormal.sample(&mut rng) };
     let mut nav = NavState::from_ned(
@@ -80,7 +80,7 @@ fn fly(model: &Model, seed: u64) -> Vec<Sample> {
     samples
 }
 
-fn noise() -> noise::Noise {
+pub(super) fn noise() -> noise::Noise {
     noise::Noise {
         gyro: Model::default().imu.gyro_noise,
         accel: Model::default().imu.accel_noise,
@@ -163,4 +163,49 @@ fn a_bayes_factor_pays_for_what_it_cannot_see() {
     information.score[0] = 500.0;
     let fit = evidence::fit(&information, &[0], &[1.0], &[0.0]).unwrap();
     assert!((fit.step[0] - 0.05).abs() < 1e-4 && (fit.gain - 12.5).abs() < 0.01, "{fit:?}");
+}
+
+/// Samples with a disturbance of each inertial sample.
+fn disturbed(samples: Vec<Sample>, by: impl Fn(&mut ImuSample)) -> Vec<Sample> {
+    let mut samples = samples;
+    for sample in &mut samples {
+        if let Sample::Imu(imu) = sample {
+            by(imu);
+        }
+    }
+    samples
+}
+
+#[test]
+fn a_term_outside_the_catalogue_is_named_as_a_term() {
+    let model = Model::default();
+    let found = |by: &dyn Fn(&mut ImuSample)| {
+        let samples = disturbed(fly(&model, 3), by);
+        let flight = flight::Flight::prepare(&samples, &model).unwrap();
+        terms::find(&[&flight], &model, &noise(), &pass::Options::default(), &Serial)
+    };
+    let terms = found(&|imu| imu.gyro.y += 2e-3 * imu.gyro.x * imu.accel.z);
+    assert_eq!(terms.len(), 1, "{terms:?}");
+    assert_eq!((terms[0].channel, terms[0].term), ("gyro_y", "w_x*f_z"));
+    assert!((terms[0].coefficient - 2e-3).abs() < 3.0 * terms[0].sigma, "{terms:?}");
+    assert_eq!(terms[0].unit, "rad/s/(rad/s*m/s2)");
+    assert!(found(&|_| ()).is_empty());
+}
+
+#[test]
+fn a_swapped_or_reversed_axis_and_a_wrong_unit_are_named() {
+    let (model, settings) = (Model::default(), select::Settings::default());
+    for name in ["gyro_x_reversed", "accel_xy_swapped", "gyro_in_deg_per_s"] {
+        let mistake = effects::find(name).unwrap();
+        let samples = disturbed(fly(&model, 4), |imu| {
+            [imu.gyro, imu.accel] = mistake.source(&imu.gyro, &imu.accel);
+        });
+        let flight = flight::Flight::prepare(&samples, &model).unwrap();
+        let found = select::select(&[&flight], &model, &settings, &Serial);
+        let groups: Vec<_> = found.steps.iter().map(|s| s.group.clone()).collect();
+        assert_eq!(groups, [[name]], "{:?}", found.steps);
+        let judged = judge::judge(&[&flight], &[], found, &settings, &Serial);
+        assert_eq!(judged.selection.added.len(), 1, "{name} {:?}", judged.removed);
+        assert!(judged.held_out[0].nis_per_dof > 2.0 * judged.held_out[1].nis_per_dof, "{name}");
+    }
 }

@@ -239,9 +239,15 @@ fn setting_from_toml(effect: &'static dyn Effect, value: &Value) -> Result<Effec
         let wanted = if keys.is_empty() { "no keys".to_owned() } else { keys.join(", ") };
         return Err(ModelError::UnknownKey { effect: effect.name(), key: key.clone(), wanted });
     }
-    // An effect that is named without a value is to be estimated from nothing.
+    // An effect that is named without a value is to be estimated from nothing, where a filter can do that.
     if !given {
-        return Ok(EffectSetting::unknown(effect));
+        return match effect.groups().iter().find(|g| !g.is_state()) {
+            Some(group) => Err(ModelError::Missing {
+                effect: effect.name(),
+                key: format!("value_{}", group.unit.suffix),
+            }),
+            None => Ok(EffectSetting::unknown(effect)),
+        };
     }
     Ok(EffectSetting { effect, values, sigmas })
 }
@@ -355,6 +361,9 @@ mod tests {
             error(&format!("{head}[effects.gyro_scale_factor]\nvalue_ppm = [1, 2]")).contains("3 values")
         );
         assert!(error(&format!("{head}[imu]\ngyro_noise_deg_per_s_per_rthz = -1.0")).contains("positive"));
+        let drift = error(&format!("{head}[effects.gyro_bias_drift]\n"));
+        assert!(drift.contains("value_deg_per_h_per_rth"), "{drift}");
+        assert!(error(&format!("{head}[effects.gps_bias_step]\n")).contains("value_s"));
         assert!(error(&format!("{head}[imu]\ngyro_nois = 1.0")).contains("gyro_nois"));
         let step = error(&format!("{head}[effects.gyro_bias_step]\nvalue_s = 40.0\nsigma_s = 1.0"));
         assert!(step.contains("sigma_s") && step.contains("value alone"), "{step}");

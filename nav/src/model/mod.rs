@@ -7,7 +7,7 @@ pub mod file;
 
 use crate::earth::STANDARD_GRAVITY;
 use crate::effects::{self, Effect};
-use crate::sample::{ImuStream, Quantisation, Steps};
+use crate::sample::{ImuSample, ImuStream, Quantisation, Steps};
 
 /// Noise and priors of the inertial unit, SI.
 #[derive(Debug, Clone, PartialEq)]
@@ -209,6 +209,15 @@ impl Model {
         self.effects.iter().find(|s| s.effect.name() == name)
     }
 
+    /// The sample as it was before the source made its mistakes, if the model knows of any.
+    pub fn undo_source(&self, sample: &ImuSample) -> ImuSample {
+        let mut undone = *sample;
+        for setting in self.effects.iter().rev().filter(|s| s.effect.is_source_mistake()) {
+            [undone.gyro, undone.accel] = setting.effect.undo_source(&undone.gyro, &undone.accel);
+        }
+        undone
+    }
+
     /// How the samples of this stream are to be read: the belief of the model over what the source says.
     pub fn quantisation_of(&self, stream: &ImuStream) -> Quantisation {
         let steps = match stream.quantisation {
@@ -258,6 +267,14 @@ pub enum ModelError {
         key: String,
         /// The keys that exist.
         wanted: String,
+    },
+    /// A value that cannot be estimated is not given.
+    #[error("effect {effect} needs {key}: it cannot be estimated in flight")]
+    Missing {
+        /// Effect.
+        effect: &'static str,
+        /// Key in the file.
+        key: String,
     },
     /// Wrong number or layout of values.
     #[error("effect {effect} takes {wanted} values, {found} were given")]

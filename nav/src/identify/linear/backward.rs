@@ -1,0 +1,290 @@
+//! The way back over a run: slopes of the likelihood by every figure of the noise, jumps at every instant, and the smoothed
+//! trajectory.
+//!
+//! The slopes are those of the very numbers that the filter computed, found by the chain rule from the last fix to
+//! the first (reverse-mode differentiation; for the Gaussian likelihood of all data it is the disturbance smoother of
+//! Koopman & Shephard 1992). A jump of a state at some instant has the score r and the information N of the same
+//! recursion (de Jong & Penzer 1998, "Diagnosing shocks in time series").
+
+use super::forward::{Keep, SIGMA_FLOOR, Square, State, Tape, Update, add_scaled, wander_variance};
+use super::rows::{Kind, Row};
+use super::step::{DYNAMIC, Interval, NavCovariance};
+use super::{Problem, STATES, index, variances};
+use crate::identify::noise::{FIGURES, Noise, figure};
+use crate::identify::pass::Options;
+use nalgebra::{Matrix3, Vector3};
+
+/// Likelihood of the fit part and its slopes.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Slope {
+    /// Logarithm of the likelihood.
+    pub log_likelihood: f64,
+    /// By the logarithm of each figure of the noise.
+    pub by_figure: [f64; FIGURES],
+    /// By the variance per second of the random walk of the gyro and of the accelerometer biases.
+    pub by_walk: [f64; 2],
+}
+
+/// Score and information of a jump at one instant.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Shock {
+    /// Time of validity of the fix, s.
+    pub t_s: f64,
+    /// A jump of the gyro biases right after it.
+    pub gyro: (Vector3<f64>, Matrix3<f64>),
+    /// A jump of the fixes' position from it on.
+    pub fix: (Vector3<f64>, Matrix3<f64>),
+}
+
+/// Slopes by mean and covariance.
+struct Adjoint {
+    x: State,
+    p: Square,
+}
+
+impl Adjoint {
+    /// Back over one scalar update; returns the slope by the measurement's variance. `weight` is that of the squared
+    /// innovation, `counted` whether the row counts.
+    fn update(&mut self, row: &Row, u: &Update, counted: bool, weight: f64) -> f64 {
+        let (y, s, g) = (u.y, u.s, &u.g);
+        let one = f64::from(u8::from(counted));
+        let pg: State = std::array::from_fn(|i| dot(&self.p[i], g));
+        let along = dot(&self.x, g);
+        let by_y = along / s - one * weight * y / s;
+        let by_s = one * 0.5 * (weight * y * y / s - 1.0) / s - along * y / (s * s) + dot(&pg, g) / (s * s);
+        let by_g: State = std::array::from_fn(|i| (self.x[i] * y - 2.0 * pg[i]) / s);
+        add_scaled(&mut self.x, &row.h, -by_y);
+        for i in 0..STATES {
+            let (hi, gi) = (row.h[i], by_g[i]);
+            if hi != 0.0 {
+                let all: State = std::array::from_fn(|j| by_s * hi * row.h[j] + 0.5 * hi * by_g[j]);
+                add_scaled(&mut self.p[i], &all, 1.0);
+            }
+            add_scaled(&mut self.p[i], &row.h, 0.5 * gi);
+        }
+        by_s
+    }
+
+    /// Back over the way between two fixes.
+    fn predict(&mut self, interval: &Interval, decay: f64) {
+        for w in index::WANDER..index::STAMP {
+            self.x[w] *= decay;
+            self.p[w].iter_mut().for_each(|v| *v *= decay);
+            self.p.iter_mut().for_each(|row| row[w] *= decay);
+        }
+        self.p = congruence(interval, &self.p);
+        self.x = transposed(interval, &self.x);
+    }
+}
+
+fn dot(a: &State, b: &State) -> f64 {
+    a.iter().zip(b).map(|(a, b)| a * b).sum()
+}
+
+/// Φᵀ v.
+fn transposed(interval: &Interval, v: &State) -> State {
+    let mut out = *v;
+    for (j, column) in interval.columns.iter().take(DYNAMIC).enumerate() {
+        let sum: f64 = (0..9).map(|i| column[i] * v[i]).sum();
+        out[j] = if j < 9 { sum } else { v[j] + sum };
+    }
+    out
+}
+
+/// Φᵀ M Φ for a symmetric M.
+fn congruence(interval: &Interval, m: &Square) -> Square {
+    let mut half: Square = *m;
+    // Rows of half are (Φᵀ M): the constants keep their own row.
+    for (j, column) in interval.columns.iter().take(DYNAMIC).enumerate() {
+        let mut row = if j < 9 { [0.0; STATES] } else { m[j] };
+        for i in 0..9 {
+            add_scaled(&mut row, &m[i], column[i]);
+        }
+        half[j] = row;
+    }
+    for row in &mut half {
+        *row = transposed(interval, row);
+    }
+    half
+}
+
+fn inner(a: &Square, q: &NavCovariance) -> f64 {
+    (0..9).map(|i| (0..9).map(|j| a[i][j] * q[(i, j)]).sum::<f64>()).sum()
+}
+
+impl Slope {
+    fn row(&mut self, row: &Row, u: &Update, by_r: f64) {
+        if u.r > SIGMA_FLOOR * SIGMA_FLOOR {
+            let k = match row.kind {
+                Kind::Horizontal => figure::POSITION,
+                Kind::Height => figure::HEIGHT,
+                Kind::Velocity => figure::VELOCITY,
+            };
+            self.by_figure[k] += 2.0 * u.r * by_r;
+        }
+    }
+
+    /// The noise of the wander and of the stamp, and the wander's decay.
+    fn renewal(&mut self, adjoint: &Adjoint, tape: &Tape, noise: &Noise, dt: f64) {
+        let decay = (-dt / noise.correlation_s).exp();
+        self.by_figure[figure::STAMP] += 2.0 * noise.stamp_s.powi(2) * adjoint.p[index::STAMP][index::STAMP];
+        let mut by_decay = 0.0;
+        for (k, v) in wander_variance(noise).into_iter().enumerate() {
+            let w = index::WANDER + k;
+            let by_variance = adjoint.p[w][w];
+            self.by_figure[figure::WANDER] += 2.0 * v * (1.0 - decay * decay) * by_variance;
+            by_decay -= 2.0 * decay * v * by_variance;
+            by_decay += adjoint.x[w] * tape.wander[k] / decay;
+            // Rows and columns of the wander both carry the decay.
+            let others = (0..STATES).filter(|j| *j != index::STAMP);
+            let both: f64 = others.map(|j| adjoint.p[w][j] * tape.wander_rows[k][j]).sum();
+            by_decay += 2.0 * both / decay;
+        }
+        self.by_figure[figure::CORRELATION] += by_decay * decay * dt / noise.correlation_s;
+    }
+}
+
+impl Problem {
+    /// Likelihood of the fit part with its slopes: two runs' worth of work.
+    pub fn slope(&self, noise: &Noise, options: &Options) -> Slope {
+        let (run, tape) = self.run_keeping(noise, options, Keep::Updates);
+        let mut slope =
+            Slope { log_likelihood: run.log_likelihood[0], by_figure: [0.0; FIGURES], by_walk: [0.0; 2] };
+        let mut adjoint = Adjoint { x: [0.0; STATES], p: [[0.0; STATES]; STATES] };
+        let (mut by_gyro, mut by_accel) = (0.0, 0.0);
+        for (epoch, tape) in self.epochs.iter().zip(&tape).rev() {
+            let counted = self.part(epoch, options) == Some(0);
+            let interval = &epoch.interval;
+            for (row, update) in epoch.rows.iter().zip(&tape.updates).rev() {
+                let weight = tape.weights[usize::from(!row.is_position())];
+                let by_r = adjoint.update(row, update, counted, weight);
+                slope.row(row, update, by_r);
+            }
+            slope.renewal(&adjoint, tape, noise, interval.dt);
+            adjoint.x[index::STAMP] = 0.0;
+            adjoint.p[index::STAMP] = [0.0; STATES];
+            adjoint.p.iter_mut().for_each(|row| row[index::STAMP] = 0.0);
+            by_gyro += inner(&adjoint.p, &interval.by_gyro);
+            by_accel += inner(&adjoint.p, &interval.by_accel);
+            let walk =
+                |p: &Square, at: usize| 0.5 * interval.dt * (0..3).map(|k| p[at + k][at + k]).sum::<f64>();
+            let blocks = [index::GYRO_BIAS, index::ACCEL_BIAS];
+            (0..2).for_each(|k| slope.by_walk[k] += walk(&adjoint.p, blocks[k]));
+            adjoint.predict(interval, (-interval.dt / noise.correlation_s).exp());
+            (0..2).for_each(|k| slope.by_walk[k] += walk(&adjoint.p, blocks[k]));
+        }
+        let (gyro, accel) = variances(noise, self);
+        slope.by_figure[figure::GYRO] = 2.0 * by_gyro * (gyro - self.rounding.0);
+        slope.by_figure[figure::ACCEL] = 2.0 * by_accel * (accel - self.rounding.1);
+        for (k, v) in wander_variance(noise).into_iter().enumerate() {
+            slope.by_figure[figure::WANDER] += 2.0 * v * adjoint.p[index::WANDER + k][index::WANDER + k];
+        }
+        slope
+    }
+
+    /// Score and information of a jump between any two fixes, of the gyro biases and of the fixes' position.
+    pub fn shocks(&self, noise: &Noise, options: &Options) -> Vec<Shock> {
+        let (_, tape) = self.run_keeping(noise, options, Keep::Updates);
+        let mut back = Shocks::default();
+        let mut out: Vec<Shock> = Vec::with_capacity(self.epochs.len());
+        for (epoch, tape) in self.epochs.iter().zip(&tape).rev() {
+            let counted = f64::from(u8::from(self.part(epoch, options) == Some(0)));
+            let gyro = back.block(index::GYRO_BIAS);
+            for (k, (row, update)) in epoch.rows.iter().zip(&tape.updates).enumerate().rev() {
+                let group = usize::from(!row.is_position());
+                back.update(row, (group == 0).then_some(k), update, counted * tape.weights[group]);
+            }
+            out.push(Shock { t_s: epoch.t_s, gyro, fix: back.block(STATES) });
+            back.predict(&epoch.interval, (-epoch.interval.dt / noise.correlation_s).exp());
+        }
+        out.reverse();
+        out
+    }
+
+    /// The smoothed means at every fix, and the last one.
+    pub(super) fn smoothed(&self, noise: &Noise) -> (State, Vec<State>) {
+        let (_, tape) = self.run_keeping(noise, &Options::default(), Keep::Priors);
+        let mut r = [0.0; STATES];
+        let mut out = Vec::with_capacity(tape.len());
+        for (epoch, tape) in self.epochs.iter().zip(&tape).rev() {
+            for (row, u) in epoch.rows.iter().zip(&tape.updates).rev() {
+                let by_y = u.y / u.s - dot(&r, &u.g) / u.s;
+                add_scaled(&mut r, &row.h, by_y);
+            }
+            if let Some(prior) = &tape.prior {
+                out.push(std::array::from_fn(|i| prior.0[i] + dot(&prior.1[i], &r)));
+            }
+            r[index::STAMP] = 0.0;
+            let decay = (-epoch.interval.dt / noise.correlation_s).exp();
+            (index::WANDER..index::STAMP).for_each(|w| r[w] *= decay);
+            r = transposed(&epoch.interval, &r);
+        }
+        out.reverse();
+        let first = std::array::from_fn(|i| self.start[i] + dot(&self.start_covariance[i], &r));
+        (first, out)
+    }
+}
+
+/// States and a constant offset of the fixes: where a jump may happen.
+const JUMPING: usize = STATES + 3;
+
+/// Score and information of a jump of every state at the present instant.
+struct Shocks {
+    r: [f64; JUMPING],
+    n: [[f64; JUMPING]; JUMPING],
+}
+
+impl Default for Shocks {
+    fn default() -> Self {
+        Self { r: [0.0; JUMPING], n: [[0.0; JUMPING]; JUMPING] }
+    }
+}
+
+impl Shocks {
+    /// Back over one scalar update; `axis` is that of a position row. With L = I − K h: r ← hᵀ y w/s + Lᵀ r,
+    /// N ← hᵀ h w/s + Lᵀ N L.
+    fn update(&mut self, row: &Row, axis: Option<usize>, u: &Update, weight: f64) {
+        let mut h = [0.0; JUMPING];
+        h[..STATES].copy_from_slice(&row.h);
+        if let Some(axis) = axis {
+            h[STATES + axis] = 1.0;
+        }
+        let along: f64 = self.r.iter().zip(&u.g).map(|(r, g)| r * g).sum::<f64>() / u.s;
+        let ng: [f64; JUMPING] =
+            std::array::from_fn(|i| self.n[i].iter().zip(&u.g).map(|(n, g)| n * g).sum::<f64>() / u.s);
+        let gng: f64 = ng.iter().zip(&u.g).map(|(n, g)| n * g).sum::<f64>() / u.s;
+        add_scaled(&mut self.r, &h, weight * u.y / u.s - along);
+        for i in 0..JUMPING {
+            if h[i] != 0.0 {
+                add_scaled(&mut self.n[i], &h, h[i] * (weight / u.s + gng));
+                add_scaled(&mut self.n[i], &ng, -h[i]);
+            }
+            add_scaled(&mut self.n[i], &h, -ng[i]);
+        }
+    }
+
+    fn predict(&mut self, interval: &Interval, decay: f64) {
+        let scale: [f64; JUMPING] = std::array::from_fn(|i| match i {
+            index::WANDER..index::STAMP => decay,
+            index::STAMP => 0.0,
+            _ => 1.0,
+        });
+        let back = |v: &mut [f64; JUMPING]| {
+            v.iter_mut().zip(&scale).for_each(|(v, s)| *v *= s);
+            let mut states = [0.0; STATES];
+            states.copy_from_slice(&v[..STATES]);
+            v[..STATES].copy_from_slice(&transposed(interval, &states));
+        };
+        back(&mut self.r);
+        self.n.iter_mut().for_each(back);
+        for j in 0..JUMPING {
+            let mut column: [f64; JUMPING] = std::array::from_fn(|i| self.n[i][j]);
+            back(&mut column);
+            (0..JUMPING).for_each(|i| self.n[i][j] = column[i]);
+        }
+    }
+
+    fn block(&self, at: usize) -> (Vector3<f64>, Matrix3<f64>) {
+        (Vector3::from_fn(|i, _| self.r[at + i]), Matrix3::from_fn(|i, j| self.n[at + i][at + j]))
+    }
+}

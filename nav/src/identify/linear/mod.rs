@@ -1,0 +1,155 @@
+//! A flight linearised about one trajectory, once, so that everything after that costs milliseconds.
+//!
+//! Between two fixes the samples are gone through a single time: transition, effect of every watched parameter and
+//! noise of the sensors are added up to one [`Interval`](step::Interval) each. What is left is a linear Gaussian model with
+//! 20 states and a few thousand scalar measurements. On it run a Kalman filter ([`forward`]: likelihood, score and
+//! information of every parameter at once) and its adjoint ([`backward`]: the exact slope by every noise figure, and
+//! score and information of a jump at every instant). With the error in body axes (left-invariant, as in the ordinary
+//! filter) the transition depends on the trajectory only through Earth's rate and gravity, so one good trajectory
+//! serves every model; [`reference`] finds it.
+
+pub mod backward;
+pub mod forward;
+pub mod reference;
+mod rows;
+mod step;
+
+use super::flight::Flight;
+use super::noise::Noise;
+use super::pass::Options;
+use crate::effects::BiasWalk;
+use crate::filter::watch::Watched;
+use crate::mechanization::NavState;
+use crate::model::Model;
+use nalgebra::Vector3;
+use reference::Reference;
+use rows::Row;
+use step::Interval;
+
+/// Number of states: position, velocity, attitude errors in body axes, gyro and accelerometer bias, wander of the fixes
+/// (north, east, down), the error of the present fix's time stamp, and the error that all stamps have in common.
+pub const STATES: usize = 20;
+/// First state of each block.
+pub mod index {
+    pub use crate::filter::layout::index::{ACCEL_BIAS, ATTITUDE, GYRO_BIAS, POSITION, VELOCITY};
+    /// Wander of the fixes.
+    pub const WANDER: usize = 15;
+    /// Error of the time stamp.
+    pub const STAMP: usize = 18;
+    /// What all time stamps are off by: jitter and filters of the samples delay them by a millisecond or so.
+    pub const CLOCK: usize = 19;
+}
+/// 1-sigma of what all time stamps are off by without anybody calling it a delay, s.
+const CLOCK_S: f64 = 2e-3;
+/// Fixes closer to the end of the samples than this count for no model: with a delay they are there, without it they may not be.
+const END_S: f64 = 1.0;
+
+/// One fix: the way to it and what it measured.
+#[derive(Debug, Clone)]
+struct Epoch {
+    interval: Interval,
+    /// Time of validity, s.
+    t_s: f64,
+    /// Of the stamp, after the start, s.
+    elapsed_s: f64,
+    /// Rows of the position, then of the velocity.
+    rows: Vec<Row>,
+}
+
+/// A flight as a linear model.
+#[derive(Debug, Clone)]
+pub struct Problem {
+    epochs: Vec<Epoch>,
+    /// Number of watched parameters.
+    columns: usize,
+    /// Mean of the states at the start.
+    start: [f64; STATES],
+    /// Covariance of the states at the start, without the wander's.
+    start_covariance: Box<[[f64; STATES]; STATES]>,
+    /// Rounding of the samples as white noise, variances per hertz.
+    rounding: (f64, f64),
+    /// Random walk of the biases that the model says.
+    walk: BiasWalk,
+    /// From here on fixes count for no model, s after the start.
+    end_s: f64,
+}
+
+impl Problem {
+    /// Linearises a flight. Watched are the states of `watched.effects` and the terms; jumps need no columns.
+    pub fn new(flight: &Flight, model: &Model, reference: &Reference, watched: &Watched) -> Self {
+        let samples = flight.samples_of(model);
+        let (gyro, accel) = model.quantisation_of(flight.stream()).variance();
+        let dt = flight.interval_s();
+        let mut track = step::Track::new(flight, model, &samples, &reference.calibration, watched);
+        let mut epochs = Vec::with_capacity(reference.knots.len());
+        let mut nav = reference.start;
+        for knot in &reference.knots {
+            let (interval, predicted) = track.interval_to(&nav, knot.t_s);
+            let Some(mut interval) = interval else { break };
+            interval.offset = step::error(&knot.nav, &predicted);
+            let fix = &flight.fixes()[knot.fix];
+            let rows = rows::of(fix, &knot.nav, &track.here(), model, &reference.calibration, watched);
+            epochs.push(Epoch { interval, t_s: knot.t_s, elapsed_s: fix.t_s - flight.initial().t_s, rows });
+            nav = knot.nav;
+        }
+        let (start, start_covariance) = reference.prior(flight, model);
+        Self {
+            epochs,
+            columns: watched.slots().len() + watched.terms.len(),
+            start,
+            start_covariance: Box::new(start_covariance),
+            rounding: (gyro * dt, accel * dt),
+            walk: walk(model),
+            end_s: flight.duration_s() - END_S,
+        }
+    }
+
+    /// Times of validity of the fixes, s.
+    pub fn times(&self) -> impl ExactSizeIterator<Item = f64> + '_ {
+        self.epochs.iter().map(|e| e.t_s)
+    }
+
+    /// The same flight with this random walk of the biases.
+    pub fn set_walk(&mut self, walk: BiasWalk) {
+        self.walk = walk;
+    }
+
+    /// The random walk of the biases.
+    pub fn walk(&self) -> BiasWalk {
+        self.walk
+    }
+
+    fn part(&self, epoch: &Epoch, options: &Options) -> Option<usize> {
+        options.part(epoch.elapsed_s).filter(|_| epoch.elapsed_s < self.end_s)
+    }
+}
+
+/// The random walk of the biases that a model says.
+pub fn walk(model: &Model) -> BiasWalk {
+    model.effects.iter().map(|s| s.effect.bias_walk(&s.values)).fold(BiasWalk::default(), |sum, w| BiasWalk {
+        gyro: sum.gyro.hypot(w.gyro),
+        accel: sum.accel.hypot(w.accel),
+    })
+}
+
+/// Adds an error in body axes to a state.
+fn moved(nav: &NavState, x: &[f64]) -> NavState {
+    let part = |at: usize| Vector3::new(x[at], x[at + 1], x[at + 2]);
+    let eps = part(index::ATTITUDE);
+    let (j, c_eb) = (crate::rotation::left_jacobian(&eps), nav.c_eb());
+    let mut q_eb = nav.q_eb * crate::rotation::exp(&eps);
+    q_eb.renormalize();
+    NavState {
+        r_e: nav.r_e + c_eb * j * part(index::POSITION),
+        v_e: nav.v_e + c_eb * j * part(index::VELOCITY),
+        q_eb,
+    }
+}
+
+/// What one figure of noise is in this model.
+fn variances(noise: &Noise, problem: &Problem) -> (f64, f64) {
+    (noise.gyro * noise.gyro + problem.rounding.0, noise.accel * noise.accel + problem.rounding.1)
+}
+
+#[cfg(test)]
+mod tests;

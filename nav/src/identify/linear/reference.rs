@@ -1,0 +1,156 @@
+//! The trajectory that a flight is linearised about.
+//!
+//! A first pass goes from fix to fix and puts every correction into the state at once (an extended Kalman filter with
+//! one update per fix); then the flight is linearised about that and smoothed. What is left of the attitude error
+//! is below a degree all along, also where the filter did not know it yet.
+
+use super::super::flight::Flight;
+use super::forward::Kalman;
+use super::step::{self, Track};
+use super::{CLOCK_S, Problem, STATES, index, moved, rows};
+use crate::filter::calibration::Calibration;
+use crate::filter::watch::Watched;
+use crate::identify::noise::Noise;
+use crate::mechanization::NavState;
+use crate::model::Model;
+use nalgebra::{Matrix3, Vector3};
+
+/// A point of the trajectory: at the time of validity of a fix.
+#[derive(Debug, Clone)]
+pub struct Knot {
+    /// Time, s.
+    pub t_s: f64,
+    /// Which fix of the flight.
+    pub fix: usize,
+    /// Position, velocity, attitude.
+    pub nav: NavState,
+}
+
+/// A trajectory with the constants that belong to it.
+#[derive(Debug, Clone)]
+pub struct Reference {
+    /// At the start of the flight.
+    pub start: NavState,
+    /// At every fix.
+    pub knots: Vec<Knot>,
+    /// Biases, and the model's parameters.
+    pub calibration: Calibration,
+    /// Delay of the fixes that the times are those of, s.
+    pub delay_s: f64,
+}
+
+/// Delay of the fixes that a model says, s.
+pub fn delay_s(model: &Model) -> f64 {
+    model.effects.iter().map(|s| s.effect.fix_delay_s(&s.values)).sum()
+}
+
+impl Reference {
+    /// Finds the trajectory with this model and noise.
+    pub fn find(flight: &Flight, model: &Model, noise: &Noise) -> Self {
+        let filtered = Self::filtered(flight, model, noise);
+        let problem = Problem::new(flight, model, &filtered, &Watched::default());
+        filtered.smoothed(&problem, noise)
+    }
+
+    /// The same trajectory for another model, found anew where the fixes belong to other times.
+    #[must_use]
+    pub fn with(&self, flight: &Flight, model: &Model, noise: &Noise) -> Self {
+        if (delay_s(model) - self.delay_s).abs() > 1e-6 {
+            return Self::find(flight, model, noise);
+        }
+        let mut same = self.clone();
+        same.calibration.parameters = model.effects.iter().map(|s| s.values.clone()).collect();
+        same
+    }
+
+    fn filtered(flight: &Flight, model: &Model, noise: &Noise) -> Self {
+        let delay_s = delay_s(model);
+        let watched = Watched::default();
+        let mut reference = Self {
+            start: flight.initial().nav,
+            knots: Vec::with_capacity(flight.fixes().len()),
+            calibration: Calibration::new(model),
+            delay_s,
+        };
+        let samples = flight.samples_of(model);
+        let mut track = Track::new(flight, model, &samples, &reference.calibration, &watched);
+        // A problem without fixes holds what the filter starts from.
+        let empty = Problem::new(flight, model, &reference, &watched);
+        let mut kalman = Kalman::new(&empty, empty.walk, noise);
+        let mut nav = flight.initial().nav;
+        for (k, fix) in flight.fixes().iter().enumerate() {
+            let t_s = fix.t_s - delay_s;
+            if t_s <= flight.initial().t_s {
+                continue;
+            }
+            let (Some(interval), predicted) = track.interval_to(&nav, t_s) else { break };
+            kalman.predict(&interval);
+            kalman.renew(interval.dt);
+            for row in rows::of(fix, &predicted, &track.here(), model, &reference.calibration, &watched) {
+                kalman.update(&row);
+            }
+            nav = moved(&predicted, &kalman.x);
+            reference.correct(&kalman.x);
+            track.set_calibration(&reference.calibration);
+            kalman.x[..index::WANDER].fill(0.0);
+            reference.knots.push(Knot { t_s, fix: k, nav });
+        }
+        reference
+    }
+
+    fn correct(&mut self, x: &[f64; STATES]) {
+        for k in 0..3 {
+            self.calibration.gyro_bias[k] += x[index::GYRO_BIAS + k];
+            self.calibration.accel_bias[k] += x[index::ACCEL_BIAS + k];
+        }
+    }
+
+    /// The largest angle between this trajectory and another one of the same fixes, rad.
+    pub fn bend(&self, other: &Self) -> f64 {
+        let angle = |(a, b): (&Knot, &Knot)| a.nav.q_eb.angle_to(&b.nav.q_eb);
+        let later = self.knots.iter().zip(&other.knots).map(angle).fold(0.0, f64::max);
+        later.max(self.start.q_eb.angle_to(&other.start.q_eb))
+    }
+
+    /// The smoothed trajectory of the flight as it was linearised about this one.
+    #[must_use]
+    pub fn smoothed(&self, problem: &Problem, noise: &Noise) -> Self {
+        let (first, states) = problem.smoothed(noise);
+        let mut better = self.clone();
+        better.start = moved(&self.start, &first);
+        for (knot, x) in better.knots.iter_mut().zip(&states) {
+            knot.nav = moved(&knot.nav, x);
+        }
+        if let Some(middle) = states.get(states.len() / 2) {
+            better.correct(middle);
+        }
+        better
+    }
+
+    /// Mean and covariance of the states at the start, seen from this trajectory.
+    pub(super) fn prior(&self, flight: &Flight, model: &Model) -> ([f64; STATES], [[f64; STATES]; STATES]) {
+        let initial = flight.initial();
+        let mut mean = [0.0; STATES];
+        mean[..9].copy_from_slice(step::error(&self.start, &initial.nav).as_slice());
+        let mut p = [[0.0; STATES]; STATES];
+        let c_bn = self.start.c_nb().transpose();
+        for (at, ned) in [
+            (index::POSITION, &initial.position_sigma_m),
+            (index::VELOCITY, &initial.velocity_sigma_m_per_s),
+            (index::ATTITUDE, &initial.attitude_sigma_rad),
+        ] {
+            let variances = Matrix3::from_diagonal(&Vector3::from(*ned).map(|s| s * s));
+            let block = c_bn * variances * c_bn.transpose();
+            (0..3).for_each(|i| (0..3).for_each(|j| p[at + i][at + j] = block[(i, j)]));
+        }
+        for k in 0..3 {
+            let imu = &model.imu;
+            mean[index::GYRO_BIAS + k] = imu.gyro_bias[k] - self.calibration.gyro_bias[k];
+            mean[index::ACCEL_BIAS + k] = imu.accel_bias[k] - self.calibration.accel_bias[k];
+            p[index::GYRO_BIAS + k][index::GYRO_BIAS + k] = imu.gyro_bias_sigma.powi(2);
+            p[index::ACCEL_BIAS + k][index::ACCEL_BIAS + k] = imu.accel_bias_sigma.powi(2);
+        }
+        p[index::CLOCK][index::CLOCK] = CLOCK_S * CLOCK_S;
+        (mean, p)
+    }
+}

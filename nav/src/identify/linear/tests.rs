@@ -1,0 +1,131 @@
+//! The linear model against the ordinary filter, and every slope against differences.
+
+use super::reference::Reference;
+use super::*;
+use crate::effects::{self, find};
+use crate::identify::noise::FIGURES;
+use crate::identify::pass;
+use crate::identify::tests::{fly, noise};
+use crate::model::EffectSetting;
+
+fn flight() -> (Flight, Model) {
+    let model = Model::default();
+    (Flight::prepare(&fly(&model, 1), &model).unwrap(), model)
+}
+
+fn wandering() -> Noise {
+    Noise { wander_m: 0.3, stamp_s: 0.004, position_scale: 1.1, ..noise() }
+}
+
+#[test]
+fn the_likelihood_is_that_of_the_ordinary_filter() {
+    let (flight, model) = flight();
+    let options = Options::default();
+    for noise in [noise(), Noise { gyro: 3.0 * noise().gyro, wander_m: 0.3, ..noise() }] {
+        let reference = Reference::find(&flight, &model, &noise);
+        let run = Problem::new(&flight, &model, &reference, &Watched::default()).run(&noise, &options);
+        let pass = pass::run(&flight, &model, &noise, &options, None);
+        assert!((run.nis_per_dof(0) - pass.nis_per_dof(0)).abs() < 0.01, "{run:?} {}", pass.nis_per_dof(0));
+    }
+}
+
+#[test]
+fn slopes_by_noise_are_those_of_the_likelihood() {
+    let (flight, model) = flight();
+    let options = Options::default();
+    let noise = wandering();
+    let reference = Reference::find(&flight, &model, &noise);
+    let mut problem = Problem::new(&flight, &model, &reference, &Watched::default());
+    problem.set_walk(BiasWalk { gyro: 1e-5, accel: 1e-4 });
+    let slope = problem.slope(&noise, &options);
+    let at = |noise: &Noise| problem.run(noise, &options).log_likelihood[0];
+    assert_eq!(slope.log_likelihood, at(&noise));
+    let h: f64 = 1e-4;
+    for k in 0..FIGURES {
+        let by = |h: f64| {
+            let mut v = noise.get();
+            v[k] *= h.exp();
+            Noise::from_figures(&v)
+        };
+        let wanted = (at(&by(h)) - at(&by(-h))) / (2.0 * h);
+        assert!((slope.by_figure[k] - wanted).abs() < 1e-3 * (1.0 + wanted.abs()), "{k}: {slope:?} {wanted}");
+    }
+    let walked = |gyro: f64, accel: f64| {
+        let mut moved = problem.clone();
+        moved.set_walk(BiasWalk { gyro: gyro.sqrt(), accel: accel.sqrt() });
+        moved.run(&noise, &options).log_likelihood[0]
+    };
+    for (k, v) in [1e-10, 1e-8].into_iter().enumerate() {
+        let h = 3e-2 * v;
+        let other = if k == 0 { 1e-8 } else { 1e-10 };
+        let at = |v: f64| if k == 0 { walked(v, other) } else { walked(other, v) };
+        let wanted = (at(v + h) - at(v - h)) / (2.0 * h);
+        assert!((slope.by_walk[k] - wanted).abs() < 5e-3 * (wanted.abs() + 1.0), "{k}: {slope:?} {wanted}");
+    }
+}
+
+/// Every parameter of every continuous effect, with the flight linearised anew at the moved value.
+#[test]
+fn the_score_is_the_slope_of_the_likelihood() {
+    let (flight, model) = flight();
+    let options = Options::default().all();
+    let linear: Vec<EffectSetting> = effects::REGISTRY
+        .iter()
+        .filter(|e| e.groups().iter().all(|g| g.is_state()) && !e.is_empty())
+        .filter(|e| !e.name().ends_with("temperature"))
+        .map(|e| EffectSetting { sigmas: vec![0.0; e.len()], ..EffectSetting::unknown(*e) })
+        .collect();
+    let watched = Watched { effects: linear.clone(), ..Watched::default() };
+    let noise = noise();
+    let reference = Reference::find(&flight, &model, &noise);
+    let run = Problem::new(&flight, &model, &reference, &watched).run(&noise, &options);
+    let information = &run.information[0];
+    for (column, (e, p)) in watched.slots().into_iter().enumerate() {
+        let sigma = information.matrix[(column, column)].sqrt().recip();
+        let at = |by: f64| {
+            let mut moved = model.clone();
+            let mut s = linear[e].clone();
+            s.values[p] += by;
+            moved.set(s);
+            let reference = reference.with(&flight, &moved, &noise);
+            Problem::new(&flight, &moved, &reference, &Watched::default())
+                .run(&noise, &options)
+                .log_likelihood[0]
+        };
+        let h = 0.3 * sigma;
+        let (up, down, here) = (at(h), at(-h), run.log_likelihood[0]);
+        let slope = (up - down) / 0.6;
+        let curvature = (2.0 * here - up - down) / 0.09;
+        let score = information.score[column] * sigma;
+        let name = linear[e].effect.name();
+        assert!((slope - score).abs() < 0.1 + 0.05 * score.abs(), "{name} {p}: {slope} {score}");
+        assert!((curvature - 1.0).abs() < 0.2, "{name} {p}: {curvature}");
+    }
+}
+
+/// A jump as an effect with columns of its own and as a shock found on the way back say the same.
+#[test]
+fn shocks_are_jumps() {
+    let (flight, model) = flight();
+    let (options, noise) = (Options::default(), wandering());
+    let reference = Reference::find(&flight, &model, &noise);
+    let problem = Problem::new(&flight, &model, &reference, &Watched::default());
+    let shocks = problem.shocks(&noise, &options);
+    for (name, k) in [("gps_bias_step", 150), ("gyro_bias_step", 222)] {
+        let t_s = shocks[k].t_s;
+        let step = EffectSetting::known(find(name).unwrap(), &[t_s, 0.0, 0.0, 0.0]).unwrap();
+        let watched = Watched { effects: vec![step], ..Watched::default() };
+        let run = Problem::new(&flight, &model, &reference, &watched).run(&noise, &options);
+        let (score, matrix) = if name == "gps_bias_step" { shocks[k].fix } else { shocks[k].gyro };
+        let information = &run.information[0];
+        for i in 0..3 {
+            let scale = information.matrix[(i, i)].sqrt();
+            assert!((score[i] - information.score[i]).abs() < 0.03 * scale, "{name} {score} {information:?}");
+            for j in 0..3 {
+                let wanted = information.matrix[(i, j)];
+                let size = scale * information.matrix[(j, j)].sqrt();
+                assert!((matrix[(i, j)] - wanted).abs() < 0.03 * size, "{name} {matrix} {information:?}");
+            }
+        }
+    }
+}

@@ -1,0 +1,66 @@
+//! Jumps: events of one flight, looked for at every fix.
+
+use super::super::evidence;
+use super::super::linear::backward::Shock;
+use super::super::pass::Options;
+use super::{Candidate, Point, Search, prior_sigmas};
+use crate::filter::watch::Watched;
+use crate::model::EffectSetting;
+
+/// Jumps this close to the end of the flight are not looked for, s.
+const MARGIN_S: f64 = 10.0;
+
+impl Search<'_> {
+    /// A jump as a candidate, its instant averaged over.
+    pub(super) fn jump(&self, setting: &EffectSetting, shocks: &[Shock]) -> Option<Candidate> {
+        let flight = self.flights.first()?;
+        let start_s = flight.initial().t_s;
+        let within = |s: &&Shock| {
+            let elapsed_s = s.t_s - start_s;
+            elapsed_s > self.settings.options.settle_s && elapsed_s < flight.duration_s() - MARGIN_S
+        };
+        let gyro = setting.effect.name() == "gyro_bias_step";
+        let (times, jumps): (Vec<f64>, Vec<_>) =
+            shocks.iter().filter(within).map(|s| (s.t_s, if gyro { s.gyro } else { s.fix })).unzip();
+        let own = prior_sigmas(setting.effect);
+        let best = evidence::jump(&jumps, own[1])?;
+        let mut found = setting.clone();
+        found.values = vec![*times.get(best.at)?, best.size.x, best.size.y, best.size.z];
+        let width = own[1] * best.scale;
+        let prior =
+            found.values.iter().zip(&own).map(|(v, s)| if *s > 0.0 { (0.0, width) } else { (*v, 0.0) });
+        Some(Candidate {
+            prior: prior.collect(),
+            setting: found,
+            evidence: best.evidence,
+            cost: best.alone - best.evidence,
+        })
+    }
+
+    /// A jump can be seen only where it happens: where all the data speak of one, its block must not be held out. This is
+    /// all that the held-out data ever have to say to the choice. Returns whether other blocks are held out now.
+    pub(super) fn turn_phase_to_jump(&mut self, point: &Point) -> bool {
+        let options = self.settings.options;
+        let [flight] = self.flights else { return false };
+        if options.held_out_every < 2 {
+            return false;
+        }
+        let problems = self.problems(point, &Watched::default());
+        let Some(problem) = problems.first() else { return false };
+        let shocks = problem.shocks(&point.noise, &options.all());
+        let best = ["gyro_bias_step", "gps_bias_step"]
+            .into_iter()
+            .filter_map(|name| self.jump(&EffectSetting::unknown(crate::effects::find(name)?), &shocks))
+            .max_by(|a, b| a.evidence.total_cmp(&b.evidence));
+        let Some(jump) = best.filter(|b| b.evidence > self.settings.threshold) else { return false };
+        let at_s = jump.setting.values[0] - flight.initial().t_s;
+        // Two seconds later it must still be in the fit part.
+        let held = |phase: u32| {
+            let o = Options { phase, ..options };
+            [-1.0, 0.0, 1.0, 2.0].iter().filter(|d| o.part(at_s + *d) == Some(1)).count()
+        };
+        let phase = (0..options.held_out_every).min_by_key(|p| held(*p)).unwrap_or(options.phase);
+        self.settings.options.phase = phase;
+        phase != options.phase
+    }
+}

@@ -1,0 +1,208 @@
+//! Forward selection: the effect with the most evidence is added, until none has enough.
+
+mod closer;
+mod jumps;
+mod scan;
+mod search;
+
+use super::Workers;
+use super::flight::Flight;
+use super::noise::Noise;
+use super::pass::Options;
+use crate::effects::{Effect, REGISTRY};
+use crate::model::{EffectSetting, Model};
+
+pub(super) use search::{Point, STEPS, Search};
+
+/// What the selection may do.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Settings {
+    /// What counts.
+    pub options: Options,
+    /// Evidence that an effect needs, nats, over the whole catalogue: the logarithm of the odds against chance.
+    pub threshold: f64,
+    /// Effects within this evidence of the best are told together with it, nats.
+    pub margin: f64,
+    /// At most so many effects are added.
+    pub most_effects: usize,
+}
+
+impl Default for Settings {
+    fn default() -> Self {
+        Self { options: Options::default(), threshold: 3.6, margin: 3.2, most_effects: 5 }
+    }
+}
+
+/// So many other candidates are looked at closely by [`best_other`].
+const MOST_OTHERS: usize = 2;
+
+/// An effect that has been added, with the value that the flights say.
+#[derive(Debug, Clone)]
+pub struct Added {
+    /// The effect with its present values (sigmas are those of the estimate).
+    pub setting: EffectSetting,
+    /// Prior mean and sigma of each parameter.
+    pub prior: Vec<(f64, f64)>,
+}
+
+/// One candidate with its evidence.
+#[derive(Debug, Clone)]
+pub struct Candidate {
+    /// With the values that fit best.
+    pub setting: EffectSetting,
+    /// Prior mean and sigma of each parameter.
+    pub prior: Vec<(f64, f64)>,
+    /// Logarithm of the odds that it is there.
+    pub evidence: f64,
+    /// What not knowing its instant or the width of its prior costs, nats: part of `evidence`.
+    pub cost: f64,
+}
+
+/// What a step of the selection found.
+#[derive(Debug, Clone)]
+pub struct Step {
+    /// Effects within the margin, best first.
+    pub group: Vec<&'static str>,
+    /// Evidence of the best.
+    pub evidence: f64,
+    /// Gain of the log-likelihood, each model with its own noise.
+    pub log_likelihood_gain: f64,
+    /// The same less half the number of parameters times the logarithm of the number of fixes.
+    pub bic_gain: f64,
+    /// Every candidate that was looked at: name, evidence.
+    pub candidates: Vec<(&'static str, f64)>,
+}
+
+/// The result of the selection.
+#[derive(Debug, Clone)]
+pub struct Selection {
+    /// The model that was given.
+    pub base: Model,
+    /// Noise fitted without any addition.
+    pub base_noise: Noise,
+    /// Noise with all of them.
+    pub noise: Noise,
+    /// Effects added, in the order found.
+    pub added: Vec<Added>,
+    /// How they were found; one per entry of `added`.
+    pub steps: Vec<Step>,
+    /// The candidates of the last look that found nothing: name, evidence.
+    pub remaining: Vec<(&'static str, f64)>,
+    /// Log-likelihood of the fit part before and after.
+    pub log_likelihood: [f64; 2],
+    /// What counted.
+    pub options: Options,
+}
+
+impl Selection {
+    /// The model with everything that was added, as known values.
+    pub fn model(&self) -> Model {
+        with(&self.base, &self.added)
+    }
+}
+
+/// The model with these effects as known values.
+pub fn with(base: &Model, added: &[Added]) -> Model {
+    let mut model = base.clone();
+    for a in added {
+        let mut setting = a.setting.clone();
+        setting.sigmas.fill(0.0);
+        model.set(setting);
+    }
+    model
+}
+
+/// The effects that a model lacks or holds at a fixed value, as they enter the search.
+fn lacking(base: &Model, flights: &[&Flight], added: &[Added]) -> Vec<EffectSetting> {
+    REGISTRY
+        .iter()
+        .filter(|e| added.iter().all(|a| a.setting.effect.name() != e.name()))
+        .filter_map(|effect| {
+            let temperature = effect.name().ends_with("_temperature");
+            if temperature && !flights.iter().any(|f| f.has_temperature()) {
+                return None;
+            }
+            match base.get(effect.name()) {
+                Some(known) if known.estimated() > 0 || effect.is_empty() => None,
+                Some(known) => Some(known.clone()),
+                None => {
+                    Some(EffectSetting { sigmas: vec![0.0; effect.len()], ..EffectSetting::unknown(*effect) })
+                }
+            }
+        })
+        .collect()
+}
+
+pub(super) fn is_jump(effect: &dyn Effect) -> bool {
+    effect.groups().first().is_some_and(|g| !g.is_state()) && effect.groups().len() > 1
+}
+
+fn is_linear(effect: &dyn Effect) -> bool {
+    effect.groups().iter().any(|g| g.is_state()) && !is_jump(effect)
+}
+
+/// Prior sigma of each parameter from the effect's definition; 0 for what is no state.
+fn prior_sigmas(effect: &dyn Effect) -> Vec<f64> {
+    effect.groups().iter().flat_map(|g| std::iter::repeat_n(g.prior_sigma, g.shape.len())).collect()
+}
+
+/// The noise that suits a model best, looked for from `start` on, and the log-likelihood of the fit part with it.
+pub fn best_noise(
+    flights: &[&Flight],
+    model: &Model,
+    start: &Noise,
+    settings: &Settings,
+    workers: &dyn Workers,
+) -> (Noise, f64) {
+    let point = Search::new(flights, model, settings, workers, start).start(start);
+    (point.noise, point.log_likelihood)
+}
+
+/// The best of the candidates that are not `known`, each with its own values and noise.
+pub fn best_other(
+    flights: &[&Flight],
+    base: &Model,
+    start: &Noise,
+    known: &[&str],
+    settings: &Settings,
+    workers: &dyn Workers,
+) -> Option<Candidate> {
+    let mut search = Search::new(flights, base, settings, workers, start);
+    let point = search.start(start);
+    let mut scanned = search.scan(&point);
+    scanned.retain(|c| !known.contains(&c.setting.effect.name()));
+    scanned.truncate(MOST_OTHERS);
+    search.close_looks(&scanned, &point).into_iter().next().map(|l| l.0)
+}
+
+/// Fits the noise and adds effects until none has enough evidence.
+pub fn select(flights: &[&Flight], base: &Model, settings: &Settings, workers: &dyn Workers) -> Selection {
+    let mut search = Search::new(flights, base, settings, workers, &Noise::measured(base, flights));
+    let mut point = search.start(&Noise::measured(base, flights));
+    if search.turn_phase_to_jump(&point) {
+        point = search.start(&point.noise);
+    }
+    let base_point = point.clone();
+    let (mut steps, mut remaining) = (Vec::new(), Vec::new());
+    while steps.len() < settings.most_effects {
+        let scanned = search.scan(&point);
+        remaining = scanned.iter().map(|c| (c.setting.effect.name(), c.evidence)).collect();
+        let looks = search.close_looks(&scanned, &point);
+        let Some((best, next)) = looks.first().filter(|l| l.0.evidence >= settings.threshold).cloned() else {
+            break;
+        };
+        steps.push(search.step(&best, &looks, &remaining, next.log_likelihood - point.log_likelihood));
+        point = next;
+    }
+    let given = search.given.len();
+    Selection {
+        options: search.settings.options,
+        base: base.clone(),
+        base_noise: base_point.noise,
+        noise: point.noise,
+        log_likelihood: [base_point.log_likelihood, point.log_likelihood],
+        added: point.added.split_off(given),
+        steps,
+        remaining,
+    }
+}

@@ -1,0 +1,153 @@
+//! One look at every candidate, linearised about the present point.
+
+use super::super::evidence::{self, SCALES, log_mean_exp};
+use super::super::linear::Problem;
+use super::super::map;
+use super::super::noise::Noise;
+use super::super::pass::Information;
+use super::search::priors;
+use super::{Added, Candidate, Point, Search, is_jump, is_linear, lacking, prior_sigmas};
+use crate::effects::{Effect, MISTAKES};
+use crate::filter::watch::Watched;
+use crate::model::{EffectSetting, Model};
+use crate::sample::{Quantisation, Steps};
+
+/// Mistakes of the source are looked for where something has this much evidence, nats.
+const GROSS: f64 = 100.0;
+
+impl Search<'_> {
+    /// Every candidate; best first.
+    pub(super) fn scan(&self, point: &Point) -> Vec<Candidate> {
+        let lacking = lacking(&self.base, self.flights, &point.added);
+        let linear: Vec<&EffectSetting> = lacking.iter().filter(|s| is_linear(s.effect)).collect();
+        let effects = point.added.iter().map(|a| &a.setting).chain(linear.iter().copied()).cloned().collect();
+        let watched = Watched { effects, ..Watched::default() };
+        let model = self.model(&point.added);
+        let problems = self.problems(point, &watched);
+        let (_, information) = self.run(&problems, &point.noise);
+        let mut candidates: Vec<Candidate> =
+            linear.iter().filter_map(|s| linear_candidate(s, &point.added, &watched, &information)).collect();
+        if let [problem] = &problems[..] {
+            let shocks = problem.shocks(&point.noise, &self.settings.options);
+            let jumping = lacking.iter().filter(|s| is_jump(s.effect));
+            candidates.extend(jumping.filter_map(|s| self.jump(s, &shocks)));
+        }
+        candidates.extend(self.wandering(&lacking, &problems, point));
+        candidates.extend(self.discrete(&lacking, point, &model));
+        let top = candidates.iter().map(|c| c.evidence).fold(0.0, f64::max);
+        if top > GROSS {
+            candidates.extend(self.mistakes(point));
+        }
+        candidates.retain(|c| c.evidence.is_finite());
+        candidates.sort_by(|a, b| b.evidence.total_cmp(&a.evidence));
+        candidates
+    }
+
+    /// Drifts of several sizes.
+    fn wandering(&self, lacking: &[EffectSetting], problems: &[Problem], point: &Point) -> Vec<Candidate> {
+        let drifts: Vec<&EffectSetting> =
+            lacking.iter().filter(|s| !s.effect.sizes_to_try().is_empty()).collect();
+        let tries: Vec<(usize, f64)> = drifts
+            .iter()
+            .enumerate()
+            .flat_map(|(i, s)| s.effect.sizes_to_try().iter().map(move |size| (i, *size)))
+            .collect();
+        let values = map(self.workers, tries.len(), |k| {
+            let (i, size) = tries[k];
+            self.wandered(problems, drifts[i], size, &point.noise) - point.log_likelihood
+        });
+        let of = |i: usize| tries.iter().zip(&values).filter(move |(t, _)| t.0 == i);
+        (0..drifts.len())
+            .filter_map(|i| {
+                let (best, top) = of(i).max_by(|a, b| a.1.total_cmp(b.1)).map(|(t, v)| (t.1, *v))?;
+                let evidence = log_mean_exp(of(i).map(|o| *o.1));
+                let setting = EffectSetting { values: vec![best], ..drifts[i].clone() };
+                Some(Candidate { setting, prior: vec![(best, 0.0)], evidence, cost: top - evidence })
+            })
+            .collect()
+    }
+
+    /// Log-likelihood when the biases also walk like this.
+    pub(super) fn wandered(
+        &self,
+        problems: &[Problem],
+        drift: &EffectSetting,
+        size: f64,
+        noise: &Noise,
+    ) -> f64 {
+        let walk = drift.effect.bias_walk(&[size]);
+        problems.iter().map(|p| p.run_with(walk, noise, &self.settings.options).log_likelihood[0]).sum()
+    }
+
+    /// Effects without parameters: there or not.
+    fn discrete(&self, lacking: &[EffectSetting], point: &Point, model: &Model) -> Vec<Candidate> {
+        let tries: Vec<&EffectSetting> = lacking
+            .iter()
+            .filter(|s| s.effect.is_empty())
+            .filter(|s| !(s.effect.truncates_samples() && self.truncates_already(model)))
+            .collect();
+        map(self.workers, tries.len(), |k| {
+            let mut added = point.added.clone();
+            added.push(Added { setting: tries[k].clone(), prior: Vec::new() });
+            let (with, _) = self.settle(&added, &point.noise, point, 0);
+            let evidence = with.evidence - point.evidence;
+            Candidate { setting: tries[k].clone(), prior: Vec::new(), evidence, cost: 0.0 }
+        })
+    }
+
+    /// Mistakes of the source. What they do is gross, so the trajectory is found anew for each, without what was added.
+    fn mistakes(&self, point: &Point) -> Vec<Candidate> {
+        let lacking: Vec<&'static dyn Effect> =
+            MISTAKES.iter().filter(|m| self.base.get(m.name()).is_none()).copied().collect();
+        map(self.workers, lacking.len(), |k| {
+            let setting = EffectSetting { effect: lacking[k], values: Vec::new(), sigmas: Vec::new() };
+            let mut added = point.added.clone();
+            added.push(Added { setting: setting.clone(), prior: Vec::new() });
+            let (with, _) = self.settle_anew(&added, &point.noise);
+            // Each is one of many, and all together are as likely as one effect of the table.
+            let cost = (MISTAKES.len() as f64).ln();
+            Candidate { setting, prior: Vec::new(), evidence: with.evidence - point.evidence - cost, cost }
+        })
+    }
+
+    fn truncates_already(&self, model: &Model) -> bool {
+        self.flights.iter().all(
+            |f| matches!(model.quantisation_of(f.stream()), Quantisation::Truncate(s) if s == Steps::RAW_IMU),
+        )
+    }
+}
+
+fn linear_candidate(
+    setting: &EffectSetting,
+    added: &[Added],
+    watched: &Watched,
+    information: &Information,
+) -> Option<Candidate> {
+    let slots = watched.slots();
+    let index = watched.effects.iter().position(|s| s.effect.name() == setting.effect.name())?;
+    let (old_sigma, old_offset) = priors(added, watched);
+    let old: Vec<usize> = (0..old_sigma.len()).filter(|k| old_sigma[*k] > 0.0).collect();
+    let new: Vec<usize> = (0..slots.len()).filter(|k| slots[*k].0 == index).collect();
+    let own = prior_sigmas(setting.effect);
+    let pick = |v: &[f64]| -> Vec<f64> { old.iter().map(|k| v[*k]).collect() };
+    let without = evidence::fit(information, &old, &pick(&old_sigma), &pick(&old_offset))?;
+    let columns: Vec<usize> = old.iter().chain(&new).copied().collect();
+    let offset: Vec<f64> = pick(&old_offset).into_iter().chain(new.iter().map(|_| 0.0)).collect();
+    let fits: Vec<(f64, evidence::Fit)> = SCALES
+        .iter()
+        .filter_map(|scale| {
+            let width = new.iter().map(|k| own[slots[*k].1] * scale);
+            let sigma: Vec<f64> = pick(&old_sigma).into_iter().chain(width).collect();
+            evidence::fit(information, &columns, &sigma, &offset).map(|f| (*scale, f))
+        })
+        .collect();
+    let evidence = log_mean_exp(fits.iter().map(|f| f.1.evidence)) - without.evidence;
+    let (scale, best) = fits.into_iter().max_by(|a, b| a.1.evidence.total_cmp(&b.1.evidence))?;
+    let mut found = setting.clone();
+    let prior = setting.values.iter().zip(&own).map(|(v, s)| (*v, s * scale)).collect();
+    for (i, k) in new.iter().enumerate() {
+        found.values[slots[*k].1] += best.step[old.len() + i];
+    }
+    let cost = best.evidence - without.evidence - evidence;
+    Some(Candidate { setting: found, prior, evidence, cost })
+}

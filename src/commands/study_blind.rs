@@ -1,0 +1,119 @@
+//! `gaware study blind`: hide an effect, fly, explain, unseal.
+
+use super::CommandError;
+use super::study::{Bar, print_json};
+use crate::study::blind::{self, Campaign, Family, Outcome, Share, Summary};
+use gaware_nav::identify::select::Settings;
+use serde::Serialize;
+use std::collections::BTreeMap;
+
+/// Arguments of `study blind`.
+#[derive(Debug, Clone, clap::Args)]
+pub struct BlindArgs {
+    /// Flights with something hidden, per family, spread over effects and kinds of flight; 640 are 20 seeds of everything.
+    #[arg(long, default_value_t = 64)]
+    pub flights: usize,
+    /// Clean flights per family.
+    #[arg(long, default_value_t = 20)]
+    pub clean: usize,
+    /// How many effects are hidden at once.
+    #[arg(long, default_value_t = 1, value_parser = clap::value_parser!(u8).range(1..=2))]
+    pub effects: u8,
+    /// First seed.
+    #[arg(long, default_value_t = 1)]
+    pub seed: u64,
+    /// Only these effects.
+    #[arg(long, value_name = "EFFECT")]
+    pub effect: Vec<String>,
+    /// The flights that the method was tuned on, those kept aside (another airframe, other maneuvers, air and vibration), or both.
+    #[arg(long, value_enum, default_value_t = Families::Both)]
+    pub family: Families,
+    /// Print one JSON document.
+    #[arg(long)]
+    pub json: bool,
+}
+
+/// Which families of flights.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, clap::ValueEnum)]
+pub enum Families {
+    /// Those on which the method was tuned.
+    Tuning,
+    /// Those kept aside.
+    Aside,
+    /// Both.
+    Both,
+}
+
+#[derive(Serialize)]
+struct Result {
+    family: Family,
+    summary: Summary,
+    confusion: BTreeMap<String, BTreeMap<String, usize>>,
+    flights: Vec<Outcome>,
+}
+
+/// Runs the study and prints it.
+///
+/// # Errors
+/// Only those of writing to standard output.
+pub fn run(args: &BlindArgs) -> std::result::Result<(), CommandError> {
+    let families = match args.family {
+        Families::Tuning => vec![Family::Tuning],
+        Families::Aside => vec![Family::Aside],
+        Families::Both => vec![Family::Tuning, Family::Aside],
+    };
+    let bar = super::progress_bar((families.len() * (args.flights + args.clean)) as u64, "flights");
+    let results: Vec<Result> = families
+        .into_iter()
+        .map(|family| {
+            let campaign = Campaign {
+                effects: args.effect.clone(),
+                at_once: usize::from(args.effects),
+                flights: args.flights,
+                clean: args.clean,
+                first_seed: args.seed,
+                family,
+            };
+            let flights = blind::run(&campaign, &Settings::default(), &Bar(bar.clone()));
+            let (summary, confusion) = (blind::summarise(&flights), blind::confusion(&flights));
+            Result { family, summary, confusion, flights }
+        })
+        .collect();
+    bar.finish_and_clear();
+    if args.json {
+        return print_json(&serde_json::json!({"schema": "gaware.study/1", "blind": results}));
+    }
+    results.iter().for_each(print);
+    Ok(())
+}
+
+fn print(result: &Result) {
+    let s = &result.summary;
+    println!("\nFlights {}", if result.family == Family::Tuning { "of the tuning" } else { "kept aside" });
+    let lines: [(&str, Share); 11] = [
+        ("an oracle could name alone", s.oracle),
+        ("named alone and right where the oracle could", s.alone_right_where_oracle),
+        ("named alone and right", s.alone_right),
+        ("truth inside a group where something was named", s.in_group),
+        ("nothing named", s.nothing),
+        ("a wrong name alone", s.wrong_alone),
+        ("more named than hidden", s.too_many),
+        ("something named on clean flights", s.false_alarms),
+        ("parameters within 3 sigma", s.within_3_sigma),
+        ("both of two found", s.both_found),
+        ("both of two found where the oracle could", s.both_found_where_oracle),
+    ];
+    for (what, share) in lines.into_iter().filter(|l| l.1.of > 0) {
+        let [low, high] = share.interval_95;
+        println!(
+            "  {what:48} {:4} of {:4} = {:.3} (95 % interval {low:.3} to {high:.3})",
+            share.count, share.of, share.share
+        );
+    }
+    for (hidden, named) in &result.confusion {
+        println!("  {hidden}");
+        for (name, count) in named {
+            println!("    {count:4}  {name}");
+        }
+    }
+}

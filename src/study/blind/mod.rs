@@ -1,0 +1,173 @@
+//! Blind flights: an effect is hidden in a simulated vehicle, the vehicle flies, the explanation names what it finds, and only
+//! then the truth is looked at.
+//!
+//! Two families of flights exist: one on which thresholds were tuned, and one kept aside (other maneuvers, speeds, air,
+//! vibration and seeds) for the figures that count. Beside every flight stands an [`oracle`] that knows the truth: where
+//! not even it could name the effect, nobody can be blamed.
+
+mod flights;
+mod oracle;
+mod summary;
+
+use super::parallel::{Progress, map_runs};
+use gaware_nav::effects::{Effect, REGISTRY};
+use gaware_nav::identify::flight::Flight;
+use gaware_nav::identify::select::{self, Selection, Settings};
+use gaware_nav::identify::{Serial, judge};
+use gaware_nav::model::{EffectSetting, Model, QuantisationBelief};
+use gaware_sitl::noise::{Noise, Purpose};
+use serde::Serialize;
+
+pub use flights::{Blind, DURATION_S, Family, Kind, draw, fly, hide_random, seal};
+pub use summary::{Share, Summary, confusion, summarise};
+
+/// What one blind flight gave.
+#[derive(Debug, Clone, Serialize)]
+pub struct Outcome {
+    /// Hidden effects; none for a clean flight.
+    pub hidden: Vec<&'static str>,
+    /// How it was flown.
+    pub kind: Kind,
+    /// Seed.
+    pub seed: u64,
+    /// The groups that were named, in order.
+    pub groups: Vec<Vec<&'static str>>,
+    /// Evidence of each.
+    pub evidence: Vec<f64>,
+    /// Effects that the held-out data took out again.
+    pub removed: Vec<&'static str>,
+    /// Which of the hidden effects the oracle could name.
+    pub oracle: Vec<bool>,
+    /// Parameters within three sigma: how many of how many, where the effect was named.
+    pub within_3_sigma: (usize, usize),
+    /// Best candidates of the last look: for tuning.
+    pub last: Vec<(&'static str, f64)>,
+}
+
+/// One flight to be flown.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+struct Job {
+    /// Places in the registry.
+    hidden: [Option<usize>; 2],
+    kind: Kind,
+    seed: u64,
+}
+
+/// What to fly.
+#[derive(Debug, Clone)]
+pub struct Campaign {
+    /// Effects to hide; all when empty.
+    pub effects: Vec<String>,
+    /// How many effects are hidden at once: 1 or 2.
+    pub at_once: usize,
+    /// Flights with something hidden: spread evenly over effects, kinds of flight and seeds.
+    pub flights: usize,
+    /// Clean flights, half of each kind.
+    pub clean: usize,
+    /// First seed.
+    pub first_seed: u64,
+    /// Which flights.
+    pub family: Family,
+}
+
+impl Campaign {
+    /// The flights in an order of which every beginning is spread over the effects.
+    fn jobs(&self) -> Vec<Job> {
+        let chosen: Vec<usize> = (0..REGISTRY.len())
+            .filter(|k| self.effects.is_empty() || self.effects.iter().any(|n| n == REGISTRY[*k].name()))
+            .collect();
+        let kind = |k: usize| if k.is_multiple_of(2) { Kind::Rich } else { Kind::Coordinated };
+        let n = chosen.len().max(1);
+        let hidden = (0..if chosen.is_empty() { 0 } else { self.flights }).map(|k| {
+            let (round, first) = (k / n, k % n);
+            // The partner moves on by one with every round, so that all pairs come in turn.
+            let partner = chosen[(first + 1 + round / 2 % (n - 1).max(1)) % n];
+            let second = (self.at_once > 1 && partner != chosen[first]).then_some(partner);
+            Job {
+                hidden: [Some(chosen[first]), second],
+                kind: kind(first + round),
+                seed: self.first_seed + (round / 2) as u64,
+            }
+        });
+        let clean = (0..self.clean).map(|k| Job {
+            hidden: [None; 2],
+            kind: kind(k),
+            seed: self.first_seed + 5000 + (k / 2) as u64,
+        });
+        hidden.chain(clean).collect()
+    }
+}
+
+/// Draws what a job hides.
+fn hide(job: &Job) -> Vec<EffectSetting> {
+    let effects: Vec<&'static dyn Effect> = job.hidden.iter().flatten().map(|k| REGISTRY[*k]).collect();
+    let mut noise = Noise::numbered(seed_of(job), Purpose::HiddenTruth, 3);
+    effects.into_iter().map(|e| draw(e, &mut noise)).collect()
+}
+
+/// A seed of its own for every flight: no two share their noise.
+fn seed_of(job: &Job) -> u64 {
+    let number = |k: Option<usize>| k.map_or(0, |k| k as u64 + 1);
+    job.seed.wrapping_mul(1_000_003) + number(job.hidden[0]) + 97 * number(job.hidden[1])
+}
+
+/// What is believed before the flight: nothing of what is hidden.
+fn belief(hidden: &[EffectSetting]) -> Model {
+    let mut base = Model::default();
+    if hidden.iter().any(|s| s.effect.truncates_samples()) {
+        base.imu.quantisation = QuantisationBelief::None;
+    }
+    base
+}
+
+fn within_3_sigma(hidden: &[EffectSetting], selection: &Selection) -> (usize, usize) {
+    let mut within = (0, 0);
+    for h in hidden {
+        let Some(a) = selection.added.iter().find(|a| a.setting.effect.name() == h.effect.name()) else {
+            continue;
+        };
+        for (k, s) in a.setting.sigmas.iter().enumerate().filter(|(_, s)| **s > 0.0) {
+            within.1 += 1;
+            within.0 += usize::from((a.setting.values[k] - h.values[k]).abs() < 3.0 * s);
+        }
+    }
+    within
+}
+
+/// Hides, flies, explains, unseals. `None` where the flight says too little, which none of these do.
+fn one(job: &Job, family: Family, settings: &Settings) -> Option<Outcome> {
+    let hidden = hide(job);
+    let seed = seed_of(job);
+    let blind = fly(&hidden, job.kind, family, seed);
+    let base = belief(&hidden);
+    let flight = Flight::prepare(&blind.samples, &base).ok()?;
+    let selection = select::select(&[&flight], &base, settings, &Serial);
+    let oracle = oracle::could_name(&flight, &base, &hidden, &selection, settings);
+    let mut last = selection.steps.last().map_or(&selection.remaining, |s| &s.candidates).clone();
+    last.truncate(4);
+    let judge::Confirmed { selection, removed, .. } =
+        judge::confirm(&[&flight], &[], selection, settings, &Serial);
+    Some(Outcome {
+        hidden: hidden.iter().map(|h| h.effect.name()).collect(),
+        kind: job.kind,
+        seed,
+        groups: selection.steps.iter().map(|s| s.group.clone()).collect(),
+        evidence: selection.steps.iter().map(|s| s.evidence).collect(),
+        removed,
+        oracle,
+        within_3_sigma: within_3_sigma(&hidden, &selection),
+        last,
+    })
+}
+
+/// Flies a campaign on all cores.
+pub fn run(campaign: &Campaign, settings: &Settings, progress: &dyn Progress) -> Vec<Outcome> {
+    let jobs = campaign.jobs();
+    map_runs(jobs.len(), progress, |k| one(&jobs[k], campaign.family, settings))
+        .into_iter()
+        .flatten()
+        .collect()
+}
+
+#[cfg(test)]
+mod tests;

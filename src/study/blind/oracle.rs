@@ -1,0 +1,52 @@
+//! Somebody who knows what was hidden, with its size, and which candidates there are: could the effect be named at all?
+//!
+//! The oracle compares likelihoods over all fixes, each model with the noise that suits it best: the truth against the
+//! truth without the effect. By Bayes' theorem a ratio of exp(t) comes about by chance with a probability of at most
+//! exp(−t), so with as many candidates as effects it names where t exceeds ln(candidates / 2 %); and it names *alone*
+//! where besides no other candidate comes within ln(1 / 1 %) of the truth. The others' sizes it does not know: they are
+//! fitted, and charged for it. It holds nothing out.
+
+use gaware_nav::effects::REGISTRY;
+use gaware_nav::identify::Serial;
+use gaware_nav::identify::flight::Flight;
+use gaware_nav::identify::select::{self, Selection, Settings};
+use gaware_nav::model::{EffectSetting, Model};
+
+/// Share of clean flights on which something may be named.
+const ALARMS: f64 = 0.02;
+/// Share of flights on which the wrong name may be told.
+const WRONG: f64 = 0.01;
+
+/// Which of the hidden effects could be named alone.
+pub(super) fn could_name(
+    flight: &Flight,
+    base: &Model,
+    hidden: &[EffectSetting],
+    selection: &Selection,
+    settings: &Settings,
+) -> Vec<bool> {
+    if hidden.is_empty() {
+        return Vec::new();
+    }
+    let settings = Settings { options: settings.options.all(), ..*settings };
+    let likelihood = |without: Option<usize>| {
+        let mut model = base.clone();
+        for (_, h) in hidden.iter().enumerate().filter(|(k, _)| Some(*k) != without) {
+            model.set(h.clone());
+        }
+        select::best_noise(&[flight], &model, &selection.noise, &settings, &Serial).1
+    };
+    let all = likelihood(None);
+    let known: Vec<&str> = hidden.iter().map(|h| h.effect.name()).collect();
+    let other = select::best_other(&[flight], base, &selection.base_noise, &known, &settings, &Serial);
+    let best_other = other.map_or(0.0, |o| o.evidence.max(0.0));
+    (0..hidden.len())
+        .map(|k| {
+            let gain = all - likelihood(Some(k));
+            let chance = (REGISTRY.len() as f64 / ALARMS).ln();
+            // With two hidden at once what others reach is partly the other's doing.
+            let ahead = hidden.len() > 1 || gain - best_other > (1.0 / WRONG).ln();
+            gain > chance && ahead
+        })
+        .collect()
+}

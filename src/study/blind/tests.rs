@@ -1,0 +1,105 @@
+use super::*;
+use std::collections::BTreeSet;
+
+#[test]
+fn draws_stay_within_what_an_effect_can_be() {
+    for (k, effect) in REGISTRY.iter().enumerate() {
+        let setting = draw(*effect, &mut Noise::numbered(k as u64, Purpose::HiddenTruth, 3));
+        assert_eq!(setting.values.len(), effect.len());
+        assert!(setting.values.iter().all(|v| v.is_finite()), "{}", effect.name());
+        assert!(effect.is_empty() || setting.values.iter().any(|v| *v != 0.0), "{}", effect.name());
+    }
+}
+
+#[test]
+fn what_is_sealed_can_be_unsealed() {
+    let hidden: Vec<_> = (0..200).map(hide_random).collect();
+    let named: BTreeSet<_> = hidden.iter().map(|h| h.as_ref().map_or("none", |s| s.effect.name())).collect();
+    assert_eq!(named.len(), REGISTRY.len() + 1);
+    for h in hidden.iter().flatten() {
+        let back = Model::from_toml(&seal(Some(h))).unwrap();
+        let found = back.get(h.effect.name()).unwrap();
+        assert!(found.values.iter().zip(&h.values).all(|(a, b)| (a - b).abs() <= 1e-9 * b.abs()));
+    }
+}
+
+fn campaign(at_once: usize, flights: usize) -> Campaign {
+    Campaign { effects: Vec::new(), at_once, flights, clean: 4, first_seed: 1, family: Family::Tuning }
+}
+
+#[test]
+fn the_beginning_of_a_campaign_covers_every_effect_and_kind() {
+    let jobs = campaign(1, 2 * REGISTRY.len()).jobs();
+    let covered: BTreeSet<_> =
+        jobs.iter().filter_map(|j| Some((j.hidden[0]?, j.kind == Kind::Rich))).collect();
+    assert_eq!(covered.len(), 2 * REGISTRY.len());
+    assert_eq!(jobs.iter().filter(|j| j.hidden[0].is_none()).count(), 4);
+    let seeds: BTreeSet<_> =
+        campaign(2, 500).jobs().iter().map(|j| (seed_of(j), j.kind == Kind::Rich)).collect();
+    assert_eq!(seeds.len(), 504);
+}
+
+#[test]
+fn two_at_once_are_two_different_ones_in_all_pairs() {
+    let jobs = campaign(2, 16 * 15 * 2).jobs();
+    let pairs: BTreeSet<_> = jobs.iter().filter_map(|j| Some((j.hidden[0]?, j.hidden[1]?))).collect();
+    assert_eq!(pairs.len(), 16 * 15);
+    assert!(pairs.iter().all(|(a, b)| a != b));
+}
+
+fn outcome(hidden: &[&'static str], groups: &[&[&'static str]], oracle: &[bool]) -> Outcome {
+    Outcome {
+        hidden: hidden.to_vec(),
+        kind: Kind::Rich,
+        seed: 1,
+        evidence: vec![9.0; groups.len()],
+        groups: groups.iter().map(|g| g.to_vec()).collect(),
+        removed: Vec::new(),
+        oracle: oracle.to_vec(),
+        within_3_sigma: (1, 1),
+        last: Vec::new(),
+    }
+}
+
+#[test]
+fn the_summary_counts_what_was_promised() {
+    let s = summarise(&[
+        outcome(&["gps_latency"], &[&["gps_latency"]], &[true]),
+        outcome(&["gps_latency"], &[&["gps_lever_arm", "gps_latency"]], &[false]),
+        outcome(&["gps_latency"], &[&["gps_lever_arm"]], &[true]),
+        outcome(&["gps_latency"], &[], &[false]),
+        outcome(&[], &[&["gps_latency"]], &[]),
+        outcome(&[], &[], &[]),
+    ]);
+    let counts = |s: Share| (s.count, s.of);
+    assert_eq!(counts(s.oracle), (2, 4));
+    assert_eq!(counts(s.alone_right_where_oracle), (1, 2));
+    assert_eq!(counts(s.alone_right), (1, 4));
+    assert_eq!(counts(s.in_group), (2, 3));
+    assert_eq!(counts(s.nothing), (1, 4));
+    assert_eq!(counts(s.wrong_alone), (1, 4));
+    assert_eq!(counts(s.false_alarms), (1, 2));
+}
+
+#[test]
+fn two_effects_are_found_when_both_are_named() {
+    let both = ["gps_latency", "gps_lever_arm"];
+    let s = summarise(&[
+        outcome(&both, &[&["gps_lever_arm"], &["gps_latency", "gyro_bias_step"]], &[true, true]),
+        outcome(&both, &[&["gps_lever_arm"]], &[true, false]),
+    ]);
+    assert_eq!((s.both_found.count, s.both_found.of), (1, 2));
+    assert_eq!((s.both_found_where_oracle.count, s.both_found_where_oracle.of), (1, 1));
+    assert_eq!((s.oracle.count, s.oracle.of), (3, 4));
+}
+
+/// The whole way, once: hide, fly, explain, unseal.
+#[test]
+fn a_lever_arm_is_hidden_and_found() {
+    let campaign = Campaign { effects: vec!["gps_lever_arm".into()], clean: 1, ..campaign(1, 1) };
+    let outcomes = run(&campaign, &Settings::default(), &super::super::parallel::Silent);
+    let s = summarise(&outcomes);
+    assert_eq!((s.oracle.count, s.alone_right.count, s.alone_right.of), (1, 1, 1), "{outcomes:?}");
+    assert_eq!((s.false_alarms.count, s.false_alarms.of), (0, 1), "{outcomes:?}");
+    assert_eq!(s.within_3_sigma.of, 3, "{outcomes:?}");
+}
