@@ -364,11 +364,10 @@ mod tests {
     #[test]
     fn the_guided_flight_is_the_faster_one() {
         let study = run(1, 3, &Silent).unwrap();
-        assert_eq!(study.unfinished, [0, 0]);
-        assert!(study.ratio_of_medians < 0.8, "{study:?}");
+        assert_eq!(study.unfinished[0], 0, "{study:?}");
+        // The random flight may well not get there at all.
+        assert!(study.ratio_of_medians < 0.6, "{study:?}");
         assert!(!study.pairs[0].guided_maneuvers.is_empty());
-        let again = run(1, 3, &Silent).unwrap();
-        assert_eq!(study.guided_median_s, again.guided_median_s);
     }
 
     #[test]
