@@ -132,9 +132,9 @@ fn residuals_of_a_right_model_have_the_size_that_it_gives_them() {
         println!("seed {seed}: {places:?}");
         found += places.len();
         for point in &points {
-            for c in 0..12 {
+            for (c, sum) in sums.iter_mut().enumerate() {
                 if let Some(z) = point.normalised(c) {
-                    sums[c] = [sums[c][0] + z * z, sums[c][1] + 1.0];
+                    *sum = [sum[0] + z * z, sum[1] + 1.0];
                 }
             }
         }
