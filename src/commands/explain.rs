@@ -6,7 +6,7 @@ use crate::sensors::ConverterOptions;
 use gaware_nav::identify::select::Settings;
 use gaware_nav::model::Model;
 use std::path::PathBuf;
-use std::time::Duration;
+use std::time::{Duration, Instant};
 
 /// Arguments of `explain`.
 #[derive(Debug, Clone, clap::Args)]
@@ -41,6 +41,7 @@ pub fn run(args: &ExplainArgs) -> Result<(), CommandError> {
         converter: ConverterOptions::default(),
         settings: Settings::default(),
     };
+    let began = Instant::now();
     let bar = indicatif::ProgressBar::new_spinner();
     bar.enable_steady_tick(Duration::from_millis(200));
     let explained = explain::run(&request, &|phase| {
@@ -54,6 +55,7 @@ pub fn run(args: &ExplainArgs) -> Result<(), CommandError> {
     })?;
     bar.finish_and_clear();
     explain::write(&explained, &args.out)?;
+    eprintln!("explained in {:.1} s{}", began.elapsed().as_secs_f64(), peak_memory());
     if args.json {
         let text = serde_json::to_string_pretty(&explained.explanation).map_err(std::io::Error::from)?;
         println!("{text}");
@@ -71,4 +73,12 @@ pub fn run(args: &ExplainArgs) -> Result<(), CommandError> {
         println!("report: {}", args.out.join("report.html").display());
     }
     Ok(())
+}
+
+/// The most memory that the process has had, where the system tells it; on stderr because it differs from run to run.
+fn peak_memory() -> String {
+    let status = std::fs::read_to_string("/proc/self/status").unwrap_or_default();
+    let peak = status.lines().find_map(|line| line.strip_prefix("VmHWM:")?.trim().strip_suffix(" kB"));
+    let mb = peak.and_then(|kb| kb.trim().parse::<f64>().ok()).map(|kb| kb / 1024.0);
+    mb.map_or_else(String::new, |mb| format!(" with at most {mb:.0} MB of memory"))
 }

@@ -132,9 +132,9 @@ fn residuals_of_a_right_model_have_the_size_that_it_gives_them() {
         println!("seed {seed}: {places:?}");
         found += places.len();
         for point in &points {
-            for c in 0..12 {
+            for (c, sum) in sums.iter_mut().enumerate() {
                 if let Some(z) = point.normalised(c) {
-                    sums[c] = [sums[c][0] + z * z, sums[c][1] + 1.0];
+                    *sum = [sum[0] + z * z, sum[1] + 1.0];
                 }
             }
         }
@@ -144,4 +144,27 @@ fn residuals_of_a_right_model_have_the_size_that_it_gives_them() {
         assert!((0.6..1.4).contains(&(sum / n)), "{name}: {}", sum / n);
     }
     assert!(found <= 1, "{found} places stand out where nothing is wrong");
+}
+
+/// Constants of the vehicle are shared, biases and noise belong to each flight; a flight that took no part judges.
+#[test]
+fn several_flights_speak_together_and_another_one_judges() {
+    let hidden = EffectSetting::known(&effects::GpsLatency, &[0.12]).unwrap();
+    let flown = |seed| {
+        let samples = fly(std::slice::from_ref(&hidden), Kind::Coordinated, Family::Tuning, seed).samples;
+        let end = |s: &Sample| matches!(s, Sample::Imu(i) if i.t_s > 110.0);
+        samples.into_iter().take_while(|s| !end(s)).collect::<Vec<_>>()
+    };
+    let explained =
+        samples(&[flown(21), flown(22)], &[flown(23)], &Model::default(), &Settings::default(), &|_| {});
+    let e = &explained.explanation;
+    assert_eq!(e.verdict, contract::Verdict::Explained, "{}", e.summary);
+    assert_eq!(e.effects[0].names, ["gps_latency"]);
+    assert_eq!(explained.gaps.len(), 2);
+    let gap = e.gap.as_ref().unwrap();
+    assert!(gap.held_out.after < gap.held_out.before, "{gap:?}");
+    assert!(e.leave_one_out.iter().all(|l| l.held_out_log_likelihood > 0.0), "{:?}", e.leave_one_out);
+    let found = explained.model.get("gps_latency").unwrap();
+    assert!((found.values[0] - 0.12).abs() < 4.0 * found.sigmas[0] + 0.005, "{found:?}");
+    assert!(explained.model.get("gps_smoothing").is_none());
 }

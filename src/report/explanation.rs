@@ -171,15 +171,18 @@ fn maps(gap: &FlightGap, log: &str, changed: bool, body: &mut String) -> Result<
     Ok(())
 }
 
+/// What a vehicle does for more than this share of a flight tells nothing.
+const USUAL: f64 = 0.6;
 /// Cells of the table of regimes that are shown at most.
 const REGIMES_SHOWN: usize = 12;
 
 fn regimes(e: &Explanation, body: &mut String) {
-    let mut worst: Vec<_> = e.regimes.iter().filter(|r| r.share > 0.02 && r.nis.before > 2.0).collect();
+    let mut worst: Vec<_> =
+        e.regimes.iter().filter(|r| (0.02..USUAL).contains(&r.share) && r.nis.before > 2.0).collect();
     if worst.is_empty() {
         return;
     }
-    worst.sort_by(|a, b| (b.nis.before * b.share.sqrt()).total_cmp(&(a.nis.before * a.share.sqrt())));
+    worst.sort_by(|a, b| (b.nis.before * (1.0 - b.share)).total_cmp(&(a.nis.before * (1.0 - a.share))));
     body.push_str(
         "<h2>What goes with the disagreement</h2><table><tr><th>Channel</th><th>When</th><th class=\"n\">share of the flight</th>\
          <th class=\"n\">squared residual before</th><th class=\"n\">after</th></tr>",
@@ -216,7 +219,9 @@ fn gaps(e: &Explanation, body: &mut String) {
         let unit = if c.channel.starts_with("velocity") { "m/s" } else { "m" };
         row(&format!("{}, held out, {unit} RMS", c.channel.replace('_', " ")), c.rms.before, c.rms.after);
     }
-    for (time, drift) in &gap.drift_m {
+    let mut drifts: Vec<_> = gap.drift_m.iter().collect();
+    drifts.sort_by_key(|(time, _)| time.split('_').next().and_then(|t| t.parse::<u32>().ok()));
+    for (time, drift) in drifts {
         row(
             &format!("drift without fixes after {}, m RMS", time.replace('_', " ")),
             drift.before,
