@@ -100,7 +100,8 @@ impl<R: Read> TlogReader<R> {
                     self.damage.unknown_messages += 1;
                     self.consume(STAMP_LEN + len);
                 }
-                Scan::BadChecksum(len) if followed(len) => {
+                // A damaged length may reach over good records to the next stamp.
+                Scan::BadChecksum(len) if followed(len) && !hides_a_frame(frame, len) => {
                     self.damage.bad_records += 1;
                     self.skip(STAMP_LEN + len);
                 }
@@ -112,6 +113,11 @@ impl<R: Read> TlogReader<R> {
             }
         }
     }
+}
+
+/// Whether a good frame lies within the first `len` bytes.
+fn hides_a_frame(bytes: &[u8], len: usize) -> bool {
+    (1..len).any(|at| bytes.get(at..).is_some_and(|inner| matches!(scan(inner), Scan::Valid(_))))
 }
 
 impl<R: Read> Iterator for TlogReader<R> {
