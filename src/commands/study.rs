@@ -153,88 +153,77 @@ impl Progress for Bar {
 pub fn run(args: &StudyArgs) -> Result<(), CommandError> {
     match &args.study {
         StudyKind::Paper(args) => {
-            let bar = super::progress_bar(3 * args.runs as u64, "flights");
             let settings =
                 paper::Settings { runs: args.runs, seed: args.seed, attitude_error_deg: args.attitude_error };
-            let study = paper::run(&settings, &Bar(bar.clone()))?;
-            bar.finish_and_clear();
-            if args.json {
-                print_json(&study)?;
-            } else {
-                print_paper(&study);
-            }
+            let study = with_bar(3 * args.runs, "flights", |bar| paper::run(&settings, bar))?;
+            show(args.json, &study, print_paper)
         }
         StudyKind::Demo(args) => {
             let settings = Settings::new(super::demo::load_airframe(&args.airframe)?, args.budget);
             let prepared = Prepared::new(settings).map_err(super::demo::DemoError::from)?;
-            let bar = super::progress_bar(args.runs as u64, "flights");
-            let study = demo::run(&prepared, args.runs, args.seed, &Bar(bar.clone()));
-            bar.finish_and_clear();
-            if args.json {
-                print_json(&study)?;
-            } else {
-                print_demo(&study);
-            }
+            let study = with_bar(args.runs, "flights", |bar| demo::run(&prepared, args.runs, args.seed, bar));
+            show(args.json, &study, print_demo)
         }
-        StudyKind::Transfer(args) => {
-            let bar = super::progress_bar(6 * args.runs as u64, "uploads");
-            let study = transfer::run(args.runs, args.seed, &Bar(bar.clone()));
-            bar.finish_and_clear();
-            if args.json {
-                print_json(&study)?;
-            } else {
-                print!("{study}");
-            }
-            match study.wrong() {
-                0 => {}
-                count => return Err(CommandError::Transfers { count }),
-            }
-        }
-        StudyKind::Observability(args) => {
-            let bar = super::progress_bar(12, "flights");
-            let table = match &args.scenario {
-                Some(name) => observability::of_scenario(name, &Bar(bar.clone()))?,
-                None => observability::table(&Bar(bar.clone()))?,
-            };
-            bar.finish_and_clear();
-            print_json(&table)?;
-        }
+        StudyKind::Transfer(args) => transfers(args),
+        StudyKind::Observability(args) => print_json(&with_bar(12, "flights", |bar| match &args.scenario {
+            Some(name) => observability::of_scenario(name, bar),
+            None => observability::table(bar),
+        })?),
         StudyKind::Sigmas(args) => {
-            let bar = super::progress_bar((args.runs * args.scenarios.len()) as u64, "flights");
             let settings = honesty::HonestySettings {
                 runs: args.runs,
                 seed: args.seed,
                 scenarios: args.scenarios.clone(),
             };
-            let result = honesty::honest_sigmas(&settings, &Bar(bar.clone()))?;
-            bar.finish_and_clear();
-            print_json(&result)?;
+            let flights = args.runs * args.scenarios.len();
+            print_json(&with_bar(flights, "flights", |bar| honesty::honest_sigmas(&settings, bar))?)
         }
-        StudyKind::Blind(args) => super::study_blind::run(args)?,
+        StudyKind::Blind(args) => super::study_blind::run(args),
         StudyKind::Guidance(args) => {
-            let bar = super::progress_bar(2 * args.runs as u64, "flights");
-            let study = guidance::run(args.runs, args.seed, &Bar(bar.clone()))?;
-            bar.finish_and_clear();
-            if args.json {
-                print_json(&study)?;
-            } else {
-                print_guidance(&study);
-            }
+            let study = with_bar(2 * args.runs, "flights", |bar| guidance::run(args.runs, args.seed, bar))?;
+            show(args.json, &study, print_guidance)
         }
-        StudyKind::Recorded(args) => {
-            let mut results = Vec::new();
-            for name in &args.sets {
-                let setup = recorded::setup(name)?;
-                let flight = recorded::CsvFlight::read(&args.flights.join(setup.folder), setup.fixes)?;
-                results.push(recorded::run(&flight, &setup));
-            }
-            if args.json {
-                print_json(&serde_json::json!({"schema": "gaware.study/1", "recorded": results}))?;
-            } else {
-                results.iter().for_each(print_recorded);
-            }
-        }
+        StudyKind::Recorded(args) => recorded_sets(args),
     }
+}
+
+/// Shows how far it is while it works.
+fn with_bar<T>(total: usize, unit: &'static str, job: impl FnOnce(&Bar) -> T) -> T {
+    let bar = super::progress_bar(total as u64, unit);
+    let result = job(&Bar(bar.clone()));
+    bar.finish_and_clear();
+    result
+}
+
+/// A document for machines, or words.
+fn show<T: Serialize>(json: bool, study: &T, print: impl Fn(&T)) -> Result<(), CommandError> {
+    if json {
+        return print_json(study);
+    }
+    print(study);
+    Ok(())
+}
+
+fn transfers(args: &TransferArgs) -> Result<(), CommandError> {
+    let study = with_bar(6 * args.runs, "uploads", |bar| transfer::run(args.runs, args.seed, bar));
+    show(args.json, &study, |study| print!("{study}"))?;
+    match study.wrong() {
+        0 => Ok(()),
+        count => Err(CommandError::Transfers { count }),
+    }
+}
+
+fn recorded_sets(args: &RecordedArgs) -> Result<(), CommandError> {
+    let mut results = Vec::new();
+    for name in &args.sets {
+        let setup = recorded::setup(name)?;
+        let flight = recorded::CsvFlight::read(&args.flights.join(setup.folder), setup.fixes)?;
+        results.push(recorded::run(&flight, &setup));
+    }
+    if args.json {
+        return print_json(&serde_json::json!({"schema": "gaware.study/1", "recorded": results}));
+    }
+    results.iter().for_each(print_recorded);
     Ok(())
 }
 

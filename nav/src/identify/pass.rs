@@ -6,7 +6,6 @@ use super::noise::Noise;
 use crate::filter::watch::{Watched, WatchedRow};
 use crate::filter::{Filter, Fusion, Group};
 use crate::model::Model;
-use crate::sample::Quantisation;
 use nalgebra::{DMatrix, DVector, Matrix3, Vector3};
 
 /// Squared normalised innovations of a group count linearly beyond this (Huber's function of the norm).
@@ -170,16 +169,15 @@ fn capped(group: &Group) -> f64 {
 }
 
 /// The filter of `model` with this noise at the start of a flight, and how its samples are read.
-pub(crate) fn at_start(flight: &Flight, model: &Model, noise: &Noise) -> (Filter, Quantisation) {
+pub(crate) fn at_start(flight: &Flight, model: &Model, noise: &Noise) -> Filter {
     let model = noise.of(model);
-    let quantisation = model.quantisation_of(flight.stream());
-    let (gyro, accel) = quantisation.variance();
+    let (gyro, accel) = model.quantisation_of(flight.stream()).variance();
     let dt = flight.interval_s();
     let mut filter = Filter::new(&model, flight.initial());
     filter.set_stream(flight.stream().kind, (gyro * dt, accel * dt));
     filter.set_gating(false);
     filter.set_stamp_sigma(noise.stamp_s);
-    (filter, quantisation)
+    filter
 }
 
 /// Runs the filter of `model` with this noise. The same fixes count for every model.
@@ -190,7 +188,7 @@ pub fn run(
     options: &Options,
     watched: Option<&Watched>,
 ) -> Pass {
-    let (mut filter, _) = at_start(flight, model, noise);
+    let mut filter = at_start(flight, model, noise);
     let mut information = None;
     if let Some(w) = watched {
         let columns = w.slots().len() + w.terms.len();
@@ -257,7 +255,7 @@ pub(super) fn follow(
     noise: &Noise,
     mut see: impl FnMut(Present, &crate::sample::ImuSample),
 ) {
-    let (mut filter, _) = at_start(flight, model, noise);
+    let mut filter = at_start(flight, model, noise);
     let mut fixes = flight.fixes().iter().peekable();
     for sample in flight.samples_of(model).iter() {
         // A fix is applied at the sample nearest after its time of validity: good enough to start a drift from.

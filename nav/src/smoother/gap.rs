@@ -85,11 +85,11 @@ impl Point {
 
 /// The best trajectory of a flight under a model with its noise.
 pub fn trajectory(flight: &Flight, model: &Model, noise: &Noise) -> Vec<Smoothed> {
-    let (mut filter, quantisation) = at_start(flight, model, noise);
+    let mut filter = at_start(flight, model, noise);
     filter.record(SPACING_S);
     let mut fusion = Fusion::without_window(filter);
     let mut fixes = flight.fixes().iter().peekable();
-    for sample in flight.samples(quantisation) {
+    for sample in flight.samples_of(model).iter() {
         while let Some(fix) = fixes.next_if(|f| f.t_s <= sample.t_s) {
             fusion.push_fix(scaled(fix, noise));
         }
@@ -102,8 +102,8 @@ pub fn trajectory(flight: &Flight, model: &Model, noise: &Noise) -> Vec<Smoothed
 
 /// The disagreement along a flight.
 pub fn points(flight: &Flight, model: &Model, noise: &Noise) -> Vec<Point> {
-    let quantisation = noise.of(model).quantisation_of(flight.stream());
-    let mut samples = flight.samples(quantisation).iter().peekable();
+    let samples = flight.samples_of(model);
+    let mut samples = samples.iter().peekable();
     let start_s = flight.initial().t_s;
     let mut last: Option<ImuSample> = None;
     let mut motion = Motion::default();
