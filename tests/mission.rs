@@ -217,10 +217,13 @@ async fn the_page_refuses_while_a_mission_is_flown_and_leaves_what_is_on_board()
     let first = folder.mission("first.waypoints", 3);
     upload(&put(&address, first, folder.file("b1.plan")), &stop, |_| ()).await.unwrap();
     fly(address.strip_prefix("udpout:").unwrap()).await;
-    let (_companion, page) = run_with_page(&address, &folder.mission("planned.waypoints", 6));
+    let (companion, page) = run_with_page(&address, &folder.mission("planned.waypoints", 6));
     let (status, message) = upload_from(&page).await;
     assert_eq!(status, 409, "{message}");
     assert!(message.contains("the vehicle is flying a mission"), "{message}");
+    // The simulated vehicle answers whoever spoke last.
+    companion.terminate();
+    assert_eq!(companion.ended().code(), Some(0));
     assert_eq!(on_board(&folder, &address, &stop).await.items.len(), 4);
     stop.cancel();
 }
