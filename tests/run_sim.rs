@@ -8,6 +8,7 @@ use gaware::logs::{self, Item};
 use mavlink::dialects::ardupilotmega::MavMessage;
 use mcap::MessageStream;
 use mcap::read::Options;
+use std::io::{Read, Write};
 use std::path::Path;
 use support::{Folder, Gaware, gaware};
 
@@ -211,4 +212,56 @@ fn a_full_disk_costs_only_what_it_cannot_hold_and_that_is_counted_and_shown() {
     assert!(std::fs::metadata(&recording).unwrap().len() <= 512 * 1024);
     let (recorded_s, frames) = end_of(Path::new(&recording));
     assert!(recorded_s > 1.0 && frames > 100, "{recorded_s} s, {frames} frames");
+}
+
+/// What the page's metrics say of a figure.
+fn metric(page: &str, name: &str) -> f64 {
+    let mut stream = std::net::TcpStream::connect(page).unwrap();
+    write!(stream, "GET /metrics HTTP/1.1\r\nHost: {page}\r\nConnection: close\r\n\r\n").unwrap();
+    let mut answer = String::new();
+    stream.read_to_string(&mut answer).unwrap();
+    let line = answer.lines().find_map(|l| l.strip_prefix(name));
+    line.map_or(0.0, |value| value.trim().parse().unwrap())
+}
+
+#[test]
+fn a_dead_ground_station_link_costs_only_its_own_messages_and_they_are_counted_and_shown() {
+    let vehicle = Gaware::start(&[
+        "sim",
+        "--scenario",
+        "fixed_wing",
+        "--listen",
+        "tcpin:127.0.0.1:0",
+        "--speed",
+        "10",
+        "--until",
+        "60",
+    ]);
+    let address = vehicle.line();
+    // Accepts nobody: bound, but nobody listens.
+    let dead = std::net::UdpSocket::bind("127.0.0.1:0").unwrap().local_addr().unwrap();
+    let ground = format!("tcpout:{dead}");
+    let station = Gaware::start(&[
+        "run",
+        "--connect",
+        &address,
+        "--connect",
+        &ground,
+        "--no-record",
+        "--headless",
+        "--json",
+        "--web",
+        "127.0.0.1:0",
+    ]);
+    let line = station.line_with("web page: http://");
+    let page = line.split("//").nth(1).unwrap().split('/').next().unwrap().to_owned();
+    let told = station.line_with("link is down");
+    assert!(told.contains(&ground), "{told}");
+    while metric(&page, "gaware_sink_dropped_total{sink=\"links\"}") == 0.0 {}
+    assert_eq!(vehicle.ended().code(), Some(0));
+    station.line_with("the other side closed the connection");
+    station.terminate();
+    let document = station.ended().json();
+    assert!(document["duration_s"].as_f64().unwrap() > 50.0, "{document:#}");
+    assert!(document["imu"]["samples"].as_u64().unwrap() > 3_000, "{document:#}");
 }

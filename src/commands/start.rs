@@ -187,6 +187,8 @@ async fn relay(
     let mut telemetry = Telemetry::new(TelemetryConfig::default());
     let counters = status.sink("telemetry");
     let recorded = status.sink("recorder");
+    let links = status.sink("links");
+    let mut unsent = 0;
     let mut before = RecorderStats::default();
     let started = Instant::now();
     let mut meter = LinkMeter { frames: 0, since: started, heard: started, rate_hz: 0.0 };
@@ -205,6 +207,8 @@ async fn relay(
             recorded.dropped((stats.failed + stats.dropped).saturating_sub(before.failed + before.dropped));
             before = stats;
         }
+        let unsent_now = now.links.iter().map(|l| l.unsent).sum::<u64>();
+        links.dropped(unsent_now - std::mem::replace(&mut unsent, unsent_now));
         let planned = status.mission();
         if std::mem::replace(&mut mission, planned.state) != planned.state {
             telemetry.announce(started.elapsed().as_secs_f64(), &planned);

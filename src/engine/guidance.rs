@@ -2,7 +2,7 @@
 //!
 //! Each candidate's predicted flight is run through the covariance recursion (the information bound, as the planner does);
 //! the gain is the decrease of the logarithm of the worst sigma over target. "Worst" is the fourth-power mean, so that of
-//! several states equally far off each counts. States that no candidate makes known within [`HORIZON_S`] do not:
+//! several states equally far off each counts. States that no candidate makes known within `HORIZON_S` do not:
 //! coordinated maneuvers would otherwise be chosen for the little they say of column y of G. A candidate is one maneuver or one
 //! after another: what a climb does to the heading shows only in the turn behind it. One maneuver is run per slice of sample
 //! time, so no sample waits long, and the result depends on nothing but the samples.

@@ -80,6 +80,8 @@ pub struct LinkStatus {
     pub received_bytes: u64,
     /// Frames found in them.
     pub framer: FramerStats,
+    /// Frames that it could not send: it was down, or the other side does not read.
+    pub unsent: u64,
 }
 
 /// The sending side of a link.
@@ -105,7 +107,7 @@ impl LinkHandle {
 
     /// How the link is doing.
     pub fn status(&self) -> LinkStatus {
-        self.status.borrow().clone()
+        LinkStatus { unsent: self.dropped(), ..self.status.borrow().clone() }
     }
 
     /// For waiting on changes.
@@ -139,12 +141,15 @@ impl Links {
                 openings: 0,
                 received_bytes: 0,
                 framer: FramerStats::default(),
+                unsent: 0,
             });
+            let dropped = Arc::new(AtomicU64::new(0));
             let link = Link {
                 index: index as u16,
                 address: address.clone(),
                 frames: to_reader.clone(),
                 replies: from_us,
+                dropped: dropped.clone(),
                 status,
                 clock,
                 past: FramerStats::default(),
@@ -153,7 +158,7 @@ impl Links {
             tasks.spawn(async move {
                 let _ = stop.run_until_cancelled_owned(link.supervise()).await;
             });
-            handles.push(LinkHandle { replies, dropped: Arc::new(AtomicU64::new(0)), status: watched });
+            handles.push(LinkHandle { replies, dropped, status: watched });
         }
         tasks.close();
         Self { frames, handles, tasks, stop }
@@ -189,6 +194,7 @@ struct Link {
     address: Address,
     frames: mpsc::Sender<Received>,
     replies: mpsc::Receiver<Frame>,
+    dropped: Arc<AtomicU64>,
     status: watch::Sender<LinkStatus>,
     clock: ReceiveClock,
     /// What the framers of earlier connections and peers counted.
@@ -255,7 +261,9 @@ impl Link {
 
     fn opened(&mut self) {
         // Frames that waited while the link was down are stale.
-        while self.replies.try_recv().is_ok() {}
+        while self.replies.try_recv().is_ok() {
+            self.dropped.fetch_add(1, Ordering::Relaxed);
+        }
         tracing::info!(address = %self.address, "link is open");
         self.status.send_modify(|s| {
             s.up = true;

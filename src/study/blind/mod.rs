@@ -2,7 +2,7 @@
 //! then the truth is looked at.
 //!
 //! Two families of flights exist: one on which thresholds were tuned, and one kept aside (other maneuvers, speeds, air,
-//! vibration and seeds) for the figures that count. Beside every flight stands an [`oracle`] that knows the truth: where
+//! vibration and seeds) for the figures that count. Beside every flight stands an oracle that knows the truth: where
 //! not even it could name the effect, nobody can be blamed.
 
 mod flights;
