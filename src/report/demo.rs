@@ -38,8 +38,10 @@ pub fn html(airframe: &str, result: &DemoResult, series: &Series) -> Result<Stri
          filter had it in flight. The prediction is laid over the flight maneuver by maneuver; upright lines are the ends \
          of maneuvers.</p>",
     );
-    let marks: Vec<(f64, &str)> =
-        series.maneuvers.iter().map(|m| (m.flown_end_s, m.words.as_str())).collect();
+    // Words of neighbours would lie upon each other: the table says what each number was.
+    let ends: Vec<(f64, String)> =
+        series.maneuvers.iter().zip(1..).map(|(m, k)| (m.flown_end_s, format!("end of {k}"))).collect();
+    let marks: Vec<(f64, &str)> = ends.iter().map(|(t, name)| (*t, name.as_str())).collect();
     for (title, names) in GROUPS {
         body.push_str(&plot(title, names, series, &marks)?);
     }
@@ -73,10 +75,10 @@ fn maneuvers(series: &Series, body: &mut String) {
         let _ = write!(body, "<th class=\"n\">{name}<br>predicted / flown</th>");
     }
     body.push_str("</tr>");
-    for m in &series.maneuvers {
+    for (m, k) in series.maneuvers.iter().zip(1..) {
         let _ = write!(
             body,
-            "<tr><td>{}</td><td class=\"n\">{:.0}</td><td class=\"n\">{:.0}</td>",
+            "<tr><td>{k}. {}</td><td class=\"n\">{:.0}</td><td class=\"n\">{:.0}</td>",
             escape(&m.words),
             m.planned_end_s - m.planned_start_s,
             m.flown_end_s - m.flown_start_s
