@@ -2,6 +2,7 @@
 //!
 //! The library holds everything the binary does, so that tests and benches drive the same code.
 
+pub mod attitudes;
 pub mod commands;
 pub mod demo;
 pub mod engine;

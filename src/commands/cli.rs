@@ -1,6 +1,6 @@
 //! The command line: which commands there are, how they start, and what exit status their result becomes.
 
-use super::{CommandError, demo, explain, mission, plan, replay, run, sim, start, study};
+use super::{CommandError, demo, explain, mission, plan, replay, report, run, sim, start, study};
 use crate::engine::{Engine, EngineOptions};
 use clap::{CommandFactory, Parser, Subcommand};
 use std::process::ExitCode;
@@ -20,6 +20,7 @@ Examples:
   gaware demo
   gaware run --connect serial:/dev/ttyAMA0:921600 --web 127.0.0.1:8080
   gaware replay flight.tlog --json
+  gaware report flight.tlog
   gaware sim --scenario fixed_wing --listen tcpin:127.0.0.1:5760
   gaware study paper --runs 400
 
@@ -34,6 +35,8 @@ pub enum Command {
     Run(run::RunArgs),
     /// Run a recorded flight (.tlog, .bin, .ulg, .mcap) through the same pipeline.
     Replay(replay::ReplayArgs),
+    /// A recorded flight as a page: what is known, what made it known, the autopilot's attitude beside it.
+    Report(report::ReportArgs),
     /// Simulate an autopilot on UDP, TCP or a pseudo-terminal.
     Sim(sim::SimArgs),
     /// Find out where simulation and measurement disagree and which effect is missing.
@@ -67,6 +70,7 @@ fn dispatch(command: Command) -> Result<(), CommandError> {
         Command::Demo(args) => demo::run(&args),
         Command::Run(args) => start::run(args),
         Command::Replay(args) => replay::run(&args, |model| Engine::new(model, EngineOptions::default())),
+        Command::Report(args) => report::run(&args),
         Command::Sim(args) => {
             start::runtime()?.block_on(async {
                 let stop = CancellationToken::new();

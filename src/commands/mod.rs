@@ -9,6 +9,7 @@ pub mod pipeline;
 pub mod plan;
 pub mod print;
 pub mod replay;
+pub mod report;
 pub mod run;
 pub mod sim;
 pub mod start;
@@ -117,6 +118,9 @@ pub enum CommandError {
     /// The explanation.
     #[error(transparent)]
     Explain(#[from] crate::explain::ExplainError),
+    /// The report of a flight.
+    #[error(transparent)]
+    Report(#[from] report::ReportError),
     /// The study of observability.
     #[error(transparent)]
     Observability(#[from] crate::study::observability::ObservabilityError),

@@ -2,6 +2,7 @@
 
 pub mod demo;
 pub mod explanation;
+pub mod flight;
 pub mod heat;
 mod page;
 pub mod plot;

@@ -1,0 +1,217 @@
+//! What the flight made known: the matrix and its meaning, how it became known, biases and other effects.
+
+use super::lessons::{self, Lesson};
+use super::{AXES, FlightLog, series, words};
+use crate::engine::snapshot::{Snapshot, Status, Summary};
+use crate::explain::words::number;
+use crate::report::page::escape;
+use crate::report::plot::Plot;
+use plotters::style::RGBColor;
+use std::fmt::Write;
+
+/// Plots with bands are scaled to what is left of their uncertainty after this share of the flight.
+const SETTLED: f64 = 0.5;
+
+/// The matrix, and what it means in flight.
+pub fn g_sensitivity(s: &Summary, body: &mut String) {
+    let g = &s.estimate.g_sensitivity_deg_per_h_per_g;
+    body.push_str(
+        "<h2>What acceleration does to the gyros</h2><p>G in deg/h/g; bold is surely not zero, grey is not known yet.</p>\
+         <table><tr><th>gyro</th><th class=\"n\">forward (x)</th><th class=\"n\">sideways (y)</th><th class=\"n\">downward (z)</th></tr>",
+    );
+    for (row, name) in ["roll (x)", "pitch (y)", "yaw (z)"].iter().enumerate() {
+        let _ = write!(body, "<tr><td>{name}</td>");
+        for column in 0..3 {
+            let (value, sigma) = (g.value[row][column], g.sigma[row][column]);
+            let state = format!("g{}{}", row + 1, column + 1);
+            let status = s.observability.states.iter().find(|st| st.name == state).map(|st| st.status);
+            let text = format!("{value:.0} ± {sigma:.0}");
+            let _ = match status {
+                Some(_) if value.abs() > words::SURE * sigma => {
+                    write!(body, "<td class=\"n\"><b>{text}</b></td>")
+                }
+                Some(Status::Observable) => write!(body, "<td class=\"n\">{text}</td>"),
+                Some(_) => write!(body, "<td class=\"n\"><small>{text}</small></td>"),
+                None => write!(body, "<td class=\"n\"><small>not estimated</small></td>"),
+            };
+        }
+        body.push_str("</tr>");
+    }
+    body.push_str(
+        "</table><p>What that means in flight, as an error of each gyro in deg per minute:</p>\
+         <table><tr><th>against straight and level</th><th class=\"n\">roll</th><th class=\"n\">pitch</th><th class=\"n\">yaw</th></tr>",
+    );
+    for meaning in words::meanings(g) {
+        let _ = write!(body, "<tr><td>{}</td>", meaning.when);
+        for (value, sigma) in meaning.error_deg_per_min {
+            let _ = write!(body, "<td class=\"n\">{value:.1} ± {sigma:.1}</td>");
+        }
+        body.push_str("</tr>");
+    }
+    body.push_str("</table>");
+}
+
+/// How G became known: over time, what taught most, what is left.
+pub fn learning(s: &Summary, log: &FlightLog, lessons: &[Lesson], body: &mut String) -> Result<(), String> {
+    let shots = &log.snapshots;
+    let estimated = |state: &str| s.observability.states.iter().any(|st| st.name == state);
+    body.push_str("<h2>How it became known</h2>");
+    for (column, (axis, _)) in AXES.iter().enumerate() {
+        let rows: Vec<usize> = (0..3).filter(|r| estimated(&format!("g{}{}", r + 1, column + 1))).collect();
+        let names: Vec<String> = rows.iter().map(|r| format!("g{}{}", r + 1, column + 1)).collect();
+        let title = format!("G, column {axis}");
+        let lines: Vec<Banded<'_>> = rows
+            .iter()
+            .zip(&names)
+            .map(|(r, name)| {
+                let r = *r;
+                Banded::of(shots, name, AXES[r].1, move |s| {
+                    let g = &s.estimate.g_sensitivity_deg_per_h_per_g;
+                    (g.value[r][column], g.sigma[r][column])
+                })
+            })
+            .collect();
+        body.push_str(&banded(&title, "deg/h/g", &lines)?);
+    }
+    if !lessons.is_empty() {
+        body.push_str("<table><tr><th></th><th>Time</th><th>What the vehicle did</th><th>What it taught: sigma divided by</th></tr>");
+        for (lesson, k) in lessons.iter().zip(1..) {
+            let states: Vec<String> = lesson.states.iter().map(|(n, f)| format!("{n} {f:.1}")).collect();
+            let _ = write!(
+                body,
+                "<tr><td><b>{k}</b></td><td class=\"t\">{:.0} to {:.0} s</td><td>{}</td><td>{}</td></tr>",
+                lesson.start_s,
+                lesson.end_s,
+                escape(&lesson.did),
+                states.join(", ")
+            );
+        }
+        body.push_str("</table>");
+    }
+    conditions(s, body);
+    states(s, log, body);
+    for direction in &s.observability.unobservable_directions {
+        let _ = write!(body, "<p>Not observable: {}</p>", escape(&direction.text));
+    }
+    if !s.observability.disagreement.is_empty() {
+        let _ = write!(body, "<p><small>{}</small></p>", escape(&s.observability.disagreement));
+    }
+    Ok(())
+}
+
+fn conditions(s: &Summary, body: &mut String) {
+    let c = &s.observability.conditions;
+    body.push_str("<table><tr><th>Condition on segments of constant attitude</th><th></th></tr>");
+    for (name, what, condition) in [
+        ("a", "two independent changes of specific force: attitude and biases", &c.a),
+        ("b", "every element of specific force changes: the diagonal of G", &c.b),
+        ("c", "three independent changes: all of G", &c.c),
+    ] {
+        let state = if condition.met { "met".to_owned() } else { escape(&condition.missing) };
+        let _ = write!(body, "<tr><td>({name}) {what}</td><td>{state}</td></tr>");
+    }
+    body.push_str("</table>");
+}
+
+fn states(s: &Summary, log: &FlightLog, body: &mut String) {
+    let since = lessons::known_since(&log.snapshots);
+    body.push_str(
+        "<table><tr><th>State</th><th class=\"n\">sigma</th><th class=\"n\">target</th><th>unit</th><th class=\"n\">of the sigma at the \
+         start</th><th class=\"n\">known since, s</th></tr>",
+    );
+    for state in &s.observability.states {
+        let known = since.iter().find(|(name, _)| *name == state.name);
+        let _ = write!(
+            body,
+            "<tr><td>{}</td><td class=\"n\">{}</td><td class=\"n\">{}</td><td>{}</td><td class=\"n\">{:.1} %</td><td class=\"n\">{}</td></tr>",
+            escape(&state.name),
+            number(state.sigma),
+            number(state.target),
+            escape(&state.unit),
+            100.0 * state.sigma_ratio,
+            known.map_or_else(|| "–".to_owned(), |(_, t)| format!("{t:.0}"))
+        );
+    }
+    body.push_str("</table>");
+}
+
+/// Biases and the effects beside G.
+pub fn biases(s: &Summary, log: &FlightLog, body: &mut String) -> Result<(), String> {
+    let shots = &log.snapshots;
+    body.push_str("<h2>Biases and other effects</h2>");
+    let gyro: Vec<Banded<'_>> = AXES
+        .iter()
+        .enumerate()
+        .map(|(k, (name, color))| {
+            Banded::of(shots, name, *color, move |s| {
+                let e = &s.estimate.gyro_bias_deg_per_h;
+                (e.value[k], e.sigma[k])
+            })
+        })
+        .collect();
+    body.push_str(&banded("gyro bias", "deg/h", &gyro)?);
+    let accel: Vec<Banded<'_>> = AXES
+        .iter()
+        .enumerate()
+        .map(|(k, (name, color))| {
+            Banded::of(shots, name, *color, move |s| {
+                let e = &s.estimate.accel_bias_mg;
+                (e.value[k], e.sigma[k])
+            })
+        })
+        .collect();
+    body.push_str(&banded("accelerometer bias", "mg", &accel)?);
+    if !s.estimate.effects.is_empty() {
+        body.push_str(
+            "<table><tr><th>Effect</th><th>Parameter</th><th class=\"n\">value</th><th>unit</th></tr>",
+        );
+        for p in &s.estimate.effects {
+            let _ = write!(
+                body,
+                "<tr><td>{}</td><td>{}</td><td class=\"n\">{} ± {}</td><td>{}</td></tr>",
+                escape(&p.effect),
+                escape(&p.name),
+                number(p.value),
+                number(p.sigma),
+                escape(&p.unit)
+            );
+        }
+        body.push_str("</table>");
+    }
+    Ok(())
+}
+
+/// A value with its sigma over time.
+struct Banded<'a> {
+    name: &'a str,
+    color: RGBColor,
+    values: Vec<(f64, f64)>,
+    sigmas: Vec<(f64, f64)>,
+}
+
+impl<'a> Banded<'a> {
+    fn of(shots: &[Snapshot], name: &'a str, color: RGBColor, of: impl Fn(&Snapshot) -> (f64, f64)) -> Self {
+        let (values, sigmas) = (series(shots, |s| of(s).0), series(shots, |s| of(s).1));
+        Self { name, color, values, sigmas }
+    }
+
+    /// The largest value with its sigma once half of the flight is over.
+    fn reach(&self) -> f64 {
+        let from = self.values.last().map_or(0.0, |(t, _)| SETTLED * t);
+        let points = self.values.iter().zip(&self.sigmas).filter(|((t, _), _)| *t >= from);
+        points.map(|((_, v), (_, sigma))| v.abs() + sigma).fold(0.0, f64::max)
+    }
+}
+
+fn banded(title: &str, unit: &str, lines: &[Banded<'_>]) -> Result<String, String> {
+    let limit = lines.iter().map(Banded::reach).fold(0.0, f64::max);
+    if limit <= 0.0 {
+        return Ok(String::new());
+    }
+    let mut plot = Plot::new(title, unit).within(1.2 * limit);
+    for line in lines {
+        let band = line.values.iter().zip(&line.sigmas).map(|((t, v), (_, s))| (*t, v - s, v + s)).collect();
+        plot = plot.band(line.color, band).line(line.name, line.color, line.values.clone());
+    }
+    plot.svg()
+}

@@ -1,0 +1,159 @@
+//! What the estimate means, in sentences.
+
+use crate::engine::snapshot::{EstimateMatrix, Phase, StateStatus, Status, Summary};
+use crate::explain::words::number;
+
+/// An element is surely there beyond so many of its sigmas.
+pub const SURE: f64 = 3.0;
+const AXES: [&str; 3] = ["roll", "pitch", "yaw"];
+const COLUMNS: [(&str, &str); 3] = [
+    ("x", "fly straight and level, throttle full to idle and back"),
+    ("y", "fly a sideslip by hand: wings level, full rudder left, then right"),
+    ("z", "fly steep turns and pull-ups"),
+];
+
+/// An element so many of its prior sigmas away takes the blame for something else.
+const FAR: f64 = 4.0;
+
+/// Elements of G that no sensor like those of the model would have.
+fn implausible(summary: &Summary) -> Vec<&str> {
+    let g = &summary.estimate.g_sensitivity_deg_per_h_per_g;
+    let value = |name: &str| {
+        (0..9).find(|k| name == format!("g{}{}", k / 3 + 1, k % 3 + 1)).map(|k| g.value[k / 3][k % 3])
+    };
+    let far = |s: &&StateStatus| {
+        s.sigma_ratio > 0.0 && value(&s.name).is_some_and(|v| v.abs() > FAR * s.sigma / s.sigma_ratio)
+    };
+    summary.observability.states.iter().filter(far).map(|s| s.name.as_str()).collect()
+}
+
+/// The largest element of G that is surely there: row, column.
+fn largest(g: &EstimateMatrix) -> Option<(usize, usize)> {
+    (0..9)
+        .map(|k| (k / 3, k % 3))
+        .filter(|(r, c)| g.value[*r][*c].abs() > SURE * g.sigma[*r][*c] && g.sigma[*r][*c] > 0.0)
+        .max_by(|a, b| g.value[a.0][a.1].abs().total_cmp(&g.value[b.0][b.1].abs()))
+}
+
+/// The result in a few sentences.
+pub fn verdict(summary: &Summary) -> String {
+    if summary.phase != Phase::Running {
+        return format!("There is no estimate: {}.", summary.waiting_for);
+    }
+    let g = &summary.estimate.g_sensitivity_deg_per_h_per_g;
+    let far = implausible(summary);
+    if !far.is_empty() {
+        return format!(
+            "The values below are not to be believed: {} left what any such sensor does by more than {FAR} sigmas, so the model lacks \
+             another effect, for which they take the blame. `gaware explain` names it; give its model.toml to this command.",
+            far.join(", ")
+        );
+    }
+    let mut text = match largest(g) {
+        Some((r, c)) => {
+            let (value, sigma) = (g.value[r][c], g.sigma[r][c]);
+            let what = ["forward", "sideways", "along the vertical axis"][c];
+            format!(
+                "Acceleration {what} disturbs the {} gyro: g{}{} is {value:.0} ± {sigma:.0} deg/h/g, {:.1} deg per minute for each g.",
+                AXES[r],
+                r + 1,
+                c + 1,
+                (value / 60.0).abs()
+            )
+        }
+        None => "No g-sensitivity stands out of its uncertainty.".to_owned(),
+    };
+    for (c, (axis, remedy)) in COLUMNS.iter().enumerate() {
+        let names: Vec<String> = (1..=3).map(|r| format!("g{r}{}", c + 1)).collect();
+        let of_column = || summary.observability.states.iter().filter(|s| names.contains(&s.name));
+        let known = of_column().filter(|s| s.status == Status::Observable).count();
+        let all = of_column().count();
+        if all == 0 {
+            continue;
+        }
+        if known == all {
+            text.push_str(&format!(" Column {axis} of G is known."));
+        } else {
+            let some = if known == 0 { "not known" } else { "known in part" };
+            text.push_str(&format!(" Column {axis} is {some} yet: {remedy}."));
+        }
+    }
+    let nis = summary.consistency.nis_mean_per_dof;
+    if nis > 1.5 {
+        text.push_str(&format!(
+            " The fixes disagree with the model more than it expects (squared innovation {} instead of 1): `gaware explain` names what is missing.",
+            number(nis)
+        ));
+    }
+    text
+}
+
+/// A change of specific force and the rate error that it makes on each gyro.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Meaning {
+    /// What is flown.
+    pub when: &'static str,
+    /// Error of the roll, pitch and yaw gyros, deg per minute, with sigma.
+    pub error_deg_per_min: [(f64, f64); 3],
+}
+
+/// What G does to the gyros in typical flight, against straight and level.
+pub fn meanings(g: &EstimateMatrix) -> Vec<Meaning> {
+    // A change of specific force, g, in body axes; level flight has (0, 0, −1).
+    let cases: [(&'static str, [f64; 3]); 4] = [
+        ("turn with 60° of bank (2 g)", [0.0, 0.0, -1.0]),
+        ("push-over to weightlessness (0 g)", [0.0, 0.0, 1.0]),
+        ("acceleration forward by 0.5 g", [0.5, 0.0, 0.0]),
+        ("sideslip with 0.3 g to the right", [0.0, 0.3, 0.0]),
+    ];
+    let error = |row: usize, f: &[f64; 3]| {
+        let value: f64 = (0..3).map(|c| g.value[row][c] * f[c]).sum();
+        let variance: f64 = (0..3).map(|c| (g.sigma[row][c] * f[c]).powi(2)).sum();
+        (value / 60.0, variance.sqrt() / 60.0)
+    };
+    cases
+        .iter()
+        .map(|(when, f)| Meaning { when, error_deg_per_min: [error(0, f), error(1, f), error(2, f)] })
+        .collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_known_column_makes_a_turn_cost_degrees() {
+        let mut g = EstimateMatrix::default();
+        (g.value[2][2], g.sigma[2][2]) = (-360.0, 24.0);
+        let turn = &meanings(&g)[0];
+        assert_eq!(turn.error_deg_per_min[2], (6.0, 0.4));
+        let mut summary = Summary { phase: Phase::Running, ..Summary::default() };
+        summary.estimate.g_sensitivity_deg_per_h_per_g = g;
+        let text = verdict(&summary);
+        assert!(
+            text.contains("disturbs the yaw gyro")
+                && text.contains("-360 ± 24")
+                && text.contains("6.0 deg per minute"),
+            "{text}"
+        );
+    }
+
+    #[test]
+    fn values_that_no_sensor_has_are_not_believed() {
+        let mut summary = Summary { phase: Phase::Running, ..Summary::default() };
+        summary.estimate.g_sensitivity_deg_per_h_per_g.value[1][0] = -2500.0;
+        summary.estimate.g_sensitivity_deg_per_h_per_g.sigma[1][0] = 200.0;
+        let state =
+            StateStatus { name: "g21".to_owned(), sigma: 200.0, sigma_ratio: 0.55, ..StateStatus::default() };
+        summary.observability.states = vec![state];
+        assert!(verdict(&summary).contains("not to be believed: g21 left"), "{}", verdict(&summary));
+        summary.estimate.g_sensitivity_deg_per_h_per_g.value[1][0] = -1400.0;
+        assert!(verdict(&summary).contains("disturbs the pitch gyro"), "{}", verdict(&summary));
+    }
+
+    #[test]
+    fn without_an_estimate_the_reason_is_told() {
+        let summary = Summary { waiting_for: "no GNSS fix yet".to_owned(), ..Summary::default() };
+        assert_eq!(verdict(&summary), "There is no estimate: no GNSS fix yet.");
+    }
+}

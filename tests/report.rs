@@ -1,0 +1,64 @@
+//! `gaware report`: the page that a pilot and an engineer read after a flight.
+
+#![allow(clippy::unwrap_used, clippy::panic, reason = "helpers of tests may panic, as tests do")]
+
+mod support;
+
+use std::fs;
+use support::{Folder, fixture, gaware};
+
+#[test]
+fn the_page_tells_what_replay_tells_and_needs_nothing_else() {
+    let folder = Folder::new("report");
+    let log = fixture("small_gsens_typical_dither.tlog");
+    let (log, out) = (log.to_str().unwrap(), folder.file("page.html"));
+    let made = gaware(&["report", log, "--out", &out]);
+    assert_eq!(made.code(), Some(0), "{}", made.stderr);
+    assert!(made.stdout.contains(&out), "{}", made.stdout);
+    let page = fs::read_to_string(&out).unwrap();
+    let replayed = gaware(&["replay", log, "--json"]).json();
+    let g = &replayed["estimate"]["g_sensitivity_deg_per_h_per_g"];
+    for (row, column) in (0..9).map(|k| (k / 3, k % 3)) {
+        let of = |what: &str| g[what][row][column].as_f64().unwrap();
+        let told = format!("{:.0} ± {:.0}", of("value"), of("sigma"));
+        assert!(page.contains(&told), "g{}{} = {told} is not on the page", row + 1, column + 1);
+    }
+    for part in
+        ["Track over the ground", "deg per minute", "The autopilot's own attitude", "in turns", "Innovations"]
+    {
+        assert!(page.contains(part), "{part} is missing");
+    }
+    for foreign in ["<script", "src=", "href=", "NaN", "inf "] {
+        assert!(!page.contains(foreign), "{foreign} is on the page");
+    }
+}
+
+#[test]
+fn a_flight_without_fixes_has_a_page_that_says_why_it_is_empty() {
+    let folder = Folder::new("report-bench");
+    let recording = folder.file("bench.tlog");
+    let line =
+        ["sim", "--listen", "tcpin:127.0.0.1:0", "--speed", "max", "--until", "20", "--record", &recording];
+    let faults = ["--fault", "gnss-loss@0-100"];
+    let vehicle = support::Gaware::start(&[&line[..], &faults[..]].concat());
+    let address = vehicle.line();
+    let station =
+        support::Gaware::start(&["run", "--connect", &address, "--no-record", "--headless", "--json"]);
+    assert_eq!(vehicle.ended().code(), Some(0));
+    station.terminate();
+    assert_eq!(station.ended().code(), Some(0));
+    let out = folder.file("bench.html");
+    let made = gaware(&["report", &recording, "--out", &out]);
+    assert_eq!(made.code(), Some(0), "{}", made.stderr);
+    let page = fs::read_to_string(&out).unwrap();
+    assert!(page.contains("There is no estimate: no GNSS fix yet"), "{page}");
+    assert!(!page.contains("What acceleration does"), "values without an estimate");
+}
+
+#[test]
+fn a_page_that_cannot_be_written_is_told_with_its_place() {
+    let log = fixture("small_gsens_typical_dither.tlog");
+    let made = gaware(&["report", log.to_str().unwrap(), "--out", "/no/such/folder/page.html"]);
+    assert_eq!(made.code(), Some(1));
+    assert!(made.stderr.contains("/no/such/folder/page.html"), "{}", made.stderr);
+}
