@@ -133,6 +133,13 @@ fn attitudes(document: &Map<String, Value>, log: &FlightLog, body: &mut String) 
             );
         }
         body.push_str("</table>");
+        if let Some([autopilot, ours]) = found.crab_rms_deg {
+            let _ = write!(
+                body,
+                "<p>From the nose to the course over the ground: {autopilot:.1}° RMS by the autopilot's yaw, {ours:.1}° by this \
+                 estimate. Wind and sideslip are in both; the larger one tells whose yaw errs.</p>"
+            );
+        }
         let every = found.differences.len().div_ceil(POINTS).max(1);
         let mut plot = Plot::new("autopilot less this estimate", "deg");
         for (k, (name, (_, color))) in ["roll", "pitch", "yaw"].into_iter().zip(AXES).enumerate() {
