@@ -4,7 +4,7 @@
 //! the same samples give the same result, bit for bit.
 
 use crate::alignment::Gathering;
-use crate::filter::{Filter, FixOutcome, Fusion, Initial};
+use crate::filter::{Filter, FixOutcome, Fusion, Initial, PassedOver};
 use crate::heading::{HeadingBank, MEMBERS};
 use crate::mechanization::NavState;
 use crate::model::Model;
@@ -135,11 +135,11 @@ impl Estimator {
         }
     }
 
-    /// Fixes that came too late.
-    pub fn late_fixes(&self) -> u64 {
+    /// Fixes that were not used because of their time.
+    pub fn passed_over(&self) -> PassedOver {
         match &self.state {
-            State::Running(fusion) => fusion.late(),
-            _ => 0,
+            State::Running(fusion) => fusion.passed_over(),
+            _ => PassedOver::default(),
         }
     }
 

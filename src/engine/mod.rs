@@ -15,7 +15,7 @@ use estimate::{BEYOND_PRIOR, Constants};
 use gaware_mission::airframe::Airframe;
 use gaware_mission::maneuver::Maneuver;
 use gaware_nav::estimator::{Estimator, Stage};
-use gaware_nav::filter::{Filter, FixOutcome};
+use gaware_nav::filter::{Filter, FixOutcome, PassedOver};
 use gaware_nav::model::Model;
 use gaware_nav::observability::covariance::Targets;
 use gaware_nav::observability::segments::PathSegment;
@@ -74,7 +74,7 @@ pub struct Engine {
     fixes: u64,
     used: u64,
     rejected: u64,
-    late_before: u64,
+    passed_over_before: PassedOver,
     nis: (f64, usize),
     last_outcome: FixOutcome,
     warnings: Warnings,
@@ -104,7 +104,7 @@ impl Engine {
             fixes: 0,
             used: 0,
             rejected: 0,
-            late_before: 0,
+            passed_over_before: PassedOver::default(),
             nis: (0.0, 0),
             last_outcome: FixOutcome::default(),
             warnings: Warnings::default(),
@@ -203,7 +203,7 @@ impl Engine {
 
     /// The constants go on, motion starts anew.
     fn restart(&mut self) {
-        self.late_before += self.estimator.late_fixes();
+        self.passed_over_before += self.estimator.passed_over();
         if let Some(filter) = self.estimator.filter() {
             self.before = Some(Box::new(filter.clone()));
         }
@@ -370,16 +370,19 @@ impl Engine {
     }
 
     fn gnss_status(&self) -> GnssStatus {
+        let passed_over = self.passed_over();
         GnssStatus {
             fixes: self.fixes,
             used: self.used,
-            rejected: self.rejected + self.late(),
+            rejected: self.rejected + passed_over.late + passed_over.overtaken,
             rate_hz: self.time.now_s().map_or(0.0, |now| self.fix_rate.at(now)),
         }
     }
 
-    fn late(&self) -> u64 {
-        self.late_before + self.estimator.late_fixes()
+    fn passed_over(&self) -> PassedOver {
+        let mut all = self.passed_over_before;
+        all += self.estimator.passed_over();
+        all
     }
 
     fn consistency(&self) -> Consistency {
@@ -399,7 +402,7 @@ impl Engine {
                 far.join(", ")
             ));
         }
-        if self.late() > 0 {
+        if self.passed_over().late > 0 {
             list.push("some fixes came more than 1.5 s after their time and were not used".to_owned());
         }
         list

@@ -144,6 +144,38 @@ fn impossible_values_are_refused_counted_and_told() {
     assert_eq!(after.warnings.len(), 1);
 }
 
+/// Feeds the flight from 60 to 62 s with every fix a second time, so much after the first.
+fn repeated(delay_s: f64) -> (Snapshot, Snapshot) {
+    let flight = named("fixed_wing");
+    let mut engine = fly(&flight, 3, 60.0);
+    let before = engine.snapshot();
+    let mut again = std::collections::VecDeque::new();
+    for (sample, truth) in
+        flight.flight(3).skip_while(|(_, t)| t.t_s <= 60.0).take_while(|(_, t)| t.t_s <= 64.0)
+    {
+        engine.feed(&sample);
+        if matches!(sample, Sample::Fix(_)) {
+            again.push_back((truth.t_s + delay_s, sample));
+        }
+        while let Some((_, late)) = again.pop_front_if(|(due, _)| *due <= truth.t_s) {
+            engine.feed(&late);
+        }
+    }
+    (before, engine.snapshot())
+}
+
+#[test]
+fn only_a_fix_that_really_is_late_is_called_late() {
+    for (delay_s, warned) in [(0.5, false), (1.9, true)] {
+        let (before, after) = repeated(delay_s);
+        let late = after.warnings.iter().any(|w| w.contains("1.5 s after their time"));
+        assert_eq!(late, warned, "{delay_s}: {:?}", after.warnings);
+        let (fixes, passed) =
+            (after.gnss.fixes - before.gnss.fixes, after.gnss.rejected - before.gnss.rejected);
+        assert!(fixes > 20 && 2 * passed > fixes - 10, "every one is counted: {:?}", after.gnss);
+    }
+}
+
 #[test]
 fn the_search_for_the_heading_shows_its_own_sigma() {
     let mut bench = named("bench");

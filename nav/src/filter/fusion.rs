@@ -17,13 +17,29 @@ const LATE_S: f64 = 1e-3;
 /// More fixes than this never wait: a clock that stands still must not fill the memory.
 const MAX_WAITING: usize = 64;
 
+/// Fixes that were not used because of their time.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
+pub struct PassedOver {
+    /// Older than [`BUFFER_S`] when they came.
+    pub late: u64,
+    /// Valid before a time that the filter had reached already: at the start, or when the estimate of their delay has grown.
+    pub overtaken: u64,
+}
+
+impl std::ops::AddAssign for PassedOver {
+    fn add_assign(&mut self, other: Self) {
+        self.late += other.late;
+        self.overtaken += other.overtaken;
+    }
+}
+
 /// A filter with the samples and fixes that it has not reached yet.
 #[derive(Debug, Clone)]
 pub struct Fusion {
     filter: Filter,
     samples: VecDeque<ImuSample>,
     fixes: VecDeque<GnssFix>,
-    late: u64,
+    passed_over: PassedOver,
     window: Option<Box<Window>>,
 }
 
@@ -36,7 +52,13 @@ impl Fusion {
 
     /// Around a filter whose start is never run again: for one of many hypotheses.
     pub fn without_window(filter: Filter) -> Self {
-        Self { filter, samples: VecDeque::new(), fixes: VecDeque::new(), late: 0, window: None }
+        Self {
+            filter,
+            samples: VecDeque::new(),
+            fixes: VecDeque::new(),
+            passed_over: PassedOver::default(),
+            window: None,
+        }
     }
 
     /// The filter at the time of the last fix it used (or [`BUFFER_S`] behind).
@@ -49,9 +71,9 @@ impl Fusion {
         &mut self.filter
     }
 
-    /// Fixes that came too late to be used.
-    pub fn late(&self) -> u64 {
-        self.late
+    /// Fixes that were not used because of their time.
+    pub fn passed_over(&self) -> PassedOver {
+        self.passed_over
     }
 
     /// Time of the newest sample, s.
@@ -70,7 +92,7 @@ impl Fusion {
     pub fn push_fix(&mut self, fix: GnssFix) {
         if self.fixes.len() == MAX_WAITING {
             self.fixes.pop_front();
-            self.late += 1;
+            self.passed_over.late += 1;
         }
         self.fixes.push_back(fix);
     }
@@ -85,7 +107,11 @@ impl Fusion {
             }
             let fix = self.fixes.pop_front()?;
             if valid_s < self.filter.t_s() - LATE_S {
-                self.late += 1;
+                if valid_s < now - BUFFER_S {
+                    self.passed_over.late += 1;
+                } else {
+                    self.passed_over.overtaken += 1;
+                }
                 continue;
             }
             self.advance_to(valid_s);

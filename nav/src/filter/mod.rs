@@ -27,7 +27,7 @@ use layout::{Layout, index};
 use nalgebra::{Matrix3, Vector3};
 use regressor::Regressor;
 
-pub use fusion::Fusion;
+pub use fusion::{Fusion, PassedOver};
 pub use update::{FixOutcome, Group, gate};
 
 /// What a filter starts from.
