@@ -219,7 +219,7 @@ pub fn new_model(judged: &Judged, sizes: &[Size]) -> Model {
     let selection = &judged.selection;
     let mut model = selection.noise.of(&selection.base);
     for (added, _) in selection.added.iter().zip(sizes).filter(|(_, size)| !size.negligible) {
-        model.set(added.setting.clone());
+        model.set(added.setting.clone().for_filters());
     }
     super::without_receiver(model)
 }

@@ -265,13 +265,29 @@ pub fn write(explained: &Explained, folder: &Path) -> Result<(), ExplainError> {
     std::fs::create_dir_all(folder).map_err(failed(folder))?;
     let json = serde_json::to_string_pretty(&explained.explanation).unwrap_or_default();
     let html = crate::report::explanation::html(explained).map_err(ExplainError::Plot)?;
-    for (name, text) in
-        [("report.json", json), ("report.html", html), ("model.toml", explained.model.to_toml())]
+    for (name, text) in [("report.json", json), ("report.html", html), ("model.toml", model_file(explained))]
     {
         let path = folder.join(name);
         std::fs::write(&path, text).map_err(failed(&path))?;
     }
     Ok(())
+}
+
+/// The new model as a file; it says where it comes from, and what in it belongs to these flights alone.
+fn model_file(explained: &Explained) -> String {
+    let mut text = format!("# by gaware explain from {}\n", one_line(&explained.logs.join(", ")));
+    for setting in explained.model.effects.iter().filter(|s| s.effect.name().ends_with("_step")) {
+        text.push_str(&format!(
+            "# {} is an event of one flight: take it out before the model is used for another\n",
+            setting.effect.name()
+        ));
+    }
+    text + &explained.model.to_toml()
+}
+
+/// Without line ends, so that a comment stays one.
+fn one_line(text: &str) -> String {
+    text.chars().map(|c| if c.is_control() { ' ' } else { c }).collect()
 }
 
 #[cfg(test)]

@@ -53,6 +53,11 @@ struct Gnss {
     time_sigma_s: f64,
 }
 
+/// Twelve significant digits: more than any sensor has, fewer than the noise of unit conversion.
+fn tidy(v: f64) -> f64 {
+    format!("{v:.11e}").parse().unwrap_or(v)
+}
+
 fn is_zero(v: &[f64; 3]) -> bool {
     v.iter().all(|x| *x == 0.0)
 }
@@ -66,12 +71,12 @@ impl Default for Imu {
 impl From<&super::ImuModel> for Imu {
     fn from(m: &super::ImuModel) -> Self {
         Self {
-            gyro_noise_deg_per_s_per_rthz: m.gyro_noise.to_degrees(),
-            accel_noise_m_per_s2_per_rthz: m.accel_noise,
-            gyro_bias_sigma_deg_per_s: m.gyro_bias_sigma.to_degrees(),
-            accel_bias_sigma_m_per_s2: m.accel_bias_sigma,
-            gyro_bias_deg_per_s: m.gyro_bias.map(f64::to_degrees),
-            accel_bias_m_per_s2: m.accel_bias,
+            gyro_noise_deg_per_s_per_rthz: tidy(m.gyro_noise.to_degrees()),
+            accel_noise_m_per_s2_per_rthz: tidy(m.accel_noise),
+            gyro_bias_sigma_deg_per_s: tidy(m.gyro_bias_sigma.to_degrees()),
+            accel_bias_sigma_m_per_s2: tidy(m.accel_bias_sigma),
+            gyro_bias_deg_per_s: m.gyro_bias.map(|v| tidy(v.to_degrees())),
+            accel_bias_m_per_s2: m.accel_bias.map(tidy),
             quantisation: match m.quantisation {
                 QuantisationBelief::Auto => Belief::Auto,
                 QuantisationBelief::None => Belief::None,
@@ -91,11 +96,11 @@ impl Default for Gnss {
 impl From<&super::GnssModel> for Gnss {
     fn from(m: &super::GnssModel) -> Self {
         Self {
-            position_sigma_m: m.position_sigma_m,
-            velocity_sigma_m_per_s: m.velocity_sigma_m_per_s,
-            position_correlation_s: m.position_correlation_s,
-            position_wander_sigma_m: m.position_wander_sigma_m,
-            time_sigma_s: m.time_sigma_s,
+            position_sigma_m: m.position_sigma_m.map(tidy),
+            velocity_sigma_m_per_s: m.velocity_sigma_m_per_s.map(tidy),
+            position_correlation_s: tidy(m.position_correlation_s),
+            position_wander_sigma_m: m.position_wander_sigma_m.map(tidy),
+            time_sigma_s: tidy(m.time_sigma_s),
         }
     }
 }
@@ -309,9 +314,7 @@ fn setting_to_toml(setting: &EffectSetting) -> Value {
 }
 
 fn shaped(group: &ParameterGroup, si: &[f64]) -> Value {
-    // Twelve significant digits: more than any sensor, fewer than the noise of unit conversion.
-    let number =
-        |v: f64| Value::Float(format!("{:.11e}", v / group.unit.si).parse().unwrap_or(v / group.unit.si));
+    let number = |v: f64| Value::Float(tidy(v / group.unit.si));
     let row = |r: &[f64]| Value::Array(r.iter().map(|v| number(*v)).collect());
     match group.shape {
         Shape::Scalar => number(si[0]),
@@ -347,6 +350,21 @@ mod tests {
             for (x, y) in a.values.iter().zip(&b.values) {
                 assert!((x - y).abs() <= 1e-10 * y.abs(), "{}", a.effect.name());
             }
+        }
+    }
+
+    #[test]
+    fn what_an_explanation_estimates_is_written_so_that_it_can_be_read() {
+        for effect in effects::REGISTRY {
+            let mut setting = EffectSetting::unknown(*effect);
+            setting.values.iter_mut().zip(1..).for_each(|(v, k)| *v = f64::from(k));
+            setting.sigmas.fill(0.1);
+            let mut model = Model::default();
+            model.set(setting.clone().for_filters());
+            let back = Model::from_toml(&model.to_toml()).expect("own output");
+            let read = back.get(effect.name()).expect("same");
+            assert_eq!(read.values.len(), setting.values.len());
+            assert_eq!(read.estimated(), EffectSetting::unknown(*effect).estimated(), "{}", effect.name());
         }
     }
 

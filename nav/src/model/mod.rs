@@ -96,6 +96,20 @@ impl EffectSetting {
         self.effect.groups().iter().flat_map(|g| g.names.iter().map(|n| (*n, g.unit)))
     }
 
+    /// The same with sigmas only where a filter can carry the parameter as a state; the others (instants, noise
+    /// densities) become known values. That is what a model file can hold.
+    #[must_use]
+    pub fn for_filters(mut self) -> Self {
+        let states =
+            self.effect.groups().iter().flat_map(|g| std::iter::repeat_n(g.is_state(), g.shape.len()));
+        for (sigma, is_state) in self.sigmas.iter_mut().zip(states) {
+            if !is_state {
+                *sigma = 0.0;
+            }
+        }
+        self
+    }
+
     /// Number of parameters that are estimated.
     pub fn estimated(&self) -> usize {
         self.sigmas.iter().filter(|s| **s > 0.0).count()

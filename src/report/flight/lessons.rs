@@ -28,6 +28,11 @@ pub struct Lesson {
     pub states: Vec<(String, f64)>,
 }
 
+/// Whether this is the name of an element of G.
+pub fn is_g(name: &str) -> bool {
+    matches!(name.as_bytes(), [b'g', b'1'..=b'3', b'1'..=b'3'])
+}
+
 /// The parts that taught most about G, in the order of time.
 pub fn lessons(snapshots: &[Snapshot]) -> Vec<Lesson> {
     let running: Vec<&Snapshot> = snapshots.iter().filter(|s| s.phase == Phase::Running).collect();
@@ -53,7 +58,7 @@ fn lesson(part: &[&Snapshot]) -> Option<Lesson> {
         Some((before.name.clone(), before.sigma / after.sigma)).filter(|(_, f)| f.is_finite())
     };
     let mut states: Vec<(String, f64)> =
-        first.observability.states.iter().filter(|s| s.name.starts_with('g')).filter_map(factor).collect();
+        first.observability.states.iter().filter(|s| is_g(&s.name)).filter_map(factor).collect();
     let gain = states.iter().map(|(_, f)| f.max(1.0).ln()).sum();
     states.retain(|(_, f)| *f > WORTH);
     states.sort_by(|a, b| b.1.total_cmp(&a.1));

@@ -1,5 +1,6 @@
 //! What the estimate means, in sentences.
 
+use super::lessons::is_g;
 use crate::engine::snapshot::{EstimateMatrix, Phase, StateStatus, Status, Summary};
 use crate::explain::words::number;
 
@@ -49,7 +50,9 @@ pub fn verdict(summary: &Summary) -> String {
             far.join(", ")
         );
     }
+    let estimated = summary.observability.states.iter().any(|s| is_g(&s.name));
     let mut text = match largest(g) {
+        _ if !estimated => "G is not estimated: the model has no gyro_g_sensitivity.".to_owned(),
         Some((r, c)) => {
             let (value, sigma) = (g.value[r][c], g.sigma[r][c]);
             let what = ["forward", "sideways", "along the vertical axis"][c];
@@ -129,6 +132,12 @@ mod tests {
         assert_eq!(turn.error_deg_per_min[2], (6.0, 0.4));
         let mut summary = Summary { phase: Phase::Running, ..Summary::default() };
         summary.estimate.g_sensitivity_deg_per_h_per_g = g;
+        let step = StateStatus { name: "gps_step_n".to_owned(), ..StateStatus::default() };
+        summary.observability.states = vec![step];
+        assert!(verdict(&summary).contains("G is not estimated"));
+        let state =
+            StateStatus { name: "g33".to_owned(), sigma: 24.0, sigma_ratio: 0.1, ..StateStatus::default() };
+        summary.observability.states = vec![state];
         let text = verdict(&summary);
         assert!(
             text.contains("disturbs the yaw gyro")
