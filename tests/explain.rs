@@ -71,6 +71,32 @@ fn what_was_hidden_by_chance_is_found_and_only_then_unsealed() {
     assert!(Model::from_toml(&model).unwrap().get("gps_latency").is_some());
 }
 
+/// A model is the simulation: what it says is what flies, and what an estimation that knows nothing of it finds.
+#[test]
+fn a_model_given_to_the_simulation_is_what_flies() {
+    let folder = Folder::new("model");
+    let model = folder.file("model.toml");
+    let text = "schema = \"gaware.model/1\"\n[effects.gps_latency]\nvalue_s = 0.31\nsigma_s = 0.004\n\
+                [effects.accel_bias_drift]\nvalue_mg_per_rth = 2.0\n";
+    std::fs::write(&model, text).unwrap();
+    let line =
+        ["sim", "--listen", "tcpin:127.0.0.1:0", "--speed", "max", "--until", "110", "--model", &model];
+    let vehicle = Gaware::start(&line);
+    let address = vehicle.line();
+    let station = Gaware::start(&["run", "--connect", &address, "--no-record", "--headless", "--json"]);
+    assert_eq!(vehicle.ended().code(), Some(0));
+    station.line_with("link is down");
+    station.terminate();
+    let summary = station.ended().json();
+    let latency = &summary["estimate"]["effects"][0];
+    let (value, sigma) = (latency["value"].as_f64().unwrap(), latency["sigma"].as_f64().unwrap());
+    // Samples are stamped when they are sent, up to a loop of 2.5 ms late.
+    assert!((value - 0.31).abs() < 4.0 * sigma + 0.005, "{value} ± {sigma}");
+    let g = &summary["estimate"]["g_sensitivity_deg_per_h_per_g"];
+    let (g33, sigma) = (g["value"][2][2].as_f64().unwrap(), g["sigma"][2][2].as_f64().unwrap());
+    assert!(g33.abs() < 3.0 * sigma, "the scenario's own G is gone: {g33} ± {sigma}");
+}
+
 /// Real firmware with a GNSS lag of 0.35 s: seen from samples that its 20 Hz filter delays by 13.5 ms, fixes that are
 /// 0.335 s old come 0.3215 s late (measured against `SIM_STATE`).
 #[test]

@@ -2,6 +2,7 @@
 
 use crate::study::blind;
 use clap::{Args, ValueEnum};
+use gaware_nav::model::Model;
 use gaware_sitl::autopilot::{Autopilot, AutopilotConfig, Flavour};
 use gaware_sitl::faults::{Fault, FaultError, link_faults};
 use gaware_sitl::scenario::{self, HideError, Scenario};
@@ -37,6 +38,9 @@ pub struct SimArgs {
     /// Seed of all noise and all faults.
     #[arg(long, default_value_t = 1)]
     pub seed: u64,
+    /// The sensors are what this model says: noise, fixes and effects, each of its given value (default: those of the scenario).
+    #[arg(long, value_name = "FILE", conflicts_with = "hide_random")]
+    pub model: Option<PathBuf>,
     /// Hide an effect in the sensors, values as in a model file: gps_latency=0.3, gps_lever_arm=[0.3,0,-0.1].
     #[arg(long, value_name = "EFFECT=VALUE")]
     pub hide: Vec<String>,
@@ -100,6 +104,9 @@ pub enum SimError {
     /// Not two numbers.
     #[error("--wind takes two numbers, toward north and toward east in m/s: --wind 3,-2")]
     Wind,
+    /// A model that cannot be read.
+    #[error(transparent)]
+    Model(Box<super::CommandError>),
     /// A hidden effect that cannot be had.
     #[error(transparent)]
     Hide(#[from] HideError),
@@ -126,7 +133,7 @@ impl SimError {
             Self::Shell(e) => {
                 matches!(e, ShellError::Address(_) | ShellError::Speed(_) | ShellError::UdpAtFullSpeed)
             }
-            Self::Sealed { .. } => false,
+            Self::Sealed { .. } | Self::Model(_) => false,
             _ => true,
         }
     }
@@ -146,6 +153,15 @@ fn hide_random(scenario: &mut Scenario, seed: u64) -> String {
     format!("# hidden: {what}\n{}", blind::seal(drawn.as_ref()))
 }
 
+/// The sensors become those of this model; where it says nothing of biases, those of the scenario stay.
+fn believe(scenario: &mut Scenario, mut model: Model) {
+    let own = &scenario.model.imu;
+    if model.imu.gyro_bias == [0.0; 3] && model.imu.accel_bias == [0.0; 3] {
+        (model.imu.gyro_bias, model.imu.accel_bias) = (own.gyro_bias, own.accel_bias);
+    }
+    scenario.model = model;
+}
+
 /// What is about to be run.
 struct Prepared {
     autopilot: Autopilot,
@@ -161,6 +177,9 @@ fn prepare(args: &SimArgs) -> Result<Prepared, SimError> {
         name: args.scenario.clone(),
         known: scenario::names().collect::<Vec<_>>().join(", "),
     })?;
+    if let Some(path) = &args.model {
+        believe(&mut scenario, super::load_model(path).map_err(|e| SimError::Model(Box::new(e)))?);
+    }
     for effect in &args.hide {
         scenario::hide(&mut scenario.model, effect)?;
     }
