@@ -179,7 +179,7 @@ impl Estimator {
                 bank.push_imu(sample);
                 let outcomes = bank.poll();
                 if let Some(winner) = bank.winner() {
-                    self.state = State::Running(Box::new(winner));
+                    self.state = State::Running(Box::new(winner.looking_back()));
                 }
                 outcomes
             }

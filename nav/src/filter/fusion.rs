@@ -41,24 +41,27 @@ pub struct Fusion {
     fixes: VecDeque<GnssFix>,
     passed_over: PassedOver,
     window: Option<Box<Window>>,
+    looks_back: bool,
 }
 
 impl Fusion {
-    /// Around a filter. Where its attitude is uncertain, the start is run again once it has become known.
+    /// Around a filter. Where its attitude is uncertain, what follows is run again once it has become known.
     pub fn new(filter: Filter) -> Self {
-        let window = Window::open(&filter).map(Box::new);
-        Self { window, ..Self::without_window(filter) }
+        Self::without_window(filter).looking_back()
     }
 
-    /// Around a filter whose start is never run again: for one of many hypotheses.
+    /// Around a filter of which nothing is ever run again: for one of many hypotheses.
     pub fn without_window(filter: Filter) -> Self {
-        Self {
-            filter,
-            samples: VecDeque::new(),
-            fixes: VecDeque::new(),
-            passed_over: PassedOver::default(),
-            window: None,
-        }
+        let (samples, fixes) = (VecDeque::new(), VecDeque::new());
+        let passed_over = PassedOver::default();
+        Self { filter, samples, fixes, passed_over, window: None, looks_back: false }
+    }
+
+    /// The same, but from now on what leads to a known attitude is run again.
+    #[must_use]
+    pub fn looking_back(self) -> Self {
+        let window = Window::open(&self.filter).map(Box::new);
+        Self { window, looks_back: true, ..self }
     }
 
     /// The filter at the time of the last fix it used (or [`BUFFER_S`] behind).
@@ -168,15 +171,25 @@ impl Fusion {
     fn keep(&mut self, step: Step) {
         if let Some(window) = &mut self.window {
             window.keep(step, self.filter.extra_noise);
+            self.window.take_if(|w| w.is_stale(&self.filter));
         }
     }
 
-    /// Runs the window again when it is over, and opens the next where the attitude is still uncertain.
+    /// Runs the window again where it is time for that, and opens the next where the attitude is uncertain.
     fn look_back(&mut self) {
-        let Some(window) = self.window.take_if(|w| w.is_over(&self.filter)) else { return };
-        if let Some(again) = window.run_again(&self.filter) {
-            self.filter = again;
+        if !self.looks_back {
+            return;
         }
-        self.window = Window::open(&self.filter).map(Box::new);
+        if let Some(window) = &mut self.window {
+            if let Some(again) = window.look_back(&self.filter) {
+                self.filter = again;
+            }
+            if !window.is_over(&self.filter) {
+                return;
+            }
+        }
+        // A watch takes each fix once; only its start may be run again.
+        let again = self.filter.watch.is_none();
+        self.window = again.then(|| Window::open(&self.filter).map(Box::new)).flatten();
     }
 }

@@ -266,6 +266,14 @@ impl NavMap for Dense {
     }
 }
 
+/// The nine rows of M x for a single x.
+pub(super) fn moved(map: &impl NavMap, x: &[f64]) -> [f64; NAV] {
+    let mut panel = vec![0.0; x.len() * PANEL];
+    panel.iter_mut().step_by(PANEL).zip(x).for_each(|(p, x)| *p = *x);
+    let rows = map.rows(pulp::Scalar, Columns::new(&panel, 0));
+    std::array::from_fn(|i| rows[i / 3][i % 3])
+}
+
 /// The nine rows of a map as a dense matrix over `n` states, row by row.
 pub(super) fn dense_rows(map: &impl NavMap, n: usize) -> Vec<f64> {
     let mut out = vec![0.0; NAV * n];

@@ -3,7 +3,7 @@
 use super::Filter;
 use super::covariance::NAV;
 use super::layout::index;
-use super::nav_map::dense_rows;
+use super::nav_map::{dense_rows, moved};
 use super::regressor::BEYOND_NOISE;
 use crate::earth;
 use crate::mechanization::{self, Increment, Motion};
@@ -51,14 +51,13 @@ impl Filter {
             return;
         }
         let n = self.layout.len();
-        let phi = dense_rows(&self.phi, n);
         if let Some(watch) = self.watch.as_deref_mut() {
+            let phi = dense_rows(&self.phi, n);
             watch.sample(sample, motion, self.nav.v_e.norm(), &self.calibration, &self.model);
             watch.propagate(&phi, inc, self.kind, decay);
         }
         if let Some(x) = &mut self.carried {
-            let moved: Vec<f64> =
-                phi.chunks_exact(n).map(|row| row.iter().zip(x.iter()).map(|(a, b)| a * b).sum()).collect();
+            let moved = moved(&self.phi, x);
             x[..NAV].copy_from_slice(&moved);
             if let Some(w) = self.layout.wander() {
                 x[w..w + 3].iter_mut().for_each(|v| *v *= decay);

@@ -221,6 +221,12 @@ impl Filter {
         self.refresh_motion();
     }
 
+    /// How much later than the present state a fix is valid, s. A step that is run again about another delay comes at the time
+    /// that the old one gave it.
+    fn fix_ahead_s(&self, fix: &GnssFix) -> f64 {
+        if self.carried.is_some() { fix.t_s - self.fix_delay_s() - self.t_s } else { 0.0 }
+    }
+
     fn fix_instant(&self) -> (FixInstant, Matrix3<f64>) {
         let c_ne = crate::earth::c_en_at(&self.nav.r_e).transpose();
         let c_nb = c_ne * self.nav.c_eb();
@@ -265,7 +271,10 @@ impl Filter {
     fn position_rows(&self, fix: &GnssFix) -> Rows {
         let (x, c_ne) = self.fix_instant();
         let [added, _] = self.fix_effects(&x);
-        let z = c_ne * (fix.position.to_ecef() - self.nav.r_e) - added.sum - self.wander;
+        let z = c_ne * (fix.position.to_ecef() - self.nav.r_e)
+            - added.sum
+            - self.wander
+            - x.v_n * self.fix_ahead_s(fix);
         let sigma = fix.position_sigma_m.unwrap_or(self.model.gnss.position_sigma_m);
         let mut rows = rows_of(
             index::POSITION,
@@ -290,7 +299,7 @@ impl Filter {
         let (x, _) = self.fix_instant();
         let [_, added] = self.fix_effects(&x);
         let sigma = fix.velocity_sigma_m_per_s.unwrap_or(self.model.gnss.velocity_sigma_m_per_s);
-        let z = measured - x.v_n - added.sum;
+        let z = measured - x.v_n - added.sum - x.a_n * self.fix_ahead_s(fix);
         rows_of(
             index::VELOCITY,
             &z.as_slice()[..rows],

@@ -1,8 +1,10 @@
-//! Large initial errors: once the attitude is known, what led there is run again, linearised where the vehicle really was.
+//! What led to the present run again, linearised where the vehicle really was, once the attitude has become known.
 //!
-//! While the attitude is uncertain by many degrees each fix brings little, and each is applied with a slightly wrong
-//! Jacobian; the errors of a hundred such updates add up and the covariance comes out too small. So the steps
-//! since the start are kept, and when the attitude has become known they are run again as a *linear* filter about the
+//! While the attitude is uncertain each fix brings little, and each is applied with a slightly wrong Jacobian; the errors of a
+//! hundred such updates add up and the covariance comes out too small, or the estimates biased. It takes many degrees in a
+//! vehicle that stands, a degree in one whose accelerometer biases wait for the first turns (the vertical one
+//! then is wrong by the others' squares over 2 g), and a tenth of a degree where G is learned at 80 g. So while it is like that the
+//! steps are kept, and when the attitude has become known they are run again as a *linear* filter about the
 //! trajectory that ends in the present estimate: the error's mean is carried along instead of being put into the
 //! state. This is the iterated extended Kalman smoother at the first state (Bell 1994, "The iterated Kalman smoother as
 //! a Gauss-Newton method").
@@ -15,16 +17,55 @@ use crate::mechanization::{Increment, NavState, step};
 use crate::sample::{GnssFix, ImuSample};
 use nalgebra::{SMatrix, Vector3};
 
-/// Attitude uncertainty above which a window is kept, rad.
-const OPEN: f64 = 0.05;
-/// Attitude uncertainty below which it is run again, rad.
-const CLOSE: f64 = 0.03;
+/// A window is kept from this doubt on.
+const OPEN: Doubt = Doubt { attitude: 0.05, force: 5e-4 };
+/// Below this doubt it is run again.
+const CLOSE: Doubt = Doubt { attitude: 0.03, force: 2e-4 };
 /// Without the attitude getting known a window ends after this long, s, and the next begins.
-const LONGEST_S: f64 = 20.0;
-/// A window that took less than this share off the attitude uncertainty is not worth running again.
-const WORTH: f64 = 0.2;
+const LONGEST_S: f64 = 60.0;
+/// When the attitude uncertainty has fallen to this share, what there is of the window is run again.
+const FELL: f64 = 0.7;
 /// Passes: Gauss-Newton steps.
 const PASSES: usize = 3;
+/// No further pass when the last one moved no state by more than this share of its sigma.
+const SETTLED: f64 = 0.02;
+
+/// How far the attitude is from being known.
+#[derive(Debug, Clone, Copy, PartialEq)]
+struct Doubt {
+    /// 1-sigma of its worst axis, rad.
+    attitude: f64,
+    /// What linearisation leaves out of the specific force, ½ ε × (ε × f), as the product of the RMS of both factors, m/s².
+    force: f64,
+}
+
+impl Doubt {
+    fn of(filter: &Filter) -> Self {
+        let p = filter.covariance().block3(index::ATTITUDE);
+        let force = filter.regressor.motion().force;
+        Self {
+            attitude: p.diagonal().max().max(0.0).sqrt(),
+            // E|ε × f|² = tr P |f|² − fᵀ P f.
+            force: 0.5
+                * (p.trace() * (p.trace() * force.norm_squared() - force.dot(&(p * force)))).max(0.0).sqrt(),
+        }
+    }
+
+    fn exceeds(&self, limit: &Self) -> bool {
+        self.attitude > limit.attitude || self.force > limit.force
+    }
+
+    fn worse(&self, other: &Self) -> Self {
+        Self { attitude: self.attitude.max(other.attitude), force: self.force.max(other.force) }
+    }
+
+    /// Whether this is much less than `before`, where that was worth a window.
+    fn fell(&self, before: &Self) -> bool {
+        let attitude = before.attitude > CLOSE.attitude && self.attitude < FELL * before.attitude;
+        // The force goes with the square of the attitude.
+        attitude || (before.force > CLOSE.force && self.force < FELL * FELL * before.force)
+    }
+}
 
 /// One step of a filter, to be repeated.
 #[derive(Debug, Clone)]
@@ -43,16 +84,15 @@ pub(super) struct Window {
     prior: Filter,
     /// Each step with the noise beyond the model's at its time.
     steps: Vec<(Step, (f64, f64))>,
-}
-
-fn uncertainty(filter: &Filter) -> f64 {
-    filter.covariance().block3(index::ATTITUDE).diagonal().max().max(0.0).sqrt()
+    /// The greatest doubt since it was opened or last run again.
+    worst: Doubt,
 }
 
 impl Window {
     /// A window from this filter on, where its attitude is uncertain enough.
     pub(super) fn open(filter: &Filter) -> Option<Self> {
-        (uncertainty(filter) > OPEN).then(|| Self { prior: filter.clone(), steps: Vec::new() })
+        let worst = Doubt::of(filter);
+        worst.exceeds(&OPEN).then(|| Self { prior: filter.clone(), steps: Vec::new(), worst })
     }
 
     /// Keeps a step.
@@ -60,20 +100,38 @@ impl Window {
         self.steps.push((step, extra_noise));
     }
 
-    /// Whether it is time to run the window again (or to give it up).
-    pub(super) fn is_over(&self, now: &Filter) -> bool {
-        uncertainty(now) < CLOSE || now.t_s() - self.prior.t_s() > LONGEST_S
+    /// Whether fixes have failed to come for so long that it must be given up: it would fill the memory.
+    pub(super) fn is_stale(&self, now: &Filter) -> bool {
+        now.t_s() - self.prior.t_s() > 2.0 * LONGEST_S
     }
 
-    /// The present state anew: the window run again about the trajectory that ends in `now`. `None` where that is not
-    /// worth it or leads nowhere.
-    pub(super) fn run_again(&self, now: &Filter) -> Option<Filter> {
-        if uncertainty(now) > (1.0 - WORTH) * uncertainty(&self.prior) {
+    /// Whether no more can come of it.
+    pub(super) fn is_over(&self, now: &Filter) -> bool {
+        !Doubt::of(now).exceeds(&CLOSE) || now.t_s() - self.prior.t_s() > LONGEST_S
+    }
+
+    /// The present state anew where it is time for that: the window run again about the trajectory that ends in `now`.
+    pub(super) fn look_back(&mut self, now: &Filter) -> Option<Filter> {
+        let doubt = Doubt::of(now);
+        self.worst = self.worst.worse(&doubt);
+        if !doubt.fell(&self.worst) {
             return None;
         }
+        let again = self.run_again(now);
+        self.worst = Doubt::of(again.as_ref().unwrap_or(now));
+        again
+    }
+
+    /// `None` where it leads nowhere.
+    fn run_again(&self, now: &Filter) -> Option<Filter> {
         let mut best = now.clone();
         for _ in 0..PASSES {
-            best = self.pass(&best)?;
+            let next = self.pass(&best)?;
+            let moved = error(&best, next.nav(), next.calibration());
+            best = next;
+            if (0..moved.len()).all(|s| moved[s].abs() <= SETTLED * best.covariance().sigma(s)) {
+                break;
+            }
         }
         let sound = best.covariance().is_sound() && best.nav().r_e.iter().all(|x| x.is_finite());
         sound.then_some(best)
@@ -149,48 +207,66 @@ impl Filter {
 mod tests {
     use super::*;
     use crate::earth::{self, Geodetic};
+    use crate::effects::GpsLatency;
     use crate::filter::{Fusion, Initial};
-    use crate::model::Model;
+    use crate::model::{EffectSetting, Model};
     use crate::rotation::{c_nb_from_euler, exp};
     use crate::sample::FixVelocity;
+
+    const PLACE: (f64, f64, f64) = (47.0, 8.0, 400.0);
+
+    fn at_rest(yaw: f64) -> NavState {
+        let place = Geodetic::from_degrees(PLACE.0, PLACE.1, PLACE.2);
+        NavState::from_ned(place, &Vector3::zeros(), &c_nb_from_euler(0.0, 0.0, yaw))
+    }
+
+    fn started(nav: NavState, model: &Model, attitude_sigma_rad: [f64; 3]) -> Filter {
+        let initial = Initial {
+            t_s: 0.0,
+            nav,
+            position_sigma_m: [1.0; 3],
+            velocity_sigma_m_per_s: [0.3; 3],
+            attitude_sigma_rad,
+        };
+        Filter::new(model, &initial)
+    }
+
+    /// A vehicle that stays in place, level, and turns about the vertical: yaw and its rate over time; fixes at 10 Hz.
+    fn stay(fusion: &mut Fusion, samples: u32, bias: &Vector3<f64>, yaw: impl Fn(f64) -> (f64, f64)) {
+        for i in 0..samples {
+            let t_s = f64::from(i) * 0.01;
+            let (angle, rate) = yaw(t_s);
+            let truth = at_rest(angle);
+            let to_body = truth.q_eb.inverse();
+            fusion.push_imu(ImuSample {
+                t_s,
+                gyro: to_body * earth::rotation_rate() + Vector3::z() * rate,
+                accel: to_body * -earth::gravity(&truth.r_e) + bias,
+                temperature_degc: None,
+            });
+            if i % 10 == 9 {
+                fusion.push_fix(GnssFix {
+                    t_s,
+                    position: truth.geodetic(),
+                    velocity: FixVelocity::Full([0.0; 3]),
+                    position_sigma_m: None,
+                    velocity_sigma_m_per_s: None,
+                    yaw_rad: None,
+                });
+            }
+            while fusion.poll().is_some() {}
+        }
+    }
 
     /// A standing vehicle whose filter starts 40° off in roll: after the window the estimate is that of a filter that
     /// started at the truth with the same prior, to a small part of its sigma.
     #[test]
     fn a_large_initial_error_leaves_no_trace() {
-        let place = Geodetic::from_degrees(47.0, 8.0, 400.0);
-        let truth = NavState::from_ned(place, &Vector3::zeros(), &c_nb_from_euler(0.0, 0.0, 1.0));
-        let to_body = truth.q_eb.inverse();
         let estimate = |off: f64| {
+            let truth = at_rest(1.0);
             let nav = NavState { q_eb: truth.q_eb * exp(&Vector3::new(off, 0.0, 0.0)), ..truth };
-            let initial = Initial {
-                t_s: 0.0,
-                nav,
-                position_sigma_m: [1.0; 3],
-                velocity_sigma_m_per_s: [0.3; 3],
-                attitude_sigma_rad: [0.7, 0.7, 0.01],
-            };
-            let mut fusion = Fusion::new(Filter::new(&Model::default(), &initial));
-            for i in 0..800 {
-                let t_s = f64::from(i) * 0.01;
-                fusion.push_imu(ImuSample {
-                    t_s,
-                    gyro: to_body * earth::rotation_rate(),
-                    accel: to_body * -earth::gravity(&truth.r_e),
-                    temperature_degc: None,
-                });
-                if i % 10 == 9 {
-                    fusion.push_fix(GnssFix {
-                        t_s,
-                        position: place,
-                        velocity: FixVelocity::Full([0.0; 3]),
-                        position_sigma_m: None,
-                        velocity_sigma_m_per_s: None,
-                        yaw_rad: None,
-                    });
-                }
-                while fusion.poll().is_some() {}
-            }
+            let mut fusion = Fusion::new(started(nav, &Model::default(), [0.7, 0.7, 0.01]));
+            stay(&mut fusion, 800, &Vector3::zeros(), |_| (1.0, 0.0));
             fusion.filter().clone()
         };
         let (good, bad) = (estimate(0.0), estimate(0.7));
@@ -199,5 +275,88 @@ mod tests {
         assert!(off.xy().norm() < 0.1 * tilt_sigma, "{off} {tilt_sigma}");
         let ratio = bad.covariance().sigma(index::ATTITUDE) / tilt_sigma;
         assert!((ratio - 1.0).abs() < 0.02, "{ratio}");
+    }
+
+    /// A level vehicle whose forward accelerometer is 0.4 m/s² off takes that for pitch until it turns; in between it learns
+    /// a vertical bias that is wrong by 0.4² / 2 g. Once turned it must not believe in that any more.
+    #[test]
+    fn what_tilt_made_of_the_vertical_bias_is_forgotten_once_the_tilt_is_known() {
+        const BIAS: f64 = 0.4;
+        let model = Model::default();
+        let false_pitch = (BIAS / earth::STANDARD_GRAVITY).asin();
+        let place = Geodetic::from_degrees(PLACE.0, PLACE.1, PLACE.2);
+        let nav = NavState::from_ned(place, &Vector3::zeros(), &c_nb_from_euler(0.0, false_pitch, 0.0));
+        let vertical_bias = |mut fusion: Fusion| {
+            stay(&mut fusion, 3000, &Vector3::new(BIAS, 0.0, 0.0), |t_s| {
+                let turning = (t_s - 10.0).clamp(0.0, 6.0);
+                (0.5 * turning, if turning > 0.0 && turning < 6.0 { 0.5 } else { 0.0 })
+            });
+            fusion.filter().calibration().accel_bias.z.abs()
+        };
+        let start = started(nav, &model, [0.05, 0.05, 0.01]);
+        let blind = vertical_bias(Fusion::without_window(start.clone()));
+        let seeing = vertical_bias(Fusion::new(start));
+        let wrong = BIAS * BIAS / (2.0 * earth::STANDARD_GRAVITY);
+        assert!(blind > 0.3 * wrong, "the flight does not show the effect: {blind}");
+        assert!(seeing < 0.1 * wrong, "{seeing} of {wrong}");
+    }
+
+    /// The window's steps come at the times that an old delay gave them; the estimate must be that of a filter that knew
+    /// the delay from the start.
+    #[test]
+    fn a_window_about_another_delay_counts_the_fixes_at_their_own_time() {
+        const TRUE_DELAY_S: f64 = 0.12;
+        let estimate = |believed_s: f64| {
+            let mut model = Model::default();
+            let mut latency = EffectSetting::unknown(&GpsLatency);
+            (latency.values[0], latency.sigmas[0]) = (believed_s, 0.08);
+            model.set(latency);
+            let mut fusion = Fusion::new(started(at_rest(0.0), &model, [0.1, 0.1, 0.1]));
+            forward_and_back(&mut fusion, TRUE_DELAY_S);
+            let filter = fusion.filter();
+            let state = filter.layout().find("latency").unwrap();
+            (filter.fix_delay_s(), filter.covariance().sigma(state))
+        };
+        let ((good, sigma), (bad, _)) = (estimate(TRUE_DELAY_S), estimate(0.03));
+        assert!((good - TRUE_DELAY_S).abs() < 0.2 * sigma, "{good} {sigma}");
+        assert!((bad - good).abs() < 0.2 * sigma, "{bad} {good} {sigma}");
+    }
+
+    /// A level sledge that goes north and back, A sin² long, for 20 s; fixes at 10 Hz come late.
+    fn forward_and_back(fusion: &mut Fusion, delay_s: f64) {
+        const AMPLITUDE_M_PER_S: f64 = 10.0;
+        const RATE: f64 = 0.6;
+        let speed = |t: f64| if t > 0.0 { AMPLITUDE_M_PER_S * (RATE * t).sin().powi(2) } else { 0.0 };
+        let way = |t: f64| {
+            if t > 0.0 { AMPLITUDE_M_PER_S * (0.5 * t - (2.0 * RATE * t).sin() / (4.0 * RATE)) } else { 0.0 }
+        };
+        let rest = at_rest(0.0);
+        let north = rest.geodetic().c_en().column(0).into_owned();
+        let at = |t: f64| NavState { r_e: rest.r_e + north * way(t), v_e: north * speed(t), ..rest };
+        let to_body = rest.q_eb.inverse();
+        for i in 0..2000 {
+            let t_s = f64::from(i) * 0.01;
+            let nav = at(t_s);
+            let acceleration = north * (AMPLITUDE_M_PER_S * RATE * (2.0 * RATE * t_s).sin());
+            let coriolis = earth::rotation_rate().cross(&nav.v_e) * 2.0;
+            fusion.push_imu(ImuSample {
+                t_s,
+                gyro: to_body * earth::rotation_rate(),
+                accel: to_body * (acceleration + coriolis - earth::gravity(&nav.r_e)),
+                temperature_degc: None,
+            });
+            if i % 10 == 9 && t_s > delay_s {
+                let then = at(t_s - delay_s);
+                fusion.push_fix(GnssFix {
+                    t_s,
+                    position: then.geodetic(),
+                    velocity: FixVelocity::Full(then.v_n().into()),
+                    position_sigma_m: None,
+                    velocity_sigma_m_per_s: None,
+                    yaw_rad: None,
+                });
+            }
+            while fusion.poll().is_some() {}
+        }
     }
 }
