@@ -188,8 +188,6 @@ impl Fusion {
                 return;
             }
         }
-        // A watch takes each fix once; only its start may be run again.
-        let again = self.filter.watch.is_none();
-        self.window = again.then(|| Window::open(&self.filter).map(Box::new)).flatten();
+        self.window = Window::open(&self.filter).map(Box::new);
     }
 }

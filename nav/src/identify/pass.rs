@@ -196,7 +196,8 @@ pub fn run(
         information = Some([Information::zeros(columns, jumps), Information::zeros(columns, jumps)]);
         filter.watch(w.clone());
     }
-    let mut fusion = Fusion::new(filter);
+    // Nothing is run again: likelihoods must be smooth in the model's parameters, and a watch takes each fix once.
+    let mut fusion = Fusion::without_window(filter);
     let mut pass = Pass {
         log_likelihood: [0.0; 2],
         nis: [[(0.0, 0); 2]; 2],
