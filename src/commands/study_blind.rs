@@ -3,9 +3,11 @@
 use super::CommandError;
 use super::study::{Bar, print_json};
 use crate::study::blind::{self, Campaign, Family, Outcome, Share, Summary};
+use crate::study::parallel;
 use gaware_nav::identify::select::Settings;
 use serde::Serialize;
 use std::collections::BTreeMap;
+use std::time::Instant;
 
 /// Arguments of `study blind`.
 #[derive(Debug, Clone, clap::Args)]
@@ -28,6 +30,9 @@ pub struct BlindArgs {
     /// The flights that the method was tuned on, those kept aside (another airframe, other maneuvers, air and vibration), or both.
     #[arg(long, value_enum, default_value_t = Families::Both)]
     pub family: Families,
+    /// So many flights at a time; as many as there are cores when not given.
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u16).range(1..))]
+    pub jobs: Option<u16>,
     /// Print one JSON document.
     #[arg(long)]
     pub json: bool,
@@ -49,6 +54,9 @@ struct Result {
     family: Family,
     summary: Summary,
     confusion: BTreeMap<String, BTreeMap<String, usize>>,
+    /// Wall-clock time for each flight, with so many at a time, s.
+    seconds_per_flight: f64,
+    jobs: usize,
     flights: Vec<Outcome>,
 }
 
@@ -62,6 +70,7 @@ pub fn run(args: &BlindArgs) -> std::result::Result<(), CommandError> {
         Families::Aside => vec![Family::Aside],
         Families::Both => vec![Family::Tuning, Family::Aside],
     };
+    let jobs = args.jobs.map_or_else(parallel::cores, usize::from);
     let bar = super::progress_bar((families.len() * (args.flights + args.clean)) as u64, "flights");
     let results: Vec<Result> = families
         .into_iter()
@@ -73,10 +82,13 @@ pub fn run(args: &BlindArgs) -> std::result::Result<(), CommandError> {
                 clean: args.clean,
                 first_seed: args.seed,
                 family,
+                threads: jobs,
             };
+            let begun = Instant::now();
             let flights = blind::run(&campaign, &Settings::default(), &Bar(bar.clone()));
             let (summary, confusion) = (blind::summarise(&flights), blind::confusion(&flights));
-            Result { family, summary, confusion, flights }
+            let seconds_per_flight = begun.elapsed().as_secs_f64() / flights.len().max(1) as f64;
+            Result { family, summary, confusion, seconds_per_flight, jobs, flights }
         })
         .collect();
     bar.finish_and_clear();
@@ -90,7 +102,7 @@ pub fn run(args: &BlindArgs) -> std::result::Result<(), CommandError> {
 fn print(result: &Result) {
     let s = &result.summary;
     println!("\nFlights {}", if result.family == Family::Tuning { "of the tuning" } else { "kept aside" });
-    let lines: [(&str, Share); 11] = [
+    let lines: [(&str, Share); 12] = [
         ("an oracle could name alone", s.oracle),
         ("named alone and right where the oracle could", s.alone_right_where_oracle),
         ("named alone and right", s.alone_right),
@@ -99,6 +111,7 @@ fn print(result: &Result) {
         ("a wrong name alone", s.wrong_alone),
         ("more named than hidden", s.too_many),
         ("something named on clean flights", s.false_alarms),
+        ("held-out data more likely with all that was named", s.held_out_shrinks),
         ("parameters within 3 sigma", s.within_3_sigma),
         ("both of two found", s.both_found),
         ("both of two found where the oracle could", s.both_found_where_oracle),
@@ -110,6 +123,7 @@ fn print(result: &Result) {
             share.count, share.of, share.share
         );
     }
+    println!("  {:.1} s for each flight, {} at a time", result.seconds_per_flight, result.jobs);
     for (hidden, named) in &result.confusion {
         println!("  {hidden}");
         for (name, count) in named {

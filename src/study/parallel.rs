@@ -17,13 +17,27 @@ impl Progress for Silent {
     fn tick(&self) {}
 }
 
+/// How many things this machine does at once.
+pub fn cores() -> usize {
+    std::thread::available_parallelism().map_or(1, usize::from)
+}
+
 /// `work(0) … work(runs − 1)` on all cores; results in order, so that sums do not depend on scheduling.
 pub fn map_runs<T: Send>(runs: usize, progress: &dyn Progress, work: impl Fn(usize) -> T + Sync) -> Vec<T> {
+    map_runs_on(cores(), runs, progress, work)
+}
+
+/// The same with this many threads, at least one.
+pub fn map_runs_on<T: Send>(
+    threads: usize,
+    runs: usize,
+    progress: &dyn Progress,
+    work: impl Fn(usize) -> T + Sync,
+) -> Vec<T> {
     let next = AtomicUsize::new(0);
     let results = Mutex::new(Vec::with_capacity(runs));
-    let threads = std::thread::available_parallelism().map_or(1, usize::from).min(runs.max(1));
     std::thread::scope(|scope| {
-        for _ in 0..threads {
+        for _ in 0..threads.clamp(1, runs.max(1)) {
             scope.spawn(|| {
                 loop {
                     let k = next.fetch_add(1, Ordering::Relaxed);
@@ -50,6 +64,10 @@ mod tests {
 
     #[test]
     fn results_come_in_order() {
-        assert_eq!(map_runs(100, &Silent, |k| k * k), (0..100).map(|k| k * k).collect::<Vec<_>>());
+        for threads in [0, 1, 3] {
+            let squares = map_runs_on(threads, 100, &Silent, |k| k * k);
+            assert_eq!(squares, (0..100).map(|k| k * k).collect::<Vec<_>>());
+        }
+        assert!(map_runs(0, &Silent, |k| k).is_empty());
     }
 }

@@ -156,10 +156,14 @@ fn measure(
     (passes, drifts)
 }
 
+/// Held-out log-likelihood that an effect may cost where a few blocks judge it with values that they took no part in: these have
+/// had their say in the evidence already, and by chance they cost as much.
+const FEW_BLOCKS: f64 = -3.0;
+
 /// Held-out log-likelihood that an effect may cost. A jump shows where it happens and hardly anywhere else.
-fn tolerated(name: &str) -> f64 {
+fn tolerated(name: &str, blocks: bool) -> f64 {
     let jump = crate::effects::find(name).is_some_and(super::select::is_jump);
-    if jump { -3.0 } else { 0.0 }
+    if jump || blocks { FEW_BLOCKS } else { 0.0 }
 }
 
 /// A selection without the effects that the held-out data did not confirm.
@@ -245,7 +249,7 @@ pub fn confirm(
         let worst = left_out
             .iter()
             .enumerate()
-            .filter(|(_, l)| l.held_out <= tolerated(l.name) || l.evidence <= 0.0)
+            .filter(|(_, l)| l.held_out <= tolerated(l.name, validate.is_empty()) || l.evidence <= 0.0)
             .min_by(|a, b| a.1.held_out.total_cmp(&b.1.held_out))
             .map(|(k, _)| k);
         let Some(k) = worst else { break };

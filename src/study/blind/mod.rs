@@ -9,7 +9,7 @@ mod flights;
 mod oracle;
 mod summary;
 
-use super::parallel::{Progress, map_runs};
+use super::parallel::{Progress, map_runs_on};
 use gaware_nav::effects::{Effect, REGISTRY};
 use gaware_nav::identify::flight::Flight;
 use gaware_nav::identify::select::{self, Selection, Settings};
@@ -19,7 +19,11 @@ use gaware_sitl::noise::{Noise, Purpose};
 use serde::Serialize;
 
 pub use flights::{Blind, DURATION_S, Family, Kind, draw, fly, hide_random, seal};
+pub use oracle::Seen;
 pub use summary::{Share, Summary, confusion, summarise};
+
+/// So many candidates of a look are told.
+const MOST_TOLD: usize = 6;
 
 /// What one blind flight gave.
 #[derive(Debug, Clone, Serialize)]
@@ -36,12 +40,16 @@ pub struct Outcome {
     pub evidence: Vec<f64>,
     /// Effects that the held-out data took out again.
     pub removed: Vec<&'static str>,
-    /// Which of the hidden effects the oracle could name.
-    pub oracle: Vec<bool>,
+    /// What was hidden, parameter by parameter, SI.
+    pub sizes: Vec<Vec<f64>>,
+    /// What stayed, with the held-out log-likelihood that is lost without it, nats.
+    pub held_out: Vec<(&'static str, f64)>,
+    /// What the oracle saw of each hidden effect.
+    pub oracle: Vec<Seen>,
     /// Parameters within three sigma: how many of how many, where the effect was named.
     pub within_3_sigma: (usize, usize),
-    /// Best candidates of the last look: for tuning.
-    pub last: Vec<(&'static str, f64)>,
+    /// The best candidates of every look with their evidence, the last look (which added nothing) included.
+    pub looks: Vec<Vec<(&'static str, f64)>>,
 }
 
 /// One flight to be flown.
@@ -68,6 +76,8 @@ pub struct Campaign {
     pub first_seed: u64,
     /// Which flights.
     pub family: Family,
+    /// So many flights at a time.
+    pub threads: usize,
 }
 
 impl Campaign {
@@ -108,7 +118,8 @@ fn hide(job: &Job) -> Vec<EffectSetting> {
 /// A seed of its own for every flight: no two share their noise.
 fn seed_of(job: &Job) -> u64 {
     let number = |k: Option<usize>| k.map_or(0, |k| k as u64 + 1);
-    job.seed.wrapping_mul(1_000_003) + number(job.hidden[0]) + 97 * number(job.hidden[1])
+    let kind = if job.kind == Kind::Rich { 0 } else { 20_011 };
+    job.seed.wrapping_mul(1_000_003) + number(job.hidden[0]) + 97 * number(job.hidden[1]) + kind
 }
 
 /// What is believed before the flight: nothing of what is hidden.
@@ -143,9 +154,9 @@ fn one(job: &Job, family: Family, settings: &Settings) -> Option<Outcome> {
     let flight = Flight::prepare(&blind.samples, &base).ok()?;
     let selection = select::select(&[&flight], &base, settings, &Serial);
     let oracle = oracle::could_name(&flight, &base, &hidden, &selection, settings);
-    let mut last = selection.steps.last().map_or(&selection.remaining, |s| &s.candidates).clone();
-    last.truncate(4);
-    let judge::Confirmed { selection, removed, .. } =
+    let looks = selection.steps.iter().map(|s| &s.candidates).chain([&selection.remaining]);
+    let looks = looks.map(|l| l.iter().take(MOST_TOLD).copied().collect()).collect();
+    let judge::Confirmed { selection, removed, left_out } =
         judge::confirm(&[&flight], &[], selection, settings, &Serial);
     Some(Outcome {
         hidden: hidden.iter().map(|h| h.effect.name()).collect(),
@@ -154,16 +165,18 @@ fn one(job: &Job, family: Family, settings: &Settings) -> Option<Outcome> {
         groups: selection.steps.iter().map(|s| s.group.clone()).collect(),
         evidence: selection.steps.iter().map(|s| s.evidence).collect(),
         removed,
+        held_out: left_out.iter().map(|l| (l.name, l.held_out)).collect(),
         oracle,
         within_3_sigma: within_3_sigma(&hidden, &selection),
-        last,
+        sizes: hidden.into_iter().map(|h| h.values).collect(),
+        looks,
     })
 }
 
-/// Flies a campaign on all cores.
+/// Flies a campaign.
 pub fn run(campaign: &Campaign, settings: &Settings, progress: &dyn Progress) -> Vec<Outcome> {
     let jobs = campaign.jobs();
-    map_runs(jobs.len(), progress, |k| one(&jobs[k], campaign.family, settings))
+    map_runs_on(campaign.threads, jobs.len(), progress, |k| one(&jobs[k], campaign.family, settings))
         .into_iter()
         .flatten()
         .collect()

@@ -11,11 +11,23 @@ use gaware_nav::identify::Serial;
 use gaware_nav::identify::flight::Flight;
 use gaware_nav::identify::select::{self, Selection, Settings};
 use gaware_nav::model::{EffectSetting, Model};
+use serde::Serialize;
 
 /// Share of clean flights on which something may be named.
 const ALARMS: f64 = 0.02;
 /// Share of flights on which the wrong name may be told.
 const WRONG: f64 = 0.01;
+
+/// What the oracle saw of one hidden effect.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize)]
+pub struct Seen {
+    /// Whether it could be named alone.
+    pub alone: bool,
+    /// What the log-likelihood loses without it, nats.
+    pub gain: f64,
+    /// The best of the candidates that were not hidden, with its evidence against the model without anything, nats.
+    pub other: Option<(&'static str, f64)>,
+}
 
 /// Which of the hidden effects could be named alone.
 pub(super) fn could_name(
@@ -24,7 +36,7 @@ pub(super) fn could_name(
     hidden: &[EffectSetting],
     selection: &Selection,
     settings: &Settings,
-) -> Vec<bool> {
+) -> Vec<Seen> {
     if hidden.is_empty() {
         return Vec::new();
     }
@@ -39,14 +51,18 @@ pub(super) fn could_name(
     let all = likelihood(None);
     let known: Vec<&str> = hidden.iter().map(|h| h.effect.name()).collect();
     let other = select::best_other(&[flight], base, &selection.base_noise, &known, &settings, &Serial);
-    let best_other = other.map_or(0.0, |o| o.evidence.max(0.0));
+    let best_other = other.as_ref().map_or(0.0, |o| o.evidence.max(0.0));
     (0..hidden.len())
         .map(|k| {
             let gain = all - likelihood(Some(k));
             let chance = (REGISTRY.len() as f64 / ALARMS).ln();
             // With two hidden at once what others reach is partly the other's doing.
             let ahead = hidden.len() > 1 || gain - best_other > (1.0 / WRONG).ln();
-            gain > chance && ahead
+            Seen {
+                alone: gain > chance && ahead,
+                gain,
+                other: other.as_ref().map(|o| (o.setting.effect.name(), o.evidence)),
+            }
         })
         .collect()
 }

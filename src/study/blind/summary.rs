@@ -44,6 +44,9 @@ pub struct Summary {
     pub too_many: Share,
     /// Clean flights with something named.
     pub false_alarms: Share,
+    /// Of the flights with something hidden on which something was named: the held-out data are more likely with each of the effects
+    /// than without it.
+    pub held_out_shrinks: Share,
     /// Parameters of named effects within three sigma of the truth.
     pub within_3_sigma: Share,
     /// Of flights with two hidden effects: both inside a group.
@@ -68,12 +71,13 @@ pub fn summarise(outcomes: &[Outcome]) -> Summary {
     // One entry per hidden effect: flight, name, whether the oracle could name it.
     let each: Vec<(&Outcome, &'static str, bool)> = flown
         .iter()
-        .flat_map(|o| o.hidden.iter().zip(&o.oracle).map(|(name, could)| (*o, *name, *could)))
+        .flat_map(|o| o.hidden.iter().zip(&o.oracle).map(|(name, seen)| (*o, *name, seen.alone)))
         .collect();
     let seen = each.iter().filter(|e| e.2).count();
     let named: Vec<&Outcome> = flown.iter().filter(|o| !o.groups.is_empty()).copied().collect();
     let pairs: Vec<&Outcome> = flown.iter().filter(|o| o.hidden.len() > 1).copied().collect();
-    let seen_pairs: Vec<&Outcome> = pairs.iter().filter(|o| o.oracle.iter().all(|c| *c)).copied().collect();
+    let seen_pairs: Vec<&Outcome> =
+        pairs.iter().filter(|o| o.oracle.iter().all(|s| s.alone)).copied().collect();
     let both = |o: &Outcome| o.hidden.iter().all(|h| inside(o, h));
     let (within, of) =
         flown.iter().fold((0, 0), |(a, b), o| (a + o.within_3_sigma.0, b + o.within_3_sigma.1));
@@ -86,6 +90,7 @@ pub fn summarise(outcomes: &[Outcome]) -> Summary {
         wrong_alone: of_flown(&|o| o.groups.iter().any(|g| g.len() == 1 && !o.hidden.contains(&g[0]))),
         too_many: of_flown(&|o| o.groups.len() > o.hidden.len()),
         false_alarms: Share::new(count(&clean, &|o| !o.groups.is_empty()), clean.len()),
+        held_out_shrinks: Share::new(count(&named, &|o| o.held_out.iter().all(|h| h.1 > 0.0)), named.len()),
         within_3_sigma: Share::new(within, of),
         both_found: Share::new(count(&pairs, &both), pairs.len()),
         both_found_where_oracle: Share::new(count(&seen_pairs, &both), seen_pairs.len()),

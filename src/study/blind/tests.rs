@@ -24,7 +24,15 @@ fn what_is_sealed_can_be_unsealed() {
 }
 
 fn campaign(at_once: usize, flights: usize) -> Campaign {
-    Campaign { effects: Vec::new(), at_once, flights, clean: 4, first_seed: 1, family: Family::Tuning }
+    Campaign {
+        effects: Vec::new(),
+        at_once,
+        flights,
+        clean: 4,
+        first_seed: 1,
+        family: Family::Tuning,
+        threads: 2,
+    }
 }
 
 #[test]
@@ -34,8 +42,7 @@ fn the_beginning_of_a_campaign_covers_every_effect_and_kind() {
         jobs.iter().filter_map(|j| Some((j.hidden[0]?, j.kind == Kind::Rich))).collect();
     assert_eq!(covered.len(), 2 * REGISTRY.len());
     assert_eq!(jobs.iter().filter(|j| j.hidden[0].is_none()).count(), 4);
-    let seeds: BTreeSet<_> =
-        campaign(2, 500).jobs().iter().map(|j| (seed_of(j), j.kind == Kind::Rich)).collect();
+    let seeds: BTreeSet<_> = campaign(2, 500).jobs().iter().map(seed_of).collect();
     assert_eq!(seeds.len(), 504);
 }
 
@@ -55,9 +62,11 @@ fn outcome(hidden: &[&'static str], groups: &[&[&'static str]], oracle: &[bool])
         evidence: vec![9.0; groups.len()],
         groups: groups.iter().map(|g| g.to_vec()).collect(),
         removed: Vec::new(),
-        oracle: oracle.to_vec(),
+        held_out: groups.iter().map(|g| (g[0], 2.0)).collect(),
+        sizes: Vec::new(),
+        oracle: oracle.iter().map(|alone| Seen { alone: *alone, gain: 9.0, other: None }).collect(),
         within_3_sigma: (1, 1),
-        last: Vec::new(),
+        looks: Vec::new(),
     }
 }
 
@@ -79,6 +88,7 @@ fn the_summary_counts_what_was_promised() {
     assert_eq!(counts(s.nothing), (1, 4));
     assert_eq!(counts(s.wrong_alone), (1, 4));
     assert_eq!(counts(s.false_alarms), (1, 2));
+    assert_eq!(counts(s.held_out_shrinks), (3, 3));
 }
 
 #[test]

@@ -1,5 +1,6 @@
 //! Forward selection: the effect with the most evidence is added, until none has enough.
 
+mod choose;
 mod closer;
 mod jumps;
 mod scan;
@@ -21,6 +22,8 @@ pub struct Settings {
     pub options: Options,
     /// Evidence that an effect needs, nats, over the whole catalogue: the logarithm of the odds against chance.
     pub threshold: f64,
+    /// Evidence with which the fit part proposes an effect, nats.
+    pub proposal: f64,
     /// Effects within this evidence of the best are told together with it, nats.
     pub margin: f64,
     /// At most so many effects are added.
@@ -29,7 +32,7 @@ pub struct Settings {
 
 impl Default for Settings {
     fn default() -> Self {
-        Self { options: Options::default(), threshold: 3.6, margin: 3.2, most_effects: 5 }
+        Self { options: Options::default(), threshold: 3.0, proposal: 1.0, margin: 3.2, most_effects: 5 }
     }
 }
 
@@ -176,33 +179,33 @@ pub fn best_other(
 }
 
 /// Fits the noise and adds effects until none has enough evidence.
+///
+/// The fit part proposes; then all data are heard on what was proposed. By the chain rule of probability the evidence of
+/// all data is that of the fit part and how well the held-out blocks were predicted with it, so an effect that they speak against
+/// loses its place, and one of a group that they speak against leaves it. Values are in the end those of the fit part.
 pub fn select(flights: &[&Flight], base: &Model, settings: &Settings, workers: &dyn Workers) -> Selection {
-    let mut search = Search::new(flights, base, settings, workers, &Noise::measured(base, flights));
-    let mut point = search.start(&Noise::measured(base, flights));
-    if search.turn_phase_to_jump(&point) {
-        point = search.start(&point.noise);
+    let measured = Noise::measured(base, flights);
+    let mut search = Search::new(flights, base, settings, workers, &measured);
+    let mut start = search.start(&measured);
+    if search.turn_phase_to_jump(&start) {
+        start = search.start(&start.noise);
     }
-    let base_point = point.clone();
-    let (mut steps, mut remaining) = (Vec::new(), Vec::new());
-    while steps.len() < settings.most_effects {
-        let scanned = search.scan(&point);
-        remaining = scanned.iter().map(|c| (c.setting.effect.name(), c.evidence)).collect();
-        let looks = search.close_looks(&scanned, &point);
-        let Some((best, next)) = looks.first().filter(|l| l.0.evidence >= settings.threshold).cloned() else {
-            break;
-        };
-        steps.push(search.step(&best, &looks, &remaining, next.log_likelihood - point.log_likelihood));
-        point = next;
+    let options = search.settings.options;
+    let mut chosen = search.choose(start.clone(), settings.proposal.min(settings.threshold));
+    let mut point = start.clone();
+    if !chosen.found.is_empty() {
+        chosen = search.hearing(options.all()).confirm(chosen);
+        point = search.fitted(&chosen.point, &start);
     }
     let given = search.given.len();
     Selection {
-        options: search.settings.options,
+        options,
         base: base.clone(),
-        base_noise: base_point.noise,
+        base_noise: start.noise,
         noise: point.noise,
-        log_likelihood: [base_point.log_likelihood, point.log_likelihood],
+        log_likelihood: [start.log_likelihood, point.log_likelihood],
         added: point.added.split_off(given),
-        steps,
-        remaining,
+        steps: chosen.found.into_iter().map(|f| f.step).collect(),
+        remaining: chosen.remaining,
     }
 }

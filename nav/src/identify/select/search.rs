@@ -5,7 +5,7 @@ use super::super::flight::Flight;
 use super::super::linear::Problem;
 use super::super::linear::reference::Reference;
 use super::super::noise::{self, Fitted, Limits, Metric, Noise};
-use super::super::pass::Information;
+use super::super::pass::{Information, Options};
 use super::super::{Workers, map};
 use super::{Added, Candidate, Settings, Step, with};
 use crate::filter::watch::Watched;
@@ -22,6 +22,7 @@ const MOST_BENDS: usize = 3;
 const SMALL: f64 = 0.1;
 
 /// The search over one set of flights.
+#[derive(Clone)]
 pub(in crate::identify) struct Search<'a> {
     pub(in crate::identify) flights: &'a [&'a Flight],
     /// The model that is believed, with nothing in it to be estimated.
@@ -91,6 +92,11 @@ impl<'a> Search<'a> {
     pub(in crate::identify) fn about(self, added: &[Added], noise: &Noise) -> Self {
         let model = self.model(added);
         Self { references: Arc::new(self.trajectories(&model, noise)), ..self }
+    }
+
+    /// The same search with other data counting.
+    pub(super) fn hearing(&self, options: Options) -> Self {
+        Self { settings: Settings { options, ..self.settings }, ..self.clone() }
     }
 
     /// The model with these effects as known values.
@@ -236,6 +242,14 @@ impl<'a> Search<'a> {
         }
         self.references = point.references.clone();
         point
+    }
+
+    /// The effects of a point at the values, and with the noise, that suit this search's data; about the trajectories of `from`.
+    pub(super) fn fitted(&self, point: &Point, from: &Point) -> Point {
+        let (settled, problems) = self.settle(&point.added, &point.noise, from, STEPS);
+        let noise = self.fit_noise(&problems, &settled.noise).noise;
+        let (better, _) = self.settle(&settled.added, &noise, &settled, STEPS);
+        if better.evidence > settled.evidence { better } else { settled }
     }
 
     /// What a step of the selection tells.

@@ -1,0 +1,214 @@
+//! Adding, taking out again, and looking back.
+//!
+//! The first effect is chosen while all others are still missing: what takes the place of two may look best. So after each
+//! addition those before it must still deserve their place, and in the end each is compared with its rivals once
+//! more, with all the others in.
+
+use super::super::map;
+use super::{Added, Candidate, Point, Search, Step};
+use crate::effects::Effect;
+
+/// A flight is not gone through more often than this for each effect that may be added.
+const ROUNDS: usize = 2;
+/// Evidence that an effect keeps its place with may be this much below that of its coming, nats: it shall not go in circles.
+const GRACE: f64 = 1.0;
+/// An effect this far ahead of all its rivals is not compared with them again, nats …
+const BEYOND_DOUBT: f64 = 60.0;
+/// … if that is more than this share of its evidence.
+const BEYOND_DOUBT_SHARE: f64 = 0.5;
+/// Rivals this far behind in the fit part may still win with all data, nats.
+const RIVAL: f64 = 8.0;
+
+/// One effect that was added.
+#[derive(Debug, Clone)]
+pub(super) struct Found {
+    /// How.
+    pub(super) step: Step,
+    /// What not knowing its instant or the width of its prior costs, nats.
+    cost: f64,
+}
+
+impl Found {
+    /// Whether no rival comes near.
+    fn beyond_doubt(&self) -> bool {
+        let own = self.step.evidence;
+        let rivals = self.step.candidates.iter().filter(|c| self.step.group.first() != Some(&c.0));
+        let ahead = own - rivals.map(|c| c.1).fold(0.0, f64::max);
+        ahead > BEYOND_DOUBT && ahead > BEYOND_DOUBT_SHARE * own
+    }
+}
+
+/// The outcome of a choice.
+#[derive(Debug, Clone)]
+pub(super) struct Chosen {
+    /// In the order of the effects added at `point`, which come after those given.
+    pub(super) found: Vec<Found>,
+    pub(super) point: Point,
+    /// The candidates of the last look.
+    pub(super) remaining: Vec<(&'static str, f64)>,
+}
+
+impl Chosen {
+    /// Names of all that were added or came close.
+    fn names(&self) -> Vec<&'static str> {
+        let close = |f: &Found| {
+            let worth = f.step.evidence - RIVAL;
+            f.step.candidates.iter().filter(move |c| c.1 > worth).map(|c| c.0).collect::<Vec<_>>()
+        };
+        let mut names: Vec<&'static str> = self.found.iter().flat_map(close).collect();
+        names.sort_unstable();
+        names.dedup();
+        names
+    }
+}
+
+fn of(names: Option<&[&str]>, effect: &dyn Effect) -> bool {
+    names.is_none_or(|n| n.contains(&effect.name()))
+}
+
+impl Search<'_> {
+    /// Adds the best effect as long as it has this evidence, and takes out what no longer has.
+    pub(super) fn choose(&self, from: Point, threshold: f64) -> Chosen {
+        self.choose_after(Chosen { found: Vec::new(), point: from, remaining: Vec::new() }, threshold)
+    }
+
+    /// The same after a choice.
+    fn choose_after(&self, mut chosen: Chosen, threshold: f64) -> Chosen {
+        for _ in 0..ROUNDS * self.settings.most_effects {
+            if chosen.found.len() >= self.settings.most_effects {
+                break;
+            }
+            let looks = self.look(&chosen.point, None, &mut chosen.remaining);
+            let Some((best, next)) = looks.first().filter(|l| l.0.evidence >= threshold).cloned() else {
+                break;
+            };
+            let gain = next.log_likelihood - chosen.point.log_likelihood;
+            let step = self.step(&best, &looks, &chosen.remaining, gain);
+            chosen.found.push(Found { step, cost: best.cost });
+            chosen.point = next;
+            while self.take_out(&mut chosen, 1, threshold - GRACE) {}
+        }
+        chosen
+    }
+
+    /// Every candidate at a glance, the best of them closely; best first.
+    fn look(
+        &self,
+        point: &Point,
+        names: Option<&[&str]>,
+        remaining: &mut Vec<(&'static str, f64)>,
+    ) -> Vec<(Candidate, Point)> {
+        let mut scanned = self.scan(point);
+        *remaining = scanned.iter().map(|c| (c.setting.effect.name(), c.evidence)).collect();
+        scanned.retain(|c| of(names, c.setting.effect));
+        self.close_looks(&scanned, point)
+    }
+
+    /// The point without its effect number `k` after the given ones.
+    fn without(&self, point: &Point, k: usize) -> Point {
+        let mut fewer: Vec<Added> = point.added.clone();
+        fewer.remove(self.given.len() + k);
+        self.settle(&fewer, &point.noise, point, super::STEPS).0
+    }
+
+    /// The same with the noise that suits it.
+    fn without_fitted(&self, point: &Point, k: usize) -> Point {
+        let fewer = self.without(point, k);
+        self.fitted(&fewer, &fewer)
+    }
+
+    /// Takes out the effect with the least evidence beside the others, where that is below `least` even with the noise of the
+    /// full model (its own could only make the model without the effect better). The last `newest` have just been looked at.
+    fn take_out(&self, chosen: &mut Chosen, newest: usize, least: f64) -> bool {
+        let point = &chosen.point;
+        let values = map(self.workers, chosen.found.len().saturating_sub(newest), |k| {
+            point.evidence - self.without(point, k).evidence - chosen.found[k].cost
+        });
+        let worst = values.iter().enumerate().min_by(|a, b| a.1.total_cmp(b.1));
+        let Some((k, _)) = worst.filter(|w| *w.1 < least) else { return false };
+        self.remove(chosen, k);
+        true
+    }
+
+    fn remove(&self, chosen: &mut Chosen, k: usize) {
+        chosen.point = self.without_fitted(&chosen.point, k);
+        chosen.found.remove(k);
+    }
+
+    /// Hears these data on what others proposed: each effect is compared with its rivals, and what has less evidence than
+    /// the threshold beside the others goes.
+    pub(super) fn confirm(&self, proposed: Chosen) -> Chosen {
+        let names = proposed.names();
+        let mut chosen = Chosen { point: self.fitted(&proposed.point, &proposed.point), ..proposed };
+        let least = self.settings.threshold;
+        loop {
+            while self.take_out(&mut chosen, 0, least) {}
+            for k in 0..chosen.found.len() {
+                if !chosen.found[k].beyond_doubt() {
+                    self.look_back(&mut chosen, k, &names);
+                }
+            }
+            let evidence = chosen.found.iter().map(|f| f.step.evidence).enumerate();
+            let worst = evidence.min_by(|a, b| a.1.total_cmp(&b.1)).filter(|w| w.1 < least);
+            let Some((k, _)) = worst else { return chosen };
+            self.remove(&mut chosen, k);
+        }
+    }
+
+    /// Compares an effect with its rivals, all the others in; the best takes the place.
+    fn look_back(&self, chosen: &mut Chosen, k: usize, names: &[&'static str]) {
+        let fewer = self.without_fitted(&chosen.point, k);
+        let mut remaining = Vec::new();
+        let looks = self.look(&fewer, Some(names), &mut remaining);
+        let Some((best, mut point)) = looks.first().cloned() else { return };
+        let gain = point.log_likelihood - fewer.log_likelihood;
+        let step = self.step(&best, &looks, &remaining, gain);
+        // The newcomer stands last; its place is the old one.
+        if let Some(last) = point.added.pop() {
+            point.added.insert(self.given.len() + k, last);
+        }
+        chosen.found[k] = Found { step, cost: best.cost };
+        chosen.point = point;
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::super::flight::Flight;
+    use super::super::super::noise::Noise;
+    use super::super::super::{Serial, tests::fly};
+    use super::super::Settings;
+    use super::*;
+    use crate::effects::{AccelBiasDrift, GpsLatency};
+    use crate::model::{EffectSetting, Model};
+
+    #[test]
+    fn what_another_effect_explains_loses_its_place() {
+        let (base, settings) = (Model::default(), Settings::default());
+        let mut late = base.clone();
+        late.set(EffectSetting::known(&GpsLatency, &[0.12]).unwrap());
+        let flight = Flight::prepare(&fly(&late, 5), &base).unwrap();
+        let flights = [&flight];
+        let measured = Noise::measured(&base, &flights);
+        let mut search = Search::new(&flights, &base, &settings, &Serial, &measured);
+        let mut from = search.start(&measured);
+        // Somebody took the delay for a wandering bias before.
+        let setting = EffectSetting::known(&AccelBiasDrift, &[0.02]).unwrap();
+        from.added.push(Added { prior: vec![(setting.values[0], 0.0)], setting });
+        let step = Step {
+            group: vec!["accel_bias_drift"],
+            evidence: 50.0,
+            log_likelihood_gain: 50.0,
+            bic_gain: 45.0,
+            candidates: vec![("accel_bias_drift", 50.0)],
+        };
+        let before = Chosen { found: vec![Found { step, cost: 0.0 }], point: from, remaining: Vec::new() };
+        let added = search.choose_after(before, settings.proposal);
+        let confirmed = search.confirm(added);
+        let groups: Vec<_> = confirmed.found.iter().map(|f| f.step.group.clone()).collect();
+        assert_eq!(groups, [["gps_latency"]]);
+        let values: Vec<_> = confirmed.point.added.iter().map(|a| a.setting.values[0]).collect();
+        assert!(values.len() == 1 && (values[0] - 0.12).abs() < 0.01, "{values:?}");
+        assert!(confirmed.found[0].step.candidates.iter().any(|c| c.0 == "accel_bias_drift"));
+    }
+}
