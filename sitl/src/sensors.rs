@@ -236,6 +236,8 @@ impl Sensors {
             a_n: truth.a_n,
             c_nb: truth.c_nb,
             rate_eb: truth.rate_eb,
+            // The simulated receiver rounds nothing off.
+            force_rate: Vector3::zeros(),
         };
         let gnss = &self.model.gnss;
         let white = self.position_noise.normal3().component_mul(&Vector3::from(gnss.position_sigma_m));

@@ -198,6 +198,8 @@ pub struct FixInstant {
     pub c_nb: Matrix3<f64>,
     /// Rate of the body relative to Earth ω_eb^b, rad/s.
     pub rate_eb: Vector3<f64>,
+    /// Rate of change of the specific force in body axes, m/s³; zero where it is not known.
+    pub force_rate: Vector3<f64>,
 }
 
 /// Spectral densities (square roots) of random walks that an effect adds to the biases.
