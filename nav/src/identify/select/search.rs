@@ -99,7 +99,7 @@ impl<'a> Search<'a> {
     }
 
     /// The flights linearised about a model, about the trajectories of a point.
-    pub(super) fn problems(&self, point: &Point, watched: &Watched) -> Vec<Problem> {
+    pub(in crate::identify) fn problems(&self, point: &Point, watched: &Watched) -> Vec<Problem> {
         self.linearise(&point.references, &self.model(&point.added), &point.noise, watched)
     }
 
@@ -144,6 +144,12 @@ impl<'a> Search<'a> {
             information.add(&run.information[0]);
         }
         (log_likelihood, information)
+    }
+
+    /// These effects, beside what the model leaves open, at the values that fit best.
+    pub(in crate::identify) fn best(&self, added: &[Added], noise: &Noise) -> Point {
+        let all: Vec<Added> = self.given.iter().chain(added).cloned().collect();
+        self.settle(&all, noise, &self.nowhere(noise), STEPS).0
     }
 
     /// Log-likelihood of one part (0: fit, 1: held out) with these effects.
@@ -266,7 +272,7 @@ impl<'a> Search<'a> {
 }
 
 /// Prior sigma and distance from the prior mean of each watched parameter.
-pub(super) fn priors(added: &[Added], watched: &Watched) -> (Vec<f64>, Vec<f64>) {
+pub(in crate::identify) fn priors(added: &[Added], watched: &Watched) -> (Vec<f64>, Vec<f64>) {
     let own =
         |(e, p): (usize, usize)| added.get(e).map(|a| (a.prior[p].1, a.prior[p].0 - a.setting.values[p]));
     watched.slots().into_iter().filter_map(own).unzip()
