@@ -68,6 +68,8 @@ pub struct Flight {
     interval_s: f64,
     measured_noise: (f64, f64),
     told_delay_s: Option<f64>,
+    /// Kind of the samples before they were averaged, and over how many.
+    averaged: Option<(SampleKind, usize)>,
 }
 
 /// The longest stretch between two restarts.
@@ -138,6 +140,7 @@ impl Flight {
             prepared: Vec::new(),
             interval_s: 0.0,
             measured_noise: (0.0, 0.0),
+            averaged: None,
             told_delay_s: model.get("gps_latency").map(|_| delay_s(model)),
         };
         if flight.stands() {
@@ -202,6 +205,7 @@ impl Flight {
             for (_, samples) in &mut self.prepared {
                 *samples = averaged(samples, self.initial.t_s, kind, every);
             }
+            self.averaged = Some((kind, every));
             self.stream.kind = SampleKind::IntervalMean;
         }
     }
@@ -280,11 +284,35 @@ impl Flight {
 
     /// The samples as a model reads them: its belief about rounding, mistakes of the source undone.
     pub(crate) fn samples_of(&self, model: &Model) -> Cow<'_, [ImuSample]> {
+        if model.effects.iter().any(|s| s.effect.needs_neighbours()) {
+            return Cow::Owned(self.undone(model));
+        }
         let own = self.samples(model.quantisation_of(&self.stream));
         if model.effects.iter().any(|s| s.effect.is_source_mistake()) {
             return own.iter().map(|s| model.undo_source(s)).collect();
         }
         Cow::Borrowed(own)
+    }
+}
+
+impl Flight {
+    /// The samples as the source told them.
+    pub(crate) fn told(&self) -> &[ImuSample] {
+        &self.raw
+    }
+
+    /// Mistakes of the source undone in the samples as they were told, and then all the rest.
+    fn undone(&self, model: &Model) -> Vec<ImuSample> {
+        let mut samples = self.raw.clone();
+        for setting in model.effects.iter().rev().filter(|s| s.effect.is_source_mistake()) {
+            samples = setting.effect.undo_sequence(&samples);
+        }
+        let mut dequantiser = Dequantiser::new(model.quantisation_of(&self.stream));
+        let samples: Vec<ImuSample> = samples.iter().map(|s| dequantiser.undo(s)).collect();
+        match self.averaged {
+            Some((kind, every)) => averaged(&samples, self.initial.t_s, kind, every),
+            None => samples,
+        }
     }
 }
 

@@ -156,10 +156,12 @@ fn measure(
     (passes, drifts)
 }
 
-/// Held-out log-likelihood that an effect may cost. A jump shows where it happens and hardly anywhere else.
+/// Held-out log-likelihood that an effect may cost. A jump shows where it happens and hardly anywhere else, a sample told twice in
+/// the samples themselves.
 fn tolerated(name: &str) -> f64 {
-    let jump = crate::effects::find(name).is_some_and(super::select::is_jump);
-    if jump { -3.0 } else { 0.0 }
+    let elsewhere =
+        crate::effects::find(name).is_some_and(|e| super::select::is_jump(e) || e.needs_neighbours());
+    if elsewhere { -3.0 } else { 0.0 }
 }
 
 /// A selection without the effects that the held-out data did not confirm.

@@ -226,3 +226,45 @@ fn a_swapped_or_reversed_axis_and_a_wrong_unit_are_named() {
         assert!(judged.held_out[0].nis_per_dof > 2.0 * judged.held_out[1].nis_per_dof, "{name}");
     }
 }
+
+/// Samples as a source with a mistake tells them.
+fn mistaken(samples: Vec<Sample>, mistake: &dyn effects::Effect) -> Vec<Sample> {
+    let mut before: Option<effects::Told> = None;
+    let mut samples = samples;
+    for sample in &mut samples {
+        if let Sample::Imu(imu) = sample {
+            let finished = [imu.gyro, imu.accel];
+            let told = mistake.source_after(finished, before.as_ref());
+            before = Some(effects::Told { finished, told, count: before.map_or(0, |b| b.count) + 1 });
+            [imu.gyro, imu.accel] = told;
+        }
+    }
+    samples
+}
+
+#[test]
+fn clipped_repeated_and_late_samples_are_named() {
+    let (model, settings) = (Model::default(), select::Settings::default());
+    let clip = |sensor: usize, limit: f64| {
+        // Lower than any part's range: this vehicle flies gently.
+        disturbed(fly(&model, 6), &|imu| {
+            let v = if sensor == 0 { &mut imu.gyro } else { &mut imu.accel };
+            *v = v.map(|x| x.clamp(-limit, limit));
+        })
+    };
+    let told = |name: &str| mistaken(fly(&model, 6), effects::find(name).unwrap());
+    for (name, samples) in [
+        ("accel_clipped", clip(1, 11.0)),
+        ("gyro_clipped", clip(0, 0.4)),
+        ("samples_repeated", told("samples_repeated")),
+        ("gyro_sample_late", told("gyro_sample_late")),
+        ("accel_sample_late", told("accel_sample_late")),
+    ] {
+        let flight = flight::Flight::prepare(&samples, &model).unwrap();
+        let found = select::select(&[&flight], &model, &settings, &Serial);
+        assert_eq!(found.steps[0].group, [name], "{:?}", found.steps[0]);
+        let judged = judge::confirm(&[&flight], &[], found, &settings, &Serial);
+        let left: Vec<_> = judged.selection.added.iter().map(|a| a.setting.effect.name()).collect();
+        assert_eq!(left[0], name, "{left:?} {:?}", judged.removed);
+    }
+}

@@ -201,7 +201,7 @@ impl<'a> Search<'a> {
             let problems = self.linearise(references, &self.model(&added), noise, &watched);
             let (log_likelihood, information) = self.run(&problems, noise);
             let Some(fit) = fit_added(&information, &watched, &mut added) else { break };
-            let evidence = log_likelihood + fit.evidence;
+            let evidence = log_likelihood + fit.evidence + self.told_by_samples(&added);
             // A step too far is not taken over.
             if best.as_ref().is_some_and(|b| evidence <= b.0.evidence) {
                 break;
@@ -214,6 +214,12 @@ impl<'a> Search<'a> {
             }
         }
         best.unwrap_or_else(|| (self.nowhere(noise), Vec::new()))
+    }
+
+    /// What the samples themselves say for mistakes of the source.
+    fn told_by_samples(&self, added: &[Added]) -> f64 {
+        let mistakes = added.iter().map(|a| a.setting.effect).filter(|e| e.is_source_mistake());
+        mistakes.map(|e| self.flights.iter().map(|f| e.told_by(f.told())).sum::<f64>()).sum()
     }
 
     /// Before anything is known: the model as it is, about the first trajectories.
