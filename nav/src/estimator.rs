@@ -53,6 +53,8 @@ pub struct Estimator {
     /// The last filter before a restart: its constants go on.
     before: Option<Box<Filter>>,
     last: Option<ImuSample>,
+    /// The newest one as the source told it.
+    told: Option<ImuSample>,
 }
 
 impl Estimator {
@@ -66,6 +68,7 @@ impl Estimator {
             state: State::Gathering(Gathering::default()),
             before: None,
             last: None,
+            told: None,
         }
     }
 
@@ -166,7 +169,10 @@ impl Estimator {
 
     fn feed_imu(&mut self, raw: &ImuSample) -> Vec<FixOutcome> {
         self.meter.push(raw);
-        let sample = self.dequantiser.undo(&self.model.undo_source(raw));
+        let undone = self.model.undo_source_after(raw, self.told.as_ref());
+        self.told = Some(*raw);
+        let Some(undone) = undone else { return Vec::new() };
+        let sample = self.dequantiser.undo(&undone);
         self.last = Some(sample);
         let (kind, noise) = (self.stream.kind, self.extra_noise());
         match &mut self.state {
@@ -259,5 +265,6 @@ impl Estimator {
         self.dequantiser = Dequantiser::new(self.model.quantisation_of(&self.stream));
         self.state = State::Gathering(Gathering::default());
         self.last = None;
+        self.told = None;
     }
 }

@@ -6,7 +6,7 @@
 use crate::noise::{GaussMarkov, Noise, Purpose};
 use crate::truth::{Trajectory, Truth};
 use gaware_nav::earth::Geodetic;
-use gaware_nav::effects::{FixInstant, Instant};
+use gaware_nav::effects::{FixInstant, Instant, Told};
 use gaware_nav::model::Model;
 use gaware_nav::rotation::{euler_from_c_nb, wrap_pi};
 use gaware_nav::sample::{
@@ -113,6 +113,8 @@ pub struct Sensors {
     wander: GaussMarkov,
     attitude: GaussMarkov,
     gyro_walk: Vector3<f64>,
+    /// What each mistake of the source told last.
+    told: Vec<Option<Told>>,
     accel_walk: Vector3<f64>,
     /// Phase per line and axis: three of force, three of rate.
     phases: Vec<[f64; 6]>,
@@ -139,6 +141,7 @@ impl Sensors {
             wander: GaussMarkov::new(noise(Purpose::PositionWander)),
             attitude: GaussMarkov::new(noise(Purpose::Attitude)),
             gyro_walk: Vector3::zeros(),
+            told: model.effects.iter().map(|_| None).collect(),
             accel_walk: Vector3::zeros(),
             phases,
         }
@@ -204,8 +207,13 @@ impl Sensors {
         self.gyro_walk += self.walk_noise.normal3() * (gyro_walk / per_sample);
         self.accel_walk += self.walk_noise.normal3() * (accel_walk / per_sample);
         let (mut gyro, mut accel) = self.quantisation.apply(&gyro, &accel);
-        for setting in self.model.effects.iter().filter(|s| s.effect.is_source_mistake()) {
-            [gyro, accel] = setting.effect.source(&gyro, &accel);
+        let mistakes = self.model.effects.iter().filter(|s| s.effect.is_source_mistake());
+        for (setting, before) in mistakes.zip(&mut self.told) {
+            let finished = [gyro, accel];
+            let told = setting.effect.source_after(finished, before.as_ref());
+            let count = before.map_or(0, |b| b.count) + 1;
+            *before = Some(Told { finished, told, count });
+            [gyro, accel] = told;
         }
         let late_s = self.config.time_jitter_s * self.jitter.uniform();
         ImuSample { t_s: truth.t_s + late_s, gyro, accel, temperature_degc: temperature }
@@ -236,6 +244,8 @@ impl Sensors {
             a_n: truth.a_n,
             c_nb: truth.c_nb,
             rate_eb: truth.rate_eb,
+            // The simulated receiver rounds nothing off.
+            force_rate: Vector3::zeros(),
         };
         let gnss = &self.model.gnss;
         let white = self.position_noise.normal3().component_mul(&Vector3::from(gnss.position_sigma_m));

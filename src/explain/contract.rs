@@ -12,9 +12,6 @@ use serde::Serialize;
 use serde_json::{Map, Value, json};
 use std::collections::BTreeMap;
 
-/// Mean NIS per degree of freedom up to which nothing is left to explain.
-const CLOSED: f64 = 1.15;
-
 /// What came of it.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "snake_case")]
@@ -206,11 +203,6 @@ pub fn too_little(why: &str) -> Explanation {
         removed: Vec::new(),
         summary: format!("Nothing can be said about missing effects: {why}."),
     }
-}
-
-/// Whether a gap is left that no effect of the catalogue closes.
-pub fn gap_is_left(judged: &Judged) -> bool {
-    judged.held_out[1].nis_per_dof > CLOSED
 }
 
 /// The model that was given with the effects found and the noise that was fitted. An effect of a group that cannot be told

@@ -14,11 +14,10 @@ use crate::sensors::{Converter, ConverterOptions};
 use crate::study::parallel::{Silent, map_runs};
 use contract::Explanation;
 use gaware_nav::effects::{Effect, GpsSmoothing};
-use gaware_nav::filter::watch::Watched;
 use gaware_nav::identify::flight::{Flight, TooLittle};
 use gaware_nav::identify::judge::{self, Judged};
 use gaware_nav::identify::select::{self, Settings};
-use gaware_nav::identify::{Workers, pass, terms};
+use gaware_nav::identify::{Workers, terms};
 use gaware_nav::model::{EffectSetting, Model};
 use gaware_nav::sample::Sample;
 use gaware_nav::smoother::gap::{self, Point};
@@ -195,12 +194,22 @@ pub fn samples(
     let base = with_receiver(model);
     let selection = select::select(&good, &base, settings, &Threads);
     progress(Phase::Judging);
-    let judged = judge::judge(&good, &judging, selection, settings, &Threads);
-    progress(Phase::Smoothing);
-    let gaps = smoothed(&good, &judged);
+    let mut judged = judge::judge(&good, &judging, selection, settings, &Threads);
     progress(Phase::Terms);
-    let found =
-        if contract::gap_is_left(&judged) { pursue_terms(&good, &judged, settings) } else { Vec::new() };
+    let left_over = terms::find(&good, &judging, &judged.selection, settings, &Threads);
+    progress(Phase::Smoothing);
+    let mut gaps = smoothed(&good, &judged);
+    let mut found = left_over.terms;
+    found.retain(|term| !size::is_small_print(term, &judged, &gaps));
+    let imitations: Vec<&str> = left_over
+        .replaced
+        .into_iter()
+        .filter(|name| !found.is_empty() && *name != GpsSmoothing.name())
+        .collect();
+    if judged.selection.added.iter().any(|a| imitations.contains(&a.setting.effect.name())) {
+        judged = judge::judge(&good, &judging, judged.selection.without(&imitations), settings, &Threads);
+        gaps = smoothed(&good, &judged);
+    }
     let sizes = size::sizes(&judged, &gaps, &good);
     Explained {
         explanation: contract::explanation(&judged, &sizes, &gaps, found),
@@ -234,23 +243,6 @@ fn smoothed(flights: &[&Flight], judged: &Judged) -> Vec<FlightGap> {
     })
     .into_iter();
     std::iter::from_fn(|| Some(FlightGap { before: results.next()?, after: results.next()? })).collect()
-}
-
-fn pursue_terms(flights: &[&Flight], judged: &Judged, settings: &Settings) -> Vec<terms::Found> {
-    let watched = Watched { terms: terms::all(), ..Watched::default() };
-    let model = judged.selection.model();
-    let mut sum: Option<pass::Information> = None;
-    for flight in flights {
-        let pass =
-            pass::run(flight, &model, &judged.selection.noise, &settings.options.all(), Some(&watched));
-        if let Some([information, _]) = pass.information {
-            match &mut sum {
-                Some(s) => s.add(&information),
-                None => sum = Some(information),
-            }
-        }
-    }
-    sum.map(|information| terms::pursue(&information, 0)).unwrap_or_default()
 }
 
 /// Writes `report.html`, `report.json` and `model.toml`.

@@ -7,9 +7,11 @@
 
 use super::FlightGap;
 use gaware_nav::effects::Instant;
+use gaware_nav::filter::watch::Regressors;
 use gaware_nav::identify::flight::Flight;
 use gaware_nav::identify::judge::Judged;
 use gaware_nav::identify::select::Added;
+use gaware_nav::identify::terms;
 use gaware_nav::smoother::gap::Motion;
 use nalgebra::Vector3;
 
@@ -63,6 +65,25 @@ fn instant(motion: &Motion, start_s: f64) -> Instant {
         force: motion.force,
         temperature_above_25_degc: motion.temperature_degc.map_or(0.0, |t| t - 25.0),
     }
+}
+
+/// Whether a term outside the catalogue is no more than what the model leaves out.
+pub fn is_small_print(term: &terms::Found, judged: &Judged, gaps: &[FlightGap]) -> bool {
+    let mut spread = Spread::default();
+    for point in gaps.iter().flat_map(|g| &g.after) {
+        let motion = &point.motion;
+        let at = Regressors {
+            force: motion.force,
+            rate: motion.rate,
+            temperature_above_25_degc: motion.temperature_degc.map_or(0.0, |t| t - 25.0),
+            speed: motion.speed,
+            elapsed_s: motion.elapsed_s,
+        };
+        let value = terms::value(term.term, &at).unwrap_or_default();
+        spread.take(&Vector3::new(term.coefficient * value, 0.0, 0.0));
+    }
+    let floor = if term.channel.starts_with("gyro") { GYRO } else { ACCEL };
+    judged.fit[1].nis_per_dof < TOO_GOOD && spread.rms() < floor
 }
 
 /// Sizes of the effects added, in their order.

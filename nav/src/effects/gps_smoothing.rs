@@ -15,10 +15,10 @@ const S2: Unit = Unit { symbol: "s²", suffix: "s2", si: 1.0 };
 #[derive(Debug)]
 pub struct GpsSmoothing;
 
-/// Acceleration and its rate of change: specific force turns with the body.
+/// Acceleration and its rate of change: specific force turns with the body, and changes in it.
 fn derivatives(x: &FixInstant) -> [Vector3<f64>; 2] {
     let force_n = x.a_n - Vector3::new(0.0, 0.0, STANDARD_GRAVITY);
-    [x.a_n, (x.c_nb * x.rate_eb).cross(&force_n)]
+    [x.a_n, (x.c_nb * x.rate_eb).cross(&force_n) + x.c_nb * x.force_rate]
 }
 
 impl Effect for GpsSmoothing {
@@ -65,6 +65,7 @@ mod tests {
             a_n: Vector3::new(0.0, v * rate, 0.0),
             c_nb: c_nb_from_euler(0.0, 0.0, 0.0),
             rate_eb: Vector3::new(0.0, 0.0, rate),
+            force_rate: Vector3::zeros(),
         };
         let [position, velocity] = GpsSmoothing.fix(&[t * t / 8.0], &x);
         let half = 0.5 * rate * t;

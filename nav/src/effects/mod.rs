@@ -17,10 +17,12 @@ mod gyro_g_sensitivity;
 mod imu_truncation;
 mod misalignment;
 mod scale_factor;
+mod sequence;
 mod source;
 mod temperature;
 
 use crate::earth::STANDARD_GRAVITY;
+use crate::sample::ImuSample;
 use nalgebra::{Matrix3, Vector3};
 
 pub use accel_nonlinearity::AccelNonlinearity;
@@ -198,6 +200,8 @@ pub struct FixInstant {
     pub c_nb: Matrix3<f64>,
     /// Rate of the body relative to Earth ω_eb^b, rad/s.
     pub rate_eb: Vector3<f64>,
+    /// Rate of change of the specific force in body axes, m/s³; zero where it is not known.
+    pub force_rate: Vector3<f64>,
 }
 
 /// Spectral densities (square roots) of random walks that an effect adds to the biases.
@@ -207,6 +211,28 @@ pub struct BiasWalk {
     pub gyro: f64,
     /// m/s² per √s.
     pub accel: f64,
+}
+
+/// What a source told last: for mistakes that show from sample to sample. Gyro, rad/s, and accelerometer, m/s².
+#[derive(Debug, Clone, Copy)]
+pub struct Told {
+    /// As it was finished.
+    pub finished: [Vector3<f64>; 2],
+    /// As it was told.
+    pub told: [Vector3<f64>; 2],
+    /// How many samples have been told.
+    pub count: u64,
+}
+
+/// A mistake undone sample by sample.
+fn undo_one_by_one<E: Effect + ?Sized>(effect: &E, samples: &[ImuSample]) -> Vec<ImuSample> {
+    let mut last = None;
+    let mut undo = |sample: &ImuSample| {
+        let undone = effect.undo_source_after(sample, last.as_ref());
+        last = Some(*sample);
+        undone
+    };
+    samples.iter().filter_map(&mut undo).collect()
 }
 
 /// One way in which a real sensor differs from an ideal one.
@@ -303,6 +329,38 @@ pub trait Effect: Sync + std::fmt::Debug {
     /// The finished sample behind what the source made of it.
     fn undo_source(&self, gyro: &Vector3<f64>, accel: &Vector3<f64>) -> [Vector3<f64>; 2] {
         [*gyro, *accel]
+    }
+
+    /// The same for a mistake that depends on what was told before.
+    fn source_after(&self, now: [Vector3<f64>; 2], _before: Option<&Told>) -> [Vector3<f64>; 2] {
+        let [gyro, accel] = now;
+        self.source(&gyro, &accel)
+    }
+
+    /// A sample as it was finished, from it and the one told before; `None` where nothing can be told yet or nothing is new.
+    fn undo_source_after(&self, now: &ImuSample, _last: Option<&ImuSample>) -> Option<ImuSample> {
+        let [gyro, accel] = self.undo_source(&now.gyro, &now.accel);
+        Some(ImuSample { gyro, accel, ..*now })
+    }
+
+    /// The finished samples behind a whole flight.
+    fn undo_sequence(&self, samples: &[ImuSample]) -> Vec<ImuSample> {
+        undo_one_by_one(self, samples)
+    }
+
+    /// Whether it shows from sample to sample, so that it can only be undone before samples are averaged.
+    fn needs_neighbours(&self) -> bool {
+        false
+    }
+
+    /// Logarithm of the odds for it that lie in the samples alone, whatever the vehicle did.
+    fn told_by(&self, _samples: &[ImuSample]) -> f64 {
+        0.0
+    }
+
+    /// Whether these samples can have it at all.
+    fn shows_in(&self, _samples: &[ImuSample]) -> bool {
+        true
     }
 
     /// Whether it changes finished samples.

@@ -2,7 +2,7 @@
 //! not, without parameters. They stand beside the design's table, not in it: nobody estimates or plans for them, but an
 //! explanation names them, and a model that holds one is simulated and undone like any other.
 
-use super::{Effect, ParameterGroup};
+use super::{Effect, ParameterGroup, sequence};
 use crate::earth::STANDARD_GRAVITY;
 use nalgebra::Vector3;
 
@@ -82,7 +82,13 @@ macro_rules! mistakes {
             description: $description,
             sensor: Sensor::$sensor,
             act: $act,
-        }),*];
+        },)*
+            &sequence::GYRO_CLIPPED,
+            &sequence::ACCEL_CLIPPED,
+            &sequence::SAMPLES_REPEATED,
+            &sequence::GYRO_SAMPLE_LATE,
+            &sequence::ACCEL_SAMPLE_LATE,
+        ];
     };
 }
 
@@ -110,7 +116,7 @@ mod tests {
     #[test]
     fn every_mistake_can_be_undone_and_touches_one_sensor() {
         let (gyro, accel) = (Vector3::new(0.1, -0.2, 0.3), Vector3::new(1.0, 2.0, -9.0));
-        for mistake in MISTAKES {
+        for mistake in MISTAKES.iter().filter(|m| !m.needs_neighbours()) {
             let [g, a] = mistake.source(&gyro, &accel);
             assert!((g == gyro) != (a == accel), "{}", mistake.name());
             let [g, a] = mistake.undo_source(&g, &a);

@@ -15,6 +15,7 @@ pub fn fix_instant() -> FixInstant {
         a_n: Vector3::new(1.0, 3.0, -0.5),
         c_nb: c_nb_from_euler(0.4, -0.2, 1.0),
         rate_eb: Vector3::new(0.1, 0.2, -0.4),
+        force_rate: Vector3::new(2.0, -1.0, 5.0),
     }
 }
 

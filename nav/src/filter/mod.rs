@@ -7,6 +7,7 @@
 
 pub mod calibration;
 pub mod covariance;
+pub mod force_rate;
 pub mod fusion;
 mod group;
 pub mod layout;
@@ -23,9 +24,11 @@ use crate::model::Model;
 use crate::sample::{ImuSample, SampleKind};
 use calibration::{Calibration, MotionJacobian};
 use covariance::Covariance;
+use force_rate::ForceRates;
 use layout::{Layout, index};
 use nalgebra::{Matrix3, Vector3};
 use regressor::Regressor;
+use std::sync::Arc;
 
 pub use fusion::{Fusion, PassedOver};
 pub use update::{FixOutcome, Group, gate};
@@ -76,6 +79,8 @@ pub struct Filter {
     gating: bool,
     /// Parameters that are not estimated but watched.
     watch: Option<Box<watch::Watch>>,
+    /// How fast the specific force changes, where the whole flight is known.
+    force_rates: Option<Arc<ForceRates>>,
     /// What happened, for a smoother.
     tape: Option<Box<tape::Tape>>,
 }
@@ -125,6 +130,7 @@ impl Filter {
             extra_noise: (0.0, 0.0),
             gating: true,
             watch: None,
+            force_rates: None,
             tape: None,
         }
     }
@@ -175,6 +181,11 @@ impl Filter {
     pub fn set_stream(&mut self, kind: SampleKind, extra_noise: (f64, f64)) {
         self.kind = kind;
         self.extra_noise = extra_noise;
+    }
+
+    /// Tells how fast the specific force changes along a flight that is known from beginning to end.
+    pub fn set_force_rates(&mut self, rates: Arc<ForceRates>) {
+        self.force_rates = Some(rates);
     }
 
     /// Time of the state, s.

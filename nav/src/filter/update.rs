@@ -238,6 +238,7 @@ impl Filter {
             a_n: c_ne * a_e,
             c_nb,
             rate_eb: self.motion.rate - earth_b,
+            force_rate: self.force_rates.as_ref().map_or(Vector3::zeros(), |f| f.at(self.t_s)),
         };
         (instant, c_ne)
     }

@@ -1,13 +1,16 @@
 //! One recorded flight, prepared once so that many models can be run over the very same samples and fixes.
 
+use super::linear::reference::delay_s;
 use crate::estimator::{Estimator, Stage};
 use crate::filter::Initial;
+use crate::filter::force_rate::ForceRates;
 use crate::model::Model;
 use crate::noise_meter::NoiseMeter;
 use crate::quantisation::Dequantiser;
 use crate::sample::{GnssFix, ImuSample, ImuStream, Quantisation, Sample, SampleKind};
 use nalgebra::Vector3;
 use std::borrow::Cow;
+use std::sync::Arc;
 
 /// A filter that has heading starts with these 1-sigmas whatever the search said of them, rad.
 const START_ATTITUDE_SIGMA: [f64; 3] = [0.06, 0.06, 0.14];
@@ -17,6 +20,12 @@ pub const ENOUGH_S: f64 = 40.0;
 pub const ENOUGH_FIXES: usize = 40;
 /// Samples that come faster are averaged down to about this, Hz: the fixes see nothing of what lies above.
 const ENOUGH_HZ: f64 = 50.0;
+/// 1-sigma of what all time stamps are off by without anybody calling it a delay, s.
+const CLOCK_S: f64 = 2e-3;
+/// The same where somebody knows the delay: that is the receiver's own, counted from the true motion. The samples are late
+/// themselves, by the autopilot's low-pass (two poles at 20 Hz: 11 ms) and up to a loop until they are sent, and no data
+/// sheet tells by how much.
+const CLOCK_OF_KNOWN_DELAY_S: f64 = 0.01;
 /// A fix this many sigmas off that its neighbours contradict is left out.
 const OUTLIER_NIS: f64 = 60.0;
 
@@ -55,8 +64,12 @@ pub struct Flight {
     raw: Vec<ImuSample>,
     fixes: Vec<GnssFix>,
     prepared: Vec<(Quantisation, Vec<ImuSample>)>,
+    force_rates: Arc<ForceRates>,
     interval_s: f64,
     measured_noise: (f64, f64),
+    told_delay_s: Option<f64>,
+    /// Kind of the samples before they were averaged, and over how many.
+    averaged: Option<(SampleKind, usize)>,
 }
 
 /// The longest stretch between two restarts.
@@ -119,6 +132,7 @@ impl Flight {
             return Err(TooLittle::TooShort { seconds, fixes: fixes.len() });
         }
         let mut flight = Self {
+            force_rates: Arc::new(ForceRates::new(&raw, stream.kind)),
             stream,
             initial,
             raw,
@@ -126,6 +140,8 @@ impl Flight {
             prepared: Vec::new(),
             interval_s: 0.0,
             measured_noise: (0.0, 0.0),
+            averaged: None,
+            told_delay_s: model.get("gps_latency").map(|_| delay_s(model)),
         };
         if flight.stands() {
             return Err(TooLittle::Standing);
@@ -189,6 +205,7 @@ impl Flight {
             for (_, samples) in &mut self.prepared {
                 *samples = averaged(samples, self.initial.t_s, kind, every);
             }
+            self.averaged = Some((kind, every));
             self.stream.kind = SampleKind::IntervalMean;
         }
     }
@@ -228,6 +245,18 @@ impl Flight {
         &self.stream
     }
 
+    /// How fast the specific force changes.
+    pub(crate) fn force_rates(&self) -> &Arc<ForceRates> {
+        &self.force_rates
+    }
+
+    /// 1-sigma of what all time stamps are off by under a model, beyond the delay that it says, s. A delay that was found on
+    /// the flight itself is one relative to the samples.
+    pub(crate) fn clock_sigma_s(&self, model: &Model) -> f64 {
+        let told = self.told_delay_s.is_some_and(|told| (told - delay_s(model)).abs() < 1e-9);
+        if told { CLOCK_OF_KNOWN_DELAY_S } else { CLOCK_S }
+    }
+
     /// Interval between samples, s.
     pub fn interval_s(&self) -> f64 {
         self.interval_s
@@ -255,11 +284,35 @@ impl Flight {
 
     /// The samples as a model reads them: its belief about rounding, mistakes of the source undone.
     pub(crate) fn samples_of(&self, model: &Model) -> Cow<'_, [ImuSample]> {
+        if model.effects.iter().any(|s| s.effect.needs_neighbours()) {
+            return Cow::Owned(self.undone(model));
+        }
         let own = self.samples(model.quantisation_of(&self.stream));
         if model.effects.iter().any(|s| s.effect.is_source_mistake()) {
             return own.iter().map(|s| model.undo_source(s)).collect();
         }
         Cow::Borrowed(own)
+    }
+}
+
+impl Flight {
+    /// The samples as the source told them.
+    pub(crate) fn told(&self) -> &[ImuSample] {
+        &self.raw
+    }
+
+    /// Mistakes of the source undone in the samples as they were told, and then all the rest.
+    fn undone(&self, model: &Model) -> Vec<ImuSample> {
+        let mut samples = self.raw.clone();
+        for setting in model.effects.iter().rev().filter(|s| s.effect.is_source_mistake()) {
+            samples = setting.effect.undo_sequence(&samples);
+        }
+        let mut dequantiser = Dequantiser::new(model.quantisation_of(&self.stream));
+        let samples: Vec<ImuSample> = samples.iter().map(|s| dequantiser.undo(s)).collect();
+        match self.averaged {
+            Some((kind, every)) => averaged(&samples, self.initial.t_s, kind, every),
+            None => samples,
+        }
     }
 }
 

@@ -5,7 +5,7 @@ use super::evidence::SCALES;
 use super::flight::Flight;
 use super::noise::Noise;
 use super::pass::{self, Innovation, Options, Pass};
-use super::select::{Added, STEPS, Search, Selection, Settings};
+use super::select::{Added, Search, Selection, Settings};
 use super::whereabouts;
 use super::{Workers, map};
 use crate::mechanization::{self, Increment};
@@ -160,10 +160,12 @@ fn measure(
 /// had their say in the evidence already, and by chance they cost as much.
 const FEW_BLOCKS: f64 = -3.0;
 
-/// Held-out log-likelihood that an effect may cost. A jump shows where it happens and hardly anywhere else.
+/// Held-out log-likelihood that an effect may cost. A jump shows where it happens and hardly anywhere else, a sample told twice in
+/// the samples themselves.
 fn tolerated(name: &str, blocks: bool) -> f64 {
-    let jump = crate::effects::find(name).is_some_and(super::select::is_jump);
-    if jump || blocks { FEW_BLOCKS } else { 0.0 }
+    let elsewhere =
+        crate::effects::find(name).is_some_and(|e| super::select::is_jump(e) || e.needs_neighbours());
+    if elsewhere || blocks { FEW_BLOCKS } else { 0.0 }
 }
 
 /// A selection without the effects that the held-out data did not confirm.
@@ -271,6 +273,17 @@ fn widen(added: &mut Added) {
     }
 }
 
+/// A search over flights about the trajectories that a selection shows.
+pub(super) fn about<'a>(
+    flights: &'a [&'a Flight],
+    selection: &Selection,
+    settings: &Settings,
+    workers: &'a dyn Workers,
+) -> Search<'a> {
+    Search::new(flights, &selection.base, settings, workers, &selection.noise)
+        .about(&selection.added, &selection.noise)
+}
+
 /// Judges a selection: what the held-out data confirm, and the gap before and after.
 pub fn judge(
     flights: &[&Flight],
@@ -298,10 +311,8 @@ pub fn judge(
     let innovations = [first(before.0), first(after.0)];
     let everything = Settings { options: options.all(), ..*settings };
     if !selection.added.is_empty() {
-        let search = Search::new(flights, &selection.base, &everything, workers, &selection.noise)
-            .about(&selection.added, &selection.noise);
-        let all: Vec<Added> = search.given.iter().chain(&selection.added).cloned().collect();
-        let (point, _) = search.settle(&all, &selection.noise, &search.nowhere(&selection.noise), STEPS);
+        let search = about(flights, &selection, &everything, workers);
+        let point = search.best(&selection.added, &selection.noise);
         selection.added = point.added.into_iter().skip(search.given.len()).collect();
     }
     Judged { selection, removed, fit, held_out, left_out, innovations }

@@ -176,6 +176,7 @@ pub(crate) fn at_start(flight: &Flight, model: &Model, noise: &Noise) -> Filter 
     let mut filter = Filter::new(&model, flight.initial());
     filter.set_stream(flight.stream().kind, (gyro * dt, accel * dt));
     filter.set_gating(false);
+    filter.set_force_rates(flight.force_rates().clone());
     filter.set_stamp_sigma(noise.stamp_s);
     filter
 }

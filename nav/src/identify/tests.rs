@@ -166,7 +166,7 @@ fn a_bayes_factor_pays_for_what_it_cannot_see() {
 }
 
 /// Samples with a disturbance of each inertial sample.
-fn disturbed(samples: Vec<Sample>, by: impl Fn(&mut ImuSample)) -> Vec<Sample> {
+fn disturbed(samples: Vec<Sample>, by: &dyn Fn(&mut ImuSample)) -> Vec<Sample> {
     let mut samples = samples;
     for sample in &mut samples {
         if let Sample::Imu(imu) = sample {
@@ -176,20 +176,37 @@ fn disturbed(samples: Vec<Sample>, by: impl Fn(&mut ImuSample)) -> Vec<Sample> {
     samples
 }
 
+/// What is left over on a flight whose samples are disturbed, and which effects of the catalogue then still stand.
+fn left_over(seed: u64, by: &dyn Fn(&mut ImuSample)) -> (Vec<terms::Found>, Vec<&'static str>) {
+    let (model, settings) = (Model::default(), select::Settings::default());
+    let flight = flight::Flight::prepare(&disturbed(fly(&model, seed), by), &model).unwrap();
+    let selection = select::select(&[&flight], &model, &settings, &Serial);
+    let selection = judge::confirm(&[&flight], &[], selection, &settings, &Serial).selection;
+    let found = terms::find(&[&flight], &[], &selection, &settings, &Serial);
+    let selection = selection.without(&found.replaced);
+    (found.terms, selection.added.iter().map(|a| a.setting.effect.name()).collect())
+}
+
 #[test]
 fn a_term_outside_the_catalogue_is_named_as_a_term() {
-    let model = Model::default();
-    let found = |by: &dyn Fn(&mut ImuSample)| {
-        let samples = disturbed(fly(&model, 3), by);
-        let flight = flight::Flight::prepare(&samples, &model).unwrap();
-        terms::find(&[&flight], &model, &noise(), &pass::Options::default(), &Serial)
-    };
-    let terms = found(&|imu| imu.gyro.y += 2e-3 * imu.gyro.x * imu.accel.z);
-    assert_eq!(terms.len(), 1, "{terms:?}");
+    // Without its mean, f_z times a rate is no misalignment.
+    let (terms, effects) = left_over(3, &|imu| imu.gyro.y += 2e-3 * imu.gyro.x * imu.accel.z);
+    assert_eq!(terms.len(), 1, "{terms:?} {effects:?}");
     assert_eq!((terms[0].channel, terms[0].term), ("gyro_y", "w_x*f_z"));
     assert!((terms[0].coefficient - 2e-3).abs() < 3.0 * terms[0].sigma, "{terms:?}");
     assert_eq!(terms[0].unit, "rad/s/(rad/s*m/s2)");
-    assert!(found(&|_| ()).is_empty());
+    assert!(effects.is_empty(), "{effects:?}");
+}
+
+#[test]
+fn nothing_is_left_over_where_nothing_or_an_effect_of_the_catalogue_is_hidden() {
+    for seed in 30..34 {
+        let (terms, effects) = left_over(seed, &|_| ());
+        assert!(terms.is_empty() && effects.is_empty(), "seed {seed}: {terms:?} {effects:?}");
+        let (terms, effects) = left_over(seed, &|imu| imu.gyro.y += 2e-2 * imu.gyro.y);
+        assert!(terms.is_empty(), "seed {seed}: {terms:?}");
+        assert_eq!(effects, ["gyro_scale_factor"], "seed {seed}");
+    }
 }
 
 #[test]
@@ -197,7 +214,7 @@ fn a_swapped_or_reversed_axis_and_a_wrong_unit_are_named() {
     let (model, settings) = (Model::default(), select::Settings::default());
     for name in ["gyro_x_reversed", "accel_xy_swapped", "gyro_in_deg_per_s"] {
         let mistake = effects::find(name).unwrap();
-        let samples = disturbed(fly(&model, 4), |imu| {
+        let samples = disturbed(fly(&model, 4), &|imu| {
             [imu.gyro, imu.accel] = mistake.source(&imu.gyro, &imu.accel);
         });
         let flight = flight::Flight::prepare(&samples, &model).unwrap();
@@ -207,5 +224,47 @@ fn a_swapped_or_reversed_axis_and_a_wrong_unit_are_named() {
         let judged = judge::judge(&[&flight], &[], found, &settings, &Serial);
         assert_eq!(judged.selection.added.len(), 1, "{name} {:?}", judged.removed);
         assert!(judged.held_out[0].nis_per_dof > 2.0 * judged.held_out[1].nis_per_dof, "{name}");
+    }
+}
+
+/// Samples as a source with a mistake tells them.
+fn mistaken(samples: Vec<Sample>, mistake: &dyn effects::Effect) -> Vec<Sample> {
+    let mut before: Option<effects::Told> = None;
+    let mut samples = samples;
+    for sample in &mut samples {
+        if let Sample::Imu(imu) = sample {
+            let finished = [imu.gyro, imu.accel];
+            let told = mistake.source_after(finished, before.as_ref());
+            before = Some(effects::Told { finished, told, count: before.map_or(0, |b| b.count) + 1 });
+            [imu.gyro, imu.accel] = told;
+        }
+    }
+    samples
+}
+
+#[test]
+fn clipped_repeated_and_late_samples_are_named() {
+    let (model, settings) = (Model::default(), select::Settings::default());
+    let clip = |sensor: usize, limit: f64| {
+        // Lower than any part's range: this vehicle flies gently.
+        disturbed(fly(&model, 6), &|imu| {
+            let v = if sensor == 0 { &mut imu.gyro } else { &mut imu.accel };
+            *v = v.map(|x| x.clamp(-limit, limit));
+        })
+    };
+    let told = |name: &str| mistaken(fly(&model, 6), effects::find(name).unwrap());
+    for (name, samples) in [
+        ("accel_clipped", clip(1, 11.0)),
+        ("gyro_clipped", clip(0, 0.4)),
+        ("samples_repeated", told("samples_repeated")),
+        ("gyro_sample_late", told("gyro_sample_late")),
+        ("accel_sample_late", told("accel_sample_late")),
+    ] {
+        let flight = flight::Flight::prepare(&samples, &model).unwrap();
+        let found = select::select(&[&flight], &model, &settings, &Serial);
+        assert_eq!(found.steps[0].group, [name], "{:?}", found.steps[0]);
+        let judged = judge::confirm(&[&flight], &[], found, &settings, &Serial);
+        let left: Vec<_> = judged.selection.added.iter().map(|a| a.setting.effect.name()).collect();
+        assert_eq!(left[0], name, "{left:?} {:?}", judged.removed);
     }
 }

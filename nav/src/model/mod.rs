@@ -232,6 +232,12 @@ impl Model {
         undone
     }
 
+    /// The same from a sample and the one told before; `None` where it tells nothing new.
+    pub fn undo_source_after(&self, now: &ImuSample, last: Option<&ImuSample>) -> Option<ImuSample> {
+        let mistakes = || self.effects.iter().rev().filter(|s| s.effect.is_source_mistake());
+        mistakes().try_fold(*now, |sample, s| s.effect.undo_source_after(&sample, last))
+    }
+
     /// How the samples of this stream are to be read: the belief of the model over what the source says.
     pub fn quantisation_of(&self, stream: &ImuStream) -> Quantisation {
         let steps = match stream.quantisation {

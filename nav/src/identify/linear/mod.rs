@@ -39,8 +39,6 @@ pub mod index {
     /// What all time stamps are off by: jitter and filters of the samples delay them by a millisecond or so.
     pub const CLOCK: usize = 19;
 }
-/// 1-sigma of what all time stamps are off by without anybody calling it a delay, s.
-const CLOCK_S: f64 = 2e-3;
 /// Fixes closer to the end of the samples than this count for no model: with a delay they are there, without it they may not be.
 const END_S: f64 = 1.0;
 

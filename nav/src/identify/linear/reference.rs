@@ -7,7 +7,7 @@
 use super::super::flight::Flight;
 use super::forward::Kalman;
 use super::step::{self, Track};
-use super::{CLOCK_S, Problem, STATES, index, moved, rows};
+use super::{Problem, STATES, index, moved, rows};
 use crate::filter::calibration::Calibration;
 use crate::filter::watch::Watched;
 use crate::identify::noise::Noise;
@@ -150,7 +150,7 @@ impl Reference {
             p[index::GYRO_BIAS + k][index::GYRO_BIAS + k] = imu.gyro_bias_sigma.powi(2);
             p[index::ACCEL_BIAS + k][index::ACCEL_BIAS + k] = imu.accel_bias_sigma.powi(2);
         }
-        p[index::CLOCK][index::CLOCK] = CLOCK_S * CLOCK_S;
+        p[index::CLOCK][index::CLOCK] = flight.clock_sigma_s(model).powi(2);
         (mean, p)
     }
 }

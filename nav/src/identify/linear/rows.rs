@@ -95,6 +95,7 @@ pub(super) fn of(
         a_n: c_ne * mechanization::acceleration(nav, &here.motion.force),
         c_nb: c_ne * nav.c_eb(),
         rate_eb: here.motion.rate - nav.q_eb.inverse() * crate::earth::rotation_rate(),
+        force_rate: here.force_rate,
     };
     let added = Added::new(model, calibration, &x);
     let direct = direct(watched, &x);

@@ -6,6 +6,7 @@ use super::index;
 use crate::earth;
 use crate::effects::{Instant, MAX_PARAMETERS};
 use crate::filter::calibration::Calibration;
+use crate::filter::force_rate::ForceRates;
 use crate::filter::watch::{Regressors, Watched};
 use crate::mechanization::{self, Increment, Motion, NavState};
 use crate::model::Model;
@@ -89,6 +90,8 @@ fn congruence(q: &NavCovariance, map: impl Fn(&mut Nav)) -> NavCovariance {
 pub(super) struct Here {
     pub(super) t_s: f64,
     pub(super) motion: Motion,
+    /// Rate of change of the specific force, m/s³.
+    pub(super) force_rate: Vector3<f64>,
     temperature_above_25_degc: f64,
     by_force: Matrix3<f64>,
     columns: Vec<[Vector3<f64>; 2]>,
@@ -97,6 +100,7 @@ pub(super) struct Here {
 /// Goes along the samples of a flight.
 pub(super) struct Track<'a> {
     samples: &'a [ImuSample],
+    force_rates: &'a ForceRates,
     next: usize,
     kind: SampleKind,
     model: &'a Model,
@@ -126,6 +130,7 @@ impl<'a> Track<'a> {
         let first = samples.first().copied().unwrap_or(still);
         let mut track = Self {
             samples,
+            force_rates: flight.force_rates(),
             next: 0,
             kind: flight.stream().kind,
             model,
@@ -148,7 +153,7 @@ impl<'a> Track<'a> {
 
     /// The sensors at the end of the last interval.
     pub(super) fn here(&self) -> Here {
-        self.to.clone()
+        Here { force_rate: self.force_rates.at(self.to.t_s), ..self.to.clone() }
     }
 
     /// Motion and columns at a sample become those of the end of a step.

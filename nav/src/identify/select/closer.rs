@@ -18,6 +18,8 @@ const NOBODY: f64 = 0.0;
 const TURNS: usize = 3;
 /// … and no more when a turn gains less than this, nats.
 const WORTH: f64 = 0.3;
+/// A drift may be stronger than the largest of the sizes to try, or weaker than the least, by this factor.
+const BEYOND_SIZES: f64 = 3.0;
 
 impl Search<'_> {
     /// Looks again at the best of a scan; best first, its evidence counted against `point`.
@@ -77,8 +79,13 @@ impl Search<'_> {
             return candidate;
         }
         let problems = self.problems(point, &Watched::default());
-        let value = |ln_size: f64| self.wandered(&problems, &candidate.setting, ln_size.exp(), noise);
+        // What walks faster than this is not a bias any more: it would pass for whatever is missing.
+        let sizes = candidate.setting.effect.sizes_to_try();
+        let (least, most) = (sizes[0] / BEYOND_SIZES, sizes[sizes.len() - 1] * BEYOND_SIZES);
+        let within = |ln_size: f64| ln_size.exp().clamp(least, most);
+        let value = |ln_size: f64| self.wandered(&problems, &candidate.setting, within(ln_size), noise);
         let (at, curvature) = peak(value, candidate.setting.values[0].ln());
+        let at = within(at).ln();
         candidate.setting.values = vec![at.exp()];
         candidate.setting.sigmas = vec![at.exp() / curvature.sqrt()];
         candidate.prior = vec![(at.exp(), 0.0)];

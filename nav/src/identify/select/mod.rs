@@ -13,7 +13,7 @@ use super::pass::Options;
 use crate::effects::{Effect, REGISTRY};
 use crate::model::{EffectSetting, Model};
 
-pub(super) use search::{Point, STEPS, Search};
+pub(super) use search::{Point, Search, priors};
 
 /// What the selection may do.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -101,6 +101,17 @@ impl Selection {
     /// The model with everything that was added, as known values.
     pub fn model(&self) -> Model {
         with(&self.base, &self.added)
+    }
+
+    /// The selection without these effects.
+    #[must_use]
+    pub fn without(mut self, names: &[&str]) -> Self {
+        let keep: Vec<bool> = self.added.iter().map(|a| !names.contains(&a.setting.effect.name())).collect();
+        let mut kept = keep.iter();
+        self.steps.retain(|_| kept.next().copied().unwrap_or(true));
+        let mut kept = keep.iter();
+        self.added.retain(|_| kept.next().copied().unwrap_or(true));
+        self
     }
 }
 

@@ -12,7 +12,7 @@ use crate::filter::watch::Watched;
 use crate::model::{EffectSetting, Model};
 use crate::sample::{Quantisation, Steps};
 
-/// Mistakes of the source are looked for where something has this much evidence, nats.
+/// Mistakes of the source that turn the flight upside down are looked for where something has this much evidence, nats.
 const GROSS: f64 = 100.0;
 
 impl Search<'_> {
@@ -35,9 +35,7 @@ impl Search<'_> {
         candidates.extend(self.wandering(&lacking, &problems, point));
         candidates.extend(self.discrete(&lacking, point, &model));
         let top = candidates.iter().map(|c| c.evidence).fold(0.0, f64::max);
-        if top > GROSS {
-            candidates.extend(self.mistakes(point));
-        }
+        candidates.extend(self.mistakes(point, top > GROSS));
         candidates.retain(|c| c.evidence.is_finite());
         candidates.sort_by(|a, b| b.evidence.total_cmp(&a.evidence));
         candidates
@@ -96,9 +94,15 @@ impl Search<'_> {
     }
 
     /// Mistakes of the source. What they do is gross, so the trajectory is found anew for each, without what was added.
-    fn mistakes(&self, point: &Point) -> Vec<Candidate> {
-        let lacking: Vec<&'static dyn Effect> =
-            MISTAKES.iter().filter(|m| self.base.get(m.name()).is_none()).copied().collect();
+    fn mistakes(&self, point: &Point, gross: bool) -> Vec<Candidate> {
+        let shows = |m: &dyn Effect| self.flights.iter().any(|f| m.shows_in(f.told()));
+        let lacking: Vec<&'static dyn Effect> = MISTAKES
+            .iter()
+            .filter(|m| self.base.get(m.name()).is_none())
+            .filter(|m| point.added.iter().all(|a| a.setting.effect.name() != m.name()))
+            .filter(|m| if m.needs_neighbours() { shows(**m) } else { gross })
+            .copied()
+            .collect();
         map(self.workers, lacking.len(), |k| {
             let setting = EffectSetting { effect: lacking[k], values: Vec::new(), sigmas: Vec::new() };
             let mut added = point.added.clone();

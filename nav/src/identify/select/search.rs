@@ -105,7 +105,7 @@ impl<'a> Search<'a> {
     }
 
     /// The flights linearised about a model, about the trajectories of a point.
-    pub(super) fn problems(&self, point: &Point, watched: &Watched) -> Vec<Problem> {
+    pub(in crate::identify) fn problems(&self, point: &Point, watched: &Watched) -> Vec<Problem> {
         self.linearise(&point.references, &self.model(&point.added), &point.noise, watched)
     }
 
@@ -150,6 +150,12 @@ impl<'a> Search<'a> {
             information.add(&run.information[0]);
         }
         (log_likelihood, information)
+    }
+
+    /// These effects, beside what the model leaves open, at the values that fit best.
+    pub(in crate::identify) fn best(&self, added: &[Added], noise: &Noise) -> Point {
+        let all: Vec<Added> = self.given.iter().chain(added).cloned().collect();
+        self.settle(&all, noise, &self.nowhere(noise), STEPS).0
     }
 
     /// Log-likelihood of one part (0: fit, 1: held out) with these effects.
@@ -201,7 +207,7 @@ impl<'a> Search<'a> {
             let problems = self.linearise(references, &self.model(&added), noise, &watched);
             let (log_likelihood, information) = self.run(&problems, noise);
             let Some(fit) = fit_added(&information, &watched, &mut added) else { break };
-            let evidence = log_likelihood + fit.evidence;
+            let evidence = log_likelihood + fit.evidence + self.told_by_samples(&added);
             // A step too far is not taken over.
             if best.as_ref().is_some_and(|b| evidence <= b.0.evidence) {
                 break;
@@ -214,6 +220,12 @@ impl<'a> Search<'a> {
             }
         }
         best.unwrap_or_else(|| (self.nowhere(noise), Vec::new()))
+    }
+
+    /// What the samples themselves say for mistakes of the source.
+    fn told_by_samples(&self, added: &[Added]) -> f64 {
+        let mistakes = added.iter().map(|a| a.setting.effect).filter(|e| e.is_source_mistake());
+        mistakes.map(|e| self.flights.iter().map(|f| e.told_by(f.told())).sum::<f64>()).sum()
     }
 
     /// Before anything is known: the model as it is, about the first trajectories.
@@ -280,7 +292,7 @@ impl<'a> Search<'a> {
 }
 
 /// Prior sigma and distance from the prior mean of each watched parameter.
-pub(super) fn priors(added: &[Added], watched: &Watched) -> (Vec<f64>, Vec<f64>) {
+pub(in crate::identify) fn priors(added: &[Added], watched: &Watched) -> (Vec<f64>, Vec<f64>) {
     let own =
         |(e, p): (usize, usize)| added.get(e).map(|a| (a.prior[p].1, a.prior[p].0 - a.setting.values[p]));
     watched.slots().into_iter().filter_map(own).unzip()

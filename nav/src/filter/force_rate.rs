@@ -1,0 +1,72 @@
+//! How fast the specific force changes, along a whole flight: known only afterwards, when the samples on both sides of
+//! an instant are there. A receiver that rounds corners off needs it ([`GpsSmoothing`](crate::effects::GpsSmoothing)).
+
+use crate::sample::{ImuSample, SampleKind};
+use nalgebra::Vector3;
+
+/// Means over so long before and after an instant are compared, s: two epochs of a receiver at 5 Hz, as its interpolation
+/// compares them.
+const SPAN_S: f64 = 0.1;
+
+/// Samples with the impulse of specific force up to each.
+#[derive(Debug, Clone, Default)]
+pub struct ForceRates {
+    times_s: Vec<f64>,
+    impulses: Vec<Vector3<f64>>,
+}
+
+impl ForceRates {
+    /// Of samples in order of time.
+    pub fn new(samples: &[ImuSample], kind: SampleKind) -> Self {
+        let (mut times_s, mut impulses) = (Vec::new(), Vec::new());
+        let (mut last, mut sum) = (None::<&ImuSample>, Vector3::zeros());
+        for sample in samples {
+            if let Some(before) = last {
+                let start = if kind == SampleKind::Point { before } else { sample };
+                sum += (start.accel + sample.accel) * (0.5 * (sample.t_s - before.t_s));
+            }
+            times_s.push(sample.t_s);
+            impulses.push(sum);
+            last = Some(sample);
+        }
+        Self { times_s, impulses }
+    }
+
+    fn impulse(&self, t_s: f64) -> Option<Vector3<f64>> {
+        let next = self.times_s.partition_point(|t| *t < t_s);
+        let before = next.checked_sub(1)?;
+        let (t0, t1) = (*self.times_s.get(before)?, *self.times_s.get(next)?);
+        let share = (t_s - t0) / (t1 - t0);
+        Some(self.impulses[before].lerp(&self.impulses[next], share))
+    }
+
+    /// Rate of change of the specific force in body axes, m/s³; zero where samples on one side are lacking.
+    pub fn at(&self, t_s: f64) -> Vector3<f64> {
+        let [before, here, after] = [t_s - SPAN_S, t_s, t_s + SPAN_S].map(|t| self.impulse(t));
+        match (before, here, after) {
+            (Some(a), Some(b), Some(c)) => (c - b * 2.0 + a) / (SPAN_S * SPAN_S),
+            _ => Vector3::zeros(),
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_ramp_has_its_slope_and_the_ends_have_none() {
+        let slope = Vector3::new(1.0, -3.0, 20.0);
+        let samples: Vec<ImuSample> = (0..100)
+            .map(|i| {
+                let t_s = f64::from(i) * 0.02;
+                ImuSample { t_s, gyro: Vector3::zeros(), accel: slope * t_s, temperature_degc: None }
+            })
+            .collect();
+        let rates = ForceRates::new(&samples, SampleKind::Point);
+        assert!((rates.at(1.003) - slope).norm() < 1e-9, "{}", rates.at(1.003));
+        assert_eq!(rates.at(0.05), Vector3::zeros());
+        assert_eq!(rates.at(3.0), Vector3::zeros());
+        assert_eq!(ForceRates::default().at(0.0), Vector3::zeros());
+    }
+}
