@@ -150,7 +150,7 @@ impl CommandError {
             Self::Address(_) => true,
             Self::Sim(error) => error.is_usage(),
             Self::Demo(error) => error.is_usage(),
-            Self::Plan(plan::PlanCommandError::Numbers(_)) => true,
+            Self::Plan(error) => error.is_usage(),
             Self::Mission(error) => error.is_usage(),
             Self::Paper(crate::study::paper::PaperError::TooFewRuns) => true,
             Self::Csv(crate::study::recorded::CsvError::UnknownSet(_)) => true,
