@@ -9,7 +9,7 @@ use gaware_mission::airframe::Airframe;
 use serde_json::Value;
 
 fn prepared(airframe: &str) -> Prepared {
-    let mut settings = Settings::new(Airframe::example(airframe).unwrap(), 90.0);
+    let mut settings = Settings::new(Airframe::example(airframe).unwrap(), Some(90.0));
     settings.beam = 1;
     Prepared::new(settings).unwrap()
 }

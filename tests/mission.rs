@@ -128,6 +128,78 @@ async fn a_refused_mission_leaves_the_previous_one() {
     stop.cancel();
 }
 
+/// Uploads 25 items over 4 others by the program itself and kills it, as a power cut would, when a third of them is on the vehicle.
+async fn killed_upload(folder: &Folder, address: &str, stop: &CancellationToken) {
+    let first = folder.mission("first.waypoints", 3);
+    upload(&put(address, first, folder.file("b1.plan")), stop, |_| ()).await.unwrap();
+    let second = folder.mission("second.waypoints", 24);
+    let args = ["mission", "upload", "--connect", address];
+    let files = [second.to_str().unwrap(), "--backup"];
+    let backup = folder.file("b2.plan");
+    let command = Gaware::start(&[&args[..], &files[..], &[backup.to_str().unwrap()]].concat());
+    tokio::task::spawn_blocking(move || {
+        command.line_with("8 of 2");
+        command.kill();
+    })
+    .await
+    .unwrap();
+}
+
+/// What the program says when it takes the upload up from its journal.
+async fn taken_up(folder: &Folder, address: &str, more: &'static [&'static str]) -> support::Ended {
+    let journal = folder.file("mission-transfer-system1.journal");
+    let (address, journal) = (address.to_owned(), journal.to_str().unwrap().to_owned());
+    let run =
+        move || support::gaware(&[&["mission", "restore", "--connect", &address, &journal], more].concat());
+    tokio::task::spawn_blocking(run).await.unwrap()
+}
+
+fn slow() -> LinkFaults {
+    LinkFaults { delay_s: 0.04, ..LinkFaults::default() }
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn a_killed_upload_is_taken_up_and_the_previous_mission_put_back() {
+    let (folder, stop) = (Folder::new("killed"), CancellationToken::new());
+    let address = vehicle("tcpin:127.0.0.1:0", Flavour::ArduPilot, slow(), &stop).await;
+    killed_upload(&folder, &address, &stop).await;
+    // Nothing goes over it before that is settled: its backup would be of the mixture.
+    let third = folder.mission("third.waypoints", 2);
+    let told = upload(&put(&address, third, folder.file("b3.plan")), &stop, |_| ()).await.unwrap_err();
+    assert!(told.to_string().contains("gaware mission restore"), "{told}");
+    let ended = taken_up(&folder, &address, &[]).await;
+    assert_eq!(ended.code(), Some(0), "{}{}", ended.stdout, ended.stderr);
+    assert!(ended.stdout.contains("on the vehicle was: A MIXTURE: "), "{}", ended.stdout);
+    assert!(ended.stdout.contains("now it is the previous mission of 4 items"), "{}", ended.stdout);
+    let read = folder.file("read.waypoints");
+    download(&link(&address, read.clone()), &stop).await.unwrap();
+    let on_board = files::read(&read).unwrap().0;
+    assert_eq!(gaware_mission::compare::differences(Firmware::ArduPilot, &mission(3), &on_board), vec![]);
+    // It is settled: no journal, and uploads go again.
+    assert!(!folder.file("mission-transfer-system1.journal").exists());
+    let fourth = folder.mission("fourth.waypoints", 2);
+    upload(&put(&address, fourth, folder.file("b4.plan")), &stop, |_| ()).await.unwrap();
+    stop.cancel();
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn a_killed_upload_is_taken_up_and_the_new_mission_brought() {
+    let (folder, stop) = (Folder::new("killed-new"), CancellationToken::new());
+    let address = vehicle("tcpin:127.0.0.1:0", Flavour::Px4, slow(), &stop).await;
+    killed_upload(&folder, &address, &stop).await;
+    let ended = taken_up(&folder, &address, &["--new"]).await;
+    assert_eq!(ended.code(), Some(0), "{}{}", ended.stdout, ended.stderr);
+    // PX4 takes a mission whole or not at all.
+    assert!(ended.stdout.contains("on the vehicle was: the previous mission, whole"), "{}", ended.stdout);
+    assert!(ended.stdout.contains("now it is the new mission of 25 items"), "{}", ended.stdout);
+    let read = folder.file("read.waypoints");
+    download(&link(&address, read.clone()), &stop).await.unwrap();
+    let on_board = files::read(&read).unwrap().0;
+    assert_eq!(gaware_mission::compare::differences(Firmware::Px4, &mission(24), &on_board), vec![]);
+    assert!(!folder.file("mission-transfer-system1.journal").exists());
+    stop.cancel();
+}
+
 const TOKEN: &str = "fly-the-steep-turn";
 
 /// A run beside the vehicle, with a planned mission and its page; the page's address.

@@ -20,6 +20,8 @@ pub const EXAMPLES: [(&str, &str); 3] = [
 const SCHEMA: &str = "gaware.airframe/1";
 /// The part of the bank limit that a planned turn uses; the rest is for gusts and for holding the circle.
 const PLANNED_BANK: f64 = 0.8;
+/// The same for the steep circles of excitation maneuvers.
+pub(crate) const STEEP_BANK: f64 = 0.9;
 
 /// Kinds of airframes.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
@@ -75,6 +77,13 @@ pub struct Airframe {
     /// Linear drag of a multirotor: deceleration per airspeed, 1/s.
     #[serde(default)]
     pub drag_per_s: f64,
+    /// Time that the energy on board allows for maneuvers, s: without take-off, way home and reserve.
+    #[serde(default = "default_maneuvers")]
+    pub maneuvers_max_s: f64,
+}
+
+fn default_maneuvers() -> f64 {
+    900.0
 }
 
 fn default_yaw_rate() -> f64 {
@@ -155,6 +164,7 @@ impl Airframe {
             ("climb_max_m_per_s", self.climb_max_m_per_s),
             ("descent_max_m_per_s", self.descent_max_m_per_s),
             ("turn_radius_min_m", self.turn_radius_min_m),
+            ("maneuvers_max_s", self.maneuvers_max_s),
         ];
         for (key, value) in positive {
             if !value.is_finite() || value <= 0.0 {
@@ -226,6 +236,12 @@ impl Airframe {
     /// The smallest circle over ground that can be held at this speed (airspeed plus wind, m/s) with bank in reserve, m.
     pub fn planned_radius_m(&self, speed_m_per_s: f64) -> f64 {
         let radius = self.turn_radius_m(speed_m_per_s, self.bank_max_deg.to_radians() * PLANNED_BANK);
+        radius.max(self.turn_radius_min_m)
+    }
+
+    /// The circle of an excitation maneuver at this speed (airspeed plus wind, m/s): as steep as a pilot's steep turn, m.
+    pub fn steep_radius_m(&self, speed_m_per_s: f64) -> f64 {
+        let radius = self.turn_radius_m(speed_m_per_s, self.bank_max_deg.to_radians() * STEEP_BANK);
         radius.max(self.turn_radius_min_m)
     }
 

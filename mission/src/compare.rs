@@ -107,6 +107,11 @@ fn same_parameter(kind: Stored, want: f32, got: f32) -> bool {
     }
 }
 
+/// Whether this autopilot stores both items alike.
+pub fn same_item(autopilot: Autopilot, want: &MissionItem, got: &MissionItem) -> bool {
+    compare_items(autopilot, want, got).is_empty()
+}
+
 fn compare_items(autopilot: Autopilot, want: &MissionItem, got: &MissionItem) -> Vec<String> {
     if want.command != got.command {
         return vec![format!(

@@ -5,6 +5,9 @@ use gaware_nav::earth::Geodetic;
 use nalgebra::Vector2;
 use serde::{Deserialize, Serialize};
 
+/// Less is no area to fly in, m².
+const LEAST_AREA_M2: f64 = 1.0;
+
 /// A polygon of the fence.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct FencePolygon {
@@ -39,6 +42,55 @@ impl Fence {
     pub fn is_empty(&self) -> bool {
         self.polygons.is_empty() && self.circles.is_empty()
     }
+
+    /// Why distances to it would mean nothing, if so: an area whose edges cross has no inside that a person and an autopilot agree on.
+    pub fn problem(&self) -> Option<String> {
+        let polygons = self.polygons.iter().zip(1..).find_map(|(p, n)| {
+            let why = p.problem()?;
+            Some(format!("geofence polygon {n}: {why}"))
+        });
+        let circles = self.circles.iter().zip(1..).find_map(|(c, n)| {
+            let sound = c.center.is_valid() && c.radius_m.is_finite() && c.radius_m > 0.0;
+            (!sound).then(|| {
+                format!("geofence circle {n}: a radius of {} m around {:?} is none", c.radius_m, c.center)
+            })
+        });
+        polygons.or(circles)
+    }
+}
+
+impl FencePolygon {
+    fn problem(&self) -> Option<String> {
+        let origin = *self.corners.first()?;
+        if self.corners.len() < 3 {
+            return Some("it has less than three corners".to_owned());
+        }
+        if let Some(n) = self.corners.iter().position(|c| !c.is_valid()) {
+            return Some(format!("corner {} is not on the Earth", n + 1));
+        }
+        let frame = LocalFrame::new(origin);
+        let corners: Vec<Vector2<f64>> = self.corners.iter().map(|c| frame.to_local(*c)).collect();
+        let edges: Vec<_> = corners.iter().zip(corners.iter().cycle().skip(1)).collect();
+        for (k, (a, b)) in edges.iter().enumerate() {
+            for (j, (c, d)) in edges.iter().enumerate().skip(k + 2) {
+                if cross(a, b, c, d) {
+                    return Some(format!(
+                        "its edges {} and {} cross: are its corners in order?",
+                        k + 1,
+                        j + 1
+                    ));
+                }
+            }
+        }
+        let area: f64 = edges.iter().map(|(a, b)| a.perp(b)).sum::<f64>().abs() / 2.0;
+        (area < LEAST_AREA_M2).then(|| format!("it has an area of {area:.1} m²"))
+    }
+}
+
+/// Whether two edges cross (not whether they touch).
+fn cross(a: &Vector2<f64>, b: &Vector2<f64>, c: &Vector2<f64>, d: &Vector2<f64>) -> bool {
+    let side = |p: &Vector2<f64>, q: &Vector2<f64>, r: &Vector2<f64>| (q - p).perp(&(r - p));
+    side(a, b, c) * side(a, b, d) < 0.0 && side(c, d, a) * side(c, d, b) < 0.0
 }
 
 /// North and east in metres around an origin; good to 1e-4 of the distance within 10 km.

@@ -66,6 +66,9 @@ pub enum Refusal {
         /// m.
         ceiling_m: f64,
     },
+    /// A fence that is none.
+    #[error("{0}")]
+    Fence(String),
     /// Too much wind.
     #[error("wind of {wind_m_per_s:.1} m/s is more than {limit_m_per_s:.1} m/s, {share} of the cruise speed", share = WIND_SHARE)]
     Wind {
@@ -192,8 +195,11 @@ impl<'a> Checker<'a> {
     pub fn new(airframe: &'a Airframe, limits: &'a Limits, frame: LocalFrame) -> Result<Self, Refusal> {
         let (floor_m, ceiling_m) = (limits.floor_m, limits.ceiling_m);
         let roomy = ceiling_m - floor_m >= 2.0 * HEIGHT_MARGIN_M;
-        if !roomy || !floor_m.is_finite() {
+        if !roomy || !floor_m.is_finite() || !ceiling_m.is_finite() {
             return Err(Refusal::Band { floor_m, ceiling_m });
+        }
+        if let Some(why) = limits.fence.problem() {
+            return Err(Refusal::Fence(why));
         }
         let limit_m_per_s = WIND_SHARE * airframe.speed_cruise_m_per_s + 1e-9;
         let wind_m_per_s = limits.wind_speed();
@@ -219,18 +225,22 @@ impl<'a> Checker<'a> {
         self.fence.clearance(ne) - self.margin_m
     }
 
-    /// Items one by one: place, height, radius, speed.
+    /// Items one by one: place, height, radius at the speed of that moment, speed. They begin at cruise speed.
     ///
     /// # Errors
     /// The first item that breaks a limit.
     pub fn items(&self, items: &[MissionItem]) -> Result<(), Refusal> {
+        let mut speed = self.airframe.speed_cruise_m_per_s;
         for (k, item) in items.iter().enumerate() {
-            self.item(k + 1, item)?;
+            self.item(k + 1, item, speed)?;
+            if item.command == command::DO_CHANGE_SPEED && item.params[1] > 0.0 {
+                speed = f64::from(item.params[1]);
+            }
         }
         Ok(())
     }
 
-    fn item(&self, number: usize, item: &MissionItem) -> Result<(), Refusal> {
+    fn item(&self, number: usize, item: &MissionItem, speed: f64) -> Result<(), Refusal> {
         if item.command == command::DO_CHANGE_SPEED {
             return self.speed(number, item);
         }
@@ -246,7 +256,7 @@ impl<'a> Checker<'a> {
             _ => 0.0,
         };
         let radius = f64::from(radius.abs());
-        self.radius(number, item.command, radius)?;
+        self.radius(number, item.command, radius, speed)?;
         let room = self.room_at(self.frame.to_local(place)) - radius;
         if room < 0.0 || room.is_nan() {
             return Err(Refusal::ItemOutside { item: number, by_m: -room });
@@ -286,7 +296,7 @@ impl<'a> Checker<'a> {
         Ok(())
     }
 
-    fn radius(&self, number: usize, of: u16, radius_m: f64) -> Result<(), Refusal> {
+    fn radius(&self, number: usize, of: u16, radius_m: f64, speed_m_per_s: f64) -> Result<(), Refusal> {
         let circles = matches!(
             of,
             command::NAV_LOITER_TURNS
@@ -298,7 +308,13 @@ impl<'a> Checker<'a> {
         if !circles || !a.is_fixed_wing() {
             return Ok(());
         }
-        let needed_m = a.planned_radius_m(a.speed_cruise_m_per_s + self.limits.wind_speed());
+        let (cruise, wind) = (a.speed_cruise_m_per_s, self.limits.wind_speed());
+        // Slower than cruise is no excuse for a tighter circle: speed comes back in gusts.
+        let needed_m = a.planned_radius_m(cruise + wind).max(if speed_m_per_s > cruise {
+            a.steep_radius_m(speed_m_per_s + wind)
+        } else {
+            0.0
+        });
         // Autopilots round down by up to a metre (below 255 m).
         if radius_m + 1.0 < needed_m {
             return Err(Refusal::Radius { item: number, radius_m, needed_m });

@@ -71,6 +71,7 @@ fn request(seed: u64) -> Request {
         start_heading_deg: 0.0,
         limits: Limits { fence, floor_m, ceiling_m, wind_ned_m_per_s: wind },
         budget_s: 300.0,
+        within_reach_only: false,
         fix_interval_s: 0.2,
         beam: 2,
     }

@@ -36,9 +36,9 @@ pub struct DemoArgs {
     /// Virtual seconds per second, or max: as fast as it goes, without screens.
     #[arg(long, default_value = "8", value_parser = parse_speed)]
     pub speed: DemoSpeed,
-    /// Time for the maneuvers, s.
-    #[arg(long, value_name = "SECONDS", default_value_t = 300.0)]
-    pub budget: f64,
+    /// Time for the maneuvers, s (default: as long as it takes to make known what this airframe can, at most its maneuvers_max_s).
+    #[arg(long, value_name = "SECONDS", allow_negative_numbers = true)]
+    pub budget: Option<f64>,
     /// Mean wind toward north and east, m/s.
     #[arg(long, value_name = "N,E", value_delimiter = ',', num_args = 1, allow_hyphen_values = true, default_values_t = [-2.0, 1.5])]
     pub wind: Vec<f64>,
@@ -111,6 +111,9 @@ pub enum DemoError {
     /// Not two numbers.
     #[error("--wind takes two numbers, toward north and toward east in m/s: --wind 3,-2")]
     Wind,
+    /// No time.
+    #[error("--budget {0} must be a positive number of seconds")]
+    Budget(f64),
     /// No plan.
     #[error(transparent)]
     Plan(#[from] PlanError),
@@ -122,7 +125,7 @@ pub enum DemoError {
 impl DemoError {
     /// Whether the arguments were at fault.
     pub fn is_usage(&self) -> bool {
-        matches!(self, Self::UnknownAirframe { .. } | Self::Wind)
+        matches!(self, Self::UnknownAirframe { .. } | Self::Wind | Self::Budget(_))
     }
 }
 
@@ -144,13 +147,27 @@ pub fn load_airframe(name: &str) -> Result<Airframe, CommandError> {
     Ok(Airframe::from_toml(&text).map_err(|source| DemoError::Airframe { path: path.to_owned(), source })?)
 }
 
+/// A budget that can be one.
+///
+/// # Errors
+/// It cannot.
+pub(super) fn check_budget(budget: Option<f64>) -> Result<Option<f64>, DemoError> {
+    match budget {
+        Some(s) if !s.is_finite() || s <= 0.0 => Err(DemoError::Budget(s)),
+        budget => Ok(budget),
+    }
+}
+
 /// Plans what these arguments ask for.
 ///
 /// # Errors
 /// Arguments that make no sense, and no safe plan.
 pub fn prepare(args: &DemoArgs) -> Result<Prepared, CommandError> {
-    let mut settings = Settings::new(load_airframe(&args.airframe)?, args.budget);
+    let mut settings = Settings::new(load_airframe(&args.airframe)?, check_budget(args.budget)?);
     settings.wind_n_e_m_per_s = args.wind[..].try_into().map_err(|_| DemoError::Wind)?;
+    if settings.wind_n_e_m_per_s.iter().any(|w| !w.is_finite()) {
+        return Err(DemoError::Wind.into());
+    }
     if let Some(path) = &args.model {
         settings.belief = super::load_model(path)?;
     }
@@ -162,8 +179,10 @@ pub fn prepare(args: &DemoArgs) -> Result<Prepared, CommandError> {
 /// # Errors
 /// As [`prepare`]; also when the flight did not come to its end.
 pub fn run(args: &DemoArgs) -> Result<(), CommandError> {
-    eprintln!("planning for {} s of maneuvers …", args.budget);
+    eprintln!("planning …");
     let prepared = prepare(args)?;
+    eprintln!("the plan {}", prepared.plan.summary());
+    prepared.plan.notes.iter().for_each(|note| eprintln!("{note}"));
     let mut flight = Flight::new(prepared, args.seed);
     match args.speed {
         DemoSpeed::Max => {

@@ -1,8 +1,9 @@
 //! `gaware mission`: verified transfer of missions.
 
-use super::{CommandError, start};
+use super::{CommandError, mission_restore, start};
 use crate::link::address::Address;
 use crate::mission_link::files::{self, FileError};
+use crate::mission_link::journal::Journal;
 use crate::mission_link::session::{Session, SessionError};
 use crate::mission_link::uploader::phase_words;
 use crate::mission_link::vehicle::Vehicle;
@@ -29,8 +30,9 @@ pub enum MissionAction {
     Upload(UploadArgs),
     /// Read the mission on board into a file.
     Download(LinkArgs),
-    /// Put a backup back, verified in the same way.
-    Restore(UploadArgs),
+    /// Put a backup back, verified in the same way; without a file, take up an upload that was interrupted: say what is on the vehicle and put
+    /// the previous mission back.
+    Restore(RestoreArgs),
 }
 
 /// Link and file.
@@ -49,7 +51,7 @@ pub struct LinkArgs {
     pub patience: u64,
 }
 
-/// Arguments of `upload` and `restore`.
+/// Arguments of `upload`.
 #[derive(Debug, Clone, clap::Args)]
 pub struct UploadArgs {
     /// Link and file.
@@ -58,6 +60,31 @@ pub struct UploadArgs {
     /// Where to keep the mission that is on board before (default: mission-backup-TIME.plan).
     #[arg(long, value_name = "FILE")]
     pub backup: Option<PathBuf>,
+    /// Replace the mission although it is being flown, or the vehicle is armed in its mission mode.
+    #[arg(long)]
+    pub even_while_flying: bool,
+}
+
+/// Arguments of `restore`.
+#[derive(Debug, Clone, clap::Args)]
+pub struct RestoreArgs {
+    /// Link to the vehicle: serial:/dev/ttyAMA0:921600, udpin:0.0.0.0:14550, udpout:HOST:PORT or tcpout:HOST:PORT.
+    #[arg(long, value_name = "ADDR", required = true)]
+    pub connect: Vec<Address>,
+    /// Backup (.plan or .waypoints) or journal of an interrupted upload (default: the journal in this folder).
+    pub file: Option<PathBuf>,
+    /// Talk to this system id (default: the one of the journal, or the first autopilot).
+    #[arg(long, value_name = "ID")]
+    pub vehicle: Option<u8>,
+    /// Wait so long for the vehicle, at the start and after a loss of the link.
+    #[arg(long, value_name = "SECONDS", default_value_t = 30, value_parser = clap::value_parser!(u64).range(1..=3600))]
+    pub patience: u64,
+    /// Where to keep the mission that is on board before a backup is put back (default: mission-backup-TIME.plan).
+    #[arg(long, value_name = "FILE")]
+    pub backup: Option<PathBuf>,
+    /// After an interrupted upload: bring the new mission instead of the previous one.
+    #[arg(long)]
+    pub new: bool,
     /// Replace the mission although it is being flown, or the vehicle is armed in its mission mode.
     #[arg(long)]
     pub even_while_flying: bool,
@@ -75,9 +102,40 @@ pub enum MissionError {
     /// A download.
     #[error("the mission could not be read: {0}")]
     Download(#[from] TransferError),
+    /// A mission without items would only delete the one on board.
+    #[error("{0} holds no mission items; an upload would only delete the mission that is on the vehicle")]
+    Empty(PathBuf),
+    /// There is nothing to take up.
+    #[error("there is no journal of an interrupted upload in {0}; name the backup that is to be put back")]
+    NoJournal(PathBuf),
+    /// Too many.
+    #[error("several uploads were interrupted here; name one of {0}")]
+    Journals(String),
+    /// `--new` without a journal.
+    #[error(
+        "--new is for the journal of an interrupted upload; {0} is a mission: use \"gaware mission upload\""
+    )]
+    NotAJournal(PathBuf),
+    /// The journal is about something else.
+    #[error("{path} is about {journal}; this is {vehicle}", path = path.display())]
+    OtherVehicle {
+        /// The journal.
+        path: PathBuf,
+        /// What it is about.
+        journal: String,
+        /// What is there.
+        vehicle: String,
+    },
     /// Anything but a verified upload.
     #[error("{0}")]
     NotVerified(String),
+}
+
+impl MissionError {
+    /// Whether the arguments were at fault.
+    pub fn is_usage(&self) -> bool {
+        matches!(self, Self::File(FileError::Kind(_)) | Self::NotAJournal(_) | Self::Journals(_))
+    }
 }
 
 /// Runs the transfer and says in a sentence how it ended.
@@ -90,8 +148,14 @@ pub fn run(args: &MissionArgs) -> Result<(), CommandError> {
         let stop = CancellationToken::new();
         start::cancel_on_signal(&stop);
         match &args.action {
-            MissionAction::Upload(upload) | MissionAction::Restore(upload) => {
-                self::upload(upload, &stop, |text| eprintln!("{text}")).await
+            MissionAction::Upload(args) => {
+                if files::read(&args.link.file).map_err(MissionError::from)?.0.items.is_empty() {
+                    return Err(MissionError::Empty(args.link.file.clone()));
+                }
+                upload(args, &stop, |text| eprintln!("{text}")).await
+            }
+            MissionAction::Restore(args) => {
+                mission_restore::restore(args, &stop, |text| eprintln!("{text}")).await
             }
             MissionAction::Download(link) => download(link, &stop).await,
         }
@@ -111,37 +175,49 @@ pub async fn upload(
     mut say: impl FnMut(&str),
 ) -> Result<String, MissionError> {
     let (mission, _) = files::read(&args.link.file)?;
+    let backup_path = args.backup.clone().unwrap_or_else(default_backup);
+    let folder = Journal::folder_of(&backup_path);
     let mut session = open(&args.link, stop).await?;
     let vehicle = session.vehicle();
-    let backup_path = args.backup.clone().unwrap_or_else(default_backup);
+    if let Err(e) = Journal::check(folder, &vehicle) {
+        session.close().await;
+        return Err(e.into());
+    }
     let options = Options { even_while_flying: args.even_while_flying, ..Options::default() };
-    let mut kept = false;
+    let (mut kept, mut journal) = (false, None);
+    let new = mission.clone();
     let keep = |backup: &gaware_mission::item::Mission| {
         let text =
             files::text_of(&backup_path, backup, &Fence::default(), vehicle.autopilot, vehicle.mav_type);
         text.and_then(|text| files::write_new(&backup_path, &text)).map_err(|e| e.to_string())?;
+        journal = Some(Journal::begin(folder, &vehicle, backup, &new).map_err(|e| e.to_string())?);
         kept = true;
         Ok(())
     };
-    let mut percent = None;
-    let outcome = session
-        .upload(mission, options, Duration::from_secs(args.link.patience), keep, |news| match news {
-            News::Phase(phase) => say(phase_words(phase)),
-            News::Progress(done, total) => {
-                let now = done * 10 / total.max(1);
-                if percent.replace(now) != Some(now) {
-                    say(&format!("{done} of {total} items"));
-                }
-            }
-            News::Stranded(text) => say(&format!("{text}\nwaiting for the link …")),
-        })
-        .await;
+    let patience = Duration::from_secs(args.link.patience);
+    let outcome = session.upload(mission, options, patience, keep, teller(&mut say)).await;
     session.close().await;
-    let backup =
+    let mut backup =
         if kept { format!("; the mission before is in {}", backup_path.display()) } else { String::new() };
+    backup.push_str(&journal.map(|j| j.settle(&outcome)).unwrap_or_default());
     match &outcome {
         Outcome::Verified { .. } => Ok(format!("{outcome}{backup}")),
         _ => Err(MissionError::NotVerified(format!("{outcome}{backup}"))),
+    }
+}
+
+/// Says in words what an upload tells; of its items every tenth part.
+pub(super) fn teller(say: &mut impl FnMut(&str)) -> impl FnMut(News) {
+    let mut percent = None;
+    move |news| match news {
+        News::Phase(phase) => say(phase_words(phase)),
+        News::Progress(done, total) => {
+            let now = done * 10 / total.max(1);
+            if percent.replace(now) != Some(now) {
+                say(&format!("{done} of {total} items"));
+            }
+        }
+        News::Stranded(text) => say(&format!("{text}\nwaiting for the link …")),
     }
 }
 
@@ -150,6 +226,11 @@ pub async fn upload(
 /// # Errors
 /// As [`run`].
 pub async fn download(args: &LinkArgs, stop: &CancellationToken) -> Result<String, MissionError> {
+    files::check_kind(&args.file)?;
+    if args.file.exists() {
+        let source = std::io::Error::from(std::io::ErrorKind::AlreadyExists);
+        return Err(FileError::Write { path: args.file.clone(), source }.into());
+    }
     let mut session = open(args, stop).await?;
     let Vehicle { autopilot, mav_type, .. } = session.vehicle();
     let mission = session.download().await;

@@ -5,6 +5,7 @@ pub mod cli;
 pub mod demo;
 pub mod explain;
 pub mod mission;
+pub mod mission_restore;
 pub mod pipeline;
 pub mod plan;
 pub mod print;
@@ -153,7 +154,8 @@ impl CommandError {
             Self::Address(_) => true,
             Self::Sim(error) => error.is_usage(),
             Self::Demo(error) => error.is_usage(),
-            Self::Plan(plan::PlanCommandError::Numbers(_)) => true,
+            Self::Plan(error) => error.is_usage(),
+            Self::Mission(error) => error.is_usage(),
             Self::Paper(crate::study::paper::PaperError::TooFewRuns) => true,
             Self::Csv(crate::study::recorded::CsvError::UnknownSet(_)) => true,
             _ => false,

@@ -12,6 +12,9 @@ use nalgebra::Vector3;
 use serde_json::{Value, json};
 use std::path::PathBuf;
 
+/// Maneuvers begin no higher than this above the floor, m.
+const CLIMB_M: f64 = 60.0;
+
 /// Arguments of `gaware plan`.
 #[derive(Debug, Clone, clap::Args)]
 pub struct PlanArgs {
@@ -32,26 +35,33 @@ pub struct PlanArgs {
     #[arg(long, value_name = "FILE")]
     pub fence: Option<PathBuf>,
     /// Radius of the circle around home where no fence is given, m.
-    #[arg(long, value_name = "M", default_value_t = 800.0, conflicts_with = "fence")]
+    #[arg(
+        long,
+        value_name = "M",
+        default_value_t = 800.0,
+        conflicts_with = "fence",
+        allow_negative_numbers = true
+    )]
     pub radius: f64,
     /// Lowest height above home for maneuvers, m.
-    #[arg(long, value_name = "M", default_value_t = 40.0)]
+    #[arg(long, value_name = "M", default_value_t = 40.0, allow_negative_numbers = true)]
     pub floor: f64,
     /// Highest height above home, m.
-    #[arg(long, value_name = "M", default_value_t = 120.0)]
+    #[arg(long, value_name = "M", default_value_t = 120.0, allow_negative_numbers = true)]
     pub ceiling: f64,
     /// Wind toward north and east, m/s.
     #[arg(long, value_name = "N,E", value_delimiter = ',', num_args = 1, allow_hyphen_values = true, default_values_t = [0.0, 0.0])]
     pub wind: Vec<f64>,
     /// Course of the take-off, deg (default: into the wind).
-    #[arg(long, value_name = "DEG")]
+    #[arg(long, value_name = "DEG", allow_negative_numbers = true)]
     pub heading: Option<f64>,
     /// Land a fixed wing at home after the last maneuver, where there is room for it (default: end in a hold).
     #[arg(long)]
     pub land: bool,
-    /// Time from the end of the climb to the hold at the end, s.
-    #[arg(long, value_name = "S", default_value_t = 300.0)]
-    pub budget: f64,
+    /// Time from the end of the climb to the hold at the end, s (default: as long as it takes to make known what this airframe can, at most its
+    /// maneuvers_max_s).
+    #[arg(long, value_name = "S", allow_negative_numbers = true)]
+    pub budget: Option<f64>,
     /// Model of the sensors (default: as `run`).
     #[arg(long, value_name = "FILE")]
     pub model: Option<PathBuf>,
@@ -66,9 +76,9 @@ pub struct PlanArgs {
 /// Why there is no plan.
 #[derive(Debug, thiserror::Error)]
 pub enum PlanCommandError {
-    /// Not so many numbers.
+    /// Arguments that cannot be.
     #[error("--{0}")]
-    Numbers(&'static str),
+    Numbers(String),
     /// Refused, with the reason.
     #[error(transparent)]
     Refused(#[from] PlanError),
@@ -77,11 +87,21 @@ pub enum PlanCommandError {
     File(#[from] FileError),
 }
 
+impl PlanCommandError {
+    /// Whether the arguments were at fault.
+    pub fn is_usage(&self) -> bool {
+        matches!(self, Self::Numbers(_) | Self::File(FileError::Kind(_)))
+    }
+}
+
 /// Plans, writes and prints.
 ///
 /// # Errors
 /// Arguments or files that make no sense; a refusal with its reason.
 pub fn run(args: &PlanArgs) -> Result<(), CommandError> {
+    if let Some(path) = &args.out {
+        files::check_kind(path).map_err(PlanCommandError::from)?;
+    }
     let model = args.model.as_deref().map_or_else(|| Ok(Model::standard()), super::load_model)?;
     let request = request(args)?;
     let made = plan(&request, predictor(&model, &request)).map_err(PlanCommandError::from)?;
@@ -102,7 +122,8 @@ pub fn run(args: &PlanArgs) -> Result<(), CommandError> {
 
 fn request(args: &PlanArgs) -> Result<Request, CommandError> {
     let airframe = demo::load_airframe(&args.airframe)?;
-    let wrong = |what| CommandError::from(PlanCommandError::Numbers(what));
+    let wrong = |what: &str| CommandError::from(PlanCommandError::Numbers(what.to_owned()));
+    check(args)?;
     let [lat, lon, alt] =
         args.home[..].try_into().map_err(|_| wrong("home takes latitude, longitude and altitude"))?;
     let [n, e]: [f64; 2] =
@@ -125,7 +146,9 @@ fn request(args: &PlanArgs) -> Result<Request, CommandError> {
     }
     let upwind = (-e).atan2(-n).to_degrees().rem_euclid(360.0);
     let heading = args.heading.unwrap_or(if n.hypot(e) > 0.1 { upwind } else { 0.0 });
-    let height = 0.5 * (args.floor + args.ceiling);
+    // Room for maneuvers on both sides, but no long climb before the first.
+    let height = (0.5 * (args.floor + args.ceiling)).min(args.floor + CLIMB_M);
+    let budget_s = args.budget.unwrap_or(airframe.maneuvers_max_s);
     Ok(Request {
         start: climb_out(&airframe, home, heading, height, &Vector3::new(n, e, 0.0)),
         airframe,
@@ -135,10 +158,42 @@ fn request(args: &PlanArgs) -> Result<Request, CommandError> {
         start_height_m: height,
         start_heading_deg: heading,
         limits: Limits { fence, floor_m: args.floor, ceiling_m: args.ceiling, wind_ned_m_per_s: [n, e, 0.0] },
-        budget_s: args.budget,
+        budget_s,
+        within_reach_only: args.budget.is_none(),
         fix_interval_s: 0.2,
         beam: DEFAULT_BEAM,
     })
+}
+
+/// Numbers that cannot be meant, by the name of their argument.
+fn check(args: &PlanArgs) -> Result<(), PlanCommandError> {
+    let wrong = |text: String| Err(PlanCommandError::Numbers(text));
+    let numbers = [
+        ("radius", args.radius),
+        ("floor", args.floor),
+        ("ceiling", args.ceiling),
+        ("heading", args.heading.unwrap_or(0.0)),
+        ("budget", args.budget.unwrap_or(1.0)),
+    ];
+    let numbers = numbers.into_iter().chain(args.wind.iter().map(|w| ("wind", *w)));
+    if let Some((name, value)) = numbers.into_iter().find(|(_, v)| !v.is_finite()) {
+        return wrong(format!("{name} {value} is no number to plan with"));
+    }
+    for (name, value) in [("radius", args.radius), ("budget", args.budget.unwrap_or(1.0))] {
+        if value <= 0.0 {
+            return wrong(format!("{name} {value} must be positive"));
+        }
+    }
+    if args.floor < 0.0 {
+        return wrong(format!("floor {} is below the ground: it is a height above home in m", args.floor));
+    }
+    if args.floor >= args.ceiling {
+        return wrong(format!(
+            "floor {} is not below --ceiling {}: heights above home in m, the lower one first",
+            args.floor, args.ceiling
+        ));
+    }
+    Ok(())
 }
 
 fn document(made: &Plan) -> Value {
@@ -148,7 +203,8 @@ fn document(made: &Plan) -> Value {
             "items": [m.items.start(), m.items.end()]})
     });
     json!({"schema": "gaware.plan/1", "duration_s": made.duration_s, "items": made.mission.items.len(),
-        "maneuvers": maneuvers.collect::<Vec<_>>(), "sigmas": over_time.collect::<Vec<_>>(), "notes": made.notes})
+        "maneuvers": maneuvers.collect::<Vec<_>>(), "sigmas": over_time.collect::<Vec<_>>(), "states": made.states,
+        "notes": made.notes})
 }
 
 fn print(made: &Plan, request: &Request) {
@@ -170,5 +226,6 @@ fn print(made: &Plan, request: &Request) {
         columns.iter().filter_map(|c| c.sigmas.get(k)).for_each(|s| print!("{:>10.3}", s.sigma));
         println!("{:>10.3}  {}", state.target, state.unit);
     }
+    println!("{}", made.summary());
     made.notes.iter().for_each(|note| println!("note: {note}"));
 }

@@ -84,9 +84,9 @@ pub struct DemoStudyArgs {
     /// What flies: small_fixed_wing, large_fixed_wing, quadrotor, or a file that describes it.
     #[arg(long, value_name = "NAME|FILE", default_value = "small_fixed_wing")]
     pub airframe: String,
-    /// Time for the maneuvers, s.
-    #[arg(long, value_name = "SECONDS", default_value_t = 300.0)]
-    pub budget: f64,
+    /// Time for the maneuvers, s (default: as long as it takes to make known what this airframe can, at most its maneuvers_max_s).
+    #[arg(long, value_name = "SECONDS", allow_negative_numbers = true)]
+    pub budget: Option<f64>,
     /// Print one JSON document.
     #[arg(long)]
     pub json: bool,
@@ -159,7 +159,10 @@ pub fn run(args: &StudyArgs) -> Result<(), CommandError> {
             show(args.json, &study, print_paper)
         }
         StudyKind::Demo(args) => {
-            let settings = Settings::new(super::demo::load_airframe(&args.airframe)?, args.budget);
+            let settings = Settings::new(
+                super::demo::load_airframe(&args.airframe)?,
+                super::demo::check_budget(args.budget)?,
+            );
             let prepared = Prepared::new(settings).map_err(super::demo::DemoError::from)?;
             let study = with_bar(args.runs, "flights", |bar| demo::run(&prepared, args.runs, args.seed, bar));
             show(args.json, &study, print_demo)
@@ -277,6 +280,23 @@ fn print_demo(study: &demo::DemoStudy) {
         study.worst_normalised_error,
         study.plan_within_factor_1_5
     );
+    let [low, high] = study.kept_interval_95;
+    println!(
+        "the plan takes {:.0} s and promises {} states; all of them became observable in {} of {} flights: {:.3} (95 % interval {low:.3} to {high:.3})",
+        study.plan_s,
+        study.promised.len(),
+        study.promise_kept,
+        study.completed,
+        study.promise_kept as f64 / study.completed.max(1) as f64
+    );
+    if !study.missed.is_empty() {
+        let list: Vec<String> =
+            study.missed.iter().map(|m| format!("{} {} times", m.name, m.flights)).collect();
+        println!("promised but not reached: {}", list.join(", "));
+    }
+    if !study.beyond_airframe.is_empty() {
+        println!("beyond this airframe by the plan's prediction: {}", study.beyond_airframe.join(", "));
+    }
     println!("{:>10}{:>12}{:>10}{:>12}{:>17}", "", "observable", "within", "RMS error/σ", "planned/reached");
     for s in &study.states {
         println!(
@@ -288,10 +308,12 @@ fn print_demo(study: &demo::DemoStudy) {
 
 fn print_guidance(s: &guidance::GuidanceStudy) {
     println!(
-        "{}: columns x and z of G known to {} deg/h/g after {:.0} s guided, {:.0} s at random (medians of {} from standing start): {:.0} %",
+        "{}: columns x and z of G known to {} deg/h/g after {:.0} s guided (95 % interval {:.0} to {:.0}), {:.0} s at random (medians of {} from standing start): {:.0} %",
         s.airframe,
         s.target_deg_per_h_per_g,
         s.guided_median_s,
+        s.guided_interval_95_s[0],
+        s.guided_interval_95_s[1],
         s.random_median_s,
         s.runs,
         100.0 * s.ratio_of_medians

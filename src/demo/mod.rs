@@ -41,8 +41,8 @@ const GUST_M_PER_S: f64 = 0.3;
 pub struct Settings {
     /// What flies.
     pub airframe: Airframe,
-    /// Time from take-off to the hold at the end, s.
-    pub budget_s: f64,
+    /// Time from take-off to the hold at the end, s; without it as long as it takes to make known what can be.
+    pub budget_s: Option<f64>,
     /// Width of the planner's search.
     pub beam: usize,
     /// Mean wind toward north and east, m/s.
@@ -53,7 +53,7 @@ pub struct Settings {
 
 impl Settings {
     /// Light wind, the model that `run` starts with.
-    pub fn new(airframe: Airframe, budget_s: f64) -> Self {
+    pub fn new(airframe: Airframe, budget_s: Option<f64>) -> Self {
         Self { airframe, budget_s, beam: 3, wind_n_e_m_per_s: [-2.0, 1.5], belief: Model::standard() }
     }
 
@@ -96,7 +96,8 @@ impl Settings {
             start_height_m: height,
             start_heading_deg: heading,
             limits: Limits { fence, floor_m, ceiling_m, wind_ned_m_per_s: [n, e, 0.0] },
-            budget_s: self.budget_s,
+            budget_s: self.budget_s.unwrap_or(self.airframe.maneuvers_max_s),
+            within_reach_only: self.budget_s.is_none(),
             fix_interval_s: FIX_INTERVAL_S,
             beam: self.beam,
         }

@@ -4,6 +4,7 @@ use super::flight::{Ending, Flight, Stage};
 use super::series::Series;
 use crate::engine::estimate::Constants;
 use crate::engine::snapshot::{Estimate, Status, Summary};
+use gaware_mission::planner::{PlannedState, Reach};
 use gaware_mission::transfer::verified::Outcome;
 use gaware_nav::filter::calibration::Calibration;
 use gaware_nav::filter::layout::{Layout, index};
@@ -35,6 +36,21 @@ pub struct StateResult {
     pub status: Status,
 }
 
+/// What the plan promised, and whether it was kept.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct Promise {
+    /// States that the plan makes known.
+    pub promised: Vec<String>,
+    /// Of these the ones that did not become observable.
+    pub missed: Vec<String>,
+    /// States that the airframe excites too weakly for their target in the time there is.
+    pub too_weak: Vec<String>,
+    /// States that no maneuver of the autopilot excites.
+    pub dark: Vec<String>,
+    /// States that became observable although the plan did not promise them.
+    pub beyond_promise: Vec<String>,
+}
+
 /// Everything at the end of a flight.
 #[derive(Debug, Clone)]
 pub struct DemoResult {
@@ -46,6 +62,8 @@ pub struct DemoResult {
     pub states: Vec<StateResult>,
     /// True roll, pitch, yaw at the end, deg.
     pub attitude_deg: [f64; 3],
+    /// What was promised and kept.
+    pub promise: Promise,
     /// Predicted and reached sigmas over time.
     pub series: Series,
     /// The document.
@@ -74,10 +92,28 @@ pub fn of(flight: &mut Flight, seed: u64) -> DemoResult {
         states.iter().filter(|s| s.status == Status::Observable).map(|s| s.name.as_str()).collect();
     document.insert("observable".to_owned(), json!(observable));
     document.insert("states".to_owned(), json!(states));
+    let promise = promise(flight, &states);
+    document.insert("promise".to_owned(), json!(promise));
+    document.insert("planned_states".to_owned(), json!(flight.prepared().plan.states));
     document.insert("maneuvers".to_owned(), maneuvers(flight));
     let series = Series::of(flight.prepared(), flight.log());
     document.insert("sigma_series".to_owned(), json!(series));
-    DemoResult { ending, summary, states, attitude_deg, series, document }
+    DemoResult { ending, summary, states, attitude_deg, promise, series, document }
+}
+
+fn promise(flight: &Flight, states: &[StateResult]) -> Promise {
+    let plan = &flight.prepared().plan;
+    let observable = |name: &str| states.iter().any(|s| s.name == name && s.status == Status::Observable);
+    let of = |wanted: &dyn Fn(&PlannedState) -> bool| {
+        plan.states.iter().filter(|s| wanted(s)).map(|s| s.name.clone()).collect::<Vec<_>>()
+    };
+    Promise {
+        promised: of(&PlannedState::known),
+        missed: of(&|s| s.known() && !observable(&s.name)),
+        too_weak: of(&|s| s.reach == Reach::Short && !s.known()),
+        dark: of(&|s| s.reach == Reach::Dark),
+        beyond_promise: of(&|s| !s.known() && observable(&s.name)),
+    }
 }
 
 impl Ending {
@@ -188,6 +224,31 @@ fn maneuvers(flight: &Flight) -> Value {
     Value::Array(rows.collect())
 }
 
+impl Promise {
+    /// For people.
+    pub fn lines(&self) -> Vec<String> {
+        let kept = if self.missed.is_empty() {
+            format!("all {} states that the plan promised became observable", self.promised.len())
+        } else {
+            format!(
+                "{} of {} states that the plan promised did not become observable: {}",
+                self.missed.len(),
+                self.promised.len(),
+                self.missed.join(", ")
+            )
+        };
+        let others = [
+            ("no maneuver of the autopilot excites", &self.dark),
+            ("excited, but too weakly for the target in the time there is", &self.too_weak),
+            ("observable beyond the plan's promise", &self.beyond_promise),
+        ];
+        let others = others.into_iter().filter(|(_, names)| !names.is_empty());
+        std::iter::once(kept)
+            .chain(others.map(|(words, names)| format!("{words}: {}", names.join(", "))))
+            .collect()
+    }
+}
+
 impl DemoResult {
     /// For people.
     pub fn text(&self) -> String {
@@ -222,6 +283,9 @@ impl DemoResult {
                 s.unit,
                 if s.status == Status::Observable { "known" } else { "" }
             )?;
+        }
+        for line in self.promise.lines() {
+            writeln!(out, "{line}")?;
         }
         for direction in &self.summary.observability.unobservable_directions {
             writeln!(out, "not observable: {}", direction.text)?;

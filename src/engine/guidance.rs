@@ -4,31 +4,29 @@
 //! the gain is the decrease of the logarithm of the worst sigma over target. "Worst" is the fourth-power mean, so that of
 //! several states equally far off each counts. States that no candidate makes known within `HORIZON_S` do not:
 //! coordinated maneuvers would otherwise be chosen for the little they say of column y of G. A candidate is one maneuver or one
-//! after another: what a climb does to the heading shows only in the turn behind it. One maneuver is run per slice of sample
-//! time, so no sample waits long, and the result depends on nothing but the samples.
+//! after another: what a climb does to the heading shows only in the turn behind it. What would lead out of the band of heights is
+//! no candidate: a descent near the ground is broken off each time and brings nothing. What has not brought what was predicted, for whatever
+//! reason, is trusted less for a while (`trust`), so that the next best is asked for. One maneuver is run per slice of sample time, so no sample
+//! waits long, and the result depends on nothing but the samples.
+
+mod round;
+mod trust;
 
 use super::snapshot::Guidance;
 use gaware_mission::airframe::Airframe;
 use gaware_mission::fence::LocalFrame;
 use gaware_mission::item::{Home, LatLon};
-use gaware_mission::kinematics::Kinematics;
 use gaware_mission::maneuver::{Entry, Maneuver, Words};
 use gaware_mission::predictor::{BoundPredictor, NamedSigma, Predictor, Targets};
 use gaware_nav::filter::Filter;
 use nalgebra::Vector3;
+use round::{Candidate, Round, within_reach, worst};
+use trust::Trust;
 
 /// One maneuver of a candidate is run every so often, s of sample time.
 const SLICE_S: f64 = 0.03;
 /// Pause between two rankings, s.
 const PAUSE_S: f64 = 10.0;
-/// Predicted flights are thinned to every so manyth sample (0.2 s): the covariance does not mind.
-const THINNING: usize = 4;
-/// States count that the best candidate, flown again and again, would make known within this time, s, …
-const HORIZON_S: f64 = 600.0;
-/// … or within this many times what the nearest one takes, …
-const NEAREST: f64 = 2.0;
-/// … but not those that would take longer than this: no flight lasts so long, s.
-const OUT_OF_REACH_S: f64 = 3600.0;
 /// Two maneuvers are asked for only where they are better than the best single one by this factor.
 const BETTER_AS_PAIR: f64 = 1.05;
 /// A maneuver that brings less than this, in the logarithm of the worst sigma, is not worth flying.
@@ -40,6 +38,11 @@ const FLOWN: f64 = 0.8;
 /// … or after this many times its duration, and some time to begin, s.
 const PATIENCE: (f64, f64) = (2.0, 30.0);
 
+/// Lowest height of maneuvers above the ground for wings and rotors, m: as `plan` has it.
+const FLOOR_M: [f64; 2] = [40.0, 15.0];
+/// Highest one, m: where most countries let unmanned aircraft fly without asking.
+const CEILING_M: f64 = 120.0;
+
 /// What the guidance may ask for.
 #[derive(Debug, Clone, PartialEq)]
 pub struct GuidanceOptions {
@@ -47,6 +50,16 @@ pub struct GuidanceOptions {
     pub airframe: Airframe,
     /// Whether maneuvers may be asked for that only a pilot can fly (sideslip).
     pub manual: bool,
+    /// Lowest and highest height above the ground where maneuvers may lead, m; they count once the vehicle was seen standing there.
+    pub band_m: [f64; 2],
+}
+
+impl GuidanceOptions {
+    /// The usual band: wings keep [`FLOOR_M`] below them, rotors less, and nobody leaves the height of open airspace.
+    pub fn new(airframe: Airframe, manual: bool) -> Self {
+        let floor_m = FLOOR_M[usize::from(!airframe.is_fixed_wing())];
+        Self { airframe, manual, band_m: [floor_m, CEILING_M] }
+    }
 }
 
 /// What is being asked for.
@@ -61,34 +74,6 @@ struct Asked {
     gain: (f64, f64),
 }
 
-/// A ranking under way.
-#[derive(Debug, Clone)]
-struct Round {
-    predictor: BoundPredictor,
-    entry: Entry,
-    fix_interval_s: f64,
-    left: Vec<Task>,
-    /// Each maneuver that has been run, and where it led.
-    firsts: Vec<(Maneuver, BoundPredictor)>,
-    after: Vec<Candidate>,
-}
-
-/// What is still to be run in a ranking.
-#[derive(Debug, Clone, Copy)]
-enum Task {
-    First(Maneuver),
-    /// After the first one of this index.
-    Second(usize, Maneuver),
-}
-
-/// Maneuvers one after the other, and the sigmas behind them.
-#[derive(Debug, Clone)]
-struct Candidate {
-    maneuvers: Vec<Maneuver>,
-    duration_s: f64,
-    after: Vec<NamedSigma>,
-}
-
 /// Asks, follows and asks again.
 #[derive(Debug, Clone)]
 pub struct Guide {
@@ -99,6 +84,11 @@ pub struct Guide {
     asked: Option<Asked>,
     last_result: String,
     done: bool,
+    /// States that stay unknown because no maneuver shows them.
+    dark: Vec<String>,
+    trust: Trust,
+    /// Height above the ellipsoid where the vehicle stood, m.
+    ground_m: Option<f64>,
 }
 
 impl Guide {
@@ -113,6 +103,9 @@ impl Guide {
             asked: None,
             last_result: String::new(),
             done: false,
+            dark: Vec::new(),
+            trust: Trust::default(),
+            ground_m: None,
         }
     }
 
@@ -128,15 +121,18 @@ impl Guide {
             return;
         }
         self.next_s = t_s + SLICE_S;
-        if !standing {
+        if standing {
+            let here = filter.nav().geodetic().height_m;
+            // A multirotor that hovers stands as well, but higher up.
+            self.ground_m = Some(self.ground_m.map_or(here, |g| g.min(here)));
+        } else {
             self.follow(t_s, filter);
         }
         let Some(round) = &mut self.round else {
             self.round = Some(Box::new(self.begin(filter, fix_interval_s)));
             return;
         };
-        if let Some(task) = round.left.pop() {
-            round.run(task, &self.options.airframe);
+        if round.step(&self.options.airframe) {
             return;
         }
         if let Some(round) = self.round.take() {
@@ -151,12 +147,10 @@ impl Guide {
     fn begin(&self, filter: &Filter, fix_interval_s: f64) -> Round {
         let airframe = &self.options.airframe;
         let all = if self.options.manual { Maneuver::all(airframe) } else { Maneuver::automatic(airframe) };
-        let seconds = (0..all.len()).flat_map(|first| all.iter().map(move |m| Task::Second(first, *m)));
-        let mut left: Vec<Task> = all.iter().map(|m| Task::First(*m)).chain(seconds).collect();
-        left.reverse();
-        let predictor = self.predictor(filter);
         let entry = Entry::cruising(airframe, Vector3::zeros(), filter.nav().euler().z);
-        Round { predictor, entry, fix_interval_s, left, firsts: Vec::new(), after: Vec::new() }
+        let height_m = self.ground_m.map(|g| filter.nav().geodetic().height_m - g);
+        let room_m = height_m.map(|h| round::room(self.options.band_m, h));
+        Round::new(self.predictor(filter), entry, fix_interval_s, room_m, &all)
     }
 
     fn predictor(&self, filter: &Filter) -> BoundPredictor {
@@ -178,6 +172,7 @@ impl Guide {
             return;
         }
         self.last_result = asked.result(&now, flown, &self.options.airframe);
+        self.trust.learn(t_s, &asked.maneuvers, if flown { 1.0 } else { asked.progress(&now) });
         self.asked = None;
         self.round = None;
     }
@@ -187,7 +182,7 @@ impl Guide {
         let excitable = within_reach(&before, &round.after);
         let now = worst(&before, &excitable);
         let gain = |c: &Candidate| (now / worst(&c.after, &excitable)).ln();
-        let rate = |c: &Candidate| gain(c) / c.duration_s.max(1.0);
+        let rate = |c: &Candidate| self.trust.of(t_s, &c.maneuvers) * gain(c) / c.duration_s.max(1.0);
         let best_of = |n: usize| {
             let those = round.after.iter().filter(move |c| c.maneuvers.len() == n);
             those.max_by(|a, b| rate(a).total_cmp(&rate(b)))
@@ -200,6 +195,8 @@ impl Guide {
         let least = WORTH_FLYING.min(0.5 * now.ln());
         let worth = best.filter(|b| now > 1.0 && gain(b) > least);
         self.done = worth.is_none();
+        let open = before.iter().filter(|s| s.ratio() > 1.0).map(|s| s.name.clone());
+        self.dark = if self.done { open.collect() } else { Vec::new() };
         let Some(best) = worth else {
             self.asked = None;
             return;
@@ -225,8 +222,7 @@ impl Guide {
             return base;
         };
         let Some(asked) = &self.asked else {
-            let reason = if self.done { "everything that this airframe can excite is known" } else { "" };
-            return Guidance { done: self.done, reason: reason.to_owned(), ..base };
+            return Guidance { done: self.done, reason: self.why_nothing(), ..base };
         };
         let airframe = &self.options.airframe;
         let words = asked.words(airframe);
@@ -241,26 +237,17 @@ impl Guide {
     }
 }
 
-impl Round {
-    fn run(&mut self, task: Task, airframe: &Airframe) {
-        let (mut predictor, before, maneuver) = match task {
-            Task::First(maneuver) => (self.predictor.clone(), None, maneuver),
-            Task::Second(first, maneuver) => {
-                let Some((before, predictor)) = self.firsts.get(first) else { return };
-                (predictor.clone(), Some(*before), maneuver)
-            }
-        };
-        let flight: Vec<Kinematics> = maneuver
-            .kinematics(airframe, &self.entry, &Vector3::zeros())
-            .into_iter()
-            .step_by(THINNING)
-            .collect();
-        predictor.fly(&flight, self.fix_interval_s);
-        let maneuvers: Vec<Maneuver> = before.into_iter().chain([maneuver]).collect();
-        let duration_s = maneuvers.iter().map(|m| m.duration_s(airframe)).sum();
-        self.after.push(Candidate { maneuvers, duration_s, after: predictor.sigmas() });
-        if before.is_none() {
-            self.firsts.push((maneuver, predictor));
+impl Guide {
+    /// Why nothing is asked for.
+    fn why_nothing(&self) -> String {
+        match (self.done, self.dark.is_empty()) {
+            (false, _) => String::new(),
+            (true, true) => "everything is known".to_owned(),
+            (true, false) => format!(
+                "everything that this airframe can excite is known; no maneuver of it shows {}{}",
+                self.dark.join(", "),
+                if self.options.manual { "" } else { " (unless a pilot flies sideslips)" },
+            ),
         }
     }
 }
@@ -330,37 +317,9 @@ struct Instruction {
     purpose: String,
 }
 
-/// Which states the candidates, flown again and again, can make known soon enough to count.
-fn within_reach(before: &[NamedSigma], candidates: &[Candidate]) -> Vec<bool> {
-    let rate = |i: usize, b: &NamedSigma| {
-        let of =
-            |c: &Candidate| c.after.get(i).map_or(0.0, |a| (b.sigma / a.sigma).ln() / c.duration_s.max(1.0));
-        candidates.iter().map(of).fold(0.0, f64::max)
-    };
-    let time_s = |(i, b): (usize, &NamedSigma)| match (b.ratio().max(1.0).ln(), rate(i, b)) {
-        (_, rate) if rate <= 0.0 => f64::INFINITY,
-        (far, rate) => far / rate,
-    };
-    let times: Vec<f64> = before.iter().enumerate().map(time_s).collect();
-    let nearest = times.iter().copied().filter(|t| *t > 0.0).fold(f64::INFINITY, f64::min);
-    let longest = HORIZON_S.max(NEAREST * nearest).min(OUT_OF_REACH_S);
-    // What is known already would only dilute the mean.
-    times.into_iter().map(|t| t > 0.0 && t <= longest).collect()
-}
-
 /// How far a state has come toward its target, in the logarithm.
 fn toward_target((before, after): &(&NamedSigma, &NamedSigma)) -> f64 {
     (before.ratio().max(1.0) / after.ratio().max(1.0)).ln()
-}
-
-/// Fourth-power mean of sigma over target, at least 1 each: close to the largest, with every laggard in it.
-fn worst(sigmas: &[NamedSigma], counts: &[bool]) -> f64 {
-    let ratios: Vec<f64> =
-        sigmas.iter().zip(counts).filter(|(_, c)| **c).map(|(s, _)| s.ratio().max(1.0)).collect();
-    if ratios.is_empty() {
-        return 1.0;
-    }
-    (ratios.iter().map(|r| r.powi(4)).sum::<f64>() / ratios.len() as f64).powf(0.25)
 }
 
 /// A number with three significant figures.

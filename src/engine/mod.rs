@@ -47,7 +47,7 @@ pub struct EngineOptions {
 impl EngineOptions {
     /// With guidance for this airframe, by hand or by the autopilot alone.
     pub fn for_airframe(airframe: Airframe, manual: bool) -> Self {
-        Self { guidance: Some(GuidanceOptions { airframe, manual }), ..Self::default() }
+        Self { guidance: Some(GuidanceOptions::new(airframe, manual)), ..Self::default() }
     }
 
     fn vehicle(&self) -> VehicleKind {

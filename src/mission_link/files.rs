@@ -34,6 +34,15 @@ pub enum FileError {
         /// Why.
         reason: String,
     },
+    /// A transfer to this vehicle did not come to its end.
+    #[error(
+        "an earlier transfer to this vehicle was interrupted, or is under way in another process; its journal is {path}. Run \"gaware mission \
+         restore --connect … {path}\" first, or remove that file if you know what is on the vehicle", path = path.display()
+    )]
+    Interrupted {
+        /// The journal.
+        path: PathBuf,
+    },
     /// Neither kind.
     #[error("{0}: name it .plan or .waypoints, the two kinds of mission files")]
     Kind(PathBuf),
@@ -73,6 +82,17 @@ pub fn text_of(
     }
 }
 
+/// Whether the name tells the kind of mission file, before there is anything to write.
+///
+/// # Errors
+/// It tells none.
+pub fn check_kind(path: &Path) -> Result<(), FileError> {
+    match path.extension().and_then(|e| e.to_str()) {
+        Some("plan" | "waypoints" | "txt") => Ok(()),
+        _ => Err(FileError::Kind(path.to_owned())),
+    }
+}
+
 /// Writes a file that did not exist before, down to the disk.
 ///
 /// # Errors
@@ -81,7 +101,17 @@ pub fn write_new(path: &Path, text: &str) -> Result<(), FileError> {
     let write = || {
         let mut file = std::fs::File::create_new(path)?;
         file.write_all(text.as_bytes())?;
-        file.sync_all()
+        file.sync_all()?;
+        sync_folder(path);
+        Ok(())
     };
     write().map_err(|source| FileError::Write { path: path.to_owned(), source })
+}
+
+/// The name of a new file lives in its folder, which some systems can sync as well; the others need not.
+fn sync_folder(path: &Path) {
+    let folder = path.parent().filter(|p| !p.as_os_str().is_empty()).unwrap_or(Path::new("."));
+    if let Ok(folder) = std::fs::File::open(folder) {
+        let _ = folder.sync_all();
+    }
 }

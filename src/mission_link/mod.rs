@@ -2,6 +2,7 @@
 
 pub mod codec;
 pub mod files;
+pub mod journal;
 pub mod session;
 pub mod uploader;
 pub mod vehicle;

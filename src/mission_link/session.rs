@@ -3,7 +3,7 @@
 
 use super::codec;
 use super::vehicle::Vehicle;
-use super::wire::{self, Event, News, Wire};
+use super::wire::{self, CutOff, Event, News, Wire};
 use crate::link::address::Address;
 use crate::link::endpoint::{Links, ReceiveClock};
 use crate::link::heartbeat::Voice;
@@ -129,6 +129,19 @@ impl Session {
         tell: impl FnMut(News),
     ) -> Outcome {
         wire::upload(self, mission, options, patience.as_secs_f64(), keep, tell).await
+    }
+}
+
+impl Session {
+    /// [`wire::resume`] over these links.
+    pub async fn resume(
+        &mut self,
+        cut_off: CutOff,
+        options: Options,
+        patience: Duration,
+        tell: impl FnMut(News),
+    ) -> Outcome {
+        wire::resume(self, cut_off, options, patience.as_secs_f64(), tell).await
     }
 }
 

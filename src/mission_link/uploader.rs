@@ -3,6 +3,7 @@
 
 use super::codec;
 use super::files;
+use super::journal::Journal;
 use super::vehicle::Vehicle;
 use super::wire::{self, Event, News, Wire};
 use crate::link::endpoint::Received;
@@ -173,11 +174,18 @@ fn show(status: &SinkStatus, planned: &Planned, state: MissionState, text: Strin
 async fn transfer(planned: &Planned, wire: &mut RunWire, status: &SinkStatus) -> Result<String, String> {
     let vehicle = wire.vehicle();
     let backup_path = planned.backup_path();
-    let mut kept = String::new();
+    let folder = Journal::folder_of(&backup_path);
+    if let Err(e) = Journal::check(folder, &vehicle) {
+        show(status, planned, MissionState::Unknown, e.to_string());
+        return Err(e.to_string());
+    }
+    let (mut kept, mut journal) = (String::new(), None);
     let keep = |backup: &Mission| {
         let text =
             files::text_of(&backup_path, backup, &Fence::default(), vehicle.autopilot, vehicle.mav_type);
         text.and_then(|text| files::write_new(&backup_path, &text)).map_err(|e| e.to_string())?;
+        journal =
+            Some(Journal::begin(folder, &vehicle, backup, &planned.mission).map_err(|e| e.to_string())?);
         kept = format!("; the mission before is in {}", backup_path.display());
         Ok(())
     };
@@ -196,7 +204,8 @@ async fn transfer(planned: &Planned, wire: &mut RunWire, status: &SinkStatus) ->
     };
     let options = Options::default();
     let outcome = wire::upload(wire, planned.mission.clone(), options, PATIENCE_S, keep, tell).await;
-    let text = format!("{outcome}{kept}");
+    let mut text = format!("{outcome}{kept}");
+    text.push_str(&journal.map(|j| j.settle(&outcome)).unwrap_or_default());
     let state = match outcome {
         Outcome::Verified { .. } => MissionState::OnVehicle,
         Outcome::RestoredPrevious { .. } => MissionState::NotOnVehicle,

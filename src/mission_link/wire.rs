@@ -4,7 +4,7 @@ use super::codec;
 use super::vehicle::Vehicle;
 use crate::link::frame::Frame;
 use gaware_mission::item::Mission;
-use gaware_mission::transfer::verified::{Options, Outcome, Phase, VerifiedUpload};
+use gaware_mission::transfer::verified::{Goal, Options, Outcome, Phase, VerifiedUpload};
 use gaware_mission::transfer::{Action, Peers};
 use std::future::Future;
 
@@ -52,11 +52,11 @@ pub async fn upload(
     mission: Mission,
     options: Options,
     patience_s: f64,
-    mut keep: impl FnMut(&Mission) -> Result<(), String>,
-    mut tell: impl FnMut(News),
+    keep: impl FnMut(&Mission) -> Result<(), String>,
+    tell: impl FnMut(News),
 ) -> Outcome {
     let vehicle = wire.vehicle();
-    let (mut upload, actions) = VerifiedUpload::start(
+    let (upload, actions) = VerifiedUpload::start(
         wire.peers(),
         vehicle.autopilot,
         options,
@@ -65,6 +65,42 @@ pub async fn upload(
         wire.now_s(),
     );
     wire.send(&actions);
+    drive(wire, upload, patience_s, keep, tell).await
+}
+
+/// Takes up an upload that was cut off: brings the mission that is wanted. Both were kept, so nothing is kept anew.
+pub async fn resume(
+    wire: &mut impl Wire,
+    cut_off: CutOff,
+    options: Options,
+    patience_s: f64,
+    tell: impl FnMut(News),
+) -> Outcome {
+    let CutOff { new, previous, goal } = cut_off;
+    let (peers, autopilot, now) = (wire.peers(), wire.vehicle().autopilot, wire.now_s());
+    let (upload, actions) = VerifiedUpload::resume(peers, autopilot, options, new, previous, goal, now);
+    wire.send(&actions);
+    drive(wire, upload, patience_s, |_| Ok(()), tell).await
+}
+
+/// An upload that was cut off, and what is wanted of it.
+#[derive(Debug, Clone)]
+pub struct CutOff {
+    /// Was to be on the vehicle.
+    pub new: Mission,
+    /// Was on it.
+    pub previous: Mission,
+    /// Which of them.
+    pub goal: Goal,
+}
+
+async fn drive(
+    wire: &mut impl Wire,
+    mut upload: VerifiedUpload,
+    patience_s: f64,
+    mut keep: impl FnMut(&Mission) -> Result<(), String>,
+    mut tell: impl FnMut(News),
+) -> Outcome {
     let (mut kept, mut phase, mut stranded_since) = (false, None, None);
     loop {
         if phase != Some(upload.phase()) {

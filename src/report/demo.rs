@@ -33,6 +33,9 @@ pub fn html(airframe: &str, result: &DemoResult, series: &Series) -> Result<Stri
         result.states.len(),
         result.summary.duration_s
     );
+    for line in result.promise.lines() {
+        let _ = write!(body, "<p>{}.</p>", escape(&line));
+    }
     body.push_str(
         "<h2>Predicted and flown</h2><p>1-sigma of the least known state of each group: as the plan predicted it, and as the \
          filter had it in flight. The prediction is laid over the flight maneuver by maneuver; upright lines are the ends \

@@ -6,6 +6,7 @@ use super::statistics::wilson_95;
 use crate::demo::flight::{Ending, Flight};
 use crate::demo::{Prepared, result};
 use crate::engine::snapshot::Status;
+use gaware_mission::planner::Reach;
 use serde::Serialize;
 
 /// One state over all flights that made it observable.
@@ -46,8 +47,29 @@ pub struct DemoStudy {
     pub worst_normalised_error: f64,
     /// Share of observable states whose planned sigma is within a factor 1.5 of the one reached.
     pub plan_within_factor_1_5: f64,
+    /// Length of the plan, s.
+    pub plan_s: f64,
+    /// States that the plan promises to make known.
+    pub promised: Vec<String>,
+    /// States that the airframe cannot make known, by the plan's prediction.
+    pub beyond_airframe: Vec<String>,
+    /// Completed flights in which every promised state became observable.
+    pub promise_kept: usize,
+    /// 95 % interval of their share.
+    pub kept_interval_95: [f64; 2],
+    /// Which promised states did not, and how often.
+    pub missed: Vec<Missed>,
     /// Per state.
     pub states: Vec<StateShare>,
+}
+
+/// A promised state that did not become observable.
+#[derive(Debug, Clone, Serialize)]
+pub struct Missed {
+    /// Name.
+    pub name: String,
+    /// Completed flights.
+    pub flights: usize,
 }
 
 /// Flies the plan with the seeds `seed … seed + runs − 1`.
@@ -58,7 +80,15 @@ pub fn run(prepared: &Prepared, runs: usize, seed: u64, progress: &dyn Progress)
         flight.run();
         result::of(&mut flight, seed)
     });
-    let completed = flights.iter().filter(|f| matches!(f.ending, Ending::Holding | Ending::Landed)).count();
+    let completed: Vec<_> =
+        flights.iter().filter(|f| matches!(f.ending, Ending::Holding | Ending::Landed)).collect();
+    let promise_kept = completed.iter().filter(|f| f.promise.missed.is_empty()).count();
+    let promised: Vec<String> = prepared.plan.promised().map(|s| s.name.clone()).collect();
+    let missed = promised.iter().map(|name| Missed {
+        name: name.clone(),
+        flights: completed.iter().filter(|f| f.promise.missed.contains(name)).count(),
+    });
+    let beyond = prepared.plan.states.iter().filter(|s| s.reach != Reach::Known);
     let known: Vec<_> =
         flights.iter().flat_map(|f| &f.states).filter(|s| s.status == Status::Observable).collect();
     let within = known.iter().filter(|s| s.normalised_error.abs() <= 2.0).count();
@@ -83,13 +113,19 @@ pub fn run(prepared: &Prepared, runs: usize, seed: u64, progress: &dyn Progress)
         schema: "gaware.study/1",
         airframe: prepared.settings.airframe.name.clone(),
         runs,
-        completed,
+        completed: completed.len(),
         observable: known.len(),
         within_2_sigma: within,
         share: within as f64 / known.len().max(1) as f64,
         interval_95: wilson_95(within, known.len()),
         worst_normalised_error: known.iter().map(|s| s.normalised_error.abs()).fold(0.0, f64::max),
         plan_within_factor_1_5: kept as f64 / known.len().max(1) as f64,
+        plan_s: prepared.plan.duration_s,
+        missed: missed.filter(|m| m.flights > 0).collect(),
+        beyond_airframe: beyond.map(|s| s.name.clone()).collect(),
+        promise_kept,
+        kept_interval_95: wilson_95(promise_kept, completed.len()),
+        promised: promised.clone(),
         states: states.collect(),
     }
 }

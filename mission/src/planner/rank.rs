@@ -1,5 +1,6 @@
 //! Ranking of maneuvers by what they bring per second: the live guidance asks this from the present covariance.
 
+use super::Reach;
 use super::search::log_score;
 use crate::airframe::Airframe;
 use crate::maneuver::{Entry, Maneuver};
@@ -33,7 +34,7 @@ pub fn rank<P: Predictor>(
     fix_interval_s: f64,
 ) -> Vec<Ranked> {
     let before = predictor.sigmas();
-    let all = vec![true; before.len()];
+    let all = vec![Reach::Known; before.len()];
     let worst = (0..before.len()).max_by(|a, b| {
         let ratio = |i: usize| before.get(i).map_or(0.0, NamedSigma::ratio);
         ratio(*a).total_cmp(&ratio(*b))

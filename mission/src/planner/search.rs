@@ -2,7 +2,7 @@
 
 use super::landing::Landing;
 use super::place::placements;
-use super::{Plan, PlanError, PlannedManeuver, Rejection, Request, SigmasAt};
+use super::{Plan, PlanError, PlannedManeuver, PlannedState, Reach, Rejection, Request, SigmasAt};
 use crate::fence::LocalFrame;
 use crate::flight::Flyer;
 use crate::item::{Mission, MissionItem, command};
@@ -12,16 +12,22 @@ use crate::predictor::{NamedSigma, Predictor};
 use crate::safety::Checker;
 use nalgebra::{Rotation3, Vector2, Vector3};
 
-/// A state counts as one that this airframe can excite if its maneuvers shrink its sigma to this share.
+/// A state counts as one that this airframe can excite if its maneuvers can shrink its sigma to this share.
 const EXCITED: f64 = 0.9;
 /// Weight of the mean over all states beside the worst one: breaks ties, keeps the search going where the worst is stuck.
 const MEAN_WEIGHT: f64 = 0.3;
 /// Least gain in log score per second that is worth flying for.
 const LEAST_GAIN_PER_S: f64 = 1e-5;
 /// Most maneuvers in a plan.
-const MOST_MANEUVERS: usize = 12;
+const MOST_MANEUVERS: usize = 40;
+/// A state is taken for known at this share of its target: the flight is never quite the one that was predicted.
+const SURELY_KNOWN: f64 = 0.85;
+/// Predicted flights are thinned to every so manyth sample where only the order of magnitude counts.
+const THINNING: usize = 4;
 /// Points of a climb-out that are checked.
 const CLIMB_CHECKS: u32 = 50;
+/// A fence further away than this is hardly meant, m.
+const FAR_M: f64 = 5000.0;
 /// Pitch of a fixed wing's take-off, deg: ArduPlane's usual minimum.
 const TAKE_OFF_PITCH_DEG: f32 = 12.0;
 /// Spacing of the sigmas in the plan, s.
@@ -80,31 +86,50 @@ impl<'a> Search<'a> {
         let mut reasons = Vec::new();
         let first = self.expand(&root, &mut reasons);
         if first.is_empty() {
+            if !reasons.is_empty() && reasons.iter().all(|(_, r)| r.is_late()) {
+                return Err(PlanError::NoTime { budget_s: self.request.budget_s });
+            }
+            let words = |m: Maneuver| m.words(&self.request.airframe).short;
+            let reasons = reasons.into_iter().map(|(m, r)| format!("{}: {r}", words(m))).collect();
             return Err(PlanError::NothingFits { reasons });
         }
-        let excited = self.excited(&root.predictor);
-        let start_score = log_score(&before, &excited);
-        let mut beam = self.prune(first, start_score, &excited);
+        let reach = self.reach(&root, &first);
+        let start_score = log_score(&before, &reach);
+        let mut beam = self.prune(first, start_score, &reach);
         let mut best = root;
         best.log_score = start_score;
+        // The shortest plan that makes everything known that can be.
+        let mut done: Option<Node<'a, P>> = None;
         for _ in 0..MOST_MANEUVERS {
             for node in &beam {
-                let extra = node.flyers[0].t_s() - best.flyers[0].t_s();
+                let extra = node.t_s() - best.t_s();
                 if best.log_score - node.log_score > LEAST_GAIN_PER_S * extra {
                     best = node.clone();
                 }
+                if self.is_done(node, &reach) && done.as_ref().is_none_or(|d| node.t_s() < d.t_s()) {
+                    done = Some(node.clone());
+                }
             }
+            let latest_s = done.as_ref().map_or(f64::INFINITY, Node::t_s);
             let next: Vec<_> = beam
                 .iter()
-                .filter(|n| n.predictor.sigmas().iter().zip(&excited).any(|(s, e)| *e && s.ratio() > 1.0))
+                .filter(|n| n.t_s() < latest_s && !self.is_done(n, &reach))
                 .flat_map(|n| self.expand(n, &mut Vec::new()))
                 .collect();
             if next.is_empty() {
                 break;
             }
-            beam = self.prune(next, start_score, &excited);
+            beam = self.prune(next, start_score, &reach);
         }
-        self.finish(best, fresh, &excited)
+        self.finish(done.unwrap_or(best), fresh, &reach)
+    }
+
+    /// Why not even the hold at the end can be reached.
+    fn no_way_home(&self, why: &Rejection) -> PlanError {
+        if why.is_late() {
+            return PlanError::NoTime { budget_s: self.request.budget_s };
+        }
+        PlanError::NoWayHome(why.to_string())
     }
 
     fn root<P: Predictor>(&self, predictor: P) -> Result<Node<'a, P>, PlanError> {
@@ -128,9 +153,9 @@ impl<'a> Search<'a> {
             gain_per_s: 0.0,
         };
         if request.take_off && request.airframe.is_fixed_wing() {
-            self.join(&mut root).map_err(|e| PlanError::NoWayHome(e.to_string()))?;
+            self.join(&mut root).map_err(|e| self.no_way_home(&e))?;
         }
-        self.end(&root.flyers).map_err(|e| PlanError::NoWayHome(e.to_string()))?;
+        self.end(&root.flyers).map_err(|e| self.no_way_home(&e))?;
         Ok(root)
     }
 
@@ -152,10 +177,20 @@ impl<'a> Search<'a> {
         if !request.take_off {
             return Ok(Vec::new());
         }
+        let home = self.checker.room_at(Vector2::zeros());
+        if home < 0.0 {
+            let hint = match -home {
+                by if by > FAR_M => {
+                    "; are latitude and longitude swapped, or is this the fence of another place?"
+                }
+                _ => "",
+            };
+            return Err(PlanError::HomeOutside { by_m: -home, hint });
+        }
         let along = |k: u32| start * (f64::from(k) / f64::from(CLIMB_CHECKS));
         let room = (0..=CLIMB_CHECKS).map(|k| self.checker.room_at(along(k))).fold(f64::INFINITY, f64::min);
         if room < 0.0 {
-            return Err(PlanError::ClimbOut { by_m: -room });
+            return Err(PlanError::ClimbOut { length_m: start.norm(), by_m: -room });
         }
         let pitch = if request.airframe.is_fixed_wing() { TAKE_OFF_PITCH_DEG } else { 0.0 };
         let height = request.start_height_m as f32;
@@ -163,21 +198,38 @@ impl<'a> Search<'a> {
         Ok(vec![MissionItem::at(command::NAV_TAKEOFF, params, request.start, height)])
     }
 
-    /// Which states this airframe can excite at all: every automatic maneuver twice, wherever it fits. One alone may show
-    /// nothing where another must come first.
-    fn excited<P: Predictor>(&self, predictor: &P) -> Vec<bool> {
-        let airframe = &self.request.airframe;
-        let mut predictor = predictor.clone();
-        let before = predictor.sigmas();
-        let position = Vector3::new(0.0, 0.0, -self.request.start_height_m);
-        for round in 0..2 {
-            let entry = Entry::cruising(airframe, position, f64::from(round));
-            for maneuver in Maneuver::automatic(airframe) {
-                let path = maneuver.kinematics(airframe, &entry, &self.request.limits.wind());
-                predictor.fly(&path, self.request.fix_interval_s);
+    /// What the maneuvers that fit here can do with each state in the time there is: each of them flown again and again, and all in turn, for one
+    /// alone may show nothing where another must come first.
+    fn reach<P: Predictor>(&self, root: &Node<'a, P>, firsts: &[Node<'a, P>]) -> Vec<Reach> {
+        let before = root.predictor.sigmas();
+        let left_s = self.request.budget_s - root.t_s();
+        let flown: Vec<Vec<Kinematics>> = firsts
+            .iter()
+            .map(|n| n.path.iter().skip(root.path.len()).step_by(THINNING).copied().collect())
+            .collect();
+        let mut best: Vec<f64> = before.iter().map(|s| s.sigma).collect();
+        let each = flown.iter().map(std::slice::from_ref);
+        for round in each.chain([flown.as_slice()]) {
+            let mut predictor = root.predictor.clone();
+            let mut t_s = 0.0;
+            for path in round.iter().cycle() {
+                let (Some(begin), Some(end)) = (path.first(), path.last()) else { break };
+                t_s += (end.t_s - begin.t_s).max(1.0);
+                if t_s > left_s {
+                    break;
+                }
+                predictor.fly(path, self.request.fix_interval_s);
+            }
+            for (best, now) in best.iter_mut().zip(predictor.sigmas()) {
+                *best = best.min(now.sigma);
             }
         }
-        before.iter().zip(predictor.sigmas()).map(|(b, a)| a.sigma < EXCITED * b.sigma).collect()
+        let judge = |(before, best): (&NamedSigma, f64)| match best {
+            best if best <= before.target => Reach::Known,
+            best if best < EXCITED * before.sigma => Reach::Short,
+            _ => Reach::Dark,
+        };
+        before.iter().zip(best).map(judge).collect()
     }
 
     /// The hold at the end: around the centre with the most room.
@@ -219,7 +271,11 @@ impl<'a> Search<'a> {
     }
 
     /// Every maneuver that can follow, and for those that cannot the reason of the last try.
-    fn expand<P: Predictor>(&self, node: &Node<'a, P>, reasons: &mut Vec<String>) -> Vec<Node<'a, P>> {
+    fn expand<P: Predictor>(
+        &self,
+        node: &Node<'a, P>,
+        reasons: &mut Vec<(Maneuver, Rejection)>,
+    ) -> Vec<Node<'a, P>> {
         let mut found = Vec::new();
         for maneuver in Maneuver::automatic(&self.request.airframe) {
             let mut reason = None;
@@ -227,7 +283,7 @@ impl<'a> Search<'a> {
             for place in &self.placements {
                 match self.candidate(node, maneuver, place) {
                     Ok(next) => found.push(next),
-                    Err(e) => reason = Some(format!("{maneuver:?}: {e}")),
+                    Err(e) => reason = Some((maneuver, e)),
                 }
                 let symmetric = matches!(maneuver, Maneuver::SteadyTurn(_));
                 // One heading is enough where it changes nothing; where one fits, a second is variety enough.
@@ -272,11 +328,12 @@ impl<'a> Search<'a> {
         &self,
         mut nodes: Vec<Node<'a, P>>,
         start_score: f64,
-        excited: &[bool],
+        reach: &[Reach],
     ) -> Vec<Node<'a, P>> {
         for node in &mut nodes {
-            node.log_score = log_score(&node.predictor.sigmas(), excited);
-            node.gain_per_s = (start_score - node.log_score) / node.flyers[0].t_s().max(1.0);
+            let sigmas = node.predictor.sigmas();
+            node.log_score = log_score(&sigmas, reach);
+            node.gain_per_s = (start_score - node.log_score) / node.t_s().max(1.0);
         }
         nodes.sort_by(|a, b| b.gain_per_s.total_cmp(&a.gain_per_s));
         let mut firsts = Vec::new();
@@ -299,7 +356,7 @@ impl<'a> Search<'a> {
         &self,
         best: Node<'a, P>,
         mut fresh: P,
-        excited: &[bool],
+        reach: &[Reach],
     ) -> Result<Plan, PlanError> {
         let mut no_landing = None;
         let landing = (self.request.landing && self.request.airframe.is_fixed_wing())
@@ -319,7 +376,9 @@ impl<'a> Search<'a> {
         let before = fresh.sigmas();
         let mut sigmas = vec![SigmasAt { t_s: 0.0, sigmas: before.clone() }];
         sigmas.extend(report(&mut fresh, &path, self.request.fix_interval_s));
-        let mut notes = self.notes(&before, &fresh.sigmas(), excited);
+        let after = fresh.sigmas();
+        let states = verdicts(&after, reach);
+        let mut notes = self.notes(&states);
         notes.extend(no_landing.map(|e| format!("no room to land; the mission ends in a hold: {e}")));
         Ok(Plan {
             mission: Mission { home: Some(self.request.home), items },
@@ -328,41 +387,78 @@ impl<'a> Search<'a> {
             duration_s: end.flyers[0].t_s(),
             path,
             frame: self.frame,
+            states,
             notes,
         })
     }
 
-    fn notes(&self, before: &[NamedSigma], after: &[NamedSigma], excited: &[bool]) -> Vec<String> {
-        let names = |wanted: &dyn Fn(usize, &NamedSigma) -> bool| {
-            let found = before.iter().enumerate().filter(|(k, s)| wanted(*k, s));
-            found.map(|(_, s)| s.name.as_str()).collect::<Vec<_>>().join(", ")
+    /// Whether more time is of no use: everything is known that can be, and what cannot is not asked for, or not there.
+    fn is_done<P: Predictor>(&self, node: &Node<'a, P>, reach: &[Reach]) -> bool {
+        if !self.request.within_reach_only && reach.contains(&Reach::Short) {
+            return false;
+        }
+        let sigmas = node.predictor.sigmas();
+        sigmas.iter().zip(reach).all(|(s, r)| *r != Reach::Known || s.ratio() <= SURELY_KNOWN)
+    }
+
+    fn notes(&self, states: &[PlannedState]) -> Vec<String> {
+        let names = |wanted: &dyn Fn(&PlannedState) -> bool| {
+            states.iter().filter(|s| wanted(s)).map(|s| s.name.as_str()).collect::<Vec<_>>().join(", ")
         };
-        let lit = |k: usize| excited.get(k).copied().unwrap_or(false);
-        let dark = names(&|k, _| !lit(k));
-        let unfinished = names(&|k, _| lit(k) && after.get(k).is_some_and(|s| s.ratio() > 1.0));
+        let dark = names(&|s| s.reach == Reach::Dark);
+        let short = names(&|s| s.reach == Reach::Short);
+        let unfinished = names(&|s| s.reach == Reach::Known && !s.known());
         let mut notes = Vec::new();
         if !dark.is_empty() {
             let wing = self.request.airframe.is_fixed_wing();
             let remedy = if wing { "; a pilot must fly sideslips for column y of G" } else { "" };
             notes.push(format!("maneuvers of the autopilot leave dark: {dark}{remedy}"));
         }
+        if !short.is_empty() {
+            let minutes = self.request.budget_s / 60.0;
+            notes.push(format!(
+                "excited, but too weakly to reach the target within {minutes:.0} min of any maneuver: {short}"
+            ));
+        }
         if !unfinished.is_empty() {
-            notes.push(format!("after this plan still short of the target: {unfinished}"));
+            notes.push(format!("after this plan still short of the target: {unfinished}; allow more time"));
         }
         notes
     }
 }
 
-/// Logarithm of the worst normalised sigma of the states that can be excited, and a part of their mean.
-pub(super) fn log_score(sigmas: &[NamedSigma], excited: &[bool]) -> f64 {
-    let logs = sigmas.iter().zip(excited).filter(|(_, e)| **e).map(|(s, _)| s.ratio().max(0.1).ln());
+impl<P> Node<'_, P> {
+    /// Time of the nominal flight so far, s.
+    fn t_s(&self) -> f64 {
+        self.flyers.first().map_or(0.0, Flyer::t_s)
+    }
+}
+
+fn verdicts(after: &[NamedSigma], reach: &[Reach]) -> Vec<PlannedState> {
+    let state = |(s, reach): (&NamedSigma, &Reach)| PlannedState {
+        name: s.name.clone(),
+        unit: s.unit.clone(),
+        sigma: s.sigma,
+        target: s.target,
+        reach: *reach,
+    };
+    after.iter().zip(reach).map(state).collect()
+}
+
+/// Logarithm of the worst normalised sigma of the states that can become known, and a part of the mean of all that can be excited: what
+/// nothing can make known must not hide what one maneuver does better than another.
+pub(super) fn log_score(sigmas: &[NamedSigma], reach: &[Reach]) -> f64 {
     let (mut worst, mut sum, mut count) = (f64::NEG_INFINITY, 0.0, 0.0);
-    for log in logs {
-        worst = worst.max(log);
+    for (state, reach) in sigmas.iter().zip(reach).filter(|(_, r)| **r != Reach::Dark) {
+        let log = state.ratio().max(SURELY_KNOWN).ln();
+        if *reach == Reach::Known {
+            worst = worst.max(log);
+        }
         sum += log;
         count += 1.0;
     }
-    if count > 0.0 { worst + MEAN_WEIGHT * sum / count } else { 0.0 }
+    let mean = if count > 0.0 { sum / count } else { 0.0 };
+    MEAN_WEIGHT * mean + if worst.is_finite() { worst } else { mean }
 }
 
 /// Sigmas about once per second along a path.

@@ -50,6 +50,7 @@ fn request(name: &str, fence: Fence) -> Request {
         start_heading_deg: 30.0,
         limits: Limits { fence, floor_m: 50.0, ceiling_m: 160.0, wind_ned_m_per_s: [3.0, -2.0, 0.0] },
         budget_s: 240.0,
+        within_reach_only: false,
         fix_interval_s: 0.2,
         beam: 1,
     }
@@ -100,15 +101,24 @@ fn a_take_off_comes_first_and_its_climb_stays_inside() {
 
 #[test]
 fn a_wider_search_is_never_worse_than_the_greedy_one() {
-    let worst = |beam| {
+    let score = |beam| {
         let mut request = request("quadrotor", circle(600.0));
         (request.beam, request.budget_s) = (beam, 200.0);
         let plan = plan(&request, Spread([0.0; 3])).expect("room enough");
         let last = plan.sigmas.last().map(|s| s.sigmas.clone()).unwrap_or_default();
-        last.iter().map(NamedSigma::ratio).fold(0.0, f64::max)
+        let reach: Vec<Reach> = plan.states.iter().map(|s| s.reach).collect();
+        search::log_score(&last, &reach)
     };
-    let (greedy, wide) = (worst(1), worst(DEFAULT_BEAM));
+    let (greedy, wide) = (score(1), score(DEFAULT_BEAM));
     assert!(wide <= greedy, "{wide} {greedy}");
+}
+
+/// A square whose corners are not in order.
+fn crossed() -> Fence {
+    let frame = LocalFrame::new(HOME.place());
+    let corners = [(1.0, 1.0), (-1.0, -1.0), (-1.0, 1.0), (1.0, -1.0)];
+    let corners = corners.map(|(n, e)| frame.to_place(Vector2::new(n, e) * 900.0)).to_vec();
+    Fence { polygons: vec![FencePolygon { inclusion: true, corners }], circles: Vec::new() }
 }
 
 #[test]
@@ -119,13 +129,19 @@ fn what_cannot_be_flown_safely_is_refused_with_the_reason() {
         plan(&request, Spread([0.0; 3])).expect_err("not safe").to_string()
     };
     type Change<'a> = &'a dyn Fn(&mut Request);
-    let cases: [(Change<'_>, &str); 6] = [
+    let cases: [(Change<'_>, &str); 9] = [
         (&|r| r.limits.fence = circle(120.0), "hold at the end cannot be reached safely"),
         (&|r| r.limits.wind_ned_m_per_s = [20.0, 0.0, 0.0], "wind of 20.0 m/s is more than 14.4"),
         (&|r| r.limits.ceiling_m = 52.0, "leave no height"),
-        (&|r| r.budget_s = 20.0, "time budget is used up"),
+        (&|r| r.budget_s = 20.0, "20 s are too short for any maneuver"),
         (&|r| r.budget_s = -1.0, "must be positive"),
         (&|r| r.start_height_m = 400.0, "outside floor and ceiling"),
+        (&|r| r.limits.fence.circles[0].radius_m = f64::NAN, "geofence circle 1: a radius of NaN m"),
+        (&|r| r.limits.fence = crossed(), "its edges 1 and 3 cross: are its corners in order?"),
+        (
+            &|r| (r.take_off, r.home.lat_e7) = (true, r.home.lat_e7 + 10_000_000),
+            "the fence of another place?",
+        ),
     ];
     for (change, message) in cases {
         let said = refusal(change);
@@ -169,7 +185,7 @@ fn the_information_bound_ranks_as_the_paper_says() {
 #[test]
 fn a_plan_on_the_information_bound_reaches_what_it_can() {
     let mut request = request("small_fixed_wing", circle(900.0));
-    request.budget_s = 120.0;
+    request.budget_s = 180.0;
     let entry = Entry::cruising(&request.airframe, Vector3::new(0.0, 0.0, -100.0), 0.5);
     let plan = plan(&request, predictor(&request.airframe, &entry)).expect("room enough");
     let (first, last) = (&plan.sigmas[0], &plan.sigmas[plan.sigmas.len() - 1]);

@@ -6,12 +6,14 @@
 mod clear;
 mod download;
 mod message;
+mod on_board;
 mod upload;
 pub mod verified;
 
 pub use clear::Clear;
 pub use download::{Download, Downloaded};
 pub use message::{Address, Envelope, MissionMessage, MissionResult};
+pub use on_board::OnBoard;
 pub use upload::Upload;
 
 /// Waiting times and patience (FIELD_NOTES, "Mission protocol").

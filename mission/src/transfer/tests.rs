@@ -4,7 +4,7 @@ mod link;
 mod single;
 mod vehicle;
 
-use super::verified::{Options, Outcome, Phase, VehicleState, VerifiedUpload};
+use super::verified::{Goal, Options, Outcome, Phase, VehicleState, VerifiedUpload};
 use super::*;
 use crate::compare::differences;
 use crate::item::{Autopilot, LatLon, Mission, MissionItem, command};
@@ -127,24 +127,36 @@ fn a_link_cut_ends_loudly_and_is_settled_after_it() {
 }
 
 #[test]
-fn an_interrupted_program_takes_up_the_restoration() {
+fn an_interrupted_program_takes_up_its_upload() {
     let (new, old) = (mission(5, 10), mission(6, 6));
-    // The program died in the middle: half of the new mission stands over the old one.
+    // The program died in the middle: half of the new mission stands over the old one; or at the end, all of it does.
     let mut mixed = old.wire_items(Autopilot::ArduPilot);
     mixed[..4].copy_from_slice(&new.wire_items(Autopilot::ArduPilot)[..4]);
-    let vehicle = Vehicle::new(Autopilot::ArduPilot, mixed);
-    let (upload, actions) = VerifiedUpload::resume(
-        Peers::new(ME, VEHICLE),
-        Autopilot::ArduPilot,
-        Options::default(),
-        new,
-        old.clone(),
-        0.0,
-    );
-    let mut run = Run::with(1, Faults::BAD, vehicle, upload, actions);
-    run.until_outcome(300.0);
-    assert!(matches!(run.upload.outcome(), Some(Outcome::RestoredPrevious { .. })));
-    assert!(holds(Autopilot::ArduPilot, &run.vehicle, &old));
+    let whole = new.wire_items(Autopilot::ArduPilot);
+    for (on_board, goal, ends_new) in [
+        (&mixed, Goal::Previous, false),
+        (&mixed, Goal::Whole, false),
+        (&mixed, Goal::New, true),
+        (&whole, Goal::Previous, false),
+        (&whole, Goal::Whole, true),
+        (&whole, Goal::New, true),
+    ] {
+        let vehicle = Vehicle::new(Autopilot::ArduPilot, on_board.clone());
+        let (upload, actions) = VerifiedUpload::resume(
+            Peers::new(ME, VEHICLE),
+            Autopilot::ArduPilot,
+            Options::default(),
+            new.clone(),
+            old.clone(),
+            goal,
+            0.0,
+        );
+        let mut run = Run::with(1, Faults::BAD, vehicle, upload, actions);
+        run.until_outcome(300.0);
+        let restored = matches!(run.upload.outcome(), Some(Outcome::RestoredPrevious { .. }));
+        assert_eq!(restored, !ends_new, "{goal:?} {:?}", run.upload.outcome());
+        assert!(holds(Autopilot::ArduPilot, &run.vehicle, if ends_new { &new } else { &old }), "{goal:?}");
+    }
 }
 
 #[test]

@@ -23,7 +23,7 @@ pub struct VehicleState {
 
 impl VehicleState {
     /// Why the mission of a vehicle in this state must not be replaced.
-    fn objection(self) -> Option<&'static str> {
+    pub fn objection(self) -> Option<&'static str> {
         if self.flying_mission && self.armed {
             Some("the vehicle is flying a mission; replacing it in flight can send it anywhere")
         } else if self.armed && self.mission_mode {
@@ -51,6 +51,17 @@ impl Default for Options {
     fn default() -> Self {
         Self { even_while_flying: false, upload_attempts: 2, restore_attempts: 4, download_attempts: 6 }
     }
+}
+
+/// What an interrupted upload is to end with.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Goal {
+    /// The mission that was on the vehicle before.
+    Previous,
+    /// The new one; the previous one if that fails.
+    New,
+    /// Whichever is there whole; otherwise the previous one.
+    Whole,
 }
 
 /// What is on the vehicle.
@@ -125,6 +136,7 @@ pub struct VerifiedUpload {
     vehicle: Option<VehicleState>,
     /// Whether anything was sent that can change the mission on board.
     touched: bool,
+    /// The new mission is not wanted any more.
     cancelled: bool,
     uploads_left: u32,
     restores_left: u32,
@@ -170,21 +182,25 @@ impl VerifiedUpload {
         }
     }
 
-    /// Takes up an upload that was cut off by the end of this program: checks what is on board and restores the
-    /// backup unless the new mission is there whole.
+    /// Takes up an upload that was cut off by the end of this program: checks what is on board and brings the mission that
+    /// is wanted, from what was kept of both.
     pub fn resume(
         peers: Peers,
         autopilot: Autopilot,
         options: Options,
         mission: Mission,
         backup: Mission,
+        goal: Goal,
         now: f64,
     ) -> (Self, Vec<Action>) {
         let (mut upload, _) =
             Self::start(peers, autopilot, Options { even_while_flying: true, ..options }, mission, None, now);
         upload.backup = Some(backup);
         upload.touched = true;
-        upload.uploads_left = 0;
+        upload.cancelled = goal == Goal::Previous;
+        if goal != Goal::New {
+            upload.uploads_left = 0;
+        }
         upload.why = Some("the upload was interrupted".to_owned());
         let actions = upload.read_back(now, true);
         (upload, actions)

@@ -1,0 +1,190 @@
+//! One ranking: what each maneuver, and each after another, would make known from the present covariance.
+
+use gaware_mission::airframe::Airframe;
+use gaware_mission::kinematics::Kinematics;
+use gaware_mission::maneuver::{Entry, Maneuver};
+use gaware_mission::predictor::{BoundPredictor, NamedSigma, Predictor};
+use nalgebra::Vector3;
+
+/// Predicted flights are thinned to every so manyth sample (0.2 s): the covariance does not mind.
+const THINNING: usize = 4;
+/// States count that the best candidate, flown again and again, would make known within this time, s, …
+const HORIZON_S: f64 = 600.0;
+/// … or within this many times what the nearest one takes, …
+const NEAREST: f64 = 2.0;
+/// … but not those that would take longer than this: no flight lasts so long, s.
+const OUT_OF_REACH_S: f64 = 3600.0;
+/// A level turn wavers by this much, m.
+const WAVER_M: f64 = 3.0;
+
+/// A ranking under way.
+#[derive(Debug, Clone)]
+pub(super) struct Round {
+    pub predictor: BoundPredictor,
+    entry: Entry,
+    fix_interval_s: f64,
+    /// How far down and up maneuvers may lead from here, m; `None` where nobody knows.
+    room_m: Option<[f64; 2]>,
+    left: Vec<Task>,
+    /// Each maneuver that has been run, and where it led; `None` where that is outside the room.
+    firsts: Vec<(Maneuver, Option<Behind>)>,
+    pub after: Vec<Candidate>,
+}
+
+/// What is still to be run in a ranking.
+#[derive(Debug, Clone, Copy)]
+enum Task {
+    First(Maneuver),
+    /// After the first one of this index.
+    Second(usize, Maneuver),
+}
+
+/// Maneuvers one after the other, and the sigmas behind them.
+#[derive(Debug, Clone)]
+pub(super) struct Candidate {
+    pub maneuvers: Vec<Maneuver>,
+    pub duration_s: f64,
+    pub after: Vec<NamedSigma>,
+}
+
+/// Where a maneuver leads.
+#[derive(Debug, Clone)]
+struct Behind {
+    predictor: BoundPredictor,
+    /// Height gained, m.
+    up_m: f64,
+}
+
+impl Round {
+    /// All maneuvers, alone and one after the other.
+    pub fn new(
+        predictor: BoundPredictor,
+        entry: Entry,
+        fix_interval_s: f64,
+        room_m: Option<[f64; 2]>,
+        all: &[Maneuver],
+    ) -> Self {
+        let seconds = (0..all.len()).flat_map(|first| all.iter().map(move |m| Task::Second(first, *m)));
+        let mut left: Vec<Task> = all.iter().map(|m| Task::First(*m)).chain(seconds).collect();
+        left.reverse();
+        Self { predictor, entry, fix_interval_s, room_m, left, firsts: Vec::new(), after: Vec::new() }
+    }
+
+    /// Runs one maneuver; false when none is left.
+    pub fn step(&mut self, airframe: &Airframe) -> bool {
+        let Some(task) = self.left.pop() else { return false };
+        match task {
+            Task::First(maneuver) => {
+                let behind = self.fly(&self.predictor, 0.0, maneuver, airframe);
+                if let Some(behind) = &behind {
+                    self.note(vec![maneuver], behind, airframe);
+                }
+                self.firsts.push((maneuver, behind));
+            }
+            Task::Second(first, maneuver) => {
+                let Some((before, Some(from))) = self.firsts.get(first) else { return true };
+                if let Some(behind) = self.fly(&from.predictor, from.up_m, maneuver, airframe) {
+                    self.note(vec![*before, maneuver], &behind, airframe);
+                }
+            }
+        }
+        true
+    }
+
+    /// One maneuver from this covariance, `up_m` above the entry, if it stays in the room.
+    fn fly(
+        &self,
+        from: &BoundPredictor,
+        up_m: f64,
+        maneuver: Maneuver,
+        airframe: &Airframe,
+    ) -> Option<Behind> {
+        let flight = maneuver.kinematics(airframe, &self.entry, &Vector3::zeros());
+        let heights = || flight.iter().map(|k| up_m + k.height_m());
+        if let Some([down, up]) = self.room_m
+            && heights().any(|h| h < -down || h > up)
+        {
+            return None;
+        }
+        let up_m = up_m + flight.last().map_or(0.0, Kinematics::height_m);
+        let thin: Vec<Kinematics> = flight.into_iter().step_by(THINNING).collect();
+        let mut predictor = from.clone();
+        predictor.fly(&thin, self.fix_interval_s);
+        Some(Behind { predictor, up_m })
+    }
+
+    fn note(&mut self, maneuvers: Vec<Maneuver>, behind: &Behind, airframe: &Airframe) {
+        let duration_s = maneuvers.iter().map(|m| m.duration_s(airframe)).sum();
+        self.after.push(Candidate { maneuvers, duration_s, after: behind.predictor.sigmas() });
+    }
+}
+
+/// How far down and up from this height maneuvers may lead, m. Whoever is outside the band comes back to it first.
+pub(super) fn room([floor_m, ceiling_m]: [f64; 2], height_m: f64) -> [f64; 2] {
+    let height_m = height_m.clamp(floor_m, ceiling_m.max(floor_m));
+    [height_m - floor_m + WAVER_M, ceiling_m - height_m + WAVER_M]
+}
+
+/// Which states the candidates, flown again and again, can make known soon enough to count.
+pub(super) fn within_reach(before: &[NamedSigma], candidates: &[Candidate]) -> Vec<bool> {
+    let rate = |i: usize, b: &NamedSigma| {
+        let of =
+            |c: &Candidate| c.after.get(i).map_or(0.0, |a| (b.sigma / a.sigma).ln() / c.duration_s.max(1.0));
+        candidates.iter().map(of).fold(0.0, f64::max)
+    };
+    let time_s = |(i, b): (usize, &NamedSigma)| match (b.ratio().max(1.0).ln(), rate(i, b)) {
+        (_, rate) if rate <= 0.0 => f64::INFINITY,
+        (far, rate) => far / rate,
+    };
+    let times: Vec<f64> = before.iter().enumerate().map(time_s).collect();
+    let nearest = times.iter().copied().filter(|t| *t > 0.0).fold(f64::INFINITY, f64::min);
+    let longest = HORIZON_S.max(NEAREST * nearest).min(OUT_OF_REACH_S);
+    // What is known already would only dilute the mean.
+    times.into_iter().map(|t| t > 0.0 && t <= longest).collect()
+}
+
+/// Fourth-power mean of sigma over target, at least 1 each: close to the largest, with every laggard in it.
+pub(super) fn worst(sigmas: &[NamedSigma], counts: &[bool]) -> f64 {
+    let ratios: Vec<f64> =
+        sigmas.iter().zip(counts).filter(|(_, c)| **c).map(|(s, _)| s.ratio().max(1.0)).collect();
+    if ratios.is_empty() {
+        return 1.0;
+    }
+    (ratios.iter().map(|r| r.powi(4)).sum::<f64>() / ratios.len() as f64).powf(0.25)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use gaware_mission::fence::LocalFrame;
+    use gaware_mission::item::{Home, LatLon};
+    use gaware_mission::predictor::Targets;
+    use gaware_nav::model::Model;
+
+    /// What is a candidate with this room.
+    fn candidates(room_m: [f64; 2]) -> Vec<Vec<Maneuver>> {
+        let airframe = Airframe::example("small_fixed_wing").unwrap();
+        let entry = Entry::cruising(&airframe, Vector3::zeros(), 0.0);
+        let start = Maneuver::Climb.kinematics(&airframe, &entry, &Vector3::zeros())[0];
+        let home = Home { lat_e7: 474_000_000, lon_e7: 85_000_000, alt_m: 450.0 };
+        let frame = LocalFrame::new(LatLon { lat_deg: 47.4, lon_deg: 8.5 });
+        let predictor =
+            BoundPredictor::from_priors(&Model::standard(), &start, frame, home, Targets::default());
+        let all = [Maneuver::Climb, Maneuver::Descent, Maneuver::FigureEight];
+        let mut round = Round::new(predictor, entry, 0.2, Some(room_m), &all);
+        while round.step(&airframe) {}
+        round.after.into_iter().map(|c| c.maneuvers).collect()
+    }
+
+    #[test]
+    fn near_the_ground_a_descent_must_come_after_a_climb() {
+        let low = candidates(room([40.0, 120.0], 45.0));
+        assert!(low.iter().all(|c| c[0] != Maneuver::Descent), "{low:?}");
+        assert!(low.contains(&vec![Maneuver::Climb, Maneuver::Descent]));
+        let high = candidates(room([40.0, 120.0], 100.0));
+        assert!(high.iter().all(|c| c[0] != Maneuver::Climb), "{high:?}");
+        assert!(high.contains(&vec![Maneuver::Descent, Maneuver::Climb]));
+        // Whoever climbs out after a take-off is asked for what fits at the floor.
+        assert_eq!(room([40.0, 120.0], 3.0), room([40.0, 120.0], 40.0));
+    }
+}

@@ -1,0 +1,186 @@
+//! The journal of a mission transfer: what was on the vehicle before and what was to replace it, on disk before the first item goes out.
+//!
+//! It is removed when one of the two missions has been read back whole. If the program dies in between, or the link never comes back,
+//! `gaware mission restore` finds it and knows what to put back.
+
+use super::files::{self, FileError};
+use super::vehicle::Vehicle;
+use gaware_mission::compare::differences;
+use gaware_mission::fence::Fence;
+use gaware_mission::files::plan::{self, PlanFile};
+use gaware_mission::item::{Autopilot, Mission};
+use gaware_mission::transfer::verified::Outcome;
+use serde::{Deserialize, Serialize};
+use serde_json::Value;
+use std::path::{Path, PathBuf};
+use std::time::SystemTime;
+
+/// Schema of the file.
+const SCHEMA: &str = "gaware.transfer/1";
+/// Begin and end of its name; the system id stands between them.
+const NAME: (&str, &str) = ("mission-transfer-system", ".journal");
+
+/// A transfer that has begun.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Journal {
+    /// The file.
+    pub path: PathBuf,
+    /// System id of the vehicle.
+    pub system_id: u8,
+    /// Its habits.
+    pub autopilot: Autopilot,
+    /// When it began, s since 1970; 0 where the clock was not set.
+    pub begun_unix_s: u64,
+    /// On the vehicle before.
+    pub previous: Mission,
+    /// To be on it afterwards.
+    pub new: Mission,
+}
+
+/// As written. The missions are whole `.plan` documents, so that a ground station can open them in need.
+#[derive(Debug, Serialize, Deserialize)]
+struct Document {
+    schema: String,
+    system_id: u8,
+    autopilot: Autopilot,
+    begun_unix_s: u64,
+    previous: Value,
+    new: Value,
+}
+
+impl Journal {
+    /// Writes the journal of a transfer that is about to begin, down to the disk.
+    ///
+    /// # Errors
+    /// There is one already: another transfer to this vehicle is under way or was interrupted. Or the disk refuses.
+    pub fn begin(
+        folder: &Path,
+        vehicle: &Vehicle,
+        previous: &Mission,
+        new: &Mission,
+    ) -> Result<Self, FileError> {
+        Self::check(folder, vehicle)?;
+        let system_id = vehicle.address.system;
+        let path = Self::path(folder, system_id);
+        let since = SystemTime::now().duration_since(SystemTime::UNIX_EPOCH).unwrap_or_default();
+        let journal = Self {
+            path,
+            system_id,
+            autopilot: vehicle.autopilot,
+            begun_unix_s: since.as_secs(),
+            previous: previous.clone(),
+            new: new.clone(),
+        };
+        journal.write(vehicle.mav_type)?;
+        // What cannot be read again could not be put back.
+        let read = Self::read(&journal.path);
+        let same = |a: &Mission, b: &Mission| differences(vehicle.autopilot, a, b).is_empty();
+        match read {
+            Ok(read) if same(&read.previous, previous) && same(&read.new, new) => Ok(journal),
+            other => {
+                let reason = other.err().map_or_else(
+                    || "a mission changes when it is written to a file and read again".to_owned(),
+                    |e| e.to_string(),
+                );
+                let path = journal.path.clone();
+                journal.end()?;
+                Err(FileError::Content { path, reason })
+            }
+        }
+    }
+
+    /// Whether a transfer to this vehicle may begin.
+    ///
+    /// # Errors
+    /// Another one is under way or was interrupted.
+    pub fn check(folder: &Path, vehicle: &Vehicle) -> Result<(), FileError> {
+        let path = Self::path(folder, vehicle.address.system);
+        if path.exists() { Err(FileError::Interrupted { path }) } else { Ok(()) }
+    }
+
+    fn path(folder: &Path, system_id: u8) -> PathBuf {
+        folder.join(format!("{}{system_id}{}", NAME.0, NAME.1))
+    }
+
+    fn write(&self, mav_type: u8) -> Result<(), FileError> {
+        let wrong = |reason: String| FileError::Content { path: self.path.clone(), reason };
+        let document = |mission: &Mission| {
+            let file = PlanFile::new(mission.clone(), Fence::default(), self.autopilot, mav_type);
+            serde_json::from_str::<Value>(&plan::write(&file)).map_err(|e| wrong(e.to_string()))
+        };
+        let document = Document {
+            schema: SCHEMA.to_owned(),
+            system_id: self.system_id,
+            autopilot: self.autopilot,
+            begun_unix_s: self.begun_unix_s,
+            previous: document(&self.previous)?,
+            new: document(&self.new)?,
+        };
+        let text = serde_json::to_string_pretty(&document).map_err(|e| wrong(e.to_string()))?;
+        files::write_new(&self.path, &text)
+    }
+
+    /// Reads a journal.
+    ///
+    /// # Errors
+    /// The file cannot be read or is none.
+    pub fn read(path: &Path) -> Result<Self, FileError> {
+        let text = std::fs::read_to_string(path)
+            .map_err(|source| FileError::Read { path: path.to_owned(), source })?;
+        let wrong = |reason: String| FileError::Content { path: path.to_owned(), reason };
+        let found: Document = serde_json::from_str(&text)
+            .map_err(|e| wrong(format!("no journal of a mission transfer: {e}")))?;
+        if found.schema != SCHEMA {
+            return Err(wrong(format!("schema is \"{}\", this program reads \"{SCHEMA}\"", found.schema)));
+        }
+        let mission =
+            |v: &Value| plan::read(&v.to_string()).map(|f| f.mission).map_err(|e| wrong(e.to_string()));
+        Ok(Self {
+            path: path.to_owned(),
+            system_id: found.system_id,
+            autopilot: found.autopilot,
+            begun_unix_s: found.begun_unix_s,
+            previous: mission(&found.previous)?,
+            new: mission(&found.new)?,
+        })
+    }
+
+    /// The journals in a folder.
+    pub fn list(folder: &Path) -> Vec<PathBuf> {
+        let entries = std::fs::read_dir(folder).into_iter().flatten().flatten();
+        let mut found: Vec<PathBuf> = entries.map(|e| e.path()).filter(|p| Self::is_named(p)).collect();
+        found.sort();
+        found
+    }
+
+    /// The folder of a transfer whose backup is this file.
+    pub fn folder_of(backup: &Path) -> &Path {
+        backup.parent().filter(|p| !p.as_os_str().is_empty()).unwrap_or(Path::new("."))
+    }
+
+    /// Whether a file has the name of a journal.
+    pub fn is_named(path: &Path) -> bool {
+        let name = path.file_name().map(|n| n.to_string_lossy().into_owned()).unwrap_or_default();
+        name.starts_with(NAME.0) && name.ends_with(NAME.1)
+    }
+
+    /// Ends the journal where it is known what is on the vehicle; the rest of the sentence about the outcome where it is not.
+    pub fn settle(self, outcome: &Outcome) -> String {
+        if matches!(outcome, Outcome::Unknown { .. }) {
+            return format!(
+                ". Both missions are in {}: \"gaware mission restore\" puts the previous one back when the link is there again",
+                self.path.display()
+            );
+        }
+        self.end().err().map(|e| format!("; {e}: remove it by hand")).unwrap_or_default()
+    }
+
+    /// The transfer came to a good end.
+    ///
+    /// # Errors
+    /// The file cannot be removed.
+    pub fn end(self) -> Result<(), FileError> {
+        std::fs::remove_file(&self.path)
+            .map_err(|source| FileError::Write { path: self.path.clone(), source })
+    }
+}
