@@ -6,7 +6,6 @@
 
 use super::super::map;
 use super::{Added, Candidate, Point, Search, Step};
-use crate::effects::Effect;
 
 /// A flight is not gone through more often than this for each effect that may be added.
 const ROUNDS: usize = 2;
@@ -44,32 +43,34 @@ pub(super) struct Chosen {
     /// In the order of the effects added at `point`, which come after those given.
     pub(super) found: Vec<Found>,
     pub(super) point: Point,
+    /// What was taken out again.
+    gone: Vec<&'static str>,
     /// The candidates of the last look.
     pub(super) remaining: Vec<(&'static str, f64)>,
 }
 
 impl Chosen {
-    /// Names of all that were added or came close.
+    /// Names of all that were added, even for a while, or came close.
     fn names(&self) -> Vec<&'static str> {
         let close = |f: &Found| {
             let worth = f.step.evidence - RIVAL;
             f.step.candidates.iter().filter(move |c| c.1 > worth).map(|c| c.0).collect::<Vec<_>>()
         };
-        let mut names: Vec<&'static str> = self.found.iter().flat_map(close).collect();
+        let mut names: Vec<&'static str> =
+            self.found.iter().flat_map(close).chain(self.gone.iter().copied()).collect();
         names.sort_unstable();
         names.dedup();
         names
     }
 }
 
-fn of(names: Option<&[&str]>, effect: &dyn Effect) -> bool {
-    names.is_none_or(|n| n.contains(&effect.name()))
-}
-
 impl Search<'_> {
     /// Adds the best effect as long as it has this evidence, and takes out what no longer has.
     pub(super) fn choose(&self, from: Point, threshold: f64) -> Chosen {
-        self.choose_after(Chosen { found: Vec::new(), point: from, remaining: Vec::new() }, threshold)
+        self.choose_after(
+            Chosen { found: Vec::new(), point: from, gone: Vec::new(), remaining: Vec::new() },
+            threshold,
+        )
     }
 
     /// The same after a choice.
@@ -91,16 +92,15 @@ impl Search<'_> {
         chosen
     }
 
-    /// Every candidate at a glance, the best of them closely; best first.
+    /// Every candidate (of these names) at a glance, the best of them closely; best first.
     fn look(
         &self,
         point: &Point,
-        names: Option<&[&str]>,
+        names: Option<&[&'static str]>,
         remaining: &mut Vec<(&'static str, f64)>,
     ) -> Vec<(Candidate, Point)> {
-        let mut scanned = self.scan(point);
+        let scanned = self.scan(point, names);
         *remaining = scanned.iter().map(|c| (c.setting.effect.name(), c.evidence)).collect();
-        scanned.retain(|c| of(names, c.setting.effect));
         self.close_looks(&scanned, point)
     }
 
@@ -132,7 +132,8 @@ impl Search<'_> {
 
     fn remove(&self, chosen: &mut Chosen, k: usize) {
         chosen.point = self.without_fitted(&chosen.point, k);
-        chosen.found.remove(k);
+        let gone = chosen.found.remove(k);
+        chosen.gone.extend(gone.step.group.first());
     }
 
     /// Hears these data on what others proposed: each effect is compared with its rivals, and what has less evidence than
@@ -162,6 +163,10 @@ impl Search<'_> {
         let looks = self.look(&fewer, Some(names), &mut remaining);
         let Some((best, mut point)) = looks.first().cloned() else { return };
         let gain = point.log_likelihood - fewer.log_likelihood;
+        // Those that were far behind are not asked again.
+        let before = &chosen.found[k].step.candidates;
+        let others = before.iter().filter(|b| remaining.iter().all(|r| r.0 != b.0)).copied();
+        let remaining: Vec<_> = remaining.iter().copied().chain(others).collect();
         let step = self.step(&best, &looks, &remaining, gain);
         // The newcomer stands last; its place is the old one.
         if let Some(last) = point.added.pop() {
@@ -202,13 +207,14 @@ mod tests {
             bic_gain: 45.0,
             candidates: vec![("accel_bias_drift", 50.0)],
         };
-        let before = Chosen { found: vec![Found { step, cost: 0.0 }], point: from, remaining: Vec::new() };
+        let found = vec![Found { step, cost: 0.0 }];
+        let before = Chosen { found, point: from, gone: Vec::new(), remaining: Vec::new() };
         let added = search.choose_after(before, settings.proposal);
         let confirmed = search.confirm(added);
         let groups: Vec<_> = confirmed.found.iter().map(|f| f.step.group.clone()).collect();
         assert_eq!(groups, [["gps_latency"]]);
         let values: Vec<_> = confirmed.point.added.iter().map(|a| a.setting.values[0]).collect();
         assert!(values.len() == 1 && (values[0] - 0.12).abs() < 0.01, "{values:?}");
-        assert!(confirmed.found[0].step.candidates.iter().any(|c| c.0 == "accel_bias_drift"));
+        assert_eq!(confirmed.gone, ["accel_bias_drift"]);
     }
 }

@@ -183,7 +183,7 @@ pub fn best_other(
 ) -> Option<Candidate> {
     let mut search = Search::new(flights, base, settings, workers, start);
     let point = search.start(start);
-    let mut scanned = search.scan(&point);
+    let mut scanned = search.scan(&point, None);
     scanned.retain(|c| !known.contains(&c.setting.effect.name()));
     scanned.truncate(MOST_OTHERS);
     search.close_looks(&scanned, &point).into_iter().next().map(|l| l.0)

@@ -16,9 +16,11 @@ use crate::sample::{Quantisation, Steps};
 const GROSS: f64 = 100.0;
 
 impl Search<'_> {
-    /// Every candidate; best first.
-    pub(super) fn scan(&self, point: &Point) -> Vec<Candidate> {
-        let lacking = lacking(&self.base, self.flights, &point.added);
+    /// Every candidate, or those of these names; best first.
+    pub(super) fn scan(&self, point: &Point, names: Option<&[&'static str]>) -> Vec<Candidate> {
+        let wanted = |effect: &dyn Effect| names.is_none_or(|n| n.contains(&effect.name()));
+        let mut lacking = lacking(&self.base, self.flights, &point.added);
+        lacking.retain(|s| wanted(s.effect));
         let linear: Vec<&EffectSetting> = lacking.iter().filter(|s| is_linear(s.effect)).collect();
         let effects = point.added.iter().map(|a| &a.setting).chain(linear.iter().copied()).cloned().collect();
         let watched = Watched { effects, ..Watched::default() };
@@ -27,15 +29,15 @@ impl Search<'_> {
         let (_, information) = self.run(&problems, &point.noise);
         let mut candidates: Vec<Candidate> =
             linear.iter().filter_map(|s| linear_candidate(s, &point.added, &watched, &information)).collect();
-        if let [problem] = &problems[..] {
+        let jumping: Vec<&EffectSetting> = lacking.iter().filter(|s| is_jump(s.effect)).collect();
+        if let ([problem], false) = (&problems[..], jumping.is_empty()) {
             let shocks = problem.shocks(&point.noise, &self.settings.options);
-            let jumping = lacking.iter().filter(|s| is_jump(s.effect));
-            candidates.extend(jumping.filter_map(|s| self.jump(s, &shocks)));
+            candidates.extend(jumping.into_iter().filter_map(|s| self.jump(s, &shocks)));
         }
         candidates.extend(self.wandering(&lacking, &problems, point));
         candidates.extend(self.discrete(&lacking, point, &model));
         let top = candidates.iter().map(|c| c.evidence).fold(0.0, f64::max);
-        candidates.extend(self.mistakes(point, top > GROSS));
+        candidates.extend(self.mistakes(point, &wanted, top > GROSS || names.is_some()));
         candidates.retain(|c| c.evidence.is_finite());
         candidates.sort_by(|a, b| b.evidence.total_cmp(&a.evidence));
         candidates
@@ -94,12 +96,11 @@ impl Search<'_> {
     }
 
     /// Mistakes of the source. What they do is gross, so the trajectory is found anew for each, without what was added.
-    fn mistakes(&self, point: &Point, gross: bool) -> Vec<Candidate> {
+    fn mistakes(&self, point: &Point, wanted: &dyn Fn(&dyn Effect) -> bool, gross: bool) -> Vec<Candidate> {
         let shows = |m: &dyn Effect| self.flights.iter().any(|f| m.shows_in(f.told()));
         let lacking: Vec<&'static dyn Effect> = MISTAKES
             .iter()
-            .filter(|m| self.base.get(m.name()).is_none())
-            .filter(|m| point.added.iter().all(|a| a.setting.effect.name() != m.name()))
+            .filter(|m| self.base.get(m.name()).is_none() && wanted(**m))
             .filter(|m| if m.needs_neighbours() { shows(**m) } else { gross })
             .copied()
             .collect();
