@@ -27,15 +27,17 @@ impl Search<'_> {
         let (_, information) = self.run(&problems, &point.noise);
         let mut candidates: Vec<Candidate> =
             linear.iter().filter_map(|s| linear_candidate(s, &point.added, &watched, &information)).collect();
-        if let [problem] = &problems[..] {
-            let shocks = problem.shocks(&point.noise, &self.settings.options);
-            let jumping = lacking.iter().filter(|s| is_jump(s.effect));
-            candidates.extend(jumping.filter_map(|s| self.jump(s, &shocks)));
-        }
+        let shocks =
+            map(self.workers, problems.len(), |k| problems[k].shocks(&point.noise, &self.settings.options));
+        let jumping = lacking.iter().filter(|s| is_jump(s.effect));
+        candidates.extend(jumping.filter_map(|s| self.jump(s, &shocks)));
         candidates.extend(self.wandering(&lacking, &problems, point));
         candidates.extend(self.discrete(&lacking, point, &model));
         let top = candidates.iter().map(|c| c.evidence).fold(0.0, f64::max);
-        candidates.extend(self.mistakes(point, top > GROSS));
+        // What turns a flight upside down shows before anything else, or once another such thing is set right.
+        let added = &point.added[self.given.len()..];
+        let first = added.last().is_none_or(|a| a.setting.effect.is_source_mistake());
+        candidates.extend(self.mistakes(point, first && top > GROSS));
         candidates.retain(|c| c.evidence.is_finite());
         candidates.sort_by(|a, b| b.evidence.total_cmp(&a.evidence));
         candidates
