@@ -100,7 +100,6 @@ fn a_model_given_to_the_simulation_is_what_flies() {
 /// Real firmware with a GNSS lag of 0.35 s: seen from samples that its 20 Hz filter delays by 13.5 ms, fixes that are
 /// 0.335 s old come 0.3215 s late (measured against `SIM_STATE`).
 #[test]
-#[ignore = "a minute of computing in a release build"]
 fn the_lag_put_into_the_real_firmware_is_found() {
     let Some(data) = flights() else { return };
     let folder = Folder::new("lag");
@@ -113,4 +112,20 @@ fn the_lag_put_into_the_real_firmware_is_found() {
     assert_eq!(document["effects"].as_array().unwrap().len(), 1, "{document:#}");
     let value = document["effects"][0]["parameters"]["gps_latency"]["value_s"].as_f64().unwrap();
     assert!((value - 0.3215).abs() < 0.003, "{value}");
+}
+
+/// The same firmware with its own lag, which the model knows as that of the receiver: nothing is missing. What the samples'
+/// low-pass takes off that lag, the receiver's corners and the small print of two simulations are no effects.
+#[test]
+fn nothing_is_missing_in_the_clean_flight_of_the_real_firmware() {
+    let Some(data) = flights() else { return };
+    let folder = Folder::new("clean");
+    let model = folder.file("known.toml");
+    std::fs::write(&model, "schema = \"gaware.model/1\"\n[effects.gps_latency]\nvalue_s = 0.08\n").unwrap();
+    let log = data.join("sitl_clean_dither.tlog");
+    let out = folder.file("out");
+    let explained = gaware(&["explain", log.to_str().unwrap(), "--model", &model, "--out", &out, "--json"]);
+    let document = explained.json();
+    assert_eq!(document["verdict"], "nothing_missing", "{document:#}");
+    assert!(document["effects"].as_array().unwrap().is_empty());
 }

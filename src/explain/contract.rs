@@ -4,6 +4,7 @@ use super::size::Size;
 use super::{FlightGap, advice, words};
 use gaware_nav::effects::Shape;
 use gaware_nav::identify::judge::{Gap as NavGap, Judged};
+use gaware_nav::identify::limits::NotFound as NavNotFound;
 use gaware_nav::identify::select::Added;
 use gaware_nav::identify::{terms, whereabouts};
 use gaware_nav::model::{EffectSetting, Model};
@@ -42,6 +43,9 @@ pub struct Evidence {
 pub struct EffectEntry {
     /// Names, the best first.
     pub names: Vec<&'static str>,
+    /// Number of the log that an event belongs to, from 0.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub log: Option<usize>,
     /// Values and sigmas with units in the keys, by effect.
     pub parameters: BTreeMap<&'static str, Value>,
     /// How sure.
@@ -160,6 +164,26 @@ pub struct Term {
     pub unit: String,
 }
 
+/// An effect that was looked for and not found.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct NotFound {
+    /// Which.
+    pub name: &'static str,
+    /// Logarithm of the odds that it is there.
+    pub log_odds: f64,
+    /// Values that suit the flights best with the sigmas that the flights alone leave them, units in the keys.
+    pub parameters: Value,
+}
+
+impl NotFound {
+    fn new(found: &NavNotFound) -> Self {
+        let (s, mut map) = (&found.setting, Map::new());
+        keys(s, &s.values, "value", &mut map);
+        keys(s, &s.sigmas, "sigma", &mut map);
+        Self { name: s.effect.name(), log_odds: found.evidence, parameters: Value::Object(map) }
+    }
+}
+
 /// The contract.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct Explanation {
@@ -184,6 +208,8 @@ pub struct Explanation {
     pub negligible: Vec<Negligible>,
     /// Effects that were found and that the held-out data did not confirm.
     pub removed: Vec<&'static str>,
+    /// Effects of the catalogue that were looked for in vain, and how small one must be to stay unseen.
+    pub not_found: Vec<NotFound>,
     /// The result in plain words.
     pub summary: String,
 }
@@ -201,6 +227,7 @@ pub fn too_little(why: &str) -> Explanation {
         leave_one_out: Vec::new(),
         negligible: Vec::new(),
         removed: Vec::new(),
+        not_found: Vec::new(),
         summary: format!("Nothing can be said about missing effects: {why}."),
     }
 }
@@ -242,14 +269,20 @@ pub fn parameters(added: &Added) -> Value {
 }
 
 /// The effects that are worth a name, with the values behind them.
-fn entries<'a>(judged: &'a Judged, sizes: &[Size], fixed_wing: bool) -> Vec<(EffectEntry, &'a Added)> {
+fn entries<'a>(
+    judged: &'a Judged,
+    sizes: &[Size],
+    events: &[Option<usize>],
+    fixed_wing: bool,
+) -> Vec<(EffectEntry, &'a Added)> {
     let selection = &judged.selection;
-    let worth = sizes.iter().map(|s| !s.negligible);
-    let steps = selection.steps.iter().zip(&selection.added).zip(worth).filter(|(_, worth)| *worth);
+    let worth = sizes.iter().zip(events);
+    let steps = selection.steps.iter().zip(&selection.added).zip(worth).filter(|(_, w)| !w.0.negligible);
     steps
-        .map(|((step, added), _)| {
+        .map(|((step, added), (_, log))| {
             let entry = EffectEntry {
                 names: step.group.clone(),
+                log: *log,
                 parameters: BTreeMap::from([(added.setting.effect.name(), parameters(added))]),
                 evidence: Evidence {
                     log_likelihood_gain: step.log_likelihood_gain,
@@ -351,8 +384,11 @@ pub fn explanation(
     sizes: &[Size],
     gaps: &[FlightGap],
     found: Vec<terms::Found>,
+    not_found: &[NavNotFound],
+    events: &[Option<usize>],
 ) -> Explanation {
-    let (effects, added): (Vec<_>, Vec<_>) = entries(judged, sizes, flies_fast(gaps)).into_iter().unzip();
+    let (effects, added): (Vec<_>, Vec<_>) =
+        entries(judged, sizes, events, flies_fast(gaps)).into_iter().unzip();
     let verdict = if effects.iter().any(|e| e.names.len() > 1) {
         Verdict::Ambiguous
     } else if !effects.is_empty() && found.is_empty() {
@@ -386,6 +422,7 @@ pub fn explanation(
             .map(|l| LeaveOneOut { name: l.name, evidence: l.evidence, held_out_log_likelihood: l.held_out })
             .collect(),
         removed: judged.removed.clone(),
+        not_found: not_found.iter().map(NotFound::new).collect(),
         summary: String::new(),
     };
     explanation.summary = words::summary(&explanation, &added);

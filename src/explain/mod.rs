@@ -16,6 +16,7 @@ use contract::Explanation;
 use gaware_nav::effects::{Effect, GpsSmoothing};
 use gaware_nav::identify::flight::{Flight, TooLittle};
 use gaware_nav::identify::judge::{self, Judged};
+use gaware_nav::identify::limits::NotFound;
 use gaware_nav::identify::select::{self, Settings};
 use gaware_nav::identify::{Workers, terms};
 use gaware_nav::model::{EffectSetting, Model};
@@ -86,6 +87,8 @@ pub struct Explained {
     pub judged: Option<Judged>,
     /// Where simulation and measurement disagree, flight by flight.
     pub gaps: Vec<FlightGap>,
+    /// What was looked for in vain.
+    pub not_found: Vec<NotFound>,
     /// Names of the logs.
     pub logs: Vec<String>,
     /// Names of the logs that only judged.
@@ -185,10 +188,13 @@ pub fn samples(
             model: model.clone(),
             judged: None,
             gaps: Vec::new(),
+            not_found: Vec::new(),
             logs: Vec::new(),
             validated: Vec::new(),
         };
     }
+    // Those that only judge come first: an event of the others has then not happened in them.
+    let (judging, good) = in_a_row(judging, good);
     let good: Vec<&Flight> = good.iter().collect();
     let judging: Vec<&Flight> = judging.iter().collect();
     let base = with_receiver(model);
@@ -199,11 +205,12 @@ pub fn samples(
     let left_over = terms::find(&good, &judging, &judged.selection, settings, &Threads);
     progress(Phase::Smoothing);
     let mut gaps = smoothed(&good, &judged);
-    let mut found = left_over.terms;
+    let mut found = left_over.terms.clone();
     found.retain(|term| !size::is_small_print(term, &judged, &gaps));
     let imitations: Vec<&str> = left_over
         .replaced
-        .into_iter()
+        .iter()
+        .copied()
         .filter(|name| !found.is_empty() && *name != GpsSmoothing.name())
         .collect();
     if judged.selection.added.iter().any(|a| imitations.contains(&a.setting.effect.name())) {
@@ -211,14 +218,52 @@ pub fn samples(
         gaps = smoothed(&good, &judged);
     }
     let sizes = size::sizes(&judged, &gaps, &good);
+    let events = to_own_time(&mut judged, &good);
     Explained {
-        explanation: contract::explanation(&judged, &sizes, &gaps, found),
+        explanation: contract::explanation(&judged, &sizes, &gaps, found, &left_over.not_found, &events),
         model: contract::new_model(&judged, &sizes),
         judged: Some(judged),
         gaps,
+        not_found: left_over.not_found,
         logs: Vec::new(),
         validated: Vec::new(),
     }
+}
+
+/// Seconds between two flights on the common line of time.
+const PAUSE_S: f64 = 1000.0;
+
+/// All flights one after the other on one line of time; the first of `flights` keeps its own.
+fn in_a_row(judging: Vec<Flight>, flights: Vec<Flight>) -> (Vec<Flight>, Vec<Flight>) {
+    let mut next_s: Option<f64> = None;
+    let flights: Vec<Flight> = flights
+        .into_iter()
+        .map(|flight| {
+            let by_s = next_s.map_or(0.0, |t| t - flight.span_s().0);
+            let flight = flight.moved(by_s);
+            next_s = Some(flight.span_s().1 + PAUSE_S);
+            flight
+        })
+        .collect();
+    let mut end_s = flights.first().map_or(0.0, |f| f.span_s().0) - PAUSE_S;
+    let judging = judging.into_iter().map(|flight| {
+        let flight_end_s = flight.span_s().1;
+        let flight = flight.moved(end_s - flight_end_s);
+        end_s = flight.span_s().0 - PAUSE_S;
+        flight
+    });
+    (judging.collect(), flights)
+}
+
+/// Puts the instants of events back on the time of their own flight; says which flight that is, effect by effect.
+fn to_own_time(judged: &mut Judged, flights: &[&Flight]) -> Vec<Option<usize>> {
+    let own = |added: &mut select::Added| {
+        let instant_s = added.setting.values.first_mut().filter(|_| select::is_jump(added.setting.effect))?;
+        let log = flights.iter().rposition(|f| f.span_s().0 <= *instant_s)?;
+        *instant_s -= flights[log].moved_s();
+        Some(log)
+    };
+    judged.selection.added.iter_mut().map(own).collect()
 }
 
 /// The model with what every receiver does and nobody asks for.

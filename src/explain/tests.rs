@@ -168,3 +168,71 @@ fn several_flights_speak_together_and_another_one_judges() {
     assert!((found.values[0] - 0.12).abs() < 4.0 * found.sigmas[0] + 0.005, "{found:?}");
     assert!(explained.model.get("gps_smoothing").is_none());
 }
+
+/// An event belongs to one flight: its instant is told in that flight's own time, with the number of the log.
+#[test]
+fn an_event_of_the_second_flight_is_found_there() {
+    let step = EffectSetting::known(&effects::GpsBiasStep, &[70.0, 12.0, -9.0, 6.0]).unwrap();
+    let flown = |hidden: &[EffectSetting], seed| {
+        let samples = fly(hidden, Kind::Rich, Family::Tuning, seed).samples;
+        let end = |s: &Sample| matches!(s, Sample::Imu(i) if i.t_s > 110.0);
+        samples.into_iter().take_while(|s| !end(s)).collect::<Vec<_>>()
+    };
+    let explained =
+        samples(&[flown(&[], 31), flown(&[step], 32)], &[], &Model::default(), &Settings::default(), &|_| {});
+    let e = &explained.explanation;
+    assert_eq!(e.effects.len(), 1, "{}", e.summary);
+    assert_eq!(
+        (&e.effects[0].names[..], e.effects[0].log),
+        (&["gps_bias_step"][..], Some(1)),
+        "{}",
+        e.summary
+    );
+    let found = explained.model.get("gps_bias_step").unwrap();
+    assert!((found.values[0] - 70.0).abs() < 1.0, "{found:?}");
+    assert!((found.values[1] - 12.0).abs() < 4.0 * found.sigmas[1], "{found:?}");
+}
+
+/// An error of a gyro in proportion to a product of rate and force, which no effect of the catalogue is. The verdict
+/// says so, with the term and its size.
+#[test]
+fn an_effect_outside_the_catalogue_is_unexplained_and_named_as_a_term() {
+    for seed in [41, 42] {
+        let mut flown = fly(&[], Kind::Rich, Family::Tuning, seed).samples;
+        for sample in &mut flown {
+            if let Sample::Imu(imu) = sample {
+                imu.gyro.y += 1.5e-2 * imu.accel.x * imu.gyro.z;
+            }
+        }
+        let explained = samples(&[flown], &[], &Model::default(), &Settings::default(), &|_| {});
+        let e = &explained.explanation;
+        assert_eq!(e.verdict, contract::Verdict::Unexplained, "{}", e.summary);
+        let terms: Vec<_> = e.unexplained_terms.iter().map(|t| (t.channel, t.term)).collect();
+        assert_eq!(terms, [("gyro_y", "w_z*f_x")], "{}", e.summary);
+        let term = &e.unexplained_terms[0];
+        assert!((term.coefficient - 1.5e-2).abs() < 3.0 * term.sigma, "{term:?}");
+        assert!(e.effects.is_empty(), "{}", e.summary);
+    }
+}
+
+/// What the simulator does to samples that follow one another is found again.
+#[test]
+fn samples_told_twice_are_named() {
+    let hidden = effects::find("samples_repeated").map(|e| EffectSetting::known(e, &[]).unwrap()).unwrap();
+    let e = explain(&[hidden], 51).explanation;
+    assert_eq!(e.verdict, contract::Verdict::Explained, "{}", e.summary);
+    assert_eq!(e.effects[0].names, ["samples_repeated"], "{}", e.summary);
+}
+
+/// A clean flight: nothing is named, nothing is left over, and the page says how small an effect stays unseen.
+#[test]
+fn a_clean_flight_tells_what_it_could_not_have_shown() {
+    let explained = explain(&[], 61);
+    let e = &explained.explanation;
+    assert_eq!(e.verdict, contract::Verdict::NothingMissing, "{}", e.summary);
+    assert!(e.unexplained_terms.is_empty());
+    let latency = e.not_found.iter().find(|n| n.name == "gps_latency").unwrap();
+    let sigma = latency.parameters["sigma_s"].as_f64().unwrap();
+    assert!((0.001..0.01).contains(&sigma), "{sigma}");
+    assert!(crate::report::explanation::html(&explained).unwrap().contains("Looked for and not found"));
+}

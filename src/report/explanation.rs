@@ -9,6 +9,7 @@ use crate::explain::FlightGap;
 use crate::explain::contract::{Explanation, Verdict};
 use crate::explain::words::number;
 use gaware_nav::identify::judge::Judged;
+use gaware_nav::identify::limits::NotFound;
 use gaware_nav::identify::select::Added;
 use gaware_nav::identify::whereabouts::{CHANNELS, channel};
 use std::fmt::Write;
@@ -55,13 +56,14 @@ pub fn html(explained: &Explained) -> Result<String, String> {
     }
     contributions(e, &mut body);
     terms(e, &mut body);
+    not_found(&explained.not_found, &mut body);
     let _ = write!(body, "<h2>The new model</h2><pre>{}</pre>", escape(&explained.model.to_toml()));
     body.push_str(
         "<h2>How to read this</h2><p>The simulation of the sensors is run along the flight; an <em>innovation</em> is the \
          difference between what a GNSS fix said and what the simulation expected. Squared and divided by its expected variance it \
          is 1 on average when nothing is missing. An effect is named when the odds that it is there exceed those of chance over \
-         the whole catalogue; <em>log odds</em> of 8 are 3000 to 1. Held-out data took no part in choosing or fitting: other \
-         flights where given, otherwise every fourth block of five seconds.</p>",
+         the whole catalogue; <em>log odds</em> of 3.6 are 37 to 1 (what a name needs at least), of 8 are 3000 to 1. Held-out data took no part in choosing or fitting: other \
+         flights where given, otherwise every sixth block of five seconds.</p>",
     );
     Ok(page::page(headline(e.verdict), &body))
 }
@@ -309,6 +311,38 @@ fn terms(e: &Explanation, body: &mut String) {
             number(t.coefficient),
             number(t.sigma),
             escape(&t.unit)
+        );
+    }
+    body.push_str("</table>");
+}
+
+/// An effect of this many sigmas would have been seen.
+const SEEN: f64 = 3.0;
+
+fn not_found(all: &[NotFound], body: &mut String) {
+    if all.is_empty() {
+        return;
+    }
+    body.push_str(
+        "<h2>Looked for and not found</h2><p><small>What these flights could not have shown: an effect smaller than the last column \
+         (three sigmas of what the flights can know, on the best and on the worst of its axes) may be there all the same.</small></p>\
+         <table><tr><th>Effect</th><th class=\"n\">log odds</th><th class=\"n\">unseen below</th></tr>",
+    );
+    for found in all {
+        let setting = &found.setting;
+        let sizes = setting.parameters().zip(&setting.sigmas).filter(|(_, sigma)| **sigma > 0.0);
+        let sizes: Vec<(f64, &str)> =
+            sizes.map(|((_, unit), sigma)| (SEEN * sigma / unit.si, unit.symbol)).collect();
+        let least = sizes.iter().map(|s| s.0).fold(f64::INFINITY, f64::min);
+        let most = sizes.iter().map(|s| s.0).fold(0.0, f64::max);
+        let Some((_, unit)) = sizes.first() else { continue };
+        let range =
+            if most > 1.05 * least { format!("{} to {}", number(least), number(most)) } else { number(most) };
+        let _ = write!(
+            body,
+            "<tr><td>{}</td><td class=\"n\">{:.1}</td><td class=\"n\">{range} {unit}</td></tr>",
+            setting.effect.name(),
+            found.evidence
         );
     }
     body.push_str("</table>");

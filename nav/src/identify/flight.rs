@@ -70,6 +70,7 @@ pub struct Flight {
     told_delay_s: Option<f64>,
     /// Kind of the samples before they were averaged, and over how many.
     averaged: Option<(SampleKind, usize)>,
+    moved_s: f64,
 }
 
 /// The longest stretch between two restarts.
@@ -141,6 +142,7 @@ impl Flight {
             interval_s: 0.0,
             measured_noise: (0.0, 0.0),
             averaged: None,
+            moved_s: 0.0,
             told_delay_s: model.get("gps_latency").map(|_| delay_s(model)),
         };
         if flight.stands() {
@@ -296,6 +298,30 @@ impl Flight {
 }
 
 impl Flight {
+    /// The same flight at another time: flights of one vehicle stand one after the other on one line of time, so that an instant
+    /// belongs to one of them.
+    #[must_use]
+    pub fn moved(mut self, by_s: f64) -> Self {
+        self.moved_s += by_s;
+        self.initial.t_s += by_s;
+        self.raw.iter_mut().for_each(|s| s.t_s += by_s);
+        self.fixes.iter_mut().for_each(|f| f.t_s += by_s);
+        self.prepared.iter_mut().flat_map(|p| &mut p.1).for_each(|s| s.t_s += by_s);
+        let kind = self.averaged.map_or(self.stream.kind, |a| a.0);
+        self.force_rates = Arc::new(ForceRates::new(&self.raw, kind));
+        self
+    }
+
+    /// By how much it was moved, s.
+    pub fn moved_s(&self) -> f64 {
+        self.moved_s
+    }
+
+    /// Start and end, s.
+    pub fn span_s(&self) -> (f64, f64) {
+        (self.initial.t_s, self.initial.t_s + self.duration_s())
+    }
+
     /// The samples as the source told them.
     pub(crate) fn told(&self) -> &[ImuSample] {
         &self.raw

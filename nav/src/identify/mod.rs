@@ -11,6 +11,7 @@
 pub mod evidence;
 pub mod flight;
 pub mod judge;
+pub mod limits;
 pub mod linear;
 pub mod noise;
 pub mod pass;

@@ -13,13 +13,14 @@
 use super::evidence::{self, Fit};
 use super::flight::Flight;
 use super::judge;
+use super::limits::{self, NotFound};
 use super::linear::{self, Problem};
 use super::noise::Noise;
 use super::pass::{Information, Options};
-use super::select::{Added, Selection, Settings, priors};
+use super::select::{self, Added, Selection, Settings, priors};
 use super::{Workers, map};
 use crate::filter::watch::{Regressors, Term, Watched};
-use crate::model::Model;
+use crate::model::{EffectSetting, Model};
 
 /// One regressor with its name and unit.
 #[derive(Debug, Clone, Copy)]
@@ -83,6 +84,8 @@ const DISTURBANCE: [f64; 2] = [3e-3, 0.1];
 const WORTH: f64 = 5.0;
 /// Data that took no part must be more likely with a term by this much, nats.
 const CONFIRMED: f64 = 3.0;
+/// A coefficient is told with a prior so many times as wide as that which found it.
+const WIDE: f64 = 30.0;
 /// An effect held at its prior mean is known to this share of its prior's width.
 const HELD: f64 = 1e-3;
 /// More terms than this describe nothing any more.
@@ -131,6 +134,8 @@ fn all() -> Vec<(usize, &'static Regressor)> {
 pub struct LeftOver {
     /// Terms, in the order in which they gain the most.
     pub terms: Vec<Found>,
+    /// Effects of the catalogue that were not found, with the sigmas that the flights leave them.
+    pub not_found: Vec<NotFound>,
     /// Effects that nothing speaks for once the terms are there: they had only imitated them.
     pub replaced: Vec<&'static str>,
 }
@@ -141,8 +146,9 @@ struct Data {
     /// Of the part that chooses, without terms.
     log_likelihood: f64,
     effects: Vec<Added>,
-    /// Which effect each of the first columns belongs to, with its prior sigma and offset.
+    /// Effect and parameter of the first columns: those found, then those not found.
     slots: Vec<(usize, usize)>,
+    /// Prior sigma and offset of those found.
     sigma: Vec<f64>,
     offset: Vec<f64>,
     terms: Vec<(usize, &'static Regressor)>,
@@ -152,6 +158,7 @@ struct Data {
 struct Watching {
     problems: Vec<Problem>,
     effects: Vec<Added>,
+    lacking: Vec<EffectSetting>,
     watched: Watched,
 }
 
@@ -159,12 +166,14 @@ impl Watching {
     fn new(flights: &[&Flight], selection: &Selection, settings: &Settings, workers: &dyn Workers) -> Self {
         let search = judge::about(flights, selection, settings, workers);
         let point = search.best(&selection.added, &selection.noise);
+        let mut lacking = select::lacking(&selection.base, flights, &point.added);
+        lacking.retain(|s| select::is_linear(s.effect) && selection.base.get(s.effect.name()).is_none());
         let watched = Watched {
-            effects: point.added.iter().map(|a| a.setting.clone()).collect(),
+            effects: point.added.iter().map(|a| &a.setting).chain(&lacking).cloned().collect(),
             terms: all().iter().map(|(channel, r)| Term { channel: *channel, regressor: r.value }).collect(),
             ..Watched::default()
         };
-        Self { problems: search.problems(&point, &watched), effects: point.added, watched }
+        Self { problems: search.problems(&point, &watched), effects: point.added, lacking, watched }
     }
 
     fn data(&self, noise: &Noise, options: &Options, workers: &dyn Workers) -> Data {
@@ -179,6 +188,23 @@ impl Watching {
         let (sigma, offset) = priors(&self.effects, &self.watched);
         let (slots, effects) = (self.watched.slots(), self.effects.clone());
         Data { parts, log_likelihood, effects, slots, sigma, offset, terms: all() }
+    }
+
+    /// Effects that were looked for in vain, the likeliest first.
+    fn not_found(&self, data: &Data, selection: &Selection) -> Vec<NotFound> {
+        let mut sum = data.parts[0].clone();
+        sum.add(&data.parts[1]);
+        let known = limits::Known { sigma: &data.sigma, offset: &data.offset };
+        let of = |(k, setting): (usize, &EffectSetting)| {
+            let own = |s: &(usize, &(usize, usize))| s.1.0 == self.effects.len() + k;
+            let columns: Vec<(usize, usize)> =
+                data.slots.iter().enumerate().filter(own).map(|(column, (_, p))| (*p, column)).collect();
+            let evidence = selection.remaining.iter().find(|r| r.0 == setting.effect.name()).map(|r| r.1)?;
+            limits::of(setting, &columns, &known, &sum, evidence)
+        };
+        let mut out: Vec<NotFound> = self.lacking.iter().enumerate().filter_map(of).collect();
+        out.sort_by(|a, b| b.evidence.total_cmp(&a.evidence));
+        out
     }
 
     /// The same without the random walks that were added to the biases; `None` where there are none.
@@ -218,6 +244,7 @@ pub fn find(
         (data.evidence(&chosen), data, chosen)
     };
     let (mut evidence, mut data, mut chosen) = look(&own, &others);
+    let not_found = own.not_found(&data, selection);
     let mut replaced = Vec::new();
     // A random walk follows whatever there is, so that it hides terms: they are looked for without it, too.
     if let Some(drifts) = own.without_drifts(&selection.base) {
@@ -233,28 +260,29 @@ pub fn find(
     if !chosen.is_empty() {
         replaced.extend(data.imitations(&chosen, evidence, settings.threshold));
     }
-    LeftOver { terms: data.tell(&chosen), replaced }
+    LeftOver { terms: data.tell(&chosen), not_found, replaced }
 }
 
 impl Data {
     /// Effects and these terms fitted to one part.
     fn fit(&self, information: &Information, chosen: &[usize]) -> Option<(Vec<usize>, Fit)> {
-        self.fit_without(information, chosen, None)
+        self.fit_with(information, chosen, None, 1.0)
     }
 
-    /// The same with one effect held at its prior mean.
-    fn fit_without(
+    /// The same with one effect held at its prior mean, and the terms' prior so many times as wide.
+    fn fit_with(
         &self,
         information: &Information,
         chosen: &[usize],
         gone: Option<usize>,
+        width: f64,
     ) -> Option<(Vec<usize>, Fit)> {
-        let n = self.sigma.len();
-        let open: Vec<usize> = (0..n).filter(|k| self.sigma[*k] > 0.0).collect();
-        let columns: Vec<usize> = open.iter().copied().chain(chosen.iter().map(|k| n + k)).collect();
+        let open: Vec<usize> = (0..self.sigma.len()).filter(|k| self.sigma[*k] > 0.0).collect();
+        let columns: Vec<usize> =
+            open.iter().copied().chain(chosen.iter().map(|k| self.slots.len() + k)).collect();
         let prior = |k: &usize| {
             let (channel, regressor) = self.terms[*k];
-            DISTURBANCE[channel / 3] / regressor.typical
+            width * DISTURBANCE[channel / 3] / regressor.typical
         };
         let own = |k: &usize| self.sigma[*k] * if Some(self.slots[*k].0) == gone { HELD } else { 1.0 };
         let sigmas: Vec<f64> = open.iter().map(own).chain(chosen.iter().map(prior)).collect();
@@ -272,7 +300,7 @@ impl Data {
     /// Effects that nothing speaks for beside these terms.
     fn imitations(&self, chosen: &[(usize, f64)], evidence: f64, threshold: f64) -> Vec<&'static str> {
         let columns: Vec<usize> = chosen.iter().map(|c| c.0).collect();
-        let without = |e: usize| self.fit_without(&self.parts[0], &columns, Some(e)).map(|f| f.1.evidence);
+        let without = |e: usize| self.fit_with(&self.parts[0], &columns, Some(e), 1.0).map(|f| f.1.evidence);
         // The first ones belong to the model that was given.
         let candidates = (0..self.effects.len()).filter(|e| self.slots.iter().any(|s| s.0 == *e));
         candidates
@@ -336,12 +364,13 @@ impl Data {
         }
     }
 
-    /// Coefficients from all the data.
+    /// Coefficients from all the data, hardly drawn toward zero by the prior.
     fn tell(&self, chosen: &[(usize, f64)]) -> Vec<Found> {
         let mut sum = self.parts[0].clone();
         sum.add(&self.parts[1]);
         let columns: Vec<usize> = chosen.iter().map(|c| c.0).collect();
-        let Some((all, fit)) = self.fit(&sum, &columns).filter(|_| !chosen.is_empty()) else {
+        let Some((all, fit)) = self.fit_with(&sum, &columns, None, WIDE).filter(|_| !chosen.is_empty())
+        else {
             return Vec::new();
         };
         let first = all.len() - chosen.len();

@@ -1,6 +1,7 @@
 //! Jumps: events of one flight, looked for at every fix.
 
 use super::super::evidence;
+use super::super::flight::Flight;
 use super::super::linear::backward::Shock;
 use super::super::pass::Options;
 use super::{Candidate, Point, Search, prior_sigmas};
@@ -11,17 +12,19 @@ use crate::model::EffectSetting;
 const MARGIN_S: f64 = 10.0;
 
 impl Search<'_> {
-    /// A jump as a candidate, its instant averaged over.
-    pub(super) fn jump(&self, setting: &EffectSetting, shocks: &[Shock]) -> Option<Candidate> {
-        let flight = self.flights.first()?;
-        let start_s = flight.initial().t_s;
-        let within = |s: &&Shock| {
-            let elapsed_s = s.t_s - start_s;
-            elapsed_s > self.settings.options.settle_s && elapsed_s < flight.duration_s() - MARGIN_S
-        };
+    /// A jump as a candidate, its instant averaged over. Shocks are those of each flight; an event belongs to one of them.
+    pub(super) fn jump(&self, setting: &EffectSetting, shocks: &[Vec<Shock>]) -> Option<Candidate> {
         let gyro = setting.effect.name() == "gyro_bias_step";
-        let (times, jumps): (Vec<f64>, Vec<_>) =
-            shocks.iter().filter(within).map(|s| (s.t_s, if gyro { s.gyro } else { s.fix })).unzip();
+        let (mut times, mut jumps) = (Vec::new(), Vec::new());
+        for (flight, shocks) in self.flights.iter().zip(shocks) {
+            let start_s = flight.initial().t_s;
+            let within = |s: &&Shock| {
+                let elapsed_s = s.t_s - start_s;
+                elapsed_s > self.settings.options.settle_s && elapsed_s < flight.duration_s() - MARGIN_S
+            };
+            times.extend(shocks.iter().filter(within).map(|s| s.t_s));
+            jumps.extend(shocks.iter().filter(within).map(|s| if gyro { s.gyro } else { s.fix }));
+        }
         let own = prior_sigmas(setting.effect);
         let best = evidence::jump(&jumps, own[1])?;
         let mut found = setting.clone();
@@ -41,19 +44,23 @@ impl Search<'_> {
     /// all that the held-out data ever have to say to the choice. Returns whether other blocks are held out now.
     pub(super) fn turn_phase_to_jump(&mut self, point: &Point) -> bool {
         let options = self.settings.options;
-        let [flight] = self.flights else { return false };
         if options.held_out_every < 2 {
             return false;
         }
-        let problems = self.problems(point, &Watched::default());
-        let Some(problem) = problems.first() else { return false };
-        let shocks = problem.shocks(&point.noise, &options.all());
+        let shocks: Vec<Vec<Shock>> = self
+            .problems(point, &Watched::default())
+            .iter()
+            .map(|problem| problem.shocks(&point.noise, &options.all()))
+            .collect();
         let best = ["gyro_bias_step", "gps_bias_step"]
             .into_iter()
             .filter_map(|name| self.jump(&EffectSetting::unknown(crate::effects::find(name)?), &shocks))
             .max_by(|a, b| a.evidence.total_cmp(&b.evidence));
         let Some(jump) = best.filter(|b| b.evidence > self.settings.threshold) else { return false };
-        let at_s = jump.setting.values[0] - flight.initial().t_s;
+        let event_s = jump.setting.values[0];
+        let began = |f: &&&Flight| f.initial().t_s <= event_s;
+        let Some(flight) = self.flights.iter().rev().find(began) else { return false };
+        let at_s = event_s - flight.initial().t_s;
         // Two seconds later it must still be in the fit part.
         let held = |phase: u32| {
             let o = Options { phase, ..options };

@@ -127,7 +127,7 @@ pub fn with(base: &Model, added: &[Added]) -> Model {
 }
 
 /// The effects that a model lacks or holds at a fixed value, as they enter the search.
-fn lacking(base: &Model, flights: &[&Flight], added: &[Added]) -> Vec<EffectSetting> {
+pub(super) fn lacking(base: &Model, flights: &[&Flight], added: &[Added]) -> Vec<EffectSetting> {
     REGISTRY
         .iter()
         .filter(|e| added.iter().all(|a| a.setting.effect.name() != e.name()))
@@ -147,11 +147,12 @@ fn lacking(base: &Model, flights: &[&Flight], added: &[Added]) -> Vec<EffectSett
         .collect()
 }
 
-pub(super) fn is_jump(effect: &dyn Effect) -> bool {
+/// Whether it is an event: an instant that is searched for, and a size.
+pub fn is_jump(effect: &dyn Effect) -> bool {
     effect.groups().first().is_some_and(|g| !g.is_state()) && effect.groups().len() > 1
 }
 
-fn is_linear(effect: &dyn Effect) -> bool {
+pub(super) fn is_linear(effect: &dyn Effect) -> bool {
     effect.groups().iter().any(|g| g.is_state()) && !is_jump(effect)
 }
 

@@ -30,14 +30,20 @@ impl Search<'_> {
         let mut candidates: Vec<Candidate> =
             linear.iter().filter_map(|s| linear_candidate(s, &point.added, &watched, &information)).collect();
         let jumping: Vec<&EffectSetting> = lacking.iter().filter(|s| is_jump(s.effect)).collect();
-        if let ([problem], false) = (&problems[..], jumping.is_empty()) {
-            let shocks = problem.shocks(&point.noise, &self.settings.options);
+        if !jumping.is_empty() {
+            let shocks = map(self.workers, problems.len(), |k| {
+                problems[k].shocks(&point.noise, &self.settings.options)
+            });
             candidates.extend(jumping.into_iter().filter_map(|s| self.jump(s, &shocks)));
         }
         candidates.extend(self.wandering(&lacking, &problems, point));
         candidates.extend(self.discrete(&lacking, point, &model));
         let top = candidates.iter().map(|c| c.evidence).fold(0.0, f64::max);
-        candidates.extend(self.mistakes(point, &wanted, top > GROSS || names.is_some()));
+        // What turns a flight upside down shows before anything else, or once another such thing is set right; among the
+        // rivals of one it is looked for again.
+        let added = &point.added[self.given.len()..];
+        let first = added.last().is_none_or(|a| a.setting.effect.is_source_mistake());
+        candidates.extend(self.mistakes(point, &wanted, (first && top > GROSS) || names.is_some()));
         candidates.retain(|c| c.evidence.is_finite());
         candidates.sort_by(|a, b| b.evidence.total_cmp(&a.evidence));
         candidates
@@ -101,6 +107,7 @@ impl Search<'_> {
         let lacking: Vec<&'static dyn Effect> = MISTAKES
             .iter()
             .filter(|m| self.base.get(m.name()).is_none() && wanted(**m))
+            .filter(|m| point.added.iter().all(|a| a.setting.effect.name() != m.name()))
             .filter(|m| if m.needs_neighbours() { shows(**m) } else { gross })
             .copied()
             .collect();
