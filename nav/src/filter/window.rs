@@ -25,6 +25,8 @@ const CLOSE: Doubt = Doubt { attitude: 0.03, force: 2e-4 };
 const LONGEST_S: f64 = 60.0;
 /// When the attitude uncertainty has fallen to this share, what there is of the window is run again.
 const FELL: f64 = 0.7;
+/// … but not before the window has grown to so many times its length then: all passes together cost a few lengths of it.
+const GROWN: f64 = 1.3;
 /// Passes: Gauss-Newton steps.
 const PASSES: usize = 3;
 /// No further pass when the last one moved no state by more than this share of its sigma.
@@ -86,13 +88,20 @@ pub(super) struct Window {
     steps: Vec<(Step, (f64, f64))>,
     /// The greatest doubt since it was opened or last run again.
     worst: Doubt,
+    /// Not run again before this time, s, unless it is over.
+    rests_until_s: f64,
 }
 
 impl Window {
     /// A window from this filter on, where its attitude is uncertain enough.
     pub(super) fn open(filter: &Filter) -> Option<Self> {
         let worst = Doubt::of(filter);
-        worst.exceeds(&OPEN).then(|| Self { prior: filter.clone(), steps: Vec::new(), worst })
+        worst.exceeds(&OPEN).then(|| Self {
+            prior: filter.clone(),
+            steps: Vec::new(),
+            worst,
+            rests_until_s: filter.t_s(),
+        })
     }
 
     /// Keeps a step.
@@ -114,11 +123,13 @@ impl Window {
     pub(super) fn look_back(&mut self, now: &Filter) -> Option<Filter> {
         let doubt = Doubt::of(now);
         self.worst = self.worst.worse(&doubt);
-        if !doubt.fell(&self.worst) {
+        let resting = now.t_s() < self.rests_until_s && !self.is_over(now);
+        if resting || !doubt.fell(&self.worst) {
             return None;
         }
         let again = self.run_again(now);
         self.worst = Doubt::of(again.as_ref().unwrap_or(now));
+        self.rests_until_s = self.prior.t_s() + GROWN * (now.t_s() - self.prior.t_s());
         again
     }
 
