@@ -156,16 +156,23 @@ fn measure(
     (passes, drifts)
 }
 
-/// Held-out log-likelihood that an effect may cost where a few blocks judge it with values that they took no part in: these have
-/// had their say in the evidence already, and by chance they cost as much.
-const FEW_BLOCKS: f64 = -3.0;
+/// Held-out log-likelihood that may be lost with what shows where it happens and hardly anywhere else (a jump), or in the
+/// samples themselves (a sample told twice).
+const ELSEWHERE: f64 = -3.0;
+/// How many of its own standard deviations the gain of a true effect may fall short by in the held-out blocks.
+const BAD_LUCK: f64 = 2.0;
 
-/// Held-out log-likelihood that an effect may cost. A jump shows where it happens and hardly anywhere else, a sample told twice in
-/// the samples themselves.
-fn tolerated(name: &str, blocks: bool) -> f64 {
-    let elsewhere =
-        crate::effects::find(name).is_some_and(|e| super::select::is_jump(e) || e.needs_neighbours());
-    if elsewhere || blocks { FEW_BLOCKS } else { 0.0 }
+/// Held-out log-likelihood that an effect may cost. Blocks of the same flight, one in `every`, have had their say in the evidence
+/// already. A true effect gains in them its share g of what it gains elsewhere, with a variance of 2 g (the gain is that of
+/// a Gaussian likelihood); so a weak one may lose there by chance, a strong one may not.
+fn tolerated(left_out: &LeftOut, every: Option<u32>) -> f64 {
+    let shows_elsewhere = |e: &dyn crate::effects::Effect| super::select::is_jump(e) || e.needs_neighbours();
+    if crate::effects::find(left_out.name).is_some_and(shows_elsewhere) {
+        return ELSEWHERE;
+    }
+    let Some(every) = every.filter(|e| *e > 1) else { return 0.0 };
+    let gain = left_out.evidence.max(0.0) / f64::from(every - 1);
+    (gain - BAD_LUCK * (2.0 * gain).sqrt()).min(0.0)
 }
 
 /// A selection without the effects that the held-out data did not confirm.
@@ -243,6 +250,7 @@ pub fn confirm(
         return Confirmed { selection, removed, left_out };
     }
     let settings = &Settings { options: selection.options, ..*settings };
+    let every = validate.is_empty().then_some(settings.options.held_out_every);
     let court = Court::new(flights, validate, &selection, settings, workers);
     while !selection.added.is_empty() {
         let (full, evidence, held_out) = court.hear(&selection.added);
@@ -251,7 +259,7 @@ pub fn confirm(
         let worst = left_out
             .iter()
             .enumerate()
-            .filter(|(_, l)| l.held_out <= tolerated(l.name, validate.is_empty()) || l.evidence <= 0.0)
+            .filter(|(_, l)| l.held_out <= tolerated(l, every) || l.evidence <= 0.0)
             .min_by(|a, b| a.1.held_out.total_cmp(&b.1.held_out))
             .map(|(k, _)| k);
         let Some(k) = worst else { break };
@@ -316,4 +324,21 @@ pub fn judge(
         selection.added = point.added.into_iter().skip(search.given.len()).collect();
     }
     Judged { selection, removed, fit, held_out, left_out, innovations }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn bad_luck_in_the_held_out_blocks_excuses_weak_effects_only() {
+        let worth = |name, evidence| LeftOut { name, evidence, held_out: 0.0 };
+        let blocks = |name, evidence| tolerated(&worth(name, evidence), Some(6));
+        assert_eq!(tolerated(&worth("gps_latency", 6.0), None), 0.0);
+        assert!((blocks("gps_latency", 10.0) + 2.0).abs() < 1e-12);
+        assert!(blocks("gps_latency", 20.0) > blocks("gps_latency", 10.0));
+        assert_eq!(blocks("gps_latency", 500.0), 0.0);
+        assert_eq!(blocks("gps_latency", -1.0), 0.0);
+        assert_eq!(blocks("gyro_bias_step", 500.0), JUMP);
+    }
 }
