@@ -299,7 +299,8 @@ mod tests {
             .iter()
             .enumerate()
             .map(|(k, s)| {
-                let digit = |axis: usize| f64::from(u8::from(((k * 7919 + axis * 104_729) % 97).is_multiple_of(5)));
+                let digit =
+                    |axis: usize| f64::from(u8::from(((k * 7919 + axis * 104_729) % 97).is_multiple_of(5)));
                 let v = |at: usize| Vector3::new(digit(at), digit(at + 1), digit(at + 2));
                 ImuSample { gyro: v(0), accel: v(3), ..*s }
             })
