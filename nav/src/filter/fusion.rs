@@ -120,6 +120,9 @@ impl Fusion {
             self.advance_to(valid_s);
             let outcome = self.filter.update(&fix);
             self.keep(Step::Fix(fix));
+            if let Some(window) = &mut self.window {
+                window.hear(&outcome);
+            }
             self.look_back();
             return Some(outcome);
         }

@@ -9,9 +9,9 @@
 //! state. This is the iterated extended Kalman smoother at the first state (Bell 1994, "The iterated Kalman smoother as
 //! a Gauss-Newton method").
 
-use super::Filter;
 use super::layout::index;
 use super::nav_map::{Dense, Recentring};
+use super::{Filter, FixOutcome};
 use crate::consistency::error;
 use crate::mechanization::{Increment, NavState, step};
 use crate::sample::{GnssFix, ImuSample};
@@ -29,6 +29,9 @@ const FELL: f64 = 0.7;
 const GROWN: f64 = 1.3;
 /// Passes: Gauss-Newton steps.
 const PASSES: usize = 3;
+/// A pass under which the fixes are less likely by more than this, nats, is not taken over: the trajectory that it was
+/// linearised about is wrong, because the model is.
+const WORSE: f64 = 3.0;
 /// No further pass when the last one moved no state by more than this share of its sigma.
 const SETTLED: f64 = 0.02;
 
@@ -69,6 +72,29 @@ impl Doubt {
     }
 }
 
+/// How well a pass agrees with the fixes.
+#[derive(Debug, Clone, Copy, Default, PartialEq)]
+struct Agreement {
+    /// Logarithm of the likelihood of all innovations.
+    log_likelihood: f64,
+    /// Groups of measurements that were refused.
+    refused: u32,
+}
+
+impl Agreement {
+    fn take(&mut self, outcome: &FixOutcome) {
+        for group in [&outcome.position, &outcome.velocity].into_iter().filter(|g| g.dof > 0) {
+            self.log_likelihood += group.log_likelihood;
+            self.refused += u32::from(!group.used);
+        }
+    }
+
+    /// Whether this is as good as `other`, but for what relinearisation moves at random.
+    fn holds_against(&self, other: &Self) -> bool {
+        self.refused <= other.refused && self.log_likelihood > other.log_likelihood - WORSE
+    }
+}
+
 /// One step of a filter, to be repeated.
 #[derive(Debug, Clone)]
 pub(super) enum Step {
@@ -88,6 +114,8 @@ pub(super) struct Window {
     steps: Vec<(Step, (f64, f64))>,
     /// The greatest doubt since it was opened or last run again.
     worst: Doubt,
+    /// How well the present state's pass agrees with the fixes.
+    agreement: Agreement,
     /// Not run again before this time, s, unless it is over.
     rests_until_s: f64,
 }
@@ -100,6 +128,7 @@ impl Window {
             prior: filter.clone(),
             steps: Vec::new(),
             worst,
+            agreement: Agreement::default(),
             rests_until_s: filter.t_s(),
         })
     }
@@ -107,6 +136,11 @@ impl Window {
     /// Keeps a step.
     pub(super) fn keep(&mut self, step: Step, extra_noise: (f64, f64)) {
         self.steps.push((step, extra_noise));
+    }
+
+    /// Hears what became of the last fix.
+    pub(super) fn hear(&mut self, outcome: &FixOutcome) {
+        self.agreement.take(outcome);
     }
 
     /// Whether fixes have failed to come for so long that it must be given up: it would fill the memory.
@@ -134,10 +168,12 @@ impl Window {
     }
 
     /// `None` where it leads nowhere.
-    fn run_again(&self, now: &Filter) -> Option<Filter> {
+    fn run_again(&mut self, now: &Filter) -> Option<Filter> {
         let mut best = now.clone();
+        let mut agreement = Agreement::default();
         for _ in 0..PASSES {
-            let next = self.pass(&best)?;
+            let next;
+            (next, agreement) = self.pass(&best)?;
             let moved = error(&best, next.nav(), next.calibration());
             best = next;
             if (0..moved.len()).all(|s| moved[s].abs() <= SETTLED * best.covariance().sigma(s)) {
@@ -145,22 +181,27 @@ impl Window {
             }
         }
         let sound = best.covariance().is_sound() && best.nav().r_e.iter().all(|x| x.is_finite());
-        sound.then_some(best)
+        if !sound || !agreement.holds_against(&self.agreement) {
+            return None;
+        }
+        self.agreement = agreement;
+        Some(best)
     }
 
-    fn pass(&self, now: &Filter) -> Option<Filter> {
+    fn pass(&self, now: &Filter) -> Option<(Filter, Agreement)> {
         let mut filter = self.prior.clone();
+        let mut agreement = Agreement::default();
         filter.start_linear(&self.traced_back(now), now)?;
         for (step, extra_noise) in &self.steps {
             filter.set_stream(now.kind(), *extra_noise);
             match step {
                 Step::Sample(sample) => filter.propagate(sample),
                 Step::To(t_s, next) => filter.propagate_to(*t_s, next),
-                Step::Fix(fix) => drop(filter.update(fix)),
+                Step::Fix(fix) => agreement.take(&filter.update(fix)),
             }
         }
         filter.end_linear();
-        Some(filter)
+        Some((filter, agreement))
     }
 
     /// The mechanisation run backwards from the present estimate to the start of the window.
