@@ -1,6 +1,7 @@
 //! One recorded flight, prepared once so that many models can be run over the very same samples and fixes.
 
 use super::linear::reference::delay_s;
+use crate::effects::MISTAKES;
 use crate::estimator::{Estimator, Stage};
 use crate::filter::Initial;
 use crate::filter::force_rate::ForceRates;
@@ -10,7 +11,7 @@ use crate::quantisation::Dequantiser;
 use crate::sample::{GnssFix, ImuSample, ImuStream, Quantisation, Sample, SampleKind};
 use nalgebra::Vector3;
 use std::borrow::Cow;
-use std::sync::Arc;
+use std::sync::{Arc, OnceLock};
 
 /// A filter that has heading starts with these 1-sigmas whatever the search said of them, rad.
 const START_ATTITUDE_SIGMA: [f64; 3] = [0.06, 0.06, 0.14];
@@ -71,6 +72,8 @@ pub struct Flight {
     /// Kind of the samples before they were averaged, and over how many.
     averaged: Option<(SampleKind, usize)>,
     moved_s: f64,
+    /// The samples with one mistake over time undone, each made when it is first asked for.
+    undone: Vec<(&'static str, Quantisation, OnceLock<Vec<ImuSample>>)>,
 }
 
 /// The longest stretch between two restarts.
@@ -143,6 +146,7 @@ impl Flight {
             measured_noise: (0.0, 0.0),
             averaged: None,
             moved_s: 0.0,
+            undone: Vec::new(),
             told_delay_s: model.get("gps_latency").map(|_| delay_s(model)),
         };
         if flight.stands() {
@@ -210,6 +214,14 @@ impl Flight {
             self.averaged = Some((kind, every));
             self.stream.kind = SampleKind::IntervalMean;
         }
+        self.forget_undone();
+    }
+
+    fn forget_undone(&mut self) {
+        let over_time = || MISTAKES.iter().filter(|m| m.needs_neighbours());
+        let places =
+            self.prepared.iter().flat_map(|(q, _)| over_time().map(|m| (m.name(), *q, OnceLock::new())));
+        self.undone = places.collect();
     }
 
     /// Leaves out single fixes that their neighbours contradict, for all models alike.
@@ -287,7 +299,7 @@ impl Flight {
     /// The samples as a model reads them: its belief about rounding, mistakes of the source undone.
     pub(crate) fn samples_of(&self, model: &Model) -> Cow<'_, [ImuSample]> {
         if model.effects.iter().any(|s| s.effect.needs_neighbours()) {
-            return Cow::Owned(self.undone(model));
+            return self.kept_undone(model).map_or_else(|| Cow::Owned(self.undone(model)), Cow::Borrowed);
         }
         let own = self.samples(model.quantisation_of(&self.stream));
         if model.effects.iter().any(|s| s.effect.is_source_mistake()) {
@@ -309,6 +321,7 @@ impl Flight {
         self.prepared.iter_mut().flat_map(|p| &mut p.1).for_each(|s| s.t_s += by_s);
         let kind = self.averaged.map_or(self.stream.kind, |a| a.0);
         self.force_rates = Arc::new(ForceRates::new(&self.raw, kind));
+        self.forget_undone();
         self
     }
 
@@ -325,6 +338,15 @@ impl Flight {
     /// The samples as the source told them.
     pub(crate) fn told(&self) -> &[ImuSample] {
         &self.raw
+    }
+
+    /// The same where there is only one such mistake: the search asks for it over and over.
+    fn kept_undone(&self, model: &Model) -> Option<&[ImuSample]> {
+        let q = model.quantisation_of(&self.stream);
+        let mut mistakes = model.effects.iter().map(|s| s.effect).filter(|e| e.is_source_mistake());
+        let name = mistakes.next().filter(|_| mistakes.next().is_none())?.name();
+        let (_, _, kept) = self.undone.iter().find(|(n, p, _)| *n == name && *p == q)?;
+        Some(kept.get_or_init(|| self.undone(model)))
     }
 
     /// Mistakes of the source undone in the samples as they were told, and then all the rest.
