@@ -55,7 +55,7 @@ pub struct GuidanceOptions {
 }
 
 impl GuidanceOptions {
-    /// The usual band: wings keep [`FLOOR_M`] below them, rotors less, and nobody leaves the height of open airspace.
+    /// The usual band: wings keep `FLOOR_M` below them, rotors less, and nobody leaves the height of open airspace.
     pub fn new(airframe: Airframe, manual: bool) -> Self {
         let floor_m = FLOOR_M[usize::from(!airframe.is_fixed_wing())];
         Self { airframe, manual, band_m: [floor_m, CEILING_M] }

@@ -10,7 +10,7 @@ pub const PERIOD_S: f64 = 0.5;
 /// The autopilot tells its attitude as rarely as this, s.
 const HINT_SPACING_S: f64 = 0.35;
 
-/// The flight in steps of [`PERIOD_S`].
+/// The flight in steps of half a second.
 #[derive(Debug, Clone)]
 pub struct FlightLog {
     /// Snapshots, oldest first.
