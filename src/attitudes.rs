@@ -3,7 +3,7 @@
 //! Their stamps never agree to the millisecond (an autopilot's sensor filter alone delays its samples by some 12 ms, 0.7 deg
 //! at 60 deg/s), so one constant shift is searched for and told; what is left is the difference.
 
-use std::f64::consts::{PI, TAU};
+use gaware_nav::rotation::wrap_pi;
 
 const SHIFT_STEP_S: f64 = 0.0005;
 /// References further apart than this are not interpolated, s.
@@ -87,21 +87,17 @@ impl Attitudes {
             let share = (wanted - t0) / spacing;
             let mut difference = [0.0; 3];
             for (((d, e), a), b) in difference.iter_mut().zip(estimate).zip(a).zip(b) {
-                *d = wrapped(e - a - share * wrapped(b - a));
+                *d = wrap_pi(e - a - share * wrap_pi(b - a));
             }
             Some((*t, difference))
         })
     }
 }
 
-/// Into −π to π.
-fn wrapped(angle: f64) -> f64 {
-    (angle + PI).rem_euclid(TAU) - PI
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
+    use std::f64::consts::PI;
 
     #[test]
     fn differences_wrap_at_south_and_gaps_are_left_out() {
@@ -110,9 +106,9 @@ mod tests {
             let t = f64::from(k) * 0.1;
             // Turning through south; nothing was heard of the reference from 0.5 to 1.0 s.
             if !(6..10).contains(&k) {
-                both.push_reference(t, [0.0, 0.0, wrapped(PI - 0.05 + 0.1 * t)]);
+                both.push_reference(t, [0.0, 0.0, wrap_pi(PI - 0.05 + 0.1 * t)]);
             }
-            both.push_estimate(t, [0.01, 0.0, wrapped(PI - 0.05 + 0.1 * t + 0.02)]);
+            both.push_estimate(t, [0.01, 0.0, wrap_pi(PI - 0.05 + 0.1 * t + 0.02)]);
         }
         let all: Vec<_> = both.differences(0.0).collect();
         assert!((14..=17).contains(&all.len()), "{}", all.len());

@@ -166,6 +166,12 @@ fn after_kill_9_the_recording_lacks_at_most_a_second() {
     support::assert_finite(&document, "killed");
 }
 
+/// A vehicle that flies for a minute at ten times the speed of time, and ends.
+fn a_minute_of_flight() -> Gaware {
+    let flight = ["--scenario", "fixed_wing", "--speed", "10", "--until", "60"];
+    Gaware::start(&[&["sim", "--listen", "tcpin:127.0.0.1:0"][..], &flight[..]].concat())
+}
+
 /// Messages that a status line says were skipped.
 fn skipped(line: &str) -> u64 {
     let words: Vec<&str> = line.split("; ").collect();
@@ -176,17 +182,7 @@ fn skipped(line: &str) -> u64 {
 fn a_full_disk_costs_only_what_it_cannot_hold_and_that_is_counted_and_shown() {
     let folder = Folder::new("full");
     let recording = folder.file("flight.mcap");
-    let vehicle = Gaware::start(&[
-        "sim",
-        "--scenario",
-        "fixed_wing",
-        "--listen",
-        "tcpin:127.0.0.1:0",
-        "--speed",
-        "10",
-        "--until",
-        "60",
-    ]);
+    let vehicle = a_minute_of_flight();
     let address = vehicle.line();
     // 256 kB: some seconds of this flight.
     let station = Gaware::start_on_a_small_disk(
@@ -226,17 +222,7 @@ fn metric(page: &str, name: &str) -> f64 {
 
 #[test]
 fn a_dead_ground_station_link_costs_only_its_own_messages_and_they_are_counted_and_shown() {
-    let vehicle = Gaware::start(&[
-        "sim",
-        "--scenario",
-        "fixed_wing",
-        "--listen",
-        "tcpin:127.0.0.1:0",
-        "--speed",
-        "10",
-        "--until",
-        "60",
-    ]);
+    let vehicle = a_minute_of_flight();
     let address = vehicle.line();
     // Accepts nobody: bound, but nobody listens.
     let dead = std::net::UdpSocket::bind("127.0.0.1:0").unwrap().local_addr().unwrap();

@@ -75,7 +75,12 @@ impl Timeline {
 
     /// Seconds covered in all.
     pub fn elapsed_s(&self) -> f64 {
-        self.earlier_s + self.span.map_or(0.0, |(first, last)| last - first)
+        self.elapsed_at(self.now_s().unwrap_or(0.0))
+    }
+
+    /// Seconds covered when the time base shows this, s.
+    pub fn elapsed_at(&self, t_s: f64) -> f64 {
+        self.earlier_s + self.span.map_or(0.0, |(first, _)| t_s - first)
     }
 }
 
@@ -127,6 +132,16 @@ mod tests {
         time.restart();
         [0.0, 5.0].into_iter().for_each(|t| time.push(t));
         assert_eq!((time.elapsed_s(), time.now_s()), (15.0, Some(5.0)));
+    }
+
+    #[test]
+    fn time_goes_on_over_a_reboot() {
+        let mut time = Timeline::default();
+        [100.0, 110.0].into_iter().for_each(|t| time.push(t));
+        time.restart();
+        assert_eq!(time.elapsed_at(3.0), 10.0);
+        time.push(3.0);
+        assert_eq!(time.elapsed_at(5.0), 12.0);
     }
 
     #[test]

@@ -3,7 +3,7 @@
 //! It wraps the estimator of `gaware-nav` and adds what people want to know beyond the estimate: how much came in,
 //! what the estimation waits for, what the flight has made observable. Live, replay and simulation run the very same code.
 
-mod counters;
+pub(crate) mod counters;
 pub(crate) mod estimate;
 pub mod guidance;
 pub mod observability;
@@ -302,7 +302,12 @@ impl Engine {
             warnings: now.warnings,
             phase: now.phase,
             waiting_for: now.waiting_for,
+            implausible: self.implausible().into_iter().map(str::to_owned).collect(),
         }
+    }
+
+    fn implausible(&self) -> Vec<&'static str> {
+        self.constants(self.estimator.predicted().as_ref()).beyond_prior(self.estimator.model())
     }
 
     fn constants(&self, filter: Option<&Filter>) -> Constants {

@@ -295,4 +295,8 @@ pub struct Summary {
     /// Why it does not estimate, in words.
     #[serde(default)]
     pub waiting_for: String,
+    /// States whose estimates left what the model expects of them by far: the model lacks an effect, for which they take the
+    /// blame.
+    #[serde(default)]
+    pub implausible: Vec<String>,
 }

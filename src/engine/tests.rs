@@ -177,6 +177,26 @@ fn only_a_fix_that_really_is_late_is_called_late() {
 }
 
 #[test]
+fn an_estimate_that_the_model_cannot_explain_is_told_and_a_large_one_that_it_expects_is_not() {
+    let flight = named("fixed_wing");
+    let truth = flight.model.get("gyro_g_sensitivity").unwrap();
+    // deg/h/g in rad/s per m/s².
+    let unit = truth.effect.groups()[0].unit.si;
+    for (off, told) in [(2000.0, true), (0.0, false)] {
+        let mut model = Model::standard();
+        let mut expected = truth.clone();
+        expected.values.iter_mut().for_each(|v| *v += off * unit);
+        expected.sigmas.fill(50.0 * unit);
+        model.set(expected);
+        let mut engine = Engine::new(model, EngineOptions::default());
+        flight.flight(4).for_each(|(sample, _)| engine.feed(&sample));
+        let summary = engine.summary();
+        assert_eq!(summary.implausible.iter().any(|name| name == "g33"), told, "{:?}", summary.implausible);
+        assert_eq!(summary.warnings.iter().any(|w| w.contains("g33")), told, "{:?}", summary.warnings);
+    }
+}
+
+#[test]
 fn the_search_for_the_heading_shows_its_own_sigma() {
     let mut bench = named("bench");
     bench.sensors.attitude_rate_hz = 0.0;

@@ -59,11 +59,21 @@ impl Watched {
     pub fn slots(&self) -> Vec<(usize, usize)> {
         let mut slots = Vec::new();
         for (e, setting) in self.effects.iter().enumerate() {
-            let states =
-                setting.effect.groups().iter().flat_map(|g| std::iter::repeat_n(g.is_state(), g.shape.len()));
-            slots.extend(states.enumerate().filter(|(_, is)| *is).map(|(p, _)| (e, p)));
+            slots.extend(setting.states().map(|p| (e, p)));
         }
         slots
+    }
+
+    /// What each watched parameter of the effects does to the rate and the force that are read off the samples, appended to
+    /// `columns`.
+    pub(crate) fn imu_columns(&self, x: &Instant, columns: &mut Vec<[Vector3<f64>; 2]>) {
+        for setting in &self.effects {
+            let n = setting.effect.len();
+            let (mut gyro, mut accel) =
+                ([Vector3::zeros(); MAX_PARAMETERS], [Vector3::zeros(); MAX_PARAMETERS]);
+            setting.effect.imu_jacobian(&setting.values, x, &mut gyro[..n], &mut accel[..n]);
+            columns.extend(setting.states().map(|k| [-gyro[k], -accel[k]]));
+        }
     }
 }
 
@@ -154,17 +164,7 @@ impl Watch {
             force: motion.force,
             temperature_above_25_degc: temperature,
         };
-        for setting in &self.watched.effects {
-            let n = setting.effect.len();
-            let (mut gyro, mut accel) =
-                ([Vector3::zeros(); MAX_PARAMETERS], [Vector3::zeros(); MAX_PARAMETERS]);
-            setting.effect.imu_jacobian(&setting.values, &x, &mut gyro[..n], &mut accel[..n]);
-            let states =
-                setting.effect.groups().iter().flat_map(|g| std::iter::repeat_n(g.is_state(), g.shape.len()));
-            for (k, _) in states.enumerate().filter(|(_, is)| *is) {
-                self.end.push([-gyro[k], -accel[k]]);
-            }
-        }
+        self.watched.imu_columns(&x, &mut self.end);
         let begun = *self.start_s.get_or_insert(sample.t_s);
         let regressors = Regressors {
             force: motion.force,

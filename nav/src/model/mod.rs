@@ -100,14 +100,17 @@ impl EffectSetting {
     /// densities) become known values. That is what a model file can hold.
     #[must_use]
     pub fn for_filters(mut self) -> Self {
-        let states =
-            self.effect.groups().iter().flat_map(|g| std::iter::repeat_n(g.is_state(), g.shape.len()));
-        for (sigma, is_state) in self.sigmas.iter_mut().zip(states) {
-            if !is_state {
-                *sigma = 0.0;
-            }
-        }
+        let mut sigmas = vec![0.0; self.sigmas.len()];
+        self.states().for_each(|k| sigmas[k] = self.sigmas[k]);
+        self.sigmas = sigmas;
         self
+    }
+
+    /// Which of the parameters a filter can carry as states, in order.
+    pub fn states(&self) -> impl Iterator<Item = usize> + use<> {
+        let groups = self.effect.groups().iter();
+        let carried = groups.flat_map(|g| std::iter::repeat_n(g.is_state(), g.shape.len()));
+        carried.enumerate().filter(|(_, is)| *is).map(|(k, _)| k)
     }
 
     /// Number of parameters that are estimated.

@@ -3,6 +3,7 @@
 use super::lessons::{BANKED_DEG, speed};
 use crate::attitudes::Attitudes;
 use crate::engine::snapshot::{Phase, Snapshot};
+use gaware_nav::rotation::wrap_pi;
 
 /// Largest shift between the two that is looked for, s.
 const MAX_SHIFT_S: f64 = 0.1;
@@ -69,7 +70,7 @@ impl Around {
 
 /// Into −180 to 180.
 fn wrapped_deg(angle: f64) -> f64 {
-    (angle + 180.0).rem_euclid(360.0) - 180.0
+    wrap_pi(angle.to_radians()).to_degrees()
 }
 
 /// Compares once our own attitude is settled; nothing where the log has too little of the autopilot's.

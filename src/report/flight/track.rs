@@ -2,6 +2,7 @@
 
 use super::lessons::Lesson;
 use crate::engine::snapshot::{Phase, Snapshot};
+use gaware_nav::rotation::wrap_pi;
 use std::fmt::Write;
 
 /// Size of the drawing.
@@ -18,7 +19,7 @@ fn points(snapshots: &[Snapshot]) -> Vec<(f64, f64, f64)> {
     let east = M_PER_DEG * first.lat_deg.to_radians().cos();
     running()
         .map(|s| {
-            let lon = (s.motion.lon_deg - first.lon_deg + 540.0).rem_euclid(360.0) - 180.0;
+            let lon = wrap_pi((s.motion.lon_deg - first.lon_deg).to_radians()).to_degrees();
             (s.elapsed_s, east * lon, M_PER_DEG * (s.motion.lat_deg - first.lat_deg))
         })
         .filter(|(_, e, n)| e.is_finite() && n.is_finite())

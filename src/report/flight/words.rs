@@ -1,7 +1,7 @@
 //! What the estimate means, in sentences.
 
 use super::lessons::is_g;
-use crate::engine::snapshot::{EstimateMatrix, Phase, StateStatus, Status, Summary};
+use crate::engine::snapshot::{EstimateMatrix, Phase, Status, Summary};
 use crate::explain::words::number;
 
 /// An element is surely there beyond so many of its sigmas.
@@ -12,21 +12,6 @@ const COLUMNS: [(&str, &str); 3] = [
     ("y", "fly a sideslip by hand: wings level, full rudder left, then right"),
     ("z", "fly steep turns and pull-ups"),
 ];
-
-/// An element so many of its prior sigmas away takes the blame for something else.
-const FAR: f64 = 4.0;
-
-/// Elements of G that no sensor like those of the model would have.
-fn implausible(summary: &Summary) -> Vec<&str> {
-    let g = &summary.estimate.g_sensitivity_deg_per_h_per_g;
-    let value = |name: &str| {
-        (0..9).find(|k| name == format!("g{}{}", k / 3 + 1, k % 3 + 1)).map(|k| g.value[k / 3][k % 3])
-    };
-    let far = |s: &&StateStatus| {
-        s.sigma_ratio > 0.0 && value(&s.name).is_some_and(|v| v.abs() > FAR * s.sigma / s.sigma_ratio)
-    };
-    summary.observability.states.iter().filter(far).map(|s| s.name.as_str()).collect()
-}
 
 /// The largest element of G that is surely there: row, column.
 fn largest(g: &EstimateMatrix) -> Option<(usize, usize)> {
@@ -42,12 +27,11 @@ pub fn verdict(summary: &Summary) -> String {
         return format!("There is no estimate: {}.", summary.waiting_for);
     }
     let g = &summary.estimate.g_sensitivity_deg_per_h_per_g;
-    let far = implausible(summary);
-    if !far.is_empty() {
+    if !summary.implausible.is_empty() {
         return format!(
-            "The values below are not to be believed: {} left what any such sensor does by more than {FAR} sigmas, so the model lacks \
+            "The values below are not to be believed: {} left what the model expects of such a sensor by far, so the model lacks \
              another effect, for which they take the blame. `gaware explain` names it; give its model.toml to this command.",
-            far.join(", ")
+            summary.implausible.join(", ")
         );
     }
     let estimated = summary.observability.states.iter().any(|s| is_g(&s.name));
@@ -123,6 +107,7 @@ pub fn meanings(g: &EstimateMatrix) -> Vec<Meaning> {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::engine::snapshot::StateStatus;
 
     #[test]
     fn a_known_column_makes_a_turn_cost_degrees() {
@@ -155,8 +140,10 @@ mod tests {
         let state =
             StateStatus { name: "g21".to_owned(), sigma: 200.0, sigma_ratio: 0.55, ..StateStatus::default() };
         summary.observability.states = vec![state];
+        summary.implausible = vec!["g21".to_owned()];
         assert!(verdict(&summary).contains("not to be believed: g21 left"), "{}", verdict(&summary));
         summary.estimate.g_sensitivity_deg_per_h_per_g.value[1][0] = -1400.0;
+        summary.implausible.clear();
         assert!(verdict(&summary).contains("disturbs the pitch gyro"), "{}", verdict(&summary));
     }
 

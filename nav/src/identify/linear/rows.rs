@@ -69,9 +69,7 @@ fn direct(watched: &Watched, x: &FixInstant) -> [Vec<Vector3<f64>>; 2] {
         let mut columns = [[Vector3::zeros(); MAX_PARAMETERS]; 2];
         let [p, v] = &mut columns;
         setting.effect.fix_jacobian(&setting.values, x, &mut p[..n], &mut v[..n]);
-        let states =
-            setting.effect.groups().iter().flat_map(|g| std::iter::repeat_n(g.is_state(), g.shape.len()));
-        for (k, _) in states.enumerate().filter(|(_, is)| *is) {
+        for k in setting.states() {
             out.iter_mut().zip(&columns).for_each(|(o, c)| o.push(c[k]));
         }
     }

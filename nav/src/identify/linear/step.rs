@@ -4,7 +4,7 @@
 use super::super::flight::Flight;
 use super::index;
 use crate::earth;
-use crate::effects::{Instant, MAX_PARAMETERS};
+use crate::effects::Instant;
 use crate::filter::calibration::Calibration;
 use crate::filter::force_rate::ForceRates;
 use crate::filter::watch::{Regressors, Watched};
@@ -175,16 +175,7 @@ impl<'a> Track<'a> {
             here.by_force += setting.effect.gyro_by_force(p, &x).unwrap_or_default();
         }
         here.columns.clear();
-        for setting in &self.watched.effects {
-            let n = setting.effect.len();
-            let (mut gyro, mut accel) =
-                ([Vector3::zeros(); MAX_PARAMETERS], [Vector3::zeros(); MAX_PARAMETERS]);
-            setting.effect.imu_jacobian(&setting.values, &x, &mut gyro[..n], &mut accel[..n]);
-            let states =
-                setting.effect.groups().iter().flat_map(|g| std::iter::repeat_n(g.is_state(), g.shape.len()));
-            let own = states.enumerate().filter(|(_, is)| *is).map(|(k, _)| [-gyro[k], -accel[k]]);
-            here.columns.extend(own);
-        }
+        self.watched.imu_columns(&x, &mut here.columns);
         let regressors = Regressors {
             force: motion.force,
             rate: motion.rate,
