@@ -299,7 +299,9 @@ pub fn fit(
         let next = limits.clamp(&std::array::from_fn(|i| at[i] + share * step[i]));
         let moved: [f64; FIGURES] = std::array::from_fn(|i| next[i] - at[i]);
         let (next_value, next_by) = slope(problems, &noise(&next), options, workers);
-        metric.learn(&moved, &std::array::from_fn(|i| by[i] - next_by[i]));
+        // A figure that stands still at a limit tells nothing of the curvature along those that move.
+        let change = std::array::from_fn(|i| if free[i] { by[i] - next_by[i] } else { 0.0 });
+        metric.learn(&moved, &change);
         if next_value > value {
             (at, value, by, share) = (next, next_value, next_by, 1.0);
         } else {
@@ -307,4 +309,41 @@ pub fn fit(
         }
     }
     Fitted { noise: noise(&at), log_likelihood: value, metric }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::linear::reference::Reference;
+    use super::super::{Serial, tests::fly};
+    use super::*;
+    use crate::filter::watch::Watched;
+
+    /// Figures that stand at a limit pull hard; those that are free must still find their best.
+    #[test]
+    fn the_best_is_found_from_anywhere_beside_figures_at_their_limits() {
+        let model = Model::default();
+        let flight = Flight::prepare(&fly(&model, 1), &model).unwrap();
+        let measured = Noise::measured(&model, &[&flight]);
+        let mut limits = Limits::new(&model, &[&flight]);
+        for k in [figure::POSITION, figure::HEIGHT, figure::VELOCITY] {
+            limits.0[k] = (0.2, 0.25);
+        }
+        limits.0[figure::CORRELATION] = (20.0, 30.0);
+        let reference = Reference::find(&flight, &model, &measured, &Serial);
+        let problems = [Problem::new(&flight, &model, &reference, &Watched::default(), &Serial)];
+        let options = Options::default();
+        let from = |inertial: f64, wander_m: f64, metric: &Metric| {
+            let (gyro, accel) = (measured.gyro * inertial, measured.accel * inertial);
+            let start = Noise { gyro, accel, wander_m, correlation_s: 250.0, ..measured };
+            fit(&problems, start, &limits, metric, &options, &Serial)
+        };
+        // What one fit has learnt serves the next.
+        let first = from(2.5, 3.0, &Metric::new(flight.fixes().len()));
+        let second = from(0.15, 0.03, &first.metric);
+        let third = from(1.0, 0.7, &second.metric);
+        assert!(first.noise.velocity_scale > 0.25 - 1e-9, "{first:?}");
+        for other in [second, third] {
+            assert!((other.log_likelihood - first.log_likelihood).abs() < 0.1, "{first:?} {other:?}");
+        }
+    }
 }

@@ -7,8 +7,8 @@
 //! recursion (de Jong & Penzer 1998, "Diagnosing shocks in time series").
 
 use super::forward::{Keep, SIGMA_FLOOR, Square, State, Tape, Update, add_scaled, wander_variance};
+use super::interval::{DYNAMIC, Interval, NavCovariance};
 use super::rows::{Kind, Row};
-use super::step::{DYNAMIC, Interval, NavCovariance};
 use super::{Problem, STATES, index, variances};
 use crate::identify::noise::{FIGURES, Noise, figure};
 use crate::identify::pass::Options;

@@ -4,8 +4,8 @@
 //! error of its stamp is a state. Parameters are carried as in [`crate::filter::watch`]: δx = δx₀ + U θ with
 //! U ← Φ U + B and U ← U − K (H U + D).
 
+use super::interval::{DYNAMIC, Interval};
 use super::rows::Kind;
-use super::step::{DYNAMIC, Interval};
 use super::{Problem, STATES, index, variances};
 use crate::effects::BiasWalk;
 use crate::identify::noise::{HEIGHT_WANDER, Noise};

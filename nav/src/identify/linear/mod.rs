@@ -10,21 +10,24 @@
 
 pub mod backward;
 pub mod forward;
+mod interval;
 pub mod reference;
 mod rows;
-mod step;
+mod track;
 
 use super::flight::Flight;
 use super::noise::Noise;
 use super::pass::Options;
+use super::{Workers, map};
 use crate::effects::BiasWalk;
 use crate::filter::watch::Watched;
 use crate::mechanization::NavState;
 use crate::model::Model;
+use interval::Interval;
 use nalgebra::Vector3;
 use reference::Reference;
 use rows::Row;
-use step::Interval;
+use track::Track;
 
 /// Number of states: position, velocity, attitude errors in body axes, gyro and accelerometer bias, wander of the fixes
 /// (north, east, down), the error of the present fix's time stamp, and the error that all stamps have in common.
@@ -41,6 +44,8 @@ pub mod index {
 }
 /// Fixes closer to the end of the samples than this count for no model: with a delay they are there, without it they may not be.
 const END_S: f64 = 1.0;
+/// A flight is linearised in so many stretches at once.
+const PIECES: usize = 4;
 
 /// One fix: the way to it and what it measured.
 #[derive(Debug, Clone)]
@@ -74,25 +79,25 @@ pub struct Problem {
 
 impl Problem {
     /// Linearises a flight. Watched are the states of `watched.effects` and the terms; jumps need no columns.
-    pub fn new(flight: &Flight, model: &Model, reference: &Reference, watched: &Watched) -> Self {
+    pub fn new(
+        flight: &Flight,
+        model: &Model,
+        reference: &Reference,
+        watched: &Watched,
+        workers: &dyn Workers,
+    ) -> Self {
         let samples = flight.samples_of(model);
         let (gyro, accel) = model.quantisation_of(flight.stream()).variance();
         let dt = flight.interval_s();
-        let mut track = step::Track::new(flight, model, &samples, &reference.calibration, watched);
-        let mut epochs = Vec::with_capacity(reference.knots.len());
-        let mut nav = reference.start;
-        for knot in &reference.knots {
-            let (interval, predicted) = track.interval_to(&nav, knot.t_s);
-            let Some(mut interval) = interval else { break };
-            interval.offset = step::error(&knot.nav, &predicted);
-            let fix = &flight.fixes()[knot.fix];
-            let rows = rows::of(fix, &knot.nav, &track.here(), model, &reference.calibration, watched);
-            epochs.push(Epoch { interval, t_s: knot.t_s, elapsed_s: fix.t_s - flight.initial().t_s, rows });
-            nav = knot.nav;
-        }
+        // With the trajectory known, no stretch of the flight waits for the one before.
+        let length = reference.knots.len().div_ceil(PIECES).max(1);
+        let pieces = map(workers, reference.knots.len().div_ceil(length), |k| {
+            let track = Track::new(flight, model, &samples, &reference.calibration, watched);
+            linearised(flight, track, reference, k * length, length)
+        });
         let (start, start_covariance) = reference.prior(flight, model);
         Self {
-            epochs,
+            epochs: pieces.into_iter().flatten().collect(),
             columns: watched.slots().len() + watched.terms.len(),
             start,
             start_covariance: Box::new(start_covariance),
@@ -120,6 +125,31 @@ impl Problem {
     fn part(&self, epoch: &Epoch, options: &Options) -> Option<usize> {
         options.part(epoch.elapsed_s).filter(|_| epoch.elapsed_s < self.end_s)
     }
+}
+
+/// The fixes from number `first` on, `length` of them or as many as the samples reach.
+fn linearised(
+    flight: &Flight,
+    mut track: Track<'_>,
+    reference: &Reference,
+    first: usize,
+    length: usize,
+) -> Vec<Epoch> {
+    let mut epochs = Vec::with_capacity(length);
+    let mut nav = reference.start;
+    if let Some(before) = first.checked_sub(1).and_then(|k| reference.knots.get(k)) {
+        track.seek(before.t_s);
+        nav = before.nav;
+    }
+    for knot in reference.knots.iter().skip(first).take(length) {
+        let Some((mut interval, predicted)) = track.interval_to(&nav, knot.t_s) else { break };
+        interval.offset = interval::error(&knot.nav, &predicted);
+        let fix = &flight.fixes()[knot.fix];
+        let rows = rows::of(fix, &knot.nav, &track);
+        epochs.push(Epoch { interval, t_s: knot.t_s, elapsed_s: fix.t_s - flight.initial().t_s, rows });
+        nav = knot.nav;
+    }
+    epochs
 }
 
 /// The random walk of the biases that a model says.

@@ -6,11 +6,13 @@
 
 use super::super::flight::Flight;
 use super::forward::Kalman;
-use super::step::{self, Track};
+use super::interval;
+use super::track::Track;
 use super::{Problem, STATES, index, moved, rows};
 use crate::filter::calibration::Calibration;
 use crate::filter::watch::Watched;
 use crate::identify::noise::Noise;
+use crate::identify::{Serial, Workers};
 use crate::mechanization::NavState;
 use crate::model::Model;
 use nalgebra::{Matrix3, Vector3};
@@ -46,21 +48,36 @@ pub fn delay_s(model: &Model) -> f64 {
 
 impl Reference {
     /// Finds the trajectory with this model and noise.
-    pub fn find(flight: &Flight, model: &Model, noise: &Noise) -> Self {
+    pub fn find(flight: &Flight, model: &Model, noise: &Noise, workers: &dyn Workers) -> Self {
         let filtered = Self::filtered(flight, model, noise);
-        let problem = Problem::new(flight, model, &filtered, &Watched::default());
+        let problem = Problem::new(flight, model, &filtered, &Watched::default(), workers);
         filtered.smoothed(&problem, noise)
     }
 
-    /// The same trajectory for another model, found anew where the fixes belong to other times.
+    /// The same trajectory for another model. Where that says that the fixes belong to other times, the motion at these.
     #[must_use]
-    pub fn with(&self, flight: &Flight, model: &Model, noise: &Noise) -> Self {
-        if (delay_s(model) - self.delay_s).abs() > 1e-6 {
-            return Self::find(flight, model, noise);
-        }
+    pub fn with(&self, flight: &Flight, model: &Model) -> Self {
         let mut same = self.clone();
         same.calibration.parameters = model.effects.iter().map(|s| s.values.clone()).collect();
-        same
+        if (delay_s(model) - self.delay_s).abs() > 1e-9 { same.at_other_times(flight, model) } else { same }
+    }
+
+    fn at_other_times(self, flight: &Flight, model: &Model) -> Self {
+        let (samples, watched) = (flight.samples_of(model), Watched::default());
+        let mut track = Track::new(flight, model, &samples, &self.calibration, &watched);
+        let start_s = flight.initial().t_s;
+        let delay_s = delay_s(model);
+        let mut knots = Vec::with_capacity(flight.fixes().len());
+        for (fix, t_s) in flight.fixes().iter().map(|f| f.t_s - delay_s).enumerate().filter(|f| f.1 > start_s)
+        {
+            let before = self.knots.partition_point(|k| k.t_s <= t_s).checked_sub(1);
+            let (from_s, nav) =
+                before.map_or((start_s, self.start), |k| (self.knots[k].t_s, self.knots[k].nav));
+            track.seek(from_s);
+            let Some((_, nav)) = track.interval_to(&nav, t_s) else { break };
+            knots.push(Knot { t_s, fix, nav });
+        }
+        Self { knots, delay_s, ..self }
     }
 
     fn filtered(flight: &Flight, model: &Model, noise: &Noise) -> Self {
@@ -75,7 +92,7 @@ impl Reference {
         let samples = flight.samples_of(model);
         let mut track = Track::new(flight, model, &samples, &reference.calibration, &watched);
         // A problem without fixes holds what the filter starts from.
-        let empty = Problem::new(flight, model, &reference, &watched);
+        let empty = Problem::new(flight, model, &reference, &watched, &Serial);
         let mut kalman = Kalman::new(&empty, empty.walk, noise);
         let mut nav = flight.initial().nav;
         for (k, fix) in flight.fixes().iter().enumerate() {
@@ -83,10 +100,10 @@ impl Reference {
             if t_s <= flight.initial().t_s {
                 continue;
             }
-            let (Some(interval), predicted) = track.interval_to(&nav, t_s) else { break };
+            let Some((interval, predicted)) = track.interval_to(&nav, t_s) else { break };
             kalman.predict(&interval);
             kalman.renew(interval.dt);
-            for row in rows::of(fix, &predicted, &track.here(), model, &reference.calibration, &watched) {
+            for row in rows::of(fix, &predicted, &track) {
                 kalman.update(&row);
             }
             nav = moved(&predicted, &kalman.x);
@@ -131,7 +148,7 @@ impl Reference {
     pub(super) fn prior(&self, flight: &Flight, model: &Model) -> ([f64; STATES], [[f64; STATES]; STATES]) {
         let initial = flight.initial();
         let mut mean = [0.0; STATES];
-        mean[..9].copy_from_slice(step::error(&self.start, &initial.nav).as_slice());
+        mean[..9].copy_from_slice(interval::error(&self.start, &initial.nav).as_slice());
         let mut p = [[0.0; STATES]; STATES];
         let c_bn = self.start.c_nb().transpose();
         for (at, ned) in [

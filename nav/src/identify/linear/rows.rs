@@ -1,6 +1,6 @@
 //! What a fix measures, linearised at its time of validity.
 
-use super::step::Here;
+use super::track::Track;
 use super::{STATES, index};
 use crate::effects::{FixInstant, MAX_PARAMETERS};
 use crate::filter::calibration::Calibration;
@@ -77,15 +77,9 @@ fn direct(watched: &Watched, x: &FixInstant) -> [Vec<Vector3<f64>>; 2] {
     out
 }
 
-/// The rows of a fix about `nav`, which must be that of its time of validity.
-pub(super) fn of(
-    fix: &GnssFix,
-    nav: &NavState,
-    here: &Here,
-    model: &Model,
-    calibration: &Calibration,
-    watched: &Watched,
-) -> Vec<Row> {
+/// The rows of a fix about `nav`, with the sensors as they are there: the track must have come to its time of validity.
+pub(super) fn of(fix: &GnssFix, nav: &NavState, track: &Track<'_>) -> Vec<Row> {
+    let (here, model, watched) = (track.here(), track.model(), track.watched());
     let c_ne = nav.geodetic().c_en().transpose();
     let x = FixInstant {
         t_s: here.t_s,
@@ -93,9 +87,9 @@ pub(super) fn of(
         a_n: c_ne * mechanization::acceleration(nav, &here.motion.force),
         c_nb: c_ne * nav.c_eb(),
         rate_eb: here.motion.rate - nav.q_eb.inverse() * crate::earth::rotation_rate(),
-        force_rate: here.force_rate,
+        force_rate: track.force_rate(),
     };
-    let added = Added::new(model, calibration, &x);
+    let added = Added::new(model, track.calibration(), &x);
     let direct = direct(watched, &x);
     let (velocity, velocity_rows) = match fix.velocity {
         FixVelocity::None => (Vector3::zeros(), 0),

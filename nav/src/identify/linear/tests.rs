@@ -4,8 +4,8 @@ use super::reference::Reference;
 use super::*;
 use crate::effects::{self, find};
 use crate::identify::noise::FIGURES;
-use crate::identify::pass;
 use crate::identify::tests::{fly, noise};
+use crate::identify::{Serial, pass};
 use crate::model::EffectSetting;
 
 fn flight() -> (Flight, Model) {
@@ -22,8 +22,9 @@ fn the_likelihood_is_that_of_the_ordinary_filter() {
     let (flight, model) = flight();
     let options = Options::default();
     for noise in [noise(), Noise { gyro: 3.0 * noise().gyro, wander_m: 0.3, ..noise() }] {
-        let reference = Reference::find(&flight, &model, &noise);
-        let run = Problem::new(&flight, &model, &reference, &Watched::default()).run(&noise, &options);
+        let reference = Reference::find(&flight, &model, &noise, &Serial);
+        let run =
+            Problem::new(&flight, &model, &reference, &Watched::default(), &Serial).run(&noise, &options);
         let pass = pass::run(&flight, &model, &noise, &options, None);
         assert!((run.nis_per_dof(0) - pass.nis_per_dof(0)).abs() < 0.01, "{run:?} {}", pass.nis_per_dof(0));
     }
@@ -34,8 +35,8 @@ fn slopes_by_noise_are_those_of_the_likelihood() {
     let (flight, model) = flight();
     let options = Options::default();
     let noise = wandering();
-    let reference = Reference::find(&flight, &model, &noise);
-    let mut problem = Problem::new(&flight, &model, &reference, &Watched::default());
+    let reference = Reference::find(&flight, &model, &noise, &Serial);
+    let mut problem = Problem::new(&flight, &model, &reference, &Watched::default(), &Serial);
     problem.set_walk(BiasWalk { gyro: 1e-5, accel: 1e-4 });
     let slope = problem.slope(&noise, &options);
     let at = |noise: &Noise| problem.run(noise, &options).log_likelihood[0];
@@ -77,8 +78,8 @@ fn the_score_is_the_slope_of_the_likelihood() {
         .collect();
     let watched = Watched { effects: linear.clone(), ..Watched::default() };
     let noise = noise();
-    let reference = Reference::find(&flight, &model, &noise);
-    let run = Problem::new(&flight, &model, &reference, &watched).run(&noise, &options);
+    let reference = Reference::find(&flight, &model, &noise, &Serial);
+    let run = Problem::new(&flight, &model, &reference, &watched, &Serial).run(&noise, &options);
     let information = &run.information[0];
     for (column, (e, p)) in watched.slots().into_iter().enumerate() {
         let sigma = information.matrix[(column, column)].sqrt().recip();
@@ -87,8 +88,8 @@ fn the_score_is_the_slope_of_the_likelihood() {
             let mut s = linear[e].clone();
             s.values[p] += by;
             moved.set(s);
-            let reference = reference.with(&flight, &moved, &noise);
-            Problem::new(&flight, &moved, &reference, &Watched::default())
+            let reference = reference.with(&flight, &moved);
+            Problem::new(&flight, &moved, &reference, &Watched::default(), &Serial)
                 .run(&noise, &options)
                 .log_likelihood[0]
         };
@@ -108,14 +109,14 @@ fn the_score_is_the_slope_of_the_likelihood() {
 fn shocks_are_jumps() {
     let (flight, model) = flight();
     let (options, noise) = (Options::default(), wandering());
-    let reference = Reference::find(&flight, &model, &noise);
-    let problem = Problem::new(&flight, &model, &reference, &Watched::default());
+    let reference = Reference::find(&flight, &model, &noise, &Serial);
+    let problem = Problem::new(&flight, &model, &reference, &Watched::default(), &Serial);
     let shocks = problem.shocks(&noise, &options);
     for (name, k) in [("gps_bias_step", 150), ("gyro_bias_step", 222)] {
         let t_s = shocks[k].t_s;
         let step = EffectSetting::known(find(name).unwrap(), &[t_s, 0.0, 0.0, 0.0]).unwrap();
         let watched = Watched { effects: vec![step], ..Watched::default() };
-        let run = Problem::new(&flight, &model, &reference, &watched).run(&noise, &options);
+        let run = Problem::new(&flight, &model, &reference, &watched, &Serial).run(&noise, &options);
         let (score, matrix) = if name == "gps_bias_step" { shocks[k].fix } else { shocks[k].gyro };
         let information = &run.information[0];
         for i in 0..3 {

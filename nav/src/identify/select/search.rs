@@ -16,6 +16,8 @@ use std::sync::Arc;
 pub(in crate::identify) const STEPS: usize = 3;
 /// A trajectory that turns by less than this when it is found anew is good enough to linearise about, rad.
 const STRAIGHT: f64 = 0.01;
+/// One that turns by more than this was no place to linearise about: it is looked for from the start, rad.
+const CROOKED: f64 = 0.1;
 /// A trajectory is found anew at most so often.
 const MOST_BENDS: usize = 3;
 /// A step shorter than this share of the sigma ends the search for values.
@@ -106,36 +108,39 @@ impl<'a> Search<'a> {
 
     /// The flights linearised about a model, about the trajectories of a point.
     pub(in crate::identify) fn problems(&self, point: &Point, watched: &Watched) -> Vec<Problem> {
-        self.linearise(&point.references, &self.model(&point.added), &point.noise, watched)
+        self.linearise(&point.references, &self.model(&point.added), watched).1
     }
 
+    /// The trajectories for this model, and the flights linearised about them.
     fn linearise(
         &self,
-        references: &[Reference],
+        references: &Trajectories,
         model: &Model,
-        noise: &Noise,
         watched: &Watched,
-    ) -> Vec<Problem> {
-        map(self.workers, self.flights.len(), |k| {
-            let reference = references[k].with(self.flights[k], model, noise);
-            Problem::new(self.flights[k], model, &reference, watched)
-        })
+    ) -> (Trajectories, Vec<Problem>) {
+        let linearised = map(self.workers, self.flights.len(), |k| {
+            let reference = references[k].with(self.flights[k], model);
+            let problem = Problem::new(self.flights[k], model, &reference, watched, self.workers);
+            (reference, problem)
+        });
+        let (references, problems) = linearised.into_iter().unzip();
+        (Arc::new(references), problems)
     }
 
     /// The trajectories that the flights show with a model; `None` where they are those that it was linearised about.
     fn straightened(&self, point: &Point, problems: &[Problem]) -> Option<Trajectories> {
-        let model = self.model(&point.added);
-        let better = map(self.workers, problems.len(), |k| {
-            let reference = point.references[k].with(self.flights[k], &model, &point.noise);
-            reference.smoothed(&problems[k], &point.noise)
-        });
-        let bent = better.iter().zip(point.references.iter()).any(|(b, r)| b.bend(r) > STRAIGHT);
-        let anew = || self.trajectories(&model, &point.noise);
-        bent.then(|| Arc::new(anew()))
+        let better =
+            map(self.workers, problems.len(), |k| point.references[k].smoothed(&problems[k], &point.noise));
+        let bends = better.iter().zip(point.references.iter()).map(|(b, r)| b.bend(r));
+        let bend = bends.fold(0.0, f64::max);
+        let anew = || self.trajectories(&self.model(&point.added), &point.noise);
+        (bend > STRAIGHT).then(|| Arc::new(if bend > CROOKED { anew() } else { better }))
     }
 
     fn trajectories(&self, model: &Model, noise: &Noise) -> Vec<Reference> {
-        map(self.workers, self.flights.len(), |k| Reference::find(self.flights[k], model, noise))
+        map(self.workers, self.flights.len(), |k| {
+            Reference::find(self.flights[k], model, noise, self.workers)
+        })
     }
 
     /// Log-likelihood and information, all flights together.
@@ -204,7 +209,8 @@ impl<'a> Search<'a> {
         for k in 0..=steps {
             let watched =
                 Watched { effects: added.iter().map(|a| a.setting.clone()).collect(), ..Watched::default() };
-            let problems = self.linearise(references, &self.model(&added), noise, &watched);
+            let references = best.as_ref().map_or(references, |b| &b.0.references);
+            let (references, problems) = self.linearise(references, &self.model(&added), &watched);
             let (log_likelihood, information) = self.run(&problems, noise);
             let Some(fit) = fit_added(&information, &watched, &mut added) else { break };
             let evidence = log_likelihood + fit.evidence + self.told_by_samples(&added);
@@ -212,7 +218,6 @@ impl<'a> Search<'a> {
             if best.as_ref().is_some_and(|b| evidence <= b.0.evidence) {
                 break;
             }
-            let references = references.clone();
             let point = Point { added: added.clone(), noise: *noise, evidence, log_likelihood, references };
             best = Some((point, problems));
             if k == steps || !step(&fit, &watched, &mut added) {

@@ -1,0 +1,344 @@
+//! The samples between two fixes as one interval: transition, one column per watched parameter, and the noise that the
+//! sensors add.
+//!
+//! Without Earth, whose little share is added once per interval, a step acts on an error in the axes of the
+//! interval's start as p ← p + v dt − Δp×e, v ← v − Δv×e (Barrau & Bonnabel 2017). Such steps compose in closed form
+//! (Forster, Carlone, Dellaert & Scaramuzza 2017, "On-manifold preintegration"): what the transition and white noise come to
+//! is told by two vectors and a few moments of them.
+
+use super::track::Here;
+use crate::earth;
+use crate::mechanization::{self, Increment, NavState};
+use crate::rotation::{exp, left_jacobian_inverse, log, skew};
+use crate::sample::SampleKind;
+use nalgebra::{Matrix3, SMatrix, SVector, UnitQuaternion, Vector3};
+
+use super::index;
+
+/// Position, velocity and attitude errors.
+pub(super) type Nav = SVector<f64, 9>;
+/// Their covariance.
+pub(super) type NavCovariance = SMatrix<f64, 9, 9>;
+/// Navigation states and both biases: what the transition acts on.
+pub(super) const DYNAMIC: usize = 15;
+/// Columns of both biases.
+const BIASES: usize = DYNAMIC - 9;
+/// A gap between samples longer than this is not integrated as if nothing had happened, s.
+const GAP_S: f64 = 0.25;
+/// What an unseen vehicle may do in a gap: rate, rad/s, and acceleration, m/s².
+const GAP_MOTION: (f64, f64) = (0.5, 5.0);
+
+/// The samples between two fixes.
+#[derive(Debug, Clone)]
+pub(super) struct Interval {
+    /// Length, s.
+    pub(super) dt: f64,
+    /// ∂(navigation error at the end)/∂(15 states at the start), then by each watched parameter.
+    pub(super) columns: Vec<Nav>,
+    /// Navigation covariance per unit of variance per hertz of the gyros …
+    pub(super) by_gyro: NavCovariance,
+    /// … and of the accelerometers.
+    pub(super) by_accel: NavCovariance,
+    /// What gaps between samples add.
+    pub(super) gaps: Option<Box<NavCovariance>>,
+    /// The mechanisation's result seen from the trajectory: an error that is known.
+    pub(super) offset: Nav,
+}
+
+/// `state` as an error about `about`.
+pub(super) fn error(about: &NavState, state: &NavState) -> Nav {
+    let eps = log(&(about.q_eb.inverse() * state.q_eb));
+    let back = left_jacobian_inverse(&eps) * about.c_eb().transpose();
+    nav_of(&(back * (state.r_e - about.r_e)), &(back * (state.v_e - about.v_e)), &eps)
+}
+
+fn nav_of(p: &Vector3<f64>, v: &Vector3<f64>, e: &Vector3<f64>) -> Nav {
+    Nav::from_column_slice(&[p.x, p.y, p.z, v.x, v.y, v.z, e.x, e.y, e.z])
+}
+
+/// One step's action on a navigation error in the axes of the interval's start.
+struct Action {
+    dv: Vector3<f64>,
+    dp: Vector3<f64>,
+    dt: f64,
+}
+
+impl Action {
+    fn apply(&self, c: &mut Nav) {
+        let (v, e) = ([c[3], c[4], c[5]], [c[6], c[7], c[8]]);
+        let cross =
+            |a: &Vector3<f64>| [a.y * e[2] - a.z * e[1], a.z * e[0] - a.x * e[2], a.x * e[1] - a.y * e[0]];
+        let (p, q) = (cross(&self.dp), cross(&self.dv));
+        for k in 0..3 {
+            c[k] += v[k] * self.dt - p[k];
+            c[3 + k] -= q[k];
+        }
+    }
+}
+
+/// M Q Mᵀ for a map of columns.
+fn congruence(q: &NavCovariance, map: impl Fn(&mut Nav)) -> NavCovariance {
+    let half = |q: &NavCovariance| {
+        let mut out = NavCovariance::zeros();
+        for k in 0..9 {
+            let mut column = q.column(k).into_owned();
+            map(&mut column);
+            out.set_column(k, &column);
+        }
+        out.transpose()
+    };
+    half(&half(q))
+}
+
+/// All actions so far as one, and the moments over time that white noise asks for.
+///
+/// White noise n of the rate that enters at an instant j reaches the end as e = n, v = −a×n, p = −b×n with the levers
+/// a = V − Vⱼ and b = P − Pⱼ − Vⱼ (T − tⱼ); that of the specific force as v = n, p = n (T − tⱼ). Both are isotropic, so
+/// their covariances follow from the sums of 1, t, t², V, R = P − V t and their products.
+#[derive(Debug, Clone, Default)]
+struct Composed {
+    t: f64,
+    v: Vector3<f64>,
+    p: Vector3<f64>,
+    weight: f64,
+    times: (f64, f64),
+    sum_v: Vector3<f64>,
+    sum_r: Vector3<f64>,
+    vv: Matrix3<f64>,
+    rv: Matrix3<f64>,
+    rr: Matrix3<f64>,
+}
+
+impl Composed {
+    /// One step; half of its noise enters before it and half after it.
+    fn add(&mut self, action: &Action) {
+        self.note(0.5 * action.dt);
+        self.p += self.v * action.dt + action.dp;
+        self.v += action.dv;
+        self.t += action.dt;
+        self.note(0.5 * action.dt);
+    }
+
+    fn note(&mut self, weight: f64) {
+        let r = self.p - self.v * self.t;
+        let (wv, wr) = (self.v * weight, r * weight);
+        self.weight += weight;
+        self.times.0 += weight * self.t;
+        self.times.1 += weight * self.t * self.t;
+        self.sum_v += wv;
+        self.sum_r += wr;
+        self.vv += wv * self.v.transpose();
+        self.rv += wr * self.v.transpose();
+        self.rr += wr * r.transpose();
+    }
+
+    /// ∂(position, velocity, attitude)/∂(the same at the start), column by column.
+    fn transition(&self) -> [Nav; 9] {
+        let (by_v, by_p) = (-skew(&self.v), -skew(&self.p));
+        std::array::from_fn(|k| {
+            let mut c = Nav::zeros();
+            c[k] = 1.0;
+            if (3..6).contains(&k) {
+                c[k - 3] = self.t;
+            }
+            if k >= 6 {
+                (0..3).for_each(|i| (c[i], c[3 + i]) = (by_p[(i, k - 6)], by_v[(i, k - 6)]));
+            }
+            c
+        })
+    }
+
+    /// Covariance per unit of variance per hertz of the gyros, in axes that `turn` leads to.
+    fn by_gyro(&self, turn: &Matrix3<f64>) -> NavCovariance {
+        let (s, t) = (self.weight, self.t);
+        let sum_c = self.sum_r + self.sum_v * t;
+        let cv = self.rv + self.vv * t;
+        let cc = self.rr + (self.rv + self.rv.transpose()) * t + self.vv * (t * t);
+        let (sum_a, sum_b) = (self.v * s - self.sum_v, self.p * s - sum_c);
+        let outer = |a: &Vector3<f64>, b: &Vector3<f64>| a * b.transpose();
+        let aa = outer(&self.v, &sum_a) - outer(&self.sum_v, &self.v) + self.vv;
+        let ba = outer(&self.p, &sum_a) - outer(&sum_c, &self.v) + cv;
+        let bb = outer(&self.p, &sum_b) - outer(&sum_c, &self.p) + cc;
+        let about = |m: &Matrix3<f64>| {
+            let m = turn * m * turn.transpose();
+            Matrix3::from_diagonal_element(m.trace()) - m.transpose()
+        };
+        let mut q = NavCovariance::zeros();
+        q.fixed_view_mut::<3, 3>(index::ATTITUDE, index::ATTITUDE).fill_diagonal(s);
+        q.fixed_view_mut::<3, 3>(index::VELOCITY, index::VELOCITY).copy_from(&about(&aa));
+        q.fixed_view_mut::<3, 3>(index::POSITION, index::POSITION).copy_from(&about(&bb));
+        let beside = [
+            (index::POSITION, index::VELOCITY, about(&ba)),
+            (index::POSITION, index::ATTITUDE, -skew(&(turn * sum_b))),
+            (index::VELOCITY, index::ATTITUDE, -skew(&(turn * sum_a))),
+        ];
+        for (i, j, block) in beside {
+            q.fixed_view_mut::<3, 3>(i, j).copy_from(&block);
+            q.fixed_view_mut::<3, 3>(j, i).copy_from(&block.transpose());
+        }
+        q
+    }
+
+    /// The same of the accelerometers, in any axes.
+    fn by_accel(&self) -> NavCovariance {
+        let (s, t) = (self.weight, self.t);
+        let first = s * t - self.times.0;
+        let second = s * t * t - 2.0 * t * self.times.0 + self.times.1;
+        let mut q = NavCovariance::zeros();
+        for k in 0..3 {
+            let (p, v) = (index::POSITION + k, index::VELOCITY + k);
+            (q[(p, p)], q[(v, v)]) = (second, s);
+            (q[(p, v)], q[(v, p)]) = (first, first);
+        }
+        q
+    }
+}
+
+/// An interval under way. Errors are kept in the axes of its start until it ends.
+pub(super) struct Sum {
+    composed: Composed,
+    /// By both biases, then by each watched parameter.
+    driven: Vec<Nav>,
+    gaps: Option<Box<NavCovariance>>,
+    nav: NavState,
+    start: NavState,
+    /// From the present body axes to those of the start.
+    turned: Matrix3<f64>,
+    attitude: UnitQuaternion<f64>,
+}
+
+impl Sum {
+    pub(super) fn new(nav: &NavState, watched: usize) -> Self {
+        Self {
+            composed: Composed::default(),
+            driven: vec![Nav::zeros(); BIASES + watched],
+            gaps: None,
+            nav: *nav,
+            start: *nav,
+            turned: Matrix3::identity(),
+            attitude: UnitQuaternion::identity(),
+        }
+    }
+
+    /// Where the mechanisation is.
+    pub(super) fn nav(&self) -> &NavState {
+        &self.nav
+    }
+
+    /// One step.
+    pub(super) fn add(&mut self, from: &Here, to: &Here, kind: SampleKind, dt: f64) {
+        let inc = Increment::between(&from.motion, &to.motion, kind, dt);
+        let action = Action { dv: self.turned * inc.dv, dp: self.turned * inc.dp, dt };
+        self.driven.iter_mut().for_each(|c| action.apply(c));
+        let turned = self.turned * (Matrix3::identity() + skew(&inc.dtheta) * 0.5);
+        let drive = |rate: Vector3<f64>, force: Vector3<f64>| {
+            let e = turned * rate * dt;
+            let v = turned * force * dt - action.dv.cross(&e) * 0.5;
+            let p = self.turned * force * (0.5 * dt * dt) - action.dp.cross(&e) / 3.0;
+            nav_of(&p, &v, &e)
+        };
+        let by_force =
+            if kind == SampleKind::Point { (from.by_force + to.by_force) * 0.5 } else { to.by_force };
+        for k in 0..3 {
+            let axis = Vector3::from_fn(|i, _| if i == k { -1.0 } else { 0.0 });
+            self.driven[k] += drive(axis, Vector3::zeros());
+            self.driven[3 + k] += drive(-by_force * axis, axis);
+        }
+        for (k, end) in to.columns.iter().enumerate() {
+            let start = from.columns.get(k).filter(|_| kind == SampleKind::Point).unwrap_or(end);
+            let (rate, force) = ((start[0] + end[0]) * 0.5, (start[1] + end[1]) * 0.5);
+            if rate != Vector3::zeros() || force != Vector3::zeros() {
+                self.driven[BIASES + k] += drive(rate, force);
+            }
+        }
+        self.composed.add(&action);
+        self.add_gap(&action, dt);
+        self.nav = mechanization::step(&self.nav, &inc);
+        self.attitude *= exp(&inc.dtheta);
+        self.turned = self.attitude.to_rotation_matrix().into_inner();
+    }
+
+    fn add_gap(&mut self, action: &Action, dt: f64) {
+        if let Some(q) = &mut self.gaps {
+            **q = congruence(q, |c| action.apply(c));
+        }
+        if dt > GAP_S {
+            let q = self.gaps.get_or_insert_with(|| Box::new(NavCovariance::zeros()));
+            for k in 0..3 {
+                q[(index::ATTITUDE + k, index::ATTITUDE + k)] += (GAP_MOTION.0 * dt).powi(2);
+                q[(index::VELOCITY + k, index::VELOCITY + k)] += (GAP_MOTION.1 * dt).powi(2);
+                q[(index::POSITION + k, index::POSITION + k)] += (0.5 * GAP_MOTION.1 * dt * dt).powi(2);
+            }
+        }
+    }
+
+    /// Earth's share, and everything into the axes of the end. Earth's share of the noise, a hundred-thousandth of it, is
+    /// left out.
+    pub(super) fn end(self) -> (Interval, NavState) {
+        let to_end = self.turned.transpose();
+        let c_be = self.start.q_eb.inverse().to_rotation_matrix().into_inner();
+        let dt = self.composed.t;
+        let rate = c_be * earth::rotation_rate() * dt;
+        let gradient = c_be * earth::gravity_gradient(&self.start.r_e) * c_be.transpose() * dt;
+        let finish = |c: &mut Nav| {
+            let at = |k: usize| Vector3::new(c[k], c[k + 1], c[k + 2]);
+            let (r, v, e) = (at(index::POSITION), at(index::VELOCITY), at(index::ATTITUDE));
+            let (r, v) = (r + rate.cross(&r), v + gradient * r - rate.cross(&v));
+            *c = nav_of(&(to_end * r), &(to_end * v), &(to_end * e));
+        };
+        let mut columns: Vec<Nav> = self.composed.transition().into_iter().chain(self.driven).collect();
+        columns.iter_mut().for_each(finish);
+        let interval = Interval {
+            dt,
+            columns,
+            by_gyro: self.composed.by_gyro(&to_end),
+            by_accel: self.composed.by_accel(),
+            gaps: self.gaps.map(|q| Box::new(congruence(&q, finish))),
+            offset: Nav::zeros(),
+        };
+        (interval, self.nav)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use proptest::prelude::*;
+
+    fn vector(size: f64) -> impl Strategy<Value = Vector3<f64>> {
+        [-size..size, -size..size, -size..size].prop_map(Vector3::from)
+    }
+
+    proptest! {
+        /// Step by step and in closed form: transition and noise are the same.
+        #[test]
+        fn steps_compose(steps in prop::collection::vec((vector(3.0), vector(0.3), 1e-3..0.1f64), 1..30),
+                         axis in vector(3.0)) {
+            let mut composed = Composed::default();
+            let mut transition = NavCovariance::identity();
+            let (mut gyro, mut accel) = (NavCovariance::zeros(), NavCovariance::zeros());
+            for (dv, dp, dt) in steps {
+                let action = Action { dv, dp, dt };
+                composed.add(&action);
+                for (q, at) in [(&mut gyro, index::ATTITUDE), (&mut accel, index::VELOCITY)] {
+                    (0..3).for_each(|k| q[(at + k, at + k)] += 0.5 * dt);
+                    *q = congruence(q, |c| action.apply(c));
+                    (0..3).for_each(|k| q[(at + k, at + k)] += 0.5 * dt);
+                }
+                transition.column_iter_mut().for_each(|mut c| {
+                    let mut own = c.clone_owned();
+                    action.apply(&mut own);
+                    c.copy_from(&own);
+                });
+            }
+            let turn = exp(&axis).to_rotation_matrix().into_inner();
+            let turned = |q: &NavCovariance| congruence(q, |c| {
+                let at = |k: usize| turn * Vector3::new(c[k], c[k + 1], c[k + 2]);
+                *c = nav_of(&at(0), &at(3), &at(6));
+            });
+            prop_assert!((NavCovariance::from_columns(&composed.transition()) - transition).amax() < 1e-9);
+            prop_assert!((composed.by_gyro(&turn) - turned(&gyro)).amax() < 1e-9 * (1.0 + gyro.amax()));
+            prop_assert!((composed.by_accel() - turned(&accel)).amax() < 1e-9 * (1.0 + accel.amax()));
+        }
+    }
+}

@@ -1,0 +1,192 @@
+//! Along the samples of a flight: the sensors at each of them, and the way from one fix to the next.
+
+use super::super::flight::Flight;
+use super::interval::{Interval, Sum};
+use crate::effects::Instant;
+use crate::filter::calibration::Calibration;
+use crate::filter::force_rate::ForceRates;
+use crate::filter::watch::{Regressors, Watched};
+use crate::mechanization::{Motion, NavState};
+use crate::model::Model;
+use crate::sample::{ImuSample, SampleKind};
+use nalgebra::{Matrix3, Vector3};
+
+/// The sensors at one instant: motion, and by how much each watched parameter changes what is taken for motion.
+#[derive(Debug, Clone, Default)]
+pub(super) struct Here {
+    pub(super) t_s: f64,
+    pub(super) motion: Motion,
+    /// Of the specific force into the rate, by the g-sensitivity that the model knows of.
+    pub(super) by_force: Matrix3<f64>,
+    /// Rate and specific force by each watched parameter.
+    pub(super) columns: Vec<[Vector3<f64>; 2]>,
+    temperature_above_25_degc: f64,
+}
+
+/// Goes along the samples of a flight.
+pub(super) struct Track<'a> {
+    samples: &'a [ImuSample],
+    force_rates: &'a ForceRates,
+    next: usize,
+    kind: SampleKind,
+    model: &'a Model,
+    watched: &'a Watched,
+    calibration: Calibration,
+    last: ImuSample,
+    start_s: f64,
+    from: Here,
+    to: Here,
+}
+
+impl<'a> Track<'a> {
+    /// At the start of the flight.
+    pub(super) fn new(
+        flight: &'a Flight,
+        model: &'a Model,
+        samples: &'a [ImuSample],
+        calibration: &Calibration,
+        watched: &'a Watched,
+    ) -> Self {
+        let start_s = flight.initial().t_s;
+        let still = ImuSample {
+            t_s: start_s,
+            gyro: Vector3::zeros(),
+            accel: Vector3::zeros(),
+            temperature_degc: None,
+        };
+        let mut track = Self {
+            samples,
+            force_rates: flight.force_rates(),
+            next: 0,
+            kind: flight.stream().kind,
+            model,
+            watched,
+            calibration: calibration.clone(),
+            last: still,
+            start_s,
+            from: Here::default(),
+            to: Here::default(),
+        };
+        track.seek(start_s);
+        track
+    }
+
+    /// To this instant, as if all samples before it had been gone through.
+    pub(super) fn seek(&mut self, t_s: f64) {
+        self.next = self.samples.partition_point(|s| s.t_s <= t_s);
+        let before = self.next.checked_sub(1).and_then(|k| self.samples.get(k));
+        self.last = match (before, self.samples.get(self.next)) {
+            (Some(before), Some(next)) => {
+                self.last = *before;
+                self.between(t_s, next)
+            }
+            (one, other) => ImuSample { t_s, ..*one.or(other).unwrap_or(&self.last) },
+        };
+        self.see(&self.last.clone(), 0.0);
+    }
+
+    /// Biases and parameters from here on.
+    pub(super) fn set_calibration(&mut self, calibration: &Calibration) {
+        self.calibration.clone_from(calibration);
+        self.see(&self.last.clone(), 0.0);
+    }
+
+    /// The model whose sensors these are.
+    pub(super) fn model(&self) -> &Model {
+        self.model
+    }
+
+    /// The parameters that are watched.
+    pub(super) fn watched(&self) -> &Watched {
+        self.watched
+    }
+
+    /// Biases and parameters at present.
+    pub(super) fn calibration(&self) -> &Calibration {
+        &self.calibration
+    }
+
+    /// The sensors at the end of the last interval.
+    pub(super) fn here(&self) -> &Here {
+        &self.to
+    }
+
+    /// Rate of change of the specific force there, m/s³.
+    pub(super) fn force_rate(&self) -> Vector3<f64> {
+        self.force_rates.at(self.to.t_s)
+    }
+
+    /// Motion and columns at a sample become those of the end of a step.
+    fn see(&mut self, sample: &ImuSample, speed: f64) {
+        std::mem::swap(&mut self.from, &mut self.to);
+        let motion = self.calibration.motion(self.model, sample);
+        let here = &mut self.to;
+        here.t_s = sample.t_s;
+        here.motion = motion;
+        here.temperature_above_25_degc = sample.temperature_degc.map_or(0.0, |t| t - 25.0);
+        let x = Instant {
+            t_s: sample.t_s,
+            rate: motion.rate,
+            force: motion.force,
+            temperature_above_25_degc: here.temperature_above_25_degc,
+        };
+        here.by_force = Matrix3::zeros();
+        for (setting, p) in self.model.effects.iter().zip(&self.calibration.parameters) {
+            here.by_force += setting.effect.gyro_by_force(p, &x).unwrap_or_default();
+        }
+        here.columns.clear();
+        self.watched.imu_columns(&x, &mut here.columns);
+        let regressors = Regressors {
+            force: motion.force,
+            rate: motion.rate,
+            temperature_above_25_degc: here.temperature_above_25_degc,
+            speed,
+            elapsed_s: sample.t_s - self.start_s,
+        };
+        for term in &self.watched.terms {
+            let mut column = [Vector3::zeros(); 2];
+            column[term.channel / 3 % 2][term.channel % 3] = -(term.regressor)(&regressors);
+            here.columns.push(column);
+        }
+        // An accelerometer error passes through the g-sensitivity that the model knows of.
+        for [rate, force] in &mut here.columns {
+            *rate -= here.by_force * *force;
+        }
+    }
+
+    /// The sample at a time between the last one and `next`.
+    fn between(&self, t_s: f64, next: &ImuSample) -> ImuSample {
+        if self.kind == SampleKind::Point && next.t_s > self.last.t_s {
+            let share = (t_s - self.last.t_s) / (next.t_s - self.last.t_s);
+            return ImuSample {
+                t_s,
+                gyro: self.last.gyro.lerp(&next.gyro, share),
+                accel: self.last.accel.lerp(&next.accel, share),
+                temperature_degc: next.temperature_degc,
+            };
+        }
+        ImuSample { t_s, ..*next }
+    }
+
+    /// The samples up to a time as one interval, and where the mechanisation gets to. `None` where the samples end before.
+    pub(super) fn interval_to(&mut self, nav: &NavState, t_s: f64) -> Option<(Interval, NavState)> {
+        let mut sum = Sum::new(nav, self.to.columns.len());
+        loop {
+            let next = self.samples.get(self.next).copied()?;
+            let arrived = next.t_s > t_s;
+            let sample = if arrived { self.between(t_s, &next) } else { next };
+            if !arrived {
+                self.next += 1;
+            }
+            let dt = sample.t_s - self.to.t_s;
+            if dt > 0.0 {
+                self.see(&sample, sum.nav().v_e.norm());
+                sum.add(&self.from, &self.to, self.kind, dt);
+                self.last = sample;
+            }
+            if arrived {
+                return Some(sum.end());
+            }
+        }
+    }
+}
