@@ -378,6 +378,23 @@ fn gap(judged: &Judged) -> Gap {
     }
 }
 
+/// What it all comes to. An effect that had to grow beyond what it can be explains nothing, nor do effects that leave the
+/// gap on data that took no part as it was.
+fn verdict(effects: &[EffectEntry], added: &[&Added], gap: &Gap, terms: &[terms::Found]) -> Verdict {
+    let shrinks = gap.held_out.after < gap.held_out.before;
+    if effects.iter().any(|e| e.names.len() > 1) {
+        Verdict::Ambiguous
+    } else if !terms.is_empty() || added.iter().any(|a| a.is_at_limit()) {
+        Verdict::Unexplained
+    } else if effects.is_empty() {
+        Verdict::NothingMissing
+    } else if shrinks {
+        Verdict::Explained
+    } else {
+        Verdict::Unexplained
+    }
+}
+
 /// The contract of a judged selection.
 pub fn explanation(
     judged: &Judged,
@@ -389,22 +406,14 @@ pub fn explanation(
 ) -> Explanation {
     let (effects, added): (Vec<_>, Vec<_>) =
         entries(judged, sizes, events, flies_fast(gaps)).into_iter().unzip();
-    let verdict = if effects.iter().any(|e| e.names.len() > 1) {
-        Verdict::Ambiguous
-    } else if !effects.is_empty() && found.is_empty() {
-        Verdict::Explained
-    } else if !found.is_empty() {
-        Verdict::Unexplained
-    } else {
-        Verdict::NothingMissing
-    };
+    let gap = gap(judged);
     let mut explanation = Explanation {
         schema: "gaware.explanation/1",
-        verdict,
+        verdict: verdict(&effects, &added, &gap, &found),
         effects,
         places: places(gaps),
         regimes: regimes(gaps),
-        gap: Some(gap(judged)),
+        gap: Some(gap),
         negligible: negligible(judged, sizes),
         unexplained_terms: found
             .into_iter()

@@ -1,6 +1,6 @@
 //! The result as one would tell it to a pilot.
 
-use super::contract::{Explanation, Verdict};
+use super::contract::{ChannelGap, EffectEntry, Explanation, Gap, Verdict};
 use gaware_nav::effects;
 use gaware_nav::identify::select::Added;
 
@@ -27,23 +27,22 @@ fn described(name: &str) -> String {
 
 /// The largest parameter in its unit.
 fn size(added: &Added) -> String {
-    let units: Vec<_> = added.setting.parameters().collect();
-    if added.setting.effect.name() == "gps_latency" {
-        return format!("{} s late", number(added.setting.values[0]));
+    let setting = &added.setting;
+    let units: Vec<_> = setting.parameters().collect();
+    if setting.effect.name() == "gps_latency" {
+        return format!(": {} s late", number(setting.values[0]));
     }
-    let significant = (0..units.len()).filter(|k| added.setting.sigmas[*k] > 0.0).max_by(|a, b| {
-        let z = |k: usize| (added.setting.values[k] / added.setting.sigmas[k]).abs();
+    let significant = (0..units.len()).filter(|k| setting.sigmas[*k] > 0.0).max_by(|a, b| {
+        let z = |k: usize| (setting.values[k] / setting.sigmas[k]).abs();
         z(*a).total_cmp(&z(*b))
     });
-    significant.map_or_else(String::new, |k| {
-        let (name, unit) = units[k];
-        format!(
-            "{name} = {} ± {} {}",
-            number(added.setting.values[k] / unit.si),
-            number(added.setting.sigmas[k] / unit.si),
-            unit.symbol
-        )
-    })
+    let Some(k) = significant else { return String::new() };
+    let (name, unit) = units[k];
+    let value = number(setting.values[k] / unit.si);
+    if added.is_at_limit() {
+        return format!(": {name} = {value} {} or more", unit.symbol);
+    }
+    format!(": {name} = {value} ± {} {}", number(setting.sigmas[k] / unit.si), unit.symbol)
 }
 
 /// A paragraph.
@@ -59,58 +58,76 @@ pub fn summary(e: &Explanation, added: &[&Added]) -> String {
         }
         _ => {}
     }
-    for (entry, added) in e.effects.iter().zip(added) {
-        let size = size(added);
-        let size = if size.is_empty() { size } else { format!(": {size}") };
-        if entry.names.len() == 1 {
-            text.push(format!("Missing in the model: {}{size}.", described(entry.names[0])));
-        } else {
-            let names: Vec<String> = entry.names.iter().map(|n| described(n)).collect();
-            text.push(format!(
-                "This flight cannot tell apart: {}. The first fits best{size}.",
-                names.join(" or ")
-            ));
-            if let Some(maneuver) = &entry.separate_by {
-                text.push(format!("To tell them apart: {maneuver}."));
-            }
-        }
-    }
+    e.effects.iter().zip(added).for_each(|(entry, added)| missing(entry, added, &mut text));
     if let (Some(gap), false) = (&e.gap, e.effects.is_empty()) {
-        let most = gap.held_out_channels.iter().max_by(|a, b| {
-            let shrink = |c: &super::contract::ChannelGap| c.nis.before - c.nis.after;
-            shrink(a).total_cmp(&shrink(b))
-        });
-        if let Some(c) = most {
-            let unit = if c.channel.starts_with("velocity") { "m/s" } else { "m" };
-            text.push(format!(
-                "On data that took no part, adding {} takes the disagreement in {} from {} to {} {unit} RMS, and squared \
-                 normalised innovations from {} to {} per degree of freedom (1 is perfect).",
-                if e.effects.len() == 1 { "it" } else { "them" },
-                c.channel.replace('_', " "),
-                number(c.rms.before),
-                number(c.rms.after),
-                number(gap.held_out.before),
-                number(gap.held_out.after),
-            ));
-        }
-        if let Some(d) = gap.drift_m.get("30_s") {
-            text.push(format!(
-                "Without fixes the position drifts {} m in 30 s with the new model ({} m before).",
-                number(d.after),
-                number(d.before)
-            ));
-        }
+        shrunk(gap, e.effects.len(), &mut text);
     }
-    if let Some(place) = e.places.first().filter(|_| !e.effects.is_empty() || !e.unexplained_terms.is_empty())
-    {
-        text.push(format!(
+    let worst = e.places.first().filter(|_| !e.effects.is_empty() || !e.unexplained_terms.is_empty());
+    text.extend(worst.map(|place| {
+        format!(
             "The old model was worst in {} from {:.0} to {:.0} s ({}).",
             place.channel.replace('_', " "),
             place.t_start_s,
             place.t_end_s,
             place.regime
+        )
+    }));
+    left_over(e, &mut text);
+    text.join(" ")
+}
+
+/// What one step of the selection found.
+fn missing(entry: &EffectEntry, added: &Added, text: &mut Vec<String>) {
+    let size = size(added);
+    if entry.names.len() == 1 {
+        text.push(format!("Missing in the model: {}{size}.", described(entry.names[0])));
+    } else {
+        let names: Vec<String> = entry.names.iter().map(|n| described(n)).collect();
+        text.push(format!(
+            "This flight cannot tell apart: {}. The first fits best{size}.",
+            names.join(" or ")
+        ));
+        text.extend(entry.separate_by.as_ref().map(|maneuver| format!("To tell them apart: {maneuver}.")));
+    }
+    if added.is_at_limit() {
+        text.push(
+            "No bias of such a sensor walks that fast: it stands for something that is not in the catalogue, vibration \
+             for one."
+                .to_owned(),
+        );
+    }
+}
+
+/// What the effects do to data that took no part.
+fn shrunk(gap: &Gap, effects: usize, text: &mut Vec<String>) {
+    let most = gap.held_out_channels.iter().max_by(|a, b| {
+        let shrink = |c: &ChannelGap| c.nis.before - c.nis.after;
+        shrink(a).total_cmp(&shrink(b))
+    });
+    if let Some(c) = most {
+        let unit = if c.channel.starts_with("velocity") { "m/s" } else { "m" };
+        text.push(format!(
+            "On data that took no part, adding {} takes the disagreement in {} from {} to {} {unit} RMS, and squared \
+             normalised innovations from {} to {} per degree of freedom (1 is perfect).",
+            if effects == 1 { "it" } else { "them" },
+            c.channel.replace('_', " "),
+            number(c.rms.before),
+            number(c.rms.after),
+            number(gap.held_out.before),
+            number(gap.held_out.after),
         ));
     }
+    if let Some(d) = gap.drift_m.get("30_s") {
+        text.push(format!(
+            "Without fixes the position drifts {} m in 30 s with the new model ({} m before).",
+            number(d.after),
+            number(d.before)
+        ));
+    }
+}
+
+/// What is there beside the effects named.
+fn left_over(e: &Explanation, text: &mut Vec<String>) {
     for t in &e.unexplained_terms {
         text.push(format!(
             "Left over: {} goes with {} by {} ± {} {}.",
@@ -131,5 +148,4 @@ pub fn summary(e: &Explanation, added: &[&Added]) -> String {
     for name in &e.removed {
         text.push(format!("{name} looked likely, but the held-out data did not confirm it; it is left out."));
     }
-    text.join(" ")
 }

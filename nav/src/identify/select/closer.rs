@@ -4,6 +4,7 @@ use super::super::map;
 use super::super::noise::Noise;
 use super::search::STEPS;
 use super::{Added, Candidate, Point, Search};
+use crate::effects::Effect;
 use crate::filter::watch::Watched;
 
 /// Candidates this far behind the best are not looked at again, nats …
@@ -75,13 +76,8 @@ impl Search<'_> {
     /// The size of a drift, found to within a few per cent, with the sigma that the likelihood's curvature tells. Other
     /// candidates stay as they are.
     fn refine_size(&self, mut candidate: Candidate, point: &Point, noise: &Noise) -> Candidate {
-        if !is_drift(&candidate) {
-            return candidate;
-        }
+        let Some((least, most)) = sizes_within(candidate.setting.effect) else { return candidate };
         let problems = self.problems(point, &Watched::default());
-        // What walks faster than this is not a bias any more: it would pass for whatever is missing.
-        let sizes = candidate.setting.effect.sizes_to_try();
-        let (least, most) = (sizes[0] / BEYOND_SIZES, sizes[sizes.len() - 1] * BEYOND_SIZES);
         let within = |ln_size: f64| ln_size.exp().clamp(least, most);
         let value = |ln_size: f64| self.wandered(&problems, &candidate.setting, within(ln_size), noise);
         let (at, curvature) = peak(value, candidate.setting.values[0].ln());
@@ -93,8 +89,15 @@ impl Search<'_> {
     }
 }
 
+/// Between which sizes an effect that is found by trying may lie. What walks faster than the largest is not a bias any more:
+/// it would pass for whatever is missing.
+pub(super) fn sizes_within(effect: &dyn Effect) -> Option<(f64, f64)> {
+    let sizes = effect.sizes_to_try();
+    Some((sizes.first()? / BEYOND_SIZES, sizes.last()? * BEYOND_SIZES))
+}
+
 fn is_drift(candidate: &Candidate) -> bool {
-    !candidate.setting.effect.sizes_to_try().is_empty()
+    sizes_within(candidate.setting.effect).is_some()
 }
 
 /// Place and curvature of a maximum, by parabolas through three points.

@@ -39,6 +39,9 @@ impl Default for Settings {
 /// So many other candidates are looked at closely by [`best_other`].
 const MOST_OTHERS: usize = 2;
 
+/// What comes this close to its limit has been stopped by it.
+const AT_LIMIT: f64 = 0.99;
+
 /// An effect that has been added, with the value that the flights say.
 #[derive(Debug, Clone)]
 pub struct Added {
@@ -46,6 +49,14 @@ pub struct Added {
     pub setting: EffectSetting,
     /// Prior mean and sigma of each parameter.
     pub prior: Vec<(f64, f64)>,
+}
+
+impl Added {
+    /// Whether the flights would have it larger than it may be: then it stands for something else.
+    pub fn is_at_limit(&self) -> bool {
+        closer::sizes_within(self.setting.effect)
+            .is_some_and(|(_, most)| self.setting.values.first().is_some_and(|v| *v > AT_LIMIT * most))
+    }
 }
 
 /// One candidate with its evidence.
