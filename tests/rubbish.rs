@@ -159,3 +159,32 @@ fn wrong_arguments_of_sim_are_explained() {
     let args = ["sim", "--listen", "tcpin:127.0.0.1:0", "--record", "/dev/null/flight.tlog"];
     fails(1, "cannot write the recording", &args);
 }
+
+/// Runs it with its stdout led elsewhere by a shell.
+fn led(to: &str, args: &[&str]) -> Ended {
+    support::Gaware::start_with_stdout(to, args).ended()
+}
+
+#[test]
+fn a_reader_who_has_seen_enough_is_no_failure_and_a_full_disk_is_one() {
+    let folder = Folder::new("stdout");
+    let log = fixture("small_clean_dither.tlog").to_str().unwrap().to_owned();
+    let page = folder.file("page.html");
+    let plan = ["plan", "--home", "47,8,500", "--budget", "120"];
+    let commands: [&[&str]; 6] = [
+        &["completions", "zsh"],
+        &["replay", &log],
+        &["replay", &log, "--json"],
+        &["report", &log, "--out", &page],
+        &plan,
+        &[&plan[..], &["--json"]].concat(),
+    ];
+    for args in commands {
+        let gone = led("| true", args);
+        assert_eq!(gone.code(), Some(0), "{args:?}: {}", gone.stderr);
+        assert_eq!(gone.stderr, "", "{args:?}");
+        let full = led("> /dev/full", args);
+        assert_eq!(full.code(), Some(1), "{args:?}: {}", full.stderr);
+        assert!(full.stderr.contains("gaware: cannot write the result: No space left"), "{}", full.stderr);
+    }
+}

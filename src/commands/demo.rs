@@ -1,6 +1,6 @@
 //! `gaware demo`: everything at once without hardware.
 
-use super::{CommandError, start};
+use super::{CommandError, output, start};
 use crate::demo::flight::{Ending, Flight, Stage};
 use crate::demo::{Prepared, Settings, result};
 use crate::engine::snapshot::Snapshot;
@@ -8,7 +8,7 @@ use crate::sinks::status::{LinkState, LinkView, SinkStatus};
 use crate::sinks::terminal::{self, Sources, headless};
 use gaware_mission::airframe::{Airframe, EXAMPLES};
 use gaware_mission::planner::PlanError;
-use std::io::{IsTerminal, Write};
+use std::io::IsTerminal;
 use std::net::SocketAddr;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
@@ -199,12 +199,10 @@ pub fn run(args: &DemoArgs) -> Result<(), CommandError> {
     if let Some(path) = report {
         write_report(&path, &flight, &result)?;
     }
-    let mut out = std::io::stdout().lock();
     if args.json {
-        serde_json::to_writer(&mut out, &result.document).map_err(std::io::Error::from)?;
-        writeln!(out)?;
+        output::json(&result.document)?;
     } else {
-        out.write_all(result.text().as_bytes())?;
+        output::text(&result.text())?;
     }
     match &result.ending {
         Ending::Holding | Ending::Landed => Ok(()),

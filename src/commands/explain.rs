@@ -1,11 +1,13 @@
 //! `gaware explain`: where simulation and measurement disagree, which effect is missing, the gap before and after.
 
-use super::{CommandError, load_model};
+use super::{CommandError, load_model, output};
+use crate::explain::contract::Explanation;
 use crate::explain::{self, Phase, Request};
 use crate::sensors::ConverterOptions;
 use gaware_nav::identify::select::Settings;
 use gaware_nav::model::Model;
-use std::path::PathBuf;
+use std::fmt::Write;
+use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
 
 /// Arguments of `explain`.
@@ -57,22 +59,18 @@ pub fn run(args: &ExplainArgs) -> Result<(), CommandError> {
     explain::write(&explained, &args.out)?;
     eprintln!("explained in {:.1} s{}", began.elapsed().as_secs_f64(), peak_memory());
     if args.json {
-        let text = serde_json::to_string_pretty(&explained.explanation).map_err(std::io::Error::from)?;
-        println!("{text}");
-    } else {
-        println!(
-            "verdict: {}",
-            serde_json::json!(explained.explanation.verdict).as_str().unwrap_or("unknown")
-        );
-        for entry in &explained.explanation.effects {
-            println!("  {}  {}", entry.names.join(" or "), serde_json::json!(entry.parameters));
-            if let Some(how) = &entry.separate_by {
-                println!("    to tell them apart: {how}");
-            }
-        }
-        println!("report: {}", args.out.join("report.html").display());
+        return output::json_pretty(&explained.explanation);
     }
-    Ok(())
+    output::words(|out| print(out, &explained.explanation, &args.out.join("report.html")))
+}
+
+/// For people: the result in words, a sentence a line, and where all of it stands.
+fn print(out: &mut String, explanation: &Explanation, report: &Path) -> std::fmt::Result {
+    writeln!(out, "verdict: {}", serde_json::json!(explanation.verdict).as_str().unwrap_or("unknown"))?;
+    for sentence in explanation.summary.split_inclusive(". ") {
+        writeln!(out, "{}", sentence.trim_end())?;
+    }
+    writeln!(out, "report: {}", report.display())
 }
 
 /// The most memory that the process has had, where the system tells it; on stderr because it differs from run to run.

@@ -6,6 +6,8 @@ pub mod demo;
 pub mod explain;
 pub mod mission;
 pub mod mission_restore;
+pub mod mission_result;
+pub mod output;
 pub mod pipeline;
 pub mod plan;
 pub mod print;
@@ -148,6 +150,11 @@ pub enum CommandError {
 }
 
 impl CommandError {
+    /// Whether the reader of stdout has seen enough and left, as `head` does.
+    pub fn is_closed_pipe(&self) -> bool {
+        matches!(self, Self::Output(error) if error.kind() == std::io::ErrorKind::BrokenPipe)
+    }
+
     /// Whether the arguments were at fault rather than the work: exit status 2 instead of 1.
     pub fn is_usage(&self) -> bool {
         match self {

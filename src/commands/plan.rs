@@ -1,6 +1,6 @@
 //! `gaware plan`: excitation maneuvers for an airframe and a place, and what they will make known.
 
-use super::{CommandError, demo};
+use super::{CommandError, demo, output};
 use crate::demo::predictor;
 use crate::mission_link::files::{self, FileError};
 use gaware_mission::fence::{Fence, FenceCircle};
@@ -10,6 +10,7 @@ use gaware_mission::safety::Limits;
 use gaware_nav::model::Model;
 use nalgebra::Vector3;
 use serde_json::{Value, json};
+use std::fmt::Write;
 use std::path::PathBuf;
 
 /// Maneuvers begin no higher than this above the floor, m.
@@ -112,12 +113,7 @@ pub fn run(args: &PlanArgs) -> Result<(), CommandError> {
         std::fs::write(path, text)
             .map_err(|source| PlanCommandError::from(FileError::Write { path: path.clone(), source }))?;
     }
-    if args.json {
-        println!("{}", document(&made));
-    } else {
-        print(&made, &request);
-    }
-    Ok(())
+    if args.json { output::json(&document(&made)) } else { output::words(|out| print(out, &made, &request)) }
 }
 
 fn request(args: &PlanArgs) -> Result<Request, CommandError> {
@@ -207,25 +203,29 @@ fn document(made: &Plan) -> Value {
         "notes": made.notes})
 }
 
-fn print(made: &Plan, request: &Request) {
-    println!("{}: {} items, {:.0} s", request.airframe.name, made.mission.items.len(), made.duration_s);
+fn print(out: &mut String, made: &Plan, request: &Request) -> std::fmt::Result {
+    writeln!(out, "{}: {} items, {:.0} s", request.airframe.name, made.mission.items.len(), made.duration_s)?;
     for m in &made.maneuvers {
-        println!("{:6.0} s  {}", m.start_s, m.maneuver.words(&request.airframe).long);
+        writeln!(out, "{:6.0} s  {}", m.start_s, m.maneuver.words(&request.airframe).long)?;
     }
     let ends = made.maneuvers.iter().map(|m| m.end_s).chain([made.duration_s]);
     let columns: Vec<_> = std::iter::once(0.0)
         .chain(ends)
         .filter_map(|t| made.sigmas.iter().min_by(|a, b| (a.t_s - t).abs().total_cmp(&(b.t_s - t).abs())))
         .collect();
-    let Some(first) = columns.first() else { return };
-    print!("{:>10}", "sigma at");
-    columns.iter().for_each(|c| print!("{:>8.0} s", c.t_s));
-    println!("{:>10}  unit", "target");
-    for (k, state) in first.sigmas.iter().enumerate() {
-        print!("{:>10}", state.name);
-        columns.iter().filter_map(|c| c.sigmas.get(k)).for_each(|s| print!("{:>10.3}", s.sigma));
-        println!("{:>10.3}  {}", state.target, state.unit);
+    let Some(first) = columns.first() else { return Ok(()) };
+    write!(out, "{:>10}", "sigma at")?;
+    for c in &columns {
+        write!(out, "{:>8.0} s", c.t_s)?;
     }
-    println!("{}", made.summary());
-    made.notes.iter().for_each(|note| println!("note: {note}"));
+    writeln!(out, "{:>10}  unit", "target")?;
+    for (k, state) in first.sigmas.iter().enumerate() {
+        write!(out, "{:>10}", state.name)?;
+        for s in columns.iter().filter_map(|c| c.sigmas.get(k)) {
+            write!(out, "{:>10.3}", s.sigma)?;
+        }
+        writeln!(out, "{:>10.3}  {}", state.target, state.unit)?;
+    }
+    writeln!(out, "{}", made.summary())?;
+    made.notes.iter().try_for_each(|note| writeln!(out, "note: {note}"))
 }

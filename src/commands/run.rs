@@ -2,7 +2,7 @@
 //! recorded, so that a replay of the recording repeats the run.
 
 use super::pipeline::{Estimator, Pipeline};
-use super::{CommandError, ListenArgs, load_model, print};
+use super::{CommandError, ListenArgs, load_model, output, print};
 use crate::engine::snapshot::Snapshot;
 use crate::link::address::Address;
 use crate::link::endpoint::{LinkStatus, Links, ReceiveClock, Received};
@@ -17,7 +17,6 @@ use gaware_nav::model::Model;
 use mavlink::dialects::ardupilotmega::MavMessage;
 use serde::Serialize;
 use serde_json::{Map, Value};
-use std::io::Write;
 use std::net::SocketAddr;
 use std::path::PathBuf;
 use std::sync::Arc;
@@ -151,12 +150,10 @@ pub async fn run<E: Estimator>(
 ) -> Result<(), CommandError> {
     let live = hooks.live.subscribe();
     let (pipeline, document) = serve(args, hooks, stop, make).await?;
-    let mut out = std::io::stdout().lock();
     if args.json {
-        serde_json::to_writer(&mut out, &document).map_err(std::io::Error::from)?;
-        writeln!(out)?;
+        output::json(&document)?;
     } else {
-        out.write_all(print::summary(&pipeline.summary(), &document).as_bytes())?;
+        output::text(&print::summary(&pipeline.summary(), &document))?;
     }
     never_open(&live.borrow().links)
 }
