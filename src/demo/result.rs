@@ -74,7 +74,7 @@ pub struct DemoResult {
 pub fn of(flight: &mut Flight, seed: u64) -> DemoResult {
     let ending = match flight.stage() {
         Stage::Over(ending) => ending.clone(),
-        _ => Ending::OutOfTime,
+        _ => Ending::Stopped,
     };
     let attitude_deg = flight.true_attitude_deg();
     let summary = flight.pipeline().summary();
@@ -123,7 +123,8 @@ impl Ending {
             Self::Holding => "the mission was flown to the hold at its end".to_owned(),
             Self::Landed => "the mission was flown, and the vehicle has landed".to_owned(),
             Self::NotUploaded(why) => format!("nothing was flown: {why}"),
-            Self::OutOfTime => "the flight was broken off before its end".to_owned(),
+            Self::OutOfTime => "the flight did not come to its end in time".to_owned(),
+            Self::Stopped => "the demonstration was ended in the middle of the flight".to_owned(),
         }
     }
 
@@ -134,6 +135,7 @@ impl Ending {
             Self::Landed => "landed",
             Self::NotUploaded(_) => "not_uploaded",
             Self::OutOfTime => "out_of_time",
+            Self::Stopped => "stopped",
         }
     }
 }
