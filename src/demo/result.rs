@@ -9,6 +9,7 @@ use gaware_mission::transfer::verified::Outcome;
 use gaware_nav::filter::calibration::Calibration;
 use gaware_nav::filter::layout::{Layout, index};
 use gaware_nav::model::Model;
+use gaware_nav::rotation::wrap_180;
 use serde::Serialize;
 use serde_json::{Map, Value, json};
 use std::fmt::Write;
@@ -264,7 +265,7 @@ impl DemoResult {
         writeln!(out, "{:.0} s: {}", self.summary.duration_s, self.ending.sentence())?;
         let found = &self.summary.estimate.attitude_deg;
         for (k, axis) in ["roll", "pitch", "yaw"].into_iter().enumerate() {
-            let error = (found.value[k] - self.attitude_deg[k] + 180.0).rem_euclid(360.0) - 180.0;
+            let error = wrap_180(found.value[k] - self.attitude_deg[k]);
             writeln!(out, "{axis:>10} error {error:8.2} deg, sigma {:.2}", found.sigma[k])?;
         }
         writeln!(
