@@ -56,6 +56,9 @@ fn logs_in_which_nothing_can_be_read_are_refused_in_one_sentence() {
     let empty = folder.file("empty.tlog");
     fs::write(&empty, b"").unwrap();
     fails(1, "is empty", &["replay", &empty]);
+    let lone = folder.file("fixes.csv");
+    fs::write(&lone, "t_s,lat_deg\n").unwrap();
+    fails(1, "no imu.csv beside", &["replay", &lone]);
     fails(1, "No such file", &["replay", &folder.file("missing.tlog")]);
     fails(1, "directory", &["replay", &folder.file("")]);
 }
@@ -163,6 +166,25 @@ fn wrong_arguments_of_sim_are_explained() {
 /// Runs it with its stdout led elsewhere by a shell.
 fn led(to: &str, args: &[&str]) -> Ended {
     support::Gaware::start_with_stdout(to, args).ended()
+}
+
+#[test]
+fn bands_of_heights_that_cannot_be_are_wrong_usage() {
+    let run = ["run", "--connect", "udpin:127.0.0.1:0", "--no-record", "--headless"];
+    let guided = [&run[..], &["--airframe", "quadrotor"]].concat();
+    fails(
+        2,
+        "--floor 90 is not below --ceiling 70",
+        &[&guided[..], &["--floor", "90", "--ceiling", "70"]].concat(),
+    );
+    fails(2, "--floor -5 is below the ground", &[&guided[..], &["--floor", "-5"]].concat());
+    fails(2, "say with --airframe what flies", &[&run[..], &["--ceiling", "70"]].concat());
+    fails(2, "--ceiling NaN is no number", &["demo", "--speed", "max", "--ceiling", "NaN"]);
+    fails(
+        2,
+        "--floor 50 is not below --ceiling 40",
+        &["plan", "--home", "47,8,500", "--floor", "50", "--ceiling", "40"],
+    );
 }
 
 #[test]

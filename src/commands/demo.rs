@@ -1,5 +1,6 @@
 //! `gaware demo`: everything at once without hardware.
 
+use super::band::BandArgs;
 use super::{CommandError, output, start};
 use crate::demo::flight::{Ending, Flight, Stage};
 use crate::demo::{Prepared, Settings, result};
@@ -39,6 +40,9 @@ pub struct DemoArgs {
     /// Time for the maneuvers, s (default: as long as it takes to make known what this airframe can, at most its maneuvers_max_s).
     #[arg(long, value_name = "SECONDS", allow_negative_numbers = true)]
     pub budget: Option<f64>,
+    /// Heights that the plan and proposed maneuvers keep to.
+    #[command(flatten)]
+    pub band: BandArgs,
     /// Mean wind toward north and east, m/s.
     #[arg(long, value_name = "N,E", value_delimiter = ',', num_args = 1, allow_hyphen_values = true, default_values_t = [-2.0, 1.5])]
     pub wind: Vec<f64>,
@@ -168,6 +172,7 @@ pub fn prepare(args: &DemoArgs) -> Result<Prepared, CommandError> {
     if settings.wind_n_e_m_per_s.iter().any(|w| !w.is_finite()) {
         return Err(DemoError::Wind.into());
     }
+    settings.band_m = args.band.or(settings.band_m)?;
     if let Some(path) = &args.model {
         settings.belief = super::load_model(path)?;
     }

@@ -1,5 +1,6 @@
 //! The commands, a file each: arguments in, work done, one clear sentence when it fails.
 
+pub mod band;
 pub mod baseline;
 pub mod cli;
 pub mod demo;
@@ -112,6 +113,9 @@ pub enum CommandError {
     /// The demonstration.
     #[error(transparent)]
     Demo(#[from] demo::DemoError),
+    /// A band of heights.
+    #[error(transparent)]
+    Band(#[from] band::BandError),
     /// A plan.
     #[error(transparent)]
     Plan(#[from] plan::PlanCommandError),
@@ -158,7 +162,7 @@ impl CommandError {
     /// Whether the arguments were at fault rather than the work: exit status 2 instead of 1.
     pub fn is_usage(&self) -> bool {
         match self {
-            Self::Address(_) => true,
+            Self::Address(_) | Self::Band(_) => true,
             Self::Sim(error) => error.is_usage(),
             Self::Demo(error) => error.is_usage(),
             Self::Plan(error) => error.is_usage(),

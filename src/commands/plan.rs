@@ -1,5 +1,6 @@
 //! `gaware plan`: excitation maneuvers for an airframe and a place, and what they will make known.
 
+use super::band::{self, BandError};
 use super::{CommandError, demo, output};
 use crate::demo::predictor;
 use crate::mission_link::files::{self, FileError};
@@ -80,6 +81,9 @@ pub enum PlanCommandError {
     /// Arguments that cannot be.
     #[error("--{0}")]
     Numbers(String),
+    /// A band of heights that is none.
+    #[error(transparent)]
+    Band(#[from] BandError),
     /// Refused, with the reason.
     #[error(transparent)]
     Refused(#[from] PlanError),
@@ -91,7 +95,7 @@ pub enum PlanCommandError {
 impl PlanCommandError {
     /// Whether the arguments were at fault.
     pub fn is_usage(&self) -> bool {
-        matches!(self, Self::Numbers(_) | Self::File(FileError::Kind(_)))
+        matches!(self, Self::Numbers(_) | Self::Band(_) | Self::File(FileError::Kind(_)))
     }
 }
 
@@ -166,8 +170,6 @@ fn check(args: &PlanArgs) -> Result<(), PlanCommandError> {
     let wrong = |text: String| Err(PlanCommandError::Numbers(text));
     let numbers = [
         ("radius", args.radius),
-        ("floor", args.floor),
-        ("ceiling", args.ceiling),
         ("heading", args.heading.unwrap_or(0.0)),
         ("budget", args.budget.unwrap_or(1.0)),
     ];
@@ -180,15 +182,7 @@ fn check(args: &PlanArgs) -> Result<(), PlanCommandError> {
             return wrong(format!("{name} {value} must be positive"));
         }
     }
-    if args.floor < 0.0 {
-        return wrong(format!("floor {} is below the ground: it is a height above home in m", args.floor));
-    }
-    if args.floor >= args.ceiling {
-        return wrong(format!(
-            "floor {} is not below --ceiling {}: heights above home in m, the lower one first",
-            args.floor, args.ceiling
-        ));
-    }
+    band::check([args.floor, args.ceiling])?;
     Ok(())
 }
 

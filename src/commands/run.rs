@@ -1,6 +1,7 @@
 //! `gaware run`: the daemon. Frames of all links go through converter and engine in one task, in the order in which they are
 //! recorded, so that a replay of the recording repeats the run.
 
+use super::band::BandArgs;
 use super::pipeline::{Estimator, Pipeline};
 use super::{CommandError, ListenArgs, load_model, output, print};
 use crate::engine::snapshot::Snapshot;
@@ -64,6 +65,9 @@ pub struct RunArgs {
     /// maneuver is proposed.
     #[arg(long, value_name = "NAME|FILE")]
     pub airframe: Option<String>,
+    /// Heights that proposed maneuvers keep to.
+    #[command(flatten)]
+    pub band: BandArgs,
     /// Whom to listen to.
     #[command(flatten)]
     pub listen: ListenArgs,

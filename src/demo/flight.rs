@@ -4,6 +4,7 @@
 use super::series::{Log, PERIOD_S};
 use super::{Prepared, hidden_truth};
 use crate::commands::pipeline::Pipeline;
+use crate::engine::guidance::GuidanceOptions;
 use crate::engine::snapshot::Snapshot;
 use crate::engine::{Engine, EngineOptions};
 use crate::link::frame::{Frame, Sender};
@@ -115,7 +116,9 @@ impl Flight {
         let autopilot =
             Autopilot::flying(settings.autopilot(seed), settings.vehicle(seed), &truth, Prepared::sensors());
         let truth = relative_to_stamps(truth, autopilot.mean_stamp_delay_s());
-        let options = EngineOptions::for_airframe(settings.airframe.clone(), false);
+        let mut guidance = GuidanceOptions::new(settings.airframe.clone(), false);
+        guidance.band_m = settings.band_m;
+        let options = EngineOptions { guidance: Some(guidance), ..EngineOptions::default() };
         let engine = Engine::new(settings.belief.clone(), options);
         Self {
             pipeline: Pipeline::new(ConverterOptions::default(), engine, TRUTH_FROM_S),
