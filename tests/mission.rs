@@ -244,31 +244,6 @@ async fn machines_read_in_a_document_what_is_on_the_vehicle() {
     stop.cancel();
 }
 
-/// Frames of nobody are enough for a link to be up.
-#[tokio::test(flavor = "multi_thread")]
-async fn a_link_that_is_down_is_told_once_and_again_when_it_is_back() {
-    let folder = Folder::new("down");
-    let address = TcpListener::bind("127.0.0.1:0").await.unwrap().local_addr().unwrap();
-    let (link, file) = (format!("tcpout:{address}"), folder.file("read.plan"));
-    let file = file.to_str().unwrap();
-    let waits = ["mission", "download", file, "--patience", "2", "--connect"];
-    let args: Vec<String> = waits.iter().map(|a| (*a).to_owned()).chain([link.clone()]).collect();
-    let run = move || support::gaware(&args.iter().map(String::as_str).collect::<Vec<_>>());
-    let ended = tokio::task::spawn_blocking(run).await.unwrap();
-    assert_eq!(ended.code(), Some(1));
-    assert_eq!(ended.stderr.matches("link is down").count(), 1, "{}", ended.stderr);
-    let companion = Gaware::start(&["mission", "download", file, "--patience", "100", "--connect", &link]);
-    let (companion, first) = tokio::task::spawn_blocking(move || (companion.line(), companion))
-        .await
-        .map(|(l, c)| (c, l))
-        .unwrap();
-    assert!(first.contains("link is down"), "{first}");
-    let (mut stream, _) = TcpListener::bind(address).await.unwrap().accept().await.unwrap();
-    stream.write_all(&[0; 20]).await.unwrap();
-    let second = tokio::task::spawn_blocking(move || companion.line()).await.unwrap();
-    assert!(second.contains("link is up again"), "{second}");
-}
-
 const TOKEN: &str = "fly-the-steep-turn";
 
 /// A run beside the vehicle, with a planned mission and its page; the page's address.

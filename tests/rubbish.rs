@@ -5,7 +5,8 @@
 mod support;
 
 use std::fs;
-use std::net::UdpSocket;
+use std::io::Write;
+use std::net::{TcpListener, UdpSocket};
 use support::{Ended, Folder, fixture, gaware};
 
 /// Runs it, and checks the manners that every failure has to have.
@@ -133,6 +134,23 @@ fn a_run_whose_links_never_open_fails_and_says_why() {
         assert!(ended.stderr.contains(said), "{}", ended.stderr);
         assert_eq!(ended.json()["imu"]["samples"], 0, "the result is printed nevertheless");
     }
+}
+
+/// A vehicle that is switched on later: one line while there is none, one when bytes come, whosesoever.
+#[test]
+fn a_link_that_is_down_is_told_once_and_again_when_it_is_back() {
+    let address = TcpListener::bind("127.0.0.1:0").unwrap().local_addr().unwrap();
+    let link = format!("tcpout:{address}");
+    let nowhere = ["mission", "download", "never-written.plan", "--connect", &link, "--patience"];
+    let ended = fails(1, "no heartbeat", &[&nowhere[..], &["2"]].concat());
+    assert_eq!(ended.stderr.matches("link is down").count(), 1, "{}", ended.stderr);
+    let companion = support::Gaware::start(&[&nowhere[..], &["100"]].concat());
+    let first = companion.line();
+    assert!(first.contains("link is down"), "{first}");
+    let (mut vehicle, _) = TcpListener::bind(address).unwrap().accept().unwrap();
+    vehicle.write_all(&[0; 20]).unwrap();
+    let second = companion.line();
+    assert!(second.contains("link is up again"), "{second}");
 }
 
 #[test]

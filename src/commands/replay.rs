@@ -14,7 +14,7 @@ const PROGRESS_EVERY: u64 = 4096;
 /// Arguments of `replay`.
 #[derive(Debug, Clone, clap::Args)]
 pub struct ReplayArgs {
-    /// Recorded flight: .tlog, DataFlash .bin, .ulg or a recording of gaware (.mcap).
+    /// Recorded flight: .tlog, DataFlash .bin, .ulg, a recording of gaware (.mcap), or a folder with imu.csv and gps.csv.
     pub log: PathBuf,
     /// Print the result as one JSON document.
     #[arg(long)]

@@ -208,10 +208,9 @@ pub fn setup(name: &str) -> Result<Setup, CsvError> {
 /// 1-sigma of the start: 3 m, 0.5 m/s, 3/3/5° (data/README.md).
 const START_SIGMAS: ([f64; 3], [f64; 3], [f64; 3]) = ([3.0; 3], [0.5; 3], [3.0, 3.0, 5.0]);
 
-/// Runs the filter over a set.
-pub fn run(flight: &CsvFlight, setup: &Setup) -> Accuracy {
-    let first = flight.truth[0];
-    let initial = Initial {
+/// The start at the truth.
+fn initial(first: &TruthRow) -> Initial {
+    Initial {
         t_s: first.t_s,
         nav: NavState::from_ned(
             first.place,
@@ -221,8 +220,13 @@ pub fn run(flight: &CsvFlight, setup: &Setup) -> Accuracy {
         position_sigma_m: START_SIGMAS.0,
         velocity_sigma_m_per_s: START_SIGMAS.1,
         attitude_sigma_rad: START_SIGMAS.2.map(f64::to_radians),
-    };
-    let mut filter = Filter::new(&setup.model, &initial);
+    }
+}
+
+/// Runs the filter over a set.
+pub fn run(flight: &CsvFlight, setup: &Setup) -> Accuracy {
+    let first = flight.truth[0];
+    let mut filter = Filter::new(&setup.model, &initial(&first));
     filter.set_stream(SampleKind::IntervalMean, (0.0, 0.0));
     let mut fusion = Fusion::new(filter);
     let (mut position, mut velocity, mut attitude) = (Rms3::default(), Rms3::default(), Rms3::default());
