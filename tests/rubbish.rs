@@ -187,6 +187,21 @@ fn led(to: &str, args: &[&str]) -> Ended {
 }
 
 #[test]
+fn a_result_is_told_though_its_page_cannot_be_written_and_no_folder_is_left_behind() {
+    let folder = Folder::new("page");
+    let page = folder.file("no/such/folder.html");
+    let demo = ["demo", "--speed", "max", "--budget", "100", "--report", &page];
+    let ended = fails(1, "cannot write the report", &demo);
+    assert!(ended.stdout.contains("the mission was flown"), "{}", ended.stdout);
+    let (log, out) = (folder.file("noise.tlog"), folder.file("out"));
+    fs::write(&log, noise(5000)).unwrap();
+    fails(1, "entry could be read", &["explain", &log, "--out", &out]);
+    assert!(!fs::exists(&out).unwrap());
+    let taken = fixture("small_clean_dither.tlog").to_str().unwrap().to_owned();
+    fails(1, "cannot write", &["explain", &taken, "--out", &log]);
+}
+
+#[test]
 fn bands_of_heights_that_cannot_be_are_wrong_usage() {
     let run = ["run", "--connect", "udpin:127.0.0.1:0", "--no-record", "--headless"];
     let guided = [&run[..], &["--airframe", "quadrotor"]].concat();

@@ -201,14 +201,14 @@ pub fn run(args: &DemoArgs) -> Result<(), CommandError> {
     }
     let result = result::of(&mut flight, args.seed);
     let report = args.report.clone().or_else(|| (!args.json).then(|| PathBuf::from("demo-report.html")));
-    if let Some(path) = report {
-        write_report(&path, &flight, &result)?;
-    }
+    let reported = report.map_or(Ok(()), |path| write_report(&path, &flight, &result));
+    // A page that cannot be written takes the result with it no more.
     if args.json {
         output::json(&result.document)?;
     } else {
         output::text(&result.text())?;
     }
+    reported?;
     match &result.ending {
         // Whoever ends it has seen what was to be seen.
         Ending::Holding | Ending::Landed | Ending::Stopped => Ok(()),

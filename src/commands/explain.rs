@@ -2,7 +2,7 @@
 
 use super::{CommandError, load_model, output};
 use crate::explain::contract::Explanation;
-use crate::explain::{self, Phase, Request};
+use crate::explain::{self, ExplainError, Phase, Request};
 use crate::sensors::ConverterOptions;
 use gaware_nav::identify::select::Settings;
 use gaware_nav::model::Model;
@@ -43,6 +43,9 @@ pub fn run(args: &ExplainArgs) -> Result<(), CommandError> {
         converter: ConverterOptions::default(),
         settings: Settings::default(),
     };
+    // Nobody waits half a minute to hear that the result cannot be kept.
+    std::fs::create_dir_all(&args.out)
+        .map_err(|source| ExplainError::Write { path: args.out.clone(), source })?;
     let began = Instant::now();
     let bar = indicatif::ProgressBar::new_spinner();
     bar.enable_steady_tick(Duration::from_millis(200));
@@ -54,8 +57,13 @@ pub fn run(args: &ExplainArgs) -> Result<(), CommandError> {
             Phase::Smoothing => "simulating the sensors along the best trajectory".to_owned(),
             Phase::Terms => "looking for terms outside the catalogue".to_owned(),
         });
-    })?;
+    });
     bar.finish_and_clear();
+    if explained.is_err() {
+        // Only where it is empty.
+        let _ = std::fs::remove_dir(&args.out);
+    }
+    let explained = explained?;
     explain::write(&explained, &args.out)?;
     eprintln!("explained in {:.1} s{}", began.elapsed().as_secs_f64(), peak_memory());
     if args.json {
