@@ -2,6 +2,9 @@
 //!
 //! The library holds everything the binary does, so that tests and benches drive the same code.
 
+// A closed pipe is no reason to panic: `commands::output` writes the results.
+#![cfg_attr(not(test), deny(clippy::print_stdout))]
+
 pub mod attitudes;
 pub mod commands;
 pub mod demo;

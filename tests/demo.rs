@@ -46,6 +46,39 @@ fn the_same_seed_gives_the_same_document_and_another_one_another() {
     assert_ne!(a["truth"], c["truth"]);
 }
 
+#[test]
+fn who_ends_the_demonstration_is_told_so_and_screens_say_who_flies() {
+    let mut flight = Flight::new(prepared("small_fixed_wing"), 1);
+    let (mut reasons, mut told) = (Vec::new(), Vec::new());
+    for _ in 0..300 {
+        for _ in 0..10 {
+            flight.turn();
+        }
+        flight.take_told();
+        let snapshot = flight.snapshot();
+        reasons.push(snapshot.guidance.reason);
+        told.extend(snapshot.warnings);
+    }
+    assert!(told.iter().any(|t| t.contains("arms and starts the mission")), "{told:?}");
+    assert!(
+        reasons.iter().any(|r| r.contains("the autopilot flies its mission, maneuver 1 of")),
+        "{reasons:?}"
+    );
+    let result = result::of(&mut flight, 1);
+    assert_eq!((&result.ending, &result.document["ending"]), (&Ending::Stopped, &"stopped".into()));
+}
+
+#[test]
+fn plan_and_proposals_keep_to_the_band_of_heights() {
+    let mut settings = Settings::new(Airframe::example("small_fixed_wing").unwrap(), Some(120.0));
+    (settings.beam, settings.band_m) = (1, [60.0, 110.0]);
+    let plan = Prepared::new(settings).unwrap().plan;
+    let maneuvers = plan.maneuvers.iter().flat_map(|m| m.items.clone());
+    let heights: Vec<f32> =
+        maneuvers.filter_map(|k| plan.mission.items.get(k)).filter_map(|i| i.place().map(|_| i.z)).collect();
+    assert!(!heights.is_empty() && heights.iter().all(|h| (60.0..=110.0).contains(h)), "{heights:?}");
+}
+
 /// `truth` and `plan` have the shape of `estimate`.
 #[test]
 fn truth_and_plan_have_the_shape_of_the_estimate() {

@@ -66,7 +66,7 @@ async fn vehicle(endpoint: &str, flavour: Flavour, faults: LinkFaults, stop: &Ca
 }
 
 fn link(address: &str, file: PathBuf) -> LinkArgs {
-    LinkArgs { connect: vec![address.parse().unwrap()], file, vehicle: None, patience: 20 }
+    LinkArgs { connect: vec![address.parse().unwrap()], file, vehicle: None, patience: 20, json: false }
 }
 
 fn put(address: &str, file: PathBuf, backup: PathBuf) -> UploadArgs {
@@ -79,7 +79,7 @@ async fn round_trip(name: &str, endpoint: &str, flavour: Flavour, faults: LinkFa
     let address = vehicle(endpoint, flavour, faults, &stop).await;
     let (first, second) = (folder.mission("first.waypoints", 3), folder.mission("second.waypoints", 5));
     let told = upload(&put(&address, first, folder.file("b1.plan")), &stop, |_| ()).await.unwrap();
-    assert!(told.contains("4 items is on the vehicle"), "{told}");
+    assert!(told.text.contains("4 items is on the vehicle"), "{told}");
     let backup = folder.file("b2.plan");
     upload(&put(&address, second, backup.clone()), &stop, |_| ()).await.unwrap();
     assert_eq!(files::read(&backup).unwrap().0.items.len(), 4);
@@ -197,6 +197,50 @@ async fn a_killed_upload_is_taken_up_and_the_new_mission_brought() {
     let on_board = files::read(&read).unwrap().0;
     assert_eq!(gaware_mission::compare::differences(Firmware::Px4, &mission(24), &on_board), vec![]);
     assert!(!folder.file("mission-transfer-system1.journal").exists());
+    stop.cancel();
+}
+
+/// The document of a transfer by the program itself, and its exit status.
+async fn document(args: &[&str]) -> (serde_json::Value, Option<i32>) {
+    let args: Vec<String> = args.iter().map(|a| (*a).to_owned()).collect();
+    let run = move || support::gaware(&args.iter().map(String::as_str).collect::<Vec<_>>());
+    let ended = tokio::task::spawn_blocking(run).await.unwrap();
+    (ended.json(), ended.code())
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn machines_read_in_a_document_what_is_on_the_vehicle() {
+    let (folder, stop) = (Folder::new("json"), CancellationToken::new());
+    let address = vehicle("tcpin:127.0.0.1:0", Flavour::ArduPilot, LinkFaults::default(), &stop).await;
+    let name = |path: &Path| path.to_str().unwrap().to_owned();
+    let (first, backup) = (name(&folder.mission("first.waypoints", 3)), name(&folder.file("b1.plan")));
+    let link = ["--connect", &address, "--json"];
+    let (told, code) =
+        document(&[&["mission", "upload", &first, "--backup", &backup], &link[..]].concat()).await;
+    assert_eq!((told["schema"].as_str(), code), (Some("gaware.mission/1"), Some(0)), "{told:#}");
+    assert_eq!((&told["action"], &told["on_vehicle"]), (&"upload".into(), &"new".into()));
+    assert_eq!((&told["items"], &told["backup"]), (&4.into(), &backup.as_str().into()));
+    let mut wrong = mission(4);
+    wrong.items[2].command = 31_010;
+    let refused = folder.file("wrong.waypoints");
+    std::fs::write(&refused, waypoints::write(&wrong)).unwrap();
+    let (refused, second) = (name(&refused), name(&folder.file("b2.plan")));
+    let (told, code) =
+        document(&[&["mission", "upload", &refused, "--backup", &second], &link[..]].concat()).await;
+    assert_eq!((&told["done"], code), (&false.into(), Some(1)), "{told:#}");
+    assert_eq!((&told["on_vehicle"], &told["items"]), (&"previous".into(), &4.into()), "{told:#}");
+    let read = name(&folder.file("read.plan"));
+    let (told, code) = document(&[&["mission", "download", &read], &link[..]].concat()).await;
+    assert_eq!((&told["file"], code), (&read.as_str().into(), Some(0)), "{told:#}");
+    assert_eq!((&told["items"], &told["on_vehicle"]), (&4.into(), &"unchanged".into()));
+    let third = name(&folder.file("b3.plan"));
+    let (told, code) =
+        document(&[&["mission", "restore", &second, "--backup", &third], &link[..]].concat()).await;
+    assert_eq!(
+        (&told["action"], &told["done"], code),
+        (&"restore".into(), &true.into(), Some(0)),
+        "{told:#}"
+    );
     stop.cancel();
 }
 
@@ -427,7 +471,7 @@ async fn broken_wire(flavour: Flavour, gives_up: bool) {
     let result = tokio::time::timeout(support::PATIENCE, result).await.unwrap();
     user.await.unwrap();
     let (told, items) = match result {
-        Ok(told) if !gives_up => (told, 13),
+        Ok(told) if !gives_up => (told.text, 13),
         Err(error) if gives_up => (error.to_string(), 4),
         other => panic!("{flavour:?} {gives_up}: {other:?}"),
     };

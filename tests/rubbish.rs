@@ -5,7 +5,8 @@
 mod support;
 
 use std::fs;
-use std::net::UdpSocket;
+use std::io::Write;
+use std::net::{TcpListener, UdpSocket};
 use support::{Ended, Folder, fixture, gaware};
 
 /// Runs it, and checks the manners that every failure has to have.
@@ -56,6 +57,9 @@ fn logs_in_which_nothing_can_be_read_are_refused_in_one_sentence() {
     let empty = folder.file("empty.tlog");
     fs::write(&empty, b"").unwrap();
     fails(1, "is empty", &["replay", &empty]);
+    let lone = folder.file("fixes.csv");
+    fs::write(&lone, "t_s,lat_deg\n").unwrap();
+    fails(1, "no imu.csv beside", &["replay", &lone]);
     fails(1, "No such file", &["replay", &folder.file("missing.tlog")]);
     fails(1, "directory", &["replay", &folder.file("")]);
 }
@@ -132,6 +136,23 @@ fn a_run_whose_links_never_open_fails_and_says_why() {
     }
 }
 
+/// A vehicle that is switched on later: one line while there is none, one when bytes come, whosesoever.
+#[test]
+fn a_link_that_is_down_is_told_once_and_again_when_it_is_back() {
+    let address = TcpListener::bind("127.0.0.1:0").unwrap().local_addr().unwrap();
+    let link = format!("tcpout:{address}");
+    let nowhere = ["mission", "download", "never-written.plan", "--connect", &link, "--patience"];
+    let ended = fails(1, "no heartbeat", &[&nowhere[..], &["2"]].concat());
+    assert_eq!(ended.stderr.matches("link is down").count(), 1, "{}", ended.stderr);
+    let companion = support::Gaware::start(&[&nowhere[..], &["100"]].concat());
+    let first = companion.line();
+    assert!(first.contains("link is down"), "{first}");
+    let (mut vehicle, _) = TcpListener::bind(address).unwrap().accept().unwrap();
+    vehicle.write_all(&[0; 20]).unwrap();
+    let second = companion.line();
+    assert!(second.contains("link is up again"), "{second}");
+}
+
 #[test]
 fn a_recording_never_overwrites_an_earlier_one() {
     let folder = Folder::new("overwrite");
@@ -158,4 +179,67 @@ fn wrong_arguments_of_sim_are_explained() {
     fails(1, "in use", &["sim", "--listen", &taken]);
     let args = ["sim", "--listen", "tcpin:127.0.0.1:0", "--record", "/dev/null/flight.tlog"];
     fails(1, "cannot write the recording", &args);
+}
+
+/// Runs it with its stdout led elsewhere by a shell.
+fn led(to: &str, args: &[&str]) -> Ended {
+    support::Gaware::start_with_stdout(to, args).ended()
+}
+
+#[test]
+fn a_result_is_told_though_its_page_cannot_be_written_and_no_folder_is_left_behind() {
+    let folder = Folder::new("page");
+    let page = folder.file("no/such/folder.html");
+    let demo = ["demo", "--speed", "max", "--budget", "100", "--report", &page];
+    let ended = fails(1, "cannot write the report", &demo);
+    assert!(ended.stdout.contains("the mission was flown"), "{}", ended.stdout);
+    let (log, out) = (folder.file("noise.tlog"), folder.file("out"));
+    fs::write(&log, noise(5000)).unwrap();
+    fails(1, "entry could be read", &["explain", &log, "--out", &out]);
+    assert!(!fs::exists(&out).unwrap());
+    let taken = fixture("small_clean_dither.tlog").to_str().unwrap().to_owned();
+    fails(1, "cannot write", &["explain", &taken, "--out", &log]);
+}
+
+#[test]
+fn bands_of_heights_that_cannot_be_are_wrong_usage() {
+    let run = ["run", "--connect", "udpin:127.0.0.1:0", "--no-record", "--headless"];
+    let guided = [&run[..], &["--airframe", "quadrotor"]].concat();
+    fails(
+        2,
+        "--floor 90 is not below --ceiling 70",
+        &[&guided[..], &["--floor", "90", "--ceiling", "70"]].concat(),
+    );
+    fails(2, "--floor -5 is below the ground", &[&guided[..], &["--floor", "-5"]].concat());
+    fails(2, "say with --airframe what flies", &[&run[..], &["--ceiling", "70"]].concat());
+    fails(2, "--ceiling NaN is no number", &["demo", "--speed", "max", "--ceiling", "NaN"]);
+    fails(
+        2,
+        "--floor 50 is not below --ceiling 40",
+        &["plan", "--home", "47,8,500", "--floor", "50", "--ceiling", "40"],
+    );
+}
+
+#[test]
+fn a_reader_who_has_seen_enough_is_no_failure_and_a_full_disk_is_one() {
+    let folder = Folder::new("stdout");
+    let log = fixture("small_clean_dither.tlog").to_str().unwrap().to_owned();
+    let page = folder.file("page.html");
+    let plan = ["plan", "--home", "47,8,500", "--budget", "120"];
+    let commands: [&[&str]; 6] = [
+        &["completions", "zsh"],
+        &["replay", &log],
+        &["replay", &log, "--json"],
+        &["report", &log, "--out", &page],
+        &plan,
+        &[&plan[..], &["--json"]].concat(),
+    ];
+    for args in commands {
+        let gone = led("| true", args);
+        assert_eq!(gone.code(), Some(0), "{args:?}: {}", gone.stderr);
+        assert_eq!(gone.stderr, "", "{args:?}");
+        let full = led("> /dev/full", args);
+        assert_eq!(full.code(), Some(1), "{args:?}: {}", full.stderr);
+        assert!(full.stderr.contains("gaware: cannot write the result: No space left"), "{}", full.stderr);
+    }
 }

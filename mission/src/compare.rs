@@ -5,6 +5,7 @@
 //! drops parameters that a command does not have. Everything else that differs is a difference.
 
 use crate::item::{Autopilot, Mission, MissionItem, command};
+use gaware_nav::rotation::wrap_180;
 
 /// Latitude and longitude after a trip through `double` on PX4: 2e-7 deg is 2 cm.
 const POSITION_TOLERANCE_E7: u32 = 2;
@@ -98,10 +99,7 @@ fn same_parameter(kind: Stored, want: f32, got: f32) -> bool {
         Stored::SignOnly => same_sign,
         Stored::Radius if want.abs() <= 255.0 => same_sign && near(0.999_9),
         Stored::Radius => same_sign && got != 0.0 && near(9.999),
-        Stored::Angle => {
-            let off = (want - got).rem_euclid(360.0);
-            off.min(360.0 - off) < 0.01
-        }
+        Stored::Angle => wrap_180(f64::from(want) - f64::from(got)).abs() < 0.01,
         Stored::Turns if want > 0.0 && want < 1.0 => near(1.0 / 256.0),
         Stored::Turns => (want.clamp(0.0, 255.0) - got).abs() < 1.0,
     }

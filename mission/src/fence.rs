@@ -2,6 +2,7 @@
 
 use crate::item::LatLon;
 use gaware_nav::earth::Geodetic;
+use gaware_nav::rotation::wrap_180;
 use nalgebra::Vector2;
 use serde::{Deserialize, Serialize};
 
@@ -121,17 +122,14 @@ impl LocalFrame {
 
     /// North and east of a place, m.
     pub fn to_local(&self, place: LatLon) -> Vector2<f64> {
-        let dlon = (place.lon_deg - self.origin.lon_deg + 540.0).rem_euclid(360.0) - 180.0;
+        let dlon = wrap_180(place.lon_deg - self.origin.lon_deg);
         Vector2::new((place.lat_deg - self.origin.lat_deg) * self.north_m_per_deg, dlon * self.east_m_per_deg)
     }
 
     /// The place at north and east, m.
     pub fn to_place(&self, ne: Vector2<f64>) -> LatLon {
         let lon = self.origin.lon_deg + ne.y / self.east_m_per_deg;
-        LatLon {
-            lat_deg: self.origin.lat_deg + ne.x / self.north_m_per_deg,
-            lon_deg: (lon + 540.0).rem_euclid(360.0) - 180.0,
-        }
+        LatLon { lat_deg: self.origin.lat_deg + ne.x / self.north_m_per_deg, lon_deg: wrap_180(lon) }
     }
 }
 

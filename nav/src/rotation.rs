@@ -74,6 +74,11 @@ pub fn wrap_pi(angle: f64) -> f64 {
     if a > std::f64::consts::PI { a - std::f64::consts::TAU } else { a }
 }
 
+/// An angle in degrees brought into [−180, 180): differences of longitudes and headings.
+pub fn wrap_180(angle_deg: f64) -> f64 {
+    (angle_deg + 540.0).rem_euclid(360.0) - 180.0
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -118,6 +123,10 @@ mod tests {
             let w = wrap_pi(angle);
             prop_assert!(w > -std::f64::consts::PI - 1e-12 && w <= std::f64::consts::PI);
             prop_assert!((w.sin() - angle.sin()).abs() < 1e-9 && (w.cos() - angle.cos()).abs() < 1e-9);
+            let d = wrap_180(angle.to_degrees());
+            prop_assert!((-180.0..180.0).contains(&d));
+            prop_assert!((d.to_radians().sin() - angle.sin()).abs() < 1e-9);
+            prop_assert!((d.to_radians().cos() - angle.cos()).abs() < 1e-9);
         }
     }
 }

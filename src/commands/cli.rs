@@ -1,6 +1,6 @@
 //! The command line: which commands there are, how they start, and what exit status their result becomes.
 
-use super::{CommandError, demo, explain, mission, plan, replay, report, run, sim, start, study};
+use super::{CommandError, demo, explain, mission, output, plan, replay, report, run, sim, start, study};
 use crate::engine::{Engine, EngineOptions};
 use clap::{CommandFactory, Parser, Subcommand};
 use std::process::ExitCode;
@@ -58,6 +58,7 @@ pub enum Command {
 pub fn execute(cli: Cli) -> ExitCode {
     match dispatch(cli.command) {
         Ok(()) => ExitCode::SUCCESS,
+        Err(error) if error.is_closed_pipe() => ExitCode::SUCCESS,
         Err(error) => {
             eprintln!("gaware: {error}");
             ExitCode::from(if error.is_usage() { 2 } else { 1 })
@@ -84,8 +85,9 @@ fn dispatch(command: Command) -> Result<(), CommandError> {
         Command::Explain(args) => explain::run(&args),
         Command::Study(args) => study::run(&args),
         Command::Completions { shell } => {
-            clap_complete::generate(shell, &mut Cli::command(), "gaware", &mut std::io::stdout());
-            Ok(())
+            let mut script = Vec::new();
+            clap_complete::generate(shell, &mut Cli::command(), "gaware", &mut script);
+            output::text(&String::from_utf8_lossy(&script))
         }
     }
 }

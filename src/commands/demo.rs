@@ -1,6 +1,7 @@
 //! `gaware demo`: everything at once without hardware.
 
-use super::{CommandError, start};
+use super::band::BandArgs;
+use super::{CommandError, output, start};
 use crate::demo::flight::{Ending, Flight, Stage};
 use crate::demo::{Prepared, Settings, result};
 use crate::engine::snapshot::Snapshot;
@@ -8,7 +9,7 @@ use crate::sinks::status::{LinkState, LinkView, SinkStatus};
 use crate::sinks::terminal::{self, Sources, headless};
 use gaware_mission::airframe::{Airframe, EXAMPLES};
 use gaware_mission::planner::PlanError;
-use std::io::{IsTerminal, Write};
+use std::io::IsTerminal;
 use std::net::SocketAddr;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
@@ -39,6 +40,9 @@ pub struct DemoArgs {
     /// Time for the maneuvers, s (default: as long as it takes to make known what this airframe can, at most its maneuvers_max_s).
     #[arg(long, value_name = "SECONDS", allow_negative_numbers = true)]
     pub budget: Option<f64>,
+    /// Heights that the plan and proposed maneuvers keep to.
+    #[command(flatten)]
+    pub band: BandArgs,
     /// Mean wind toward north and east, m/s.
     #[arg(long, value_name = "N,E", value_delimiter = ',', num_args = 1, allow_hyphen_values = true, default_values_t = [-2.0, 1.5])]
     pub wind: Vec<f64>,
@@ -168,6 +172,7 @@ pub fn prepare(args: &DemoArgs) -> Result<Prepared, CommandError> {
     if settings.wind_n_e_m_per_s.iter().any(|w| !w.is_finite()) {
         return Err(DemoError::Wind.into());
     }
+    settings.band_m = args.band.or(settings.band_m)?;
     if let Some(path) = &args.model {
         settings.belief = super::load_model(path)?;
     }
@@ -196,18 +201,17 @@ pub fn run(args: &DemoArgs) -> Result<(), CommandError> {
     }
     let result = result::of(&mut flight, args.seed);
     let report = args.report.clone().or_else(|| (!args.json).then(|| PathBuf::from("demo-report.html")));
-    if let Some(path) = report {
-        write_report(&path, &flight, &result)?;
-    }
-    let mut out = std::io::stdout().lock();
+    let reported = report.map_or(Ok(()), |path| write_report(&path, &flight, &result));
+    // A page that cannot be written takes the result with it no more.
     if args.json {
-        serde_json::to_writer(&mut out, &result.document).map_err(std::io::Error::from)?;
-        writeln!(out)?;
+        output::json(&result.document)?;
     } else {
-        out.write_all(result.text().as_bytes())?;
+        output::text(&result.text())?;
     }
+    reported?;
     match &result.ending {
-        Ending::Holding | Ending::Landed => Ok(()),
+        // Whoever ends it has seen what was to be seen.
+        Ending::Holding | Ending::Landed | Ending::Stopped => Ok(()),
         Ending::NotUploaded(why) => Err(DemoError::Flight(why.clone()).into()),
         Ending::OutOfTime => Err(DemoError::Flight("the flight did not come to its end".to_owned()).into()),
     }

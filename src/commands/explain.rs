@@ -1,11 +1,13 @@
 //! `gaware explain`: where simulation and measurement disagree, which effect is missing, the gap before and after.
 
-use super::{CommandError, load_model};
-use crate::explain::{self, Phase, Request};
+use super::{CommandError, load_model, output};
+use crate::explain::contract::Explanation;
+use crate::explain::{self, ExplainError, Phase, Request};
 use crate::sensors::ConverterOptions;
 use gaware_nav::identify::select::Settings;
 use gaware_nav::model::Model;
-use std::path::PathBuf;
+use std::fmt::Write;
+use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
 
 /// Arguments of `explain`.
@@ -41,6 +43,9 @@ pub fn run(args: &ExplainArgs) -> Result<(), CommandError> {
         converter: ConverterOptions::default(),
         settings: Settings::default(),
     };
+    // Nobody waits half a minute to hear that the result cannot be kept.
+    std::fs::create_dir_all(&args.out)
+        .map_err(|source| ExplainError::Write { path: args.out.clone(), source })?;
     let began = Instant::now();
     let bar = indicatif::ProgressBar::new_spinner();
     bar.enable_steady_tick(Duration::from_millis(200));
@@ -52,27 +57,28 @@ pub fn run(args: &ExplainArgs) -> Result<(), CommandError> {
             Phase::Smoothing => "simulating the sensors along the best trajectory".to_owned(),
             Phase::Terms => "looking for terms outside the catalogue".to_owned(),
         });
-    })?;
+    });
     bar.finish_and_clear();
+    if explained.is_err() {
+        // Only where it is empty.
+        let _ = std::fs::remove_dir(&args.out);
+    }
+    let explained = explained?;
     explain::write(&explained, &args.out)?;
     eprintln!("explained in {:.1} s{}", began.elapsed().as_secs_f64(), peak_memory());
     if args.json {
-        let text = serde_json::to_string_pretty(&explained.explanation).map_err(std::io::Error::from)?;
-        println!("{text}");
-    } else {
-        println!(
-            "verdict: {}",
-            serde_json::json!(explained.explanation.verdict).as_str().unwrap_or("unknown")
-        );
-        for entry in &explained.explanation.effects {
-            println!("  {}  {}", entry.names.join(" or "), serde_json::json!(entry.parameters));
-            if let Some(how) = &entry.separate_by {
-                println!("    to tell them apart: {how}");
-            }
-        }
-        println!("report: {}", args.out.join("report.html").display());
+        return output::json_pretty(&explained.explanation);
     }
-    Ok(())
+    output::words(|out| print(out, &explained.explanation, &args.out.join("report.html")))
+}
+
+/// For people: the result in words, a sentence a line, and where all of it stands.
+fn print(out: &mut String, explanation: &Explanation, report: &Path) -> std::fmt::Result {
+    writeln!(out, "verdict: {}", serde_json::json!(explanation.verdict).as_str().unwrap_or("unknown"))?;
+    for sentence in explanation.summary.split_inclusive(". ") {
+        writeln!(out, "{}", sentence.trim_end())?;
+    }
+    writeln!(out, "report: {}", report.display())
 }
 
 /// The most memory that the process has had, where the system tells it; on stderr because it differs from run to run.

@@ -1,6 +1,7 @@
 //! `gaware mission`: verified transfer of missions.
 
-use super::{CommandError, mission_restore, start};
+use super::mission_result::{Action, MissionResult, OnVehicle};
+use super::{CommandError, mission_restore, output, start};
 use crate::link::address::Address;
 use crate::mission_link::files::{self, FileError};
 use crate::mission_link::journal::Journal;
@@ -49,6 +50,9 @@ pub struct LinkArgs {
     /// Wait so long for the vehicle, at the start and after a loss of the link.
     #[arg(long, value_name = "SECONDS", default_value_t = 30, value_parser = clap::value_parser!(u64).range(1..=3600))]
     pub patience: u64,
+    /// Print the result as one JSON document.
+    #[arg(long)]
+    pub json: bool,
 }
 
 /// Arguments of `upload`.
@@ -88,6 +92,9 @@ pub struct RestoreArgs {
     /// Replace the mission although it is being flown, or the vehicle is armed in its mission mode.
     #[arg(long)]
     pub even_while_flying: bool,
+    /// Print the result as one JSON document.
+    #[arg(long)]
+    pub json: bool,
 }
 
 /// Why a transfer was not done.
@@ -126,9 +133,12 @@ pub enum MissionError {
         /// What is there.
         vehicle: String,
     },
+    /// The vehicle is not to be changed now.
+    #[error("nothing was changed: {0}; disarm or leave that mode, or give --even-while-flying")]
+    Flying(String),
     /// Anything but a verified upload.
     #[error("{0}")]
-    NotVerified(String),
+    NotVerified(Box<MissionResult>),
 }
 
 impl MissionError {
@@ -138,18 +148,19 @@ impl MissionError {
     }
 }
 
-/// Runs the transfer and says in a sentence how it ended.
+/// Runs the transfer and says in a sentence, or in a document, how it ended. The document also tells of transfers that did not bring what was
+/// asked for; where there was no transfer there is none, as with the other commands.
 ///
 /// # Errors
 /// Anything but a verified transfer.
 pub fn run(args: &MissionArgs) -> Result<(), CommandError> {
     let runtime = start::runtime()?;
-    let result = runtime.block_on(async {
+    let result: Result<MissionResult, MissionError> = runtime.block_on(async {
         let stop = CancellationToken::new();
         start::cancel_on_signal(&stop);
         match &args.action {
             MissionAction::Upload(args) => {
-                if files::read(&args.link.file).map_err(MissionError::from)?.0.items.is_empty() {
+                if files::read(&args.link.file)?.0.items.is_empty() {
                     return Err(MissionError::Empty(args.link.file.clone()));
                 }
                 upload(args, &stop, |text| eprintln!("{text}")).await
@@ -161,19 +172,39 @@ pub fn run(args: &MissionArgs) -> Result<(), CommandError> {
         }
     });
     runtime.shutdown_timeout(Duration::from_secs(2));
-    println!("{}", result?);
-    Ok(())
+    let json = match &args.action {
+        MissionAction::Upload(args) => args.link.json,
+        MissionAction::Download(link) => link.json,
+        MissionAction::Restore(args) => args.json,
+    };
+    match &result {
+        Ok(result) if json => output::json(result)?,
+        Err(MissionError::NotVerified(result)) if json => output::json(result.as_ref())?,
+        Ok(result) => output::text(&format!("{result}\n"))?,
+        Err(_) => {}
+    }
+    Ok(result.map(drop)?)
 }
 
-/// Uploads; the sentence at the end.
+/// Uploads.
 ///
 /// # Errors
 /// As [`run`].
 pub async fn upload(
     args: &UploadArgs,
     stop: &CancellationToken,
+    say: impl FnMut(&str),
+) -> Result<MissionResult, MissionError> {
+    bring(Action::Upload, args, stop, say).await
+}
+
+/// Brings a mission that is in a file, whatever that is called.
+pub(super) async fn bring(
+    action: Action,
+    args: &UploadArgs,
+    stop: &CancellationToken,
     mut say: impl FnMut(&str),
-) -> Result<String, MissionError> {
+) -> Result<MissionResult, MissionError> {
     let (mission, _) = files::read(&args.link.file)?;
     let backup_path = args.backup.clone().unwrap_or_else(default_backup);
     let folder = Journal::folder_of(&backup_path);
@@ -184,26 +215,36 @@ pub async fn upload(
         return Err(e.into());
     }
     let options = Options { even_while_flying: args.even_while_flying, ..Options::default() };
-    let (mut kept, mut journal) = (false, None);
+    let (mut kept, mut journal) = (None, None);
     let new = mission.clone();
     let keep = |backup: &gaware_mission::item::Mission| {
         let text =
             files::text_of(&backup_path, backup, &Fence::default(), vehicle.autopilot, vehicle.mav_type);
         text.and_then(|text| files::write_new(&backup_path, &text)).map_err(|e| e.to_string())?;
         journal = Some(Journal::begin(folder, &vehicle, backup, &new).map_err(|e| e.to_string())?);
-        kept = true;
+        kept = Some(backup.items.len());
         Ok(())
     };
     let patience = Duration::from_secs(args.link.patience);
     let outcome = session.upload(mission, options, patience, keep, teller(&mut say)).await;
     session.close().await;
-    let mut backup =
-        if kept { format!("; the mission before is in {}", backup_path.display()) } else { String::new() };
-    backup.push_str(&journal.map(|j| j.settle(&outcome)).unwrap_or_default());
-    match &outcome {
-        Outcome::Verified { .. } => Ok(format!("{outcome}{backup}")),
-        _ => Err(MissionError::NotVerified(format!("{outcome}{backup}"))),
+    let mut text = outcome.to_string();
+    if kept.is_some() {
+        text.push_str(&format!("; the mission before is in {}", backup_path.display()));
     }
+    let on_vehicle = OnVehicle::of(&outcome);
+    let left = journal.as_ref().filter(|_| on_vehicle == OnVehicle::Unknown).map(|j| j.path.clone());
+    text.push_str(&journal.map(|j| j.settle(&outcome)).unwrap_or_default());
+    let done = on_vehicle == OnVehicle::New;
+    let mut result = MissionResult::new(action, done, on_vehicle, text);
+    result.items = match &outcome {
+        Outcome::Verified { items } => Some(*items),
+        Outcome::RestoredPrevious { .. } => kept,
+        Outcome::Unknown { .. } => None,
+    };
+    result.backup = kept.map(|_| backup_path.clone());
+    result.journal = left;
+    result.settled()
 }
 
 /// Says in words what an upload tells; of its items every tenth part.
@@ -221,11 +262,11 @@ pub(super) fn teller(say: &mut impl FnMut(&str)) -> impl FnMut(News) {
     }
 }
 
-/// Downloads; the sentence at the end.
+/// Downloads.
 ///
 /// # Errors
 /// As [`run`].
-pub async fn download(args: &LinkArgs, stop: &CancellationToken) -> Result<String, MissionError> {
+pub async fn download(args: &LinkArgs, stop: &CancellationToken) -> Result<MissionResult, MissionError> {
     files::check_kind(&args.file)?;
     if args.file.exists() {
         let source = std::io::Error::from(std::io::ErrorKind::AlreadyExists);
@@ -238,7 +279,10 @@ pub async fn download(args: &LinkArgs, stop: &CancellationToken) -> Result<Strin
     let mission = mission?;
     let text = files::text_of(&args.file, &mission, &Fence::default(), autopilot, mav_type)?;
     files::write_new(&args.file, &text)?;
-    Ok(format!("{} items were read from the vehicle into {}", mission.items.len(), args.file.display()))
+    let items = mission.items.len();
+    let text = format!("{items} items were read from the vehicle into {}", args.file.display());
+    let result = MissionResult::new(Action::Download, true, OnVehicle::Unchanged, text);
+    Ok(MissionResult { items: Some(items), file: Some(args.file.clone()), ..result })
 }
 
 async fn open(args: &LinkArgs, stop: &CancellationToken) -> Result<Session, SessionError> {

@@ -1,6 +1,7 @@
 //! `gaware mission restore`: puts a backup back, or takes up an upload that was cut off by the end of the program or of the link.
 
-use super::mission::{LinkArgs, MissionError, RestoreArgs, UploadArgs, teller, upload};
+use super::mission::{LinkArgs, MissionError, RestoreArgs, UploadArgs, bring, teller};
+use super::mission_result::{Action, MissionResult, OnVehicle};
 use crate::mission_link::journal::Journal;
 use crate::mission_link::session::Session;
 use crate::mission_link::wire::{CutOff, Wire};
@@ -10,7 +11,7 @@ use std::path::{Path, PathBuf};
 use std::time::Duration;
 use tokio_util::sync::CancellationToken;
 
-/// Restores; the sentence at the end.
+/// Restores.
 ///
 /// # Errors
 /// Anything but the wanted mission, read back whole.
@@ -18,7 +19,7 @@ pub async fn restore(
     args: &RestoreArgs,
     stop: &CancellationToken,
     mut say: impl FnMut(&str),
-) -> Result<String, MissionError> {
+) -> Result<MissionResult, MissionError> {
     let file = match &args.file {
         Some(file) => file.clone(),
         None => the_journal(Path::new("."))?,
@@ -30,10 +31,10 @@ pub async fn restore(
     if args.new {
         return Err(MissionError::NotAJournal(file));
     }
-    let link =
-        LinkArgs { connect: args.connect.clone(), file, vehicle: args.vehicle, patience: args.patience };
-    let backup = args.backup.clone();
-    upload(&UploadArgs { link, backup, even_while_flying: args.even_while_flying }, stop, say).await
+    let RestoreArgs { vehicle, patience, json, even_while_flying, .. } = *args;
+    let link = LinkArgs { connect: args.connect.clone(), file, vehicle, patience, json };
+    let upload = UploadArgs { link, backup: args.backup.clone(), even_while_flying };
+    bring(Action::Restore, &upload, stop, say).await
 }
 
 /// The only journal in a folder.
@@ -54,7 +55,7 @@ async fn take_up(
     journal: Journal,
     stop: &CancellationToken,
     say: &mut impl FnMut(&str),
-) -> Result<String, MissionError> {
+) -> Result<MissionResult, MissionError> {
     let other = |vehicle: String| MissionError::OtherVehicle {
         path: journal.path.clone(),
         journal: format!("system {}, {:?}", journal.system_id, journal.autopilot),
@@ -70,16 +71,23 @@ async fn take_up(
     session.close().await;
     let (outcome, was) = result?;
     let (new, previous) = (journal.new.items.len(), journal.previous.items.len());
-    let rest = journal.settle(&outcome);
-    match (&outcome, args.new) {
-        (Outcome::Verified { .. }, _) => Ok(format!(
-            "on the vehicle was: {was}; now it is the new mission of {new} items, read back and compared{rest}"
-        )),
-        (Outcome::RestoredPrevious { .. }, false) => Ok(format!(
-            "on the vehicle was: {was}; now it is the previous mission of {previous} items, read back and compared{rest}"
-        )),
-        _ => Err(MissionError::NotVerified(format!("on the vehicle was: {was}. Now: {outcome}{rest}"))),
-    }
+    let (path, rest) = (journal.path.clone(), journal.settle(&outcome));
+    let on_vehicle = OnVehicle::of(&outcome);
+    let (items, done, now) = match on_vehicle {
+        OnVehicle::New => (Some(new), true, format!("the new mission of {new} items")),
+        OnVehicle::Previous => {
+            (Some(previous), !args.new, format!("the previous mission of {previous} items"))
+        }
+        _ => (None, false, String::new()),
+    };
+    let text = if done {
+        format!("on the vehicle was: {was}; now it is {now}, read back and compared{rest}")
+    } else {
+        format!("on the vehicle was: {was}. Now: {outcome}{rest}")
+    };
+    let journal = (on_vehicle == OnVehicle::Unknown).then_some(path);
+    let result = MissionResult::new(Action::Restore, done, on_vehicle, text);
+    MissionResult { items, was_on_vehicle: Some(was.to_string()), journal, ..result }.settled()
 }
 
 /// How it ended, and what was on the vehicle before.
@@ -96,9 +104,7 @@ async fn settle(
     }
     let refusal = vehicle.state.objection().filter(|_| !args.even_while_flying);
     if let Some(why) = refusal {
-        let text =
-            format!("nothing was changed: {why}; disarm or leave that mode, or give --even-while-flying");
-        return Err(MissionError::NotVerified(text));
+        return Err(MissionError::Flying(why.to_string()));
     }
     let got = session.download().await?;
     let was = OnBoard::judge(vehicle.autopilot, &journal.new, &journal.previous, &got);

@@ -1,11 +1,14 @@
 //! The commands, a file each: arguments in, work done, one clear sentence when it fails.
 
+pub mod band;
 pub mod baseline;
 pub mod cli;
 pub mod demo;
 pub mod explain;
 pub mod mission;
 pub mod mission_restore;
+pub mod mission_result;
+pub mod output;
 pub mod pipeline;
 pub mod plan;
 pub mod print;
@@ -110,6 +113,9 @@ pub enum CommandError {
     /// The demonstration.
     #[error(transparent)]
     Demo(#[from] demo::DemoError),
+    /// A band of heights.
+    #[error(transparent)]
+    Band(#[from] band::BandError),
     /// A plan.
     #[error(transparent)]
     Plan(#[from] plan::PlanCommandError),
@@ -148,10 +154,15 @@ pub enum CommandError {
 }
 
 impl CommandError {
+    /// Whether the reader of stdout has seen enough and left, as `head` does.
+    pub fn is_closed_pipe(&self) -> bool {
+        matches!(self, Self::Output(error) if error.kind() == std::io::ErrorKind::BrokenPipe)
+    }
+
     /// Whether the arguments were at fault rather than the work: exit status 2 instead of 1.
     pub fn is_usage(&self) -> bool {
         match self {
-            Self::Address(_) => true,
+            Self::Address(_) | Self::Band(_) => true,
             Self::Sim(error) => error.is_usage(),
             Self::Demo(error) => error.is_usage(),
             Self::Plan(error) => error.is_usage(),

@@ -1,6 +1,7 @@
 //! `gaware plan`: excitation maneuvers for an airframe and a place, and what they will make known.
 
-use super::{CommandError, demo};
+use super::band::{self, BandError};
+use super::{CommandError, demo, output};
 use crate::demo::predictor;
 use crate::mission_link::files::{self, FileError};
 use gaware_mission::fence::{Fence, FenceCircle};
@@ -10,6 +11,7 @@ use gaware_mission::safety::Limits;
 use gaware_nav::model::Model;
 use nalgebra::Vector3;
 use serde_json::{Value, json};
+use std::fmt::Write;
 use std::path::PathBuf;
 
 /// Maneuvers begin no higher than this above the floor, m.
@@ -79,6 +81,9 @@ pub enum PlanCommandError {
     /// Arguments that cannot be.
     #[error("--{0}")]
     Numbers(String),
+    /// A band of heights that is none.
+    #[error(transparent)]
+    Band(#[from] BandError),
     /// Refused, with the reason.
     #[error(transparent)]
     Refused(#[from] PlanError),
@@ -90,7 +95,7 @@ pub enum PlanCommandError {
 impl PlanCommandError {
     /// Whether the arguments were at fault.
     pub fn is_usage(&self) -> bool {
-        matches!(self, Self::Numbers(_) | Self::File(FileError::Kind(_)))
+        matches!(self, Self::Numbers(_) | Self::Band(_) | Self::File(FileError::Kind(_)))
     }
 }
 
@@ -112,12 +117,7 @@ pub fn run(args: &PlanArgs) -> Result<(), CommandError> {
         std::fs::write(path, text)
             .map_err(|source| PlanCommandError::from(FileError::Write { path: path.clone(), source }))?;
     }
-    if args.json {
-        println!("{}", document(&made));
-    } else {
-        print(&made, &request);
-    }
-    Ok(())
+    if args.json { output::json(&document(&made)) } else { output::words(|out| print(out, &made, &request)) }
 }
 
 fn request(args: &PlanArgs) -> Result<Request, CommandError> {
@@ -170,8 +170,6 @@ fn check(args: &PlanArgs) -> Result<(), PlanCommandError> {
     let wrong = |text: String| Err(PlanCommandError::Numbers(text));
     let numbers = [
         ("radius", args.radius),
-        ("floor", args.floor),
-        ("ceiling", args.ceiling),
         ("heading", args.heading.unwrap_or(0.0)),
         ("budget", args.budget.unwrap_or(1.0)),
     ];
@@ -184,15 +182,7 @@ fn check(args: &PlanArgs) -> Result<(), PlanCommandError> {
             return wrong(format!("{name} {value} must be positive"));
         }
     }
-    if args.floor < 0.0 {
-        return wrong(format!("floor {} is below the ground: it is a height above home in m", args.floor));
-    }
-    if args.floor >= args.ceiling {
-        return wrong(format!(
-            "floor {} is not below --ceiling {}: heights above home in m, the lower one first",
-            args.floor, args.ceiling
-        ));
-    }
+    band::check([args.floor, args.ceiling])?;
     Ok(())
 }
 
@@ -207,25 +197,29 @@ fn document(made: &Plan) -> Value {
         "notes": made.notes})
 }
 
-fn print(made: &Plan, request: &Request) {
-    println!("{}: {} items, {:.0} s", request.airframe.name, made.mission.items.len(), made.duration_s);
+fn print(out: &mut String, made: &Plan, request: &Request) -> std::fmt::Result {
+    writeln!(out, "{}: {} items, {:.0} s", request.airframe.name, made.mission.items.len(), made.duration_s)?;
     for m in &made.maneuvers {
-        println!("{:6.0} s  {}", m.start_s, m.maneuver.words(&request.airframe).long);
+        writeln!(out, "{:6.0} s  {}", m.start_s, m.maneuver.words(&request.airframe).long)?;
     }
     let ends = made.maneuvers.iter().map(|m| m.end_s).chain([made.duration_s]);
     let columns: Vec<_> = std::iter::once(0.0)
         .chain(ends)
         .filter_map(|t| made.sigmas.iter().min_by(|a, b| (a.t_s - t).abs().total_cmp(&(b.t_s - t).abs())))
         .collect();
-    let Some(first) = columns.first() else { return };
-    print!("{:>10}", "sigma at");
-    columns.iter().for_each(|c| print!("{:>8.0} s", c.t_s));
-    println!("{:>10}  unit", "target");
-    for (k, state) in first.sigmas.iter().enumerate() {
-        print!("{:>10}", state.name);
-        columns.iter().filter_map(|c| c.sigmas.get(k)).for_each(|s| print!("{:>10.3}", s.sigma));
-        println!("{:>10.3}  {}", state.target, state.unit);
+    let Some(first) = columns.first() else { return Ok(()) };
+    write!(out, "{:>10}", "sigma at")?;
+    for c in &columns {
+        write!(out, "{:>8.0} s", c.t_s)?;
     }
-    println!("{}", made.summary());
-    made.notes.iter().for_each(|note| println!("note: {note}"));
+    writeln!(out, "{:>10}  unit", "target")?;
+    for (k, state) in first.sigmas.iter().enumerate() {
+        write!(out, "{:>10}", state.name)?;
+        for s in columns.iter().filter_map(|c| c.sigmas.get(k)) {
+            write!(out, "{:>10.3}", s.sigma)?;
+        }
+        writeln!(out, "{:>10.3}  {}", state.target, state.unit)?;
+    }
+    writeln!(out, "{}", made.summary())?;
+    made.notes.iter().try_for_each(|note| writeln!(out, "note: {note}"))
 }

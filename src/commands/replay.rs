@@ -1,12 +1,11 @@
 //! `gaware replay LOG`: the pipeline over a recorded flight.
 
 use super::pipeline::{Estimator, Pipeline};
-use super::{CommandError, ListenArgs, baseline, load_model, parse_model, print, progress_bar};
+use super::{CommandError, ListenArgs, baseline, load_model, output, parse_model, print, progress_bar};
 use crate::logs::{self, Damage, LogError};
 use crate::sensors::ConverterOptions;
 use gaware_nav::model::Model;
 use serde_json::{Map, Value, json};
-use std::io::Write;
 use std::path::PathBuf;
 
 /// Records between two looks at the progress.
@@ -15,7 +14,7 @@ const PROGRESS_EVERY: u64 = 4096;
 /// Arguments of `replay`.
 #[derive(Debug, Clone, clap::Args)]
 pub struct ReplayArgs {
-    /// Recorded flight: .tlog, DataFlash .bin, .ulg or a recording of gaware (.mcap).
+    /// Recorded flight: .tlog, DataFlash .bin, .ulg, a recording of gaware (.mcap), or a folder with imu.csv and gps.csv.
     pub log: PathBuf,
     /// Print the result as one JSON document.
     #[arg(long)]
@@ -40,12 +39,10 @@ pub struct ReplayArgs {
 /// When log, model or baseline cannot be read, nothing in the log can, or the result left the baseline.
 pub fn run<E: Estimator>(args: &ReplayArgs, make: impl FnOnce(Model) -> E) -> Result<(), CommandError> {
     let (pipeline, document) = replay(args, make)?;
-    let mut out = std::io::stdout().lock();
     if args.json {
-        serde_json::to_writer(&mut out, &document).map_err(std::io::Error::from)?;
-        writeln!(out)?;
+        output::json(&document)?;
     } else {
-        out.write_all(print::summary(&pipeline.summary(), &document).as_bytes())?;
+        output::text(&print::summary(&pipeline.summary(), &document))?;
     }
     match &args.baseline {
         Some(path) => baseline::check(path, &document),

@@ -2,7 +2,7 @@
 
 use super::pipeline::Estimator;
 use super::replay::{self, ReplayArgs};
-use super::{CommandError, ListenArgs, demo};
+use super::{CommandError, ListenArgs, demo, output};
 use crate::engine::snapshot::{Snapshot, Summary};
 use crate::engine::{Engine, EngineOptions};
 use crate::report::flight::{self, FlightLog};
@@ -71,8 +71,7 @@ pub fn run(args: &ReportArgs) -> Result<(), CommandError> {
         .map_err(ReportError::Draw)?;
     let out = args.out.clone().unwrap_or_else(|| beside(&args.log));
     std::fs::write(&out, page).map_err(|source| ReportError::Write { path: out.clone(), source })?;
-    println!("report: {}", out.display());
-    Ok(())
+    output::text(&format!("report: {}\n", out.display()))
 }
 
 /// The log's name with another ending, in the present folder.

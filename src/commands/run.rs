@@ -1,8 +1,9 @@
 //! `gaware run`: the daemon. Frames of all links go through converter and engine in one task, in the order in which they are
 //! recorded, so that a replay of the recording repeats the run.
 
+use super::band::BandArgs;
 use super::pipeline::{Estimator, Pipeline};
-use super::{CommandError, ListenArgs, load_model, print};
+use super::{CommandError, ListenArgs, load_model, output, print};
 use crate::engine::snapshot::Snapshot;
 use crate::link::address::Address;
 use crate::link::endpoint::{LinkStatus, Links, ReceiveClock, Received};
@@ -17,7 +18,6 @@ use gaware_nav::model::Model;
 use mavlink::dialects::ardupilotmega::MavMessage;
 use serde::Serialize;
 use serde_json::{Map, Value};
-use std::io::Write;
 use std::net::SocketAddr;
 use std::path::PathBuf;
 use std::sync::Arc;
@@ -65,6 +65,9 @@ pub struct RunArgs {
     /// maneuver is proposed.
     #[arg(long, value_name = "NAME|FILE")]
     pub airframe: Option<String>,
+    /// Heights that proposed maneuvers keep to.
+    #[command(flatten)]
+    pub band: BandArgs,
     /// Whom to listen to.
     #[command(flatten)]
     pub listen: ListenArgs,
@@ -151,12 +154,10 @@ pub async fn run<E: Estimator>(
 ) -> Result<(), CommandError> {
     let live = hooks.live.subscribe();
     let (pipeline, document) = serve(args, hooks, stop, make).await?;
-    let mut out = std::io::stdout().lock();
     if args.json {
-        serde_json::to_writer(&mut out, &document).map_err(std::io::Error::from)?;
-        writeln!(out)?;
+        output::json(&document)?;
     } else {
-        out.write_all(print::summary(&pipeline.summary(), &document).as_bytes())?;
+        output::text(&print::summary(&pipeline.summary(), &document))?;
     }
     never_open(&live.borrow().links)
 }

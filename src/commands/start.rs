@@ -1,8 +1,10 @@
 //! Starting `run`: the engine with its sinks (terminal or log lines, web page, telemetry) on one runtime.
 
 use super::CommandError;
+use super::band::BandError;
 use super::mission::MissionError;
 use super::run::{self, Hooks, Live, RunArgs};
+use crate::engine::guidance::GuidanceOptions;
 use crate::engine::snapshot::{Phase, Snapshot};
 use crate::engine::{Engine, EngineOptions};
 use crate::link::framer::FramerStats;
@@ -77,7 +79,12 @@ pub fn run(args: RunArgs) -> Result<(), CommandError> {
 /// has put the previous mission back.
 async fn with_sinks(args: &RunArgs) -> Result<(), CommandError> {
     let options = match &args.airframe {
-        Some(name) => EngineOptions::for_airframe(super::demo::load_airframe(name)?, true),
+        Some(name) => {
+            let mut guidance = GuidanceOptions::new(super::demo::load_airframe(name)?, true);
+            guidance.band_m = args.band.or(guidance.band_m)?;
+            EngineOptions { guidance: Some(guidance), ..EngineOptions::default() }
+        }
+        None if args.band.is_given() => return Err(BandError::NoAirframe.into()),
         None => EngineOptions::default(),
     };
     let (asked, stop) = (CancellationToken::new(), CancellationToken::new());

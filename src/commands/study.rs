@@ -1,11 +1,11 @@
 //! `gaware study`: claims about accuracy that anybody can repeat.
 
-use super::CommandError;
+use super::{CommandError, output};
 use crate::demo::{Prepared, Settings};
 use crate::study::parallel::Progress;
 use crate::study::{demo, guidance, honesty, observability, paper, recorded, transfer};
 use serde::Serialize;
-use std::io::Write;
+use std::fmt::Write;
 use std::path::PathBuf;
 
 /// Arguments of `study`.
@@ -168,10 +168,12 @@ pub fn run(args: &StudyArgs) -> Result<(), CommandError> {
             show(args.json, &study, print_demo)
         }
         StudyKind::Transfer(args) => transfers(args),
-        StudyKind::Observability(args) => print_json(&with_bar(12, "flights", |bar| match &args.scenario {
-            Some(name) => observability::of_scenario(name, bar),
-            None => observability::table(bar),
-        })?),
+        StudyKind::Observability(args) => {
+            output::json_pretty(&with_bar(12, "flights", |bar| match &args.scenario {
+                Some(name) => observability::of_scenario(name, bar),
+                None => observability::table(bar),
+            })?)
+        }
         StudyKind::Sigmas(args) => {
             let settings = honesty::HonestySettings {
                 runs: args.runs,
@@ -179,7 +181,7 @@ pub fn run(args: &StudyArgs) -> Result<(), CommandError> {
                 scenarios: args.scenarios.clone(),
             };
             let flights = args.runs * args.scenarios.len();
-            print_json(&with_bar(flights, "flights", |bar| honesty::honest_sigmas(&settings, bar))?)
+            output::json_pretty(&with_bar(flights, "flights", |bar| honesty::honest_sigmas(&settings, bar))?)
         }
         StudyKind::Blind(args) => super::study_blind::run(args),
         StudyKind::Guidance(args) => {
@@ -199,17 +201,20 @@ fn with_bar<T>(total: usize, unit: &'static str, job: impl FnOnce(&Bar) -> T) ->
 }
 
 /// A document for machines, or words.
-fn show<T: Serialize>(json: bool, study: &T, print: impl Fn(&T)) -> Result<(), CommandError> {
+fn show<T: Serialize>(
+    json: bool,
+    study: &T,
+    print: impl Fn(&mut String, &T) -> std::fmt::Result,
+) -> Result<(), CommandError> {
     if json {
-        return print_json(study);
+        return output::json_pretty(study);
     }
-    print(study);
-    Ok(())
+    output::words(|out| print(out, study))
 }
 
 fn transfers(args: &TransferArgs) -> Result<(), CommandError> {
     let study = with_bar(6 * args.runs, "uploads", |bar| transfer::run(args.runs, args.seed, bar));
-    show(args.json, &study, |study| print!("{study}"))?;
+    show(args.json, &study, |out, study| write!(out, "{study}"))?;
     match study.wrong() {
         0 => Ok(()),
         count => Err(CommandError::Transfers { count }),
@@ -224,35 +229,35 @@ fn recorded_sets(args: &RecordedArgs) -> Result<(), CommandError> {
         results.push(recorded::run(&flight, &setup));
     }
     if args.json {
-        return print_json(&serde_json::json!({"schema": "gaware.study/1", "recorded": results}));
+        return output::json_pretty(&serde_json::json!({"schema": "gaware.study/1", "recorded": results}));
     }
-    results.iter().for_each(print_recorded);
-    Ok(())
+    output::words(|out| results.iter().try_for_each(|r| print_recorded(out, r)))
 }
 
-pub(super) fn print_json(value: &impl Serialize) -> Result<(), CommandError> {
-    let mut out = std::io::stdout().lock();
-    serde_json::to_writer_pretty(&mut out, value).map_err(std::io::Error::from)?;
-    Ok(writeln!(out)?)
-}
-
-fn print_paper(study: &paper::Study) {
-    println!("The paper's flight, {} runs, initial attitude error {}°", study.runs, study.attitude_error_deg);
+fn print_paper(out: &mut String, study: &paper::Study) -> std::fmt::Result {
+    writeln!(
+        out,
+        "The paper's flight, {} runs, initial attitude error {}°",
+        study.runs, study.attitude_error_deg
+    )?;
     for f in &study.filters {
         let [roll, pitch, yaw] = f.attitude_rms_deg;
         let [low, high] = f.nees_band_95;
-        println!(
+        writeln!(
+            out,
             "\n{} states: attitude RMS from 60 s {roll:.4}/{pitch:.4}/{yaw:.4}°, NEES/dof {:.3} (95 % band of one epoch {low:.3} to {high:.3}, {:.0} % of epochs inside)",
             f.states,
             f.nees_per_dof,
             100.0 * f.nees_inside_band
-        );
-        println!(
+        )?;
+        writeln!(
+            out,
             "{:8}{:>10}{:>12}{:>10}{:>12}{:>12}{:>12}  unit",
             "", "truth", "mean", "± s.e.", "RMS error", "predicted", "bound"
-        );
+        )?;
         for p in &f.parameters {
-            println!(
+            writeln!(
+                out,
                 "{:8}{:10.3}{:12.4}{:10.4}{:12.4}{:12.4}{:12.4}  {}",
                 p.name,
                 p.truth,
@@ -262,14 +267,16 @@ fn print_paper(study: &paper::Study) {
                 p.predicted_sigma,
                 p.bound,
                 p.unit
-            );
+            )?;
         }
     }
+    Ok(())
 }
 
-fn print_demo(study: &demo::DemoStudy) {
+fn print_demo(out: &mut String, study: &demo::DemoStudy) -> std::fmt::Result {
     let [low, high] = study.interval_95;
-    println!(
+    writeln!(
+        out,
         "{}: {} of {} flights completed; {} of {} observable estimates within 2 sigma: {:.3} (95 % interval {low:.3} to {high:.3}), worst {:.2} sigma; planned within a factor 1.5 of reached: {:.3}",
         study.airframe,
         study.completed,
@@ -279,35 +286,43 @@ fn print_demo(study: &demo::DemoStudy) {
         study.share,
         study.worst_normalised_error,
         study.plan_within_factor_1_5
-    );
+    )?;
     let [low, high] = study.kept_interval_95;
-    println!(
+    writeln!(
+        out,
         "the plan takes {:.0} s and promises {} states; all of them became observable in {} of {} flights: {:.3} (95 % interval {low:.3} to {high:.3})",
         study.plan_s,
         study.promised.len(),
         study.promise_kept,
         study.completed,
         study.promise_kept as f64 / study.completed.max(1) as f64
-    );
+    )?;
     if !study.missed.is_empty() {
         let list: Vec<String> =
             study.missed.iter().map(|m| format!("{} {} times", m.name, m.flights)).collect();
-        println!("promised but not reached: {}", list.join(", "));
+        writeln!(out, "promised but not reached: {}", list.join(", "))?;
     }
     if !study.beyond_airframe.is_empty() {
-        println!("beyond this airframe by the plan's prediction: {}", study.beyond_airframe.join(", "));
+        writeln!(out, "beyond this airframe by the plan's prediction: {}", study.beyond_airframe.join(", "))?;
     }
-    println!("{:>10}{:>12}{:>10}{:>12}{:>17}", "", "observable", "within", "RMS error/σ", "planned/reached");
+    writeln!(
+        out,
+        "{:>10}{:>12}{:>10}{:>12}{:>17}",
+        "", "observable", "within", "RMS error/σ", "planned/reached"
+    )?;
     for s in &study.states {
-        println!(
+        writeln!(
+            out,
             "{:>10}{:12}{:10}{:12.2}{:17.2}",
             s.name, s.observable, s.within_2_sigma, s.rms_normalised_error, s.planned_over_reached
-        );
+        )?;
     }
+    Ok(())
 }
 
-fn print_guidance(s: &guidance::GuidanceStudy) {
-    println!(
+fn print_guidance(out: &mut String, s: &guidance::GuidanceStudy) -> std::fmt::Result {
+    writeln!(
+        out,
         "{}: columns x and z of G known to {} deg/h/g after {:.0} s guided (95 % interval {:.0} to {:.0}), {:.0} s at random (medians of {} from standing start): {:.0} %",
         s.airframe,
         s.target_deg_per_h_per_g,
@@ -317,27 +332,31 @@ fn print_guidance(s: &guidance::GuidanceStudy) {
         s.random_median_s,
         s.runs,
         100.0 * s.ratio_of_medians
-    );
+    )?;
     let [guided, random] = s.from_first_maneuver_s;
-    println!(
+    writeln!(
+        out,
         "from the first maneuver on {guided:.0} s and {random:.0} s; guided faster in {:.0} % of the pairs; not finished: {} and {}",
         100.0 * s.guided_faster,
         s.unfinished[0],
         s.unfinished[1]
-    );
+    )?;
+    Ok(())
 }
 
-fn print_recorded(r: &recorded::Accuracy) {
-    println!("{}: {} epochs, NIS/dof {:.3}", r.set, r.epochs, r.nis_mean_per_dof);
+fn print_recorded(out: &mut String, r: &recorded::Accuracy) -> std::fmt::Result {
+    writeln!(out, "{}: {} epochs, NIS/dof {:.3}", r.set, r.epochs, r.nis_mean_per_dof)?;
     let rows = [
         ("position N/E/D, m", r.position_rms_m),
         ("velocity N/E/D, m/s", r.velocity_rms_m_per_s),
         ("roll/pitch/yaw, deg", r.attitude_rms_deg),
     ];
     for ((name, ours), best) in rows.into_iter().zip(r.best_of_others) {
-        println!(
+        writeln!(
+            out,
             "  RMS {name:20} {:.3} / {:.3} / {:.3}   best of the others in each figure {:.3} / {:.3} / {:.3}",
             ours[0], ours[1], ours[2], best[0], best[1], best[2]
-        );
+        )?;
     }
+    Ok(())
 }

@@ -1,12 +1,13 @@
 //! `gaware study blind`: hide an effect, fly, explain, unseal.
 
-use super::CommandError;
-use super::study::{Bar, print_json};
+use super::study::Bar;
+use super::{CommandError, output};
 use crate::study::blind::{self, Campaign, Family, Outcome, Share, Summary};
 use crate::study::parallel;
 use gaware_nav::identify::select::Settings;
 use serde::Serialize;
 use std::collections::BTreeMap;
+use std::fmt::Write;
 use std::time::Instant;
 
 /// Arguments of `study blind`.
@@ -93,15 +94,18 @@ pub fn run(args: &BlindArgs) -> std::result::Result<(), CommandError> {
         .collect();
     bar.finish_and_clear();
     if args.json {
-        return print_json(&serde_json::json!({"schema": "gaware.study/1", "blind": results}));
+        return output::json_pretty(&serde_json::json!({"schema": "gaware.study/1", "blind": results}));
     }
-    results.iter().for_each(print);
-    Ok(())
+    output::words(|out| results.iter().try_for_each(|r| print(out, r)))
 }
 
-fn print(result: &Result) {
+fn print(out: &mut String, result: &Result) -> std::fmt::Result {
     let s = &result.summary;
-    println!("\nFlights {}", if result.family == Family::Tuning { "of the tuning" } else { "kept aside" });
+    writeln!(
+        out,
+        "\nFlights {}",
+        if result.family == Family::Tuning { "of the tuning" } else { "kept aside" }
+    )?;
     let lines: [(&str, Share); 12] = [
         ("an oracle could name alone", s.oracle),
         ("named alone and right where the oracle could", s.alone_right_where_oracle),
@@ -118,16 +122,18 @@ fn print(result: &Result) {
     ];
     for (what, share) in lines.into_iter().filter(|l| l.1.of > 0) {
         let [low, high] = share.interval_95;
-        println!(
+        writeln!(
+            out,
             "  {what:48} {:4} of {:4} = {:.3} (95 % interval {low:.3} to {high:.3})",
             share.count, share.of, share.share
-        );
+        )?;
     }
-    println!("  {:.1} s for each flight, {} at a time", result.seconds_per_flight, result.jobs);
+    writeln!(out, "  {:.1} s for each flight, {} at a time", result.seconds_per_flight, result.jobs)?;
     for (hidden, named) in &result.confusion {
-        println!("  {hidden}");
+        writeln!(out, "  {hidden}")?;
         for (name, count) in named {
-            println!("    {count:4}  {name}");
+            writeln!(out, "    {count:4}  {name}")?;
         }
     }
+    Ok(())
 }

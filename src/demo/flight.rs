@@ -4,6 +4,7 @@
 use super::series::{Log, PERIOD_S};
 use super::{Prepared, hidden_truth};
 use crate::commands::pipeline::Pipeline;
+use crate::engine::guidance::GuidanceOptions;
 use crate::engine::snapshot::Snapshot;
 use crate::engine::{Engine, EngineOptions};
 use crate::link::frame::{Frame, Sender};
@@ -33,6 +34,8 @@ const HOLD_S: f64 = 20.0;
 const PATIENCE: (f64, f64) = (1.5, 180.0);
 /// Seconds after the first sample from which the attitude is compared with the truth.
 const TRUTH_FROM_S: f64 = 60.0;
+/// Screens show for so long what was told, s.
+const NEWS_S: f64 = 10.0;
 /// The ground station of the simulated pilot.
 const PILOT: Sender = Sender { system_id: 255, component_id: 190 };
 const MISSION_ITEM_REACHED: u32 = 46;
@@ -65,6 +68,8 @@ pub enum Ending {
     NotUploaded(String),
     /// The flight did not come to its end in time.
     OutOfTime,
+    /// Somebody ended the demonstration before.
+    Stopped,
 }
 
 /// The sigmas when a maneuver was done.
@@ -97,6 +102,8 @@ pub struct Flight {
     holding_since: Option<f64>,
     frames: u64,
     told: Vec<String>,
+    /// When something was told last, and what: screens show it for a while.
+    news: Option<(f64, String)>,
     milestones: Vec<Milestone>,
     log: Log,
 }
@@ -109,7 +116,9 @@ impl Flight {
         let autopilot =
             Autopilot::flying(settings.autopilot(seed), settings.vehicle(seed), &truth, Prepared::sensors());
         let truth = relative_to_stamps(truth, autopilot.mean_stamp_delay_s());
-        let options = EngineOptions::for_airframe(settings.airframe.clone(), false);
+        let mut guidance = GuidanceOptions::new(settings.airframe.clone(), false);
+        guidance.band_m = settings.band_m;
+        let options = EngineOptions { guidance: Some(guidance), ..EngineOptions::default() };
         let engine = Engine::new(settings.belief.clone(), options);
         Self {
             pipeline: Pipeline::new(ConverterOptions::default(), engine, TRUTH_FROM_S),
@@ -128,6 +137,7 @@ impl Flight {
             holding_since: None,
             frames: 0,
             told: Vec::new(),
+            news: None,
             milestones: Vec::new(),
             log: Log::default(),
         }
@@ -158,11 +168,25 @@ impl Flight {
         &self.pipeline
     }
 
-    /// The state now, with what the demonstration has to tell.
+    /// The state now, with what the demonstration has to tell: the guidance is for pilots, and here nobody follows it.
     pub fn snapshot(&self) -> Snapshot {
         let mut snapshot = self.pipeline.snapshot();
-        snapshot.warnings.extend(self.told.last().cloned());
+        let news = self.news.as_ref().filter(|(t_s, _)| self.now_s - t_s < NEWS_S);
+        snapshot.warnings.extend(news.map(|(_, text)| text.clone()));
+        let guidance = &mut snapshot.guidance;
+        if self.stage == Stage::Flying && !guidance.instruction.is_empty() {
+            let all = self.prepared.plan.maneuvers.len();
+            let now = (self.milestones.len() + 1).min(all);
+            let reason = std::mem::take(&mut guidance.reason);
+            guidance.reason =
+                format!("for a pilot; the autopilot flies its mission, maneuver {now} of {all}; {reason}");
+        }
         snapshot
+    }
+
+    fn tell(&mut self, text: String) {
+        self.news = Some((self.now_s, text.clone()));
+        self.told.push(text);
     }
 
     /// What happened since the last call, for log lines.
@@ -292,7 +316,7 @@ impl Flight {
                     let frame = self.voice.say(&message);
                     self.autopilot.receive(frame.raw());
                 }
-                RateAction::Tell(notice) => self.told.push(notice.to_string()),
+                RateAction::Tell(notice) => self.tell(notice.to_string()),
             }
         }
     }
@@ -332,7 +356,7 @@ impl Flight {
             Stage::Standing if now >= STAND_S => self.begin_upload(),
             Stage::Uploading => self.follow_upload(),
             Stage::Ready(at) if now >= at => {
-                self.told.push("the demonstration's pilot arms and starts the mission".to_owned());
+                self.tell("the demonstration's pilot arms and starts the mission".to_owned());
                 self.pilot(MavCmd::MAV_CMD_COMPONENT_ARM_DISARM, [1.0, 0.0, 0.0]);
                 self.pilot(MavCmd::MAV_CMD_MISSION_START, [0.0; 3]);
                 self.took_off_s = now;
@@ -376,7 +400,7 @@ impl Flight {
             Some(vehicle.state),
             self.now_s,
         );
-        self.told.push(format!("uploading {} mission items", self.prepared.plan.mission.items.len()));
+        self.tell(format!("uploading {} mission items", self.prepared.plan.mission.items.len()));
         self.upload = Some(upload);
         self.stage = Stage::Uploading;
         self.transfer(actions);
@@ -385,7 +409,7 @@ impl Flight {
     fn follow_upload(&mut self) {
         let Some(outcome) = self.upload.as_ref().and_then(|u| u.outcome()).cloned() else { return };
         self.upload = None;
-        self.told.push(outcome.to_string());
+        self.tell(outcome.to_string());
         match &outcome {
             Outcome::Verified { .. } => self.stage = Stage::Ready(self.now_s + BEFORE_TAKE_OFF_S),
             other => self.end(Ending::NotUploaded(other.to_string())),
@@ -417,7 +441,7 @@ impl Flight {
         if self.prepared.settings.airframe.is_fixed_wing() {
             self.end(Ending::Holding);
         } else {
-            self.told.push("the demonstration's pilot returns and lands".to_owned());
+            self.tell("the demonstration's pilot returns and lands".to_owned());
             self.log.at_end = self.sigmas();
             let rtl = match self.prepared.settings.airframe.autopilot {
                 Firmware::ArduPilot => [1.0, 6.0, 0.0],
@@ -437,7 +461,7 @@ impl Flight {
         let words = maneuvers.get(maneuver).map(|m| m.maneuver.words(&self.prepared.settings.airframe).short);
         let sigmas = self.sigmas();
         self.milestones.push(Milestone { maneuver, t_s: self.now_s - self.took_off_s, sigmas });
-        self.told.push(format!("flown: {}", words.unwrap_or_default()));
+        self.tell(format!("flown: {}", words.unwrap_or_default()));
     }
 
     fn end(&mut self, ending: Ending) {

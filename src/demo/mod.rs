@@ -30,7 +30,7 @@ const FIX_INTERVAL_S: f64 = 0.2;
 /// Fence: half of the side of a square around home, m, for wings and rotors.
 const HALF_SIDE_M: [f64; 2] = [900.0, 200.0];
 /// Floor and ceiling above home, m, for wings and rotors.
-const BAND_M: [(f64, f64); 2] = [(40.0, 160.0), (15.0, 70.0)];
+const BAND_M: [[f64; 2]; 2] = [[40.0, 160.0], [15.0, 70.0]];
 /// Time on the ground before a take-off, s.
 const STANDING_S: f64 = flight::STAND_S + flight::BEFORE_TAKE_OFF_S;
 /// Gusts, RMS per axis, m/s.
@@ -43,6 +43,8 @@ pub struct Settings {
     pub airframe: Airframe,
     /// Time from take-off to the hold at the end, s; without it as long as it takes to make known what can be.
     pub budget_s: Option<f64>,
+    /// Lowest and highest height above home of planned and of proposed maneuvers, m.
+    pub band_m: [f64; 2],
     /// Width of the planner's search.
     pub beam: usize,
     /// Mean wind toward north and east, m/s.
@@ -54,7 +56,9 @@ pub struct Settings {
 impl Settings {
     /// Light wind, the model that `run` starts with.
     pub fn new(airframe: Airframe, budget_s: Option<f64>) -> Self {
-        Self { airframe, budget_s, beam: 3, wind_n_e_m_per_s: [-2.0, 1.5], belief: Model::standard() }
+        let band_m = BAND_M[usize::from(!airframe.is_fixed_wing())];
+        let belief = Model::standard();
+        Self { airframe, budget_s, band_m, beam: 3, wind_n_e_m_per_s: [-2.0, 1.5], belief }
     }
 
     fn home(&self) -> Home {
@@ -83,7 +87,7 @@ impl Settings {
             polygons: vec![FencePolygon { inclusion: true, corners: corners.to_vec() }],
             circles: Vec::new(),
         };
-        let (floor_m, ceiling_m) = BAND_M[rotor];
+        let [floor_m, ceiling_m] = self.band_m;
         let height = 0.5 * (floor_m + ceiling_m);
         let [n, e] = self.wind_n_e_m_per_s;
         let heading = self.heading_deg();

@@ -9,6 +9,7 @@ use gaware_mission::transfer::verified::Outcome;
 use gaware_nav::filter::calibration::Calibration;
 use gaware_nav::filter::layout::{Layout, index};
 use gaware_nav::model::Model;
+use gaware_nav::rotation::wrap_180;
 use serde::Serialize;
 use serde_json::{Map, Value, json};
 use std::fmt::Write;
@@ -74,7 +75,7 @@ pub struct DemoResult {
 pub fn of(flight: &mut Flight, seed: u64) -> DemoResult {
     let ending = match flight.stage() {
         Stage::Over(ending) => ending.clone(),
-        _ => Ending::OutOfTime,
+        _ => Ending::Stopped,
     };
     let attitude_deg = flight.true_attitude_deg();
     let summary = flight.pipeline().summary();
@@ -123,7 +124,8 @@ impl Ending {
             Self::Holding => "the mission was flown to the hold at its end".to_owned(),
             Self::Landed => "the mission was flown, and the vehicle has landed".to_owned(),
             Self::NotUploaded(why) => format!("nothing was flown: {why}"),
-            Self::OutOfTime => "the flight was broken off before its end".to_owned(),
+            Self::OutOfTime => "the flight did not come to its end in time".to_owned(),
+            Self::Stopped => "the demonstration was ended in the middle of the flight".to_owned(),
         }
     }
 
@@ -134,6 +136,7 @@ impl Ending {
             Self::Landed => "landed",
             Self::NotUploaded(_) => "not_uploaded",
             Self::OutOfTime => "out_of_time",
+            Self::Stopped => "stopped",
         }
     }
 }
@@ -262,7 +265,7 @@ impl DemoResult {
         writeln!(out, "{:.0} s: {}", self.summary.duration_s, self.ending.sentence())?;
         let found = &self.summary.estimate.attitude_deg;
         for (k, axis) in ["roll", "pitch", "yaw"].into_iter().enumerate() {
-            let error = (found.value[k] - self.attitude_deg[k] + 180.0).rem_euclid(360.0) - 180.0;
+            let error = wrap_180(found.value[k] - self.attitude_deg[k]);
             writeln!(out, "{axis:>10} error {error:8.2} deg, sigma {:.2}", found.sigma[k])?;
         }
         writeln!(

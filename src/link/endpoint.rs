@@ -153,6 +153,7 @@ impl Links {
                 status,
                 clock,
                 past: FramerStats::default(),
+                told_down: false,
             };
             let stop = stop.clone();
             tasks.spawn(async move {
@@ -199,6 +200,8 @@ struct Link {
     clock: ReceiveClock,
     /// What the framers of earlier connections and peers counted.
     past: FramerStats,
+    /// Whether it was told that the link is down, and nothing has come over it since.
+    told_down: bool,
 }
 
 impl Link {
@@ -211,7 +214,10 @@ impl Link {
                 Ok(()) => "the other side closed the connection".to_owned(),
                 Err(e) => e.to_string(),
             };
-            tracing::warn!(address = %self.address, %problem, "link is down, opening it again");
+            // Once: whoever waits for a vehicle to be switched on has read it.
+            if !std::mem::replace(&mut self.told_down, true) {
+                tracing::warn!(address = %self.address, %problem, "link is down, opening it again until it is back");
+            }
             self.status.send_modify(|s| {
                 s.up = false;
                 s.problem = problem;
@@ -357,6 +363,9 @@ impl Link {
             if self.frames.send(received).await.is_err() {
                 return Err(io::Error::from(io::ErrorKind::BrokenPipe));
             }
+        }
+        if std::mem::take(&mut self.told_down) {
+            tracing::warn!(address = %self.address, "link is up again");
         }
         self.status.send_modify(|s| s.received_bytes += bytes.len() as u64);
         Ok(())

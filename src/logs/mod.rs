@@ -108,6 +108,9 @@ pub enum LogError {
         /// What is wrong.
         reason: String,
     },
+    /// A table alone.
+    #[error("there is no imu.csv beside {0}: a table of fixes is read together with the inertial samples")]
+    NoImu(PathBuf),
     /// Another format.
     #[error("{0} is none of the formats gaware reads (.tlog, .bin, .ulg, .mcap, a folder with imu.csv)")]
     UnknownFormat(PathBuf),

@@ -29,7 +29,11 @@ pub struct TableReader {
     total: u64,
 }
 
-fn rows(path: &Path, columns: usize) -> Result<Vec<Vec<f64>>, LogError> {
+/// The rows of a table with a header: numbers, at least so many in a row, the first of them a time.
+///
+/// # Errors
+/// A table that is missing, empty, too narrow or not numeric.
+pub(crate) fn rows(path: &Path, columns: usize) -> Result<Vec<Vec<f64>>, LogError> {
     let wrong = |row: usize, reason: String| LogError::Table { path: path.to_owned(), row, reason };
     let mut reader = csv::Reader::from_path(path).map_err(|e| match e.into_kind() {
         csv::ErrorKind::Io(source) => LogError::Open { path: path.to_owned(), source },
@@ -49,7 +53,8 @@ fn rows(path: &Path, columns: usize) -> Result<Vec<Vec<f64>>, LogError> {
     if out.is_empty() { Err(LogError::Empty(path.to_owned())) } else { Ok(out) }
 }
 
-fn imu(row: &[f64]) -> ImuSample {
+/// An inertial sample from the columns of `imu.csv`.
+pub(crate) fn imu(row: &[f64]) -> ImuSample {
     ImuSample {
         t_s: row[0],
         gyro: Vector3::new(row[1], row[2], row[3]),
@@ -58,7 +63,8 @@ fn imu(row: &[f64]) -> ImuSample {
     }
 }
 
-fn fix(row: &[f64]) -> GnssFix {
+/// A fix from the columns of a table of fixes.
+pub(crate) fn fix(row: &[f64]) -> GnssFix {
     GnssFix {
         t_s: row[0],
         position: Geodetic::from_degrees(row[1], row[2], row[3]),
@@ -81,6 +87,13 @@ impl TableReader {
         } else {
             path.parent().map(Path::to_owned).unwrap_or_default()
         };
+        if !folder.join(IMU).is_file() {
+            return Err(if path.exists() {
+                LogError::NoImu(path.to_owned())
+            } else {
+                LogError::Open { path: path.to_owned(), source: std::io::ErrorKind::NotFound.into() }
+            });
+        }
         let fixes = if named { path.to_owned() } else { folder.join(FIXES) };
         let stream = ImuStream {
             message: IMU.into(),

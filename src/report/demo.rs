@@ -29,12 +29,12 @@ pub fn html(airframe: &str, result: &DemoResult, series: &Series) -> Result<Stri
         body,
         "<h1>{}</h1><p class=\"verdict\">{}: {known} of {} states known after {:.0} s.</p>",
         escape(airframe),
-        escape(&result.ending.sentence()),
+        escape(&capitalised(&result.ending.sentence())),
         result.states.len(),
         result.summary.duration_s
     );
     for line in result.promise.lines() {
-        let _ = write!(body, "<p>{}.</p>", escape(&line));
+        let _ = write!(body, "<p>{}.</p>", escape(&capitalised(&line)));
     }
     body.push_str(
         "<h2>Predicted and flown</h2><p>1-sigma of the least known state of each group: as the plan predicted it, and as the \
@@ -53,12 +53,20 @@ pub fn html(airframe: &str, result: &DemoResult, series: &Series) -> Result<Stri
     Ok(page(airframe, &body))
 }
 
+/// With a capital at the start.
+fn capitalised(text: &str) -> String {
+    let mut chars = text.chars();
+    chars.next().map_or_else(String::new, |first| first.to_uppercase().chain(chars).collect())
+}
+
 fn plot(title: &str, names: &[&str], series: &Series, marks: &[(f64, &str)]) -> Result<String, String> {
     let (Some(planned), Some(flown)) = (series.worst(names, false), series.worst(names, true)) else {
         return Ok(String::new());
     };
     let (unit, target) = series.unit_and_target(names);
-    let ends = [flown.first(), flown.last()].map(|p| p.map_or(0.0, |(t, _)| *t));
+    // The target stands as long as anything does: a flight may be broken off.
+    let all = || planned.iter().chain(&flown).map(|(t, _)| *t);
+    let ends = [all().fold(f64::INFINITY, f64::min), all().fold(0.0, f64::max)];
     let lines = [
         Line { name: "predicted", color: BEFORE, points: planned },
         Line { name: "flown", color: AFTER, points: flown },

@@ -27,6 +27,9 @@ pub const Z_AXIS: RGBColor = RGBColor(225, 130, 35);
 /// Colour of axes and text in the drawing; replaced by the page's own.
 const INK: RGBColor = RGBColor(1, 2, 3);
 const INK_IN_SVG: &str = "#010203";
+/// What lies behind; replaced likewise.
+const PAPER: RGBColor = RGBColor(4, 5, 6);
+const PAPER_IN_SVG: &str = "#040506";
 
 /// What lies between a lower and an upper bound: a value give or take its sigma.
 #[derive(Debug, Clone)]
@@ -160,7 +163,10 @@ impl<'a> Plot<'a> {
             area.present().map_err(|e| e.to_string())?;
         }
         // The page decides about the colour of ink and about the width.
-        Ok(svg.replace(INK_IN_SVG, "currentColor").replacen("<svg ", "<svg class=\"plot\" role=\"img\" ", 1))
+        let svg = svg.replace(INK_IN_SVG, "currentColor").replace(PAPER_IN_SVG, "var(--paper)");
+        let svg = svg.replacen("<svg ", "<svg class=\"plot\" role=\"img\" ", 1);
+        // On a narrow screen it scrolls: nobody could read it that small.
+        Ok(format!("<div class=\"wide\">{svg}</div>"))
     }
 
     fn draw<B: DrawingBackend>(
@@ -172,7 +178,7 @@ impl<'a> Plot<'a> {
         let mut chart = ChartBuilder::on(area)
             .caption(self.title, text(15))
             .margin(6)
-            .x_label_area_size(26)
+            .x_label_area_size(34)
             .y_label_area_size(54)
             .build_cartesian_2d(x0..x1, bottom..top)?;
         chart
@@ -181,6 +187,9 @@ impl<'a> Plot<'a> {
             .bold_line_style(INK.mix(0.12))
             .axis_style(INK.mix(0.5))
             .label_style(text(11))
+            .x_label_formatter(&tick)
+            .y_label_formatter(&tick)
+            .x_desc("time, s")
             .y_desc(self.unit)
             .draw()?;
         let inside = |y: f64| y.clamp(bottom, top);
@@ -208,10 +217,18 @@ impl<'a> Plot<'a> {
                 .configure_series_labels()
                 .label_font(text(11))
                 .position(SeriesLabelPosition::UpperRight)
+                .background_style(PAPER.mix(0.7))
                 .draw()?;
         }
         Ok(())
     }
+}
+
+/// A figure beside an axis: ticks are round.
+fn tick(v: &f64) -> String {
+    let text = format!("{v:.3}");
+    let text = text.trim_end_matches('0').trim_end_matches('.');
+    if text == "-0" { "0".to_owned() } else { text.to_owned() }
 }
 
 fn text(size: i32) -> TextStyle<'static> {

@@ -56,7 +56,9 @@ pub fn brief(x: f64) -> String {
         a if !a.is_finite() => "-".to_owned(),
         a if a >= 100.0 => format!("{x:.0}"),
         a if a >= 10.0 => format!("{x:.1}"),
-        _ => format!("{x:.2}"),
+        a if a >= 0.1 || a == 0.0 => format!("{x:.2}"),
+        a if a >= 0.01 => format!("{x:.3}"),
+        _ => format!("{x:.4}"),
     }
 }
 
@@ -77,6 +79,8 @@ mod tests {
         assert_eq!(clock(3605.0), "1:00:05");
         assert_eq!(clock(f64::NAN), "0:00");
         assert_eq!(bytes(1_234_567), "1.2 MB");
+        // The sigma of a latency is no zero.
+        assert_eq!([brief(0.0), brief(0.0712), brief(0.00069)], ["0.00", "0.071", "0.0007"]);
         assert_eq!([brief(123.4), brief(12.34), brief(1.234), brief(f64::NAN)], ["123", "12.3", "1.23", "-"]);
     }
 }

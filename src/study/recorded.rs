@@ -4,43 +4,24 @@
 //! `truth.csv`. The filter starts at the truth with stated sigmas and runs forward only.
 
 use super::statistics::Rms3;
+use crate::logs::{LogError, table};
 use gaware_nav::earth::Geodetic;
 use gaware_nav::effects::{self, Effect, Instant, ParameterGroup, Shape, unit};
 use gaware_nav::filter::{Filter, Fusion, Initial};
 use gaware_nav::mechanization::NavState;
 use gaware_nav::model::{EffectSetting, GElements, Model};
 use gaware_nav::rotation::{c_nb_from_euler, wrap_pi};
-use gaware_nav::sample::{FixVelocity, GnssFix, ImuSample, SampleKind};
+use gaware_nav::sample::{GnssFix, ImuSample, SampleKind};
 use nalgebra::Vector3;
 use serde::Serialize;
-use std::path::{Path, PathBuf};
+use std::path::Path;
 
 /// Why a set cannot be read.
 #[derive(Debug, thiserror::Error)]
 pub enum CsvError {
-    /// The file cannot be opened or is not CSV.
-    #[error("cannot read {path}: {source}")]
-    Read {
-        /// File.
-        path: PathBuf,
-        /// Cause.
-        source: csv::Error,
-    },
-    /// Too few columns.
-    #[error("{path}, row {row}: {found} columns, {wanted} expected")]
-    Columns {
-        /// File.
-        path: PathBuf,
-        /// Row, counted from 1 without the header.
-        row: usize,
-        /// Columns that were there.
-        found: usize,
-        /// Columns that must be there.
-        wanted: usize,
-    },
-    /// Nothing in it.
-    #[error("{0} holds no rows")]
-    Empty(PathBuf),
+    /// A table cannot be read.
+    #[error(transparent)]
+    Table(#[from] LogError),
     /// No such set.
     #[error("there is no recorded set \"{0}\"; known: qdr, sim_thor")]
     UnknownSet(String),
@@ -70,51 +51,16 @@ pub struct CsvFlight {
     pub truth: Vec<TruthRow>,
 }
 
-fn rows<const N: usize>(path: &Path) -> Result<Vec<[f64; N]>, CsvError> {
-    let read = |source| CsvError::Read { path: path.to_owned(), source };
-    let mut reader = csv::Reader::from_path(path).map_err(read)?;
-    let mut out = Vec::new();
-    for (i, record) in reader.deserialize::<Vec<f64>>().enumerate() {
-        let record = record.map_err(read)?;
-        let row = record.get(..N).and_then(|r| r.try_into().ok()).ok_or_else(|| CsvError::Columns {
-            path: path.to_owned(),
-            row: i + 1,
-            found: record.len(),
-            wanted: N,
-        })?;
-        out.push(row);
-    }
-    if out.is_empty() { Err(CsvError::Empty(path.to_owned())) } else { Ok(out) }
-}
-
 impl CsvFlight {
     /// Reads `imu.csv`, `truth.csv` and the named file of fixes.
     ///
     /// # Errors
     /// A file that is missing, not numeric, too narrow or empty.
     pub fn read(folder: &Path, fixes: &str) -> Result<Self, CsvError> {
-        let imu = rows::<7>(&folder.join("imu.csv"))?
-            .into_iter()
-            .map(|[t_s, wx, wy, wz, fx, fy, fz]| ImuSample {
-                t_s,
-                gyro: Vector3::new(wx, wy, wz),
-                accel: Vector3::new(fx, fy, fz),
-                temperature_degc: None,
-            })
-            .collect();
-        let fixes = rows::<13>(&folder.join(fixes))?
-            .into_iter()
-            .map(|r| GnssFix {
-                t_s: r[0],
-                position: Geodetic::from_degrees(r[1], r[2], r[3]),
-                velocity: FixVelocity::Full([r[4], r[5], r[6]]),
-                position_sigma_m: Some([r[7], r[8], r[9]]),
-                velocity_sigma_m_per_s: Some([r[10], r[11], r[12]]),
-                yaw_rad: None,
-            })
-            .collect();
-        let truth = rows::<10>(&folder.join("truth.csv"))?
-            .into_iter()
+        let imu = table::rows(&folder.join("imu.csv"), 7)?.iter().map(|r| table::imu(r)).collect();
+        let fixes = table::rows(&folder.join(fixes), 13)?.iter().map(|r| table::fix(r)).collect();
+        let truth = table::rows(&folder.join("truth.csv"), 10)?
+            .iter()
             .map(|r| TruthRow {
                 t_s: r[0],
                 place: Geodetic::from_degrees(r[1], r[2], r[3]),
@@ -262,10 +208,9 @@ pub fn setup(name: &str) -> Result<Setup, CsvError> {
 /// 1-sigma of the start: 3 m, 0.5 m/s, 3/3/5° (data/README.md).
 const START_SIGMAS: ([f64; 3], [f64; 3], [f64; 3]) = ([3.0; 3], [0.5; 3], [3.0, 3.0, 5.0]);
 
-/// Runs the filter over a set.
-pub fn run(flight: &CsvFlight, setup: &Setup) -> Accuracy {
-    let first = flight.truth[0];
-    let initial = Initial {
+/// The start at the truth.
+fn initial(first: &TruthRow) -> Initial {
+    Initial {
         t_s: first.t_s,
         nav: NavState::from_ned(
             first.place,
@@ -275,8 +220,13 @@ pub fn run(flight: &CsvFlight, setup: &Setup) -> Accuracy {
         position_sigma_m: START_SIGMAS.0,
         velocity_sigma_m_per_s: START_SIGMAS.1,
         attitude_sigma_rad: START_SIGMAS.2.map(f64::to_radians),
-    };
-    let mut filter = Filter::new(&setup.model, &initial);
+    }
+}
+
+/// Runs the filter over a set.
+pub fn run(flight: &CsvFlight, setup: &Setup) -> Accuracy {
+    let first = flight.truth[0];
+    let mut filter = Filter::new(&setup.model, &initial(&first));
     filter.set_stream(SampleKind::IntervalMean, (0.0, 0.0));
     let mut fusion = Fusion::new(filter);
     let (mut position, mut velocity, mut attitude) = (Rms3::default(), Rms3::default(), Rms3::default());

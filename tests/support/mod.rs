@@ -55,6 +55,19 @@ impl Gaware {
         Self::of(Command::new("sh").args(["-c", &line, env!("CARGO_BIN_EXE_gaware")]).args(args), args)
     }
 
+    /// Starts the binary with its stdout led elsewhere in a shell's words: `| true`, where the reader is gone before anything is written,
+    /// or `> FILE`. The exit status is the binary's.
+    pub fn start_with_stdout(to: &str, args: &[&str]) -> Self {
+        // The reader of the pipe ends first: the binary waits for it.
+        let line = match to.strip_prefix('|') {
+            Some(reader) => format!(
+                "d=$(mktemp -d); mkfifo $d/p; {reader} < $d/p & exec 3> $d/p; wait $!; rm -r $d; exec \"$0\" \"$@\" >&3"
+            ),
+            None => format!("exec \"$0\" \"$@\" {to}"),
+        };
+        Self::of(Command::new("sh").args(["-c", &line, env!("CARGO_BIN_EXE_gaware")]).args(args), args)
+    }
+
     fn of(command: &mut Command, args: &[&str]) -> Self {
         let mut child = command
             .env_remove("RUST_LOG")

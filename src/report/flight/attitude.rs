@@ -3,7 +3,7 @@
 use super::lessons::{BANKED_DEG, speed};
 use crate::attitudes::Attitudes;
 use crate::engine::snapshot::{Phase, Snapshot};
-use gaware_nav::rotation::wrap_pi;
+use gaware_nav::rotation::wrap_180;
 
 /// Largest shift between the two that is looked for, s.
 const MAX_SHIFT_S: f64 = 0.1;
@@ -59,18 +59,13 @@ impl Around {
     fn of(s: &Snapshot) -> Self {
         let attitude = &s.estimate.attitude_deg;
         let [north, east, _] = s.motion.velocity_ned_m_per_s;
-        let crab_deg = wrapped_deg(east.atan2(north).to_degrees() - attitude.value[2]);
+        let crab_deg = wrap_180(east.atan2(north).to_degrees() - attitude.value[2]);
         Self {
             bank_deg: attitude.value[0].abs(),
             sigma_deg: attitude.sigma,
             crab_deg: (speed(s) > COURSE_SPEED).then_some(crab_deg),
         }
     }
-}
-
-/// Into −180 to 180.
-fn wrapped_deg(angle: f64) -> f64 {
-    wrap_pi(angle.to_radians()).to_degrees()
 }
 
 /// Compares once our own attitude is settled; nothing where the log has too little of the autopilot's.
@@ -109,7 +104,7 @@ fn crab_rms_deg(all: &[(f64, [f64; 3], Around)]) -> Option<[f64; 2]> {
     for (_, [_, _, yaw], around) in all {
         if let Some(crab) = around.crab_deg {
             n += 1;
-            squares[0] += wrapped_deg(crab - yaw).powi(2);
+            squares[0] += wrap_180(crab - yaw).powi(2);
             squares[1] += crab.powi(2);
         }
     }

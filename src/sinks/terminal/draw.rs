@@ -127,12 +127,15 @@ fn small(frame: &mut Frame, view: &View, area: Rect) {
     parts::g_rows(frame, view, g, false);
 }
 
+/// From this height on conditions say to the end what they lack.
+const TALL: u16 = 34;
+
 /// 80×24: everything but the list of states.
 fn normal(frame: &mut Frame, view: &View, area: Rect) {
     let [bar, fly, middle, bottom, keys] = Layout::vertical([
         Constraint::Length(1),
         Constraint::Length(7),
-        Constraint::Length(9),
+        Constraint::Length(if area.height >= TALL { 11 } else { 9 }),
         Constraint::Min(4),
         Constraint::Length(1),
     ])

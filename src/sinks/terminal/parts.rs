@@ -120,12 +120,17 @@ pub(super) fn instruction_words(frame: &mut Frame, view: &View, area: Rect) {
     frame.render_widget(Paragraph::new(text).wrap(Wrap { trim: true }), area);
 }
 
-fn rows<'a>(view: &View<'a>) -> [(&'static str, &'a Condition); 3] {
+/// Conditions with their letter and what they are about.
+fn rows<'a>(view: &View<'a>) -> [(&'static str, &'static str, &'a Condition); 3] {
     let c = &view.snapshot.observability.conditions;
-    [("(a)", &c.a), ("(b)", &c.b), ("(c)", &c.c)]
+    [("(a)", "attitude, biases", &c.a), ("(b)", "diagonal of G", &c.b), ("(c)", "all of G", &c.c)]
 }
 
-fn condition_line(view: &View, letter: &str, c: &Condition, width: u16) -> Line<'static> {
+/// From this width on a condition says what it is about.
+const ROOM_FOR_WORDS: u16 = 36;
+
+fn condition_line(view: &View, (letter, about, c): (&str, &str, &Condition), width: u16) -> Line<'static> {
+    let letter = if width >= ROOM_FOR_WORDS { format!("{letter} {about:16}") } else { letter.to_owned() };
     let (text, style) = if c.met {
         ("  met".to_owned(), view.of(Status::Observable))
     } else {
@@ -135,7 +140,8 @@ fn condition_line(view: &View, letter: &str, c: &Condition, width: u16) -> Line<
             view.of(Status::Converging),
         )
     };
-    let bar = view.bar(usize::from(width).saturating_sub(10), if c.met { 1.0 } else { c.progress });
+    let beside = letter.chars().count() + 7;
+    let bar = view.bar(usize::from(width).saturating_sub(beside), if c.met { 1.0 } else { c.progress });
     Line::from(vec![Span::styled(format!("{letter} "), BOLD), Span::styled(format!("{bar} {text}"), style)])
 }
 
@@ -143,19 +149,20 @@ fn condition_line(view: &View, letter: &str, c: &Condition, width: u16) -> Line<
 pub(super) fn conditions(frame: &mut Frame, view: &View, area: Rect) {
     let block = view.block("Conditions");
     let inner = block.inner(area);
+    let each = usize::from(inner.height / 3).saturating_sub(1).max(1);
     let mut lines = Vec::new();
-    for (letter, c) in rows(view) {
-        lines.push(condition_line(view, letter, c, inner.width));
-        let missing = fit_chars(&view.text(&c.missing), inner.width.saturating_sub(4));
-        lines.push(Line::raw(format!("    {missing}")));
+    for row in rows(view) {
+        lines.push(condition_line(view, row, inner.width));
+        let mut missing = wrapped(&view.text(&row.2.missing), inner.width.saturating_sub(4), each);
+        missing.resize(each, String::new());
+        lines.extend(missing.into_iter().map(|line| Line::raw(format!("    {line}"))));
     }
     frame.render_widget(Paragraph::new(lines).block(block), area);
 }
 
 /// Conditions, a line each.
 pub(super) fn conditions_short(frame: &mut Frame, view: &View, area: Rect) {
-    let lines: Vec<Line> =
-        rows(view).into_iter().map(|(letter, c)| condition_line(view, letter, c, area.width)).collect();
+    let lines: Vec<Line> = rows(view).into_iter().map(|row| condition_line(view, row, area.width)).collect();
     frame.render_widget(Paragraph::new(lines), area);
 }
 
@@ -248,17 +255,29 @@ fn mission_line(view: &View, width: u16) -> Option<Line<'static>> {
 /// The planned mission, warnings of now, then events, newest first.
 pub(super) fn events(frame: &mut Frame, view: &View, area: Rect) {
     let width = area.width.saturating_sub(2);
-    let warnings = view.snapshot.warnings.iter().rev().map(|w| {
-        let style = view.ink(Color::Yellow).add_modifier(Modifier::BOLD);
-        Line::styled(fit_chars(&format!("! {}", view.text(w)), width), style)
-    });
-    let events = view.events.iter().rev().map(|e| {
+    // On a small screen one line each: the newest few matter more than the end of each.
+    let each = if area.height >= ROOM_FOR_SENTENCES { 3 } else { 1 };
+    let lines = |mark: String, text: &str, style: Style| {
+        let indent = mark.chars().count();
+        let text = wrapped(&view.text(text), width.saturating_sub(indent as u16), each);
+        text.into_iter().enumerate().map(move |(k, line)| {
+            let before = if k == 0 { mark.clone() } else { " ".repeat(indent) };
+            Line::styled(format!("{before}{line}"), style)
+        })
+    };
+    let warnings = view
+        .snapshot
+        .warnings
+        .iter()
+        .rev()
+        .flat_map(|w| lines("! ".to_owned(), w, view.ink(Color::Yellow).add_modifier(Modifier::BOLD)));
+    let events = view.events.iter().rev().flat_map(|e| {
         let style = match e.severity {
             Severity::Warning => view.ink(Color::Yellow),
             Severity::Notice => BOLD,
             Severity::Info => Style::new(),
         };
-        Line::styled(fit_chars(&format!("{} {}", clock(e.elapsed_s), view.text(&e.text)), width), style)
+        lines(format!("{} ", clock(e.elapsed_s)), &e.text, style)
     });
     let lines: Vec<Line> = mission_line(view, width)
         .into_iter()
@@ -313,6 +332,23 @@ pub(super) fn keys(frame: &mut Frame, view: &View, area: Rect) {
         spans.push(Span::styled(text, view.ink(Color::Yellow)));
     }
     frame.render_widget(Paragraph::new(Line::from(spans)), area);
+}
+
+/// From this height on events are told to their end.
+const ROOM_FOR_SENTENCES: u16 = 14;
+
+/// At most `most` lines of `width` columns, broken between words; what is left is cut.
+fn wrapped(text: &str, width: u16, most: usize) -> Vec<String> {
+    let mut lines = Vec::new();
+    let mut rest = text.trim();
+    while lines.len() + 1 < most && rest.chars().count() > usize::from(width) {
+        let end = rest.char_indices().nth(usize::from(width) + 1).map_or(rest.len(), |(at, _)| at);
+        let Some((head, _)) = rest.get(..end).and_then(|head| head.rsplit_once(' ')) else { break };
+        lines.push(head.to_owned());
+        rest = rest.get(head.len()..).unwrap_or_default().trim_start();
+    }
+    lines.push(fit_chars(rest, width));
+    lines
 }
 
 /// Cuts to `width` columns, at a word where there is one.

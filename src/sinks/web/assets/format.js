@@ -26,7 +26,7 @@ export function num(x, digits = 1) {
 /** Three figures or so: enough to read, few enough to read quickly. */
 export function brief(x) {
   const size = Math.abs(x);
-  return num(x, size >= 100 ? 0 : size >= 10 ? 1 : 2);
+  return num(x, size >= 100 ? 0 : size >= 10 ? 1 : size >= 0.1 || size === 0 ? 2 : size >= 0.01 ? 3 : 4);
 }
 
 export function signed(x, digits = 1) {

@@ -43,7 +43,7 @@ function hero(s) {
   $("progress").value = progress;
   setText($("progress-text"), `${Math.round(progress * 100)} %`);
   $("result").hidden = !g.last_result;
-  setText($("result"), g.last_result ? `Last maneuver: ${g.last_result}` : "");
+  setText($("result"), (g.last_result || "").charAt(0).toUpperCase() + (g.last_result || "").slice(1));
 }
 
 /* Rings */
