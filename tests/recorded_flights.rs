@@ -211,5 +211,9 @@ fn the_sets_with_independent_truth_are_as_accurate_as_before() {
         for (ours, bound) in found.iter().flatten().zip(bounds.iter().flatten()) {
             assert!(*ours <= CSV_SLACK * bound, "{name}: {ours} against {bound}");
         }
+        // The errors of a flight hang together: one draw may well lie above the sigmas, but not by twice.
+        for (ours, sigma) in found.iter().flatten().zip(result.own_sigma.iter().flatten()) {
+            assert!(*ours <= 2.0 * sigma, "{name}: {ours}, expected {sigma}");
+        }
     }
 }

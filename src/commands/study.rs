@@ -351,12 +351,24 @@ fn print_recorded(out: &mut String, r: &recorded::Accuracy) -> std::fmt::Result 
         ("velocity N/E/D, m/s", r.velocity_rms_m_per_s),
         ("roll/pitch/yaw, deg", r.attitude_rms_deg),
     ];
-    for ((name, ours), best) in rows.into_iter().zip(r.best_of_others) {
+    for (((name, ours), own), best) in rows.into_iter().zip(r.own_sigma).zip(r.best_of_others) {
         writeln!(
             out,
-            "  RMS {name:20} {:.3} / {:.3} / {:.3}   best of the others in each figure {:.3} / {:.3} / {:.3}",
-            ours[0], ours[1], ours[2], best[0], best[1], best[2]
+            "  RMS {name:20} {}   own sigma {}   best of the others {}",
+            triple(ours),
+            triple(own),
+            triple(best)
         )?;
     }
+    writeln!(
+        out,
+        "  the fixes err on average by {} m, which no filter sees; chance gives {}",
+        triple(r.fix_mean_error_m),
+        triple(r.fix_mean_sigma_m)
+    )?;
     Ok(())
+}
+
+fn triple([a, b, c]: [f64; 3]) -> String {
+    format!("{a:.3} / {b:.3} / {c:.3}")
 }
