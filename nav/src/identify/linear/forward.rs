@@ -248,11 +248,9 @@ impl Problem {
         self.go(self.walk, noise, options, Keep::Nothing, self.columns).0
     }
 
-    /// The same when the biases also walk like this. Watched parameters are left out.
-    pub fn run_with(&self, walk: BiasWalk, noise: &Noise, options: &Options) -> Run {
-        let both =
-            BiasWalk { gyro: self.walk.gyro.hypot(walk.gyro), accel: self.walk.accel.hypot(walk.accel) };
-        self.go(both, noise, options, Keep::Nothing, 0).0
+    /// The same when the biases walk like this. Watched parameters are left out.
+    pub fn run_walking(&self, walk: BiasWalk, noise: &Noise, options: &Options) -> Run {
+        self.go(walk, noise, options, Keep::Nothing, 0).0
     }
 
     /// The same, and what the way back needs; without watched parameters.

@@ -23,7 +23,7 @@ use crate::effects::BiasWalk;
 use crate::filter::watch::Watched;
 use crate::mechanization::NavState;
 use crate::model::Model;
-use interval::Interval;
+use interval::{DYNAMIC, Interval};
 use nalgebra::Vector3;
 use reference::Reference;
 use rows::Row;
@@ -117,9 +117,16 @@ impl Problem {
         self.walk = walk;
     }
 
-    /// The random walk of the biases.
-    pub fn walk(&self) -> BiasWalk {
-        self.walk
+    /// The same flight with the watched parameters moved by so much, as far as the linear model reaches.
+    pub fn move_by(&mut self, step: &[f64]) {
+        for epoch in &mut self.epochs {
+            for (column, by) in epoch.interval.columns.iter().skip(DYNAMIC).zip(step) {
+                epoch.interval.offset += column * *by;
+            }
+            for row in &mut epoch.rows {
+                row.residual -= row.direct.iter().zip(step).map(|(d, by)| d * by).sum::<f64>();
+            }
+        }
     }
 
     fn part(&self, epoch: &Epoch, options: &Options) -> Option<usize> {

@@ -79,7 +79,8 @@ fn the_score_is_the_slope_of_the_likelihood() {
     let watched = Watched { effects: linear.clone(), ..Watched::default() };
     let noise = noise();
     let reference = Reference::find(&flight, &model, &noise, &Serial);
-    let run = Problem::new(&flight, &model, &reference, &watched, &Serial).run(&noise, &options);
+    let problem = Problem::new(&flight, &model, &reference, &watched, &Serial);
+    let run = problem.run(&noise, &options);
     let information = &run.information[0];
     for (column, (e, p)) in watched.slots().into_iter().enumerate() {
         let sigma = information.matrix[(column, column)].sqrt().recip();
@@ -101,6 +102,12 @@ fn the_score_is_the_slope_of_the_likelihood() {
         let name = linear[e].effect.name();
         assert!((slope - score).abs() < 0.1 + 0.05 * score.abs(), "{name} {p}: {slope} {score}");
         assert!((curvature - 1.0).abs() < 0.2, "{name} {p}: {curvature}");
+        let mut step = vec![0.0; watched.slots().len()];
+        step[column] = h;
+        let mut moved = problem.clone();
+        moved.move_by(&step);
+        let moved = moved.run(&noise, &options).log_likelihood[0];
+        assert!((moved - up).abs() < 0.02, "{name} {p}: moved {moved}, anew {up}");
     }
 }
 

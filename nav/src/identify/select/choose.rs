@@ -108,7 +108,7 @@ impl Search<'_> {
     fn without(&self, point: &Point, k: usize) -> Point {
         let mut fewer: Vec<Added> = point.added.clone();
         fewer.remove(self.given.len() + k);
-        self.settle(&fewer, &point.noise, point, super::search::STEPS).0
+        self.settle(&fewer, &point.noise, point, super::settle::STEPS).0
     }
 
     /// The same with the noise that suits it.

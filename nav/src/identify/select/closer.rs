@@ -1,8 +1,9 @@
 //! A closer look at the candidates that have a chance: each at its own best values, with its own noise.
 
+use super::super::linear::Problem;
 use super::super::map;
 use super::super::noise::Noise;
-use super::search::STEPS;
+use super::settle::STEPS;
 use super::{Added, Candidate, Point, Search};
 use crate::effects::Effect;
 use crate::filter::watch::Watched;
@@ -38,7 +39,11 @@ impl Search<'_> {
 
     /// One candidate at its own best values and noise.
     fn look_closely(&self, candidate: &Candidate, point: &Point) -> (Candidate, Point) {
-        let mut refined = self.refine_size(candidate.clone(), point, &point.noise);
+        let mut refined = candidate.clone();
+        if is_drift(candidate) {
+            let problems = self.problems(point, &Watched::default());
+            refined = self.refine_size(refined, &problems, point, &point.noise);
+        }
         let with = |candidate: &Candidate| {
             let own = Added { setting: candidate.setting.clone(), prior: candidate.prior.clone() };
             point.added.iter().cloned().chain([own]).collect::<Vec<_>>()
@@ -52,18 +57,19 @@ impl Search<'_> {
         for _ in 0..TURNS {
             let noise = self.fit_noise(&problems, &better.noise).noise;
             let mut added = better.added.clone();
-            refined = self.refine_size(refined, point, &noise);
+            refined = self.refine_size(refined, &problems, point, &noise);
             if let Some(last) = added.last_mut().filter(|_| is_drift(&refined)) {
                 *last = Added { setting: refined.setting.clone(), prior: refined.prior.clone() };
             }
-            let (settled, there) = self.settle(&added, &noise, &better, STEPS);
+            let (settled, there) = self.settle_again(&added, &noise, &better, problems);
             let gain = settled.evidence - better.evidence;
             if gain > 0.0 {
-                (better, problems) = (settled, there);
+                better = settled;
             }
             if gain < WORTH {
                 break;
             }
+            problems = there;
         }
         if let Some(last) = better.added.last() {
             refined.setting = last.setting.clone();
@@ -73,13 +79,19 @@ impl Search<'_> {
         (refined, better)
     }
 
-    /// The size of a drift, found to within a few per cent, with the sigma that the likelihood's curvature tells. Other
+    /// The size of a drift beside the effects of `point`, found to within a few per cent, with the sigma that the likelihood's curvature tells. Other
     /// candidates stay as they are.
-    fn refine_size(&self, mut candidate: Candidate, point: &Point, noise: &Noise) -> Candidate {
+    fn refine_size(
+        &self,
+        mut candidate: Candidate,
+        problems: &[Problem],
+        point: &Point,
+        noise: &Noise,
+    ) -> Candidate {
         let Some((least, most)) = sizes_within(candidate.setting.effect) else { return candidate };
-        let problems = self.problems(point, &Watched::default());
         let within = |ln_size: f64| ln_size.exp().clamp(least, most);
-        let value = |ln_size: f64| self.wandered(&problems, &candidate.setting, within(ln_size), noise);
+        let value =
+            |ln_size: f64| self.wandered(problems, &point.added, &candidate.setting, within(ln_size), noise);
         let (at, curvature) = peak(value, candidate.setting.values[0].ln());
         let at = within(at).ln();
         candidate.setting.values = vec![at.exp()];

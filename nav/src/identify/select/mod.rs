@@ -5,6 +5,7 @@ mod closer;
 mod jumps;
 mod scan;
 mod search;
+mod settle;
 
 use super::Workers;
 use super::flight::Flight;
@@ -13,7 +14,8 @@ use super::pass::Options;
 use crate::effects::{Effect, REGISTRY};
 use crate::model::{EffectSetting, Model};
 
-pub(super) use search::{Point, Search, priors};
+pub(super) use search::{Point, Search};
+pub(super) use settle::priors;
 
 /// What the selection may do.
 #[derive(Debug, Clone, Copy, PartialEq)]

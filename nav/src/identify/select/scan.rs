@@ -1,13 +1,13 @@
 //! One look at every candidate, linearised about the present point.
 
 use super::super::evidence::{self, SCALES, log_mean_exp};
-use super::super::linear::Problem;
+use super::super::linear::{self, Problem};
 use super::super::map;
 use super::super::noise::Noise;
 use super::super::pass::Information;
-use super::search::priors;
+use super::settle::priors;
 use super::{Added, Candidate, Point, Search, is_jump, is_linear, lacking, prior_sigmas};
-use crate::effects::{Effect, MISTAKES};
+use crate::effects::{BiasWalk, Effect, MISTAKES};
 use crate::filter::watch::Watched;
 use crate::model::{EffectSetting, Model};
 use crate::sample::{Quantisation, Steps};
@@ -60,7 +60,7 @@ impl Search<'_> {
             .collect();
         let values = map(self.workers, tries.len(), |k| {
             let (i, size) = tries[k];
-            self.wandered(problems, drifts[i], size, &point.noise) - point.log_likelihood
+            self.wandered(problems, &point.added, drifts[i], size, &point.noise) - point.log_likelihood
         });
         let of = |i: usize| tries.iter().zip(&values).filter(move |(t, _)| t.0 == i);
         (0..drifts.len())
@@ -73,16 +73,18 @@ impl Search<'_> {
             .collect()
     }
 
-    /// Log-likelihood when the biases also walk like this.
+    /// Log-likelihood with these effects when the biases also walk like this.
     pub(super) fn wandered(
         &self,
         problems: &[Problem],
+        added: &[Added],
         drift: &EffectSetting,
         size: f64,
         noise: &Noise,
     ) -> f64 {
-        let walk = drift.effect.bias_walk(&[size]);
-        problems.iter().map(|p| p.run_with(walk, noise, &self.settings.options).log_likelihood[0]).sum()
+        let (own, more) = (linear::walk(&self.model(added)), drift.effect.bias_walk(&[size]));
+        let walk = BiasWalk { gyro: own.gyro.hypot(more.gyro), accel: own.accel.hypot(more.accel) };
+        problems.iter().map(|p| p.run_walking(walk, noise, &self.settings.options).log_likelihood[0]).sum()
     }
 
     /// Effects without parameters: there or not.

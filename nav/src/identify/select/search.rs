@@ -1,27 +1,16 @@
 //! The flights at one model: effects at their values, the noise, the likelihood.
 
-use super::super::evidence;
 use super::super::flight::Flight;
 use super::super::linear::Problem;
 use super::super::linear::reference::Reference;
 use super::super::noise::{self, Fitted, Limits, Metric, Noise};
 use super::super::pass::{Information, Options};
 use super::super::{Workers, map};
+use super::settle::STEPS;
 use super::{Added, Candidate, Settings, Step, with};
 use crate::filter::watch::Watched;
-use crate::model::{EffectSetting, Model};
+use crate::model::Model;
 use std::sync::Arc;
-
-/// Gauss-Newton steps when values are looked for.
-pub(in crate::identify) const STEPS: usize = 3;
-/// A trajectory that turns by less than this when it is found anew is good enough to linearise about, rad.
-const STRAIGHT: f64 = 0.01;
-/// One that turns by more than this was no place to linearise about: it is looked for from the start, rad.
-const CROOKED: f64 = 0.1;
-/// A trajectory is found anew at most so often.
-const MOST_BENDS: usize = 3;
-/// A step shorter than this share of the sigma ends the search for values.
-const SMALL: f64 = 0.1;
 
 /// The search over one set of flights.
 #[derive(Clone)]
@@ -35,11 +24,11 @@ pub(in crate::identify) struct Search<'a> {
     pub(super) metric: Metric,
     /// What the model itself leaves to be estimated.
     pub(in crate::identify) given: Vec<Added>,
-    references: Trajectories,
+    pub(super) references: Trajectories,
 }
 
 /// The trajectory of each flight.
-type Trajectories = Arc<Vec<Reference>>;
+pub(super) type Trajectories = Arc<Vec<Reference>>;
 
 /// A model at one point: the effects added with their values (those that the model leaves open first), the noise.
 #[derive(Debug, Clone)]
@@ -50,7 +39,7 @@ pub(in crate::identify) struct Point {
     pub(in crate::identify) evidence: f64,
     pub(in crate::identify) log_likelihood: f64,
     /// The trajectories that the flights were linearised about.
-    references: Trajectories,
+    pub(super) references: Trajectories,
 }
 
 /// Splits a model into what is known and what is to be estimated.
@@ -112,7 +101,7 @@ impl<'a> Search<'a> {
     }
 
     /// The trajectories for this model, and the flights linearised about them.
-    fn linearise(
+    pub(super) fn linearise(
         &self,
         references: &Trajectories,
         model: &Model,
@@ -127,17 +116,7 @@ impl<'a> Search<'a> {
         (Arc::new(references), problems)
     }
 
-    /// The trajectories that the flights show with a model; `None` where they are those that it was linearised about.
-    fn straightened(&self, point: &Point, problems: &[Problem]) -> Option<Trajectories> {
-        let better =
-            map(self.workers, problems.len(), |k| point.references[k].smoothed(&problems[k], &point.noise));
-        let bends = better.iter().zip(point.references.iter()).map(|(b, r)| b.bend(r));
-        let bend = bends.fold(0.0, f64::max);
-        let anew = || self.trajectories(&self.model(&point.added), &point.noise);
-        (bend > STRAIGHT).then(|| Arc::new(if bend > CROOKED { anew() } else { better }))
-    }
-
-    fn trajectories(&self, model: &Model, noise: &Noise) -> Vec<Reference> {
+    pub(super) fn trajectories(&self, model: &Model, noise: &Noise) -> Vec<Reference> {
         map(self.workers, self.flights.len(), |k| {
             Reference::find(self.flights[k], model, noise, self.workers)
         })
@@ -174,61 +153,8 @@ impl<'a> Search<'a> {
         self.workers
     }
 
-    /// Moves the added effects to the values that fit best and says how good that is; with the flights linearised there.
-    /// Starts from the trajectories of `from`.
-    pub(in crate::identify) fn settle(
-        &self,
-        added: &[Added],
-        noise: &Noise,
-        from: &Point,
-        steps: usize,
-    ) -> (Point, Vec<Problem>) {
-        let (mut point, mut problems) = self.climb(added, noise, &from.references, steps);
-        for _ in 0..MOST_BENDS {
-            let Some(references) = self.straightened(&point, &problems) else { break };
-            (point, problems) = self.climb(&point.added, noise, &references, steps);
-        }
-        (point, problems)
-    }
-
-    /// The same from trajectories that are found with these effects.
-    pub(super) fn settle_anew(&self, added: &[Added], noise: &Noise) -> (Point, Vec<Problem>) {
-        let references = Arc::new(self.trajectories(&self.model(added), noise));
-        self.climb(added, noise, &references, 0)
-    }
-
-    fn climb(
-        &self,
-        added: &[Added],
-        noise: &Noise,
-        references: &Trajectories,
-        steps: usize,
-    ) -> (Point, Vec<Problem>) {
-        let mut added = added.to_vec();
-        let mut best: Option<(Point, Vec<Problem>)> = None;
-        for k in 0..=steps {
-            let watched =
-                Watched { effects: added.iter().map(|a| a.setting.clone()).collect(), ..Watched::default() };
-            let references = best.as_ref().map_or(references, |b| &b.0.references);
-            let (references, problems) = self.linearise(references, &self.model(&added), &watched);
-            let (log_likelihood, information) = self.run(&problems, noise);
-            let Some(fit) = fit_added(&information, &watched, &mut added) else { break };
-            let evidence = log_likelihood + fit.evidence + self.told_by_samples(&added);
-            // A step too far is not taken over.
-            if best.as_ref().is_some_and(|b| evidence <= b.0.evidence) {
-                break;
-            }
-            let point = Point { added: added.clone(), noise: *noise, evidence, log_likelihood, references };
-            best = Some((point, problems));
-            if k == steps || !step(&fit, &watched, &mut added) {
-                break;
-            }
-        }
-        best.unwrap_or_else(|| (self.nowhere(noise), Vec::new()))
-    }
-
     /// What the samples themselves say for mistakes of the source.
-    fn told_by_samples(&self, added: &[Added]) -> f64 {
+    pub(super) fn told_by_samples(&self, added: &[Added]) -> f64 {
         let mistakes = added.iter().map(|a| a.setting.effect).filter(|e| e.is_source_mistake());
         mistakes.map(|e| self.flights.iter().map(|f| e.told_by(f.told())).sum::<f64>()).sum()
     }
@@ -255,7 +181,7 @@ impl<'a> Search<'a> {
         for _ in 0..2 {
             let fitted = self.fit_noise(&problems, &point.noise);
             self.metric = fitted.metric;
-            (point, problems) = self.settle(&point.added, &fitted.noise, &point, STEPS);
+            (point, problems) = self.settle_again(&point.added, &fitted.noise, &point, problems);
         }
         self.references = point.references.clone();
         point
@@ -265,7 +191,7 @@ impl<'a> Search<'a> {
     pub(super) fn fitted(&self, point: &Point, from: &Point) -> Point {
         let (settled, problems) = self.settle(&point.added, &point.noise, from, STEPS);
         let noise = self.fit_noise(&problems, &settled.noise).noise;
-        let (better, _) = self.settle(&settled.added, &noise, &settled, STEPS);
+        let (better, _) = self.settle_again(&settled.added, &noise, &settled, problems);
         if better.evidence > settled.evidence { better } else { settled }
     }
 
@@ -294,47 +220,4 @@ impl<'a> Search<'a> {
             candidates: looks.iter().map(told).chain(remaining.iter().filter(other).copied()).collect(),
         }
     }
-}
-
-/// Prior sigma and distance from the prior mean of each watched parameter.
-pub(in crate::identify) fn priors(added: &[Added], watched: &Watched) -> (Vec<f64>, Vec<f64>) {
-    let own =
-        |(e, p): (usize, usize)| added.get(e).map(|a| (a.prior[p].1, a.prior[p].0 - a.setting.values[p]));
-    watched.slots().into_iter().filter_map(own).unzip()
-}
-
-/// Columns whose prior lets them move.
-fn open(sigma: &[f64]) -> Vec<usize> {
-    (0..sigma.len()).filter(|k| sigma[*k] > 0.0).collect()
-}
-
-fn fit_added(information: &Information, watched: &Watched, added: &mut [Added]) -> Option<evidence::Fit> {
-    let (sigma, offset) = priors(added, watched);
-    let columns = open(&sigma);
-    let pick = |v: &[f64]| -> Vec<f64> { columns.iter().map(|k| v[*k]).collect() };
-    let fit = evidence::fit(information, &columns, &pick(&sigma), &pick(&offset))?;
-    let slots = watched.slots();
-    for (i, k) in columns.iter().enumerate() {
-        let (e, p) = slots[*k];
-        set(&mut added[e].setting, p, fit.covariance[(i, i)]);
-    }
-    Some(fit)
-}
-
-fn set(setting: &mut EffectSetting, parameter: usize, variance: f64) {
-    setting.sigmas[parameter] = variance.max(0.0).sqrt();
-}
-
-/// Takes the step of a fit; `false` where it is not worth taking.
-fn step(fit: &evidence::Fit, watched: &Watched, added: &mut [Added]) -> bool {
-    let (sigma, _) = priors(added, watched);
-    let slots = watched.slots();
-    let columns = open(&sigma);
-    let moves = || columns.iter().enumerate().map(|(i, k)| (slots[*k], fit.step[i]));
-    if moves().all(|((e, p), by)| by.abs() < SMALL * added[e].setting.sigmas[p]) {
-        return false;
-    }
-    let all: Vec<_> = moves().collect();
-    all.into_iter().for_each(|((e, p), by)| added[e].setting.values[p] += by);
-    true
 }

@@ -1,0 +1,193 @@
+//! Values: the added effects where they fit best, about trajectories that are straight enough there.
+
+use super::super::evidence;
+use super::super::linear::{self, Problem};
+use super::super::map;
+use super::super::noise::Noise;
+use super::super::pass::Information;
+use super::search::Trajectories;
+use super::{Added, Point, Search};
+use crate::filter::watch::Watched;
+use crate::model::EffectSetting;
+use std::sync::Arc;
+
+/// Gauss-Newton steps when values are looked for.
+pub(in crate::identify) const STEPS: usize = 3;
+/// A trajectory that turns by less than this when it is found anew is good enough to linearise about, rad.
+const STRAIGHT: f64 = 0.01;
+/// One that turns by more than this was no place to linearise about: it is looked for from the start, rad.
+const CROOKED: f64 = 0.1;
+/// A trajectory is found anew at most so often.
+const MOST_BENDS: usize = 3;
+/// A step shorter than this share of the sigma is none …
+const SMALL: f64 = 0.1;
+/// … and one shorter than this is taken within the linear model, which ends the search for values.
+const LINEAR: f64 = 1.0;
+
+/// The flights linearised at some values.
+struct Linearised {
+    added: Vec<Added>,
+    references: Trajectories,
+    problems: Vec<Problem>,
+}
+
+fn watching(added: &[Added]) -> Watched {
+    Watched { effects: added.iter().map(|a| a.setting.clone()).collect(), ..Watched::default() }
+}
+
+impl Search<'_> {
+    /// Moves the added effects to the values that fit best and says how good that is; with the flights linearised there.
+    /// Starts from the trajectories of `from`.
+    pub(in crate::identify) fn settle(
+        &self,
+        added: &[Added],
+        noise: &Noise,
+        from: &Point,
+        steps: usize,
+    ) -> (Point, Vec<Problem>) {
+        let settled = self.climb(self.linearised(added.to_vec(), &from.references), noise, steps);
+        self.straighten(settled, noise, steps)
+    }
+
+    /// The same with other noise, from flights that are linearised at a point already. Only what is no state (the size of a
+    /// drift) may differ from it.
+    pub(super) fn settle_again(
+        &self,
+        added: &[Added],
+        noise: &Noise,
+        at: &Point,
+        mut problems: Vec<Problem>,
+    ) -> (Point, Vec<Problem>) {
+        let walk = linear::walk(&self.model(added));
+        problems.iter_mut().for_each(|p| p.set_walk(walk));
+        let at = Linearised { added: added.to_vec(), references: at.references.clone(), problems };
+        self.straighten(self.climb(at, noise, STEPS), noise, STEPS)
+    }
+
+    /// The same from trajectories that are found with these effects.
+    pub(super) fn settle_anew(&self, added: &[Added], noise: &Noise) -> (Point, Vec<Problem>) {
+        let references = Arc::new(self.trajectories(&self.model(added), noise));
+        self.climb(self.linearised(added.to_vec(), &references), noise, 0)
+    }
+
+    fn linearised(&self, added: Vec<Added>, references: &Trajectories) -> Linearised {
+        let (references, problems) = self.linearise(references, &self.model(&added), &watching(&added));
+        Linearised { added, references, problems }
+    }
+
+    /// Linearises anew about the trajectories that a point shows, as long as they turn.
+    fn straighten(
+        &self,
+        mut settled: (Point, Vec<Problem>),
+        noise: &Noise,
+        steps: usize,
+    ) -> (Point, Vec<Problem>) {
+        for _ in 0..MOST_BENDS {
+            let Some(references) = self.straightened(&settled.0, &settled.1) else { break };
+            settled = self.climb(self.linearised(settled.0.added, &references), noise, steps);
+        }
+        settled
+    }
+
+    /// The trajectories that the flights show with a model; `None` where they are those that it was linearised about.
+    fn straightened(&self, point: &Point, problems: &[Problem]) -> Option<Trajectories> {
+        let better =
+            map(self.workers, problems.len(), |k| point.references[k].smoothed(&problems[k], &point.noise));
+        let bends = better.iter().zip(point.references.iter()).map(|(b, r)| b.bend(r));
+        let bend = bends.fold(0.0, f64::max);
+        let anew = || self.trajectories(&self.model(&point.added), &point.noise);
+        (bend > STRAIGHT).then(|| Arc::new(if bend > CROOKED { anew() } else { better }))
+    }
+
+    fn climb(&self, from: Linearised, noise: &Noise, steps: usize) -> (Point, Vec<Problem>) {
+        let mut at = from;
+        let mut best: Option<(Point, Vec<Problem>)> = None;
+        for k in 0..=steps {
+            let watched = watching(&at.added);
+            let (log_likelihood, information) = self.run(&at.problems, noise);
+            let Some(fit) = fit_added(&information, &watched, &mut at.added) else { break };
+            let evidence = log_likelihood + fit.evidence + self.told_by_samples(&at.added);
+            // A step too far is not taken over.
+            if best.as_ref().is_some_and(|b| evidence <= b.0.evidence) {
+                break;
+            }
+            let Linearised { mut added, references, mut problems } = at;
+            let mut point = Point {
+                added: added.clone(),
+                noise: *noise,
+                evidence,
+                log_likelihood,
+                references: references.clone(),
+            };
+            let step = Step::new(&fit, &watched, &added);
+            if k == steps || step.reach < SMALL {
+                return (point, problems);
+            }
+            step.take(&mut added);
+            if step.reach < LINEAR {
+                problems.iter_mut().for_each(|p| p.move_by(&step.by));
+                (point.added, point.log_likelihood) = (added, log_likelihood + fit.gain);
+                return (point, problems);
+            }
+            best = Some((point, problems));
+            at = self.linearised(added, &references);
+        }
+        best.unwrap_or_else(|| (self.nowhere(noise), Vec::new()))
+    }
+}
+
+/// Prior sigma and distance from the prior mean of each watched parameter.
+pub(in crate::identify) fn priors(added: &[Added], watched: &Watched) -> (Vec<f64>, Vec<f64>) {
+    let own =
+        |(e, p): (usize, usize)| added.get(e).map(|a| (a.prior[p].1, a.prior[p].0 - a.setting.values[p]));
+    watched.slots().into_iter().filter_map(own).unzip()
+}
+
+/// Columns whose prior lets them move.
+fn open(sigma: &[f64]) -> Vec<usize> {
+    (0..sigma.len()).filter(|k| sigma[*k] > 0.0).collect()
+}
+
+fn fit_added(information: &Information, watched: &Watched, added: &mut [Added]) -> Option<evidence::Fit> {
+    let (sigma, offset) = priors(added, watched);
+    let columns = open(&sigma);
+    let pick = |v: &[f64]| -> Vec<f64> { columns.iter().map(|k| v[*k]).collect() };
+    let fit = evidence::fit(information, &columns, &pick(&sigma), &pick(&offset))?;
+    let slots = watched.slots();
+    for (i, k) in columns.iter().enumerate() {
+        let (e, p) = slots[*k];
+        set(&mut added[e].setting, p, fit.covariance[(i, i)]);
+    }
+    Some(fit)
+}
+
+fn set(setting: &mut EffectSetting, parameter: usize, variance: f64) {
+    setting.sigmas[parameter] = variance.max(0.0).sqrt();
+}
+
+/// The way from the present values to those that fit best.
+struct Step {
+    /// By watched parameter.
+    by: Vec<f64>,
+    slots: Vec<(usize, usize)>,
+    /// The longest of them, in sigmas.
+    reach: f64,
+}
+
+impl Step {
+    fn new(fit: &evidence::Fit, watched: &Watched, added: &[Added]) -> Self {
+        let (sigma, _) = priors(added, watched);
+        let slots = watched.slots();
+        let mut by = vec![0.0; slots.len()];
+        open(&sigma).into_iter().zip(fit.step.iter()).for_each(|(k, step)| by[k] = *step);
+        let sigmas = slots.iter().map(|(e, p)| added[*e].setting.sigmas[*p]);
+        let reach = by.iter().zip(sigmas).filter(|(by, _)| **by != 0.0).map(|(by, sigma)| by.abs() / sigma);
+        Self { reach: reach.fold(0.0, f64::max), by, slots }
+    }
+
+    fn take(&self, added: &mut [Added]) {
+        for ((e, p), by) in self.slots.iter().zip(&self.by) {
+            added[*e].setting.values[*p] += by;
+        }
+    }
+}
