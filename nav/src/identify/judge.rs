@@ -189,8 +189,8 @@ pub struct Confirmed {
 /// The flights that choose and those that judge.
 struct Court<'a> {
     search: Search<'a>,
-    others: Search<'a>,
-    part: usize,
+    /// Flights that took no part; `None`: the held-out blocks judge.
+    others: Option<Search<'a>>,
     noise: Noise,
 }
 
@@ -203,20 +203,21 @@ impl<'a> Court<'a> {
         workers: &'a dyn Workers,
     ) -> Self {
         let whole = Settings { options: settings.options.all(), ..*settings };
-        let new = |f, settings: &Settings| {
-            Search::new(f, &selection.base, settings, workers, &selection.noise)
-                .about(&selection.added, &selection.noise)
-        };
-        let (others, part) =
-            if validate.is_empty() { (new(flights, settings), 1) } else { (new(validate, &whole), 0) };
-        Self { search: new(flights, settings), others, part, noise: selection.noise }
+        Self {
+            search: about(flights, selection, settings, workers),
+            others: (!validate.is_empty()).then(|| about(validate, selection, &whole, workers)),
+            noise: selection.noise,
+        }
     }
 
     /// The effects at their best values, their evidence, and the held-out likelihood.
     fn hear(&self, added: &[Added]) -> (Vec<Added>, f64, f64) {
         let all: Vec<Added> = self.search.given.iter().chain(added).cloned().collect();
-        let (point, _) = self.search.settle(&all, &self.noise, &self.search.nowhere(&self.noise), 1);
-        let held_out = self.others.likelihood(&point.added, &self.noise, self.part);
+        let (point, problems) = self.search.settle(&all, &self.noise, &self.search.nowhere(&self.noise), 1);
+        let held_out = match &self.others {
+            Some(others) => others.likelihood(&point.added, &self.noise),
+            None => self.search.part_likelihood(&problems, &self.noise, 1),
+        };
         let given = self.search.given.len();
         (point.added.into_iter().skip(given).collect(), point.evidence, held_out)
     }
@@ -288,8 +289,7 @@ pub(super) fn about<'a>(
     settings: &Settings,
     workers: &'a dyn Workers,
 ) -> Search<'a> {
-    Search::new(flights, &selection.base, settings, workers, &selection.noise)
-        .about(&selection.added, &selection.noise)
+    Search::about(flights, &selection.base, &selection.added, settings, workers, &selection.noise)
 }
 
 /// Judges a selection: what the held-out data confirm, and the gap before and after.

@@ -165,7 +165,7 @@ impl Problem {
             adjoint.p[index::STAMP] = [0.0; STATES];
             adjoint.p.iter_mut().for_each(|row| row[index::STAMP] = 0.0);
             by_gyro += inner(&adjoint.p, &interval.by_gyro);
-            by_accel += inner(&adjoint.p, &interval.by_accel);
+            by_accel += interval.by_accel.entries().map(|(i, j, q)| adjoint.p[i][j] * q).sum::<f64>();
             let walk =
                 |p: &Square, at: usize| 0.5 * interval.dt * (0..3).map(|k| p[at + k][at + k]).sum::<f64>();
             let blocks = [index::GYRO_BIAS, index::ACCEL_BIAS];

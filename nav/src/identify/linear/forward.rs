@@ -128,7 +128,8 @@ impl<'a> Kalman<'a> {
                 add_scaled(&mut half[i], &self.p[j], c);
             }
         }
-        let q = interval.by_gyro * self.gyro + interval.by_accel * self.accel;
+        let mut q = interval.by_gyro * self.gyro;
+        interval.by_accel.entries().for_each(|(i, j, v)| q[(i, j)] += v * self.accel);
         for i in 0..9 {
             let mut row = [0.0; 9];
             for (j, column) in interval.columns.iter().take(DYNAMIC).enumerate() {

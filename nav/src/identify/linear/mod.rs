@@ -117,6 +117,11 @@ impl Problem {
         self.walk = walk;
     }
 
+    /// The random walk of the biases.
+    pub fn walk(&self) -> BiasWalk {
+        self.walk
+    }
+
     /// The same flight with the watched parameters moved by so much, as far as the linear model reaches.
     pub fn move_by(&mut self, step: &[f64]) {
         for epoch in &mut self.epochs {

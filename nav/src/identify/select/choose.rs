@@ -5,6 +5,7 @@
 //! more, with all the others in.
 
 use super::super::map;
+use super::settle::{loss, watching};
 use super::{Added, Candidate, Point, Search, Step};
 
 /// A flight is not gone through more often than this for each effect that may be added.
@@ -17,6 +18,9 @@ const BEYOND_DOUBT: f64 = 60.0;
 const BEYOND_DOUBT_SHARE: f64 = 0.5;
 /// Rivals this far behind in the fit part may still win with all data, nats.
 const RIVAL: f64 = 8.0;
+
+/// An effect that is worth this much more than it must be at a glance need not be taken out to see, nats.
+const NEEDED: f64 = 30.0;
 
 /// One effect that was added.
 #[derive(Debug, Clone)]
@@ -121,13 +125,29 @@ impl Search<'_> {
     /// full model (its own could only make the model without the effect better). The last `newest` have just been looked at.
     fn take_out(&self, chosen: &mut Chosen, newest: usize, least: f64) -> bool {
         let point = &chosen.point;
-        let values = map(self.workers, chosen.found.len().saturating_sub(newest), |k| {
+        let all = chosen.found.len().saturating_sub(newest);
+        if all == 0 {
+            return false;
+        }
+        let at_a_glance = self.losses(point);
+        let doubtful: Vec<usize> =
+            (0..all).filter(|k| at_a_glance[*k].is_none_or(|loss| loss < least + NEEDED)).collect();
+        let values = map(self.workers, doubtful.len(), |k| {
+            let k = doubtful[k];
             point.evidence - self.without(point, k).evidence - chosen.found[k].cost
         });
-        let worst = values.iter().enumerate().min_by(|a, b| a.1.total_cmp(b.1));
+        let worst = doubtful.iter().zip(&values).min_by(|a, b| a.1.total_cmp(b.1));
         let Some((k, _)) = worst.filter(|w| *w.1 < least) else { return false };
-        self.remove(chosen, k);
+        self.remove(chosen, *k);
         true
+    }
+
+    /// Evidence that each of the added effects is worth beside the others, by the linear model about the point; `None` where
+    /// that cannot tell.
+    fn losses(&self, point: &Point) -> Vec<Option<f64>> {
+        let watched = watching(&point.added);
+        let (_, information) = self.run(&self.problems(point, &watched), &point.noise);
+        (self.given.len()..point.added.len()).map(|k| loss(&information, &point.added, &watched, k)).collect()
     }
 
     fn remove(&self, chosen: &mut Chosen, k: usize) {
@@ -184,8 +204,29 @@ mod tests {
     use super::super::super::{Serial, tests::fly};
     use super::super::Settings;
     use super::*;
-    use crate::effects::{AccelBiasDrift, GpsLatency};
+    use crate::effects::{AccelBiasDrift, GpsLatency, GyroScaleFactor};
     use crate::model::{EffectSetting, Model};
+
+    #[test]
+    fn a_glance_tells_what_taking_out_would() {
+        let (base, settings) = (Model::default(), Settings::default());
+        let mut truth = base.clone();
+        truth.set(EffectSetting::known(&GpsLatency, &[0.01]).unwrap());
+        truth.set(EffectSetting::known(&GyroScaleFactor, &[0.01, -0.01, 0.01]).unwrap());
+        let flight = Flight::prepare(&fly(&truth, 5), &base).unwrap();
+        let flights = [&flight];
+        let measured = Noise::measured(&base, &flights);
+        let mut search = Search::new(&flights, &base, &settings, &Serial, &measured);
+        let start = search.start(&measured);
+        let chosen = search.choose(start, settings.proposal);
+        let losses = search.losses(&chosen.point);
+        assert_eq!(losses.len(), 2, "{:?}", chosen.found);
+        for (k, loss) in losses.into_iter().enumerate() {
+            let exact = chosen.point.evidence - search.without(&chosen.point, k).evidence;
+            let loss = loss.unwrap();
+            assert!((loss - exact).abs() < 1.0 + 0.1 * exact, "{k}: {loss} at a glance, {exact} taken out");
+        }
+    }
 
     #[test]
     fn what_another_effect_explains_loses_its_place() {

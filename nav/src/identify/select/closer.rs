@@ -3,7 +3,7 @@
 use super::super::linear::Problem;
 use super::super::map;
 use super::super::noise::Noise;
-use super::settle::STEPS;
+use super::settle::{STEPS, watching};
 use super::{Added, Candidate, Point, Search};
 use crate::effects::Effect;
 use crate::filter::watch::Watched;
@@ -23,6 +23,20 @@ const WORTH: f64 = 0.3;
 /// A drift may be stronger than the largest of the sizes to try, or weaker than the least, by this factor.
 const BEYOND_SIZES: f64 = 3.0;
 
+/// Whether a candidate is so far behind the best that it cannot be it.
+fn hopeless(evidence: f64, top: f64) -> bool {
+    evidence <= top - HOPELESS - HOPELESS_SHARE * top
+}
+
+/// A candidate as it looks from close by.
+#[derive(Clone)]
+struct Look {
+    candidate: Candidate,
+    point: Point,
+    /// Whether the last turn gained nothing worth another one.
+    done: bool,
+}
+
 impl Search<'_> {
     /// Looks again at the best of a scan; best first, its evidence counted against `point`.
     pub(super) fn close_looks(&self, scanned: &[Candidate], point: &Point) -> Vec<(Candidate, Point)> {
@@ -30,53 +44,69 @@ impl Search<'_> {
         if top < NOBODY {
             return Vec::new();
         }
-        let worth = |c: &&Candidate| c.evidence > top - HOPELESS - HOPELESS_SHARE * top;
-        let chosen: Vec<&Candidate> = scanned.iter().filter(worth).take(CLOSE_LOOKS).collect();
-        let mut looks = map(self.workers, chosen.len(), |k| self.look_closely(chosen[k], point));
-        looks.sort_by(|a, b| b.0.evidence.total_cmp(&a.0.evidence));
-        looks
+        let hopeful: Vec<&Candidate> =
+            scanned.iter().filter(|c| !hopeless(c.evidence, top)).take(CLOSE_LOOKS).collect();
+        // The first turn sorts out most of them.
+        let looks = map(self.workers, hopeful.len(), |k| self.look_closely(hopeful[k], point));
+        let top = looks.iter().map(|l| l.candidate.evidence).fold(0.0, f64::max);
+        let mut looks = map(self.workers, looks.len(), |k| {
+            let look = looks[k].clone();
+            if look.done || hopeless(look.candidate.evidence, top) { look } else { self.look_on(look, point) }
+        });
+        looks.sort_by(|a, b| b.candidate.evidence.total_cmp(&a.candidate.evidence));
+        looks.into_iter().map(|l| (l.candidate, l.point)).collect()
     }
 
-    /// One candidate at its own best values and noise.
-    fn look_closely(&self, candidate: &Candidate, point: &Point) -> (Candidate, Point) {
-        let mut refined = candidate.clone();
-        if is_drift(candidate) {
-            let problems = self.problems(point, &Watched::default());
-            refined = self.refine_size(refined, &problems, point, &point.noise);
+    /// One candidate at its own best values and, after a turn, noise. Evidence is counted against `before`.
+    fn look_closely(&self, candidate: &Candidate, before: &Point) -> Look {
+        let mut candidate = candidate.clone();
+        if is_drift(&candidate) {
+            let problems = self.problems(before, &Watched::default());
+            candidate = self.refine_size(candidate, &problems, before, &before.noise);
         }
-        let with = |candidate: &Candidate| {
-            let own = Added { setting: candidate.setting.clone(), prior: candidate.prior.clone() };
-            point.added.iter().cloned().chain([own]).collect::<Vec<_>>()
-        };
-        let (mut better, mut problems) = if refined.setting.effect.is_source_mistake() {
-            self.settle_anew(&with(&refined), &point.noise)
+        let own = Added { setting: candidate.setting.clone(), prior: candidate.prior.clone() };
+        let with: Vec<Added> = before.added.iter().cloned().chain([own]).collect();
+        let (point, problems) = if candidate.setting.effect.is_source_mistake() {
+            self.settle_anew(&with, &before.noise)
         } else {
-            self.settle(&with(&refined), &point.noise, point, STEPS)
+            self.settle(&with, &before.noise, before, STEPS)
         };
-        // Noise and values take turns: noise that stood for the effect goes as the effect comes.
-        for _ in 0..TURNS {
-            let noise = self.fit_noise(&problems, &better.noise).noise;
-            let mut added = better.added.clone();
-            refined = self.refine_size(refined, &problems, point, &noise);
-            if let Some(last) = added.last_mut().filter(|_| is_drift(&refined)) {
-                *last = Added { setting: refined.setting.clone(), prior: refined.prior.clone() };
-            }
-            let (settled, there) = self.settle_again(&added, &noise, &better, problems);
-            let gain = settled.evidence - better.evidence;
-            if gain > 0.0 {
-                better = settled;
-            }
-            if gain < WORTH {
+        self.turn(Look { candidate, point, done: false }, problems, before).0
+    }
+
+    /// The same with more turns.
+    fn look_on(&self, look: Look, before: &Point) -> Look {
+        let problems = self.problems(&look.point, &watching(&look.point.added));
+        let (mut look, mut problems) = (look, problems);
+        for _ in 1..TURNS {
+            if look.done {
                 break;
             }
-            problems = there;
+            (look, problems) = self.turn(look, problems, before);
         }
-        if let Some(last) = better.added.last() {
-            refined.setting = last.setting.clone();
+        look
+    }
+
+    /// Noise and values take turns: noise that stood for the effect goes as the effect comes.
+    fn turn(&self, look: Look, problems: Vec<Problem>, before: &Point) -> (Look, Vec<Problem>) {
+        let Look { mut candidate, mut point, .. } = look;
+        let noise = self.fit_noise(&problems, &point.noise).noise;
+        let mut added = point.added.clone();
+        candidate = self.refine_size(candidate, &problems, before, &noise);
+        if let Some(last) = added.last_mut().filter(|_| is_drift(&candidate)) {
+            *last = Added { setting: candidate.setting.clone(), prior: candidate.prior.clone() };
+        }
+        let (settled, problems) = self.settle_again(&added, &noise, &point, problems);
+        let gain = settled.evidence - point.evidence;
+        if gain > 0.0 {
+            point = settled;
+        }
+        if let Some(last) = point.added.last() {
+            candidate.setting = last.setting.clone();
         }
         // The average over prior widths and instants costs what it cost in the scan.
-        refined.evidence = better.evidence - point.evidence - refined.cost;
-        (refined, better)
+        candidate.evidence = point.evidence - before.evidence - candidate.cost;
+        (Look { candidate, point, done: gain < WORTH }, problems)
     }
 
     /// The size of a drift beside the effects of `point`, found to within a few per cent, with the sigma that the likelihood's curvature tells. Other

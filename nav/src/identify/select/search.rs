@@ -56,9 +56,22 @@ fn split(base: &Model) -> (Model, Vec<Added>) {
 }
 
 impl<'a> Search<'a> {
+    /// About the trajectories that the flights show with a model as it is.
     pub(in crate::identify) fn new(
         flights: &'a [&'a Flight],
         base: &Model,
+        settings: &Settings,
+        workers: &'a dyn Workers,
+        noise: &Noise,
+    ) -> Self {
+        Self::about(flights, base, &[], settings, workers, noise)
+    }
+
+    /// About those that they show with these effects in it.
+    pub(in crate::identify) fn about(
+        flights: &'a [&'a Flight],
+        base: &Model,
+        added: &[Added],
         settings: &Settings,
         workers: &'a dyn Workers,
         noise: &Noise,
@@ -75,14 +88,8 @@ impl<'a> Search<'a> {
             given,
             references: Arc::default(),
         };
-        let references = Arc::new(search.trajectories(&search.base, noise));
+        let references = Arc::new(search.trajectories(&search.model(added), noise));
         Self { references, ..search }
-    }
-
-    /// The same search about the trajectories of a model with these effects.
-    pub(in crate::identify) fn about(self, added: &[Added], noise: &Noise) -> Self {
-        let model = self.model(added);
-        Self { references: Arc::new(self.trajectories(&model, noise)), ..self }
     }
 
     /// The same search with other data counting.
@@ -142,10 +149,21 @@ impl<'a> Search<'a> {
         self.settle(&all, noise, &self.nowhere(noise), STEPS).0
     }
 
-    /// Log-likelihood of one part (0: fit, 1: held out) with these effects.
-    pub(in crate::identify) fn likelihood(&self, added: &[Added], noise: &Noise, part: usize) -> f64 {
+    /// Log-likelihood with these effects at these values.
+    pub(in crate::identify) fn likelihood(&self, added: &[Added], noise: &Noise) -> f64 {
         let (_, problems) = self.settle(added, noise, &self.nowhere(noise), 0);
-        problems.iter().map(|p| p.run(noise, &self.settings.options).log_likelihood[part]).sum()
+        self.part_likelihood(&problems, noise, 0)
+    }
+
+    /// Log-likelihood of one part (0: fit, 1: held out) of linearised flights.
+    pub(in crate::identify) fn part_likelihood(
+        &self,
+        problems: &[Problem],
+        noise: &Noise,
+        part: usize,
+    ) -> f64 {
+        let run = |p: &Problem| p.run_walking(p.walk(), noise, &self.settings.options).log_likelihood[part];
+        problems.iter().map(run).sum()
     }
 
     /// Who does the work.

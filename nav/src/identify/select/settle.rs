@@ -31,7 +31,8 @@ struct Linearised {
     problems: Vec<Problem>,
 }
 
-fn watching(added: &[Added]) -> Watched {
+/// These effects as what is watched.
+pub(super) fn watching(added: &[Added]) -> Watched {
     Watched { effects: added.iter().map(|a| a.setting.clone()).collect(), ..Watched::default() }
 }
 
@@ -141,6 +142,38 @@ pub(in crate::identify) fn priors(added: &[Added], watched: &Watched) -> (Vec<f6
     let own =
         |(e, p): (usize, usize)| added.get(e).map(|a| (a.prior[p].1, a.prior[p].0 - a.setting.values[p]));
     watched.slots().into_iter().filter_map(own).unzip()
+}
+
+/// Evidence that goes when an effect goes, by score and information about values close to the best: its parameters are held
+/// where they do nothing. `None` for an effect with anything that is no state.
+pub(super) fn loss(
+    information: &Information,
+    added: &[Added],
+    watched: &Watched,
+    effect: usize,
+) -> Option<f64> {
+    let gone = &added[effect].setting;
+    if gone.effect.is_empty() || !gone.effect.groups().iter().all(|g| g.is_state()) {
+        return None;
+    }
+    let (sigma, offset) = priors(added, watched);
+    let columns = open(&sigma);
+    let slots = watched.slots();
+    let (own, others): (Vec<usize>, Vec<usize>) = columns.iter().partition(|k| slots[**k].0 == effect);
+    let pick = |v: &[f64], at: &[usize]| -> Vec<f64> { at.iter().map(|k| v[*k]).collect() };
+    let with = evidence::fit(information, &columns, &pick(&sigma, &columns), &pick(&offset, &columns))?;
+    // Back to where the prior is centred: for an effect that was found, to nothing.
+    let mut held = information.clone();
+    let mut moved = 0.0;
+    for k in &own {
+        let by = offset[*k];
+        moved += by * held.score[*k] - 0.5 * by * by * held.matrix[(*k, *k)];
+        for j in 0..held.score.len() {
+            held.score[j] -= by * information.matrix[(j, *k)];
+        }
+    }
+    let without = evidence::fit(&held, &others, &pick(&sigma, &others), &pick(&offset, &others))?;
+    Some(with.evidence - without.evidence - moved)
 }
 
 /// Columns whose prior lets them move.
