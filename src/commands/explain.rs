@@ -75,8 +75,8 @@ pub fn run(args: &ExplainArgs) -> Result<(), CommandError> {
 /// For people: the result in words, a sentence a line, and where all of it stands.
 fn print(out: &mut String, explanation: &Explanation, report: &Path) -> std::fmt::Result {
     writeln!(out, "verdict: {}", serde_json::json!(explanation.verdict).as_str().unwrap_or("unknown"))?;
-    for sentence in explanation.summary.split_inclusive(". ") {
-        writeln!(out, "{}", sentence.trim_end())?;
+    for sentence in explain::words::sentences(&explanation.summary) {
+        writeln!(out, "{sentence}")?;
     }
     writeln!(out, "report: {}", report.display())
 }

@@ -45,6 +45,11 @@ fn size(added: &Added) -> String {
     format!(": {name} = {value} ± {} {}", number(setting.sigmas[k] / unit.si), unit.symbol)
 }
 
+/// The sentences of a summary, for where each has a line.
+pub fn sentences(summary: &str) -> impl Iterator<Item = &str> {
+    summary.split_inclusive(". ").map(str::trim_end)
+}
+
 /// A paragraph.
 pub fn summary(e: &Explanation, added: &[&Added]) -> String {
     let mut text = Vec::new();
@@ -59,6 +64,13 @@ pub fn summary(e: &Explanation, added: &[&Added]) -> String {
         _ => {}
     }
     e.effects.iter().zip(added).for_each(|(entry, added)| missing(entry, added, &mut text));
+    if added.iter().any(|a| a.is_at_limit()) {
+        text.push(
+            "No bias of such a sensor walks as fast as that: it stands for something that is not in the catalogue, \
+             vibration for one."
+                .to_owned(),
+        );
+    }
     if let (Some(gap), false) = (&e.gap, e.effects.is_empty()) {
         shrunk(gap, e.effects.len(), &mut text);
     }
@@ -88,13 +100,6 @@ fn missing(entry: &EffectEntry, added: &Added, text: &mut Vec<String>) {
             names.join(" or ")
         ));
         text.extend(entry.separate_by.as_ref().map(|maneuver| format!("To tell them apart: {maneuver}.")));
-    }
-    if added.is_at_limit() {
-        text.push(
-            "No bias of such a sensor walks that fast: it stands for something that is not in the catalogue, vibration \
-             for one."
-                .to_owned(),
-        );
     }
 }
 

@@ -3,11 +3,11 @@
 use super::heat;
 use super::page;
 pub use super::page::escape;
-use super::plot::{AFTER, BEFORE, Line, lines};
+use super::plot::{AFTER, BEFORE, Line, Plot, lines};
 use crate::explain::Explained;
 use crate::explain::FlightGap;
 use crate::explain::contract::{Explanation, Verdict};
-use crate::explain::words::number;
+use crate::explain::words::{self, number};
 use gaware_nav::identify::judge::Judged;
 use gaware_nav::identify::limits::NotFound;
 use gaware_nav::identify::select::Added;
@@ -40,7 +40,7 @@ pub fn html(explained: &Explained) -> Result<String, String> {
         } else {
             format!(" · judged on {}", escape(&explained.validated.join(", ")))
         },
-        escape(&e.summary)
+        words::sentences(&e.summary).map(escape).collect::<Vec<_>>().join("<br>")
     );
     effects(e, explained.judged.as_ref(), &mut body);
     small(e, &mut body);
@@ -75,7 +75,9 @@ fn values(added: &Added) -> String {
         .parameters()
         .zip(setting.values.iter().zip(&setting.sigmas))
         .map(|((name, unit), (value, sigma))| {
-            let text = if *sigma > 0.0 {
+            let text = if added.is_at_limit() {
+                format!("{name} = {} {} or more", number(value / unit.si), unit.symbol)
+            } else if *sigma > 0.0 {
                 format!("{name} = {} ± {} {}", number(value / unit.si), number(sigma / unit.si), unit.symbol)
             } else {
                 format!("{name} = {} {}", number(value / unit.si), unit.symbol)
@@ -164,8 +166,8 @@ fn maps(gap: &FlightGap, log: &str, changed: bool, body: &mut String) -> Result<
     };
     let load = series(&|m| -m.force.z / gaware_nav::earth::STANDARD_GRAVITY);
     let speed = series(&|m| m.speed);
-    body.push_str(&lines("speed", "m/s", &[Line { name: "speed", color: AFTER, points: speed }])?);
-    body.push_str(&lines("load", "g", &[Line { name: "load", color: AFTER, points: load }])?);
+    body.push_str(&Plot::new("speed", "m/s").line("speed", AFTER, speed).since(0.0).svg()?);
+    body.push_str(&Plot::new("load", "g").line("load", AFTER, load).since(0.0).close().svg()?);
     body.push_str(&heat::map("with the model that was given", &gap.before, "#d6604d"));
     if changed {
         body.push_str(&heat::map("with the new model", &gap.after, "#d6604d"));

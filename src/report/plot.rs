@@ -60,6 +60,8 @@ pub struct Plot<'a> {
     bands: Vec<Band>,
     marks: Vec<(f64, &'a str)>,
     range: Range,
+    /// The time axis starts here or earlier, s.
+    since_s: f64,
 }
 
 /// A plot of lines over time.
@@ -89,7 +91,15 @@ pub fn marked_lines(
 impl<'a> Plot<'a> {
     /// A plot of nothing yet.
     pub fn new(title: &'a str, unit: &'a str) -> Self {
-        Self { title, unit, lines: Vec::new(), bands: Vec::new(), marks: Vec::new(), range: Range::Zero }
+        Self {
+            title,
+            unit,
+            lines: Vec::new(),
+            bands: Vec::new(),
+            marks: Vec::new(),
+            range: Range::Zero,
+            since_s: f64::INFINITY,
+        }
     }
 
     /// With another line.
@@ -120,6 +130,13 @@ impl<'a> Plot<'a> {
         self
     }
 
+    /// Starts the time axis here, though the lines may start later.
+    #[must_use]
+    pub fn since(mut self, start_s: f64) -> Self {
+        self.since_s = start_s;
+        self
+    }
+
     /// Shows no more than this to both sides of zero.
     #[must_use]
     pub fn within(mut self, limit: f64) -> Self {
@@ -135,6 +152,7 @@ impl<'a> Plot<'a> {
             })
         };
         let (x0, x1) = span(&mut all().map(|p| p.0))?;
+        let x0 = x0.min(self.since_s);
         let (low, high) = span(&mut all().map(|p| p.1))?;
         let y = match self.range {
             Range::Within(limit) => (-limit, limit),

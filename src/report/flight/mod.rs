@@ -107,7 +107,7 @@ fn flight(log: &FlightLog, lessons: &[lessons::Lesson], body: &mut String) -> Re
     body.push_str(&plot("height", "m", &|s| s.motion.height_m).close().svg()?);
     body.push_str(&plot("speed over ground", "m/s", &lessons::speed).svg()?);
     body.push_str(&plot("bank", "deg", &|s| s.estimate.attitude_deg.value[0]).svg()?);
-    body.push_str(&plot("load", "g", &lessons::load).svg()?);
+    body.push_str(&plot("load", "g", &lessons::load).close().svg()?);
     Ok(())
 }
 

@@ -147,7 +147,7 @@ fn condition_line(view: &View, (letter, about, c): (&str, &str, &Condition), wid
 
 /// Conditions in their box, with what is missing.
 pub(super) fn conditions(frame: &mut Frame, view: &View, area: Rect) {
-    let block = view.block("Conditions");
+    let block = view.block("Conditions (enough, not needed)");
     let inner = block.inner(area);
     let each = usize::from(inner.height / 3).saturating_sub(1).max(1);
     let mut lines = Vec::new();
