@@ -172,7 +172,7 @@ impl Flight {
     pub fn snapshot(&self) -> Snapshot {
         let mut snapshot = self.pipeline.snapshot();
         let news = self.news.as_ref().filter(|(t_s, _)| self.now_s - t_s < NEWS_S);
-        snapshot.warnings.extend(news.map(|(_, text)| text.clone()));
+        snapshot.news.extend(news.map(|(_, text)| text.clone()));
         let guidance = &mut snapshot.guidance;
         if self.stage == Stage::Flying && !guidance.instruction.is_empty() {
             let all = self.prepared.plan.maneuvers.len();

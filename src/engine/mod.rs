@@ -282,6 +282,7 @@ impl Engine {
             guidance: self.guidance(),
             consistency: self.consistency(),
             warnings: self.warnings(&constants),
+            news: Vec::new(),
         }
     }
 

@@ -266,6 +266,9 @@ pub struct Snapshot {
     pub consistency: Consistency,
     /// What the user should know, newest last.
     pub warnings: Vec<String>,
+    /// What has just happened and is no cause for worry, newest last.
+    #[serde(default)]
+    pub news: Vec<String>,
 }
 
 /// The result of a run or a replay (`gaware.summary/1`).

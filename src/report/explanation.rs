@@ -10,7 +10,7 @@ use crate::explain::contract::{Explanation, Verdict};
 use crate::explain::words::{self, number};
 use gaware_nav::identify::judge::Judged;
 use gaware_nav::identify::limits::NotFound;
-use gaware_nav::identify::select::Added;
+use gaware_nav::identify::select::{Added, Settings};
 use gaware_nav::identify::whereabouts::{CHANNELS, channel};
 use std::fmt::Write;
 
@@ -58,14 +58,22 @@ pub fn html(explained: &Explained) -> Result<String, String> {
     terms(e, &mut body);
     not_found(&explained.not_found, &mut body);
     let _ = write!(body, "<h2>The new model</h2><pre>{}</pre>", escape(&explained.model.to_toml()));
-    body.push_str(
+    how_to_read(&mut body);
+    Ok(page::page(headline(e.verdict), &body))
+}
+
+fn how_to_read(body: &mut String) {
+    let least = Settings::default().threshold;
+    let _ = write!(
+        body,
         "<h2>How to read this</h2><p>The simulation of the sensors is run along the flight; an <em>innovation</em> is the \
          difference between what a GNSS fix said and what the simulation expected. Squared and divided by its expected variance it \
          is 1 on average when nothing is missing. An effect is named when the odds that it is there exceed those of chance over \
-         the whole catalogue; <em>log odds</em> of 3.6 are 37 to 1 (what a name needs at least), of 8 are 3000 to 1. Held-out data took no part in choosing or fitting: other \
-         flights where given, otherwise every sixth block of five seconds.</p>",
+         the whole catalogue; <em>log odds</em> of {least} are {:.0} to 1 (what a name needs at least), of 8 are 3000 to 1. \
+         Held-out data took no part in choosing or fitting: other flights where given, otherwise every sixth block of five \
+         seconds.</p>",
+        least.exp()
     );
-    Ok(page::page(headline(e.verdict), &body))
 }
 
 /// Every parameter with its sigma and unit, those that are surely not zero first.

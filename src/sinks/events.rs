@@ -35,6 +35,8 @@ pub enum Topic {
     State,
     /// A warning of the engine.
     Warning,
+    /// What has just happened: a mission was uploaded, a maneuver flown.
+    News,
 }
 
 /// One change.
@@ -61,6 +63,7 @@ pub struct EventDetector {
     met: [bool; 3],
     observable: BTreeSet<String>,
     warnings: BTreeSet<String>,
+    news: Vec<String>,
 }
 
 impl EventDetector {
@@ -100,6 +103,10 @@ impl EventDetector {
             say(Severity::Warning, Topic::Warning, text.clone());
         }
         self.warnings = now;
+        for text in s.news.iter().filter(|n| !self.news.contains(n)) {
+            say(Severity::Info, Topic::News, text.clone());
+        }
+        self.news.clone_from(&s.news);
     }
 
     fn condition_events(&mut self, s: &Snapshot, say: &mut impl FnMut(Severity, Topic, String)) {
@@ -181,6 +188,19 @@ mod tests {
         let mut d = EventDetector::default();
         assert_eq!(texts(&d.feed(&s)), ["rate low", "Fly: Climb", "Running"]);
         assert!(d.feed(&s).is_empty());
+    }
+
+    #[test]
+    fn news_is_told_once_and_as_no_warning() {
+        let mut s = Snapshot { news: vec!["flown: Steep turn".into()], ..Snapshot::default() };
+        let mut d = EventDetector::default();
+        let told: Vec<Event> = d.feed(&s).into_iter().filter(|e| e.topic == Topic::News).collect();
+        assert_eq!((texts(&told), told[0].severity), (vec!["flown: Steep turn"], Severity::Info));
+        assert!(d.feed(&s).iter().all(|e| e.topic != Topic::News));
+        s.news.clear();
+        d.feed(&s);
+        s.news.push("flown: Steep turn".into());
+        assert_eq!(texts(&d.feed(&s)), ["flown: Steep turn"], "a second time is news again");
     }
 
     #[test]

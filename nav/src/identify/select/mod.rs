@@ -34,7 +34,7 @@ pub struct Settings {
 
 impl Default for Settings {
     fn default() -> Self {
-        Self { options: Options::default(), threshold: 3.0, proposal: 1.0, margin: 3.2, most_effects: 5 }
+        Self { options: Options::default(), threshold: 3.3, proposal: 1.0, margin: 3.2, most_effects: 5 }
     }
 }
 

@@ -27,6 +27,13 @@ function chip(id, level, value) {
 
 /* The instruction */
 
+/* What is to be flown first stands large, what follows below it. */
+function steps(element, text) {
+  if (element.textContent === text) return;
+  const [first, ...then] = text.split(/(?= Then: )/);
+  element.replaceChildren(first, ...then.map((step) => make("span", "then", step)));
+}
+
 function hero(s) {
   const g = s.guidance;
   const running = s.phase === "running";
@@ -35,7 +42,7 @@ function hero(s) {
   else if (g.done) [kicker, text, level] = ["Done", "Everything this airframe can show is known", "done"];
   else if (!g.instruction) [kicker, text, level] = ["Stand by", "No instruction yet", "wait"];
   setText($("hero-title"), kicker);
-  setText($("instruction"), text.charAt(0).toUpperCase() + text.slice(1));
+  steps($("instruction"), text.charAt(0).toUpperCase() + text.slice(1));
   setAttr($("hero"), "data-level", level);
   setText($("reason"), level === "fly" ? g.reason : "");
   $("flown").hidden = level !== "fly";
