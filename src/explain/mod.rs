@@ -168,30 +168,12 @@ pub fn samples(
     settings: &Settings,
     progress: &dyn Fn(Phase),
 ) -> Explained {
-    let prepare = |all: &[Vec<Sample>]| -> (Vec<Flight>, Vec<TooLittle>) {
-        let (mut good, mut bad) = (Vec::new(), Vec::new());
-        for samples in all {
-            match Flight::prepare(samples, model) {
-                Ok(flight) => good.push(flight),
-                Err(why) => bad.push(why),
-            }
-        }
-        (good, bad)
-    };
     progress(Phase::Choosing);
-    let (good, bad) = prepare(flights);
-    let (judging, _) = prepare(validate);
+    let (good, bad) = prepared(flights, model);
+    let (judging, _) = prepared(validate, model);
     if good.is_empty() {
         let why = bad.first().map_or_else(|| "there is no flight".to_owned(), ToString::to_string);
-        return Explained {
-            explanation: contract::too_little(&why),
-            model: model.clone(),
-            judged: None,
-            gaps: Vec::new(),
-            not_found: Vec::new(),
-            logs: Vec::new(),
-            validated: Vec::new(),
-        };
+        return too_little(&why, model);
     }
     // Those that only judge come first: an event of the others has then not happened in them.
     let (judging, good) = in_a_row(judging, good);
@@ -205,15 +187,10 @@ pub fn samples(
     let left_over = terms::find(&good, &judging, &judged.selection, settings, &Threads);
     progress(Phase::Smoothing);
     let mut gaps = smoothed(&good, &judged);
-    let mut found = left_over.terms.clone();
+    let mut found = left_over.terms;
     found.retain(|term| !size::is_small_print(term, &judged, &gaps));
-    let imitations: Vec<&str> = left_over
-        .replaced
-        .iter()
-        .copied()
-        .filter(|name| !found.is_empty() && *name != GpsSmoothing.name())
-        .collect();
-    if judged.selection.added.iter().any(|a| imitations.contains(&a.setting.effect.name())) {
+    let imitations = imitations(&left_over.replaced, &found, &judged);
+    if !imitations.is_empty() {
         judged = judge::judge(&good, &judging, judged.selection.without(&imitations), settings, &Threads);
         gaps = smoothed(&good, &judged);
     }
@@ -228,6 +205,39 @@ pub fn samples(
         logs: Vec::new(),
         validated: Vec::new(),
     }
+}
+
+/// The recordings that say enough, and why the others do not.
+fn prepared(all: &[Vec<Sample>], model: &Model) -> (Vec<Flight>, Vec<TooLittle>) {
+    let (mut good, mut bad) = (Vec::new(), Vec::new());
+    for samples in all {
+        match Flight::prepare(samples, model) {
+            Ok(flight) => good.push(flight),
+            Err(why) => bad.push(why),
+        }
+    }
+    (good, bad)
+}
+
+fn too_little(why: &str, model: &Model) -> Explained {
+    Explained {
+        explanation: contract::too_little(why),
+        model: model.clone(),
+        judged: None,
+        gaps: Vec::new(),
+        not_found: Vec::new(),
+        logs: Vec::new(),
+        validated: Vec::new(),
+    }
+}
+
+/// Effects of the selection that had only imitated the terms that were found.
+fn imitations<'a>(replaced: &[&'a str], terms: &[terms::Found], judged: &Judged) -> Vec<&'a str> {
+    if terms.is_empty() {
+        return Vec::new();
+    }
+    let added = |name: &&str| judged.selection.added.iter().any(|a| a.setting.effect.name() == *name);
+    replaced.iter().copied().filter(added).filter(|name| *name != GpsSmoothing.name()).collect()
 }
 
 /// Seconds between two flights on the common line of time.
