@@ -171,17 +171,27 @@ pub struct NotFound {
     pub name: &'static str,
     /// Logarithm of the odds that it is there.
     pub log_odds: f64,
+    /// Whether the odds speak for it all the same: the search ends after a few effects, and held-out data may have spoken
+    /// against it.
+    pub likely: bool,
     /// Values that suit the flights best with the sigmas that the flights alone leave them, units in the keys.
     pub parameters: Value,
 }
 
-impl NotFound {
-    fn new(found: &NavNotFound) -> Self {
+/// Effects that were looked for in vain, and whether each is likely all the same.
+pub fn not_found(all: &[NavNotFound], likely: &[bool]) -> Vec<NotFound> {
+    let entry = |(found, likely): (&NavNotFound, &bool)| {
         let (s, mut map) = (&found.setting, Map::new());
         keys(s, &s.values, "value", &mut map);
         keys(s, &s.sigmas, "sigma", &mut map);
-        Self { name: s.effect.name(), log_odds: found.evidence, parameters: Value::Object(map) }
-    }
+        NotFound {
+            name: s.effect.name(),
+            log_odds: found.evidence,
+            likely: *likely,
+            parameters: Value::Object(map),
+        }
+    };
+    all.iter().zip(likely).map(entry).collect()
 }
 
 /// The contract.
@@ -401,7 +411,7 @@ pub fn explanation(
     sizes: &[Size],
     gaps: &[FlightGap],
     found: Vec<terms::Found>,
-    not_found: &[NavNotFound],
+    not_found: Vec<NotFound>,
     events: &[Option<usize>],
 ) -> Explanation {
     let (effects, added): (Vec<_>, Vec<_>) =
@@ -431,7 +441,7 @@ pub fn explanation(
             .map(|l| LeaveOneOut { name: l.name, evidence: l.evidence, held_out_log_likelihood: l.held_out })
             .collect(),
         removed: judged.removed.clone(),
-        not_found: not_found.iter().map(NotFound::new).collect(),
+        not_found,
         summary: String::new(),
     };
     explanation.summary = words::summary(&explanation, &added);

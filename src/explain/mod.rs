@@ -22,6 +22,7 @@ use gaware_nav::identify::{Workers, terms};
 use gaware_nav::model::{EffectSetting, Model};
 use gaware_nav::sample::Sample;
 use gaware_nav::smoother::gap::{self, Point};
+use size::Size;
 use std::path::{Path, PathBuf};
 
 /// What to explain.
@@ -194,11 +195,22 @@ pub fn samples(
         judged = judge::judge(&good, &judging, judged.selection.without(&imitations), settings, &Threads);
         gaps = smoothed(&good, &judged);
     }
-    let sizes = size::sizes(&judged, &gaps, &good);
+    let sizes = |settings: Vec<&EffectSetting>| size::sizes(&settings, &judged, &gaps, &good);
+    let own = sizes(judged.selection.added.iter().map(|a| &a.setting).collect());
+    let others = sizes(left_over.not_found.iter().map(|n| &n.setting).collect());
+    let likely = |(n, size): (&NotFound, &Size)| n.evidence > settings.threshold && !size.negligible;
+    let likely: Vec<bool> = left_over.not_found.iter().zip(&others).map(likely).collect();
     let events = to_own_time(&mut judged, &good);
     Explained {
-        explanation: contract::explanation(&judged, &sizes, &gaps, found, &left_over.not_found, &events),
-        model: contract::new_model(&judged, &sizes),
+        explanation: contract::explanation(
+            &judged,
+            &own,
+            &gaps,
+            found,
+            contract::not_found(&left_over.not_found, &likely),
+            &events,
+        ),
+        model: contract::new_model(&judged, &own),
         judged: Some(judged),
         gaps,
         not_found: left_over.not_found,

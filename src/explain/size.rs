@@ -10,8 +10,8 @@ use gaware_nav::effects::Instant;
 use gaware_nav::filter::watch::Regressors;
 use gaware_nav::identify::flight::Flight;
 use gaware_nav::identify::judge::Judged;
-use gaware_nav::identify::select::Added;
 use gaware_nav::identify::terms;
+use gaware_nav::model::EffectSetting;
 use gaware_nav::smoother::gap::Motion;
 use nalgebra::Vector3;
 
@@ -86,27 +86,28 @@ pub fn is_small_print(term: &terms::Found, judged: &Judged, gaps: &[FlightGap]) 
     judged.fit[1].nis_per_dof < TOO_GOOD && spread.rms() < floor
 }
 
-/// Sizes of the effects added, in their order.
-pub fn sizes(judged: &Judged, gaps: &[FlightGap], flights: &[&Flight]) -> Vec<Size> {
+/// Sizes of effects on these flights, in their order.
+pub fn sizes(
+    effects: &[&EffectSetting],
+    judged: &Judged,
+    gaps: &[FlightGap],
+    flights: &[&Flight],
+) -> Vec<Size> {
     let too_good = judged.fit[1].nis_per_dof < TOO_GOOD;
-    judged
-        .selection
-        .added
-        .iter()
-        .map(|added| {
-            let known = judged.selection.base.get(added.setting.effect.name()).map(|s| s.values.clone());
-            let mut size = size(added, known.as_deref(), gaps, flights);
-            // Truncation is there or not.
-            let sized = !added.setting.effect.is_empty();
-            size.negligible =
-                too_good && sized && size.gyro < GYRO && size.accel < ACCEL && size.position < POSITION;
-            size
-        })
-        .collect()
+    let of = |setting: &&EffectSetting| {
+        let known = judged.selection.base.get(setting.effect.name()).map(|s| s.values.clone());
+        let mut size = size(setting, known.as_deref(), gaps, flights);
+        // Truncation is there or not.
+        let sized = !setting.effect.is_empty();
+        size.negligible =
+            too_good && sized && size.gyro < GYRO && size.accel < ACCEL && size.position < POSITION;
+        size
+    };
+    effects.iter().map(of).collect()
 }
 
-fn size(added: &Added, known: Option<&[f64]>, gaps: &[FlightGap], flights: &[&Flight]) -> Size {
-    let (effect, p) = (added.setting.effect, &added.setting.values);
+fn size(setting: &EffectSetting, known: Option<&[f64]>, gaps: &[FlightGap], flights: &[&Flight]) -> Size {
+    let (effect, p) = (setting.effect, &setting.values);
     let (mut gyro, mut accel, mut speed) = (Spread::default(), Spread::default(), Spread::default());
     let mut longest_s = 0.0f64;
     for (gap, flight) in gaps.iter().zip(flights) {
@@ -122,7 +123,7 @@ fn size(added: &Added, known: Option<&[f64]>, gaps: &[FlightGap], flights: &[&Fl
     let walk = effect.bias_walk(p);
     let late_s = effect.fix_delay_s(p) - known.map_or(0.0, |k| effect.fix_delay_s(k));
     let moved = if effect.name().starts_with("gps_") && late_s == 0.0 {
-        let offsets = added.setting.parameters().zip(p).filter(|((_, unit), _)| unit.symbol == "m");
+        let offsets = setting.parameters().zip(p).filter(|((_, unit), _)| unit.symbol == "m");
         offsets.map(|(_, v)| v * v).sum::<f64>().sqrt()
     } else {
         late_s.abs() * (speed.square / speed.n.max(1.0)).sqrt()

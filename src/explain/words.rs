@@ -64,12 +64,14 @@ pub fn summary(e: &Explanation, added: &[&Added]) -> String {
         _ => {}
     }
     e.effects.iter().zip(added).for_each(|(entry, added)| missing(entry, added, &mut text));
-    if added.iter().any(|a| a.is_at_limit()) {
-        text.push(
-            "No bias of such a sensor walks as fast as that: it stands for something that is not in the catalogue, \
-             vibration for one."
-                .to_owned(),
-        );
+    let at_limit: Vec<&str> =
+        added.iter().filter(|a| a.is_at_limit()).map(|a| a.setting.effect.name()).collect();
+    if !at_limit.is_empty() {
+        text.push(format!(
+            "No bias of such a sensor wanders as fast as {} says: that stands for something which is not in the \
+             catalogue, vibration for one.",
+            at_limit.join(" or ")
+        ));
     }
     if let (Some(gap), false) = (&e.gap, e.effects.is_empty()) {
         shrunk(gap, e.effects.len(), &mut text);
@@ -150,7 +152,64 @@ fn left_over(e: &Explanation, text: &mut Vec<String>) {
             names.join(", ")
         ));
     }
+    let likely: Vec<&str> = e.not_found.iter().filter(|n| n.likely).map(|n| n.name).collect();
+    if !likely.is_empty() {
+        text.push(format!(
+            "Not added, though something speaks for it beside these: {}; where so much is missing, names become \
+             doubtful.",
+            likely.join(", ")
+        ));
+    }
     for name in &e.removed {
         text.push(format!("{name} looked likely, but the held-out data did not confirm it; it is left out."));
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::contract::{self, NotFound};
+    use super::*;
+    use gaware_nav::effects::{Effect, GyroBiasDrift, GyroScaleFactor};
+    use gaware_nav::model::EffectSetting;
+
+    fn entry(name: &'static str) -> EffectEntry {
+        let evidence = contract::Evidence { log_likelihood_gain: 9.0, bic_gain: 5.0, log_odds: 7.0 };
+        EffectEntry {
+            names: vec![name],
+            log: None,
+            parameters: std::collections::BTreeMap::new(),
+            evidence,
+            separate_by: None,
+        }
+    }
+
+    #[test]
+    fn a_drift_at_its_limit_is_told_as_what_it_is() {
+        let drift = |deg_per_h_per_rth: f64| {
+            let si = deg_per_h_per_rth.to_radians() / 3600.0 / 60.0;
+            let setting = EffectSetting { values: vec![si], ..EffectSetting::unknown(&GyroBiasDrift) };
+            Added { setting: EffectSetting { sigmas: vec![2.2 * si], ..setting }, prior: vec![(si, 0.0)] }
+        };
+        let mut e = contract::too_little("");
+        e.effects = vec![entry("gyro_bias_drift")];
+        let text = summary(&e, &[&drift(3000.0)]);
+        assert!(text.contains("gyro_walk = 3000 deg/h/√h or more. No bias"), "{text}");
+        let text = summary(&e, &[&drift(100.0)]);
+        assert!(text.contains("gyro_walk = 100 ± 220 deg/h/√h.") && !text.contains("No bias"), "{text}");
+    }
+
+    #[test]
+    fn what_is_likely_but_was_not_added_is_told() {
+        let mut e = contract::too_little("");
+        let of = |likely| NotFound {
+            name: GyroScaleFactor.name(),
+            log_odds: 40.0,
+            likely,
+            parameters: serde_json::Value::Null,
+        };
+        e.not_found = vec![of(true)];
+        assert!(summary(&e, &[]).contains("something speaks for it beside these: gyro_scale_factor"));
+        e.not_found = vec![of(false)];
+        assert!(!summary(&e, &[]).contains("gyro_scale_factor"));
     }
 }

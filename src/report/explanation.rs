@@ -6,7 +6,7 @@ pub use super::page::escape;
 use super::plot::{AFTER, BEFORE, Line, Plot, lines};
 use crate::explain::Explained;
 use crate::explain::FlightGap;
-use crate::explain::contract::{Explanation, Verdict};
+use crate::explain::contract::{self, Explanation, Verdict};
 use crate::explain::words::{self, number};
 use gaware_nav::identify::judge::Judged;
 use gaware_nav::identify::limits::NotFound;
@@ -56,7 +56,7 @@ pub fn html(explained: &Explained) -> Result<String, String> {
     }
     contributions(e, &mut body);
     terms(e, &mut body);
-    not_found(&explained.not_found, &mut body);
+    not_found(&explained.not_found, &e.not_found, &mut body);
     let _ = write!(body, "<h2>The new model</h2><pre>{}</pre>", escape(&explained.model.to_toml()));
     how_to_read(&mut body);
     Ok(page::page(headline(e.verdict), &body))
@@ -329,7 +329,7 @@ fn terms(e: &Explanation, body: &mut String) {
 /// An effect of this many sigmas would have been seen.
 const SEEN: f64 = 3.0;
 
-fn not_found(all: &[NotFound], body: &mut String) {
+fn not_found(all: &[NotFound], told: &[contract::NotFound], body: &mut String) {
     if all.is_empty() {
         return;
     }
@@ -338,7 +338,7 @@ fn not_found(all: &[NotFound], body: &mut String) {
          (three sigmas of what the flights can know, on the best and on the worst of its axes) may be there all the same.</small></p>\
          <table><tr><th>Effect</th><th class=\"n\">log odds</th><th class=\"n\">unseen below</th></tr>",
     );
-    for found in all {
+    for (found, told) in all.iter().zip(told) {
         let setting = &found.setting;
         let sizes = setting.parameters().zip(&setting.sigmas).filter(|(_, sigma)| **sigma > 0.0);
         let sizes: Vec<(f64, &str)> =
@@ -350,8 +350,9 @@ fn not_found(all: &[NotFound], body: &mut String) {
             if most > 1.05 * least { format!("{} to {}", number(least), number(most)) } else { number(most) };
         let _ = write!(
             body,
-            "<tr><td>{}</td><td class=\"n\">{:.1}</td><td class=\"n\">{range} {unit}</td></tr>",
+            "<tr><td>{}{}</td><td class=\"n\">{:.1}</td><td class=\"n\">{range} {unit}</td></tr>",
             setting.effect.name(),
+            if told.likely { " <small>not added, but likely</small>" } else { "" },
             found.evidence
         );
     }
