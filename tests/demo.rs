@@ -49,7 +49,7 @@ fn the_same_seed_gives_the_same_document_and_another_one_another() {
 #[test]
 fn who_ends_the_demonstration_is_told_so_and_screens_say_who_flies() {
     let mut flight = Flight::new(prepared("small_fixed_wing"), 1);
-    let (mut reasons, mut told) = (Vec::new(), Vec::new());
+    let (mut reasons, mut told, mut warnings) = (Vec::new(), Vec::new(), Vec::new());
     for _ in 0..300 {
         for _ in 0..10 {
             flight.turn();
@@ -57,9 +57,11 @@ fn who_ends_the_demonstration_is_told_so_and_screens_say_who_flies() {
         flight.take_told();
         let snapshot = flight.snapshot();
         reasons.push(snapshot.guidance.reason);
-        told.extend(snapshot.warnings);
+        told.extend(snapshot.news);
+        warnings.extend(snapshot.warnings);
     }
-    assert!(told.iter().any(|t| t.contains("arms and starts the mission")), "{told:?}");
+    let starts = |t: &String| t.contains("arms and starts the mission");
+    assert!(told.iter().any(starts) && !warnings.iter().any(starts), "{told:?} {warnings:?}");
     assert!(
         reasons.iter().any(|r| r.contains("the autopilot flies its mission, maneuver 1 of")),
         "{reasons:?}"
