@@ -155,8 +155,8 @@ fn left_over(e: &Explanation, text: &mut Vec<String>) {
     let likely: Vec<&str> = e.not_found.iter().filter(|n| n.likely).map(|n| n.name).collect();
     if !likely.is_empty() {
         text.push(format!(
-            "Not added, though something speaks for it beside these: {}; where so much is missing, names become \
-             doubtful.",
+            "Something speaks for {} too, which was not added: the search ends after a few effects, and held-out data \
+             must agree.",
             likely.join(", ")
         ));
     }
@@ -208,7 +208,7 @@ mod tests {
             parameters: serde_json::Value::Null,
         };
         e.not_found = vec![of(true)];
-        assert!(summary(&e, &[]).contains("something speaks for it beside these: gyro_scale_factor"));
+        assert!(summary(&e, &[]).contains("Something speaks for gyro_scale_factor too, which was not added"));
         e.not_found = vec![of(false)];
         assert!(!summary(&e, &[]).contains("gyro_scale_factor"));
     }
