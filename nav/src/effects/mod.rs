@@ -213,6 +213,14 @@ pub struct BiasWalk {
     pub accel: f64,
 }
 
+impl BiasWalk {
+    /// Both at once: walks that know nothing of each other add up in variance.
+    #[must_use]
+    pub fn and(self, other: Self) -> Self {
+        Self { gyro: self.gyro.hypot(other.gyro), accel: self.accel.hypot(other.accel) }
+    }
+}
+
 /// What a source told last: for mistakes that show from sample to sample. Gyro, rad/s, and accelerometer, m/s².
 #[derive(Debug, Clone, Copy)]
 pub struct Told {

@@ -166,10 +166,7 @@ fn linearised(
 
 /// The random walk of the biases that a model says.
 pub fn walk(model: &Model) -> BiasWalk {
-    model.effects.iter().map(|s| s.effect.bias_walk(&s.values)).fold(BiasWalk::default(), |sum, w| BiasWalk {
-        gyro: sum.gyro.hypot(w.gyro),
-        accel: sum.accel.hypot(w.accel),
-    })
+    model.effects.iter().map(|s| s.effect.bias_walk(&s.values)).fold(BiasWalk::default(), BiasWalk::and)
 }
 
 /// Adds an error in body axes to a state.

@@ -20,7 +20,6 @@ pub(super) struct Here {
     pub(super) by_force: Matrix3<f64>,
     /// Rate and specific force by each watched parameter.
     pub(super) columns: Vec<[Vector3<f64>; 2]>,
-    temperature_above_25_degc: f64,
 }
 
 /// Goes along the samples of a flight.
@@ -123,13 +122,9 @@ impl<'a> Track<'a> {
         let here = &mut self.to;
         here.t_s = sample.t_s;
         here.motion = motion;
-        here.temperature_above_25_degc = sample.temperature_degc.map_or(0.0, |t| t - 25.0);
-        let x = Instant {
-            t_s: sample.t_s,
-            rate: motion.rate,
-            force: motion.force,
-            temperature_above_25_degc: here.temperature_above_25_degc,
-        };
+        let temperature_above_25_degc = sample.temperature_degc.map_or(0.0, |t| t - 25.0);
+        let x =
+            Instant { t_s: sample.t_s, rate: motion.rate, force: motion.force, temperature_above_25_degc };
         here.by_force = Matrix3::zeros();
         for (setting, p) in self.model.effects.iter().zip(&self.calibration.parameters) {
             here.by_force += setting.effect.gyro_by_force(p, &x).unwrap_or_default();
@@ -139,7 +134,7 @@ impl<'a> Track<'a> {
         let regressors = Regressors {
             force: motion.force,
             rate: motion.rate,
-            temperature_above_25_degc: here.temperature_above_25_degc,
+            temperature_above_25_degc,
             speed,
             elapsed_s: sample.t_s - self.start_s,
         };

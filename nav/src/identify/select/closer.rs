@@ -75,9 +75,8 @@ impl Search<'_> {
     }
 
     /// The same with more turns.
-    fn look_on(&self, look: Look, before: &Point) -> Look {
-        let problems = self.problems(&look.point, &watching(&look.point.added));
-        let (mut look, mut problems) = (look, problems);
+    fn look_on(&self, mut look: Look, before: &Point) -> Look {
+        let mut problems = self.problems(&look.point, &watching(&look.point.added));
         for _ in 1..TURNS {
             if look.done {
                 break;

@@ -7,7 +7,7 @@ use super::super::noise::Noise;
 use super::super::pass::Information;
 use super::settle::priors;
 use super::{Added, Candidate, Point, Search, is_jump, is_linear, lacking, prior_sigmas};
-use crate::effects::{BiasWalk, Effect, MISTAKES};
+use crate::effects::{Effect, MISTAKES};
 use crate::filter::watch::Watched;
 use crate::model::{EffectSetting, Model};
 use crate::sample::{Quantisation, Steps};
@@ -82,8 +82,7 @@ impl Search<'_> {
         size: f64,
         noise: &Noise,
     ) -> f64 {
-        let (own, more) = (linear::walk(&self.model(added)), drift.effect.bias_walk(&[size]));
-        let walk = BiasWalk { gyro: own.gyro.hypot(more.gyro), accel: own.accel.hypot(more.accel) };
+        let walk = linear::walk(&self.model(added)).and(drift.effect.bias_walk(&[size]));
         problems.iter().map(|p| p.run_walking(walk, noise, &self.settings.options).log_likelihood[0]).sum()
     }
 
