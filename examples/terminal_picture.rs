@@ -2,6 +2,7 @@
 //! `cargo run --example terminal_picture > docs/terminal.svg`.
 
 #[path = "web_fixture/script.rs"]
+#[expect(dead_code, reason = "the map is the page's alone")]
 mod script;
 
 use gaware::sinks::events::EventDetector;
@@ -31,6 +32,7 @@ fn main() -> Result<(), Infallible> {
         state: RecorderState::Recording,
         detail: "flight-007.mcap".into(),
         bytes: 1_800_000,
+        ..RecorderView::default()
     });
     let mut detector = EventDetector::default();
     let steps = (MOMENT_S / script::STEP_S) as u32;
@@ -43,6 +45,7 @@ fn main() -> Result<(), Infallible> {
         events: &events,
         options: Options::default(),
         over: Over::Nothing,
+        scroll: 0,
     };
     let mut terminal = Terminal::new(TestBackend::new(120, 30))?;
     terminal.draw(|frame| draw(frame, &view))?;

@@ -5,5 +5,8 @@ use gaware::commands::cli::Cli;
 use std::process::ExitCode;
 
 fn main() -> ExitCode {
-    gaware::commands::cli::execute(Cli::parse())
+    match Cli::try_parse() {
+        Ok(cli) => gaware::commands::cli::execute(cli),
+        Err(error) => gaware::commands::cli::refuse(error),
+    }
 }

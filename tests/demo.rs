@@ -5,11 +5,12 @@
 use gaware::demo::flight::{Ending, Flight};
 use gaware::demo::{Prepared, Settings, result};
 use gaware::engine::snapshot::Status;
+use gaware::sinks::status::Control;
 use gaware_mission::airframe::Airframe;
 use serde_json::Value;
 
 fn prepared(airframe: &str) -> Prepared {
-    let mut settings = Settings::new(Airframe::example(airframe).unwrap(), Some(90.0));
+    let mut settings = Settings::new(Airframe::example(airframe).unwrap(), Some(150.0));
     settings.beam = 1;
     Prepared::new(settings).unwrap()
 }
@@ -49,23 +50,24 @@ fn the_same_seed_gives_the_same_document_and_another_one_another() {
 #[test]
 fn who_ends_the_demonstration_is_told_so_and_screens_say_who_flies() {
     let mut flight = Flight::new(prepared("small_fixed_wing"), 1);
-    let (mut reasons, mut told, mut warnings) = (Vec::new(), Vec::new(), Vec::new());
+    let (mut views, mut told, mut warnings) = (Vec::new(), Vec::new(), Vec::new());
     for _ in 0..300 {
         for _ in 0..10 {
             flight.turn();
         }
         flight.take_told();
         let snapshot = flight.snapshot();
-        reasons.push(snapshot.guidance.reason);
+        views.push(flight.vehicle_view());
         told.extend(snapshot.news);
         warnings.extend(snapshot.warnings);
     }
     let starts = |t: &String| t.contains("arms and starts the mission");
     assert!(told.iter().any(starts) && !warnings.iter().any(starts), "{told:?} {warnings:?}");
-    assert!(
-        reasons.iter().any(|r| r.contains("the autopilot flies its mission, maneuver 1 of")),
-        "{reasons:?}"
-    );
+    assert!(views.iter().any(|v| v.control == Control::Ground && v.next.contains("upload")), "{views:?}");
+    let first = views.iter().find(|v| v.control == Control::Autopilot).unwrap();
+    assert!(first.maneuver == 1 && first.maneuvers >= 1 && !first.now.is_empty(), "{first:?}");
+    assert!(first.left_s.is_some_and(|s| s > 0.0 && s <= first.duration_s), "{first:?}");
+    assert!(!first.next.is_empty());
     let result = result::of(&mut flight, 1);
     assert_eq!((&result.ending, &result.document["ending"]), (&Ending::Stopped, &"stopped".into()));
 }

@@ -4,8 +4,9 @@
 
 mod support;
 
-use gaware::commands::mission::{LinkArgs, UploadArgs, download, upload};
+use gaware::commands::mission::{DownloadArgs, LinkArgs, UploadArgs, download, upload};
 use gaware::mission_link::files;
+use gaware_mission::fence::{Fence, FenceCircle};
 use gaware_mission::files::waypoints;
 use gaware_mission::item::{Autopilot as Firmware, Home, LatLon, Mission, MissionItem, command};
 use gaware_sitl::autopilot::{Autopilot, AutopilotConfig, Flavour};
@@ -66,11 +67,28 @@ async fn vehicle(endpoint: &str, flavour: Flavour, faults: LinkFaults, stop: &Ca
 }
 
 fn link(address: &str, file: PathBuf) -> LinkArgs {
-    LinkArgs { connect: vec![address.parse().unwrap()], file, vehicle: None, patience: 20, json: false }
+    LinkArgs {
+        connect: vec![address.parse().unwrap()],
+        file,
+        vehicle: None,
+        patience: 20,
+        signing_key: None,
+        json: false,
+    }
+}
+
+fn get(address: &str, file: PathBuf) -> DownloadArgs {
+    DownloadArgs { link: link(address, file), list: None }
 }
 
 fn put(address: &str, file: PathBuf, backup: PathBuf) -> UploadArgs {
-    UploadArgs { link: link(address, file), backup: Some(backup), even_while_flying: false }
+    UploadArgs {
+        link: link(address, file),
+        backup: Some(backup),
+        no_fence: false,
+        force: false,
+        even_while_flying: false,
+    }
 }
 
 /// Upload, upload another, look at the backup, restore it, download and compare.
@@ -85,7 +103,7 @@ async fn round_trip(name: &str, endpoint: &str, flavour: Flavour, faults: LinkFa
     assert_eq!(files::read(&backup).unwrap().0.items.len(), 4);
     upload(&put(&address, backup, folder.file("b3.plan")), &stop, |_| ()).await.unwrap();
     let read = folder.file("read.plan");
-    download(&link(&address, read.clone()), &stop).await.unwrap();
+    download(&get(&address, read.clone()), &stop).await.unwrap();
     let on_board = files::read(&read).unwrap().0;
     let firmware = match flavour {
         Flavour::ArduPilot => Firmware::ArduPilot,
@@ -93,7 +111,7 @@ async fn round_trip(name: &str, endpoint: &str, flavour: Flavour, faults: LinkFa
     };
     assert_eq!(gaware_mission::compare::differences(firmware, &mission(3), &on_board), vec![]);
     // A file that is there is not overwritten.
-    assert!(download(&link(&address, read), &stop).await.unwrap_err().to_string().contains("cannot write"));
+    assert!(download(&get(&address, read), &stop).await.unwrap_err().to_string().contains("cannot write"));
     stop.cancel();
 }
 
@@ -123,7 +141,7 @@ async fn a_refused_mission_leaves_the_previous_one() {
         upload(&put(&address, path, folder.file("b2.plan")), &stop, |_| ()).await.unwrap_err().to_string();
     assert!(told.contains("the previous mission is on the vehicle"), "{told}");
     let read = folder.file("read.waypoints");
-    download(&link(&address, read.clone()), &stop).await.unwrap();
+    download(&get(&address, read.clone()), &stop).await.unwrap();
     assert_eq!(files::read(&read).unwrap().0.items.len(), 3);
     stop.cancel();
 }
@@ -172,7 +190,7 @@ async fn a_killed_upload_is_taken_up_and_the_previous_mission_put_back() {
     assert!(ended.stdout.contains("on the vehicle was: A MIXTURE: "), "{}", ended.stdout);
     assert!(ended.stdout.contains("now it is the previous mission of 4 items"), "{}", ended.stdout);
     let read = folder.file("read.waypoints");
-    download(&link(&address, read.clone()), &stop).await.unwrap();
+    download(&get(&address, read.clone()), &stop).await.unwrap();
     let on_board = files::read(&read).unwrap().0;
     assert_eq!(gaware_mission::compare::differences(Firmware::ArduPilot, &mission(3), &on_board), vec![]);
     // It is settled: no journal, and uploads go again.
@@ -193,7 +211,7 @@ async fn a_killed_upload_is_taken_up_and_the_new_mission_brought() {
     assert!(ended.stdout.contains("on the vehicle was: the previous mission, whole"), "{}", ended.stdout);
     assert!(ended.stdout.contains("now it is the new mission of 25 items"), "{}", ended.stdout);
     let read = folder.file("read.waypoints");
-    download(&link(&address, read.clone()), &stop).await.unwrap();
+    download(&get(&address, read.clone()), &stop).await.unwrap();
     let on_board = files::read(&read).unwrap().0;
     assert_eq!(gaware_mission::compare::differences(Firmware::Px4, &mission(24), &on_board), vec![]);
     assert!(!folder.file("mission-transfer-system1.journal").exists());
@@ -296,7 +314,7 @@ async fn upload_from(page: &str) -> (u16, String) {
 async fn on_board(folder: &Folder, address: &str, stop: &CancellationToken) -> Mission {
     let read = folder.file("on-board.plan");
     let _ = std::fs::remove_file(&read);
-    download(&link(address, read.clone()), stop).await.unwrap();
+    download(&get(address, read.clone()), stop).await.unwrap();
     files::read(&read).unwrap().0
 }
 
@@ -307,7 +325,13 @@ async fn the_page_uploads_with_token_and_confirmation_only_and_keeps_the_mission
         let address = vehicle("udpin:127.0.0.1:0", flavour, LinkFaults::default(), &stop).await;
         let first = folder.mission("first.waypoints", 2);
         upload(&put(&address, first, folder.file("b1.plan")), &stop, |_| ()).await.unwrap();
-        let planned = folder.mission("planned.waypoints", 6);
+        let planned = folder.file("planned.plan");
+        let center = LatLon { lat_deg: 47.4, lon_deg: 8.545 };
+        let circle = FenceCircle { inclusion: true, center, radius_m: 2500.0 };
+        let fence = Fence { circles: vec![circle], ..Fence::default() };
+        let firmware = if flavour == Flavour::Px4 { Firmware::Px4 } else { Firmware::ArduPilot };
+        std::fs::write(&planned, files::text_of(&planned, &mission(6), &fence, firmware, 2).unwrap())
+            .unwrap();
         let (companion, page) = run_with_page(&address, &planned);
         assert_eq!(ask(&page, None, "{\"confirm\": true}").await.0, 401);
         assert_eq!(ask(&page, Some("not-the-token"), "{\"confirm\": true}").await.0, 401);
@@ -315,6 +339,7 @@ async fn the_page_uploads_with_token_and_confirmation_only_and_keeps_the_mission
         let (status, message) = upload_from(&page).await;
         assert_eq!(status, 200, "{message}");
         assert!(message.contains("7 items is on the vehicle, read back and compared"), "{message}");
+        assert!(message.contains("its geofence (1 circle) too"), "{message}");
         companion.terminate();
         assert_eq!(companion.ended().code(), Some(0));
         assert_eq!(on_board(&folder, &address, &stop).await.items.len(), 7);

@@ -124,8 +124,9 @@ const REAL: [Real; 7] = [
         nis: (0.0, 0.0),
     },
     Real {
+        // After the reboot the autopilot sends one sample a second: no heading follows from that.
         file: "sitl_probe_udp_reboot_gpsloss.tlog",
-        phase: "running",
+        phase: "searching_heading",
         said: "rebooted",
         learns: false,
         nis: (0.0, 2.0),

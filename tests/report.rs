@@ -5,7 +5,7 @@
 mod support;
 
 use std::fs;
-use support::{Folder, fixture, gaware};
+use support::{Folder, fixture, flights, gaware};
 
 #[test]
 fn the_page_tells_what_replay_tells_and_needs_nothing_else() {
@@ -28,8 +28,21 @@ fn the_page_tells_what_replay_tells_and_needs_nothing_else() {
     {
         assert!(page.contains(part), "{part} is missing");
     }
-    for foreign in ["<script", "src=", "href=", "NaN", "inf "] {
-        assert!(!page.contains(foreign), "{foreign} is on the page");
+    let (body, scripts) = page.split_once("<script>").unwrap();
+    for foreign in ["src=", "href=\"http", "<link", "NaN", "inf ", "RMS ["] {
+        assert!(!body.contains(foreign), "{foreign} is on the page");
+    }
+    assert!(scripts.contains("uPlot") && !scripts.contains("import "), "plots need nothing else");
+    for first in [
+        "Is G large",
+        "in a turn",
+        "could not be seen",
+        "Whose attitude",
+        "What now",
+        "gyro bias",
+        "download=",
+    ] {
+        assert!(body.contains(first), "{first} is missing");
     }
 }
 
@@ -52,7 +65,7 @@ fn a_flight_without_fixes_has_a_page_that_says_why_it_is_empty() {
     assert_eq!(made.code(), Some(0), "{}", made.stderr);
     let page = fs::read_to_string(&out).unwrap();
     assert!(page.contains("There is no estimate: no GNSS fix yet"), "{page}");
-    assert!(!page.contains("What acceleration does"), "values without an estimate");
+    assert!(!page.contains("id=\"g\""), "values without an estimate");
 }
 
 #[test]
@@ -61,4 +74,46 @@ fn a_page_that_cannot_be_written_is_told_with_its_place() {
     let made = gaware(&["report", log.to_str().unwrap(), "--out", "/no/such/folder/page.html"]);
     assert_eq!(made.code(), Some(1));
     assert!(made.stderr.contains("/no/such/folder/page.html"), "{}", made.stderr);
+}
+
+/// Words of maneuvers that only an aircraft with wings flies.
+const FIXED_WING: [&str; 9] = [
+    "throttle",
+    "rudder",
+    "sideslip",
+    "pull-up",
+    "pull up",
+    "wings level",
+    "steep turn",
+    "push-over",
+    "bank beyond 45",
+];
+
+#[test]
+fn no_fixed_wing_maneuver_is_named_for_a_rotorcraft() {
+    let Some(recorded) = flights() else { return };
+    let folder = Folder::new("report-rotor");
+    let out = folder.file("page.html");
+    for (log, kind) in [
+        ("qdr_p4rtk_xsensdot", "unknown"),
+        ("real_copter_sample.BIN", "multirotor"),
+        ("real_px4_sample.ulg", "multirotor"),
+    ] {
+        let path = recorded.join(log);
+        let path = path.to_str().unwrap();
+        for more in [&[][..], &["--airframe", "quadrotor"][..]] {
+            let made = gaware(&[&["report", path, "--out", &out][..], more].concat());
+            assert_eq!(made.code(), Some(0), "{}", made.stderr);
+            let page = fs::read_to_string(&out).unwrap().to_lowercase();
+            let page = page.split("<script").next().unwrap();
+            for word in FIXED_WING {
+                assert!(!page.contains(word), "{log}, {more:?}: {word}");
+            }
+        }
+        let summary = gaware(&["replay", path, "--json"]);
+        let document = summary.json();
+        assert_eq!(document["vehicle_type"], kind, "{log}");
+        let text = document["observability"].to_string().to_lowercase();
+        assert!(FIXED_WING.iter().all(|w| !text.contains(w)), "{log}: {text}");
+    }
 }

@@ -106,7 +106,7 @@ fn models_and_baselines_with_mistakes_are_refused_with_their_place() {
 #[test]
 fn addresses_that_are_none_are_wrong_usage() {
     for (address, said) in [
-        ("nowhere", "is no address; write"),
+        ("nowhere", "is not a valid address; write"),
         ("udpin:host:14550", "udpin waits on a local IP address"),
         ("serial:/dev/ttyAMA0:fast", "is no baud rate"),
         ("tcpout:127.0.0.1:99999", "a port from 1 to 65535"),
@@ -190,7 +190,7 @@ fn led(to: &str, args: &[&str]) -> Ended {
 fn a_result_is_told_though_its_page_cannot_be_written_and_no_folder_is_left_behind() {
     let folder = Folder::new("page");
     let page = folder.file("no/such/folder.html");
-    let demo = ["demo", "--speed", "max", "--budget", "100", "--report", &page];
+    let demo = ["demo", "--speed", "max", "--budget", "200", "--report", &page];
     let ended = fails(1, "cannot write the report", &demo);
     assert!(ended.stdout.contains("the mission was flown"), "{}", ended.stdout);
     let (log, out) = (folder.file("noise.tlog"), folder.file("out"));
@@ -241,5 +241,51 @@ fn a_reader_who_has_seen_enough_is_no_failure_and_a_full_disk_is_one() {
         let full = led("> /dev/full", args);
         assert_eq!(full.code(), Some(1), "{args:?}: {}", full.stderr);
         assert!(full.stderr.contains("gaware: cannot write the result: No space left"), "{}", full.stderr);
+    }
+}
+
+#[test]
+fn numbers_that_are_none_name_the_option_the_value_and_the_remedy() {
+    for (said, args) in [
+        ("--rate", &["run", "--connect", "udpin:127.0.0.1:0", "--rate", "abc"][..]),
+        ("--seed", &["sim", "--seed", "abc"]),
+        ("--radius", &["plan", "--home", "47,8,500", "--radius", "wide"]),
+    ] {
+        let ended = fails(2, said, args);
+        let value = args.last().unwrap();
+        assert!(ended.stderr.contains(value) && ended.stderr.contains("write a"), "{}", ended.stderr);
+    }
+}
+
+#[test]
+fn a_run_that_hears_nothing_says_so_and_has_failed() {
+    let ended = fails(
+        1,
+        "nothing was received",
+        &["run", "--connect", "udpin:127.0.0.1:0", "--no-record", "--headless", "--duration", "0.5"],
+    );
+    assert_eq!(ended.stdout, "", "no table of zeros");
+}
+
+#[test]
+fn a_stderr_that_is_closed_or_that_nobody_reads_holds_nothing_up() {
+    let run = ["run", "--connect", "udpin:127.0.0.1:0", "--no-record", "--headless", "--duration", "1"];
+    for closed in [true, false] {
+        let (reader, mut writer) = std::io::pipe().unwrap();
+        // As much as a pipe holds: whoever writes more waits for a reader.
+        writer.write_all(&[b'.'; 65_536]).unwrap();
+        let reader = (!closed).then_some(reader);
+        let mut child = std::process::Command::new(env!("CARGO_BIN_EXE_gaware"))
+            .args(run)
+            .stdout(std::process::Stdio::null())
+            .stderr(writer)
+            .spawn()
+            .unwrap();
+        let (ended, wait) = std::sync::mpsc::channel();
+        let id = child.id();
+        std::thread::spawn(move || ended.send(child.wait().unwrap()));
+        let Ok(status) = wait.recv_timeout(support::PATIENCE) else { panic!("process {id} does not end") };
+        assert_eq!(status.code(), Some(1), "as with a reader: nothing was received (closed: {closed})");
+        drop(reader);
     }
 }

@@ -5,7 +5,7 @@
 mod support;
 
 use gaware::logs::{self, Item};
-use mavlink::dialects::ardupilotmega::MavMessage;
+use mavlink::dialects::ardupilotmega::{MavCmd, MavMessage};
 use mcap::MessageStream;
 use mcap::read::Options;
 use std::io::{Read, Write};
@@ -199,9 +199,17 @@ fn a_full_disk_costs_only_what_it_cannot_hold_and_that_is_counted_and_shown() {
     assert!(skipped(&last) > 0, "{last}");
     station.terminate();
     let ended = station.ended();
-    assert_eq!(ended.code(), Some(0), "{}", ended.stderr);
+    // The recording is not what was asked for: told in the sentence, the status and the result.
+    assert_eq!(ended.code(), Some(1), "{}", ended.stderr);
+    assert!(
+        ended.stderr.contains("gaware: the recording") && ended.stderr.contains(" lacks "),
+        "{}",
+        ended.stderr
+    );
     // The estimation has seen the whole flight.
     let document = ended.json();
+    assert!(document["recording"]["failed"].as_u64().unwrap() > 0, "{document:#}");
+    assert!(document["warnings"].to_string().contains(" lacks "), "{document:#}");
     assert_eq!(document["phase"], "running", "{document:#}");
     assert!(document["duration_s"].as_f64().unwrap() > 50.0, "{document:#}");
     assert!(document["imu"]["samples"].as_u64().unwrap() > 3_000, "{document:#}");
@@ -251,4 +259,75 @@ fn a_dead_ground_station_link_costs_only_its_own_messages_and_they_are_counted_a
     let document = station.ended().json();
     assert!(document["duration_s"].as_f64().unwrap() > 50.0, "{document:#}");
     assert!(document["imu"]["samples"].as_u64().unwrap() > 3_000, "{document:#}");
+}
+
+/// Rate of a message from `from_s` to `to_s` of the flight, Hz, by the frames of a log.
+fn rate_between(log: &Path, id: u32, from_s: f64, to_s: f64) -> f64 {
+    let (mut now_s, mut count) = (0.0, 0.0);
+    for record in logs::open(log).unwrap().map_while(Result::ok) {
+        let Item::Frame(frame) = record.item else { continue };
+        if let Ok(MavMessage::ATTITUDE(m)) = frame.decode() {
+            now_s = f64::from(m.time_boot_ms) * 1e-3;
+        }
+        if frame.message_id == id && frame.component_id == 1 && (from_s..to_s).contains(&now_s) {
+            count += 1.0;
+        }
+    }
+    count / (to_s - from_s)
+}
+
+/// Flies beside a `run` that ends in mid-flight; gives the log of the vehicle and when its first and last request came, by ATTITUDE.
+fn flown_beside_a_run(folder: &Folder, sim: &[&str]) -> std::path::PathBuf {
+    let log = folder.file("vehicle.tlog");
+    let fly = ["sim", "--scenario", "fixed_wing", "--listen", "tcpin:127.0.0.1:0", "--record", &log];
+    let vehicle = Gaware::start(&[&fly[..], sim].concat());
+    let address = vehicle.line();
+    let station = Gaware::start(&["run", "--connect", &address, "--no-record", "--headless"]);
+    station.line_with("running");
+    station.terminate();
+    assert_eq!(station.ended().code(), Some(0));
+    vehicle.terminate();
+    vehicle.ended();
+    log.into()
+}
+
+/// What a station asked of a vehicle in a log: message and interval, µs.
+fn asked(log: &Path) -> Vec<(u32, f32)> {
+    let frames = logs::open(log).unwrap().map_while(Result::ok).filter_map(|r| match r.item {
+        Item::Frame(frame) => frame.decode().ok(),
+        Item::Measurement(_) => None,
+    });
+    let sets = frames.filter_map(|m| match m {
+        MavMessage::COMMAND_LONG(c) if c.command == MavCmd::MAV_CMD_SET_MESSAGE_INTERVAL => {
+            Some((c.param1 as u32, c.param2))
+        }
+        _ => None,
+    });
+    sets.collect()
+}
+
+#[test]
+fn rates_are_given_back_at_the_end_and_nothing_is_asked_for_that_is_not_there() {
+    let folder = Folder::new("rates");
+    let sealed = folder.file("sealed.toml");
+    // Hidden effects come without HIGHRES_IMU.
+    let log = flown_beside_a_run(&folder, &["--speed", "10", "--hide-random", "1", "--sealed", &sealed]);
+    let asked = asked(&log);
+    assert_eq!(
+        asked,
+        [(27, 5000.0), (24, 100_000.0), (30, 100_000.0), (27, 500_000.0), (24, 500_000.0), (30, 250_000.0)]
+    );
+    let texts = logs::open(&log).unwrap().map_while(Result::ok).filter(|r| match &r.item {
+        Item::Frame(frame) => frame.message_id == 253 && frame.component_id == 1,
+        Item::Measurement(_) => false,
+    });
+    assert_eq!(texts.count(), 0, "texts for the pilot");
+}
+
+#[test]
+fn px4_sends_what_was_asked_for() {
+    let folder = Folder::new("px4-rates");
+    let log = flown_beside_a_run(&folder, &["--speed", "10", "--autopilot", "px4"]);
+    let hz = rate_between(&log, 26, 5.0, 10.0);
+    assert!(hz > 200.0, "{hz} Hz of SCALED_IMU");
 }

@@ -66,7 +66,7 @@ fn ten_minutes_on_the_bench_teach_nothing_about_g() {
     let summary = fly("bench", 600.0, |_| true).summary();
     assert_nothing_learnt(&summary);
     assert_eq!(summary.phase, Phase::Running);
-    assert!(summary.waiting_for.contains("standing"), "{}", summary.waiting_for);
+    assert!(summary.waiting_for.contains("stationary"), "{}", summary.waiting_for);
     assert!(summary.gnss.used > 2900, "{:?}", summary.gnss);
     let attitude = summary.estimate.attitude_deg;
     assert!(attitude.value[0].abs() < 3.0 && attitude.value[1].abs() < 3.0, "{attitude:?}");
@@ -76,7 +76,7 @@ fn ten_minutes_on_the_bench_teach_nothing_about_g() {
 fn half_a_minute_on_the_bench_teaches_nothing_about_g() {
     let summary = fly("bench", 30.0, |_| true).summary();
     assert_nothing_learnt(&summary);
-    assert!(summary.waiting_for.contains("standing"), "{}", summary.waiting_for);
+    assert!(summary.waiting_for.contains("stationary"), "{}", summary.waiting_for);
 }
 
 #[test]

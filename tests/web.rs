@@ -11,7 +11,7 @@ use std::net::SocketAddr;
 use std::sync::Arc;
 use std::time::Duration;
 use tokio::io::{AsyncBufReadExt, AsyncReadExt, AsyncWriteExt, BufReader};
-use tokio::net::{TcpListener, TcpStream};
+use tokio::net::TcpStream;
 use tokio::sync::{mpsc, watch};
 use tokio::task::JoinHandle;
 use tokio::time::timeout;
@@ -34,7 +34,7 @@ async fn serve(with: impl FnOnce(WebState) -> WebState) -> Server {
 }
 
 async fn serve_on(bind: &str, with: impl FnOnce(WebState) -> WebState) -> Server {
-    let listener = TcpListener::bind(bind).await.unwrap();
+    let listener = web::door::bind(bind.parse().unwrap()).unwrap();
     let port = listener.local_addr().unwrap().port();
     let (snapshots, rx) = watch::channel(Arc::new(snapshot(1)));
     let status = SinkStatus::new();
@@ -291,11 +291,97 @@ async fn a_browser_that_stops_reading_costs_only_its_own_snapshots() {
 async fn too_many_pages_are_told_so() {
     let server = serve(|s| s).await;
     let mut open = Vec::new();
-    for _ in 0..16 {
+    for _ in 0..8 {
         let mut browser = Browser::open(server.address).await;
         browser.snapshot().await;
         open.push(browser);
     }
     assert_eq!(get(&server, "/api/v1/events", &[]).await.status, 503);
     assert_eq!(get(&server, "/api/v1/status", &[]).await.status, 200);
+}
+
+#[tokio::test(start_paused = true)]
+async fn half_a_request_is_given_up_and_others_are_served_meanwhile() {
+    let server = serve(|s| s).await;
+    let mut silent = Vec::new();
+    // More than one address may hold; those beyond are closed at once.
+    for k in 0..100 {
+        let mut stream = TcpStream::connect(server.address).await.unwrap();
+        if k % 2 == 0 {
+            // The server may have closed it already.
+            let _ = stream.write_all(b"GET / HTTP/1.1\r\nHost: 127.").await;
+        }
+        silent.push(stream);
+    }
+    for mut stream in silent {
+        // Time stands still until nobody has anything to do: the patience of the server passes at once.
+        let _ = stream.read_to_end(&mut Vec::new()).await;
+    }
+    assert_eq!(get(&server, "/api/v1/status", &[]).await.status, 200);
+}
+
+#[tokio::test(start_paused = true)]
+async fn streams_that_never_read_make_room_for_others() {
+    let server = serve(|s| s.with_max_rate_hz(1000.0)).await;
+    let mut stuck = Vec::new();
+    for _ in 0..8 {
+        stuck.push(Browser::open(server.address).await);
+    }
+    let padding = "x".repeat(200_000);
+    let mut sequence = 1;
+    let mut waited_s = 0.0;
+    // Tried again as a browser does.
+    while get_head(server.address, "/api/v1/events").await != 200 {
+        for _ in 0..10 {
+            sequence += 1;
+            server
+                .snapshots
+                .send_replace(Arc::new(Snapshot { warnings: vec![padding.clone()], ..snapshot(sequence) }));
+            tokio::time::sleep(Duration::from_millis(100)).await;
+        }
+        waited_s += 1.0;
+        assert!(waited_s < 40.0, "still no place after {waited_s} s");
+    }
+    drop(stuck);
+}
+
+/// The status of a request whose answer need not end.
+async fn get_head(address: SocketAddr, path: &str) -> u16 {
+    let mut stream = TcpStream::connect(address).await.unwrap();
+    let request = format!("GET {path} HTTP/1.1\r\nHost: 127.0.0.1:{}\r\n\r\n", address.port());
+    stream.write_all(request.as_bytes()).await.unwrap();
+    let line = BufReader::new(stream).lines().next_line().await.unwrap().unwrap();
+    line.split(' ').nth(1).unwrap().parse().unwrap()
+}
+
+#[tokio::test]
+async fn tokens_cannot_be_guessed_and_a_wrong_one_is_told_so() {
+    let server = serve_on("0.0.0.0:0", |s| s.with_token(token())).await;
+    let first = get(&server, "/?token=not-this-one-0", &[]).await;
+    assert_eq!(first.status, 401);
+    assert!(first.body.contains("This token is not the one"), "{}", first.body);
+    // A browser that comes back with the cookie of an earlier run does not guess.
+    for _ in 0..30 {
+        assert_eq!(
+            get(&server, "/api/v1/status", &["Cookie: gaware_token=of-an-earlier-run"]).await.status,
+            401
+        );
+    }
+    let statuses = async {
+        let mut all = Vec::new();
+        for k in 0..20 {
+            let guess = format!("Authorization: Bearer not-this-one-{k}");
+            all.push(get(&server, "/api/v1/status", &[&guess]).await.status);
+        }
+        all
+    };
+    let statuses = statuses.await;
+    assert_eq!(statuses.last(), Some(&429), "{statuses:?}");
+    let right = format!("Authorization: Bearer {SECRET}");
+    assert_eq!(
+        get(&server, "/api/v1/status", &[&right]).await.status,
+        429,
+        "nor does the right one tell itself"
+    );
+    assert_eq!(get(&server, "/healthz", &[]).await.status, 200);
 }

@@ -3,11 +3,15 @@
 //!
 //! `web_fixture [--bind ADDR:PORT] [--token TOKEN] [--from SECONDS] [--speed FACTOR] [--freeze] [--commands] [--terminal]`
 
+mod long;
 mod script;
 
 use gaware::engine::snapshot::Snapshot;
 use gaware::sinks::Request;
-use gaware::sinks::status::{LinkState, LinkView, RecorderState, RecorderView, SinkStatus};
+use gaware::sinks::status::{
+    Control, LinkState, LinkView, MissionState, MissionView, RecorderState, RecorderView, SinkStatus,
+    VehicleView,
+};
 use gaware::sinks::terminal::{self, Sources};
 use gaware::sinks::web::{self, WebState, access::Token};
 use std::error::Error;
@@ -27,6 +31,7 @@ struct Options {
     freeze: bool,
     commands: bool,
     terminal: bool,
+    long: bool,
 }
 
 fn options() -> Result<Options, Box<dyn Error>> {
@@ -38,6 +43,7 @@ fn options() -> Result<Options, Box<dyn Error>> {
         freeze: false,
         commands: false,
         terminal: false,
+        long: false,
     };
     let mut args = std::env::args().skip(1);
     while let Some(arg) = args.next() {
@@ -49,6 +55,7 @@ fn options() -> Result<Options, Box<dyn Error>> {
             "--speed" => o.speed = value()?.parse()?,
             "--freeze" => o.freeze = true,
             "--commands" => o.commands = true,
+            "--long" => o.long = true,
             "--terminal" => o.terminal = true,
             other => return Err(format!("unknown option {other}").into()),
         }
@@ -70,7 +77,7 @@ async fn main() -> ExitCode {
 async fn run() -> Result<(), Box<dyn Error>> {
     let options = options()?;
     let status = SinkStatus::new();
-    let (tx, rx) = watch::channel(Arc::new(script::snapshot(options.from_s)));
+    let (tx, rx) = watch::channel(Arc::new(script_of(&options)(options.from_s)));
     let mut state = WebState::new(rx.clone(), Arc::clone(&status));
     if let Some(token) = &options.token {
         state = state.with_token(Token::new(token)?);
@@ -110,16 +117,23 @@ async fn carry_out(mut commands: mpsc::Receiver<Request>) {
     }
 }
 
+/// The flight of two minutes, or the long one.
+fn script_of(o: &Options) -> fn(f64) -> Snapshot {
+    if o.long { long::snapshot } else { script::snapshot }
+}
+
 async fn play(tx: watch::Sender<Arc<Snapshot>>, status: Arc<SinkStatus>, o: Options, address: SocketAddr) {
-    // The minutes before `--from`, so that charts and track begin full.
+    let snapshot = script_of(&o);
+    status.set_route(script::route());
+    // The minutes before `--from`, so that charts and map begin full.
     let mut t_s = 0.0;
     while t_s < o.from_s {
-        tx.send_replace(Arc::new(script::snapshot(t_s)));
+        tx.send_replace(Arc::new(snapshot(t_s)));
         t_s += script::STEP_S;
         // Slow enough for the page's history to see every one.
         tokio::time::sleep(Duration::from_millis(1)).await;
     }
-    surroundings(&status, t_s);
+    surroundings(&status, t_s, o.long);
     if !o.terminal {
         println!("listening on http://{address}/");
     }
@@ -127,27 +141,49 @@ async fn play(tx: watch::Sender<Arc<Snapshot>>, status: Arc<SinkStatus>, o: Opti
         tokio::time::interval(Duration::from_secs_f64(script::STEP_S / o.speed.clamp(0.01, 100.0)));
     loop {
         ticks.tick().await;
-        surroundings(&status, t_s);
-        tx.send_replace(Arc::new(script::snapshot(t_s)));
+        surroundings(&status, t_s, o.long);
+        let mut now = snapshot(t_s);
+        if o.freeze {
+            // Everything stands still but the clock: a page would call it old otherwise.
+            t_s += 1e-4;
+            now = Snapshot { elapsed_s: t_s, ..snapshot(o.from_s) };
+        }
+        // While the link is lost nothing new comes.
+        if !(o.long && long::link_lost(t_s)) {
+            tx.send_replace(Arc::new(now));
+        }
         if !o.freeze {
             t_s += script::STEP_S;
         }
     }
 }
 
-fn surroundings(status: &SinkStatus, t_s: f64) {
+fn surroundings(status: &SinkStatus, t_s: f64, long: bool) {
+    let lost = long && long::link_lost(t_s);
     status.set_link(LinkView {
-        state: LinkState::Up,
+        state: if lost { LinkState::Silent } else { LinkState::Up },
         detail: "udpin:0.0.0.0:14550".into(),
         frames: (t_s * 168.0) as u64,
         bytes: (t_s * 7100.0) as u64,
         lost: (t_s / 9.0) as u64,
         bad_crc: 0,
-        rate_hz: 168.0,
+        rate_hz: if lost { 0.0 } else { 168.0 },
     });
     status.set_recorder(RecorderView {
         state: RecorderState::Recording,
-        detail: "flight-007.mcap".into(),
+        detail: format!("{} items", (t_s * 180.0) as u64),
         bytes: (t_s * 31_000.0) as u64,
+        file: "recordings/flight-007.mcap".into(),
     });
+    if long {
+        status.set_vehicle(long::vehicle(t_s));
+        status.set_mission(long::mission(t_s));
+    } else {
+        status.set_vehicle(VehicleView {
+            control: Control::Pilot,
+            mode: "FBWA".into(),
+            ..VehicleView::default()
+        });
+        status.set_mission(MissionView { state: MissionState::None, ..MissionView::default() });
+    }
 }

@@ -5,6 +5,7 @@ use gaware::engine::snapshot::{
     Condition, Conditions, Consistency, Direction, Estimate3, GnssStatus, Guidance, ImuStatus, Motion, Phase,
     Snapshot, StateStatus, Status,
 };
+use gaware::sinks::status::RouteView;
 use std::f64::consts::TAU;
 
 /// Seconds between two snapshots.
@@ -18,6 +19,21 @@ const LEGS: [(f64, f64); 3] = [(8.0, 40.0), (40.0, 72.0), (72.0, 104.0)];
 /// Which column of G each maneuver is for.
 const COLUMN: [usize; 3] = [0, 2, 1];
 const TRUTH: [[f64; 3]; 3] = [[36.2, -11.8, 52.4], [-21.5, 44.0, 8.3], [5.1, -17.6, 61.0]];
+
+/// Home, a planned path and a fence around where the flight begins.
+pub fn route() -> RouteView {
+    let at = |n: f64, e: f64| [47.3977 + n / 111_200.0, 8.5456 + e / 75_300.0];
+    let ring = [(-400.0, -300.0), (-400.0, 1900.0), (1700.0, 1900.0), (1700.0, -300.0)];
+    let path = (0..60).map(|k| {
+        let a = f64::from(k) * 0.21;
+        at(550.0 + 420.0 * a.sin(), 700.0 + 500.0 * (0.5 * a).cos())
+    });
+    RouteView {
+        home: Some(at(0.0, 0.0)),
+        path: path.collect(),
+        fence: vec![ring.iter().map(|(n, e)| at(*n, *e)).collect()],
+    }
+}
 
 /// The snapshot `t_s` seconds after the first sample.
 pub fn snapshot(t_s: f64) -> Snapshot {
@@ -35,12 +51,14 @@ pub fn snapshot(t_s: f64) -> Snapshot {
             samples: (t_s * 100.0) as u64,
             rate_hz: 99.6 + 0.4 * wave(t_s, 3.0),
             dropped: if t_s > 50.0 { 12 } else { 0 },
+            ..ImuStatus::default()
         },
         gnss: GnssStatus {
             fixes: (t_s * 5.0) as u64,
             used: (t_s * 4.9) as u64,
             rejected: (t_s * 0.1) as u64,
             rate_hz: if phase == Phase::WaitingForImu { 0.0 } else { 5.0 },
+            ..GnssStatus::default()
         },
         motion: motion(t_s),
         guidance: guidance(t_s),

@@ -1,5 +1,7 @@
 //! What an airframe can do: `airframe.toml`, with three examples built in.
 
+mod checks;
+
 use crate::item::Autopilot;
 use gaware_nav::earth::STANDARD_GRAVITY;
 use serde::{Deserialize, Serialize};
@@ -21,7 +23,7 @@ const SCHEMA: &str = "gaware.airframe/1";
 /// The part of the bank limit that a planned turn uses; the rest is for gusts and for holding the circle.
 const PLANNED_BANK: f64 = 0.8;
 /// The same for the steep circles of excitation maneuvers.
-pub(crate) const STEEP_BANK: f64 = 0.9;
+const STEEP_BANK: f64 = 0.9;
 
 /// Kinds of airframes.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
@@ -77,6 +79,22 @@ pub struct Airframe {
     /// Linear drag of a multirotor: deceleration per airspeed, 1/s.
     #[serde(default)]
     pub drag_per_s: f64,
+    /// Largest change of acceleration of a multirotor that follows its mission, m/s³; 0: not limited.
+    #[serde(default)]
+    pub jerk_max_m_per_s3: f64,
+    /// Side force of a steady level turn with 45° of bank, g, to the outside of the turn: what a fixed wing whose rudder does
+    /// not coordinate its turns leaves; 0: coordinated.
+    #[serde(default)]
+    pub side_force_g: f64,
+    /// Side force of a fixed wing that rolls at 90 deg/s at cruise speed, g, to the side that goes down; 0: none.
+    #[serde(default)]
+    pub roll_side_force_g: f64,
+    /// Peak of the load factor while a fixed wing rolls into a turn, over that of the steady turn.
+    #[serde(default = "default_overshoot")]
+    pub load_overshoot: f64,
+    /// How far the airspeed of a fixed wing falls below a commanded slow speed, m/s.
+    #[serde(default)]
+    pub speed_sag_m_per_s: f64,
     /// Time that the energy on board allows for maneuvers, s: without take-off, way home and reserve.
     #[serde(default = "default_maneuvers")]
     pub maneuvers_max_s: f64,
@@ -88,6 +106,10 @@ fn default_maneuvers() -> f64 {
 
 fn default_yaw_rate() -> f64 {
     60.0
+}
+
+fn default_overshoot() -> f64 {
+    1.0
 }
 
 /// Why an airframe cannot be used.
@@ -135,13 +157,21 @@ impl Airframe {
         Ok(airframe)
     }
 
+    /// As a file that [`Self::from_toml`] reads.
+    ///
+    /// # Errors
+    /// None that an airframe which was read can bring about.
+    pub fn to_toml(&self) -> Result<String, AirframeError> {
+        toml::to_string(self).map_err(|e| AirframeError::Syntax { message: e.to_string(), span: None })
+    }
+
     /// One of [`EXAMPLES`] by name.
     pub fn example(name: &str) -> Option<Self> {
         let (_, text) = EXAMPLES.iter().find(|(n, _)| *n == name)?;
         Self::from_toml(text).ok()
     }
 
-    /// Checks limits against each other; for airframes made in code.
+    /// Checks every number against its range and the limits against each other; for airframes made in code.
     ///
     /// # Errors
     /// As [`Self::from_toml`].
@@ -149,99 +179,44 @@ impl Airframe {
         if self.schema != SCHEMA {
             return Err(AirframeError::Schema(self.schema.clone()));
         }
-        let fixed = self.kind == Kind::FixedWing;
-        let bad = |key, value: f64, reason: &str| {
-            Err(AirframeError::Value { key, value, reason: reason.to_owned() })
-        };
-        let positive = [
-            ("speed_cruise_m_per_s", self.speed_cruise_m_per_s),
-            ("acceleration_m_per_s2", self.acceleration_m_per_s2),
-            ("braking_m_per_s2", self.braking_m_per_s2),
-            ("bank_max_deg", self.bank_max_deg),
-            ("pitch_max_deg", self.pitch_max_deg),
-            ("roll_rate_max_deg_per_s", self.roll_rate_max_deg_per_s),
-            ("yaw_rate_max_deg_per_s", self.yaw_rate_max_deg_per_s),
-            ("climb_max_m_per_s", self.climb_max_m_per_s),
-            ("descent_max_m_per_s", self.descent_max_m_per_s),
-            ("turn_radius_min_m", self.turn_radius_min_m),
-            ("maneuvers_max_s", self.maneuvers_max_s),
-        ];
-        for (key, value) in positive {
-            if !value.is_finite() || value <= 0.0 {
-                return bad(key, value, "it must be positive");
-            }
-        }
-        let at_least_zero = [
-            ("speed_min_m_per_s", self.speed_min_m_per_s),
-            ("radius_step_above_255_m", self.radius_step_above_255_m),
-            ("drag_per_s", self.drag_per_s),
-        ];
-        for (key, value) in at_least_zero {
-            if !value.is_finite() || value < 0.0 {
-                return bad(key, value, "it must not be negative");
-            }
-        }
-        if fixed && self.speed_min_m_per_s <= 0.0 {
-            return bad("speed_min_m_per_s", self.speed_min_m_per_s, "a fixed wing cannot stand still");
-        }
-        if self.speed_min_m_per_s > self.speed_cruise_m_per_s {
-            return bad("speed_min_m_per_s", self.speed_min_m_per_s, "it is above speed_cruise_m_per_s");
-        }
-        if !self.speed_max_m_per_s.is_finite() || self.speed_max_m_per_s < self.speed_cruise_m_per_s {
-            return bad("speed_max_m_per_s", self.speed_max_m_per_s, "it is below speed_cruise_m_per_s");
-        }
-        for (key, value) in [("bank_max_deg", self.bank_max_deg), ("pitch_max_deg", self.pitch_max_deg)] {
-            if value > 75.0 {
-                return bad(key, value, "planned maneuvers stay below 75 degrees");
-            }
-        }
-        self.validate_turns(fixed)
+        checks::run(self)
     }
 
-    fn validate_turns(&self, fixed: bool) -> Result<(), AirframeError> {
-        let needed = 1.0 / self.bank_max_deg.to_radians().cos();
-        if fixed && (self.load_factor_max.is_nan() || self.load_factor_max < needed) {
-            return Err(AirframeError::Value {
-                key: "load_factor_max",
-                value: self.load_factor_max,
-                reason: format!("a level turn at {:.0}° bank needs {needed:.2}", self.bank_max_deg),
-            });
-        }
-        if !fixed && (self.load_factor_max.is_nan() || self.load_factor_max <= 1.0) {
-            return Err(AirframeError::Value {
-                key: "load_factor_max",
-                value: self.load_factor_max,
-                reason: "a multirotor that hovers has more than 1".to_owned(),
-            });
-        }
-        let possible = self.turn_radius_m(self.speed_min_m_per_s, self.bank_max_deg.to_radians());
-        if fixed && self.turn_radius_min_m < possible {
-            return Err(AirframeError::Value {
-                key: "turn_radius_min_m",
-                value: self.turn_radius_min_m,
-                reason: format!(
-                    "even at {} m/s and {:.0}° bank a circle has {possible:.0} m",
-                    self.speed_min_m_per_s, self.bank_max_deg
-                ),
-            });
-        }
-        Ok(())
-    }
-
-    /// Radius of a level turn, m: V²/(g tan φ), speed in m/s, bank in rad.
+    /// Radius of a level turn, m, speed in m/s, bank in rad: V²/(g tan φ − Y/cos φ) with the side force Y to the outside of the
+    /// turn (balance of forces across the path and in height, Stevens, Lewis & Johnson 2016, section 3.6).
     pub fn turn_radius_m(&self, speed_m_per_s: f64, bank_rad: f64) -> f64 {
-        speed_m_per_s * speed_m_per_s / (STANDARD_GRAVITY * bank_rad.tan())
+        let inward = STANDARD_GRAVITY * bank_rad.tan() * self.turn_share();
+        speed_m_per_s * speed_m_per_s / inward
+    }
+
+    /// What the side force leaves of the turn that a coordinated aircraft would fly at this bank. The side force goes with
+    /// the sine of the bank, see [`Self::side_force_g`]; so this holds at any bank.
+    pub fn turn_share(&self) -> f64 {
+        1.0 - self.side_force_g * std::f64::consts::SQRT_2
+    }
+
+    /// Slowest speed to plan, m/s: where the airspeed sags below its command, so much more is commanded.
+    pub fn planned_min_m_per_s(&self) -> f64 {
+        (self.speed_min_m_per_s + self.speed_sag_m_per_s).min(self.speed_cruise_m_per_s)
+    }
+
+    /// Largest bank of a planned steep turn, rad: a share of the limit, and no more than keeps the peak of the load while
+    /// rolling into it inside the limit.
+    pub fn steep_bank_rad(&self) -> f64 {
+        let load = (self.load_factor_max / self.load_overshoot).max(1.05);
+        (self.bank_max_deg.to_radians() * STEEP_BANK).min((1.0 / load).acos())
     }
 
     /// The smallest circle over ground that can be held at this speed (airspeed plus wind, m/s) with bank in reserve, m.
     pub fn planned_radius_m(&self, speed_m_per_s: f64) -> f64 {
-        let radius = self.turn_radius_m(speed_m_per_s, self.bank_max_deg.to_radians() * PLANNED_BANK);
+        let bank = (self.bank_max_deg.to_radians() * PLANNED_BANK).min(self.steep_bank_rad());
+        let radius = self.turn_radius_m(speed_m_per_s, bank);
         radius.max(self.turn_radius_min_m)
     }
 
     /// The circle of an excitation maneuver at this speed (airspeed plus wind, m/s): as steep as a pilot's steep turn, m.
     pub fn steep_radius_m(&self, speed_m_per_s: f64) -> f64 {
-        let radius = self.turn_radius_m(speed_m_per_s, self.bank_max_deg.to_radians() * STEEP_BANK);
+        let radius = self.turn_radius_m(speed_m_per_s, self.steep_bank_rad());
         radius.max(self.turn_radius_min_m)
     }
 
@@ -249,6 +224,13 @@ impl Airframe {
     pub fn stored_radius_m(&self, radius_m: f64) -> f64 {
         let step = if radius_m > 255.0 { self.radius_step_above_255_m.max(1.0) } else { 1.0 };
         (radius_m / step).ceil() * step
+    }
+
+    /// The same with these side forces, g; see [`Self::side_force_g`] and [`Self::roll_side_force_g`].
+    #[must_use]
+    pub fn with_side_force(mut self, turn_g: f64, roll_g: f64) -> Self {
+        (self.side_force_g, self.roll_side_force_g) = (turn_g, roll_g);
+        self
     }
 
     /// Whether it has wings.
@@ -282,12 +264,21 @@ mod tests {
             ("speed_min_m_per_s = 12.0", "speed_min_m_per_s = 0.0", "a fixed wing cannot stand still"),
             ("speed_min_m_per_s = 12.0", "speed_min_m_per_s = 17.0", "above speed_cruise"),
             ("speed_max_m_per_s = 24.0", "speed_max_m_per_s = 14.0", "below speed_cruise"),
-            ("bank_max_deg = 50.0", "bank_max_deg = 85.0", "below 75 degrees"),
+            ("bank_max_deg = 50.0", "bank_max_deg = 85.0", "between 5 and 75"),
             ("load_factor_max = 2.5", "load_factor_max = 1.2", "50° bank needs 1.56"),
-            ("turn_radius_min_m = 45.0", "turn_radius_min_m = 5.0", "a circle has 12 m"),
-            ("climb_max_m_per_s = 4.0", "climb_max_m_per_s = nan", "it must be positive"),
+            ("turn_radius_min_m = 45.0", "turn_radius_min_m = 5.0", "a circle has 17 m"),
+            ("climb_max_m_per_s = 4.0", "climb_max_m_per_s = nan", "climb_max_m_per_s = NaN"),
             ("gaware.airframe/1", "gaware.airframe/2", "schema is"),
             ("bank_max_deg", "bank_maximum", "bank_maximum"),
+            // An acceleration of nothing asked for an allocation of 273 TB.
+            ("acceleration_m_per_s2 = 2.5", "acceleration_m_per_s2 = 1e-9", "between 0.1 and 100"),
+            ("acceleration_m_per_s2 = 2.5", "acceleration_m_per_s2 = 0.1", "80 s from 16 to 24 m/s"),
+            ("speed_max_m_per_s = 24.0", "speed_max_m_per_s = 1e308", "between 1 and 200"),
+            ("maneuvers_max_s = 900.0", "maneuvers_max_s = 1e308", "between 10 and 36000"),
+            ("turn_radius_min_m = 45.0", "turn_radius_min_m = 1e308", "between 1 and 10000"),
+            ("side_force_g = 0.2", "side_force_g = 0.9", "between 0 and 0.4"),
+            ("load_overshoot = 1.5", "load_overshoot = 0.5", "between 1 and 4"),
+            ("load_factor_max = 2.5", "load_factor_max = inf", "between 1 and 20"),
         ];
         for (from, to, message) in cases {
             let error = Airframe::from_toml(&SMALL_FIXED_WING.replace(from, to)).expect_err(message);

@@ -11,6 +11,8 @@ use gaware_nav::rotation::wrap_180;
 const POSITION_TOLERANCE_E7: u32 = 2;
 /// ArduPilot stores centimetres; PX4 keeps a float.
 const ALTITUDE_TOLERANCE_M: f32 = 0.02;
+/// ArduPilot stores rally points in whole metres (AP_Rally.h, `RallyLocation::alt`).
+const RALLY_STEP_M: f32 = 1.0;
 /// Floats that are stored as floats.
 const FLOAT_TOLERANCE: f32 = 1e-3;
 
@@ -60,7 +62,11 @@ fn storage(autopilot: Autopilot, number: u16) -> [Stored; 4] {
         (_, command::DO_CHANGE_SPEED) => [Float, Float, Float, Ignored],
         (_, command::DO_JUMP) => [Integer, Integer, Ignored, Ignored],
         (_, command::CONDITION_YAW) => [Float; 4],
-        (_, command::NAV_RETURN_TO_LAUNCH) => [Ignored; 4],
+        (_, command::NAV_RETURN_TO_LAUNCH | command::NAV_RALLY_POINT) => [Ignored; 4],
+        // Number of corners, or radius in whole metres on older firmware; the group is not kept.
+        (_, command::NAV_FENCE_RETURN_POINT..=command::NAV_FENCE_CIRCLE_EXCLUSION) => {
+            [Integer, Ignored, Ignored, Ignored]
+        }
         (Autopilot::ArduPilot, command::NAV_WAYPOINT) => {
             [IntegerOrDropped, IntegerOrDropped, IntegerOrDropped, Ignored]
         }
@@ -145,7 +151,11 @@ fn compare_items(autopilot: Autopilot, want: &MissionItem, got: &MissionItem) ->
         }
     }
     if command::has_altitude(want.command) {
-        let tolerance = ALTITUDE_TOLERANCE_M.max(want.z.abs() * 1e-6);
+        let step = match (autopilot, want.command) {
+            (Autopilot::ArduPilot, command::NAV_RALLY_POINT) => RALLY_STEP_M,
+            _ => ALTITUDE_TOLERANCE_M,
+        };
+        let tolerance = step.max(want.z.abs() * 1e-6);
         if want.z.is_nan() != got.z.is_nan() && got.z != 0.0 || (want.z - got.z).abs() > tolerance {
             found.push(format!("{name}, altitude: {} m expected, the vehicle has {} m", want.z, got.z));
         }

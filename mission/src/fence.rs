@@ -1,6 +1,6 @@
 //! Geofences: areas to stay in or out of, and the flat local frame in which distances are measured.
 
-use crate::item::LatLon;
+use crate::item::{Frame, LatLon, MissionItem, command};
 use gaware_nav::earth::Geodetic;
 use gaware_nav::rotation::wrap_180;
 use nalgebra::Vector2;
@@ -57,6 +57,101 @@ impl Fence {
             })
         });
         polygons.or(circles)
+    }
+}
+
+/// Why a list of fence items is no fence that a plan file can hold.
+#[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
+pub enum FenceItemError {
+    /// Not a corner and not a circle.
+    #[error("item {number} of the fence is a {name}, which a plan file cannot hold")]
+    Command {
+        /// Item, from 1.
+        number: usize,
+        /// What it is.
+        name: String,
+    },
+    /// A polygon that ends before all its corners came.
+    #[error("item {number} of the fence: a polygon of {corners} corners ends early")]
+    Polygon {
+        /// Its first item, from 1.
+        number: usize,
+        /// Corners that it announces.
+        corners: usize,
+    },
+}
+
+impl Fence {
+    /// The fence as items of a vehicle's list (MAVLink, `MAV_CMD_NAV_FENCE_…`): a corner each, with the number of corners of its polygon, and
+    /// circles.
+    pub fn items(&self) -> Vec<MissionItem> {
+        let item = |number, param1: f32, place: LatLon| MissionItem {
+            frame: Frame::GLOBAL,
+            ..MissionItem::at(number, [param1, 0.0, 0.0, 0.0], place, 0.0)
+        };
+        let corners = self.polygons.iter().flat_map(|p| {
+            let number = match p.inclusion {
+                true => command::NAV_FENCE_POLYGON_VERTEX_INCLUSION,
+                false => command::NAV_FENCE_POLYGON_VERTEX_EXCLUSION,
+            };
+            p.corners.iter().map(move |c| item(number, p.corners.len() as f32, *c))
+        });
+        let circles = self.circles.iter().map(|c| {
+            let number = match c.inclusion {
+                true => command::NAV_FENCE_CIRCLE_INCLUSION,
+                false => command::NAV_FENCE_CIRCLE_EXCLUSION,
+            };
+            item(number, c.radius_m as f32, c.center)
+        });
+        corners.chain(circles).collect()
+    }
+
+    /// The fence that these items stand for.
+    ///
+    /// # Errors
+    /// Other items, or polygons without all their corners.
+    pub fn from_items(items: &[MissionItem]) -> Result<Self, FenceItemError> {
+        let mut fence = Self::default();
+        let mut k = 0;
+        while let Some(item) = items.get(k) {
+            let place = LatLon::from_e7(item.x, item.y);
+            let corners = item.params[0].clamp(0.0, f32::from(u16::MAX)) as usize;
+            match item.command {
+                command::NAV_FENCE_CIRCLE_INCLUSION | command::NAV_FENCE_CIRCLE_EXCLUSION => {
+                    let inclusion = item.command == command::NAV_FENCE_CIRCLE_INCLUSION;
+                    let radius_m = f64::from(item.params[0]);
+                    fence.circles.push(FenceCircle { inclusion, center: place, radius_m });
+                    k += 1;
+                }
+                command::NAV_FENCE_POLYGON_VERTEX_INCLUSION | command::NAV_FENCE_POLYGON_VERTEX_EXCLUSION => {
+                    let whole = items.get(k..k + corners).filter(|all| {
+                        corners > 0
+                            && all.iter().all(|i| (i.command, i.params[0]) == (item.command, item.params[0]))
+                    });
+                    let whole = whole.ok_or(FenceItemError::Polygon { number: k + 1, corners })?;
+                    fence.polygons.push(FencePolygon {
+                        inclusion: item.command == command::NAV_FENCE_POLYGON_VERTEX_INCLUSION,
+                        corners: whole.iter().map(|i| LatLon::from_e7(i.x, i.y)).collect(),
+                    });
+                    k += corners;
+                }
+                other => {
+                    return Err(FenceItemError::Command { number: k + 1, name: command::describe(other) });
+                }
+            }
+        }
+        Ok(fence)
+    }
+
+    /// "2 polygons and 1 circle".
+    pub fn describe(&self) -> String {
+        let count = |n: usize, what: &str| format!("{n} {what}{}", if n == 1 { "" } else { "s" });
+        match (self.polygons.len(), self.circles.len()) {
+            (0, 0) => "no areas".to_owned(),
+            (p, 0) => count(p, "polygon"),
+            (0, c) => count(c, "circle"),
+            (p, c) => format!("{} and {}", count(p, "polygon"), count(c, "circle")),
+        }
     }
 }
 
@@ -228,6 +323,31 @@ mod tests {
         assert!((at(0.0, 130.0) + 30.0).abs() < 1e-6);
         assert!((at(30.0, 0.0) - 10.0).abs() < 1e-6);
         assert_eq!(LocalFence::new(&Fence::default(), &frame).clearance(Vector2::zeros()), f64::INFINITY);
+    }
+
+    #[test]
+    fn a_fence_survives_its_items() {
+        let frame = LocalFrame::new(LatLon { lat_deg: 47.4, lon_deg: 8.55 });
+        let hole = FenceCircle {
+            inclusion: false,
+            center: LatLon::from_e7(474_000_000, 85_500_000),
+            radius_m: 80.5,
+        };
+        let e7 = |p: FencePolygon| FencePolygon {
+            corners: p.corners.iter().map(|c| LatLon::from_e7(c.to_e7().0, c.to_e7().1)).collect(),
+            ..p
+        };
+        let polygons = vec![e7(square(&frame, 400.0, true)), e7(square(&frame, 50.0, false))];
+        let fence = Fence { polygons, circles: vec![hole] };
+        let items = fence.items();
+        assert_eq!((items.len(), items[0].params[0], items[8].params[0]), (9, 4.0, 80.5));
+        assert_eq!(Fence::from_items(&items), Ok(fence.clone()));
+        assert_eq!(fence.describe(), "2 polygons and 1 circle");
+        let early = Fence::from_items(&items[..3]).expect_err("three of four corners");
+        assert_eq!(early.to_string(), "item 1 of the fence: a polygon of 4 corners ends early");
+        let way_home = MissionItem { command: command::NAV_FENCE_RETURN_POINT, ..items[0] };
+        let named = Fence::from_items(&[way_home]).expect_err("no area");
+        assert!(named.to_string().contains("fence return point"), "{named}");
     }
 
     proptest! {

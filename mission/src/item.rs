@@ -3,6 +3,7 @@
 //! An item holds the fields of `MISSION_ITEM_INT` and nothing of its sequence number: where home stands and how items are
 //! counted differs between autopilots and files, see [`Mission::wire_items`].
 
+use crate::rules::surviving_altitude;
 use serde::{Deserialize, Serialize};
 
 /// Numbers of `MAV_CMD` used here.
@@ -49,6 +50,18 @@ pub mod command {
     pub const DO_SET_ROI_LOCATION: u16 = 195;
     /// Point at a place (older).
     pub const DO_SET_ROI: u16 = 201;
+    /// Where a vehicle that broke its fence returns to (old ArduPlane).
+    pub const NAV_FENCE_RETURN_POINT: u16 = 5000;
+    /// Corner of a polygon to stay in; param1 the number of its corners.
+    pub const NAV_FENCE_POLYGON_VERTEX_INCLUSION: u16 = 5001;
+    /// Corner of a polygon to stay out of; param1 the number of its corners.
+    pub const NAV_FENCE_POLYGON_VERTEX_EXCLUSION: u16 = 5002;
+    /// Circle to stay in; param1 radius in m.
+    pub const NAV_FENCE_CIRCLE_INCLUSION: u16 = 5003;
+    /// Circle to stay out of; param1 radius in m.
+    pub const NAV_FENCE_CIRCLE_EXCLUSION: u16 = 5004;
+    /// Rally point.
+    pub const NAV_RALLY_POINT: u16 = 5100;
 
     /// Whether x, y and z of this command are a place. Every navigation command but the last few, and the `DO_`
     /// commands that name one.
@@ -57,13 +70,17 @@ pub mod command {
             NAV_RETURN_TO_LAUNCH | NAV_CONTINUE_AND_CHANGE_ALT | NAV_DELAY => false,
             0..=NAV_LAST => true,
             DO_SET_HOME | DO_LAND_START | DO_SET_ROI_LOCATION | DO_SET_ROI => true,
-            _ => false,
+            _ => number_of_fence(command) || command == NAV_RALLY_POINT,
         }
+    }
+
+    fn number_of_fence(command: u16) -> bool {
+        (NAV_FENCE_RETURN_POINT..=NAV_FENCE_CIRCLE_EXCLUSION).contains(&command)
     }
 
     /// Whether the altitude of this command means anything.
     pub fn has_altitude(command: u16) -> bool {
-        has_position(command) || command == NAV_CONTINUE_AND_CHANGE_ALT
+        (has_position(command) && !number_of_fence(command)) || command == NAV_CONTINUE_AND_CHANGE_ALT
     }
 
     /// The command in a pilot's words.
@@ -82,6 +99,12 @@ pub mod command {
             CONDITION_DELAY => "delay",
             DO_JUMP => "jump",
             DO_CHANGE_SPEED => "change speed",
+            NAV_FENCE_RETURN_POINT => "fence return point",
+            NAV_FENCE_POLYGON_VERTEX_INCLUSION => "corner of an area to stay in",
+            NAV_FENCE_POLYGON_VERTEX_EXCLUSION => "corner of an area to stay out of",
+            NAV_FENCE_CIRCLE_INCLUSION => "circle to stay in",
+            NAV_FENCE_CIRCLE_EXCLUSION => "circle to stay out of",
+            NAV_RALLY_POINT => "rally point",
             _ => return format!("command {command}"),
         };
         name.to_owned()
@@ -258,6 +281,73 @@ pub enum Autopilot {
     Px4,
 }
 
+impl Autopilot {
+    /// Its name.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::ArduPilot => "ArduPilot",
+            Self::Px4 => "PX4",
+        }
+    }
+
+    /// Its name in files.
+    pub fn key(self) -> &'static str {
+        match self {
+            Self::ArduPilot => "ardupilot",
+            Self::Px4 => "px4",
+        }
+    }
+
+    /// The heading of an item that leaves the nose where it is: NaN on PX4, where 0 is north; ArduPilot does not use it and refuses NaN
+    /// in most commands.
+    pub fn free_heading(self) -> f32 {
+        match self {
+            Self::ArduPilot => 0.0,
+            Self::Px4 => f32::NAN,
+        }
+    }
+}
+
+impl std::fmt::Display for Autopilot {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.write_str(self.name())
+    }
+}
+
+/// The three lists of items that a vehicle keeps (`MAV_MISSION_TYPE`).
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Default, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum MissionKind {
+    /// What is flown.
+    #[default]
+    Mission,
+    /// The geofence.
+    Fence,
+    /// Rally points.
+    Rally,
+}
+
+impl MissionKind {
+    /// `MAV_MISSION_TYPE`.
+    pub fn number(self) -> u8 {
+        match self {
+            Self::Mission => 0,
+            Self::Fence => 1,
+            Self::Rally => 2,
+        }
+    }
+}
+
+impl std::fmt::Display for MissionKind {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.write_str(match self {
+            Self::Mission => "mission",
+            Self::Fence => "geofence",
+            Self::Rally => "list of rally points",
+        })
+    }
+}
+
 /// A mission: items in the order they are flown, home apart.
 ///
 /// `DO_JUMP` counts items from 1, as `.plan` files, `.waypoints` files and ArduPilot do.
@@ -273,21 +363,24 @@ impl Mission {
     /// The items by sequence number as this autopilot wants them on the wire.
     pub fn wire_items(&self, autopilot: Autopilot) -> Vec<MissionItem> {
         match autopilot {
-            Autopilot::ArduPilot => {
-                let home = self.home.unwrap_or(Home { lat_e7: 0, lon_e7: 0, alt_m: 0.0 });
-                let home = MissionItem {
-                    command: command::NAV_WAYPOINT,
-                    frame: Frame::GLOBAL,
-                    autocontinue: true,
-                    params: [0.0; 4],
-                    x: home.lat_e7,
-                    y: home.lon_e7,
-                    z: home.alt_m,
-                };
-                std::iter::once(home).chain(self.items.iter().map(|i| here_as_zero(*i))).collect()
-            }
+            Autopilot::ArduPilot => self.home_first().into_iter().map(for_ardupilot).collect(),
             Autopilot::Px4 => self.items.iter().map(|i| shift_jump(*i, -1.0)).collect(),
         }
+    }
+
+    /// Home as a waypoint, then the items: the order of ArduPilot and of `.waypoints` files.
+    pub(crate) fn home_first(&self) -> Vec<MissionItem> {
+        let home = self.home.unwrap_or(Home { lat_e7: 0, lon_e7: 0, alt_m: 0.0 });
+        let home = MissionItem {
+            command: command::NAV_WAYPOINT,
+            frame: Frame::GLOBAL,
+            autocontinue: true,
+            params: [0.0; 4],
+            x: home.lat_e7,
+            y: home.lon_e7,
+            z: home.alt_m,
+        };
+        std::iter::once(home).chain(self.items.iter().map(|i| here_as_zero(*i))).collect()
     }
 
     /// The mission from items by sequence number as this autopilot sends them.
@@ -304,6 +397,32 @@ impl Mission {
             }
         }
     }
+}
+
+impl Mission {
+    /// The items of one of the three lists by sequence number, as they are sent. Only the mission has a home and jumps.
+    pub fn wire_list(&self, kind: MissionKind, autopilot: Autopilot) -> Vec<MissionItem> {
+        match kind {
+            MissionKind::Mission => self.wire_items(autopilot),
+            MissionKind::Fence | MissionKind::Rally => self.items.clone(),
+        }
+    }
+
+    /// One of the three lists from items by sequence number.
+    pub fn from_wire_list(kind: MissionKind, autopilot: Autopilot, items: &[MissionItem]) -> Self {
+        match kind {
+            MissionKind::Mission => Self::from_wire_items(autopilot, items),
+            MissionKind::Fence | MissionKind::Rally => Self { home: None, items: items.to_vec() },
+        }
+    }
+}
+
+/// ArduPilot cuts altitudes to centimetres: they are sent such that a mission read back and sent again stays the same.
+fn for_ardupilot(mut item: MissionItem) -> MissionItem {
+    if command::has_altitude(item.command) {
+        item.z = surviving_altitude(item.z);
+    }
+    item
 }
 
 /// ArduPilot takes zero for "here" and refuses a position off the Earth.
@@ -362,6 +481,21 @@ mod tests {
         let here = MissionItem { x: i32::MAX, y: i32::MAX, ..mission().items[0] };
         let wire = Mission { home: None, items: vec![here] }.wire_items(Autopilot::ArduPilot);
         assert_eq!((wire[1].x, wire[1].y), (0, 0));
+    }
+
+    #[test]
+    fn no_altitude_is_lowered_when_ardupilot_cuts_it_to_centimetres() {
+        for centimetres in (-20_000..50_000).chain((50_000..900_000).step_by(97)) {
+            let stored = centimetres as f32 * 0.01;
+            let mut item = mission().items[0];
+            for _ in 0..3 {
+                // Backed up and restored, again and again.
+                item.z = stored;
+                let one = Mission { home: None, items: vec![item] };
+                let wire = one.wire_list(MissionKind::Mission, Autopilot::ArduPilot);
+                assert_eq!((wire[1].z * 100.0) as i32, centimetres, "{stored}");
+            }
+        }
     }
 
     #[test]

@@ -6,6 +6,7 @@ use crate::fence::{Fence, LocalFence, LocalFrame};
 use crate::item::{AltitudeReference, Autopilot, MissionItem, command};
 use crate::kinematics::Kinematics;
 use nalgebra::{Vector2, Vector3};
+use std::collections::VecDeque;
 
 /// Height that climbs and gusts may cost, m.
 const HEIGHT_MARGIN_M: f64 = 3.0;
@@ -17,6 +18,12 @@ const WING_MARGIN_M: f64 = 20.0;
 const TURN_SHARE: f64 = 0.3;
 /// Points of the line down to a landing that are checked.
 const LINE_CHECKS: u32 = 50;
+/// A roll from one side to the other within this time is one movement, s.
+const ROLL_S: f64 = 2.5;
+/// Less bank is no turn, rad.
+const LEAST_ROLL_RAD: f64 = 0.35;
+/// Every so manyth sample is looked at for bank.
+const ROLL_THINNING: usize = 4;
 /// Most wind, in shares of the cruise speed.
 pub const WIND_SHARE: f64 = 0.6;
 
@@ -157,6 +164,23 @@ pub enum Refusal {
         t_s: f64,
         /// m.
         height_m: f64,
+    },
+    /// A roll from bank to bank that ends in more load than the airframe bears.
+    #[error(
+        "{t_s:.0} s into the flight the roll from {from_deg:.0}° to {to_deg:.0}° of bank peaks at {load:.1} g, the airframe \
+         bears {limit:.1} g"
+    )]
+    Load {
+        /// s.
+        t_s: f64,
+        /// Bank before, deg.
+        from_deg: f64,
+        /// Bank after, deg.
+        to_deg: f64,
+        /// Load factor at its peak.
+        load: f64,
+        /// Load factor of the airframe.
+        limit: f64,
     },
     /// A landing that is off the line.
     #[error("{t_s:.0} s into the flight the glide is {off_m:.0} m beside the line to the place of landing")]
@@ -330,7 +354,35 @@ impl<'a> Checker<'a> {
     /// # Errors
     /// The first point that breaks a limit.
     pub fn path(&self, samples: &[Kinematics]) -> Result<(), Refusal> {
-        samples.iter().try_for_each(|k| self.point(k.t_s, &k.position_ned_m))
+        samples.iter().try_for_each(|k| self.point(k.t_s, &k.position_ned_m))?;
+        if self.airframe.is_fixed_wing() { self.rolls(samples) } else { Ok(()) }
+    }
+
+    /// The load after each roll: the peak over the steady turn grows with the angle that was rolled through. From wings level it is
+    /// the airframe's `load_overshoot`; a reversal from the same bank on the other side doubles what is beyond 1.
+    fn rolls(&self, samples: &[Kinematics]) -> Result<(), Refusal> {
+        let a = self.airframe;
+        // The largest bank to either side within the last moments: time, bank.
+        let mut before: VecDeque<(f64, f64)> = VecDeque::new();
+        for k in samples.iter().step_by(ROLL_THINNING) {
+            let bank = k.attitude.euler_angles().0;
+            while before.front().is_some_and(|(t, _)| k.t_s - t > ROLL_S) {
+                before.pop_front();
+            }
+            let opposite = before.iter().map(|(_, b)| -b * bank.signum()).fold(0.0, f64::max);
+            before.push_back((k.t_s, bank));
+            if bank.abs() < LEAST_ROLL_RAD {
+                continue;
+            }
+            let travel = (opposite + bank.abs()) / bank.abs().max(a.steep_bank_rad());
+            let load = (1.0 + (a.load_overshoot - 1.0) * travel) / bank.cos().max(0.2);
+            if opposite > LEAST_ROLL_RAD && load > a.load_factor_max {
+                let from_deg = -(opposite * bank.signum()).to_degrees();
+                let (to_deg, limit) = (bank.to_degrees(), a.load_factor_max);
+                return Err(Refusal::Load { t_s: k.t_s, from_deg, to_deg, load, limit });
+            }
+        }
+        Ok(())
     }
 
     /// As [`Self::path`] for times (s) and positions north, east, down (m).
@@ -406,77 +458,4 @@ impl<'a> Checker<'a> {
 }
 
 #[cfg(test)]
-mod tests {
-    use super::*;
-    use crate::fence::FenceCircle;
-    use crate::item::{Frame, LatLon};
-
-    const CENTER: LatLon = LatLon { lat_deg: 47.4, lon_deg: 8.5 };
-
-    fn limits(wind: f64) -> Limits {
-        let circle = FenceCircle { inclusion: true, center: CENTER, radius_m: 400.0 };
-        Limits {
-            fence: Fence { polygons: Vec::new(), circles: vec![circle] },
-            floor_m: 50.0,
-            ceiling_m: 150.0,
-            wind_ned_m_per_s: [wind, 0.0, 0.0],
-        }
-    }
-
-    fn said(item: MissionItem) -> String {
-        let airframe = Airframe::example("small_fixed_wing").expect("shipped");
-        let limits = limits(5.0);
-        let checker = Checker::new(&airframe, &limits, LocalFrame::new(CENTER)).expect("flyable limits");
-        checker.items(&[item]).map_or_else(|e| e.to_string(), |()| "fine".to_owned())
-    }
-
-    fn at(number: u16, params: [f32; 4], north: f64, height: f32) -> MissionItem {
-        let frame = LocalFrame::new(CENTER);
-        MissionItem::at(number, params, frame.to_place(Vector2::new(north, 0.0)), height)
-    }
-
-    #[test]
-    fn items_are_checked_one_by_one() {
-        let speed = |kind, v| MissionItem::action(command::DO_CHANGE_SPEED, [kind, v, -1.0, 0.0]);
-        let msl = MissionItem { frame: Frame::GLOBAL_INT, ..at(16, [0.0; 4], 0.0, 100.0) };
-        let cases = [
-            (at(16, [0.0; 4], 300.0, 100.0), "fine"),
-            (at(16, [0.0; 4], 390.0, 100.0), "item 1 is 10 m too close to the fence"),
-            (at(16, [0.0; 4], 500.0, 100.0), "outside it"),
-            (at(16, [0.0; 4], 0.0, 49.0), "not between the floor of 50 m"),
-            (msl, "MeanSeaLevel"),
-            (at(18, [1.0, 0.0, -100.0, 0.0], 0.0, 100.0), "fine"),
-            (at(18, [1.0, 0.0, 30.0, 0.0], 0.0, 100.0), "circle of 30 m cannot be held"),
-            (at(18, [1.0, 0.0, 100.0, 0.0], 300.0, 100.0), "too close to the fence"),
-            (speed(0.0, 20.0), "fine"),
-            (speed(0.0, 30.0), "30 m/s is not between 12 and 24 m/s"),
-            (speed(1.0, 20.0), "minimum ground speed"),
-        ];
-        for (item, message) in cases {
-            let said = said(item);
-            assert!(said.contains(message), "{said}");
-        }
-    }
-
-    #[test]
-    fn limits_that_leave_nothing_are_refused() {
-        let airframe = Airframe::example("small_fixed_wing").expect("shipped");
-        let refusal = |limits: &Limits| {
-            Checker::new(&airframe, limits, LocalFrame::new(CENTER)).map(|_| ()).map_err(|e| e.to_string())
-        };
-        assert!(refusal(&limits(9.0)).is_ok());
-        assert!(refusal(&limits(12.0)).is_err_and(|e| e.contains("wind of 12.0 m/s is more than 9.6")));
-        let flat = Limits { floor_m: 100.0, ceiling_m: 103.0, ..limits(0.0) };
-        assert!(refusal(&flat).is_err_and(|e| e.contains("no height to fly in")));
-    }
-
-    #[test]
-    fn a_mission_must_end_in_a_hold() {
-        let airframe = Airframe::example("quadrotor").expect("shipped");
-        let limits = limits(0.0);
-        let checker = Checker::new(&airframe, &limits, LocalFrame::new(CENTER)).expect("flyable limits");
-        assert_eq!(checker.end(&[]), Err(Refusal::Empty));
-        assert_eq!(checker.end(&[at(16, [0.0; 4], 0.0, 100.0)]), Err(Refusal::NoSafeEnd));
-        assert_eq!(checker.end(&[at(17, [0.0; 4], 0.0, 100.0)]), Ok(()));
-    }
-}
+mod tests;

@@ -3,9 +3,9 @@
 use crate::earth::STANDARD_GRAVITY;
 use crate::filter::Initial;
 use crate::mechanization::NavState;
-use crate::rotation::c_nb_from_euler;
+use crate::rotation::{c_nb_from_euler, euler_from_c_nb, exp};
 use crate::sample::{AttitudeHint, FixVelocity, GnssFix, ImuSample};
-use nalgebra::Vector3;
+use nalgebra::{UnitQuaternion, Vector3};
 use std::collections::VecDeque;
 
 /// Samples are averaged over so long, s.
@@ -14,6 +14,8 @@ pub const WINDOW_S: f64 = 2.0;
 const ENOUGH_S: f64 = 1.0;
 /// A hint older than this says nothing any more, s.
 const HINT_AGE_S: f64 = 1.0;
+/// A fix that is older than this, or newer, is none to start from, s.
+const FIX_AGE_S: f64 = 1.5;
 /// Trust in another filter's roll and pitch, rad.
 const HINT_TILT_SIGMA: f64 = 0.05;
 /// Trust in another filter's heading: a compass near motors and metal, rad.
@@ -50,6 +52,9 @@ pub struct Start {
 impl Gathering {
     /// Takes a sample.
     pub fn push_imu(&mut self, sample: ImuSample) {
+        if !sample.is_usable() {
+            return;
+        }
         self.samples.push_back(sample);
         while self.samples.front().is_some_and(|s| s.t_s < sample.t_s - WINDOW_S) {
             self.samples.pop_front();
@@ -58,7 +63,9 @@ impl Gathering {
 
     /// Takes another filter's attitude.
     pub fn push_hint(&mut self, hint: AttitudeHint) {
-        self.hint = Some(hint);
+        if hint.is_finite() {
+            self.hint = Some(hint);
+        }
     }
 
     /// Whether there are no samples yet.
@@ -79,6 +86,19 @@ impl Gathering {
         Some(ImuSample { gyro: sum(|s| s.gyro), accel: sum(|s| s.accel), ..*last })
     }
 
+    /// Roll, pitch and yaw of a hint at the time of the newest sample: what the gyros showed since then on top.
+    fn turned_since(&self, hint: &AttitudeHint) -> Vector3<f64> {
+        let [roll, pitch, yaw] = hint.roll_pitch_yaw;
+        let mut turned = UnitQuaternion::identity();
+        let mut t_s = hint.t_s;
+        for sample in self.samples.iter().filter(|s| s.t_s > hint.t_s) {
+            turned *= exp(&(sample.gyro * (sample.t_s - t_s)));
+            t_s = sample.t_s;
+        }
+        let c_nb = c_nb_from_euler(roll, pitch, yaw) * turned.to_rotation_matrix().into_inner();
+        euler_from_c_nb(&c_nb)
+    }
+
     /// The start that this fix makes possible, valid at the newest sample; `None` until enough is gathered.
     pub fn start(
         &self,
@@ -87,7 +107,8 @@ impl Gathering {
         velocity_sigma: [f64; 3],
     ) -> Option<Start> {
         let (first, last) = (self.samples.front()?, self.samples.back()?);
-        if last.t_s - first.t_s < ENOUGH_S {
+        let age_s = last.t_s - fix.t_s;
+        if last.t_s - first.t_s < ENOUGH_S || age_s.is_nan() || age_s.abs() > FIX_AGE_S {
             return None;
         }
         let mean = self.mean()?;
@@ -103,19 +124,24 @@ impl Gathering {
         let hint = self.hint.filter(|h| (last.t_s - h.t_s).abs() < HINT_AGE_S);
         let level =
             [(-mean.accel.y).atan2(-mean.accel.z), mean.accel.x.atan2(mean.accel.y.hypot(mean.accel.z))];
+        let mut hinted_yaw = None;
         let (roll, pitch, tilt_sigma) = match hint {
-            Some(h) => (h.roll_pitch_yaw[0], h.roll_pitch_yaw[1], HINT_TILT_SIGMA),
+            Some(h) => {
+                let now = self.turned_since(&h);
+                hinted_yaw = Some((now.z, HINT_YAW_SIGMA));
+                (now.x, now.y, HINT_TILT_SIGMA)
+            }
             None if standing => (level[0], level[1], LEVEL_SIGMA),
             None => (level[0], level[1], MOVING_LEVEL_SIGMA),
         };
-        let heading = fix.yaw_rad.or(hint.map(|h| (h.roll_pitch_yaw[2], HINT_YAW_SIGMA)));
+        let heading = fix.yaw_rad.or(hinted_yaw);
         let (yaw, yaw_sigma) = heading.unwrap_or((0.0, crate::heading::MEMBER_SIGMA_RAD));
         let moved = if standing { 0.5 } else { 3.0 };
         let initial = Initial {
             t_s: last.t_s,
             nav: NavState::from_ned(fix.position, &v_n, &c_nb_from_euler(roll, pitch, yaw)),
             // The fix is older than the sample by an unknown latency.
-            position_sigma_m: position_sigma_m.map(|s| s + 0.3 * v_n.norm() + 1.0),
+            position_sigma_m: position_sigma_m.map(|s| s + (0.3 + age_s.abs()) * v_n.norm() + 1.0),
             velocity_sigma_m_per_s: velocity_sigma.map(|s| s + moved),
             attitude_sigma_rad: [tilt_sigma, tilt_sigma, yaw_sigma],
         };
@@ -160,6 +186,29 @@ mod tests {
         let euler = start.initial.nav.euler();
         assert!((euler.x - 0.2).abs() < 1e-9 && (euler.y + 0.1).abs() < 1e-9, "{euler}");
         assert!(start.standing && !start.heading_known);
+    }
+
+    #[test]
+    fn a_fix_from_another_time_starts_nothing() {
+        for t_s in [-3.0, 5.0, f64::NAN] {
+            assert!(gathered(0.0, 0.0).start(&GnssFix { t_s, ..fix() }, [1.0; 3], [0.1; 3]).is_none());
+        }
+    }
+
+    #[test]
+    fn a_hint_is_turned_by_what_the_gyros_showed_since() {
+        let mut g = Gathering::default();
+        for i in 0..150 {
+            g.push_imu(ImuSample {
+                t_s: f64::from(i) * 0.01,
+                gyro: Vector3::new(0.0, 0.0, 0.5),
+                accel: Vector3::new(0.0, 0.0, -STANDARD_GRAVITY),
+                temperature_degc: None,
+            });
+        }
+        g.push_hint(AttitudeHint { t_s: 0.69, roll_pitch_yaw: [0.0, 0.0, 1.0] });
+        let yaw = g.start(&fix(), [1.0; 3], [0.1; 3]).unwrap().initial.nav.euler().z;
+        assert!((yaw - 1.4).abs() < 1e-6, "{yaw}");
     }
 
     #[test]

@@ -7,7 +7,7 @@ use crate::alignment::Gathering;
 use crate::filter::{Filter, FixOutcome, Fusion, Initial, PassedOver};
 use crate::heading::{HeadingBank, MEMBERS};
 use crate::mechanization::NavState;
-use crate::model::Model;
+use crate::model::{Model, SourceHistory};
 use crate::noise_meter::NoiseMeter;
 use crate::quantisation::Dequantiser;
 use crate::rotation::c_nb_from_euler;
@@ -15,6 +15,8 @@ use crate::sample::{GnssFix, ImuSample, ImuStream, Quantisation, RestartReason, 
 
 /// Trust in "a standing vehicle does not turn": truncation and slow sway, rad/s.
 const STANDING_RATE_SIGMA: f64 = 1.5e-3;
+/// Without samples for longer than this the attitude is not known any more, s.
+const LOST_AFTER_S: f64 = 1.5;
 /// What a reboot may do to the biases, as a share of their prior sigma.
 const BIAS_AFTER_RESTART: f64 = 0.1;
 
@@ -27,6 +29,23 @@ enum State {
     Searching(HeadingBank),
     /// One filter.
     Running(Box<Fusion>),
+}
+
+/// What the estimation did on its own, for people to know.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub enum EstimatorEvent {
+    /// Inertial samples were missing for so long, s, that the attitude is aligned anew; the constants are kept.
+    AlignedAfterGap {
+        /// Length of the gap, s.
+        gap_s: f64,
+    },
+    /// GNSS was missing for so long that the attitude is aligned anew; the constants are kept.
+    AlignedAfterOutage,
+    /// The filter was not finite or not positive any more: everything starts anew.
+    Failed {
+        /// Whether the constants were sound and are kept.
+        constants_kept: bool,
+    },
 }
 
 /// Which of its states the estimation is in.
@@ -53,8 +72,11 @@ pub struct Estimator {
     /// The last filter before a restart: its constants go on.
     before: Option<Box<Filter>>,
     last: Option<ImuSample>,
-    /// The newest one as the source told it.
-    told: Option<ImuSample>,
+    /// What undoing the source's faults needs of the samples before.
+    source: SourceHistory,
+    /// How far the biases may have moved since `before`, as a share of their prior sigma.
+    bias_share: f64,
+    events: Vec<EstimatorEvent>,
 }
 
 impl Estimator {
@@ -68,8 +90,20 @@ impl Estimator {
             state: State::Gathering(Gathering::default()),
             before: None,
             last: None,
-            told: None,
+            source: SourceHistory::default(),
+            bias_share: BIAS_AFTER_RESTART,
+            events: Vec::new(),
         }
+    }
+
+    /// What the estimation did on its own since the last call.
+    pub fn take_events(&mut self) -> Vec<EstimatorEvent> {
+        std::mem::take(&mut self.events)
+    }
+
+    /// Whether the vehicle is recognised as stationary.
+    pub fn is_stationary(&self) -> bool {
+        self.filter().is_some_and(Filter::is_stationary)
     }
 
     /// Takes the next item and returns what became of the fixes whose time has come.
@@ -117,10 +151,10 @@ impl Estimator {
     }
 
     /// Time (s), position, velocity and attitude at the newest sample; cheaper than [`Estimator::predicted`].
-    pub fn predicted_nav(&self) -> Option<(f64, NavState)> {
-        match &self.state {
+    pub fn predicted_nav(&mut self) -> Option<(f64, NavState)> {
+        match &mut self.state {
             State::Gathering(_) => None,
-            State::Searching(bank) => bank.best().map(Fusion::predicted_nav),
+            State::Searching(bank) => bank.best_mut().map(Fusion::predicted_nav),
             State::Running(fusion) => Some(fusion.predicted_nav()),
         }
     }
@@ -168,33 +202,71 @@ impl Estimator {
     }
 
     fn feed_imu(&mut self, raw: &ImuSample) -> Vec<FixOutcome> {
-        self.meter.push(raw);
-        let undone = self.model.undo_source_after(raw, self.told.as_ref());
-        self.told = Some(*raw);
-        let Some(undone) = undone else { return Vec::new() };
+        if !raw.is_usable() {
+            return Vec::new();
+        }
+        if let Some(last) = self.last
+            && raw.t_s - last.t_s > LOST_AFTER_S
+            && self.filter().is_some()
+        {
+            self.align_anew(EstimatorEvent::AlignedAfterGap { gap_s: raw.t_s - last.t_s }, true);
+        }
+        let Some(undone) = self.model.undo_source_after(raw, &mut self.source) else { return Vec::new() };
         let sample = self.dequantiser.undo(&undone);
+        self.meter.push(&sample, self.dequantiser.dithered_variance());
         self.last = Some(sample);
         let (kind, noise) = (self.stream.kind, self.extra_noise());
-        match &mut self.state {
+        let (rounding, scatter) = (self.dequantiser.constant_error(), self.meter.scatter());
+        let outcomes = match &mut self.state {
             State::Gathering(gathering) => {
                 gathering.push_imu(sample);
                 Vec::new()
             }
             State::Searching(bank) => {
-                bank.for_each(|f| f.filter_mut().set_stream(kind, noise));
+                bank.for_each(|f| {
+                    f.filter_mut().set_stream(kind, noise);
+                    f.filter_mut().set_rounding_error(rounding);
+                    f.filter_mut().set_scatter(scatter);
+                });
                 bank.push_imu(sample);
                 let outcomes = bank.poll();
-                if let Some(winner) = bank.winner() {
+                if bank.is_empty() {
+                    self.events.push(EstimatorEvent::Failed { constants_kept: false });
+                    self.state = State::Gathering(Gathering::default());
+                } else if let Some(winner) = bank.winner() {
                     self.state = State::Running(Box::new(winner.looking_back()));
                 }
                 outcomes
             }
             State::Running(fusion) => {
                 fusion.filter_mut().set_stream(kind, noise);
+                fusion.filter_mut().set_rounding_error(rounding);
+                fusion.filter_mut().set_scatter(scatter);
                 fusion.push_imu(sample);
                 std::iter::from_fn(|| fusion.poll()).collect()
             }
+        };
+        self.look_after_health();
+        outcomes
+    }
+
+    /// A filter that failed or lost its attitude starts anew.
+    fn look_after_health(&mut self) {
+        let Some(filter) = self.filter() else { return };
+        let (failed, lost, sound) = (filter.has_failed(), filter.is_lost(), filter.has_sound_constants());
+        if failed {
+            self.align_anew(EstimatorEvent::Failed { constants_kept: sound }, sound);
+        } else if lost {
+            self.align_anew(EstimatorEvent::AlignedAfterOutage, true);
         }
+    }
+
+    /// Motion starts anew, and the constants too where they are not kept; the source is the same.
+    fn align_anew(&mut self, event: EstimatorEvent, keep_constants: bool) {
+        self.events.push(event);
+        self.before = self.filter().filter(|_| keep_constants).map(|f| Box::new(f.clone()));
+        self.bias_share = 0.0;
+        self.state = State::Gathering(Gathering::default());
     }
 
     /// What rounding adds to the noise of gyros, (rad/s)²/Hz, and accelerometers, (m/s²)²/Hz, at the present rate.
@@ -207,12 +279,13 @@ impl Estimator {
         let imu = &self.model.imu;
         let (gyro, accel) = (imu.gyro_noise * imu.gyro_noise, imu.accel_noise * imu.accel_noise);
         let rounding = self.rounding_noise();
-        let excess = self.meter.excess(gyro + rounding.0, accel + rounding.1);
+        let excess = self.meter.excess(gyro, accel);
         (rounding.0 + excess.0, rounding.1 + excess.1)
     }
 
     fn feed_fix(&mut self, fix: &GnssFix) {
         match &mut self.state {
+            State::Gathering(_) if !fix.is_plausible() => {}
             State::Gathering(_) => self.try_start(fix),
             State::Searching(bank) => bank.push_fix(*fix),
             State::Running(fusion) => fusion.push_fix(*fix),
@@ -230,7 +303,7 @@ impl Estimator {
         };
         let make = |initial: &Initial| {
             let mut filter = match &self.before {
-                Some(old) => old.restarted(initial, BIAS_AFTER_RESTART),
+                Some(old) => old.restarted(initial, self.bias_share),
                 None => Filter::new(&self.model, initial),
             };
             filter.set_stream(self.stream.kind, self.extra_noise());
@@ -238,7 +311,8 @@ impl Estimator {
             if start.standing {
                 filter.observe_standing(STANDING_RATE_SIGMA);
             }
-            if start.heading_known { Fusion::new(filter) } else { Fusion::without_window(filter) }
+            let fusion = Fusion::without_window(filter).recognising_rest();
+            if start.heading_known { fusion.looking_back() } else { fusion }
         };
         self.state = if start.heading_known {
             State::Running(Box::new(make(&start.initial)))
@@ -261,10 +335,11 @@ impl Estimator {
         if let Some(filter) = self.filter() {
             self.before = Some(Box::new(filter.clone()));
         }
+        self.bias_share = BIAS_AFTER_RESTART;
         self.meter = NoiseMeter::default();
         self.dequantiser = Dequantiser::new(self.model.quantisation_of(&self.stream));
         self.state = State::Gathering(Gathering::default());
         self.last = None;
-        self.told = None;
+        self.source = SourceHistory::default();
     }
 }

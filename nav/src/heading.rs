@@ -5,7 +5,7 @@
 //! keep their weights; motion decides.
 
 use crate::filter::{FixOutcome, Fusion};
-use crate::rotation::wrap_pi;
+use crate::rotation::yaw_between;
 use crate::sample::{GnssFix, ImuSample};
 
 /// Headings that a search starts with.
@@ -77,7 +77,7 @@ impl HeadingBank {
         let top = self.members.get(best).map_or(0.0, |m| m.log_weight);
         self.members.iter_mut().for_each(|m| m.log_weight -= top);
         let result = if best < outcomes.len() { outcomes.swap_remove(best) } else { Vec::new() };
-        self.members.retain(|m| m.log_weight > GIVE_UP.ln());
+        self.members.retain(|m| m.log_weight > GIVE_UP.ln() && !m.fusion.filter().has_failed());
         result
     }
 
@@ -92,30 +92,39 @@ impl HeadingBank {
         self.members.get(self.best_index()).map(|m| &m.fusion)
     }
 
+    /// The same, to be asked for its prediction.
+    pub fn best_mut(&mut self) -> Option<&mut Fusion> {
+        let at = self.best_index();
+        self.members.get_mut(at).map(|m| &mut m.fusion)
+    }
+
     /// The winner, once motion has decided.
     pub fn winner(&self) -> Option<Fusion> {
         let best = self.best()?;
-        let yaw = best.filter().nav().euler().z;
+        let reference = best.filter().nav().c_nb();
         let (mut near, mut all) = (0.0, 0.0);
         for m in &self.members {
             let w = m.log_weight.exp();
             all += w;
-            if wrap_pi(m.fusion.filter().nav().euler().z - yaw).abs() < AROUND {
+            if yaw_between(&reference, &m.fusion.filter().nav().c_nb()).abs() < AROUND {
                 near += w;
             }
         }
-        let settled = best.filter().euler_sigma().z < MEMBER_SIGMA_RAD;
+        let settled = best.filter().heading_sigma() < MEMBER_SIGMA_RAD;
         (near > DECIDED * all && settled).then(|| best.clone())
     }
 
     /// 1-sigma of heading over all members, rad.
     pub fn yaw_sigma(&self) -> f64 {
         let (mut s, mut c, mut all, mut within) = (0.0, 0.0, 0.0, 0.0);
+        let Some(reference) = self.best().map(|f| f.filter().nav().c_nb()) else {
+            return std::f64::consts::PI;
+        };
         for m in &self.members {
             let w = m.log_weight.exp();
-            let yaw = m.fusion.filter().nav().euler().z;
+            let yaw = yaw_between(&reference, &m.fusion.filter().nav().c_nb());
             (s, c, all) = (s + w * yaw.sin(), c + w * yaw.cos(), all + w);
-            within += w * m.fusion.filter().euler_sigma().z.powi(2);
+            within += w * m.fusion.filter().heading_sigma().powi(2);
         }
         if all <= 0.0 {
             return std::f64::consts::PI;

@@ -22,6 +22,8 @@ const SCATTER_AT_START: f64 = 2.0;
 /// How long the error of a count that nothing dithers stays the same, s: what it takes a vehicle that stands or rolls
 /// along to change its rate by a step.
 const PERSISTENCE_S: f64 = 2.0;
+/// 1-sigma of the constant error that is left where noise dithers the counts, steps (measured, see [`Dequantiser`]).
+const DITHERED_ERROR: f64 = 0.02;
 /// Pull of the local mean toward the centre of the bin, and of the scatter toward its floor, so that they do not stay
 /// where they were when the counts stand still.
 const PULL: f64 = 0.02;
@@ -94,17 +96,7 @@ impl Channel {
             return (count, SCATTER_AT_START * SCATTER_AT_START, 0.0);
         }
         let (low, high) = bin(count);
-        let width = (high - low) / f64::from(SLICES);
-        let points = (0..SLICES).map(|k| low + (f64::from(k) + 0.5) * width);
-        // The exponent at the point of the bin nearest to the mean is taken off: far bins must not underflow.
-        let nearest = (self.mean.clamp(low, high) - self.mean).powi(2);
-        let (mut w, mut wx, mut wxx) = (0.0, 0.0, 0.0);
-        for x in points {
-            let weight = (-0.5 * ((x - self.mean).powi(2) - nearest) / self.variance).exp();
-            w += weight;
-            wx += weight * x;
-            wxx += weight * x * x;
-        }
+        let (w, wx, wxx) = moments(self.mean, self.variance, low, high);
         let expected = wx / w;
         let variance = (wxx / w - expected * expected).max(0.0);
         let scatter = (1.0 - PULL) * (variance + (expected - self.mean).powi(2));
@@ -118,6 +110,29 @@ impl Channel {
         let persistent = (1.0 - dither) * flat;
         (centre + dither * (expected - centre), flat + dither * (variance - flat), persistent)
     }
+}
+
+/// Sums of 1, x and x² over the middles of the slices of a bin, weighted by a normal distribution up to a factor.
+///
+/// Neighbouring weights of equally spaced points differ by a ratio that itself changes by a constant ratio: two exponentials a
+/// bin instead of one a slice. From the end that is nearer to the mean, whose weight is taken as 1: far from the mean no weight
+/// that matters underflows.
+fn moments(mean: f64, variance: f64, low: f64, high: f64) -> (f64, f64, f64) {
+    let width = (high - low) / f64::from(SLICES);
+    let (start, step) =
+        if mean < 0.5 * (low + high) { (low + 0.5 * width, width) } else { (high - 0.5 * width, -width) };
+    let (mut ratio, change) =
+        ((-(step * (start - mean) + 0.5 * step * step) / variance).exp(), (-step * step / variance).exp());
+    let (mut weight, mut w, mut wx, mut wxx) = (1.0, 0.0, 0.0, 0.0);
+    for k in 0..SLICES {
+        let x = start + f64::from(k) * step;
+        w += weight;
+        wx += weight * x;
+        wxx += weight * x * x;
+        weight *= ratio;
+        ratio *= change;
+    }
+    (w, wx, wxx)
 }
 
 /// Gives truncated samples back their expected value, using what the last second says of mean and noise.
@@ -194,13 +209,38 @@ impl Dequantiser {
         (self.variance[0], self.variance[1])
     }
 
+    /// Mean over the axes of the variance inside the bins of the sample undone last that noise dithers, (rad/s)² and (m/s²)²:
+    /// the part of the noise that the expected values do not show.
+    pub fn dithered_variance(&self) -> (f64, f64) {
+        let part = |k: usize| (self.variance[k].mean() - self.persistent[k].mean()).max(0.0);
+        match self.quantisation {
+            Quantisation::Truncate(_) => (part(0), part(1)),
+            _ => (0.0, 0.0),
+        }
+    }
+
+    /// Variances of the part of the error that stays the same from sample to sample, (rad/s)² and (m/s²)², per axis: what
+    /// no mean over a vehicle at rest takes away.
+    pub fn constant_error(&self) -> [Vector3<f64>; 2] {
+        let Quantisation::Truncate(steps) = self.quantisation else { return [Vector3::zeros(); 2] };
+        let left = [steps.gyro, steps.accel].map(|s| (DITHERED_ERROR * s).powi(2));
+        [0, 1].map(|k| self.persistent[k].add_scalar(left[k]))
+    }
+
     /// What the rounding of the sample undone last adds to the variance per hertz of samples `interval_s` apart, mean
     /// over the axes, (rad/s)²/Hz and (m/s²)²/Hz. An error that stays for a while counts with the time it stays: samples that nothing dithers
     /// know less than their number says.
     pub fn noise_density(&self, interval_s: f64) -> (f64, f64) {
+        self.noise_density_lasting(interval_s, &[Vector3::zeros(); 2])
+    }
+
+    /// The same where it is known for how long the gyros and accelerometers keep the counts of that sample, s.
+    pub fn noise_density_lasting(&self, interval_s: f64, lasts_s: &[Vector3<f64>; 2]) -> (f64, f64) {
+        let least = PERSISTENCE_S.max(interval_s);
         let density = |k: usize| {
             let (all, persistent) = (self.variance[k].mean(), self.persistent[k].mean());
-            (all - persistent) * interval_s + persistent * PERSISTENCE_S.max(interval_s)
+            let lasting = self.persistent[k].component_mul(&lasts_s[k].map(|s| s.max(least))).mean();
+            (all - persistent) * interval_s + lasting
         };
         (density(0), density(1))
     }
@@ -350,6 +390,51 @@ mod tests {
             });
         }
         assert!((dequantiser.variance().0.x - 1.0 / 3.0).abs() < 0.01, "{:?}", dequantiser.variance());
+    }
+
+    #[test]
+    fn the_moments_of_a_bin_are_those_of_the_normal_distribution_at_every_distance() {
+        for variance in [0.0625_f64, 0.5, 4.0, 1e4] {
+            for mean in [-1e6, -3.0, -0.9, 0.0, 0.4, 1.3, 2.0, 5.0] {
+                for (low, high) in [(-1.0, 1.0), (1.0, 2.0), (-4.0, -3.0)] {
+                    let (w, wx, wxx) = moments(mean, variance, low, high);
+                    assert!(w >= 1.0 && w.is_finite() && wxx.is_finite(), "{mean} {variance}");
+                    if mean < -10.0 {
+                        continue;
+                    }
+                    let width = (high - low) / f64::from(SLICES);
+                    let (mut e, mut ex) = (0.0, 0.0);
+                    for k in 0..SLICES {
+                        let x = low + (f64::from(k) + 0.5) * width;
+                        let weight = (-0.5 * (x - mean).powi(2) / variance).exp();
+                        e += weight;
+                        ex += weight * x;
+                    }
+                    if e > 1e-200 {
+                        assert!((wx / w - ex / e).abs() < 1e-9, "{mean} {variance} {low}");
+                    }
+                }
+            }
+        }
+    }
+
+    #[test]
+    fn a_shock_after_a_minute_of_rest_leaves_numbers() {
+        let mut dequantiser = Dequantiser::new(STEP);
+        for k in 0..3100_u32 {
+            let rate = if k < 3000 { 0.0 } else { 30_000.0 };
+            let sample = ImuSample {
+                t_s: f64::from(k) * 0.02,
+                gyro: Vector3::repeat(rate),
+                accel: Vector3::repeat(-rate),
+                temperature_degc: None,
+            };
+            let back = dequantiser.undo(&sample);
+            assert!(
+                (back.gyro - sample.gyro).amax() <= 1.0 && (back.accel - sample.accel).amax() <= 1.0,
+                "{k}"
+            );
+        }
     }
 
     #[test]

@@ -59,8 +59,23 @@ pub fn c_nb_from_euler(roll: f64, pitch: f64, yaw: f64) -> Matrix3<f64> {
     UnitQuaternion::from_euler_angles(roll, pitch, yaw).to_rotation_matrix().into_inner()
 }
 
-/// Roll, pitch, yaw in rad of C_b^n; yaw in (−π, π] (Groves 2013, eq. 2.23).
+/// Nearer to the vertical than this (cosine of pitch) roll and yaw are one angle.
+const VERTICAL: f64 = 1e-6;
+
+/// The angle about the vertical from one attitude C_b^n to another, rad, whatever their pitch: that of the rotation about
+/// down which comes nearest to C₂ C₁ᵀ.
+pub fn yaw_between(from: &Matrix3<f64>, to: &Matrix3<f64>) -> f64 {
+    let turn = to * from.transpose();
+    (turn[(1, 0)] - turn[(0, 1)]).atan2(turn[(0, 0)] + turn[(1, 1)])
+}
+
+/// Roll, pitch, yaw in rad of C_b^n; yaw in (−π, π] (Groves 2013, eq. 2.23). With the nose straight up or down roll is set
+/// to zero and yaw takes the rest.
 pub fn euler_from_c_nb(c_nb: &Matrix3<f64>) -> Vector3<f64> {
+    if c_nb[(2, 1)].hypot(c_nb[(2, 2)]) < VERTICAL {
+        let pitch = -c_nb[(2, 0)].clamp(-1.0, 1.0).asin();
+        return Vector3::new(0.0, pitch, (-c_nb[(0, 1)]).atan2(c_nb[(1, 1)]));
+    }
     Vector3::new(
         c_nb[(2, 1)].atan2(c_nb[(2, 2)]),
         -c_nb[(2, 0)].clamp(-1.0, 1.0).asin(),
@@ -88,7 +103,25 @@ mod tests {
         [-limit..limit, -limit..limit, -limit..limit].prop_map(Vector3::from)
     }
 
+    #[test]
+    fn straight_up_yaw_and_roll_are_one_angle() {
+        for pitch in [std::f64::consts::FRAC_PI_2, -std::f64::consts::FRAC_PI_2] {
+            let c_nb = c_nb_from_euler(0.7, pitch, 0.4);
+            let [roll, again, yaw] = euler_from_c_nb(&c_nb).into();
+            assert_eq!(roll, 0.0);
+            assert!((c_nb_from_euler(roll, again, yaw) - c_nb).norm() < 1e-6, "{yaw}");
+        }
+    }
+
     proptest! {
+        #[test]
+        fn a_turn_about_the_vertical_is_found_at_any_pitch(
+            roll in -3.1..3.1f64, pitch in -1.57..1.57f64, yaw in -3.1..3.1f64, turn in -3.1..3.1f64,
+        ) {
+            let (from, to) = (c_nb_from_euler(roll, pitch, yaw), c_nb_from_euler(roll, pitch, yaw + turn));
+            prop_assert!(wrap_pi(yaw_between(&from, &to) - turn).abs() < 1e-9);
+        }
+
         #[test]
         fn exp_and_log_are_inverse(phi in vector(1.7)) {
             prop_assert!((log(&exp(&phi)) - phi).norm() < 1e-12);

@@ -20,6 +20,29 @@ pub struct ImuSample {
     pub temperature_degc: Option<f64>,
 }
 
+/// Beyond these no sensor on a vehicle reads: rate, rad/s, and specific force, m/s² (the paper flies 80 g).
+const PLAUSIBLE_MOTION: (f64, f64) = (100.0, 2000.0);
+/// Beyond these no fix is: height, m, and speed, m/s.
+const PLAUSIBLE_FIX: (f64, f64) = (1e5, 1e4);
+
+impl ImuSample {
+    /// Whether rate and specific force are numbers.
+    pub fn is_finite(&self) -> bool {
+        self.gyro.iter().chain(self.accel.iter()).all(|v| v.is_finite())
+    }
+
+    /// Whether a sensor on a vehicle can have given these values at a time.
+    pub fn is_plausible(&self) -> bool {
+        let (rate, force) = PLAUSIBLE_MOTION;
+        self.t_s.is_finite() && self.gyro.norm() < rate && self.accel.norm() < force
+    }
+
+    /// Whether it can be navigated with: plausible, and its temperature, where it has one, is a number.
+    pub fn is_usable(&self) -> bool {
+        self.is_plausible() && self.temperature_degc.is_none_or(f64::is_finite)
+    }
+}
+
 /// How the values of a sample came about.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
@@ -97,6 +120,33 @@ pub struct GnssFix {
     pub velocity_sigma_m_per_s: Option<[f64; 3]>,
     /// Dual-antenna heading of the vehicle and its sigma, rad.
     pub yaw_rad: Option<(f64, f64)>,
+}
+
+impl GnssFix {
+    /// Whether a receiver on a vehicle can have given these values at a time.
+    pub fn is_plausible(&self) -> bool {
+        let (height, speed) = PLAUSIBLE_FIX;
+        let velocity = match self.velocity {
+            FixVelocity::None => [0.0; 3],
+            FixVelocity::Horizontal([n, e]) => [n, e, 0.0],
+            FixVelocity::Full(v) => v,
+        };
+        let sigmas = self.position_sigma_m.iter().chain(&self.velocity_sigma_m_per_s).flatten();
+        self.t_s.is_finite()
+            && self.position.lat_rad.abs() <= std::f64::consts::FRAC_PI_2
+            && self.position.lon_rad.abs() <= 2.0 * std::f64::consts::PI
+            && self.position.height_m.abs() < height
+            && velocity.iter().all(|v| v.abs() < speed)
+            && sigmas.copied().all(|s| s.is_finite() && s >= 0.0)
+            && self.yaw_rad.is_none_or(|(yaw, sigma)| yaw.is_finite() && sigma.is_finite())
+    }
+}
+
+impl AttitudeHint {
+    /// Whether all of it is finite.
+    pub fn is_finite(&self) -> bool {
+        self.t_s.is_finite() && self.roll_pitch_yaw.iter().all(|a| a.is_finite())
+    }
 }
 
 /// Another filter's attitude: good for an initial value with an honest sigma and for comparison, never a measurement.

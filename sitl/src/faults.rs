@@ -111,6 +111,8 @@ pub enum Fault {
         /// s.
         at_s: f64,
     },
+    /// The aircraft has not the power to climb while it circles: a loiter to a higher altitude never ends.
+    NoClimbInCircles,
     /// [`LinkFaults::loss`].
     Loss(f64),
     /// [`LinkFaults::duplicate`].
@@ -133,7 +135,7 @@ pub enum Fault {
 /// A fault that cannot be read.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
 #[error(
-    "\"{0}\" is no fault; known are reboot@S, gnss-loss@S-S, clock-jump@S+S, gimbal, rate-theft@S, loss=P, \
+    "\"{0}\" is no fault; known are reboot@S, gnss-loss@S-S, clock-jump@S+S, gimbal, no-climb-in-circles, rate-theft@S, loss=P, \
      duplicate=P, reorder=P, corrupt=P, delay=S, dropout@S-S"
 )]
 pub struct FaultError(String);
@@ -159,6 +161,9 @@ fn parse(text: &str) -> Option<Fault> {
     let share = |p: &str| number(p).filter(|p| *p <= 1.0);
     if text == "gimbal" {
         return Some(Fault::Gimbal);
+    }
+    if text == "no-climb-in-circles" {
+        return Some(Fault::NoClimbInCircles);
     }
     if let Some((name, at)) = text.split_once('@') {
         return match name {

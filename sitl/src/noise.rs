@@ -36,6 +36,8 @@ pub enum Purpose {
     Wind,
     /// What somebody does at random.
     Choice,
+    /// How an aircraft slips.
+    Slip,
 }
 
 /// Random numbers for one purpose.

@@ -236,9 +236,19 @@ impl Sensors {
         self.model.effects.iter().map(|s| s.effect.fix_delay_s(&s.values)).sum()
     }
 
+    /// How much older than its position the velocity of a fix is, s.
+    pub fn velocity_delay_s(&self) -> f64 {
+        self.model.effects.iter().map(|s| s.effect.velocity_delay_s(&s.values)).sum()
+    }
+
     /// The fix with this stamp, from the truth at its time of validity.
     pub fn fix(&mut self, stamp_s: f64, truth: &Truth) -> GnssFix {
-        let x = FixInstant {
+        self.fix_of_two_times(stamp_s, truth, truth)
+    }
+
+    /// The same where the velocity has a time of validity of its own.
+    pub fn fix_of_two_times(&mut self, stamp_s: f64, truth: &Truth, older: &Truth) -> GnssFix {
+        let [x, older_x] = [truth, older].map(|truth| FixInstant {
             t_s: truth.t_s,
             v_n: truth.v_n,
             a_n: truth.a_n,
@@ -246,7 +256,7 @@ impl Sensors {
             rate_eb: truth.rate_eb,
             // The simulated receiver rounds nothing off.
             force_rate: Vector3::zeros(),
-        };
+        });
         let gnss = &self.model.gnss;
         let white = self.position_noise.normal3().component_mul(&Vector3::from(gnss.position_sigma_m));
         let correlated = self.wander.at(stamp_s, gnss.position_correlation_s);
@@ -254,12 +264,15 @@ impl Sensors {
         if gnss.position_correlation_s > 0.0 {
             offset += correlated.component_mul(&Vector3::from(gnss.position_wander_sigma_m));
         }
-        let mut velocity = truth.v_n
+        let mut velocity = older.v_n
             + self.velocity_noise.normal3().component_mul(&Vector3::from(gnss.velocity_sigma_m_per_s));
         for setting in &self.model.effects {
-            let [position, speed] = setting.effect.fix(&setting.values, &x);
+            let [position, _] = setting.effect.fix(&setting.values, &x);
             offset += position;
-            velocity += speed;
+            // The truth of an older velocity is exact, and stands in for what the effect says of it.
+            if setting.effect.velocity_delay_s(&setting.values) == 0.0 {
+                velocity += setting.effect.fix(&setting.values, &older_x)[1];
+            }
         }
         GnssFix {
             t_s: stamp_s,
@@ -336,8 +349,9 @@ impl Flight {
         self.fix += 1;
         let valid_s = stamp_s - self.sensors.fix_delay_s();
         // Drawn in any case, so that an outage leaves the noise of later fixes alone.
+        let older = self.trajectory.truth_at((valid_s - self.sensors.velocity_delay_s()).max(0.0));
         let truth = self.trajectory.truth_at(valid_s.max(0.0));
-        let fix = self.sensors.fix(stamp_s, &truth);
+        let fix = self.sensors.fix_of_two_times(stamp_s, &truth, &older);
         (valid_s >= 0.0 && !self.sensors.in_outage(stamp_s)).then_some((Sample::Fix(fix), truth))
     }
 }

@@ -1,7 +1,11 @@
 //! The command line: which commands there are, how they start, and what exit status their result becomes.
 
-use super::{CommandError, demo, explain, mission, output, plan, replay, report, run, sim, start, study};
+use super::{
+    CommandError, airframe, demo, explain, mission, output, plan, preflight, replay, report, run, sim, start,
+    study,
+};
 use crate::engine::{Engine, EngineOptions};
+use crate::sinks::log;
 use clap::{CommandFactory, Parser, Subcommand};
 use std::process::ExitCode;
 use tokio_util::sync::CancellationToken;
@@ -45,8 +49,12 @@ pub enum Command {
     Study(study::StudyArgs),
     /// Plan excitation maneuvers and predict what they make known.
     Plan(plan::PlanArgs),
-    /// Verified transfer of missions.
+    /// Fit an airframe file to a recorded flight.
+    Airframe(airframe::AirframeArgs),
+    /// Verified transfer of missions and geofences.
     Mission(mission::MissionArgs),
+    /// Check a vehicle against plan and airframe before the flight; it is only asked, never changed.
+    Preflight(preflight::PreflightArgs),
     /// Print shell completions.
     Completions {
         /// Shell.
@@ -54,13 +62,36 @@ pub enum Command {
     },
 }
 
+/// Says what is wrong with the command line. The standard library's words for a number that is none name no remedy.
+pub fn refuse(error: clap::Error) -> ExitCode {
+    const REMEDIES: [(&str, &str); 5] = [
+        ("invalid digit found in string", "write a whole number, as in 10"),
+        ("cannot parse integer from empty string", "write a whole number, as in 10"),
+        ("number too large to fit in target type", "write a smaller number"),
+        ("invalid float literal", "write a number, as in 12.5"),
+        ("cannot parse float from empty string", "write a number, as in 12.5"),
+    ];
+    let text = error.render().to_string();
+    let remedy = REMEDIES.iter().find(|(said, _)| text.contains(said));
+    match remedy.filter(|_| error.kind() == clap::error::ErrorKind::ValueValidation) {
+        Some((said, remedy)) => log::line(text.replace(said, remedy).trim_end()),
+        // Nobody may be there to read it.
+        None => _ = error.print(),
+    }
+    ExitCode::from(u8::try_from(error.exit_code()).unwrap_or(2))
+}
+
 /// Runs a command to its end.
 pub fn execute(cli: Cli) -> ExitCode {
     match dispatch(cli.command) {
-        Ok(()) => ExitCode::SUCCESS,
+        Ok(()) => {
+            log::flush();
+            ExitCode::SUCCESS
+        }
         Err(error) if error.is_closed_pipe() => ExitCode::SUCCESS,
         Err(error) => {
-            eprintln!("gaware: {error}");
+            log::line(&format!("gaware: {error}"));
+            log::flush();
             ExitCode::from(if error.is_usage() { 2 } else { 1 })
         }
     }
@@ -76,12 +107,14 @@ fn dispatch(command: Command) -> Result<(), CommandError> {
             start::runtime()?.block_on(async {
                 let stop = CancellationToken::new();
                 start::cancel_on_signal(&stop);
-                sim::run(&args, |text| eprintln!("{text}"), stop).await
+                sim::run(&args, log::line, stop).await
             })?;
             Ok(())
         }
         Command::Plan(args) => plan::run(&args),
+        Command::Airframe(args) => airframe::run(&args),
         Command::Mission(args) => mission::run(&args),
+        Command::Preflight(args) => preflight::run(&args),
         Command::Explain(args) => explain::run(&args),
         Command::Study(args) => study::run(&args),
         Command::Completions { shell } => {

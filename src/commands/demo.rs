@@ -61,7 +61,7 @@ pub struct DemoArgs {
     /// Print the result as one JSON document.
     #[arg(long)]
     pub json: bool,
-    /// Write the report here (default: demo-report.html; with --json none).
+    /// Write the HTML report here (default: gaware-demo-report.html in the folder for temporary files; with --json none).
     #[arg(long, value_name = "FILE")]
     pub report: Option<PathBuf>,
 }
@@ -118,6 +118,9 @@ pub enum DemoError {
     /// No time.
     #[error("--budget {0} must be a positive number of seconds")]
     Budget(f64),
+    /// Values that no airframe has.
+    #[error(transparent)]
+    Values(#[from] gaware_mission::airframe::AirframeError),
     /// No plan.
     #[error(transparent)]
     Plan(#[from] PlanError),
@@ -129,7 +132,7 @@ pub enum DemoError {
 impl DemoError {
     /// Whether the arguments were at fault.
     pub fn is_usage(&self) -> bool {
-        matches!(self, Self::UnknownAirframe { .. } | Self::Wind | Self::Budget(_))
+        matches!(self, Self::UnknownAirframe { .. } | Self::Wind | Self::Budget(_) | Self::Values(_))
     }
 }
 
@@ -162,11 +165,16 @@ pub(super) fn check_budget(budget: Option<f64>) -> Result<Option<f64>, DemoError
     }
 }
 
-/// Plans what these arguments ask for.
+/// Where the report goes unless told otherwise: nobody's checkout.
+fn default_report() -> PathBuf {
+    std::env::temp_dir().join("gaware-demo-report.html")
+}
+
+/// What these arguments ask for.
 ///
 /// # Errors
-/// Arguments that make no sense, and no safe plan.
-pub fn prepare(args: &DemoArgs) -> Result<Prepared, CommandError> {
+/// Arguments that make no sense.
+fn settings(args: &DemoArgs) -> Result<Settings, CommandError> {
     let mut settings = Settings::new(load_airframe(&args.airframe)?, check_budget(args.budget)?);
     settings.wind_n_e_m_per_s = args.wind[..].try_into().map_err(|_| DemoError::Wind)?;
     if settings.wind_n_e_m_per_s.iter().any(|w| !w.is_finite()) {
@@ -176,31 +184,43 @@ pub fn prepare(args: &DemoArgs) -> Result<Prepared, CommandError> {
     if let Some(path) = &args.model {
         settings.belief = super::load_model(path)?;
     }
-    Ok(Prepared::new(settings).map_err(DemoError::from)?)
+    Ok(settings)
+}
+
+/// Plans, and says what the plan promises.
+fn plan(settings: Settings) -> Result<Prepared, CommandError> {
+    crate::sinks::log::line("planning …");
+    let prepared = Prepared::new(settings).map_err(DemoError::from)?;
+    crate::sinks::log::line(&format!("the plan {}", prepared.plan.summary()));
+    prepared.plan.notes.iter().for_each(|note| crate::sinks::log::line(note));
+    Ok(prepared)
 }
 
 /// Runs the command and prints its result.
 ///
 /// # Errors
-/// As [`prepare`]; also when the flight did not come to its end.
+/// Arguments that make no sense, no safe plan, and a flight that did not come to its end.
 pub fn run(args: &DemoArgs) -> Result<(), CommandError> {
-    eprintln!("planning …");
-    let prepared = prepare(args)?;
-    eprintln!("the plan {}", prepared.plan.summary());
-    prepared.plan.notes.iter().for_each(|note| eprintln!("{note}"));
-    let mut flight = Flight::new(prepared, args.seed);
-    match args.speed {
+    let settings = settings(args)?;
+    let mut flight = match args.speed {
         DemoSpeed::Max => {
+            let mut flight = Flight::new(plan(settings)?, args.seed);
             flight.run();
+            flight
         }
         DemoSpeed::Times(factor) => {
             let runtime = start::runtime()?;
-            flight = runtime.block_on(show(args, flight, factor))?;
+            let flight = runtime.block_on(show(args, settings, factor))?;
             runtime.shutdown_timeout(Duration::from_secs(2));
+            let Some(flight) = flight else {
+                crate::sinks::log::line("stopped before the flight; nothing was written");
+                return Ok(());
+            };
+            flight
         }
-    }
+    };
     let result = result::of(&mut flight, args.seed);
-    let report = args.report.clone().or_else(|| (!args.json).then(|| PathBuf::from("demo-report.html")));
+    let report = args.report.clone().or_else(|| (!args.json).then(default_report));
     let reported = report.map_or(Ok(()), |path| write_report(&path, &flight, &result));
     // A page that cannot be written takes the result with it no more.
     if args.json {
@@ -221,25 +241,44 @@ fn write_report(path: &Path, flight: &Flight, result: &result::DemoResult) -> Re
     let fail = |reason: String| DemoError::Report { path: path.to_owned(), reason };
     let page = crate::report::demo::html(&flight.prepared().settings.airframe.name, result, &result.series);
     std::fs::write(path, page.map_err(fail)?).map_err(|e| fail(e.to_string()))?;
-    eprintln!("report: {}", path.display());
+    crate::sinks::log::line(&format!("report: {}", path.display()));
     Ok(())
 }
 
-/// Flies at the speed of the clock, with screens.
-async fn show(args: &DemoArgs, mut flight: Flight, factor: f64) -> Result<Flight, CommandError> {
+/// What screens show while the planner works.
+fn planning() -> Snapshot {
+    Snapshot {
+        waiting_for: "planning the maneuvers; this takes some seconds".to_owned(),
+        ..Snapshot::default()
+    }
+}
+
+/// Flies at the speed of the clock, with screens: the page is there before the planning begins. Nothing where somebody
+/// stopped it before the flight.
+async fn show(args: &DemoArgs, settings: Settings, factor: f64) -> Result<Option<Flight>, CommandError> {
     let stop = CancellationToken::new();
     start::cancel_on_signal(&stop);
     let status = SinkStatus::new();
-    let (snapshots, snapshots_rx) = watch::channel(Arc::new(Snapshot::default()));
+    let (snapshots, snapshots_rx) = watch::channel(Arc::new(planning()));
     let sources = || Sources { snapshots: snapshots_rx.clone(), status: status.clone(), requests: None };
     if !args.no_web {
         start::serve_web(args.web, None, sources(), &stop).await?;
     }
+    let planned = tokio::task::spawn_blocking(move || plan(settings));
+    let prepared = tokio::select! {
+        () = stop.cancelled() => return Ok(None),
+        prepared = planned => match prepared {
+            Ok(prepared) => prepared?,
+            Err(failed) => return Err(DemoError::Flight(failed.to_string()).into()),
+        },
+    };
+    status.set_route(prepared.route());
+    let mut flight = Flight::new(prepared, args.seed);
     let options = terminal::Options::from_env(|name| std::env::var(name).ok());
     let on_screen = !args.headless && !args.json && std::io::stdout().is_terminal();
     let screen = if on_screen { terminal::spawn(sources(), options, stop.clone()).ok() } else { None };
     if screen.is_none() {
-        tokio::spawn(headless::run(sources(), headless::PERIOD, tokio::io::stderr(), stop.clone()));
+        tokio::spawn(headless::run(sources(), headless::PERIOD, crate::sinks::log::Stderr, stop.clone()));
     }
     let mut tick = tokio::time::interval(TICK);
     tick.set_missed_tick_behavior(MissedTickBehavior::Skip);
@@ -259,12 +298,13 @@ async fn show(args: &DemoArgs, mut flight: Flight, factor: f64) -> Result<Flight
         });
         for text in flight.take_told() {
             if screen.is_none() {
-                eprintln!("{text}");
+                crate::sinks::log::line(&text);
             }
         }
         if shown.is_none_or(|t| t.elapsed() >= SNAPSHOT) {
             shown = Some(Instant::now());
             status.set_link(link_view(&flight));
+            status.set_vehicle(flight.vehicle_view());
             snapshots.send_replace(Arc::new(flight.snapshot()));
         }
     }
@@ -273,7 +313,7 @@ async fn show(args: &DemoArgs, mut flight: Flight, factor: f64) -> Result<Flight
         // The terminal is given back before the result is printed.
         let _ = screen.await;
     }
-    Ok(flight)
+    Ok(Some(flight))
 }
 
 fn link_view(flight: &Flight) -> LinkView {

@@ -1,9 +1,8 @@
 //! `gaware explain`: where simulation and measurement disagree, which effect is missing, the gap before and after.
 
-use super::{CommandError, load_model, output};
+use super::{CommandError, ListenArgs, load_model, output};
 use crate::explain::contract::Explanation;
 use crate::explain::{self, ExplainError, Phase, Request};
-use crate::sensors::ConverterOptions;
 use gaware_nav::identify::select::Settings;
 use gaware_nav::model::Model;
 use std::fmt::Write;
@@ -28,6 +27,9 @@ pub struct ExplainArgs {
     /// Print the explanation as one JSON document.
     #[arg(long)]
     pub json: bool,
+    /// Whom to listen to.
+    #[command(flatten)]
+    pub listen: ListenArgs,
 }
 
 /// Explains, writes the report and prints the verdict.
@@ -40,32 +42,36 @@ pub fn run(args: &ExplainArgs) -> Result<(), CommandError> {
         logs: args.logs.clone(),
         validate: args.validate.clone(),
         model,
-        converter: ConverterOptions::default(),
+        converter: args.listen.options(),
         settings: Settings::default(),
     };
-    // Nobody waits half a minute to hear that the result cannot be kept.
+    // Nobody waits half a minute to hear that the result cannot be kept. A folder that this makes is not left behind empty,
+    // however the run ends.
+    let new: Vec<&Path> =
+        args.out.ancestors().take_while(|p| !p.as_os_str().is_empty() && !p.exists()).collect();
     std::fs::create_dir_all(&args.out)
         .map_err(|source| ExplainError::Write { path: args.out.clone(), source })?;
+    for folder in new {
+        // Somebody may have put a file there by now; then it stays.
+        let _ = std::fs::remove_dir(folder);
+    }
     let began = Instant::now();
     let bar = indicatif::ProgressBar::new_spinner();
     bar.enable_steady_tick(Duration::from_millis(200));
     let explained = explain::run(&request, &|phase| {
-        bar.set_message(match phase {
-            Phase::Reading(k) => format!("reading log {}", k + 1),
-            Phase::Choosing => "fitting noise, comparing effects".to_owned(),
-            Phase::Judging => "judging on held-out data".to_owned(),
-            Phase::Smoothing => "simulating the sensors along the best trajectory".to_owned(),
-            Phase::Terms => "looking for terms outside the catalogue".to_owned(),
-        });
+        let (step, what) = match phase {
+            Phase::Reading(k) => (1, format!("reading log {}", k + 1)),
+            Phase::Choosing => (2, "fitting noise, comparing effects".to_owned()),
+            Phase::Judging => (3, "judging on held-out data".to_owned()),
+            Phase::Terms => (4, "looking for terms outside the catalogue".to_owned()),
+            Phase::Smoothing => (5, "simulating the sensors along the best trajectory".to_owned()),
+        };
+        bar.set_message(format!("step {step} of 5: {what} ({:.0} s so far)", began.elapsed().as_secs_f64()));
     });
     bar.finish_and_clear();
-    if explained.is_err() {
-        // Only where it is empty.
-        let _ = std::fs::remove_dir(&args.out);
-    }
     let explained = explained?;
     explain::write(&explained, &args.out)?;
-    eprintln!("explained in {:.1} s{}", began.elapsed().as_secs_f64(), peak_memory());
+    crate::sinks::log::line(&format!("explained in {:.1} s{}", began.elapsed().as_secs_f64(), peak_memory()));
     if args.json {
         return output::json_pretty(&explained.explanation);
     }

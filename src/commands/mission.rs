@@ -1,101 +1,24 @@
 //! `gaware mission`: verified transfer of missions.
 
+pub use super::mission_args::{
+    ClearArgs, DownloadArgs, LinkArgs, List, MissionAction, MissionArgs, RestoreArgs, UploadArgs,
+};
 use super::mission_result::{Action, MissionResult, OnVehicle};
 use super::{CommandError, mission_restore, output, start};
-use crate::link::address::Address;
-use crate::mission_link::files::{self, FileError};
+use crate::mission_link::delivery::{Delivered, Order, deliver};
+use crate::mission_link::facts::{self, Wish};
+use crate::mission_link::files::{self, Contents, FileError};
 use crate::mission_link::journal::Journal;
-use crate::mission_link::session::{Session, SessionError};
+use crate::mission_link::session::{Opening, Session, SessionError};
 use crate::mission_link::uploader::phase_words;
-use crate::mission_link::vehicle::Vehicle;
-use crate::mission_link::wire::{News, Wire};
-use gaware_mission::fence::Fence;
+use crate::mission_link::wire::{self, Change, News, Wire};
+use crate::preflight::{self, Verdict};
+use gaware_mission::item::{Mission, MissionKind};
 use gaware_mission::transfer::TransferError;
 use gaware_mission::transfer::verified::{Options, Outcome};
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use std::time::{Duration, SystemTime};
 use tokio_util::sync::CancellationToken;
-
-/// Arguments of `gaware mission`.
-#[derive(Debug, Clone, clap::Args)]
-pub struct MissionArgs {
-    /// What to do.
-    #[command(subcommand)]
-    pub action: MissionAction,
-}
-
-/// The transfers.
-#[derive(Debug, Clone, clap::Subcommand)]
-pub enum MissionAction {
-    /// Back up, upload, read back, compare; restore on failure.
-    Upload(UploadArgs),
-    /// Read the mission on board into a file.
-    Download(LinkArgs),
-    /// Put a backup back, verified in the same way; without a file, take up an upload that was interrupted: say what is on the vehicle and put
-    /// the previous mission back.
-    Restore(RestoreArgs),
-}
-
-/// Link and file.
-#[derive(Debug, Clone, clap::Args)]
-pub struct LinkArgs {
-    /// Link to the vehicle: serial:/dev/ttyAMA0:921600, udpin:0.0.0.0:14550, udpout:HOST:PORT or tcpout:HOST:PORT.
-    #[arg(long, value_name = "ADDR", required = true)]
-    pub connect: Vec<Address>,
-    /// Mission file, .plan or .waypoints.
-    pub file: PathBuf,
-    /// Talk to this system id (default: the first autopilot).
-    #[arg(long, value_name = "ID")]
-    pub vehicle: Option<u8>,
-    /// Wait so long for the vehicle, at the start and after a loss of the link.
-    #[arg(long, value_name = "SECONDS", default_value_t = 30, value_parser = clap::value_parser!(u64).range(1..=3600))]
-    pub patience: u64,
-    /// Print the result as one JSON document.
-    #[arg(long)]
-    pub json: bool,
-}
-
-/// Arguments of `upload`.
-#[derive(Debug, Clone, clap::Args)]
-pub struct UploadArgs {
-    /// Link and file.
-    #[command(flatten)]
-    pub link: LinkArgs,
-    /// Where to keep the mission that is on board before (default: mission-backup-TIME.plan).
-    #[arg(long, value_name = "FILE")]
-    pub backup: Option<PathBuf>,
-    /// Replace the mission although it is being flown, or the vehicle is armed in its mission mode.
-    #[arg(long)]
-    pub even_while_flying: bool,
-}
-
-/// Arguments of `restore`.
-#[derive(Debug, Clone, clap::Args)]
-pub struct RestoreArgs {
-    /// Link to the vehicle: serial:/dev/ttyAMA0:921600, udpin:0.0.0.0:14550, udpout:HOST:PORT or tcpout:HOST:PORT.
-    #[arg(long, value_name = "ADDR", required = true)]
-    pub connect: Vec<Address>,
-    /// Backup (.plan or .waypoints) or journal of an interrupted upload (default: the journal in this folder).
-    pub file: Option<PathBuf>,
-    /// Talk to this system id (default: the one of the journal, or the first autopilot).
-    #[arg(long, value_name = "ID")]
-    pub vehicle: Option<u8>,
-    /// Wait so long for the vehicle, at the start and after a loss of the link.
-    #[arg(long, value_name = "SECONDS", default_value_t = 30, value_parser = clap::value_parser!(u64).range(1..=3600))]
-    pub patience: u64,
-    /// Where to keep the mission that is on board before a backup is put back (default: mission-backup-TIME.plan).
-    #[arg(long, value_name = "FILE")]
-    pub backup: Option<PathBuf>,
-    /// After an interrupted upload: bring the new mission instead of the previous one.
-    #[arg(long)]
-    pub new: bool,
-    /// Replace the mission although it is being flown, or the vehicle is armed in its mission mode.
-    #[arg(long)]
-    pub even_while_flying: bool,
-    /// Print the result as one JSON document.
-    #[arg(long)]
-    pub json: bool,
-}
 
 /// Why a transfer was not done.
 #[derive(Debug, thiserror::Error)]
@@ -109,6 +32,22 @@ pub enum MissionError {
     /// A download.
     #[error("the mission could not be read: {0}")]
     Download(#[from] TransferError),
+    /// A list that not every vehicle has.
+    #[error("the {kind} could not be read: {source}")]
+    List {
+        /// Which one.
+        kind: MissionKind,
+        /// Why.
+        source: TransferError,
+    },
+    /// The pre-flight check.
+    #[error("nothing was changed: {0}; --force uploads all the same")]
+    Preflight(String),
+    /// The second signal.
+    #[error(
+        "ended at once, as asked: what is on the vehicle is not known if an upload had begun; \"gaware mission restore\" takes it up from its journal"
+    )]
+    Abandoned,
     /// A mission without items would only delete the one on board.
     #[error("{0} holds no mission items; an upload would only delete the mission that is on the vehicle")]
     Empty(PathBuf),
@@ -123,6 +62,9 @@ pub enum MissionError {
         "--new is for the journal of an interrupted upload; {0} is a mission: use \"gaware mission upload\""
     )]
     NotAJournal(PathBuf),
+    /// `--type` with a journal.
+    #[error("{0} is the journal of an interrupted upload, which is restored as a whole: leave --type out")]
+    JournalIsWhole(PathBuf),
     /// The journal is about something else.
     #[error("{path} is about {journal}; this is {vehicle}", path = path.display())]
     OtherVehicle {
@@ -144,7 +86,13 @@ pub enum MissionError {
 impl MissionError {
     /// Whether the arguments were at fault.
     pub fn is_usage(&self) -> bool {
-        matches!(self, Self::File(FileError::Kind(_)) | Self::NotAJournal(_) | Self::Journals(_))
+        matches!(
+            self,
+            Self::File(FileError::Kind(_) | FileError::NotAPlan { .. })
+                | Self::NotAJournal(_)
+                | Self::JournalIsWhole(_)
+                | Self::Journals(_)
+        )
     }
 }
 
@@ -156,26 +104,19 @@ impl MissionError {
 pub fn run(args: &MissionArgs) -> Result<(), CommandError> {
     let runtime = start::runtime()?;
     let result: Result<MissionResult, MissionError> = runtime.block_on(async {
-        let stop = CancellationToken::new();
-        start::cancel_on_signal(&stop);
-        match &args.action {
-            MissionAction::Upload(args) => {
-                if files::read(&args.link.file)?.0.items.is_empty() {
-                    return Err(MissionError::Empty(args.link.file.clone()));
-                }
-                upload(args, &stop, |text| eprintln!("{text}")).await
-            }
-            MissionAction::Restore(args) => {
-                mission_restore::restore(args, &stop, |text| eprintln!("{text}")).await
-            }
-            MissionAction::Download(link) => download(link, &stop).await,
+        let (stop, now) = (CancellationToken::new(), CancellationToken::new());
+        watch_signals(&stop, &now);
+        tokio::select! {
+            result = act(&args.action, &stop) => result,
+            () = now.cancelled() => Err(MissionError::Abandoned),
         }
     });
     runtime.shutdown_timeout(Duration::from_secs(2));
     let json = match &args.action {
         MissionAction::Upload(args) => args.link.json,
-        MissionAction::Download(link) => link.json,
+        MissionAction::Download(args) => args.link.json,
         MissionAction::Restore(args) => args.json,
+        MissionAction::Clear(args) => args.json,
     };
     match &result {
         Ok(result) if json => output::json(result)?,
@@ -184,6 +125,37 @@ pub fn run(args: &MissionArgs) -> Result<(), CommandError> {
         Err(_) => {}
     }
     Ok(result.map(drop)?)
+}
+
+async fn act(action: &MissionAction, stop: &CancellationToken) -> Result<MissionResult, MissionError> {
+    match action {
+        MissionAction::Upload(args) => {
+            if files::read(&args.link.file)?.0.items.is_empty() {
+                return Err(MissionError::Empty(args.link.file.clone()));
+            }
+            upload(args, stop, progress).await
+        }
+        MissionAction::Restore(args) => mission_restore::restore(args, stop, progress).await,
+        MissionAction::Clear(args) => clear(args, stop, progress).await,
+        MissionAction::Download(args) => download(args, stop).await,
+    }
+}
+
+/// A line on stderr. Where the terminal has gone away there is nobody to read it, and the transfer goes on.
+fn progress(text: &str) {
+    crate::sinks::log::line(text);
+}
+
+/// The first signal asks for an orderly end, which puts the previous mission back; the second ends at once.
+fn watch_signals(stop: &CancellationToken, now: &CancellationToken) {
+    let (stop, now) = (stop.clone(), now.clone());
+    tokio::spawn(async move {
+        start::any_signal().await;
+        progress("stopping: what was begun is put back first; the same signal again ends at once");
+        stop.cancel();
+        start::any_signal().await;
+        now.cancel();
+    });
 }
 
 /// Uploads.
@@ -198,53 +170,175 @@ pub async fn upload(
     bring(Action::Upload, args, stop, say).await
 }
 
-/// Brings a mission that is in a file, whatever that is called.
+/// Brings a plan that is in a file, whatever that is called.
 pub(super) async fn bring(
     action: Action,
     args: &UploadArgs,
     stop: &CancellationToken,
     mut say: impl FnMut(&str),
 ) -> Result<MissionResult, MissionError> {
-    let (mission, _) = files::read(&args.link.file)?;
-    let backup_path = args.backup.clone().unwrap_or_else(default_backup);
-    let folder = Journal::folder_of(&backup_path);
+    let contents = files::read_contents(&args.link.file)?;
+    let backup = args.backup.clone().unwrap_or_else(default_backup);
+    let with_fence = !args.no_fence && !contents.fence.is_empty();
+    files::check_holds(&backup, if with_fence { MissionKind::Fence } else { MissionKind::Mission })?;
     let mut session = open(&args.link, stop).await?;
-    let vehicle = session.vehicle();
-    if let Err(e) = Journal::check(folder, &vehicle) {
-        session.close().await;
-        return Err(e.into());
-    }
-    let options = Options { even_while_flying: args.even_while_flying, ..Options::default() };
-    let (mut kept, mut journal) = (None, None);
-    let new = mission.clone();
-    let keep = |backup: &gaware_mission::item::Mission| {
-        let text =
-            files::text_of(&backup_path, backup, &Fence::default(), vehicle.autopilot, vehicle.mav_type);
-        text.and_then(|text| files::write_new(&backup_path, &text)).map_err(|e| e.to_string())?;
-        journal = Some(Journal::begin(folder, &vehicle, backup, &new).map_err(|e| e.to_string())?);
-        kept = Some(backup.items.len());
-        Ok(())
-    };
-    let patience = Duration::from_secs(args.link.patience);
-    let outcome = session.upload(mission, options, patience, keep, teller(&mut say)).await;
+    let result = bring_over(&mut session, args, contents, backup.clone(), &mut say).await;
     session.close().await;
-    let mut text = outcome.to_string();
-    if kept.is_some() {
-        text.push_str(&format!("; the mission before is in {}", backup_path.display()));
-    }
-    let on_vehicle = OnVehicle::of(&outcome);
-    let left = journal.as_ref().filter(|_| on_vehicle == OnVehicle::Unknown).map(|j| j.path.clone());
-    text.push_str(&journal.map(|j| j.settle(&outcome)).unwrap_or_default());
-    let done = on_vehicle == OnVehicle::New;
-    let mut result = MissionResult::new(action, done, on_vehicle, text);
-    result.items = match &outcome {
+    let (delivered, checked) = result?;
+    let on_vehicle = OnVehicle::of(&delivered.outcome);
+    let done = on_vehicle == OnVehicle::New && delivered.journal.is_none();
+    let mut result = MissionResult::new(action, done, on_vehicle, delivered.text);
+    result.items = match &delivered.outcome {
         Outcome::Verified { items } => Some(*items),
-        Outcome::RestoredPrevious { .. } => kept,
+        Outcome::RestoredPrevious { .. } => delivered.kept,
         Outcome::Unknown { .. } => None,
     };
-    result.backup = kept.map(|_| backup_path.clone());
-    result.journal = left;
+    result.backup = delivered.kept.map(|_| backup);
+    result.fence = (!delivered.fence.is_empty()).then_some(delivered.fence);
+    (result.warnings, result.overridden) = (checked.warnings, checked.overridden);
+    result.journal = delivered.journal;
     result.settled()
+}
+
+async fn bring_over(
+    session: &mut Session,
+    args: &UploadArgs,
+    contents: Contents,
+    backup: PathBuf,
+    say: &mut impl FnMut(&str),
+) -> Result<(Delivered, Checked), MissionError> {
+    // Before anything is asked of the vehicle: it may be half-way through another one.
+    Journal::check(Journal::folder_of(&backup), &session.vehicle())?;
+    let checked = check(session, &contents, args.force, say).await?;
+    let options = Options {
+        even_while_flying: args.even_while_flying,
+        planned_for: contents.planned_for,
+        ..Options::default()
+    };
+    let order = Order {
+        with_fence: !args.no_fence && !contents.fence.is_empty(),
+        contents,
+        options,
+        patience_s: args.link.patience as f64,
+        backup,
+    };
+    Ok((deliver(session, &order, teller(say)).await?, checked))
+}
+
+/// What the pre-flight check had to say.
+#[derive(Debug, Default)]
+pub(super) struct Checked {
+    warnings: Vec<String>,
+    overridden: Vec<String>,
+}
+
+/// The pre-flight check of an upload. Whether the vehicle may be changed at all in its state is the transfer's own matter.
+async fn check(
+    session: &mut Session,
+    contents: &Contents,
+    force: bool,
+    say: &mut impl FnMut(&str),
+) -> Result<Checked, MissionError> {
+    let parameters = preflight::upload_parameters(session.vehicle().autopilot);
+    let wish = Wish { parameters, ..Wish::default() };
+    let facts = facts::gather(session, wish).await.ok_or(SessionError::Cancelled)?;
+    let rows = preflight::check_upload(&facts, contents);
+    let of = |verdict: Verdict| -> Vec<String> {
+        let rows = rows.iter().filter(|r| r.verdict == verdict && r.check != preflight::STATE);
+        rows.map(|r| r.text.clone()).collect()
+    };
+    let (warnings, stops) = (of(Verdict::Warn), of(Verdict::Stop));
+    if !stops.is_empty() && !force {
+        return Err(MissionError::Preflight(stops.join("; ")));
+    }
+    warnings.iter().for_each(|text| say(&format!("warning: {text}")));
+    stops.iter().for_each(|text| say(&format!("--force overrides: {text}")));
+    Ok(Checked { warnings, overridden: stops })
+}
+
+/// Puts one list of the vehicle in place of the one on board, which is kept in a file first.
+pub(super) async fn bring_list(
+    action: Action,
+    kind: MissionKind,
+    new: Mission,
+    args: &UploadArgs,
+    stop: &CancellationToken,
+    mut say: impl FnMut(&str),
+) -> Result<MissionResult, MissionError> {
+    let backup = args.backup.clone().unwrap_or_else(default_backup);
+    files::check_holds(&backup, kind)?;
+    let mut session = open(&args.link, stop).await?;
+    let result = bring_list_over(&mut session, kind, new, args, &backup, &mut say).await;
+    session.close().await;
+    let (outcome, kept) = result?;
+    let on_vehicle = OnVehicle::of(&outcome);
+    let text = format!("{}; what was there before is in {}", outcome.about(kind), backup.display());
+    let mut result = MissionResult::new(action, on_vehicle == OnVehicle::New, on_vehicle, text);
+    result.items = match &outcome {
+        Outcome::Verified { items } => Some(*items),
+        Outcome::RestoredPrevious { .. } => Some(kept),
+        Outcome::Unknown { .. } => None,
+    };
+    result.backup = Some(backup);
+    result.settled()
+}
+
+async fn bring_list_over(
+    session: &mut Session,
+    kind: MissionKind,
+    new: Mission,
+    args: &UploadArgs,
+    backup: &Path,
+    say: &mut impl FnMut(&str),
+) -> Result<(Outcome, usize), MissionError> {
+    let vehicle = session.vehicle();
+    Journal::check(Journal::folder_of(backup), &vehicle)?;
+    let previous = read_list(session, kind).await?;
+    let kept = previous.items.len();
+    let mut contents = Contents::default();
+    let put = contents.put(kind, previous.clone());
+    put.map_err(|source| FileError::Fence { path: backup.to_owned(), source })?;
+    let text = files::text_of_contents(backup, &contents, vehicle.autopilot, vehicle.mav_type)?;
+    files::write_new(backup, &text)?;
+    let options = Options { even_while_flying: args.even_while_flying, ..Options::default() };
+    let change = Change { kind, new, previous };
+    let outcome = wire::replace(session, change, options, args.link.patience as f64, teller(say)).await;
+    Ok((outcome, kept))
+}
+
+/// One list of the vehicle, or why it cannot be had.
+async fn read_list(session: &mut Session, kind: MissionKind) -> Result<Mission, MissionError> {
+    wire::download(session, kind).await.map_err(|source| match kind {
+        MissionKind::Mission => MissionError::Download(source),
+        _ => MissionError::List { kind, source },
+    })
+}
+
+/// Removes one list from the vehicle, kept in a file first and read back afterwards.
+///
+/// # Errors
+/// As [`run`].
+pub async fn clear(
+    args: &ClearArgs,
+    stop: &CancellationToken,
+    say: impl FnMut(&str),
+) -> Result<MissionResult, MissionError> {
+    let link = LinkArgs {
+        connect: args.connect.clone(),
+        file: PathBuf::new(),
+        vehicle: args.vehicle,
+        patience: args.patience,
+        signing_key: args.signing_key.clone(),
+        json: args.json,
+    };
+    let upload = UploadArgs {
+        link,
+        backup: args.backup.clone(),
+        no_fence: true,
+        force: false,
+        even_while_flying: args.even_while_flying,
+    };
+    bring_list(Action::Clear, args.list.into(), Mission::default(), &upload, stop, say).await
 }
 
 /// Says in words what an upload tells; of its items every tenth part.
@@ -266,27 +360,74 @@ pub(super) fn teller(say: &mut impl FnMut(&str)) -> impl FnMut(News) {
 ///
 /// # Errors
 /// As [`run`].
-pub async fn download(args: &LinkArgs, stop: &CancellationToken) -> Result<MissionResult, MissionError> {
-    files::check_kind(&args.file)?;
-    if args.file.exists() {
+pub async fn download(args: &DownloadArgs, stop: &CancellationToken) -> Result<MissionResult, MissionError> {
+    let file = &args.link.file;
+    files::check_holds(file, args.list.map_or(MissionKind::Mission, MissionKind::from))?;
+    if file.exists() {
         let source = std::io::Error::from(std::io::ErrorKind::AlreadyExists);
-        return Err(FileError::Write { path: args.file.clone(), source }.into());
+        return Err(FileError::Write { path: file.clone(), source }.into());
     }
-    let mut session = open(args, stop).await?;
-    let Vehicle { autopilot, mav_type, .. } = session.vehicle();
-    let mission = session.download().await;
+    let mut session = open(&args.link, stop).await?;
+    let vehicle = session.vehicle();
+    let read = read_contents(&mut session, args).await;
     session.close().await;
-    let mission = mission?;
-    let text = files::text_of(&args.file, &mission, &Fence::default(), autopilot, mav_type)?;
-    files::write_new(&args.file, &text)?;
-    let items = mission.items.len();
-    let text = format!("{items} items were read from the vehicle into {}", args.file.display());
+    let (contents, notes) = read?;
+    let text = files::text_of_contents(file, &contents, vehicle.autopilot, vehicle.mav_type)?;
+    files::write_new(file, &text)?;
+    let items = contents.mission.items.len();
+    let what = match args.list.map(MissionKind::from) {
+        None | Some(MissionKind::Mission) => format!("{items} items were"),
+        Some(MissionKind::Fence) => format!("a geofence ({}) was", contents.fence.describe()),
+        Some(MissionKind::Rally) => format!("{} rally points were", contents.rally_points.len()),
+    };
+    let text = format!("{what} read from the vehicle into {}{notes}", file.display());
     let result = MissionResult::new(Action::Download, true, OnVehicle::Unchanged, text);
-    Ok(MissionResult { items: Some(items), file: Some(args.file.clone()), ..result })
+    let fence = (!contents.fence.is_empty()).then(|| contents.fence.describe());
+    Ok(MissionResult { items: Some(items), file: Some(file.clone()), fence, ..result })
+}
+
+/// What the file is to hold, and what else there is to say.
+async fn read_contents(
+    session: &mut Session,
+    args: &DownloadArgs,
+) -> Result<(Contents, String), MissionError> {
+    let path = &args.link.file;
+    let mut contents = Contents::default();
+    let fails = |source| FileError::Fence { path: path.clone(), source };
+    if let Some(kind) = args.list.map(MissionKind::from) {
+        let list = read_list(session, kind).await?;
+        contents.put(kind, list).map_err(fails)?;
+        return Ok((contents, String::new()));
+    }
+    contents.mission = read_list(session, MissionKind::Mission).await?;
+    let mut notes = String::new();
+    if path.extension().is_some_and(|e| e == "plan") {
+        for kind in [MissionKind::Fence, MissionKind::Rally] {
+            // Not every vehicle has these lists; the mission is worth having without them.
+            let put = match wire::download(session, kind).await {
+                Err(TransferError::Cancelled) => return Err(TransferError::Cancelled.into()),
+                Err(e) => Err(e.to_string()),
+                Ok(list) => contents.put(kind, list).map_err(|e| e.to_string()),
+            };
+            if let Err(why) = put {
+                notes.push_str(&format!("; its {kind} is not in it: {why}"));
+            }
+        }
+        if !contents.fence.is_empty() {
+            notes.insert_str(0, &format!(", with its geofence ({})", contents.fence.describe()));
+        }
+    }
+    Ok((contents, notes))
 }
 
 async fn open(args: &LinkArgs, stop: &CancellationToken) -> Result<Session, SessionError> {
-    Session::open(&args.connect, args.vehicle, Duration::from_secs(args.patience), stop).await
+    let to = Opening {
+        addresses: &args.connect,
+        vehicle: args.vehicle,
+        patience: Duration::from_secs(args.patience),
+        signing_key: args.signing_key.as_deref(),
+    };
+    Session::open(&to, stop).await
 }
 
 fn default_backup() -> PathBuf {

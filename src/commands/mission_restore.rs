@@ -1,10 +1,13 @@
 //! `gaware mission restore`: puts a backup back, or takes up an upload that was cut off by the end of the program or of the link.
 
-use super::mission::{LinkArgs, MissionError, RestoreArgs, UploadArgs, bring, teller};
+use super::mission::{LinkArgs, MissionError, RestoreArgs, UploadArgs, bring, bring_list, teller};
 use super::mission_result::{Action, MissionResult, OnVehicle};
+use crate::mission_link::files;
 use crate::mission_link::journal::Journal;
-use crate::mission_link::session::Session;
-use crate::mission_link::wire::{CutOff, Wire};
+use crate::mission_link::session::{Opening, Session};
+use crate::mission_link::wire::{self, CutOff, Wire};
+use gaware_mission::fence::Fence;
+use gaware_mission::item::{Mission, MissionKind};
 use gaware_mission::transfer::OnBoard;
 use gaware_mission::transfer::verified::{Goal, Options, Outcome};
 use std::path::{Path, PathBuf};
@@ -24,6 +27,17 @@ pub async fn restore(
         Some(file) => file.clone(),
         None => the_journal(Path::new("."))?,
     };
+    if let Some(list) = args.list {
+        if Journal::is_named(&file) {
+            return Err(MissionError::JournalIsWhole(file));
+        }
+        let kind = list.into();
+        let new = files::read_contents(&file)?.list(kind);
+        if new.items.is_empty() {
+            return Err(MissionError::Empty(file));
+        }
+        return bring_list(Action::Restore, kind, new, &as_upload(args, file), stop, say).await;
+    }
     if Journal::is_named(&file) {
         let journal = Journal::read(&file)?;
         return take_up(args, journal, stop, &mut say).await;
@@ -31,10 +45,17 @@ pub async fn restore(
     if args.new {
         return Err(MissionError::NotAJournal(file));
     }
-    let RestoreArgs { vehicle, patience, json, even_while_flying, .. } = *args;
-    let link = LinkArgs { connect: args.connect.clone(), file, vehicle, patience, json };
-    let upload = UploadArgs { link, backup: args.backup.clone(), even_while_flying };
-    bring(Action::Restore, &upload, stop, say).await
+    if files::read(&file)?.0.items.is_empty() {
+        return Err(MissionError::Empty(file));
+    }
+    bring(Action::Restore, &as_upload(args, file), stop, say).await
+}
+
+fn as_upload(args: &RestoreArgs, file: PathBuf) -> UploadArgs {
+    let RestoreArgs { vehicle, patience, json, even_while_flying, force, .. } = *args;
+    let signing_key = args.signing_key.clone();
+    let link = LinkArgs { connect: args.connect.clone(), file, vehicle, patience, signing_key, json };
+    UploadArgs { link, backup: args.backup.clone(), no_fence: false, force, even_while_flying }
 }
 
 /// The only journal in a folder.
@@ -66,17 +87,24 @@ async fn take_up(
     }
     say(&begun(&journal));
     let patience = Duration::from_secs(args.patience);
-    let mut session = Session::open(&args.connect, Some(journal.system_id), patience, stop).await?;
+    let to = Opening {
+        addresses: &args.connect,
+        vehicle: Some(journal.system_id),
+        patience,
+        signing_key: args.signing_key.as_deref(),
+    };
+    let mut session = Session::open(&to, stop).await?;
     let result = settle(args, &journal, &mut session, &other, say).await;
     session.close().await;
-    let (outcome, was) = result?;
+    let (outcome, was, fence_known) = result?;
     let (new, previous) = (journal.new.items.len(), journal.previous.items.len());
-    let (path, rest) = (journal.path.clone(), journal.settle(&outcome));
+    let path = journal.path.clone();
+    let rest = if fence_known { journal.settle(&outcome) } else { journal.left_words() };
     let on_vehicle = OnVehicle::of(&outcome);
     let (items, done, now) = match on_vehicle {
-        OnVehicle::New => (Some(new), true, format!("the new mission of {new} items")),
+        OnVehicle::New => (Some(new), fence_known, format!("the new mission of {new} items")),
         OnVehicle::Previous => {
-            (Some(previous), !args.new, format!("the previous mission of {previous} items"))
+            (Some(previous), !args.new && fence_known, format!("the previous mission of {previous} items"))
         }
         _ => (None, false, String::new()),
     };
@@ -85,19 +113,19 @@ async fn take_up(
     } else {
         format!("on the vehicle was: {was}. Now: {outcome}{rest}")
     };
-    let journal = (on_vehicle == OnVehicle::Unknown).then_some(path);
+    let journal = (on_vehicle == OnVehicle::Unknown || !fence_known).then_some(path);
     let result = MissionResult::new(Action::Restore, done, on_vehicle, text);
     MissionResult { items, was_on_vehicle: Some(was.to_string()), journal, ..result }.settled()
 }
 
-/// How it ended, and what was on the vehicle before.
+/// How it ended, what was on the vehicle before, and whether it is known which fence is there now.
 async fn settle(
     args: &RestoreArgs,
     journal: &Journal,
     session: &mut Session,
     other: &impl Fn(String) -> MissionError,
     say: &mut impl FnMut(&str),
-) -> Result<(Outcome, OnBoard), MissionError> {
+) -> Result<(Outcome, OnBoard, bool), MissionError> {
     let vehicle = session.vehicle();
     if vehicle.autopilot != journal.autopilot {
         return Err(other(format!("system {}, {:?}", vehicle.address.system, vehicle.autopilot)));
@@ -106,17 +134,28 @@ async fn settle(
     if let Some(why) = refusal {
         return Err(MissionError::Flying(why.to_string()));
     }
-    let got = session.download().await?;
+    let got = wire::download(session, MissionKind::Mission).await?;
     let was = OnBoard::judge(vehicle.autopilot, &journal.new, &journal.previous, &got);
     say(&format!("on the vehicle now: {was}"));
+    let goal = if args.new { Goal::New } else { Goal::Previous };
+    let patience_s = args.patience as f64;
+    // PX4 checks a mission against the fence it has: the fence comes first.
+    let mut fence_known = true;
+    if let Some((previous, new)) = &journal.fences {
+        let list = |fence: &Fence| Mission { home: None, items: fence.items() };
+        let cut_off = CutOff { kind: MissionKind::Fence, new: list(new), previous: list(previous), goal };
+        let fence = wire::resume(session, cut_off, Options::default(), patience_s, teller(say)).await;
+        fence_known = !matches!(fence, Outcome::Unknown { .. });
+        say(&fence.about(MissionKind::Fence));
+    }
     let cut_off = CutOff {
+        kind: MissionKind::Mission,
         new: journal.new.clone(),
         previous: journal.previous.clone(),
-        goal: if args.new { Goal::New } else { Goal::Previous },
+        goal,
     };
-    let patience = Duration::from_secs(args.patience);
-    let outcome = session.resume(cut_off, Options::default(), patience, teller(say)).await;
-    Ok((outcome, was))
+    let outcome = wire::resume(session, cut_off, Options::default(), patience_s, teller(say)).await;
+    Ok((outcome, was, fence_known))
 }
 
 fn begun(journal: &Journal) -> String {

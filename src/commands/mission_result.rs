@@ -15,6 +15,8 @@ pub enum Action {
     Download,
     /// `gaware mission restore`.
     Restore,
+    /// `gaware mission clear`.
+    Clear,
 }
 
 /// What is on the vehicle now.
@@ -61,6 +63,12 @@ pub struct MissionResult {
     pub file: Option<PathBuf>,
     /// Where the mission is that was on the vehicle before.
     pub backup: Option<PathBuf>,
+    /// What became of the geofence, in words; nothing where there is nothing to say.
+    pub fence: Option<String>,
+    /// What the pre-flight check warned of.
+    pub warnings: Vec<String>,
+    /// What the pre-flight check would have stopped, had --force not been given.
+    pub overridden: Vec<String>,
     /// Journal from which `gaware mission restore` goes on.
     pub journal: Option<PathBuf>,
     /// The same in a sentence.
@@ -79,6 +87,9 @@ impl MissionResult {
             was_on_vehicle: None,
             file: None,
             backup: None,
+            fence: None,
+            warnings: Vec::new(),
+            overridden: Vec::new(),
             journal: None,
             text,
         }

@@ -1,16 +1,18 @@
 //! The commands, a file each: arguments in, work done, one clear sentence when it fails.
 
+pub mod airframe;
 pub mod band;
 pub mod baseline;
 pub mod cli;
 pub mod demo;
 pub mod explain;
 pub mod mission;
+pub mod mission_args;
 pub mod mission_restore;
 pub mod mission_result;
 pub mod output;
-pub mod pipeline;
 pub mod plan;
+pub mod preflight;
 pub mod print;
 pub mod replay;
 pub mod report;
@@ -19,7 +21,7 @@ pub mod sim;
 pub mod start;
 pub mod study;
 pub mod study_blind;
-pub mod truth_comparison;
+pub mod study_endurance;
 
 use crate::link::address::AddressError;
 use crate::logs::LogError;
@@ -34,7 +36,7 @@ pub struct ListenArgs {
     /// Take inertial samples from this message (default: the best that arrives).
     #[arg(long, value_name = "MESSAGE")]
     pub source: Option<ImuSource>,
-    /// Listen to this system id (default: the first autopilot).
+    /// Listen to this system id (default: the autopilot that sends inertial data).
     #[arg(long, value_name = "ID")]
     pub vehicle: Option<u8>,
 }
@@ -107,6 +109,9 @@ pub enum CommandError {
     /// The paper's study.
     #[error(transparent)]
     Paper(#[from] crate::study::paper::PaperError),
+    /// The endurance study.
+    #[error(transparent)]
+    Endurance(#[from] crate::study::endurance::EnduranceError),
     /// A recorded CSV set.
     #[error(transparent)]
     Csv(#[from] crate::study::recorded::CsvError),
@@ -122,6 +127,12 @@ pub enum CommandError {
     /// A mission transfer.
     #[error(transparent)]
     Mission(#[from] mission::MissionError),
+    /// The pre-flight check.
+    #[error(transparent)]
+    Preflight(#[from] preflight::PreflightError),
+    /// The fit of an airframe.
+    #[error(transparent)]
+    Airframe(#[from] airframe::FitError),
     /// The explanation.
     #[error(transparent)]
     Explain(#[from] crate::explain::ExplainError),
@@ -148,6 +159,19 @@ pub enum CommandError {
         /// Address and reason of each.
         problems: String,
     },
+    /// A run that received nothing to estimate from.
+    #[error("{0}")]
+    Silent(String),
+    /// The recording of a run is not whole.
+    #[error("the recording {path} lacks {lost} of {of} items: was the disk full, or the file changed?")]
+    Recording {
+        /// File.
+        path: PathBuf,
+        /// Items that are not in it.
+        lost: u64,
+        /// Items in all.
+        of: u64,
+    },
     /// The result cannot be written.
     #[error("cannot write the result: {0}")]
     Output(#[from] std::io::Error),
@@ -168,6 +192,9 @@ impl CommandError {
             Self::Plan(error) => error.is_usage(),
             Self::Mission(error) => error.is_usage(),
             Self::Paper(crate::study::paper::PaperError::TooFewRuns) => true,
+            Self::Endurance(error) => {
+                !matches!(error, crate::study::endurance::EnduranceError::NoScenario(_))
+            }
             Self::Csv(crate::study::recorded::CsvError::UnknownSet(_)) => true,
             _ => false,
         }
@@ -190,8 +217,16 @@ pub fn progress_bar(total: u64, unit: &str) -> indicatif::ProgressBar {
 /// # Errors
 /// When it cannot be read, or is no model; the line is told where it is known.
 pub fn load_model(path: &Path) -> Result<Model, CommandError> {
-    let text = std::fs::read_to_string(path)
-        .map_err(|source| CommandError::Read { path: path.to_owned(), source })?;
+    let text = std::fs::read_to_string(path).map_err(|source| {
+        let source = match source.kind() {
+            std::io::ErrorKind::InvalidData => std::io::Error::new(
+                source.kind(),
+                "it is no text; a model is a TOML file (see `gaware explain`)",
+            ),
+            _ => source,
+        };
+        CommandError::Read { path: path.to_owned(), source }
+    })?;
     parse_model(&text, path)
 }
 

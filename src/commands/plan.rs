@@ -14,6 +14,10 @@ use serde_json::{Value, json};
 use std::fmt::Write;
 use std::path::PathBuf;
 
+/// What `--land` means for rotors.
+const LAND_OF_ROTORS: &str =
+    "--land changes nothing: the mission of a multirotor ends with a return to launch, which lands it";
+
 /// Maneuvers begin no higher than this above the floor, m.
 const CLIMB_M: f64 = 60.0;
 
@@ -117,7 +121,17 @@ pub fn run(args: &PlanArgs) -> Result<(), CommandError> {
         std::fs::write(path, text)
             .map_err(|source| PlanCommandError::from(FileError::Write { path: path.clone(), source }))?;
     }
-    if args.json { output::json(&document(&made)) } else { output::words(|out| print(out, &made, &request)) }
+    if let Some(path) = args.out.as_ref().filter(|p| p.extension().is_some_and(|e| e == "txt")) {
+        crate::sinks::log::line(&format!(
+            "{} was written as waypoints (QGC WPL 110), without the fence",
+            path.display()
+        ));
+    }
+    if args.json {
+        output::json(&document(&made, &request))
+    } else {
+        output::words(|out| print(out, &made, &request))
+    }
 }
 
 fn request(args: &PlanArgs) -> Result<Request, CommandError> {
@@ -186,15 +200,17 @@ fn check(args: &PlanArgs) -> Result<(), PlanCommandError> {
     Ok(())
 }
 
-fn document(made: &Plan) -> Value {
+fn document(made: &Plan, request: &Request) -> Value {
     let over_time = made.sigmas.iter().map(|at| json!({"t_s": at.t_s, "sigmas": at.sigmas}));
     let maneuvers = made.maneuvers.iter().map(|m| {
         json!({"maneuver": m.maneuver, "start_s": m.start_s, "end_s": m.end_s,
             "items": [m.items.start(), m.items.end()]})
     });
+    let of_rotors = (request.landing && !request.airframe.is_fixed_wing()).then(|| LAND_OF_ROTORS.to_owned());
+    let notes: Vec<String> = made.notes.iter().cloned().chain(of_rotors).collect();
     json!({"schema": "gaware.plan/1", "duration_s": made.duration_s, "items": made.mission.items.len(),
         "maneuvers": maneuvers.collect::<Vec<_>>(), "sigmas": over_time.collect::<Vec<_>>(), "states": made.states,
-        "notes": made.notes})
+        "notes": notes})
 }
 
 fn print(out: &mut String, made: &Plan, request: &Request) -> std::fmt::Result {
@@ -221,5 +237,8 @@ fn print(out: &mut String, made: &Plan, request: &Request) -> std::fmt::Result {
         writeln!(out, "{:>10.3}  {}", state.target, state.unit)?;
     }
     writeln!(out, "{}", made.summary())?;
+    if request.landing && !request.airframe.is_fixed_wing() {
+        writeln!(out, "note: {LAND_OF_ROTORS}")?;
+    }
     made.notes.iter().try_for_each(|note| writeln!(out, "note: {note}"))
 }

@@ -1,15 +1,11 @@
 //! `gaware replay LOG`: the pipeline over a recorded flight.
 
-use super::pipeline::{Estimator, Pipeline};
 use super::{CommandError, ListenArgs, baseline, load_model, output, parse_model, print, progress_bar};
-use crate::logs::{self, Damage, LogError};
-use crate::sensors::ConverterOptions;
+use crate::logs::Damage;
+use crate::pipeline::{Estimator, Pipeline, Recorded};
 use gaware_nav::model::Model;
 use serde_json::{Map, Value, json};
 use std::path::PathBuf;
-
-/// Records between two looks at the progress.
-const PROGRESS_EVERY: u64 = 4096;
 
 /// Arguments of `replay`.
 #[derive(Debug, Clone, clap::Args)]
@@ -58,45 +54,22 @@ pub fn replay<E: Estimator>(
     args: &ReplayArgs,
     make: impl FnOnce(Model) -> E,
 ) -> Result<(Pipeline<E>, Map<String, Value>), CommandError> {
-    let mut reader = logs::open(&args.log)?;
-    let setup = logs::mcap::recorded_setup(&args.log);
-    let model = match (&args.model, &setup) {
+    let recorded = Recorded::open(&args.log, args.listen.options())?;
+    let model = match (&args.model, recorded.setup()) {
         (Some(path), _) => load_model(path)?,
         (None, Some(setup)) => parse_model(&setup.model_toml, &args.log)?,
         (None, None) => Model::standard(),
     };
-    let recorded = setup.map(|s| s.converter).unwrap_or_default();
-    let options = ConverterOptions {
-        source: args.listen.source.or(recorded.source),
-        vehicle: args.listen.vehicle.or(recorded.vehicle),
-    };
-    let mut pipeline = Pipeline::new(options, make(model), args.truth_from);
-    pipeline.set_autopilot(reader.autopilot());
-    let bar = progress_bar(reader.progress().total_bytes, "bytes");
-    let mut records = 0_u64;
-    while let Some(record) = reader.next() {
-        match record {
-            Ok(record) => pipeline.record(&record),
-            // What was read before a failing disk is still a result.
-            Err(error @ LogError::Read { .. }) if records > 0 => {
-                tracing::warn!(%error, "the log is used up to here");
-                break;
-            }
-            Err(error) => return Err(error.into()),
-        }
-        records += 1;
-        if records.is_multiple_of(PROGRESS_EVERY) {
-            bar.set_position(reader.progress().read_bytes);
-        }
-    }
+    let bar = progress_bar(recorded.total_bytes(), "bytes");
+    let (pipeline, damage) = recorded.run(make(model), args.truth_from, &|bytes| bar.set_position(bytes))?;
     bar.finish_and_clear();
     let mut document = pipeline.document();
-    tell_damage(reader.damage(), &mut document);
+    add_damage(damage, &mut document);
     Ok((pipeline, document))
 }
 
 /// A damaged log says so in the result; the field is absent for a good one.
-fn tell_damage(damage: Damage, document: &mut Map<String, Value>) {
+fn add_damage(damage: Damage, document: &mut Map<String, Value>) {
     if !damage.any() {
         return;
     }

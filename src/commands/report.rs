@@ -1,11 +1,13 @@
 //! `gaware report LOG`: one flight as a page for people.
 
-use super::pipeline::Estimator;
 use super::replay::{self, ReplayArgs};
 use super::{CommandError, ListenArgs, demo, output};
 use crate::engine::snapshot::{Snapshot, Summary};
 use crate::engine::{Engine, EngineOptions};
-use crate::report::flight::{self, FlightLog};
+use crate::logs;
+use crate::pipeline::{Consumer, Estimator};
+use crate::report::flight::{self, FlightLog, Origin};
+use gaware_nav::observability::words::VehicleKind;
 use gaware_nav::sample::Sample;
 use std::path::{Path, PathBuf};
 
@@ -66,12 +68,52 @@ pub fn run(args: &ReportArgs) -> Result<(), CommandError> {
     };
     let make = |model| Logged { engine: Engine::new(model, options), log: FlightLog::default() };
     let (pipeline, document) = replay::replay(&request, make)?;
-    let name = args.log.file_name().unwrap_or_default().to_string_lossy();
-    let page = flight::html(&name, &pipeline.summary(), &document, &pipeline.engine().log)
+    let origin = Origin {
+        log: args.log.file_name().unwrap_or_default().to_string_lossy().into_owned(),
+        date: date_of(&args.log),
+        model: model_of(args),
+    };
+    let page = flight::html(&origin, &pipeline.summary(), &document, &pipeline.engine().log)
         .map_err(ReportError::Draw)?;
     let out = args.out.clone().unwrap_or_else(|| beside(&args.log));
     std::fs::write(&out, page).map_err(|source| ReportError::Write { path: out.clone(), source })?;
     output::text(&format!("report: {}\n", out.display()))
+}
+
+/// The day and time at which the log begins, where its entries carry the date (logs of links do, those of autopilots count from
+/// their start).
+fn date_of(log: &Path) -> String {
+    /// 2001-09-09 in µs: what is smaller counts from a start.
+    const FIRST_DATE_US: u64 = 1_000_000_000_000_000;
+    let first = logs::open(log).ok().and_then(|mut reader| reader.next()).and_then(Result::ok);
+    let at = first.map(|r| r.t_us).filter(|t| *t > FIRST_DATE_US);
+    at.map_or_else(String::new, |t_us| {
+        let (days, rest_s) = ((t_us / 86_400_000_000) as i64, t_us / 1_000_000 % 86_400);
+        let (year, month, day) = civil(days);
+        format!("{year}-{month:02}-{day:02} {:02}:{:02} UTC", rest_s / 3600, rest_s / 60 % 60)
+    })
+}
+
+/// Year, month and day of the proleptic Gregorian calendar from the days since 1970-01-01 (H. Hinnant, "chrono-Compatible
+/// Low-Level Date Algorithms", `civil_from_days`).
+fn civil(days: i64) -> (i64, i64, i64) {
+    let z = days + 719_468;
+    let era = z.div_euclid(146_097);
+    let doe = z.rem_euclid(146_097);
+    let yoe = (doe - doe / 1460 + doe / 36_524 - doe / 146_096) / 365;
+    let doy = doe - (365 * yoe + yoe / 4 - yoe / 100);
+    let mp = (5 * doy + 2) / 153;
+    let (day, month) = (doy - (153 * mp + 2) / 5 + 1, if mp < 10 { mp + 3 } else { mp - 9 });
+    (yoe + 400 * era + i64::from(month <= 2), month, day)
+}
+
+/// Which model was taken, in words.
+fn model_of(args: &ReportArgs) -> String {
+    match &args.model {
+        Some(path) => path.file_name().unwrap_or_default().to_string_lossy().into_owned(),
+        None if logs::mcap::recorded_setup(&args.log).is_some() => "the recording's own".to_owned(),
+        None => "standard (g-sensitivity and GNSS latency estimated)".to_owned(),
+    }
 }
 
 /// The log's name with another ending, in the present folder.
@@ -88,12 +130,22 @@ struct Logged {
     log: FlightLog,
 }
 
-impl Estimator for Logged {
+impl Consumer for Logged {
     fn feed(&mut self, sample: &Sample) {
         self.engine.feed(sample);
-        self.log.push(sample, &self.engine);
+        self.log.push(sample, &mut self.engine);
     }
 
+    fn set_vehicle(&mut self, kind: VehicleKind) {
+        self.engine.set_vehicle(kind);
+    }
+
+    fn attitude(&mut self) -> Option<(f64, [f64; 3])> {
+        self.engine.attitude()
+    }
+}
+
+impl Estimator for Logged {
     fn snapshot(&self) -> Snapshot {
         self.engine.snapshot()
     }
@@ -101,8 +153,14 @@ impl Estimator for Logged {
     fn summary(&self) -> Summary {
         self.engine.summary()
     }
+}
 
-    fn attitude(&self) -> Option<(f64, [f64; 3])> {
-        self.engine.attitude()
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn days_become_dates() {
+        assert_eq!([civil(0), civil(19_782), civil(-1)], [(1970, 1, 1), (2024, 2, 29), (1969, 12, 31)]);
     }
 }

@@ -1,10 +1,8 @@
 //! `gaware run`: the daemon. Frames of all links go through converter and engine in one task, in the order in which they are
 //! recorded, so that a replay of the recording repeats the run.
 
-use super::band::BandArgs;
-use super::pipeline::{Estimator, Pipeline};
-use super::{CommandError, ListenArgs, load_model, output, print};
-use crate::engine::snapshot::Snapshot;
+use super::{CommandError, demo, load_model, output, print};
+use crate::engine::snapshot::{Phase, Snapshot};
 use crate::link::address::Address;
 use crate::link::endpoint::{LinkStatus, Links, ReceiveClock, Received};
 use crate::link::frame::Frame;
@@ -12,23 +10,31 @@ use crate::link::heartbeat::Voice;
 use crate::link::rates::{RateAction, RateKeeper, needs};
 use crate::link::timesync::Timesync;
 use crate::mission_link::uploader::RawMessage;
+use crate::pipeline::{Estimator, Pipeline};
 use crate::sensors::{AUTOPILOT_COMPONENT, ConverterOptions, ImuSource, Notice, Severity};
-use crate::sinks::recorder::{RecordItem, Recorder, RecorderStats, Setup, recording_path};
+use crate::sinks::events::Causes;
+use crate::sinks::recorder::{RecordItem, Recorder, RecorderStats, Setup};
+use gaware_mission::item::Mission;
 use gaware_nav::model::Model;
-use mavlink::dialects::ardupilotmega::MavMessage;
+use gaware_nav::observability::words::VehicleKind;
+use mavlink::dialects::ardupilotmega::{MavCmd, MavMessage};
 use serde::Serialize;
 use serde_json::{Map, Value};
-use std::net::SocketAddr;
-use std::path::PathBuf;
 use std::sync::Arc;
 use std::time::Duration;
 use tokio::sync::{mpsc, watch};
 use tokio::time::MissedTickBehavior;
 use tokio_util::sync::CancellationToken;
 
-mod guard;
+mod args;
+pub(crate) mod guard;
+pub mod mission_watch;
+mod outcome;
 
+pub use args::RunArgs;
 use guard::Guard;
+use mission_watch::MissionWatch;
+use outcome::{heard_anything, incomplete, report_losses};
 
 /// Period of heartbeat, rate and time requests.
 const HOUSEKEEPING: Duration = Duration::from_millis(50);
@@ -38,76 +44,26 @@ const SNAPSHOT: Duration = Duration::from_millis(200);
 const TRUTH_FROM_S: f64 = 150.0;
 /// Id of `TIMESYNC`.
 const TIMESYNC: u32 = 111;
-
-/// Arguments of `run`.
-#[derive(Debug, Clone, clap::Args)]
-pub struct RunArgs {
-    /// Link to the vehicle: serial:/dev/ttyAMA0:921600, udpin:0.0.0.0:14550, udpout:HOST:PORT or tcpout:HOST:PORT; may
-    /// be given several times.
-    #[arg(long, value_name = "ADDR", required = true)]
-    pub connect: Vec<Address>,
-    /// Model of the sensors (default: g-sensitivity and GNSS latency are estimated).
-    #[arg(long, value_name = "FILE")]
-    pub model: Option<PathBuf>,
-    /// Where to record: a folder, or a file that ends in .mcap.
-    #[arg(long, value_name = "PATH", default_value = "recordings", conflicts_with = "no_record")]
-    pub record: PathBuf,
-    /// Do not record.
-    #[arg(long)]
-    pub no_record: bool,
-    /// Do not draw on the terminal.
-    #[arg(long)]
-    pub headless: bool,
-    /// Rate of inertial messages to ask for, Hz.
-    #[arg(long, value_name = "HZ", default_value_t = 200, value_parser = clap::value_parser!(u16).range(1..=1000))]
-    pub rate: u16,
-    /// What flies, for guidance: small_fixed_wing, large_fixed_wing, quadrotor, or a file that describes it. Without it no
-    /// maneuver is proposed.
-    #[arg(long, value_name = "NAME|FILE")]
-    pub airframe: Option<String>,
-    /// Heights that proposed maneuvers keep to.
-    #[command(flatten)]
-    pub band: BandArgs,
-    /// Whom to listen to.
-    #[command(flatten)]
-    pub listen: ListenArgs,
-    /// Sign with this key (32 bytes or 64 hexadecimal digits) and believe only frames signed with it. The last time used
-    /// is kept beside it.
-    #[arg(long, value_name = "FILE")]
-    pub signing_key: Option<PathBuf>,
-    /// Serve the web page on this address.
-    #[arg(long, value_name = "ADDR")]
-    pub web: Option<SocketAddr>,
-    /// Token that the web page asks for; without one, a page on any other than this machine's own address makes one up.
-    #[arg(long, value_name = "TOKEN", env = "GAWARE_WEB_TOKEN", hide_env_values = true)]
-    pub web_token: Option<String>,
-    /// A planned mission (.plan or .waypoints, see `gaware plan`) that may be uploaded from the page or the terminal; nothing is
-    /// uploaded before somebody asks for it there and confirms. The mission before is kept in a file beside it.
-    #[arg(long, value_name = "FILE")]
-    pub mission: Option<PathBuf>,
-    /// Print the result as one JSON document.
-    #[arg(long)]
-    pub json: bool,
-    /// Stop after this many seconds.
-    #[arg(long, value_name = "SECONDS", value_parser = seconds)]
-    pub duration: Option<Duration>,
-}
-
-/// Seconds that make sense as the length of a run.
-fn seconds(text: &str) -> Result<Duration, String> {
-    let number = text.parse::<f64>().ok().filter(|s| (0.0..=1e9).contains(s));
-    number.map(Duration::from_secs_f64).ok_or_else(|| "write a number of seconds from 0 to 1e9".to_owned())
-}
+/// Id of `COMMAND_ACK`.
+const COMMAND_ACK: u32 = 77;
+/// At the end each rate is given back up to so often, …
+const GIVE_BACK_TRIES: u32 = 2;
+/// … each time waiting so long for the answer.
+const GIVE_BACK_PATIENCE: Duration = Duration::from_millis(400);
 
 /// Everything a screen shows at one instant.
 #[derive(Debug, Clone, Default, Serialize)]
 pub struct Live {
     /// The estimator.
     pub snapshot: Snapshot,
+    /// System id of the vehicle that it listens to.
+    pub vehicle: Option<u8>,
     /// The links.
     pub links: Vec<LinkStatus>,
     /// The recording.
     pub recorder: Option<RecorderStats>,
+    /// The recording's file; empty where there is none.
+    pub recording: String,
     /// What the user was told lately, newest last.
     pub events: Vec<Event>,
     /// Round trip to the autopilot, ms.
@@ -137,6 +93,8 @@ pub struct Hooks {
     pub outbox: mpsc::Receiver<MavMessage>,
     /// Messages by id and payload, for the mission transfer; sent in the same way.
     pub raw_outbox: mpsc::Receiver<RawMessage>,
+    /// The mission that is planned, where there is one: what its items are.
+    pub mission: Option<Mission>,
     /// Gets a copy of every frame that arrives, for protocols with the vehicle; slow readers lose their own.
     pub frames: tokio::sync::broadcast::Sender<Received>,
 }
@@ -154,21 +112,14 @@ pub async fn run<E: Estimator>(
 ) -> Result<(), CommandError> {
     let live = hooks.live.subscribe();
     let (pipeline, document) = serve(args, hooks, stop, make).await?;
+    let heard = heard_anything(&pipeline, &live.borrow().links);
     if args.json {
         output::json(&document)?;
-    } else {
+    } else if heard.is_ok() {
         output::text(&print::summary(&pipeline.summary(), &document))?;
     }
-    never_open(&live.borrow().links)
-}
-
-/// An error when not one link could ever be opened.
-fn never_open(links: &[LinkStatus]) -> Result<(), CommandError> {
-    if links.iter().any(|l| l.openings > 0) {
-        return Ok(());
-    }
-    let problems = links.iter().map(|l| format!("{}: {}", l.address, l.problem));
-    Err(CommandError::NoLink { problems: problems.collect::<Vec<_>>().join("; ") })
+    heard?;
+    incomplete(&document)
 }
 
 /// Runs until `stop` or the duration, and gives the pipeline at the end with the result.
@@ -184,13 +135,18 @@ pub async fn serve<E: Estimator>(
     let model = args.model.as_deref().map_or_else(|| Ok(Model::standard()), load_model)?;
     let clock = ReceiveClock::start();
     let options = args.listen.options();
-    let guard = args.signing_key.as_deref().map(|path| Guard::load(path, clock.now_us())).transpose()?;
+    let guard = args.signing_key.as_deref().map(Guard::load).transpose()?;
     let recorder = start_recorder(args, &model, options, clock.now_us())?;
     // The engine gets the model as a replay will read it, to the last digit.
     let model = Model::from_toml(&model.to_toml()).unwrap_or(model);
+    let mut hooks = hooks;
+    let hooks_mission = hooks.mission.take();
+    let mut pipeline = Pipeline::new(options, make(model), TRUTH_FROM_S);
+    pipeline.decide_vehicle_kind(args.airframe.as_deref().map(airframe_kind).transpose()?);
     let mut session = Session {
-        pipeline: Pipeline::new(options, make(model), TRUTH_FROM_S),
-        links: Links::start(&args.connect, clock, &stop),
+        pipeline,
+        // The links outlive a cancellation: the rates are given back over them.
+        links: Links::start(&args.connect, clock, &CancellationToken::new()),
         clock,
         recorder,
         voice: Voice::new(),
@@ -199,17 +155,25 @@ pub async fn serve<E: Estimator>(
         hooks,
         guard,
         events: Vec::new(),
+        causes: Causes::default(),
+        mission: MissionWatch::new(hooks_mission),
+        systems_named: (0, 0),
         imu_hz: usable_rate(args),
         source: args.listen.source,
     };
     session.until(stop, args.duration).await;
-    let document = session.pipeline.document();
+    let mut document = session.pipeline.document();
+    session.give_rates_back().await;
+    if let Some(guard) = &mut session.guard {
+        guard.close();
+    }
     session.links.stop().await;
     if let Some(recorder) = session.recorder {
         let path = recorder.path().to_owned();
         // The writer may have seconds of work left.
         let stats = tokio::task::spawn_blocking(move || recorder.finish()).await.unwrap_or_default();
         tracing::info!(path = %path.display(), ?stats, "recording closed");
+        report_losses(&path, stats, &mut document);
     }
     Ok((session.pipeline, document))
 }
@@ -228,11 +192,17 @@ fn start_recorder(
         links: args.connect.iter().map(Address::to_string).collect(),
         converter,
         model_toml: model.to_toml(),
+        vehicle: args.airframe.as_deref().map(airframe_kind).transpose()?,
     };
-    let path = recording_path(&args.record, now_us);
-    let recorder = Recorder::start(&path, &setup)?;
-    tracing::info!(path = %path.display(), "recording");
+    let recorder = Recorder::start_in(&args.record, now_us, &setup)?;
+    tracing::info!(path = %recorder.path().display(), "recording");
     Ok(Some(recorder))
+}
+
+/// What flies by the airframe that the user names: a replay must speak of the same.
+fn airframe_kind(name: &str) -> Result<VehicleKind, CommandError> {
+    let wing = demo::load_airframe(name)?.is_fixed_wing();
+    Ok(if wing { VehicleKind::FixedWing } else { VehicleKind::Multirotor })
 }
 
 /// The rate asked for, lowered to what a serial line can carry: `RAW_IMU` alone takes 41 bytes of 10 bits, and a third
@@ -256,6 +226,10 @@ struct Session<E> {
     hooks: Hooks,
     guard: Option<Guard>,
     events: Vec<Event>,
+    causes: Causes,
+    mission: MissionWatch,
+    /// How many systems were named, and which of them as followed.
+    systems_named: (usize, u8),
     imu_hz: u16,
     source: Option<ImuSource>,
 }
@@ -290,10 +264,46 @@ impl<E: Estimator> Session<E> {
         self.show();
     }
 
+    /// Leaves the vehicle's message rates as they were found. What arrives meanwhile is no longer part of the run.
+    async fn give_rates_back(&mut self) {
+        let Some(rates) = self.rates.take() else { return };
+        for message in rates.give_back() {
+            if !self.links.handles().iter().any(|h| h.status().up) {
+                return;
+            }
+            let mut answered = false;
+            for _ in 0..GIVE_BACK_TRIES {
+                self.say(&message);
+                if tokio::time::timeout(GIVE_BACK_PATIENCE, self.acknowledged()).await.is_ok() {
+                    answered = true;
+                    break;
+                }
+            }
+            if !answered {
+                tracing::info!("the vehicle does not answer; its message rates stay as they are");
+                return;
+            }
+        }
+    }
+
+    /// Waits for the vehicle to answer a request for a rate.
+    async fn acknowledged(&mut self) {
+        while let Some(received) = self.links.next().await {
+            let from_vehicle = self.pipeline.converter().vehicle() == Some(received.frame.system_id);
+            if from_vehicle
+                && received.frame.message_id == COMMAND_ACK
+                && let Ok(MavMessage::COMMAND_ACK(ack)) = received.frame.decode()
+                && ack.command == MavCmd::MAV_CMD_SET_MESSAGE_INTERVAL
+            {
+                return;
+            }
+        }
+    }
+
     fn take(&mut self, received: Received) {
         let t_us = received.t_us;
         // What is not believed is not recorded either: the recording is what the converter saw.
-        if let Some(refusal) = self.guard.as_mut().and_then(|g| g.refuse(&received.frame)) {
+        if let Some(refusal) = self.guard.as_mut().and_then(|g| g.refuse(&received.frame, t_us)) {
             if let Some(text) = refusal.first_of_its_kind {
                 self.tell(t_us, Severity::Warning, text);
             }
@@ -310,6 +320,7 @@ impl<E: Estimator> Session<E> {
         for notice in notices {
             self.react(t_us, &notice);
         }
+        self.name_systems(t_us);
         if let Some(rates) = &mut self.rates {
             let mut actions = Vec::new();
             rates.receive(self.clock.now_us(), &received.frame, &mut actions);
@@ -324,8 +335,28 @@ impl<E: Estimator> Session<E> {
         {
             self.say(&answer);
         }
+        if self.pipeline.converter().vehicle() == Some(received.frame.system_id) {
+            self.mission.receive(t_us as f64 * 1e-6, &received.frame);
+        }
         // Nobody may be listening.
         let _ = self.hooks.frames.send(received);
+    }
+
+    /// Names every system heard, once there are several.
+    fn name_systems(&mut self, t_us: u64) {
+        let converter = self.pipeline.converter();
+        let systems = converter.systems();
+        let Some(vehicle) = converter.vehicle() else { return };
+        let now = (systems.len(), vehicle);
+        if systems.len() < 2 || now == self.systems_named || !systems.is_proven(vehicle) {
+            return;
+        }
+        self.systems_named = now;
+        let text = format!(
+            "several vehicles are heard: {}; system {vehicle} is followed (--vehicle chooses another)",
+            systems.words()
+        );
+        self.tell(t_us, Severity::Warning, text);
     }
 
     fn react(&mut self, t_us: u64, notice: &Notice) {
@@ -333,6 +364,7 @@ impl<E: Estimator> Session<E> {
         match notice {
             Notice::Vehicle { system_id, autopilot } => {
                 self.voice.belongs_to(*system_id);
+                self.links.follow(*system_id);
                 let wanted = needs(*autopilot, self.imu_hz, self.source);
                 self.rates = Some(RateKeeper::new(*system_id, *autopilot, wanted, now_us));
             }
@@ -359,6 +391,7 @@ impl<E: Estimator> Session<E> {
     }
 
     fn tell(&mut self, t_us: u64, severity: Severity, text: String) {
+        let Some(text) = self.causes.admit(t_us as f64 * 1e-6, &text) else { return };
         match severity {
             Severity::Info => tracing::info!("{text}"),
             Severity::Warning => tracing::warn!("{text}"),
@@ -402,21 +435,62 @@ impl<E: Estimator> Session<E> {
 
     fn send(&mut self, frame: Frame) {
         let now_us = self.clock.now_us();
-        let frame = self.guard.as_mut().map_or_else(|| frame.clone(), |g| g.sign(&frame, now_us));
-        self.links.broadcast(&frame);
+        let Some(guard) = &mut self.guard else { return self.links.broadcast(&frame) };
+        // Each link is a stream of signatures of its own.
+        for (link, handle) in self.links.handles().iter().enumerate() {
+            handle.send(guard.sign(&frame, u8::try_from(link).unwrap_or(u8::MAX), now_us));
+        }
     }
 
     fn show(&mut self) {
-        let snapshot = self.pipeline.snapshot();
-        self.record(RecordItem::Snapshot(self.clock.now_us(), Box::new(snapshot.clone())));
+        let now_us = self.clock.now_us();
+        if let Some(report) = self.mission.take_report(now_us as f64 * 1e-6) {
+            self.tell(now_us, Severity::Warning, report);
+        }
+        let mut snapshot = self.pipeline.snapshot();
+        self.with_mission(now_us, &mut snapshot);
+        self.with_systems(&mut snapshot);
+        self.record(RecordItem::Snapshot(now_us, Box::new(snapshot.clone())));
         let live = Live {
             snapshot,
+            vehicle: self.pipeline.converter().vehicle(),
             links: self.links.handles().iter().map(|h| h.status()).collect(),
             recorder: self.recorder.as_ref().map(Recorder::stats),
+            recording: self.recorder.as_ref().map_or_else(String::new, |r| r.path().display().to_string()),
             events: self.events.clone(),
             round_trip_ms: self.timesync.round_trip_ns().map(|ns| ns as f64 * 1e-6),
         };
         self.hooks.live.send_replace(Arc::new(live));
+    }
+
+    /// Who waits for inertial data wants to know whom it hears.
+    fn with_systems(&self, snapshot: &mut Snapshot) {
+        if snapshot.phase != Phase::WaitingForImu {
+            return;
+        }
+        let converter = self.pipeline.converter();
+        let heard = converter.systems().words();
+        snapshot.waiting_for = match converter.vehicle() {
+            Some(vehicle) if !heard.is_empty() => {
+                format!("no inertial samples yet of vehicle {vehicle}; heard: {heard}")
+            }
+            _ => "no heartbeat of an autopilot yet: is it connected, and is this its port and baud rate?"
+                .to_owned(),
+        };
+    }
+
+    /// While the autopilot flies its mission nobody is asked to fly anything else.
+    fn with_mission(&self, now_us: u64, snapshot: &mut Snapshot) {
+        snapshot.mission = self.mission.progress(now_us as f64 * 1e-6);
+        if snapshot.mission.flying {
+            let guidance = &mut snapshot.guidance;
+            guidance.instruction.clear();
+            guidance.progress = 0.0;
+            guidance.reason = format!("the autopilot flies item {} of its mission", snapshot.mission.item);
+        }
+        if !snapshot.mission.stuck.is_empty() {
+            snapshot.warnings.push(snapshot.mission.stuck.clone());
+        }
     }
 
     fn record(&self, item: RecordItem) {

@@ -9,11 +9,13 @@ use crate::engine::snapshot::{Phase, Snapshot};
 use crate::engine::{Engine, EngineOptions};
 use crate::link::framer::FramerStats;
 use crate::mission_link::uploader::{Planned, Uploader};
+use crate::mission_link::{files, watch as vehicle_watch};
+use crate::sinks::log;
 use crate::sinks::recorder::RecorderStats;
 use crate::sinks::status::{
     LinkState, LinkView, MissionState, MissionView, RecorderState, RecorderView, SinkStatus,
 };
-use crate::sinks::telemetry::{Telemetry, TelemetryConfig};
+use crate::sinks::telemetry::{Telemetry, TelemetryLevel};
 use crate::sinks::terminal::{self, Sources, headless};
 use crate::sinks::web::{self, WebState, access::Token};
 use mavlink::dialects::ardupilotmega::MavMessage;
@@ -37,6 +39,7 @@ const SILENT: Duration = Duration::from_secs(3);
 /// # Errors
 /// When the system gives no threads.
 pub fn runtime() -> Result<tokio::runtime::Runtime, CommandError> {
+    log::start()?;
     tracing_to_stderr();
     Ok(tokio::runtime::Builder::new_multi_thread().worker_threads(2).enable_all().build()?)
 }
@@ -51,17 +54,52 @@ fn tracing_to_stderr() {
     let _ = tracing_subscriber::fmt()
         .with_env_filter(filter)
         .with_ansi(colour)
-        .with_writer(std::io::stderr)
+        .with_writer(log::Stderr::default)
         .try_init();
 }
 
-/// Cancels at Ctrl-C or SIGTERM.
+/// Cancels at Ctrl-C, SIGTERM, or SIGHUP, which a terminal or ssh session that goes away sends.
 pub fn cancel_on_signal(stop: &CancellationToken) {
     let stop = stop.clone();
     tokio::spawn(async move {
-        run::wait_for_signal().await;
+        any_signal().await;
         stop.cancel();
     });
+}
+
+/// Ctrl-C, SIGTERM or SIGHUP.
+pub(super) async fn any_signal() {
+    tokio::select! {
+        () = run::wait_for_signal() => {}
+        () = hangup() => {}
+    }
+}
+
+/// SIGHUP; never where the process was started to outlive its terminal (`nohup`).
+async fn hangup() {
+    #[cfg(unix)]
+    {
+        use tokio::signal::unix::{SignalKind, signal};
+        // The handler goes in once; after that the system says that the signal is caught.
+        static IGNORED: std::sync::OnceLock<bool> = std::sync::OnceLock::new();
+        if !*IGNORED.get_or_init(hangup_is_ignored)
+            && let Ok(mut hangup) = signal(SignalKind::hangup())
+        {
+            hangup.recv().await;
+            return;
+        }
+    }
+    std::future::pending::<()>().await;
+}
+
+/// Whether SIGHUP was ignored when the process started, as Linux tells; elsewhere it is taken to be not.
+#[cfg(unix)]
+fn hangup_is_ignored() -> bool {
+    /// Signal 1 is the lowest bit.
+    const HANGUP: u64 = 1;
+    let status = std::fs::read_to_string("/proc/self/status").unwrap_or_default();
+    let mask = status.lines().find_map(|line| line.strip_prefix("SigIgn:"));
+    mask.and_then(|m| u64::from_str_radix(m.trim(), 16).ok()).is_some_and(|m| m & HANGUP != 0)
 }
 
 /// Runs `gaware run` to its end.
@@ -97,9 +135,20 @@ async fn with_sinks(args: &RunArgs) -> Result<(), CommandError> {
     let (raw, raw_outbox) = mpsc::channel(OUTBOX);
     let mut requests = None;
     let mut uploads = None;
+    let mut mission = None;
     if let Some(path) = &args.mission {
         let planned = Planned::load(path).map_err(MissionError::from)?;
-        let uploader = Uploader::new(planned, args.listen.vehicle, frames.subscribe(), raw, status.clone());
+        let (planned_mission, fence) = files::read(path).map_err(MissionError::from)?;
+        status.set_route(vehicle_watch::route(&planned_mission, &fence));
+        mission = Some(planned_mission);
+        let uploader = Uploader::new(
+            planned,
+            args.listen.vehicle,
+            frames.subscribe(),
+            raw,
+            live_rx.clone(),
+            status.clone(),
+        );
         // One at a time; whoever comes second is told so.
         let (sender, receiver) = mpsc::channel(1);
         requests = Some(sender);
@@ -111,10 +160,12 @@ async fn with_sinks(args: &RunArgs) -> Result<(), CommandError> {
         serve_web(address, args.web_token.as_deref(), sources(), &stop).await?;
     }
     if args.headless || args.json || show_terminal(sources(), &asked).is_err() {
-        tokio::spawn(headless::run(sources(), headless::PERIOD, tokio::io::stderr(), stop.clone()));
+        tokio::spawn(headless::run(sources(), headless::PERIOD, log::Stderr, stop.clone()));
     }
-    tokio::spawn(relay(live_rx, snapshots, outbox, status, stop.clone()));
-    let hooks = Hooks { live, outbox: outbox_rx, raw_outbox, frames };
+    let seen = vehicle_watch::Watch::new(args.listen.vehicle);
+    tokio::spawn(vehicle_watch::run(seen, frames.subscribe(), status.clone(), stop.clone()));
+    tokio::spawn(relay(live_rx, snapshots, outbox, status, args.telemetry, stop.clone()));
+    let hooks = Hooks { live, outbox: outbox_rx, raw_outbox, mission, frames };
     let duration = args.duration;
     let ends = stop.clone();
     tokio::spawn(async move {
@@ -154,8 +205,9 @@ pub async fn serve_web(
     stop: &CancellationToken,
 ) -> Result<SocketAddr, CommandError> {
     let fail = |source: std::io::Error| CommandError::Web { address, reason: source.to_string() };
-    let listener = tokio::net::TcpListener::bind(address).await.map_err(fail)?;
+    let listener = web::door::bind(address).map_err(fail)?;
     let bound = listener.local_addr().map_err(fail)?;
+    let shown = address_to_open(bound);
     let mut state = WebState::new(sources.snapshots, sources.status);
     if let Some(requests) = sources.requests.clone() {
         state = state.with_commands(requests);
@@ -164,15 +216,15 @@ pub async fn serve_web(
     match token {
         Some(text) => {
             state = state.with_token(Token::new(text).map_err(refuse)?);
-            eprintln!("web page: http://{bound}/ (with the token given)");
+            log::line(&format!("web page: http://{shown}/ (with the token given)"));
         }
         // An upload needs a token, also from this machine.
         None if !bound.ip().is_loopback() || sources.requests.is_some() => {
             let token = Token::random().map_err(refuse)?;
-            eprintln!("web page: http://{bound}/?token={}", token.reveal());
+            log::line(&format!("web page: http://{shown}/?token={}", token.reveal()));
             state = state.with_token(token);
         }
-        None => eprintln!("web page: http://{bound}/"),
+        None => log::line(&format!("web page: http://{shown}/")),
     }
     let stop = stop.clone();
     tokio::spawn(async move {
@@ -183,15 +235,38 @@ pub async fn serve_web(
     Ok(bound)
 }
 
+/// The address that a browser opens: nobody can open 0.0.0.0, so it is this machine's own towards the default route, where there is one.
+fn address_to_open(bound: SocketAddr) -> SocketAddr {
+    if !bound.ip().is_unspecified() {
+        return bound;
+    }
+    let (any, elsewhere): (SocketAddr, SocketAddr) = match bound {
+        SocketAddr::V4(_) => (([0, 0, 0, 0], 0).into(), ([192, 0, 2, 1], 9).into()),
+        SocketAddr::V6(_) => (([0_u16; 8], 0).into(), ([0x2001, 0xdb8, 0, 0, 0, 0, 0, 1], 9).into()),
+    };
+    // Connecting a UDP socket sends nothing; it only chooses the interface.
+    let own = std::net::UdpSocket::bind(any).and_then(|s| {
+        s.connect(elsewhere)?;
+        s.local_addr()
+    });
+    let own = own.map(|a| a.ip()).ok().filter(|ip| !ip.is_unspecified());
+    let loopback = match bound {
+        SocketAddr::V4(_) => std::net::IpAddr::V4(std::net::Ipv4Addr::LOCALHOST),
+        SocketAddr::V6(_) => std::net::IpAddr::V6(std::net::Ipv6Addr::LOCALHOST),
+    };
+    SocketAddr::new(own.unwrap_or(loopback), bound.port())
+}
+
 /// Hands the live state on: snapshots to the screens, telemetry to the links, figures to the status registry.
 async fn relay(
     mut live: watch::Receiver<Arc<Live>>,
     snapshots: watch::Sender<Arc<Snapshot>>,
     outbox: mpsc::Sender<MavMessage>,
     status: Arc<SinkStatus>,
+    level: TelemetryLevel,
     stop: CancellationToken,
 ) {
-    let mut telemetry = Telemetry::new(TelemetryConfig::default());
+    let mut telemetry = level.config().map(Telemetry::new);
     let counters = status.sink("telemetry");
     let recorded = status.sink("recorder");
     let links = status.sink("links");
@@ -217,17 +292,21 @@ async fn relay(
         let unsent_now = now.links.iter().map(|l| l.unsent).sum::<u64>();
         links.dropped(unsent_now - std::mem::replace(&mut unsent, unsent_now));
         let planned = status.mission();
-        if std::mem::replace(&mut mission, planned.state) != planned.state {
+        if std::mem::replace(&mut mission, planned.state) != planned.state
+            && let Some(telemetry) = &mut telemetry
+        {
             telemetry.announce(started.elapsed().as_secs_f64(), &planned);
         }
-        for message in telemetry.feed(started.elapsed().as_secs_f64(), &now.snapshot) {
-            match outbox.try_send(message) {
-                Ok(()) => counters.delivered(1),
-                Err(_) => counters.dropped(1),
+        if let Some(telemetry) = &mut telemetry {
+            for message in telemetry.feed(started.elapsed().as_secs_f64(), &now.snapshot) {
+                match outbox.try_send(message) {
+                    Ok(()) => counters.delivered(1),
+                    Err(_) => counters.dropped(1),
+                }
             }
+            counters.dropped(telemetry.dropped_texts() - texts_dropped);
+            texts_dropped = telemetry.dropped_texts();
         }
-        counters.dropped(telemetry.dropped_texts() - texts_dropped);
-        texts_dropped = telemetry.dropped_texts();
         let mut snapshot = now.snapshot.clone();
         point_to_mission(&mut snapshot, &planned);
         snapshots.send_replace(Arc::new(snapshot));
@@ -269,6 +348,7 @@ fn recorder_view(live: &Live) -> RecorderView {
             (failed, lost) => format!("{} items, {failed} not written, {lost} lost", stats.written),
         },
         bytes: stats.bytes,
+        file: live.recording.clone(),
     }
 }
 

@@ -35,6 +35,8 @@ pub enum StudyKind {
     Transfer(TransferArgs),
     /// Hide an effect, fly, explain, unseal: the confusion matrix.
     Blind(super::study_blind::BlindArgs),
+    /// Hours: standing, smooth cruise, steady turns, landings, outages, dropouts and jumps; errors against sigmas.
+    Endurance(super::study_endurance::EnduranceArgs),
 }
 
 /// Arguments of `study observability`.
@@ -87,6 +89,9 @@ pub struct DemoStudyArgs {
     /// Time for the maneuvers, s (default: as long as it takes to make known what this airframe can, at most its maneuvers_max_s).
     #[arg(long, value_name = "SECONDS", allow_negative_numbers = true)]
     pub budget: Option<f64>,
+    /// Mean side force of a fixed wing in a turn with 45° of bank, g; each flight draws its own (default: the airframe's).
+    #[arg(long, value_name = "G")]
+    pub side_force: Option<f64>,
     /// Print one JSON document.
     #[arg(long)]
     pub json: bool,
@@ -159,10 +164,13 @@ pub fn run(args: &StudyArgs) -> Result<(), CommandError> {
             show(args.json, &study, print_paper)
         }
         StudyKind::Demo(args) => {
-            let settings = Settings::new(
-                super::demo::load_airframe(&args.airframe)?,
-                super::demo::check_budget(args.budget)?,
-            );
+            let mut airframe = super::demo::load_airframe(&args.airframe)?;
+            if let Some(side_force_g) = args.side_force {
+                let roll_g = airframe.roll_side_force_g;
+                airframe = airframe.with_side_force(side_force_g, roll_g);
+                airframe.validate().map_err(super::demo::DemoError::from)?;
+            }
+            let settings = Settings::new(airframe, super::demo::check_budget(args.budget)?);
             let prepared = Prepared::new(settings).map_err(super::demo::DemoError::from)?;
             let study = with_bar(args.runs, "flights", |bar| demo::run(&prepared, args.runs, args.seed, bar));
             show(args.json, &study, print_demo)
@@ -184,6 +192,7 @@ pub fn run(args: &StudyArgs) -> Result<(), CommandError> {
             output::json_pretty(&with_bar(flights, "flights", |bar| honesty::honest_sigmas(&settings, bar))?)
         }
         StudyKind::Blind(args) => super::study_blind::run(args),
+        StudyKind::Endurance(args) => super::study_endurance::run(args),
         StudyKind::Guidance(args) => {
             let study = with_bar(2 * args.runs, "flights", |bar| guidance::run(args.runs, args.seed, bar))?;
             show(args.json, &study, print_guidance)
@@ -193,7 +202,7 @@ pub fn run(args: &StudyArgs) -> Result<(), CommandError> {
 }
 
 /// Shows how far it is while it works.
-fn with_bar<T>(total: usize, unit: &'static str, job: impl FnOnce(&Bar) -> T) -> T {
+pub(super) fn with_bar<T>(total: usize, unit: &'static str, job: impl FnOnce(&Bar) -> T) -> T {
     let bar = super::progress_bar(total as u64, unit);
     let result = job(&Bar(bar.clone()));
     bar.finish_and_clear();
@@ -201,7 +210,7 @@ fn with_bar<T>(total: usize, unit: &'static str, job: impl FnOnce(&Bar) -> T) ->
 }
 
 /// A document for machines, or words.
-fn show<T: Serialize>(
+pub(super) fn show<T: Serialize>(
     json: bool,
     study: &T,
     print: impl Fn(&mut String, &T) -> std::fmt::Result,
@@ -304,6 +313,28 @@ fn print_demo(out: &mut String, study: &demo::DemoStudy) -> std::fmt::Result {
     }
     if !study.beyond_airframe.is_empty() {
         writeln!(out, "beyond this airframe by the plan's prediction: {}", study.beyond_airframe.join(", "))?;
+    }
+    let [low, high] = study.reached_over_planned;
+    writeln!(
+        out,
+        "side force {:.2} g at 45° of bank, drawn per flight; flown in {:.2} of the planned time; reached over planned sigma of promised states {low:.2} to {high:.2}, {:.3} of them within 0.8 to 1.25; promised but not observable: {}",
+        study.side_force_g,
+        study.flown_over_planned_s,
+        study.reached_within_0_8_to_1_25,
+        study.promised_not_observable
+    )?;
+    writeln!(
+        out,
+        "{:>10}{:>10}{:>9}{:>9}{:>9}{:>16}",
+        "", "promised", "mean", "lowest", "highest", "not observable"
+    )?;
+    for r in &study.ratios {
+        let promised = if r.promised { "yes" } else { "no" };
+        writeln!(
+            out,
+            "{:>10}{promised:>10}{:9.2}{:9.2}{:9.2}{:16}",
+            r.name, r.mean, r.lowest, r.highest, r.not_observable
+        )?;
     }
     writeln!(
         out,

@@ -3,7 +3,6 @@
 
 use super::series::{Log, PERIOD_S};
 use super::{Prepared, hidden_truth};
-use crate::commands::pipeline::Pipeline;
 use crate::engine::guidance::GuidanceOptions;
 use crate::engine::snapshot::Snapshot;
 use crate::engine::{Engine, EngineOptions};
@@ -12,7 +11,9 @@ use crate::link::heartbeat::Voice;
 use crate::link::rates::{RateAction, RateKeeper, needs};
 use crate::mission_link::codec;
 use crate::mission_link::vehicle::Vehicle;
+use crate::pipeline::Pipeline;
 use crate::sensors::{ConverterOptions, Notice};
+use crate::sinks::status::{Control, VehicleView};
 use gaware_mission::item::Autopilot as Firmware;
 use gaware_mission::transfer::verified::{Options, Outcome, VerifiedUpload};
 use gaware_mission::transfer::{Action, Address, Peers};
@@ -173,15 +174,64 @@ impl Flight {
         let mut snapshot = self.pipeline.snapshot();
         let news = self.news.as_ref().filter(|(t_s, _)| self.now_s - t_s < NEWS_S);
         snapshot.news.extend(news.map(|(_, text)| text.clone()));
-        let guidance = &mut snapshot.guidance;
-        if self.stage == Stage::Flying && !guidance.instruction.is_empty() {
-            let all = self.prepared.plan.maneuvers.len();
-            let now = (self.milestones.len() + 1).min(all);
-            let reason = std::mem::take(&mut guidance.reason);
-            guidance.reason =
-                format!("for a pilot; the autopilot flies its mission, maneuver {now} of {all}; {reason}");
-        }
         snapshot
+    }
+
+    /// Who flies now, what, how long still, and what follows.
+    pub fn vehicle_view(&self) -> VehicleView {
+        let ground = |next: &str| VehicleView {
+            control: Control::Ground,
+            mode: "disarmed".to_owned(),
+            next: next.to_owned(),
+            ..VehicleView::default()
+        };
+        let items = self.prepared.plan.mission.items.len();
+        let auto = |now: &str, next: &str| VehicleView {
+            control: Control::Autopilot,
+            mode: "mission, armed".to_owned(),
+            now: now.to_owned(),
+            next: next.to_owned(),
+            ..VehicleView::default()
+        };
+        match &self.stage {
+            Stage::Standing => ground(&format!("upload of the mission, {items} items")),
+            Stage::Uploading => ground("the upload is under way"),
+            Stage::Ready(_) => ground("take-off"),
+            Stage::Flying => self.maneuver_view(auto(
+                "hold at the end of the mission",
+                if self.prepared.lands() { "landing" } else { "" },
+            )),
+            Stage::Landing => auto("return and landing", ""),
+            Stage::Over(Ending::Holding) => auto("hold at the end of the mission", ""),
+            Stage::Over(_) => ground(""),
+        }
+    }
+
+    /// The maneuver that is flown now; `after` where all of them have been.
+    fn maneuver_view(&self, after: VehicleView) -> VehicleView {
+        let plan = &self.prepared.plan;
+        let words = |k: usize| {
+            let planned = plan.maneuvers.get(k)?;
+            Some(planned.maneuver.words(&self.prepared.settings.airframe).short.clone())
+        };
+        let k = self.milestones.len();
+        let (Some(planned), Some(now)) = (plan.maneuvers.get(k), words(k)) else { return after };
+        let since_s = self.milestones.last().map_or(0.0, |m| m.t_s);
+        let before_s = k.checked_sub(1).and_then(|k| plan.maneuvers.get(k)).map_or(0.0, |m| m.end_s);
+        let reached = self.log.items.iter().map(|(item, _)| *item).max().unwrap_or(0);
+        let now = if reached + 1 < *planned.items.start() { format!("on the way to: {now}") } else { now };
+        let duration_s = planned.end_s - before_s;
+        let flown_s = self.now_s - self.took_off_s - since_s;
+        VehicleView {
+            control: Control::Autopilot,
+            mode: "mission, armed".to_owned(),
+            now,
+            maneuver: k as u64 + 1,
+            maneuvers: plan.maneuvers.len() as u64,
+            duration_s,
+            left_s: Some((duration_s - flown_s).max(0.0)),
+            next: words(k + 1).unwrap_or(after.now),
+        }
     }
 
     fn tell(&mut self, text: String) {
@@ -217,7 +267,7 @@ impl Flight {
 
     /// The vehicle's true roll, pitch, yaw, deg, at the time of the newest estimate.
     pub fn true_attitude_deg(&mut self) -> [f64; 3] {
-        let at = self.pipeline.engine().attitude().map(|(t_s, _)| t_s);
+        let at = self.pipeline.attitude().map(|(t_s, _)| t_s);
         let truth = match at {
             Some(boot_s) => self.autopilot.truth_at_boot(boot_s),
             None => self.autopilot.truth(),
@@ -473,7 +523,7 @@ impl Flight {
 }
 
 fn relative_to_stamps(mut truth: Model, stamp_delay_s: f64) -> Model {
-    for setting in truth.effects.iter_mut().filter(|s| s.effect.name() == "gps_latency") {
+    for setting in truth.effects.iter_mut().filter(|s| s.effect.delays_fixes()) {
         setting.values.iter_mut().for_each(|v| *v -= stamp_delay_s);
     }
     truth

@@ -8,11 +8,12 @@ pub mod flight;
 pub mod result;
 pub mod series;
 
+use crate::sinks::status::RouteView;
 use gaware_mission::airframe::Airframe;
 use gaware_mission::fence::{Fence, FencePolygon, LocalFrame};
-use gaware_mission::item::{Autopilot, Home, command};
+use gaware_mission::item::{Autopilot, Home, LatLon, command};
 use gaware_mission::kinematics::{Kinematics, STEP_S};
-use gaware_mission::planner::{Plan, PlanError, Request, climb_out, plan};
+use gaware_mission::planner::{CLIMB_OUT_SHARE, Plan, PlanError, Request, climb_out, plan};
 use gaware_mission::predictor::{BoundPredictor, NamedSigma, Predictor, Targets};
 use gaware_mission::safety::Limits;
 use gaware_nav::earth::{Geodetic, STANDARD_GRAVITY};
@@ -123,6 +124,9 @@ impl Settings {
             climb_m_per_s: a.climb_max_m_per_s,
             sink_m_per_s: a.descent_max_m_per_s,
             accel_m_per_s2: a.acceleration_m_per_s2.min(STANDARD_GRAVITY * bank.tan()),
+            jerk_m_per_s3: a.jerk_max_m_per_s3,
+            side_force_g: a.side_force_g,
+            roll_side_force_g: a.roll_side_force_g,
             loiter_radius_m: a.turn_radius_min_m,
             wind_n_e_m_per_s: self.wind_n_e_m_per_s,
             gust_m_per_s: GUST_M_PER_S,
@@ -149,7 +153,7 @@ impl Settings {
 /// The truth of one vehicle: constants drawn from what is believed, unknown to the companion.
 fn hidden_truth(belief: &Model, seed: u64) -> Model {
     let mut truth = draw_vehicle(belief, seed);
-    for setting in truth.effects.iter_mut().filter(|s| s.effect.name() == "gps_latency") {
+    for setting in truth.effects.iter_mut().filter(|s| s.effect.delays_fixes()) {
         // A fix does not come before it was measured.
         setting.values.iter_mut().for_each(|v| *v = v.max(0.0));
     }
@@ -173,7 +177,42 @@ pub fn predictor(belief: &Model, request: &Request) -> BoundPredictor {
     let standing: Vec<Kinematics> =
         (0..=steps).map(|k| Kinematics { t_s: f64::from(k) * STEP_S, ..start }).collect();
     predictor.fly(&standing, FIX_INTERVAL_S);
+    if request.take_off && request.airframe.is_fixed_wing() {
+        predictor.fly(&take_off(request, &start), FIX_INTERVAL_S);
+    }
     predictor
+}
+
+/// The take-off of a fixed wing: the run, then straight ahead in a steady climb. Its change of speed is the first thing that
+/// separates tilt, accelerometer bias and latency.
+fn take_off(request: &Request, standing: &Kinematics) -> Vec<Kinematics> {
+    let a = &request.airframe;
+    let (cruise, acceleration) = (a.speed_cruise_m_per_s, a.acceleration_m_per_s2);
+    let run_s = cruise / acceleration;
+    let climb = CLIMB_OUT_SHARE * a.climb_max_m_per_s;
+    let seconds = run_s + request.start_height_m.max(0.0) / climb;
+    let heading = request.start_heading_deg.to_radians();
+    let course = Vector3::new(heading.cos(), heading.sin(), 0.0);
+    let sample = |k: u32| {
+        let t_s = f64::from(k) * STEP_S;
+        let running = t_s < run_s;
+        let speed = (acceleration * t_s).min(cruise);
+        let up = if running { 0.0 } else { climb };
+        let pitch = (up / cruise).min(1.0).asin();
+        let along = 0.5 * speed * t_s.min(run_s) + cruise * (t_s - run_s).max(0.0);
+        let attitude = UnitQuaternion::from_euler_angles(0.0, pitch, heading);
+        let accelerates = if running { course * acceleration } else { Vector3::zeros() };
+        let gravity = Vector3::new(0.0, 0.0, STANDARD_GRAVITY);
+        Kinematics {
+            t_s,
+            position_ned_m: course * along - Vector3::z() * (up * (t_s - run_s).max(0.0)),
+            velocity_ned_m_per_s: course * speed - Vector3::z() * up,
+            attitude,
+            force: attitude.inverse() * (accelerates - gravity),
+            ..*standing
+        }
+    };
+    (0..=(seconds / STEP_S) as u32).map(sample).collect()
 }
 
 /// What the plan promises for the end of the flight.
@@ -216,6 +255,20 @@ impl Prepared {
     /// Whether the mission itself ends in a landing.
     pub fn lands(&self) -> bool {
         self.plan.mission.items.last().is_some_and(|i| i.command == command::NAV_LAND)
+    }
+
+    /// What a map shows: home, the predicted path about once a second, the fence.
+    pub fn route(&self) -> RouteView {
+        let home = self.settings.home().place();
+        let every = (1.0 / STEP_S).round().max(1.0) as usize;
+        let at = |k: &Kinematics| self.plan.frame.to_place(k.position_ned_m.xy());
+        let pair = |p: LatLon| [p.lat_deg, p.lon_deg];
+        let fence = self.settings.request().limits.fence;
+        RouteView {
+            home: Some(pair(home)),
+            path: self.plan.path.iter().step_by(every).map(|k| pair(at(k))).collect(),
+            fence: fence.polygons.iter().map(|p| p.corners.iter().map(|c| pair(*c)).collect()).collect(),
+        }
     }
 
     /// The sensors of the simulated vehicle.

@@ -33,6 +33,10 @@ pub struct StateResult {
     pub planned_sigma: f64,
     /// 1-sigma there: a multirotor then returns and lands, and learns more.
     pub sigma_at_plan_end: f64,
+    /// That one over the planned one.
+    pub reached_over_planned: f64,
+    /// Whether the plan promised that it converges.
+    pub promised: bool,
     /// How well known.
     pub status: Status,
 }
@@ -65,6 +69,8 @@ pub struct DemoResult {
     pub attitude_deg: [f64; 3],
     /// What was promised and kept.
     pub promise: Promise,
+    /// From the take-off's end to the last maneuver's, s: what the plan took.
+    pub plan_flown_s: f64,
     /// Predicted and reached sigmas over time.
     pub series: Series,
     /// The document.
@@ -99,7 +105,19 @@ pub fn of(flight: &mut Flight, seed: u64) -> DemoResult {
     document.insert("maneuvers".to_owned(), maneuvers(flight));
     let series = Series::of(flight.prepared(), flight.log());
     document.insert("sigma_series".to_owned(), json!(series));
-    DemoResult { ending, summary, states, attitude_deg, promise, series, document }
+    let plan_flown_s = plan_flown_s(flight);
+    document.insert("plan_flown_s".to_owned(), json!(plan_flown_s));
+    DemoResult { ending, summary, states, attitude_deg, promise, plan_flown_s, series, document }
+}
+
+/// The plan counts from the end of the climb to the arrival at its end; the flight likewise, from the first item to the last.
+fn plan_flown_s(flight: &Flight) -> f64 {
+    let items = &flight.log().items;
+    let climbed = items.first().map_or(0.0, |(_, t)| *t);
+    let planned_end = flight.prepared().plan.maneuvers.last().map_or(0.0, |m| m.end_s);
+    let flown = flight.milestones().last().map_or(climbed, |m| m.t_s) - climbed;
+    // What follows the last maneuver is flown as planned.
+    flown + (flight.prepared().plan.duration_s - planned_end)
 }
 
 fn promise(flight: &Flight, states: &[StateResult]) -> Promise {
@@ -147,6 +165,7 @@ fn states(flight: &Flight, summary: &Summary) -> Vec<StateResult> {
     let planned = &flight.prepared().prediction.sigmas;
     let known = &summary.observability.states;
     let at_end = &flight.log().at_end;
+    let promised: Vec<&str> = flight.prepared().plan.promised().map(|s| s.name.as_str()).collect();
     let names = filter.layout().names().iter().enumerate();
     names
         .filter_map(|(k, name)| {
@@ -154,6 +173,8 @@ fn states(flight: &Flight, summary: &Summary) -> Vec<StateResult> {
             let true_value = truth.1.get(&truth.0, truth.0.find(name.name)?) / name.unit.si;
             let estimate = filter.calibration().get(filter.layout(), state) / name.unit.si;
             let sigma = filter.covariance().sigma(state) / name.unit.si;
+            let planned_sigma = planned.iter().find(|p| p.name == name.name)?.sigma;
+            let sigma_at_plan_end = at_end.iter().find(|(n, _)| n == name.name).map_or(sigma, |(_, s)| *s);
             Some(StateResult {
                 name: name.name.to_owned(),
                 unit: name.unit.symbol.to_owned(),
@@ -161,8 +182,10 @@ fn states(flight: &Flight, summary: &Summary) -> Vec<StateResult> {
                 estimate,
                 sigma,
                 normalised_error: (estimate - true_value) / sigma,
-                planned_sigma: planned.iter().find(|p| p.name == name.name)?.sigma,
-                sigma_at_plan_end: at_end.iter().find(|(n, _)| n == name.name).map_or(sigma, |(_, s)| *s),
+                planned_sigma,
+                sigma_at_plan_end,
+                reached_over_planned: sigma_at_plan_end / planned_sigma,
+                promised: promised.contains(&name.name),
                 status: known.iter().find(|s| s.name == name.name)?.status,
             })
         })
@@ -221,8 +244,13 @@ fn maneuvers(flight: &Flight) -> Value {
         let predicted: Map<String, Value> =
             at_end.sigmas.iter().map(|s| (s.name.clone(), json!(s.sigma))).collect();
         let reached: Map<String, Value> = m.sigmas.iter().map(|(n, s)| (n.clone(), json!(s))).collect();
+        let ratio = |(name, sigma): &(String, f64)| {
+            let planned = at_end.sigmas.iter().find(|s| s.name == *name)?;
+            Some((name.clone(), json!(sigma / planned.sigma)))
+        };
+        let ratios: Map<String, Value> = m.sigmas.iter().filter_map(ratio).collect();
         Some(json!({"maneuver": planned.maneuver, "planned_end_s": planned.end_s, "flown_end_s": m.t_s,
-            "predicted_sigma": predicted, "reached_sigma": reached}))
+            "predicted_sigma": predicted, "reached_sigma": reached, "reached_over_predicted": ratios}))
     });
     Value::Array(rows.collect())
 }
@@ -270,19 +298,20 @@ impl DemoResult {
         }
         writeln!(
             out,
-            "{:>10}{:>12}{:>12}{:>11}{:>12}{:>11}  unit",
-            "", "truth", "estimate", "sigma", "error/sigma", "planned"
+            "{:>10}{:>12}{:>12}{:>11}{:>12}{:>11}{:>9}  unit",
+            "", "truth", "estimate", "sigma", "error/sigma", "planned", "reached"
         )?;
         for s in &self.states {
             writeln!(
                 out,
-                "{:>10}{:12.3}{:12.3}{:11.3}{:12.2}{:11.3}  {:8} {}",
+                "{:>10}{:12.3}{:12.3}{:11.3}{:12.2}{:11.3}{:8.2}×  {:8} {}",
                 s.name,
                 s.truth,
                 s.estimate,
                 s.sigma,
                 s.normalised_error,
                 s.planned_sigma,
+                s.reached_over_planned,
                 s.unit,
                 if s.status == Status::Observable { "known" } else { "" }
             )?;

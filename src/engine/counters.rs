@@ -50,12 +50,12 @@ impl RateMeter {
 
 /// Time covered by samples, over restarts of the time base.
 #[derive(Debug, Clone, Copy, Default)]
-pub struct Timeline {
+pub struct ElapsedTime {
     span: Option<(f64, f64)>,
     earlier_s: f64,
 }
 
-impl Timeline {
+impl ElapsedTime {
     /// Takes the time of a sample.
     pub fn push(&mut self, t_s: f64) {
         let (first, last) = *self.span.get_or_insert((t_s, t_s));
@@ -105,6 +105,11 @@ impl Warnings {
         self.list.push_back(text.to_owned());
     }
 
+    /// Takes one back.
+    pub fn forget(&mut self, text: &str) {
+        self.list.retain(|w| w != text);
+    }
+
     /// All of them, newest last.
     pub fn to_vec(&self) -> Vec<String> {
         self.list.iter().cloned().collect()
@@ -127,7 +132,7 @@ mod tests {
 
     #[test]
     fn a_reboot_does_not_lose_time() {
-        let mut time = Timeline::default();
+        let mut time = ElapsedTime::default();
         [100.0, 110.0].into_iter().for_each(|t| time.push(t));
         time.restart();
         [0.0, 5.0].into_iter().for_each(|t| time.push(t));
@@ -136,7 +141,7 @@ mod tests {
 
     #[test]
     fn time_goes_on_over_a_reboot() {
-        let mut time = Timeline::default();
+        let mut time = ElapsedTime::default();
         [100.0, 110.0].into_iter().for_each(|t| time.push(t));
         time.restart();
         assert_eq!(time.elapsed_at(3.0), 10.0);

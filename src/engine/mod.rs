@@ -10,30 +10,30 @@ pub mod observability;
 pub mod snapshot;
 mod standing;
 
-use counters::{RateMeter, Timeline, Warnings};
+use crate::timeline::Gaps;
+use counters::{ElapsedTime, RateMeter, Warnings};
 use estimate::{BEYOND_PRIOR, Constants};
 use gaware_mission::airframe::Airframe;
 use gaware_mission::maneuver::Maneuver;
-use gaware_nav::estimator::{Estimator, Stage};
-use gaware_nav::filter::{Filter, FixOutcome, PassedOver};
+use gaware_nav::estimator::{Estimator, EstimatorEvent, Stage};
+use gaware_nav::filter::{Filter, FixEvent, FixOutcome, PassedOver};
 use gaware_nav::model::Model;
 use gaware_nav::observability::covariance::Targets;
 use gaware_nav::observability::segments::PathSegment;
 use gaware_nav::observability::words::VehicleKind;
-use gaware_nav::sample::{FixVelocity, GnssFix, ImuSample, Sample};
+use gaware_nav::sample::{GnssFix, ImuSample, Sample};
 use guidance::{GuidanceOptions, Guide};
 use observability::ConditionWatch;
 use snapshot::{Consistency, Estimate, GnssStatus, Guidance, ImuStatus, Phase, Snapshot, Summary};
 use standing::Stillness;
 
-/// Beyond these no sensor on a vehicle reads: rate, rad/s, and specific force, m/s² (the paper flies 80 g).
-const PLAUSIBLE_SAMPLE: (f64, f64) = (100.0, 2000.0);
-/// Beyond these no fix is: height, m, and speed, m/s.
-const PLAUSIBLE_FIX: (f64, f64) = (1e5, 1e4);
 /// After so long without a fix the status says so, s.
 const FIX_PATIENCE_S: f64 = 3.0;
 /// Fixes are predicted at the present rate within these intervals, s.
 const FIX_INTERVAL_S: (f64, f64) = (0.1, 1.0);
+
+/// Said of the motion that a restart ends.
+const FIXES_CONTRADICTED: &str = "position and velocity fixes failed the innovation test for more than 3 s; motion started anew from them: check GNSS and vibration";
 
 /// What the user may set.
 #[derive(Debug, Clone, Default, PartialEq)]
@@ -50,11 +50,10 @@ impl EngineOptions {
         Self { guidance: Some(GuidanceOptions::new(airframe, manual)), ..Self::default() }
     }
 
-    fn vehicle(&self) -> VehicleKind {
-        match &self.guidance {
-            Some(g) if !g.airframe.is_fixed_wing() => VehicleKind::Multirotor,
-            _ => VehicleKind::FixedWing,
-        }
+    /// What flies by the airframe, where one is given.
+    pub fn vehicle(&self) -> Option<VehicleKind> {
+        let wing = self.guidance.as_ref()?.airframe.is_fixed_wing();
+        Some(if wing { VehicleKind::FixedWing } else { VehicleKind::Multirotor })
     }
 }
 
@@ -64,8 +63,10 @@ pub struct Engine {
     estimator: Estimator,
     options: EngineOptions,
     autopilot: String,
+    /// As the vehicle or the log reports it.
+    reported: VehicleKind,
     message: String,
-    time: Timeline,
+    time: ElapsedTime,
     imu_rate: RateMeter,
     samples: u64,
     refused: u64,
@@ -94,8 +95,9 @@ impl Engine {
             estimator: Estimator::new(model),
             options,
             autopilot: "unknown".to_owned(),
+            reported: VehicleKind::Unknown,
             message: String::new(),
-            time: Timeline::default(),
+            time: ElapsedTime::default(),
             imu_rate: RateMeter::default(),
             samples: 0,
             refused: 0,
@@ -120,6 +122,17 @@ impl Engine {
         name.clone_into(&mut self.autopilot);
     }
 
+    /// Takes the type of vehicle as itself or its log reports it, for the words of remedies; an airframe that the user named
+    /// counts more.
+    pub fn set_vehicle(&mut self, kind: VehicleKind) {
+        self.reported = kind;
+    }
+
+    /// What flies.
+    pub fn vehicle(&self) -> VehicleKind {
+        self.options.vehicle().unwrap_or(self.reported)
+    }
+
     /// Takes something that the user should know.
     pub fn notice(&mut self, text: &str) {
         self.warnings.push(text);
@@ -142,8 +155,7 @@ impl Engine {
     }
 
     fn feed_imu(&mut self, imu: &ImuSample, sample: &Sample) {
-        let (rate, force) = PLAUSIBLE_SAMPLE;
-        let plausible = imu.t_s.is_finite() && imu.gyro.norm() < rate && imu.accel.norm() < force;
+        let plausible = imu.is_plausible();
         let newer = self.time.now_s().is_none_or(|now| imu.t_s > now);
         if !plausible || !newer {
             self.refused += 1;
@@ -163,7 +175,7 @@ impl Engine {
 
     fn feed_fix(&mut self, fix: &GnssFix, sample: &Sample) {
         self.fixes += 1;
-        if !is_plausible(fix) {
+        if !fix.is_plausible() {
             self.rejected += 1;
             self.warnings.push("fixes with impossible values were refused");
             return;
@@ -177,6 +189,13 @@ impl Engine {
         let running = self.estimator.stage() == Stage::Running;
         for outcome in self.estimator.feed(sample) {
             self.account(&outcome, running);
+        }
+        for event in self.estimator.take_events() {
+            self.warnings.push(&reported(&event));
+            if let Some(guide) = &mut self.guide {
+                guide.restart();
+            }
+            self.watch.restart();
         }
     }
 
@@ -192,11 +211,14 @@ impl Engine {
                 self.nis.0 += group.nis;
                 self.nis.1 += group.dof;
             }
-            if group.recovered {
-                self.warnings.push(
-                    "fixes contradicted the estimate for more than 3 s and are believed again: check GNSS and vibration",
-                );
+        }
+        match &outcome.event {
+            _ if !running => {}
+            Some(event) => self.warnings.push(&reported_fix(event)),
+            None if outcome.position.recovered || outcome.velocity.recovered => {
+                self.warnings.push(FIXES_CONTRADICTED)
             }
+            None => {}
         }
         self.last_outcome = *outcome;
     }
@@ -212,6 +234,7 @@ impl Engine {
         self.fix_rate = RateMeter::default();
         self.last_fix_s = None;
         self.stillness = Stillness::default();
+        self.warnings.forget(FIXES_CONTRADICTED);
         self.watch.restart();
         if let Some(guide) = &mut self.guide {
             guide.restart();
@@ -237,7 +260,7 @@ impl Engine {
     }
 
     /// Roll, pitch, yaw, rad, and the time they are for, s; cheap enough to ask for at every sample.
-    pub fn attitude(&self) -> Option<(f64, [f64; 3])> {
+    pub fn attitude(&mut self) -> Option<(f64, [f64; 3])> {
         self.estimator.predicted_nav().map(|(t_s, nav)| (t_s, nav.euler().into()))
     }
 
@@ -266,7 +289,9 @@ impl Engine {
             t_s: self.time.now_s().unwrap_or(0.0),
             elapsed_s: self.time.elapsed_s(),
             autopilot: self.autopilot.clone(),
+            vehicle_type: self.vehicle().word().to_owned(),
             phase: self.phase(),
+            stationary: self.estimator.is_stationary(),
             waiting_for: self.waiting_for(predicted.as_ref()),
             imu: self.imu_status(),
             gnss: self.gnss_status(),
@@ -277,9 +302,10 @@ impl Engine {
                 &constants,
                 predicted.as_ref().or(self.before.as_deref()),
                 &self.options.targets,
-                self.options.vehicle(),
+                self.vehicle(),
             ),
             guidance: self.guidance(),
+            mission: snapshot::MissionProgress::default(),
             consistency: self.consistency(),
             warnings: self.warnings(&constants),
             news: Vec::new(),
@@ -295,6 +321,7 @@ impl Engine {
             schema: "gaware.summary/1".to_owned(),
             duration_s,
             autopilot: now.autopilot,
+            vehicle_type: now.vehicle_type,
             imu: ImuStatus { rate_hz, ..now.imu },
             gnss: now.gnss,
             estimate: now.estimate,
@@ -357,6 +384,9 @@ impl Engine {
                 Some(age) if age >= FIX_PATIENCE_S => {
                     format!("no GNSS fix for {age:.0} s: G cannot be estimated further")
                 }
+                _ if self.estimator.is_stationary() => {
+                    "stationary: position, velocity and heading are held, nothing excites G".to_owned()
+                }
                 _ if stands => "standing or hovering: nothing excites G".to_owned(),
                 _ if self.phase() == Phase::SearchingHeading => {
                     "the heading is unknown: accelerate or turn, and the fixes will tell it".to_owned()
@@ -372,6 +402,7 @@ impl Engine {
             samples: self.samples,
             rate_hz: self.time.now_s().map_or(0.0, |now| self.imu_rate.at(now)),
             dropped: self.refused,
+            gaps: Gaps::default(),
         }
     }
 
@@ -382,6 +413,7 @@ impl Engine {
             used: self.used,
             rejected: self.rejected + passed_over.late + passed_over.overtaken,
             rate_hz: self.time.now_s().map_or(0.0, |now| self.fix_rate.at(now)),
+            gaps: Gaps::default(),
         }
     }
 
@@ -415,21 +447,40 @@ impl Engine {
     }
 }
 
-fn is_plausible(fix: &GnssFix) -> bool {
-    let (height, speed) = PLAUSIBLE_FIX;
-    let velocity = match fix.velocity {
-        FixVelocity::None => [0.0; 3],
-        FixVelocity::Horizontal([n, e]) => [n, e, 0.0],
-        FixVelocity::Full(v) => v,
-    };
-    let sigmas = fix.position_sigma_m.iter().chain(&fix.velocity_sigma_m_per_s).flatten();
-    fix.t_s.is_finite()
-        && fix.position.lat_rad.abs() <= std::f64::consts::FRAC_PI_2
-        && fix.position.lon_rad.abs() <= 2.0 * std::f64::consts::PI
-        && fix.position.height_m.abs() < height
-        && velocity.iter().all(|v| v.abs() < speed)
-        && sigmas.copied().all(|s| s.is_finite() && s >= 0.0)
-        && fix.yaw_rad.is_none_or(|(yaw, sigma)| yaw.is_finite() && sigma.is_finite())
+/// What the estimator did on its own, in words.
+fn reported(event: &EstimatorEvent) -> String {
+    match event {
+        EstimatorEvent::AlignedAfterGap { gap_s } => {
+            format!(
+                "no inertial samples for {gap_s:.1} s: the attitude is aligned anew, biases and G are kept"
+            )
+        }
+        EstimatorEvent::AlignedAfterOutage => {
+            "the attitude was lost during the GNSS outage and is aligned anew, biases and G are kept"
+                .to_owned()
+        }
+        EstimatorEvent::Failed { constants_kept: true } => {
+            "the filter failed its health check and was restarted; biases and G are kept".to_owned()
+        }
+        EstimatorEvent::Failed { constants_kept: false } => {
+            "the filter failed its health check and was restarted from the model".to_owned()
+        }
+    }
+}
+
+/// What a fix did to the filter, in words.
+fn reported_fix(event: &FixEvent) -> String {
+    match event {
+        FixEvent::PositionJump { offset_m } => format!(
+            "GNSS position jump of {offset_m:.0} m: velocity and inertial data contradict it, the position is not followed"
+        ),
+        FixEvent::PositionAccepted { offset_m } => format!(
+            "the GNSS position stayed {offset_m:.0} m away for 30 s and is accepted as a correction; only the position changed"
+        ),
+        FixEvent::Reacquired { after_s } => {
+            format!("GNSS is back after {after_s:.0} s: position and velocity start from its first fix")
+        }
+    }
 }
 
 #[cfg(test)]

@@ -3,6 +3,7 @@
 //! The field names are a contract (design, section 3): screens, telemetry, recordings and the web page all read
 //! these types and nothing else. Units are in the names.
 
+use crate::timeline::Gaps;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
@@ -178,6 +179,19 @@ pub struct Guidance {
     pub done: bool,
 }
 
+/// How far the autopilot is with its own mission.
+#[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
+pub struct MissionProgress {
+    /// Whether the autopilot flies its mission now.
+    pub flying: bool,
+    /// The current item, as the autopilot counts.
+    pub item: u16,
+    /// Time at this item, s.
+    pub at_item_s: f64,
+    /// That the item takes much longer than it should, in words; empty while it does not.
+    pub stuck: String,
+}
+
 /// The phase the estimator is in.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "snake_case")]
@@ -204,8 +218,11 @@ pub struct ImuStatus {
     pub samples: u64,
     /// Rate over the last seconds (summary: over the whole run), Hz.
     pub rate_hz: f64,
-    /// Samples that were lost or refused.
+    /// Samples that were lost on the way (gaps, missing messages) or refused.
     pub dropped: u64,
+    /// Gaps between the samples.
+    #[serde(default)]
+    pub gaps: Gaps,
 }
 
 /// The fixes.
@@ -220,6 +237,9 @@ pub struct GnssStatus {
     /// Rate over the last seconds, Hz.
     #[serde(default)]
     pub rate_hz: f64,
+    /// Gaps between the fixes.
+    #[serde(default)]
+    pub gaps: Gaps,
 }
 
 /// Filter consistency.
@@ -246,8 +266,14 @@ pub struct Snapshot {
     pub elapsed_s: f64,
     /// `ardupilot`, `px4` or `unknown`.
     pub autopilot: String,
+    /// `fixed_wing`, `multirotor` or `unknown`.
+    #[serde(default)]
+    pub vehicle_type: String,
     /// What the estimator is doing.
     pub phase: Phase,
+    /// Whether the vehicle is recognised as stationary: position, velocity and heading are held.
+    #[serde(default)]
+    pub stationary: bool,
     /// Why it does not learn, in words: no fix, no heading, standing; empty while it does.
     pub waiting_for: String,
     /// Inertial source.
@@ -262,6 +288,9 @@ pub struct Snapshot {
     pub observability: Observability,
     /// What to fly.
     pub guidance: Guidance,
+    /// The autopilot's own mission; a live run alone knows of it.
+    #[serde(default)]
+    pub mission: MissionProgress,
     /// Filter health.
     pub consistency: Consistency,
     /// What the user should know, newest last.
@@ -280,6 +309,9 @@ pub struct Summary {
     pub duration_s: f64,
     /// `ardupilot`, `px4` or `unknown`.
     pub autopilot: String,
+    /// `fixed_wing`, `multirotor` or `unknown`.
+    #[serde(default)]
+    pub vehicle_type: String,
     /// Inertial source.
     pub imu: ImuStatus,
     /// Fixes.

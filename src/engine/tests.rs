@@ -224,7 +224,8 @@ fn coordinated_flight_leaves_column_y_dark_and_sideslip_lights_it() {
     let column_y = |name: &str| {
         let now = fly(&named(name), 1, 300.0).snapshot().observability;
         let dark = now.unobservable_directions.iter().any(|d| d.states.contains_key("g22"));
-        let asks = now.unobservable_directions.iter().any(|d| d.text.contains("fly a sideslip"));
+        let asks =
+            now.unobservable_directions.iter().any(|d| d.text.contains("accelerate along the sideways axis"));
         let best = now.states.iter().find(|s| s.name == "g22").map(|s| s.sigma_ratio);
         (dark, asks, best)
     };

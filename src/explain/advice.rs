@@ -1,39 +1,34 @@
-//! What to fly so that effects that imitate each other come apart: the table `separate.toml`, in the words of the planner's maneuvers.
+//! What to fly so that effects that imitate each other come apart: what their files say, in the words of the planner's maneuvers.
 
 use gaware_mission::airframe::Airframe;
 use gaware_mission::maneuver::{Maneuver, Side};
-use serde::Deserialize;
-use std::sync::OnceLock;
+use gaware_nav::effects::{self, Excitation, Separation};
 
-/// Two effects, and what tells them apart.
-#[derive(Debug, Clone, Deserialize)]
-#[serde(deny_unknown_fields)]
-struct Pair {
-    effects: [String; 2],
-    fly: Vec<Maneuver>,
-    why: String,
+/// The maneuver that makes an excitation.
+fn maneuver(excitation: Excitation) -> Maneuver {
+    match excitation {
+        Excitation::VaryingSpeed => Maneuver::VaryingSpeed,
+        Excitation::SteadyTurn => Maneuver::SteadyTurn(Side::Right),
+        Excitation::PullUp => Maneuver::PullUp,
+        Excitation::FigureEight => Maneuver::FigureEight,
+        Excitation::Sideslip => Maneuver::Sideslip,
+    }
 }
 
-#[derive(Debug, Default, Deserialize)]
-struct Table {
-    pair: Vec<Pair>,
+/// What separates any two of a group.
+fn separations(group: &[&str]) -> Vec<&'static Separation> {
+    let members = group.iter().filter_map(|name| effects::find(name));
+    let all = members.flat_map(|effect| effect.separations());
+    all.filter(|s| group.contains(&s.from)).collect()
 }
 
-fn table() -> &'static [Pair] {
-    static TABLE: OnceLock<Table> = OnceLock::new();
-    // A test reads the same text.
-    &TABLE.get_or_init(|| toml::from_str(include_str!("separate.toml")).unwrap_or_default()).pair
-}
-
-/// Maneuvers that excite everything, for groups that the table does not know.
+/// Maneuvers that excite everything, for groups of which no file says more.
 const EVERYTHING: [Maneuver; 4] =
     [Maneuver::FigureEight, Maneuver::PullUp, Maneuver::VaryingSpeed, Maneuver::Sideslip];
 
 fn words(maneuver: Maneuver, airframe: &Airframe) -> String {
     let maneuver = match maneuver {
         Maneuver::Sideslip if !airframe.is_fixed_wing() => Maneuver::CrabLegs,
-        // One side alone may be the wind.
-        Maneuver::SteadyTurn(Side::Left) => Maneuver::SteadyTurn(Side::Right),
         other => other,
     };
     maneuver.words(airframe).long
@@ -46,8 +41,8 @@ pub fn separate(group: &[&str], fixed_wing: bool) -> Option<String> {
     }
     let airframe = &Airframe::example(if fixed_wing { "small_fixed_wing" } else { "quadrotor" })?;
     let mut told: Vec<String> = Vec::new();
-    for pair in table().iter().filter(|p| p.effects.iter().all(|e| group.contains(&e.as_str()))) {
-        let fly: Vec<String> = pair.fly.iter().map(|m| words(*m, airframe)).collect();
+    for pair in separations(group) {
+        let fly: Vec<String> = pair.fly.iter().map(|e| words(maneuver(*e), airframe)).collect();
         told.push(format!("{} ({})", fly.join(" "), pair.why));
     }
     if told.is_empty() {
@@ -60,16 +55,21 @@ pub fn separate(group: &[&str], fixed_wing: bool) -> Option<String> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use gaware_nav::effects;
 
     #[test]
-    fn the_table_speaks_of_effects_that_exist() {
-        let table: Table = toml::from_str(include_str!("separate.toml")).unwrap();
-        assert!(table.pair.len() >= 18);
-        for pair in table.pair {
-            assert!(pair.effects.iter().all(|e| effects::find(e).is_some()), "{:?}", pair.effects);
-            assert!(!pair.fly.is_empty());
+    fn every_separation_is_from_another_effect_that_exists() {
+        let mut pairs = 0;
+        for effect in effects::REGISTRY {
+            for separation in effect.separations() {
+                let other = effects::find(separation.from).unwrap();
+                assert_ne!(other.name(), effect.name());
+                assert!(!separation.fly.is_empty() && !separation.why.is_empty());
+                // A pair stands in one file.
+                assert!(other.separations().iter().all(|s| s.from != effect.name()), "{}", effect.name());
+                pairs += 1;
+            }
         }
+        assert!(pairs >= 20, "{pairs}");
     }
 
     #[test]

@@ -1,12 +1,13 @@
 //! The `gaware.explanation/1` contract (design, section 3).
 
 use super::size::Size;
-use super::{FlightGap, advice, words};
+use super::{FlightGap, advice, consequence, words};
 use gaware_nav::effects::Shape;
 use gaware_nav::identify::judge::{Gap as NavGap, Judged};
 use gaware_nav::identify::limits::NotFound as NavNotFound;
+use gaware_nav::identify::noise::NoiseEntry;
 use gaware_nav::identify::select::Added;
-use gaware_nav::identify::{terms, whereabouts};
+use gaware_nav::identify::{survey, terms, whereabouts};
 use gaware_nav::model::{EffectSetting, Model};
 use gaware_nav::smoother::gap::{self as map, Point};
 use serde::Serialize;
@@ -52,6 +53,41 @@ pub struct EffectEntry {
     pub evidence: Evidence,
     /// Maneuver that would tell them apart.
     pub separate_by: Option<String>,
+    /// What it does to the vehicle's navigation, in numbers.
+    pub consequence: Option<String>,
+    /// What usually causes the best of the names.
+    pub cause: &'static str,
+    /// What to do about it.
+    pub remedy: &'static str,
+}
+
+/// An effect that the model assumes.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct Assumed {
+    /// Which.
+    pub name: &'static str,
+    /// Values and sigmas with units in the keys: those of the model, learned where it leaves them open.
+    pub parameters: Value,
+}
+
+/// One figure of the noise.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct NoiseFigure {
+    /// `gnss_position`.
+    pub name: &'static str,
+    /// Unit of the values.
+    pub unit: &'static str,
+    /// As model, samples or receiver claim.
+    pub assumed: f64,
+    /// As the flights have it.
+    pub fitted: f64,
+    /// 1-sigma of that.
+    pub sigma: f64,
+    /// Whether a sensor that does what was claimed can have it.
+    pub plausible: bool,
+    /// `gnss_position_noise`, where it is not plausible.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub finding: Option<&'static str>,
 }
 
 /// An effect that the data show and that is too small to be told from what simulation and model leave out.
@@ -174,6 +210,9 @@ pub struct NotFound {
     /// Whether the odds speak for it all the same: the search ends after a few effects, and held-out data may have spoken
     /// against it.
     pub likely: bool,
+    /// Why there is no better limit, where there is a reason.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub reason: Option<&'static str>,
     /// Values that suit the flights best with the sigmas that the flights alone leave them, units in the keys.
     pub parameters: Value,
 }
@@ -188,6 +227,7 @@ pub fn not_found(all: &[NavNotFound], likely: &[bool]) -> Vec<NotFound> {
             name: s.effect.name(),
             log_odds: found.evidence,
             likely: *likely,
+            reason: found.reason,
             parameters: Value::Object(map),
         }
     };
@@ -220,6 +260,10 @@ pub struct Explanation {
     pub removed: Vec<&'static str>,
     /// Effects of the catalogue that were looked for in vain, and how small one must be to stay unseen.
     pub not_found: Vec<NotFound>,
+    /// Effects that the model assumes, and that the flights did not contradict.
+    pub assumed: Vec<Assumed>,
+    /// Noise, as claimed and as the flights have it.
+    pub noise: Vec<NoiseFigure>,
     /// The result in plain words.
     pub summary: String,
 }
@@ -238,6 +282,8 @@ pub fn too_little(why: &str) -> Explanation {
         negligible: Vec::new(),
         removed: Vec::new(),
         not_found: Vec::new(),
+        assumed: Vec::new(),
+        noise: Vec::new(),
         summary: format!("Nothing can be said about missing effects: {why}."),
     }
 }
@@ -275,6 +321,16 @@ pub fn parameters(added: &Added) -> Value {
     let mut map = Map::new();
     keys(&added.setting, &added.setting.values, "value", &mut map);
     keys(&added.setting, &added.setting.sigmas, "sigma", &mut map);
+    let informed = survey::informed(added);
+    if added.setting.estimated() > 0 {
+        map.insert("informed".to_owned(), json!(informed.contains(&true)));
+    }
+    let names = added.setting.parameters().map(|p| p.0);
+    let prior_only: Vec<&str> =
+        names.zip(&informed).filter(|(_, informed)| !**informed).map(|p| p.0).collect();
+    if !prior_only.is_empty() {
+        map.insert("prior_only".to_owned(), json!(prior_only));
+    }
     Value::Object(map)
 }
 
@@ -284,6 +340,7 @@ fn entries<'a>(
     sizes: &[Size],
     events: &[Option<usize>],
     fixed_wing: bool,
+    speed_m_per_s: f64,
 ) -> Vec<(EffectEntry, &'a Added)> {
     let selection = &judged.selection;
     let worth = sizes.iter().zip(events);
@@ -300,6 +357,9 @@ fn entries<'a>(
                     log_odds: step.evidence,
                 },
                 separate_by: advice::separate(&step.group, fixed_wing),
+                consequence: consequence::of(&added.setting, speed_m_per_s),
+                cause: added.setting.effect.cause(),
+                remedy: added.setting.effect.remedy(),
             };
             (entry, added)
         })
@@ -309,11 +369,31 @@ fn entries<'a>(
 /// A vehicle that is faster than this for half of its flight is taken for an aircraft, m/s.
 const AIRCRAFT_M_PER_S: f64 = 9.0;
 
-/// Whether the vehicle is an aircraft, by its speed.
-fn flies_fast(gaps: &[FlightGap]) -> bool {
+/// Speed that half of the flight is faster than, m/s.
+fn typical_speed(gaps: &[FlightGap]) -> f64 {
     let mut speeds: Vec<f64> = gaps.iter().flat_map(|g| &g.after).map(|p| p.motion.speed).collect();
     speeds.sort_by(f64::total_cmp);
-    speeds.get(speeds.len() / 2).is_some_and(|v| *v > AIRCRAFT_M_PER_S)
+    speeds.get(speeds.len() / 2).copied().unwrap_or(0.0)
+}
+
+/// What the model assumes and no other list holds.
+fn assumed(judged: &Judged) -> Vec<Assumed> {
+    let elsewhere = |a: &&Added| !judged.removed.contains(&a.setting.effect.name());
+    let entry = |a: &Added| Assumed { name: a.setting.effect.name(), parameters: parameters(a) };
+    judged.survey.assumed.iter().filter(elsewhere).map(entry).collect()
+}
+
+fn noise(judged: &Judged) -> Vec<NoiseFigure> {
+    let figure = |n: &NoiseEntry| NoiseFigure {
+        name: n.name,
+        unit: n.unit,
+        assumed: n.assumed,
+        fitted: n.fitted,
+        sigma: n.sigma,
+        plausible: n.plausible,
+        finding: n.finding,
+    };
+    judged.noise.iter().map(figure).collect()
 }
 
 fn negligible(judged: &Judged, sizes: &[Size]) -> Vec<Negligible> {
@@ -388,13 +468,20 @@ fn gap(judged: &Judged) -> Gap {
     }
 }
 
-/// What it all comes to. An effect that had to grow beyond what it can be explains nothing, nor do effects that leave the
+/// What it all comes to. Noise that is not plausible stands for something; an effect that had to grow beyond what it can be explains nothing, nor do effects that leave the
 /// gap on data that took no part as it was.
-fn verdict(effects: &[EffectEntry], added: &[&Added], gap: &Gap, terms: &[terms::Found]) -> Verdict {
+fn verdict(
+    effects: &[EffectEntry],
+    added: &[&Added],
+    gap: &Gap,
+    terms: &[terms::Found],
+    noise: &[NoiseFigure],
+) -> Verdict {
     let shrinks = gap.held_out.after < gap.held_out.before;
     if effects.iter().any(|e| e.names.len() > 1) {
         Verdict::Ambiguous
-    } else if !terms.is_empty() || added.iter().any(|a| a.is_at_limit()) {
+    } else if !terms.is_empty() || added.iter().any(|a| a.is_at_limit()) || noise.iter().any(|n| !n.plausible)
+    {
         Verdict::Unexplained
     } else if effects.is_empty() {
         Verdict::NothingMissing
@@ -414,12 +501,13 @@ pub fn explanation(
     not_found: Vec<NotFound>,
     events: &[Option<usize>],
 ) -> Explanation {
+    let speed = typical_speed(gaps);
     let (effects, added): (Vec<_>, Vec<_>) =
-        entries(judged, sizes, events, flies_fast(gaps)).into_iter().unzip();
-    let gap = gap(judged);
+        entries(judged, sizes, events, speed > AIRCRAFT_M_PER_S, speed).into_iter().unzip();
+    let (gap, noise) = (gap(judged), noise(judged));
     let mut explanation = Explanation {
         schema: "gaware.explanation/1",
-        verdict: verdict(&effects, &added, &gap, &found),
+        verdict: verdict(&effects, &added, &gap, &found, &noise),
         effects,
         places: places(gaps),
         regimes: regimes(gaps),
@@ -442,6 +530,8 @@ pub fn explanation(
             .collect(),
         removed: judged.removed.clone(),
         not_found,
+        assumed: assumed(judged),
+        noise,
         summary: String::new(),
     };
     explanation.summary = words::summary(&explanation, &added);

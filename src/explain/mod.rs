@@ -5,15 +5,17 @@
 //! `gaware.explanation/1` contract. It decides nothing about likelihoods itself.
 
 pub mod advice;
+pub mod consequence;
 pub mod contract;
 pub mod size;
 pub mod words;
 
-use crate::logs::{self, Item, LogError};
-use crate::sensors::{Converter, ConverterOptions};
+use crate::logs::LogError;
+use crate::pipeline;
+use crate::sensors::ConverterOptions;
 use crate::study::parallel::{Silent, map_runs};
 use contract::Explanation;
-use gaware_nav::effects::{Effect, GpsSmoothing};
+use gaware_nav::effects::{self, Effect, GpsSmoothing};
 use gaware_nav::identify::flight::{Flight, TooLittle};
 use gaware_nav::identify::judge::{self, Judged};
 use gaware_nav::identify::limits::NotFound;
@@ -115,23 +117,6 @@ impl Workers for Threads {
     }
 }
 
-/// All samples of a log of any format.
-///
-/// # Errors
-/// A log that cannot be opened or read.
-pub fn read(path: &Path, options: ConverterOptions) -> Result<Vec<Sample>, LogError> {
-    let mut converter = Converter::new(options);
-    let mut samples = Vec::new();
-    for record in logs::open(path)? {
-        let record = record?;
-        match record.item {
-            Item::Sample(sample) => samples.push(sample),
-            Item::Frame(frame) => converter.feed(record.t_us, &frame, &mut samples),
-        }
-    }
-    Ok(samples)
-}
-
 /// Reads and explains.
 ///
 /// # Errors
@@ -146,7 +131,7 @@ pub fn run(request: &Request, progress: &dyn Fn(Phase)) -> Result<Explained, Exp
             .enumerate()
             .map(|(k, path)| {
                 progress(Phase::Reading(first + k));
-                Ok(read(path, request.converter)?)
+                Ok(pipeline::samples(path, request.converter)?)
             })
             .collect()
     };
@@ -192,14 +177,18 @@ pub fn samples(
     found.retain(|term| !size::is_small_print(term, &judged, &gaps));
     let imitations = imitations(&left_over.replaced, &found, &judged);
     if !imitations.is_empty() {
+        let mut removed = std::mem::take(&mut judged.removed);
+        removed.extend(imitations.iter().filter_map(|name| effects::find(name)).map(Effect::name));
         judged = judge::judge(&good, &judging, judged.selection.without(&imitations), settings, &Threads);
+        judged.removed.extend(removed);
         gaps = smoothed(&good, &judged);
     }
     let sizes = |settings: Vec<&EffectSetting>| size::sizes(&settings, &judged, &gaps, &good);
     let own = sizes(judged.selection.added.iter().map(|a| &a.setting).collect());
-    let others = sizes(left_over.not_found.iter().map(|n| &n.setting).collect());
+    let not_found = nowhere_else(&judged, &own);
+    let others = sizes(not_found.iter().map(|n| &n.setting).collect());
     let likely = |(n, size): (&NotFound, &Size)| n.evidence > settings.threshold && !size.negligible;
-    let likely: Vec<bool> = left_over.not_found.iter().zip(&others).map(likely).collect();
+    let likely: Vec<bool> = not_found.iter().zip(&others).map(likely).collect();
     let events = to_own_time(&mut judged, &good);
     Explained {
         explanation: contract::explanation(
@@ -207,13 +196,13 @@ pub fn samples(
             &own,
             &gaps,
             found,
-            contract::not_found(&left_over.not_found, &likely),
+            contract::not_found(&not_found, &likely),
             &events,
         ),
         model: contract::new_model(&judged, &own),
         judged: Some(judged),
         gaps,
-        not_found: left_over.not_found,
+        not_found,
         logs: Vec::new(),
         validated: Vec::new(),
     }
@@ -241,6 +230,15 @@ fn too_little(why: &str, model: &Model) -> Explained {
         logs: Vec::new(),
         validated: Vec::new(),
     }
+}
+
+/// What was not found and stands in no other list either.
+fn nowhere_else(judged: &Judged, sizes: &[Size]) -> Vec<NotFound> {
+    let selection = &judged.selection;
+    let named = selection.steps.iter().zip(sizes).filter(|(_, size)| !size.negligible);
+    let named: Vec<&str> = named.flat_map(|(step, _)| step.group.iter().copied()).collect();
+    let told = |name: &str| named.contains(&name) || judged.removed.contains(&name);
+    judged.survey.not_found.iter().filter(|n| !told(n.setting.effect.name())).cloned().collect()
 }
 
 /// Effects of the selection that had only imitated the terms that were found.
@@ -335,7 +333,7 @@ pub fn write(explained: &Explained, folder: &Path) -> Result<(), ExplainError> {
 /// The new model as a file; it says where it comes from, and what in it belongs to these flights alone.
 fn model_file(explained: &Explained) -> String {
     let mut text = format!("# by gaware explain from {}\n", one_line(&explained.logs.join(", ")));
-    for setting in explained.model.effects.iter().filter(|s| s.effect.name().ends_with("_step")) {
+    for setting in explained.model.effects.iter().filter(|s| select::is_jump(s.effect)) {
         text.push_str(&format!(
             "# {} is an event of one flight: take it out before the model is used for another\n",
             setting.effect.name()

@@ -23,6 +23,13 @@ const GYRO: f64 = 1e-4;
 const ACCEL: f64 = 0.02;
 /// The same of the position of fixes, m: an antenna's phase centre, a turn cut short.
 const POSITION: f64 = 0.15;
+/// The same of the velocity of fixes, m/s.
+const VELOCITY: f64 = 0.05;
+
+/// The delay of a fix that somebody knows is one from the true motion. Inertial samples are late themselves, by the autopilot's
+/// low-pass (two poles at 20 Hz: 11 to 14 ms) and up to a loop until they are sent: a change of a known delay below this is
+/// no effect, s.
+const KNOWN_DELAY_S: f64 = 0.015;
 
 /// What an effect does on these flights.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
@@ -33,6 +40,8 @@ pub struct Size {
     pub accel: f64,
     /// RMS of what it adds to the position of fixes, m.
     pub position: f64,
+    /// RMS of what it adds to the velocity of fixes about the mean, m/s.
+    pub velocity: f64,
     /// Whether it is too small to be told from what the model leaves out.
     pub negligible: bool,
 }
@@ -99,8 +108,12 @@ pub fn sizes(
         let mut size = size(setting, known.as_deref(), gaps, flights);
         // Truncation is there or not.
         let sized = !setting.effect.is_empty();
-        size.negligible =
-            too_good && sized && size.gyro < GYRO && size.accel < ACCEL && size.position < POSITION;
+        let small =
+            size.gyro < GYRO && size.accel < ACCEL && size.position < POSITION && size.velocity < VELOCITY;
+        let delay = |p: &Vec<f64>| setting.effect.fix_delay_s(p);
+        let of_clock = setting.effect.delays_fixes()
+            && known.as_ref().is_some_and(|k| (delay(&setting.values) - delay(k)).abs() < KNOWN_DELAY_S);
+        size.negligible = sized && (too_good && small || of_clock);
         size
     };
     effects.iter().map(of).collect()
@@ -108,7 +121,7 @@ pub fn sizes(
 
 fn size(setting: &EffectSetting, known: Option<&[f64]>, gaps: &[FlightGap], flights: &[&Flight]) -> Size {
     let (effect, p) = (setting.effect, &setting.values);
-    let (mut gyro, mut accel, mut speed) = (Spread::default(), Spread::default(), Spread::default());
+    let [mut gyro, mut accel, mut speed, mut force] = std::array::from_fn(|_| Spread::default());
     let mut longest_s = 0.0f64;
     for (gap, flight) in gaps.iter().zip(flights) {
         for point in &gap.after {
@@ -116,13 +129,15 @@ fn size(setting: &EffectSetting, known: Option<&[f64]>, gaps: &[FlightGap], flig
             let old = |f: &dyn Fn(&[f64]) -> Vector3<f64>| known.map_or(Vector3::zeros(), f);
             gyro.take(&(effect.gyro(p, &x) - old(&|k| effect.gyro(k, &x))));
             accel.take(&(effect.accel(p, &x) - old(&|k| effect.accel(k, &x))));
+            force.take(&point.motion.force);
             speed.take(&Vector3::new(point.motion.speed, 0.0, 0.0));
         }
         longest_s = longest_s.max(flight.duration_s());
     }
     let walk = effect.bias_walk(p);
     let late_s = effect.fix_delay_s(p) - known.map_or(0.0, |k| effect.fix_delay_s(k));
-    let moved = if effect.name().starts_with("gps_") && late_s == 0.0 {
+    let older_s = effect.velocity_delay_s(p) - known.map_or(0.0, |k| effect.velocity_delay_s(k));
+    let moved = if effect.on_fixes().is_some() && late_s == 0.0 {
         let offsets = setting.parameters().zip(p).filter(|((_, unit), _)| unit.symbol == "m");
         offsets.map(|(_, v)| v * v).sum::<f64>().sqrt()
     } else {
@@ -132,6 +147,8 @@ fn size(setting: &EffectSetting, known: Option<&[f64]>, gaps: &[FlightGap], flig
         gyro: gyro.rms().max(walk.gyro * longest_s.sqrt()),
         accel: accel.rms().max(walk.accel * longest_s.sqrt()),
         position: moved,
+        // The force changes by about what the vehicle accelerates by.
+        velocity: older_s.abs() * force.rms(),
         negligible: false,
     }
 }

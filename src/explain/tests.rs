@@ -8,7 +8,109 @@ use gaware_sitl::truth::Truth;
 
 fn explain(hidden: &[EffectSetting], seed: u64) -> Explained {
     let blind = fly(hidden, Kind::Rich, Family::Tuning, seed);
-    samples(&[blind.samples], &[], &Model::default(), &Settings::default(), &|_| {})
+    let explained = samples(&[blind.samples], &[], &Model::default(), &Settings::default(), &|_| {});
+    each_effect_stands_once(&explained.explanation);
+    explained
+}
+
+/// Every effect of the catalogue is in exactly one of the lists.
+fn each_effect_stands_once(e: &Explanation) {
+    for effect in effects::REGISTRY {
+        let name = effect.name();
+        let lists = [
+            e.effects.iter().any(|x| x.names.contains(&name)),
+            e.not_found.iter().any(|x| x.name == name),
+            e.removed.contains(&name),
+            e.negligible.iter().any(|x| x.name == name),
+            e.assumed.iter().any(|x| x.name == name),
+        ];
+        assert_eq!(lists.iter().filter(|l| **l).count(), 1, "{name}: {lists:?}, {}", e.summary);
+    }
+}
+
+/// An aircraft at 60 m/s whose receiver has correlated errors of a metre.
+fn fast(hidden: &[EffectSetting], seed: u64) -> Vec<Sample> {
+    use gaware_sitl::sensors::{Flight as Simulated, SensorConfig};
+    use gaware_sitl::trajectory::{Flown, fixed_wing::FixedWing, signal::Signal};
+    let mut truth = Model::default();
+    truth.imu.gyro_bias = [2e-3, -1e-3, 3e-3];
+    truth.gnss.position_sigma_m = [0.6, 0.6, 1.0];
+    truth.gnss.position_correlation_s = 60.0;
+    truth.gnss.position_wander_sigma_m = [1.2, 1.2, 1.9];
+    hidden.iter().for_each(|h| truth.set(h.clone()));
+    let deg = f64::to_radians;
+    let (mut bank, mut climb) = (Signal::constant(0.0), Signal::constant(0.0));
+    let mut speed = Signal::constant(0.0).step(10.0, 15.0, 60.0);
+    for k in 0..6 {
+        let at = 40.0 + 30.0 * f64::from(k);
+        let side = if k % 2 == 0 { 1.0 } else { -1.0 };
+        bank = bank.pulse(at, at + 16.0, 2.0, side * deg(40.0 + 4.0 * f64::from(k)));
+        speed = speed.pulse(at + 18.0, at + 24.0, 4.0, 8.0);
+        climb = climb.pulse(at + 17.0, at + 24.0, 2.0, deg(6.0));
+    }
+    let wing = FixedWing::from_signals(240.0, speed, climb, bank, Signal::constant(0.0));
+    let sensors = SensorConfig {
+        imu_rate_hz: 50.0,
+        fix_rate_hz: 5.0,
+        message: "RAW_IMU".into(),
+        quantisation: gaware_nav::sample::Quantisation::Truncate(gaware_nav::sample::Steps::RAW_IMU),
+        attitude_rate_hz: 5.0,
+        time_jitter_s: 2e-3,
+        ..SensorConfig::default()
+    };
+    let flight = Simulated::new(Box::new(Flown::new(wing)), &truth, sensors, seed);
+    flight.take_while(|(_, t)| t.t_s < 220.0).map(|(s, _)| s).collect()
+}
+
+/// Position 0.10 s and velocity 0.22 s old: not an error of positions that wanders by metres.
+#[test]
+fn a_velocity_older_than_its_position_is_named_and_not_taken_for_noise() {
+    let hidden = [
+        EffectSetting::known(&effects::GpsLatency, &[0.10]).unwrap(),
+        EffectSetting::known(&effects::GpsVelocityLatency, &[0.12]).unwrap(),
+    ];
+    for seed in [1, 2] {
+        let explained =
+            samples(&[fast(&hidden, seed)], &[], &Model::default(), &Settings::default(), &|_| {});
+        let e = &explained.explanation;
+        each_effect_stands_once(e);
+        let mut names: Vec<_> = e.effects.iter().map(|x| x.names.clone()).collect();
+        names.sort();
+        assert_eq!(names, [["gps_latency"], ["gps_velocity_latency"]], "{}", e.summary);
+        for h in &hidden {
+            let found = explained.model.get(h.effect.name()).unwrap();
+            // Samples are stamped up to 2 ms late.
+            assert!((found.values[0] - h.values[0]).abs() < 2.0 * found.sigmas[0] + 2e-3, "{found:?}");
+        }
+        assert_eq!(e.verdict, contract::Verdict::Explained, "{}", e.summary);
+        assert!(e.noise.iter().all(|n| n.plausible), "{:?}", e.noise);
+    }
+}
+
+/// A receiver whose errors are far larger than it claims is not a flight in which nothing is missing.
+#[test]
+fn noise_far_beyond_what_is_claimed_is_a_finding() {
+    let mut flown = fast(&[], 3);
+    let mut errors = gaware_sitl::noise::Noise::new(3, gaware_sitl::noise::Purpose::Wind);
+    for sample in &mut flown {
+        if let Sample::Fix(fix) = sample {
+            fix.velocity_sigma_m_per_s = Some([0.08, 0.08, 0.08]);
+            if let gaware_nav::sample::FixVelocity::Full(v) = &mut fix.velocity {
+                v.iter_mut().for_each(|v| *v += 0.34 * errors.normal());
+            } else if let gaware_nav::sample::FixVelocity::Horizontal(v) = &mut fix.velocity {
+                v.iter_mut().for_each(|v| *v += 0.34 * errors.normal());
+            }
+        }
+    }
+    let explained = samples(&[flown], &[], &Model::default(), &Settings::default(), &|_| {});
+    let e = &explained.explanation;
+    let velocity = e.noise.iter().find(|n| n.name == "gnss_velocity").unwrap();
+    // 0.35 m/s where 0.08 are claimed.
+    assert!((velocity.assumed - 0.08).abs() < 1e-9 && !velocity.plausible, "{velocity:?}");
+    assert!((velocity.fitted - 0.35).abs() < 4.0 * velocity.sigma && velocity.sigma < 0.03, "{velocity:?}");
+    assert_eq!(velocity.finding, Some("gnss_velocity_noise"));
+    assert_eq!(e.verdict, contract::Verdict::Unexplained, "{}", e.summary);
+    assert!(e.summary.contains("gnss_velocity_noise"), "{}", e.summary);
 }
 
 #[test]
@@ -30,7 +132,9 @@ fn a_hidden_delay_is_named_and_the_gap_shrinks() {
     write(&explained, &folder).unwrap();
     let page = std::fs::read_to_string(folder.join("report.html")).unwrap();
     assert!(page.contains("gps_latency") && page.contains("<svg"));
-    assert!(!page.contains("<script") && !page.contains("href="));
+    for outside in ["<script src", "src=\"http", "href=\"http", "<link", "@import", "url(http"] {
+        assert!(!page.contains(outside), "{outside}");
+    }
     let json: serde_json::Value =
         serde_json::from_str(&std::fs::read_to_string(folder.join("report.json")).unwrap()).unwrap();
     assert_eq!(json["schema"], "gaware.explanation/1");

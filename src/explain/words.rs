@@ -29,9 +29,6 @@ fn described(name: &str) -> String {
 fn size(added: &Added) -> String {
     let setting = &added.setting;
     let units: Vec<_> = setting.parameters().collect();
-    if setting.effect.name() == "gps_latency" {
-        return format!(": {} s late", number(setting.values[0]));
-    }
     let significant = (0..units.len()).filter(|k| setting.sigmas[*k] > 0.0).max_by(|a, b| {
         let z = |k: usize| (setting.values[k] / setting.sigmas[k]).abs();
         z(*a).total_cmp(&z(*b))
@@ -64,6 +61,7 @@ pub fn summary(e: &Explanation, added: &[&Added]) -> String {
         _ => {}
     }
     e.effects.iter().zip(added).for_each(|(entry, added)| missing(entry, added, &mut text));
+    implausible(e, &mut text);
     let at_limit: Vec<&str> =
         added.iter().filter(|a| a.is_at_limit()).map(|a| a.setting.effect.name()).collect();
     if !at_limit.is_empty() {
@@ -90,6 +88,26 @@ pub fn summary(e: &Explanation, added: &[&Added]) -> String {
     text.join(" ")
 }
 
+/// Noise that no sensor which does what it claims has.
+fn implausible(e: &Explanation, text: &mut Vec<String>) {
+    let mut told: Vec<&str> = Vec::new();
+    for n in e.noise.iter().filter(|n| !n.plausible) {
+        let Some(finding) = n.finding.filter(|f| !told.contains(f)) else { continue };
+        told.push(finding);
+        let figures = e.noise.iter().filter(|o| o.finding == Some(finding));
+        let figures: Vec<String> = figures
+            .map(|o| {
+                format!("{} {} {} where {} was claimed", o.name, number(o.fitted), o.unit, number(o.assumed))
+            })
+            .collect();
+        text.push(format!(
+            "{finding}: the model explains the flight only with noise that is not plausible ({}): it stands for an error \
+             which is not in the catalogue, or the claims are wrong.",
+            figures.join(", ")
+        ));
+    }
+}
+
 /// What one step of the selection found.
 fn missing(entry: &EffectEntry, added: &Added, text: &mut Vec<String>) {
     let size = size(added);
@@ -103,6 +121,8 @@ fn missing(entry: &EffectEntry, added: &Added, text: &mut Vec<String>) {
         ));
         text.extend(entry.separate_by.as_ref().map(|maneuver| format!("To tell them apart: {maneuver}.")));
     }
+    text.extend(entry.consequence.as_ref().map(|c| format!("Consequence: {c}.")));
+    text.push(format!("Remedy: {}.", entry.remedy));
 }
 
 /// What the effects do to data that took no part.
@@ -180,6 +200,9 @@ mod tests {
             parameters: std::collections::BTreeMap::new(),
             evidence,
             separate_by: None,
+            consequence: None,
+            cause: "",
+            remedy: "",
         }
     }
 
@@ -193,7 +216,9 @@ mod tests {
         let mut e = contract::too_little("");
         e.effects = vec![entry("gyro_bias_drift")];
         let text = summary(&e, &[&drift(3000.0)]);
-        assert!(text.contains("gyro_walk = 3000 deg/h/√h or more. No bias"), "{text}");
+        let told =
+            text.contains("gyro_walk = 3000 deg/h/√h or more.") && text.contains("No bias of such a sensor");
+        assert!(told, "{text}");
         let text = summary(&e, &[&drift(100.0)]);
         assert!(text.contains("gyro_walk = 100 ± 220 deg/h/√h.") && !text.contains("No bias"), "{text}");
     }
@@ -206,6 +231,7 @@ mod tests {
             log_odds: 40.0,
             likely,
             parameters: serde_json::Value::Null,
+            reason: None,
         };
         e.not_found = vec![of(true)];
         assert!(summary(&e, &[]).contains("Something speaks for gyro_scale_factor too, which was not added"));

@@ -1,5 +1,6 @@
 //! Addresses of links as users write them: `serial:/dev/ttyAMA0:921600`, `udpin:0.0.0.0:14550`, `udpout:HOST:PORT`,
-//! `tcpout:HOST:PORT`.
+//! `tcpout:HOST:PORT`; and as other tools write them: `udp:` and `udp://` wait (MAVProxy, MAVSDK), `tcp:` and `tcp://` connect,
+//! `serial:///dev/ttyUSB0:57600` (MAVSDK), `/dev/ttyUSB0,57600` (MAVProxy).
 
 use serde::Serialize;
 use std::fmt;
@@ -34,7 +35,7 @@ pub enum Address {
 pub enum AddressError {
     /// No kind before the first colon.
     #[error(
-        "\"{0}\" is no address; write serial:/dev/ttyAMA0:921600, udpin:0.0.0.0:14550, udpout:HOST:PORT or tcpout:HOST:PORT"
+        "\"{0}\" is not a valid address; write serial:/dev/ttyAMA0:921600, udpin:0.0.0.0:14550, udpout:HOST:PORT or tcpout:HOST:PORT"
     )]
     Kind(String),
     /// A host without a port or the other way round.
@@ -43,6 +44,11 @@ pub enum AddressError {
     /// `udpin` binds a local address, not a name.
     #[error("udpin waits on a local IP address and port, as in udpin:0.0.0.0:14550; \"{0}\" is none")]
     Local(String),
+    /// Waiting for TCP connections.
+    #[error(
+        "\"{0}\" would wait for a TCP connection; let the other side wait and write tcpout:HOST:PORT, or use udpin"
+    )]
+    TcpIn(String),
     /// No device.
     #[error("serial needs a device and a baud rate, as in serial:/dev/ttyAMA0:921600; found \"{0}\"")]
     Device(String),
@@ -55,15 +61,27 @@ impl FromStr for Address {
     type Err = AddressError;
 
     fn from_str(s: &str) -> Result<Self, Self::Err> {
+        if s.starts_with("/dev/") {
+            return serial(&s.replacen(',', ":", 1));
+        }
         let (kind, rest) = s.split_once(':').ok_or_else(|| AddressError::Kind(s.to_owned()))?;
+        // As a URL.
+        let rest = rest.strip_prefix("//").unwrap_or(rest);
         match kind {
-            "serial" => serial(rest),
-            "udpin" => rest.parse().map(Self::UdpIn).map_err(|_| AddressError::Local(rest.to_owned())),
+            "serial" => serial(&rest.replacen(',', ":", 1)),
+            "udpin" | "udp" => local(rest).map(Self::UdpIn),
             "udpout" => host_port(rest, "udpout").map(Self::UdpOut),
-            "tcpout" => host_port(rest, "tcpout").map(Self::TcpOut),
+            "tcpout" | "tcp" => host_port(rest, "tcpout").map(Self::TcpOut),
+            "tcpin" => Err(AddressError::TcpIn(s.to_owned())),
             _ => Err(AddressError::Kind(s.to_owned())),
         }
     }
+}
+
+/// A local address to wait on; without a host any of this machine's.
+fn local(rest: &str) -> Result<SocketAddr, AddressError> {
+    let whole = if rest.starts_with(':') { format!("0.0.0.0{rest}") } else { rest.to_owned() };
+    whole.parse().map_err(|_| AddressError::Local(rest.to_owned()))
 }
 
 fn serial(rest: &str) -> Result<Address, AddressError> {
@@ -125,9 +143,29 @@ mod tests {
     }
 
     #[test]
+    fn the_forms_of_other_tools_are_understood() {
+        for (text, meant) in [
+            ("udp:0.0.0.0:14550", "udpin:0.0.0.0:14550"),
+            ("udp://:14540", "udpin:0.0.0.0:14540"),
+            ("udpin://0.0.0.0:14550", "udpin:0.0.0.0:14550"),
+            ("udpout://gcs.local:14550", "udpout:gcs.local:14550"),
+            ("tcp:127.0.0.1:5760", "tcpout:127.0.0.1:5760"),
+            ("tcp://192.168.1.5:5760", "tcpout:192.168.1.5:5760"),
+            ("serial:///dev/ttyUSB0:115200", "serial:/dev/ttyUSB0:115200"),
+            ("serial:///dev/ttyUSB0", "serial:/dev/ttyUSB0:57600"),
+            ("/dev/ttyUSB0,57600", "serial:/dev/ttyUSB0:57600"),
+            ("/dev/ttyACM0:921600", "serial:/dev/ttyACM0:921600"),
+            ("/dev/ttyACM0", "serial:/dev/ttyACM0:57600"),
+        ] {
+            assert_eq!(text.parse::<Address>().map(|a| a.to_string()).as_deref(), Ok(meant), "{text}");
+        }
+    }
+
+    #[test]
     fn a_wrong_address_says_what_is_wrong() {
         for (text, word) in [
-            ("/dev/ttyAMA0", "serial:/dev"),
+            ("ttyAMA0", "serial:/dev"),
+            ("tcpin:0.0.0.0:5760", "tcpout:HOST:PORT"),
             ("usb:/dev/x", "udpin"),
             ("serial:/dev/ttyAMA0:fast", "baud"),
             ("serial::57600", "device"),

@@ -7,11 +7,11 @@ use super::address::Address;
 use super::frame::Frame;
 use super::framer::{Framer, FramerStats};
 use serde::Serialize;
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 use std::io;
 use std::net::SocketAddr;
 use std::sync::Arc;
-use std::sync::atomic::{AtomicU64, Ordering};
+use std::sync::atomic::{AtomicU8, AtomicU64, Ordering};
 use std::time::{Duration, Instant, SystemTime};
 use tokio::io::{AsyncRead, AsyncReadExt, AsyncWrite, AsyncWriteExt};
 use tokio::net::{TcpStream, UdpSocket};
@@ -26,6 +26,8 @@ const CONNECT_PATIENCE: Duration = Duration::from_secs(5);
 /// A UDP peer that was silent for longer gets no more answers.
 const PEER_LIFETIME: Duration = Duration::from_secs(10);
 const MAX_PEERS: usize = 16;
+/// No system has this id: every peer that sends MAVLink is answered.
+const ANYBODY: u8 = 0;
 const FRAMES_AHEAD: usize = 4096;
 const REPLIES_AHEAD: usize = 256;
 
@@ -119,6 +121,7 @@ impl LinkHandle {
 /// All links of a run.
 #[derive(Debug)]
 pub struct Links {
+    followed: Arc<AtomicU8>,
     frames: mpsc::Receiver<Received>,
     handles: Vec<LinkHandle>,
     tasks: TaskTracker,
@@ -131,6 +134,7 @@ impl Links {
         let (to_reader, frames) = mpsc::channel(FRAMES_AHEAD);
         let tasks = TaskTracker::new();
         let stop = stop.child_token();
+        let followed = Arc::new(AtomicU8::new(ANYBODY));
         let mut handles = Vec::new();
         for (index, address) in addresses.iter().enumerate() {
             let (replies, from_us) = mpsc::channel(REPLIES_AHEAD);
@@ -152,6 +156,7 @@ impl Links {
                 dropped: dropped.clone(),
                 status,
                 clock,
+                followed: followed.clone(),
                 past: FramerStats::default(),
                 told_down: false,
             };
@@ -162,7 +167,12 @@ impl Links {
             handles.push(LinkHandle { replies, dropped, status: watched });
         }
         tasks.close();
-        Self { frames, handles, tasks, stop }
+        Self { followed, frames, handles, tasks, stop }
+    }
+
+    /// From now on only peers that speak for this system are answered over UDP.
+    pub fn follow(&self, system_id: u8) {
+        self.followed.store(system_id, Ordering::Relaxed);
     }
 
     /// The next frame of any link, in the order of arrival.
@@ -198,6 +208,8 @@ struct Link {
     dropped: Arc<AtomicU64>,
     status: watch::Sender<LinkStatus>,
     clock: ReceiveClock,
+    /// The vehicle that is followed.
+    followed: Arc<AtomicU8>,
     /// What the framers of earlier connections and peers counted.
     past: FramerStats,
     /// Whether it was told that the link is down, and nothing has come over it since.
@@ -214,9 +226,13 @@ impl Link {
                 Ok(()) => "the other side closed the connection".to_owned(),
                 Err(e) => e.to_string(),
             };
+            if self.frames.is_closed() {
+                // Nobody reads any more: the end of the links, not of the link.
+                return;
+            }
             // Once: whoever waits for a vehicle to be switched on has read it.
             if !std::mem::replace(&mut self.told_down, true) {
-                tracing::warn!(address = %self.address, %problem, "link is down, opening it again until it is back");
+                tracing::warn!(address = %self.address, %problem, "link is down; it is tried again every few seconds until it opens");
             }
             self.status.send_modify(|s| {
                 s.up = false;
@@ -235,7 +251,7 @@ impl Link {
             Address::Serial { path, baud } => {
                 let port = tokio_serial::new(&path, baud)
                     .open_native_async()
-                    .map_err(|e| io::Error::other(format!("cannot open {path}: {e}")))?;
+                    .map_err(|e| io::Error::other(serial_problem(&path, &e)))?;
                 self.stream(port).await
             }
             Address::TcpOut(host) => {
@@ -310,30 +326,34 @@ impl Link {
     /// Reads datagrams of any peer and answers the fixed one, or those heard lately.
     async fn datagrams(&mut self, socket: UdpSocket, fixed: Option<SocketAddr>) -> io::Result<()> {
         self.opened();
-        let mut peers: BTreeMap<SocketAddr, (Framer, Instant)> = BTreeMap::new();
+        let mut peers: BTreeMap<SocketAddr, Peer> = BTreeMap::new();
         let mut bytes = vec![0; 64 * 1024];
         loop {
             tokio::select! {
                 read = socket.recv_from(&mut bytes) => match read {
                     Ok((n, from)) => {
                         if !peers.contains_key(&from) {
-                            self.make_room(&mut peers);
+                            make_room(&mut peers);
                         }
-                        let (framer, heard) =
-                            peers.entry(from).or_insert_with(|| (Framer::new(), Instant::now()));
-                        *heard = Instant::now();
-                        let earlier = framer.stats();
-                        self.take(framer, bytes.get(..n).unwrap_or_default()).await?;
+                        let mut peer = peers.remove(&from).unwrap_or_else(Peer::new);
+                        peer.heard = Instant::now();
+                        let earlier = peer.framer.stats();
+                        let systems = self.take(&mut peer.framer, bytes.get(..n).unwrap_or_default()).await?;
+                        peer.systems.extend(systems);
                         // Several framers share one status: the sum is kept in `past`.
-                        self.past = add(self.past, since(framer.stats(), earlier));
+                        self.past = add(self.past, since(peer.framer.stats(), earlier));
                         self.status.send_modify(|s| s.framer = self.past);
+                        if peers.len() < MAX_PEERS {
+                            peers.insert(from, peer);
+                        }
                     }
                     // Nobody listens there (yet).
                     Err(e) if matches!(e.kind(), io::ErrorKind::ConnectionRefused | io::ErrorKind::Interrupted) => {}
                     Err(e) => return Err(e),
                 },
                 Some(frame) = self.replies.recv() => {
-                    let lately = peers.iter().filter(|(_, (_, heard))| heard.elapsed() < PEER_LIFETIME);
+                    let vehicle = self.followed.load(Ordering::Relaxed);
+                    let lately = peers.iter().filter(|(_, p)| p.heard.elapsed() < PEER_LIFETIME && p.speaks_for(vehicle));
                     let to: Vec<_> = fixed.map_or_else(|| lately.map(|(a, _)| *a).collect(), |a| vec![a]);
                     for address in to {
                         // A peer that has gone away does not concern the others.
@@ -344,21 +364,13 @@ impl Link {
         }
     }
 
-    /// Vehicles that change their port leave their old address behind.
-    fn make_room(&self, peers: &mut BTreeMap<SocketAddr, (Framer, Instant)>) {
-        peers.retain(|_, (_, heard)| heard.elapsed() < PEER_LIFETIME);
-        if peers.len() >= MAX_PEERS
-            && let Some(oldest) = peers.iter().min_by_key(|(_, (_, heard))| *heard).map(|(a, _)| *a)
-        {
-            peers.remove(&oldest);
-        }
-    }
-
-    /// Passes the frames of these bytes on.
-    async fn take(&mut self, framer: &mut Framer, bytes: &[u8]) -> io::Result<()> {
+    /// Passes the frames of these bytes on; gives the systems that they are of.
+    async fn take(&mut self, framer: &mut Framer, bytes: &[u8]) -> io::Result<BTreeSet<u8>> {
         let t_us = self.clock.now_us();
+        let mut systems = BTreeSet::new();
         framer.push(bytes);
         while let Some(frame) = framer.next_frame() {
+            systems.insert(frame.system_id);
             let received = Received { link: self.index, t_us, frame };
             if self.frames.send(received).await.is_err() {
                 return Err(io::Error::from(io::ErrorKind::BrokenPipe));
@@ -368,8 +380,50 @@ impl Link {
             tracing::warn!(address = %self.address, "link is up again");
         }
         self.status.send_modify(|s| s.received_bytes += bytes.len() as u64);
-        Ok(())
+        Ok(systems)
     }
+}
+
+/// Somebody who sends datagrams.
+struct Peer {
+    framer: Framer,
+    heard: Instant,
+    /// The systems whose frames it sent: at most 255 of them.
+    systems: BTreeSet<u8>,
+}
+
+impl Peer {
+    fn new() -> Self {
+        Self { framer: Framer::new(), heard: Instant::now(), systems: BTreeSet::new() }
+    }
+
+    /// Whether it sent a whole frame of this vehicle, or of anybody while none is followed.
+    fn speaks_for(&self, vehicle: u8) -> bool {
+        if vehicle == ANYBODY { !self.systems.is_empty() } else { self.systems.contains(&vehicle) }
+    }
+}
+
+/// Vehicles that change their port leave their old address behind. Of those who are still there strangers go first: a
+/// flood of them must not cost the vehicle its place.
+fn make_room(peers: &mut BTreeMap<SocketAddr, Peer>) {
+    peers.retain(|_, p| p.heard.elapsed() < PEER_LIFETIME);
+    if peers.len() >= MAX_PEERS
+        && let Some(least) =
+            peers.iter().min_by_key(|(_, p)| (!p.systems.is_empty(), p.heard)).map(|(a, _)| *a)
+    {
+        peers.remove(&least);
+    }
+}
+
+/// Why a serial port does not open, and what helps.
+fn serial_problem(path: &str, error: &tokio_serial::Error) -> String {
+    let remedy = match error.kind() {
+        tokio_serial::ErrorKind::Io(io::ErrorKind::PermissionDenied) => {
+            "; add your user to the group of the port, usually dialout (sudo usermod -aG dialout $USER), and log in again"
+        }
+        _ => "",
+    };
+    format!("cannot open {path}: {error}{remedy}")
 }
 
 fn add(a: FramerStats, b: FramerStats) -> FramerStats {

@@ -10,4 +10,5 @@ pub mod framer;
 pub mod heartbeat;
 pub mod rates;
 pub mod signing;
+pub mod systems;
 pub mod timesync;

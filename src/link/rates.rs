@@ -1,29 +1,45 @@
-//! Keeps the message rates that the estimator needs: asks, measures what arrives, asks again, and tells the user when
-//! the autopilot gives less.
+//! Keeps the message rates that the estimator needs: reads what is set, asks where that is too slow, measures what
+//! arrives, asks again, reports when the autopilot gives less, and gives the rates back at the end.
 //!
-//! Sans I/O; `now_us` is any monotonic clock. `SET_MESSAGE_INTERVAL` first; where the autopilot does not know it, the
-//! old `REQUEST_DATA_STREAM`. An acknowledgement names the command but not the message, so only one request is open
-//! at a time. Rates that were given and vanish (another station overwrote them, a reboot) are asked for again, ever
-//! less often.
+//! Sans I/O; `now_us` is any monotonic clock. Before anything is changed `GET_MESSAGE_INTERVAL` reads the interval that is set:
+//! a message that comes fast enough is not touched, one that this firmware does not have is never asked for (ArduPilot puts every
+//! `SET_MESSAGE_INTERVAL` of one into the pilot's messages), and the rest can be put back. Then `SET_MESSAGE_INTERVAL`;
+//! where the autopilot does not know it, the old `REQUEST_DATA_STREAM`. An acknowledgement names the command but not the
+//! message, so only one request is open at a time. Rates that were given and vanish (another station overwrote them, a
+//! reboot) are asked for again, ever less often.
+
+mod message;
+mod notice;
+mod request;
 
 use super::frame::Frame;
 use crate::sensors::{AUTOPILOT_COMPONENT, Autopilot, ImuSource};
-use mavlink::dialects::ardupilotmega::{COMMAND_LONG_DATA, MavCmd, MavMessage, MavResult};
-#[expect(deprecated, reason = "for firmware that knows nothing newer")]
-use mavlink::dialects::ardupilotmega::{MavDataStream, REQUEST_DATA_STREAM_DATA};
-use serde::{Deserialize, Serialize};
-use std::collections::VecDeque;
-use std::fmt;
+use mavlink::dialects::ardupilotmega::{MavCmd, MavMessage, MavResult};
+use message::{Message, Present, State};
+pub use notice::RateNotice;
+use request::{Target, is_inertial, to_give_back};
 
 const ACK_PATIENCE_US: u64 = 1_000_000;
 const TRIES: u32 = 3;
+/// An interval that is not answered is asked for this often: the answer is no condition for what follows.
+const QUERY_TRIES: u32 = 2;
 const WINDOW_US: u64 = 4_000_000;
 const FIRST_PAUSE_US: u64 = 5_000_000;
 const LONGEST_PAUSE_US: u64 = 60_000_000;
+/// PX4 says of a message without a limit as of one that was stopped that its interval is −1: whether it arrives decides.
+const WATCH_US: u64 = 1_000_000;
 /// Share of the wanted rate that counts as kept.
 const ENOUGH: f64 = 0.7;
 /// What to try after a refusal, Hz (0.8 × loop rate: Plane 40, Copter 320).
 const LADDER: [u16; 7] = [320, 200, 100, 50, 40, 25, 10];
+/// `HIGHRES_IMU`: in no data stream, and unknown to firmware that cannot say which intervals are set.
+const HIGHRES_IMU: u32 = 105;
+const GPS_RAW_INT: u32 = 24;
+/// Superseded by `REQUEST_MESSAGE`, which says less where there is no such message; every firmware in use knows it.
+#[expect(deprecated, reason = "see above")]
+const GET_MESSAGE_INTERVAL: MavCmd = MavCmd::MAV_CMD_GET_MESSAGE_INTERVAL;
+const COMMAND_ACK: u32 = 77;
+const MESSAGE_INTERVAL: u32 = 244;
 
 /// A rate that is wanted.
 #[derive(Debug, Clone, PartialEq, Eq)]
@@ -45,56 +61,12 @@ pub fn needs(autopilot: Autopilot, imu_hz: u16, forced: Option<ImuSource>) -> Ve
     };
     let imu =
         sources.iter().map(|s| Wanted { message_id: s.message_id(), rate_hz: imu_hz, alternative: true });
-    let rest =
-        [(24, 10), (30, 10)].map(|(message_id, rate_hz)| Wanted { message_id, rate_hz, alternative: false });
+    let rest = [(GPS_RAW_INT, 10), (30, 10)].map(|(message_id, rate_hz)| Wanted {
+        message_id,
+        rate_hz,
+        alternative: false,
+    });
     imu.chain(rest).collect()
-}
-
-/// What the user is told.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
-#[serde(rename_all = "snake_case", tag = "rate_notice")]
-pub enum RateNotice {
-    /// The autopilot refused the rate that is wanted.
-    Refused {
-        /// Message id.
-        message_id: u32,
-        /// Rate wanted, Hz.
-        rate_hz: u16,
-        /// Rate it gives instead, Hz; nothing where it does not send the message at all.
-        granted_hz: Option<u16>,
-    },
-    /// A message arrives more slowly than was agreed.
-    Slow {
-        /// Message id.
-        message_id: u32,
-        /// Agreed, Hz.
-        rate_hz: u16,
-        /// Measured, Hz.
-        measured_hz: f64,
-    },
-    /// No command is answered; the old way of asking is tried.
-    OldRequests,
-}
-
-impl fmt::Display for RateNotice {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        match self {
-            Self::Refused { message_id, rate_hz, granted_hz: Some(granted) } => write!(
-                f,
-                "the autopilot gives message {message_id} at {granted} Hz only, {rate_hz} Hz are wanted (its main loop is too slow: SCHED_LOOP_RATE)"
-            ),
-            Self::Refused { message_id, rate_hz, granted_hz: None } => {
-                write!(f, "the autopilot refuses to send message {message_id} ({rate_hz} Hz are wanted)")
-            }
-            Self::Slow { message_id, rate_hz, measured_hz } => write!(
-                f,
-                "message {message_id} arrives at {measured_hz:.1} Hz instead of {rate_hz} Hz; the link is too slow, or another station has changed the rate; asking again"
-            ),
-            Self::OldRequests => f.write_str(
-                "the autopilot does not answer SET_MESSAGE_INTERVAL; asking by REQUEST_DATA_STREAM, which other stations may overwrite",
-            ),
-        }
-    }
 }
 
 /// What is to be done.
@@ -107,48 +79,24 @@ pub enum RateAction {
     Tell(RateNotice),
 }
 
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-enum State {
-    /// To be asked for at this time.
-    Due(u64),
-    /// Agreed or taken for agreed at this time.
-    Agreed(u64),
-    /// Cannot be had, or not needed because another arrives.
-    Off,
-}
-
-#[derive(Debug, Clone)]
-struct Message {
-    wanted: Wanted,
-    /// What is asked for now; lower than wanted after refusals.
-    rate_hz: u16,
-    state: State,
-    pause_us: u64,
-    told_slow: bool,
-    told_refused: bool,
-    arrivals: VecDeque<u64>,
-}
-
-impl Message {
-    fn refused(&self, granted_hz: Option<u16>) -> RateNotice {
-        RateNotice::Refused { message_id: self.wanted.message_id, rate_hz: self.wanted.rate_hz, granted_hz }
-    }
-}
-
+/// The request that is open.
 #[derive(Debug, Clone, Copy)]
 struct Open {
     index: usize,
     sent_us: u64,
     tries: u32,
+    /// Whether it reads the interval rather than sets it.
+    query: bool,
 }
 
 /// The keeper of the rates of one vehicle.
 #[derive(Debug, Clone)]
 pub struct RateKeeper {
-    system_id: u8,
-    autopilot: Autopilot,
+    target: Target,
     messages: Vec<Message>,
     open: Option<Open>,
+    /// The firmware does not say which intervals are set.
+    no_queries: bool,
     old_way: bool,
 }
 
@@ -156,57 +104,115 @@ impl RateKeeper {
     /// A keeper that starts to ask at once.
     pub fn new(system_id: u8, autopilot: Autopilot, wanted: Vec<Wanted>, now_us: u64) -> Self {
         let mut first = true;
-        let messages = wanted
-            .into_iter()
-            .map(|wanted| {
-                let state = if wanted.alternative && !std::mem::take(&mut first) {
-                    State::Off
-                } else {
-                    State::Due(now_us)
-                };
-                Message {
-                    rate_hz: wanted.rate_hz,
-                    wanted,
-                    state,
-                    pause_us: FIRST_PAUSE_US,
-                    told_slow: false,
-                    told_refused: false,
-                    arrivals: VecDeque::new(),
-                }
-            })
-            .collect();
-        Self { system_id, autopilot, messages, open: None, old_way: false }
+        let message = |wanted: Wanted| {
+            let waits = wanted.alternative && !std::mem::take(&mut first);
+            Message::new(wanted, if waits { State::Off } else { State::Due(now_us) })
+        };
+        let messages = wanted.into_iter().map(message).collect();
+        let target = Target { system_id, autopilot };
+        Self { target, messages, open: None, no_queries: false, old_way: false }
     }
 
-    /// Asks for everything again, as after a reboot, which forgets the rates.
+    /// Asks for everything again, as after a reboot, which forgets the rates. What the firmware does not have it has not got
+    /// after a reboot either.
     pub fn restart(&mut self, now_us: u64) {
         let wanted = self.messages.iter().map(|m| m.wanted.clone()).collect();
-        *self = Self::new(self.system_id, self.autopilot, wanted, now_us);
+        let missing: Vec<bool> = self.messages.iter().map(|m| m.missing).collect();
+        let no_queries = self.no_queries;
+        *self = Self::new(self.target.system_id, self.target.autopilot, wanted, now_us);
+        self.no_queries = no_queries;
+        for (index, missing) in missing.into_iter().enumerate() {
+            if missing {
+                self.has_not(index, now_us, &mut Vec::new());
+            }
+        }
     }
 
     /// Takes a frame that has arrived.
     pub fn receive(&mut self, now_us: u64, frame: &Frame, out: &mut Vec<RateAction>) {
-        if (frame.system_id, frame.component_id) != (self.system_id, AUTOPILOT_COMPONENT) {
+        if (frame.system_id, frame.component_id) != (self.target.system_id, AUTOPILOT_COMPONENT) {
             return;
         }
         if let Some(m) = self.messages.iter_mut().find(|m| m.wanted.message_id == frame.message_id) {
-            m.arrivals.push_back(now_us);
-            while m.arrivals.front().is_some_and(|t| t + WINDOW_US < now_us) {
-                m.arrivals.pop_front();
-            }
+            m.arrived(now_us);
         }
-        if frame.message_id != 77 {
+        match frame.message_id {
+            COMMAND_ACK => {
+                if let (Some(open), Ok(MavMessage::COMMAND_ACK(ack))) = (self.open, frame.decode()) {
+                    self.acknowledged(open, ack.command, ack.result, now_us, out);
+                }
+            }
+            MESSAGE_INTERVAL => {
+                if let Ok(MavMessage::MESSAGE_INTERVAL(m)) = frame.decode() {
+                    self.interval(u32::from(m.message_id), m.interval_us, now_us, out);
+                }
+            }
+            _ => {}
+        }
+    }
+
+    fn acknowledged(
+        &mut self,
+        open: Open,
+        command: MavCmd,
+        result: MavResult,
+        now_us: u64,
+        out: &mut Vec<RateAction>,
+    ) {
+        match (open.query, command) {
+            (false, MavCmd::MAV_CMD_SET_MESSAGE_INTERVAL) => {
+                self.open = None;
+                self.answered(open.index, result, now_us, out);
+            }
+            // The answer itself is a message of its own; it may come before or after this.
+            (true, GET_MESSAGE_INTERVAL) if result == MavResult::MAV_RESULT_UNSUPPORTED => {
+                self.open = None;
+                self.cannot_be_queried(now_us, out);
+            }
+            _ => {}
+        }
+    }
+
+    /// The interval that is set for a message, µs.
+    fn interval(&mut self, message_id: u32, interval_us: i32, now_us: u64, out: &mut Vec<RateAction>) {
+        let Some(open) = self.open.filter(|o| o.query) else { return };
+        let Some(m) = self.messages.get_mut(open.index) else { return };
+        if m.wanted.message_id != message_id {
             return;
         }
-        if let (Some(open), Ok(MavMessage::COMMAND_ACK(ack))) = (self.open, frame.decode())
-            && ack.command == MavCmd::MAV_CMD_SET_MESSAGE_INTERVAL
-        {
-            self.open = None;
-            self.answered(open.index, ack.result, now_us, out);
+        self.open = None;
+        m.present = Present::of(self.target.autopilot, interval_us);
+        match m.present {
+            Present::Missing => self.has_not(open.index, now_us, out),
+            Present::Unlimited if m.arrivals.is_empty() => m.state = State::Due(now_us + WATCH_US),
+            _ => m.compare_with_present(now_us),
+        }
+    }
+
+    /// The firmware answers no query: what arrives counts, and what only newer firmware has is left alone.
+    fn cannot_be_queried(&mut self, now_us: u64, out: &mut Vec<RateAction>) {
+        self.no_queries = true;
+        if self.target.autopilot != Autopilot::Px4 {
+            let modern = |m: &Message| m.wanted.message_id == HIGHRES_IMU && m.state != State::Off;
+            if let Some(index) = self.messages.iter().position(modern) {
+                self.has_not(index, now_us, out);
+            }
+        }
+    }
+
+    /// The firmware does not have this message.
+    fn has_not(&mut self, index: usize, now_us: u64, out: &mut Vec<RateAction>) {
+        let was_off = self.messages.get(index).is_none_or(|m| m.state == State::Off);
+        if let Some(m) = self.messages.get_mut(index) {
+            m.missing = true;
+        }
+        if !was_off {
+            self.give_up(index, now_us, out);
         }
     }
 
     fn answered(&mut self, index: usize, result: MavResult, now_us: u64, out: &mut Vec<RateAction>) {
+        let px4 = self.target.autopilot == Autopilot::Px4;
         let Some(m) = self.messages.get_mut(index) else { return };
         match result {
             MavResult::MAV_RESULT_ACCEPTED => {
@@ -219,45 +225,39 @@ impl RateKeeper {
                 m.state = State::Due(now_us + m.pause_us);
             }
             MavResult::MAV_RESULT_UNSUPPORTED if !m.wanted.alternative => self.use_old_way(now_us, out),
-            _ => {
-                let lower = LADDER.into_iter().find(|hz| *hz < m.rate_hz);
-                match lower {
-                    // A refusal means "too fast" or "not this message", without saying which.
-                    Some(hz) if result != MavResult::MAV_RESULT_UNSUPPORTED => {
-                        m.rate_hz = hz;
-                        m.state = State::Due(now_us);
-                    }
-                    _ => self.give_up(index, now_us, out),
+            // ArduPilot's refusal means "too fast"; PX4's only ever "not this message" (`set_message_interval`).
+            MavResult::MAV_RESULT_DENIED if !px4 => match m.next_lower() {
+                Some(hz) => {
+                    m.rate_hz = hz;
+                    m.state = State::Due(now_us);
                 }
+                None => self.give_up(index, now_us, out),
+            },
+            _ => {
+                m.missing = true;
+                self.give_up(index, now_us, out);
             }
         }
     }
 
     /// Turns to the next alternative, where there is one.
     fn give_up(&mut self, index: usize, now_us: u64, out: &mut Vec<RateAction>) {
-        let next = self
-            .messages
-            .iter()
-            .enumerate()
-            .skip(index + 1)
-            .find(|(_, m)| m.wanted.alternative)
-            .map(|(k, _)| k);
-        let alternative = self.messages.get(index).is_some_and(|m| m.wanted.alternative);
-        let (of, state) = match next {
-            Some(next) if alternative => (next, State::Due(now_us)),
-            // The last resort is asked for again later: a firmware may still be starting.
-            _ => (index, State::Due(now_us + LONGEST_PAUSE_US)),
-        };
-        if let Some(m) = self.messages.get_mut(index) {
-            if of != index {
-                m.state = State::Off;
-            } else if !std::mem::replace(&mut m.told_refused, true) {
-                out.push(RateAction::Tell(m.refused(None)));
+        let usable = |(k, m): &(usize, &Message)| *k > index && m.wanted.alternative && !m.missing;
+        let next = self.messages.iter().enumerate().find(usable).map(|(k, _)| k);
+        let Some(m) = self.messages.get_mut(index) else { return };
+        m.rate_hz = m.wanted.rate_hz;
+        if let (true, Some(next)) = (m.wanted.alternative, next) {
+            m.state = State::Off;
+            if let Some(other) = self.messages.get_mut(next) {
+                other.state = State::Due(now_us);
             }
-            m.rate_hz = m.wanted.rate_hz;
+            return;
         }
-        if let Some(m) = self.messages.get_mut(of) {
-            m.state = state;
+        // The last resort is asked for again later, unless the firmware does not have it: it may still be starting.
+        m.state = if m.missing { State::Off } else { State::Due(now_us + LONGEST_PAUSE_US) };
+        if !std::mem::replace(&mut m.told_refused, true) {
+            let granted = m.present_hz().filter(|hz| *hz >= 1.0).map(|hz| hz.round() as u16);
+            out.push(RateAction::Tell(m.refused(granted)));
         }
     }
 
@@ -267,8 +267,7 @@ impl RateKeeper {
         }
         self.open = None;
         for m in &mut self.messages {
-            // Streams hold several messages, HIGHRES_IMU is in none of them.
-            m.state = if m.wanted.message_id == 105 { State::Off } else { State::Due(now_us) };
+            m.state = if m.wanted.message_id == HIGHRES_IMU { State::Off } else { State::Due(now_us) };
         }
     }
 
@@ -279,13 +278,8 @@ impl RateKeeper {
                 return;
             }
             self.open = None;
-            match self.messages.get_mut(open.index) {
-                // Unanswered and yet arriving fast enough is as good as agreed.
-                Some(m) if rate(&m.arrivals, now_us) >= ENOUGH * f64::from(m.rate_hz) => {
-                    m.state = State::Agreed(now_us);
-                }
-                _ if open.tries >= TRIES => return self.use_old_way(now_us, out),
-                _ => return self.ask(open.index, open.tries + 1, now_us, out),
+            if !self.unanswered(open, now_us, out) {
+                return;
             }
         }
         for index in 0..self.messages.len() {
@@ -298,9 +292,52 @@ impl RateKeeper {
                     self.ask_old_way(index, now_us, out);
                 }
             }
-        } else if let Some(index) = self.messages.iter().position(due) {
-            self.ask(index, 1, now_us, out);
+            return;
         }
+        while let Some(index) = self.messages.iter().position(due) {
+            if self.attend(index, now_us, out) {
+                return;
+            }
+        }
+    }
+
+    /// Nobody has answered; true where the round goes on.
+    fn unanswered(&mut self, open: Open, now_us: u64, out: &mut Vec<RateAction>) -> bool {
+        if open.query {
+            if open.tries < QUERY_TRIES {
+                self.query(open.index, open.tries + 1, now_us, out);
+                return false;
+            }
+            self.cannot_be_queried(now_us, out);
+            return true;
+        }
+        let Some(m) = self.messages.get_mut(open.index) else { return true };
+        // Unanswered and yet arriving fast enough is as good as agreed.
+        if m.measured_hz(now_us) >= ENOUGH * f64::from(m.rate_hz) {
+            m.state = State::Agreed(now_us);
+            return true;
+        }
+        if open.tries >= TRIES {
+            self.use_old_way(now_us, out);
+        } else {
+            self.ask(open.index, open.tries + 1, now_us, out);
+        }
+        false
+    }
+
+    /// Takes the next step for a message that is due; true where a request is open then.
+    fn attend(&mut self, index: usize, now_us: u64, out: &mut Vec<RateAction>) -> bool {
+        let Some(m) = self.messages.get_mut(index) else { return true };
+        match m.present {
+            Present::Unasked if !self.no_queries => self.query(index, 1, now_us, out),
+            Present::Unasked | Present::Unlimited => {
+                m.present = Present::Measured(m.measured_hz(now_us));
+                m.compare_with_present(now_us);
+                return false;
+            }
+            _ => self.ask(index, 1, now_us, out),
+        }
+        true
     }
 
     fn check(&mut self, index: usize, now_us: u64, out: &mut Vec<RateAction>) {
@@ -309,12 +346,9 @@ impl RateKeeper {
         if now_us < since + WINDOW_US {
             return;
         }
-        while m.arrivals.front().is_some_and(|t| t + WINDOW_US < now_us) {
-            m.arrivals.pop_front();
-        }
-        let measured_hz = rate(&m.arrivals, now_us);
+        let measured_hz = m.measured_hz(now_us);
         // A receiver gives fixes at its own pace, whatever was asked for.
-        let enough = if m.wanted.message_id == 24 { 0.5 } else { ENOUGH * f64::from(m.rate_hz) };
+        let enough = if m.wanted.message_id == GPS_RAW_INT { 0.5 } else { ENOUGH * f64::from(m.rate_hz) };
         if measured_hz >= enough {
             m.told_slow = false;
             m.pause_us = FIRST_PAUSE_US;
@@ -334,49 +368,37 @@ impl RateKeeper {
         m.pause_us = (2 * m.pause_us).min(LONGEST_PAUSE_US);
     }
 
-    fn ask(&mut self, index: usize, tries: u32, now_us: u64, out: &mut Vec<RateAction>) {
+    fn query(&mut self, index: usize, tries: u32, now_us: u64, out: &mut Vec<RateAction>) {
         let Some(m) = self.messages.get(index) else { return };
-        // ArduPilot wants whole milliseconds and zeros in the parameters it does not use.
-        let exact_us = 1e6 / f64::from(m.rate_hz.max(1));
-        let interval_us = if self.autopilot == Autopilot::Px4 {
-            exact_us.round()
-        } else {
-            (exact_us / 1e3).floor().max(1.0) * 1e3
-        };
-        out.push(RateAction::Send(MavMessage::COMMAND_LONG(COMMAND_LONG_DATA {
-            command: MavCmd::MAV_CMD_SET_MESSAGE_INTERVAL,
-            target_system: self.system_id,
-            target_component: AUTOPILOT_COMPONENT,
-            confirmation: tries.saturating_sub(1) as u8,
-            param1: m.wanted.message_id as f32,
-            param2: interval_us as f32,
-            ..Default::default()
-        })));
-        self.open = Some(Open { index, sent_us: now_us, tries });
+        out.push(RateAction::Send(self.target.query(m.wanted.message_id, tries)));
+        self.open = Some(Open { index, sent_us: now_us, tries, query: true });
     }
 
-    #[expect(deprecated, reason = "for firmware that knows nothing newer")]
+    fn ask(&mut self, index: usize, tries: u32, now_us: u64, out: &mut Vec<RateAction>) {
+        let Some(m) = self.messages.get_mut(index) else { return };
+        m.changed = true;
+        let (id, inertial) = (m.wanted.message_id, is_inertial(m.wanted.message_id));
+        out.push(RateAction::Send(self.target.set_rate(id, m.rate_hz, inertial, tries)));
+        self.open = Some(Open { index, sent_us: now_us, tries, query: false });
+    }
+
     fn ask_old_way(&mut self, index: usize, now_us: u64, out: &mut Vec<RateAction>) {
         let Some(m) = self.messages.get_mut(index) else { return };
-        let stream = match m.wanted.message_id {
-            24 => MavDataStream::MAV_DATA_STREAM_EXTENDED_STATUS,
-            30 => MavDataStream::MAV_DATA_STREAM_EXTRA1,
-            _ => MavDataStream::MAV_DATA_STREAM_RAW_SENSORS,
-        };
-        out.push(RateAction::Send(MavMessage::REQUEST_DATA_STREAM(REQUEST_DATA_STREAM_DATA {
-            target_system: self.system_id,
-            target_component: AUTOPILOT_COMPONENT,
-            req_stream_id: stream,
-            req_message_rate: m.rate_hz,
-            start_stop: 1,
-        })));
+        if !m.changed {
+            m.present = Present::Measured(m.measured_hz(now_us));
+            m.changed = true;
+        }
         m.state = State::Agreed(now_us);
+        // A stream is asked for no more slowly than it comes.
+        let rate_hz = m.present_hz().map_or(m.rate_hz, |hz| m.rate_hz.max(hz.round() as u16));
+        out.push(RateAction::Send(self.target.stream(m.wanted.message_id, rate_hz)));
     }
-}
 
-fn rate(arrivals: &VecDeque<u64>, now_us: u64) -> f64 {
-    let span = arrivals.front().map_or(0, |t| now_us.saturating_sub(*t)).max(1_000_000);
-    arrivals.len() as f64 * 1e6 / span as f64
+    /// Puts every rate that was changed back to what it was; to be sent one at a time.
+    pub fn give_back(&self) -> Vec<MavMessage> {
+        let changed = self.messages.iter().filter(|m| m.changed);
+        changed.map(|m| to_give_back(&self.target, m, self.old_way)).collect()
+    }
 }
 
 #[cfg(test)]

@@ -16,6 +16,10 @@ const EPOCH_US: u64 = 1_420_070_400_000_000;
 const TICK_US: u64 = 10;
 /// A stream that is new to us may lag behind by this much: one minute.
 const NEW_STREAM_TICKS: u64 = 60 * 100_000;
+/// Streams that are remembered; no link carries so many.
+const MAX_STREAMS: usize = 1024;
+/// The newest times of others are kept at least so often, ticks: one second.
+const KEEP_TICKS: u64 = 100_000;
 /// Ticks that are reserved in the file ahead of use, so that it is written once in ten seconds and not per frame.
 const RESERVE_TICKS: u64 = 10 * 100_000;
 
@@ -51,6 +55,19 @@ impl Key {
         Self(bytes)
     }
 
+    /// Whether others than its owner may read this key file.
+    #[cfg(unix)]
+    pub fn is_exposed(path: &Path) -> bool {
+        use std::os::unix::fs::PermissionsExt;
+        std::fs::metadata(path).is_ok_and(|m| m.permissions().mode() & 0o077 != 0)
+    }
+
+    /// Whether others than its owner may read this key file: not known here.
+    #[cfg(not(unix))]
+    pub fn is_exposed(_: &Path) -> bool {
+        false
+    }
+
     /// From a file of 32 bytes or 64 hexadecimal digits.
     ///
     /// # Errors
@@ -71,7 +88,8 @@ impl Key {
 
 fn from_hex(text: &str) -> Option<[u8; 32]> {
     let mut key = [0; 32];
-    if text.len() != 64 || !text.is_ascii() {
+    // A sign is no digit, although numbers may begin with one.
+    if text.len() != 64 || !text.bytes().all(|b| b.is_ascii_hexdigit()) {
         return None;
     }
     for (k, byte) in key.iter_mut().enumerate() {
@@ -89,14 +107,13 @@ fn ticks(unix_us: u64) -> u64 {
 #[derive(Debug)]
 pub struct Signer {
     key: Key,
-    link_id: u8,
     last: u64,
 }
 
 impl Signer {
-    /// Signs as this link; `last_ticks` is the last time used before (0 where there is none).
-    pub fn new(key: Key, link_id: u8, last_ticks: u64) -> Self {
-        Self { key, link_id, last: last_ticks }
+    /// A signer; `last_ticks` is the last time used before (0 where there is none).
+    pub fn new(key: Key, last_ticks: u64) -> Self {
+        Self { key, last: last_ticks }
     }
 
     /// The last time used, to be kept across restarts.
@@ -104,10 +121,10 @@ impl Signer {
         self.last
     }
 
-    /// The same MAVLink 2 frame with a signature; MAVLink 1 has none and is returned as it is.
-    pub fn sign(&mut self, frame: &Frame, unix_us: u64) -> Frame {
+    /// The same MAVLink 2 frame with a signature for the link that it is sent over; MAVLink 1 has none and is returned as it is.
+    pub fn sign(&mut self, frame: &Frame, link_id: u8, unix_us: u64) -> Frame {
         self.last = ticks(unix_us).max(self.last + 1);
-        signed(frame, &self.key, self.link_id, self.last).unwrap_or_else(|| frame.clone())
+        signed(frame, &self.key, link_id, self.last).unwrap_or_else(|| frame.clone())
     }
 }
 
@@ -158,22 +175,30 @@ pub enum Trust {
     Old,
 }
 
+/// A stream of signed frames: link id, system, component.
+pub type Stream = (u8, u8, u8);
+
 /// Checks the signatures of others.
 #[derive(Debug)]
 pub struct Verifier {
     key: Key,
-    newest: BTreeMap<(u8, u8, u8), u64>,
-    clock: u64,
+    newest: BTreeMap<Stream, u64>,
 }
 
 impl Verifier {
-    /// Has heard nobody. `unix_us` sets the clock that new senders are compared with.
-    pub fn new(key: Key, unix_us: u64) -> Self {
-        Self { key, newest: BTreeMap::new(), clock: ticks(unix_us) }
+    /// Knows the newest time of every stream that was heard before.
+    pub fn new(key: Key, newest: BTreeMap<Stream, u64>) -> Self {
+        Self { key, newest }
     }
 
-    /// Judges a frame.
-    pub fn judge(&mut self, frame: &Frame) -> Trust {
+    /// The newest time of every stream, to be kept across restarts.
+    pub fn newest(&self) -> &BTreeMap<Stream, u64> {
+        &self.newest
+    }
+
+    /// Judges a frame. New streams are compared with our own time and with nobody else's: a sender whose clock is ahead must not
+    /// lock the others out.
+    pub fn judge(&mut self, frame: &Frame, unix_us: u64) -> Trust {
         let Some([link_id, a, b, c, d, e, f, theirs @ ..]) = frame.signature() else {
             return Trust::Unsigned;
         };
@@ -186,44 +211,79 @@ impl Verifier {
         let sender = (*link_id, frame.system_id, frame.component_id);
         let old = match self.newest.get(&sender) {
             Some(newest) => time <= *newest,
-            None => time + NEW_STREAM_TICKS < self.clock,
+            None => time + NEW_STREAM_TICKS < ticks(unix_us),
         };
         if old {
             return Trust::Old;
         }
+        if self.newest.len() >= MAX_STREAMS && !self.newest.contains_key(&sender) {
+            return Trust::Old;
+        }
         self.newest.insert(sender, time);
-        self.clock = self.clock.max(time);
         Trust::Genuine
     }
 }
 
-/// The file that keeps a signer's last time across restarts.
+/// What a [`TimeFile`] holds.
+#[derive(Debug, Clone, Default, PartialEq, Eq)]
+pub struct Times {
+    /// The last time that we may have used.
+    pub ours: u64,
+    /// The newest time of every stream that was heard.
+    pub others: BTreeMap<Stream, u64>,
+}
+
+/// The file that keeps the times of signatures across restarts: ours in the first line, then link id, system, component and newest time of
+/// each stream that was heard.
 #[derive(Debug)]
 pub struct TimeFile {
     path: PathBuf,
     reserved: u64,
+    /// Our time when the file was last written.
+    written: u64,
 }
 
 impl TimeFile {
-    /// Reads the last time that may have been used; 0 where there is no file yet.
-    pub fn open(path: &Path) -> (Self, u64) {
-        let last = std::fs::read_to_string(path).ok().and_then(|t| t.trim().parse().ok()).unwrap_or(0);
-        (Self { path: path.to_owned(), reserved: last }, last)
+    /// Reads the times; nothing where there is no file yet.
+    pub fn open(path: &Path) -> (Self, Times) {
+        let text = std::fs::read_to_string(path).unwrap_or_default();
+        let mut lines = text.lines();
+        let ours = lines.next().and_then(|t| t.trim().parse().ok()).unwrap_or(0);
+        let others = lines.filter_map(|line| {
+            let mut words = line.split_whitespace();
+            let mut id = || words.next()?.parse::<u8>().ok();
+            let stream = (id()?, id()?, id()?);
+            Some((stream, words.next()?.parse().ok()?))
+        });
+        let times = Times { ours, others: others.collect() };
+        (Self { path: path.to_owned(), reserved: ours, written: 0 }, times)
     }
 
-    /// Makes sure that the file holds a time beyond this one.
+    /// Makes sure that the file holds a time beyond our last one, and those of others of a second ago at least.
     ///
     /// # Errors
     /// When it cannot be written.
-    pub fn keep(&mut self, last_ticks: u64) -> std::io::Result<()> {
-        if last_ticks < self.reserved {
+    pub fn keep(&mut self, last_ticks: u64, others: &BTreeMap<Stream, u64>) -> std::io::Result<()> {
+        if last_ticks < self.reserved && last_ticks < self.written + KEEP_TICKS {
             return Ok(());
         }
-        let reserved = last_ticks + RESERVE_TICKS;
+        self.write(last_ticks, others)
+    }
+
+    /// Writes the file now, as at the end of the program.
+    ///
+    /// # Errors
+    /// When it cannot be written.
+    pub fn write(&mut self, last_ticks: u64, others: &BTreeMap<Stream, u64>) -> std::io::Result<()> {
+        let reserved = if last_ticks < self.reserved { self.reserved } else { last_ticks + RESERVE_TICKS };
+        let mut text = format!("{reserved}\n");
+        for ((link, system, component), newest) in others {
+            text.push_str(&format!("{link} {system} {component} {newest}\n"));
+        }
         let fresh = self.path.with_extension("new");
-        std::fs::write(&fresh, reserved.to_string())?;
+        std::fs::write(&fresh, text)?;
         std::fs::rename(&fresh, &self.path)?;
-        self.reserved = reserved;
+        (self.reserved, self.written) = (reserved, last_ticks);
         Ok(())
     }
 }
@@ -244,21 +304,27 @@ mod tests {
         Key::new([7; 32])
     }
 
+    fn verifier() -> Verifier {
+        Verifier::new(key(), BTreeMap::new())
+    }
+
     #[test]
     fn a_signed_frame_is_genuine_once() {
-        let signed = Signer::new(key(), 3, 0).sign(&frame(), NOW);
+        let signed = Signer::new(key(), 0).sign(&frame(), 3, NOW);
+        assert_eq!(signed.signature().map(|s| s[0]), Some(3), "the id of the link");
         assert_eq!(signed.raw().len(), frame().raw().len() + SIGNATURE_LEN);
         assert_eq!(signed.decode().unwrap(), frame().decode().unwrap());
-        let mut verifier = Verifier::new(key(), NOW);
-        assert_eq!(verifier.judge(&signed), Trust::Genuine);
-        assert_eq!(verifier.judge(&signed), Trust::Old);
-        assert_eq!(verifier.judge(&frame()), Trust::Unsigned);
-        assert_eq!(Verifier::new(Key::new([8; 32]), NOW).judge(&signed), Trust::WrongKey);
+        let mut verifier = verifier();
+        assert_eq!(verifier.judge(&signed, NOW), Trust::Genuine);
+        assert_eq!(verifier.judge(&signed, NOW), Trust::Old);
+        assert_eq!(verifier.judge(&frame(), NOW), Trust::Unsigned);
+        let mut other = Verifier::new(Key::new([8; 32]), BTreeMap::new());
+        assert_eq!(other.judge(&signed, NOW), Trust::WrongKey);
     }
 
     #[test]
     fn the_crate_accepts_what_we_sign() {
-        let signed = Signer::new(key(), 3, 0).sign(&frame(), NOW);
+        let signed = Signer::new(key(), 0).sign(&frame(), 3, NOW);
         let mut raw = MAVLinkV2MessageRaw::new();
         raw.as_mut_slice()[..signed.raw().len()].copy_from_slice(signed.raw());
         let theirs = mavlink::SigningData::from_config(mavlink::SigningConfig::new([7; 32], 0, false, false));
@@ -267,32 +333,56 @@ mod tests {
 
     #[test]
     fn times_rise_although_the_clock_goes_back() {
-        let mut signer = Signer::new(key(), 0, 0);
-        let mut verifier = Verifier::new(key(), NOW);
+        let mut signer = Signer::new(key(), 0);
+        let mut verifier = verifier();
         for now in [NOW, NOW, NOW - 3_600_000_000, 0] {
-            assert_eq!(verifier.judge(&signer.sign(&frame(), now)), Trust::Genuine);
+            assert_eq!(verifier.judge(&signer.sign(&frame(), 0, now), NOW), Trust::Genuine);
         }
     }
 
     #[test]
     fn a_new_sender_far_behind_is_not_believed() {
-        let late = Signer::new(key(), 0, 0).sign(&frame(), NOW - 61_000_000);
-        assert_eq!(Verifier::new(key(), NOW).judge(&late), Trust::Old);
+        let late = Signer::new(key(), 0).sign(&frame(), 0, NOW - 61_000_000);
+        assert_eq!(verifier().judge(&late, NOW), Trust::Old);
     }
 
     #[test]
-    fn times_are_kept_across_restarts() {
+    fn a_sender_whose_clock_is_a_year_ahead_locks_nobody_out() {
+        let mut verifier = verifier();
+        let ahead = Signer::new(key(), 0).sign(&frame(), 9, NOW + 365 * 86_400_000_000);
+        assert_eq!(verifier.judge(&ahead, NOW), Trust::Genuine);
+        let honest = Signer::new(key(), 0).sign(&frame(), 1, NOW);
+        assert_eq!(verifier.judge(&honest, NOW), Trust::Genuine);
+    }
+
+    #[test]
+    fn times_are_kept_across_restarts_and_old_frames_stay_old() {
         let path = std::env::temp_dir().join(format!("gaware-signing-{}", std::process::id()));
-        let (mut file, last) = TimeFile::open(&path);
-        assert_eq!(last, 0);
-        let mut signer = Signer::new(key(), 0, last);
-        signer.sign(&frame(), NOW);
-        file.keep(signer.last_ticks()).unwrap();
-        signer.sign(&frame(), NOW + 5_000_000);
-        file.keep(signer.last_ticks()).unwrap();
-        let (_, again) = TimeFile::open(&path);
+        let _ = std::fs::remove_file(&path);
+        let (mut file, times) = TimeFile::open(&path);
+        assert_eq!(times, Times::default());
+        let mut signer = Signer::new(key(), times.ours);
+        let mut heard = Verifier::new(key(), times.others);
+        let mut theirs = Signer::new(key(), 0);
+        let mut frames = Vec::new();
+        for k in 0..700 {
+            let signed = theirs.sign(&frame(), 2, NOW + k * 10_000);
+            assert_eq!(heard.judge(&signed, NOW + k * 10_000), Trust::Genuine);
+            frames.push(signed);
+            signer.sign(&frame(), 0, NOW + k * 10_000);
+            file.keep(signer.last_ticks(), heard.newest()).unwrap();
+        }
+        // Ended without a word: the last second may be heard again, the end of a run writes it down as well.
+        let (_, killed) = TimeFile::open(&path);
+        assert!(killed.ours > signer.last_ticks());
+        let replayed = |others: BTreeMap<Stream, u64>| {
+            let mut again = Verifier::new(key(), others);
+            frames.iter().filter(|f| again.judge(f, NOW + 7_000_000) == Trust::Genuine).count()
+        };
+        assert!(replayed(killed.others) <= 100);
+        file.write(signer.last_ticks(), heard.newest()).unwrap();
+        assert_eq!(replayed(TimeFile::open(&path).1.others), 0);
         std::fs::remove_file(&path).unwrap();
-        assert!(again > signer.last_ticks());
     }
 
     #[test]
@@ -304,6 +394,16 @@ mod tests {
         };
         assert_eq!(load(&[9; 32]).unwrap().0, [9; 32]);
         assert_eq!(load(format!("{}\n", "0a".repeat(32)).as_bytes()).unwrap().0, [10; 32]);
+        assert!(load("+1".repeat(32).as_bytes()).is_err(), "a sign is no digit");
+        #[cfg(unix)]
+        {
+            use std::os::unix::fs::PermissionsExt;
+            let exposed = |mode| {
+                std::fs::set_permissions(&path, std::fs::Permissions::from_mode(mode)).unwrap();
+                Key::is_exposed(&path)
+            };
+            assert_eq!([exposed(0o644), exposed(0o600)], [true, false]);
+        }
         let error = load(b"secret").unwrap_err().to_string();
         assert!(!error.contains("secret") && error.contains("64 hexadecimal"), "{error}");
         assert_eq!(format!("{:?}", key()), "Key(…)");

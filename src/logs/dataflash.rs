@@ -1,163 +1,351 @@
 //! ArduPilot's own log (`.bin`): inertial samples at the loop rate in floating point, fixes with vertical velocity and
-//! their accuracies, the autopilot's attitude.
+//! their accuracies, the autopilot's attitude, and what flies.
 //!
 //! `IMU` holds the same filtered point samples as the messages on the link, unrounded. `GPS` is followed by a `GPA` of the
 //! same time with the accuracies; a fix waits for it. Only the first inertial unit and the first receiver are used.
+//!
+//! The format (ArduPilot, `AP_Logger/LogStructure.h`) describes itself by `FMT` messages and has no checksums. A message is
+//! taken when its header is right and another header follows it; after damage the reader looks byte by byte for the next two
+//! messages in a row. A message that damage touches is lost with it.
 
+use super::window::Window;
 use super::{Damage, Item, LogError, LogReader, Progress, Record};
-use ardupilot_binlog::{Entry, Reader};
+use crate::timeline::{Measurement, Stamp};
 use gaware_nav::earth::Geodetic;
-use gaware_nav::sample::{AttitudeHint, FixVelocity, GnssFix, ImuSample, ImuStream, RestartReason, Sample};
+use gaware_nav::observability::words::VehicleKind;
+use gaware_nav::sample::{FixVelocity, GnssFix, ImuSample, ImuStream};
 use nalgebra::Vector3;
 use std::collections::VecDeque;
-use std::fs::File;
 use std::io::Read;
-use std::sync::Arc;
-use std::sync::atomic::{AtomicU64, Ordering};
 
 /// First bytes of a message of this format.
 pub const MAGIC: [u8; 2] = [0xA3, 0x95];
-/// After so long without a sample the motion state is worthless, µs.
-const GAP_US: u64 = 10_000_000;
-/// Stamps that go back further than this mean a reboot, µs.
-const REORDER_US: u64 = 1_000_000;
+const HEADER: usize = 3;
+/// Type and length of the message that describes the others.
+const FMT: u8 = 128;
+const FMT_LEN: usize = 89;
+/// A longest message.
+const LONGEST: usize = 255;
+/// Messages in a row that must be right after damage.
+const CHAIN: usize = 2;
 
-/// Counts what passes.
-#[derive(Debug)]
-struct Counted {
-    file: File,
-    bytes: Arc<AtomicU64>,
+/// A type of message, as its `FMT` describes it.
+#[derive(Debug, Clone, PartialEq)]
+struct Format {
+    name: String,
+    /// With header.
+    len: usize,
+    /// Label, type and place behind the header of every field.
+    fields: Vec<(String, u8, usize)>,
 }
 
-impl Read for Counted {
-    fn read(&mut self, buffer: &mut [u8]) -> std::io::Result<usize> {
-        let n = self.file.read(buffer)?;
-        self.bytes.fetch_add(n as u64, Ordering::Relaxed);
-        Ok(n)
+impl Format {
+    /// From the content of a `FMT`: type described, length, name, types, labels. Nothing where they do not fit each other.
+    fn parse(body: &[u8]) -> Option<(u8, Self)> {
+        let (&[described, len], rest) = body.split_first_chunk()?;
+        let (name, rest) = rest.split_at_checked(4)?;
+        let (types, labels) = rest.split_at_checked(16)?;
+        let (name, types, labels) = (text(name)?, text(types)?, text(labels)?);
+        let mut labels = labels.split(',');
+        let (mut at, mut fields) = (0, Vec::new());
+        for kind in types.bytes() {
+            fields.push((labels.next()?.to_owned(), kind, at));
+            at += size(kind)?;
+        }
+        let fits = at + HEADER == usize::from(len) && !name.is_empty();
+        fits.then(|| (described, Self { name: name.to_owned(), len: usize::from(len), fields }))
+    }
+}
+
+/// Text up to its first NUL.
+fn text(bytes: &[u8]) -> Option<&str> {
+    let end = bytes.iter().position(|b| *b == 0).unwrap_or(bytes.len());
+    std::str::from_utf8(bytes.get(..end)?)
+        .ok()
+        .filter(|t| t.bytes().all(|b| b.is_ascii_graphic() || b == b' '))
+}
+
+/// Bytes of a field of this type.
+fn size(kind: u8) -> Option<usize> {
+    Some(match kind {
+        b'b' | b'B' | b'M' => 1,
+        b'h' | b'H' | b'c' | b'C' | b'g' => 2,
+        b'i' | b'I' | b'f' | b'e' | b'E' | b'L' | b'n' => 4,
+        b'd' | b'q' | b'Q' => 8,
+        b'N' => 16,
+        b'Z' | b'a' => 64,
+        _ => return None,
+    })
+}
+
+/// A message with its format.
+struct Entry<'a> {
+    format: &'a Format,
+    body: &'a [u8],
+}
+
+impl Entry<'_> {
+    fn bytes(&self, label: &str) -> Option<(u8, &[u8])> {
+        let (_, kind, at) = self.format.fields.iter().find(|(l, ..)| l == label)?;
+        Some((*kind, self.body.get(*at..)?.get(..size(*kind)?)?))
+    }
+
+    fn text(&self, label: &str) -> Option<&str> {
+        text(self.bytes(label).filter(|(kind, _)| matches!(kind, b'n' | b'N' | b'Z'))?.1)
+    }
+
+    /// A finite number; hundredths are told apart by their type, degrees of 1e-7 are not.
+    fn number(&self, label: &str) -> Option<f64> {
+        let (kind, b) = self.bytes(label)?;
+        let value = match kind {
+            b'b' => f64::from(i8::from_le_bytes(*b.first_chunk()?)),
+            b'B' | b'M' => f64::from(u8::from_le_bytes(*b.first_chunk()?)),
+            b'h' => f64::from(i16::from_le_bytes(*b.first_chunk()?)),
+            b'H' => f64::from(u16::from_le_bytes(*b.first_chunk()?)),
+            b'c' => f64::from(i16::from_le_bytes(*b.first_chunk()?)) / 100.0,
+            b'C' => f64::from(u16::from_le_bytes(*b.first_chunk()?)) / 100.0,
+            b'i' | b'L' => f64::from(i32::from_le_bytes(*b.first_chunk()?)),
+            b'I' => f64::from(u32::from_le_bytes(*b.first_chunk()?)),
+            b'e' => f64::from(i32::from_le_bytes(*b.first_chunk()?)) / 100.0,
+            b'E' => f64::from(u32::from_le_bytes(*b.first_chunk()?)) / 100.0,
+            b'f' => f64::from(f32::from_le_bytes(*b.first_chunk()?)),
+            b'd' => f64::from_le_bytes(*b.first_chunk()?),
+            b'q' => i64::from_le_bytes(*b.first_chunk()?) as f64,
+            b'Q' => u64::from_le_bytes(*b.first_chunk()?) as f64,
+            _ => return None,
+        };
+        value.is_finite().then_some(value)
+    }
+
+    fn vector(&self, labels: [&str; 3]) -> Option<Vector3<f64>> {
+        let [x, y, z] = labels.map(|l| self.number(l));
+        Some(Vector3::new(x?, y?, z?))
+    }
+
+    /// µs since boot; firmware before 2015 counts ms.
+    fn stamp_us(&self) -> Option<u64> {
+        match self.bytes("TimeUS") {
+            Some((b'Q', b)) => Some(u64::from_le_bytes(*b.first_chunk()?)),
+            Some(_) => self.number("TimeUS").map(|t| t as u64),
+            None => self.number("TimeMS").map(|t| t as u64 * 1000),
+        }
     }
 }
 
 /// Reads a DataFlash log.
-pub struct DataflashReader {
-    reader: Reader<Counted>,
-    bytes: Arc<AtomicU64>,
-    total_bytes: u64,
+#[derive(Debug)]
+pub struct DataflashReader<R> {
+    window: Window<R>,
+    formats: Vec<Option<Format>>,
     damage: Damage,
-    queue: VecDeque<Record>,
-    waiting: Option<(u64, GnssFix)>,
-    last_imu_us: Option<u64>,
-    last_fix_us: Option<u64>,
-    records: u64,
+    messages: Messages,
+    given: u64,
     finished: bool,
 }
 
-impl DataflashReader {
-    /// Starts at the first byte.
-    pub fn new(file: File, total_bytes: u64) -> Self {
-        let bytes = Arc::new(AtomicU64::new(0));
-        let reader = Reader::new(Counted { file, bytes: Arc::clone(&bytes) });
+impl<R: Read> DataflashReader<R> {
+    /// Starts at the first byte of `source`, which has `total_bytes`.
+    pub fn new(source: R, total_bytes: u64) -> Self {
         Self {
-            reader,
-            bytes,
-            total_bytes,
+            window: Window::new(source, total_bytes),
+            formats: vec![None; 256],
             damage: Damage::default(),
-            queue: VecDeque::new(),
-            waiting: None,
-            last_imu_us: None,
-            last_fix_us: None,
-            records: 0,
+            messages: Messages::default(),
+            given: 0,
             finished: false,
         }
     }
 
-    fn put(&mut self, t_us: u64, sample: Sample) {
-        self.queue.push_back(Record { t_us, item: Item::Sample(sample) });
+    /// Reads one message or past one damaged place; false at the end.
+    fn step(&mut self) -> Result<bool, LogError> {
+        self.window.fill((CHAIN + 2) * LONGEST)?;
+        let (bytes, at_end) = (self.window.bytes(), self.window.at_end());
+        if bytes.is_empty() {
+            return Ok(false);
+        }
+        let len = self.len(bytes);
+        if let Some(len) = len.filter(|len| is_followed(bytes.get(*len..).unwrap_or_default(), at_end))
+            && let Some(body) = bytes.get(HEADER..len)
+        {
+            let kind = bytes.get(2).copied().unwrap_or_default();
+            let good = if kind == FMT {
+                Format::parse(body).map(|(described, format)| {
+                    if let Some(place) = self.formats.get_mut(usize::from(described)) {
+                        *place = Some(format);
+                    }
+                })
+            } else {
+                let format = self.formats.get(usize::from(kind)).and_then(Option::as_ref);
+                format.and_then(|format| self.messages.take(&Entry { format, body }))
+            };
+            self.damage.bad_records += u64::from(good.is_none());
+            self.window.consume(len);
+        } else if at_end && len.is_some_and(|len| len > bytes.len()) {
+            self.damage.truncated = true;
+            let n = bytes.len();
+            self.skip(n);
+        } else {
+            self.damage.bad_records += 1;
+            self.resynchronise()?;
+        }
+        Ok(true)
+    }
+
+    fn skip(&mut self, n: usize) {
+        self.damage.skipped_bytes += n as u64;
+        self.window.consume(n);
+    }
+
+    /// Length of the message that starts here, where that is a known one.
+    fn len(&self, bytes: &[u8]) -> Option<usize> {
+        let (magic, rest) = bytes.split_first_chunk::<2>()?;
+        let kind = *rest.first().filter(|_| *magic == MAGIC)?;
+        if kind == FMT {
+            return Some(FMT_LEN);
+        }
+        self.formats.get(usize::from(kind))?.as_ref().map(|f| f.len)
+    }
+
+    /// Goes to the next place where messages follow each other.
+    fn resynchronise(&mut self) -> Result<(), LogError> {
+        self.skip(1);
+        loop {
+            self.window.fill(16 * 1024)?;
+            let (bytes, at_end) = (self.window.bytes(), self.window.at_end());
+            // A whole chain must fit behind every place that is looked at.
+            let last = if at_end { bytes.len() } else { bytes.len().saturating_sub((CHAIN + 1) * LONGEST) };
+            let found = (0..last).find(|at| self.is_chain(bytes.get(*at..).unwrap_or_default(), at_end));
+            self.skip(found.unwrap_or(last));
+            if found.is_some() || at_end {
+                return Ok(());
+            }
+        }
+    }
+
+    fn is_chain(&self, bytes: &[u8], at_end: bool) -> bool {
+        let mut rest = bytes;
+        for _ in 0..CHAIN {
+            let Some(next) = self.len(rest).and_then(|len| rest.get(len..)) else { return false };
+            if next.is_empty() {
+                return at_end;
+            }
+            rest = next;
+        }
+        is_followed(rest, at_end)
+    }
+}
+
+/// Whether a message may end here: at the end of the file, or before the header of another one.
+fn is_followed(rest: &[u8], at_end: bool) -> bool {
+    match rest {
+        [] => at_end,
+        [a] => at_end && *a == MAGIC[0],
+        [a, b, ..] => [*a, *b] == MAGIC,
+    }
+}
+
+/// Turns messages into measurements.
+#[derive(Debug, Default)]
+struct Messages {
+    queue: VecDeque<Record>,
+    streaming: bool,
+    waiting: Option<(u64, GnssFix)>,
+    /// What flies by the name of the firmware, and by the class of the frame.
+    kind: (Option<VehicleKind>, Option<VehicleKind>),
+}
+
+impl Messages {
+    fn put(&mut self, t_us: u64, measurement: Measurement) {
+        self.queue.push_back(Record { t_us, item: Item::Measurement(measurement) });
     }
 
     fn release_fix(&mut self) {
         if let Some((t_us, fix)) = self.waiting.take() {
-            self.put(t_us, Sample::Fix(fix));
+            self.put(t_us, Measurement::Fix(Some(Stamp::Usec(t_us)), fix));
         }
     }
 
-    fn take(&mut self, entry: &Entry) {
+    /// Takes a message; nothing where its content is wrong.
+    fn take(&mut self, entry: &Entry) -> Option<()> {
         // Firmware before 4.1 has no instance field and names further instances IMU2, GPS2.
-        if entry.get_f64("I").is_some_and(|i| i != 0.0) {
-            return;
+        if entry.number("I").is_some_and(|i| i != 0.0) {
+            return Some(());
         }
-        let Some(t_us) = entry.timestamp_usec else { return };
-        match entry.name.as_str() {
-            "IMU" => self.imu(t_us, entry),
+        match entry.format.name.as_str() {
+            "IMU" => self.imu(entry)?,
             "GPS" => {
                 self.release_fix();
-                if self.last_fix_us != Some(t_us)
-                    && let Some(fix) = fix(t_us, entry)
-                {
-                    self.last_fix_us = Some(t_us);
-                    self.waiting = Some((t_us, fix));
-                }
+                // Without a fix there is nothing wrong.
+                self.waiting = entry.stamp_us().zip(fix(entry));
             }
             "GPA" => {
+                let t_us = entry.stamp_us()?;
                 if let Some((_, fix)) = self.waiting.as_mut().filter(|(t, _)| *t == t_us) {
                     accuracies(fix, entry);
                 }
                 self.release_fix();
             }
             "ATT" => {
-                if let Some(roll_pitch_yaw) = vector(entry, ["Roll", "Pitch", "Yaw"]) {
-                    let roll_pitch_yaw = roll_pitch_yaw.map(f64::to_radians).into();
-                    self.put(t_us, Sample::Attitude(AttitudeHint { t_s: seconds(t_us), roll_pitch_yaw }));
-                }
+                let (t_us, angles) = (entry.stamp_us()?, entry.vector(["Roll", "Pitch", "Yaw"])?);
+                let angles = angles.map(f64::to_radians).into();
+                self.put(t_us, Measurement::Attitude(Stamp::Usec(t_us), angles));
+            }
+            "MSG" => self.kind.0 = entry.text("Message").and_then(kind_of_firmware).or(self.kind.0),
+            "PARM" => {
+                let parameter = entry.text("Name").zip(entry.number("Value"));
+                self.kind.1 =
+                    parameter.and_then(|(name, value)| kind_of_parameter(name, value)).or(self.kind.1);
             }
             _ => {}
         }
+        Some(())
     }
 
-    fn imu(&mut self, t_us: u64, entry: &Entry) {
-        let (Some(gyro), Some(accel)) =
-            (vector(entry, ["GyrX", "GyrY", "GyrZ"]), vector(entry, ["AccX", "AccY", "AccZ"]))
-        else {
-            self.damage.bad_records += 1;
-            return;
-        };
-        match self.last_imu_us {
-            None => {
-                self.put(t_us, Sample::Stream(ImuStream { message: "IMU".to_owned(), ..Default::default() }))
-            }
-            Some(last) if t_us + REORDER_US < last => {
-                self.last_fix_us = None;
-                self.put(t_us, Sample::Restart(RestartReason::Reboot));
-            }
-            Some(last) if t_us <= last => {
-                self.damage.bad_records += 1;
-                return;
-            }
-            Some(last) if t_us > last + GAP_US => self.put(t_us, Sample::Restart(RestartReason::ClockJump)),
-            Some(_) => {}
+    fn imu(&mut self, entry: &Entry) -> Option<()> {
+        let t_us = entry.stamp_us()?;
+        let gyro = entry.vector(["GyrX", "GyrY", "GyrZ"])?;
+        let accel = entry.vector(["AccX", "AccY", "AccZ"])?;
+        if !self.streaming {
+            self.streaming = true;
+            let stream = ImuStream { message: "IMU".to_owned(), ..Default::default() };
+            self.put(t_us, Measurement::Stream(stream));
         }
-        self.last_imu_us = Some(t_us);
-        let temperature_degc = entry.get_f64("T").filter(|t| *t != 0.0 && t.is_finite());
-        self.put(t_us, Sample::Imu(ImuSample { t_s: seconds(t_us), gyro, accel, temperature_degc }));
+        let temperature_degc = entry.number("T").filter(|t| *t != 0.0);
+        let sample = ImuSample { t_s: 0.0, gyro, accel, temperature_degc };
+        self.put(t_us, Measurement::Imu(Stamp::Usec(t_us), sample));
+        Some(())
     }
 }
 
-fn seconds(t_us: u64) -> f64 {
-    t_us as f64 * 1e-6
+/// The firmware names itself at the start of a log: "ArduPlane V4.5.7 (…)".
+fn kind_of_firmware(message: &str) -> Option<VehicleKind> {
+    [
+        ("ArduPlane", VehicleKind::FixedWing),
+        ("ArduCopter", VehicleKind::Multirotor),
+        ("APM:Copter", VehicleKind::Multirotor),
+        ("APM:Plane", VehicleKind::FixedWing),
+    ]
+    .into_iter()
+    .find_map(|(name, kind)| message.starts_with(name).then_some(kind))
 }
 
-fn vector(entry: &Entry, names: [&str; 3]) -> Option<Vector3<f64>> {
-    let [x, y, z] = names.map(|n| entry.get_f64(n).filter(|v| v.is_finite()));
-    Some(Vector3::new(x?, y?, z?))
+/// Only a copter has a class of frame (`FRAME_CLASS`, `FRAME` before 2017); only a plane can be a quadplane (`Q_ENABLE`).
+fn kind_of_parameter(name: &str, value: f64) -> Option<VehicleKind> {
+    match name {
+        "FRAME_CLASS" if value > 0.0 => Some(VehicleKind::Multirotor),
+        "FRAME" => Some(VehicleKind::Multirotor),
+        "Q_ENABLE" => Some(VehicleKind::FixedWing),
+        _ => None,
+    }
 }
 
-fn fix(t_us: u64, entry: &Entry) -> Option<GnssFix> {
-    let get = |name| entry.get_f64(name).filter(|v| v.is_finite());
-    let (lat, lon) = (get("Lat")? * 1e-7, get("Lng")? * 1e-7);
-    if get("Status")? < 3.0 || (lat, lon) == (0.0, 0.0) || lat.abs() > 90.0 || lon.abs() > 180.0 {
+fn fix(entry: &Entry) -> Option<GnssFix> {
+    let (lat, lon) = (entry.number("Lat")? * 1e-7, entry.number("Lng")? * 1e-7);
+    if entry.number("Status")? < 3.0 || (lat, lon) == (0.0, 0.0) || lat.abs() > 90.0 || lon.abs() > 180.0 {
         return None;
     }
-    let position = Geodetic::from_degrees(lat, lon, get("Alt")?);
-    let velocity = match (get("Spd"), get("GCrs"), get("VZ")) {
+    let position = Geodetic::from_degrees(lat, lon, entry.number("Alt")?);
+    let velocity = match (entry.number("Spd"), entry.number("GCrs"), entry.number("VZ")) {
         (Some(speed), Some(course), down) => {
             let (sin, cos) = course.to_radians().sin_cos();
             let (n, e) = (speed * cos, speed * sin);
@@ -165,55 +353,49 @@ fn fix(t_us: u64, entry: &Entry) -> Option<GnssFix> {
         }
         _ => FixVelocity::None,
     };
-    Some(GnssFix {
-        t_s: seconds(t_us),
-        position,
-        velocity,
-        position_sigma_m: None,
-        velocity_sigma_m_per_s: None,
-        yaw_rad: None,
-    })
+    let (position_sigma_m, velocity_sigma_m_per_s) = (None, None);
+    Some(GnssFix { t_s: 0.0, position, velocity, position_sigma_m, velocity_sigma_m_per_s, yaw_rad: None })
 }
 
 /// Adds the accuracies; 0 is "unknown".
 fn accuracies(fix: &mut GnssFix, entry: &Entry) {
-    let told = |name| entry.get_f64(name).filter(|v| v.is_finite() && *v > 0.0);
-    if let (Some(h), Some(v)) = (told("HAcc"), told("VAcc")) {
+    let given = |name| entry.number(name).filter(|v| *v > 0.0);
+    if let (Some(h), Some(v)) = (given("HAcc"), given("VAcc")) {
         fix.position_sigma_m = Some([h, h, v]);
     }
-    fix.velocity_sigma_m_per_s = told("SAcc").map(|s| [s; 3]);
+    fix.velocity_sigma_m_per_s = given("SAcc").map(|s| [s; 3]);
 }
 
-impl Iterator for DataflashReader {
+impl<R: Read> Iterator for DataflashReader<R> {
     type Item = Result<Record, LogError>;
 
     fn next(&mut self) -> Option<Self::Item> {
-        while self.queue.is_empty() && !self.finished {
-            match self.reader.next() {
-                Some(Ok(entry)) => self.take(&entry),
-                Some(Err(_)) => self.damage.bad_records += 1,
-                None => {
+        while self.messages.queue.is_empty() && !self.finished {
+            match self.step() {
+                Ok(true) => {}
+                Ok(false) => {
                     self.finished = true;
-                    self.release_fix();
-                    let read = self.bytes.load(Ordering::Relaxed);
-                    // The parser gives up after much damage in a row.
-                    self.damage.skipped_bytes += self.total_bytes.saturating_sub(read);
-                    if self.records == 0 && self.queue.is_empty() {
-                        let bytes = self.total_bytes;
+                    self.messages.release_fix();
+                    if self.given == 0 && self.messages.queue.is_empty() {
+                        let bytes = self.window.progress().total_bytes;
                         return Some(Err(LogError::NothingReadable { format: "DataFlash", bytes }));
                     }
                 }
+                Err(error) => {
+                    self.finished = true;
+                    return Some(Err(error));
+                }
             }
         }
-        let record = self.queue.pop_front()?;
-        self.records += 1;
+        let record = self.messages.queue.pop_front()?;
+        self.given += 1;
         Some(Ok(record))
     }
 }
 
-impl LogReader for DataflashReader {
+impl<R: Read + Send> LogReader for DataflashReader<R> {
     fn progress(&self) -> Progress {
-        Progress { read_bytes: self.bytes.load(Ordering::Relaxed), total_bytes: self.total_bytes }
+        self.window.progress()
     }
 
     fn damage(&self) -> Damage {
@@ -223,4 +405,11 @@ impl LogReader for DataflashReader {
     fn autopilot(&self) -> Option<&'static str> {
         Some("ardupilot")
     }
+
+    fn vehicle_kind(&self) -> Option<VehicleKind> {
+        self.messages.kind.0.or(self.messages.kind.1)
+    }
 }
+
+#[cfg(test)]
+mod tests;

@@ -1,7 +1,8 @@
 //! Recorded flights of every format as one stream of records.
 //!
 //! Formats that hold MAVLink frames give frames, which take the same way as those of a live link; formats that hold
-//! the autopilot's own sensor messages give samples. Damage is skipped and counted, never fatal while anything can be
+//! the autopilot's own sensor messages give measurements. Readers decide nothing
+//! about time. Damage is skipped and counted, never fatal while anything can be
 //! read.
 
 pub mod dataflash;
@@ -9,9 +10,11 @@ pub mod mcap;
 pub mod table;
 pub mod tlog;
 pub mod ulog;
+mod window;
 
 use crate::link::frame::Frame;
-use gaware_nav::sample::Sample;
+use crate::timeline::Measurement;
+use gaware_nav::observability::words::VehicleKind;
 use serde::Serialize;
 use std::fs::File;
 use std::io::Read;
@@ -31,8 +34,8 @@ pub struct Record {
 pub enum Item {
     /// A MAVLink frame, still to be converted.
     Frame(Frame),
-    /// A sample as it goes to the engine.
-    Sample(Sample),
+    /// A measurement with the autopilot's own stamp, still to be put in order.
+    Measurement(Measurement),
 }
 
 /// How far a reader is.
@@ -72,6 +75,10 @@ pub trait LogReader: Iterator<Item = Result<Record, LogError>> + Send {
     fn damage(&self) -> Damage;
     /// The autopilot, where the format itself tells (formats with frames leave it to the heartbeat).
     fn autopilot(&self) -> Option<&'static str> {
+        None
+    }
+    /// What flew, as far as the log has said so by now (formats with frames leave it to the heartbeat).
+    fn vehicle_kind(&self) -> Option<VehicleKind> {
         None
     }
 }

@@ -6,8 +6,9 @@
 //! that may lie beside them is not looked at.
 
 use super::{Damage, Item, LogError, LogReader, Progress, Record};
+use crate::timeline::{Measurement, Stamp};
 use gaware_nav::earth::Geodetic;
-use gaware_nav::sample::{FixVelocity, GnssFix, ImuSample, ImuStream, Quantisation, Sample, SampleKind};
+use gaware_nav::sample::{FixVelocity, GnssFix, ImuSample, ImuStream, Quantisation, SampleKind};
 use nalgebra::Vector3;
 use std::path::{Path, PathBuf};
 
@@ -100,15 +101,23 @@ impl TableReader {
             kind: SampleKind::IntervalMean,
             quantisation: Quantisation::None,
         };
-        let mut samples: Vec<(f64, Sample)> =
-            rows(&folder.join(IMU), 7)?.iter().map(|r| (r[0], Sample::Imu(imu(r)))).collect();
-        samples.extend(rows(&fixes, 13)?.iter().map(|r| (r[0], Sample::Fix(fix(r)))));
-        // Stable: a sample goes before the fix of the same time.
-        samples.sort_by(|a, b| a.0.total_cmp(&b.0));
-        let first = samples.first().map_or(0.0, |s| s.0);
-        let items: Vec<Record> = std::iter::once((first, Sample::Stream(stream)))
-            .chain(samples)
-            .map(|(t_s, sample)| Record { t_us: (t_s * 1e6) as u64, item: Item::Sample(sample) })
+        let stamped = |t_s: f64| Stamp::from_seconds(t_s).unwrap_or(Stamp::Usec(0));
+        let mut rows_of_both: Vec<(Stamp, Measurement)> = Vec::new();
+        for row in rows(&folder.join(IMU), 7)? {
+            let stamp = stamped(row[0]);
+            rows_of_both.push((stamp, Measurement::Imu(stamp, imu(&row))));
+        }
+        for row in rows(&fixes, 13)? {
+            let stamp = stamped(row[0]);
+            rows_of_both.push((stamp, Measurement::Fix(Some(stamp), fix(&row))));
+        }
+        // Two tables are no stream: the rows of both are laid beside each other. Stable: a sample goes before the fix of the
+        // same time.
+        rows_of_both.sort_by_key(|(stamp, _)| stamp.raw_us());
+        let first = rows_of_both.first().map_or(Stamp::Usec(0), |(stamp, _)| *stamp);
+        let items: Vec<Record> = std::iter::once((first, Measurement::Stream(stream)))
+            .chain(rows_of_both)
+            .map(|(stamp, measurement)| Record { t_us: stamp.raw_us(), item: Item::Measurement(measurement) })
             .collect();
         Ok(Self { total: items.len() as u64, items: items.into_iter(), read: 0 })
     }

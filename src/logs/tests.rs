@@ -1,7 +1,8 @@
 //! Opening logs: recorded flights where they are at hand, and files that are none.
 
 use super::*;
-use gaware_nav::sample::FixVelocity;
+use crate::timeline::TimeLine;
+use gaware_nav::sample::{FixVelocity, Sample};
 
 fn flight(name: &str) -> Option<PathBuf> {
     let folder = std::env::var_os("GAWARE_FLIGHTS")
@@ -11,14 +12,12 @@ fn flight(name: &str) -> Option<PathBuf> {
 
 fn samples(path: &Path) -> (Vec<Sample>, Damage) {
     let mut reader = open(path).unwrap();
-    let samples = reader
-        .by_ref()
-        .filter_map(Result::ok)
-        .filter_map(|r| match r.item {
-            Item::Sample(s) => Some(s),
-            Item::Frame(_) => None,
-        })
-        .collect();
+    let (mut time, mut samples) = (TimeLine::default(), Vec::new());
+    for record in reader.by_ref().filter_map(Result::ok) {
+        if let Item::Measurement(measurement) = record.item {
+            time.push(&measurement, 0, &mut samples);
+        }
+    }
     assert_eq!(reader.progress().read_bytes, reader.progress().total_bytes);
     (samples, reader.damage())
 }
@@ -153,12 +152,43 @@ fn tables_give_means_over_intervals_and_fixes_in_order_of_time() {
     assert!(matches!(&all[3], Sample::Fix(f) if f.velocity == FixVelocity::Full([10.0, 0.0, -1.0])));
     assert!(matches!(&all[2], Sample::Imu(i) if i.gyro.x == 0.2));
     let (named, _) = samples(&folder.join("other.csv"));
-    assert!(matches!(&named[1], Sample::Fix(_)));
-    assert_eq!(named.len(), 6);
+    assert!(matches!(named.last(), Some(Sample::Fix(f)) if f.t_s == 0.03));
+    assert_eq!(named.len(), 5, "the fix before the first sample has no time base");
     write("gps.csv", "t,lat\n0.02,47\n");
     let error = open(&folder).err().unwrap().to_string();
     assert!(error.contains("gps.csv, row 1") && error.contains("columns"), "{error}");
     write("gps.csv", "t,lat,lon,h,vn,ve,vd,a,b,c,d,e,f\n0.02,nan,8.0,500,10,0,-1,1.5,1.5,2.5,0.1,0.1,0.2\n");
     assert!(open(&folder).err().unwrap().to_string().contains("not finite"));
     std::fs::remove_dir_all(&folder).unwrap();
+}
+
+#[test]
+fn bursts_of_damage_in_real_logs_cost_what_they_touch_and_are_reported() {
+    for name in ["real_px4_sample.ulg", "real_px4_ekf_failure.ulg", "real_copter_sample.BIN"] {
+        let Some(path) = flight(name) else { return };
+        let bytes = std::fs::read(path).unwrap();
+        let count = |bytes: &[u8]| {
+            let file = std::env::temp_dir().join(format!("gaware-burst-{}-{name}", std::process::id()));
+            std::fs::write(&file, bytes).unwrap();
+            let mut reader = open(&file).unwrap();
+            let n = reader.by_ref().filter(Result::is_ok).count();
+            std::fs::remove_file(&file).unwrap();
+            (n, reader.damage())
+        };
+        let (whole, damage) = count(&bytes);
+        assert!(!damage.any() || damage.truncated, "{name}: {damage:?}");
+        // From a tenth on, behind the definitions: what they lose is lost for the whole log.
+        for k in 0..6_usize {
+            let at = bytes.len() / 10 * (k + 2) + 131 * k;
+            let mut hit = bytes.clone();
+            let mut state = 0x2545_f491_u32 + k as u32;
+            for byte in &mut hit[at..at + 64] {
+                state = state.wrapping_mul(1_664_525).wrapping_add(1_013_904_223);
+                *byte = (state >> 24) as u8;
+            }
+            let (left, damage) = count(&hit);
+            assert!(whole - left.min(whole) <= 12, "{name} at {at}: {left} of {whole}, {damage:?}");
+            assert!(damage.any() || left == whole, "{name} at {at}: lost without a word");
+        }
+    }
 }

@@ -3,24 +3,20 @@
 //! After damage the reader looks byte by byte for the next place where a frame with a valid checksum stands behind
 //! eight bytes of time.
 
+use super::window::Window;
 use super::{Damage, Item, LogError, LogReader, Progress, Record};
 use crate::link::frame::{Frame, MAGIC_V1, MAGIC_V2, MAX_FRAME_LEN, Scan, scan};
 use bytes::Bytes;
 use std::io::Read;
 
 const STAMP_LEN: usize = 8;
-const CHUNK: usize = 64 * 1024;
 
 /// Reads a `.tlog` from anything that reads.
 #[derive(Debug)]
 pub struct TlogReader<R> {
-    source: R,
-    buffer: Vec<u8>,
-    start: usize,
-    at_end: bool,
+    window: Window<R>,
     finished: bool,
     records: u64,
-    progress: Progress,
     damage: Damage,
 }
 
@@ -28,43 +24,15 @@ impl<R: Read> TlogReader<R> {
     /// Starts at the first byte of `source`, which has `total_bytes`.
     pub fn new(source: R, total_bytes: u64) -> Self {
         Self {
-            source,
-            buffer: Vec::new(),
-            start: 0,
-            at_end: false,
+            window: Window::new(source, total_bytes),
             finished: false,
             records: 0,
-            progress: Progress { read_bytes: 0, total_bytes },
             damage: Damage::default(),
         }
     }
 
-    /// Makes sure that one longest record and the start of the next are in the buffer, as far as the file has them.
-    fn fill(&mut self) -> Result<(), LogError> {
-        while !self.at_end && self.buffer.len() - self.start < 2 * STAMP_LEN + MAX_FRAME_LEN + 1 {
-            self.buffer.drain(..self.start);
-            self.start = 0;
-            let old = self.buffer.len();
-            self.buffer.resize(old + CHUNK, 0);
-            let read = loop {
-                match self.source.read(self.buffer.get_mut(old..).unwrap_or_default()) {
-                    Ok(n) => break n,
-                    Err(e) if e.kind() == std::io::ErrorKind::Interrupted => {}
-                    Err(source) => {
-                        self.buffer.truncate(old);
-                        return Err(LogError::Read { read_bytes: self.progress.read_bytes, source });
-                    }
-                }
-            };
-            self.buffer.truncate(old + read);
-            self.at_end = read == 0;
-        }
-        Ok(())
-    }
-
     fn consume(&mut self, n: usize) {
-        self.start += n;
-        self.progress.read_bytes += n as u64;
+        self.window.consume(n);
     }
 
     fn skip(&mut self, n: usize) {
@@ -74,8 +42,9 @@ impl<R: Read> TlogReader<R> {
 
     fn next_record(&mut self) -> Result<Option<Record>, LogError> {
         loop {
-            self.fill()?;
-            let rest = self.buffer.get(self.start..).unwrap_or_default();
+            // One longest record and the start of the next.
+            self.window.fill(2 * STAMP_LEN + MAX_FRAME_LEN + 1)?;
+            let rest = self.window.bytes();
             let Some((stamp, frame)) = rest.split_first_chunk::<STAMP_LEN>().filter(|(_, f)| !f.is_empty())
             else {
                 self.damage.truncated |= !rest.is_empty();
@@ -105,7 +74,7 @@ impl<R: Read> TlogReader<R> {
                     self.damage.bad_records += 1;
                     self.skip(STAMP_LEN + len);
                 }
-                Scan::Incomplete if self.at_end => {
+                Scan::Incomplete if self.window.at_end() => {
                     self.damage.truncated = true;
                     self.skip(1);
                 }
@@ -135,7 +104,10 @@ impl<R: Read> Iterator for TlogReader<R> {
             Ok(None) => {
                 self.finished = true;
                 (self.records == 0).then(|| {
-                    Err(LogError::NothingReadable { format: "tlog", bytes: self.progress.read_bytes })
+                    Err(LogError::NothingReadable {
+                        format: "tlog",
+                        bytes: self.window.progress().read_bytes,
+                    })
                 })
             }
             Err(e) => {
@@ -148,7 +120,7 @@ impl<R: Read> Iterator for TlogReader<R> {
 
 impl<R: Read + Send> LogReader for TlogReader<R> {
     fn progress(&self) -> Progress {
-        self.progress
+        self.window.progress()
     }
 
     fn damage(&self) -> Damage {

@@ -1,246 +1,496 @@
-//! PX4's own log (`.ulg`): `sensor_combined`, `vehicle_gps_position` (or `sensor_gps`), `vehicle_attitude`.
+//! PX4's own log (`.ulg`): `sensor_combined`, `vehicle_gps_position` (or `sensor_gps`), `vehicle_attitude`, and what flies.
 //!
 //! `sensor_combined` holds means over the integration interval that ends at the stamp, with the calibration applied
-//! and without the filter's bias estimates. The parser pushes, an iterator pulls: it runs in a thread of its own behind a
-//! bounded channel.
+//! and without the filter's bias estimates.
+//!
+//! The format (PX4 user guide, "ULog File Format") has no checksums. A message is taken when its header, its length against
+//! the format of its topic, and the header that follows it are right; after damage the reader looks byte by byte for the
+//! next three messages in a row for which that holds. A message that damage touches is lost with it.
 
+use super::window::Window;
 use super::{Damage, Item, LogError, LogReader, Progress, Record};
+use crate::timeline::{Measurement, Stamp};
 use gaware_nav::earth::Geodetic;
-use gaware_nav::sample::{
-    AttitudeHint, FixVelocity, GnssFix, ImuSample, ImuStream, Quantisation, RestartReason, Sample, SampleKind,
-};
+use gaware_nav::observability::words::VehicleKind;
+use gaware_nav::sample::{FixVelocity, GnssFix, ImuSample, ImuStream, Quantisation, SampleKind};
 use nalgebra::{Quaternion, UnitQuaternion, Vector3};
-use px4_ulog::stream_parser::LogParser;
-use px4_ulog::stream_parser::model::{DataMessage, FlattenedFieldType, FlattenedFormat};
-use std::fs::File;
+use std::collections::{HashMap, VecDeque};
 use std::io::Read;
-use std::sync::Arc;
-use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
-use std::sync::mpsc::{Receiver, SyncSender, sync_channel};
 
 /// First bytes of the format.
 pub const MAGIC: &[u8; 4] = b"ULog";
-const RECORDS_AHEAD: usize = 8192;
-/// After so long without a sample the motion state is worthless, µs.
-const GAP_US: u64 = 10_000_000;
+/// Magic, version, time.
+const FILE_HEADER: usize = 16;
+/// Length and type.
+const HEADER: usize = 3;
+/// A longest message and the header behind it.
+const ONE: usize = HEADER + u16::MAX as usize + HEADER + 2;
+/// Messages in a row that must be right after damage.
+const CHAIN: usize = 3;
+/// Messages other than data are shorter than this, bytes: PX4 writes at most 1500.
+const SHORT: usize = 4096;
+/// Content of a synchronisation message.
+const SYNC: [u8; 8] = [0x2F, 0x73, 0x13, 0x20, 0x25, 0x0C, 0xBB, 0x12];
+/// Formats inside of formats.
+const MAX_DEPTH: usize = 8;
+/// Longer messages cannot be logged, bytes.
+const MAX_DATA: usize = u16::MAX as usize;
 
+/// Basic types of the format.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+enum Basic {
+    I8,
+    U8,
+    I16,
+    U16,
+    I32,
+    U32,
+    I64,
+    U64,
+    F32,
+    F64,
+}
+
+impl Basic {
+    fn of(name: &str) -> Option<Self> {
+        Some(match name {
+            "int8_t" => Self::I8,
+            "uint8_t" | "bool" | "char" => Self::U8,
+            "int16_t" => Self::I16,
+            "uint16_t" => Self::U16,
+            "int32_t" => Self::I32,
+            "uint32_t" => Self::U32,
+            "int64_t" => Self::I64,
+            "uint64_t" => Self::U64,
+            "float" => Self::F32,
+            "double" => Self::F64,
+            _ => return None,
+        })
+    }
+
+    fn size(self) -> usize {
+        match self {
+            Self::I8 | Self::U8 => 1,
+            Self::I16 | Self::U16 => 2,
+            Self::I32 | Self::U32 | Self::F32 => 4,
+            Self::I64 | Self::U64 | Self::F64 => 8,
+        }
+    }
+
+    fn read(self, bytes: &[u8]) -> Option<f64> {
+        Some(match self {
+            Self::I8 => f64::from(i8::from_le_bytes(*bytes.first_chunk()?)),
+            Self::U8 => f64::from(u8::from_le_bytes(*bytes.first_chunk()?)),
+            Self::I16 => f64::from(i16::from_le_bytes(*bytes.first_chunk()?)),
+            Self::U16 => f64::from(u16::from_le_bytes(*bytes.first_chunk()?)),
+            Self::I32 => f64::from(i32::from_le_bytes(*bytes.first_chunk()?)),
+            Self::U32 => f64::from(u32::from_le_bytes(*bytes.first_chunk()?)),
+            Self::I64 => i64::from_le_bytes(*bytes.first_chunk()?) as f64,
+            Self::U64 => u64::from_le_bytes(*bytes.first_chunk()?) as f64,
+            Self::F32 => f64::from(f32::from_le_bytes(*bytes.first_chunk()?)),
+            Self::F64 => f64::from_le_bytes(*bytes.first_chunk()?),
+        })
+    }
+}
+
+/// A field as its format declares it.
+#[derive(Debug, Clone, PartialEq)]
+struct Declared {
+    kind: String,
+    count: usize,
+    name: String,
+}
+
+/// A topic that is logged under a number.
+#[derive(Debug, Clone)]
+struct Subscription {
+    name: String,
+    instance: u8,
+    /// Bytes of its data, without and with the padding at the end.
+    size: (usize, usize),
+    /// Place, type and number of values of every field of a basic type.
+    fields: HashMap<String, (usize, Basic, usize)>,
+}
+
+/// What stands at a place.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+enum Check {
+    /// A message of this length.
+    Good(usize),
+    /// Nothing that is one.
+    Bad,
+    /// More bytes are needed to tell.
+    Short,
+}
+
+/// Formats and subscriptions.
 #[derive(Debug, Default)]
-struct Shared {
-    read_bytes: AtomicU64,
-    bad_records: AtomicU64,
-    truncated: AtomicBool,
+struct Definitions {
+    formats: HashMap<String, Vec<Declared>>,
+    subscriptions: HashMap<u16, Subscription>,
 }
 
 /// Reads a ULog.
 #[derive(Debug)]
-pub struct UlogReader {
-    records: Receiver<Result<Record, LogError>>,
-    shared: Arc<Shared>,
-    total_bytes: u64,
+pub struct UlogReader<R> {
+    window: Window<R>,
+    definitions: Definitions,
+    damage: Damage,
+    topics: Topics,
+    queue: VecDeque<Record>,
+    begun: bool,
+    finished: bool,
 }
 
-impl UlogReader {
-    /// Starts to read at the first byte.
-    pub fn new(file: File, total_bytes: u64) -> Self {
-        let (sender, records) = sync_channel(RECORDS_AHEAD);
-        let shared = Arc::new(Shared::default());
-        let theirs = Arc::clone(&shared);
-        // Detached: it ends with the file, or when nobody takes its records any more.
-        std::thread::spawn(move || read(file, total_bytes, &sender, &theirs));
-        Self { records, shared, total_bytes }
-    }
-}
-
-impl Iterator for UlogReader {
-    type Item = Result<Record, LogError>;
-
-    fn next(&mut self) -> Option<Self::Item> {
-        self.records.recv().ok()
-    }
-}
-
-impl LogReader for UlogReader {
-    fn progress(&self) -> Progress {
-        Progress { read_bytes: self.shared.read_bytes.load(Ordering::Relaxed), total_bytes: self.total_bytes }
-    }
-
-    fn damage(&self) -> Damage {
-        Damage {
-            bad_records: self.shared.bad_records.load(Ordering::Relaxed),
-            truncated: self.shared.truncated.load(Ordering::Relaxed),
-            ..Damage::default()
+impl<R: Read> UlogReader<R> {
+    /// Starts to read at the first byte of `source`, which has `total_bytes`.
+    pub fn new(source: R, total_bytes: u64) -> Self {
+        Self {
+            window: Window::new(source, total_bytes),
+            definitions: Definitions::default(),
+            damage: Damage::default(),
+            topics: Topics::default(),
+            queue: VecDeque::new(),
+            begun: false,
+            finished: false,
         }
     }
 
-    fn autopilot(&self) -> Option<&'static str> {
-        Some("px4")
-    }
-}
-
-fn read(mut file: File, total_bytes: u64, sender: &SyncSender<Result<Record, LogError>>, shared: &Shared) {
-    let mut converter = Topics::default();
-    let mut closed = false;
-    let mut on_data = |message: &DataMessage| {
-        for record in converter.take(message, shared) {
-            closed |= sender.send(Ok(record)).is_err();
+    /// Reads one message or past one damaged place; false at the end.
+    fn step(&mut self) -> Result<bool, LogError> {
+        if !self.begun {
+            self.begun = true;
+            self.window.fill(FILE_HEADER)?;
+            self.window.consume(FILE_HEADER);
         }
-    };
-    let mut parser = LogParser::default();
-    parser.set_data_message_callback(&mut on_data);
-    let mut buffer = vec![0; 64 * 1024];
-    let mut read_bytes = 0_u64;
-    let failure = loop {
-        match file.read(&mut buffer) {
-            Ok(0) => break None,
-            Ok(n) => {
-                read_bytes += n as u64;
-                shared.read_bytes.store(read_bytes, Ordering::Relaxed);
-                if parser.consume_bytes(buffer.get(..n).unwrap_or_default()).is_err() {
-                    // The format has no way to find the next message after damage.
-                    shared.bad_records.fetch_add(1, Ordering::Relaxed);
-                    shared.truncated.store(true, Ordering::Relaxed);
-                    break None;
-                }
+        self.window.fill(2 * ONE)?;
+        if self.window.bytes().is_empty() {
+            return Ok(false);
+        }
+        let bytes = self.window.bytes();
+        let at_end = self.window.at_end();
+        match self.definitions.check(bytes) {
+            Check::Good(len) if self.definitions.ends_well(bytes, len, at_end) => {
+                let kind = bytes.get(2).copied().unwrap_or_default();
+                let body = bytes.get(HEADER..len).unwrap_or_default();
+                let good = match kind {
+                    b'D' => self.topics.take(body, &self.definitions, &mut self.queue),
+                    _ => self.definitions.take(kind, body, &mut self.topics),
+                };
+                self.damage.bad_records += u64::from(!good);
+                self.window.consume(len);
             }
-            Err(e) if e.kind() == std::io::ErrorKind::Interrupted => {}
-            Err(source) => break Some(LogError::Read { read_bytes, source }),
+            found => {
+                let next = self.resynchronise()?;
+                // The last message of a log that was cut, or a damaged length.
+                let cut = found == Check::Short && at_end && !next;
+                self.damage.truncated |= cut;
+                self.damage.bad_records += u64::from(!cut);
+            }
         }
-    };
-    if parser.has_leftover() {
-        shared.truncated.store(true, Ordering::Relaxed);
+        Ok(true)
     }
-    drop(parser);
-    let nothing = (converter.given == 0 && !closed)
-        .then_some(LogError::NothingReadable { format: "ULog", bytes: total_bytes });
-    if let Some(error) = failure.or(nothing) {
-        // Nobody may be listening any more.
-        let _ = sender.send(Err(error));
+
+    fn skip(&mut self, n: usize) {
+        self.damage.skipped_bytes += n as u64;
+        self.window.consume(n);
+    }
+
+    /// Goes to the next place where messages follow each other; false where there is none.
+    fn resynchronise(&mut self) -> Result<bool, LogError> {
+        self.skip(1);
+        loop {
+            self.window.fill(4 * ONE)?;
+            let (bytes, at_end) = (self.window.bytes(), self.window.at_end());
+            // A whole chain must fit behind every place that is looked at.
+            let last = if at_end { bytes.len() } else { bytes.len().saturating_sub(3 * ONE) };
+            let found =
+                (0..last).find(|at| self.definitions.is_chain(bytes.get(*at..).unwrap_or_default(), at_end));
+            self.skip(found.unwrap_or(last));
+            if found.is_some() || at_end {
+                return Ok(found.is_some());
+            }
+        }
     }
 }
 
-/// Turns the topics into samples.
+impl Definitions {
+    /// What stands at the first byte, by header and length.
+    fn check(&self, bytes: &[u8]) -> Check {
+        let Some(&[a, b, kind]) = bytes.first_chunk::<HEADER>() else { return Check::Short };
+        let size = usize::from(u16::from_le_bytes([a, b]));
+        let body = bytes.get(HEADER..).unwrap_or_default();
+        let text = |at: usize| body.get(at).is_none_or(|c| c.is_ascii_graphic());
+        if kind != b'D' && size >= SHORT {
+            return Check::Bad;
+        }
+        let right = match kind {
+            b'B' => (40..64).contains(&size),
+            b'F' => size >= 3 && text(0),
+            b'I' => size >= 3 && text(1),
+            b'M' => size >= 4 && text(2),
+            b'P' => size >= 6 && text(1),
+            b'Q' => size >= 7 && text(2),
+            b'A' => size >= 4 && text(3),
+            b'R' | b'O' => size == 2,
+            // The level is a digit.
+            b'L' => size >= 9 && body.first().is_none_or(|level| (b'0'..=b'7').contains(level)),
+            b'C' => size >= 11 && body.first().is_none_or(|level| (b'0'..=b'7').contains(level)),
+            b'S' => size == SYNC.len() && SYNC.iter().zip(body).all(|(a, b)| a == b),
+            b'D' => match body.first_chunk() {
+                Some(id) => self
+                    .subscriptions
+                    .get(&u16::from_le_bytes(*id))
+                    .is_some_and(|s| (s.size.0 + 2..=s.size.1 + 2).contains(&size)),
+                None => size >= 2,
+            },
+            _ => false,
+        };
+        match right {
+            false => Check::Bad,
+            true if body.len() < size => Check::Short,
+            true => Check::Good(HEADER + size),
+        }
+    }
+
+    /// Whether a message of this length is followed by another one. The first data of a topic come right behind its subscription.
+    fn ends_well(&self, bytes: &[u8], len: usize, at_end: bool) -> bool {
+        let rest = bytes.get(len..).unwrap_or_default();
+        let id = bytes.get(HEADER + 1..HEADER + 3);
+        let first_data =
+            bytes.get(2) == Some(&b'A') && rest.get(2) == Some(&b'D') && rest.get(HEADER..HEADER + 2) == id;
+        first_data || self.is_followed(rest, at_end)
+    }
+
+    /// Whether a message may end here: at the end of the file, or before another one.
+    fn is_followed(&self, rest: &[u8], at_end: bool) -> bool {
+        match self.check(rest) {
+            Check::Good(_) => true,
+            Check::Short => at_end,
+            Check::Bad => false,
+        }
+    }
+
+    /// Whether messages follow each other from here on; those at the very end of the file need no followers.
+    fn is_chain(&self, bytes: &[u8], at_end: bool) -> bool {
+        let mut rest = bytes;
+        for k in 0..CHAIN {
+            match self.check(rest) {
+                Check::Good(len) => {
+                    rest = rest.get(len..).unwrap_or_default();
+                    if rest.is_empty() && at_end {
+                        return true;
+                    }
+                }
+                Check::Short => return at_end && k > 0,
+                _ => return false,
+            }
+        }
+        true
+    }
+
+    /// Takes a message that is no data; false where its content is wrong.
+    fn take(&mut self, kind: u8, body: &[u8], topics: &mut Topics) -> bool {
+        match kind {
+            b'F' => self.format(body).is_some(),
+            b'A' => self.subscribe(body).is_some(),
+            b'R' => body
+                .first_chunk()
+                .is_some_and(|id| self.subscriptions.remove(&u16::from_le_bytes(*id)).is_some()),
+            b'P' => {
+                topics.parameter(body);
+                true
+            }
+            _ => true,
+        }
+    }
+
+    fn format(&mut self, body: &[u8]) -> Option<()> {
+        let (name, fields) = std::str::from_utf8(body).ok()?.split_once(':')?;
+        let declared = |field: &str| {
+            let (kind, name) = field.trim().split_once(' ')?;
+            let (kind, count) = match kind.split_once('[') {
+                Some((kind, count)) => (kind, count.strip_suffix(']')?.parse().ok()?),
+                None => (kind, 1),
+            };
+            Some(Declared { kind: kind.to_owned(), count, name: name.to_owned() })
+        };
+        let fields =
+            fields.split(';').filter(|f| !f.trim().is_empty()).map(declared).collect::<Option<_>>()?;
+        self.formats.insert(name.to_owned(), fields);
+        Some(())
+    }
+
+    fn subscribe(&mut self, body: &[u8]) -> Option<()> {
+        let (&[instance, a, b], name) = body.split_first_chunk()?;
+        let name = std::str::from_utf8(name).ok()?;
+        let declared = self.formats.get(name)?;
+        let (mut at, mut padding, mut fields) = (0_usize, 0, HashMap::new());
+        for field in declared {
+            let size = self.size_of(&field.kind, 0)?.checked_mul(field.count).filter(|s| *s <= MAX_DATA)?;
+            if let Some(basic) = Basic::of(&field.kind) {
+                fields.insert(field.name.clone(), (at, basic, field.count));
+            }
+            padding = if field.name.starts_with("_padding") { padding + size } else { 0 };
+            at = at.checked_add(size).filter(|at| *at <= MAX_DATA)?;
+        }
+        let subscription = Subscription { name: name.to_owned(), instance, size: (at - padding, at), fields };
+        self.subscriptions.insert(u16::from_le_bytes([a, b]), subscription);
+        Some(())
+    }
+
+    fn size_of(&self, kind: &str, depth: usize) -> Option<usize> {
+        if let Some(basic) = Basic::of(kind) {
+            return Some(basic.size());
+        }
+        let inner = self.formats.get(kind).filter(|_| depth < MAX_DEPTH)?;
+        inner.iter().try_fold(0_usize, |sum, f| {
+            let size = self.size_of(&f.kind, depth + 1)?.checked_mul(f.count)?;
+            sum.checked_add(size).filter(|s| *s <= MAX_DATA)
+        })
+    }
+}
+
+/// Turns the topics into measurements.
 #[derive(Debug, Default)]
 struct Topics {
-    last_imu_us: Option<u64>,
-    last_fix_us: Option<u64>,
+    streaming: bool,
     /// The GNSS topic that came first: the other one holds the same fixes.
     gnss_topic: Option<String>,
+    /// What flies by `vehicle_status`, or else by the number of the airframe.
+    kind: (Option<VehicleKind>, Option<VehicleKind>),
     given: u64,
 }
 
 impl Topics {
-    fn take(&mut self, message: &DataMessage, shared: &Shared) -> Vec<Record> {
-        let fields = Fields { format: message.flattened_format, data: message.data };
-        let name = fields.format.message_name();
-        if message.multi_id.value() != 0 {
-            return Vec::new();
+    /// Takes the data of a topic; false where they are wrong.
+    fn take(&mut self, body: &[u8], definitions: &Definitions, out: &mut VecDeque<Record>) -> bool {
+        let Some((id, data)) = body.split_first_chunk() else { return false };
+        let Some(topic) = definitions.subscriptions.get(&u16::from_le_bytes(*id)) else { return false };
+        if topic.instance != 0 {
+            return true;
         }
-        let Some(t_us) = fields.stamp() else { return Vec::new() };
-        let samples = match name {
-            "sensor_combined" => self.imu(t_us, &fields),
-            "vehicle_gps_position" | "sensor_gps"
-                if self.gnss_topic.get_or_insert_with(|| name.to_owned()) == name =>
-            {
-                Some(self.fix(t_us, &fields))
+        let fields = Fields { topic, data };
+        let Some(t_us) = fields.stamp() else { return true };
+        let stamp = Stamp::Usec(t_us);
+        let measurement = match topic.name.as_str() {
+            "sensor_combined" => {
+                if !self.streaming {
+                    self.streaming = true;
+                    out.push_back(Record { t_us, item: Item::Measurement(Measurement::Stream(stream())) });
+                }
+                imu(&fields).map(|sample| Measurement::Imu(stamp, sample))
             }
-            "vehicle_attitude" => attitude(t_us, &fields).map(|s| vec![s]),
-            _ => return Vec::new(),
+            name @ ("vehicle_gps_position" | "sensor_gps") => {
+                if self.gnss_topic.get_or_insert_with(|| name.to_owned()) != name {
+                    return true;
+                }
+                // Without a fix there is nothing wrong.
+                let Some(fix) = fix(&fields) else { return true };
+                Some(Measurement::Fix(Some(stamp), fix))
+            }
+            "vehicle_attitude" => attitude(&fields).map(|rpy| Measurement::Attitude(stamp, rpy)),
+            "vehicle_status" => {
+                self.kind.0 = vehicle_kind(&fields).or(self.kind.0);
+                return true;
+            }
+            _ => return true,
         };
-        let Some(samples) = samples else {
-            shared.bad_records.fetch_add(1, Ordering::Relaxed);
-            return Vec::new();
-        };
-        self.given += samples.len() as u64;
-        samples.into_iter().map(|s| Record { t_us, item: Item::Sample(s) }).collect()
+        let Some(measurement) = measurement else { return false };
+        self.given += 1;
+        out.push_back(Record { t_us, item: Item::Measurement(measurement) });
+        true
     }
 
-    fn imu(&mut self, t_us: u64, fields: &Fields) -> Option<Vec<Sample>> {
-        let gyro = fields.vector("gyro_rad")?;
-        let accel = fields.vector("accelerometer_m_s2")?;
-        let mut out = Vec::new();
-        match self.last_imu_us {
-            None => out.push(Sample::Stream(ImuStream {
-                message: "sensor_combined".to_owned(),
-                kind: SampleKind::IntervalMean,
-                quantisation: Quantisation::None,
-            })),
-            Some(last) if t_us <= last => return None,
-            Some(last) if t_us > last + GAP_US => out.push(Sample::Restart(RestartReason::ClockJump)),
-            Some(_) => {}
-        }
-        self.last_imu_us = Some(t_us);
-        out.push(Sample::Imu(ImuSample { t_s: seconds(t_us), gyro, accel, temperature_degc: None }));
-        Some(out)
-    }
-
-    /// A fix, or nothing where the receiver has none.
-    fn fix(&mut self, t_us: u64, fields: &Fields) -> Vec<Sample> {
-        let fix = fields.position().filter(|_| fields.number("fix_type").is_some_and(|t| t >= 3.0));
-        let Some(position) = fix.filter(|_| self.last_fix_us != Some(t_us)) else { return Vec::new() };
-        self.last_fix_us = Some(t_us);
-        let told = |name| fields.number(name).filter(|v| *v > 0.0);
-        let velocity = match ["vel_n_m_s", "vel_e_m_s", "vel_d_m_s"].map(|n| fields.number(n)) {
-            [Some(n), Some(e), Some(d)] => FixVelocity::Full([n, e, d]),
-            _ => FixVelocity::None,
+    /// `SYS_AUTOSTART` names the airframe (PX4 user guide, "Airframes Reference"): 2000 and 3000 planes and flying wings, 13000
+    /// VTOL, 4000 to 9000, 11000 and 12000 multirotors.
+    fn parameter(&mut self, body: &[u8]) {
+        let Some((&length, rest)) = body.split_first() else { return };
+        let Some((key, value)) = rest.split_at_checked(usize::from(length)) else { return };
+        let (b"int32_t SYS_AUTOSTART", Some(value)) = (key, value.first_chunk()) else { return };
+        self.kind.1 = match i32::from_le_bytes(*value) {
+            2000..=3999 | 13_000..=13_999 => Some(VehicleKind::FixedWing),
+            4000..=9999 | 11_000..=12_999 => Some(VehicleKind::Multirotor),
+            _ => self.kind.1,
         };
-        vec![Sample::Fix(GnssFix {
-            t_s: seconds(t_us),
-            position,
-            velocity,
-            // In this format eph and epv are metres.
-            position_sigma_m: told("eph").zip(told("epv")).map(|(h, v)| [h, h, v]),
-            velocity_sigma_m_per_s: told("s_variance_m_s").map(|s| [s; 3]),
-            yaw_rad: None,
-        })]
     }
 }
 
-fn attitude(t_us: u64, fields: &Fields) -> Option<Sample> {
-    let [w, x, y, z] = ["q[0]", "q[1]", "q[2]", "q[3]"].map(|n| fields.number(n));
-    let q = UnitQuaternion::try_new(Quaternion::new(w?, x?, y?, z?), 0.5)?;
-    let (roll, pitch, yaw) = q.euler_angles();
-    Some(Sample::Attitude(AttitudeHint { t_s: seconds(t_us), roll_pitch_yaw: [roll, pitch, yaw] }))
+fn stream() -> ImuStream {
+    ImuStream {
+        message: "sensor_combined".to_owned(),
+        kind: SampleKind::IntervalMean,
+        quantisation: Quantisation::None,
+    }
 }
 
-fn seconds(t_us: u64) -> f64 {
-    t_us as f64 * 1e-6
+fn imu(fields: &Fields) -> Option<ImuSample> {
+    let (gyro, accel) = (fields.vector("gyro_rad")?, fields.vector("accelerometer_m_s2")?);
+    Some(ImuSample { t_s: 0.0, gyro, accel, temperature_degc: None })
+}
+
+/// A fix, or nothing where the receiver has none.
+fn fix(fields: &Fields) -> Option<GnssFix> {
+    let position = fields.position().filter(|_| fields.number("fix_type").is_some_and(|t| t >= 3.0))?;
+    let given = |name| fields.number(name).filter(|v| *v > 0.0);
+    let velocity = match ["vel_n_m_s", "vel_e_m_s", "vel_d_m_s"].map(|n| fields.number(n)) {
+        [Some(n), Some(e), Some(d)] => FixVelocity::Full([n, e, d]),
+        _ => FixVelocity::None,
+    };
+    Some(GnssFix {
+        t_s: 0.0,
+        position,
+        velocity,
+        // In this format eph and epv are metres.
+        position_sigma_m: given("eph").zip(given("epv")).map(|(h, v)| [h, h, v]),
+        velocity_sigma_m_per_s: given("s_variance_m_s").map(|s| [s; 3]),
+        yaw_rad: None,
+    })
+}
+
+fn attitude(fields: &Fields) -> Option<[f64; 3]> {
+    let [w, x, y, z] = [0, 1, 2, 3].map(|k| fields.element("q", k));
+    let (roll, pitch, yaw) = UnitQuaternion::try_new(Quaternion::new(w?, x?, y?, z?), 0.5)?.euler_angles();
+    Some([roll, pitch, yaw])
+}
+
+/// `vehicle_type` of `vehicle_status`: 1 rotary wing, 2 fixed wing; a VTOL has wings to fly turns with. Logs before 1.9 have
+/// `is_rotary_wing`.
+fn vehicle_kind(fields: &Fields) -> Option<VehicleKind> {
+    if fields.number("is_vtol") == Some(1.0) {
+        return Some(VehicleKind::FixedWing);
+    }
+    match (fields.number("vehicle_type"), fields.number("is_rotary_wing")) {
+        (Some(1.0), _) | (None, Some(1.0)) => Some(VehicleKind::Multirotor),
+        (Some(2.0), _) | (None, Some(0.0)) => Some(VehicleKind::FixedWing),
+        _ => None,
+    }
 }
 
 /// Fields of a message by name, whatever their type.
 struct Fields<'a> {
-    format: &'a FlattenedFormat,
+    topic: &'a Subscription,
     data: &'a [u8],
 }
 
 impl Fields<'_> {
     fn stamp(&self) -> Option<u64> {
-        let offset = self.format.get_field_offset("timestamp", FlattenedFieldType::UInt64).ok()?;
-        Some(u64::from_le_bytes(*self.bytes(offset)?))
-    }
-
-    fn bytes<const N: usize>(&self, offset: u16) -> Option<&[u8; N]> {
-        self.data.get(usize::from(offset)..)?.first_chunk()
+        let (offset, _, _) = *self.topic.fields.get("timestamp").filter(|f| f.1 == Basic::U64)?;
+        Some(u64::from_le_bytes(*self.data.get(offset..)?.first_chunk()?))
     }
 
     /// A finite number.
     fn number(&self, name: &str) -> Option<f64> {
-        use FlattenedFieldType::{Double, Float, Int32, UInt8};
-        let at = |kind| self.format.get_field_offset(name, kind).ok();
-        let value = if let Some(offset) = at(Float) {
-            f64::from(f32::from_le_bytes(*self.bytes(offset)?))
-        } else if let Some(offset) = at(Double) {
-            f64::from_le_bytes(*self.bytes(offset)?)
-        } else if let Some(offset) = at(Int32) {
-            f64::from(i32::from_le_bytes(*self.bytes(offset)?))
-        } else {
-            let [value] = *self.bytes(at(UInt8)?)?;
-            f64::from(value)
-        };
-        value.is_finite().then_some(value)
+        self.element(name, 0)
+    }
+
+    fn element(&self, name: &str, k: usize) -> Option<f64> {
+        let (offset, basic, _) = *self.topic.fields.get(name).filter(|f| k < f.2)?;
+        basic.read(self.data.get(offset + k * basic.size()..)?).filter(|v| v.is_finite())
     }
 
     fn vector(&self, name: &str) -> Option<Vector3<f64>> {
-        let [x, y, z] = [0, 1, 2].map(|k| self.number(&format!("{name}[{k}]")));
+        let [x, y, z] = [0, 1, 2].map(|k| self.element(name, k));
         Some(Vector3::new(x?, y?, z?))
     }
 
@@ -257,3 +507,48 @@ impl Fields<'_> {
         .map(|(lat, lon, alt)| Geodetic::from_degrees(lat, lon, alt))
     }
 }
+
+impl<R: Read> Iterator for UlogReader<R> {
+    type Item = Result<Record, LogError>;
+
+    fn next(&mut self) -> Option<Self::Item> {
+        while self.queue.is_empty() && !self.finished {
+            match self.step() {
+                Ok(true) => {}
+                Ok(false) => {
+                    self.finished = true;
+                    if self.topics.given == 0 {
+                        let bytes = self.window.progress().total_bytes;
+                        return Some(Err(LogError::NothingReadable { format: "ULog", bytes }));
+                    }
+                }
+                Err(error) => {
+                    self.finished = true;
+                    return Some(Err(error));
+                }
+            }
+        }
+        self.queue.pop_front().map(Ok)
+    }
+}
+
+impl<R: Read + Send> LogReader for UlogReader<R> {
+    fn progress(&self) -> Progress {
+        self.window.progress()
+    }
+
+    fn damage(&self) -> Damage {
+        self.damage
+    }
+
+    fn autopilot(&self) -> Option<&'static str> {
+        Some("px4")
+    }
+
+    fn vehicle_kind(&self) -> Option<VehicleKind> {
+        self.topics.kind.0.or(self.topics.kind.1)
+    }
+}
+
+#[cfg(test)]
+mod tests;

@@ -17,8 +17,9 @@ const CLEAR_ALL: u32 = 45;
 const ACK: u32 = 47;
 const REQUEST_INT: u32 = 51;
 const ITEM_INT: u32 = 73;
+const EVENT: u32 = 410;
 /// Longest payload here.
-const LONGEST: usize = 38;
+const LONGEST: usize = 53;
 
 /// The mission message in a frame, if it is one that the transfer knows.
 pub fn decode(frame: &Frame) -> Option<Envelope> {
@@ -54,6 +55,12 @@ pub fn decode(frame: &Frame) -> Option<Envelope> {
             let (seq, total, state, _mode) = (b.u16(), b.u16(), b.u8(), b.u8());
             let everyone = Address { system: 0, component: 0 };
             (everyone, MissionMessage::Current { seq, total, state, mission_id: b.u32() })
+        }
+        EVENT => {
+            let (id, _boot_ms, _sequence) = (b.u32(), b.u32(), b.u16());
+            let (component, system, _levels) = (b.u8(), b.u8(), b.u8());
+            let arguments = std::array::from_fn(|_| b.u8());
+            (Address { system, component }, MissionMessage::Event { id, arguments })
         }
         _ => return None,
     };
@@ -122,31 +129,39 @@ pub fn encode(to: Address, message: &MissionMessage) -> (u32, Vec<u8>) {
             b.extend(mission_id.to_le_bytes());
             CURRENT
         }
+        MissionMessage::Event { id, arguments } => {
+            b.extend(id.to_le_bytes());
+            // Time, sequence number and levels, which this program does not use.
+            b.extend([0; 6]);
+            b.extend([to.component, to.system, 0]);
+            b.extend(arguments);
+            EVENT
+        }
     };
     (id, b)
 }
 
 /// Little-endian fields in order; beyond the end there are zeros, which MAVLink 2 does not send.
-struct Reader<'a>(std::slice::Iter<'a, u8>);
+pub(super) struct Reader<'a>(std::slice::Iter<'a, u8>);
 
 impl<'a> Reader<'a> {
-    fn new(payload: &'a [u8]) -> Self {
+    pub(super) fn new(payload: &'a [u8]) -> Self {
         Self(payload.iter())
     }
 
-    fn u8(&mut self) -> u8 {
+    pub(super) fn u8(&mut self) -> u8 {
         self.0.next().copied().unwrap_or(0)
     }
 
-    fn u16(&mut self) -> u16 {
+    pub(super) fn u16(&mut self) -> u16 {
         u16::from_le_bytes([self.u8(), self.u8()])
     }
 
-    fn u32(&mut self) -> u32 {
+    pub(super) fn u32(&mut self) -> u32 {
         u32::from_le_bytes([self.u8(), self.u8(), self.u8(), self.u8()])
     }
 
-    fn f32(&mut self) -> f32 {
+    pub(super) fn f32(&mut self) -> f32 {
         f32::from_bits(self.u32())
     }
 
@@ -195,6 +210,26 @@ mod tests {
         let current = MissionMessage::Current { seq: 2, total: 9, state: 3, mission_id: 77 };
         let MavMessage::MISSION_CURRENT(m) = framed(&current).decode().unwrap() else { panic!("no current") };
         assert_eq!((m.seq, m.total, m.mission_state as u32, m.mission_id), (2, 9, 3, 77));
+    }
+
+    #[test]
+    fn the_dialect_reads_an_event_as_px4_sends_it() {
+        use mavlink::dialects::ardupilotmega::EVENT_DATA;
+        let arguments = std::array::from_fn(|k| k as u8 + 1);
+        let data = EVENT_DATA {
+            id: 0x0181_1691,
+            event_time_boot_ms: 12_345,
+            sequence: 7,
+            destination_component: 190,
+            destination_system: 255,
+            log_levels: 0x33,
+            arguments,
+        };
+        let sender = Sender { system_id: 1, component_id: 1 };
+        let got = decode(&Frame::encode(sender, 0, &MavMessage::EVENT(data))).unwrap();
+        assert_eq!(got.to, Address { system: 255, component: 190 });
+        assert_eq!(got.message, MissionMessage::Event { id: 0x0181_1691, arguments });
+        assert_eq!(decode(&framed(&got.message)).unwrap().message, got.message);
     }
 
     #[test]

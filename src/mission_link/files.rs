@@ -1,9 +1,9 @@
 //! Mission files by their kind: QGroundControl's `.plan` and `QGC WPL 110`.
 
-use gaware_mission::fence::Fence;
+use gaware_mission::fence::{Fence, FenceItemError};
 use gaware_mission::files::plan::{self, PlanFile};
 use gaware_mission::files::waypoints;
-use gaware_mission::item::{Autopilot, Mission};
+use gaware_mission::item::{Autopilot, LatLon, Mission, MissionItem, MissionKind, command};
 use std::io::Write;
 use std::path::{Path, PathBuf};
 
@@ -43,9 +43,74 @@ pub enum FileError {
         /// The journal.
         path: PathBuf,
     },
+    /// A fence that no plan file can hold.
+    #[error("{path}: {source}", path = path.display())]
+    Fence {
+        /// File.
+        path: PathBuf,
+        /// What it cannot hold.
+        source: FenceItemError,
+    },
+    /// A `.waypoints` file for a geofence or rally points.
+    #[error("{path}: only a .plan file holds a {kind}", path = path.display())]
+    NotAPlan {
+        /// File.
+        path: PathBuf,
+        /// What it was to hold.
+        kind: MissionKind,
+    },
     /// Neither kind.
     #[error("{0}: name it .plan or .waypoints, the two kinds of mission files")]
     Kind(PathBuf),
+}
+
+/// What a mission file holds.
+#[derive(Debug, Clone, PartialEq, Default)]
+pub struct Contents {
+    /// Items and home.
+    pub mission: Mission,
+    /// Geofence.
+    pub fence: Fence,
+    /// Rally points: latitude, longitude (deg), altitude above home (m).
+    pub rally_points: Vec<[f64; 3]>,
+    /// Whom it was made for, where it says so.
+    pub planned_for: Option<Autopilot>,
+    /// `MAV_TYPE` of what it was made for, where it says so.
+    pub mav_type: Option<u8>,
+}
+
+impl Contents {
+    /// One of the three lists.
+    pub fn list(&self, kind: MissionKind) -> Mission {
+        let items = match kind {
+            MissionKind::Mission => return self.mission.clone(),
+            MissionKind::Fence => self.fence.items(),
+            MissionKind::Rally => self.rally_points.iter().map(|p| rally_item(*p)).collect(),
+        };
+        Mission { home: None, items }
+    }
+
+    /// Puts one of the three lists in.
+    ///
+    /// # Errors
+    /// A fence that a plan file cannot hold.
+    pub fn put(&mut self, kind: MissionKind, list: Mission) -> Result<(), FenceItemError> {
+        match kind {
+            MissionKind::Mission => self.mission = list,
+            MissionKind::Fence => self.fence = Fence::from_items(&list.items)?,
+            MissionKind::Rally => self.rally_points = list.items.iter().map(rally_point).collect(),
+        }
+        Ok(())
+    }
+}
+
+fn rally_item([lat_deg, lon_deg, alt_m]: [f64; 3]) -> MissionItem {
+    MissionItem::at(command::NAV_RALLY_POINT, [0.0; 4], LatLon { lat_deg, lon_deg }, alt_m as f32)
+}
+
+fn rally_point(item: &MissionItem) -> [f64; 3] {
+    let place = LatLon::from_e7(item.x, item.y);
+    [place.lat_deg, place.lon_deg, f64::from(item.z)]
 }
 
 /// Reads a mission and the fence that came with it; the kind shows in the content.
@@ -53,15 +118,33 @@ pub enum FileError {
 /// # Errors
 /// The file cannot be read or holds no mission.
 pub fn read(path: &Path) -> Result<(Mission, Fence), FileError> {
+    read_contents(path).map(|c| (c.mission, c.fence))
+}
+
+/// Reads everything that a mission file holds.
+///
+/// # Errors
+/// As [`read`].
+pub fn read_contents(path: &Path) -> Result<Contents, FileError> {
     let text =
         std::fs::read_to_string(path).map_err(|source| FileError::Read { path: path.to_owned(), source })?;
     let wrong = |reason: String| FileError::Content { path: path.to_owned(), reason };
-    if text.trim_start().starts_with('{') {
-        let file = plan::read(&text).map_err(|e| wrong(e.to_string()))?;
-        return Ok((file.mission, file.fence));
+    if !text.trim_start().starts_with('{') {
+        let mission = waypoints::read(&text).map_err(|e| wrong(e.to_string()))?;
+        return Ok(Contents { mission, ..Contents::default() });
     }
-    let mission = waypoints::read(&text).map_err(|e| wrong(e.to_string()))?;
-    Ok((mission, Fence::default()))
+    let file = plan::read(&text).map_err(|e| wrong(e.to_string()))?;
+    Ok(Contents {
+        mission: file.mission,
+        fence: file.fence,
+        rally_points: file.rally_points,
+        planned_for: match file.firmware_type {
+            3 => Some(Autopilot::ArduPilot),
+            12 => Some(Autopilot::Px4),
+            _ => None,
+        },
+        mav_type: (file.vehicle_type != 0).then_some(file.vehicle_type),
+    })
 }
 
 /// The text of a mission file of the kind that its name tells.
@@ -75,10 +158,32 @@ pub fn text_of(
     autopilot: Autopilot,
     mav_type: u8,
 ) -> Result<String, FileError> {
+    let contents = Contents { mission: mission.clone(), fence: fence.clone(), ..Contents::default() };
+    text_of_contents(path, &contents, autopilot, mav_type)
+}
+
+/// The text of a file with all of this; a `.waypoints` file holds the mission alone.
+///
+/// # Errors
+/// The name tells no kind.
+pub fn text_of_contents(
+    path: &Path,
+    contents: &Contents,
+    autopilot: Autopilot,
+    mav_type: u8,
+) -> Result<String, FileError> {
     match path.extension().and_then(|e| e.to_str()) {
-        Some("plan") => Ok(plan::write(&PlanFile::new(mission.clone(), fence.clone(), autopilot, mav_type))),
-        Some("waypoints" | "txt") => Ok(waypoints::write(mission)),
+        Some("plan") => Ok(plan::write(&plan_of(contents, autopilot, mav_type))),
+        Some("waypoints" | "txt") => Ok(waypoints::write(&contents.mission)),
         _ => Err(FileError::Kind(path.to_owned())),
+    }
+}
+
+/// The contents as a plan file.
+pub fn plan_of(contents: &Contents, autopilot: Autopilot, mav_type: u8) -> PlanFile {
+    PlanFile {
+        rally_points: contents.rally_points.clone(),
+        ..PlanFile::new(contents.mission.clone(), contents.fence.clone(), autopilot, mav_type)
     }
 }
 
@@ -91,6 +196,18 @@ pub fn check_kind(path: &Path) -> Result<(), FileError> {
         Some("plan" | "waypoints" | "txt") => Ok(()),
         _ => Err(FileError::Kind(path.to_owned())),
     }
+}
+
+/// Whether a file of this name can hold this list.
+///
+/// # Errors
+/// It is no mission file, or one that holds missions alone.
+pub fn check_holds(path: &Path, kind: MissionKind) -> Result<(), FileError> {
+    check_kind(path)?;
+    if kind == MissionKind::Mission || path.extension().is_some_and(|e| e == "plan") {
+        return Ok(());
+    }
+    Err(FileError::NotAPlan { path: path.to_owned(), kind })
 }
 
 /// Writes a file that did not exist before, down to the disk.

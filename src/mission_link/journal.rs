@@ -35,6 +35,8 @@ pub struct Journal {
     pub previous: Mission,
     /// To be on it afterwards.
     pub new: Mission,
+    /// The geofence before and the one that goes along with the new mission, where one does.
+    pub fences: Option<(Fence, Fence)>,
 }
 
 /// As written. The missions are whole `.plan` documents, so that a ground station can open them in need.
@@ -44,6 +46,9 @@ struct Document {
     system_id: u8,
     autopilot: Autopilot,
     begun_unix_s: u64,
+    /// Whether the geofences in the two documents count.
+    #[serde(default)]
+    with_fence: bool,
     previous: Value,
     new: Value,
 }
@@ -58,6 +63,7 @@ impl Journal {
         vehicle: &Vehicle,
         previous: &Mission,
         new: &Mission,
+        fences: Option<(Fence, Fence)>,
     ) -> Result<Self, FileError> {
         Self::check(folder, vehicle)?;
         let system_id = vehicle.address.system;
@@ -70,13 +76,20 @@ impl Journal {
             begun_unix_s: since.as_secs(),
             previous: previous.clone(),
             new: new.clone(),
+            fences,
         };
         journal.write(vehicle.mav_type)?;
         // What cannot be read again could not be put back.
         let read = Self::read(&journal.path);
         let same = |a: &Mission, b: &Mission| differences(vehicle.autopilot, a, b).is_empty();
         match read {
-            Ok(read) if same(&read.previous, previous) && same(&read.new, new) => Ok(journal),
+            Ok(read)
+                if same(&read.previous, previous)
+                    && same(&read.new, new)
+                    && journal.same_fences(&read, vehicle.autopilot) =>
+            {
+                Ok(journal)
+            }
             other => {
                 let reason = other.err().map_or_else(
                     || "a mission changes when it is written to a file and read again".to_owned(),
@@ -86,6 +99,17 @@ impl Journal {
                 journal.end()?;
                 Err(FileError::Content { path, reason })
             }
+        }
+    }
+
+    /// Whether the fences are stored alike by a vehicle.
+    fn same_fences(&self, other: &Self, autopilot: Autopilot) -> bool {
+        let list = |fence: &Fence| Mission { home: None, items: fence.items() };
+        let same = |a: &Fence, b: &Fence| differences(autopilot, &list(a), &list(b)).is_empty();
+        match (&self.fences, &other.fences) {
+            (None, None) => true,
+            (Some((a, b)), Some((c, d))) => same(a, c) && same(b, d),
+            _ => false,
         }
     }
 
@@ -104,8 +128,9 @@ impl Journal {
 
     fn write(&self, mav_type: u8) -> Result<(), FileError> {
         let wrong = |reason: String| FileError::Content { path: self.path.clone(), reason };
-        let document = |mission: &Mission| {
-            let file = PlanFile::new(mission.clone(), Fence::default(), self.autopilot, mav_type);
+        let (before, after) = self.fences.clone().unwrap_or_default();
+        let document = |mission: &Mission, fence: Fence| {
+            let file = PlanFile::new(mission.clone(), fence, self.autopilot, mav_type);
             serde_json::from_str::<Value>(&plan::write(&file)).map_err(|e| wrong(e.to_string()))
         };
         let document = Document {
@@ -113,8 +138,9 @@ impl Journal {
             system_id: self.system_id,
             autopilot: self.autopilot,
             begun_unix_s: self.begun_unix_s,
-            previous: document(&self.previous)?,
-            new: document(&self.new)?,
+            with_fence: self.fences.is_some(),
+            previous: document(&self.previous, before)?,
+            new: document(&self.new, after)?,
         };
         let text = serde_json::to_string_pretty(&document).map_err(|e| wrong(e.to_string()))?;
         files::write_new(&self.path, &text)
@@ -133,15 +159,16 @@ impl Journal {
         if found.schema != SCHEMA {
             return Err(wrong(format!("schema is \"{}\", this program reads \"{SCHEMA}\"", found.schema)));
         }
-        let mission =
-            |v: &Value| plan::read(&v.to_string()).map(|f| f.mission).map_err(|e| wrong(e.to_string()));
+        let plan = |v: &Value| plan::read(&v.to_string()).map_err(|e| wrong(e.to_string()));
+        let (previous, new) = (plan(&found.previous)?, plan(&found.new)?);
         Ok(Self {
             path: path.to_owned(),
             system_id: found.system_id,
             autopilot: found.autopilot,
             begun_unix_s: found.begun_unix_s,
-            previous: mission(&found.previous)?,
-            new: mission(&found.new)?,
+            fences: found.with_fence.then_some((previous.fence, new.fence)),
+            previous: previous.mission,
+            new: new.mission,
         })
     }
 
@@ -164,13 +191,18 @@ impl Journal {
         name.starts_with(NAME.0) && name.ends_with(NAME.1)
     }
 
+    /// The rest of a sentence about a vehicle of which nobody knows what is on it.
+    pub fn left_words(&self) -> String {
+        format!(
+            ". Both missions are in {}: \"gaware mission restore\" puts the previous one back when the link is there again",
+            self.path.display()
+        )
+    }
+
     /// Ends the journal where it is known what is on the vehicle; the rest of the sentence about the outcome where it is not.
     pub fn settle(self, outcome: &Outcome) -> String {
         if matches!(outcome, Outcome::Unknown { .. }) {
-            return format!(
-                ". Both missions are in {}: \"gaware mission restore\" puts the previous one back when the link is there again",
-                self.path.display()
-            );
+            return self.left_words();
         }
         self.end().err().map(|e| format!("; {e}: remove it by hand")).unwrap_or_default()
     }

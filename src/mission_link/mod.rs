@@ -1,9 +1,13 @@
 //! The thin shell that carries the mission transfer of `gaware-mission` over our links.
 
 pub mod codec;
+pub mod delivery;
+pub mod facts;
 pub mod files;
 pub mod journal;
+pub mod param_codec;
 pub mod session;
 pub mod uploader;
 pub mod vehicle;
+pub mod watch;
 pub mod wire;

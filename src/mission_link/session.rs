@@ -1,22 +1,21 @@
-//! Mission transfers over real links: finds the vehicle, keeps the heartbeat, and gives messages and times to the state
-//! machines of `gaware-mission`.
+//! Real links as a [`Wire`]: finds the vehicle, keeps the heartbeat, signs.
 
-use super::codec;
 use super::vehicle::Vehicle;
-use super::wire::{self, CutOff, Event, News, Wire};
+use super::wire::{self, Event, Wire};
+use crate::commands::run::guard::Guard;
 use crate::link::address::Address;
 use crate::link::endpoint::{Links, ReceiveClock};
+use crate::link::frame::Frame;
 use crate::link::heartbeat::Voice;
-use gaware_mission::item::Mission;
-use gaware_mission::transfer::verified::{Options, Outcome};
-use gaware_mission::transfer::{self, Action, Download, Downloaded, Peers, TransferError};
+use gaware_mission::transfer::{self, Peers};
+use std::path::Path;
 use std::time::Duration;
 use tokio_util::sync::CancellationToken;
 
 /// Longest wait without a look at heartbeat and cancellation.
 const BREATH: Duration = Duration::from_millis(100);
-/// Downloads are tried this often.
-const DOWNLOADS: u32 = 6;
+/// After the first vehicle others may be heard for so long: heartbeats come once a second.
+const OTHERS: Duration = Duration::from_millis(1500);
 
 /// Why there is no session.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
@@ -24,18 +23,49 @@ pub enum SessionError {
     /// Nobody there.
     #[error("no heartbeat of an autopilot within {0} s; check the link, its address and the system id")]
     NoVehicle(u64),
+    /// Which one is meant?
+    #[error("there are {count} vehicles on the link: {names}; choose one with --vehicle")]
+    SeveralVehicles {
+        /// How many were heard.
+        count: usize,
+        /// All of them.
+        names: String,
+    },
+    /// The key for signing.
+    #[error("{0}")]
+    Signing(String),
     /// Ctrl-C.
     #[error("cancelled")]
     Cancelled,
 }
 
+impl SessionError {
+    fn several(heard: &[Vehicle]) -> Self {
+        let names: Vec<String> = heard.iter().map(ToString::to_string).collect();
+        Self::SeveralVehicles { count: heard.len(), names: names.join(" and ") }
+    }
+}
+
+/// Where the vehicle is to be found.
+#[derive(Debug, Clone, Copy)]
+pub struct Opening<'a> {
+    /// Links.
+    pub addresses: &'a [Address],
+    /// Its system id, where the user has chosen.
+    pub vehicle: Option<u8>,
+    /// How long to wait for it.
+    pub patience: Duration,
+    /// File of the signing key.
+    pub signing_key: Option<&'a Path>,
+}
+
 /// A link to a vehicle.
-#[derive(Debug)]
 pub struct Session {
     links: Links,
     clock: ReceiveClock,
     voice: Voice,
     vehicle: Vehicle,
+    guard: Option<Guard>,
     stop: CancellationToken,
     stopping: bool,
 }
@@ -44,104 +74,107 @@ impl Session {
     /// Opens the links and waits for the heartbeat of an autopilot, or of the one with this system id.
     ///
     /// # Errors
-    /// None came in time, or `stop` did.
-    pub async fn open(
-        addresses: &[Address],
-        wanted: Option<u8>,
-        patience: Duration,
-        stop: &CancellationToken,
-    ) -> Result<Self, SessionError> {
+    /// None came in time, there are several to choose from, the key cannot be used, or `stop` came.
+    pub async fn open(to: &Opening<'_>, stop: &CancellationToken) -> Result<Self, SessionError> {
         let clock = ReceiveClock::start();
+        let guard = to.signing_key.map(Guard::load).transpose();
+        let guard = guard.map_err(|e| SessionError::Signing(e.to_string()))?;
         // The links outlive a cancellation: what was begun has to be put back.
-        let mut links = Links::start(addresses, clock, &CancellationToken::new());
-        let mut voice = Voice::new();
-        let end = tokio::time::Instant::now() + patience;
-        loop {
-            if let Some(hello) = voice.poll(clock.now_us(), true) {
-                links.broadcast(&hello);
+        let links = Links::start(to.addresses, clock, &CancellationToken::new());
+        let mut session = Self {
+            links,
+            clock,
+            voice: Voice::new(),
+            vehicle: Vehicle::NOBODY,
+            guard,
+            stop: stop.clone(),
+            stopping: false,
+        };
+        match session.choose(to).await {
+            Ok(vehicle) => {
+                session.voice.belongs_to(vehicle.address.system);
+                session.links.follow(vehicle.address.system);
+                session.vehicle = vehicle;
+                Ok(session)
             }
-            if stop.is_cancelled() {
-                links.stop().await;
+            Err(error) => {
+                session.close().await;
+                Err(error)
+            }
+        }
+    }
+
+    /// The vehicle asked for, or the only one there is.
+    async fn choose(&mut self, to: &Opening<'_>) -> Result<Vehicle, SessionError> {
+        let end = tokio::time::Instant::now() + to.patience;
+        let mut heard: Vec<Vehicle> = Vec::new();
+        let mut listened = None;
+        loop {
+            self.say_hello();
+            if self.stop.is_cancelled() {
                 return Err(SessionError::Cancelled);
             }
-            if tokio::time::Instant::now() >= end {
-                links.stop().await;
-                return Err(SessionError::NoVehicle(patience.as_secs()));
+            let now = tokio::time::Instant::now();
+            match heard.as_slice() {
+                [] if now >= end => return Err(SessionError::NoVehicle(to.patience.as_secs())),
+                [] => {}
+                [one] if to.vehicle.is_some() => return Ok(*one),
+                [one] if listened.is_some_and(|until| now >= until) => return Ok(*one),
+                [_] => {}
+                [..] => return Err(SessionError::several(&heard)),
             }
-            let Ok(Some(received)) = tokio::time::timeout(BREATH, links.next()).await else { continue };
-            let seen = Vehicle::from_heartbeat(&received.frame);
-            let Some(vehicle) = seen.filter(|v| wanted.is_none_or(|id| id == v.address.system)) else {
+            let Some(frame) = self.receive(BREATH).await else { continue };
+            let seen = Vehicle::from_heartbeat(&frame);
+            let Some(vehicle) = seen.filter(|v| to.vehicle.is_none_or(|id| id == v.address.system)) else {
                 continue;
             };
-            voice.belongs_to(vehicle.address.system);
-            return Ok(Self { links, clock, voice, vehicle, stop: stop.clone(), stopping: false });
+            if heard.iter().all(|v| v.address != vehicle.address) {
+                heard.push(vehicle);
+                listened.get_or_insert(tokio::time::Instant::now() + OTHERS);
+            }
+        }
+    }
+
+    /// A heartbeat where one is due.
+    fn say_hello(&mut self) {
+        if let Some(hello) = self.voice.poll(self.clock.now_us(), true) {
+            self.broadcast(&hello);
+        }
+    }
+
+    fn broadcast(&mut self, frame: &Frame) {
+        match &mut self.guard {
+            // Each link is a stream of signatures of its own.
+            Some(guard) => {
+                for (link, handle) in self.links.handles().iter().enumerate() {
+                    let link = u8::try_from(link).unwrap_or(u8::MAX);
+                    handle.send(guard.sign(frame, link, self.clock.now_us()));
+                }
+            }
+            None => self.links.broadcast(frame),
+        }
+    }
+
+    /// The next frame that is believed, if one comes in this time.
+    async fn receive(&mut self, wait: Duration) -> Option<Frame> {
+        let received = tokio::time::timeout(wait, self.links.next()).await.ok().flatten()?;
+        match self.guard.as_mut().and_then(|g| g.refuse(&received.frame, received.t_us)) {
+            None => Some(received.frame),
+            Some(refusal) => {
+                if let Some(text) = refusal.first_of_its_kind {
+                    tracing::warn!("{text}");
+                }
+                None
+            }
         }
     }
 
     /// Closes the links.
-    pub async fn close(self) {
+    pub async fn close(mut self) {
+        if let Some(guard) = &mut self.guard {
+            guard.close();
+        }
         self.links.stop().await;
-    }
-
-    /// Reads the mission on board.
-    ///
-    /// # Errors
-    /// The vehicle does not answer, or refuses, several times; or a cancellation.
-    pub async fn download(&mut self) -> Result<Mission, TransferError> {
-        let mut left = DOWNLOADS;
-        loop {
-            left -= 1;
-            match self.download_once().await {
-                Err(e) if left > 0 && e.is_transient() => {}
-                result => return result,
-            }
-        }
-    }
-
-    async fn download_once(&mut self) -> Result<Mission, TransferError> {
-        let (mut download, actions) = Download::start(self.peers(), self.now_s());
-        self.send(&actions);
-        loop {
-            if let Some(result) = download.result() {
-                let autopilot = self.vehicle.autopilot;
-                let read = |got: &Downloaded| Mission::from_wire_items(autopilot, &got.items);
-                return result.map(read).map_err(Clone::clone);
-            }
-            let actions = match self.next(download.deadline()).await {
-                Event::Frame(frame) => match codec::decode(&frame) {
-                    Some(envelope) => download.receive(self.now_s(), &envelope),
-                    None => Vec::new(),
-                },
-                Event::Deadline => download.tick(self.now_s()),
-                Event::Stopped => return Err(TransferError::Cancelled),
-            };
-            self.send(&actions);
-        }
-    }
-
-    /// [`wire::upload`] over these links.
-    pub async fn upload(
-        &mut self,
-        mission: Mission,
-        options: Options,
-        patience: Duration,
-        keep: impl FnMut(&Mission) -> Result<(), String>,
-        tell: impl FnMut(News),
-    ) -> Outcome {
-        wire::upload(self, mission, options, patience.as_secs_f64(), keep, tell).await
-    }
-}
-
-impl Session {
-    /// [`wire::resume`] over these links.
-    pub async fn resume(
-        &mut self,
-        cut_off: CutOff,
-        options: Options,
-        patience: Duration,
-        tell: impl FnMut(News),
-    ) -> Outcome {
-        wire::resume(self, cut_off, options, patience.as_secs_f64(), tell).await
     }
 }
 
@@ -152,9 +185,7 @@ impl Wire for Session {
 
     async fn next(&mut self, deadline_s: Option<f64>) -> Event {
         loop {
-            if let Some(hello) = self.voice.poll(self.clock.now_us(), true) {
-                self.links.broadcast(&hello);
-            }
+            self.say_hello();
             if self.stop.is_cancelled() && !self.stopping {
                 self.stopping = true;
                 return Event::Stopped;
@@ -162,16 +193,15 @@ impl Wire for Session {
             let left = deadline_s.map_or(BREATH, |t| {
                 Duration::from_secs_f64((t - self.now_s()).clamp(0.0, BREATH.as_secs_f64()))
             });
-            match tokio::time::timeout(left, self.links.next()).await {
-                Ok(Some(received)) => {
-                    if let Some(vehicle) = wire::heard(self.vehicle, &received.frame) {
-                        self.vehicle = vehicle;
-                    }
-                    return Event::Frame(received.frame);
+            if let Some(frame) = self.receive(left).await {
+                if let Some(vehicle) = wire::heard(self.vehicle, &frame) {
+                    self.vehicle = vehicle;
                 }
-                // Also ends the wait for a link that has come back to nobody.
-                _ if deadline_s.is_none_or(|t| self.now_s() >= t) => return Event::Deadline,
-                _ => {}
+                return Event::Frame(frame);
+            }
+            // Also ends the wait for a link that has come back to nobody.
+            if deadline_s.is_none_or(|t| self.now_s() >= t) {
+                return Event::Deadline;
             }
         }
     }
@@ -186,15 +216,10 @@ impl Wire for Session {
         self.clock.monotonic_ns() as f64 * 1e-9
     }
 
-    fn send(&mut self, actions: &[Action]) {
-        for action in actions {
-            if let Action::Send(message) = action {
-                let (id, payload) = codec::encode(self.vehicle.address, message);
-                match self.voice.say_payload(id, &payload) {
-                    Ok(frame) => self.links.broadcast(&frame),
-                    Err(error) => tracing::error!(%error, "a mission message could not be made"),
-                }
-            }
+    fn send_payload(&mut self, id: u32, payload: Vec<u8>) {
+        match self.voice.say_payload(id, &payload) {
+            Ok(frame) => self.broadcast(&frame),
+            Err(error) => tracing::error!(%error, "a message could not be made"),
         }
     }
 }

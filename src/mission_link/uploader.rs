@@ -1,24 +1,24 @@
 //! The upload of a planned mission while `run` goes on: over its links, under its identity, only when somebody asked for it
 //! and confirmed.
 
-use super::codec;
-use super::files;
-use super::journal::Journal;
+use super::delivery::{Order, deliver};
+use super::facts::{self, Wish};
+use super::files::{self, Contents};
 use super::vehicle::Vehicle;
 use super::wire::{self, Event, News, Wire};
+use crate::commands::run::Live;
 use crate::link::endpoint::Received;
 use crate::link::heartbeat::COMPONENT;
+use crate::preflight::{self, Facts, Verdict};
 use crate::sinks::Request;
 use crate::sinks::status::{MissionState, MissionView, SinkStatus};
-use gaware_mission::fence::Fence;
-use gaware_mission::item::Mission;
 use gaware_mission::transfer::verified::{Options, Outcome, Phase};
-use gaware_mission::transfer::{Action, Address, Peers};
+use gaware_mission::transfer::{Address, Peers};
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::time::{Duration, SystemTime};
 use tokio::sync::broadcast::error::RecvError;
-use tokio::sync::{broadcast, mpsc};
+use tokio::sync::{broadcast, mpsc, watch};
 use tokio::time::Instant;
 use tokio_util::sync::CancellationToken;
 
@@ -42,7 +42,7 @@ pub struct RawMessage {
 #[derive(Debug, Clone)]
 pub struct Planned {
     path: PathBuf,
-    mission: Mission,
+    contents: Contents,
 }
 
 impl Planned {
@@ -51,12 +51,12 @@ impl Planned {
     /// # Errors
     /// The file cannot be read or holds no mission.
     pub fn load(path: &Path) -> Result<Self, files::FileError> {
-        let (mission, _) = files::read(path)?;
-        if mission.items.is_empty() {
+        let contents = files::read_contents(path)?;
+        if contents.mission.items.is_empty() {
             let reason = "the mission is empty".to_owned();
             return Err(files::FileError::Content { path: path.to_owned(), reason });
         }
-        Ok(Self { path: path.to_owned(), mission })
+        Ok(Self { path: path.to_owned(), contents })
     }
 
     fn name(&self) -> String {
@@ -77,16 +77,20 @@ pub struct Uploader {
     wire: RunWire,
     heard: Option<Instant>,
     wanted: Option<u8>,
+    /// Other vehicles on the links, and when they were heard.
+    others: Vec<(Vehicle, Instant)>,
+    live: watch::Receiver<Arc<Live>>,
     status: Arc<SinkStatus>,
 }
 
 impl Uploader {
-    /// For the vehicle with this system id, or the first autopilot heard.
+    /// For the vehicle that the engine listens to, which is the one on the screens.
     pub fn new(
         planned: Planned,
         wanted: Option<u8>,
         frames: broadcast::Receiver<Received>,
         outbox: mpsc::Sender<RawMessage>,
+        live: watch::Receiver<Arc<Live>>,
         status: Arc<SinkStatus>,
     ) -> Self {
         let wire = RunWire {
@@ -97,8 +101,8 @@ impl Uploader {
             stop: CancellationToken::new(),
             stopping: false,
         };
-        let uploader = Self { planned, wire, heard: None, wanted, status };
-        let (items, name) = (uploader.planned.mission.items.len(), uploader.planned.name());
+        let uploader = Self { planned, wire, heard: None, wanted, others: Vec::new(), live, status };
+        let (items, name) = (uploader.planned.contents.mission.items.len(), uploader.planned.name());
         let text = format!("{items} items of {name} are ready to be uploaded before take-off");
         uploader.show(MissionState::Ready, text);
         uploader
@@ -129,11 +133,21 @@ impl Uploader {
 
     fn notice(&mut self, received: &Received) {
         let Some(seen) = Vehicle::from_heartbeat(&received.frame) else { return };
-        let known = self.wire.vehicle.map(|v| v.address.system).or(self.wanted);
-        if known.is_none_or(|id| id == seen.address.system) {
+        if self.live.borrow().vehicle == Some(seen.address.system) {
             self.wire.vehicle = Some(seen);
             self.heard = Some(Instant::now());
+        } else {
+            self.others.retain(|(v, _)| v.address != seen.address);
+            self.others.push((seen, Instant::now()));
         }
+    }
+
+    /// Vehicles that may be meant as well, where the user has not chosen one.
+    fn rivals(&self) -> Vec<Vehicle> {
+        let here = |t: &Instant| t.elapsed().as_secs_f64() < HEARD_S;
+        let chosen = self.wire.vehicle().address;
+        let others = self.others.iter().filter(|(v, t)| here(t) && v.address != chosen);
+        if self.wanted.is_some() { Vec::new() } else { others.map(|(v, _)| *v).collect() }
     }
 
     /// Uploads; others who ask meanwhile are told so.
@@ -147,7 +161,8 @@ impl Uploader {
             self.show(MissionState::Ready, format!("not uploaded: {why}"));
             return Err(why.to_owned());
         }
-        let upload = transfer(&self.planned, &mut self.wire, &self.status);
+        let others = self.rivals();
+        let upload = transfer(&self.planned, &mut self.wire, others, &self.status);
         tokio::pin!(upload);
         let outcome = loop {
             tokio::select! {
@@ -167,28 +182,37 @@ impl Uploader {
 }
 
 fn show(status: &SinkStatus, planned: &Planned, state: MissionState, text: String) {
-    let items = planned.mission.items.len() as u64;
+    let items = planned.contents.mission.items.len() as u64;
     status.set_mission(MissionView { state, name: planned.name(), items, text });
 }
 
-async fn transfer(planned: &Planned, wire: &mut RunWire, status: &SinkStatus) -> Result<String, String> {
-    let vehicle = wire.vehicle();
-    let backup_path = planned.backup_path();
-    let folder = Journal::folder_of(&backup_path);
-    if let Err(e) = Journal::check(folder, &vehicle) {
-        show(status, planned, MissionState::Unknown, e.to_string());
-        return Err(e.to_string());
-    }
-    let (mut kept, mut journal) = (String::new(), None);
-    let keep = |backup: &Mission| {
-        let text =
-            files::text_of(&backup_path, backup, &Fence::default(), vehicle.autopilot, vehicle.mav_type);
-        text.and_then(|text| files::write_new(&backup_path, &text)).map_err(|e| e.to_string())?;
-        journal =
-            Some(Journal::begin(folder, &vehicle, backup, &planned.mission).map_err(|e| e.to_string())?);
-        kept = format!("; the mission before is in {}", backup_path.display());
-        Ok(())
+async fn transfer(
+    planned: &Planned,
+    wire: &mut RunWire,
+    others: Vec<Vehicle>,
+    status: &SinkStatus,
+) -> Result<String, String> {
+    let refuse = |why: String| {
+        show(status, planned, MissionState::Ready, format!("not uploaded: {why}"));
+        Err(why)
     };
+    let order = Order {
+        contents: planned.contents.clone(),
+        with_fence: !planned.contents.fence.is_empty(),
+        options: Options { planned_for: planned.contents.planned_for, ..Options::default() },
+        patience_s: PATIENCE_S,
+        backup: planned.backup_path(),
+    };
+    show(status, planned, MissionState::Uploading, "looking at the vehicle".to_owned());
+    let parameters = preflight::upload_parameters(wire.vehicle().autopilot);
+    let wish = Wish { parameters, ..Wish::default() };
+    let Some(facts) = facts::gather(wire, wish).await else { return refuse("it was cancelled".to_owned()) };
+    let rows = preflight::check_upload(&Facts { others, ..facts }, &planned.contents);
+    let of = |verdict| rows.iter().filter(move |r| r.verdict == verdict).map(|r| r.text.as_str());
+    let stops: Vec<&str> = of(Verdict::Stop).collect();
+    if !stops.is_empty() {
+        return refuse(stops.join("; "));
+    }
     let mut words = String::new();
     let tell = |news| {
         let (state, text) = match news {
@@ -202,15 +226,21 @@ async fn transfer(planned: &Planned, wire: &mut RunWire, status: &SinkStatus) ->
         };
         show(status, planned, state, text);
     };
-    let options = Options::default();
-    let outcome = wire::upload(wire, planned.mission.clone(), options, PATIENCE_S, keep, tell).await;
-    let mut text = format!("{outcome}{kept}");
-    text.push_str(&journal.map(|j| j.settle(&outcome)).unwrap_or_default());
-    let state = match outcome {
+    let delivered = match deliver(wire, &order, tell).await {
+        Ok(delivered) => delivered,
+        Err(e) => {
+            show(status, planned, MissionState::Unknown, e.to_string());
+            return Err(e.to_string());
+        }
+    };
+    let state = match delivered.outcome {
+        _ if delivered.journal.is_some() => MissionState::Unknown,
         Outcome::Verified { .. } => MissionState::OnVehicle,
         Outcome::RestoredPrevious { .. } => MissionState::NotOnVehicle,
         Outcome::Unknown { .. } => MissionState::Unknown,
     };
+    let warnings = of(Verdict::Warn).map(|w| format!("; warning: {w}"));
+    let text = delivered.text + &warnings.collect::<String>();
     show(status, planned, state, text.clone());
     if state == MissionState::OnVehicle { Ok(text) } else { Err(text) }
 }
@@ -251,14 +281,9 @@ impl Wire for RunWire {
         self.started.elapsed().as_secs_f64()
     }
 
-    fn send(&mut self, actions: &[Action]) {
-        for action in actions {
-            if let Action::Send(message) = action {
-                let (id, payload) = codec::encode(self.vehicle().address, message);
-                // A full queue is a lost message; the protocol asks again.
-                let _ = self.outbox.try_send(RawMessage { id, payload });
-            }
-        }
+    fn send_payload(&mut self, id: u32, payload: Vec<u8>) {
+        // A full queue is a lost message; the protocols ask again.
+        let _ = self.outbox.try_send(RawMessage { id, payload });
     }
 
     async fn next(&mut self, deadline_s: Option<f64>) -> Event {

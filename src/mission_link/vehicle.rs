@@ -17,6 +17,10 @@ const ARDUPILOT: u8 = 3;
 const PX4: u8 = 12;
 /// PX4's AUTO main mode and its MISSION sub mode.
 const PX4_MISSION: (u8, u8) = (4, 4);
+/// `MAV_STATE_ACTIVE`; CRITICAL and EMERGENCY come after it.
+const ACTIVE: u8 = 4;
+/// `MAV_TYPE` of ground stations, companions and gimbals: never the vehicle, whatever autopilot they claim. The engine's rule is the same.
+const NO_VEHICLES: [u8; 3] = [6, 18, 26];
 
 /// A vehicle as its last heartbeat tells.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -37,7 +41,7 @@ impl Vehicle {
         address: Address { system: 0, component: 0 },
         mav_type: 0,
         autopilot: Autopilot::ArduPilot,
-        state: VehicleState { armed: true, mission_mode: true, flying_mission: true },
+        state: VehicleState { armed: true, mission_mode: true, flying_mission: true, in_flight: true },
     };
 
     /// From a heartbeat of an autopilot that flies missions; other frames say nothing.
@@ -48,7 +52,10 @@ impl Vehicle {
         // MAVLink 2 leaves zeros at the end out.
         let at = |k: usize| frame.payload().get(k).copied().unwrap_or(0);
         let custom_mode = u32::from_le_bytes([at(0), at(1), at(2), at(3)]);
-        let (kind, firmware, base_mode) = (at(4), at(5), at(6));
+        let (kind, firmware, base_mode, status) = (at(4), at(5), at(6), at(7));
+        if NO_VEHICLES.contains(&kind) {
+            return None;
+        }
         let (autopilot, mission_mode) = match firmware {
             ARDUPILOT => (Autopilot::ArduPilot, custom_mode == ardupilot_auto(kind)),
             PX4 => (Autopilot::Px4, (at(2), at(3)) == PX4_MISSION),
@@ -61,14 +68,61 @@ impl Vehicle {
             address: Address { system: frame.system_id, component: frame.component_id },
             mav_type: kind,
             autopilot,
-            state: VehicleState { armed, mission_mode, flying_mission: armed && mission_mode },
+            state: VehicleState {
+                armed,
+                mission_mode,
+                flying_mission: armed && mission_mode,
+                in_flight: firmware == PX4 && armed && status >= ACTIVE,
+            },
         })
     }
 }
 
+impl Vehicle {
+    /// Whether wings carry it (`MAV_TYPE_FIXED_WING`); `None` for types that are neither plane nor multirotor.
+    pub fn is_fixed_wing(&self) -> Option<bool> {
+        match self.mav_type {
+            1 => Some(true),
+            kind if ROTORS.contains(&kind) => Some(false),
+            _ => None,
+        }
+    }
+
+    /// Its type in words.
+    pub fn type_words(&self) -> String {
+        type_words(self.mav_type)
+    }
+}
+
+impl std::fmt::Display for Vehicle {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        write!(f, "system {} ({}, {})", self.address.system, self.autopilot, self.type_words())
+    }
+}
+
+/// `MAV_TYPE` in words.
+pub fn type_words(mav_type: u8) -> String {
+    let words = match mav_type {
+        1 => "fixed wing",
+        2 => "quadrotor",
+        3 => "coaxial helicopter",
+        4 => "helicopter",
+        10 => "rover",
+        12 => "submarine",
+        13 => "hexarotor",
+        14 => "octorotor",
+        15 => "tricopter",
+        19..=25 => "VTOL",
+        n => return format!("type {n}"),
+    };
+    words.to_owned()
+}
+
+/// `MAV_TYPE` of vehicles that rotors carry.
+const ROTORS: [u8; 8] = [2, 3, 4, 13, 14, 15, 29, 35];
+
 /// The number of AUTO by `MAV_TYPE`: 3 on ArduCopter, 10 on ArduPlane and the rest.
 fn ardupilot_auto(kind: u8) -> u32 {
-    const ROTORS: [u8; 8] = [2, 3, 4, 13, 14, 15, 29, 35];
     if ROTORS.contains(&kind) { 3 } else { 10 }
 }
 
@@ -125,5 +179,62 @@ mod tests {
     #[test]
     fn a_gimbal_is_no_vehicle() {
         assert_eq!(vehicle(MavType::MAV_TYPE_GIMBAL, MavAutopilot::MAV_AUTOPILOT_INVALID, 0, false), None);
+    }
+
+    /// The converter feeds the engine: what it follows is what is on the screen.
+    #[test]
+    fn whom_the_engine_does_not_follow_gets_no_mission() {
+        use crate::sensors::{Converter, ConverterOptions};
+        use MavAutopilot::*;
+        use MavType::*;
+        for kind in [
+            MAV_TYPE_GENERIC,
+            MAV_TYPE_FIXED_WING,
+            MAV_TYPE_QUADROTOR,
+            MAV_TYPE_GCS,
+            MAV_TYPE_ONBOARD_CONTROLLER,
+            MAV_TYPE_GIMBAL,
+        ] {
+            for firmware in
+                [MAV_AUTOPILOT_GENERIC, MAV_AUTOPILOT_ARDUPILOTMEGA, MAV_AUTOPILOT_PX4, MAV_AUTOPILOT_INVALID]
+            {
+                for component_id in [1, 190, 191] {
+                    let data =
+                        HEARTBEAT_DATA { mavtype: kind, autopilot: firmware, ..HEARTBEAT_DATA::default() };
+                    let sender = Sender { system_id: 255, component_id };
+                    let frame = Frame::encode(sender, 0, &MavMessage::HEARTBEAT(data));
+                    let mut converter = Converter::new(ConverterOptions::default());
+                    converter.feed(0, &frame, &mut Vec::new());
+                    let chosen = Vehicle::from_heartbeat(&frame).map(|v| v.address.system);
+                    assert_eq!(chosen, converter.vehicle(), "{kind:?} {firmware:?} {component_id}");
+                }
+            }
+        }
+    }
+
+    #[test]
+    fn px4_in_the_air_is_told_from_px4_on_the_bench() {
+        use mavlink::dialects::ardupilotmega::MavState;
+        let loiter = 4 << 16 | 3 << 24;
+        for (armed, status, in_flight) in [
+            (true, MavState::MAV_STATE_ACTIVE, true),
+            (true, MavState::MAV_STATE_CRITICAL, true),
+            (false, MavState::MAV_STATE_STANDBY, false),
+        ] {
+            let mut base_mode = MavModeFlag::empty();
+            base_mode.set(MavModeFlag::MAV_MODE_FLAG_SAFETY_ARMED, armed);
+            let data = HEARTBEAT_DATA {
+                custom_mode: loiter,
+                mavtype: MavType::MAV_TYPE_QUADROTOR,
+                autopilot: MavAutopilot::MAV_AUTOPILOT_PX4,
+                base_mode,
+                system_status: status,
+                ..Default::default()
+            };
+            let sender = Sender { system_id: 9, component_id: 1 };
+            let seen =
+                Vehicle::from_heartbeat(&Frame::encode(sender, 0, &MavMessage::HEARTBEAT(data))).unwrap();
+            assert_eq!((seen.state.in_flight, seen.state.objection().is_some()), (in_flight, in_flight));
+        }
     }
 }

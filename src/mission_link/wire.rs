@@ -3,10 +3,15 @@
 use super::codec;
 use super::vehicle::Vehicle;
 use crate::link::frame::Frame;
-use gaware_mission::item::Mission;
+use gaware_mission::item::{Mission, MissionKind};
 use gaware_mission::transfer::verified::{Goal, Options, Outcome, Phase, VerifiedUpload};
-use gaware_mission::transfer::{Action, Peers};
+use gaware_mission::transfer::{Action, Download, Downloaded, Peers, TransferError};
 use std::future::Future;
+
+/// Downloads are tried this often.
+const DOWNLOADS: u32 = 6;
+/// Repetitions of a question about a list that not every vehicle has.
+const RETRIES_OF_OTHER_LISTS: u32 = 2;
 
 /// What an upload tells on its way.
 #[derive(Debug, Clone, PartialEq)]
@@ -38,8 +43,17 @@ pub trait Wire {
     fn peers(&self) -> Peers;
     /// Any monotonic time, s.
     fn now_s(&self) -> f64;
+    /// Sends a message by its id and payload.
+    fn send_payload(&mut self, id: u32, payload: Vec<u8>);
     /// Sends what is to be sent among these.
-    fn send(&mut self, actions: &[Action]);
+    fn send(&mut self, actions: &[Action]) {
+        for action in actions {
+            if let Action::Send(message) = action {
+                let (id, payload) = codec::encode(self.vehicle().address, message);
+                self.send_payload(id, payload);
+            }
+        }
+    }
     /// The next frame, the deadline (or a short while without one), or the wish to stop. Keeps [`Self::vehicle`] up to date.
     fn next(&mut self, deadline_s: Option<f64>) -> impl Future<Output = Event> + Send;
 }
@@ -68,6 +82,87 @@ pub async fn upload(
     drive(wire, upload, patience_s, keep, tell).await
 }
 
+/// Reads one of the vehicle's lists.
+///
+/// # Errors
+/// The vehicle does not answer, or refuses, several times; or a cancellation.
+pub async fn download(wire: &mut impl Wire, kind: MissionKind) -> Result<Mission, TransferError> {
+    let mut left = DOWNLOADS;
+    loop {
+        left -= 1;
+        match download_once(wire, kind).await {
+            // A vehicle that does not know this list may also be silent about it.
+            Err(TransferError::NoReply) if kind != MissionKind::Mission => {
+                return Err(TransferError::NoReply);
+            }
+            Err(e) if left > 0 && e.is_transient() => {}
+            result => return result,
+        }
+    }
+}
+
+async fn download_once(wire: &mut impl Wire, kind: MissionKind) -> Result<Mission, TransferError> {
+    let mut peers = wire.peers().about(kind);
+    if kind != MissionKind::Mission {
+        peers.timing.retries = RETRIES_OF_OTHER_LISTS;
+    }
+    let (mut download, actions) = Download::start(peers, wire.now_s());
+    wire.send(&actions);
+    loop {
+        if let Some(result) = download.result() {
+            let autopilot = wire.vehicle().autopilot;
+            let read = |got: &Downloaded| Mission::from_wire_list(kind, autopilot, &got.items);
+            return result.map(read).map_err(Clone::clone);
+        }
+        let actions = match wire.next(download.deadline()).await {
+            Event::Frame(frame) => match codec::decode(&frame) {
+                Some(envelope) => download.receive(wire.now_s(), &envelope),
+                None => Vec::new(),
+            },
+            Event::Deadline => download.tick(wire.now_s()),
+            Event::Stopped => {
+                let last = download.cancel();
+                wire.send(&last);
+                return Err(TransferError::Cancelled);
+            }
+        };
+        wire.send(&actions);
+    }
+}
+
+/// A list that is to be replaced, with what was read of it just before.
+#[derive(Debug, Clone)]
+pub struct Change {
+    /// Which list.
+    pub kind: MissionKind,
+    /// To be on the vehicle.
+    pub new: Mission,
+    /// Is on it.
+    pub previous: Mission,
+}
+
+/// Uploads over what was backed up, reads back, and restores on failure; like [`upload`] otherwise.
+pub async fn replace(
+    wire: &mut impl Wire,
+    change: Change,
+    options: Options,
+    patience_s: f64,
+    tell: impl FnMut(News),
+) -> Outcome {
+    let (vehicle, peers, now) = (wire.vehicle(), wire.peers().about(change.kind), wire.now_s());
+    let (upload, actions) = VerifiedUpload::start_with_backup(
+        peers,
+        vehicle.autopilot,
+        options,
+        change.new,
+        change.previous,
+        Some(vehicle.state),
+        now,
+    );
+    wire.send(&actions);
+    drive(wire, upload, patience_s, |_| Ok(()), tell).await
+}
+
 /// Takes up an upload that was cut off: brings the mission that is wanted. Both were kept, so nothing is kept anew.
 pub async fn resume(
     wire: &mut impl Wire,
@@ -76,8 +171,8 @@ pub async fn resume(
     patience_s: f64,
     tell: impl FnMut(News),
 ) -> Outcome {
-    let CutOff { new, previous, goal } = cut_off;
-    let (peers, autopilot, now) = (wire.peers(), wire.vehicle().autopilot, wire.now_s());
+    let CutOff { kind, new, previous, goal } = cut_off;
+    let (peers, autopilot, now) = (wire.peers().about(kind), wire.vehicle().autopilot, wire.now_s());
     let (upload, actions) = VerifiedUpload::resume(peers, autopilot, options, new, previous, goal, now);
     wire.send(&actions);
     drive(wire, upload, patience_s, |_| Ok(()), tell).await
@@ -86,6 +181,8 @@ pub async fn resume(
 /// An upload that was cut off, and what is wanted of it.
 #[derive(Debug, Clone)]
 pub struct CutOff {
+    /// Which list.
+    pub kind: MissionKind,
     /// Was to be on the vehicle.
     pub new: Mission,
     /// Was on it.
@@ -101,7 +198,7 @@ async fn drive(
     mut keep: impl FnMut(&Mission) -> Result<(), String>,
     mut tell: impl FnMut(News),
 ) -> Outcome {
-    let (mut kept, mut phase, mut stranded_since) = (false, None, None);
+    let (mut kept, mut phase, mut stranded_since, mut stopping) = (false, None, None, false);
     loop {
         if phase != Some(upload.phase()) {
             phase = Some(upload.phase());
@@ -113,7 +210,8 @@ async fn drive(
                     tell(News::Stranded(outcome.to_string()));
                 }
                 let since: f64 = *stranded_since.get_or_insert(wire.now_s());
-                if wire.now_s() - since > patience_s {
+                // Who gave up does not wait for a link that is gone: the journal keeps both missions.
+                if stopping || wire.now_s() - since > patience_s {
                     return outcome.clone();
                 }
             }
@@ -123,7 +221,10 @@ async fn drive(
         let actions = match wire.next(upload.deadline()).await {
             Event::Frame(frame) => take(wire, &mut upload, &frame),
             Event::Deadline => upload.tick(wire.now_s()),
-            Event::Stopped => upload.cancel(wire.now_s()),
+            Event::Stopped => {
+                stopping = true;
+                upload.cancel(wire.now_s())
+            }
         };
         if let Some(backup) = upload.backup().filter(|_| !kept) {
             if let Err(why) = keep(backup) {

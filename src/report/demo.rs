@@ -1,11 +1,10 @@
 //! The page of the demonstration: what the plan promised, what the flight reached, and the hidden truth.
 
 use super::page::{escape, page};
-use super::plot::{AFTER, BEFORE, Line, marked_lines};
+use super::plot::{AFTER, BEFORE, Color, Line, marked_lines};
 use crate::demo::result::DemoResult;
 use crate::demo::series::Series;
 use crate::engine::snapshot::Status;
-use plotters::style::RGBColor;
 use std::fmt::Write;
 
 /// Groups of states that one plot shows by their worst member, with what makes them known.
@@ -16,7 +15,7 @@ const GROUPS: [(&str, &[&str]); 5] = [
     ("Gyro bias", &["bg_x", "bg_y", "bg_z"]),
     ("Accelerometer bias", &["ba_x", "ba_y", "ba_z"]),
 ];
-const TARGET: RGBColor = RGBColor(120, 160, 90);
+const TARGET: Color = "#6f9a3d";
 
 /// The whole page.
 ///
@@ -27,7 +26,7 @@ pub fn html(airframe: &str, result: &DemoResult, series: &Series) -> Result<Stri
     let known = result.states.iter().filter(|s| s.status == Status::Observable).count();
     let _ = write!(
         body,
-        "<h1>{}</h1><p class=\"verdict\">{}: {known} of {} states known after {:.0} s.</p>",
+        "<h1>{}</h1><p class=\"verdict\">{}: {known} of {} parameters converged after {:.0} s.</p>",
         escape(airframe),
         escape(&capitalised(&result.ending.sentence())),
         result.states.len(),
@@ -37,7 +36,7 @@ pub fn html(airframe: &str, result: &DemoResult, series: &Series) -> Result<Stri
         let _ = write!(body, "<p>{}.</p>", escape(&capitalised(&line)));
     }
     body.push_str(
-        "<h2>Predicted and flown</h2><p>1-sigma of the least known state of each group: as the plan predicted it, and as the \
+        "<h2>Predicted and flown</h2><p>Largest 1-sigma of each group: as the plan predicted it, and as the \
          filter had it in flight. The prediction is laid over the flight maneuver by maneuver; upright lines are the ends \
          of maneuvers.</p>",
     );
@@ -114,7 +113,7 @@ fn near(points: &[(f64, f64)], t_s: f64) -> Option<f64> {
 
 fn states(result: &DemoResult, body: &mut String) {
     body.push_str(
-        "<h2>Found and hidden</h2><table><tr><th>State</th><th class=\"n\">truth</th><th class=\"n\">estimate</th>\
+        "<h2>Estimate and injected truth</h2><table><tr><th>State</th><th class=\"n\">truth</th><th class=\"n\">estimate</th>\
          <th class=\"n\">sigma</th><th class=\"n\">predicted sigma</th><th class=\"n\">error / sigma</th><th>unit</th><th></th></tr>",
     );
     for s in &result.states {
@@ -129,7 +128,7 @@ fn states(result: &DemoResult, body: &mut String) {
             s.planned_sigma,
             s.normalised_error,
             escape(&s.unit),
-            if s.status == Status::Observable { "known" } else { "" }
+            if s.status == Status::Observable { "observable" } else { "" }
         );
     }
     body.push_str("</table>");

@@ -56,6 +56,7 @@ pub fn html(explained: &Explained) -> Result<String, String> {
     }
     contributions(e, &mut body);
     terms(e, &mut body);
+    noise(e, &mut body);
     not_found(&explained.not_found, &e.not_found, &mut body);
     let _ = write!(body, "<h2>The new model</h2><pre>{}</pre>", escape(&explained.model.to_toml()));
     how_to_read(&mut body);
@@ -326,6 +327,33 @@ fn terms(e: &Explanation, body: &mut String) {
     body.push_str("</table>");
 }
 
+fn noise(e: &Explanation, body: &mut String) {
+    if e.noise.is_empty() {
+        return;
+    }
+    body.push_str(
+        "<h2>Noise</h2><table><tr><th>Figure</th><th class=\"n\">claimed</th><th class=\"n\">fitted</th><th></th></tr>",
+    );
+    for n in &e.noise {
+        let _ = write!(
+            body,
+            "<tr><td>{}</td><td class=\"n\">{} {}</td><td class=\"n\">{} ± {} {}</td><td>{}</td></tr>",
+            n.name,
+            number(n.assumed),
+            n.unit,
+            number(n.fitted),
+            number(n.sigma),
+            n.unit,
+            n.finding.unwrap_or_default()
+        );
+    }
+    body.push_str("</table>");
+    if !e.assumed.is_empty() {
+        let names: Vec<&str> = e.assumed.iter().map(|a| a.name).collect();
+        let _ = write!(body, "<p>Assumed by the model: {}.</p>", escape(&names.join(", ")));
+    }
+}
+
 /// An effect of this many sigmas would have been seen.
 const SEEN: f64 = 3.0;
 
@@ -345,15 +373,25 @@ fn not_found(all: &[NotFound], told: &[contract::NotFound], body: &mut String) {
             sizes.map(|((_, unit), sigma)| (SEEN * sigma / unit.si, unit.symbol)).collect();
         let least = sizes.iter().map(|s| s.0).fold(f64::INFINITY, f64::min);
         let most = sizes.iter().map(|s| s.0).fold(0.0, f64::max);
-        let Some((_, unit)) = sizes.first() else { continue };
+        let Some((_, unit)) = sizes.first() else {
+            let _ = write!(
+                body,
+                "<tr><td>{}</td><td class=\"n\">{:.1}</td><td>{}</td></tr>",
+                setting.effect.name(),
+                found.evidence,
+                found.reason.unwrap_or_default()
+            );
+            continue;
+        };
         let range =
             if most > 1.05 * least { format!("{} to {}", number(least), number(most)) } else { number(most) };
         let _ = write!(
             body,
-            "<tr><td>{}{}</td><td class=\"n\">{:.1}</td><td class=\"n\">{range} {unit}</td></tr>",
+            "<tr><td>{}{}</td><td class=\"n\">{:.1}</td><td class=\"n\">{range} {unit}{}</td></tr>",
             setting.effect.name(),
             if told.likely { " <small>not added, but likely</small>" } else { "" },
-            found.evidence
+            found.evidence,
+            found.reason.map_or_else(String::new, |r| format!(" <small>{r}</small>"))
         );
     }
     body.push_str("</table>");

@@ -7,9 +7,9 @@ use std::fmt::Write;
 /// Columns of a map.
 const COLUMNS: f64 = 80.0;
 /// Size of the drawing: row height, width of the names, width of the map.
-const ROW: f64 = 16.0;
-const NAMES: f64 = 118.0;
-const MAP: f64 = 730.0;
+const ROW: f64 = 19.0;
+const NAMES: f64 = 140.0;
+const MAP: f64 = 710.0;
 
 /// Opacity of the colour for a mean square: nothing up to twice what noise does, full at forty times.
 fn opacity(mean_square: f64) -> f64 {
@@ -26,8 +26,8 @@ pub fn map(title: &str, points: &[Point], colour: &str) -> String {
         (0..CHANNELS.len()).filter(|c| points.iter().any(|p| p.normalised(*c).is_some())).collect();
     let height = 40.0 + ROW * rows.len() as f64;
     let mut svg = format!(
-        "<svg class=\"plot\" role=\"img\" viewBox=\"0 0 860 {height:.0}\" font-family=\"sans-serif\" font-size=\"11\" \
-         fill=\"currentColor\"><title>{title}</title><text x=\"{NAMES:.0}\" y=\"12\" font-size=\"13\">{title}</text>"
+        "<div class=\"drawing\"><svg class=\"plot\" role=\"img\" viewBox=\"0 0 860 {height:.0}\" font-family=\"sans-serif\" font-size=\"13\" \
+         fill=\"currentColor\"><title>{title}</title><text x=\"{NAMES:.0}\" y=\"13\" font-size=\"14\">{title}</text>"
     );
     for (k, channel) in rows.iter().enumerate() {
         let y = 18.0 + ROW * k as f64;
@@ -71,7 +71,7 @@ pub fn map(title: &str, points: &[Point], colour: &str) -> String {
     }
     let _ = write!(
         svg,
-        "<text x=\"{:.0}\" y=\"{:.1}\" text-anchor=\"end\">s</text></svg>",
+        "<text x=\"{:.0}\" y=\"{:.1}\" text-anchor=\"end\">s</text></svg></div>",
         NAMES - 6.0,
         height - 8.0
     );

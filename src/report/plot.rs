@@ -1,7 +1,13 @@
-//! Line plots as inline SVG that take their colours from the page.
+//! Plots over time: a figure with its data as CSV, a still drawing that needs no script, and what the page's script makes an
+//! interactive plot of (uPlot: zoom, values under the cursor, one time axis for all plots of a page).
 
-use plotters::coord::Shift;
-use plotters::prelude::*;
+use super::page::escape;
+use serde::Serialize;
+use std::collections::BTreeMap;
+use std::fmt::Write;
+
+/// A colour as CSS writes it.
+pub type Color = &'static str;
 
 /// One line.
 #[derive(Debug, Clone)]
@@ -9,35 +15,28 @@ pub struct Line<'a> {
     /// For the legend.
     pub name: &'a str,
     /// Colour.
-    pub color: RGBColor,
+    pub color: Color,
     /// Points.
     pub points: Vec<(f64, f64)>,
 }
 
 /// Colour of what was before.
-pub const BEFORE: RGBColor = RGBColor(214, 96, 77);
+pub const BEFORE: Color = "#d6604d";
 /// Colour of what is after.
-pub const AFTER: RGBColor = RGBColor(42, 130, 190);
+pub const AFTER: Color = "#2a82be";
 /// Colours of the three axes of the body.
-pub const X_AXIS: RGBColor = RGBColor(42, 130, 190);
+pub const X_AXIS: Color = "#2a82be";
 /// See [`X_AXIS`].
-pub const Y_AXIS: RGBColor = RGBColor(150, 105, 190);
+pub const Y_AXIS: Color = "#9669be";
 /// See [`X_AXIS`].
-pub const Z_AXIS: RGBColor = RGBColor(225, 130, 35);
-/// Colour of axes and text in the drawing; replaced by the page's own.
-const INK: RGBColor = RGBColor(1, 2, 3);
-const INK_IN_SVG: &str = "#010203";
-/// What lies behind; replaced likewise.
-const PAPER: RGBColor = RGBColor(4, 5, 6);
-const PAPER_IN_SVG: &str = "#040506";
+pub const Z_AXIS: Color = "#d07818";
 
 /// What lies between a lower and an upper bound: a value give or take its sigma.
 #[derive(Debug, Clone)]
-pub struct Band {
-    /// Colour; drawn faint.
-    pub color: RGBColor,
+struct Band {
+    color: Color,
     /// Time, lower bound, upper bound.
-    pub points: Vec<(f64, f64, f64)>,
+    points: Vec<(f64, f64, f64)>,
 }
 
 /// Which values a plot shows.
@@ -47,7 +46,7 @@ enum Range {
     Zero,
     /// All of them and no more.
     Close,
-    /// From the negative of this to this; what is beyond is cut off.
+    /// From the negative of this to this; what is beyond is truncated.
     Within(f64),
 }
 
@@ -60,14 +59,28 @@ pub struct Plot<'a> {
     bands: Vec<Band>,
     marks: Vec<(f64, &'a str)>,
     range: Range,
+    limits: Option<f64>,
     /// The time axis starts here or earlier, s.
     since_s: f64,
+}
+
+/// What the script needs beside the CSV.
+#[derive(Serialize)]
+struct Description<'a> {
+    unit: &'a str,
+    y: [f64; 2],
+    since: Option<f64>,
+    lines: Vec<(&'a str, Color)>,
+    /// Column of the lower bound, the upper one follows.
+    bands: Vec<(usize, Color)>,
+    marks: &'a [(f64, &'a str)],
+    limits: Option<f64>,
 }
 
 /// A plot of lines over time.
 ///
 /// # Errors
-/// What the drawing library says.
+/// The description cannot be written.
 pub fn lines(title: &str, unit: &str, lines: &[Line<'_>]) -> Result<String, String> {
     marked_lines(title, unit, lines, &[])
 }
@@ -75,7 +88,7 @@ pub fn lines(title: &str, unit: &str, lines: &[Line<'_>]) -> Result<String, Stri
 /// A plot of lines over time with named instants.
 ///
 /// # Errors
-/// What the drawing library says.
+/// The description cannot be written.
 pub fn marked_lines(
     title: &str,
     unit: &str,
@@ -98,20 +111,21 @@ impl<'a> Plot<'a> {
             bands: Vec::new(),
             marks: Vec::new(),
             range: Range::Zero,
+            limits: None,
             since_s: f64::INFINITY,
         }
     }
 
     /// With another line.
     #[must_use]
-    pub fn line(mut self, name: &'a str, color: RGBColor, points: Vec<(f64, f64)>) -> Self {
+    pub fn line(mut self, name: &'a str, color: Color, points: Vec<(f64, f64)>) -> Self {
         self.lines.push(Line { name, color, points });
         self
     }
 
     /// With another band.
     #[must_use]
-    pub fn band(mut self, color: RGBColor, points: Vec<(f64, f64, f64)>) -> Self {
+    pub fn band(mut self, color: Color, points: Vec<(f64, f64, f64)>) -> Self {
         self.bands.push(Band { color, points });
         self
     }
@@ -144,111 +158,200 @@ impl<'a> Plot<'a> {
         self
     }
 
-    fn bounds(&self) -> Option<((f64, f64), (f64, f64))> {
-        let all = || self.lines.iter().flat_map(|l| l.points.iter().copied());
-        let span = |values: &mut dyn Iterator<Item = f64>| {
-            values.fold(None, |span: Option<(f64, f64)>, v| {
-                Some(span.map_or((v, v), |(low, high)| (low.min(v), high.max(v))))
-            })
-        };
-        let (x0, x1) = span(&mut all().map(|p| p.0))?;
-        let x0 = x0.min(self.since_s);
-        let (low, high) = span(&mut all().map(|p| p.1))?;
-        let y = match self.range {
-            Range::Within(limit) => (-limit, limit),
-            Range::Close => {
-                let margin = (0.08 * (high - low)).max(0.5);
-                (low - margin, high + margin)
-            }
-            Range::Zero => {
-                let top = low.abs().max(high.abs()).max(1e-9) * 1.08;
-                (if low < 0.0 { -top } else { 0.0 }, top)
-            }
-        };
-        Some(((x0, x1.max(x0 + 1.0)), y))
+    /// With the band to both sides of zero where values belong.
+    #[must_use]
+    pub fn expected(mut self, limit: f64) -> Self {
+        self.limits = Some(limit);
+        self
     }
 
-    /// The drawing; empty where there is nothing to draw.
+    /// The figure; empty where there is nothing to show.
     ///
     /// # Errors
-    /// What the drawing library says.
+    /// The description cannot be written.
     pub fn svg(&self) -> Result<String, String> {
-        let Some((across, up)) = self.bounds() else { return Ok(String::new()) };
-        let mut svg = String::new();
-        {
-            let area = SVGBackend::with_string(&mut svg, (860, 230)).into_drawing_area();
-            self.draw(&area, across, up).map_err(|e| e.to_string())?;
-            area.present().map_err(|e| e.to_string())?;
+        let Some((y, t)) = self.extent() else { return Ok(String::new()) };
+        let describe = Description {
+            unit: self.unit,
+            y,
+            since: Some(self.since_s).filter(|s| s.is_finite()),
+            lines: self.lines.iter().map(|l| (l.name, l.color)).collect(),
+            bands: self.bands.iter().zip(0..).map(|(b, k)| (self.lines.len() + 2 * k, b.color)).collect(),
+            marks: &self.marks,
+            limits: self.limits,
+        };
+        let json = serde_json::to_string(&describe).map_err(|e| e.to_string())?;
+        let title = escape(self.title);
+        let mut keys = String::new();
+        for l in &self.lines {
+            let _ = write!(
+                keys,
+                "<span class=\"key\"><i style=\"background:{}\"></i>{}</span>",
+                l.color,
+                escape(l.name)
+            );
         }
-        // The page decides about the colour of ink and about the width.
-        let svg = svg.replace(INK_IN_SVG, "currentColor").replace(PAPER_IN_SVG, "var(--paper)");
-        let svg = svg.replacen("<svg ", "<svg class=\"plot\" role=\"img\" ", 1);
-        // On a narrow screen it scrolls: nobody could read it that small.
-        Ok(format!("<div class=\"wide\">{svg}</div>"))
+        Ok(format!(
+            "<figure class=\"chart\" data-plot=\"{}\"><figcaption><b>{title}</b> <small>{}</small> {keys}<a class=\"csv\" \
+             download=\"{}.csv\" href=\"data:text/csv;charset=utf-8,{}\">CSV</a></figcaption><div class=\"area\">{}</div></figure>",
+            escape(&json),
+            escape(self.unit),
+            self.title.replace(|c: char| !c.is_ascii_alphanumeric(), "_"),
+            self.csv(),
+            self.still(y, t)
+        ))
     }
 
-    fn draw<B: DrawingBackend>(
-        &self,
-        area: &DrawingArea<B, Shift>,
-        (x0, x1): (f64, f64),
-        (bottom, top): (f64, f64),
-    ) -> Result<(), DrawingAreaErrorKind<B::ErrorType>> {
-        let mut chart = ChartBuilder::on(area)
-            .caption(self.title, text(15))
-            .margin(6)
-            .x_label_area_size(34)
-            .y_label_area_size(54)
-            .build_cartesian_2d(x0..x1, bottom..top)?;
-        chart
-            .configure_mesh()
-            .light_line_style(TRANSPARENT)
-            .bold_line_style(INK.mix(0.12))
-            .axis_style(INK.mix(0.5))
-            .label_style(text(11))
-            .x_label_formatter(&tick)
-            .y_label_formatter(&tick)
-            .x_desc("time, s")
-            .y_desc(self.unit)
-            .draw()?;
-        let inside = |y: f64| y.clamp(bottom, top);
-        for band in &self.bands {
-            let upper = band.points.iter().map(|(x, _, high)| (*x, inside(*high)));
-            let lower = band.points.iter().rev().map(|(x, low, _)| (*x, inside(*low)));
-            let outline: Vec<(f64, f64)> = upper.chain(lower).collect();
-            chart.draw_series([Polygon::new(outline, band.color.mix(0.18).filled())])?;
+    /// Range of values and of time; nothing where there are no points.
+    fn extent(&self) -> Option<([f64; 2], [f64; 2])> {
+        let span = |(a, b): (f64, f64), v: f64| if v.is_finite() { (a.min(v), b.max(v)) } else { (a, b) };
+        let none = (f64::INFINITY, f64::NEG_INFINITY);
+        let all = || self.lines.iter().flat_map(|l| &l.points);
+        let (first, end) = all().map(|p| p.0).fold(none, span);
+        let (low, high) = all().map(|p| p.1).fold(none, span);
+        if !first.is_finite() || !low.is_finite() {
+            return None;
+        }
+        let y = match self.range {
+            Range::Within(limit) => [-limit, limit],
+            Range::Close => [low, high],
+            Range::Zero if low < 0.0 => [-high.max(-low), high.max(-low)],
+            Range::Zero => [0.0, high],
+        };
+        let y = if y[1] > y[0] { y } else { [y[0] - 0.5, y[0] + 0.5] };
+        let pad = if self.range == Range::Zero && y[0] >= 0.0 { [0.0, 0.05] } else { [0.05, 0.05] };
+        let height = y[1] - y[0];
+        Some((
+            [y[0] - pad[0] * height, y[1] + pad[1] * height],
+            [first.min(self.since_s), end.max(first + 1e-3)],
+        ))
+    }
+
+    /// Time and a column per line and bound, percent-encoded for the link. Times that several lines share stand once.
+    fn csv(&self) -> String {
+        let columns = self.lines.len() + 2 * self.bands.len();
+        let mut rows: BTreeMap<i64, Vec<Option<f64>>> = BTreeMap::new();
+        let mut put = |t: f64, column: usize, value: f64| {
+            let row = rows.entry((t * 1e3).round() as i64).or_insert_with(|| vec![None; columns]);
+            if let Some(cell) = row.get_mut(column).filter(|_| value.is_finite()) {
+                *cell = Some(value);
+            }
+        };
+        for (k, line) in self.lines.iter().enumerate() {
+            line.points.iter().for_each(|(t, v)| put(*t, k, *v));
+        }
+        for (k, band) in self.bands.iter().enumerate() {
+            let at = self.lines.len() + 2 * k;
+            for (t, low, high) in &band.points {
+                put(*t, at, *low);
+                put(*t, at + 1, *high);
+            }
+        }
+        let clean = |name: &str| name.replace(|c: char| !(c.is_ascii_alphanumeric() || c == '_'), "_");
+        let mut out = "time_s".to_owned();
+        self.lines.iter().for_each(|l| out.extend([",", &clean(l.name)]));
+        (0..self.bands.len()).for_each(|k| {
+            let name = self.lines.get(k).map_or_else(|| k.to_string(), |l| clean(l.name));
+            let _ = write!(out, ",{name}_low,{name}_high");
+        });
+        for (t, row) in rows {
+            let _ = write!(out, "%0A{}", t as f64 * 1e-3);
+            for cell in row {
+                out.push(',');
+                if let Some(v) = cell {
+                    out.push_str(&short(v));
+                }
+            }
+        }
+        out
+    }
+
+    /// A still drawing: what is there without scripts.
+    fn still(&self, y: [f64; 2], t: [f64; 2]) -> String {
+        let px = |s: f64| 60.0 + 780.0 * (s - t[0]) / (t[1] - t[0]);
+        let py = |v: f64| 12.0 + 176.0 * (y[1] - v.clamp(y[0], y[1])) / (y[1] - y[0]);
+        let mut out = "<svg role=\"img\" viewBox=\"0 0 860 216\" font-family=\"sans-serif\" font-size=\"13\" fill=\"currentColor\">".to_owned();
+        let _ = write!(out, "<title>{}</title>", escape(self.title));
+        for v in ticks(y) {
+            let _ = write!(
+                out,
+                "<path d=\"M60 {0:.1}H840\" stroke=\"currentColor\" stroke-opacity=\".15\"/><text x=\"54\" y=\"{1:.1}\" text-anchor=\"end\">{2}</text>",
+                py(v),
+                py(v) + 4.0,
+                short(v)
+            );
+        }
+        for s in ticks(t) {
+            let _ = write!(
+                out,
+                "<text x=\"{:.1}\" y=\"208\" text-anchor=\"middle\">{} s</text>",
+                px(s),
+                short(s)
+            );
+        }
+        for (s, _) in self.marks.iter().filter(|(s, _)| (t[0]..=t[1]).contains(s)) {
+            let _ = write!(
+                out,
+                "<path d=\"M{:.1} 12V188\" stroke=\"currentColor\" stroke-opacity=\".4\"/>",
+                px(*s)
+            );
         }
         for line in &self.lines {
-            let color = line.color;
-            let shown = line.points.iter().map(|(x, y)| (*x, inside(*y)));
-            chart
-                .draw_series(LineSeries::new(shown, color.stroke_width(1)))?
-                .label(line.name)
-                .legend(move |(x, y)| PathElement::new([(x, y), (x + 14, y)], color.stroke_width(2)));
+            let every = line.points.len().div_ceil(400).max(1);
+            let _ = write!(
+                out,
+                "<polyline fill=\"none\" stroke=\"{}\" stroke-width=\"1.5\" points=\"",
+                line.color
+            );
+            for (s, v) in line.points.iter().step_by(every).filter(|(_, v)| v.is_finite()) {
+                let _ = write!(out, "{:.1},{:.1} ", px(*s), py(*v));
+            }
+            out.push_str("\"/>");
         }
-        for (t, name) in &self.marks {
-            let upright = [(*t, bottom), (*t, top)];
-            chart.draw_series(LineSeries::new(upright, INK.mix(0.35).stroke_width(1)))?;
-            chart.draw_series([Text::new((*name).to_owned(), (*t, top), text(10))])?;
-        }
-        if self.lines.len() > 1 {
-            chart
-                .configure_series_labels()
-                .label_font(text(11))
-                .position(SeriesLabelPosition::UpperRight)
-                .background_style(PAPER.mix(0.7))
-                .draw()?;
-        }
-        Ok(())
+        out.push_str("</svg>");
+        out
     }
 }
 
-/// A figure beside an axis: ticks are round.
-fn tick(v: &f64) -> String {
-    let text = format!("{v:.3}");
-    let text = text.trim_end_matches('0').trim_end_matches('.');
-    if text == "-0" { "0".to_owned() } else { text.to_owned() }
+/// Six significant figures.
+fn short(v: f64) -> String {
+    let text = format!("{v:.6e}").parse::<f64>().unwrap_or(v);
+    let digits = (5.0 - text.abs().max(1e-9).log10().floor()).clamp(0.0, 9.0) as usize;
+    let fixed = format!("{text:.digits$}");
+    if fixed.contains('.') { fixed.trim_end_matches('0').trim_end_matches('.').to_owned() } else { fixed }
 }
 
-fn text(size: i32) -> TextStyle<'static> {
-    ("sans-serif", size).into_font().color(&INK)
+/// Round values within a range, some four to eight of them.
+fn ticks([low, high]: [f64; 2]) -> Vec<f64> {
+    let raw = (high - low) / 5.0;
+    let unit = 10_f64.powf(raw.log10().floor());
+    let step = [1.0, 2.0, 5.0, 10.0].into_iter().map(|m| m * unit).find(|s| *s >= raw).unwrap_or(raw);
+    let first = (low / step).ceil() as i64;
+    (first..first + 12).map(|k| k as f64 * step).take_while(|v| *v <= high).collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_figure_holds_its_data_once_and_a_drawing_without_scripts() {
+        let plot = Plot::new("gyro <bias>", "deg/h")
+            .line("x", X_AXIS, vec![(0.0, 1.0), (0.5, -2.5), (1.0, f64::NAN)])
+            .band(X_AXIS, vec![(0.0, 0.0, 2.0)])
+            .marks(&[(0.5, "turn")]);
+        let html = plot.svg().unwrap();
+        assert!(html.contains("time_s,x,x_low,x_high%0A0,1,0,2%0A0.5,-2.5,,%0A1,,,\""), "{html}");
+        assert!(html.contains("<polyline") && html.contains("gyro &lt;bias&gt;") && !html.contains("NaN"));
+        assert_eq!(Plot::new("nothing", "m").svg(), Ok(String::new()));
+    }
+
+    #[test]
+    fn ticks_are_round() {
+        assert_eq!(ticks([0.0, 10.0]), [0.0, 2.0, 4.0, 6.0, 8.0, 10.0]);
+        assert_eq!(
+            [short(0.1), short(1234567.0), short(-0.25), short(0.0)],
+            ["0.1", "1234567", "-0.25", "0"]
+        );
+    }
 }

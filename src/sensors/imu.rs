@@ -1,8 +1,8 @@
 //! Inertial messages into SI.
 
-use super::clock::Stamp;
 use super::source::ImuSource;
-use gaware_nav::sample::Steps;
+use crate::timeline::Stamp;
+use gaware_nav::sample::{ImuSample, Steps};
 use mavlink::dialects::ardupilotmega::{HIGHRES_IMU_DATA, HighresImuUpdatedFlags, MavMessage};
 use nalgebra::Vector3;
 
@@ -13,12 +13,8 @@ pub struct Reading {
     pub source: ImuSource,
     /// Its time stamp.
     pub stamp: Stamp,
-    /// Angular rate, rad/s.
-    pub gyro: Vector3<f64>,
-    /// Specific force, m/s².
-    pub accel: Vector3<f64>,
-    /// Temperature of the inertial unit, °C.
-    pub temperature_degc: Option<f64>,
+    /// Its values; the time line gives them their time.
+    pub sample: ImuSample,
     /// Whether a value stands at the end of the integer range.
     pub clipped: bool,
 }
@@ -86,9 +82,12 @@ fn from_integers(
     Reading {
         source,
         stamp,
-        gyro: Vector3::from(gyro.map(f64::from)) * Steps::RAW_IMU.gyro,
-        accel: Vector3::from(accel.map(f64::from)) * Steps::RAW_IMU.accel,
-        temperature_degc: (centidegrees != 0).then(|| f64::from(centidegrees) * 0.01),
+        sample: ImuSample {
+            t_s: 0.0,
+            gyro: Vector3::from(gyro.map(f64::from)) * Steps::RAW_IMU.gyro,
+            accel: Vector3::from(accel.map(f64::from)) * Steps::RAW_IMU.accel,
+            temperature_degc: (centidegrees != 0).then(|| f64::from(centidegrees) * 0.01),
+        },
         clipped,
     }
 }
@@ -104,17 +103,11 @@ fn from_floats(m: &HIGHRES_IMU_DATA) -> Result<Reading, Unusable> {
     }
     let gyro = Vector3::new(m.xgyro, m.ygyro, m.zgyro).map(f64::from);
     let accel = Vector3::new(m.xacc, m.yacc, m.zacc).map(f64::from);
-    if !gyro.iter().chain(accel.iter()).all(|v| v.is_finite()) {
+    let sample = ImuSample { t_s: 0.0, gyro, accel, temperature_degc: None };
+    if !sample.is_finite() {
         return Err(Unusable::NotFinite);
     }
-    Ok(Reading {
-        source: ImuSource::HighresImu,
-        stamp: Stamp::Usec(m.time_usec),
-        gyro,
-        accel,
-        temperature_degc: None,
-        clipped: false,
-    })
+    Ok(Reading { source: ImuSource::HighresImu, stamp: Stamp::Usec(m.time_usec), sample, clipped: false })
 }
 
 #[cfg(test)]
@@ -126,9 +119,9 @@ mod tests {
     fn integers_are_milli_units() {
         let m = RAW_IMU_DATA { zacc: -1000, xgyro: 250, temperature: 4512, ..Default::default() };
         let r = reading(&MavMessage::RAW_IMU(m)).unwrap().unwrap();
-        assert!((r.accel.z + 9.806_65).abs() < 1e-12);
-        assert!((r.gyro.x - 0.25).abs() < 1e-12);
-        assert!((r.temperature_degc.unwrap() - 45.12).abs() < 1e-9);
+        assert!((r.sample.accel.z + 9.806_65).abs() < 1e-12);
+        assert!((r.sample.gyro.x - 0.25).abs() < 1e-12);
+        assert!((r.sample.temperature_degc.unwrap() - 45.12).abs() < 1e-9);
         assert!(!r.clipped);
     }
 

@@ -1,11 +1,11 @@
 //! Frames into samples: which vehicle, which inertial message, which units, which time.
 //!
 //! The [`Converter`] is deterministic: the same frames give the same samples, live or replayed. It knows the habits of
-//! autopilots (a file each) and nothing of links, clocks or filters. Whatever it refuses is counted, and what matters
-//! to the user becomes a [`Notice`].
+//! autopilots (a file each) and nothing of links or filters; about time decides its [`TimeLine`]. Measurements of logs that
+//! hold no frames go through the same time line. Whatever is refused is counted, and what matters to the user becomes a
+//! [`Notice`].
 
 mod ardupilot;
-pub mod clock;
 pub mod gnss;
 pub mod imu;
 pub mod notice;
@@ -14,8 +14,10 @@ pub mod source;
 pub mod truth;
 
 use crate::link::frame::Frame;
-use clock::{Stamp, VehicleClock, Verdict};
-use gaware_nav::sample::{AttitudeHint, ImuSample, RestartReason, Sample};
+use crate::link::systems::Systems;
+use crate::timeline::{Measurement, Stamp, TimeCounts, TimeLine};
+use gaware_nav::observability::words::VehicleKind;
+use gaware_nav::sample::{RestartReason, Sample};
 use imu::Unusable;
 use mavlink::dialects::ardupilotmega::{GPS_RAW_INT_DATA, HEARTBEAT_DATA, MavAutopilot, MavMessage, MavType};
 pub use notice::{Notice, Severity};
@@ -27,6 +29,8 @@ use source::{SourceChoice, Window};
 pub const AUTOPILOT_COMPONENT: u8 = 1;
 /// After so much message time without a heartbeat a vehicle is taken as it is, µs.
 const HEARTBEAT_PATIENCE_US: u64 = 3_000_000;
+/// For so long after a reboot messages come back one after the other, s of message time.
+const REBOOT_SETTLES_S: f64 = 15.0;
 /// Below this rate a maneuver cannot be followed, Hz.
 const LOW_RATE_HZ: f64 = 20.0;
 /// Seconds in a row of a low rate before the user is told.
@@ -37,7 +41,7 @@ const MAX_NOTICES: usize = 256;
 /// What the user may set.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize)]
 pub struct ConverterOptions {
-    /// Listen to this system only; otherwise the first autopilot that sends a heartbeat.
+    /// Listen to this system only; otherwise the autopilot that sends inertial data.
     pub vehicle: Option<u8>,
     /// Take this message whatever else arrives.
     pub source: Option<ImuSource>,
@@ -53,48 +57,35 @@ pub struct ConverterStats {
     pub foreign: u64,
     /// Payloads that could not be read.
     pub undecodable: u64,
-    /// Inertial samples given out.
-    pub imu_samples: u64,
+    /// Missing by the running numbers of the autopilot's frames: lost on the link, or left out by who recorded.
+    pub frames_missing: u64,
     /// Inertial messages before a source was chosen.
     pub imu_before_choice: u64,
     /// Inertial messages of sources not in use.
     pub imu_other_source: u64,
-    /// Same stamp twice.
-    pub imu_duplicates: u64,
-    /// Late by less than a second.
-    pub imu_backward: u64,
-    /// Far away in time and not confirmed by the next sample, or the first of two that were.
-    pub imu_unconfirmed: u64,
     /// Without new gyro and accelerometer values.
     pub imu_not_updated: u64,
-    /// With values or a time that are no numbers.
-    pub imu_invalid: u64,
+    /// With values that are no numbers.
+    pub imu_not_finite: u64,
     /// Given out with a value at the end of the integer range.
     pub imu_clipped: u64,
-    /// Fixes given out.
-    pub fixes: u64,
     /// GNSS messages without a 3-D fix.
     pub no_fix: u64,
-    /// The same fix again.
-    pub fix_duplicates: u64,
-    /// Fixes before the first inertial sample: there is no time base to put them on.
-    pub fix_before_imu: u64,
-    /// Fixes whose time fits no inertial sample.
-    pub fix_misplaced: u64,
-    /// Attitude hints given out.
-    pub attitudes: u64,
-    /// Fresh starts.
-    pub restarts: u64,
+    /// What the time line gave out and refused.
+    #[serde(flatten)]
+    pub time: TimeCounts,
 }
 
 impl ConverterStats {
     /// Inertial messages of the source in use that were refused.
     pub fn imu_dropped(&self) -> u64 {
-        self.imu_duplicates
-            + self.imu_backward
-            + self.imu_unconfirmed
+        self.time.imu_duplicates
+            + self.time.imu_backward
+            + self.time.imu_unconfirmed
+            + self.time.imu_invalid
+            + self.time.imu_implausible
             + self.imu_not_updated
-            + self.imu_invalid
+            + self.imu_not_finite
     }
 }
 
@@ -107,13 +98,21 @@ pub struct Converter {
     heartbeat_seen: bool,
     /// A system that sends inertial messages, and when it began, while no heartbeat came.
     silent: Option<(u8, u64)>,
-    clock: VehicleClock,
+    kind: Option<VehicleKind>,
+    time: TimeLine,
+    sequence: Option<u8>,
+    /// Frames missing since the last inertial message of the source in use.
+    missing: u64,
     choice: SourceChoice,
     absent_windows: u32,
     slow_windows: u32,
-    last_fix: Option<GPS_RAW_INT_DATA>,
     height: gnss::HeightReference,
     has_fix: Option<bool>,
+    systems: Systems,
+    /// Until then, s, a change of the inertial source belongs to the reboot before it.
+    rebooted_until_s: Option<f64>,
+    /// Restarts that belong to the reboot before them.
+    settling_restarts: u64,
     stats: ConverterStats,
     notices: Vec<Notice>,
 }
@@ -127,13 +126,18 @@ impl Converter {
             autopilot: Autopilot::Unknown,
             heartbeat_seen: false,
             silent: None,
-            clock: VehicleClock::default(),
+            kind: None,
+            time: TimeLine::default(),
+            sequence: None,
+            missing: 0,
             choice: SourceChoice::new(options.source),
             absent_windows: 0,
             slow_windows: 0,
-            last_fix: None,
             height: gnss::HeightReference::default(),
             has_fix: None,
+            systems: Systems::default(),
+            rebooted_until_s: None,
+            settling_restarts: 0,
             stats: ConverterStats::default(),
             notices: Vec::new(),
         }
@@ -143,12 +147,15 @@ impl Converter {
     /// a flight, but the samples follow the autopilot's time alone: a replay at any speed gives the same.
     pub fn feed(&mut self, _received_us: u64, frame: &Frame, out: &mut Vec<Sample>) {
         self.stats.frames += 1;
+        self.systems.hear(frame);
+        self.follow(out);
         let ours = frame.component_id == AUTOPILOT_COMPONENT
             && self.vehicle.is_none_or(|system| system == frame.system_id);
         if !ours {
             self.stats.foreign += 1;
             return;
         }
+        self.count_missing(frame.sequence);
         // Ids of HEARTBEAT, SYSTEM_TIME, GPS_RAW_INT, SCALED_IMU, RAW_IMU, ATTITUDE, HIGHRES_IMU, SCALED_IMU2 and 3.
         if !matches!(frame.message_id, 0 | 2 | 24 | 26 | 27 | 30 | 105 | 116 | 129) {
             return;
@@ -166,6 +173,51 @@ impl Converter {
         }
     }
 
+    /// Turns to the vehicle that sends inertial data, when the one followed so far sends none: a stray heartbeat was taken for it.
+    fn follow(&mut self, out: &mut Vec<Sample>) {
+        let next = self.systems.followed(self.vehicle);
+        if self.options.vehicle.is_some() || self.vehicle.is_none() || next == self.vehicle {
+            return;
+        }
+        let Some(system_id) = next else { return };
+        let heard = self.systems.of(system_id);
+        let autopilot = match heard.map(|h| h.autopilot) {
+            Some(3) => Autopilot::Ardupilot,
+            Some(12) => Autopilot::Px4,
+            _ => Autopilot::Unknown,
+        };
+        if self.time.counts().imu_samples > 0 {
+            out.push(Sample::Restart(RestartReason::SourceChange));
+        }
+        self.vehicle = Some(system_id);
+        self.autopilot = autopilot;
+        self.kind = heard.and_then(|h| vehicle_kind(u32::from(h.mav_type)));
+        self.time = TimeLine::default();
+        (self.sequence, self.missing) = (None, 0);
+        self.choice = SourceChoice::new(self.options.source);
+        self.height = gnss::HeightReference::default();
+        self.has_fix = None;
+        (self.rebooted_until_s, self.settling_restarts) = (None, 0);
+        self.tell(Notice::Vehicle { system_id, autopilot });
+    }
+
+    /// Takes a measurement of a log that holds no frames, and appends what follows from it.
+    pub fn take(&mut self, measurement: &Measurement, out: &mut Vec<Sample>) {
+        self.in_time(measurement, out);
+    }
+
+    /// Every sender numbers its frames from 0 to 255 and over again (MAVLink guide, "Packet Serialization"). What looks like
+    /// more than half a turn is a frame out of order, or another link of the same sender.
+    fn count_missing(&mut self, sequence: u8) {
+        if let Some(last) = self.sequence.replace(sequence) {
+            let missing = u64::from(sequence.wrapping_sub(last).wrapping_sub(1));
+            if missing < 128 {
+                self.stats.frames_missing += missing;
+                self.missing += missing;
+            }
+        }
+    }
+
     fn heartbeat(&mut self, system_id: u8, m: &HEARTBEAT_DATA) {
         let not_a_vehicle = matches!(
             m.mavtype,
@@ -179,6 +231,7 @@ impl Converter {
             MavAutopilot::MAV_AUTOPILOT_PX4 => Autopilot::Px4,
             _ => Autopilot::Unknown,
         };
+        self.kind = vehicle_kind(m.mavtype as u32).or(self.kind);
         if !self.heartbeat_seen || self.autopilot != autopilot {
             self.heartbeat_seen = true;
             self.vehicle = Some(system_id);
@@ -191,10 +244,7 @@ impl Converter {
     fn without_heartbeat(&mut self, system_id: u8, message: &MavMessage) {
         let Some(Ok(reading)) = imu::reading(message) else { return };
         self.stats.imu_before_choice += 1;
-        let t_us = match reading.stamp {
-            Stamp::Usec(t) => t,
-            Stamp::BootMs(t) => u64::from(t) * 1000,
-        };
+        let t_us = reading.stamp.raw_us();
         match self.silent {
             Some((system, since)) if system == system_id && t_us >= since => {
                 if t_us - since >= HEARTBEAT_PATIENCE_US {
@@ -208,16 +258,11 @@ impl Converter {
 
     fn measurement(&mut self, message: &MavMessage, out: &mut Vec<Sample>) {
         match message {
-            MavMessage::SYSTEM_TIME(m) => self.clock.learn(m.time_unix_usec, m.time_boot_ms),
+            MavMessage::SYSTEM_TIME(m) => self.time.learn(m.time_unix_usec, m.time_boot_ms),
             MavMessage::GPS_RAW_INT(m) => self.fix(m, out),
             MavMessage::ATTITUDE(m) => {
-                let values = [m.roll, m.pitch, m.yaw].map(f64::from);
-                // Before the first inertial sample there is no base to put it on.
-                let t_us = self.clock.now_us().and_then(|_| self.clock.place(Stamp::BootMs(m.time_boot_ms)));
-                if let Some(t_us) = t_us.filter(|_| values.iter().all(|v| v.is_finite())) {
-                    self.stats.attitudes += 1;
-                    out.push(Sample::Attitude(AttitudeHint { t_s: seconds(t_us), roll_pitch_yaw: values }));
-                }
+                let roll_pitch_yaw = [m.roll, m.pitch, m.yaw].map(f64::from);
+                self.in_time(&Measurement::Attitude(Stamp::BootMs(m.time_boot_ms), roll_pitch_yaw), out);
             }
             other => self.inertial(other, out),
         }
@@ -231,65 +276,57 @@ impl Converter {
                 match why {
                     Unusable::OtherInstance => self.stats.imu_other_source += 1,
                     Unusable::NotUpdated => self.stats.imu_not_updated += 1,
-                    Unusable::NotFinite => self.stats.imu_invalid += 1,
+                    Unusable::NotFinite => self.stats.imu_not_finite += 1,
                 }
                 return;
             }
         };
-        let Some(t_us) = self.clock.place_imu(reading.stamp) else {
-            self.stats.imu_invalid += 1;
-            return;
-        };
-        if let Some(window) = self.choice.count(reading.source, t_us, self.autopilot) {
+        let counted = self
+            .time
+            .place_imu(reading.stamp)
+            .and_then(|t_us| self.choice.count(reading.source, t_us, self.autopilot));
+        if let Some(window) = counted {
             self.window(window, out);
         }
         match self.choice.current() {
             None => self.stats.imu_before_choice += 1,
             Some(current) if current != reading.source => self.stats.imu_other_source += 1,
             Some(_) => {
-                if self.in_time(t_us, out) {
-                    self.stats.imu_clipped += u64::from(reading.clipped);
-                    self.stats.imu_samples += 1;
-                    out.push(Sample::Imu(ImuSample {
-                        t_s: seconds(t_us),
-                        gyro: reading.gyro,
-                        accel: reading.accel,
-                        temperature_degc: reading.temperature_degc,
-                    }));
-                }
+                self.stats.imu_clipped += u64::from(reading.clipped);
+                self.in_time(&Measurement::Imu(reading.stamp, reading.sample), out);
+                self.missing = 0;
             }
         }
     }
 
-    /// Counts a sample that does not fit in time; announces a fresh start.
-    fn in_time(&mut self, t_us: u64, out: &mut Vec<Sample>) -> bool {
-        match self.clock.judge(t_us) {
-            Verdict::Accept => return true,
-            Verdict::Duplicate => self.stats.imu_duplicates += 1,
-            Verdict::Backward => self.stats.imu_backward += 1,
-            Verdict::Unconfirmed => self.stats.imu_unconfirmed += 1,
-            Verdict::Restart(reason) => {
-                self.last_fix = None;
-                self.stats.restarts += 1;
-                if reason == RestartReason::Reboot {
+    /// Hands a measurement to the time line, and reports fresh starts.
+    fn in_time(&mut self, measurement: &Measurement, out: &mut Vec<Sample>) {
+        let before = out.len();
+        self.time.push(measurement, self.missing, out);
+        for sample in out.get(before..).unwrap_or_default() {
+            match sample {
+                Sample::Restart(RestartReason::Reboot) => {
                     self.height = gnss::HeightReference::default();
-                    self.tell(Notice::Reboot);
-                } else {
-                    self.tell(Notice::ClockJump);
+                    self.rebooted_until_s = self.time.now_s().map(|now| now + REBOOT_SETTLES_S);
+                    push_notice(&mut self.notices, Notice::Reboot);
                 }
-                out.push(Sample::Restart(reason));
-                return true;
+                Sample::Restart(RestartReason::ClockJump) => {
+                    push_notice(&mut self.notices, Notice::ClockJump)
+                }
+                _ => {}
             }
         }
-        false
     }
 
     fn window(&mut self, window: Window, out: &mut Vec<Sample>) {
         if let Some(source) = window.change {
-            out.push(Sample::Stream(source.stream()));
-            if self.stats.imu_samples > 0 {
-                self.stats.restarts += 1;
-                out.push(Sample::Restart(RestartReason::SourceChange));
+            // After a reboot the messages come back one after the other: that is one restart, not several.
+            let settling =
+                self.time.now_s().zip(self.rebooted_until_s).is_some_and(|(now, until)| now < until);
+            let before = self.time.counts().restarts;
+            self.in_time(&Measurement::Stream(source.stream()), out);
+            if settling {
+                self.settling_restarts += self.time.counts().restarts - before;
             }
             self.tell(Notice::SourceChosen { source, autopilot: self.autopilot });
         }
@@ -324,36 +361,13 @@ impl Converter {
             self.stats.no_fix += 1;
             return;
         }
-        let repeated = match &self.last_fix {
-            // A receiver without a clock can still repeat itself.
-            Some(last) if m.time_usec == 0 => last == m,
-            Some(last) => last.time_usec == m.time_usec,
-            None => false,
-        };
-        if repeated {
-            self.stats.fix_duplicates += 1;
-            return;
-        }
-        self.last_fix = Some(m.clone());
-        let t_us = match m.time_usec {
-            0 => self.clock.now_us(),
-            t => self.clock.place_fix(Stamp::Usec(t)),
-        };
-        match t_us {
-            Some(t_us) => {
-                self.stats.fixes += 1;
-                out.push(Sample::Fix(gnss::fix(m, seconds(t_us), &mut self.height)));
-            }
-            None if self.clock.now_us().is_none() => self.stats.fix_before_imu += 1,
-            None => self.stats.fix_misplaced += 1,
-        }
+        let stamp = (m.time_usec != 0).then_some(Stamp::Usec(m.time_usec));
+        let fix = gnss::fix(m, 0.0, &mut self.height);
+        self.in_time(&Measurement::Fix(stamp, fix), out);
     }
 
     fn tell(&mut self, notice: Notice) {
-        if self.notices.len() >= MAX_NOTICES {
-            self.notices.remove(0);
-        }
-        self.notices.push(notice);
+        push_notice(&mut self.notices, notice);
     }
 
     /// Takes the notices since the last call.
@@ -362,8 +376,25 @@ impl Converter {
     }
 
     /// What came of the frames so far.
-    pub fn stats(&self) -> &ConverterStats {
-        &self.stats
+    pub fn stats(&self) -> ConverterStats {
+        let counts = *self.time.counts();
+        let restarts = counts.restarts.saturating_sub(self.settling_restarts);
+        ConverterStats { time: TimeCounts { restarts, ..counts }, ..self.stats }
+    }
+
+    /// The time line.
+    pub fn time(&self) -> &TimeLine {
+        &self.time
+    }
+
+    /// What flies, where its heartbeat says so.
+    pub fn vehicle_kind(&self) -> Option<VehicleKind> {
+        self.kind
+    }
+
+    /// All autopilots heard.
+    pub fn systems(&self) -> &Systems {
+        &self.systems
     }
 
     /// The vehicle listened to.
@@ -380,15 +411,24 @@ impl Converter {
     pub fn source(&self) -> Option<ImuSource> {
         self.choice.current()
     }
-
-    /// Time of the latest inertial sample, s.
-    pub fn now_s(&self) -> Option<f64> {
-        self.clock.now_us().map(seconds)
-    }
 }
 
-fn seconds(t_us: u64) -> f64 {
-    t_us as f64 * 1e-6
+fn push_notice(notices: &mut Vec<Notice>, notice: Notice) {
+    if notices.len() >= MAX_NOTICES {
+        notices.remove(0);
+    }
+    notices.push(notice);
+}
+
+/// What a type of MAVLink vehicle flies like (`MAV_TYPE` of `minimal.xml`); nothing for what does not fly.
+fn vehicle_kind(mav_type: u32) -> Option<VehicleKind> {
+    match mav_type {
+        // Fixed wing; the kinds of VTOL have wings to fly turns with.
+        1 | 19..=25 => Some(VehicleKind::FixedWing),
+        // Quadrotor, coaxial, helicopter, hexarotor, octorotor, tricopter, dodecarotor, decarotor.
+        2..=4 | 13..=15 | 29 | 35 => Some(VehicleKind::Multirotor),
+        _ => None,
+    }
 }
 
 #[cfg(test)]

@@ -83,6 +83,11 @@ fn others_on_the_link_are_ignored() {
     bench.heartbeat(gimbal, MavAutopilot::MAV_AUTOPILOT_INVALID, MavType::MAV_TYPE_GIMBAL);
     bench.heartbeat(VEHICLE, MavAutopilot::MAV_AUTOPILOT_PX4, MavType::MAV_TYPE_QUADROTOR);
     bench.heartbeat(other, MavAutopilot::MAV_AUTOPILOT_ARDUPILOTMEGA, MavType::MAV_TYPE_FIXED_WING);
+    // Whoever sends inertial data and was followed is followed on.
+    for ms in 0..5 {
+        let m = SCALED_IMU_DATA { time_boot_ms: ms, ..Default::default() };
+        bench.send_as(VEHICLE, MavMessage::SCALED_IMU(m));
+    }
     for ms in (0..3000).step_by(10) {
         for from in [gimbal, other] {
             let m = RAW_IMU_DATA { time_usec: ms * 1000, ..Default::default() };
@@ -100,7 +105,7 @@ fn a_vehicle_without_a_heartbeat_is_taken_after_a_while() {
     let mut bench = Bench::new();
     bench.raw_imu(0..6000);
     assert_eq!(bench.converter.vehicle(), Some(1));
-    assert!(bench.converter.stats().imu_samples > 50);
+    assert!(bench.converter.stats().time.imu_samples > 50);
 }
 
 #[test]
@@ -114,7 +119,7 @@ fn a_reboot_is_one_restart_and_fixes_go_on() {
     bench.gps(4_900, FIX);
     assert_eq!(bench.restarts(), vec![RestartReason::Reboot]);
     let stats = bench.converter.stats();
-    assert_eq!((stats.fixes, stats.fix_misplaced, stats.imu_unconfirmed), (2, 1, 1));
+    assert_eq!((stats.time.fixes, stats.time.fix_misplaced, stats.time.imu_unconfirmed), (2, 1, 0));
     let Some(Sample::Fix(last)) = bench.out.last() else { panic!("no fix") };
     assert!((last.t_s - 4.9).abs() < 1e-9);
 }
@@ -127,7 +132,7 @@ fn repeated_fixes_and_missing_fixes_are_counted() {
     bench.gps(2800, FIX);
     bench.gps(2900, GpsFixType::GPS_FIX_TYPE_2D_FIX);
     let stats = bench.converter.stats();
-    assert_eq!((stats.fixes, stats.fix_duplicates, stats.no_fix), (1, 1, 1));
+    assert_eq!((stats.time.fixes, stats.time.fix_duplicates, stats.no_fix), (1, 1, 1));
     let notices = bench.converter.take_notices();
     assert_eq!(notices[notices.len() - 2..], [Notice::FixGained, Notice::NoFix]);
 }
@@ -144,8 +149,8 @@ fn a_source_that_falls_silent_is_replaced() {
     }
     assert_eq!(bench.restarts(), vec![RestartReason::SourceChange]);
     let at = bench.out.iter().position(|s| matches!(s, Sample::Restart(_))).unwrap();
-    assert_eq!(bench.out[at - 1], Sample::Stream(ImuSource::ScaledImu.stream()));
-    assert!(matches!(bench.out[at + 1], Sample::Imu(_)));
+    assert_eq!(bench.out[at + 1], Sample::Stream(ImuSource::ScaledImu.stream()));
+    assert!(matches!(bench.out[at + 2], Sample::Imu(_)));
 }
 
 #[test]
@@ -224,12 +229,12 @@ fn recorded(name: &str) -> Option<(Vec<Sample>, Converter, Vec<truth::SimTruth>)
 #[test]
 fn a_flight_of_the_real_firmware_becomes_samples() {
     let (out, converter, truths) = recorded("small_clean_dither.tlog").unwrap();
-    let stats = *converter.stats();
+    let stats = converter.stats();
     assert_eq!(converter.autopilot(), Autopilot::Ardupilot);
-    assert!((29_600..=30_000).contains(&stats.imu_samples), "{stats:?}");
-    assert!((740..=750).contains(&stats.fixes), "{stats:?}");
+    assert!((29_600..=30_000).contains(&stats.time.imu_samples), "{stats:?}");
+    assert!((740..=750).contains(&stats.time.fixes), "{stats:?}");
     assert_eq!(
-        stats.imu_dropped() + stats.fix_misplaced + stats.undecodable + stats.restarts,
+        stats.imu_dropped() + stats.time.fix_misplaced + stats.undecodable + stats.time.restarts,
         0,
         "{stats:?}"
     );
@@ -253,13 +258,13 @@ fn the_probe_flight_reboots_once() {
 fn repeated_fixes_of_the_stock_streams_are_dropped() {
     let Some((_, converter, _)) = recorded("sitl_stock_streams.tlog") else { return };
     let stats = converter.stats();
-    assert!((3200..3400).contains(&stats.fixes) && stats.fix_duplicates > 3000, "{stats:?}");
+    assert!((3200..3400).contains(&stats.time.fixes) && stats.time.fix_duplicates > 3000, "{stats:?}");
 }
 
 #[test]
 fn a_bench_with_three_components_gives_slow_samples_and_no_fix() {
     let Some((_, mut converter, _)) = recorded("real_ardusub_bench.tlog") else { return };
-    let stats = *converter.stats();
-    assert!(stats.fixes == 0 && stats.no_fix > 400 && stats.foreign > 400, "{stats:?}");
+    let stats = converter.stats();
+    assert!(stats.time.fixes == 0 && stats.no_fix > 400 && stats.foreign > 400, "{stats:?}");
     assert!(converter.take_notices().iter().any(|n| matches!(n, Notice::RateTooLow { .. })));
 }

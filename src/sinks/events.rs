@@ -52,6 +52,69 @@ pub struct Event {
     pub text: String,
 }
 
+/// Something that was reported is not reported again before it was absent for so long, s, …
+const QUIET_S: f64 = 60.0;
+/// … or this long after its last report, s.
+const REMINDER_S: f64 = 600.0;
+/// Causes that are remembered; the one that was absent longest is forgotten.
+const MAX_CAUSES: usize = 64;
+
+/// Reports each cause once, and counts how often it returned in between.
+#[derive(Debug, Clone, Default)]
+pub struct Causes {
+    known: BTreeMap<String, Cause>,
+}
+
+#[derive(Debug, Clone, Copy)]
+struct Cause {
+    last_s: f64,
+    reported_s: f64,
+    held_back: u64,
+}
+
+impl Causes {
+    /// The text to report, with the number of times it was held back since the last report; nothing while it is not to be
+    /// repeated. Texts that differ in their numbers only have one cause. `now_s` is of any clock that rises.
+    pub fn admit(&mut self, now_s: f64, text: &str) -> Option<String> {
+        let fresh = Cause { last_s: now_s, reported_s: now_s, held_back: 0 };
+        let Some(cause) = self.known.get_mut(&cause_of(text)) else {
+            if self.known.len() >= MAX_CAUSES
+                && let Some(oldest) =
+                    self.known.iter().min_by(|a, b| a.1.last_s.total_cmp(&b.1.last_s)).map(|(k, _)| k.clone())
+            {
+                self.known.remove(&oldest);
+            }
+            self.known.insert(cause_of(text), fresh);
+            return Some(text.to_owned());
+        };
+        // A clock that went back is another clock.
+        let quiet = (0.0..QUIET_S).contains(&(now_s - cause.last_s));
+        if quiet && now_s - cause.reported_s < REMINDER_S {
+            cause.last_s = now_s;
+            cause.held_back += 1;
+            return None;
+        }
+        let held_back = std::mem::replace(cause, fresh).held_back;
+        Some(if held_back > 0 { format!("{text} ({held_back} more times before)") } else { text.to_owned() })
+    }
+
+    /// Notes that something reported goes on.
+    fn goes_on(&mut self, now_s: f64, text: &str) {
+        if let Some(cause) = self.known.get_mut(&cause_of(text)) {
+            cause.last_s = now_s;
+        }
+    }
+}
+
+/// The text without its numbers.
+fn cause_of(text: &str) -> String {
+    let word = |w: &str| {
+        let number = w.trim_start_matches(['(', '-', '+', '"']).starts_with(|c: char| c.is_ascii_digit());
+        if number { "#".to_owned() } else { w.to_owned() }
+    };
+    text.split_whitespace().map(word).collect::<Vec<_>>().join(" ")
+}
+
 /// Remembers the last snapshot's words and says what is new.
 #[derive(Debug, Clone, Default)]
 pub struct EventDetector {
@@ -63,6 +126,7 @@ pub struct EventDetector {
     met: [bool; 3],
     observable: BTreeSet<String>,
     warnings: BTreeSet<String>,
+    causes: Causes,
     news: Vec<String>,
 }
 
@@ -99,8 +163,12 @@ impl EventDetector {
 
     fn warning_events(&mut self, s: &Snapshot, say: &mut impl FnMut(Severity, Topic, String)) {
         let now: BTreeSet<String> = s.warnings.iter().cloned().collect();
-        for text in s.warnings.iter().filter(|w| !self.warnings.contains(*w)) {
-            say(Severity::Warning, Topic::Warning, text.clone());
+        for text in &s.warnings {
+            if self.warnings.contains(text) {
+                self.causes.goes_on(s.elapsed_s, text);
+            } else if let Some(text) = self.causes.admit(s.elapsed_s, text) {
+                say(Severity::Warning, Topic::Warning, text);
+            }
         }
         self.warnings = now;
         for text in s.news.iter().filter(|n| !self.news.contains(n)) {
@@ -201,6 +269,23 @@ mod tests {
         d.feed(&s);
         s.news.push("flown: Steep turn".into());
         assert_eq!(texts(&d.feed(&s)), ["flown: Steep turn"], "a second time is news again");
+    }
+
+    #[test]
+    fn a_warning_that_comes_and_goes_is_one_event_with_a_count() {
+        let mut d = EventDetector::default();
+        let mut told = Vec::new();
+        // An outage of 70 s in which a fix appears every four seconds, and another much later.
+        for second in 0..1000_u32 {
+            let mut s = Snapshot { elapsed_s: f64::from(second), ..Snapshot::default() };
+            if (second < 70 && second % 4 < 3) || second == 900 {
+                s.warnings = vec![format!("the GNSS receiver has no 3-D fix, {second} satellites")];
+            }
+            told.extend(d.feed(&s).into_iter().filter(|e| e.topic == Topic::Warning).map(|e| e.text));
+        }
+        assert_eq!(told.len(), 2, "{told:?}");
+        assert!(told[0].ends_with("0 satellites"));
+        assert!(told[1].ends_with("more times before)"), "{told:?}");
     }
 
     #[test]

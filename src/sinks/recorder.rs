@@ -15,6 +15,7 @@ use crate::engine::snapshot::Snapshot;
 use crate::link::endpoint::Received;
 use crate::sensors::{ConverterOptions, Severity};
 use foxglove::{LocationFix, Log, PoseInFrame};
+use gaware_nav::observability::words::VehicleKind;
 use gaware_nav::sample::Sample;
 use mcap::records::{MessageHeader, Metadata};
 use mcap::{Attachment, McapError, WriteOptions, Writer};
@@ -43,6 +44,8 @@ pub const SETUP_METADATA: &str = "gaware.setup";
 const FRAMES_AHEAD: usize = 256 * 1024;
 /// Everything else can be had again from the frames.
 const DERIVED_AHEAD: usize = 8 * 1024;
+/// Recordings that may begin in the same second in one folder.
+const MAX_NAMES: u32 = 1000;
 /// Half of the second that may be lost: the other half is for a disk that is slow to take it.
 const SYNC_PERIOD: Duration = Duration::from_millis(500);
 const RETRY_PERIOD: Duration = Duration::from_secs(10);
@@ -58,6 +61,9 @@ pub struct Setup {
     pub converter: ConverterOptions,
     /// The model as a file.
     pub model_toml: String,
+    /// What flies, where the user named an airframe.
+    #[serde(default)]
+    pub vehicle: Option<VehicleKind>,
 }
 
 /// One thing to record.
@@ -139,6 +145,32 @@ impl Recorder {
     pub fn start(path: &Path, setup: &Setup) -> Result<Self, RecorderError> {
         let output = Output::create(path, setup)
             .map_err(|source| RecorderError::Create { path: path.to_owned(), source })?;
+        Self::with(path, setup, output)
+    }
+
+    /// Starts to record into the file or the folder that is wanted. In a folder the name tells the time; where another start in the
+    /// same second has taken it, as on a board without a clock, a number is added.
+    ///
+    /// # Errors
+    /// When the file cannot be made.
+    pub fn start_in(wanted: &Path, unix_us: u64, setup: &Setup) -> Result<Self, RecorderError> {
+        let first = recording_path(wanted, unix_us);
+        let mut path = first.clone();
+        for number in 2..=MAX_NAMES {
+            match Self::start(&path, setup) {
+                Err(RecorderError::Create { source: McapError::Io(e), .. })
+                    if e.kind() == std::io::ErrorKind::AlreadyExists && first != wanted =>
+                {
+                    let stem = first.file_stem().and_then(|s| s.to_str()).unwrap_or("gaware");
+                    path = first.with_file_name(format!("{stem}-{number}.mcap"));
+                }
+                result => return result,
+            }
+        }
+        Self::start(&path, setup)
+    }
+
+    fn with(path: &Path, setup: &Setup, output: Output) -> Result<Self, RecorderError> {
         let (items, inbox) = channel();
         let counters = Arc::new(Counters::default());
         let worker = Worker {
@@ -148,6 +180,8 @@ impl Recorder {
             setup: setup.clone(),
             output: Some(output),
             pending: 0,
+            settled: 0,
+            length: 0,
             earlier_bytes: 0,
             part: 1,
             retry: Instant::now(),
@@ -216,6 +250,10 @@ struct Worker {
     output: Option<Output>,
     /// Items handed to the file since it was last forced to the disk: a failure loses them all.
     pending: u64,
+    /// Items that are on the disk in this file: a file that is deleted or truncated loses them.
+    settled: u64,
+    /// Its length when it was last looked at.
+    length: u64,
     /// Bytes of the files before this one.
     earlier_bytes: u64,
     part: u32,
@@ -245,10 +283,26 @@ impl Worker {
     /// Brings what is pending to the disk, and counts it as written or as lost.
     fn settle(&mut self, how: fn(&mut Output) -> Result<(), McapError>) {
         let Some(output) = &mut self.output else { return };
-        match how(output).and_then(|()| Ok(output.file.metadata()?.len())) {
-            Ok(bytes) => {
+        // Looked at before more is written: behind the end of a truncated file a hole would hide that.
+        let spoiled = output.file.metadata().ok().and_then(|file| {
+            let truncated = file.len() < self.length;
+            if is_gone(&file) { Some("deleted") } else { truncated.then_some("truncated") }
+        });
+        if let Some(what) = spoiled {
+            // What was in it is lost as well.
+            self.counters.written.fetch_sub(self.settled, Ordering::Relaxed);
+            self.pending += self.settled;
+            self.give_up(&std::io::Error::other(format!("the file was {what} by somebody else")).into());
+            // Nothing is wrong with the disk.
+            self.retry = Instant::now();
+            return;
+        }
+        match how(output).and_then(|()| Ok(output.file.metadata()?)) {
+            Ok(file) => {
+                self.settled += self.pending;
+                self.length = file.len();
                 self.counters.written.fetch_add(std::mem::take(&mut self.pending), Ordering::Relaxed);
-                self.counters.bytes.store(self.earlier_bytes + bytes, Ordering::Relaxed);
+                self.counters.bytes.store(self.earlier_bytes + file.len(), Ordering::Relaxed);
             }
             Err(error) => self.give_up(&error),
         }
@@ -275,9 +329,18 @@ impl Worker {
         tracing::error!(%error, path = %self.path.display(), "recording failed, messages are lost");
         self.counters.failed.fetch_add(std::mem::take(&mut self.pending), Ordering::Relaxed);
         self.earlier_bytes = self.counters.bytes.load(Ordering::Relaxed);
+        (self.settled, self.length) = (0, 0);
         self.output = None;
         self.retry = Instant::now() + RETRY_PERIOD;
     }
+}
+
+/// Whether the open file has no name any more.
+fn is_gone(file: &std::fs::Metadata) -> bool {
+    #[cfg(unix)]
+    return std::os::unix::fs::MetadataExt::nlink(file) == 0;
+    #[cfg(not(unix))]
+    return file.len() == 0;
 }
 
 fn part_path(path: &Path, part: u32) -> PathBuf {

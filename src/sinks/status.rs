@@ -94,6 +94,56 @@ pub struct RecorderView {
     pub detail: String,
     /// Bytes written.
     pub bytes: u64,
+    /// The recording; empty where there is none.
+    #[serde(default)]
+    pub file: String,
+}
+
+/// Who flies, as far as the vehicle reports it.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
+#[serde(rename_all = "snake_case")]
+pub enum Control {
+    /// Not reported.
+    #[default]
+    Unknown,
+    /// Nobody: it is disarmed or has not taken off.
+    Ground,
+    /// A pilot, or a mode that is not the mission's.
+    Pilot,
+    /// The autopilot flies its mission.
+    Autopilot,
+}
+
+/// The vehicle and its mission as screens show them.
+#[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
+pub struct VehicleView {
+    /// Who flies.
+    pub control: Control,
+    /// Mode in words.
+    pub mode: String,
+    /// What the autopilot flies now, in a few words; empty where that is not known.
+    pub now: String,
+    /// Which maneuver (or item) of the mission that is, from 1 …
+    pub maneuver: u64,
+    /// … of so many; 0 where that is not known.
+    pub maneuvers: u64,
+    /// How long it takes, s; 0 where that is not known.
+    pub duration_s: f64,
+    /// Time left of it, s.
+    pub left_s: Option<f64>,
+    /// What follows.
+    pub next: String,
+}
+
+/// What a map shows beside the track: latitude and longitude in deg.
+#[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
+pub struct RouteView {
+    /// Home.
+    pub home: Option<[f64; 2]>,
+    /// Planned path.
+    pub path: Vec<[f64; 2]>,
+    /// Rings of the fence.
+    pub fence: Vec<Vec<[f64; 2]>>,
 }
 
 /// How far the planned mission is.
@@ -156,6 +206,12 @@ pub struct StatusView {
     /// Planned mission.
     #[serde(default)]
     pub mission: MissionView,
+    /// Who flies, and what.
+    #[serde(default)]
+    pub vehicle: VehicleView,
+    /// Counts the changes of the route; it is asked for by itself.
+    #[serde(default)]
+    pub route: u64,
     /// Per sink, by name.
     pub sinks: BTreeMap<String, SinkView>,
 }
@@ -200,6 +256,8 @@ pub struct SinkStatus {
     link: RwLock<LinkView>,
     recorder: RwLock<RecorderView>,
     mission: RwLock<MissionView>,
+    vehicle: RwLock<VehicleView>,
+    route: RwLock<(u64, Arc<RouteView>)>,
     sinks: RwLock<BTreeMap<&'static str, Arc<SinkCounters>>>,
 }
 
@@ -235,6 +293,22 @@ impl SinkStatus {
         self.mission.read().unwrap_or_else(PoisonError::into_inner).clone()
     }
 
+    /// Replaces what is known of who flies.
+    pub fn set_vehicle(&self, vehicle: VehicleView) {
+        *self.vehicle.write().unwrap_or_else(PoisonError::into_inner) = vehicle;
+    }
+
+    /// Replaces planned path, fence and home.
+    pub fn set_route(&self, route: RouteView) {
+        let mut kept = self.route.write().unwrap_or_else(PoisonError::into_inner);
+        *kept = (kept.0 + 1, Arc::new(route));
+    }
+
+    /// Planned path, fence and home.
+    pub fn route(&self) -> Arc<RouteView> {
+        Arc::clone(&self.route.read().unwrap_or_else(PoisonError::into_inner).1)
+    }
+
     /// A copy for screens, metrics and the page.
     pub fn view(&self) -> StatusView {
         let sinks = self.sinks.read().unwrap_or_else(PoisonError::into_inner);
@@ -243,6 +317,8 @@ impl SinkStatus {
             link: self.link.read().unwrap_or_else(PoisonError::into_inner).clone(),
             recorder: self.recorder.read().unwrap_or_else(PoisonError::into_inner).clone(),
             mission: self.mission(),
+            vehicle: self.vehicle.read().unwrap_or_else(PoisonError::into_inner).clone(),
+            route: self.route.read().unwrap_or_else(PoisonError::into_inner).0,
             sinks: sinks.iter().map(|(name, c)| ((*name).to_owned(), c.view())).collect(),
         }
     }

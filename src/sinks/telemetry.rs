@@ -20,6 +20,33 @@ const MAX_WAITING: usize = 8;
 /// Seconds after which a waiting text other than an instruction is stale.
 const STALE_S: f64 = 30.0;
 
+/// How much is sent to the ground station.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, clap::ValueEnum)]
+pub enum TelemetryLevel {
+    /// Nothing.
+    Off,
+    /// Texts, and every value once in ten seconds: at most 5 messages a second.
+    #[default]
+    Low,
+    /// Texts, and every value once a second: about 22 messages a second.
+    Full,
+}
+
+impl TelemetryLevel {
+    /// The rates; nothing where nothing is sent.
+    pub fn config(self) -> Option<TelemetryConfig> {
+        match self {
+            Self::Off => None,
+            Self::Low => Some(TelemetryConfig::default()),
+            Self::Full => Some(TelemetryConfig {
+                value_period_s: 1.0,
+                messages_per_s: None,
+                ..TelemetryConfig::default()
+            }),
+        }
+    }
+}
+
 /// Rates of the telemetry.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct TelemetryConfig {
@@ -29,11 +56,13 @@ pub struct TelemetryConfig {
     pub texts_per_window: usize,
     /// Length of that window, s.
     pub text_window_s: f64,
+    /// Messages of both kinds at most in any second; a text of several chunks then takes its time.
+    pub messages_per_s: Option<usize>,
 }
 
 impl Default for TelemetryConfig {
     fn default() -> Self {
-        Self { value_period_s: 1.0, texts_per_window: 4, text_window_s: 10.0 }
+        Self { value_period_s: 10.0, texts_per_window: 4, text_window_s: 10.0, messages_per_s: Some(5) }
     }
 }
 
@@ -50,6 +79,10 @@ pub struct Telemetry {
     events: EventDetector,
     waiting: VecDeque<Waiting>,
     sent_at_s: VecDeque<f64>,
+    /// Chunks of texts under way.
+    outgoing: VecDeque<MavMessage>,
+    /// When the messages of the last second were sent.
+    messages_at_s: VecDeque<f64>,
     next_value: usize,
     next_value_at_s: Option<f64>,
     next_text_id: u16,
@@ -64,6 +97,8 @@ impl Telemetry {
             events: EventDetector::default(),
             waiting: VecDeque::new(),
             sent_at_s: VecDeque::new(),
+            outgoing: VecDeque::new(),
+            messages_at_s: VecDeque::new(),
             next_value: 0,
             next_value_at_s: None,
             next_text_id: 1,
@@ -82,9 +117,24 @@ impl Telemetry {
                 text: event.text,
             });
         }
-        let mut out = self.due_texts(now_s);
-        self.due_values(now_s, snapshot, &mut out);
+        let texts = self.due_texts(now_s);
+        self.outgoing.extend(texts);
+        let room = self.room(now_s);
+        let mut out: Vec<_> = self.outgoing.drain(..room.min(self.outgoing.len())).collect();
+        if self.outgoing.is_empty() {
+            self.due_values(now_s, snapshot, room, &mut out);
+        }
+        if self.config.messages_per_s.is_some() {
+            self.messages_at_s.extend(out.iter().map(|_| now_s));
+        }
         out
+    }
+
+    /// Messages that may still be sent in this second.
+    fn room(&mut self, now_s: f64) -> usize {
+        // A clock that went back is another clock.
+        self.messages_at_s.retain(|t| (0.0..1.0).contains(&(now_s - t)));
+        self.config.messages_per_s.map_or(usize::MAX, |most| most.saturating_sub(self.messages_at_s.len()))
     }
 
     /// Tells the pilot what has become of the planned mission.
@@ -167,7 +217,7 @@ impl Telemetry {
         id
     }
 
-    fn due_values(&mut self, now_s: f64, snapshot: &Snapshot, out: &mut Vec<MavMessage>) {
+    fn due_values(&mut self, now_s: f64, snapshot: &Snapshot, room: usize, out: &mut Vec<MavMessage>) {
         if self.config.value_period_s <= 0.0 {
             return;
         }
@@ -180,7 +230,7 @@ impl Telemetry {
         }
         // Truncation to 32 bits is what `time_boot_ms` does to a Unix time base as well.
         let time_boot_ms = (snapshot.t_s.max(0.0) * 1e3) as u64 as u32;
-        while due_s <= now_s {
+        while due_s <= now_s && out.len() < room {
             if let Some((name, value)) = values.get(self.next_value % values.len())
                 && value.is_finite()
             {

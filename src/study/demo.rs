@@ -4,9 +4,10 @@
 use super::parallel::{Progress, map_runs};
 use super::statistics::wilson_95;
 use crate::demo::flight::{Ending, Flight};
+use crate::demo::result::DemoResult;
 use crate::demo::{Prepared, result};
 use crate::engine::snapshot::Status;
-use gaware_mission::planner::Reach;
+use gaware_mission::planner::{PlannedState, Reach};
 use serde::Serialize;
 
 /// One state over all flights that made it observable.
@@ -22,6 +23,23 @@ pub struct StateShare {
     pub rms_normalised_error: f64,
     /// Planned sigma over the one at the end of the plan, mean.
     pub planned_over_reached: f64,
+}
+
+/// Sigma at the end of the plan over the planned one, of one state over all completed flights.
+#[derive(Debug, Clone, Serialize)]
+pub struct StateRatio {
+    /// Name.
+    pub name: String,
+    /// Whether the plan promises that it converges.
+    pub promised: bool,
+    /// Mean.
+    pub mean: f64,
+    /// Smallest.
+    pub lowest: f64,
+    /// Largest.
+    pub highest: f64,
+    /// Completed flights in which it did not become observable.
+    pub not_observable: usize,
 }
 
 /// All flights.
@@ -61,6 +79,18 @@ pub struct DemoStudy {
     pub missed: Vec<Missed>,
     /// Per state.
     pub states: Vec<StateShare>,
+    /// Mean side force of the vehicles in a level turn with 45° of bank, g; every flight draws its own.
+    pub side_force_g: f64,
+    /// Reached over planned sigma, smallest and largest of all promised states and completed flights.
+    pub reached_over_planned: [f64; 2],
+    /// Of these values the ones between 0.8 and 1.25, as a share.
+    pub reached_within_0_8_to_1_25: f64,
+    /// Promised states that did not become observable, counted over all completed flights.
+    pub promised_not_observable: usize,
+    /// Reached over planned sigma per state.
+    pub ratios: Vec<StateRatio>,
+    /// Flown over planned time, mean of the completed flights.
+    pub flown_over_planned_s: f64,
 }
 
 /// A promised state that did not become observable.
@@ -80,7 +110,7 @@ pub fn run(prepared: &Prepared, runs: usize, seed: u64, progress: &dyn Progress)
         flight.run();
         result::of(&mut flight, seed)
     });
-    let completed: Vec<_> =
+    let completed: Vec<&DemoResult> =
         flights.iter().filter(|f| matches!(f.ending, Ending::Holding | Ending::Landed)).collect();
     let promise_kept = completed.iter().filter(|f| f.promise.missed.is_empty()).count();
     let promised: Vec<String> = prepared.plan.promised().map(|s| s.name.clone()).collect();
@@ -88,6 +118,15 @@ pub fn run(prepared: &Prepared, runs: usize, seed: u64, progress: &dyn Progress)
         name: name.clone(),
         flights: completed.iter().filter(|f| f.promise.missed.contains(name)).count(),
     });
+    let ratios = ratios(prepared, &completed);
+    let of_promised: Vec<f64> = completed
+        .iter()
+        .flat_map(|f| &f.states)
+        .filter(|s| s.promised)
+        .map(|s| s.reached_over_planned)
+        .collect();
+    let band = of_promised.iter().filter(|r| (0.8..=1.25).contains(*r)).count();
+    let flown_s: f64 = completed.iter().map(|f| f.plan_flown_s / prepared.plan.duration_s).sum();
     let beyond = prepared.plan.states.iter().filter(|s| s.reach != Reach::Known);
     let known: Vec<_> =
         flights.iter().flat_map(|f| &f.states).filter(|s| s.status == Status::Observable).collect();
@@ -127,5 +166,33 @@ pub fn run(prepared: &Prepared, runs: usize, seed: u64, progress: &dyn Progress)
         kept_interval_95: wilson_95(promise_kept, completed.len()),
         promised: promised.clone(),
         states: states.collect(),
+        side_force_g: prepared.settings.airframe.side_force_g,
+        reached_over_planned: range(&of_promised),
+        reached_within_0_8_to_1_25: band as f64 / of_promised.len().max(1) as f64,
+        promised_not_observable: ratios.iter().filter(|r| r.promised).map(|r| r.not_observable).sum(),
+        ratios,
+        flown_over_planned_s: flown_s / completed.len().max(1) as f64,
     }
+}
+
+fn range(values: &[f64]) -> [f64; 2] {
+    values.iter().fold([f64::INFINITY, 0.0], |[low, high], v| [v.min(low), v.max(high)])
+}
+
+fn ratios(prepared: &Prepared, completed: &[&DemoResult]) -> Vec<StateRatio> {
+    let of_state = |planned: &PlannedState| {
+        let found: Vec<_> =
+            completed.iter().flat_map(|f| &f.states).filter(|s| s.name == planned.name).collect();
+        let values: Vec<f64> = found.iter().map(|s| s.reached_over_planned).collect();
+        let [lowest, highest] = range(&values);
+        (!values.is_empty()).then(|| StateRatio {
+            name: planned.name.clone(),
+            promised: planned.known(),
+            mean: values.iter().sum::<f64>() / values.len() as f64,
+            lowest,
+            highest,
+            not_observable: found.iter().filter(|s| s.status != Status::Observable).count(),
+        })
+    };
+    prepared.plan.states.iter().filter_map(of_state).collect()
 }

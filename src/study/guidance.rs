@@ -110,6 +110,8 @@ pub fn run(runs: usize, seed: u64, progress: &dyn Progress) -> Result<GuidanceSt
     }
     let airframe =
         Airframe::from_toml(SMALL_FIXED_WING).map_err(|_| GuidanceError::Missing("the airframe"))?;
+    // Coordinated, as the paper's flights are.
+    let airframe = airframe.with_side_force(0.0, 0.0);
     let scenario = scenario("fixed_wing_coordinated").ok_or(GuidanceError::Missing("the scenario"))?;
     let mut belief = Model::standard();
     belief.imu = scenario.model.imu.clone();
@@ -181,7 +183,7 @@ struct Flown {
 impl Setting {
     fn fly(&self, policy: Policy, seed: u64) -> Flown {
         let mut truth = draw_vehicle(&self.belief, seed);
-        for setting in truth.effects.iter_mut().filter(|s| s.effect.name() == "gps_latency") {
+        for setting in truth.effects.iter_mut().filter(|s| s.effect.delays_fixes()) {
             // A fix does not come before it was measured.
             setting.values.iter_mut().for_each(|v| *v = v.max(0.0));
         }

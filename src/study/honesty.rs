@@ -132,7 +132,7 @@ fn belief(scenario: &Scenario) -> Model {
     if scenario.name == "paper" {
         model = model.with_g(GElements::Full, Some(PAPER_G_SIGMA));
     }
-    if scenario.model.get("gps_latency").is_none() {
+    if !scenario.model.effects.iter().any(|s| s.effect.delays_fixes()) {
         model.set(EffectSetting { effect: &GpsLatency, values: vec![0.0], sigmas: vec![0.0] });
     }
     model
@@ -142,7 +142,7 @@ fn belief(scenario: &Scenario) -> Model {
 fn one_flight(scenario: &Scenario, seed: u64) -> Vec<(String, f64)> {
     let belief = belief(scenario);
     let mut vehicle = draw_vehicle(&belief, seed);
-    for setting in vehicle.effects.iter_mut().filter(|s| s.effect.name() == "gps_latency") {
+    for setting in vehicle.effects.iter_mut().filter(|s| s.effect.delays_fixes()) {
         // A fix does not come before it was measured.
         setting.values.iter_mut().for_each(|v| *v = v.max(0.0));
     }

@@ -2,6 +2,7 @@
 
 pub mod blind;
 pub mod demo;
+pub mod endurance;
 pub mod guidance;
 pub mod honesty;
 pub mod observability;

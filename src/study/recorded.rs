@@ -98,6 +98,12 @@ impl Effect for AccelAxes {
         }]
     }
 
+    fn on_samples(&self) -> Option<&dyn effects::ImuEffect> {
+        Some(self)
+    }
+}
+
+impl effects::ImuEffect for AccelAxes {
     fn accel(&self, p: &[f64], x: &Instant) -> Vector3<f64> {
         let f = x.force;
         match p {

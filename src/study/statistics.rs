@@ -39,6 +39,26 @@ pub fn wilson_95(hits: usize, of: usize) -> [f64; 2] {
     [middle - half, middle + half].map(|v| (v / (1.0 + z * z / n)).clamp(0.0, 1.0))
 }
 
+/// Mean, median and largest of some values; NaN where there are none.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Summary {
+    /// Mean.
+    pub mean: f64,
+    /// Median, the upper one of two.
+    pub median: f64,
+    /// Largest.
+    pub max: f64,
+}
+
+/// Of these values.
+pub fn summary(values: impl Iterator<Item = f64>) -> Summary {
+    let mut sorted: Vec<f64> = values.collect();
+    sorted.sort_by(f64::total_cmp);
+    let n = sorted.len();
+    let at = |k: usize| sorted.get(k).copied().unwrap_or(f64::NAN);
+    Summary { mean: sorted.iter().sum::<f64>() / n as f64, median: at(n / 2), max: at(n.wrapping_sub(1)) }
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -50,5 +70,12 @@ mod tests {
         assert!(low < 1e-12 && (high - 0.278).abs() < 1e-3, "{low} {high}");
         let [low, high] = wilson_95(5, 10);
         assert!((low - 0.237).abs() < 1e-3 && (high - 0.763).abs() < 1e-3, "{low} {high}");
+    }
+
+    #[test]
+    fn a_summary_has_mean_median_and_largest() {
+        let s = summary([4.0, 1.0, 10.0].into_iter());
+        assert_eq!(s, Summary { mean: 5.0, median: 4.0, max: 10.0 });
+        assert!(summary(std::iter::empty()).median.is_nan());
     }
 }

@@ -5,7 +5,6 @@
 use super::parallel::{Progress, map_runs};
 use crate::link::frame::Frame;
 use crate::link::heartbeat::Voice;
-use crate::mission_link::codec;
 use crate::mission_link::vehicle::Vehicle;
 use crate::mission_link::wire::{self, Event, Wire};
 use gaware_mission::compare::differences;
@@ -13,7 +12,7 @@ use gaware_mission::item::{
     Autopilot as Firmware, Frame as ItemFrame, Home, LatLon, Mission, MissionItem, command,
 };
 use gaware_mission::transfer::verified::{Options, Outcome};
-use gaware_mission::transfer::{Action, Address, Peers};
+use gaware_mission::transfer::{Address, Peers};
 use gaware_nav::model::Model;
 use gaware_sitl::autopilot::{Autopilot, AutopilotConfig, Flavour};
 use gaware_sitl::faults::{FaultyLink, LinkFaults};
@@ -312,14 +311,9 @@ impl Wire for VirtualWire {
         self.now_s
     }
 
-    fn send(&mut self, actions: &[Action]) {
-        for action in actions {
-            if let Action::Send(message) = action {
-                let (id, payload) = codec::encode(self.vehicle.address, message);
-                if let Ok(frame) = self.voice.say_payload(id, &payload) {
-                    self.up.push(self.now_s, frame.raw().to_vec());
-                }
-            }
+    fn send_payload(&mut self, id: u32, payload: Vec<u8>) {
+        if let Ok(frame) = self.voice.say_payload(id, &payload) {
+            self.up.push(self.now_s, frame.raw().to_vec());
         }
     }
 

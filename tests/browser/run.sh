@@ -1,11 +1,13 @@
 #!/bin/sh
 # The page in a real browser. Needs node 20, npm and Chromium (CHROMIUM=/path, default /usr/bin/chromium).
-# SCREENSHOTS=1 also renews the pictures in docs/.
+# SCREENSHOTS=1 also renews the pictures in docs/, of the program itself: `gaware demo` in mid-flight.
 set -eu
 cd "$(dirname "$0")/../.."
-cargo build --quiet --example web_fixture
+cargo build --quiet --bin gaware --example web_fixture
 WEB_FIXTURE="${CARGO_TARGET_DIR:-$PWD/target}/debug/examples/web_fixture"
-export WEB_FIXTURE
+GAWARE="${CARGO_TARGET_DIR:-$PWD/target}/debug/gaware"
+export WEB_FIXTURE GAWARE
 cd tests/browser
 npm ci --no-audit --no-fund --loglevel=error
+if [ "${SCREENSHOTS:-}" ]; then node pictures.mjs; fi
 exec npm test --silent

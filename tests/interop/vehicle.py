@@ -72,6 +72,9 @@ class Vehicle(threading.Thread):
         self.known.set()
 
     def on_mission_request_list(self, m):
+        if m.mission_type != MISSION:
+            self.link.mav.mission_ack_send(*self.peer, mavlink.MAV_MISSION_UNSUPPORTED, m.mission_type)
+            return
         self.link.mav.mission_count_send(*self.peer, len(self.items), m.mission_type, self.opaque_id())
 
     def on_mission_request_int(self, m):

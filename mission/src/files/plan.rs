@@ -42,6 +42,15 @@ impl PlanFile {
             vehicle_type,
         }
     }
+
+    /// The autopilot that the plan was made for, where it names one of the two.
+    pub fn autopilot(&self) -> Option<Autopilot> {
+        match self.firmware_type {
+            3 => Some(Autopilot::ArduPilot),
+            12 => Some(Autopilot::Px4),
+            _ => None,
+        }
+    }
 }
 
 /// Why a `.plan` file cannot be read.
@@ -184,6 +193,9 @@ struct FileRally {
     points: Vec<[f64; 3]>,
 }
 
+/// Largest altitude, radius or speed of a file that is meant, m or m/s.
+const LARGEST: f64 = 1e6;
+
 /// Reads a `.plan` file.
 ///
 /// # Errors
@@ -199,6 +211,16 @@ pub fn read(text: &str) -> Result<PlanFile, PlanError> {
         if found != known {
             return Err(PlanError::Version { what, found, known });
         }
+    }
+    for (what, value) in
+        [("cruiseSpeed", file.mission.cruise_speed), ("hoverSpeed", file.mission.hover_speed)]
+    {
+        bounded(|| what.to_owned(), value)?;
+    }
+    for (k, [lat, lon, alt]) in file.rally_points.points.iter().enumerate() {
+        let what = || format!("rally point {}", k + 1);
+        place(what, [*lat, *lon])?;
+        bounded(what, *alt)?;
     }
     let home = file.mission.planned_home_position.map(read_home).transpose()?;
     let items = read_items(&file.mission.items)?;
@@ -227,7 +249,16 @@ fn place(what: impl FnOnce() -> String, [lat_deg, lon_deg]: [f64; 2]) -> Result<
     Err(PlanError::Place { what: what(), reason: "latitude and longitude must be degrees on the Earth" })
 }
 
+/// A number that can be meant: what is larger does not survive the single precision of an item.
+fn bounded(what: impl FnOnce() -> String, value: f64) -> Result<(), PlanError> {
+    if value.abs() <= LARGEST {
+        return Ok(());
+    }
+    Err(PlanError::Place { what: what(), reason: "altitudes, radii and speeds must be within 1000000" })
+}
+
 fn read_home([lat, lon, alt]: [f64; 3]) -> Result<Home, PlanError> {
+    bounded(|| "plannedHomePosition".to_owned(), alt)?;
     let (lat_e7, lon_e7) = place(|| "plannedHomePosition".to_owned(), [lat, lon])?.to_e7();
     Ok(Home { lat_e7, lon_e7, alt_m: alt as f32 })
 }
@@ -284,10 +315,17 @@ fn read_item(item: &FileItem) -> Result<MissionItem, String> {
     let frame = Frame(frame);
     let coordinate = |v: Option<f64>, limit: f64| match v {
         None => Ok(i32::MAX),
-        Some(v) if !frame.is_global() => Ok(v.round() as i32),
+        Some(v) if !frame.is_global() && v.abs() < f64::from(i32::MAX) => Ok(v.round() as i32),
         Some(v) if v.abs() <= limit => Ok((v * 1e7).round() as i32),
         Some(v) => Err(format!("{v} is no latitude or longitude in degrees")),
     };
+    if let Some(k) = p.iter().position(|v| v.is_some_and(|v| v.abs() > f64::from(f32::MAX))) {
+        let value = p[k].unwrap_or_default();
+        return Err(format!("parameter {} is {value:e}, more than an item can hold", k + 1));
+    }
+    if let Some(z) = p[6].filter(|z| z.abs() > LARGEST) {
+        return Err(format!("an altitude of {z:e} m is none"));
+    }
     let float = |v: Option<f64>| v.map_or(f32::NAN, |v| v as f32);
     Ok(MissionItem {
         command: number,
@@ -307,6 +345,7 @@ fn read_fence(file: &FileFence) -> Result<Fence, PlanError> {
         if c.circle.radius.is_nan() || c.circle.radius <= 0.0 {
             return Err(PlanError::Place { what: what(), reason: "the radius must be positive" });
         }
+        bounded(what, c.circle.radius)?;
         let center = place(what, c.circle.center)?;
         fence.circles.push(FenceCircle { inclusion: c.inclusion, center, radius_m: c.circle.radius });
     }

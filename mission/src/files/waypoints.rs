@@ -7,6 +7,8 @@ use std::fmt::Write as _;
 
 const HEADER: &str = "QGC WPL 110";
 const COLUMNS: usize = 12;
+/// No altitude is higher or lower, m.
+const HIGHEST_M: f32 = 1e6;
 
 /// Why a `.waypoints` file cannot be read.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
@@ -111,6 +113,10 @@ fn read_line(text: &str, line: usize, wanted: usize) -> Result<MissionItem, Wayp
     let mut params = [0.0_f32; 4];
     for (k, p) in params.iter_mut().enumerate() {
         *p = columns.get(4 + k, "a number")?;
+        // Numbers beyond single precision come out infinite.
+        if p.is_infinite() {
+            return columns.bad(4 + k, "a number that an item can hold");
+        }
     }
     let (x, y): (f64, f64) = (columns.get(8, "a latitude")?, columns.get(9, "a longitude")?);
     let (x, y) = if frame.is_global() && crate::item::command::has_position(command) {
@@ -119,12 +125,17 @@ fn read_line(text: &str, line: usize, wanted: usize) -> Result<MissionItem, Wayp
             return columns.bad(if x.abs() <= 90.0 { 9 } else { 8 }, "a latitude or longitude in degrees");
         }
         place.to_e7()
+    } else if x.abs().max(y.abs()) * if frame.is_global() { 1e7 } else { 1.0 } > f64::from(i32::MAX) {
+        return columns.bad(if x.abs() > y.abs() { 8 } else { 9 }, "a number that an item can hold");
     } else if frame.is_global() {
         ((x * 1e7).round() as i32, (y * 1e7).round() as i32)
     } else {
         (x.round() as i32, y.round() as i32)
     };
     let z: f32 = columns.get(10, "an altitude")?;
+    if z.abs() > HIGHEST_M {
+        return columns.bad(10, "an altitude in m");
+    }
     let autocontinue: u8 = columns.get(11, "0 or 1")?;
     Ok(MissionItem { command, frame, autocontinue: autocontinue != 0, params, x, y, z })
 }
@@ -132,7 +143,7 @@ fn read_line(text: &str, line: usize, wanted: usize) -> Result<MissionItem, Wayp
 /// Writes a `.waypoints` file; a mission without home gets zeros there.
 pub fn write(mission: &Mission) -> String {
     let mut out = format!("{HEADER}\n");
-    let home = mission.wire_items(crate::item::Autopilot::ArduPilot);
+    let home = mission.home_first();
     for (seq, item) in home.iter().enumerate() {
         let current = u8::from(seq == 0);
         let [p1, p2, p3, p4] = item.params;

@@ -37,9 +37,16 @@ fn toward(p: Vector2<f64>, to: Vector2<f64>, airframe: &Airframe, speed: f64) ->
     if distance < 0.1 {
         return (Vector2::zeros(), None);
     }
-    let braking = (2.0 * SHARE * airframe.braking_m_per_s2 * distance).sqrt();
+    let braking = stopping_speed(SHARE * airframe.braking_m_per_s2, airframe.jerk_max_m_per_s3, distance);
     let nose = (distance > 5.0).then(|| d.y.atan2(d.x));
     (d / distance * speed.min(braking).min(0.8 * distance), nose)
+}
+
+/// The speed from which a vehicle stops within this distance, m/s: d = v²/2a + v a/2j, where the deceleration a builds up with
+/// the jerk j; a jerk of 0 means no limit.
+fn stopping_speed(braking: f64, jerk: f64, distance: f64) -> f64 {
+    let lost = if jerk > 0.0 { braking * braking / (2.0 * jerk) } else { 0.0 };
+    (lost * lost + 2.0 * braking * distance).sqrt() - lost
 }
 
 fn around(

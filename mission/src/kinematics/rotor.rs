@@ -69,7 +69,12 @@ impl RotorState {
         let up = 0.7 * (airframe.load_factor_max - 1.0) * STANDARD_GRAVITY;
         wanted.z = wanted.z.clamp(-up, up.min(0.5 * STANDARD_GRAVITY));
         let before = *self;
-        let jerk = (wanted - self.acceleration) / TILT_LAG_S;
+        let mut jerk = (wanted - self.acceleration) / TILT_LAG_S;
+        let level = jerk.xy().norm();
+        if airframe.jerk_max_m_per_s3 > 0.0 && level > airframe.jerk_max_m_per_s3 {
+            jerk.x *= airframe.jerk_max_m_per_s3 / level;
+            jerk.y *= airframe.jerk_max_m_per_s3 / level;
+        }
         self.jerk += (jerk - self.jerk) * (dt / TILT_RATE_LAG_S);
         self.acceleration += (before.jerk + self.jerk) * (dt / 2.0);
         let limit = airframe.yaw_rate_max_deg_per_s.to_radians();

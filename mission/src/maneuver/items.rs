@@ -44,9 +44,9 @@ impl Builder<'_> {
     }
 
     fn waypoint(&mut self, ahead: f64, right: f64, height_m: f64) {
-        // NaN: the nose where it is (PX4); ArduPilot takes it for zero and does not use it.
         let place = self.at(ahead, right);
-        let item = MissionItem::at(command::NAV_WAYPOINT, [0.0, 0.0, 0.0, f32::NAN], place, height_m as f32);
+        let params = [0.0, 0.0, 0.0, self.airframe.autopilot.free_heading()];
+        let item = MissionItem::at(command::NAV_WAYPOINT, params, place, height_m as f32);
         self.items.push(item);
     }
 
@@ -69,7 +69,7 @@ impl Builder<'_> {
             }
             (Autopilot::Px4, false) => return self.ring(ahead, right, side, radius_m, turns),
         };
-        let params = [first as f32, 0.0, signed, f32::NAN];
+        let params = [first as f32, 0.0, signed, 0.0];
         self.items.push(MissionItem::at(command, params, place, self.place.height_m as f32));
     }
 
@@ -164,7 +164,7 @@ impl Builder<'_> {
 
     /// Slowest useful speed: a multirotor must arrive.
     fn slow(&self) -> f64 {
-        self.airframe.speed_min_m_per_s.max(0.25 * self.airframe.speed_cruise_m_per_s)
+        self.airframe.planned_min_m_per_s().max(0.25 * self.airframe.speed_cruise_m_per_s)
     }
 
     fn climb(&mut self, up: bool) -> Result<(), NoRoom> {
@@ -209,7 +209,7 @@ impl Builder<'_> {
         let round_s = TAU * radius / self.speed;
         let [low, high] = self.heights((0.9 * a.climb_max_m_per_s * round_s).max(LEAST_CLIMB_M))?;
         let place = self.at(0.0, 0.0);
-        let params = [0.0, (side.sign() * radius) as f32, 0.0, f32::NAN];
+        let params = [0.0, (side.sign() * radius) as f32, 0.0, 0.0];
         for height in [low, high, low] {
             self.items.push(MissionItem::at(command::NAV_LOITER_TO_ALT, params, place, height as f32));
         }
@@ -230,7 +230,9 @@ impl Builder<'_> {
                     self.items.push(MissionItem::action(command::CONDITION_YAW, [yaw, 30.0, 0.0, 0.0]));
                 }
                 self.waypoint(end * half * c, end * half * s, height);
-                if let Some(last) = self.items.last_mut() {
+                if self.airframe.autopilot == Autopilot::Px4
+                    && let Some(last) = self.items.last_mut()
+                {
                     // PX4 takes the heading from the waypoint.
                     last.params[3] = yaw;
                 }

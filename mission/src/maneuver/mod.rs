@@ -12,7 +12,7 @@ use crate::kinematics::{Extent, Kinematics, RotorState, WingCommand, WingState};
 use nalgebra::{Vector2, Vector3};
 use serde::{Deserialize, Serialize};
 
-pub(crate) use items::join as join_items;
+pub(crate) use items::{join as join_items, speed_item};
 pub use words::Words;
 
 /// A direction of turning.
@@ -87,6 +87,19 @@ impl Maneuver {
     /// Those that the autopilot can fly.
     pub fn automatic(airframe: &Airframe) -> Vec<Self> {
         Self::all(airframe).into_iter().filter(|m| !m.is_manual_only()).collect()
+    }
+
+    /// The side to which it turns, where it turns to one side only.
+    pub fn side(self) -> Option<Side> {
+        match self {
+            Self::SteadyTurn(side) | Self::Spiral(side) => Some(side),
+            _ => None,
+        }
+    }
+
+    /// Whether it is a climbing and descending circle.
+    pub fn is_spiral(self) -> bool {
+        matches!(self, Self::Spiral(_))
     }
 
     /// Whether only a pilot can fly it.

@@ -1,7 +1,7 @@
 //! Maneuvers as a pilot flies them: commands over time.
 
 use super::{Entry, Maneuver, Side};
-use crate::airframe::{Airframe, STEEP_BANK};
+use crate::airframe::Airframe;
 use crate::kinematics::{Kinematics, RotorCommand, STEP_S, WingCommand, WingState, fill_rates};
 use nalgebra::Vector3;
 use std::f64::consts::{FRAC_PI_4, TAU};
@@ -21,17 +21,11 @@ const SLIP_S: f64 = 6.0;
 /// Sideslip with full rudder, rad.
 const SLIP_RAD: f64 = 0.2;
 
-/// Bank of a steep turn: close to the limit, as far as the load factor allows, deg.
-pub(super) fn turn_bank_deg(airframe: &Airframe) -> f64 {
-    let by_load = (1.0 / airframe.load_factor_max.max(1.05)).acos().to_degrees();
-    (STEEP_BANK * airframe.bank_max_deg).min(by_load)
-}
-
 /// Time of one circle, s.
 fn circle_s(airframe: &Airframe) -> f64 {
     if airframe.is_fixed_wing() {
-        let bank = turn_bank_deg(airframe).to_radians();
-        TAU * airframe.speed_cruise_m_per_s / (9.806_65 * bank.tan()) + SETTLE_S
+        let radius = airframe.turn_radius_m(airframe.speed_cruise_m_per_s, airframe.steep_bank_rad());
+        TAU * radius / airframe.speed_cruise_m_per_s + SETTLE_S
     } else {
         TAU * airframe.speed_cruise_m_per_s / rotor_turn_m_per_s2(airframe) + SETTLE_S
     }
@@ -94,8 +88,8 @@ fn even_half(t: f64, half_s: f64) -> bool {
 }
 
 pub(super) fn wing_command(maneuver: Maneuver, airframe: &Airframe, t: f64) -> WingCommand {
-    let (slow, fast) = (airframe.speed_min_m_per_s, airframe.speed_max_m_per_s);
-    let bank = turn_bank_deg(airframe).to_radians();
+    let (slow, fast) = (airframe.planned_min_m_per_s(), airframe.speed_max_m_per_s);
+    let bank = airframe.steep_bank_rad();
     let turn = circle_s(airframe) - SETTLE_S;
     let steepest = airframe.pitch_max_deg.to_radians();
     let climb = (airframe.climb_max_m_per_s / airframe.speed_cruise_m_per_s).min(0.9).asin().min(steepest);

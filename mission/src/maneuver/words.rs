@@ -46,7 +46,7 @@ fn purpose(maneuver: Maneuver) -> &'static str {
 }
 
 fn wing(maneuver: Maneuver, airframe: &Airframe, seconds: f64) -> (String, String) {
-    let bank = super::profile::turn_bank_deg(airframe).round();
+    let bank = airframe.steep_bank_rad().to_degrees().round();
     match maneuver {
         Maneuver::VaryingSpeed => (
             format!("Straight: throttle full-idle twice, {seconds} s"),

@@ -5,7 +5,7 @@
 use super::Rejection;
 use super::search::Search;
 use crate::flight::Flyer;
-use crate::item::{MissionItem, command};
+use crate::item::{Autopilot, MissionItem, command};
 use crate::kinematics::Kinematics;
 use crate::safety::Refusal;
 use nalgebra::{Rotation2, Vector2, Vector3};
@@ -14,6 +14,8 @@ use nalgebra::{Rotation2, Vector2, Vector3};
 const ABOVE_FLOOR_M: f64 = 6.0;
 /// Descent over distance of the glide.
 const SLOPE: f64 = 0.1;
+/// The same on PX4, which rejects a slope above `FW_LND_ANG`, 5.0 deg (0.0875): a tenth less.
+const PX4_SLOPE: f64 = 0.079;
 /// Directions of landing that are tried, from the one into the wind.
 const TURNED_DEG: [f64; 7] = [0.0, 20.0, -20.0, 45.0, -45.0, 70.0, -70.0];
 /// With less wind than this, m/s, every direction will do.
@@ -72,15 +74,16 @@ impl<'a> Search<'a> {
         let height = limits.floor_m + ABOVE_FLOOR_M;
         let home = self.frame.to_local(self.request.home.place());
         let at = |back: f64, right: f64| home + Rotation2::new(course) * Vector2::new(-back, right);
-        let glide = height / SLOPE;
+        let slope = if airframe.autopilot == Autopilot::Px4 { PX4_SLOPE } else { SLOPE };
+        let glide = height / slope;
         let (turn, gate) = (at(glide + straight * radius, side * 2.0 * radius), at(glide, 0.0));
         let waypoint = |p: Vector2<f64>| {
-            let params = [0.0, 0.0, 0.0, f32::NAN];
+            let params = [0.0, 0.0, 0.0, airframe.autopilot.free_heading()];
             MissionItem::at(command::NAV_WAYPOINT, params, self.frame.to_place(p), height as f32)
         };
         let down = self.circle_down(height)?;
-        let land =
-            MissionItem::at(command::NAV_LAND, [0.0, 0.0, 0.0, f32::NAN], self.request.home.place(), 0.0);
+        let params = [0.0, 0.0, 0.0, airframe.autopilot.free_heading()];
+        let land = MissionItem::at(command::NAV_LAND, params, self.request.home.place(), 0.0);
         let approach = [down, waypoint(turn), waypoint(at(glide + 0.3 * radius, 0.0)), waypoint(gate)];
         self.checker().landing(&approach, &land)?;
         // The landing comes after the time for maneuvers.
@@ -107,6 +110,12 @@ impl<'a> Search<'a> {
         let mut items = approach.to_vec();
         items.push(land);
         Ok(Landing { items, samples, flyers })
+    }
+
+    /// Whether the autopilot rejects a mission that does not land: PX4's fixed wings (`MIS_TKO_LAND_REQ` 2).
+    pub(super) fn landing_required(&self) -> bool {
+        let airframe = &self.request.airframe;
+        airframe.autopilot == Autopilot::Px4 && airframe.is_fixed_wing()
     }
 
     /// The circle of the hold, flown until the height is right.

@@ -38,8 +38,8 @@ pub struct Request {
     /// Whether the mission begins on the ground at home with a take-off; `start` is then where its climb ends, see
     /// [`climb_out`].
     pub take_off: bool,
-    /// Whether a fixed wing lands at home after its last maneuver, where there is room for that; otherwise it holds. A
-    /// multirotor always holds: it lands where it is told.
+    /// Whether a fixed wing lands at home after its last maneuver, where there is room for that; otherwise it holds. On PX4 a fixed
+    /// wing always lands, or there is no plan. A multirotor always holds: it lands where it is told.
     pub landing: bool,
     /// Where the vehicle is when the maneuvers begin.
     pub start: LatLon,
@@ -99,10 +99,14 @@ pub struct PlannedState {
     pub reach: Reach,
 }
 
+/// Predicted sigma over target up to which a state is promised: the flight is never quite the one that was predicted, and a sigma
+/// that is reached within a quarter still meets its target.
+pub const PROMISED_SHARE: f64 = 0.8;
+
 impl PlannedState {
-    /// Whether the plan itself makes it known.
+    /// Whether the plan itself makes it known, with a reserve for the difference between plan and flight.
     pub fn known(&self) -> bool {
-        self.sigma <= self.target
+        self.sigma <= PROMISED_SHARE * self.target
     }
 }
 
@@ -186,6 +190,11 @@ pub enum PlanError {
     /// The hold at the end cannot be reached safely.
     #[error("no plan: the hold at the end cannot be reached safely from the start: {0}")]
     NoWayHome(String),
+    /// PX4 rejects the mission of a fixed wing without a landing (`MIS_TKO_LAND_REQ` 2).
+    #[error(
+        "no plan: PX4 starts no mission of a fixed wing without a landing, and none fits: {0}; widen the fence, lower the floor, or choose another home"
+    )]
+    NoLanding(String),
     /// Not one maneuver fits.
     #[error("no plan: not one maneuver fits; {}", .reasons.join("; "))]
     NothingFits {

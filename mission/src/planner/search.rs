@@ -2,12 +2,14 @@
 
 use super::landing::Landing;
 use super::place::placements;
-use super::{Plan, PlanError, PlannedManeuver, PlannedState, Reach, Rejection, Request, SigmasAt};
+use super::{
+    PROMISED_SHARE, Plan, PlanError, PlannedManeuver, PlannedState, Reach, Rejection, Request, SigmasAt,
+};
 use crate::fence::LocalFrame;
 use crate::flight::Flyer;
 use crate::item::{Mission, MissionItem, command};
 use crate::kinematics::Kinematics;
-use crate::maneuver::{Entry, Maneuver, Placement, join_items};
+use crate::maneuver::{Entry, Maneuver, Placement, Side, join_items, speed_item};
 use crate::predictor::{NamedSigma, Predictor};
 use crate::safety::Checker;
 use nalgebra::{Rotation3, Vector2, Vector3};
@@ -20,8 +22,6 @@ const MEAN_WEIGHT: f64 = 0.3;
 const LEAST_GAIN_PER_S: f64 = 1e-5;
 /// Most maneuvers in a plan.
 const MOST_MANEUVERS: usize = 40;
-/// A state is taken for known at this share of its target: the flight is never quite the one that was predicted.
-const SURELY_KNOWN: f64 = 0.85;
 /// Predicted flights are thinned to every so manyth sample where only the order of magnitude counts.
 const THINNING: usize = 4;
 /// Points of a climb-out that are checked.
@@ -146,7 +146,7 @@ impl<'a> Search<'a> {
         let mut root = Node {
             flyers,
             predictor,
-            items: self.take_off(start)?,
+            items: self.begin(start)?,
             maneuvers: Vec::new(),
             path: Vec::new(),
             log_score: 0.0,
@@ -169,6 +169,15 @@ impl<'a> Search<'a> {
         root.path = flown.samples;
         root.items.extend(items);
         Ok(())
+    }
+
+    /// What comes before the first maneuver: the take-off, and the airframe's speed, for the autopilot otherwise flies at its own
+    /// parameter.
+    fn begin(&self, start: Vector2<f64>) -> Result<Vec<MissionItem>, PlanError> {
+        let mut items = self.take_off(start)?;
+        let airframe = &self.request.airframe;
+        items.push(speed_item(airframe, airframe.speed_cruise_m_per_s));
+        Ok(items)
     }
 
     /// The take-off, if the mission begins with one. Its climb is a straight line from home to the start.
@@ -194,12 +203,12 @@ impl<'a> Search<'a> {
         }
         let pitch = if request.airframe.is_fixed_wing() { TAKE_OFF_PITCH_DEG } else { 0.0 };
         let height = request.start_height_m as f32;
-        let params = [pitch, 0.0, 0.0, f32::NAN];
+        let params = [pitch, 0.0, 0.0, request.airframe.autopilot.free_heading()];
         Ok(vec![MissionItem::at(command::NAV_TAKEOFF, params, request.start, height)])
     }
 
-    /// What the maneuvers that fit here can do with each state in the time there is: each of them flown again and again, and all in turn, for one
-    /// alone may show nothing where another must come first.
+    /// What the maneuvers that fit here can do with each state in the time there is: each of them flown again and again, both sides of a
+    /// turn in turn, and all in turn, for one alone may show nothing where another must come first.
     fn reach<P: Predictor>(&self, root: &Node<'a, P>, firsts: &[Node<'a, P>]) -> Vec<Reach> {
         let before = root.predictor.sigmas();
         let left_s = self.request.budget_s - root.t_s();
@@ -209,7 +218,13 @@ impl<'a> Search<'a> {
             .collect();
         let mut best: Vec<f64> = before.iter().map(|s| s.sigma).collect();
         let each = flown.iter().map(std::slice::from_ref);
-        for round in each.chain([flown.as_slice()]) {
+        let sides: Vec<Vec<Kinematics>> = firsts
+            .iter()
+            .zip(&flown)
+            .filter(|(n, _)| n.maneuvers.last().is_some_and(|m| m.maneuver.is_spiral()))
+            .map(|(_, path)| path.clone())
+            .collect();
+        for round in each.chain([sides.as_slice(), flown.as_slice()]) {
             let mut predictor = root.predictor.clone();
             let mut t_s = 0.0;
             for path in round.iter().cycle() {
@@ -225,7 +240,7 @@ impl<'a> Search<'a> {
             }
         }
         let judge = |(before, best): (&NamedSigma, f64)| match best {
-            best if best <= before.target => Reach::Known,
+            best if best <= PROMISED_SHARE * before.target => Reach::Known,
             best if best < EXCITED * before.sigma => Reach::Short,
             _ => Reach::Dark,
         };
@@ -242,7 +257,7 @@ impl<'a> Search<'a> {
                     airframe.planned_radius_m(airframe.speed_cruise_m_per_s + p.wind_m_per_s),
                 );
                 let place = self.frame.to_place(p.center_m);
-                let params = [0.0, 0.0, radius as f32, f32::NAN];
+                let params = [0.0, 0.0, radius as f32, airframe.autopilot.free_heading()];
                 MissionItem::at(command::NAV_LOITER_UNLIM, params, place, p.height_m as f32)
             })
             .into_iter()
@@ -277,7 +292,8 @@ impl<'a> Search<'a> {
         reasons: &mut Vec<(Maneuver, Rejection)>,
     ) -> Vec<Node<'a, P>> {
         let mut found = Vec::new();
-        for maneuver in Maneuver::automatic(&self.request.airframe) {
+        let automatic = Maneuver::automatic(&self.request.airframe).into_iter();
+        for maneuver in automatic.filter(|m| keeps_balance(*m, &node.maneuvers)) {
             let mut reason = None;
             let before = found.len();
             for place in &self.placements {
@@ -359,10 +375,12 @@ impl<'a> Search<'a> {
         reach: &[Reach],
     ) -> Result<Plan, PlanError> {
         let mut no_landing = None;
-        let landing = (self.request.landing && self.request.airframe.is_fixed_wing())
+        let required = self.landing_required();
+        let landing = (self.request.airframe.is_fixed_wing() && (self.request.landing || required))
             .then(|| self.landing(&best.flyers).map_err(|e| no_landing = Some(e.to_string())).ok());
         let end = match landing.flatten() {
             Some(landing) => landing,
+            None if required => return Err(PlanError::NoLanding(no_landing.unwrap_or_default())),
             None => {
                 let end = self.end(&best.flyers).map_err(|e| PlanError::NoWayHome(e.to_string()))?;
                 Landing { items: self.end_items(), samples: end.samples, flyers: end.flyers }
@@ -398,7 +416,7 @@ impl<'a> Search<'a> {
             return false;
         }
         let sigmas = node.predictor.sigmas();
-        sigmas.iter().zip(reach).all(|(s, r)| *r != Reach::Known || s.ratio() <= SURELY_KNOWN)
+        sigmas.iter().zip(reach).all(|(s, r)| *r != Reach::Known || s.ratio() <= PROMISED_SHARE)
     }
 
     fn notes(&self, states: &[PlannedState]) -> Vec<String> {
@@ -434,6 +452,14 @@ impl<P> Node<'_, P> {
     }
 }
 
+/// Whether turns stay divided between both sides: turns to one side alone tie what the side force does to the gyros to what the load
+/// does.
+fn keeps_balance(next: Maneuver, flown: &[PlannedManeuver]) -> bool {
+    let Some(side) = next.side() else { return true };
+    let more: f64 = flown.iter().filter_map(|m| m.maneuver.side()).map(Side::sign).sum();
+    more * side.sign() <= 0.0
+}
+
 fn verdicts(after: &[NamedSigma], reach: &[Reach]) -> Vec<PlannedState> {
     let state = |(s, reach): (&NamedSigma, &Reach)| PlannedState {
         name: s.name.clone(),
@@ -450,7 +476,7 @@ fn verdicts(after: &[NamedSigma], reach: &[Reach]) -> Vec<PlannedState> {
 pub(super) fn log_score(sigmas: &[NamedSigma], reach: &[Reach]) -> f64 {
     let (mut worst, mut sum, mut count) = (f64::NEG_INFINITY, 0.0, 0.0);
     for (state, reach) in sigmas.iter().zip(reach).filter(|(_, r)| **r != Reach::Dark) {
-        let log = state.ratio().max(SURELY_KNOWN).ln();
+        let log = state.ratio().max(PROMISED_SHARE).ln();
         if *reach == Reach::Known {
             worst = worst.max(log);
         }

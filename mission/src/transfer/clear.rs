@@ -16,7 +16,7 @@ impl Clear {
     pub fn start(peers: Peers, now: f64) -> (Self, Vec<Action>) {
         let clear =
             Self { opening: Opening::new(now, &peers.timing), suspected: None, finished: None, peers };
-        (clear, vec![Action::Send(MissionMessage::ClearAll { mission_type: peers.mission_type })])
+        (clear, vec![Action::Send(MissionMessage::ClearAll { mission_type: peers.mission_type() })])
     }
 
     /// When [`Self::tick`] wants to be called, s.
@@ -50,7 +50,7 @@ impl Clear {
             return Vec::new();
         }
         if self.opening.again(now) {
-            return vec![Action::Send(MissionMessage::ClearAll { mission_type: self.peers.mission_type })];
+            return vec![Action::Send(MissionMessage::ClearAll { mission_type: self.peers.mission_type() })];
         }
         let error = self
             .suspected

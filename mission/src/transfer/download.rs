@@ -1,7 +1,7 @@
 //! Download: ask for the number of items, then for each of them in turn.
 
 use super::{Action, Envelope, MissionMessage, MissionResult, Opening, Peers, TransferError};
-use crate::item::MissionItem;
+use crate::item::{MissionItem, MissionKind};
 
 /// What was read from a vehicle.
 #[derive(Debug, Clone, PartialEq, Default)]
@@ -45,7 +45,7 @@ impl Download {
             state: State::Opening(Opening::new(now, &peers.timing)),
             peers,
         };
-        let ask = MissionMessage::RequestList { mission_type: peers.mission_type };
+        let ask = MissionMessage::RequestList { mission_type: peers.mission_type() };
         (download, vec![Action::Send(ask)])
     }
 
@@ -97,8 +97,12 @@ impl Download {
             (State::Opening(_) | State::Item { .. }, MissionMessage::Ack { result, .. })
                 if *result != MissionResult::ACCEPTED =>
             {
-                // Another transfer may be under way, or it is late: it counts if nothing else follows.
+                // Another transfer may be under way, or it is late: it counts if nothing else follows. Only a vehicle that does not
+                // have this list says so by its kind.
                 self.suspected = Some(*result);
+                if self.peers.kind != MissionKind::Mission && result.is_final() {
+                    self.give_up(TransferError::NoReply);
+                }
                 Vec::new()
             }
             _ => Vec::new(),
@@ -107,7 +111,7 @@ impl Download {
 
     /// Time passed.
     pub fn tick(&mut self, now: f64) -> Vec<Action> {
-        let mission_type = self.peers.mission_type;
+        let mission_type = self.peers.mission_type();
         match &mut self.state {
             State::Opening(o) if now >= o.deadline => {
                 if o.again(now) {
@@ -140,11 +144,11 @@ impl Download {
 
     fn ask(&self) -> MissionMessage {
         let seq = u16::try_from(self.got.items.len()).unwrap_or(u16::MAX);
-        MissionMessage::RequestInt { seq, mission_type: self.peers.mission_type }
+        MissionMessage::RequestInt { seq, mission_type: self.peers.mission_type() }
     }
 
     fn ack(&self, result: MissionResult) -> Action {
-        let mission_type = self.peers.mission_type;
+        let mission_type = self.peers.mission_type();
         Action::Send(MissionMessage::Ack { result, mission_type, opaque_id: self.got.opaque_id })
     }
 

@@ -1,5 +1,6 @@
 //! The messages of the mission protocol, apart from any MAVLink library.
 
+use super::events::ARGUMENTS;
 use crate::item::MissionItem;
 
 /// System and component id.
@@ -138,6 +139,13 @@ pub enum MissionMessage {
         /// PX4's checksum of the mission on board; 0 where unknown.
         mission_id: u32,
     },
+    /// `EVENT` (410), by which PX4 says what it thinks of a mission.
+    Event {
+        /// Its id; the low 24 bits name it, see [`super::events`].
+        id: u32,
+        /// Its arguments.
+        arguments: [u8; ARGUMENTS],
+    },
 }
 
 impl MissionMessage {
@@ -151,7 +159,7 @@ impl MissionMessage {
             | Self::ItemInt { mission_type, .. }
             | Self::Ack { mission_type, .. }
             | Self::ClearAll { mission_type } => Some(*mission_type),
-            Self::Current { .. } => None,
+            Self::Current { .. } | Self::Event { .. } => None,
         }
     }
 }

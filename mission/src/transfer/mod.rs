@@ -5,6 +5,7 @@
 
 mod clear;
 mod download;
+pub mod events;
 mod message;
 mod on_board;
 mod upload;
@@ -15,6 +16,8 @@ pub use download::{Download, Downloaded};
 pub use message::{Address, Envelope, MissionMessage, MissionResult};
 pub use on_board::OnBoard;
 pub use upload::Upload;
+
+use crate::item::MissionKind;
 
 /// Waiting times and patience (FIELD_NOTES, "Mission protocol").
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -27,11 +30,13 @@ pub struct Timing {
     pub retries: u32,
     /// Silence after which an upload is over, s: ArduPilot gives up after 8 s, PX4 after 5 s.
     pub silence_s: f64,
+    /// Longest time without a new item being asked for, s, however often the vehicle asks for old ones.
+    pub progress_s: f64,
 }
 
 impl Default for Timing {
     fn default() -> Self {
-        Self { first_reply_s: 1.5, item_s: 0.25, retries: 5, silence_s: 9.0 }
+        Self { first_reply_s: 1.5, item_s: 0.25, retries: 5, silence_s: 9.0, progress_s: 30.0 }
     }
 }
 
@@ -42,8 +47,8 @@ pub struct Peers {
     pub me: Address,
     /// The autopilot.
     pub vehicle: Address,
-    /// `MAV_MISSION_TYPE`; 0 is the mission, 1 the geofence, 2 rally points.
-    pub mission_type: u8,
+    /// Which of the vehicle's lists.
+    pub kind: MissionKind,
     /// Waiting times.
     pub timing: Timing,
 }
@@ -51,7 +56,18 @@ pub struct Peers {
 impl Peers {
     /// The mission itself, with the usual waiting times.
     pub fn new(me: Address, vehicle: Address) -> Self {
-        Self { me, vehicle, mission_type: 0, timing: Timing::default() }
+        Self { me, vehicle, kind: MissionKind::Mission, timing: Timing::default() }
+    }
+
+    /// The same about another list of the vehicle.
+    #[must_use]
+    pub fn about(self, kind: MissionKind) -> Self {
+        Self { kind, ..self }
+    }
+
+    /// `MAV_MISSION_TYPE`.
+    pub(crate) fn mission_type(&self) -> u8 {
+        self.kind.number()
     }
 
     /// Whether a message is from the vehicle, for us (or for all), about this kind of mission.
@@ -59,7 +75,7 @@ impl Peers {
         envelope.from == self.vehicle
             && (envelope.to.system == 0 || envelope.to.system == self.me.system)
             && (envelope.to.component == 0 || envelope.to.component == self.me.component)
-            && envelope.message.mission_type().is_none_or(|t| t == self.mission_type)
+            && envelope.message.mission_type().is_none_or(|t| t == self.mission_type())
     }
 }
 
@@ -91,6 +107,14 @@ pub enum TransferError {
         /// Items in all.
         total: usize,
     },
+    /// The vehicle asks for the same items for ever.
+    #[error("the vehicle asked for the same items again and again, {done} of {total} in all")]
+    NoProgress {
+        /// Items done.
+        done: usize,
+        /// Items in all.
+        total: usize,
+    },
     /// The vehicle said no.
     #[error("the vehicle refused: {}", .result.describe())]
     Refused {
@@ -111,7 +135,7 @@ impl TransferError {
     /// Whether trying again with the same mission may work.
     pub fn is_transient(&self) -> bool {
         match self {
-            Self::NoReply | Self::Silent { .. } => true,
+            Self::NoReply | Self::Silent { .. } | Self::NoProgress { .. } => true,
             Self::Refused { result, .. } => !result.is_final(),
             Self::Cancelled | Self::TooLong(_) => false,
         }

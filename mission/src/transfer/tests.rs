@@ -13,7 +13,8 @@ use vehicle::Vehicle;
 
 const ME: Address = Address { system: 1, component: 191 };
 const VEHICLE: Address = Address { system: 1, component: 1 };
-const ON_THE_GROUND: VehicleState = VehicleState { armed: false, mission_mode: false, flying_mission: false };
+const ON_THE_GROUND: VehicleState =
+    VehicleState { armed: false, mission_mode: false, flying_mission: false, in_flight: false };
 
 /// A mission of a given length that differs in every item from those of other seeds.
 fn mission(seed: u64, items: usize) -> Mission {
@@ -28,7 +29,7 @@ fn mission(seed: u64, items: usize) -> Mission {
                 ),
                 2 => MissionItem::at(
                     command::NAV_LOITER_TURNS,
-                    [2.0, 0.0, (random.unit() * 400.0 + 60.0) as f32, f32::NAN],
+                    [2.0, 0.0, (random.unit() * 400.0 + 60.0) as f32, 0.0],
                     place,
                     80.0,
                 ),
@@ -170,15 +171,141 @@ fn a_mission_the_vehicle_refuses_is_undone() {
         run.settle();
         check(autopilot, &run, &new, &old, "refused");
         let said = run.upload.outcome().map(ToString::to_string).unwrap_or_default();
-        assert!(said.contains("a command that it does not support"), "{said}");
+        assert!(
+            said.contains("refused item 7 (command 31999, command 31999): it does not support this command"),
+            "{said}"
+        );
     }
 }
 
 #[test]
+fn a_refusal_names_item_command_parameter_value_and_whom_the_plan_was_made_for() {
+    let (mut new, old) = (mission(5, 10), mission(6, 12));
+    new.items[2].params[3] = f32::NAN;
+    let vehicle = Vehicle::new(Autopilot::ArduPilot, old.wire_items(Autopilot::ArduPilot));
+    let options = Options { planned_for: Some(Autopilot::Px4), ..Options::default() };
+    let peers = Peers::new(ME, VEHICLE);
+    let (upload, actions) =
+        VerifiedUpload::start(peers, Autopilot::ArduPilot, options, new.clone(), Some(ON_THE_GROUND), 0.0);
+    let mut run = Run::with(3, Faults::NONE, vehicle, upload, actions);
+    run.until_outcome(300.0);
+    check(Autopilot::ArduPilot, &run, &new, &old, "refused");
+    let said = run.upload.outcome().map(ToString::to_string).unwrap_or_default();
+    assert_eq!(
+        said,
+        "the previous mission is on the vehicle; the new one is not, because the vehicle refused item 3 (loiter turns, command 18): \
+         parameter 4 is invalid, its value is not a number (NaN); the plan was made for PX4, this vehicle runs ArduPilot"
+    );
+}
+
+/// What PX4's navigator says of a mission without a landing, with its component's byte before the id.
+fn landing_missing() -> MissionMessage {
+    MissionMessage::Event { id: 0x0181_1691, arguments: [0; events::ARGUMENTS] }
+}
+
+#[test]
+fn a_mission_that_px4_rejects_after_accepting_it_is_undone() {
+    // While it is read back, and after that.
+    for after_s in [0.01, 2.5] {
+        let (new, old) = (mission(5, 10), mission(6, 12));
+        let mut vehicle = Vehicle::new(Autopilot::Px4, old.wire_items(Autopilot::Px4));
+        vehicle.verdict = Some((after_s, landing_missing()));
+        let mut run = Run::start(3, Faults::NONE, Autopilot::Px4, vehicle, new.clone(), Some(ON_THE_GROUND));
+        run.until_outcome(300.0);
+        run.settle();
+        let said = run.upload.outcome().map(ToString::to_string).unwrap_or_default();
+        assert!(
+            said.contains("accepted it and then rejected it: a landing is required (MIS_TKO_LAND_REQ)"),
+            "{said}"
+        );
+        check(Autopilot::Px4, &run, &new, &old, "rejected");
+        assert!(!holds(Autopilot::Px4, &run.vehicle, &new));
+    }
+}
+
+#[test]
+fn an_event_from_before_the_upload_is_not_its_result() {
+    let (new, old) = (mission(5, 10), mission(6, 12));
+    let vehicle = Vehicle::new(Autopilot::Px4, old.wire_items(Autopilot::Px4));
+    let mut run = Run::start(3, Faults::NONE, Autopilot::Px4, vehicle, new, Some(ON_THE_GROUND));
+    run.until(0.2);
+    assert_eq!(run.upload.phase(), Phase::BackingUp);
+    let to = Address { system: 0, component: 0 };
+    run.upload.receive(0.2, &Envelope { from: VEHICLE, to, message: landing_missing() });
+    run.until_outcome(300.0);
+    assert_eq!(run.upload.outcome(), Some(&Outcome::Verified { items: 10 }));
+}
+
+#[test]
+fn a_vehicle_that_asks_for_item_0_for_ever_is_given_up() {
+    for autopilot in [Autopilot::ArduPilot, Autopilot::Px4] {
+        let (new, old) = (mission(5, 10), mission(6, 12));
+        let mut vehicle = Vehicle::new(autopilot, old.wire_items(autopilot));
+        vehicle.stuck = true;
+        let mut run = Run::start(3, Faults::NONE, autopilot, vehicle, new, Some(ON_THE_GROUND));
+        run.until_outcome(900.0);
+        // ArduPilot has cut its mission to the announced length and takes no other either; PX4 still has its own.
+        match run.upload.outcome() {
+            Some(Outcome::Unknown { .. }) => assert_eq!(autopilot, Autopilot::ArduPilot),
+            Some(Outcome::RestoredPrevious { why }) => {
+                assert_eq!(autopilot, Autopilot::Px4);
+                assert!(why.contains("asked for the same items again and again"), "{why}");
+            }
+            other => panic!("{autopilot:?}: {other:?}"),
+        }
+    }
+}
+
+#[test]
+fn a_fence_goes_and_comes_back_as_a_mission_does() {
+    let fence = |radius_m: f32| {
+        let place = LatLon { lat_deg: 47.4, lon_deg: 8.5 };
+        let circle =
+            MissionItem::at(command::NAV_FENCE_CIRCLE_INCLUSION, [radius_m, 0.0, 0.0, 0.0], place, 0.0);
+        Mission { home: None, items: vec![MissionItem { frame: crate::item::Frame::GLOBAL, ..circle }] }
+    };
+    for autopilot in [Autopilot::ArduPilot, Autopilot::Px4] {
+        let vehicle = Vehicle::with_fence(autopilot, fence(500.0).items);
+        let peers = Peers::new(ME, VEHICLE).about(crate::item::MissionKind::Fence);
+        let (upload, actions) = VerifiedUpload::start(
+            peers,
+            autopilot,
+            Options::default(),
+            fence(800.0),
+            Some(ON_THE_GROUND),
+            0.0,
+        );
+        let mut run = Run::with(7, Faults::BAD, vehicle, upload, actions);
+        run.until_outcome(300.0);
+        let said = run.upload.outcome().map(|o| o.about(crate::item::MissionKind::Fence)).unwrap_or_default();
+        assert_eq!(said, "the new geofence of 1 items is on the vehicle, read back and compared");
+        assert_eq!(run.vehicle.stored()[0].params[0], 800.0);
+        assert_eq!(run.upload.backup(), Some(&fence(500.0)));
+    }
+}
+
+#[test]
+fn a_vehicle_without_a_fence_says_so_at_once() {
+    let peers = Peers::new(ME, VEHICLE).about(crate::item::MissionKind::Fence);
+    let (mut download, _) = Download::start(peers, 0.0);
+    let ack = MissionMessage::Ack { result: MissionResult::UNSUPPORTED, mission_type: 1, opaque_id: 0 };
+    download.receive(0.1, &Envelope { from: VEHICLE, to: ME, message: ack });
+    let refused = TransferError::Refused { result: MissionResult::UNSUPPORTED, seq: None };
+    assert_eq!(download.result(), Some(Err(&refused)));
+}
+
+#[test]
 fn nothing_is_sent_to_a_vehicle_that_flies_a_mission() {
-    let flying = VehicleState { armed: true, mission_mode: true, flying_mission: true };
-    let waiting = VehicleState { armed: true, mission_mode: true, flying_mission: false };
-    for (state, word) in [(Some(flying), "flying a mission"), (Some(waiting), "armed"), (None, "heartbeat")] {
+    let armed = VehicleState { armed: true, ..ON_THE_GROUND };
+    let flying = VehicleState { mission_mode: true, flying_mission: true, ..armed };
+    let waiting = VehicleState { mission_mode: true, ..armed };
+    let loitering = VehicleState { in_flight: true, ..armed };
+    for (state, word) in [
+        (Some(flying), "flying a mission"),
+        (Some(waiting), "armed"),
+        (Some(loitering), "in the air"),
+        (None, "heartbeat"),
+    ] {
         let (upload, actions) = VerifiedUpload::start(
             Peers::new(ME, VEHICLE),
             Autopilot::ArduPilot,
@@ -200,7 +327,12 @@ fn a_vehicle_that_takes_off_during_the_backup_keeps_its_mission() {
     let mut run = Run::start(3, Faults::NONE, Autopilot::ArduPilot, vehicle, new, Some(ON_THE_GROUND));
     run.until(1.0);
     assert_eq!(run.upload.phase(), Phase::BackingUp);
-    run.upload.vehicle_state(VehicleState { armed: true, mission_mode: true, flying_mission: true });
+    run.upload.vehicle_state(VehicleState {
+        armed: true,
+        mission_mode: true,
+        flying_mission: true,
+        ..ON_THE_GROUND
+    });
     run.until_outcome(60.0);
     assert!(matches!(run.upload.outcome(), Some(Outcome::RestoredPrevious { .. })));
     assert_eq!(run.vehicle.counts_received, 0);
@@ -208,7 +340,7 @@ fn a_vehicle_that_takes_off_during_the_backup_keeps_its_mission() {
 
 #[test]
 fn a_mission_that_becomes_active_during_the_backup_is_left_alone() {
-    let armed = VehicleState { armed: true, mission_mode: false, flying_mission: false };
+    let armed = VehicleState { armed: true, ..ON_THE_GROUND };
     let (new, old) = (mission(5, 10), mission(6, 12));
     let vehicle = Vehicle::new(Autopilot::Px4, old.wire_items(Autopilot::Px4));
     let mut run = Run::start(3, Faults::NONE, Autopilot::Px4, vehicle, new, Some(armed));

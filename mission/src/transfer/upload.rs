@@ -24,6 +24,8 @@ pub struct Upload {
     last_asked: Option<u16>,
     /// A refusal that may be about an earlier message; it counts if nothing else follows.
     suspected: Option<MissionResult>,
+    /// No new item was asked for until this time: give up.
+    stuck_at: f64,
     state: State,
 }
 
@@ -32,7 +34,8 @@ impl Upload {
     pub fn start(peers: Peers, items: Vec<MissionItem>, now: f64) -> (Self, Vec<Action>) {
         let asked = vec![false; items.len()];
         let state = State::Opening(Opening::new(now, &peers.timing));
-        let mut upload = Self { peers, items, asked, last_asked: None, suspected: None, state };
+        let stuck_at = f64::INFINITY;
+        let mut upload = Self { peers, items, asked, last_asked: None, suspected: None, stuck_at, state };
         let Ok(_) = u16::try_from(upload.items.len()) else {
             upload.state = State::Finished(Err(TransferError::TooLong(upload.items.len())));
             return (upload, Vec::new());
@@ -45,7 +48,7 @@ impl Upload {
     pub fn deadline(&self) -> Option<f64> {
         match &self.state {
             State::Opening(o) => Some(o.deadline),
-            State::Serving { until } => Some(*until),
+            State::Serving { until } => Some(until.min(self.stuck_at)),
             State::Finished(_) => None,
         }
     }
@@ -85,12 +88,20 @@ impl Upload {
                 }
                 self.give_up(TransferError::NoReply);
             }
+            State::Serving { .. } if now >= self.stuck_at => {
+                self.give_up(TransferError::NoProgress { done: self.done(), total: self.items.len() });
+            }
             State::Serving { until } if now >= *until => {
                 self.give_up(TransferError::Silent { done: self.done(), total: self.items.len() });
             }
             _ => {}
         }
         Vec::new()
+    }
+
+    /// Whether every item has been asked for: what the vehicle says from here on is about the whole mission.
+    pub fn all_served(&self) -> bool {
+        self.done() == self.items.len()
     }
 
     /// Gives up; the vehicle is told.
@@ -101,14 +112,14 @@ impl Upload {
         self.state = State::Finished(Err(TransferError::Cancelled));
         vec![Action::Send(MissionMessage::Ack {
             result: MissionResult::OPERATION_CANCELLED,
-            mission_type: self.peers.mission_type,
+            mission_type: self.peers.mission_type(),
             opaque_id: 0,
         })]
     }
 
     fn count(&self) -> MissionMessage {
         let count = u16::try_from(self.items.len()).unwrap_or(u16::MAX);
-        MissionMessage::Count { count, mission_type: self.peers.mission_type, opaque_id: 0 }
+        MissionMessage::Count { count, mission_type: self.peers.mission_type(), opaque_id: 0 }
     }
 
     fn done(&self) -> usize {
@@ -121,14 +132,16 @@ impl Upload {
         let (Some(item), Some(asked)) = (self.items.get(index), self.asked.get_mut(index)) else {
             return Vec::new();
         };
-        *asked = true;
+        if !std::mem::replace(asked, true) {
+            self.stuck_at = now + self.peers.timing.progress_s;
+        }
         self.suspected = None;
         self.last_asked = Some(seq);
         self.state = State::Serving { until: now + self.peers.timing.silence_s };
         let mut item = *item;
         item.frame = item.frame.on_wire();
         let message =
-            MissionMessage::ItemInt { seq, current: false, item, mission_type: self.peers.mission_type };
+            MissionMessage::ItemInt { seq, current: false, item, mission_type: self.peers.mission_type() };
         vec![Action::Send(message), Action::Progress { done: self.done(), total: self.items.len() }]
     }
 

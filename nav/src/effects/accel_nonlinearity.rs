@@ -10,7 +10,7 @@
 //!   low-pass let through. The rest, k σ_v², looks like an accelerometer bias that moves with the throttle; the size
 //!   of k comes from changes of f̄ alone, and a bias walk or a higher bias sigma has to take the remainder.
 
-use super::{Effect, Instant, ParameterGroup, Shape, unit};
+use super::{Effect, ImuEffect, Instant, ParameterGroup, Shape, unit};
 use nalgebra::Vector3;
 
 /// Three coefficients, one per accelerometer.
@@ -29,6 +29,14 @@ impl Effect for AccelNonlinearity {
         "the accelerometers respond to the square of specific force, vibration included"
     }
 
+    fn cause(&self) -> &'static str {
+        "second-order response of the accelerometers, with vibration also a bias"
+    }
+
+    fn remedy(&self) -> &'static str {
+        "reduce vibration at the unit, or use a part with a larger range"
+    }
+
     fn groups(&self) -> &'static [ParameterGroup] {
         &[ParameterGroup {
             unit: unit::MG_PER_G2,
@@ -38,6 +46,12 @@ impl Effect for AccelNonlinearity {
         }]
     }
 
+    fn on_samples(&self) -> Option<&dyn ImuEffect> {
+        Some(self)
+    }
+}
+
+impl ImuEffect for AccelNonlinearity {
     fn accel(&self, p: &[f64], x: &Instant) -> Vector3<f64> {
         Vector3::from_column_slice(p).component_mul(&x.force).component_mul(&x.force)
     }

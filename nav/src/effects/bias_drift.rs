@@ -3,7 +3,7 @@
 //! The parameter is the density q of a process noise, not a state: no sample depends on it, so it is searched for over
 //! likelihoods, not estimated.
 
-use super::{BiasWalk, Effect, ParameterGroup, Shape, unit};
+use super::{BiasWalk, Effect, Excitation, ParameterGroup, Separation, Shape, WalkEffect, unit};
 
 /// Densities to try, deg/h/√h: from a good tactical part to a consumer part that warms up.
 const GYRO_SIZES: [f64; 4] = [
@@ -29,6 +29,14 @@ impl Effect for GyroBiasDrift {
         "the gyro biases wander"
     }
 
+    fn cause(&self) -> &'static str {
+        "the gyro biases change with warm-up, supply or stress on the board"
+    }
+
+    fn remedy(&self) -> &'static str {
+        "let the unit warm up, and allow the bias process noise found"
+    }
+
     fn groups(&self) -> &'static [ParameterGroup] {
         &[ParameterGroup {
             unit: unit::DEG_PER_H_PER_RTH,
@@ -38,6 +46,20 @@ impl Effect for GyroBiasDrift {
         }]
     }
 
+    fn separations(&self) -> &'static [Separation] {
+        &[Separation {
+            from: "gyro_bias_step",
+            fly: &[Excitation::FigureEight],
+            why: "flown again after some minutes: a step happens once",
+        }]
+    }
+
+    fn on_biases(&self) -> Option<&dyn WalkEffect> {
+        Some(self)
+    }
+}
+
+impl WalkEffect for GyroBiasDrift {
     fn bias_walk(&self, p: &[f64]) -> BiasWalk {
         BiasWalk { gyro: p[0].abs(), accel: 0.0 }
     }
@@ -60,6 +82,14 @@ impl Effect for AccelBiasDrift {
         "the accelerometer biases wander"
     }
 
+    fn cause(&self) -> &'static str {
+        "the accelerometer biases change with warm-up, vibration or stress on the board"
+    }
+
+    fn remedy(&self) -> &'static str {
+        "let the unit warm up, and allow the bias process noise found"
+    }
+
     fn groups(&self) -> &'static [ParameterGroup] {
         &[ParameterGroup {
             unit: unit::MG_PER_RTH,
@@ -69,6 +99,12 @@ impl Effect for AccelBiasDrift {
         }]
     }
 
+    fn on_biases(&self) -> Option<&dyn WalkEffect> {
+        Some(self)
+    }
+}
+
+impl WalkEffect for AccelBiasDrift {
     fn bias_walk(&self, p: &[f64]) -> BiasWalk {
         BiasWalk { gyro: 0.0, accel: p[0].abs() }
     }

@@ -1,7 +1,7 @@
 //! A jump of the fixes' position: from some instant on they lie beside the truth, as after a change of satellites,
 //! of correction source or of the receiver's solution.
 
-use super::{Effect, FixInstant, ParameterGroup, Shape, unit};
+use super::{DrawRange, Effect, Event, FixEffect, FixInstant, ParameterGroup, Shape, unit};
 use nalgebra::Vector3;
 
 /// When, and how far north, east and down. The instant is searched for, the size is a state.
@@ -23,6 +23,14 @@ impl Effect for GpsBiasStep {
         "the GNSS position jumps and stays beside the truth"
     }
 
+    fn cause(&self) -> &'static str {
+        "a change of satellites, of the correction source or of the receiver's solution"
+    }
+
+    fn remedy(&self) -> &'static str {
+        "look at the receiver's fix type and satellites at that instant; leave that part of the flight out"
+    }
+
     fn groups(&self) -> &'static [ParameterGroup] {
         &[
             ParameterGroup {
@@ -41,6 +49,20 @@ impl Effect for GpsBiasStep {
         ]
     }
 
+    fn draw_range(&self) -> DrawRange {
+        DrawRange::Uniform(50.0, 190.0)
+    }
+
+    fn event(&self) -> Option<Event> {
+        Some(Event::FixPosition)
+    }
+
+    fn on_fixes(&self) -> Option<&dyn FixEffect> {
+        Some(self)
+    }
+}
+
+impl FixEffect for GpsBiasStep {
     fn fix(&self, p: &[f64], x: &FixInstant) -> [Vector3<f64>; 2] {
         let size = if Self::on(p, x) { Vector3::new(p[1], p[2], p[3]) } else { Vector3::zeros() };
         [size, Vector3::zeros()]

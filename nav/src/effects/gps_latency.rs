@@ -1,6 +1,6 @@
 //! GNSS latency: a fix tells where the vehicle was some time before the fix's time stamp.
 
-use super::{Effect, FixInstant, ParameterGroup, Shape, unit};
+use super::{DrawRange, Effect, Excitation, FixEffect, FixInstant, ParameterGroup, Separation, Shape, unit};
 use nalgebra::Vector3;
 
 /// Time from validity to time stamp. Identifiable only relative to the delay of the inertial samples.
@@ -16,11 +16,37 @@ impl Effect for GpsLatency {
         "GNSS fixes arrive late"
     }
 
+    fn cause(&self) -> &'static str {
+        "the receiver computes and sends a solution some time after it measured, and the autopilot stamps it when it arrives"
+    }
+
+    fn remedy(&self) -> &'static str {
+        "set the autopilot's GNSS delay parameter (GPS_DELAY_MS, EKF2_GPS_DELAY) to the value found"
+    }
+
     fn groups(&self) -> &'static [ParameterGroup] {
         // Published flights: 50 to 300 ms.
         &[ParameterGroup { unit: unit::S, shape: Shape::Scalar, names: &["latency"], prior_sigma: 0.15 }]
     }
 
+    fn separations(&self) -> &'static [Separation] {
+        &[Separation {
+            from: "gps_lever_arm",
+            fly: &[Excitation::VaryingSpeed, Excitation::FigureEight],
+            why: "a delay grows with the speed, an arm does not",
+        }]
+    }
+
+    fn draw_range(&self) -> DrawRange {
+        DrawRange::LogUniform(0.04, 0.3)
+    }
+
+    fn on_fixes(&self) -> Option<&dyn FixEffect> {
+        Some(self)
+    }
+}
+
+impl FixEffect for GpsLatency {
     fn fix_delay_s(&self, p: &[f64]) -> f64 {
         p[0]
     }
@@ -34,6 +60,10 @@ impl Effect for GpsLatency {
     ) {
         position[0] = -x.v_n;
         velocity[0] = -x.a_n;
+    }
+
+    fn delays_fixes(&self) -> bool {
+        true
     }
 }
 

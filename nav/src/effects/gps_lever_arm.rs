@@ -1,6 +1,6 @@
 //! Lever arm: the antenna does not sit where the inertial unit sits (Groves 2013, eqs. 14.124 and 14.125).
 
-use super::{Effect, FixInstant, ParameterGroup, Shape, unit};
+use super::{Effect, FixEffect, FixInstant, ParameterGroup, Shape, unit};
 use crate::rotation::skew;
 use nalgebra::{Matrix3, Vector3};
 
@@ -17,6 +17,14 @@ impl Effect for GpsLeverArm {
         "the GNSS antenna sits away from the inertial unit"
     }
 
+    fn cause(&self) -> &'static str {
+        "the antenna does not sit where the inertial unit sits"
+    }
+
+    fn remedy(&self) -> &'static str {
+        "set the antenna position (GPS_POS1_X/Y/Z, EKF2_GPS_POS_X/Y/Z) to the values found"
+    }
+
     fn groups(&self) -> &'static [ParameterGroup] {
         &[ParameterGroup {
             unit: unit::M,
@@ -26,6 +34,12 @@ impl Effect for GpsLeverArm {
         }]
     }
 
+    fn on_fixes(&self) -> Option<&dyn FixEffect> {
+        Some(self)
+    }
+}
+
+impl FixEffect for GpsLeverArm {
     fn fix(&self, p: &[f64], x: &FixInstant) -> [Vector3<f64>; 2] {
         let arm = Vector3::from_column_slice(p);
         [x.c_nb * arm, x.c_nb * x.rate_eb.cross(&arm)]

@@ -5,8 +5,7 @@
 //! to T²/8: at 5 Hz 5 mm per m/s², toward the centre of a turn, and a speed that falls short by centimetres per second there.
 //! That imitates an antenna above the inertial unit. It is estimated beside the biases and never named.
 
-use super::{Effect, FixInstant, ParameterGroup, Shape, Unit};
-use crate::earth::STANDARD_GRAVITY;
+use super::{Effect, FixEffect, FixInstant, ParameterGroup, Shape, Unit};
 use nalgebra::Vector3;
 
 const S2: Unit = Unit { symbol: "s²", suffix: "s2", si: 1.0 };
@@ -15,10 +14,9 @@ const S2: Unit = Unit { symbol: "s²", suffix: "s2", si: 1.0 };
 #[derive(Debug)]
 pub struct GpsSmoothing;
 
-/// Acceleration and its rate of change: specific force turns with the body, and changes in it.
+/// Acceleration and its rate of change.
 fn derivatives(x: &FixInstant) -> [Vector3<f64>; 2] {
-    let force_n = x.a_n - Vector3::new(0.0, 0.0, STANDARD_GRAVITY);
-    [x.a_n, (x.c_nb * x.rate_eb).cross(&force_n) + x.c_nb * x.force_rate]
+    [x.a_n, x.jerk_n()]
 }
 
 impl Effect for GpsSmoothing {
@@ -34,6 +32,12 @@ impl Effect for GpsSmoothing {
         &[ParameterGroup { unit: S2, shape: Shape::Scalar, names: &["smoothing"], prior_sigma: 0.005 }]
     }
 
+    fn on_fixes(&self) -> Option<&dyn FixEffect> {
+        Some(self)
+    }
+}
+
+impl FixEffect for GpsSmoothing {
     fn fix(&self, p: &[f64], x: &FixInstant) -> [Vector3<f64>; 2] {
         derivatives(x).map(|d| d * p[0])
     }

@@ -1,6 +1,6 @@
 //! A jump of the gyro biases: from some instant on they have another value, as after a shock or a change of supply.
 
-use super::{Effect, Instant, ParameterGroup, Shape, unit};
+use super::{DrawRange, Effect, Event, ImuEffect, Instant, ParameterGroup, Shape, unit};
 use nalgebra::Vector3;
 
 /// When, and how much about each axis. The instant is searched for, the size is a state.
@@ -25,6 +25,14 @@ impl Effect for GyroBiasStep {
         "the gyro biases jump and stay at the new value"
     }
 
+    fn cause(&self) -> &'static str {
+        "a shock, a change of supply or a reset of the sensor"
+    }
+
+    fn remedy(&self) -> &'static str {
+        "look at what happened at that instant; check mounting and supply of the unit"
+    }
+
     fn groups(&self) -> &'static [ParameterGroup] {
         &[
             ParameterGroup {
@@ -42,6 +50,20 @@ impl Effect for GyroBiasStep {
         ]
     }
 
+    fn draw_range(&self) -> DrawRange {
+        DrawRange::Uniform(50.0, 190.0)
+    }
+
+    fn event(&self) -> Option<Event> {
+        Some(Event::GyroBias)
+    }
+
+    fn on_samples(&self) -> Option<&dyn ImuEffect> {
+        Some(self)
+    }
+}
+
+impl ImuEffect for GyroBiasStep {
     fn gyro(&self, p: &[f64], x: &Instant) -> Vector3<f64> {
         if Self::on(p, x) { Vector3::new(p[1], p[2], p[3]) } else { Vector3::zeros() }
     }

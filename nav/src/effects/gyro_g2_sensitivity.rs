@@ -2,7 +2,7 @@
 //!
 //! Under vibration the mean of f² is f̄² + σ², so it also stands for the vibration rectification of a gyro.
 
-use super::{Effect, Instant, ParameterGroup, Shape, unit};
+use super::{Effect, Excitation, ImuEffect, Instant, ParameterGroup, Separation, Shape, unit};
 use nalgebra::{Matrix3, Vector3};
 
 /// Three coefficients, one per gyro, each of the specific force along its own axis.
@@ -21,6 +21,14 @@ impl Effect for GyroG2Sensitivity {
         "the gyros respond to the square of specific force"
     }
 
+    fn cause(&self) -> &'static str {
+        "MEMS gyros rectify strong or vibrating acceleration"
+    }
+
+    fn remedy(&self) -> &'static str {
+        "reduce vibration at the unit; keep the values in the model"
+    }
+
     fn groups(&self) -> &'static [ParameterGroup] {
         &[ParameterGroup {
             unit: unit::DEG_PER_H_PER_G2,
@@ -30,6 +38,27 @@ impl Effect for GyroG2Sensitivity {
         }]
     }
 
+    fn separations(&self) -> &'static [Separation] {
+        &[
+            Separation {
+                from: "gyro_misalignment",
+                fly: &[Excitation::PullUp],
+                why: "specific force changes while the rates about roll and yaw do not",
+            },
+            Separation {
+                from: "gyro_scale_factor",
+                fly: &[Excitation::PullUp],
+                why: "specific force changes while the rates about roll and yaw do not",
+            },
+        ]
+    }
+
+    fn on_samples(&self) -> Option<&dyn ImuEffect> {
+        Some(self)
+    }
+}
+
+impl ImuEffect for GyroG2Sensitivity {
     fn gyro(&self, p: &[f64], x: &Instant) -> Vector3<f64> {
         Vector3::from_column_slice(p).component_mul(&x.force).component_mul(&x.force)
     }

@@ -1,6 +1,6 @@
 //! g-sensitivity of the gyros: δω = G f (the paper, eqs. (2), (5) and (21)).
 
-use super::{Effect, Instant, ParameterGroup, Shape, unit};
+use super::{Effect, Excitation, ImuEffect, Instant, ParameterGroup, Separation, Shape, unit};
 use nalgebra::{Matrix3, Vector3};
 
 /// Nine coefficients, row = gyro axis, column = axis of specific force. A diagonal G (the paper's 18 states) is the
@@ -24,6 +24,14 @@ impl Effect for GyroGSensitivity {
         "the gyros respond to specific force"
     }
 
+    fn cause(&self) -> &'static str {
+        "MEMS gyros respond to linear acceleration: a property of the part, larger where the board is bent or its damping is stiff"
+    }
+
+    fn remedy(&self) -> &'static str {
+        "estimate it in flight and correct rates by G f, or mount the unit on softer, symmetric damping"
+    }
+
     fn groups(&self) -> &'static [ParameterGroup] {
         &[ParameterGroup {
             unit: unit::DEG_PER_H_PER_G,
@@ -33,6 +41,42 @@ impl Effect for GyroGSensitivity {
         }]
     }
 
+    fn separations(&self) -> &'static [Separation] {
+        &[
+            Separation {
+                from: "gyro_misalignment",
+                fly: &[Excitation::PullUp],
+                why: "specific force changes while the rates about roll and yaw do not",
+            },
+            Separation {
+                from: "gyro_scale_factor",
+                fly: &[Excitation::VaryingSpeed, Excitation::PullUp],
+                why: "specific force changes while the rates hardly do",
+            },
+            Separation {
+                from: "gyro_g2_sensitivity",
+                fly: &[Excitation::PullUp, Excitation::SteadyTurn],
+                why: "three loads tell a line from a square",
+            },
+            Separation {
+                from: "gyro_bias_drift",
+                fly: &[Excitation::FigureEight],
+                why: "flown early and again late: what returns with the load is no drift",
+            },
+            Separation {
+                from: "gyro_bias_step",
+                fly: &[Excitation::FigureEight],
+                why: "flown early and again late: what returns with the load is no step",
+            },
+        ]
+    }
+
+    fn on_samples(&self) -> Option<&dyn ImuEffect> {
+        Some(self)
+    }
+}
+
+impl ImuEffect for GyroGSensitivity {
     fn gyro(&self, p: &[f64], x: &Instant) -> Vector3<f64> {
         matrix(p) * x.force
     }

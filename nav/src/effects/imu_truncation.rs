@@ -1,7 +1,7 @@
 //! Truncation: integer samples are cut toward zero, as a C cast does. A discrete effect; what it does to a sample
 //! stands in [`crate::quantisation`].
 
-use super::{Effect, ParameterGroup};
+use super::{Effect, Excitation, ParameterGroup, Separation};
 
 /// Integer samples truncated toward zero instead of rounded.
 #[derive(Debug)]
@@ -16,11 +16,34 @@ impl Effect for ImuTruncation {
         "integer inertial samples are truncated toward zero"
     }
 
+    fn cause(&self) -> &'static str {
+        "a driver or message casts samples to integers instead of rounding them"
+    }
+
+    fn remedy(&self) -> &'static str {
+        "round in the driver, or log inertial samples at full resolution"
+    }
+
     fn groups(&self) -> &'static [ParameterGroup] {
         &[]
     }
 
     fn truncates_samples(&self) -> bool {
         true
+    }
+
+    fn separations(&self) -> &'static [Separation] {
+        &[
+            Separation {
+                from: "gyro_scale_factor",
+                fly: &[Excitation::SteadyTurn, Excitation::FigureEight],
+                why: "half a count does not grow with the rate",
+            },
+            Separation {
+                from: "gyro_g_sensitivity",
+                fly: &[Excitation::SteadyTurn, Excitation::PullUp],
+                why: "half a count does not grow with the load",
+            },
+        ]
     }
 }

@@ -3,7 +3,7 @@
 //! The accelerometers get an upper triangle only: a common rotation of the whole triad is a rotation of the body
 //! axes themselves and no flight could tell it from attitude.
 
-use super::{Effect, Instant, ParameterGroup, Shape, unit};
+use super::{Effect, Excitation, ImuEffect, Instant, ParameterGroup, Separation, Shape, unit};
 use nalgebra::Vector3;
 
 /// 3 mrad: consumer MEMS after factory calibration.
@@ -41,6 +41,14 @@ impl Effect for GyroMisalignment {
         "each gyro also reads a part of the rate about the other axes"
     }
 
+    fn cause(&self) -> &'static str {
+        "the gyro axes are not square to each other or to the body: tolerance of the part or a tilted mounting"
+    }
+
+    fn remedy(&self) -> &'static str {
+        "correct rates by the matrix found, or calibrate on a rate table"
+    }
+
     fn groups(&self) -> &'static [ParameterGroup] {
         &[ParameterGroup {
             unit: unit::MRAD,
@@ -50,6 +58,12 @@ impl Effect for GyroMisalignment {
         }]
     }
 
+    fn on_samples(&self) -> Option<&dyn ImuEffect> {
+        Some(self)
+    }
+}
+
+impl ImuEffect for GyroMisalignment {
     fn gyro(&self, p: &[f64], x: &Instant) -> Vector3<f64> {
         coupled(&OFF_DIAGONAL, p, &x.rate)
     }
@@ -72,6 +86,14 @@ impl Effect for AccelMisalignment {
         "the accelerometers also read a part of the specific force along the other axes"
     }
 
+    fn cause(&self) -> &'static str {
+        "the accelerometer axes are not square to each other: tolerance of the part"
+    }
+
+    fn remedy(&self) -> &'static str {
+        "correct specific force by the matrix found"
+    }
+
     fn groups(&self) -> &'static [ParameterGroup] {
         &[ParameterGroup {
             unit: unit::MRAD,
@@ -81,6 +103,20 @@ impl Effect for AccelMisalignment {
         }]
     }
 
+    fn separations(&self) -> &'static [Separation] {
+        &[Separation {
+            from: "accel_nonlinearity",
+            fly: &[Excitation::Sideslip, Excitation::VaryingSpeed],
+            why: "one axis after the other feels a force of its own",
+        }]
+    }
+
+    fn on_samples(&self) -> Option<&dyn ImuEffect> {
+        Some(self)
+    }
+}
+
+impl ImuEffect for AccelMisalignment {
     fn accel(&self, p: &[f64], x: &Instant) -> Vector3<f64> {
         coupled(&UPPER, p, &x.force)
     }

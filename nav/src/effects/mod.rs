@@ -11,6 +11,7 @@ mod gps_bias_step;
 mod gps_latency;
 mod gps_lever_arm;
 mod gps_smoothing;
+mod gps_velocity_latency;
 mod gyro_bias_step;
 mod gyro_g2_sensitivity;
 mod gyro_g_sensitivity;
@@ -31,6 +32,7 @@ pub use gps_bias_step::GpsBiasStep;
 pub use gps_latency::GpsLatency;
 pub use gps_lever_arm::GpsLeverArm;
 pub use gps_smoothing::GpsSmoothing;
+pub use gps_velocity_latency::GpsVelocityLatency;
 pub use gyro_bias_step::GyroBiasStep;
 pub use gyro_g_sensitivity::GyroGSensitivity;
 pub use gyro_g2_sensitivity::GyroG2Sensitivity;
@@ -55,6 +57,7 @@ pub static REGISTRY: &[&dyn Effect] = &[
     &GyroTemperature,
     &AccelTemperature,
     &GpsLatency,
+    &GpsVelocityLatency,
     &GpsLeverArm,
     &ImuTruncation,
     &GyroBiasDrift,
@@ -204,6 +207,14 @@ pub struct FixInstant {
     pub force_rate: Vector3<f64>,
 }
 
+impl FixInstant {
+    /// Rate of change of the acceleration, m/s³: specific force turns with the body, and changes in it.
+    pub fn jerk_n(&self) -> Vector3<f64> {
+        let force_n = self.a_n - Vector3::new(0.0, 0.0, STANDARD_GRAVITY);
+        (self.c_nb * self.rate_eb).cross(&force_n) + self.c_nb * self.force_rate
+    }
+}
+
 /// Spectral densities (square roots) of random walks that an effect adds to the biases.
 #[derive(Debug, Clone, Copy, Default, PartialEq)]
 pub struct BiasWalk {
@@ -233,7 +244,7 @@ pub struct Told {
 }
 
 /// A mistake undone sample by sample.
-fn undo_one_by_one<E: Effect + ?Sized>(effect: &E, samples: &[ImuSample]) -> Vec<ImuSample> {
+fn undo_one_by_one<E: SourceEffect + ?Sized>(effect: &E, samples: &[ImuSample]) -> Vec<ImuSample> {
     let mut last = None;
     let mut undo = |sample: &ImuSample| {
         let undone = effect.undo_source_after(sample, last.as_ref());
@@ -243,17 +254,69 @@ fn undo_one_by_one<E: Effect + ?Sized>(effect: &E, samples: &[ImuSample]) -> Vec
     samples.iter().filter_map(&mut undo).collect()
 }
 
-/// One way in which a real sensor differs from an ideal one.
-///
-/// `p` holds the effect's parameters in SI, in the order of its groups; its length is [`Effect::len`]. All methods
-/// have a neutral default, so an effect implements only what it does. Jacobian slices come zeroed, one column per
-/// parameter.
+/// Motion that makes an effect show by itself, in the terms of a flight plan.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Excitation {
+    /// Straight, faster and slower.
+    VaryingSpeed,
+    /// A steady turn.
+    SteadyTurn,
+    /// Pull-ups and push-overs with the wings level.
+    PullUp,
+    /// A circle to the right and one to the left.
+    FigureEight,
+    /// Wings level, rudder left then right; sideways legs on a multirotor.
+    Sideslip,
+}
+
+/// What tells an effect from another one that imitates it.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Separation {
+    /// Name of the other effect.
+    pub from: &'static str,
+    /// What to fly.
+    pub fly: &'static [Excitation],
+    /// Why that separates them.
+    pub why: &'static str,
+}
+
+/// From where a study draws the first parameter of an effect.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub enum DrawRange {
+    /// Around zero with the prior sigma, like all the others.
+    Prior,
+    /// Its logarithm evenly between two values, SI.
+    LogUniform(f64, f64),
+    /// Evenly between two values, SI.
+    Uniform(f64, f64),
+}
+
+/// What jumps at the instant of an event.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Event {
+    /// The gyro biases.
+    GyroBias,
+    /// The position of the fixes.
+    FixPosition,
+}
+
+/// One way in which a real sensor differs from an ideal one: what it is. What it does stands in the traits for what it acts on.
 pub trait Effect: Sync + std::fmt::Debug {
     /// The fixed name of the design's table.
     fn name(&self) -> &'static str;
 
     /// One line for people.
     fn description(&self) -> &'static str;
+
+    /// What usually causes it.
+    fn cause(&self) -> &'static str {
+        "a driver, a message or a mounting that does not do what the autopilot assumes"
+    }
+
+    /// What to do about it.
+    fn remedy(&self) -> &'static str {
+        "correct the driver or the mounting; no filter can estimate it"
+    }
 
     /// The parameters; empty for a discrete effect.
     fn groups(&self) -> &'static [ParameterGroup];
@@ -268,6 +331,60 @@ pub trait Effect: Sync + std::fmt::Debug {
         self.len() == 0
     }
 
+    /// Effects that it imitates, and what separates them. A pair stands in the file of one of them.
+    fn separations(&self) -> &'static [Separation] {
+        &[]
+    }
+
+    /// From where a study draws its first parameter.
+    fn draw_range(&self) -> DrawRange {
+        match *self.on_biases().map_or(&[][..], WalkEffect::sizes_to_try) {
+            [_, low, .., high] => DrawRange::LogUniform(low, high),
+            _ => DrawRange::Prior,
+        }
+    }
+
+    /// Whether it shows only where samples carry a temperature.
+    fn needs_temperature(&self) -> bool {
+        false
+    }
+
+    /// What jumps, if it is an event: an instant that is searched for, and a size.
+    fn event(&self) -> Option<Event> {
+        None
+    }
+
+    /// Whether it says that integer samples are truncated toward zero.
+    fn truncates_samples(&self) -> bool {
+        false
+    }
+
+    /// What it does to inertial samples.
+    fn on_samples(&self) -> Option<&dyn ImuEffect> {
+        None
+    }
+
+    /// What it does to fixes.
+    fn on_fixes(&self) -> Option<&dyn FixEffect> {
+        None
+    }
+
+    /// What it does to the process noise of the biases.
+    fn on_biases(&self) -> Option<&dyn WalkEffect> {
+        None
+    }
+
+    /// What it does to finished samples.
+    fn on_source(&self) -> Option<&dyn SourceEffect> {
+        None
+    }
+}
+
+/// An effect on inertial samples.
+///
+/// `p` holds the effect's parameters in SI, in the order of its groups; its length is [`Effect::len`]. Methods have a neutral
+/// default. Jacobian slices come zeroed, one column per parameter.
+pub trait ImuEffect {
     /// What it adds to the true rate, rad/s.
     fn gyro(&self, _p: &[f64], _x: &Instant) -> Vector3<f64> {
         Vector3::zeros()
@@ -292,9 +409,22 @@ pub trait Effect: Sync + std::fmt::Debug {
     fn gyro_by_force(&self, _p: &[f64], _x: &Instant) -> Option<Matrix3<f64>> {
         None
     }
+}
+
+/// An effect on fixes; parameters as in [`ImuEffect`].
+pub trait FixEffect {
+    /// Whether it is a delay of whole fixes.
+    fn delays_fixes(&self) -> bool {
+        false
+    }
 
     /// How much older than its time stamp a fix is, s.
     fn fix_delay_s(&self, _p: &[f64]) -> f64 {
+        0.0
+    }
+
+    /// How much older than the position of a fix its velocity is, s. [`Self::fix`] holds what that changes.
+    fn velocity_delay_s(&self, _p: &[f64]) -> f64 {
         0.0
     }
 
@@ -313,22 +443,23 @@ pub trait Effect: Sync + std::fmt::Debug {
     ) {
     }
 
-    /// ∂(position, velocity)/∂(body rotation ε) of what [`Effect::fix`] adds, where C = Ĉ exp(ε).
+    /// ∂(position, velocity)/∂(body rotation ε) of what [`FixEffect::fix`] adds, where C = Ĉ exp(ε).
     fn fix_by_attitude(&self, _p: &[f64], _x: &FixInstant) -> Option<[Matrix3<f64>; 2]> {
         None
     }
+}
 
+/// An effect on the process noise of the biases.
+pub trait WalkEffect {
     /// Random walk that it adds to the biases.
-    fn bias_walk(&self, _p: &[f64]) -> BiasWalk {
-        BiasWalk::default()
-    }
+    fn bias_walk(&self, p: &[f64]) -> BiasWalk;
 
-    /// Values worth trying, SI and ascending, for an effect whose only parameter is no state; empty where the
-    /// flight itself gives the candidates (the instant of a step).
-    fn sizes_to_try(&self) -> &'static [f64] {
-        &[]
-    }
+    /// Sizes worth trying, SI and ascending: its only parameter is no state.
+    fn sizes_to_try(&self) -> &'static [f64];
+}
 
+/// An effect on finished samples: a mistake of a source, there or not.
+pub trait SourceEffect {
     /// What the source makes of a finished gyro (rad/s) and accelerometer (m/s²) sample.
     fn source(&self, gyro: &Vector3<f64>, accel: &Vector3<f64>) -> [Vector3<f64>; 2] {
         [*gyro, *accel]
@@ -343,6 +474,11 @@ pub trait Effect: Sync + std::fmt::Debug {
     fn source_after(&self, now: [Vector3<f64>; 2], _before: Option<&Told>) -> [Vector3<f64>; 2] {
         let [gyro, accel] = now;
         self.source(&gyro, &accel)
+    }
+
+    /// Whether whole numbers are no longer whole once it is undone: then rounding is undone after it and not before.
+    fn changes_unit(&self) -> bool {
+        false
     }
 
     /// A sample as it was finished, from it and the one told before; `None` where nothing can be told yet or nothing is new.
@@ -370,15 +506,134 @@ pub trait Effect: Sync + std::fmt::Debug {
     fn shows_in(&self, _samples: &[ImuSample]) -> bool {
         true
     }
+}
 
-    /// Whether it changes finished samples.
-    fn is_source_mistake(&self) -> bool {
-        false
+/// What an effect does to whatever it may act on; nothing to the rest.
+impl<'a> dyn Effect + 'a {
+    /// As [`ImuEffect::gyro`].
+    pub fn gyro(&self, p: &[f64], x: &Instant) -> Vector3<f64> {
+        self.on_samples().map_or_else(Vector3::zeros, |e| e.gyro(p, x))
     }
 
-    /// Whether it says that integer samples are truncated toward zero.
-    fn truncates_samples(&self) -> bool {
-        false
+    /// As [`ImuEffect::accel`].
+    pub fn accel(&self, p: &[f64], x: &Instant) -> Vector3<f64> {
+        self.on_samples().map_or_else(Vector3::zeros, |e| e.accel(p, x))
+    }
+
+    /// As [`ImuEffect::imu_jacobian`].
+    pub fn imu_jacobian(
+        &self,
+        p: &[f64],
+        x: &Instant,
+        gyro: &mut [Vector3<f64>],
+        accel: &mut [Vector3<f64>],
+    ) {
+        if let Some(e) = self.on_samples() {
+            e.imu_jacobian(p, x, gyro, accel);
+        }
+    }
+
+    /// As [`ImuEffect::gyro_by_force`].
+    pub fn gyro_by_force(&self, p: &[f64], x: &Instant) -> Option<Matrix3<f64>> {
+        self.on_samples().and_then(|e| e.gyro_by_force(p, x))
+    }
+
+    /// As [`FixEffect::delays_fixes`].
+    pub fn delays_fixes(&self) -> bool {
+        self.on_fixes().is_some_and(FixEffect::delays_fixes)
+    }
+
+    /// As [`FixEffect::fix_delay_s`].
+    pub fn fix_delay_s(&self, p: &[f64]) -> f64 {
+        self.on_fixes().map_or(0.0, |e| e.fix_delay_s(p))
+    }
+
+    /// As [`FixEffect::velocity_delay_s`].
+    pub fn velocity_delay_s(&self, p: &[f64]) -> f64 {
+        self.on_fixes().map_or(0.0, |e| e.velocity_delay_s(p))
+    }
+
+    /// As [`FixEffect::fix`].
+    pub fn fix(&self, p: &[f64], x: &FixInstant) -> [Vector3<f64>; 2] {
+        self.on_fixes().map_or([Vector3::zeros(); 2], |e| e.fix(p, x))
+    }
+
+    /// As [`FixEffect::fix_jacobian`].
+    pub fn fix_jacobian(
+        &self,
+        p: &[f64],
+        x: &FixInstant,
+        position: &mut [Vector3<f64>],
+        velocity: &mut [Vector3<f64>],
+    ) {
+        if let Some(e) = self.on_fixes() {
+            e.fix_jacobian(p, x, position, velocity);
+        }
+    }
+
+    /// As [`FixEffect::fix_by_attitude`].
+    pub fn fix_by_attitude(&self, p: &[f64], x: &FixInstant) -> Option<[Matrix3<f64>; 2]> {
+        self.on_fixes().and_then(|e| e.fix_by_attitude(p, x))
+    }
+
+    /// As [`WalkEffect::bias_walk`].
+    pub fn bias_walk(&self, p: &[f64]) -> BiasWalk {
+        self.on_biases().map_or_else(BiasWalk::default, |e| e.bias_walk(p))
+    }
+
+    /// As [`WalkEffect::sizes_to_try`]; empty for all others.
+    pub fn sizes_to_try(&self) -> &'static [f64] {
+        self.on_biases().map_or(&[], WalkEffect::sizes_to_try)
+    }
+
+    /// Whether it changes finished samples.
+    pub fn is_source_mistake(&self) -> bool {
+        self.on_source().is_some()
+    }
+
+    /// As [`SourceEffect::source`].
+    pub fn source(&self, gyro: &Vector3<f64>, accel: &Vector3<f64>) -> [Vector3<f64>; 2] {
+        self.on_source().map_or([*gyro, *accel], |e| e.source(gyro, accel))
+    }
+
+    /// As [`SourceEffect::undo_source`].
+    pub fn undo_source(&self, gyro: &Vector3<f64>, accel: &Vector3<f64>) -> [Vector3<f64>; 2] {
+        self.on_source().map_or([*gyro, *accel], |e| e.undo_source(gyro, accel))
+    }
+
+    /// As [`SourceEffect::source_after`].
+    pub fn source_after(&self, now: [Vector3<f64>; 2], before: Option<&Told>) -> [Vector3<f64>; 2] {
+        self.on_source().map_or(now, |e| e.source_after(now, before))
+    }
+
+    /// As [`SourceEffect::undo_source_after`].
+    pub fn undo_source_after(&self, now: &ImuSample, last: Option<&ImuSample>) -> Option<ImuSample> {
+        self.on_source().map_or(Some(*now), |e| e.undo_source_after(now, last))
+    }
+
+    /// As [`SourceEffect::undo_sequence`].
+    pub fn undo_sequence(&self, samples: &[ImuSample]) -> Vec<ImuSample> {
+        self.on_source().map_or_else(|| samples.to_vec(), |e| e.undo_sequence(samples))
+    }
+
+    /// As [`SourceEffect::needs_neighbours`].
+    pub fn needs_neighbours(&self) -> bool {
+        self.on_source().is_some_and(SourceEffect::needs_neighbours)
+    }
+
+    /// As [`SourceEffect::changes_unit`].
+    pub fn changes_unit(&self) -> bool {
+        self.on_source().is_some_and(SourceEffect::changes_unit)
+    }
+
+    /// As [`SourceEffect::told_by`].
+    pub fn told_by(&self, samples: &[ImuSample]) -> f64 {
+        self.on_source().map_or(0.0, |e| e.told_by(samples))
+    }
+
+    /// As [`SourceEffect::shows_in`].
+    pub fn shows_in(&self, samples: &[ImuSample]) -> bool {
+        self.on_source().is_none_or(|e| e.shows_in(samples))
     }
 }
 
@@ -418,6 +673,7 @@ mod tests {
             ("gyro_temperature", "deg_per_h_per_degc:3"),
             ("accel_temperature", "mg_per_degc:3"),
             ("gps_latency", "s:1"),
+            ("gps_velocity_latency", "s:1"),
             ("gps_lever_arm", "m:3"),
             ("imu_truncation", ""),
             ("gyro_bias_drift", "deg_per_h_per_rth:1"),

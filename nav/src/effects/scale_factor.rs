@@ -1,6 +1,6 @@
 //! Scale-factor errors of gyros and accelerometers: δω_i = s_i ω_i, δf_i = s_i f_i (Groves 2013, eqs. 4.16, 4.17).
 
-use super::{Effect, Instant, ParameterGroup, Shape, unit};
+use super::{Effect, Excitation, ImuEffect, Instant, ParameterGroup, Separation, Shape, unit};
 use nalgebra::Vector3;
 
 /// 3000 ppm: consumer MEMS after factory calibration.
@@ -29,6 +29,14 @@ impl Effect for GyroScaleFactor {
         "the gyros read too much or too little in proportion to the rate"
     }
 
+    fn cause(&self) -> &'static str {
+        "factory calibration of the gyros, their temperature, or a driver with the wrong sensitivity"
+    }
+
+    fn remedy(&self) -> &'static str {
+        "calibrate the gyros on a rate table, or correct rates by the values found"
+    }
+
     fn groups(&self) -> &'static [ParameterGroup] {
         &[ParameterGroup {
             unit: unit::PPM,
@@ -38,6 +46,20 @@ impl Effect for GyroScaleFactor {
         }]
     }
 
+    fn separations(&self) -> &'static [Separation] {
+        &[Separation {
+            from: "gyro_misalignment",
+            fly: &[Excitation::FigureEight, Excitation::Sideslip],
+            why: "rotation about one axis at a time",
+        }]
+    }
+
+    fn on_samples(&self) -> Option<&dyn ImuEffect> {
+        Some(self)
+    }
+}
+
+impl ImuEffect for GyroScaleFactor {
     fn gyro(&self, p: &[f64], x: &Instant) -> Vector3<f64> {
         scaled(p, &x.rate)
     }
@@ -60,6 +82,14 @@ impl Effect for AccelScaleFactor {
         "the accelerometers read too much or too little in proportion to the specific force"
     }
 
+    fn cause(&self) -> &'static str {
+        "factory calibration of the accelerometers, or an accelerometer calibration in positions that were not level"
+    }
+
+    fn remedy(&self) -> &'static str {
+        "repeat the six-position accelerometer calibration"
+    }
+
     fn groups(&self) -> &'static [ParameterGroup] {
         &[ParameterGroup {
             unit: unit::PPM,
@@ -69,6 +99,27 @@ impl Effect for AccelScaleFactor {
         }]
     }
 
+    fn separations(&self) -> &'static [Separation] {
+        &[
+            Separation {
+                from: "accel_nonlinearity",
+                fly: &[Excitation::SteadyTurn, Excitation::PullUp],
+                why: "three loads tell a line from a square",
+            },
+            Separation {
+                from: "accel_misalignment",
+                fly: &[Excitation::Sideslip, Excitation::VaryingSpeed],
+                why: "one axis after the other feels a force of its own",
+            },
+        ]
+    }
+
+    fn on_samples(&self) -> Option<&dyn ImuEffect> {
+        Some(self)
+    }
+}
+
+impl ImuEffect for AccelScaleFactor {
     fn accel(&self, p: &[f64], x: &Instant) -> Vector3<f64> {
         scaled(p, &x.force)
     }

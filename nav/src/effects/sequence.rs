@@ -1,7 +1,7 @@
 //! Mistakes of a source that show from sample to sample: values cut off at the end of the range, samples told twice, one sensor
 //! a sample behind the other. Discrete like those of [`source`](super::source), and named on the same scale.
 
-use super::{Effect, ParameterGroup, Told};
+use super::{Effect, ParameterGroup, SourceEffect, Told};
 use crate::earth::STANDARD_GRAVITY;
 use crate::sample::ImuSample;
 use nalgebra::Vector3;
@@ -158,10 +158,12 @@ impl Effect for SequenceMistake {
         &[]
     }
 
-    fn is_source_mistake(&self) -> bool {
-        true
+    fn on_source(&self) -> Option<&dyn SourceEffect> {
+        Some(self)
     }
+}
 
+impl SourceEffect for SequenceMistake {
     fn needs_neighbours(&self) -> bool {
         true
     }

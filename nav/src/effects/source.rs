@@ -2,7 +2,7 @@
 //! not, without parameters. They stand beside the design's table, not in it: nobody estimates or plans for them, but an
 //! explanation names them, and a model that holds one is simulated and undone like any other.
 
-use super::{Effect, ParameterGroup, sequence};
+use super::{Effect, ParameterGroup, SourceEffect, sequence};
 use crate::earth::STANDARD_GRAVITY;
 use nalgebra::Vector3;
 
@@ -61,6 +61,12 @@ impl Effect for SourceMistake {
         &[]
     }
 
+    fn on_source(&self) -> Option<&dyn SourceEffect> {
+        Some(self)
+    }
+}
+
+impl SourceEffect for SourceMistake {
     fn source(&self, gyro: &Vector3<f64>, accel: &Vector3<f64>) -> [Vector3<f64>; 2] {
         [self.on(Sensor::Gyro, gyro, false), self.on(Sensor::Accel, accel, false)]
     }
@@ -69,8 +75,8 @@ impl Effect for SourceMistake {
         [self.on(Sensor::Gyro, gyro, true), self.on(Sensor::Accel, accel, true)]
     }
 
-    fn is_source_mistake(&self) -> bool {
-        true
+    fn changes_unit(&self) -> bool {
+        matches!(self.act, Act::Scale(_))
     }
 }
 

@@ -3,7 +3,7 @@
 //! The bias of the model is the one at 25 °C. Where a source brings no temperature the effect adds nothing and cannot
 //! be estimated.
 
-use super::{Effect, Instant, ParameterGroup, Shape, unit};
+use super::{Effect, Excitation, ImuEffect, Instant, ParameterGroup, Separation, Shape, unit};
 use nalgebra::Vector3;
 
 /// 0.03 deg/s/°C: data sheets say ±0.005 (ICM-42688-P) to ±20 deg/s from -40 to 85 °C, that is 0.16 (MPU-6000).
@@ -34,6 +34,14 @@ impl Effect for GyroTemperature {
         "the gyro biases move with temperature"
     }
 
+    fn cause(&self) -> &'static str {
+        "the gyro biases are not compensated for temperature"
+    }
+
+    fn remedy(&self) -> &'static str {
+        "run the autopilot's temperature calibration, or let it warm up before take-off"
+    }
+
     fn groups(&self) -> &'static [ParameterGroup] {
         &[ParameterGroup {
             unit: unit::DEG_PER_H_PER_DEGC,
@@ -43,6 +51,31 @@ impl Effect for GyroTemperature {
         }]
     }
 
+    fn separations(&self) -> &'static [Separation] {
+        &[
+            Separation {
+                from: "gyro_bias_drift",
+                fly: &[Excitation::FigureEight],
+                why: "on a second flight that starts with a warm autopilot: the temperature comes back, a drift does not",
+            },
+            Separation {
+                from: "gyro_bias_step",
+                fly: &[Excitation::FigureEight],
+                why: "on a second flight that starts with a warm autopilot: the temperature comes back, a step does not",
+            },
+        ]
+    }
+
+    fn needs_temperature(&self) -> bool {
+        true
+    }
+
+    fn on_samples(&self) -> Option<&dyn ImuEffect> {
+        Some(self)
+    }
+}
+
+impl ImuEffect for GyroTemperature {
     fn gyro(&self, p: &[f64], x: &Instant) -> Vector3<f64> {
         drift(p, x)
     }
@@ -65,6 +98,14 @@ impl Effect for AccelTemperature {
         "the accelerometer biases move with temperature"
     }
 
+    fn cause(&self) -> &'static str {
+        "the accelerometer biases are not compensated for temperature"
+    }
+
+    fn remedy(&self) -> &'static str {
+        "run the autopilot's temperature calibration, or let it warm up before take-off"
+    }
+
     fn groups(&self) -> &'static [ParameterGroup] {
         &[ParameterGroup {
             unit: unit::MG_PER_DEGC,
@@ -74,6 +115,24 @@ impl Effect for AccelTemperature {
         }]
     }
 
+    fn separations(&self) -> &'static [Separation] {
+        &[Separation {
+            from: "accel_bias_drift",
+            fly: &[Excitation::FigureEight],
+            why: "on a second flight that starts with a warm autopilot: the temperature comes back, a drift does not",
+        }]
+    }
+
+    fn needs_temperature(&self) -> bool {
+        true
+    }
+
+    fn on_samples(&self) -> Option<&dyn ImuEffect> {
+        Some(self)
+    }
+}
+
+impl ImuEffect for AccelTemperature {
     fn accel(&self, p: &[f64], x: &Instant) -> Vector3<f64> {
         drift(p, x)
     }

@@ -4,14 +4,18 @@
 //! The state at the present is the filter run through the queue. A fix may be up to [`BUFFER_S`] old; without fixes the
 //! filter follows at that distance.
 
+use super::aid::stationarity::detector::{Detector, SampleNoise};
 use super::window::{Step, Window};
 use super::{Filter, FixOutcome};
-use crate::mechanization::{self, Increment, NavState};
+use crate::mechanization::{self, Increment, Motion, NavState};
 use crate::sample::{GnssFix, ImuSample};
 use std::collections::VecDeque;
 
 /// How far back a fix may lie, s.
 pub const BUFFER_S: f64 = 1.5;
+/// A stationary vehicle's filter stays this far behind the newest sample, s: what turns out to be the first motion must not
+/// have been taken for rest.
+const REST_DELAY_S: f64 = 1.0;
 /// A fix this little before the filter's own time is applied all the same, s.
 const LATE_S: f64 = 1e-3;
 /// More fixes than this never wait: a clock that stands still must not fill the memory.
@@ -42,6 +46,9 @@ pub struct Fusion {
     passed_over: PassedOver,
     window: Option<Box<Window>>,
     looks_back: bool,
+    /// The state ahead of the filter as predicted last: time, state, motion at that time.
+    ahead: Option<(f64, NavState, Motion)>,
+    detector: Option<Box<Detector>>,
 }
 
 impl Fusion {
@@ -54,14 +61,29 @@ impl Fusion {
     pub fn without_window(filter: Filter) -> Self {
         let (samples, fixes) = (VecDeque::new(), VecDeque::new());
         let passed_over = PassedOver::default();
-        Self { filter, samples, fixes, passed_over, window: None, looks_back: false }
+        Self {
+            filter,
+            samples,
+            fixes,
+            passed_over,
+            window: None,
+            looks_back: false,
+            ahead: None,
+            detector: None,
+        }
     }
 
     /// The same, but from now on what leads to a known attitude is run again.
     #[must_use]
     pub fn looking_back(self) -> Self {
-        let window = Window::open(&self.filter).map(Box::new);
+        let window = self.open_window();
         Self { window, looks_back: true, ..self }
+    }
+
+    /// The same, but a stationary vehicle is recognised and held.
+    #[must_use]
+    pub fn recognising_rest(self) -> Self {
+        Self { detector: Some(Box::default()), ..self }
     }
 
     /// The filter at the time of the last fix it used (or [`BUFFER_S`] behind).
@@ -84,15 +106,28 @@ impl Fusion {
         self.samples.back().map_or(self.filter.t_s(), |s| s.t_s)
     }
 
-    /// Takes a sample; those not newer than the newest are ignored.
+    /// Takes a sample; those not newer than the newest, and impossible ones, are ignored.
     pub fn push_imu(&mut self, sample: ImuSample) {
-        if self.samples.back().is_none_or(|s| sample.t_s > s.t_s) {
-            self.samples.push_back(sample);
+        let now = self.now_s();
+        if !sample.is_usable() || self.samples.back().is_some_and(|s| sample.t_s <= s.t_s) {
+            return;
         }
+        if let Some(detector) = &mut self.detector {
+            let dt = (sample.t_s - now).max(1e-4);
+            detector.push_imu(&sample, &self.filter.sample_noise(dt));
+        }
+        self.samples.push_back(sample);
     }
 
-    /// Takes a fix.
+    /// Takes a fix; one that is not finite is ignored.
     pub fn push_fix(&mut self, fix: GnssFix) {
+        if !fix.is_plausible() {
+            self.passed_over.late += 1;
+            return;
+        }
+        if let Some(detector) = &mut self.detector {
+            detector.push_fix(&fix, self.filter.model().gnss.velocity_sigma_m_per_s);
+        }
         if self.fixes.len() == MAX_WAITING {
             self.fixes.pop_front();
             self.passed_over.late += 1;
@@ -102,10 +137,12 @@ impl Fusion {
 
     /// Applies the next fix whose time has come and says what became of it; call it until it returns `None`.
     pub fn poll(&mut self) -> Option<FixOutcome> {
+        self.begin_or_end_rest();
         let now = self.now_s();
+        let ripe_s = if self.filter.is_stationary() { now - REST_DELAY_S } else { now };
         while let Some(fix) = self.fixes.front() {
             let valid_s = fix.t_s - self.filter.fix_delay_s();
-            if valid_s > now {
+            if valid_s > ripe_s {
                 break;
             }
             let fix = self.fixes.pop_front()?;
@@ -117,11 +154,16 @@ impl Fusion {
                 }
                 continue;
             }
+            self.ahead = None;
             self.advance_to(valid_s);
             let outcome = self.filter.update(&fix);
             self.keep(Step::Fix(fix));
             if let Some(window) = &mut self.window {
                 window.hear(&outcome);
+            }
+            if outcome.position.recovered || outcome.velocity.recovered {
+                // What was started anew cannot be run again.
+                self.window = None;
             }
             self.look_back();
             return Some(outcome);
@@ -132,6 +174,33 @@ impl Fusion {
         None
     }
 
+    /// Holds a vehicle that has become stationary, and lets one go that has moved.
+    fn begin_or_end_rest(&mut self) {
+        let Some(detector) = &mut self.detector else { return };
+        if self.filter.moves_by_its_fixes() {
+            detector.start_over();
+        }
+        match (detector.is_stationary(), self.filter.is_stationary()) {
+            (true, false) => {
+                self.filter.begin_hold();
+                if self.filter.is_stationary() {
+                    self.window = None;
+                } else {
+                    detector.start_over();
+                }
+            }
+            (false, true) => {
+                self.filter.end_hold();
+                self.window = if self.looks_back { Window::open(&self.filter).map(Box::new) } else { None };
+            }
+            _ => {}
+        }
+    }
+
+    fn open_window(&self) -> Option<Box<Window>> {
+        if self.filter.is_stationary() { None } else { Window::open(&self.filter).map(Box::new) }
+    }
+
     /// The filter at the time of the newest sample.
     pub fn predicted(&self) -> Filter {
         let mut filter = self.filter.clone();
@@ -139,18 +208,27 @@ impl Fusion {
         filter
     }
 
-    /// Position, velocity and attitude at the time of the newest sample, s, without the covariance: cheap.
-    pub fn predicted_nav(&self) -> (f64, NavState) {
-        let filter = &self.filter;
-        let (mut t_s, mut nav, mut motion) = (filter.t_s(), *filter.nav(), *filter.motion());
-        for sample in &self.samples {
-            let dt = sample.t_s - t_s;
-            if dt > 0.0 {
-                let next = filter.calibration().motion(filter.model(), sample);
-                nav = mechanization::step(&nav, &Increment::between(&motion, &next, filter.kind(), dt));
-                (t_s, motion) = (sample.t_s, next);
-            }
+    /// Position, velocity and attitude at the time of the newest sample, s, without the covariance: cheap. What the samples
+    /// since the last call add is all that is computed, until a fix changes the state.
+    pub fn predicted_nav(&mut self) -> (f64, NavState) {
+        if self.filter.is_stationary() {
+            self.ahead = None;
+            return (self.now_s(), *self.filter.nav());
         }
+        let filter = &self.filter;
+        let from_filter = || (filter.t_s(), *filter.nav(), *filter.motion());
+        let ahead = self.ahead.filter(|(t_s, ..)| *t_s >= filter.t_s());
+        let (mut t_s, mut nav, mut motion) = ahead.unwrap_or_else(from_filter);
+        let from = self.samples.partition_point(|s| s.t_s <= t_s);
+        for sample in self.samples.range(from..) {
+            let next = filter.calibration().motion(filter.model(), sample);
+            nav = mechanization::step(
+                &nav,
+                &Increment::between(&motion, &next, filter.kind(), sample.t_s - t_s),
+            );
+            (t_s, motion) = (sample.t_s, next);
+        }
+        self.ahead = Some((t_s, nav, motion));
         (t_s, nav)
     }
 
@@ -167,6 +245,10 @@ impl Fusion {
     }
 
     fn take(&mut self, sample: ImuSample) {
+        if self.filter.is_gap_before(&sample) {
+            // Nothing can be run again across it.
+            self.window = None;
+        }
         self.filter.propagate(&sample);
         self.keep(Step::Sample(sample));
     }
@@ -191,6 +273,18 @@ impl Fusion {
                 return;
             }
         }
-        self.window = Window::open(&self.filter).map(Box::new);
+        self.window = self.open_window();
+    }
+}
+
+impl Filter {
+    /// What white noise and rounding leave in one sample.
+    fn sample_noise(&self, dt: f64) -> SampleNoise {
+        let imu = &self.model.imu;
+        let of = |n: f64, extra: f64, rounding: f64| (n * n + extra) / dt + 3.0 * rounding;
+        SampleNoise {
+            rate: of(imu.gyro_noise, self.extra_noise.0, self.rounding[0].max()),
+            force: of(imu.accel_noise, self.extra_noise.1, self.rounding[1].max()),
+        }
     }
 }

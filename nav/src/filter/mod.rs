@@ -5,6 +5,7 @@
 //! Earth rate and gravity gradient, so large initial errors do not fake information. Which constant states there are
 //! is decided by the [`Model`]: biases always, and every effect parameter with a prior sigma.
 
+mod aid;
 pub mod calibration;
 pub mod covariance;
 pub mod force_rate;
@@ -31,7 +32,7 @@ use regressor::Regressor;
 use std::sync::Arc;
 
 pub use fusion::{Fusion, PassedOver};
-pub use update::{FixOutcome, Group, gate};
+pub use update::{FixEvent, FixOutcome, Group, gate};
 
 /// What a filter starts from.
 #[derive(Debug, Clone, PartialEq)]
@@ -66,15 +67,35 @@ pub struct Filter {
     motion: Motion,
     /// The motion that the constants are judged by.
     regressor: Regressor,
+    /// The motion that errors of attitude and time act on.
+    lever: Motion,
     jacobian: MotionJacobian,
     /// The Jacobian at the start of the present step; kept to spare the allocation.
     start_jacobian: MotionJacobian,
-    gate: update::Gate,
+    gates: aid::Gates,
     phi: nav_map::Transition,
     /// The mean error while the filter runs as a linear one about its state (see [`window`]).
     carried: Option<Vec<f64>>,
     /// Extra white noise of the samples, added to the model's: variances per hertz, (rad/s)²/Hz and (m/s²)²/Hz.
     extra_noise: (f64, f64),
+    /// Variances of one sample as measured: rate, (rad/s)², and specific force, (m/s²)².
+    scatter: (f64, f64),
+    /// Variances of what rounding may keep from every sample, (rad/s)² and (m/s²)².
+    rounding: [Vector3<f64>; 2],
+    /// Time of the last sample that a sensor took, s; the filter's own time may lie between two.
+    sampled_s: f64,
+    /// The velocity that constants are judged by, north-east-down, m/s.
+    seen_velocity: Option<Vector3<f64>>,
+    /// The stationary period under way.
+    hold: Option<Box<aid::stationarity::Hold>>,
+    /// Time of the last fix that was used, s.
+    aided_s: Option<f64>,
+    /// Since when the filter follows the attitude alone because fixes have stayed away, s.
+    coasting_since_s: Option<f64>,
+    /// Whether its attitude was too uncertain to start anew from a fix.
+    lost: bool,
+    /// Whether state or covariance were found unsound.
+    failed: bool,
     /// Whether fixes far off are refused.
     gating: bool,
     /// Parameters that are not estimated but watched.
@@ -122,12 +143,22 @@ impl Filter {
             last: None,
             motion: Motion::default(),
             regressor: Regressor::default(),
+            lever: Motion::default(),
             jacobian: MotionJacobian::default(),
             start_jacobian: MotionJacobian::default(),
-            gate: update::Gate::default(),
+            gates: aid::Gates::default(),
             phi: nav_map::Transition::default(),
             carried: None,
             extra_noise: (0.0, 0.0),
+            scatter: (0.0, 0.0),
+            rounding: [Vector3::zeros(); 2],
+            sampled_s: initial.t_s,
+            seen_velocity: None,
+            hold: None,
+            aided_s: None,
+            coasting_since_s: None,
+            lost: false,
+            failed: false,
             gating: true,
             watch: None,
             force_rates: None,
@@ -162,6 +193,10 @@ impl Filter {
         let mut fresh = Self::new(&self.model, initial);
         fresh.calibration = self.calibration.clone();
         fresh.regressor = self.regressor.clone();
+        // Value and covariance belong together.
+        fresh.wander = self.wander;
+        fresh.rounding = self.rounding;
+        fresh.scatter = self.scatter;
         fresh.initial_sigmas[index::GYRO_BIAS..].copy_from_slice(&self.initial_sigmas[index::GYRO_BIAS..]);
         fresh.p.copy_tail(&self.p, index::GYRO_BIAS);
         for k in 0..3 {
@@ -177,6 +212,11 @@ impl Filter {
         self.nav = nav;
     }
 
+    /// Says how far single samples scatter, variances of rate, (rad/s)², and specific force, (m/s²)²: vibration is no excitation.
+    pub fn set_scatter(&mut self, scatter: (f64, f64)) {
+        self.scatter = scatter;
+    }
+
     /// Says how samples came about and how much variance per hertz their rounding adds.
     pub fn set_stream(&mut self, kind: SampleKind, extra_noise: (f64, f64)) {
         self.kind = kind;
@@ -186,6 +226,33 @@ impl Filter {
     /// Tells how fast the specific force changes along a flight that is known from beginning to end.
     pub fn set_force_rates(&mut self, rates: Arc<ForceRates>) {
         self.force_rates = Some(rates);
+    }
+
+    /// Whether state or covariance are not finite and positive: nothing follows from them any more.
+    pub fn has_failed(&self) -> bool {
+        self.failed
+    }
+
+    /// Whether fixes stayed away for so long that the attitude is too uncertain to go on from.
+    pub fn is_lost(&self) -> bool {
+        self.lost
+    }
+
+    /// Whether the constants and their covariance are finite and sound, so that another filter may start from them.
+    pub fn has_sound_constants(&self) -> bool {
+        let tail = index::GYRO_BIAS..self.layout.len();
+        let values = tail.clone().all(|s| self.calibration.get(&self.layout, s).is_finite());
+        values
+            && tail.clone().all(|i| {
+                let own = self.p.at(i, i);
+                own.is_finite() && own > 0.0 && tail.clone().all(|j| self.p.at(i, j).is_finite())
+            })
+    }
+
+    /// 1-sigma of the rotation about the vertical, rad: of the heading, whatever the pitch.
+    pub fn heading_sigma(&self) -> f64 {
+        let down = self.nav.c_nb().row(2).transpose();
+        down.dot(&(self.p.block3(index::ATTITUDE) * down)).max(0.0).sqrt()
     }
 
     /// Time of the state, s.
@@ -233,6 +300,20 @@ impl Filter {
         self.kind
     }
 
+    /// How the compensated rate depends on each constant state from the gyro bias on, where this specific force acts.
+    pub fn rate_rows(&self, force: &Vector3<f64>) -> Vec<Vector3<f64>> {
+        let at = self.last.unwrap_or(ImuSample {
+            t_s: self.t_s,
+            gyro: Vector3::zeros(),
+            accel: Vector3::zeros(),
+            temperature_degc: None,
+        });
+        let mut out = MotionJacobian::default();
+        let motion = Motion { rate: Vector3::zeros(), force: *force };
+        self.calibration.jacobian(&self.model, &self.layout, &at, &motion, &mut out);
+        out.rate
+    }
+
     /// 1-sigma of roll, pitch and yaw, rad.
     pub fn euler_sigma(&self) -> Vector3<f64> {
         let [roll, pitch, _] = self.nav.euler().into();
@@ -252,3 +333,6 @@ impl Filter {
             .map(|at| (c_nb * self.p.block3(at) * c_nb.transpose()).diagonal().map(|v| v.max(0.0).sqrt()))
     }
 }
+
+#[cfg(test)]
+mod tests;

@@ -181,6 +181,15 @@ pub(super) struct Transition {
     pub(super) force: Sparse,
 }
 
+impl Transition {
+    /// Position and velocity neither follow the attitude nor each other.
+    pub(super) fn without_acceleration(&mut self) {
+        (self.dv, self.dp, self.earth) = ([0.0; 3], [0.0; 3], [0.0; 3]);
+        (self.gradient, self.dt) = ([[0.0; 3]; 3], 0.0);
+        self.force.len = [0; 3];
+    }
+}
+
 impl NavMap for Transition {
     #[inline(always)]
     fn rows<S: Simd>(&self, simd: S, x: Columns<'_, S>) -> [Triple<S>; 3] {

@@ -16,9 +16,31 @@ const GAP_S: f64 = 0.25;
 /// What an unseen vehicle may do in a gap: rate, rad/s, and acceleration, m/s².
 const GAP_MOTION: (f64, f64) = (0.5, 5.0);
 
+/// Without a fix for longer than this position and velocity are not followed any more, s: the error of a consumer unit is
+/// kilometres by then, and nothing that is linear about it holds.
+pub(super) const COAST_AFTER_S: f64 = 120.0;
+/// What is known of the velocity of a vehicle that coasts, per axis, m/s.
+const COAST_SPEED: f64 = 50.0;
+
+/// Between which samples a step lies: its ends, s.
+#[derive(Debug, Clone, Copy)]
+struct Gap {
+    from_s: f64,
+    to_s: f64,
+}
+
 impl Filter {
-    /// Takes the state to the time of this sample. Samples from the past are ignored.
+    /// Takes the state to the time of this sample. Samples from the past and impossible ones are ignored.
     pub fn propagate(&mut self, sample: &ImuSample) {
+        if !sample.is_usable() {
+            return;
+        }
+        let gap = Gap { from_s: self.sampled_s, to_s: sample.t_s };
+        self.step(sample, &gap);
+        self.sampled_s = self.sampled_s.max(sample.t_s);
+    }
+
+    fn step(&mut self, sample: &ImuSample, gap: &Gap) {
         if self.last.is_none() {
             self.start_at(sample);
             return;
@@ -27,17 +49,29 @@ impl Filter {
         if dt <= 0.0 {
             return;
         }
+        let decay = self.wander_decay(dt);
+        if self.hold.is_some() {
+            self.hold_step(sample, dt, decay);
+            return;
+        }
         let motion = self.calibration.motion(&self.model, sample);
         let inc = Increment::between(&self.motion, &motion, self.kind, dt);
         std::mem::swap(&mut self.jacobian, &mut self.start_jacobian);
         self.regressor.take(&motion, self.noise_band(dt), dt);
         let seen = self.regressor.motion();
         self.calibration.jacobian(&self.model, &self.layout, sample, &seen, &mut self.jacobian);
-        let decay = self.wander_decay(dt);
-        self.transition(&inc);
+        let lever = self.regressor.lever(&motion);
+        let coasts = self.coasts(sample.t_s);
+        // Noise is no excitation for attitude errors either: they act on the motion that constants are judged by.
+        self.transition(&inc, &Increment::between(&self.lever, &lever, self.kind, dt), coasts);
+        self.lever = lever;
         self.carry_along(sample, &motion, &inc, decay);
-        self.propagate_covariance(dt, decay);
+        self.propagate_covariance(dt, decay, gap);
+        let place = self.nav;
         self.nav = mechanization::step(&self.nav, &inc);
+        if coasts {
+            (self.nav.r_e, self.nav.v_e) = (place.r_e, place.v_e);
+        }
         self.wander *= decay;
         self.motion = motion;
         self.last = Some(*sample);
@@ -65,8 +99,28 @@ impl Filter {
         }
     }
 
+    /// Whether samples are missing between the last one and this.
+    pub(super) fn is_gap_before(&self, sample: &ImuSample) -> bool {
+        self.last.is_some() && sample.t_s - self.sampled_s > GAP_S
+    }
+
+    /// Whether position and velocity are left alone because no fix has come for long; begins that where it is time.
+    fn coasts(&mut self, t_s: f64) -> bool {
+        if self.coasting_since_s.is_none() && self.aided_s.is_some_and(|aided| t_s - aided > COAST_AFTER_S) {
+            self.coasting_since_s = Some(self.t_s);
+            for k in 0..3 {
+                self.p.reset(index::POSITION + k, COAST_SPEED * COAST_AFTER_S);
+                self.p.reset(index::VELOCITY + k, COAST_SPEED);
+            }
+        }
+        self.coasting_since_s.is_some()
+    }
+
     /// Takes the state to a time between the last sample and the next one.
     pub fn propagate_to(&mut self, t_s: f64, next: &ImuSample) {
+        if !next.is_usable() || !t_s.is_finite() {
+            return;
+        }
         let between = match (self.last, self.kind) {
             (Some(last), SampleKind::Point) if next.t_s > last.t_s => {
                 let share = (t_s - last.t_s) / (next.t_s - last.t_s);
@@ -79,7 +133,9 @@ impl Filter {
             }
             _ => ImuSample { t_s, ..*next },
         };
-        self.propagate(&between);
+        // A gap belongs to the interval between the samples, however many fixes fall into it.
+        let gap = Gap { from_s: self.sampled_s, to_s: next.t_s };
+        self.step(&between, &gap);
     }
 
     /// The first sample: nothing to integrate yet, but the filter's own time counts from here.
@@ -92,17 +148,22 @@ impl Filter {
         if dt > 0.0 && self.kind == SampleKind::IntervalMean {
             // A mean says what happened since the initial state.
             self.last = Some(ImuSample { t_s: self.t_s, ..*sample });
-            self.propagate(sample);
+            self.step(sample, &Gap { from_s: self.t_s, to_s: sample.t_s });
         } else if dt > 0.0 {
             self.t_s = sample.t_s;
         }
     }
 
     /// How far noise reaches in one sample of rate, rad/s, and force, m/s².
-    fn noise_band(&self, dt: f64) -> (f64, f64) {
+    pub(super) fn noise_band(&self, dt: f64) -> (f64, f64) {
         let imu = &self.model.imu;
-        let band = |n: f64, extra: f64| BEYOND_NOISE * ((n * n + extra) / dt.max(1e-4)).sqrt();
-        (band(imu.gyro_noise, self.extra_noise.0), band(imu.accel_noise, self.extra_noise.1))
+        let band = |n: f64, extra: f64, scatter: f64| {
+            BEYOND_NOISE * ((n * n + extra) / dt.max(1e-4)).max(scatter).sqrt()
+        };
+        (
+            band(imu.gyro_noise, self.extra_noise.0, self.scatter.0),
+            band(imu.accel_noise, self.extra_noise.1, self.scatter.1),
+        )
     }
 
     /// Motion and Jacobian of the last sample anew, after the calibration changed.
@@ -111,6 +172,7 @@ impl Filter {
         let motion = self.calibration.motion(&self.model, &last);
         self.regressor.estimate_changed(&self.motion, &motion);
         self.motion = motion;
+        self.lever = self.regressor.lever(&motion);
         let seen = self.regressor.motion();
         let mut jacobian = std::mem::take(&mut self.jacobian);
         self.calibration.jacobian(&self.model, &self.layout, &last, &seen, &mut jacobian);
@@ -123,22 +185,34 @@ impl Filter {
     }
 
     /// P ← Φ P Φᵀ + Q, with half of Q before and half after, so that noise also reaches velocity and position.
-    fn propagate_covariance(&mut self, dt: f64, decay: f64) {
+    fn propagate_covariance(&mut self, dt: f64, decay: f64, gap: &Gap) {
         self.add_process_noise(dt * 0.5);
         self.p.transform(&self.phi);
         self.add_process_noise(dt * 0.5);
-        if dt > GAP_S {
-            for k in 0..3 {
-                self.p.add_variance(index::ATTITUDE + k, (GAP_MOTION.0 * dt).powi(2));
-                self.p.add_variance(index::VELOCITY + k, (GAP_MOTION.1 * dt).powi(2));
-                self.p.add_variance(index::POSITION + k, (0.5 * GAP_MOTION.1 * dt * dt).powi(2));
-            }
+        if gap.to_s - gap.from_s > GAP_S {
+            self.add_unseen_motion(self.t_s - gap.from_s, dt);
         }
-        if let Some(w) = self.layout.wander() {
-            self.p.scale3(w, decay);
-            for (k, sigma) in self.model.gnss.position_wander_sigma_m.into_iter().enumerate() {
-                self.p.add_variance(w + k, sigma * sigma * (1.0 - decay * decay));
-            }
+        self.decay_wander(decay);
+    }
+
+    /// What a vehicle may have done in a gap, from `into_s` after its start for `dt` on. Unseen motion lasts: its variances
+    /// grow with the square (and for the position the fourth power) of the time since the last sample.
+    fn add_unseen_motion(&mut self, into_s: f64, dt: f64) {
+        let (t1, t2) = (into_s.max(0.0), into_s.max(0.0) + dt);
+        let square = t2 * t2 - t1 * t1;
+        for k in 0..3 {
+            self.p.add_variance(index::ATTITUDE + k, GAP_MOTION.0.powi(2) * square);
+            self.p.add_variance(index::VELOCITY + k, GAP_MOTION.1.powi(2) * square);
+            let fourth = square * (t2 * t2 + t1 * t1);
+            self.p.add_variance(index::POSITION + k, (0.5 * GAP_MOTION.1).powi(2) * fourth);
+        }
+    }
+
+    pub(super) fn decay_wander(&mut self, decay: f64) {
+        let Some(w) = self.layout.wander() else { return };
+        self.p.scale3(w, decay);
+        for (k, sigma) in self.model.gnss.position_wander_sigma_m.into_iter().enumerate() {
+            self.p.add_variance(w + k, sigma * sigma * (1.0 - decay * decay));
         }
     }
 
@@ -150,6 +224,16 @@ impl Filter {
             self.p.add_variance(index::ATTITUDE + k, gyro);
             self.p.add_variance(index::VELOCITY + k, accel);
         }
+        if let Some(since) = self.coasting_since_s {
+            // A vehicle that nobody sees goes on: variance of the distance, 50 m/s times the time.
+            let t = self.t_s - since + COAST_AFTER_S;
+            let growth = COAST_SPEED * COAST_SPEED * (2.0 * t * dt);
+            (0..3).for_each(|k| self.p.add_variance(index::POSITION + k, growth));
+        }
+        self.walk_biases(dt);
+    }
+
+    pub(super) fn walk_biases(&mut self, dt: f64) {
         for (setting, p) in self.model.effects.iter().zip(&self.calibration.parameters) {
             let walk = setting.effect.bias_walk(p);
             for k in 0..3 {
@@ -159,8 +243,9 @@ impl Filter {
         }
     }
 
-    /// Φ over one interval.
-    fn transition(&mut self, inc: &Increment) {
+    /// Φ over one interval: axes turn as they did, attitude errors act on `lever`. A filter that coasts follows the attitude
+    /// alone.
+    fn transition(&mut self, inc: &Increment, lever: &Increment, coasts: bool) {
         let dt = inc.dt;
         let c_be = self.nav.q_eb.inverse().to_rotation_matrix().into_inner();
         let gradient = c_be * earth::gravity_gradient(&self.nav.r_e) * c_be.transpose() * dt;
@@ -170,12 +255,16 @@ impl Filter {
         phi.to_end = rows(exp(&-inc.dtheta).to_rotation_matrix().into_inner());
         phi.earth = (c_be * earth::rotation_rate() * dt).into();
         phi.gradient = rows(gradient);
-        phi.dv = inc.dv.into();
-        phi.dp = inc.dp.into();
+        phi.dv = lever.dv.into();
+        phi.dp = lever.dp.into();
         phi.half_turn_dt = rows((Matrix3::identity() + skew(&inc.dtheta) * 0.5) * dt);
         let end = &self.jacobian;
         let start = if self.kind == SampleKind::Point { &self.start_jacobian } else { end };
         phi.rate.set_mean(NAV, &start.rate, &end.rate);
-        phi.force.set_mean(NAV, &start.force, &end.force);
+        if coasts {
+            phi.without_acceleration();
+        } else {
+            phi.force.set_mean(NAV, &start.force, &end.force);
+        }
     }
 }

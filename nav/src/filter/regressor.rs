@@ -4,7 +4,8 @@
 //! excitation it would make G known to a vehicle that stands (errors in variables, Fuller 1987, section 1.1). And the
 //! estimates themselves: every new value of a bias shifts the compensated motion, and Jacobians found at ever new values bring
 //! information that nothing measured (first-estimates Jacobian, Huang, Mourikis & Roumeliotis 2010). So noise is
-//! averaged out, and a shift that came from an estimate is held back until real motion is much larger.
+//! averaged out, for as long as nothing but noise is seen, and a shift that came from an estimate is held back until real
+//! motion is much larger.
 
 use crate::mechanization::Motion;
 use nalgebra::Vector3;
@@ -15,6 +16,8 @@ pub(super) const BEYOND_NOISE: f64 = 4.0;
 const STEADY_S: f64 = 0.5;
 /// Motion counts for the range once it lasts about so long, s.
 const LASTING_S: f64 = 1.0;
+/// A channel is quiet when it has been steady for so long, s.
+const QUIET_S: f64 = 1.0;
 /// A shift is let through when it is less than this share of the range of motion so far: it then adds a hundredth to what
 /// motion has told already.
 const NEGLIGIBLE: f64 = 0.1;
@@ -23,6 +26,9 @@ const NEGLIGIBLE: f64 = 0.1;
 #[derive(Debug, Clone, Copy, Default, PartialEq)]
 struct Channel {
     value: f64,
+    /// Mean of the value since it last changed by more than its own noise, and for how long that is, s.
+    steady: f64,
+    steady_s: f64,
     /// Shift by changed estimates that is not let through.
     held: f64,
     /// Low-passed value and the range it has covered.
@@ -36,6 +42,14 @@ impl Channel {
         let shown = measured - self.held;
         let far = (shown - self.value).abs() >= band;
         self.value = if far { shown } else { self.value + (dt / STEADY_S).min(1.0) * (shown - self.value) };
+        // The averaged value's own noise: a first-order low-pass keeps dt / 2T of the variance of white noise.
+        let kept = (0.5 * dt / STEADY_S).min(1.0).sqrt();
+        if far || (self.value - self.steady).abs() >= band * kept {
+            (self.steady, self.steady_s) = (self.value, STEADY_S);
+        } else {
+            self.steady_s += dt;
+            self.steady += dt / self.steady_s * (self.value - self.steady);
+        }
         self.lasting += (dt / LASTING_S).min(1.0) * (self.value - self.lasting);
         self.low = self.low.min(self.lasting);
         self.high = self.high.max(self.lasting);
@@ -49,7 +63,7 @@ impl Channel {
     }
 
     fn let_through(&mut self) {
-        for x in [&mut self.value, &mut self.lasting, &mut self.low, &mut self.high] {
+        for x in [&mut self.value, &mut self.steady, &mut self.lasting, &mut self.low, &mut self.high] {
             *x += self.held;
         }
         self.held = 0.0;
@@ -67,9 +81,22 @@ impl Regressor {
     /// The motion as the constants see it.
     pub(super) fn motion(&self) -> Motion {
         let at = |k: usize| {
-            Vector3::new(self.channels[k].value, self.channels[k + 1].value, self.channels[k + 2].value)
+            Vector3::new(self.channels[k].steady, self.channels[k + 1].steady, self.channels[k + 2].steady)
         };
         Motion { rate: at(0), force: at(3) }
+    }
+
+    /// The motion that errors of attitude and time act on: as it was measured while the vehicle moves, the mean where nothing
+    /// but noise has been seen for [`QUIET_S`].
+    pub(super) fn lever(&self, measured: &Motion) -> Motion {
+        let of = |k: usize, x: f64| {
+            let c = &self.channels[k];
+            if c.steady_s >= STEADY_S + QUIET_S { c.steady } else { x }
+        };
+        Motion {
+            rate: Vector3::from_fn(|k, _| of(k, measured.rate[k])),
+            force: Vector3::from_fn(|k, _| of(3 + k, measured.force[k])),
+        }
     }
 
     /// The first sample of a stream: nothing to average with.
@@ -77,6 +104,7 @@ impl Regressor {
         let fresh = !std::mem::replace(&mut self.started, true);
         self.each(measured, |c, x| {
             c.value = x - c.held;
+            (c.steady, c.steady_s) = (c.value, STEADY_S);
             c.lasting = c.value;
             if fresh {
                 (c.low, c.high) = (c.value, c.value);

@@ -1,35 +1,26 @@
-//! The measurement update: position and velocity of a fix at its own time of validity.
+//! The measurement update: what the aids say is tested, applied, and where a test cannot be right, started anew from.
 //!
-//! Position and velocity are tested and applied as two groups. A group that fails its test is left out, but not for
-//! long: after [`LOCKED_OUT_S`] of nothing but failures the filter takes the fixes' word again, so gating cannot lock
-//! it out.
+//! Each aid is tested and applied as one group. A group that fails its test is left out, but not for long: innovation
+//! tests must not lock the filter out.
 
 use super::Filter;
+use super::aid::Rejections;
+use super::aid::gnss_position::HELD_OFF_S;
 use super::group::{Prepared, Rows};
 use super::layout::index;
 use super::nav_map::Recentring;
-use crate::earth::Geodetic;
-use crate::effects::{FixInstant, MAX_PARAMETERS};
-use crate::mechanization;
 use crate::rotation::{exp, left_jacobian};
-use crate::sample::{FixVelocity, GnssFix};
-use nalgebra::{Matrix3, Vector3};
+use crate::sample::GnssFix;
+use nalgebra::Vector3;
 
-/// Squared normalised innovation beyond which a group of 1, 2, 3 rows is refused: chance 6e-7, five sigma of one row.
-const GATE: [f64; 4] = [f64::INFINITY, 25.0, 28.7, 31.8];
-/// After so long without an accepted group the fixes are believed again, s.
-const LOCKED_OUT_S: f64 = 3.0;
-/// … and after at least so many refusals.
-const LOCKED_OUT_COUNT: u32 = 4;
-/// Attitude uncertainty that is added when the fixes had to be believed again, rad.
-const LOCKED_OUT_ATTITUDE: f64 = 0.05;
-/// No fix is believed to be better than this, m and m/s.
-const SIGMA_FLOOR: f64 = 0.01;
+pub use super::aid::gate;
 
-/// Squared normalised innovation beyond which a group of so many rows is refused.
-pub fn gate(dof: usize) -> f64 {
-    GATE.get(dof).copied().unwrap_or(GATE[3])
-}
+/// Fixes are assumed to be no older than this, s.
+const LONGEST_DELAY_S: f64 = 1.0;
+/// Likelihood of a fix that a filter cannot even test, nats: worse than any that it can.
+const UNTESTABLE: f64 = -1e3;
+/// With attitude less certain than this a filter is aligned anew instead of being started from a fix, rad.
+const LOST_ATTITUDE: f64 = 0.35;
 
 /// What became of one group of rows.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
@@ -46,8 +37,28 @@ pub struct Group {
     pub log_likelihood: f64,
     /// Whether it was applied.
     pub used: bool,
-    /// Whether the fixes were believed again after a lock-out.
+    /// Whether the filter started anew from it after nothing but rejections.
     pub recovered: bool,
+}
+
+/// What a fix did to the filter beyond an update.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub enum FixEvent {
+    /// The position contradicts velocity and inertial data by so much, m; it is not followed.
+    PositionJump {
+        /// Horizontal and vertical distance, m.
+        offset_m: f64,
+    },
+    /// The position stayed there and was taken over as a correction of the position alone.
+    PositionAccepted {
+        /// How far the position moved, m.
+        offset_m: f64,
+    },
+    /// GNSS is back: position and velocity started anew.
+    Reacquired {
+        /// After so long without, s.
+        after_s: f64,
+    },
 }
 
 /// What became of one fix.
@@ -59,47 +70,29 @@ pub struct FixOutcome {
     pub position: Group,
     /// Velocity.
     pub velocity: Group,
+    /// Heading of two antennas.
+    pub yaw: Group,
+    /// What else it did.
+    pub event: Option<FixEvent>,
 }
 
 impl FixOutcome {
     /// Whether any of it was used.
     pub fn used(&self) -> bool {
-        self.position.used || self.velocity.used
+        self.position.used || self.velocity.used || self.yaw.used
     }
 }
 
-/// Since when each group has been refused.
-#[derive(Debug, Clone, Copy, Default)]
-pub(super) struct Gate {
-    position: Refusals,
-    velocity: Refusals,
-}
-
-#[derive(Debug, Clone, Copy, Default)]
-struct Refusals {
-    since_s: Option<f64>,
-    count: u32,
-}
-
-impl Refusals {
-    fn locked_out(&mut self, t_s: f64) -> bool {
-        self.count += 1;
-        let since = *self.since_s.get_or_insert(t_s);
-        self.count >= LOCKED_OUT_COUNT && t_s - since >= LOCKED_OUT_S
-    }
-}
-
-/// What the effects add to position or velocity of a fix, and how that depends on the states.
-#[derive(Debug, Clone, Default)]
-struct Added {
-    sum: Vector3<f64>,
-    by_attitude: Matrix3<f64>,
-    by_state: Vec<(usize, Vector3<f64>)>,
-}
+/// Which clock of rejections a group has.
+type Clock = fn(&mut Filter) -> &mut Rejections;
 
 impl Filter {
-    /// Delay of the fixes as presently estimated, s.
+    /// Delay of the fixes as presently estimated, s, as far as it is possible.
     pub fn fix_delay_s(&self) -> f64 {
+        self.estimated_delay_s().clamp(0.0, LONGEST_DELAY_S)
+    }
+
+    fn estimated_delay_s(&self) -> f64 {
         self.model
             .effects
             .iter()
@@ -110,24 +103,145 @@ impl Filter {
 
     /// Applies a fix to the present state, which must be that of the fix's time of validity.
     pub fn update(&mut self, fix: &GnssFix) -> FixOutcome {
-        let mut outcome = FixOutcome { t_s: self.t_s, ..FixOutcome::default() };
+        if !fix.is_plausible() {
+            return FixOutcome { t_s: self.t_s, ..FixOutcome::default() };
+        }
         if let Some(watch) = self.watch.as_deref_mut() {
             watch.reach_fix(self.t_s, &self.layout);
         }
-        outcome.position = self.apply(|f| f.position_rows(fix), |f| &mut f.gate.position, true);
-        if outcome.position.recovered {
-            self.believe_position(fix);
+        let outcome = if self.hold.is_some() {
+            self.with_base(|f| f.apply_at_rest(fix))
+        } else if let Some(event) = self.end_coasting(fix) {
+            self.started_anew(event)
+        } else {
+            self.apply_fix(fix)
+        };
+        if outcome.used() {
+            self.aided_s = Some(self.t_s);
         }
-        outcome.velocity = self.apply(|f| f.velocity_rows(fix), |f| &mut f.gate.velocity, false);
-        if outcome.velocity.recovered {
-            self.believe_velocity(fix);
-        }
+        self.failed |= !self.is_sound();
         self.tape_fix();
         outcome
     }
 
+    fn started_anew(&self, event: FixEvent) -> FixOutcome {
+        let group = Group { used: true, recovered: true, ..Group::default() };
+        FixOutcome { t_s: self.t_s, position: group, event: Some(event), ..FixOutcome::default() }
+    }
+
+    fn apply_fix(&mut self, fix: &GnssFix) -> FixOutcome {
+        self.see_velocity();
+        let mut outcome = FixOutcome { t_s: self.t_s, ..FixOutcome::default() };
+        outcome.position = self.apply(|f| f.position_rows(fix), |f| &mut f.gates.position, true);
+        outcome.velocity = self.apply(|f| f.velocity_rows(fix), |f| &mut f.gates.velocity, false);
+        self.apply_yaw(fix, &mut outcome);
+        self.settle_rejections(fix, &mut outcome);
+        outcome
+    }
+
+    /// A stationary vehicle: its velocity is known, its position and heading are not.
+    fn apply_at_rest(&mut self, fix: &GnssFix) -> FixOutcome {
+        let mut outcome = FixOutcome { t_s: self.t_s, ..FixOutcome::default() };
+        outcome.position = self.apply(|f| f.position_rows(fix), |f| &mut f.gates.position, true);
+        self.apply_yaw(fix, &mut outcome);
+        self.settle_position(fix, &mut outcome);
+        self.rebase_hold_after(&outcome);
+        outcome
+    }
+
+    fn rebase_hold_after(&mut self, outcome: &FixOutcome) {
+        if outcome.position.recovered {
+            self.rebase_hold();
+        }
+    }
+
+    fn apply_yaw(&mut self, fix: &GnssFix, outcome: &mut FixOutcome) {
+        outcome.yaw = self.apply(|f| f.yaw_rows(fix), |f| &mut f.gates.yaw, false);
+        if outcome.yaw.dof > 0 && !outcome.yaw.used && self.gates.yaw.locked_out(self.t_s) {
+            outcome.yaw.recovered = true;
+            self.gates.yaw.accept();
+            self.reset_yaw(outcome.yaw.innovation[0]);
+        }
+    }
+
+    /// What follows from rejections that last.
+    fn settle_rejections(&mut self, fix: &GnssFix, outcome: &mut FixOutcome) {
+        let rejected = |g: &Group| g.dof > 0 && !g.used;
+        let t_s = self.t_s;
+        if rejected(&outcome.velocity) && self.gates.velocity.locked_out(t_s) {
+            outcome.velocity.recovered = true;
+            self.gates.velocity.accept();
+            self.reset_velocity(fix);
+            self.loosen_attitude();
+            if rejected(&outcome.position) {
+                outcome.position.recovered = true;
+                self.gates.position.accept();
+                self.reset_position(fix);
+            }
+            return;
+        }
+        if outcome.velocity.used {
+            self.settle_position(fix, outcome);
+        } else if rejected(&outcome.position)
+            && outcome.velocity.dof == 0
+            && self.gates.position.locked_out(t_s)
+        {
+            // Nothing but the position says how the vehicle moves.
+            outcome.position.recovered = true;
+            self.gates.position.accept();
+            self.reset_position(fix);
+            self.loosen_attitude();
+        }
+    }
+
+    /// A position that fails its test beside a velocity that passes: a jump of the position.
+    fn settle_position(&mut self, fix: &GnssFix, outcome: &mut FixOutcome) {
+        if outcome.position.dof == 0 || outcome.position.used {
+            return;
+        }
+        let offset_m = Vector3::from(outcome.position.innovation).norm();
+        if self.gates.position.for_at_least(self.t_s, HELD_OFF_S) {
+            self.gates.position.accept();
+            outcome.position.recovered = true;
+            let offset_m = self.reset_position(fix);
+            outcome.event = Some(FixEvent::PositionAccepted { offset_m });
+        } else if self.gates.position.has_begun_to_last() {
+            outcome.event = Some(FixEvent::PositionJump { offset_m });
+        }
+    }
+
+    /// Position and velocity from the first fix after a long time without; `None` where the filter has not coasted or its
+    /// attitude is lost too.
+    fn end_coasting(&mut self, fix: &GnssFix) -> Option<FixEvent> {
+        let after_s = self.t_s - self.coasting_since_s? + super::propagation::COAST_AFTER_S;
+        self.coasting_since_s = None;
+        self.lost = self.attitude_sigma() > LOST_ATTITUDE;
+        self.reset_position(fix);
+        self.reset_velocity(fix);
+        self.gates = super::aid::Gates::default();
+        Some(FixEvent::Reacquired { after_s })
+    }
+
+    /// 1-sigma of the worst axis of the attitude, rad.
+    pub fn attitude_sigma(&self) -> f64 {
+        (0..3).map(|k| self.p.sigma(index::ATTITUDE + k)).fold(0.0, f64::max)
+    }
+
+    /// Whether state and covariance are finite and every variance positive.
+    fn is_sound(&self) -> bool {
+        let nav = self.nav.r_e.iter().chain(&self.nav.v_e).chain(self.nav.q_eb.coords.iter());
+        let constants = self.calibration.gyro_bias.iter().chain(&self.calibration.accel_bias);
+        let parameters = self.calibration.parameters.iter().flatten();
+        nav.chain(constants).chain(parameters).all(|x| x.is_finite())
+            && (0..self.layout.len()).all(|i| {
+                let variance = self.p.at(i, i);
+                variance.is_finite() && variance > 0.0
+            })
+    }
+
     /// Applies a fix to the covariance alone, as if it had brought no news: for information bounds and predictions.
     pub fn update_covariance(&mut self, fix: &GnssFix) {
+        self.see_velocity();
         for rows in [self.position_rows(fix), self.velocity_rows(fix)] {
             if let Some(prepared) = Prepared::new(&rows, &self.p) {
                 prepared.absorb(&mut self.p, &mut []);
@@ -135,7 +249,7 @@ impl Filter {
         }
     }
 
-    /// A standing vehicle does not turn: ties b_g + G f to the mean rate shown, rad/s, within `sigma`.
+    /// A vehicle at rest does not turn: ties b_g + G f to the mean rate shown, rad/s, within `sigma`.
     pub fn observe_standing(&mut self, sigma: f64) {
         let rate = self.motion.rate;
         let mut rows =
@@ -148,39 +262,38 @@ impl Filter {
         }
     }
 
-    fn apply(
-        &mut self,
-        rows: impl Fn(&Self) -> Rows,
-        gate: fn(&mut Self) -> &mut Refusals,
-        position: bool,
-    ) -> Group {
+    fn apply(&mut self, rows: impl Fn(&Self) -> Rows, clock: Clock, position: bool) -> Group {
         let mut rows = rows(self);
         if let Some(x) = &self.carried {
             rows = rows.less(x);
         }
-        let Some(mut prepared) = Prepared::new(&rows, &self.p) else { return Group::default() };
         let t_s = self.t_s;
-        if self.gating && prepared.group.nis > GATE[prepared.group.dof] {
-            prepared.group.recovered = gate(self).locked_out(t_s);
-            if prepared.group.recovered {
-                *gate(self) = Refusals::default();
+        let Some(prepared) = Prepared::new(&rows, &self.p) else {
+            if rows.dof == 0 {
+                return Group::default();
             }
+            // No innovation covariance: as much of a failure as any.
+            clock(self).reject(t_s);
+            return Group { dof: rows.dof, log_likelihood: UNTESTABLE, ..Group::default() };
+        };
+        if self.gating && prepared.group.nis > gate(prepared.group.dof) {
+            clock(self).reject(t_s);
             return prepared.group;
         }
-        *gate(self) = Refusals::default();
+        clock(self).accept();
         self.watch_rows(&rows, &prepared, position);
         Group { used: true, ..self.absorb(&rows, prepared) }
     }
 
     fn watch_rows(&mut self, rows: &Rows, prepared: &Prepared, position: bool) {
         let Some(mut watch) = self.watch.take() else { return };
-        let sensitivity = watch.sensitivity(rows, position, &self.fix_instant().0);
+        let sensitivity = watch.sensitivity(rows, position, &self.at_fix().now);
         let gain = prepared.gain(self.layout.len());
         watch.absorb(&sensitivity, &rows.residual[..rows.dof], &gain, &prepared.l);
         self.watch = Some(watch);
     }
 
-    fn absorb(&mut self, rows: &Rows, prepared: Prepared) -> Group {
+    pub(super) fn absorb(&mut self, rows: &Rows, prepared: Prepared) -> Group {
         if let Some(tape) = self.tape.as_deref_mut() {
             tape.update(prepared.on_tape(rows, self.layout.len()));
         }
@@ -188,13 +301,14 @@ impl Filter {
         let group = prepared.absorb(&mut self.p, &mut dx);
         match &mut self.carried {
             Some(x) => x.iter_mut().zip(&dx).for_each(|(x, d)| *x += d),
+            None if self.hold.is_some() => self.correct_hold(&dx),
             None => self.correct(&dx),
         }
         group
     }
 
-    /// Moves the estimate by an error and re-expresses the covariance about the new estimate.
-    pub(super) fn correct(&mut self, dx: &[f64]) {
+    /// Moves the estimate by an error; the covariance stays.
+    pub(super) fn move_by(&mut self, dx: &[f64]) {
         let part = |at: usize| Vector3::new(dx[at], dx[at + 1], dx[at + 2]);
         let (dr, dv, eps) = (part(index::POSITION), part(index::VELOCITY), part(index::ATTITUDE));
         let j = left_jacobian(&eps);
@@ -207,6 +321,13 @@ impl Filter {
         if let Some(w) = self.layout.wander() {
             self.wander += part(w);
         }
+    }
+
+    /// Moves the estimate by an error and re-expresses the covariance about the new estimate.
+    pub(super) fn correct(&mut self, dx: &[f64]) {
+        self.move_by(dx);
+        let part = |at: usize| Vector3::new(dx[at], dx[at + 1], dx[at + 2]);
+        let (dr, dv, eps) = (part(index::POSITION), part(index::VELOCITY), part(index::ATTITUDE));
         // Below this the change of coordinates is under the noise of the covariance itself.
         if eps.norm_squared() > 1e-16 {
             let turn = Recentring::new(&dr, &dv, &eps);
@@ -222,142 +343,12 @@ impl Filter {
     }
 
     /// How much later than the present state a fix is valid, s. A step that is run again about another delay comes at the time
-    /// that the old one gave it.
-    fn fix_ahead_s(&self, fix: &GnssFix) -> f64 {
-        if self.carried.is_some() { fix.t_s - self.fix_delay_s() - self.t_s } else { 0.0 }
-    }
-
-    fn fix_instant(&self) -> (FixInstant, Matrix3<f64>) {
-        let c_ne = crate::earth::c_en_at(&self.nav.r_e).transpose();
-        let c_nb = c_ne * self.nav.c_eb();
-        let a_e = mechanization::acceleration(&self.nav, &self.motion.force);
-        let earth_b = self.nav.q_eb.inverse() * crate::earth::rotation_rate();
-        let instant = FixInstant {
-            t_s: self.t_s,
-            v_n: c_ne * self.nav.v_e,
-            a_n: c_ne * a_e,
-            c_nb,
-            rate_eb: self.motion.rate - earth_b,
-            force_rate: self.force_rates.as_ref().map_or(Vector3::zeros(), |f| f.at(self.t_s)),
-        };
-        (instant, c_ne)
-    }
-
-    /// What the effects add to position and velocity of a fix.
-    fn fix_effects(&self, x: &FixInstant) -> [Added; 2] {
-        let mut out = [Added::default(), Added::default()];
-        for (e, (setting, p)) in self.model.effects.iter().zip(&self.calibration.parameters).enumerate() {
-            let added = setting.effect.fix(p, x);
-            let turned = setting.effect.fix_by_attitude(p, x);
-            let n = setting.effect.len();
-            let mut columns = [[Vector3::zeros(); MAX_PARAMETERS]; 2];
-            let [position, velocity] = &mut columns;
-            setting.effect.fix_jacobian(p, x, &mut position[..n], &mut velocity[..n]);
-            for (kind, slot) in out.iter_mut().enumerate() {
-                slot.sum += added[kind];
-                if let Some(by_attitude) = turned {
-                    slot.by_attitude += by_attitude[kind];
-                }
-                for s in self.layout.slots().iter().filter(|s| s.effect == e) {
-                    let column = columns[kind][s.parameter];
-                    if column != Vector3::zeros() {
-                        slot.by_state.push((s.state, column));
-                    }
-                }
-            }
+    /// that the old one gave it, and a delay that is not possible is not applied to the time.
+    pub(super) fn fix_ahead_s(&self, fix: &GnssFix) -> f64 {
+        if self.carried.is_some() {
+            fix.t_s - self.estimated_delay_s() - self.t_s
+        } else {
+            self.fix_delay_s() - self.estimated_delay_s()
         }
-        out
     }
-
-    fn position_rows(&self, fix: &GnssFix) -> Rows {
-        let (x, c_ne) = self.fix_instant();
-        let [added, _] = self.fix_effects(&x);
-        let z = c_ne * (fix.position.to_ecef() - self.nav.r_e)
-            - added.sum
-            - self.wander
-            - x.v_n * self.fix_ahead_s(fix);
-        let sigma = fix.position_sigma_m.unwrap_or(self.model.gnss.position_sigma_m);
-        let mut rows = rows_of(
-            index::POSITION,
-            &z.as_slice()[..3],
-            &x.c_nb,
-            &added,
-            &sigma,
-            &(x.v_n * self.model.gnss.time_sigma_s),
-        );
-        if let Some(w) = self.layout.wander() {
-            (0..3).for_each(|k| rows.push(w + k, |i| if i == k { 1.0 } else { 0.0 }));
-        }
-        rows
-    }
-
-    fn velocity_rows(&self, fix: &GnssFix) -> Rows {
-        let (measured, rows) = match fix.velocity {
-            FixVelocity::None => return Rows::default(),
-            FixVelocity::Horizontal([n, e]) => (Vector3::new(n, e, 0.0), 2),
-            FixVelocity::Full(v) => (Vector3::from(v), 3),
-        };
-        let (x, _) = self.fix_instant();
-        let [_, added] = self.fix_effects(&x);
-        let sigma = fix.velocity_sigma_m_per_s.unwrap_or(self.model.gnss.velocity_sigma_m_per_s);
-        let z = measured - x.v_n - added.sum - x.a_n * self.fix_ahead_s(fix);
-        rows_of(
-            index::VELOCITY,
-            &z.as_slice()[..rows],
-            &x.c_nb,
-            &added,
-            &sigma,
-            &(x.a_n * self.model.gnss.time_sigma_s),
-        )
-    }
-
-    fn believe_position(&mut self, fix: &GnssFix) {
-        self.nav.r_e = fix.position.to_ecef();
-        let sigma = fix.position_sigma_m.unwrap_or(self.model.gnss.position_sigma_m);
-        let worst = sigma.iter().fold(SIGMA_FLOOR, |a, b| a.max(*b));
-        (0..3).for_each(|k| self.p.reset(index::POSITION + k, worst * 2.0));
-        self.loosen_attitude();
-    }
-
-    fn believe_velocity(&mut self, fix: &GnssFix) {
-        let place: Geodetic = self.nav.geodetic();
-        let mut v_n = self.nav.v_n();
-        match fix.velocity {
-            FixVelocity::None => return,
-            FixVelocity::Horizontal([n, e]) => (v_n.x, v_n.y) = (n, e),
-            FixVelocity::Full(v) => v_n = v.into(),
-        }
-        self.nav.v_e = place.c_en() * v_n;
-        let sigma = fix.velocity_sigma_m_per_s.unwrap_or(self.model.gnss.velocity_sigma_m_per_s);
-        let worst = sigma.iter().fold(0.5, |a: f64, b| a.max(*b));
-        (0..3).for_each(|k| self.p.reset(index::VELOCITY + k, worst * 2.0));
-        self.loosen_attitude();
-    }
-
-    fn loosen_attitude(&mut self) {
-        (0..3).for_each(|k| self.p.add_variance(index::ATTITUDE + k, LOCKED_OUT_ATTITUDE.powi(2)));
-    }
-}
-
-/// Rows of the first `z.len()` of north, east, down for the error block at `block`; an error of the time stamp moves all
-/// of them together, by `shared` per sigma.
-fn rows_of(
-    block: usize,
-    z: &[f64],
-    c_nb: &Matrix3<f64>,
-    added: &Added,
-    sigma: &[f64; 3],
-    shared: &Vector3<f64>,
-) -> Rows {
-    let mut rows = Rows { dof: z.len(), ..Rows::default() };
-    rows.h.reserve(9 + added.by_state.len());
-    for (i, residual) in z.iter().enumerate() {
-        rows.residual[i] = *residual;
-        rows.variance[i] = sigma[i].max(SIGMA_FLOOR).powi(2);
-        rows.shared[i] = shared[i];
-    }
-    (0..3).for_each(|j| rows.push(block + j, |i| c_nb[(i, j)]));
-    (0..3).for_each(|j| rows.push(index::ATTITUDE + j, |i| added.by_attitude[(i, j)]));
-    added.by_state.iter().for_each(|(state, column)| rows.push(*state, |i| column[i]));
-    rows
 }

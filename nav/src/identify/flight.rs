@@ -1,6 +1,7 @@
 //! One recorded flight, prepared once so that many models can be run over the very same samples and fixes.
 
 use super::linear::reference::delay_s;
+use super::rounding::Rounding;
 use crate::effects::MISTAKES;
 use crate::estimator::{Estimator, Stage};
 use crate::filter::Initial;
@@ -65,6 +66,8 @@ pub struct Flight {
     raw: Vec<ImuSample>,
     fixes: Vec<GnssFix>,
     prepared: Vec<(Quantisation, Vec<ImuSample>)>,
+    /// What the rounding leaves unknown, for each way to read it.
+    rounding: Vec<(Quantisation, Rounding)>,
     force_rates: Arc<ForceRates>,
     interval_s: f64,
     measured_noise: (f64, f64),
@@ -142,12 +145,13 @@ impl Flight {
             raw,
             fixes,
             prepared: Vec::new(),
+            rounding: Vec::new(),
             interval_s: 0.0,
             measured_noise: (0.0, 0.0),
             averaged: None,
             moved_s: 0.0,
             undone: Vec::new(),
-            told_delay_s: model.get("gps_latency").map(|_| delay_s(model)),
+            told_delay_s: model.effects.iter().any(|s| s.effect.delays_fixes()).then(|| delay_s(model)),
         };
         if flight.stands() {
             return Err(TooLittle::Standing);
@@ -179,7 +183,7 @@ impl Flight {
         let mut meter = NoiseMeter::default();
         let (mut gyro, mut accel) = (Vec::new(), Vec::new());
         for (i, sample) in self.raw.iter().enumerate() {
-            meter.push(sample);
+            meter.push(sample, (0.0, 0.0));
             if i % 100 == 99 {
                 let (g, a) = meter.excess(0.0, 0.0);
                 gyro.push(g);
@@ -201,9 +205,9 @@ impl Flight {
             wanted.push(truncated);
         }
         for q in wanted {
-            let mut dequantiser = Dequantiser::new(q);
-            let samples: Vec<ImuSample> = self.raw.iter().map(|s| dequantiser.undo(s)).collect();
+            let (samples, rounding) = Rounding::undo(&self.raw, q, self.interval_s);
             self.prepared.push((q, samples));
+            self.rounding.push((q, rounding));
         }
         let every = (1.0 / (ENOUGH_HZ * self.interval_s.max(1e-4))).round() as usize;
         if every > 1 {
@@ -218,7 +222,7 @@ impl Flight {
     }
 
     fn forget_undone(&mut self) {
-        let over_time = || MISTAKES.iter().filter(|m| m.needs_neighbours());
+        let over_time = || MISTAKES.iter().filter(|m| m.needs_neighbours() || m.changes_unit());
         let places =
             self.prepared.iter().flat_map(|(q, _)| over_time().map(|m| (m.name(), *q, OnceLock::new())));
         self.undone = places.collect();
@@ -296,9 +300,16 @@ impl Flight {
         self.prepared.iter().find(|(p, _)| *p == q).map_or(&self.raw, |(_, s)| s)
     }
 
+    /// What the rounding leaves unknown as a model reads the samples.
+    pub(crate) fn rounding(&self, model: &Model) -> Rounding {
+        let q = model.quantisation_of(&self.stream);
+        let own = self.rounding.iter().find(|(p, _)| *p == q);
+        own.map_or_else(|| Rounding::undo(&self.raw, q, self.interval_s).1, |(_, r)| r.clone())
+    }
+
     /// The samples as a model reads them: its belief about rounding, mistakes of the source undone.
     pub(crate) fn samples_of(&self, model: &Model) -> Cow<'_, [ImuSample]> {
-        if model.effects.iter().any(|s| s.effect.needs_neighbours()) {
+        if model.effects.iter().any(|s| s.effect.needs_neighbours() || s.effect.changes_unit()) {
             return self.kept_undone(model).map_or_else(|| Cow::Owned(self.undone(model)), Cow::Borrowed);
         }
         let own = self.samples(model.quantisation_of(&self.stream));
@@ -319,6 +330,7 @@ impl Flight {
         self.raw.iter_mut().for_each(|s| s.t_s += by_s);
         self.fixes.iter_mut().for_each(|f| f.t_s += by_s);
         self.prepared.iter_mut().flat_map(|p| &mut p.1).for_each(|s| s.t_s += by_s);
+        self.rounding.iter_mut().for_each(|(_, r)| r.move_by(by_s));
         let kind = self.averaged.map_or(self.stream.kind, |a| a.0);
         self.force_rates = Arc::new(ForceRates::new(&self.raw, kind));
         self.forget_undone();

@@ -3,9 +3,10 @@
 
 use super::evidence::SCALES;
 use super::flight::Flight;
-use super::noise::Noise;
+use super::noise::{Noise, NoiseEntry};
 use super::pass::{self, Innovation, Options, Pass};
 use super::select::{Added, Search, Selection, Settings};
+use super::survey::Survey;
 use super::whereabouts;
 use super::{Workers, map};
 use crate::mechanization::{self, Increment};
@@ -57,6 +58,10 @@ pub struct Judged {
     pub left_out: Vec<LeftOut>,
     /// Innovations of the first flight, before and after.
     pub innovations: [Vec<Innovation>; 2],
+    /// The rest of the catalogue.
+    pub survey: Survey,
+    /// The noise: what was assumed, and what the flights say.
+    pub noise: Vec<NoiseEntry>,
 }
 
 fn gap(passes: &[Pass], drifts: &[[(f64, usize); 3]], part: usize) -> Gap {
@@ -162,12 +167,16 @@ const ELSEWHERE: f64 = -3.0;
 /// How many of its own standard deviations the gain of a true effect may fall short by in the held-out blocks.
 const BAD_LUCK: f64 = 2.0;
 
+/// Whether an effect shows where it happens, or in the samples, and hardly in the held-out blocks.
+fn shows_elsewhere(left_out: &LeftOut) -> bool {
+    crate::effects::find(left_out.name).is_some_and(|e| super::select::is_jump(e) || e.needs_neighbours())
+}
+
 /// Held-out log-likelihood that an effect may cost. Blocks of the same flight, one in `every`, have had their say in the evidence
 /// already. A true effect gains in them its share g of what it gains elsewhere, with a variance of 2 g (the gain is that of
 /// a Gaussian likelihood); so a weak one may lose there by chance, a strong one may not.
 fn tolerated(left_out: &LeftOut, every: Option<u32>) -> f64 {
-    let shows_elsewhere = |e: &dyn crate::effects::Effect| super::select::is_jump(e) || e.needs_neighbours();
-    if crate::effects::find(left_out.name).is_some_and(shows_elsewhere) {
+    if shows_elsewhere(left_out) {
         return ELSEWHERE;
     }
     let Some(every) = every.filter(|e| *e > 1) else { return 0.0 };
@@ -300,30 +309,47 @@ pub fn judge(
     settings: &Settings,
     workers: &dyn Workers,
 ) -> Judged {
-    let Confirmed { mut selection, removed, left_out } =
+    let Confirmed { mut selection, mut removed, mut left_out } =
         confirm(flights, validate, selection, settings, workers);
     let options = selection.options;
-    let models = [selection.base.clone(), selection.model()];
     // Both with the noise of the better model: what the lacking effect does must not hide in the noise.
-    let [before, after] = [0, 1].map(|m| measure(flights, &models[m], &selection.noise, &options, workers));
-    let fit = [gap(&before.0, &before.1, 0), gap(&after.0, &after.1, 0)];
-    let held_out = if validate.is_empty() {
-        [gap(&before.0, &before.1, 1), gap(&after.0, &after.1, 1)]
-    } else {
-        [0, 1].map(|m| {
-            let (passes, drifts) = measure(validate, &models[m], &selection.noise, &options.all(), workers);
+    let measured = |model: &Model, noise: &Noise| {
+        let own = measure(flights, model, noise, &options, workers);
+        let held_out = if validate.is_empty() {
+            gap(&own.0, &own.1, 1)
+        } else {
+            let (passes, drifts) = measure(validate, model, noise, &options.all(), workers);
             gap(&passes, &drifts, 0)
-        })
+        };
+        (own, held_out)
     };
+    let (before, held_out_before) = measured(&selection.base, &selection.noise);
+    let (after, held_out_after) = loop {
+        let all = measured(&selection.model(), &selection.noise);
+        // What makes the data that took no part less likely is not reported as missing.
+        let excused = if left_out.iter().any(shows_elsewhere) { ELSEWHERE } else { 0.0 };
+        let worse = all.1.log_likelihood < held_out_before.log_likelihood + excused;
+        let least = left_out.iter().enumerate().min_by(|a, b| a.1.held_out.total_cmp(&b.1.held_out));
+        match least.map(|(k, _)| k).filter(|k| worse && *k < selection.added.len()) {
+            Some(k) => {
+                removed.push(selection.added.remove(k).setting.effect.name());
+                selection.steps.remove(k.min(selection.steps.len() - 1));
+                left_out.remove(k);
+            }
+            None => break all,
+        }
+    };
+    let fit = [gap(&before.0, &before.1, 0), gap(&after.0, &after.1, 0)];
+    let held_out = [held_out_before, held_out_after];
     let first = |passes: Vec<Pass>| passes.into_iter().next().map(|p| p.innovations).unwrap_or_default();
     let innovations = [first(before.0), first(after.0)];
     let everything = Settings { options: options.all(), ..*settings };
-    if !selection.added.is_empty() {
-        let search = about(flights, &selection, &everything, workers);
-        let point = search.best(&selection.added, &selection.noise);
-        selection.added = point.added.into_iter().skip(search.given.len()).collect();
-    }
-    Judged { selection, removed, fit, held_out, left_out, innovations }
+    let search = about(flights, &selection, &everything, workers);
+    let mut point = search.best(&selection.added, &selection.noise);
+    let survey = Survey::take(&search, &mut point);
+    let noise = search.noise_entries(&point);
+    selection.added = point.added.into_iter().skip(search.given.len()).collect();
+    Judged { selection, removed, fit, held_out, left_out, innovations, survey, noise }
 }
 
 #[cfg(test)]

@@ -14,8 +14,10 @@ const WIDE: f64 = 30.0;
 pub struct NotFound {
     /// The effect with the values that suit the flights best, and their sigmas.
     pub setting: EffectSetting,
-    /// Logarithm of the odds that it is there, as the last look said.
+    /// Logarithm of the odds that it is there.
     pub evidence: f64,
+    /// Why there is no better limit, where there is a reason.
+    pub reason: Option<&'static str>,
 }
 
 /// Columns of the information that belong to what was found, with prior sigmas and offsets.
@@ -50,7 +52,7 @@ pub(super) fn of(
         setting.values[*parameter] += fit.step[at];
         setting.sigmas[*parameter] = fit.covariance[(at, at)].max(0.0).sqrt();
     }
-    Some(NotFound { setting, evidence })
+    Some(NotFound { setting, evidence, reason: None })
 }
 
 #[cfg(test)]

@@ -15,7 +15,9 @@ pub mod limits;
 pub mod linear;
 pub mod noise;
 pub mod pass;
+mod rounding;
 pub mod select;
+pub mod survey;
 pub mod terms;
 pub mod whereabouts;
 

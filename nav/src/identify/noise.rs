@@ -75,7 +75,7 @@ pub struct Limits([(f64, f64); FIGURES]);
 impl Limits {
     /// Of a vehicle whose model is believed to be about this.
     pub fn new(model: &Model, flights: &[&Flight]) -> Self {
-        Self(limits(model, flights))
+        Self(Claims::new(model, flights).limits())
     }
 
     /// The nearest noise within the limits.
@@ -97,32 +97,181 @@ impl Limits {
     }
 }
 
-fn limits(model: &Model, flights: &[&Flight]) -> [(f64, f64); FIGURES] {
-    let start = Noise::measured(model, flights);
-    let around = |v: f64| (v / INERTIAL_BELOW, v * INERTIAL_ABOVE);
-    let middle = |claim: &dyn Fn(&crate::sample::GnssFix) -> f64| {
-        let mut all: Vec<f64> = flights.iter().flat_map(|f| f.fixes()).map(claim).collect();
-        all.sort_by(f64::total_cmp);
-        all.get(all.len() / 2).copied().unwrap_or(1.0).max(1e-3)
+/// What the model, the samples and the receiver say of the noise before anything is fitted.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Claims {
+    start: Noise,
+    /// Sigmas of horizontal positions, heights and velocities, those of the fixes where they have any, m and m/s.
+    position: f64,
+    height: f64,
+    velocity: f64,
+}
+
+impl Claims {
+    /// Of these flights.
+    pub fn new(model: &Model, flights: &[&Flight]) -> Self {
+        let middle = |claim: &dyn Fn(&crate::sample::GnssFix) -> f64| {
+            let mut all: Vec<f64> = flights.iter().flat_map(|f| f.fixes()).map(claim).collect();
+            all.sort_by(f64::total_cmp);
+            all.get(all.len() / 2).copied().unwrap_or(1.0).max(1e-3)
+        };
+        let gnss = &model.gnss;
+        Self {
+            start: Noise::measured(model, flights),
+            position: middle(&|f| f.position_sigma_m.unwrap_or(gnss.position_sigma_m)[0]),
+            height: middle(&|f| f.position_sigma_m.unwrap_or(gnss.position_sigma_m)[2]),
+            velocity: middle(&|f| f.velocity_sigma_m_per_s.unwrap_or(gnss.velocity_sigma_m_per_s)[0]),
+        }
+    }
+
+    /// By how much each of gyro noise, accelerometer noise, GNSS position (white and wander together) and GNSS velocity exceeds
+    /// what was claimed, as factors.
+    fn growth(&self, noise: &Noise) -> [f64; 4] {
+        let own = &self.start;
+        // Claims below what any model leaves are not held against the receiver.
+        let total = |claimed: f64, scale: f64, floor: f64, wander: f64| {
+            (claimed * scale).hypot(wander * noise.wander_m) / claimed.max(floor).hypot(wander * own.wander_m)
+        };
+        let position = total(self.position, noise.position_scale, MODEL_FLOOR.0, 1.0);
+        let height = total(self.height, noise.height_scale, MODEL_FLOOR.0, HEIGHT_WANDER);
+        let velocity = self.velocity * noise.velocity_scale / self.velocity.max(MODEL_FLOOR.1);
+        [noise.gyro / own.gyro, noise.accel / own.accel, position.max(height), velocity]
+    }
+
+    /// Whether the noise has grown so far that it may stand for something else.
+    pub(super) fn has_grown(&self, noise: &Noise) -> bool {
+        self.growth(noise).iter().zip(GROWN).any(|(growth, most)| *growth > most)
+    }
+
+    /// Limits within which noise is no larger than claimed.
+    pub(super) fn held(&self, limits: &Limits) -> Limits {
+        let claimed = self.start.get();
+        let at_most = |k: usize| claimed[k].clamp(limits.0[k].0, limits.0[k].1);
+        let held =
+            |k: usize| if k == figure::CORRELATION { limits.0[k] } else { (limits.0[k].0, at_most(k)) };
+        Limits(std::array::from_fn(held))
+    }
+
+    fn limits(&self) -> [(f64, f64); FIGURES] {
+        let around = |v: f64| (v / INERTIAL_BELOW, v * INERTIAL_ABOVE);
+        let above = |floor: f64, claimed: f64| {
+            let low = CLAIMED.0.max(floor / claimed);
+            (low, CLAIMED.1.max(2.0 * low))
+        };
+        [
+            around(self.start.gyro),
+            around(self.start.accel),
+            above(MODEL_FLOOR.0, self.position),
+            above(MODEL_FLOOR.0, self.height),
+            above(MODEL_FLOOR.1, self.velocity),
+            WANDER_M,
+            CORRELATION_S,
+            STAMP_S,
+        ]
+    }
+
+    /// Every figure as it was claimed and as the flights have it.
+    pub(super) fn entries(
+        &self,
+        problems: &[Problem],
+        noise: &Noise,
+        limits: &Limits,
+        options: &Options,
+        workers: &dyn Workers,
+    ) -> Vec<NoiseEntry> {
+        let sigmas = sigmas(problems, noise, limits, options, workers);
+        let plausible: Vec<bool> =
+            self.growth(noise).iter().zip(PLAUSIBLE).map(|(growth, most)| *growth < most).collect();
+        let deg = 1f64.to_radians();
+        let (start, v) = (self.start.get(), noise.get());
+        let table = [
+            ("gyro", "deg/s/√Hz", figure::GYRO, deg.recip(), 0),
+            ("accel", "m/s²/√Hz", figure::ACCEL, 1.0, 1),
+            ("gnss_position", "m", figure::POSITION, self.position, 2),
+            ("gnss_height", "m", figure::HEIGHT, self.height, 2),
+            ("gnss_position_wander", "m", figure::WANDER, 1.0, 2),
+            ("gnss_position_correlation", "s", figure::CORRELATION, 1.0, FINDINGS.len()),
+            ("gnss_velocity", "m/s", figure::VELOCITY, self.velocity, 3),
+            ("gnss_stamp", "s", figure::STAMP, 1.0, FINDINGS.len()),
+        ];
+        table
+            .into_iter()
+            .map(|(name, unit, k, size, group)| NoiseEntry {
+                name,
+                unit,
+                assumed: start[k] * size,
+                fitted: v[k] * size,
+                sigma: v[k] * size * sigmas[k],
+                plausible: plausible.get(group).copied().unwrap_or(true),
+                finding: FINDINGS.get(group).copied().filter(|_| !plausible[group]),
+            })
+            .collect()
+    }
+}
+
+/// One figure of the noise.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct NoiseEntry {
+    /// Name.
+    pub name: &'static str,
+    /// Unit.
+    pub unit: &'static str,
+    /// As model, samples or receiver claim.
+    pub assumed: f64,
+    /// As the flights have it.
+    pub fitted: f64,
+    /// 1-sigma of that.
+    pub sigma: f64,
+    /// Whether a sensor that does what was claimed can have it.
+    pub plausible: bool,
+    /// Name of the finding, where it is not plausible.
+    pub finding: Option<&'static str>,
+}
+
+/// What noise that is not plausible is called: gyros, accelerometers, positions, velocities.
+const FINDINGS: [&str; 4] = ["gyro_noise", "accel_noise", "gnss_position_noise", "gnss_velocity_noise"];
+/// Noise beyond these multiples of what was claimed is not plausible. That of the samples is fitted to up to three times what
+/// they show; receivers are right about their errors within a factor of two or so.
+const PLAUSIBLE: [f64; 4] = [2.95, 2.95, 2.4, 3.0];
+/// From these multiples on noise may stand for an effect, which is then looked for with the noise as claimed, too.
+const GROWN: [f64; 4] = [2.0, 2.0, 1.6, 1.6];
+/// Curvature is measured over this change of a logarithm.
+const CURVED_OVER: f64 = 0.1;
+/// Nobody claims to know a figure of the noise worse than this, as a logarithm.
+const UNKNOWN_FIGURE: f64 = 1.0;
+
+/// 1-sigma of the logarithm of each figure, by the curvature of the likelihood (all figures together; those at a limit alone).
+fn sigmas(
+    problems: &[Problem],
+    noise: &Noise,
+    limits: &Limits,
+    options: &Options,
+    workers: &dyn Workers,
+) -> [f64; FIGURES] {
+    let at = noise.get().map(f64::ln);
+    let slopes: Vec<[f64; FIGURES]> = map(workers, FIGURES + 1, |k| {
+        let mut there = at;
+        if k > 0 {
+            there[k - 1] += CURVED_OVER;
+        }
+        slope(problems, &Noise::from_figures(&there.map(f64::exp)), options, &super::Serial).1
+    });
+    let curvature = |i: usize, j: usize| {
+        let one = |i: usize, j: usize| (slopes[0][j] - slopes[i + 1][j]) / CURVED_OVER;
+        0.5 * (one(i, j) + one(j, i))
     };
-    let gnss = &model.gnss;
-    let position = middle(&|f| f.position_sigma_m.unwrap_or(gnss.position_sigma_m)[0]);
-    let height = middle(&|f| f.position_sigma_m.unwrap_or(gnss.position_sigma_m)[2]);
-    let velocity = middle(&|f| f.velocity_sigma_m_per_s.unwrap_or(gnss.velocity_sigma_m_per_s)[0]);
-    let above = |floor: f64, claimed: f64| {
-        let low = CLAIMED.0.max(floor / claimed);
-        (low, CLAIMED.1.max(2.0 * low))
-    };
-    [
-        around(start.gyro),
-        around(start.accel),
-        above(MODEL_FLOOR.0, position),
-        above(MODEL_FLOOR.0, height),
-        above(MODEL_FLOOR.1, velocity),
-        WANDER_M,
-        CORRELATION_S,
-        STAMP_S,
-    ]
+    let least = UNKNOWN_FIGURE.powi(-2);
+    let free = limits.free(&at, &slopes[0]);
+    let open: Vec<usize> = (0..FIGURES).filter(|k| free[*k] && curvature(*k, *k) > 0.0).collect();
+    let matrix = nalgebra::DMatrix::from_fn(open.len(), open.len(), |i, j| {
+        curvature(open[i], open[j]) + if i == j { least } else { 0.0 }
+    });
+    let alone = |k: usize| (curvature(k, k).max(0.0) + least).sqrt().recip();
+    let together = matrix.cholesky().map(|c| c.inverse());
+    std::array::from_fn(|k| match (&together, open.iter().position(|o| *o == k)) {
+        (Some(inverse), Some(i)) => inverse[(i, i)].max(0.0).sqrt(),
+        _ => alone(k),
+    })
 }
 
 /// Heights wander more than horizontal positions.

@@ -171,10 +171,8 @@ fn capped(group: &Group) -> f64 {
 /// The filter of `model` with this noise at the start of a flight, and how its samples are read.
 pub(crate) fn at_start(flight: &Flight, model: &Model, noise: &Noise) -> Filter {
     let model = noise.of(model);
-    let (gyro, accel) = model.quantisation_of(flight.stream()).variance();
-    let dt = flight.interval_s();
     let mut filter = Filter::new(&model, flight.initial());
-    filter.set_stream(flight.stream().kind, (gyro * dt, accel * dt));
+    filter.set_stream(flight.stream().kind, flight.rounding(&model).at(flight.initial().t_s));
     filter.set_gating(false);
     filter.set_force_rates(flight.force_rates().clone());
     filter.set_stamp_sigma(noise.stamp_s);
@@ -207,8 +205,9 @@ pub fn run(
         filter: fusion.filter().clone(),
     };
     let mut fixes = flight.fixes().iter().peekable();
-    let start_s = flight.initial().t_s;
+    let (start_s, kind, rounding) = (flight.initial().t_s, flight.stream().kind, flight.rounding(model));
     for sample in flight.samples_of(model).iter() {
+        fusion.filter_mut().set_stream(kind, rounding.at(sample.t_s));
         while let Some(fix) = fixes.next_if(|f| f.t_s <= sample.t_s) {
             fusion.push_fix(scaled(fix, noise));
         }
@@ -259,7 +258,9 @@ pub(super) fn follow(
 ) {
     let mut filter = at_start(flight, model, noise);
     let mut fixes = flight.fixes().iter().peekable();
+    let (kind, rounding) = (flight.stream().kind, flight.rounding(model));
     for sample in flight.samples_of(model).iter() {
+        filter.set_stream(kind, rounding.at(sample.t_s));
         // A fix is applied at the sample nearest after its time of validity: good enough to start a drift from.
         let delay = filter.fix_delay_s();
         while let Some(fix) = fixes.next_if(|f| f.t_s - delay <= sample.t_s) {

@@ -13,14 +13,13 @@
 use super::evidence::{self, Fit};
 use super::flight::Flight;
 use super::judge;
-use super::limits::{self, NotFound};
 use super::linear::{self, Problem};
 use super::noise::Noise;
 use super::pass::{Information, Options};
-use super::select::{self, Added, Selection, Settings, priors};
+use super::select::{Added, Selection, Settings, priors};
 use super::{Workers, map};
 use crate::filter::watch::{Regressors, Term, Watched};
-use crate::model::{EffectSetting, Model};
+use crate::model::Model;
 
 /// One regressor with its name and unit.
 #[derive(Debug, Clone, Copy)]
@@ -134,8 +133,6 @@ fn all() -> Vec<(usize, &'static Regressor)> {
 pub struct LeftOver {
     /// Terms, in the order in which they gain the most.
     pub terms: Vec<Found>,
-    /// Effects of the catalogue that were not found, with the sigmas that the flights leave them.
-    pub not_found: Vec<NotFound>,
     /// Effects that nothing speaks for once the terms are there: they had only imitated them.
     pub replaced: Vec<&'static str>,
 }
@@ -146,7 +143,7 @@ struct Data {
     /// Of the part that chooses, without terms.
     log_likelihood: f64,
     effects: Vec<Added>,
-    /// Effect and parameter of the first columns: those found, then those not found.
+    /// Effect and parameter of the first columns.
     slots: Vec<(usize, usize)>,
     /// Prior sigma and offset of those found.
     sigma: Vec<f64>,
@@ -158,7 +155,6 @@ struct Data {
 struct Watching {
     problems: Vec<Problem>,
     effects: Vec<Added>,
-    lacking: Vec<EffectSetting>,
     watched: Watched,
 }
 
@@ -166,14 +162,12 @@ impl Watching {
     fn new(flights: &[&Flight], selection: &Selection, settings: &Settings, workers: &dyn Workers) -> Self {
         let search = judge::about(flights, selection, settings, workers);
         let point = search.best(&selection.added, &selection.noise);
-        let mut lacking = select::lacking(&selection.base, flights, &point.added);
-        lacking.retain(|s| select::is_linear(s.effect) && selection.base.get(s.effect.name()).is_none());
         let watched = Watched {
-            effects: point.added.iter().map(|a| &a.setting).chain(&lacking).cloned().collect(),
+            effects: point.added.iter().map(|a| a.setting.clone()).collect(),
             terms: all().iter().map(|(channel, r)| Term { channel: *channel, regressor: r.value }).collect(),
             ..Watched::default()
         };
-        Self { problems: search.problems(&point, &watched), effects: point.added, lacking, watched }
+        Self { problems: search.problems(&point, &watched), effects: point.added, watched }
     }
 
     fn data(&self, noise: &Noise, options: &Options, workers: &dyn Workers) -> Data {
@@ -188,23 +182,6 @@ impl Watching {
         let (sigma, offset) = priors(&self.effects, &self.watched);
         let (slots, effects) = (self.watched.slots(), self.effects.clone());
         Data { parts, log_likelihood, effects, slots, sigma, offset, terms: all() }
-    }
-
-    /// Effects that were looked for in vain, the likeliest first.
-    fn not_found(&self, data: &Data, selection: &Selection) -> Vec<NotFound> {
-        let mut sum = data.parts[0].clone();
-        sum.add(&data.parts[1]);
-        let known = limits::Known { sigma: &data.sigma, offset: &data.offset };
-        let of = |(k, setting): (usize, &EffectSetting)| {
-            let own = |s: &(usize, &(usize, usize))| s.1.0 == self.effects.len() + k;
-            let columns: Vec<(usize, usize)> =
-                data.slots.iter().enumerate().filter(own).map(|(column, (_, p))| (*p, column)).collect();
-            let evidence = selection.remaining.iter().find(|r| r.0 == setting.effect.name()).map(|r| r.1)?;
-            limits::of(setting, &columns, &known, &sum, evidence)
-        };
-        let mut out: Vec<NotFound> = self.lacking.iter().enumerate().filter_map(of).collect();
-        out.sort_by(|a, b| b.evidence.total_cmp(&a.evidence));
-        out
     }
 
     /// The same without the random walks that were added to the biases; `None` where there are none.
@@ -244,7 +221,6 @@ pub fn find(
         (data.evidence(&chosen), data, chosen)
     };
     let (mut evidence, mut data, mut chosen) = look(&own, &others);
-    let not_found = own.not_found(&data, selection);
     let mut replaced = Vec::new();
     // A random walk follows whatever there is, so that it hides terms: they are looked for without it, too.
     if let Some(drifts) = own.without_drifts(&selection.base) {
@@ -260,7 +236,7 @@ pub fn find(
     if !chosen.is_empty() {
         replaced.extend(data.imitations(&chosen, evidence, settings.threshold));
     }
-    LeftOver { terms: data.tell(&chosen), not_found, replaced }
+    LeftOver { terms: data.tell(&chosen), replaced }
 }
 
 impl Data {

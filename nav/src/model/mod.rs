@@ -235,10 +235,20 @@ impl Model {
         undone
     }
 
-    /// The same from a sample and the one told before; `None` where it tells nothing new.
-    pub fn undo_source_after(&self, now: &ImuSample, last: Option<&ImuSample>) -> Option<ImuSample> {
-        let mistakes = || self.effects.iter().rev().filter(|s| s.effect.is_source_mistake());
-        mistakes().try_fold(*now, |sample, s| s.effect.undo_source_after(&sample, last))
+    /// The same from a sample and those before; `None` where it tells nothing new. The last fault is undone first, and each
+    /// sees what the one undone before it gave: as [`SourceEffect::undo_sequence`](effects::SourceEffect::undo_sequence) does with a whole
+    /// flight.
+    pub fn undo_source_after(&self, now: &ImuSample, before: &mut SourceHistory) -> Option<ImuSample> {
+        let faults = self.effects.iter().rev().filter(|s| s.effect.is_source_mistake());
+        let mut sample = *now;
+        for (k, setting) in faults.enumerate() {
+            if before.0.len() <= k {
+                before.0.push(None);
+            }
+            let last = before.0[k].replace(sample);
+            sample = setting.effect.undo_source_after(&sample, last.as_ref())?;
+        }
+        Some(sample)
     }
 
     /// How the samples of this stream are to be read: the belief of the model over what the source says.
@@ -258,6 +268,10 @@ impl Model {
         }
     }
 }
+
+/// The last sample before each fault of the source was undone.
+#[derive(Debug, Clone, Default)]
+pub struct SourceHistory(Vec<Option<ImuSample>>);
 
 /// Why a model cannot be had.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
@@ -323,3 +337,64 @@ pub enum ModelError {
 
 /// 1 mg in m/s².
 pub const MILLI_G: f64 = 1e-3 * STANDARD_GRAVITY;
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::effects::Told;
+    use nalgebra::Vector3;
+
+    /// A swing as a source with these faults reports it.
+    fn reported(faults: &[&str]) -> (Model, Vec<ImuSample>, Vec<ImuSample>) {
+        let mut model = Model::default();
+        for name in faults {
+            model.set(EffectSetting::unknown(effects::find(name).unwrap()));
+        }
+        let mut before: Vec<Option<Told>> = vec![None; faults.len()];
+        let (mut true_samples, mut samples) = (Vec::new(), Vec::new());
+        for k in 0..200_u32 {
+            let t_s = f64::from(k) * 0.02;
+            let swing =
+                |a: f64| Vector3::new((0.9 * t_s + a).sin(), (0.8 * t_s).sin(), (0.5 * t_s - a).sin());
+            let sample =
+                ImuSample { t_s, gyro: swing(0.3), accel: swing(-0.3) * 9.0, temperature_degc: None };
+            let mut now = [sample.gyro, sample.accel];
+            for (setting, before) in model.effects.iter().zip(&mut before) {
+                let told = setting.effect.source_after(now, before.as_ref());
+                let count = before.map_or(0, |b| b.count) + 1;
+                *before = Some(Told { finished: now, told, count });
+                now = told;
+            }
+            true_samples.push(sample);
+            samples.push(ImuSample { gyro: now[0], accel: now[1], ..sample });
+        }
+        (model, true_samples, samples)
+    }
+
+    #[test]
+    fn two_faults_at_once_are_undone_alike_live_and_over_a_whole_flight() {
+        for faults in [
+            ["gyro_sample_late", "accel_x_reversed"],
+            ["accel_x_reversed", "gyro_sample_late"],
+            ["accel_sample_late", "gyro_in_deg_per_s"],
+            ["gyro_xy_swapped", "accel_sample_late"],
+            ["gyro_xz_swapped", "samples_repeated"],
+        ] {
+            let (model, true_samples, samples) = reported(&faults);
+            let mut history = SourceHistory::default();
+            let live: Vec<ImuSample> =
+                samples.iter().filter_map(|s| model.undo_source_after(s, &mut history)).collect();
+            let mut whole = samples.clone();
+            for setting in model.effects.iter().rev() {
+                whole = setting.effect.undo_sequence(&whole);
+            }
+            assert_eq!(live, whole, "{faults:?}");
+            assert!(live.len() >= 99, "{faults:?}: {}", live.len());
+            for s in &live[1..] {
+                let truth = true_samples.iter().find(|t| t.t_s == s.t_s).unwrap();
+                let off = (s.gyro - truth.gyro).amax().max((s.accel - truth.accel).amax());
+                assert!(off < 1e-12, "{faults:?} at {}: {off}", s.t_s);
+            }
+        }
+    }
+}

@@ -2,16 +2,40 @@
 
 use super::gramian::Gramian;
 use crate::filter::layout::StateName;
+use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
 
 /// What flies: the same excitation is flown differently.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
 pub enum VehicleKind {
-    /// An aircraft.
+    /// Not reported: remedies name the acceleration that is missing and no maneuver.
     #[default]
+    Unknown,
+    /// An aircraft.
     FixedWing,
-    /// A multirotor.
+    /// A multirotor or helicopter.
     Multirotor,
+}
+
+impl VehicleKind {
+    /// By `MAV_TYPE` (MAVLink common.xml). A VTOL flies excitation maneuvers on its wing.
+    pub fn from_mav_type(mav_type: u8) -> Self {
+        match mav_type {
+            1 | 16 | 19..=25 | 28 => Self::FixedWing,
+            2 | 3 | 4 | 13 | 14 | 15 | 29 | 35 | 43 => Self::Multirotor,
+            _ => Self::Unknown,
+        }
+    }
+
+    /// `fixed_wing`, `multirotor` or `unknown`.
+    pub fn word(self) -> &'static str {
+        match self {
+            Self::FixedWing => "fixed_wing",
+            Self::Multirotor => "multirotor",
+            Self::Unknown => "unknown",
+        }
+    }
 }
 
 /// One dark direction, or several that have the same cause and remedy.
@@ -57,8 +81,8 @@ impl Cause {
     fn why(self) -> &'static str {
         match self {
             Self::Forward => "speed has hardly changed",
-            Self::Sideways => "nothing has moved the aircraft sideways",
-            Self::Vertical => "lift has hardly changed",
+            Self::Sideways => "the vehicle has hardly been accelerated sideways",
+            Self::Vertical => "vertical acceleration has hardly changed",
             Self::Turn => "one heading cannot tell tilt from bias",
             Self::Rotation => "the vehicle has hardly rotated about all axes",
             Self::Speed => "the velocity has hardly changed",
@@ -68,19 +92,22 @@ impl Cause {
     }
 
     fn remedy(self, vehicle: VehicleKind) -> &'static str {
-        let wing = vehicle == VehicleKind::FixedWing;
-        match self {
-            Self::Forward if wing => "straight and level, throttle full to idle and back",
-            Self::Forward => "dash forward and brake",
-            Self::Sideways if wing => "fly a sideslip",
-            Self::Sideways => "dash sideways and brake",
-            Self::Vertical if wing => "pull up, or bank beyond 45°",
-            Self::Vertical => "climb and descend with full thrust changes",
-            Self::Turn => "turn onto other headings",
-            Self::Rotation => "roll, pitch and turn to both sides",
-            Self::Speed => "change speed, or turn",
-            Self::Temperature => "let the unit warm up",
-            Self::Motion => "accelerate and turn",
+        use VehicleKind::{FixedWing, Multirotor, Unknown};
+        match (self, vehicle) {
+            (Self::Forward, FixedWing) => "straight and level, throttle full to idle and back",
+            (Self::Forward, Multirotor) => "dash forward and brake",
+            (Self::Forward, Unknown) => "accelerate and brake along the forward axis",
+            (Self::Sideways, FixedWing) => "fly a sideslip",
+            (Self::Sideways, Multirotor) => "dash sideways and brake",
+            (Self::Sideways, Unknown) => "accelerate along the sideways axis, to both sides",
+            (Self::Vertical, FixedWing) => "pull up, or bank beyond 45°",
+            (Self::Vertical, Multirotor) => "climb and descend with full thrust changes",
+            (Self::Vertical, Unknown) => "change the acceleration along the vertical axis",
+            (Self::Turn, _) => "turn onto other headings",
+            (Self::Rotation, _) => "roll, pitch and turn to both sides",
+            (Self::Speed, _) => "change speed, or turn",
+            (Self::Temperature, _) => "let the unit warm up",
+            (Self::Motion, _) => "accelerate and turn",
         }
     }
 }
@@ -174,7 +201,7 @@ mod tests {
         let dark: [&[_]; 3] = [&[("g12", 1.0)], &[("g22", 1.0)], &[("g32", 1.0)]];
         assert_eq!(
             texts(&dark, VehicleKind::FixedWing),
-            ["column y of G: nothing has moved the aircraft sideways: fly a sideslip"]
+            ["column y of G: the vehicle has hardly been accelerated sideways: fly a sideslip"]
         );
     }
 

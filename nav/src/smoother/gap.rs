@@ -89,7 +89,9 @@ pub fn trajectory(flight: &Flight, model: &Model, noise: &Noise) -> Vec<Smoothed
     filter.record(SPACING_S);
     let mut fusion = Fusion::without_window(filter);
     let mut fixes = flight.fixes().iter().peekable();
+    let (kind, rounding) = (flight.stream().kind, flight.rounding(model));
     for sample in flight.samples_of(model).iter() {
+        fusion.filter_mut().set_stream(kind, rounding.at(sample.t_s));
         while let Some(fix) = fixes.next_if(|f| f.t_s <= sample.t_s) {
             fusion.push_fix(scaled(fix, noise));
         }

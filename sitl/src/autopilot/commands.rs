@@ -1,6 +1,6 @@
 //! Who is spoken to, and the commands that every autopilot answers.
 
-use super::{Autopilot, RELEASE_AFTER_S};
+use super::{Autopilot, Flavour, RELEASE_AFTER_S};
 use mavlink::dialects::ardupilotmega::*;
 use mavlink::{MavHeader, Message, MessageData};
 
@@ -30,6 +30,11 @@ impl Autopilot {
                 let tc1 = (self.boot_s() * 1e9) as i64;
                 self.send(&MavMessage::TIMESYNC(TIMESYNC_DATA { tc1, ts1: t.ts1, ..Default::default() }));
             }
+            MavMessage::PARAM_REQUEST_READ(_)
+            | MavMessage::PARAM_REQUEST_LIST(_)
+            | MavMessage::PARAM_SET(_) => {
+                self.handle_parameters(message);
+            }
             _ => self.handle_flight(from, message),
         }
     }
@@ -47,6 +52,9 @@ impl Autopilot {
         let result = match command {
             MavCmd::MAV_CMD_SET_MESSAGE_INTERVAL => {
                 self.station_asked();
+                if self.config.flavour == Flavour::ArduPilot && !self.streams.supports(id) {
+                    self.say_to_pilot(&format!("No ap_message for mavlink id ({id})"));
+                }
                 self.streams.set_interval(params, self.now_s)
             }
             MavCmd::MAV_CMD_GET_MESSAGE_INTERVAL => {
@@ -81,6 +89,16 @@ impl Autopilot {
         if let Some(message) = then {
             self.send(&message);
         }
+    }
+
+    /// A text that every ground station shows.
+    fn say_to_pilot(&mut self, text: &str) {
+        let severity = MavSeverity::MAV_SEVERITY_INFO;
+        self.send(&MavMessage::STATUSTEXT(STATUSTEXT_DATA {
+            severity,
+            text: text.into(),
+            ..Default::default()
+        }));
     }
 
     fn acknowledge(&mut self, to: &MavHeader, command: MavCmd, result: MavResult) {

@@ -1,11 +1,14 @@
 //! What the autopilot makes of its vehicle: arming, modes, mission items, and how all that looks on the wire.
 
-use super::{Autopilot, Flavour};
+use super::{Autopilot, Flavour, feasibility};
 use crate::scenario::Airframe;
 use crate::truth::{Trajectory, Truth};
 use crate::vehicle::{Mode, PilotEvent, Vehicle};
 use mavlink::MavHeader;
 use mavlink::dialects::ardupilotmega::*;
+
+/// PX4 judges a mission this long after its acknowledgement, s.
+const JUDGE_AFTER_S: f64 = 0.3;
 
 /// What carries the sensors.
 pub(super) enum Body {
@@ -84,6 +87,21 @@ impl Autopilot {
         self.body.items()
     }
 
+    /// The geofence on board: polygon corners and circles as items.
+    pub fn fence(&self) -> &[MISSION_ITEM_INT_DATA] {
+        self.mission.fence()
+    }
+
+    /// The rally points on board.
+    pub fn rally_points(&self) -> &[MISSION_ITEM_INT_DATA] {
+        self.mission.rally_points()
+    }
+
+    /// ArduPilot's parameter `FENCE_TOTAL`.
+    pub fn fence_total(&self) -> usize {
+        self.mission.fence_total()
+    }
+
     pub(super) fn is_armed(&self) -> bool {
         self.vehicle().map_or(!self.is_waiting(), Vehicle::is_armed)
     }
@@ -106,8 +124,10 @@ impl Autopilot {
             (Flavour::ArduPilot, Airframe::FixedWing) => custom == *plane,
             (Flavour::ArduPilot, Airframe::Multirotor) => custom == *copter,
         });
+        let rejected = self.mission_rejected;
         let Some(vehicle) = self.body.vehicle_mut() else { return MavResult::MAV_RESULT_UNSUPPORTED };
         match mode {
+            Some((Mode::Auto, ..)) if rejected => MavResult::MAV_RESULT_TEMPORARILY_REJECTED,
             None => MavResult::MAV_RESULT_DENIED,
             Some((mode, ..)) if vehicle.set_mode(*mode) => MavResult::MAV_RESULT_ACCEPTED,
             Some(_) => MavResult::MAV_RESULT_FAILED,
@@ -125,6 +145,12 @@ impl Autopilot {
                 };
                 self.set_custom_mode(custom)
             }
+            MavCmd::MAV_CMD_COMPONENT_ARM_DISARM if params[0] == 1.0 && self.mission_rejected => {
+                let text = "Arming denied: Resolve system health failures first";
+                self.send_text(MavSeverity::MAV_SEVERITY_CRITICAL, text);
+                MavResult::MAV_RESULT_TEMPORARILY_REJECTED
+            }
+            MavCmd::MAV_CMD_MISSION_START if self.mission_rejected => MavResult::MAV_RESULT_DENIED,
             MavCmd::MAV_CMD_COMPONENT_ARM_DISARM => self
                 .body
                 .vehicle_mut()
@@ -170,20 +196,46 @@ impl Autopilot {
         for message in self.mission.tick(self.now_s) {
             self.send(&message);
         }
+        self.judge_mission();
+        for text in self.mission.take_texts() {
+            self.send_text(MavSeverity::MAV_SEVERITY_INFO, text);
+        }
         let events = self.body.vehicle_mut().map(Vehicle::take_events).unwrap_or_default();
         for event in events {
             let message = match event {
                 PilotEvent::Reached(seq) => {
                     MavMessage::MISSION_ITEM_REACHED(MISSION_ITEM_REACHED_DATA { seq: seq as u16 })
                 }
-                PilotEvent::Landed => MavMessage::STATUSTEXT(STATUSTEXT_DATA {
-                    severity: MavSeverity::MAV_SEVERITY_INFO,
-                    text: "Landed, disarmed".into(),
-                    ..Default::default()
-                }),
+                PilotEvent::Landed => {
+                    self.send_text(MavSeverity::MAV_SEVERITY_INFO, "Landed, disarmed");
+                    continue;
+                }
             };
             self.send(&message);
         }
+    }
+
+    /// PX4 judges a mission some time after it was acknowledged; ArduPilot does not.
+    fn judge_mission(&mut self) {
+        if self.mission.take_changed() && self.config.flavour == Flavour::Px4 {
+            self.judge_s = self.now_s + JUDGE_AFTER_S;
+        }
+        if self.now_s < self.judge_s {
+            return;
+        }
+        self.judge_s = f64::INFINITY;
+        let found = feasibility::judge(self.body.items(), self.config.airframe, self.mission.home());
+        self.mission_rejected = !found.is_empty();
+        let boot_ms = (self.boot_s() * 1e3) as u32;
+        for event in found {
+            self.send(&event.message(boot_ms, self.events_sent));
+            self.events_sent = self.events_sent.wrapping_add(1);
+        }
+    }
+
+    fn send_text(&mut self, severity: MavSeverity, text: &str) {
+        let message = STATUSTEXT_DATA { severity, text: text.into(), ..Default::default() };
+        self.send(&MavMessage::STATUSTEXT(message));
     }
 
     pub(super) fn mission_current(&self) -> MavMessage {
@@ -191,7 +243,7 @@ impl Autopilot {
         let vehicle = self.vehicle();
         let seq = vehicle.map_or(0, Vehicle::current);
         let mission_state = match vehicle {
-            _ if items.is_empty() => MissionState::MISSION_STATE_NO_MISSION,
+            _ if items.is_empty() || self.mission_rejected => MissionState::MISSION_STATE_NO_MISSION,
             Some(v) if v.mode() == Mode::Auto && v.is_armed() => MissionState::MISSION_STATE_ACTIVE,
             Some(v) if v.current() >= items.len() => MissionState::MISSION_STATE_COMPLETE,
             _ => MissionState::MISSION_STATE_NOT_STARTED,
@@ -206,6 +258,8 @@ impl Autopilot {
             total: total.min(usize::from(u16::MAX)) as u16,
             mission_state,
             mission_id: self.mission.opaque_id(items),
+            fence_id: self.mission.opaque_id(self.fence()),
+            rally_points_id: self.mission.opaque_id(self.rally_points()),
             ..Default::default()
         })
     }

@@ -1,12 +1,23 @@
 //! The vehicle's side of the mission protocol, with the habits and faults of ArduPilot and PX4 (FIELD_NOTES, "Mission
-//! protocol"). No clock: time is a parameter; no storage: the items belong to the vehicle.
+//! protocol"): three lists by mission type (mission, fence, rally points). No clock: time is a parameter; the mission's own
+//! items belong to the vehicle.
+//!
+//! ArduPilot: `libraries/GCS_MAVLink/MissionItemProtocol.cpp` and its `_Waypoints`, `_Fence`, `_Rally`; PX4:
+//! `src/modules/mavlink/mavlink_mission.cpp`.
+
+mod ardupilot;
+mod px4;
+mod storage;
+mod wire;
 
 use super::Flavour;
+use crate::scenario::Airframe;
 use mavlink::MavHeader;
 use mavlink::dialects::ardupilotmega::*;
+use std::collections::BTreeMap;
+use storage::Storage;
+use wire::{ack, addressed, ask, checksum, from_float, to_float};
 
-/// Items that fit on board.
-const CAPACITY: u16 = 700;
 /// ArduPilot asks again after this, s, and gives up after that.
 const ARDUPILOT_ASK_S: f64 = 1.0;
 const ARDUPILOT_GIVE_UP_S: f64 = 8.0;
@@ -18,41 +29,121 @@ type Item = MISSION_ITEM_INT_DATA;
 /// System and component of a station.
 type Peer = (u8, u8);
 
+/// What is transferred: the numbers of `MAV_MISSION_TYPE`.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
+enum List {
+    Mission,
+    Fence,
+    Rally,
+}
+
+impl List {
+    const ALL: [Self; 3] = [Self::Mission, Self::Fence, Self::Rally];
+
+    fn of(mission_type: MavMissionType) -> Option<Self> {
+        Self::ALL.into_iter().find(|l| l.mission_type() == mission_type)
+    }
+
+    fn mission_type(self) -> MavMissionType {
+        match self {
+            Self::Mission => MavMissionType::MAV_MISSION_TYPE_MISSION,
+            Self::Fence => MavMissionType::MAV_MISSION_TYPE_FENCE,
+            Self::Rally => MavMissionType::MAV_MISSION_TYPE_RALLY,
+        }
+    }
+}
+
 #[derive(Debug, Clone)]
 struct Upload {
+    list: List,
     peer: Peer,
     count: u16,
     next: u16,
     asked_s: f64,
     heard_s: f64,
-    /// PX4 collects here; ArduPilot writes into the mission itself.
+    /// What is taken over at the end: everything on PX4, ArduPilot's fence. ArduPilot's missions and rally points are written
+    /// item by item.
     staged: Vec<Item>,
 }
 
 /// The server.
 #[derive(Debug, Clone)]
 pub struct MissionServer {
-    flavour: Flavour,
+    firmware: Storage,
     home: Item,
-    upload: Option<Upload>,
-    /// The peer and number of items of the last complete upload.
-    finished: Option<(Peer, u16)>,
+    /// At most one per list on ArduPilot, at most one on PX4.
+    uploads: Vec<Upload>,
+    /// PX4: who downloads what, and the item it may ask for next.
+    download: Option<(Peer, List, u16)>,
+    /// The last complete upload and its number of items.
+    finished: Option<(Peer, List, u16)>,
+    /// Fence and rally points.
+    others: BTreeMap<List, Vec<Item>>,
+    /// What is said besides: to be taken by [`Self::take_texts`].
+    texts: Vec<&'static str>,
+    /// Whether the mission changed since [`Self::take_changed`].
+    changed: bool,
 }
 
 impl MissionServer {
     /// A server that writes `home` into sequence 0 where the autopilot keeps it there.
-    pub fn new(flavour: Flavour, home: Item) -> Self {
-        Self { flavour, home, upload: None, finished: None }
+    pub fn new(flavour: Flavour, airframe: Airframe, home: Item) -> Self {
+        Self {
+            firmware: Storage { flavour, airframe },
+            home,
+            uploads: Vec::new(),
+            download: None,
+            finished: None,
+            others: BTreeMap::new(),
+            texts: Vec::new(),
+            changed: false,
+        }
     }
 
     /// Whether an upload is going on.
     pub fn is_uploading(&self) -> bool {
-        self.upload.is_some()
+        !self.uploads.is_empty()
     }
 
-    /// Forgets an unfinished transfer, as a restart does.
+    /// Home, as an item.
+    pub fn home(&self) -> &Item {
+        &self.home
+    }
+
+    /// The geofence on board: polygon corners and circles as items.
+    pub fn fence(&self) -> &[Item] {
+        self.others.get(&List::Fence).map_or(&[], Vec::as_slice)
+    }
+
+    /// The rally points on board.
+    pub fn rally_points(&self) -> &[Item] {
+        self.others.get(&List::Rally).map_or(&[], Vec::as_slice)
+    }
+
+    /// ArduPilot's parameter `FENCE_TOTAL`: corners and circles plus 2, or 0 where they are fewer than three
+    /// (`AC_PolyFence_loader::write_fence`).
+    pub fn fence_total(&self) -> usize {
+        let points = self.fence().iter().filter(|i| i.command != MavCmd::MAV_CMD_NAV_FENCE_RETURN_POINT);
+        match points.count() {
+            0..=2 => 0,
+            many => many + 2,
+        }
+    }
+
+    /// Texts for the station since the last call.
+    pub fn take_texts(&mut self) -> Vec<&'static str> {
+        std::mem::take(&mut self.texts)
+    }
+
+    /// Whether the mission was replaced or cleared since the last call: PX4 judges it then.
+    pub fn take_changed(&mut self) -> bool {
+        std::mem::take(&mut self.changed)
+    }
+
+    /// Forgets an unfinished transfer, as a restart does; the lists are stored for good.
     pub fn restart(&mut self) {
-        self.upload = None;
+        self.uploads.clear();
+        self.download = None;
         self.finished = None;
     }
 
@@ -65,55 +156,43 @@ impl MissionServer {
         now_s: f64,
     ) -> Vec<MavMessage> {
         let peer = (u8::try_from(from.system_id).unwrap_or(0), from.component_id);
-        let mission = MavMissionType::MAV_MISSION_TYPE_MISSION;
+        let Some(mission_type) = mission_type_of(message) else { return Vec::new() };
+        let Some(list) = List::of(mission_type) else {
+            return self.handle_unknown_type(items, peer, message, mission_type);
+        };
+        let mut stored = match list {
+            List::Mission => std::mem::take(items),
+            _ => self.others.remove(&list).unwrap_or_default(),
+        };
+        let answers = self.answer(&mut stored, list, peer, message, now_s);
+        match list {
+            List::Mission => *items = stored,
+            _ => _ = self.others.insert(list, stored),
+        }
+        answers
+    }
+
+    fn answer(
+        &mut self,
+        stored: &mut Vec<Item>,
+        list: List,
+        peer: Peer,
+        message: &MavMessage,
+        now_s: f64,
+    ) -> Vec<MavMessage> {
         match message {
-            MavMessage::MISSION_COUNT(c) if c.mission_type == mission => {
-                self.begin(items, peer, c.count, now_s)
-            }
-            MavMessage::MISSION_COUNT(c) => {
-                let ack = ack(peer, MavMissionResult::MAV_MISSION_UNSUPPORTED, 0);
-                vec![of_type(ack, c.mission_type)]
-            }
-            MavMessage::MISSION_ITEM_INT(i) if i.mission_type == mission => {
-                self.receive(items, peer, i.clone(), now_s)
-            }
-            MavMessage::MISSION_ITEM(i) if i.mission_type == mission => {
-                self.receive(items, peer, from_float(i), now_s)
-            }
-            MavMessage::MISSION_REQUEST_LIST(r) => {
-                let count = if r.mission_type == mission { items.len() as u16 } else { 0 };
-                vec![MavMessage::MISSION_COUNT(MISSION_COUNT_DATA {
-                    count,
-                    target_system: peer.0,
-                    target_component: peer.1,
-                    mission_type: r.mission_type,
-                    opaque_id: self.opaque_id(items),
-                })]
-            }
-            MavMessage::MISSION_REQUEST_INT(r) if r.mission_type == mission => {
-                vec![match items.get(usize::from(r.seq)) {
-                    Some(item) => MavMessage::MISSION_ITEM_INT(addressed(item, r.seq, peer)),
-                    None => ack(peer, MavMissionResult::MAV_MISSION_INVALID_SEQUENCE, 0),
-                }]
-            }
-            MavMessage::MISSION_REQUEST(r) if r.mission_type == mission => {
-                vec![match items.get(usize::from(r.seq)) {
-                    Some(item) => MavMessage::MISSION_ITEM(to_float(&addressed(item, r.seq, peer))),
-                    None => ack(peer, MavMissionResult::MAV_MISSION_INVALID_SEQUENCE, 0),
-                }]
-            }
-            MavMessage::MISSION_CLEAR_ALL(c) => {
-                if c.mission_type == mission || c.mission_type == MavMissionType::MAV_MISSION_TYPE_ALL {
-                    items.clear();
-                }
-                let done = ack(peer, MavMissionResult::MAV_MISSION_ACCEPTED, 0);
-                vec![of_type(done, c.mission_type)]
-            }
+            MavMessage::MISSION_COUNT(c) => self.begin(stored, list, peer, c.count, now_s),
+            MavMessage::MISSION_ITEM_INT(i) => self.receive(stored, list, peer, i.clone(), now_s),
+            MavMessage::MISSION_ITEM(i) => self.receive(stored, list, peer, from_float(i), now_s),
+            MavMessage::MISSION_REQUEST_LIST(_) => self.count(stored, list, peer),
+            MavMessage::MISSION_REQUEST_INT(r) => self.send(stored, list, peer, r.seq, true),
+            MavMessage::MISSION_REQUEST(r) => self.send(stored, list, peer, r.seq, false),
+            MavMessage::MISSION_CLEAR_ALL(_) => self.clear(stored, list, peer),
             // The station cancels, or confirms a download.
-            MavMessage::MISSION_ACK(a) if a.mission_type == mission => {
-                let cancelled = a.mavtype != MavMissionResult::MAV_MISSION_ACCEPTED;
-                if cancelled && self.upload.as_ref().is_some_and(|u| u.peer == peer) {
-                    self.upload = None;
+            MavMessage::MISSION_ACK(a) => {
+                self.download = self.download.filter(|(p, ..)| *p != peer);
+                if a.mavtype != MavMissionResult::MAV_MISSION_ACCEPTED {
+                    self.uploads.retain(|u| u.peer != peer || u.list != list);
                 }
                 Vec::new()
             }
@@ -121,289 +200,300 @@ impl MissionServer {
         }
     }
 
+    /// A type beyond the three lists: `MAV_MISSION_TYPE_ALL` clears everything on PX4 and is unsupported on ArduPilot, whose table of
+    /// lists has three places (`GCS::get_prot_for_mission_type`).
+    fn handle_unknown_type(
+        &mut self,
+        items: &mut Vec<Item>,
+        peer: Peer,
+        message: &MavMessage,
+        mission_type: MavMissionType,
+    ) -> Vec<MavMessage> {
+        let result = match (self.firmware.flavour, message) {
+            (Flavour::Px4, MavMessage::MISSION_CLEAR_ALL(_)) => {
+                items.clear();
+                self.changed = true;
+                self.others.clear();
+                MavMissionResult::MAV_MISSION_ACCEPTED
+            }
+            (Flavour::Px4, MavMessage::MISSION_COUNT(_)) => MavMissionResult::MAV_MISSION_INVALID,
+            (
+                Flavour::ArduPilot,
+                MavMessage::MISSION_CLEAR_ALL(_)
+                | MavMessage::MISSION_COUNT(_)
+                | MavMessage::MISSION_REQUEST_LIST(_),
+            ) => MavMissionResult::MAV_MISSION_UNSUPPORTED,
+            _ => return Vec::new(),
+        };
+        vec![MavMessage::MISSION_ACK(MISSION_ACK_DATA {
+            target_system: peer.0,
+            target_component: peer.1,
+            mavtype: result,
+            mission_type,
+            opaque_id: 0,
+        })]
+    }
+
     /// Asks again for what did not come, or gives up.
     pub fn tick(&mut self, now_s: f64) -> Vec<MavMessage> {
-        let (ask_s, give_up_s) = match self.flavour {
+        let flavour = self.firmware.flavour;
+        let (ask_s, give_up_s) = match flavour {
             Flavour::ArduPilot => (ARDUPILOT_ASK_S, ARDUPILOT_GIVE_UP_S),
             Flavour::Px4 => (PX4_ASK_S, PX4_GIVE_UP_S),
         };
-        let Some(upload) = &mut self.upload else { return Vec::new() };
-        if now_s - upload.heard_s >= give_up_s {
-            let peer = upload.peer;
-            self.upload = None;
-            return vec![ack(peer, MavMissionResult::MAV_MISSION_OPERATION_CANCELLED, 0)];
-        }
-        if now_s - upload.asked_s >= ask_s {
-            upload.asked_s = now_s;
-            return vec![ask(self.flavour, upload)];
-        }
-        Vec::new()
+        let mut said = Vec::new();
+        let mut texts = Vec::new();
+        self.uploads.retain_mut(|upload| {
+            if now_s - upload.heard_s >= give_up_s {
+                // PX4 gives up without an answer (`MavlinkMissionManager::send`).
+                if flavour == Flavour::ArduPilot {
+                    let cancelled = MavMissionResult::MAV_MISSION_OPERATION_CANCELLED;
+                    said.push(ack(upload.peer, upload.list, cancelled, 0));
+                    texts.push(match upload.list {
+                        List::Mission => "Mission upload timeout",
+                        List::Fence => "Fence upload timeout",
+                        List::Rally => "Rally upload timeout",
+                    });
+                }
+                return false;
+            }
+            if now_s - upload.asked_s >= ask_s {
+                upload.asked_s = now_s;
+                said.push(ask(flavour, upload.peer, upload.list, upload.next));
+            }
+            true
+        });
+        self.texts.extend(texts);
+        said
     }
 
-    /// PX4's checksum of the mission; ArduPilot has none.
+    /// PX4's checksum of a list; ArduPilot has none.
     pub fn opaque_id(&self, items: &[Item]) -> u32 {
-        match self.flavour {
+        match self.firmware.flavour {
             Flavour::ArduPilot => 0,
             Flavour::Px4 => checksum(items),
         }
     }
 
-    fn begin(&mut self, items: &mut Vec<Item>, peer: Peer, count: u16, now_s: f64) -> Vec<MavMessage> {
-        if self.upload.as_ref().is_some_and(|u| u.peer != peer) {
-            let busy = match self.flavour {
-                Flavour::ArduPilot => MavMissionResult::MAV_MISSION_DENIED,
-                Flavour::Px4 => MavMissionResult::MAV_MISSION_ERROR,
-            };
-            return vec![ack(peer, busy, 0)];
+    fn begin(
+        &mut self,
+        stored: &mut Vec<Item>,
+        list: List,
+        peer: Peer,
+        count: u16,
+        now_s: f64,
+    ) -> Vec<MavMessage> {
+        let flavour = self.firmware.flavour;
+        if let Some(answer) = self.busy(list, peer) {
+            return vec![answer];
         }
-        if count > CAPACITY {
-            return vec![ack(peer, MavMissionResult::MAV_MISSION_NO_SPACE, 0)];
+        if count > self.firmware.capacity(list) {
+            return vec![ack(peer, list, MavMissionResult::MAV_MISSION_NO_SPACE, 0)];
         }
-        if self.flavour == Flavour::ArduPilot {
-            // Not atomic: from here on the old mission is damaged.
-            items.truncate(usize::from(count));
+        if flavour == Flavour::ArduPilot && list != List::Fence {
+            // Not atomic: from here on the old list is damaged.
+            stored.truncate(usize::from(count));
         }
         if count == 0 {
-            items.clear();
-            self.upload = None;
-            return vec![ack(peer, MavMissionResult::MAV_MISSION_ACCEPTED, self.opaque_id(items))];
+            stored.clear();
+            self.changed |= list == List::Mission;
+            return vec![ack(peer, list, MavMissionResult::MAV_MISSION_ACCEPTED, self.opaque_id(stored))];
         }
-        let upload = Upload { peer, count, next: 0, asked_s: now_s, heard_s: now_s, staged: Vec::new() };
         self.finished = None;
-        let request = ask(self.flavour, &upload);
-        self.upload = Some(upload);
-        vec![request]
+        self.download = None;
+        let staged = Vec::new();
+        self.uploads.push(Upload { list, peer, count, next: 0, asked_s: now_s, heard_s: now_s, staged });
+        vec![ask(flavour, peer, list, 0)]
     }
 
-    fn receive(&mut self, items: &mut Vec<Item>, peer: Peer, item: Item, now_s: f64) -> Vec<MavMessage> {
-        let flavour = self.flavour;
-        let Some(upload) = self.upload.as_mut().filter(|u| u.peer == peer) else {
-            return self.receive_idle(items, peer, item.seq);
+    /// What stands against a new upload. ArduPilot lets the same station start again and denies it to another; PX4 repeats its first
+    /// request and refuses anything later.
+    fn busy(&mut self, list: List, peer: Peer) -> Option<MavMessage> {
+        match self.firmware.flavour {
+            Flavour::ArduPilot => {
+                let other = self.uploads.iter().any(|u| u.list == list && u.peer != peer);
+                self.uploads.retain(|u| u.list != list || other);
+                other.then(|| ack(peer, list, MavMissionResult::MAV_MISSION_DENIED, 0))
+            }
+            Flavour::Px4 => self.uploads.first().map(|u| {
+                if u.peer == peer && u.next == 0 {
+                    ask(Flavour::Px4, peer, u.list, 0)
+                } else {
+                    ack(peer, u.list, MavMissionResult::MAV_MISSION_ERROR, 0)
+                }
+            }),
+        }
+    }
+
+    fn receive(
+        &mut self,
+        stored: &mut Vec<Item>,
+        list: List,
+        peer: Peer,
+        item: Item,
+        now_s: f64,
+    ) -> Vec<MavMessage> {
+        let firmware = self.firmware;
+        let Some(k) = self.uploads.iter().position(|u| u.list == list) else {
+            return self.receive_idle(stored, list, peer, item.seq);
         };
+        let upload = &mut self.uploads[k];
         if item.seq != upload.next {
-            return match flavour {
+            return match firmware.flavour {
                 // In passing: the transfer goes on.
-                Flavour::ArduPilot => vec![ack(peer, MavMissionResult::MAV_MISSION_INVALID_SEQUENCE, 0)],
+                Flavour::ArduPilot => {
+                    vec![ack(peer, list, MavMissionResult::MAV_MISSION_INVALID_SEQUENCE, 0)]
+                }
                 Flavour::Px4 => Vec::new(),
             };
         }
-        if let Some(refused) = refusal(flavour, &item) {
-            self.upload = None;
-            return vec![ack(peer, refused, 0)];
+        if upload.peer != peer {
+            return match firmware.flavour {
+                Flavour::ArduPilot => vec![ack(peer, list, MavMissionResult::MAV_MISSION_DENIED, 0)],
+                Flavour::Px4 => Vec::new(),
+            };
         }
+        let seq = usize::from(item.seq);
+        let last = upload.count - 1;
+        let kept = match firmware.keep(list, item) {
+            // `MissionItemProtocol_Waypoints::append_item`.
+            Ok(kept) if firmware.flavour == Flavour::ArduPilot && ardupilot::jumps_outside(&kept, last) => {
+                self.uploads.remove(k);
+                return vec![ack(peer, list, MavMissionResult::MAV_MISSION_ERROR, 0)];
+            }
+            Ok(kept) => kept,
+            Err(refused) => {
+                self.uploads.remove(k);
+                return vec![ack(peer, list, refused, 0)];
+            }
+        };
         upload.heard_s = now_s;
         upload.asked_s = now_s;
         upload.next += 1;
-        let seq = usize::from(item.seq);
-        match flavour {
-            Flavour::Px4 => upload.staged.push(item),
-            Flavour::ArduPilot => {
-                let kept = if seq == 0 { self.home.clone() } else { rounded(item) };
-                match items.get_mut(seq) {
-                    Some(slot) => *slot = kept,
-                    None => items.push(kept),
-                }
+        if firmware.stages(list) {
+            upload.staged.push(kept);
+        } else {
+            let kept = if seq == 0 && list == List::Mission { self.home.clone() } else { kept };
+            match stored.get_mut(seq) {
+                Some(slot) => *slot = kept,
+                None => stored.push(kept),
             }
         }
         if upload.next < upload.count {
-            return vec![ask(flavour, upload)];
+            return vec![ask(firmware.flavour, peer, list, upload.next)];
         }
-        self.finished = Some((peer, upload.count));
-        if flavour == Flavour::Px4 {
-            *items = std::mem::take(&mut upload.staged);
+        let upload = self.uploads.remove(k);
+        self.complete(stored, upload)
+    }
+
+    /// The last item is there.
+    fn complete(&mut self, stored: &mut Vec<Item>, upload: Upload) -> Vec<MavMessage> {
+        let Upload { list, peer, count, staged, .. } = upload;
+        if self.firmware.flavour == Flavour::ArduPilot
+            && list == List::Fence
+            && let Err(why) = storage::validate_fence(&staged)
+        {
+            self.texts.extend([why, "Fence validation failed"]);
+            return vec![ack(peer, list, MavMissionResult::MAV_MISSION_ERROR, 0)];
         }
-        self.upload = None;
-        vec![ack(peer, MavMissionResult::MAV_MISSION_ACCEPTED, self.opaque_id(items))]
+        if self.firmware.stages(list) {
+            *stored = staged;
+        }
+        if self.firmware.flavour == Flavour::ArduPilot && list == List::Mission {
+            self.texts.push("Flight plan received");
+        }
+        self.changed |= list == List::Mission;
+        self.finished = Some((peer, list, count));
+        vec![ack(peer, list, MavMissionResult::MAV_MISSION_ACCEPTED, self.opaque_id(stored))]
     }
 
     /// An item without a transfer: PX4 takes the last one again for a lost ack, everything else is an error.
-    fn receive_idle(&self, items: &[Item], peer: Peer, seq: u16) -> Vec<MavMessage> {
-        if self.upload.is_some() {
-            return vec![ack(peer, MavMissionResult::MAV_MISSION_DENIED, 0)];
-        }
-        let again = self.finished.is_some_and(|(p, count)| p == peer && seq + 1 == count);
-        if self.flavour == Flavour::Px4 && again {
-            return vec![ack(peer, MavMissionResult::MAV_MISSION_ACCEPTED, self.opaque_id(items))];
-        }
-        vec![ack(peer, MavMissionResult::MAV_MISSION_ERROR, 0)]
-    }
-}
-
-/// ArduPilot asks with `MISSION_REQUEST`, whatever the station can do.
-fn ask(flavour: Flavour, upload: &Upload) -> MavMessage {
-    let (target_system, target_component) = upload.peer;
-    let (seq, mission_type) = (upload.next, MavMissionType::MAV_MISSION_TYPE_MISSION);
-    match flavour {
-        Flavour::ArduPilot => MavMessage::MISSION_REQUEST(MISSION_REQUEST_DATA {
-            seq,
-            target_system,
-            target_component,
-            mission_type,
-        }),
-        Flavour::Px4 => MavMessage::MISSION_REQUEST_INT(MISSION_REQUEST_INT_DATA {
-            seq,
-            target_system,
-            target_component,
-            mission_type,
-        }),
-    }
-}
-
-fn ack(peer: Peer, result: MavMissionResult, opaque_id: u32) -> MavMessage {
-    MavMessage::MISSION_ACK(MISSION_ACK_DATA {
-        target_system: peer.0,
-        target_component: peer.1,
-        mavtype: result,
-        mission_type: MavMissionType::MAV_MISSION_TYPE_MISSION,
-        opaque_id,
-    })
-}
-
-fn of_type(message: MavMessage, mission_type: MavMissionType) -> MavMessage {
-    match message {
-        MavMessage::MISSION_ACK(a) => MavMessage::MISSION_ACK(MISSION_ACK_DATA { mission_type, ..a }),
-        other => other,
-    }
-}
-
-fn addressed(item: &Item, seq: u16, peer: Peer) -> Item {
-    Item {
-        seq,
-        target_system: peer.0,
-        target_component: peer.1,
-        current: 0,
-        mission_type: MavMissionType::MAV_MISSION_TYPE_MISSION,
-        ..item.clone()
-    }
-}
-
-/// Why an item cannot be taken, if so.
-fn refusal(flavour: Flavour, item: &Item) -> Option<MavMissionResult> {
-    use MavFrame::*;
-    let known_frame = matches!(
-        item.frame,
-        MAV_FRAME_GLOBAL
-            | MAV_FRAME_GLOBAL_INT
-            | MAV_FRAME_GLOBAL_RELATIVE_ALT
-            | MAV_FRAME_GLOBAL_RELATIVE_ALT_INT
-            | MAV_FRAME_MISSION
-    );
-    if !known_frame {
-        return Some(MavMissionResult::MAV_MISSION_UNSUPPORTED_FRAME);
-    }
-    const KNOWN: &[u32] =
-        &[16, 17, 18, 19, 20, 21, 22, 30, 31, 82, 93, 112, 114, 115, 177, 178, 179, 189, 195, 201, 206];
-    /// `NAV_LOITER_TURNS` and `CONDITION_YAW`.
-    const NOT_PX4: &[u32] = &[18, 115];
-    let command = item.command as u32;
-    let known = KNOWN.contains(&command) && (flavour == Flavour::ArduPilot || !NOT_PX4.contains(&command));
-    (!known).then_some(MavMissionResult::MAV_MISSION_UNSUPPORTED)
-}
-
-/// Whether x, y, z of the command are a place.
-fn has_place(command: MavCmd) -> bool {
-    !matches!(command as u32, 20 | 93 | 112 | 114 | 115 | 177 | 178 | 206)
-}
-
-/// What ArduPilot keeps of an item: heights in cm, small integers for most parameters, coarse radii above 255 m.
-fn rounded(item: Item) -> Item {
-    use MavFrame::*;
-    let mut kept = item;
-    let byte = |v: f32| if v.is_finite() { v.round().clamp(0.0, 255.0) } else { 0.0 };
-    let radius = |v: f32| {
-        let whole = v.round();
-        if whole.abs() > 255.0 { (whole / 10.0).round() * 10.0 } else { whole }
-    };
-    for p in [&mut kept.param1, &mut kept.param2, &mut kept.param3, &mut kept.param4] {
-        if !p.is_finite() {
-            *p = 0.0;
-        }
-    }
-    match kept.command {
-        MavCmd::MAV_CMD_NAV_WAYPOINT => {
-            kept.param1 = kept.param1.round().clamp(0.0, 65535.0);
-            kept.param2 = byte(kept.param2);
-            kept.param3 = byte(kept.param3);
-            kept.param4 = 0.0;
-        }
-        MavCmd::MAV_CMD_NAV_LOITER_TURNS => {
-            kept.param1 = byte(kept.param1);
-            kept.param3 = radius(kept.param3);
-        }
-        MavCmd::MAV_CMD_NAV_LOITER_TO_ALT => kept.param2 = radius(kept.param2),
-        MavCmd::MAV_CMD_NAV_TAKEOFF => kept.param1 = kept.param1.round(),
-        _ => {}
-    }
-    kept.autocontinue = 1;
-    if has_place(kept.command) {
-        kept.z = if kept.z.is_finite() { (kept.z * 100.0).trunc() / 100.0 } else { 0.0 };
-        kept.frame = match kept.frame {
-            MAV_FRAME_GLOBAL_RELATIVE_ALT_INT => MAV_FRAME_GLOBAL_RELATIVE_ALT,
-            MAV_FRAME_GLOBAL_INT => MAV_FRAME_GLOBAL,
-            frame => frame,
-        };
-    } else {
-        (kept.x, kept.y, kept.z, kept.frame) = (0, 0, 0.0, MAV_FRAME_GLOBAL);
-    }
-    kept
-}
-
-/// An item in the other of the two messages, which differ in the type of their place alone.
-macro_rules! recast {
-    ($item:expr, $kind:ident, $x:expr, $y:expr) => {
-        $kind {
-            param1: $item.param1,
-            param2: $item.param2,
-            param3: $item.param3,
-            param4: $item.param4,
-            x: $x,
-            y: $y,
-            z: $item.z,
-            seq: $item.seq,
-            command: $item.command,
-            target_system: $item.target_system,
-            target_component: $item.target_component,
-            frame: $item.frame,
-            current: $item.current,
-            autocontinue: $item.autocontinue,
-            mission_type: $item.mission_type,
-        }
-    };
-}
-
-fn from_float(i: &MISSION_ITEM_DATA) -> Item {
-    let e7 = |v: f32| (f64::from(v) * 1e7).round() as i32;
-    let (x, y) = if has_place(i.command) { (e7(i.x), e7(i.y)) } else { (i.x as i32, i.y as i32) };
-    recast!(i, MISSION_ITEM_INT_DATA, x, y)
-}
-
-fn to_float(i: &Item) -> MISSION_ITEM_DATA {
-    let degrees = |v: i32| (f64::from(v) * 1e-7) as f32;
-    let (x, y) = if has_place(i.command) { (degrees(i.x), degrees(i.y)) } else { (i.x as f32, i.y as f32) };
-    recast!(i, MISSION_ITEM_DATA, x, y)
-}
-
-/// CRC-32 (IEEE 802.3) over the content of the items.
-fn checksum(items: &[Item]) -> u32 {
-    let mut crc = u32::MAX;
-    let mut feed = |bytes: &[u8]| {
-        for b in bytes {
-            crc ^= u32::from(*b);
-            for _ in 0..8 {
-                crc = if crc & 1 == 1 { (crc >> 1) ^ 0xEDB8_8320 } else { crc >> 1 };
+    fn receive_idle(&self, stored: &[Item], list: List, peer: Peer, seq: u16) -> Vec<MavMessage> {
+        if self.firmware.flavour == Flavour::Px4 {
+            if let Some(other) = self.uploads.first() {
+                // The list that is transferred is another one.
+                return vec![ack(peer, other.list, MavMissionResult::MAV_MISSION_ERROR, 0)];
+            }
+            let again = self.finished.is_some_and(|(p, l, count)| p == peer && l == list && seq + 1 == count);
+            if again {
+                return vec![ack(peer, list, MavMissionResult::MAV_MISSION_ACCEPTED, self.opaque_id(stored))];
             }
         }
-    };
-    for i in items {
-        feed(&[i.frame as u8, i.autocontinue]);
-        feed(&(i.command as u32).to_le_bytes());
-        for p in [i.param1, i.param2, i.param3, i.param4, i.z] {
-            feed(&p.to_le_bytes());
-        }
-        feed(&i.x.to_le_bytes());
-        feed(&i.y.to_le_bytes());
+        vec![ack(peer, list, MavMissionResult::MAV_MISSION_ERROR, 0)]
     }
-    !crc
+
+    fn count(&mut self, stored: &[Item], list: List, peer: Peer) -> Vec<MavMessage> {
+        match self.firmware.flavour {
+            Flavour::ArduPilot if self.uploads.iter().any(|u| u.list == list) => {
+                return vec![ack(peer, list, MavMissionResult::MAV_MISSION_DENIED, 0)];
+            }
+            // Busy: not answered.
+            Flavour::Px4 if !self.uploads.is_empty() => return Vec::new(),
+            Flavour::Px4 => self.download = Some((peer, list, 0)),
+            Flavour::ArduPilot => {}
+        }
+        vec![wire::count(peer, list, stored.len(), self.opaque_id(stored))]
+    }
+
+    fn send(&mut self, stored: &[Item], list: List, peer: Peer, seq: u16, int: bool) -> Vec<MavMessage> {
+        match self.firmware.flavour {
+            // Of the two ways to ask, only the newer one is denied.
+            Flavour::ArduPilot if int && self.uploads.iter().any(|u| u.list == list) => {
+                return vec![ack(peer, list, MavMissionResult::MAV_MISSION_DENIED, 0)];
+            }
+            Flavour::ArduPilot => {}
+            Flavour::Px4 => {
+                let Some((_, _, next)) = self.download.filter(|(p, l, _)| *p == peer && *l == list) else {
+                    return Vec::new();
+                };
+                if seq != next && seq + 1 != next || usize::from(seq) >= stored.len() {
+                    self.download = None;
+                    return vec![ack(peer, list, MavMissionResult::MAV_MISSION_ERROR, 0)];
+                }
+                self.download = Some((peer, list, seq + 1));
+            }
+        }
+        let Some(item) = stored.get(usize::from(seq)) else {
+            // The station learns how long the list really is.
+            let mut answers = vec![ack(peer, list, MavMissionResult::MAV_MISSION_INVALID_SEQUENCE, 0)];
+            if int {
+                answers.insert(0, wire::count(peer, list, stored.len(), 0));
+            }
+            return answers;
+        };
+        let item = addressed(item, list, seq, peer);
+        vec![if int { MavMessage::MISSION_ITEM_INT(item) } else { MavMessage::MISSION_ITEM(to_float(&item)) }]
+    }
+
+    fn clear(&mut self, stored: &mut Vec<Item>, list: List, peer: Peer) -> Vec<MavMessage> {
+        match self.firmware.flavour {
+            Flavour::ArduPilot => {
+                if let Some(denied) = self.busy(list, peer) {
+                    return vec![denied];
+                }
+            }
+            // Busy: not answered.
+            Flavour::Px4 if !self.uploads.is_empty() => return Vec::new(),
+            Flavour::Px4 => {}
+        }
+        stored.clear();
+        self.changed |= list == List::Mission;
+        vec![ack(peer, list, MavMissionResult::MAV_MISSION_ACCEPTED, 0)]
+    }
+}
+
+fn mission_type_of(message: &MavMessage) -> Option<MavMissionType> {
+    Some(match message {
+        MavMessage::MISSION_COUNT(m) => m.mission_type,
+        MavMessage::MISSION_ITEM_INT(m) => m.mission_type,
+        MavMessage::MISSION_ITEM(m) => m.mission_type,
+        MavMessage::MISSION_REQUEST_LIST(m) => m.mission_type,
+        MavMessage::MISSION_REQUEST_INT(m) => m.mission_type,
+        MavMessage::MISSION_REQUEST(m) => m.mission_type,
+        MavMessage::MISSION_CLEAR_ALL(m) => m.mission_type,
+        MavMessage::MISSION_ACK(m) => m.mission_type,
+        _ => return None,
+    })
 }
 
 #[cfg(test)]

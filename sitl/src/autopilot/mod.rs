@@ -8,10 +8,12 @@
 #![allow(deprecated)]
 
 mod commands;
+mod feasibility;
 mod flight;
 pub mod framer;
 mod messages;
 pub mod mission;
+pub mod params;
 pub mod streams;
 
 use crate::faults::Fault;
@@ -28,6 +30,7 @@ use mavlink::dialects::ardupilotmega::*;
 use mavlink::{MavHeader, MessageData};
 use mission::MissionServer;
 use nalgebra::Vector3;
+use params::ParameterTable;
 use streams::{SLOW_DOWN, Streams};
 
 /// Which autopilot it behaves as.
@@ -62,6 +65,8 @@ pub struct AutopilotConfig {
     pub geoid_height_m: f64,
     /// Whether an analytic flight waits, standing, until a station has asked for messages.
     pub wait_for_station: bool,
+    /// Parameters that differ from the usual ones, by name; NaN is one that it does not have.
+    pub parameters: Vec<(&'static str, f64)>,
     /// What goes wrong.
     pub faults: Vec<Fault>,
     /// Seed of all noise.
@@ -81,6 +86,7 @@ impl Default for AutopilotConfig {
             late_stamps: true,
             geoid_height_m: 47.0,
             wait_for_station: true,
+            parameters: Vec::new(),
             faults: Vec::new(),
             seed: 1,
         }
@@ -108,6 +114,7 @@ pub struct Autopilot {
     config: AutopilotConfig,
     body: Body,
     mission: MissionServer,
+    parameters: ParameterTable,
     sensors: Sensors,
     streams: Streams,
     framer: Framer,
@@ -132,6 +139,11 @@ pub struct Autopilot {
     last_timesync_s: f64,
     /// Height above the ellipsoid that relative altitudes count from, m.
     home_height: f64,
+    /// When PX4 judges the mission that was uploaded; infinite: nothing to judge.
+    judge_s: f64,
+    /// Whether PX4 has rejected the mission on board.
+    mission_rejected: bool,
+    events_sent: u16,
 }
 
 impl std::fmt::Debug for Autopilot {
@@ -165,6 +177,7 @@ impl Autopilot {
         let vehicle = VehicleConfig {
             first_item: usize::from(config.flavour == Flavour::ArduPilot),
             geoid_height_m: config.geoid_height_m,
+            climbs_in_circles: !config.faults.contains(&Fault::NoClimbInCircles),
             ..vehicle
         };
         Self::with_body(config, Body::Vehicle(Box::new(Vehicle::new(vehicle))), model, sensors)
@@ -175,13 +188,15 @@ impl Autopilot {
         let home = messages::home_item(&start, config.geoid_height_m);
         // Rounding is done where the message is made.
         let sensors = SensorConfig { time_jitter_s: 0.0, ..sensors };
-        let flavour = config.flavour;
+        let (flavour, airframe) = (config.flavour, config.airframe);
         let streams = Streams::new(config.flavour, config.loop_rate_hz, config.has_highres_imu, 0.0)
             .with_sim_state(config.has_sim_state);
         let filter = config.filter_hz.map(|hz| {
             let one = messages::LowPass::new(hz, config.loop_rate_hz);
             [one.clone(), one]
         });
+        let parameters =
+            ParameterTable::new(flavour, config.airframe, config.loop_rate_hz, &config.parameters);
         let mut pending = config.faults.clone();
         pending.retain(|f| {
             matches!(f, Fault::Reboot { .. } | Fault::ClockJump { .. } | Fault::RateTheft { .. })
@@ -209,7 +224,11 @@ impl Autopilot {
             filter,
             last_timesync_s: 0.0,
             home_height: start.height_m,
-            mission: MissionServer::new(flavour, home),
+            judge_s: f64::INFINITY,
+            mission_rejected: false,
+            events_sent: 0,
+            mission: MissionServer::new(flavour, airframe, home),
+            parameters,
         }
     }
 
@@ -358,8 +377,9 @@ impl Autopilot {
         }
         self.fixes += 1;
         let valid = due - self.sensors.fix_delay_s();
+        let older = self.truth_at((valid - self.sensors.velocity_delay_s()).max(0.0));
         let truth = self.truth_at(valid.max(0.0));
-        let fix = self.sensors.fix(due, &truth);
+        let fix = self.sensors.fix_of_two_times(due, &truth, &older);
         let lost = self
             .config
             .faults

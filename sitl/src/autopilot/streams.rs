@@ -129,11 +129,11 @@ impl Streams {
         MavResult::MAV_RESULT_ACCEPTED
     }
 
-    /// The answer to `MAV_CMD_GET_MESSAGE_INTERVAL`, µs: −1 = off, 0 = not available.
+    /// The answer to `MAV_CMD_GET_MESSAGE_INTERVAL`, µs: −1 = off, 0 = not available; PX4 says 0 of both.
     pub fn interval_us(&self, id: u32) -> i32 {
         match self.entries.get(&id) {
             Some(entry) => (entry.interval_s * 1e6).round() as i32,
-            None if self.supports(id) => -1,
+            None if self.supports(id) && self.flavour == Flavour::ArduPilot => -1,
             None => 0,
         }
     }
@@ -181,8 +181,9 @@ impl Streams {
             due.push(*id);
             let interval = entry.interval_s * slower;
             entry.next_s += interval;
-            // A message that the loop cannot serve in time is not sent twice to make up for it.
-            if entry.next_s <= now_s {
+            // A message that the loop cannot serve in time is not sent twice to make up for it. PX4 counts every interval from the
+            // last sending, so that rates between the divisors of the loop rate come out lower.
+            if entry.next_s <= now_s || self.flavour == Flavour::Px4 {
                 entry.next_s = now_s + interval;
             }
         }
@@ -223,7 +224,17 @@ mod tests {
         assert_eq!(set(&mut px4, RAW_IMU_DATA::ID, 10_000.0), MavResult::MAV_RESULT_FAILED);
         assert_eq!(set(&mut px4, HIGHRES_IMU_DATA::ID, 5_000.0), MavResult::MAV_RESULT_ACCEPTED);
         px4.request_group(MavDataStream::MAV_DATA_STREAM_ALL, 50, true, 0.0);
-        assert_eq!(px4.interval_us(VFR_HUD_DATA::ID), -1);
+        assert_eq!(px4.interval_us(VFR_HUD_DATA::ID), 0);
+    }
+
+    #[test]
+    fn px4_gives_125_hz_where_200_are_asked_for() {
+        let mut px4 = Streams::new(Flavour::Px4, 250.0, true, 0.0);
+        let mut count = |interval_us| {
+            set(&mut px4, SCALED_IMU_DATA::ID, interval_us);
+            (0..250).filter(|k| px4.due(f64::from(*k) / 250.0, 1.0).contains(&SCALED_IMU_DATA::ID)).count()
+        };
+        assert_eq!([count(5000.0), count(1000.0)], [125, 250]);
     }
 
     #[test]

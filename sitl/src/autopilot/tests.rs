@@ -265,6 +265,36 @@ fn upload(station: &mut Station, items: &[MISSION_ITEM_INT_DATA]) -> MISSION_ACK
     panic!("the upload does not end")
 }
 
+/// A loiter to altitude ends at its height: an aircraft that cannot climb in the circle stays at that item, at full throttle and
+/// without a word.
+#[test]
+fn a_loiter_to_altitude_never_ends_where_the_aircraft_cannot_climb() {
+    for (faults, passed) in [(vec![], true), (vec!["no-climb-in-circles".parse().unwrap()], false)] {
+        let config = AutopilotConfig { faults, loop_rate_hz: 50.0, ..ardupilot() };
+        let mut station = Station::new(config, "mission_fixed_wing");
+        station.run(1.0);
+        let circle = MISSION_ITEM_INT_DATA {
+            param2: 80.0,
+            param4: 0.0,
+            ..waypoint(2, MavCmd::MAV_CMD_NAV_LOITER_TO_ALT, 500.0, 300.0)
+        };
+        let items = [
+            waypoint(0, MavCmd::MAV_CMD_NAV_WAYPOINT, 0.0, 0.0),
+            waypoint(1, MavCmd::MAV_CMD_NAV_TAKEOFF, 300.0, 50.0),
+            circle,
+            waypoint(3, MavCmd::MAV_CMD_NAV_WAYPOINT, 1500.0, 300.0),
+        ];
+        assert_eq!(upload(&mut station, &items).mavtype, MavMissionResult::MAV_MISSION_ACCEPTED);
+        station.command(MavCmd::MAV_CMD_COMPONENT_ARM_DISARM, &[1.0]);
+        station.command(MavCmd::MAV_CMD_DO_SET_MODE, &[1.0, 10.0]);
+        let messages = station.run(240.0);
+        let reached =
+            messages.iter().any(|(_, m)| matches!(m, MavMessage::MISSION_ITEM_REACHED(r) if r.seq == 2));
+        assert_eq!(reached, passed);
+        assert!(station.autopilot.vehicle().is_some_and(|v| v.is_armed()));
+    }
+}
+
 fn last_ack(messages: &[(MavHeader, MavMessage)]) -> Option<MavResult> {
     messages
         .iter()

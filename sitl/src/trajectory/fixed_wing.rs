@@ -12,7 +12,7 @@ use nalgebra::Vector3;
 use std::ops::{Add, Div, Mul, Neg};
 
 /// Side acceleration per sideslip and speed squared, 1/m: 15° at 22 m/s give 2.4 m/s².
-const SIDE_FORCE_PER_M: f64 = 0.019;
+pub(crate) const SIDE_FORCE_PER_M: f64 = 0.019;
 /// Angle of attack per lift over (V² + V₀²), m²/s² per m/s²: 3° in level flight at 20 m/s, 8° standing.
 const ATTACK: f64 = 3.3;
 /// V₀², (m/s)².
@@ -59,6 +59,38 @@ impl FixedWing {
     /// Straight and level at one speed.
     pub fn straight(speed_m_per_s: f64, duration_s: f64) -> Self {
         Self::steady_turn(speed_m_per_s, 0.0, duration_s)
+    }
+
+    /// The same flight with a landing after it, 40 s to a standstill: it ends at rest.
+    #[must_use]
+    pub fn landed(mut self) -> Self {
+        let end_s = self.duration_s;
+        self.speed = self.speed.clone().step(end_s, 20.0, -self.speed.at(end_s).x);
+        self.duration_s += 40.0;
+        self
+    }
+
+    /// The same flight, interrupted at `at_s`: for `for_s` everything stays as it is then.
+    #[must_use]
+    pub fn paused(mut self, at_s: f64, for_s: f64) -> Self {
+        self.each(|s| s.paused(at_s, for_s));
+        self.duration_s += for_s;
+        self
+    }
+
+    /// The same flight so many times in a row; it must end at rest.
+    #[must_use]
+    pub fn repeated(mut self, times: u32) -> Self {
+        let by_s = self.duration_s;
+        self.each(|s| s.repeated(times, by_s));
+        self.duration_s *= f64::from(times);
+        self
+    }
+
+    fn each(&mut self, change: impl Fn(Signal) -> Signal) {
+        for signal in [&mut self.speed, &mut self.climb, &mut self.bank, &mut self.slip] {
+            *signal = change(std::mem::take(signal));
+        }
     }
 
     /// Stirs the air from `from_s` on: quick sideslip, climb and speed changes of about this velocity RMS, and the bank

@@ -59,6 +59,7 @@ impl Node {
 pub struct Flown {
     profile: Arc<dyn Profile>,
     path: Arc<[Node]>,
+    step_s: f64,
 }
 
 impl std::fmt::Debug for Flown {
@@ -70,15 +71,20 @@ impl std::fmt::Debug for Flown {
 impl Flown {
     /// Integrates the path of a profile (classical Runge-Kutta, 1 ms).
     pub fn new(profile: impl Profile + 'static) -> Self {
-        let steps = (profile.duration_s() / STEP_S).ceil() as usize + 1;
+        Self::with_step(profile, STEP_S)
+    }
+
+    /// The same in steps of this length, s: for hours of smooth flight.
+    pub fn with_step(profile: impl Profile + 'static, step_s: f64) -> Self {
+        let steps = (profile.duration_s() / step_s).ceil() as usize + 1;
         let mut node = Node { place: profile.start(), course_rad: profile.start_course_rad() };
         let mut path = Vec::with_capacity(steps + 1);
         path.push(node);
         for k in 0..steps {
-            node = advance(&profile, k as f64 * STEP_S, node, STEP_S);
+            node = advance(&profile, k as f64 * step_s, node, step_s);
             path.push(node);
         }
-        Self { profile: Arc::new(profile), path: path.into() }
+        Self { profile: Arc::new(profile), path: path.into(), step_s }
     }
 }
 
@@ -103,11 +109,12 @@ impl Trajectory for Flown {
 
     fn truth_at(&mut self, t_s: f64) -> Truth {
         let t = t_s.clamp(0.0, self.profile.duration_s());
-        let k = (t / STEP_S + 1e-9).floor();
+        let k = (t / self.step_s + 1e-9).floor();
         let start = self.path[(k as usize).min(self.path.len() - 1)];
-        let rest = t - k * STEP_S;
+        let rest = t - k * self.step_s;
         // Below a nanosecond it is the node itself; the vehicle moves less than a micrometre.
-        let node = if rest.abs() < 1e-9 { start } else { advance(&*self.profile, k * STEP_S, start, rest) };
+        let node =
+            if rest.abs() < 1e-9 { start } else { advance(&*self.profile, k * self.step_s, start, rest) };
         Truth::of(t, node.place, &self.profile.motion_at(t, node.course_rad).0)
     }
 }

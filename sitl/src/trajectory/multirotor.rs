@@ -17,6 +17,7 @@ pub struct Multirotor {
     east: Signal,
     down: Signal,
     yaw: Signal,
+    duration_s: f64,
 }
 
 impl Default for Multirotor {
@@ -64,13 +65,36 @@ impl Multirotor {
             .ramp(204.0, 3.0, -1.1)
             .ramp(216.0, 3.0, 0.6)
             .step(230.0, 4.0, -1.5);
-        Self { north, east, down, yaw }
+        Self { north, east, down, yaw, duration_s: 240.0 }
+    }
+
+    /// The same flight, interrupted at `at_s`: for `for_s` everything stays as it is then.
+    #[must_use]
+    pub fn paused(mut self, at_s: f64, for_s: f64) -> Self {
+        self.each(|s| s.paused(at_s, for_s));
+        self.duration_s += for_s;
+        self
+    }
+
+    /// The same flight so many times in a row; it ends at rest.
+    #[must_use]
+    pub fn repeated(mut self, times: u32) -> Self {
+        let by_s = self.duration_s;
+        self.each(|s| s.repeated(times, by_s));
+        self.duration_s *= f64::from(times);
+        self
+    }
+
+    fn each(&mut self, change: impl Fn(Signal) -> Signal) {
+        for signal in [&mut self.north, &mut self.east, &mut self.down, &mut self.yaw] {
+            *signal = change(std::mem::take(signal));
+        }
     }
 }
 
 impl Profile for Multirotor {
     fn duration_s(&self) -> f64 {
-        240.0
+        self.duration_s
     }
 
     fn start(&self) -> Geodetic {

@@ -59,6 +59,23 @@ fn smooth_step(t: f64, from_s: f64, for_s: f64) -> Jet {
 }
 
 impl Term {
+    /// The same, this much later.
+    fn later(self, by_s: f64) -> Self {
+        match self {
+            Self::Step { from_s, for_s, size } => Self::Step { from_s: from_s + by_s, for_s, size },
+            Self::Ramp { from_s, for_s, rate } => Self::Ramp { from_s: from_s + by_s, for_s, rate },
+            Self::Wave { from_s, to_s, amplitude, omega, phase, fade_s } => {
+                Self::Wave { from_s: from_s + by_s, to_s: to_s + by_s, amplitude, omega, phase, fade_s }
+            }
+        }
+    }
+
+    fn begins_s(&self) -> f64 {
+        match self {
+            Self::Step { from_s, .. } | Self::Ramp { from_s, .. } | Self::Wave { from_s, .. } => *from_s,
+        }
+    }
+
     fn at(&self, t: f64) -> Jet {
         match *self {
             Self::Step { from_s, for_s, size } => {
@@ -145,6 +162,25 @@ impl Signal {
     ) -> Self {
         let omega = std::f64::consts::TAU * frequency_hz;
         self.terms.push(Term::Wave { from_s, to_s, amplitude, omega, phase, fade_s });
+        self
+    }
+
+    /// The same with every change that begins at `at_s` or later postponed by `for_s`.
+    #[must_use]
+    pub fn paused(mut self, at_s: f64, for_s: f64) -> Self {
+        for term in self.terms.iter_mut().filter(|t| t.begins_s() >= at_s) {
+            *term = term.later(for_s);
+        }
+        self
+    }
+
+    /// All changes once more, each `by_s` later, on top of the first ones.
+    #[must_use]
+    pub fn repeated(mut self, times: u32, by_s: f64) -> Self {
+        let once = self.terms.clone();
+        for k in 1..times {
+            self.terms.extend(once.iter().map(|t| t.later(f64::from(k) * by_s)));
+        }
         self
     }
 

@@ -6,6 +6,7 @@
 
 mod pilot;
 mod rotor;
+mod slip;
 mod wind;
 mod wing;
 
@@ -17,6 +18,7 @@ use gaware_nav::earth::Geodetic;
 use mavlink::dialects::ardupilotmega::MISSION_ITEM_INT_DATA;
 use nalgebra::Vector3;
 use pilot::{Pilot, Sight};
+use slip::Slip;
 use std::collections::VecDeque;
 use wind::Wind;
 
@@ -43,6 +45,12 @@ pub struct VehicleConfig {
     pub sink_m_per_s: f64,
     /// Largest change of speed, m/s².
     pub accel_m_per_s2: f64,
+    /// Largest change of the acceleration that a multirotor's pilot asks for, m/s³; 0: not limited.
+    pub jerk_m_per_s3: f64,
+    /// Mean side force of a wing in a level turn with 45° of bank, g, to the outside; every seed has its own. 0: coordinated.
+    pub side_force_g: f64,
+    /// Mean side force of a wing that rolls at 90 deg/s at cruise speed, g.
+    pub roll_side_force_g: f64,
     /// Radius of a circle whose item gives none, m.
     pub loiter_radius_m: f64,
     /// Mean wind blowing toward north and east, m/s.
@@ -53,6 +61,8 @@ pub struct VehicleConfig {
     pub geoid_height_m: f64,
     /// Sequence number of the first real item: 1 where 0 is home (ArduPilot), else 0.
     pub first_item: usize,
+    /// Whether a wing has the power to climb while it circles.
+    pub climbs_in_circles: bool,
     /// Seed of the gusts.
     pub seed: u64,
 }
@@ -71,11 +81,15 @@ impl VehicleConfig {
             climb_m_per_s: 4.0,
             sink_m_per_s: 4.0,
             accel_m_per_s2: 3.0,
+            jerk_m_per_s3: 0.0,
+            side_force_g: 0.0,
+            roll_side_force_g: 0.0,
             loiter_radius_m: 70.0,
             wind_n_e_m_per_s: [0.0; 2],
             gust_m_per_s: 0.0,
             geoid_height_m: 47.0,
             first_item: 1,
+            climbs_in_circles: true,
             seed: 1,
         }
     }
@@ -150,6 +164,7 @@ const MEMORY_S: f64 = 3.0;
 pub struct Vehicle {
     config: VehicleConfig,
     wind: Wind,
+    slip: Slip,
     pilot: Pilot,
     stick: Option<Stick>,
     steps: u64,
@@ -173,6 +188,7 @@ impl Vehicle {
             Control { bank: 0.0, climb: 0.0, speed: 0.0, accel: Vector3::zeros(), yaw: config.heading_rad };
         Self {
             wind: Wind::new(&config),
+            slip: Slip::new(&config),
             pilot: Pilot::new(config.clone()),
             stick: None,
             steps: 0,
@@ -250,7 +266,7 @@ impl Vehicle {
     /// Derivative of the state.
     fn rates(&self, t: f64, x: &State, control: &Control) -> State {
         match self.config.airframe {
-            Airframe::FixedWing => wing::rates(&self.config, &self.wind, t, x, control),
+            Airframe::FixedWing => wing::rates(&self.config, &self.wind, &self.slip, t, x, control),
             Airframe::Multirotor => rotor::rates(x, control),
         }
     }

@@ -8,7 +8,7 @@ use crate::scenario::Airframe;
 use gaware_nav::earth::{Geodetic, STANDARD_GRAVITY};
 use gaware_nav::rotation::wrap_pi;
 use mavlink::dialects::ardupilotmega::{MISSION_ITEM_INT_DATA, MavCmd, MavFrame};
-use nalgebra::Vector3;
+use nalgebra::{Vector2, Vector3};
 pub(crate) use steer::Sight;
 use steer::{
     bank_for, circle_course, circle_velocity, climb_for, down_for, line_course, offset, point_velocity,
@@ -39,6 +39,8 @@ pub enum PilotEvent {
     Landed,
 }
 
+/// Time between two decisions, s.
+const DECISION_S: f64 = super::STEP_S * super::STEPS_PER_DECISION as f64;
 /// Height of return without a better one, m above home.
 const RETURN_M: [f64; 2] = [80.0, 15.0];
 /// A height counts as reached within this, m.
@@ -79,6 +81,8 @@ pub(crate) struct Pilot {
     yaw: f64,
     yaw_rate: f64,
     wanted_yaw: Option<f64>,
+    /// Multirotor: the horizontal acceleration asked for last, m/s².
+    accel: Vector2<f64>,
     airborne: bool,
     flaring: bool,
     landed: bool,
@@ -102,6 +106,7 @@ impl Pilot {
             min_ground_speed: 0.0,
             yaw_rate: 1.0,
             wanted_yaw: None,
+            accel: Vector2::zeros(),
             airborne: false,
             flaring: false,
             landed: false,
@@ -174,9 +179,24 @@ impl Pilot {
             self.airborne = true;
         }
         self.turn_nose();
-        if !self.armed {
-            return standing(self.yaw);
+        let mut control = if self.armed { self.in_mode(sight) } else { standing(self.yaw) };
+        self.smooth(&mut control.accel);
+        control
+    }
+
+    /// Acceleration changes no faster than the pilot's jerk, as position controllers of autopilots have it.
+    fn smooth(&mut self, accel: &mut Vector3<f64>) {
+        let most = self.config.jerk_m_per_s3 * DECISION_S;
+        let change = accel.xy() - self.accel;
+        let size = change.norm();
+        if most > 0.0 && size > most {
+            let next = self.accel + change * (most / size);
+            (accel.x, accel.y) = (next.x, next.y);
         }
+        self.accel = accel.xy();
+    }
+
+    fn in_mode(&mut self, sight: &Sight) -> Control {
         match self.mode {
             Mode::Auto => self.fly_mission(sight),
             Mode::Manual if !self.airborne => standing(self.yaw),
@@ -191,7 +211,6 @@ impl Pilot {
 
     /// The nose follows its wish at its rate.
     fn turn_nose(&mut self) {
-        const DECISION_S: f64 = super::STEP_S * super::STEPS_PER_DECISION as f64;
         if let Some(wanted) = self.wanted_yaw {
             let most = self.yaw_rate * DECISION_S;
             self.yaw += wrap_pi(wanted - self.yaw).clamp(-most, most);
@@ -237,7 +256,11 @@ impl Pilot {
         let distance = sight.to(centre).norm();
         let on_it = (distance - r).abs() < 0.5 * r;
         let turn_rate = if on_it { turn * sight.ground_speed() / distance.max(0.5 * r) } else { 0.0 };
-        self.wing(sight, course, turn_rate, centre.height_m)
+        let mut control = self.wing(sight, course, turn_rate, centre.height_m);
+        if on_it && !self.config.climbs_in_circles {
+            control.climb = control.climb.min(0.0);
+        }
+        control
     }
 
     fn hold(&mut self, sight: &Sight) -> Control {

@@ -161,6 +161,51 @@ fn a_multirotor_crabs_circles_and_comes_home() {
     );
 }
 
+fn slipping(seed: u64) -> VehicleConfig {
+    VehicleConfig { side_force_g: 0.2, roll_side_force_g: 0.08, seed, ..VehicleConfig::fixed_wing() }
+}
+
+/// Every aircraft slips in its own way, about the mean that was asked for.
+#[test]
+fn a_wing_without_coordinated_rudder_feels_its_turns() {
+    let felt = |seed: u64, side: f32| {
+        let circle =
+            item(MavCmd::MAV_CMD_NAV_LOITER_TURNS, [20.0, 0.0, side * 70.0, 0.0], 300.0, 300.0, 80.0);
+        let takeoff = item(MavCmd::MAV_CMD_NAV_TAKEOFF, [0.0; 4], 0.0, 0.0, 50.0);
+        let mut vehicle = launched(slipping(seed), vec![home(), takeoff, circle]);
+        let (path, _) = fly(&mut vehicle, 150.0);
+        let steady: Vec<&Truth> = path.iter().filter(|t| t.t_s > 100.0).collect();
+        // Over the sine of the bank, that of 45° counts.
+        let at_45 =
+            |t: &&Truth| t.force.y / STANDARD_GRAVITY / euler_from_c_nb(&t.c_nb).x.sin().abs() * 0.707;
+        steady.iter().map(at_45).sum::<f64>() / steady.len() as f64
+    };
+    let right: Vec<f64> = (1..=6).map(|seed| felt(seed, 1.0)).collect();
+    let mean = right.iter().sum::<f64>() / right.len() as f64;
+    assert!((mean + 0.2).abs() < 0.03, "{right:?}");
+    assert!(right.iter().all(|y| (-0.27..-0.13).contains(y)), "{right:?}");
+    assert!(right.iter().any(|y| (y - right[0]).abs() > 0.01), "all alike: {right:?}");
+    assert!((felt(1, -1.0) + right[0]).abs() < 0.06, "the other side feels the opposite");
+}
+
+/// ArduCopter's position controller builds its acceleration up; a leg takes longer than without that limit.
+#[test]
+fn a_multirotor_with_limited_jerk_accelerates_smoothly_and_arrives() {
+    let fly_with = |jerk: f64| {
+        let config =
+            VehicleConfig { accel_m_per_s2: 2.5, jerk_m_per_s3: jerk, ..VehicleConfig::multirotor() };
+        let mut vehicle = launched(config, rotor_mission());
+        let (path, events) = fly(&mut vehicle, 400.0);
+        assert!(
+            events.contains(&PilotEvent::Reached(5)) && events.contains(&PilotEvent::Landed),
+            "{events:?}"
+        );
+        path.len()
+    };
+    let [free, limited] = [0.0, 2.0].map(fly_with);
+    assert!(limited > free, "{limited} {free}");
+}
+
 /// Navigates with the vehicle's own specific force and rate and must come back to its path: the truth belongs together.
 #[test]
 fn what_a_vehicle_feels_leads_back_to_where_it_is() {
@@ -168,6 +213,7 @@ fn what_a_vehicle_feels_leads_back_to_where_it_is() {
     let windy = |c: VehicleConfig| VehicleConfig { wind_n_e_m_per_s: [4.0, -3.0], gust_m_per_s: 0.8, ..c };
     for (config, items) in [
         (windy(VehicleConfig::fixed_wing()), wing_mission()),
+        (windy(slipping(3)), wing_mission()),
         (windy(VehicleConfig::multirotor()), rotor_mission()),
     ] {
         let mut vehicle = launched(config, items);

@@ -1,6 +1,7 @@
-//! Kinematics of a fixed wing: airspeed, climb angle and bank follow the pilot as damped oscillators, the course
-//! follows from the coordinated turn.
+//! Kinematics of a fixed wing: airspeed, climb angle and bank follow the pilot as damped oscillators, sideslip follows turn and
+//! roll, the course follows from the balance of forces.
 
+use super::slip::{Slip, Turn};
 use super::wind::Wind;
 use super::{Control, State, VehicleConfig, place};
 use crate::trajectory::fixed_wing::wing_motion;
@@ -14,6 +15,8 @@ const ACCEL: usize = 6;
 const CLIMB_RATE: usize = 7;
 const BANK: usize = 8;
 const BANK_RATE: usize = 9;
+const SLIP: usize = 10;
+const SLIP_RATE: usize = 11;
 
 /// Natural frequency (rad/s) and damping of the bank and climb loops.
 const BANK_LOOP: (f64, f64) = (2.5, 0.9);
@@ -31,7 +34,8 @@ fn air_motion(x: &State, control: &Control) -> (Motion, f64) {
     let speed = Jet { x: x[SPEED], d1: x[ACCEL], d2: 0.0 };
     let climb = Jet { x: x[CLIMB], d1: x[CLIMB_RATE], d2: climb_accel };
     let bank = Jet { x: x[BANK], d1: x[BANK_RATE], d2: 0.0 };
-    wing_motion(x[COURSE], &speed, &climb, &bank, &Jet::default())
+    let slip = Jet { x: x[SLIP], d1: x[SLIP_RATE], d2: 0.0 };
+    wing_motion(x[COURSE], &speed, &climb, &bank, &slip)
 }
 
 pub(super) fn motion(wind: &Wind, t: f64, x: &State, control: &Control) -> Motion {
@@ -42,7 +46,14 @@ pub(super) fn motion(wind: &Wind, t: f64, x: &State, control: &Control) -> Motio
     motion
 }
 
-pub(super) fn rates(config: &VehicleConfig, wind: &Wind, t: f64, x: &State, control: &Control) -> State {
+pub(super) fn rates(
+    config: &VehicleConfig,
+    wind: &Wind,
+    slip: &Slip,
+    t: f64,
+    x: &State,
+    control: &Control,
+) -> State {
     let (air, course_rate) = air_motion(x, control);
     let (blow, _) = wind.at(t, x[2], -air.v_n.z);
     let moving = place_rate(&place(x), &(air.v_n + blow));
@@ -56,5 +67,13 @@ pub(super) fn rates(config: &VehicleConfig, wind: &Wind, t: f64, x: &State, cont
     rates[COURSE] = course_rate;
     rates[BANK] = x[BANK_RATE];
     rates[BANK_RATE] = second_order(BANK_LOOP, control.bank, x[BANK], x[BANK_RATE]);
+    let turn = Turn {
+        speed: x[SPEED],
+        yaw_rate: course_rate * x[CLIMB].cos() * x[BANK].cos(),
+        roll_rate: x[BANK_RATE],
+        airborne: wind.airborne(x[2], -air.v_n.z).0,
+    };
+    rates[SLIP] = x[SLIP_RATE];
+    rates[SLIP_RATE] = second_order(slip.dutch_roll, slip.steady(t, &turn), x[SLIP], x[SLIP_RATE]);
     rates
 }

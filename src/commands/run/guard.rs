@@ -11,6 +11,7 @@ pub struct Guard {
     verifier: Verifier,
     times: TimeFile,
     told: Vec<Trust>,
+    cannot_keep: bool,
 }
 
 /// A frame that is not believed.
@@ -21,25 +22,45 @@ pub struct Refusal {
 
 impl Guard {
     /// With the key in this file; the last time used is kept beside it.
-    pub fn load(path: &Path, now_us: u64) -> Result<Self, CommandError> {
+    pub fn load(path: &Path) -> Result<Self, CommandError> {
         let key = Key::load(path)?;
-        let (times, last) = TimeFile::open(&path.with_extension("time"));
-        let verifier = Verifier::new(key.clone(), now_us);
-        Ok(Self { signer: Signer::new(key, 0, last), verifier, times, told: Vec::new() })
+        if Key::is_exposed(path) {
+            tracing::warn!(
+                path = %path.display(),
+                "the signing key can be read by others than its owner; chmod 600 it"
+            );
+        }
+        let (file, times) = TimeFile::open(&path.with_extension("time"));
+        let verifier = Verifier::new(key.clone(), times.others);
+        let signer = Signer::new(key, times.ours);
+        Ok(Self { signer, verifier, times: file, told: Vec::new(), cannot_keep: false })
     }
 
-    /// The frame with a signature.
-    pub fn sign(&mut self, frame: &Frame, now_us: u64) -> Frame {
-        let signed = self.signer.sign(frame, now_us);
-        if let Err(error) = self.times.keep(self.signer.last_ticks()) {
-            tracing::warn!(%error, "the time of the last signature cannot be kept; after a restart frames may be refused");
-        }
+    /// The frame with a signature for this link.
+    pub fn sign(&mut self, frame: &Frame, link_id: u8, now_us: u64) -> Frame {
+        let signed = self.signer.sign(frame, link_id, now_us);
+        let kept = self.times.keep(self.signer.last_ticks(), self.verifier.newest());
+        self.report(kept);
         signed
     }
 
+    /// Writes the times down, at the end of a run.
+    pub fn close(&mut self) {
+        let kept = self.times.write(self.signer.last_ticks(), self.verifier.newest());
+        self.report(kept);
+    }
+
+    fn report(&mut self, kept: std::io::Result<()>) {
+        if let Err(error) = kept
+            && !std::mem::replace(&mut self.cannot_keep, true)
+        {
+            tracing::warn!(%error, "the times of signatures cannot be kept; after a restart frames may be refused, and old ones accepted");
+        }
+    }
+
     /// Whether the frame is to be dropped.
-    pub fn refuse(&mut self, frame: &Frame) -> Option<Refusal> {
-        let trust = self.verifier.judge(frame);
+    pub fn refuse(&mut self, frame: &Frame, now_us: u64) -> Option<Refusal> {
+        let trust = self.verifier.judge(frame, now_us);
         let reason = match trust {
             Trust::Genuine => return None,
             Trust::Unsigned => "they are not signed",

@@ -1,9 +1,11 @@
 //! A run over a real socket, and the replay of its recording.
 
 use super::*;
+use crate::commands::ListenArgs;
 use crate::commands::replay::{ReplayArgs, replay};
 use crate::engine::snapshot::Summary;
 use crate::logs::{self, Item};
+use crate::pipeline::Consumer;
 use gaware_nav::sample::Sample;
 use std::net::Ipv4Addr;
 use std::path::Path;
@@ -18,7 +20,7 @@ struct Fingerprint {
     mix: u64,
 }
 
-impl Estimator for Fingerprint {
+impl Consumer for Fingerprint {
     fn feed(&mut self, sample: &Sample) {
         for byte in serde_json::to_vec(sample).unwrap() {
             self.mix = (self.mix ^ u64::from(byte)).wrapping_mul(0x0100_0000_01b3);
@@ -26,7 +28,9 @@ impl Estimator for Fingerprint {
         self.samples += u64::from(matches!(sample, Sample::Imu(_)));
         self.fixes += u64::from(matches!(sample, Sample::Fix(_)));
     }
+}
 
+impl Estimator for Fingerprint {
     fn snapshot(&self) -> Snapshot {
         Snapshot { elapsed_s: self.mix as f64, ..Snapshot::default() }
     }
@@ -36,10 +40,6 @@ impl Estimator for Fingerprint {
         summary.imu.samples = self.samples;
         summary.gnss.fixes = self.fixes;
         summary
-    }
-
-    fn attitude(&self) -> Option<(f64, [f64; 3])> {
-        None
     }
 }
 
@@ -69,7 +69,7 @@ fn hooks() -> (Hooks, watch::Receiver<Arc<Live>>, mpsc::Sender<MavMessage>) {
     let (outbox, from_others) = mpsc::channel(16);
     let raw_outbox = mpsc::channel(1).1;
     let frames = tokio::sync::broadcast::channel(16).0;
-    (Hooks { live, outbox: from_others, raw_outbox, frames }, seen, outbox)
+    (Hooks { live, outbox: from_others, raw_outbox, mission: None, frames }, seen, outbox)
 }
 
 #[tokio::test]
@@ -82,7 +82,7 @@ async fn a_replay_of_the_recording_repeats_the_run() {
         .unwrap()
         .filter_map(|r| match r.unwrap().item {
             Item::Frame(frame) => Some(frame),
-            Item::Sample(_) => None,
+            Item::Measurement(_) => None,
         })
         .collect();
     let listener = TcpListener::bind((Ipv4Addr::LOCALHOST, 0)).await.unwrap();
@@ -118,6 +118,55 @@ async fn a_replay_of_the_recording_repeats_the_run() {
 }
 
 #[tokio::test]
+async fn a_stray_heartbeat_does_not_capture_the_run() {
+    use crate::link::frame::Sender;
+    use mavlink::dialects::ardupilotmega::{HEARTBEAT_DATA, MavAutopilot, MavType};
+    let flight = Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/data/small_clean_dither.tlog");
+    let frames: Vec<_> = logs::open(&flight)
+        .unwrap()
+        .filter_map(|r| match r.unwrap().item {
+            Item::Frame(frame) => Some(frame),
+            Item::Measurement(_) => None,
+        })
+        .take(3000)
+        .collect();
+    let stray = HEARTBEAT_DATA {
+        mavtype: MavType::MAV_TYPE_FIXED_WING,
+        autopilot: MavAutopilot::MAV_AUTOPILOT_ARDUPILOTMEGA,
+        mavlink_version: 3,
+        ..Default::default()
+    };
+    let stray = Frame::encode(Sender { system_id: 42, component_id: 1 }, 0, &MavMessage::HEARTBEAT(stray));
+    let listener = TcpListener::bind((Ipv4Addr::LOCALHOST, 0)).await.unwrap();
+    let address = format!("tcpout:{}", listener.local_addr().unwrap());
+    let args = run_args(&["--connect", &address, "--no-record"]);
+    let stop = CancellationToken::new();
+    let (hooks, mut seen, _outbox) = hooks();
+    let vehicle = {
+        let stop = stop.clone();
+        tokio::spawn(async move {
+            let (mut socket, _) = listener.accept().await.unwrap();
+            socket.write_all(stray.raw()).await.unwrap();
+            for frame in &frames {
+                socket.write_all(frame.raw()).await.unwrap();
+            }
+            let all = frames.len() as u64 + 1;
+            let done = seen.wait_for(|l| l.links.first().is_some_and(|s| s.framer.frames == all));
+            let live =
+                tokio::time::timeout(Duration::from_secs(60), done).await.expect("in time").unwrap().clone();
+            stop.cancel();
+            live
+        })
+    };
+    let (pipeline, _) = serve(&args, hooks, stop, |_| Fingerprint::default()).await.unwrap();
+    let live = vehicle.await.unwrap();
+    assert!(pipeline.summary().imu.samples > 1000, "{}", pipeline.summary().imu.samples);
+    let named =
+        live.events.iter().any(|e| e.text.contains("system 42") && e.text.contains("system 1 is followed"));
+    assert!(named, "{:?}", live.events);
+}
+
+#[tokio::test]
 async fn a_run_without_a_vehicle_ends_with_its_duration_and_says_why_the_link_is_down() {
     let args =
         run_args(&["--connect", "serial:/dev/gaware-no-such-port", "--no-record", "--duration", "0.5"]);
@@ -136,11 +185,12 @@ fn with_a_key_only_signed_frames_are_believed() {
     let path = std::env::temp_dir().join(format!("gaware-guard-{}.key", std::process::id()));
     std::fs::write(&path, "0b".repeat(32)).unwrap();
     let now_us = 1_800_000_000_000_000;
-    let mut ours = Guard::load(&path, now_us).unwrap();
-    let mut theirs = Guard::load(&path, now_us).unwrap();
+    let mut ours = Guard::load(&path).unwrap();
+    let mut theirs = Guard::load(&path).unwrap();
     let frame = Voice::new().say(&heartbeat(true));
-    let told = |g: &mut Guard, f: &Frame| g.refuse(f).map(|r| r.first_of_its_kind.is_some());
-    assert_eq!(told(&mut ours, &theirs.sign(&frame, now_us)), None);
+    let told =
+        |g: &mut Guard, f: &Frame| g.refuse(f, 1_800_000_000_000_000).map(|r| r.first_of_its_kind.is_some());
+    assert_eq!(told(&mut ours, &theirs.sign(&frame, 0, now_us)), None);
     assert_eq!(told(&mut ours, &frame), Some(true));
     assert_eq!(told(&mut ours, &frame), Some(false), "told once");
     for file in [path.with_extension("time"), path] {

@@ -115,3 +115,61 @@ async fn a_pseudo_terminal_is_a_serial_port() {
     }
     links.stop().await;
 }
+
+#[tokio::test]
+async fn strangers_get_nothing_and_take_nothing_from_the_vehicle() {
+    let free = UdpSocket::bind((Ipv4Addr::LOCALHOST, 0)).await.unwrap();
+    let address = free.local_addr().unwrap();
+    drop(free);
+    let mut links = start(&format!("udpin:{address}"));
+    is_up(&links, 1).await;
+    let frame = beats(1).remove(0);
+    links.follow(frame.system_id);
+    let vehicle = UdpSocket::bind((Ipv4Addr::LOCALHOST, 0)).await.unwrap();
+    vehicle.send_to(frame.raw(), address).await.unwrap();
+    assert_eq!(next(&mut links).await, frame);
+    // One byte each from more strangers than there is room for, and a whole frame of another system.
+    let mut strangers = Vec::new();
+    for _ in 0..40 {
+        let stranger = UdpSocket::bind((Ipv4Addr::LOCALHOST, 0)).await.unwrap();
+        stranger.send_to(&[0xFD], address).await.unwrap();
+        strangers.push(stranger);
+    }
+    let mut other = Voice::new();
+    other.belongs_to(frame.system_id + 1);
+    let foreign = other.say(&heartbeat(true));
+    strangers[0].send_to(foreign.raw(), address).await.unwrap();
+    assert_eq!(next(&mut links).await, foreign);
+    for _ in 0..5 {
+        links.broadcast(&frame);
+        let mut bytes = [0; 300];
+        let n = timeout(PATIENCE, vehicle.recv(&mut bytes)).await.unwrap().unwrap();
+        assert_eq!(&bytes[..n], &frame.raw()[..]);
+    }
+    // What was sent to the vehicle was sent to nobody else.
+    for stranger in &strangers {
+        assert!(stranger.try_recv(&mut [0; 300]).is_err(), "a stranger was answered");
+    }
+    links.stop().await;
+}
+
+#[test]
+fn a_port_that_may_not_be_opened_names_the_group() {
+    let denied = io::Error::from(io::ErrorKind::PermissionDenied);
+    let text = serial_problem("/dev/ttyUSB0", &denied.into());
+    assert!(text.contains("/dev/ttyUSB0") && text.contains("dialout"), "{text}");
+}
+
+#[tokio::test]
+async fn the_end_of_the_links_is_no_trouble_of_a_link() {
+    let listener = TcpListener::bind((Ipv4Addr::LOCALHOST, 0)).await.unwrap();
+    let mut links = start(&format!("tcpout:{}", listener.local_addr().unwrap()));
+    let (mut socket, _) = timeout(PATIENCE, listener.accept()).await.unwrap().unwrap();
+    is_up(&links, 1).await;
+    let status = links.handles()[0].clone();
+    // Nobody reads any more, and a frame comes before the task is stopped.
+    links.frames.close();
+    socket.write_all(beats(1)[0].raw()).await.unwrap();
+    timeout(PATIENCE, links.tasks.wait()).await.expect("the task ends by itself");
+    assert_eq!(status.status().problem, "");
+}

@@ -2,7 +2,7 @@
 
 use super::*;
 use crate::link::frame::Sender;
-use mavlink::dialects::ardupilotmega::COMMAND_ACK_DATA;
+use mavlink::dialects::ardupilotmega::{COMMAND_ACK_DATA, COMMAND_LONG_DATA, MESSAGE_INTERVAL_DATA};
 
 const VEHICLE: Sender = Sender { system_id: 1, component_id: 1 };
 
@@ -14,12 +14,30 @@ struct Fake {
     told: Vec<RateNotice>,
     streams: Vec<u8>,
     rates: Vec<(u32, f64)>,
+    /// Whether it says which intervals are set, …
+    answers_queries: bool,
+    /// … and of these messages that it does not have them; each request for one is put into the pilot's messages.
+    missing: Vec<u32>,
+    queries: usize,
 }
 
 impl Fake {
     fn new(wanted: Vec<Wanted>) -> Self {
-        let keeper = RateKeeper::new(1, Autopilot::Ardupilot, wanted, 0);
-        Self { keeper, now_us: 0, sent: vec![], told: vec![], streams: vec![], rates: vec![] }
+        Self::of(Autopilot::Ardupilot, wanted)
+    }
+
+    fn of(autopilot: Autopilot, wanted: Vec<Wanted>) -> Self {
+        Self {
+            keeper: RateKeeper::new(1, autopilot, wanted, 0),
+            now_us: 0,
+            sent: vec![],
+            told: vec![],
+            streams: vec![],
+            rates: vec![],
+            answers_queries: true,
+            missing: vec![],
+            queries: 0,
+        }
     }
 
     fn run(&mut self, seconds: u64, answer: impl Fn(u32, f64) -> Option<MavResult>) {
@@ -45,9 +63,16 @@ impl Fake {
             RateAction::Tell(notice) => self.told.push(notice),
             #[expect(deprecated, reason = "the old way")]
             RateAction::Send(MavMessage::REQUEST_DATA_STREAM(m)) => self.streams.push(m.req_stream_id as u8),
+            RateAction::Send(MavMessage::COMMAND_LONG(m)) if m.command == GET_MESSAGE_INTERVAL => {
+                self.queries += 1;
+                if self.answers_queries {
+                    self.tell_interval(&m, answer);
+                }
+            }
             RateAction::Send(MavMessage::COMMAND_LONG(m)) => {
                 assert_eq!((m.param3, m.param4, m.param5, m.param6), (0.0, 0.0, 0.0, 0.0));
-                assert_eq!(m.param2 % 1000.0, 0.0, "ArduPilot wants whole milliseconds");
+                assert!(m.param2 % 1000.0 == 0.0, "ArduPilot wants whole milliseconds");
+                assert!(!self.missing.contains(&(m.param1 as u32)), "the pilot reads of it");
                 let (id, hz) = (m.param1 as u32, 1e6 / f64::from(m.param2));
                 self.sent.push((id, hz));
                 if let Some(result) = answer(id, hz) {
@@ -70,6 +95,32 @@ impl Fake {
         }
     }
 }
+
+impl Fake {
+    fn tell_interval(&mut self, m: &COMMAND_LONG_DATA, answer: &impl Fn(u32, f64) -> Option<MavResult>) {
+        let id = m.param1 as u32;
+        let set = self.rates.iter().find(|(other, _)| *other == id).map(|(_, hz)| (1e6 / hz) as i32);
+        let interval_us = if self.missing.contains(&id) { 0 } else { set.unwrap_or(-1) };
+        let message = MESSAGE_INTERVAL_DATA { message_id: id as u16, interval_us };
+        let frame = Frame::encode(VEHICLE, 0, &MavMessage::MESSAGE_INTERVAL(message));
+        let mut out = Vec::new();
+        self.keeper.receive(self.now_us, &frame, &mut out);
+        out.into_iter().for_each(|a| self.act(a, answer));
+    }
+}
+
+/// What a request of these says: message and interval, µs.
+fn intervals(messages: &[MavMessage]) -> Vec<(u32, f32)> {
+    let of = |m: &MavMessage| match m {
+        MavMessage::COMMAND_LONG(m) if m.command == MavCmd::MAV_CMD_SET_MESSAGE_INTERVAL => {
+            (m.param1 as u32, m.param2)
+        }
+        other => panic!("{other:?}"),
+    };
+    messages.iter().map(of).collect()
+}
+
+const YES: fn(u32, f64) -> Option<MavResult> = |_, _| Some(MavResult::MAV_RESULT_ACCEPTED);
 
 fn wanted(list: &[(u32, u16)]) -> Vec<Wanted> {
     list.iter()
@@ -121,8 +172,9 @@ fn a_message_refused_at_every_rate_gives_way_without_noise() {
 #[test]
 fn silence_leads_to_the_old_requests_after_three_tries() {
     let mut fake = Fake::new(wanted(&[(27, 50), (30, 10)]));
-    fake.run(5, |_, _| None);
-    assert_eq!(fake.sent.len(), 3);
+    fake.answers_queries = false;
+    fake.run(7, |_, _| None);
+    assert_eq!((fake.queries, fake.sent.len()), (2, 3));
     assert_eq!(fake.told[0], RateNotice::OldRequests);
     assert_eq!(fake.streams, vec![1, 10]);
 }
@@ -153,4 +205,84 @@ fn a_reboot_asks_for_everything_again() {
     fake.keeper.restart(fake.now_us);
     fake.run(10, |_, _| Some(MavResult::MAV_RESULT_ACCEPTED));
     assert_eq!(fake.sent.len(), 4);
+}
+
+#[test]
+fn what_comes_fast_enough_is_not_asked_for_and_never_slowed_down() {
+    // PX4's onboard link sends ATTITUDE at 100 Hz and fixes as they come.
+    let mut fake = Fake::of(Autopilot::Px4, needs(Autopilot::Px4, 100, None));
+    fake.rates = vec![(30, 100.0), (24, 50.0)];
+    fake.run(20, YES);
+    assert_eq!(fake.sent.iter().map(|(id, _)| *id).collect::<Vec<_>>(), [26]);
+    assert_eq!(intervals(&fake.keeper.give_back()), [(26, 0.0)], "only what was changed is given back");
+    // Nor does a refused request end below what came before.
+    let mut plane = Fake::new(wanted(&[(27, 200)]));
+    plane.rates = vec![(27, 50.0)];
+    plane.run(20, |_, hz| {
+        Some(if hz > 50.0 { MavResult::MAV_RESULT_DENIED } else { MavResult::MAV_RESULT_ACCEPTED })
+    });
+    assert!(plane.sent.iter().all(|(_, hz)| *hz > 50.0), "{:?}", plane.sent);
+    assert_eq!(plane.told, [RateNotice::Refused { message_id: 27, rate_hz: 200, granted_hz: Some(50) }]);
+}
+
+#[test]
+fn fast_messages_of_firmware_that_does_not_say_so_are_measured_first() {
+    let mut fake = Fake::new(wanted(&[(27, 100), (30, 10)]));
+    fake.answers_queries = false;
+    fake.rates = vec![(27, 50.0), (30, 25.0)];
+    fake.run(20, YES);
+    assert_eq!(fake.sent, [(27, 100.0)]);
+    assert_eq!(intervals(&fake.keeper.give_back()), [(27, 20_000.0)]);
+}
+
+#[test]
+fn a_message_that_the_firmware_does_not_have_is_never_asked_for() {
+    let mut fake = Fake::new(needs(Autopilot::Ardupilot, 100, None));
+    fake.missing = vec![105];
+    fake.run(10, YES);
+    assert_eq!(fake.rates[0], (27, 100.0));
+    let asked = fake.queries;
+    fake.keeper.restart(fake.now_us);
+    fake.run(200, YES);
+    assert_eq!(fake.queries, asked + 3, "remembered over a reboot");
+    // Firmware that cannot even say so is older than the message.
+    let mut old = Fake::new(needs(Autopilot::Ardupilot, 100, None));
+    (old.answers_queries, old.missing) = (false, vec![105]);
+    old.run(10, YES);
+    assert_eq!(old.rates[0], (27, 100.0));
+    assert!(old.told.is_empty(), "{:?}", old.told);
+}
+
+#[test]
+fn px4_is_asked_for_a_rate_that_gives_what_is_wanted() {
+    let mut px4 = RateKeeper::new(1, Autopilot::Px4, wanted(&[(26, 200)]), 0);
+    let asked = |keeper: &mut RateKeeper, interval_us| {
+        let mut out = Vec::new();
+        keeper.poll(0, &mut out);
+        let message = MESSAGE_INTERVAL_DATA { message_id: 26, interval_us };
+        keeper.receive(0, &Frame::encode(VEHICLE, 0, &MavMessage::MESSAGE_INTERVAL(message)), &mut out);
+        out.clear();
+        keeper.poll(0, &mut out);
+        let sent = out.into_iter().filter_map(|a| match a {
+            RateAction::Send(m) => Some(m),
+            RateAction::Tell(_) => None,
+        });
+        intervals(&sent.collect::<Vec<_>>())
+    };
+    // A sample every 4 ms: with 5 ms every second one would be sent, with 2 ms each.
+    assert_eq!(asked(&mut px4, 0), [(26, 2000.0)]);
+    let mut slower = RateKeeper::new(1, Autopilot::Px4, wanted(&[(26, 100)]), 0);
+    assert_eq!(asked(&mut slower, 0), [(26, 6000.0)]);
+}
+
+#[test]
+fn everything_that_was_changed_is_given_back() {
+    let mut fake = Fake::new(wanted(&[(27, 100), (24, 10), (30, 10)]));
+    fake.rates = vec![(27, 2.0), (30, 4.0)];
+    fake.run(10, YES);
+    assert_eq!(
+        intervals(&fake.keeper.give_back()),
+        [(27, 500_000.0), (24, -1.0), (30, 250_000.0)],
+        "as before, and what was not sent is stopped"
+    );
 }

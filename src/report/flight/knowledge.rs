@@ -4,58 +4,100 @@ use super::lessons::{self, Lesson};
 use super::{AXES, FlightLog, series, words};
 use crate::engine::snapshot::{Snapshot, Status, Summary};
 use crate::explain::words::number;
-use crate::report::page::escape;
-use crate::report::plot::Plot;
-use plotters::style::RGBColor;
+use crate::report::page::{escape, wide};
+use crate::report::plot::{Color, Plot};
 use std::fmt::Write;
 
 /// Plots with bands are scaled to what is left of their uncertainty after this share of the flight.
 const SETTLED: f64 = 0.5;
 
-/// The matrix, and what it means in flight.
+/// The matrix, and what it means in flight. Where a state absorbs an unmodelled error no value is shown for it.
 pub fn g_sensitivity(s: &Summary, body: &mut String) {
     let g = &s.estimate.g_sensitivity_deg_per_h_per_g;
-    body.push_str(
-        "<h2>What acceleration does to the gyros</h2><p>G in deg/h/g; bold is surely not zero, grey is not known yet.</p>\
-         <table><tr><th>gyro</th><th class=\"n\">forward (x)</th><th class=\"n\">sideways (y)</th><th class=\"n\">downward (z)</th></tr>",
-    );
+    let usable = s.implausible.is_empty();
+    body.push_str("<h2 id=\"g\">G-sensitivity</h2>");
+    body.push_str(if usable {
+        "<p>In deg/h/g. Bold: differs from zero by more than 3 sigma. Grey: not converged yet.</p>"
+    } else {
+        "<p>In deg/h/g. An unmodelled error is absorbed by these states: only the sigmas are shown, no values.</p>"
+    });
+    let mut table = "<table><tr><th>gyro</th><th class=\"n\">forward (x)</th><th class=\"n\">sideways (y)</th><th class=\"n\">downward (z)</th></tr>".to_owned();
     for (row, name) in ["roll (x)", "pitch (y)", "yaw (z)"].iter().enumerate() {
-        let _ = write!(body, "<tr><td>{name}</td>");
+        let _ = write!(table, "<tr><td>{name}</td>");
         for column in 0..3 {
             let (value, sigma) = (g.value[row][column], g.sigma[row][column]);
             let state = format!("g{}{}", row + 1, column + 1);
             let status = s.observability.states.iter().find(|st| st.name == state).map(|st| st.status);
             let text = format!("{value:.0} ± {sigma:.0}");
             let _ = match status {
-                Some(_) if value.abs() > words::SURE * sigma => {
-                    write!(body, "<td class=\"n\"><b>{text}</b></td>")
+                Some(_) if !usable => {
+                    write!(table, "<td class=\"n\"><small>not usable (± {sigma:.0})</small></td>")
                 }
-                Some(Status::Observable) => write!(body, "<td class=\"n\">{text}</td>"),
-                Some(_) => write!(body, "<td class=\"n\"><small>{text}</small></td>"),
-                None => write!(body, "<td class=\"n\"><small>not estimated</small></td>"),
+                Some(_) if value.abs() > words::SURE * sigma => {
+                    write!(table, "<td class=\"n\"><b>{text}</b></td>")
+                }
+                Some(Status::Observable) => write!(table, "<td class=\"n\">{text}</td>"),
+                Some(_) => write!(table, "<td class=\"n\"><small>{text}</small></td>"),
+                None => write!(table, "<td class=\"n\"><small>not estimated</small></td>"),
             };
         }
-        body.push_str("</tr>");
+        table.push_str("</tr>");
     }
-    body.push_str(
-        "</table><p>What that means in flight, as an error of each gyro in deg per minute:</p>\
-         <table><tr><th>against straight and level</th><th class=\"n\">roll</th><th class=\"n\">pitch</th><th class=\"n\">yaw</th></tr>",
-    );
-    for meaning in words::meanings(g) {
-        let _ = write!(body, "<tr><td>{}</td>", meaning.when);
+    body.push_str(&wide(&(table + "</table>")));
+    if !usable {
+        return;
+    }
+    let mut table = "<table><tr><th>against level flight or hover</th><th class=\"n\">roll</th><th class=\"n\">pitch</th><th class=\"n\">yaw</th></tr>".to_owned();
+    for meaning in words::meanings(g, &s.vehicle_type) {
+        let _ = write!(table, "<tr><td>{}</td>", meaning.when);
         for (value, sigma) in meaning.error_deg_per_min {
-            let _ = write!(body, "<td class=\"n\">{value:.1} ± {sigma:.1}</td>");
+            let _ = write!(table, "<td class=\"n\">{value:.1} ± {sigma:.1}</td>");
         }
-        body.push_str("</tr>");
+        table.push_str("</tr>");
     }
-    body.push_str("</table>");
+    body.push_str("<p>What that means in flight, as an error of each gyro in deg per minute:</p>");
+    body.push_str(&wide(&(table + "</table>")));
+}
+
+/// Biases and the parameters of the other effects as numbers.
+pub fn bias_table(s: &Summary, body: &mut String) {
+    let usable = |name: &str| !s.implausible.iter().any(|n| n == name);
+    body.push_str("<h2 id=\"biases\">Biases and other effects</h2>");
+    let mut table =
+        "<table><tr><th>Effect</th><th>Parameter</th><th class=\"n\">value</th><th>unit</th></tr>".to_owned();
+    let mut row = |effect: &str, name: &str, value: f64, sigma: f64, unit: &str| {
+        let text = if usable(name) {
+            format!("{} ± {}", number(value), number(sigma))
+        } else {
+            format!("not usable (± {})", number(sigma))
+        };
+        let _ = write!(
+            table,
+            "<tr><td>{}</td><td>{}</td><td class=\"n\">{text}</td><td>{}</td></tr>",
+            escape(effect),
+            escape(name),
+            escape(unit)
+        );
+    };
+    for (effect, prefix, e, unit) in [
+        ("gyro bias", "bg", &s.estimate.gyro_bias_deg_per_h, "deg/h"),
+        ("accelerometer bias", "ba", &s.estimate.accel_bias_mg, "mg"),
+    ] {
+        for (k, axis) in ["x", "y", "z"].iter().enumerate() {
+            row(effect, &format!("{prefix}_{axis}"), e.value[k], e.sigma[k], unit);
+        }
+    }
+    for p in &s.estimate.effects {
+        row(&p.effect.replace('_', " "), &p.name, p.value, p.sigma, &p.unit);
+    }
+    body.push_str(&wide(&(table + "</table>")));
 }
 
 /// How G became known: over time, what taught most, what is left.
 pub fn learning(s: &Summary, log: &FlightLog, lessons: &[Lesson], body: &mut String) -> Result<(), String> {
     let shots = &log.snapshots;
     let estimated = |state: &str| s.observability.states.iter().any(|st| st.name == state);
-    body.push_str("<h2>How it became known</h2>");
+    body.push_str("<h2 id=\"learning\">How it became observable</h2>");
     for (column, (axis, _)) in AXES.iter().enumerate() {
         let rows: Vec<usize> = (0..3).filter(|r| estimated(&format!("g{}{}", r + 1, column + 1))).collect();
         let names: Vec<String> = rows.iter().map(|r| format!("g{}{}", r + 1, column + 1)).collect();
@@ -74,7 +116,7 @@ pub fn learning(s: &Summary, log: &FlightLog, lessons: &[Lesson], body: &mut Str
         body.push_str(&banded(&title, "deg/h/g", &lines)?);
     }
     if !lessons.is_empty() {
-        body.push_str("<table><tr><th></th><th>Time</th><th>What the vehicle did</th><th>What it taught: sigma divided by</th></tr>");
+        body.push_str("<div class=\"wide\"><table><tr><th></th><th>Time</th><th>What the vehicle did</th><th>Sigma divided by</th></tr>");
         for (lesson, k) in lessons.iter().zip(1..) {
             let states: Vec<String> = lesson.states.iter().map(|(n, f)| format!("{n} {f:.1}")).collect();
             let _ = write!(
@@ -86,12 +128,12 @@ pub fn learning(s: &Summary, log: &FlightLog, lessons: &[Lesson], body: &mut Str
                 states.join(", ")
             );
         }
-        body.push_str("</table>");
+        body.push_str("</table></div>");
     }
     conditions(s, body);
     states(s, log, body);
     for direction in &s.observability.unobservable_directions {
-        let _ = write!(body, "<p>Not observable: {}</p>", escape(&direction.text));
+        let _ = write!(body, "<p>Not observable in this flight: {}</p>", escape(&direction.text));
     }
     if !s.observability.disagreement.is_empty() {
         let _ = write!(body, "<p><small>{}</small></p>", escape(&s.observability.disagreement));
@@ -101,7 +143,7 @@ pub fn learning(s: &Summary, log: &FlightLog, lessons: &[Lesson], body: &mut Str
 
 fn conditions(s: &Summary, body: &mut String) {
     let c = &s.observability.conditions;
-    body.push_str("<table><tr><th>Condition on segments of constant attitude</th><th></th></tr>");
+    body.push_str("<table><tr><th>Observability condition on segments of constant attitude (sufficient, not necessary)</th><th></th></tr>");
     for (name, what, condition) in [
         ("a", "two independent changes of specific force: attitude and biases", &c.a),
         ("b", "every element of specific force changes: the diagonal of G", &c.b),
@@ -116,8 +158,8 @@ fn conditions(s: &Summary, body: &mut String) {
 fn states(s: &Summary, log: &FlightLog, body: &mut String) {
     let since = lessons::known_since(&log.snapshots);
     body.push_str(
-        "<table><tr><th>State</th><th class=\"n\">sigma</th><th class=\"n\">target</th><th>unit</th><th class=\"n\">of the sigma at the \
-         start</th><th class=\"n\">known since, s</th></tr>",
+        "<div class=\"wide\"><table><tr><th>State</th><th class=\"n\">sigma</th><th class=\"n\">target</th><th>unit</th><th class=\"n\">of the sigma at the \
+         start</th><th class=\"n\">converged since, s</th></tr>",
     );
     for state in &s.observability.states {
         let known = since.iter().find(|(name, _)| *name == state.name);
@@ -132,18 +174,18 @@ fn states(s: &Summary, log: &FlightLog, body: &mut String) {
             known.map_or_else(|| "–".to_owned(), |(_, t)| format!("{t:.0}"))
         );
     }
-    body.push_str("</table>");
+    body.push_str("</table></div>");
 }
 
-/// Biases and the effects beside G.
-pub fn biases(s: &Summary, log: &FlightLog, body: &mut String) -> Result<(), String> {
+/// Biases over time.
+pub fn biases(log: &FlightLog, body: &mut String) -> Result<(), String> {
     let shots = &log.snapshots;
-    body.push_str("<h2>Biases and other effects</h2>");
+    body.push_str("<h2>Biases over time</h2>");
     let gyro: Vec<Banded<'_>> = AXES
         .iter()
         .enumerate()
         .map(|(k, (name, color))| {
-            Banded::of(shots, name, *color, move |s| {
+            Banded::of(shots, name, color, move |s| {
                 let e = &s.estimate.gyro_bias_deg_per_h;
                 (e.value[k], e.sigma[k])
             })
@@ -154,43 +196,26 @@ pub fn biases(s: &Summary, log: &FlightLog, body: &mut String) -> Result<(), Str
         .iter()
         .enumerate()
         .map(|(k, (name, color))| {
-            Banded::of(shots, name, *color, move |s| {
+            Banded::of(shots, name, color, move |s| {
                 let e = &s.estimate.accel_bias_mg;
                 (e.value[k], e.sigma[k])
             })
         })
         .collect();
     body.push_str(&banded("accelerometer bias", "mg", &accel)?);
-    if !s.estimate.effects.is_empty() {
-        body.push_str(
-            "<table><tr><th>Effect</th><th>Parameter</th><th class=\"n\">value</th><th>unit</th></tr>",
-        );
-        for p in &s.estimate.effects {
-            let _ = write!(
-                body,
-                "<tr><td>{}</td><td>{}</td><td class=\"n\">{} ± {}</td><td>{}</td></tr>",
-                escape(&p.effect),
-                escape(&p.name),
-                number(p.value),
-                number(p.sigma),
-                escape(&p.unit)
-            );
-        }
-        body.push_str("</table>");
-    }
     Ok(())
 }
 
 /// A value with its sigma over time.
 struct Banded<'a> {
     name: &'a str,
-    color: RGBColor,
+    color: Color,
     values: Vec<(f64, f64)>,
     sigmas: Vec<(f64, f64)>,
 }
 
 impl<'a> Banded<'a> {
-    fn of(shots: &[Snapshot], name: &'a str, color: RGBColor, of: impl Fn(&Snapshot) -> (f64, f64)) -> Self {
+    fn of(shots: &[Snapshot], name: &'a str, color: Color, of: impl Fn(&Snapshot) -> (f64, f64)) -> Self {
         let (values, sigmas) = (series(shots, |s| of(s).0), series(shots, |s| of(s).1));
         Self { name, color, values, sigmas }
     }

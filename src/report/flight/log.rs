@@ -2,7 +2,7 @@
 
 use crate::attitudes::Attitudes;
 use crate::engine::Engine;
-use crate::engine::counters::Timeline;
+use crate::engine::counters::ElapsedTime;
 use crate::engine::snapshot::Snapshot;
 use gaware_nav::sample::Sample;
 
@@ -18,7 +18,7 @@ pub struct FlightLog {
     pub snapshots: Vec<Snapshot>,
     /// Our attitude beside the autopilot's, by seconds since the first sample.
     pub attitudes: Attitudes,
-    time: Timeline,
+    time: ElapsedTime,
 }
 
 impl Default for FlightLog {
@@ -26,14 +26,14 @@ impl Default for FlightLog {
         Self {
             snapshots: Vec::new(),
             attitudes: Attitudes::with_spacing(HINT_SPACING_S),
-            time: Timeline::default(),
+            time: ElapsedTime::default(),
         }
     }
 }
 
 impl FlightLog {
     /// Takes a sample that the engine has just been fed with.
-    pub fn push(&mut self, sample: &Sample, engine: &Engine) {
+    pub fn push(&mut self, sample: &Sample, engine: &mut Engine) {
         match sample {
             Sample::Imu(imu) if imu.t_s.is_finite() => {
                 self.time.push(imu.t_s);

@@ -1,6 +1,8 @@
 //! The page of one flight: what is known now, what made it known, and how the autopilot's own attitude compares.
 
+mod answers;
 mod attitude;
+mod innovations;
 mod knowledge;
 mod lessons;
 mod log;
@@ -10,72 +12,55 @@ mod words;
 pub use log::FlightLog;
 
 use super::page::{escape, page};
-use super::plot::{Plot, X_AXIS, Y_AXIS, Z_AXIS};
+use super::plot::{Color, Plot, X_AXIS, Y_AXIS, Z_AXIS};
 use crate::engine::snapshot::{Phase, Snapshot, Summary};
-use crate::explain::words::number;
-use plotters::style::RGBColor;
 use serde_json::{Map, Value};
 use std::fmt::Write;
 
 /// Lines of a plot have at most about so many points.
 const POINTS: usize = 900;
-const AXES: [(&str, RGBColor); 3] = [("x", X_AXIS), ("y", Y_AXIS), ("z", Z_AXIS)];
+const AXES: [(&str, Color); 3] = [("x", X_AXIS), ("y", Y_AXIS), ("z", Z_AXIS)];
 
-/// The whole page. `name`: of the log; `document`: the result as `replay --json` prints it.
+/// Where a report comes from.
+#[derive(Debug, Clone, Default)]
+pub struct Origin {
+    /// The log's name.
+    pub log: String,
+    /// When it was recorded, where the log has a date (UTC).
+    pub date: String,
+    /// The model's file, or which one was taken.
+    pub model: String,
+}
+
+/// The whole page. `document`: the result as `replay --json` prints it.
 ///
 /// # Errors
-/// What the drawing library says.
+/// A plot cannot be described.
 pub fn html(
-    name: &str,
+    origin: &Origin,
     summary: &Summary,
     document: &Map<String, Value>,
     log: &FlightLog,
 ) -> Result<String, String> {
     let lessons = lessons::lessons(&log.snapshots);
+    let compared = attitude::compare(&log.attitudes, &log.snapshots);
+    let fixes = innovations::of(&log.snapshots);
     let mut body = String::new();
-    head(name, summary, &mut body);
+    answers::head(origin, summary, &mut body);
+    if summary.phase == Phase::Running {
+        answers::answers(summary, log, &lessons, compared.as_ref(), &fixes, &mut body);
+        knowledge::g_sensitivity(summary, &mut body);
+        knowledge::bias_table(summary, &mut body);
+    }
     flight(log, &lessons, &mut body)?;
     if summary.phase == Phase::Running {
-        knowledge::g_sensitivity(summary, &mut body);
         knowledge::learning(summary, log, &lessons, &mut body)?;
-        knowledge::biases(summary, log, &mut body)?;
+        knowledge::biases(log, &mut body)?;
     }
-    attitudes(document, log, &mut body)?;
-    innovations(log, &mut body)?;
-    body.push_str(
-        "<h2>How to read this</h2><p>Values are given with one sigma. G says what an acceleration does to the gyros: \
-         g<sub>31</sub> is what one g forward does to the yaw gyro. An element counts as known once its sigma is below the \
-         target. An innovation is what a fix says less what was expected of it, here over its expected sigma: within ±1 two \
-         times out of three when nothing is missing.</p>",
-    );
-    Ok(page(&escape(name), &body))
-}
-
-fn head(name: &str, s: &Summary, body: &mut String) {
-    let _ = write!(
-        body,
-        "<h1>{}</h1><p><small>{:.0} s · {} · {} {} samples at {:.1} Hz, {} dropped · {} fixes, {} used, {} rejected · squared \
-         innovation {}</small></p><p class=\"verdict\">{}</p>",
-        escape(name),
-        s.duration_s,
-        escape(&s.autopilot),
-        escape(if s.imu.message.is_empty() { "no inertial" } else { &s.imu.message }),
-        s.imu.samples,
-        s.imu.rate_hz,
-        s.imu.dropped,
-        s.gnss.fixes,
-        s.gnss.used,
-        s.gnss.rejected,
-        number(s.consistency.nis_mean_per_dof),
-        escape(&words::verdict(s))
-    );
-    if !s.warnings.is_empty() {
-        body.push_str("<ul>");
-        for warning in &s.warnings {
-            let _ = write!(body, "<li>{}</li>", escape(warning));
-        }
-        body.push_str("</ul>");
-    }
+    attitudes(compared.as_ref(), document, &mut body)?;
+    innovations::section(&log.snapshots, &fixes, &mut body)?;
+    answers::how_to_read(&mut body);
+    Ok(page(&escape(&origin.log), &body))
 }
 
 /// A quantity over time, thinned.
@@ -111,12 +96,16 @@ fn flight(log: &FlightLog, lessons: &[lessons::Lesson], body: &mut String) -> Re
     Ok(())
 }
 
-fn attitudes(document: &Map<String, Value>, log: &FlightLog, body: &mut String) -> Result<(), String> {
-    if let Some(found) = attitude::compare(&log.attitudes, &log.snapshots) {
+fn attitudes(
+    compared: Option<&attitude::Comparison>,
+    document: &Map<String, Value>,
+    body: &mut String,
+) -> Result<(), String> {
+    if let Some(found) = compared {
         let _ = write!(
             body,
-            "<h2>The autopilot's own attitude</h2><p>Autopilot less this estimate, after a shift of {:.0} ms. Its yaw leans on a \
-             compass, ours on the fixes.</p><table><tr><th>while</th><th class=\"n\">instants</th><th class=\"n\">mean roll, pitch, yaw, \
+            "<h2 id=\"attitude\">The autopilot's own attitude</h2><p>Autopilot less this estimate, after a shift of {:.0} ms. Its yaw leans on a \
+             compass, ours on the fixes.</p><div class=\"wide\"><table><tr><th>while</th><th class=\"n\">instants</th><th class=\"n\">mean roll, pitch, yaw, \
              deg</th><th class=\"n\">RMS, deg</th><th class=\"n\">our sigma, deg</th></tr>",
             1e3 * found.shift_s
         );
@@ -132,12 +121,12 @@ fn attitudes(document: &Map<String, Value>, log: &FlightLog, body: &mut String) 
                 three(row.sigma_deg)
             );
         }
-        body.push_str("</table>");
+        body.push_str("</table></div>");
         if let Some([autopilot, ours]) = found.crab_rms_deg {
             let _ = write!(
                 body,
                 "<p>From the nose to the course over the ground: {autopilot:.1}° RMS by the autopilot's yaw, {ours:.1}° by this \
-                 estimate. Wind and sideslip are in both; the larger one tells whose yaw errs.</p>"
+                 estimate. Wind and drift angle are in both; the larger one tells whose yaw errs.</p>"
             );
         }
         let every = found.differences.len().div_ceil(POINTS).max(1);
@@ -149,37 +138,22 @@ fn attitudes(document: &Map<String, Value>, log: &FlightLog, body: &mut String) 
         body.push_str(&plot.svg()?);
     }
     if let Some(truth) = document.get("truth_comparison") {
-        let get = |name: &str| truth.get(name).map(Value::to_string).unwrap_or_default();
-        let _ = write!(
-            body,
-            "<p>Against the truth that the simulated vehicle sends along, from {} s on: RMS {} deg in roll, pitch, yaw after a shift of {} s.</p>",
-            get("from_s"),
-            get("attitude_rms_deg"),
-            get("time_shift_s")
-        );
-    }
-    Ok(())
-}
-
-fn innovations(log: &FlightLog, body: &mut String) -> Result<(), String> {
-    let channels = [
-        "position north",
-        "position east",
-        "position down",
-        "velocity north",
-        "velocity east",
-        "velocity down",
-    ];
-    let mut drawn = String::new();
-    for (k, name) in channels.into_iter().enumerate() {
-        let points = series(&log.snapshots, |s| s.consistency.last_normalised_innovation[k]);
-        if points.iter().any(|(_, v)| *v != 0.0) {
-            drawn.push_str(&Plot::new(name, "sigma").line(name, X_AXIS, points).svg()?);
+        let number_of = |name: &str| truth.get(name).and_then(Value::as_f64);
+        let rms: Vec<String> = truth
+            .get("attitude_rms_deg")
+            .and_then(Value::as_array)
+            .map(|v| v.iter().filter_map(Value::as_f64).map(|x| format!("{x:.3}°")).collect())
+            .unwrap_or_default();
+        if let ([roll, pitch, yaw], Some(from_s), Some(shift_s)) =
+            (&rms[..], number_of("from_s"), number_of("time_shift_s"))
+        {
+            let _ = write!(
+                body,
+                "<p>Against the truth that the simulated vehicle sends, from {from_s:.0} s on: RMS roll {roll}, pitch {pitch}, yaw \
+                 {yaw}, after a shift of {:.0} ms.</p>",
+                1e3 * shift_s
+            );
         }
-    }
-    if !drawn.is_empty() {
-        body.push_str("<h2>Innovations</h2>");
-        body.push_str(&drawn);
     }
     Ok(())
 }

@@ -32,6 +32,31 @@ fn round_length(m: f64) -> f64 {
     [5.0, 2.0, 1.0].into_iter().map(|f| f * power).find(|l| *l <= m).unwrap_or(power)
 }
 
+/// A place for a number near the one wanted that lies on none before.
+fn free_place(taken: &mut Vec<(f64, f64)>, wanted: (f64, f64)) -> (f64, f64) {
+    const STEPS: [(f64, f64); 9] = [
+        (0.0, 0.0),
+        (0.0, -18.0),
+        (18.0, 0.0),
+        (0.0, 18.0),
+        (-30.0, 0.0),
+        (18.0, -18.0),
+        (18.0, 18.0),
+        (-30.0, -18.0),
+        (-30.0, 18.0),
+    ];
+    let places = (1..=4).flat_map(|ring| {
+        STEPS.map(|(dx, dy)| (wanted.0 + f64::from(ring) * dx, wanted.1 + f64::from(ring) * dy))
+    });
+    let free = |p: &(f64, f64)| taken.iter().all(|t| (t.0 - p.0).abs() > 16.0 || (t.1 - p.1).abs() > 16.0);
+    let place = places
+        .filter(|p| p.0 > 4.0 && p.0 < WIDTH - 20.0 && p.1 > 16.0 && p.1 < HEIGHT)
+        .find(free)
+        .unwrap_or(wanted);
+    taken.push(place);
+    place
+}
+
 /// The drawing as inline SVG; empty where there is no track. North is up; numbers are those of the lessons.
 pub fn svg(snapshots: &[Snapshot], lessons: &[Lesson]) -> String {
     let points = points(snapshots);
@@ -49,11 +74,12 @@ pub fn svg(snapshots: &[Snapshot], lessons: &[Lesson]) -> String {
         of.map(|(_, e, n)| format!("{:.1},{:.1}", x(*e), y(*n))).collect::<Vec<_>>().join(" ")
     };
     let mut out = format!(
-        "<svg class=\"plot\" role=\"img\" viewBox=\"0 0 {WIDTH:.0} {HEIGHT:.0}\" font-family=\"sans-serif\" font-size=\"11\" \
+        "<div class=\"drawing\"><svg class=\"plot\" role=\"img\" viewBox=\"0 0 {WIDTH:.0} {HEIGHT:.0}\" font-family=\"sans-serif\" font-size=\"13\" \
          fill=\"currentColor\"><title>Track over the ground, north up</title><polyline points=\"{}\" fill=\"none\" \
          stroke=\"currentColor\" stroke-opacity=\".45\"/>",
         path(&mut points.iter())
     );
+    let mut taken = Vec::new();
     for (lesson, k) in lessons.iter().zip(1..) {
         let part = || points.iter().filter(|p| (lesson.start_s..=lesson.end_s).contains(&p.0));
         let _ = write!(
@@ -62,11 +88,12 @@ pub fn svg(snapshots: &[Snapshot], lessons: &[Lesson]) -> String {
             path(&mut part())
         );
         if let Some((_, e, n)) = part().nth(part().count() / 2) {
+            let at = free_place(&mut taken, (x(*e) + 8.0, y(*n) - 6.0));
             let _ = write!(
                 out,
-                "<text x=\"{:.1}\" y=\"{:.1}\" font-size=\"14\" font-weight=\"bold\">{k}</text>",
-                x(*e) + 6.0,
-                y(*n) - 6.0
+                "<text x=\"{:.1}\" y=\"{:.1}\" font-size=\"15\" font-weight=\"bold\" stroke=\"var(--paper)\" \
+                 stroke-width=\"4\" paint-order=\"stroke\">{k}</text>",
+                at.0, at.1
             );
         }
     }
@@ -84,7 +111,7 @@ pub fn svg(snapshots: &[Snapshot], lessons: &[Lesson]) -> String {
     let bar = round_length(150.0 / scale);
     let _ = write!(
         out,
-        "<path d=\"M10 {0:.0}h{1:.1}\" stroke=\"currentColor\" stroke-width=\"2\"/><text x=\"10\" y=\"{2:.0}\">{bar:.0} m</text></svg>",
+        "<path d=\"M10 {0:.0}h{1:.1}\" stroke=\"currentColor\" stroke-width=\"2\"/><text x=\"10\" y=\"{2:.0}\">{bar:.0} m</text></svg></div>",
         HEIGHT - 8.0,
         scale * bar,
         HEIGHT - 13.0

@@ -7,11 +7,22 @@ use crate::explain::words::number;
 /// An element is surely there beyond so many of its sigmas.
 pub const SURE: f64 = 3.0;
 const AXES: [&str; 3] = ["roll", "pitch", "yaw"];
-const COLUMNS: [(&str, &str); 3] = [
-    ("x", "fly straight and level, throttle full to idle and back"),
-    ("y", "fly a sideslip by hand: wings level, full rudder left, then right"),
-    ("z", "fly steep turns and pull-ups"),
-];
+const COLUMNS: [&str; 3] = ["x", "y", "z"];
+
+/// What to fly for a column of G. An aircraft of unknown type gets no maneuver, only the acceleration that is missing.
+fn remedy(column: usize, vehicle: &str) -> &'static str {
+    match (vehicle, column) {
+        ("fixed_wing", 0) => "fly straight and level, throttle full to idle and back",
+        ("fixed_wing", 1) => "fly a sideslip by hand: wings level, full rudder left, then right",
+        ("fixed_wing", _) => "fly steep turns and pull-ups",
+        ("multirotor", 0) => "dash forward and brake, several times",
+        ("multirotor", 1) => "dash sideways and brake, to both sides",
+        ("multirotor", _) => "climb and descend with strong changes of thrust",
+        (_, 0) => "it needs acceleration along the forward axis",
+        (_, 1) => "it needs acceleration along the sideways axis",
+        (_, _) => "it needs changes of the acceleration along the vertical axis",
+    }
+}
 
 /// The largest element of G that is surely there: row, column.
 fn largest(g: &EstimateMatrix) -> Option<(usize, usize)> {
@@ -29,8 +40,8 @@ pub fn verdict(summary: &Summary) -> String {
     let g = &summary.estimate.g_sensitivity_deg_per_h_per_g;
     if !summary.implausible.is_empty() {
         return format!(
-            "The values below are not to be believed: {} left what the model expects of such a sensor by far, so the model lacks \
-             another effect, for which they take the blame. `gaware explain` names it; give its model.toml to this command.",
+            "The values are not usable: {} left what the model expects of such a sensor by far, so these states absorb an \
+             unmodelled error. `gaware explain` names it; give its model.toml to this command.",
             summary.implausible.join(", ")
         );
     }
@@ -50,7 +61,8 @@ pub fn verdict(summary: &Summary) -> String {
         }
         None => "No g-sensitivity stands out of its uncertainty.".to_owned(),
     };
-    for (c, (axis, remedy)) in COLUMNS.iter().enumerate() {
+    for (c, axis) in COLUMNS.iter().enumerate() {
+        let remedy = remedy(c, &summary.vehicle_type);
         let names: Vec<String> = (1..=3).map(|r| format!("g{r}{}", c + 1)).collect();
         let of_column = || summary.observability.states.iter().filter(|s| names.contains(&s.name));
         let known = of_column().filter(|s| s.status == Status::Observable).count();
@@ -59,16 +71,16 @@ pub fn verdict(summary: &Summary) -> String {
             continue;
         }
         if known == all {
-            text.push_str(&format!(" Column {axis} of G is known."));
+            text.push_str(&format!(" Column {axis} of G has converged."));
         } else {
-            let some = if known == 0 { "not known" } else { "known in part" };
-            text.push_str(&format!(" Column {axis} is {some} yet: {remedy}."));
+            let some = if known == 0 { "has not converged" } else { "has converged in part" };
+            text.push_str(&format!(" Column {axis} {some}: {remedy}."));
         }
     }
     let nis = summary.consistency.nis_mean_per_dof;
     if nis > 1.5 {
         text.push_str(&format!(
-            " The fixes disagree with the model more than it expects (squared innovation {} instead of 1): `gaware explain` names what is missing.",
+            " The fixes disagree with the model more than it expects (NIS {} per degree of freedom, 1 is right): `gaware explain` names what is missing.",
             number(nis)
         ));
     }
@@ -84,23 +96,32 @@ pub struct Meaning {
     pub error_deg_per_min: [(f64, f64); 3],
 }
 
-/// What G does to the gyros in typical flight, against straight and level.
-pub fn meanings(g: &EstimateMatrix) -> Vec<Meaning> {
-    // A change of specific force, g, in body axes; level flight has (0, 0, −1).
-    let cases: [(&'static str, [f64; 3]); 4] = [
-        ("turn with 60° of bank (2 g)", [0.0, 0.0, -1.0]),
-        ("push-over to weightlessness (0 g)", [0.0, 0.0, 1.0]),
-        ("acceleration forward by 0.5 g", [0.5, 0.0, 0.0]),
-        ("sideslip with 0.3 g to the right", [0.0, 0.3, 0.0]),
-    ];
+/// What G does to the gyros in typical flight, against straight and level flight or hover.
+pub fn meanings(g: &EstimateMatrix, vehicle: &str) -> Vec<Meaning> {
+    // A change of specific force, g, in body axes; level flight and hover have (0, 0, −1).
+    let changes = [[0.0, 0.0, -1.0], [0.0, 0.0, 1.0], [0.5, 0.0, 0.0], [0.0, 0.3, 0.0]];
+    let names: [&'static str; 4] = match vehicle {
+        "fixed_wing" => [
+            "turn with 60° of bank (2 g)",
+            "push-over to weightlessness (0 g)",
+            "acceleration forward by 0.5 g",
+            "sideslip with 0.3 g to the right",
+        ],
+        _ => [
+            "2 g along the vertical axis",
+            "weightlessness (0 g)",
+            "acceleration forward by 0.5 g",
+            "acceleration to the right by 0.3 g",
+        ],
+    };
+    let cases = names.into_iter().zip(changes);
     let error = |row: usize, f: &[f64; 3]| {
         let value: f64 = (0..3).map(|c| g.value[row][c] * f[c]).sum();
         let variance: f64 = (0..3).map(|c| (g.sigma[row][c] * f[c]).powi(2)).sum();
         (value / 60.0, variance.sqrt() / 60.0)
     };
     cases
-        .iter()
-        .map(|(when, f)| Meaning { when, error_deg_per_min: [error(0, f), error(1, f), error(2, f)] })
+        .map(|(when, f)| Meaning { when, error_deg_per_min: [error(0, &f), error(1, &f), error(2, &f)] })
         .collect()
 }
 
@@ -113,7 +134,7 @@ mod tests {
     fn a_known_column_makes_a_turn_cost_degrees() {
         let mut g = EstimateMatrix::default();
         (g.value[2][2], g.sigma[2][2]) = (-360.0, 24.0);
-        let turn = &meanings(&g)[0];
+        let turn = &meanings(&g, "fixed_wing")[0];
         assert_eq!(turn.error_deg_per_min[2], (6.0, 0.4));
         let mut summary = Summary { phase: Phase::Running, ..Summary::default() };
         summary.estimate.g_sensitivity_deg_per_h_per_g = g;
@@ -141,7 +162,7 @@ mod tests {
             StateStatus { name: "g21".to_owned(), sigma: 200.0, sigma_ratio: 0.55, ..StateStatus::default() };
         summary.observability.states = vec![state];
         summary.implausible = vec!["g21".to_owned()];
-        assert!(verdict(&summary).contains("not to be believed: g21 left"), "{}", verdict(&summary));
+        assert!(verdict(&summary).contains("not usable: g21 left"), "{}", verdict(&summary));
         summary.estimate.g_sensitivity_deg_per_h_per_g.value[1][0] = -1400.0;
         summary.implausible.clear();
         assert!(verdict(&summary).contains("disturbs the pitch gyro"), "{}", verdict(&summary));

@@ -50,7 +50,7 @@ fn read(path: &Path) -> (Vec<(u64, Frame)>, logs::Damage) {
         .filter_map(Result::ok)
         .map(|r| match r.item {
             Item::Frame(f) => (r.t_us, f),
-            Item::Sample(s) => panic!("{s:?}"),
+            Item::Measurement(s) => panic!("{s:?}"),
         })
         .collect();
     (frames, reader.damage())
@@ -153,4 +153,56 @@ fn folders_get_a_name_with_the_date() {
         Path::new("logs/gaware-20260102-030405.mcap")
     );
     assert_eq!(recording_path(Path::new("a/b.mcap"), 0), Path::new("a/b.mcap"));
+}
+
+#[test]
+fn a_second_start_in_the_same_second_takes_another_name() {
+    let path = scratch("twice");
+    let folder = path.parent().unwrap();
+    let start = || Recorder::start_in(folder, 1_700_000_000_000_000, &setup()).unwrap();
+    let (first, second, third) = (start(), start(), start());
+    let name = |r: &Recorder| r.path().file_name().unwrap().to_str().unwrap().to_owned();
+    assert_eq!(name(&first), "gaware-20231114-221320.mcap");
+    assert_eq!(name(&second), "gaware-20231114-221320-2.mcap");
+    assert_eq!(name(&third), "gaware-20231114-221320-3.mcap");
+    // A file that was named is never overwritten, nor is another one made instead.
+    assert!(Recorder::start_in(first.path(), 0, &setup()).is_err());
+}
+
+#[test]
+fn a_file_that_is_deleted_or_truncated_is_counted_as_lost_and_another_begins() {
+    for (name, spoil) in [
+        ("deleted", (|p: &Path| std::fs::remove_file(p).unwrap()) as fn(&Path)),
+        (
+            "truncated",
+            (|p: &Path| File::options().write(true).open(p).unwrap().set_len(100).unwrap()) as fn(&Path),
+        ),
+    ] {
+        let path = scratch(name);
+        let recorder = Recorder::start(&path, &setup()).unwrap();
+        let mut k = 0;
+        let mut record_until = |done: &dyn Fn(RecorderStats) -> bool| {
+            loop {
+                let stats = recorder.stats();
+                if done(stats) {
+                    return;
+                }
+                // No more than the recorder takes: the queue is not what is tested.
+                if k < stats.written + stats.failed + stats.dropped + 500 {
+                    recorder.record(RecordItem::Frame(received(k)));
+                    k += 1;
+                }
+                std::thread::yield_now();
+            }
+        };
+        record_until(&|s| s.written > 100);
+        spoil(&path);
+        record_until(&|s| s.failed > 100);
+        let failed = recorder.stats().failed;
+        record_until(&|s| s.written > 100);
+        let stats = recorder.finish();
+        assert!(stats.failed >= failed, "{stats:?}");
+        let second = part_path(&path, 2);
+        assert!(read(&second).0.len() > 100, "{name}");
+    }
 }

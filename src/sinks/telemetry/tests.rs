@@ -38,8 +38,8 @@ fn named(messages: &[MavMessage]) -> Vec<(String, f32)> {
 }
 
 #[test]
-fn one_second_carries_every_value_once_and_never_in_a_burst() {
-    let mut telemetry = Telemetry::new(TelemetryConfig::default());
+fn full_telemetry_carries_every_value_once_a_second_and_never_in_a_burst() {
+    let mut telemetry = Telemetry::new(TelemetryLevel::Full.config().unwrap());
     let s = running("");
     let mut count = BTreeMap::new();
     // 0.1 s steps from 0.0 to 9.9: ten periods.
@@ -57,6 +57,27 @@ fn one_second_carries_every_value_once_and_never_in_a_burst() {
     assert_eq!(count["G31"].1, 31.0);
     assert_eq!(count["G31_sigma"].1, 4.0);
     assert_eq!(count["NIS"].1, 1.1);
+}
+
+#[test]
+fn by_default_no_second_carries_more_than_five_messages() {
+    let mut telemetry = Telemetry::new(TelemetryLevel::default().config().unwrap());
+    let (mut sent, mut names) = (Vec::new(), std::collections::BTreeSet::new());
+    for step in 0..600 {
+        let t = f64::from(step) * 0.1;
+        // A long instruction that changes all the time.
+        let words = format!("{} {step}", "Straight and level, throttle full to idle and back, ".repeat(3));
+        let now = telemetry.feed(t, &running(&words));
+        names.extend(named(&now).into_iter().map(|(name, _)| name));
+        sent.extend(now.iter().map(|_| t));
+    }
+    for k in 0..600 {
+        let t = f64::from(k) * 0.1;
+        let within = sent.iter().filter(|s| (0.0..0.95).contains(&(**s - t))).count();
+        assert!(within <= 5, "{within} messages in the second from {t}");
+    }
+    assert_eq!(names.len(), 22, "all values arrive");
+    assert_eq!(TelemetryLevel::Off.config(), None);
 }
 
 #[test]

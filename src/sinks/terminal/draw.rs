@@ -26,6 +26,8 @@ pub struct View<'a> {
     pub options: Options,
     /// What lies over it.
     pub over: Over,
+    /// First line of the messages that is shown.
+    pub scroll: u16,
 }
 
 /// What lies over the screen.
@@ -127,16 +129,18 @@ fn small(frame: &mut Frame, view: &View, area: Rect) {
     parts::g_rows(frame, view, g, false);
 }
 
-/// From this height on conditions say to the end what they lack.
+/// From this height on G has bars.
 const TALL: u16 = 34;
 
-/// 80×24: everything but the list of states.
+/// 80×24: instruction, conditions, G, then messages in whole sentences over the full width, which scroll.
 fn normal(frame: &mut Frame, view: &View, area: Rect) {
-    let [bar, fly, middle, bottom, keys] = Layout::vertical([
+    let tall = area.height >= TALL;
+    let [bar, fly, middle, messages, health, keys] = Layout::vertical([
         Constraint::Length(1),
         Constraint::Length(7),
-        Constraint::Length(if area.height >= TALL { 11 } else { 9 }),
+        Constraint::Length(if tall { 9 } else { 6 }),
         Constraint::Min(4),
+        Constraint::Length(1),
         Constraint::Length(1),
     ])
     .areas(area);
@@ -144,16 +148,19 @@ fn normal(frame: &mut Frame, view: &View, area: Rect) {
     parts::instruction(frame, view, fly);
     let [conditions, g] = Layout::horizontal([Constraint::Fill(4), Constraint::Fill(5)]).areas(middle);
     parts::conditions(frame, view, conditions);
-    parts::g(frame, view, g);
-    let [health, events] = Layout::horizontal([Constraint::Fill(4), Constraint::Fill(5)]).areas(bottom);
+    parts::g(frame, view, g, tall);
+    parts::messages(frame, view, messages);
     parts::health(frame, view, health);
-    parts::events(frame, view, events);
     parts::keys(frame, view, keys);
 }
 
+/// From this width on the column beside has room for sentences.
+const WIDE: u16 = 160;
+
 /// With the states and the weak directions beside it.
 fn large(frame: &mut Frame, view: &View, area: Rect) {
-    let [left, right] = Layout::horizontal([Constraint::Min(80), Constraint::Length(40)]).areas(area);
+    let beside = if area.width >= WIDE { 66 } else { 40 };
+    let [left, right] = Layout::horizontal([Constraint::Min(80), Constraint::Length(beside)]).areas(area);
     normal(frame, view, left);
     let rows = u16::try_from(view.snapshot.observability.states.len()).unwrap_or(u16::MAX).saturating_add(2);
     let [states, weak] = Layout::vertical([Constraint::Max(rows.max(3)), Constraint::Min(6)]).areas(right);
@@ -166,9 +173,11 @@ fn help(frame: &mut Frame, view: &View, area: Rect) {
         "q, Ctrl-C   end gaware",
         "?, h        this help",
         "u           upload the planned mission",
+        "Up, Down    scroll the messages",
         "",
         "Bars run from the first sigma to the target,",
         "on a logarithmic scale.",
+        "Conditions are sufficient, not necessary:",
         "(a) attitude and biases  (b) diagonal of G",
         "(c) all of G. G in deg/h/g: row = gyro axis,",
         "column = axis of specific force.",
@@ -177,7 +186,7 @@ fn help(frame: &mut Frame, view: &View, area: Rect) {
     ];
     let text: Vec<Line> = lines.into_iter().map(|l| Line::raw(format!(" {l}"))).collect();
     let text = Paragraph::new(text).alignment(Alignment::Left).block(view.block("Help"));
-    lay_over(frame, text, area, [50, 13]);
+    lay_over(frame, text, area, [50, 15]);
 }
 
 /// The answer is a key of its own: whoever types ahead changes nothing.

@@ -1,7 +1,7 @@
 //! For services: one plain line every few seconds instead of a screen.
 
 use super::Sources;
-use crate::engine::snapshot::{Phase, Snapshot};
+use crate::engine::snapshot::{Phase, Snapshot, Status};
 use crate::sinks::events::phase_words;
 use crate::sinks::status::{RecorderState, StatusView};
 use crate::sinks::words::{brief, bytes, clock};
@@ -25,14 +25,14 @@ pub fn line(s: &Snapshot, sinks: &StatusView) -> String {
     let _ = write!(out, "; link {}", sinks.link.state.word());
     let _ = write!(out, "; imu {:.0} Hz; fixes {:.1} Hz", s.imu.rate_hz, s.gnss.rate_hz);
     if s.phase == Phase::Running {
-        let c = &s.observability.conditions;
+        let states = &s.observability.states;
+        let converged = states.iter().filter(|x| x.status == Status::Observable).count();
         let _ = write!(out, "; nis {}", brief(s.consistency.nis_mean_per_dof));
-        for (letter, c) in [("a", &c.a), ("b", &c.b), ("c", &c.c)] {
-            let percent = if c.met { 100.0 } else { (c.progress * 100.0).floor().clamp(0.0, 99.0) };
-            let _ = write!(out, "; {letter} {percent:.0}%");
-        }
-        if s.guidance.done {
-            out.push_str("; all known");
+        let _ = write!(out, "; {converged} of {} parameters converged", states.len());
+        if s.mission.flying {
+            let _ = write!(out, "; autopilot flies item {}", s.mission.item);
+        } else if s.guidance.done {
+            out.push_str("; done: land");
         } else if !s.guidance.instruction.is_empty() {
             let _ = write!(out, "; fly: {} {:.0}%", s.guidance.instruction, s.guidance.progress * 100.0);
         }

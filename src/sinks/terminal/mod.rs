@@ -24,6 +24,9 @@ use tokio_util::sync::CancellationToken;
 /// Events kept for the list.
 const EVENTS: usize = 50;
 
+/// Messages scroll no further, lines.
+const MOST_SCROLL: u16 = 400;
+
 /// Between two frames.
 const REDRAW: Duration = Duration::from_millis(250);
 /// Between two frames on a serial console.
@@ -89,6 +92,8 @@ pub enum Key {
     Upload,
     /// `y`: the answer yes.
     Yes,
+    /// Up, Down, and by pages: scroll the messages by so many lines.
+    Scroll(i16),
     /// The window has another size.
     Resized,
 }
@@ -126,6 +131,10 @@ fn meaning(key: KeyEvent) -> Option<Key> {
         KeyCode::Esc | KeyCode::Char('n' | 'N') => Some(Key::Back),
         KeyCode::Char('u' | 'U') => Some(Key::Upload),
         KeyCode::Char('y' | 'Y') => Some(Key::Yes),
+        KeyCode::Up => Some(Key::Scroll(-1)),
+        KeyCode::Down => Some(Key::Scroll(1)),
+        KeyCode::PageUp => Some(Key::Scroll(-5)),
+        KeyCode::PageDown => Some(Key::Scroll(5)),
         _ => None,
     }
 }
@@ -181,6 +190,7 @@ where
     let mut detector = EventDetector::default();
     let mut events: Vec<Event> = Vec::new();
     let mut over = Over::Nothing;
+    let mut scroll = 0_u16;
     let counters = sources.status.sink("terminal");
     sources.snapshots.mark_changed();
     let mut last_sequence = None;
@@ -194,7 +204,7 @@ where
         events.extend(detector.feed(&snapshot));
         events.drain(..events.len().saturating_sub(EVENTS));
         let sinks = sources.status.view();
-        let view = View { snapshot: &snapshot, sinks: &sinks, events: &events, options, over };
+        let view = View { snapshot: &snapshot, sinks: &sinks, events: &events, options, over, scroll };
         terminal
             .draw(|frame| draw::draw(frame, &view))
             .map_err(|e| TerminalError::Io(io::Error::other(e)))?;
@@ -215,6 +225,8 @@ where
                     over = Over::Nothing;
                     ask_for_upload(&sources);
                 }
+                // No flight has so many messages: the screen itself stops at the last.
+                Some(Key::Scroll(by)) => scroll = scroll.saturating_add_signed(by).min(MOST_SCROLL),
                 Some(Key::Upload | Key::Yes) => {}
                 Some(Key::Resized) => {}
                 None if started.elapsed() < options.redraw && !shutdown.is_cancelled() => continue,

@@ -3,7 +3,7 @@
 use super::draw::View;
 use crate::engine::snapshot::{Condition, Phase, StateStatus, Status};
 use crate::sinks::events::{Severity, phase_words};
-use crate::sinks::status::{LinkState, MissionState, RecorderState};
+use crate::sinks::status::{Control, LinkState, MissionState, RecorderState};
 use crate::sinks::words::{brief, bytes, clock, fit};
 use ratatui::Frame;
 use ratatui::layout::{Constraint, Layout, Rect};
@@ -64,42 +64,116 @@ fn nis_style(view: &View) -> Style {
     }
 }
 
-/// Heading and words of what the pilot is to do.
-fn guidance(view: &View) -> (&'static str, String) {
-    let s = view.snapshot;
+/// What stands in the largest box.
+struct Now {
+    heading: &'static str,
+    words: String,
+    below: String,
+    /// Share done and its words.
+    progress: Option<(f64, String)>,
+}
+
+/// What the pilot has to know now; one function decides, as on the page.
+fn now(view: &View) -> Now {
+    let (s, vehicle) = (view.snapshot, &view.sinks.vehicle);
+    let say = |heading, words: String, below: String| Now { heading, words, below, progress: None };
+    let g = &s.guidance;
+    match view.sinks.link.state {
+        LinkState::Silent | LinkState::Down if s.imu.samples > 0 || s.phase == Phase::Running => {
+            return say(
+                "NO DATA",
+                "No data from the vehicle".to_owned(),
+                "Everything below is old.".to_owned(),
+            );
+        }
+        _ => {}
+    }
     if s.phase != Phase::Running {
         let words = if s.waiting_for.is_empty() { phase_words(s.phase) } else { &s.waiting_for };
-        return ("WAIT", words.to_owned());
+        return say("WAIT", words.to_owned(), g.last_result.clone());
     }
-    match () {
-        () if s.guidance.done => ("DONE", "Everything this airframe can show is known".to_owned()),
-        () if s.guidance.instruction.is_empty() => ("STAND BY", "No instruction yet".to_owned()),
-        () => ("FLY NOW", s.guidance.instruction.clone()),
+    if g.done {
+        return done(view);
+    }
+    if vehicle.control == Control::Autopilot {
+        let number = if vehicle.maneuvers > 0 {
+            format!("{} of {}: ", vehicle.maneuver, vehicle.maneuvers)
+        } else {
+            String::new()
+        };
+        let left = vehicle.left_s.map_or_else(String::new, |s| format!("{:.0} s left", s.ceil()));
+        let next = if vehicle.next.is_empty() { String::new() } else { format!("next: {}", vehicle.next) };
+        let below: Vec<&str> = [left.as_str(), next.as_str()].into_iter().filter(|t| !t.is_empty()).collect();
+        let spent = vehicle.left_s.filter(|_| vehicle.duration_s > 0.0).map(|l| 1.0 - l / vehicle.duration_s);
+        let words = if vehicle.now.is_empty() { "its mission" } else { &vehicle.now };
+        return Now {
+            heading: "AUTOPILOT FLIES",
+            words: format!("{number}{words}"),
+            below: below.join("; "),
+            progress: spent.map(|p| (p, format!("{:3.0} %", p.clamp(0.0, 1.0) * 100.0))),
+        };
+    }
+    if g.instruction.is_empty() {
+        return say("MONITORING", "No maneuver proposed now".to_owned(), g.last_result.clone());
+    }
+    let progress = (g.progress, format!("{:3.0} %", g.progress.clamp(0.0, 1.0) * 100.0));
+    Now {
+        heading: "FLY NOW",
+        words: g.instruction.clone(),
+        below: g.reason.clone(),
+        progress: Some(progress),
     }
 }
 
-/// The instruction in its box, with reason and progress.
+/// The end: what to do next, and what the flight did not show.
+fn done(view: &View) -> Now {
+    let all = &view.snapshot.observability.states;
+    let open: Vec<&str> =
+        all.iter().filter(|s| s.status != Status::Observable).map(|s| s.name.as_str()).collect();
+    let rest = match open.as_slice() {
+        [] => "All parameters have converged.".to_owned(),
+        _ => format!(
+            "{} of {} parameters have converged; {} cannot with this airframe.",
+            all.len() - open.len(),
+            all.len(),
+            open.join(", ")
+        ),
+    };
+    let words =
+        if view.sinks.vehicle.control == Control::Ground { "Landed: evaluate the flight" } else { "Land" };
+    Now {
+        heading: "DONE",
+        words: words.to_owned(),
+        below: format!("{rest} Then: gaware report and gaware explain on the recording."),
+        progress: None,
+    }
+}
+
+/// What is said now in its box, with what belongs to it and progress.
 pub(super) fn instruction(frame: &mut Frame, view: &View, area: Rect) {
-    let (heading, words) = guidance(view);
-    let block = view.block(heading).border_style(view.ink(Color::Yellow)).style(BOLD);
+    let now = now(view);
+    let alarm = if now.heading == "NO DATA" { Color::Red } else { Color::Yellow };
+    let block = view.block(now.heading).border_style(view.ink(alarm)).style(BOLD);
     let inner = block.inner(area);
     frame.render_widget(block, area);
-    let g = &view.snapshot.guidance;
-    let flying = heading == "FLY NOW";
-    let rest = u16::from(flying) + u16::from(inner.height > 3);
-    let [top, reason, progress] = Layout::vertical([
-        Constraint::Min(1),
-        Constraint::Length(rest.saturating_sub(u16::from(flying))),
-        Constraint::Length(u16::from(flying)),
-    ])
-    .areas(inner);
-    large(frame, view, &words, top);
-    let words = if flying { &g.reason } else { &g.last_result };
-    let line = fit_chars(&view.text(words), inner.width);
-    frame.render_widget(Paragraph::new(line).style(Style::new().remove_modifier(Modifier::BOLD)), reason);
-    let width = usize::from(progress.width.saturating_sub(6));
-    let bar = format!("{} {:3.0} %", view.bar(width, g.progress), g.progress.clamp(0.0, 1.0) * 100.0);
-    frame.render_widget(Paragraph::new(bar).style(view.ink(Color::Green)), progress);
+    let bar = u16::from(now.progress.is_some());
+    // Words that are long have more right to the room than what explains them.
+    let needed = wrapped(&view.text(&now.words), inner.width.saturating_sub(4), usize::MAX).len();
+    let room = usize::from(inner.height.saturating_sub(bar)).saturating_sub(needed).min(2);
+    let below = wrapped(&view.text(&now.below), inner.width, room.max(1));
+    let below = if inner.height > 3 && room > 0 { below } else { Vec::new() };
+    let lines = u16::try_from(below.len()).unwrap_or(0);
+    let [top, reason, progress] =
+        Layout::vertical([Constraint::Min(1), Constraint::Length(lines), Constraint::Length(bar)])
+            .areas(inner);
+    large(frame, view, &now.words, top);
+    let below: Vec<Line> = below.into_iter().map(Line::raw).collect();
+    frame.render_widget(Paragraph::new(below).style(Style::new().remove_modifier(Modifier::BOLD)), reason);
+    if let Some((share, words)) = now.progress {
+        let width = usize::from(progress.width.saturating_sub(6));
+        let bar = format!("{} {words}", view.bar(width, share));
+        frame.render_widget(Paragraph::new(bar).style(view.ink(Color::Green)), progress);
+    }
 }
 
 /// Words as large as a terminal can: a bright field of their own, the words in its middle.
@@ -115,8 +189,8 @@ fn large(frame: &mut Frame, view: &View, words: &str, area: Rect) {
 
 /// The instruction alone, for very small screens.
 pub(super) fn instruction_words(frame: &mut Frame, view: &View, area: Rect) {
-    let (heading, words) = guidance(view);
-    let text = Text::from(vec![Line::raw(heading), Line::styled(view.text(&words), BOLD)]);
+    let now = now(view);
+    let text = Text::from(vec![Line::raw(now.heading), Line::styled(view.text(&now.words), BOLD)]);
     frame.render_widget(Paragraph::new(text).wrap(Wrap { trim: true }), area);
 }
 
@@ -145,19 +219,12 @@ fn condition_line(view: &View, (letter, about, c): (&str, &str, &Condition), wid
     Line::from(vec![Span::styled(format!("{letter} "), BOLD), Span::styled(format!("{bar} {text}"), style)])
 }
 
-/// Conditions in their box, with what is missing.
+/// Conditions in their box; what is missing stands among the messages.
 pub(super) fn conditions(frame: &mut Frame, view: &View, area: Rect) {
-    let block = view.block("Conditions (enough, not needed)");
+    let block = view.block("Observability conditions");
     let inner = block.inner(area);
-    let each = usize::from(inner.height / 3).saturating_sub(1).max(1);
-    let mut lines = Vec::new();
-    for row in rows(view) {
-        lines.push(condition_line(view, row, inner.width));
-        let mut missing = wrapped(&view.text(&row.2.missing), inner.width.saturating_sub(4), each);
-        missing.resize(each, String::new());
-        lines.extend(missing.into_iter().map(|line| Line::raw(format!("    {line}"))));
-    }
-    frame.render_widget(Paragraph::new(lines).block(block), area);
+    frame.render_widget(block, area);
+    conditions_short(frame, view, inner);
 }
 
 /// Conditions, a line each.
@@ -167,11 +234,11 @@ pub(super) fn conditions_short(frame: &mut Frame, view: &View, area: Rect) {
 }
 
 /// G in its box.
-pub(super) fn g(frame: &mut Frame, view: &View, area: Rect) {
+pub(super) fn g(frame: &mut Frame, view: &View, area: Rect, bars: bool) {
     let block = view.block("G, deg/h/g, sigma against target");
     let inner = block.inner(area);
     frame.render_widget(block, area);
-    g_rows(frame, view, inner, true);
+    g_rows(frame, view, inner, bars);
 }
 
 /// G: values with sigmas, and bars below them.
@@ -219,28 +286,20 @@ fn way_to_target(s: &StateStatus) -> f64 {
     }
 }
 
-/// Rates, fixes, filter.
+/// Rates, fixes and the link in one line.
 pub(super) fn health(frame: &mut Frame, view: &View, area: Rect) {
     let (s, link) = (view.snapshot, &view.sinks.link);
     let name = if s.imu.message.is_empty() { "no inertial data" } else { &s.imu.message };
     let lost = if s.imu.dropped > 0 { format!(", {} lost", s.imu.dropped) } else { String::new() };
-    let detail = if link.detail.is_empty() { link.state.word() } else { &link.detail };
-    let lines: Vec<Line> = [
-        format!("{name} {:.1} Hz{lost}", s.imu.rate_hz),
-        format!("fixes {:.1} Hz, {} used, {} rejected", s.gnss.rate_hz, s.gnss.used, s.gnss.rejected),
-        format!("NIS {} per dof (1 is right)", nis(view)),
-        format!("{detail}: {} lost, {} damaged", link.lost, link.bad_crc),
-        format!("recorder {} {}", view.sinks.recorder.state.word(), view.sinks.recorder.detail),
-        format!("autopilot {}", if s.autopilot.is_empty() { "unknown" } else { &s.autopilot }),
-    ]
-    .into_iter()
-    .map(|line| Line::raw(fit_chars(&view.text(&line), area.width.saturating_sub(2))))
-    .collect();
-    frame.render_widget(Paragraph::new(lines).block(view.block("Input and filter")), area);
+    let text = format!(
+        " {name} {:.1} Hz{lost}; fixes {:.1} Hz, {} used, {} rejected; link: {} lost",
+        s.imu.rate_hz, s.gnss.rate_hz, s.gnss.used, s.gnss.rejected, link.lost
+    );
+    frame.render_widget(Paragraph::new(view.text(&text)), area);
 }
 
 /// What has become of the planned mission.
-fn mission_line(view: &View, width: u16) -> Option<Line<'static>> {
+fn mission_message(view: &View) -> Option<(String, String, Style)> {
     let mission = &view.sinks.mission;
     let (mark, style) = match mission.state {
         MissionState::None => return None,
@@ -249,43 +308,55 @@ fn mission_line(view: &View, width: u16) -> Option<Line<'static>> {
         MissionState::OnVehicle => ("=", view.ink(Color::Green)),
         MissionState::Ready | MissionState::Uploading => (">", BOLD),
     };
-    Some(Line::styled(fit_chars(&format!("{mark} mission: {}", view.text(&mission.text)), width), style))
+    Some((format!("{mark} "), format!("mission: {}", mission.text), style))
 }
 
-/// The planned mission, warnings of now, then events, newest first.
-pub(super) fn events(frame: &mut Frame, view: &View, area: Rect) {
-    let width = area.width.saturating_sub(2);
-    // On a small screen one line each: the newest few matter more than the end of each.
-    let each = if area.height >= ROOM_FOR_SENTENCES { 3 } else { 1 };
-    let lines = |mark: String, text: &str, style: Style| {
-        let indent = mark.chars().count();
-        let text = wrapped(&view.text(text), width.saturating_sub(indent as u16), each);
-        text.into_iter().enumerate().map(move |(k, line)| {
-            let before = if k == 0 { mark.clone() } else { " ".repeat(indent) };
-            Line::styled(format!("{before}{line}"), style)
-        })
-    };
-    let warnings = view
-        .snapshot
-        .warnings
-        .iter()
-        .rev()
-        .flat_map(|w| lines("! ".to_owned(), w, view.ink(Color::Yellow).add_modifier(Modifier::BOLD)));
-    let events = view.events.iter().rev().flat_map(|e| {
+/// Everything that is to be said, the most urgent first: the mission, warnings of now, what the observability conditions and
+/// the states lack, the link, then events, newest first. Whole sentences; what does not fit scrolls.
+pub(super) fn messages(frame: &mut Frame, view: &View, area: Rect) {
+    let s = view.snapshot;
+    let plain = |text: String| ("- ".to_owned(), text, Style::new());
+    let mut all: Vec<(String, String, Style)> = mission_message(view).into_iter().collect();
+    let warning = view.ink(Color::Yellow).add_modifier(Modifier::BOLD);
+    all.extend(s.warnings.iter().rev().map(|w| ("! ".to_owned(), w.clone(), warning)));
+    if s.phase == Phase::Running {
+        all.extend(s.observability.unobservable_directions.iter().map(|d| plain(d.text.clone())));
+        let open = rows(view).into_iter().filter(|(_, _, c)| !c.met && !c.missing.is_empty());
+        all.extend(open.map(|(letter, about, c)| plain(format!("{letter} {about}: {}", c.missing))));
+    }
+    if !view.sinks.link.detail.is_empty() {
+        all.push(plain(format!("link {}: {}", view.sinks.link.state.word(), view.sinks.link.detail)));
+    }
+    all.extend(view.events.iter().rev().map(|e| {
         let style = match e.severity {
             Severity::Warning => view.ink(Color::Yellow),
             Severity::Notice => BOLD,
             Severity::Info => Style::new(),
         };
-        lines(format!("{} ", clock(e.elapsed_s)), &e.text, style)
-    });
-    let lines: Vec<Line> = mission_line(view, width)
-        .into_iter()
-        .chain(warnings)
-        .chain(events)
-        .take(usize::from(area.height))
+        (format!("{} ", clock(e.elapsed_s)), e.text.clone(), style)
+    }));
+    let width = area.width.saturating_sub(2);
+    let lines: Vec<Line> = all
+        .iter()
+        .flat_map(|(mark, text, style)| {
+            let indent = mark.chars().count();
+            let room = width.saturating_sub(u16::try_from(indent).unwrap_or(0)).max(1);
+            let text = wrapped(&view.text(text), room, usize::MAX);
+            text.into_iter().enumerate().map(move |(k, line)| {
+                let before = if k == 0 { mark.clone() } else { " ".repeat(indent) };
+                Line::styled(format!("{before}{line}"), *style)
+            })
+        })
         .collect();
-    frame.render_widget(Paragraph::new(lines).block(view.block("Warnings, events")), area);
+    let shown = usize::from(area.height.saturating_sub(2));
+    let hidden = lines.len().saturating_sub(shown);
+    let first = usize::from(view.scroll).min(hidden);
+    let title = match (first, hidden - first) {
+        (0, 0) => "Messages".to_owned(),
+        (before, after) => format!("Messages ({before} lines above, {after} below: Up, Down)"),
+    };
+    let lines: Vec<Line> = lines.into_iter().skip(first).take(shown).collect();
+    frame.render_widget(Paragraph::new(lines).block(view.block(&title)), area);
 }
 
 /// Every state with its bar.
@@ -316,14 +387,19 @@ pub(super) fn weak(frame: &mut Frame, view: &View, area: Rect) {
     if !o.disagreement.is_empty() {
         lines.push(Line::styled(view.text(&o.disagreement), view.ink(Color::Yellow)));
     }
-    let paragraph = Paragraph::new(lines).wrap(Wrap { trim: true }).block(view.block("Not known yet"));
+    let paragraph =
+        Paragraph::new(lines).wrap(Wrap { trim: true }).block(view.block(if view.snapshot.guidance.done {
+            "Not observable in this flight"
+        } else {
+            "Not observable yet"
+        }));
     frame.render_widget(paragraph, area);
 }
 
 /// The last line.
 pub(super) fn keys(frame: &mut Frame, view: &View, area: Rect) {
     let dropped = view.sinks.dropped();
-    let mut spans = vec![Span::raw(" q quit  ? help")];
+    let mut spans = vec![Span::raw(" q quit  ? help  Up, Down scroll")];
     if view.sinks.mission.can_upload() {
         spans.push(Span::raw("  u upload the mission"));
     }
@@ -333,9 +409,6 @@ pub(super) fn keys(frame: &mut Frame, view: &View, area: Rect) {
     }
     frame.render_widget(Paragraph::new(Line::from(spans)), area);
 }
-
-/// From this height on events are told to their end.
-const ROOM_FOR_SENTENCES: u16 = 14;
 
 /// At most `most` lines of `width` columns, broken between words; what is left is cut.
 fn wrapped(text: &str, width: u16, most: usize) -> Vec<String> {

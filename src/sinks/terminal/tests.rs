@@ -59,6 +59,7 @@ fn sinks() -> StatusView {
         state: RecorderState::Recording,
         detail: "flight-007.mcap".into(),
         bytes: 2_040_000,
+        ..RecorderView::default()
     });
     status.sink("web").dropped(3);
     status.view()
@@ -86,7 +87,7 @@ fn screen(
         },
     ];
     let sinks = sinks();
-    let view = View { snapshot, sinks: &sinks, events: &events, options, over };
+    let view = View { snapshot, sinks: &sinks, events: &events, options, over, scroll: 0 };
     let mut terminal = Terminal::new(TestBackend::new(width, height)).unwrap();
     terminal.draw(|frame| draw::draw(frame, &view)).unwrap();
     terminal
@@ -98,7 +99,7 @@ fn words(terminal: &Terminal<TestBackend>) -> String {
 
 #[test]
 fn screens_of_every_size() {
-    for (width, height) in [(80, 24), (132, 43), (60, 18), (30, 8)] {
+    for (width, height) in [(80, 24), (200, 50), (132, 43), (60, 18), (30, 8)] {
         let terminal = screen(width, height, &flying(), Options::default(), Over::Nothing);
         insta::assert_snapshot!(format!("flying_{width}x{height}"), terminal.backend());
     }
@@ -162,6 +163,80 @@ fn a_long_instruction_is_shown_to_its_last_word() {
             assert!(shown.contains(word), "{word} is missing at {width}x{height}:\n{shown}");
         }
     }
+}
+
+/// Everything on the screen in one line, without borders.
+fn sentences(terminal: &Terminal<TestBackend>) -> String {
+    let text = words(terminal).replace(|c: char| "│|\"".contains(c), " ");
+    text.split_whitespace().collect::<Vec<_>>().join(" ")
+}
+
+#[test]
+fn every_message_is_there_to_its_last_word_by_scrolling() {
+    let mut s = flying();
+    s.warnings = (0..6)
+        .map(|k| format!("warning {k} of a link that loses frames, told in a sentence that is longer than one line of eighty columns"))
+        .collect();
+    let shown: String = (0..20)
+        .map(|scroll| {
+            let (sinks, events) = (sinks(), []);
+            let view = View {
+                snapshot: &s,
+                sinks: &sinks,
+                events: &events,
+                options: Options::default(),
+                over: Over::Nothing,
+                scroll,
+            };
+            let mut terminal = Terminal::new(TestBackend::new(80, 24)).unwrap();
+            terminal.draw(|frame| draw::draw(frame, &view)).unwrap();
+            sentences(&terminal)
+        })
+        .collect();
+    for said in s.warnings.iter().chain([&s.observability.unobservable_directions[0].text]) {
+        assert!(shown.contains(said.as_str()), "{said}");
+    }
+    assert!(!shown.contains("..."), "nothing is truncated");
+}
+
+#[test]
+fn who_flies_and_a_dead_link_are_said_in_the_largest_box() {
+    use crate::sinks::status::{Control, VehicleView};
+    let draw_with = |status: &StatusView, s: &Snapshot| {
+        let view = View {
+            snapshot: s,
+            sinks: status,
+            events: &[],
+            options: Options::default(),
+            over: Over::Nothing,
+            scroll: 0,
+        };
+        let mut terminal = Terminal::new(TestBackend::new(80, 24)).unwrap();
+        terminal.draw(|frame| draw::draw(frame, &view)).unwrap();
+        sentences(&terminal)
+    };
+    let mut status = sinks();
+    status.vehicle = VehicleView {
+        control: Control::Autopilot,
+        now: "steep turn left".into(),
+        maneuver: 3,
+        maneuvers: 10,
+        duration_s: 40.0,
+        left_s: Some(33.2),
+        next: "climb".into(),
+        ..VehicleView::default()
+    };
+    let shown = draw_with(&status, &flying());
+    assert!(shown.contains("AUTOPILOT FLIES") && shown.contains("3 of 10: steep turn left"), "{shown}");
+    assert!(shown.contains("34 s left; next: climb") && !shown.contains("FLY NOW"), "{shown}");
+    status.link.state = LinkState::Silent;
+    let shown = draw_with(&status, &flying());
+    assert!(shown.contains("NO DATA") && !shown.contains("AUTOPILOT FLIES"), "{shown}");
+    let mut done = flying();
+    done.guidance.done = true;
+    status.link.state = LinkState::Up;
+    let shown = draw_with(&status, &done);
+    assert!(shown.contains("DONE") && shown.contains("Land") && shown.contains("gaware report"), "{shown}");
 }
 
 #[test]
@@ -284,6 +359,8 @@ fn the_keyboard_is_understood() {
     assert_eq!(key(KeyCode::Char('u'), KeyModifiers::NONE), Some(Key::Upload));
     assert_eq!(key(KeyCode::Char('y'), KeyModifiers::NONE), Some(Key::Yes));
     assert_eq!(key(KeyCode::Char('n'), KeyModifiers::NONE), Some(Key::Back));
+    assert_eq!(key(KeyCode::Down, KeyModifiers::NONE), Some(Key::Scroll(1)));
+    assert_eq!(key(KeyCode::PageUp, KeyModifiers::NONE), Some(Key::Scroll(-5)));
     assert_eq!(key(KeyCode::Enter, KeyModifiers::NONE), None);
 }
 
@@ -292,7 +369,7 @@ fn the_headless_line_carries_what_a_log_needs() {
     let line = headless::line(&flying(), &sinks());
     assert_eq!(
         line,
-        "1:02:03 running; link up; imu 100 Hz; fixes 5.0 Hz; nis 1.08; a 100%; b 62%; c 99%; \
+        "1:02:03 running; link up; imu 100 Hz; fixes 5.0 Hz; nis 1.08; 3 of 9 parameters converged; \
          fly: Steep turn right, 55° bank, one circle 40%; rec 2.0 MB; 3 skipped; \
          warning: RAW_IMU at 99 Hz: another station asks for rates"
     );

@@ -3,12 +3,13 @@
 //! Reads on a loopback address are free, if the request really is meant for a loopback host (a page elsewhere may
 //! point its own name at 127.0.0.1: DNS rebinding). Anything else, and every change, needs the token.
 
+use super::door::Visitor;
 use super::{Shared, WebError, assets};
-use axum::extract::{Request, State};
+use axum::extract::{ConnectInfo, Request, State};
 use axum::http::header::{self, HeaderMap, HeaderName, HeaderValue};
 use axum::http::{Method, StatusCode, Uri};
 use axum::middleware::Next;
-use axum::response::{IntoResponse, Response};
+use axum::response::{Html, IntoResponse, Response};
 use std::net::IpAddr;
 use std::sync::Arc;
 use subtle::ConstantTimeEq;
@@ -89,22 +90,31 @@ impl Policy {
     /// Whether this request carries the right token.
     pub(super) fn authorised(&self, headers: &HeaderMap) -> bool {
         let Some(token) = &self.token else { return false };
-        let bearer = headers
-            .get(header::AUTHORIZATION)
-            .and_then(|v| v.to_str().ok())
-            .and_then(|v| v.strip_prefix("Bearer "));
-        let cookies = headers.get_all(header::COOKIE).iter().filter_map(|v| v.to_str().ok());
-        let cookie = cookies
-            .flat_map(|v| v.split(';'))
-            .filter_map(|pair| pair.trim().split_once('='))
-            .find_map(|(name, value)| (name == COOKIE).then_some(value));
-        bearer.is_some_and(|b| token.matches(b.trim())) || cookie.is_some_and(|c| token.matches(c))
+        header_tokens(headers).any(|given| token.matches(given))
+    }
+
+    /// A wrong token that this request carries, in its address or its headers.
+    fn wrong_token<'a>(&self, uri: &'a Uri, headers: &'a HeaderMap) -> Option<&'a str> {
+        let token = self.token.as_ref()?;
+        let given = query_token(uri).into_iter().chain(header_tokens(headers));
+        let mut wrong = None;
+        for given in given {
+            if token.matches(given) {
+                return None;
+            }
+            wrong = Some(given);
+        }
+        wrong
     }
 
     fn decide(&self, method: &Method, uri: &Uri, headers: &HeaderMap) -> Decision {
         let host = headers.get(header::HOST).and_then(|v| v.to_str().ok()).unwrap_or_default();
         if self.local && !is_loopback_host(host) {
             return Decision::Refused("this server answers to localhost only");
+        }
+        // A page elsewhere may point its own name here (DNS rebinding); names of a local network it cannot have.
+        if !is_local_name(host) {
+            return Decision::Refused("open this page by its IP address or its name in the local network");
         }
         if !matches!(*method, Method::GET | Method::HEAD) {
             return self.decide_change(host, headers);
@@ -136,16 +146,45 @@ impl Policy {
     }
 }
 
+/// The tokens that a request carries in its headers.
+fn header_tokens(headers: &HeaderMap) -> impl Iterator<Item = &str> {
+    let bearer = headers
+        .get(header::AUTHORIZATION)
+        .and_then(|v| v.to_str().ok())
+        .and_then(|v| v.strip_prefix("Bearer "))
+        .map(str::trim);
+    let cookies = headers.get_all(header::COOKIE).iter().filter_map(|v| v.to_str().ok());
+    let cookie = cookies
+        .flat_map(|v| v.split(';'))
+        .filter_map(|pair| pair.trim().split_once('='))
+        .find_map(|(name, value)| (name == COOKIE).then_some(value));
+    bearer.into_iter().chain(cookie)
+}
+
 /// What the sign-in page itself needs, and the health check: nothing of the vehicle.
 fn is_public(path: &str) -> bool {
     matches!(path, "/healthz" | "/favicon.ico" | "/assets/style.css" | "/assets/icon.svg")
 }
 
-fn is_loopback_host(host: &str) -> bool {
-    let name = match host.strip_prefix('[') {
+/// The name in a `Host` header, without the port.
+fn name_of(host: &str) -> &str {
+    match host.strip_prefix('[') {
         Some(v6) => v6.split(']').next().unwrap_or_default(),
         None => host.split(':').next().unwrap_or_default(),
-    };
+    }
+}
+
+/// An IP address, a name without a dot, or one under a suffix that no public name has (RFC 6762, RFC 8375, ICANN's `internal`).
+fn is_local_name(host: &str) -> bool {
+    const LOCAL: [&str; 5] = ["local", "lan", "internal", "home.arpa", "localhost"];
+    let name = name_of(host).trim_end_matches('.').to_ascii_lowercase();
+    let under = |suffix: &str| name.strip_suffix(suffix).is_some_and(|rest| rest.ends_with('.'));
+    let in_local_network = !name.contains('.') || LOCAL.into_iter().any(under);
+    !name.is_empty() && (name.parse::<IpAddr>().is_ok() || in_local_network)
+}
+
+fn is_loopback_host(host: &str) -> bool {
+    let name = name_of(host);
     name.eq_ignore_ascii_case("localhost") || name.parse::<IpAddr>().is_ok_and(|ip| ip.is_loopback())
 }
 
@@ -162,13 +201,40 @@ fn without_token(uri: &Uri) -> String {
 }
 
 /// The middleware in front of every handler.
-pub(super) async fn guard(State(shared): State<Arc<Shared>>, request: Request, next: Next) -> Response {
+pub(super) async fn guard(
+    State(shared): State<Arc<Shared>>,
+    ConnectInfo(Visitor(address)): ConnectInfo<Visitor>,
+    mut request: Request,
+    next: Next,
+) -> Response {
+    let locked = shared.guesses.locked(address);
+    if locked {
+        // As if it had none: what needs no token goes on.
+        for name in [header::AUTHORIZATION, header::COOKIE] {
+            request.headers_mut().remove(name);
+        }
+    }
+    let wrong = shared.policy.wrong_token(request.uri(), request.headers());
+    if let Some(token) = wrong {
+        shared.guesses.wrong(address, token);
+    }
+    let wrong = wrong.is_some();
+    if locked && query_token(request.uri()).is_some() {
+        return too_many_guesses();
+    }
     match shared.policy.decide(request.method(), request.uri(), request.headers()) {
         Decision::Allow => next.run(request).await,
         Decision::Remember(target) => remember(&shared.policy, &target),
         Decision::Refused(reason) => (StatusCode::FORBIDDEN, format!("{reason}\n")).into_response(),
-        Decision::Unauthorised => unauthorised(request.uri().path()),
+        Decision::Unauthorised if locked => too_many_guesses(),
+        Decision::Unauthorised => unauthorised(request.uri().path(), wrong),
     }
+}
+
+fn too_many_guesses() -> Response {
+    let wait = [(header::RETRY_AFTER, "60")];
+    (StatusCode::TOO_MANY_REQUESTS, wait, "too many wrong tokens from this address; wait a minute\n")
+        .into_response()
 }
 
 fn remember(policy: &Policy, target: &str) -> Response {
@@ -178,10 +244,21 @@ fn remember(policy: &Policy, target: &str) -> Response {
         .into_response()
 }
 
-fn unauthorised(path: &str) -> Response {
+fn unauthorised(path: &str, wrong: bool) -> Response {
+    const WRONG: &str = "This token is not the one that was shown where gaware was started; a new start may have made a new one.";
     let challenge = [(header::WWW_AUTHENTICATE, "Bearer")];
     if path == "/" {
-        return (StatusCode::UNAUTHORIZED, challenge, assets::sign_in()).into_response();
+        let Html(page) = assets::sign_in();
+        let page = String::from_utf8_lossy(&page).into_owned();
+        let page = if wrong {
+            page.replacen("</form>", &format!("</form>\n    <p role=\"alert\">{WRONG}</p>"), 1)
+        } else {
+            page
+        };
+        return (StatusCode::UNAUTHORIZED, challenge, Html(page)).into_response();
+    }
+    if wrong {
+        return (StatusCode::UNAUTHORIZED, challenge, format!("{WRONG}\n")).into_response();
     }
     (StatusCode::UNAUTHORIZED, challenge, "a token is needed: Authorization: Bearer TOKEN\n").into_response()
 }
@@ -213,6 +290,9 @@ mod tests {
     fn decide(local: bool, token: bool, method: &Method, uri: &str, headers: &[(&str, &str)]) -> Decision {
         let policy = Policy::new(local, token.then(|| Token::new(SECRET).unwrap()));
         let mut map = HeaderMap::new();
+        if !local && headers.iter().all(|(name, _)| *name != "host") {
+            map.append(header::HOST, HeaderValue::from_static("192.168.1.4:8080"));
+        }
         for (name, value) in headers {
             map.append(HeaderName::from_bytes(name.as_bytes()).unwrap(), value.parse().unwrap());
         }
@@ -260,6 +340,27 @@ mod tests {
         assert_eq!(get("/", &[("cookie", "a=b; gaware_token=correct-horse-battery")]), Decision::Allow);
         assert_eq!(get("/", &[("cookie", "gaware_token=correct-horse-batterx")]), Decision::Unauthorised);
         assert_eq!(get("/healthz", &[]), Decision::Allow);
+    }
+
+    #[test]
+    fn elsewhere_too_a_foreign_name_is_refused_although_it_brings_the_token() {
+        let cookie = ("cookie", "gaware_token=correct-horse-battery");
+        for (host, allowed) in [
+            ("192.168.1.4:8080", true),
+            ("[fe80::1]:8080", true),
+            ("companion:8080", true),
+            ("companion.local", true),
+            ("evil.example:8080", false),
+            ("evil.local.example", false),
+            ("", false),
+        ] {
+            let origin = format!("http://{host}");
+            let headers = [("host", host), ("origin", origin.as_str()), cookie];
+            for method in [Method::GET, Method::POST] {
+                let decision = decide(false, true, &method, "/api/v1/status", &headers);
+                assert_eq!(decision == Decision::Allow, allowed, "{method} {host}");
+            }
+        }
     }
 
     #[test]

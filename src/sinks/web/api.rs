@@ -32,6 +32,10 @@ pub(super) async fn sinks(State(shared): State<Arc<Shared>>) -> Json<StatusView>
     Json(shared.state.status.view())
 }
 
+pub(super) async fn route(State(shared): State<Arc<Shared>>) -> Response {
+    Json(shared.state.status.route().as_ref()).into_response()
+}
+
 /// What of the history is wanted.
 #[derive(Debug, Deserialize)]
 pub(super) struct Wanted {

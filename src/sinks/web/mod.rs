@@ -6,6 +6,8 @@
 pub mod access;
 mod api;
 mod assets;
+pub mod door;
+mod guesses;
 mod history;
 mod stream;
 
@@ -17,16 +19,18 @@ use axum::Router;
 use axum::extract::DefaultBodyLimit;
 use axum::middleware;
 use axum::routing::{get, post};
+use door::{Door, Places, Visitor};
+use guesses::Guesses;
 use history::History;
 use std::net::SocketAddr;
 use std::sync::{Arc, Mutex};
 use std::time::Duration;
 use tokio::net::TcpListener;
-use tokio::sync::{Semaphore, mpsc, watch};
+use tokio::sync::{mpsc, watch};
 use tokio_util::sync::CancellationToken;
 
-/// Browsers that may hold an event stream at the same time.
-const MAX_STREAMS: usize = 16;
+/// Event streams that browsers may hold at the same time, in all and from one address.
+const MAX_STREAMS: (usize, usize) = (16, 8);
 /// Bytes of a request's body at most: a confirmation is all that is ever posted.
 const MAX_BODY_BYTES: usize = 4096;
 /// How long open requests may take after the shutdown began; a browser that stopped reading never ends by itself.
@@ -91,7 +95,8 @@ struct Shared {
     state: WebState,
     policy: Policy,
     history: Mutex<History>,
-    streams: Arc<Semaphore>,
+    streams: Arc<Places>,
+    guesses: Guesses,
     shutdown: CancellationToken,
 }
 
@@ -117,11 +122,13 @@ pub async fn serve(
         policy: Policy::new(local, state.token.clone()),
         state,
         history: Mutex::default(),
-        streams: Arc::new(Semaphore::new(MAX_STREAMS)),
+        streams: Places::new(MAX_STREAMS.0, MAX_STREAMS.1),
+        guesses: Guesses::default(),
         shutdown: stop.clone(),
     });
     tokio::spawn(history::keep(Arc::clone(&shared)));
-    let server = axum::serve(listener, router(shared)).with_graceful_shutdown(stop.clone().cancelled_owned());
+    let app = router(shared).into_make_service_with_connect_info::<Visitor>();
+    let server = axum::serve(Door::new(listener), app).with_graceful_shutdown(stop.clone().cancelled_owned());
     let overtime = async {
         stop.cancelled().await;
         tokio::time::sleep(GRACE).await;
@@ -141,6 +148,7 @@ fn router(shared: Arc<Shared>) -> Router {
         .route("/metrics", get(api::metrics))
         .route("/api/v1/status", get(api::status))
         .route("/api/v1/sinks", get(api::sinks))
+        .route("/api/v1/route", get(api::route))
         .route("/api/v1/history", get(api::history))
         .route("/api/v1/schema", get(api::schema))
         .route("/api/v1/capabilities", get(api::capabilities))

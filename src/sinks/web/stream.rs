@@ -4,35 +4,39 @@
 //! browser that stops reading makes its own pump wait, and what it misses is counted; nobody else notices.
 
 use super::Shared;
+use super::door::{Place, Visitor};
 use crate::engine::snapshot::Snapshot;
 use crate::sinks::status::SinkCounters;
-use axum::extract::State;
+use axum::extract::{ConnectInfo, State};
 use axum::http::StatusCode;
 use axum::response::sse::{Event, KeepAlive, Sse};
 use axum::response::{IntoResponse, Response};
 use std::convert::Infallible;
 use std::sync::Arc;
 use std::time::Duration;
-use tokio::sync::{OwnedSemaphorePermit, mpsc, watch};
+use tokio::sync::{mpsc, watch};
 use tokio::time::Instant;
 use tokio_stream::wrappers::ReceiverStream;
 
 /// Events under way to a browser: little, so that what it shows is fresh.
 const QUEUE: usize = 2;
 /// A browser that took nothing for so long is given up.
-const STALLED: Duration = Duration::from_secs(30);
+const STALLED: Duration = Duration::from_secs(10);
 /// Between two looks at link, recorder and counters.
 const SINKS_PERIOD: Duration = Duration::from_secs(1);
 
 type Sender = mpsc::Sender<Result<Event, Infallible>>;
 
 /// Opens a stream: `snapshot` events at the server's rate, `sinks` events once a second.
-pub(super) async fn events(State(shared): State<Arc<Shared>>) -> Response {
-    let Ok(permit) = Arc::clone(&shared.streams).try_acquire_owned() else {
+pub(super) async fn events(
+    State(shared): State<Arc<Shared>>,
+    ConnectInfo(Visitor(address)): ConnectInfo<Visitor>,
+) -> Response {
+    let Some(place) = shared.streams.take(address) else {
         return (StatusCode::SERVICE_UNAVAILABLE, "too many pages are open\n").into_response();
     };
     let (tx, rx) = mpsc::channel(QUEUE);
-    tokio::spawn(Pump::new(shared, tx, permit).run());
+    tokio::spawn(Pump::new(shared, tx, place).run());
     Sse::new(ReceiverStream::new(rx))
         .keep_alive(KeepAlive::new().interval(Duration::from_secs(5)))
         .into_response()
@@ -44,14 +48,14 @@ struct Pump {
     counters: Arc<SinkCounters>,
     tx: Sender,
     period: Duration,
-    _permit: OwnedSemaphorePermit,
+    _place: Place,
 }
 
 /// Why a pump ends.
 struct Ended;
 
 impl Pump {
-    fn new(shared: Arc<Shared>, tx: Sender, permit: OwnedSemaphorePermit) -> Self {
+    fn new(shared: Arc<Shared>, tx: Sender, place: Place) -> Self {
         let mut snapshots = shared.state.snapshots.clone();
         snapshots.mark_changed();
         Self {
@@ -59,7 +63,7 @@ impl Pump {
             counters: shared.state.status.sink("web"),
             tx,
             period: Duration::from_secs_f64(1.0 / shared.state.max_rate_hz),
-            _permit: permit,
+            _place: place,
             shared,
         }
     }

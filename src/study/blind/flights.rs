@@ -1,6 +1,6 @@
 //! The flights: what is hidden, how the vehicle is flown, what its sensors tell.
 
-use gaware_nav::effects::{Effect, REGISTRY};
+use gaware_nav::effects::{DrawRange, Effect, REGISTRY};
 use gaware_nav::model::{EffectSetting, Model};
 use gaware_nav::sample::{Quantisation, Sample, Steps};
 use gaware_sitl::noise::{Noise, Purpose};
@@ -50,16 +50,14 @@ const FAMILY_SEED: u64 = 0x00a5_1de0;
 pub fn draw(effect: &'static dyn Effect, noise: &mut Noise) -> EffectSetting {
     let mut setting = EffectSetting::unknown(effect);
     let share = 0.35 * (1.0f64 / 0.35).powf(noise.uniform());
-    let between = |noise: &mut Noise, low: f64, high: f64| low * (high / low).powf(noise.uniform());
-    let sizes = effect.sizes_to_try();
     for (k, sigma) in setting.sigmas.clone().into_iter().enumerate() {
         setting.values[k] = sigma * share * noise.normal();
     }
-    match effect.name() {
-        "gps_latency" => setting.values[0] = between(noise, 0.04, 0.3),
-        "gps_bias_step" | "gyro_bias_step" => setting.values[0] = 50.0 + 140.0 * noise.uniform(),
-        _ if !sizes.is_empty() => setting.values[0] = between(noise, sizes[1], sizes[sizes.len() - 1]),
-        _ => {}
+    let range = effect.draw_range();
+    match range {
+        DrawRange::LogUniform(low, high) => setting.values[0] = low * (high / low).powf(noise.uniform()),
+        DrawRange::Uniform(low, high) => setting.values[0] = low + (high - low) * noise.uniform(),
+        DrawRange::Prior => {}
     }
     // A draw near zero on every axis is no effect.
     let drawn: f64 = setting
@@ -70,7 +68,7 @@ pub fn draw(effect: &'static dyn Effect, noise: &mut Noise) -> EffectSetting {
         .map(|(s, v)| (v / s).powi(2))
         .sum();
     let wanted = share * share * setting.estimated() as f64;
-    if drawn > 0.0 && effect.name() != "gps_latency" {
+    if drawn > 0.0 && !matches!(range, DrawRange::LogUniform(..)) {
         let scale = (wanted / drawn).sqrt().max(1.0);
         let sigmas = setting.sigmas.clone();
         setting.values.iter_mut().zip(sigmas).filter(|(_, s)| *s > 0.0).for_each(|(v, _)| *v *= scale);

@@ -116,6 +116,37 @@ fn mission() -> impl Strategy<Value = Mission> {
     (home, prop::collection::vec(item(), 0..20)).prop_map(|(home, items)| Mission { home, items })
 }
 
+/// 1e308 came out as infinity, or as the largest integer, and was written into a file that nobody reads.
+#[test]
+fn numbers_that_no_item_holds_are_refused_by_name() {
+    let place = LatLon { lat_deg: 47.0, lon_deg: 8.0 };
+    let mission = Mission {
+        home: Some(Home { lat_e7: 470_000_000, lon_e7: 80_000_000, alt_m: 321.0 }),
+        items: vec![MissionItem::at(command::NAV_WAYPOINT, [77.0, 0.0, 0.0, 0.0], place, 123.0)],
+    };
+    let circles = vec![FenceCircle { inclusion: true, center: place, radius_m: 555.0 }];
+    let fence = Fence { circles, polygons: Vec::new() };
+    let text = write(&PlanFile::new(mission.clone(), fence, Autopilot::Px4, 1));
+    let cases = [
+        ("321", "plannedHome"),
+        ("77", "parameter 1 is 1e308"),
+        ("123", "parameter 7 is 1e308"),
+        ("555", "circle 1"),
+    ];
+    for (number, message) in cases {
+        assert!(text.contains(number), "{text}");
+        for wild in ["1e308", "-1e308"] {
+            let said = read(&text.replace(&format!("{number}.0"), wild)).expect_err(message).to_string();
+            assert!(said.replace('-', "").contains(message), "{said}");
+        }
+    }
+    let text = waypoints::write(&mission);
+    for number in ["77", "123", "321"] {
+        let said = waypoints::read(&text.replace(number, "1e308")).expect_err(number).to_string();
+        assert!(said.contains("\"1e308\" is not"), "{said}");
+    }
+}
+
 /// NaN is equal to nothing; its printed form is.
 fn printed(mission: &Mission) -> String {
     format!("{mission:?}")

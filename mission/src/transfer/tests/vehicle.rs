@@ -1,6 +1,7 @@
 //! Reference vehicles: the mission protocol as ArduPilot and PX4 speak it (FIELD_NOTES), faults included.
 
 use super::*;
+use crate::item::MissionKind;
 
 /// A command that no vehicle here knows.
 pub const UNKNOWN_COMMAND: u16 = 31_999;
@@ -21,6 +22,13 @@ pub struct Vehicle {
     sending: Option<u16>,
     last_completed: Option<u16>,
     pub counts_received: u32,
+    /// PX4: what its navigator says of a mission after it was accepted, and how much later, s.
+    pub verdict: Option<(f64, MissionMessage)>,
+    /// Asks for item 0 for ever.
+    pub stuck: bool,
+    verdict_at: Option<f64>,
+    /// The list it talks about.
+    kind: MissionKind,
 }
 
 fn rounded(mut item: MissionItem) -> MissionItem {
@@ -29,14 +37,24 @@ fn rounded(mut item: MissionItem) -> MissionItem {
         item.params[0] = item.params[0].trunc().min(255.0);
         item.params[2] = if radius.abs() > 255.0 { (radius / 10.0).trunc() * 10.0 } else { radius.trunc() };
     }
-    item.params = item.params.map(|p| if p.is_nan() { 0.0 } else { p });
+    if item.command == command::NAV_WAYPOINT {
+        item.params[3] = 0.0;
+    }
     item.frame = if item.frame.is_global() { crate::item::Frame(3) } else { crate::item::Frame(0) };
     item.z = (item.z * 100.0).trunc() / 100.0;
     item
 }
 
-fn ack(result: MissionResult) -> MissionMessage {
-    MissionMessage::Ack { result, mission_type: 0, opaque_id: 0 }
+/// The parameter that ArduPilot refuses (AP_Mission.cpp, `sanity_check_params`): NaN only in parameter 4 of a waypoint, a take-off or a landing,
+/// infinities nowhere.
+fn refused_parameter(item: &MissionItem) -> Option<u8> {
+    let may_be_nan = [command::NAV_WAYPOINT, command::NAV_TAKEOFF, command::NAV_LAND].contains(&item.command);
+    let refused = |k: usize, p: f32| p.is_infinite() || (p.is_nan() && !(k == 3 && may_be_nan));
+    item.params.iter().enumerate().find(|(k, p)| refused(*k, **p)).map(|(k, _)| k as u8)
+}
+
+fn of_kind(kind: MissionKind, result: MissionResult) -> MissionMessage {
+    MissionMessage::Ack { result, mission_type: kind.number(), opaque_id: 0 }
 }
 
 impl Vehicle {
@@ -46,7 +64,27 @@ impl Vehicle {
             // Its own home, whatever was uploaded.
             stored[0].x = 470_000_000;
         }
-        Self { autopilot, stored, receiving: None, sending: None, last_completed: None, counts_received: 0 }
+        Self {
+            autopilot,
+            stored,
+            receiving: None,
+            sending: None,
+            last_completed: None,
+            counts_received: 0,
+            verdict: None,
+            stuck: false,
+            verdict_at: None,
+            kind: MissionKind::Mission,
+        }
+    }
+
+    /// One that is asked about its fence.
+    pub fn with_fence(autopilot: Autopilot, stored: Vec<MissionItem>) -> Self {
+        Self {
+            kind: MissionKind::Fence,
+            stored,
+            ..Self::new(autopilot, vec![MissionItem::action(0, [0.0; 4])])
+        }
     }
 
     pub fn stored(&self) -> &[MissionItem] {
@@ -65,15 +103,21 @@ impl Vehicle {
         self.receiving
             .as_ref()
             .map_or(f64::INFINITY, |r| (r.asked_at + self.re_ask_s()).min(r.heard_at + self.give_up_s()))
+            .min(self.verdict_at.unwrap_or(f64::INFINITY))
     }
 
     pub fn tick(&mut self, now: f64) -> Vec<MissionMessage> {
         let (re_ask, give_up) = (self.re_ask_s(), self.give_up_s());
+        if self.verdict_at.is_some_and(|t| now >= t) {
+            self.verdict_at = None;
+            // Said once: the mission that is put back passes.
+            return self.verdict.take().map(|(_, event)| event).into_iter().collect();
+        }
         let Some(r) = &mut self.receiving else { return Vec::new() };
         if now >= r.heard_at + give_up {
             self.receiving = None;
             return match self.autopilot {
-                Autopilot::ArduPilot => vec![ack(MissionResult::OPERATION_CANCELLED)],
+                Autopilot::ArduPilot => vec![of_kind(self.kind, MissionResult::OPERATION_CANCELLED)],
                 Autopilot::Px4 => Vec::new(),
             };
         }
@@ -86,8 +130,8 @@ impl Vehicle {
             r.next
         });
         match self.autopilot {
-            Autopilot::ArduPilot => MissionMessage::Request { seq, mission_type: 0 },
-            Autopilot::Px4 => MissionMessage::RequestInt { seq, mission_type: 0 },
+            Autopilot::ArduPilot => MissionMessage::Request { seq, mission_type: self.kind.number() },
+            Autopilot::Px4 => MissionMessage::RequestInt { seq, mission_type: self.kind.number() },
         }
     }
 
@@ -96,18 +140,23 @@ impl Vehicle {
             MissionMessage::Count { count, .. } => self.count(now, *count),
             MissionMessage::ItemInt { seq, item, .. } => self.item(now, *seq, item),
             MissionMessage::RequestList { .. } if self.receiving.is_some() => {
-                vec![ack(MissionResult::DENIED)]
+                vec![of_kind(self.kind, MissionResult::DENIED)]
             }
             MissionMessage::RequestList { .. } => {
                 self.sending = Some(0);
-                vec![MissionMessage::Count { count: self.stored.len() as u16, mission_type: 0, opaque_id: 7 }]
+                vec![MissionMessage::Count {
+                    count: self.stored.len() as u16,
+                    mission_type: self.kind.number(),
+                    opaque_id: 7,
+                }]
             }
             MissionMessage::RequestInt { seq, .. } => self.requested(*seq),
             MissionMessage::ClearAll { .. } => {
-                let keep = usize::from(self.autopilot == Autopilot::ArduPilot);
+                let has_home = self.autopilot == Autopilot::ArduPilot && self.kind == MissionKind::Mission;
+                let keep = usize::from(has_home);
                 self.stored.truncate(keep);
                 self.receiving = None;
-                vec![ack(MissionResult::ACCEPTED)]
+                vec![of_kind(self.kind, MissionResult::ACCEPTED)]
             }
             MissionMessage::Ack { result, .. } if *result == MissionResult::OPERATION_CANCELLED => {
                 self.receiving = None;
@@ -122,7 +171,11 @@ impl Vehicle {
         if self.autopilot == Autopilot::Px4
             && let Some(r) = &self.receiving
         {
-            return if r.next == 0 { vec![self.ask(now)] } else { vec![ack(MissionResult::ERROR)] };
+            return if r.next == 0 {
+                vec![self.ask(now)]
+            } else {
+                vec![of_kind(self.kind, MissionResult::ERROR)]
+            };
         }
         if self.autopilot == Autopilot::ArduPilot {
             self.stored.truncate(usize::from(count));
@@ -137,29 +190,40 @@ impl Vehicle {
         let autopilot = self.autopilot;
         let Some(r) = &mut self.receiving else {
             return match autopilot {
-                Autopilot::ArduPilot => vec![ack(MissionResult::ERROR)],
+                Autopilot::ArduPilot => vec![of_kind(self.kind, MissionResult::ERROR)],
                 // The last ack was lost: again.
-                Autopilot::Px4 if self.last_completed == Some(seq) => vec![ack(MissionResult::ACCEPTED)],
+                Autopilot::Px4 if self.last_completed == Some(seq) => {
+                    vec![of_kind(self.kind, MissionResult::ACCEPTED)]
+                }
                 Autopilot::Px4 => Vec::new(),
             };
         };
         if seq != r.next {
             return match autopilot {
-                Autopilot::ArduPilot => vec![ack(MissionResult::INVALID_SEQUENCE)],
+                Autopilot::ArduPilot => vec![of_kind(self.kind, MissionResult::INVALID_SEQUENCE)],
                 Autopilot::Px4 => Vec::new(),
             };
         }
+        r.heard_at = now;
+        if self.stuck {
+            return vec![self.ask(now)];
+        }
         if item.command == UNKNOWN_COMMAND {
             self.receiving = None;
-            return vec![ack(MissionResult::UNSUPPORTED)];
+            return vec![of_kind(self.kind, MissionResult::UNSUPPORTED)];
         }
-        r.heard_at = now;
+        if autopilot == Autopilot::ArduPilot
+            && let Some(parameter) = refused_parameter(item)
+        {
+            self.receiving = None;
+            return vec![of_kind(self.kind, MissionResult(MissionResult::INVALID_PARAM1.0 + parameter))];
+        }
         r.next += 1;
         let complete = r.next == r.count;
         match autopilot {
             // In place, item by item; home is its own.
             Autopilot::ArduPilot => match self.stored.get_mut(usize::from(seq)) {
-                Some(_) if seq == 0 => {}
+                Some(_) if seq == 0 && self.kind == MissionKind::Mission => {}
                 Some(slot) => *slot = rounded(*item),
                 None => self.stored.push(rounded(*item)),
             },
@@ -172,13 +236,14 @@ impl Vehicle {
             self.stored = std::mem::take(&mut r.staging);
         }
         self.receiving = None;
+        self.verdict_at = self.verdict.as_ref().map(|(after, _)| now + after);
         self.last_completed = Some(seq);
-        vec![ack(MissionResult::ACCEPTED)]
+        vec![of_kind(self.kind, MissionResult::ACCEPTED)]
     }
 
     fn requested(&mut self, seq: u16) -> Vec<MissionMessage> {
         let Some(item) = self.stored.get(usize::from(seq)).copied() else {
-            return vec![ack(MissionResult::INVALID_SEQUENCE)];
+            return vec![of_kind(self.kind, MissionResult::INVALID_SEQUENCE)];
         };
         if self.autopilot == Autopilot::Px4 {
             // Only the next item or the one before it: anything else ends the transfer.
@@ -187,11 +252,11 @@ impl Vehicle {
                 Some(next) if seq + 1 == next => {}
                 Some(_) => {
                     self.sending = None;
-                    return vec![ack(MissionResult::ERROR)];
+                    return vec![of_kind(self.kind, MissionResult::ERROR)];
                 }
                 None => return Vec::new(),
             }
         }
-        vec![MissionMessage::ItemInt { seq, current: false, item, mission_type: 0 }]
+        vec![MissionMessage::ItemInt { seq, current: false, item, mission_type: self.kind.number() }]
     }
 }

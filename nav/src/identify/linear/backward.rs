@@ -9,7 +9,7 @@
 use super::forward::{Keep, SIGMA_FLOOR, Square, State, Tape, Update, add_scaled, wander_variance};
 use super::interval::{DYNAMIC, Interval, NavCovariance};
 use super::rows::{Kind, Row};
-use super::{Problem, STATES, index, variances};
+use super::{Problem, STATES, index};
 use crate::identify::noise::{FIGURES, Noise, figure};
 use crate::identify::pass::Options;
 use nalgebra::{Matrix3, Vector3};
@@ -173,9 +173,8 @@ impl Problem {
             adjoint.predict(interval, (-interval.dt / noise.correlation_s).exp());
             (0..2).for_each(|k| slope.by_walk[k] += walk(&adjoint.p, blocks[k]));
         }
-        let (gyro, accel) = variances(noise, self);
-        slope.by_figure[figure::GYRO] = 2.0 * by_gyro * (gyro - self.rounding.0);
-        slope.by_figure[figure::ACCEL] = 2.0 * by_accel * (accel - self.rounding.1);
+        slope.by_figure[figure::GYRO] = 2.0 * by_gyro * noise.gyro * noise.gyro;
+        slope.by_figure[figure::ACCEL] = 2.0 * by_accel * noise.accel * noise.accel;
         for (k, v) in wander_variance(noise).into_iter().enumerate() {
             slope.by_figure[figure::WANDER] += 2.0 * v * adjoint.p[index::WANDER + k][index::WANDER + k];
         }

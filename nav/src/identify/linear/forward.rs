@@ -30,6 +30,8 @@ pub struct Run {
     pub nis: [(f64, usize); 2],
     /// Score and information of the watched parameters, by part.
     pub information: [Information; 2],
+    /// Those of the fit part block by block, where blocks were asked for; `information` then holds the last of them.
+    pub blocks: Vec<Information>,
 }
 
 impl Run {
@@ -65,9 +67,11 @@ pub(super) struct Tape {
 }
 
 /// What a run keeps for the way back.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) enum Keep {
     Nothing,
+    /// Nothing, but information by blocks of this length, s.
+    Blocks(f64),
     Updates,
     Priors,
 }
@@ -77,8 +81,6 @@ pub(super) struct Kalman<'a> {
     pub(super) x: State,
     pub(super) p: Square,
     noise: &'a Noise,
-    gyro: f64,
-    accel: f64,
     walk: BiasWalk,
 }
 
@@ -104,8 +106,7 @@ impl<'a> Kalman<'a> {
         for (k, v) in wander_variance(noise).into_iter().enumerate() {
             p[index::WANDER + k][index::WANDER + k] = v;
         }
-        let (gyro, accel) = variances(noise, problem);
-        Self { x: problem.start, p, noise, gyro, accel, walk }
+        Self { x: problem.start, p, noise, walk }
     }
 
     fn add_walk(&mut self, dt: f64) {
@@ -128,8 +129,9 @@ impl<'a> Kalman<'a> {
                 add_scaled(&mut half[i], &self.p[j], c);
             }
         }
-        let mut q = interval.by_gyro * self.gyro;
-        interval.by_accel.entries().for_each(|(i, j, v)| q[(i, j)] += v * self.accel);
+        let (gyro, accel) = variances(self.noise, interval);
+        let mut q = interval.by_gyro * gyro;
+        interval.by_accel.entries().for_each(|(i, j, v)| q[(i, j)] += v * accel);
         for i in 0..9 {
             let mut row = [0.0; 9];
             for (j, column) in interval.columns.iter().take(DYNAMIC).enumerate() {
@@ -249,6 +251,11 @@ impl Problem {
         self.go(self.walk, noise, options, Keep::Nothing, self.columns).0
     }
 
+    /// The same with score and information of each block of the flight by itself.
+    pub fn run_blocks(&self, noise: &Noise, options: &Options, block_s: f64) -> Run {
+        self.go(self.walk, noise, options, Keep::Blocks(block_s), self.columns).0
+    }
+
     /// The same when the biases walk like this. Watched parameters are left out.
     pub fn run_walking(&self, walk: BiasWalk, noise: &Noise, options: &Options) -> Run {
         self.go(walk, noise, options, Keep::Nothing, 0).0
@@ -269,8 +276,15 @@ impl Problem {
         columns: usize,
     ) -> (Run, Vec<Tape>) {
         let zeros = || Information::zeros(columns, 0);
-        let mut run = Run { log_likelihood: [0.0; 2], nis: [(0.0, 0); 2], information: [zeros(), zeros()] };
-        let mut tape = Vec::with_capacity(if keep == Keep::Nothing { 0 } else { self.epochs.len() });
+        let mut run = Run {
+            log_likelihood: [0.0; 2],
+            nis: [(0.0, 0); 2],
+            information: [zeros(), zeros()],
+            blocks: Vec::new(),
+        };
+        let taped = matches!(keep, Keep::Updates | Keep::Priors);
+        let mut tape = Vec::with_capacity(if taped { self.epochs.len() } else { 0 });
+        let mut begun_s = 0.0;
         let mut kalman = Kalman::new(self, walk, noise);
         let mut sensitivity = Sensitivity::new(columns);
         for epoch in &self.epochs {
@@ -291,11 +305,20 @@ impl Problem {
                 updates.push(update);
             }
             let weights = run.count(self.part(epoch, options), epoch, &updates, &sensitivities);
-            if keep != Keep::Nothing {
+            if let Keep::Blocks(block_s) = keep
+                && epoch.elapsed_s - begun_s >= block_s
+            {
+                begun_s = epoch.elapsed_s;
+                run.blocks.push(std::mem::replace(&mut run.information[0], zeros()));
+            }
+            if taped {
                 tape.push(Tape { updates, weights, wander_rows, wander, prior });
             }
         }
-        run.information.iter_mut().for_each(Information::finish);
+        if matches!(keep, Keep::Blocks(_)) {
+            run.blocks.push(run.information[0].clone());
+        }
+        run.information.iter_mut().chain(&mut run.blocks).for_each(Information::finish);
         (run, tape)
     }
 }

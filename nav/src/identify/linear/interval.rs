@@ -61,6 +61,8 @@ pub(super) struct Interval {
     pub(super) by_gyro: NavCovariance,
     /// … and of the accelerometers.
     pub(super) by_accel: Isotropic,
+    /// Variance per hertz that the rounding of the samples adds to those of gyros and accelerometers.
+    pub(super) rounding: (f64, f64),
     /// What gaps between samples add.
     pub(super) gaps: Option<Box<NavCovariance>>,
     /// The mechanisation's result seen from the trajectory: an error that is known.
@@ -311,6 +313,7 @@ impl Sum {
             columns,
             by_gyro: self.composed.by_gyro(&to_end),
             by_accel: self.composed.by_accel(),
+            rounding: (0.0, 0.0),
             gaps: self.gaps.map(|q| Box::new(congruence(&q, finish))),
             offset: Nav::zeros(),
         };

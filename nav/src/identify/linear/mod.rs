@@ -69,8 +69,6 @@ pub struct Problem {
     start: [f64; STATES],
     /// Covariance of the states at the start, without the wander's.
     start_covariance: Box<[[f64; STATES]; STATES]>,
-    /// Rounding of the samples as white noise, variances per hertz.
-    rounding: (f64, f64),
     /// Random walk of the biases that the model says.
     walk: BiasWalk,
     /// From here on fixes count for no model, s after the start.
@@ -87,13 +85,14 @@ impl Problem {
         workers: &dyn Workers,
     ) -> Self {
         let samples = flight.samples_of(model);
-        let (gyro, accel) = model.quantisation_of(flight.stream()).variance();
-        let dt = flight.interval_s();
+        let rounding = flight.rounding(model);
         // With the trajectory known, no stretch of the flight waits for the one before.
         let length = reference.knots.len().div_ceil(PIECES).max(1);
         let pieces = map(workers, reference.knots.len().div_ceil(length), |k| {
             let track = Track::new(flight, model, &samples, &reference.calibration, watched);
-            linearised(flight, track, reference, k * length, length)
+            let mut epochs = linearised(flight, track, reference, k * length, length);
+            epochs.iter_mut().for_each(|e| e.interval.rounding = rounding.at(e.t_s - 0.5 * e.interval.dt));
+            epochs
         });
         let (start, start_covariance) = reference.prior(flight, model);
         Self {
@@ -101,7 +100,6 @@ impl Problem {
             columns: watched.slots().len() + watched.terms.len(),
             start,
             start_covariance: Box::new(start_covariance),
-            rounding: (gyro * dt, accel * dt),
             walk: walk(model),
             end_s: flight.duration_s() - END_S,
         }
@@ -183,9 +181,9 @@ fn moved(nav: &NavState, x: &[f64]) -> NavState {
     }
 }
 
-/// What one figure of noise is in this model.
-fn variances(noise: &Noise, problem: &Problem) -> (f64, f64) {
-    (noise.gyro * noise.gyro + problem.rounding.0, noise.accel * noise.accel + problem.rounding.1)
+/// Variances per hertz of gyros and accelerometers over an interval: their noise, and what rounding adds.
+fn variances(noise: &Noise, interval: &Interval) -> (f64, f64) {
+    (noise.gyro * noise.gyro + interval.rounding.0, noise.accel * noise.accel + interval.rounding.1)
 }
 
 #[cfg(test)]

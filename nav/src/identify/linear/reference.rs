@@ -91,6 +91,7 @@ impl Reference {
         };
         let samples = flight.samples_of(model);
         let mut track = Track::new(flight, model, &samples, &reference.calibration, &watched);
+        let rounding = flight.rounding(model);
         // A problem without fixes holds what the filter starts from.
         let empty = Problem::new(flight, model, &reference, &watched, &Serial);
         let mut kalman = Kalman::new(&empty, empty.walk, noise);
@@ -100,7 +101,8 @@ impl Reference {
             if t_s <= flight.initial().t_s {
                 continue;
             }
-            let Some((interval, predicted)) = track.interval_to(&nav, t_s) else { break };
+            let Some((mut interval, predicted)) = track.interval_to(&nav, t_s) else { break };
+            interval.rounding = rounding.at(t_s - 0.5 * interval.dt);
             kalman.predict(&interval);
             kalman.renew(interval.dt);
             for row in rows::of(fix, &predicted, &track) {

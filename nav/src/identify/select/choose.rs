@@ -105,7 +105,22 @@ impl Search<'_> {
     ) -> Vec<(Candidate, Point)> {
         let scanned = self.scan(point, names);
         *remaining = scanned.iter().map(|c| (c.setting.effect.name(), c.evidence)).collect();
-        self.close_looks(&scanned, point)
+        let mut looks = self.close_looks(&scanned, point, point);
+        // Noise that has grown hides what it stands for: where nothing is found beside it, the same contest begins again with the
+        // noise as claimed.
+        let hidden = looks.first().is_none_or(|look| look.0.evidence < self.settings.threshold);
+        if let Some(held) = hidden.then(|| self.held(point)).flatten() {
+            looks.extend(self.close_looks(&self.scan(&held, names), &held, point));
+            looks.sort_by(|a, b| b.0.evidence.total_cmp(&a.0.evidence));
+            let mut seen = Vec::new();
+            looks.retain(|look| {
+                let name = look.0.setting.effect.name();
+                let new = !seen.contains(&name);
+                seen.push(name);
+                new
+            });
+        }
+        looks
     }
 
     /// The point without its effect number `k` after the given ones.

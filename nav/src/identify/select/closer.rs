@@ -38,8 +38,13 @@ struct Look {
 }
 
 impl Search<'_> {
-    /// Looks again at the best of a scan; best first, its evidence counted against `point`.
-    pub(super) fn close_looks(&self, scanned: &[Candidate], point: &Point) -> Vec<(Candidate, Point)> {
+    /// Looks again at the best of a scan at `from`; best first, its evidence counted against `point`.
+    pub(super) fn close_looks(
+        &self,
+        scanned: &[Candidate],
+        from: &Point,
+        point: &Point,
+    ) -> Vec<(Candidate, Point)> {
         let top = scanned.first().map_or(f64::NEG_INFINITY, |c| c.evidence);
         if top < NOBODY {
             return Vec::new();
@@ -47,7 +52,7 @@ impl Search<'_> {
         let hopeful: Vec<&Candidate> =
             scanned.iter().filter(|c| !hopeless(c.evidence, top)).take(CLOSE_LOOKS).collect();
         // The first turn sorts out most of them.
-        let looks = map(self.workers, hopeful.len(), |k| self.look_closely(hopeful[k], point));
+        let looks = map(self.workers, hopeful.len(), |k| self.look_closely(hopeful[k], from, point));
         let top = looks.iter().map(|l| l.candidate.evidence).fold(0.0, f64::max);
         let mut looks = map(self.workers, looks.len(), |k| {
             let look = looks[k].clone();
@@ -57,19 +62,19 @@ impl Search<'_> {
         looks.into_iter().map(|l| (l.candidate, l.point)).collect()
     }
 
-    /// One candidate at its own best values and, after a turn, noise. Evidence is counted against `before`.
-    fn look_closely(&self, candidate: &Candidate, before: &Point) -> Look {
+    /// One candidate at its own best values and, after a turn, noise, beginning at `from`. Evidence is counted against `before`.
+    fn look_closely(&self, candidate: &Candidate, from: &Point, before: &Point) -> Look {
         let mut candidate = candidate.clone();
         if is_drift(&candidate) {
-            let problems = self.problems(before, &Watched::default());
-            candidate = self.refine_size(candidate, &problems, before, &before.noise);
+            let problems = self.problems(from, &Watched::default());
+            candidate = self.refine_size(candidate, &problems, from, &from.noise);
         }
         let own = Added { setting: candidate.setting.clone(), prior: candidate.prior.clone() };
-        let with: Vec<Added> = before.added.iter().cloned().chain([own]).collect();
+        let with: Vec<Added> = from.added.iter().cloned().chain([own]).collect();
         let (point, problems) = if candidate.setting.effect.is_source_mistake() {
-            self.settle_anew(&with, &before.noise)
+            self.settle_anew(&with, &from.noise)
         } else {
-            self.settle(&with, &before.noise, before, STEPS)
+            self.settle(&with, &from.noise, from, STEPS)
         };
         self.turn(Look { candidate, point, done: false }, problems, before).0
     }

@@ -4,7 +4,8 @@ use super::super::evidence;
 use super::super::flight::Flight;
 use super::super::linear::backward::Shock;
 use super::super::pass::Options;
-use super::{Candidate, Point, Search, prior_sigmas};
+use super::{Candidate, Point, Search, is_jump, prior_sigmas};
+use crate::effects::{Event, REGISTRY};
 use crate::filter::watch::Watched;
 use crate::model::EffectSetting;
 
@@ -13,8 +14,12 @@ const MARGIN_S: f64 = 10.0;
 
 impl Search<'_> {
     /// A jump as a candidate, its instant averaged over. Shocks are those of each flight; an event belongs to one of them.
-    pub(super) fn jump(&self, setting: &EffectSetting, shocks: &[Vec<Shock>]) -> Option<Candidate> {
-        let gyro = setting.effect.name() == "gyro_bias_step";
+    pub(in crate::identify) fn jump(
+        &self,
+        setting: &EffectSetting,
+        shocks: &[Vec<Shock>],
+    ) -> Option<Candidate> {
+        let gyro = setting.effect.event() == Some(Event::GyroBias);
         let (mut times, mut jumps) = (Vec::new(), Vec::new());
         for (flight, shocks) in self.flights.iter().zip(shocks) {
             let start_s = flight.initial().t_s;
@@ -52,9 +57,10 @@ impl Search<'_> {
             .iter()
             .map(|problem| problem.shocks(&point.noise, &options.all()))
             .collect();
-        let best = ["gyro_bias_step", "gps_bias_step"]
-            .into_iter()
-            .filter_map(|name| self.jump(&EffectSetting::unknown(crate::effects::find(name)?), &shocks))
+        let best = REGISTRY
+            .iter()
+            .filter(|effect| is_jump(**effect))
+            .filter_map(|effect| self.jump(&EffectSetting::unknown(*effect), &shocks))
             .max_by(|a, b| a.evidence.total_cmp(&b.evidence));
         let Some(jump) = best.filter(|b| b.evidence > self.settings.threshold) else { return false };
         let event_s = jump.setting.values[0];

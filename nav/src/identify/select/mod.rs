@@ -145,8 +145,7 @@ pub(super) fn lacking(base: &Model, flights: &[&Flight], added: &[Added]) -> Vec
         .iter()
         .filter(|e| added.iter().all(|a| a.setting.effect.name() != e.name()))
         .filter_map(|effect| {
-            let temperature = effect.name().ends_with("_temperature");
-            if temperature && !flights.iter().any(|f| f.has_temperature()) {
+            if effect.needs_temperature() && !flights.iter().any(|f| f.has_temperature()) {
                 return None;
             }
             match base.get(effect.name()) {
@@ -162,7 +161,7 @@ pub(super) fn lacking(base: &Model, flights: &[&Flight], added: &[Added]) -> Vec
 
 /// Whether it is an event: an instant that is searched for, and a size.
 pub fn is_jump(effect: &dyn Effect) -> bool {
-    effect.groups().first().is_some_and(|g| !g.is_state()) && effect.groups().len() > 1
+    effect.event().is_some()
 }
 
 pub(super) fn is_linear(effect: &dyn Effect) -> bool {
@@ -170,7 +169,7 @@ pub(super) fn is_linear(effect: &dyn Effect) -> bool {
 }
 
 /// Prior sigma of each parameter from the effect's definition; 0 for what is no state.
-fn prior_sigmas(effect: &dyn Effect) -> Vec<f64> {
+pub(super) fn prior_sigmas(effect: &dyn Effect) -> Vec<f64> {
     effect.groups().iter().flat_map(|g| std::iter::repeat_n(g.prior_sigma, g.shape.len())).collect()
 }
 
@@ -200,7 +199,7 @@ pub fn best_other(
     let mut scanned = search.scan(&point, None);
     scanned.retain(|c| !known.contains(&c.setting.effect.name()));
     scanned.truncate(MOST_OTHERS);
-    search.close_looks(&scanned, &point).into_iter().next().map(|l| l.0)
+    search.close_looks(&scanned, &point, &point).into_iter().next().map(|l| l.0)
 }
 
 /// Fits the noise and adds effects until none has enough evidence.

@@ -24,7 +24,6 @@ impl Search<'_> {
         let linear: Vec<&EffectSetting> = lacking.iter().filter(|s| is_linear(s.effect)).collect();
         let effects = point.added.iter().map(|a| &a.setting).chain(linear.iter().copied()).cloned().collect();
         let watched = Watched { effects, ..Watched::default() };
-        let model = self.model(&point.added);
         let problems = self.problems(point, &watched);
         let (_, information) = self.run(&problems, &point.noise);
         let mut candidates: Vec<Candidate> =
@@ -37,7 +36,7 @@ impl Search<'_> {
             candidates.extend(jumping.into_iter().filter_map(|s| self.jump(s, &shocks)));
         }
         candidates.extend(self.wandering(&lacking, &problems, point));
-        candidates.extend(self.discrete(&lacking, point, &model));
+        candidates.extend(self.discrete(&lacking, point));
         let top = candidates.iter().map(|c| c.evidence).fold(0.0, f64::max);
         // What turns a flight upside down shows before anything else, or once another such thing is set right; among the
         // rivals of one it is looked for again.
@@ -74,7 +73,7 @@ impl Search<'_> {
     }
 
     /// Log-likelihood with these effects when the biases also walk like this.
-    pub(super) fn wandered(
+    pub(in crate::identify) fn wandered(
         &self,
         problems: &[Problem],
         added: &[Added],
@@ -87,11 +86,12 @@ impl Search<'_> {
     }
 
     /// Effects without parameters: there or not.
-    fn discrete(&self, lacking: &[EffectSetting], point: &Point, model: &Model) -> Vec<Candidate> {
+    pub(in crate::identify) fn discrete(&self, lacking: &[EffectSetting], point: &Point) -> Vec<Candidate> {
+        let model = self.model(&point.added);
         let tries: Vec<&EffectSetting> = lacking
             .iter()
             .filter(|s| s.effect.is_empty())
-            .filter(|s| !(s.effect.truncates_samples() && self.truncates_already(model)))
+            .filter(|s| !(s.effect.truncates_samples() && self.truncates_already(&model)))
             .collect();
         map(self.workers, tries.len(), |k| {
             let mut added = point.added.clone();
@@ -121,6 +121,11 @@ impl Search<'_> {
             let cost = (MISTAKES.len() as f64).ln();
             Candidate { setting, prior: Vec::new(), evidence: with.evidence - point.evidence - cost, cost }
         })
+    }
+
+    /// Whether this effect is what the source says of its samples.
+    pub(in crate::identify) fn assumes_truncation(&self, effect: &dyn Effect) -> bool {
+        effect.truncates_samples() && self.truncates_already(&self.base)
     }
 
     fn truncates_already(&self, model: &Model) -> bool {

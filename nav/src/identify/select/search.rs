@@ -3,7 +3,7 @@
 use super::super::flight::Flight;
 use super::super::linear::Problem;
 use super::super::linear::reference::Reference;
-use super::super::noise::{self, Fitted, Limits, Metric, Noise};
+use super::super::noise::{self, Claims, Fitted, Limits, Metric, Noise, NoiseEntry};
 use super::super::pass::{Information, Options};
 use super::super::{Workers, map};
 use super::settle::STEPS;
@@ -21,6 +21,7 @@ pub(in crate::identify) struct Search<'a> {
     pub(super) settings: Settings,
     pub(super) workers: &'a dyn Workers,
     pub(super) limits: Limits,
+    pub(super) claims: Claims,
     pub(super) metric: Metric,
     /// What the model itself leaves to be estimated.
     pub(in crate::identify) given: Vec<Added>,
@@ -81,6 +82,7 @@ impl<'a> Search<'a> {
         let search = Self {
             flights,
             limits: Limits::new(base, flights),
+            claims: Claims::new(base, flights),
             base: known,
             settings: *settings,
             workers,
@@ -166,6 +168,16 @@ impl<'a> Search<'a> {
         problems.iter().map(run).sum()
     }
 
+    /// The model that is believed, with nothing in it to be estimated.
+    pub(in crate::identify) fn base(&self) -> &Model {
+        &self.base
+    }
+
+    /// What counts.
+    pub(in crate::identify) fn options(&self) -> Options {
+        self.settings.options
+    }
+
     /// Who does the work.
     pub(in crate::identify) fn workers(&self) -> &'a dyn Workers {
         self.workers
@@ -191,6 +203,26 @@ impl<'a> Search<'a> {
     /// Fits the noise to flights linearised at a model.
     pub(super) fn fit_noise(&self, problems: &[Problem], start: &Noise) -> Fitted {
         noise::fit(problems, *start, &self.limits, &self.metric, &self.settings.options, self.workers)
+    }
+
+    /// Every figure of the noise of a point, with what was claimed.
+    pub(in crate::identify) fn noise_entries(&self, point: &Point) -> Vec<NoiseEntry> {
+        let problems = self.problems(point, &Watched::default());
+        let options = &self.settings.options;
+        self.claims.entries(&problems, &point.noise, &self.limits, options, self.workers)
+    }
+
+    /// The same effects with noise no larger than claimed, where that of the point has grown so far that it may stand for another
+    /// effect.
+    pub(super) fn held(&self, point: &Point) -> Option<Point> {
+        if !self.claims.has_grown(&point.noise) {
+            return None;
+        }
+        let limits = self.claims.held(&self.limits);
+        let problems = self.problems(point, &super::settle::watching(&point.added));
+        let options = &self.settings.options;
+        let fitted = noise::fit(&problems, point.noise, &limits, &self.metric, options, self.workers);
+        Some(self.settle_again(&point.added, &fitted.noise, point, problems).0)
     }
 
     /// The model as it is, with the noise that suits it.

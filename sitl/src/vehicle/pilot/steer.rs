@@ -111,10 +111,17 @@ pub(super) fn point_velocity(
 ) -> Vector3<f64> {
     let d = sight.to(to);
     let distance = d.norm();
-    let braking = (0.8 * config.accel_m_per_s2 * distance).sqrt();
+    let braking = braking_speed(config, distance);
     let pace = speed.min(POSITION_GAIN * distance).min(braking);
     let level = if distance > 1e-6 { d * (pace / distance) } else { Vector2::zeros() };
     Vector3::new(level.x, level.y, down_for(config, sight, to.height_m))
+}
+
+/// Speed from which it can stop within this distance, m/s, at 0.4 of its acceleration, which builds up with the jerk.
+fn braking_speed(config: &VehicleConfig, distance: f64) -> f64 {
+    let a = 0.4 * config.accel_m_per_s2;
+    let build_up = if config.jerk_m_per_s3 > 0.0 { a / config.jerk_m_per_s3 } else { 0.0 };
+    ((0.5 * a * build_up).powi(2) + 2.0 * a * distance).sqrt() - 0.5 * a * build_up
 }
 
 /// Velocity and path acceleration of a multirotor on a circle.

@@ -1,15 +1,21 @@
 // Starts the page: stream in, view out, charts at a few frames per second.
 
-import { StripChart } from "./chart.js";
+import { AttitudeIndicator } from "./attitude.js";
+import { StripChart, WINDOW_S } from "./chart.js";
+import { $, setText } from "./dom.js";
+import { showHero } from "./hero.js";
 import { Stream } from "./stream.js";
 import { Track } from "./track.js";
-import { setText, showConnection, showEvents, showMission, showSnapshot, showSystem } from "./view.js";
+import { showConnection, showEvents, showFreshness, showMission, showSnapshot, showSystem } from "./view.js";
 
-const $ = (id) => document.getElementById(id);
-const KEEP_S = 900;
+/* The newest minutes are kept as they come, what is older once a second, and that is bounded too. */
+const KEEP_POINTS = 3600;
 const DRAW_MS = 200;
+const LOOK_MS = 250;
 
 let points = [];
+let advanced = performance.now();
+let connection = "connecting";
 let snapshot = null;
 let sinks = null;
 let drawn = 0;
@@ -23,27 +29,25 @@ const charts = [
     series: [["x", 0], ["y", 1], ["z", 2]].map(([name, i]) => ({ name, color: XYZ[i] })),
     floor: [-1.2, 0.4],
   }),
-  new StripChart($("chart-i"), $("cap-i"), "Innovations", "sigma", {
+  new StripChart($("chart-i"), $("cap-i"), "Innovations", "sigma; position solid, velocity dashed", {
     pick: (p) => p.innovation,
-    series: ["n", "e", "d"].flatMap((axis, i) => [{ name: `position ${axis}`, color: XYZ[i], width: 1.2 }]).concat(
-      ["n", "e", "d"].map((axis, i) => ({ name: `velocity ${axis}`, color: XYZ[i], dash: 2, width: 1.2 })),
+    series: ["N", "E", "D"].flatMap((axis, i) => [{ name: `p${axis}`, color: XYZ[i], width: 1.2 }]).concat(
+      ["N", "E", "D"].map((axis, i) => ({ name: `v${axis}`, color: XYZ[i], dash: 2, width: 1.2 })),
     ),
-    legend: [...["n", "e", "d"].map((name, i) => ({ name, color: XYZ[i] })), { name: "position" }, { name: "velocity", dash: 2 }],
     floor: [-3, 3],
     band: [-2, 2],
+    digits: 1,
   }),
-  new StripChart($("chart-s"), $("cap-s"), "Sigmas of G", "deg/h/g", {
-    pick: (p) => p.sigma,
-    series: [0, 1, 2].flatMap((r) => [0, 1, 2].map((c) => ({ name: `g${r + 1}${c + 1}`, color: XYZ[c], dash: r }))),
-    legend: [
-      ...["x", "y", "z"].map((name, i) => ({ name: `column ${name}`, color: XYZ[i] })),
-      ...["gyro x", "gyro y", "gyro z"].map((name, dash) => ({ name, dash })),
-    ],
+  new StripChart($("chart-s"), $("cap-s"), "Largest sigma per column of G", "deg/h/g; target dashed", {
+    pick: (p) => [0, 1, 2].map((c) => Math.max(p.sigma[c], p.sigma[c + 3], p.sigma[c + 6])),
+    series: ["x", "y", "z"].map((name, i) => ({ name, color: XYZ[i] })),
     floor: [20, 400],
     log: true,
+    digits: 0,
     line: { name: "target", value: () => snapshot?.observability.states.find((x) => x.name === "g11")?.target },
   }),
 ];
+const indicator = new AttitudeIndicator($("indicator"));
 const track = new Track($("track"));
 
 function pointOf(s) {
@@ -64,8 +68,22 @@ function keep(s) {
     points = []; // Another flight.
     loadHistory();
   }
-  if (!last || point.t !== last.t) points.push(point);
-  if (points.length > KEEP_S * 12) points = points.filter((p) => p.t > point.t - KEEP_S);
+  if (last && point.t === last.t) return;
+  advanced = performance.now();
+  points.push(point);
+  if (points.length > KEEP_POINTS) points = thinned(points, point.t);
+}
+
+/** One point a second of what no chart shows any more, and half of that where it is still too much. */
+function thinned(all, now) {
+  const recent = all.filter((p) => p.t > now - WINDOW_S - 5);
+  let before = -Infinity;
+  const old = all.filter((p) => {
+    if (p.t > now - WINDOW_S - 5 || p.t < before + 1) return false;
+    before = p.t;
+    return true;
+  });
+  return [...(old.length > KEEP_POINTS / 2 ? old.filter((_, i) => i % 2 === 0) : old), ...recent];
 }
 
 /** Fills in what the page has not seen: after loading, and after every interruption. */
@@ -95,6 +113,7 @@ function draw() {
     drawn = performance.now();
     for (const chart of charts) chart.draw(points);
     track.draw(points, snapshot?.motion.velocity_ned_m_per_s);
+    if (snapshot) indicator.draw(snapshot.estimate.attitude_deg, snapshot.phase === "running");
   }), wait);
 }
 
@@ -114,6 +133,27 @@ async function loadEvents() {
   }
 }
 
+/** What depends on how old the data are is looked at all the time, not only when data come. */
+function look() {
+  if (!snapshot) return;
+  // Before the first sample nothing can be old.
+  const waiting = snapshot.imu.samples === 0;
+  const silent = waiting ? 0 : (performance.now() - advanced) / 1000;
+  showHero(snapshot, sinks, connection === "lost" ? Math.max(silent, 2) : silent);
+  showFreshness(snapshot, sinks, silent, connection);
+}
+
+/** Planned path, fence and home, where there is a plan. */
+async function loadRoute() {
+  try {
+    const response = await fetch("/api/v1/route");
+    if (response.ok) track.route = await response.json();
+    draw();
+  } catch {
+    // As above.
+  }
+}
+
 const stream = new Stream({
   onSnapshot(s) {
     const news = snapshot !== null && wordsOf(s) !== wordsOf(snapshot);
@@ -121,18 +161,23 @@ const stream = new Stream({
     snapshot = s;
     keep(s);
     showSnapshot(s);
+    look();
     if (news) loadEvents();
     draw();
   },
   onSinks(view) {
+    if (sinks?.route !== view.route) loadRoute();
     sinks = view;
     showSystem(sinks, snapshot);
     showMission(sinks.mission);
   },
   onState(state, silent, changed) {
+    connection = state;
     showConnection(state, silent);
+    look();
     if (!changed) return;
     if (state === "live") {
+      loadRoute();
       points = []; // It may be another flight now; the history knows this one.
       loadHistory();
       capabilities();
@@ -184,4 +229,5 @@ $("confirm").addEventListener("close", async () => {
 
 for (const event of ["resize", "themechange"]) window.addEventListener(event, draw);
 document.addEventListener("visibilitychange", draw);
+setInterval(look, LOOK_MS);
 stream.start();

@@ -1,57 +1,8 @@
-// Snapshot and sinks into the page. Touches an element only when its text changes: screen readers, and batteries.
+// Snapshot and sinks into the page: everything but the instruction.
 
 import { PHASE, STATUS, brief, bytes, clock, count, num, signed } from "./format.js";
-
-const $ = (id) => document.getElementById(id);
-
-export function setText(element, text) {
-  if (element.textContent !== text) element.textContent = text;
-}
-
-function setAttr(element, name, value) {
-  if (element.getAttribute(name) !== value) element.setAttribute(name, value);
-}
-
-function make(tag, className, text) {
-  const element = document.createElement(tag);
-  if (className) element.className = className;
-  if (text !== undefined) element.textContent = text;
-  return element;
-}
-
-function chip(id, level, value) {
-  const element = $(id);
-  setAttr(element, "data-level", level);
-  setText(element.querySelector(".value"), value);
-}
-
-/* The instruction */
-
-/* What is to be flown first stands large, what follows below it. */
-function steps(element, text) {
-  if (element.textContent === text) return;
-  const [first, ...then] = text.split(/(?= Then: )/);
-  element.replaceChildren(first, ...then.map((step) => make("span", "then", step)));
-}
-
-function hero(s) {
-  const g = s.guidance;
-  const running = s.phase === "running";
-  let [kicker, text, level] = ["Fly now", g.instruction, "fly"];
-  if (!running) [kicker, text, level] = [PHASE[s.phase] ?? "Waiting", s.waiting_for || PHASE[s.phase], "wait"];
-  else if (g.done) [kicker, text, level] = ["Done", "Everything this airframe can show is known", "done"];
-  else if (!g.instruction) [kicker, text, level] = ["Stand by", "No instruction yet", "wait"];
-  setText($("hero-title"), kicker);
-  steps($("instruction"), text.charAt(0).toUpperCase() + text.slice(1));
-  setAttr($("hero"), "data-level", level);
-  setText($("reason"), level === "fly" ? g.reason : "");
-  $("flown").hidden = level !== "fly";
-  const progress = Math.min(1, Math.max(0, g.progress || 0));
-  $("progress").value = progress;
-  setText($("progress-text"), `${Math.round(progress * 100)} %`);
-  $("result").hidden = !g.last_result;
-  setText($("result"), (g.last_result || "").charAt(0).toUpperCase() + (g.last_result || "").slice(1));
-}
+import { $, chip, facts, list, make, setAttr, setText } from "./dom.js";
+import { STALE_S } from "./hero.js";
 
 /* Rings */
 
@@ -82,18 +33,24 @@ function ring(letter) {
   return item;
 }
 
-function rings(conditions) {
+/** The states that a condition would show: where they have converged all the same, it is not needed any more. */
+const ABOUT = { a: /^(bg_|ba_)/, b: /^g(11|22|33)$/, c: /^g[1-3][1-3]$/ };
+
+function rings(o) {
   const list = $("rings");
   if (list.children.length === 0) list.append(...Object.keys(CONDITIONS).map(ring));
   Object.keys(CONDITIONS).forEach((letter, i) => {
-    const c = conditions[letter];
+    const c = o.conditions[letter];
     const item = list.children[i];
+    const about = o.states.filter((x) => ABOUT[letter].test(x.name));
+    const without = !c.met && about.length > 0 && about.every((x) => x.status === "observable");
     const percent = c.met ? 100 : Math.min(99, Math.floor((c.progress || 0) * 100));
     setAttr(item, "data-met", String(c.met));
+    setAttr(item, "data-without", String(without));
     setAttr(item.querySelector(".ring-front"), "stroke-dasharray", `${percent} 100`);
-    setText(item.querySelector(".percent"), c.met ? "met ✓" : `${percent} %`);
-    setText(item.querySelector(".missing"), c.met ? "" : c.missing || "");
-    setAttr(item.querySelector("svg"), "aria-label", `Condition ${letter}: ${c.met ? "met" : `${percent} percent`}`);
+    setText(item.querySelector(".percent"), c.met ? "met ✓" : without ? "not needed ✓" : `${percent} %`);
+    setText(item.querySelector(".missing"), c.met ? "" : without ? "Converged without it, by turns and fixes." : c.missing || "");
+    setAttr(item.querySelector("svg"), "aria-label", `Condition ${letter}: ${c.met ? "met" : without ? "not needed" : `${percent} percent`}`);
   });
 }
 
@@ -154,21 +111,18 @@ function gMatrix(s) {
       setText(cell.children[4], `, ${STATUS[status].word}`);
     }
   }
-  weak(s.observability);
+  weak(s);
 }
 
-function weak(o) {
+function weak(s) {
+  const o = s.observability;
+  const converged = o.states.filter((x) => x.status === "observable").length;
+  setText($("count"), o.states.length > 0 ? `${converged} of ${o.states.length} parameters have converged.` : "");
   const directions = o.unobservable_directions.map((d) => d.text);
-  $("weak").hidden = directions.length === 0 && !o.disagreement;
+  $("weak").hidden = directions.length === 0;
+  setText($("weak-title"), s.guidance.done ? "Not observable in this flight" : "Not observable yet");
   list($("directions"), directions);
   setText($("disagreement"), o.disagreement ?? "");
-}
-
-function list(element, texts) {
-  const key = texts.join("\n");
-  if (element.dataset.key === key) return;
-  element.dataset.key = key;
-  element.replaceChildren(...texts.map((text) => make("li", "", text)));
 }
 
 /* States, facts, warnings */
@@ -209,39 +163,41 @@ function newState(body) {
   return row;
 }
 
-function facts(element, pairs) {
-  if (element.children.length !== pairs.length * 2) {
-    element.replaceChildren(...pairs.flatMap(() => [make("dt"), make("dd")]));
-  }
-  pairs.forEach(([name, value], i) => {
-    setText(element.children[2 * i], name);
-    setText(element.children[2 * i + 1], value);
-  });
-}
-
+/** Roll, pitch, yaw with sigma, height and speed. */
 function motion(s) {
   const [n, e] = s.motion.velocity_ned_m_per_s;
   const attitude = s.estimate.attitude_deg;
+  const running = s.phase === "running";
+  const angle = (k) => (running ? `${num(attitude.value[k], 1)}° ± ${brief(attitude.sigma[k])}` : "–");
   facts($("motion"), [
-    ["Height", `${num(s.motion.height_m, 0)} m`],
-    ["Speed", `${num(Math.hypot(n, e), 1)} m/s`],
-    ["Roll", `${num(attitude.value[0], 1)}° ± ${num(attitude.sigma[0], 1)}`],
-    ["Pitch", `${num(attitude.value[1], 1)}° ± ${num(attitude.sigma[1], 1)}`],
-    ["Yaw", `${num(attitude.value[2], 1)}° ± ${num(attitude.sigma[2], 1)}`],
+    ["Roll", angle(0)],
+    ["Pitch", angle(1)],
+    ["Yaw", angle(2)],
+    ["Height", running ? `${num(s.motion.height_m, 0)} m` : "–"],
+    ["Speed", running ? `${num(Math.hypot(n, e), 1)} m/s` : "–"],
   ]);
 }
 
 export function showSnapshot(s) {
-  hero(s);
-  rings(s.observability.conditions);
+  rings(s.observability);
   gMatrix(s);
   states(s);
   motion(s);
   list($("warnings"), s.warnings.slice().reverse());
   setText($("clock"), clock(s.elapsed_s));
-  chip("chip-phase", s.phase === "running" ? "good" : "wait", PHASE[s.phase] ?? s.phase);
   const nis = s.consistency.nis_mean_per_dof;
   chip("chip-nis", s.phase !== "running" || nis === null ? "idle" : nis > 2 || nis < 0.4 ? "bad" : nis > 1.5 ? "wait" : "good", s.phase === "running" ? num(nis, 2) : "–");
+}
+
+/** Old data are grey at once, and nothing stays green. */
+export function showFreshness(s, sinks, silentS, state) {
+  const stale = state === "lost" || silentS > STALE_S;
+  document.body.classList.toggle("stale", stale);
+  const link = sinks?.link.state ?? "connecting";
+  chip("chip-link", state === "lost" ? "bad" : LINK_LEVEL[link] ?? "idle", state === "lost" ? "page" : link);
+  if (state === "lost") chip("chip-phase", "bad", "Connection lost");
+  else if (stale) chip("chip-phase", "bad", `No data ${clock(silentS)}`);
+  else chip("chip-phase", s.phase === "running" ? "good" : "wait", PHASE[s.phase] ?? s.phase);
 }
 
 const LINK_LEVEL = { up: "good", connecting: "wait", silent: "bad", down: "bad" };
@@ -249,7 +205,6 @@ const RECORDER_LEVEL = { recording: "good", off: "idle", failed: "bad" };
 
 export function showSystem(sinks, s) {
   const { link, recorder } = sinks;
-  chip("chip-link", LINK_LEVEL[link.state] ?? "idle", link.state);
   chip("chip-recorder", RECORDER_LEVEL[recorder.state] ?? "idle", recorder.state === "recording" ? bytes(recorder.bytes) : recorder.state);
   const pairs = [
     ["Link", `${link.state}${link.detail ? `, ${link.detail}` : ""}`],
@@ -260,6 +215,7 @@ export function showSystem(sinks, s) {
     pairs.push(
       ["Autopilot", s.autopilot || "unknown"],
       ["Inertial", `${s.imu.message || "none"} at ${num(s.imu.rate_hz, 1)} Hz, ${count(s.imu.dropped)} lost`],
+      ["NIS", `${num(s.consistency.nis_mean_per_dof, 2)} per degree of freedom; 1 is right`],
       ["Fixes", `${num(s.gnss.rate_hz, 1)} Hz, ${count(s.gnss.used)} used, ${count(s.gnss.rejected)} rejected`],
     );
   }
@@ -299,14 +255,12 @@ export function showEvents(events) {
 
 export function showConnection(state, silent) {
   const lost = $("lost");
-  document.body.classList.toggle("stale", state === "lost");
   lost.hidden = state !== "lost";
   if (state === "lost") {
-    const words = "Connection lost. What you see is old. Trying again…";
+    const words = "Connection to gaware lost. What you see is old. Trying again…";
     if (lost.children.length === 0) lost.append(make("strong", "", words), make("span", "age"));
     // Not announced again every half second: only the words are read out.
     lost.lastChild.setAttribute("aria-hidden", "true");
     setText(lost.lastChild, ` ${Math.round(silent)} s`);
-    chip("chip-phase", "bad", "Connection lost");
   }
 }

@@ -41,6 +41,11 @@ impl TruthComparison {
         self.start_s = self.start_s.or(now_s);
     }
 
+    /// Whether an estimate beside this truth would be of use.
+    pub fn wants(&self, truth: &SimTruth) -> bool {
+        self.start_s.is_some_and(|start| truth.t_s >= start + self.from_s)
+    }
+
     /// Takes the truth and the estimate beside it.
     pub fn push(&mut self, truth: &SimTruth, estimate: Option<(f64, [f64; 3])>) {
         let from = self.start_s.map_or(f64::INFINITY, |s| s + self.from_s);

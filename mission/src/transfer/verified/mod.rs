@@ -2,103 +2,25 @@
 //! and verify that. It ends with a statement of what is on the vehicle, and after a link cut it takes up the
 //! restoration where it was. It never arms, starts a mission or changes modes.
 
-use super::{Action, Clear, Download, Envelope, MissionMessage, Peers, TransferError, Upload};
-use crate::compare::{Difference, differences};
-use crate::item::{Autopilot, Mission};
+mod outcome;
+mod state;
+mod words;
+
+pub use outcome::Outcome;
+pub use state::{Goal, Options, VehicleState};
+
+use super::{Action, Clear, Download, Envelope, MissionMessage, Peers, TransferError, Upload, events};
+use crate::compare::differences;
+use crate::item::{Autopilot, Mission, MissionItem, MissionKind};
+use words::summary;
 
 /// Values of `MISSION_STATE`.
 const MISSION_STATE_UNKNOWN: u8 = 0;
 const MISSION_STATE_ACTIVE: u8 = 3;
-
-/// What the caller knows about the vehicle from its heartbeat and `MISSION_CURRENT`.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub struct VehicleState {
-    /// Whether the motors are armed.
-    pub armed: bool,
-    /// Whether its mode flies missions (AUTO, AUTO.MISSION).
-    pub mission_mode: bool,
-    /// Whether it says that a mission is being flown.
-    pub flying_mission: bool,
-}
-
-impl VehicleState {
-    /// Why the mission of a vehicle in this state must not be replaced.
-    pub fn objection(self) -> Option<&'static str> {
-        if self.flying_mission && self.armed {
-            Some("the vehicle is flying a mission; replacing it in flight can send it anywhere")
-        } else if self.armed && self.mission_mode {
-            Some("the vehicle is armed in the mission mode and would start to fly whatever arrives")
-        } else {
-            None
-        }
-    }
-}
-
-/// How far to go.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub struct Options {
-    /// Upload although a mission is being flown or the vehicle is armed in its mission mode.
-    pub even_while_flying: bool,
-    /// Attempts to upload the new mission.
-    pub upload_attempts: u32,
-    /// Attempts to put the backup back before calling for help.
-    pub restore_attempts: u32,
-    /// Attempts of each download.
-    pub download_attempts: u32,
-}
-
-impl Default for Options {
-    fn default() -> Self {
-        Self { even_while_flying: false, upload_attempts: 2, restore_attempts: 4, download_attempts: 6 }
-    }
-}
-
-/// What an interrupted upload is to end with.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Goal {
-    /// The mission that was on the vehicle before.
-    Previous,
-    /// The new one; the previous one if that fails.
-    New,
-    /// Whichever is there whole; otherwise the previous one.
-    Whole,
-}
-
-/// What is on the vehicle.
-#[derive(Debug, Clone, PartialEq)]
-pub enum Outcome {
-    /// The new mission, read back and compared.
-    Verified {
-        /// Items without home.
-        items: usize,
-    },
-    /// The previous mission, read back and compared, or never touched.
-    RestoredPrevious {
-        /// Why not the new one.
-        why: String,
-    },
-    /// Nobody knows for sure. [`VerifiedUpload::link_restored`] takes up the restoration.
-    Unknown {
-        /// What may be on the vehicle.
-        on_vehicle: String,
-        /// What to do.
-        what_to_do: String,
-    },
-}
-
-impl std::fmt::Display for Outcome {
-    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
-        match self {
-            Self::Verified { items } => {
-                write!(f, "the new mission of {items} items is on the vehicle, read back and compared")
-            }
-            Self::RestoredPrevious { why } => {
-                write!(f, "the previous mission is on the vehicle; the new one is not, because {why}")
-            }
-            Self::Unknown { on_vehicle, what_to_do } => write!(f, "{on_vehicle}. {what_to_do}"),
-        }
-    }
-}
+/// So long after its acknowledgement PX4 may still reject a mission, s: its navigator checks it in the background.
+const VERDICT_S: f64 = 3.0;
+/// Attempts of a download once the user has given up.
+const DOWNLOADS_WHEN_CANCELLED: u32 = 2;
 
 /// What it is doing.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -119,8 +41,15 @@ pub enum Phase {
 enum Step {
     BackUp(Download),
     Upload(Upload),
-    Clear { clear: Clear, restoring: bool },
+    Clear {
+        clear: Clear,
+        restoring: bool,
+    },
     ReadBack(Download),
+    /// The mission is there whole; PX4 may yet reject it.
+    AwaitVerdict {
+        until: f64,
+    },
     Restore(Upload),
     Finished(Outcome),
 }
@@ -143,6 +72,10 @@ pub struct VerifiedUpload {
     downloads_left: u32,
     /// Why the new mission is not to be had; set with the first failure.
     why: Option<String>,
+    /// Until when PX4 may say that it rejects the mission it has accepted.
+    verdict_until: f64,
+    /// What it said.
+    rejections: Vec<String>,
     step: Step,
 }
 
@@ -171,6 +104,8 @@ impl VerifiedUpload {
             touched: false,
             cancelled: false,
             why: None,
+            verdict_until: f64::NEG_INFINITY,
+            rejections: Vec::new(),
             step: Step::BackUp(download),
         };
         match upload.objection() {
@@ -180,6 +115,22 @@ impl VerifiedUpload {
             }
             None => (upload, actions),
         }
+    }
+
+    /// As [`Self::start`], with a backup that was read just before.
+    pub fn start_with_backup(
+        peers: Peers,
+        autopilot: Autopilot,
+        options: Options,
+        mission: Mission,
+        backup: Mission,
+        vehicle: Option<VehicleState>,
+        now: f64,
+    ) -> (Self, Vec<Action>) {
+        let (mut upload, _) = Self::start(peers, autopilot, options, mission, vehicle, now);
+        upload.backup = Some(backup);
+        let actions = if upload.outcome().is_some() { Vec::new() } else { upload.begin_upload(now) };
+        (upload, actions)
     }
 
     /// Takes up an upload that was cut off by the end of this program: checks what is on board and brings the mission that
@@ -216,7 +167,7 @@ impl VerifiedUpload {
         match &self.step {
             Step::BackUp(_) => Phase::BackingUp,
             Step::Upload(_) | Step::Clear { restoring: false, .. } => Phase::Uploading,
-            Step::ReadBack(_) => Phase::ReadingBack,
+            Step::ReadBack(_) | Step::AwaitVerdict { .. } => Phase::ReadingBack,
             Step::Restore(_) | Step::Clear { restoring: true, .. } => Phase::Restoring,
             Step::Finished(_) => Phase::Finished,
         }
@@ -236,6 +187,7 @@ impl VerifiedUpload {
             Step::BackUp(d) | Step::ReadBack(d) => d.deadline(),
             Step::Upload(u) | Step::Restore(u) => u.deadline(),
             Step::Clear { clear, .. } => clear.deadline(),
+            Step::AwaitVerdict { until } => Some(*until),
             Step::Finished(_) => None,
         }
     }
@@ -248,10 +200,12 @@ impl VerifiedUpload {
     /// A message from anyone.
     pub fn receive(&mut self, now: f64, envelope: &Envelope) -> Vec<Action> {
         self.notice_state(envelope);
+        self.notice_verdict(now, envelope);
         let actions = match &mut self.step {
             Step::BackUp(d) | Step::ReadBack(d) => d.receive(now, envelope),
             Step::Upload(u) | Step::Restore(u) => u.receive(now, envelope),
             Step::Clear { clear, .. } => clear.receive(now, envelope),
+            Step::AwaitVerdict { .. } => Vec::new(),
             Step::Finished(_) => return Vec::new(),
         };
         self.advance(now, actions)
@@ -263,6 +217,7 @@ impl VerifiedUpload {
             Step::BackUp(d) | Step::ReadBack(d) => d.tick(now),
             Step::Upload(u) | Step::Restore(u) => u.tick(now),
             Step::Clear { clear, .. } => clear.tick(now),
+            Step::AwaitVerdict { .. } => Vec::new(),
             Step::Finished(_) => return Vec::new(),
         };
         self.advance(now, actions)
@@ -278,6 +233,7 @@ impl VerifiedUpload {
             // Checking and restoring go on: the vehicle must not be left with half a mission.
             _ => Vec::new(),
         };
+        self.downloads_left = self.downloads_left.min(DOWNLOADS_WHEN_CANCELLED);
         self.advance(now, actions)
     }
 
@@ -301,6 +257,25 @@ impl VerifiedUpload {
         }
     }
 
+    /// What PX4 says of the mission it has, or is about to have, accepted.
+    fn notice_verdict(&mut self, now: f64, envelope: &Envelope) {
+        let MissionMessage::Event { id, arguments } = &envelope.message else { return };
+        let listening = match &self.step {
+            Step::Upload(u) => u.all_served(),
+            Step::ReadBack(_) | Step::AwaitVerdict { .. } => now < self.verdict_until,
+            _ => false,
+        };
+        let about_mission = self.peers.kind == MissionKind::Mission;
+        if listening
+            && about_mission
+            && self.peers.concerns(envelope)
+            && let Some(words) = events::rejection(*id, arguments)
+            && !self.rejections.contains(&words)
+        {
+            self.rejections.push(words);
+        }
+    }
+
     fn objection(&self) -> Option<String> {
         if self.options.even_while_flying {
             return None;
@@ -317,7 +292,7 @@ impl VerifiedUpload {
             Step::BackUp(d) => match d.result() {
                 None => Vec::new(),
                 Some(Ok(got)) => {
-                    self.backup = Some(Mission::from_wire_items(self.autopilot, &got.items));
+                    self.backup = Some(self.read(&got.items));
                     self.begin_upload(now)
                 }
                 Some(Err(e)) => {
@@ -341,7 +316,7 @@ impl VerifiedUpload {
             Step::ReadBack(d) => match d.result() {
                 None => Vec::new(),
                 Some(Ok(got)) => {
-                    let got = Mission::from_wire_items(self.autopilot, &got.items);
+                    let got = self.read(&got.items);
                     self.judge(now, &got)
                 }
                 Some(Err(e)) => {
@@ -349,10 +324,24 @@ impl VerifiedUpload {
                     self.read_back_failed(now, &e)
                 }
             },
+            Step::AwaitVerdict { until } => {
+                if now >= *until || !self.rejections.is_empty() || self.cancelled {
+                    self.verdict_until = now;
+                    // It was read back whole.
+                    let got = self.mission.clone();
+                    self.judge(now, &got)
+                } else {
+                    Vec::new()
+                }
+            }
             Step::Finished(_) => Vec::new(),
         };
         actions.extend(more);
         actions
+    }
+
+    fn read(&self, items: &[MissionItem]) -> Mission {
+        Mission::from_wire_list(self.peers.kind, self.autopilot, items)
     }
 
     fn back_up_failed(&mut self, now: f64, e: &TransferError) -> Vec<Action> {
@@ -362,7 +351,7 @@ impl VerifiedUpload {
             self.step = Step::BackUp(download);
             return actions;
         }
-        self.finish_untouched(format!("the mission on board could not be backed up first: {e}"));
+        self.finish_untouched(format!("the {} on board could not be backed up first: {e}", self.peers.kind));
         Vec::new()
     }
 
@@ -396,7 +385,8 @@ impl VerifiedUpload {
             self.step = Step::Clear { clear, restoring };
             return actions;
         }
-        let (upload, actions) = Upload::start(self.peers, mission.wire_items(self.autopilot), now);
+        let (upload, actions) =
+            Upload::start(self.peers, mission.wire_list(self.peers.kind, self.autopilot), now);
         let refused_at_once = upload.result().is_some();
         self.step = if restoring { Step::Restore(upload) } else { Step::Upload(upload) };
         if refused_at_once { self.advance(now, actions) } else { actions }
@@ -404,18 +394,33 @@ impl VerifiedUpload {
 
     /// The upload is over, well or not: see what is on board.
     fn sent(&mut self, now: f64, result: Result<(), TransferError>) -> Vec<Action> {
-        if let Err(e) = &result {
-            if !e.is_transient() {
-                self.uploads_left = 0;
+        match &result {
+            Err(e) => {
+                if !e.is_transient() {
+                    self.uploads_left = 0;
+                }
+                let (kind, planned_for) = (self.peers.kind, self.options.planned_for);
+                let why = words::failure(e, &self.mission, kind, self.autopilot, planned_for);
+                self.why.get_or_insert(why);
             }
-            self.why.get_or_insert_with(|| e.to_string());
+            Ok(()) if self.waits_for_verdict() => self.verdict_until = now + VERDICT_S,
+            Ok(()) => {}
         }
         self.read_back(now, true)
     }
 
+    /// ArduPilot says all it has to say of a mission with the acknowledgement, and an empty mission is not checked.
+    fn waits_for_verdict(&self) -> bool {
+        self.autopilot == Autopilot::Px4
+            && self.peers.kind == MissionKind::Mission
+            && !self.mission.items.is_empty()
+            && !self.cancelled
+    }
+
     fn read_back(&mut self, now: f64, first: bool) -> Vec<Action> {
         if first {
-            self.downloads_left = self.options.download_attempts;
+            let all = self.options.download_attempts;
+            self.downloads_left = if self.cancelled { all.min(DOWNLOADS_WHEN_CANCELLED) } else { all };
         }
         let (download, actions) = Download::start(self.peers, now);
         self.step = Step::ReadBack(download);
@@ -435,7 +440,15 @@ impl VerifiedUpload {
     fn judge(&mut self, now: f64, got: &Mission) -> Vec<Action> {
         let backup = self.backup.clone().unwrap_or_default();
         let wrong = differences(self.autopilot, &self.mission, got);
-        if wrong.is_empty() && !self.cancelled {
+        if !self.rejections.is_empty() {
+            let said = self.rejections.join("; ");
+            let why = format!("the vehicle accepted it and then rejected it: {said}");
+            self.why.get_or_insert(why);
+            self.uploads_left = 0;
+        } else if wrong.is_empty() && !self.cancelled && now < self.verdict_until {
+            self.step = Step::AwaitVerdict { until: self.verdict_until };
+            return Vec::new();
+        } else if wrong.is_empty() && !self.cancelled {
             self.step = Step::Finished(Outcome::Verified { items: self.mission.items.len() });
             return Vec::new();
         }
@@ -473,22 +486,14 @@ impl VerifiedUpload {
     fn stranded(&mut self, detail: &str) {
         let (new, old) = (self.mission.items.len(), self.backup.as_ref().map_or(0, |b| b.items.len()));
         let on_vehicle = format!(
-            "UNKNOWN MISSION ON THE VEHICLE: it may hold the new mission ({new} items), the previous one ({old} items) \
-             or a mixture of both; {detail}"
+            "UNKNOWN {} ON THE VEHICLE: it may hold the new one ({new} items), the previous one ({old} items) \
+             or a mixture of both; {detail}",
+            self.peers.kind.to_string().to_uppercase()
         );
         let what_to_do =
-            "Do not arm in or switch to the mission mode. Restore the link: the previous mission is then \
-             put back by itself; or upload a mission and read it back before flying it"
+            "Do not arm in or switch to the mission mode. Restore the link: the previous state is then \
+             put back by itself; or upload again and read it back before flying it"
                 .to_owned();
         self.step = Step::Finished(Outcome::Unknown { on_vehicle, what_to_do });
-    }
-}
-
-/// The first difference and the number of the others.
-fn summary(found: &[Difference]) -> String {
-    match found {
-        [] => "no difference".to_owned(),
-        [one] => one.to_string(),
-        [first, rest @ ..] => format!("{first}, and {} more", rest.len()),
     }
 }

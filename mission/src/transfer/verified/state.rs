@@ -1,0 +1,69 @@
+//! What an upload has to know of the vehicle, and how far it may go.
+
+use crate::item::Autopilot;
+
+/// What the caller knows about the vehicle from its heartbeat and `MISSION_CURRENT`.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct VehicleState {
+    /// Whether the motors are armed.
+    pub armed: bool,
+    /// Whether its mode flies missions (AUTO, AUTO.MISSION).
+    pub mission_mode: bool,
+    /// Whether it says that a mission is being flown.
+    pub flying_mission: bool,
+    /// Whether it runs PX4 and is in the air in whatever mode: in AUTO.LOITER or AUTO.RTL a new mission changes what comes next.
+    pub in_flight: bool,
+}
+
+impl VehicleState {
+    /// Why the mission of a vehicle in this state must not be replaced.
+    pub fn objection(self) -> Option<&'static str> {
+        if self.flying_mission && self.armed {
+            Some("the vehicle is flying a mission; replacing it in flight can send it anywhere")
+        } else if self.armed && self.mission_mode {
+            Some("the vehicle is armed in the mission mode and would start to fly whatever arrives")
+        } else if self.in_flight && self.armed {
+            Some("the vehicle is armed and in the air; its way home may lead through the mission")
+        } else {
+            None
+        }
+    }
+}
+
+/// How far to go.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Options {
+    /// Upload although a mission is being flown or the vehicle is armed in its mission mode.
+    pub even_while_flying: bool,
+    /// Whom the plan was made for, where that is known; named when the vehicle refuses it.
+    pub planned_for: Option<Autopilot>,
+    /// Attempts to upload the new mission.
+    pub upload_attempts: u32,
+    /// Attempts to put the backup back before calling for help.
+    pub restore_attempts: u32,
+    /// Attempts of each download.
+    pub download_attempts: u32,
+}
+
+impl Default for Options {
+    fn default() -> Self {
+        Self {
+            even_while_flying: false,
+            planned_for: None,
+            upload_attempts: 2,
+            restore_attempts: 4,
+            download_attempts: 6,
+        }
+    }
+}
+
+/// What an interrupted upload is to end with.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Goal {
+    /// The mission that was on the vehicle before.
+    Previous,
+    /// The new one; the previous one if that fails.
+    New,
+    /// Whichever is there whole; otherwise the previous one.
+    Whole,
+}

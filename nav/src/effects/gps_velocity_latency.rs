@@ -1,0 +1,108 @@
+//! GNSS velocity latency: the velocity of a fix is older than its position. Receivers that filter velocity, or take it from the
+//! epoch before, and autopilots that join two messages of different epochs have it.
+//!
+//! v(t − L) = v(t) − a L + ½ ȧ L² to second order; at 0.2 s and the jerk of a roll into a turn the rest is millimetres per second.
+
+use super::{DrawRange, Effect, Excitation, FixEffect, FixInstant, ParameterGroup, Separation, Shape, unit};
+use nalgebra::Vector3;
+
+/// Time from the validity of the velocity to that of the position.
+#[derive(Debug)]
+pub struct GpsVelocityLatency;
+
+impl Effect for GpsVelocityLatency {
+    fn name(&self) -> &'static str {
+        "gps_velocity_latency"
+    }
+
+    fn description(&self) -> &'static str {
+        "the velocity of GNSS fixes is older than their position"
+    }
+
+    fn cause(&self) -> &'static str {
+        "the receiver filters its velocity or takes it from an earlier epoch, or a driver joins messages of two epochs"
+    }
+
+    fn remedy(&self) -> &'static str {
+        "choose a dynamic model without velocity smoothing in the receiver, or log velocity with its own time of validity"
+    }
+
+    fn groups(&self) -> &'static [ParameterGroup] {
+        &[ParameterGroup {
+            unit: unit::S,
+            shape: Shape::Scalar,
+            names: &["velocity_latency"],
+            prior_sigma: 0.1,
+        }]
+    }
+
+    fn separations(&self) -> &'static [Separation] {
+        &[
+            Separation {
+                from: "gps_latency",
+                fly: &[Excitation::VaryingSpeed, Excitation::FigureEight],
+                why: "positions show a delay in proportion to speed, velocities in proportion to acceleration",
+            },
+            Separation {
+                from: "gps_lever_arm",
+                fly: &[Excitation::VaryingSpeed, Excitation::FigureEight],
+                why: "a delay shows with any acceleration, an arm with the rate of turn alone",
+            },
+        ]
+    }
+
+    fn draw_range(&self) -> DrawRange {
+        DrawRange::LogUniform(0.04, 0.2)
+    }
+
+    fn on_fixes(&self) -> Option<&dyn FixEffect> {
+        Some(self)
+    }
+}
+
+impl FixEffect for GpsVelocityLatency {
+    fn velocity_delay_s(&self, p: &[f64]) -> f64 {
+        p[0]
+    }
+
+    fn fix(&self, p: &[f64], x: &FixInstant) -> [Vector3<f64>; 2] {
+        [Vector3::zeros(), x.a_n * -p[0] + x.jerk_n() * (0.5 * p[0] * p[0])]
+    }
+
+    fn fix_jacobian(
+        &self,
+        p: &[f64],
+        x: &FixInstant,
+        _position: &mut [Vector3<f64>],
+        velocity: &mut [Vector3<f64>],
+    ) {
+        velocity[0] = x.jerk_n() * p[0] - x.a_n;
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::effects::testing::check_jacobians;
+    use crate::rotation::c_nb_from_euler;
+
+    /// Velocity of a level turn a while ago, against the circle itself.
+    #[test]
+    fn a_turn_shows_the_velocity_of_a_while_ago() {
+        let (v, rate, latency) = (60.0, 0.25, 0.12);
+        let x = FixInstant {
+            t_s: 0.0,
+            v_n: Vector3::new(v, 0.0, 0.0),
+            a_n: Vector3::new(0.0, v * rate, 0.0),
+            c_nb: c_nb_from_euler(0.0, 0.0, 0.0),
+            rate_eb: Vector3::new(0.0, 0.0, rate),
+            force_rate: Vector3::zeros(),
+        };
+        let [position, velocity] = GpsVelocityLatency.fix(&[latency], &x);
+        let turned = rate * latency;
+        let exact = Vector3::new(v * turned.cos() - v, -v * turned.sin(), 0.0);
+        assert!((velocity - exact).norm() < 1e-3, "{velocity} {exact}");
+        assert_eq!(position, Vector3::zeros());
+        check_jacobians(&GpsVelocityLatency);
+    }
+}

@@ -1,0 +1,75 @@
+//! GNSS position: three rows at the time of validity of the fix.
+//!
+//! A position that jumps while the velocity of the same fixes still agrees contradicts velocity and inertial data: it is
+//! not followed for [`HELD_OFF_S`], and then taken over as a correction of the position alone.
+
+use super::{SIGMA_FLOOR, rows_of};
+use crate::filter::Filter;
+use crate::filter::group::Rows;
+use crate::filter::layout::index;
+use crate::sample::GnssFix;
+use nalgebra::{Matrix3, Vector3};
+
+/// A position that velocity and inertial data contradict is not followed for so long, s: multipath and spoofing of seconds
+/// pass, a new reference frame or a receiver's correction stays.
+pub(in crate::filter) const HELD_OFF_S: f64 = 30.0;
+
+impl Filter {
+    pub(in crate::filter) fn position_rows(&self, fix: &GnssFix) -> Rows {
+        let x = self.at_fix();
+        let [added, _] = self.fix_effects(&x);
+        let z = self.position_offset(fix, &x, &added) - self.wander - x.now.v_n * self.fix_ahead_s(fix);
+        let sigma = self.position_sigma(fix);
+        let shared = x.excited.v_n * self.model.gnss.time_sigma_s;
+        let mut rows = rows_of(index::POSITION, &z.as_slice()[..3], &x.now.c_nb, &added, &sigma, &shared);
+        if let Some(w) = self.layout.wander() {
+            (0..3).for_each(|k| rows.push(w + k, |i| if i == k { 1.0 } else { 0.0 }));
+        }
+        rows
+    }
+
+    fn position_sigma(&self, fix: &GnssFix) -> [f64; 3] {
+        fix.position_sigma_m.unwrap_or(self.model.gnss.position_sigma_m)
+    }
+
+    /// Where the fix puts the inertial unit, relative to the estimate, north-east-down, m.
+    fn position_offset(&self, fix: &GnssFix, x: &super::AtFix, added: &super::Added) -> Vector3<f64> {
+        x.c_ne * (fix.position.to_ecef() - self.nav.r_e) - added.sum
+    }
+
+    /// The position anew from this fix, lever arm taken off; nothing else changes. Returns how far it moved, m.
+    pub(in crate::filter) fn reset_position(&mut self, fix: &GnssFix) -> f64 {
+        let x = self.at_fix();
+        let [added, _] = self.fix_effects(&x);
+        let offset = self.position_offset(fix, &x, &added) - x.now.v_n * self.fix_ahead_s(fix);
+        self.nav.r_e += x.c_ne.transpose() * offset;
+        let mut sigma = Vector3::from(self.position_sigma(fix)).map(|s| s.max(SIGMA_FLOOR) * 2.0);
+        (0..3).for_each(|k| self.p.reset(index::POSITION + k, 1.0));
+        if let Some(w) = self.layout.wander() {
+            // The correlated error of the new position is as unknown as that of any position.
+            for k in 0..3 {
+                self.p.reset(w + k, self.model.gnss.position_wander_sigma_m[k]);
+                sigma[k] = sigma[k].hypot(self.model.gnss.position_wander_sigma_m[k]);
+            }
+            self.wander = Vector3::zeros();
+        }
+        // Time stamp and latency move it along the path.
+        let along = x.now.v_n * self.delay_sigma_s().hypot(self.model.gnss.time_sigma_s);
+        let variances = Matrix3::from_diagonal(&sigma.map(|s| s * s)) + along * along.transpose();
+        self.p.set_block3(index::POSITION, &(x.now.c_nb.transpose() * variances * x.now.c_nb));
+        offset.norm()
+    }
+
+    /// 1-sigma of the delay of the fixes, s.
+    fn delay_sigma_s(&self) -> f64 {
+        let delays = |effect: usize, parameter: usize| {
+            let setting = &self.model.effects[effect];
+            let mut one = vec![0.0; setting.values.len()];
+            one[parameter] = 1.0;
+            setting.effect.fix_delay_s(&one)
+        };
+        let variance =
+            |s: &crate::filter::layout::Slot| (delays(s.effect, s.parameter) * self.p.sigma(s.state)).powi(2);
+        self.layout.slots().iter().map(variance).sum::<f64>().sqrt()
+    }
+}

@@ -1,0 +1,36 @@
+//! GNSS yaw: the heading of a receiver with two antennas, one row.
+
+use crate::filter::Filter;
+use crate::filter::group::Rows;
+use crate::filter::layout::index;
+use crate::rotation::wrap_pi;
+use crate::sample::GnssFix;
+
+/// No heading is assumed to be better than this, rad.
+const SIGMA_FLOOR: f64 = 1e-3;
+/// With the nose nearer to the vertical than this (cosine of pitch) yaw is not a measurement.
+const UPRIGHT: f64 = 0.3;
+
+impl Filter {
+    pub(in crate::filter) fn yaw_rows(&self, fix: &GnssFix) -> Rows {
+        let Some((yaw, sigma)) = fix.yaw_rad else { return Rows::default() };
+        let [roll, pitch, own] = self.nav.euler().into();
+        if pitch.cos() < UPRIGHT {
+            return Rows::default();
+        }
+        let mut rows = Rows { dof: 1, ..Rows::default() };
+        rows.residual[0] = wrap_pi(yaw - own);
+        rows.variance[0] = sigma.max(SIGMA_FLOOR).powi(2);
+        // Yaw rate from body rates (Groves 2013, eq. 2.58).
+        rows.push(index::ATTITUDE + 1, |_| roll.sin() / pitch.cos());
+        rows.push(index::ATTITUDE + 2, |_| roll.cos() / pitch.cos());
+        rows
+    }
+
+    /// Makes room for a heading that contradicts the estimate: its innovation as one more sigma about the vertical.
+    pub(in crate::filter) fn reset_yaw(&mut self, innovation: f64) {
+        let down = self.nav.c_nb().row(2).transpose() * innovation;
+        let block = self.p.block3(index::ATTITUDE) + down * down.transpose();
+        self.p.set_block3(index::ATTITUDE, &block);
+    }
+}

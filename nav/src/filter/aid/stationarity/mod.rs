@@ -1,0 +1,315 @@
+//! Stationarity: a vehicle that does not move has zero velocity, does not turn but with the Earth, and feels gravity alone.
+//!
+//! While it lasts, position, velocity and attitude are held (only the Earth turns them; the gyros do not), and mean rate
+//! and mean specific force are measurements, C^T ω_ie = rate(x) and −C^T g = force(x). They are linearised once, about the
+//! first estimate of the period, and counted once, as means: rows that follow every new estimate would span ever new
+//! directions and bring information that nothing measured (first-estimates Jacobian, Huang, Mourikis & Roumeliotis 2010,
+//! "Observability-based rules for designing consistent EKF SLAM estimators", section 4). What one linearisation leaves
+//! out, and what the rounding of the source hides, stays the same all the time and is a constant error of the means.
+
+pub(in crate::filter) mod detector;
+
+use crate::earth;
+use crate::filter::Filter;
+use crate::filter::calibration::{Calibration, MotionJacobian};
+use crate::filter::covariance::Covariance;
+use crate::filter::group::{Prepared, Rows};
+use crate::filter::layout::index;
+use crate::filter::nav_map::Recentring;
+use crate::mechanization::{Motion, NavState};
+use crate::rotation::skew;
+use crate::sample::ImuSample;
+use nalgebra::{Matrix3, Vector3};
+use std::collections::VecDeque;
+
+/// 1-sigma of the velocity of a stationary vehicle, m/s.
+const VELOCITY_SIGMA: f64 = 0.02;
+/// NIS of zero velocity beyond which the filter knows that the vehicle moves: chance 1e-3.
+const STOP_GATE: f64 = 16.3;
+/// Means are kept in blocks of this length, s …
+const BLOCK_S: f64 = 10.0;
+/// … and reach back so many of them: longer means would hide a warming sensor.
+const BLOCKS: usize = 18;
+/// The estimate follows the means this often, s.
+const REFRESH_S: f64 = 1.0;
+/// The linearisation error is bounded by that of this attitude uncertainty, rad².
+const LARGEST_ATTITUDE: f64 = 4.0;
+
+/// Sums of rate and specific force over one block, as the first estimate compensates them.
+#[derive(Debug, Clone, Copy, Default)]
+struct Means {
+    duration_s: f64,
+    rate: Vector3<f64>,
+    force: Vector3<f64>,
+}
+
+/// A stationary period.
+#[derive(Debug, Clone)]
+pub(in crate::filter) struct Hold {
+    /// The first estimate: everything is linearised about it.
+    nav: NavState,
+    calibration: Calibration,
+    jacobian: MotionJacobian,
+    /// C^T ω_ie and −C^T g there.
+    expected: Motion,
+    /// Variances of what the rows leave out.
+    constant: [Vector3<f64>; 2],
+    /// Mean error about the first estimate and covariance without the present means.
+    base: (Vec<f64>, Covariance),
+    /// The same with them.
+    mean: Vec<f64>,
+    blocks: VecDeque<Means>,
+    refreshed_s: f64,
+}
+
+impl Filter {
+    /// Whether the vehicle is held as stationary.
+    pub fn is_stationary(&self) -> bool {
+        self.hold.is_some()
+    }
+
+    /// Variances of what the rounding of the source may keep from every sample, (rad/s)² and (m/s²)².
+    pub fn set_rounding_error(&mut self, variances: [Vector3<f64>; 2]) {
+        self.rounding = variances;
+    }
+
+    /// Whether the fixes have contradicted a stationary vehicle's position for more than a moment.
+    pub(in crate::filter) fn moves_by_its_fixes(&self) -> bool {
+        self.hold.is_some() && self.gates.position.lasts()
+    }
+
+    /// Begins a stationary period, unless the filter knows better: a steady climb looks like rest to samples and to fixes
+    /// without vertical velocity.
+    pub(in crate::filter) fn begin_hold(&mut self) {
+        if self.hold.is_some() || self.carried.is_some() || self.last.is_none() {
+            return;
+        }
+        if !self.stop() {
+            return;
+        }
+        self.refresh_motion();
+        let to_body = self.nav.q_eb.inverse();
+        let expected = Motion {
+            rate: to_body * earth::rotation_rate(),
+            force: to_body * -earth::gravity(&self.nav.r_e),
+        };
+        let mut jacobian = std::mem::take(&mut self.start_jacobian);
+        if let Some(last) = self.last {
+            let seen = Motion { rate: expected.rate, force: self.regressor.motion().force };
+            self.calibration.jacobian(&self.model, &self.layout, &last, &seen, &mut jacobian);
+        }
+        let constant = self.left_out(&expected, &jacobian);
+        let mean = vec![0.0; self.layout.len()];
+        self.hold = Some(Box::new(Hold {
+            nav: self.nav,
+            calibration: self.calibration.clone(),
+            jacobian,
+            expected,
+            constant,
+            base: (mean.clone(), self.p.clone()),
+            mean,
+            blocks: VecDeque::new(),
+            refreshed_s: self.t_s,
+        }));
+    }
+
+    /// Ends it: the covariance is expressed about the present estimate.
+    pub(in crate::filter) fn end_hold(&mut self) {
+        let Some(hold) = self.hold.take() else { return };
+        let part = |at: usize| Vector3::new(hold.mean[at], hold.mean[at + 1], hold.mean[at + 2]);
+        let [dr, dv, eps] = [index::POSITION, index::VELOCITY, index::ATTITUDE].map(part);
+        self.p.transform(&Recentring::new(&dr, &dv, &eps));
+        self.seen_velocity = Some(self.nav.v_n());
+        // Rest has aided it as well as any fix.
+        self.aided_s = self.aided_s.map(|_| self.t_s);
+        self.refresh_motion();
+    }
+
+    /// Zero velocity, once; refused where it contradicts the estimate.
+    fn stop(&mut self) -> bool {
+        let c_eb = self.nav.c_eb();
+        let z = -(c_eb.transpose() * self.nav.v_e);
+        let mut rows = Rows {
+            dof: 3,
+            residual: z.into(),
+            variance: [VELOCITY_SIGMA * VELOCITY_SIGMA; 3],
+            ..Rows::default()
+        };
+        (0..3).for_each(|j| rows.push(index::VELOCITY + j, |i| if i == j { 1.0 } else { 0.0 }));
+        let Some(prepared) = Prepared::new(&rows, &self.p).filter(|p| p.group.nis < STOP_GATE) else {
+            return false;
+        };
+        self.absorb(&rows, prepared);
+        self.nav.v_e = Vector3::zeros();
+        true
+    }
+
+    /// Second-order terms of both measurements as variances per axis: products of attitude error with itself, ½ ε × (ε × f),
+    /// and of the error of specific force with that of whatever multiplies it in the gyros.
+    fn left_out(&self, expected: &Motion, jacobian: &MotionJacobian) -> [Vector3<f64>; 2] {
+        let p = self.p.block3(index::ATTITUDE);
+        let trace = p.trace().min(LARGEST_ATTITUDE);
+        let f = &expected.force;
+        // E|ε × f|² = tr P |f|² − fᵀ P f, and E|ε|² = tr P.
+        let second = (p.trace() * f.norm_squared() - f.dot(&(p * f))).max(0.0);
+        let force = 0.25 * trace * second / 3.0;
+        let tilt = skew(f) * p * skew(f).transpose();
+        let mut rate = Vector3::repeat((0.5 * trace * expected.rate.norm()).powi(2));
+        let Some(last) = self.last else { return [rate, Vector3::repeat(force)] };
+        let mut moved = MotionJacobian::default();
+        for axis in 0..3 {
+            let mut at = Motion { rate: expected.rate, force: *f };
+            at.force[axis] += tilt[(axis, axis)].max(0.0).sqrt();
+            let mut here = MotionJacobian::default();
+            let unmoved = Motion { rate: expected.rate, force: *f };
+            self.calibration.jacobian(&self.model, &self.layout, &last, &unmoved, &mut here);
+            self.calibration.jacobian(&self.model, &self.layout, &last, &at, &mut moved);
+            for (k, (a, b)) in moved.rate.iter().zip(&here.rate).enumerate() {
+                let variance = self.p.sigma(index::GYRO_BIAS + k).powi(2);
+                rate += (a - b).map(|d| d * d * variance);
+            }
+        }
+        // The regressor's specific force differs from gravity by what it holds back.
+        for (k, (a, b)) in jacobian.rate.iter().zip(&self.rate_rows(f)).enumerate() {
+            let variance = self.p.sigma(index::GYRO_BIAS + k).powi(2);
+            rate += (a - b).map(|d| d * d * variance);
+        }
+        [rate, Vector3::repeat(force)]
+    }
+
+    /// One sample of a stationary period.
+    pub(in crate::filter) fn hold_step(&mut self, sample: &ImuSample, dt: f64, decay: f64) {
+        let Some(mut hold) = self.hold.take() else { return };
+        self.motion = self.calibration.motion(&self.model, sample);
+        self.regressor.take(&self.motion, self.noise_band(dt), dt);
+        let first = hold.calibration.motion(&self.model, sample);
+        if hold.blocks.back().is_none_or(|b| b.duration_s >= BLOCK_S) {
+            hold.blocks.push_back(Means::default());
+            if hold.blocks.len() > BLOCKS {
+                hold.blocks.pop_front();
+            }
+        }
+        if let Some(block) = hold.blocks.back_mut() {
+            block.duration_s += dt;
+            block.rate += first.rate * dt;
+            block.force += first.force * dt;
+        }
+        self.wander *= decay;
+        self.last = Some(*sample);
+        self.t_s = sample.t_s;
+        std::mem::swap(&mut self.p, &mut hold.base.1);
+        self.walk_biases(dt);
+        self.decay_wander(decay);
+        std::mem::swap(&mut self.p, &mut hold.base.1);
+        let due = self.t_s - hold.refreshed_s >= REFRESH_S;
+        self.hold = Some(hold);
+        if due {
+            self.refresh_hold();
+        }
+    }
+
+    /// The estimate anew: what the fixes left, with the present means on top.
+    fn refresh_hold(&mut self) {
+        let Some(mut hold) = self.hold.take() else { return };
+        hold.refreshed_s = self.t_s;
+        let (mut mean, mut p) = hold.base.clone();
+        let [rate, force] = self.mean_rows(&hold);
+        for rows in [rate, force] {
+            let rows = rows.less(&mean);
+            let mut dx = vec![0.0; mean.len()];
+            if let Some(prepared) = Prepared::new(&rows, &p) {
+                prepared.absorb(&mut p, &mut dx);
+                mean.iter_mut().zip(&dx).for_each(|(x, d)| *x += d);
+            }
+        }
+        self.p = p;
+        hold.mean = mean;
+        self.hold = Some(hold);
+        self.place_hold();
+    }
+
+    /// Position, attitude and constants from the first estimate and the mean error about it.
+    fn place_hold(&mut self) {
+        let Some(hold) = self.hold.take() else { return };
+        let wander = self.wander;
+        (self.nav, self.calibration) = (hold.nav, hold.calibration.clone());
+        let mean = &hold.mean;
+        self.move_by(mean);
+        // The wander is no part of the first estimate: its own mean is kept where fixes put it.
+        self.wander = wander;
+        self.nav.v_e = Vector3::zeros();
+        self.hold = Some(hold);
+        self.refresh_motion();
+    }
+
+    fn mean_rows(&self, hold: &Hold) -> [Rows; 2] {
+        let total = hold.blocks.iter().fold(Means::default(), |a, b| Means {
+            duration_s: a.duration_s + b.duration_s,
+            rate: a.rate + b.rate,
+            force: a.force + b.force,
+        });
+        if total.duration_s <= 0.0 {
+            return [Rows::default(), Rows::default()];
+        }
+        let imu = &self.model.imu;
+        let white = [
+            (imu.gyro_noise * imu.gyro_noise + self.extra_noise.0) / total.duration_s,
+            (imu.accel_noise * imu.accel_noise + self.extra_noise.1) / total.duration_s,
+        ];
+        let rows = |kind: usize, expected: &Vector3<f64>, sum: Vector3<f64>, columns: &[Vector3<f64>]| {
+            let mut rows = Rows { dof: 3, ..Rows::default() };
+            rows.residual = (expected - sum / total.duration_s).into();
+            for i in 0..3 {
+                rows.variance[i] = white[kind] + hold.constant[kind][i] + self.rounding[kind][i];
+            }
+            // exp(−ε) v = v + [v×] ε: what is expected moves with the attitude.
+            let by_attitude: Matrix3<f64> = -skew(expected);
+            (0..3).for_each(|j| rows.push(index::ATTITUDE + j, |i| by_attitude[(i, j)]));
+            for (k, column) in columns.iter().enumerate() {
+                rows.push(index::GYRO_BIAS + k, |i| column[i]);
+            }
+            rows
+        };
+        [
+            rows(0, &hold.expected.rate, total.rate, &hold.jacobian.rate),
+            rows(1, &hold.expected.force, total.force, &hold.jacobian.force),
+        ]
+    }
+
+    /// Lets a job correct what fixes say of a stationary vehicle, and puts the means on top again.
+    pub(in crate::filter) fn with_base<T>(&mut self, job: impl FnOnce(&mut Self) -> T) -> T {
+        if let Some(hold) = self.hold.as_deref_mut() {
+            hold.mean.clone_from(&hold.base.0);
+            self.p.clone_from(&hold.base.1);
+        }
+        self.place_hold();
+        let result = job(self);
+        if let Some(hold) = self.hold.as_deref_mut() {
+            hold.base.0.clone_from(&hold.mean);
+            hold.base.1.clone_from(&self.p);
+        }
+        self.refresh_hold();
+        result
+    }
+
+    /// A correction while stationary: the mean error moves, not what everything is linearised about.
+    pub(in crate::filter) fn correct_hold(&mut self, dx: &[f64]) {
+        if let Some(hold) = self.hold.as_deref_mut() {
+            hold.mean.iter_mut().zip(dx).for_each(|(x, d)| *x += d);
+        }
+        if let Some(w) = self.layout.wander() {
+            self.wander += Vector3::new(dx[w], dx[w + 1], dx[w + 2]);
+        }
+        self.place_hold();
+    }
+
+    /// The position of a stationary vehicle started anew: the first estimate moves there.
+    pub(in crate::filter) fn rebase_hold(&mut self) {
+        let nav = self.nav;
+        if let Some(hold) = self.hold.as_deref_mut() {
+            let moved = nav.r_e;
+            (index::POSITION..index::POSITION + 3).for_each(|k| hold.mean[k] = 0.0);
+            hold.nav.r_e = moved;
+        }
+    }
+}

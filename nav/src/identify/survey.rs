@@ -1,0 +1,284 @@
+//! The whole catalogue at the final point: values of what was found with sigmas that hold under misfit, what the model leaves
+//! open, and for everything else its odds and its limit.
+//!
+//! Two things make the curvature of the likelihood too sharp. Errors that are correlated in time: the scatter of the values when
+//! blocks of the flight are left out in turn says how much (the cluster jackknife; MacKinnon, Nielsen & Webb 2023, "Fast and
+//! reliable jackknife and bootstrap methods for cluster-robust inference"; it is a sandwich estimate whose meat are the scores of
+//! blocks, White 1982). And effects that were not found: that none of them has the evidence for a name does not make them zero,
+//! so values are averaged over the models with each of them, weighed by their evidence (Hoeting, Madigan, Raftery & Volinsky
+//! 1999, "Bayesian model averaging").
+
+use super::evidence::{self, Fit, SCALES};
+use super::limits::{self, Known, NotFound};
+use super::linear::Problem;
+use super::map;
+use super::pass::Information;
+use super::select::{self, Added, Point, Search, priors};
+use crate::effects::{Effect, REGISTRY};
+use crate::filter::watch::Watched;
+use crate::model::EffectSetting;
+use nalgebra::Vector3;
+
+/// Length of the blocks that are left out in turn, s: long against the correlation of GNSS errors that the model knows not of.
+const BLOCK_S: f64 = 20.0;
+/// Fewer blocks than this say nothing about a scatter.
+const ENOUGH_BLOCKS: usize = 6;
+/// A parameter whose sigma is more than this share of its prior's is not informed by the flights.
+const INFORMED: f64 = 0.8;
+/// An effect that was not named speaks at most this loud for values beside it, nats: held-out data were against it.
+const LOUDEST: f64 = 3.3;
+/// A drift of a size is excluded where it makes the flights less likely by this, nats: two sigmas.
+const EXCLUDED: f64 = 2.0;
+
+/// The catalogue when everything is over.
+#[derive(Debug, Clone, Default)]
+pub struct Survey {
+    /// What the model itself left to be estimated, with the values that the flights give.
+    pub assumed: Vec<Added>,
+    /// What was looked for and not found, the likeliest first.
+    pub not_found: Vec<NotFound>,
+}
+
+/// Which parameters of an effect the flights inform: their sigma is smaller than that of their prior.
+pub fn informed(added: &Added) -> Vec<bool> {
+    let own = |(sigma, (_, prior)): (&f64, &(f64, f64))| *prior == 0.0 || *sigma < INFORMED * prior;
+    added.setting.sigmas.iter().zip(&added.prior).map(own).collect()
+}
+
+/// The flights linearised at the final point.
+struct Linear<'a> {
+    search: &'a Search<'a>,
+    point: &'a Point,
+    lacking: Vec<EffectSetting>,
+    watched: Watched,
+    problems: Vec<Problem>,
+    blocks: Vec<Information>,
+    all: Information,
+    log_likelihood: f64,
+    sigma: Vec<f64>,
+    offset: Vec<f64>,
+}
+
+impl<'a> Linear<'a> {
+    fn new(search: &'a Search<'a>, point: &'a Point) -> Self {
+        let lacking = select::lacking(search.base(), search.flights, &point.added);
+        let linear = lacking.iter().filter(|s| select::is_linear(s.effect)).cloned();
+        let effects = point.added.iter().map(|a| a.setting.clone()).chain(linear).collect();
+        let watched = Watched { effects, ..Watched::default() };
+        let problems = search.problems(point, &watched);
+        let runs = map(search.workers(), problems.len(), |k| {
+            problems[k].run_blocks(&point.noise, &search.options(), BLOCK_S)
+        });
+        let mut all = Information::zeros(watched.slots().len(), 0);
+        let mut log_likelihood = 0.0;
+        let mut blocks = Vec::new();
+        for run in runs {
+            log_likelihood += run.log_likelihood[0];
+            run.blocks.iter().for_each(|b| all.add(b));
+            blocks.extend(run.blocks);
+        }
+        let (sigma, offset) = priors(&point.added, &watched);
+        Self { search, point, lacking, watched, problems, blocks, all, log_likelihood, sigma, offset }
+    }
+
+    /// Columns of what was found that may move.
+    fn open(&self) -> Vec<usize> {
+        (0..self.sigma.len()).filter(|k| self.sigma[*k] > 0.0).collect()
+    }
+
+    /// What was found, and further columns with their prior sigmas.
+    fn fit(&self, information: &Information, more: &[(usize, f64)]) -> Option<Fit> {
+        let open = self.open();
+        let columns: Vec<usize> = open.iter().copied().chain(more.iter().map(|m| m.0)).collect();
+        let sigma: Vec<f64> = open.iter().map(|k| self.sigma[*k]).chain(more.iter().map(|m| m.1)).collect();
+        let offset: Vec<f64> = open.iter().map(|k| self.offset[*k]).chain(more.iter().map(|_| 0.0)).collect();
+        evidence::fit(information, &columns, &sigma, &offset)
+    }
+
+    /// Columns of a lacking effect with the prior sigmas of its definition.
+    fn columns(&self, effect: &dyn Effect) -> Vec<(usize, f64, usize)> {
+        let own = select::prior_sigmas(effect);
+        let slots = self.watched.slots();
+        let of = |k: &usize| self.watched.effects[slots[*k].0].effect.name() == effect.name();
+        (0..slots.len()).filter(of).map(|k| (k, own[slots[k].1], slots[k].1)).collect()
+    }
+
+    /// By how much the scatter over blocks exceeds what the curvature says, as a factor on each open column's sigma; at least 1.
+    fn widening(&self, full: &Fit) -> Vec<f64> {
+        let n = self.blocks.len();
+        let open = self.open().len();
+        if n < ENOUGH_BLOCKS {
+            return vec![1.0; open];
+        }
+        let without = map(self.search.workers(), n, |b| {
+            let mut rest = self.all.clone();
+            rest.score -= &self.blocks[b].score;
+            rest.matrix -= &self.blocks[b].matrix;
+            self.fit(&rest, &[]).map(|f| f.step)
+        });
+        let share = (n - 1) as f64 / n as f64;
+        (0..open)
+            .map(|k| {
+                let squares = without.iter().flatten().map(|s| (s[k] - full.step[k]).powi(2));
+                (share * squares.sum::<f64>() / full.covariance[(k, k)]).max(1.0).sqrt()
+            })
+            .collect()
+    }
+
+    /// Values and sigmas of what was found, averaged over what else may be there.
+    fn values(&self) -> Option<Vec<Added>> {
+        let full = self.fit(&self.all, &[])?;
+        let open = self.open();
+        let widening = self.widening(&full);
+        let mut models: Vec<(f64, Fit)> = vec![(1.0, full.clone())];
+        for setting in self.lacking.iter().filter(|s| select::is_linear(s.effect)) {
+            let own = self.columns(setting.effect);
+            for scale in SCALES {
+                let more: Vec<(usize, f64)> = own.iter().map(|c| (c.0, c.1 * scale)).collect();
+                if let Some(fit) = self.fit(&self.all, &more) {
+                    let weight = (fit.evidence - full.evidence).min(LOUDEST).exp() / SCALES.len() as f64;
+                    models.push((weight, fit));
+                }
+            }
+        }
+        let total: f64 = models.iter().map(|m| m.0).sum();
+        let mean = |of: &dyn Fn(&Fit) -> f64| models.iter().map(|(w, f)| w * of(f)).sum::<f64>() / total;
+        let slots = self.watched.slots();
+        let mut added = self.point.added.clone();
+        for (i, k) in open.iter().enumerate() {
+            let step = mean(&|f| f.step[i]);
+            let within = mean(&|f| f.covariance[(i, i)]) * widening[i].powi(2);
+            let between = mean(&|f| (f.step[i] - step).powi(2));
+            let (effect, parameter) = slots[*k];
+            added[effect].setting.values[parameter] += step;
+            added[effect].setting.sigmas[parameter] = (within + between).max(0.0).sqrt();
+        }
+        Some(added)
+    }
+
+    /// A linear effect that was not found.
+    fn linear(&self, setting: &EffectSetting, full: &Fit) -> Option<NotFound> {
+        let own = self.columns(setting.effect);
+        let evidences = SCALES.iter().filter_map(|scale| {
+            let more: Vec<(usize, f64)> = own.iter().map(|c| (c.0, c.1 * scale)).collect();
+            self.fit(&self.all, &more).map(|f| f.evidence - full.evidence)
+        });
+        let evidence = evidence::log_mean_exp(evidences);
+        let known = Known { sigma: &self.sigma, offset: &self.offset };
+        let columns: Vec<(usize, usize)> = own.iter().map(|c| (c.2, c.0)).collect();
+        let mut found = limits::of(setting, &columns, &known, &self.all, evidence)?;
+        let prior = select::prior_sigmas(setting.effect);
+        if found.setting.sigmas.iter().zip(&prior).any(|(sigma, prior)| *prior > 0.0 && sigma > prior) {
+            found.reason = Some("the flights hardly excite some of its parameters");
+        }
+        Some(found)
+    }
+
+    /// A drift that was not found, with the size from which on the flights exclude it.
+    fn drift(&self, setting: &EffectSetting) -> NotFound {
+        let value = |size: f64| {
+            let noise = &self.point.noise;
+            self.search.wandered(&self.problems, &self.point.added, setting, size, noise)
+                - self.log_likelihood
+        };
+        let sizes = setting.effect.sizes_to_try();
+        let values = map(self.search.workers(), sizes.len(), |k| value(sizes[k]));
+        let evidence = evidence::log_mean_exp(values.iter().copied());
+        let top = values.iter().copied().fold(0.0, f64::max);
+        let excluded = sizes.iter().zip(&values).find(|(_, v)| **v < top - EXCLUDED).map(|s| *s.0);
+        let mut setting = setting.clone();
+        setting.sigmas = vec![excluded.unwrap_or(0.0) / 3.0];
+        let reason = if excluded.is_some() { None } else { Some("these flights exclude no size of it") };
+        NotFound { setting, evidence, reason }
+    }
+
+    /// An event that was not found, with what a jump in the middle of the flight would be known to.
+    fn event(&self, setting: &EffectSetting) -> Option<NotFound> {
+        let shocks = map(self.search.workers(), self.problems.len(), |k| {
+            self.problems[k].shocks(&self.point.noise, &self.search.options())
+        });
+        let candidate = self.search.jump(setting, &shocks)?;
+        let flight = shocks.first()?;
+        let middle = flight.get(flight.len() / 2)?;
+        let (_, information) = if setting.effect.event() == Some(crate::effects::Event::GyroBias) {
+            middle.gyro
+        } else {
+            middle.fix
+        };
+        let covariance = information.try_inverse()?;
+        let sigma = Vector3::from_fn(|i, _| covariance[(i, i)].max(0.0).sqrt());
+        let mut setting = setting.clone();
+        setting.values.clone_from(&candidate.setting.values);
+        setting.sigmas = vec![0.0, sigma.x, sigma.y, sigma.z];
+        Some(NotFound { setting, evidence: candidate.evidence, reason: None })
+    }
+
+    fn not_found(&self) -> Vec<NotFound> {
+        let full = self.fit(&self.all, &[]);
+        let without = |effect: &'static dyn Effect, reason| NotFound {
+            setting: EffectSetting {
+                effect,
+                values: vec![0.0; effect.len()],
+                sigmas: vec![0.0; effect.len()],
+            },
+            evidence: 0.0,
+            reason: Some(reason),
+        };
+        let there = |effect: &dyn Effect| {
+            let name = effect.name();
+            self.point.added.iter().any(|a| a.setting.effect.name() == name)
+                || self.search.base().get(name).is_some()
+                || self.search.assumes_truncation(effect)
+        };
+        let of = |effect: &&'static dyn Effect| {
+            let Some(setting) = self.lacking.iter().find(|s| s.effect.name() == effect.name()) else {
+                return without(*effect, "the log holds no temperature of the inertial unit");
+            };
+            let found = if select::is_linear(*effect) {
+                full.as_ref().and_then(|f| self.linear(setting, f))
+            } else if select::is_jump(*effect) {
+                self.event(setting)
+            } else if effect.is_empty() {
+                let tried = self.search.discrete(std::slice::from_ref(setting), self.point);
+                let evidence = tried.first().map(|c| c.evidence);
+                let reason = "it is there or not; these samples speak against it";
+                evidence.map(|evidence| NotFound { evidence, ..without(*effect, reason) })
+            } else {
+                Some(self.drift(setting))
+            };
+            found.unwrap_or_else(|| without(*effect, "these flights say nothing about it"))
+        };
+        let mut out: Vec<NotFound> = REGISTRY.iter().filter(|e| !there(**e)).map(of).collect();
+        out.sort_by(|a, b| b.evidence.total_cmp(&a.evidence));
+        out
+    }
+}
+
+impl Survey {
+    /// Takes the catalogue in at a point, whose values and sigmas are then those to be told.
+    pub(super) fn take(search: &Search<'_>, point: &mut Point) -> Self {
+        let (values, not_found) = {
+            let linear = Linear::new(search, point);
+            (linear.values(), linear.not_found())
+        };
+        if let Some(values) = values {
+            point.added = values;
+        }
+        let known = |s: &EffectSetting| Added { setting: s.clone(), prior: vec![(0.0, 0.0); s.values.len()] };
+        let given = point.added.iter().take(search.given.len()).cloned();
+        let held = search
+            .base()
+            .effects
+            .iter()
+            .filter(|s| point.added.iter().all(|a| a.setting.effect.name() != s.effect.name()));
+        let truncated = REGISTRY.iter().filter(|e| {
+            search.base().get(e.name()).is_none()
+                && point.added.iter().all(|a| a.setting.effect.name() != e.name())
+                && search.assumes_truncation(**e)
+        });
+        let truncated = truncated.map(|e| known(&EffectSetting::unknown(*e)));
+        let assumed = given.chain(held.map(known)).chain(truncated);
+        let registered = |a: &Added| REGISTRY.iter().any(|e| e.name() == a.setting.effect.name());
+        Self { assumed: assumed.filter(registered).collect(), not_found }
+    }
+}

@@ -1,0 +1,64 @@
+//! How a run ended: what was heard, and what the recording lacks.
+
+use crate::commands::CommandError;
+use crate::link::endpoint::LinkStatus;
+use crate::pipeline::{Estimator, Pipeline};
+use crate::sinks::recorder::RecorderStats;
+use serde_json::{Map, Value, json};
+use std::path::Path;
+
+/// An error when there is nothing to estimate from: no link, no vehicle or no inertial data.
+pub(super) fn heard_anything<E: Estimator>(
+    pipeline: &Pipeline<E>,
+    links: &[LinkStatus],
+) -> Result<(), CommandError> {
+    never_open(links)?;
+    let converter = pipeline.converter();
+    if converter.stats().time.imu_samples > 0 {
+        return Ok(());
+    }
+    let bytes: u64 = links.iter().map(|l| l.received_bytes).sum();
+    let frames: u64 = links.iter().map(|l| l.framer.frames).sum();
+    let heard = converter.systems().words();
+    Err(CommandError::Silent(match (bytes, frames) {
+        (0, _) => "nothing was received: is the autopilot powered, is this its port, and does it speak MAVLink there?".to_owned(),
+        (_, 0) => format!("{bytes} bytes were received and no MAVLink frame among them: is the baud rate right?"),
+        _ if heard.is_empty() => {
+            format!("{frames} MAVLink frames were received and no heartbeat of an autopilot among them")
+        }
+        _ => format!("no inertial data were received; heard: {heard}"),
+    }))
+}
+
+/// An error when not one link could ever be opened.
+fn never_open(links: &[LinkStatus]) -> Result<(), CommandError> {
+    if links.iter().any(|l| l.openings > 0) {
+        return Ok(());
+    }
+    let problems = links.iter().map(|l| format!("{}: {}", l.address, l.problem));
+    Err(CommandError::NoLink { problems: problems.collect::<Vec<_>>().join("; ") })
+}
+
+/// What the recording lacks stands in the result; one that is whole says nothing, so that its replay repeats the run byte for byte.
+pub(super) fn report_losses(path: &Path, stats: RecorderStats, document: &mut Map<String, Value>) {
+    let lost = stats.failed + stats.dropped;
+    if lost == 0 {
+        return;
+    }
+    let text = format!("the recording {} lacks {lost} of {} items", path.display(), stats.written + lost);
+    let recording =
+        json!({"path": path, "written": stats.written, "failed": stats.failed, "dropped": stats.dropped});
+    document.insert("recording".to_owned(), recording);
+    if let Some(Value::Array(warnings)) = document.get_mut("warnings") {
+        warnings.push(Value::String(text));
+    }
+}
+
+/// An error when writing the recording failed, in one sentence.
+pub(super) fn incomplete(document: &Map<String, Value>) -> Result<(), CommandError> {
+    let Some(recording) = document.get("recording") else { return Ok(()) };
+    let number = |name: &str| recording.get(name).and_then(Value::as_u64).unwrap_or(0);
+    let lost = number("failed") + number("dropped");
+    let path = recording.get("path").and_then(Value::as_str).unwrap_or_default().into();
+    Err(CommandError::Recording { path, lost, of: number("written") + lost })
+}

@@ -1,0 +1,140 @@
+//! What an effect does to the vehicle's navigation, in numbers that the model itself gives.
+
+use super::words::number;
+use gaware_nav::earth::STANDARD_GRAVITY;
+use gaware_nav::effects::{FixInstant, Instant};
+use gaware_nav::model::EffectSetting;
+use gaware_nav::rotation::c_nb_from_euler;
+use nalgebra::Vector3;
+
+/// The turn that consequences are told for: load, g, and length, s.
+const TURN: (f64, f64) = (2.0, 60.0);
+/// Consequences below these are not worth telling: deg, m, m/s.
+const WORTH: [f64; 3] = [0.01, 0.02, 0.005];
+
+/// A coordinated level turn with this load at this speed: rate, rad/s, and specific force, m/s².
+fn turn(load: f64, speed_m_per_s: f64) -> (Vector3<f64>, Vector3<f64>) {
+    let bank = load.recip().clamp(-1.0, 1.0).acos();
+    let rate = STANDARD_GRAVITY * bank.tan() / speed_m_per_s.max(1.0);
+    (
+        Vector3::new(0.0, rate * bank.sin(), rate * bank.cos()),
+        Vector3::new(0.0, 0.0, -load * STANDARD_GRAVITY),
+    )
+}
+
+/// The consequence of an effect at a speed; `None` where it has none that is worth a word.
+pub fn of(setting: &EffectSetting, speed_m_per_s: f64) -> Option<String> {
+    let (effect, p) = (setting.effect, &setting.values);
+    if effect.is_source_mistake() || effect.is_empty() {
+        return None;
+    }
+    let instant = |load: f64| {
+        let (rate, force) = turn(load, speed_m_per_s);
+        // Long after any event, and ten degrees warmer than the reference.
+        Instant {
+            t_s: f64::MAX,
+            rate,
+            force,
+            temperature_above_25_degc: 10.0 * f64::from(u8::from(load > 1.0)),
+        }
+    };
+    let (straight, turning) = (instant(1.0), instant(TURN.0));
+    let event = effect.event().is_some() || effect.needs_temperature();
+    let change = |of: &dyn Fn(&Instant) -> Vector3<f64>| {
+        if effect.event().is_some() { of(&turning) } else { of(&turning) - of(&straight) }
+    };
+    let rate = change(&|x| effect.gyro(p, x));
+    let force = change(&|x| effect.accel(p, x));
+    let walk = effect.bias_walk(p);
+    let when = if event {
+        format!("after {:.0} s without correction", TURN.1)
+    } else {
+        format!("after a {:.0} s turn at {:.0} g without correction", TURN.1, TURN.0)
+    };
+    let mut told = Vec::new();
+    let drift = (rate * TURN.1).map(f64::to_degrees);
+    if drift.norm() > WORTH[0] {
+        told.push(format!(
+            "{when}: {} deg of roll, {} deg of pitch, {} deg of yaw",
+            number(drift.x.abs()),
+            number(drift.y.abs()),
+            number(drift.z.abs())
+        ));
+    }
+    let tilt = (force.norm() / STANDARD_GRAVITY).to_degrees();
+    if tilt > WORTH[0] {
+        told.push(format!(
+            "{} m/s\u{b2} of specific force in a turn at {:.0} g, as much as {} deg of tilt",
+            number(force.norm()),
+            TURN.0,
+            number(tilt)
+        ));
+    }
+    // A random walk of rate integrates to an angle with sigma q \u{221a}(T\u{b3}/3).
+    let wandered = (walk.gyro * (TURN.1.powi(3) / 3.0).sqrt()).to_degrees();
+    if wandered > WORTH[0] {
+        told.push(format!(
+            "{} deg of attitude (1 sigma) after {:.0} s without correction",
+            number(wandered),
+            TURN.1
+        ));
+    }
+    let leaned = (walk.accel * TURN.1.sqrt() / STANDARD_GRAVITY).to_degrees();
+    if leaned > WORTH[0] {
+        told.push(format!("as much as {} deg of tilt (1 sigma) after {:.0} s", number(leaned), TURN.1));
+    }
+    told.extend(on_fixes(setting, speed_m_per_s));
+    (!told.is_empty()).then(|| told.join("; "))
+}
+
+/// What is wrong with fixes in the same turn.
+fn on_fixes(setting: &EffectSetting, speed_m_per_s: f64) -> Option<String> {
+    let (effect, p) = (setting.effect, &setting.values);
+    let (rate, _) = turn(TURN.0, speed_m_per_s);
+    let bank = TURN.0.recip().acos();
+    let x = FixInstant {
+        t_s: f64::MAX,
+        v_n: Vector3::new(speed_m_per_s, 0.0, 0.0),
+        a_n: Vector3::new(0.0, STANDARD_GRAVITY * bank.tan(), 0.0),
+        c_nb: c_nb_from_euler(bank, 0.0, 0.0),
+        rate_eb: rate,
+        force_rate: Vector3::zeros(),
+    };
+    let late_s = effect.fix_delay_s(p);
+    let [position, velocity] = effect.fix(p, &x);
+    let (position, velocity) = (position - x.v_n * late_s, velocity - x.a_n * late_s);
+    (position.norm() > WORTH[1] || velocity.norm() > WORTH[2]).then(|| {
+        format!(
+            "fixes are off by {} m and {} m/s in a turn at {:.0} g and {} m/s",
+            number(position.norm()),
+            number(velocity.norm()),
+            TURN.0,
+            number(speed_m_per_s)
+        )
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use gaware_nav::effects::{self, unit};
+
+    fn known(effect: &'static dyn effects::Effect, values: &[f64]) -> EffectSetting {
+        EffectSetting::known(effect, values).unwrap()
+    }
+
+    /// One more g for a minute: the column z of G, 54 deg/h/g, is 0.9 deg.
+    #[test]
+    fn the_consequence_is_what_the_model_says() {
+        let mut g = [0.0; 9];
+        g[2] = 54.0 * unit::DEG_PER_H_PER_G.si;
+        let told = of(&known(&effects::GyroGSensitivity, &g), 20.0).unwrap();
+        assert!(
+            told.starts_with("after a 60 s turn at 2 g without correction: 0.900 deg of roll, 0 deg"),
+            "{told}"
+        );
+        let late = of(&known(&effects::GpsLatency, &[0.1]), 20.0).unwrap();
+        assert!(late.contains("off by 2.00 m and 1.70 m/s"), "{late}");
+        assert_eq!(of(&known(&effects::GpsLatency, &[0.0]), 20.0), None);
+    }
+}

@@ -1,0 +1,135 @@
+//! Logs made byte by byte, whole and damaged.
+
+use super::*;
+use proptest::prelude::*;
+
+const SAMPLES: u64 = 400;
+
+fn message(kind: u8, body: &[u8]) -> Vec<u8> {
+    [&MAGIC[..], &[kind], body].concat()
+}
+
+fn fmt(described: u8, len: u8, name: &str, types: &str, labels: &str) -> Vec<u8> {
+    let padded = |text: &str, n: usize| {
+        let mut bytes = text.as_bytes().to_vec();
+        bytes.resize(n, 0);
+        bytes
+    };
+    let body = [vec![described, len], padded(name, 4), padded(types, 16), padded(labels, 64)].concat();
+    message(FMT, &body)
+}
+
+fn definitions() -> Vec<u8> {
+    let mut firmware = 0_u64.to_le_bytes().to_vec();
+    firmware.extend(b"ArduCopter V4.5.7 (2a3dc4b7)");
+    firmware.resize(8 + 64, 0);
+    [
+        fmt(FMT, 89, "FMT", "BBnNZ", "Type,Length,Name,Format,Columns"),
+        fmt(1, 3 + 8 + 1 + 24, "IMU", "QBffffff", "TimeUS,I,GyrX,GyrY,GyrZ,AccX,AccY,AccZ"),
+        fmt(2, 3 + 8 + 1 + 1 + 16, "GPS", "QBBLLef", "TimeUS,I,Status,Lat,Lng,Alt,Spd"),
+        fmt(3, 3 + 8 + 64, "MSG", "QZ", "TimeUS,Message"),
+        message(3, &firmware),
+    ]
+    .concat()
+}
+
+fn data() -> Vec<u8> {
+    let mut out = Vec::new();
+    for k in 0..SAMPLES {
+        let t = (1_000_000 + 5_000 * k).to_le_bytes();
+        let mut body = t.to_vec();
+        body.push(0);
+        for v in [0.01_f32, 0.02, 0.03, 0.0, 0.1, -9.8] {
+            body.extend(v.to_le_bytes());
+        }
+        out.extend(message(1, &body));
+        if k % 40 == 0 {
+            let mut body = t.to_vec();
+            body.extend([0, 3]);
+            for v in [473_977_420_i32, 85_455_940, 48_800] {
+                body.extend(v.to_le_bytes());
+            }
+            body.extend(12.5_f32.to_le_bytes());
+            out.extend(message(2, &body));
+        }
+    }
+    out
+}
+
+struct Read {
+    imu: u64,
+    fixes: Vec<GnssFix>,
+    damage: Damage,
+    kind: Option<VehicleKind>,
+}
+
+fn read(bytes: &[u8]) -> Read {
+    let mut reader = DataflashReader::new(bytes, bytes.len() as u64);
+    let (mut imu, mut fixes) = (0, Vec::new());
+    for record in reader.by_ref().flatten() {
+        match record.item {
+            Item::Measurement(Measurement::Imu(..)) => imu += 1,
+            Item::Measurement(Measurement::Fix(_, fix)) => fixes.push(fix),
+            _ => {}
+        }
+    }
+    assert_eq!(reader.progress().read_bytes, bytes.len() as u64);
+    Read { imu, fixes, damage: reader.damage(), kind: reader.vehicle_kind() }
+}
+
+#[test]
+fn a_whole_log_is_read_without_damage() {
+    let read = read(&[definitions(), data()].concat());
+    assert_eq!((read.imu, read.fixes.len(), read.damage), (SAMPLES, 10, Damage::default()));
+    assert_eq!(read.kind, Some(VehicleKind::Multirotor));
+    assert_eq!(read.fixes[0].position.height_m, 488.0);
+    assert!((read.fixes[0].position.lat_rad.to_degrees() - 47.397_742).abs() < 1e-9);
+}
+
+#[test]
+fn a_format_of_length_zero_is_damage_and_no_crash() {
+    let nothing = fmt(7, 0, "BAD", "", "");
+    let wrong = fmt(1, 200, "IMU", "QBffffff", "TimeUS,I,GyrX,GyrY,GyrZ,AccX,AccY,AccZ");
+    let read = read(&[definitions(), nothing, wrong, data()].concat());
+    assert_eq!((read.imu, read.damage.bad_records), (SAMPLES, 2));
+}
+
+#[test]
+fn a_log_that_ends_in_a_message_says_so() {
+    let bytes = [definitions(), data()].concat();
+    let read = read(&bytes[..bytes.len() - 5]);
+    assert_eq!(read.imu, SAMPLES - 1);
+    assert!(read.damage.truncated, "{:?}", read.damage);
+}
+
+#[test]
+fn the_parameters_tell_a_copter_from_a_plane() {
+    assert_eq!(kind_of_firmware("ArduPlane V4.6.0"), Some(VehicleKind::FixedWing));
+    assert_eq!(kind_of_firmware("ArduSub V4.1"), None);
+    assert_eq!(kind_of_parameter("FRAME_CLASS", 1.0), Some(VehicleKind::Multirotor));
+    assert_eq!(kind_of_parameter("FRAME_CLASS", 0.0), None);
+    assert_eq!(kind_of_parameter("Q_ENABLE", 0.0), Some(VehicleKind::FixedWing));
+}
+
+proptest! {
+    #[test]
+    fn a_burst_costs_what_it_touches_and_is_reported(
+        at in 0_usize..12_000, burst in proptest::collection::vec(any::<u8>(), 1..65),
+    ) {
+        let mut bytes = [definitions(), data()].concat();
+        let at = definitions().len() + at % (data().len() - burst.len());
+        bytes[at..at + burst.len()].copy_from_slice(&burst);
+        let read = read(&bytes);
+        let lost = SAMPLES.saturating_sub(read.imu);
+        prop_assert!(lost <= 5, "{lost} of {SAMPLES} lost at {at}");
+        // A byte of instance that is no longer 0 makes it another unit's sample.
+        prop_assert!(lost <= 2 || read.damage.any(), "{lost} lost without a word");
+    }
+
+    #[test]
+    fn rubbish_never_panics(bytes in proptest::collection::vec(any::<u8>(), 0..3000), behind in any::<bool>()) {
+        let head = if behind { definitions() } else { MAGIC.to_vec() };
+        let bytes = [head, bytes].concat();
+        let _ = DataflashReader::new(&bytes[..], bytes.len() as u64).count();
+    }
+}

@@ -1,0 +1,161 @@
+//! Logs made byte by byte, whole and damaged.
+
+use super::*;
+use proptest::prelude::*;
+
+const SAMPLES: u64 = 400;
+
+fn message(kind: u8, body: &[u8]) -> Vec<u8> {
+    let mut out = (body.len() as u16).to_le_bytes().to_vec();
+    out.push(kind);
+    out.extend_from_slice(body);
+    out
+}
+
+fn subscription(id: u16, name: &str) -> Vec<u8> {
+    let mut body = vec![0];
+    body.extend(id.to_le_bytes());
+    body.extend(name.as_bytes());
+    message(b'A', &body)
+}
+
+fn definitions() -> Vec<u8> {
+    let mut out = b"ULog\x01\x12\x35\x01".to_vec();
+    out.extend([0; 8]);
+    out.extend(message(b'B', &[0; 40]));
+    for format in [
+        "sensor_combined:uint64_t timestamp;float[3] gyro_rad;uint32_t gyro_integral_dt;float[3] accelerometer_m_s2;uint8_t[4] _padding0;",
+        "vehicle_gps_position:uint64_t timestamp;int32_t lat;int32_t lon;int32_t alt;uint8_t fix_type;uint8_t[3] _padding0;",
+        "vehicle_status:uint64_t timestamp;uint8_t vehicle_type;",
+        "inner:float a;float[2] b;",
+        "outer:uint64_t timestamp;inner[2] x;uint8_t[8] _padding0;",
+    ] {
+        out.extend(message(b'F', format.as_bytes()));
+    }
+    let mut parameter = vec![21];
+    parameter.extend(b"int32_t SYS_AUTOSTART");
+    parameter.extend(4001_i32.to_le_bytes());
+    out.extend(message(b'P', &parameter));
+    for (id, name) in
+        [(0, "sensor_combined"), (1, "vehicle_gps_position"), (2, "vehicle_status"), (3, "outer")]
+    {
+        out.extend(subscription(id, name));
+    }
+    out
+}
+
+fn imu_message(k: u64) -> Vec<u8> {
+    let mut body = 0_u16.to_le_bytes().to_vec();
+    body.extend((1_000_000 + 5_000 * k).to_le_bytes());
+    for v in [0.01_f32, 0.02, 0.03] {
+        body.extend(v.to_le_bytes());
+    }
+    body.extend(5000_u32.to_le_bytes());
+    for v in [0.0_f32, 0.1, -9.8] {
+        body.extend(v.to_le_bytes());
+    }
+    // Padding at the end is not logged.
+    message(b'D', &body)
+}
+
+fn data() -> Vec<u8> {
+    let mut out = Vec::new();
+    for k in 0..SAMPLES {
+        out.extend(imu_message(k));
+        if k % 40 == 0 {
+            let mut body = 1_u16.to_le_bytes().to_vec();
+            body.extend((1_000_000 + 5_000 * k).to_le_bytes());
+            for v in [473_977_420_i32, 85_455_940, 488_000] {
+                body.extend(v.to_le_bytes());
+            }
+            body.push(3);
+            out.extend(message(b'D', &body));
+            let mut nested = 3_u16.to_le_bytes().to_vec();
+            nested.extend([0; 8 + 24]);
+            out.extend(message(b'D', &nested));
+        }
+    }
+    out
+}
+
+struct Read {
+    imu: u64,
+    fixes: u64,
+    damage: Damage,
+    kind: Option<VehicleKind>,
+}
+
+fn read(bytes: &[u8]) -> Read {
+    let mut reader = UlogReader::new(bytes, bytes.len() as u64);
+    let (mut imu, mut fixes) = (0, 0);
+    for record in reader.by_ref().flatten() {
+        match record.item {
+            Item::Measurement(Measurement::Imu(..)) => imu += 1,
+            Item::Measurement(Measurement::Fix(..)) => fixes += 1,
+            _ => {}
+        }
+    }
+    assert_eq!(reader.progress().read_bytes, bytes.len() as u64);
+    Read { imu, fixes, damage: reader.damage(), kind: reader.vehicle_kind() }
+}
+
+#[test]
+fn a_whole_log_is_read_without_damage() {
+    let read = read(&[definitions(), data()].concat());
+    assert_eq!((read.imu, read.fixes, read.damage), (SAMPLES, 10, Damage::default()));
+    assert_eq!(read.kind, Some(VehicleKind::Multirotor), "by its airframe number");
+}
+
+#[test]
+fn the_status_of_the_vehicle_wins_over_the_number_of_its_airframe() {
+    let mut body = 2_u16.to_le_bytes().to_vec();
+    body.extend([0; 8]);
+    body.push(2);
+    let read = read(&[definitions(), message(b'D', &body), data()].concat());
+    assert_eq!(read.kind, Some(VehicleKind::FixedWing));
+}
+
+#[test]
+fn three_bytes_in_the_middle_cost_two_messages_and_are_reported() {
+    // A length of 0 and the type of a subscription, where a header should be.
+    let mut bytes = [definitions(), data()].concat();
+    let at = definitions().len() + 41 * 100 + 200;
+    let header = (at..).find(|k| bytes[*k..].starts_with(&imu_message(0)[..5])).unwrap();
+    bytes[header..header + 3].copy_from_slice(&[0, 0, 0x41]);
+    let read = read(&bytes);
+    assert!(read.imu >= SAMPLES - 2, "{}", read.imu);
+    assert!(read.damage.bad_records > 0 && !read.damage.truncated, "{:?}", read.damage);
+}
+
+#[test]
+fn a_log_that_ends_in_a_message_says_so() {
+    let bytes = [definitions(), data()].concat();
+    let read = read(&bytes[..bytes.len() - 5]);
+    assert_eq!(read.imu, SAMPLES - 1);
+    assert!(read.damage.truncated);
+}
+
+proptest! {
+    #[test]
+    fn a_burst_costs_what_it_touches_and_is_reported(
+        at in 0_usize..12_000, burst in proptest::collection::vec(any::<u8>(), 1..65),
+    ) {
+        let mut bytes = [definitions(), data()].concat();
+        let at = definitions().len() + at % (data().len() - burst.len());
+        let whole = bytes.clone();
+        bytes[at..at + burst.len()].copy_from_slice(&burst);
+        let read = read(&bytes);
+        let lost = SAMPLES.saturating_sub(read.imu);
+        prop_assert!(lost <= 5, "{lost} of {SAMPLES} lost at {at}");
+        // The format has no checksums: a type or topic that becomes another possible one cannot be told.
+        prop_assert!(lost <= 1 || read.damage.any(), "{lost} lost without a word");
+        prop_assert!(bytes != whole || !read.damage.any());
+    }
+
+    #[test]
+    fn rubbish_never_panics(bytes in proptest::collection::vec(any::<u8>(), 0..3000), behind in any::<bool>()) {
+        let head = if behind { definitions() } else { b"ULog\x01\x12\x35\x01".to_vec() };
+        let bytes = [head, bytes].concat();
+        let _ = UlogReader::new(&bytes[..], bytes.len() as u64).count();
+    }
+}

@@ -1,0 +1,147 @@
+//! What is asked of a vehicle before something is sent to it: version, position, parameters, messages that it can send. Requests only; nothing of the
+//! vehicle is changed.
+
+use super::param_codec;
+use super::vehicle::Vehicle;
+use super::wire::{Event, Wire};
+use crate::link::frame::Frame;
+use crate::preflight::{Facts, StreamFact};
+use gaware_mission::item::LatLon;
+use gaware_mission::params::{Encoding, ParamName, ParamRead, ParamTiming, Parameters};
+
+const COMMAND_LONG: u32 = 76;
+const COMMAND_ACK: u32 = 77;
+const AUTOPILOT_VERSION: u32 = 148;
+const GLOBAL_POSITION_INT: u32 = 33;
+const GPS_RAW_INT: u32 = 24;
+/// `MAV_CMD_REQUEST_MESSAGE`.
+const REQUEST_MESSAGE: u16 = 512;
+/// `MAV_RESULT_ACCEPTED`.
+const ACCEPTED: u8 = 0;
+/// Wait for the answer to a command, s, and attempts.
+const ANSWER_S: f64 = 0.7;
+const TRIES: u32 = 2;
+/// A position fix in `GPS_RAW_INT`: two dimensions at least.
+const FIX_2D: u8 = 2;
+
+/// What is wanted.
+#[derive(Debug, Clone, Default)]
+pub struct Wish {
+    /// Parameters.
+    pub parameters: Vec<ParamName>,
+    /// Messages that are to be requested once, by id and name.
+    pub streams: Vec<(u32, &'static str)>,
+}
+
+/// Asks for all of it; `None` when the user wants to stop.
+pub async fn gather(wire: &mut impl Wire, wish: Wish) -> Option<Facts> {
+    let mut facts = Facts::new(wire.vehicle());
+    // Every answer to a request shows that requests are answered at all.
+    let answered = request(wire, AUTOPILOT_VERSION, &mut facts).await?;
+    if answered.is_some() {
+        request(wire, GLOBAL_POSITION_INT, &mut facts).await?;
+        if facts.position.is_none() {
+            request(wire, GPS_RAW_INT, &mut facts).await?;
+        }
+        for (id, name) in wish.streams {
+            let works = request(wire, id, &mut facts).await?;
+            facts.streams.push(StreamFact { name, works: works == Some(ACCEPTED) });
+        }
+    }
+    facts.parameters = read_parameters(wire, wish.parameters).await?;
+    Some(facts)
+}
+
+/// Asks for one message; what the vehicle says to that, or `Some(None)` where it says nothing.
+async fn request(wire: &mut impl Wire, id: u32, facts: &mut Facts) -> Option<Option<u8>> {
+    for _ in 0..TRIES {
+        let payload = command_long(wire.vehicle(), REQUEST_MESSAGE, id as f32);
+        wire.send_payload(COMMAND_LONG, payload);
+        let until = wire.now_s() + ANSWER_S;
+        let (mut result, mut arrived) = (None, false);
+        // The message comes before or after the acknowledgement.
+        while wire.now_s() < until && !(arrived && result.is_some()) {
+            match wire.next(Some(until)).await {
+                Event::Frame(frame) if of_vehicle(wire.vehicle(), &frame) => {
+                    arrived |= frame.message_id == id;
+                    see(&frame, facts);
+                    result = result.or_else(|| acknowledged(&frame, REQUEST_MESSAGE));
+                    if result.is_some_and(|r| r != ACCEPTED) {
+                        return Some(result);
+                    }
+                }
+                Event::Frame(_) | Event::Deadline => {}
+                Event::Stopped => return None,
+            }
+        }
+        if result.is_some() {
+            return Some(result);
+        }
+    }
+    Some(None)
+}
+
+/// Reads these parameters; `None` when the user wants to stop.
+pub async fn read_parameters(wire: &mut impl Wire, names: Vec<ParamName>) -> Option<Parameters> {
+    let vehicle = wire.vehicle();
+    let encoding = Encoding::of(vehicle.autopilot);
+    let (mut read, mut messages) = ParamRead::start(encoding, ParamTiming::default(), names, wire.now_s());
+    loop {
+        for message in messages {
+            let (id, payload) = param_codec::encode(vehicle.address, &message);
+            wire.send_payload(id, payload);
+        }
+        if let Some(result) = read.result() {
+            return Some(result.clone());
+        }
+        messages = match wire.next(read.deadline()).await {
+            Event::Frame(frame) if of_vehicle(vehicle, &frame) => {
+                param_codec::decode(&frame).map_or_else(Vec::new, |m| read.receive(wire.now_s(), &m))
+            }
+            Event::Frame(_) => Vec::new(),
+            Event::Deadline => read.tick(wire.now_s()),
+            Event::Stopped => return None,
+        };
+    }
+}
+
+fn of_vehicle(vehicle: Vehicle, frame: &Frame) -> bool {
+    (frame.system_id, frame.component_id) == (vehicle.address.system, vehicle.address.component)
+}
+
+/// `COMMAND_LONG` with one parameter.
+fn command_long(vehicle: Vehicle, command: u16, param1: f32) -> Vec<u8> {
+    let mut b = param1.to_le_bytes().to_vec();
+    b.resize(28, 0);
+    b.extend(command.to_le_bytes());
+    b.extend([vehicle.address.system, vehicle.address.component, 0]);
+    b
+}
+
+fn acknowledged(frame: &Frame, command: u16) -> Option<u8> {
+    let at = |k: usize| frame.payload().get(k).copied().unwrap_or(0);
+    let about = u16::from_le_bytes([at(0), at(1)]) == command;
+    (frame.message_id == COMMAND_ACK && about).then(|| at(2))
+}
+
+/// Takes what a frame says of version and position.
+pub fn see(frame: &Frame, facts: &mut Facts) {
+    let payload = frame.payload();
+    // MAVLink 2 leaves zeros at the end out.
+    let at = |k: usize| payload.get(k).copied().unwrap_or(0);
+    let integer = |k: usize| i32::from_le_bytes([at(k), at(k + 1), at(k + 2), at(k + 3)]);
+    let place = |k: usize| {
+        let place = LatLon::from_e7(integer(k), integer(k + 4));
+        let known = (integer(k), integer(k + 4)) != (0, 0) && place.is_valid();
+        known.then_some(place)
+    };
+    match frame.message_id {
+        // capabilities (8), uid (8), flight_sw_version: type, patch, minor, major.
+        AUTOPILOT_VERSION => facts.firmware = Some([at(19), at(18), at(17)]),
+        // time_boot_ms (4), lat, lon.
+        GLOBAL_POSITION_INT => facts.position = place(4).or(facts.position),
+        // time_usec (8), lat, lon, alt, …, fix_type at 28.
+        GPS_RAW_INT if at(28) >= FIX_2D => facts.position = facts.position.or(place(8)),
+        _ => {}
+    }
+}

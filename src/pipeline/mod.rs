@@ -1,0 +1,259 @@
+//! The straight line from a frame to a snapshot, the same for a live link and for a log.
+//!
+//! Everything here follows from the frames (or measurements) and their order alone, so that a replay of a recording gives
+//! bit for bit what the run gave.
+
+mod recorded;
+mod truth_comparison;
+
+use crate::engine::snapshot::{GnssStatus, ImuStatus, Snapshot, Summary};
+use crate::link::frame::Frame;
+use crate::logs::{Item, Record};
+use crate::sensors::truth::SimTruth;
+use crate::sensors::{Converter, ConverterOptions, Notice, Severity};
+use crate::timeline::Gaps;
+use gaware_nav::observability::words::VehicleKind;
+use gaware_nav::sample::Sample;
+pub use recorded::{Recorded, samples};
+use serde_json::{Map, Value, json};
+pub use truth_comparison::{TruthComparison, TruthResult};
+
+/// What takes the samples.
+pub trait Consumer {
+    /// Takes the next sample.
+    fn feed(&mut self, sample: &Sample);
+    /// Takes what flies.
+    fn set_vehicle(&mut self, _kind: VehicleKind) {}
+    /// Roll, pitch, yaw, rad, and the time they are for, s; nothing while there is no estimate. Called often.
+    fn attitude(&mut self) -> Option<(f64, [f64; 3])> {
+        None
+    }
+}
+
+/// What the line needs of the engine.
+pub trait Estimator: Consumer {
+    /// The state now.
+    fn snapshot(&self) -> Snapshot;
+    /// The result so far.
+    fn summary(&self) -> Summary;
+}
+
+/// Converter and engine in a row.
+#[derive(Debug)]
+pub struct Pipeline<E> {
+    converter: Converter,
+    engine: E,
+    samples: Vec<Sample>,
+    truth: TruthComparison,
+    /// Warnings that nothing has settled.
+    warnings: Vec<Notice>,
+    /// The autopilot where the log itself says.
+    log_autopilot: Option<&'static str>,
+    /// What flies, and whether somebody has decided that.
+    kind: Option<VehicleKind>,
+    kind_decided: bool,
+}
+
+impl<E: Consumer> Pipeline<E> {
+    /// A line that has seen nothing. `truth_from_s`: seconds after the first sample from which the estimate is
+    /// compared with the truth, where a simulated autopilot sends it.
+    pub fn new(options: ConverterOptions, engine: E, truth_from_s: f64) -> Self {
+        Self {
+            converter: Converter::new(options),
+            engine,
+            samples: Vec::new(),
+            truth: TruthComparison::new(truth_from_s),
+            warnings: Vec::new(),
+            log_autopilot: None,
+            kind: None,
+            kind_decided: false,
+        }
+    }
+
+    /// Names the autopilot of a log that holds measurements.
+    pub fn set_autopilot(&mut self, name: Option<&'static str>) {
+        self.log_autopilot = name;
+    }
+
+    /// Decides what flies, whatever the vehicle itself reports.
+    pub fn decide_vehicle_kind(&mut self, kind: Option<VehicleKind>) {
+        self.kind_decided = false;
+        self.learn_vehicle_kind(kind);
+        self.kind_decided = kind.is_some();
+    }
+
+    /// Takes what the vehicle reports of its kind.
+    fn learn_vehicle_kind(&mut self, kind: Option<VehicleKind>) {
+        if kind.is_some() && kind != self.kind && !self.kind_decided {
+            self.kind = kind;
+            kind.iter().for_each(|kind| self.engine.set_vehicle(*kind));
+        }
+    }
+
+    /// What flies: as the airframe of the run said, as the vehicle reports (heartbeat, messages and parameters of its log), or
+    /// nothing where neither does.
+    pub fn vehicle_kind(&self) -> Option<VehicleKind> {
+        self.kind
+    }
+
+    /// Takes a frame; gives the samples that came of it and what the user is to be told.
+    pub fn frame(&mut self, t_us: u64, frame: &Frame) -> (&[Sample], Vec<Notice>) {
+        self.samples.clear();
+        self.converter.feed(t_us, frame, &mut self.samples);
+        self.learn_vehicle_kind(self.converter.vehicle_kind());
+        let notices = self.pass_on();
+        if let Some(truth) = SimTruth::from_frame(frame, &self.converter) {
+            let estimate = if self.truth.wants(&truth) { self.engine.attitude() } else { None };
+            self.truth.push(&truth, estimate);
+        }
+        (&self.samples, notices)
+    }
+
+    /// Takes an entry of a log.
+    pub fn record(&mut self, record: &Record) {
+        match &record.item {
+            Item::Frame(frame) => {
+                self.frame(record.t_us, frame);
+            }
+            Item::Measurement(measurement) => {
+                self.samples.clear();
+                self.converter.take(measurement, &mut self.samples);
+                self.pass_on();
+            }
+        }
+    }
+
+    /// Hands the new samples to the engine, and collects the notices.
+    fn pass_on(&mut self) -> Vec<Notice> {
+        for sample in &self.samples {
+            self.engine.feed(sample);
+        }
+        self.truth.begin(self.converter.time().now_s());
+        let notices = self.converter.take_notices();
+        for notice in &notices {
+            // The newest of a kind counts: the inertial source of before a reboot is no longer in use.
+            let kind = std::mem::discriminant(notice);
+            self.warnings
+                .retain(|earlier| std::mem::discriminant(earlier) != kind && !notice.settles(earlier));
+            if notice.severity() == Severity::Warning {
+                self.warnings.push(notice.clone());
+            }
+        }
+        notices
+    }
+
+    /// The engine.
+    pub fn engine(&self) -> &E {
+        &self.engine
+    }
+
+    /// Roll, pitch, yaw, rad, and the time they are for, s; nothing while there is no estimate.
+    pub fn attitude(&mut self) -> Option<(f64, [f64; 3])> {
+        self.engine.attitude()
+    }
+
+    /// The engine, at the end.
+    pub fn into_engine(self) -> E {
+        self.engine
+    }
+
+    /// The converter.
+    pub fn converter(&self) -> &Converter {
+        &self.converter
+    }
+
+    fn autopilot(&self) -> &'static str {
+        self.log_autopilot.unwrap_or(self.converter.autopilot().name())
+    }
+
+    /// What the engine cannot know: what was lost or refused before it.
+    fn complete(&self, imu: &mut ImuStatus, gnss: &mut GnssStatus, warnings: &mut Vec<String>) {
+        let time = self.converter.time();
+        imu.dropped += self.converter.stats().imu_dropped() + time.imu_lost();
+        (imu.gaps, gnss.gaps) = (time.imu_gaps(), time.fix_gaps());
+        warnings.splice(0..0, self.warnings.iter().map(Notice::to_string));
+    }
+
+    /// Gaps and refusals in words.
+    fn losses(&self) -> Vec<String> {
+        let (time, counts) = (self.converter.time(), self.converter.stats().time);
+        let mut lost = Vec::new();
+        let Gaps { count, seconds, longest_s } = time.imu_gaps();
+        if count > 0 {
+            lost.push(format!(
+                "inertial samples have gaps: {count}, {seconds:.1} s in all, the longest {longest_s:.1} s"
+            ));
+        }
+        for (n, what) in [
+            (counts.imu_unconfirmed, "inertial samples with a time stamp out of place"),
+            (counts.imu_implausible + counts.imu_invalid, "inertial samples with impossible values"),
+            (counts.fix_implausible, "fixes with impossible values"),
+            (counts.fix_misplaced, "fixes with a time stamp out of place"),
+        ] {
+            if n > 0 {
+                lost.push(format!("{what} were rejected: {n}"));
+            }
+        }
+        lost
+    }
+}
+
+impl<E: Estimator> Pipeline<E> {
+    /// The state now.
+    pub fn snapshot(&self) -> Snapshot {
+        let mut s = self.engine.snapshot();
+        s.autopilot = self.autopilot().to_owned();
+        self.complete(&mut s.imu, &mut s.gnss, &mut s.warnings);
+        s
+    }
+
+    /// The result.
+    pub fn summary(&self) -> Summary {
+        let mut s = self.engine.summary();
+        s.autopilot = self.autopilot().to_owned();
+        self.complete(&mut s.imu, &mut s.gnss, &mut s.warnings);
+        s.warnings.extend(self.losses());
+        s
+    }
+
+    /// The result as a document: the summary, what flew, what was refused on the way, and the comparison with the truth
+    /// where there is one.
+    pub fn document(&self) -> Map<String, Value> {
+        let Ok(Value::Object(mut document)) = serde_json::to_value(self.summary()) else { return Map::new() };
+        if let Some(kind) = self.vehicle_kind() {
+            document.insert("vehicle_kind".to_owned(), json!(kind));
+        }
+        document.insert("converter".to_owned(), json!(self.converter.stats()));
+        if let Some(result) = self.truth.result() {
+            document.insert("truth_comparison".to_owned(), json!(result));
+        }
+        document
+    }
+}
+
+impl Consumer for crate::engine::Engine {
+    fn feed(&mut self, sample: &Sample) {
+        Self::feed(self, sample);
+    }
+
+    fn set_vehicle(&mut self, kind: VehicleKind) {
+        Self::set_vehicle(self, kind);
+    }
+
+    fn attitude(&mut self) -> Option<(f64, [f64; 3])> {
+        Self::attitude(self)
+    }
+}
+
+impl Estimator for crate::engine::Engine {
+    fn snapshot(&self) -> Snapshot {
+        Self::snapshot(self)
+    }
+
+    fn summary(&self) -> Summary {
+        Self::summary(self)
+    }
+}
+
+#[cfg(test)]
+mod tests;

@@ -1,0 +1,101 @@
+//! A recorded flight through the line: the same way for `replay`, `report` and `explain`.
+
+use super::{Consumer, Pipeline};
+use crate::logs::{self, Damage, LogError, LogReader};
+use crate::sensors::ConverterOptions;
+use crate::sinks::recorder::Setup;
+use gaware_nav::sample::Sample;
+use std::path::Path;
+
+/// Records between two looks at the progress.
+const PROGRESS_EVERY: u64 = 4096;
+
+/// A log that is open, with what a recording of gaware says of its own run.
+pub struct Recorded {
+    reader: Box<dyn LogReader>,
+    setup: Option<Setup>,
+    options: ConverterOptions,
+}
+
+impl Recorded {
+    /// Opens a log of any known format. What the user asks for wins over what the recording was made with.
+    ///
+    /// # Errors
+    /// No such file, an empty one, or one of another format.
+    pub fn open(path: &Path, asked: ConverterOptions) -> Result<Self, LogError> {
+        let reader = logs::open(path)?;
+        let setup = logs::mcap::recorded_setup(path);
+        let recorded = setup.as_ref().map(|s| s.converter).unwrap_or_default();
+        let options = ConverterOptions {
+            source: asked.source.or(recorded.source),
+            vehicle: asked.vehicle.or(recorded.vehicle),
+        };
+        Ok(Self { reader, setup, options })
+    }
+
+    /// The set-up of the run, where the log is its recording.
+    pub fn setup(&self) -> Option<&Setup> {
+        self.setup.as_ref()
+    }
+
+    /// Size of the file.
+    pub fn total_bytes(&self) -> u64 {
+        self.reader.progress().total_bytes
+    }
+
+    /// Runs all of it through a new line in front of `consumer`; `progress` gets the bytes read so far.
+    ///
+    /// # Errors
+    /// When nothing in it can be read.
+    pub fn run<E: Consumer>(
+        mut self,
+        consumer: E,
+        truth_from_s: f64,
+        progress: &dyn Fn(u64),
+    ) -> Result<(Pipeline<E>, Damage), LogError> {
+        let mut pipeline = Pipeline::new(self.options, consumer, truth_from_s);
+        pipeline.set_autopilot(self.reader.autopilot());
+        pipeline.decide_vehicle_kind(self.setup.as_ref().and_then(|s| s.vehicle));
+        let mut records = 0_u64;
+        while let Some(record) = self.reader.next() {
+            match record {
+                Ok(record) => pipeline.record(&record),
+                // What was read before a failing disk is still a result.
+                Err(error @ LogError::Read { .. }) if records > 0 => {
+                    tracing::warn!(%error, "the log is used up to here");
+                    break;
+                }
+                Err(error) => return Err(error),
+            }
+            records += 1;
+            if records.is_multiple_of(PROGRESS_EVERY) {
+                progress(self.reader.progress().read_bytes);
+            }
+        }
+        pipeline.learn_vehicle_kind(self.reader.vehicle_kind());
+        Ok((pipeline, self.reader.damage()))
+    }
+}
+
+/// Keeps what comes.
+#[derive(Debug, Default)]
+struct Kept(Vec<Sample>);
+
+impl Consumer for Kept {
+    fn feed(&mut self, sample: &Sample) {
+        self.0.push(sample.clone());
+    }
+}
+
+/// All samples of a log of any format, as a replay feeds them to the engine.
+///
+/// # Errors
+/// A log that cannot be opened or read.
+pub fn samples(path: &Path, options: ConverterOptions) -> Result<Vec<Sample>, LogError> {
+    let recorded = Recorded::open(path, options)?;
+    let (pipeline, damage) = recorded.run(Kept::default(), f64::INFINITY, &|_| {})?;
+    if damage.any() {
+        tracing::warn!(?damage, path = %path.display(), "parts of the log could not be read");
+    }
+    Ok(pipeline.into_engine().0)
+}

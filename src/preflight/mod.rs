@@ -1,0 +1,158 @@
+//! The pre-flight check: facts about a vehicle in, a table with ok, warn and stop out. Pure; the facts are gathered by
+//! [`crate::mission_link::facts`].
+
+mod fence;
+mod limits;
+mod vehicle;
+
+pub use fence::{enforcement, fence_parameters};
+
+use crate::mission_link::files::Contents;
+use crate::mission_link::vehicle::Vehicle;
+use gaware_mission::airframe::Airframe;
+use gaware_mission::item::{Autopilot, LatLon};
+use gaware_mission::params::{ParamName, Parameters};
+use serde::Serialize;
+
+/// The check of whether the vehicle may be changed in its present state.
+pub const STATE: &str = "state";
+
+/// What a line of the table means.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Serialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Verdict {
+    /// As it should be.
+    Ok,
+    /// To be looked at; flying is possible.
+    Warn,
+    /// Not to be flown like this.
+    Stop,
+}
+
+impl std::fmt::Display for Verdict {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.write_str(match self {
+            Self::Ok => "ok",
+            Self::Warn => "warn",
+            Self::Stop => "STOP",
+        })
+    }
+}
+
+/// A line of the table.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize)]
+pub struct Row {
+    /// What was checked.
+    pub check: &'static str,
+    /// What came of it.
+    pub verdict: Verdict,
+    /// In a sentence.
+    pub text: String,
+}
+
+impl Row {
+    fn new(check: &'static str, verdict: Verdict, text: impl Into<String>) -> Self {
+        Self { check, verdict, text: text.into() }
+    }
+}
+
+impl std::fmt::Display for Row {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        write!(f, "{:<5} {:<14} {}", self.verdict.to_string(), self.check, self.text)
+    }
+}
+
+/// A message that the estimator needs, and whether the vehicle sends it on request.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct StreamFact {
+    /// Its name.
+    pub name: &'static str,
+    /// Whether it came.
+    pub works: bool,
+}
+
+/// What is known of the vehicle.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Facts {
+    /// The one that was chosen.
+    pub vehicle: Vehicle,
+    /// Other vehicles on the link; empty where the user has chosen.
+    pub others: Vec<Vehicle>,
+    /// System id of the vehicle on the screen of a run, where there is one.
+    pub on_screen: Option<u8>,
+    /// Where it is.
+    pub position: Option<LatLon>,
+    /// Major, minor and patch version of its firmware.
+    pub firmware: Option<[u8; 3]>,
+    /// Its parameters, as far as they were asked for.
+    pub parameters: Parameters,
+    /// Messages that it was asked for.
+    pub streams: Vec<StreamFact>,
+}
+
+impl Facts {
+    /// Nothing is known but the heartbeat.
+    pub fn new(vehicle: Vehicle) -> Self {
+        Self {
+            vehicle,
+            others: Vec::new(),
+            on_screen: None,
+            position: None,
+            firmware: None,
+            parameters: Parameters::default(),
+            streams: Vec::new(),
+        }
+    }
+}
+
+/// What the vehicle is to be checked against.
+#[derive(Debug, Clone, Copy, Default)]
+pub struct Against<'a> {
+    /// The plan.
+    pub plan: Option<&'a Contents>,
+    /// The airframe that it was made for.
+    pub airframe: Option<&'a Airframe>,
+}
+
+/// The whole table.
+pub fn check(facts: &Facts, against: Against<'_>) -> Vec<Row> {
+    let mut rows = vehicle::check(facts, against);
+    rows.extend(limits::check(facts, against));
+    rows.extend(fence::check(facts, against));
+    rows
+}
+
+/// The checks before every upload: without an airframe file, and without the rates that the estimator needs.
+pub fn check_upload(facts: &Facts, plan: &Contents) -> Vec<Row> {
+    let against = Against { plan: Some(plan), airframe: None };
+    let mut rows = vehicle::check(facts, against);
+    rows.extend(limits::check_mission(facts, plan));
+    rows.extend(fence::check(facts, against));
+    rows
+}
+
+/// The parameters that [`check`] looks at.
+pub fn parameters(autopilot: Autopilot) -> Vec<ParamName> {
+    let mut names = upload_parameters(autopilot);
+    names.extend(valid(match autopilot {
+        Autopilot::ArduPilot => limits::ARDUPILOT,
+        Autopilot::Px4 => limits::PX4,
+    }));
+    names
+}
+
+/// The parameters that [`check_upload`] looks at.
+pub fn upload_parameters(autopilot: Autopilot) -> Vec<ParamName> {
+    let mut names = fence_parameters(autopilot);
+    if autopilot == Autopilot::Px4 {
+        names.extend(valid(limits::PX4_MISSION));
+    }
+    names
+}
+
+fn valid(names: &[&str]) -> Vec<ParamName> {
+    names.iter().filter_map(|n| n.parse().ok()).collect()
+}
+
+#[cfg(test)]
+mod tests;

@@ -1,0 +1,219 @@
+//! The first screen of the report of a flight: where it comes from, the verdict, and what an engineer asks first.
+
+use super::attitude::Comparison;
+use super::innovations::Channel;
+use super::lessons::{self, Lesson, is_g};
+use super::log::FlightLog;
+use super::words;
+use crate::engine::snapshot::{StateStatus, Status, Summary};
+use crate::report::page::{answers as list, escape};
+use std::fmt::Write;
+
+/// Name, origin, verdict and warnings.
+pub fn head(origin: &super::Origin, s: &Summary, body: &mut String) {
+    let vehicle = match s.vehicle_type.as_str() {
+        "fixed_wing" => "fixed wing",
+        "multirotor" => "multirotor",
+        _ => "vehicle type not in the log",
+    };
+    let date = if origin.date.is_empty() { "date not in the log" } else { &origin.date };
+    let imu = if s.imu.message.is_empty() { "no inertial message" } else { &s.imu.message };
+    let _ = write!(
+        body,
+        "<h1>{}</h1><p class=\"quiet\">{} · {vehicle}, {} · {:.0} s · {} at {:.1} Hz, {} samples, {} dropped · {} fixes, {} used, \
+         {} rejected · model: {} · gaware {}</p><p class=\"verdict\">{}</p>",
+        escape(&origin.log),
+        escape(date),
+        escape(&s.autopilot),
+        s.duration_s,
+        escape(imu),
+        s.imu.rate_hz,
+        s.imu.samples,
+        s.imu.dropped,
+        s.gnss.fixes,
+        s.gnss.used,
+        s.gnss.rejected,
+        escape(&origin.model),
+        env!("CARGO_PKG_VERSION"),
+        escape(&words::verdict(s))
+    );
+    if !s.warnings.is_empty() {
+        body.push_str("<ul>");
+        for warning in &s.warnings {
+            let _ = write!(body, "<li>{}</li>", escape(warning));
+        }
+        body.push_str("</ul>");
+    }
+}
+
+/// What an engineer asks first, each with a link to the evidence.
+pub fn answers(
+    s: &Summary,
+    log: &FlightLog,
+    lessons: &[Lesson],
+    compared: Option<&Comparison>,
+    fixes: &[Channel],
+    body: &mut String,
+) {
+    let usable = s.implausible.is_empty();
+    let g: Vec<&StateStatus> = s.observability.states.iter().filter(|x| is_g(&x.name)).collect();
+    let observable = g.iter().filter(|x| x.status == Status::Observable).count();
+    let next = if usable && observable == g.len() {
+        "Run <code>gaware explain</code> on this log: it tests which effects the model lacks."
+    } else {
+        "Fly what is named in the verdict, then run <code>gaware explain</code> on the log."
+    };
+    body.push_str(&list(&[
+        (
+            "Is G large, how sure?",
+            if usable {
+                format!("{} <a href=\"#g\">All elements</a>.", large(s))
+            } else {
+                "Not answered: an unmodelled error is absorbed by these states, so the values are not shown."
+                    .to_owned()
+            },
+        ),
+        ("What does it do in a turn?", if usable && !g.is_empty() { in_a_turn(s) } else { String::new() }),
+        ("What could not be seen?", unseen(&g)),
+        (
+            "What taught most?",
+            lessons.iter().max_by(|a, b| a.gain.total_cmp(&b.gain)).map_or_else(String::new, |l| {
+                format!(
+                    "{:.0} to {:.0} s: {}. <a href=\"#learning\">All parts</a>.",
+                    l.start_s,
+                    l.end_s,
+                    escape(&l.did)
+                )
+            }),
+        ),
+        (
+            "Whose attitude is wrong?",
+            compared.map_or_else(
+                || "The log has no attitude of the autopilot to compare with.".to_owned(),
+                whose,
+            ),
+        ),
+        ("What changed in flight?", changed(log)),
+        ("Does the model fit?", fit(s, fixes)),
+        ("What now?", next.to_owned()),
+    ]));
+}
+
+/// The largest element in the whole of G, whatever its sigma.
+fn large(s: &Summary) -> String {
+    let g = &s.estimate.g_sensitivity_deg_per_h_per_g;
+    let all = (0..9).map(|k| (k / 3, k % 3)).filter(|(r, c)| g.sigma[*r][*c] > 0.0);
+    let sure = all.clone().filter(|(r, c)| g.value[*r][*c].abs() > words::SURE * g.sigma[*r][*c]).count();
+    let best = all.max_by(|a, b| {
+        let ratio = |(r, c): &(usize, usize)| g.value[*r][*c].abs() / g.sigma[*r][*c];
+        ratio(a).total_cmp(&ratio(b))
+    });
+    best.map_or_else(
+        || "G is not estimated by this model.".to_owned(),
+        |(r, c)| format!(
+            "{sure} of 9 elements differ from zero by more than 3 sigma; the most certain is g{}{} = {:.0} ± {:.0} deg/h/g.",
+            r + 1,
+            c + 1,
+            g.value[r][c],
+            g.sigma[r][c]
+        ),
+    )
+}
+
+fn in_a_turn(s: &Summary) -> String {
+    let all = words::meanings(&s.estimate.g_sensitivity_deg_per_h_per_g, &s.vehicle_type);
+    let Some(turn) = all.first() else { return String::new() };
+    let part = |k: usize, name: &str| {
+        format!("{name} {:.1} ± {:.1}", turn.error_deg_per_min[k].0, turn.error_deg_per_min[k].1)
+    };
+    format!(
+        "Gyro error at {}: {}, {}, {} deg per minute.",
+        turn.when,
+        part(0, "roll"),
+        part(1, "pitch"),
+        part(2, "yaw")
+    )
+}
+
+fn unseen(g: &[&StateStatus]) -> String {
+    let open: Vec<&str> =
+        g.iter().filter(|x| x.status != Status::Observable).map(|x| x.name.as_str()).collect();
+    match (g.len(), open.len()) {
+        (0, _) => String::new(),
+        (_, 0) => "Nothing: every element of G has converged.".to_owned(),
+        (_, _) => {
+            format!("{} of {} elements of G have not converged: {}.", open.len(), g.len(), open.join(", "))
+        }
+    }
+}
+
+/// Two figures that differ by less than this share are called equal.
+const ALIKE: f64 = 0.05;
+
+fn whose(c: &Comparison) -> String {
+    let turns = c.rows.iter().find(|r| r.regime.starts_with("in turns")).or_else(|| c.rows.first());
+    let course = c.crab_rms_deg.map_or_else(String::new, |[theirs, ours]| {
+        if (theirs - ours).abs() < ALIKE * theirs.max(ours) {
+            return format!(" Against the course over the ground neither yaw is worse ({ours:.1}° RMS).");
+        }
+        let who = if theirs > ours { "the autopilot's" } else { "this estimate's" };
+        format!(
+            " Against the course over the ground {who} yaw is the worse one ({theirs:.1}° to {ours:.1}° RMS)."
+        )
+    });
+    turns.map_or(course.clone(), |r| {
+        format!(
+            "They differ by {:.2} / {:.2} / {:.2}° RMS in roll, pitch, yaw ({}); our own sigma is {:.2} / {:.2} / {:.2}°.{course} \
+             <a href=\"#attitude\">Comparison</a>.",
+            r.rms_deg[0], r.rms_deg[1], r.rms_deg[2], r.regime, r.sigma_deg[0], r.sigma_deg[1], r.sigma_deg[2]
+        )
+    })
+}
+
+/// The states that converged, in the order in which they did.
+fn changed(log: &FlightLog) -> String {
+    let mut since = lessons::known_since(&log.snapshots);
+    since.retain(|(name, _)| is_g(name) || name.starts_with("bg_"));
+    since.sort_by(|a, b| a.1.total_cmp(&b.1));
+    match (since.first(), since.last()) {
+        (Some((first, t0)), Some((last, t1))) => {
+            format!(
+                "{} states converged, from {first} at {t0:.0} s to {last} at {t1:.0} s. <a href=\"#biases\">Over time</a>.",
+                since.len()
+            )
+        }
+        _ => "No element of G and no gyro bias converged.".to_owned(),
+    }
+}
+
+fn fit(s: &Summary, fixes: &[Channel]) -> String {
+    let nis = s.consistency.nis_mean_per_dof;
+    let worst = fixes.iter().max_by(|a, b| a.largest.1.abs().total_cmp(&b.largest.1.abs()));
+    let outlier = worst.map_or_else(String::new, |c| {
+        format!(
+            " The largest innovation is {:.0} sigma in {} at {:.0} s (rejected fixes included).",
+            c.largest.1.abs(),
+            c.name,
+            c.largest.0
+        )
+    });
+    let word = if nis > 1.5 {
+        "too large: the model lacks something"
+    } else if nis < 0.5 {
+        "too small: the model is pessimistic"
+    } else {
+        "as it should be"
+    };
+    format!("NIS of the fixes used {nis:.2} per degree of freedom, 1 is right: {word}.{outlier}")
+}
+
+/// The last section.
+pub fn how_to_read(body: &mut String) {
+    body.push_str(
+        "<h2>How to read this</h2><p>Values are given with one sigma. G says what an acceleration does to the gyros: \
+         g<sub>31</sub> is what one g forward does to the yaw gyro. A state has converged once its sigma is below the \
+         target. An innovation is what a fix says less what was expected of it, over its expected sigma: within ±1 two \
+         times out of three when nothing is missing. In the plots: drag to zoom all of them, double click for the whole flight; \
+         the CSV link holds the values of the plot.</p>",
+    );
+}

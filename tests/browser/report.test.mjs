@@ -1,0 +1,93 @@
+// The reports in a real browser: on a desktop, on a phone, on paper and without scripts.
+
+import assert from "node:assert/strict";
+import { execFileSync } from "node:child_process";
+import { existsSync, mkdtempSync, rmSync } from "node:fs";
+import { tmpdir } from "node:os";
+import { join } from "node:path";
+import { after, before, test } from "node:test";
+import { launch, open } from "./harness.mjs";
+
+const ROOT = new URL("../../", import.meta.url).pathname;
+const FLIGHTS = process.env.GAWARE_FLIGHTS ?? join(ROOT, "../shared/data");
+const LOGS = [
+  join(ROOT, "tests/data/small_gsens_typical_dither.tlog"),
+  ...["real_copter_sample.BIN", "real_px4_sample.ulg", "qdr_p4rtk_xsensdot"].map((name) => join(FLIGHTS, name)),
+].filter(existsSync);
+const folder = mkdtempSync(join(tmpdir(), "gaware-reports-"));
+let browser;
+let reports;
+before(async () => {
+  browser = await launch();
+  reports = LOGS.map((log, k) => {
+    const out = join(folder, `${k}.html`);
+    execFileSync(process.env.GAWARE, ["report", log, "--out", out], { stdio: ["ignore", "ignore", "inherit"] });
+    return `file://${out}`;
+  });
+});
+after(async () => {
+  await browser.close();
+  rmSync(folder, { recursive: true });
+});
+
+/** What is wider than the window or lies over its neighbour, and what is smaller than 12 px. */
+function faults() {
+  const inside = (e) => e.closest(".wide, .drawing, .area, pre, svg");
+  const shown = [...document.querySelectorAll("body *")].filter((e) => e.getClientRects().length > 0);
+  const small = shown.filter((e) => !e.closest(".drawing, script") && [...e.childNodes].some((n) => n.nodeType === 3 && n.textContent.trim()) && parseFloat(getComputedStyle(e).fontSize) < 12);
+  const labels = [...document.querySelectorAll(".drawing text")].map((e) => e.getBoundingClientRect());
+  const over = labels.filter((a, i) => labels.some((b, k) => k > i && a.left < b.right - 3 && b.left < a.right - 3 && a.top < b.bottom - 6 && b.top < a.bottom - 6));
+  return {
+    scroll: document.documentElement.scrollWidth - window.innerWidth,
+    wide: shown.filter((e) => !inside(e) && e.getBoundingClientRect().right > window.innerWidth + 1).map((e) => `${e.tagName}.${e.className}`),
+    small: small.map((e) => e.textContent.trim().slice(0, 30)),
+    over: over.length,
+    raw: document.body.innerText.match(/\[[-0-9.]+,|NaN|undefined/g),
+    plots: document.querySelectorAll("figure.chart").length - document.querySelectorAll("figure.chart.live .uplot").length,
+  };
+}
+
+test("at 1280 and at 390 pixels nothing overflows, nothing overlaps, every label can be read", async () => {
+  for (const report of reports) {
+    for (const width of [1280, 390]) {
+      const { page, errors, close } = await open(browser, { viewport: { width, height: 844 } });
+      await page.goto(report);
+      const found = await page.evaluate(faults);
+      assert.ok(found.scroll <= 0, `${report} at ${width}: ${found.scroll} px wider`);
+      assert.deepEqual({ ...found, scroll: 0 }, { scroll: 0, wide: [], small: [], over: 0, raw: null, plots: 0 }, `${report} at ${width}`);
+      assert.deepEqual(errors.filter((e) => !e.startsWith("asked for file:")), []);
+      await close();
+    }
+  }
+});
+
+test("the plots of a report share time axis and zoom, and their data can be taken away", async () => {
+  const { page, close } = await open(browser, { viewport: { width: 1280, height: 900 } });
+  await page.goto(reports[0]);
+  const over = page.locator(".uplot .u-over").first();
+  const axis = (k) => page.evaluate((i) => document.querySelectorAll(".uplot canvas")[i].toDataURL(), k);
+  const before = await axis(3);
+  await over.scrollIntoViewIfNeeded();
+  const box = await over.boundingBox();
+  await page.mouse.move(box.x + box.width * 0.3, box.y + 40);
+  await page.mouse.down();
+  await page.mouse.move(box.x + box.width * 0.6, box.y + 40, { steps: 4 });
+  await page.mouse.up();
+  await page.waitForFunction(([i, was]) => document.querySelectorAll(".uplot canvas")[i].toDataURL() !== was, [3, before]);
+  const csv = await page.evaluate(() => decodeURIComponent(document.querySelector("a.csv").href.split(",").slice(1).join(",")));
+  assert.match(csv, /^time_s,[a-z_]+\n[0-9.]+,[-0-9.]+\n/);
+  await close();
+});
+
+test("without scripts and on paper there is a drawing of every plot", async () => {
+  const { page, close } = await open(browser, { javaScriptEnabled: false });
+  await page.goto(reports[0]);
+  assert.ok(await page.locator("figure.chart").count() >= 8);
+  assert.equal(await page.locator("figure.chart .area > svg polyline").count() > 0, true);
+  assert.equal(await page.locator("figure.chart .area:not(:has(> svg))").count(), 0);
+  await close();
+  const printed = await open(browser, {});
+  await printed.page.goto(reports[0]);
+  assert.ok((await printed.page.pdf({ format: "A4" })).length > 50000);
+  await printed.close();
+});
