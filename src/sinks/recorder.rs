@@ -18,6 +18,7 @@ use foxglove::{LocationFix, Log, PoseInFrame};
 use gaware_nav::observability::words::VehicleKind;
 use gaware_nav::sample::Sample;
 use mcap::records::{MessageHeader, Metadata};
+use mcap::write::NoSeek;
 use mcap::{Attachment, McapError, WriteOptions, Writer};
 use records::{AttitudeRecord, FixRecord, ImuRecord};
 use schemars::JsonSchema;
@@ -25,7 +26,7 @@ use serde::{Deserialize, Serialize};
 use std::borrow::Cow;
 use std::collections::BTreeMap;
 use std::fs::File;
-use std::io::BufWriter;
+use std::io::{BufWriter, Write};
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicU64, AtomicUsize, Ordering};
@@ -111,8 +112,10 @@ fn said(error: &McapError) -> String {
 pub struct RecorderStats {
     /// Items that are on the disk.
     pub written: u64,
-    /// Items lost because the writer was behind.
+    /// Frames lost because the writer was behind.
     pub dropped: u64,
+    /// Samples and snapshots left out because the writer was behind. A replay makes them again from the frames: nothing is lost.
+    pub skipped: u64,
     /// Items lost because writing failed.
     pub failed: u64,
     /// Bytes on the disk.
@@ -123,6 +126,7 @@ pub struct RecorderStats {
 struct Counters {
     written: AtomicU64,
     dropped: AtomicU64,
+    skipped: AtomicU64,
     failed: AtomicU64,
     bytes: AtomicU64,
     waiting: AtomicUsize,
@@ -181,7 +185,6 @@ impl Recorder {
             output: Some(output),
             pending: 0,
             settled: 0,
-            length: 0,
             earlier_bytes: 0,
             part: 1,
             retry: Instant::now(),
@@ -195,14 +198,18 @@ impl Recorder {
 
     /// Hands an item over without waiting.
     pub fn record(&self, item: RecordItem) {
-        let room = if matches!(item, RecordItem::Frame(_)) { FRAMES_AHEAD } else { DERIVED_AHEAD };
-        let waiting = &self.counters.waiting;
+        let counters = &self.counters;
+        let (room, lost) = match item {
+            RecordItem::Frame(_) => (FRAMES_AHEAD, &counters.dropped),
+            _ => (DERIVED_AHEAD, &counters.skipped),
+        };
+        let waiting = &counters.waiting;
         // Counted before it is sent: the writer takes it off again after it has taken it.
         if waiting.fetch_add(1, Ordering::Relaxed) >= room
             || self.items.as_ref().is_none_or(|items| items.send(item).is_err())
         {
             waiting.fetch_sub(1, Ordering::Relaxed);
-            self.counters.dropped.fetch_add(1, Ordering::Relaxed);
+            lost.fetch_add(1, Ordering::Relaxed);
         }
     }
 
@@ -211,6 +218,7 @@ impl Recorder {
         RecorderStats {
             written: self.counters.written.load(Ordering::Relaxed),
             dropped: self.counters.dropped.load(Ordering::Relaxed),
+            skipped: self.counters.skipped.load(Ordering::Relaxed),
             failed: self.counters.failed.load(Ordering::Relaxed),
             bytes: self.counters.bytes.load(Ordering::Relaxed),
         }
@@ -252,8 +260,6 @@ struct Worker {
     pending: u64,
     /// Items that are on the disk in this file: a file that is deleted or truncated loses them.
     settled: u64,
-    /// Its length when it was last looked at.
-    length: u64,
     /// Bytes of the files before this one.
     earlier_bytes: u64,
     part: u32,
@@ -283,9 +289,8 @@ impl Worker {
     /// Brings what is pending to the disk, and counts it as written or as lost.
     fn settle(&mut self, how: fn(&mut Output) -> Result<(), McapError>) {
         let Some(output) = &mut self.output else { return };
-        // Looked at before more is written: behind the end of a truncated file a hole would hide that.
         let spoiled = output.file.metadata().ok().and_then(|file| {
-            let truncated = file.len() < self.length;
+            let truncated = file.len() < output.appended.load(Ordering::Relaxed);
             if is_gone(&file) { Some("deleted") } else { truncated.then_some("truncated") }
         });
         if let Some(what) = spoiled {
@@ -300,7 +305,6 @@ impl Worker {
         match how(output).and_then(|()| Ok(output.file.metadata()?)) {
             Ok(file) => {
                 self.settled += self.pending;
-                self.length = file.len();
                 self.counters.written.fetch_add(std::mem::take(&mut self.pending), Ordering::Relaxed);
                 self.counters.bytes.store(self.earlier_bytes + file.len(), Ordering::Relaxed);
             }
@@ -329,7 +333,7 @@ impl Worker {
         tracing::error!(%error, path = %self.path.display(), "recording failed, messages are lost");
         self.counters.failed.fetch_add(std::mem::take(&mut self.pending), Ordering::Relaxed);
         self.earlier_bytes = self.counters.bytes.load(Ordering::Relaxed);
-        (self.settled, self.length) = (0, 0);
+        self.settled = 0;
         self.output = None;
         self.retry = Instant::now() + RETRY_PERIOD;
     }
@@ -348,10 +352,31 @@ fn part_path(path: &Path, part: u32) -> PathBuf {
     path.with_file_name(format!("{stem}_{part}.mcap"))
 }
 
+/// Writes at the end of the file, wherever that is, and counts: after a truncation the file stays too short for good, where
+/// writing at an offset would leave a hole that looks like data.
+struct Appending {
+    file: File,
+    taken: Arc<AtomicU64>,
+}
+
+impl Write for Appending {
+    fn write(&mut self, bytes: &[u8]) -> std::io::Result<usize> {
+        let taken = self.file.write(bytes)?;
+        self.taken.fetch_add(taken as u64, Ordering::Relaxed);
+        Ok(taken)
+    }
+
+    fn flush(&mut self) -> std::io::Result<()> {
+        self.file.flush()
+    }
+}
+
 /// The open file and its channels.
 struct Output {
     file: File,
-    writer: Writer<BufWriter<File>>,
+    /// Bytes that the file took. It only grows, so a shorter file was truncated by somebody else.
+    appended: Arc<AtomicU64>,
+    writer: Writer<NoSeek<BufWriter<Appending>>>,
     frames: BTreeMap<u16, u16>,
     channels: BTreeMap<&'static str, u16>,
     sequence: u32,
@@ -362,10 +387,12 @@ impl Output {
         if let Some(folder) = path.parent().filter(|p| !p.as_os_str().is_empty()) {
             std::fs::create_dir_all(folder)?;
         }
-        let file = File::create_new(path)?;
+        let file = File::options().append(true).create_new(true).open(path)?;
+        let appended = Arc::default();
+        let sink = Appending { file: file.try_clone()?, taken: Arc::clone(&appended) };
         // The size of chunks is given by the regular flush.
-        let options = WriteOptions::new().library(format!("gaware {}", setup.version));
-        let mut writer = options.create(BufWriter::new(file.try_clone()?))?;
+        let options = WriteOptions::new().library(format!("gaware {}", setup.version)).disable_seeking(true);
+        let mut writer = options.create(NoSeek::new(BufWriter::new(sink)))?;
         let json = serde_json::to_string(setup).unwrap_or_default();
         writer.write_metadata(&Metadata {
             name: SETUP_METADATA.to_owned(),
@@ -379,7 +406,7 @@ impl Output {
             data: Cow::Borrowed(setup.model_toml.as_bytes()),
         })?;
         let mut output =
-            Self { file, writer, frames: BTreeMap::new(), channels: BTreeMap::new(), sequence: 0 };
+            Self { file, appended, writer, frames: BTreeMap::new(), channels: BTreeMap::new(), sequence: 0 };
         // All channels at once, in a chunk of their own: damage to later chunks cannot take them away.
         for (link, address) in setup.links.iter().enumerate() {
             output.frame_channel(link as u16, address)?;
