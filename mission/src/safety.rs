@@ -450,8 +450,7 @@ impl<'a> Checker<'a> {
     pub fn end(&self, items: &[MissionItem]) -> Result<(), Refusal> {
         match items.last().map(|i| i.command) {
             None => Err(Refusal::Empty),
-            Some(command::NAV_LOITER_UNLIM | command::NAV_RETURN_TO_LAUNCH) => Ok(()),
-            Some(command::NAV_LAND) if self.airframe.is_fixed_wing() => Ok(()),
+            Some(command::NAV_LOITER_UNLIM | command::NAV_RETURN_TO_LAUNCH | command::NAV_LAND) => Ok(()),
             Some(_) => Err(Refusal::NoSafeEnd),
         }
     }

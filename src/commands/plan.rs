@@ -5,7 +5,7 @@ use super::{CommandError, demo, output};
 use crate::demo::predictor;
 use crate::mission_link::files::{self, FileError};
 use gaware_mission::fence::{Fence, FenceCircle};
-use gaware_mission::item::{Home, LatLon};
+use gaware_mission::item::{Autopilot, Home, LatLon};
 use gaware_mission::planner::{DEFAULT_BEAM, Plan, PlanError, Request, climb_out, plan};
 use gaware_mission::safety::Limits;
 use gaware_nav::model::Model;
@@ -13,10 +13,6 @@ use nalgebra::Vector3;
 use serde_json::{Value, json};
 use std::fmt::Write;
 use std::path::PathBuf;
-
-/// What `--land` means for rotors.
-const LAND_OF_ROTORS: &str =
-    "--land changes nothing: the mission of a multirotor ends with a return to launch, which lands it";
 
 /// Maneuvers begin no higher than this above the floor, m.
 const CLIMB_M: f64 = 60.0;
@@ -61,7 +57,7 @@ pub struct PlanArgs {
     /// Course of the take-off, deg (default: into the wind).
     #[arg(long, value_name = "DEG", allow_negative_numbers = true)]
     pub heading: Option<f64>,
-    /// Land a fixed wing at home after the last maneuver, where there is room for it (default: end in a hold).
+    /// Land at home after the last maneuver, where there is room for it (default: end in a hold; a fixed wing on PX4 always lands).
     #[arg(long)]
     pub land: bool,
     /// Time from the end of the climb to the hold at the end, s (default: as long as it takes to make known what this airframe can, at most its
@@ -206,11 +202,9 @@ fn document(made: &Plan, request: &Request) -> Value {
         json!({"maneuver": m.maneuver, "start_s": m.start_s, "end_s": m.end_s,
             "items": [m.items.start(), m.items.end()]})
     });
-    let of_rotors = (request.landing && !request.airframe.is_fixed_wing()).then(|| LAND_OF_ROTORS.to_owned());
-    let notes: Vec<String> = made.notes.iter().cloned().chain(of_rotors).collect();
     json!({"schema": "gaware.plan/1", "duration_s": made.duration_s, "items": made.mission.items.len(),
         "maneuvers": maneuvers.collect::<Vec<_>>(), "sigmas": over_time.collect::<Vec<_>>(), "states": made.states,
-        "notes": notes})
+        "notes": made.notes, "enforcement": enforcement(request)})
 }
 
 fn print(out: &mut String, made: &Plan, request: &Request) -> std::fmt::Result {
@@ -237,8 +231,31 @@ fn print(out: &mut String, made: &Plan, request: &Request) -> std::fmt::Result {
         writeln!(out, "{:>10.3}  {}", state.target, state.unit)?;
     }
     writeln!(out, "{}", made.summary())?;
-    if request.landing && !request.airframe.is_fixed_wing() {
-        writeln!(out, "note: {LAND_OF_ROTORS}")?;
-    }
-    made.notes.iter().try_for_each(|note| writeln!(out, "note: {note}"))
+    made.notes.iter().try_for_each(|note| writeln!(out, "note: {note}"))?;
+    enforcement(request).iter().try_for_each(|text| writeln!(out, "{text}"))
+}
+
+/// What the vehicle watches over while it flies the plan, and what nobody but the pilot does.
+///
+/// ArduPilot: `AC_Fence.cpp`, parameters FENCE_ENABLE, FENCE_ACTION, FENCE_TYPE, FENCE_ALT_MIN, FENCE_ALT_MAX; PX4: `geofence_params.c`,
+/// GF_ACTION, GF_MAX_VER_DIST.
+fn enforcement(request: &Request) -> [String; 2] {
+    let (when, heights) = match request.airframe.autopilot {
+        Autopilot::ArduPilot => (
+            "FENCE_ENABLE is 1, FENCE_ACTION is not 0 and FENCE_TYPE includes polygons and circles",
+            "FENCE_ALT_MIN and FENCE_ALT_MAX",
+        ),
+        Autopilot::Px4 => ("GF_ACTION is 2 or more", "GF_MAX_VER_DIST, an upper limit only,"),
+    };
+    let limits = &request.limits;
+    [
+        format!(
+            "enforced by the vehicle: the geofence, uploaded with the mission, if {when} (gaware preflight reads these)"
+        ),
+        format!(
+            "not enforced: heights of {:.0} to {:.0} m above home (the mission keeps to them; the vehicle would by {heights} which a plan does not set), \
+             the predicted load factor and the airspeed between the limits of the airframe",
+            limits.floor_m, limits.ceiling_m
+        ),
+    ]
 }

@@ -70,15 +70,17 @@ impl Planned {
     }
 }
 
+/// A few periods of snapshots.
+const NEXT_SNAPSHOT: Duration = Duration::from_secs(1);
+
 /// The task.
 #[derive(Debug)]
 pub struct Uploader {
     planned: Planned,
     wire: RunWire,
-    heard: Option<Instant>,
     wanted: Option<u8>,
-    /// Other vehicles on the links, and when they were heard.
-    others: Vec<(Vehicle, Instant)>,
+    /// The vehicles on the links, and when they were heard.
+    heard: Vec<(Vehicle, Instant)>,
     live: watch::Receiver<Arc<Live>>,
     status: Arc<SinkStatus>,
 }
@@ -101,7 +103,7 @@ impl Uploader {
             stop: CancellationToken::new(),
             stopping: false,
         };
-        let uploader = Self { planned, wire, heard: None, wanted, others: Vec::new(), live, status };
+        let uploader = Self { planned, wire, wanted, heard: Vec::new(), live, status };
         let (items, name) = (uploader.planned.contents.mission.items.len(), uploader.planned.name());
         let text = format!("{items} items of {name} are ready to be uploaded before take-off");
         uploader.show(MissionState::Ready, text);
@@ -133,35 +135,43 @@ impl Uploader {
 
     fn notice(&mut self, received: &Received) {
         let Some(seen) = Vehicle::from_heartbeat(&received.frame) else { return };
-        if self.live.borrow().vehicle == Some(seen.address.system) {
-            self.wire.vehicle = Some(seen);
-            self.heard = Some(Instant::now());
-        } else {
-            self.others.retain(|(v, _)| v.address != seen.address);
-            self.others.push((seen, Instant::now()));
-        }
+        self.heard.retain(|(v, _)| v.address != seen.address);
+        self.heard.push((seen, Instant::now()));
+    }
+
+    /// The vehicle that the engine listens to, where it was heard lately.
+    fn followed(&self) -> Option<Vehicle> {
+        let followed = self.live.borrow().vehicle?;
+        let here = |(v, t): &&(Vehicle, Instant)| {
+            v.address.system == followed && t.elapsed().as_secs_f64() <= HEARD_S
+        };
+        self.heard.iter().rev().find(here).map(|(v, _)| *v)
     }
 
     /// Vehicles that may be meant as well, where the user has not chosen one.
     fn rivals(&self) -> Vec<Vehicle> {
         let here = |t: &Instant| t.elapsed().as_secs_f64() < HEARD_S;
         let chosen = self.wire.vehicle().address;
-        let others = self.others.iter().filter(|(v, t)| here(t) && v.address != chosen);
+        let others = self.heard.iter().filter(|(v, t)| here(t) && v.address != chosen);
         if self.wanted.is_some() { Vec::new() } else { others.map(|(v, _)| *v).collect() }
     }
 
     /// Uploads; others who ask meanwhile are told so.
     async fn serve(&mut self, requests: &mut mpsc::Receiver<Request>) -> Result<String, String> {
+        // Screens and this task hear of a vehicle with the next snapshot of the run.
+        let known = self.live.wait_for(|live| live.vehicle.is_some());
+        let _ = tokio::time::timeout(NEXT_SNAPSHOT, known).await;
         // What waits in the queue is older than the request: heartbeats among it.
         while let Ok(received) = self.wire.frames.try_recv() {
             self.notice(&received);
         }
-        if self.wire.vehicle.is_none() || self.heard.is_none_or(|t| t.elapsed().as_secs_f64() > HEARD_S) {
+        self.wire.vehicle = self.followed();
+        if self.wire.vehicle.is_none() {
             let why = "the vehicle is not heard; check the link";
             self.show(MissionState::Ready, format!("not uploaded: {why}"));
             return Err(why.to_owned());
         }
-        let others = self.rivals();
+        let (others, chosen) = (self.rivals(), self.wire.vehicle().address);
         let upload = transfer(&self.planned, &mut self.wire, others, &self.status);
         tokio::pin!(upload);
         let outcome = loop {
@@ -172,7 +182,8 @@ impl Uploader {
                 }
             }
         };
-        self.heard = Some(Instant::now());
+        // The upload took the heartbeats.
+        self.heard.iter_mut().filter(|(v, _)| v.address == chosen).for_each(|(_, t)| *t = Instant::now());
         outcome
     }
 

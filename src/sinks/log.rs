@@ -14,6 +14,8 @@ use tokio::io::AsyncWrite;
 
 /// Lines that may wait for a reader.
 const LINES_AHEAD: usize = 512;
+/// Bytes that are kept while a screen has the terminal.
+const HELD_BYTES: usize = 64 * 1024;
 /// How long the end of the program waits for what was written last.
 const FLUSH_PATIENCE: Duration = Duration::from_millis(500);
 
@@ -21,6 +23,9 @@ static STDERR: OnceLock<Lines> = OnceLock::new();
 
 enum Job {
     Text(Vec<u8>),
+    /// Keep lines back until the release.
+    Hold,
+    Release,
     Flush(SyncSender<()>),
 }
 
@@ -58,9 +63,20 @@ impl Lines {
 
 fn write_all(jobs: &Receiver<Job>, lost: &AtomicU64, mut out: impl Write) {
     let mut reported = 0;
+    let mut held: Option<Vec<u8>> = None;
     for job in jobs {
         match job {
+            Job::Hold => held = Some(Vec::new()),
+            Job::Release => _ = out.write_all(&held.take().unwrap_or_default()),
             Job::Text(bytes) => {
+                if let Some(held) = &mut held {
+                    if held.len() + bytes.len() <= HELD_BYTES {
+                        held.extend(bytes);
+                    } else {
+                        lost.fetch_add(1, Ordering::Relaxed);
+                    }
+                    continue;
+                }
                 // A reader that is gone for good is no failure of the program.
                 let _ = out.write_all(&bytes);
                 let now = lost.load(Ordering::Relaxed);
@@ -94,6 +110,25 @@ pub fn start() -> io::Result<()> {
 /// Writes one line to stderr.
 pub fn line(text: &str) {
     let _ = writeln!(Stderr, "{text}");
+}
+
+/// While this lives, lines for a stderr that is a terminal are kept back: a screen is drawn there, and shows the events itself.
+#[derive(Debug)]
+pub struct Hold(());
+
+impl Hold {
+    /// Keeps lines back from now on; nothing where stderr is no terminal.
+    pub fn of_terminal() -> Option<Self> {
+        let lines = STDERR.get().filter(|_| io::IsTerminal::is_terminal(&io::stderr()))?;
+        lines.queue.send(Job::Hold).ok().map(|()| Self(()))
+    }
+}
+
+impl Drop for Hold {
+    fn drop(&mut self) {
+        // Without a thread there is nothing to release.
+        let _ = STDERR.get().map(|lines| lines.queue.send(Job::Release));
+    }
 }
 
 /// Log lines that were lost because nobody read stderr.
@@ -170,6 +205,22 @@ mod tests {
         fn flush(&mut self) -> io::Result<()> {
             Ok(())
         }
+    }
+
+    #[test]
+    fn lines_are_kept_back_while_a_screen_is_shown_and_written_afterwards() {
+        let seen = Arc::new(Mutex::new(Vec::new()));
+        let lines = Lines::start(Stalled(channel().1, Arc::clone(&seen))).unwrap();
+        let text = || String::from_utf8(seen.lock().unwrap().clone()).unwrap();
+        lines.text(b"before\n");
+        lines.queue.send(Job::Hold).unwrap();
+        lines.text(b"meanwhile\n");
+        lines.flush(FLUSH_PATIENCE);
+        assert_eq!(text(), "before\n");
+        lines.queue.send(Job::Release).unwrap();
+        lines.text(b"after\n");
+        lines.flush(FLUSH_PATIENCE);
+        assert_eq!(text(), "before\nmeanwhile\nafter\n");
     }
 
     #[test]

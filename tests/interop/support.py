@@ -5,6 +5,7 @@ import math
 import os
 import pathlib
 import queue
+import re
 import socket
 import subprocess
 import sys
@@ -17,6 +18,7 @@ from pymavlink import mavwp
 
 GAWARE = os.environ["GAWARE"]
 DATA = pathlib.Path(__file__).parent / "data"
+AIRFRAMES = pathlib.Path(__file__).parents[2] / "mission" / "airframes"
 HOME = (47.397, 8.545, 441.0)
 #: Longer than anything here takes on a busy machine.
 PATIENCE = 60.0
@@ -100,12 +102,15 @@ class Case(unittest.TestCase):
         out, err = self.gaware("mission", action, "--connect", link, *more, file, status=status)
         return out + err
 
-    def planned(self, name, airframe="small_fixed_wing"):
+    def planned(self, name, airframe="small_fixed_wing", autopilot="ardupilot"):
         """An excitation mission of the planner in a new file of this name; planned once for all tests."""
         path = self.folder / name
-        kind = (airframe, path.suffix)
+        kind = (airframe, autopilot, path.suffix)
         if kind not in PLANNED:
             place = ",".join(map(str, HOME))
+            text = (AIRFRAMES / f"{airframe}.toml").read_text()
+            airframe = self.folder / f"{airframe}.toml"
+            airframe.write_text(re.sub('^autopilot = ".*"', f'autopilot = "{autopilot}"', text, flags=re.M))
             self.gaware("plan", "--airframe", airframe, "--home", place, "--budget", 120, "--out", path)
             PLANNED[kind] = path.read_text()
         path.write_text(PLANNED[kind])

@@ -36,7 +36,8 @@ class Beside(Case):
         """The mission on board without home as MAVProxy saves it."""
         path = self.folder / name
         self.station.say(f"wp save {path}")
-        self.station.wait_for("Saved")
+        # It saves parameters too.
+        self.station.wait_for(f" to {path}")
         return items_of_waypoints(path)
 
     def test_the_station_shows_what_the_companion_says(self):

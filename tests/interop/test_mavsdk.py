@@ -7,6 +7,8 @@ from mavsdk.plugins.mission_raw_server.mission_raw_server import MissionRawServe
 
 from support import PATIENCE, Case, free_udp_port, items_of_plan
 
+FENCE_COMMANDS = range(5000, 5005)
+
 
 def as_items(items):
     return [(i.command, [i.param1, i.param2, i.param3, i.param4], i.x * 1e-7, i.y * 1e-7, i.z) for i in items]
@@ -24,10 +26,16 @@ class Server(Case):
         self.vehicle.add_any_connection(f"udpout://127.0.0.1:{port}")
         server = MissionRawServer(self.vehicle.server_component())
         self.missions = queue.Queue()
-        server.subscribe_incoming_mission(lambda result, plan, _: self.missions.put((result, plan)))
+        server.subscribe_incoming_mission(self.arrived)
+
+    def arrived(self, result, plan, _):
+        """The server announces every list in the same way: the fence is none of ours here."""
+        if not plan.mission_items or plan.mission_items[0].command not in FENCE_COMMANDS:
+            self.missions.put((result, plan))
 
     def test_upload_download_and_restore(self):
-        first, second = self.planned("first.plan"), self.planned("second.plan", "quadrotor")
+        first = self.planned("first.plan", autopilot="px4")
+        second = self.planned("second.plan", "quadrotor", "px4")
         for plan in (first, second):
             backup = self.folder / f"before-{plan.stem}.plan"
             self.assertIn("read back and compared", self.transfer("upload", self.link, plan, backup=backup))

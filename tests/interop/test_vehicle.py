@@ -3,7 +3,7 @@
 import random
 
 from support import DATA, HOME, Case, items_of_plan, items_of_waypoints
-from vehicle import ArduPilot, Px4, mavlink
+from vehicle import MISSION, ArduPilot, Px4, mavlink
 
 #: As QGroundControl's format writes them, and as a vehicle keeps them.
 QGC = DATA / "qgroundcontrol.plan"
@@ -18,6 +18,9 @@ class Transfers:
         self.vehicle = self.kind(HOME)
         self.vehicle.start()
         self.addCleanup(self.vehicle.stop)
+
+    def planned(self, name):
+        return super().planned(name, autopilot=self.autopilot)
 
     def test_upload_download_and_restore(self):
         first, second = self.planned("first.plan"), MISSION_PLANNER
@@ -46,7 +49,8 @@ class Transfers:
         plan = self.planned("plan.plan")
         # The last item of the new mission never arrives, how often it is asked for; those of the old one do.
         (_, _, lat, lon, _) = items_of_plan(plan)[-1]
-        self.vehicle.loses = lambda item: (item.x, item.y) == (round(lat * 1e7), round(lon * 1e7))
+        place = (round(lat * 1e7), round(lon * 1e7))
+        self.vehicle.loses = lambda item: item.mission_type == MISSION and (item.x, item.y) == place
         said = self.transfer("upload", self.vehicle.address, plan, status=1, backup=self.folder / "b1.plan")
         self.assertIn("the previous mission is on the vehicle", said)
         self.assert_same_items(before, self.vehicle.mission())
@@ -54,7 +58,7 @@ class Transfers:
 
 
 class ArduPilotHabits(Transfers, Case):
-    kind = ArduPilot
+    kind, autopilot = ArduPilot, "ardupilot"
 
     def test_invalid_sequence_in_passing_ends_nothing(self):
         plan, vehicle = self.planned("plan.plan"), self.vehicle
@@ -71,7 +75,7 @@ class ArduPilotHabits(Transfers, Case):
 
 
 class Px4Habits(Transfers, Case):
-    kind = Px4
+    kind, autopilot = Px4, "px4"
 
     def test_a_lost_ack_is_sent_again(self):
         vehicle, plan = self.vehicle, self.planned("plan.plan")

@@ -7,6 +7,7 @@ from pymavlink import mavutil
 
 mavlink = mavutil.mavlink
 MISSION = mavlink.MAV_MISSION_TYPE_MISSION
+FENCE = mavlink.MAV_MISSION_TYPE_FENCE
 
 
 class Vehicle(threading.Thread):
@@ -17,7 +18,8 @@ class Vehicle(threading.Thread):
         self.link = mavutil.mavlink_connection("udpin:127.0.0.1:0", source_system=1, source_component=1)
         self.address = f"udpout:127.0.0.1:{self.link.port.getsockname()[1]}"
         self.home = home
-        self.items = []
+        #: What is on board by mission type.
+        self.lists = {MISSION: [], FENCE: []}
         #: Items for which this says true are lost on their way here.
         self.loses = lambda item: False
         self.heard_items = 0
@@ -55,56 +57,69 @@ class Vehicle(threading.Thread):
         if self.upload is None:
             return
         if now - self.upload["heard"] >= self.give_up_s:
-            self.upload = None
-            self.ack(mavlink.MAV_MISSION_OPERATION_CANCELLED)
+            kind, self.upload = self.upload["type"], None
+            self.ack(mavlink.MAV_MISSION_OPERATION_CANCELLED, kind)
         elif now - self.upload["asked"] >= self.ask_s:
             self.ask()
 
-    def ack(self, result):
-        self.acks.append(result)
-        self.link.mav.mission_ack_send(*self.peer, result, MISSION, self.opaque_id())
+    @property
+    def items(self):
+        return self.lists[MISSION]
+
+    def ack(self, result, kind=None):
+        if kind is None:
+            kind = self.upload["type"] if self.upload else MISSION
+        if kind == MISSION:
+            self.acks.append(result)
+        self.link.mav.mission_ack_send(*self.peer, result, kind, self.opaque_id(kind))
+
+    def knows(self, kind):
+        if kind not in self.lists:
+            self.link.mav.mission_ack_send(*self.peer, mavlink.MAV_MISSION_UNSUPPORTED, kind)
+        return kind in self.lists
 
     def ask(self):
         self.upload["asked"] = time.monotonic()
-        self.request(self.upload["next"])
+        self.request(self.upload["next"], self.upload["type"])
 
     def on_command_long(self, m):
         self.known.set()
 
     def on_mission_request_list(self, m):
-        if m.mission_type != MISSION:
-            self.link.mav.mission_ack_send(*self.peer, mavlink.MAV_MISSION_UNSUPPORTED, m.mission_type)
-            return
-        self.link.mav.mission_count_send(*self.peer, len(self.items), m.mission_type, self.opaque_id())
+        if self.knows(m.mission_type):
+            count = len(self.lists[m.mission_type])
+            self.link.mav.mission_count_send(*self.peer, count, m.mission_type, self.opaque_id(m.mission_type))
 
     def on_mission_request_int(self, m):
-        if m.seq >= len(self.items):
-            self.ack(mavlink.MAV_MISSION_INVALID_SEQUENCE)
+        if not self.knows(m.mission_type):
             return
-        i = self.items[m.seq]
+        if m.seq >= len(self.lists[m.mission_type]):
+            self.ack(mavlink.MAV_MISSION_INVALID_SEQUENCE, m.mission_type)
+            return
+        i = self.lists[m.mission_type][m.seq]
         self.link.mav.mission_item_int_send(
             *self.peer, m.seq, i["frame"], i["command"], 0, i["autocontinue"], *i["params"], i["x"], i["y"], i["z"],
-            MISSION,
+            m.mission_type,
         )
 
     def on_mission_clear_all(self, m):
-        self.items = []
-        self.ack(mavlink.MAV_MISSION_ACCEPTED)
+        if self.knows(m.mission_type):
+            self.lists[m.mission_type] = []
+            self.ack(mavlink.MAV_MISSION_ACCEPTED, m.mission_type)
 
     def on_mission_count(self, m):
-        if m.mission_type != MISSION:
-            self.link.mav.mission_ack_send(*self.peer, mavlink.MAV_MISSION_UNSUPPORTED, m.mission_type)
+        if not self.knows(m.mission_type):
             return
         now = time.monotonic()
-        self.uploads += self.upload is None
-        self.upload = {"count": m.count, "next": 0, "asked": now, "heard": now, "staged": []}
+        self.uploads += self.upload is None and m.mission_type == MISSION
+        self.upload = {"type": m.mission_type, "count": m.count, "next": 0, "asked": now, "heard": now, "staged": []}
         self.begin(m.count)
         self.ask()
 
     def on_mission_ack(self, m):
         if m.type != mavlink.MAV_MISSION_ACCEPTED:
             self.upload = None
-        else:
+        elif m.mission_type == MISSION:
             self.was_read.release()
 
     def on_mission_item_int(self, m):
@@ -125,8 +140,8 @@ class Vehicle(threading.Thread):
             self.ask()
             return
         self.finish()
-        self.upload = None
-        self.ack(mavlink.MAV_MISSION_ACCEPTED)
+        kind, self.upload = self.upload["type"], None
+        self.ack(mavlink.MAV_MISSION_ACCEPTED, kind)
 
     def mission(self):
         """What is on board without home, as the tests compare it."""
@@ -143,7 +158,7 @@ class ArduPilot(Vehicle):
     def __init__(self, home):
         super().__init__(home, ask_s=1.0, give_up_s=8.0)
 
-    def opaque_id(self):
+    def opaque_id(self, kind):
         return 0
 
     def heartbeat(self):
@@ -152,14 +167,18 @@ class ArduPilot(Vehicle):
             mavlink.MAV_MODE_FLAG_CUSTOM_MODE_ENABLED, 0, mavlink.MAV_STATE_STANDBY,
         )
 
-    def request(self, seq):
-        self.link.mav.mission_request_send(*self.peer, seq, MISSION)
+    def request(self, seq, kind):
+        self.link.mav.mission_request_send(*self.peer, seq, kind)
 
     def begin(self, count):
-        self.items = self.items[:count]
+        kind = self.upload["type"]
+        self.lists[kind] = self.lists[kind][:count]
 
     def keep(self, seq, item):
-        if seq == 0:
+        kind = self.upload["type"]
+        if kind != MISSION:
+            pass
+        elif seq == 0:
             lat, lon, alt = self.home
             item = {
                 "frame": 0, "command": 16, "autocontinue": 1, "params": [0.0] * 4,
@@ -169,7 +188,7 @@ class ArduPilot(Vehicle):
             item.update(frame=0, x=0, y=0, z=0.0)
         else:
             item["frame"] = {6: 3, 5: 0}.get(item["frame"], item["frame"])
-        self.items[seq:seq + 1] = [item]
+        self.lists[kind][seq:seq + 1] = [item]
 
     def finish(self):
         pass
@@ -187,8 +206,8 @@ class Px4(Vehicle):
     def __init__(self, home):
         super().__init__(home, ask_s=0.25, give_up_s=5.0)
 
-    def opaque_id(self):
-        return hash(str(self.items)) & 0xFFFFFFFF
+    def opaque_id(self, kind):
+        return hash(str(self.lists[kind])) & 0xFFFFFFFF
 
     def heartbeat(self):
         self.link.mav.heartbeat_send(
@@ -196,8 +215,8 @@ class Px4(Vehicle):
             mavlink.MAV_MODE_FLAG_CUSTOM_MODE_ENABLED, 4 << 16 | 3 << 24, mavlink.MAV_STATE_STANDBY,
         )
 
-    def request(self, seq):
-        self.link.mav.mission_request_int_send(*self.peer, seq, MISSION)
+    def request(self, seq, kind):
+        self.link.mav.mission_request_int_send(*self.peer, seq, kind)
 
     def begin(self, count):
         pass
@@ -206,10 +225,10 @@ class Px4(Vehicle):
         self.upload["staged"].append(item)
 
     def finish(self):
-        self.items = self.upload["staged"]
+        self.lists[self.upload["type"]] = self.upload["staged"]
 
     def unexpected(self, m):
         if self.upload is None:
             # The ack was lost: PX4 sends it again for the last item, and an error for any other.
-            again = m.seq + 1 == len(self.items)
-            self.ack(mavlink.MAV_MISSION_ACCEPTED if again else mavlink.MAV_MISSION_ERROR)
+            again = m.seq + 1 == len(self.lists[m.mission_type])
+            self.ack(mavlink.MAV_MISSION_ACCEPTED if again else mavlink.MAV_MISSION_ERROR, m.mission_type)

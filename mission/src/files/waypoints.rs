@@ -137,6 +137,10 @@ fn read_line(text: &str, line: usize, wanted: usize) -> Result<MissionItem, Wayp
         return columns.bad(10, "an altitude in m");
     }
     let autocontinue: u8 = columns.get(11, "0 or 1")?;
+    // Mission Planner writes frame 3 everywhere; PX4 takes a command without a place in the frame of commands alone.
+    let placeless =
+        !crate::item::command::has_position(command) && !crate::item::command::has_altitude(command);
+    let frame = if placeless && frame.is_global() && (x, y) == (0, 0) { Frame::MISSION } else { frame };
     Ok(MissionItem { command, frame, autocontinue: autocontinue != 0, params, x, y, z })
 }
 

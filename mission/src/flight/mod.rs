@@ -18,6 +18,8 @@ const ITEM_LIMIT_S: f64 = 600.0;
 /// A circle "until told otherwise" is predicted for this many turns, a hover for this long, s.
 const LAST_TURNS: f64 = 1.25;
 const LAST_HOVER_S: f64 = 10.0;
+/// A multirotor has landed below this height, m.
+const TOUCHED_M: f64 = 0.5;
 /// A height counts as reached within this, m.
 const LEVEL_M: f64 = 2.0;
 
@@ -74,6 +76,10 @@ enum Task {
         at: Vector2<f64>,
         height: Option<f64>,
     },
+    /// Straight down onto this place.
+    Touchdown {
+        at: Vector2<f64>,
+    },
     /// Straight down to the ground from this height at the begin of the line.
     Glide {
         from: Vector2<f64>,
@@ -87,6 +93,7 @@ impl Task {
     fn height_at(&self, p: Vector2<f64>) -> Option<f64> {
         match self {
             Self::Line { height, .. } | Self::Circle { height, .. } | Self::Hover { height, .. } => *height,
+            Self::Touchdown { .. } => Some(0.0),
             Self::Glide { from, to, height } => {
                 let line = to - from;
                 let left = (to - p).dot(&line) / line.norm_squared().max(1.0);
@@ -264,6 +271,7 @@ impl<'a> Flyer<'a> {
             command::NAV_LAND if self.airframe.is_fixed_wing() => {
                 Task::Glide { from: self.last_point.unwrap_or(here), to: at, height: self.height }
             }
+            command::NAV_LAND => Task::Touchdown { at },
             command::NAV_LOITER_UNLIM if self.airframe.is_fixed_wing() => {
                 let (radius, side) = radius(item.params[2]);
                 Task::Circle { center: at, radius, side, until: Until::Turns(LAST_TURNS), height }
@@ -365,6 +373,7 @@ impl Progress {
                 }
             }
             Task::Glide { from, to, .. } => (to - p).dot(&(to - from)) <= 0.0,
+            Task::Touchdown { at } => (p - at).norm() < 3.0 && position_ned_m.z > -TOUCHED_M,
             Task::Hover { at, .. } => (p - at).norm() < 3.0 && elapsed_s > LAST_HOVER_S,
         }
     }

@@ -28,7 +28,9 @@ pub(super) fn steer(
     let (wanted, curve) = match task {
         Task::Line { from, to, .. } | Task::Glide { from, to, .. } => line(p, *from, *to, ground, airframe),
         Task::Circle { center, radius, side, .. } => circle(p, *center, *radius, side.sign(), ground),
-        Task::Hover { at, .. } => circle(p, *at, airframe.turn_radius_min_m, 1.0, ground),
+        Task::Hover { at, .. } | Task::Touchdown { at } => {
+            circle(p, *at, airframe.turn_radius_min_m, 1.0, ground)
+        }
     };
     let turn = curve + COURSE_GAIN * wrap_pi(wanted - course);
     // The lateral acceleration is across the air velocity; with a crab angle less of it turns the course.

@@ -3,7 +3,7 @@
 //! piece stays inside the fence in every wind.
 
 use super::Rejection;
-use super::search::Search;
+use super::search::{Flown, Search};
 use crate::flight::Flyer;
 use crate::item::{Autopilot, MissionItem, command};
 use crate::kinematics::Kinematics;
@@ -39,6 +39,9 @@ pub(super) struct Landing<'a> {
 impl<'a> Search<'a> {
     /// The first landing that is safe in every wind, from where the maneuvers end; or the reason of the last try.
     pub(super) fn landing(&self, from: &[Flyer<'a>]) -> Result<Landing<'a>, Rejection> {
+        if !self.request.airframe.is_fixed_wing() {
+            return self.vertical_landing(from);
+        }
         let wind = self.request.limits.wind().xy();
         let (into_wind, turned): (f64, Vec<f64>) = if wind.norm() < CALM_M_PER_S {
             (self.request.start_heading_deg.to_radians(), (0..8).map(|k| 45.0 * f64::from(k)).collect())
@@ -58,6 +61,28 @@ impl<'a> Search<'a> {
             }
         }
         Err(reason)
+    }
+
+    /// Over home at the height of the hold, then straight down. Not a return to launch: its height is a parameter of the vehicle, and
+    /// the plan could not check it against the ceiling.
+    fn vertical_landing(&self, from: &[Flyer<'a>]) -> Result<Landing<'a>, Rejection> {
+        let Some(hold) = self.end_items().first().copied() else { return Err(Refusal::NoSafeEnd.into()) };
+        let home = self.request.home.place();
+        let params = [0.0, 0.0, 0.0, self.request.airframe.autopilot.free_heading()];
+        let above = MissionItem::at(command::NAV_WAYPOINT, params, home, hold.z);
+        let land = MissionItem::at(command::NAV_LAND, params, home, 0.0);
+        // The landing comes after the time for maneuvers.
+        let unhurried: Vec<Flyer<'a>> = from.iter().map(|f| f.clone().within(f64::INFINITY)).collect();
+        let Flown { mut flyers, mut samples } = self.fly(&unhurried, &[above])?;
+        for (k, flyer) in flyers.iter_mut().enumerate() {
+            let down = flyer.fly(&[land])?.samples;
+            let places: Vec<_> = down.iter().map(|s| (s.t_s, s.position_ned_m)).collect();
+            self.checker().ground_track(&places)?;
+            if k == 0 {
+                samples.extend(down);
+            }
+        }
+        Ok(Landing { items: vec![above, land], samples, flyers })
     }
 
     fn landing_on(

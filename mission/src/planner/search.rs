@@ -376,7 +376,7 @@ impl<'a> Search<'a> {
     ) -> Result<Plan, PlanError> {
         let mut no_landing = None;
         let required = self.landing_required();
-        let landing = (self.request.airframe.is_fixed_wing() && (self.request.landing || required))
+        let landing = (self.request.landing || required)
             .then(|| self.landing(&best.flyers).map_err(|e| no_landing = Some(e.to_string())).ok());
         let end = match landing.flatten() {
             Some(landing) => landing,

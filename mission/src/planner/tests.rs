@@ -289,13 +289,35 @@ fn any_request() -> impl Strategy<Value = Request> {
     )
 }
 
+#[test]
+fn a_multirotor_that_is_to_land_comes_down_at_home_and_stays_within_the_limits() {
+    let mut request = request("quadrotor", circle(1500.0));
+    request.landing = true;
+    for autopilot in [Autopilot::ArduPilot, Autopilot::Px4] {
+        request.airframe.autopilot = autopilot;
+        let plan = plan(&request, Spread([0.0; 3])).expect("there is room");
+        let [.., above, land] = &plan.mission.items[..] else { panic!("{:?}", plan.mission.items) };
+        assert_eq!(
+            (above.command, land.command),
+            (command::NAV_WAYPOINT, command::NAV_LAND),
+            "{:?}",
+            plan.notes
+        );
+        let home = Some(HOME.place());
+        assert!(above.place() == home && land.place() == home);
+        let end = plan.path.last().expect("it flies");
+        assert!(end.height_m().abs() < 1.0 && end.north_east_m().norm() < 3.0, "{end:?}");
+        assert_inside(&request, &plan, 1.0);
+    }
+}
+
 /// What a plan promised, checked with nothing of the planner but the flight model, in a wind of its own.
 fn assert_inside(request: &Request, plan: &Plan, wind_share: f64) {
     let frame = LocalFrame::new(HOME.place());
     let fence = LocalFence::new(&request.limits.fence, &frame);
     let (a, limits) = (&request.airframe, &request.limits);
     let lands = plan.mission.items.last().is_some_and(|i| i.command == command::NAV_LAND);
-    assert_eq!(lands, a.is_fixed_wing() && a.autopilot == Autopilot::Px4);
+    assert_eq!(lands, request.landing || a.is_fixed_wing() && a.autopilot == Autopilot::Px4);
     for item in &plan.mission.items {
         if let Some(place) = item.place() {
             assert!(fence.clearance(frame.to_local(place)) > 0.0);

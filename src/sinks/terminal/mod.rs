@@ -9,6 +9,7 @@ mod parts;
 
 use super::Request;
 use super::events::{Event, EventDetector};
+use super::log;
 use super::status::SinkStatus;
 use crate::engine::snapshot::Snapshot;
 use draw::{Over, View};
@@ -163,10 +164,12 @@ pub fn spawn(
         return Err(TerminalError::NotATerminal);
     }
     let mut terminal = ratatui::try_init()?;
+    let hold = log::Hold::of_terminal();
     let (done, ended) = oneshot::channel();
     std::thread::Builder::new().name("terminal".into()).spawn(move || {
         let result = run(&mut terminal, &mut Keyboard, sources, options, &shutdown);
         ratatui::restore();
+        drop(hold);
         // Nobody may be waiting any more, then nobody wants to know.
         let _ = done.send(result);
     })?;

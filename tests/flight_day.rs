@@ -1,0 +1,194 @@
+//! A flight day with the program's own commands: plan, pre-flight check, upload with the fence, flight, landing, report, explain.
+//! The simulated autopilots refuse, cut and rewrite as the firmware does (docs/firmware-rules.md).
+
+#![allow(clippy::unwrap_used, clippy::panic, reason = "helpers of tests may panic, as tests do")]
+
+mod support;
+
+use gaware::link::frame::{Frame, Sender};
+use gaware::mission_link::vehicle::Vehicle;
+use mavlink::dialects::ardupilotmega::{COMMAND_LONG_DATA, MavCmd, MavMessage};
+use serde_json::Value;
+use std::net::UdpSocket;
+use support::{Ended, Folder, Gaware, gaware};
+
+/// One vehicle of one firmware, with a GNSS latency that is hidden in it.
+struct Day {
+    folder: Folder,
+    airframe: String,
+    rotor: bool,
+    firmware: &'static str,
+}
+
+const HOME: &str = "47.397,8.545,441";
+const HIDDEN: &str = "gps_latency=0.25";
+
+impl Day {
+    /// An airframe of the program, told which firmware flies it.
+    fn new(airframe: &str, firmware: &'static str) -> Self {
+        let folder = Folder::new(&format!("day-{airframe}-{firmware}"));
+        let own = format!("{}/mission/airframes/{airframe}.toml", env!("CARGO_MANIFEST_DIR"));
+        let text = std::fs::read_to_string(own).unwrap();
+        let file = folder.file("airframe.toml");
+        std::fs::write(
+            &file,
+            text.replace("autopilot = \"ardupilot\"", &format!("autopilot = \"{firmware}\"")),
+        )
+        .unwrap();
+        Self { folder, airframe: file, rotor: airframe == "quadrotor", firmware }
+    }
+
+    fn plan(&self) -> String {
+        let plan = self.folder.file("day.plan");
+        let made = done(&[
+            "plan",
+            "--airframe",
+            &self.airframe,
+            "--home",
+            HOME,
+            "--budget",
+            if self.rotor { "120" } else { "280" },
+            "--land",
+            "--radius",
+            "2000",
+            "--ceiling",
+            "200",
+            "--out",
+            &plan,
+        ]);
+        assert!(made.stdout.contains("enforced by the vehicle: the geofence"), "{}", made.stdout);
+        plan
+    }
+
+    fn vehicle(&self) -> (Gaware, String) {
+        let scenario = if self.rotor { "mission_multirotor" } else { "mission_fixed_wing" };
+        let vehicle = Gaware::start(&[
+            "sim",
+            "--scenario",
+            scenario,
+            "--autopilot",
+            self.firmware,
+            "--listen",
+            "udpin:127.0.0.1:0",
+            "--speed",
+            "10",
+            "--until-landed",
+            "--hide",
+            HIDDEN,
+        ]);
+        let address = vehicle.line();
+        (vehicle, address)
+    }
+}
+
+/// Runs a command that must end well.
+fn done(args: &[&str]) -> Ended {
+    let ended = gaware(args);
+    assert_eq!(ended.code(), Some(0), "{args:?}: {}{}", ended.stdout, ended.stderr);
+    ended
+}
+
+/// The pilot arms and starts the mission; returns when the vehicle says that it flies it.
+fn start_mission(address: &str) {
+    let socket = UdpSocket::bind("127.0.0.1:0").unwrap();
+    socket.connect(address.strip_prefix("udpout:").unwrap()).unwrap();
+    socket.set_read_timeout(Some(support::PATIENCE)).unwrap();
+    let pilot = Sender { system_id: 255, component_id: 190 };
+    for number in 0..=u8::MAX {
+        for (command, param1) in
+            [(MavCmd::MAV_CMD_COMPONENT_ARM_DISARM, 1.0), (MavCmd::MAV_CMD_MISSION_START, 0.0)]
+        {
+            let data = COMMAND_LONG_DATA {
+                command,
+                param1,
+                target_system: 1,
+                target_component: 1,
+                ..Default::default()
+            };
+            socket.send(Frame::encode(pilot, number, &MavMessage::COMMAND_LONG(data)).raw()).unwrap();
+        }
+        // About two heartbeats' worth of what the vehicle sends.
+        for _ in 0..1000 {
+            let mut datagram = vec![0; 2048];
+            let n = socket.recv(&mut datagram).unwrap();
+            datagram.truncate(n);
+            let vehicle = Frame::parse(datagram.into()).ok().and_then(|f| Vehicle::from_heartbeat(&f));
+            if vehicle.is_some_and(|v| v.state.flying_mission) {
+                return;
+            }
+        }
+    }
+    panic!("the vehicle does not start its mission");
+}
+
+fn flight_day(airframe: &str, firmware: &'static str) {
+    let day = Day::new(airframe, firmware);
+    let plan = day.plan();
+    let (vehicle, address) = day.vehicle();
+    let link = ["--connect", address.as_str()];
+
+    let table =
+        done(&[&["preflight", "--plan", &plan, "--airframe", &day.airframe, "--json"], &link[..]].concat())
+            .json();
+    assert_eq!(table["ready"], true, "{table:#}");
+    let backup = day.folder.file("before.plan");
+    let uploaded =
+        done(&[&["mission", "upload", &plan, "--backup", &backup, "--json"], &link[..]].concat()).json();
+    assert_eq!((&uploaded["done"], &uploaded["on_vehicle"]), (&true.into(), &"new".into()), "{uploaded:#}");
+    let fence = day.folder.file("fence.plan");
+    done(&[&["mission", "download", &fence, "--type", "fence"], &link[..]].concat());
+    let fence: Value = serde_json::from_str(&std::fs::read_to_string(fence).unwrap()).unwrap();
+    assert_eq!(fence["geoFence"]["circles"].as_array().map(Vec::len), Some(1), "{fence:#}");
+
+    start_mission(&address);
+    let recording = day.folder.file("day.mcap");
+    let station = Gaware::start(
+        &[&["run", "--record", &recording, "--headless", "--json", "--mission", &plan], &link[..]].concat(),
+    );
+    let landed = vehicle.ended();
+    assert_eq!(landed.code(), Some(0), "{}", landed.stderr);
+    station.terminate();
+    let summary = station.ended();
+    assert_eq!(summary.code(), Some(0), "{}", summary.stderr);
+    let replayed = done(&["replay", &recording, "--json"]);
+    assert_eq!(summary.stdout, replayed.stdout, "the replay repeats the run");
+    look_back(&day, &recording, &summary.json());
+}
+
+/// What the commands after the flight say of it.
+fn look_back(day: &Day, recording: &str, summary: &Value) {
+    assert_eq!(summary["autopilot"], day.firmware, "{summary:#}");
+    assert_eq!(summary["phase"], "running", "{summary:#}");
+    let page = day.folder.file("flight.html");
+    done(&["report", recording, "--out", &page]);
+    let page = std::fs::read_to_string(page).unwrap();
+    let words_of_wings = ["rudder", "aileron", "throttle"];
+    assert!(!day.rotor || !words_of_wings.iter().any(|w| page.contains(w)), "words of another aircraft");
+    let explained = done(&["explain", recording, "--json", "--out", &day.folder.file("explained")]).json();
+    assert_eq!(explained["verdict"], "explained", "{}", explained["summary"]);
+    let effects = explained["effects"].as_array().unwrap();
+    let latency = effects.iter().find(|e| e["names"] == serde_json::json!(["gps_latency"]));
+    let latency = &latency.unwrap_or_else(|| panic!("{}", explained["summary"]))["parameters"]["gps_latency"];
+    let of = |name: &str| latency[name].as_f64().unwrap();
+    assert!((of("value_s") - 0.25).abs() < 3.0 * of("sigma_s"), "{latency}");
+}
+
+#[test]
+fn a_flight_day_of_a_plane_with_ardupilot() {
+    flight_day("small_fixed_wing", "ardupilot");
+}
+
+#[test]
+fn a_flight_day_of_a_plane_with_px4() {
+    flight_day("large_fixed_wing", "px4");
+}
+
+#[test]
+fn a_flight_day_of_a_quadrotor_with_ardupilot() {
+    flight_day("quadrotor", "ardupilot");
+}
+
+#[test]
+fn a_flight_day_of_a_quadrotor_with_px4() {
+    flight_day("quadrotor", "px4");
+}
