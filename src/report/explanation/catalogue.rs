@@ -153,7 +153,8 @@ pub fn noise(e: &Explanation, body: &mut String) {
 
 /// Name of a noise figure in words.
 fn figure(name: &str) -> String {
-    name.replace('_', " ")
-        .replace("wander", "correlated error (first-order Gauss-Markov)")
-        .replace("gnss", "GNSS")
+    match name {
+        "gnss_position_wander" => "GNSS position, first-order Gauss-Markov error".to_owned(),
+        _ => name.replace('_', " ").replace("gnss", "GNSS"),
+    }
 }
