@@ -35,7 +35,7 @@ fn noise(n: usize) -> Vec<u8> {
 #[test]
 fn logs_in_which_nothing_can_be_read_are_refused_in_one_sentence() {
     let folder = Folder::new("rubbish");
-    let none = "none of the formats gaware reads";
+    let none = "unsupported format; gaware reads";
     let nothing = "entry could be read";
     let cases: [(&str, &[u8], &str); 9] = [
         ("noise.bin", b"", none),
@@ -170,7 +170,7 @@ fn wrong_arguments_of_sim_are_explained() {
     let taken = UdpSocket::bind("127.0.0.1:0").unwrap();
     let taken = format!("udpin:{}", taken.local_addr().unwrap());
     fails(2, "known are paper, ", &["sim", "--scenario", "moon"]);
-    fails(2, "is no address; write", &["sim", "--listen", "nowhere"]);
+    fails(2, "is an invalid address; write", &["sim", "--listen", "nowhere"]);
     fails(2, "is no speed", &["sim", "--speed", "0"]);
     fails(2, "UDP loses frames", &["sim", "--speed", "max"]);
     fails(2, "there is no effect", &["sim", "--hide", "gremlins=1"]);

@@ -94,7 +94,7 @@ pub fn mission(t_s: f64) -> MissionView {
     let (state, text) = match t_s {
         t if t < 150.0 => (MissionState::Ready, "67 items of plan.plan are ready to be uploaded before take-off".to_owned()),
         t if t < 180.0 => (MissionState::Uploading, format!("uploading, {:.0} of 67", (t - 150.0) * 2.0)),
-        t if t < 190.0 => (MissionState::Unknown, "the upload failed, and nobody knows which mission is on the vehicle: read it back before you fly, and restore the one before from mission-backup-17.plan".to_owned()),
+        t if t < 190.0 => (MissionState::Unknown, "the upload failed, and the mission on the vehicle is unknown: read it back before you fly, and restore the one before from mission-backup-17.plan".to_owned()),
         _ => (MissionState::OnVehicle, "67 items uploaded, read back and compared: they agree".to_owned()),
     };
     MissionView { state, name: "plan.plan".into(), items: 67, text }

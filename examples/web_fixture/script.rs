@@ -155,19 +155,19 @@ fn guidance(t_s: f64) -> Guidance {
         t if t < 8.0 => ("", "", "", 9),
         t if t < 40.0 => (
             "Straight and level, throttle full to idle and back, twice",
-            "Changes the forward acceleration: shows g11, g21 and g31 apart from the gyro biases.",
+            "Changes the forward acceleration: separates g11, g21 and g31 from the gyro biases.",
             "",
             0,
         ),
         t if t < 72.0 => (
             "Steep turn right, 55° bank, two circles",
-            "Loads the vertical axis to 1.7 g: shows column z of G, now known only as a sum with bg_z.",
+            "Loads the vertical axis to 1.7 g: separates column z of G from bg_z.",
             "The throttle steps brought column x from 360 to 28 deg/h/g.",
             1,
         ),
         t if t < 104.0 => (
             "Wings level, full rudder left, then right, twice",
-            "Coordinated flight leaves column y dark: only sideslip shows g12, g22 and g32.",
+            "Column y is unobservable in coordinated flight: sideslip makes g12, g22 and g32 observable.",
             "The steep turn brought column z from 360 to 24 deg/h/g.",
             2,
         ),

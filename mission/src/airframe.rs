@@ -261,7 +261,7 @@ mod tests {
     #[test]
     fn mistakes_are_named() {
         let cases = [
-            ("speed_min_m_per_s = 12.0", "speed_min_m_per_s = 0.0", "a fixed wing cannot stand still"),
+            ("speed_min_m_per_s = 12.0", "speed_min_m_per_s = 0.0", "a fixed wing cannot hover"),
             ("speed_min_m_per_s = 12.0", "speed_min_m_per_s = 17.0", "above speed_cruise"),
             ("speed_max_m_per_s = 24.0", "speed_max_m_per_s = 14.0", "below speed_cruise"),
             ("bank_max_deg = 50.0", "bank_max_deg = 85.0", "between 5 and 75"),

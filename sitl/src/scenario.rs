@@ -55,7 +55,7 @@ impl Scenario {
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 pub enum HideError {
     /// The model refuses it.
-    #[error("cannot hide {text}: {source}")]
+    #[error("cannot inject {text}: {source}")]
     Model {
         /// As written.
         text: String,
@@ -63,7 +63,7 @@ pub enum HideError {
         source: ModelError,
     },
     /// A value per group of parameters is needed.
-    #[error("cannot hide {text}: {effect} takes {wanted}")]
+    #[error("cannot inject {text}: {effect} takes {wanted}")]
     Groups {
         /// As written.
         text: String,
@@ -259,7 +259,7 @@ fn multirotor() -> Scenario {
 fn bench() -> Scenario {
     Scenario {
         name: "bench",
-        description: "standing still for 600 s",
+        description: "stationary for 600 s",
         airframe: Airframe::FixedWing,
         model: consumer_model(),
         sensors: consumer_sensors(),
@@ -298,7 +298,7 @@ fn bench_vibration() -> Scenario {
     };
     let mut scenario = bench();
     scenario.name = "bench_vibration";
-    scenario.description = "standing for 600 s with a running engine: vibration of 3 m/s² RMS";
+    scenario.description = "stationary for 600 s with a running engine: vibration of 3 m/s² RMS";
     scenario.sensors.vibration = vec![line(93.7, 2.4), line(187.4, 1.6), line(41.3, 0.9)];
     scenario
 }
@@ -330,7 +330,7 @@ mod tests {
             ("gremlins=3", "there is no effect"),
             ("gps_latency", "values in s"),
             ("gps_lever_arm=0.3", "3 values"),
-            ("gps_latency=soon", "cannot hide"),
+            ("gps_latency=soon", "cannot inject"),
             ("imu_truncation=1", "no value"),
         ] {
             let error = hide(&mut model, wrong).unwrap_err().to_string();

@@ -77,7 +77,7 @@ impl FromStr for Speed {
 pub enum ShellError {
     /// Not an address.
     #[error(
-        "\"{0}\" is no address; write udpout:HOST:PORT, udpin:HOST:PORT, tcpin:HOST:PORT, tcpout:HOST:PORT or pty"
+        "\"{0}\" is an invalid address; write udpout:HOST:PORT, udpin:HOST:PORT, tcpin:HOST:PORT, tcpout:HOST:PORT or pty"
     )]
     Address(String),
     /// Not a speed.

@@ -35,19 +35,19 @@ Exit status: 0 done, 1 the work failed (stderr says why), 2 wrong usage.";
 pub enum Command {
     /// Everything at once without hardware: a simulated vehicle flies the uploaded excitation mission.
     Demo(demo::DemoArgs),
-    /// Listen to a vehicle, estimate, show, record.
+    /// Estimate during a flight: connect to a vehicle, show, record.
     Run(run::RunArgs),
     /// Run a recorded flight (.tlog, .bin, .ulg, .mcap) through the same pipeline.
     Replay(replay::ReplayArgs),
-    /// A recorded flight as a page: what is known, what made it known, the autopilot's attitude beside it.
+    /// Write an HTML report for a recorded flight: estimates, observability, comparison with the autopilot.
     Report(report::ReportArgs),
     /// Simulate an autopilot on UDP, TCP or a pseudo-terminal.
     Sim(sim::SimArgs),
-    /// Find out where simulation and measurement disagree and which effect is missing.
+    /// Identify unmodelled sensor errors, with magnitude and confidence.
     Explain(explain::ExplainArgs),
     /// Monte Carlo studies and accuracy on recorded flights.
     Study(study::StudyArgs),
-    /// Plan excitation maneuvers and predict what they make known.
+    /// Plan excitation maneuvers and predict the accuracy they reach.
     Plan(plan::PlanArgs),
     /// Fit an airframe file to a recorded flight.
     Airframe(airframe::AirframeArgs),
@@ -62,7 +62,7 @@ pub enum Command {
     },
 }
 
-/// Says what is wrong with the command line. The standard library's words for a number that is none name no remedy.
+/// Reports an error of the command line. The standard library's messages about numbers name no remedy.
 pub fn refuse(error: clap::Error) -> ExitCode {
     const REMEDIES: [(&str, &str); 5] = [
         ("invalid digit found in string", "write a whole number, as in 10"),
@@ -75,7 +75,7 @@ pub fn refuse(error: clap::Error) -> ExitCode {
     let remedy = REMEDIES.iter().find(|(said, _)| text.contains(said));
     match remedy.filter(|_| error.kind() == clap::error::ErrorKind::ValueValidation) {
         Some((said, remedy)) => log::line(text.replace(said, remedy).trim_end()),
-        // Nobody may be there to read it.
+        // stderr may be closed.
         None => _ = error.print(),
     }
     ExitCode::from(u8::try_from(error.exit_code()).unwrap_or(2))

@@ -31,13 +31,13 @@ pub struct DemoArgs {
     /// What flies: small_fixed_wing, large_fixed_wing, quadrotor, or a file that describes it.
     #[arg(long, value_name = "NAME|FILE", default_value = "small_fixed_wing")]
     pub airframe: String,
-    /// Seed of the hidden truth and of all noise.
+    /// Seed of the simulated sensor errors and of all noise.
     #[arg(long, default_value_t = 1)]
     pub seed: u64,
     /// Virtual seconds per second, or max: as fast as it goes, without screens.
     #[arg(long, default_value = "8", value_parser = parse_speed)]
     pub speed: DemoSpeed,
-    /// Time for the maneuvers, s (default: as long as it takes to make known what this airframe can, at most its maneuvers_max_s).
+    /// Time for the maneuvers, s (default: until every observable parameter converges, at most the airframe's maneuvers_max_s).
     #[arg(long, value_name = "SECONDS", allow_negative_numbers = true)]
     pub budget: Option<f64>,
     /// Heights that the plan and proposed maneuvers keep to.
@@ -46,7 +46,7 @@ pub struct DemoArgs {
     /// Mean wind toward north and east, m/s.
     #[arg(long, value_name = "N,E", value_delimiter = ',', num_args = 1, allow_hyphen_values = true, default_values_t = [-2.0, 1.5])]
     pub wind: Vec<f64>,
-    /// Model of the sensors that the companion believes in and the hidden truth is drawn from.
+    /// Sensor model that the estimator assumes and from which the true errors are drawn.
     #[arg(long, value_name = "FILE")]
     pub model: Option<PathBuf>,
     /// Address of the web page.

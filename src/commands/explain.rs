@@ -1,8 +1,9 @@
-//! `gaware explain`: where simulation and measurement disagree, which effect is missing, the gap before and after.
+//! `gaware explain`: which sensor errors the model lacks, how large they are, and the residuals before and after.
 
+use super::report::date_of;
 use super::{CommandError, ListenArgs, load_model, output};
-use crate::explain::contract::Explanation;
-use crate::explain::{self, ExplainError, Phase, Request};
+use crate::explain::{self, ExplainError, Explained, Phase, Request};
+use crate::report::explanation::headline;
 use gaware_nav::identify::select::Settings;
 use gaware_nav::model::Model;
 use std::fmt::Write;
@@ -15,10 +16,10 @@ pub struct ExplainArgs {
     /// Flights of one vehicle (.tlog, .bin, .ulg, .mcap, a folder with imu.csv and gps.csv).
     #[arg(required = true, value_name = "LOG")]
     pub logs: Vec<PathBuf>,
-    /// The model that is believed (default: no effects but those of the message itself).
+    /// Model to start from (default: no effects but those of the message itself).
     #[arg(long, value_name = "FILE")]
     pub model: Option<PathBuf>,
-    /// A flight that only judges; may be given several times (default: blocks of the flights are held out).
+    /// Validation log, excluded from fitting (repeatable; default: blocks of the logs are held out).
     #[arg(long, value_name = "LOG")]
     pub validate: Vec<PathBuf>,
     /// Folder for report.html, report.json and model.toml.
@@ -45,14 +46,14 @@ pub fn run(args: &ExplainArgs) -> Result<(), CommandError> {
         converter: args.listen.options(),
         settings: Settings::default(),
     };
-    // Nobody waits half a minute to hear that the result cannot be kept. A folder that this makes is not left behind empty,
+    // Fails before the analysis where the result cannot be written. A folder that this makes is not left behind empty,
     // however the run ends.
     let new: Vec<&Path> =
         args.out.ancestors().take_while(|p| !p.as_os_str().is_empty() && !p.exists()).collect();
     std::fs::create_dir_all(&args.out)
         .map_err(|source| ExplainError::Write { path: args.out.clone(), source })?;
     for folder in new {
-        // Somebody may have put a file there by now; then it stays.
+        // A file may be there by now; then the folder stays.
         let _ = std::fs::remove_dir(folder);
     }
     let began = Instant::now();
@@ -63,24 +64,37 @@ pub fn run(args: &ExplainArgs) -> Result<(), CommandError> {
             Phase::Reading(k) => (1, format!("reading log {}", k + 1)),
             Phase::Choosing => (2, "fitting noise, comparing effects".to_owned()),
             Phase::Judging => (3, "judging on held-out data".to_owned()),
-            Phase::Terms => (4, "looking for terms outside the catalogue".to_owned()),
-            Phase::Smoothing => (5, "simulating the sensors along the best trajectory".to_owned()),
+            Phase::Terms => (4, "testing terms outside the catalogue".to_owned()),
+            Phase::Smoothing => (5, "simulating the sensors along the smoothed trajectory".to_owned()),
         };
         bar.set_message(format!("step {step} of 5: {what} ({:.0} s so far)", began.elapsed().as_secs_f64()));
     });
     bar.finish_and_clear();
-    let explained = explained?;
+    let mut explained = explained?;
+    let dated = |logs: &mut Vec<String>, paths: &[PathBuf]| {
+        for (name, date) in
+            logs.iter_mut().zip(paths.iter().map(|p| date_of(p))).filter(|(_, d)| !d.is_empty())
+        {
+            name.push_str(&format!(" ({date})"));
+        }
+    };
+    dated(&mut explained.logs, &args.logs);
+    dated(&mut explained.validated, &args.validate);
     explain::write(&explained, &args.out)?;
     crate::sinks::log::line(&format!("explained in {:.1} s{}", began.elapsed().as_secs_f64(), peak_memory()));
     if args.json {
         return output::json_pretty(&explained.explanation);
     }
-    output::words(|out| print(out, &explained.explanation, &args.out.join("report.html")))
+    output::words(|out| print(out, &explained, &args.out.join("report.html")))
 }
 
 /// For people: the result in words, a sentence a line, and where all of it stands.
-fn print(out: &mut String, explanation: &Explanation, report: &Path) -> std::fmt::Result {
+fn print(out: &mut String, explained: &Explained, report: &Path) -> std::fmt::Result {
+    let explanation = &explained.explanation;
     writeln!(out, "verdict: {}", serde_json::json!(explanation.verdict).as_str().unwrap_or("unknown"))?;
+    if explanation.gap.is_some() {
+        writeln!(out, "{}\n", headline(explained))?;
+    }
     for sentence in explain::words::sentences(&explanation.summary) {
         writeln!(out, "{sentence}")?;
     }

@@ -57,11 +57,10 @@ pub struct PlanArgs {
     /// Course of the take-off, deg (default: into the wind).
     #[arg(long, value_name = "DEG", allow_negative_numbers = true)]
     pub heading: Option<f64>,
-    /// Land at home after the last maneuver, where there is room for it (default: end in a hold; a fixed wing on PX4 always lands).
+    /// Land at home after the last maneuver, where there is space for it (default: end in a hold; a fixed wing on PX4 always lands).
     #[arg(long)]
     pub land: bool,
-    /// Time from the end of the climb to the hold at the end, s (default: as long as it takes to make known what this airframe can, at most its
-    /// maneuvers_max_s).
+    /// Time from the end of the climb to the hold at the end, s (default: until every observable parameter converges, at most the airframe's maneuvers_max_s).
     #[arg(long, value_name = "S", allow_negative_numbers = true)]
     pub budget: Option<f64>,
     /// Model of the sensors (default: as `run`).

@@ -82,7 +82,7 @@ pub fn run(args: &ReportArgs) -> Result<(), CommandError> {
 
 /// The day and time at which the log begins, where its entries carry the date (logs of links do, those of autopilots count from
 /// their start).
-fn date_of(log: &Path) -> String {
+pub(super) fn date_of(log: &Path) -> String {
     /// 2001-09-09 in µs: what is smaller counts from a start.
     const FIRST_DATE_US: u64 = 1_000_000_000_000_000;
     let first = logs::open(log).ok().and_then(|mut reader| reader.next()).and_then(Result::ok);

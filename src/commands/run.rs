@@ -353,7 +353,7 @@ impl<E: Estimator> Session<E> {
         }
         self.systems_named = now;
         let text = format!(
-            "several vehicles are heard: {}; system {vehicle} is followed (--vehicle chooses another)",
+            "several vehicles send on this link: {}; system {vehicle} is followed (--vehicle chooses another)",
             systems.words()
         );
         self.tell(t_us, Severity::Warning, text);

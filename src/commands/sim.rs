@@ -41,14 +41,14 @@ pub struct SimArgs {
     /// The sensors are what this model says: noise, fixes and effects, each of its given value (default: those of the scenario).
     #[arg(long, value_name = "FILE", conflicts_with = "hide_random")]
     pub model: Option<PathBuf>,
-    /// Hide an effect in the sensors, values as in a model file: gps_latency=0.3, gps_lever_arm=[0.3,0,-0.1].
+    /// Inject an effect into the sensors, values as in a model file: gps_latency=0.3, gps_lever_arm=[0.3,0,-0.1].
     #[arg(long, value_name = "EFFECT=VALUE")]
     pub hide: Vec<String>,
-    /// Hide an effect drawn by this seed, of a size drawn too, or none at all, in sensors that are otherwise free of effects;
-    /// what it was stands in the file of --sealed alone.
+    /// Inject a random sensor error (seeded), or none, into sensors without other errors; only the file of --sealed
+    /// names it.
     #[arg(long, value_name = "SEED", requires = "sealed", conflicts_with = "hide")]
     pub hide_random: Option<u64>,
-    /// Where to write what --hide-random has hidden, as a model file.
+    /// File for the ground truth of --hide-random, a model file.
     #[arg(long, value_name = "FILE", requires = "hide_random")]
     pub sealed: Option<PathBuf>,
     /// Record every frame, sent and received, to this .tlog.
@@ -107,11 +107,11 @@ pub enum SimError {
     /// A model that cannot be read.
     #[error(transparent)]
     Model(Box<super::CommandError>),
-    /// A hidden effect that cannot be had.
+    /// An effect that cannot be injected.
     #[error(transparent)]
     Hide(#[from] HideError),
-    /// The sealed truth cannot be written.
-    #[error("cannot write the sealed truth to {path}: {source}")]
+    /// The ground truth cannot be written.
+    #[error("cannot write the ground truth to {path}: {source}")]
     Sealed {
         /// Where.
         path: PathBuf,
@@ -142,15 +142,15 @@ impl SimError {
 /// A board that warms up in flight, so that effects of temperature have something to go with.
 const WARMING: Temperature = Temperature { start_degc: 22.0, end_degc: 47.0, time_constant_s: 110.0 };
 
-/// Takes all effects out of a scenario and puts in what this seed draws, if anything; returns the sealed truth.
+/// Takes all effects out of a scenario and puts in what this seed draws, if anything; returns the ground truth.
 ///
-/// Truncation is never drawn: the message itself truncates, and everybody knows. Where it comes up nothing is hidden.
+/// Truncation is never drawn: the message itself truncates, so where it comes up nothing is injected.
 fn hide_random(scenario: &mut Scenario, seed: u64) -> String {
     let drawn = blind::hide_random(seed).filter(|s| !s.effect.truncates_samples());
     scenario.model.effects = drawn.iter().cloned().collect();
     scenario.sensors.temperature = Some(WARMING);
     let what = drawn.as_ref().map_or("nothing", |s| s.effect.name());
-    format!("# hidden: {what}\n{}", blind::seal(drawn.as_ref()))
+    format!("# injected: {what}\n{}", blind::seal(drawn.as_ref()))
 }
 
 /// The sensors become those of this model; where it says nothing of biases, those of the scenario stay.
@@ -167,7 +167,7 @@ struct Prepared {
     autopilot: Autopilot,
     endpoint: Endpoint,
     options: Options,
-    /// What is hidden, for nobody to see before the flight has been explained.
+    /// The injected effect, not shown before the flight has been explained.
     sealed: Option<String>,
 }
 
@@ -283,7 +283,7 @@ mod tests {
             ("--scenario moon", "there is no scenario \"moon\"; known are paper, "),
             ("--hide gremlins=1", "there is no effect \"gremlins\""),
             ("--fault gremlins", "is no fault; known are"),
-            ("--listen nowhere", "is no address; write"),
+            ("--listen nowhere", "is an invalid address; write"),
             ("--speed fast", "is no speed"),
             ("--speed max", "UDP loses frames"),
             ("--filter 900", "out of range"),
@@ -334,7 +334,7 @@ mod tests {
     async fn a_truth_that_cannot_be_sealed_is_not_flown() {
         let args = args("--hide-random 1 --sealed no/such/folder/truth.toml --listen tcpin:127.0.0.1:0");
         let error = run(&args, |_| panic!("it opened a link"), CancellationToken::new()).await.unwrap_err();
-        assert!(error.to_string().contains("sealed truth") && !error.is_usage(), "{error}");
+        assert!(error.to_string().contains("ground truth") && !error.is_usage(), "{error}");
     }
 
     #[test]

@@ -23,7 +23,7 @@ pub enum StudyKind {
     Paper(PaperArgs),
     /// Flights with an independent truth (CSV): position, velocity and attitude errors beside those of other filters.
     Recorded(RecordedArgs),
-    /// The demonstration over many hidden truths: honest sigmas, and a plan that keeps its promises.
+    /// The demonstration over many simulated vehicles: consistency of the sigmas, and the plan against the flight.
     Demo(DemoStudyArgs),
     /// Which states each view calls observable, for 3 and 9 elements of G: a table of flights, or one scenario.
     Observability(ObservabilityArgs),
@@ -33,9 +33,9 @@ pub enum StudyKind {
     Guidance(GuidanceArgs),
     /// Mission uploads over bad and cut links: verified, the previous mission back, or said to be unknown.
     Transfer(TransferArgs),
-    /// Hide an effect, fly, explain, unseal: the confusion matrix.
+    /// Inject an effect, fly, explain, compare with the ground truth: the confusion matrix.
     Blind(super::study_blind::BlindArgs),
-    /// Hours: standing, smooth cruise, steady turns, landings, outages, dropouts and jumps; errors against sigmas.
+    /// Hours: stationary, smooth cruise, steady turns, landings, outages, dropouts and jumps; errors against sigmas.
     Endurance(super::study_endurance::EnduranceArgs),
 }
 
@@ -86,7 +86,7 @@ pub struct DemoStudyArgs {
     /// What flies: small_fixed_wing, large_fixed_wing, quadrotor, or a file that describes it.
     #[arg(long, value_name = "NAME|FILE", default_value = "small_fixed_wing")]
     pub airframe: String,
-    /// Time for the maneuvers, s (default: as long as it takes to make known what this airframe can, at most its maneuvers_max_s).
+    /// Time for the maneuvers, s (default: until every observable parameter converges, at most the airframe's maneuvers_max_s).
     #[arg(long, value_name = "SECONDS", allow_negative_numbers = true)]
     pub budget: Option<f64>,
     /// Mean side force of a fixed wing in a turn with 45° of bank, g; each flight draws its own (default: the airframe's).
@@ -354,7 +354,7 @@ fn print_demo(out: &mut String, study: &demo::DemoStudy) -> std::fmt::Result {
 fn print_guidance(out: &mut String, s: &guidance::GuidanceStudy) -> std::fmt::Result {
     writeln!(
         out,
-        "{}: columns x and z of G known to {} deg/h/g after {:.0} s guided (95 % interval {:.0} to {:.0}), {:.0} s at random (medians of {} from standing start): {:.0} %",
+        "{}: columns x and z of G within {} deg/h/g after {:.0} s guided (95 % interval {:.0} to {:.0}), {:.0} s at random (medians of {} from a standstill): {:.0} %",
         s.airframe,
         s.target_deg_per_h_per_g,
         s.guided_median_s,

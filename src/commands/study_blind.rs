@@ -1,4 +1,4 @@
-//! `gaware study blind`: hide an effect, fly, explain, unseal.
+//! `gaware study blind`: inject an effect, fly, explain, compare with the ground truth.
 
 use super::study::Bar;
 use super::{CommandError, output};
@@ -13,13 +13,13 @@ use std::time::Instant;
 /// Arguments of `study blind`.
 #[derive(Debug, Clone, clap::Args)]
 pub struct BlindArgs {
-    /// Flights with something hidden, per family, spread over effects and kinds of flight; 640 are 20 seeds of everything.
+    /// Flights with an injected effect, per family, spread over effects and kinds of flight; 640 are 20 seeds of everything.
     #[arg(long, default_value_t = 64)]
     pub flights: usize,
     /// Clean flights per family.
     #[arg(long, default_value_t = 20)]
     pub clean: usize,
-    /// How many effects are hidden at once.
+    /// How many effects are injected at once.
     #[arg(long, default_value_t = 1, value_parser = clap::value_parser!(u8).range(1..=2))]
     pub effects: u8,
     /// First seed.
@@ -113,7 +113,7 @@ fn print(out: &mut String, result: &Result) -> std::fmt::Result {
         ("truth inside a group where something was named", s.in_group),
         ("nothing named", s.nothing),
         ("a wrong name alone", s.wrong_alone),
-        ("more named than hidden", s.too_many),
+        ("more named than injected", s.too_many),
         ("something named on clean flights", s.false_alarms),
         ("held-out data more likely with all that was named", s.held_out_shrinks),
         ("parameters within 3 sigma", s.within_3_sigma),
@@ -129,8 +129,8 @@ fn print(out: &mut String, result: &Result) -> std::fmt::Result {
         )?;
     }
     writeln!(out, "  {:.1} s for each flight, {} at a time", result.seconds_per_flight, result.jobs)?;
-    for (hidden, named) in &result.confusion {
-        writeln!(out, "  {hidden}")?;
+    for (injected, named) in &result.confusion {
+        writeln!(out, "  {injected}")?;
         for (name, count) in named {
             writeln!(out, "    {count:4}  {name}")?;
         }

@@ -387,9 +387,9 @@ impl Engine {
                 _ if self.estimator.is_stationary() => {
                     "stationary: position, velocity and heading are held, nothing excites G".to_owned()
                 }
-                _ if stands => "standing or hovering: nothing excites G".to_owned(),
+                _ if stands => "stationary or hovering: nothing excites G".to_owned(),
                 _ if self.phase() == Phase::SearchingHeading => {
-                    "the heading is unknown: accelerate or turn, and the fixes will tell it".to_owned()
+                    "the heading is unknown: accelerate or turn to make it observable".to_owned()
                 }
                 _ => String::new(),
             },
@@ -436,7 +436,7 @@ impl Engine {
         let far = constants.beyond_prior(self.estimator.model());
         if !far.is_empty() {
             list.push(format!(
-                "{} left what the model expects by more than {BEYOND_PRIOR} of its sigmas: the sensors have an error that the model lacks, and these states take the blame for it",
+                "{} left what the model expects by more than {BEYOND_PRIOR} of its sigmas: these states absorb an unmodelled sensor error",
                 far.join(", ")
             ));
         }
@@ -472,7 +472,7 @@ fn reported(event: &EstimatorEvent) -> String {
 fn reported_fix(event: &FixEvent) -> String {
     match event {
         FixEvent::PositionJump { offset_m } => format!(
-            "GNSS position jump of {offset_m:.0} m: velocity and inertial data contradict it, the position is not followed"
+            "GNSS position jump of {offset_m:.0} m: inconsistent with velocity and inertial data, rejected"
         ),
         FixEvent::PositionAccepted { offset_m } => format!(
             "the GNSS position stayed {offset_m:.0} m away for 30 s and is accepted as a correction; only the position changed"

@@ -220,7 +220,7 @@ fn disagreement(conditions: &Conditions, states: &[StateStatus], dark: &[Directi
             said.push(format!(
                 "{what} is observable by its covariance although condition ({name}) is not met: the condition is \
                  stricter, it counts changes of specific force at constant attitude alone and is sufficient, not \
-                 necessary; in turns the fixes have told {what} too"
+                 necessary; fixes in turns have made {what} observable too"
             ));
         } else if condition.met && !lacking.is_empty() {
             said.push(format!(

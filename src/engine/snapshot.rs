@@ -257,7 +257,7 @@ pub struct Consistency {
 pub struct Snapshot {
     /// `gaware.snapshot/1`.
     pub schema: String,
-    /// Counts snapshots from 1; a gap tells a reader how many it has missed.
+    /// Counts snapshots from 1; a reader that finds numbers missing has missed so many.
     #[serde(default)]
     pub sequence: u64,
     /// Time on the autopilot's base, s.
@@ -274,7 +274,7 @@ pub struct Snapshot {
     /// Whether the vehicle is recognised as stationary: position, velocity and heading are held.
     #[serde(default)]
     pub stationary: bool,
-    /// Why it does not learn, in words: no fix, no heading, standing; empty while it does.
+    /// Why it does not learn, in words: no fix, no heading, stationary; empty while it does.
     pub waiting_for: String,
     /// Inertial source.
     pub imu: ImuStatus,

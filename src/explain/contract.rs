@@ -284,7 +284,7 @@ pub fn too_little(why: &str) -> Explanation {
         not_found: Vec::new(),
         assumed: Vec::new(),
         noise: Vec::new(),
-        summary: format!("Nothing can be said about missing effects: {why}."),
+        summary: format!("Too little data to identify unmodelled effects: {why}."),
     }
 }
 

@@ -154,13 +154,13 @@ fn too_little_to_say_names_nothing() {
         (short, "at least 40 s"),
         (without_fixes, "no GNSS fixes"),
         (Vec::new(), "no inertial samples"),
-        (standing, "stands still"),
+        (standing, "stationary"),
     ] {
         let e = samples(&[flight], &[], &Model::default(), &Settings::default(), &|_| {}).explanation;
         assert_eq!(e.verdict, contract::Verdict::Unexplained);
         assert!(e.effects.is_empty() && e.gap.is_none());
         assert!(e.places.is_empty() && e.regimes.is_empty() && e.unexplained_terms.is_empty());
-        let told = e.summary.starts_with("Nothing can be said") && e.summary.contains(said);
+        let told = e.summary.starts_with("Too little data") && e.summary.contains(said);
         assert!(told, "{} does not say {said}", e.summary);
     }
 }
@@ -338,5 +338,5 @@ fn a_clean_flight_tells_what_it_could_not_have_shown() {
     let latency = e.not_found.iter().find(|n| n.name == "gps_latency").unwrap();
     let sigma = latency.parameters["sigma_s"].as_f64().unwrap();
     assert!((0.001..0.01).contains(&sigma), "{sigma}");
-    assert!(crate::report::explanation::html(&explained).unwrap().contains("Looked for and not found"));
+    assert!(crate::report::explanation::html(&explained).unwrap().contains("tested, not significant"));
 }

@@ -52,11 +52,12 @@ pub fn summary(e: &Explanation, added: &[&Added]) -> String {
     let mut text = Vec::new();
     match e.verdict {
         Verdict::NothingMissing => text.push(
-            "The model explains this flight: no effect of the catalogue is missing beyond what noise does by chance."
-                .to_owned(),
+            "The model explains this flight: no further effect of the catalogue is significant.".to_owned(),
         ),
         Verdict::Unexplained if e.effects.is_empty() => {
-            text.push("Simulation and measurement disagree, and no effect of the catalogue explains it.".to_owned());
+            text.push(
+                "The residuals exceed the noise, and no effect of the catalogue explains them.".to_owned(),
+            );
         }
         _ => {}
     }
@@ -66,8 +67,8 @@ pub fn summary(e: &Explanation, added: &[&Added]) -> String {
         added.iter().filter(|a| a.is_at_limit()).map(|a| a.setting.effect.name()).collect();
     if !at_limit.is_empty() {
         text.push(format!(
-            "No bias of such a sensor wanders as fast as {} says: that stands for something which is not in the \
-             catalogue, vibration for one.",
+            "No bias of such a sensor changes as fast as {} requires: it absorbs an error that is not in the \
+             catalogue, such as vibration.",
             at_limit.join(" or ")
         ));
     }
@@ -77,7 +78,7 @@ pub fn summary(e: &Explanation, added: &[&Added]) -> String {
     let worst = e.places.first().filter(|_| !e.effects.is_empty() || !e.unexplained_terms.is_empty());
     text.extend(worst.map(|place| {
         format!(
-            "The old model was worst in {} from {:.0} to {:.0} s ({}).",
+            "The residuals of the given model are largest in {} from {:.0} to {:.0} s ({}).",
             place.channel.replace('_', " "),
             place.t_start_s,
             place.t_end_s,
@@ -96,13 +97,11 @@ fn implausible(e: &Explanation, text: &mut Vec<String>) {
         told.push(finding);
         let figures = e.noise.iter().filter(|o| o.finding == Some(finding));
         let figures: Vec<String> = figures
-            .map(|o| {
-                format!("{} {} {} where {} was claimed", o.name, number(o.fitted), o.unit, number(o.assumed))
-            })
+            .map(|o| format!("{} is {} {}, {} assumed", o.name, number(o.fitted), o.unit, number(o.assumed)))
             .collect();
         text.push(format!(
-            "{finding}: the model explains the flight only with noise that is not plausible ({}): it stands for an error \
-             which is not in the catalogue, or the claims are wrong.",
+            "{finding}: the model explains the flight only with implausible noise ({}). The noise absorbs an error that is not \
+             in the catalogue, or the assumed figures are wrong.",
             figures.join(", ")
         ));
     }
@@ -112,14 +111,14 @@ fn implausible(e: &Explanation, text: &mut Vec<String>) {
 fn missing(entry: &EffectEntry, added: &Added, text: &mut Vec<String>) {
     let size = size(added);
     if entry.names.len() == 1 {
-        text.push(format!("Missing in the model: {}{size}.", described(entry.names[0])));
+        text.push(format!("Unmodelled effect: {}{size}.", described(entry.names[0])));
     } else {
         let names: Vec<String> = entry.names.iter().map(|n| described(n)).collect();
         text.push(format!(
-            "This flight cannot tell apart: {}. The first fits best{size}.",
+            "This flight does not separate {}. The first fits best{size}.",
             names.join(" or ")
         ));
-        text.extend(entry.separate_by.as_ref().map(|maneuver| format!("To tell them apart: {maneuver}.")));
+        text.extend(entry.separate_by.as_ref().map(|maneuver| format!("To separate them: {maneuver}.")));
     }
     text.extend(entry.consequence.as_ref().map(|c| format!("Consequence: {c}.")));
     text.push(format!("Remedy: {}.", entry.remedy));
@@ -134,8 +133,8 @@ fn shrunk(gap: &Gap, effects: usize, text: &mut Vec<String>) {
     if let Some(c) = most {
         let unit = if c.channel.starts_with("velocity") { "m/s" } else { "m" };
         text.push(format!(
-            "On data that took no part, adding {} takes the disagreement in {} from {} to {} {unit} RMS, and squared \
-             normalised innovations from {} to {} per degree of freedom (1 is perfect).",
+            "On held-out data, adding {} reduces the innovations of {} from {} to {} {unit} RMS, and the NIS per degree of \
+             freedom from {} to {} (1 is expected).",
             if effects == 1 { "it" } else { "them" },
             c.channel.replace('_', " "),
             number(c.rms.before),
@@ -157,7 +156,7 @@ fn shrunk(gap: &Gap, effects: usize, text: &mut Vec<String>) {
 fn left_over(e: &Explanation, text: &mut Vec<String>) {
     for t in &e.unexplained_terms {
         text.push(format!(
-            "Left over: {} goes with {} by {} ± {} {}.",
+            "Residual: {} correlates with {} (coefficient {} ± {} {}).",
             t.channel.replace('_', " "),
             t.term,
             number(t.coefficient),
@@ -168,20 +167,20 @@ fn left_over(e: &Explanation, text: &mut Vec<String>) {
     if !e.negligible.is_empty() {
         let names: Vec<&str> = e.negligible.iter().map(|n| n.name).collect();
         text.push(format!(
-            "Also seen, but too small to be told from what any simulation leaves out: {}.",
+            "Significant but negligible, below what the simulation itself leaves out: {}.",
             names.join(", ")
         ));
     }
     let likely: Vec<&str> = e.not_found.iter().filter(|n| n.likely).map(|n| n.name).collect();
     if !likely.is_empty() {
         text.push(format!(
-            "Something speaks for {} too, which was not added: the search ends after a few effects, and held-out data \
-             must agree.",
+            "Likely, but not added: {}. The search ends after a few effects, and held-out data must confirm \
+             each.",
             likely.join(", ")
         ));
     }
     for name in &e.removed {
-        text.push(format!("{name} looked likely, but the held-out data did not confirm it; it is left out."));
+        text.push(format!("{name} fitted well, but held-out data did not confirm it; it is left out."));
     }
 }
 
@@ -234,7 +233,7 @@ mod tests {
             reason: None,
         };
         e.not_found = vec![of(true)];
-        assert!(summary(&e, &[]).contains("Something speaks for gyro_scale_factor too, which was not added"));
+        assert!(summary(&e, &[]).contains("Likely, but not added: gyro_scale_factor."));
         e.not_found = vec![of(false)];
         assert!(!summary(&e, &[]).contains("gyro_scale_factor"));
     }

@@ -119,7 +119,7 @@ pub enum LogError {
     #[error("there is no imu.csv beside {0}: a table of fixes is read together with the inertial samples")]
     NoImu(PathBuf),
     /// Another format.
-    #[error("{0} is none of the formats gaware reads (.tlog, .bin, .ulg, .mcap, a folder with imu.csv)")]
+    #[error("{0}: unsupported format; gaware reads .tlog, .bin, .ulg, .mcap, a folder with imu.csv")]
     UnknownFormat(PathBuf),
     /// The format was recognised, and not one entry could be read.
     #[error("no {format} entry could be read in {bytes} bytes: the file is damaged or of another format")]

@@ -121,7 +121,7 @@ fn files_that_are_no_logs_are_refused_with_a_sentence() {
         }
     };
     assert!(message("a.tlog", b"").contains("is empty"));
-    assert!(message("a.txt", b"hello, this is no log at all").contains("none of the formats"));
+    assert!(message("a.txt", b"hello, this is no log at all").contains("unsupported format"));
     assert!(message("b.tlog", b"hello, this is no log at all").contains("no tlog entry"));
     assert!(
         message("a.ulg", b"ULog\x01\x12\x35\x01 and then rubbish, rubbish, rubbish")

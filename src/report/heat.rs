@@ -26,15 +26,17 @@ pub fn map(title: &str, points: &[Point], colour: &str) -> String {
         (0..CHANNELS.len()).filter(|c| points.iter().any(|p| p.normalised(*c).is_some())).collect();
     let height = 40.0 + ROW * rows.len() as f64;
     let mut svg = format!(
-        "<div class=\"drawing\"><svg class=\"plot\" role=\"img\" viewBox=\"0 0 860 {height:.0}\" font-family=\"sans-serif\" font-size=\"13\" \
-         fill=\"currentColor\"><title>{title}</title><text x=\"{NAMES:.0}\" y=\"13\" font-size=\"14\">{title}</text>"
+        "<div class=\"drawing\"><svg class=\"plot\" role=\"img\" viewBox=\"0 0 860 {height:.0}\" font-family=\"sans-serif\" font-size=\"15\" \
+         fill=\"currentColor\"><title>{title}</title><text x=\"{NAMES:.0}\" y=\"13\">{title}</text>"
     );
     for (k, channel) in rows.iter().enumerate() {
         let y = 18.0 + ROW * k as f64;
         let mut cells: BTreeMap<usize, (f64, f64)> = BTreeMap::new();
         for p in points {
             if let Some(z) = p.normalised(*channel) {
-                let cell = cells.entry((p.motion.elapsed_s / step_s) as usize).or_default();
+                let cell = cells
+                    .entry(((p.motion.elapsed_s / step_s) as usize).min(COLUMNS as usize - 1))
+                    .or_default();
                 *cell = (cell.0 + z * z, cell.1 + 1.0);
             }
         }

@@ -1,4 +1,4 @@
-//! Self-contained HTML reports: inline plots, no scripts, light and dark, printable.
+//! Self-contained HTML reports: interactive plots with a drawing for readers without scripts, light and dark, printable.
 
 pub mod demo;
 pub mod explanation;
@@ -6,3 +6,4 @@ pub mod flight;
 pub mod heat;
 mod page;
 pub mod plot;
+mod spectrum;

@@ -62,12 +62,16 @@ pub struct Plot<'a> {
     limits: Option<f64>,
     /// The time axis starts here or earlier, s.
     since_s: f64,
+    /// Whether the axis is frequency instead of time.
+    frequency: bool,
 }
 
 /// What the script needs beside the CSV.
 #[derive(Serialize)]
 struct Description<'a> {
     unit: &'a str,
+    /// Unit of the horizontal axis.
+    x: &'a str,
     y: [f64; 2],
     since: Option<f64>,
     lines: Vec<(&'a str, Color)>,
@@ -113,6 +117,7 @@ impl<'a> Plot<'a> {
             range: Range::Zero,
             limits: None,
             since_s: f64::INFINITY,
+            frequency: false,
         }
     }
 
@@ -151,6 +156,18 @@ impl<'a> Plot<'a> {
         self
     }
 
+    /// With frequency, Hz, in place of time.
+    #[must_use]
+    pub fn over_frequency(mut self) -> Self {
+        self.frequency = true;
+        self
+    }
+
+    /// Unit of the horizontal axis.
+    fn x_unit(&self) -> &'static str {
+        if self.frequency { "Hz" } else { "s" }
+    }
+
     /// Shows no more than this to both sides of zero.
     #[must_use]
     pub fn within(mut self, limit: f64) -> Self {
@@ -173,6 +190,7 @@ impl<'a> Plot<'a> {
         let Some((y, t)) = self.extent() else { return Ok(String::new()) };
         let describe = Description {
             unit: self.unit,
+            x: self.x_unit(),
             y,
             since: Some(self.since_s).filter(|s| s.is_finite()),
             lines: self.lines.iter().map(|l| (l.name, l.color)).collect(),
@@ -248,7 +266,7 @@ impl<'a> Plot<'a> {
             }
         }
         let clean = |name: &str| name.replace(|c: char| !(c.is_ascii_alphanumeric() || c == '_'), "_");
-        let mut out = "time_s".to_owned();
+        let mut out = if self.frequency { "frequency_hz" } else { "time_s" }.to_owned();
         self.lines.iter().for_each(|l| out.extend([",", &clean(l.name)]));
         (0..self.bands.len()).for_each(|k| {
             let name = self.lines.get(k).map_or_else(|| k.to_string(), |l| clean(l.name));
@@ -270,8 +288,16 @@ impl<'a> Plot<'a> {
     fn still(&self, y: [f64; 2], t: [f64; 2]) -> String {
         let px = |s: f64| 60.0 + 780.0 * (s - t[0]) / (t[1] - t[0]);
         let py = |v: f64| 12.0 + 176.0 * (y[1] - v.clamp(y[0], y[1])) / (y[1] - y[0]);
-        let mut out = "<svg role=\"img\" viewBox=\"0 0 860 216\" font-family=\"sans-serif\" font-size=\"13\" fill=\"currentColor\">".to_owned();
+        let mut out = "<svg role=\"img\" viewBox=\"0 0 860 216\" font-family=\"sans-serif\" font-size=\"15\" fill=\"currentColor\">".to_owned();
         let _ = write!(out, "<title>{}</title>", escape(self.title));
+        if let Some(limit) = self.limits {
+            let (top, bottom) = (py(limit), py(-limit));
+            let height = bottom - top;
+            let _ = write!(
+                out,
+                "<path d=\"M60 {top:.1}H840v{height:.1}H60z\" fill=\"#3ca06e\" fill-opacity=\".15\"/>"
+            );
+        }
         for v in ticks(y) {
             let _ = write!(
                 out,
@@ -284,9 +310,10 @@ impl<'a> Plot<'a> {
         for s in ticks(t) {
             let _ = write!(
                 out,
-                "<text x=\"{:.1}\" y=\"208\" text-anchor=\"middle\">{} s</text>",
+                "<text x=\"{:.1}\" y=\"208\" text-anchor=\"middle\">{} {}</text>",
                 px(s),
-                short(s)
+                short(s),
+                self.x_unit()
             );
         }
         for (s, _) in self.marks.iter().filter(|(s, _)| (t[0]..=t[1]).contains(s)) {

@@ -19,10 +19,10 @@ pub fn consequence(source: ImuSource) -> Option<&'static str> {
     match source {
         ImuSource::HighresImu => None,
         ImuSource::RawImu | ImuSource::ScaledImu => {
-            Some("values are cut off to 1 mrad/s and 1 mg; the filter accounts for it")
+            Some("values are truncated to 1 mrad/s and 1 mg; the filter models this")
         }
         ImuSource::ScaledImu2 | ImuSource::ScaledImu3 => {
-            Some("this is not the primary inertial unit, and values are cut off to 1 mrad/s and 1 mg")
+            Some("this is not the primary inertial unit, and values are truncated to 1 mrad/s and 1 mg")
         }
     }
 }

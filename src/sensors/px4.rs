@@ -21,10 +21,10 @@ pub fn consequence(source: ImuSource) -> Option<&'static str> {
             "the autopilot has subtracted its own moving bias estimates; biases and g-sensitivity found here are what it left",
         ),
         ImuSource::RawImu | ImuSource::ScaledImu => {
-            Some("values are cut off to 1 mrad/s and 1 mg; the filter accounts for it")
+            Some("values are truncated to 1 mrad/s and 1 mg; the filter models this")
         }
         ImuSource::ScaledImu2 | ImuSource::ScaledImu3 => {
-            Some("this is not the primary inertial unit, and values are cut off to 1 mrad/s and 1 mg")
+            Some("this is not the primary inertial unit, and values are truncated to 1 mrad/s and 1 mg")
         }
     }
 }

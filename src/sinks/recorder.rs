@@ -297,7 +297,7 @@ impl Worker {
             // What was in it is lost as well.
             self.counters.written.fetch_sub(self.settled, Ordering::Relaxed);
             self.pending += self.settled;
-            self.give_up(&std::io::Error::other(format!("the file was {what} by somebody else")).into());
+            self.give_up(&std::io::Error::other(format!("another process {what} the file")).into());
             // Nothing is wrong with the disk.
             self.retry = Instant::now();
             return;

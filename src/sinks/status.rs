@@ -106,7 +106,7 @@ pub enum Control {
     /// Not reported.
     #[default]
     Unknown,
-    /// Nobody: it is disarmed or has not taken off.
+    /// No one: it is disarmed or has not taken off.
     Ground,
     /// A pilot, or a mode that is not the mission's.
     Pilot,
@@ -161,7 +161,7 @@ pub enum MissionState {
     OnVehicle,
     /// The upload failed; the mission before is on the vehicle.
     NotOnVehicle,
-    /// The upload failed, and nobody knows what is on the vehicle.
+    /// The upload failed; what is on the vehicle is unknown.
     Unknown,
 }
 

@@ -2,7 +2,7 @@
 
 import assert from "node:assert/strict";
 import { execFileSync } from "node:child_process";
-import { existsSync, mkdtempSync, rmSync } from "node:fs";
+import { existsSync, mkdtempSync, readdirSync, rmSync, statSync } from "node:fs";
 import { tmpdir } from "node:os";
 import { join } from "node:path";
 import { after, before, test } from "node:test";
@@ -10,19 +10,26 @@ import { launch, open } from "./harness.mjs";
 
 const ROOT = new URL("../../", import.meta.url).pathname;
 const FLIGHTS = process.env.GAWARE_FLIGHTS ?? join(ROOT, "../shared/data");
-const LOGS = [
-  join(ROOT, "tests/data/small_gsens_typical_dither.tlog"),
-  ...["real_copter_sample.BIN", "real_px4_sample.ulg", "qdr_p4rtk_xsensdot"].map((name) => join(FLIGHTS, name)),
-].filter(existsSync);
+const SMALL = join(ROOT, "tests/data/small_gsens_typical_dither.tlog");
+/** Recordings of vehicles with rotors, and of one under water: no maneuver of a fixed wing may be named. */
+const NO_WING = /copter|px4_sample|qdr|sub_bench/;
+// The small recordings of this repository; with EVERY_FLIGHT=1 all that are there, by explain those of less than 5 MB.
+const every = process.env.EVERY_FLIGHT ? readdirSync(FLIGHTS).filter((name) => !/\.(md|json|toml)$/.test(name)) : [];
+const some = ["real_copter_sample.BIN", "real_px4_sample.ulg", "qdr_p4rtk_xsensdot"];
+const logs = [SMALL, ...(every.length > 0 ? every : some).map((name) => join(FLIGHTS, name))].filter(existsSync);
+const JOBS = [
+  ...logs.map((log) => ["report", log]),
+  ...(every.length > 0 ? logs.filter((log) => statSync(log).size < 5e6) : [SMALL]).map((log) => ["explain", log]),
+];
 const folder = mkdtempSync(join(tmpdir(), "gaware-reports-"));
 let browser;
 let reports;
 before(async () => {
   browser = await launch();
-  reports = LOGS.map((log, k) => {
-    const out = join(folder, `${k}.html`);
-    execFileSync(process.env.GAWARE, ["report", log, "--out", out], { stdio: ["ignore", "ignore", "inherit"] });
-    return `file://${out}`;
+  reports = JOBS.map(([command, log], k) => {
+    const out = join(folder, command === "report" ? `${k}.html` : `${k}`);
+    execFileSync(process.env.GAWARE, [command, log, "--out", out], { stdio: ["ignore", "ignore", "inherit"] });
+    return { name: `${command} ${log}`, rotor: NO_WING.test(log), url: `file://${command === "report" ? out : join(out, "report.html")}` };
   });
 });
 after(async () => {
@@ -35,35 +42,58 @@ function faults() {
   const inside = (e) => e.closest(".wide, .drawing, .area, pre, svg");
   const shown = [...document.querySelectorAll("body *")].filter((e) => e.getClientRects().length > 0);
   const small = shown.filter((e) => !e.closest(".drawing, script") && [...e.childNodes].some((n) => n.nodeType === 3 && n.textContent.trim()) && parseFloat(getComputedStyle(e).fontSize) < 12);
+  // Letters of a drawing are as large as its scale makes them.
+  const letters = [...document.querySelectorAll("svg text")].filter((e) => e.getClientRects().length > 0);
+  const tiny = letters.filter((e) => parseFloat(getComputedStyle(e).fontSize) * e.getScreenCTM().a < 12);
   const labels = [...document.querySelectorAll(".drawing text")].map((e) => e.getBoundingClientRect());
   const over = labels.filter((a, i) => labels.some((b, k) => k > i && a.left < b.right - 3 && b.left < a.right - 3 && a.top < b.bottom - 6 && b.top < a.bottom - 6));
+  // On paper nothing can be scrolled into view.
+  const paper = matchMedia("print").matches ? shown.filter((e) => !e.closest("svg") && e.scrollWidth > e.clientWidth + 1 && getComputedStyle(e).display !== "inline") : [];
   return {
+    cut: paper.map((e) => `${e.tagName}.${e.className}`),
     scroll: document.documentElement.scrollWidth - window.innerWidth,
     wide: shown.filter((e) => !inside(e) && e.getBoundingClientRect().right > window.innerWidth + 1).map((e) => `${e.tagName}.${e.className}`),
-    small: small.map((e) => e.textContent.trim().slice(0, 30)),
+    small: [...small, ...tiny].map((e) => e.textContent.trim().slice(0, 30)),
     over: over.length,
-    raw: document.body.innerText.match(/\[[-0-9.]+,|NaN|undefined/g),
+    raw: [...document.querySelectorAll("body > :not(pre, script)")].map((e) => e.innerText).join("\n").match(/\[[-0-9.]+,|NaN|undefined/g),
     plots: document.querySelectorAll("figure.chart").length - document.querySelectorAll("figure.chart.live .uplot").length,
   };
 }
 
-test("at 1280 and at 390 pixels nothing overflows, nothing overlaps, every label can be read", async () => {
-  for (const report of reports) {
-    for (const width of [1280, 390]) {
-      const { page, errors, close } = await open(browser, { viewport: { width, height: 844 } });
-      await page.goto(report);
+test("at 1280 and at 390 pixels and on paper nothing overflows, nothing overlaps, every label can be read", async () => {
+  // A4 with Chromium's margins is 718 px wide.
+  for (const { name, url } of reports) {
+    for (const [width, media] of [[1280, "screen"], [390, "screen"], [718, "print"]]) {
+      const { page, errors, close } = await open(browser, { viewport: { width: media === "print" ? 1280 : width, height: 844 } });
+      await page.goto(url);
+      await page.emulateMedia({ media });
+      if (media === "print") await page.setViewportSize({ width, height: 844 });
       const found = await page.evaluate(faults);
-      assert.ok(found.scroll <= 0, `${report} at ${width}: ${found.scroll} px wider`);
-      assert.deepEqual({ ...found, scroll: 0 }, { scroll: 0, wide: [], small: [], over: 0, raw: null, plots: 0 }, `${report} at ${width}`);
+      assert.ok(found.scroll <= 0, `${name} at ${width}: ${found.scroll} px wider`);
+      assert.deepEqual({ ...found, scroll: 0 }, { scroll: 0, wide: [], small: [], over: 0, raw: null, plots: 0, cut: [] }, `${name} at ${width}`);
       assert.deepEqual(errors.filter((e) => !e.startsWith("asked for file:")), []);
       await close();
     }
   }
 });
 
+test("a report of a vehicle without wings names no maneuver of an aircraft, and one with wings does", async () => {
+  const words = /throttle|rudder|aileron|sideslip|wings level|stall/i;
+  let wings = 0;
+  for (const { name, rotor, url } of reports) {
+    const { page, close } = await open(browser, {});
+    await page.goto(url);
+    const text = await page.evaluate(() => document.body.innerText);
+    if (rotor) assert.doesNotMatch(text, words, name);
+    else wings += words.test(text) ? 1 : 0;
+    await close();
+  }
+  assert.ok(wings > 0, "the words are looked for in vain everywhere");
+});
+
 test("the plots of a report share time axis and zoom, and their data can be taken away", async () => {
   const { page, close } = await open(browser, { viewport: { width: 1280, height: 900 } });
-  await page.goto(reports[0]);
+  await page.goto(reports[0].url);
   const over = page.locator(".uplot .u-over").first();
   const axis = (k) => page.evaluate((i) => document.querySelectorAll(".uplot canvas")[i].toDataURL(), k);
   const before = await axis(3);
@@ -81,13 +111,13 @@ test("the plots of a report share time axis and zoom, and their data can be take
 
 test("without scripts and on paper there is a drawing of every plot", async () => {
   const { page, close } = await open(browser, { javaScriptEnabled: false });
-  await page.goto(reports[0]);
+  await page.goto(reports[0].url);
   assert.ok(await page.locator("figure.chart").count() >= 8);
   assert.equal(await page.locator("figure.chart .area > svg polyline").count() > 0, true);
   assert.equal(await page.locator("figure.chart .area:not(:has(> svg))").count(), 0);
   await close();
   const printed = await open(browser, {});
-  await printed.page.goto(reports[0]);
+  await printed.page.goto(reports[0].url);
   assert.ok((await printed.page.pdf({ format: "A4" })).length > 50000);
   await printed.close();
 });

@@ -10,7 +10,7 @@ pub(super) fn run(a: &Airframe) -> Result<(), AirframeError> {
     ranges(a)?;
     if a.is_fixed_wing() {
         if a.speed_min_m_per_s <= 0.0 {
-            return wrong("speed_min_m_per_s", a.speed_min_m_per_s, "a fixed wing cannot stand still");
+            return wrong("speed_min_m_per_s", a.speed_min_m_per_s, "a fixed wing cannot hover");
         }
         wing_turns(a)?;
     } else if a.load_factor_max <= 1.0 {

@@ -41,7 +41,7 @@ fn purpose(maneuver: Maneuver) -> &'static str {
         Maneuver::Spiral(_) => "columns x and z of G, heading",
         Maneuver::PaperSequence => "attitude, biases and the diagonal of G",
         Maneuver::CrabLegs => "columns x and y of G",
-        Maneuver::Sideslip => "column y of G, which coordinated flight leaves dark",
+        Maneuver::Sideslip => "column y of G, unobservable in coordinated flight",
     }
 }
 

@@ -397,7 +397,8 @@ impl<'a> Search<'a> {
         let after = fresh.sigmas();
         let states = verdicts(&after, reach);
         let mut notes = self.notes(&states);
-        notes.extend(no_landing.map(|e| format!("no room to land; the mission ends in a hold: {e}")));
+        notes
+            .extend(no_landing.map(|e| format!("not enough space to land; the mission ends in a hold: {e}")));
         Ok(Plan {
             mission: Mission { home: Some(self.request.home), items },
             maneuvers: best.maneuvers,
@@ -423,14 +424,14 @@ impl<'a> Search<'a> {
         let names = |wanted: &dyn Fn(&PlannedState) -> bool| {
             states.iter().filter(|s| wanted(s)).map(|s| s.name.as_str()).collect::<Vec<_>>().join(", ")
         };
-        let dark = names(&|s| s.reach == Reach::Dark);
+        let unobservable = names(&|s| s.reach == Reach::Dark);
         let short = names(&|s| s.reach == Reach::Short);
         let unfinished = names(&|s| s.reach == Reach::Known && !s.known());
         let mut notes = Vec::new();
-        if !dark.is_empty() {
+        if !unobservable.is_empty() {
             let wing = self.request.airframe.is_fixed_wing();
             let remedy = if wing { "; a pilot must fly sideslips for column y of G" } else { "" };
-            notes.push(format!("maneuvers of the autopilot leave dark: {dark}{remedy}"));
+            notes.push(format!("unobservable with maneuvers of the autopilot: {unobservable}{remedy}"));
         }
         if !short.is_empty() {
             let minutes = self.request.budget_s / 60.0;

@@ -22,8 +22,8 @@ const HEAD: &str = "# What autopilots take in missions
 
 Generated from `mission/src/rules/table.rs`; `UPDATE_DOCS=1 cargo test -p gaware-mission --lib rules` writes it again.
 
-Before an upload, `gaware` judges every item by this table. *NaN* names the parameters in which `null` (NaN) is taken; infinity is taken
-nowhere. ArduPilot cuts altitudes to centimetres, has home as item 0 and reads every frame of a command without a place back as 0. PX4 reads
+Before an upload, `gaware` judges every item by this table. *NaN* names the parameters in which `null` (NaN) is taken; infinity is
+never accepted. ArduPilot cuts altitudes to centimetres, has home as item 0 and reads every frame of a command without a place back as 0. PX4 reads
 frames 0 and 3 back as 5 and 6. Commands marked with * are those that `gaware plan` can write.
 
 | command | firmware | verdict | parameter 1 | 2 | 3 | 4 | NaN | frames | source |

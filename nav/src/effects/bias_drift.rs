@@ -26,7 +26,7 @@ impl Effect for GyroBiasDrift {
     }
 
     fn description(&self) -> &'static str {
-        "the gyro biases wander"
+        "the gyro biases follow a random walk"
     }
 
     fn cause(&self) -> &'static str {
@@ -79,7 +79,7 @@ impl Effect for AccelBiasDrift {
     }
 
     fn description(&self) -> &'static str {
-        "the accelerometer biases wander"
+        "the accelerometer biases follow a random walk"
     }
 
     fn cause(&self) -> &'static str {

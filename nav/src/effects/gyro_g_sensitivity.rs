@@ -56,7 +56,7 @@ impl Effect for GyroGSensitivity {
             Separation {
                 from: "gyro_g2_sensitivity",
                 fly: &[Excitation::PullUp, Excitation::SteadyTurn],
-                why: "three loads tell a line from a square",
+                why: "three loads separate a linear from a quadratic response",
             },
             Separation {
                 from: "gyro_bias_drift",

@@ -104,7 +104,7 @@ impl Effect for AccelScaleFactor {
             Separation {
                 from: "accel_nonlinearity",
                 fly: &[Excitation::SteadyTurn, Excitation::PullUp],
-                why: "three loads tell a line from a square",
+                why: "three loads separate a linear from a quadratic response",
             },
             Separation {
                 from: "accel_misalignment",

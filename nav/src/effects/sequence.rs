@@ -43,14 +43,14 @@ const fn mistake(name: &'static str, description: &'static str, act: Act) -> Seq
 
 /// The gyros end at the end of their range.
 pub static GYRO_CLIPPED: SequenceMistake =
-    mistake("gyro_clipped", "the gyros are cut off at the end of their range", Act::Clip(0));
+    mistake("gyro_clipped", "the gyros are clipped at the end of their range", Act::Clip(0));
 /// The accelerometers end at the end of their range.
 pub static ACCEL_CLIPPED: SequenceMistake =
-    mistake("accel_clipped", "the accelerometers are cut off at the end of their range", Act::Clip(1));
+    mistake("accel_clipped", "the accelerometers are clipped at the end of their range", Act::Clip(1));
 /// Samples come twice.
 pub static SAMPLES_REPEATED: SequenceMistake = mistake(
     "samples_repeated",
-    "inertial samples are told twice, the second time under a new time stamp",
+    "inertial samples are reported twice, the second time under a new time stamp",
     Act::Repeat,
 );
 /// The gyros are a sample behind the accelerometers.

@@ -105,14 +105,14 @@ mistakes! {
     "gyro_xy_swapped", "the x and y axes of the gyros are swapped", Gyro, Act::Swap(0, 1);
     "gyro_xz_swapped", "the x and z axes of the gyros are swapped", Gyro, Act::Swap(0, 2);
     "gyro_yz_swapped", "the y and z axes of the gyros are swapped", Gyro, Act::Swap(1, 2);
-    "gyro_in_deg_per_s", "the gyros are read as rad/s but tell deg/s", Gyro, Act::Scale(180.0 / std::f64::consts::PI);
+    "gyro_in_deg_per_s", "the gyros are read as rad/s but report deg/s", Gyro, Act::Scale(180.0 / std::f64::consts::PI);
     "accel_x_reversed", "the x axis of the accelerometers has the wrong sign", Accel, Act::Reverse(0);
     "accel_y_reversed", "the y axis of the accelerometers has the wrong sign", Accel, Act::Reverse(1);
     "accel_z_reversed", "the z axis of the accelerometers has the wrong sign", Accel, Act::Reverse(2);
     "accel_xy_swapped", "the x and y axes of the accelerometers are swapped", Accel, Act::Swap(0, 1);
     "accel_xz_swapped", "the x and z axes of the accelerometers are swapped", Accel, Act::Swap(0, 2);
     "accel_yz_swapped", "the y and z axes of the accelerometers are swapped", Accel, Act::Swap(1, 2);
-    "accel_in_g", "the accelerometers are read as m/s² but tell g", Accel, Act::Scale(1.0 / STANDARD_GRAVITY);
+    "accel_in_g", "the accelerometers are read as m/s² but report g", Accel, Act::Scale(1.0 / STANDARD_GRAVITY);
 }
 
 #[cfg(test)]

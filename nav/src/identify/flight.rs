@@ -54,7 +54,7 @@ pub enum TooLittle {
         fixes: usize,
     },
     /// It never moved.
-    #[error("the vehicle stands still: fly turns, climbs and changes of speed")]
+    #[error("the vehicle is stationary: fly turns, climbs and changes of speed")]
     Standing,
 }
 

@@ -83,7 +83,7 @@ impl Cause {
             Self::Forward => "speed has hardly changed",
             Self::Sideways => "the vehicle has hardly been accelerated sideways",
             Self::Vertical => "vertical acceleration has hardly changed",
-            Self::Turn => "one heading cannot tell tilt from bias",
+            Self::Turn => "one heading cannot separate tilt from bias",
             Self::Rotation => "the vehicle has hardly rotated about all axes",
             Self::Speed => "the velocity has hardly changed",
             Self::Temperature => "the temperature has hardly changed",

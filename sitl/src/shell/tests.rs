@@ -158,7 +158,7 @@ fn addresses_and_speeds_are_read_or_refused_in_words() {
     );
     for wrong in ["", "pt", "tcpin", "tcpin:1", "ftp:host:1", "udpin:host:99999"] {
         let error = wrong.parse::<Endpoint>().unwrap_err().to_string();
-        assert!(error.contains("is no address; write"), "{error}");
+        assert!(error.contains("is an invalid address; write"), "{error}");
     }
     assert_eq!("max".parse::<Speed>().unwrap(), Speed::Max);
     assert!("-2".parse::<Speed>().is_err() && "nan".parse::<Speed>().is_err());

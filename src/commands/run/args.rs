@@ -40,7 +40,7 @@ pub struct RunArgs {
     /// Whom to listen to.
     #[command(flatten)]
     pub listen: ListenArgs,
-    /// Sign with this key (32 bytes or 64 hexadecimal digits) and believe only frames signed with it. The last time used
+    /// Sign with this key (32 bytes or 64 hexadecimal digits) and accept only frames signed with it. The last time used
     /// is kept beside it.
     #[arg(long, value_name = "FILE")]
     pub signing_key: Option<PathBuf>,
@@ -55,7 +55,7 @@ pub struct RunArgs {
     #[arg(long, value_name = "TOKEN", env = "GAWARE_WEB_TOKEN", hide_env_values = true)]
     pub web_token: Option<String>,
     /// A planned mission (.plan or .waypoints, see `gaware plan`) that may be uploaded from the page or the terminal; nothing is
-    /// uploaded before somebody asks for it there and confirms. The mission before is kept in a file beside it.
+    /// uploaded before the user asks for it there and confirms. The mission before is kept in a file beside it.
     #[arg(long, value_name = "FILE")]
     pub mission: Option<PathBuf>,
     /// Print the result as one JSON document.

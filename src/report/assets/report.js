@@ -11,13 +11,13 @@
     return { ...JSON.parse(figure.dataset.plot), columns };
   };
   const all = figures.map(read);
-  const range = all.reduce(([a, b], d) => [Math.min(a, d.since ?? Infinity, d.columns[0][0]), Math.max(b, d.columns[0].at(-1))], [Infinity, -Infinity]);
+  const range = all.filter((d) => d.x === "s").reduce(([a, b], d) => [Math.min(a, d.since ?? Infinity, d.columns[0][0]), Math.max(b, d.columns[0].at(-1))], [Infinity, -Infinity]);
 
   let zooming = false;
   const zoom = (from, { min, max }) => {
     if (zooming) return;
     zooming = true;
-    for (const plot of plots) if (plot !== from) plot.setScale("x", { min, max });
+    for (const plot of plots) if (plot !== from && plots.includes(from)) plot.setScale("x", { min, max });
     zooming = false;
   };
   const behind = (u, d) => {
@@ -51,22 +51,22 @@
     const axis = { stroke: () => css("--ink"), grid: { stroke: () => css("--line"), width: 1 }, ticks: { show: false }, font: "13px sans-serif" };
     const show = (_, v) => (v === null || v === undefined ? "–" : Math.abs(v) >= 100 ? v.toFixed(1) : Number(v.toPrecision(4)).toString());
     const hidden = d.columns.slice(1 + d.lines.length).map(() => ({ show: true, stroke: "transparent", width: 0, points: { show: false }, class: "bound" }));
+    const time = d.x === "s";
     const size = () => ({ width: Math.max(200, Math.floor(area.clientWidth)), height: 230 });
-    area.replaceChildren();
     const plot = new uPlot({
       ...size(),
-      cursor: { sync: { key: "report", scales: ["x", null] }, drag: { x: true, y: false, setScale: true }, focus: { prox: 16 } },
-      scales: { x: { time: false, range: (_, a, b) => (a === null || (a === d.columns[0][0] && b === d.columns[0].at(-1)) ? range : [a, b]) }, y: { range: () => d.y } },
-      axes: [{ ...axis, size: 34, values: (_, ticks) => ticks.map((t) => `${t} s`) }, { ...axis, size: 62 }],
+      cursor: { sync: { key: time ? "time" : "frequency", scales: ["x", null] }, drag: { x: true, y: false, setScale: true }, focus: { prox: 16 } },
+      scales: { x: { time: false, range: (_, a, b) => (!time ? [a ?? 0, b ?? 1] : a === null || (a === d.columns[0][0] && b === d.columns[0].at(-1)) ? range : [a, b]) }, y: { range: () => d.y } },
+      axes: [{ ...axis, size: 34, values: (_, ticks) => ticks.map((t) => `${t} ${d.x}`) }, { ...axis, size: 62 }],
       series: [
-        { label: "time", value: (_, t) => (t === null || t === undefined ? "–" : `${t.toFixed(1)} s`) },
+        { label: time ? "time" : "frequency", value: (_, t) => (t === null || t === undefined ? "–" : `${t.toFixed(time ? 1 : 2)} ${d.x}`) },
         ...d.lines.map(([label, stroke]) => ({ label, stroke, width: 1.5, spanGaps: true, points: { show: false }, value: show })),
         ...hidden,
       ],
       bands: d.bands.map(([low, color]) => ({ series: [low + 2, low + 1], fill: `${color}33` })),
       hooks: { drawClear: [(u) => behind(u, d)], setScale: [(u, key) => { if (key === "x") zoom(u, u.scales.x); }] },
     }, d.columns, area);
-    plots.push(plot);
+    if (time) plots.push(plot);
     window.addEventListener("resize", () => plot.setSize(size()));
     figure.classList.add("live");
   };

@@ -126,7 +126,7 @@ fn attitudes(
             let _ = write!(
                 body,
                 "<p>From the nose to the course over the ground: {autopilot:.1}° RMS by the autopilot's yaw, {ours:.1}° by this \
-                 estimate. Wind and drift angle are in both; the larger one tells whose yaw errs.</p>"
+                 estimate. Wind and drift angle are in both; the larger one has the larger yaw error.</p>"
             );
         }
         let every = found.differences.len().div_ceil(POINTS).max(1);

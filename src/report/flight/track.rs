@@ -74,7 +74,7 @@ pub fn svg(snapshots: &[Snapshot], lessons: &[Lesson]) -> String {
         of.map(|(_, e, n)| format!("{:.1},{:.1}", x(*e), y(*n))).collect::<Vec<_>>().join(" ")
     };
     let mut out = format!(
-        "<div class=\"drawing\"><svg class=\"plot\" role=\"img\" viewBox=\"0 0 {WIDTH:.0} {HEIGHT:.0}\" font-family=\"sans-serif\" font-size=\"13\" \
+        "<div class=\"drawing\"><svg class=\"plot\" role=\"img\" viewBox=\"0 0 {WIDTH:.0} {HEIGHT:.0}\" font-family=\"sans-serif\" font-size=\"15\" \
          fill=\"currentColor\"><title>Track over the ground, north up</title><polyline points=\"{}\" fill=\"none\" \
          stroke=\"currentColor\" stroke-opacity=\".45\"/>",
         path(&mut points.iter())

@@ -156,13 +156,13 @@ async function loadRoute() {
 
 const stream = new Stream({
   onSnapshot(s) {
-    const news = snapshot !== null && wordsOf(s) !== wordsOf(snapshot);
+    const changed = snapshot !== null && wordsOf(s) !== wordsOf(snapshot);
     if (snapshot === null && sinks) showSystem(sinks, s);
     snapshot = s;
     keep(s);
     showSnapshot(s);
     look();
-    if (news) loadEvents();
+    if (changed) loadEvents();
     draw();
   },
   onSinks(view) {
@@ -200,7 +200,9 @@ async function capabilities() {
     const can = await (await fetch("/api/v1/capabilities")).json();
     $("actions").hidden = !can.mission_upload;
     $("upload").disabled = !can.authorised;
-    if (!can.authorised) setText($("upload-result"), "Open this page once with ?token=… to upload.");
+    // What is known of the mission is never replaced by the hint.
+    const result = $("upload-result");
+    if (!can.authorised && !result.dataset.state) setText(result, "Sign in to upload: add ?token=…");
   } catch {
     // As above.
   }

@@ -14,10 +14,14 @@ export function decide(s, sinks, silentS) {
   if (silentS > STALE_S) {
     return {
       kicker: "No data", level: "lost", progress: null, words: "",
-      text: "No data from the vehicle",
+      text: "No new data",
       // The seconds are not read aloud every time: only the words above are announced.
       reason: `Nothing for ${clock(silentS)}: everything below is old. Fly by your own instruments; the page goes on by itself when data return.`,
     };
+  }
+  const mission = sinks?.mission ?? {};
+  if (mission.state === "unknown" && !["pilot", "autopilot"].includes(vehicle.control)) {
+    return { kicker: "Mission", level: "lost", text: "Mission on the vehicle unknown", reason: mission.text, progress: null, words: "" };
   }
   if (s.phase !== "running") {
     return { kicker: PHASE[s.phase] ?? "Waiting", level: "wait", text: s.waiting_for || PHASE[s.phase] || "", reason: "", progress: null, words: "" };
@@ -59,8 +63,8 @@ function done(s, sinks) {
   const shown = open.length === 0 ? `All ${all} parameters have converged.`
     : `${all - open.length} of ${all} parameters have converged; ${open.join(", ")} cannot with this airframe.`;
   const onGround = sinks?.vehicle?.control === "ground";
-  const after = file ? `Then run: gaware report ${file} and gaware explain ${file}` : "Then run gaware report and gaware explain on the recording.";
-  return { kicker: "Done", level: "done", text: onGround ? "Landed: evaluate the flight" : "Land", reason: `${shown} ${after}`, progress: null, words: "" };
+  const after = file ? `Run gaware report and gaware explain on ${file}.` : "Run gaware report and gaware explain on the recording.";
+  return { kicker: "Done", level: "done", text: onGround ? "Evaluate the flight" : "Land", reason: `${shown} ${after}`, progress: null, words: "" };
 }
 
 /* What is to be flown first stands large, what follows below it. */

@@ -224,13 +224,13 @@ export function showSystem(sinks, s) {
   facts($("system"), pairs);
 }
 
-/** The planned mission, in the words of the status; a state that nobody knows is called out. */
+/** The planned mission, in the words of the status; an unknown state is called out. */
 export function showMission(mission) {
   if (!mission || mission.state === "none") return;
   const result = $("upload-result");
-  const news = `${mission.state} ${mission.text}`;
-  if (result.dataset.news === news) return;
-  result.dataset.news = news;
+  const shown = `${mission.state} ${mission.text}`;
+  if (result.dataset.shown === shown) return;
+  result.dataset.shown = shown;
   result.dataset.state = mission.state;
   result.setAttribute("role", mission.state === "unknown" ? "alert" : "status");
   setText(result, mission.text);

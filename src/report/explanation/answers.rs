@@ -1,0 +1,212 @@
+//! The first screen: headline, verdict with the improvement on held-out data, and for each effect its size, consequence and remedy.
+
+use super::{Found, bayes, channel_unit, found, spoken, values};
+use crate::explain::Explained;
+use crate::explain::contract::{ChannelGap, EffectEntry, Explanation, Gap, Verdict};
+use crate::explain::words::number;
+use crate::report::page::{answers, escape};
+use gaware_nav::effects;
+use std::fmt::Write;
+
+/// Parameters shown with an effect at most; the table of effects has all of them.
+const SHOWN: usize = 3;
+
+/// The verdict in words.
+pub fn verdict(verdict: Verdict) -> &'static str {
+    match verdict {
+        Verdict::Explained => "Explained",
+        Verdict::Ambiguous => "Explained by several effects alike",
+        Verdict::NothingMissing => "No unmodelled effect",
+        Verdict::Unexplained => "Not explained",
+    }
+}
+
+/// The result in one short sentence.
+pub fn headline(explained: &Explained) -> String {
+    let e = &explained.explanation;
+    let names: Vec<String> = e.effects.iter().map(|x| x.names.join(" or ")).collect();
+    match (e.verdict, &e.effects[..]) {
+        (_, _) if e.gap.is_none() => e.summary.clone(),
+        (Verdict::NothingMissing, _) => "No unmodelled effect is significant.".to_owned(),
+        (Verdict::Explained, [one]) => {
+            let size = found(one, explained.judged.as_ref()).map(values).unwrap_or_default();
+            let size = size.first().map_or_else(String::new, |v| format!(": {}", v.text));
+            format!("{}{size}.", capitalised(description(one)))
+        }
+        (Verdict::Explained, _) => format!("{} unmodelled effects: {}.", names.len(), names.join(", ")),
+        (Verdict::Ambiguous, [one]) => format!("Unmodelled effect: one of {}.", one.names.join(", ")),
+        (Verdict::Ambiguous, all) => {
+            let open = all.iter().filter(|x| x.names.len() > 1).count();
+            format!("{} unmodelled effects, {open} of them with more than one candidate.", all.len())
+        }
+        (Verdict::Unexplained, _) => format!("Not explained: {}.", open(e)),
+    }
+}
+
+/// What is left open.
+fn open(e: &Explanation) -> String {
+    if let Some(term) = e.unexplained_terms.first() {
+        return format!(
+            "{} has a residual that correlates with {}",
+            term.channel.replace('_', " "),
+            spoken(term.term)
+        );
+    }
+    if let Some(finding) = e.noise.iter().filter(|n| !n.plausible).find_map(|n| n.finding) {
+        return format!("{} beyond what such a sensor has", finding.replace('_', " "));
+    }
+    if e.effects.is_empty() {
+        return "no effect of the catalogue reduces the residuals".to_owned();
+    }
+    let names: Vec<String> = e.effects.iter().map(|x| x.names.join(" or ")).collect();
+    format!("{} fits, but not as a physical effect", names.join(", "))
+}
+
+fn description(entry: &EffectEntry) -> &'static str {
+    entry.names.first().and_then(|name| effects::find(name)).map_or("", |effect| effect.description())
+}
+
+fn capitalised(text: &str) -> String {
+    let mut chars = text.chars();
+    chars.next().map_or_else(String::new, |first| first.to_uppercase().chain(chars).collect())
+}
+
+/// Headline, origin, verdict, effects.
+pub fn section(explained: &Explained, body: &mut String) {
+    let e = &explained.explanation;
+    let validated = if explained.validated.is_empty() {
+        String::new()
+    } else {
+        format!(" · held out: {}", escape(&explained.validated.join(", ")))
+    };
+    let seconds: f64 =
+        explained.gaps.iter().filter_map(|g| g.before.last()).map(|p| p.motion.elapsed_s).sum();
+    let length = if seconds > 0.0 { format!(" · {seconds:.0} s analysed") } else { String::new() };
+    let _ = write!(
+        body,
+        "<h1>{}</h1><p class=\"quiet\">{}{validated}{length} · gaware {}</p><p class=\"verdict\"><b>{}.</b> {}</p>",
+        escape(&headline(explained)),
+        escape(&explained.logs.join(", ")),
+        env!("CARGO_PKG_VERSION"),
+        verdict(e.verdict),
+        e.gap.as_ref().map_or_else(String::new, |gap| improvement(gap, e.effects.is_empty()))
+    );
+    for (k, entry) in e.effects.iter().enumerate() {
+        effect(k + 1, e.effects.len(), entry, found(entry, explained.judged.as_ref()), body);
+    }
+    body.push_str(&answers(&[("What now?", next(e)), ("What is left?", left(e))]));
+}
+
+/// What the new model does to held-out data.
+fn improvement(gap: &Gap, same: bool) -> String {
+    let held = &gap.held_out;
+    if same {
+        return format!("Held-out data: NIS {} per degree of freedom (1 is expected).", number(held.before));
+    }
+    let mut text = format!(
+        "Held-out data: NIS {} → {} per degree of freedom (1 is expected)",
+        number(held.before),
+        number(held.after)
+    );
+    let shrink = |c: &ChannelGap| c.nis.before - c.nis.after;
+    if let Some(c) = gap.held_out_channels.iter().max_by(|a, b| shrink(a).total_cmp(&shrink(b))) {
+        let _ = write!(
+            text,
+            "; {} {} → {} {} RMS",
+            c.channel.replace('_', " "),
+            number(c.rms.before),
+            number(c.rms.after),
+            channel_unit(c.channel)
+        );
+    }
+    if let Some(d) = gap.drift_m.get("30_s") {
+        let _ = write!(
+            text,
+            "; position error after 30 s without fixes {} → {} m RMS",
+            number(d.before),
+            number(d.after)
+        );
+    }
+    text + "."
+}
+
+fn effect(k: usize, of: usize, entry: &EffectEntry, found: Option<Found<'_>>, body: &mut String) {
+    let number = if of > 1 { format!("{k}. ") } else { String::new() };
+    let _ = write!(
+        body,
+        "<h2>{number}{} <small>{}</small></h2>",
+        escape(&capitalised(description(entry))),
+        escape(&entry.names.join(" or "))
+    );
+    let sizes = found.map(values).unwrap_or_default();
+    let strong = sizes.iter().filter(|v| v.significant).count();
+    let shown = strong.clamp(1, SHOWN);
+    let mut size: Vec<String> = sizes.iter().take(shown).map(|v| escape(&v.text)).collect();
+    if sizes.len() > shown {
+        size.push("<a href=\"#effects\">all values</a>".to_owned());
+    }
+    let alternatives = match entry.names.get(1..) {
+        Some([_, ..]) => format!("This flight does not separate {}.", escape(&entry.names.join(" from "))),
+        _ => String::new(),
+    };
+    body.push_str(&answers(&[
+        ("Size (1 sigma)", size.join("; ")),
+        ("Evidence", format!("Bayes factor {}.", bayes(entry.evidence.log_odds))),
+        (
+            "Consequence",
+            entry.consequence.as_deref().map(|c| format!("{}.", capitalised(&escape(c)))).unwrap_or_default(),
+        ),
+        ("Remedy", format!("{}.", capitalised(entry.remedy))),
+        ("Usual cause", format!("{}.", capitalised(entry.cause))),
+        ("Alternatives", alternatives),
+        ("To separate them, fly", entry.separate_by.as_deref().map(escape).unwrap_or_default()),
+    ]));
+}
+
+/// What to do with the result.
+fn next(e: &Explanation) -> String {
+    let model = "<code>model.toml</code>, written beside this report, holds the new values: <code>gaware replay LOG --model model.toml</code>.";
+    match e.verdict {
+        Verdict::Explained => format!("Apply the remedy, or use the new model: {model}"),
+        Verdict::Ambiguous => {
+            format!("Fly the maneuver above and run <code>gaware explain</code> on both logs. Until then: {model}")
+        }
+        Verdict::NothingMissing => {
+            "Keep the model. <a href=\"#effects\">Detection limits</a> say how large an effect could still be.".to_owned()
+        }
+        Verdict::Unexplained if e.gap.is_none() => {
+            "Record at least 40 s of flight with GNSS fixes and maneuvers, then run <code>gaware explain</code> again.".to_owned()
+        }
+        Verdict::Unexplained => "Do not use the values above. Look at <a href=\"#where\">where the residuals are large</a> and at \
+                                 the <a href=\"#noise\">noise</a>: vibration, clipping and wrong time stamps are not in the \
+                                 catalogue."
+            .to_owned(),
+    }
+}
+
+/// What the effects named do not cover.
+fn left(e: &Explanation) -> String {
+    let mut out: Vec<String> = e
+        .unexplained_terms
+        .iter()
+        .map(|t| {
+            format!(
+                "{} correlates with {}: {} ± {} {}.",
+                t.channel.replace('_', " "),
+                escape(&spoken(t.term)),
+                number(t.coefficient),
+                number(t.sigma),
+                escape(&t.unit)
+            )
+        })
+        .collect();
+    let mut list = |names: Vec<&str>, why: &str| {
+        if !names.is_empty() {
+            out.push(format!("{}: {why}.", names.join(", ")));
+        }
+    };
+    list(e.not_found.iter().filter(|n| n.likely).map(|n| n.name).collect(), "likely, not added");
+    list(e.removed.clone(), "not confirmed by held-out data, left out");
+    list(e.negligible.iter().map(|n| n.name).collect(), "significant, but negligible");
+    out.join("<br>")
+}

@@ -1,0 +1,148 @@
+//! The report of `explain`: the answer on the first screen, then the evidence: residuals before and after, every effect with its
+//! Bayes factor, noise, where in the flight, spectra.
+
+mod answers;
+mod catalogue;
+mod evidence;
+
+pub use super::page::escape;
+pub use answers::{headline, verdict};
+
+use super::page;
+use crate::explain::Explained;
+use crate::explain::contract::EffectEntry;
+use crate::explain::words::number;
+use gaware_nav::identify::judge::Judged;
+use gaware_nav::identify::select::{Added, Settings};
+use std::fmt::Write;
+
+/// An effect of the selection with its values.
+type Found<'a> = &'a Added;
+
+/// The whole report.
+///
+/// # Errors
+/// A plot cannot be described.
+pub fn html(explained: &Explained) -> Result<String, String> {
+    let e = &explained.explanation;
+    let mut body = String::new();
+    answers::section(explained, &mut body);
+    evidence::before_and_after(e, &mut body);
+    catalogue::effects(explained, &mut body);
+    evidence::contributions(e, &mut body);
+    if let Some(judged) = &explained.judged {
+        evidence::innovations(judged, &mut body)?;
+        evidence::spectra(judged, &mut body)?;
+    }
+    evidence::whereabouts(explained, &mut body)?;
+    catalogue::noise(e, &mut body);
+    if e.gap.is_some() {
+        let _ = write!(body, "<h2>New model</h2><pre>{}</pre>", escape(&explained.model.to_toml()));
+    }
+    how_to_read(&mut body);
+    Ok(page::page(verdict(e.verdict), &body))
+}
+
+fn how_to_read(body: &mut String) {
+    let least = Settings::default().threshold;
+    let _ = write!(
+        body,
+        "<h2>How to read this</h2><p>The sensors are simulated along the flight. An <em>innovation</em> is a GNSS fix minus its \
+         prediction; its square over its predicted variance is the NIS, 1 per degree of freedom under a right model. An effect is \
+         named at a log Bayes factor of at least {least} ({:.0} to 1) after a correction for the size of the catalogue. Held-out data \
+         are not used for choosing or fitting: validation logs where given, otherwise every sixth block of five seconds.</p>",
+        least.exp()
+    );
+}
+
+/// A parameter of an effect in words.
+pub(super) struct Value {
+    /// `latency = 0.071 ± 0.002 s`.
+    pub text: String,
+    /// Whether it differs from zero by more than 3 sigma.
+    pub significant: bool,
+}
+
+/// Every parameter with its sigma and unit, the most significant first.
+fn values(added: &Added) -> Vec<Value> {
+    let setting = &added.setting;
+    let mut all: Vec<(f64, String)> = setting
+        .parameters()
+        .zip(setting.values.iter().zip(&setting.sigmas))
+        .map(|((name, unit), (value, sigma))| {
+            let text = if added.is_at_limit() {
+                format!("{name} = {} {} or more", number(value / unit.si), unit.symbol)
+            } else if *sigma > 0.0 {
+                format!("{name} = {} {}", with_sigma(value / unit.si, sigma / unit.si), unit.symbol)
+            } else {
+                format!("{name} = {} {}", number(value / unit.si), unit.symbol)
+            };
+            (if *sigma > 0.0 { (value / sigma).abs() } else { f64::INFINITY }, text)
+        })
+        .collect();
+    all.sort_by(|a, b| b.0.total_cmp(&a.0));
+    all.into_iter().map(|(z, text)| Value { text, significant: z > 3.0 }).collect()
+}
+
+/// A value with its sigma, both to the second significant figure of the sigma (GUM, JCGM 100:2008, 7.2.6).
+fn with_sigma(value: f64, sigma: f64) -> String {
+    let digits = (1.0 - sigma.abs().max(1e-12).log10().floor()).clamp(0.0, 12.0) as usize;
+    format!("{value:.digits$} ± {sigma:.digits$}")
+}
+
+/// What the selection knows about an entry.
+fn found<'a>(entry: &EffectEntry, judged: Option<&'a Judged>) -> Option<Found<'a>> {
+    let name = entry.parameters.keys().next()?;
+    judged?.selection.added.iter().find(|a| a.setting.effect.name() == *name)
+}
+
+/// A Bayes factor from its natural logarithm.
+fn bayes(log: f64) -> String {
+    if log.abs() < 10.0 {
+        format!("{:.0} (log {log:.1})", log.exp())
+    } else {
+        format!("above 20 000 (log {log:.0})")
+    }
+}
+
+/// A term of rates and forces as one writes it.
+fn spoken(term: &str) -> String {
+    term.replace("w_", "ω_").replace('*', " · ")
+}
+
+/// Unit of a channel of fixes.
+fn channel_unit(channel: &str) -> &'static str {
+    if channel.starts_with("velocity") { "m/s" } else { "m" }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::explain::contract;
+    use gaware_nav::model::Model;
+
+    #[test]
+    fn a_recording_that_says_too_little_has_a_report_with_the_reason_and_what_to_do() {
+        let explained = Explained {
+            explanation: contract::too_little("no GNSS fixes"),
+            model: Model::default(),
+            judged: None,
+            gaps: Vec::new(),
+            not_found: Vec::new(),
+            logs: vec!["<bench>.tlog".to_owned()],
+            validated: Vec::new(),
+        };
+        let html = html(&explained).unwrap();
+        assert!(html.contains("no GNSS fixes.</h1>") && html.contains("Record at least 40 s"), "{html}");
+        assert!(html.contains("&lt;bench&gt;.tlog") && !html.contains("Every effect"));
+    }
+
+    #[test]
+    fn bayes_factors_and_terms_read_as_one_writes_them() {
+        assert_eq!(bayes(3.3), "27 (log 3.3)");
+        assert_eq!(with_sigma(-267.4, 71.38), "-267 ± 71");
+        assert_eq!(with_sigma(0.0712, 0.00204), "0.0712 ± 0.0020");
+        assert_eq!(bayes(120.4), "above 20 000 (log 120)");
+        assert_eq!(spoken("w_z*f_x"), "ω_z · f_x");
+    }
+}
