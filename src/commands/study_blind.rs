@@ -106,7 +106,7 @@ fn print(out: &mut String, result: &Result) -> std::fmt::Result {
         "\nFlights {}",
         if result.family == Family::Tuning { "of the tuning" } else { "kept aside" }
     )?;
-    let lines: [(&str, Share); 12] = [
+    let lines: [(&str, Share); 13] = [
         ("an oracle could name alone", s.oracle),
         ("named alone and right where the oracle could", s.alone_right_where_oracle),
         ("named alone and right", s.alone_right),
@@ -116,6 +116,7 @@ fn print(out: &mut String, result: &Result) -> std::fmt::Result {
         ("more named than injected", s.too_many),
         ("something named on clean flights", s.false_alarms),
         ("held-out data more likely with all that was named", s.held_out_shrinks),
+        ("parameters within 2 sigma", s.within_2_sigma),
         ("parameters within 3 sigma", s.within_3_sigma),
         ("both of two found", s.both_found),
         ("both of two found where the oracle could", s.both_found_where_oracle),

@@ -2,7 +2,7 @@
 
 use super::words::number;
 use gaware_nav::earth::STANDARD_GRAVITY;
-use gaware_nav::effects::{FixInstant, Instant};
+use gaware_nav::effects::{Antenna, FixInstant, Instant};
 use gaware_nav::model::EffectSetting;
 use gaware_nav::rotation::c_nb_from_euler;
 use nalgebra::Vector3;
@@ -99,6 +99,7 @@ fn on_fixes(setting: &EffectSetting, speed_m_per_s: f64) -> Option<String> {
         c_nb: c_nb_from_euler(bank, 0.0, 0.0),
         rate_eb: rate,
         force_rate: Vector3::zeros(),
+        antenna: Antenna::default(),
     };
     let late_s = effect.fix_delay_s(p);
     let [position, velocity] = effect.fix(p, &x);

@@ -287,7 +287,7 @@ fn to_own_time(judged: &mut Judged, flights: &[&Flight]) -> Vec<Option<usize>> {
 }
 
 /// The model with what every receiver does and nobody asks for.
-fn with_receiver(model: &Model) -> Model {
+pub(crate) fn with_receiver(model: &Model) -> Model {
     let mut model = model.clone();
     model.set(EffectSetting::unknown(&GpsSmoothing));
     model

@@ -42,7 +42,12 @@ impl Effect for GpsLeverArm {
 impl FixEffect for GpsLeverArm {
     fn fix(&self, p: &[f64], x: &FixInstant) -> [Vector3<f64>; 2] {
         let arm = Vector3::from_column_slice(p);
-        [x.c_nb * arm, x.c_nb * x.rate_eb.cross(&arm)]
+        let smoothed = x.derivatives_of(&arm).map(|d| d * x.antenna.smoothing_s2);
+        [x.c_nb * arm + smoothed[0], x.c_nb * x.rate_eb.cross(&arm) + smoothed[1]]
+    }
+
+    fn arm(&self, p: &[f64]) -> Vector3<f64> {
+        Vector3::from_column_slice(p)
     }
 
     fn fix_jacobian(
@@ -52,10 +57,9 @@ impl FixEffect for GpsLeverArm {
         position: &mut [Vector3<f64>],
         velocity: &mut [Vector3<f64>],
     ) {
-        let by_rate = x.c_nb * skew(&x.rate_eb);
+        let along = |k: usize| Vector3::from_fn(|i, _| f64::from(u8::from(i == k)));
         for k in 0..3 {
-            position[k] = x.c_nb.column(k).into();
-            velocity[k] = by_rate.column(k).into();
+            [position[k], velocity[k]] = self.fix(along(k).as_slice(), x);
         }
     }
 
@@ -68,12 +72,38 @@ impl FixEffect for GpsLeverArm {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::effects::Antenna;
     use crate::effects::testing::{check_jacobians, fix_instant};
     use crate::rotation::exp;
 
     #[test]
     fn jacobians_match_finite_differences() {
         check_jacobians(&GpsLeverArm);
+    }
+
+    /// An antenna on a nose that swings: a receiver that tells the middle of two epochs, against that middle itself.
+    #[test]
+    fn the_path_of_the_antenna_is_smoothed_and_not_that_of_the_unit() {
+        let (arm, apart, swing) = ([1.2, 0.4, -0.3], 0.1, 2.5);
+        let yaw = |t: f64| 0.3 * (swing * t).sin();
+        let rate = |t: f64| 0.3 * swing * (swing * t).cos();
+        let at = |t: f64| {
+            let antenna = Antenna {
+                smoothing_s2: 0.5 * apart * apart,
+                arm: arm.into(),
+                rate_derivatives: [-swing * swing * yaw(t), -swing * swing * rate(t)]
+                    .map(|r| Vector3::new(0.0, 0.0, r)),
+            };
+            let c_nb = crate::rotation::c_nb_from_euler(0.0, 0.0, yaw(t));
+            FixInstant { c_nb, rate_eb: Vector3::new(0.0, 0.0, rate(t)), antenna, ..fix_instant() }
+        };
+        let sharp = |t: f64| GpsLeverArm.fix(&arm, &FixInstant { antenna: Antenna::default(), ..at(t) });
+        for t in [0.0, 0.2, 0.7] {
+            let ([p0, v0], [p1, v1]) = (sharp(t - apart), sharp(t + apart));
+            let [p, v] = GpsLeverArm.fix(&arm, &at(t));
+            assert!((p - (p0 + p1) * 0.5).norm() < 1e-4, "{p}");
+            assert!((v - (v0 + v1) * 0.5).norm() < 1e-3, "{v}");
+        }
     }
 
     #[test]

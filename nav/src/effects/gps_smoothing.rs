@@ -14,7 +14,7 @@ const S2: Unit = Unit { symbol: "s²", suffix: "s2", si: 1.0 };
 #[derive(Debug)]
 pub struct GpsSmoothing;
 
-/// Acceleration and its rate of change.
+/// Acceleration and its rate of change. What an antenna away from the inertial unit adds, its arm takes care of.
 fn derivatives(x: &FixInstant) -> [Vector3<f64>; 2] {
     [x.a_n, x.jerk_n()]
 }
@@ -38,6 +38,10 @@ impl Effect for GpsSmoothing {
 }
 
 impl FixEffect for GpsSmoothing {
+    fn smoothing_s2(&self, p: &[f64]) -> f64 {
+        p[0]
+    }
+
     fn fix(&self, p: &[f64], x: &FixInstant) -> [Vector3<f64>; 2] {
         derivatives(x).map(|d| d * p[0])
     }
@@ -49,13 +53,15 @@ impl FixEffect for GpsSmoothing {
         position: &mut [Vector3<f64>],
         velocity: &mut [Vector3<f64>],
     ) {
-        [position[0], velocity[0]] = derivatives(x);
+        let (own, arm) = (derivatives(x), x.derivatives_of(&x.antenna.arm));
+        [position[0], velocity[0]] = [own[0] + arm[0], own[1] + arm[1]];
     }
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::effects::Antenna;
     use crate::rotation::c_nb_from_euler;
 
     /// The middle of a chord of a level turn: nearer to the centre by v²/r T²/8, and slower in the same proportion.
@@ -70,6 +76,7 @@ mod tests {
             c_nb: c_nb_from_euler(0.0, 0.0, 0.0),
             rate_eb: Vector3::new(0.0, 0.0, rate),
             force_rate: Vector3::zeros(),
+            antenna: Antenna::default(),
         };
         let [position, velocity] = GpsSmoothing.fix(&[t * t / 8.0], &x);
         let half = 0.5 * rate * t;

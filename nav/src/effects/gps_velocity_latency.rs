@@ -83,6 +83,7 @@ impl FixEffect for GpsVelocityLatency {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::effects::Antenna;
     use crate::effects::testing::check_jacobians;
     use crate::rotation::c_nb_from_euler;
 
@@ -97,6 +98,7 @@ mod tests {
             c_nb: c_nb_from_euler(0.0, 0.0, 0.0),
             rate_eb: Vector3::new(0.0, 0.0, rate),
             force_rate: Vector3::zeros(),
+            antenna: Antenna::default(),
         };
         let [position, velocity] = GpsVelocityLatency.fix(&[latency], &x);
         let turned = rate * latency;

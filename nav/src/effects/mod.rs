@@ -205,6 +205,36 @@ pub struct FixInstant {
     pub rate_eb: Vector3<f64>,
     /// Rate of change of the specific force in body axes, m/s³; zero where it is not known.
     pub force_rate: Vector3<f64>,
+    /// The antenna and the receiver behind it, as the rest of the model has them.
+    pub antenna: Antenna,
+}
+
+/// What effects on fixes have to know of one another: a receiver smooths the path of the antenna, wherever that is.
+#[derive(Debug, Clone, Copy, Default)]
+pub struct Antenna {
+    /// Half the variance of the receiver's kernel, s².
+    pub smoothing_s2: f64,
+    /// Position of the antenna relative to the inertial unit, m.
+    pub arm: Vector3<f64>,
+    /// First and second derivative of the angular rate, rad/s² and rad/s³; zero where they are not known.
+    pub rate_derivatives: [Vector3<f64>; 2],
+}
+
+impl Antenna {
+    /// That of effects with their parameters.
+    pub fn of<'a>(
+        effects: impl Iterator<Item = (&'static dyn Effect, &'a [f64])>,
+        rate_derivatives: [Vector3<f64>; 2],
+    ) -> Self {
+        let mut antenna = Self { rate_derivatives, ..Self::default() };
+        for (effect, p) in effects {
+            if let Some(e) = effect.on_fixes() {
+                antenna.smoothing_s2 += e.smoothing_s2(p);
+                antenna.arm += e.arm(p);
+            }
+        }
+        antenna
+    }
 }
 
 impl FixInstant {
@@ -212,6 +242,16 @@ impl FixInstant {
     pub fn jerk_n(&self) -> Vector3<f64> {
         let force_n = self.a_n - Vector3::new(0.0, 0.0, STANDARD_GRAVITY);
         (self.c_nb * self.rate_eb).cross(&force_n) + self.c_nb * self.force_rate
+    }
+
+    /// Second and third derivative of the position of a point of the vehicle relative to the inertial unit, m/s² and m/s³.
+    pub fn derivatives_of(&self, arm: &Vector3<f64>) -> [Vector3<f64>; 2] {
+        let w = &self.rate_eb;
+        let [first, second] = &self.antenna.rate_derivatives;
+        let velocity = w.cross(arm);
+        let acceleration = first.cross(arm) + w.cross(&velocity);
+        let jerk = second.cross(arm) + first.cross(&velocity) + w.cross(&(first.cross(arm) + acceleration));
+        [self.c_nb * acceleration, self.c_nb * jerk]
     }
 }
 
@@ -426,6 +466,16 @@ pub trait FixEffect {
     /// How much older than the position of a fix its velocity is, s. [`Self::fix`] holds what that changes.
     fn velocity_delay_s(&self, _p: &[f64]) -> f64 {
         0.0
+    }
+
+    /// Half the variance of the kernel that the receiver smooths with, s².
+    fn smoothing_s2(&self, _p: &[f64]) -> f64 {
+        0.0
+    }
+
+    /// Position of the antenna relative to the inertial unit, m.
+    fn arm(&self, _p: &[f64]) -> Vector3<f64> {
+        Vector3::zeros()
     }
 
     /// What it adds to position (m) and velocity (m/s) of a fix, north-east-down, beyond the delay.

@@ -1,6 +1,6 @@
 //! What the tests of all effects share.
 
-use super::{Effect, FixInstant, Instant, MAX_PARAMETERS};
+use super::{Antenna, Effect, FixInstant, Instant, MAX_PARAMETERS};
 use crate::rotation::c_nb_from_euler;
 use nalgebra::Vector3;
 
@@ -16,6 +16,7 @@ pub fn fix_instant() -> FixInstant {
         c_nb: c_nb_from_euler(0.4, -0.2, 1.0),
         rate_eb: Vector3::new(0.1, 0.2, -0.4),
         force_rate: Vector3::new(2.0, -1.0, 5.0),
+        antenna: Antenna::default(),
     }
 }
 

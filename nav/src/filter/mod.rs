@@ -16,6 +16,7 @@ mod nav_map;
 mod propagation;
 mod regressor;
 pub mod tape;
+pub(crate) mod unseen;
 mod update;
 pub mod watch;
 mod window;

@@ -5,16 +5,12 @@ use super::covariance::NAV;
 use super::layout::index;
 use super::nav_map::{dense_rows, moved};
 use super::regressor::BEYOND_NOISE;
+use super::unseen::{GAP_S, MOTION as GAP_MOTION};
 use crate::earth;
 use crate::mechanization::{self, Increment, Motion};
 use crate::rotation::{exp, skew};
 use crate::sample::{ImuSample, SampleKind};
 use nalgebra::Matrix3;
-
-/// A gap between samples longer than this is not integrated as if nothing had happened, s.
-const GAP_S: f64 = 0.25;
-/// What an unseen vehicle may do in a gap: rate, rad/s, and acceleration, m/s².
-const GAP_MOTION: (f64, f64) = (0.5, 5.0);
 
 /// Without a fix for longer than this position and velocity are not followed any more, s: the error of a consumer unit is
 /// kilometres by then, and nothing that is linear about it holds.

@@ -1,5 +1,6 @@
 //! One recorded flight, prepared once so that many models can be run over the very same samples and fixes.
 
+use super::linear::Unseen;
 use super::linear::reference::delay_s;
 use super::rounding::Rounding;
 use crate::effects::MISTAKES;
@@ -69,6 +70,7 @@ pub struct Flight {
     /// What the rounding leaves unknown, for each way to read it.
     rounding: Vec<(Quantisation, Rounding)>,
     force_rates: Arc<ForceRates>,
+    unseen: Unseen,
     interval_s: f64,
     measured_noise: (f64, f64),
     told_delay_s: Option<f64>,
@@ -140,6 +142,7 @@ impl Flight {
         }
         let mut flight = Self {
             force_rates: Arc::new(ForceRates::new(&raw, stream.kind)),
+            unseen: Unseen::of(&raw, stream.kind),
             stream,
             initial,
             raw,
@@ -268,6 +271,11 @@ impl Flight {
         &self.force_rates
     }
 
+    /// What the vehicle may have done where samples are lost.
+    pub(super) fn unseen(&self) -> &Unseen {
+        &self.unseen
+    }
+
     /// 1-sigma of what all time stamps are off by under a model, beyond the delay that it says, s. A delay that was found on
     /// the flight itself is one relative to the samples.
     pub(crate) fn clock_sigma_s(&self, model: &Model) -> f64 {
@@ -333,6 +341,7 @@ impl Flight {
         self.rounding.iter_mut().for_each(|(_, r)| r.move_by(by_s));
         let kind = self.averaged.map_or(self.stream.kind, |a| a.0);
         self.force_rates = Arc::new(ForceRates::new(&self.raw, kind));
+        self.unseen.move_by(by_s);
         self.forget_undone();
         self
     }

@@ -343,13 +343,24 @@ pub fn judge(
     let held_out = [held_out_before, held_out_after];
     let first = |passes: Vec<Pass>| passes.into_iter().next().map(|p| p.innovations).unwrap_or_default();
     let innovations = [first(before.0), first(after.0)];
-    let everything = Settings { options: options.all(), ..*settings };
-    let search = about(flights, &selection, &everything, workers);
+    let (survey, noise) = tell(flights, &mut selection, settings, workers);
+    Judged { selection, removed, fit, held_out, left_out, innovations, survey, noise }
+}
+
+/// Puts the values and sigmas that are told into a selection, by all data: those of the survey, whose sigmas hold under misfit.
+pub fn tell(
+    flights: &[&Flight],
+    selection: &mut Selection,
+    settings: &Settings,
+    workers: &dyn Workers,
+) -> (Survey, Vec<NoiseEntry>) {
+    let everything = Settings { options: selection.options.all(), ..*settings };
+    let search = about(flights, selection, &everything, workers);
     let mut point = search.best(&selection.added, &selection.noise);
     let survey = Survey::take(&search, &mut point);
     let noise = search.noise_entries(&point);
     selection.added = point.added.into_iter().skip(search.given.len()).collect();
-    Judged { selection, removed, fit, held_out, left_out, innovations, survey, noise }
+    (survey, noise)
 }
 
 #[cfg(test)]

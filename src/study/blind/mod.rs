@@ -13,7 +13,7 @@ use super::parallel::{Progress, map_runs_on};
 use gaware_nav::effects::{Effect, REGISTRY};
 use gaware_nav::identify::flight::Flight;
 use gaware_nav::identify::select::{self, Selection, Settings};
-use gaware_nav::identify::{Serial, judge};
+use gaware_nav::identify::{Serial, judge, survey};
 use gaware_nav::model::{EffectSetting, Model, QuantisationBelief};
 use gaware_sitl::noise::{Noise, Purpose};
 use serde::Serialize;
@@ -46,8 +46,10 @@ pub struct Outcome {
     pub held_out: Vec<(&'static str, f64)>,
     /// What the oracle saw of each hidden effect.
     pub oracle: Vec<Seen>,
-    /// Parameters within three sigma: how many of how many, where the effect was named.
-    pub within_3_sigma: (usize, usize),
+    /// Errors of the parameters that were told, in the sigmas that were told with them, where the effect was named.
+    pub errors_in_sigmas: Vec<f64>,
+    /// Noise figures that were told to be implausible.
+    pub noise: Vec<&'static str>,
     /// The best candidates of every look with their evidence, the last look (which added nothing) included.
     pub looks: Vec<Vec<(&'static str, f64)>>,
 }
@@ -122,27 +124,24 @@ fn seed_of(job: &Job) -> u64 {
     job.seed.wrapping_mul(1_000_003) + number(job.hidden[0]) + 97 * number(job.hidden[1]) + kind
 }
 
-/// What is believed before the flight: nothing of what is hidden.
+/// What is believed before the flight, as `explain` begins: nothing of what is hidden.
 fn belief(hidden: &[EffectSetting]) -> Model {
-    let mut base = Model::default();
+    let mut base = crate::explain::with_receiver(&Model::default());
     if hidden.iter().any(|s| s.effect.truncates_samples()) {
         base.imu.quantisation = QuantisationBelief::None;
     }
     base
 }
 
-fn within_3_sigma(hidden: &[EffectSetting], selection: &Selection) -> (usize, usize) {
-    let mut within = (0, 0);
-    for h in hidden {
-        let Some(a) = selection.added.iter().find(|a| a.setting.effect.name() == h.effect.name()) else {
-            continue;
-        };
-        for (k, s) in a.setting.sigmas.iter().enumerate().filter(|(_, s)| **s > 0.0) {
-            within.1 += 1;
-            within.0 += usize::from((a.setting.values[k] - h.values[k]).abs() < 3.0 * s);
-        }
-    }
-    within
+fn errors_in_sigmas(hidden: &[EffectSetting], selection: &Selection) -> Vec<f64> {
+    let told = |h: &EffectSetting| {
+        let added = selection.added.iter().find(|a| a.setting.effect.name() == h.effect.name())?;
+        let informed = survey::informed(added);
+        let s = &added.setting;
+        let errors = (0..s.values.len()).filter(|k| s.sigmas[*k] > 0.0 && informed[*k]);
+        Some(errors.map(|k| (s.values[k] - h.values[k]) / s.sigmas[k]).collect::<Vec<f64>>())
+    };
+    hidden.iter().filter_map(told).flatten().collect()
 }
 
 /// Hides, flies, explains, unseals. `None` where the flight says too little, which none of these do.
@@ -156,8 +155,9 @@ fn one(job: &Job, family: Family, settings: &Settings) -> Option<Outcome> {
     let oracle = oracle::could_name(&flight, &base, &hidden, &selection, settings);
     let looks = selection.steps.iter().map(|s| &s.candidates).chain([&selection.remaining]);
     let looks = looks.map(|l| l.iter().take(MOST_TOLD).copied().collect()).collect();
-    let judge::Confirmed { selection, removed, left_out } =
+    let judge::Confirmed { mut selection, removed, left_out } =
         judge::confirm(&[&flight], &[], selection, settings, &Serial);
+    let (_, noise) = judge::tell(&[&flight], &mut selection, settings, &Serial);
     Some(Outcome {
         hidden: hidden.iter().map(|h| h.effect.name()).collect(),
         kind: job.kind,
@@ -167,7 +167,8 @@ fn one(job: &Job, family: Family, settings: &Settings) -> Option<Outcome> {
         removed,
         held_out: left_out.iter().map(|l| (l.name, l.held_out)).collect(),
         oracle,
-        within_3_sigma: within_3_sigma(&hidden, &selection),
+        errors_in_sigmas: errors_in_sigmas(&hidden, &selection),
+        noise: noise.iter().filter_map(|n| n.finding).collect(),
         sizes: hidden.into_iter().map(|h| h.values).collect(),
         looks,
     })

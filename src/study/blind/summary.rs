@@ -47,7 +47,9 @@ pub struct Summary {
     /// Of the flights with something hidden on which something was named: the held-out data are more likely with each of the effects
     /// than without it.
     pub held_out_shrinks: Share,
-    /// Parameters of named effects within three sigma of the truth.
+    /// Parameters of named effects within two sigma of the truth.
+    pub within_2_sigma: Share,
+    /// The same within three.
     pub within_3_sigma: Share,
     /// Of flights with two hidden effects: both inside a group.
     pub both_found: Share,
@@ -79,8 +81,8 @@ pub fn summarise(outcomes: &[Outcome]) -> Summary {
     let seen_pairs: Vec<&Outcome> =
         pairs.iter().filter(|o| o.oracle.iter().all(|s| s.alone)).copied().collect();
     let both = |o: &Outcome| o.hidden.iter().all(|h| inside(o, h));
-    let (within, of) =
-        flown.iter().fold((0, 0), |(a, b), o| (a + o.within_3_sigma.0, b + o.within_3_sigma.1));
+    let errors: Vec<f64> = flown.iter().flat_map(|o| &o.errors_in_sigmas).copied().collect();
+    let within = |sigmas: f64| Share::new(errors.iter().filter(|e| e.abs() < sigmas).count(), errors.len());
     Summary {
         oracle: Share::new(seen, each.len()),
         alone_right_where_oracle: Share::new(each.iter().filter(|e| e.2 && alone(e.0, e.1)).count(), seen),
@@ -91,7 +93,8 @@ pub fn summarise(outcomes: &[Outcome]) -> Summary {
         too_many: of_flown(&|o| o.groups.len() > o.hidden.len()),
         false_alarms: Share::new(count(&clean, &|o| !o.groups.is_empty()), clean.len()),
         held_out_shrinks: Share::new(count(&named, &|o| o.held_out.iter().all(|h| h.1 > 0.0)), named.len()),
-        within_3_sigma: Share::new(within, of),
+        within_2_sigma: within(2.0),
+        within_3_sigma: within(3.0),
         both_found: Share::new(count(&pairs, &both), pairs.len()),
         both_found_where_oracle: Share::new(count(&seen_pairs, &both), seen_pairs.len()),
     }

@@ -66,7 +66,8 @@ fn outcome(hidden: &[&'static str], groups: &[&[&'static str]], oracle: &[bool])
         held_out: groups.iter().map(|g| (g[0], 2.0)).collect(),
         sizes: Vec::new(),
         oracle: oracle.iter().map(|alone| Seen { alone: *alone, gain: 9.0, other: None }).collect(),
-        within_3_sigma: (1, 1),
+        errors_in_sigmas: vec![-2.5, 0.5],
+        noise: Vec::new(),
         looks: Vec::new(),
     }
 }
@@ -90,6 +91,8 @@ fn the_summary_counts_what_was_promised() {
     assert_eq!(counts(s.wrong_alone), (1, 4));
     assert_eq!(counts(s.false_alarms), (1, 2));
     assert_eq!(counts(s.held_out_shrinks), (3, 3));
+    assert_eq!(counts(s.within_2_sigma), (4, 8));
+    assert_eq!(counts(s.within_3_sigma), (8, 8));
 }
 
 #[test]

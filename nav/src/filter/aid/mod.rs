@@ -10,7 +10,7 @@ use super::Filter;
 use super::group::Rows;
 use super::layout::index;
 use crate::earth;
-use crate::effects::{FixInstant, MAX_PARAMETERS};
+use crate::effects::{Antenna, FixInstant, MAX_PARAMETERS};
 use crate::mechanization;
 use nalgebra::{Matrix3, Vector3};
 
@@ -105,6 +105,14 @@ impl Filter {
             c_nb,
             rate_eb: self.motion.rate - earth_b,
             force_rate: self.force_rates.as_ref().map_or(Vector3::zeros(), |f| f.at(self.t_s)),
+            antenna: Antenna::of(
+                self.model
+                    .effects
+                    .iter()
+                    .map(|s| s.effect)
+                    .zip(self.calibration.parameters.iter().map(Vec::as_slice)),
+                self.force_rates.as_ref().map_or_else(Default::default, |f| f.of_rate_at(self.t_s)),
+            ),
         };
         let excited = FixInstant {
             v_n: self.seen_velocity.unwrap_or(now.v_n),

@@ -18,16 +18,11 @@ use super::index;
 /// Position, velocity and attitude errors.
 pub(super) type Nav = SVector<f64, 9>;
 /// Their covariance.
-pub(super) type NavCovariance = SMatrix<f64, 9, 9>;
+pub(in crate::identify) type NavCovariance = SMatrix<f64, 9, 9>;
 /// Navigation states and both biases: what the transition acts on.
 pub(super) const DYNAMIC: usize = 15;
 /// Columns of both biases.
 const BIASES: usize = DYNAMIC - 9;
-/// A gap between samples longer than this is not integrated as if nothing had happened, s.
-const GAP_S: f64 = 0.25;
-/// What an unseen vehicle may do in a gap: rate, rad/s, and acceleration, m/s².
-const GAP_MOTION: (f64, f64) = (0.5, 5.0);
-
 /// A covariance that is the same along all axes, and the same multiple of the unit matrix in any of them.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct Isotropic {
@@ -272,24 +267,22 @@ impl Sum {
             }
         }
         self.composed.add(&action);
-        self.add_gap(&action, dt);
+        if let Some(q) = &mut self.gaps {
+            **q = congruence(q, |c| action.apply(c));
+        }
         self.nav = mechanization::step(&self.nav, &inc);
         self.attitude *= exp(&inc.dtheta);
         self.turned = self.attitude.to_rotation_matrix().into_inner();
     }
 
-    fn add_gap(&mut self, action: &Action, dt: f64) {
-        if let Some(q) = &mut self.gaps {
-            **q = congruence(q, |c| action.apply(c));
-        }
-        if dt > GAP_S {
-            let q = self.gaps.get_or_insert_with(|| Box::new(NavCovariance::zeros()));
-            for k in 0..3 {
-                q[(index::ATTITUDE + k, index::ATTITUDE + k)] += (GAP_MOTION.0 * dt).powi(2);
-                q[(index::VELOCITY + k, index::VELOCITY + k)] += (GAP_MOTION.1 * dt).powi(2);
-                q[(index::POSITION + k, index::POSITION + k)] += (0.5 * GAP_MOTION.1 * dt * dt).powi(2);
-            }
-        }
+    /// What samples that are missing in this step leave open, in the axes of its end.
+    pub(super) fn add_gap(&mut self, missed: &NavCovariance) {
+        let turned = self.turned;
+        let missed = congruence(missed, |c| {
+            let at = |k: usize| turned * Vector3::new(c[k], c[k + 1], c[k + 2]);
+            *c = nav_of(&at(index::POSITION), &at(index::VELOCITY), &at(index::ATTITUDE));
+        });
+        **self.gaps.get_or_insert_with(|| Box::new(NavCovariance::zeros())) += missed;
     }
 
     /// Earth's share, and everything into the axes of the end. Earth's share of the noise, a hundred-thousandth of it, is

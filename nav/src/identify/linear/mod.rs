@@ -14,6 +14,7 @@ mod interval;
 pub mod reference;
 mod rows;
 mod track;
+mod unseen;
 
 use super::flight::Flight;
 use super::noise::Noise;
@@ -28,6 +29,8 @@ use nalgebra::Vector3;
 use reference::Reference;
 use rows::Row;
 use track::Track;
+
+pub(super) use unseen::Unseen;
 
 /// Number of states: position, velocity, attitude errors in body axes, gyro and accelerometer bias, wander of the fixes
 /// (north, east, down), the error of the present fix's time stamp, and the error that all stamps have in common.

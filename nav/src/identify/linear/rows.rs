@@ -2,7 +2,7 @@
 
 use super::track::Track;
 use super::{STATES, index};
-use crate::effects::{FixInstant, MAX_PARAMETERS};
+use crate::effects::{Antenna, FixInstant, MAX_PARAMETERS};
 use crate::filter::calibration::Calibration;
 use crate::filter::watch::Watched;
 use crate::mechanization::{self, NavState};
@@ -88,6 +88,14 @@ pub(super) fn of(fix: &GnssFix, nav: &NavState, track: &Track<'_>) -> Vec<Row> {
         c_nb: c_ne * nav.c_eb(),
         rate_eb: here.motion.rate - nav.q_eb.inverse() * crate::earth::rotation_rate(),
         force_rate: track.force_rate(),
+        antenna: Antenna::of(
+            model
+                .effects
+                .iter()
+                .map(|s| s.effect)
+                .zip(track.calibration().parameters.iter().map(Vec::as_slice)),
+            track.rate_derivatives(),
+        ),
     };
     let added = Added::new(model, track.calibration(), &x);
     let direct = direct(watched, &x);

@@ -2,6 +2,7 @@
 
 use super::super::flight::Flight;
 use super::interval::{Interval, Sum};
+use super::unseen::Unseen;
 use crate::effects::Instant;
 use crate::filter::calibration::Calibration;
 use crate::filter::force_rate::ForceRates;
@@ -26,6 +27,7 @@ pub(super) struct Here {
 pub(super) struct Track<'a> {
     samples: &'a [ImuSample],
     force_rates: &'a ForceRates,
+    unseen: &'a Unseen,
     next: usize,
     kind: SampleKind,
     model: &'a Model,
@@ -56,6 +58,7 @@ impl<'a> Track<'a> {
         let mut track = Self {
             samples,
             force_rates: flight.force_rates(),
+            unseen: flight.unseen(),
             next: 0,
             kind: flight.stream().kind,
             model,
@@ -113,6 +116,11 @@ impl<'a> Track<'a> {
     /// Rate of change of the specific force there, m/s³.
     pub(super) fn force_rate(&self) -> Vector3<f64> {
         self.force_rates.at(self.to.t_s)
+    }
+
+    /// First and second derivative of the angular rate there, rad/s² and rad/s³.
+    pub(super) fn rate_derivatives(&self) -> [Vector3<f64>; 2] {
+        self.force_rates.of_rate_at(self.to.t_s)
     }
 
     /// Motion and columns at a sample become those of the end of a step.
@@ -177,6 +185,9 @@ impl<'a> Track<'a> {
             if dt > 0.0 {
                 self.see(&sample, sum.nav().v_e.norm());
                 sum.add(&self.from, &self.to, self.kind, dt);
+                if let Some(missed) = self.unseen.within(self.from.t_s, self.to.t_s) {
+                    sum.add_gap(&missed);
+                }
                 self.last = sample;
             }
             if arrived {

@@ -133,7 +133,11 @@ impl Search<'_> {
             best = Some((point, problems));
             at = self.linearised(added, &references);
         }
-        best.unwrap_or_else(|| (self.nowhere(noise), Vec::new()))
+        // Where not even the first is a maximum, the flights stay linearised as they are, and nothing speaks for it.
+        best.unwrap_or_else(|| {
+            let Linearised { added, references, problems } = at;
+            (Point { added, references, ..self.nowhere(noise) }, problems)
+        })
     }
 }
 

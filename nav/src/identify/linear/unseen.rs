@@ -1,0 +1,208 @@
+//! What a vehicle does while its samples are lost.
+//!
+//! A gap is bridged by interpolation between the samples on both sides. How far off that is the same flight shows: the
+//! interpolation is tried where no sample is lost, over the same time. What it misses is averaged over those places whose samples at
+//! both ends are most like those of the gap, and over the whole flight: a vehicle that flies level before and after a gap may
+//! have rolled in between. What is missed has long tails (on a flight between waypoints one place in forty is beyond three times
+//! the mean square), so both together are doubled.
+
+use super::index;
+use super::interval::{NavCovariance, error};
+use crate::filter::unseen::{GAP_S, MOTION};
+use crate::mechanization::{Increment, Motion, NavState};
+use crate::rotation::exp;
+use crate::sample::{ImuSample, SampleKind};
+use nalgebra::{UnitQuaternion, Vector3};
+
+/// Interpolation is tried at most so often for a length …
+const TRIALS: usize = 300;
+/// … and so many of them are most like a gap; with fewer the flight says nothing of itself.
+const ALIKE: usize = 40;
+/// Sigmas are larger than the roots of mean squares by this factor: tails are long.
+const LONG_TAILS: f64 = 2.0;
+/// Lengths of gaps are told apart by this, s.
+const LENGTHS_S: f64 = 0.1;
+/// This much rate, rad/s, is as unlike as that much specific force, m/s².
+const RATE_PER_FORCE: f64 = 0.05;
+
+/// A stretch without samples.
+#[derive(Debug, Clone)]
+struct Gap {
+    from_s: f64,
+    to_s: f64,
+    missed: NavCovariance,
+}
+
+/// The gaps of a flight.
+#[derive(Debug, Clone, Default)]
+pub(in crate::identify) struct Unseen(Vec<Gap>);
+
+/// Interpolation over a stretch of known samples: those at its ends, and what it missed.
+struct Trial {
+    ends: [ImuSample; 2],
+    missed: NavCovariance,
+}
+
+/// What a vehicle may have done of which nothing is known.
+fn anything(length_s: f64) -> NavCovariance {
+    let mut q = NavCovariance::zeros();
+    let size = [
+        (index::POSITION, 0.5 * MOTION.1 * length_s * length_s),
+        (index::VELOCITY, MOTION.1 * length_s),
+        (index::ATTITUDE, MOTION.0 * length_s),
+    ];
+    for (at, sigma) in size {
+        (0..3).for_each(|k| q[(at + k, at + k)] = sigma * sigma);
+    }
+    q
+}
+
+fn motion(sample: &ImuSample) -> Motion {
+    Motion { rate: sample.gyro, force: sample.accel }
+}
+
+/// From rest at the origin, without gravity.
+fn moved(from: &NavState, inc: &Increment) -> NavState {
+    NavState {
+        r_e: from.r_e + from.v_e * inc.dt + from.q_eb * inc.dp,
+        v_e: from.v_e + from.q_eb * inc.dv,
+        q_eb: from.q_eb * exp(&inc.dtheta),
+    }
+}
+
+fn unlike(a: &[ImuSample; 2], b: &[ImuSample; 2]) -> f64 {
+    let one = |a: &ImuSample, b: &ImuSample| {
+        (a.gyro - b.gyro).norm_squared() + ((a.accel - b.accel) * RATE_PER_FORCE).norm_squared()
+    };
+    one(&a[0], &b[0]) + one(&a[1], &b[1])
+}
+
+/// Interpolation over this long, where no sample is lost.
+fn trials(samples: &[ImuSample], kind: SampleKind, length_s: f64) -> Vec<Trial> {
+    let rest = NavState { r_e: Vector3::zeros(), v_e: Vector3::zeros(), q_eb: UnitQuaternion::identity() };
+    let stride = (samples.len() / TRIALS).max(1);
+    let one = |from: usize| {
+        let first = samples.get(from)?;
+        let to = samples.partition_point(|s| s.t_s <= first.t_s + length_s);
+        let last = samples.get(to)?;
+        let mut seen = rest;
+        for pair in samples[from..=to].windows(2) {
+            let dt = pair[1].t_s - pair[0].t_s;
+            if dt > GAP_S {
+                return None;
+            }
+            seen = moved(&seen, &Increment::between(&motion(&pair[0]), &motion(&pair[1]), kind, dt));
+        }
+        let across = Increment::between(&motion(first), &motion(last), kind, last.t_s - first.t_s);
+        let e = error(&moved(&rest, &across), &seen);
+        Some(Trial { ends: [*first, *last], missed: e * e.transpose() })
+    };
+    (0..samples.len()).step_by(stride).filter_map(one).collect()
+}
+
+/// What interpolation misses at places like this one.
+fn missed(trials: &[Trial], ends: &[ImuSample; 2], length_s: f64) -> NavCovariance {
+    if trials.len() < ALIKE {
+        return anything(length_s);
+    }
+    let mut by_likeness: Vec<(f64, &Trial)> = trials.iter().map(|t| (unlike(&t.ends, ends), t)).collect();
+    by_likeness.sort_by(|a, b| a.0.total_cmp(&b.0));
+    let alike = by_likeness.iter().take(ALIKE).map(|t| t.1.missed).sum::<NavCovariance>() / ALIKE as f64;
+    let anywhere = trials.iter().map(|t| t.missed).sum::<NavCovariance>() / trials.len() as f64;
+    (alike + anywhere) * LONG_TAILS.powi(2)
+}
+
+impl Unseen {
+    /// Of samples in order of time.
+    pub(in crate::identify) fn of(samples: &[ImuSample], kind: SampleKind) -> Self {
+        let mut tried: Vec<(usize, Vec<Trial>)> = Vec::new();
+        let mut gaps = Vec::new();
+        for pair in samples.windows(2) {
+            let length_s = pair[1].t_s - pair[0].t_s;
+            if length_s <= GAP_S {
+                continue;
+            }
+            let class = (length_s / LENGTHS_S).ceil() as usize;
+            if tried.iter().all(|t| t.0 != class) {
+                tried.push((class, trials(samples, kind, class as f64 * LENGTHS_S)));
+            }
+            let trials = tried.iter().find(|t| t.0 == class).map_or(&[][..], |t| &t.1);
+            let missed = missed(trials, &[pair[0], pair[1]], length_s);
+            gaps.push(Gap { from_s: pair[0].t_s, to_s: pair[1].t_s, missed });
+        }
+        Self(gaps)
+    }
+
+    /// What is missed between two times. Unseen motion lasts: its variances grow with the square, that of the position with the
+    /// fourth power, of the time since the last sample.
+    pub(super) fn within(&self, from_s: f64, to_s: f64) -> Option<NavCovariance> {
+        let first = self.0.partition_point(|g| g.to_s <= from_s);
+        let mut sum: Option<NavCovariance> = None;
+        for gap in self.0.get(first..).unwrap_or_default().iter().take_while(|g| g.from_s < to_s) {
+            let length_s = gap.to_s - gap.from_s;
+            let share = |t_s: f64| ((t_s.clamp(gap.from_s, gap.to_s) - gap.from_s) / length_s).powi(2);
+            let (a, b) = (share(from_s), share(to_s));
+            let (square, fourth) = ((b - a).sqrt(), (b * b - a * a).sqrt());
+            let scale = |k: usize| if k < index::VELOCITY { fourth } else { square };
+            let q = NavCovariance::from_fn(|i, j| gap.missed[(i, j)] * scale(i) * scale(j));
+            sum = Some(sum.map_or(q, |s| s + q));
+        }
+        sum
+    }
+
+    /// The same at another time.
+    pub(in crate::identify) fn move_by(&mut self, by_s: f64) {
+        for gap in &mut self.0 {
+            gap.from_s += by_s;
+            gap.to_s += by_s;
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// A vehicle that weaves all the time, twice as much about x as about y, and not at all about z.
+    fn samples(lost: impl Fn(f64) -> bool) -> Vec<ImuSample> {
+        let at = |k: u32| {
+            let t_s = f64::from(k) * 0.02;
+            let weave = 0.4 * (1.3 * t_s).sin();
+            ImuSample {
+                t_s,
+                gyro: Vector3::new(weave, 0.5 * weave, 0.0),
+                accel: Vector3::new(0.0, 0.0, -9.8),
+                temperature_degc: None,
+            }
+        };
+        (0..9000).map(at).filter(|s| !lost(s.t_s)).collect()
+    }
+
+    #[test]
+    fn what_interpolation_misses_is_known_axis_by_axis() {
+        let lost = |t_s: f64| (100.0..101.0).contains(&t_s);
+        let unseen = Unseen::of(&samples(lost), SampleKind::Point);
+        let within = |from: f64, to: f64, axis: usize| {
+            let at = index::ATTITUDE + axis;
+            unseen.within(from, to).map(|q| q[(at, at)].sqrt()).unwrap()
+        };
+        let [x, y, z] = std::array::from_fn(|axis| within(99.0, 102.0, axis));
+        // A straight line over 1.1 s of 0.4 rad/s · sin(1.3 t) misses up to 0.4 · 1.3² · 1.1³ / 12 rad; its mean square is half of
+        // that squared, and two such means are doubled.
+        let mean = 0.4 * 1.3f64.powi(2) * 1.1f64.powi(3) / 12.0 * LONG_TAILS;
+        assert!((0.6 * mean..1.5 * mean).contains(&x), "{x} {mean}");
+        assert!((0.4..0.6).contains(&(y / x)) && z < 0.1 * x, "{x} {y} {z}");
+        assert_eq!(unseen.within(40.0, 90.0), None);
+        // Cut in two by a fix it is the same gap.
+        let halves = within(99.0, 100.5, 0).hypot(within(100.5, 102.0, 0));
+        assert!((halves / x - 1.0).abs() < 1e-9, "{halves} {x}");
+    }
+
+    #[test]
+    fn a_flight_that_is_all_gaps_says_nothing_of_itself() {
+        let all: Vec<ImuSample> = samples(|_| false).into_iter().step_by(25).collect();
+        let unseen = Unseen::of(&all, SampleKind::Point);
+        let q = unseen.within(70.0, 70.5).unwrap();
+        assert!((q[(index::ATTITUDE, index::ATTITUDE)].sqrt() - MOTION.0 * 0.5).abs() < 1e-9);
+    }
+}
