@@ -51,3 +51,34 @@ fn the_readme_lists_every_command() {
         assert!(readme.contains(&format!("`gaware {command}")), "{command} is not in the README");
     }
 }
+
+/// Every Rust source below a folder.
+fn sources(folder: &std::path::Path, found: &mut String) {
+    for entry in std::fs::read_dir(folder).unwrap().map(|e| e.unwrap().path()) {
+        if entry.is_dir() {
+            sources(&entry, found);
+        } else if entry.extension().is_some_and(|e| e == "rs") {
+            found.push_str(&std::fs::read_to_string(entry).unwrap());
+        }
+    }
+}
+
+#[test]
+fn every_test_that_the_safety_case_names_exists() {
+    let root = std::path::Path::new(env!("CARGO_MANIFEST_DIR"));
+    let case = std::fs::read_to_string(root.join("docs/safety.md")).unwrap();
+    let mut text = String::new();
+    for folder in ["src", "mission/src", "nav/src", "sitl/src", "sitl/tests", "tests"] {
+        sources(&root.join(folder), &mut text);
+    }
+    let rows: Vec<&str> = case.lines().filter(|l| l.starts_with("| ") && l.contains('`')).collect();
+    assert!(rows.len() >= 10, "{rows:?}");
+    for row in rows {
+        let shown = row.split('|').nth(3).unwrap();
+        let named: Vec<&str> = shown.split('`').skip(1).step_by(2).collect();
+        assert!(!named.is_empty(), "nothing shows: {row}");
+        for name in named {
+            assert!(text.contains(&format!("fn {name}(")), "{name} is no test");
+        }
+    }
+}

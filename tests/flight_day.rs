@@ -6,10 +6,12 @@
 mod support;
 
 use gaware::link::frame::{Frame, Sender};
+use gaware::link::framer::Framer;
 use gaware::mission_link::vehicle::Vehicle;
 use mavlink::dialects::ardupilotmega::{COMMAND_LONG_DATA, MavCmd, MavMessage};
 use serde_json::Value;
-use std::net::UdpSocket;
+use std::io::{Read, Write};
+use std::net::TcpStream;
 use support::{Ended, Folder, Gaware, gaware};
 
 /// One vehicle of one firmware, with a GNSS latency that is hidden in it.
@@ -69,7 +71,7 @@ impl Day {
             "--autopilot",
             self.firmware,
             "--listen",
-            "udpin:127.0.0.1:0",
+            "tcpin:127.0.0.1:0",
             "--speed",
             "10",
             "--until-landed",
@@ -90,10 +92,10 @@ fn done(args: &[&str]) -> Ended {
 
 /// The pilot arms and starts the mission; returns when the vehicle says that it flies it.
 fn start_mission(address: &str) {
-    let socket = UdpSocket::bind("127.0.0.1:0").unwrap();
-    socket.connect(address.strip_prefix("udpout:").unwrap()).unwrap();
+    let mut socket = TcpStream::connect(address.strip_prefix("tcpout:").unwrap()).unwrap();
     socket.set_read_timeout(Some(support::PATIENCE)).unwrap();
     let pilot = Sender { system_id: 255, component_id: 190 };
+    let (mut framer, mut bytes) = (Framer::new(), [0; 4096]);
     for number in 0..=u8::MAX {
         for (command, param1) in
             [(MavCmd::MAV_CMD_COMPONENT_ARM_DISARM, 1.0), (MavCmd::MAV_CMD_MISSION_START, 0.0)]
@@ -105,16 +107,17 @@ fn start_mission(address: &str) {
                 target_component: 1,
                 ..Default::default()
             };
-            socket.send(Frame::encode(pilot, number, &MavMessage::COMMAND_LONG(data)).raw()).unwrap();
+            socket.write_all(Frame::encode(pilot, number, &MavMessage::COMMAND_LONG(data)).raw()).unwrap();
         }
         // About two heartbeats' worth of what the vehicle sends.
-        for _ in 0..1000 {
-            let mut datagram = vec![0; 2048];
-            let n = socket.recv(&mut datagram).unwrap();
-            datagram.truncate(n);
-            let vehicle = Frame::parse(datagram.into()).ok().and_then(|f| Vehicle::from_heartbeat(&f));
-            if vehicle.is_some_and(|v| v.state.flying_mission) {
-                return;
+        for _ in 0..100 {
+            let n = socket.read(&mut bytes).unwrap();
+            assert!(n > 0, "the vehicle has closed the link");
+            framer.push(&bytes[..n]);
+            while let Some(frame) = framer.next_frame() {
+                if Vehicle::from_heartbeat(&frame).is_some_and(|v| v.state.flying_mission) {
+                    return;
+                }
             }
         }
     }
@@ -152,7 +155,24 @@ fn flight_day(airframe: &str, firmware: &'static str) {
     assert_eq!(summary.code(), Some(0), "{}", summary.stderr);
     let replayed = done(&["replay", &recording, "--json"]);
     assert_eq!(summary.stdout, replayed.stdout, "the replay repeats the run");
+    nothing_else_was_asked_for(&recording);
     look_back(&day, &recording, &summary.json());
+}
+
+/// While the autopilot flies its mission nobody is asked to fly anything else; and it has flown it.
+fn nothing_else_was_asked_for(recording: &str) {
+    let bytes = std::fs::read(recording).unwrap();
+    let snapshots = mcap::MessageStream::new(&bytes).unwrap().map(Result::unwrap);
+    let flown: Vec<Value> = snapshots
+        .filter(|m| m.channel.topic == "/snapshot")
+        .map(|m| serde_json::from_slice(&m.data).unwrap())
+        .filter(|s: &Value| s["mission"]["flying"] == true)
+        .collect();
+    assert!(flown.len() > 20, "{} snapshots in the mission", flown.len());
+    for snapshot in flown {
+        assert_eq!(snapshot["guidance"]["instruction"], "", "{:#}", snapshot["guidance"]);
+        assert_eq!(snapshot["mission"]["stuck"], "", "{:#}", snapshot["mission"]);
+    }
 }
 
 /// What the commands after the flight say of it.

@@ -289,3 +289,34 @@ fn a_stderr_that_is_closed_or_that_nobody_reads_holds_nothing_up() {
         drop(reader);
     }
 }
+
+#[test]
+fn names_of_files_models_and_airframes_give_the_terminal_no_orders() {
+    let folder = Folder::new("orders");
+    let order = "\u{1b}]0;owned\u{7}\u{1b}[2J";
+    let model = folder.file("model.toml");
+    fs::write(&model, format!("schema = \"{}\"\n", "\\u001b[2Jother/9")).unwrap();
+    let airframe = folder.file("airframe.toml");
+    let own = fs::read_to_string(format!("{}/mission/airframes/quadrotor.toml", env!("CARGO_MANIFEST_DIR")))
+        .unwrap();
+    fs::write(&airframe, own.replace("name = \"quadrotor\"", "name = \"quad\\u001b[2J\"")).unwrap();
+    let log = fixture("small_clean_dither.tlog");
+    let log = log.to_str().unwrap();
+    let missing = folder.file(&format!("{order}.tlog"));
+    let named = folder.file(&format!("{order}.html"));
+    let lines: [&[&str]; 6] = [
+        &["replay", &missing],
+        &["replay", log, "--model", &model],
+        &["plan", "--airframe", &airframe, "--home", "47.397,8.545,441", "--budget", "60"],
+        &["report", log, "--out", &named],
+        &["mission", "upload", &missing, "--connect", order],
+        &["sim", "--scenario", order],
+    ];
+    for line in lines {
+        let ended = gaware(line);
+        for text in [&ended.stdout, &ended.stderr] {
+            assert!(!text.contains(['\u{1b}', '\u{7}']), "{line:?}: {text:?}");
+        }
+        assert!(!(ended.stdout + &ended.stderr).is_empty(), "{line:?}");
+    }
+}

@@ -75,6 +75,8 @@ pub fn refuse(error: clap::Error) -> ExitCode {
     let remedy = REMEDIES.iter().find(|(said, _)| text.contains(said));
     match remedy.filter(|_| error.kind() == clap::error::ErrorKind::ValueValidation) {
         Some((said, remedy)) => log::line(text.replace(said, remedy).trim_end()),
+        // Arguments are repeated as they were written: they may hold orders to the terminal.
+        None if log::plain(&text) != text => log::line(text.trim_end()),
         // stderr may be closed.
         None => _ = error.print(),
     }

@@ -2,15 +2,16 @@
 //! (`gaware replay … | head -1`) is none; `println!` would panic at both.
 
 use super::CommandError;
+use crate::sinks::log;
 use serde::Serialize;
 use std::io::{self, Write};
 
-/// Writes a text to its end.
+/// Writes a text to its end, without orders to the terminal that names of others may hold.
 ///
 /// # Errors
 /// What the system says.
 pub fn text(text: &str) -> Result<(), CommandError> {
-    write(|out| out.write_all(text.as_bytes()))
+    write(|out| out.write_all(log::plain(text).as_bytes()))
 }
 
 /// Writes what this makes.

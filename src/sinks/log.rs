@@ -3,6 +3,7 @@
 //! A thread of its own writes them. Where nobody reads (a full pipe, Ctrl-S, a stalled ssh) lines are lost, and their number is
 //! reported as soon as somebody reads again. A closed stderr ends nothing: what is meant for it is dropped.
 
+use std::borrow::Cow;
 use std::io::{self, Write};
 use std::pin::Pin;
 use std::sync::atomic::{AtomicU64, Ordering};
@@ -109,7 +110,21 @@ pub fn start() -> io::Result<()> {
 
 /// Writes one line to stderr.
 pub fn line(text: &str) {
-    let _ = writeln!(Stderr, "{text}");
+    let _ = writeln!(Stderr, "{}", plain(text));
+}
+
+/// The text without orders to the terminal: names of files, models and airframes, and texts of vehicles come from others. Control
+/// characters other than the end of a line and the tabulator are written as escapes (`\u{1b}`).
+pub fn plain(text: &str) -> Cow<'_, str> {
+    let order = |c: char| c.is_control() && !matches!(c, '\n' | '\t');
+    if !text.contains(order) {
+        return Cow::Borrowed(text);
+    }
+    let mut out = String::with_capacity(text.len() + 8);
+    for c in text.chars() {
+        if order(c) { out.extend(c.escape_default()) } else { out.push(c) }
+    }
+    Cow::Owned(out)
 }
 
 /// While this lives, lines for a stderr that is a terminal are kept back: a screen is drawn there, and shows the events itself.

@@ -3,6 +3,7 @@
 use super::Sources;
 use crate::engine::snapshot::{Phase, Snapshot, Status};
 use crate::sinks::events::phase_words;
+use crate::sinks::log::plain;
 use crate::sinks::status::{RecorderState, StatusView};
 use crate::sinks::words::{brief, bytes, clock};
 use std::fmt::Write;
@@ -73,7 +74,7 @@ pub async fn run(
             _ = ticks.tick() => {}
         }
         let snapshot = Arc::clone(&sources.snapshots.borrow());
-        let text = line(&snapshot, &sources.status.view()) + "\n";
+        let text = plain(&line(&snapshot, &sources.status.view())).into_owned() + "\n";
         tokio::select! {
             () = shutdown.cancelled() => return Ok(()),
             written = async { out.write_all(text.as_bytes()).await?; out.flush().await } => written?,
