@@ -71,7 +71,7 @@ impl Adjoint {
         Self { mu: vec![0.0; n], lambda: vec![0.0; n * n] }
     }
 
-    /// μ ← Aᵀ μ, Λ ← Aᵀ Λ A for A that is the identity but for its first nine rows, `top`, and the decay of the wander.
+    /// μ ← Aᵀ μ, Λ ← Aᵀ Λ A for A that is the identity but for its first nine rows, `top`, and the decay of the Gauss-Markov error.
     fn back(&mut self, top: &[f64], wander: Option<usize>, decay: f64) {
         let n = self.mu.len();
         self.mu = transposed(top, &self.mu, wander, decay);

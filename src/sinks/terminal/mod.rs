@@ -167,7 +167,7 @@ pub fn spawn(
     std::thread::Builder::new().name("terminal".into()).spawn(move || {
         let result = run(&mut terminal, &mut Keyboard, sources, options, &shutdown);
         ratatui::restore();
-        // Nobody may be waiting any more, then nobody wants to know.
+        // No one may be waiting any more, then no one wants to know.
         let _ = done.send(result);
     })?;
     Ok(ended)

@@ -186,7 +186,7 @@ impl<'a> Search<'a> {
     /// What the samples themselves say for mistakes of the source.
     pub(super) fn told_by_samples(&self, added: &[Added]) -> f64 {
         let mistakes = added.iter().map(|a| a.setting.effect).filter(|e| e.is_source_mistake());
-        mistakes.map(|e| self.flights.iter().map(|f| e.told_by(f.told())).sum::<f64>()).sum()
+        mistakes.map(|e| self.flights.iter().map(|f| e.reported_by(f.told())).sum::<f64>()).sum()
     }
 
     /// Before anything is known: the model as it is, about the first trajectories.
