@@ -309,7 +309,7 @@ impl Estimator {
             filter.set_stream(self.stream.kind, self.extra_noise());
             filter.propagate(&ImuSample { t_s: initial.t_s, ..mean });
             if start.stationary {
-                filter.observe_standing(STANDING_RATE_SIGMA);
+                filter.observe_stationary(STANDING_RATE_SIGMA);
             }
             let fusion = Fusion::without_window(filter).recognising_rest();
             if start.heading_known { fusion.looking_back() } else { fusion }

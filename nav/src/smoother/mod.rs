@@ -237,7 +237,7 @@ fn measured(update: &Update, u: &[f64], spread: &Matrix3<f64>) -> Vec<Residual> 
 
 /// Goes back over a recording. The result is in order of time, one entry per node.
 pub fn smooth(tape: Tape, layout: &Layout) -> Vec<Smoothed> {
-    let (n, wander) = (layout.len(), layout.wander());
+    let (n, wander) = (layout.len(), layout.gauss_markov());
     let mut after = Adjoint::zeros(n);
     let mut out = Vec::new();
     for node in tape.into_nodes().into_iter().rev() {

@@ -133,7 +133,7 @@ impl Search<'_> {
             best = Some((point, problems));
             at = self.linearised(added, &references);
         }
-        best.unwrap_or_else(|| (self.nowhere(noise), Vec::new()))
+        best.unwrap_or_else(|| (self.empty(noise), Vec::new()))
     }
 }
 
