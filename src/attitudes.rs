@@ -1,7 +1,7 @@
 //! Two attitudes of one vehicle laid over each other: an estimate and the truth, or an estimate and the autopilot's own.
 //!
 //! Their stamps never agree to the millisecond (an autopilot's sensor filter alone delays its samples by some 12 ms, 0.7 deg
-//! at 60 deg/s), so one constant shift is searched for and told; what is left is the difference.
+//! at 60 deg/s), so one constant shift is searched for and reported; what is left is the difference.
 
 use gaware_nav::rotation::wrap_pi;
 

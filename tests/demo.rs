@@ -55,7 +55,7 @@ fn who_ends_the_demonstration_is_told_so_and_screens_say_who_flies() {
         for _ in 0..10 {
             flight.turn();
         }
-        flight.take_told();
+        flight.take_messages();
         let snapshot = flight.snapshot();
         views.push(flight.vehicle_view());
         told.extend(snapshot.news);

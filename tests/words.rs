@@ -124,8 +124,8 @@ fn literals(source: &str) -> Vec<String> {
         let (tail, before) = (&rest[at..], rest[..at].chars().next_back());
         let skipped = if tail.starts_with("//") {
             tail.find('\n').unwrap_or(tail.len())
-        } else if tail.starts_with("'\\") {
-            tail[2..].find('\'').map_or(1, |end| end + 3)
+        } else if let Some(escaped) = tail.strip_prefix("'\\") {
+            escaped.find('\'').map_or(1, |end| end + 3)
         } else if tail.starts_with('\'') {
             // A character, else a lifetime.
             let mut chars = tail.char_indices().skip(1);
@@ -137,16 +137,16 @@ fn literals(source: &str) -> Vec<String> {
             let end = tail[1..].find(&close).unwrap_or(tail.len() - 1);
             out.push(tail[1..=end].to_owned());
             end + 1 + close.len()
-        } else if tail.starts_with('"') {
+        } else if let Some(text) = tail.strip_prefix('"') {
             let mut escaped = false;
-            let end = tail[1..].char_indices().find(|(_, c)| {
+            let end = text.char_indices().find(|(_, c)| {
                 let ends = *c == '"' && !escaped;
                 escaped = *c == '\\' && !escaped;
                 ends
             });
             let end = end.map_or(tail.len() - 1, |(end, _)| end);
             // Lines that the source breaks are one.
-            out.push(tail[1..=end].replace("\\\n", "").split_whitespace().collect::<Vec<_>>().join(" "));
+            out.push(text[..end].replace("\\\n", "").split_whitespace().collect::<Vec<_>>().join(" "));
             end + 2
         } else {
             1
@@ -259,4 +259,86 @@ fn literals_and_words_are_found_where_they_stand() {
     assert_eq!(literals(source), ["one \\\"two\\\" three", "raw \"told\" text", ""]);
     let words = |text: &str| found(text).into_iter().map(|f| f.0).collect::<Vec<_>>();
     assert_eq!(words("It was told; the bias WANDERS, hidden_state foretold"), ["told", "wander"]);
+}
+
+/// Words that a public name must not hold, between underscores or capitals.
+const NOT_IN_NAMES: [&str; 19] = [
+    "told", "tell", "doubt", "court", "dark", "darkness", "voice", "hopeless", "nowhere", "hear", "heard",
+    "standing", "hide", "hidden", "house", "room", "wall", "nobody", "believe",
+];
+
+/// Public names that hold one all the same: a contract.
+const NAMES: [(&str, &str, &str); 5] = [
+    ("src/commands/sim.rs", "hide", "an option of the command line"),
+    ("src/commands/sim.rs", "hide_random", "an option of the command line"),
+    ("src/demo/result.rs", "dark", "a key of the JSON result"),
+    ("src/study/blind/", "hidden", "a key of the JSON result"),
+    ("src/study/observability.rs", "dark", "a key of the JSON result"),
+];
+
+/// Names of public items and fields before the unit tests.
+fn public_names(source: &str) -> impl Iterator<Item = &str> {
+    let source = source.split("#[cfg(test)]\nmod tests").next().unwrap_or(source);
+    let named = |line: &'_ str| -> Option<(usize, usize)> {
+        let rest = line.trim_start().strip_prefix("pub ")?;
+        let kinds = [
+            "const fn ",
+            "async fn ",
+            "fn ",
+            "struct ",
+            "enum ",
+            "trait ",
+            "type ",
+            "mod ",
+            "const ",
+            "static ",
+        ];
+        let name = kinds.iter().find_map(|k| rest.strip_prefix(k)).unwrap_or(rest);
+        let len = name.find(|c: char| !c.is_alphanumeric() && c != '_').unwrap_or(name.len());
+        Some((line.len() - name.len(), len))
+    };
+    source.lines().filter_map(move |line| named(line).map(|(at, len)| &line[at..at + len]))
+}
+
+/// `ReceivedMessages`, `take_told` → received, messages, take, told.
+fn parts(name: &str) -> Vec<String> {
+    let (mut out, mut small) = (vec![String::new()], false);
+    for c in name.chars() {
+        if c == '_' || c.is_uppercase() && small {
+            out.push(String::new());
+        }
+        if let Some(last) = out.last_mut().filter(|_| c != '_') {
+            last.extend(c.to_lowercase());
+        }
+        small = c.is_lowercase();
+    }
+    out
+}
+
+#[test]
+fn public_names_use_the_words_of_the_field() {
+    let mut all = Vec::new();
+    for folder in ["src", "nav/src", "mission/src", "sitl/src"] {
+        files(&root().join(folder), &[".rs"], &mut all);
+    }
+    let (mut complaints, mut names) = (Vec::new(), 0);
+    for file in all {
+        let source = std::fs::read_to_string(&file).unwrap();
+        for name in public_names(&source) {
+            names += 1;
+            let at = place(&file);
+            let allowed = NAMES.iter().any(|(place, exception, _)| at.contains(place) && name == *exception);
+            if !allowed && parts(name).iter().any(|p| NOT_IN_NAMES.contains(&p.as_str())) {
+                complaints.push(format!("{at}: {name}"));
+            }
+        }
+    }
+    assert!(names > 1500, "{names}");
+    none(&complaints);
+    assert_eq!(
+        public_names("pub fn take_told(x: u8)\n  pub room_m: f64,\n").collect::<Vec<_>>(),
+        ["take_told", "room_m"]
+    );
+    assert_eq!(parts("HideError"), ["hide", "error"]);
+    assert_eq!(parts("DARK_SIGMA"), ["dark", "sigma"]);
 }

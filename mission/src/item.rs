@@ -10,7 +10,7 @@ use serde::{Deserialize, Serialize};
 pub mod command {
     /// Fly to a position.
     pub const NAV_WAYPOINT: u16 = 16;
-    /// Circle (or hover) until told otherwise.
+    /// Circle (or hover) until commanded otherwise.
     pub const NAV_LOITER_UNLIM: u16 = 17;
     /// Fly a number of circles; param3 radius in m, negative is counter-clockwise.
     pub const NAV_LOITER_TURNS: u16 = 18;

@@ -1,6 +1,6 @@
 //! Flights as point masses: what the inertial unit would feel on a predicted path.
 //!
-//! A fixed wing flies coordinated unless told to slip: lift and side force turn the air velocity, the wind carries it
+//! A fixed wing flies coordinated unless commanded to slip: lift and side force turn the air velocity, the wind carries it
 //! (Beard & McLain 2012, section 9.3). A multirotor tilts its thrust to accelerate and against linear drag (Mahony 2012, eq. 7
 //! with lumped drag). Commands are followed with first-order lags inside the airframe's limits, so that everything is
 //! smooth. Sensors, filters and missions are unknown here.

@@ -245,7 +245,7 @@ impl<'a> Checker<'a> {
     }
 
     /// How much further than the margin this point is from the fence, m; negative: too close.
-    pub fn room_at(&self, ne: Vector2<f64>) -> f64 {
+    pub fn clearance_at(&self, ne: Vector2<f64>) -> f64 {
         self.fence.clearance(ne) - self.margin_m
     }
 
@@ -281,9 +281,9 @@ impl<'a> Checker<'a> {
         };
         let radius = f64::from(radius.abs());
         self.radius(number, item.command, radius, speed)?;
-        let room = self.room_at(self.frame.to_local(place)) - radius;
-        if room < 0.0 || room.is_nan() {
-            return Err(Refusal::ItemOutside { item: number, by_m: -room });
+        let space = self.clearance_at(self.frame.to_local(place)) - radius;
+        if space < 0.0 || space.is_nan() {
+            return Err(Refusal::ItemOutside { item: number, by_m: -space });
         }
         Ok(())
     }
@@ -418,9 +418,9 @@ impl<'a> Checker<'a> {
             return Err(Refusal::NoSafeEnd);
         };
         for k in 0..=LINE_CHECKS {
-            let room = self.room_at(from.lerp(&to, f64::from(k) / f64::from(LINE_CHECKS)));
-            if room < 0.0 || room.is_nan() {
-                return Err(Refusal::ItemOutside { item, by_m: -room });
+            let space = self.clearance_at(from.lerp(&to, f64::from(k) / f64::from(LINE_CHECKS)));
+            if space < 0.0 || space.is_nan() {
+                return Err(Refusal::ItemOutside { item, by_m: -space });
             }
         }
         Ok(())
@@ -436,9 +436,9 @@ impl<'a> Checker<'a> {
     }
 
     fn inside(&self, t_s: f64, position_ned_m: &Vector3<f64>) -> Result<(), Refusal> {
-        let room = self.room_at(position_ned_m.xy());
-        if room < 0.0 || room.is_nan() {
-            return Err(Refusal::PathOutside { t_s, by_m: -room });
+        let space = self.clearance_at(position_ned_m.xy());
+        if space < 0.0 || space.is_nan() {
+            return Err(Refusal::PathOutside { t_s, by_m: -space });
         }
         Ok(())
     }

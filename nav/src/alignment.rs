@@ -20,12 +20,12 @@ const FIX_AGE_S: f64 = 1.5;
 const HINT_TILT_SIGMA: f64 = 0.05;
 /// Trust in another filter's heading: a compass near motors and metal, rad.
 const HINT_YAW_SIGMA: f64 = 0.14;
-/// Trust in levelling while standing: an accelerometer bias of 0.2 m/s² and vibration, rad.
+/// Trust in levelling while stationary: an accelerometer bias of 0.2 m/s² and vibration, rad.
 const LEVEL_SIGMA: f64 = 0.035;
 /// Trust in levelling while moving, rad.
 const MOVING_LEVEL_SIGMA: f64 = 0.35;
 /// Standing: mean rate below this (a large gyro bias), rad/s …
-const STANDING_RATE: f64 = 0.03;
+const STATIONARY_RATE: f64 = 0.03;
 /// … mean specific force this close to gravity, m/s² …
 const STANDING_FORCE: f64 = 0.5;
 /// … and ground speed below this, m/s.
@@ -46,7 +46,7 @@ pub struct Start {
     /// Whether the heading is known; otherwise that of `initial` is arbitrary.
     pub heading_known: bool,
     /// Whether the vehicle stands, so that the mean rate is bias (and G f) alone.
-    pub standing: bool,
+    pub stationary: bool,
 }
 
 impl Gathering {
@@ -117,7 +117,7 @@ impl Gathering {
             FixVelocity::Horizontal([n, e]) => (Vector3::new(n, e, 0.0), true),
             FixVelocity::Full(v) => (v.into(), true),
         };
-        let standing = mean.gyro.norm() < STANDING_RATE
+        let stationary = mean.gyro.norm() < STATIONARY_RATE
             && (mean.accel.norm() - STANDARD_GRAVITY).abs() < STANDING_FORCE
             && known_velocity
             && v_n.norm() < STANDING_SPEED;
@@ -131,12 +131,12 @@ impl Gathering {
                 hinted_yaw = Some((now.z, HINT_YAW_SIGMA));
                 (now.x, now.y, HINT_TILT_SIGMA)
             }
-            None if standing => (level[0], level[1], LEVEL_SIGMA),
+            None if stationary => (level[0], level[1], LEVEL_SIGMA),
             None => (level[0], level[1], MOVING_LEVEL_SIGMA),
         };
         let heading = fix.yaw_rad.or(hinted_yaw);
         let (yaw, yaw_sigma) = heading.unwrap_or((0.0, crate::heading::MEMBER_SIGMA_RAD));
-        let moved = if standing { 0.5 } else { 3.0 };
+        let moved = if stationary { 0.5 } else { 3.0 };
         let initial = Initial {
             t_s: last.t_s,
             nav: NavState::from_ned(fix.position, &v_n, &c_nb_from_euler(roll, pitch, yaw)),
@@ -145,7 +145,7 @@ impl Gathering {
             velocity_sigma_m_per_s: velocity_sigma.map(|s| s + moved),
             attitude_sigma_rad: [tilt_sigma, tilt_sigma, yaw_sigma],
         };
-        Some(Start { initial, heading_known: heading.is_some(), standing })
+        Some(Start { initial, heading_known: heading.is_some(), stationary })
     }
 }
 
@@ -185,7 +185,7 @@ mod tests {
         let start = gathered(0.2, -0.1).start(&fix(), [1.0; 3], [0.1; 3]).expect("enough samples");
         let euler = start.initial.nav.euler();
         assert!((euler.x - 0.2).abs() < 1e-9 && (euler.y + 0.1).abs() < 1e-9, "{euler}");
-        assert!(start.standing && !start.heading_known);
+        assert!(start.stationary && !start.heading_known);
     }
 
     #[test]

@@ -7,7 +7,7 @@ use crate::mechanization::NavState;
 use crate::rotation::{left_jacobian_inverse, log};
 use nalgebra::{DMatrix, DVector};
 
-/// Truth minus estimate in the filter's error coordinates, one entry per state; wander states are left zero.
+/// Truth minus estimate in the filter's error coordinates, one entry per state; Gauss-Markov states are left zero.
 pub fn error(filter: &Filter, nav: &NavState, truth: &Calibration) -> Vec<f64> {
     let estimate = filter.nav();
     let back = estimate.q_eb.inverse();

@@ -13,7 +13,7 @@ use crate::quantisation::Dequantiser;
 use crate::rotation::c_nb_from_euler;
 use crate::sample::{GnssFix, ImuSample, ImuStream, Quantisation, RestartReason, Sample};
 
-/// Trust in "a standing vehicle does not turn": truncation and slow sway, rad/s.
+/// Trust in "a stationary vehicle does not turn": truncation and slow sway, rad/s.
 const STANDING_RATE_SIGMA: f64 = 1.5e-3;
 /// Without samples for longer than this the attitude is not known any more, s.
 const LOST_AFTER_S: f64 = 1.5;
@@ -308,8 +308,8 @@ impl Estimator {
             };
             filter.set_stream(self.stream.kind, self.extra_noise());
             filter.propagate(&ImuSample { t_s: initial.t_s, ..mean });
-            if start.standing {
-                filter.observe_standing(STANDING_RATE_SIGMA);
+            if start.stationary {
+                filter.observe_stationary(STANDING_RATE_SIGMA);
             }
             let fusion = Fusion::without_window(filter).recognising_rest();
             if start.heading_known { fusion.looking_back() } else { fusion }

@@ -143,7 +143,7 @@ pub struct NoiseMeter {
     low_pass: LowPass,
     /// v_2/v_4 at its largest.
     roughest: Pair,
-    /// Variance that whole numbers hide, times the interval.
+    /// Variance that whole numbers mask, times the interval.
     hidden: Pair,
 }
 

@@ -10,14 +10,14 @@ use nalgebra::Vector3;
 /// Time over which [`Dequantiser`] learns the local mean and scatter, s. Long against the correlation of filtered
 /// sensor noise, short against a maneuver.
 const MEMORY_S: f64 = 1.0;
-/// At slow rates the memory is this many samples instead: fewer would not tell a mean within a step.
+/// At slow rates the memory is this many samples instead: fewer would not determine a mean within a step.
 const MEMORY_SAMPLES: f64 = 32.0;
-/// Smallest scatter believed, steps. Below it the counts stand still and say nothing of where in a bin the mean lies.
+/// Smallest scatter assumed, steps. Below it the counts are constant and say nothing of where in a bin the mean lies.
 const SCATTER_FLOOR: f64 = 0.25;
-/// Scatter from which on the frequencies of the counts tell the mean, steps: at half a step the residual bias is
+/// Scatter from which on the frequencies of the counts determine the mean, steps: at half a step the residual bias is
 /// below 0.05 step.
 const SCATTER_DITHERS: f64 = 0.5;
-/// Scatter before the first samples have told one, steps: every bin about flat.
+/// Scatter before the first samples have shown one, steps: every bin about flat.
 const SCATTER_AT_START: f64 = 2.0;
 /// How long the error of a count that nothing dithers stays the same, s: what it takes a vehicle that stands or rolls
 /// along to change its rate by a step.
@@ -25,7 +25,7 @@ const PERSISTENCE_S: f64 = 2.0;
 /// 1-sigma of the constant error that is left where noise dithers the counts, steps (measured, see [`Dequantiser`]).
 const DITHERED_ERROR: f64 = 0.02;
 /// Pull of the local mean toward the centre of the bin, and of the scatter toward its floor, so that they do not stay
-/// where they were when the counts stand still.
+/// where they were when the counts are constant.
 const PULL: f64 = 0.02;
 /// Slices of a bin in the numerical integral: half the smallest scatter in the dead zone.
 const SLICES: u32 = 16;
@@ -137,11 +137,11 @@ fn moments(mean: f64, variance: f64, low: f64, high: f64) -> (f64, f64, f64) {
 
 /// Gives truncated samples back their expected value, using what the last second says of mean and noise.
 ///
-/// Where the sensor noise is about a step, truncation hides a mean rate inside the dead zone, but the *frequencies* of the
-/// counts still tell it. Each axis carries a local mean and variance, found by expectation maximisation over a
+/// Where the sensor noise is about a step, truncation masks a mean rate inside the dead zone, but the *frequencies* of the
+/// counts still determine it. Each axis carries a local mean and variance, found by expectation maximisation over a
 /// fading memory (Dempster, Laird & Rubin 1977, interval-censored normal samples), and each count is replaced by the
 /// mean of that normal distribution inside the count's bin. Where the motion is much larger than a step the normal is
-/// flat across a bin, and where the noise is too small to dither the counts they tell no mean: both times this is
+/// flat across a bin, and where the noise is too small to dither the counts they determine no mean: both times this is
 /// [`Quantisation::undo`]. Deterministic: equal samples give equal results.
 ///
 /// Largest bias for constant rates from -3 to 3 steps and white noise, in steps: centre of the bin 0.29, 0.19, 0.11,

@@ -81,7 +81,7 @@ impl Steps {
     pub const RAW_IMU: Self = Self { gyro: 1e-3, accel: 1e-3 * STANDARD_GRAVITY };
 }
 
-/// What a stream of inertial samples is, told once at its start and again when the source changes.
+/// What a stream of inertial samples is, reported once at its start and again when the source changes.
 #[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize)]
 pub struct ImuStream {
     /// Name of the source message, for example `RAW_IMU`; empty where there is none.

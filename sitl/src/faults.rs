@@ -41,7 +41,7 @@ pub struct FaultyLink {
 }
 
 impl FaultyLink {
-    /// A link of this seed; `direction` tells its two directions apart.
+    /// A link of this seed; `direction` distinguishes its two directions.
     pub fn new(faults: LinkFaults, seed: u64, direction: u32) -> Self {
         let noise = Noise::numbered(seed, Purpose::Link, direction);
         Self { faults, noise, waiting: Vec::new(), count: 0 }

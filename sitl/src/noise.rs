@@ -28,13 +28,13 @@ pub enum Purpose {
     Jitter,
     /// Errors of the autopilot's own attitude.
     Attitude,
-    /// The hidden truth of a vehicle: biases and effects.
+    /// The ground truth of a vehicle: biases and effects.
     HiddenTruth,
     /// Faults of a link.
     Link,
     /// Gusts.
     Wind,
-    /// What somebody does at random.
+    /// What someone does at random.
     Choice,
     /// How an aircraft slips.
     Slip,

@@ -45,15 +45,15 @@ impl Scenario {
         Box::new(self.trajectory.clone())
     }
 
-    /// The flight as its sensors tell it.
+    /// The flight as its sensors report it.
     pub fn flight(&self, seed: u64) -> Flight {
         Flight::new(self.trajectory(), &self.model, self.sensors.clone(), seed)
     }
 }
 
-/// A hidden effect that cannot be had.
+/// An injected effect that cannot be had.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
-pub enum HideError {
+pub enum InjectError {
     /// The model refuses it.
     #[error("cannot inject {text}: {source}")]
     Model {
@@ -80,8 +80,8 @@ pub enum HideError {
 ///
 /// # Errors
 /// When there is no such effect or the values do not fit it.
-pub fn hide(model: &mut Model, text: &str) -> Result<(), HideError> {
-    let wrong = |source| HideError::Model { text: text.into(), source };
+pub fn inject(model: &mut Model, text: &str) -> Result<(), InjectError> {
+    let wrong = |source| InjectError::Model { text: text.into(), source };
     let (name, value) = text.split_once('=').unwrap_or((text, ""));
     let name = name.trim();
     // The model file knows names, layouts, units and limits; the argument becomes one.
@@ -93,7 +93,7 @@ pub fn hide(model: &mut Model, text: &str) -> Result<(), HideError> {
             let units: Vec<&str> = groups.iter().map(|g| g.unit.symbol).collect();
             let wanted =
                 if units.is_empty() { "no value".into() } else { format!("values in {}", units.join("; ")) };
-            return Err(HideError::Groups { text: text.into(), effect: effect.name(), wanted });
+            return Err(InjectError::Groups { text: text.into(), effect: effect.name(), wanted });
         }
         for (group, value) in groups.iter().zip(values) {
             file.push_str(&format!("value_{} = {value}\n", group.unit.suffix));
@@ -320,9 +320,9 @@ mod tests {
     #[test]
     fn effects_are_hidden_as_written_or_refused_in_words() {
         let mut model = Model::default();
-        hide(&mut model, "gps_latency=0.3").unwrap();
-        hide(&mut model, "gps_lever_arm=[0.3, 0, -0.1]").unwrap();
-        hide(&mut model, "imu_truncation").unwrap();
+        inject(&mut model, "gps_latency=0.3").unwrap();
+        inject(&mut model, "gps_lever_arm=[0.3, 0, -0.1]").unwrap();
+        inject(&mut model, "imu_truncation").unwrap();
         assert_eq!(model.get("gps_latency").unwrap().values, vec![0.3]);
         assert_eq!(model.get("gps_lever_arm").unwrap().values, vec![0.3, 0.0, -0.1]);
         assert_eq!(model.effects.len(), 3);
@@ -333,7 +333,7 @@ mod tests {
             ("gps_latency=soon", "cannot inject"),
             ("imu_truncation=1", "no value"),
         ] {
-            let error = hide(&mut model, wrong).unwrap_err().to_string();
+            let error = inject(&mut model, wrong).unwrap_err().to_string();
             assert!(error.contains(said), "{error}");
         }
     }

@@ -1,12 +1,12 @@
 //! The sensors of a simulated vehicle: truth in, samples out, through the effects of a model.
 //!
 //! ω̃ = ω_ib + b_g + Σ effects + noise and f̃ likewise (the paper, eqs. (1) and (2)), then the rounding of the source.
-//! Fixes tell of the vehicle some time before their stamp. The simulation is what the model says.
+//! Fixes report the vehicle some time before their stamp. The simulation is what the model says.
 
 use crate::noise::{GaussMarkov, Noise, Purpose};
 use crate::truth::{Trajectory, Truth};
 use gaware_nav::earth::Geodetic;
-use gaware_nav::effects::{Antenna, FixInstant, Instant, Told};
+use gaware_nav::effects::{Antenna, FixInstant, Instant, ReportedSample};
 use gaware_nav::model::Model;
 use gaware_nav::rotation::{euler_from_c_nb, wrap_pi};
 use gaware_nav::sample::{
@@ -113,8 +113,8 @@ pub struct Sensors {
     wander: GaussMarkov,
     attitude: GaussMarkov,
     gyro_walk: Vector3<f64>,
-    /// What each mistake of the source told last.
-    told: Vec<Option<Told>>,
+    /// The last sample of each faulty source.
+    told: Vec<Option<ReportedSample>>,
     accel_walk: Vector3<f64>,
     /// Phase per line and axis: three of force, three of rate.
     phases: Vec<[f64; 6]>,
@@ -212,7 +212,7 @@ impl Sensors {
             let finished = [gyro, accel];
             let told = setting.effect.source_after(finished, before.as_ref());
             let count = before.map_or(0, |b| b.count) + 1;
-            *before = Some(Told { finished, told, count });
+            *before = Some(ReportedSample { raw: finished, reported: told, count });
             [gyro, accel] = told;
         }
         let late_s = self.config.time_jitter_s * self.jitter.uniform();
@@ -315,7 +315,7 @@ fn displaced(place: &Geodetic, by: &Vector3<f64>) -> Geodetic {
     }
 }
 
-/// A flight as its sensors tell it: samples in order of arrival, each with the truth at the time it was measured
+/// A flight as its sensors report it: samples in order of arrival, each with the truth at the time it was measured
 /// (for a fix its time of validity). The first item is the [`Sample::Stream`].
 pub struct Flight {
     trajectory: Box<dyn Trajectory>,

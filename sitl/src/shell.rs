@@ -1,5 +1,5 @@
 //! The thin shell around the [simulated autopilot](crate::autopilot): UDP, TCP, a pseudo-terminal, or channels inside
-//! the process; wall clock and link faults live here and nowhere else.
+//! the process; wall clock and link faults live only here.
 
 mod link;
 
@@ -16,7 +16,7 @@ use tokio_util::sync::CancellationToken;
 /// Where the autopilot listens or talks to.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub enum Endpoint {
-    /// Sends datagrams to this address and hears what comes back.
+    /// Sends datagrams to this address and receives what comes back.
     UdpOut(String),
     /// Waits for datagrams at this address and answers the last sender.
     UdpIn(String),

@@ -165,7 +165,7 @@ pub(super) fn check_budget(budget: Option<f64>) -> Result<Option<f64>, DemoError
     }
 }
 
-/// Where the report goes unless told otherwise: nobody's checkout.
+/// Where the report goes without --out: not the working directory.
 fn default_report() -> PathBuf {
     std::env::temp_dir().join("gaware-demo-report.html")
 }
@@ -253,7 +253,7 @@ fn planning() -> Snapshot {
     }
 }
 
-/// Flies at the speed of the clock, with screens: the page is there before the planning begins. Nothing where somebody
+/// Flies at the speed of the clock, with screens: the page is there before the planning begins. Nothing where someone
 /// stopped it before the flight.
 async fn show(args: &DemoArgs, settings: Settings, factor: f64) -> Result<Option<Flight>, CommandError> {
     let stop = CancellationToken::new();
@@ -296,7 +296,7 @@ async fn show(args: &DemoArgs, settings: Settings, factor: f64) -> Result<Option
                 flight.turn();
             }
         });
-        for text in flight.take_told() {
+        for text in flight.take_messages() {
             if screen.is_none() {
                 crate::sinks::log::line(&text);
             }

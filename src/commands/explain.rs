@@ -101,7 +101,7 @@ fn print(out: &mut String, explained: &Explained, report: &Path) -> std::fmt::Re
     writeln!(out, "report: {}", report.display())
 }
 
-/// The most memory that the process has had, where the system tells it; on stderr because it differs from run to run.
+/// The most memory that the process has had, where the system reports it; on stderr because it differs from run to run.
 fn peak_memory() -> String {
     let status = std::fs::read_to_string("/proc/self/status").unwrap_or_default();
     let peak = status.lines().find_map(|line| line.strip_prefix("VmHWM:")?.trim().strip_suffix(" kB"));

@@ -96,7 +96,7 @@ impl MissionError {
     }
 }
 
-/// Runs the transfer and says in a sentence, or in a document, how it ended. The document also tells of transfers that did not bring what was
+/// Runs the transfer and says in a sentence, or in a document, how it ended. The document also reports transfers that did not bring what was
 /// asked for; where there was no transfer there is none, as with the other commands.
 ///
 /// # Errors
@@ -141,7 +141,7 @@ async fn act(action: &MissionAction, stop: &CancellationToken) -> Result<Mission
     }
 }
 
-/// A line on stderr. Where the terminal has gone away there is nobody to read it, and the transfer goes on.
+/// A line on stderr. Where the terminal has gone away there is no one to read it, and the transfer goes on.
 fn progress(text: &str) {
     crate::sinks::log::line(text);
 }
@@ -341,7 +341,7 @@ pub async fn clear(
     bring_list(Action::Clear, args.list.into(), Mission::default(), &upload, stop, say).await
 }
 
-/// Says in words what an upload tells; of its items every tenth part.
+/// Says in words what an upload reports; of its items every tenth part.
 pub(super) fn teller(say: &mut impl FnMut(&str)) -> impl FnMut(News) {
     let mut percent = None;
     move |news| match news {

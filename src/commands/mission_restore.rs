@@ -1,4 +1,4 @@
-//! `gaware mission restore`: puts a backup back, or takes up an upload that was cut off by the end of the program or of the link.
+//! `gaware mission restore`: puts a backup back, or takes up an upload that was interrupted by the end of the program or of the link.
 
 use super::mission::{LinkArgs, MissionError, RestoreArgs, UploadArgs, bring, bring_list, teller};
 use super::mission_result::{Action, MissionResult, OnVehicle};

@@ -29,12 +29,12 @@ pub enum OnVehicle {
     New,
     /// The mission before, read back and compared, or never touched.
     Previous,
-    /// Nobody knows for sure.
+    /// No one knows for sure.
     Unknown,
 }
 
 impl OnVehicle {
-    /// As an upload tells.
+    /// As an upload reports.
     pub fn of(outcome: &Outcome) -> Self {
         match outcome {
             Outcome::Verified { .. } => Self::New,
@@ -76,7 +76,7 @@ pub struct MissionResult {
 }
 
 impl MissionResult {
-    /// A transfer with no more to tell than this.
+    /// A transfer with no more to report than this.
     pub fn new(action: Action, done: bool, on_vehicle: OnVehicle, text: String) -> Self {
         Self {
             schema: "gaware.mission/1",

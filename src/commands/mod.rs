@@ -76,7 +76,7 @@ pub enum CommandError {
     Model {
         /// File.
         path: PathBuf,
-        /// Line, where the parser tells.
+        /// Line, where the parser reports it.
         line: Option<usize>,
         /// What is wrong.
         source: ModelError,
@@ -215,7 +215,7 @@ pub fn progress_bar(total: u64, unit: &str) -> indicatif::ProgressBar {
 /// Reads a model file.
 ///
 /// # Errors
-/// When it cannot be read, or is no model; the line is told where it is known.
+/// When it cannot be read, or is no model; the line is reported where it is known.
 pub fn load_model(path: &Path) -> Result<Model, CommandError> {
     let text = std::fs::read_to_string(path).map_err(|source| {
         let source = match source.kind() {

@@ -6,7 +6,7 @@ use crate::engine::snapshot::{Phase, Snapshot};
 use crate::link::address::Address;
 use crate::link::endpoint::{LinkStatus, Links, ReceiveClock, Received};
 use crate::link::frame::Frame;
-use crate::link::heartbeat::Voice;
+use crate::link::heartbeat::HeartbeatSource;
 use crate::link::rates::{RateAction, RateKeeper, needs};
 use crate::link::timesync::Timesync;
 use crate::mission_link::uploader::RawMessage;
@@ -34,7 +34,7 @@ mod outcome;
 pub use args::RunArgs;
 use guard::Guard;
 use mission_watch::MissionWatch;
-use outcome::{heard_anything, incomplete, report_losses};
+use outcome::{incomplete, received_anything, report_losses};
 
 /// Period of heartbeat, rate and time requests.
 const HOUSEKEEPING: Duration = Duration::from_millis(50);
@@ -64,13 +64,13 @@ pub struct Live {
     pub recorder: Option<RecorderStats>,
     /// The recording's file; empty where there is none.
     pub recording: String,
-    /// What the user was told lately, newest last.
+    /// Recent messages to the user, newest last.
     pub events: Vec<Event>,
     /// Round trip to the autopilot, ms.
     pub round_trip_ms: Option<f64>,
 }
 
-/// Something the user was told.
+/// A message to the user.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct Event {
     /// When, Unix µs.
@@ -112,7 +112,7 @@ pub async fn run<E: Estimator>(
 ) -> Result<(), CommandError> {
     let live = hooks.live.subscribe();
     let (pipeline, document) = serve(args, hooks, stop, make).await?;
-    let heard = heard_anything(&pipeline, &live.borrow().links);
+    let heard = received_anything(&pipeline, &live.borrow().links);
     if args.json {
         output::json(&document)?;
     } else if heard.is_ok() {
@@ -149,7 +149,7 @@ pub async fn serve<E: Estimator>(
         links: Links::start(&args.connect, clock, &CancellationToken::new()),
         clock,
         recorder,
-        voice: Voice::new(),
+        voice: HeartbeatSource::new(),
         rates: None,
         timesync: Timesync::new(),
         hooks,
@@ -220,7 +220,7 @@ struct Session<E> {
     links: Links,
     clock: ReceiveClock,
     recorder: Option<Recorder>,
-    voice: Voice,
+    voice: HeartbeatSource,
     rates: Option<RateKeeper>,
     timesync: Timesync,
     hooks: Hooks,
@@ -302,7 +302,7 @@ impl<E: Estimator> Session<E> {
 
     fn take(&mut self, received: Received) {
         let t_us = received.t_us;
-        // What is not believed is not recorded either: the recording is what the converter saw.
+        // What is not accepted is not recorded either: the recording is what the converter saw.
         if let Some(refusal) = self.guard.as_mut().and_then(|g| g.refuse(&received.frame, t_us)) {
             if let Some(text) = refusal.first_of_its_kind {
                 self.tell(t_us, Severity::Warning, text);
@@ -338,7 +338,7 @@ impl<E: Estimator> Session<E> {
         if self.pipeline.converter().vehicle() == Some(received.frame.system_id) {
             self.mission.receive(t_us as f64 * 1e-6, &received.frame);
         }
-        // Nobody may be listening.
+        // No one may be listening.
         let _ = self.hooks.frames.send(received);
     }
 
@@ -463,7 +463,7 @@ impl<E: Estimator> Session<E> {
         self.hooks.live.send_replace(Arc::new(live));
     }
 
-    /// Who waits for inertial data wants to know whom it hears.
+    /// Who waits for inertial data wants to know what it receives.
     fn with_systems(&self, snapshot: &mut Snapshot) {
         if snapshot.phase != Phase::WaitingForImu {
             return;
@@ -479,7 +479,7 @@ impl<E: Estimator> Session<E> {
         };
     }
 
-    /// While the autopilot flies its mission nobody is asked to fly anything else.
+    /// While the autopilot flies its mission no one is asked to fly anything else.
     fn with_mission(&self, now_us: u64, snapshot: &mut Snapshot) {
         snapshot.mission = self.mission.progress(now_us as f64 * 1e-6);
         if snapshot.mission.flying {

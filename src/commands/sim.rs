@@ -5,7 +5,7 @@ use clap::{Args, ValueEnum};
 use gaware_nav::model::Model;
 use gaware_sitl::autopilot::{Autopilot, AutopilotConfig, Flavour};
 use gaware_sitl::faults::{Fault, FaultError, link_faults};
-use gaware_sitl::scenario::{self, HideError, Scenario};
+use gaware_sitl::scenario::{self, InjectError, Scenario};
 use gaware_sitl::sensors::Temperature;
 use gaware_sitl::shell::{Endpoint, Options, Served, Server, ShellError, Speed};
 use std::path::PathBuf;
@@ -109,7 +109,7 @@ pub enum SimError {
     Model(Box<super::CommandError>),
     /// An effect that cannot be injected.
     #[error(transparent)]
-    Hide(#[from] HideError),
+    Hide(#[from] InjectError),
     /// The ground truth cannot be written.
     #[error("cannot write the ground truth to {path}: {source}")]
     Sealed {
@@ -146,11 +146,11 @@ const WARMING: Temperature = Temperature { start_degc: 22.0, end_degc: 47.0, tim
 ///
 /// Truncation is never drawn: the message itself truncates, so where it comes up nothing is injected.
 fn hide_random(scenario: &mut Scenario, seed: u64) -> String {
-    let drawn = blind::hide_random(seed).filter(|s| !s.effect.truncates_samples());
+    let drawn = blind::draw_injected(seed).filter(|s| !s.effect.truncates_samples());
     scenario.model.effects = drawn.iter().cloned().collect();
     scenario.sensors.temperature = Some(WARMING);
     let what = drawn.as_ref().map_or("nothing", |s| s.effect.name());
-    format!("# injected: {what}\n{}", blind::seal(drawn.as_ref()))
+    format!("# injected: {what}\n{}", blind::ground_truth(drawn.as_ref()))
 }
 
 /// The sensors become those of this model; where it says nothing of biases, those of the scenario stay.
@@ -181,7 +181,7 @@ fn prepare(args: &SimArgs) -> Result<Prepared, SimError> {
         believe(&mut scenario, super::load_model(path).map_err(|e| SimError::Model(Box::new(e)))?);
     }
     for effect in &args.hide {
-        scenario::hide(&mut scenario.model, effect)?;
+        scenario::inject(&mut scenario.model, effect)?;
     }
     let sealed = args.hide_random.map(|seed| hide_random(&mut scenario, seed));
     if let Some(vehicle) = &mut scenario.vehicle {

@@ -92,7 +92,7 @@ async fn hangup() {
     std::future::pending::<()>().await;
 }
 
-/// Whether SIGHUP was ignored when the process started, as Linux tells; elsewhere it is taken to be not.
+/// Whether SIGHUP was ignored when the process started, as Linux reports it; elsewhere it is taken to be not.
 #[cfg(unix)]
 fn hangup_is_ignored() -> bool {
     /// Signal 1 is the lowest bit.
@@ -235,7 +235,7 @@ pub async fn serve_web(
     Ok(bound)
 }
 
-/// The address that a browser opens: nobody can open 0.0.0.0, so it is this machine's own towards the default route, where there is one.
+/// The address that a browser opens: no one can open 0.0.0.0, so it is this machine's own towards the default route, where there is one.
 fn address_to_open(bound: SocketAddr) -> SocketAddr {
     if !bound.ip().is_unspecified() {
         return bound;

@@ -7,7 +7,7 @@ use crate::engine::guidance::GuidanceOptions;
 use crate::engine::snapshot::Snapshot;
 use crate::engine::{Engine, EngineOptions};
 use crate::link::frame::{Frame, Sender};
-use crate::link::heartbeat::Voice;
+use crate::link::heartbeat::HeartbeatSource;
 use crate::link::rates::{RateAction, RateKeeper, needs};
 use crate::mission_link::codec;
 use crate::mission_link::vehicle::Vehicle;
@@ -35,7 +35,7 @@ const HOLD_S: f64 = 20.0;
 const PATIENCE: (f64, f64) = (1.5, 180.0);
 /// Seconds after the first sample from which the attitude is compared with the truth.
 const TRUTH_FROM_S: f64 = 60.0;
-/// Screens show for so long what was told, s.
+/// Screens show for so long a message, s.
 const NEWS_S: f64 = 10.0;
 /// The ground station of the simulated pilot.
 const PILOT: Sender = Sender { system_id: 255, component_id: 190 };
@@ -69,7 +69,7 @@ pub enum Ending {
     NotUploaded(String),
     /// The flight did not come to its end in time.
     OutOfTime,
-    /// Somebody ended the demonstration before.
+    /// Someone ended the demonstration before.
     Stopped,
 }
 
@@ -91,7 +91,7 @@ pub struct Flight {
     truth: Model,
     autopilot: Autopilot,
     pipeline: Pipeline<Engine>,
-    voice: Voice,
+    voice: HeartbeatSource,
     pilot_sequence: u8,
     rates: Option<RateKeeper>,
     vehicle: Option<Vehicle>,
@@ -103,7 +103,7 @@ pub struct Flight {
     holding_since: Option<f64>,
     frames: u64,
     told: Vec<String>,
-    /// When something was told last, and what: screens show it for a while.
+    /// When a message was shown last, and which: screens show it for a while.
     news: Option<(f64, String)>,
     milestones: Vec<Milestone>,
     log: Log,
@@ -126,7 +126,7 @@ impl Flight {
             prepared,
             truth,
             autopilot,
-            voice: Voice::new(),
+            voice: HeartbeatSource::new(),
             pilot_sequence: 0,
             rates: None,
             vehicle: None,
@@ -169,7 +169,7 @@ impl Flight {
         &self.pipeline
     }
 
-    /// The state now, with what the demonstration has to tell: the guidance is for pilots, and here nobody follows it.
+    /// The state now, with what the demonstration has to report: the guidance is for pilots, and here no one follows it.
     pub fn snapshot(&self) -> Snapshot {
         let mut snapshot = self.pipeline.snapshot();
         let news = self.news.as_ref().filter(|(t_s, _)| self.now_s - t_s < NEWS_S);
@@ -240,7 +240,7 @@ impl Flight {
     }
 
     /// What happened since the last call, for log lines.
-    pub fn take_told(&mut self) -> Vec<String> {
+    pub fn take_messages(&mut self) -> Vec<String> {
         std::mem::take(&mut self.told)
     }
 
@@ -249,7 +249,7 @@ impl Flight {
         &self.prepared
     }
 
-    /// The hidden truth about the sensors; the latency of fixes counts from the stamps of the inertial samples, as any
+    /// The ground truth about the sensors; the latency of fixes counts from the stamps of the inertial samples, as any
     /// estimate of it must.
     pub fn truth(&self) -> &Model {
         &self.truth

@@ -1,7 +1,7 @@
-//! The demonstration: a vehicle whose sensor errors are drawn by seed and told to nobody, a plan to find them, the verified upload, and
+//! The demonstration: a vehicle whose sensor errors are drawn by seed and not reported, a plan to find them, the verified upload, and
 //! the flight, all in one process and one thread, without sockets and without a clock.
 //!
-//! [`Prepared`] plans, [`flight::Flight`] flies turn by turn in virtual time, [`result`] compares with the hidden truth.
+//! [`Prepared`] plans, [`flight::Flight`] flies turn by turn in virtual time, [`result`] compares with the ground truth.
 //! The simulated pilot who arms and starts the mission belongs to the demonstration: the companion itself never does.
 
 pub mod flight;
@@ -50,7 +50,7 @@ pub struct Settings {
     pub beam: usize,
     /// Mean wind toward north and east, m/s.
     pub wind_n_e_m_per_s: [f64; 2],
-    /// What the companion believes before the flight.
+    /// What the companion assumes before the flight.
     pub belief: Model,
 }
 
@@ -150,7 +150,7 @@ impl Settings {
     }
 }
 
-/// The truth of one vehicle: constants drawn from what is believed, unknown to the companion.
+/// The truth of one vehicle: constants drawn from what is assumed, unknown to the companion.
 fn hidden_truth(belief: &Model, seed: u64) -> Model {
     let mut truth = draw_vehicle(belief, seed);
     for setting in truth.effects.iter_mut().filter(|s| s.effect.delays_fixes()) {
@@ -172,7 +172,7 @@ pub fn predictor(belief: &Model, request: &Request) -> BoundPredictor {
     };
     let frame = LocalFrame::new(request.home.place());
     let mut predictor = BoundPredictor::from_priors(belief, &start, frame, request.home, Targets::default());
-    // The companion watches the standing vehicle before it flies: that splits bias and G a little.
+    // The companion watches the stationary vehicle before it flies: that splits bias and G a little.
     let steps = (STANDING_S / STEP_S) as u32;
     let standing: Vec<Kinematics> =
         (0..=steps).map(|k| Kinematics { t_s: f64::from(k) * STEP_S, ..start }).collect();

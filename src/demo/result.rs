@@ -1,4 +1,4 @@
-//! What a flight of the demonstration found out, beside the hidden truth and what the plan had promised.
+//! What a flight of the demonstration found out, beside the ground truth and what the plan had promised.
 
 use super::flight::{Ending, Flight, Stage};
 use super::series::Series;
@@ -130,7 +130,7 @@ fn promise(flight: &Flight, states: &[StateResult]) -> Promise {
         promised: of(&PlannedState::known),
         missed: of(&|s| s.known() && !observable(&s.name)),
         too_weak: of(&|s| s.reach == Reach::Short && !s.known()),
-        dark: of(&|s| s.reach == Reach::Dark),
+        dark: of(&|s| s.reach == Reach::Unobservable),
         beyond_promise: of(&|s| !s.known() && observable(&s.name)),
     }
 }

@@ -50,12 +50,12 @@ pub struct GuidanceOptions {
     pub airframe: Airframe,
     /// Whether maneuvers may be asked for that only a pilot can fly (sideslip).
     pub manual: bool,
-    /// Lowest and highest height above the ground where maneuvers may lead, m; they count once the vehicle was seen standing there.
+    /// Lowest and highest height above the ground where maneuvers may lead, m; they count once the vehicle was seen stationary there.
     pub band_m: [f64; 2],
 }
 
 impl GuidanceOptions {
-    /// The usual band: wings keep `FLOOR_M` below them, rotors less, and nobody leaves the height of open airspace.
+    /// The usual band: wings keep `FLOOR_M` below them, rotors less, and no one leaves the height of open airspace.
     pub fn new(airframe: Airframe, manual: bool) -> Self {
         let floor_m = FLOOR_M[usize::from(!airframe.is_fixed_wing())];
         Self { airframe, manual, band_m: [floor_m, CEILING_M] }
@@ -149,8 +149,8 @@ impl Guide {
         let all = if self.options.manual { Maneuver::all(airframe) } else { Maneuver::automatic(airframe) };
         let entry = Entry::cruising(airframe, Vector3::zeros(), filter.nav().euler().z);
         let height_m = self.ground_m.map(|g| filter.nav().geodetic().height_m - g);
-        let room_m = height_m.map(|h| round::room(self.options.band_m, h));
-        Round::new(self.predictor(filter), entry, fix_interval_s, room_m, &all)
+        let space_m = height_m.map(|h| round::space(self.options.band_m, h));
+        Round::new(self.predictor(filter), entry, fix_interval_s, space_m, &all)
     }
 
     fn predictor(&self, filter: &Filter) -> BoundPredictor {
@@ -161,7 +161,7 @@ impl Guide {
         BoundPredictor::from_filter(filter, LocalFrame::new(here), home, self.targets)
     }
 
-    /// Ends the maneuver that has brought what it should, or that nobody flies.
+    /// Ends the maneuver that has brought what it should, or that no one flies.
     fn follow(&mut self, t_s: f64, filter: &Filter) {
         let Some(asked) = &self.asked else { return };
         let now = self.predictor(filter).sigmas();
@@ -310,7 +310,7 @@ impl Asked {
     }
 }
 
-/// What to tell the pilot.
+/// The instruction for the pilot.
 struct Instruction {
     short: String,
     long: String,

@@ -1,4 +1,4 @@
-//! What the engine tells every sink: one [`Snapshot`] at a few hertz, one [`Summary`] at the end.
+//! What the engine sends to every sink: one [`Snapshot`] at a few hertz, one [`Summary`] at the end.
 //!
 //! The field names are a contract (design, section 3): screens, telemetry, recordings and the web page all read
 //! these types and nothing else. Units are in the names.

@@ -1,4 +1,4 @@
-//! Whether the vehicle moves at all, judged on smoothed samples, so that a shaking engine does not hide it.
+//! Whether the vehicle moves at all, judged on smoothed samples, so that a shaking engine does not mask it.
 
 use gaware_nav::earth::STANDARD_GRAVITY;
 use gaware_nav::sample::ImuSample;
@@ -6,13 +6,13 @@ use nalgebra::Vector3;
 
 /// Time constant of the smoothing, s.
 const SMOOTHING_S: f64 = 1.0;
-/// Mean rate of a standing vehicle, a large gyro bias included, rad/s …
+/// Mean rate of a stationary vehicle, a large gyro bias included, rad/s …
 const RATE: f64 = 0.03;
 /// … mean specific force this close to gravity, m/s² …
 const FORCE: f64 = 0.5;
 /// … and speed, m/s.
 const SPEED: f64 = 1.0;
-/// It must look like standing for so long, s.
+/// It must look like standstill for so long, s.
 const PATIENCE_S: f64 = 3.0;
 
 /// Smoothed samples.

@@ -10,7 +10,7 @@ use nalgebra::Vector3;
 /// The turn that consequences are told for: load, g, and length, s.
 const TURN: (f64, f64) = (2.0, 60.0);
 /// Consequences below these are not worth telling: deg, m, m/s.
-const WORTH: [f64; 3] = [0.01, 0.02, 0.005];
+const LEAST_SHOWN: [f64; 3] = [0.01, 0.02, 0.005];
 
 /// A coordinated level turn with this load at this speed: rate, rad/s, and specific force, m/s².
 fn turn(load: f64, speed_m_per_s: f64) -> (Vector3<f64>, Vector3<f64>) {
@@ -53,7 +53,7 @@ pub fn of(setting: &EffectSetting, speed_m_per_s: f64) -> Option<String> {
     };
     let mut told = Vec::new();
     let drift = (rate * TURN.1).map(f64::to_degrees);
-    if drift.norm() > WORTH[0] {
+    if drift.norm() > LEAST_SHOWN[0] {
         told.push(format!(
             "{when}: {} deg of roll, {} deg of pitch, {} deg of yaw",
             number(drift.x.abs()),
@@ -62,7 +62,7 @@ pub fn of(setting: &EffectSetting, speed_m_per_s: f64) -> Option<String> {
         ));
     }
     let tilt = (force.norm() / STANDARD_GRAVITY).to_degrees();
-    if tilt > WORTH[0] {
+    if tilt > LEAST_SHOWN[0] {
         told.push(format!(
             "{} m/s\u{b2} of specific force in a turn at {:.0} g, as much as {} deg of tilt",
             number(force.norm()),
@@ -72,7 +72,7 @@ pub fn of(setting: &EffectSetting, speed_m_per_s: f64) -> Option<String> {
     }
     // A random walk of rate integrates to an angle with sigma q \u{221a}(T\u{b3}/3).
     let wandered = (walk.gyro * (TURN.1.powi(3) / 3.0).sqrt()).to_degrees();
-    if wandered > WORTH[0] {
+    if wandered > LEAST_SHOWN[0] {
         told.push(format!(
             "{} deg of attitude (1 sigma) after {:.0} s without correction",
             number(wandered),
@@ -80,7 +80,7 @@ pub fn of(setting: &EffectSetting, speed_m_per_s: f64) -> Option<String> {
         ));
     }
     let leaned = (walk.accel * TURN.1.sqrt() / STANDARD_GRAVITY).to_degrees();
-    if leaned > WORTH[0] {
+    if leaned > LEAST_SHOWN[0] {
         told.push(format!("as much as {} deg of tilt (1 sigma) after {:.0} s", number(leaned), TURN.1));
     }
     told.extend(on_fixes(setting, speed_m_per_s));
@@ -104,7 +104,7 @@ fn on_fixes(setting: &EffectSetting, speed_m_per_s: f64) -> Option<String> {
     let late_s = effect.fix_delay_s(p);
     let [position, velocity] = effect.fix(p, &x);
     let (position, velocity) = (position - x.v_n * late_s, velocity - x.a_n * late_s);
-    (position.norm() > WORTH[1] || velocity.norm() > WORTH[2]).then(|| {
+    (position.norm() > LEAST_SHOWN[1] || velocity.norm() > LEAST_SHOWN[2]).then(|| {
         format!(
             "fixes are off by {} m and {} m/s in a turn at {:.0} g and {} m/s",
             number(position.norm()),

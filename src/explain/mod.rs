@@ -174,7 +174,7 @@ pub fn samples(
     progress(Phase::Smoothing);
     let mut gaps = smoothed(&good, &judged);
     let mut found = left_over.terms;
-    found.retain(|term| !size::is_small_print(term, &judged, &gaps));
+    found.retain(|term| !size::is_negligible(term, &judged, &gaps));
     let imitations = imitations(&left_over.replaced, &found, &judged);
     if !imitations.is_empty() {
         let mut removed = std::mem::take(&mut judged.removed);

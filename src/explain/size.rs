@@ -77,7 +77,7 @@ fn instant(motion: &Motion, start_s: f64) -> Instant {
 }
 
 /// Whether a term outside the catalogue is no more than what the model leaves out.
-pub fn is_small_print(term: &terms::Found, judged: &Judged, gaps: &[FlightGap]) -> bool {
+pub fn is_negligible(term: &terms::Found, judged: &Judged, gaps: &[FlightGap]) -> bool {
     let mut spread = Spread::default();
     for point in gaps.iter().flat_map(|g| &g.after) {
         let motion = &point.motion;

@@ -212,7 +212,7 @@ struct Link {
     followed: Arc<AtomicU8>,
     /// What the framers of earlier connections and peers counted.
     past: FramerStats,
-    /// Whether it was told that the link is down, and nothing has come over it since.
+    /// Whether it reported that the link is down, and nothing has come over it since.
     told_down: bool,
 }
 
@@ -227,7 +227,7 @@ impl Link {
                 Err(e) => e.to_string(),
             };
             if self.frames.is_closed() {
-                // Nobody reads any more: the end of the links, not of the link.
+                // No one reads any more: the end of the links, not of the link.
                 return;
             }
             // Once: whoever waits for a vehicle to be switched on has read it.
@@ -347,7 +347,7 @@ impl Link {
                             peers.insert(from, peer);
                         }
                     }
-                    // Nobody listens there (yet).
+                    // No one listens there (yet).
                     Err(e) if matches!(e.kind(), io::ErrorKind::ConnectionRefused | io::ErrorKind::Interrupted) => {}
                     Err(e) => return Err(e),
                 },
@@ -384,7 +384,7 @@ impl Link {
     }
 }
 
-/// Somebody who sends datagrams.
+/// Someone who sends datagrams.
 struct Peer {
     framer: Framer,
     heard: Instant,

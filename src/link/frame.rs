@@ -64,7 +64,7 @@ pub enum Scan {
     Unknown(usize),
     /// A frame of this length whose checksum is wrong.
     BadChecksum(usize),
-    /// Not enough bytes yet to tell.
+    /// Not enough bytes yet to decide.
     Incomplete,
     /// No start byte, or a header that no frame has.
     Nothing,
@@ -95,7 +95,7 @@ pub fn scan(bytes: &[u8]) -> Scan {
             (HEADER_V1, 2, u32::from(id))
         }
         MAGIC_V2 => {
-            // An unknown incompatibility flag means a format nobody here can read.
+            // An unknown incompatibility flag means a format no one here can read.
             match bytes.get(2) {
                 Some(flags) if flags & !FLAG_SIGNED != 0 => return Scan::Nothing,
                 _ => {}

@@ -23,13 +23,13 @@ pub fn heartbeat(healthy: bool) -> MavMessage {
 
 /// Numbers our frames, and knows when the next heartbeat is due.
 #[derive(Debug, Clone)]
-pub struct Voice {
+pub struct HeartbeatSource {
     sender: Sender,
     sequence: u8,
     next_us: Option<u64>,
 }
 
-impl Voice {
+impl HeartbeatSource {
     /// A companion of no vehicle yet: system 1 until one is known.
     pub fn new() -> Self {
         Self { sender: Sender { system_id: 1, component_id: COMPONENT }, sequence: 0, next_us: None }
@@ -72,7 +72,7 @@ impl Voice {
     }
 }
 
-impl Default for Voice {
+impl Default for HeartbeatSource {
     fn default() -> Self {
         Self::new()
     }
@@ -84,7 +84,7 @@ mod tests {
 
     #[test]
     fn one_heartbeat_a_second_with_running_numbers() {
-        let mut voice = Voice::new();
+        let mut voice = HeartbeatSource::new();
         voice.belongs_to(7);
         let frames: Vec<_> = (0..50).filter_map(|k| voice.poll(k * 100_000, true)).collect();
         assert_eq!(frames.len(), 5);

@@ -255,7 +255,7 @@ impl RateKeeper {
         }
         // The last resort is asked for again later, unless the firmware does not have it: it may still be starting.
         m.state = if m.missing { State::Off } else { State::Due(now_us + LONGEST_PAUSE_US) };
-        if !std::mem::replace(&mut m.told_refused, true) {
+        if !std::mem::replace(&mut m.reported_refused, true) {
             let granted = m.present_hz().filter(|hz| *hz >= 1.0).map(|hz| hz.round() as u16);
             out.push(RateAction::Tell(m.refused(granted)));
         }
@@ -350,17 +350,17 @@ impl RateKeeper {
         // A receiver gives fixes at its own pace, whatever was asked for.
         let enough = if m.wanted.message_id == GPS_RAW_INT { 0.5 } else { ENOUGH * f64::from(m.rate_hz) };
         if measured_hz >= enough {
-            m.told_slow = false;
+            m.reported_slow = false;
             m.pause_us = FIRST_PAUSE_US;
             return;
         }
-        if measured_hz == 0.0 && m.wanted.alternative && !self.old_way && !m.told_slow {
+        if measured_hz == 0.0 && m.wanted.alternative && !self.old_way && !m.reported_slow {
             // Accepted and never sent: the firmware knows the message but was built without it.
-            m.told_slow = true;
+            m.reported_slow = true;
             self.give_up(index, now_us, out);
             return;
         }
-        if !std::mem::replace(&mut m.told_slow, true) {
+        if !std::mem::replace(&mut m.reported_slow, true) {
             let message_id = m.wanted.message_id;
             out.push(RateAction::Tell(RateNotice::Slow { message_id, rate_hz: m.rate_hz, measured_hz }));
         }

@@ -196,7 +196,7 @@ impl Verifier {
         &self.newest
     }
 
-    /// Judges a frame. New streams are compared with our own time and with nobody else's: a sender whose clock is ahead must not
+    /// Judges a frame. New streams are compared with our own time and with no one else's: a sender whose clock is ahead must not
     /// lock the others out.
     pub fn judge(&mut self, frame: &Frame, unix_us: u64) -> Trust {
         let Some([link_id, a, b, c, d, e, f, theirs @ ..]) = frame.signature() else {

@@ -19,7 +19,7 @@ const HEARTBEATS_AHEAD: u64 = 2;
 
 /// What was heard of the autopilot of one system.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
-pub struct Heard {
+pub struct ReceivedMessages {
     /// Heartbeats.
     pub heartbeats: u64,
     /// Inertial messages.
@@ -33,12 +33,12 @@ pub struct Heard {
 /// The autopilots heard so far, by system id.
 #[derive(Debug, Clone, Default, PartialEq, Eq)]
 pub struct Systems {
-    heard: BTreeMap<u8, Heard>,
+    heard: BTreeMap<u8, ReceivedMessages>,
 }
 
 impl Systems {
     /// Takes a frame; true where it is the first of a system.
-    pub fn hear(&mut self, frame: &Frame) -> bool {
+    pub fn record(&mut self, frame: &Frame) -> bool {
         if frame.component_id != AUTOPILOT_COMPONENT {
             return false;
         }
@@ -64,7 +64,7 @@ impl Systems {
         first
     }
 
-    /// The vehicle to follow: the one that is followed as long as it sends inertial data or nobody else does and it is heard as often as
+    /// The vehicle to follow: the one that is followed as long as it sends inertial data or no one else does and its heartbeats come as often as
     /// others; otherwise the one that sends inertial data, or the one heard most.
     pub fn followed(&self, current: Option<u8>) -> Option<u8> {
         let now = current.and_then(|id| self.heard.get(&id)).copied().unwrap_or_default();
@@ -84,7 +84,7 @@ impl Systems {
     }
 
     /// What was heard of a system.
-    pub fn of(&self, system_id: u8) -> Option<&Heard> {
+    pub fn of(&self, system_id: u8) -> Option<&ReceivedMessages> {
         self.heard.get(&system_id)
     }
 
@@ -105,7 +105,7 @@ impl Systems {
 
     /// All of them in words: "system 1 (ArduPilot, inertial data), system 42 (PX4, no inertial data)".
     pub fn words(&self) -> String {
-        let one = |(id, h): (&u8, &Heard)| {
+        let one = |(id, h): (&u8, &ReceivedMessages)| {
             let autopilot = match (h.heartbeats, h.autopilot) {
                 (0, _) => "no heartbeat",
                 (_, 3) => "ArduPilot",
@@ -141,13 +141,13 @@ mod tests {
         let mut systems = Systems::default();
         let plane = MavType::MAV_TYPE_FIXED_WING;
         assert_eq!(systems.followed(None), None);
-        assert!(systems.hear(&heartbeat(42, plane)));
+        assert!(systems.record(&heartbeat(42, plane)));
         assert_eq!(systems.followed(None), Some(42), "nobody else is there");
-        systems.hear(&heartbeat(1, plane));
+        systems.record(&heartbeat(1, plane));
         assert_eq!(systems.followed(Some(42)), Some(42), "one heartbeat each");
-        (0..5).for_each(|_| _ = systems.hear(&imu(1)));
+        (0..5).for_each(|_| _ = systems.record(&imu(1)));
         assert_eq!(systems.followed(Some(42)), Some(1));
-        (0..500).for_each(|_| _ = systems.hear(&imu(42)));
+        (0..500).for_each(|_| _ = systems.record(&imu(42)));
         assert_eq!(systems.followed(Some(1)), Some(1), "no change in flight");
         assert_eq!(
             systems.words(),
@@ -158,12 +158,12 @@ mod tests {
     #[test]
     fn a_stray_heartbeat_gives_way_to_a_vehicle_that_is_still_to_be_asked_for_data() {
         let mut systems = Systems::default();
-        systems.hear(&heartbeat(42, MavType::MAV_TYPE_FIXED_WING));
+        systems.record(&heartbeat(42, MavType::MAV_TYPE_FIXED_WING));
         for _ in 0..3 {
-            systems.hear(&heartbeat(1, MavType::MAV_TYPE_QUADROTOR));
+            systems.record(&heartbeat(1, MavType::MAV_TYPE_QUADROTOR));
         }
         assert_eq!(systems.followed(Some(42)), Some(1));
-        assert!(!systems.hear(&heartbeat(255, MavType::MAV_TYPE_GCS)));
+        assert!(!systems.record(&heartbeat(255, MavType::MAV_TYPE_GCS)));
         assert_eq!(systems.of(255), None);
     }
 }

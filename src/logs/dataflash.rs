@@ -94,7 +94,7 @@ impl Entry<'_> {
         text(self.bytes(label).filter(|(kind, _)| matches!(kind, b'n' | b'N' | b'Z'))?.1)
     }
 
-    /// A finite number; hundredths are told apart by their type, degrees of 1e-7 are not.
+    /// A finite number; hundredths are distinguished by their type, degrees of 1e-7 are not.
     fn number(&self, label: &str) -> Option<f64> {
         let (kind, b) = self.bytes(label)?;
         let value = match kind {

@@ -1,7 +1,7 @@
 //! Recordings of gaware (`.mcap`): the frames in the order in which they were recorded.
 //!
-//! The file is taken apart record by record, and each chunk is checked as a whole before anything in it is believed. A
-//! damaged chunk is skipped and the next one looked for; a file without its end (a power cut) gives all its finished
+//! The file is taken apart record by record, and each chunk is checked as a whole before anything in it is accepted. A
+//! damaged chunk is skipped and the next one searched; a file without its end (a power cut) gives all its finished
 //! chunks.
 
 use super::{Damage, Item, LogError, LogReader, Progress, Record};

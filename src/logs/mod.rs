@@ -73,7 +73,7 @@ pub trait LogReader: Iterator<Item = Result<Record, LogError>> + Send {
     fn progress(&self) -> Progress;
     /// What could not be used so far.
     fn damage(&self) -> Damage;
-    /// The autopilot, where the format itself tells (formats with frames leave it to the heartbeat).
+    /// The autopilot, where the format itself reports it (formats with frames leave it to the heartbeat).
     fn autopilot(&self) -> Option<&'static str> {
         None
     }

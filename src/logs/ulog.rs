@@ -119,7 +119,7 @@ enum Check {
     Good(usize),
     /// Nothing that is one.
     Bad,
-    /// More bytes are needed to tell.
+    /// More bytes are needed to decide.
     Short,
 }
 

@@ -147,10 +147,10 @@ pub fn read_contents(path: &Path) -> Result<Contents, FileError> {
     })
 }
 
-/// The text of a mission file of the kind that its name tells.
+/// The text of a mission file of the kind that its name shows.
 ///
 /// # Errors
-/// The name tells no kind.
+/// The name shows no kind.
 pub fn text_of(
     path: &Path,
     mission: &Mission,
@@ -165,7 +165,7 @@ pub fn text_of(
 /// The text of a file with all of this; a `.waypoints` file holds the mission alone.
 ///
 /// # Errors
-/// The name tells no kind.
+/// The name shows no kind.
 pub fn text_of_contents(
     path: &Path,
     contents: &Contents,
@@ -187,10 +187,10 @@ pub fn plan_of(contents: &Contents, autopilot: Autopilot, mav_type: u8) -> PlanF
     }
 }
 
-/// Whether the name tells the kind of mission file, before there is anything to write.
+/// Whether the name shows the kind of mission file, before there is anything to write.
 ///
 /// # Errors
-/// It tells none.
+/// It shows none.
 pub fn check_kind(path: &Path) -> Result<(), FileError> {
     match path.extension().and_then(|e| e.to_str()) {
         Some("plan" | "waypoints" | "txt") => Ok(()),

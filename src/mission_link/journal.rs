@@ -191,7 +191,7 @@ impl Journal {
         name.starts_with(NAME.0) && name.ends_with(NAME.1)
     }
 
-    /// The rest of a sentence about a vehicle of which nobody knows what is on it.
+    /// The rest of a sentence about a vehicle of which no one knows what is on it.
     pub fn left_words(&self) -> String {
         format!(
             ". Both missions are in {}: \"gaware mission restore\" puts the previous one back when the link is there again",

@@ -6,7 +6,7 @@ use crate::commands::run::guard::Guard;
 use crate::link::address::Address;
 use crate::link::endpoint::{Links, ReceiveClock};
 use crate::link::frame::Frame;
-use crate::link::heartbeat::Voice;
+use crate::link::heartbeat::HeartbeatSource;
 use gaware_mission::transfer::{self, Peers};
 use std::path::Path;
 use std::time::Duration;
@@ -20,7 +20,7 @@ const OTHERS: Duration = Duration::from_millis(1500);
 /// Why there is no session.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
 pub enum SessionError {
-    /// Nobody there.
+    /// No one there.
     #[error("no heartbeat of an autopilot within {0} s; check the link, its address and the system id")]
     NoVehicle(u64),
     /// Which one is meant?
@@ -63,7 +63,7 @@ pub struct Opening<'a> {
 pub struct Session {
     links: Links,
     clock: ReceiveClock,
-    voice: Voice,
+    voice: HeartbeatSource,
     vehicle: Vehicle,
     guard: Option<Guard>,
     stop: CancellationToken,
@@ -84,8 +84,8 @@ impl Session {
         let mut session = Self {
             links,
             clock,
-            voice: Voice::new(),
-            vehicle: Vehicle::NOBODY,
+            voice: HeartbeatSource::new(),
+            vehicle: Vehicle::UNKNOWN,
             guard,
             stop: stop.clone(),
             stopping: false,
@@ -155,7 +155,7 @@ impl Session {
         }
     }
 
-    /// The next frame that is believed, if one comes in this time.
+    /// The next frame that is accepted, if one comes in this time.
     async fn receive(&mut self, wait: Duration) -> Option<Frame> {
         let received = tokio::time::timeout(wait, self.links.next()).await.ok().flatten()?;
         match self.guard.as_mut().and_then(|g| g.refuse(&received.frame, received.t_us)) {
@@ -194,12 +194,12 @@ impl Wire for Session {
                 Duration::from_secs_f64((t - self.now_s()).clamp(0.0, BREATH.as_secs_f64()))
             });
             if let Some(frame) = self.receive(left).await {
-                if let Some(vehicle) = wire::heard(self.vehicle, &frame) {
+                if let Some(vehicle) = wire::heartbeat_of(self.vehicle, &frame) {
                     self.vehicle = vehicle;
                 }
                 return Event::Frame(frame);
             }
-            // Also ends the wait for a link that has come back to nobody.
+            // Also ends the wait for a link that has come back to no one.
             if deadline_s.is_none_or(|t| self.now_s() >= t) {
                 return Event::Deadline;
             }

@@ -1,4 +1,4 @@
-//! The upload of a planned mission while `run` goes on: over its links, under its identity, only when somebody asked for it
+//! The upload of a planned mission while `run` goes on: over its links, under its identity, only when someone asked for it
 //! and confirmed.
 
 use super::delivery::{Order, deliver};
@@ -280,7 +280,7 @@ struct RunWire {
 
 impl Wire for RunWire {
     fn vehicle(&self) -> Vehicle {
-        self.vehicle.unwrap_or(Vehicle::NOBODY)
+        self.vehicle.unwrap_or(Vehicle::UNKNOWN)
     }
 
     fn peers(&self) -> Peers {
@@ -308,13 +308,13 @@ impl Wire for RunWire {
             });
             match tokio::time::timeout(left, self.frames.recv()).await {
                 Ok(Ok(received)) => {
-                    if let Some(vehicle) = wire::heard(self.vehicle(), &received.frame) {
+                    if let Some(vehicle) = wire::heartbeat_of(self.vehicle(), &received.frame) {
                         self.vehicle = Some(vehicle);
                     }
                     return Event::Frame(received.frame);
                 }
                 Ok(Err(RecvError::Lagged(_))) => {}
-                // Nobody will ever be heard again: only time passes.
+                // No one will ever be heard again: only time passes.
                 Ok(Err(RecvError::Closed)) => tokio::time::sleep(left).await,
                 Err(_) => {}
             }

@@ -22,7 +22,7 @@ const ACTIVE: u8 = 4;
 /// `MAV_TYPE` of ground stations, companions and gimbals: never the vehicle, whatever autopilot they claim. The engine's rule is the same.
 const NO_VEHICLES: [u8; 3] = [6, 18, 26];
 
-/// A vehicle as its last heartbeat tells.
+/// A vehicle as its last heartbeat reports.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Vehicle {
     /// Where missions are sent.
@@ -36,8 +36,8 @@ pub struct Vehicle {
 }
 
 impl Vehicle {
-    /// Before any heartbeat: addresses nobody.
-    pub(crate) const NOBODY: Self = Self {
+    /// Before any heartbeat: addresses no one.
+    pub(crate) const UNKNOWN: Self = Self {
         address: Address { system: 0, component: 0 },
         mav_type: 0,
         autopilot: Autopilot::ArduPilot,

@@ -13,7 +13,7 @@ const DOWNLOADS: u32 = 6;
 /// Repetitions of a question about a list that not every vehicle has.
 const RETRIES_OF_OTHER_LISTS: u32 = 2;
 
-/// What an upload tells on its way.
+/// What an upload reports on its way.
 #[derive(Debug, Clone, PartialEq)]
 pub enum News {
     /// A new phase began.
@@ -31,13 +31,13 @@ pub enum Event {
     Frame(Frame),
     /// Its time is over.
     Deadline,
-    /// The user wants to stop; told once.
+    /// The user wants to stop; reported once.
     Stopped,
 }
 
 /// A link to one vehicle.
 pub trait Wire {
-    /// The vehicle as its last heartbeat tells.
+    /// The vehicle as its last heartbeat reports.
     fn vehicle(&self) -> Vehicle;
     /// Who talks to whom.
     fn peers(&self) -> Peers;
@@ -163,7 +163,7 @@ pub async fn replace(
     drive(wire, upload, patience_s, |_| Ok(()), tell).await
 }
 
-/// Takes up an upload that was cut off: brings the mission that is wanted. Both were kept, so nothing is kept anew.
+/// Takes up an upload that was interrupted: brings the mission that is wanted. Both were kept, so nothing is kept anew.
 pub async fn resume(
     wire: &mut impl Wire,
     cut_off: CutOff,
@@ -178,7 +178,7 @@ pub async fn resume(
     drive(wire, upload, patience_s, |_| Ok(()), tell).await
 }
 
-/// An upload that was cut off, and what is wanted of it.
+/// An upload that was interrupted, and what is wanted of it.
 #[derive(Debug, Clone)]
 pub struct CutOff {
     /// Which list.
@@ -244,7 +244,7 @@ async fn drive(
 
 fn take(wire: &impl Wire, upload: &mut VerifiedUpload, frame: &Frame) -> Vec<Action> {
     let now = wire.now_s();
-    if let Some(vehicle) = heard(wire.vehicle(), frame) {
+    if let Some(vehicle) = heartbeat_of(wire.vehicle(), frame) {
         upload.vehicle_state(vehicle.state);
         return upload.link_restored(now);
     }
@@ -252,6 +252,6 @@ fn take(wire: &impl Wire, upload: &mut VerifiedUpload, frame: &Frame) -> Vec<Act
 }
 
 /// What a heartbeat of this vehicle says; other frames say nothing.
-pub fn heard(vehicle: Vehicle, frame: &Frame) -> Option<Vehicle> {
+pub fn heartbeat_of(vehicle: Vehicle, frame: &Frame) -> Option<Vehicle> {
     Vehicle::from_heartbeat(frame).filter(|v| v.address == vehicle.address)
 }

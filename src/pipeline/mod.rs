@@ -49,7 +49,7 @@ pub struct Pipeline<E> {
     warnings: Vec<Notice>,
     /// The autopilot where the log itself says.
     log_autopilot: Option<&'static str>,
-    /// What flies, and whether somebody has decided that.
+    /// What flies, and whether someone has decided that.
     kind: Option<VehicleKind>,
     kind_decided: bool,
 }
@@ -96,7 +96,7 @@ impl<E: Consumer> Pipeline<E> {
         self.kind
     }
 
-    /// Takes a frame; gives the samples that came of it and what the user is to be told.
+    /// Takes a frame; gives the samples that came of it and what is to be reported to the user.
     pub fn frame(&mut self, t_us: u64, frame: &Frame) -> (&[Sample], Vec<Notice>) {
         self.samples.clear();
         self.converter.feed(t_us, frame, &mut self.samples);

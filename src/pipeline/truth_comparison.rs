@@ -4,7 +4,7 @@ use crate::attitudes::Attitudes;
 use crate::sensors::truth::SimTruth;
 use serde::Serialize;
 
-/// Largest shift that is looked for, s.
+/// Largest shift that is searched, s.
 const MAX_SHIFT_S: f64 = 0.02;
 
 /// The result.

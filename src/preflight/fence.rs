@@ -1,4 +1,4 @@
-//! What a vehicle enforces of a geofence, told by its parameters, which are never changed.
+//! What a vehicle enforces of a geofence, by its parameters, which are never changed.
 
 use super::{Against, Facts, Row, Verdict, valid};
 use crate::mission_link::files::Contents;

@@ -42,7 +42,7 @@ pub(super) const PX4_MISSION: &[&str] = &["MIS_TKO_LAND_REQ", "FW_LND_ANG", "MIS
 const STEEPEST: f64 = 0.9;
 /// Speeds that differ by less are alike, m/s.
 const ALIKE_M_PER_S: f64 = 0.5;
-/// A cruise speed may differ by this much before it is told, m/s.
+/// A cruise speed may differ by this much before it is reported, m/s.
 const CRUISE_M_PER_S: f64 = 2.0;
 /// PX4 allows for rounding of the glide slope (FeasibilityChecker.cpp), deg.
 const SLOPE_MARGIN_DEG: f64 = 0.1;

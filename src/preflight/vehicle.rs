@@ -177,7 +177,7 @@ fn firmware(facts: &Facts) -> Row {
     Row::new("firmware", Verdict::Ok, text)
 }
 
-/// ArduPilot tells its loop rate by a parameter; PX4's inertial messages do not depend on one.
+/// ArduPilot reports its loop rate by a parameter; PX4's inertial messages do not depend on one.
 fn loop_rate(facts: &Facts) -> Option<Row> {
     let loop_hz = facts.parameters.get("SCHED_LOOP_RATE")?;
     let imu_hz = LOOP_SHARE * loop_hz;

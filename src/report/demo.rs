@@ -1,4 +1,4 @@
-//! The page of the demonstration: what the plan promised, what the flight reached, and the hidden truth.
+//! The page of the demonstration: what the plan promised, what the flight reached, and the ground truth.
 
 use super::page::{escape, page};
 use super::plot::{AFTER, BEFORE, Color, Line, marked_lines};

@@ -9,9 +9,9 @@ use mavlink::dialects::ardupilotmega::GPS_RAW_INT_DATA;
 
 /// Below this speed the course is noise, m/s.
 const COURSE_FROM_M_PER_S: f64 = 1.0;
-/// Speed accuracy of a receiver that does not tell, for the slow case only, m/s.
+/// Speed accuracy of a receiver that does not report it, for the slow case only, m/s.
 const UNTOLD_SPEED_SIGMA: f64 = 0.1;
-/// Sigma of a dual-antenna heading whose message does not tell, rad.
+/// Sigma of a dual-antenna heading whose message does not report it, rad.
 const UNTOLD_YAW_SIGMA: f64 = 3.0 * std::f64::consts::PI / 180.0;
 
 /// Heights of one flight must share a reference: what the first fix had decides.

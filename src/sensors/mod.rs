@@ -33,7 +33,7 @@ const HEARTBEAT_PATIENCE_US: u64 = 3_000_000;
 const REBOOT_SETTLES_S: f64 = 15.0;
 /// Below this rate a maneuver cannot be followed, Hz.
 const LOW_RATE_HZ: f64 = 20.0;
-/// Seconds in a row of a low rate before the user is told.
+/// Seconds in a row of a low rate before the user is informed.
 const LOW_RATE_PATIENCE: u32 = 5;
 /// Notices that wait to be fetched; more are dropped, oldest first.
 const MAX_NOTICES: usize = 256;
@@ -147,7 +147,7 @@ impl Converter {
     /// a flight, but the samples follow the autopilot's time alone: a replay at any speed gives the same.
     pub fn feed(&mut self, _received_us: u64, frame: &Frame, out: &mut Vec<Sample>) {
         self.stats.frames += 1;
-        self.systems.hear(frame);
+        self.systems.record(frame);
         self.follow(out);
         let ours = frame.component_id == AUTOPILOT_COMPONENT
             && self.vehicle.is_none_or(|system| system == frame.system_id);

@@ -1,4 +1,4 @@
-//! What the conversion has to tell the user, as values that screens and logs turn into words.
+//! What the conversion reports to the user, as values that screens and logs turn into words.
 
 use super::source::{Autopilot, ImuSource};
 use serde::{Deserialize, Serialize};

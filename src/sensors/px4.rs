@@ -1,7 +1,7 @@
 //! PX4's habits.
 //!
 //! PX4 sends no `RAW_IMU`. Its `HIGHRES_IMU` has EKF2's own bias estimates subtracted, which move in flight and would
-//! take part of what is looked for with them; its `SCALED_IMU` is truncated to 1 mrad/s, but honest.
+//! take part of what is estimated with them; its `SCALED_IMU` is truncated to 1 mrad/s, but honest.
 
 use super::source::ImuSource;
 

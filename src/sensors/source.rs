@@ -113,7 +113,7 @@ impl ImuSource {
         }
     }
 
-    /// What the engine is told of its samples.
+    /// What the engine learns about its samples.
     pub fn stream(self) -> ImuStream {
         let quantisation = match self {
             Self::HighresImu => Quantisation::None,
@@ -167,7 +167,7 @@ impl SourceChoice {
         self.current
     }
 
-    /// Counts a message of a candidate; tells when a window of message time has closed.
+    /// Counts a message of a candidate; reports when a window of message time has closed.
     pub fn count(&mut self, source: ImuSource, t_us: u64, autopilot: Autopilot) -> Option<Window> {
         let start = *self.window_start_us.get_or_insert(t_us);
         // After a reboot or a gap the window has no meaning. Millisecond stamps may be a little older than it.

@@ -1,7 +1,7 @@
-//! Lines for stderr that hold nobody up.
+//! Lines for stderr that hold no one up.
 //!
-//! A thread of its own writes them. Where nobody reads (a full pipe, Ctrl-S, a stalled ssh) lines are lost, and their number is
-//! reported as soon as somebody reads again. A closed stderr ends nothing: what is meant for it is dropped.
+//! A thread of its own writes them. Where no one reads (a full pipe, Ctrl-S, a stalled ssh) lines are lost, and their number is
+//! reported as soon as someone reads again. A closed stderr ends nothing: what is meant for it is dropped.
 
 use std::borrow::Cow;
 use std::io::{self, Write};
@@ -56,7 +56,7 @@ impl Lines {
     fn flush(&self, patience: Duration) {
         let (done, wait) = sync_channel(1);
         if self.queue.try_send(Job::Flush(done)).is_ok() {
-            // Nobody reads: the lines are lost.
+            // No one reads: the lines are lost.
             let _ = wait.recv_timeout(patience);
         }
     }
@@ -102,7 +102,7 @@ fn write_all(jobs: &Receiver<Job>, lost: &AtomicU64, mut out: impl Write) {
 pub fn start() -> io::Result<()> {
     if STDERR.get().is_none() {
         let lines = Lines::start(io::stderr())?;
-        // Somebody else may have been faster.
+        // Someone else may have been faster.
         let _ = STDERR.set(lines);
     }
     Ok(())
@@ -146,7 +146,7 @@ impl Drop for Hold {
     }
 }
 
-/// Log lines that were lost because nobody read stderr.
+/// Log lines that were lost because no one read stderr.
 pub fn lost() -> u64 {
     STDERR.get().map_or(0, |lines| lines.lost.load(Ordering::Relaxed))
 }
@@ -171,7 +171,7 @@ impl Write for Stderr {
     fn write_all(&mut self, bytes: &[u8]) -> io::Result<()> {
         match STDERR.get() {
             Some(lines) => lines.text(bytes),
-            // Nobody there to tell.
+            // No one there to tell.
             None => _ = io::stderr().write_all(bytes),
         }
         Ok(())

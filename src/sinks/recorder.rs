@@ -76,7 +76,7 @@ pub enum RecordItem {
     Sample(u64, Sample),
     /// The state of the estimator.
     Snapshot(u64, Box<Snapshot>),
-    /// Something the user was told.
+    /// A message to the user.
     Log(u64, Severity, String),
 }
 
@@ -152,7 +152,7 @@ impl Recorder {
         Self::with(path, setup, output)
     }
 
-    /// Starts to record into the file or the folder that is wanted. In a folder the name tells the time; where another start in the
+    /// Starts to record into the file or the folder that is wanted. In a folder the name shows the time; where another start in the
     /// same second has taken it, as on a board without a clock, a number is added.
     ///
     /// # Errors
@@ -374,7 +374,7 @@ impl Write for Appending {
 /// The open file and its channels.
 struct Output {
     file: File,
-    /// Bytes that the file took. It only grows, so a shorter file was truncated by somebody else.
+    /// Bytes that the file took. It only grows, so a shorter file was truncated by another process.
     appended: Arc<AtomicU64>,
     writer: Writer<NoSeek<BufWriter<Appending>>>,
     frames: BTreeMap<u16, u16>,

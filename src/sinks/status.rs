@@ -1,7 +1,7 @@
 //! What the tasks around the engine say about themselves: link, recorder, and what each sink has lost.
 //!
 //! Writers are the tasks that own a resource, readers are screens and metrics. Counters are atomics and the
-//! few words beside them sit behind a lock held only for a copy, so nobody ever waits here.
+//! few words beside them sit behind a lock held only for a copy, so no one ever waits here.
 
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};

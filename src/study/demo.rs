@@ -1,4 +1,4 @@
-//! The demonstration over many hidden truths: are estimates that are called observable as good as their sigmas say, and did
+//! The demonstration over many simulated vehicles: are estimates that are called observable as good as their sigmas say, and did
 //! the plan promise what was reached?
 
 use super::parallel::{Progress, map_runs};

@@ -1,4 +1,4 @@
-//! Hours instead of minutes: standing, smooth cruise, steady turns, landings in between, and faults of GNSS and samples.
+//! Hours instead of minutes: stationary, smooth cruise, steady turns, landings in between, and faults of GNSS and samples.
 //!
 //! Sensors are drawn from the filter's own prior for each seed, so that the normalised squared error of an honest filter
 //! is chi-squared at every checkpoint (Bar-Shalom, Li & Kirubarajan 2001, section 5.4).

@@ -52,7 +52,7 @@ enum Policy {
 pub struct Pair {
     /// Seed of vehicle, wind, noise and choice.
     pub seed: u64,
-    /// Time from the start of the flight, standing included, until columns x and z are known, s.
+    /// Time from the start of the flight, standstill included, until columns x and z are known, s.
     pub guided_s: f64,
     /// The same with random maneuvers.
     pub random_s: f64,
@@ -71,7 +71,7 @@ pub struct GuidanceStudy {
     pub target_deg_per_h_per_g: f64,
     /// Pairs of flights.
     pub runs: usize,
-    /// Median time of the guided flights from their standing start, s.
+    /// Median time of the guided flights from a standstill, s.
     pub guided_median_s: f64,
     /// 95 % interval of that median, s.
     pub guided_interval_95_s: [f64; 2],
@@ -79,7 +79,7 @@ pub struct GuidanceStudy {
     pub random_median_s: f64,
     /// Guided over random.
     pub ratio_of_medians: f64,
-    /// Medians counted from the first maneuver instead: without standing, take-off and climb, s.
+    /// Medians counted from the first maneuver instead: without standstill, take-off and climb, s.
     pub from_first_maneuver_s: [f64; 2],
     /// Share of pairs in which the guided flight was the faster one.
     pub guided_faster: f64,

@@ -123,7 +123,7 @@ fn honesty(scenario: &Scenario, settings: &HonestySettings, progress: &dyn Progr
     }
 }
 
-/// What the engine believes before the flight: the noise of these sensors, nothing of their constants.
+/// What the engine assumes before the flight: the noise of these sensors, nothing of their constants.
 fn belief(scenario: &Scenario) -> Model {
     let mut model = Model::standard();
     model.imu = scenario.model.imu.clone();

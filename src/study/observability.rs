@@ -58,7 +58,7 @@ pub struct Stretch {
     pub segment_s: f64,
     /// Conditions (a), (b), (c) met so far.
     pub conditions: [bool; 3],
-    /// Directions of the whitened Gramian that are not dark, so far.
+    /// Directions of the whitened Gramian that are not unobservable, so far.
     pub rank: usize,
     /// Dark directions in words, so far.
     pub dark: Vec<String>,

@@ -1,15 +1,15 @@
-//! Many independent runs on all cores, with their order kept and their progress told.
+//! Many independent runs on all cores, with their order kept and their progress reported.
 
 use std::sync::Mutex;
 use std::sync::atomic::{AtomicUsize, Ordering};
 
-/// Somebody who wants to know how far a long job is.
+/// Someone who wants to know how far a long job is.
 pub trait Progress: Sync {
     /// One more unit of work is done.
     fn tick(&self);
 }
 
-/// Nobody wants to know.
+/// No one wants to know.
 #[derive(Debug, Clone, Copy)]
 pub struct Silent;
 

@@ -75,7 +75,7 @@ impl CsvFlight {
 }
 
 /// The lower triangle of the accelerometers' misalignment, which the registry leaves out: it is a rotation of the triad as a
-/// whole, and no flight tells that from attitude. Where a reference has body axes of its own, as a simulation has, it is
+/// whole, and no flight separates that from attitude. Where a reference has body axes of its own, as a simulation has, it is
 /// as uncertain as the upper one and belongs to the states.
 #[derive(Debug)]
 struct AccelAxes;

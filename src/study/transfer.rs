@@ -1,10 +1,10 @@
 //! Mission uploads over bad links, many times: does every one end verified, or with the previous mission back, or with words
-//! that say that nobody knows? The session of `gaware mission upload` runs against the simulated autopilot in virtual
+//! that say that no one knows? The session of `gaware mission upload` runs against the simulated autopilot in virtual
 //! time, and what it says at the end is compared with what really is on the vehicle.
 
 use super::parallel::{Progress, map_runs};
 use crate::link::frame::Frame;
-use crate::link::heartbeat::Voice;
+use crate::link::heartbeat::HeartbeatSource;
 use crate::mission_link::vehicle::Vehicle;
 use crate::mission_link::wire::{self, Event, Wire};
 use gaware_mission::compare::differences;
@@ -67,7 +67,7 @@ pub struct Tally {
     pub verified: usize,
     /// Failed, and the previous mission is on the vehicle as is said.
     pub previous_back: usize,
-    /// Ended with the statement that nobody knows what is on the vehicle.
+    /// Ended with the statement that no one knows what is on the vehicle.
     pub unknown_and_said: usize,
     /// Of these the vehicle really holds neither mission.
     pub mixed_and_said: usize,
@@ -200,7 +200,7 @@ fn upload(flavour: Flavour, link: Link, seed: u64) -> (End, f64) {
     (end, took_s)
 }
 
-/// A mission whose places are nobody else's.
+/// A mission whose places are no one else's.
 fn mission(legs: usize, away_deg: f64) -> Mission {
     let place = |k: usize| LatLon { lat_deg: 47.397 + away_deg, lon_deg: 8.545 + 1e-4 * k as f64 };
     let legs = (0..legs).map(|k| MissionItem::at(command::NAV_WAYPOINT, [0.0; 4], place(k), 50.0));
@@ -224,7 +224,7 @@ fn at_once<T>(future: impl Future<Output = T>) -> T {
 /// The simulated autopilot at the end of two faulty directions; waiting makes virtual time pass.
 struct VirtualWire {
     autopilot: Autopilot,
-    voice: Voice,
+    voice: HeartbeatSource,
     vehicle: Vehicle,
     up: FaultyLink,
     down: FaultyLink,
@@ -241,8 +241,8 @@ impl VirtualWire {
         let perfect = |direction| FaultyLink::new(LinkFaults::default(), seed, direction);
         let mut wire = Self {
             autopilot: Autopilot::flying(config, quad, &Model::standard(), SensorConfig::default()),
-            voice: Voice::new(),
-            vehicle: Vehicle::NOBODY,
+            voice: HeartbeatSource::new(),
+            vehicle: Vehicle::UNKNOWN,
             up: perfect(1),
             down: perfect(0),
             heard: VecDeque::new(),
@@ -321,7 +321,7 @@ impl Wire for VirtualWire {
         let deadline_s = deadline_s.unwrap_or(self.now_s + BREATH_S);
         loop {
             if let Some(frame) = self.heard.pop_front() {
-                if let Some(vehicle) = wire::heard(self.vehicle, &frame) {
+                if let Some(vehicle) = wire::heartbeat_of(self.vehicle, &frame) {
                     self.vehicle = vehicle;
                 }
                 return Event::Frame(frame);

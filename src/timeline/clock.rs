@@ -40,7 +40,7 @@ impl Stamp {
     }
 }
 
-/// Puts stamps on the time base. It is told which inertial sample is the latest, and decides nothing about order.
+/// Puts stamps on the time base. It is given inertial sample is the latest, and decides nothing about order.
 #[derive(Debug, Clone, Default)]
 pub struct Clock {
     now_us: Option<u64>,

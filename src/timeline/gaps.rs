@@ -5,7 +5,7 @@ use serde::{Deserialize, Serialize};
 
 /// Spacings of which the usual one is the median.
 const SPACINGS: usize = 32;
-/// So many spacings tell the usual one.
+/// So many spacings determine the usual one.
 const ENOUGH: usize = 8;
 /// Before that, and at most, µs.
 const GAP_AT_START_US: u64 = 1_000_000;

@@ -79,12 +79,12 @@ pub struct TimeCounts {
 struct Held {
     t_us: u64,
     sample: ImuSample,
-    why: Doubt,
+    why: Inconsistency,
 }
 
 /// Why a sample waits.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-enum Doubt {
+enum Inconsistency {
     /// It is the first.
     First,
     /// It comes after a gap.
@@ -172,7 +172,9 @@ impl TimeLine {
     /// The newest time that inertial samples speak of, confirmed or not, µs.
     fn reference_us(&self) -> Option<u64> {
         match (self.clock.now_us(), &self.held) {
-            (now, Some(Held { t_us, why: Doubt::First | Doubt::Gap, .. })) => now.max(Some(*t_us)),
+            (now, Some(Held { t_us, why: Inconsistency::First | Inconsistency::Gap, .. })) => {
+                now.max(Some(*t_us))
+            }
             (now, _) => now,
         }
     }
@@ -203,7 +205,7 @@ impl TimeLine {
             return;
         }
         let sample = ImuSample { t_s: seconds(t_us), ..*sample };
-        match self.doubt(t_us) {
+        match self.inconsistency(t_us) {
             Some(Err(count)) => *count(&mut self.counts) += 1,
             Some(Ok(why)) => match self.held.take() {
                 Some(held) if agrees(held.t_us, t_us) => {
@@ -223,24 +225,24 @@ impl TimeLine {
     }
 
     /// What speaks against a sample at this time: nothing, a count of those refused, or a doubt that the next one may settle.
-    fn doubt(&self, t_us: u64) -> Option<Result<Doubt, Count>> {
+    fn inconsistency(&self, t_us: u64) -> Option<Result<Inconsistency, Count>> {
         if self.held.is_some_and(|h| h.t_us == t_us) {
             return Some(Err(|c| &mut c.imu_duplicates));
         }
-        let Some(now) = self.clock.now_us() else { return Some(Ok(Doubt::First)) };
+        let Some(now) = self.clock.now_us() else { return Some(Ok(Inconsistency::First)) };
         match t_us.checked_sub(now) {
             Some(0) => Some(Err(|c| &mut c.imu_duplicates)),
-            Some(d) if d > GAP_US => Some(Ok(Doubt::Restart(RestartReason::ClockJump))),
-            Some(d) if self.imu_gaps.is_gap(d) => Some(Ok(Doubt::Gap)),
+            Some(d) if d > GAP_US => Some(Ok(Inconsistency::Restart(RestartReason::ClockJump))),
+            Some(d) if self.imu_gaps.is_gap(d) => Some(Ok(Inconsistency::Gap)),
             Some(_) => None,
             None if now - t_us <= REORDER_US => Some(Err(|c| &mut c.imu_backward)),
-            None => Some(Ok(Doubt::Restart(RestartReason::Reboot))),
+            None => Some(Ok(Inconsistency::Restart(RestartReason::Reboot))),
         }
     }
 
     /// A held sample was right.
     fn confirm(&mut self, held: &Held, out: &mut Vec<Sample>) {
-        if let Doubt::Restart(reason) = held.why {
+        if let Inconsistency::Restart(reason) = held.why {
             if let Some(now) = self.clock.now_us().filter(|now| held.t_us > *now) {
                 self.imu_gaps.pause(held.t_us - now);
             }

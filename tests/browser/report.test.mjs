@@ -13,8 +13,9 @@ const FLIGHTS = process.env.GAWARE_FLIGHTS ?? join(ROOT, "../shared/data");
 const SMALL = join(ROOT, "tests/data/small_gsens_typical_dither.tlog");
 /** Recordings of vehicles with rotors, and of one under water: no maneuver of a fixed wing may be named. */
 const NO_WING = /copter|px4_sample|qdr|sub_bench/;
-// The small recordings of this repository; with EVERY_FLIGHT=1 all that are there, by explain those of less than 5 MB.
-const every = process.env.EVERY_FLIGHT ? readdirSync(FLIGHTS).filter((name) => !/\.(md|json|toml)$/.test(name)) : [];
+// The small recordings of this repository; with EVERY_FLIGHT=REGEX all with such a name (`.` for every one), by explain those of
+// less than 5 MB.
+const every = process.env.EVERY_FLIGHT ? readdirSync(FLIGHTS).filter((name) => !/\.(md|json|toml)$/.test(name) && new RegExp(process.env.EVERY_FLIGHT).test(name)) : [];
 const some = ["real_copter_sample.BIN", "real_px4_sample.ulg", "qdr_p4rtk_xsensdot"];
 const logs = [SMALL, ...(every.length > 0 ? every : some).map((name) => join(FLIGHTS, name))].filter(existsSync);
 const JOBS = [

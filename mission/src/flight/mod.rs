@@ -15,7 +15,7 @@ use nalgebra::{Vector2, Vector3};
 
 /// Longest time for one item, s: wind may keep the vehicle from ever arriving.
 const ITEM_LIMIT_S: f64 = 600.0;
-/// A circle "until told otherwise" is predicted for this many turns, a hover for this long, s.
+/// A circle "until commanded otherwise" is predicted for this many turns, a hover for this long, s.
 const LAST_TURNS: f64 = 1.25;
 const LAST_HOVER_S: f64 = 10.0;
 /// A multirotor has landed below this height, m.

@@ -3,7 +3,7 @@
 //! Speeds are changed by `DO_CHANGE_SPEED` of type 0 (airspeed) for fixed wings: type 1 would set ArduPlane's minimum
 //! ground-speed parameter for good. Multirotors get type 1, the only one that both autopilots follow there.
 
-use super::{Maneuver, NoRoom, Placement, Side};
+use super::{Maneuver, NoSpace, Placement, Side};
 use crate::airframe::Airframe;
 use crate::item::{Autopilot, LatLon, MissionItem, command};
 use nalgebra::{Rotation2, Vector2};
@@ -82,7 +82,7 @@ impl Builder<'_> {
     }
 
     /// What a turn-around at the end of a run takes beyond its last waypoint, m.
-    fn turn_room(&self) -> f64 {
+    fn turn_space(&self) -> f64 {
         let a = self.airframe;
         if a.is_fixed_wing() {
             // A turn in wind drifts; the flown prediction checks the rest.
@@ -93,19 +93,19 @@ impl Builder<'_> {
     }
 
     /// Half the length of a straight run, m.
-    fn half_run(&self) -> Result<f64, NoRoom> {
+    fn half_run(&self) -> Result<f64, NoSpace> {
         let cruise = self.airframe.speed_cruise_m_per_s;
-        let half = self.place.room_m - self.turn_room();
+        let half = self.place.space_m - self.turn_space();
         if half < SHORTEST_HALF_S * cruise {
-            let needed_m = SHORTEST_HALF_S * cruise + self.turn_room();
-            return Err(NoRoom::Room { needed_m, room_m: self.place.room_m });
+            let needed_m = SHORTEST_HALF_S * cruise + self.turn_space();
+            return Err(NoSpace::Radius { needed_m, space_m: self.place.space_m });
         }
         Ok(half.min(LONGEST_HALF_S * cruise))
     }
 
-    /// Begins steep circles of which `wide` must fit beside each other: as fast as the room allows, for the load of a circle that its smallest
+    /// Begins steep circles of which `wide` must fit beside each other: as fast as the space allows, for the load of a circle that its smallest
     /// radius bounds grows with the speed. Returns the radius.
-    fn steep(&mut self, wide: f64) -> Result<f64, NoRoom> {
+    fn steep(&mut self, wide: f64) -> Result<f64, NoSpace> {
         let a = self.airframe;
         let (cruise, wind) = (a.speed_cruise_m_per_s, self.place.wind_m_per_s);
         if a.is_fixed_wing() && a.speed_max_m_per_s > cruise {
@@ -118,36 +118,36 @@ impl Builder<'_> {
         self.radius(wide)
     }
 
-    /// Radius of a circle at cruise speed, if `wide` of them fit into the room.
-    fn radius(&self, wide: f64) -> Result<f64, NoRoom> {
+    /// Radius of a circle at cruise speed, if `wide` of them fit into the space.
+    fn radius(&self, wide: f64) -> Result<f64, NoSpace> {
         let a = self.airframe;
         self.fits(wide, a.planned_radius_m(a.speed_cruise_m_per_s + self.place.wind_m_per_s))
     }
 
-    /// The radius as it will be stored, if `wide` of these circles fit into the room.
-    fn fits(&self, wide: f64, radius_m: f64) -> Result<f64, NoRoom> {
+    /// The radius as it will be stored, if `wide` of these circles fit into the space.
+    fn fits(&self, wide: f64, radius_m: f64) -> Result<f64, NoSpace> {
         let a = self.airframe;
         let radius = a.stored_radius_m(radius_m);
         // The entry onto the circle overshoots.
         let needed_m = wide * radius * if a.is_fixed_wing() { 1.4 } else { 1.2 };
-        if needed_m > self.place.room_m {
-            return Err(NoRoom::Room { needed_m, room_m: self.place.room_m });
+        if needed_m > self.place.space_m {
+            return Err(NoSpace::Radius { needed_m, space_m: self.place.space_m });
         }
         Ok(radius)
     }
 
-    fn heights(&self, change_m: f64) -> Result<[f64; 2], NoRoom> {
+    fn heights(&self, change_m: f64) -> Result<[f64; 2], NoSpace> {
         let [floor, ceiling] = self.place.band_m;
         // Climbs and descents overshoot by a few metres.
         let (low, high) = (floor + 3.0, ceiling - 3.0);
         if high - low < LEAST_CLIMB_M {
-            return Err(NoRoom::Height { needed_m: LEAST_CLIMB_M + 6.0, there_m: ceiling - floor });
+            return Err(NoSpace::Height { needed_m: LEAST_CLIMB_M + 6.0, there_m: ceiling - floor });
         }
         let bottom = (self.place.height_m - change_m / 2.0).clamp(low, (high - change_m).max(low));
         Ok([bottom, (bottom + change_m).min(high)])
     }
 
-    fn varying_speed(&mut self) -> Result<(), NoRoom> {
+    fn varying_speed(&mut self) -> Result<(), NoSpace> {
         let half = self.half_run()?;
         let (slow, fast) = (self.slow(), self.airframe.speed_max_m_per_s);
         let height = self.place.height_m;
@@ -167,7 +167,7 @@ impl Builder<'_> {
         self.airframe.planned_min_m_per_s().max(0.25 * self.airframe.speed_cruise_m_per_s)
     }
 
-    fn climb(&mut self, up: bool) -> Result<(), NoRoom> {
+    fn climb(&mut self, up: bool) -> Result<(), NoSpace> {
         let half = self.half_run()?;
         let a = self.airframe;
         let (rate, ground) = if up {
@@ -184,7 +184,7 @@ impl Builder<'_> {
         Ok(())
     }
 
-    fn pull_up(&mut self) -> Result<(), NoRoom> {
+    fn pull_up(&mut self) -> Result<(), NoSpace> {
         let half = self.half_run()?;
         let change = PULL_UP_S * self.airframe.climb_max_m_per_s.min(self.airframe.descent_max_m_per_s);
         let [low, high] = self.heights(change)?;
@@ -203,7 +203,7 @@ impl Builder<'_> {
         }
     }
 
-    fn spiral(&mut self, side: Side) -> Result<(), NoRoom> {
+    fn spiral(&mut self, side: Side) -> Result<(), NoSpace> {
         let a = self.airframe;
         let radius = self.steep(1.0)?;
         let round_s = TAU * radius / self.speed;
@@ -217,7 +217,7 @@ impl Builder<'_> {
         Ok(())
     }
 
-    fn crab_legs(&mut self) -> Result<(), NoRoom> {
+    fn crab_legs(&mut self) -> Result<(), NoSpace> {
         let half = self.half_run()?;
         let height = self.place.height_m;
         self.speed(self.airframe.speed_max_m_per_s);
@@ -244,7 +244,7 @@ impl Builder<'_> {
 }
 
 /// One circle around the centre, to begin something else from.
-pub(crate) fn join(airframe: &Airframe, place: &Placement) -> Result<Vec<MissionItem>, NoRoom> {
+pub(crate) fn join(airframe: &Airframe, place: &Placement) -> Result<Vec<MissionItem>, NoSpace> {
     let mut b = Builder { airframe, place, items: Vec::new(), speed: airframe.speed_cruise_m_per_s };
     let radius = b.radius(1.0)?;
     b.circles(0.0, 0.0, Side::Right, radius, 1.0);
@@ -255,7 +255,7 @@ pub(super) fn build(
     maneuver: Maneuver,
     airframe: &Airframe,
     place: &Placement,
-) -> Result<Vec<MissionItem>, NoRoom> {
+) -> Result<Vec<MissionItem>, NoSpace> {
     let mut b = Builder { airframe, place, items: Vec::new(), speed: airframe.speed_cruise_m_per_s };
     match maneuver {
         Maneuver::VaryingSpeed => b.varying_speed()?,
@@ -274,7 +274,7 @@ pub(super) fn build(
             b.slow_down();
         }
         Maneuver::Spiral(side) if airframe.is_fixed_wing() => b.spiral(side)?,
-        Maneuver::Spiral(_) => return Err(NoRoom::NotFlown("spirals are for fixed wings")),
+        Maneuver::Spiral(_) => return Err(NoSpace::NotFlown("spirals are for fixed wings")),
         Maneuver::PaperSequence => {
             b.varying_speed()?;
             let radius = b.radius(1.0)?;
@@ -284,9 +284,9 @@ pub(super) fn build(
             b.speed(airframe.speed_cruise_m_per_s);
         }
         Maneuver::CrabLegs if !airframe.is_fixed_wing() => b.crab_legs()?,
-        Maneuver::CrabLegs => return Err(NoRoom::NotFlown("crab legs are for multirotors")),
+        Maneuver::CrabLegs => return Err(NoSpace::NotFlown("crab legs are for multirotors")),
         Maneuver::Sideslip => {
-            return Err(NoRoom::NotFlown("autopilots do not fly sideslips: a pilot must"));
+            return Err(NoSpace::NotFlown("autopilots do not fly sideslips: a pilot must"));
         }
     }
     Ok(b.items)

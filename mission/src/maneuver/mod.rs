@@ -107,7 +107,7 @@ impl Maneuver {
         self == Self::Sideslip
     }
 
-    /// What to tell the pilot.
+    /// The instruction for the pilot.
     pub fn words(self, airframe: &Airframe) -> Words {
         words::of(self, airframe)
     }
@@ -128,7 +128,7 @@ impl Maneuver {
         profile::wing_command(self, airframe, t_s)
     }
 
-    /// The room it takes when a pilot flies it, without wind.
+    /// The space it takes when a pilot flies it, without wind.
     pub fn extent(self, airframe: &Airframe) -> Extent {
         let entry = Entry::cruising(airframe, Vector3::zeros(), 0.0);
         Extent::of(&self.kinematics(airframe, &entry, &Vector3::zeros()), 0.0)
@@ -137,8 +137,8 @@ impl Maneuver {
     /// Mission items that make the autopilot fly it at this place.
     ///
     /// # Errors
-    /// It needs more room or height than there is, or a pilot; in words.
-    pub fn items(self, airframe: &Airframe, place: &Placement) -> Result<Vec<MissionItem>, NoRoom> {
+    /// It needs more space or height than there is, or a pilot; in words.
+    pub fn items(self, airframe: &Airframe, place: &Placement) -> Result<Vec<MissionItem>, NoSpace> {
         items::build(self, airframe, place)
     }
 }
@@ -171,7 +171,7 @@ pub struct Placement {
     /// Centre, north and east, m.
     pub center_m: Vector2<f64>,
     /// Radius around the centre that no item may leave, m: what the fence leaves after its margin.
-    pub room_m: f64,
+    pub space_m: f64,
     /// Direction of straight runs, rad.
     pub heading_rad: f64,
     /// Height above home, m.
@@ -184,14 +184,14 @@ pub struct Placement {
 
 /// Why a maneuver does not fit.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
-pub enum NoRoom {
+pub enum NoSpace {
     /// Sideways.
-    #[error("needs {needed_m:.0} m around its centre, {room_m:.0} m are there")]
-    Room {
+    #[error("needs {needed_m:.0} m around its centre, {space_m:.0} m are there")]
+    Radius {
         /// Radius needed, m.
         needed_m: f64,
         /// Radius there is, m.
-        room_m: f64,
+        space_m: f64,
     },
     /// Up and down.
     #[error("needs a band of {needed_m:.0} m of height, {there_m:.0} m are there")]

@@ -77,11 +77,11 @@ fn turns_go_the_way_they_say() {
     }
 }
 
-fn place(room_m: f64) -> Placement {
+fn place(space_m: f64) -> Placement {
     Placement {
         frame: LocalFrame::new(LatLon { lat_deg: 47.4, lon_deg: 8.5 }),
         center_m: Vector2::new(50.0, -30.0),
-        room_m,
+        space_m,
         heading_rad: 0.7,
         height_m: 100.0,
         band_m: [60.0, 140.0],
@@ -99,7 +99,7 @@ fn items_stay_within_room_band_and_speed_limits() {
                 if let Some(at) = item.place() {
                     let away = (place.frame.to_local(at) - place.center_m).norm();
                     assert!(
-                        away <= place.room_m && (60.0..=140.0).contains(&f64::from(item.z)),
+                        away <= place.space_m && (60.0..=140.0).contains(&f64::from(item.z)),
                         "{maneuver:?}"
                     );
                 }
@@ -135,7 +135,7 @@ fn px4_gets_only_commands_that_its_missions_know() {
     for mut airframe in airframes() {
         airframe.autopilot = crate::item::Autopilot::Px4;
         for maneuver in Maneuver::automatic(&airframe) {
-            let items = maneuver.items(&airframe, &place(900.0)).expect("room enough");
+            let items = maneuver.items(&airframe, &place(900.0)).expect("space enough");
             assert!(items.iter().all(|i| known.contains(&i.command)), "{maneuver:?}");
         }
     }

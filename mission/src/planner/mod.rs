@@ -38,8 +38,8 @@ pub struct Request {
     /// Whether the mission begins on the ground at home with a take-off; `start` is then where its climb ends, see
     /// [`climb_out`].
     pub take_off: bool,
-    /// Whether a fixed wing lands at home after its last maneuver, where there is room for that; otherwise it holds. On PX4 a fixed
-    /// wing always lands, or there is no plan. A multirotor always holds: it lands where it is told.
+    /// Whether a fixed wing lands at home after its last maneuver, where there is space for that; otherwise it holds. On PX4 a fixed
+    /// wing always lands, or there is no plan. A multirotor always holds: it lands where it is commanded.
     pub landing: bool,
     /// Where the vehicle is when the maneuvers begin.
     pub start: LatLon,
@@ -81,7 +81,8 @@ pub enum Reach {
     /// Excite it, but not enough to reach the target.
     Short,
     /// Nothing.
-    Dark,
+    #[serde(rename = "dark")]
+    Unobservable,
 }
 
 /// What a plan promises for one state.
@@ -136,7 +137,7 @@ pub struct Plan {
     pub duration_s: f64,
     /// Per constant state what the plan promises.
     pub states: Vec<PlannedState>,
-    /// What the user should know: states that this flight leaves dark, settings of the autopilot.
+    /// What the user should know: states that this flight leaves unobservable, settings of the autopilot.
     pub notes: Vec<String>,
 }
 
@@ -207,7 +208,7 @@ pub enum PlanError {
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 enum Rejection {
     #[error(transparent)]
-    NoRoom(#[from] crate::maneuver::NoRoom),
+    NoSpace(#[from] crate::maneuver::NoSpace),
     #[error(transparent)]
     Unsafe(#[from] Refusal),
     #[error(transparent)]

@@ -1,4 +1,4 @@
-//! Where maneuvers can be: centres inside the fence with the most room around them.
+//! Where maneuvers can be: centres inside the fence with the most space around them.
 
 use crate::airframe::Airframe;
 use crate::fence::LocalFrame;
@@ -8,25 +8,25 @@ use nalgebra::Vector2;
 
 /// Cells of the grid over the fence, each way.
 const GRID: usize = 24;
-/// Room where there is no fence, in seconds at cruise speed.
+/// Space where there is no fence, in seconds at cruise speed.
 const OPEN_ROOM_S: f64 = 30.0;
 
-/// The best centre and the room around it, m: the centre of about the largest circle that fits, or the start where there is
+/// The best centre and the space around it, m: the centre of about the largest circle that fits, or the start where there is
 /// no fence around it.
 fn centre(checker: &Checker<'_>, airframe: &Airframe, start: Vector2<f64>) -> (Vector2<f64>, f64) {
     let open = OPEN_ROOM_S * airframe.speed_cruise_m_per_s;
-    // Beyond what is of use more room is not better, but a shorter way is.
+    // Beyond what is of use more space is not better, but a shorter way is.
     let value = |p: Vector2<f64>| {
-        let room = checker.room_at(p).min(open);
-        (room - 0.05 * (p - start).norm(), room)
+        let space = checker.clearance_at(p).min(open);
+        (space - 0.05 * (p - start).norm(), space)
     };
     let (mut best, (mut best_value, mut best_room)) = (start, value(start));
     let (low, high) =
         checker.fence().bounds().unwrap_or((start.add_scalar(-2.0 * open), start.add_scalar(2.0 * open)));
     let mut look = |p: Vector2<f64>| {
-        let (v, room) = value(p);
+        let (v, space) = value(p);
         if v > best_value {
-            (best, best_value, best_room) = (p, v, room);
+            (best, best_value, best_room) = (p, v, space);
         }
         best
     };
@@ -56,7 +56,7 @@ pub(super) fn placements(
     start: Vector2<f64>,
     start_height_m: f64,
 ) -> Vec<Placement> {
-    let (center_m, room_m) = centre(checker, airframe, start);
+    let (center_m, space_m) = centre(checker, airframe, start);
     let wind = limits.wind();
     // Along and across the wind, and in between; runs are flown both ways.
     let first = if limits.wind_speed() > 0.5 { wind.y.atan2(wind.x) } else { 0.0 };
@@ -67,7 +67,7 @@ pub(super) fn placements(
         .map(|heading_rad| Placement {
             frame,
             center_m,
-            room_m,
+            space_m,
             heading_rad,
             height_m,
             band_m: [limits.floor_m, limits.ceiling_m],

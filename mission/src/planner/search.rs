@@ -159,7 +159,7 @@ impl<'a> Search<'a> {
         Ok(root)
     }
 
-    /// A circle after the take-off: nobody knows exactly where a climb ends, and the first leg shall not begin there.
+    /// A circle after the take-off: no one knows exactly where a climb ends, and the first leg shall not begin there.
     fn join<P: Predictor>(&self, root: &mut Node<'a, P>) -> Result<(), Rejection> {
         let Some(place) = self.placements.first() else { return Ok(()) };
         let items = join_items(&self.request.airframe, place)?;
@@ -186,7 +186,7 @@ impl<'a> Search<'a> {
         if !request.take_off {
             return Ok(Vec::new());
         }
-        let home = self.checker.room_at(Vector2::zeros());
+        let home = self.checker.clearance_at(Vector2::zeros());
         if home < 0.0 {
             let hint = match -home {
                 by if by > FAR_M => {
@@ -197,9 +197,10 @@ impl<'a> Search<'a> {
             return Err(PlanError::HomeOutside { by_m: -home, hint });
         }
         let along = |k: u32| start * (f64::from(k) / f64::from(CLIMB_CHECKS));
-        let room = (0..=CLIMB_CHECKS).map(|k| self.checker.room_at(along(k))).fold(f64::INFINITY, f64::min);
-        if room < 0.0 {
-            return Err(PlanError::ClimbOut { length_m: start.norm(), by_m: -room });
+        let space =
+            (0..=CLIMB_CHECKS).map(|k| self.checker.clearance_at(along(k))).fold(f64::INFINITY, f64::min);
+        if space < 0.0 {
+            return Err(PlanError::ClimbOut { length_m: start.norm(), by_m: -space });
         }
         let pitch = if request.airframe.is_fixed_wing() { TAKE_OFF_PITCH_DEG } else { 0.0 };
         let height = request.start_height_m as f32;
@@ -242,12 +243,12 @@ impl<'a> Search<'a> {
         let judge = |(before, best): (&NamedSigma, f64)| match best {
             best if best <= PROMISED_SHARE * before.target => Reach::Known,
             best if best < EXCITED * before.sigma => Reach::Short,
-            _ => Reach::Dark,
+            _ => Reach::Unobservable,
         };
         before.iter().zip(best).map(judge).collect()
     }
 
-    /// The hold at the end: around the centre with the most room.
+    /// The hold at the end: around the centre with the most space.
     pub(super) fn end_items(&self) -> Vec<MissionItem> {
         let airframe = &self.request.airframe;
         self.placements
@@ -424,7 +425,7 @@ impl<'a> Search<'a> {
         let names = |wanted: &dyn Fn(&PlannedState) -> bool| {
             states.iter().filter(|s| wanted(s)).map(|s| s.name.as_str()).collect::<Vec<_>>().join(", ")
         };
-        let unobservable = names(&|s| s.reach == Reach::Dark);
+        let unobservable = names(&|s| s.reach == Reach::Unobservable);
         let short = names(&|s| s.reach == Reach::Short);
         let unfinished = names(&|s| s.reach == Reach::Known && !s.known());
         let mut notes = Vec::new();
@@ -473,10 +474,10 @@ fn verdicts(after: &[NamedSigma], reach: &[Reach]) -> Vec<PlannedState> {
 }
 
 /// Logarithm of the worst normalised sigma of the states that can become known, and a part of the mean of all that can be excited: what
-/// nothing can make known must not hide what one maneuver does better than another.
+/// nothing can make known must not mask what one maneuver does better than another.
 pub(super) fn log_score(sigmas: &[NamedSigma], reach: &[Reach]) -> f64 {
     let (mut worst, mut sum, mut count) = (f64::NEG_INFINITY, 0.0, 0.0);
-    for (state, reach) in sigmas.iter().zip(reach).filter(|(_, r)| **r != Reach::Dark) {
+    for (state, reach) in sigmas.iter().zip(reach).filter(|(_, r)| **r != Reach::Unobservable) {
         let log = state.ratio().max(PROMISED_SHARE).ln();
         if *reach == Reach::Known {
             worst = worst.max(log);

@@ -83,7 +83,7 @@ fn the_best_maneuver_for_what_is_missing_is_chosen() {
     // z is known well, x not at all: straight runs with changing speed.
     let mut request = request("small_fixed_wing", circle(1200.0));
     request.budget_s = 150.0;
-    let plan = plan(&request, Spread([0.0, 0.0, 1e6])).expect("room enough");
+    let plan = plan(&request, Spread([0.0, 0.0, 1e6])).expect("space enough");
     let first = plan.maneuvers[0].maneuver;
     assert!(!matches!(first, Maneuver::SteadyTurn(_) | Maneuver::FigureEight), "{first:?}");
 }
@@ -94,7 +94,7 @@ fn a_take_off_comes_first_and_its_climb_stays_inside() {
     request.take_off = true;
     let (a, wind) = (&request.airframe, request.limits.wind());
     request.start = climb_out(a, request.home, request.start_heading_deg, 100.0, &wind);
-    let made = plan(&request, Spread([0.0; 3])).expect("room enough");
+    let made = plan(&request, Spread([0.0; 3])).expect("space enough");
     assert_eq!(made.mission.items[0].command, command::NAV_TAKEOFF);
     assert_eq!(made.mission.items[1].command, command::DO_CHANGE_SPEED);
     assert_eq!(made.mission.items[2].command, command::NAV_LOITER_TURNS);
@@ -110,7 +110,7 @@ fn a_wider_search_is_never_worse_than_the_greedy_one() {
     let score = |beam| {
         let mut request = request("quadrotor", circle(600.0));
         (request.beam, request.budget_s) = (beam, 200.0);
-        let plan = plan(&request, Spread([0.0; 3])).expect("room enough");
+        let plan = plan(&request, Spread([0.0; 3])).expect("space enough");
         let last = plan.sigmas.last().map(|s| s.sigmas.clone()).unwrap_or_default();
         let reach: Vec<Reach> = plan.states.iter().map(|s| s.reach).collect();
         search::log_score(&last, &reach)
@@ -198,7 +198,7 @@ fn a_plan_on_the_information_bound_reaches_what_it_can() {
     let mut request = request("small_fixed_wing", circle(900.0));
     (request.airframe, request.budget_s) = (coordinated(), 180.0);
     let entry = Entry::cruising(&request.airframe, Vector3::new(0.0, 0.0, -100.0), 0.5);
-    let plan = plan(&request, predictor(&request.airframe, &entry)).expect("room enough");
+    let plan = plan(&request, predictor(&request.airframe, &entry)).expect("space enough");
     let (first, last) = (&plan.sigmas[0], &plan.sigmas[plan.sigmas.len() - 1]);
     for name in ["g11", "g31", "g33"] {
         let of = |s: &SigmasAt| s.sigmas.iter().find(|s| s.name == name).map_or(0.0, |s| s.sigma);
@@ -215,7 +215,7 @@ fn the_side_force_of_turns_is_used_and_turns_go_to_both_sides() {
     let planned = |airframe: Airframe| {
         let request = Request { airframe, ..request.clone() };
         let entry = Entry::cruising(&request.airframe, Vector3::new(0.0, 0.0, -100.0), 0.5);
-        plan(&request, predictor(&request.airframe, &entry)).expect("room enough")
+        plan(&request, predictor(&request.airframe, &entry)).expect("space enough")
     };
     let sigma =
         |plan: &Plan, name: &str| plan.states.iter().find(|s| s.name == name).map_or(f64::NAN, |s| s.sigma);

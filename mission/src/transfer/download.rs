@@ -133,7 +133,7 @@ impl Download {
         Vec::new()
     }
 
-    /// Gives up; the vehicle is told.
+    /// Gives up; the vehicle is informed.
     pub fn cancel(&mut self) -> Vec<Action> {
         if matches!(self.state, State::Finished(_)) {
             return Vec::new();

@@ -1,4 +1,4 @@
-//! What is on a vehicle after a transfer that was cut off, against the two missions that it can have come from.
+//! What is on a vehicle after a transfer that was interrupted, against the two missions that it can have come from.
 
 use crate::compare::{differences, same_item};
 use crate::item::{Autopilot, Mission};

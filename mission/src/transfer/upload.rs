@@ -104,7 +104,7 @@ impl Upload {
         self.done() == self.items.len()
     }
 
-    /// Gives up; the vehicle is told.
+    /// Gives up; the vehicle is informed.
     pub fn cancel(&mut self) -> Vec<Action> {
         if self.result().is_some() {
             return Vec::new();

@@ -16,7 +16,7 @@ const GYRO_SIZES: [f64; 4] = [
 const ACCEL_SIZES: [f64; 4] =
     [unit::MG_PER_RTH.si, 5.0 * unit::MG_PER_RTH.si, 20.0 * unit::MG_PER_RTH.si, 100.0 * unit::MG_PER_RTH.si];
 
-/// The gyro biases wander.
+/// The gyro biases follow a random walk.
 #[derive(Debug)]
 pub struct GyroBiasDrift;
 
@@ -69,7 +69,7 @@ impl WalkEffect for GyroBiasDrift {
     }
 }
 
-/// The accelerometer biases wander.
+/// The accelerometer biases follow a random walk.
 #[derive(Debug)]
 pub struct AccelBiasDrift;
 

@@ -1,4 +1,4 @@
-//! GNSS latency: a fix tells where the vehicle was some time before the fix's time stamp.
+//! GNSS latency: a fix reports where the vehicle was some time before the fix's time stamp.
 
 use super::{DrawRange, Effect, Excitation, FixEffect, FixInstant, ParameterGroup, Separation, Shape, unit};
 use nalgebra::Vector3;

@@ -1,6 +1,6 @@
 //! The receiver's own smoothing: no effect that anybody looks for, but one that every receiver has.
 //!
-//! A receiver that filters its solutions, or interpolates between them, tells z(t − L) + κ z̈ of a motion z, whatever the
+//! A receiver that filters its solutions, or interpolates between them, reports z(t − L) + κ z̈ of a motion z, whatever the
 //! symmetric kernel is: L is its mean (the latency) and 2κ its variance. Between samples T apart a linear interpolation has κ up
 //! to T²/8: at 5 Hz 5 mm per m/s², toward the centre of a turn, and a speed that falls short by centimetres per second there.
 //! That imitates an antenna above the inertial unit. It is estimated beside the biases and never named.

@@ -7,7 +7,7 @@ use nalgebra::Vector3;
 #[derive(Debug)]
 pub struct GyroBiasStep;
 
-/// 0.1 deg/s: a fifth of the prior of the bias itself, large against what a consumer gyro wanders in a flight.
+/// 0.1 deg/s: a fifth of the prior of the bias itself, large against what the bias of a consumer gyro changes in a flight.
 const PRIOR_SIGMA: f64 = 360.0 * unit::DEG_PER_H.si;
 
 impl GyroBiasStep {

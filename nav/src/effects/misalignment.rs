@@ -1,7 +1,7 @@
 //! Misalignment (cross coupling) of the sensitive axes (Groves 2013, eqs. 4.16 and 4.17, off-diagonal part).
 //!
 //! The accelerometers get an upper triangle only: a common rotation of the whole triad is a rotation of the body
-//! axes themselves and no flight could tell it from attitude.
+//! axes themselves and no flight could separate it from attitude.
 
 use super::{Effect, Excitation, ImuEffect, Instant, ParameterGroup, Separation, Shape, unit};
 use nalgebra::Vector3;

@@ -272,14 +272,14 @@ impl BiasWalk {
     }
 }
 
-/// What a source told last: for mistakes that show from sample to sample. Gyro, rad/s, and accelerometer, m/s².
+/// The last samples of a source, for faults that show from sample to sample. Gyro, rad/s, and accelerometer, m/s².
 #[derive(Debug, Clone, Copy)]
-pub struct Told {
-    /// As it was finished.
-    pub finished: [Vector3<f64>; 2],
-    /// As it was told.
-    pub told: [Vector3<f64>; 2],
-    /// How many samples have been told.
+pub struct ReportedSample {
+    /// Raw, as the sensors measured it.
+    pub raw: [Vector3<f64>; 2],
+    /// As it was reported.
+    pub reported: [Vector3<f64>; 2],
+    /// How many samples have been reported.
     pub count: u64,
 }
 
@@ -309,7 +309,7 @@ pub enum Excitation {
     Sideslip,
 }
 
-/// What tells an effect from another one that imitates it.
+/// What separates an effect from another one that imitates it.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Separation {
     /// Name of the other effect.
@@ -520,8 +520,8 @@ pub trait SourceEffect {
         [*gyro, *accel]
     }
 
-    /// The same for a mistake that depends on what was told before.
-    fn source_after(&self, now: [Vector3<f64>; 2], _before: Option<&Told>) -> [Vector3<f64>; 2] {
+    /// The same for a fault that depends on what was reported before.
+    fn source_after(&self, now: [Vector3<f64>; 2], _before: Option<&ReportedSample>) -> [Vector3<f64>; 2] {
         let [gyro, accel] = now;
         self.source(&gyro, &accel)
     }
@@ -531,7 +531,7 @@ pub trait SourceEffect {
         false
     }
 
-    /// A sample as it was finished, from it and the one told before; `None` where nothing can be told yet or nothing is new.
+    /// A sample as it was finished, from it and the one reported before; `None` where nothing can be determined yet or nothing is new.
     fn undo_source_after(&self, now: &ImuSample, _last: Option<&ImuSample>) -> Option<ImuSample> {
         let [gyro, accel] = self.undo_source(&now.gyro, &now.accel);
         Some(ImuSample { gyro, accel, ..*now })
@@ -548,7 +548,7 @@ pub trait SourceEffect {
     }
 
     /// Logarithm of the odds for it that lie in the samples alone, whatever the vehicle did.
-    fn told_by(&self, _samples: &[ImuSample]) -> f64 {
+    fn reported_by(&self, _samples: &[ImuSample]) -> f64 {
         0.0
     }
 
@@ -652,7 +652,7 @@ impl<'a> dyn Effect + 'a {
     }
 
     /// As [`SourceEffect::source_after`].
-    pub fn source_after(&self, now: [Vector3<f64>; 2], before: Option<&Told>) -> [Vector3<f64>; 2] {
+    pub fn source_after(&self, now: [Vector3<f64>; 2], before: Option<&ReportedSample>) -> [Vector3<f64>; 2] {
         self.on_source().map_or(now, |e| e.source_after(now, before))
     }
 
@@ -676,9 +676,9 @@ impl<'a> dyn Effect + 'a {
         self.on_source().is_some_and(SourceEffect::changes_unit)
     }
 
-    /// As [`SourceEffect::told_by`].
-    pub fn told_by(&self, samples: &[ImuSample]) -> f64 {
-        self.on_source().map_or(0.0, |e| e.told_by(samples))
+    /// As [`SourceEffect::reported_by`].
+    pub fn reported_by(&self, samples: &[ImuSample]) -> f64 {
+        self.on_source().map_or(0.0, |e| e.reported_by(samples))
     }
 
     /// As [`SourceEffect::shows_in`].

@@ -1,7 +1,7 @@
-//! Mistakes of a source that show from sample to sample: values cut off at the end of the range, samples told twice, one sensor
+//! Faults of a source that show from sample to sample: values clipped at the end of the range, samples reported twice, one sensor
 //! a sample behind the other. Discrete like those of [`source`](super::source), and named on the same scale.
 
-use super::{Effect, ParameterGroup, SourceEffect, Told};
+use super::{Effect, ParameterGroup, ReportedSample, SourceEffect};
 use crate::earth::STANDARD_GRAVITY;
 use crate::sample::ImuSample;
 use nalgebra::Vector3;
@@ -34,7 +34,7 @@ const RANGE: [f64; 2] = [250.0 / 180.0 * std::f64::consts::PI, 2.0 * STANDARD_GR
 const FLAT: usize = 3;
 /// … and slopes beside it are taken over so many samples.
 const SLOPE: usize = 4;
-/// Samples are told twice where more than this share of them equals the one before: quiet whole numbers do now and then.
+/// Samples are reported twice where more than this share of them equals the one before: quiet whole numbers do now and then.
 const REPEATED: f64 = 0.2;
 
 const fn mistake(name: &'static str, description: &'static str, act: Act) -> SequenceMistake {
@@ -113,7 +113,7 @@ fn round_off(samples: &mut [ImuSample], (from, to): (usize, usize), sensor: Sens
 }
 
 /// Logarithm of the odds that samples equal the ones before on purpose, against chance on every axis by itself. A vehicle that
-/// stands still repeats itself for long; what is told twice is followed by something new.
+/// is stationary repeats itself for long; what is reported twice is followed by something new.
 fn repeated_by_purpose(samples: &[ImuSample]) -> f64 {
     let (mut n, mut all, mut axes) = (0.0f64, 0.0f64, [0.0f64; 6]);
     for w in samples.windows(4) {
@@ -168,14 +168,14 @@ impl SourceEffect for SequenceMistake {
         true
     }
 
-    fn source_after(&self, now: [Vector3<f64>; 2], before: Option<&Told>) -> [Vector3<f64>; 2] {
+    fn source_after(&self, now: [Vector3<f64>; 2], before: Option<&ReportedSample>) -> [Vector3<f64>; 2] {
         let mut told = now;
         match (self.act, before) {
             (Act::Clip(sensor), _) => {
                 told[sensor] = now[sensor].map(|v| v.clamp(-RANGE[sensor], RANGE[sensor]))
             }
-            (Act::Repeat, Some(before)) if before.count % 2 == 1 => told = before.told,
-            (Act::Late(sensor), Some(before)) => told[sensor] = before.finished[sensor],
+            (Act::Repeat, Some(before)) if before.count % 2 == 1 => told = before.reported,
+            (Act::Late(sensor), Some(before)) => told[sensor] = before.raw[sensor],
             _ => {}
         }
         told
@@ -204,7 +204,7 @@ impl SourceEffect for SequenceMistake {
         out
     }
 
-    fn told_by(&self, samples: &[ImuSample]) -> f64 {
+    fn reported_by(&self, samples: &[ImuSample]) -> f64 {
         if self.act == Act::Repeat { repeated_by_purpose(samples) } else { 0.0 }
     }
 
@@ -226,10 +226,10 @@ impl SourceEffect for SequenceMistake {
 mod tests {
     use super::*;
 
-    /// A swing of both sensors about all axes, told with a mistake.
+    /// A swing of both sensors about all axes, reported with a fault.
     fn told(mistake: &SequenceMistake, size: f64) -> (Vec<ImuSample>, Vec<ImuSample>) {
         let (mut ideal, mut told) = (Vec::new(), Vec::new());
-        let mut before: Option<Told> = None;
+        let mut before: Option<ReportedSample> = None;
         for k in 0..350 {
             let t_s = f64::from(k) * 0.02;
             let swing =
@@ -243,7 +243,7 @@ mod tests {
             let finished = [sample.gyro, sample.accel];
             let [gyro, accel] = mistake.source_after(finished, before.as_ref());
             let count = before.as_ref().map_or(0, |b| b.count) + 1;
-            before = Some(Told { finished, told: [gyro, accel], count });
+            before = Some(ReportedSample { raw: finished, reported: [gyro, accel], count });
             ideal.push(sample);
             told.push(ImuSample { gyro, accel, ..sample });
         }
@@ -294,8 +294,8 @@ mod tests {
     #[test]
     fn samples_that_are_told_twice_speak_for_themselves_and_quiet_ones_do_not() {
         let (ideal, twice) = told(&SAMPLES_REPEATED, 0.5);
-        assert!(SAMPLES_REPEATED.told_by(&twice) > 1000.0, "{}", SAMPLES_REPEATED.told_by(&twice));
-        assert_eq!(SAMPLES_REPEATED.told_by(&ideal), 0.0);
+        assert!(SAMPLES_REPEATED.reported_by(&twice) > 1000.0, "{}", SAMPLES_REPEATED.reported_by(&twice));
+        assert_eq!(SAMPLES_REPEATED.reported_by(&ideal), 0.0);
         // Whole numbers of a quiet sensor: each axis changes now and then, as chance will have it.
         let quiet: Vec<ImuSample> = ideal
             .iter()
@@ -307,6 +307,6 @@ mod tests {
                 ImuSample { gyro: v(0), accel: v(3), ..*s }
             })
             .collect();
-        assert!(SAMPLES_REPEATED.told_by(&quiet) < 20.0, "{}", SAMPLES_REPEATED.told_by(&quiet));
+        assert!(SAMPLES_REPEATED.reported_by(&quiet) < 20.0, "{}", SAMPLES_REPEATED.reported_by(&quiet));
     }
 }

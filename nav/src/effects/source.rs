@@ -1,5 +1,5 @@
-//! Mistakes of a source: finished samples whose axes are swapped or reversed, or whose unit is another one. Discrete: there or
-//! not, without parameters. They stand beside the design's table, not in it: nobody estimates or plans for them, but an
+//! Faults of a source: finished samples whose axes are swapped or reversed, or whose unit is another one. Discrete: there or
+//! not, without parameters. They stand beside the design's table, not in it: no one estimates or plans for them, but an
 //! explanation names them, and a model that holds one is simulated and undone like any other.
 
 use super::{Effect, ParameterGroup, SourceEffect, sequence};

@@ -159,7 +159,7 @@ impl Fusion {
             let outcome = self.filter.update(&fix);
             self.keep(Step::Fix(fix));
             if let Some(window) = &mut self.window {
-                window.hear(&outcome);
+                window.record(&outcome);
             }
             if outcome.position.recovered || outcome.velocity.recovered {
                 // What was started anew cannot be run again.

@@ -99,7 +99,7 @@ impl Layout {
     }
 
     /// First of the three states of correlated position error (north, east, down), if there are any.
-    pub fn wander(&self) -> Option<usize> {
+    pub fn gauss_markov(&self) -> Option<usize> {
         self.wander
     }
 

@@ -117,7 +117,7 @@ impl Filter {
         for slot in layout.slots() {
             sigmas[slot.state] = model.effects[slot.effect].sigmas[slot.parameter];
         }
-        if let Some(w) = layout.wander() {
+        if let Some(w) = layout.gauss_markov() {
             sigmas[w..w + 3].copy_from_slice(&model.gnss.position_wander_sigma_m);
         }
         let mut p = Covariance::from_sigmas(&sigmas);

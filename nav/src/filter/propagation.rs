@@ -89,7 +89,7 @@ impl Filter {
         if let Some(x) = &mut self.carried {
             let moved = moved(&self.phi, x);
             x[..NAV].copy_from_slice(&moved);
-            if let Some(w) = self.layout.wander() {
+            if let Some(w) = self.layout.gauss_markov() {
                 x[w..w + 3].iter_mut().for_each(|v| *v *= decay);
             }
         }
@@ -205,7 +205,7 @@ impl Filter {
     }
 
     pub(super) fn decay_wander(&mut self, decay: f64) {
-        let Some(w) = self.layout.wander() else { return };
+        let Some(w) = self.layout.gauss_markov() else { return };
         self.p.scale3(w, decay);
         for (k, sigma) in self.model.gnss.position_wander_sigma_m.into_iter().enumerate() {
             self.p.add_variance(w + k, sigma * sigma * (1.0 - decay * decay));

@@ -250,7 +250,7 @@ impl Filter {
     }
 
     /// A vehicle at rest does not turn: ties b_g + G f to the mean rate shown, rad/s, within `sigma`.
-    pub fn observe_standing(&mut self, sigma: f64) {
+    pub fn observe_stationary(&mut self, sigma: f64) {
         let rate = self.motion.rate;
         let mut rows =
             Rows { dof: 3, residual: (-rate).into(), variance: [sigma * sigma; 3], ..Rows::default() };
@@ -318,7 +318,7 @@ impl Filter {
         self.nav.q_eb *= exp(&eps);
         self.nav.q_eb.renormalize();
         self.calibration.correct(&self.layout, dx);
-        if let Some(w) = self.layout.wander() {
+        if let Some(w) = self.layout.gauss_markov() {
             self.wander += part(w);
         }
     }

@@ -247,7 +247,7 @@ impl Watch {
         }
         self.u[..NAV * m].copy_from_slice(&nav);
         self.scratch = nav;
-        if let Some(w) = layout.wander() {
+        if let Some(w) = layout.gauss_markov() {
             self.u[w * m..(w + 3) * m].iter_mut().for_each(|v| *v *= self.decay);
         }
         self.begin_interval(n);

@@ -139,7 +139,7 @@ impl Window {
     }
 
     /// Hears what became of the last fix.
-    pub(super) fn hear(&mut self, outcome: &FixOutcome) {
+    pub(super) fn record(&mut self, outcome: &FixOutcome) {
         self.agreement.take(outcome);
     }
 

@@ -356,8 +356,8 @@ impl Flight {
         (self.initial.t_s, self.initial.t_s + self.duration_s())
     }
 
-    /// The samples as the source told them.
-    pub(crate) fn told(&self) -> &[ImuSample] {
+    /// The samples as the source reported them.
+    pub(crate) fn reported(&self) -> &[ImuSample] {
         &self.raw
     }
 

@@ -162,10 +162,10 @@ fn measure(
 }
 
 /// Held-out log-likelihood that may be lost with what shows where it happens and hardly anywhere else (a jump), or in the
-/// samples themselves (a sample told twice).
-const ELSEWHERE: f64 = -3.0;
+/// samples themselves (a sample reported twice).
+const MAX_LOSS_OF_LOCAL_NATS: f64 = -3.0;
 /// How many of its own standard deviations the gain of a true effect may fall short by in the held-out blocks.
-const BAD_LUCK: f64 = 2.0;
+const MAX_SHORTFALL_SIGMAS: f64 = 2.0;
 
 /// Whether an effect shows where it happens, or in the samples, and hardly in the held-out blocks.
 fn shows_elsewhere(left_out: &LeftOut) -> bool {
@@ -177,11 +177,11 @@ fn shows_elsewhere(left_out: &LeftOut) -> bool {
 /// a Gaussian likelihood); so a weak one may lose there by chance, a strong one may not.
 fn tolerated(left_out: &LeftOut, every: Option<u32>) -> f64 {
     if shows_elsewhere(left_out) {
-        return ELSEWHERE;
+        return MAX_LOSS_OF_LOCAL_NATS;
     }
     let Some(every) = every.filter(|e| *e > 1) else { return 0.0 };
     let gain = left_out.evidence.max(0.0) / f64::from(every - 1);
-    (gain - BAD_LUCK * (2.0 * gain).sqrt()).min(0.0)
+    (gain - MAX_SHORTFALL_SIGMAS * (2.0 * gain).sqrt()).min(0.0)
 }
 
 /// A selection without the effects that the held-out data did not confirm.
@@ -222,7 +222,7 @@ impl<'a> Court<'a> {
     /// The effects at their best values, their evidence, and the held-out likelihood.
     fn hear(&self, added: &[Added]) -> (Vec<Added>, f64, f64) {
         let all: Vec<Added> = self.search.given.iter().chain(added).cloned().collect();
-        let (point, problems) = self.search.settle(&all, &self.noise, &self.search.nowhere(&self.noise), 1);
+        let (point, problems) = self.search.settle(&all, &self.noise, &self.search.empty(&self.noise), 1);
         let held_out = match &self.others {
             Some(others) => others.likelihood(&point.added, &self.noise),
             None => self.search.part_likelihood(&problems, &self.noise, 1),
@@ -327,7 +327,7 @@ pub fn judge(
     let (after, held_out_after) = loop {
         let all = measured(&selection.model(), &selection.noise);
         // What makes the data that took no part less likely is not reported as missing.
-        let excused = if left_out.iter().any(shows_elsewhere) { ELSEWHERE } else { 0.0 };
+        let excused = if left_out.iter().any(shows_elsewhere) { MAX_LOSS_OF_LOCAL_NATS } else { 0.0 };
         let worse = all.1.log_likelihood < held_out_before.log_likelihood + excused;
         let least = left_out.iter().enumerate().min_by(|a, b| a.1.held_out.total_cmp(&b.1.held_out));
         match least.map(|(k, _)| k).filter(|k| worse && *k < selection.added.len()) {
@@ -376,6 +376,6 @@ mod tests {
         assert!(blocks("gps_latency", 20.0) > blocks("gps_latency", 10.0));
         assert_eq!(blocks("gps_latency", 500.0), 0.0);
         assert_eq!(blocks("gps_latency", -1.0), 0.0);
-        assert_eq!(blocks("gyro_bias_step", 500.0), ELSEWHERE);
+        assert_eq!(blocks("gyro_bias_step", 500.0), MAX_LOSS_OF_LOCAL_NATS);
     }
 }

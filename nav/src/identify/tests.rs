@@ -231,13 +231,17 @@ fn a_swapped_or_reversed_axis_and_a_wrong_unit_are_named() {
 
 /// Samples as a source with a mistake tells them.
 fn mistaken(samples: Vec<Sample>, mistake: &dyn effects::Effect) -> Vec<Sample> {
-    let mut before: Option<effects::Told> = None;
+    let mut before: Option<effects::ReportedSample> = None;
     let mut samples = samples;
     for sample in &mut samples {
         if let Sample::Imu(imu) = sample {
             let finished = [imu.gyro, imu.accel];
             let told = mistake.source_after(finished, before.as_ref());
-            before = Some(effects::Told { finished, told, count: before.map_or(0, |b| b.count) + 1 });
+            before = Some(effects::ReportedSample {
+                raw: finished,
+                reported: told,
+                count: before.map_or(0, |b| b.count) + 1,
+            });
             [imu.gyro, imu.accel] = told;
         }
     }

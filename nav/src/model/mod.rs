@@ -341,7 +341,7 @@ pub const MILLI_G: f64 = 1e-3 * STANDARD_GRAVITY;
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::effects::Told;
+    use crate::effects::ReportedSample;
     use nalgebra::Vector3;
 
     /// A swing as a source with these faults reports it.
@@ -350,7 +350,7 @@ mod tests {
         for name in faults {
             model.set(EffectSetting::unknown(effects::find(name).unwrap()));
         }
-        let mut before: Vec<Option<Told>> = vec![None; faults.len()];
+        let mut before: Vec<Option<ReportedSample>> = vec![None; faults.len()];
         let (mut true_samples, mut samples) = (Vec::new(), Vec::new());
         for k in 0..200_u32 {
             let t_s = f64::from(k) * 0.02;
@@ -362,7 +362,7 @@ mod tests {
             for (setting, before) in model.effects.iter().zip(&mut before) {
                 let told = setting.effect.source_after(now, before.as_ref());
                 let count = before.map_or(0, |b| b.count) + 1;
-                *before = Some(Told { finished: now, told, count });
+                *before = Some(ReportedSample { raw: now, reported: told, count });
                 now = told;
             }
             true_samples.push(sample);

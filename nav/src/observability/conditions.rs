@@ -135,7 +135,7 @@ impl PathConditions {
         self.closed + self.segment().map_or_else(Matrix3::zeros, |s| s.excitation)
     }
 
-    /// What the segments and the prior, but no turn and no fix, tell about any row of G: 1-sigma of its coefficients
+    /// What the segments and the prior, but no turn and no fix, determine about any row of G: 1-sigma of its coefficients
     /// of forward, right and down, rad/s per m/s². σ = N √((S + N²/σ₀² I)⁻¹)_kk; σ₀ where nothing has changed.
     pub fn predicted_sigma(&self) -> [f64; 3] {
         let prior = (self.settings.gyro_noise / self.settings.prior_sigma).powi(2);

@@ -6,9 +6,9 @@
 use crate::effects::{Unit, unit};
 use crate::filter::layout::StateName;
 
-/// Sigma above this share of the start: the flight has told next to nothing.
+/// Sigma above this share of the start: the flight gave next to no information.
 const UNLEARNED: f64 = 0.9;
-/// Sigma above this share: it has begun to tell.
+/// Sigma above this share: it gives some information.
 const WEAK: f64 = 0.5;
 /// Target of a state without one of its own, and ceiling of every target, as a share of the start.
 const SHARE_OF_START: f64 = 0.5;

@@ -1,4 +1,4 @@
-//! The third view: directions in the space of the constant states that the flight has told nothing about.
+//! The third view: directions in the space of the constant states that the flight gave no information about.
 //!
 //! The information that fixes bring about the constants c, with motion as a nuisance that is eliminated, is
 //! O = P_c⁻¹ − P_c0⁻¹: the marginal posterior information minus the prior one. For a linear system without process noise
@@ -10,18 +10,18 @@
 
 use nalgebra::{DMatrix, SymmetricEigen};
 
-/// A direction is dark while its sigma is above this share of the prior one (information below three priors' worth).
-pub const DARK_SIGMA_RATIO: f64 = 0.5;
-/// A state takes part in dark directions if they make up this share of its remaining variance.
+/// A direction is unobservable while its sigma is above this share of the prior one (information below three priors' worth).
+pub const UNOBSERVABLE_SIGMA_RATIO: f64 = 0.5;
+/// A state takes part in unobservable directions if they make up this share of its remaining variance.
 const TAKES_PART: f64 = 0.5;
-/// … and if its own sigma is still above this share of the prior one: a trace of a dark state leaves a state known.
+/// … and if its own sigma is still above this share of the prior one: a trace of an unobservable state leaves a state known.
 const KNOWN_SIGMA_RATIO: f64 = 0.1;
 /// Weights below this share of the largest one of a direction are not named.
 const NAMED_WEIGHT: f64 = 0.25;
 
-/// One direction that the flight has left dark.
+/// One direction that the flight has left unobservable.
 #[derive(Debug, Clone, PartialEq)]
-pub struct DarkDirection {
+pub struct UnobservableDirection {
     /// States that take part, ascending, with weights of unit norm in all, each state in units of its remaining sigma:
     /// (+0.7, −0.7) is a pair whose errors are tied with opposite signs. The first weight is positive.
     pub weights: Vec<(usize, f64)>,
@@ -32,10 +32,10 @@ pub struct DarkDirection {
 pub struct Gramian {
     /// Eigenvalues of W, largest first: prior's worths of information.
     pub information: Vec<f64>,
-    /// Directions that are not dark.
+    /// Directions that are not unobservable.
     pub rank: usize,
-    /// A sparse basis of the dark subspace.
-    pub dark: Vec<DarkDirection>,
+    /// A sparse basis of the unobservable subspace.
+    pub unobservable: Vec<UnobservableDirection>,
 }
 
 /// From the posterior covariance of the constants and their prior sigmas, SI. Prior sigmas must be positive.
@@ -52,24 +52,27 @@ pub fn analyse(posterior: &DMatrix<f64>, prior_sigmas: &[f64]) -> Gramian {
     let mut order: Vec<usize> = (0..n).collect();
     order.sort_by(|a, b| eigen.eigenvalues[*a].total_cmp(&eigen.eigenvalues[*b]));
     let variance = |k: usize| eigen.eigenvalues[k].max(f64::MIN_POSITIVE);
-    let dark: Vec<usize> =
-        order.iter().copied().filter(|k| variance(*k) > DARK_SIGMA_RATIO * DARK_SIGMA_RATIO).collect();
-    let loadings = DMatrix::from_fn(n, dark.len(), |i, j| {
+    let unobservable: Vec<usize> = order
+        .iter()
+        .copied()
+        .filter(|k| variance(*k) > UNOBSERVABLE_SIGMA_RATIO * UNOBSERVABLE_SIGMA_RATIO)
+        .collect();
+    let loadings = DMatrix::from_fn(n, unobservable.len(), |i, j| {
         if whitened[(i, i)] < KNOWN_SIGMA_RATIO * KNOWN_SIGMA_RATIO {
             return 0.0;
         }
-        eigen.eigenvectors[(i, dark[j])]
-            * (variance(dark[j]) / whitened[(i, i)].max(f64::MIN_POSITIVE)).sqrt()
+        eigen.eigenvectors[(i, unobservable[j])]
+            * (variance(unobservable[j]) / whitened[(i, i)].max(f64::MIN_POSITIVE)).sqrt()
     });
     Gramian {
         information: order.iter().map(|k| (1.0 / variance(*k) - 1.0).max(0.0)).collect(),
-        rank: n - dark.len(),
-        dark: sparse_basis(loadings),
+        rank: n - unobservable.len(),
+        unobservable: sparse_basis(loadings),
     }
 }
 
 /// Eigenvectors of equal eigenvalues come in any rotation; elimination with full pivoting sorts them by state.
-fn sparse_basis(mut a: DMatrix<f64>) -> Vec<DarkDirection> {
+fn sparse_basis(mut a: DMatrix<f64>) -> Vec<UnobservableDirection> {
     let (n, k) = a.shape();
     for i in 0..n {
         if a.row(i).norm_squared() < TAKES_PART {
@@ -103,13 +106,14 @@ fn sparse_basis(mut a: DMatrix<f64>) -> Vec<DarkDirection> {
     directions
 }
 
-fn named(column: &[f64]) -> Option<DarkDirection> {
+fn named(column: &[f64]) -> Option<UnobservableDirection> {
     let largest = column.iter().fold(0.0_f64, |m, v| m.max(v.abs()));
     let kept: Vec<(usize, f64)> =
         column.iter().copied().enumerate().filter(|(_, v)| v.abs() >= NAMED_WEIGHT * largest).collect();
     let norm = kept.iter().map(|(_, v)| v * v).sum::<f64>().sqrt();
     let scale = norm * kept.first()?.1.signum();
-    (norm > 0.0).then(|| DarkDirection { weights: kept.into_iter().map(|(i, v)| (i, v / scale)).collect() })
+    (norm > 0.0)
+        .then(|| UnobservableDirection { weights: kept.into_iter().map(|(i, v)| (i, v / scale)).collect() })
 }
 
 #[cfg(test)]
@@ -132,7 +136,7 @@ mod tests {
         let g = analyse(&after(&[3.0, 1e-4, 20.0], &[]), &[3.0, 1e-4, 20.0]);
         assert_eq!(g.rank, 0);
         assert_eq!(
-            g.dark.iter().map(|d| d.weights.clone()).collect::<Vec<_>>(),
+            g.unobservable.iter().map(|d| d.weights.clone()).collect::<Vec<_>>(),
             [[(0, 1.0)], [(1, 1.0)], [(2, 1.0)]]
         );
     }
@@ -145,9 +149,9 @@ mod tests {
         let g = analyse(&p, &prior);
         assert_eq!(g.rank, 2);
         let states: Vec<Vec<usize>> =
-            g.dark.iter().map(|d| d.weights.iter().map(|w| w.0).collect()).collect();
+            g.unobservable.iter().map(|d| d.weights.iter().map(|w| w.0).collect()).collect();
         assert_eq!(states, [[0, 2], [1, 3]]);
-        for direction in &g.dark {
+        for direction in &g.unobservable {
             assert!((direction.weights[0].1 - 0.7).abs() < 0.05, "{direction:?}");
             assert!((direction.weights[1].1 + 0.7).abs() < 0.05, "{direction:?}");
         }

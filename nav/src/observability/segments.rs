@@ -16,7 +16,7 @@
 //! x is chosen so that in ten minutes of looking at every block the chance of one false direction is below
 //! [`FALSE_ALARMS_IN_TEN_MINUTES`].
 //!
-//! **What it cannot tell.** A vibration line that aliases to below 0.5 Hz is a slow change of the samples and looks like
+//! **What it cannot determine.** A vibration line that aliases to below 0.5 Hz is a slow change of the samples and looks like
 //! one; so does a vehicle that is shaken slowly by hand without turning, and rightly.
 
 use crate::rotation::skew;
@@ -261,7 +261,7 @@ impl SegmentDetector {
         self.open.as_ref().map(|o| &o.segment)
     }
 
-    /// Takes in one sample. Samples that are not finite are passed over.
+    /// Takes in one sample. Samples that are not finite are skipped.
     pub fn push(&mut self, x: &SegmentSample) -> Option<SegmentEvent> {
         let finite = x.rate.iter().chain(x.force.iter()).all(|v| v.is_finite());
         if !finite || !x.t_s.is_finite() {

@@ -38,10 +38,10 @@ impl VehicleKind {
     }
 }
 
-/// One dark direction, or several that have the same cause and remedy.
+/// One unobservable direction, or several that have the same cause and remedy.
 #[derive(Debug, Clone, PartialEq)]
-pub struct Darkness {
-    /// Weight of each state; 1 for each of several states that are dark by themselves.
+pub struct UnobservableGroup {
+    /// Weight of each state; 1 for each of several states that are unobservable by themselves.
     pub states: BTreeMap<&'static str, f64>,
     /// Which states, why, and the remedy.
     pub text: String,
@@ -112,11 +112,11 @@ impl Cause {
     }
 }
 
-/// The dark directions of a Gramian whose states have these names.
-pub fn describe(gramian: &Gramian, names: &[StateName], vehicle: VehicleKind) -> Vec<Darkness> {
+/// The unobservable directions of a Gramian whose states have these names.
+pub fn describe(gramian: &Gramian, names: &[StateName], vehicle: VehicleKind) -> Vec<UnobservableGroup> {
     let mut alone: BTreeMap<(&str, Cause), Vec<&StateName>> = BTreeMap::new();
     let mut tied = Vec::new();
-    for direction in &gramian.dark {
+    for direction in &gramian.unobservable {
         let states: Vec<(&StateName, f64)> =
             direction.weights.iter().filter_map(|(k, w)| Some((names.get(*k)?, *w))).collect();
         match states.as_slice() {
@@ -125,13 +125,13 @@ pub fn describe(gramian: &Gramian, names: &[StateName], vehicle: VehicleKind) ->
             _ => tied.push(tied_text(&states, vehicle)),
         }
     }
-    let mut out: Vec<Darkness> =
+    let mut out: Vec<UnobservableGroup> =
         alone.iter().map(|((effect, cause), states)| alone_text(effect, *cause, states, vehicle)).collect();
     out.extend(tied);
     out
 }
 
-fn alone_text(effect: &str, cause: Cause, states: &[&StateName], vehicle: VehicleKind) -> Darkness {
+fn alone_text(effect: &str, cause: Cause, states: &[&StateName], vehicle: VehicleKind) -> UnobservableGroup {
     let column = match cause {
         Cause::Forward => "column x of G",
         Cause::Sideways => "column y of G",
@@ -142,13 +142,13 @@ fn alone_text(effect: &str, cause: Cause, states: &[&StateName], vehicle: Vehicl
     } else {
         listed(states.iter().map(|s| s.name))
     };
-    Darkness {
+    UnobservableGroup {
         states: states.iter().map(|s| (s.name, 1.0)).collect(),
         text: format!("{who}: {}: {}", cause.why(), cause.remedy(vehicle)),
     }
 }
 
-fn tied_text(states: &[(&StateName, f64)], vehicle: VehicleKind) -> Darkness {
+fn tied_text(states: &[(&StateName, f64)], vehicle: VehicleKind) -> UnobservableGroup {
     let is_bias = |s: &StateName| s.effect == "gyro_bias" || s.effect == "accel_bias";
     // A bias is known once its partner is: the partner's cause counts.
     let partners: Vec<_> = states.iter().filter(|(s, _)| !is_bias(s)).collect();
@@ -161,7 +161,7 @@ fn tied_text(states: &[(&StateName, f64)], vehicle: VehicleKind) -> Darkness {
     causes.dedup();
     let remedies: Vec<_> = causes.iter().map(|c| c.remedy(vehicle)).collect();
     let manner = if states.len() == 2 { "only as a sum" } else { "only in combination" };
-    Darkness {
+    UnobservableGroup {
         states: states.iter().map(|(s, w)| (s.name, *w)).collect(),
         text: format!("{} {manner}: {}", listed(states.iter().map(|(s, _)| s.name)), remedies.join("; ")),
     }
@@ -182,38 +182,38 @@ mod tests {
     use super::*;
     use crate::filter::layout::Layout;
     use crate::model::{GElements, Model};
-    use crate::observability::gramian::DarkDirection;
+    use crate::observability::gramian::UnobservableDirection;
 
-    fn texts(dark: &[&[(&str, f64)]], vehicle: VehicleKind) -> Vec<String> {
+    fn texts(unobservable: &[&[(&str, f64)]], vehicle: VehicleKind) -> Vec<String> {
         let layout = Layout::new(&Model::default().with_g(GElements::Full, None));
         let names = layout.names();
         let index = |name: &str| names.iter().position(|n| n.name == name).unwrap();
-        let dark = dark
+        let unobservable = unobservable
             .iter()
-            .map(|d| DarkDirection { weights: d.iter().map(|(n, w)| (index(n), *w)).collect() })
+            .map(|d| UnobservableDirection { weights: d.iter().map(|(n, w)| (index(n), *w)).collect() })
             .collect();
-        let gramian = Gramian { dark, ..Gramian::default() };
+        let gramian = Gramian { unobservable, ..Gramian::default() };
         describe(&gramian, names, vehicle).into_iter().map(|d| d.text).collect()
     }
 
     #[test]
     fn a_dark_column_is_named_as_such_with_its_remedy() {
-        let dark: [&[_]; 3] = [&[("g12", 1.0)], &[("g22", 1.0)], &[("g32", 1.0)]];
+        let unobservable: [&[_]; 3] = [&[("g12", 1.0)], &[("g22", 1.0)], &[("g32", 1.0)]];
         assert_eq!(
-            texts(&dark, VehicleKind::FixedWing),
+            texts(&unobservable, VehicleKind::FixedWing),
             ["column y of G: the vehicle has hardly been accelerated sideways: fly a sideslip"]
         );
     }
 
     #[test]
     fn a_tied_pair_asks_for_what_parts_it() {
-        let dark: [&[_]; 1] = [&[("bg_z", 0.7), ("g33", -0.7)]];
+        let unobservable: [&[_]; 1] = [&[("bg_z", 0.7), ("g33", -0.7)]];
         assert_eq!(
-            texts(&dark, VehicleKind::FixedWing),
+            texts(&unobservable, VehicleKind::FixedWing),
             ["bg_z and g33 only as a sum: pull up, or bank beyond 45°"]
         );
         assert_eq!(
-            texts(&dark, VehicleKind::Multirotor),
+            texts(&unobservable, VehicleKind::Multirotor),
             ["bg_z and g33 only as a sum: climb and descend with full thrust changes"]
         );
     }

@@ -1,7 +1,7 @@
 //! Where simulation and measurement disagree: the sensors simulated along the smoothed trajectory against what they measured, by
 //! channel, over time and over what the vehicle did.
 //!
-//! A squared normalised residual is 1 on average under a right model; what exceeds it is the gap. Residuals of
+//! A squared normalised residual is 1 on average under a right model; what exceeds it is the model residual. Residuals of
 //! neighbouring times are correlated (a fix speaks of all the accelerations before it), so sums of their squares scatter more than
 //! independent ones would, by Σρ² over all lags (Bartlett 1946); that is measured on the flight itself.
 
@@ -19,7 +19,7 @@ use nalgebra::Vector3;
 const SPACING_S: f64 = 0.2;
 /// Before this the start is still felt, s.
 const SETTLE_S: f64 = 20.0;
-/// Places are looked for in steps of this, s.
+/// Places are searched in steps of this, s.
 const WINDOW_S: f64 = 10.0;
 /// Correlations are measured over this, points, and end where they fall below [`UNCORRELATED`].
 const LAGS: usize = 400;
@@ -27,7 +27,7 @@ const LAGS: usize = 400;
 const UNCORRELATED: f64 = 0.1;
 /// A place stands out when its excess is this many sigmas.
 const STANDS_OUT: f64 = 5.0;
-/// At most so many places are told.
+/// At most so many places are reported.
 const MOST: usize = 8;
 
 /// Sensors with their unit, three axes each.

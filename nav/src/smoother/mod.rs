@@ -71,7 +71,7 @@ impl Adjoint {
         Self { mu: vec![0.0; n], lambda: vec![0.0; n * n] }
     }
 
-    /// μ ← Aᵀ μ, Λ ← Aᵀ Λ A for A that is the identity but for its first nine rows, `top`, and the decay of the wander.
+    /// μ ← Aᵀ μ, Λ ← Aᵀ Λ A for A that is the identity but for its first nine rows, `top`, and the decay of the Gauss-Markov error.
     fn back(&mut self, top: &[f64], wander: Option<usize>, decay: f64) {
         let n = self.mu.len();
         self.mu = transposed(top, &self.mu, wander, decay);
@@ -237,7 +237,7 @@ fn measured(update: &Update, u: &[f64], spread: &Matrix3<f64>) -> Vec<Residual> 
 
 /// Goes back over a recording. The result is in order of time, one entry per node.
 pub fn smooth(tape: Tape, layout: &Layout) -> Vec<Smoothed> {
-    let (n, wander) = (layout.len(), layout.wander());
+    let (n, wander) = (layout.len(), layout.gauss_markov());
     let mut after = Adjoint::zeros(n);
     let mut out = Vec::new();
     for node in tape.into_nodes().into_iter().rev() {

@@ -80,7 +80,7 @@ fn batch(nodes: &[Node], layout: &Layout) -> Vec<(DVector<f64>, DVector<f64>)> {
     let (mut rows, mut right, mut noise): (Vec<DMatrix<f64>>, Vec<f64>, Vec<DMatrix<f64>>) =
         Default::default();
     for (k, node) in nodes.iter().enumerate().skip(1) {
-        let f = whole(&node.phi, n, layout.wander(), node.decay);
+        let f = whole(&node.phi, n, layout.gauss_markov(), node.decay);
         let before = predicted(node, layout);
         let q = &before - &f * &p * f.transpose();
         prior.view_mut((k * n, k * n), (n, n)).copy_from(&q);

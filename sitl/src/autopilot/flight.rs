@@ -192,7 +192,7 @@ impl Autopilot {
     }
 
     /// What the mission protocol and the pilot have to say by themselves.
-    pub(super) fn tell_of_mission(&mut self) {
+    pub(super) fn report_mission(&mut self) {
         for message in self.mission.tick(self.now_s) {
             self.send(&message);
         }

@@ -63,7 +63,7 @@ pub struct AutopilotConfig {
     pub late_stamps: bool,
     /// Height of the geoid above the ellipsoid, m.
     pub geoid_height_m: f64,
-    /// Whether an analytic flight waits, standing, until a station has asked for messages.
+    /// Whether an analytic flight waits, stationary, until a station has asked for messages.
     pub wait_for_station: bool,
     /// Parameters that differ from the usual ones, by name; NaN is one that it does not have.
     pub parameters: Vec<(&'static str, f64)>,
@@ -266,7 +266,7 @@ impl Autopilot {
         self.release_s = self.release_s.min(self.now_s);
     }
 
-    /// The hidden truth about the sensors.
+    /// The ground truth about the sensors.
     pub fn model(&self) -> &Model {
         self.sensors.model()
     }
@@ -328,7 +328,7 @@ impl Autopilot {
                 self.send_gimbal();
             }
         }
-        self.tell_of_mission();
+        self.report_mission();
         self.ask_for_time();
     }
 
@@ -470,7 +470,7 @@ impl Autopilot {
         }
     }
 
-    /// Bias that PX4's filter believes in and has taken off its `HIGHRES_IMU`: near the truth, and moving.
+    /// Bias that PX4's filter assumes and has taken off its `HIGHRES_IMU`: near the truth, and moving.
     fn px4_bias_estimate(&self) -> [Vector3<f64>; 2] {
         let settled = 1.0 - (-self.boot_s() / 30.0).exp();
         let sway = 0.05 * (self.boot_s() / 23.0).sin();

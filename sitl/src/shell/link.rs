@@ -86,7 +86,7 @@ impl Link {
         matches!(self, Self::Udp { .. })
     }
 
-    /// Whether somebody is at the other end, as far as the wire can tell.
+    /// Whether someone is at the other end, as far as the wire shows.
     pub(super) fn is_connected(&self) -> bool {
         match self {
             Self::Udp { peer, .. } => peer.is_some(),
@@ -154,7 +154,7 @@ impl Link {
                 if *heard {
                     let _ = master.write_all(frame).await;
                 } else {
-                    // Nobody has spoken yet: like a UART without a listener, never wait.
+                    // No one has spoken yet: like a UART without a listener, never wait.
                     let _ = master.try_write(frame);
                 }
             }

@@ -13,7 +13,7 @@ use std::ops::{Add, Div, Mul, Neg};
 
 /// Side acceleration per sideslip and speed squared, 1/m: 15° at 22 m/s give 2.4 m/s².
 pub(crate) const SIDE_FORCE_PER_M: f64 = 0.019;
-/// Angle of attack per lift over (V² + V₀²), m²/s² per m/s²: 3° in level flight at 20 m/s, 8° standing.
+/// Angle of attack per lift over (V² + V₀²), m²/s² per m/s²: 3° in level flight at 20 m/s, 8° at rest.
 const ATTACK: f64 = 3.3;
 /// V₀², (m/s)².
 const ATTACK_SPEED_SQUARED: f64 = 225.0;

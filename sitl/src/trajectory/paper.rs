@@ -1,8 +1,8 @@
-//! The flight of the paper (Fan et al. 2014, section 4): standing, straight with varying acceleration, a right turn
+//! The flight of the paper (Fan et al. 2014, section 4): stationary, straight with varying acceleration, a right turn
 //! while climbing at about 80 g to the right, a deceleration with three independent accelerations, an ascent.
 //!
 //! Path and attitude are prescribed apart from each other: on the straight parts the accelerations along all three
-//! axes come from the path while the attitude stands still, which is what the paper's conditions ask for.
+//! axes come from the path while the attitude is constant, which is what the paper's conditions ask for.
 
 use super::signal::Signal;
 use super::{Chain, Profile};

@@ -31,7 +31,7 @@ pub struct VehicleConfig {
     pub start: Geodetic,
     /// Where its nose points, rad.
     pub heading_rad: f64,
-    /// Speed when nobody says otherwise, m/s: through the air for a wing, over ground for a multirotor.
+    /// Speed when no one says otherwise, m/s: through the air for a wing, over ground for a multirotor.
     pub cruise_m_per_s: f64,
     /// Slowest flight of a wing, m/s.
     pub min_m_per_s: f64,

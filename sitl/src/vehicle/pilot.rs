@@ -12,7 +12,7 @@ use nalgebra::{Vector2, Vector3};
 pub(crate) use steer::Sight;
 use steer::{
     bank_for, circle_course, circle_velocity, climb_for, down_for, line_course, offset, point_velocity,
-    standing, toward_velocity,
+    stationary, toward_velocity,
 };
 
 /// Flight modes.
@@ -179,7 +179,7 @@ impl Pilot {
             self.airborne = true;
         }
         self.turn_nose();
-        let mut control = if self.armed { self.in_mode(sight) } else { standing(self.yaw) };
+        let mut control = if self.armed { self.in_mode(sight) } else { stationary(self.yaw) };
         self.smooth(&mut control.accel);
         control
     }
@@ -199,7 +199,7 @@ impl Pilot {
     fn in_mode(&mut self, sight: &Sight) -> Control {
         match self.mode {
             Mode::Auto => self.fly_mission(sight),
-            Mode::Manual if !self.airborne => standing(self.yaw),
+            Mode::Manual if !self.airborne => stationary(self.yaw),
             Mode::Manual | Mode::Loiter => self.hold(sight),
             Mode::Rtl => self.go_home(sight),
             Mode::Land => {
@@ -228,12 +228,12 @@ impl Pilot {
             bank: bank_for(&self.config, sight, course, turn_rate),
             climb: climb_for(&self.config, sight, height_m),
             speed: self.airspeed(sight),
-            ..standing(self.yaw)
+            ..stationary(self.yaw)
         }
     }
 
     fn rotor(&self, sight: &Sight, velocity: Vector3<f64>, path: Vector3<f64>) -> Control {
-        Control { accel: toward_velocity(&self.config, sight, velocity, path), ..standing(self.yaw) }
+        Control { accel: toward_velocity(&self.config, sight, velocity, path), ..stationary(self.yaw) }
     }
 
     /// Circles (wing) or stands (multirotor) at a place.
@@ -317,7 +317,7 @@ impl Pilot {
         if self.flaring {
             let climb = (-0.4 * height.max(0.0) / sight.airspeed.max(8.0)).clamp(-0.1, 0.0);
             let speed = if height < 0.5 { 0.0 } else { self.config.min_m_per_s };
-            return Control { climb, speed, ..standing(self.yaw) };
+            return Control { climb, speed, ..stationary(self.yaw) };
         }
         let ahead = sight.to(at);
         let distance = (ahead.x * direction.cos() + ahead.y * direction.sin()).max(0.0);

@@ -1,4 +1,4 @@
-//! Signing in a run: what goes out is signed, what comes in is believed only with a signature of the same key.
+//! Signing in a run: what goes out is signed, what comes in is accepted only with a signature of the same key.
 
 use crate::commands::CommandError;
 use crate::link::frame::Frame;
@@ -14,9 +14,9 @@ pub struct Guard {
     cannot_keep: bool,
 }
 
-/// A frame that is not believed.
+/// A frame that is not accepted.
 pub struct Refusal {
-    /// What to tell the user, once per reason.
+    /// The message to the user, once per reason.
     pub first_of_its_kind: Option<String>,
 }
 

@@ -8,7 +8,7 @@ use serde_json::{Map, Value, json};
 use std::path::Path;
 
 /// An error when there is nothing to estimate from: no link, no vehicle or no inertial data.
-pub(super) fn heard_anything<E: Estimator>(
+pub(super) fn received_anything<E: Estimator>(
     pipeline: &Pipeline<E>,
     links: &[LinkStatus],
 ) -> Result<(), CommandError> {

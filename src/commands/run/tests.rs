@@ -187,7 +187,7 @@ fn with_a_key_only_signed_frames_are_believed() {
     let now_us = 1_800_000_000_000_000;
     let mut ours = Guard::load(&path).unwrap();
     let mut theirs = Guard::load(&path).unwrap();
-    let frame = Voice::new().say(&heartbeat(true));
+    let frame = HeartbeatSource::new().say(&heartbeat(true));
     let told =
         |g: &mut Guard, f: &Frame| g.refuse(f, 1_800_000_000_000_000).map(|r| r.first_of_its_kind.is_some());
     assert_eq!(told(&mut ours, &theirs.sign(&frame, 0, now_us)), None);

@@ -23,10 +23,10 @@ pub(super) struct Round {
     pub predictor: BoundPredictor,
     entry: Entry,
     fix_interval_s: f64,
-    /// How far down and up maneuvers may lead from here, m; `None` where nobody knows.
-    room_m: Option<[f64; 2]>,
+    /// How far down and up maneuvers may lead from here, m; `None` where no one knows.
+    space_m: Option<[f64; 2]>,
     left: Vec<Task>,
-    /// Each maneuver that has been run, and where it led; `None` where that is outside the room.
+    /// Each maneuver that has been run, and where it led; `None` where that is outside the space.
     firsts: Vec<(Maneuver, Option<Behind>)>,
     pub after: Vec<Candidate>,
 }
@@ -61,13 +61,13 @@ impl Round {
         predictor: BoundPredictor,
         entry: Entry,
         fix_interval_s: f64,
-        room_m: Option<[f64; 2]>,
+        space_m: Option<[f64; 2]>,
         all: &[Maneuver],
     ) -> Self {
         let seconds = (0..all.len()).flat_map(|first| all.iter().map(move |m| Task::Second(first, *m)));
         let mut left: Vec<Task> = all.iter().map(|m| Task::First(*m)).chain(seconds).collect();
         left.reverse();
-        Self { predictor, entry, fix_interval_s, room_m, left, firsts: Vec::new(), after: Vec::new() }
+        Self { predictor, entry, fix_interval_s, space_m, left, firsts: Vec::new(), after: Vec::new() }
     }
 
     /// Runs one maneuver; false when none is left.
@@ -91,7 +91,7 @@ impl Round {
         true
     }
 
-    /// One maneuver from this covariance, `up_m` above the entry, if it stays in the room.
+    /// One maneuver from this covariance, `up_m` above the entry, if it stays in the space.
     fn fly(
         &self,
         from: &BoundPredictor,
@@ -101,7 +101,7 @@ impl Round {
     ) -> Option<Behind> {
         let flight = maneuver.kinematics(airframe, &self.entry, &Vector3::zeros());
         let heights = || flight.iter().map(|k| up_m + k.height_m());
-        if let Some([down, up]) = self.room_m
+        if let Some([down, up]) = self.space_m
             && heights().any(|h| h < -down || h > up)
         {
             return None;
@@ -120,7 +120,7 @@ impl Round {
 }
 
 /// How far down and up from this height maneuvers may lead, m. Whoever is outside the band comes back to it first.
-pub(super) fn room([floor_m, ceiling_m]: [f64; 2], height_m: f64) -> [f64; 2] {
+pub(super) fn space([floor_m, ceiling_m]: [f64; 2], height_m: f64) -> [f64; 2] {
     let height_m = height_m.clamp(floor_m, ceiling_m.max(floor_m));
     [height_m - floor_m + WAVER_M, ceiling_m - height_m + WAVER_M]
 }
@@ -161,8 +161,8 @@ mod tests {
     use gaware_mission::predictor::Targets;
     use gaware_nav::model::Model;
 
-    /// What is a candidate with this room.
-    fn candidates(room_m: [f64; 2]) -> Vec<Vec<Maneuver>> {
+    /// What is a candidate with this space.
+    fn candidates(space_m: [f64; 2]) -> Vec<Vec<Maneuver>> {
         let airframe = Airframe::example("small_fixed_wing").unwrap();
         let entry = Entry::cruising(&airframe, Vector3::zeros(), 0.0);
         let start = Maneuver::Climb.kinematics(&airframe, &entry, &Vector3::zeros())[0];
@@ -171,20 +171,20 @@ mod tests {
         let predictor =
             BoundPredictor::from_priors(&Model::standard(), &start, frame, home, Targets::default());
         let all = [Maneuver::Climb, Maneuver::Descent, Maneuver::FigureEight];
-        let mut round = Round::new(predictor, entry, 0.2, Some(room_m), &all);
+        let mut round = Round::new(predictor, entry, 0.2, Some(space_m), &all);
         while round.step(&airframe) {}
         round.after.into_iter().map(|c| c.maneuvers).collect()
     }
 
     #[test]
     fn near_the_ground_a_descent_must_come_after_a_climb() {
-        let low = candidates(room([40.0, 120.0], 45.0));
+        let low = candidates(space([40.0, 120.0], 45.0));
         assert!(low.iter().all(|c| c[0] != Maneuver::Descent), "{low:?}");
         assert!(low.contains(&vec![Maneuver::Climb, Maneuver::Descent]));
-        let high = candidates(room([40.0, 120.0], 100.0));
+        let high = candidates(space([40.0, 120.0], 100.0));
         assert!(high.iter().all(|c| c[0] != Maneuver::Climb), "{high:?}");
         assert!(high.contains(&vec![Maneuver::Descent, Maneuver::Climb]));
         // Whoever climbs out after a take-off is asked for what fits at the floor.
-        assert_eq!(room([40.0, 120.0], 3.0), room([40.0, 120.0], 40.0));
+        assert_eq!(space([40.0, 120.0], 3.0), space([40.0, 120.0], 40.0));
     }
 }

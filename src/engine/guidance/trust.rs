@@ -15,7 +15,7 @@ const LEAST: f64 = 0.05;
 pub(super) struct Trust(Vec<(Maneuver, f64, f64)>);
 
 impl Trust {
-    /// These maneuvers, one after the other, brought this share of their predicted gain. Which of them fell short nobody knows: each bears
+    /// These maneuvers, one after the other, brought this share of their predicted gain. Which of them fell short no one knows: each bears
     /// its part until it shows itself in other company.
     pub fn learn(&mut self, t_s: f64, maneuvers: &[Maneuver], share: f64) {
         let each = share.clamp(LEAST, 1.0).ln() / maneuvers.len().max(1) as f64;

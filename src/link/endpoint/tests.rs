@@ -1,7 +1,7 @@
 //! Endpoints over real sockets and a pseudo-terminal.
 
 use super::*;
-use crate::link::heartbeat::{Voice, heartbeat};
+use crate::link::heartbeat::{HeartbeatSource, heartbeat};
 use std::net::Ipv4Addr;
 use tokio::net::TcpListener;
 use tokio::time::timeout;
@@ -13,7 +13,7 @@ fn start(address: &str) -> Links {
 }
 
 fn beats(n: usize) -> Vec<Frame> {
-    let mut voice = Voice::new();
+    let mut voice = HeartbeatSource::new();
     (0..n).map(|_| voice.say(&heartbeat(true))).collect()
 }
 
@@ -135,7 +135,7 @@ async fn strangers_get_nothing_and_take_nothing_from_the_vehicle() {
         stranger.send_to(&[0xFD], address).await.unwrap();
         strangers.push(stranger);
     }
-    let mut other = Voice::new();
+    let mut other = HeartbeatSource::new();
     other.belongs_to(frame.system_id + 1);
     let foreign = other.say(&heartbeat(true));
     strangers[0].send_to(foreign.raw(), address).await.unwrap();

@@ -59,8 +59,8 @@ pub(super) struct Message {
     /// The firmware does not have it.
     pub missing: bool,
     pub pause_us: u64,
-    pub told_slow: bool,
-    pub told_refused: bool,
+    pub reported_slow: bool,
+    pub reported_refused: bool,
     pub arrivals: VecDeque<u64>,
 }
 
@@ -74,8 +74,8 @@ impl Message {
             changed: false,
             missing: false,
             pause_us: FIRST_PAUSE_US,
-            told_slow: false,
-            told_refused: false,
+            reported_slow: false,
+            reported_refused: false,
             arrivals: VecDeque::new(),
         }
     }
@@ -113,7 +113,7 @@ impl Message {
         }
     }
 
-    /// What comes fast enough is not touched: nobody gets less because of us.
+    /// What comes fast enough is not touched: no one gets less because of us.
     pub fn compare_with_present(&mut self, now_us: u64) {
         let least_hz = match self.present {
             // A measurement over a second counts one message more or less.

@@ -1,9 +1,9 @@
-//! What the user is told about message rates.
+//! Messages to the user about message rates.
 
 use serde::{Deserialize, Serialize};
 use std::fmt;
 
-/// What the user is told.
+/// A message to the user.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case", tag = "rate_notice")]
 pub enum RateNotice {

@@ -5,7 +5,7 @@ use crate::attitudes::Attitudes;
 use crate::engine::snapshot::{Phase, Snapshot};
 use gaware_nav::rotation::wrap_180;
 
-/// Largest shift between the two that is looked for, s.
+/// Largest shift between the two that is searched, s.
 const MAX_SHIFT_S: f64 = 0.1;
 /// Fewer differences than this say nothing.
 const ENOUGH: usize = 20;
@@ -44,7 +44,7 @@ pub struct Comparison {
     /// By regime.
     pub rows: Vec<Row>,
     /// RMS angle from the nose to the course over the ground, deg, by the autopilot's yaw and by ours: wind and sideslip are
-    /// in both, so the larger one tells whose yaw errs. Only of a vehicle that flies where it points.
+    /// in both, so the larger one has the larger yaw error. Only of a vehicle that flies where it points.
     pub crab_rms_deg: Option<[f64; 2]>,
 }
 

@@ -4,11 +4,11 @@ use crate::engine::snapshot::{Phase, Snapshot, StateStatus};
 
 /// Length of a part, s.
 const PART_S: f64 = 15.0;
-/// Parts that are told at most.
+/// Parts that are reported at most.
 const TOLD: usize = 6;
 /// A sigma that shrinks by less than this factor is not worth words.
-const WORTH: f64 = 1.08;
-/// States that are told per part at most.
+const LEAST_REDUCTION: f64 = 1.08;
+/// States that are reported per part at most.
 const STATES_TOLD: usize = 4;
 /// Banked beyond this counts as a turn, deg.
 pub const BANKED_DEG: f64 = 20.0;
@@ -60,7 +60,7 @@ fn lesson(part: &[&Snapshot]) -> Option<Lesson> {
     let mut states: Vec<(String, f64)> =
         first.observability.states.iter().filter(|s| is_g(&s.name)).filter_map(factor).collect();
     let gain = states.iter().map(|(_, f)| f.max(1.0).ln()).sum();
-    states.retain(|(_, f)| *f > WORTH);
+    states.retain(|(_, f)| *f > LEAST_REDUCTION);
     states.sort_by(|a, b| b.1.total_cmp(&a.1));
     states.truncate(STATES_TOLD);
     (!states.is_empty()).then(|| Lesson {

@@ -8,7 +8,7 @@ use gaware_nav::sample::Sample;
 
 /// Spacing of what is written down, s.
 pub const PERIOD_S: f64 = 0.5;
-/// The autopilot tells its attitude as rarely as this, s.
+/// The autopilot reports its attitude as rarely as this, s.
 const HINT_SPACING_S: f64 = 0.35;
 
 /// The flight in steps of half a second.

@@ -170,7 +170,7 @@ pub fn spawn(
         let result = run(&mut terminal, &mut Keyboard, sources, options, &shutdown);
         ratatui::restore();
         drop(hold);
-        // Nobody may be waiting any more, then nobody wants to know.
+        // No one may be waiting any more, then no one wants to know.
         let _ = done.send(result);
     })?;
     Ok(ended)

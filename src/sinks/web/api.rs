@@ -16,7 +16,7 @@ use std::sync::{Arc, PoisonError};
 use std::time::Duration;
 use tokio::sync::oneshot;
 
-/// How long an upload may take before the page is told that nobody knows; the transfer itself gives up earlier.
+/// How long an upload may take before the page is informed that no one knows; the transfer itself gives up earlier.
 const UPLOAD_LIMIT: Duration = Duration::from_secs(120);
 
 pub(super) async fn health() -> &'static str {

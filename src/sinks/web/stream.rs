@@ -1,7 +1,7 @@
 //! `GET /api/v1/events`: server-sent events, one pump per browser.
 //!
 //! The pump takes the newest snapshot when the browser can take one, never more often than the server's rate. A
-//! browser that stops reading makes its own pump wait, and what it misses is counted; nobody else notices.
+//! browser that stops reading makes its own pump wait, and what it misses is counted; no one else notices.
 
 use super::Shared;
 use super::door::{Place, Visitor};

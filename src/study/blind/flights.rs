@@ -1,4 +1,4 @@
-//! The flights: what is hidden, how the vehicle is flown, what its sensors tell.
+//! The flights: what is injected, how the vehicle is flown, what its sensors report.
 
 use gaware_nav::effects::{DrawRange, Effect, REGISTRY};
 use gaware_nav::model::{EffectSetting, Model};
@@ -33,11 +33,11 @@ pub enum Family {
 /// One blind flight.
 #[derive(Debug, Clone)]
 pub struct Blind {
-    /// What was hidden; the sealed truth.
+    /// What was injected; the ground truth.
     pub hidden: Vec<EffectSetting>,
     /// Everything that was simulated.
     pub truth: Model,
-    /// What the sensors told.
+    /// What the sensors reported.
     pub samples: Vec<Sample>,
 }
 
@@ -77,8 +77,8 @@ pub fn draw(effect: &'static dyn Effect, noise: &mut Noise) -> EffectSetting {
     setting
 }
 
-/// The vehicle's sensors as they really are: biases, noise and wander drawn around those of a consumer autopilot, and
-/// what is hidden.
+/// The vehicle's sensors as they really are: biases, noise and Gauss-Markov errors drawn around those of a consumer autopilot, and
+/// what is injected.
 fn truth(hidden: &[EffectSetting], noise: &mut Noise) -> Model {
     let mut truth = Model::default();
     for k in 0..3 {
@@ -114,7 +114,7 @@ fn vibration(family: Family, noise: &mut Noise) -> Vec<VibrationLine> {
     lines.map(line).into()
 }
 
-/// Flies a vehicle with these effects hidden in it.
+/// Flies a vehicle with these effects injected.
 pub fn fly(hidden: &[EffectSetting], kind: Kind, family: Family, seed: u64) -> Blind {
     let seed = if family == Family::Aside { seed ^ FAMILY_SEED } else { seed };
     let mut noise = Noise::numbered(seed, Purpose::HiddenTruth, 7);
@@ -181,16 +181,16 @@ fn random_flight(kind: Kind, draw: &mut Noise) -> FixedWing {
     FixedWing::from_signals(DURATION_S + 20.0, speed, climb, bank, slip)
 }
 
-/// What `sim --hide-random` hides for a seed: an effect of the table with its size, or (once in as many draws as there are
+/// What `sim --hide-random` injects for a seed: an effect of the table with its size, or (once in as many draws as there are
 /// effects and one more) nothing.
-pub fn hide_random(seed: u64) -> Option<EffectSetting> {
+pub fn draw_injected(seed: u64) -> Option<EffectSetting> {
     let mut noise = Noise::numbered(seed, Purpose::HiddenTruth, 3);
     let pick = (noise.uniform() * (REGISTRY.len() + 1) as f64) as usize;
     REGISTRY.get(pick).map(|e| draw(*e, &mut noise))
 }
 
-/// The sealed truth as text: a `model.toml` that holds nothing but what was hidden.
-pub fn seal(hidden: Option<&EffectSetting>) -> String {
+/// The ground truth as text: a `model.toml` that holds nothing but what was injected.
+pub fn ground_truth(hidden: Option<&EffectSetting>) -> String {
     let mut model = Model::default();
     if let Some(setting) = hidden {
         model.set(setting.clone());

@@ -1,9 +1,9 @@
-//! Blind flights: an effect is hidden in a simulated vehicle, the vehicle flies, the explanation names what it finds, and only
+//! Blind flights: an effect is injected in a simulated vehicle, the vehicle flies, the explanation names what it finds, and only
 //! then the truth is looked at.
 //!
 //! Two families of flights exist: one on which thresholds were tuned, and one kept aside (other maneuvers, speeds, air,
 //! vibration and seeds) for the figures that count. Beside every flight stands an oracle that knows the truth: where
-//! not even it could name the effect, nobody can be blamed.
+//! not even it could name the effect, no one can be blamed.
 
 mod flights;
 mod oracle;
@@ -18,11 +18,11 @@ use gaware_nav::model::{EffectSetting, Model, QuantisationBelief};
 use gaware_sitl::noise::{Noise, Purpose};
 use serde::Serialize;
 
-pub use flights::{Blind, DURATION_S, Family, Kind, draw, fly, hide_random, seal};
+pub use flights::{Blind, DURATION_S, Family, Kind, draw, draw_injected, fly, ground_truth};
 pub use oracle::Seen;
 pub use summary::{Share, Summary, confusion, summarise};
 
-/// So many candidates of a look are told.
+/// So many candidates of a look are reported.
 const MOST_TOLD: usize = 6;
 
 /// What one blind flight gave.
@@ -40,11 +40,11 @@ pub struct Outcome {
     pub evidence: Vec<f64>,
     /// Effects that the held-out data took out again.
     pub removed: Vec<&'static str>,
-    /// What was hidden, parameter by parameter, SI.
+    /// What was injected, parameter by parameter, SI.
     pub sizes: Vec<Vec<f64>>,
     /// What stayed, with the held-out log-likelihood that is lost without it, nats.
     pub held_out: Vec<(&'static str, f64)>,
-    /// What the oracle saw of each hidden effect.
+    /// What the oracle saw of each injected effect.
     pub oracle: Vec<Seen>,
     /// Errors of the parameters that were told, in the sigmas that were told with them, where the effect was named.
     pub errors_in_sigmas: Vec<f64>,
@@ -66,11 +66,11 @@ struct Job {
 /// What to fly.
 #[derive(Debug, Clone)]
 pub struct Campaign {
-    /// Effects to hide; all when empty.
+    /// Effects to inject; all when empty.
     pub effects: Vec<String>,
-    /// How many effects are hidden at once: 1 or 2.
+    /// How many effects are injected at once: 1 or 2.
     pub at_once: usize,
-    /// Flights with something hidden: spread evenly over effects, kinds of flight and seeds.
+    /// Flights with something injected: spread evenly over effects, kinds of flight and seeds.
     pub flights: usize,
     /// Clean flights, half of each kind.
     pub clean: usize,
@@ -110,7 +110,7 @@ impl Campaign {
     }
 }
 
-/// Draws what a job hides.
+/// Draws what a job injects.
 fn hide(job: &Job) -> Vec<EffectSetting> {
     let effects: Vec<&'static dyn Effect> = job.hidden.iter().flatten().map(|k| REGISTRY[*k]).collect();
     let mut noise = Noise::numbered(seed_of(job), Purpose::HiddenTruth, 3);
@@ -124,7 +124,7 @@ fn seed_of(job: &Job) -> u64 {
     job.seed.wrapping_mul(1_000_003) + number(job.hidden[0]) + 97 * number(job.hidden[1]) + kind
 }
 
-/// What is believed before the flight, as `explain` begins: nothing of what is hidden.
+/// What is assumed before the flight, as `explain` begins: nothing of what is injected.
 fn belief(hidden: &[EffectSetting]) -> Model {
     let mut base = crate::explain::with_receiver(&Model::default());
     if hidden.iter().any(|s| s.effect.truncates_samples()) {

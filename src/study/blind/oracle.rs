@@ -1,4 +1,4 @@
-//! Somebody who knows what was hidden, with its size, and which candidates there are: could the effect be named at all?
+//! Someone who knows what was injected, with its size, and which candidates there are: could the effect be named at all?
 //!
 //! The oracle compares likelihoods over all fixes, each model with the noise that suits it best: the truth against the
 //! truth without the effect. By Bayes' theorem a ratio of exp(t) comes about by chance with a probability of at most
@@ -15,21 +15,21 @@ use serde::Serialize;
 
 /// Share of clean flights on which something may be named.
 const ALARMS: f64 = 0.02;
-/// Share of flights on which the wrong name may be told.
+/// Share of flights on which the wrong name may be reported.
 const WRONG: f64 = 0.01;
 
-/// What the oracle saw of one hidden effect.
+/// What the oracle saw of one injected effect.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize)]
 pub struct Seen {
     /// Whether it could be named alone.
     pub alone: bool,
     /// What the log-likelihood loses without it, nats.
     pub gain: f64,
-    /// The best of the candidates that were not hidden, with its evidence against the model without anything, nats.
+    /// The best of the candidates that were not injected, with its evidence against the model without anything, nats.
     pub other: Option<(&'static str, f64)>,
 }
 
-/// Which of the hidden effects could be named alone.
+/// Which of the injected effects could be named alone.
 pub(super) fn could_name(
     flight: &Flight,
     base: &Model,

@@ -36,22 +36,22 @@ pub struct Summary {
     pub alone_right: Share,
     /// Of the flights on which something was named: the truth inside a group.
     pub in_group: Share,
-    /// Nothing named although something was hidden.
+    /// Nothing named although something was injected.
     pub nothing: Share,
-    /// Of all flights with something hidden: a wrong name stood alone.
+    /// Of all flights with something injected: a wrong name stood alone.
     pub wrong_alone: Share,
-    /// Something was named beside what was hidden.
+    /// Something was named beside what was injected.
     pub too_many: Share,
     /// Clean flights with something named.
     pub false_alarms: Share,
-    /// Of the flights with something hidden on which something was named: the held-out data are more likely with each of the effects
+    /// Of the flights with something injected on which something was named: the held-out data are more likely with each of the effects
     /// than without it.
     pub held_out_shrinks: Share,
     /// Parameters of named effects within two sigma of the truth.
     pub within_2_sigma: Share,
     /// The same within three.
     pub within_3_sigma: Share,
-    /// Of flights with two hidden effects: both inside a group.
+    /// Of flights with two injected effects: both inside a group.
     pub both_found: Share,
     /// Of those where the oracle could name both: both inside a group.
     pub both_found_where_oracle: Share,
@@ -70,7 +70,7 @@ pub fn summarise(outcomes: &[Outcome]) -> Summary {
     let (clean, flown): (Vec<&Outcome>, Vec<&Outcome>) = outcomes.iter().partition(|o| o.hidden.is_empty());
     let count = |all: &[&Outcome], what: &dyn Fn(&Outcome) -> bool| all.iter().filter(|o| what(o)).count();
     let of_flown = |what: &dyn Fn(&Outcome) -> bool| Share::new(count(&flown, what), flown.len());
-    // One entry per hidden effect: flight, name, whether the oracle could name it.
+    // One entry per injected effect: flight, name, whether the oracle could name it.
     let each: Vec<(&Outcome, &'static str, bool)> = flown
         .iter()
         .flat_map(|o| o.hidden.iter().zip(&o.oracle).map(|(name, seen)| (*o, *name, seen.alone)))
@@ -100,7 +100,7 @@ pub fn summarise(outcomes: &[Outcome]) -> Summary {
     }
 }
 
-/// The confusion matrix: hidden effects → what was named → how often. A group is joined by `|`, several by `+`.
+/// The confusion matrix: injected effects → what was named → how often. A group is joined by `|`, several by `+`.
 pub fn confusion(outcomes: &[Outcome]) -> BTreeMap<String, BTreeMap<String, usize>> {
     let mut matrix: BTreeMap<String, BTreeMap<String, usize>> = BTreeMap::new();
     for o in outcomes {

@@ -13,11 +13,11 @@ fn draws_stay_within_what_an_effect_can_be() {
 
 #[test]
 fn what_is_sealed_can_be_unsealed() {
-    let hidden: Vec<_> = (0..200).map(hide_random).collect();
+    let hidden: Vec<_> = (0..200).map(draw_injected).collect();
     let named: BTreeSet<_> = hidden.iter().map(|h| h.as_ref().map_or("none", |s| s.effect.name())).collect();
     assert_eq!(named.len(), REGISTRY.len() + 1);
     for h in hidden.iter().flatten() {
-        let back = Model::from_toml(&seal(Some(h))).unwrap();
+        let back = Model::from_toml(&ground_truth(Some(h))).unwrap();
         let found = back.get(h.effect.name()).unwrap();
         assert!(found.values.iter().zip(&h.values).all(|(a, b)| (a - b).abs() <= 1e-9 * b.abs()));
     }

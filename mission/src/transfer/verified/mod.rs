@@ -133,7 +133,7 @@ impl VerifiedUpload {
         (upload, actions)
     }
 
-    /// Takes up an upload that was cut off by the end of this program: checks what is on board and brings the mission that
+    /// Takes up an upload that was interrupted by the end of this program: checks what is on board and brings the mission that
     /// is wanted, from what was kept of both.
     pub fn resume(
         peers: Peers,

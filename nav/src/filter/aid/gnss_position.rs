@@ -22,7 +22,7 @@ impl Filter {
         let sigma = self.position_sigma(fix);
         let shared = x.excited.v_n * self.model.gnss.time_sigma_s;
         let mut rows = rows_of(index::POSITION, &z.as_slice()[..3], &x.now.c_nb, &added, &sigma, &shared);
-        if let Some(w) = self.layout.wander() {
+        if let Some(w) = self.layout.gauss_markov() {
             (0..3).for_each(|k| rows.push(w + k, |i| if i == k { 1.0 } else { 0.0 }));
         }
         rows
@@ -45,7 +45,7 @@ impl Filter {
         self.nav.r_e += x.c_ne.transpose() * offset;
         let mut sigma = Vector3::from(self.position_sigma(fix)).map(|s| s.max(SIGMA_FLOOR) * 2.0);
         (0..3).for_each(|k| self.p.reset(index::POSITION + k, 1.0));
-        if let Some(w) = self.layout.wander() {
+        if let Some(w) = self.layout.gauss_markov() {
             // The correlated error of the new position is as unknown as that of any position.
             for k in 0..3 {
                 self.p.reset(w + k, self.model.gnss.position_wander_sigma_m[k]);

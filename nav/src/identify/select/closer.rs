@@ -9,23 +9,23 @@ use crate::effects::Effect;
 use crate::filter::watch::Watched;
 
 /// Candidates this far behind the best are not looked at again, nats …
-const HOPELESS: f64 = 15.0;
+const MAX_DEFICIT_NATS: f64 = 15.0;
 /// … nor those behind by more than this share of the best.
-const HOPELESS_SHARE: f64 = 0.5;
+const MAX_DEFICIT_SHARE: f64 = 0.5;
 /// At most so many candidates are looked at again.
 const CLOSE_LOOKS: usize = 6;
-/// Without a candidate this good nobody is looked at again, nats.
-const NOBODY: f64 = 0.0;
+/// Without a candidate of this evidence none is looked at again, nats.
+const MIN_EVIDENCE_NATS: f64 = 0.0;
 /// Values and noise take turns at most so often …
 const TURNS: usize = 3;
 /// … and no more when a turn gains less than this, nats.
-const WORTH: f64 = 0.3;
+const MIN_TURN_GAIN_NATS: f64 = 0.3;
 /// A drift may be stronger than the largest of the sizes to try, or weaker than the least, by this factor.
 const BEYOND_SIZES: f64 = 3.0;
 
 /// Whether a candidate is so far behind the best that it cannot be it.
-fn hopeless(evidence: f64, top: f64) -> bool {
-    evidence <= top - HOPELESS - HOPELESS_SHARE * top
+fn is_far_behind(evidence: f64, top: f64) -> bool {
+    evidence <= top - MAX_DEFICIT_NATS - MAX_DEFICIT_SHARE * top
 }
 
 /// A candidate as it looks from close by.
@@ -46,17 +46,21 @@ impl Search<'_> {
         point: &Point,
     ) -> Vec<(Candidate, Point)> {
         let top = scanned.first().map_or(f64::NEG_INFINITY, |c| c.evidence);
-        if top < NOBODY {
+        if top < MIN_EVIDENCE_NATS {
             return Vec::new();
         }
         let hopeful: Vec<&Candidate> =
-            scanned.iter().filter(|c| !hopeless(c.evidence, top)).take(CLOSE_LOOKS).collect();
+            scanned.iter().filter(|c| !is_far_behind(c.evidence, top)).take(CLOSE_LOOKS).collect();
         // The first turn sorts out most of them.
         let looks = map(self.workers, hopeful.len(), |k| self.look_closely(hopeful[k], from, point));
         let top = looks.iter().map(|l| l.candidate.evidence).fold(0.0, f64::max);
         let mut looks = map(self.workers, looks.len(), |k| {
             let look = looks[k].clone();
-            if look.done || hopeless(look.candidate.evidence, top) { look } else { self.look_on(look, point) }
+            if look.done || is_far_behind(look.candidate.evidence, top) {
+                look
+            } else {
+                self.look_on(look, point)
+            }
         });
         looks.sort_by(|a, b| b.candidate.evidence.total_cmp(&a.candidate.evidence));
         looks.into_iter().map(|l| (l.candidate, l.point)).collect()
@@ -110,7 +114,7 @@ impl Search<'_> {
         }
         // The average over prior widths and instants costs what it cost in the scan.
         candidate.evidence = point.evidence - before.evidence - candidate.cost;
-        (Look { candidate, point, done: gain < WORTH }, problems)
+        (Look { candidate, point, done: gain < MIN_TURN_GAIN_NATS }, problems)
     }
 
     /// The size of a drift beside the effects of `point`, found to within a few per cent, with the sigma that the likelihood's curvature tells. Other

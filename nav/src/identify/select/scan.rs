@@ -104,7 +104,7 @@ impl Search<'_> {
 
     /// Mistakes of the source. What they do is gross, so the trajectory is found anew for each, without what was added.
     fn mistakes(&self, point: &Point, wanted: &dyn Fn(&dyn Effect) -> bool, gross: bool) -> Vec<Candidate> {
-        let shows = |m: &dyn Effect| self.flights.iter().any(|f| m.shows_in(f.told()));
+        let shows = |m: &dyn Effect| self.flights.iter().any(|f| m.shows_in(f.reported()));
         let lacking: Vec<&'static dyn Effect> = MISTAKES
             .iter()
             .filter(|m| self.base.get(m.name()).is_none() && wanted(**m))

@@ -148,12 +148,12 @@ impl<'a> Search<'a> {
     /// These effects, beside what the model leaves open, at the values that fit best.
     pub(in crate::identify) fn best(&self, added: &[Added], noise: &Noise) -> Point {
         let all: Vec<Added> = self.given.iter().chain(added).cloned().collect();
-        self.settle(&all, noise, &self.nowhere(noise), STEPS).0
+        self.settle(&all, noise, &self.empty(noise), STEPS).0
     }
 
     /// Log-likelihood with these effects at these values.
     pub(in crate::identify) fn likelihood(&self, added: &[Added], noise: &Noise) -> f64 {
-        let (_, problems) = self.settle(added, noise, &self.nowhere(noise), 0);
+        let (_, problems) = self.settle(added, noise, &self.empty(noise), 0);
         self.part_likelihood(&problems, noise, 0)
     }
 
@@ -186,11 +186,11 @@ impl<'a> Search<'a> {
     /// What the samples themselves say for mistakes of the source.
     pub(super) fn told_by_samples(&self, added: &[Added]) -> f64 {
         let mistakes = added.iter().map(|a| a.setting.effect).filter(|e| e.is_source_mistake());
-        mistakes.map(|e| self.flights.iter().map(|f| e.told_by(f.told())).sum::<f64>()).sum()
+        mistakes.map(|e| self.flights.iter().map(|f| e.reported_by(f.reported())).sum::<f64>()).sum()
     }
 
     /// Before anything is known: the model as it is, about the first trajectories.
-    pub(in crate::identify) fn nowhere(&self, noise: &Noise) -> Point {
+    pub(in crate::identify) fn empty(&self, noise: &Noise) -> Point {
         Point {
             added: self.given.clone(),
             noise: *noise,
@@ -227,7 +227,7 @@ impl<'a> Search<'a> {
 
     /// The model as it is, with the noise that suits it.
     pub(super) fn start(&mut self, noise: &Noise) -> Point {
-        let (mut point, mut problems) = self.settle(&self.given, noise, &self.nowhere(noise), 0);
+        let (mut point, mut problems) = self.settle(&self.given, noise, &self.empty(noise), 0);
         for _ in 0..2 {
             let fitted = self.fit_noise(&problems, &point.noise);
             self.metric = fitted.metric;

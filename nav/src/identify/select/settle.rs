@@ -136,7 +136,7 @@ impl Search<'_> {
         // Where not even the first is a maximum, the flights stay linearised as they are, and nothing speaks for it.
         best.unwrap_or_else(|| {
             let Linearised { added, references, problems } = at;
-            (Point { added, references, ..self.nowhere(noise) }, problems)
+            (Point { added, references, ..self.empty(noise) }, problems)
         })
     }
 }

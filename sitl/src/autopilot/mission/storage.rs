@@ -77,7 +77,7 @@ fn ardupilot_fence(item: Item) -> Result<Item, MavMissionResult> {
     Ok(Item { seq, command, param1, x, y, ..Item::default() })
 }
 
-/// `AC_PolyFence_loader::validate_fence`, and what it tells the station.
+/// `AC_PolyFence_loader::validate_fence`, and what it reports to the station.
 pub(super) fn validate_fence(items: &[Item]) -> Result<(), &'static str> {
     let mut corners_left = 0;
     let mut polygon = (MavCmd::MAV_CMD_NAV_FENCE_RETURN_POINT, 0.0);

@@ -41,7 +41,7 @@ impl Pilot {
     /// ArduPlane returns home, the others hold; a vehicle on the ground stays there.
     fn end_of_mission(&mut self, sight: &Sight) -> Control {
         if !self.airborne {
-            return standing(self.yaw);
+            return stationary(self.yaw);
         }
         let home_first = self.is_wing() && self.config.first_item == 1;
         self.mode = if home_first { Mode::Rtl } else { Mode::Loiter };
@@ -180,7 +180,7 @@ impl Pilot {
     fn count_turns(&self, sight: &Sight, centre: &Geodetic, radius: f64, leg: &mut Leg) {
         let d = -sight.to(centre);
         let bearing = d.y.atan2(d.x);
-        // A standing multirotor has no circle to reach.
+        // A stationary multirotor has no circle to reach.
         let slack = (0.3 * radius.abs()).max(4.0);
         match &mut leg.turned {
             Some(turned) => *turned += wrap_pi(bearing - leg.bearing) * radius.signum(),

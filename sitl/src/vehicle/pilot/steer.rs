@@ -147,6 +147,6 @@ pub(super) fn circle_velocity(
 }
 
 /// A control that changes nothing.
-pub(super) fn standing(yaw: f64) -> Control {
+pub(super) fn stationary(yaw: f64) -> Control {
     Control { bank: 0.0, climb: 0.0, speed: 0.0, accel: Vector3::zeros(), yaw }
 }

@@ -297,7 +297,7 @@ impl Filter {
         if let Some(hold) = self.hold.as_deref_mut() {
             hold.mean.iter_mut().zip(dx).for_each(|(x, d)| *x += d);
         }
-        if let Some(w) = self.layout.wander() {
+        if let Some(w) = self.layout.gauss_markov() {
             self.wander += Vector3::new(dx[w], dx[w + 1], dx[w + 2]);
         }
         self.place_hold();
