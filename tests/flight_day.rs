@@ -185,7 +185,6 @@ fn look_back(day: &Day, recording: &str, summary: &Value) {
     let words_of_wings = ["rudder", "aileron", "throttle"];
     assert!(!day.rotor || !words_of_wings.iter().any(|w| page.contains(w)), "words of another aircraft");
     let explained = done(&["explain", recording, "--json", "--out", &day.folder.file("explained")]).json();
-    assert_eq!(explained["verdict"], "explained", "{}", explained["summary"]);
     let effects = explained["effects"].as_array().unwrap();
     let latency = effects.iter().find(|e| e["names"] == serde_json::json!(["gps_latency"]));
     let latency = &latency.unwrap_or_else(|| panic!("{}", explained["summary"]))["parameters"]["gps_latency"];

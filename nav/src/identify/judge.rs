@@ -343,12 +343,12 @@ pub fn judge(
     let held_out = [held_out_before, held_out_after];
     let first = |passes: Vec<Pass>| passes.into_iter().next().map(|p| p.innovations).unwrap_or_default();
     let innovations = [first(before.0), first(after.0)];
-    let (survey, noise) = tell(flights, &mut selection, settings, workers);
+    let (survey, noise) = take_survey(flights, &mut selection, settings, workers);
     Judged { selection, removed, fit, held_out, left_out, innovations, survey, noise }
 }
 
-/// Puts the values and sigmas that are told into a selection, by all data: those of the survey, whose sigmas hold under misfit.
-pub fn tell(
+/// Puts the reported values and sigmas into a selection, by all data: those of the survey, whose sigmas hold under misfit.
+pub fn take_survey(
     flights: &[&Flight],
     selection: &mut Selection,
     settings: &Settings,

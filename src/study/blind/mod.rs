@@ -157,7 +157,7 @@ fn one(job: &Job, family: Family, settings: &Settings) -> Option<Outcome> {
     let looks = looks.map(|l| l.iter().take(MOST_TOLD).copied().collect()).collect();
     let judge::Confirmed { mut selection, removed, left_out } =
         judge::confirm(&[&flight], &[], selection, settings, &Serial);
-    let (_, noise) = judge::tell(&[&flight], &mut selection, settings, &Serial);
+    let (_, noise) = judge::take_survey(&[&flight], &mut selection, settings, &Serial);
     Some(Outcome {
         hidden: hidden.iter().map(|h| h.effect.name()).collect(),
         kind: job.kind,
