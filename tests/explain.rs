@@ -129,3 +129,52 @@ fn nothing_is_missing_in_the_clean_flight_of_the_real_firmware() {
     assert_eq!(document["verdict"], "nothing_missing", "{document:#}");
     assert!(document["effects"].as_array().unwrap().is_empty());
 }
+
+/// A telemetry log without the frames that were lost, by the seconds since its start and their number.
+fn without(log: &[u8], lost: impl Fn(f64, usize) -> bool) -> Vec<u8> {
+    let stamp = |at: usize| u64::from_be_bytes(log[at..at + 8].try_into().unwrap());
+    let (mut out, mut at, mut number) = (Vec::new(), 0, 0);
+    while at + 11 < log.len() {
+        let payload = usize::from(log[at + 9]);
+        let length = match log[at + 8] {
+            0xfd => 12 + payload + if log[at + 10] & 1 == 1 { 13 } else { 0 },
+            0xfe => 8 + payload,
+            other => panic!("no frame begins with {other:#x}"),
+        };
+        let end = (at + 8 + length).min(log.len());
+        if !lost((stamp(at) - stamp(0)) as f64 * 1e-6, number) {
+            out.extend_from_slice(&log[at..end]);
+        }
+        (at, number) = (end, number + 1);
+    }
+    out
+}
+
+/// Gaps of a second or two in turns, and single frames lost: the same is found, with the same value.
+#[test]
+fn losses_of_telemetry_change_nothing() {
+    let folder = Folder::new("losses");
+    let path = concat!(env!("CARGO_MANIFEST_DIR"), "/tests/data/small_clean_dither.tlog");
+    let log = std::fs::read(path).unwrap();
+    let gaps = [(37.3, 38.2), (72.8, 73.5), (98.3, 99.7), (115.7, 117.5)];
+    let in_gap = |t_s: f64, _: usize| gaps.iter().any(|(from, to)| (*from..*to).contains(&t_s));
+    let one_in_33 = |_: f64, number: usize| (number * 7919 + 13) % 33 == 0;
+    let latency = |name: &str, log: &[u8]| {
+        let file = folder.file(&format!("{name}.tlog"));
+        std::fs::write(&file, log).unwrap();
+        let explained = gaware(&["explain", &file, "--out", &folder.file(name), "--json"]);
+        let document = explained.json();
+        let names: Vec<_> =
+            document["effects"].as_array().unwrap().iter().map(|e| e["names"].clone()).collect();
+        assert_eq!(names, [serde_json::json!(["gps_latency"])], "{name}: {document:#}");
+        let found = &document["effects"][0]["parameters"]["gps_latency"];
+        (found["value_s"].as_f64().unwrap(), found["sigma_s"].as_f64().unwrap())
+    };
+    let (value, sigma) = latency("whole", &log);
+    for (name, cut) in [("gaps", without(&log, in_gap)), ("single", without(&log, one_in_33))] {
+        assert!(cut.len() < log.len() - 10_000);
+        let (other, other_sigma) = latency(name, &cut);
+        assert!((other - value).abs() < sigma, "{name}: {other}, whole {value} ± {sigma}");
+        assert!(other_sigma < 1.5 * sigma, "{name}: ± {other_sigma}, whole ± {sigma}");
+    }
+}

@@ -6,7 +6,7 @@
 use crate::noise::{GaussMarkov, Noise, Purpose};
 use crate::truth::{Trajectory, Truth};
 use gaware_nav::earth::Geodetic;
-use gaware_nav::effects::{Antenna, FixInstant, Instant, ReportedSample};
+use gaware_nav::effects::{Antenna, FixInstant, Instant, Older, ReportedSample};
 use gaware_nav::model::Model;
 use gaware_nav::rotation::{euler_from_c_nb, wrap_pi};
 use gaware_nav::sample::{
@@ -257,6 +257,7 @@ impl Sensors {
             // The simulated receiver rounds nothing off.
             force_rate: Vector3::zeros(),
             antenna: Antenna::default(),
+            older: Older::default(),
         });
         let gnss = &self.model.gnss;
         let white = self.position_noise.normal3().component_mul(&Vector3::from(gnss.position_sigma_m));

@@ -2,7 +2,7 @@
 
 use super::words::number;
 use gaware_nav::earth::STANDARD_GRAVITY;
-use gaware_nav::effects::{Antenna, FixInstant, Instant};
+use gaware_nav::effects::{Antenna, FixInstant, Instant, Older};
 use gaware_nav::model::EffectSetting;
 use gaware_nav::rotation::c_nb_from_euler;
 use nalgebra::Vector3;
@@ -100,6 +100,7 @@ fn on_fixes(setting: &EffectSetting, speed_m_per_s: f64) -> Option<String> {
         rate_eb: rate,
         force_rate: Vector3::zeros(),
         antenna: Antenna::default(),
+        older: Older::default(),
     };
     let late_s = effect.fix_delay_s(p);
     let [position, velocity] = effect.fix(p, &x);

@@ -61,7 +61,7 @@ impl FixEffect for GpsSmoothing {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::effects::Antenna;
+    use crate::effects::{Antenna, Older};
     use crate::rotation::c_nb_from_euler;
 
     /// The middle of a chord of a level turn: nearer to the centre by v²/r T²/8, and slower in the same proportion.
@@ -77,6 +77,7 @@ mod tests {
             rate_eb: Vector3::new(0.0, 0.0, rate),
             force_rate: Vector3::zeros(),
             antenna: Antenna::default(),
+            older: Older::default(),
         };
         let [position, velocity] = GpsSmoothing.fix(&[t * t / 8.0], &x);
         let half = 0.5 * rate * t;

@@ -1,7 +1,8 @@
 //! GNSS velocity latency: the velocity of a fix is older than its position. Receivers that filter velocity, or take it from the
 //! epoch before, and autopilots that join two messages of different epochs have it.
 //!
-//! v(t − L) = v(t) − a L + ½ ȧ L² to second order; at 0.2 s and the jerk of a roll into a turn the rest is millimetres per second.
+//! v(t − L) = v(t) − a L + ½ ȧ L² to second order. Where an aircraft rolls quickly the rest is centimetres per second at 0.2 s; there
+//! the samples tell the velocity of a while ago, and the series is one about it.
 
 use super::{DrawRange, Effect, Excitation, FixEffect, FixInstant, ParameterGroup, Separation, Shape, unit};
 use nalgebra::Vector3;
@@ -66,7 +67,9 @@ impl FixEffect for GpsVelocityLatency {
     }
 
     fn fix(&self, p: &[f64], x: &FixInstant) -> [Vector3<f64>; 2] {
-        [Vector3::zeros(), x.a_n * -p[0] + x.jerk_n() * (0.5 * p[0] * p[0])]
+        let (known, beyond) = (x.older.lag_s, p[0] - x.older.lag_s);
+        let jerk = x.jerk_n();
+        [Vector3::zeros(), x.older.change + (jerk * known - x.a_n) * beyond + jerk * (0.5 * beyond * beyond)]
     }
 
     fn fix_jacobian(
@@ -83,8 +86,8 @@ impl FixEffect for GpsVelocityLatency {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::effects::Antenna;
     use crate::effects::testing::check_jacobians;
+    use crate::effects::{Antenna, Older};
     use crate::rotation::c_nb_from_euler;
 
     /// Velocity of a level turn a while ago, against the circle itself.
@@ -99,6 +102,7 @@ mod tests {
             rate_eb: Vector3::new(0.0, 0.0, rate),
             force_rate: Vector3::zeros(),
             antenna: Antenna::default(),
+            older: Older::default(),
         };
         let [position, velocity] = GpsVelocityLatency.fix(&[latency], &x);
         let turned = rate * latency;

@@ -207,6 +207,17 @@ pub struct FixInstant {
     pub force_rate: Vector3<f64>,
     /// The antenna and the receiver behind it, as the rest of the model has them.
     pub antenna: Antenna,
+    /// The velocity of a while ago.
+    pub older: Older,
+}
+
+/// By how much the velocity of a while ago differs from that of now, as the samples in between have it.
+#[derive(Debug, Clone, Copy, Default)]
+pub struct Older {
+    /// How long ago, s; 0 where the samples are not at hand.
+    pub lag_s: f64,
+    /// North, east, down, m/s.
+    pub change: Vector3<f64>,
 }
 
 /// What effects on fixes have to know of one another: a receiver smooths the path of the antenna, wherever that is.

@@ -1,6 +1,6 @@
 //! What the tests of all effects share.
 
-use super::{Antenna, Effect, FixInstant, Instant, MAX_PARAMETERS};
+use super::{Antenna, Effect, FixInstant, Instant, MAX_PARAMETERS, Older};
 use crate::rotation::c_nb_from_euler;
 use nalgebra::Vector3;
 
@@ -17,6 +17,7 @@ pub fn fix_instant() -> FixInstant {
         rate_eb: Vector3::new(0.1, 0.2, -0.4),
         force_rate: Vector3::new(2.0, -1.0, 5.0),
         antenna: Antenna::default(),
+        older: Older::default(),
     }
 }
 

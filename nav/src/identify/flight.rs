@@ -29,6 +29,10 @@ const CLOCK_S: f64 = 2e-3;
 /// themselves, by the autopilot's low-pass (two poles at 20 Hz: 11 ms) and up to a loop until they are sent, and no data
 /// sheet tells by how much.
 const CLOCK_OF_KNOWN_DELAY_S: f64 = 0.01;
+/// Fixes are at most this old, s …
+const LONGEST_DELAY_S: f64 = 0.5;
+/// … and a receiver that smooths tells of this much after their time of validity, s.
+const AFTER_S: f64 = 0.1;
 /// A fix this many sigmas off that its neighbours contradict is left out.
 const OUTLIER_NIS: f64 = 60.0;
 
@@ -136,13 +140,24 @@ impl Flight {
         raw.retain(|s| s.t_s > initial.t_s);
         fixes.retain(|f| f.t_s > initial.t_s);
         fixes.sort_by(|a, b| a.t_s.total_cmp(&b.t_s));
+        let unseen = Unseen::of(&raw, stream.kind);
+        // A fix that is valid within a gap is told of motion that nobody saw. Its delay is not known yet: the same fixes count for
+        // every model. Where the samples are nothing but gaps, all fixes stay.
+        let seen: Vec<GnssFix> = fixes
+            .iter()
+            .filter(|f| !unseen.hides(f.t_s - LONGEST_DELAY_S, f.t_s + AFTER_S))
+            .copied()
+            .collect();
+        if 2 * seen.len() > fixes.len() {
+            fixes = seen;
+        }
         let seconds = raw.last().map_or(0.0, |s| s.t_s - initial.t_s);
         if seconds < ENOUGH_S || fixes.len() < ENOUGH_FIXES {
             return Err(TooLittle::TooShort { seconds, fixes: fixes.len() });
         }
         let mut flight = Self {
             force_rates: Arc::new(ForceRates::new(&raw, stream.kind)),
-            unseen: Unseen::of(&raw, stream.kind),
+            unseen,
             stream,
             initial,
             raw,

@@ -10,7 +10,7 @@ use super::Filter;
 use super::group::Rows;
 use super::layout::index;
 use crate::earth;
-use crate::effects::{Antenna, FixInstant, MAX_PARAMETERS};
+use crate::effects::{Antenna, FixInstant, MAX_PARAMETERS, Older};
 use crate::mechanization;
 use nalgebra::{Matrix3, Vector3};
 
@@ -113,7 +113,15 @@ impl Filter {
                     .zip(self.calibration.parameters.iter().map(Vec::as_slice)),
                 self.force_rates.as_ref().map_or_else(Default::default, |f| f.of_rate_at(self.t_s)),
             ),
+            older: Older::default(),
         };
+        let effects = self.model.effects.iter().zip(&self.calibration.parameters);
+        let lag_s = effects.map(|(s, p)| s.effect.velocity_delay_s(p)).sum();
+        let older =
+            self.force_rates.as_ref().zip(self.last).map_or_else(Older::default, |(f, last)| {
+                f.older(lag_s, &now, &last.accel, &self.motion.force)
+            });
+        let now = FixInstant { older, ..now };
         let excited = FixInstant {
             v_n: self.seen_velocity.unwrap_or(now.v_n),
             a_n: a_n(&seen.force),

@@ -2,7 +2,7 @@
 
 use super::track::Track;
 use super::{STATES, index};
-use crate::effects::{Antenna, FixInstant, MAX_PARAMETERS};
+use crate::effects::{Antenna, FixInstant, MAX_PARAMETERS, Older};
 use crate::filter::calibration::Calibration;
 use crate::filter::watch::Watched;
 use crate::mechanization::{self, NavState};
@@ -96,7 +96,9 @@ pub(super) fn of(fix: &GnssFix, nav: &NavState, track: &Track<'_>) -> Vec<Row> {
                 .zip(track.calibration().parameters.iter().map(Vec::as_slice)),
             track.rate_derivatives(),
         ),
+        older: Older::default(),
     };
+    let x = FixInstant { older: track.older(&x), ..x };
     let added = Added::new(model, track.calibration(), &x);
     let direct = direct(watched, &x);
     let (velocity, velocity_rows) = match fix.velocity {

@@ -3,7 +3,7 @@
 use super::super::flight::Flight;
 use super::interval::{Interval, Sum};
 use super::unseen::Unseen;
-use crate::effects::Instant;
+use crate::effects::{FixInstant, Instant, Older};
 use crate::filter::calibration::Calibration;
 use crate::filter::force_rate::ForceRates;
 use crate::filter::watch::{Regressors, Watched};
@@ -116,6 +116,13 @@ impl<'a> Track<'a> {
     /// Rate of change of the specific force there, m/s³.
     pub(super) fn force_rate(&self) -> Vector3<f64> {
         self.force_rates.at(self.to.t_s)
+    }
+
+    /// The velocity of a while ago, where the model says that fixes tell it.
+    pub(super) fn older(&self, x: &FixInstant) -> Older {
+        let effects = self.model.effects.iter().zip(&self.calibration.parameters);
+        let lag_s = effects.map(|(s, p)| s.effect.velocity_delay_s(p)).sum();
+        self.force_rates.older(lag_s, x, &self.last.accel, &self.to.motion.force)
     }
 
     /// First and second derivative of the angular rate there, rad/s² and rad/s³.

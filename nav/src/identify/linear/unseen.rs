@@ -4,7 +4,8 @@
 //! interpolation is tried where no sample is lost, over the same time. What it misses is averaged over those places whose samples at
 //! both ends are most like those of the gap, and over the whole flight: a vehicle that flies level before and after a gap may
 //! have rolled in between. What is missed has long tails (on a flight between waypoints one place in forty is beyond three times
-//! the mean square), so both together are doubled.
+//! the mean square), so both together are doubled. How velocity and attitude go together within a gap depends on when it was
+//! that the vehicle rolled, so each counts by itself.
 
 use super::index;
 use super::interval::{NavCovariance, error};
@@ -109,7 +110,7 @@ fn missed(trials: &[Trial], ends: &[ImuSample; 2], length_s: f64) -> NavCovarian
     by_likeness.sort_by(|a, b| a.0.total_cmp(&b.0));
     let alike = by_likeness.iter().take(ALIKE).map(|t| t.1.missed).sum::<NavCovariance>() / ALIKE as f64;
     let anywhere = trials.iter().map(|t| t.missed).sum::<NavCovariance>() / trials.len() as f64;
-    (alike + anywhere) * LONG_TAILS.powi(2)
+    NavCovariance::from_diagonal(&((alike + anywhere).diagonal() * LONG_TAILS.powi(2)))
 }
 
 impl Unseen {
@@ -148,6 +149,12 @@ impl Unseen {
             sum = Some(sum.map_or(q, |s| s + q));
         }
         sum
+    }
+
+    /// Whether samples are missing between two times.
+    pub(in crate::identify) fn hides(&self, from_s: f64, to_s: f64) -> bool {
+        let first = self.0.partition_point(|g| g.to_s <= from_s);
+        self.0.get(first).is_some_and(|g| g.from_s < to_s)
     }
 
     /// The same at another time.
@@ -193,6 +200,7 @@ mod tests {
         assert!((0.6 * mean..1.5 * mean).contains(&x), "{x} {mean}");
         assert!((0.4..0.6).contains(&(y / x)) && z < 0.1 * x, "{x} {y} {z}");
         assert_eq!(unseen.within(40.0, 90.0), None);
+        assert!(unseen.hides(100.9, 101.4) && !unseen.hides(101.1, 101.6) && !unseen.hides(99.0, 99.9));
         // Cut in two by a fix it is the same gap.
         let halves = within(99.0, 100.5, 0).hypot(within(100.5, 102.0, 0));
         assert!((halves / x - 1.0).abs() < 1e-9, "{halves} {x}");
