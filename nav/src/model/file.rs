@@ -11,12 +11,31 @@ const SCHEMA: &str = "gaware.model/1";
 #[serde(deny_unknown_fields)]
 struct File {
     schema: String,
+    #[serde(default, skip_serializing_if = "Tolerances::is_none")]
+    tolerances: Tolerances,
     #[serde(default)]
     imu: Imu,
     #[serde(default)]
     gnss: Gnss,
     #[serde(default, skip_serializing_if = "Table::is_empty")]
     effects: Table,
+}
+
+/// What stands for the effects with a tolerance that the file does not name.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+enum Tolerances {
+    /// Nothing: the file is the whole model.
+    #[default]
+    None,
+    /// Those of a consumer unit, as in the standard model.
+    Consumer,
+}
+
+impl Tolerances {
+    fn is_none(&self) -> bool {
+        *self == Self::None
+    }
 }
 
 #[derive(Debug, Serialize, Deserialize)]
@@ -106,7 +125,9 @@ impl From<&super::GnssModel> for Gnss {
 }
 
 impl Model {
-    /// Reads `model.toml`.
+    /// Reads `model.toml`. The file is the whole model: an effect that it does not name is not there. Only with
+    /// `tolerances = "consumer"` those of a consumer unit are added, for each effect with a tolerance that the file does not
+    /// name; one that it names is as the file says, tighter (`sigma_ppm = 300`), known (`value_m` alone) or off (`value_ppm = [0, 0, 0]`).
     ///
     /// # Errors
     /// Not TOML, unknown keys or effects, wrong counts, values that no sensor can have.
@@ -134,7 +155,10 @@ impl Model {
             })?;
             model.set(setting_from_toml(effect, value)?);
         }
-        Ok(model)
+        Ok(match file.tolerances {
+            Tolerances::None => model,
+            Tolerances::Consumer => model.with_tolerances(),
+        })
     }
 
     /// Writes `model.toml`; reading it back gives the same model to the last digit printed.
@@ -142,6 +166,7 @@ impl Model {
         let effects = self.effects.iter().map(|s| (s.effect.name().to_owned(), setting_to_toml(s))).collect();
         let file = File {
             schema: SCHEMA.to_owned(),
+            tolerances: Tolerances::None,
             imu: Imu::from(&self.imu),
             gnss: Gnss::from(&self.gnss),
             effects,
@@ -366,6 +391,27 @@ mod tests {
             assert_eq!(read.values.len(), setting.values.len());
             assert_eq!(read.estimated(), EffectSetting::unknown(*effect).estimated(), "{}", effect.name());
         }
+    }
+
+    #[test]
+    fn a_file_is_the_whole_model_unless_it_asks_for_tolerances() {
+        let head = "schema = \"gaware.model/1\"\n";
+        let effects = "[effects.gyro_g_sensitivity]\n[effects.gyro_scale_factor]\nsigma_ppm = [300, 300, 300]\n\
+                       [effects.gps_lever_arm]\nvalue_m = [0, 0, 0]\n";
+        let read = |text: &str| Model::from_toml(text).expect("a good file");
+        assert_eq!(read(&format!("{head}{effects}")).effects.len(), 3);
+        assert_eq!(read(&format!("{head}tolerances = \"none\"\n{effects}")).effects.len(), 3);
+        let model = read(&format!("{head}tolerances = \"consumer\"\n{effects}"));
+        let sigmas = |name: &str| model.get(name).map(|s| s.sigmas.clone());
+        assert_eq!(sigmas("accel_scale_factor"), Some(vec![0.003; 3]));
+        assert_eq!(sigmas("gps_lever_arm"), Some(vec![0.0; 3]));
+        assert!(sigmas("gyro_scale_factor").is_some_and(|s| s.iter().all(|s| (s - 3e-4).abs() < 1e-12)));
+        assert_eq!(model.effects.len(), 6);
+        // What is written names everything, so that it means the same wherever it is read.
+        let written = model.to_toml();
+        assert!(!written.contains("tolerances"), "{written}");
+        assert_eq!(read(&written).effects.len(), 6);
+        assert!(Model::from_toml(&format!("{head}tolerances = \"tactical\"")).is_err());
     }
 
     #[test]

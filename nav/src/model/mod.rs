@@ -4,6 +4,7 @@
 //! predict with it. In memory everything is SI; [`mod@file`] reads and writes `model.toml` with units in the names.
 
 pub mod file;
+mod tolerances;
 
 use crate::earth::STANDARD_GRAVITY;
 use crate::effects::{self, Effect};
@@ -167,8 +168,14 @@ pub enum GElements {
 }
 
 impl Model {
-    /// What `run` and `replay` assume when nobody says otherwise: full G and the GNSS latency are estimated.
+    /// What `run`, `replay`, `plan` and `demo` assume when nobody says otherwise: full G and the GNSS latency are estimated, in
+    /// sensors with the tolerances of a consumer unit.
     pub fn standard() -> Self {
+        Self::calibrated().with_tolerances()
+    }
+
+    /// The standard model for sensors without tolerances: scale factors, axes and the place of the antenna are exact.
+    pub fn calibrated() -> Self {
         let mut model = Self::default().with_g(GElements::Full, None);
         // Real position errors wander by 1 to 2 m over tens of seconds (FIELD_NOTES). A filter that takes them for
         // white noise learns a heading and biases from them while the vehicle stands.
