@@ -68,8 +68,8 @@ impl Layout {
             for (p, (name, unit)) in setting.parameters().enumerate() {
                 if setting.sigmas[p] > 0.0 {
                     slots.push(Slot { effect: e, parameter: p, state: index::GYRO_BIAS + names.len() });
-                    let is_tolerance = setting.is_tolerance(p);
-                    names.push(StateName { effect: setting.effect.name(), name, unit, is_tolerance });
+                    let effect = setting.effect.name();
+                    names.push(StateName { effect, name, unit, is_tolerance: model.is_tolerance(effect) });
                 }
             }
         }

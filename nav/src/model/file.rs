@@ -147,7 +147,7 @@ impl Model {
             return Err(ModelError::Schema(file.schema));
         }
         let mut model =
-            Model { imu: imu_from_file(&file.imu)?, gnss: gnss_from_file(&file.gnss)?, effects: Vec::new() };
+            Model { imu: imu_from_file(&file.imu)?, gnss: gnss_from_file(&file.gnss)?, ..Model::default() };
         for (name, value) in &file.effects {
             let effect = effects::find(name).ok_or_else(|| ModelError::UnknownEffect {
                 name: name.clone(),
@@ -163,10 +163,16 @@ impl Model {
 
     /// Writes `model.toml`; reading it back gives the same model to the last digit printed.
     pub fn to_toml(&self) -> String {
-        let effects = self.effects.iter().map(|s| (s.effect.name().to_owned(), setting_to_toml(s))).collect();
+        let tolerances = if self.tolerances.is_empty() { Tolerances::None } else { Tolerances::Consumer };
+        let named = self.effects.iter().filter(|s| !self.is_unchanged_tolerance(s)).cloned();
+        let off = (tolerances == Tolerances::Consumer).then(|| self.tolerances_left_out());
+        let effects = named
+            .chain(off.into_iter().flatten())
+            .map(|s| (s.effect.name().to_owned(), setting_to_toml(&s)))
+            .collect();
         let file = File {
             schema: SCHEMA.to_owned(),
-            tolerances: Tolerances::None,
+            tolerances,
             imu: Imu::from(&self.imu),
             gnss: Gnss::from(&self.gnss),
             effects,
@@ -407,11 +413,28 @@ mod tests {
         assert_eq!(sigmas("gps_lever_arm"), Some(vec![0.0; 3]));
         assert!(sigmas("gyro_scale_factor").is_some_and(|s| s.iter().all(|s| (s - 3e-4).abs() < 1e-12)));
         assert_eq!(model.effects.len(), 6);
-        // What is written names everything, so that it means the same wherever it is read.
-        let written = model.to_toml();
-        assert!(!written.contains("tolerances"), "{written}");
-        assert_eq!(read(&written).effects.len(), 6);
+        assert!(!model.is_tolerance("gyro_scale_factor") && model.is_tolerance("accel_scale_factor"));
         assert!(Model::from_toml(&format!("{head}tolerances = \"tactical\"")).is_err());
+    }
+
+    #[test]
+    fn tolerances_survive_a_round_trip_and_drawn_or_removed_ones_are_named() {
+        let back = |model: &Model| Model::from_toml(&model.to_toml()).expect("own output");
+        let sigmas = |model: &Model, name: &str| model.get(name).map(|s| s.sigmas.clone());
+        let standard = Model::standard();
+        assert!(!standard.to_toml().contains("scale_factor"), "{}", standard.to_toml());
+        let read = back(&standard);
+        assert_eq!(read.tolerances, standard.tolerances);
+        assert_eq!(sigmas(&read, "gyro_misalignment"), sigmas(&standard, "gyro_misalignment"));
+        let mut drawn = Model::standard();
+        drawn.effects.iter_mut().for_each(|s| s.values.fill(1e-3));
+        drawn.remove("gps_lever_arm");
+        let read = back(&drawn);
+        for setting in &drawn.effects {
+            let values = &read.get(setting.effect.name()).expect("same").values;
+            assert!(values.iter().all(|v| (v - 1e-3).abs() < 1e-12), "{}", setting.effect.name());
+        }
+        assert_eq!(sigmas(&read, "gps_lever_arm").map(|s| s.iter().sum()), Some(0.0));
     }
 
     #[test]

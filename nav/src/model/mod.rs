@@ -129,6 +129,8 @@ pub struct Model {
     pub gnss: GnssModel,
     /// Effects in the order in which their states stand in the filter.
     pub effects: Vec<EffectSetting>,
+    /// Names of the effects that nobody asked for: tolerances of the sensors ([`Model::with_tolerances`]).
+    pub tolerances: Vec<&'static str>,
 }
 
 impl Default for Model {
@@ -152,6 +154,7 @@ impl Default for Model {
                 time_sigma_s: 0.0,
             },
             effects: Vec::new(),
+            tolerances: Vec::new(),
         }
     }
 }
@@ -217,6 +220,7 @@ impl Model {
 
     /// Puts an effect in, replacing one of the same name.
     pub fn set(&mut self, setting: EffectSetting) {
+        self.tolerances.retain(|name| *name != setting.effect.name());
         match self.effects.iter_mut().find(|s| s.effect.name() == setting.effect.name()) {
             Some(old) => *old = setting,
             None => self.effects.push(setting),
@@ -225,6 +229,7 @@ impl Model {
 
     /// Takes an effect out.
     pub fn remove(&mut self, name: &str) {
+        self.tolerances.retain(|n| *n != name);
         self.effects.retain(|s| s.effect.name() != name);
     }
 

@@ -3,26 +3,17 @@
 //! Scale factors, axes and the place of the antenna are never exact. A model without them takes them for exact, and whatever it
 //! estimates beside them absorbs their errors with sigmas that are too small: 0.15 % of gyro scale factor looks like 400 deg/h/g. So the
 //! standard model estimates them from zero with the tolerance of a consumer unit ([`Effect::tolerance`](crate::effects::Effect::tolerance))
-//! as prior sigma. States with a prior no wider than that are nuisance parameters: they widen the sigmas of all others, and no
-//! maneuver is planned for their sake.
+//! as prior sigma. They are nuisance parameters: they widen the sigmas of all others, but no flight is flown for their sake. An effect that
+//! somebody names is no tolerance any more.
 
 use super::{EffectSetting, Model};
 use crate::effects::{Effect, REGISTRY};
-
-/// Prior sigmas up to this share above the tolerance count as the tolerance: files have twelve digits.
-const ROUNDING: f64 = 1.0 + 1e-9;
 
 impl EffectSetting {
     /// Zero with the tolerance of a consumer unit as sigma, if the effect has one.
     pub fn tolerance(effect: &'static dyn Effect) -> Option<Self> {
         let sigma = effect.tolerance()?;
         Some(Self { effect, values: vec![0.0; effect.len()], sigmas: vec![sigma; effect.len()] })
-    }
-
-    /// Whether this parameter is estimated for the sake of the others: its prior sigma is within the tolerance.
-    pub fn is_tolerance(&self, parameter: usize) -> bool {
-        let sigma = self.sigmas.get(parameter).copied().unwrap_or(0.0);
-        sigma > 0.0 && self.effect.tolerance().is_some_and(|t| sigma <= t * ROUNDING)
     }
 }
 
@@ -31,21 +22,38 @@ impl Model {
     #[must_use]
     pub fn with_tolerances(mut self) -> Self {
         for effect in REGISTRY {
-            if self.get(effect.name()).is_none() {
-                self.effects.extend(EffectSetting::tolerance(*effect));
+            if let (None, Some(setting)) = (self.get(effect.name()), EffectSetting::tolerance(*effect)) {
+                self.effects.push(setting);
+                self.tolerances.push(effect.name());
             }
         }
         self
     }
 
-    /// The same without any parameter that is estimated as a tolerance: the model of a unit that is calibrated perfectly.
+    /// The same without tolerances: sensors that are calibrated perfectly.
     #[must_use]
     pub fn without_tolerances(mut self) -> Self {
-        self.effects.retain(|setting| {
-            let mut estimated = (0..setting.sigmas.len()).filter(|k| setting.sigmas[*k] > 0.0).peekable();
-            estimated.peek().is_none() || estimated.any(|k| !setting.is_tolerance(k))
-        });
+        let tolerances = std::mem::take(&mut self.tolerances);
+        self.effects.retain(|s| !tolerances.contains(&s.effect.name()));
         self
+    }
+
+    /// Whether this effect is in the model as a tolerance only.
+    pub fn is_tolerance(&self, name: &str) -> bool {
+        self.tolerances.contains(&name)
+    }
+
+    /// Whether a file can ask for the tolerances by one word instead of naming each effect: they are as they were added.
+    pub(super) fn is_unchanged_tolerance(&self, setting: &EffectSetting) -> bool {
+        self.is_tolerance(setting.effect.name())
+            && EffectSetting::tolerance(setting.effect)
+                .is_some_and(|t| t.values == setting.values && t.sigmas == setting.sigmas)
+    }
+
+    /// Effects that would come back if a file asked for tolerances, though the model has none of theirs.
+    pub(super) fn tolerances_left_out(&self) -> impl Iterator<Item = EffectSetting> {
+        let without = REGISTRY.iter().filter(|e| e.tolerance().is_some() && self.get(e.name()).is_none());
+        without.filter_map(|e| EffectSetting::known(*e, &vec![0.0; e.len()]).ok())
     }
 }
 
@@ -89,29 +97,24 @@ mod tests {
     }
 
     #[test]
-    fn taking_tolerances_out_leaves_what_is_sought_or_known() {
+    fn taking_tolerances_out_leaves_what_is_named() {
         let names = |m: Model| m.effects.iter().map(|s| s.effect.name()).collect::<Vec<_>>();
         assert_eq!(names(Model::standard().without_tolerances()), names(Model::calibrated()));
         let mut model = Model::standard();
+        assert!(model.is_tolerance("gps_lever_arm") && !model.is_tolerance("gps_latency"));
         model.set(EffectSetting::unknown(&crate::effects::GpsLeverArm));
-        if let Ok(known) = EffectSetting::known(&crate::effects::GyroScaleFactor, &[1e-3; 3]) {
-            model.set(known);
-        }
+        assert!(!model.is_tolerance("gps_lever_arm"));
         let left = names(model.without_tolerances());
-        assert!(left.contains(&"gps_lever_arm") && left.contains(&"gyro_scale_factor"), "{left:?}");
-        assert_eq!(left.len(), 4);
+        assert_eq!(left, ["gyro_g_sensitivity", "gps_latency", "gps_lever_arm"]);
     }
 
     #[test]
-    fn a_wider_prior_is_sought_and_a_tighter_one_is_a_nuisance() {
-        let tolerance = |factor: f64| {
-            let mut setting = EffectSetting::unknown(&crate::effects::GyroScaleFactor);
-            setting.sigmas.iter_mut().for_each(|s| *s *= factor);
-            (0..3).map(|k| setting.is_tolerance(k)).collect::<Vec<_>>()
-        };
-        assert_eq!(tolerance(1.0), [true; 3]);
-        assert_eq!(tolerance(0.1), [true; 3]);
-        assert_eq!(tolerance(0.0), [false; 3]);
-        assert_eq!(tolerance(2.0), [false; 3]);
+    fn layouts_say_which_states_are_tolerances() {
+        let mut model = Model::standard();
+        model.set(EffectSetting::unknown(&crate::effects::GyroScaleFactor));
+        let layout = Layout::new(&model);
+        let tolerances: Vec<_> = layout.names().iter().filter(|n| n.is_tolerance).map(|n| n.effect).collect();
+        assert_eq!(tolerances.len(), 3 + 6 + 3 + 3);
+        assert!(!tolerances.contains(&"gyro_scale_factor") && !tolerances.contains(&"gyro_g_sensitivity"));
     }
 }
