@@ -8,6 +8,7 @@ use gaware::commands::ListenArgs;
 use gaware::commands::replay::{ReplayArgs, replay};
 use gaware::engine::{Engine, EngineOptions};
 use gaware::study::recorded;
+use gaware_nav::model::Model;
 use serde_json::Value;
 use std::path::Path;
 use support::{fixture, flights, gaware};
@@ -18,14 +19,21 @@ const DEG_PER_H_PER_G: f64 = 9.80665 * 206_264.806_247;
 const INJECTED_G: [[f64; 3]; 3] = [[1.78, 0.4, -0.5], [-0.6, 1.4, 0.7], [0.3, -0.4, -2.0]];
 /// An element may be off by 3 sigma, or by this much where sigma is small, deg/h/g: a fifth of RAW_IMU's 1 mrad/s per g.
 const G_TOLERANCE: f64 = 40.0;
-/// Columns x and z are known this well after that flight, deg/h/g; y needs sideslip.
+/// Columns x and z are known this well after that flight, deg/h/g, if the sensors have no tolerances; y needs sideslip.
 const G_SIGMA: f64 = 60.0;
+/// With the tolerances of a consumer unit column x is known as well, and z as well as turns tell it from scale factors and axes.
+const G_SIGMA_STANDARD: [f64; 2] = [65.0, 125.0];
 /// RMS of roll, pitch, yaw against `SIM_STATE`, deg: better than the autopilot's own 0.128/0.121/0.199.
 const ATTITUDE_RMS: [f64; 3] = [0.08, 0.08, 0.09];
 /// The autopilot's 20 Hz sensor filter delays samples by some 12 ms; more than this is another fault, s.
 const TIME_SHIFT: f64 = 0.02;
 
 fn replayed(log: &Path) -> Value {
+    replayed_with(log, |model| model)
+}
+
+/// With the standard model changed by this.
+fn replayed_with(log: &Path, change: impl FnOnce(Model) -> Model) -> Value {
     let args = ReplayArgs {
         log: log.to_owned(),
         json: true,
@@ -34,7 +42,7 @@ fn replayed(log: &Path) -> Value {
         listen: ListenArgs::default(),
         truth_from: 150.0,
     };
-    let (_, document) = replay(&args, |model| Engine::new(model, EngineOptions::default())).unwrap();
+    let (_, document) = replay(&args, |model| Engine::new(change(model), EngineOptions::default())).unwrap();
     Value::Object(document)
 }
 
@@ -59,14 +67,35 @@ fn assert_attitude(document: &Value) {
 #[test]
 fn the_g_sensitivity_put_into_the_real_firmware_is_found() {
     let Some(folder) = flights() else { return };
-    let document = replayed(&folder.join("sitl_gsens_typical_dither.tlog"));
-    for (r, c, value, sigma) in g(&document) {
-        let truth = INJECTED_G[r][c] * 1e-4 * DEG_PER_H_PER_G;
-        println!("g{}{}: {value:7.1} ± {sigma:5.1}, truth {truth:7.1} deg/h/g", r + 1, c + 1);
-        assert!((value - truth).abs() <= G_TOLERANCE.max(3.0 * sigma), "g{}{}", r + 1, c + 1);
-        assert!(c == 1 || sigma <= G_SIGMA, "g{}{}: sigma {sigma}", r + 1, c + 1);
+    let log = folder.join("sitl_gsens_typical_dither.tlog");
+    let found = |document: &Value, bounds: [f64; 2]| {
+        for (r, c, value, sigma) in g(document) {
+            let truth = INJECTED_G[r][c] * 1e-4 * DEG_PER_H_PER_G;
+            println!("g{}{}: {value:7.1} ± {sigma:5.1}, truth {truth:7.1} deg/h/g", r + 1, c + 1);
+            assert!((value - truth).abs() <= G_TOLERANCE.max(3.0 * sigma), "g{}{}", r + 1, c + 1);
+            assert!(c == 1 || sigma <= bounds[c / 2], "g{}{}: sigma {sigma}", r + 1, c + 1);
+        }
+        assert_attitude(document);
+    };
+    found(&replayed(&log), G_SIGMA_STANDARD);
+    found(&replayed_with(&log, Model::without_tolerances), [G_SIGMA; 2]);
+}
+
+/// Accelerometer scale factors wrong by up to 1.4 %, three times the tolerance and more; an antenna 1.2 m ahead.
+#[test]
+fn what_is_wrong_with_scale_and_antenna_is_not_taken_for_g() {
+    let Some(folder) = flights() else { return };
+    for file in ["sitl_acc_scale.tlog", "sitl_gps_lever.tlog"] {
+        let log = folder.join(file);
+        let worst = |document: &Value| {
+            g(document).into_iter().map(|(.., value, sigma)| value.abs() / sigma).fold(0.0, f64::max)
+        };
+        let (standard, exact) =
+            (worst(&replayed(&log)), worst(&replayed_with(&log, Model::without_tolerances)));
+        println!("{file}: G off by {standard:.1} sigma, without tolerances {exact:.1}");
+        assert!(standard <= 3.0, "{file}: {standard} sigma");
+        assert!(exact > 5.0, "{file}: {exact} sigma, so that tolerances prove nothing here");
     }
-    assert_attitude(&document);
 }
 
 #[test]
@@ -99,9 +128,9 @@ fn the_small_flights_give_what_they_gave() {
 
 /// The prior sigma of every element of G where no model is given, deg/h/g.
 const PRIOR: f64 = 360.0;
-/// Sensors of real vehicles have errors that the standard model lacks (scale, misalignment), and G takes the blame: up to
-/// 5200 deg/h/g in the flight of 2013. More than 20 prior sigmas would be a filter that runs away.
-const G_LARGEST: f64 = 20.0 * PRIOR;
+/// Sensors of real vehicles have errors that the standard model lacks or expects to be smaller, and G absorbs them: up to
+/// 3500 deg/h/g in the flight of 2013. More than 12 prior sigmas would be a filter that runs away.
+const G_LARGEST: f64 = 12.0 * PRIOR;
 
 /// What a flight must not claim.
 struct Real {

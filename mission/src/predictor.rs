@@ -8,7 +8,7 @@ use crate::item::Home;
 use crate::kinematics::Kinematics;
 use gaware_nav::bound::InformationBound;
 use gaware_nav::earth::{Geodetic, rotation_rate};
-use gaware_nav::filter::layout::index;
+use gaware_nav::filter::layout::{StateName, index};
 use gaware_nav::filter::{Filter, Initial};
 use gaware_nav::mechanization::{Motion, NavState};
 use gaware_nav::model::Model;
@@ -43,7 +43,7 @@ pub trait Predictor: Clone {
     /// Flies along these samples, which follow on those before, with a fix every `fix_interval_s` seconds.
     fn fly(&mut self, kinematics: &[Kinematics], fix_interval_s: f64);
 
-    /// The sigmas now.
+    /// The sigmas now, of the states that a flight is planned for: without tolerances of the sensors.
     fn sigmas(&self) -> Vec<NamedSigma>;
 }
 
@@ -99,6 +99,31 @@ impl BoundPredictor {
         self.bound.filter().euler_sigma().into()
     }
 
+    /// The sigmas now of all states, tolerances of the sensors included.
+    pub fn all_sigmas(&self) -> Vec<NamedSigma> {
+        self.sigmas_of(|_| true)
+    }
+
+    fn sigmas_of(&self, wanted: impl Fn(&StateName) -> bool) -> Vec<NamedSigma> {
+        let filter = self.bound.filter();
+        let covariance = filter.covariance();
+        let states = filter.layout().names().iter().enumerate();
+        states
+            .filter(|(_, state)| wanted(state))
+            .map(|(k, state)| {
+                let i = index::GYRO_BIAS + k;
+                let start = filter.initial_sigmas().get(i).copied().unwrap_or(f64::INFINITY);
+                let target = self.targets.of(state, start) / state.unit.si;
+                NamedSigma {
+                    name: state.name.to_owned(),
+                    sigma: covariance.sigma(i) / state.unit.si,
+                    target,
+                    unit: state.unit.symbol.to_owned(),
+                }
+            })
+            .collect()
+    }
+
     /// Fixes with another kind of velocity.
     #[must_use]
     pub fn with_velocity(mut self, velocity: FixVelocity) -> Self {
@@ -135,21 +160,6 @@ impl Predictor for BoundPredictor {
     }
 
     fn sigmas(&self) -> Vec<NamedSigma> {
-        let filter = self.bound.filter();
-        let covariance = filter.covariance();
-        let states = filter.layout().names().iter().enumerate();
-        states
-            .map(|(k, state)| {
-                let i = index::GYRO_BIAS + k;
-                let start = filter.initial_sigmas().get(i).copied().unwrap_or(f64::INFINITY);
-                let target = self.targets.of(state, start) / state.unit.si;
-                NamedSigma {
-                    name: state.name.to_owned(),
-                    sigma: covariance.sigma(i) / state.unit.si,
-                    target,
-                    unit: state.unit.symbol.to_owned(),
-                }
-            })
-            .collect()
+        self.sigmas_of(|state| !state.is_tolerance)
     }
 }

@@ -22,12 +22,13 @@ const DT_S: f64 = 0.005;
 /// Samples before the filter starts over: a run without fixes must not leave the Earth.
 const RUN: u32 = 2000;
 
-fn models() -> [(&'static str, Model); 4] {
+fn models() -> [(&'static str, Model); 5] {
     [
         ("15 states", Model::default()),
         ("18 states", Model::default().with_g(GElements::Diagonal, None)),
         ("24 states", Model::default().with_g(GElements::Full, None)),
-        ("28 states, latency and wander", Model::standard()),
+        ("28 states, latency and wander", Model::calibrated()),
+        ("46 states, standard: with tolerances", Model::standard()),
     ]
 }
 

@@ -152,7 +152,7 @@ fn paper() -> Scenario {
             position_wander_sigma_m: [0.0; 3],
             time_sigma_s: 0.0,
         },
-        effects: Vec::new(),
+        ..Model::default()
     };
     model.effects.push(EffectSetting {
         effect: &effects::GyroGSensitivity,

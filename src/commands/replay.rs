@@ -15,7 +15,8 @@ pub struct ReplayArgs {
     /// Print the result as one JSON document.
     #[arg(long)]
     pub json: bool,
-    /// Model of the sensors (default: the recording's own, otherwise g-sensitivity and GNSS latency are estimated).
+    /// Model of the sensors (default: the recording's own, otherwise g-sensitivity, GNSS latency and the tolerances of a
+    /// consumer unit are estimated).
     #[arg(long, value_name = "FILE")]
     pub model: Option<PathBuf>,
     /// Compare the result with this earlier one and fail when it left its tolerance.

@@ -19,7 +19,8 @@ pub struct ReportArgs {
     /// Write the page here (default: the name of the log with .html instead, in this folder).
     #[arg(long, value_name = "FILE")]
     pub out: Option<PathBuf>,
-    /// Model of the sensors (default: the recording's own, otherwise g-sensitivity and GNSS latency are estimated).
+    /// Model of the sensors (default: the recording's own, otherwise g-sensitivity, GNSS latency and the tolerances of a
+    /// consumer unit are estimated).
     #[arg(long, value_name = "FILE")]
     pub model: Option<PathBuf>,
     /// What flew, for the words of remedies: small_fixed_wing, large_fixed_wing, quadrotor, or a file that describes it.
@@ -112,7 +113,8 @@ fn model_of(args: &ReportArgs) -> String {
     match &args.model {
         Some(path) => path.file_name().unwrap_or_default().to_string_lossy().into_owned(),
         None if logs::mcap::recorded_setup(&args.log).is_some() => "the recording's own".to_owned(),
-        None => "standard (g-sensitivity and GNSS latency estimated)".to_owned(),
+        None => "standard (g-sensitivity, GNSS latency and the tolerances of a consumer unit estimated)"
+            .to_owned(),
     }
 }
 

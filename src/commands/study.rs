@@ -55,6 +55,9 @@ pub struct SigmasArgs {
     /// First seed.
     #[arg(long, default_value_t = 1)]
     pub seed: u64,
+    /// Estimate without the tolerances that the sensors have: shows what a model that lacks them is worth.
+    #[arg(long)]
+    pub ignore_tolerances: bool,
     /// Scenarios.
     #[arg(default_values_t = ["fixed_wing", "fixed_wing_coordinated", "multirotor", "paper"].map(str::to_owned))]
     pub scenarios: Vec<String>,
@@ -187,6 +190,7 @@ pub fn run(args: &StudyArgs) -> Result<(), CommandError> {
                 runs: args.runs,
                 seed: args.seed,
                 scenarios: args.scenarios.clone(),
+                ignore_tolerances: args.ignore_tolerances,
             };
             let flights = args.runs * args.scenarios.len();
             output::json_pretty(&with_bar(flights, "flights", |bar| honesty::honest_sigmas(&settings, bar))?)

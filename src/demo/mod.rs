@@ -246,7 +246,7 @@ impl Prepared {
         let mut flown = predictor(&settings.belief, &request);
         flown.fly(&plan.path, FIX_INTERVAL_S);
         let prediction = Prediction {
-            sigmas: flown.sigmas(),
+            sigmas: flown.all_sigmas(),
             attitude_sigma_deg: flown.attitude_sigma_rad().map(f64::to_degrees),
         };
         Ok(Self { settings, plan, prediction })

@@ -6,14 +6,14 @@ use gaware_nav::earth::rotation_rate;
 use gaware_nav::estimator::Estimator;
 use gaware_nav::filter::Filter;
 use gaware_nav::filter::calibration::MotionJacobian;
-use gaware_nav::filter::layout::index;
+use gaware_nav::filter::layout::{StateName, index};
 use gaware_nav::observability::conditions::{ConditionSettings, ConditionStatus, PathConditions};
 use gaware_nav::observability::covariance::{self, Knowledge, Targets};
 use gaware_nav::observability::gramian;
 use gaware_nav::observability::segments::{PathSegment, SegmentSample};
 use gaware_nav::observability::words::{VehicleKind, describe};
 use gaware_nav::sample::ImuSample;
-use nalgebra::DMatrix;
+use nalgebra::{DMatrix, DVector};
 use std::collections::BTreeMap;
 
 /// The uncertainty of the corrected rate is judged anew after so long, s: it changes slowly.
@@ -147,18 +147,19 @@ pub(super) fn of(
 ) -> Observability {
     let conditions = watch.status();
     let states = states(constants, targets);
-    let names = constants.layout.names();
-    let posterior =
-        match filter {
-            Some(f) => {
-                f.covariance().block(&(0..names.len()).map(|k| index::GYRO_BIAS + k).collect::<Vec<_>>())
-            }
-            None => DMatrix::from_fn(names.len(), names.len(), |i, j| {
-                if i == j { constants.sigma[i].powi(2) } else { 0.0 }
-            }),
-        };
-    let gramian = gramian::analyse(&posterior, &constants.start);
-    let unobservable_directions: Vec<_> = describe(&gramian, names, vehicle)
+    // Tolerances are nuisances as motion is: the block of the others is their marginal covariance.
+    let (sought, names): (Vec<usize>, Vec<StateName>) =
+        constants.layout.names().iter().cloned().enumerate().filter(|(_, name)| !name.is_tolerance).unzip();
+    let posterior = match filter {
+        Some(f) => f.covariance().block(&sought.iter().map(|k| index::GYRO_BIAS + k).collect::<Vec<_>>()),
+        None => DMatrix::from_diagonal(&DVector::from_iterator(
+            sought.len(),
+            sought.iter().map(|k| constants.sigma[*k].powi(2)),
+        )),
+    };
+    let start: Vec<f64> = sought.iter().map(|k| constants.start[*k]).collect();
+    let gramian = gramian::analyse(&posterior, &start);
+    let unobservable_directions: Vec<_> = describe(&gramian, &names, vehicle)
         .into_iter()
         .map(|d| Direction {
             states: d.states.into_iter().map(|(name, w)| (name.to_owned(), w)).collect::<BTreeMap<_, _>>(),
@@ -181,6 +182,7 @@ fn states(constants: &Constants, targets: &Targets) -> Vec<StateStatus> {
     names
         .zip(&constants.sigma)
         .zip(&constants.start)
+        .filter(|((name, _), _)| !name.is_tolerance)
         .map(|((name, sigma), start)| {
             let k = covariance::judge(name, *sigma, *start, targets);
             StateStatus {

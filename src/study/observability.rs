@@ -173,10 +173,11 @@ fn count(elements: GElements) -> usize {
     }
 }
 
-/// A recorded flight through the engine, for 3 and 9 elements of G.
+/// A recorded flight through the engine, for 3 and 9 elements of G. As in the paper the sensors have no tolerances: the views are about
+/// what motion can show, and the conditions know of biases and G alone.
 pub fn of_samples(name: &str, samples: &[Sample], progress: &dyn Progress) -> Table {
     let rows = map_runs(2, progress, |k| {
-        let mut engine = Engine::new(Model::standard().with_g(elements(k), None), EngineOptions::default());
+        let mut engine = Engine::new(Model::calibrated().with_g(elements(k), None), EngineOptions::default());
         let mut book = Book::default();
         for sample in samples {
             engine.feed(sample);

@@ -4,6 +4,9 @@ use super::{Effect, FixEffect, FixInstant, ParameterGroup, Shape, unit};
 use crate::rotation::skew;
 use nalgebra::{Matrix3, Vector3};
 
+/// The antenna of a small vehicle that nobody has measured, m.
+const TOLERANCE_M: f64 = 0.3;
+
 /// Position of the antenna relative to the inertial unit: forward, right, down.
 #[derive(Debug)]
 pub struct GpsLeverArm;
@@ -32,6 +35,10 @@ impl Effect for GpsLeverArm {
             names: &["lever_x", "lever_y", "lever_z"],
             prior_sigma: 1.0,
         }]
+    }
+
+    fn tolerance(&self) -> Option<f64> {
+        Some(TOLERANCE_M)
     }
 
     fn on_fixes(&self) -> Option<&dyn FixEffect> {

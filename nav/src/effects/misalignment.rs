@@ -58,6 +58,10 @@ impl Effect for GyroMisalignment {
         }]
     }
 
+    fn tolerance(&self) -> Option<f64> {
+        Some(PRIOR_SIGMA)
+    }
+
     fn on_samples(&self) -> Option<&dyn ImuEffect> {
         Some(self)
     }
@@ -109,6 +113,10 @@ impl Effect for AccelMisalignment {
             fly: &[Excitation::Sideslip, Excitation::VaryingSpeed],
             why: "one axis after the other feels a force of its own",
         }]
+    }
+
+    fn tolerance(&self) -> Option<f64> {
+        Some(PRIOR_SIGMA)
     }
 
     fn on_samples(&self) -> Option<&dyn ImuEffect> {

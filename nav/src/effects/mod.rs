@@ -382,6 +382,12 @@ pub trait Effect: Sync + std::fmt::Debug {
         self.len() == 0
     }
 
+    /// 1-sigma of what calibration leaves of it in a consumer unit, SI, for every parameter alike; `None` for what a sensor has or has
+    /// not. The standard model estimates these.
+    fn tolerance(&self) -> Option<f64> {
+        None
+    }
+
     /// Effects that it imitates, and what separates them. A pair stands in the file of one of them.
     fn separations(&self) -> &'static [Separation] {
         &[]

@@ -54,6 +54,10 @@ impl Effect for GyroScaleFactor {
         }]
     }
 
+    fn tolerance(&self) -> Option<f64> {
+        Some(PRIOR_SIGMA)
+    }
+
     fn on_samples(&self) -> Option<&dyn ImuEffect> {
         Some(self)
     }
@@ -112,6 +116,10 @@ impl Effect for AccelScaleFactor {
                 why: "one axis after the other feels a force of its own",
             },
         ]
+    }
+
+    fn tolerance(&self) -> Option<f64> {
+        Some(PRIOR_SIGMA)
     }
 
     fn on_samples(&self) -> Option<&dyn ImuEffect> {

@@ -29,6 +29,8 @@ pub struct StateName {
     pub name: &'static str,
     /// Unit of screens.
     pub unit: Unit,
+    /// Whether it is estimated only for the sake of the others: a tolerance of the sensors.
+    pub is_tolerance: bool,
 }
 
 /// An estimated parameter: which effect, which parameter of it, which state.
@@ -59,14 +61,15 @@ impl Layout {
             ("gyro_bias", unit::DEG_PER_H, ["bg_x", "bg_y", "bg_z"]),
             ("accel_bias", unit::MG, ["ba_x", "ba_y", "ba_z"]),
         ] {
-            names.extend(axes.map(|name| StateName { effect, name, unit }));
+            names.extend(axes.map(|name| StateName { effect, name, unit, is_tolerance: false }));
         }
         let mut slots = Vec::new();
         for (e, setting) in model.effects.iter().enumerate() {
             for (p, (name, unit)) in setting.parameters().enumerate() {
                 if setting.sigmas[p] > 0.0 {
                     slots.push(Slot { effect: e, parameter: p, state: index::GYRO_BIAS + names.len() });
-                    names.push(StateName { effect: setting.effect.name(), name, unit });
+                    let effect = setting.effect.name();
+                    names.push(StateName { effect, name, unit, is_tolerance: model.is_tolerance(effect) });
                 }
             }
         }

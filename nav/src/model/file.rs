@@ -11,12 +11,31 @@ const SCHEMA: &str = "gaware.model/1";
 #[serde(deny_unknown_fields)]
 struct File {
     schema: String,
+    #[serde(default, skip_serializing_if = "Tolerances::is_none")]
+    tolerances: Tolerances,
     #[serde(default)]
     imu: Imu,
     #[serde(default)]
     gnss: Gnss,
     #[serde(default, skip_serializing_if = "Table::is_empty")]
     effects: Table,
+}
+
+/// What stands for the effects with a tolerance that the file does not name.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+enum Tolerances {
+    /// Nothing: the file is the whole model.
+    #[default]
+    None,
+    /// Those of a consumer unit, as in the standard model.
+    Consumer,
+}
+
+impl Tolerances {
+    fn is_none(&self) -> bool {
+        *self == Self::None
+    }
 }
 
 #[derive(Debug, Serialize, Deserialize)]
@@ -106,7 +125,9 @@ impl From<&super::GnssModel> for Gnss {
 }
 
 impl Model {
-    /// Reads `model.toml`.
+    /// Reads `model.toml`. The file is the whole model: an effect that it does not name is not there. Only with
+    /// `tolerances = "consumer"` those of a consumer unit are added, for each effect with a tolerance that the file does not
+    /// name; one that it names is as the file says, tighter (`sigma_ppm = 300`), known (`value_m` alone) or off (`value_ppm = [0, 0, 0]`).
     ///
     /// # Errors
     /// Not TOML, unknown keys or effects, wrong counts, values that no sensor can have.
@@ -126,7 +147,7 @@ impl Model {
             return Err(ModelError::Schema(file.schema));
         }
         let mut model =
-            Model { imu: imu_from_file(&file.imu)?, gnss: gnss_from_file(&file.gnss)?, effects: Vec::new() };
+            Model { imu: imu_from_file(&file.imu)?, gnss: gnss_from_file(&file.gnss)?, ..Model::default() };
         for (name, value) in &file.effects {
             let effect = effects::find(name).ok_or_else(|| ModelError::UnknownEffect {
                 name: name.clone(),
@@ -134,14 +155,24 @@ impl Model {
             })?;
             model.set(setting_from_toml(effect, value)?);
         }
-        Ok(model)
+        Ok(match file.tolerances {
+            Tolerances::None => model,
+            Tolerances::Consumer => model.with_tolerances(),
+        })
     }
 
     /// Writes `model.toml`; reading it back gives the same model to the last digit printed.
     pub fn to_toml(&self) -> String {
-        let effects = self.effects.iter().map(|s| (s.effect.name().to_owned(), setting_to_toml(s))).collect();
+        let tolerances = if self.tolerances.is_empty() { Tolerances::None } else { Tolerances::Consumer };
+        let named = self.effects.iter().filter(|s| !self.is_unchanged_tolerance(s)).cloned();
+        let off = (tolerances == Tolerances::Consumer).then(|| self.tolerances_left_out());
+        let effects = named
+            .chain(off.into_iter().flatten())
+            .map(|s| (s.effect.name().to_owned(), setting_to_toml(&s)))
+            .collect();
         let file = File {
             schema: SCHEMA.to_owned(),
+            tolerances,
             imu: Imu::from(&self.imu),
             gnss: Gnss::from(&self.gnss),
             effects,
@@ -366,6 +397,44 @@ mod tests {
             assert_eq!(read.values.len(), setting.values.len());
             assert_eq!(read.estimated(), EffectSetting::unknown(*effect).estimated(), "{}", effect.name());
         }
+    }
+
+    #[test]
+    fn a_file_is_the_whole_model_unless_it_asks_for_tolerances() {
+        let head = "schema = \"gaware.model/1\"\n";
+        let effects = "[effects.gyro_g_sensitivity]\n[effects.gyro_scale_factor]\nsigma_ppm = [300, 300, 300]\n\
+                       [effects.gps_lever_arm]\nvalue_m = [0, 0, 0]\n";
+        let read = |text: &str| Model::from_toml(text).expect("a good file");
+        assert_eq!(read(&format!("{head}{effects}")).effects.len(), 3);
+        assert_eq!(read(&format!("{head}tolerances = \"none\"\n{effects}")).effects.len(), 3);
+        let model = read(&format!("{head}tolerances = \"consumer\"\n{effects}"));
+        let sigmas = |name: &str| model.get(name).map(|s| s.sigmas.clone());
+        assert_eq!(sigmas("accel_scale_factor"), Some(vec![0.003; 3]));
+        assert_eq!(sigmas("gps_lever_arm"), Some(vec![0.0; 3]));
+        assert!(sigmas("gyro_scale_factor").is_some_and(|s| s.iter().all(|s| (s - 3e-4).abs() < 1e-12)));
+        assert_eq!(model.effects.len(), 6);
+        assert!(!model.is_tolerance("gyro_scale_factor") && model.is_tolerance("accel_scale_factor"));
+        assert!(Model::from_toml(&format!("{head}tolerances = \"tactical\"")).is_err());
+    }
+
+    #[test]
+    fn tolerances_survive_a_round_trip_and_drawn_or_removed_ones_are_named() {
+        let back = |model: &Model| Model::from_toml(&model.to_toml()).expect("own output");
+        let sigmas = |model: &Model, name: &str| model.get(name).map(|s| s.sigmas.clone());
+        let standard = Model::standard();
+        assert!(!standard.to_toml().contains("scale_factor"), "{}", standard.to_toml());
+        let read = back(&standard);
+        assert_eq!(read.tolerances, standard.tolerances);
+        assert_eq!(sigmas(&read, "gyro_misalignment"), sigmas(&standard, "gyro_misalignment"));
+        let mut drawn = Model::standard();
+        drawn.effects.iter_mut().for_each(|s| s.values.fill(1e-3));
+        drawn.remove("gps_lever_arm");
+        let read = back(&drawn);
+        for setting in &drawn.effects {
+            let values = &read.get(setting.effect.name()).expect("same").values;
+            assert!(values.iter().all(|v| (v - 1e-3).abs() < 1e-12), "{}", setting.effect.name());
+        }
+        assert_eq!(sigmas(&read, "gps_lever_arm").map(|s| s.iter().sum()), Some(0.0));
     }
 
     #[test]

@@ -4,6 +4,7 @@
 //! predict with it. In memory everything is SI; [`mod@file`] reads and writes `model.toml` with units in the names.
 
 pub mod file;
+mod tolerances;
 
 use crate::earth::STANDARD_GRAVITY;
 use crate::effects::{self, Effect};
@@ -128,6 +129,8 @@ pub struct Model {
     pub gnss: GnssModel,
     /// Effects in the order in which their states stand in the filter.
     pub effects: Vec<EffectSetting>,
+    /// Names of the effects that nobody asked for: tolerances of the sensors ([`Model::with_tolerances`]).
+    pub tolerances: Vec<&'static str>,
 }
 
 impl Default for Model {
@@ -151,6 +154,7 @@ impl Default for Model {
                 time_sigma_s: 0.0,
             },
             effects: Vec::new(),
+            tolerances: Vec::new(),
         }
     }
 }
@@ -167,8 +171,14 @@ pub enum GElements {
 }
 
 impl Model {
-    /// What `run` and `replay` assume when nobody says otherwise: full G and the GNSS latency are estimated.
+    /// What `run`, `replay`, `plan` and `demo` assume when nobody says otherwise: full G and the GNSS latency are estimated, in
+    /// sensors with the tolerances of a consumer unit.
     pub fn standard() -> Self {
+        Self::calibrated().with_tolerances()
+    }
+
+    /// The standard model for sensors without tolerances: scale factors, axes and the place of the antenna are exact.
+    pub fn calibrated() -> Self {
         let mut model = Self::default().with_g(GElements::Full, None);
         // Real position errors wander by 1 to 2 m over tens of seconds (FIELD_NOTES). A filter that takes them for
         // white noise learns a heading and biases from them while the vehicle stands.
@@ -210,6 +220,7 @@ impl Model {
 
     /// Puts an effect in, replacing one of the same name.
     pub fn set(&mut self, setting: EffectSetting) {
+        self.tolerances.retain(|name| *name != setting.effect.name());
         match self.effects.iter_mut().find(|s| s.effect.name() == setting.effect.name()) {
             Some(old) => *old = setting,
             None => self.effects.push(setting),
@@ -218,6 +229,7 @@ impl Model {
 
     /// Takes an effect out.
     pub fn remove(&mut self, name: &str) {
+        self.tolerances.retain(|n| *n != name);
         self.effects.retain(|s| s.effect.name() != name);
     }
 

@@ -100,7 +100,12 @@ pub fn judge(state: &StateName, sigma: f64, start: f64, targets: &Targets) -> St
 mod tests {
     use super::*;
 
-    const G: StateName = StateName { effect: "gyro_g_sensitivity", name: "g11", unit: unit::DEG_PER_H_PER_G };
+    const G: StateName = StateName {
+        effect: "gyro_g_sensitivity",
+        name: "g11",
+        unit: unit::DEG_PER_H_PER_G,
+        is_tolerance: false,
+    };
 
     fn verdict(sigma: f64, start: f64) -> Knowledge {
         judge(&G, sigma * G.unit.si, start * G.unit.si, &Targets::default()).knowledge

@@ -1,0 +1,120 @@
+//! Tolerances: what calibration leaves in the sensors of any vehicle.
+//!
+//! Scale factors, axes and the place of the antenna are never exact. A model without them takes them for exact, and whatever it
+//! estimates beside them absorbs their errors with sigmas that are too small: 0.15 % of gyro scale factor looks like 400 deg/h/g. So the
+//! standard model estimates them from zero with the tolerance of a consumer unit ([`Effect::tolerance`](crate::effects::Effect::tolerance))
+//! as prior sigma. They are nuisance parameters: they widen the sigmas of all others, but no flight is flown for their sake. An effect that
+//! somebody names is no tolerance any more.
+
+use super::{EffectSetting, Model};
+use crate::effects::{Effect, REGISTRY};
+
+impl EffectSetting {
+    /// Zero with the tolerance of a consumer unit as sigma, if the effect has one.
+    pub fn tolerance(effect: &'static dyn Effect) -> Option<Self> {
+        let sigma = effect.tolerance()?;
+        Some(Self { effect, values: vec![0.0; effect.len()], sigmas: vec![sigma; effect.len()] })
+    }
+}
+
+impl Model {
+    /// The same with the tolerances of a consumer unit for every effect that has one and that the model does not name.
+    #[must_use]
+    pub fn with_tolerances(mut self) -> Self {
+        for effect in REGISTRY {
+            if let (None, Some(setting)) = (self.get(effect.name()), EffectSetting::tolerance(*effect)) {
+                self.effects.push(setting);
+                self.tolerances.push(effect.name());
+            }
+        }
+        self
+    }
+
+    /// The same without tolerances: sensors that are calibrated perfectly.
+    #[must_use]
+    pub fn without_tolerances(mut self) -> Self {
+        let tolerances = std::mem::take(&mut self.tolerances);
+        self.effects.retain(|s| !tolerances.contains(&s.effect.name()));
+        self
+    }
+
+    /// Whether this effect is in the model as a tolerance only.
+    pub fn is_tolerance(&self, name: &str) -> bool {
+        self.tolerances.contains(&name)
+    }
+
+    /// Whether a file can ask for the tolerances by one word instead of naming each effect: they are as they were added.
+    pub(super) fn is_unchanged_tolerance(&self, setting: &EffectSetting) -> bool {
+        self.is_tolerance(setting.effect.name())
+            && EffectSetting::tolerance(setting.effect)
+                .is_some_and(|t| t.values == setting.values && t.sigmas == setting.sigmas)
+    }
+
+    /// Effects that would come back if a file asked for tolerances, though the model has none of theirs.
+    pub(super) fn tolerances_left_out(&self) -> impl Iterator<Item = EffectSetting> {
+        let without = REGISTRY.iter().filter(|e| e.tolerance().is_some() && self.get(e.name()).is_none());
+        without.filter_map(|e| EffectSetting::known(*e, &vec![0.0; e.len()]).ok())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::filter::layout::Layout;
+
+    #[test]
+    fn a_consumer_unit_has_the_tolerances_of_its_data_sheet() {
+        let model = Model::default().with_tolerances();
+        let sigma = |name: &str| {
+            let setting = model.get(name).unwrap_or_else(|| panic!("{name} is missing"));
+            assert!(setting.values.iter().all(|v| *v == 0.0), "{name}");
+            setting.sigmas.clone()
+        };
+        for name in ["gyro_scale_factor", "accel_scale_factor"] {
+            assert!(sigma(name).iter().all(|s| (s - 0.003).abs() < 1e-12), "{name}");
+        }
+        for name in ["gyro_misalignment", "accel_misalignment"] {
+            assert!(sigma(name).iter().all(|s| (s - 0.003).abs() < 1e-12), "{name}");
+        }
+        assert_eq!(sigma("gps_lever_arm"), vec![0.3; 3]);
+        assert_eq!(model.effects.len(), 5);
+    }
+
+    #[test]
+    fn what_the_model_names_stays_as_it_is() {
+        let mut model = Model::default();
+        let Ok(known) = EffectSetting::known(&crate::effects::GpsLeverArm, &[0.5, 0.0, -0.1]) else {
+            panic!("three values")
+        };
+        model.set(known);
+        let model = model.with_tolerances();
+        let arm = model.get("gps_lever_arm").map(|s| (s.values.clone(), s.sigmas.clone()));
+        assert_eq!(arm, Some((vec![0.5, 0.0, -0.1], vec![0.0; 3])));
+        assert_eq!(model.effects.len(), 5);
+        let states = Layout::new(&model).len();
+        assert_eq!(model.with_tolerances().effects.len(), 5);
+        assert_eq!(states, 15 + 3 + 3 + 6 + 3);
+    }
+
+    #[test]
+    fn taking_tolerances_out_leaves_what_is_named() {
+        let names = |m: Model| m.effects.iter().map(|s| s.effect.name()).collect::<Vec<_>>();
+        assert_eq!(names(Model::standard().without_tolerances()), names(Model::calibrated()));
+        let mut model = Model::standard();
+        assert!(model.is_tolerance("gps_lever_arm") && !model.is_tolerance("gps_latency"));
+        model.set(EffectSetting::unknown(&crate::effects::GpsLeverArm));
+        assert!(!model.is_tolerance("gps_lever_arm"));
+        let left = names(model.without_tolerances());
+        assert_eq!(left, ["gyro_g_sensitivity", "gps_latency", "gps_lever_arm"]);
+    }
+
+    #[test]
+    fn layouts_say_which_states_are_tolerances() {
+        let mut model = Model::standard();
+        model.set(EffectSetting::unknown(&crate::effects::GyroScaleFactor));
+        let layout = Layout::new(&model);
+        let tolerances: Vec<_> = layout.names().iter().filter(|n| n.is_tolerance).map(|n| n.effect).collect();
+        assert_eq!(tolerances.len(), 3 + 6 + 3 + 3);
+        assert!(!tolerances.contains(&"gyro_scale_factor") && !tolerances.contains(&"gyro_g_sensitivity"));
+    }
+}
