@@ -70,7 +70,6 @@ const REPLACED: [(&str, &str); 58] = [
 
 /// What stands all the same: a place (the end of a path, or `--help`), the text around the word, and why.
 const EXCEPTIONS: [(&str, &str, &str); 14] = [
-    ("mission/src/planner/mod.rs", "dark", "a value of the JSON result"),
     ("", "--hide", "an option's name is a contract"),
     ("", "--sealed", "an option's name is a contract"),
     ("src/commands/sim.rs", "hide", "the identifier of the option"),
@@ -80,6 +79,7 @@ const EXCEPTIONS: [(&str, &str, &str); 14] = [
     ("study observability --help", "standing", "a scenario's name on the command line"),
     ("src/sinks/web/assets/index.html", "hidden", "an attribute of HTML"),
     ("src/sinks/web/assets/index.html", "light dark", "a value of HTML's colour scheme"),
+    ("mission/src/planner/mod.rs", "dark", "a value of the JSON of a plan is a contract"),
     ("docs/snapshot.schema.json", "\"news\"", "a field's name is a contract"),
     ("src/sinks/web/assets/theme.js", "dark", "the dark theme of the page"),
     ("src/sinks/web/assets/", "hidden", "a property of HTML elements"),
@@ -199,7 +199,8 @@ fn documents_and_pages_use_the_words_of_the_field() {
     let mut complaints = Vec::new();
     for file in all {
         let text = std::fs::read_to_string(&file).unwrap();
-        text.lines().for_each(|line| judge(&place(&file), line, &mut complaints));
+        // Pictures of the terminal have spaces that do not break.
+        text.replace('\u{a0}', " ").lines().for_each(|line| judge(&place(&file), line, &mut complaints));
     }
     none(&complaints);
 }
@@ -243,9 +244,8 @@ fn strings_of_the_program_use_the_words_of_the_field() {
 #[test]
 fn every_exception_is_needed() {
     let mut all = vec![root().join("docs/snapshot.schema.json")];
-    for folder in ["src", "nav/src", "mission/src", "sitl/src"] {
-        files(&root().join(folder), &[".rs", ".js", ".html"], &mut all);
-    }
+    files(&root().join("src"), &[".rs", ".js", ".html"], &mut all);
+    files(&root().join("mission/src"), &[".rs"], &mut all);
     for (at, what, why) in EXCEPTIONS.iter().filter(|e| !e.0.is_empty() && !e.0.contains("--help")) {
         let stands = |file: &&PathBuf| {
             place(file).contains(at) && std::fs::read_to_string(file).unwrap().to_lowercase().contains(what)

@@ -102,7 +102,7 @@ function flying(s, sinks, silentS) {
     ["Link", stale ? `no data for ${clock(silentS)}` : `${LINK[link.state] ?? "–"}, ${num(link.rate_hz, 0)}/s, ${count(link.lost)} lost`],
     ["Mode", vehicle.mode || "–"],
     ["Next", vehicle.next || "–"],
-    ["By hand", byHand ? `if you take over: ${byHand}` : "–"],
+    ["By hand", byHand || "–"],
     ["Last", s.guidance.last_result ? capital(s.guidance.last_result) : "–"],
   ]);
 }
