@@ -9,7 +9,11 @@ fn named(name: &str) -> Scenario {
 
 /// Feeds a scenario until `until_s`.
 fn fly(scenario: &Scenario, seed: u64, until_s: f64) -> Engine {
-    let mut engine = Engine::new(Model::standard(), EngineOptions::default());
+    fly_with(Model::standard(), scenario, seed, until_s)
+}
+
+fn fly_with(model: Model, scenario: &Scenario, seed: u64, until_s: f64) -> Engine {
+    let mut engine = Engine::new(model, EngineOptions::default());
     for (sample, _) in scenario.flight(seed).take_while(|(_, t)| t.t_s <= until_s) {
         engine.feed(&sample);
     }
@@ -28,7 +32,8 @@ fn before_anything_came_priors_are_shown_and_nothing_is_claimed() {
     assert_eq!(now.estimate.gyro_bias_deg_per_h.sigma[0].round(), 1800.0);
     assert!(now.observability.states.iter().all(|s| s.status == Status::Unobservable));
     assert_eq!(now.observability.states.len(), 16);
-    assert_eq!(now.estimate.effects.len(), 1);
+    // The latency, and what a consumer unit's scale factors, axes and antenna are uncertain by.
+    assert_eq!(now.estimate.effects.len(), 19);
 }
 
 #[test]
@@ -191,8 +196,11 @@ fn an_estimate_that_the_model_cannot_explain_is_told_and_a_large_one_that_it_exp
         let mut engine = Engine::new(model, EngineOptions::default());
         flight.flight(4).for_each(|(sample, _)| engine.feed(&sample));
         let summary = engine.summary();
-        assert_eq!(summary.implausible.iter().any(|name| name == "g33"), told, "{:?}", summary.implausible);
-        assert_eq!(summary.warnings.iter().any(|w| w.contains("g33")), told, "{:?}", summary.warnings);
+        // Scale factors and misalignments may take their share: which elements are named depends on the flight.
+        let of_g = summary.implausible.iter().find(|name| name.starts_with('g'));
+        assert_eq!(of_g.is_some(), told, "{:?}", summary.implausible);
+        let warned = of_g.is_some_and(|name| summary.warnings.iter().any(|w| w.contains(name.as_str())));
+        assert_eq!(warned, told, "{:?}", summary.warnings);
     }
 }
 
@@ -222,7 +230,8 @@ fn the_bench_meets_no_condition_and_says_what_is_missing() {
 #[test]
 fn coordinated_flight_leaves_column_y_dark_and_sideslip_lights_it() {
     let column_y = |name: &str| {
-        let now = fly(&named(name), 1, 300.0).snapshot().observability;
+        // With tolerances five minutes of sideslips are not enough: this is about the maneuver.
+        let now = fly_with(Model::calibrated(), &named(name), 1, 300.0).snapshot().observability;
         let dark = now.unobservable_directions.iter().any(|d| d.states.contains_key("g22"));
         let asks =
             now.unobservable_directions.iter().any(|d| d.text.contains("accelerate along the sideways axis"));
