@@ -158,7 +158,7 @@ fn losses_of_telemetry_change_nothing() {
     let log = std::fs::read(path).unwrap();
     let gaps = [(37.3, 38.2), (72.8, 73.5), (98.3, 99.7), (115.7, 117.5)];
     let in_gap = |t_s: f64, _: usize| gaps.iter().any(|(from, to)| (*from..*to).contains(&t_s));
-    let one_in_33 = |_: f64, number: usize| (number * 7919 + 13) % 33 == 0;
+    let one_in_33 = |_: f64, number: usize| (number * 7919 + 13).is_multiple_of(33);
     let latency = |name: &str, log: &[u8]| {
         let file = folder.file(&format!("{name}.tlog"));
         std::fs::write(&file, log).unwrap();
