@@ -307,6 +307,7 @@ impl Estimator {
                 None => Filter::new(&self.model, initial),
             };
             filter.set_stream(self.stream.kind, self.extra_noise());
+            filter.place_by_fix();
             filter.propagate(&ImuSample { t_s: initial.t_s, ..mean });
             if start.stationary {
                 filter.observe_stationary(STANDING_RATE_SIGMA);

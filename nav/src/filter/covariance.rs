@@ -5,7 +5,7 @@
 //! that a vector register takes neighbours of one row; every operation keeps it symmetric by construction.
 
 use super::nav_map::{Columns, NavMap};
-use nalgebra::Matrix3;
+use nalgebra::{Matrix3, Vector3};
 use pulp::{Arch, Simd, WithSimd};
 
 /// Number of navigation states: position, velocity and attitude errors.
@@ -74,6 +74,14 @@ impl Covariance {
             for j in 0..3 {
                 *self.at_mut(at + i, at + j) = 0.5 * (block[(i, j)] + block[(j, i)]);
             }
+        }
+    }
+
+    /// Sets the covariance of the three states from `at` on with another one.
+    pub fn set_cross3(&mut self, at: usize, with: usize, column: &Vector3<f64>) {
+        for (i, value) in column.iter().enumerate() {
+            *self.at_mut(at + i, with) = *value;
+            *self.at_mut(with, at + i) = *value;
         }
     }
 

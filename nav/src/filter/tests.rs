@@ -187,6 +187,21 @@ fn constants_that_go_on_keep_the_wander_with_its_covariance() {
     assert_eq!(fresh.wander, old.wander);
 }
 
+/// A position that came from a fix is as wrong as that fix: fixes with the same correlated error, however many, do not make it known.
+#[test]
+fn a_position_from_a_fix_shares_its_correlated_error() {
+    let mut model = Model::default();
+    model.gnss.position_correlation_s = 1e5;
+    model.gnss.position_wander_sigma_m = [2.0; 3];
+    let mut filter = started(&model);
+    filter.place_by_fix();
+    let mut fusion = Fusion::without_window(filter);
+    run(&mut fusion, 0.0, 20.0, 0.0);
+    let sigma = fusion.filter().ned_sigmas()[0];
+    assert!(sigma.iter().all(|s| (1.9..2.2).contains(s)), "{sigma}");
+    assert!(north_of_start(fusion.filter()).abs() < 0.1);
+}
+
 #[test]
 fn no_fix_is_taken_for_older_than_possible() {
     let mut model = Model::standard();

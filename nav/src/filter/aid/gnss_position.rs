@@ -37,19 +37,32 @@ impl Filter {
         x.c_ne * (fix.position.to_ecef() - self.nav.r_e) - added.sum
     }
 
+    /// The position came from a fix and carries that fix's correlated error: what is known of the wander is taken off, and what
+    /// is not known of it is missing from the position. Taken for independent of each other, the two would halve it.
+    pub(crate) fn place_by_fix(&mut self) {
+        let Some(w) = self.layout.wander() else { return };
+        let c_bn = self.nav.c_nb().transpose();
+        self.nav.r_e -= self.nav.c_eb() * (c_bn * self.wander);
+        let own = self.p.block3(index::POSITION) + c_bn * self.p.block3(w) * c_bn.transpose();
+        self.p.set_block3(index::POSITION, &own);
+        for state in index::GYRO_BIAS..self.layout.len() {
+            let with_wander = Vector3::from_fn(|k, _| self.p.at(w + k, state));
+            self.p.set_cross3(index::POSITION, state, &(-c_bn * with_wander));
+        }
+    }
+
     /// The position anew from this fix, lever arm taken off; nothing else changes. Returns how far it moved, m.
     pub(in crate::filter) fn reset_position(&mut self, fix: &GnssFix) -> f64 {
         let x = self.at_fix();
         let [added, _] = self.fix_effects(&x);
         let offset = self.position_offset(fix, &x, &added) - x.now.v_n * self.fix_ahead_s(fix);
         self.nav.r_e += x.c_ne.transpose() * offset;
-        let mut sigma = Vector3::from(self.position_sigma(fix)).map(|s| s.max(SIGMA_FLOOR) * 2.0);
+        let sigma = Vector3::from(self.position_sigma(fix)).map(|s| s.max(SIGMA_FLOOR) * 2.0);
         (0..3).for_each(|k| self.p.reset(index::POSITION + k, 1.0));
         if let Some(w) = self.layout.gauss_markov() {
             // The correlated error of the new position is as unknown as that of any position.
             for k in 0..3 {
                 self.p.reset(w + k, self.model.gnss.position_wander_sigma_m[k]);
-                sigma[k] = sigma[k].hypot(self.model.gnss.position_wander_sigma_m[k]);
             }
             self.wander = Vector3::zeros();
         }
@@ -57,6 +70,7 @@ impl Filter {
         let along = x.now.v_n * self.delay_sigma_s().hypot(self.model.gnss.time_sigma_s);
         let variances = Matrix3::from_diagonal(&sigma.map(|s| s * s)) + along * along.transpose();
         self.p.set_block3(index::POSITION, &(x.now.c_nb.transpose() * variances * x.now.c_nb));
+        self.place_by_fix();
         offset.norm()
     }
 
