@@ -40,7 +40,7 @@ impl Filter {
     /// The position came from a fix and carries that fix's correlated error: what is known of the wander is taken off, and what
     /// is not known of it is missing from the position. Taken for independent of each other, the two would halve it.
     pub(crate) fn place_by_fix(&mut self) {
-        let Some(w) = self.layout.wander() else { return };
+        let Some(w) = self.layout.gauss_markov() else { return };
         let c_bn = self.nav.c_nb().transpose();
         self.nav.r_e -= self.nav.c_eb() * (c_bn * self.wander);
         let own = self.p.block3(index::POSITION) + c_bn * self.p.block3(w) * c_bn.transpose();
