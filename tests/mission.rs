@@ -289,10 +289,29 @@ fn run_with_page(link: &str, mission: &Path) -> (Gaware, String) {
 async fn ask(page: &str, token: Option<&str>, body: &str) -> (u16, String) {
     let token = token.map_or_else(String::new, |t| format!("Authorization: Bearer {t}\r\n"));
     let length = body.len();
+    let head =
+        format!("{token}Content-Type: application/json\r\nContent-Length: {length}\r\nConnection: close");
+    exchange(page, &format!("POST /api/v1/mission/upload HTTP/1.1\r\nHost: {page}\r\n{head}\r\n\r\n{body}"))
+        .await
+}
+
+/// Waits until the companion has an inertial sample: a run that ends without any is none.
+async fn estimating(page: &str) {
     let request = format!(
-        "POST /api/v1/mission/upload HTTP/1.1\r\nHost: {page}\r\n{token}Content-Type: application/json\r\n\
-         Content-Length: {length}\r\nConnection: close\r\n\r\n{body}"
+        "GET /api/v1/status HTTP/1.1\r\nHost: {page}\r\nAuthorization: Bearer {TOKEN}\r\nConnection: close\r\n\r\n"
     );
+    loop {
+        let (status, body) = exchange(page, &request).await;
+        assert_eq!(status, 200, "{body}");
+        let snapshot: serde_json::Value = serde_json::from_str(&body).unwrap();
+        if snapshot["imu"]["samples"].as_u64().unwrap() > 0 {
+            return;
+        }
+    }
+}
+
+/// One request; status and body.
+async fn exchange(page: &str, request: &str) -> (u16, String) {
     let mut stream = TcpStream::connect(page).await.unwrap();
     stream.write_all(request.as_bytes()).await.unwrap();
     let mut answer = String::new();
@@ -340,6 +359,7 @@ async fn the_page_uploads_with_token_and_confirmation_only_and_keeps_the_mission
         assert_eq!(status, 200, "{message}");
         assert!(message.contains("7 items is on the vehicle, read back and compared"), "{message}");
         assert!(message.contains("its geofence (1 circle) too"), "{message}");
+        estimating(&page).await;
         companion.terminate();
         assert_eq!(companion.ended().code(), Some(0));
         assert_eq!(on_board(&folder, &address, &stop).await.items.len(), 7);
@@ -362,6 +382,7 @@ async fn the_page_refuses_while_a_mission_is_flown_and_leaves_what_is_on_board()
     let (status, message) = upload_from(&page).await;
     assert_eq!(status, 409, "{message}");
     assert!(message.contains("the vehicle is flying a mission"), "{message}");
+    estimating(&page).await;
     // The simulated vehicle answers whoever spoke last.
     companion.terminate();
     assert_eq!(companion.ended().code(), Some(0));

@@ -58,7 +58,7 @@ fn ten_minutes_of_vibration_on_the_bench_meet_no_condition() {
     let summary = engine.summary();
     assert_nothing_learnt(&summary);
     assert_eq!(summary.phase, Phase::Running);
-    assert!(summary.waiting_for.contains("standing"), "{}", summary.waiting_for);
+    assert!(summary.waiting_for.contains("stationary"), "{}", summary.waiting_for);
 }
 
 #[test]

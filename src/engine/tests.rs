@@ -255,6 +255,7 @@ fn guided(name: &str, manual: bool, until_s: f64) -> (Engine, Vec<String>, Vec<S
         if matches!(sample, Sample::Fix(_)) {
             let now = engine.snapshot().guidance;
             assert!((0.0..=1.0).contains(&now.progress));
+            assert!(now.instruction.is_empty() || now.reason.len() > 10, "{now:?}");
             for (list, text) in [(&mut asked, now.instruction), (&mut results, now.last_result)] {
                 if !text.is_empty() && list.last() != Some(&text) {
                     list.push(text);
@@ -285,7 +286,6 @@ fn what_was_flown_is_noticed_and_its_gain_is_told() {
 fn sideslip_is_asked_for_only_where_a_pilot_flies() {
     let (_, asked, _) = guided("fixed_wing_coordinated", true, 300.0);
     assert!(asked.iter().any(|a| a.contains("rudder")), "{asked:?}");
-    let (engine, asked, _) = guided("fixed_wing_coordinated", false, 300.0);
-    assert!(asked.iter().all(|a| !a.contains("rudder")), "{asked:?}");
-    assert!(engine.snapshot().guidance.reason.len() > 10);
+    let (_, asked, _) = guided("fixed_wing_coordinated", false, 300.0);
+    assert!(!asked.is_empty() && asked.iter().all(|a| !a.contains("rudder")), "{asked:?}");
 }
