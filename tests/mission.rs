@@ -4,7 +4,7 @@
 
 mod support;
 
-use gaware::commands::mission::{DownloadArgs, LinkArgs, UploadArgs, download, upload};
+use gaware::commands::mission::{ConnectArgs, DownloadArgs, LinkArgs, UploadArgs, download, upload};
 use gaware::mission_link::files;
 use gaware_mission::fence::{Fence, FenceCircle};
 use gaware_mission::files::waypoints;
@@ -67,13 +67,10 @@ async fn vehicle(endpoint: &str, flavour: Flavour, faults: LinkFaults, stop: &Ca
 }
 
 fn link(address: &str, file: PathBuf) -> LinkArgs {
+    let connect = vec![address.parse().unwrap()];
     LinkArgs {
-        connect: vec![address.parse().unwrap()],
+        to: ConnectArgs { connect, vehicle: None, patience: 20, signing_key: None, json: false },
         file,
-        vehicle: None,
-        patience: 20,
-        signing_key: None,
-        json: false,
     }
 }
 

@@ -4,13 +4,13 @@
 #![allow(clippy::unwrap_used, clippy::panic, reason = "helpers of tests may panic, as tests do")]
 #![allow(deprecated, reason = "vehicles speak what the dialect calls superseded")]
 
+mod support;
+
 use gaware_mission::airframe::{Airframe, EXAMPLES};
 use gaware_mission::compare::differences;
 use gaware_mission::fence::{Fence, FenceCircle};
 use gaware_mission::item::{Autopilot, Frame, Home, Mission, MissionItem, command};
-use gaware_mission::kinematics::Kinematics;
 use gaware_mission::planner::{Plan, Request, climb_out, plan};
-use gaware_mission::predictor::{NamedSigma, Predictor};
 use gaware_mission::rules::{self, Firmware, feasibility::Infeasible};
 use gaware_mission::safety::Limits;
 use gaware_nav::earth::Geodetic;
@@ -21,33 +21,11 @@ use gaware_sitl::vehicle::VehicleConfig;
 use mavlink::MavHeader;
 use mavlink::dialects::ardupilotmega::*;
 use nalgebra::Vector3;
+use support::Spread;
 
 const HOME: Home = Home { lat_e7: 474_000_000, lon_e7: 85_000_000, alt_m: 450.0 };
 const WIND: [f64; 3] = [3.0, -2.0, 0.0];
 const GEOID_M: f64 = 47.0;
-
-/// Rewards spread of specific force; no filter is needed to see what a firmware takes.
-#[derive(Clone)]
-struct Spread([f64; 3]);
-
-impl Predictor for Spread {
-    fn fly(&mut self, kinematics: &[Kinematics], _: f64) {
-        for k in kinematics {
-            let d = k.force - Vector3::new(0.0, 0.0, -9.80665);
-            (0..3).for_each(|i| self.0[i] += d[i] * d[i] * 0.05);
-        }
-    }
-
-    fn sigmas(&self) -> Vec<NamedSigma> {
-        let one = |i: usize| NamedSigma {
-            name: format!("g{i}"),
-            sigma: 360.0 / (1.0 + self.0[i]).sqrt(),
-            target: 5.0,
-            unit: String::new(),
-        };
-        (0..3).map(one).collect()
-    }
-}
 
 fn airframe(name: &str, autopilot: Autopilot) -> Airframe {
     let mut airframe = Airframe::example(name).unwrap();

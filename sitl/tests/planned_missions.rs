@@ -3,12 +3,12 @@
 
 #![allow(clippy::unwrap_used, clippy::panic, reason = "helpers of tests may panic, as tests do")]
 
+mod support;
+
 use gaware_mission::airframe::{Airframe, EXAMPLES};
 use gaware_mission::fence::{Fence, FencePolygon, LocalFence, LocalFrame};
 use gaware_mission::item::{Autopilot, Frame, Home, LatLon, MissionItem};
-use gaware_mission::kinematics::Kinematics;
 use gaware_mission::planner::{Plan, Request, climb_out, plan};
-use gaware_mission::predictor::{NamedSigma, Predictor};
 use gaware_mission::safety::Limits;
 use gaware_nav::earth::Geodetic;
 use gaware_sitl::truth::Trajectory;
@@ -18,32 +18,10 @@ use nalgebra::{Vector2, Vector3};
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 use std::f64::consts::TAU;
+use support::Spread;
 
 const HOME: Home = Home { lat_e7: 474_000_000, lon_e7: 85_000_000, alt_m: 450.0 };
 const SEEDS: u64 = 100;
-
-/// Rewards spread of specific force; no filter is needed to see whether plans are safe.
-#[derive(Clone)]
-struct Spread([f64; 3]);
-
-impl Predictor for Spread {
-    fn fly(&mut self, kinematics: &[Kinematics], _: f64) {
-        for k in kinematics {
-            let d = k.force - Vector3::new(0.0, 0.0, -9.80665);
-            (0..3).for_each(|i| self.0[i] += d[i] * d[i] * 0.05);
-        }
-    }
-
-    fn sigmas(&self) -> Vec<NamedSigma> {
-        let one = |i: usize| NamedSigma {
-            name: format!("g{i}"),
-            sigma: 360.0 / (1.0 + self.0[i]).sqrt(),
-            target: 5.0,
-            unit: String::new(),
-        };
-        (0..3).map(one).collect()
-    }
-}
 
 fn request(seed: u64) -> Request {
     let mut r = ChaCha8Rng::seed_from_u64(seed);

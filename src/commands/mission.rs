@@ -1,7 +1,7 @@
 //! `gaware mission`: verified transfer of missions.
 
 pub use super::mission_args::{
-    ClearArgs, DownloadArgs, LinkArgs, List, MissionAction, MissionArgs, RestoreArgs, UploadArgs,
+    ClearArgs, ConnectArgs, DownloadArgs, LinkArgs, List, MissionAction, MissionArgs, RestoreArgs, UploadArgs,
 };
 use super::mission_result::{Action, MissionResult, OnVehicle};
 use super::{CommandError, mission_restore, output, start};
@@ -9,7 +9,7 @@ use crate::mission_link::delivery::{Delivered, Order, deliver};
 use crate::mission_link::facts::{self, Wish};
 use crate::mission_link::files::{self, Contents, FileError};
 use crate::mission_link::journal::Journal;
-use crate::mission_link::session::{Opening, Session, SessionError};
+use crate::mission_link::session::{Session, SessionError};
 use crate::mission_link::uploader::phase_words;
 use crate::mission_link::wire::{self, Change, News, Wire};
 use crate::preflight::{self, Verdict};
@@ -113,10 +113,10 @@ pub fn run(args: &MissionArgs) -> Result<(), CommandError> {
     });
     runtime.shutdown_timeout(Duration::from_secs(2));
     let json = match &args.action {
-        MissionAction::Upload(args) => args.link.json,
-        MissionAction::Download(args) => args.link.json,
-        MissionAction::Restore(args) => args.json,
-        MissionAction::Clear(args) => args.json,
+        MissionAction::Upload(args) => args.link.to.json,
+        MissionAction::Download(args) => args.link.to.json,
+        MissionAction::Restore(args) => args.to.json,
+        MissionAction::Clear(args) => args.to.json,
     };
     match &result {
         Ok(result) if json => output::json(result)?,
@@ -181,7 +181,7 @@ pub(super) async fn bring(
     let backup = args.backup.clone().unwrap_or_else(default_backup);
     let with_fence = !args.no_fence && !contents.fence.is_empty();
     files::check_holds(&backup, if with_fence { MissionKind::Fence } else { MissionKind::Mission })?;
-    let mut session = open(&args.link, stop).await?;
+    let mut session = Session::open(&args.link.to.opening(), stop).await?;
     let result = bring_over(&mut session, args, contents, backup.clone(), &mut say).await;
     session.close().await;
     let (delivered, checked) = result?;
@@ -219,7 +219,7 @@ async fn bring_over(
         with_fence: !args.no_fence && !contents.fence.is_empty(),
         contents,
         options,
-        patience_s: args.link.patience as f64,
+        patience_s: args.link.to.patience as f64,
         backup,
     };
     Ok((deliver(session, &order, teller(say)).await?, checked))
@@ -267,7 +267,7 @@ pub(super) async fn bring_list(
 ) -> Result<MissionResult, MissionError> {
     let backup = args.backup.clone().unwrap_or_else(default_backup);
     files::check_holds(&backup, kind)?;
-    let mut session = open(&args.link, stop).await?;
+    let mut session = Session::open(&args.link.to.opening(), stop).await?;
     let result = bring_list_over(&mut session, kind, new, args, &backup, &mut say).await;
     session.close().await;
     let (outcome, kept) = result?;
@@ -302,7 +302,7 @@ async fn bring_list_over(
     files::write_new(backup, &text)?;
     let options = Options { even_while_flying: args.even_while_flying, ..Options::default() };
     let change = Change { kind, new, previous };
-    let outcome = wire::replace(session, change, options, args.link.patience as f64, teller(say)).await;
+    let outcome = wire::replace(session, change, options, args.link.to.patience as f64, teller(say)).await;
     Ok((outcome, kept))
 }
 
@@ -323,14 +323,7 @@ pub async fn clear(
     stop: &CancellationToken,
     say: impl FnMut(&str),
 ) -> Result<MissionResult, MissionError> {
-    let link = LinkArgs {
-        connect: args.connect.clone(),
-        file: PathBuf::new(),
-        vehicle: args.vehicle,
-        patience: args.patience,
-        signing_key: args.signing_key.clone(),
-        json: args.json,
-    };
+    let link = LinkArgs { to: args.to.clone(), file: PathBuf::new() };
     let upload = UploadArgs {
         link,
         backup: args.backup.clone(),
@@ -367,7 +360,7 @@ pub async fn download(args: &DownloadArgs, stop: &CancellationToken) -> Result<M
         let source = std::io::Error::from(std::io::ErrorKind::AlreadyExists);
         return Err(FileError::Write { path: file.clone(), source }.into());
     }
-    let mut session = open(&args.link, stop).await?;
+    let mut session = Session::open(&args.link.to.opening(), stop).await?;
     let vehicle = session.vehicle();
     let read = read_contents(&mut session, args).await;
     session.close().await;
@@ -418,16 +411,6 @@ async fn read_contents(
         }
     }
     Ok((contents, notes))
-}
-
-async fn open(args: &LinkArgs, stop: &CancellationToken) -> Result<Session, SessionError> {
-    let to = Opening {
-        addresses: &args.connect,
-        vehicle: args.vehicle,
-        patience: Duration::from_secs(args.patience),
-        signing_key: args.signing_key.as_deref(),
-    };
-    Session::open(&to, stop).await
 }
 
 fn default_backup() -> PathBuf {

@@ -1,8 +1,10 @@
 //! The arguments of `gaware mission`.
 
 use crate::link::address::Address;
+use crate::mission_link::session::Opening;
 use gaware_mission::item::MissionKind;
 use std::path::PathBuf;
+use std::time::Duration;
 
 /// Arguments of `gaware mission`.
 #[derive(Debug, Clone, clap::Args)]
@@ -47,15 +49,13 @@ impl From<List> for MissionKind {
     }
 }
 
-/// Link and file.
+/// How to reach a vehicle.
 #[derive(Debug, Clone, clap::Args)]
-pub struct LinkArgs {
+pub struct ConnectArgs {
     /// Link to the vehicle: serial:/dev/ttyAMA0:921600, udpin:0.0.0.0:14550, udpout:HOST:PORT or tcpout:HOST:PORT.
     #[arg(long, value_name = "ADDR", required = true)]
     pub connect: Vec<Address>,
-    /// Mission file, .plan or .waypoints.
-    pub file: PathBuf,
-    /// Talk to this system id (needed where there are several vehicles).
+    /// Talk to this system id (needed where there are several vehicles; after an interrupted upload its own is known).
     #[arg(long, value_name = "ID")]
     pub vehicle: Option<u8>,
     /// Wait so long for the vehicle, at the start and after a loss of the link.
@@ -67,6 +67,28 @@ pub struct LinkArgs {
     /// Print the result as one JSON document.
     #[arg(long)]
     pub json: bool,
+}
+
+impl ConnectArgs {
+    /// Where a session finds the vehicle.
+    pub(super) fn opening(&self) -> Opening<'_> {
+        Opening {
+            addresses: &self.connect,
+            vehicle: self.vehicle,
+            patience: Duration::from_secs(self.patience),
+            signing_key: self.signing_key.as_deref(),
+        }
+    }
+}
+
+/// Link and file.
+#[derive(Debug, Clone, clap::Args)]
+pub struct LinkArgs {
+    /// The link and the vehicle.
+    #[command(flatten)]
+    pub to: ConnectArgs,
+    /// Mission file, .plan or .waypoints.
+    pub file: PathBuf,
 }
 
 /// Arguments of `download`.
@@ -83,30 +105,18 @@ pub struct DownloadArgs {
 /// Arguments of `clear`.
 #[derive(Debug, Clone, clap::Args)]
 pub struct ClearArgs {
-    /// Link to the vehicle: serial:/dev/ttyAMA0:921600, udpin:0.0.0.0:14550, udpout:HOST:PORT or tcpout:HOST:PORT.
-    #[arg(long, value_name = "ADDR", required = true)]
-    pub connect: Vec<Address>,
+    /// The link and the vehicle.
+    #[command(flatten)]
+    pub to: ConnectArgs,
     /// What to remove.
     #[arg(long = "type", value_enum, value_name = "TYPE")]
     pub list: List,
-    /// Talk to this system id (needed where there are several vehicles).
-    #[arg(long, value_name = "ID")]
-    pub vehicle: Option<u8>,
-    /// Wait so long for the vehicle, at the start and after a loss of the link.
-    #[arg(long, value_name = "SECONDS", default_value_t = 30, value_parser = clap::value_parser!(u64).range(1..=3600))]
-    pub patience: u64,
-    /// Sign with this key (32 bytes or 64 hexadecimal digits) and accept only frames signed with it.
-    #[arg(long, value_name = "FILE")]
-    pub signing_key: Option<PathBuf>,
     /// Where to keep what is on board before (default: mission-backup-TIME.plan).
     #[arg(long, value_name = "FILE")]
     pub backup: Option<PathBuf>,
     /// Remove it although a mission is being flown, or the vehicle is armed in its mission mode.
     #[arg(long)]
     pub even_while_flying: bool,
-    /// Print the result as one JSON document.
-    #[arg(long)]
-    pub json: bool,
 }
 
 /// Arguments of `upload`.
@@ -132,17 +142,11 @@ pub struct UploadArgs {
 /// Arguments of `restore`.
 #[derive(Debug, Clone, clap::Args)]
 pub struct RestoreArgs {
-    /// Link to the vehicle: serial:/dev/ttyAMA0:921600, udpin:0.0.0.0:14550, udpout:HOST:PORT or tcpout:HOST:PORT.
-    #[arg(long, value_name = "ADDR", required = true)]
-    pub connect: Vec<Address>,
+    /// The link and the vehicle.
+    #[command(flatten)]
+    pub to: ConnectArgs,
     /// Backup (.plan or .waypoints) or journal of an interrupted upload (default: the journal in this folder).
     pub file: Option<PathBuf>,
-    /// Talk to this system id (default: the one of the journal, or the first autopilot).
-    #[arg(long, value_name = "ID")]
-    pub vehicle: Option<u8>,
-    /// Wait so long for the vehicle, at the start and after a loss of the link.
-    #[arg(long, value_name = "SECONDS", default_value_t = 30, value_parser = clap::value_parser!(u64).range(1..=3600))]
-    pub patience: u64,
     /// Where to keep the mission that is on board before a backup is put back (default: mission-backup-TIME.plan).
     #[arg(long, value_name = "FILE")]
     pub backup: Option<PathBuf>,
@@ -152,16 +156,10 @@ pub struct RestoreArgs {
     /// After an interrupted upload: bring the new mission instead of the previous one.
     #[arg(long)]
     pub new: bool,
-    /// Sign with this key (32 bytes or 64 hexadecimal digits) and accept only frames signed with it.
-    #[arg(long, value_name = "FILE")]
-    pub signing_key: Option<PathBuf>,
     /// Upload although the pre-flight check says stop; what that overrides is reported.
     #[arg(long)]
     pub force: bool,
     /// Replace the mission although it is being flown, or the vehicle is armed in its mission mode.
     #[arg(long)]
     pub even_while_flying: bool,
-    /// Print the result as one JSON document.
-    #[arg(long)]
-    pub json: bool,
 }

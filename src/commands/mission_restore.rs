@@ -11,7 +11,6 @@ use gaware_mission::item::{Mission, MissionKind};
 use gaware_mission::transfer::OnBoard;
 use gaware_mission::transfer::verified::{Goal, Options, Outcome};
 use std::path::{Path, PathBuf};
-use std::time::Duration;
 use tokio_util::sync::CancellationToken;
 
 /// Restores.
@@ -52,9 +51,8 @@ pub async fn restore(
 }
 
 fn as_upload(args: &RestoreArgs, file: PathBuf) -> UploadArgs {
-    let RestoreArgs { vehicle, patience, json, even_while_flying, force, .. } = *args;
-    let signing_key = args.signing_key.clone();
-    let link = LinkArgs { connect: args.connect.clone(), file, vehicle, patience, signing_key, json };
+    let RestoreArgs { even_while_flying, force, .. } = *args;
+    let link = LinkArgs { to: args.to.clone(), file };
     UploadArgs { link, backup: args.backup.clone(), no_fence: false, force, even_while_flying }
 }
 
@@ -82,17 +80,11 @@ async fn take_up(
         journal: format!("system {}, {:?}", journal.system_id, journal.autopilot),
         vehicle,
     };
-    if let Some(id) = args.vehicle.filter(|id| *id != journal.system_id) {
+    if let Some(id) = args.to.vehicle.filter(|id| *id != journal.system_id) {
         return Err(other(format!("system {id}")));
     }
     say(&begun(&journal));
-    let patience = Duration::from_secs(args.patience);
-    let to = Opening {
-        addresses: &args.connect,
-        vehicle: Some(journal.system_id),
-        patience,
-        signing_key: args.signing_key.as_deref(),
-    };
+    let to = Opening { vehicle: Some(journal.system_id), ..args.to.opening() };
     let mut session = Session::open(&to, stop).await?;
     let result = settle(args, &journal, &mut session, &other, say).await;
     session.close().await;
@@ -138,7 +130,7 @@ async fn settle(
     let was = OnBoard::judge(vehicle.autopilot, &journal.new, &journal.previous, &got);
     say(&format!("on the vehicle now: {was}"));
     let goal = if args.new { Goal::New } else { Goal::Previous };
-    let patience_s = args.patience as f64;
+    let patience_s = args.to.patience as f64;
     // PX4 checks a mission against the fence it has: the fence comes first.
     let mut fence_known = true;
     if let Some((previous, new)) = &journal.fences {

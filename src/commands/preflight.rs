@@ -1,11 +1,11 @@
 //! `gaware preflight`: is this the vehicle that the plan and the airframe file describe, and is it ready? Asks only.
 
 use super::demo::load_airframe;
+use super::mission::ConnectArgs;
 use super::{CommandError, output, start};
-use crate::link::address::Address;
 use crate::mission_link::facts::{self, Wish};
 use crate::mission_link::files::{self, Contents, FileError};
-use crate::mission_link::session::{Opening, Session, SessionError};
+use crate::mission_link::session::{Session, SessionError};
 use crate::mission_link::wire::Wire;
 use crate::preflight::{self, Against, Row, Verdict};
 use gaware_mission::item::Autopilot;
@@ -17,27 +17,15 @@ use tokio_util::sync::CancellationToken;
 /// Arguments of `gaware preflight`.
 #[derive(Debug, Clone, clap::Args)]
 pub struct PreflightArgs {
-    /// Link to the vehicle: serial:/dev/ttyAMA0:921600, udpin:0.0.0.0:14550, udpout:HOST:PORT or tcpout:HOST:PORT.
-    #[arg(long, value_name = "ADDR", required = true)]
-    pub connect: Vec<Address>,
+    /// The link and the vehicle.
+    #[command(flatten)]
+    pub to: ConnectArgs,
     /// Plan that is to be flown, .plan or .waypoints.
     #[arg(long, value_name = "FILE")]
     pub plan: Option<PathBuf>,
     /// What flies: small_fixed_wing, large_fixed_wing, quadrotor, or a file that describes it.
     #[arg(long, value_name = "NAME|FILE")]
     pub airframe: Option<String>,
-    /// Talk to this system id (needed where there are several vehicles).
-    #[arg(long, value_name = "ID")]
-    pub vehicle: Option<u8>,
-    /// Wait so long for the vehicle.
-    #[arg(long, value_name = "SECONDS", default_value_t = 30, value_parser = clap::value_parser!(u64).range(1..=3600))]
-    pub patience: u64,
-    /// Sign with this key (32 bytes or 64 hexadecimal digits) and accept only frames signed with it.
-    #[arg(long, value_name = "FILE")]
-    pub signing_key: Option<PathBuf>,
-    /// Print the result as one JSON document.
-    #[arg(long)]
-    pub json: bool,
 }
 
 /// Why there is no check, or what it found.
@@ -87,7 +75,7 @@ pub fn run(args: &PreflightArgs) -> Result<(), CommandError> {
     });
     runtime.shutdown_timeout(Duration::from_secs(2));
     let table = table?;
-    if args.json {
+    if args.to.json {
         output::json(&table)?
     } else {
         output::text(&table.to_string())?
@@ -110,13 +98,7 @@ pub async fn check(
     against: Against<'_>,
     stop: &CancellationToken,
 ) -> Result<Table, PreflightError> {
-    let to = Opening {
-        addresses: &args.connect,
-        vehicle: args.vehicle,
-        patience: Duration::from_secs(args.patience),
-        signing_key: args.signing_key.as_deref(),
-    };
-    let mut session = Session::open(&to, stop).await?;
+    let mut session = Session::open(&args.to.opening(), stop).await?;
     let autopilot = session.vehicle().autopilot;
     let wish = Wish { parameters: preflight::parameters(autopilot), streams: streams(autopilot) };
     let facts = facts::gather(&mut session, wish).await;

@@ -70,26 +70,6 @@ pub struct Assumed {
     pub parameters: Value,
 }
 
-/// One figure of the noise.
-#[derive(Debug, Clone, PartialEq, Serialize)]
-pub struct NoiseFigure {
-    /// `gnss_position`.
-    pub name: &'static str,
-    /// Unit of the values.
-    pub unit: &'static str,
-    /// As model, samples or receiver claim.
-    pub assumed: f64,
-    /// As the flights have it.
-    pub fitted: f64,
-    /// 1-sigma of that.
-    pub sigma: f64,
-    /// Whether a sensor that does what was claimed can have it.
-    pub plausible: bool,
-    /// `gnss_position_noise`, where it is not plausible.
-    #[serde(skip_serializing_if = "Option::is_none")]
-    pub finding: Option<&'static str>,
-}
-
 /// An effect that the data show and that is too small to be told from what simulation and model leave out.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct Negligible {
@@ -263,7 +243,7 @@ pub struct Explanation {
     /// Effects that the model assumes, and that the flights did not contradict.
     pub assumed: Vec<Assumed>,
     /// Noise, as claimed and as the flights have it.
-    pub noise: Vec<NoiseFigure>,
+    pub noise: Vec<NoiseEntry>,
     /// The result in plain words.
     pub summary: String,
 }
@@ -383,19 +363,6 @@ fn assumed(judged: &Judged) -> Vec<Assumed> {
     judged.survey.assumed.iter().filter(elsewhere).map(entry).collect()
 }
 
-fn noise(judged: &Judged) -> Vec<NoiseFigure> {
-    let figure = |n: &NoiseEntry| NoiseFigure {
-        name: n.name,
-        unit: n.unit,
-        assumed: n.assumed,
-        fitted: n.fitted,
-        sigma: n.sigma,
-        plausible: n.plausible,
-        finding: n.finding,
-    };
-    judged.noise.iter().map(figure).collect()
-}
-
 fn negligible(judged: &Judged, sizes: &[Size]) -> Vec<Negligible> {
     let small = judged.selection.added.iter().zip(sizes).filter(|(_, size)| size.negligible);
     small
@@ -475,7 +442,7 @@ fn verdict(
     added: &[&Added],
     gap: &Gap,
     terms: &[terms::Found],
-    noise: &[NoiseFigure],
+    noise: &[NoiseEntry],
 ) -> Verdict {
     let shrinks = gap.held_out.after < gap.held_out.before;
     if effects.iter().any(|e| e.names.len() > 1) {
@@ -504,7 +471,7 @@ pub fn explanation(
     let speed = typical_speed(gaps);
     let (effects, added): (Vec<_>, Vec<_>) =
         entries(judged, sizes, events, speed > AIRCRAFT_M_PER_S, speed).into_iter().unzip();
-    let (gap, noise) = (gap(judged), noise(judged));
+    let (gap, noise) = (gap(judged), judged.noise.clone());
     let mut explanation = Explanation {
         schema: "gaware.explanation/1",
         verdict: verdict(&effects, &added, &gap, &found, &noise),

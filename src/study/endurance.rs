@@ -16,9 +16,9 @@ use gaware_nav::model::Model;
 use gaware_nav::sample::{Quantisation, Sample};
 use gaware_sitl::scenario::{Scenario, scenario};
 use gaware_sitl::sensors::{Flight, draw_vehicle};
-use gaware_sitl::trajectory::Flown;
 use gaware_sitl::trajectory::fixed_wing::FixedWing;
 use gaware_sitl::trajectory::multirotor::Multirotor;
+use gaware_sitl::trajectory::{Flown, Scripted};
 use gaware_sitl::truth::{Trajectory, Truth};
 use serde::Serialize;
 

@@ -8,6 +8,7 @@ use super::linear::Problem;
 use super::pass::Options;
 use super::{Workers, map};
 use crate::model::Model;
+use serde::Serialize;
 
 /// The noise of one vehicle and receiver.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -210,9 +211,9 @@ impl Claims {
 }
 
 /// One figure of the noise.
-#[derive(Debug, Clone, Copy, PartialEq)]
+#[derive(Debug, Clone, Copy, PartialEq, Serialize)]
 pub struct NoiseEntry {
-    /// Name.
+    /// `gnss_position`.
     pub name: &'static str,
     /// Unit.
     pub unit: &'static str,
@@ -224,7 +225,8 @@ pub struct NoiseEntry {
     pub sigma: f64,
     /// Whether a sensor that does what was claimed can have it.
     pub plausible: bool,
-    /// Name of the finding, where it is not plausible.
+    /// `gnss_position_noise`, where it is not plausible.
+    #[serde(skip_serializing_if = "Option::is_none")]
     pub finding: Option<&'static str>,
 }
 

@@ -4,6 +4,7 @@
 //! Bank, climb angle, speed and sideslip are prescribed; course and lift follow from the balance of forces in wind
 //! axes (Stevens, Lewis & Johnson 2016, section 2.5, without wind), angle of attack from the lift.
 
+use super::Scripted;
 use super::signal::{Jet, Signal};
 use super::{Chain, Profile};
 use crate::truth::Motion;
@@ -68,29 +69,6 @@ impl FixedWing {
         self.speed = self.speed.clone().step(end_s, 20.0, -self.speed.at(end_s).x);
         self.duration_s += 40.0;
         self
-    }
-
-    /// The same flight, interrupted at `at_s`: for `for_s` everything stays as it is then.
-    #[must_use]
-    pub fn paused(mut self, at_s: f64, for_s: f64) -> Self {
-        self.each(|s| s.paused(at_s, for_s));
-        self.duration_s += for_s;
-        self
-    }
-
-    /// The same flight so many times in a row; it must end at rest.
-    #[must_use]
-    pub fn repeated(mut self, times: u32) -> Self {
-        let by_s = self.duration_s;
-        self.each(|s| s.repeated(times, by_s));
-        self.duration_s *= f64::from(times);
-        self
-    }
-
-    fn each(&mut self, change: impl Fn(Signal) -> Signal) {
-        for signal in [&mut self.speed, &mut self.climb, &mut self.bank, &mut self.slip] {
-            *signal = change(std::mem::take(signal));
-        }
     }
 
     /// Stirs the air from `from_s` on: quick sideslip, climb and speed changes of about this velocity RMS, and the bank
@@ -220,6 +198,12 @@ impl Div for Dual {
     type Output = Self;
     fn div(self, o: Self) -> Self {
         Self { x: self.x / o.x, d: (self.d - self.x / o.x * o.d) / o.x }
+    }
+}
+
+impl Scripted for FixedWing {
+    fn parts(&mut self) -> ([&mut Signal; 4], &mut f64) {
+        ([&mut self.speed, &mut self.climb, &mut self.bank, &mut self.slip], &mut self.duration_s)
     }
 }
 

@@ -9,6 +9,7 @@ pub mod signal;
 use crate::truth::{Motion, Trajectory, Truth, place_rate};
 use gaware_nav::earth::Geodetic;
 use nalgebra::{Matrix3, Vector3};
+use signal::Signal;
 use std::sync::Arc;
 
 /// A flight as a function of time.
@@ -29,6 +30,30 @@ pub trait Profile: Send + Sync {
 
     /// Motion at a time with the course so far, and the rate of course, rad/s.
     fn motion_at(&self, t_s: f64, course_rad: f64) -> (Motion, f64);
+}
+
+/// A flight that four signals over time make.
+pub trait Scripted: Sized {
+    /// The signals, and how long they last, s.
+    fn parts(&mut self) -> ([&mut Signal; 4], &mut f64);
+
+    /// The same flight, interrupted at `at_s`: for `for_s` everything stays as it is then.
+    #[must_use]
+    fn paused(mut self, at_s: f64, for_s: f64) -> Self {
+        let (signals, duration_s) = self.parts();
+        signals.into_iter().for_each(|s| *s = std::mem::take(s).paused(at_s, for_s));
+        *duration_s += for_s;
+        self
+    }
+
+    /// The same flight so many times in a row; it must end at rest.
+    #[must_use]
+    fn repeated(mut self, times: u32) -> Self {
+        let (signals, duration_s) = self.parts();
+        signals.into_iter().for_each(|s| *s = std::mem::take(s).repeated(times, *duration_s));
+        *duration_s *= f64::from(times);
+        self
+    }
 }
 
 /// Spacing of the integration, s: finer than any filter's step.

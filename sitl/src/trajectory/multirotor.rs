@@ -1,6 +1,7 @@
 //! A multirotor: it tilts its thrust to accelerate and leans against its drag, so that forward and right specific force come
 //! from the drag alone. Velocity and heading are prescribed; the tilt follows.
 
+use super::Scripted;
 use super::signal::{Jet, Signal};
 use super::{Chain, Profile};
 use crate::truth::Motion;
@@ -67,28 +68,11 @@ impl Multirotor {
             .step(230.0, 4.0, -1.5);
         Self { north, east, down, yaw, duration_s: 240.0 }
     }
+}
 
-    /// The same flight, interrupted at `at_s`: for `for_s` everything stays as it is then.
-    #[must_use]
-    pub fn paused(mut self, at_s: f64, for_s: f64) -> Self {
-        self.each(|s| s.paused(at_s, for_s));
-        self.duration_s += for_s;
-        self
-    }
-
-    /// The same flight so many times in a row; it ends at rest.
-    #[must_use]
-    pub fn repeated(mut self, times: u32) -> Self {
-        let by_s = self.duration_s;
-        self.each(|s| s.repeated(times, by_s));
-        self.duration_s *= f64::from(times);
-        self
-    }
-
-    fn each(&mut self, change: impl Fn(Signal) -> Signal) {
-        for signal in [&mut self.north, &mut self.east, &mut self.down, &mut self.yaw] {
-            *signal = change(std::mem::take(signal));
-        }
+impl Scripted for Multirotor {
+    fn parts(&mut self) -> ([&mut Signal; 4], &mut f64) {
+        ([&mut self.north, &mut self.east, &mut self.down, &mut self.yaw], &mut self.duration_s)
     }
 }
 
