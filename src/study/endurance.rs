@@ -574,4 +574,15 @@ mod tests {
         // The seconds before rest is recognised still cost a few percent.
         assert!(standing.latency_sigma_ratio > 0.9, "{standing:?}");
     }
+    /// A quarter of an hour in which nothing excites the errors, and the flight after it.
+    #[test]
+    fn smooth_cruise_brings_no_knowledge_that_is_false() {
+        let study =
+            run(&Settings { seeds: 6, seed: 1, cases: vec!["cruise-15min-wing-highres".into()] }, &Silent)
+                .unwrap();
+        for at in &study.cases[0].checkpoints {
+            assert_eq!(at.running, 6, "{at:?}");
+            assert!(at.nees_mean_per_dof < 2.0, "{at:?}");
+        }
+    }
 }

@@ -81,8 +81,10 @@ impl Calibration {
         let x = Self::instant(sample, motion);
         let mut out = Motion { rate: motion.rate + self.gyro_bias, force: motion.force + self.accel_bias };
         for (setting, p) in model.effects.iter().zip(&self.parameters) {
-            out.rate += setting.effect.gyro(p, &x);
-            out.force += setting.effect.accel(p, &x);
+            if let Some(effect) = setting.effect.on_samples() {
+                out.rate += effect.gyro(p, &x);
+                out.force += effect.accel(p, &x);
+            }
         }
         out
     }
@@ -124,7 +126,11 @@ impl Calibration {
         let mut by_force = Matrix3::zeros();
         let mut slots = layout.slots().iter().peekable();
         for (e, (setting, p)) in model.effects.iter().zip(&self.parameters).enumerate() {
-            if let Some(g) = setting.effect.gyro_by_force(p, &x) {
+            let Some(effect) = setting.effect.on_samples() else {
+                while slots.next_if(|s| s.effect == e).is_some() {}
+                continue;
+            };
+            if let Some(g) = effect.gyro_by_force(p, &x) {
                 by_force += g;
             }
             if slots.peek().is_none_or(|s| s.effect != e) {
@@ -132,8 +138,7 @@ impl Calibration {
             }
             let (mut gyro, mut accel) =
                 ([Vector3::zeros(); MAX_PARAMETERS], [Vector3::zeros(); MAX_PARAMETERS]);
-            let n = setting.effect.len();
-            setting.effect.imu_jacobian(p, &x, &mut gyro[..n], &mut accel[..n]);
+            effect.imu_jacobian(p, &x, &mut gyro[..p.len()], &mut accel[..p.len()]);
             while let Some(slot) = slots.next_if(|s| s.effect == e) {
                 let column = slot.state - index::GYRO_BIAS;
                 out.rate[column] = -gyro[slot.parameter];

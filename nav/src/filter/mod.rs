@@ -15,6 +15,7 @@ pub mod layout;
 mod nav_map;
 mod propagation;
 mod regressor;
+mod second_order;
 pub mod tape;
 pub(crate) mod unseen;
 mod update;
@@ -68,6 +69,10 @@ pub struct Filter {
     motion: Motion,
     /// The motion that the constants are judged by.
     regressor: Regressor,
+    /// The motion that the Jacobian was found at.
+    judged: Motion,
+    /// When products of errors were last counted, s.
+    products_s: f64,
     /// The motion that errors of attitude and time act on.
     lever: Motion,
     jacobian: MotionJacobian,
@@ -144,6 +149,8 @@ impl Filter {
             last: None,
             motion: Motion::default(),
             regressor: Regressor::default(),
+            judged: Motion { rate: Vector3::zeros(), force: Vector3::repeat(f64::NAN) },
+            products_s: initial.t_s,
             lever: Motion::default(),
             jacobian: MotionJacobian::default(),
             start_jacobian: MotionJacobian::default(),

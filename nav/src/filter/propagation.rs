@@ -54,8 +54,8 @@ impl Filter {
         let inc = Increment::between(&self.motion, &motion, self.kind, dt);
         std::mem::swap(&mut self.jacobian, &mut self.start_jacobian);
         self.regressor.take(&motion, self.noise_band(dt), dt);
-        let seen = self.regressor.motion();
-        self.calibration.jacobian(&self.model, &self.layout, sample, &seen, &mut self.jacobian);
+        self.judged = self.regressor.motion();
+        self.calibration.jacobian(&self.model, &self.layout, sample, &self.judged, &mut self.jacobian);
         let lever = self.regressor.lever(&motion);
         let coasts = self.coasts(sample.t_s);
         // Noise is no excitation for attitude errors either: they act on the motion that constants are judged by.
@@ -162,7 +162,7 @@ impl Filter {
         )
     }
 
-    /// Motion and Jacobian of the last sample anew, after the calibration changed.
+    /// Motion of the last sample anew, after the calibration changed, and its Jacobian where the motion that it is found at has.
     pub(super) fn refresh_motion(&mut self) {
         let Some(last) = self.last else { return };
         let motion = self.calibration.motion(&self.model, &last);
@@ -170,9 +170,12 @@ impl Filter {
         self.motion = motion;
         self.lever = self.regressor.lever(&motion);
         let seen = self.regressor.motion();
-        let mut jacobian = std::mem::take(&mut self.jacobian);
-        self.calibration.jacobian(&self.model, &self.layout, &last, &seen, &mut jacobian);
-        self.jacobian = jacobian;
+        if seen != self.judged {
+            self.judged = seen;
+            let mut jacobian = std::mem::take(&mut self.jacobian);
+            self.calibration.jacobian(&self.model, &self.layout, &last, &seen, &mut jacobian);
+            self.jacobian = jacobian;
+        }
     }
 
     fn wander_decay(&self, dt: f64) -> f64 {
@@ -248,8 +251,8 @@ impl Filter {
         let rows = |m: Matrix3<f64>| m.transpose().into();
         let phi = &mut self.phi;
         phi.dt = dt;
-        phi.to_end = rows(exp(&-inc.dtheta).to_rotation_matrix().into_inner());
         phi.earth = (c_be * earth::rotation_rate() * dt).into();
+        phi.to_end = rows(exp(&-inc.dtheta).to_rotation_matrix().into_inner());
         phi.gradient = rows(gradient);
         phi.dv = lever.dv.into();
         phi.dp = lever.dp.into();

@@ -129,12 +129,25 @@ impl Filter {
         FixOutcome { t_s: self.t_s, position: group, event: Some(event), ..FixOutcome::default() }
     }
 
+    /// All groups of a fix are linearised once, about the state that it finds, and applied one after the other: the gates see
+    /// each by itself, the result is that of one update with all rows.
     fn apply_fix(&mut self, fix: &GnssFix) -> FixOutcome {
         self.see_velocity();
+        let x = self.at_fix();
+        let [to_position, to_velocity] = self.fix_effects(&x);
+        let position = self.position_rows(fix, &x, &to_position);
+        let velocity = self.velocity_rows(fix, &x, &to_velocity);
+        let yaw = self.yaw_rows(fix);
+        let own_mean = self.carried.is_none();
+        self.carried.get_or_insert_with(|| vec![0.0; self.layout.len()]);
         let mut outcome = FixOutcome { t_s: self.t_s, ..FixOutcome::default() };
-        outcome.position = self.apply(|f| f.position_rows(fix), |f| &mut f.gates.position, true);
-        outcome.velocity = self.apply(|f| f.velocity_rows(fix), |f| &mut f.gates.velocity, false);
-        self.apply_yaw(fix, &mut outcome);
+        outcome.position = self.apply(position, |f| &mut f.gates.position, true);
+        outcome.velocity = self.apply(velocity, |f| &mut f.gates.velocity, false);
+        self.apply_yaw(yaw, &mut outcome);
+        if own_mean {
+            self.end_linear();
+            self.walk_by_products();
+        }
         self.settle_rejections(fix, &mut outcome);
         outcome
     }
@@ -142,8 +155,10 @@ impl Filter {
     /// A stationary vehicle: its velocity is known, its position and heading are not.
     fn apply_at_rest(&mut self, fix: &GnssFix) -> FixOutcome {
         let mut outcome = FixOutcome { t_s: self.t_s, ..FixOutcome::default() };
-        outcome.position = self.apply(|f| f.position_rows(fix), |f| &mut f.gates.position, true);
-        self.apply_yaw(fix, &mut outcome);
+        let x = self.at_fix();
+        let [added, _] = self.fix_effects(&x);
+        outcome.position = self.apply(self.position_rows(fix, &x, &added), |f| &mut f.gates.position, true);
+        self.apply_yaw(self.yaw_rows(fix), &mut outcome);
         self.settle_position(fix, &mut outcome);
         self.rebase_hold_after(&outcome);
         outcome
@@ -155,8 +170,8 @@ impl Filter {
         }
     }
 
-    fn apply_yaw(&mut self, fix: &GnssFix, outcome: &mut FixOutcome) {
-        outcome.yaw = self.apply(|f| f.yaw_rows(fix), |f| &mut f.gates.yaw, false);
+    fn apply_yaw(&mut self, rows: Rows, outcome: &mut FixOutcome) {
+        outcome.yaw = self.apply(rows, |f| &mut f.gates.yaw, false);
         if outcome.yaw.dof > 0 && !outcome.yaw.used && self.gates.yaw.locked_out(self.t_s) {
             outcome.yaw.recovered = true;
             self.gates.yaw.accept();
@@ -242,7 +257,9 @@ impl Filter {
     /// Applies a fix to the covariance alone, as if it had brought no news: for information bounds and predictions.
     pub fn update_covariance(&mut self, fix: &GnssFix) {
         self.see_velocity();
-        for rows in [self.position_rows(fix), self.velocity_rows(fix)] {
+        let x = self.at_fix();
+        let [to_position, to_velocity] = self.fix_effects(&x);
+        for rows in [self.position_rows(fix, &x, &to_position), self.velocity_rows(fix, &x, &to_velocity)] {
             if let Some(prepared) = Prepared::new(&rows, &self.p) {
                 prepared.absorb(&mut self.p, &mut []);
             }
@@ -262,8 +279,7 @@ impl Filter {
         }
     }
 
-    fn apply(&mut self, rows: impl Fn(&Self) -> Rows, clock: Clock, position: bool) -> Group {
-        let mut rows = rows(self);
+    fn apply(&mut self, mut rows: Rows, clock: Clock, position: bool) -> Group {
         if let Some(x) = &self.carried {
             rows = rows.less(x);
         }

@@ -248,7 +248,7 @@ impl Filter {
     }
 
     /// Puts the carried error into the state.
-    fn end_linear(&mut self) {
+    pub(super) fn end_linear(&mut self) {
         if let Some(mean) = self.carried.take() {
             self.correct(&mean);
         }

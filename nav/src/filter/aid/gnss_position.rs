@@ -3,7 +3,7 @@
 //! A position that jumps while the velocity of the same fixes still agrees contradicts velocity and inertial data: it is
 //! not followed for [`HELD_OFF_S`], and then taken over as a correction of the position alone.
 
-use super::{SIGMA_FLOOR, rows_of};
+use super::{Added, AtFix, SIGMA_FLOOR, rows_of};
 use crate::filter::Filter;
 use crate::filter::group::Rows;
 use crate::filter::layout::index;
@@ -15,13 +15,11 @@ use nalgebra::{Matrix3, Vector3};
 pub(in crate::filter) const HELD_OFF_S: f64 = 30.0;
 
 impl Filter {
-    pub(in crate::filter) fn position_rows(&self, fix: &GnssFix) -> Rows {
-        let x = self.at_fix();
-        let [added, _] = self.fix_effects(&x);
-        let z = self.position_offset(fix, &x, &added) - self.wander - x.now.v_n * self.fix_ahead_s(fix);
+    pub(in crate::filter) fn position_rows(&self, fix: &GnssFix, x: &AtFix, added: &Added) -> Rows {
+        let z = self.position_offset(fix, x, added) - self.wander - x.now.v_n * self.fix_ahead_s(fix);
         let sigma = self.position_sigma(fix);
         let shared = x.excited.v_n * self.model.gnss.time_sigma_s;
-        let mut rows = rows_of(index::POSITION, &z.as_slice()[..3], &x.now.c_nb, &added, &sigma, &shared);
+        let mut rows = rows_of(index::POSITION, &z.as_slice()[..3], &x.now.c_nb, added, &sigma, &shared);
         if let Some(w) = self.layout.gauss_markov() {
             (0..3).for_each(|k| rows.push(w + k, |i| if i == k { 1.0 } else { 0.0 }));
         }
@@ -33,7 +31,7 @@ impl Filter {
     }
 
     /// Where the fix puts the inertial unit, relative to the estimate, north-east-down, m.
-    fn position_offset(&self, fix: &GnssFix, x: &super::AtFix, added: &super::Added) -> Vector3<f64> {
+    fn position_offset(&self, fix: &GnssFix, x: &AtFix, added: &Added) -> Vector3<f64> {
         x.c_ne * (fix.position.to_ecef() - self.nav.r_e) - added.sum
     }
 

@@ -1,6 +1,6 @@
 //! GNSS velocity: two or three rows at the time of validity of the fix.
 
-use super::rows_of;
+use super::{Added, AtFix, rows_of};
 use crate::filter::Filter;
 use crate::filter::group::Rows;
 use crate::filter::layout::index;
@@ -13,18 +13,16 @@ const RESET_SIGMA: f64 = 1.0;
 const VERTICAL_SIGMA: f64 = 3.0;
 
 impl Filter {
-    pub(in crate::filter) fn velocity_rows(&self, fix: &GnssFix) -> Rows {
+    pub(in crate::filter) fn velocity_rows(&self, fix: &GnssFix, x: &AtFix, added: &Added) -> Rows {
         let (measured, rows) = match fix.velocity {
             FixVelocity::None => return Rows::default(),
             FixVelocity::Horizontal([n, e]) => (Vector3::new(n, e, 0.0), 2),
             FixVelocity::Full(v) => (Vector3::from(v), 3),
         };
-        let x = self.at_fix();
-        let [_, added] = self.fix_effects(&x);
         let sigma = fix.velocity_sigma_m_per_s.unwrap_or(self.model.gnss.velocity_sigma_m_per_s);
         let z = measured - x.now.v_n - added.sum - x.now.a_n * self.fix_ahead_s(fix);
         let shared = x.excited.a_n * self.model.gnss.time_sigma_s;
-        rows_of(index::VELOCITY, &z.as_slice()[..rows], &x.now.c_nb, &added, &sigma, &shared)
+        rows_of(index::VELOCITY, &z.as_slice()[..rows], &x.now.c_nb, added, &sigma, &shared)
     }
 
     /// The velocity anew from this fix, lever arm taken off; a fix without vertical velocity leaves that as it is.

@@ -147,23 +147,22 @@ impl Filter {
     pub(super) fn fix_effects(&self, x: &AtFix) -> [Added; 2] {
         let mut out = [Added::default(), Added::default()];
         for (e, (setting, p)) in self.model.effects.iter().zip(&self.calibration.parameters).enumerate() {
-            let added = setting.effect.fix(p, &x.now);
-            let turned = setting.effect.fix_by_attitude(p, &x.now);
-            let n = setting.effect.len();
+            let Some(effect) = setting.effect.on_fixes() else { continue };
+            let added = effect.fix(p, &x.now);
+            let turned = effect.fix_by_attitude(p, &x.now);
+            let n = p.len();
             let mut columns = [[Vector3::zeros(); MAX_PARAMETERS]; 2];
             let [position, velocity] = &mut columns;
-            setting.effect.fix_jacobian(p, &x.excited, &mut position[..n], &mut velocity[..n]);
-            for (kind, slot) in out.iter_mut().enumerate() {
-                slot.sum += added[kind];
+            effect.fix_jacobian(p, &x.excited, &mut position[..n], &mut velocity[..n]);
+            let slots = self.layout.slots();
+            let first = slots.partition_point(|s| s.effect < e);
+            let slots = slots[first..].iter().take_while(|s| s.effect == e);
+            for (kind, out) in out.iter_mut().enumerate() {
+                out.sum += added[kind];
                 if let Some(by_attitude) = turned {
-                    slot.by_attitude += by_attitude[kind];
+                    out.by_attitude += by_attitude[kind];
                 }
-                for s in self.layout.slots().iter().filter(|s| s.effect == e) {
-                    let column = columns[kind][s.parameter];
-                    if column != Vector3::zeros() {
-                        slot.by_state.push((s.state, column));
-                    }
-                }
+                out.by_state.extend(slots.clone().map(|s| (s.state, columns[kind][s.parameter])));
             }
         }
         out

@@ -32,8 +32,6 @@ const BLOCK_S: f64 = 10.0;
 const BLOCKS: usize = 18;
 /// The estimate follows the means this often, s.
 const REFRESH_S: f64 = 1.0;
-/// The linearisation error is bounded by that of this attitude uncertainty, rad².
-const LARGEST_ATTITUDE: f64 = 4.0;
 
 /// Sums of rate and specific force over one block, as the first estimate compensates them.
 #[derive(Debug, Clone, Copy, Default)]
@@ -113,12 +111,11 @@ impl Filter {
         }));
     }
 
-    /// Ends it: the covariance is expressed about the present estimate.
+    /// Ends it.
     pub(in crate::filter) fn end_hold(&mut self) {
-        let Some(hold) = self.hold.take() else { return };
-        let part = |at: usize| Vector3::new(hold.mean[at], hold.mean[at + 1], hold.mean[at + 2]);
-        let [dr, dv, eps] = [index::POSITION, index::VELOCITY, index::ATTITUDE].map(part);
-        self.p.transform(&Recentring::new(&dr, &dv, &eps));
+        if self.hold.take().is_none() {
+            return;
+        }
         self.seen_velocity = Some(self.nav.v_n());
         // Rest has aided it as well as any fix.
         self.aided_s = self.aided_s.map(|_| self.t_s);
@@ -147,15 +144,11 @@ impl Filter {
     /// Second-order terms of both measurements as variances per axis: products of attitude error with itself, ½ ε × (ε × f),
     /// and of the error of specific force with that of whatever multiplies it in the gyros.
     fn left_out(&self, expected: &Motion, jacobian: &MotionJacobian) -> [Vector3<f64>; 2] {
-        let p = self.p.block3(index::ATTITUDE);
-        let trace = p.trace().min(LARGEST_ATTITUDE);
         let f = &expected.force;
-        // E|ε × f|² = tr P |f|² − fᵀ P f, and E|ε|² = tr P.
-        let second = (p.trace() * f.norm_squared() - f.dot(&(p * f))).max(0.0);
-        let force = 0.25 * trace * second / 3.0;
-        let tilt = skew(f) * p * skew(f).transpose();
-        let mut rate = Vector3::repeat((0.5 * trace * expected.rate.norm()).powi(2));
-        let Some(last) = self.last else { return [rate, Vector3::repeat(force)] };
+        let force = self.products_of_tilt(f);
+        let tilt = skew(f) * self.p.block3(index::ATTITUDE) * skew(f).transpose();
+        let mut rate = self.products_of_tilt(&expected.rate);
+        let Some(last) = self.last else { return [rate, force] };
         let mut moved = MotionJacobian::default();
         for axis in 0..3 {
             let mut at = Motion { rate: expected.rate, force: *f };
@@ -174,7 +167,7 @@ impl Filter {
             let variance = self.p.sigma(index::GYRO_BIAS + k).powi(2);
             rate += (a - b).map(|d| d * d * variance);
         }
-        [rate, Vector3::repeat(force)]
+        [rate, force]
     }
 
     /// One sample of a stationary period.
@@ -222,6 +215,10 @@ impl Filter {
                 mean.iter_mut().zip(&dx).for_each(|(x, d)| *x += d);
             }
         }
+        // Gravity leaves the rotation about the vertical open: about the vertical of the present estimate, not the first one's.
+        let part = |at: usize| Vector3::new(mean[at], mean[at + 1], mean[at + 2]);
+        let [dr, dv, eps] = [index::POSITION, index::VELOCITY, index::ATTITUDE].map(part);
+        p.transform(&Recentring::new(&dr, &dv, &eps));
         self.p = p;
         hold.mean = mean;
         self.hold = Some(hold);
