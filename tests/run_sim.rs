@@ -331,3 +331,103 @@ fn px4_sends_what_was_asked_for() {
     let hz = rate_between(&log, 26, 5.0, 10.0);
     assert!(hz > 200.0, "{hz} Hz of SCALED_IMU");
 }
+
+#[test]
+fn a_terminal_that_goes_away_ends_the_run_with_a_whole_recording() {
+    let folder = Folder::new("hangup");
+    let recording = folder.file("flight.mcap");
+    let vehicle = a_minute_of_flight();
+    let address = vehicle.line();
+    let station =
+        Gaware::start(&["run", "--connect", &address, "--record", &recording, "--headless", "--json"]);
+    station.line_with("running");
+    station.signal("-HUP");
+    let live = station.ended();
+    assert_eq!(live.code(), Some(0), "{}", live.stderr);
+    let again = gaware(&["replay", &recording, "--json"]);
+    assert_eq!(live.stdout, again.stdout, "the recording is whole");
+    assert!(!live.json().as_object().unwrap().contains_key("log_damage"));
+}
+
+/// A vehicle on a pseudo-terminal, and the terminal's name.
+fn on_a_port(seed: &str) -> (Gaware, String) {
+    let vehicle = Gaware::start(&[
+        "sim",
+        "--scenario",
+        "fixed_wing",
+        "--listen",
+        "pty",
+        "--speed",
+        "10",
+        "--no-wait",
+        "--seed",
+        seed,
+    ]);
+    let address = vehicle.line();
+    let port = address.split(':').nth(1).unwrap().to_owned();
+    (vehicle, port)
+}
+
+#[test]
+fn a_port_that_vanishes_and_comes_back_under_another_name_is_found_by_its_link() {
+    let folder = Folder::new("port");
+    // As udev names a device by its identity, whatever number it gets.
+    let link = folder.file("autopilot");
+    let (first, port) = on_a_port("1");
+    std::os::unix::fs::symlink(&port, &link).unwrap();
+    let address = format!("serial:{link}:921600");
+    let station = Gaware::start(&["run", "--connect", &address, "--no-record", "--headless", "--json"]);
+    station.line_with("running");
+    std::fs::remove_file(&link).unwrap();
+    first.kill();
+    let told = station.line_with("link is down");
+    assert!(told.contains(&link), "{told}");
+    let (second, port) = on_a_port("2");
+    std::os::unix::fs::symlink(&port, &link).unwrap();
+    station.line_with("link is up again");
+    station.line_with("running; link up");
+    station.terminate();
+    let ended = station.ended();
+    assert_eq!(ended.code(), Some(0), "{}", ended.stderr);
+    let document = ended.json();
+    assert_eq!(document["phase"], "running", "{document:#}");
+    assert_eq!(
+        document["converter"]["restarts"], 1,
+        "the other vehicle counts from its own start: {document:#}"
+    );
+    drop(second);
+}
+
+#[test]
+fn with_a_limit_recordings_become_several_files_that_all_replay_and_what_was_removed_is_reported() {
+    let folder = Folder::new("limit");
+    let records = folder.file("recordings");
+    let vehicle = a_minute_of_flight();
+    let address = vehicle.line();
+    let limited = ["--record", &records, "--record-limit", "2MB", "--headless", "--json"];
+    let station = Gaware::start(&[&["run", "--connect", &address][..], &limited].concat());
+    assert_eq!(vehicle.ended().code(), Some(0));
+    station.line_with("link is down");
+    station.terminate();
+    let ended = station.ended();
+    assert_eq!(ended.code(), Some(0), "{}", ended.stderr);
+    let document = ended.json();
+    let figure = |name: &str| document["recording"][name].as_u64().unwrap();
+    assert_eq!((figure("failed"), figure("dropped")), (0, 0), "{document:#}");
+    assert!(figure("files") > 8 && figure("removed_files") > 0, "{document:#}");
+    assert!(document["warnings"].to_string().contains("older recordings"), "{document:#}");
+    assert!(ended.stderr.contains("the oldest recording was removed"), "{}", ended.stderr);
+    let files: Vec<_> = std::fs::read_dir(&records).unwrap().map(|e| e.unwrap().path()).collect();
+    let total: u64 = files.iter().map(|f| f.metadata().unwrap().len()).sum();
+    assert!(total <= 2_000_000 && total > 1_000_000, "{total}");
+    assert_eq!(files.len() as u64, figure("files") - figure("removed_files"));
+    for file in files {
+        // By the mcap crate's own reader, to its end.
+        let bytes = std::fs::read(&file).unwrap();
+        assert!(mcap::Summary::read(&bytes).unwrap().is_some(), "{}", file.display());
+        assert!(mcap::MessageStream::new(&bytes).unwrap().all(|m| m.is_ok()), "{}", file.display());
+        let again = gaware(&["replay", file.to_str().unwrap(), "--json"]);
+        assert_eq!(again.code(), Some(0), "{}: {}", file.display(), again.stderr);
+        assert!(!again.json().as_object().unwrap().contains_key("log_damage"), "{}", file.display());
+    }
+}

@@ -16,6 +16,8 @@ pub struct LinkFaults {
     pub corrupt: f64,
     /// Delay of every frame, s.
     pub delay_s: f64,
+    /// Each frame is late by up to this on top, s, evenly spread: frames overtake each other.
+    pub jitter_s: f64,
     /// Times in which nothing gets through: from, to, s.
     pub dropouts: Vec<(f64, f64)>,
 }
@@ -47,6 +49,11 @@ impl FaultyLink {
         Self { faults, noise, waiting: Vec::new(), count: 0 }
     }
 
+    /// From now on the link does this to frames; those under way arrive as they were to.
+    pub fn set_faults(&mut self, faults: LinkFaults) {
+        self.faults = faults;
+    }
+
     /// A frame goes in.
     pub fn push(&mut self, now_s: f64, mut frame: Vec<u8>) {
         let [lost, twice, late, damaged, which] = std::array::from_fn(|_| self.noise.uniform());
@@ -55,6 +62,9 @@ impl FaultyLink {
             return;
         }
         let mut at = now_s + self.faults.delay_s;
+        if self.faults.jitter_s > 0.0 {
+            at += self.faults.jitter_s * self.noise.uniform();
+        }
         if twice < self.faults.duplicate {
             self.enqueue(at + 0.5 * OVERTAKEN_BY_S, frame.clone());
         }
@@ -123,6 +133,8 @@ pub enum Fault {
     Corrupt(f64),
     /// [`LinkFaults::delay_s`].
     Delay(f64),
+    /// [`LinkFaults::jitter_s`].
+    Jitter(f64),
     /// One of [`LinkFaults::dropouts`].
     Dropout {
         /// s.
@@ -136,7 +148,7 @@ pub enum Fault {
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
 #[error(
     "\"{0}\" is no fault; known are reboot@S, gnss-loss@S-S, clock-jump@S+S, gimbal, no-climb-in-circles, rate-theft@S, loss=P, \
-     duplicate=P, reorder=P, corrupt=P, delay=S, dropout@S-S"
+     duplicate=P, reorder=P, corrupt=P, delay=S, jitter=S, dropout@S-S"
 )]
 pub struct FaultError(String);
 
@@ -185,6 +197,7 @@ fn parse(text: &str) -> Option<Fault> {
         "reorder" => share(value).map(Fault::Reorder),
         "corrupt" => share(value).map(Fault::Corrupt),
         "delay" => number(value).map(Fault::Delay),
+        "jitter" => number(value).map(Fault::Jitter),
         _ => None,
     }
 }
@@ -199,6 +212,7 @@ pub fn link_faults(faults: &[Fault]) -> LinkFaults {
             Fault::Reorder(p) => link.reorder = p,
             Fault::Corrupt(p) => link.corrupt = p,
             Fault::Delay(s) => link.delay_s = s,
+            Fault::Jitter(s) => link.jitter_s = s,
             Fault::Dropout { from_s, to_s } => link.dropouts.push((from_s, to_s)),
             _ => {}
         }
@@ -249,6 +263,17 @@ mod tests {
         let numbers: Vec<u32> = mixed.iter().map(|f| u32::from_le_bytes([f[0], f[1], f[2], f[3]])).collect();
         assert_eq!(numbers.len(), 500);
         assert!(numbers.windows(2).any(|w| w[0] > w[1]));
+    }
+
+    #[test]
+    fn jitter_lets_frames_overtake_each_other_and_loses_none() {
+        let mixed = send(LinkFaults { jitter_s: 0.5, ..Default::default() }, 500);
+        let numbers: Vec<u32> = mixed.iter().map(|f| u32::from_le_bytes([f[0], f[1], f[2], f[3]])).collect();
+        assert_eq!(numbers.len(), 500);
+        // 10 ms apart: one may be overtaken by those of the next half second and by no others.
+        let behind = |(k, n): (usize, &u32)| *n as i64 - k as i64;
+        assert!(numbers.iter().enumerate().map(behind).all(|d| d.abs() <= 50));
+        assert!(numbers.windows(2).filter(|w| w[0] > w[1]).count() > 100);
     }
 
     #[test]

@@ -22,6 +22,7 @@ pub mod start;
 pub mod study;
 pub mod study_blind;
 pub mod study_endurance;
+pub mod study_faults;
 
 use crate::link::address::AddressError;
 use crate::logs::LogError;
@@ -112,6 +113,15 @@ pub enum CommandError {
     /// The endurance study.
     #[error(transparent)]
     Endurance(#[from] crate::study::endurance::EnduranceError),
+    /// The fault campaign.
+    #[error(transparent)]
+    Faults(#[from] crate::study::faults::FaultsError),
+    /// A fault that the program does not live up to.
+    #[error("{} failed: {}", if failures.len() == 1 { "one check" } else { "several checks" }, failures.join("; "))]
+    Campaign {
+        /// What must not be, each with its fault.
+        failures: Vec<String>,
+    },
     /// A recorded CSV set.
     #[error(transparent)]
     Csv(#[from] crate::study::recorded::CsvError),
@@ -194,6 +204,10 @@ impl CommandError {
             Self::Paper(crate::study::paper::PaperError::TooFewRuns) => true,
             Self::Endurance(error) => {
                 !matches!(error, crate::study::endurance::EnduranceError::NoScenario(_))
+            }
+            Self::Faults(error) => {
+                use crate::study::faults::FaultsError;
+                matches!(error, FaultsError::NoFault { .. } | FaultsError::NoSeeds)
             }
             Self::Csv(crate::study::recorded::CsvError::UnknownSet(_)) => true,
             _ => false,

@@ -34,7 +34,7 @@ mod outcome;
 pub use args::RunArgs;
 use guard::Guard;
 use mission_watch::MissionWatch;
-use outcome::{incomplete, received_anything, report_losses};
+use outcome::{incomplete, received_anything, report_recording};
 
 /// Period of heartbeat, rate and time requests.
 const HOUSEKEEPING: Duration = Duration::from_millis(50);
@@ -173,7 +173,7 @@ pub async fn serve<E: Estimator>(
         // The writer may have seconds of work left.
         let stats = tokio::task::spawn_blocking(move || recorder.finish()).await.unwrap_or_default();
         tracing::info!(path = %path.display(), ?stats, "recording closed");
-        report_losses(&path, stats, &mut document);
+        report_recording(&path, stats, &mut document);
     }
     Ok((session.pipeline, document))
 }
@@ -194,7 +194,7 @@ fn start_recorder(
         model_toml: model.to_toml(),
         vehicle: args.airframe.as_deref().map(airframe_kind).transpose()?,
     };
-    let recorder = Recorder::start_in(&args.record, now_us, &setup)?;
+    let recorder = Recorder::start_in(&args.record, now_us, &setup, args.record_limit)?;
     tracing::info!(path = %recorder.path().display(), "recording");
     Ok(Some(recorder))
 }

@@ -7,14 +7,12 @@ use super::run::{self, Hooks, Live, RunArgs};
 use crate::engine::guidance::GuidanceOptions;
 use crate::engine::snapshot::{Phase, Snapshot};
 use crate::engine::{Engine, EngineOptions};
-use crate::link::framer::FramerStats;
 use crate::mission_link::uploader::{Planned, Uploader};
 use crate::mission_link::{files, watch as vehicle_watch};
+use crate::sinks::link_meter::LinkMeter;
 use crate::sinks::log;
 use crate::sinks::recorder::RecorderStats;
-use crate::sinks::status::{
-    LinkState, LinkView, MissionState, MissionView, RecorderState, RecorderView, SinkStatus,
-};
+use crate::sinks::status::{MissionState, MissionView, RecorderState, RecorderView, SinkStatus};
 use crate::sinks::telemetry::{Telemetry, TelemetryLevel};
 use crate::sinks::terminal::{self, Sources, headless};
 use crate::sinks::web::{self, WebState, access::Token};
@@ -31,8 +29,6 @@ const OUTBOX: usize = 64;
 const FRAMES: usize = 4096;
 /// Slower than this a vehicle stands, m/s.
 const STANDING: f64 = 1.5;
-/// A link without a frame for this long is called silent.
-const SILENT: Duration = Duration::from_secs(3);
 
 /// The runtime of the commands that talk to the network.
 ///
@@ -273,7 +269,7 @@ async fn relay(
     let mut unsent = 0;
     let mut before = RecorderStats::default();
     let started = Instant::now();
-    let mut meter = LinkMeter { frames: 0, since: started, heard: started, rate_hz: 0.0 };
+    let mut meter = LinkMeter::default();
     let mut texts_dropped = 0;
     let mut mission = MissionState::None;
     loop {
@@ -282,7 +278,7 @@ async fn relay(
             changed = live.changed() => if changed.is_err() { return },
         }
         let now = live.borrow_and_update().clone();
-        status.set_link(meter.view(&now));
+        status.set_link(meter.view(started.elapsed().as_secs_f64(), &now.links));
         status.set_recorder(recorder_view(&now));
         if let Some(stats) = now.recorder {
             recorded.delivered(stats.written.saturating_sub(before.written));
@@ -337,63 +333,26 @@ fn point_to_mission(snapshot: &mut Snapshot, planned: &MissionView) {
     guidance.reason = by_hand;
 }
 
+fn recorder_words(stats: RecorderStats) -> String {
+    let mut words = match (stats.failed, stats.dropped) {
+        (0, 0) => format!("{} items", stats.written),
+        (0, lost) => format!("{} items, {lost} lost", stats.written),
+        (failed, lost) => format!("{} items, {failed} not written, {lost} lost", stats.written),
+    };
+    if stats.removed_files > 0 {
+        words += &format!(", {} older recordings removed", stats.removed_files);
+    }
+    words
+}
+
 fn recorder_view(live: &Live) -> RecorderView {
     let Some(stats) = live.recorder else { return RecorderView::default() };
     let failed = stats.failed > 0;
     RecorderView {
         state: if failed { RecorderState::Failed } else { RecorderState::Recording },
-        detail: match (stats.failed, stats.dropped) {
-            (0, 0) => format!("{} items", stats.written),
-            (0, lost) => format!("{} items, {lost} lost", stats.written),
-            (failed, lost) => format!("{} items, {failed} not written, {lost} lost", stats.written),
-        },
+        detail: recorder_words(stats),
         bytes: stats.bytes,
         file: live.recording.clone(),
-    }
-}
-
-/// Rate and silence of all links together.
-struct LinkMeter {
-    frames: u64,
-    since: Instant,
-    heard: Instant,
-    rate_hz: f64,
-}
-
-impl LinkMeter {
-    fn view(&mut self, live: &Live) -> LinkView {
-        let sum = |f: fn(&FramerStats) -> u64| live.links.iter().map(|l| f(&l.framer)).sum::<u64>();
-        let frames = sum(|l| l.frames);
-        let now = Instant::now();
-        let elapsed = now.duration_since(self.since).as_secs_f64();
-        if elapsed >= 1.0 {
-            self.rate_hz = (frames.saturating_sub(self.frames)) as f64 / elapsed;
-            if frames > self.frames {
-                self.heard = now;
-            }
-            (self.frames, self.since) = (frames, now);
-        }
-        let up = live.links.iter().any(|l| l.up);
-        let state = match (up, frames) {
-            (false, 0) => LinkState::Connecting,
-            (false, _) => LinkState::Down,
-            (true, 0) => LinkState::Connecting,
-            (true, _) if now.duration_since(self.heard) > SILENT => LinkState::Silent,
-            (true, _) => LinkState::Up,
-        };
-        let words = live.links.iter().map(|l| match l.problem.as_str() {
-            "" => l.address.to_string(),
-            problem => format!("{}: {problem}", l.address),
-        });
-        LinkView {
-            state,
-            detail: words.collect::<Vec<_>>().join("; "),
-            frames,
-            bytes: live.links.iter().map(|l| l.received_bytes).sum(),
-            lost: sum(|l| l.lost),
-            bad_crc: sum(|l| l.bad_checksum),
-            rate_hz: self.rate_hz,
-        }
     }
 }
 

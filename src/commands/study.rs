@@ -37,6 +37,8 @@ pub enum StudyKind {
     Blind(super::study_blind::BlindArgs),
     /// Hours: stationary, smooth cruise, steady turns, landings, outages, dropouts and jumps; errors against sigmas.
     Endurance(super::study_endurance::EnduranceArgs),
+    /// Faults of link, clocks and sensors in flight: what the pilot is shown, time to recover, losses, errors against sigmas.
+    Faults(super::study_faults::FaultsArgs),
 }
 
 /// Arguments of `study observability`.
@@ -197,6 +199,7 @@ pub fn run(args: &StudyArgs) -> Result<(), CommandError> {
         }
         StudyKind::Blind(args) => super::study_blind::run(args),
         StudyKind::Endurance(args) => super::study_endurance::run(args),
+        StudyKind::Faults(args) => super::study_faults::run(args),
         StudyKind::Guidance(args) => {
             let study = with_bar(2 * args.runs, "flights", |bar| guidance::run(args.runs, args.seed, bar))?;
             show(args.json, &study, print_guidance)

@@ -1,6 +1,7 @@
 //! What the conversion reports to the user, as values that screens and logs turn into words.
 
 use super::source::{Autopilot, ImuSource};
+use super::stuck::StuckSensor;
 use serde::{Deserialize, Serialize};
 use std::fmt;
 
@@ -31,6 +32,22 @@ pub enum Notice {
     Reboot,
     /// The time base jumped forward, or nothing arrived for long.
     ClockJump,
+    /// A sensor no longer measures; its samples are refused.
+    SensorStuck {
+        /// Which values do not change.
+        sensor: StuckSensor,
+    },
+    /// The sensor measures again.
+    SensorMeasures,
+    /// Many inertial stamps are out of place.
+    StampsDisagree {
+        /// Samples refused for it, …
+        refused: u64,
+        /// … of so many.
+        of: u64,
+    },
+    /// Inertial stamps follow upon each other again.
+    StampsAgree,
     /// The receiver has no three-dimensional fix.
     NoFix,
     /// The receiver has a fix (again).
@@ -62,14 +79,21 @@ impl Notice {
     pub fn settles(&self, earlier: &Self) -> bool {
         matches!(
             (self, earlier),
-            (Self::FixGained, Self::NoFix) | (Self::RateGood { .. }, Self::RateTooLow { .. })
+            (Self::FixGained, Self::NoFix)
+                | (Self::RateGood { .. }, Self::RateTooLow { .. })
+                | (Self::SensorMeasures, Self::SensorStuck { .. })
+                | (Self::StampsAgree, Self::StampsDisagree { .. })
         )
     }
 
     /// How much it matters.
     pub fn severity(&self) -> Severity {
         match self {
-            Self::Vehicle { .. } | Self::FixGained | Self::RateGood { .. } => Severity::Info,
+            Self::Vehicle { .. }
+            | Self::FixGained
+            | Self::RateGood { .. }
+            | Self::SensorMeasures
+            | Self::StampsAgree => Severity::Info,
             Self::SourceChosen { source, autopilot } => match autopilot.consequence(*source) {
                 Some(_) => Severity::Warning,
                 None => Severity::Info,
@@ -99,6 +123,19 @@ impl fmt::Display for Notice {
             Self::ClockJump => {
                 f.write_str("no inertial samples for more than 10 s; the motion state starts anew")
             }
+            Self::SensorStuck { sensor } => {
+                write!(
+                    f,
+                    "{} (frozen sensor or driver): its samples are rejected until it does",
+                    sensor.words()
+                )
+            }
+            Self::SensorMeasures => f.write_str("the inertial sensor measures again"),
+            Self::StampsDisagree { refused, of } => write!(
+                f,
+                "{refused} of {of} inertial time stamps were out of place and rejected: another autopilot with the same system id, or a damaged clock"
+            ),
+            Self::StampsAgree => f.write_str("inertial time stamps are in order again"),
             Self::NoFix => f.write_str("the GNSS receiver has no 3-D fix"),
             Self::FixGained => f.write_str("the GNSS receiver has a 3-D fix"),
             Self::RateGood { rate_hz } => write!(f, "inertial samples arrive at {rate_hz:.0} Hz"),

@@ -3,6 +3,7 @@
 pub mod blind;
 pub mod demo;
 pub mod endurance;
+pub mod faults;
 pub mod guidance;
 pub mod honesty;
 pub mod observability;

@@ -3,6 +3,7 @@
 use crate::commands::ListenArgs;
 use crate::commands::band::BandArgs;
 use crate::link::address::Address;
+use crate::sinks::recorder::RecordLimit;
 use crate::sinks::telemetry::TelemetryLevel;
 use std::net::SocketAddr;
 use std::path::PathBuf;
@@ -21,6 +22,10 @@ pub struct RunArgs {
     /// Where to record: a folder, or a file that ends in .mcap.
     #[arg(long, value_name = "PATH", default_value = "recordings", conflicts_with = "no_record")]
     pub record: PathBuf,
+    /// Space for recordings, as in 2GB: the recording becomes several files of an eighth of that, and the oldest are removed. In a
+    /// folder recordings of earlier runs count too, other files never; with a file named, only the files of this run.
+    #[arg(long, value_name = "SIZE", conflicts_with = "no_record")]
+    pub record_limit: Option<RecordLimit>,
     /// Do not record.
     #[arg(long)]
     pub no_record: bool,

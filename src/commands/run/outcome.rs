@@ -4,6 +4,7 @@ use crate::commands::CommandError;
 use crate::link::endpoint::LinkStatus;
 use crate::pipeline::{Estimator, Pipeline};
 use crate::sinks::recorder::RecorderStats;
+use crate::sinks::words::bytes;
 use serde_json::{Map, Value, json};
 use std::path::Path;
 
@@ -39,18 +40,28 @@ fn never_open(links: &[LinkStatus]) -> Result<(), CommandError> {
     Err(CommandError::NoLink { problems: problems.collect::<Vec<_>>().join("; ") })
 }
 
-/// What the recording lacks stands in the result; one that is whole says nothing, so that its replay repeats the run byte for byte.
-pub(super) fn report_losses(path: &Path, stats: RecorderStats, document: &mut Map<String, Value>) {
+/// What the recording lacks, and what was removed for it, stands in the result; one file that is whole says nothing, so that its
+/// replay repeats the run byte for byte.
+pub(super) fn report_recording(path: &Path, stats: RecorderStats, document: &mut Map<String, Value>) {
     let lost = stats.failed + stats.dropped;
-    if lost == 0 {
+    if lost == 0 && stats.files <= 1 && stats.removed_files == 0 {
         return;
     }
-    let text = format!("the recording {} lacks {lost} of {} items", path.display(), stats.written + lost);
-    let recording =
-        json!({"path": path, "written": stats.written, "failed": stats.failed, "dropped": stats.dropped});
+    let recording = json!({
+        "path": path, "written": stats.written, "failed": stats.failed, "dropped": stats.dropped,
+        "files": stats.files, "removed_files": stats.removed_files, "removed_bytes": stats.removed_bytes,
+    });
     document.insert("recording".to_owned(), recording);
-    if let Some(Value::Array(warnings)) = document.get_mut("warnings") {
-        warnings.push(Value::String(text));
+    let Some(Value::Array(warnings)) = document.get_mut("warnings") else { return };
+    if lost > 0 {
+        let of = stats.written + lost;
+        warnings.push(Value::String(format!("the recording {} lacks {lost} of {of} items", path.display())));
+    }
+    if stats.removed_files > 0 {
+        let (files, size) = (stats.removed_files, bytes(stats.removed_bytes));
+        warnings.push(Value::String(format!(
+            "{files} older recordings ({size}) were removed to keep within --record-limit"
+        )));
     }
 }
 
@@ -59,6 +70,9 @@ pub(super) fn incomplete(document: &Map<String, Value>) -> Result<(), CommandErr
     let Some(recording) = document.get("recording") else { return Ok(()) };
     let number = |name: &str| recording.get(name).and_then(Value::as_u64).unwrap_or(0);
     let lost = number("failed") + number("dropped");
+    if lost == 0 {
+        return Ok(());
+    }
     let path = recording.get("path").and_then(Value::as_str).unwrap_or_default().into();
     Err(CommandError::Recording { path, lost, of: number("written") + lost })
 }

@@ -4,6 +4,7 @@ use super::*;
 use crate::link::frame::{Frame, Sender};
 use crate::logs::{self, Item};
 use mavlink::dialects::ardupilotmega::{MavMessage, RAW_IMU_DATA};
+use std::fs::File;
 
 fn received(k: u64) -> Received {
     let m = RAW_IMU_DATA { time_usec: k * 5000, zacc: -1000, ..Default::default() };
@@ -79,7 +80,7 @@ fn a_recording_gives_back_the_frames_in_order_and_the_set_up() {
     recorder.record(RecordItem::Log(0, Severity::Warning, "told".to_owned()));
     let stats = recorder.finish();
     let bytes = std::fs::metadata(&*path).unwrap().len();
-    assert_eq!(stats, RecorderStats { written: 2001, bytes, ..RecorderStats::default() });
+    assert_eq!(stats, RecorderStats { written: 2001, bytes, files: 1, ..RecorderStats::default() });
     let (frames, damage) = read(&path);
     assert!(!damage.any(), "{damage:?}");
     assert_eq!(frames.len(), 1000);
@@ -159,14 +160,14 @@ fn folders_get_a_name_with_the_date() {
 fn a_second_start_in_the_same_second_takes_another_name() {
     let path = scratch("twice");
     let folder = path.parent().unwrap();
-    let start = || Recorder::start_in(folder, 1_700_000_000_000_000, &setup()).unwrap();
+    let start = || Recorder::start_in(folder, 1_700_000_000_000_000, &setup(), None).unwrap();
     let (first, second, third) = (start(), start(), start());
     let name = |r: &Recorder| r.path().file_name().unwrap().to_str().unwrap().to_owned();
     assert_eq!(name(&first), "gaware-20231114-221320.mcap");
     assert_eq!(name(&second), "gaware-20231114-221320-2.mcap");
     assert_eq!(name(&third), "gaware-20231114-221320-3.mcap");
     // A file that was named is never overwritten, nor is another one made instead.
-    assert!(Recorder::start_in(first.path(), 0, &setup()).is_err());
+    assert!(Recorder::start_in(first.path(), 0, &setup(), None).is_err());
 }
 
 #[test]
@@ -218,4 +219,89 @@ fn a_truncation_is_seen_however_much_was_written_since() {
     output.sync().unwrap();
     let length = std::fs::metadata(&*path).unwrap().len();
     assert!(length > 1000 && length < output.appended.load(Ordering::Relaxed));
+}
+
+/// Records frames until so many files of this run were begun; never more than the writer takes.
+fn record_files(recorder: &Recorder, files: u64) {
+    let mut k = 0;
+    while recorder.stats().files < files {
+        if recorder.waiting() < 500 {
+            recorder.record(RecordItem::Frame(incompressible(k)));
+            k += 1;
+        } else {
+            std::thread::yield_now();
+        }
+    }
+}
+
+/// A frame whose bytes no compression makes fewer.
+fn incompressible(k: u64) -> Received {
+    let mix = |n: u64| (k.wrapping_mul(31) + n).wrapping_mul(0x9E37_79B9_7F4A_7C15);
+    let payload: Vec<u8> = (0..24).flat_map(|n| (mix(n) ^ (mix(n) >> 29)).to_le_bytes()).collect();
+    let sender = Sender { system_id: 1, component_id: 1 };
+    // DATA96 takes any bytes.
+    Received {
+        link: 0,
+        t_us: k * 1000,
+        frame: Frame::of_payload(sender, k as u8, 172, &payload[..98]).unwrap(),
+    }
+}
+
+/// Sizes of the recordings in a folder by name.
+fn sizes(folder: &Path) -> std::collections::BTreeMap<String, u64> {
+    let entries = std::fs::read_dir(folder).unwrap().map(|e| e.unwrap());
+    entries.map(|e| (e.file_name().into_string().unwrap(), e.metadata().unwrap().len())).collect()
+}
+
+#[test]
+fn with_a_limit_the_oldest_recordings_go_and_nothing_else() {
+    let path = scratch("limit");
+    let folder = path.parent().unwrap();
+    std::fs::create_dir_all(folder).unwrap();
+    let limit: RecordLimit = "1MB".parse().unwrap();
+    // Foreign files: by name, by content, and one that is no file; then an old recording of ours, and one that is written.
+    std::fs::write(folder.join("notes.txt"), vec![b'x'; 300_000]).unwrap();
+    std::fs::write(folder.join("survey.mcap"), vec![b'x'; 300_000]).unwrap();
+    std::fs::write(folder.join("gaware-20200101-000000.mcap"), vec![b'x'; 300_000]).unwrap();
+    std::fs::create_dir(folder.join("gaware-20200101-000001.mcap")).unwrap();
+    drop(write_chunks(&folder.join("gaware-20200101-000002.mcap"), 1, 100));
+    let other = write_chunks(&folder.join("gaware-20200101-000003.mcap"), 1, 100);
+    let recorder = Recorder::start_in(folder, 1_700_000_000_000_000, &setup(), Some(limit)).unwrap();
+    record_files(&recorder, 14);
+    let current = recorder.path().with_file_name("gaware-20231114-221320_14.mcap");
+    let stats = recorder.finish();
+    assert_eq!((stats.files, stats.failed, stats.dropped), (14, 0, 0), "{stats:?}");
+    assert!(stats.removed_files >= 7 && stats.removed_bytes > 500_000, "{stats:?}");
+    let left = sizes(folder);
+    for kept in ["notes.txt", "survey.mcap", "gaware-20200101-000000.mcap", "gaware-20200101-000003.mcap"] {
+        assert!(left.contains_key(kept), "{kept} is gone: {left:?}");
+    }
+    assert!(!left.contains_key("gaware-20200101-000002.mcap"), "the oldest of ours stays: {left:?}");
+    assert!(current.exists(), "{left:?}");
+    let ours = |(name, _): &(&String, &u64)| name.starts_with("gaware-20231114");
+    let total: u64 = left.iter().filter(ours).map(|(_, bytes)| bytes).sum();
+    assert!(total <= limit.bytes(), "{total}: {left:?}");
+    // Every file is whole.
+    for (name, _) in left.iter().filter(ours) {
+        let (frames, damage) = read(&folder.join(name));
+        assert!(!damage.any(), "{name}: {damage:?}");
+        assert!(name.ends_with("_14.mcap") || frames.len() > 100, "{name}: {}", frames.len());
+        assert_eq!(logs::mcap::recorded_setup(&folder.join(name)), Some(setup()));
+    }
+    drop(other);
+}
+
+#[test]
+fn with_a_limit_a_named_recording_removes_files_of_its_own_run_only() {
+    let path = scratch("named");
+    let folder = path.parent().unwrap();
+    let earlier = folder.join("flight_3.mcap");
+    drop(write_chunks(&earlier, 1, 100));
+    let limit: RecordLimit = "1MB".parse().unwrap();
+    let recorder = Recorder::start_in(&path, 0, &setup(), Some(limit)).unwrap();
+    record_files(&recorder, 12);
+    let stats = recorder.finish();
+    assert!(stats.removed_files >= 4, "{stats:?}");
+    assert!(earlier.exists() && read(&earlier).0.len() == 100, "{:?}", sizes(folder));
+    assert!(!path.exists(), "the first of this run is the oldest");
 }

@@ -1,0 +1,28 @@
+//! A small campaign: one vehicle of each kind, the faults that a flight day brings.
+
+use super::super::parallel::Silent;
+use super::*;
+
+fn campaign(faults: &[&str]) -> Faults {
+    let faults = faults.iter().map(|f| (*f).to_owned()).collect();
+    run(&Settings { seeds: 1, seed: 1, faults }, &Silent).unwrap()
+}
+
+fn named<'a>(all: &'a Faults, name: &str) -> &'a FaultResult {
+    all.faults.iter().find(|f| f.fault == name).unwrap_or_else(|| panic!("{name} was not flown"))
+}
+
+#[test]
+fn an_unknown_fault_is_answered_with_the_known_ones() {
+    let asked = Settings { seeds: 1, seed: 1, faults: vec!["gremlins".into()] };
+    let said = run(&asked, &Silent).unwrap_err().to_string();
+    assert!(said.contains("no fault is called gremlins") && said.contains("gnss-jump-500m"), "{said}");
+}
+
+#[test]
+fn faults_of_the_link_are_survived_reported_and_leave_the_sigmas_true() {
+    let all = campaign(&["loss-20", "jitter-2s", "bit-errors", "silence-60s", "flood-20x"]);
+    assert_eq!(all.failures(), Vec::<String>::new());
+    assert!(named(&all, "loss-20").lost.frames > 500.0);
+    assert!(named(&all, "silence-60s").lost.gaps_s > 58.0);
+}
