@@ -376,25 +376,26 @@ fn a_port_that_vanishes_and_comes_back_under_another_name_is_found_by_its_link()
     let (first, port) = on_a_port("1");
     std::os::unix::fs::symlink(&port, &link).unwrap();
     let address = format!("serial:{link}:921600");
-    let station = Gaware::start(&["run", "--connect", &address, "--no-record", "--headless", "--json"]);
+    let run = ["run", "--connect", &address, "--no-record", "--headless", "--json", "--web", "127.0.0.1:0"];
+    let station = Gaware::start(&run);
+    let line = station.line_with("web page: http://");
+    let page = line.split("//").nth(1).unwrap().split('/').next().unwrap().to_owned();
     station.line_with("running");
     std::fs::remove_file(&link).unwrap();
     first.kill();
     let told = station.line_with("link is down");
     assert!(told.contains(&link), "{told}");
+    let samples = || metric(&page, "gaware_imu_samples_total");
+    let before = samples();
+    assert!(before > 100.0, "{before}");
     let (second, port) = on_a_port("2");
     std::os::unix::fs::symlink(&port, &link).unwrap();
     station.line_with("link is up again");
-    station.line_with("running; link up");
+    while samples() < before + 1000.0 {}
     station.terminate();
     let ended = station.ended();
     assert_eq!(ended.code(), Some(0), "{}", ended.stderr);
-    let document = ended.json();
-    assert_eq!(document["phase"], "running", "{document:#}");
-    assert_eq!(
-        document["converter"]["restarts"], 1,
-        "the other vehicle counts from its own start: {document:#}"
-    );
+    assert_eq!(ended.json()["phase"], "running", "{}", ended.stdout);
     drop(second);
 }
 
@@ -404,7 +405,7 @@ fn with_a_limit_recordings_become_several_files_that_all_replay_and_what_was_rem
     let records = folder.file("recordings");
     let vehicle = a_minute_of_flight();
     let address = vehicle.line();
-    let limited = ["--record", &records, "--record-limit", "2MB", "--headless", "--json"];
+    let limited = ["--record", &records, "--record-limit", "1MB", "--headless", "--json"];
     let station = Gaware::start(&[&["run", "--connect", &address][..], &limited].concat());
     assert_eq!(vehicle.ended().code(), Some(0));
     station.line_with("link is down");
@@ -419,7 +420,7 @@ fn with_a_limit_recordings_become_several_files_that_all_replay_and_what_was_rem
     assert!(ended.stderr.contains("the oldest recording was removed"), "{}", ended.stderr);
     let files: Vec<_> = std::fs::read_dir(&records).unwrap().map(|e| e.unwrap().path()).collect();
     let total: u64 = files.iter().map(|f| f.metadata().unwrap().len()).sum();
-    assert!(total <= 2_000_000 && total > 1_000_000, "{total}");
+    assert!(total <= 1_000_000 && total > 500_000, "{total}");
     assert_eq!(files.len() as u64, figure("files") - figure("removed_files"));
     for file in files {
         // By the mcap crate's own reader, to its end.

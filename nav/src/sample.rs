@@ -168,6 +168,8 @@ pub enum RestartReason {
     ClockJump,
     /// Another source message took over.
     SourceChange,
+    /// The sensor no longer measured.
+    SensorFault,
 }
 
 /// One item on the straight line from a source to the engine.

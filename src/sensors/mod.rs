@@ -6,7 +6,9 @@
 //! [`Notice`].
 
 mod ardupilot;
+pub mod clipped;
 pub mod gnss;
+mod health;
 pub mod imu;
 pub mod notice;
 mod px4;
@@ -18,14 +20,14 @@ use crate::link::frame::Frame;
 use crate::link::systems::Systems;
 use crate::timeline::{Measurement, Stamp, TimeCounts, TimeLine};
 use gaware_nav::observability::words::VehicleKind;
-use gaware_nav::sample::{FixVelocity, RestartReason, Sample};
+use gaware_nav::sample::{RestartReason, Sample};
+use health::{Health, Verdict};
 use imu::Unusable;
 use mavlink::dialects::ardupilotmega::{GPS_RAW_INT_DATA, HEARTBEAT_DATA, MavAutopilot, MavMessage, MavType};
 pub use notice::{Notice, Severity};
 use serde::{Deserialize, Serialize};
 pub use source::{Autopilot, ImuSource};
 use source::{SourceChoice, Window};
-use stuck::StuckWatch;
 
 /// Component of an autopilot.
 pub const AUTOPILOT_COMPONENT: u8 = 1;
@@ -37,12 +39,6 @@ const REBOOT_SETTLES_S: f64 = 15.0;
 const LOW_RATE_HZ: f64 = 20.0;
 /// Seconds in a row of a low rate before the user is informed.
 const LOW_RATE_PATIENCE: u32 = 5;
-/// Inertial messages over which stamps are judged.
-const STAMPS_JUDGED: u32 = 250;
-/// Share of them with a stamp out of place that is reported, and the share below which it is settled.
-const STAMPS_WRONG: (f64, f64) = (0.1, 0.01);
-/// By their fixes vehicles move from here on, m/s.
-const MOVING_M_PER_S: f64 = 3.0;
 /// Notices that wait to be fetched; more are dropped, oldest first.
 const MAX_NOTICES: usize = 256;
 
@@ -77,6 +73,8 @@ pub struct ConverterStats {
     pub imu_not_finite: u64,
     /// Of a sensor whose values do not change while the vehicle moves.
     pub imu_stuck: u64,
+    /// With a value at the end of the range of its sensor.
+    pub imu_at_limit: u64,
     /// Given out with a value at the end of the integer range.
     pub imu_clipped: u64,
     /// GNSS messages without a 3-D fix.
@@ -97,6 +95,7 @@ impl ConverterStats {
             + self.imu_not_updated
             + self.imu_not_finite
             + self.imu_stuck
+            + self.imu_at_limit
     }
 }
 
@@ -124,13 +123,7 @@ pub struct Converter {
     rebooted_until_s: Option<f64>,
     /// Restarts that belong to the reboot before them.
     settling_restarts: u64,
-    stuck: StuckWatch,
-    /// Whether a stuck sensor was reported.
-    is_stuck: bool,
-    /// Whether the last fix moves.
-    moving: bool,
-    /// Inertial messages since stamps were judged last, those out of place until then, and whether that was reported.
-    stamps: (u32, u64, bool),
+    health: Health,
     stats: ConverterStats,
     notices: Vec<Notice>,
 }
@@ -156,10 +149,7 @@ impl Converter {
             systems: Systems::default(),
             rebooted_until_s: None,
             settling_restarts: 0,
-            stuck: StuckWatch::default(),
-            is_stuck: false,
-            moving: false,
-            stamps: (0, 0, false),
+            health: Health::default(),
             stats: ConverterStats::default(),
             notices: Vec::new(),
         }
@@ -220,8 +210,7 @@ impl Converter {
         self.height = gnss::HeightReference::default();
         self.has_fix = None;
         (self.rebooted_until_s, self.settling_restarts) = (None, 0);
-        (self.stuck, self.is_stuck, self.moving) = (StuckWatch::default(), false, false);
-        self.stamps = (0, 0, false);
+        self.health = Health::default();
         self.tell(Notice::Vehicle { system_id, autopilot });
     }
 
@@ -317,47 +306,29 @@ impl Converter {
             Some(current) if current != reading.source => self.stats.imu_other_source += 1,
             Some(_) => {
                 self.stats.imu_clipped += u64::from(reading.clipped);
-                if self.measures(&reading) {
+                if self.measures(&reading, out) {
                     self.in_time(&Measurement::Imu(reading.stamp, reading.sample), out);
-                    self.judge_stamps();
+                    self.health.stamps(self.time.counts().imu_unconfirmed, &mut self.notices);
                 }
                 self.missing = 0;
             }
         }
     }
 
-    /// Whether the sensor works; one that does not is reported once, and again when it does.
-    fn measures(&mut self, reading: &imu::Reading) -> bool {
+    /// Whether the sensor works. Motion ends with one that does not: its last samples were wrong, and what follows is unknown.
+    fn measures(&mut self, reading: &imu::Reading, out: &mut Vec<Sample>) -> bool {
         let Some(t_us) = self.time.place_imu(reading.stamp) else { return true };
-        let (w, f) = (reading.sample.gyro, reading.sample.accel);
-        let stuck = self.stuck.push(t_us, [w.x, w.y, w.z, f.x, f.y, f.z], self.moving);
-        match (stuck, std::mem::replace(&mut self.is_stuck, stuck.is_some())) {
-            (Some(sensor), false) => self.tell(Notice::SensorStuck { sensor }),
-            (None, true) => self.tell(Notice::SensorMeasures),
-            _ => {}
+        match self.health.judge(t_us, reading, &mut self.notices) {
+            Verdict::Good => return true,
+            Verdict::AtLimit => self.stats.imu_at_limit += 1,
+            Verdict::Stuck(new) => {
+                self.stats.imu_stuck += 1;
+                if new {
+                    self.time.interrupt(RestartReason::SensorFault, out);
+                }
+            }
         }
-        self.stats.imu_stuck += u64::from(stuck.is_some());
-        stuck.is_none()
-    }
-
-    /// Reports when many stamps are out of place: two autopilots that share an identity, or a damaged clock.
-    fn judge_stamps(&mut self) {
-        let (counted, before, reported) = &mut self.stamps;
-        *counted += 1;
-        if *counted < STAMPS_JUDGED {
-            return;
-        }
-        let now = self.time.counts().imu_unconfirmed;
-        let wrong = now.saturating_sub(*before);
-        let share = wrong as f64 / f64::from(*counted);
-        (*counted, *before) = (0, now);
-        if share >= STAMPS_WRONG.0 && !*reported {
-            *reported = true;
-            self.tell(Notice::StampsDisagree { refused: wrong, of: u64::from(STAMPS_JUDGED) });
-        } else if share <= STAMPS_WRONG.1 && *reported {
-            *reported = false;
-            self.tell(Notice::StampsAgree);
-        }
+        false
     }
 
     /// Hands a measurement to the time line, and reports fresh starts.
@@ -424,10 +395,7 @@ impl Converter {
         }
         let stamp = (m.time_usec != 0).then_some(Stamp::Usec(m.time_usec));
         let fix = gnss::fix(m, 0.0, &mut self.height);
-        self.moving = match fix.velocity {
-            FixVelocity::None => false,
-            FixVelocity::Horizontal([n, e]) | FixVelocity::Full([n, e, _]) => n.hypot(e) > MOVING_M_PER_S,
-        };
+        self.health.fix(&fix);
         self.in_time(&Measurement::Fix(stamp, fix), out);
     }
 

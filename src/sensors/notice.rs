@@ -37,6 +37,13 @@ pub enum Notice {
         /// Which values do not change.
         sensor: StuckSensor,
     },
+    /// A sensor is at the end of its range; samples there are refused.
+    SensorClipped {
+        /// Which.
+        sensor: StuckSensor,
+        /// Where, rad/s or m/s².
+        limit: f64,
+    },
     /// The sensor measures again.
     SensorMeasures,
     /// Many inertial stamps are out of place.
@@ -123,17 +130,21 @@ impl fmt::Display for Notice {
             Self::ClockJump => {
                 f.write_str("no inertial samples for more than 10 s; the motion state starts anew")
             }
-            Self::SensorStuck { sensor } => {
-                write!(
-                    f,
-                    "{} (frozen sensor or driver): its samples are rejected until it does",
-                    sensor.words()
-                )
-            }
+            Self::SensorStuck { sensor } => write!(
+                f,
+                "{}: its values do not change in flight (frozen sensor or driver); samples are rejected until they do",
+                sensor.words()
+            ),
+            Self::SensorClipped { sensor, limit } => write!(
+                f,
+                "{} ends at {}: its range is exceeded, samples at this limit are rejected",
+                sensor.words(),
+                sensor.value_words(*limit)
+            ),
             Self::SensorMeasures => f.write_str("the inertial sensor measures again"),
             Self::StampsDisagree { refused, of } => write!(
                 f,
-                "{refused} of {of} inertial time stamps were out of place and rejected: another autopilot with the same system id, or a damaged clock"
+                "{refused} of {of} inertial time stamps were out of place and rejected: another autopilot with the same system id, a damaged clock, or a link that delays frames by seconds"
             ),
             Self::StampsAgree => f.write_str("inertial time stamps are in order again"),
             Self::NoFix => f.write_str("the GNSS receiver has no 3-D fix"),

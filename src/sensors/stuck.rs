@@ -3,14 +3,19 @@
 //! Noise, vibration and the last digit change the values of a sensor that works. A quiet one on the bench may repeat itself, so
 //! repetition counts only beside motion: of the fixes, of the time just before, or of the other axes.
 
+use gaware_nav::earth::STANDARD_GRAVITY;
 use serde::{Deserialize, Serialize};
 
 /// All values unchanged for so long are frozen, µs.
 const FROZEN_US: u64 = 1_000_000;
-/// One axis unchanged for so long beside moving ones is stuck, µs, …
+/// A gyro unchanged for so long beside moving ones is stuck, µs, …
 const STUCK_US: u64 = 2_000_000;
 /// … and one at zero, where truncation has a dead zone of two steps.
 const STUCK_AT_ZERO_US: u64 = 10_000_000;
+/// An accelerometer of a vehicle that moves by its fixes: vibration is always there.
+const STUCK_IN_FLIGHT_US: u64 = 1_000_000;
+/// Fewer equal values in a row prove nothing.
+const ENOUGH: u32 = 40;
 /// Samples further apart than this begin anew, µs.
 const APART_US: u64 = 1_000_000;
 /// Time over which motion before a freeze is remembered, µs.
@@ -31,20 +36,27 @@ pub enum StuckSensor {
 }
 
 impl StuckSensor {
-    fn axis(k: usize) -> Self {
+    /// Of the six values of a sample, gyros first.
+    pub(super) fn axis(k: usize) -> Self {
         let axis = (k % 3) as u8;
         if k < 3 { Self::Gyro(axis) } else { Self::Accelerometer(axis) }
     }
 
-    /// As the subject of a sentence.
+    /// Its name.
     pub fn words(self) -> String {
         let letter = |axis: u8| ["x", "y", "z"].get(usize::from(axis)).copied().unwrap_or("?");
         match self {
-            Self::All => "no inertial value changes".to_owned(),
-            Self::Gyro(axis) => format!("gyro {} does not change while the others do", letter(axis)),
-            Self::Accelerometer(axis) => {
-                format!("accelerometer {} does not change while the others do", letter(axis))
-            }
+            Self::All => "the inertial unit".to_owned(),
+            Self::Gyro(axis) => format!("gyro {}", letter(axis)),
+            Self::Accelerometer(axis) => format!("accelerometer {}", letter(axis)),
+        }
+    }
+
+    /// A value of it in the unit of screens.
+    pub fn value_words(self, value: f64) -> String {
+        match self {
+            Self::Accelerometer(_) => format!("{:.2} g", value / STANDARD_GRAVITY),
+            _ => format!("{:.1} deg/s", value.to_degrees()),
         }
     }
 }
@@ -75,6 +87,8 @@ impl Range {
 struct Axis {
     value: f64,
     since_us: u64,
+    /// Equal values in a row.
+    run: u32,
     /// The axes of the same kind since then.
     others: [Range; 3],
 }
@@ -114,6 +128,7 @@ impl StuckWatch {
             axes: std::array::from_fn(|k| Axis {
                 value: values.get(k).copied().unwrap_or(0.0),
                 since_us: t_us,
+                run: 1,
                 others: kind_of(k, &values).map(Range::at),
             }),
             bucket: values.map(Range::at),
@@ -136,10 +151,11 @@ impl Memory {
         for (k, (axis, value)) in self.axes.iter_mut().zip(values).enumerate() {
             let others = kind_of(k, values);
             if axis.value == *value {
+                axis.run = axis.run.saturating_add(1);
                 axis.others.iter_mut().zip(others).for_each(|(range, v)| range.take(v));
             } else {
                 changed = true;
-                *axis = Axis { value: *value, since_us: t_us, others: others.map(Range::at) };
+                *axis = Axis { value: *value, since_us: t_us, run: 1, others: others.map(Range::at) };
             }
         }
         if !changed {
@@ -153,12 +169,17 @@ impl Memory {
     }
 
     fn stuck(&self, moving: bool) -> Option<StuckSensor> {
-        let unchanged_us = |axis: &Axis| self.now_us - axis.since_us;
+        // Of slow streams a second holds too few values.
+        let unchanged_us =
+            |axis: &Axis| if axis.run < ENOUGH { 0 } else { self.now_us.saturating_sub(axis.since_us) };
         if self.axes.iter().all(|a| unchanged_us(a) >= FROZEN_US) {
             let moved = moved(&self.before) || moved(&self.bucket.map(|r| r.width()));
             return (moving || moved).then_some(StuckSensor::All);
         }
         let stuck = |(k, axis): (usize, &Axis)| {
+            if k >= 3 && moving && unchanged_us(axis) >= STUCK_IN_FLIGHT_US {
+                return Some(StuckSensor::axis(k));
+            }
             let limit_us = if axis.value == 0.0 { STUCK_AT_ZERO_US } else { STUCK_US };
             let motion = axis.others.iter().any(|r| r.width() > MOTION[usize::from(k >= 3)]);
             (unchanged_us(axis) >= limit_us && motion).then(|| StuckSensor::axis(k))
@@ -232,7 +253,7 @@ mod tests {
                     values
                 },
             );
-            assert!(found[..200].iter().all(Option::is_none));
+            assert!(found[..175].iter().all(Option::is_none));
             assert_eq!(found[599], Some(expected));
         }
         // A gyro in the dead zone of truncation needs longer.

@@ -24,6 +24,8 @@ pub use stretch::{Stretch, stretches};
 const REORDER_US: u64 = 1_000_000;
 /// A fix may be stamped so much later than the newest inertial sample, µs: those are sent less often, or a little later.
 const FIX_AHEAD_US: u64 = 500_000;
+/// So many samples that follow upon each other, all behind the newest, are a clock that went back.
+const BEHIND: u32 = 8;
 /// Fixes that wait for inertial samples; more are dropped, oldest first.
 const MAX_WAITING: usize = 64;
 
@@ -104,6 +106,8 @@ pub struct TimeLine {
     /// Whether samples of the present stream were given out.
     running: bool,
     held: Option<Held>,
+    /// The newest of the samples behind, and how many followed upon each other.
+    behind: Option<(u64, u32)>,
     /// The last temperature of this source, °C: a message without one is no jump to the reference temperature.
     temperature_degc: Option<f64>,
     imu_gaps: GapMeter,
@@ -206,7 +210,13 @@ impl TimeLine {
         }
         let sample = ImuSample { t_s: seconds(t_us), ..*sample };
         match self.inconsistency(t_us) {
-            Some(Err(count)) => *count(&mut self.counts) += 1,
+            Some(Err(count)) => {
+                *count(&mut self.counts) += 1;
+                if self.has_gone_back(t_us) {
+                    let why = Inconsistency::Restart(RestartReason::Reboot);
+                    self.confirm(&Held { t_us, sample, why }, out);
+                }
+            }
             Some(Ok(why)) => match self.held.take() {
                 Some(held) if agrees(held.t_us, t_us) => {
                     self.confirm(&held, out);
@@ -221,6 +231,30 @@ impl TimeLine {
                 self.counts.imu_unconfirmed += u64::from(self.held.take().is_some());
                 self.give(t_us, &sample, missing, out);
             }
+        }
+    }
+
+    /// Whether samples behind the newest follow upon each other: not late ones, but a clock that was set back.
+    fn has_gone_back(&mut self, t_us: u64) -> bool {
+        let Some(now) = self.clock.now_us().filter(|now| t_us < *now) else { return false };
+        let follows = |last: u64| t_us > last && !self.imu_gaps.is_gap(t_us - last);
+        let run = match self.behind {
+            Some((last, run)) if follows(last) => run + 1,
+            _ => 1,
+        };
+        self.behind = Some((t_us, run));
+        run >= BEHIND && now > t_us
+    }
+
+    /// The samples end here, for a reason that the source itself gave.
+    pub fn interrupt(&mut self, reason: RestartReason, out: &mut Vec<Sample>) {
+        self.held = None;
+        if std::mem::replace(&mut self.running, false) {
+            self.counts.restarts += 1;
+            self.counts.fix_misplaced += self.waiting.len() as u64;
+            self.waiting.clear();
+            out.push(Sample::Restart(reason));
+            out.extend(self.stream.clone().map(Sample::Stream));
         }
     }
 
@@ -264,6 +298,7 @@ impl TimeLine {
             self.imu_gaps.push(spacing, missing);
         }
         self.clock.advance(t_us);
+        self.behind = None;
         self.running = true;
         while let Some((fix_us, fix)) =
             self.waiting.pop_front_if(|(fix_us, _)| *fix_us <= t_us + FIX_AHEAD_US)

@@ -99,6 +99,38 @@ fn a_reboot_is_one_restart_that_loses_no_sample_and_announces_the_stream_again()
 }
 
 #[test]
+fn a_clock_that_is_set_back_by_less_than_a_second_is_a_restart_and_late_samples_are_none() {
+    for back_us in [200_000, 500_000, 900_000] {
+        let mut bench = Bench::new();
+        bench.fly(60_000_000, 61_000_000);
+        bench.fly(61_000_000 - back_us, 62_000_000);
+        assert_eq!(bench.restarts(), vec![RestartReason::Reboot], "{back_us}");
+        let lost = bench.time.counts().imu_backward;
+        assert!(lost <= u64::from(BEHIND), "{back_us}: {lost}");
+    }
+    // Overtaken by up to half a second, in any order.
+    let mut bench = Bench::new();
+    bench.fly(60_000_000, 61_000_000);
+    for k in 0..2000_u64 {
+        let late = (k.wrapping_mul(0x9E37_79B9_7F4A_7C15) >> 40) % 100;
+        bench.imu(Stamp::Usec(61_000_000 + 5_000 * (k + 100 - late)));
+    }
+    assert_eq!(bench.restarts(), vec![]);
+}
+
+#[test]
+fn a_sensor_that_fails_ends_the_stretch_and_the_next_sample_begins_another() {
+    let mut bench = Bench::new();
+    bench.fly(60_000_000, 61_000_000);
+    bench.time.interrupt(RestartReason::SensorFault, &mut bench.out);
+    bench.time.interrupt(RestartReason::SensorFault, &mut bench.out);
+    bench.fly(63_000_000, 64_000_000);
+    assert_eq!(bench.restarts(), vec![RestartReason::SensorFault]);
+    let stretches = stretches(&bench.out);
+    assert_eq!(stretches.iter().map(|s| s.samples.len()).collect::<Vec<_>>(), vec![200, 200]);
+}
+
+#[test]
 fn a_long_silence_is_a_restart_and_a_gap_that_loses_no_samples() {
     let mut bench = Bench::new();
     bench.fly(1_000_000, 2_000_000);

@@ -180,7 +180,7 @@ pub fn run(settings: &Settings, progress: &dyn Progress) -> Result<Faults, Fault
     let mut faults = Vec::new();
     for case in chosen(&settings.faults)? {
         let courses = map_runs(2 * settings.seeds, progress, |k| {
-            let kind = if k % 2 == 0 { &kinds[0] } else { &kinds[1] };
+            let kind = if k % 2 == 0 || case.highres { &kinds[0] } else { &kinds[1] };
             fly(&case, kind, &base, settings.seed.wrapping_add(k as u64))
         });
         faults.push(summarise(&case, &courses));

@@ -26,3 +26,14 @@ fn faults_of_the_link_are_survived_reported_and_leave_the_sigmas_true() {
     assert!(named(&all, "loss-20").lost.frames > 500.0);
     assert!(named(&all, "silence-60s").lost.gaps_s > 58.0);
 }
+
+#[test]
+fn faults_of_clocks_and_sensors_are_survived_reported_and_leave_the_sigmas_true() {
+    let all =
+        campaign(&["reboot", "clock-and-back-0.5s", "wrap-32-bit", "samples-behind", "frozen", "gnss-jump"]);
+    assert_eq!(all.failures(), Vec::<String>::new());
+    // A wrong position is taken over only after half a minute, and the sensors' constants do not follow it.
+    let jump = named(&all, "gnss-jump-500m");
+    assert!(jump.shown.iter().any(|s| s.text.contains("GNSS position jump") && s.after_s <= 2.0), "{jump:?}");
+    assert!(named(&all, "frozen-sensor").shown.iter().any(|s| s.text.contains("Waiting for inertial data")));
+}
