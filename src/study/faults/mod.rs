@@ -89,7 +89,7 @@ pub struct FaultResult {
     pub lost: Lost,
     /// Just before.
     pub before: Consistency,
-    /// While it lasts: the mean of each flight.
+    /// While it lasts: the mean of each flight; nothing where it is over at once, or where the estimate rests until its end.
     pub during: Option<Consistency>,
     /// 40 s after it.
     pub after: Consistency,
@@ -221,7 +221,7 @@ fn summarise(case: &Case, courses: &[Course]) -> FaultResult {
         recovered_after_s: (recovered.len() == courses.len()).then_some([times.median, times.max]),
         lost: mean_of(courses),
         before: consistency(&when(from_s - 2.0)),
-        during: (to_s > from_s).then(|| consistency(&means(courses, from_s, to_s))),
+        during: Some(consistency(&means(courses, from_s, to_s))).filter(|c| c.running > 0),
         after: consistency(&when(to_s + AFTER_S)),
         end: consistency(&last),
         failures: Vec::new(),
