@@ -28,7 +28,7 @@ pub struct ExplainArgs {
     /// Print the explanation as one JSON document.
     #[arg(long)]
     pub json: bool,
-    /// Whom to listen to.
+    /// Source of the samples.
     #[command(flatten)]
     pub listen: ListenArgs,
 }
@@ -92,7 +92,7 @@ pub fn run(args: &ExplainArgs) -> Result<(), CommandError> {
 fn print(out: &mut String, explained: &Explained, report: &Path) -> std::fmt::Result {
     let explanation = &explained.explanation;
     writeln!(out, "verdict: {}", serde_json::json!(explanation.verdict).as_str().unwrap_or("unknown"))?;
-    if explanation.gap.is_some() {
+    if explanation.residual.is_some() {
         writeln!(out, "{}\n", headline(explained))?;
     }
     for sentence in explain::words::sentences(&explanation.summary) {

@@ -2,7 +2,7 @@
 //!
 //! Each candidate's predicted flight is run through the covariance recursion (the information bound, as the planner does);
 //! the gain is the decrease of the logarithm of the worst sigma over target. "Worst" is the fourth-power mean, so that of
-//! several states equally far off each counts. States that no candidate makes known within `HORIZON_S` do not:
+//! several states equally far off each counts. States that no candidate makes observable within `HORIZON_S` do not:
 //! coordinated maneuvers would otherwise be chosen for the little they say of column y of G. A candidate is one maneuver or one
 //! after another: what a climb does to the heading shows only in the turn behind it. What would lead out of the band of heights is
 //! no candidate: a descent near the ground is broken off each time and brings nothing. What has not brought what was predicted, for whatever
@@ -85,7 +85,7 @@ pub struct Guide {
     last_result: String,
     done: bool,
     /// States that stay unknown because no maneuver shows them.
-    dark: Vec<String>,
+    unobservable: Vec<String>,
     trust: Trust,
     /// Height above the ellipsoid where the vehicle stood, m.
     ground_m: Option<f64>,
@@ -103,7 +103,7 @@ impl Guide {
             asked: None,
             last_result: String::new(),
             done: false,
-            dark: Vec::new(),
+            unobservable: Vec::new(),
             trust: Trust::default(),
             ground_m: None,
         }
@@ -116,12 +116,12 @@ impl Guide {
 
     /// Takes the running filter at sample time `t_s`. A vehicle that stands flies nothing: whatever it learns is not
     /// the maneuver's merit, and each ranking starts from there.
-    pub fn push(&mut self, t_s: f64, filter: &Filter, fix_interval_s: f64, standing: bool) {
+    pub fn push(&mut self, t_s: f64, filter: &Filter, fix_interval_s: f64, stationary: bool) {
         if t_s < self.next_s {
             return;
         }
         self.next_s = t_s + SLICE_S;
-        if standing {
+        if stationary {
             let here = filter.nav().geodetic().height_m;
             // A multirotor that hovers stands as well, but higher up.
             self.ground_m = Some(self.ground_m.map_or(here, |g| g.min(here)));
@@ -136,7 +136,7 @@ impl Guide {
             return;
         }
         if let Some(round) = self.round.take() {
-            if standing {
+            if stationary {
                 self.asked = None;
             }
             self.conclude(t_s, &round);
@@ -196,7 +196,7 @@ impl Guide {
         let worth = best.filter(|b| now > 1.0 && gain(b) > least);
         self.done = worth.is_none();
         let open = before.iter().filter(|s| s.ratio() > 1.0).map(|s| s.name.clone());
-        self.dark = if self.done { open.collect() } else { Vec::new() };
+        self.unobservable = if self.done { open.collect() } else { Vec::new() };
         let Some(best) = worth else {
             self.asked = None;
             return;
@@ -215,8 +215,8 @@ impl Guide {
         self.asked.as_ref().map_or(&[], |a| &a.maneuvers)
     }
 
-    /// What to show; `filter` is the running one, `standing` whether the vehicle does not move.
-    pub fn guidance(&self, filter: Option<&Filter>, standing: bool) -> Guidance {
+    /// What to show; `filter` is the running one, `stationary` whether the vehicle does not move.
+    pub fn guidance(&self, filter: Option<&Filter>, stationary: bool) -> Guidance {
         let base = Guidance { last_result: self.last_result.clone(), ..Guidance::default() };
         let Some(filter) = filter else {
             return base;
@@ -227,12 +227,12 @@ impl Guide {
         let airframe = &self.options.airframe;
         let words = asked.words(airframe);
         let now = self.predictor(filter).sigmas();
-        let instruction = if standing && airframe.is_fixed_wing() {
+        let instruction = if stationary && airframe.is_fixed_wing() {
             format!("Take off and climb to a safe height. Then: {}", words.long)
         } else {
             words.long
         };
-        let progress = if standing { 0.0 } else { asked.progress(&now) };
+        let progress = if stationary { 0.0 } else { asked.progress(&now) };
         Guidance { instruction, reason: asked.reason(&now, &words.purpose), progress, ..base }
     }
 }
@@ -240,12 +240,12 @@ impl Guide {
 impl Guide {
     /// Why nothing is asked for.
     fn why_nothing(&self) -> String {
-        match (self.done, self.dark.is_empty()) {
+        match (self.done, self.unobservable.is_empty()) {
             (false, _) => String::new(),
             (true, true) => "everything is known".to_owned(),
             (true, false) => format!(
                 "everything that this airframe can excite is known; no maneuver of it shows {}{}",
-                self.dark.join(", "),
+                self.unobservable.join(", "),
                 if self.options.manual { "" } else { " (unless a pilot flies sideslips)" },
             ),
         }

@@ -8,7 +8,7 @@ pub(crate) mod estimate;
 pub mod guidance;
 pub mod observability;
 pub mod snapshot;
-mod standing;
+mod stationary;
 
 use crate::timeline::Gaps;
 use counters::{ElapsedTime, RateMeter, Warnings};
@@ -25,7 +25,7 @@ use gaware_nav::sample::{GnssFix, ImuSample, Sample};
 use guidance::{GuidanceOptions, Guide};
 use observability::ConditionWatch;
 use snapshot::{Consistency, Estimate, GnssStatus, Guidance, ImuStatus, Phase, Snapshot, Summary};
-use standing::Stillness;
+use stationary::StationaryTest;
 
 /// After so long without a fix the status says so, s.
 const FIX_PATIENCE_S: f64 = 3.0;
@@ -33,7 +33,7 @@ const FIX_PATIENCE_S: f64 = 3.0;
 const FIX_INTERVAL_S: (f64, f64) = (0.1, 1.0);
 
 /// Said of the motion that a restart ends.
-const FIXES_CONTRADICTED: &str = "position and velocity fixes failed the innovation test for more than 3 s; motion started anew from them: check GNSS and vibration";
+const FIXES_INCONSISTENT: &str = "position and velocity fixes failed the innovation test for more than 3 s; motion started anew from them: check GNSS and vibration";
 
 /// What the user may set.
 #[derive(Debug, Clone, Default, PartialEq)]
@@ -75,11 +75,11 @@ pub struct Engine {
     fixes: u64,
     used: u64,
     rejected: u64,
-    passed_over_before: PassedOver,
+    rejected_before: PassedOver,
     nis: (f64, usize),
     last_outcome: FixOutcome,
     warnings: Warnings,
-    stillness: Stillness,
+    stillness: StationaryTest,
     watch: ConditionWatch,
     guide: Option<Guide>,
     /// The last filter before a restart: shown until the next one runs.
@@ -106,11 +106,11 @@ impl Engine {
             fixes: 0,
             used: 0,
             rejected: 0,
-            passed_over_before: PassedOver::default(),
+            rejected_before: PassedOver::default(),
             nis: (0.0, 0),
             last_outcome: FixOutcome::default(),
             warnings: Warnings::default(),
-            stillness: Stillness::default(),
+            stillness: StationaryTest::default(),
             watch,
             guide,
             before: None,
@@ -216,7 +216,7 @@ impl Engine {
             _ if !running => {}
             Some(event) => self.warnings.push(&reported_fix(event)),
             None if outcome.position.recovered || outcome.velocity.recovered => {
-                self.warnings.push(FIXES_CONTRADICTED)
+                self.warnings.push(FIXES_INCONSISTENT)
             }
             None => {}
         }
@@ -225,7 +225,7 @@ impl Engine {
 
     /// The constants go on, motion starts anew.
     fn restart(&mut self) {
-        self.passed_over_before += self.estimator.passed_over();
+        self.rejected_before += self.estimator.passed_over();
         if let Some(filter) = self.estimator.filter() {
             self.before = Some(Box::new(filter.clone()));
         }
@@ -233,8 +233,8 @@ impl Engine {
         self.imu_rate = RateMeter::default();
         self.fix_rate = RateMeter::default();
         self.last_fix_s = None;
-        self.stillness = Stillness::default();
-        self.warnings.forget(FIXES_CONTRADICTED);
+        self.stillness = StationaryTest::default();
+        self.warnings.forget(FIXES_INCONSISTENT);
         self.watch.restart();
         if let Some(guide) = &mut self.guide {
             guide.restart();
@@ -407,18 +407,18 @@ impl Engine {
     }
 
     fn gnss_status(&self) -> GnssStatus {
-        let passed_over = self.passed_over();
+        let rejected = self.fixes_rejected();
         GnssStatus {
             fixes: self.fixes,
             used: self.used,
-            rejected: self.rejected + passed_over.late + passed_over.overtaken,
+            rejected: self.rejected + rejected.late + rejected.overtaken,
             rate_hz: self.time.now_s().map_or(0.0, |now| self.fix_rate.at(now)),
             gaps: Gaps::default(),
         }
     }
 
-    fn passed_over(&self) -> PassedOver {
-        let mut all = self.passed_over_before;
+    fn fixes_rejected(&self) -> PassedOver {
+        let mut all = self.rejected_before;
         all += self.estimator.passed_over();
         all
     }
@@ -440,7 +440,7 @@ impl Engine {
                 far.join(", ")
             ));
         }
-        if self.passed_over().late > 0 {
+        if self.fixes_rejected().late > 0 {
             list.push("some fixes came more than 1.5 s after their time and were not used".to_owned());
         }
         list

@@ -203,7 +203,7 @@ fn states(constants: &Constants, targets: &Targets) -> Vec<StateStatus> {
 }
 
 /// Which view is stricter and why; empty where all three say the same.
-fn disagreement(conditions: &Conditions, states: &[StateStatus], dark: &[Direction]) -> String {
+fn disagreement(conditions: &Conditions, states: &[StateStatus], unobservable: &[Direction]) -> String {
     let is_g = |s: &&StateStatus| s.name.starts_with('g') && s.unit == "deg/h/g";
     let g: Vec<&StateStatus> = states.iter().filter(is_g).collect();
     let lacking = |of: &dyn Fn(&str) -> bool| -> Vec<&str> {
@@ -235,7 +235,9 @@ fn disagreement(conditions: &Conditions, states: &[StateStatus], dark: &[Directi
     }
     let tied: Vec<&str> = states
         .iter()
-        .filter(|s| s.status == Status::Observable && dark.iter().any(|d| d.states.contains_key(&s.name)))
+        .filter(|s| {
+            s.status == Status::Observable && unobservable.iter().any(|d| d.states.contains_key(&s.name))
+        })
         .map(|s| s.name.as_str())
         .collect();
     if !tied.is_empty() {
@@ -260,7 +262,7 @@ mod tests {
     }
 
     #[test]
-    fn turns_that_told_g_are_given_as_the_reason() {
+    fn turns_that_showed_g_are_given_as_the_reason() {
         let said = disagreement(&Conditions::default(), &full(Status::Observable), &[]);
         assert!(said.contains("condition (c) is not met") && said.contains("turns"), "{said}");
         assert_eq!(disagreement(&Conditions::default(), &full(Status::Weak), &[]), "");

@@ -218,7 +218,7 @@ pub struct ImuStatus {
     pub samples: u64,
     /// Rate over the last seconds (summary: over the whole run), Hz.
     pub rate_hz: f64,
-    /// Samples that were lost on the way (gaps, missing messages) or refused.
+    /// Samples that were lost on the way (gaps, missing messages) or rejected.
     pub dropped: u64,
     /// Gaps between the samples.
     #[serde(default)]
@@ -330,8 +330,8 @@ pub struct Summary {
     /// Why it does not estimate, in words.
     #[serde(default)]
     pub waiting_for: String,
-    /// States whose estimates left what the model expects of them by far: the model lacks an effect, for which they take the
-    /// blame.
+    /// States whose estimates left what the model expects of them by far: the model lacks an effect, which they
+    /// absorb.
     #[serde(default)]
     pub implausible: Vec<String>,
 }

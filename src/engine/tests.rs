@@ -65,7 +65,7 @@ fn without_any_fix_nothing_diverges_and_nothing_is_learned() {
 }
 
 #[test]
-fn an_outage_is_told_and_survived() {
+fn an_outage_is_reported_and_survived() {
     let mut flight = named("fixed_wing");
     flight.sensors.outages = vec![(60.0, 90.0)];
     let during = fly(&flight, 2, 89.0).snapshot();
@@ -130,7 +130,7 @@ fn a_reboot_keeps_what_was_learned_of_the_vehicle() {
 }
 
 #[test]
-fn impossible_values_are_refused_counted_and_told() {
+fn impossible_values_are_rejected_counted_and_reported() {
     let mut engine = fly(&named("bench"), 1, 5.0);
     let before = engine.snapshot();
     let t_s = before.t_s + 0.005;
@@ -182,12 +182,12 @@ fn only_a_fix_that_really_is_late_is_called_late() {
 }
 
 #[test]
-fn an_estimate_that_the_model_cannot_explain_is_told_and_a_large_one_that_it_expects_is_not() {
+fn an_estimate_that_the_model_cannot_explain_is_reported_and_a_large_one_that_it_expects_is_not() {
     let flight = named("fixed_wing");
     let truth = flight.model.get("gyro_g_sensitivity").unwrap();
     // deg/h/g in rad/s per m/s².
     let unit = truth.effect.groups()[0].unit.si;
-    for (off, told) in [(2000.0, true), (0.0, false)] {
+    for (off, reported) in [(2000.0, true), (0.0, false)] {
         // With tolerances other states leave their priors as well, and g33 does not.
         let mut model = Model::calibrated();
         let mut expected = truth.clone();
@@ -199,9 +199,9 @@ fn an_estimate_that_the_model_cannot_explain_is_told_and_a_large_one_that_it_exp
         let summary = engine.summary();
         // Scale factors and misalignments may take their share: which elements are named depends on the flight.
         let of_g = summary.implausible.iter().find(|name| name.starts_with('g'));
-        assert_eq!(of_g.is_some(), told, "{:?}", summary.implausible);
+        assert_eq!(of_g.is_some(), reported, "{:?}", summary.implausible);
         let warned = of_g.is_some_and(|name| summary.warnings.iter().any(|w| w.contains(name.as_str())));
-        assert_eq!(warned, told, "{:?}", summary.warnings);
+        assert_eq!(warned, reported, "{:?}", summary.warnings);
     }
 }
 
@@ -229,20 +229,20 @@ fn the_bench_meets_no_condition_and_says_what_is_missing() {
 }
 
 #[test]
-fn coordinated_flight_leaves_column_y_dark_and_sideslip_lights_it() {
+fn coordinated_flight_leaves_column_y_unobservable_and_sideslip_does_not() {
     let column_y = |name: &str| {
         // With tolerances five minutes of sideslips are not enough: this is about the maneuver.
         let now = fly_with(Model::calibrated(), &named(name), 1, 300.0).snapshot().observability;
-        let dark = now.unobservable_directions.iter().any(|d| d.states.contains_key("g22"));
+        let unobservable = now.unobservable_directions.iter().any(|d| d.states.contains_key("g22"));
         let asks =
             now.unobservable_directions.iter().any(|d| d.text.contains("accelerate along the sideways axis"));
         let best = now.states.iter().find(|s| s.name == "g22").map(|s| s.sigma_ratio);
-        (dark, asks, best)
+        (unobservable, asks, best)
     };
-    let (dark, asks, ratio) = column_y("fixed_wing_coordinated");
-    assert!(dark && asks && ratio > Some(0.5), "{ratio:?}");
-    let (dark, asks, ratio) = column_y("fixed_wing");
-    assert!(!dark && !asks && ratio < Some(0.5), "{ratio:?}");
+    let (unobservable, asks, ratio) = column_y("fixed_wing_coordinated");
+    assert!(unobservable && asks && ratio > Some(0.5), "{ratio:?}");
+    let (unobservable, asks, ratio) = column_y("fixed_wing");
+    assert!(!unobservable && !asks && ratio < Some(0.5), "{ratio:?}");
 }
 
 /// An engine for the small fixed wing, with everything it is asked to fly and how each ended.
@@ -267,7 +267,7 @@ fn guided(name: &str, manual: bool, until_s: f64) -> (Engine, Vec<String>, Vec<S
 }
 
 #[test]
-fn a_standing_aircraft_is_told_to_take_off_first() {
+fn a_stationary_aircraft_is_asked_to_take_off_first() {
     let (engine, asked, _) = guided("bench", true, 30.0);
     let now = engine.snapshot().guidance;
     assert!(now.instruction.starts_with("Take off") && !now.done, "{now:?}");
@@ -276,7 +276,7 @@ fn a_standing_aircraft_is_told_to_take_off_first() {
 }
 
 #[test]
-fn what_was_flown_is_noticed_and_its_gain_is_told() {
+fn what_was_flown_is_noticed_and_its_gain_is_reported() {
     let (_, asked, results) = guided("fixed_wing", true, 300.0);
     assert!(results.iter().any(|r| r.contains(" from ") && r.contains("deg/h")), "{asked:?} {results:?}");
     assert!(asked.len() >= 2, "{asked:?}");

@@ -34,22 +34,22 @@ fn words(maneuver: Maneuver, airframe: &Airframe) -> String {
     maneuver.words(airframe).long
 }
 
-/// The maneuvers that tell the members of a group apart, for a typical airframe of this kind; `None` for a single effect.
+/// The maneuvers that separate the members of a group, for a typical airframe of this kind; `None` for a single effect.
 pub fn separate(group: &[&str], fixed_wing: bool) -> Option<String> {
     if group.len() < 2 {
         return None;
     }
     let airframe = &Airframe::example(if fixed_wing { "small_fixed_wing" } else { "quadrotor" })?;
-    let mut told: Vec<String> = Vec::new();
+    let mut advice: Vec<String> = Vec::new();
     for pair in separations(group) {
         let fly: Vec<String> = pair.fly.iter().map(|e| words(maneuver(*e), airframe)).collect();
-        told.push(format!("{} ({})", fly.join(" "), pair.why));
+        advice.push(format!("{} ({})", fly.join(" "), pair.why));
     }
-    if told.is_empty() {
-        told.extend(EVERYTHING.iter().map(|m| words(*m, airframe)));
+    if advice.is_empty() {
+        advice.extend(EVERYTHING.iter().map(|m| words(*m, airframe)));
     }
-    told.dedup();
-    Some(told.join(" "))
+    advice.dedup();
+    Some(advice.join(" "))
 }
 
 #[cfg(test)]
@@ -75,8 +75,8 @@ mod tests {
     #[test]
     fn a_single_effect_needs_no_maneuver() {
         assert_eq!(separate(&["gps_latency"], true), None);
-        let told = separate(&["gps_lever_arm", "gps_latency"], true).unwrap();
-        assert!(told.contains("throttle") && told.contains("grows with the speed"), "{told}");
+        let advice = separate(&["gps_lever_arm", "gps_latency"], true).unwrap();
+        assert!(advice.contains("throttle") && advice.contains("grows with the speed"), "{advice}");
         assert!(separate(&["gps_latency", "accel_bias_drift"], true).is_some());
         let rotor = separate(&["accel_scale_factor", "accel_misalignment"], false).unwrap();
         assert!(!rotor.contains("rudder"), "{rotor}");

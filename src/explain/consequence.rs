@@ -7,7 +7,7 @@ use gaware_nav::model::EffectSetting;
 use gaware_nav::rotation::c_nb_from_euler;
 use nalgebra::Vector3;
 
-/// The turn that consequences are told for: load, g, and length, s.
+/// The turn that consequences are computed for: load, g, and length, s.
 const TURN: (f64, f64) = (2.0, 60.0);
 /// Consequences below these are not worth telling: deg, m, m/s.
 const LEAST_SHOWN: [f64; 3] = [0.01, 0.02, 0.005];
@@ -51,10 +51,10 @@ pub fn of(setting: &EffectSetting, speed_m_per_s: f64) -> Option<String> {
     } else {
         format!("after a {:.0} s turn at {:.0} g without correction", TURN.1, TURN.0)
     };
-    let mut told = Vec::new();
+    let mut parts = Vec::new();
     let drift = (rate * TURN.1).map(f64::to_degrees);
     if drift.norm() > LEAST_SHOWN[0] {
-        told.push(format!(
+        parts.push(format!(
             "{when}: {} deg of roll, {} deg of pitch, {} deg of yaw",
             number(drift.x.abs()),
             number(drift.y.abs()),
@@ -63,7 +63,7 @@ pub fn of(setting: &EffectSetting, speed_m_per_s: f64) -> Option<String> {
     }
     let tilt = (force.norm() / STANDARD_GRAVITY).to_degrees();
     if tilt > LEAST_SHOWN[0] {
-        told.push(format!(
+        parts.push(format!(
             "{} m/s\u{b2} of specific force in a turn at {:.0} g, as much as {} deg of tilt",
             number(force.norm()),
             TURN.0,
@@ -71,20 +71,20 @@ pub fn of(setting: &EffectSetting, speed_m_per_s: f64) -> Option<String> {
         ));
     }
     // A random walk of rate integrates to an angle with sigma q \u{221a}(T\u{b3}/3).
-    let wandered = (walk.gyro * (TURN.1.powi(3) / 3.0).sqrt()).to_degrees();
-    if wandered > LEAST_SHOWN[0] {
-        told.push(format!(
+    let walked = (walk.gyro * (TURN.1.powi(3) / 3.0).sqrt()).to_degrees();
+    if walked > LEAST_SHOWN[0] {
+        parts.push(format!(
             "{} deg of attitude (1 sigma) after {:.0} s without correction",
-            number(wandered),
+            number(walked),
             TURN.1
         ));
     }
     let leaned = (walk.accel * TURN.1.sqrt() / STANDARD_GRAVITY).to_degrees();
     if leaned > LEAST_SHOWN[0] {
-        told.push(format!("as much as {} deg of tilt (1 sigma) after {:.0} s", number(leaned), TURN.1));
+        parts.push(format!("as much as {} deg of tilt (1 sigma) after {:.0} s", number(leaned), TURN.1));
     }
-    told.extend(on_fixes(setting, speed_m_per_s));
-    (!told.is_empty()).then(|| told.join("; "))
+    parts.extend(on_fixes(setting, speed_m_per_s));
+    (!parts.is_empty()).then(|| parts.join("; "))
 }
 
 /// What is wrong with fixes in the same turn.
@@ -130,10 +130,10 @@ mod tests {
     fn the_consequence_is_what_the_model_says() {
         let mut g = [0.0; 9];
         g[2] = 54.0 * unit::DEG_PER_H_PER_G.si;
-        let told = of(&known(&effects::GyroGSensitivity, &g), 20.0).unwrap();
+        let parts = of(&known(&effects::GyroGSensitivity, &g), 20.0).unwrap();
         assert!(
-            told.starts_with("after a 60 s turn at 2 g without correction: 0.900 deg of roll, 0 deg"),
-            "{told}"
+            parts.starts_with("after a 60 s turn at 2 g without correction: 0.900 deg of roll, 0 deg"),
+            "{parts}"
         );
         let late = of(&known(&effects::GpsLatency, &[0.1]), 20.0).unwrap();
         assert!(late.contains("off by 2.00 m and 1.70 m/s"), "{late}");

@@ -1,35 +1,36 @@
 //! The `gaware.explanation/1` contract (design, section 3).
 
 use super::size::Size;
-use super::{FlightGap, advice, consequence, words};
+use super::{FlightResiduals, advice, consequence, words};
 use gaware_nav::effects::Shape;
-use gaware_nav::identify::judge::{Gap as NavGap, Judged};
+use gaware_nav::identify::judge::{Gap as NavResidual, Judged};
 use gaware_nav::identify::limits::NotFound as NavNotFound;
 use gaware_nav::identify::noise::NoiseEntry;
 use gaware_nav::identify::select::Added;
 use gaware_nav::identify::{survey, terms, whereabouts};
 use gaware_nav::model::{EffectSetting, Model};
-use gaware_nav::smoother::gap::{self as map, Point};
+use gaware_nav::smoother::residual::{self as map, Point};
+use schemars::JsonSchema;
 use serde::Serialize;
 use serde_json::{Map, Value, json};
 use std::collections::BTreeMap;
 
 /// What came of it.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, JsonSchema)]
 #[serde(rename_all = "snake_case")]
 pub enum Verdict {
     /// Effects were found and each stands alone.
     Explained,
-    /// At least one step names effects that this flight cannot tell apart.
+    /// At least one step names effects that this flight cannot separate.
     Ambiguous,
     /// The model explains the flight.
     NothingMissing,
-    /// A gap is left that no named effect closes, or too little can be said.
+    /// A residual is left that no named effect explains, or too little can be said.
     Unexplained,
 }
 
 /// Evidence of one step.
-#[derive(Debug, Clone, Copy, PartialEq, Serialize)]
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, JsonSchema)]
 pub struct Evidence {
     /// Gain of the log-likelihood of the innovations.
     pub log_likelihood_gain: f64,
@@ -39,8 +40,8 @@ pub struct Evidence {
     pub log_odds: f64,
 }
 
-/// One step: an effect, or several that this flight cannot tell apart.
-#[derive(Debug, Clone, PartialEq, Serialize)]
+/// One step: an effect, or several that this flight cannot separate.
+#[derive(Debug, Clone, PartialEq, Serialize, JsonSchema)]
 pub struct EffectEntry {
     /// Names, the best first.
     pub names: Vec<&'static str>,
@@ -51,7 +52,7 @@ pub struct EffectEntry {
     pub parameters: BTreeMap<&'static str, Value>,
     /// How sure.
     pub evidence: Evidence,
-    /// Maneuver that would tell them apart.
+    /// Maneuver that would separate them.
     pub separate_by: Option<String>,
     /// What it does to the vehicle's navigation, in numbers.
     pub consequence: Option<String>,
@@ -62,7 +63,7 @@ pub struct EffectEntry {
 }
 
 /// An effect that the model assumes.
-#[derive(Debug, Clone, PartialEq, Serialize)]
+#[derive(Debug, Clone, PartialEq, Serialize, JsonSchema)]
 pub struct Assumed {
     /// Which.
     pub name: &'static str,
@@ -70,8 +71,8 @@ pub struct Assumed {
     pub parameters: Value,
 }
 
-/// An effect that the data show and that is too small to be told from what simulation and model leave out.
-#[derive(Debug, Clone, PartialEq, Serialize)]
+/// An effect that the data show and that is too small to be separated from what simulation and model leave out.
+#[derive(Debug, Clone, PartialEq, Serialize, JsonSchema)]
 pub struct Negligible {
     /// Which.
     pub name: &'static str,
@@ -86,7 +87,7 @@ pub struct Negligible {
 }
 
 /// The disagreement of one channel in one regime, on the smoothed trajectory.
-#[derive(Debug, Clone, PartialEq, Serialize)]
+#[derive(Debug, Clone, PartialEq, Serialize, JsonSchema)]
 pub struct Regime {
     /// `gyro_y`.
     pub channel: &'static str,
@@ -103,7 +104,7 @@ pub struct Regime {
 }
 
 /// A place that stands out.
-#[derive(Debug, Clone, PartialEq, Serialize)]
+#[derive(Debug, Clone, PartialEq, Serialize, JsonSchema)]
 pub struct Where {
     /// Number of the log, from 0.
     pub log: usize,
@@ -115,12 +116,12 @@ pub struct Where {
     pub t_end_s: f64,
     /// What the vehicle did.
     pub regime: String,
-    /// Share of the whole gap.
+    /// Share of the excess of all residuals.
     pub share: f64,
 }
 
 /// Before and after.
-#[derive(Debug, Clone, Copy, PartialEq, Default, Serialize)]
+#[derive(Debug, Clone, Copy, PartialEq, Default, Serialize, JsonSchema)]
 pub struct BeforeAfter {
     /// With the model that was given.
     pub before: f64,
@@ -129,33 +130,33 @@ pub struct BeforeAfter {
 }
 
 /// Before and after per channel, RMS of the innovations.
-#[derive(Debug, Clone, PartialEq, Serialize)]
-pub struct ChannelGap {
+#[derive(Debug, Clone, PartialEq, Serialize, JsonSchema)]
+pub struct ChannelResidual {
     /// `velocity_north`.
     pub channel: &'static str,
     /// m or m/s.
     pub rms: BeforeAfter,
-    /// Squared normalised innovation.
+    /// Normalised innovation squared (NIS) per degree of freedom.
     pub nis: BeforeAfter,
 }
 
-/// The gap.
-#[derive(Debug, Clone, PartialEq, Serialize)]
-pub struct Gap {
+/// The model residual, by its measure.
+#[derive(Debug, Clone, PartialEq, Serialize, JsonSchema)]
+pub struct ModelResidual {
     /// `nis_mean_per_dof`.
     pub metric: &'static str,
     /// On the data that chose and fitted.
     pub fit: BeforeAfter,
-    /// On the data that took no part.
+    /// On held-out data.
     pub held_out: BeforeAfter,
     /// Held out, by channel.
-    pub held_out_channels: Vec<ChannelGap>,
+    pub held_out_channels: Vec<ChannelResidual>,
     /// Held out: horizontal position after so many seconds without fixes, m RMS.
     pub drift_m: BTreeMap<String, BeforeAfter>,
 }
 
 /// One line of the leave-one-out table.
-#[derive(Debug, Clone, PartialEq, Serialize)]
+#[derive(Debug, Clone, PartialEq, Serialize, JsonSchema)]
 pub struct LeaveOneOut {
     /// Effect left out.
     pub name: &'static str,
@@ -166,7 +167,7 @@ pub struct LeaveOneOut {
 }
 
 /// A term outside the catalogue.
-#[derive(Debug, Clone, PartialEq, Serialize)]
+#[derive(Debug, Clone, PartialEq, Serialize, JsonSchema)]
 pub struct Term {
     /// `gyro_y`.
     pub channel: &'static str,
@@ -180,8 +181,8 @@ pub struct Term {
     pub unit: String,
 }
 
-/// An effect that was looked for and not found.
-#[derive(Debug, Clone, PartialEq, Serialize)]
+/// An effect that was tested and is not significant.
+#[derive(Debug, Clone, PartialEq, Serialize, JsonSchema)]
 pub struct NotFound {
     /// Which.
     pub name: &'static str,
@@ -197,7 +198,7 @@ pub struct NotFound {
     pub parameters: Value,
 }
 
-/// Effects that were looked for in vain, and whether each is likely all the same.
+/// Effects that were tested and are not significant, and whether each is likely all the same.
 pub fn not_found(all: &[NavNotFound], likely: &[bool]) -> Vec<NotFound> {
     let entry = |(found, likely): (&NavNotFound, &bool)| {
         let (s, mut map) = (&found.setting, Map::new());
@@ -215,7 +216,7 @@ pub fn not_found(all: &[NavNotFound], likely: &[bool]) -> Vec<NotFound> {
 }
 
 /// The contract.
-#[derive(Debug, Clone, PartialEq, Serialize)]
+#[derive(Debug, Clone, PartialEq, Serialize, JsonSchema)]
 pub struct Explanation {
     /// `gaware.explanation/1`.
     pub schema: &'static str,
@@ -229,7 +230,8 @@ pub struct Explanation {
     /// The same over regimes, for every channel.
     pub regimes: Vec<Regime>,
     /// Before and after; `null` where too little can be said.
-    pub gap: Option<Gap>,
+    #[serde(rename = "gap")]
+    pub residual: Option<ModelResidual>,
     /// Terms outside the catalogue.
     pub unexplained_terms: Vec<Term>,
     /// What each effect contributes.
@@ -238,11 +240,12 @@ pub struct Explanation {
     pub negligible: Vec<Negligible>,
     /// Effects that were found and that the held-out data did not confirm.
     pub removed: Vec<&'static str>,
-    /// Effects of the catalogue that were looked for in vain, and how small one must be to stay unseen.
+    /// Effects of the catalogue that were tested and are not significant, and how small one must be to stay unseen.
     pub not_found: Vec<NotFound>,
-    /// Effects that the model assumes, and that the flights did not contradict.
+    /// Effects that the model assumes, and that the flights are consistent with.
     pub assumed: Vec<Assumed>,
     /// Noise, as claimed and as the flights have it.
+    #[schemars(with = "Vec<super::schema::NoiseFigure>")]
     pub noise: Vec<NoiseEntry>,
     /// The result in plain words.
     pub summary: String,
@@ -256,7 +259,7 @@ pub fn too_little(why: &str) -> Explanation {
         effects: Vec::new(),
         places: Vec::new(),
         regimes: Vec::new(),
-        gap: None,
+        residual: None,
         unexplained_terms: Vec::new(),
         leave_one_out: Vec::new(),
         negligible: Vec::new(),
@@ -268,7 +271,7 @@ pub fn too_little(why: &str) -> Explanation {
     }
 }
 
-/// The model that was given with the effects found and the noise that was fitted. An effect of a group that cannot be told
+/// The model that was given with the effects found and the noise that was fitted. An effect of a group that cannot be separated
 /// apart goes in with the best of its names.
 pub fn new_model(judged: &Judged, sizes: &[Size]) -> Model {
     let selection = &judged.selection;
@@ -350,8 +353,8 @@ fn entries<'a>(
 const AIRCRAFT_M_PER_S: f64 = 9.0;
 
 /// Speed that half of the flight is faster than, m/s.
-fn typical_speed(gaps: &[FlightGap]) -> f64 {
-    let mut speeds: Vec<f64> = gaps.iter().flat_map(|g| &g.after).map(|p| p.motion.speed).collect();
+fn typical_speed(residuals: &[FlightResiduals]) -> f64 {
+    let mut speeds: Vec<f64> = residuals.iter().flat_map(|g| &g.after).map(|p| p.motion.speed).collect();
     speeds.sort_by(f64::total_cmp);
     speeds.get(speeds.len() / 2).copied().unwrap_or(0.0)
 }
@@ -376,25 +379,26 @@ fn negligible(judged: &Judged, sizes: &[Size]) -> Vec<Negligible> {
         .collect()
 }
 
-fn places(gaps: &[FlightGap]) -> Vec<Where> {
+fn places(residuals: &[FlightResiduals]) -> Vec<Where> {
     let mut out: Vec<Where> = Vec::new();
-    for (log, gap) in gaps.iter().enumerate() {
-        out.extend(map::places(&gap.before).into_iter().map(|p| Where {
+    for (log, flight) in residuals.iter().enumerate() {
+        out.extend(map::places(&flight.before).into_iter().map(|p| Where {
             log,
             channel: map::CHANNELS[p.channel],
             t_start_s: p.start_s,
             t_end_s: p.end_s,
             regime: p.regime,
-            share: p.share / gaps.len() as f64,
+            share: p.share / residuals.len() as f64,
         }));
     }
     out.sort_by(|a, b| b.share.total_cmp(&a.share));
     out
 }
 
-fn regimes(gaps: &[FlightGap]) -> Vec<Regime> {
-    let all =
-        |of: fn(&FlightGap) -> &Vec<Point>| -> Vec<Point> { gaps.iter().flat_map(of).cloned().collect() };
+fn regimes(residuals: &[FlightResiduals]) -> Vec<Regime> {
+    let all = |of: fn(&FlightResiduals) -> &Vec<Point>| -> Vec<Point> {
+        residuals.iter().flat_map(of).cloned().collect()
+    };
     let (before, after) = (map::cells(&all(|g| &g.before)), map::cells(&all(|g| &g.after)));
     // Speeds are those of each model's own trajectory, so that a limit may differ in its last digit.
     before
@@ -412,11 +416,11 @@ fn regimes(gaps: &[FlightGap]) -> Vec<Regime> {
         .collect()
 }
 
-fn gap(judged: &Judged) -> Gap {
-    let pair = |g: &[NavGap; 2]| BeforeAfter { before: g[0].nis_per_dof, after: g[1].nis_per_dof };
+fn residual(judged: &Judged) -> ModelResidual {
+    let pair = |g: &[NavResidual; 2]| BeforeAfter { before: g[0].nis_per_dof, after: g[1].nis_per_dof };
     let [before, after] = &judged.held_out;
     let channels = whereabouts::CHANNELS.iter().enumerate().filter_map(|(c, channel)| {
-        Some(ChannelGap {
+        Some(ChannelResidual {
             channel,
             rms: BeforeAfter { before: before.rms[c]?, after: after.rms[c]? },
             nis: BeforeAfter { before: before.channels[c]?, after: after.channels[c]? },
@@ -426,7 +430,7 @@ fn gap(judged: &Judged) -> Gap {
         let both = BeforeAfter { before: before.drift_m[k]?, after: after.drift_m[k]? };
         Some((format!("{seconds:.0}_s"), both))
     });
-    Gap {
+    ModelResidual {
         metric: "nis_mean_per_dof",
         fit: pair(&judged.fit),
         held_out: pair(&judged.held_out),
@@ -435,16 +439,16 @@ fn gap(judged: &Judged) -> Gap {
     }
 }
 
-/// What it all comes to. Noise that is not plausible stands for something; an effect that had to grow beyond what it can be explains nothing, nor do effects that leave the
-/// gap on data that took no part as it was.
+/// What it all comes to. Noise that is not plausible has a cause; an effect that had to grow beyond what it can be explains nothing, nor do effects that leave the
+/// residual on held-out data as it was.
 fn verdict(
     effects: &[EffectEntry],
     added: &[&Added],
-    gap: &Gap,
+    residual: &ModelResidual,
     terms: &[terms::Found],
     noise: &[NoiseEntry],
 ) -> Verdict {
-    let shrinks = gap.held_out.after < gap.held_out.before;
+    let shrinks = residual.held_out.after < residual.held_out.before;
     if effects.iter().any(|e| e.names.len() > 1) {
         Verdict::Ambiguous
     } else if !terms.is_empty() || added.iter().any(|a| a.is_at_limit()) || noise.iter().any(|n| !n.plausible)
@@ -463,22 +467,22 @@ fn verdict(
 pub fn explanation(
     judged: &Judged,
     sizes: &[Size],
-    gaps: &[FlightGap],
+    residuals: &[FlightResiduals],
     found: Vec<terms::Found>,
     not_found: Vec<NotFound>,
     events: &[Option<usize>],
 ) -> Explanation {
-    let speed = typical_speed(gaps);
+    let speed = typical_speed(residuals);
     let (effects, added): (Vec<_>, Vec<_>) =
         entries(judged, sizes, events, speed > AIRCRAFT_M_PER_S, speed).into_iter().unzip();
-    let (gap, noise) = (gap(judged), judged.noise.clone());
+    let (residual, noise) = (residual(judged), judged.noise.clone());
     let mut explanation = Explanation {
         schema: "gaware.explanation/1",
-        verdict: verdict(&effects, &added, &gap, &found, &noise),
+        verdict: verdict(&effects, &added, &residual, &found, &noise),
         effects,
-        places: places(gaps),
-        regimes: regimes(gaps),
-        gap: Some(gap),
+        places: places(residuals),
+        regimes: regimes(residuals),
+        residual: Some(residual),
         negligible: negligible(judged, sizes),
         unexplained_terms: found
             .into_iter()

@@ -1,5 +1,5 @@
-//! Explain: where simulation and measurement disagree, which effect is missing, and whether adding it helps on data that
-//! took no part.
+//! Explain: where simulation and measurement disagree, which effect is unmodelled, and whether adding it helps on
+//! held-out data.
 //!
 //! Reads logs, hands the mathematics to `gaware_nav::identify`, and puts the result into words and the
 //! `gaware.explanation/1` contract. It decides nothing about likelihoods itself.
@@ -7,7 +7,8 @@
 pub mod advice;
 pub mod consequence;
 pub mod contract;
-pub mod size;
+pub mod schema;
+mod size;
 pub mod words;
 
 use crate::logs::LogError;
@@ -23,7 +24,7 @@ use gaware_nav::identify::select::{self, Settings};
 use gaware_nav::identify::{Workers, terms};
 use gaware_nav::model::{EffectSetting, Model};
 use gaware_nav::sample::Sample;
-use gaware_nav::smoother::gap::{self, Point};
+use gaware_nav::smoother::residual::{self, Point};
 use size::Size;
 use std::path::{Path, PathBuf};
 
@@ -34,7 +35,7 @@ pub struct Request {
     pub logs: Vec<PathBuf>,
     /// Flights that only judge; empty: blocks of the first ones are held out.
     pub validate: Vec<PathBuf>,
-    /// The model that is believed.
+    /// The assumed model.
     pub model: Model,
     /// Vehicle and source message.
     pub converter: ConverterOptions,
@@ -89,8 +90,8 @@ pub struct Explained {
     /// The numbers behind it; `None` where the flights say too little.
     pub judged: Option<Judged>,
     /// Where simulation and measurement disagree, flight by flight.
-    pub gaps: Vec<FlightGap>,
-    /// What was looked for in vain.
+    pub residuals: Vec<FlightResiduals>,
+    /// Effects that were tested and are not significant.
     pub not_found: Vec<NotFound>,
     /// Names of the logs.
     pub logs: Vec<String>,
@@ -100,7 +101,7 @@ pub struct Explained {
 
 /// The disagreement along one flight, with the model that was given and with the new one.
 #[derive(Debug, Clone, Default)]
-pub struct FlightGap {
+pub struct FlightResiduals {
     /// With the model that was given.
     pub before: Vec<Point>,
     /// With the new one.
@@ -170,22 +171,22 @@ pub fn samples(
     progress(Phase::Judging);
     let mut judged = judge::judge(&good, &judging, selection, settings, &Threads);
     progress(Phase::Terms);
-    let left_over = terms::find(&good, &judging, &judged.selection, settings, &Threads);
+    let remaining = terms::find(&good, &judging, &judged.selection, settings, &Threads);
     progress(Phase::Smoothing);
-    let mut gaps = smoothed(&good, &judged);
-    let mut found = left_over.terms;
-    found.retain(|term| !size::is_negligible(term, &judged, &gaps));
-    let imitations = imitations(&left_over.replaced, &found, &judged);
+    let mut residuals = smoothed(&good, &judged);
+    let mut found = remaining.terms;
+    found.retain(|term| !size::is_negligible(term, &judged, &residuals));
+    let imitations = imitations(&remaining.replaced, &found, &judged);
     if !imitations.is_empty() {
         let mut removed = std::mem::take(&mut judged.removed);
         removed.extend(imitations.iter().filter_map(|name| effects::find(name)).map(Effect::name));
         judged = judge::judge(&good, &judging, judged.selection.without(&imitations), settings, &Threads);
         judged.removed.extend(removed);
-        gaps = smoothed(&good, &judged);
+        residuals = smoothed(&good, &judged);
     }
-    let sizes = |settings: Vec<&EffectSetting>| size::sizes(&settings, &judged, &gaps, &good);
+    let sizes = |settings: Vec<&EffectSetting>| size::sizes(&settings, &judged, &residuals, &good);
     let own = sizes(judged.selection.added.iter().map(|a| &a.setting).collect());
-    let not_found = nowhere_else(&judged, &own);
+    let not_found = only_tested(&judged, &own);
     let others = sizes(not_found.iter().map(|n| &n.setting).collect());
     let likely = |(n, size): (&NotFound, &Size)| n.evidence > settings.threshold && !size.negligible;
     let likely: Vec<bool> = not_found.iter().zip(&others).map(likely).collect();
@@ -194,14 +195,14 @@ pub fn samples(
         explanation: contract::explanation(
             &judged,
             &own,
-            &gaps,
+            &residuals,
             found,
             contract::not_found(&not_found, &likely),
             &events,
         ),
         model: contract::new_model(&judged, &own),
         judged: Some(judged),
-        gaps,
+        residuals,
         not_found,
         logs: Vec::new(),
         validated: Vec::new(),
@@ -225,7 +226,7 @@ fn too_little(why: &str, model: &Model) -> Explained {
         explanation: contract::too_little(why),
         model: model.clone(),
         judged: None,
-        gaps: Vec::new(),
+        residuals: Vec::new(),
         not_found: Vec::new(),
         logs: Vec::new(),
         validated: Vec::new(),
@@ -233,7 +234,7 @@ fn too_little(why: &str, model: &Model) -> Explained {
 }
 
 /// What was not found and stands in no other list either.
-fn nowhere_else(judged: &Judged, sizes: &[Size]) -> Vec<NotFound> {
+fn only_tested(judged: &Judged, sizes: &[Size]) -> Vec<NotFound> {
     let selection = &judged.selection;
     let named = selection.steps.iter().zip(sizes).filter(|(_, size)| !size.negligible);
     let named: Vec<&str> = named.flat_map(|(step, _)| step.group.iter().copied()).collect();
@@ -286,7 +287,7 @@ fn to_own_time(judged: &mut Judged, flights: &[&Flight]) -> Vec<Option<usize>> {
     judged.selection.added.iter_mut().map(own).collect()
 }
 
-/// The model with what every receiver does and nobody asks for.
+/// The model with what every receiver does, whether or not the user names it.
 pub(crate) fn with_receiver(model: &Model) -> Model {
     let mut model = model.clone();
     model.set(EffectSetting::unknown(&GpsSmoothing));
@@ -300,14 +301,14 @@ fn without_receiver(mut model: Model) -> Model {
 }
 
 /// Simulates the sensors along the best trajectory, with both models and the noise of the better one.
-fn smoothed(flights: &[&Flight], judged: &Judged) -> Vec<FlightGap> {
+fn smoothed(flights: &[&Flight], judged: &Judged) -> Vec<FlightResiduals> {
     let selection = &judged.selection;
     let models = [selection.base.clone(), selection.model()];
     let mut results = map_runs(2 * flights.len(), &Silent, |k| {
-        gap::points(flights[k / 2], &models[k % 2], &selection.noise)
+        residual::points(flights[k / 2], &models[k % 2], &selection.noise)
     })
     .into_iter();
-    std::iter::from_fn(|| Some(FlightGap { before: results.next()?, after: results.next()? })).collect()
+    std::iter::from_fn(|| Some(FlightResiduals { before: results.next()?, after: results.next()? })).collect()
 }
 
 /// Writes `report.html`, `report.json` and `model.toml`.

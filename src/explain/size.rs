@@ -5,17 +5,17 @@
 //! epochs. Each is millimetres per second squared or centimetres, and each can be imitated by an effect of the catalogue with
 //! overwhelming evidence. So where fixes are too good to be true, an effect must also do more than that.
 
-use super::FlightGap;
+use super::FlightResiduals;
 use gaware_nav::effects::Instant;
 use gaware_nav::filter::watch::Regressors;
 use gaware_nav::identify::flight::Flight;
 use gaware_nav::identify::judge::Judged;
 use gaware_nav::identify::terms;
 use gaware_nav::model::EffectSetting;
-use gaware_nav::smoother::gap::Motion;
+use gaware_nav::smoother::residual::Motion;
 use nalgebra::Vector3;
 
-/// Squared normalised innovations below this, with the noise at the lowest that is credible, are too good to be true.
+/// NIS below this, with the noise at the lowest that is credible, are too good to be true.
 const TOO_GOOD: f64 = 0.5;
 /// A gyro error below this, RMS about its mean, is no effect then, rad/s: a tenth of a count of `RAW_IMU`.
 const GYRO: f64 = 1e-4;
@@ -26,7 +26,7 @@ const POSITION: f64 = 0.15;
 /// The same of the velocity of fixes, m/s.
 const VELOCITY: f64 = 0.05;
 
-/// The delay of a fix that somebody knows is one from the true motion. Inertial samples are late themselves, by the autopilot's
+/// The delay of a fix that the user knows is one from the true motion. Inertial samples are late themselves, by the autopilot's
 /// low-pass (two poles at 20 Hz: 11 to 14 ms) and up to a loop until they are sent: a change of a known delay below this is
 /// no effect, s.
 const KNOWN_DELAY_S: f64 = 0.015;
@@ -42,7 +42,7 @@ pub struct Size {
     pub position: f64,
     /// RMS of what it adds to the velocity of fixes about the mean, m/s.
     pub velocity: f64,
-    /// Whether it is too small to be told from what the model leaves out.
+    /// Whether it is too small to be separated from what the model leaves out.
     pub negligible: bool,
 }
 
@@ -77,9 +77,9 @@ fn instant(motion: &Motion, start_s: f64) -> Instant {
 }
 
 /// Whether a term outside the catalogue is no more than what the model leaves out.
-pub fn is_negligible(term: &terms::Found, judged: &Judged, gaps: &[FlightGap]) -> bool {
+pub fn is_negligible(term: &terms::Found, judged: &Judged, residuals: &[FlightResiduals]) -> bool {
     let mut spread = Spread::default();
-    for point in gaps.iter().flat_map(|g| &g.after) {
+    for point in residuals.iter().flat_map(|g| &g.after) {
         let motion = &point.motion;
         let at = Regressors {
             force: motion.force,
@@ -99,13 +99,13 @@ pub fn is_negligible(term: &terms::Found, judged: &Judged, gaps: &[FlightGap]) -
 pub fn sizes(
     effects: &[&EffectSetting],
     judged: &Judged,
-    gaps: &[FlightGap],
+    residuals: &[FlightResiduals],
     flights: &[&Flight],
 ) -> Vec<Size> {
     let too_good = judged.fit[1].nis_per_dof < TOO_GOOD;
     let of = |setting: &&EffectSetting| {
         let known = judged.selection.base.get(setting.effect.name()).map(|s| s.values.clone());
-        let mut size = size(setting, known.as_deref(), gaps, flights);
+        let mut size = size(setting, known.as_deref(), residuals, flights);
         // Truncation is there or not.
         let sized = !setting.effect.is_empty();
         let small =
@@ -119,12 +119,17 @@ pub fn sizes(
     effects.iter().map(of).collect()
 }
 
-fn size(setting: &EffectSetting, known: Option<&[f64]>, gaps: &[FlightGap], flights: &[&Flight]) -> Size {
+fn size(
+    setting: &EffectSetting,
+    known: Option<&[f64]>,
+    residuals: &[FlightResiduals],
+    flights: &[&Flight],
+) -> Size {
     let (effect, p) = (setting.effect, &setting.values);
     let [mut gyro, mut accel, mut speed, mut force] = std::array::from_fn(|_| Spread::default());
     let mut longest_s = 0.0f64;
-    for (gap, flight) in gaps.iter().zip(flights) {
-        for point in &gap.after {
+    for (flight_residuals, flight) in residuals.iter().zip(flights) {
+        for point in &flight_residuals.after {
             let x = instant(&point.motion, flight.initial().t_s);
             let old = |f: &dyn Fn(&[f64]) -> Vector3<f64>| known.map_or(Vector3::zeros(), f);
             gyro.take(&(effect.gyro(p, &x) - old(&|k| effect.gyro(k, &x))));

@@ -3,7 +3,7 @@ use crate::study::blind::{Family, Kind, fly};
 use gaware_nav::effects;
 use gaware_nav::identify::noise::Noise;
 use gaware_nav::model::EffectSetting;
-use gaware_nav::smoother::gap::CHANNELS;
+use gaware_nav::smoother::residual::CHANNELS;
 use gaware_sitl::truth::Truth;
 
 fn explain(hidden: &[EffectSetting], seed: u64) -> Explained {
@@ -62,7 +62,7 @@ fn fast(hidden: &[EffectSetting], seed: u64) -> Vec<Sample> {
     flight.take_while(|(_, t)| t.t_s < 220.0).map(|(s, _)| s).collect()
 }
 
-/// Position 0.10 s and velocity 0.22 s old: not an error of positions that wanders by metres.
+/// Position 0.10 s and velocity 0.22 s old: not an error of positions that is Gauss-Markov with metres.
 #[test]
 fn a_velocity_older_than_its_position_is_named_and_not_taken_for_noise() {
     let hidden = [
@@ -114,7 +114,7 @@ fn noise_far_beyond_what_is_claimed_is_a_finding() {
 }
 
 #[test]
-fn a_hidden_delay_is_named_and_the_gap_shrinks() {
+fn a_hidden_delay_is_named_and_the_residual_shrinks() {
     let hidden = EffectSetting::known(&effects::GpsLatency, &[0.17]).unwrap();
     let explained = explain(&[hidden], 3);
     let e = &explained.explanation;
@@ -123,8 +123,8 @@ fn a_hidden_delay_is_named_and_the_gap_shrinks() {
     assert_eq!(e.effects[0].names, ["gps_latency"]);
     let found = explained.model.get("gps_latency").unwrap();
     assert!((found.values[0] - 0.17).abs() < 4.0 * found.sigmas[0] + 0.005, "{found:?}");
-    let gap = e.gap.as_ref().unwrap();
-    assert!(gap.held_out.before > 1.3 && (0.9..1.1).contains(&gap.held_out.after), "{gap:?}");
+    let residual = e.residual.as_ref().unwrap();
+    assert!(residual.held_out.before > 1.3 && (0.9..1.1).contains(&residual.held_out.after), "{residual:?}");
     let back = Model::from_toml(&explained.model.to_toml()).unwrap();
     assert!((back.get("gps_latency").unwrap().values[0] - found.values[0]).abs() < 1e-9);
     // The report holds what it says and needs nothing from elsewhere.
@@ -158,7 +158,7 @@ fn too_little_to_say_names_nothing() {
     ] {
         let e = samples(&[flight], &[], &Model::default(), &Settings::default(), &|_| {}).explanation;
         assert_eq!(e.verdict, contract::Verdict::Unexplained);
-        assert!(e.effects.is_empty() && e.gap.is_none());
+        assert!(e.effects.is_empty() && e.residual.is_none());
         assert!(e.places.is_empty() && e.regimes.is_empty() && e.unexplained_terms.is_empty());
         let told = e.summary.starts_with("Too little data") && e.summary.contains(said);
         assert!(told, "{} does not say {said}", e.summary);
@@ -200,7 +200,7 @@ fn the_smoother_halves_the_errors_of_the_filter() {
     let (flight, model, noise, truths) = simulated(5);
     let start_s = flight.initial().t_s;
     let (mut before, mut after, mut n, mut within) = ([0.0; 2], [0.0; 2], 0.0, 0.0);
-    for s in gap::trajectory(&flight, &model, &noise).iter().filter(|s| s.t_s > start_s + 20.0) {
+    for s in residual::trajectory(&flight, &model, &noise).iter().filter(|s| s.t_s > start_s + 20.0) {
         let at = truths.partition_point(|t| t.t_s < s.t_s - 1e-6);
         let Some(truth) = truths.get(at).filter(|t| (t.t_s - s.t_s).abs() < 1e-6) else { continue };
         let errors = |nav: &gaware_nav::mechanization::NavState| {
@@ -231,8 +231,8 @@ fn residuals_of_a_right_model_have_the_size_that_it_gives_them() {
     let (mut sums, mut found) = ([[0.0; 2]; 12], 0);
     for seed in 1..4 {
         let (flight, model, noise, _) = simulated(seed);
-        let points = gap::points(&flight, &model, &noise);
-        let places = gap::places(&points);
+        let points = residual::points(&flight, &model, &noise);
+        let places = residual::places(&points);
         println!("seed {seed}: {places:?}");
         found += places.len();
         for point in &points {
@@ -264,9 +264,9 @@ fn several_flights_speak_together_and_another_one_judges() {
     let e = &explained.explanation;
     assert_eq!(e.verdict, contract::Verdict::Explained, "{}", e.summary);
     assert_eq!(e.effects[0].names, ["gps_latency"]);
-    assert_eq!(explained.gaps.len(), 2);
-    let gap = e.gap.as_ref().unwrap();
-    assert!(gap.held_out.after < gap.held_out.before, "{gap:?}");
+    assert_eq!(explained.residuals.len(), 2);
+    let residual = e.residual.as_ref().unwrap();
+    assert!(residual.held_out.after < residual.held_out.before, "{residual:?}");
     assert!(e.leave_one_out.iter().all(|l| l.held_out_log_likelihood > 0.0), "{:?}", e.leave_one_out);
     let found = explained.model.get("gps_latency").unwrap();
     assert!((found.values[0] - 0.12).abs() < 4.0 * found.sigmas[0] + 0.005, "{found:?}");

@@ -1,6 +1,6 @@
-//! The result as one would tell it to a pilot.
+//! The result as a pilot would read it.
 
-use super::contract::{ChannelGap, EffectEntry, Explanation, Gap, Verdict};
+use super::contract::{ChannelResidual, EffectEntry, Explanation, ModelResidual, Verdict};
 use gaware_nav::effects;
 use gaware_nav::identify::select::Added;
 
@@ -72,8 +72,8 @@ pub fn summary(e: &Explanation, added: &[&Added]) -> String {
             at_limit.join(" or ")
         ));
     }
-    if let (Some(gap), false) = (&e.gap, e.effects.is_empty()) {
-        shrunk(gap, e.effects.len(), &mut text);
+    if let (Some(residual), false) = (&e.residual, e.effects.is_empty()) {
+        shrunk(residual, e.effects.len(), &mut text);
     }
     let worst = e.places.first().filter(|_| !e.effects.is_empty() || !e.unexplained_terms.is_empty());
     text.extend(worst.map(|place| {
@@ -85,16 +85,16 @@ pub fn summary(e: &Explanation, added: &[&Added]) -> String {
             place.regime
         )
     }));
-    left_over(e, &mut text);
+    remaining(e, &mut text);
     text.join(" ")
 }
 
 /// Noise that no sensor which does what it claims has.
 fn implausible(e: &Explanation, text: &mut Vec<String>) {
-    let mut told: Vec<&str> = Vec::new();
+    let mut named: Vec<&str> = Vec::new();
     for n in e.noise.iter().filter(|n| !n.plausible) {
-        let Some(finding) = n.finding.filter(|f| !told.contains(f)) else { continue };
-        told.push(finding);
+        let Some(finding) = n.finding.filter(|f| !named.contains(f)) else { continue };
+        named.push(finding);
         let figures = e.noise.iter().filter(|o| o.finding == Some(finding));
         let figures: Vec<String> = figures
             .map(|o| format!("{} is {} {}, {} assumed", o.name, number(o.fitted), o.unit, number(o.assumed)))
@@ -124,10 +124,10 @@ fn missing(entry: &EffectEntry, added: &Added, text: &mut Vec<String>) {
     text.push(format!("Remedy: {}.", entry.remedy));
 }
 
-/// What the effects do to data that took no part.
-fn shrunk(gap: &Gap, effects: usize, text: &mut Vec<String>) {
-    let most = gap.held_out_channels.iter().max_by(|a, b| {
-        let shrink = |c: &ChannelGap| c.nis.before - c.nis.after;
+/// What the effects do to held-out data.
+fn shrunk(residual: &ModelResidual, effects: usize, text: &mut Vec<String>) {
+    let most = residual.held_out_channels.iter().max_by(|a, b| {
+        let shrink = |c: &ChannelResidual| c.nis.before - c.nis.after;
         shrink(a).total_cmp(&shrink(b))
     });
     if let Some(c) = most {
@@ -139,11 +139,11 @@ fn shrunk(gap: &Gap, effects: usize, text: &mut Vec<String>) {
             c.channel.replace('_', " "),
             number(c.rms.before),
             number(c.rms.after),
-            number(gap.held_out.before),
-            number(gap.held_out.after),
+            number(residual.held_out.before),
+            number(residual.held_out.after),
         ));
     }
-    if let Some(d) = gap.drift_m.get("30_s") {
+    if let Some(d) = residual.drift_m.get("30_s") {
         text.push(format!(
             "Without fixes the position drifts {} m in 30 s with the new model ({} m before).",
             number(d.after),
@@ -153,7 +153,7 @@ fn shrunk(gap: &Gap, effects: usize, text: &mut Vec<String>) {
 }
 
 /// What is there beside the effects named.
-fn left_over(e: &Explanation, text: &mut Vec<String>) {
+fn remaining(e: &Explanation, text: &mut Vec<String>) {
     for t in &e.unexplained_terms {
         text.push(format!(
             "Residual: {} correlates with {} (coefficient {} ± {} {}).",

@@ -2,9 +2,9 @@
 
 import assert from "node:assert/strict";
 import { execFileSync } from "node:child_process";
-import { existsSync, mkdtempSync, readdirSync, rmSync, statSync } from "node:fs";
+import { existsSync, mkdirSync, mkdtempSync, readdirSync, rmSync, statSync } from "node:fs";
 import { tmpdir } from "node:os";
-import { join } from "node:path";
+import { basename, join } from "node:path";
 import { after, before, test } from "node:test";
 import { launch, open } from "./harness.mjs";
 
@@ -14,28 +14,33 @@ const SMALL = join(ROOT, "tests/data/small_gsens_typical_dither.tlog");
 /** Recordings of vehicles with rotors, and of one under water: no maneuver of a fixed wing may be named. */
 const NO_WING = /copter|px4_sample|qdr|sub_bench/;
 // The small recordings of this repository; with EVERY_FLIGHT=REGEX all with such a name (`.` for every one), by explain those of
-// less than 5 MB.
+// less than EXPLAIN_MB (5). REPORTS=FOLDER keeps the pages there, and takes those that are there already.
 const every = process.env.EVERY_FLIGHT ? readdirSync(FLIGHTS).filter((name) => !/\.(md|json|toml)$/.test(name) && new RegExp(process.env.EVERY_FLIGHT).test(name)) : [];
 const some = ["real_copter_sample.BIN", "real_px4_sample.ulg", "qdr_p4rtk_xsensdot"];
 const logs = [SMALL, ...(every.length > 0 ? every : some).map((name) => join(FLIGHTS, name))].filter(existsSync);
+/** A flight with several unmodelled effects. */
+const SEVERAL = join(FLIGHTS, "real_px4plane_swiss.tlog");
 const JOBS = [
   ...logs.map((log) => ["report", log]),
-  ...(every.length > 0 ? logs.filter((log) => statSync(log).size < 5e6) : [SMALL]).map((log) => ["explain", log]),
+  ...(every.length > 0 ? logs.filter((log) => statSync(log).size < 1e6 * Number(process.env.EXPLAIN_MB ?? 5)) : [SMALL, SEVERAL].filter(existsSync)).map((log) => ["explain", log]),
 ];
-const folder = mkdtempSync(join(tmpdir(), "gaware-reports-"));
+const kept = process.env.REPORTS;
+const folder = kept ?? mkdtempSync(join(tmpdir(), "gaware-reports-"));
 let browser;
 let reports;
 before(async () => {
   browser = await launch();
-  reports = JOBS.map(([command, log], k) => {
-    const out = join(folder, command === "report" ? `${k}.html` : `${k}`);
-    execFileSync(process.env.GAWARE, [command, log, "--out", out], { stdio: ["ignore", "ignore", "inherit"] });
-    return { name: `${command} ${log}`, rotor: NO_WING.test(log), url: `file://${command === "report" ? out : join(out, "report.html")}` };
+  mkdirSync(folder, { recursive: true });
+  reports = JOBS.map(([command, log]) => {
+    const out = join(folder, `${command}-${basename(log)}${command === "report" ? ".html" : ""}`);
+    const page = command === "report" ? out : join(out, "report.html");
+    if (!existsSync(page)) execFileSync(process.env.GAWARE, [command, log, "--out", out], { stdio: ["ignore", "ignore", "inherit"] });
+    return { name: `${command} ${log}`, rotor: NO_WING.test(log), url: `file://${page}` };
   });
 });
 after(async () => {
   await browser.close();
-  rmSync(folder, { recursive: true });
+  if (!kept) rmSync(folder, { recursive: true });
 });
 
 /** What is wider than the window or lies over its neighbour, and what is smaller than 12 px. */
@@ -90,6 +95,23 @@ test("a report of a vehicle without wings names no maneuver of an aircraft, and 
     await close();
   }
   assert.ok(wings > 0, "the words are looked for in vain everywhere");
+});
+
+test("several effects are on the first screen with size, consequence and remedy", async () => {
+  let several = 0;
+  for (const { name, url } of reports.filter((r) => r.name.startsWith("explain"))) {
+    const { page, close } = await open(browser, { viewport: { width: 1280, height: 900 } });
+    await page.goto(url);
+    const found = await page.evaluate(() => [...document.querySelectorAll(".effects tr")].slice(1).map((row) => ({
+      bottom: row.getBoundingClientRect().bottom,
+      empty: [0, 1, 3].filter((k) => row.cells[k].innerText.trim() === ""),
+    })));
+    several += found.length >= 3 ? 1 : 0;
+    for (const row of found) assert.ok(row.bottom <= 900, `${name}: a row ends at ${row.bottom}`);
+    assert.deepEqual(found.flatMap((row) => row.empty), [], name);
+    await close();
+  }
+  if (existsSync(SEVERAL)) assert.ok(several > 0, "no flight has three effects");
 });
 
 test("the plots of a report share time axis and zoom, and their data can be taken away", async () => {

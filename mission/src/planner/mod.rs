@@ -151,7 +151,11 @@ impl Plan {
     pub fn summary(&self) -> String {
         let names: Vec<&str> = self.promised().map(|s| s.name.as_str()).collect();
         let (known, all) = (names.len(), self.states.len());
-        format!("needs {:.0} s to make {known} of {all} states known: {}", self.duration_s, names.join(", "))
+        format!(
+            "{:.0} s of flight make {known} of {all} states observable: {}",
+            self.duration_s,
+            names.join(", ")
+        )
     }
 }
 

@@ -21,7 +21,7 @@ struct File {
     effects: Table,
 }
 
-/// What stands for the effects with a tolerance that the file does not name.
+/// Value for the effects with a tolerance that the file does not name.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 enum Tolerances {
@@ -438,8 +438,8 @@ mod tests {
     }
 
     #[test]
-    fn mistakes_are_named() {
-        let error = |t: &str| Model::from_toml(t).expect_err("must be refused").to_string();
+    fn errors_of_a_file_are_named() {
+        let error = |t: &str| Model::from_toml(t).expect_err("must be rejected").to_string();
         assert!(error("schema = \"gaware.model/2\"").contains("gaware.model/1"));
         let head = "schema = \"gaware.model/1\"\n";
         assert!(error(&format!("{head}[effects.gps_latincy]\nvalue_s = 1")).contains("gps_latency"));

@@ -1,4 +1,4 @@
-//! The model: which effects are believed to be present, with their values, and how noisy the sensors are.
+//! The model: which effects are assumed to be present, with their values, and how noisy the sensors are.
 //!
 //! The simulation is what the model says: the simulator produces samples with it, the filter and the explanation
 //! predict with it. In memory everything is SI; [`mod@file`] reads and writes `model.toml` with units in the names.
@@ -25,7 +25,7 @@ pub struct ImuModel {
     pub gyro_bias: [f64; 3],
     /// Accelerometer bias where it is known or simulated, m/s².
     pub accel_bias: [f64; 3],
-    /// What is believed of the rounding of the source.
+    /// What is assumed about the rounding of the source.
     pub quantisation: QuantisationBelief,
 }
 
@@ -58,7 +58,7 @@ pub struct GnssModel {
     pub time_sigma_s: f64,
 }
 
-/// One effect with the values believed, SI, one per parameter.
+/// One effect with its assumed values, SI, one per parameter.
 #[derive(Debug, Clone)]
 pub struct EffectSetting {
     /// Which.
@@ -129,7 +129,7 @@ pub struct Model {
     pub gnss: GnssModel,
     /// Effects in the order in which their states stand in the filter.
     pub effects: Vec<EffectSetting>,
-    /// Names of the effects that nobody asked for: tolerances of the sensors ([`Model::with_tolerances`]).
+    /// Names of the effects that no user asked for: tolerances of the sensors ([`Model::with_tolerances`]).
     pub tolerances: Vec<&'static str>,
 }
 
@@ -171,7 +171,7 @@ pub enum GElements {
 }
 
 impl Model {
-    /// What `run`, `replay`, `plan` and `demo` assume when nobody says otherwise: full G and the GNSS latency are estimated, in
+    /// What `run`, `replay`, `plan` and `demo` assume by default: full G and the GNSS latency are estimated, in
     /// sensors with the tolerances of a consumer unit.
     pub fn standard() -> Self {
         Self::calibrated().with_tolerances()
@@ -180,7 +180,7 @@ impl Model {
     /// The standard model for sensors without tolerances: scale factors, axes and the place of the antenna are exact.
     pub fn calibrated() -> Self {
         let mut model = Self::default().with_g(GElements::Full, None);
-        // Real position errors wander by 1 to 2 m over tens of seconds (FIELD_NOTES). A filter that takes them for
+        // Real position errors are first-order Gauss-Markov: 1 to 2 m over tens of seconds (FIELD_NOTES). A filter that takes them for
         // white noise learns a heading and biases from them while the vehicle stands.
         model.gnss.position_correlation_s = 60.0;
         model.gnss.position_wander_sigma_m = [1.5, 1.5, 2.5];
@@ -238,7 +238,7 @@ impl Model {
         self.effects.iter().find(|s| s.effect.name() == name)
     }
 
-    /// The sample as it was before the source made its mistakes, if the model knows of any.
+    /// The sample as it was before the faults of its source, if the model assumes any.
     pub fn undo_source(&self, sample: &ImuSample) -> ImuSample {
         let mut undone = *sample;
         for setting in self.effects.iter().rev().filter(|s| s.effect.is_source_mistake()) {
@@ -247,7 +247,7 @@ impl Model {
         undone
     }
 
-    /// The same from a sample and those before; `None` where it tells nothing new. The last fault is undone first, and each
+    /// The same from a sample and those before; `None` where it adds no information. The last fault is undone first, and each
     /// sees what the one undone before it gave: as [`SourceEffect::undo_sequence`](effects::SourceEffect::undo_sequence) does with a whole
     /// flight.
     pub fn undo_source_after(&self, now: &ImuSample, before: &mut SourceHistory) -> Option<ImuSample> {
@@ -372,10 +372,10 @@ mod tests {
                 ImuSample { t_s, gyro: swing(0.3), accel: swing(-0.3) * 9.0, temperature_degc: None };
             let mut now = [sample.gyro, sample.accel];
             for (setting, before) in model.effects.iter().zip(&mut before) {
-                let told = setting.effect.source_after(now, before.as_ref());
+                let reported = setting.effect.source_after(now, before.as_ref());
                 let count = before.map_or(0, |b| b.count) + 1;
-                *before = Some(ReportedSample { raw: now, reported: told, count });
-                now = told;
+                *before = Some(ReportedSample { raw: now, reported, count });
+                now = reported;
             }
             true_samples.push(sample);
             samples.push(ImuSample { gyro: now[0], accel: now[1], ..sample });

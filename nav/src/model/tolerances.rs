@@ -4,7 +4,7 @@
 //! estimates beside them absorbs their errors with sigmas that are too small: 0.15 % of gyro scale factor looks like 400 deg/h/g. So the
 //! standard model estimates them from zero with the tolerance of a consumer unit ([`Effect::tolerance`](crate::effects::Effect::tolerance))
 //! as prior sigma. They are nuisance parameters: they widen the sigmas of all others, but no flight is flown for their sake. An effect that
-//! somebody names is no tolerance any more.
+//! a user names is no tolerance any more.
 
 use super::{EffectSetting, Model};
 use crate::effects::{Effect, REGISTRY};

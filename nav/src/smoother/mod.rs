@@ -8,7 +8,7 @@
 //! P − P Λ P, and the disturbances and measurement errors that the whole flight speaks for follow from the same two (de Jong &
 //! Penzer 1998, "Diagnosing shocks in time series"): under a right model they have the variance that stands beside them.
 
-pub mod gap;
+pub mod residual;
 
 use crate::filter::calibration::Calibration;
 use crate::filter::covariance::NAV;
@@ -72,14 +72,14 @@ impl Adjoint {
     }
 
     /// μ ← Aᵀ μ, Λ ← Aᵀ Λ A for A that is the identity but for its first nine rows, `top`, and the decay of the Gauss-Markov error.
-    fn back(&mut self, top: &[f64], wander: Option<usize>, decay: f64) {
+    fn back(&mut self, top: &[f64], gauss_markov: Option<usize>, decay: f64) {
         let n = self.mu.len();
-        self.mu = transposed(top, &self.mu, wander, decay);
+        self.mu = transposed(top, &self.mu, gauss_markov, decay);
         // Row by row A ᵀ Λ, then the same on its transpose: Λ is symmetric.
         for _ in 0..2 {
             let mut next = vec![0.0; n * n];
             for (row, out) in self.lambda.chunks_exact(n).zip(0..n) {
-                for (k, v) in transposed(top, row, wander, decay).into_iter().enumerate() {
+                for (k, v) in transposed(top, row, gauss_markov, decay).into_iter().enumerate() {
                     next[k * n + out] = v;
                 }
             }
@@ -145,11 +145,11 @@ impl Adjoint {
 }
 
 /// Aᵀ x.
-fn transposed(top: &[f64], x: &[f64], wander: Option<usize>, decay: f64) -> Vec<f64> {
+fn transposed(top: &[f64], x: &[f64], gauss_markov: Option<usize>, decay: f64) -> Vec<f64> {
     let n = x.len();
     let mut out = x.to_vec();
     out[..NAV].fill(0.0);
-    if let Some(w) = wander {
+    if let Some(w) = gauss_markov {
         out[w..w + 3].iter_mut().for_each(|v| *v *= decay);
     }
     for (row, v) in top.chunks_exact(n).zip(x).filter(|(_, v)| **v != 0.0) {
@@ -237,7 +237,7 @@ fn measured(update: &Update, u: &[f64], spread: &Matrix3<f64>) -> Vec<Residual> 
 
 /// Goes back over a recording. The result is in order of time, one entry per node.
 pub fn smooth(tape: Tape, layout: &Layout) -> Vec<Smoothed> {
-    let (n, wander) = (layout.len(), layout.gauss_markov());
+    let (n, gauss_markov) = (layout.len(), layout.gauss_markov());
     let mut after = Adjoint::zeros(n);
     let mut out = Vec::new();
     for node in tape.into_nodes().into_iter().rev() {
@@ -250,7 +250,7 @@ pub fn smooth(tape: Tape, layout: &Layout) -> Vec<Smoothed> {
             if let Some(turn) = &update.turn {
                 let mut top = vec![0.0; NAV * n];
                 top.chunks_exact_mut(n).zip(turn.iter()).for_each(|(row, t)| row[..NAV].copy_from_slice(t));
-                after.back(&top, wander, 1.0);
+                after.back(&top, gauss_markov, 1.0);
             }
             let (u, spread) = after.over(update);
             let rows = measured(update, &u, &spread);
@@ -274,7 +274,7 @@ pub fn smooth(tape: Tape, layout: &Layout) -> Vec<Smoothed> {
             position,
             velocity,
         });
-        after.back(&node.phi, wander, node.decay);
+        after.back(&node.phi, gauss_markov, node.decay);
     }
     out.reverse();
     out

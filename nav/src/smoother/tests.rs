@@ -55,10 +55,10 @@ fn dense(rows: &[f64], n: usize) -> DMatrix<f64> {
 }
 
 /// The rest of a transition below its first nine rows.
-fn whole(top: &[f64], n: usize, wander: Option<usize>, decay: f64) -> DMatrix<f64> {
+fn whole(top: &[f64], n: usize, gauss_markov: Option<usize>, decay: f64) -> DMatrix<f64> {
     let mut f = DMatrix::identity(n, n);
     f.view_mut((0, 0), (NAV, n)).copy_from(&dense(top, n));
-    if let Some(w) = wander {
+    if let Some(w) = gauss_markov {
         (w..w + 3).for_each(|k| f[(k, k)] = decay);
     }
     f

@@ -1,4 +1,4 @@
-//! One ranking: what each maneuver, and each after another, would make known from the present covariance.
+//! One ranking: what each maneuver, and each after another, would make observable from the present covariance.
 
 use gaware_mission::airframe::Airframe;
 use gaware_mission::kinematics::Kinematics;
@@ -8,7 +8,7 @@ use nalgebra::Vector3;
 
 /// Predicted flights are thinned to every so manyth sample (0.2 s): the covariance does not mind.
 const THINNING: usize = 4;
-/// States count that the best candidate, flown again and again, would make known within this time, s, …
+/// States count that the best candidate, flown again and again, would make observable within this time, s, …
 const HORIZON_S: f64 = 600.0;
 /// … or within this many times what the nearest one takes, …
 const NEAREST: f64 = 2.0;
@@ -125,7 +125,7 @@ pub(super) fn space([floor_m, ceiling_m]: [f64; 2], height_m: f64) -> [f64; 2] {
     [height_m - floor_m + WAVER_M, ceiling_m - height_m + WAVER_M]
 }
 
-/// Which states the candidates, flown again and again, can make known soon enough to count.
+/// Which states the candidates, flown again and again, can make observable soon enough to count.
 pub(super) fn within_reach(before: &[NamedSigma], candidates: &[Candidate]) -> Vec<bool> {
     let rate = |i: usize, b: &NamedSigma| {
         let of =

@@ -1,15 +1,12 @@
 //! The first screen: headline, verdict with the improvement on held-out data, and for each effect its size, consequence and remedy.
 
-use super::{Found, bayes, channel_unit, found, spoken, values};
+use super::effects::{self, capitalised, description};
+use super::{channel_unit, found, spoken, values};
 use crate::explain::Explained;
-use crate::explain::contract::{ChannelGap, EffectEntry, Explanation, Gap, Verdict};
+use crate::explain::contract::{ChannelResidual, Explanation, ModelResidual, Verdict};
 use crate::explain::words::number;
 use crate::report::page::{answers, escape};
-use gaware_nav::effects;
 use std::fmt::Write;
-
-/// Parameters shown with an effect at most; the table of effects has all of them.
-const SHOWN: usize = 3;
 
 /// The verdict in words.
 pub fn verdict(verdict: Verdict) -> &'static str {
@@ -26,7 +23,7 @@ pub fn headline(explained: &Explained) -> String {
     let e = &explained.explanation;
     let names: Vec<String> = e.effects.iter().map(|x| x.names.join(" or ")).collect();
     match (e.verdict, &e.effects[..]) {
-        (_, _) if e.gap.is_none() => e.summary.clone(),
+        (_, _) if e.residual.is_none() => e.summary.clone(),
         (Verdict::NothingMissing, _) => "No unmodelled effect is significant.".to_owned(),
         (Verdict::Explained, [one]) => {
             let size = found(one, explained.judged.as_ref()).map(values).unwrap_or_default();
@@ -62,15 +59,6 @@ fn open(e: &Explanation) -> String {
     format!("{} fits, but not as a physical effect", names.join(", "))
 }
 
-fn description(entry: &EffectEntry) -> &'static str {
-    entry.names.first().and_then(|name| effects::find(name)).map_or("", |effect| effect.description())
-}
-
-fn capitalised(text: &str) -> String {
-    let mut chars = text.chars();
-    chars.next().map_or_else(String::new, |first| first.to_uppercase().chain(chars).collect())
-}
-
 /// Headline, origin, verdict, effects.
 pub fn section(explained: &Explained, body: &mut String) {
     let e = &explained.explanation;
@@ -80,7 +68,7 @@ pub fn section(explained: &Explained, body: &mut String) {
         format!(" · held out: {}", escape(&explained.validated.join(", ")))
     };
     let seconds: f64 =
-        explained.gaps.iter().filter_map(|g| g.before.last()).map(|p| p.motion.elapsed_s).sum();
+        explained.residuals.iter().filter_map(|g| g.before.last()).map(|p| p.motion.elapsed_s).sum();
     let length = if seconds > 0.0 { format!(" · {seconds:.0} s analysed") } else { String::new() };
     let _ = write!(
         body,
@@ -89,17 +77,15 @@ pub fn section(explained: &Explained, body: &mut String) {
         escape(&explained.logs.join(", ")),
         env!("CARGO_PKG_VERSION"),
         verdict(e.verdict),
-        e.gap.as_ref().map_or_else(String::new, |gap| improvement(gap, e.effects.is_empty()))
+        e.residual.as_ref().map_or_else(String::new, |residual| improvement(residual, e.effects.is_empty()))
     );
-    for (k, entry) in e.effects.iter().enumerate() {
-        effect(k + 1, e.effects.len(), entry, found(entry, explained.judged.as_ref()), body);
-    }
+    effects::first_screen(explained, body);
     body.push_str(&answers(&[("What now?", next(e)), ("What is left?", left(e))]));
 }
 
 /// What the new model does to held-out data.
-fn improvement(gap: &Gap, same: bool) -> String {
-    let held = &gap.held_out;
+fn improvement(residual: &ModelResidual, same: bool) -> String {
+    let held = &residual.held_out;
     if same {
         return format!("Held-out data: NIS {} per degree of freedom (1 is expected).", number(held.before));
     }
@@ -108,8 +94,8 @@ fn improvement(gap: &Gap, same: bool) -> String {
         number(held.before),
         number(held.after)
     );
-    let shrink = |c: &ChannelGap| c.nis.before - c.nis.after;
-    if let Some(c) = gap.held_out_channels.iter().max_by(|a, b| shrink(a).total_cmp(&shrink(b))) {
+    let shrink = |c: &ChannelResidual| c.nis.before - c.nis.after;
+    if let Some(c) = residual.held_out_channels.iter().max_by(|a, b| shrink(a).total_cmp(&shrink(b))) {
         let _ = write!(
             text,
             "; {} {} → {} {} RMS",
@@ -119,7 +105,7 @@ fn improvement(gap: &Gap, same: bool) -> String {
             channel_unit(c.channel)
         );
     }
-    if let Some(d) = gap.drift_m.get("30_s") {
+    if let Some(d) = residual.drift_m.get("30_s") {
         let _ = write!(
             text,
             "; position error after 30 s without fixes {} → {} m RMS",
@@ -130,51 +116,19 @@ fn improvement(gap: &Gap, same: bool) -> String {
     text + "."
 }
 
-fn effect(k: usize, of: usize, entry: &EffectEntry, found: Option<Found<'_>>, body: &mut String) {
-    let number = if of > 1 { format!("{k}. ") } else { String::new() };
-    let _ = write!(
-        body,
-        "<h2>{number}{} <small>{}</small></h2>",
-        escape(&capitalised(description(entry))),
-        escape(&entry.names.join(" or "))
-    );
-    let sizes = found.map(values).unwrap_or_default();
-    let strong = sizes.iter().filter(|v| v.significant).count();
-    let shown = strong.clamp(1, SHOWN);
-    let mut size: Vec<String> = sizes.iter().take(shown).map(|v| escape(&v.text)).collect();
-    if sizes.len() > shown {
-        size.push("<a href=\"#effects\">all values</a>".to_owned());
-    }
-    let alternatives = match entry.names.get(1..) {
-        Some([_, ..]) => format!("This flight does not separate {}.", escape(&entry.names.join(" from "))),
-        _ => String::new(),
-    };
-    body.push_str(&answers(&[
-        ("Size (1 sigma)", size.join("; ")),
-        ("Evidence", format!("Bayes factor {}.", bayes(entry.evidence.log_odds))),
-        (
-            "Consequence",
-            entry.consequence.as_deref().map(|c| format!("{}.", capitalised(&escape(c)))).unwrap_or_default(),
-        ),
-        ("Remedy", format!("{}.", capitalised(entry.remedy))),
-        ("Usual cause", format!("{}.", capitalised(entry.cause))),
-        ("Alternatives", alternatives),
-        ("To separate them, fly", entry.separate_by.as_deref().map(escape).unwrap_or_default()),
-    ]));
-}
-
 /// What to do with the result.
 fn next(e: &Explanation) -> String {
     let model = "<code>model.toml</code>, written beside this report, holds the new values: <code>gaware replay LOG --model model.toml</code>.";
     match e.verdict {
         Verdict::Explained => format!("Apply the remedy, or use the new model: {model}"),
         Verdict::Ambiguous => {
-            format!("Fly the maneuver above and run <code>gaware explain</code> on both logs. Until then: {model}")
+            let maneuver = if e.effects.len() > 1 { "<a href=\"#detail\">maneuver that separates the candidates</a>" } else { "maneuver above" };
+            format!("Fly the {maneuver} and run <code>gaware explain</code> on both logs. Until then: {model}")
         }
         Verdict::NothingMissing => {
             "Keep the model. <a href=\"#effects\">Detection limits</a> say how large an effect could still be.".to_owned()
         }
-        Verdict::Unexplained if e.gap.is_none() => {
+        Verdict::Unexplained if e.residual.is_none() => {
             "Record at least 40 s of flight with GNSS fixes and maneuvers, then run <code>gaware explain</code> again.".to_owned()
         }
         Verdict::Unexplained => "Do not use the values above. Look at <a href=\"#where\">where the residuals are large</a> and at \
@@ -196,7 +150,7 @@ fn left(e: &Explanation) -> String {
                 escape(&spoken(t.term)),
                 number(t.coefficient),
                 number(t.sigma),
-                escape(&t.unit)
+                escape(&t.unit.replace("m/s2", "m/s²").replace("^2", "²").replace('*', "·"))
             )
         })
         .collect();

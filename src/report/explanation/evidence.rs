@@ -4,14 +4,14 @@
 use super::{channel_unit, escape, spoken};
 use crate::explain::contract::Explanation;
 use crate::explain::words::number;
-use crate::explain::{Explained, FlightGap};
+use crate::explain::{Explained, FlightResiduals};
 use crate::report::page::wide;
 use crate::report::plot::{AFTER, BEFORE, Plot};
 use crate::report::{heat, spectrum};
 use gaware_nav::earth::STANDARD_GRAVITY;
 use gaware_nav::identify::judge::Judged;
 use gaware_nav::identify::whereabouts::{CHANNELS, channel};
-use gaware_nav::smoother::gap::Motion;
+use gaware_nav::smoother::residual::Motion;
 use std::collections::BTreeMap;
 use std::fmt::Write;
 
@@ -24,7 +24,7 @@ const REGIMES_SHOWN: usize = 12;
 
 /// NIS, RMS innovations and position error without fixes, by both models.
 pub fn before_and_after(e: &Explanation, body: &mut String) {
-    let Some(gap) = &e.gap else { return };
+    let Some(residual) = &e.residual else { return };
     body.push_str("<h2 id=\"residuals\">Residuals before and after</h2>");
     let mut table =
         "<table><tr><th></th><th class=\"n\">Given model</th><th class=\"n\">New model</th></tr>".to_owned();
@@ -37,9 +37,9 @@ pub fn before_and_after(e: &Explanation, body: &mut String) {
             number(after)
         );
     };
-    row("NIS per degree of freedom, held-out data", gap.held_out.before, gap.held_out.after);
-    row("NIS per degree of freedom, fitted data", gap.fit.before, gap.fit.after);
-    for c in &gap.held_out_channels {
+    row("NIS per degree of freedom, held-out data", residual.held_out.before, residual.held_out.after);
+    row("NIS per degree of freedom, fitted data", residual.fit.before, residual.fit.after);
+    for c in &residual.held_out_channels {
         let name = format!(
             "RMS innovation {}, held-out data, {}",
             c.channel.replace('_', " "),
@@ -47,7 +47,7 @@ pub fn before_and_after(e: &Explanation, body: &mut String) {
         );
         row(&name, c.rms.before, c.rms.after);
     }
-    let mut drifts: Vec<_> = gap.drift_m.iter().collect();
+    let mut drifts: Vec<_> = residual.drift_m.iter().collect();
     drifts.sort_by_key(|(time, _)| time.split('_').next().and_then(|t| t.parse::<u32>().ok()));
     for (time, drift) in drifts {
         let name = format!("RMS position error after {} without fixes, m", time.replace('_', " "));
@@ -138,9 +138,9 @@ pub fn spectra(judged: &Judged, body: &mut String) -> Result<(), String> {
 /// Where in the flight residuals are large, and what they correlate with.
 pub fn whereabouts(explained: &Explained, body: &mut String) -> Result<(), String> {
     let e = &explained.explanation;
-    for (k, gap) in explained.gaps.iter().enumerate() {
+    for (k, residual) in explained.residuals.iter().enumerate() {
         let log = explained.logs.get(k).filter(|_| explained.logs.len() > 1).map_or("", String::as_str);
-        maps(gap, log, k == 0, !e.effects.is_empty(), body)?;
+        maps(residual, log, k == 0, !e.effects.is_empty(), body)?;
     }
     places(e, &explained.logs, body);
     regimes(e, body);
@@ -149,8 +149,14 @@ pub fn whereabouts(explained: &Explained, body: &mut String) -> Result<(), Strin
 }
 
 /// What the vehicle did, and where the residuals are large.
-fn maps(gap: &FlightGap, log: &str, first: bool, changed: bool, body: &mut String) -> Result<(), String> {
-    if gap.before.is_empty() {
+fn maps(
+    residual: &FlightResiduals,
+    log: &str,
+    first: bool,
+    changed: bool,
+    body: &mut String,
+) -> Result<(), String> {
+    if residual.before.is_empty() {
         return Ok(());
     }
     let _ = write!(
@@ -161,15 +167,15 @@ fn maps(gap: &FlightGap, log: &str, first: bool, changed: bool, body: &mut Strin
         if log.is_empty() { String::new() } else { format!(" ({})", escape(log)) }
     );
     let series = |of: &dyn Fn(&Motion) -> f64| {
-        by_second(gap.before.iter().map(|p| (p.motion.elapsed_s, of(&p.motion))))
+        by_second(residual.before.iter().map(|p| (p.motion.elapsed_s, of(&p.motion))))
     };
     let load = series(&|m| -m.force.z / STANDARD_GRAVITY);
     let speed = series(&|m| m.speed);
     body.push_str(&Plot::new("speed over ground", "m/s").line("speed", AFTER, speed).since(0.0).svg()?);
     body.push_str(&Plot::new("load", "g").line("load", AFTER, load).since(0.0).close().svg()?);
-    body.push_str(&heat::map("given model", &gap.before, LARGE));
+    body.push_str(&heat::map("given model", &residual.before, LARGE));
     if changed {
-        body.push_str(&heat::map("new model", &gap.after, LARGE));
+        body.push_str(&heat::map("new model", &residual.after, LARGE));
     }
     Ok(())
 }

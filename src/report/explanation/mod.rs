@@ -3,6 +3,7 @@
 
 mod answers;
 mod catalogue;
+mod effects;
 mod evidence;
 
 pub use super::page::escape;
@@ -27,6 +28,7 @@ pub fn html(explained: &Explained) -> Result<String, String> {
     let e = &explained.explanation;
     let mut body = String::new();
     answers::section(explained, &mut body);
+    effects::details(explained, &mut body);
     evidence::before_and_after(e, &mut body);
     catalogue::effects(explained, &mut body);
     evidence::contributions(e, &mut body);
@@ -36,7 +38,7 @@ pub fn html(explained: &Explained) -> Result<String, String> {
     }
     evidence::whereabouts(explained, &mut body)?;
     catalogue::noise(e, &mut body);
-    if e.gap.is_some() {
+    if e.residual.is_some() {
         let _ = write!(body, "<h2>New model</h2><pre>{}</pre>", escape(&explained.model.to_toml()));
     }
     how_to_read(&mut body);
@@ -61,12 +63,14 @@ pub(super) struct Value {
     pub text: String,
     /// Whether it differs from zero by more than 3 sigma.
     pub significant: bool,
+    /// Whether it has a sigma.
+    pub estimated: bool,
 }
 
-/// Every parameter with its sigma and unit, the most significant first.
+/// Every parameter with its sigma and unit, the most significant first; what was not estimated, such as the instant of a step, last.
 fn values(added: &Added) -> Vec<Value> {
     let setting = &added.setting;
-    let mut all: Vec<(f64, String)> = setting
+    let mut all: Vec<(f64, Value)> = setting
         .parameters()
         .zip(setting.values.iter().zip(&setting.sigmas))
         .map(|((name, unit), (value, sigma))| {
@@ -77,11 +81,12 @@ fn values(added: &Added) -> Vec<Value> {
             } else {
                 format!("{name} = {} {}", number(value / unit.si), unit.symbol)
             };
-            (if *sigma > 0.0 { (value / sigma).abs() } else { f64::INFINITY }, text)
+            let z = if *sigma > 0.0 { (value / sigma).abs() } else { 0.0 };
+            (z, Value { text, significant: z > 3.0, estimated: *sigma > 0.0 })
         })
         .collect();
     all.sort_by(|a, b| b.0.total_cmp(&a.0));
-    all.into_iter().map(|(z, text)| Value { text, significant: z > 3.0 }).collect()
+    all.into_iter().map(|(_, value)| value).collect()
 }
 
 /// A value with its sigma, both to the second significant figure of the sigma (GUM, JCGM 100:2008, 7.2.6).
@@ -127,7 +132,7 @@ mod tests {
             explanation: contract::too_little("no GNSS fixes"),
             model: Model::default(),
             judged: None,
-            gaps: Vec::new(),
+            residuals: Vec::new(),
             not_found: Vec::new(),
             logs: vec!["<bench>.tlog".to_owned()],
             validated: Vec::new(),

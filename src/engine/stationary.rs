@@ -17,14 +17,14 @@ const PATIENCE_S: f64 = 3.0;
 
 /// Smoothed samples.
 #[derive(Debug, Clone, Copy, Default)]
-pub struct Stillness {
+pub struct StationaryTest {
     last_s: Option<f64>,
     rate: Vector3<f64>,
     force: Vector3<f64>,
     still_s: f64,
 }
 
-impl Stillness {
+impl StationaryTest {
     /// Takes a sample.
     pub fn push(&mut self, sample: &ImuSample) {
         let Some(last) = self.last_s.replace(sample.t_s) else {

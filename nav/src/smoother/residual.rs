@@ -348,7 +348,7 @@ pub struct Place {
     pub end_s: f64,
     /// The regime that goes with it.
     pub regime: String,
-    /// Share of the whole gap.
+    /// Share of the flight's excess over the expected residuals.
     pub share: f64,
 }
 
@@ -412,7 +412,7 @@ fn regime(points: &[Point], place: &Place) -> String {
         }
         let excess: f64 = sums.iter().map(|s| s.excess().max(0.0)).sum();
         for (range, sum) in sums.iter().enumerate().filter(|(_, s)| s.excess() > 0.5 * excess) {
-            // A range that the vehicle is in nearly all the time tells nothing.
+            // A range that the vehicle is in nearly all the time separates nothing.
             let usual = rest[range] / points.len().max(1) as f64;
             let score = sum.square / sum.n.max(1.0) * (1.0 - usual);
             if usual < 0.7 && best.as_ref().is_none_or(|b| score > b.0) {
