@@ -2,8 +2,8 @@
 
 import { AttitudeIndicator } from "./attitude.js";
 import { StripChart, WINDOW_S } from "./chart.js";
-import { $, setText } from "./dom.js";
-import { showHero } from "./hero.js";
+import { $, capital, setText } from "./dom.js";
+import { STALE_S, showHero } from "./hero.js";
 import { Stream } from "./stream.js";
 import { Track } from "./track.js";
 import { showConnection, showEvents, showFreshness, showMission, showSnapshot, showSystem } from "./view.js";
@@ -20,6 +20,11 @@ let snapshot = null;
 let sinks = null;
 let drawn = 0;
 let waiting = false;
+/** Since when the link of a vehicle that has sent no samples is silent. */
+let quiet = null;
+/** Whether this page may change anything: it came with the token. */
+let authorised = false;
+let uploading = false;
 
 const XYZ = ["--x", "--y", "--z"];
 
@@ -29,7 +34,7 @@ const charts = [
     series: [["x", 0], ["y", 1], ["z", 2]].map(([name, i]) => ({ name, color: XYZ[i] })),
     floor: [-1.2, 0.4],
   }),
-  new StripChart($("chart-i"), $("cap-i"), "Innovations", "sigma; position solid, velocity dashed", {
+  new StripChart($("chart-i"), $("cap-i"), "Innovations", "sigma", {
     pick: (p) => p.innovation,
     series: ["N", "E", "D"].flatMap((axis, i) => [{ name: `p${axis}`, color: XYZ[i], width: 1.2 }]).concat(
       ["N", "E", "D"].map((axis, i) => ({ name: `v${axis}`, color: XYZ[i], dash: 2, width: 1.2 })),
@@ -133,14 +138,23 @@ async function loadEvents() {
   }
 }
 
+/** How long the link has brought nothing of a vehicle that was there, s. */
+function linkSilent() {
+  const gone = sinks?.vehicle?.mode && ["silent", "down"].includes(sinks.link.state);
+  gone ? (quiet ??= performance.now()) : (quiet = null);
+  return gone ? (performance.now() - quiet) / 1000 : 0;
+}
+
 /** What depends on how old the data are is looked at all the time, not only when data come. */
 function look() {
   if (!snapshot) return;
   // Before the first sample nothing can be old.
   const waiting = snapshot.imu.samples === 0;
-  const silent = waiting ? 0 : (performance.now() - advanced) / 1000;
+  const silent = waiting ? linkSilent() : (performance.now() - advanced) / 1000;
   showHero(snapshot, sinks, connection === "lost" ? Math.max(silent, 2) : silent);
   showFreshness(snapshot, sinks, silent, connection);
+  // Nothing can be uploaded to a vehicle that is not there; signing in is possible at any time.
+  $("upload").disabled = uploading || (authorised && (connection === "lost" || silent > STALE_S));
 }
 
 /** Planned path, fence and home, where there is a plan. */
@@ -199,20 +213,20 @@ async function capabilities() {
   try {
     const can = await (await fetch("/api/v1/capabilities")).json();
     $("actions").hidden = !can.mission_upload;
-    $("upload").disabled = !can.authorised;
-    // What is known of the mission is never replaced by the hint.
-    const result = $("upload-result");
-    if (!can.authorised && !result.dataset.state) setText(result, "Sign in to upload: add ?token=…");
+    authorised = can.authorised;
+    setText($("upload"), authorised ? "Upload mission…" : "Sign in to upload…");
   } catch {
     // As above.
   }
 }
 
-$("upload").addEventListener("click", () => $("confirm").showModal());
+$("upload").addEventListener("click", () => $(authorised ? "confirm" : "sign-in").showModal());
+$("sign-in").querySelector("button[type=button]").addEventListener("click", () => $("sign-in").close());
 $("confirm").addEventListener("close", async () => {
   if ($("confirm").returnValue !== "yes") return;
   $("confirm").returnValue = "";
-  $("upload").disabled = true;
+  uploading = true;
+  look();
   setText($("upload-result"), "Uploading…");
   try {
     const response = await fetch("/api/v1/mission/upload", {
@@ -221,11 +235,12 @@ $("confirm").addEventListener("close", async () => {
       body: JSON.stringify({ confirm: true }),
     });
     const { message } = await response.json();
-    setText($("upload-result"), response.ok ? message : `Not done: ${message}`);
+    setText($("upload-result"), response.ok ? capital(message) : `Not done: ${message}`);
   } catch {
     setText($("upload-result"), "No answer: check the vehicle's mission.");
   }
-  $("upload").disabled = false;
+  uploading = false;
+  look();
   $("upload").focus();
 });
 

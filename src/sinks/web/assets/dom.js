@@ -40,4 +40,7 @@ export function facts(element, pairs) {
   });
 }
 
+/** A number stays on the line of its unit. */
+export const joined = (text) => text.replace(/(\d) (?=(s|m|g|Hz|deg)\b)/g, "$1\u00a0");
+
 export const capital = (text) => text.charAt(0).toUpperCase() + text.slice(1);

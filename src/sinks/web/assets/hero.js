@@ -1,7 +1,7 @@
 // The largest words on the page: what to do now, and who flies. One function decides, so no two places disagree.
 
 import { PHASE, clock, count, num } from "./format.js";
-import { $, capital, facts, make, setAttr, setText } from "./dom.js";
+import { $, capital, facts, joined, make, setAttr, setText } from "./dom.js";
 
 /** Without new data for so long what is shown counts as old, s. */
 export const STALE_S = 1.5;
@@ -11,15 +11,16 @@ const WHO = { unknown: "Not reported", ground: "On the ground", pilot: "Pilot", 
 /** What stands in the hero: kicker, text, reason, level, progress 0 to 1 (or null), progress in words. */
 export function decide(s, sinks, silentS) {
   const vehicle = sinks?.vehicle ?? {};
+  const mission = sinks?.mission ?? {};
   if (silentS > STALE_S) {
+    const unknown = mission.state === "unknown";
     return {
       kicker: "No data", level: "lost", progress: null, words: "",
-      text: "No new data",
+      text: unknown ? "No new data, mission unknown" : "No new data",
       // The seconds are not read aloud every time: only the words above are announced.
-      reason: `Nothing for ${clock(silentS)}: everything below is old. Fly by your own instruments; the page goes on by itself when data return.`,
+      reason: `${unknown ? `${mission.text}. ` : ""}Nothing for ${clock(silentS)}: everything below is old. Fly by your own instruments; the page goes on by itself when data return.`,
     };
   }
-  const mission = sinks?.mission ?? {};
   if (mission.state === "unknown" && !["pilot", "autopilot"].includes(vehicle.control)) {
     return { kicker: "Mission", level: "lost", text: "Mission on the vehicle unknown", reason: mission.text, progress: null, words: "" };
   }
@@ -27,6 +28,7 @@ export function decide(s, sinks, silentS) {
     return { kicker: PHASE[s.phase] ?? "Waiting", level: "wait", text: s.waiting_for || PHASE[s.phase] || "", reason: "", progress: null, words: "" };
   }
   if (s.guidance.done) return done(s, sinks);
+  if (vehicle.control === "ground") return onGround(mission);
   if (vehicle.control === "autopilot") return autopilot(s, vehicle);
   const g = s.guidance;
   if (!g.instruction) {
@@ -34,6 +36,14 @@ export function decide(s, sinks, silentS) {
   }
   const progress = Math.min(1, Math.max(0, g.progress || 0));
   return { kicker: "Fly now", level: "fly", text: g.instruction, reason: g.reason, progress, words: `${Math.round(progress * 100)} %` };
+}
+
+/** Maneuvers are for a vehicle that flies. */
+function onGround(mission) {
+  const next = mission.state === "on_vehicle" ? "Arm and start the mission with your ground station or transmitter." : "Maneuvers are proposed after take-off.";
+  const came = ["on_vehicle", "not_on_vehicle"].includes(mission.state) ? `${capital(mission.text)}. ` : "";
+  const reason = came + next;
+  return { kicker: "On the ground", level: "idle", text: "Ready for take-off", reason, progress: null, words: "" };
 }
 
 function monitoring(s) {
@@ -79,9 +89,9 @@ function steps(element, text) {
 export function showHero(s, sinks, silentS) {
   const now = decide(s, sinks, silentS);
   setText($("hero-title"), now.kicker);
-  steps($("instruction"), capital(now.text));
+  steps($("instruction"), joined(capital(now.text)));
   setAttr($("hero"), "data-level", now.level);
-  setText($("reason"), capital(now.reason ?? ""));
+  setText($("reason"), joined(capital(now.reason ?? "")));
   $("flown").style.visibility = now.progress === null ? "hidden" : "visible";
   if (now.progress !== null) $("progress").value = now.progress;
   setText($("progress-text"), now.words);
@@ -101,8 +111,7 @@ function flying(s, sinks, silentS) {
   facts($("flying"), [
     ["Link", stale ? `no data for ${clock(silentS)}` : `${LINK[link.state] ?? "–"}, ${num(link.rate_hz, 0)}/s, ${count(link.lost)} lost`],
     ["Mode", vehicle.mode || "–"],
-    ["Next", vehicle.next || "–"],
-    ["By hand", byHand || "–"],
+    ["By hand", joined(byHand) || "–"],
     ["Last", s.guidance.last_result ? capital(s.guidance.last_result) : "–"],
   ]);
 }

@@ -1,7 +1,7 @@
 // Snapshot and sinks into the page: everything but the instruction.
 
 import { PHASE, STATUS, brief, bytes, clock, count, num, signed } from "./format.js";
-import { $, chip, facts, list, make, setAttr, setText } from "./dom.js";
+import { $, capital, chip, facts, list, make, setAttr, setText } from "./dom.js";
 import { STALE_S } from "./hero.js";
 
 /* Rings */
@@ -36,7 +36,7 @@ function ring(letter) {
 /** The states that a condition would show: where they have converged all the same, it is not needed any more. */
 const ABOUT = { a: /^(bg_|ba_)/, b: /^g(11|22|33)$/, c: /^g[1-3][1-3]$/ };
 
-function rings(o) {
+function rings(o, running) {
   const list = $("rings");
   if (list.children.length === 0) list.append(...Object.keys(CONDITIONS).map(ring));
   Object.keys(CONDITIONS).forEach((letter, i) => {
@@ -49,7 +49,7 @@ function rings(o) {
     setAttr(item, "data-without", String(without));
     setAttr(item.querySelector(".ring-front"), "stroke-dasharray", `${percent} 100`);
     setText(item.querySelector(".percent"), c.met ? "met ✓" : without ? "not needed ✓" : `${percent} %`);
-    setText(item.querySelector(".missing"), c.met ? "" : without ? "Converged without it, by turns and fixes." : c.missing || "");
+    setText(item.querySelector(".missing"), c.met || !running ? "" : without ? "Converged without it, by turns and fixes." : c.missing || "");
     setAttr(item.querySelector("svg"), "aria-label", `Condition ${letter}: ${c.met ? "met" : without ? "not needed" : `${percent} percent`}`);
   });
 }
@@ -103,8 +103,8 @@ function gMatrix(s) {
       const status = state?.status ?? "unobservable";
       setAttr(cell, "data-status", status);
       setText(cell.children[0], STATUS[status].mark);
-      // No filter gives a sigma of zero: nothing is estimated yet.
-      const estimated = g.sigma[r][c] > 0;
+      // Before the filter runs there is only the prior.
+      const estimated = s.phase === "running" && g.sigma[r][c] > 0;
       setText(cell.children[1], estimated ? signed(g.value[r][c], 1) : "–");
       setText(cell.children[2], estimated ? `± ${brief(g.sigma[r][c])}` : "no estimate");
       cell.children[3].firstChild.style.width = `${(state ? wayToTarget(state) : 0) * 100}%`;
@@ -118,7 +118,8 @@ function weak(s) {
   const o = s.observability;
   const converged = o.states.filter((x) => x.status === "observable").length;
   setText($("count"), o.states.length > 0 ? `${converged} of ${o.states.length} parameters have converged.` : "");
-  const directions = o.unobservable_directions.map((d) => d.text);
+  // What a flight has not shown is nothing to act upon before there is an estimate.
+  const directions = s.phase === "running" ? o.unobservable_directions.map((d) => d.text) : [];
   $("weak").hidden = directions.length === 0;
   setText($("weak-title"), s.guidance.done ? "Not observable in this flight" : "Not observable yet");
   list($("directions"), directions);
@@ -179,7 +180,7 @@ function motion(s) {
 }
 
 export function showSnapshot(s) {
-  rings(s.observability);
+  rings(s.observability, s.phase === "running");
   gMatrix(s);
   states(s);
   motion(s);
@@ -233,7 +234,9 @@ export function showMission(mission) {
   result.dataset.shown = shown;
   result.dataset.state = mission.state;
   result.setAttribute("role", mission.state === "unknown" ? "alert" : "status");
-  setText(result, mission.text);
+  // What came of an upload stands in full in the largest place of the page.
+  const [short] = mission.text.split(mission.state === "unknown" ? ":" : ";");
+  setText(result, capital(short));
   setText($("confirm-what"), `${mission.name}, ${mission.items} items, replaces the mission in the vehicle.`);
 }
 
