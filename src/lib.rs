@@ -1,4 +1,4 @@
-//! `gaware`: a flight-test companion that estimates what acceleration does to the gyros.
+//! `gaware`: a flight-test companion that estimates gyro g-sensitivity in flight.
 //!
 //! The library holds everything the binary does, so that tests and benches drive the same code.
 
@@ -10,6 +10,7 @@ pub mod commands;
 pub mod demo;
 pub mod engine;
 pub mod explain;
+pub mod export;
 pub mod link;
 pub mod logs;
 pub mod mission_link;

@@ -4,8 +4,7 @@
 
 mod support;
 
-use gaware::commands::ListenArgs;
-use gaware::commands::replay::{ReplayArgs, replay};
+use gaware::commands::replay::{ReplayRequest, replay};
 use gaware::engine::{Engine, EngineOptions};
 use gaware::study::recorded;
 use gaware_nav::model::Model;
@@ -34,15 +33,9 @@ fn replayed(log: &Path) -> Value {
 
 /// With the standard model changed by this.
 fn replayed_with(log: &Path, change: impl FnOnce(Model) -> Model) -> Value {
-    let args = ReplayArgs {
-        log: log.to_owned(),
-        json: true,
-        model: None,
-        baseline: None,
-        listen: ListenArgs::default(),
-        truth_from: 150.0,
-    };
-    let (_, document) = replay(&args, |model| Engine::new(change(model), EngineOptions::default())).unwrap();
+    let request = ReplayRequest { log: log.to_owned(), truth_from_s: 150.0, ..ReplayRequest::default() };
+    let (_, document) =
+        replay(&request, |model| Engine::new(change(model), EngineOptions::default())).unwrap();
     Value::Object(document)
 }
 

@@ -25,3 +25,13 @@ fn the_schema_of_the_snapshot_is_up_to_date() {
 fn the_schema_of_the_sinks_is_up_to_date() {
     check("sinks.schema.json", schemars::schema_for!(StatusView));
 }
+
+#[test]
+fn the_schemas_of_the_results_are_up_to_date() {
+    check("summary.schema.json", schemars::schema_for!(gaware::pipeline::ReplayDocument));
+    check("replay.schema.json", schemars::schema_for!(gaware::commands::replay::ReplayResults));
+    check("explanation.schema.json", schemars::schema_for!(gaware::explain::contract::Explanation));
+    check("plan.schema.json", schemars::schema_for!(gaware::commands::plan::PlanDocument));
+    check("preflight.schema.json", schemars::schema_for!(gaware::commands::preflight::Table));
+    check("mission.schema.json", schemars::schema_for!(gaware::commands::mission_result::MissionResult));
+}

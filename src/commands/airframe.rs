@@ -51,7 +51,7 @@ pub struct FitArgs {
     /// Model of the sensors (default: as `replay`).
     #[arg(long, value_name = "FILE")]
     pub model: Option<PathBuf>,
-    /// Whom to listen to.
+    /// Source of the samples.
     #[command(flatten)]
     pub listen: ListenArgs,
     /// Print one JSON document.

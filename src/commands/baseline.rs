@@ -13,13 +13,25 @@ use serde_json::{Map, Value};
 use std::path::Path;
 
 const DEFAULT_RELATIVE: f64 = 1e-6;
-const MAX_TOLD: usize = 20;
+const MAX_SHOWN: usize = 20;
 
-/// Compares a result with the baseline in this file.
+/// What became of one log. A group is a value at the top of the baseline's document.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Outcome {
+    /// Name of the log.
+    pub log: String,
+    /// Groups, each with the places where it left its tolerance.
+    pub differences: Vec<(String, Vec<String>)>,
+}
+
+/// Compares a result with the baseline in this file: for each value at its top the places that differ.
 ///
 /// # Errors
-/// When the file is no baseline, and when the result left its tolerance.
-pub fn check(path: &Path, result: &Map<String, Value>) -> Result<(), CommandError> {
+/// When the file is no baseline.
+pub fn differences(
+    path: &Path,
+    result: &Map<String, Value>,
+) -> Result<Vec<(String, Vec<String>)>, CommandError> {
     let wrong = |reason: String| CommandError::Baseline { path: path.to_owned(), reason };
     let text = std::fs::read_to_string(path)
         .map_err(|source| CommandError::Read { path: path.to_owned(), source })?;
@@ -32,20 +44,74 @@ pub fn check(path: &Path, result: &Map<String, Value>) -> Result<(), CommandErro
     if baseline.is_empty() {
         return Err(wrong("it holds no values".to_owned()));
     }
-    let mut differences = Vec::new();
-    compare(
-        "",
-        &Value::Object(baseline),
-        Some(&Value::Object(result.clone())),
-        &tolerances,
-        &mut differences,
-    );
-    if differences.is_empty() {
+    let groups = baseline.iter().map(|(key, wanted)| {
+        let mut found = Vec::new();
+        compare(&format!("/{}", escaped(key)), wanted, result.get(key), &tolerances, &mut found);
+        (key.clone(), found)
+    });
+    Ok(groups.collect())
+}
+
+/// Fails where a result left its tolerance.
+///
+/// # Errors
+/// The places.
+pub fn verdict(outcomes: &[Outcome]) -> Result<(), CommandError> {
+    let several = outcomes.len() > 1;
+    let mut all: Vec<String> = Vec::new();
+    for outcome in outcomes {
+        let of_log = if several { format!("{} ", outcome.log) } else { String::new() };
+        all.extend(outcome.differences.iter().flat_map(|(_, places)| places).map(|p| format!("{of_log}{p}")));
+    }
+    if all.is_empty() {
         return Ok(());
     }
-    let count = differences.len();
-    differences.truncate(MAX_TOLD);
-    Err(CommandError::Differs { count, differences: differences.join("\n") })
+    let count = all.len();
+    all.truncate(MAX_SHOWN);
+    Err(CommandError::Differs { count, differences: all.join("\n") })
+}
+
+/// The outcomes as JUnit XML: a suite for each log, a test case for each value at the top of its baseline.
+pub fn junit(outcomes: &[Outcome]) -> String {
+    let failed = |o: &Outcome| o.differences.iter().filter(|(_, places)| !places.is_empty()).count();
+    let (tests, failures) =
+        outcomes.iter().fold((0, 0), |(t, f), o| (t + o.differences.len(), f + failed(o)));
+    let mut out = format!(
+        "<?xml version=\"1.0\" encoding=\"UTF-8\"?>\n<testsuites name=\"gaware replay\" tests=\"{tests}\" failures=\"{failures}\">\n"
+    );
+    for outcome in outcomes {
+        let log = xml(&outcome.log);
+        out.push_str(&format!(
+            "  <testsuite name=\"{log}\" tests=\"{}\" failures=\"{}\" errors=\"0\" skipped=\"0\">\n",
+            outcome.differences.len(),
+            failed(outcome)
+        ));
+        for (group, places) in &outcome.differences {
+            let case = format!("    <testcase classname=\"{log}\" name=\"{}\"", xml(group));
+            if places.is_empty() {
+                out.push_str(&format!("{case}/>\n"));
+            } else {
+                let message = format!("{} place(s) left the tolerance of the baseline", places.len());
+                let places = xml(&places.join("\n"));
+                out.push_str(&format!(
+                    "{case}><failure message=\"{message}\">{places}</failure></testcase>\n"
+                ));
+            }
+        }
+        out.push_str("  </testsuite>\n");
+    }
+    out + "</testsuites>\n"
+}
+
+/// Text that cannot become markup; control characters are not allowed in XML at all.
+fn xml(text: &str) -> String {
+    let allowed: String = text.chars().map(|c| if c.is_control() && c != '\n' { ' ' } else { c }).collect();
+    allowed.replace('&', "&amp;").replace('<', "&lt;").replace('>', "&gt;").replace('"', "&quot;")
+}
+
+/// A key as part of a JSON pointer (RFC 6901).
+fn escaped(key: &str) -> String {
+    key.replace('~', "~0").replace('/', "~1")
 }
 
 fn compare(
@@ -59,7 +125,7 @@ fn compare(
         (_, None) => out.push(format!("{at}: missing, the baseline has {wanted}")),
         (Value::Object(w), Some(Value::Object(f))) => {
             for (key, value) in w {
-                let key_at = format!("{at}/{}", key.replace('~', "~0").replace('/', "~1"));
+                let key_at = format!("{at}/{}", escaped(key));
                 compare(&key_at, value, f.get(key), tolerances, out);
             }
         }
@@ -104,7 +170,9 @@ mod tests {
             std::thread::current().id()
         ));
         std::fs::write(&path, baseline.to_string()).unwrap();
-        let outcome = check(&path, result.as_object().unwrap()).map_err(|e| e.to_string());
+        let outcome = super::differences(&path, result.as_object().unwrap())
+            .and_then(|differences| verdict(&[Outcome { log: "a.tlog".to_owned(), differences }]))
+            .map_err(|e| e.to_string());
         std::fs::remove_file(&path).unwrap();
         outcome
     }
@@ -123,6 +191,21 @@ mod tests {
         assert_eq!(differences(json!({"n": 100.0}), json!({"n": 100.0, "new": 1})), Ok(()));
         assert!(differences(json!({"s": "observable"}), json!({"s": "weak"})).is_err());
         assert!(differences(json!({"gone": 1}), json!({"n": 1})).is_err());
+    }
+
+    #[test]
+    fn junit_has_a_case_for_each_value_and_its_places_as_text() {
+        let places = vec!["/b: \"<1>\" & more".to_owned()];
+        let outcome = Outcome {
+            log: "a&b.tlog".to_owned(),
+            differences: vec![("a".to_owned(), vec![]), ("b".to_owned(), places)],
+        };
+        let text = junit(&[outcome]);
+        assert!(text.contains("<testsuite name=\"a&amp;b.tlog\" tests=\"2\" failures=\"1\""), "{text}");
+        assert!(
+            text.contains("name=\"a\"/>") && text.contains("/b: &quot;&lt;1&gt;&quot; &amp; more</failure>"),
+            "{text}"
+        );
     }
 
     #[test]

@@ -1,16 +1,16 @@
 //! The command line: which commands there are, how they start, and what exit status their result becomes.
 
 use super::{
-    CommandError, airframe, demo, explain, mission, output, plan, preflight, replay, report, run, sim, start,
-    study,
+    CommandError, airframe, config, demo, explain, mission, output, plan, preflight, replay, report, run,
+    sim, start, study,
 };
-use crate::engine::{Engine, EngineOptions};
 use crate::sinks::log;
 use clap::{CommandFactory, Parser, Subcommand};
+use std::path::Path;
 use std::process::ExitCode;
 use tokio_util::sync::CancellationToken;
 
-/// A flight-test companion for ArduPilot and PX4: finds out what acceleration does to the gyros.
+/// A flight-test companion for ArduPilot and PX4: estimates gyro g-sensitivity in flight.
 #[derive(Debug, Parser)]
 #[command(version, max_term_width = 110, after_help = EXAMPLES)]
 pub struct Cli {
@@ -37,7 +37,7 @@ pub enum Command {
     Demo(demo::DemoArgs),
     /// Estimate during a flight: connect to a vehicle, show, record.
     Run(run::RunArgs),
-    /// Run a recorded flight (.tlog, .bin, .ulg, .mcap) through the same pipeline.
+    /// Run recorded flights (.tlog, .bin, .ulg, .mcap) through the same pipeline, and export their time series.
     Replay(replay::ReplayArgs),
     /// Write an HTML report for a recorded flight: estimates, observability, comparison with the autopilot.
     Report(report::ReportArgs),
@@ -55,10 +55,17 @@ pub enum Command {
     Mission(mission::MissionArgs),
     /// Check a vehicle against plan and airframe before the flight; it is only asked, never changed.
     Preflight(preflight::PreflightArgs),
+    /// The file of `run --config`: check it, show every option.
+    Config(config::ConfigArgs),
     /// Print shell completions.
     Completions {
         /// Shell.
         shell: clap_complete::Shell,
+    },
+    /// Write manual pages, one for each command.
+    Manual {
+        /// Folder.
+        dir: std::path::PathBuf,
     },
 }
 
@@ -83,6 +90,29 @@ pub fn refuse(error: clap::Error) -> ExitCode {
     ExitCode::from(u8::try_from(error.exit_code()).unwrap_or(2))
 }
 
+/// Writes a manual page of the program and of each command.
+fn manual(dir: &Path) -> Result<(), CommandError> {
+    let fail = |source| CommandError::Write { path: dir.to_owned(), source };
+    std::fs::create_dir_all(dir).map_err(fail)?;
+    clap_mangen::generate_to(Cli::command(), dir).map_err(fail)
+}
+
+/// Runs with the options of a configuration file, where one is named; those of the command line win.
+fn run_with_config(args: run::RunArgs) -> Result<(), CommandError> {
+    let Some(path) = &args.config else { return start::run(args) };
+    let config = config::Config::read(path)?;
+    let line: Vec<_> = std::env::args_os().skip_while(|word| word != "run").skip(1).collect();
+    let args = config.merged(&line).map_err(|e| CommandError::Arguments(e.to_string()))?;
+    if args.connect.is_empty() {
+        let text = format!(
+            "{} names no link: add connect = [\"serial:/dev/ttyAMA0:921600\"]",
+            config.path().display()
+        );
+        return Err(CommandError::Arguments(text));
+    }
+    start::run(args)
+}
+
 /// Runs a command to its end.
 pub fn execute(cli: Cli) -> ExitCode {
     match dispatch(cli.command) {
@@ -102,8 +132,9 @@ pub fn execute(cli: Cli) -> ExitCode {
 fn dispatch(command: Command) -> Result<(), CommandError> {
     match command {
         Command::Demo(args) => demo::run(&args),
-        Command::Run(args) => start::run(args),
-        Command::Replay(args) => replay::run(&args, |model| Engine::new(model, EngineOptions::default())),
+        Command::Run(args) => run_with_config(args),
+        Command::Config(args) => config::run(&args),
+        Command::Replay(args) => replay::run(&args),
         Command::Report(args) => report::run(&args),
         Command::Sim(args) => {
             start::runtime()?.block_on(async {
@@ -124,5 +155,6 @@ fn dispatch(command: Command) -> Result<(), CommandError> {
             clap_complete::generate(shell, &mut Cli::command(), "gaware", &mut script);
             output::text(&String::from_utf8_lossy(&script))
         }
+        Command::Manual { dir } => manual(&dir),
     }
 }

@@ -2,11 +2,12 @@
 
 use super::mission::MissionError;
 use gaware_mission::transfer::verified::Outcome;
+use schemars::JsonSchema;
 use serde::Serialize;
 use std::path::PathBuf;
 
 /// What was asked for.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, JsonSchema)]
 #[serde(rename_all = "snake_case")]
 pub enum Action {
     /// `gaware mission upload`.
@@ -20,7 +21,7 @@ pub enum Action {
 }
 
 /// What is on the vehicle now.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, JsonSchema)]
 #[serde(rename_all = "snake_case")]
 pub enum OnVehicle {
     /// What was read from it; nothing was changed.
@@ -45,7 +46,7 @@ impl OnVehicle {
 }
 
 /// The end of a transfer (`gaware.mission/1`).
-#[derive(Debug, Clone, PartialEq, Eq, Serialize)]
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, JsonSchema)]
 pub struct MissionResult {
     /// `gaware.mission/1`.
     pub schema: &'static str,

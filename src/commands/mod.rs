@@ -4,6 +4,7 @@ pub mod airframe;
 pub mod band;
 pub mod baseline;
 pub mod cli;
+pub mod config;
 pub mod demo;
 pub mod explain;
 pub mod mission;
@@ -61,6 +62,9 @@ pub enum CommandError {
     /// Signing cannot be set up.
     #[error(transparent)]
     Signing(#[from] crate::link::signing::SigningError),
+    /// A configuration file.
+    #[error(transparent)]
+    Config(#[from] config::ConfigError),
     /// A recording cannot be started.
     #[error(transparent)]
     Recorder(#[from] RecorderError),
@@ -68,6 +72,17 @@ pub enum CommandError {
     #[error("cannot read {path}: {source}")]
     Read {
         /// File.
+        path: PathBuf,
+        /// What the system said.
+        source: std::io::Error,
+    },
+    /// Arguments that do not fit together with a configuration file.
+    #[error("{0}")]
+    Arguments(String),
+    /// A file or folder cannot be written.
+    #[error("cannot write {path}: {source}")]
+    Write {
+        /// File or folder.
         path: PathBuf,
         /// What the system said.
         source: std::io::Error,
@@ -146,6 +161,9 @@ pub enum CommandError {
     /// The explanation.
     #[error(transparent)]
     Explain(#[from] crate::explain::ExplainError),
+    /// Tables of a replay.
+    #[error(transparent)]
+    Export(#[from] crate::export::ExportError),
     /// The report of a flight.
     #[error(transparent)]
     Report(#[from] report::ReportError),
@@ -196,7 +214,8 @@ impl CommandError {
     /// Whether the arguments were at fault rather than the work: exit status 2 instead of 1.
     pub fn is_usage(&self) -> bool {
         match self {
-            Self::Address(_) | Self::Band(_) => true,
+            Self::Address(_) | Self::Band(_) | Self::Arguments(_) => true,
+            Self::Export(error) => error.is_usage(),
             Self::Sim(error) => error.is_usage(),
             Self::Demo(error) => error.is_usage(),
             Self::Plan(error) => error.is_usage(),

@@ -1,4 +1,4 @@
-//! `gaware plan`: excitation maneuvers for an airframe and a place, and what they will make known.
+//! `gaware plan`: excitation maneuvers for an airframe and a place, and what they will make observable.
 
 use super::band::{self, BandError};
 use super::{CommandError, demo, output};
@@ -6,11 +6,17 @@ use crate::demo::predictor;
 use crate::mission_link::files::{self, FileError};
 use gaware_mission::fence::{Fence, FenceCircle};
 use gaware_mission::item::{Autopilot, Home, LatLon};
-use gaware_mission::planner::{DEFAULT_BEAM, Plan, PlanError, Request, climb_out, plan};
+use gaware_mission::maneuver::Maneuver;
+use gaware_mission::planner::{
+    DEFAULT_BEAM, Plan, PlanError, PlannedManeuver, PlannedState, Request, climb_out, plan,
+};
+use gaware_mission::predictor::NamedSigma;
 use gaware_mission::safety::Limits;
 use gaware_nav::model::Model;
 use nalgebra::Vector3;
-use serde_json::{Value, json};
+use schemars::JsonSchema;
+use serde::Serialize;
+use serde_json::Value;
 use std::fmt::Write;
 use std::path::PathBuf;
 
@@ -195,15 +201,100 @@ fn check(args: &PlanArgs) -> Result<(), PlanCommandError> {
     Ok(())
 }
 
-fn document(made: &Plan, request: &Request) -> Value {
-    let over_time = made.sigmas.iter().map(|at| json!({"t_s": at.t_s, "sigmas": at.sigmas}));
-    let maneuvers = made.maneuvers.iter().map(|m| {
-        json!({"maneuver": m.maneuver, "start_s": m.start_s, "end_s": m.end_s,
-            "items": [m.items.start(), m.items.end()]})
-    });
-    json!({"schema": "gaware.plan/1", "duration_s": made.duration_s, "items": made.mission.items.len(),
-        "maneuvers": maneuvers.collect::<Vec<_>>(), "sigmas": over_time.collect::<Vec<_>>(), "states": made.states,
-        "notes": made.notes, "enforcement": enforcement(request)})
+/// A plan (`gaware.plan/1`).
+#[derive(Debug, Serialize, JsonSchema)]
+pub struct PlanDocument {
+    /// `gaware.plan/1`.
+    pub schema: &'static str,
+    /// Length of the flight, s.
+    pub duration_s: f64,
+    /// Items without home.
+    pub items: usize,
+    /// In the order of the flight.
+    pub maneuvers: Vec<ManeuverEntry>,
+    /// Predicted sigmas over time, about once per second.
+    pub sigmas: Vec<SigmasEntry>,
+    /// What the plan promises for each state.
+    #[schemars(with = "Vec<StateSchema>")]
+    pub states: Vec<PlannedState>,
+    /// What the plan cannot make observable and why, in words.
+    pub notes: Vec<String>,
+    /// What the vehicle enforces while it flies the plan, and what it does not, in words.
+    pub enforcement: [String; 2],
+}
+
+/// A maneuver of a plan.
+#[derive(Debug, Serialize, JsonSchema)]
+pub struct ManeuverEntry {
+    /// `climb`, or with a side `{"spiral": "left"}`.
+    #[schemars(with = "Value")]
+    pub maneuver: Maneuver,
+    /// From, s.
+    pub start_s: f64,
+    /// To, s.
+    pub end_s: f64,
+    /// Its first and its last item.
+    pub items: [usize; 2],
+}
+
+/// Predicted sigmas at one time.
+#[derive(Debug, Serialize, JsonSchema)]
+pub struct SigmasEntry {
+    /// Time since the start of the mission, s.
+    pub t_s: f64,
+    /// One entry for each state.
+    #[schemars(with = "Vec<SigmaSchema>")]
+    pub sigmas: Vec<NamedSigma>,
+}
+
+/// A sigma with its target.
+#[derive(JsonSchema)]
+#[allow(dead_code, reason = "describes `NamedSigma`, whose crate knows no schemas")]
+struct SigmaSchema {
+    /// `bg_x`, `g11`, `latency`, …
+    name: String,
+    /// 1-sigma in `unit`.
+    sigma: f64,
+    /// Sigma below which the state counts as observable, in `unit`.
+    target: f64,
+    /// Unit.
+    unit: String,
+}
+
+/// What a plan promises for one state.
+#[derive(JsonSchema)]
+#[allow(dead_code, reason = "describes `PlannedState`, whose crate knows no schemas")]
+struct StateSchema {
+    /// `bg_x`, `g11`, …
+    name: String,
+    /// Unit.
+    unit: String,
+    /// 1-sigma at the end of the plan.
+    sigma: f64,
+    /// Sigma below which the state counts as observable.
+    target: f64,
+    /// Whether the target is reached, and if not, why.
+    reach: String,
+}
+
+fn document(made: &Plan, request: &Request) -> PlanDocument {
+    let maneuver = |m: &PlannedManeuver| ManeuverEntry {
+        maneuver: m.maneuver,
+        start_s: m.start_s,
+        end_s: m.end_s,
+        items: [*m.items.start(), *m.items.end()],
+    };
+    let sigmas = made.sigmas.iter().map(|at| SigmasEntry { t_s: at.t_s, sigmas: at.sigmas.clone() });
+    PlanDocument {
+        schema: "gaware.plan/1",
+        duration_s: made.duration_s,
+        items: made.mission.items.len(),
+        maneuvers: made.maneuvers.iter().map(maneuver).collect(),
+        sigmas: sigmas.collect(),
+        states: made.states.clone(),
+        notes: made.notes.clone(),
+        enforcement: enforcement(request),
+    }
 }
 
 fn print(out: &mut String, made: &Plan, request: &Request) -> std::fmt::Result {

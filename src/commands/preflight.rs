@@ -9,6 +9,7 @@ use crate::mission_link::session::{Session, SessionError};
 use crate::mission_link::wire::Wire;
 use crate::preflight::{self, Against, Row, Verdict};
 use gaware_mission::item::Autopilot;
+use schemars::JsonSchema;
 use serde::Serialize;
 use std::path::{Path, PathBuf};
 use std::time::Duration;
@@ -43,7 +44,7 @@ pub enum PreflightError {
 }
 
 /// The table (`gaware.preflight/1`).
-#[derive(Debug, Clone, PartialEq, Eq, Serialize)]
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, JsonSchema)]
 pub struct Table {
     /// `gaware.preflight/1`.
     pub schema: &'static str,

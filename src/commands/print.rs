@@ -12,6 +12,20 @@ pub fn summary(s: &Summary, document: &Map<String, Value>) -> String {
     out
 }
 
+/// Values with their sigmas for three axes, 80 columns wide.
+fn row<'a>(
+    out: &mut String,
+    name: &str,
+    values: impl Iterator<Item = (&'a f64, f64)>,
+    digits: usize,
+) -> std::fmt::Result {
+    write!(out, "{name:>22}")?;
+    for (value, sigma) in values {
+        write!(out, " {value:>9.digits$} ± {sigma:<6.digits$}")?;
+    }
+    writeln!(out)
+}
+
 fn write_summary(out: &mut String, s: &Summary, document: &Map<String, Value>) -> std::fmt::Result {
     writeln!(
         out,
@@ -30,29 +44,21 @@ fn write_summary(out: &mut String, s: &Summary, document: &Map<String, Value>) -
         let what = if s.phase == Phase::Running { "at the end" } else { "no estimate" };
         writeln!(out, "{what}: {}", s.waiting_for)?;
     }
-    for (name, unit, e) in [
-        ("attitude", "deg", &s.estimate.attitude_deg),
-        ("gyro bias", "deg/h", &s.estimate.gyro_bias_deg_per_h),
-        ("accelerometer bias", "mg", &s.estimate.accel_bias_mg),
+    for (name, digits, e) in [
+        ("attitude, deg", 3, &s.estimate.attitude_deg),
+        ("gyro bias, deg/h", 2, &s.estimate.gyro_bias_deg_per_h),
+        ("accelerometer bias, mg", 2, &s.estimate.accel_bias_mg),
     ] {
-        write!(out, "{name:>20}")?;
-        for (value, sigma) in e.value.iter().zip(e.sigma) {
-            write!(out, "{value:>12.3} ± {sigma:<9.3}")?;
-        }
-        writeln!(out, "{unit}")?;
+        row(out, name, e.value.iter().zip(e.sigma), digits)?;
     }
     let g = &s.estimate.g_sensitivity_deg_per_h_per_g;
     for (k, (values, sigmas)) in g.value.iter().zip(g.sigma).enumerate() {
-        write!(out, "{:>20}", if k == 0 { "g-sensitivity" } else { "" })?;
-        for (value, sigma) in values.iter().zip(sigmas) {
-            write!(out, "{value:>12.1} ± {sigma:<9.1}")?;
-        }
-        writeln!(out, "{}", if k == 0 { "deg/h/g" } else { "" })?;
+        row(out, if k == 0 { "g-sensitivity, deg/h/g" } else { "" }, values.iter().zip(sigmas), 1)?;
     }
     for p in &s.estimate.effects {
         let name =
             if p.effect.ends_with(&p.name) { p.effect.clone() } else { format!("{} {}", p.effect, p.name) };
-        writeln!(out, "{name:>20}{:>12.4} ± {:<9.4}{}", p.value, p.sigma, p.unit)?;
+        writeln!(out, "{name:>30} {:>12.4} ± {:<10.4} {}", p.value, p.sigma, p.unit)?;
     }
     for direction in &s.observability.unobservable_directions {
         writeln!(out, "not observable: {}", direction.text)?;
@@ -71,4 +77,35 @@ fn write_summary(out: &mut String, s: &Summary, document: &Map<String, Value>) -
         writeln!(out, "warning: {warning}")?;
     }
     Ok(())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::engine::snapshot::{Estimate3, EstimateMatrix, ParameterEstimate};
+
+    #[test]
+    fn figures_fit_a_terminal_of_80_columns() {
+        let three = Estimate3 { value: [-1234.567; 3], sigma: [500.123; 3] };
+        let mut s = Summary { phase: Phase::Running, ..Summary::default() };
+        s.estimate.attitude_deg = Estimate3 { value: [-179.999; 3], sigma: [0.123; 3] };
+        (s.estimate.gyro_bias_deg_per_h, s.estimate.accel_bias_mg) = (three, three);
+        s.estimate.g_sensitivity_deg_per_h_per_g =
+            EstimateMatrix { value: [[-4321.0; 3]; 3], sigma: [[360.0; 3]; 3] };
+        let wide = ParameterEstimate {
+            effect: "gyro_misalignment".to_owned(),
+            name: "mg_xy".to_owned(),
+            unit: "deg/h/g2".to_owned(),
+            value: -12345.6789,
+            sigma: 2999.9987,
+        };
+        s.estimate.effects = vec![wide];
+        let text = summary(&s, &Map::new());
+        let figures: Vec<&str> = text.lines().filter(|l| l.contains('±')).collect();
+        assert_eq!(figures.len(), 7, "{text}");
+        for line in figures {
+            assert!(line.chars().count() <= 80, "{} columns: {line}", line.chars().count());
+        }
+        assert!(text.contains("2999.9987  deg/h/g2"), "{text}");
+    }
 }

@@ -1,17 +1,23 @@
-//! `gaware replay LOG`: the pipeline over a recorded flight.
+//! `gaware replay LOG…`: the pipeline over recorded flights, with their time series as tables and baselines for CI.
 
-use super::{CommandError, ListenArgs, baseline, load_model, output, parse_model, print, progress_bar};
+use super::baseline::{self, Outcome};
+use super::{CommandError, ListenArgs, load_model, output, parse_model, print, progress_bar};
+use crate::engine::{Engine, EngineOptions};
+use crate::export::{self, ExportError, Gather, Gathered};
 use crate::logs::Damage;
-use crate::pipeline::{Estimator, Pipeline, Recorded};
+use crate::pipeline::{Estimator, Pipeline, Recorded, ReplayDocument};
 use gaware_nav::model::Model;
+use schemars::JsonSchema;
+use serde::Serialize;
 use serde_json::{Map, Value, json};
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
 /// Arguments of `replay`.
 #[derive(Debug, Clone, clap::Args)]
 pub struct ReplayArgs {
-    /// Recorded flight: .tlog, DataFlash .bin, .ulg, a recording of gaware (.mcap), or a folder with imu.csv and gps.csv.
-    pub log: PathBuf,
+    /// Recorded flights: .tlog, DataFlash .bin, .ulg, a recording of gaware (.mcap), or a folder with imu.csv and gps.csv.
+    #[arg(required = true, value_name = "LOG")]
+    pub logs: Vec<PathBuf>,
     /// Print the result as one JSON document.
     #[arg(long)]
     pub json: bool,
@@ -19,10 +25,18 @@ pub struct ReplayArgs {
     /// consumer unit are estimated).
     #[arg(long, value_name = "FILE")]
     pub model: Option<PathBuf>,
-    /// Compare the result with this earlier one and fail when it left its tolerance.
-    #[arg(long, value_name = "FILE")]
+    /// Write time series: to a .csv or .parquet file the states, to an .mcap file or a folder (as Parquet) states, inertial
+    /// samples, fixes, the autopilot's attitude and events. Columns and units: docs/export.md.
+    #[arg(long, value_name = "FILE|DIR")]
+    pub export: Option<PathBuf>,
+    /// Compare the result with this earlier one and fail when it left its tolerance; for several logs a folder with a file
+    /// LOG.json for each.
+    #[arg(long, value_name = "FILE|DIR")]
     pub baseline: Option<PathBuf>,
-    /// Whom to listen to.
+    /// Write the comparison with the baseline as JUnit XML, for a CI service.
+    #[arg(long, value_name = "FILE", requires = "baseline")]
+    pub junit: Option<PathBuf>,
+    /// Source of the samples.
     #[command(flatten)]
     pub listen: ListenArgs,
     /// Compare with the truth of a simulated flight from this many seconds after the start.
@@ -30,21 +44,136 @@ pub struct ReplayArgs {
     pub truth_from: f64,
 }
 
+/// One log to replay.
+#[derive(Debug, Clone, Default)]
+pub struct ReplayRequest {
+    /// The log.
+    pub log: PathBuf,
+    /// Model of the sensors, where the user names one.
+    pub model: Option<PathBuf>,
+    /// Source of the samples.
+    pub listen: ListenArgs,
+    /// Compare with the truth from this time after the start, s.
+    pub truth_from_s: f64,
+}
+
+/// The results of several logs (`gaware.replay/1`).
+#[derive(Debug, Serialize, JsonSchema)]
+pub struct ReplayResults {
+    /// `gaware.replay/1`.
+    pub schema: &'static str,
+    /// One entry for each log, in the order given.
+    pub flights: Vec<FlightResult>,
+}
+
+/// The result of one of several logs.
+#[derive(Debug, Serialize, JsonSchema)]
+pub struct FlightResult {
+    /// Name of the log's file.
+    pub log: String,
+    /// As of one log alone.
+    #[schemars(with = "ReplayDocument")]
+    pub summary: Map<String, Value>,
+}
+
+/// A log with its result.
+struct Replayed {
+    name: String,
+    document: Map<String, Value>,
+    text: String,
+}
+
 /// Runs the command and prints its result.
 ///
 /// # Errors
-/// When log, model or baseline cannot be read, nothing in the log can, or the result left the baseline.
-pub fn run<E: Estimator>(args: &ReplayArgs, make: impl FnOnce(Model) -> E) -> Result<(), CommandError> {
-    let (pipeline, document) = replay(args, make)?;
-    if args.json {
-        output::json(&document)?;
-    } else {
-        output::text(&print::summary(&pipeline.summary(), &document))?;
+/// When a log, the model or a baseline cannot be read, nothing in a log can, the tables cannot be written, or a result left its
+/// baseline.
+pub fn run(args: &ReplayArgs) -> Result<(), CommandError> {
+    let target = args.export.as_deref().map(export::Target::new).transpose()?;
+    let names = names(&args.logs, target.is_some() || args.baseline.is_some())?;
+    let mut tables = Gathered::default();
+    let mut results = Vec::new();
+    for (log, name) in args.logs.iter().zip(names) {
+        let request = ReplayRequest {
+            log: log.clone(),
+            model: args.model.clone(),
+            listen: args.listen.clone(),
+            truth_from_s: args.truth_from,
+        };
+        let engine = |model| Engine::new(model, EngineOptions::default());
+        results.push(if target.is_some() {
+            let gathered = std::mem::take(&mut tables);
+            let (pipeline, document) =
+                replay(&request, |model| Gather::new(engine(model), name.clone(), gathered))?;
+            let result = Replayed::new(name, &pipeline, document);
+            tables = pipeline.into_engine().into_tables();
+            result
+        } else {
+            let (pipeline, document) = replay(&request, engine)?;
+            Replayed::new(name, &pipeline, document)
+        });
     }
+    if let Some(target) = target {
+        for file in target.write(&tables.into_tables())? {
+            crate::sinks::log::line(&format!("written: {}", file.display()));
+        }
+    }
+    show(args.json, &results)?;
     match &args.baseline {
-        Some(path) => baseline::check(path, &document),
+        Some(path) => judge(path, args.junit.as_deref(), &results),
         None => Ok(()),
     }
+}
+
+impl Replayed {
+    fn new<E: Estimator>(name: String, pipeline: &Pipeline<E>, document: Map<String, Value>) -> Self {
+        let text = print::summary(&pipeline.summary(), &document);
+        Self { name, document, text }
+    }
+}
+
+/// The names of the logs' files. Where rows or baselines are told apart by them, each must be different.
+fn names(logs: &[PathBuf], distinct: bool) -> Result<Vec<String>, ExportError> {
+    let mut names: Vec<String> = Vec::new();
+    for log in logs {
+        let name = log.file_name().unwrap_or(log.as_os_str()).to_string_lossy().into_owned();
+        if distinct && names.contains(&name) {
+            return Err(ExportError::SameName(name));
+        }
+        names.push(name);
+    }
+    Ok(names)
+}
+
+/// The summary of one log, or one document for all of them.
+fn show(json: bool, results: &[Replayed]) -> Result<(), CommandError> {
+    match (json, results) {
+        (true, [one]) => output::json(&one.document),
+        (true, all) => {
+            let flights =
+                all.iter().map(|r| FlightResult { log: r.name.clone(), summary: r.document.clone() });
+            output::json(&ReplayResults { schema: "gaware.replay/1", flights: flights.collect() })
+        }
+        (false, [one]) => output::text(&one.text),
+        (false, all) => output::text(
+            &all.iter().map(|r| format!("{}\n{}", r.name, r.text)).collect::<Vec<_>>().join("\n"),
+        ),
+    }
+}
+
+/// Compares every result with its baseline, writes the JUnit file, and fails where one left its tolerance.
+fn judge(path: &Path, junit: Option<&Path>, results: &[Replayed]) -> Result<(), CommandError> {
+    let mut outcomes = Vec::new();
+    for result in results {
+        let file = if path.is_dir() { path.join(format!("{}.json", result.name)) } else { path.to_owned() };
+        let differences = baseline::differences(&file, &result.document)?;
+        outcomes.push(Outcome { log: result.name.clone(), differences });
+    }
+    if let Some(path) = junit {
+        std::fs::write(path, baseline::junit(&outcomes))
+            .map_err(|source| ExportError::Write { path: path.to_owned(), source })?;
+    }
+    baseline::verdict(&outcomes)
 }
 
 /// Runs the log through and gives the pipeline at its end with the result.
@@ -52,17 +181,18 @@ pub fn run<E: Estimator>(args: &ReplayArgs, make: impl FnOnce(Model) -> E) -> Re
 /// # Errors
 /// When log or model cannot be read, or nothing in the log can.
 pub fn replay<E: Estimator>(
-    args: &ReplayArgs,
+    request: &ReplayRequest,
     make: impl FnOnce(Model) -> E,
 ) -> Result<(Pipeline<E>, Map<String, Value>), CommandError> {
-    let recorded = Recorded::open(&args.log, args.listen.options())?;
-    let model = match (&args.model, recorded.setup()) {
+    let recorded = Recorded::open(&request.log, request.listen.options())?;
+    let model = match (&request.model, recorded.setup()) {
         (Some(path), _) => load_model(path)?,
-        (None, Some(setup)) => parse_model(&setup.model_toml, &args.log)?,
+        (None, Some(setup)) => parse_model(&setup.model_toml, &request.log)?,
         (None, None) => Model::standard(),
     };
     let bar = progress_bar(recorded.total_bytes(), "bytes");
-    let (pipeline, damage) = recorded.run(make(model), args.truth_from, &|bytes| bar.set_position(bytes))?;
+    let (pipeline, damage) =
+        recorded.run(make(model), request.truth_from_s, &|bytes| bar.set_position(bytes))?;
     bar.finish_and_clear();
     let mut document = pipeline.document();
     add_damage(damage, &mut document);

@@ -1,6 +1,6 @@
 //! `gaware report LOG`: one flight as a page for people.
 
-use super::replay::{self, ReplayArgs};
+use super::replay::{self, ReplayRequest};
 use super::{CommandError, ListenArgs, demo, output};
 use crate::engine::snapshot::{Snapshot, Summary};
 use crate::engine::{Engine, EngineOptions};
@@ -26,7 +26,7 @@ pub struct ReportArgs {
     /// What flew, for the words of remedies: small_fixed_wing, large_fixed_wing, quadrotor, or a file that describes it.
     #[arg(long, value_name = "NAME|FILE")]
     pub airframe: Option<String>,
-    /// Whom to listen to.
+    /// Source of the samples.
     #[command(flatten)]
     pub listen: ListenArgs,
     /// Compare with the truth of a simulated flight from this many seconds after the start.
@@ -59,13 +59,11 @@ pub fn run(args: &ReportArgs) -> Result<(), CommandError> {
         Some(name) => EngineOptions::for_airframe(demo::load_airframe(name)?, true),
         None => EngineOptions::default(),
     };
-    let request = ReplayArgs {
+    let request = ReplayRequest {
         log: args.log.clone(),
-        json: false,
         model: args.model.clone(),
-        baseline: None,
         listen: args.listen.clone(),
-        truth_from: args.truth_from,
+        truth_from_s: args.truth_from,
     };
     let make = |model| Logged { engine: Engine::new(model, options), log: FlightLog::default() };
     let (pipeline, document) = replay::replay(&request, make)?;

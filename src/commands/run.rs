@@ -472,7 +472,7 @@ impl<E: Estimator> Session<E> {
         let heard = converter.systems().words();
         snapshot.waiting_for = match converter.vehicle() {
             Some(vehicle) if !heard.is_empty() => {
-                format!("no inertial samples yet of vehicle {vehicle}; heard: {heard}")
+                format!("no inertial samples yet of vehicle {vehicle}; received from: {heard}")
             }
             _ => "no heartbeat of an autopilot yet: is it connected, and is this its port and baud rate?"
                 .to_owned(),

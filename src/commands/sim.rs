@@ -26,7 +26,7 @@ pub struct SimArgs {
     /// Flight to fly; a wrong name lists all.
     #[arg(long, default_value = "fixed_wing")]
     pub scenario: String,
-    /// Where to talk: udpout:HOST:PORT, udpin:HOST:PORT, tcpin:HOST:PORT, tcpout:HOST:PORT or pty.
+    /// Address of the simulated link: udpout:HOST:PORT, udpin:HOST:PORT, tcpin:HOST:PORT, tcpout:HOST:PORT or pty.
     #[arg(long, default_value = "udpout:127.0.0.1:14550")]
     pub listen: String,
     /// Autopilot to behave as.

@@ -298,13 +298,14 @@ impl DemoResult {
         }
         writeln!(
             out,
-            "{:>10}{:>12}{:>12}{:>11}{:>12}{:>11}{:>9}  unit",
-            "", "truth", "estimate", "sigma", "error/sigma", "planned", "reached"
+            "  {:<7}{:>11}{:>11}{:>10}{:>7}{:>10}{:>9} unit",
+            "", "truth", "estimate", "sigma", "error", "planned", "reached"
         )?;
         for s in &self.states {
             writeln!(
                 out,
-                "{:>10}{:12.3}{:12.3}{:11.3}{:12.2}{:11.3}{:8.2}×  {:8} {}",
+                "{} {:<7}{:11.3}{:11.3}{:10.3}{:7.2}{:10.3}{:8.2}× {}",
+                if s.status == Status::Observable { "●" } else { " " },
                 s.name,
                 s.truth,
                 s.estimate,
@@ -312,10 +313,13 @@ impl DemoResult {
                 s.normalised_error,
                 s.planned_sigma,
                 s.reached_over_planned,
-                s.unit,
-                if s.status == Status::Observable { "known" } else { "" }
+                s.unit
             )?;
         }
+        writeln!(
+            out,
+            "● observable; error in sigmas; planned: sigma of the plan; reached: sigma over the planned one"
+        )?;
         for line in self.promise.lines() {
             writeln!(out, "{line}")?;
         }

@@ -15,6 +15,7 @@ mod window;
 use crate::link::frame::Frame;
 use crate::timeline::Measurement;
 use gaware_nav::observability::words::VehicleKind;
+use schemars::JsonSchema;
 use serde::Serialize;
 use std::fs::File;
 use std::io::Read;
@@ -48,7 +49,7 @@ pub struct Progress {
 }
 
 /// What a reader could not use.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, JsonSchema)]
 pub struct Damage {
     /// Bytes that belong to no entry.
     pub skipped_bytes: u64,

@@ -8,14 +8,16 @@ mod truth_comparison;
 
 use crate::engine::snapshot::{GnssStatus, ImuStatus, Snapshot, Summary};
 use crate::link::frame::Frame;
-use crate::logs::{Item, Record};
+use crate::logs::{Damage, Item, Record};
 use crate::sensors::truth::SimTruth;
-use crate::sensors::{Converter, ConverterOptions, Notice, Severity};
+use crate::sensors::{Converter, ConverterOptions, ConverterStats, Notice, Severity};
 use crate::timeline::Gaps;
 use gaware_nav::observability::words::VehicleKind;
 use gaware_nav::sample::Sample;
 pub use recorded::{Recorded, samples};
-use serde_json::{Map, Value, json};
+use schemars::JsonSchema;
+use serde::Serialize;
+use serde_json::{Map, Value};
 pub use truth_comparison::{TruthComparison, TruthResult};
 
 /// What takes the samples.
@@ -36,6 +38,26 @@ pub trait Estimator: Consumer {
     fn snapshot(&self) -> Snapshot;
     /// The result so far.
     fn summary(&self) -> Summary;
+}
+
+/// The result as a document (`gaware.summary/1`): the summary with what an engine cannot know.
+#[derive(Debug, Clone, Serialize, JsonSchema)]
+pub struct ReplayDocument {
+    /// The engine's summary.
+    #[serde(flatten)]
+    pub summary: Summary,
+    /// What flew, where the vehicle or the user reports it.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    #[schemars(with = "Option<String>")]
+    pub vehicle_kind: Option<VehicleKind>,
+    /// What came of the messages.
+    pub converter: ConverterStats,
+    /// Comparison with the truth that a simulated vehicle sends.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub truth_comparison: Option<TruthResult>,
+    /// What of the log could not be read; absent for a good log.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub log_damage: Option<Damage>,
 }
 
 /// Converter and engine in a row.
@@ -219,14 +241,14 @@ impl<E: Estimator> Pipeline<E> {
     /// The result as a document: the summary, what flew, what was refused on the way, and the comparison with the truth
     /// where there is one.
     pub fn document(&self) -> Map<String, Value> {
-        let Ok(Value::Object(mut document)) = serde_json::to_value(self.summary()) else { return Map::new() };
-        if let Some(kind) = self.vehicle_kind() {
-            document.insert("vehicle_kind".to_owned(), json!(kind));
-        }
-        document.insert("converter".to_owned(), json!(self.converter.stats()));
-        if let Some(result) = self.truth.result() {
-            document.insert("truth_comparison".to_owned(), json!(result));
-        }
+        let document = ReplayDocument {
+            summary: self.summary(),
+            vehicle_kind: self.vehicle_kind(),
+            converter: self.converter.stats(),
+            truth_comparison: self.truth.result(),
+            log_damage: None,
+        };
+        let Ok(Value::Object(document)) = serde_json::to_value(document) else { return Map::new() };
         document
     }
 }

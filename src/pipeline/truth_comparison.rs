@@ -2,13 +2,14 @@
 
 use crate::attitudes::Attitudes;
 use crate::sensors::truth::SimTruth;
+use schemars::JsonSchema;
 use serde::Serialize;
 
 /// Largest shift that is searched, s.
 const MAX_SHIFT_S: f64 = 0.02;
 
 /// The result.
-#[derive(Debug, Clone, PartialEq, Serialize)]
+#[derive(Debug, Clone, PartialEq, Serialize, JsonSchema)]
 pub struct TruthResult {
     /// Compared from this time after the first sample on, s.
     pub from_s: f64,

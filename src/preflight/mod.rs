@@ -12,13 +12,14 @@ use crate::mission_link::vehicle::Vehicle;
 use gaware_mission::airframe::Airframe;
 use gaware_mission::item::{Autopilot, LatLon};
 use gaware_mission::params::{ParamName, Parameters};
+use schemars::JsonSchema;
 use serde::Serialize;
 
 /// The check of whether the vehicle may be changed in its present state.
 pub const STATE: &str = "state";
 
 /// What a line of the table means.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Serialize)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Serialize, JsonSchema)]
 #[serde(rename_all = "snake_case")]
 pub enum Verdict {
     /// As it should be.
@@ -40,7 +41,7 @@ impl std::fmt::Display for Verdict {
 }
 
 /// A line of the table.
-#[derive(Debug, Clone, PartialEq, Eq, Serialize)]
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, JsonSchema)]
 pub struct Row {
     /// What was checked.
     pub check: &'static str,

@@ -36,11 +36,16 @@ pub fn wide(table: &str) -> String {
     format!("<div class=\"wide\" tabindex=\"0\">{table}</div>")
 }
 
+/// A value and its sigma stay on one line.
+fn together(text: &str) -> String {
+    text.replace(" ± ", "\u{a0}±\u{a0}")
+}
+
 /// The answers of a report: question, answer (markup), one line each.
 pub fn answers(rows: &[(&str, String)]) -> String {
     let rows = rows.iter().filter(|(_, answer)| !answer.is_empty());
     let rows: String =
-        rows.map(|(question, answer)| format!("<dt>{question}</dt><dd>{answer}</dd>")).collect();
+        rows.map(|(question, answer)| format!("<dt>{question}</dt><dd>{}</dd>", together(answer))).collect();
     format!("<dl class=\"answers\">{rows}</dl>")
 }
 

@@ -25,6 +25,7 @@ use health::{Health, Verdict};
 use imu::Unusable;
 use mavlink::dialects::ardupilotmega::{GPS_RAW_INT_DATA, HEARTBEAT_DATA, MavAutopilot, MavMessage, MavType};
 pub use notice::{Notice, Severity};
+use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 pub use source::{Autopilot, ImuSource};
 use source::{SourceChoice, Window};
@@ -52,7 +53,7 @@ pub struct ConverterOptions {
 }
 
 /// What came of the frames so far.
-#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 #[serde(default)]
 pub struct ConverterStats {
     /// Frames fed.

@@ -16,6 +16,7 @@ use clock::{Clock, GAP_US};
 use gaps::GapMeter;
 pub use gaps::Gaps;
 use gaware_nav::sample::{AttitudeHint, GnssFix, ImuSample, ImuStream, RestartReason, Sample};
+use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 use std::collections::VecDeque;
 pub use stretch::{Stretch, stretches};
@@ -43,7 +44,7 @@ pub enum Measurement {
 }
 
 /// What was refused, and why.
-#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 #[serde(default)]
 pub struct TimeCounts {
     /// Inertial samples given out.

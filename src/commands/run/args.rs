@@ -14,8 +14,11 @@ use std::time::Duration;
 pub struct RunArgs {
     /// Link to the vehicle: serial:/dev/ttyAMA0:921600, udpin:0.0.0.0:14550, udpout:HOST:PORT or tcpout:HOST:PORT; may
     /// be given several times.
-    #[arg(long, value_name = "ADDR", required = true)]
+    #[arg(long, value_name = "ADDR", required_unless_present = "config")]
     pub connect: Vec<Address>,
+    /// Take options from this file, see `gaware config`; what the command line gives wins.
+    #[arg(long, value_name = "FILE")]
+    pub config: Option<PathBuf>,
     /// Model of the sensors (default: g-sensitivity and GNSS latency are estimated).
     #[arg(long, value_name = "FILE")]
     pub model: Option<PathBuf>,
@@ -42,7 +45,7 @@ pub struct RunArgs {
     /// Heights that proposed maneuvers keep to.
     #[command(flatten)]
     pub band: BandArgs,
-    /// Whom to listen to.
+    /// Source of the samples.
     #[command(flatten)]
     pub listen: ListenArgs,
     /// Sign with this key (32 bytes or 64 hexadecimal digits) and accept only frames signed with it. The last time used
@@ -56,7 +59,7 @@ pub struct RunArgs {
     /// Serve the web page on this address.
     #[arg(long, value_name = "ADDR")]
     pub web: Option<SocketAddr>,
-    /// Token that the web page asks for; without one, a page on any other than this machine's own address makes one up.
+    /// Token that the web page asks for; generated automatically when the page is served on a non-loopback address.
     #[arg(long, value_name = "TOKEN", env = "GAWARE_WEB_TOKEN", hide_env_values = true)]
     pub web_token: Option<String>,
     /// A planned mission (.plan or .waypoints, see `gaware plan`) that may be uploaded from the page or the terminal; nothing is

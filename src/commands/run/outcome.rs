@@ -27,7 +27,7 @@ pub(super) fn received_anything<E: Estimator>(
         _ if heard.is_empty() => {
             format!("{frames} MAVLink frames were received and no heartbeat of an autopilot among them")
         }
-        _ => format!("no inertial data were received; heard: {heard}"),
+        _ => format!("no inertial data were received; messages came from: {heard}"),
     }))
 }
 

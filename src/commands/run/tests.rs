@@ -1,8 +1,7 @@
 //! A run over a real socket, and the replay of its recording.
 
 use super::*;
-use crate::commands::ListenArgs;
-use crate::commands::replay::{ReplayArgs, replay};
+use crate::commands::replay::{ReplayRequest, replay};
 use crate::engine::snapshot::Summary;
 use crate::logs::{self, Item};
 use crate::pipeline::Consumer;
@@ -53,15 +52,8 @@ fn run_args(line: &[&str]) -> RunArgs {
     <Cli as clap::Parser>::parse_from([&["run"], line].concat()).run
 }
 
-fn replay_args(log: &Path) -> ReplayArgs {
-    ReplayArgs {
-        log: log.to_owned(),
-        json: true,
-        model: None,
-        baseline: None,
-        listen: ListenArgs::default(),
-        truth_from: 150.0,
-    }
+fn replay_args(log: &Path) -> ReplayRequest {
+    ReplayRequest { log: log.to_owned(), truth_from_s: 150.0, ..ReplayRequest::default() }
 }
 
 fn hooks() -> (Hooks, watch::Receiver<Arc<Live>>, mpsc::Sender<MavMessage>) {

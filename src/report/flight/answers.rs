@@ -24,7 +24,7 @@ pub fn head(origin: &super::Origin, s: &Summary, body: &mut String) {
          {} rejected · model: {} · gaware {}</p><p class=\"verdict\">{}</p>",
         escape(&origin.log),
         escape(date),
-        escape(&s.autopilot),
+        if s.autopilot == "unknown" { "autopilot not in the log".to_owned() } else { escape(&s.autopilot) },
         s.duration_s,
         escape(imu),
         s.imu.rate_hz,
@@ -35,7 +35,7 @@ pub fn head(origin: &super::Origin, s: &Summary, body: &mut String) {
         s.gnss.rejected,
         escape(&origin.model),
         env!("CARGO_PKG_VERSION"),
-        escape(&words::verdict(s))
+        escape(&words::verdict(s)).replacen("`gaware explain`", "<code>gaware explain</code>", 1)
     );
     if !s.warnings.is_empty() {
         body.push_str("<ul>");
@@ -58,7 +58,9 @@ pub fn answers(
     let usable = s.implausible.is_empty();
     let g: Vec<&StateStatus> = s.observability.states.iter().filter(|x| is_g(&x.name)).collect();
     let observable = g.iter().filter(|x| x.status == Status::Observable).count();
-    let next = if usable && observable == g.len() {
+    let next = if !usable {
+        "Run <code>gaware explain</code> on this log: it names the unmodelled error. Then replay with its <code>model.toml</code>."
+    } else if observable == g.len() {
         "Run <code>gaware explain</code> on this log: it tests which effects the model lacks."
     } else {
         "Fly what is named in the verdict, then run <code>gaware explain</code> on the log."
@@ -163,7 +165,7 @@ fn whose(c: &Comparison) -> String {
     });
     turns.map_or(course.clone(), |r| {
         format!(
-            "They differ by {:.2} / {:.2} / {:.2}° RMS in roll, pitch, yaw ({}); our own sigma is {:.2} / {:.2} / {:.2}°.{course} \
+            "The autopilot and this estimate differ by {:.2} / {:.2} / {:.2}° RMS in roll, pitch, yaw, {}; our own sigma is {:.2} / {:.2} / {:.2}°.{course} \
              <a href=\"#attitude\">Comparison</a>.",
             r.rms_deg[0], r.rms_deg[1], r.rms_deg[2], r.regime, r.sigma_deg[0], r.sigma_deg[1], r.sigma_deg[2]
         )
@@ -198,13 +200,13 @@ fn fit(s: &Summary, fixes: &[Channel]) -> String {
         )
     });
     let word = if nis > 1.5 {
-        "too large: the model lacks something"
+        "too large, so the model lacks an effect"
     } else if nis < 0.5 {
-        "too small: the model is pessimistic"
+        "too small, so the model assumes more noise than there is"
     } else {
         "as it should be"
     };
-    format!("NIS of the fixes used {nis:.2} per degree of freedom, 1 is right: {word}.{outlier}")
+    format!("NIS of the fixes used: {nis:.2} per degree of freedom (1 is right), {word}.{outlier}")
 }
 
 /// The last section.

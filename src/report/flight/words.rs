@@ -40,8 +40,8 @@ pub fn verdict(summary: &Summary) -> String {
     let g = &summary.estimate.g_sensitivity_deg_per_h_per_g;
     if !summary.implausible.is_empty() {
         return format!(
-            "The values are not usable: {} left what the model expects of such a sensor by far, so these states absorb an \
-             unmodelled error. `gaware explain` names it; give its model.toml to this command.",
+            "The values are not usable: the estimates of {} are far outside what the model expects of such a sensor, so these states absorb an \
+             unmodelled error. Run `gaware explain` to name it, then give its model.toml to this command.",
             summary.implausible.join(", ")
         );
     }
@@ -80,7 +80,7 @@ pub fn verdict(summary: &Summary) -> String {
     let nis = summary.consistency.nis_mean_per_dof;
     if nis > 1.5 {
         text.push_str(&format!(
-            " The fixes disagree with the model more than it expects (NIS {} per degree of freedom, 1 is right): `gaware explain` names what is missing.",
+            " The fixes disagree with the model more than it expects (NIS {} per degree of freedom, 1 is right): `gaware explain` names the unmodelled effect.",
             number(nis)
         ));
     }
@@ -154,7 +154,7 @@ mod tests {
     }
 
     #[test]
-    fn values_that_no_sensor_has_are_not_believed() {
+    fn values_that_no_sensor_has_are_not_shown() {
         let mut summary = Summary { phase: Phase::Running, ..Summary::default() };
         summary.estimate.g_sensitivity_deg_per_h_per_g.value[1][0] = -2500.0;
         summary.estimate.g_sensitivity_deg_per_h_per_g.sigma[1][0] = 200.0;
@@ -162,7 +162,7 @@ mod tests {
             StateStatus { name: "g21".to_owned(), sigma: 200.0, sigma_ratio: 0.55, ..StateStatus::default() };
         summary.observability.states = vec![state];
         summary.implausible = vec!["g21".to_owned()];
-        assert!(verdict(&summary).contains("not usable: g21 left"), "{}", verdict(&summary));
+        assert!(verdict(&summary).contains("not usable: the estimates of g21 are"), "{}", verdict(&summary));
         summary.estimate.g_sensitivity_deg_per_h_per_g.value[1][0] = -1400.0;
         summary.implausible.clear();
         assert!(verdict(&summary).contains("disturbs the pitch gyro"), "{}", verdict(&summary));
