@@ -70,6 +70,23 @@ test("beyond localhost the page opens with the token only, and keeps it out of t
   await server.stop();
 });
 
+test("without the token the upload button asks for it, and before there is an estimate there is no figure", async () => {
+  const server = await serve("--bind", "127.0.0.1:0", "--token", TOKEN, "--from", "0", "--speed", "0.1", "--commands");
+  const { page, close } = await open(browser);
+  await page.goto(server.url);
+  await page.waitForFunction(() => document.querySelectorAll(".cell").length === 9);
+  assert.equal(await page.evaluate(() => document.body.innerText.match(/[+−]?\d+\.\d\n±/)), null);
+  assert.equal(await page.locator("#weak").isVisible(), false);
+  assert.match(await page.locator("#upload").textContent(), /Sign in/);
+  await page.click("#upload");
+  await page.fill("#sign-in input", TOKEN);
+  await page.click("#sign-in button[type=submit]");
+  await page.waitForFunction(() => document.querySelector("#upload").textContent.startsWith("Upload"));
+  assert.equal(new URL(page.url()).search, "");
+  await close();
+  await server.stop();
+});
+
 test("a server beyond localhost without a token does not start", async () => {
   await assert.rejects(serve("--bind", "0.0.0.0:0"), /ended with 1/);
 });

@@ -254,11 +254,12 @@ pub(super) fn g_rows(frame: &mut Frame, view: &View, area: Rect, bars: bool) {
         for (c, (value, sigma)) in values.iter().zip(sigmas).enumerate() {
             let state = state_of(view, &format!("g{}{}", r + 1, c + 1));
             let style = view.of(state.map_or(Status::Unobservable, |s| s.status));
-            // No filter gives a sigma of zero: nothing is estimated yet.
-            let text = match *sigma {
-                0.0 => "-".to_owned(),
+            // Before the filter runs there is only the prior.
+            let text = if view.snapshot.phase != Phase::Running || *sigma == 0.0 {
+                "-".to_owned()
+            } else {
                 // Rounded and without the sign of a negative zero.
-                sigma => format!("{:+.1} {plus_minus}{}", (value * 10.0).round() / 10.0 + 0.0, brief(sigma)),
+                format!("{:+.1} {plus_minus}{}", (value * 10.0).round() / 10.0 + 0.0, brief(*sigma))
             };
             figures.push(Span::styled(format!("{text:<column$}"), style));
             let bar = view.bar(column.saturating_sub(2), state.map_or(0.0, way_to_target));
@@ -367,10 +368,10 @@ pub(super) fn states(frame: &mut Frame, view: &View, area: Rect) {
         .states
         .iter()
         .map(|s| {
-            let bar = view.bar(10, way_to_target(s));
+            let bar = view.bar(8, way_to_target(s));
             let figures = format!("{:>6} /{:>5} {}", brief(s.sigma), brief(s.target), s.unit);
             Line::from(vec![
-                Span::styled(format!("{:<6}", s.name), BOLD),
+                Span::styled(format!("{:<8}", s.name), BOLD),
                 Span::styled(bar, view.of(s.status)),
                 Span::raw(format!(" {figures}")),
             ])

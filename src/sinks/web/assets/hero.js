@@ -110,7 +110,7 @@ function flying(s, sinks, silentS) {
   const byHand = vehicle.control === "autopilot" && s.phase === "running" && !s.guidance.done ? s.guidance.instruction : "";
   facts($("flying"), [
     ["Link", stale ? `no data for ${clock(silentS)}` : `${LINK[link.state] ?? "–"}, ${num(link.rate_hz, 0)}/s, ${count(link.lost)} lost`],
-    ["Mode", vehicle.mode || "–"],
+    ["Mode", vehicle.mode ? `${stale ? "last: " : ""}${vehicle.mode}` : "–"],
     ["By hand", joined(byHand) || "–"],
     ["Last", s.guidance.last_result ? capital(s.guidance.last_result) : "–"],
   ]);

@@ -106,9 +106,9 @@ function gMatrix(s) {
       // Before the filter runs there is only the prior.
       const estimated = s.phase === "running" && g.sigma[r][c] > 0;
       setText(cell.children[1], estimated ? signed(g.value[r][c], 1) : "–");
-      setText(cell.children[2], estimated ? `± ${brief(g.sigma[r][c])}` : "no estimate");
+      setText(cell.children[2], estimated ? `± ${brief(g.sigma[r][c])}` : "\u00a0");
       cell.children[3].firstChild.style.width = `${(state ? wayToTarget(state) : 0) * 100}%`;
-      setText(cell.children[4], `, ${STATUS[status].word}`);
+      setText(cell.children[4], estimated ? `, ${STATUS[status].word}` : ", no estimate");
     }
   }
   weak(s);
