@@ -60,7 +60,7 @@ async function watch(address, token) {
   const all = (what) => Promise.all(pages.map(what));
   return {
     first: pages[0].page,
-    until: (test, arg) => all(({ page }) => page.waitForFunction(test, arg, { timeout: 120000 })),
+    until: (test, arg) => all(({ page }) => page.waitForFunction(test, arg, { timeout: 300000 })),
     async picture(state) {
       await pages[0].page.waitForTimeout(700);
       await all(({ page, name }) => page.screenshot({ path: join(OUT, `${state}-${name}.png`) }));
@@ -124,7 +124,7 @@ async function unknown() {
 
 async function demonstration() {
   const address = `127.0.0.1:${await port()}`;
-  const demo = gaware("demo", "--headless", "--speed", "16", "--web", address, "--report", "/dev/null");
+  const demo = gaware("demo", "--headless", "--speed", "40", "--web", address, "--report", "/dev/null");
   const page = await watch(address);
   await page.picture("a-planning");
   const reached = (s) => document.querySelector("#clock").textContent.split(":").reduce((a, x) => 60 * a + Number(x), 0) >= s;
