@@ -43,7 +43,7 @@ const charts = [
     band: [-2, 2],
     digits: 1,
   }),
-  new StripChart($("chart-s"), $("cap-s"), "Largest sigma per column of G", "deg/h/g; target dashed", {
+  new StripChart($("chart-s"), $("cap-s"), "Sigma of G by column", "deg/h/g", {
     pick: (p) => [0, 1, 2].map((c) => Math.max(p.sigma[c], p.sigma[c + 3], p.sigma[c + 6])),
     series: ["x", "y", "z"].map((name, i) => ({ name, color: XYZ[i] })),
     floor: [20, 400],

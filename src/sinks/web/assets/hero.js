@@ -16,13 +16,13 @@ export function decide(s, sinks, silentS) {
     const unknown = mission.state === "unknown";
     return {
       kicker: "No data", level: "lost", progress: null, words: "",
-      text: unknown ? "No new data, mission unknown" : "No new data",
+      text: unknown ? capital(`${whatIsUnknown(mission)} unknown`) : "No new data",
       // The seconds are not read aloud every time: only the words above are announced.
-      reason: `${unknown ? `${mission.text}. ` : ""}Nothing for ${clock(silentS)}: everything below is old. Fly by your own instruments; the page goes on by itself when data return.`,
+      reason: unknown ? mission.text : `Nothing for ${clock(silentS)}: everything below is old. Fly by your own instruments; the page goes on by itself when data return.`,
     };
   }
   if (mission.state === "unknown" && !["pilot", "autopilot"].includes(vehicle.control)) {
-    return { kicker: "Mission", level: "lost", text: "Mission on the vehicle unknown", reason: mission.text, progress: null, words: "" };
+    return { kicker: "Mission", level: "lost", text: capital(`${whatIsUnknown(mission)} on the vehicle unknown`), reason: mission.text, progress: null, words: "" };
   }
   if (s.phase !== "running") {
     return { kicker: PHASE[s.phase] ?? "Waiting", level: "wait", text: s.waiting_for || PHASE[s.phase] || "", reason: "", progress: null, words: "" };
@@ -37,6 +37,8 @@ export function decide(s, sinks, silentS) {
   const progress = Math.min(1, Math.max(0, g.progress || 0));
   return { kicker: "Fly now", level: "fly", text: g.instruction, reason: g.reason, progress, words: `${Math.round(progress * 100)} %` };
 }
+
+const whatIsUnknown = (mission) => (/geofence/i.test(mission.text.split(":")[0]) ? "geofence" : "mission");
 
 /** Maneuvers are for a vehicle that flies. */
 function onGround(mission) {
