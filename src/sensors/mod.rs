@@ -309,7 +309,9 @@ impl Converter {
                 self.stats.imu_clipped += u64::from(reading.clipped);
                 if self.measures(&reading, out) {
                     self.in_time(&Measurement::Imu(reading.stamp, reading.sample), out);
-                    self.health.stamps(self.time.counts().imu_unconfirmed, &mut self.notices);
+                    let counts = self.time.counts();
+                    let misplaced = counts.imu_unconfirmed + counts.fix_misplaced;
+                    self.health.stamps(misplaced, &mut self.notices);
                 }
                 self.missing = 0;
             }

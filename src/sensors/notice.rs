@@ -144,9 +144,9 @@ impl fmt::Display for Notice {
             Self::SensorMeasures => f.write_str("the inertial sensor measures again"),
             Self::StampsDisagree { refused, of } => write!(
                 f,
-                "{refused} of {of} inertial time stamps were out of place and rejected: another autopilot with the same system id, a damaged clock, or a link that delays frames by seconds"
+                "{refused} time stamps of samples and fixes among {of} samples were out of place and rejected: another autopilot with the same system id, a damaged clock, or a link that delays frames by seconds"
             ),
-            Self::StampsAgree => f.write_str("inertial time stamps are in order again"),
+            Self::StampsAgree => f.write_str("time stamps of samples and fixes are in order again"),
             Self::NoFix => f.write_str("the GNSS receiver has no 3-D fix"),
             Self::FixGained => f.write_str("the GNSS receiver has a 3-D fix"),
             Self::RateGood { rate_hz } => write!(f, "inertial samples arrive at {rate_hz:.0} Hz"),

@@ -12,8 +12,8 @@ const FROZEN_US: u64 = 1_000_000;
 const STUCK_US: u64 = 2_000_000;
 /// … and one at zero, where truncation has a dead zone of two steps.
 const STUCK_AT_ZERO_US: u64 = 10_000_000;
-/// An accelerometer of a vehicle that moves by its fixes: vibration is always there.
-const STUCK_IN_FLIGHT_US: u64 = 1_000_000;
+/// An accelerometer of a vehicle that has moved by its fixes all the while, away from zero: vibration is always there.
+const STUCK_IN_FLIGHT_US: u64 = 2_000_000;
 /// Fewer equal values in a row prove nothing.
 const ENOUGH: u32 = 40;
 /// Samples further apart than this begin anew, µs.
@@ -91,6 +91,8 @@ struct Axis {
     run: u32,
     /// The axes of the same kind since then.
     others: [Range; 3],
+    /// When their range became motion, µs.
+    motion_us: Option<u64>,
 }
 
 /// What is remembered of a stream of samples.
@@ -108,6 +110,8 @@ struct Memory {
 #[derive(Debug, Clone, Default)]
 pub struct StuckWatch {
     memory: Option<Memory>,
+    /// Since when the vehicle moves by its fixes, µs. A take-off begins with values that have not changed for long.
+    moving_since_us: Option<u64>,
 }
 
 /// Axes 0 to 2 are gyros, 3 to 5 accelerometers: of the kind of `k`.
@@ -130,6 +134,7 @@ impl StuckWatch {
                 since_us: t_us,
                 run: 1,
                 others: kind_of(k, &values).map(Range::at),
+                motion_us: None,
             }),
             bucket: values.map(Range::at),
             before: [0.0; 6],
@@ -140,7 +145,11 @@ impl StuckWatch {
             *memory = fresh();
         }
         memory.take(t_us, &values);
-        memory.stuck(moving)
+        let since_us = *self.moving_since_us.get_or_insert(t_us);
+        if !moving {
+            self.moving_since_us = None;
+        }
+        memory.stuck(moving.then(|| t_us.saturating_sub(since_us)))
     }
 }
 
@@ -153,9 +162,20 @@ impl Memory {
             if axis.value == *value {
                 axis.run = axis.run.saturating_add(1);
                 axis.others.iter_mut().zip(others).for_each(|(range, v)| range.take(v));
+                if axis.motion_us.is_none()
+                    && axis.others.iter().any(|r| r.width() > MOTION[usize::from(k >= 3)])
+                {
+                    axis.motion_us = Some(t_us);
+                }
             } else {
                 changed = true;
-                *axis = Axis { value: *value, since_us: t_us, run: 1, others: others.map(Range::at) };
+                *axis = Axis {
+                    value: *value,
+                    since_us: t_us,
+                    run: 1,
+                    others: others.map(Range::at),
+                    motion_us: None,
+                };
             }
         }
         if !changed {
@@ -168,20 +188,23 @@ impl Memory {
         self.bucket.iter_mut().zip(values).for_each(|(range, v)| range.take(*v));
     }
 
-    fn stuck(&self, moving: bool) -> Option<StuckSensor> {
+    /// `moved_for_us`: since when the vehicle moves by its fixes.
+    fn stuck(&self, moved_for_us: Option<u64>) -> Option<StuckSensor> {
+        let moved_for = |least: u64| moved_for_us.is_some_and(|for_us| for_us >= least);
         // Of slow streams a second holds too few values.
         let unchanged_us =
             |axis: &Axis| if axis.run < ENOUGH { 0 } else { self.now_us.saturating_sub(axis.since_us) };
         if self.axes.iter().all(|a| unchanged_us(a) >= FROZEN_US) {
             let moved = moved(&self.before) || moved(&self.bucket.map(|r| r.width()));
-            return (moving || moved).then_some(StuckSensor::All);
+            return (moved_for(FROZEN_US) || moved).then_some(StuckSensor::All);
         }
         let stuck = |(k, axis): (usize, &Axis)| {
-            if k >= 3 && moving && unchanged_us(axis) >= STUCK_IN_FLIGHT_US {
+            let in_flight = k >= 3 && axis.value != 0.0 && moved_for(STUCK_IN_FLIGHT_US);
+            if in_flight && unchanged_us(axis) >= STUCK_IN_FLIGHT_US {
                 return Some(StuckSensor::axis(k));
             }
             let limit_us = if axis.value == 0.0 { STUCK_AT_ZERO_US } else { STUCK_US };
-            let motion = axis.others.iter().any(|r| r.width() > MOTION[usize::from(k >= 3)]);
+            let motion = axis.motion_us.is_some_and(|from| self.now_us.saturating_sub(from) >= STUCK_US);
             (unchanged_us(axis) >= limit_us && motion).then(|| StuckSensor::axis(k))
         };
         self.axes.iter().enumerate().find_map(stuck)
@@ -237,6 +260,19 @@ mod tests {
         // Frozen since before the flight: the fixes show that it flies.
         let found = watch(300, |k| k > 200, |_| resting(1));
         assert_eq!((found[199], found[299]), (None, Some(StuckSensor::All)));
+    }
+
+    /// ArduPilot's own simulation has no vibration: the vertical axis stays at 1 g until the launch has left the ground.
+    #[test]
+    fn a_launch_without_vibration_is_no_stuck_sensor() {
+        let launch = |k: u64| {
+            let mut values = flying(k);
+            if k < 280 {
+                values = [0.0, 0.0, 0.0, if k < 220 { 0.0 } else { values[3] + 5.0 }, 0.0, -9.816];
+            }
+            values
+        };
+        assert!(watch(2000, |k| k > 230, launch).iter().all(Option::is_none));
     }
 
     #[test]
