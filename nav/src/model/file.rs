@@ -1,5 +1,6 @@
 //! `model.toml`: reading and writing, with units in the names of the keys (design, section 3).
 
+use super::ranges::{self, Range};
 use super::{EffectSetting, Model, ModelError, QuantisationBelief};
 use crate::effects::{self, Effect, ParameterGroup, Shape};
 use serde::{Deserialize, Serialize};
@@ -181,38 +182,19 @@ impl Model {
     }
 }
 
-fn usable(key: &str, value: f64, positive: bool) -> Result<f64, ModelError> {
-    let reason = if !value.is_finite() {
-        "it must be a finite number"
-    } else if positive && value <= 0.0 {
-        "it must be positive"
-    } else {
-        return Ok(value);
-    };
-    Err(ModelError::Value { key: key.to_owned(), value, reason })
-}
-
-fn not_negative(key: &str, value: f64) -> Result<f64, ModelError> {
-    usable(key, value, false)?;
-    if value < 0.0 {
-        return Err(ModelError::Value { key: key.to_owned(), value, reason: "it must not be negative" });
-    }
-    Ok(value)
-}
-
 fn imu_from_file(f: &Imu) -> Result<super::ImuModel, ModelError> {
     for v in f.gyro_bias_deg_per_s {
-        usable("gyro_bias_deg_per_s", v, false)?;
+        ranges::BIAS.check("gyro_bias_deg_per_s", v)?;
     }
     for v in f.accel_bias_m_per_s2 {
-        usable("accel_bias_m_per_s2", v, false)?;
+        ranges::BIAS.check("accel_bias_m_per_s2", v)?;
     }
+    let sigma = |key, value| ranges::INERTIAL_SIGMA.check(key, value);
     Ok(super::ImuModel {
-        gyro_noise: usable("gyro_noise_deg_per_s_per_rthz", f.gyro_noise_deg_per_s_per_rthz, true)?
-            .to_radians(),
-        accel_noise: usable("accel_noise_m_per_s2_per_rthz", f.accel_noise_m_per_s2_per_rthz, true)?,
-        gyro_bias_sigma: usable("gyro_bias_sigma_deg_per_s", f.gyro_bias_sigma_deg_per_s, true)?.to_radians(),
-        accel_bias_sigma: usable("accel_bias_sigma_m_per_s2", f.accel_bias_sigma_m_per_s2, true)?,
+        gyro_noise: sigma("gyro_noise_deg_per_s_per_rthz", f.gyro_noise_deg_per_s_per_rthz)?.to_radians(),
+        accel_noise: sigma("accel_noise_m_per_s2_per_rthz", f.accel_noise_m_per_s2_per_rthz)?,
+        gyro_bias_sigma: sigma("gyro_bias_sigma_deg_per_s", f.gyro_bias_sigma_deg_per_s)?.to_radians(),
+        accel_bias_sigma: sigma("accel_bias_sigma_m_per_s2", f.accel_bias_sigma_m_per_s2)?,
         gyro_bias: f.gyro_bias_deg_per_s.map(f64::to_radians),
         accel_bias: f.accel_bias_m_per_s2,
         quantisation: match f.quantisation {
@@ -226,16 +208,16 @@ fn imu_from_file(f: &Imu) -> Result<super::ImuModel, ModelError> {
 
 fn gnss_from_file(f: &Gnss) -> Result<super::GnssModel, ModelError> {
     for v in f.position_sigma_m {
-        usable("position_sigma_m", v, true)?;
+        ranges::FIX_SIGMA.check("position_sigma_m", v)?;
     }
     for v in f.velocity_sigma_m_per_s {
-        usable("velocity_sigma_m_per_s", v, true)?;
+        ranges::FIX_SIGMA.check("velocity_sigma_m_per_s", v)?;
     }
     for v in f.position_wander_sigma_m {
-        not_negative("position_wander_sigma_m", v)?;
+        ranges::OPTIONAL_FIX_SIGMA.check("position_wander_sigma_m", v)?;
     }
-    not_negative("position_correlation_s", f.position_correlation_s)?;
-    not_negative("time_sigma_s", f.time_sigma_s)?;
+    ranges::CORRELATION_S.check("position_correlation_s", f.position_correlation_s)?;
+    ranges::STAMP_S.check("time_sigma_s", f.time_sigma_s)?;
     Ok(super::GnssModel {
         position_sigma_m: f.position_sigma_m,
         velocity_sigma_m_per_s: f.velocity_sigma_m_per_s,
@@ -254,16 +236,17 @@ fn setting_from_toml(effect: &'static dyn Effect, value: &Value) -> Result<Effec
     for group in effect.groups() {
         let (value_key, sigma_key) =
             (format!("value_{}", group.unit.suffix), format!("sigma_{}", group.unit.suffix));
-        let v = table.get(&value_key).map(|v| numbers(effect, group, v, &value_key)).transpose()?;
-        let s = table.get(&sigma_key).map(|v| numbers(effect, group, v, &sigma_key)).transpose()?;
+        let read =
+            |key: &str, range| table.get(key).map(|v| numbers(effect, group, v, key, range)).transpose();
+        let v = read(&value_key, Range::of_value(group))?;
+        let s = read(&sigma_key, Range::of_sigma(group))?;
         given |= v.is_some() || s.is_some();
         for sigma in s.iter().flatten() {
-            not_negative(&sigma_key, *sigma)?;
             if *sigma > 0.0 && !group.is_state() {
                 return Err(ModelError::Value {
                     key: sigma_key,
                     value: *sigma / group.unit.si,
-                    reason: "no filter can estimate this parameter; give its value alone",
+                    reason: "no filter can estimate this parameter; give its value alone".to_owned(),
                 });
             }
         }
@@ -294,6 +277,7 @@ fn numbers(
     group: &ParameterGroup,
     value: &Value,
     key: &str,
+    range: Range,
 ) -> Result<Vec<f64>, ModelError> {
     let mut flat = Vec::new();
     flatten(value, &mut flat);
@@ -309,13 +293,13 @@ fn numbers(
             return Err(ModelError::Value {
                 key: key.to_owned(),
                 value: v,
-                reason: "the diagonal must be zero",
+                reason: "the diagonal must be zero".to_owned(),
             });
         }
         flat = (0..9).filter(|i| i % 4 != 0).map(|i| flat[i]).collect();
     }
     for v in &flat {
-        usable(key, *v, false)?;
+        range.check(key, *v)?;
     }
     Ok(flat.into_iter().map(|v| v * group.unit.si).collect())
 }

@@ -4,6 +4,7 @@
 //! predict with it. In memory everything is SI; [`mod@file`] reads and writes `model.toml` with units in the names.
 
 pub mod file;
+mod ranges;
 mod tolerances;
 
 use crate::earth::STANDARD_GRAVITY;
@@ -343,7 +344,7 @@ pub enum ModelError {
         /// As written.
         value: f64,
         /// Why.
-        reason: &'static str,
+        reason: String,
     },
 }
 
