@@ -12,27 +12,37 @@ use mcap::records::{Record as McapRecord, op};
 use mcap::sans_io::linear_reader::{LinearReadEvent, LinearReader, LinearReaderOptions};
 use std::collections::{BTreeMap, VecDeque};
 use std::fs::File;
-use std::io::{BufReader, Read, Seek, SeekFrom};
+use std::io::{BufReader, Read, Seek};
 use std::path::Path;
 
 /// First bytes of every MCAP file.
 pub const MAGIC: &[u8; 8] = b"\x89MCAP0\r\n";
 const HEADER_LEN: u64 = 9;
 /// Longer records are damage: a second of flight is some 100 kB.
-const RECORD_LIMIT: usize = 64 * 1024 * 1024;
+const RECORD_LIMIT: usize = 16 * 1024 * 1024;
+/// Chunks that claim to become longer than this many times their own length are damage: frames compress to a third.
+const EXPANSION_LIMIT: u64 = 100;
+/// Where the length after decompression stands in a chunk: behind two times.
+const UNCOMPRESSED_SIZE: usize = 8 + 8;
+/// Bytes that are searched for a chunk at a time.
+const SEARCH_STEP: usize = 4 * 1024;
+/// Chunks are looked for inside of damaged ones until so many times the file's length was read; from then on behind them.
+const REREAD_LIMIT: u64 = 8;
 /// Where the name of the compression stands behind the start of a chunk record: opcode, length, two times, size, CRC.
 const NAME_IN_CHUNK: usize = 1 + 8 + 8 + 8 + 8 + 4;
 const CHUNK_NAME: &[u8] = b"\x04\0\0\0zstd";
 
 /// Reads the frames of a recording.
-pub struct McapReader {
-    file: BufReader<File>,
+pub struct McapReader<F> {
+    file: BufReader<F>,
     position: u64,
     progress: Progress,
     damage: Damage,
     topics: BTreeMap<u16, String>,
     queue: VecDeque<Record>,
     records: u64,
+    /// Bytes of damaged chunks that were read.
+    damaged_bytes: u64,
     finished: bool,
 }
 
@@ -44,9 +54,9 @@ enum Top {
     End,
 }
 
-impl McapReader {
-    /// Starts behind the magic.
-    pub fn new(file: File, total_bytes: u64) -> Self {
+impl<F: Read + Seek> McapReader<F> {
+    /// Starts behind the magic of `file`, which has `total_bytes`.
+    pub fn new(file: F, total_bytes: u64) -> Self {
         Self {
             file: BufReader::with_capacity(256 * 1024, file),
             position: 0,
@@ -55,6 +65,7 @@ impl McapReader {
             topics: BTreeMap::new(),
             queue: VecDeque::new(),
             records: 0,
+            damaged_bytes: 0,
             finished: false,
         }
     }
@@ -63,10 +74,16 @@ impl McapReader {
         LogError::Read { read_bytes: self.progress.read_bytes, source }
     }
 
+    /// Goes to a place; what is in the buffer stays there, since places to try often lie side by side.
+    fn go_to(&mut self, place: u64) -> Result<(), LogError> {
+        let here = self.file.stream_position().map_err(|e| self.failed(e))?;
+        self.file.seek_relative(place.wrapping_sub(here).cast_signed()).map_err(|e| self.failed(e))
+    }
+
     fn top(&mut self) -> Result<Top, LogError> {
         if self.position == 0 {
             self.position = MAGIC.len() as u64;
-            self.file.seek(SeekFrom::Start(self.position)).map_err(|e| self.failed(e))?;
+            self.go_to(self.position)?;
         }
         let rest = self.progress.total_bytes.saturating_sub(self.position);
         if rest < HEADER_LEN {
@@ -93,11 +110,11 @@ impl McapReader {
     /// Goes to the next place behind the present one that looks like the start of a chunk.
     fn find_chunk(&mut self) -> Result<bool, LogError> {
         let from = self.position + 1;
-        self.file.seek(SeekFrom::Start(from)).map_err(|e| self.failed(e))?;
+        self.go_to(from)?;
         let (mut window, mut base) = (Vec::new(), from);
         loop {
             let old = window.len();
-            window.resize(old + 64 * 1024, 0);
+            window.resize(old + SEARCH_STEP, 0);
             let n = self.file.read(window.get_mut(old..).unwrap_or_default()).map_err(|e| self.failed(e))?;
             window.truncate(old + n);
             let hits = window.windows(CHUNK_NAME.len()).enumerate().filter(|(_, w)| *w == CHUNK_NAME);
@@ -106,7 +123,7 @@ impl McapReader {
             if let Some(k) = found {
                 self.damage.skipped_bytes += base + k as u64 - self.position;
                 self.position = base + k as u64;
-                self.file.seek(SeekFrom::Start(self.position)).map_err(|e| self.failed(e))?;
+                self.go_to(self.position)?;
                 return Ok(true);
             }
             if n == 0 {
@@ -130,6 +147,12 @@ impl McapReader {
                 Top::Record(op::CHUNK, body) => {
                     if self.chunk(&body).is_none() {
                         self.damage.bad_records += 1;
+                        self.damaged_bytes += body.len() as u64;
+                        // Nested chunks that are all damaged must not cost the square of the file's length.
+                        if self.damaged_bytes > REREAD_LIMIT * self.progress.total_bytes {
+                            self.damage.skipped_bytes += self.position - start;
+                            continue;
+                        }
                         self.position = start;
                         if !self.find_chunk()? {
                             return Ok(false);
@@ -150,6 +173,10 @@ impl McapReader {
 
     /// Takes a chunk in; nothing when its checksum or its content is wrong.
     fn chunk(&mut self, body: &[u8]) -> Option<()> {
+        let expanded = u64::from_le_bytes(*body.get(UNCOMPRESSED_SIZE..)?.first_chunk()?);
+        if expanded > EXPANSION_LIMIT.saturating_mul(body.len() as u64) {
+            return None;
+        }
         let mut record = Vec::with_capacity(body.len() + HEADER_LEN as usize);
         record.push(op::CHUNK);
         record.extend((body.len() as u64).to_le_bytes());
@@ -207,7 +234,7 @@ impl McapReader {
     }
 }
 
-impl Iterator for McapReader {
+impl<F: Read + Seek> Iterator for McapReader<F> {
     type Item = Result<Record, LogError>;
 
     fn next(&mut self) -> Option<Self::Item> {
@@ -233,7 +260,7 @@ impl Iterator for McapReader {
     }
 }
 
-impl LogReader for McapReader {
+impl<F: Read + Seek + Send> LogReader for McapReader<F> {
     fn progress(&self) -> Progress {
         self.progress
     }
@@ -248,7 +275,11 @@ impl LogReader for McapReader {
 pub fn recorded_setup(path: &Path) -> Option<Setup> {
     let file = File::open(path).ok()?;
     let total = file.metadata().ok()?.len();
-    let mut reader = McapReader::new(file, total);
+    setup_in(McapReader::new(file, total))
+}
+
+/// The set-up in a recording that has just been opened.
+pub fn setup_in(mut reader: McapReader<impl Read + Seek>) -> Option<Setup> {
     // It stands among the first records.
     for _ in 0..8 {
         let Top::Record(opcode, body) = reader.top().ok()? else { return None };
@@ -260,4 +291,70 @@ pub fn recorded_setup(path: &Path) -> Option<Setup> {
         }
     }
     None
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use std::cell::Cell;
+    use std::io::{Cursor, SeekFrom};
+    use std::rc::Rc;
+
+    /// Counts what is read.
+    struct Counted(Cursor<Vec<u8>>, Rc<Cell<u64>>);
+
+    impl Read for Counted {
+        fn read(&mut self, buffer: &mut [u8]) -> std::io::Result<usize> {
+            let n = self.0.read(buffer)?;
+            self.1.set(self.1.get() + n as u64);
+            Ok(n)
+        }
+    }
+
+    impl Seek for Counted {
+        fn seek(&mut self, to: SeekFrom) -> std::io::Result<u64> {
+            self.0.seek(to)
+        }
+    }
+
+    /// The start of a chunk that claims to reach to the end of the file and to expand to `expanded` bytes.
+    fn false_chunk(rest: usize, expanded: u64) -> Vec<u8> {
+        let records = (rest - 1 - 8 - 28 - CHUNK_NAME.len() - 8) as u64;
+        let mut out = vec![op::CHUNK];
+        out.extend((rest as u64 - HEADER_LEN).to_le_bytes());
+        out.extend([0; 16]);
+        out.extend(expanded.to_le_bytes());
+        out.extend([0; 4]);
+        out.extend(CHUNK_NAME);
+        out.extend(records.to_le_bytes());
+        out
+    }
+
+    #[test]
+    fn chunks_inside_of_chunks_that_are_all_damaged_are_not_read_without_end() {
+        const LEN: usize = 400_000;
+        // Within the file, and beyond its end.
+        for beyond in [0, 1000] {
+            let mut file = MAGIC.to_vec();
+            while file.len() + 200 < LEN {
+                let rest = LEN - file.len();
+                file.extend(false_chunk(rest + beyond, rest as u64));
+            }
+            file.resize(LEN, 0);
+            let read = Rc::new(Cell::new(0));
+            let mut reader = McapReader::new(Counted(Cursor::new(file), Rc::clone(&read)), LEN as u64);
+            assert!(matches!(reader.next(), Some(Err(LogError::NothingReadable { .. }))));
+            assert!(reader.damage.skipped_bytes <= LEN as u64, "{:?}", reader.damage);
+            // Each damaged chunk that is read empties the buffer of the file.
+            let limit = 2 * (REREAD_LIMIT + 2) * LEN as u64;
+            assert!(read.get() < limit, "{} bytes of a file of {LEN} were read", read.get());
+        }
+    }
+
+    #[test]
+    fn a_chunk_that_claims_to_expand_without_measure_is_damage() {
+        let body = false_chunk(300, 1 << 62);
+        let mut reader = McapReader::new(Cursor::new(Vec::new()), 0);
+        assert!(reader.chunk(&body[HEADER_LEN as usize..]).is_none());
+    }
 }

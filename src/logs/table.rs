@@ -10,12 +10,17 @@ use crate::timeline::{Measurement, Stamp};
 use gaware_nav::earth::Geodetic;
 use gaware_nav::sample::{FixVelocity, GnssFix, ImuSample, ImuStream, Quantisation, SampleKind};
 use nalgebra::Vector3;
+use std::fs::File;
+use std::io::Read;
 use std::path::{Path, PathBuf};
 
 /// Inertial samples in a folder.
 const IMU: &str = "imu.csv";
 /// Fixes in a folder, where no other table is named.
 const FIXES: &str = "gps.csv";
+/// Columns of both at least.
+const IMU_COLUMNS: usize = 7;
+const FIX_COLUMNS: usize = 13;
 
 /// Whether a path means tables: a folder that holds inertial samples, or a table.
 pub fn is_table(path: &Path) -> bool {
@@ -35,11 +40,14 @@ pub struct TableReader {
 /// # Errors
 /// A table that is missing, empty, too narrow or not numeric.
 pub(crate) fn rows(path: &Path, columns: usize) -> Result<Vec<Vec<f64>>, LogError> {
+    let file = File::open(path).map_err(|source| LogError::Open { path: path.to_owned(), source })?;
+    rows_of(file, path, columns)
+}
+
+/// The rows of a table; `path` is its name in errors.
+fn rows_of(table: impl Read, path: &Path, columns: usize) -> Result<Vec<Vec<f64>>, LogError> {
     let wrong = |row: usize, reason: String| LogError::Table { path: path.to_owned(), row, reason };
-    let mut reader = csv::Reader::from_path(path).map_err(|e| match e.into_kind() {
-        csv::ErrorKind::Io(source) => LogError::Open { path: path.to_owned(), source },
-        other => wrong(0, format!("{other:?}")),
-    })?;
+    let mut reader = csv::Reader::from_reader(table);
     let mut out: Vec<Vec<f64>> = Vec::new();
     for (i, record) in reader.deserialize::<Vec<f64>>().enumerate() {
         let row = record.map_err(|e| wrong(i + 1, e.to_string()))?;
@@ -96,6 +104,19 @@ impl TableReader {
             });
         }
         let fixes = if named { path.to_owned() } else { folder.join(FIXES) };
+        Ok(Self::of(rows(&folder.join(IMU), IMU_COLUMNS)?, rows(&fixes, FIX_COLUMNS)?))
+    }
+
+    /// Reads the content of two tables, inertial samples and fixes.
+    ///
+    /// # Errors
+    /// A table that is empty, too narrow or not numeric.
+    pub fn of_tables(imu: impl Read, fixes: impl Read) -> Result<Self, LogError> {
+        let imu = rows_of(imu, Path::new(IMU), IMU_COLUMNS)?;
+        Ok(Self::of(imu, rows_of(fixes, Path::new(FIXES), FIX_COLUMNS)?))
+    }
+
+    fn of(imu_rows: Vec<Vec<f64>>, fix_rows: Vec<Vec<f64>>) -> Self {
         let stream = ImuStream {
             message: IMU.into(),
             kind: SampleKind::IntervalMean,
@@ -103,11 +124,11 @@ impl TableReader {
         };
         let stamped = |t_s: f64| Stamp::from_seconds(t_s).unwrap_or(Stamp::Usec(0));
         let mut rows_of_both: Vec<(Stamp, Measurement)> = Vec::new();
-        for row in rows(&folder.join(IMU), 7)? {
+        for row in imu_rows {
             let stamp = stamped(row[0]);
             rows_of_both.push((stamp, Measurement::Imu(stamp, imu(&row))));
         }
-        for row in rows(&fixes, 13)? {
+        for row in fix_rows {
             let stamp = stamped(row[0]);
             rows_of_both.push((stamp, Measurement::Fix(Some(stamp), fix(&row))));
         }
@@ -119,7 +140,7 @@ impl TableReader {
             .chain(rows_of_both)
             .map(|(stamp, measurement)| Record { t_us: stamp.raw_us(), item: Item::Measurement(measurement) })
             .collect();
-        Ok(Self { total: items.len() as u64, items: items.into_iter(), read: 0 })
+        Self { total: items.len() as u64, items: items.into_iter(), read: 0 }
     }
 }
 

@@ -61,7 +61,7 @@ pub struct ReplayDocument {
 }
 
 /// Converter and engine in a row.
-#[derive(Debug)]
+#[derive(Debug, Clone)]
 pub struct Pipeline<E> {
     converter: Converter,
     engine: E,

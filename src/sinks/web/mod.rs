@@ -17,12 +17,13 @@ use crate::engine::snapshot::Snapshot;
 use access::{Policy, Token};
 use axum::Router;
 use axum::extract::DefaultBodyLimit;
+use axum::extract::connect_info::MockConnectInfo;
 use axum::middleware;
 use axum::routing::{get, post};
 use door::{Door, Places, Visitor};
 use guesses::Guesses;
 use history::History;
-use std::net::SocketAddr;
+use std::net::{IpAddr, SocketAddr};
 use std::sync::{Arc, Mutex};
 use std::time::Duration;
 use tokio::net::TcpListener;
@@ -100,6 +101,25 @@ struct Shared {
     shutdown: CancellationToken,
 }
 
+impl Shared {
+    fn new(state: WebState, local: bool, shutdown: CancellationToken) -> Arc<Self> {
+        Arc::new(Self {
+            policy: Policy::new(local, state.token.clone()),
+            state,
+            history: Mutex::default(),
+            streams: Places::new(MAX_STREAMS.0, MAX_STREAMS.1),
+            guesses: Guesses::default(),
+            shutdown,
+        })
+    }
+}
+
+/// The server without its socket, as a visitor from one address reaches it: for tests of what it answers. `local` is whether it listens on a
+/// loopback address only; the history stays empty.
+pub fn service(state: WebState, local: bool, visitor: IpAddr, shutdown: CancellationToken) -> Router {
+    router(Shared::new(state, local, shutdown)).layer(MockConnectInfo(Visitor(visitor)))
+}
+
 /// Serves until `shutdown`, then ends open streams and returns.
 ///
 /// # Errors
@@ -118,14 +138,7 @@ pub async fn serve(
     // Ends the streams and the history with the server, also when the server ended by itself.
     let stop = shutdown.child_token();
     let _ends_with_us = stop.clone().drop_guard();
-    let shared = Arc::new(Shared {
-        policy: Policy::new(local, state.token.clone()),
-        state,
-        history: Mutex::default(),
-        streams: Places::new(MAX_STREAMS.0, MAX_STREAMS.1),
-        guesses: Guesses::default(),
-        shutdown: stop.clone(),
-    });
+    let shared = Shared::new(state, local, stop.clone());
     tokio::spawn(history::keep(Arc::clone(&shared)));
     let app = router(shared).into_make_service_with_connect_info::<Visitor>();
     let server = axum::serve(Door::new(listener), app).with_graceful_shutdown(stop.clone().cancelled_owned());
