@@ -62,13 +62,13 @@ impl FromStr for Address {
 
     fn from_str(s: &str) -> Result<Self, Self::Err> {
         if s.starts_with("/dev/") {
-            return serial(&s.replacen(',', ":", 1));
+            return serial(s);
         }
         let (kind, rest) = s.split_once(':').ok_or_else(|| AddressError::Kind(s.to_owned()))?;
         // As a URL.
         let rest = rest.strip_prefix("//").unwrap_or(rest);
         match kind {
-            "serial" => serial(&rest.replacen(',', ":", 1)),
+            "serial" => serial(rest),
             "udpin" | "udp" => local(rest).map(Self::UdpIn),
             "udpout" => host_port(rest, "udpout").map(Self::UdpOut),
             "tcpout" | "tcp" => host_port(rest, "tcpout").map(Self::TcpOut),
@@ -84,8 +84,9 @@ fn local(rest: &str) -> Result<SocketAddr, AddressError> {
     whole.parse().map_err(|_| AddressError::Local(rest.to_owned()))
 }
 
+/// A device and its baud rate behind the last colon or comma.
 fn serial(rest: &str) -> Result<Address, AddressError> {
-    let (path, baud) = match rest.rsplit_once(':') {
+    let (path, baud) = match rest.rsplit_once([':', ',']) {
         None => (rest, DEFAULT_BAUD),
         Some((path, baud)) => match baud.parse() {
             Ok(baud) if baud > 0 => (path, baud),
@@ -95,12 +96,19 @@ fn serial(rest: &str) -> Result<Address, AddressError> {
     if path.is_empty() {
         return Err(AddressError::Device(rest.to_owned()));
     }
-    Ok(Address::Serial { path: path.to_owned(), baud })
+    // Several slashes at the start mean what one means, except in a URL.
+    let path = match path.trim_start_matches('/') {
+        below if below.len() < path.len() => format!("/{below}"),
+        below => below.to_owned(),
+    };
+    Ok(Address::Serial { path, baud })
 }
 
 fn host_port(rest: &str, kind: &'static str) -> Result<String, AddressError> {
     match rest.rsplit_once(':') {
-        Some((host, port)) if !host.is_empty() && port.parse::<u16>().is_ok_and(|p| p != 0) => {
+        Some((host, port))
+            if !host.is_empty() && !host.contains('/') && port.parse::<u16>().is_ok_and(|p| p != 0) =>
+        {
             Ok(rest.to_owned())
         }
         _ => Err(AddressError::HostPort(rest.to_owned(), kind)),
@@ -134,6 +142,7 @@ mod tests {
             "serial:/dev/ttyAMA0:921600",
             "udpin:0.0.0.0:14550",
             "udpin:[::1]:14550",
+            "serial:/dev/serial/by-id/usb-a,b:0:57600",
             "udpout:gcs.local:14550",
             "tcpout:127.0.0.1:5760",
         ] {
@@ -156,6 +165,7 @@ mod tests {
             ("/dev/ttyUSB0,57600", "serial:/dev/ttyUSB0:57600"),
             ("/dev/ttyACM0:921600", "serial:/dev/ttyACM0:921600"),
             ("/dev/ttyACM0", "serial:/dev/ttyACM0:57600"),
+            ("serial:////dev/ttyUSB0,9600", "serial:/dev/ttyUSB0:9600"),
         ] {
             assert_eq!(text.parse::<Address>().map(|a| a.to_string()).as_deref(), Ok(meant), "{text}");
         }
@@ -172,6 +182,7 @@ mod tests {
             ("udpin:localhost:14550", "local IP"),
             ("udpout:14550", "host and a port"),
             ("tcpout:host:0", "host and a port"),
+            ("tcp:////host:1", "host and a port"),
             ("tcpout:host:70000", "host and a port"),
         ] {
             let message = text.parse::<Address>().unwrap_err().to_string();

@@ -24,6 +24,8 @@ use tokio_util::sync::CancellationToken;
 
 /// Longest wait without a look around.
 const BREATH: Duration = Duration::from_millis(100);
+/// Shortest wait, the resolution of timers: a deadline that is closer must not be asked for again and again.
+const TICK: Duration = Duration::from_millis(1);
 /// A vehicle that was not heard for longer is not there, s.
 const HEARD_S: f64 = 5.0;
 /// After a loss of the link the restoration is kept ready for so long, s.
@@ -304,7 +306,7 @@ impl Wire for RunWire {
                 return Event::Stopped;
             }
             let left = deadline_s.map_or(BREATH, |t| {
-                Duration::from_secs_f64((t - self.now_s()).clamp(0.0, BREATH.as_secs_f64()))
+                Duration::from_secs_f64((t - self.now_s()).clamp(TICK.as_secs_f64(), BREATH.as_secs_f64()))
             });
             match tokio::time::timeout(left, self.frames.recv()).await {
                 Ok(Ok(received)) => {
