@@ -24,7 +24,7 @@ pub(super) const CORRELATION_S: Range = Range { from: 0.0, to: 1e6, zero: true }
 /// Jitter of stamps, s.
 pub(super) const STAMP_S: Range = Range { from: 0.0, to: 10.0, zero: true };
 /// Sigmas of an effect that a filter can estimate, in multiples of what is assumed where nothing is known; values up to the same.
-const IN_PRIORS: (f64, f64) = (1e-9, 1e6);
+const IN_PRIORS: (f64, f64) = (1e-9, 1e9);
 /// An instant, s, or a random walk, in the units of the file.
 const SET: Range = Range::up_to(1e9);
 
