@@ -34,6 +34,13 @@ pub fn encode(to: Address, message: &ParamMessage) -> (u32, Vec<u8>) {
             b.extend(name.to_wire());
             REQUEST_READ
         }
+        ParamMessage::RequestIndex { index } => {
+            // Numbers beyond what the field holds are none of any vehicle.
+            b.extend(i16::try_from(*index).unwrap_or(i16::MAX).to_le_bytes());
+            b.extend(address);
+            b.extend([0; 16]);
+            REQUEST_READ
+        }
         ParamMessage::RequestList => {
             b.extend(address);
             REQUEST_LIST

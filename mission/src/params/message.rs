@@ -10,6 +10,11 @@ pub enum ParamMessage {
         /// Parameter.
         name: ParamName,
     },
+    /// `PARAM_REQUEST_READ` (20) by number.
+    RequestIndex {
+        /// Number in the vehicle's list.
+        index: u16,
+    },
     /// `PARAM_REQUEST_LIST` (21): all of them.
     RequestList,
     /// `PARAM_VALUE` (22).

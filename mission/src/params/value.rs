@@ -101,6 +101,36 @@ impl ParamType {
     }
 }
 
+impl ParamType {
+    /// Whether a value of this type can be exactly this, up to single precision.
+    pub fn holds(self, value: f64) -> bool {
+        let within = |low: f64, high: f64| value.fract() == 0.0 && (low..=high).contains(&value);
+        match self {
+            Self::U8 => within(0.0, f64::from(u8::MAX)),
+            Self::I8 => within(f64::from(i8::MIN), f64::from(i8::MAX)),
+            Self::U16 => within(0.0, f64::from(u16::MAX)),
+            Self::I16 => within(f64::from(i16::MIN), f64::from(i16::MAX)),
+            Self::U32 => within(0.0, f64::from(u32::MAX)),
+            Self::I32 => within(f64::from(i32::MIN), f64::from(i32::MAX)),
+            Self::Real32 => value.is_finite() && (value as f32).is_finite(),
+        }
+    }
+}
+
+impl std::fmt::Display for ParamType {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.write_str(match self {
+            Self::U8 => "uint8",
+            Self::I8 => "int8",
+            Self::U16 => "uint16",
+            Self::I16 => "int16",
+            Self::U32 => "uint32",
+            Self::I32 => "int32",
+            Self::Real32 => "float",
+        })
+    }
+}
+
 /// How an integer lies in the four bytes of a value (MAVLink "Parameter Protocol", "Parameter Encoding").
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Encoding {
@@ -133,6 +163,13 @@ impl Encoding {
             (Self::ByBytes, ParamType::I32) => f64::from(bits.cast_signed()),
         };
         ParamValue { kind, value }
+    }
+
+    /// Whether two values of a type are one on the wire.
+    pub fn same(self, kind: ParamType, a: f64, b: f64) -> bool {
+        let bits = |value| self.encode(ParamValue { kind, value });
+        let zero = |v: f64| v as f32 == 0.0;
+        bits(a) == bits(b) || (zero(a) && zero(b) && (kind == ParamType::Real32 || self == Self::ByValue))
     }
 
     /// The bytes of a value; one beyond the range of its type becomes the nearest one.
