@@ -5,6 +5,7 @@
 // A closed pipe is no reason to panic: `commands::output` writes the results.
 #![cfg_attr(not(test), deny(clippy::print_stdout))]
 
+pub mod advice;
 pub mod attitudes;
 pub mod commands;
 pub mod demo;

@@ -295,7 +295,7 @@ fn flown_beside_a_run(folder: &Folder, sim: &[&str]) -> std::path::PathBuf {
 fn asked(log: &Path) -> Vec<(u32, f32)> {
     let frames = logs::open(log).unwrap().map_while(Result::ok).filter_map(|r| match r.item {
         Item::Frame(frame) => frame.decode().ok(),
-        Item::Measurement(_) => None,
+        Item::Measurement(_) | Item::Note(_) => None,
     });
     let sets = frames.filter_map(|m| match m {
         MavMessage::COMMAND_LONG(c) if c.command == MavCmd::MAV_CMD_SET_MESSAGE_INTERVAL => {
@@ -319,7 +319,7 @@ fn rates_are_given_back_at_the_end_and_nothing_is_asked_for_that_is_not_there() 
     );
     let texts = logs::open(&log).unwrap().map_while(Result::ok).filter(|r| match &r.item {
         Item::Frame(frame) => frame.message_id == 253 && frame.component_id == 1,
-        Item::Measurement(_) => false,
+        Item::Measurement(_) | Item::Note(_) => false,
     });
     assert_eq!(texts.count(), 0, "texts for the pilot");
 }

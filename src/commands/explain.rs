@@ -22,7 +22,10 @@ pub struct ExplainArgs {
     /// Validation log, excluded from fitting (repeatable; default: blocks of the logs are held out).
     #[arg(long, value_name = "LOG")]
     pub validate: Vec<PathBuf>,
-    /// Folder for report.html, report.json and model.toml.
+    /// Parameter file of the vehicle (from "gaware params backup"), for what the logs do not hold.
+    #[arg(long, value_name = "FILE")]
+    pub parameters: Option<PathBuf>,
+    /// Folder for report.html, report.json, model.toml and the parameter file of the autopilot.
     #[arg(long, value_name = "DIR")]
     pub out: PathBuf,
     /// Print the explanation as one JSON document.
@@ -45,6 +48,7 @@ pub fn run(args: &ExplainArgs) -> Result<(), CommandError> {
         model,
         converter: args.listen.options(),
         settings: Settings::default(),
+        parameters: args.parameters.clone(),
     };
     // Fails before the analysis where the result cannot be written. A folder that this makes is not left behind empty,
     // however the run ends.
@@ -97,6 +101,9 @@ fn print(out: &mut String, explained: &Explained, report: &Path) -> std::fmt::Re
     }
     for sentence in explain::words::sentences(&explanation.summary) {
         writeln!(out, "{sentence}")?;
+    }
+    if let Some(words) = explain::autopilot::sentence(explained) {
+        writeln!(out, "{words}")?;
     }
     writeln!(out, "report: {}", report.display())
 }

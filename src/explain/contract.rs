@@ -247,6 +247,8 @@ pub struct Explanation {
     /// Noise, as claimed and as the flights have it.
     #[schemars(with = "Vec<super::schema::NoiseFigure>")]
     pub noise: Vec<NoiseEntry>,
+    /// What the autopilot itself can correct, by which parameter.
+    pub autopilot: Option<crate::advice::Advice>,
     /// The result in plain words.
     pub summary: String,
 }
@@ -267,6 +269,7 @@ pub fn too_little(why: &str) -> Explanation {
         not_found: Vec::new(),
         assumed: Vec::new(),
         noise: Vec::new(),
+        autopilot: None,
         summary: format!("Too little data to identify unmodelled effects: {why}."),
     }
 }
@@ -503,6 +506,7 @@ pub fn explanation(
         not_found,
         assumed: assumed(judged),
         noise,
+        autopilot: None,
         summary: String::new(),
     };
     explanation.summary = words::summary(&explanation, &added);

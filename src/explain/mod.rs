@@ -5,12 +5,14 @@
 //! `gaware.explanation/1` contract. It decides nothing about likelihoods itself.
 
 pub mod advice;
+pub mod autopilot;
 pub mod consequence;
 pub mod contract;
 pub mod schema;
 mod size;
 pub mod words;
 
+use crate::advice::on_board::OnBoard;
 use crate::logs::LogError;
 use crate::pipeline;
 use crate::sensors::ConverterOptions;
@@ -41,6 +43,8 @@ pub struct Request {
     pub converter: ConverterOptions,
     /// Thresholds.
     pub settings: Settings,
+    /// Parameter file of the vehicle, for what the logs do not hold.
+    pub parameters: Option<PathBuf>,
 }
 
 /// What is being done, for a progress bar.
@@ -64,6 +68,14 @@ pub enum ExplainError {
     /// A log cannot be read.
     #[error(transparent)]
     Log(#[from] LogError),
+    /// The parameter file cannot be used.
+    #[error("{path}: {reason}", path = path.display())]
+    Parameters {
+        /// File.
+        path: PathBuf,
+        /// Why.
+        reason: String,
+    },
     /// No log was given.
     #[error("no log was given")]
     NoLog,
@@ -97,6 +109,8 @@ pub struct Explained {
     pub logs: Vec<String>,
     /// Names of the logs that only judged.
     pub validated: Vec<String>,
+    /// What the logs say of the vehicle's own parameters.
+    pub on_board: OnBoard,
 }
 
 /// The disagreement along one flight, with the model that was given and with the new one.
@@ -144,6 +158,10 @@ pub fn run(request: &Request, progress: &dyn Fn(Phase)) -> Result<Explained, Exp
     };
     explained.logs = request.logs.iter().map(name).collect();
     explained.validated = request.validate.iter().map(name).collect();
+    let on_board = autopilot::on_board(request)?;
+    explained.explanation.autopilot =
+        Some(crate::advice::advise(&autopilot::findings(&explained), &on_board));
+    explained.on_board = on_board;
     Ok(explained)
 }
 
@@ -206,6 +224,7 @@ pub fn samples(
         not_found,
         logs: Vec::new(),
         validated: Vec::new(),
+        on_board: OnBoard::default(),
     }
 }
 
@@ -230,6 +249,7 @@ fn too_little(why: &str, model: &Model) -> Explained {
         not_found: Vec::new(),
         logs: Vec::new(),
         validated: Vec::new(),
+        on_board: OnBoard::default(),
     }
 }
 
@@ -311,7 +331,7 @@ fn smoothed(flights: &[&Flight], judged: &Judged) -> Vec<FlightResiduals> {
     std::iter::from_fn(|| Some(FlightResiduals { before: results.next()?, after: results.next()? })).collect()
 }
 
-/// Writes `report.html`, `report.json` and `model.toml`.
+/// Writes `report.html`, `report.json`, `model.toml` and the parameter file of the autopilot.
 ///
 /// # Errors
 /// A folder or file that cannot be written, a plot that cannot be drawn.
@@ -328,7 +348,7 @@ pub fn write(explained: &Explained, folder: &Path) -> Result<(), ExplainError> {
         let path = folder.join(name);
         std::fs::write(&path, text).map_err(failed(&path))?;
     }
-    Ok(())
+    autopilot::write(explained, folder)
 }
 
 /// The new model as a file; it says where it comes from, and what in it belongs to these flights alone.
@@ -344,7 +364,7 @@ fn model_file(explained: &Explained) -> String {
 }
 
 /// Without line ends, so that a comment stays one.
-fn one_line(text: &str) -> String {
+pub(super) fn one_line(text: &str) -> String {
     text.chars().map(|c| if c.is_control() { ' ' } else { c }).collect()
 }
 

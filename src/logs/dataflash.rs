@@ -8,8 +8,9 @@
 //! taken when its header is right and another header follows it; after damage the reader looks byte by byte for the next two
 //! messages in a row. A message that damage touches is lost with it.
 
+use super::filter::{self, Channel};
 use super::window::Window;
-use super::{Damage, Item, LogError, LogReader, Progress, Record};
+use super::{Damage, Item, LogError, LogNote, LogReader, Progress, Record};
 use crate::timeline::{Measurement, Stamp};
 use gaware_nav::earth::Geodetic;
 use gaware_nav::observability::words::VehicleKind;
@@ -252,9 +253,18 @@ struct Messages {
     waiting: Option<(u64, GnssFix)>,
     /// What flies by the name of the firmware, and by the class of the frame.
     kind: (Option<VehicleKind>, Option<VehicleKind>),
+    /// The core of the navigation filter that flies.
+    primary_core: f64,
+    /// Time of the newest message, µs: parameters may have none of their own.
+    newest_us: u64,
 }
 
 impl Messages {
+    fn note(&mut self, entry: &Entry, note: LogNote) {
+        self.newest_us = entry.stamp_us().unwrap_or(self.newest_us);
+        self.queue.push_back(Record { t_us: self.newest_us, item: Item::Note(note) });
+    }
+
     fn put(&mut self, t_us: u64, measurement: Measurement) {
         self.queue.push_back(Record { t_us, item: Item::Measurement(measurement) });
     }
@@ -290,15 +300,54 @@ impl Messages {
                 let angles = angles.map(f64::to_radians).into();
                 self.put(t_us, Measurement::Attitude(Stamp::Usec(t_us), angles));
             }
-            "MSG" => self.kind.0 = entry.text("Message").and_then(kind_of_firmware).or(self.kind.0),
+            "MSG" => {
+                let text = entry.text("Message");
+                self.kind.0 = text.and_then(kind_of_firmware).or(self.kind.0);
+                if let Some((major, minor)) = text.and_then(version) {
+                    self.note(entry, LogNote::Version(major, minor));
+                }
+            }
             "PARM" => {
                 let parameter = entry.text("Name").zip(entry.number("Value"));
                 self.kind.1 =
                     parameter.and_then(|(name, value)| kind_of_parameter(name, value)).or(self.kind.1);
+                if let Some((name, value)) = parameter {
+                    self.note(entry, LogNote::Parameter { name: name.to_owned(), value });
+                }
             }
+            "XKF3" | "XKF4" => self.filter(entry),
             _ => {}
         }
         Some(())
+    }
+
+    /// Innovations and test ratios of the core that flies.
+    fn filter(&mut self, entry: &Entry) {
+        let core = entry.number("C").unwrap_or(0.0);
+        self.primary_core = entry.number("PI").unwrap_or(self.primary_core);
+        if core != self.primary_core {
+            return;
+        }
+        let of = |label| entry.number(label);
+        let values = if entry.format.name == "XKF3" {
+            filter::finite([
+                (Channel::VelocityNorth, of("IVN")),
+                (Channel::VelocityEast, of("IVE")),
+                (Channel::VelocityDown, of("IVD")),
+                (Channel::PositionNorth, of("IPN")),
+                (Channel::PositionEast, of("IPE")),
+                (Channel::PositionDown, of("IPD")),
+                (Channel::Heading, of("IYAW")),
+            ])
+        } else {
+            filter::finite([
+                (Channel::VelocityRatio, of("SV")),
+                (Channel::PositionRatio, of("SP")),
+                (Channel::HeightRatio, of("SH")),
+                (Channel::HeadingRatio, of("SM")),
+            ])
+        };
+        self.note(entry, LogNote::Filter(values));
     }
 
     fn imu(&mut self, entry: &Entry) -> Option<()> {
@@ -327,6 +376,16 @@ fn kind_of_firmware(message: &str) -> Option<VehicleKind> {
     ]
     .into_iter()
     .find_map(|(name, kind)| message.starts_with(name).then_some(kind))
+}
+
+/// Major and minor version in the same words.
+fn version(message: &str) -> Option<(u8, u8)> {
+    let (name, rest) = message.split_once(" V")?;
+    if !name.starts_with("Ardu") && !name.starts_with("APM:") {
+        return None;
+    }
+    let mut parts = rest.split(|c: char| !c.is_ascii_digit());
+    Some((parts.next()?.parse().ok()?, parts.next()?.parse().ok()?))
 }
 
 /// Only a copter has a class of frame (`FRAME_CLASS`, `FRAME` before 2017); only a plane can be a quadplane (`Q_ENABLE`).
@@ -388,7 +447,7 @@ impl<R: Read> Iterator for DataflashReader<R> {
             }
         }
         let record = self.messages.queue.pop_front()?;
-        self.given += 1;
+        self.given += u64::from(matches!(record.item, Item::Measurement(_)));
         Some(Ok(record))
     }
 }

@@ -6,6 +6,7 @@
 //! read.
 
 pub mod dataflash;
+pub mod filter;
 pub mod mcap;
 pub mod table;
 pub mod tlog;
@@ -37,6 +38,24 @@ pub enum Item {
     Frame(Frame),
     /// A measurement with the autopilot's own stamp, still to be put in order.
     Measurement(Measurement),
+    /// What the autopilot's own log says beside its sensors: no part of the pipeline.
+    Note(LogNote),
+}
+
+/// What an autopilot's own log says of itself (formats with frames say it in frames).
+#[derive(Debug, Clone, PartialEq)]
+pub enum LogNote {
+    /// A parameter of the vehicle.
+    Parameter {
+        /// Name.
+        name: String,
+        /// Value.
+        value: f64,
+    },
+    /// Major and minor version of the firmware.
+    Version(u8, u8),
+    /// Innovations and test ratios of its navigation filter.
+    Filter(Vec<(filter::Channel, f64)>),
 }
 
 /// How far a reader is.

@@ -7,8 +7,9 @@
 //! the format of its topic, and the header that follows it are right; after damage the reader looks byte by byte for the
 //! next three messages in a row for which that holds. A message that damage touches is lost with it.
 
+use super::filter::{self, Channel};
 use super::window::Window;
-use super::{Damage, Item, LogError, LogReader, Progress, Record};
+use super::{Damage, Item, LogError, LogNote, LogReader, Progress, Record};
 use crate::timeline::{Measurement, Stamp};
 use gaware_nav::earth::Geodetic;
 use gaware_nav::observability::words::VehicleKind;
@@ -175,7 +176,7 @@ impl<R: Read> UlogReader<R> {
                 let body = bytes.get(HEADER..len).unwrap_or_default();
                 let good = match kind {
                     b'D' => self.topics.take(body, &self.definitions, &mut self.queue),
-                    _ => self.definitions.take(kind, body, &mut self.topics),
+                    _ => self.definitions.take(kind, body, &mut self.topics, &mut self.queue),
                 };
                 self.damage.bad_records += u64::from(!good);
                 self.window.consume(len);
@@ -290,7 +291,7 @@ impl Definitions {
     }
 
     /// Takes a message that is no data; false where its content is wrong.
-    fn take(&mut self, kind: u8, body: &[u8], topics: &mut Topics) -> bool {
+    fn take(&mut self, kind: u8, body: &[u8], topics: &mut Topics, out: &mut VecDeque<Record>) -> bool {
         match kind {
             b'F' => self.format(body).is_some(),
             b'A' => self.subscribe(body).is_some(),
@@ -299,10 +300,19 @@ impl Definitions {
                 .is_some_and(|id| self.subscriptions.remove(&u16::from_le_bytes(*id)).is_some()),
             b'P' => {
                 topics.parameter(body);
+                out.extend(parameter_note(body).map(|note| topics.record(note)));
+                true
+            }
+            b'I' => {
+                out.extend(version_note(body).map(|note| topics.record(note)));
                 true
             }
             _ => true,
         }
+    }
+
+    fn has_topic(&self, name: &str) -> bool {
+        self.subscriptions.values().any(|s| s.name == name)
     }
 
     fn format(&mut self, body: &[u8]) -> Option<()> {
@@ -360,9 +370,15 @@ struct Topics {
     /// What flies by `vehicle_status`, or else by the number of the airframe.
     kind: (Option<VehicleKind>, Option<VehicleKind>),
     given: u64,
+    /// Time of the newest data, µs: parameters have none of their own.
+    newest_us: u64,
 }
 
 impl Topics {
+    fn record(&self, note: LogNote) -> Record {
+        Record { t_us: self.newest_us, item: Item::Note(note) }
+    }
+
     /// Takes the data of a topic; false where they are wrong.
     fn take(&mut self, body: &[u8], definitions: &Definitions, out: &mut VecDeque<Record>) -> bool {
         let Some((id, data)) = body.split_first_chunk() else { return false };
@@ -372,6 +388,7 @@ impl Topics {
         }
         let fields = Fields { topic, data };
         let Some(t_us) = fields.stamp() else { return true };
+        self.newest_us = t_us;
         let stamp = Stamp::Usec(t_us);
         let measurement = match topic.name.as_str() {
             "sensor_combined" => {
@@ -394,7 +411,15 @@ impl Topics {
                 self.kind.0 = vehicle_kind(&fields).or(self.kind.0);
                 return true;
             }
-            _ => return true,
+            name => {
+                let second =
+                    name == "estimator_status" && definitions.has_topic("estimator_innovation_test_ratios");
+                let values = if second { Vec::new() } else { filter_values(name, &fields) };
+                if !values.is_empty() {
+                    out.push_back(self.record(LogNote::Filter(values)));
+                }
+                return true;
+            }
         };
         let Some(measurement) = measurement else { return false };
         self.given += 1;
@@ -413,6 +438,71 @@ impl Topics {
             4000..=9999 | 11_000..=12_999 => Some(VehicleKind::Multirotor),
             _ => self.kind.1,
         };
+    }
+}
+
+/// The key of a message with a key, and the bytes of its value.
+fn keyed(body: &[u8]) -> Option<(&str, &[u8])> {
+    let (&length, rest) = body.split_first()?;
+    let (key, value) = rest.split_at_checked(usize::from(length))?;
+    Some((std::str::from_utf8(key).ok()?, value))
+}
+
+/// A parameter of the vehicle: `int32_t` or `float`.
+fn parameter_note(body: &[u8]) -> Option<LogNote> {
+    let (key, value) = keyed(body)?;
+    let (kind, name) = key.split_once(' ')?;
+    let value = match kind {
+        "int32_t" | "float" => Basic::of(kind)?.read(value).filter(|v| v.is_finite())?,
+        _ => return None,
+    };
+    Some(LogNote::Parameter { name: name.to_owned(), value })
+}
+
+/// `ver_sw_release`: major, minor, patch, type, from the highest byte.
+fn version_note(body: &[u8]) -> Option<LogNote> {
+    let ("uint32_t ver_sw_release", value) = keyed(body)? else { return None };
+    let [_, _, minor, major] = *value.first_chunk()?;
+    Some(LogNote::Version(major, minor))
+}
+
+/// Innovations and test ratios of the navigation filter: of `estimator_innovations` and `estimator_innovation_test_ratios`, or, before
+/// 1.11, `ekf2_innovations` and `estimator_status`.
+fn filter_values(topic: &str, fields: &Fields) -> Vec<(Channel, f64)> {
+    use Channel::*;
+    let at = |name: &str, k: usize| fields.element(name, k);
+    match topic {
+        "estimator_innovations" => filter::finite([
+            (VelocityNorth, at("gps_hvel", 0)),
+            (VelocityEast, at("gps_hvel", 1)),
+            (VelocityDown, at("gps_vvel", 0)),
+            (PositionNorth, at("gps_hpos", 0)),
+            (PositionEast, at("gps_hpos", 1)),
+            (PositionDown, at("gps_vpos", 0)),
+            (Heading, at("heading", 0).map(f64::to_degrees)),
+        ]),
+        "estimator_innovation_test_ratios" => filter::finite([
+            (VelocityRatio, at("gps_hvel", 0)),
+            (PositionRatio, at("gps_hpos", 0)),
+            (HeightRatio, at("gps_vpos", 0)),
+            (HeadingRatio, at("heading", 0)),
+        ]),
+        "ekf2_innovations" => filter::finite([
+            (VelocityNorth, at("vel_pos_innov", 0)),
+            (VelocityEast, at("vel_pos_innov", 1)),
+            (VelocityDown, at("vel_pos_innov", 2)),
+            (PositionNorth, at("vel_pos_innov", 3)),
+            (PositionEast, at("vel_pos_innov", 4)),
+            (PositionDown, at("vel_pos_innov", 5)),
+            (Heading, at("heading_innov", 0).map(f64::to_degrees)),
+        ]),
+        "estimator_status" => filter::finite([
+            (VelocityRatio, at("vel_test_ratio", 0)),
+            (PositionRatio, at("pos_test_ratio", 0)),
+            (HeightRatio, at("hgt_test_ratio", 0)),
+            (HeadingRatio, at("mag_test_ratio", 0)),
+        ]),
+        _ => Vec::new(),
     }
 }
 

@@ -142,6 +142,7 @@ impl<E: Consumer> Pipeline<E> {
                 self.converter.take(measurement, &mut self.samples);
                 self.pass_on();
             }
+            Item::Note(_) => {}
         }
     }
 

@@ -74,7 +74,7 @@ async fn a_replay_of_the_recording_repeats_the_run() {
         .unwrap()
         .filter_map(|r| match r.unwrap().item {
             Item::Frame(frame) => Some(frame),
-            Item::Measurement(_) => None,
+            Item::Measurement(_) | Item::Note(_) => None,
         })
         .collect();
     let listener = TcpListener::bind((Ipv4Addr::LOCALHOST, 0)).await.unwrap();
@@ -118,7 +118,7 @@ async fn a_stray_heartbeat_does_not_capture_the_run() {
         .unwrap()
         .filter_map(|r| match r.unwrap().item {
             Item::Frame(frame) => Some(frame),
-            Item::Measurement(_) => None,
+            Item::Measurement(_) | Item::Note(_) => None,
         })
         .take(3000)
         .collect();

@@ -2,6 +2,7 @@
 //! Bayes factor, noise, where in the flight, spectra.
 
 mod answers;
+mod autopilot;
 mod catalogue;
 mod effects;
 mod evidence;
@@ -30,6 +31,7 @@ pub fn html(explained: &Explained) -> Result<String, String> {
     answers::section(explained, &mut body);
     effects::details(explained, &mut body);
     evidence::before_and_after(e, &mut body);
+    autopilot::section(e, &mut body);
     catalogue::effects(explained, &mut body);
     evidence::contributions(e, &mut body);
     if let Some(judged) = &explained.judged {
@@ -136,6 +138,7 @@ mod tests {
             not_found: Vec::new(),
             logs: vec!["<bench>.tlog".to_owned()],
             validated: Vec::new(),
+            on_board: crate::advice::on_board::OnBoard::default(),
         };
         let html = html(&explained).unwrap();
         assert!(html.contains("no GNSS fixes.</h1>") && html.contains("Record at least 40 s"), "{html}");

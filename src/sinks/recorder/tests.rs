@@ -51,7 +51,7 @@ fn read(path: &Path) -> (Vec<(u64, Frame)>, logs::Damage) {
         .filter_map(Result::ok)
         .map(|r| match r.item {
             Item::Frame(f) => (r.t_us, f),
-            Item::Measurement(s) => panic!("{s:?}"),
+            other => panic!("{other:?}"),
         })
         .collect();
     (frames, reader.damage())

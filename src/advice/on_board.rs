@@ -1,0 +1,239 @@
+//! What a log says of the vehicle that flew: autopilot, version, parameters. What it does not say stays unknown.
+
+use crate::link::frame::Frame;
+use crate::logs::{self, Item, LogError, LogNote};
+use crate::mission_link::param_codec;
+use crate::mission_link::vehicle::Vehicle;
+use gaware_mission::item::Autopilot;
+use gaware_mission::params::file::ParamFile;
+use gaware_mission::params::{Encoding, ParamMessage};
+use gaware_nav::observability::words::VehicleKind;
+use std::collections::{BTreeMap, BTreeSet};
+use std::path::Path;
+
+const HEARTBEAT: u32 = 0;
+const AUTOPILOT_VERSION: u32 = 148;
+
+/// The vehicle's own word.
+#[derive(Debug, Clone, PartialEq, Default)]
+pub struct OnBoard {
+    /// Whose parameters these are.
+    pub autopilot: Option<Autopilot>,
+    /// Major and minor version.
+    pub version: Option<(u8, u8)>,
+    /// System id, where the log has frames.
+    pub system_id: Option<u8>,
+    /// Whether wings carry it, where the log says so.
+    pub fixed_wing: Option<bool>,
+    /// Values by name.
+    pub parameters: BTreeMap<String, f64>,
+    /// Parameters whose value changed on the way: none counts.
+    pub changed: BTreeSet<String>,
+}
+
+/// The name of an autopilot in documents.
+pub fn key(autopilot: Autopilot) -> &'static str {
+    match autopilot {
+        Autopilot::ArduPilot => "ardupilot",
+        Autopilot::Px4 => "px4",
+    }
+}
+
+impl OnBoard {
+    /// Reads a log of any format for it. `vehicle`: the system id that is listened to (default: the first autopilot).
+    ///
+    /// # Errors
+    /// A log that cannot be opened or read.
+    pub fn read(path: &Path, vehicle: Option<u8>) -> Result<Self, LogError> {
+        let mut reader = logs::open(path)?;
+        let mut found = Self::default();
+        for record in reader.by_ref() {
+            match record {
+                Ok(record) => found.take(&record.item, vehicle),
+                // What was read before a failing disk counts.
+                Err(LogError::Read { .. }) => break,
+                Err(error) => return Err(error),
+            }
+        }
+        found.autopilot = found.autopilot.or(match reader.autopilot() {
+            Some("ardupilot") => Some(Autopilot::ArduPilot),
+            Some("px4") => Some(Autopilot::Px4),
+            _ => None,
+        });
+        found.fixed_wing =
+            found.fixed_wing.or(reader.vehicle_kind().map(|kind| kind == VehicleKind::FixedWing));
+        Ok(found)
+    }
+
+    fn take(&mut self, item: &Item, vehicle: Option<u8>) {
+        match item {
+            Item::Frame(frame) => self.frame(frame, vehicle),
+            Item::Note(LogNote::Parameter { name, value }) => self.learn(name, *value),
+            Item::Note(LogNote::Version(major, minor)) => self.version = Some((*major, *minor)),
+            Item::Note(_) | Item::Measurement(_) => {}
+        }
+    }
+
+    fn frame(&mut self, frame: &Frame, vehicle: Option<u8>) {
+        if frame.message_id == HEARTBEAT
+            && self.system_id.is_none()
+            && let Some(seen) = Vehicle::from_heartbeat(frame)
+            && vehicle.is_none_or(|id| id == seen.address.system)
+        {
+            self.system_id = Some(seen.address.system);
+            self.autopilot = Some(seen.autopilot);
+            self.fixed_wing = seen.is_fixed_wing();
+        }
+        if self.system_id != Some(frame.system_id) {
+            return;
+        }
+        if frame.message_id == AUTOPILOT_VERSION {
+            // capabilities (8), uid (8), flight_sw_version: type, patch, minor, major.
+            let at = |k: usize| frame.payload().get(k).copied().unwrap_or(0);
+            self.version = Some((at(19), at(18))).filter(|v| *v != (0, 0)).or(self.version);
+        }
+        if let (Some(ParamMessage::Value { name, bits, kind: Some(kind), .. }), Some(autopilot)) =
+            (param_codec::decode(frame), self.autopilot)
+        {
+            self.learn(name.as_str(), Encoding::of(autopilot).decode(bits, kind).value);
+        }
+    }
+
+    /// A value of a parameter; two values of one are none.
+    pub fn learn(&mut self, name: &str, value: f64) {
+        if !value.is_finite() || self.changed.contains(name) {
+            return;
+        }
+        match self.parameters.get(name) {
+            Some(old) if *old as f32 != value as f32 => {
+                self.parameters.remove(name);
+                self.changed.insert(name.to_owned());
+            }
+            _ => _ = self.parameters.insert(name.to_owned(), value),
+        }
+    }
+
+    /// Adds what another log of the same vehicle says.
+    pub fn join(&mut self, other: &Self) {
+        if self.autopilot.is_some() && other.autopilot.is_some() && self.autopilot != other.autopilot {
+            // Logs of different autopilots are logs of different vehicles.
+            *self = Self::default();
+            return;
+        }
+        self.autopilot = self.autopilot.or(other.autopilot);
+        self.version = self.version.or(other.version);
+        self.system_id = self.system_id.or(other.system_id);
+        self.fixed_wing = self.fixed_wing.or(other.fixed_wing);
+        for name in &other.changed {
+            self.parameters.remove(name);
+            self.changed.insert(name.clone());
+        }
+        other.parameters.iter().for_each(|(name, value)| self.learn(name, *value));
+    }
+
+    /// Adds a parameter file of the vehicle; what the log says wins.
+    pub fn add_file(&mut self, file: &ParamFile) {
+        for entry in &file.entries {
+            let name = entry.name.as_str();
+            if !self.changed.contains(name) {
+                self.parameters.entry(name.to_owned()).or_insert(entry.value);
+            }
+        }
+    }
+
+    /// A value by name.
+    pub fn get(&self, name: &str) -> Option<f64> {
+        self.parameters.get(name).copied()
+    }
+
+    fn on(&self, names: &[&str]) -> Option<String> {
+        names.iter().find(|n| self.get(n).is_some_and(|v| v != 0.0)).map(|n| (*n).to_owned())
+    }
+
+    /// Why a correction in sensor axes cannot be derived from one in body axes, by what the log has.
+    pub fn rotation(&self, small_deg: f64) -> Option<String> {
+        let turned =
+            |name: &str, least: f64| self.get(name).filter(|v| v.abs() > least).map(|v| (name.to_owned(), v));
+        let found = match self.autopilot? {
+            Autopilot::ArduPilot => turned("AHRS_ORIENTATION", 0.0),
+            Autopilot::Px4 => turned("SENS_BOARD_ROT", 0.0)
+                .or_else(|| {
+                    self.get("CAL_ACC0_ROT").filter(|v| *v > 0.0).map(|v| ("CAL_ACC0_ROT".to_owned(), v))
+                })
+                .or_else(|| {
+                    ["X", "Y", "Z"].iter().find_map(|a| turned(&format!("SENS_BOARD_{a}_OFF"), small_deg))
+                }),
+        };
+        found.map(|(name, value)| {
+            format!("{name} is {value}: the parameter acts in the sensor's axes, and the effect was found in the body's")
+        })
+    }
+
+    /// The parameter of the board's rotation, where the log lacks it.
+    pub fn unknown_rotation(&self) -> Option<&'static str> {
+        let name = match self.autopilot? {
+            Autopilot::ArduPilot => "AHRS_ORIENTATION",
+            Autopilot::Px4 => "SENS_BOARD_ROT",
+        };
+        self.get(name).is_none().then_some(name)
+    }
+
+    /// Why it is not known which inertial unit the samples are of.
+    pub fn ambiguous_unit(&self) -> Option<String> {
+        if self.autopilot != Some(Autopilot::Px4) {
+            return None;
+        }
+        self.on(&["CAL_ACC1_ID", "CAL_ACC2_ID"]).map(|name| {
+            format!("{name} says that there are several inertial units, and the log does not say of which one its samples are")
+        })
+    }
+
+    /// What else there is on the vehicle that the samples say nothing of.
+    pub fn other_units(&self) -> Option<String> {
+        if self.autopilot != Some(Autopilot::ArduPilot) {
+            return None;
+        }
+        Some(match (self.get("INS_ACC_ID"), self.on(&["INS_ACC2_ID", "INS_ACC3_ID"])) {
+            (_, Some(name)) => format!(
+                "{name}: there are further inertial units with parameters of their own; the samples are of the first one, and the lane that \
+                 flew may use another"
+            ),
+            (Some(_), None) => return None,
+            (None, None) => {
+                "the log does not say how many inertial units there are; the samples are of the first one"
+                    .to_owned()
+            }
+        })
+    }
+
+    /// Whether there is a second receiver.
+    pub fn second_receiver(&self) -> Option<String> {
+        let name = self.on(&["GPS2_TYPE", "GPS_TYPE2", "SENS_GPS1_ID"])?;
+        Some(format!("{name}: there is a second GNSS receiver; the fixes are of the first one"))
+    }
+
+    /// What the log itself leaves open.
+    pub fn notes(&self) -> Vec<String> {
+        let mut notes = Vec::new();
+        if !self.changed.is_empty() {
+            let names: Vec<&str> = self.changed.iter().map(String::as_str).collect();
+            notes.push(format!("changed on the way or between logs, so not counted: {}", names.join(", ")));
+        }
+        if self.parameters.is_empty() {
+            notes.push(
+                "the log holds no parameters of the vehicle; give them with --parameters FILE (from \"gaware params backup\")".to_owned(),
+            );
+        }
+        if self.version.is_none() && self.autopilot.is_some() {
+            notes.push(match self.autopilot {
+                Some(Autopilot::ArduPilot) => {
+                    "the log does not say which version flew: before 4.6 GPS1_DELAY_MS is GPS_DELAY_MS, GPS1_POS_X is GPS_POS1_X".to_owned()
+                }
+                _ => "the log does not say which version flew: since 2026 EKF2_GPS_DELAY is SENS_GPS0_DELAY, EKF2_GPS_POS_X is \
+                      SENS_GPS0_OFFX"
+                    .to_owned(),
+            });
+        }
+        notes
+    }
+}

@@ -1,0 +1,327 @@
+//! Which parameter of an autopilot corrects which effect: effect × parameter × autopilot × version, with the place in the autopilot's
+//! sources where the correction is applied.
+//!
+//! ArduPilot is cited at commit 90700977c5 (4.7-dev, July 2025) and, for names before 4.6, at c48f5c09db (4.5-dev, January 2024); PX4 at
+//! e15752099f (August 2025, after 1.16) and, for the names of 2026, at 4b2e0a6f59 (March 2026). `libraries/` is left out of ArduPilot's
+//! paths, `src/` out of PX4's.
+//!
+//! | what a log holds | already corrected by | not corrected by |
+//! |---|---|---|
+//! | ArduPilot `RAW_IMU`, `SCALED_IMU`, `HIGHRES_IMU`, `.bin` `IMU` | orientation, `INS_TCAL1_*`, `INS_ACCOFFS`, `INS_ACCSCAL`, `INS_GYROFFS`, board orientation (`AP_InertialSensor/AP_InertialSensor_Backend.cpp:104-170`), low-pass `INS_GYRO_FILTER`, `INS_ACCEL_FILTER` (`:251`); instance 0 (`GCS_MAVLink/GCS_Common.cpp:2215`) | the filter's bias estimates, `INS_POS`, `AHRS_TRIM` |
+//! | PX4 `SCALED_IMU`, ULog `sensor_combined` | `TC_*`, `CAL_ACC0_*OFF`, `CAL_ACC0_*SCALE`, `CAL_GYRO0_*OFF`, `SENS_BOARD_ROT`, `SENS_BOARD_*_OFF` (`lib/sensor_calibration/Accelerometer.hpp:84`, `Gyroscope.hpp:83`) | the filter's bias estimates, `EKF2_IMU_POS` |
+//! | PX4 `HIGHRES_IMU` | the same, and the filter's bias estimates | `EKF2_IMU_POS` |
+//! | `GPS_RAW_INT`, `.bin` `GPS`, ULog `sensor_gps` | nothing: the receiver's own position, stamped when it arrived (ArduPilot `AP_GPS/AP_GPS.cpp:625`) | delay, antenna position |
+
+use gaware_mission::item::Autopilot;
+use gaware_mission::params::ParamType;
+
+/// How the value of a parameter follows from the value of an effect. New values are those after which the autopilot's own correction
+/// gives the ideal sample.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub enum Rule {
+    /// A delay: the autopilot dates a fix back by the value, ms. The whole value comes from the flight.
+    Delay,
+    /// The place of the antenna: that of the inertial unit, which these parameters hold, plus the lever arm, m.
+    Antenna {
+        /// Place of the inertial unit.
+        unit: [&'static str; 3],
+    },
+    /// A factor on the sample, after the offset: `old / (1 + s)`.
+    Factor,
+    /// Subtracted before the factor: `old + b / factor`. `None`: no factor follows.
+    Offset {
+        /// The factors.
+        factor: Option<[&'static str; 3]>,
+    },
+    /// A first-order temperature coefficient, subtracted before the factor: `old + scale · c / factor`.
+    Temperature {
+        /// Units of the parameter per SI unit.
+        scale: f64,
+        /// The factors, where any follow.
+        factor: Option<[&'static str; 3]>,
+        /// The switch of the temperature correction, which must be 1.
+        enabled: &'static str,
+    },
+}
+
+/// Which firmware a row is for.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Era {
+    /// All that are cited.
+    Any,
+    /// From this release on.
+    Since(u8, u8),
+    /// Before this release.
+    Before(u8, u8),
+}
+
+impl Era {
+    /// Whether a firmware of this version belongs to it.
+    pub fn holds(self, version: (u8, u8)) -> bool {
+        match self {
+            Self::Any => true,
+            Self::Since(major, minor) => version >= (major, minor),
+            Self::Before(major, minor) => version < (major, minor),
+        }
+    }
+}
+
+/// One row: the parameters that correct an effect, one for each of its values.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Mapping {
+    /// The effect, by its name in `nav`; `accel_bias` and `gyro_bias` are the biases that every model has.
+    pub effect: &'static str,
+    /// Whose parameters.
+    pub autopilot: Autopilot,
+    /// Which firmware.
+    pub era: Era,
+    /// Names, one for each parameter of the effect.
+    pub parameters: &'static [&'static str],
+    /// How the value follows.
+    pub rule: Rule,
+    /// Unit of the parameter.
+    pub unit: &'static str,
+    /// Documented range; where none is documented, `None`.
+    pub range: Option<(f64, f64)>,
+    /// Documented increment, or the resolution that is written where none is documented.
+    pub step: f64,
+    /// Whether it counts only after a reboot.
+    pub reboot: bool,
+    /// Its type.
+    pub kind: ParamType,
+    /// Whether it acts in the sensor's axes before the board's rotation.
+    pub sensor_axes: bool,
+    /// Where it is declared, with its range, and where it is applied.
+    pub source: &'static str,
+}
+
+const ACCSCAL: [&str; 3] = ["INS_ACCSCAL_X", "INS_ACCSCAL_Y", "INS_ACCSCAL_Z"];
+const INS_POS: [&str; 3] = ["INS_POS1_X", "INS_POS1_Y", "INS_POS1_Z"];
+const XSCALE: [&str; 3] = ["CAL_ACC0_XSCALE", "CAL_ACC0_YSCALE", "CAL_ACC0_ZSCALE"];
+const IMU_POS: [&str; 3] = ["EKF2_IMU_POS_X", "EKF2_IMU_POS_Y", "EKF2_IMU_POS_Z"];
+
+/// A position on the vehicle in ArduPilot: float, ±5 m in steps of 1 cm, in use at once.
+const ARDUPILOT_PLACE: Mapping = Mapping {
+    effect: "gps_lever_arm",
+    autopilot: Autopilot::ArduPilot,
+    era: Era::Since(4, 6),
+    parameters: &["GPS1_POS_X", "GPS1_POS_Y", "GPS1_POS_Z"],
+    rule: Rule::Antenna { unit: INS_POS },
+    unit: "m",
+    range: Some((-5.0, 5.0)),
+    step: 0.01,
+    reboot: false,
+    kind: ParamType::Real32,
+    sensor_axes: false,
+    source: "AP_GPS/AP_GPS_Params.cpp:49-72; applied in AP_NavEKF3/AP_NavEKF3_PosVelFusion.cpp:416-429",
+};
+
+/// A delay in ArduPilot: int16, 0 to 250 ms (0 is the driver's default), after a reboot.
+const ARDUPILOT_DELAY: Mapping = Mapping {
+    effect: "gps_latency",
+    parameters: &["GPS1_DELAY_MS"],
+    rule: Rule::Delay,
+    unit: "ms",
+    range: Some((0.0, 250.0)),
+    step: 1.0,
+    reboot: true,
+    kind: ParamType::I16,
+    source: "AP_GPS/AP_GPS_Params.cpp:74-81, AP_GPS/AP_GPS.cpp:1716-1731; applied in AP_NavEKF3/AP_NavEKF3_Measurements.cpp:588-596, \
+             limited to 250 ms in AP_NavEKF3/AP_NavEKF3_core.cpp:70-71",
+    ..ARDUPILOT_PLACE
+};
+
+/// A calibration of ArduPilot's first accelerometer.
+const ARDUPILOT_ACCEL: Mapping = Mapping {
+    effect: "accel_scale_factor",
+    era: Era::Any,
+    parameters: &ACCSCAL,
+    rule: Rule::Factor,
+    unit: "",
+    range: Some((0.8, 1.2)),
+    step: 1e-6,
+    sensor_axes: true,
+    source: "AP_InertialSensor/AP_InertialSensor.cpp:188-208, AP_InertialSensor_Params.cpp:20-40; applied in \
+             AP_InertialSensor_Backend.cpp:136-140",
+    ..ARDUPILOT_PLACE
+};
+
+/// A place on the vehicle in PX4: float, no range documented, in use at once.
+const PX4_PLACE: Mapping = Mapping {
+    effect: "gps_lever_arm",
+    autopilot: Autopilot::Px4,
+    era: Era::Before(1, 18),
+    parameters: &["EKF2_GPS_POS_X", "EKF2_GPS_POS_Y", "EKF2_GPS_POS_Z"],
+    rule: Rule::Antenna { unit: IMU_POS },
+    unit: "m",
+    range: None,
+    step: 1e-3,
+    reboot: false,
+    kind: ParamType::Real32,
+    sensor_axes: false,
+    source: "modules/ekf2/params_gnss.yaml:87-110, modules/ekf2/module.yaml:134; applied in \
+             modules/ekf2/EKF/aid_sources/gnss/gps_control.cpp:299-304,337-340",
+};
+
+/// A delay in PX4: float, 0 to 300 ms, after a reboot.
+const PX4_DELAY: Mapping = Mapping {
+    effect: "gps_latency",
+    parameters: &["EKF2_GPS_DELAY"],
+    rule: Rule::Delay,
+    unit: "ms",
+    range: Some((0.0, 300.0)),
+    step: 0.1,
+    reboot: true,
+    source: "modules/ekf2/params_gnss.yaml:30-39; applied in modules/ekf2/EKF/estimator_interface.cpp:180-182",
+    ..PX4_PLACE
+};
+
+/// A calibration of PX4's first accelerometer.
+const PX4_ACCEL: Mapping = Mapping {
+    effect: "accel_scale_factor",
+    era: Era::Any,
+    parameters: &XSCALE,
+    rule: Rule::Factor,
+    unit: "",
+    range: Some((0.1, 3.0)),
+    step: 1e-6,
+    sensor_axes: true,
+    source: "modules/sensors/module.yaml:131-168; applied in lib/sensor_calibration/Accelerometer.hpp:84",
+    ..PX4_PLACE
+};
+
+/// Every mapping.
+pub const TABLE: &[Mapping] = &[
+    ARDUPILOT_DELAY,
+    Mapping {
+        era: Era::Before(4, 6),
+        parameters: &["GPS_DELAY_MS"],
+        source: "c48f5c09db AP_GPS/AP_GPS.cpp:310-317; applied in AP_NavEKF3/AP_NavEKF3_Measurements.cpp:588-596",
+        ..ARDUPILOT_DELAY
+    },
+    ARDUPILOT_PLACE,
+    Mapping {
+        era: Era::Before(4, 6),
+        parameters: &["GPS_POS1_X", "GPS_POS1_Y", "GPS_POS1_Z"],
+        source: "c48f5c09db AP_GPS/AP_GPS.cpp:258-281; applied in AP_NavEKF3/AP_NavEKF3_PosVelFusion.cpp:416-429",
+        ..ARDUPILOT_PLACE
+    },
+    ARDUPILOT_ACCEL,
+    Mapping {
+        effect: "accel_bias",
+        parameters: &["INS_ACCOFFS_X", "INS_ACCOFFS_Y", "INS_ACCOFFS_Z"],
+        rule: Rule::Offset { factor: Some(ACCSCAL) },
+        unit: "m/s²",
+        range: Some((-3.5, 3.5)),
+        source: "AP_InertialSensor/AP_InertialSensor_Params.cpp:43-66; applied in AP_InertialSensor_Backend.cpp:132-133",
+        ..ARDUPILOT_ACCEL
+    },
+    Mapping {
+        effect: "gyro_bias",
+        parameters: &["INS_GYROFFS_X", "INS_GYROFFS_Y", "INS_GYROFFS_Z"],
+        rule: Rule::Offset { factor: None },
+        unit: "rad/s",
+        range: None,
+        source: "AP_InertialSensor/AP_InertialSensor_Params.cpp:109-129; applied in AP_InertialSensor_Backend.cpp:165-166",
+        ..ARDUPILOT_ACCEL
+    },
+    Mapping {
+        effect: "accel_temperature",
+        parameters: &["INS_TCAL1_ACC1_X", "INS_TCAL1_ACC1_Y", "INS_TCAL1_ACC1_Z"],
+        rule: Rule::Temperature { scale: 1e6, factor: Some(ACCSCAL), enabled: "INS_TCAL1_ENABLE" },
+        unit: "1e-6 m/s²/°C",
+        range: None,
+        step: 1e-3,
+        source: "AP_InertialSensor/AP_InertialSensor_tempcal.cpp:77-95; applied in :204-232, before the offset \
+                 (AP_InertialSensor_Backend.cpp:129)",
+        ..ARDUPILOT_ACCEL
+    },
+    Mapping {
+        effect: "gyro_temperature",
+        parameters: &["INS_TCAL1_GYR1_X", "INS_TCAL1_GYR1_Y", "INS_TCAL1_GYR1_Z"],
+        rule: Rule::Temperature { scale: 1e6, factor: None, enabled: "INS_TCAL1_ENABLE" },
+        unit: "1e-6 rad/s/°C",
+        range: None,
+        step: 1e-3,
+        source: "AP_InertialSensor/AP_InertialSensor_tempcal.cpp:137-155; applied in :204-232, before the offset \
+                 (AP_InertialSensor_Backend.cpp:162)",
+        ..ARDUPILOT_ACCEL
+    },
+    PX4_DELAY,
+    Mapping {
+        era: Era::Since(1, 18),
+        parameters: &["SENS_GPS0_DELAY"],
+        step: 1.0,
+        kind: ParamType::I32,
+        source: "4b2e0a6f59 modules/sensors/vehicle_gps_position/module.yaml:110-123; only where the driver gives no sample time",
+        ..PX4_DELAY
+    },
+    PX4_PLACE,
+    Mapping {
+        era: Era::Since(1, 18),
+        parameters: &["SENS_GPS0_OFFX", "SENS_GPS0_OFFY", "SENS_GPS0_OFFZ"],
+        source: "4b2e0a6f59 modules/sensors/vehicle_gps_position/module.yaml:71-108",
+        ..PX4_PLACE
+    },
+    PX4_ACCEL,
+    Mapping {
+        effect: "accel_bias",
+        parameters: &["CAL_ACC0_XOFF", "CAL_ACC0_YOFF", "CAL_ACC0_ZOFF"],
+        rule: Rule::Offset { factor: Some(XSCALE) },
+        unit: "m/s²",
+        range: None,
+        source: "modules/sensors/module.yaml:95-129; applied in lib/sensor_calibration/Accelerometer.hpp:84",
+        ..PX4_ACCEL
+    },
+    Mapping {
+        effect: "gyro_bias",
+        parameters: &["CAL_GYRO0_XOFF", "CAL_GYRO0_YOFF", "CAL_GYRO0_ZOFF"],
+        rule: Rule::Offset { factor: None },
+        unit: "rad/s",
+        range: None,
+        source: "modules/sensors/module.yaml:294-328; applied in lib/sensor_calibration/Gyroscope.hpp:83",
+        ..PX4_ACCEL
+    },
+    Mapping {
+        effect: "accel_temperature",
+        parameters: &["TC_A0_X1_0", "TC_A0_X1_1", "TC_A0_X1_2"],
+        rule: Rule::Temperature { scale: 1.0, factor: Some(XSCALE), enabled: "TC_A_ENABLE" },
+        unit: "m/s²/°C",
+        range: None,
+        source: "modules/temperature_compensation/temp_comp_params_accel_0.c:98-114, TemperatureCompensation.cpp:366; applied in \
+                 lib/sensor_calibration/Accelerometer.hpp:84",
+        ..PX4_ACCEL
+    },
+    Mapping {
+        effect: "gyro_temperature",
+        parameters: &["TC_G0_X1_0", "TC_G0_X1_1", "TC_G0_X1_2"],
+        rule: Rule::Temperature { scale: 1.0, factor: None, enabled: "TC_G_ENABLE" },
+        unit: "rad/s/°C",
+        range: None,
+        source: "modules/temperature_compensation/temp_comp_params_gyro_0.c:98-114, TemperatureCompensation.cpp:366; applied in \
+                 lib/sensor_calibration/Gyroscope.hpp:83",
+        ..PX4_ACCEL
+    },
+];
+
+/// Why an effect has no parameter on either autopilot.
+pub fn why_not(effect: &str) -> &'static str {
+    match effect {
+        "gyro_g_sensitivity" | "gyro_g2_sensitivity" => {
+            "no parameter exists: neither ArduPilot nor PX4 models what acceleration does to the gyros"
+        }
+        "gyro_scale_factor" | "gyro_misalignment" | "accel_misalignment" | "accel_nonlinearity" => {
+            "no parameter exists: both autopilots correct gyros by an offset and accelerometers by an offset and a factor for each axis"
+        }
+        "gps_velocity_latency" => "no parameter exists: one delay holds for position and velocity of a fix",
+        "imu_truncation" => {
+            "nothing to correct: it is the rounding of the message; the autopilot's own samples are not rounded"
+        }
+        "gyro_bias_drift" | "accel_bias_drift" => {
+            "no correction: it is process noise, which the autopilot's filter has parameters of its own for"
+        }
+        "gps_bias_step" | "gyro_bias_step" => "an event of one flight, not a property of the vehicle",
+        "accel_bias" | "gyro_bias" => "the autopilot's filter estimates biases in flight by itself",
+        _ => "no parameter of ArduPilot or PX4 is known that corrects it",
+    }
+}

@@ -1,0 +1,113 @@
+//! From an explanation to the parameter advice: which of its effects may be used, what the logs say of the vehicle, and the file.
+
+use super::{ExplainError, Explained, Request, one_line};
+use crate::advice::on_board::OnBoard;
+use crate::advice::{Finding, file};
+use gaware_mission::item::Autopilot;
+use gaware_mission::params::file::{ParamFile, extension};
+use gaware_nav::identify::select::Added;
+use gaware_nav::identify::survey;
+use std::path::Path;
+
+/// Name of the file, without extension.
+const NAME: &str = "autopilot";
+
+/// What the logs, and the parameter file where one was given, say of the vehicle.
+///
+/// # Errors
+/// A log or the file cannot be read.
+pub fn on_board(request: &Request) -> Result<OnBoard, ExplainError> {
+    let mut all: Option<OnBoard> = None;
+    for path in &request.logs {
+        let one = OnBoard::read(path, request.converter.vehicle)?;
+        match &mut all {
+            Some(all) => all.join(&one),
+            None => all = Some(one),
+        }
+    }
+    let mut all = all.unwrap_or_default();
+    if let Some(path) = &request.parameters {
+        let wrong = |reason: String| ExplainError::Parameters { path: path.clone(), reason };
+        let text = std::fs::read_to_string(path).map_err(|e| wrong(e.to_string()))?;
+        all.add_file(&ParamFile::read(&text).map_err(|e| wrong(e.to_string()))?);
+    }
+    Ok(all)
+}
+
+/// The effects that the explanation names, and those of the given model that it estimated.
+pub fn findings(explained: &Explained) -> Vec<Finding> {
+    let Some(judged) = &explained.judged else { return Vec::new() };
+    let explanation = &explained.explanation;
+    let confirmed = explanation.gap.as_ref().is_some_and(|g| g.held_out.after < g.held_out.before);
+    let mut findings = Vec::new();
+    for entry in &explanation.effects {
+        let Some(name) = entry.parameters.keys().next() else { continue };
+        let Some(added) = judged.selection.added.iter().find(|a| a.setting.effect.name() == *name) else {
+            continue;
+        };
+        let barred = if added.is_at_limit() {
+            Some("the search ended at its limit: the value is a lower bound")
+        } else {
+            (!confirmed).then_some("the held-out data do not confirm it")
+        };
+        findings.push(Finding { names: entry.names.clone(), barred, ..of(added) });
+    }
+    let estimated = |a: &&Added| a.setting.estimated() > 0 && survey::informed(a).iter().all(|i| *i);
+    let elsewhere = |a: &&Added| findings.iter().all(|f| !f.names.contains(&a.setting.effect.name()));
+    let assumed: Vec<Finding> =
+        judged.survey.assumed.iter().filter(estimated).filter(elsewhere).map(of).collect();
+    findings.extend(assumed);
+    findings
+}
+
+fn of(added: &Added) -> Finding {
+    let setting = &added.setting;
+    Finding {
+        names: vec![setting.effect.name()],
+        values: setting.values.clone(),
+        sigmas: setting.sigmas.clone(),
+        barred: None,
+    }
+}
+
+/// Writes `autopilot.param` or `autopilot.params`; a file of an earlier explanation in the same folder does not stay.
+///
+/// # Errors
+/// The file cannot be written.
+pub fn write(explained: &Explained, folder: &Path) -> Result<(), ExplainError> {
+    let advice = explained.explanation.autopilot.as_ref();
+    let flown = advice.and(explained.on_board.autopilot);
+    for autopilot in [Autopilot::ArduPilot, Autopilot::Px4] {
+        let path = folder.join(NAME).with_extension(extension(autopilot));
+        let done = match advice.filter(|_| flown == Some(autopilot)) {
+            Some(advice) => {
+                let logs = one_line(&explained.logs.join(", "));
+                std::fs::write(&path, file::text(advice, autopilot, &explained.on_board, &logs))
+            }
+            None if path.exists() => std::fs::remove_file(&path),
+            None => Ok(()),
+        };
+        done.map_err(|source| ExplainError::Write { path, source })?;
+    }
+    Ok(())
+}
+
+/// What the advice comes to, in a sentence.
+pub fn sentence(explained: &Explained) -> Option<String> {
+    let advice = explained.explanation.autopilot.as_ref()?;
+    let autopilot = explained.on_board.autopilot?;
+    if advice.proposals.is_empty() {
+        return None;
+    }
+    let words: Vec<String> = advice.proposals.iter().map(file::short).collect();
+    let open = advice.proposals.iter().filter(|p| p.proposed.is_none()).count();
+    let lacking = match open {
+        0 => String::new(),
+        _ => format!(" ({open} need values that the log lacks: give them with --parameters FILE)"),
+    };
+    Some(format!(
+        "Parameters of {autopilot}: {}{lacking}; see {NAME}.{}",
+        words.join(", "),
+        extension(autopilot)
+    ))
+}
