@@ -1,8 +1,8 @@
 //! The command line: which commands there are, how they start, and what exit status their result becomes.
 
 use super::{
-    CommandError, airframe, config, demo, explain, mission, output, plan, preflight, replay, report, run,
-    sim, start, study,
+    CommandError, airframe, config, demo, explain, mission, output, params, plan, preflight, replay, report,
+    run, sim, start, study,
 };
 use crate::sinks::log;
 use clap::{CommandFactory, Parser, Subcommand};
@@ -53,6 +53,8 @@ pub enum Command {
     Airframe(airframe::AirframeArgs),
     /// Verified transfer of missions and geofences.
     Mission(mission::MissionArgs),
+    /// Show, back up and change parameters of the autopilot, verified.
+    Params(params::ParamsArgs),
     /// Check a vehicle against plan and airframe before the flight; it is only asked, never changed.
     Preflight(preflight::PreflightArgs),
     /// The file of `run --config`: check it, show every option.
@@ -147,6 +149,7 @@ fn dispatch(command: Command) -> Result<(), CommandError> {
         Command::Plan(args) => plan::run(&args),
         Command::Airframe(args) => airframe::run(&args),
         Command::Mission(args) => mission::run(&args),
+        Command::Params(args) => params::run(&args),
         Command::Preflight(args) => preflight::run(&args),
         Command::Explain(args) => explain::run(&args),
         Command::Study(args) => study::run(&args),

@@ -12,6 +12,10 @@ pub mod mission_args;
 pub mod mission_restore;
 pub mod mission_result;
 pub mod output;
+pub mod params;
+pub mod params_args;
+pub mod params_restore;
+pub mod params_result;
 pub mod plan;
 pub mod preflight;
 pub mod print;
@@ -152,6 +156,9 @@ pub enum CommandError {
     /// A mission transfer.
     #[error(transparent)]
     Mission(#[from] mission::MissionError),
+    /// Parameters of a vehicle.
+    #[error(transparent)]
+    Params(#[from] params::ParamsError),
     /// The pre-flight check.
     #[error(transparent)]
     Preflight(#[from] preflight::PreflightError),
@@ -220,6 +227,7 @@ impl CommandError {
             Self::Demo(error) => error.is_usage(),
             Self::Plan(error) => error.is_usage(),
             Self::Mission(error) => error.is_usage(),
+            Self::Params(error) => error.is_usage(),
             Self::Paper(crate::study::paper::PaperError::TooFewRuns) => true,
             Self::Endurance(error) => {
                 !matches!(error, crate::study::endurance::EnduranceError::NoScenario(_))

@@ -6,6 +6,8 @@ pub mod facts;
 pub mod files;
 pub mod journal;
 pub mod param_codec;
+pub mod param_journal;
+pub mod param_transfer;
 pub mod session;
 pub mod uploader;
 pub mod vehicle;
