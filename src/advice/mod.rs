@@ -13,6 +13,7 @@ use gaware_mission::item::Autopilot;
 use gaware_mission::params::ParamType;
 use on_board::OnBoard;
 use rule::{Change, Derived};
+use schemars::JsonSchema;
 use serde::Serialize;
 use table::{Era, Mapping, Rule};
 
@@ -35,7 +36,7 @@ pub struct Finding {
 }
 
 /// A parameter that is to change.
-#[derive(Debug, Clone, PartialEq, Serialize)]
+#[derive(Debug, Clone, PartialEq, Serialize, JsonSchema)]
 pub struct Proposal {
     /// Its name.
     pub parameter: &'static str,
@@ -71,7 +72,7 @@ pub struct Proposal {
 }
 
 /// What is not proposed.
-#[derive(Debug, Clone, PartialEq, Serialize)]
+#[derive(Debug, Clone, PartialEq, Serialize, JsonSchema)]
 pub struct NotProposed {
     /// The effect.
     pub effect: &'static str,
@@ -89,7 +90,7 @@ pub struct NotProposed {
 }
 
 /// The advice (`report.json`, `autopilot`).
-#[derive(Debug, Clone, PartialEq, Default, Serialize)]
+#[derive(Debug, Clone, PartialEq, Default, Serialize, JsonSchema)]
 pub struct Advice {
     /// `ardupilot` or `px4`; `null` where the log does not say.
     pub autopilot: Option<&'static str>,

@@ -4,6 +4,7 @@
 use super::on_board::OnBoard;
 use super::table::{Mapping, Rule};
 use gaware_mission::item::Autopilot;
+use schemars::JsonSchema;
 use serde::Serialize;
 
 /// Group delay of a second-order Butterworth low-pass at rest times its cut-off frequency: √2/(2π).
@@ -14,7 +15,7 @@ const LOW_PASS: &str = "INS_ACCEL_FILTER";
 const USUAL_DELAY_S: f64 = GROUP_DELAY_CYCLES / 20.0;
 
 /// How a parameter is to change, where its value on board is not known.
-#[derive(Debug, Clone, Copy, PartialEq, Serialize)]
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, JsonSchema)]
 #[serde(rename_all = "snake_case", tag = "operation", content = "value")]
 pub enum Change {
     /// Set to this.
