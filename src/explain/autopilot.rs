@@ -38,7 +38,7 @@ pub fn on_board(request: &Request) -> Result<OnBoard, ExplainError> {
 pub fn findings(explained: &Explained) -> Vec<Finding> {
     let Some(judged) = &explained.judged else { return Vec::new() };
     let explanation = &explained.explanation;
-    let confirmed = explanation.gap.as_ref().is_some_and(|g| g.held_out.after < g.held_out.before);
+    let confirmed = explanation.residual.as_ref().is_some_and(|g| g.held_out.after < g.held_out.before);
     let mut findings = Vec::new();
     for entry in &explanation.effects {
         let Some(name) = entry.parameters.keys().next() else { continue };
