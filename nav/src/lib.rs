@@ -21,3 +21,4 @@ pub mod quantisation;
 pub mod rotation;
 pub mod sample;
 pub mod smoother;
+mod vibration;

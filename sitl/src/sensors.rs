@@ -6,8 +6,8 @@
 use crate::noise::{GaussMarkov, Noise, Purpose};
 use crate::truth::{Trajectory, Truth};
 use gaware_nav::earth::Geodetic;
-use gaware_nav::effects::{Antenna, FixInstant, Instant, Older, ReportedSample};
-use gaware_nav::model::Model;
+use gaware_nav::effects::{Antenna, FixInstant, Instant, LateRate, Older, ReportedSample, Surroundings};
+use gaware_nav::model::{EffectSetting, Model};
 use gaware_nav::rotation::{euler_from_c_nb, wrap_pi};
 use gaware_nav::sample::{
     AttitudeHint, FixVelocity, GnssFix, ImuSample, ImuStream, Quantisation, Sample, SampleKind,
@@ -65,8 +65,12 @@ pub struct SensorConfig {
     pub attitude_rate_hz: f64,
     /// 1-sigma of its slowly wandering error, rad.
     pub attitude_sigma_rad: [f64; 3],
-    /// Vibration.
+    /// Vibration at full throttle.
     pub vibration: Vec<VibrationLine>,
+    /// The throttle goes between this share and full …
+    pub least_throttle: f64,
+    /// … and back in this time, s; 0 = it stays full.
+    pub throttle_period_s: f64,
     /// Stamps of inertial samples are late by up to this, s, evenly spread.
     pub time_jitter_s: f64,
     /// Temperature; `None` = the samples carry none and no effect sees any.
@@ -88,10 +92,23 @@ impl Default for SensorConfig {
             attitude_rate_hz: 0.0,
             attitude_sigma_rad: [0.01, 0.01, 0.03],
             vibration: Vec::new(),
+            least_throttle: 1.0,
+            throttle_period_s: 0.0,
             time_jitter_s: 0.0,
             temperature: None,
             outages: Vec::new(),
         }
+    }
+}
+
+impl SensorConfig {
+    /// Share of the vibration at full throttle.
+    fn throttle(&self, t_s: f64) -> f64 {
+        if self.throttle_period_s <= 0.0 {
+            return 1.0;
+        }
+        let swing = 0.5 - 0.5 * (TAU * t_s / self.throttle_period_s).cos();
+        self.least_throttle + (1.0 - self.least_throttle) * swing
     }
 }
 
@@ -116,6 +133,8 @@ pub struct Sensors {
     /// The last sample of each faulty source.
     told: Vec<Option<ReportedSample>>,
     accel_walk: Vector3<f64>,
+    /// The last two true rates with their times, rad/s and s.
+    rates: [Option<(f64, Vector3<f64>)>; 2],
     /// Phase per line and axis: three of force, three of rate.
     phases: Vec<[f64; 6]>,
 }
@@ -143,6 +162,7 @@ impl Sensors {
             gyro_walk: Vector3::zeros(),
             told: model.effects.iter().map(|_| None).collect(),
             accel_walk: Vector3::zeros(),
+            rates: [None; 2],
             phases,
         }
     }
@@ -185,6 +205,7 @@ impl Sensors {
             rate: truth.rate_ib + vibration_rate,
             force: truth.force + vibration_force,
             temperature_above_25_degc: temperature.map_or(0.0, |t| t - 25.0),
+            around: self.around(truth),
         };
         let per_sample = 1.0 / interval_s.sqrt();
         let imu = &self.model.imu;
@@ -219,21 +240,44 @@ impl Sensors {
         ImuSample { t_s: truth.t_s + late_s, gyro, accel, temperature_degc: temperature }
     }
 
+    /// The surroundings of this truth: derivatives by the last two before it, and the power of the vibration as it is.
+    fn around(&mut self, truth: &Truth) -> Surroundings {
+        let power = self.config.vibration.iter().fold(Vector3::zeros(), |sum: Vector3<f64>, line| {
+            sum + Vector3::from(line.accel_rms.map(|rms| (rms * self.config.throttle(truth.t_s)).powi(2)))
+        });
+        let now = (truth.t_s, truth.rate_ib);
+        let derivatives = match self.rates {
+            [Some(old), Some(last)] if old.0 < last.0 && last.0 < now.0 => {
+                // Newton's divided differences: the parabola through three points.
+                let slope = |a: (f64, Vector3<f64>), b: (f64, Vector3<f64>)| (b.1 - a.1) / (b.0 - a.0);
+                let (before, after) = (slope(old, last), slope(last, now));
+                let bend = (after - before) / (now.0 - old.0);
+                [after + bend * (now.0 - last.0), bend * 2.0]
+            }
+            _ => [Vector3::zeros(); 2],
+        };
+        self.rates = [self.rates[1], Some(now)];
+        Surroundings { rate_derivatives: derivatives, late: LateRate::default(), vibration: power }
+    }
+
     fn vibration(&self, t_s: f64) -> (Vector3<f64>, Vector3<f64>) {
         let (mut force, mut rate) = (Vector3::zeros(), Vector3::zeros());
+        let throttle = self.config.throttle(t_s);
         for (line, phase) in self.config.vibration.iter().zip(&self.phases) {
             let angle = TAU * line.frequency_hz * t_s;
             for axis in 0..3 {
-                force[axis] += SQRT_2 * line.accel_rms[axis] * (angle + phase[axis]).sin();
-                rate[axis] += SQRT_2 * line.gyro_rms[axis] * (angle + phase[axis + 3]).sin();
+                force[axis] += throttle * SQRT_2 * line.accel_rms[axis] * (angle + phase[axis]).sin();
+                rate[axis] += throttle * SQRT_2 * line.gyro_rms[axis] * (angle + phase[axis + 3]).sin();
             }
         }
         (force, rate)
     }
 
-    /// How much older than its stamp a fix is, s.
-    pub fn fix_delay_s(&self) -> f64 {
-        self.model.effects.iter().map(|s| s.effect.fix_delay_s(&s.values)).sum()
+    /// How much older than its stamp the fix with this stamp is, s.
+    pub fn fix_delay_s(&self, stamp_s: f64) -> f64 {
+        let delay_s =
+            |s: &EffectSetting| s.effect.fix_delay_s(&s.values) + s.effect.aging(&s.values) * stamp_s;
+        self.model.effects.iter().map(delay_s).sum()
     }
 
     /// How much older than its position the velocity of a fix is, s.
@@ -258,6 +302,7 @@ impl Sensors {
             force_rate: Vector3::zeros(),
             antenna: Antenna::default(),
             older: Older::default(),
+            elapsed_s: stamp_s,
         });
         let gnss = &self.model.gnss;
         let white = self.position_noise.normal3().component_mul(&Vector3::from(gnss.position_sigma_m));
@@ -268,7 +313,8 @@ impl Sensors {
         }
         let mut velocity = older.v_n
             + self.velocity_noise.normal3().component_mul(&Vector3::from(gnss.velocity_sigma_m_per_s));
-        for setting in &self.model.effects {
+        // The truth of its time of validity is exact, and stands in for what an effect says of a clock.
+        for setting in self.model.effects.iter().filter(|s| s.effect.aging(&s.values) == 0.0) {
             let [position, _] = setting.effect.fix(&setting.values, &x);
             offset += position;
             // The truth of an older velocity is exact, and stands in for what the effect says of it.
@@ -349,7 +395,7 @@ impl Flight {
     /// The next fix, or `None` in an outage or before there was anything to measure.
     fn next_fix(&mut self, stamp_s: f64) -> Option<(Sample, Truth)> {
         self.fix += 1;
-        let valid_s = stamp_s - self.sensors.fix_delay_s();
+        let valid_s = stamp_s - self.sensors.fix_delay_s(stamp_s);
         // Drawn in any case, so that an outage leaves the noise of later fixes alone.
         let older = self.trajectory.truth_at((valid_s - self.sensors.velocity_delay_s()).max(0.0));
         let truth = self.trajectory.truth_at(valid_s.max(0.0));

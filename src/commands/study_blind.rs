@@ -8,6 +8,7 @@ use gaware_nav::identify::select::Settings;
 use serde::Serialize;
 use std::collections::BTreeMap;
 use std::fmt::Write;
+use std::path::PathBuf;
 use std::time::Instant;
 
 /// Arguments of `study blind`.
@@ -34,6 +35,12 @@ pub struct BlindArgs {
     /// So many flights at a time; as many as there are cores when not given.
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u16).range(1..))]
     pub jobs: Option<u16>,
+    /// Take the injected effects out of the catalogue: the verdict must say that something is unexplained.
+    #[arg(long, conflicts_with = "document")]
+    pub unknown: bool,
+    /// Write the catalogue and the confusion matrix to this file.
+    #[arg(long, value_name = "FILE")]
+    pub document: Option<PathBuf>,
     /// Print one JSON document.
     #[arg(long)]
     pub json: bool,
@@ -82,6 +89,7 @@ pub fn run(args: &BlindArgs) -> std::result::Result<(), CommandError> {
                 flights: args.flights,
                 clean: args.clean,
                 first_seed: args.seed,
+                unknown: args.unknown,
                 family,
                 threads: jobs,
             };
@@ -93,6 +101,12 @@ pub fn run(args: &BlindArgs) -> std::result::Result<(), CommandError> {
         })
         .collect();
     bar.finish_and_clear();
+    if let Some(path) = &args.document {
+        let all: Vec<Outcome> = results.iter().flat_map(|r| r.flights.iter().cloned()).collect();
+        let flown = blind::Flown { flights: args.flights, clean: args.clean, seed: args.seed };
+        std::fs::write(path, blind::document(&all, &flown))
+            .map_err(|e| crate::explain::ExplainError::Write { path: path.clone(), source: e })?;
+    }
     if args.json {
         return output::json_pretty(&serde_json::json!({"schema": "gaware.study/1", "blind": results}));
     }
@@ -106,7 +120,7 @@ fn print(out: &mut String, result: &Result) -> std::fmt::Result {
         "\nFlights {}",
         if result.family == Family::Tuning { "of the tuning" } else { "kept aside" }
     )?;
-    let lines: [(&str, Share); 13] = [
+    let lines: [(&str, Share); 15] = [
         ("an oracle could name alone", s.oracle),
         ("named alone and right where the oracle could", s.alone_right_where_oracle),
         ("named alone and right", s.alone_right),
@@ -116,6 +130,8 @@ fn print(out: &mut String, result: &Result) -> std::fmt::Result {
         ("more named than injected", s.too_many),
         ("something named on clean flights", s.false_alarms),
         ("held-out data more likely with all that was named", s.held_out_shrinks),
+        ("nothing said to be missing where an oracle saw it", s.unnoticed),
+        ("explained by something else where an oracle saw it", s.explained_wrongly),
         ("parameters within 2 sigma", s.within_2_sigma),
         ("parameters within 3 sigma", s.within_3_sigma),
         ("both of two found", s.both_found),

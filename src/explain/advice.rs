@@ -34,6 +34,13 @@ fn words(maneuver: Maneuver, airframe: &Airframe) -> String {
     maneuver.words(airframe).long
 }
 
+/// With a capital and a full stop.
+fn sentence(words: &str) -> String {
+    let mut letters = words.chars();
+    let first = letters.next().map(|c| c.to_uppercase().collect::<String>()).unwrap_or_default();
+    format!("{first}{}.", letters.as_str())
+}
+
 /// The maneuvers that separate the members of a group, for a typical airframe of this kind; `None` for a single effect.
 pub fn separate(group: &[&str], fixed_wing: bool) -> Option<String> {
     if group.len() < 2 {
@@ -43,7 +50,11 @@ pub fn separate(group: &[&str], fixed_wing: bool) -> Option<String> {
     let mut advice: Vec<String> = Vec::new();
     for pair in separations(group) {
         let fly: Vec<String> = pair.fly.iter().map(|e| words(maneuver(*e), airframe)).collect();
-        advice.push(format!("{} ({})", fly.join(" "), pair.why));
+        advice.push(if fly.is_empty() {
+            sentence(pair.why)
+        } else {
+            format!("{} ({})", fly.join(" "), pair.why)
+        });
     }
     if advice.is_empty() {
         advice.extend(EVERYTHING.iter().map(|m| words(*m, airframe)));
@@ -63,7 +74,13 @@ mod tests {
             for separation in effect.separations() {
                 let other = effects::find(separation.from).unwrap();
                 assert_ne!(other.name(), effect.name());
-                assert!(!separation.fly.is_empty() && !separation.why.is_empty());
+                // Where nothing is to be flown, the reason says what else to do.
+                assert!(!separation.why.is_empty(), "{}", effect.name());
+                assert!(
+                    !separation.fly.is_empty() || separation.why.contains("measure"),
+                    "{}",
+                    effect.name()
+                );
                 // A pair stands in one file.
                 assert!(other.separations().iter().all(|s| s.from != effect.name()), "{}", effect.name());
                 pairs += 1;
@@ -78,6 +95,8 @@ mod tests {
         let advice = separate(&["gps_lever_arm", "gps_latency"], true).unwrap();
         assert!(advice.contains("throttle") && advice.contains("grows with the speed"), "{advice}");
         assert!(separate(&["gps_latency", "accel_bias_drift"], true).is_some());
+        let told = separate(&["gps_lever_arm", "accel_lever_arm"], true).unwrap();
+        assert!(told.starts_with("No motion separates them: measure"), "{told}");
         let rotor = separate(&["accel_scale_factor", "accel_misalignment"], false).unwrap();
         assert!(!rotor.contains("rudder"), "{rotor}");
     }

@@ -2,13 +2,17 @@
 
 use super::words::number;
 use gaware_nav::earth::STANDARD_GRAVITY;
-use gaware_nav::effects::{Antenna, FixInstant, Instant, Older};
+use gaware_nav::effects::{Antenna, FixInstant, Instant, Older, Surroundings};
 use gaware_nav::model::EffectSetting;
 use gaware_nav::rotation::c_nb_from_euler;
 use nalgebra::Vector3;
 
 /// The turn that consequences are computed for: load, g, and length, s.
 const TURN: (f64, f64) = (2.0, 60.0);
+/// Fixes are looked at so long after the start, s.
+const AFTER_S: f64 = 600.0;
+/// A roll that begins within a second reaches this rate, deg/s.
+const ROLL_DEG_PER_S: f64 = 60.0;
 /// Consequences below these are not worth telling: deg, m, m/s.
 const LEAST_SHOWN: [f64; 3] = [0.01, 0.02, 0.005];
 
@@ -20,6 +24,14 @@ fn turn(load: f64, speed_m_per_s: f64) -> (Vector3<f64>, Vector3<f64>) {
         Vector3::new(0.0, rate * bank.sin(), rate * bank.cos()),
         Vector3::new(0.0, 0.0, -load * STANDARD_GRAVITY),
     )
+}
+
+/// Vibration of 1 g RMS on each axis.
+fn shaken() -> Surroundings {
+    Surroundings {
+        vibration: Vector3::repeat(STANDARD_GRAVITY * STANDARD_GRAVITY),
+        ..Surroundings::default()
+    }
 }
 
 /// The consequence of an effect at a speed; `None` where it has none that is worth a word.
@@ -36,6 +48,7 @@ pub fn of(setting: &EffectSetting, speed_m_per_s: f64) -> Option<String> {
             rate,
             force,
             temperature_above_25_degc: 10.0 * f64::from(u8::from(load > 1.0)),
+            around: if load > 1.0 { shaken() } else { Surroundings::default() },
         }
     };
     let (straight, turning) = (instant(1.0), instant(TURN.0));
@@ -63,12 +76,23 @@ pub fn of(setting: &EffectSetting, speed_m_per_s: f64) -> Option<String> {
     }
     let tilt = (force.norm() / STANDARD_GRAVITY).to_degrees();
     if tilt > LEAST_SHOWN[0] {
+        let turn = format!("in a turn at {:.0} g", TURN.0);
         parts.push(format!(
-            "{} m/s\u{b2} of specific force in a turn at {:.0} g, as much as {} deg of tilt",
+            "{} m/s² of specific force {}, as much as {} deg of tilt",
             number(force.norm()),
-            TURN.0,
+            if effect.needs_vibration() { "under vibration of 1 g RMS" } else { &turn },
             number(tilt)
         ));
+    }
+    let begun = Vector3::new(ROLL_DEG_PER_S.to_radians(), 0.0, 0.0);
+    let rolling = Instant {
+        around: Surroundings { rate_derivatives: [begun, Vector3::zeros()], ..straight.around },
+        ..straight
+    };
+    // Over the second in which the roll begins.
+    let behind = (effect.gyro(p, &rolling) - effect.gyro(p, &straight)).norm().to_degrees();
+    if behind > LEAST_SHOWN[0] {
+        parts.push(format!("{} deg of attitude while rolling at {ROLL_DEG_PER_S:.0} deg/s", number(behind)));
     }
     // A random walk of rate integrates to an angle with sigma q \u{221a}(T\u{b3}/3).
     let walked = (walk.gyro * (TURN.1.powi(3) / 3.0).sqrt()).to_degrees();
@@ -101,6 +125,7 @@ fn on_fixes(setting: &EffectSetting, speed_m_per_s: f64) -> Option<String> {
         force_rate: Vector3::zeros(),
         antenna: Antenna::default(),
         older: Older::default(),
+        elapsed_s: AFTER_S,
     };
     let late_s = effect.fix_delay_s(p);
     let [position, velocity] = effect.fix(p, &x);
@@ -138,5 +163,12 @@ mod tests {
         let late = of(&known(&effects::GpsLatency, &[0.1]), 20.0).unwrap();
         assert!(late.contains("off by 2.00 m and 1.70 m/s"), "{late}");
         assert_eq!(of(&known(&effects::GpsLatency, &[0.0]), 20.0), None);
+        let behind = of(&known(&effects::GyroAccelDelay, &[0.02]), 20.0).unwrap();
+        assert_eq!(behind, "1.20 deg of attitude while rolling at 60 deg/s");
+        let shaken = of(&known(&effects::VibrationRectification, &[1e-3, 0.0, 0.0]), 20.0).unwrap();
+        assert!(shaken.contains("under vibration of 1 g RMS"), "{shaken}");
+        // 100 ppm in ten minutes are 60 ms.
+        let drifted = of(&known(&effects::ClockDrift, &[1e-4]), 20.0).unwrap();
+        assert!(drifted.contains("off by 1.20 m"), "{drifted}");
     }
 }

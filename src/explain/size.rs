@@ -67,12 +67,14 @@ impl Spread {
     }
 }
 
-fn instant(motion: &Motion, start_s: f64) -> Instant {
+fn instant(motion: &Motion, flight: &Flight) -> Instant {
+    let t_s = flight.initial().t_s + motion.elapsed_s;
     Instant {
-        t_s: start_s + motion.elapsed_s,
+        t_s,
         rate: motion.rate,
         force: motion.force,
         temperature_above_25_degc: motion.temperature_degc.map_or(0.0, |t| t - 25.0),
+        around: flight.around(t_s),
     }
 }
 
@@ -130,7 +132,7 @@ fn size(
     let mut longest_s = 0.0f64;
     for (flight_residuals, flight) in residuals.iter().zip(flights) {
         for point in &flight_residuals.after {
-            let x = instant(&point.motion, flight.initial().t_s);
+            let x = instant(&point.motion, flight);
             let old = |f: &dyn Fn(&[f64]) -> Vector3<f64>| known.map_or(Vector3::zeros(), f);
             gyro.take(&(effect.gyro(p, &x) - old(&|k| effect.gyro(k, &x))));
             accel.take(&(effect.accel(p, &x) - old(&|k| effect.accel(k, &x))));
@@ -140,7 +142,8 @@ fn size(
         longest_s = longest_s.max(flight.duration_s());
     }
     let walk = effect.bias_walk(p);
-    let late_s = effect.fix_delay_s(p) - known.map_or(0.0, |k| effect.fix_delay_s(k));
+    let aged_s = |p: &[f64]| effect.fix_delay_s(p) + effect.aging(p) * longest_s;
+    let late_s = aged_s(p) - known.map_or(0.0, aged_s);
     let older_s = effect.velocity_delay_s(p) - known.map_or(0.0, |k| effect.velocity_delay_s(k));
     let moved = if effect.on_fixes().is_some() && late_s == 0.0 {
         let offsets = setting.parameters().zip(p).filter(|((_, unit), _)| unit.symbol == "m");

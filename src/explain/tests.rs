@@ -340,3 +340,57 @@ fn a_clean_flight_tells_what_it_could_not_have_shown() {
     assert!((0.001..0.01).contains(&sigma), "{sigma}");
     assert!(crate::report::explanation::html(&explained).unwrap().contains("tested, not significant"));
 }
+
+/// Each of these alone, in the flight that shows it: its name and nothing else, its size within 2 sigma.
+#[test]
+fn effects_of_time_are_named_with_their_size() {
+    let hidden: [(&'static dyn Effect, Vec<f64>, u64); 3] = [
+        (&effects::GyroAccelDelay, vec![0.012], 71),
+        (&effects::GyroAccelDelay, vec![-0.025], 72),
+        (&effects::ClockDrift, vec![4e-4], 73),
+    ];
+    for (effect, values, seed) in hidden {
+        let explained = explain(&[EffectSetting::known(effect, &values).unwrap()], seed);
+        let e = &explained.explanation;
+        let names: Vec<_> = e.effects.iter().map(|x| &x.names[..]).collect();
+        assert_eq!(names, [[effect.name()]], "{}", e.summary);
+        assert_eq!(e.verdict, contract::Verdict::Explained, "{}", e.summary);
+        let found = explained.model.get(effect.name()).unwrap();
+        println!("{found:?} of {values:?}");
+        for ((value, sigma), truth) in found.values.iter().zip(&found.sigmas).zip(&values) {
+            assert!((value - truth).abs() < 2.0 * sigma, "{found:?} of {values:?}");
+        }
+    }
+}
+
+/// Accelerometers away from the gyros look exactly like an antenna on the other side: never the one alone where it may be the other.
+#[test]
+fn accelerometers_away_from_the_gyros_are_named_where_the_antenna_is_known() {
+    let (arm, name) = ([0.4, -0.25, 0.2], "accel_lever_arm");
+    let hidden = EffectSetting::known(&effects::AccelLeverArm, &arm).unwrap();
+    let flown = fly(&[hidden], Kind::Rich, Family::Tuning, 75).samples;
+    let explain = |model: &Model| {
+        let explained = samples(std::slice::from_ref(&flown), &[], model, &Settings::default(), &|_| {});
+        each_effect_stands_once(&explained.explanation);
+        explained
+    };
+    let unknown = explain(&Model::default()).explanation;
+    assert!(unknown.effects.iter().all(|x| x.names == ["gps_lever_arm"]), "{}", unknown.summary);
+    let why = unknown.not_found.iter().find(|n| n.name == name).unwrap();
+    assert!(why.reason.is_some_and(|r| r.contains("no motion separates")), "{why:?}");
+    let mut measured = Model::default();
+    measured.set(EffectSetting::known(&effects::GpsLeverArm, &[0.0; 3]).unwrap());
+    let explained = explain(&measured);
+    let e = &explained.explanation;
+    assert_eq!(e.effects.len(), 1, "{}", e.summary);
+    let mut names = e.effects[0].names.clone();
+    names.sort_unstable();
+    assert_eq!(names, [name, "gps_lever_arm"], "{}", e.summary);
+    // The best of the two is one or the other; their values are opposite.
+    let (best, sign) = explained.model.get(name).map_or(("gps_lever_arm", -1.0), |_| (name, 1.0));
+    let found = explained.model.get(best).unwrap();
+    for ((value, sigma), truth) in found.values.iter().zip(&found.sigmas).zip(&arm) {
+        assert!((value - sign * truth).abs() < 2.0 * sigma && *sigma < 0.1, "{found:?}");
+    }
+    assert!(e.effects[0].separate_by.as_ref().is_some_and(|s| s.contains("No motion separates them")));
+}

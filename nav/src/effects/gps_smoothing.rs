@@ -78,6 +78,7 @@ mod tests {
             force_rate: Vector3::zeros(),
             antenna: Antenna::default(),
             older: Older::default(),
+            elapsed_s: 0.0,
         };
         let [position, velocity] = GpsSmoothing.fix(&[t * t / 8.0], &x);
         let half = 0.5 * rate * t;

@@ -103,6 +103,7 @@ mod tests {
             force_rate: Vector3::zeros(),
             antenna: Antenna::default(),
             older: Older::default(),
+            elapsed_s: 0.0,
         };
         let [position, velocity] = GpsVelocityLatency.fix(&[latency], &x);
         let turned = rate * latency;

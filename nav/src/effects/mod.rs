@@ -5,42 +5,53 @@
 //! Contributions are evaluated at the *true* rate and specific force and add up: ω̃ = ω + Σ gyro(ω, f),
 //! f̃ = f + Σ accel(f) (the paper, eqs. (1) and (2), generalised); biases are not effects but part of every model.
 
+mod accel_lever_arm;
 mod accel_nonlinearity;
 mod bias_drift;
+mod clock_drift;
 mod gps_bias_step;
 mod gps_latency;
 mod gps_lever_arm;
 mod gps_smoothing;
 mod gps_velocity_latency;
+mod gyro_accel_delay;
 mod gyro_bias_step;
 mod gyro_g2_sensitivity;
 mod gyro_g_sensitivity;
 mod imu_truncation;
+mod instant;
 mod misalignment;
+mod parameters;
 mod scale_factor;
 mod sequence;
 mod source;
 mod temperature;
+mod vibration_rectification;
 
-use crate::earth::STANDARD_GRAVITY;
 use crate::sample::ImuSample;
 use nalgebra::{Matrix3, Vector3};
 
+pub use accel_lever_arm::AccelLeverArm;
 pub use accel_nonlinearity::AccelNonlinearity;
 pub use bias_drift::{AccelBiasDrift, GyroBiasDrift};
+pub use clock_drift::ClockDrift;
 pub use gps_bias_step::GpsBiasStep;
 pub use gps_latency::GpsLatency;
 pub use gps_lever_arm::GpsLeverArm;
 pub use gps_smoothing::GpsSmoothing;
 pub use gps_velocity_latency::GpsVelocityLatency;
+pub use gyro_accel_delay::GyroAccelDelay;
 pub use gyro_bias_step::GyroBiasStep;
 pub use gyro_g_sensitivity::GyroGSensitivity;
 pub use gyro_g2_sensitivity::GyroG2Sensitivity;
 pub use imu_truncation::ImuTruncation;
+pub use instant::{Antenna, FixInstant, Instant, LateRate, Older, Surroundings};
 pub use misalignment::{AccelMisalignment, GyroMisalignment};
+pub use parameters::{ParameterGroup, Shape, Unit, unit};
 pub use scale_factor::{AccelScaleFactor, GyroScaleFactor};
 pub use source::MISTAKES;
 pub use temperature::{AccelTemperature, GyroTemperature};
+pub use vibration_rectification::VibrationRectification;
 
 /// The largest number of parameters of one effect.
 pub const MAX_PARAMETERS: usize = 9;
@@ -58,6 +69,10 @@ pub static REGISTRY: &[&dyn Effect] = &[
     &AccelTemperature,
     &GpsLatency,
     &GpsVelocityLatency,
+    &GyroAccelDelay,
+    &AccelLeverArm,
+    &VibrationRectification,
+    &ClockDrift,
     &GpsLeverArm,
     &ImuTruncation,
     &GyroBiasDrift,
@@ -69,201 +84,6 @@ pub static REGISTRY: &[&dyn Effect] = &[
 /// The effect of this name, if there is one: of the design's table, or a mistake of a source.
 pub fn find(name: &str) -> Option<&'static dyn Effect> {
     REGISTRY.iter().chain(MISTAKES).copied().find(|e| e.name() == name)
-}
-
-/// A unit at the border: symbol for people, suffix for files, size in SI.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Unit {
-    /// As printed, for example `deg/h/g`.
-    pub symbol: &'static str,
-    /// As in file keys, for example `deg_per_h_per_g`.
-    pub suffix: &'static str,
-    /// One such unit in SI.
-    pub si: f64,
-}
-
-/// Units of the parameters of effects.
-pub mod unit {
-    use super::{STANDARD_GRAVITY, Unit};
-    const DEG_PER_H_SI: f64 = std::f64::consts::PI / 180.0 / 3600.0;
-
-    /// Gyro bias.
-    pub const DEG_PER_H: Unit = Unit { symbol: "deg/h", suffix: "deg_per_h", si: DEG_PER_H_SI };
-    /// g-sensitivity.
-    pub const DEG_PER_H_PER_G: Unit =
-        Unit { symbol: "deg/h/g", suffix: "deg_per_h_per_g", si: DEG_PER_H_SI / STANDARD_GRAVITY };
-    /// g²-sensitivity.
-    pub const DEG_PER_H_PER_G2: Unit = Unit {
-        symbol: "deg/h/g²",
-        suffix: "deg_per_h_per_g2",
-        si: DEG_PER_H_SI / (STANDARD_GRAVITY * STANDARD_GRAVITY),
-    };
-    /// Scale factor error.
-    pub const PPM: Unit = Unit { symbol: "ppm", suffix: "ppm", si: 1e-6 };
-    /// Misalignment.
-    pub const MRAD: Unit = Unit { symbol: "mrad", suffix: "mrad", si: 1e-3 };
-    /// Temperature drift of a gyro bias.
-    pub const DEG_PER_H_PER_DEGC: Unit =
-        Unit { symbol: "deg/h/°C", suffix: "deg_per_h_per_degc", si: DEG_PER_H_SI };
-    /// Random walk of a gyro bias; √h = 60 √s.
-    pub const DEG_PER_H_PER_RTH: Unit =
-        Unit { symbol: "deg/h/√h", suffix: "deg_per_h_per_rth", si: DEG_PER_H_SI / 60.0 };
-    /// Accelerometer bias.
-    pub const MG: Unit = Unit { symbol: "mg", suffix: "mg", si: 1e-3 * STANDARD_GRAVITY };
-    /// Non-linearity of an accelerometer.
-    pub const MG_PER_G2: Unit = Unit { symbol: "mg/g²", suffix: "mg_per_g2", si: 1e-3 / STANDARD_GRAVITY };
-    /// Temperature drift of an accelerometer bias.
-    pub const MG_PER_DEGC: Unit =
-        Unit { symbol: "mg/°C", suffix: "mg_per_degc", si: 1e-3 * STANDARD_GRAVITY };
-    /// Random walk of an accelerometer bias.
-    pub const MG_PER_RTH: Unit =
-        Unit { symbol: "mg/√h", suffix: "mg_per_rth", si: 1e-3 * STANDARD_GRAVITY / 60.0 };
-    /// Time.
-    pub const S: Unit = Unit { symbol: "s", suffix: "s", si: 1.0 };
-    /// Length.
-    pub const M: Unit = Unit { symbol: "m", suffix: "m", si: 1.0 };
-}
-
-/// How the values of a parameter group are laid out in `model.toml`.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Shape {
-    /// One number.
-    Scalar,
-    /// Three numbers: x, y, z, or north, east, down.
-    Vector,
-    /// Three rows of three.
-    Matrix,
-    /// Three rows of three, the diagonal zero and not a parameter.
-    MatrixWithoutDiagonal,
-    /// xy, xz, yz.
-    UpperTriangle,
-}
-
-impl Shape {
-    /// Number of parameters.
-    pub fn len(self) -> usize {
-        match self {
-            Self::Scalar => 1,
-            Self::Vector | Self::UpperTriangle => 3,
-            Self::MatrixWithoutDiagonal => 6,
-            Self::Matrix => 9,
-        }
-    }
-
-    /// Never empty.
-    pub fn is_empty(self) -> bool {
-        false
-    }
-}
-
-/// Parameters of one unit within an effect.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub struct ParameterGroup {
-    /// Unit at the border.
-    pub unit: Unit,
-    /// Layout in files.
-    pub shape: Shape,
-    /// A short name per parameter, as on screens: `g11`, `latency`.
-    pub names: &'static [&'static str],
-    /// Prior 1-sigma when the effect is estimated and nothing is known of its size, SI. Zero for a parameter that
-    /// is no linear state (an instant, a noise density): it is only ever set, and found by searching over values.
-    pub prior_sigma: f64,
-}
-
-impl ParameterGroup {
-    /// Whether a filter can carry these parameters as states. Otherwise their Jacobian columns stay zero.
-    pub fn is_state(&self) -> bool {
-        self.prior_sigma > 0.0
-    }
-}
-
-/// The ideal inertial unit at one instant: what its effects may depend on.
-#[derive(Debug, Clone, Copy)]
-pub struct Instant {
-    /// Time, s.
-    pub t_s: f64,
-    /// True angular rate ω_ib^b, rad/s.
-    pub rate: Vector3<f64>,
-    /// True specific force f^b, m/s².
-    pub force: Vector3<f64>,
-    /// Temperature above 25 °C; 0 where unknown.
-    pub temperature_above_25_degc: f64,
-}
-
-/// The vehicle at the time of validity of a fix: what effects on GNSS may depend on. North-east-down.
-#[derive(Debug, Clone, Copy)]
-pub struct FixInstant {
-    /// Time, s.
-    pub t_s: f64,
-    /// Velocity of the inertial unit, m/s.
-    pub v_n: Vector3<f64>,
-    /// Acceleration of the inertial unit relative to Earth, m/s².
-    pub a_n: Vector3<f64>,
-    /// C_b^n.
-    pub c_nb: Matrix3<f64>,
-    /// Rate of the body relative to Earth ω_eb^b, rad/s.
-    pub rate_eb: Vector3<f64>,
-    /// Rate of change of the specific force in body axes, m/s³; zero where it is not known.
-    pub force_rate: Vector3<f64>,
-    /// The antenna and the receiver behind it, as the rest of the model has them.
-    pub antenna: Antenna,
-    /// The velocity of a while ago.
-    pub older: Older,
-}
-
-/// By how much the velocity of a while ago differs from that of now, as the samples in between have it.
-#[derive(Debug, Clone, Copy, Default)]
-pub struct Older {
-    /// How long ago, s; 0 where the samples are not at hand.
-    pub lag_s: f64,
-    /// North, east, down, m/s.
-    pub change: Vector3<f64>,
-}
-
-/// What effects on fixes have to know of one another: a receiver smooths the path of the antenna, wherever that is.
-#[derive(Debug, Clone, Copy, Default)]
-pub struct Antenna {
-    /// Half the variance of the receiver's kernel, s².
-    pub smoothing_s2: f64,
-    /// Position of the antenna relative to the inertial unit, m.
-    pub arm: Vector3<f64>,
-    /// First and second derivative of the angular rate, rad/s² and rad/s³; zero where they are not known.
-    pub rate_derivatives: [Vector3<f64>; 2],
-}
-
-impl Antenna {
-    /// That of effects with their parameters.
-    pub fn of<'a>(
-        effects: impl Iterator<Item = (&'static dyn Effect, &'a [f64])>,
-        rate_derivatives: [Vector3<f64>; 2],
-    ) -> Self {
-        let mut antenna = Self { rate_derivatives, ..Self::default() };
-        for (effect, p) in effects {
-            if let Some(e) = effect.on_fixes() {
-                antenna.smoothing_s2 += e.smoothing_s2(p);
-                antenna.arm += e.arm(p);
-            }
-        }
-        antenna
-    }
-}
-
-impl FixInstant {
-    /// Rate of change of the acceleration, m/s³: specific force turns with the body, and changes in it.
-    pub fn jerk_n(&self) -> Vector3<f64> {
-        let force_n = self.a_n - Vector3::new(0.0, 0.0, STANDARD_GRAVITY);
-        (self.c_nb * self.rate_eb).cross(&force_n) + self.c_nb * self.force_rate
-    }
-
-    /// Second and third derivative of the position of a point of the vehicle relative to the inertial unit, m/s² and m/s³.
-    pub fn derivatives_of(&self, arm: &Vector3<f64>) -> [Vector3<f64>; 2] {
-        let w = &self.rate_eb;
-        let [first, second] = &self.antenna.rate_derivatives;
-        let velocity = w.cross(arm);
-        let acceleration = first.cross(arm) + w.cross(&velocity);
-        let jerk = second.cross(arm) + first.cross(&velocity) + w.cross(&(first.cross(arm) + acceleration));
-        [self.c_nb * acceleration, self.c_nb * jerk]
-    }
 }
 
 /// Spectral densities (square roots) of random walks that an effect adds to the biases.
@@ -406,6 +226,16 @@ pub trait Effect: Sync + std::fmt::Debug {
         false
     }
 
+    /// Another effect that no motion separates from it: it is looked for only where the model gives that one as known.
+    fn needs_known(&self) -> Option<&'static str> {
+        None
+    }
+
+    /// Whether it shows only where the vehicle vibrates.
+    fn needs_vibration(&self) -> bool {
+        false
+    }
+
     /// What jumps, if it is an event: an instant that is searched for, and a size.
     fn event(&self) -> Option<Event> {
         None
@@ -462,6 +292,21 @@ pub trait ImuEffect {
     ) {
     }
 
+    /// How much older than the specific force the reported rate is, s. [`Self::gyro`] holds what that changes.
+    fn rate_lag_s(&self, _p: &[f64]) -> f64 {
+        0.0
+    }
+
+    /// ∂accel/∂rate: how an error of rate becomes one of specific force.
+    fn accel_by_rate(&self, _p: &[f64], _x: &Instant) -> Option<Matrix3<f64>> {
+        None
+    }
+
+    /// Whether it depends on [`Instant::around`].
+    fn needs_surroundings(&self) -> bool {
+        false
+    }
+
     /// ∂gyro/∂force: how an error of specific force becomes one of rate.
     fn gyro_by_force(&self, _p: &[f64], _x: &Instant) -> Option<Matrix3<f64>> {
         None
@@ -482,6 +327,11 @@ pub trait FixEffect {
 
     /// How much older than the position of a fix its velocity is, s. [`Self::fix`] holds what that changes.
     fn velocity_delay_s(&self, _p: &[f64]) -> f64 {
+        0.0
+    }
+
+    /// By how many seconds a fix grows older in each second of the flight. [`Self::fix`] holds what that changes.
+    fn aging(&self, _p: &[f64]) -> f64 {
         0.0
     }
 
@@ -620,6 +470,26 @@ impl<'a> dyn Effect + 'a {
         self.on_fixes().map_or(0.0, |e| e.velocity_delay_s(p))
     }
 
+    /// As [`FixEffect::aging`].
+    pub fn aging(&self, p: &[f64]) -> f64 {
+        self.on_fixes().map_or(0.0, |e| e.aging(p))
+    }
+
+    /// As [`ImuEffect::rate_lag_s`].
+    pub fn rate_lag_s(&self, p: &[f64]) -> f64 {
+        self.on_samples().map_or(0.0, |e| e.rate_lag_s(p))
+    }
+
+    /// As [`ImuEffect::accel_by_rate`].
+    pub fn accel_by_rate(&self, p: &[f64], x: &Instant) -> Option<Matrix3<f64>> {
+        self.on_samples().and_then(|e| e.accel_by_rate(p, x))
+    }
+
+    /// As [`ImuEffect::needs_surroundings`].
+    pub fn needs_surroundings(&self) -> bool {
+        self.on_samples().is_some_and(ImuEffect::needs_surroundings)
+    }
+
     /// As [`FixEffect::fix`].
     pub fn fix(&self, p: &[f64], x: &FixInstant) -> [Vector3<f64>; 2] {
         self.on_fixes().map_or([Vector3::zeros(); 2], |e| e.fix(p, x))
@@ -741,6 +611,10 @@ mod tests {
             ("accel_temperature", "mg_per_degc:3"),
             ("gps_latency", "s:1"),
             ("gps_velocity_latency", "s:1"),
+            ("gyro_accel_delay", "s:1"),
+            ("accel_lever_arm", "m:3"),
+            ("vibration_rectification", "mg_per_g2:3"),
+            ("clock_drift", "ppm:1"),
             ("gps_lever_arm", "m:3"),
             ("imu_truncation", ""),
             ("gyro_bias_drift", "deg_per_h_per_rth:1"),

@@ -1,5 +1,4 @@
-//! Faults of a source that show from sample to sample: values clipped at the end of the range, samples reported twice, one sensor
-//! a sample behind the other. Discrete like those of [`source`](super::source), and named on the same scale.
+//! Faults of a source that show from sample to sample: values clipped at the end of the range, samples reported twice. Discrete like those of [`source`](super::source), and named on the same scale.
 
 use super::{Effect, ParameterGroup, ReportedSample, SourceEffect};
 use crate::earth::STANDARD_GRAVITY;
@@ -16,8 +15,6 @@ enum Act {
     Clip(Sensor),
     /// Every other sample is the one before.
     Repeat,
-    /// The sensor's sample belongs to the time of the one before.
-    Late(Sensor),
 }
 
 /// One mistake.
@@ -53,12 +50,6 @@ pub static SAMPLES_REPEATED: SequenceMistake = mistake(
     "inertial samples are reported twice, the second time under a new time stamp",
     Act::Repeat,
 );
-/// The gyros are a sample behind the accelerometers.
-pub static GYRO_SAMPLE_LATE: SequenceMistake =
-    mistake("gyro_sample_late", "the gyros are one sample behind the accelerometers", Act::Late(0));
-/// The accelerometers are a sample behind the gyros.
-pub static ACCEL_SAMPLE_LATE: SequenceMistake =
-    mistake("accel_sample_late", "the accelerometers are one sample behind the gyros", Act::Late(1));
 
 fn of(sample: &ImuSample, sensor: Sensor) -> &Vector3<f64> {
     if sensor == 0 { &sample.gyro } else { &sample.accel }
@@ -175,7 +166,6 @@ impl SourceEffect for SequenceMistake {
                 told[sensor] = now[sensor].map(|v| v.clamp(-RANGE[sensor], RANGE[sensor]))
             }
             (Act::Repeat, Some(before)) if before.count % 2 == 1 => told = before.reported,
-            (Act::Late(sensor), Some(before)) => told[sensor] = before.raw[sensor],
             _ => {}
         }
         told
@@ -185,9 +175,6 @@ impl SourceEffect for SequenceMistake {
         match (self.act, last) {
             (Act::Clip(_), _) => Some(*now),
             (Act::Repeat, last) => last.is_none_or(|l| !repeats(now, l)).then_some(*now),
-            (Act::Late(0), Some(last)) => Some(ImuSample { gyro: now.gyro, ..*last }),
-            (Act::Late(_), Some(last)) => Some(ImuSample { accel: now.accel, ..*last }),
-            (Act::Late(_), None) => None,
         }
     }
 
@@ -217,7 +204,6 @@ impl SourceEffect for SequenceMistake {
                 let repeated = samples.windows(2).filter(|w| repeats(&w[1], &w[0])).count();
                 repeated as f64 > REPEATED * samples.len() as f64
             }
-            Act::Late(_) => true,
         }
     }
 }
@@ -277,17 +263,12 @@ mod tests {
     }
 
     #[test]
-    fn a_repeated_sample_is_left_out_and_a_late_sensor_moves_back() {
-        for mistake in [&SAMPLES_REPEATED, &GYRO_SAMPLE_LATE, &ACCEL_SAMPLE_LATE] {
-            let (ideal, told) = told(mistake, 0.5);
-            assert!(worst(&ideal, &told) > 1e-3 && mistake.shows_in(&told), "{}", mistake.name());
-            let undone = mistake.undo_sequence(&told);
-            // The very first sample of a late sensor has none before it.
-            assert!(worst(&ideal, &undone[1..]) < 1e-12, "{}", mistake.name());
-            let wanted = if mistake.act == Act::Repeat { 175 } else { 349 };
-            assert_eq!(undone.len(), wanted, "{}", mistake.name());
-        }
-        let (ideal, _) = told(&SAMPLES_REPEATED, 0.5);
+    fn a_repeated_sample_is_left_out() {
+        let (ideal, twice) = told(&SAMPLES_REPEATED, 0.5);
+        assert!(worst(&ideal, &twice) > 1e-3 && SAMPLES_REPEATED.shows_in(&twice));
+        let undone = SAMPLES_REPEATED.undo_sequence(&twice);
+        assert!(worst(&ideal, &undone) < 1e-12);
+        assert_eq!(undone.len(), 175);
         assert!(!SAMPLES_REPEATED.shows_in(&ideal));
     }
 

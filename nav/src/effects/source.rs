@@ -92,8 +92,6 @@ macro_rules! mistakes {
             &sequence::GYRO_CLIPPED,
             &sequence::ACCEL_CLIPPED,
             &sequence::SAMPLES_REPEATED,
-            &sequence::GYRO_SAMPLE_LATE,
-            &sequence::ACCEL_SAMPLE_LATE,
         ];
     };
 }

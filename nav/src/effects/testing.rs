@@ -1,11 +1,17 @@
 //! What the tests of all effects share.
 
-use super::{Antenna, Effect, FixInstant, Instant, MAX_PARAMETERS, Older};
+use super::{Antenna, Effect, FixInstant, Instant, LateRate, MAX_PARAMETERS, Older, Surroundings};
 use crate::rotation::c_nb_from_euler;
 use nalgebra::Vector3;
 
 pub fn instant(rate: [f64; 3], force: [f64; 3]) -> Instant {
-    Instant { t_s: 12.0, rate: rate.into(), force: force.into(), temperature_above_25_degc: 7.0 }
+    let rate = Vector3::from(rate);
+    let around = Surroundings {
+        rate_derivatives: [Vector3::new(0.5, -0.3, 0.8) + rate * 2.0, Vector3::new(-3.0, 1.0, 2.0)],
+        late: LateRate::default(),
+        vibration: Vector3::new(2.0, 9.0, 30.0),
+    };
+    Instant { t_s: 12.0, rate, force: force.into(), temperature_above_25_degc: 7.0, around }
 }
 
 pub fn fix_instant() -> FixInstant {
@@ -18,6 +24,7 @@ pub fn fix_instant() -> FixInstant {
         force_rate: Vector3::new(2.0, -1.0, 5.0),
         antenna: Antenna::default(),
         older: Older::default(),
+        elapsed_s: 100.0,
     }
 }
 
@@ -61,6 +68,16 @@ pub fn check_jacobians(effect: &dyn Effect) {
             let (plus, minus) = (shifted(k, h), shifted(k, -h));
             close((effect.gyro(&plus, &x) - effect.gyro(&minus, &x)) / (2.0 * h), &gyro[k]);
             close((effect.accel(&plus, &x) - effect.accel(&minus, &x)) / (2.0 * h), &accel[k]);
+        }
+        if let Some(by_rate) = effect.accel_by_rate(&p, &x) {
+            for k in 0..3 {
+                let mut step = Vector3::zeros();
+                step[k] = 1e-3;
+                let (plus, minus) =
+                    (Instant { rate: x.rate + step, ..x }, Instant { rate: x.rate - step, ..x });
+                let numeric = (effect.accel(&p, &plus) - effect.accel(&p, &minus)) / 2e-3;
+                close(numeric, &by_rate.column(k).into());
+            }
         }
         if let Some(by_force) = effect.gyro_by_force(&p, &x) {
             for k in 0..3 {

@@ -2,7 +2,7 @@
 //! sensor model and its Jacobian with respect to every constant state.
 
 use super::layout::{Layout, index};
-use crate::effects::{Instant, MAX_PARAMETERS};
+use crate::effects::{Instant, MAX_PARAMETERS, Surroundings};
 use crate::mechanization::Motion;
 use crate::model::Model;
 use crate::sample::ImuSample;
@@ -22,6 +22,8 @@ pub struct Calibration {
     pub accel_bias: Vector3<f64>,
     /// Parameters of each effect of the model, SI.
     pub parameters: Vec<Vec<f64>>,
+    /// What the samples around the present one show.
+    pub around: Surroundings,
 }
 
 /// How motion depends on the constant states: one column per state from the gyro bias on.
@@ -40,6 +42,7 @@ impl Calibration {
             gyro_bias: model.imu.gyro_bias.into(),
             accel_bias: model.imu.accel_bias.into(),
             parameters: model.effects.iter().map(|s| s.values.clone()).collect(),
+            around: Surroundings::default(),
         }
     }
 
@@ -67,18 +70,24 @@ impl Calibration {
         }
     }
 
-    fn instant(sample: &ImuSample, motion: &Motion) -> Instant {
+    fn instant(&self, sample: &ImuSample, motion: &Motion) -> Instant {
         Instant {
             t_s: sample.t_s,
             rate: motion.rate,
             force: motion.force,
             temperature_above_25_degc: sample.temperature_degc.map_or(0.0, |t| t - REFERENCE_DEGC),
+            around: self.around,
         }
+    }
+
+    /// How much older than the specific force the reported rate is, s.
+    pub fn rate_lag_s(&self, model: &Model) -> f64 {
+        model.effects.iter().zip(&self.parameters).map(|(s, p)| s.effect.rate_lag_s(p)).sum()
     }
 
     /// What the sensors would show for this motion (the paper, eq. (1), with every effect).
     pub fn measure(&self, model: &Model, sample: &ImuSample, motion: &Motion) -> Motion {
-        let x = Self::instant(sample, motion);
+        let x = self.instant(sample, motion);
         let mut out = Motion { rate: motion.rate + self.gyro_bias, force: motion.force + self.accel_bias };
         for (setting, p) in model.effects.iter().zip(&self.parameters) {
             if let Some(effect) = setting.effect.on_samples() {
@@ -122,8 +131,8 @@ impl Calibration {
             out.rate[k][k] = -1.0;
             out.force[3 + k][k] = -1.0;
         }
-        let x = Self::instant(sample, motion);
-        let mut by_force = Matrix3::zeros();
+        let x = self.instant(sample, motion);
+        let (mut by_force, mut by_rate) = (Matrix3::zeros(), Matrix3::zeros());
         let mut slots = layout.slots().iter().peekable();
         for (e, (setting, p)) in model.effects.iter().zip(&self.parameters).enumerate() {
             let Some(effect) = setting.effect.on_samples() else {
@@ -133,6 +142,7 @@ impl Calibration {
             if let Some(g) = effect.gyro_by_force(p, &x) {
                 by_force += g;
             }
+            by_rate += setting.effect.accel_by_rate(p, &x).unwrap_or_default();
             if slots.peek().is_none_or(|s| s.effect != e) {
                 continue;
             }
@@ -149,6 +159,9 @@ impl Calibration {
             if *force != Vector3::zeros() {
                 *rate -= by_force * force;
             }
+        }
+        if by_rate != Matrix3::zeros() {
+            out.force.iter_mut().zip(&out.rate).for_each(|(force, rate)| *force -= by_rate * rate);
         }
     }
 }

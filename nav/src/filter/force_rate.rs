@@ -1,9 +1,10 @@
 //! How fast specific force and angular rate change, along a whole flight: known only afterwards, when the samples on both sides of
 //! an instant are there. A receiver that rounds corners off needs it ([`GpsSmoothing`](crate::effects::GpsSmoothing)).
 
-use crate::effects::{FixInstant, Older};
+use crate::effects::{FixInstant, LateRate, Older, Surroundings};
 use crate::rotation::exp;
 use crate::sample::{ImuSample, SampleKind};
+use crate::vibration::{HighPass, Meter};
 use nalgebra::Vector3;
 
 /// Means over so long before and after an instant are compared, s: two epochs of a receiver at 5 Hz, as its interpolation
@@ -12,6 +13,12 @@ const SPAN_S: f64 = 0.1;
 
 /// The angular rate itself is a mean over this time before and after an instant, s.
 const RATE_SPAN_S: f64 = 0.02;
+
+/// A rate that is compared with one of a while ago is a mean over this time before and after, s.
+const LATE_SPAN_S: f64 = 0.01;
+/// The power of vibration is a mean over this time before and after an instant, s: two lines that the sampling folds onto nearly the
+/// same frequency beat.
+const POWER_SPAN_S: f64 = 2.0;
 
 /// A change of velocity is put together of so many parts.
 const PARTS: u32 = 4;
@@ -22,15 +29,20 @@ pub struct ForceRates {
     times_s: Vec<f64>,
     impulses: Vec<Vector3<f64>>,
     angles: Vec<Vector3<f64>>,
+    /// Integral of the squares of what is fast in the specific force.
+    powers: Vec<Vector3<f64>>,
 }
 
 impl ForceRates {
     /// Of samples in order of time.
     pub fn new(samples: &[ImuSample], kind: SampleKind) -> Self {
         let (mut times_s, mut impulses, mut angles) = (Vec::new(), Vec::new(), Vec::new());
+        let (mut powers, mut power, mut high_pass) = (Vec::new(), Vector3::zeros(), HighPass::default());
         let (mut last, mut sum, mut angle) = (None::<&ImuSample>, Vector3::zeros(), Vector3::zeros());
         for sample in samples {
+            let fast = high_pass.take(sample);
             if let Some(before) = last {
+                power += fast.component_mul(&fast) * (sample.t_s - before.t_s);
                 let start = if kind == SampleKind::Point { before } else { sample };
                 let half = 0.5 * (sample.t_s - before.t_s);
                 sum += (start.accel + sample.accel) * half;
@@ -39,9 +51,10 @@ impl ForceRates {
             times_s.push(sample.t_s);
             impulses.push(sum);
             angles.push(angle);
+            powers.push(power);
             last = Some(sample);
         }
-        Self { times_s, impulses, angles }
+        Self { times_s, impulses, angles, powers }
     }
 
     fn up_to(&self, sums: &[Vector3<f64>], t_s: f64) -> Option<Vector3<f64>> {
@@ -79,6 +92,23 @@ impl ForceRates {
         }
     }
 
+    /// What the samples show around an instant. `lag_s`: the reported rate is so much older than the specific force.
+    pub fn around(&self, t_s: f64, lag_s: f64) -> Surroundings {
+        let mean = |sums: &[Vector3<f64>], t_s: f64, span_s: f64| {
+            let (a, b) = (self.up_to(sums, t_s - span_s)?, self.up_to(sums, t_s + span_s)?);
+            Some((b - a) / (2.0 * span_s))
+        };
+        let rate = |t_s: f64| mean(&self.angles, t_s, LATE_SPAN_S);
+        // The true rate of now is reported later.
+        let change = || Some(rate(t_s)? - rate(t_s + lag_s)?);
+        let late = if lag_s == 0.0 { None } else { change() };
+        Surroundings {
+            rate_derivatives: self.of_rate_at(t_s + lag_s),
+            late: late.map_or_else(LateRate::default, |change| LateRate { lag_s, change }),
+            vibration: mean(&self.powers, t_s, POWER_SPAN_S).unwrap_or_default(),
+        }
+    }
+
     /// First and second derivative of the angular rate, rad/s² and rad/s³; zero where samples on one side are lacking.
     pub fn of_rate_at(&self, t_s: f64) -> [Vector3<f64>; 2] {
         let rate = |t: f64| {
@@ -89,6 +119,40 @@ impl ForceRates {
         match [t_s - SPAN_S, t_s, t_s + SPAN_S].map(rate) {
             [Some(a), Some(b), Some(c)] => [(c - a) / (2.0 * SPAN_S), (c - b * 2.0 + a) / (SPAN_S * SPAN_S)],
             _ => [Vector3::zeros(); 2],
+        }
+    }
+}
+
+/// The rate's time constant when its slope is taken from the samples before alone, s.
+const SLOPE_S: f64 = 0.02;
+
+/// The same in flight, from the samples so far: derivatives are a time constant late, and a rate of a while ago is a series about
+/// now.
+#[derive(Debug, Clone, Copy, Default)]
+pub struct Recent {
+    last: Option<(f64, Vector3<f64>)>,
+    slope: Vector3<f64>,
+    meter: Meter,
+}
+
+impl Recent {
+    /// Takes the next sample.
+    pub fn take(&mut self, sample: &ImuSample) {
+        if let Some((t_s, gyro)) = self.last.replace((sample.t_s, sample.gyro)) {
+            let dt = sample.t_s - t_s;
+            if dt > 0.0 {
+                self.slope += ((sample.gyro - gyro) / dt - self.slope) * (dt / (dt + SLOPE_S));
+            }
+        }
+        self.meter.take(sample);
+    }
+
+    /// What the samples show so far.
+    pub fn around(&self) -> Surroundings {
+        Surroundings {
+            rate_derivatives: [self.slope, Vector3::zeros()],
+            late: LateRate::default(),
+            vibration: self.meter.power(),
         }
     }
 }
@@ -143,5 +207,30 @@ mod tests {
             let exact = velocity(t_s - lag_s) - velocity(t_s);
             assert!((older.change - exact).norm() < 5e-3, "{t_s}: {} {exact}", older.change);
         }
+    }
+
+    /// Gyros that are more than a sample late: what the samples show around an instant is the true rate.
+    #[test]
+    fn a_rate_that_is_late_is_found_among_the_samples() {
+        let rate = |t: f64| Vector3::new(0.8 * (2.0 * t).sin(), 0.0, 0.3 * (3.0 * t).cos());
+        let slope = |t: f64| Vector3::new(1.6 * (2.0 * t).cos(), 0.0, -0.9 * (3.0 * t).sin());
+        let late_s = 0.027;
+        let samples: Vec<ImuSample> = (0..300)
+            .map(|i| {
+                let t_s = f64::from(i) * 0.02;
+                ImuSample { t_s, gyro: rate(t_s - late_s), accel: Vector3::zeros(), temperature_degc: None }
+            })
+            .collect();
+        let rates = ForceRates::new(&samples, SampleKind::Point);
+        for t_s in [1.0, 2.31, 4.007] {
+            let around = rates.around(t_s, late_s);
+            assert!((around.late.change - (rate(t_s - late_s) - rate(t_s))).norm() < 2e-3, "{around:?}");
+            assert!((around.rate_derivatives[0] - slope(t_s)).norm() < 0.05, "{around:?}");
+        }
+        // In flight there are only those before.
+        let mut recent = Recent::default();
+        samples.iter().take_while(|s| s.t_s <= 2.0).for_each(|s| recent.take(s));
+        let off = recent.around().rate_derivatives[0] - slope(2.0 - late_s);
+        assert!(off.norm() < 0.1, "{off}");
     }
 }

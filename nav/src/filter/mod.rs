@@ -27,7 +27,7 @@ use crate::model::Model;
 use crate::sample::{ImuSample, SampleKind};
 use calibration::{Calibration, MotionJacobian};
 use covariance::Covariance;
-use force_rate::ForceRates;
+use force_rate::{ForceRates, Recent};
 use layout::{Layout, index};
 use nalgebra::{Matrix3, Vector3};
 use regressor::Regressor;
@@ -108,6 +108,12 @@ pub struct Filter {
     watch: Option<Box<watch::Watch>>,
     /// How fast the specific force changes, where the whole flight is known.
     force_rates: Option<Arc<ForceRates>>,
+    /// Whether an effect of the model, or a watched one, depends on the samples around the present one …
+    needs_surroundings: bool,
+    /// … and what those so far show.
+    recent: Recent,
+    /// When it began, s.
+    began_s: f64,
     /// What happened, for a smoother.
     tape: Option<Box<tape::Tape>>,
 }
@@ -170,6 +176,9 @@ impl Filter {
             gating: true,
             watch: None,
             force_rates: None,
+            needs_surroundings: model.effects.iter().any(|s| s.effect.needs_surroundings()),
+            recent: Recent::default(),
+            began_s: initial.t_s,
             tape: None,
         }
     }
@@ -186,6 +195,7 @@ impl Filter {
 
     /// Watches how the innovations depend on parameters that are not estimated.
     pub fn watch(&mut self, watched: watch::Watched) {
+        self.needs_surroundings |= watched.effects.iter().any(|s| s.effect.needs_surroundings());
         self.watch = Some(Box::new(watch::Watch::new(watched, &self.layout)));
     }
 
@@ -203,6 +213,7 @@ impl Filter {
         fresh.regressor = self.regressor.clone();
         // Value and covariance belong together.
         fresh.wander = self.wander;
+        fresh.began_s = self.began_s;
         fresh.rounding = self.rounding;
         fresh.scatter = self.scatter;
         fresh.initial_sigmas[index::GYRO_BIAS..].copy_from_slice(&self.initial_sigmas[index::GYRO_BIAS..]);

@@ -31,6 +31,9 @@ impl Filter {
         if !sample.is_usable() {
             return;
         }
+        if self.needs_surroundings && self.force_rates.is_none() {
+            self.recent.take(sample);
+        }
         let gap = Gap { from_s: self.sampled_s, to_s: sample.t_s };
         self.step(sample, &gap);
         self.sampled_s = self.sampled_s.max(sample.t_s);
@@ -50,6 +53,7 @@ impl Filter {
             self.hold_step(sample, dt, decay);
             return;
         }
+        self.look_around(sample.t_s, dt);
         let motion = self.calibration.motion(&self.model, sample);
         let inc = Increment::between(&self.motion, &motion, self.kind, dt);
         std::mem::swap(&mut self.jacobian, &mut self.start_jacobian);
@@ -73,6 +77,16 @@ impl Filter {
         self.last = Some(*sample);
         self.t_s = sample.t_s;
         self.tape_step(dt, decay);
+    }
+
+    /// What the samples around the end of a step show; a mean is one of its middle.
+    fn look_around(&mut self, t_s: f64, dt: f64) {
+        if self.needs_surroundings {
+            let at_s = if self.kind == SampleKind::Point { t_s } else { t_s - 0.5 * dt };
+            let lag_s = self.calibration.rate_lag_s(&self.model);
+            let rates = self.force_rates.as_ref();
+            self.calibration.around = rates.map_or_else(|| self.recent.around(), |f| f.around(at_s, lag_s));
+        }
     }
 
     /// Takes what is linear in the state's error along: the watch, and the carried mean x ← Φ x.

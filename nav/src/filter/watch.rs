@@ -163,6 +163,7 @@ impl Watch {
             rate: motion.rate,
             force: motion.force,
             temperature_above_25_degc: temperature,
+            around: calibration.around,
         };
         self.watched.imu_columns(&x, &mut self.end);
         let begun = *self.start_s.get_or_insert(sample.t_s);

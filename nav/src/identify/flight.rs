@@ -1,12 +1,14 @@
 //! One recorded flight, prepared once so that many models can be run over the very same samples and fixes.
 
+use super::guess::Guesses;
 use super::linear::Unseen;
 use super::linear::reference::delay_s;
 use super::rounding::Rounding;
-use crate::effects::MISTAKES;
+use crate::effects::{MISTAKES, Surroundings};
 use crate::estimator::{Estimator, Stage};
 use crate::filter::Initial;
 use crate::filter::force_rate::ForceRates;
+use crate::mechanization::NavState;
 use crate::model::Model;
 use crate::noise_meter::NoiseMeter;
 use crate::quantisation::Dequantiser;
@@ -75,6 +77,7 @@ pub struct Flight {
     rounding: Vec<(Quantisation, Rounding)>,
     force_rates: Arc<ForceRates>,
     unseen: Unseen,
+    guesses: Guesses,
     interval_s: f64,
     measured_noise: (f64, f64),
     told_delay_s: Option<f64>,
@@ -157,6 +160,7 @@ impl Flight {
         }
         let mut flight = Self {
             force_rates: Arc::new(ForceRates::new(&raw, stream.kind)),
+            guesses: Guesses::of(stretch, &unseen),
             unseen,
             stream,
             initial,
@@ -286,9 +290,20 @@ impl Flight {
         &self.force_rates
     }
 
+    /// What the samples around an instant show.
+    pub fn around(&self, t_s: f64) -> Surroundings {
+        self.force_rates.around(t_s, 0.0)
+    }
+
     /// What the vehicle may have done where samples are lost.
     pub(super) fn unseen(&self) -> &Unseen {
         &self.unseen
+    }
+
+    /// A state at the first fix after a gap with the attitude of a first guess, where there was a gap since the last fix and
+    /// somebody saw the vehicle after it.
+    pub(super) fn guessed(&self, since_s: f64, t_s: f64, predicted: &NavState) -> Option<NavState> {
+        self.guesses.at(&self.unseen, since_s, t_s, predicted)
     }
 
     /// 1-sigma of what all time stamps are off by under a model, beyond the delay that it says, s. A delay that was found on
@@ -357,6 +372,7 @@ impl Flight {
         let kind = self.averaged.map_or(self.stream.kind, |a| a.0);
         self.force_rates = Arc::new(ForceRates::new(&self.raw, kind));
         self.unseen.move_by(by_s);
+        self.guesses.move_by(by_s);
         self.forget_undone();
         self
     }

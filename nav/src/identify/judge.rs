@@ -110,11 +110,13 @@ fn drift(flight: &Flight, model: &Model, noise: &Noise, options: &Options) -> [(
     let mut last: Option<crate::sample::ImuSample> = None;
     pass::follow(flight, model, noise, |filter, sample| {
         if let Some(before) = &last {
+            let rates = flight.force_rates();
             for f in &mut free {
-                let (a, b) = (
-                    f.calibration.motion(&model_with_noise, before),
-                    f.calibration.motion(&model_with_noise, sample),
-                );
+                let lag_s = f.calibration.rate_lag_s(&model_with_noise);
+                let [a, b] = [before, sample].map(|s| {
+                    f.calibration.around = rates.around(s.t_s, lag_s);
+                    f.calibration.motion(&model_with_noise, s)
+                });
                 let inc = Increment::between(&a, &b, flight.stream().kind, sample.t_s - before.t_s);
                 f.nav = mechanization::step(&f.nav, &inc);
             }

@@ -10,6 +10,7 @@
 
 pub mod evidence;
 pub mod flight;
+mod guess;
 pub mod judge;
 pub mod limits;
 pub mod linear;

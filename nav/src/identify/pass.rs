@@ -204,6 +204,7 @@ pub fn run(
         information,
         filter: fusion.filter().clone(),
     };
+    let mut since_s = flight.initial().t_s;
     let mut fixes = flight.fixes().iter().peekable();
     let (start_s, kind, rounding) = (flight.initial().t_s, flight.stream().kind, flight.rounding(model));
     for sample in flight.samples_of(model).iter() {
@@ -228,6 +229,10 @@ pub fn run(
             };
             let rows = fusion.filter_mut().watch_mut().map(|w| w.take_rows());
             pass.count(&innovation, rows);
+            if let Some(nav) = flight.guessed(since_s, outcome.t_s, fusion.filter().nav()) {
+                fusion.filter_mut().set_nav(nav);
+            }
+            since_s = outcome.t_s;
         }
     }
     if let Some(parts) = &mut pass.information {

@@ -61,7 +61,7 @@ struct Linear<'a> {
 
 impl<'a> Linear<'a> {
     fn new(search: &'a Search<'a>, point: &'a Point) -> Self {
-        let lacking = select::lacking(search.base(), search.flights, &point.added);
+        let lacking = select::lacking(search.base(), search.flights, &point.added, search.does_without());
         let linear = lacking.iter().filter(|s| select::is_linear(s.effect)).cloned();
         let effects = point.added.iter().map(|a| a.setting.clone()).chain(linear).collect();
         let watched = Watched { effects, ..Watched::default() };
@@ -232,7 +232,16 @@ impl<'a> Linear<'a> {
         };
         let of = |effect: &&'static dyn Effect| {
             let Some(setting) = self.lacking.iter().find(|s| s.effect.name() == effect.name()) else {
-                return without(*effect, "the log holds no temperature of the inertial unit");
+                let reason = match effect.needs_known() {
+                    _ if self.search.does_without().contains(effect.name()) => {
+                        "it was taken out of the catalogue"
+                    }
+                    Some(_) => {
+                        "no motion separates it from another effect whose size the model does not give"
+                    }
+                    None => "the log holds no temperature of the inertial unit",
+                };
+                return without(*effect, reason);
             };
             let found = if select::is_linear(*effect) {
                 full.as_ref().and_then(|f| self.linear(setting, f))

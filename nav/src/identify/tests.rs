@@ -249,7 +249,7 @@ fn mistaken(samples: Vec<Sample>, mistake: &dyn effects::Effect) -> Vec<Sample> 
 }
 
 #[test]
-fn clipped_repeated_and_late_samples_are_named() {
+fn clipped_and_repeated_samples_are_named() {
     let (model, settings) = (Model::default(), select::Settings::default());
     let clip = |sensor: usize, limit: f64| {
         // Lower than any part's range: this vehicle flies gently.
@@ -263,8 +263,6 @@ fn clipped_repeated_and_late_samples_are_named() {
         ("accel_clipped", clip(1, 11.0)),
         ("gyro_clipped", clip(0, 0.4)),
         ("samples_repeated", told("samples_repeated")),
-        ("gyro_sample_late", told("gyro_sample_late")),
-        ("accel_sample_late", told("accel_sample_late")),
     ] {
         let flight = flight::Flight::prepare(&samples, &model).unwrap();
         let found = select::select(&[&flight], &model, &settings, &Serial);

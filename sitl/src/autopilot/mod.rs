@@ -376,7 +376,7 @@ impl Autopilot {
             return;
         }
         self.fixes += 1;
-        let valid = due - self.sensors.fix_delay_s();
+        let valid = due - self.sensors.fix_delay_s(due);
         let older = self.truth_at((valid - self.sensors.velocity_delay_s()).max(0.0));
         let truth = self.truth_at(valid.max(0.0));
         let fix = self.sensors.fix_of_two_times(due, &truth, &older);

@@ -43,6 +43,12 @@ pub struct Blind {
 
 /// Length of a blind flight, s.
 pub const DURATION_S: f64 = 240.0;
+/// How much stronger than a smooth engine's the vibration of a multirotor or a single cylinder is.
+const STRONG_VIBRATION: f64 = 15.0;
+/// The throttle goes up and down in this time, s …
+const THROTTLE_PERIOD_S: f64 = 37.0;
+/// … from this share of the vibration.
+const LEAST_THROTTLE: f64 = 0.25;
 /// What sets the seeds of the family aside apart from those of the other.
 const FAMILY_SEED: u64 = 0x00a5_1de0;
 
@@ -99,9 +105,9 @@ fn truth(hidden: &[EffectSetting], noise: &mut Noise) -> Model {
     truth
 }
 
-/// Vibration whose lines the sampling aliases.
-fn vibration(family: Family, noise: &mut Noise) -> Vec<VibrationLine> {
-    let strength = 0.3 + noise.uniform();
+/// Vibration whose lines the sampling aliases; `share` of that of a smooth engine.
+fn vibration(family: Family, noise: &mut Noise, share: f64) -> Vec<VibrationLine> {
+    let strength = share * (0.3 + noise.uniform());
     let lines: [f64; 2] = match family {
         Family::Tuning => [87.0, 61.3],
         Family::Aside => [112.9, 73.7],
@@ -120,6 +126,8 @@ pub fn fly(hidden: &[EffectSetting], kind: Kind, family: Family, seed: u64) -> B
     let mut noise = Noise::numbered(seed, Purpose::HiddenTruth, 7);
     let truth = truth(hidden, &mut noise);
     let truncation_hidden = hidden.iter().any(|s| s.effect.truncates_samples());
+    // What only vibration shows is flown where there is some: up to 0.5 g RMS.
+    let vibrates = hidden.iter().any(|s| s.effect.needs_vibration());
     let sensors = SensorConfig {
         imu_rate_hz: 50.0,
         fix_rate_hz: 5.0,
@@ -131,7 +139,9 @@ pub fn fly(hidden: &[EffectSetting], kind: Kind, family: Family, seed: u64) -> B
             Quantisation::Truncate(Steps::RAW_IMU)
         },
         attitude_rate_hz: 5.0,
-        vibration: vibration(family, &mut noise),
+        vibration: vibration(family, &mut noise, if vibrates { STRONG_VIBRATION } else { 1.0 }),
+        throttle_period_s: if vibrates { THROTTLE_PERIOD_S } else { 0.0 },
+        least_throttle: LEAST_THROTTLE,
         time_jitter_s: 2e-3,
         temperature: Some(Temperature { start_degc: 22.0, end_degc: 47.0, time_constant_s: 110.0 }),
         ..SensorConfig::default()

@@ -5,12 +5,14 @@
 //! vibration and seeds) for the figures that count. Beside every flight stands an oracle that knows the truth: where
 //! not even it could name the effect, no one can be blamed.
 
+mod document;
 mod flights;
 mod oracle;
 mod summary;
 
 use super::parallel::{Progress, map_runs_on};
-use gaware_nav::effects::{Effect, REGISTRY};
+use crate::explain::contract::Verdict;
+use gaware_nav::effects::{self, Effect, REGISTRY};
 use gaware_nav::identify::flight::Flight;
 use gaware_nav::identify::select::{self, Selection, Settings};
 use gaware_nav::identify::{Serial, judge, survey};
@@ -18,6 +20,7 @@ use gaware_nav::model::{EffectSetting, Model, QuantisationBelief};
 use gaware_sitl::noise::{Noise, Purpose};
 use serde::Serialize;
 
+pub use document::{Flown, write as document};
 pub use flights::{Blind, DURATION_S, Family, Kind, draw, draw_injected, fly, ground_truth};
 pub use oracle::Seen;
 pub use summary::{Share, Summary, confusion, summarise};
@@ -50,6 +53,8 @@ pub struct Outcome {
     pub errors_in_sigmas: Vec<f64>,
     /// Noise figures that were told to be implausible.
     pub noise: Vec<&'static str>,
+    /// The verdict, where the injected effects were taken out of the catalogue.
+    pub verdict: Option<Verdict>,
     /// The best candidates of every look with their evidence, the last look (which added nothing) included.
     pub looks: Vec<Vec<(&'static str, f64)>>,
 }
@@ -76,6 +81,8 @@ pub struct Campaign {
     pub clean: usize,
     /// First seed.
     pub first_seed: u64,
+    /// Whether the injected effects are taken out of the catalogue: then something unknown is to be noticed.
+    pub unknown: bool,
     /// Which flights.
     pub family: Family,
     /// So many flights at a time.
@@ -127,6 +134,10 @@ fn seed_of(job: &Job) -> u64 {
 /// What is assumed before the flight, as `explain` begins: nothing of what is injected.
 fn belief(hidden: &[EffectSetting]) -> Model {
     let mut base = crate::explain::with_receiver(&Model::default());
+    // What only a tape measure tells apart has been measured.
+    for other in hidden.iter().filter_map(|s| s.effect.needs_known()).filter_map(effects::find) {
+        base.set(EffectSetting { sigmas: vec![0.0; other.len()], ..EffectSetting::unknown(other) });
+    }
     if hidden.iter().any(|s| s.effect.truncates_samples()) {
         base.imu.quantisation = QuantisationBelief::None;
     }
@@ -162,6 +173,7 @@ fn one(job: &Job, family: Family, settings: &Settings) -> Option<Outcome> {
         hidden: hidden.iter().map(|h| h.effect.name()).collect(),
         kind: job.kind,
         seed,
+        verdict: None,
         groups: selection.steps.iter().map(|s| s.group.clone()).collect(),
         evidence: selection.steps.iter().map(|s| s.evidence).collect(),
         removed,
@@ -174,13 +186,47 @@ fn one(job: &Job, family: Family, settings: &Settings) -> Option<Outcome> {
     })
 }
 
+/// The same where the search knows nothing of what was injected: what is named is wrong, and the verdict says whether that was noticed.
+fn one_unknown(job: &Job, family: Family, settings: &Settings) -> Option<Outcome> {
+    let hidden = hide(job);
+    let seed = seed_of(job);
+    let blind = fly(&hidden, job.kind, family, seed);
+    let without = hidden.iter().fold(settings.without, |w, h| w.and(h.effect.name()));
+    let base = belief(&hidden);
+    let flight = Flight::prepare(&blind.samples, &base).ok()?;
+    // What the oracle sees does not depend on the catalogue of the search.
+    let known = select::select(&[&flight], &base, settings, &Serial);
+    let oracle = oracle::could_name(&flight, &base, &hidden, &known, settings);
+    let settings = Settings { without, ..*settings };
+    let explained = crate::explain::samples(&[blind.samples], &[], &base, &settings, &|_| {});
+    let explanation = &explained.explanation;
+    Some(Outcome {
+        hidden: hidden.iter().map(|h| h.effect.name()).collect(),
+        kind: job.kind,
+        seed,
+        groups: explanation.effects.iter().map(|e| e.names.clone()).collect(),
+        evidence: explanation.effects.iter().map(|e| e.evidence.log_odds).collect(),
+        removed: explanation.removed.clone(),
+        held_out: Vec::new(),
+        oracle,
+        errors_in_sigmas: Vec::new(),
+        noise: explanation.noise.iter().filter_map(|n| n.finding).collect(),
+        sizes: hidden.into_iter().map(|h| h.values).collect(),
+        looks: Vec::new(),
+        verdict: Some(explanation.verdict),
+    })
+}
+
 /// Flies a campaign.
 pub fn run(campaign: &Campaign, settings: &Settings, progress: &dyn Progress) -> Vec<Outcome> {
     let jobs = campaign.jobs();
-    map_runs_on(campaign.threads, jobs.len(), progress, |k| one(&jobs[k], campaign.family, settings))
-        .into_iter()
-        .flatten()
-        .collect()
+    map_runs_on(campaign.threads, jobs.len(), progress, |k| {
+        let one = if campaign.unknown { one_unknown } else { one };
+        one(&jobs[k], campaign.family, settings)
+    })
+    .into_iter()
+    .flatten()
+    .collect()
 }
 
 #[cfg(test)]

@@ -1,6 +1,7 @@
 //! What a campaign shows: counts with their 95 % intervals, and the confusion matrix.
 
 use super::Outcome;
+use crate::explain::contract::Verdict;
 use crate::study::statistics::wilson_95;
 use serde::Serialize;
 use std::collections::BTreeMap;
@@ -47,6 +48,10 @@ pub struct Summary {
     /// Of the flights with something injected on which something was named: the held-out data are more likely with each of the effects
     /// than without it.
     pub held_out_shrinks: Share,
+    /// Where the injected effects were taken out of the catalogue and an oracle saw them: the verdict says that nothing is missing.
+    pub unnoticed: Share,
+    /// Of the same: a wrong name stood alone, and the verdict was that this explains the flight.
+    pub explained_wrongly: Share,
     /// Parameters of named effects within two sigma of the truth.
     pub within_2_sigma: Share,
     /// The same within three.
@@ -83,7 +88,12 @@ pub fn summarise(outcomes: &[Outcome]) -> Summary {
     let both = |o: &Outcome| o.hidden.iter().all(|h| inside(o, h));
     let errors: Vec<f64> = flown.iter().flat_map(|o| &o.errors_in_sigmas).copied().collect();
     let within = |sigmas: f64| Share::new(errors.iter().filter(|e| e.abs() < sigmas).count(), errors.len());
+    let unknown: Vec<&Outcome> =
+        flown.iter().filter(|o| o.verdict.is_some() && o.oracle.iter().any(|s| s.alone)).copied().collect();
+    let verdict = |v: Verdict| Share::new(count(&unknown, &|o| o.verdict == Some(v)), unknown.len());
     Summary {
+        unnoticed: verdict(Verdict::NothingMissing),
+        explained_wrongly: verdict(Verdict::Explained),
         oracle: Share::new(seen, each.len()),
         alone_right_where_oracle: Share::new(each.iter().filter(|e| e.2 && alone(e.0, e.1)).count(), seen),
         alone_right: Share::new(each.iter().filter(|e| alone(e.0, e.1)).count(), each.len()),

@@ -30,6 +30,7 @@ fn campaign(at_once: usize, flights: usize) -> Campaign {
         flights,
         clean: 4,
         first_seed: 1,
+        unknown: false,
         family: Family::Tuning,
         threads: 2,
     }
@@ -68,6 +69,7 @@ fn outcome(hidden: &[&'static str], groups: &[&[&'static str]], oracle: &[bool])
         oracle: oracle.iter().map(|alone| Seen { alone: *alone, gain: 9.0, other: None }).collect(),
         errors_in_sigmas: vec![-2.5, 0.5],
         noise: Vec::new(),
+        verdict: None,
         looks: Vec::new(),
     }
 }
@@ -91,6 +93,7 @@ fn the_summary_counts_what_was_promised() {
     assert_eq!(counts(s.wrong_alone), (1, 4));
     assert_eq!(counts(s.false_alarms), (1, 2));
     assert_eq!(counts(s.held_out_shrinks), (3, 3));
+    assert_eq!(s.unnoticed.of, 0);
     assert_eq!(counts(s.within_2_sigma), (4, 8));
     assert_eq!(counts(s.within_3_sigma), (8, 8));
 }
@@ -116,4 +119,20 @@ fn a_lever_arm_is_hidden_and_found() {
     assert_eq!((s.oracle.count, s.alone_right.count, s.alone_right.of), (1, 1, 1), "{outcomes:?}");
     assert_eq!((s.false_alarms.count, s.false_alarms.of), (0, 1), "{outcomes:?}");
     assert_eq!(s.within_3_sigma.of, 3, "{outcomes:?}");
+}
+
+/// Something that the catalogue does not have is not passed over, and nothing else is named alone in its place.
+#[test]
+fn what_the_catalogue_lacks_is_noticed() {
+    let campaign = Campaign {
+        effects: vec!["gyro_temperature".into()],
+        clean: 0,
+        unknown: true,
+        first_seed: 3,
+        ..campaign(1, 1)
+    };
+    let outcomes = run(&campaign, &Settings::default(), &super::super::parallel::Silent);
+    let s = summarise(&outcomes);
+    assert_eq!((s.oracle.count, s.unnoticed.count, s.unnoticed.of), (1, 0, 1), "{outcomes:?}");
+    assert!(!outcomes[0].groups.iter().any(|g| g.contains(&"gyro_temperature")), "{outcomes:?}");
 }

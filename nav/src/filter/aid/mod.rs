@@ -114,6 +114,7 @@ impl Filter {
                 self.force_rates.as_ref().map_or_else(Default::default, |f| f.of_rate_at(self.t_s)),
             ),
             older: Older::default(),
+            elapsed_s: self.t_s - self.began_s,
         };
         let effects = self.model.effects.iter().zip(&self.calibration.parameters);
         let lag_s = effects.map(|(s, p)| s.effect.velocity_delay_s(p)).sum();

@@ -97,6 +97,7 @@ pub(super) fn of(fix: &GnssFix, nav: &NavState, track: &Track<'_>) -> Vec<Row> {
             track.rate_derivatives(),
         ),
         older: Older::default(),
+        elapsed_s: track.elapsed_s(),
     };
     let x = FixInstant { older: track.older(&x), ..x };
     let added = Added::new(model, track.calibration(), &x);

@@ -6,6 +6,7 @@ use super::unseen::Unseen;
 use crate::effects::{FixInstant, Instant, Older};
 use crate::filter::calibration::Calibration;
 use crate::filter::force_rate::ForceRates;
+use crate::filter::unseen::GAP_S;
 use crate::filter::watch::{Regressors, Watched};
 use crate::mechanization::{Motion, NavState};
 use crate::model::Model;
@@ -35,6 +36,8 @@ pub(super) struct Track<'a> {
     calibration: Calibration,
     last: ImuSample,
     start_s: f64,
+    /// Whether an effect depends on more than single samples.
+    needs_surroundings: bool,
     from: Here,
     to: Here,
 }
@@ -66,6 +69,11 @@ impl<'a> Track<'a> {
             calibration: calibration.clone(),
             last: still,
             start_s,
+            needs_surroundings: model
+                .effects
+                .iter()
+                .chain(&watched.effects)
+                .any(|s| s.effect.needs_surroundings()),
             from: Here::default(),
             to: Here::default(),
         };
@@ -118,6 +126,11 @@ impl<'a> Track<'a> {
         self.force_rates.at(self.to.t_s)
     }
 
+    /// Since the start of the flight, s.
+    pub(super) fn elapsed_s(&self) -> f64 {
+        self.to.t_s - self.start_s
+    }
+
     /// The velocity of a while ago, where the model says that fixes tell it.
     pub(super) fn older(&self, x: &FixInstant) -> Older {
         let effects = self.model.effects.iter().zip(&self.calibration.parameters);
@@ -130,16 +143,33 @@ impl<'a> Track<'a> {
         self.force_rates.of_rate_at(self.to.t_s)
     }
 
+    /// What the samples around an instant show, where an effect asks for it.
+    fn look_around(&mut self, t_s: f64) {
+        if self.needs_surroundings {
+            let lag_s = self.calibration.rate_lag_s(self.model);
+            self.calibration.around = self.force_rates.around(t_s, lag_s);
+        }
+    }
+
     /// Motion and columns at a sample become those of the end of a step.
     fn see(&mut self, sample: &ImuSample, speed: f64) {
         std::mem::swap(&mut self.from, &mut self.to);
+        // A mean is one of the middle of its interval.
+        let dt = sample.t_s - self.from.t_s;
+        let is_mean = self.kind != SampleKind::Point && dt > 0.0 && dt < GAP_S;
+        self.look_around(sample.t_s - if is_mean { 0.5 * dt } else { 0.0 });
         let motion = self.calibration.motion(self.model, sample);
         let here = &mut self.to;
         here.t_s = sample.t_s;
         here.motion = motion;
         let temperature_above_25_degc = sample.temperature_degc.map_or(0.0, |t| t - 25.0);
-        let x =
-            Instant { t_s: sample.t_s, rate: motion.rate, force: motion.force, temperature_above_25_degc };
+        let x = Instant {
+            t_s: sample.t_s,
+            rate: motion.rate,
+            force: motion.force,
+            temperature_above_25_degc,
+            around: self.calibration.around,
+        };
         here.by_force = Matrix3::zeros();
         for (setting, p) in self.model.effects.iter().zip(&self.calibration.parameters) {
             here.by_force += setting.effect.gyro_by_force(p, &x).unwrap_or_default();

@@ -151,6 +151,13 @@ impl Unseen {
         sum
     }
 
+    /// 1-sigma of the attitude that is missed between two times, rad; 0 where nothing is.
+    pub(in crate::identify) fn attitude_sigma(&self, from_s: f64, to_s: f64) -> f64 {
+        let variance =
+            |q: NavCovariance| (0..3).map(|k| q[(index::ATTITUDE + k, index::ATTITUDE + k)]).sum::<f64>();
+        self.within(from_s, to_s).map_or(0.0, |q| variance(q).sqrt())
+    }
+
     /// Whether samples are missing between two times.
     pub(in crate::identify) fn hides(&self, from_s: f64, to_s: f64) -> bool {
         let first = self.0.partition_point(|g| g.to_s <= from_s);

@@ -30,11 +30,38 @@ pub struct Settings {
     pub margin: f64,
     /// At most so many effects are added.
     pub most_effects: usize,
+    /// Effects that are not looked for, whatever the flights say: a study's.
+    pub without: Without,
 }
 
 impl Default for Settings {
     fn default() -> Self {
-        Self { options: Options::default(), threshold: 3.3, proposal: 1.0, margin: 3.2, most_effects: 5 }
+        Self {
+            options: Options::default(),
+            threshold: 3.3,
+            proposal: 1.0,
+            margin: 3.2,
+            most_effects: 12,
+            without: Without::default(),
+        }
+    }
+}
+
+/// Effects of the catalogue that a search does without.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
+pub struct Without(u64);
+
+impl Without {
+    /// The same, and this effect too.
+    #[must_use]
+    pub fn and(self, name: &str) -> Self {
+        let place = REGISTRY.iter().position(|e| e.name() == name).and_then(|k| u32::try_from(k).ok());
+        Self(self.0 | place.and_then(|k| 1u64.checked_shl(k)).unwrap_or(0))
+    }
+
+    /// Whether it does without this one.
+    pub fn contains(self, name: &str) -> bool {
+        self != Self(0) && self.and(name) == self
     }
 }
 
@@ -140,12 +167,25 @@ pub fn with(base: &Model, added: &[Added]) -> Model {
 }
 
 /// The effects that a model lacks or holds at a fixed value, as they enter the search.
-pub(super) fn lacking(base: &Model, flights: &[&Flight], added: &[Added]) -> Vec<EffectSetting> {
+pub(super) fn lacking(
+    base: &Model,
+    flights: &[&Flight],
+    added: &[Added],
+    without: Without,
+) -> Vec<EffectSetting> {
     REGISTRY
         .iter()
+        .filter(|e| !without.contains(e.name()))
         .filter(|e| added.iter().all(|a| a.setting.effect.name() != e.name()))
         .filter_map(|effect| {
             if effect.needs_temperature() && !flights.iter().any(|f| f.has_temperature()) {
+                return None;
+            }
+            let known = |name| {
+                let estimated = added.iter().any(|a: &Added| a.setting.effect.name() == name);
+                base.get(name).is_some() && !estimated
+            };
+            if effect.needs_known().is_some_and(|name| !known(name)) {
                 return None;
             }
             match base.get(effect.name()) {

@@ -19,7 +19,7 @@ impl Search<'_> {
     /// Every candidate, or those of these names; best first.
     pub(super) fn scan(&self, point: &Point, names: Option<&[&'static str]>) -> Vec<Candidate> {
         let wanted = |effect: &dyn Effect| names.is_none_or(|n| n.contains(&effect.name()));
-        let mut lacking = lacking(&self.base, self.flights, &point.added);
+        let mut lacking = lacking(&self.base, self.flights, &point.added, self.settings.without);
         lacking.retain(|s| wanted(s.effect));
         let linear: Vec<&EffectSetting> = lacking.iter().filter(|s| is_linear(s.effect)).collect();
         let effects = point.added.iter().map(|a| &a.setting).chain(linear.iter().copied()).cloned().collect();

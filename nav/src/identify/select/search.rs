@@ -178,6 +178,11 @@ impl<'a> Search<'a> {
         self.settings.options
     }
 
+    /// What is not looked for.
+    pub(in crate::identify) fn does_without(&self) -> super::Without {
+        self.settings.without
+    }
+
     /// Who does the work.
     pub(in crate::identify) fn workers(&self) -> &'a dyn Workers {
         self.workers

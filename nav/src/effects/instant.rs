@@ -1,0 +1,118 @@
+//! What effects may depend on: the inertial unit at the instant of a sample, the vehicle at the time of validity of a fix.
+
+use super::Effect;
+use crate::earth::STANDARD_GRAVITY;
+use nalgebra::{Matrix3, Vector3};
+
+/// The ideal inertial unit at one instant: what its effects may depend on.
+#[derive(Debug, Clone, Copy)]
+pub struct Instant {
+    /// Time, s.
+    pub t_s: f64,
+    /// True angular rate ω_ib^b, rad/s.
+    pub rate: Vector3<f64>,
+    /// True specific force f^b, m/s².
+    pub force: Vector3<f64>,
+    /// Temperature above 25 °C; 0 where unknown.
+    pub temperature_above_25_degc: f64,
+    /// What the samples before and after it show.
+    pub around: Surroundings,
+}
+
+/// What a single sample does not show but those before and after it do; zero where they are not at hand.
+#[derive(Debug, Clone, Copy, Default, PartialEq)]
+pub struct Surroundings {
+    /// First and second derivative of the angular rate, rad/s² and rad/s³.
+    pub rate_derivatives: [Vector3<f64>; 2],
+    /// The rate of a while ago.
+    pub late: LateRate,
+    /// Variance of the specific force above a few hertz, by axis, (m/s²)².
+    pub vibration: Vector3<f64>,
+}
+
+/// By how much the angular rate of a while ago differs from that of now, as the samples in between have it.
+#[derive(Debug, Clone, Copy, Default, PartialEq)]
+pub struct LateRate {
+    /// How long ago, s (negative: in the future); 0 where the samples are not at hand.
+    pub lag_s: f64,
+    /// In body axes, rad/s.
+    pub change: Vector3<f64>,
+}
+
+/// The vehicle at the time of validity of a fix: what effects on GNSS may depend on. North-east-down.
+#[derive(Debug, Clone, Copy)]
+pub struct FixInstant {
+    /// Time, s.
+    pub t_s: f64,
+    /// Velocity of the inertial unit, m/s.
+    pub v_n: Vector3<f64>,
+    /// Acceleration of the inertial unit relative to Earth, m/s².
+    pub a_n: Vector3<f64>,
+    /// C_b^n.
+    pub c_nb: Matrix3<f64>,
+    /// Rate of the body relative to Earth ω_eb^b, rad/s.
+    pub rate_eb: Vector3<f64>,
+    /// Rate of change of the specific force in body axes, m/s³; zero where it is not known.
+    pub force_rate: Vector3<f64>,
+    /// The antenna and the receiver behind it, as the rest of the model has them.
+    pub antenna: Antenna,
+    /// The velocity of a while ago.
+    pub older: Older,
+    /// Since the start of the estimation, s.
+    pub elapsed_s: f64,
+}
+
+/// By how much the velocity of a while ago differs from that of now, as the samples in between have it.
+#[derive(Debug, Clone, Copy, Default)]
+pub struct Older {
+    /// How long ago, s; 0 where the samples are not at hand.
+    pub lag_s: f64,
+    /// North, east, down, m/s.
+    pub change: Vector3<f64>,
+}
+
+/// What effects on fixes have to know of one another: a receiver smooths the path of the antenna, wherever that is.
+#[derive(Debug, Clone, Copy, Default)]
+pub struct Antenna {
+    /// Half the variance of the receiver's kernel, s².
+    pub smoothing_s2: f64,
+    /// Position of the antenna relative to the inertial unit, m.
+    pub arm: Vector3<f64>,
+    /// First and second derivative of the angular rate, rad/s² and rad/s³; zero where they are not known.
+    pub rate_derivatives: [Vector3<f64>; 2],
+}
+
+impl Antenna {
+    /// That of effects with their parameters.
+    pub fn of<'a>(
+        effects: impl Iterator<Item = (&'static dyn Effect, &'a [f64])>,
+        rate_derivatives: [Vector3<f64>; 2],
+    ) -> Self {
+        let mut antenna = Self { rate_derivatives, ..Self::default() };
+        for (effect, p) in effects {
+            if let Some(e) = effect.on_fixes() {
+                antenna.smoothing_s2 += e.smoothing_s2(p);
+                antenna.arm += e.arm(p);
+            }
+        }
+        antenna
+    }
+}
+
+impl FixInstant {
+    /// Rate of change of the acceleration, m/s³: specific force turns with the body, and changes in it.
+    pub fn jerk_n(&self) -> Vector3<f64> {
+        let force_n = self.a_n - Vector3::new(0.0, 0.0, STANDARD_GRAVITY);
+        (self.c_nb * self.rate_eb).cross(&force_n) + self.c_nb * self.force_rate
+    }
+
+    /// Second and third derivative of the position of a point of the vehicle relative to the inertial unit, m/s² and m/s³.
+    pub fn derivatives_of(&self, arm: &Vector3<f64>) -> [Vector3<f64>; 2] {
+        let w = &self.rate_eb;
+        let [first, second] = &self.antenna.rate_derivatives;
+        let velocity = w.cross(arm);
+        let acceleration = first.cross(arm) + w.cross(&velocity);
+        let jerk = second.cross(arm) + first.cross(&velocity) + w.cross(&(first.cross(arm) + acceleration));
+        [self.c_nb * acceleration, self.c_nb * jerk]
+    }
+}
