@@ -109,6 +109,11 @@ impl<'a> Kalman<'a> {
         Self { x: problem.start, p, noise, walk }
     }
 
+    /// 1-sigma of the attitude, rad: of its least known axis.
+    pub(super) fn attitude_sigma(&self) -> f64 {
+        (0..3).map(|k| self.p[index::ATTITUDE + k][index::ATTITUDE + k]).fold(0.0, f64::max).sqrt()
+    }
+
     fn add_walk(&mut self, dt: f64) {
         for k in 0..3 {
             self.p[index::GYRO_BIAS + k][index::GYRO_BIAS + k] += 0.5 * self.walk.gyro.powi(2) * dt;

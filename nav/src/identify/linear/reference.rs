@@ -17,6 +17,9 @@ use crate::mechanization::NavState;
 use crate::model::Model;
 use nalgebra::{Matrix3, Vector3};
 
+/// After a gap the first guess of the attitude is kept until the fixes make it known to this, rad.
+const SURE: f64 = 0.05;
+
 /// A point of the trajectory: at the time of validity of a fix.
 #[derive(Debug, Clone)]
 pub struct Knot {
@@ -95,7 +98,7 @@ impl Reference {
         // A problem without fixes holds what the filter starts from.
         let empty = Problem::new(flight, model, &reference, &watched, &Serial);
         let mut kalman = Kalman::new(&empty, empty.walk, noise);
-        let mut nav = flight.initial().nav;
+        let (mut nav, mut since_s, mut guessed) = (flight.initial().nav, flight.initial().t_s, false);
         for (k, fix) in flight.fixes().iter().enumerate() {
             let t_s = fix.t_s - delay_s;
             if t_s <= flight.initial().t_s {
@@ -105,10 +108,23 @@ impl Reference {
             interval.rounding = rounding.at(t_s - 0.5 * interval.dt);
             kalman.predict(&interval);
             kalman.renew(interval.dt);
-            for row in rows::of(fix, &predicted, &track) {
+            let guess = flight.guessed(since_s, t_s, &predicted);
+            since_s = t_s;
+            guessed |= guess.is_some();
+            let about = guess.unwrap_or(predicted);
+            let known = interval::error(&about, &predicted);
+            kalman.x.iter_mut().zip(known.iter()).for_each(|(x, by)| *x += by);
+            for row in rows::of(fix, &about, &track) {
                 kalman.update(&row);
             }
-            nav = moved(&predicted, &kalman.x);
+            guessed &= kalman.attitude_sigma() > SURE;
+            if guessed {
+                // Corrections stay linear about the guess until the fixes say better.
+                nav = about;
+                reference.knots.push(Knot { t_s, fix: k, nav });
+                continue;
+            }
+            nav = moved(&about, &kalman.x);
             reference.correct(&kalman.x);
             track.set_calibration(&reference.calibration);
             kalman.x[..index::WANDER].fill(0.0);
