@@ -3,7 +3,7 @@
 
 use super::table::TABLE;
 use super::*;
-use gaware_nav::effects::{self, Antenna, FixInstant, Instant, Older, Surroundings, REGISTRY};
+use gaware_nav::effects::{self, Antenna, FixInstant, Instant, Older, REGISTRY, Surroundings};
 use gaware_nav::rotation::c_nb_from_euler;
 use nalgebra::Vector3;
 use proptest::prelude::*;
@@ -113,7 +113,13 @@ fn added(effect: &str, p: &[f64], ideal: Vector3<f64>, degc: f64) -> Vector3<f64
     if effect.ends_with("_bias") {
         return Vector3::from_column_slice(p);
     }
-    let x = Instant { t_s: 0.0, rate: ideal, force: ideal, temperature_above_25_degc: degc - 25.0, around: Surroundings::default() };
+    let x = Instant {
+        t_s: 0.0,
+        rate: ideal,
+        force: ideal,
+        temperature_above_25_degc: degc - 25.0,
+        around: Surroundings::default(),
+    };
     let imu = effects::find(effect).and_then(|e| e.on_samples()).expect("an effect on samples");
     if effect.starts_with("accel") { imu.accel(p, &x) } else { imu.gyro(p, &x) }
 }

@@ -26,6 +26,7 @@ fn read(mut reader: impl LogReader, total: usize) -> bool {
                 match &record.item {
                     Item::Frame(frame) => converter.feed(record.t_us, frame, &mut samples),
                     Item::Measurement(measurement) => converter.take(measurement, &mut samples),
+                    Item::Note(_) => {}
                 }
             }
             Err(error) => _ = refused(&error),
