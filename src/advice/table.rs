@@ -313,6 +313,16 @@ pub fn why_not(effect: &str) -> &'static str {
         "gyro_scale_factor" | "gyro_misalignment" | "accel_misalignment" | "accel_nonlinearity" => {
             "no parameter exists: both autopilots correct gyros by an offset and accelerometers by an offset and a factor for each axis"
         }
+        "gyro_accel_delay" => {
+            "no parameter exists: both autopilots take gyros and accelerometers for simultaneous"
+        }
+        "accel_lever_arm" => {
+            "no parameter exists: both autopilots have one place for the whole inertial unit, gyros and accelerometers together"
+        }
+        "vibration_rectification" => {
+            "no parameter exists: isolate the inertial unit from the vibration, no autopilot models what it does to the bias"
+        }
+        "clock_drift" => "no parameter exists: both autopilots correct clocks by a constant delay alone",
         "gps_velocity_latency" => "no parameter exists: one delay holds for position and velocity of a fix",
         "imu_truncation" => {
             "nothing to correct: it is the rounding of the message; the autopilot's own samples are not rounded"

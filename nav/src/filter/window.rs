@@ -349,7 +349,8 @@ mod tests {
         let blind = vertical_bias(Fusion::without_window(start.clone()));
         let seeing = vertical_bias(Fusion::new(start));
         let wrong = BIAS * BIAS / (2.0 * earth::STANDARD_GRAVITY);
-        assert!(blind > 0.3 * wrong, "the flight does not show the effect: {blind}");
+        // Counting the products of errors keeps the rest of it away from the bias.
+        assert!(blind > 0.2 * wrong, "the flight does not show the effect: {blind}");
         assert!(seeing < 0.1 * wrong, "{seeing} of {wrong}");
     }
 
