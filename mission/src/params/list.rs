@@ -183,7 +183,7 @@ mod tests {
     /// A vehicle of `count` parameters behind a link that loses what `lost` says of the running number of a message.
     fn run(count: u16, lost: impl Fn(u32) -> bool) -> Result<AllParameters, ListError> {
         let (mut list, mut out) =
-            ParamList::start(Encoding::ByValue, ParamTiming { tries: 8, ..ParamTiming::default() }, 0.0);
+            ParamList::start(Encoding::ByValue, ParamTiming { tries: 40, ..ParamTiming::default() }, 0.0);
         let (mut now, mut number) = (0.0, 0);
         while list.result().is_none() {
             let mut next = Vec::new();
