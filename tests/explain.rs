@@ -8,7 +8,7 @@ use gaware_nav::model::Model;
 use support::{Folder, Gaware, flights, gaware};
 
 /// A seed of `--hide-random` under which a delay of the fixes is hidden.
-const SEED_OF_A_DELAY: &str = "20";
+const SEED_OF_A_DELAY: &str = "34";
 
 /// Flies a blind vehicle against `run`, which records; returns what the vehicle's process said.
 fn fly(folder: &Folder, seed: &str) -> String {
@@ -201,4 +201,17 @@ fn losses_of_telemetry_change_nothing() {
         assert!((other - value).abs() < sigma, "{name}: {other}, whole {value} ± {sigma}");
         assert!(other_sigma < wider * sigma, "{name}: ± {other_sigma}, whole ± {sigma}");
     }
+}
+
+#[test]
+fn an_interrupted_explanation_says_so_and_leaves_nothing() {
+    let folder = Folder::new("interrupted");
+    let out = folder.file("out");
+    let log = concat!(env!("CARGO_MANIFEST_DIR"), "/tests/data/small_clean_dither.tlog");
+    let explained = Gaware::start(&["explain", log, "--out", &out]);
+    explained.line_with("step 2 of 5");
+    explained.signal("-INT");
+    explained.line_with("interrupted: no report was written");
+    assert_eq!(explained.ended().code(), Some(130));
+    assert!(!std::path::Path::new(&out).exists());
 }

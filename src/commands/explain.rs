@@ -60,6 +60,7 @@ pub fn run(args: &ExplainArgs) -> Result<(), CommandError> {
         // A file may be there by now; then the folder stays.
         let _ = std::fs::remove_dir(folder);
     }
+    super::start::end_when_asked("no report was written");
     let began = Instant::now();
     let bar = indicatif::ProgressBar::new_spinner();
     bar.enable_steady_tick(Duration::from_millis(200));
@@ -71,6 +72,9 @@ pub fn run(args: &ExplainArgs) -> Result<(), CommandError> {
             Phase::Terms => (4, "testing terms outside the catalogue".to_owned()),
             Phase::Smoothing => (5, "simulating the sensors along the smoothed trajectory".to_owned()),
         };
+        if bar.is_hidden() {
+            crate::sinks::log::line(&format!("step {step} of 5: {what}"));
+        }
         bar.set_message(format!("step {step} of 5: {what} ({:.0} s so far)", began.elapsed().as_secs_f64()));
     });
     bar.finish_and_clear();

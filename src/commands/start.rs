@@ -71,6 +71,20 @@ pub(super) async fn any_signal() {
     }
 }
 
+/// Ends the process with a sentence when it is asked to end: for long work that writes nothing before its end.
+pub(super) fn end_when_asked(left: &'static str) {
+    /// Status of a program that a signal ended, as shells report SIGINT.
+    const INTERRUPTED: i32 = 130;
+    let wait = move || {
+        let Ok(runtime) = tokio::runtime::Builder::new_current_thread().enable_all().build() else { return };
+        runtime.block_on(any_signal());
+        crate::sinks::log::line(&format!("interrupted: {left}"));
+        std::process::exit(INTERRUPTED);
+    };
+    // Without the thread a signal ends the process as well, without the sentence.
+    let _ = std::thread::Builder::new().name("signals".into()).spawn(wait);
+}
+
 /// SIGHUP; never where the process was started to outlive its terminal (`nohup`).
 async fn hangup() {
     #[cfg(unix)]
