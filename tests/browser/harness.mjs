@@ -3,6 +3,7 @@
 import { spawn } from "node:child_process";
 import { once } from "node:events";
 import { createInterface } from "node:readline";
+import { after } from "node:test";
 import { chromium } from "playwright-core";
 
 const SERVER = process.env.WEB_FIXTURE;
@@ -11,9 +12,15 @@ const FLAGS = [
   "--disable-component-update", "--disable-sync",
 ];
 
+// A test that fails before it stops its server must not keep the run from ending.
+const running = new Set();
+after(() => running.forEach((child) => child.kill("SIGKILL")));
+
 /** Starts a server; resolves when it listens. */
 export async function serve(...args) {
   const child = spawn(SERVER, args, { stdio: ["ignore", "pipe", "inherit"] });
+  running.add(child);
+  child.once("exit", () => running.delete(child));
   const ended = once(child, "exit").then(([code]) => Promise.reject(new Error(`the server ended with ${code}`)));
   ended.catch(() => {}); // Its end is news only while it starts.
   const [line] = await Promise.race([once(createInterface({ input: child.stdout }), "line"), ended]);
