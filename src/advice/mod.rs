@@ -49,7 +49,6 @@ pub struct Proposal {
     /// How it is to change.
     pub change: Change,
     /// Parameters that the new value depends on and the log lacks.
-    #[serde(skip_serializing_if = "Vec::is_empty")]
     pub needs: Vec<&'static str>,
     /// The effect it corrects.
     pub effect: &'static str,
