@@ -46,7 +46,7 @@ async function watch(url, viewport) {
   await page.evaluate(() => {
     window.phases = {};
     const title = document.querySelector("#hero-title");
-    new MutationObserver(() => setTimeout(() => { window.phases[title.textContent] = window.places(); }, 100)).observe(title, { childList: true, characterData: true, subtree: true });
+    new MutationObserver(() => { window.phases[title.textContent] = window.places(); }).observe(title, { childList: true, characterData: true, subtree: true });
   });
   let early = null;
   for (let t = 40; t < FLIGHT_S; t += 20) {
