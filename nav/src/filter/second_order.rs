@@ -49,13 +49,14 @@ impl Filter {
         let f = self.judged.force;
         let force = Vector3::from_fn(|i, _| mean_square(&(tilted(i, &f) + cross_product(i, FORCE)), p));
         let rate = Vector3::from_fn(|i, _| mean_square(&(cross_product(i, RATE) * 0.5), p));
-        [rate + self.sensitivity_times_force(p), force]
+        let variances = p.diagonal().fixed_rows::<3>(FORCE).into_owned();
+        [rate + self.sensitivity_times_force(&self.judged, &variances), force]
     }
 
-    /// Mean squares, per axis, of what ½ ε×(ε×v) adds to a vector that only the attitude turns.
-    pub(super) fn products_of_tilt(&self, v: &Vector3<f64>) -> Vector3<f64> {
+    /// Mean squares, per axis, of what ½ ε×(ε×v) adds to vectors that only the attitude turns: rate and specific force.
+    pub(super) fn products_of_tilt(&self, motion: &Motion) -> [Vector3<f64>; 2] {
         let p = self.covariance_of_errors();
-        Vector3::from_fn(|i, _| mean_square(&tilted(i, v), &p))
+        [motion.rate, motion.force].map(|v| Vector3::from_fn(|i, _| mean_square(&tilted(i, &v), &p)))
     }
 
     /// Covariance of [ε δf δω].
@@ -90,19 +91,22 @@ impl Filter {
         p
     }
 
-    /// Mean squares of what an error of the specific force makes of the error of its gain in the gyros, (rad/s)².
-    fn sensitivity_times_force(&self, p: &Square) -> Vector3<f64> {
-        const STEP: f64 = 1.0;
+    /// Mean squares of what errors of the specific force with these variances, (m/s²)², make of the errors of whatever multiplies it in
+    /// the gyros, (rad/s)².
+    pub(super) fn sensitivity_times_force(&self, at: &Motion, variances: &Vector3<f64>) -> Vector3<f64> {
         let Some(last) = self.last else { return Vector3::zeros() };
-        let (mut moved, mut sum) = (MotionJacobian::default(), Vector3::zeros());
+        let jacobian = |at: &Motion| {
+            let mut out = MotionJacobian::default();
+            self.calibration.jacobian(&self.model, &self.layout, &last, at, &mut out);
+            out.rate
+        };
+        let (here, mut sum) = (jacobian(at), Vector3::zeros());
         for axis in 0..3 {
-            let mut at = Motion { rate: self.judged.rate, force: self.judged.force };
-            at.force[axis] += STEP;
-            self.calibration.jacobian(&self.model, &self.layout, &last, &at, &mut moved);
-            let force = p[(FORCE + axis, FORCE + axis)];
-            for (k, (a, b)) in moved.rate.iter().zip(&self.jacobian.rate).enumerate() {
-                let variance = self.p.sigma(index::GYRO_BIAS + k).powi(2) * force;
-                sum += (a - b).map(|d| (d / STEP).powi(2) * variance);
+            let mut moved = *at;
+            moved.force[axis] += variances[axis].max(0.0).sqrt();
+            for (k, (a, b)) in jacobian(&moved).iter().zip(&here).enumerate() {
+                let variance = self.p.sigma(index::GYRO_BIAS + k).powi(2);
+                sum += (a - b).map(|d| d * d * variance);
             }
         }
         sum

@@ -145,23 +145,9 @@ impl Filter {
     /// and of the error of specific force with that of whatever multiplies it in the gyros.
     fn left_out(&self, expected: &Motion, jacobian: &MotionJacobian) -> [Vector3<f64>; 2] {
         let f = &expected.force;
-        let force = self.products_of_tilt(f);
+        let [mut rate, force] = self.products_of_tilt(expected);
         let tilt = skew(f) * self.p.block3(index::ATTITUDE) * skew(f).transpose();
-        let mut rate = self.products_of_tilt(&expected.rate);
-        let Some(last) = self.last else { return [rate, force] };
-        let mut moved = MotionJacobian::default();
-        for axis in 0..3 {
-            let mut at = Motion { rate: expected.rate, force: *f };
-            at.force[axis] += tilt[(axis, axis)].max(0.0).sqrt();
-            let mut here = MotionJacobian::default();
-            let unmoved = Motion { rate: expected.rate, force: *f };
-            self.calibration.jacobian(&self.model, &self.layout, &last, &unmoved, &mut here);
-            self.calibration.jacobian(&self.model, &self.layout, &last, &at, &mut moved);
-            for (k, (a, b)) in moved.rate.iter().zip(&here.rate).enumerate() {
-                let variance = self.p.sigma(index::GYRO_BIAS + k).powi(2);
-                rate += (a - b).map(|d| d * d * variance);
-            }
-        }
+        rate += self.sensitivity_times_force(expected, &tilt.diagonal());
         // The regressor's specific force differs from gravity by what it holds back.
         for (k, (a, b)) in jacobian.rate.iter().zip(&self.rate_rows(f)).enumerate() {
             let variance = self.p.sigma(index::GYRO_BIAS + k).powi(2);
