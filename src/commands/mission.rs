@@ -4,7 +4,7 @@ pub use super::mission_args::{
     ClearArgs, ConnectArgs, DownloadArgs, LinkArgs, List, MissionAction, MissionArgs, RestoreArgs, UploadArgs,
 };
 use super::mission_result::{Action, MissionResult, OnVehicle};
-use super::{CommandError, mission_restore, output, start};
+use super::{CommandError, mission_restore, output, transfer};
 use crate::mission_link::delivery::{Delivered, Order, deliver};
 use crate::mission_link::facts::{self, Wish};
 use crate::mission_link::files::{self, Contents, FileError};
@@ -17,7 +17,6 @@ use gaware_mission::item::{Mission, MissionKind};
 use gaware_mission::transfer::TransferError;
 use gaware_mission::transfer::verified::{Options, Outcome};
 use std::path::{Path, PathBuf};
-use std::time::{Duration, SystemTime};
 use tokio_util::sync::CancellationToken;
 
 /// Why a transfer was not done.
@@ -102,16 +101,8 @@ impl MissionError {
 /// # Errors
 /// Anything but a verified transfer.
 pub fn run(args: &MissionArgs) -> Result<(), CommandError> {
-    let runtime = start::runtime()?;
-    let result: Result<MissionResult, MissionError> = runtime.block_on(async {
-        let (stop, now) = (CancellationToken::new(), CancellationToken::new());
-        watch_signals(&stop, &now);
-        tokio::select! {
-            result = act(&args.action, &stop) => result,
-            () = now.cancelled() => Err(MissionError::Abandoned),
-        }
-    });
-    runtime.shutdown_timeout(Duration::from_secs(2));
+    let ended = transfer::run(|stop| async move { act(&args.action, &stop).await })?;
+    let result = ended.unwrap_or(Err(MissionError::Abandoned));
     let json = match &args.action {
         MissionAction::Upload(args) => args.link.to.json,
         MissionAction::Download(args) => args.link.to.json,
@@ -133,29 +124,12 @@ async fn act(action: &MissionAction, stop: &CancellationToken) -> Result<Mission
             if files::read(&args.link.file)?.0.items.is_empty() {
                 return Err(MissionError::Empty(args.link.file.clone()));
             }
-            upload(args, stop, progress).await
+            upload(args, stop, transfer::progress).await
         }
-        MissionAction::Restore(args) => mission_restore::restore(args, stop, progress).await,
-        MissionAction::Clear(args) => clear(args, stop, progress).await,
+        MissionAction::Restore(args) => mission_restore::restore(args, stop, transfer::progress).await,
+        MissionAction::Clear(args) => clear(args, stop, transfer::progress).await,
         MissionAction::Download(args) => download(args, stop).await,
     }
-}
-
-/// A line on stderr. Where the terminal has gone away there is no one to read it, and the transfer goes on.
-fn progress(text: &str) {
-    crate::sinks::log::line(text);
-}
-
-/// The first signal asks for an orderly end, which puts the previous mission back; the second ends at once.
-fn watch_signals(stop: &CancellationToken, now: &CancellationToken) {
-    let (stop, now) = (stop.clone(), now.clone());
-    tokio::spawn(async move {
-        start::any_signal().await;
-        progress("stopping: what was begun is put back first; the same signal again ends at once");
-        stop.cancel();
-        start::any_signal().await;
-        now.cancel();
-    });
 }
 
 /// Uploads.
@@ -178,7 +152,7 @@ pub(super) async fn bring(
     mut say: impl FnMut(&str),
 ) -> Result<MissionResult, MissionError> {
     let contents = files::read_contents(&args.link.file)?;
-    let backup = args.backup.clone().unwrap_or_else(default_backup);
+    let backup = args.backup.clone().unwrap_or_else(|| transfer::default_backup("mission-backup", "plan"));
     let with_fence = !args.no_fence && !contents.fence.is_empty();
     files::check_holds(&backup, if with_fence { MissionKind::Fence } else { MissionKind::Mission })?;
     let mut session = Session::open(&args.link.to.opening(), stop).await?;
@@ -208,7 +182,7 @@ async fn bring_over(
     say: &mut impl FnMut(&str),
 ) -> Result<(Delivered, Checked), MissionError> {
     // Before anything is asked of the vehicle: it may be half-way through another one.
-    Journal::check(Journal::folder_of(&backup), &session.vehicle())?;
+    Journal::check(files::folder_of(&backup), &session.vehicle())?;
     let checked = check(session, &contents, args.force, say).await?;
     let options = Options {
         even_while_flying: args.even_while_flying,
@@ -265,7 +239,7 @@ pub(super) async fn bring_list(
     stop: &CancellationToken,
     mut say: impl FnMut(&str),
 ) -> Result<MissionResult, MissionError> {
-    let backup = args.backup.clone().unwrap_or_else(default_backup);
+    let backup = args.backup.clone().unwrap_or_else(|| transfer::default_backup("mission-backup", "plan"));
     files::check_holds(&backup, kind)?;
     let mut session = Session::open(&args.link.to.opening(), stop).await?;
     let result = bring_list_over(&mut session, kind, new, args, &backup, &mut say).await;
@@ -292,7 +266,7 @@ async fn bring_list_over(
     say: &mut impl FnMut(&str),
 ) -> Result<(Outcome, usize), MissionError> {
     let vehicle = session.vehicle();
-    Journal::check(Journal::folder_of(backup), &vehicle)?;
+    Journal::check(files::folder_of(backup), &vehicle)?;
     let previous = read_list(session, kind).await?;
     let kept = previous.items.len();
     let mut contents = Contents::default();
@@ -356,10 +330,7 @@ pub(super) fn teller(say: &mut impl FnMut(&str)) -> impl FnMut(News) {
 pub async fn download(args: &DownloadArgs, stop: &CancellationToken) -> Result<MissionResult, MissionError> {
     let file = &args.link.file;
     files::check_holds(file, args.list.map_or(MissionKind::Mission, MissionKind::from))?;
-    if file.exists() {
-        let source = std::io::Error::from(std::io::ErrorKind::AlreadyExists);
-        return Err(FileError::Write { path: file.clone(), source }.into());
-    }
+    files::refuse_existing(file)?;
     let mut session = Session::open(&args.link.to.opening(), stop).await?;
     let vehicle = session.vehicle();
     let read = read_contents(&mut session, args).await;
@@ -411,9 +382,4 @@ async fn read_contents(
         }
     }
     Ok((contents, notes))
-}
-
-fn default_backup() -> PathBuf {
-    let since = SystemTime::now().duration_since(SystemTime::UNIX_EPOCH).unwrap_or_default();
-    PathBuf::from(format!("mission-backup-{}.plan", since.as_millis()))
 }

@@ -2,6 +2,7 @@
 
 use super::mission::{LinkArgs, MissionError, RestoreArgs, UploadArgs, bring, bring_list, teller};
 use super::mission_result::{Action, MissionResult, OnVehicle};
+use super::transfer::{self, NoJournal};
 use crate::mission_link::files;
 use crate::mission_link::journal::Journal;
 use crate::mission_link::session::{Opening, Session};
@@ -58,15 +59,10 @@ fn as_upload(args: &RestoreArgs, file: PathBuf) -> UploadArgs {
 
 /// The only journal in a folder.
 fn the_journal(folder: &Path) -> Result<PathBuf, MissionError> {
-    let found = Journal::list(folder);
-    match found.as_slice() {
-        [one] => Ok(one.clone()),
-        [] => Err(MissionError::NoJournal(std::path::absolute(folder).unwrap_or_else(|_| folder.to_owned()))),
-        many => {
-            let names: Vec<String> = many.iter().map(|p| p.display().to_string()).collect();
-            Err(MissionError::Journals(names.join(", ")))
-        }
-    }
+    transfer::the_only(&Journal::list(folder), folder).map_err(|why| match why {
+        NoJournal::None(folder) => MissionError::NoJournal(folder),
+        NoJournal::Several(names) => MissionError::Journals(names),
+    })
 }
 
 async fn take_up(

@@ -28,6 +28,7 @@ pub mod study;
 pub mod study_blind;
 pub mod study_endurance;
 pub mod study_faults;
+mod transfer;
 
 use crate::link::address::AddressError;
 use crate::logs::LogError;

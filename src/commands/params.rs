@@ -2,7 +2,7 @@
 
 pub use super::params_args::{ApplyArgs, BackupArgs, ParamsAction, ParamsArgs, RestoreParamsArgs, ShowArgs};
 use super::params_result::{Action, OnVehicle, ParamsResult, Shown};
-use super::{CommandError, output, params_restore, start};
+use super::{CommandError, output, params_restore, transfer};
 use crate::advice::table::{self, Mapping, Rule};
 use crate::mission_link::facts;
 use crate::mission_link::files::{self, FileError};
@@ -17,7 +17,6 @@ use gaware_mission::params::file::{self, FileEntry, FileLine, ParamFile};
 use gaware_mission::params::list::ListError;
 use gaware_mission::params::{ParamName, ParamValue};
 use std::path::{Path, PathBuf};
-use std::time::{Duration, SystemTime};
 use tokio_util::sync::CancellationToken;
 
 /// Why parameters were not read or changed.
@@ -89,16 +88,8 @@ impl ParamsError {
 /// # Errors
 /// Anything but what was asked for.
 pub fn run(args: &ParamsArgs) -> Result<(), CommandError> {
-    let runtime = start::runtime()?;
-    let result: Result<ParamsResult, ParamsError> = runtime.block_on(async {
-        let (stop, now) = (CancellationToken::new(), CancellationToken::new());
-        watch_signals(&stop, &now);
-        tokio::select! {
-            result = act(&args.action, &stop) => result,
-            () = now.cancelled() => Err(ParamsError::Abandoned),
-        }
-    });
-    runtime.shutdown_timeout(Duration::from_secs(2));
+    let ended = transfer::run(|stop| async move { act(&args.action, &stop).await })?;
+    let result = ended.unwrap_or(Err(ParamsError::Abandoned));
     let json = args.action.to().json;
     match &result {
         Ok(result) if json => output::json(result)?,
@@ -112,26 +103,10 @@ pub fn run(args: &ParamsArgs) -> Result<(), CommandError> {
 async fn act(action: &ParamsAction, stop: &CancellationToken) -> Result<ParamsResult, ParamsError> {
     match action {
         ParamsAction::Show(args) => show(args, stop).await,
-        ParamsAction::Backup(args) => backup(args, stop, progress).await,
-        ParamsAction::Apply(args) => apply(args, stop, progress).await,
-        ParamsAction::Restore(args) => params_restore::restore(args, stop, progress).await,
+        ParamsAction::Backup(args) => backup(args, stop, transfer::progress).await,
+        ParamsAction::Apply(args) => apply(args, stop, transfer::progress).await,
+        ParamsAction::Restore(args) => params_restore::restore(args, stop, transfer::progress).await,
     }
-}
-
-fn progress(text: &str) {
-    crate::sinks::log::line(text);
-}
-
-/// The first signal asks for an orderly end, which puts the old values back; the second ends at once.
-fn watch_signals(stop: &CancellationToken, now: &CancellationToken) {
-    let (stop, now) = (stop.clone(), now.clone());
-    tokio::spawn(async move {
-        start::any_signal().await;
-        progress("stopping: what was begun is put back first; the same signal again ends at once");
-        stop.cancel();
-        start::any_signal().await;
-        now.cancel();
-    });
 }
 
 /// Shows the parameters that this program has a meaning for, or all.
@@ -194,7 +169,7 @@ pub async fn backup(
     stop: &CancellationToken,
     mut say: impl FnMut(&str),
 ) -> Result<ParamsResult, ParamsError> {
-    refuse_existing(&args.file)?;
+    files::refuse_existing(&args.file)?;
     let mut session = Session::open(&args.to.opening(), stop).await?;
     let vehicle = session.vehicle();
     let mut tenths = None;
@@ -218,14 +193,6 @@ pub async fn backup(
         hash: all.hash,
         ..result
     })
-}
-
-fn refuse_existing(path: &Path) -> Result<(), ParamsError> {
-    if path.exists() {
-        let source = std::io::Error::from(std::io::ErrorKind::AlreadyExists);
-        return Err(FileError::Write { path: path.to_owned(), source }.into());
-    }
-    Ok(())
 }
 
 /// A parameter file of a vehicle.
@@ -268,9 +235,9 @@ pub(super) async fn bring(
 ) -> Result<ParamsResult, ParamsError> {
     let file = read(&args.file)?;
     check_ranges(&file)?;
-    let backup = args.backup.clone().unwrap_or_else(default_backup);
-    refuse_existing(&backup)?;
-    let folder = folder_of(&backup).to_owned();
+    let backup = args.backup.clone().unwrap_or_else(|| transfer::default_backup("params-backup", "param"));
+    files::refuse_existing(&backup)?;
+    let folder = files::folder_of(&backup).to_owned();
     let mut session = Session::open(&args.to.opening(), stop).await?;
     let vehicle = session.vehicle();
     let ready = check_vehicle(&args.file, &file, &vehicle).and_then(|()| {
@@ -368,11 +335,6 @@ fn check_vehicle(path: &Path, file: &ParamFile, vehicle: &Vehicle) -> Result<(),
     }
 }
 
-/// The folder in which a file lies.
-pub(super) fn folder_of(file: &Path) -> &Path {
-    file.parent().filter(|p| !p.as_os_str().is_empty()).unwrap_or(Path::new("."))
-}
-
 /// Says in words what a change reports.
 pub(super) fn teller(say: &mut impl FnMut(&str)) -> impl FnMut(ParamEvent) {
     move |event| match event {
@@ -385,9 +347,4 @@ pub(super) fn teller(say: &mut impl FnMut(&str)) -> impl FnMut(ParamEvent) {
         }),
         ParamEvent::Waiting(text) => say(&format!("{text}\nwaiting for the vehicle …")),
     }
-}
-
-fn default_backup() -> PathBuf {
-    let since = SystemTime::now().duration_since(SystemTime::UNIX_EPOCH).unwrap_or_default();
-    PathBuf::from(format!("params-backup-{}.param", since.as_millis()))
 }

@@ -3,6 +3,7 @@
 use super::params::{ParamsError, RestoreParamsArgs, bring, teller};
 use super::params_args::ApplyArgs;
 use super::params_result::{Action, OnVehicle, ParamsResult};
+use super::transfer::{self, NoJournal};
 use crate::mission_link::param_journal::ParamJournal;
 use crate::mission_link::param_transfer;
 use crate::mission_link::session::{Opening, Session};
@@ -33,15 +34,10 @@ pub async fn restore(
 
 /// The only journal in a folder.
 fn the_journal(folder: &Path) -> Result<PathBuf, ParamsError> {
-    let found = ParamJournal::list(folder);
-    match found.as_slice() {
-        [one] => Ok(one.clone()),
-        [] => Err(ParamsError::NoJournal(std::path::absolute(folder).unwrap_or_else(|_| folder.to_owned()))),
-        many => {
-            let names: Vec<String> = many.iter().map(|p| p.display().to_string()).collect();
-            Err(ParamsError::Journals(names.join(", ")))
-        }
-    }
+    transfer::the_only(&ParamJournal::list(folder), folder).map_err(|why| match why {
+        NoJournal::None(folder) => ParamsError::NoJournal(folder),
+        NoJournal::Several(names) => ParamsError::Journals(names),
+    })
 }
 
 async fn take_up(

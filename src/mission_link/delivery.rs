@@ -57,7 +57,7 @@ pub async fn deliver(
     order: &Order,
     mut tell: impl FnMut(News),
 ) -> Result<Delivered, FileError> {
-    let folder = Journal::folder_of(&order.backup);
+    let folder = files::folder_of(&order.backup);
     Journal::check(folder, &wire.vehicle())?;
     let before = match look(wire, order, &mut tell).await {
         Ok(before) => before,
@@ -124,7 +124,7 @@ fn keep(wire: &impl Wire, order: &Order, before: &Before) -> Result<Journal, Fil
     let text = files::text_of_contents(&order.backup, &contents, vehicle.autopilot, vehicle.mav_type)?;
     files::write_new(&order.backup, &text)?;
     let fences = order.with_fence.then(|| (contents.fence, order.contents.fence.clone()));
-    let folder = Journal::folder_of(&order.backup);
+    let folder = files::folder_of(&order.backup);
     Journal::begin(folder, &vehicle, &before.mission, &order.contents.mission, fences)
 }
 

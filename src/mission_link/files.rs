@@ -225,10 +225,26 @@ pub fn write_new(path: &Path, text: &str) -> Result<(), FileError> {
     write().map_err(|source| FileError::Write { path: path.to_owned(), source })
 }
 
+/// For what is written only later: refuses a file that exists now.
+///
+/// # Errors
+/// It exists.
+pub fn refuse_existing(path: &Path) -> Result<(), FileError> {
+    if path.exists() {
+        let source = std::io::Error::from(std::io::ErrorKind::AlreadyExists);
+        return Err(FileError::Write { path: path.to_owned(), source });
+    }
+    Ok(())
+}
+
+/// The folder in which a file lies.
+pub fn folder_of(path: &Path) -> &Path {
+    path.parent().filter(|p| !p.as_os_str().is_empty()).unwrap_or(Path::new("."))
+}
+
 /// The name of a new file lives in its folder, which some systems can sync as well; the others need not.
 fn sync_folder(path: &Path) {
-    let folder = path.parent().filter(|p| !p.as_os_str().is_empty()).unwrap_or(Path::new("."));
-    if let Ok(folder) = std::fs::File::open(folder) {
+    if let Ok(folder) = std::fs::File::open(folder_of(path)) {
         let _ = folder.sync_all();
     }
 }

@@ -4,6 +4,7 @@
 //! `gaware mission restore` finds it and knows what to put back.
 
 use super::files::{self, FileError};
+use super::journal_file::{self, JournalFiles};
 use super::vehicle::Vehicle;
 use gaware_mission::compare::differences;
 use gaware_mission::fence::Fence;
@@ -17,8 +18,8 @@ use std::time::SystemTime;
 
 /// Schema of the file.
 const SCHEMA: &str = "gaware.transfer/1";
-/// Begin and end of its name; the system id stands between them.
-const NAME: (&str, &str) = ("mission-transfer-system", ".journal");
+/// Its file.
+const FILES: JournalFiles = JournalFiles("mission-transfer-system");
 
 /// A transfer that has begun.
 #[derive(Debug, Clone, PartialEq)]
@@ -123,7 +124,7 @@ impl Journal {
     }
 
     fn path(folder: &Path, system_id: u8) -> PathBuf {
-        folder.join(format!("{}{system_id}{}", NAME.0, NAME.1))
+        FILES.path(folder, system_id)
     }
 
     fn write(&self, mav_type: u8) -> Result<(), FileError> {
@@ -174,21 +175,12 @@ impl Journal {
 
     /// The journals in a folder.
     pub fn list(folder: &Path) -> Vec<PathBuf> {
-        let entries = std::fs::read_dir(folder).into_iter().flatten().flatten();
-        let mut found: Vec<PathBuf> = entries.map(|e| e.path()).filter(|p| Self::is_named(p)).collect();
-        found.sort();
-        found
-    }
-
-    /// The folder of a transfer whose backup is this file.
-    pub fn folder_of(backup: &Path) -> &Path {
-        backup.parent().filter(|p| !p.as_os_str().is_empty()).unwrap_or(Path::new("."))
+        FILES.list(folder)
     }
 
     /// Whether a file has the name of a journal.
     pub fn is_named(path: &Path) -> bool {
-        let name = path.file_name().map(|n| n.to_string_lossy().into_owned()).unwrap_or_default();
-        name.starts_with(NAME.0) && name.ends_with(NAME.1)
+        FILES.is_named(path)
     }
 
     /// The rest of a sentence about a vehicle of which no one knows what is on it.
@@ -212,7 +204,6 @@ impl Journal {
     /// # Errors
     /// The file cannot be removed.
     pub fn end(self) -> Result<(), FileError> {
-        std::fs::remove_file(&self.path)
-            .map_err(|source| FileError::Write { path: self.path.clone(), source })
+        journal_file::end(&self.path)
     }
 }

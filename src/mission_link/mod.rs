@@ -5,6 +5,7 @@ pub mod delivery;
 pub mod facts;
 pub mod files;
 pub mod journal;
+mod journal_file;
 pub mod param_codec;
 pub mod param_journal;
 pub mod param_transfer;

@@ -4,6 +4,7 @@
 //! `gaware params restore` finds it and puts the old values back.
 
 use super::files::{self, FileError};
+use super::journal_file::{self, JournalFiles};
 use super::vehicle::Vehicle;
 use gaware_mission::item::Autopilot;
 use gaware_mission::params::ParamType;
@@ -13,8 +14,8 @@ use std::path::{Path, PathBuf};
 
 /// Schema of the file.
 const SCHEMA: &str = "gaware.parameter-change/1";
-/// Begin and end of its name; the system id is between them.
-const NAME: (&str, &str) = ("parameter-change-system", ".journal");
+/// Its file.
+const FILES: JournalFiles = JournalFiles("parameter-change-system");
 
 /// A change that has begun.
 #[derive(Debug, Clone, PartialEq)]
@@ -49,7 +50,7 @@ struct Entry {
 impl ParamJournal {
     /// Where the journal of a change of this vehicle lies.
     pub fn path(folder: &Path, system_id: u8) -> PathBuf {
-        folder.join(format!("{}{system_id}{}", NAME.0, NAME.1))
+        FILES.path(folder, system_id)
     }
 
     /// Writes the journal of a change that is about to begin, down to the disk.
@@ -109,16 +110,12 @@ impl ParamJournal {
 
     /// The journals in a folder.
     pub fn list(folder: &Path) -> Vec<PathBuf> {
-        let entries = std::fs::read_dir(folder).into_iter().flatten().flatten();
-        let mut found: Vec<PathBuf> = entries.map(|e| e.path()).filter(|p| Self::is_named(p)).collect();
-        found.sort();
-        found
+        FILES.list(folder)
     }
 
     /// Whether a file has the name of a journal.
     pub fn is_named(path: &Path) -> bool {
-        let name = path.file_name().map(|n| n.to_string_lossy().into_owned()).unwrap_or_default();
-        name.starts_with(NAME.0) && name.ends_with(NAME.1)
+        FILES.is_named(path)
     }
 
     /// Ends the journal where one of the two sets is on board; the rest of the sentence about the outcome.
@@ -137,7 +134,6 @@ impl ParamJournal {
     /// # Errors
     /// The file cannot be removed.
     pub fn end(self) -> Result<(), FileError> {
-        std::fs::remove_file(&self.path)
-            .map_err(|source| FileError::Write { path: self.path.clone(), source })
+        journal_file::end(&self.path)
     }
 }
