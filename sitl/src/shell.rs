@@ -4,6 +4,7 @@
 mod link;
 
 use crate::autopilot::Autopilot;
+use crate::autopilot::framer::Framer;
 use crate::faults::{FaultyLink, LinkFaults};
 use link::Link;
 use std::io::Write;
@@ -235,7 +236,7 @@ impl Server {
                 up.push(autopilot.now_s(), bytes);
             }
             for bytes in up.pop(autopilot.now_s()) {
-                recorder.write((autopilot.now_s() * 1e6) as u64, &bytes)?;
+                recorder.write_received((autopilot.now_s() * 1e6) as u64, &bytes)?;
                 autopilot.receive(&bytes);
             }
             let racing = options.speed == Speed::Max && self.link.is_connected() && !autopilot.is_idle();
@@ -300,20 +301,32 @@ impl VirtualClock {
     }
 }
 
-/// The `.tlog` being written.
-struct Recorder(Option<(PathBuf, std::io::BufWriter<std::fs::File>)>);
+/// The `.tlog` being written, and the bytes from the station that are no whole frame yet.
+struct Recorder {
+    file: Option<(PathBuf, std::io::BufWriter<std::fs::File>)>,
+    heard: Framer,
+}
 
 impl Recorder {
     fn create(path: Option<PathBuf>) -> Result<Self, ShellError> {
-        let Some(path) = path else { return Ok(Self(None)) };
-        match std::fs::File::create(&path) {
-            Ok(file) => Ok(Self(Some((path, std::io::BufWriter::new(file))))),
+        let open = |path: PathBuf| match std::fs::File::create(&path) {
+            Ok(file) => Ok((path, std::io::BufWriter::new(file))),
             Err(source) => Err(ShellError::Record { path, source }),
+        };
+        Ok(Self { file: path.map(open).transpose()?, heard: Framer::default() })
+    }
+
+    /// What one read from a stream gives is any part of any number of frames; each frame is a record of its own.
+    fn write_received(&mut self, t_us: u64, bytes: &[u8]) -> Result<(), ShellError> {
+        self.heard.push(bytes);
+        while let Some((frame, ..)) = self.heard.next_frame() {
+            self.write(t_us, &frame)?;
         }
+        Ok(())
     }
 
     fn write(&mut self, t_us: u64, frame: &[u8]) -> Result<(), ShellError> {
-        let Some((path, file)) = &mut self.0 else { return Ok(()) };
+        let Some((path, file)) = &mut self.file else { return Ok(()) };
         let stamp = (RECORD_EPOCH_US + t_us).to_be_bytes();
         file.write_all(&stamp)
             .and_then(|()| file.write_all(frame))
@@ -321,7 +334,7 @@ impl Recorder {
     }
 
     fn finish(&mut self) -> Result<(), ShellError> {
-        let Some((path, file)) = &mut self.0 else { return Ok(()) };
+        let Some((path, file)) = &mut self.file else { return Ok(()) };
         file.flush().map_err(|source| ShellError::Record { path: path.clone(), source })
     }
 }

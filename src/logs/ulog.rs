@@ -7,7 +7,6 @@
 //! the format of its topic, and the header that follows it are right; after damage the reader looks byte by byte for the
 //! next three messages in a row for which that holds. A message that damage touches is lost with it.
 
-use super::filter::{self, Channel};
 use super::window::Window;
 use super::{Damage, Item, LogError, LogNote, LogReader, Progress, Record};
 use crate::timeline::{Measurement, Stamp};
@@ -17,6 +16,9 @@ use gaware_nav::sample::{FixVelocity, GnssFix, ImuSample, ImuStream, Quantisatio
 use nalgebra::{Quaternion, UnitQuaternion, Vector3};
 use std::collections::{HashMap, VecDeque};
 use std::io::Read;
+
+mod notes;
+use notes::{filter_values, keyed, parameter_note, version_note};
 
 /// First bytes of the format.
 pub const MAGIC: &[u8; 4] = b"ULog";
@@ -277,7 +279,7 @@ impl Definitions {
         let mut rest = bytes;
         for k in 0..CHAIN {
             match self.check(rest) {
-                Check::Good(len) => {
+                Check::Good(len) if reads_well(rest.get(..len).unwrap_or_default()) => {
                     rest = rest.get(len..).unwrap_or_default();
                     if rest.is_empty() && at_end {
                         return true;
@@ -441,68 +443,25 @@ impl Topics {
     }
 }
 
-/// The key of a message with a key, and the bytes of its value.
-fn keyed(body: &[u8]) -> Option<(&str, &[u8])> {
-    let (&length, rest) = body.split_first()?;
-    let (key, value) = rest.split_at_checked(usize::from(length))?;
-    Some((std::str::from_utf8(key).ok()?, value))
-}
-
-/// A parameter of the vehicle: `int32_t` or `float`.
-fn parameter_note(body: &[u8]) -> Option<LogNote> {
-    let (key, value) = keyed(body)?;
-    let (kind, name) = key.split_once(' ')?;
-    let value = match kind {
-        "int32_t" | "float" => Basic::of(kind)?.read(value).filter(|v| v.is_finite())?,
-        _ => return None,
+/// Whether the content of a message is what its type says. Among damaged bytes three that look like a header are no rarity, and a
+/// length by chance swallows what follows.
+fn reads_well(message: &[u8]) -> bool {
+    let body = message.get(HEADER..).unwrap_or_default();
+    let key = |at: usize| {
+        let key = body.get(at..).and_then(keyed).map_or("", |(key, _)| key);
+        key.contains(' ') && key.bytes().all(|c| c == b' ' || c.is_ascii_graphic())
     };
-    Some(LogNote::Parameter { name: name.to_owned(), value })
-}
-
-/// `ver_sw_release`: major, minor, patch, type, from the highest byte.
-fn version_note(body: &[u8]) -> Option<LogNote> {
-    let ("uint32_t ver_sw_release", value) = keyed(body)? else { return None };
-    let [_, _, minor, major] = *value.first_chunk()?;
-    Some(LogNote::Version(major, minor))
-}
-
-/// Innovations and test ratios of the navigation filter: of `estimator_innovations` and `estimator_innovation_test_ratios`, or, before
-/// 1.11, `ekf2_innovations` and `estimator_status`.
-fn filter_values(topic: &str, fields: &Fields) -> Vec<(Channel, f64)> {
-    use Channel::*;
-    let at = |name: &str, k: usize| fields.element(name, k);
-    match topic {
-        "estimator_innovations" => filter::finite([
-            (VelocityNorth, at("gps_hvel", 0)),
-            (VelocityEast, at("gps_hvel", 1)),
-            (VelocityDown, at("gps_vvel", 0)),
-            (PositionNorth, at("gps_hpos", 0)),
-            (PositionEast, at("gps_hpos", 1)),
-            (PositionDown, at("gps_vpos", 0)),
-            (Heading, at("heading", 0).map(f64::to_degrees)),
-        ]),
-        "estimator_innovation_test_ratios" => filter::finite([
-            (VelocityRatio, at("gps_hvel", 0)),
-            (PositionRatio, at("gps_hpos", 0)),
-            (HeightRatio, at("gps_vpos", 0)),
-            (HeadingRatio, at("heading", 0)),
-        ]),
-        "ekf2_innovations" => filter::finite([
-            (VelocityNorth, at("vel_pos_innov", 0)),
-            (VelocityEast, at("vel_pos_innov", 1)),
-            (VelocityDown, at("vel_pos_innov", 2)),
-            (PositionNorth, at("vel_pos_innov", 3)),
-            (PositionEast, at("vel_pos_innov", 4)),
-            (PositionDown, at("vel_pos_innov", 5)),
-            (Heading, at("heading_innov", 0).map(f64::to_degrees)),
-        ]),
-        "estimator_status" => filter::finite([
-            (VelocityRatio, at("vel_test_ratio", 0)),
-            (PositionRatio, at("pos_test_ratio", 0)),
-            (HeightRatio, at("hgt_test_ratio", 0)),
-            (HeadingRatio, at("mag_test_ratio", 0)),
-        ]),
-        _ => Vec::new(),
+    let text = |at: usize| {
+        body.get(at..).is_some_and(|t| std::str::from_utf8(t).is_ok_and(|text| !text.contains('\0')))
+    };
+    match message.get(2) {
+        Some(b'I' | b'P') => key(0),
+        Some(b'M' | b'Q') => key(1),
+        Some(b'F') => text(0),
+        Some(b'A') => text(3),
+        Some(b'L') => text(9),
+        Some(b'C') => text(11),
+        _ => true,
     }
 }
 

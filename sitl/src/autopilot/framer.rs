@@ -26,15 +26,19 @@ impl Framer {
 
     /// The next message, if a whole one is there.
     pub fn next_message(&mut self) -> Option<(MavHeader, MavMessage)> {
+        self.next_frame().map(|(_, header, message)| (header, message))
+    }
+
+    /// The next message, if a whole one is there, and the bytes that it was.
+    pub fn next_frame(&mut self) -> Option<(Vec<u8>, MavHeader, MavMessage)> {
         loop {
             let start = self.buffer.iter().position(|b| *b == STX_V1 || *b == STX_V2);
             self.buffer.drain(..start.unwrap_or(self.buffer.len()));
             let len = frame_len(&self.buffer)?;
             let frame = self.buffer.get(..len)?;
             match parse(frame) {
-                Some(message) => {
-                    self.buffer.drain(..len);
-                    return Some(message);
+                Some((header, message)) => {
+                    return Some((self.buffer.drain(..len).collect(), header, message));
                 }
                 None => {
                     // Not a frame after all, or a damaged one: look for the next start inside it.

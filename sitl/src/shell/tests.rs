@@ -1,6 +1,6 @@
 use super::*;
 use crate::autopilot::AutopilotConfig;
-use crate::autopilot::framer::{Framer, encode};
+use crate::autopilot::framer::encode;
 use crate::scenario::scenario;
 use mavlink::MavHeader;
 use mavlink::dialects::ardupilotmega::*;
@@ -135,7 +135,11 @@ async fn a_recording_holds_what_was_sent() {
     let (server, mut end) = Server::embedded();
     let options = Options { record: Some(path.clone()), ..max() };
     let serving = tokio::spawn(server.run(autopilot(), options, CancellationToken::new()));
-    end.to_vehicle.send(request()).await.unwrap();
+    // A stream gives any part of any number of frames: two and a half, then the rest of the third.
+    let together = [request(), request(), request()].concat();
+    let (first, rest) = together.split_at(5 * request().len() / 2);
+    end.to_vehicle.send(first.to_vec()).await.unwrap();
+    end.to_vehicle.send(rest.to_vec()).await.unwrap();
     let mut sent = Vec::new();
     while let Some(frame) = end.frames.recv().await {
         sent.push(frame);
@@ -143,10 +147,13 @@ async fn a_recording_holds_what_was_sent() {
     serving.await.unwrap().unwrap();
     let recorded = std::fs::read(&path).unwrap();
     std::fs::remove_file(&path).unwrap();
-    let expected: usize = sent.iter().chain([&request()]).map(|f| f.len() + 8).sum();
+    let expected: usize = sent.iter().chain(&vec![request(); 3]).map(|f| f.len() + 8).sum();
     assert_eq!(recorded.len(), expected);
-    // The request was the first thing on the wire.
-    assert_eq!(&recorded[8..8 + request().len()], &request()[..]);
+    // The requests were the first thing on the wire; each is a record of its own.
+    let record = request().len() + 8;
+    for heard in recorded.chunks(record).take(3) {
+        assert_eq!(&heard[8..], &request()[..]);
+    }
     assert!(recorded.ends_with(sent.last().unwrap()));
 }
 

@@ -1,0 +1,70 @@
+//! What the autopilot's own log says beside its sensors: parameters, version, and its navigation filter.
+
+use super::{Basic, Fields};
+use crate::logs::LogNote;
+use crate::logs::filter::{self, Channel};
+
+/// The key of a message with a key, and the bytes of its value.
+pub(super) fn keyed(body: &[u8]) -> Option<(&str, &[u8])> {
+    let (&length, rest) = body.split_first()?;
+    let (key, value) = rest.split_at_checked(usize::from(length))?;
+    Some((std::str::from_utf8(key).ok()?, value))
+}
+
+/// A parameter of the vehicle: `int32_t` or `float`.
+pub(super) fn parameter_note(body: &[u8]) -> Option<LogNote> {
+    let (key, value) = keyed(body)?;
+    let (kind, name) = key.split_once(' ')?;
+    let value = match kind {
+        "int32_t" | "float" => Basic::of(kind)?.read(value).filter(|v| v.is_finite())?,
+        _ => return None,
+    };
+    Some(LogNote::Parameter { name: name.to_owned(), value })
+}
+
+/// `ver_sw_release`: major, minor, patch, type, from the highest byte.
+pub(super) fn version_note(body: &[u8]) -> Option<LogNote> {
+    let ("uint32_t ver_sw_release", value) = keyed(body)? else { return None };
+    let [_, _, minor, major] = *value.first_chunk()?;
+    Some(LogNote::Version(major, minor))
+}
+
+/// Innovations and test ratios of the navigation filter: of `estimator_innovations` and `estimator_innovation_test_ratios`, or, before
+/// 1.11, `ekf2_innovations` and `estimator_status`.
+pub(super) fn filter_values(topic: &str, fields: &Fields) -> Vec<(Channel, f64)> {
+    use Channel::*;
+    let at = |name: &str, k: usize| fields.element(name, k);
+    match topic {
+        "estimator_innovations" => filter::finite([
+            (VelocityNorth, at("gps_hvel", 0)),
+            (VelocityEast, at("gps_hvel", 1)),
+            (VelocityDown, at("gps_vvel", 0)),
+            (PositionNorth, at("gps_hpos", 0)),
+            (PositionEast, at("gps_hpos", 1)),
+            (PositionDown, at("gps_vpos", 0)),
+            (Heading, at("heading", 0).map(f64::to_degrees)),
+        ]),
+        "estimator_innovation_test_ratios" => filter::finite([
+            (VelocityRatio, at("gps_hvel", 0)),
+            (PositionRatio, at("gps_hpos", 0)),
+            (HeightRatio, at("gps_vpos", 0)),
+            (HeadingRatio, at("heading", 0)),
+        ]),
+        "ekf2_innovations" => filter::finite([
+            (VelocityNorth, at("vel_pos_innov", 0)),
+            (VelocityEast, at("vel_pos_innov", 1)),
+            (VelocityDown, at("vel_pos_innov", 2)),
+            (PositionNorth, at("vel_pos_innov", 3)),
+            (PositionEast, at("vel_pos_innov", 4)),
+            (PositionDown, at("vel_pos_innov", 5)),
+            (Heading, at("heading_innov", 0).map(f64::to_degrees)),
+        ]),
+        "estimator_status" => filter::finite([
+            (VelocityRatio, at("vel_test_ratio", 0)),
+            (PositionRatio, at("pos_test_ratio", 0)),
+            (HeightRatio, at("hgt_test_ratio", 0)),
+            (HeadingRatio, at("mag_test_ratio", 0)),
+        ]),
+        _ => Vec::new(),
+    }
+}
