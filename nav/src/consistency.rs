@@ -4,24 +4,13 @@ use crate::filter::Filter;
 use crate::filter::calibration::Calibration;
 use crate::filter::layout::index;
 use crate::mechanization::NavState;
-use crate::rotation::{left_jacobian_inverse, log};
 use nalgebra::{DMatrix, DVector};
 
 /// Truth minus estimate in the filter's error coordinates, one entry per state; Gauss-Markov states are left zero.
 pub fn error(filter: &Filter, nav: &NavState, truth: &Calibration) -> Vec<f64> {
-    let estimate = filter.nav();
-    let back = estimate.q_eb.inverse();
-    let eps = log(&(back * nav.q_eb));
-    let j_inverse = left_jacobian_inverse(&eps);
-    let dr = j_inverse * (back * (nav.r_e - estimate.r_e));
-    let dv = j_inverse * (back * (nav.v_e - estimate.v_e));
     let layout = filter.layout();
     let mut out = vec![0.0; layout.len()];
-    for k in 0..3 {
-        out[index::POSITION + k] = dr[k];
-        out[index::VELOCITY + k] = dv[k];
-        out[index::ATTITUDE + k] = eps[k];
-    }
+    out.iter_mut().zip(filter.nav().displacement_of(nav).entries()).for_each(|(out, x)| *out = x);
     for (i, _) in layout.names().iter().enumerate() {
         let state = index::GYRO_BIAS + i;
         out[state] = truth.get(layout, state) - filter.calibration().get(layout, state);

@@ -7,6 +7,7 @@
 pub mod alignment;
 pub mod bound;
 pub mod consistency;
+pub mod displacement;
 pub mod earth;
 pub mod effects;
 pub mod estimator;

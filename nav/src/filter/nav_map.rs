@@ -7,6 +7,8 @@
 
 use super::covariance::{NAV, PANEL};
 use super::layout::index;
+use crate::displacement::Displacement;
+use crate::mechanization::NavState;
 use crate::rotation::left_jacobian;
 use nalgebra::Vector3;
 use pulp::Simd;
@@ -216,10 +218,11 @@ impl NavMap for Transition {
 }
 
 /// How an error about the old estimate reads about the new one: the right Jacobian of SE₂(3) to first order in the
-/// position and velocity parts (Barfoot 2017, section 7.1.5), for [δr δv ε].
+/// position and velocity parts (Barfoot 2017, section 7.1.5), for [δr δv ε]. A heading that is corrected changes nothing:
+/// what is known in body axes stays so (see [`crate::displacement`]).
 #[derive(Debug, Clone)]
 pub(super) struct Recentring {
-    /// J(−ε).
+    /// J(−a), with a the tilt.
     pub(super) turn: [[f64; 3]; 3],
     /// −½ δr.
     pub(super) half_dr: [f64; 3],
@@ -228,19 +231,22 @@ pub(super) struct Recentring {
 }
 
 impl Recentring {
-    /// For a correction by [δr δv ε].
-    pub(super) fn new(dr: &Vector3<f64>, dv: &Vector3<f64>, eps: &Vector3<f64>) -> Self {
-        Self {
-            turn: left_jacobian(&-eps).transpose().into(),
-            half_dr: (dr * -0.5).into(),
-            half_dv: (dv * -0.5).into(),
-        }
-    }
-
     /// As a dense matrix.
     pub(super) fn dense(&self) -> [[f64; NAV]; NAV] {
         let rows = dense_rows(self, NAV);
         std::array::from_fn(|i| std::array::from_fn(|j| rows[i * NAV + j]))
+    }
+}
+
+impl NavState {
+    /// The change of coordinates that a correction of this state brings.
+    pub(super) fn recentring(&self, by: &Displacement) -> Recentring {
+        let [_, tilt] = self.heading_and_tilt(&by.attitude);
+        Recentring {
+            turn: left_jacobian(&-tilt).transpose().into(),
+            half_dr: (by.position * -0.5).into(),
+            half_dv: (by.velocity * -0.5).into(),
+        }
     }
 }
 

@@ -10,7 +10,7 @@ use crate::earth;
 use crate::mechanization::{self, Increment, Motion};
 use crate::rotation::{exp, skew};
 use crate::sample::{ImuSample, SampleKind};
-use nalgebra::Matrix3;
+use nalgebra::{Matrix3, Vector3};
 
 /// Without a fix for longer than this position and velocity are not followed any more, s: the error of a consumer unit is
 /// kilometres by then, and nothing that is linear about it holds.
@@ -256,6 +256,14 @@ impl Filter {
         }
     }
 
+    /// Whether nothing but noise is seen and no turn is significant: where the vehicle goes, its axes stay. What the filter knows there
+    /// of tilt and accelerometer biases together it knows in body axes that do not turn; turned with every new estimate of the gyro
+    /// biases, or recentred with every correction, a thousand fixes would tell the two, and the heading, apart
+    /// (first-estimates Jacobians, Huang, Mourikis & Roumeliotis 2010).
+    pub(super) fn goes_straight(&self) -> bool {
+        self.turn_is_insignificant && self.regressor.is_quiet()
+    }
+
     /// Φ over one interval: axes turn as they did, attitude errors act on `lever`. A filter that coasts follows the attitude
     /// alone.
     fn transition(&mut self, inc: &Increment, lever: &Increment, coasts: bool) {
@@ -263,14 +271,15 @@ impl Filter {
         let c_be = self.nav.q_eb.inverse().to_rotation_matrix().into_inner();
         let gradient = c_be * earth::gravity_gradient(&self.nav.r_e) * c_be.transpose() * dt;
         let rows = |m: Matrix3<f64>| m.transpose().into();
+        let turn = if self.goes_straight() { Vector3::zeros() } else { inc.dtheta };
         let phi = &mut self.phi;
         phi.dt = dt;
         phi.earth = (c_be * earth::rotation_rate() * dt).into();
-        phi.to_end = rows(exp(&-inc.dtheta).to_rotation_matrix().into_inner());
+        phi.to_end = rows(exp(&-turn).to_rotation_matrix().into_inner());
         phi.gradient = rows(gradient);
         phi.dv = lever.dv.into();
         phi.dp = lever.dp.into();
-        phi.half_turn_dt = rows((Matrix3::identity() + skew(&inc.dtheta) * 0.5) * dt);
+        phi.half_turn_dt = rows((Matrix3::identity() + skew(&turn) * 0.5) * dt);
         let end = &self.jacobian;
         let start = if self.kind == SampleKind::Point { &self.start_jacobian } else { end };
         phi.rate.set_mean(NAV, &start.rate, &end.rate);

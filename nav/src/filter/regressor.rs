@@ -62,6 +62,10 @@ impl Channel {
         }
     }
 
+    fn is_quiet(&self) -> bool {
+        self.steady_s >= STEADY_S + QUIET_S
+    }
+
     fn let_through(&mut self) {
         for x in [&mut self.value, &mut self.steady, &mut self.lasting, &mut self.low, &mut self.high] {
             *x += self.held;
@@ -91,12 +95,17 @@ impl Regressor {
     pub(super) fn lever(&self, measured: &Motion) -> Motion {
         let of = |k: usize, x: f64| {
             let c = &self.channels[k];
-            if c.steady_s >= STEADY_S + QUIET_S { c.steady } else { x }
+            if c.is_quiet() { c.steady } else { x }
         };
         Motion {
             rate: Vector3::from_fn(|k, _| of(k, measured.rate[k])),
             force: Vector3::from_fn(|k, _| of(3 + k, measured.force[k])),
         }
+    }
+
+    /// Whether nothing but noise has been seen for [`QUIET_S`].
+    pub(super) fn is_quiet(&self) -> bool {
+        self.channels.iter().all(Channel::is_quiet)
     }
 
     /// The first sample of a stream: nothing to average with.

@@ -21,6 +21,9 @@ const EVERY_S: f64 = 1.0;
 /// Attitude errors count up to this variance, rad²: beyond, nothing is linear, and alignment is not done.
 const LARGEST_ATTITUDE: f64 = 4.0;
 
+/// A rate within so many of its sigmas is no turn.
+const SIGNIFICANT: f64 = 3.0;
+
 /// Errors of attitude, specific force and rate.
 const ERRORS: usize = 9;
 const FORCE: usize = 3;
@@ -36,7 +39,10 @@ impl Filter {
             return;
         }
         self.products_s = self.t_s;
-        let [rate, force] = self.products_of_errors(&self.covariance_of_errors());
+        let p = self.covariance_of_errors();
+        let sigma = |axis: usize| p[(RATE + axis, RATE + axis)].max(0.0).sqrt();
+        self.turn_is_insignificant = (0..3).all(|k| self.judged.rate[k].abs() < SIGNIFICANT * sigma(k));
+        let [rate, force] = self.products_of_errors(&p);
         let share = since_s.min(LASTING_S) / LASTING_S;
         for k in 0..3 {
             self.p.add_variance(index::GYRO_BIAS + k, rate[k] * share);

@@ -8,8 +8,7 @@ use super::aid::Rejections;
 use super::aid::gnss_position::HELD_OFF_S;
 use super::group::{Prepared, Rows};
 use super::layout::index;
-use super::nav_map::Recentring;
-use crate::rotation::{exp, left_jacobian};
+use crate::displacement::Displacement;
 use crate::sample::GnssFix;
 use nalgebra::Vector3;
 
@@ -325,28 +324,20 @@ impl Filter {
 
     /// Moves the estimate by an error; the covariance stays.
     pub(super) fn move_by(&mut self, dx: &[f64]) {
-        let part = |at: usize| Vector3::new(dx[at], dx[at + 1], dx[at + 2]);
-        let (dr, dv, eps) = (part(index::POSITION), part(index::VELOCITY), part(index::ATTITUDE));
-        let j = left_jacobian(&eps);
-        let c_eb = self.nav.c_eb();
-        self.nav.r_e += c_eb * j * dr;
-        self.nav.v_e += c_eb * j * dv;
-        self.nav.q_eb *= exp(&eps);
-        self.nav.q_eb.renormalize();
+        self.nav = self.nav.displaced(&Displacement::of(dx));
         self.calibration.correct(&self.layout, dx);
         if let Some(w) = self.layout.gauss_markov() {
-            self.wander += part(w);
+            self.wander += Vector3::new(dx[w], dx[w + 1], dx[w + 2]);
         }
     }
 
     /// Moves the estimate by an error and re-expresses the covariance about the new estimate.
     pub(super) fn correct(&mut self, dx: &[f64]) {
+        let turn = self.nav.recentring(&Displacement::of(dx));
         self.move_by(dx);
-        let part = |at: usize| Vector3::new(dx[at], dx[at + 1], dx[at + 2]);
-        let (dr, dv, eps) = (part(index::POSITION), part(index::VELOCITY), part(index::ATTITUDE));
         // Below this the change of coordinates is under the noise of the covariance itself.
-        if eps.norm_squared() > 1e-16 {
-            let turn = Recentring::new(&dr, &dv, &eps);
+        let turned = dx.iter().skip(index::ATTITUDE).take(3).map(|e| e * e).sum::<f64>() > 1e-16;
+        if turned && !self.goes_straight() {
             self.p.transform(&turn);
             if let Some(watch) = self.watch.as_deref_mut() {
                 watch.transform_nav(&turn.dense());

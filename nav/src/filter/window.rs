@@ -10,12 +10,13 @@
 //! a Gauss-Newton method").
 
 use super::layout::index;
-use super::nav_map::{Dense, Recentring};
+use super::nav_map::Dense;
 use super::{Filter, FixOutcome};
 use crate::consistency::error;
+use crate::displacement::Displacement;
 use crate::mechanization::{Increment, NavState, step};
 use crate::sample::{GnssFix, ImuSample};
-use nalgebra::{SMatrix, Vector3};
+use nalgebra::SMatrix;
 
 /// A window is kept from this doubt on.
 const OPEN: Doubt = Doubt { attitude: 0.05, force: 5e-4 };
@@ -235,9 +236,7 @@ impl Filter {
         self.nav = *nav;
         self.calibration = like.calibration.clone();
         let mean = error(self, &own_nav, &own_constants);
-        let part = |at: usize| Vector3::new(mean[at], mean[at + 1], mean[at + 2]);
-        let forward =
-            Recentring::new(&part(index::POSITION), &part(index::VELOCITY), &part(index::ATTITUDE)).dense();
+        let forward = self.nav.recentring(&Displacement::of(&mean)).dense();
         let inverse = SMatrix::<f64, 9, 9>::from_fn(|i, j| forward[i][j]).try_inverse()?;
         self.p.transform(&Dense(std::array::from_fn(|i| std::array::from_fn(|j| inverse[(i, j)]))));
         self.carried = Some(mean);
@@ -264,6 +263,7 @@ mod tests {
     use crate::model::{EffectSetting, Model};
     use crate::rotation::{c_nb_from_euler, exp};
     use crate::sample::FixVelocity;
+    use nalgebra::Vector3;
 
     const PLACE: (f64, f64, f64) = (47.0, 8.0, 400.0);
 

@@ -10,13 +10,14 @@
 
 pub mod residual;
 
+use crate::displacement::Displacement;
 use crate::filter::calibration::Calibration;
 use crate::filter::covariance::NAV;
 use crate::filter::layout::{Layout, index};
 use crate::filter::tape::{Node, Tape, Update};
 use crate::mechanization::NavState;
-use crate::rotation::{exp, left_jacobian};
-use nalgebra::{Matrix3, Vector3};
+
+use nalgebra::Matrix3;
 
 /// A value with the variance that it has under the model.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
@@ -180,18 +181,6 @@ fn full(lower: &[f64], n: usize) -> Vec<f64> {
     out
 }
 
-/// The state moved by an error: the filter's own retraction.
-fn moved(nav: &NavState, dx: &[f64]) -> NavState {
-    let part = |at: usize| Vector3::new(dx[at], dx[at + 1], dx[at + 2]);
-    let eps = part(index::ATTITUDE);
-    let (j, c_eb) = (left_jacobian(&eps), nav.c_eb());
-    NavState {
-        r_e: nav.r_e + c_eb * j * part(index::POSITION),
-        v_e: nav.v_e + c_eb * j * part(index::VELOCITY),
-        q_eb: nav.q_eb * exp(&eps),
-    }
-}
-
 /// Smoothed error of a node and its variances: P μ, diag(P − P Λ P).
 fn smoothed(node: &Node, after: &Adjoint) -> (Vec<f64>, Vec<f64>) {
     let n = after.mu.len();
@@ -242,7 +231,7 @@ pub fn smooth(tape: Tape, layout: &Layout) -> Vec<Smoothed> {
     let mut out = Vec::new();
     for node in tape.into_nodes().into_iter().rev() {
         let (dx, sigma) = smoothed(&node, &after);
-        let nav = moved(&node.nav, &dx);
+        let nav = node.nav.displaced(&Displacement::of(&dx));
         let mut calibration = node.calibration.clone();
         calibration.correct(layout, &dx);
         let (mut position, mut velocity) = (Vec::new(), Vec::new());

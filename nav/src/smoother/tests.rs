@@ -6,6 +6,7 @@ use crate::filter::{Filter, Initial};
 use crate::model::Model;
 use crate::rotation::c_nb_from_euler;
 use crate::sample::{FixVelocity, GnssFix, ImuSample};
+use nalgebra::Vector3;
 use nalgebra::{DMatrix, DVector};
 
 /// A filter that is wrong by all its sigmas, over a few fixes with samples in between.
@@ -158,7 +159,7 @@ fn the_recursion_solves_the_least_squares_problem_of_the_whole_flight() {
     assert_eq!(smooth.len(), wanted.len());
     let mut moved_most = 0.0f64;
     for ((node, got), (dx, sigma)) in nodes.iter().zip(&smooth).zip(&wanted) {
-        let expected = moved(&node.nav, dx.as_slice());
+        let expected = node.nav.displaced(&Displacement::of(dx.as_slice()));
         // Positions are of millions of metres: a double leaves nanometres.
         assert!((got.nav.r_e - expected.r_e).norm() < 1e-5, "{}", got.t_s);
         assert!((got.nav.v_e - expected.v_e).norm() < 1e-6);

@@ -28,10 +28,10 @@ pub fn section(e: &Explanation, body: &mut String) {
             let _ = write!(
                 table,
                 "<tr><td><b>{}</b></td><td class=\"n\">{}</td><td>{}{needs}{note}</td><td>{}</td><td>{range}</td><td>{}</td><td>{}</td></tr>",
-                p.parameter,
+                breakable(p.parameter),
                 p.on_board.map_or_else(|| "not in the log".to_owned(), rule_free),
-                escape(&short(p)),
-                p.effect,
+                breakable(&short(p)),
+                breakable(p.effect),
                 rule_free(p.step),
                 if p.reboot { "yes" } else { "no" },
             );
@@ -54,4 +54,9 @@ pub fn section(e: &Explanation, body: &mut String) {
         }
         body.push_str("</ul>");
     }
+}
+
+/// A name that a narrow column or a page of paper may break after an underscore.
+fn breakable(name: &str) -> String {
+    escape(name).replace('_', "_<wbr>")
 }

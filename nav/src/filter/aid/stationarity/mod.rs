@@ -9,13 +9,13 @@
 
 pub(in crate::filter) mod detector;
 
+use crate::displacement::Displacement;
 use crate::earth;
 use crate::filter::Filter;
 use crate::filter::calibration::{Calibration, MotionJacobian};
 use crate::filter::covariance::Covariance;
 use crate::filter::group::{Prepared, Rows};
 use crate::filter::layout::index;
-use crate::filter::nav_map::Recentring;
 use crate::mechanization::{Motion, NavState};
 use crate::rotation::skew;
 use crate::sample::ImuSample;
@@ -202,9 +202,7 @@ impl Filter {
             }
         }
         // Gravity leaves the rotation about the vertical open: about the vertical of the present estimate, not the first one's.
-        let part = |at: usize| Vector3::new(mean[at], mean[at + 1], mean[at + 2]);
-        let [dr, dv, eps] = [index::POSITION, index::VELOCITY, index::ATTITUDE].map(part);
-        p.transform(&Recentring::new(&dr, &dv, &eps));
+        p.transform(&hold.nav.recentring(&Displacement::of(&mean)));
         self.p = p;
         hold.mean = mean;
         self.hold = Some(hold);
