@@ -23,6 +23,7 @@ fn flown(prepared: &Prepared, seed: u64) -> result::DemoResult {
 
 #[test]
 fn estimates_of_three_vehicles_agree_with_their_hidden_truth() {
+    let mut errors = Vec::new();
     for (airframe, ending) in [("small_fixed_wing", Ending::Landed), ("quadrotor", Ending::Landed)] {
         let prepared = prepared(airframe);
         for seed in 1..=3 {
@@ -32,11 +33,16 @@ fn estimates_of_three_vehicles_agree_with_their_hidden_truth() {
             assert_eq!(result.document["mission"]["items"], prepared.plan.mission.items.len());
             let known: Vec<_> = result.states.iter().filter(|s| s.status == Status::Observable).collect();
             assert!(known.iter().any(|s| s.name == "ba_z"), "{airframe} {seed}: {known:?}");
-            for state in &result.states {
-                assert!(state.normalised_error.abs() < 4.5, "{airframe} {seed}: {state:?}");
-            }
+            errors.extend(
+                result.states.iter().map(|s| (s.normalised_error, format!("{airframe} {seed}: {s:?}"))),
+            );
         }
     }
+    let share =
+        |within: f64| errors.iter().filter(|e| e.0.abs() <= within).count() as f64 / errors.len() as f64;
+    let worst = errors.iter().max_by(|a, b| a.0.abs().total_cmp(&b.0.abs())).unwrap();
+    println!("{} states, {:.3} within 2 sigma, worst {}", errors.len(), share(2.0), worst.1);
+    assert!(share(2.0) >= 0.9 && worst.0.abs() < 3.5, "{:.3} within 2 sigma; {}", share(2.0), worst.1);
 }
 
 #[test]

@@ -216,14 +216,16 @@ fn a_flight_with_g_sensitivity_is_estimated_as_before() {
 }
 
 #[test]
+#[ignore = "needs the recorded flights: GAWARE_FLIGHTS"]
 fn a_real_aircraft_is_estimated_as_before() {
-    let Some(folder) = flights() else { return };
+    let folder = flights();
     compare("real_px4plane_swiss", &folder.join("real_px4plane_swiss.tlog"));
 }
 
 #[test]
+#[ignore = "needs the recorded flights: GAWARE_FLIGHTS"]
 fn a_consumer_unit_with_correlated_fixes_is_estimated_as_before() {
-    let Some(folder) = flights() else { return };
+    let folder = flights();
     compare("independent_gsens_consumer", &folder.join("independent_gsens_consumer.tlog"));
 }
 

@@ -195,35 +195,39 @@ fn simulated(seed: u64) -> (Flight, Model, Noise, Vec<Truth>) {
     (flight, model, noise, truths)
 }
 
+/// Over several flights, as the errors of one hang together: half of the filter's, and as large as the sigmas say.
 #[test]
 fn the_smoother_halves_the_errors_of_the_filter() {
-    let (flight, model, noise, truths) = simulated(5);
-    let start_s = flight.initial().t_s;
-    let (mut before, mut after, mut n, mut within) = ([0.0; 2], [0.0; 2], 0.0, 0.0);
-    for s in residual::trajectory(&flight, &model, &noise).iter().filter(|s| s.t_s > start_s + 20.0) {
-        let at = truths.partition_point(|t| t.t_s < s.t_s - 1e-6);
-        let Some(truth) = truths.get(at).filter(|t| (t.t_s - s.t_s).abs() < 1e-6) else { continue };
-        let errors = |nav: &gaware_nav::mechanization::NavState| {
-            let turn = truth.c_nb.transpose() * nav.c_nb();
-            let angle = ((turn.trace() - 1.0) * 0.5).clamp(-1.0, 1.0).acos();
-            [angle, (nav.v_n() - truth.v_n).norm()]
-        };
-        let (old, new) = (errors(&s.filtered), errors(&s.nav));
-        for k in 0..2 {
-            before[k] += old[k] * old[k];
-            after[k] += new[k] * new[k];
+    let (mut before, mut after, mut expected, mut n) = ([0.0; 2], [0.0; 2], [0.0; 2], 0.0);
+    for seed in 5..10 {
+        let (flight, model, noise, truths) = simulated(seed);
+        let start_s = flight.initial().t_s;
+        for s in residual::trajectory(&flight, &model, &noise).iter().filter(|s| s.t_s > start_s + 20.0) {
+            let at = truths.partition_point(|t| t.t_s < s.t_s - 1e-6);
+            let Some(truth) = truths.get(at).filter(|t| (t.t_s - s.t_s).abs() < 1e-6) else { continue };
+            let errors = |nav: &gaware_nav::mechanization::NavState| {
+                let turn = truth.c_nb.transpose() * nav.c_nb();
+                let angle = ((turn.trace() - 1.0) * 0.5).clamp(-1.0, 1.0).acos();
+                [angle, (nav.v_n() - truth.v_n).norm()]
+            };
+            let (old, new) = (errors(&s.filtered), errors(&s.nav));
+            for (k, states) in [6..9, 3..6].into_iter().enumerate() {
+                before[k] += old[k] * old[k];
+                after[k] += new[k] * new[k];
+                expected[k] += states.map(|state| s.sigma[state] * s.sigma[state]).sum::<f64>();
+            }
+            n += 1.0;
         }
-        n += 1.0;
-        let sigma = (6..9).map(|k| s.sigma[k] * s.sigma[k]).sum::<f64>();
-        within += new[0] * new[0] / sigma;
     }
-    let [attitude, velocity] = [0, 1].map(|k| f64::sqrt(after[k] / before[k]));
-    println!(
-        "attitude {attitude:.2}, velocity {velocity:.2} of the filter's over {n} epochs, NEES {:.2}",
-        within / n
+    let share = |of: [f64; 2]| [0, 1].map(|k| f64::sqrt(after[k] / of[k]));
+    let ([attitude, velocity], [attitude_sigma, velocity_sigma]) = (share(before), share(expected));
+    let told = format!(
+        "attitude {attitude:.2} of the filter's and {attitude_sigma:.2} of its sigma, velocity {velocity:.2} and {velocity_sigma:.2}, \
+         {n} epochs"
     );
-    assert!(n > 1000.0 && attitude < 0.5 && velocity < 0.5, "{attitude} {velocity}");
-    assert!((0.3..2.0).contains(&(within / n)), "{}", within / n);
+    println!("{told}");
+    assert!(n > 5000.0 && attitude < 0.1 && velocity < 0.5, "{told}");
+    assert!((0.8..1.15).contains(&attitude_sigma) && (0.9..1.1).contains(&velocity_sigma), "{told}");
 }
 
 #[test]

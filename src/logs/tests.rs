@@ -4,10 +4,10 @@ use super::*;
 use crate::timeline::TimeLine;
 use gaware_nav::sample::{FixVelocity, Sample};
 
-fn flight(name: &str) -> Option<PathBuf> {
+fn flight(name: &str) -> PathBuf {
     let folder = std::env::var_os("GAWARE_FLIGHTS")
         .map_or_else(|| PathBuf::from(env!("CARGO_MANIFEST_DIR")).join("../shared/data"), PathBuf::from);
-    Some(folder.join(name)).filter(|p| p.exists())
+    folder.join(name)
 }
 
 fn samples(path: &Path) -> (Vec<Sample>, Damage) {
@@ -51,8 +51,9 @@ fn counts(samples: &[Sample]) -> Counts {
 }
 
 #[test]
+#[ignore = "needs the recorded flights: GAWARE_FLIGHTS"]
 fn a_dataflash_log_gives_full_rate_samples_and_fixes_with_accuracies() {
-    let Some(path) = flight("sitl_gsens_typical_dither_cut.BIN") else { return };
+    let path = flight("sitl_gsens_typical_dither_cut.BIN");
     let (samples, damage) = samples(&path);
     let c = counts(&samples);
     assert!(!damage.any(), "{damage:?}");
@@ -67,8 +68,9 @@ fn a_dataflash_log_gives_full_rate_samples_and_fixes_with_accuracies() {
 }
 
 #[test]
+#[ignore = "needs the recorded flights: GAWARE_FLIGHTS"]
 fn a_dataflash_log_of_an_older_copter_is_read() {
-    let Some(path) = flight("real_copter_sample.BIN") else { return };
+    let path = flight("real_copter_sample.BIN");
     let c = counts(&samples(&path).0);
     assert!(c.imu_hz > 20.0 && c.fixes > 300, "{} Hz, {} fixes", c.imu_hz, c.fixes);
     assert_eq!(c.restarts, 1, "logging paused for ten minutes");
@@ -76,10 +78,11 @@ fn a_dataflash_log_of_an_older_copter_is_read() {
 }
 
 #[test]
+#[ignore = "needs the recorded flights: GAWARE_FLIGHTS"]
 fn px4_logs_give_samples() {
     // The first was flown without GNSS.
     for (name, fixes) in [("real_px4_sample.ulg", 0..1), ("real_px4_ekf_failure.ulg", 300..500)] {
-        let Some(path) = flight(name) else { return };
+        let path = flight(name);
         let c = counts(&samples(&path).0);
         assert!((90.0..260.0).contains(&c.imu_hz), "{name}: {} Hz", c.imu_hz);
         assert!(
@@ -93,9 +96,10 @@ fn px4_logs_give_samples() {
 }
 
 #[test]
+#[ignore = "needs the recorded flights: GAWARE_FLIGHTS"]
 fn cut_logs_of_autopilots_give_what_they_have() {
     for name in ["real_px4_sample.ulg", "real_copter_sample.BIN"] {
-        let Some(path) = flight(name) else { return };
+        let path = flight(name);
         let bytes = std::fs::read(path).unwrap();
         let cut = std::env::temp_dir().join(format!("gaware-cut-{}-{name}", std::process::id()));
         std::fs::write(&cut, &bytes[..bytes.len() / 2 + 7]).unwrap();
@@ -163,9 +167,10 @@ fn tables_give_means_over_intervals_and_fixes_in_order_of_time() {
 }
 
 #[test]
+#[ignore = "needs the recorded flights: GAWARE_FLIGHTS"]
 fn bursts_of_damage_in_real_logs_cost_what_they_touch_and_are_reported() {
     for name in ["real_px4_sample.ulg", "real_px4_ekf_failure.ulg", "real_copter_sample.BIN"] {
-        let Some(path) = flight(name) else { return };
+        let path = flight(name);
         let bytes = std::fs::read(path).unwrap();
         let count = |bytes: &[u8]| {
             let file = std::env::temp_dir().join(format!("gaware-burst-{}-{name}", std::process::id()));

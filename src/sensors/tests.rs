@@ -209,12 +209,15 @@ proptest! {
     }
 }
 
-/// Samples, stats and notices of a recorded flight; nothing where the flights are not at hand.
-fn recorded(name: &str) -> Option<(Vec<Sample>, Converter, Vec<truth::SimTruth>)> {
+/// Samples, stats and notices of a recorded flight.
+fn recorded(name: &str) -> (Vec<Sample>, Converter, Vec<truth::SimTruth>) {
     let root = PathBuf::from(env!("CARGO_MANIFEST_DIR"));
     let folder =
         std::env::var_os("GAWARE_FLIGHTS").map_or_else(|| root.join("../shared/data"), PathBuf::from);
-    let path = [root.join("tests/data").join(name), folder.join(name)].into_iter().find(|p| p.exists())?;
+    let path = [root.join("tests/data").join(name), folder.join(name)]
+        .into_iter()
+        .find(|p| p.exists())
+        .unwrap_or_else(|| panic!("no recorded flight {name}"));
     let mut converter = Converter::new(ConverterOptions::default());
     let (mut out, mut truths) = (Vec::new(), Vec::new());
     for record in logs::open(&path).unwrap() {
@@ -223,12 +226,12 @@ fn recorded(name: &str) -> Option<(Vec<Sample>, Converter, Vec<truth::SimTruth>)
         converter.feed(record.t_us, &frame, &mut out);
         truths.extend(truth::SimTruth::from_frame(&frame, &converter));
     }
-    Some((out, converter, truths))
+    (out, converter, truths)
 }
 
 #[test]
 fn a_flight_of_the_real_firmware_becomes_samples() {
-    let (out, converter, truths) = recorded("small_clean_dither.tlog").unwrap();
+    let (out, converter, truths) = recorded("small_clean_dither.tlog");
     let stats = converter.stats();
     assert_eq!(converter.autopilot(), Autopilot::Ardupilot);
     assert!((29_600..=30_000).contains(&stats.time.imu_samples), "{stats:?}");
@@ -247,23 +250,26 @@ fn a_flight_of_the_real_firmware_becomes_samples() {
 }
 
 #[test]
+#[ignore = "needs the recorded flights: GAWARE_FLIGHTS"]
 fn the_probe_flight_reboots_once() {
-    let Some((out, converter, _)) = recorded("sitl_probe_udp_reboot_gpsloss.tlog") else { return };
+    let (out, converter, _) = recorded("sitl_probe_udp_reboot_gpsloss.tlog");
     let restarts = out.iter().filter(|s| matches!(s, Sample::Restart(RestartReason::Reboot))).count();
     assert_eq!(restarts, 1, "{:?}", converter.stats());
     assert!(converter.stats().no_fix > 0);
 }
 
 #[test]
+#[ignore = "needs the recorded flights: GAWARE_FLIGHTS"]
 fn repeated_fixes_of_the_stock_streams_are_dropped() {
-    let Some((_, converter, _)) = recorded("sitl_stock_streams.tlog") else { return };
+    let (_, converter, _) = recorded("sitl_stock_streams.tlog");
     let stats = converter.stats();
     assert!((3200..3400).contains(&stats.time.fixes) && stats.time.fix_duplicates > 3000, "{stats:?}");
 }
 
 #[test]
+#[ignore = "needs the recorded flights: GAWARE_FLIGHTS"]
 fn a_bench_with_three_components_gives_slow_samples_and_no_fix() {
-    let Some((_, mut converter, _)) = recorded("real_ardusub_bench.tlog") else { return };
+    let (_, mut converter, _) = recorded("real_ardusub_bench.tlog");
     let stats = converter.stats();
     assert!(stats.time.fixes == 0 && stats.no_fix > 400 && stats.foreign > 400, "{stats:?}");
     assert!(converter.take_notices().iter().any(|n| matches!(n, Notice::RateTooLow { .. })));

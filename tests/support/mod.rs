@@ -177,18 +177,17 @@ pub fn fixture(name: &str) -> PathBuf {
     Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/data").join(name)
 }
 
-/// The folder of recorded flights that are too big for the repository; a note is printed where it is missing.
-pub fn flights() -> Option<PathBuf> {
+/// The folder of recorded flights that are too big for the repository. Tests that need it are ignored where nobody asks for them; who
+/// does (`cargo test -- --ignored`) must have it.
+pub fn flights() -> PathBuf {
     let folder = std::env::var_os("GAWARE_FLIGHTS")
         .map_or_else(|| Path::new(env!("CARGO_MANIFEST_DIR")).join("../shared/data"), PathBuf::from);
-    if folder.is_dir() {
-        return Some(folder);
-    }
-    eprintln!(
-        "skipped: {} with the recorded flights is missing (GAWARE_FLIGHTS names another)",
+    assert!(
+        folder.is_dir(),
+        "no recorded flights at {}; GAWARE_FLIGHTS names another folder",
         folder.display()
     );
-    None
+    folder
 }
 
 /// Fails on a number that is none anywhere in the document (`null` stands where a float was not finite).

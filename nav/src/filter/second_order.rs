@@ -21,8 +21,10 @@ const EVERY_S: f64 = 1.0;
 /// Attitude errors count up to this variance, rad²: beyond, nothing is linear, and alignment is not done.
 const LARGEST_ATTITUDE: f64 = 4.0;
 
-/// A rate within so many of its sigmas is no turn.
+/// A rate within so many of its sigmas is no turn …
 const SIGNIFICANT: f64 = 3.0;
+/// … if it is slower than this, rad/s: what a slow turn of a minute is, a rate known less well than that cannot tell.
+const SLOWEST_TURN: f64 = 1e-3;
 
 /// Errors of attitude, specific force and rate.
 const ERRORS: usize = 9;
@@ -41,7 +43,8 @@ impl Filter {
         self.products_s = self.t_s;
         let p = self.covariance_of_errors();
         let sigma = |axis: usize| p[(RATE + axis, RATE + axis)].max(0.0).sqrt();
-        self.turn_is_insignificant = (0..3).all(|k| self.judged.rate[k].abs() < SIGNIFICANT * sigma(k));
+        self.turn_is_insignificant =
+            (0..3).all(|k| self.judged.rate[k].abs() < (SIGNIFICANT * sigma(k)).min(SLOWEST_TURN));
         let [rate, force] = self.products_of_errors(&p);
         let share = since_s.min(LASTING_S) / LASTING_S;
         for k in 0..3 {
