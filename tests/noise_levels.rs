@@ -12,8 +12,8 @@ use gaware_nav::model::Model;
 use gaware_nav::sample::{ImuSample, Quantisation, Sample};
 use gaware_sitl::scenario::scenario;
 use gaware_sitl::sensors::{Flight, draw_vehicle};
-use gaware_sitl::trajectory::{Flown, Scripted};
 use gaware_sitl::trajectory::fixed_wing::FixedWing;
+use gaware_sitl::trajectory::{Flown, Scripted};
 use gaware_sitl::truth::Trajectory;
 
 /// Errors over sigmas of the nine elements of G, and of the attitude, at the end of a flight without g-sensitivity.

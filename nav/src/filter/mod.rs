@@ -73,8 +73,8 @@ pub struct Filter {
     judged: Motion,
     /// When products of errors were last counted, s.
     products_s: f64,
-    /// Whether the estimated rate is within its error.
-    turn_is_insignificant: bool,
+    /// Rates below these are within their errors, rad/s.
+    no_turn_below: Vector3<f64>,
     /// The motion that errors of attitude and time act on.
     lever: Motion,
     jacobian: MotionJacobian,
@@ -159,7 +159,7 @@ impl Filter {
             regressor: Regressor::default(),
             judged: Motion { rate: Vector3::zeros(), force: Vector3::repeat(f64::NAN) },
             products_s: initial.t_s,
-            turn_is_insignificant: false,
+            no_turn_below: Vector3::zeros(),
             lever: Motion::default(),
             jacobian: MotionJacobian::default(),
             start_jacobian: MotionJacobian::default(),

@@ -261,7 +261,8 @@ impl Filter {
     /// biases, or recentred with every correction, a thousand fixes would tell the two, and the heading, apart
     /// (first-estimates Jacobians, Huang, Mourikis & Roumeliotis 2010).
     pub(super) fn goes_straight(&self) -> bool {
-        self.turn_is_insignificant && self.regressor.is_quiet()
+        let turns = self.judged.rate.zip_map(&self.no_turn_below, |rate, below| rate.abs() >= below);
+        !turns.iter().any(|t| *t) && self.regressor.is_quiet()
     }
 
     /// Φ over one interval: axes turn as they did, attitude errors act on `lever`. A filter that coasts follows the attitude

@@ -42,9 +42,10 @@ impl Filter {
         }
         self.products_s = self.t_s;
         let p = self.covariance_of_errors();
-        let sigma = |axis: usize| p[(RATE + axis, RATE + axis)].max(0.0).sqrt();
-        self.turn_is_insignificant =
-            (0..3).all(|k| self.judged.rate[k].abs() < (SIGNIFICANT * sigma(k)).min(SLOWEST_TURN));
+        self.no_turn_below = Vector3::from_fn(|axis, _| {
+            let sigma = p[(RATE + axis, RATE + axis)].max(0.0).sqrt();
+            (SIGNIFICANT * sigma).min(SLOWEST_TURN)
+        });
         let [rate, force] = self.products_of_errors(&p);
         let share = since_s.min(LASTING_S) / LASTING_S;
         for k in 0..3 {
