@@ -8,6 +8,7 @@
 pub mod advice;
 pub mod attitudes;
 pub mod commands;
+pub mod compare;
 pub mod demo;
 pub mod engine;
 pub mod explain;

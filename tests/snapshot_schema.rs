@@ -32,6 +32,8 @@ fn the_schemas_of_the_results_are_up_to_date() {
     check("replay.schema.json", schemars::schema_for!(gaware::commands::replay::ReplayResults));
     check("explanation.schema.json", schemars::schema_for!(gaware::explain::contract::Explanation));
     check("plan.schema.json", schemars::schema_for!(gaware::commands::plan::PlanDocument));
+    check("comparison.schema.json", schemars::schema_for!(gaware::compare::Comparison));
+    check("loop.schema.json", schemars::schema_for!(gaware::demo::closed_loop::LoopResult));
     check("preflight.schema.json", schemars::schema_for!(gaware::commands::preflight::Table));
     check("mission.schema.json", schemars::schema_for!(gaware::commands::mission_result::MissionResult));
 }

@@ -1,7 +1,7 @@
 //! What a log says of the vehicle that flew: autopilot, version, parameters. What it does not say stays unknown.
 
 use crate::link::frame::Frame;
-use crate::logs::{self, Item, LogError, LogNote};
+use crate::logs::{self, Item, LogError, LogNote, Record};
 use crate::mission_link::param_codec;
 use crate::mission_link::vehicle::Vehicle;
 use gaware_mission::item::Autopilot;
@@ -63,6 +63,13 @@ impl OnBoard {
         found.fixed_wing =
             found.fixed_wing.or(reader.vehicle_kind().map(|kind| kind == VehicleKind::FixedWing));
         Ok(found)
+    }
+
+    /// From records that are in memory.
+    pub fn of_records(records: &[Record]) -> Self {
+        let mut found = Self::default();
+        records.iter().for_each(|record| found.take(&record.item, None));
+        found
     }
 
     fn take(&mut self, item: &Item, vehicle: Option<u8>) {

@@ -1,8 +1,8 @@
 //! The command line: which commands there are, how they start, and what exit status their result becomes.
 
 use super::{
-    CommandError, airframe, config, demo, explain, mission, output, params, plan, preflight, replay, report,
-    run, sim, start, study,
+    CommandError, airframe, compare, config, demo, explain, mission, output, params, plan, preflight, replay,
+    report, run, sim, start, study,
 };
 use crate::sinks::log;
 use clap::{CommandFactory, Parser, Subcommand};
@@ -53,6 +53,8 @@ pub enum Command {
     Airframe(airframe::AirframeArgs),
     /// Verified transfer of missions and geofences.
     Mission(mission::MissionArgs),
+    /// Compare the autopilot's own innovations of two flights, before and after a change.
+    Compare(compare::CompareArgs),
     /// Show, back up and change parameters of the autopilot, verified.
     Params(params::ParamsArgs),
     /// Check a vehicle against plan and airframe before the flight; it is only asked, never changed.
@@ -149,6 +151,7 @@ fn dispatch(command: Command) -> Result<(), CommandError> {
         Command::Plan(args) => plan::run(&args),
         Command::Airframe(args) => airframe::run(&args),
         Command::Mission(args) => mission::run(&args),
+        Command::Compare(args) => compare::run(&args),
         Command::Params(args) => params::run(&args),
         Command::Preflight(args) => preflight::run(&args),
         Command::Explain(args) => explain::run(&args),

@@ -1,7 +1,9 @@
 //! `gaware demo`: everything at once without hardware.
 
 use super::band::BandArgs;
+use super::demo_loop::Dialect;
 use super::{CommandError, output, start};
+use crate::demo::closed_loop::Correctable;
 use crate::demo::flight::{Ending, Flight, Stage};
 use crate::demo::{Prepared, Settings, result};
 use crate::engine::snapshot::Snapshot;
@@ -61,9 +63,22 @@ pub struct DemoArgs {
     /// Print the result as one JSON document.
     #[arg(long)]
     pub json: bool,
-    /// Write the HTML report here (default: gaware-demo-report.html in the folder for temporary files; with --json none).
+    /// Write the HTML report here (default: gaware-demo-report.html in the folder for temporary files; with --json or --loop none).
     #[arg(long, value_name = "FILE")]
     pub report: Option<PathBuf>,
+    /// Close the loop instead: inject an error that the autopilot can correct, fly, explain, apply the parameters, fly again,
+    /// compare the autopilot's own innovations. As fast as it goes, without screens.
+    #[arg(long = "loop", conflicts_with_all = ["web", "model"])]
+    pub closed_loop: bool,
+    /// With --loop: what is injected.
+    #[arg(long, value_enum, requires = "closed_loop", default_value_t = Correctable::GpsLatency)]
+    pub effect: Correctable,
+    /// With --loop: whose habits the simulated autopilot has (default: the airframe's).
+    #[arg(long, value_enum, requires = "closed_loop")]
+    pub autopilot: Option<Dialect>,
+    /// With --loop: write both recordings, the explanation with its parameter file and the result into this folder.
+    #[arg(long, value_name = "DIR", requires = "closed_loop")]
+    pub out: Option<PathBuf>,
 }
 
 /// How fast virtual time runs.
@@ -124,6 +139,9 @@ pub enum DemoError {
     /// No plan.
     #[error(transparent)]
     Plan(#[from] PlanError),
+    /// The loop.
+    #[error(transparent)]
+    Loop(Box<crate::demo::closed_loop::LoopError>),
     /// The mission could not be uploaded, or the flight did not end.
     #[error("{0}")]
     Flight(String),
@@ -188,7 +206,7 @@ fn settings(args: &DemoArgs) -> Result<Settings, CommandError> {
 }
 
 /// Plans, and says what the plan promises.
-fn plan(settings: Settings) -> Result<Prepared, CommandError> {
+pub(super) fn plan(settings: Settings) -> Result<Prepared, CommandError> {
     crate::sinks::log::line("planning …");
     let prepared = Prepared::new(settings).map_err(DemoError::from)?;
     crate::sinks::log::line(&format!("the plan {}", prepared.plan.summary()));
@@ -202,6 +220,9 @@ fn plan(settings: Settings) -> Result<Prepared, CommandError> {
 /// Arguments that make no sense, no safe plan, and a flight that did not come to its end.
 pub fn run(args: &DemoArgs) -> Result<(), CommandError> {
     let settings = settings(args)?;
+    if args.closed_loop {
+        return super::demo_loop::run(args, settings);
+    }
     let mut flight = match args.speed {
         DemoSpeed::Max => {
             let mut flight = Flight::new(plan(settings)?, args.seed);

@@ -4,8 +4,10 @@ pub mod airframe;
 pub mod band;
 pub mod baseline;
 pub mod cli;
+pub mod compare;
 pub mod config;
 pub mod demo;
+pub mod demo_loop;
 pub mod explain;
 pub mod mission;
 pub mod mission_args;
@@ -157,6 +159,9 @@ pub enum CommandError {
     /// A mission transfer.
     #[error(transparent)]
     Mission(#[from] mission::MissionError),
+    /// The comparison of two flights.
+    #[error(transparent)]
+    Compare(#[from] compare::CompareCommandError),
     /// Parameters of a vehicle.
     #[error(transparent)]
     Params(#[from] params::ParamsError),

@@ -35,6 +35,8 @@ pub enum StudyKind {
     Transfer(TransferArgs),
     /// Inject an effect, fly, explain, compare with the ground truth: the confusion matrix.
     Blind(super::study_blind::BlindArgs),
+    /// Inject an error that the autopilot can correct, fly, explain, apply its parameters, fly again, compare its own innovations.
+    Loop(super::demo_loop::LoopArgs),
     /// Hours: stationary, smooth cruise, steady turns, landings, outages, dropouts and jumps; errors against sigmas.
     Endurance(super::study_endurance::EnduranceArgs),
     /// Faults of link, clocks and sensors in flight: what the pilot is shown, time to recover, losses, errors against sigmas.
@@ -198,6 +200,7 @@ pub fn run(args: &StudyArgs) -> Result<(), CommandError> {
             output::json_pretty(&with_bar(flights, "flights", |bar| honesty::honest_sigmas(&settings, bar))?)
         }
         StudyKind::Blind(args) => super::study_blind::run(args),
+        StudyKind::Loop(args) => super::demo_loop::study(args),
         StudyKind::Endurance(args) => super::study_endurance::run(args),
         StudyKind::Faults(args) => super::study_faults::run(args),
         StudyKind::Guidance(args) => {

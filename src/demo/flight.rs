@@ -9,9 +9,10 @@ use crate::engine::{Engine, EngineOptions};
 use crate::link::frame::{Frame, Sender};
 use crate::link::heartbeat::HeartbeatSource;
 use crate::link::rates::{RateAction, RateKeeper, needs};
+use crate::logs::{Item, Record};
 use crate::mission_link::codec;
 use crate::mission_link::vehicle::Vehicle;
-use crate::pipeline::Pipeline;
+use crate::pipeline::{Estimator, Pipeline};
 use crate::sensors::{ConverterOptions, Notice};
 use crate::sinks::status::{Control, VehicleView};
 use gaware_mission::item::Autopilot as Firmware;
@@ -86,11 +87,11 @@ pub struct Milestone {
 
 /// The flight.
 #[derive(Debug)]
-pub struct Flight {
+pub struct Flight<E = Engine> {
     prepared: Prepared,
     truth: Model,
     autopilot: Autopilot,
-    pipeline: Pipeline<Engine>,
+    pipeline: Pipeline<E>,
     voice: HeartbeatSource,
     pilot_sequence: u8,
     rates: Option<RateKeeper>,
@@ -107,6 +108,8 @@ pub struct Flight {
     news: Option<(f64, String)>,
     milestones: Vec<Milestone>,
     log: Log,
+    /// All frames of the vehicle, where they are kept.
+    recording: Option<Vec<Record>>,
 }
 
 impl Flight {
@@ -121,7 +124,15 @@ impl Flight {
         guidance.band_m = settings.band_m;
         let options = EngineOptions { guidance: Some(guidance), ..EngineOptions::default() };
         let engine = Engine::new(settings.belief.clone(), options);
+        Self::with(prepared, truth, autopilot, engine)
+    }
+}
+
+impl<E: Estimator> Flight<E> {
+    /// A vehicle that stands at home, with these sensors and this autopilot.
+    pub fn with(prepared: Prepared, truth: Model, autopilot: Autopilot, engine: E) -> Self {
         Self {
+            recording: None,
             pipeline: Pipeline::new(ConverterOptions::default(), engine, TRUTH_FROM_S),
             prepared,
             truth,
@@ -142,6 +153,17 @@ impl Flight {
             milestones: Vec::new(),
             log: Log::default(),
         }
+    }
+
+    /// Keeps all frames of the vehicle.
+    #[must_use]
+    pub fn recorded(self) -> Self {
+        Self { recording: Some(Vec::new()), ..self }
+    }
+
+    /// The frames that were kept, the line and the vehicle, for what comes after the flight.
+    pub fn into_parts(self) -> (Vec<Record>, Pipeline<E>, Autopilot) {
+        (self.recording.unwrap_or_default(), self.pipeline, self.autopilot)
     }
 
     /// Virtual time, s.
@@ -165,7 +187,7 @@ impl Flight {
     }
 
     /// The line from frames to snapshots.
-    pub fn pipeline(&self) -> &Pipeline<Engine> {
+    pub fn pipeline(&self) -> &Pipeline<E> {
         &self.pipeline
     }
 
@@ -308,6 +330,9 @@ impl Flight {
 
     fn receive(&mut self, t_us: u64, frame: &Frame) {
         self.frames += 1;
+        if let Some(recording) = &mut self.recording {
+            recording.push(Record { t_us, item: Item::Frame(frame.clone()) });
+        }
         let (_, notices) = self.pipeline.frame(t_us, frame);
         for notice in notices {
             if let Notice::Vehicle { system_id, autopilot } = notice {
@@ -522,7 +547,7 @@ impl Flight {
     }
 }
 
-fn relative_to_stamps(mut truth: Model, stamp_delay_s: f64) -> Model {
+pub(super) fn relative_to_stamps(mut truth: Model, stamp_delay_s: f64) -> Model {
     for setting in truth.effects.iter_mut().filter(|s| s.effect.delays_fixes()) {
         setting.values.iter_mut().for_each(|v| *v -= stamp_delay_s);
     }

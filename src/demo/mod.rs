@@ -4,6 +4,7 @@
 //! [`Prepared`] plans, [`flight::Flight`] flies turn by turn in virtual time, [`result`] compares with the ground truth.
 //! The simulated pilot who arms and starts the mission belongs to the demonstration: the companion itself never does.
 
+pub mod closed_loop;
 pub mod flight;
 pub mod result;
 pub mod series;
@@ -272,7 +273,7 @@ impl Prepared {
     }
 
     /// The sensors of the simulated vehicle.
-    fn sensors() -> gaware_sitl::sensors::SensorConfig {
+    pub(super) fn sensors() -> gaware_sitl::sensors::SensorConfig {
         let sensors = scenario::scenario("mission_fixed_wing").map(|s| s.sensors).unwrap_or_default();
         gaware_sitl::sensors::SensorConfig { fix_rate_hz: 1.0 / FIX_INTERVAL_S, ..sensors }
     }

@@ -6,13 +6,23 @@
 
 use crate::link::frame::Frame;
 use mavlink::dialects::ardupilotmega::MavMessage;
+use schemars::JsonSchema;
 use serde::Serialize;
 
 const ESTIMATOR_STATUS: u32 = 230;
 const EKF_STATUS_REPORT: u32 = 193;
 
+/// Where a value comes from: PX4 low-passes the test ratios that it sends.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Origin {
+    /// A message of the link.
+    Link,
+    /// The autopilot's own log.
+    Log,
+}
+
 /// What a value is of.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Serialize)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Serialize, JsonSchema)]
 #[serde(rename_all = "snake_case")]
 pub enum Channel {
     /// Innovation, m/s.

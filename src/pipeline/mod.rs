@@ -8,13 +8,14 @@ mod truth_comparison;
 
 use crate::engine::snapshot::{GnssStatus, ImuStatus, Snapshot, Summary};
 use crate::link::frame::Frame;
-use crate::logs::{Damage, Item, Record};
+use crate::logs::filter::{self, Channel, Origin};
+use crate::logs::{Damage, Item, LogNote, Record};
 use crate::sensors::truth::SimTruth;
 use crate::sensors::{Converter, ConverterOptions, ConverterStats, Notice, Severity};
 use crate::timeline::Gaps;
 use gaware_nav::observability::words::VehicleKind;
 use gaware_nav::sample::Sample;
-pub use recorded::{Recorded, samples};
+pub use recorded::{Recorded, samples, samples_of};
 use schemars::JsonSchema;
 use serde::Serialize;
 use serde_json::{Map, Value};
@@ -30,6 +31,8 @@ pub trait Consumer {
     fn attitude(&mut self) -> Option<(f64, [f64; 3])> {
         None
     }
+    /// Takes what the autopilot's own filter reports of itself.
+    fn filter_report(&mut self, _origin: Origin, _values: &[(Channel, f64)]) {}
 }
 
 /// What the line needs of the engine.
@@ -124,6 +127,9 @@ impl<E: Consumer> Pipeline<E> {
         self.converter.feed(t_us, frame, &mut self.samples);
         self.learn_vehicle_kind(self.converter.vehicle_kind());
         let notices = self.pass_on();
+        if self.converter.vehicle() == Some(frame.system_id) {
+            self.filter_report(Origin::Link, &filter::of_frame(frame));
+        }
         if let Some(truth) = SimTruth::from_frame(frame, &self.converter) {
             let estimate = if self.truth.wants(&truth) { self.engine.attitude() } else { None };
             self.truth.push(&truth, estimate);
@@ -142,7 +148,14 @@ impl<E: Consumer> Pipeline<E> {
                 self.converter.take(measurement, &mut self.samples);
                 self.pass_on();
             }
+            Item::Note(LogNote::Filter(values)) => self.filter_report(Origin::Log, values),
             Item::Note(_) => {}
+        }
+    }
+
+    fn filter_report(&mut self, origin: Origin, values: &[(Channel, f64)]) {
+        if !values.is_empty() {
+            self.engine.filter_report(origin, values);
         }
     }
 
@@ -185,7 +198,8 @@ impl<E: Consumer> Pipeline<E> {
         &self.converter
     }
 
-    fn autopilot(&self) -> &'static str {
+    /// The autopilot, as the log or its heartbeat names it.
+    pub fn autopilot(&self) -> &'static str {
         self.log_autopilot.unwrap_or(self.converter.autopilot().name())
     }
 

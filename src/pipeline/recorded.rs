@@ -1,7 +1,7 @@
 //! A recorded flight through the line: the same way for `replay`, `report` and `explain`.
 
 use super::{Consumer, Pipeline};
-use crate::logs::{self, Damage, LogError, LogReader};
+use crate::logs::{self, Damage, LogError, LogReader, Record};
 use crate::sensors::ConverterOptions;
 use crate::sinks::recorder::Setup;
 use gaware_nav::sample::Sample;
@@ -98,4 +98,11 @@ pub fn samples(path: &Path, options: ConverterOptions) -> Result<Vec<Sample>, Lo
         tracing::warn!(?damage, path = %path.display(), "parts of the log could not be read");
     }
     Ok(pipeline.into_engine().0)
+}
+
+/// All samples of records that are in memory, likewise.
+pub fn samples_of(records: &[Record], options: ConverterOptions) -> Vec<Sample> {
+    let mut pipeline = Pipeline::new(options, Kept::default(), f64::INFINITY);
+    records.iter().for_each(|record| pipeline.record(record));
+    pipeline.into_engine().0
 }

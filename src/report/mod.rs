@@ -4,6 +4,6 @@ pub mod demo;
 pub mod explanation;
 pub mod flight;
 pub mod heat;
-mod page;
+pub(crate) mod page;
 pub mod plot;
 mod spectrum;

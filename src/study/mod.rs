@@ -1,6 +1,7 @@
 //! Studies: claims about accuracy that anybody can repeat with one command.
 
 pub mod blind;
+pub mod closed_loop;
 pub mod demo;
 pub mod endurance;
 pub mod faults;

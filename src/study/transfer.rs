@@ -211,7 +211,7 @@ fn mission(legs: usize, away_deg: f64) -> Mission {
 }
 
 /// Runs a future that never waits for anything outside.
-fn at_once<T>(future: impl Future<Output = T>) -> T {
+pub(crate) fn at_once<T>(future: impl Future<Output = T>) -> T {
     let mut future = pin!(future);
     let mut context = Context::from_waker(Waker::noop());
     loop {

@@ -72,6 +72,7 @@ impl Autopilot {
             VFR_HUD_DATA::ID => self.vfr_hud(),
             SIM_STATE_DATA::ID => self.sim_state(),
             MISSION_CURRENT_DATA::ID => self.mission_current(),
+            EKF_STATUS_REPORT_DATA::ID | ESTIMATOR_STATUS_DATA::ID => return self.filter_status(),
             _ => return None,
         })
     }
@@ -223,6 +224,9 @@ impl Autopilot {
     }
 
     fn attitude(&mut self, time_boot_ms: u32) -> MavMessage {
+        if let Some(attitude) = self.own_attitude(time_boot_ms) {
+            return attitude;
+        }
         let truth = self.truth();
         let [roll, pitch, yaw] = self.sensors.attitude(&truth).roll_pitch_yaw;
         MavMessage::ATTITUDE(ATTITUDE_DATA {

@@ -13,6 +13,7 @@ mod flight;
 pub mod framer;
 mod messages;
 pub mod mission;
+mod navigation;
 pub mod params;
 pub mod streams;
 
@@ -30,6 +31,7 @@ use mavlink::dialects::ardupilotmega::*;
 use mavlink::{MavHeader, MessageData};
 use mission::MissionServer;
 use nalgebra::Vector3;
+use navigation::{Calibration, Navigation, Receiver};
 use params::ParameterTable;
 use streams::{SLOW_DOWN, Streams};
 
@@ -67,6 +69,8 @@ pub struct AutopilotConfig {
     pub wait_for_station: bool,
     /// Parameters that differ from the usual ones, by name; NaN is one that it does not have.
     pub parameters: Vec<(&'static str, f64)>,
+    /// Whether it navigates by its own filter, with its own parameters: `ATTITUDE` and the status of the filter come from that.
+    pub navigates: bool,
     /// What goes wrong.
     pub faults: Vec<Fault>,
     /// Seed of all noise.
@@ -87,6 +91,7 @@ impl Default for AutopilotConfig {
             geoid_height_m: 47.0,
             wait_for_station: true,
             parameters: Vec::new(),
+            navigates: false,
             faults: Vec::new(),
             seed: 1,
         }
@@ -115,6 +120,10 @@ pub struct Autopilot {
     body: Body,
     mission: MissionServer,
     parameters: ParameterTable,
+    /// What the parameters make of the accelerometers' samples.
+    calibration: Calibration,
+    receiver: Receiver,
+    navigation: Option<Navigation>,
     sensors: Sensors,
     streams: Streams,
     framer: Framer,
@@ -190,13 +199,15 @@ impl Autopilot {
         let sensors = SensorConfig { time_jitter_s: 0.0, ..sensors };
         let (flavour, airframe) = (config.flavour, config.airframe);
         let streams = Streams::new(config.flavour, config.loop_rate_hz, config.has_highres_imu, 0.0)
-            .with_sim_state(config.has_sim_state);
+            .with_sim_state(config.has_sim_state)
+            .with_filter_status(config.navigates, 0.0);
         let filter = config.filter_hz.map(|hz| {
             let one = messages::LowPass::new(hz, config.loop_rate_hz);
             [one.clone(), one]
         });
         let parameters =
             ParameterTable::new(flavour, config.airframe, config.loop_rate_hz, &config.parameters);
+        let navigation = config.navigates.then(|| Navigation::new(flavour));
         let mut pending = config.faults.clone();
         pending.retain(|f| {
             matches!(f, Fault::Reboot { .. } | Fault::ClockJump { .. } | Fault::RateTheft { .. })
@@ -228,6 +239,9 @@ impl Autopilot {
             mission_rejected: false,
             events_sent: 0,
             mission: MissionServer::new(flavour, airframe, home),
+            calibration: Calibration::new(flavour, &parameters),
+            receiver: Receiver::new(flavour, &parameters),
+            navigation,
             parameters,
         }
     }
@@ -314,9 +328,12 @@ impl Autopilot {
 
     fn run_loop(&mut self) {
         self.meet_faults();
-        self.take_fix();
-        if self.filter.is_some() {
+        let arrived = self.take_fix();
+        if self.filter.is_some() || self.navigation.is_some() {
             self.sample_imu();
+        }
+        if arrived {
+            self.navigate_by_fix();
         }
         if self.now_s < self.silent_until_s {
             return;
@@ -356,6 +373,8 @@ impl Autopilot {
             if self.imu.is_some() { self.now_s - self.imu_s } else { 1.0 / self.config.loop_rate_hz };
         let truth = self.truth_at(self.now_s);
         let mut sample = self.sensors.imu_after(&truth, interval);
+        sample.accel = self.calibration.apply(&sample.accel);
+        self.navigate(&sample, &truth);
         if let Some([gyro, accel]) = &mut self.filter {
             sample.gyro = gyro.next(sample.gyro);
             sample.accel = accel.next(sample.accel);
@@ -365,15 +384,15 @@ impl Autopilot {
         sample
     }
 
-    /// The receiver delivers at its own rate, whatever the link asks for.
-    fn take_fix(&mut self) {
+    /// The receiver delivers at its own rate, whatever the link asks for. Whether a fix has arrived.
+    fn take_fix(&mut self) -> bool {
         let config = self.sensors.config();
         if config.fix_rate_hz <= 0.0 {
-            return;
+            return false;
         }
         let due = config.fix_phase_s + self.fixes as f64 / config.fix_rate_hz;
         if due > self.now_s + 1e-9 {
-            return;
+            return false;
         }
         self.fixes += 1;
         let valid = due - self.sensors.fix_delay_s(due);
@@ -387,6 +406,7 @@ impl Autopilot {
             .any(|f| matches!(f, Fault::GnssLoss { from_s, to_s } if (*from_s..*to_s).contains(&due)));
         let known = valid >= 0.0 && due > self.silent_until_s && !lost && !self.sensors.in_outage(due);
         self.fix = known.then_some(fix);
+        known
     }
 
     fn meet_faults(&mut self) {
@@ -428,7 +448,9 @@ impl Autopilot {
         let config = &self.config;
         self.streams =
             Streams::new(config.flavour, config.loop_rate_hz, config.has_highres_imu, self.silent_until_s)
-                .with_sim_state(config.has_sim_state);
+                .with_sim_state(config.has_sim_state)
+                .with_filter_status(config.navigates, self.silent_until_s);
+        self.start_navigation();
     }
 
     fn send(&mut self, message: &MavMessage) {

@@ -272,9 +272,27 @@ fn wire_type(kind: ParamType) -> MavParamType {
 
 impl Autopilot {
     pub(super) fn handle_parameters(&mut self, message: &MavMessage) {
-        for answer in self.parameters.handle(message) {
+        let answers = self.parameters.handle(message);
+        if !answers.is_empty() {
+            self.use_parameters();
+        }
+        for answer in answers {
             self.send(&answer);
         }
+    }
+
+    /// What it keeps over a power cycle.
+    pub fn parameters(&self) -> &ParameterTable {
+        &self.parameters
+    }
+
+    /// Starts with the parameters of an earlier power cycle.
+    #[must_use]
+    pub fn with_parameters(mut self, table: ParameterTable) -> Self {
+        self.parameters = table;
+        self.use_parameters();
+        self.start_navigation();
+        self
     }
 }
 

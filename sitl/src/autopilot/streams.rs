@@ -9,6 +9,8 @@ use std::collections::BTreeMap;
 const RATE_SHARE: f64 = 0.8;
 /// ArduPilot sends everything this much slower while a mission is uploaded.
 pub const SLOW_DOWN: f64 = 4.0;
+/// Rate at which the status of the navigation filter is sent unasked, Hz.
+const FILTER_STATUS_HZ: f64 = 1.0;
 /// Slack when due times are compared with loop times, s.
 const SLACK_S: f64 = 1e-7;
 
@@ -36,6 +38,8 @@ pub struct Streams {
     flavour: Flavour,
     has_highres_imu: bool,
     has_sim_state: bool,
+    /// Whether it has a navigation filter of its own to report.
+    has_filter_status: bool,
     /// Highest rate of one message, Hz.
     cap_hz: f64,
     entries: BTreeMap<u32, Entry>,
@@ -48,8 +52,14 @@ impl Streams {
             Flavour::ArduPilot => RATE_SHARE * loop_rate_hz,
             Flavour::Px4 => loop_rate_hz,
         };
-        let mut streams =
-            Self { flavour, has_highres_imu, has_sim_state: true, cap_hz, entries: BTreeMap::new() };
+        let mut streams = Self {
+            flavour,
+            has_highres_imu,
+            has_sim_state: true,
+            has_filter_status: false,
+            cap_hz,
+            entries: BTreeMap::new(),
+        };
         for (id, rate_hz) in streams.defaults() {
             streams.put(id, 1.0 / rate_hz, now_s);
         }
@@ -60,6 +70,23 @@ impl Streams {
     #[must_use]
     pub fn with_sim_state(self, has_sim_state: bool) -> Self {
         Self { has_sim_state, ..self }
+    }
+
+    /// The same table, with or without the status of the navigation filter.
+    #[must_use]
+    pub fn with_filter_status(self, has_filter_status: bool, now_s: f64) -> Self {
+        let mut streams = Self { has_filter_status, ..self };
+        if has_filter_status {
+            streams.put(streams.filter_status(), 1.0 / FILTER_STATUS_HZ, now_s);
+        }
+        streams
+    }
+
+    fn filter_status(&self) -> u32 {
+        match self.flavour {
+            Flavour::ArduPilot => EKF_STATUS_REPORT_DATA::ID,
+            Flavour::Px4 => ESTIMATOR_STATUS_DATA::ID,
+        }
     }
 
     fn defaults(&self) -> Vec<(u32, f64)> {
@@ -80,6 +107,7 @@ impl Streams {
     /// Whether this autopilot can send the message.
     pub fn supports(&self, id: u32) -> bool {
         COMMON.contains(&id)
+            || (self.has_filter_status && id == self.filter_status())
             || match self.flavour {
                 Flavour::ArduPilot => {
                     id == RAW_IMU_DATA::ID

@@ -19,6 +19,8 @@ pub struct FlightLog {
     /// Our attitude beside the autopilot's, by seconds since the first sample.
     pub attitudes: Attitudes,
     time: ElapsedTime,
+    /// Time of the newest inertial sample, s since the first one.
+    newest_s: f64,
 }
 
 impl Default for FlightLog {
@@ -27,18 +29,25 @@ impl Default for FlightLog {
             snapshots: Vec::new(),
             attitudes: Attitudes::with_spacing(HINT_SPACING_S),
             time: ElapsedTime::default(),
+            newest_s: 0.0,
         }
     }
 }
 
 impl FlightLog {
+    /// Time of the newest inertial sample, s since the first one.
+    pub fn newest_s(&self) -> f64 {
+        self.newest_s
+    }
+
     /// Takes a sample that the engine has just been fed with.
     pub fn push(&mut self, sample: &Sample, engine: &mut Engine) {
         match sample {
             Sample::Imu(imu) if imu.t_s.is_finite() => {
                 self.time.push(imu.t_s);
+                self.newest_s = self.time.elapsed_at(imu.t_s);
                 let due = self.snapshots.last().map_or(f64::NEG_INFINITY, |s| s.elapsed_s + PERIOD_S);
-                if self.time.elapsed_at(imu.t_s) >= due {
+                if self.newest_s >= due {
                     self.snapshots.push(engine.snapshot());
                 }
             }

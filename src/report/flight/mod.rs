@@ -32,6 +32,11 @@ pub struct Origin {
     pub model: String,
 }
 
+/// The autopilot's attitude less ours over time: s since the first sample, roll, pitch, yaw in deg. Empty where the log has too little of it.
+pub fn attitude_differences(log: &FlightLog) -> Vec<(f64, [f64; 3])> {
+    attitude::compare(&log.attitudes, &log.snapshots).map(|found| found.differences).unwrap_or_default()
+}
+
 /// The whole page. `document`: the result as `replay --json` prints it.
 ///
 /// # Errors

@@ -1,0 +1,160 @@
+//! `gaware demo --loop` and `gaware study loop`: from an injected sensor error to parameters of the autopilot, and the second flight.
+
+use super::demo::{DemoArgs, DemoError, load_airframe};
+use super::study::{show, with_bar};
+use super::{CommandError, compare, output};
+use crate::compare::page;
+use crate::demo::closed_loop::{self, Correctable, Loop, LoopResult};
+use crate::demo::{Prepared, Settings};
+use crate::explain;
+use crate::logs::{Item, Record, tlog};
+use crate::study::closed_loop as study;
+use gaware_mission::item::Autopilot as Firmware;
+use std::fmt::Write;
+use std::path::{Path, PathBuf};
+
+/// Time for the maneuvers unless another is asked for, s: enough turns and speed changes for each of the effects.
+const BUDGET_S: f64 = 300.0;
+/// The simulated recordings begin on 2026-01-01, µs.
+const EPOCH_US: u64 = 1_767_225_600_000_000;
+
+/// Whose habits the simulated autopilot has.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, clap::ValueEnum)]
+pub enum Dialect {
+    /// ArduPilot.
+    Ardupilot,
+    /// PX4.
+    Px4,
+}
+
+impl Dialect {
+    const ALL: [Self; 2] = [Self::Ardupilot, Self::Px4];
+
+    fn firmware(self) -> Firmware {
+        match self {
+            Self::Ardupilot => Firmware::ArduPilot,
+            Self::Px4 => Firmware::Px4,
+        }
+    }
+}
+
+/// Arguments of `study loop`.
+#[derive(Debug, Clone, clap::Args)]
+pub struct LoopArgs {
+    /// Loops per effect and autopilot, each with another vehicle.
+    #[arg(long, default_value_t = 50)]
+    pub seeds: usize,
+    /// First seed.
+    #[arg(long, default_value_t = 1)]
+    pub seed: u64,
+    /// Only these effects (default: all).
+    #[arg(long, value_enum, value_name = "EFFECT")]
+    pub effect: Vec<Correctable>,
+    /// Only these autopilots (default: both).
+    #[arg(long, value_enum, value_name = "NAME")]
+    pub autopilot: Vec<Dialect>,
+    /// What flies: small_fixed_wing, large_fixed_wing, quadrotor, or a file that describes it.
+    #[arg(long, value_name = "NAME|FILE", default_value = "small_fixed_wing")]
+    pub airframe: String,
+    /// Time for the maneuvers, s.
+    #[arg(long, value_name = "SECONDS", default_value_t = BUDGET_S)]
+    pub budget: f64,
+    /// Print one JSON document.
+    #[arg(long)]
+    pub json: bool,
+}
+
+/// Runs the study and prints it.
+///
+/// # Errors
+/// No such airframe, no safe plan, output that cannot be written.
+pub fn study(args: &LoopArgs) -> Result<(), CommandError> {
+    let or_all = |asked: &[Dialect]| if asked.is_empty() { Dialect::ALL.to_vec() } else { asked.to_vec() };
+    let effects = if args.effect.is_empty() { Correctable::ALL.to_vec() } else { args.effect.clone() };
+    let budget = super::demo::check_budget(Some(args.budget))?;
+    let plans = or_all(&args.autopilot).into_iter().map(|dialect| {
+        let mut airframe = load_airframe(&args.airframe)?;
+        airframe.autopilot = dialect.firmware();
+        Ok(Prepared::new(Settings::new(airframe, budget)).map_err(DemoError::from)?)
+    });
+    let plans: Vec<Prepared> = plans.collect::<Result<_, CommandError>>()?;
+    let loops = plans.len() * effects.len() * args.seeds;
+    let study = with_bar(loops, "loops", |bar| study::run(&plans, &effects, args.seeds, args.seed, bar));
+    show(args.json, &study, |out, study| write!(out, "{study}"))
+}
+
+/// Runs one loop and prints it.
+///
+/// # Errors
+/// A loop that does not come to its end, files that cannot be written.
+pub(super) fn run(args: &DemoArgs, mut settings: Settings) -> Result<(), CommandError> {
+    settings.budget_s = settings.budget_s.or(Some(BUDGET_S));
+    if let Some(dialect) = args.autopilot {
+        settings.airframe.autopilot = dialect.firmware();
+    }
+    let prepared = super::demo::plan(settings)?;
+    let done = closed_loop::run(&prepared, args.effect, args.seed, &|what| crate::sinks::log::line(what))
+        .map_err(|e| DemoError::Loop(Box::new(e)))?;
+    if let Some(folder) = &args.out {
+        write(&done, folder)?;
+    }
+    if let Some(path) = &args.report {
+        let [before, after] = &done.flights;
+        let html = page::html(&done.result.comparison, before, after);
+        put(path, html.map_err(compare::CompareCommandError::Draw)?.as_bytes())?;
+        crate::sinks::log::line(&format!("report: {}", path.display()));
+    }
+    if args.json {
+        return output::json_pretty(&done.result);
+    }
+    output::words(|out| print(out, &done.result))
+}
+
+fn put(path: &Path, bytes: &[u8]) -> Result<(), CommandError> {
+    std::fs::write(path, bytes).map_err(|source| CommandError::Write { path: path.to_owned(), source })
+}
+
+/// Both recordings, the explanation with its parameter file, and the comparison.
+fn write(done: &Loop, folder: &Path) -> Result<(), CommandError> {
+    explain::write(&done.explained, folder)?;
+    for (name, records) in ["before.tlog", "after.tlog"].into_iter().zip(&done.records) {
+        put(&folder.join(name), &tlog_bytes(records))?;
+    }
+    let path: PathBuf = folder.join("loop.json");
+    let json = serde_json::to_string_pretty(&done.result).unwrap_or_default() + "\n";
+    put(&path, json.as_bytes())?;
+    crate::sinks::log::line(&format!("recordings, explanation and result: {}", folder.display()));
+    Ok(())
+}
+
+fn tlog_bytes(records: &[Record]) -> Vec<u8> {
+    let bytes = |record: &Record| match &record.item {
+        Item::Frame(frame) => tlog::record_bytes(EPOCH_US + record.t_us, frame),
+        _ => Vec::new(),
+    };
+    records.iter().flat_map(bytes).collect()
+}
+
+fn print(out: &mut String, r: &LoopResult) -> std::fmt::Result {
+    let injected: Vec<String> = r.injected.iter().map(|v| format!("{v:.4}")).collect();
+    writeln!(out, "{}, {}, seed {}", r.airframe, r.autopilot, r.seed)?;
+    writeln!(out, "injected:  {} {} (SI)", r.effect, injected.join(", "))?;
+    let names: Vec<String> = r.explained.iter().map(|names| names.join(" or ")).collect();
+    writeln!(out, "explained: {}", names.join(", "))?;
+    for c in &r.corrected {
+        let before = c.before.map_or_else(|| "?".to_owned(), |v| format!("{v}"));
+        let places = digits(c.sigma);
+        writeln!(
+            out,
+            "applied:   {} {before} -> {} ± {:.places$} {}, right: {:.places$}",
+            c.parameter, c.after, c.sigma, c.unit, c.ideal
+        )?;
+    }
+    writeln!(out)?;
+    compare::print(out, &r.comparison, None)
+}
+
+/// Decimal places that show two figures of a sigma.
+fn digits(sigma: f64) -> usize {
+    (1.0 - sigma.abs().max(1e-9).log10().floor()).clamp(0.0, 9.0) as usize
+}

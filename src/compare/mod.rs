@@ -1,0 +1,285 @@
+//! Two flights of one vehicle, before and after a change: are the autopilot's own innovations smaller?
+//!
+//! The verdict counts only what the autopilot itself reports: innovations and test ratios of its filter, in flight. Its attitude less ours
+//! stands beside it. Two flights are never flown alike, so each regime counts with the same weight in both.
+
+pub mod flight;
+pub mod page;
+pub mod statistics;
+
+use crate::logs::filter::Channel;
+use flight::{FilterFlight, Point, Regime};
+use schemars::JsonSchema;
+use serde::Serialize;
+use statistics::{Change, MeanSquare, Ratio, Rms, pair, ratio, standardised};
+
+/// Probability that the interval of one row misses the true ratio.
+const ALPHA: f64 = 0.05;
+
+/// What is compared.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Serialize, JsonSchema)]
+#[serde(untagged)]
+pub enum Quantity {
+    /// What the autopilot's filter reports.
+    Channel(Channel),
+    /// Its attitude less ours.
+    Attitude(AttitudeAngle),
+}
+
+/// An angle of the autopilot's attitude less ours, deg.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Serialize, JsonSchema)]
+#[serde(rename_all = "snake_case")]
+pub enum AttitudeAngle {
+    /// Roll, deg.
+    AttitudeRoll,
+    /// Pitch, deg.
+    AttitudePitch,
+    /// Yaw, deg.
+    AttitudeYaw,
+}
+
+impl Quantity {
+    /// In words.
+    pub fn words(self) -> &'static str {
+        match self {
+            Self::Channel(channel) => channel.words(),
+            Self::Attitude(AttitudeAngle::AttitudeRoll) => "roll against ours",
+            Self::Attitude(AttitudeAngle::AttitudePitch) => "pitch against ours",
+            Self::Attitude(AttitudeAngle::AttitudeYaw) => "yaw against ours",
+        }
+    }
+
+    /// Unit; empty for ratios.
+    pub fn unit(self) -> &'static str {
+        match self {
+            Self::Channel(channel) => channel.unit(),
+            Self::Attitude(_) => "deg",
+        }
+    }
+
+    fn kind(self) -> Kind {
+        match self {
+            Self::Channel(channel) if channel.unit().is_empty() => Kind::TestRatio,
+            Self::Channel(_) => Kind::Innovation,
+            Self::Attitude(_) => Kind::Attitude,
+        }
+    }
+}
+
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+enum Kind {
+    Innovation,
+    TestRatio,
+    Attitude,
+}
+
+/// One quantity in one regime.
+#[derive(Debug, Clone, PartialEq, Serialize, JsonSchema)]
+pub struct Row {
+    /// What.
+    pub quantity: Quantity,
+    /// Unit of the RMS; empty for test ratios.
+    pub unit: &'static str,
+    /// While the vehicle did this.
+    pub regime: Regime,
+    /// RMS before.
+    pub before: Rms,
+    /// RMS after.
+    pub after: Rms,
+    /// After over before, with its 95 % interval.
+    pub ratio: Ratio,
+}
+
+/// The result.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, JsonSchema)]
+#[serde(rename_all = "snake_case")]
+pub enum Verdict {
+    /// At least one channel is smaller beyond chance, and none larger.
+    Smaller,
+    /// No channel differs beyond chance.
+    Unchanged,
+    /// At least one channel is larger beyond chance, and none smaller.
+    Larger,
+    /// Some are smaller and some larger.
+    Mixed,
+    /// Too few effective samples.
+    Undecided,
+}
+
+/// The comparison (`gaware.comparison/1`).
+#[derive(Debug, Clone, PartialEq, Serialize, JsonSchema)]
+pub struct Comparison {
+    /// `gaware.comparison/1`.
+    pub schema: &'static str,
+    /// Of the innovations over all regimes (of the test ratios where there are no innovations).
+    pub verdict: Verdict,
+    /// Autopilot of both.
+    pub autopilot: &'static str,
+    /// Name of the first log.
+    pub before: String,
+    /// Name of the second one.
+    pub after: String,
+    /// What decided the verdict: intervals so wide that all of them together cover the true ratios with 95 %.
+    pub judged: Vec<Row>,
+    /// Every quantity in every regime, each with its own 95 % interval.
+    pub rows: Vec<Row>,
+    /// The verdict in a sentence.
+    pub text: String,
+}
+
+/// Why two flights cannot be compared.
+#[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
+pub enum CompareError {
+    /// Two vehicles.
+    #[error("the logs are of different autopilots: {0} and {1}")]
+    Autopilots(&'static str, &'static str),
+    /// Test ratios of a link are low-passed, those of a log are not.
+    #[error(
+        "one of the logs is of a link, the other of the autopilot itself: their test ratios are defined differently; compare two logs of one kind"
+    )]
+    Origins,
+    /// Nothing of the autopilot's filter.
+    #[error(
+        "{0} has no innovations or test ratios of the autopilot's filter in flight (.bin: XKF3 and XKF4, .ulg: estimator_innovations, links: \
+         EKF_STATUS_REPORT or ESTIMATOR_STATUS)"
+    )]
+    NoFilter(String),
+    /// Nothing in common.
+    #[error("the logs have no channel in common: {0} has {1}, {2} has {3}")]
+    NoCommon(String, String, String, String),
+}
+
+/// Compares.
+///
+/// # Errors
+/// Logs of different autopilots or kinds, or without anything in common.
+pub fn compare(
+    (name_before, before): (&str, &FilterFlight),
+    (name_after, after): (&str, &FilterFlight),
+) -> Result<Comparison, CompareError> {
+    if before.autopilot != after.autopilot {
+        return Err(CompareError::Autopilots(before.autopilot, after.autopilot));
+    }
+    for (name, flight) in [(name_before, before), (name_after, after)] {
+        let mut channels = flight.series.iter().filter(|(q, _)| q.kind() != Kind::Attitude);
+        if !channels.any(|(_, points)| points.iter().any(|p| p.regime.is_some())) {
+            return Err(CompareError::NoFilter(name.to_owned()));
+        }
+    }
+    if before.origin != after.origin {
+        return Err(CompareError::Origins);
+    }
+    let rows = rows(before, after);
+    if !rows.iter().any(|r| r.quantity.kind() != Kind::Attitude) {
+        let [a, b] = [before, after].map(channel_words);
+        return Err(CompareError::NoCommon(name_before.to_owned(), a, name_after.to_owned(), b));
+    }
+    let judged = judged(&rows);
+    let verdict = verdict(&judged);
+    Ok(Comparison {
+        schema: "gaware.comparison/1",
+        verdict,
+        autopilot: before.autopilot,
+        before: name_before.to_owned(),
+        after: name_after.to_owned(),
+        text: words(verdict, &judged),
+        judged,
+        rows,
+    })
+}
+
+fn channel_words(flight: &FilterFlight) -> String {
+    let channels = flight.series.keys().filter(|q| q.kind() != Kind::Attitude);
+    channels.map(|q| q.words()).collect::<Vec<_>>().join(", ")
+}
+
+fn rows(before: &FilterFlight, after: &FilterFlight) -> Vec<Row> {
+    let mut rows = Vec::new();
+    for (quantity, a) in &before.series {
+        let Some(b) = after.series.get(quantity) else { continue };
+        let (values_a, values_b) = (values(a), values(b));
+        let both = |regime: Regime| {
+            let of = |values: &[f64], points: &[Point]| {
+                MeanSquare::of(values, |k| points.get(k).is_some_and(|p| p.regime == Some(regime)))
+            };
+            Some([of(&values_a, a)?, of(&values_b, b)?])
+        };
+        let each: Vec<(Regime, [MeanSquare; 2])> =
+            Regime::EACH.into_iter().filter_map(|r| Some((r, both(r)?))).collect();
+        let pairs: Vec<[MeanSquare; 2]> = each.iter().map(|(_, pair)| *pair).collect();
+        let all = standardised(&pairs).map(|rms| (Regime::All, rms));
+        for (regime, [before, after]) in
+            all.into_iter().chain(each.iter().map(|(r, [a, b])| (*r, pair(a, b))))
+        {
+            if let Some(ratio) = ratio(&before, &after, ALPHA) {
+                rows.push(Row { quantity: *quantity, unit: quantity.unit(), regime, before, after, ratio });
+            }
+        }
+    }
+    rows
+}
+
+fn values(points: &[Point]) -> Vec<f64> {
+    points.iter().map(|p| p.value).collect()
+}
+
+/// The innovations over all regimes, the test ratios where there are none, with intervals that hold for all of them together (Bonferroni).
+fn judged(rows: &[Row]) -> Vec<Row> {
+    let of = |kind: Kind| -> Vec<&Row> {
+        rows.iter().filter(|r| r.regime == Regime::All && r.quantity.kind() == kind).collect()
+    };
+    let innovations = of(Kind::Innovation);
+    let all = if innovations.is_empty() { of(Kind::TestRatio) } else { innovations };
+    let alpha = ALPHA / all.len().max(1) as f64;
+    let strict = |r: &&Row| Some(Row { ratio: ratio(&r.before, &r.after, alpha)?, ..(*r).clone() });
+    all.iter().filter_map(strict).collect()
+}
+
+fn verdict(judged: &[Row]) -> Verdict {
+    let is = |change: Change| judged.iter().any(|r| r.ratio.change == change);
+    match (is(Change::Smaller), is(Change::Larger)) {
+        (true, true) => Verdict::Mixed,
+        (true, false) => Verdict::Smaller,
+        (false, true) => Verdict::Larger,
+        (false, false) if is(Change::Unchanged) => Verdict::Unchanged,
+        (false, false) => Verdict::Undecided,
+    }
+}
+
+/// `velocity north 0.31 (0.27 to 0.36)`.
+fn ratio_words(r: &Row) -> String {
+    let Ratio { value, interval: [low, high], .. } = r.ratio;
+    format!("{} {value:.2} ({low:.2} to {high:.2})", r.quantity.words())
+}
+
+fn words(verdict: Verdict, judged: &[Row]) -> String {
+    let list = |which: fn(Change) -> bool| {
+        judged.iter().filter(|r| which(r.ratio.change)).map(ratio_words).collect::<Vec<_>>().join(", ")
+    };
+    let changed = list(|c| matches!(c, Change::Smaller | Change::Larger));
+    const HOW: &str = "RMS after over before, with intervals that all hold together with 95 %";
+    match verdict {
+        Verdict::Smaller => {
+            format!("The autopilot's innovations are smaller after the change. {HOW}: {changed}.")
+        }
+        Verdict::Larger => {
+            format!("The autopilot's innovations are LARGER after the change. {HOW}: {changed}.")
+        }
+        Verdict::Mixed => {
+            format!(
+                "Some of the autopilot's innovations are smaller after the change and some larger. {HOW}: {changed}."
+            )
+        }
+        Verdict::Unchanged => {
+            let all = list(|c| c == Change::Unchanged);
+            format!("The autopilot's innovations do not differ beyond chance. {HOW}: {all}.")
+        }
+        Verdict::Undecided => {
+            "The flights are too short to decide: in no regime do both have enough independent innovations."
+                .to_owned()
+        }
+    }
+}
+
+#[cfg(test)]
+pub(crate) mod tests;
