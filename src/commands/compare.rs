@@ -87,7 +87,7 @@ pub(super) fn print(out: &mut String, c: &Comparison, report: Option<&Path>) -> 
     writeln!(out, "{}\n", c.text)?;
     writeln!(
         out,
-        "{:<22} {:<14} {:>10} {:>10} {:<4} {:>6}  {:<15}",
+        "{:<22} {:<14} {:>10} {:>10} {:<4} {:>6}  {}",
         "", "regime", "before", "after", "", "ratio", "95 % interval"
     )?;
     let mut last = None;

@@ -15,6 +15,9 @@ use serde::Serialize;
 pub const MIN_EFFECTIVE: f64 = 8.0;
 /// A regime with fewer is left out of the sum of regimes.
 const MIN_OF_REGIME: f64 = 4.0;
+/// Nor is anything decided with fewer samples than this: a shorter series does not show its autocorrelation (Box, Jenkins, Reinsel, "Time
+/// Series Analysis", 3rd ed., section 2.1.6).
+const MIN_SAMPLES: usize = 50;
 /// Effective samples per degree of freedom of a variance of squares. Squares of normal values have a kurtosis of 15: their variance has
 /// n/7 degrees of freedom where it is independent of the mean; with n/4 the intervals here cover what they claim (see the tests).
 const PER_FREEDOM: f64 = 4.0;
@@ -104,7 +107,8 @@ pub fn pair(before: &MeanSquare, after: &MeanSquare) -> [Rms; 2] {
 /// Root mean squares of two flights over the regimes that both have, with the same weight of a regime in both: its share of all samples.
 /// `None` where no regime has enough samples in both.
 pub fn standardised(regimes: &[[MeanSquare; 2]]) -> Option<[Rms; 2]> {
-    let enough = |pair: &&[MeanSquare; 2]| pair.iter().all(|m| m.effective >= MIN_OF_REGIME);
+    let enough =
+        |pair: &&[MeanSquare; 2]| pair.iter().all(|m| m.effective >= MIN_OF_REGIME && m.count >= MIN_SAMPLES);
     let used: Vec<&[MeanSquare; 2]> = regimes.iter().filter(enough).collect();
     let samples = |pair: &[MeanSquare; 2]| pair.iter().map(|m| m.count as f64).sum::<f64>();
     let all: f64 = used.iter().map(|p| samples(p)).sum();
@@ -161,7 +165,7 @@ pub fn ratio(before: &Rms, after: &Rms, alpha: f64) -> Option<Ratio> {
     let effective = before.effective.min(after.effective);
     let half = student(effective / PER_FREEDOM, alpha) * sigma;
     let interval = [value * (-half).exp(), value * half.exp()];
-    let change = if effective < MIN_EFFECTIVE {
+    let change = if effective < MIN_EFFECTIVE || before.count.min(after.count) < MIN_SAMPLES {
         Change::Undecided
     } else if interval[1] < 1.0 {
         Change::Smaller
