@@ -12,11 +12,16 @@ use crate::noise_meter::NoiseMeter;
 use crate::quantisation::Dequantiser;
 use crate::rotation::c_nb_from_euler;
 use crate::sample::{GnssFix, ImuSample, ImuStream, Quantisation, RestartReason, Sample};
+use std::collections::VecDeque;
 
 /// Trust in "a stationary vehicle does not turn": truncation and slow sway, rad/s.
 const STANDING_RATE_SIGMA: f64 = 1.5e-3;
 /// Without samples for longer than this the attitude is not known any more, s.
 const LOST_AFTER_S: f64 = 1.5;
+/// A sensor fault is found within this time of its begin; what was learned since is dropped, s.
+const FAULT_FOUND_WITHIN_S: f64 = 3.0;
+/// Filters are kept for that so often, s.
+const KEPT_EVERY_S: f64 = 1.0;
 /// What a reboot may do to the biases, as a share of their prior sigma.
 const BIAS_AFTER_RESTART: f64 = 0.1;
 
@@ -71,6 +76,8 @@ pub struct Estimator {
     state: State,
     /// The last filter before a restart: its constants go on.
     before: Option<Box<Filter>>,
+    /// The filter of the last seconds, oldest first: what a fault has not reached yet.
+    kept: VecDeque<Box<Filter>>,
     last: Option<ImuSample>,
     /// What undoing the source's faults needs of the samples before.
     source: SourceHistory,
@@ -89,6 +96,7 @@ impl Estimator {
             meter: NoiseMeter::default(),
             state: State::Gathering(Gathering::default()),
             before: None,
+            kept: VecDeque::new(),
             last: None,
             source: SourceHistory::default(),
             bias_share: BIAS_AFTER_RESTART,
@@ -139,6 +147,11 @@ impl Estimator {
             State::Searching(bank) => bank.best().map(Fusion::filter),
             State::Running(fusion) => Some(fusion.filter()),
         }
+    }
+
+    /// The filter whose constants go on after the last restart.
+    pub fn before_restart(&self) -> Option<&Filter> {
+        self.before.as_deref()
     }
 
     /// The filter at the newest sample.
@@ -247,7 +260,22 @@ impl Estimator {
             }
         };
         self.look_after_health();
+        self.keep_filter();
         outcomes
+    }
+
+    /// Keeps the filter as it is now and then, in case that the sensor turns out to be at fault already.
+    fn keep_filter(&mut self) {
+        let State::Running(fusion) = &self.state else { return };
+        let filter = fusion.filter();
+        if self.kept.back().is_some_and(|kept| filter.t_s() - kept.t_s() < KEPT_EVERY_S) {
+            return;
+        }
+        self.kept.push_back(Box::new(filter.clone()));
+        // The oldest is the youngest of those that are old enough.
+        while self.kept.get(1).is_some_and(|next| filter.t_s() - next.t_s() >= FAULT_FOUND_WITHIN_S) {
+            self.kept.pop_front();
+        }
     }
 
     /// A filter that failed or lost its attitude starts anew.
@@ -266,6 +294,7 @@ impl Estimator {
         self.events.push(event);
         self.before = self.filter().filter(|_| keep_constants).map(|f| Box::new(f.clone()));
         self.bias_share = 0.0;
+        self.kept.clear();
         self.state = State::Gathering(Gathering::default());
     }
 
@@ -332,10 +361,12 @@ impl Estimator {
         };
     }
 
-    fn restart(&mut self, _reason: RestartReason) {
+    fn restart(&mut self, reason: RestartReason) {
+        let before_fault = if reason == RestartReason::SensorFault { self.kept.pop_front() } else { None };
         if let Some(filter) = self.filter() {
-            self.before = Some(Box::new(filter.clone()));
+            self.before = Some(before_fault.unwrap_or_else(|| Box::new(filter.clone())));
         }
+        self.kept.clear();
         self.bias_share = BIAS_AFTER_RESTART;
         self.meter = NoiseMeter::default();
         self.dequantiser = Dequantiser::new(self.model.quantisation_of(&self.stream));

@@ -162,10 +162,12 @@ pub struct AttitudeHint {
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum RestartReason {
-    /// The autopilot's boot time went back.
+    /// The autopilot started anew: its boot time went back to the first minute.
     Reboot,
     /// The time base jumped forward beyond any plausible gap.
     ClockJump,
+    /// The time base went back by seconds, and the autopilot did not start anew.
+    ClockSetBack,
     /// Another source message took over.
     SourceChange,
     /// The sensor no longer measured.

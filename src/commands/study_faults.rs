@@ -81,7 +81,7 @@ fn print_long(out: &mut String, study: &Long) -> std::fmt::Result {
     for h in &study.hours {
         writeln!(
             out,
-            "{:4}{:10.2}{:7.2}{:8.0}%{:>11}{:7}{:9}  {}",
+            "{:4}{:10.2}{:7.2}{:8.0}%{:>11}{:7}{:9}  {}; largest errors: {}",
             h.hour,
             h.nees_mean_per_dof,
             h.nees_worst_per_dof,
@@ -89,7 +89,8 @@ fn print_long(out: &mut String, study: &Long) -> std::fmt::Result {
             h.resident_bytes.map_or("-".to_owned(), bytes),
             h.recorder.files,
             h.recorder.removed_files,
-            h.faults.join("; ")
+            h.faults.join("; "),
+            h.largest.iter().map(|(name, n)| format!("{name} {n:+.1} sigma")).collect::<Vec<_>>().join(", ")
         )?;
     }
     if let Some(growth) = study.memory_growth {

@@ -152,6 +152,10 @@ impl Engine {
             Sample::Restart(_) => self.restart(),
         }
         self.take(sample);
+        if matches!(sample, Sample::Restart(_)) {
+            // After a sensor fault this is an earlier one than the last.
+            self.before = self.estimator.before_restart().map(|filter| Box::new(filter.clone()));
+        }
     }
 
     fn feed_imu(&mut self, imu: &ImuSample, sample: &Sample) {
@@ -226,9 +230,6 @@ impl Engine {
     /// The constants go on, motion starts anew.
     fn restart(&mut self) {
         self.rejected_before += self.estimator.passed_over();
-        if let Some(filter) = self.estimator.filter() {
-            self.before = Some(Box::new(filter.clone()));
-        }
         self.time.restart();
         self.imu_rate = RateMeter::default();
         self.fix_rate = RateMeter::default();

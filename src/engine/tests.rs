@@ -129,6 +129,30 @@ fn a_reboot_keeps_what_was_learned_of_the_vehicle() {
     }
 }
 
+/// A range that ends at 1.2 g is noticed after a while: what the samples at its end have taught by then goes.
+#[test]
+fn what_a_faulty_sensor_taught_before_it_was_found_is_dropped() {
+    let flight = named("fixed_wing");
+    let (from_s, found_s) = (124.5, 126.5);
+    let mut engine = fly(&flight, 1, from_s - 2.0);
+    let learned = engine.snapshot().estimate.accel_bias_mg;
+    let off = |engine: &Engine| {
+        let now = engine.snapshot().estimate.accel_bias_mg;
+        (0..3).map(|k| (now.value[k] - learned.value[k]).abs() / learned.sigma[k]).fold(0.0, f64::max)
+    };
+    for (mut sample, _) in flight.flight(1).skip_while(|(_, t)| t.t_s <= from_s - 2.0) {
+        match &mut sample {
+            Sample::Imu(imu) if imu.t_s > found_s => break,
+            Sample::Imu(imu) if imu.t_s > from_s => imu.accel.z = imu.accel.z.max(-11.8),
+            _ => {}
+        }
+        engine.feed(&sample);
+    }
+    assert!(off(&engine) > 3.0, "nothing was learned from the fault: {}", off(&engine));
+    engine.feed(&Sample::Restart(RestartReason::SensorFault));
+    assert!(off(&engine) < 1.5, "{}", off(&engine));
+}
+
 #[test]
 fn impossible_values_are_rejected_counted_and_reported() {
     let mut engine = fly(&named("bench"), 1, 5.0);

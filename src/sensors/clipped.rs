@@ -1,7 +1,8 @@
-//! A sensor at the end of its range: values that run into a limit with a corner and stay there.
+//! A sensor at the end of its range: values that run into a limit with a corner and stay there, or whose noise ends there.
 //!
 //! A steady turn is steady too, but it is entered smoothly, and noise goes on. Where the limit is follows from the samples: boards set
-//! ranges that no message carries.
+//! ranges that no message carries. Noise shows itself by values that change their direction: where a share r of the samples does, n
+//! equal values in a row have a probability of (1 − r)ⁿ at most. Motion without noise changes direction seldom.
 
 use super::stuck::StuckSensor;
 
@@ -9,6 +10,12 @@ use super::stuck::StuckSensor;
 const PLATEAU: u32 = 5;
 /// Least step into a plateau that is a corner, rad/s and m/s²: ten counts of `RAW_IMU`, and five.
 const CORNER: [f64; 2] = [0.01, 0.05];
+/// Equal values in a row that noise gives with less than this probability are no chance.
+const CHANCE: f64 = 1e-7;
+/// Most samples that change direction: of white noise two in three, less where it is rounded.
+const MOST_REVERSING: f64 = 0.6;
+/// Samples over which changes of direction are averaged.
+const DIRECTIONS: f64 = 100.0;
 /// Limits below these are none, rad/s and m/s²: a vehicle at rest shows 1 g.
 const LEAST: [f64; 2] = [0.2, 11.0];
 
@@ -21,33 +28,51 @@ struct Axis {
     corner: bool,
     high: f64,
     low: f64,
+    /// Whether the last change was upward, and the share of samples that changed direction, until the last change.
+    upward: bool,
+    reversing: f64,
     /// The limits found, upper and lower.
     limits: [Option<f64>; 2],
 }
 
 impl Axis {
     /// Whether this value is at a limit, and whether that limit is new.
-    fn push(&mut self, value: f64, corner: f64, least: f64) -> (bool, bool) {
-        let step = self.last.replace(value).map_or(0.0, |last| (value - last).abs());
+    /// `others_run`: for so many samples all other axes have been equal too.
+    fn push(&mut self, value: f64, [corner, least]: [f64; 2], others_run: u32) -> (bool, bool) {
+        let step = self.last.replace(value).map_or(0.0, |last| value - last);
         if step == 0.0 {
             self.run = self.run.saturating_add(1);
         } else {
-            (self.run, self.corner) = (1, step >= corner);
+            self.turn(step > 0.0);
+            (self.run, self.corner) = (1, step.abs() >= corner);
         }
         (self.high, self.low) = (self.high.max(value), self.low.min(value));
         let [upper, lower] = &mut self.limits;
         // What is exceeded was no limit.
         *upper = upper.filter(|l| value <= *l);
         *lower = lower.filter(|l| value >= *l);
-        let plateau = self.run >= PLATEAU && self.corner && value.abs() >= least;
+        let corner = self.run >= PLATEAU && self.corner;
+        // Noise that ends at a value ends at a limit, whatever was seen before the sensor or its driver became like that.
+        let chance = f64::from(self.run) * (1.0 - self.reversing.min(MOST_REVERSING)).ln();
+        let silent = chance < CHANCE.ln() && others_run < self.run / 2;
         let mut new = false;
-        for (limit, extreme) in [(upper, self.high), (lower, self.low)] {
-            if plateau && value == extreme && limit.is_none() {
+        for (limit, extreme, side) in [(upper, self.high, 1.0), (lower, self.low, -1.0)] {
+            let at_end = (corner && value == extreme) || (silent && value * side > 0.0);
+            if at_end && value.abs() >= least && limit.is_none() {
                 *limit = Some(value);
                 new = true;
             }
         }
         (self.limits.contains(&Some(value)), new)
+    }
+
+    /// Takes a change of the value: for the samples that were equal before it, and whether it changes the direction.
+    fn turn(&mut self, upward: bool) {
+        let reversal = f64::from(u8::from(upward != self.upward));
+        let equal = f64::from(self.run.saturating_sub(1));
+        self.reversing *= (1.0 - 1.0 / DIRECTIONS).powf(equal);
+        self.reversing += (reversal - self.reversing) / DIRECTIONS;
+        self.upward = upward;
     }
 }
 
@@ -70,10 +95,14 @@ impl ClipWatch {
     /// Takes rates, rad/s, and specific forces, m/s², of a sample.
     pub fn push(&mut self, values: [f64; 6]) -> Clipped {
         let mut out = Clipped::default();
+        // A unit that freezes as a whole is at no limit.
+        let runs = self.axes.map(|a| a.run);
         for (k, (axis, value)) in self.axes.iter_mut().zip(values).enumerate() {
             let kind = usize::from(k >= 3);
-            let [corner, least] = [CORNER, LEAST].map(|of| of.get(kind).copied().unwrap_or(f64::INFINITY));
-            let (at_limit, new) = axis.push(value, corner, least);
+            let bounds = [CORNER, LEAST].map(|of| of.get(kind).copied().unwrap_or(f64::INFINITY));
+            let others = runs.iter().enumerate().filter(|(other, _)| *other != k);
+            let others_run = others.map(|(_, run)| *run).min().unwrap_or(0);
+            let (at_limit, new) = axis.push(value, bounds, others_run);
             out.at_limit |= at_limit;
             if new {
                 out.new = Some((StuckSensor::axis(k), value.abs()));
@@ -123,6 +152,41 @@ mod tests {
         assert!(same.iter().all(|c| *c == Clipped::default()));
         let swing = |t: f64| [count(0.9 * t.sin()), 0.0, 0.0, 0.0, 0.0, count(-9.81 - 5.0 * (0.7 * t).sin())];
         assert!(watch(3000, swing).iter().all(|c| *c == Clipped::default()));
+    }
+
+    /// Noise of about one count, the same each time.
+    fn noise(t: f64) -> f64 {
+        let k = (t * 50.0).round() as u64;
+        let bits = (k.wrapping_mul(0x9E37_79B9_7F4A_7C15) ^ 0x5bd1_e995).wrapping_mul(0xBF58_476D_1CE4_E5B9);
+        (bits >> 40) as f64 / f64::from(1 << 24) * 0.004 - 0.002
+    }
+
+    /// More was measured before a driver limits what it passes on, and the limit is reached without a corner.
+    #[test]
+    fn noise_that_ends_is_a_limit_even_where_more_was_seen_before() {
+        let force = |t: f64| {
+            let load = 1.0 + 0.8 * (0.2 * t).sin().max(0.0) + noise(t);
+            let shown = if t < 30.0 { load } else { load.min(1.3) };
+            [count(noise(t + 7.0)), 0.0, 0.0, 0.0, 0.0, -9.81 * count(shown)]
+        };
+        let found = watch(3000, force);
+        let limits: Vec<_> = found.iter().filter_map(|c| c.new).collect();
+        assert_eq!(limits, [(StuckSensor::Accelerometer(2), 9.81 * 1.3)]);
+        let first = found.iter().position(|c| c.new.is_some()).unwrap();
+        // Beyond 1.3 g from 33.3 s on.
+        assert!((1660..1760).contains(&first), "{first}");
+        assert!(found[..first].iter().all(|c| !c.at_limit));
+        // The last turn is at the limit for all but its begin and end.
+        assert!(found[2500..].iter().filter(|c| c.at_limit).count() > 200);
+    }
+
+    #[test]
+    fn noise_that_goes_on_is_no_limit() {
+        let force = |t: f64| {
+            let load = 1.0 + 0.8 * (0.2 * t).sin().max(0.0) + 0.3 * noise(t);
+            [count(0.3 + noise(t)), 0.0, 0.0, 0.0, 0.0, -9.81 * count(load)]
+        };
+        assert!(watch(50_000, force).iter().all(|c| *c == Clipped::default()));
     }
 
     #[test]

@@ -20,7 +20,7 @@ use crate::link::frame::Frame;
 use crate::link::systems::Systems;
 use crate::timeline::{Measurement, Stamp, TimeCounts, TimeLine};
 use gaware_nav::observability::words::VehicleKind;
-use gaware_nav::sample::{RestartReason, Sample};
+use gaware_nav::sample::{GnssFix, ImuSample, RestartReason, Sample};
 use health::{Health, Verdict};
 use imu::Unusable;
 use mavlink::dialects::ardupilotmega::{GPS_RAW_INT_DATA, HEARTBEAT_DATA, MavAutopilot, MavMessage, MavType};
@@ -217,7 +217,11 @@ impl Converter {
 
     /// Takes a measurement of a log that holds no frames, and appends what follows from it.
     pub fn take(&mut self, measurement: &Measurement, out: &mut Vec<Sample>) {
-        self.in_time(measurement, out);
+        match measurement {
+            Measurement::Imu(stamp, sample) => self.sample(*stamp, sample, out),
+            Measurement::Fix(stamp, fix) => self.placed_fix(*stamp, fix, out),
+            Measurement::Stream(_) | Measurement::Attitude(..) => self.in_time(measurement, out),
+        }
     }
 
     /// Every sender numbers its frames from 0 to 255 and over again (MAVLink guide, "Packet Serialization"). What looks like
@@ -307,29 +311,38 @@ impl Converter {
             Some(current) if current != reading.source => self.stats.imu_other_source += 1,
             Some(_) => {
                 self.stats.imu_clipped += u64::from(reading.clipped);
-                if self.measures(&reading, out) {
-                    self.in_time(&Measurement::Imu(reading.stamp, reading.sample), out);
-                    let counts = self.time.counts();
-                    let misplaced = counts.imu_unconfirmed + counts.fix_misplaced;
-                    self.health.stamps(misplaced, &mut self.notices);
-                }
+                self.sample(reading.stamp, &reading.sample, out);
                 self.missing = 0;
             }
         }
     }
 
+    /// A sample of the source in use: of a sensor that works it goes to the time line.
+    fn sample(&mut self, stamp: Stamp, sample: &ImuSample, out: &mut Vec<Sample>) {
+        if self.measures(stamp, sample, out) {
+            self.in_time(&Measurement::Imu(stamp, *sample), out);
+            let counts = self.time.counts();
+            let misplaced = counts.imu_unconfirmed + counts.fix_misplaced;
+            self.health.stamps(misplaced, &mut self.notices);
+        }
+    }
+
     /// Whether the sensor works. Motion ends with one that does not: its last samples were wrong, and what follows is unknown.
-    fn measures(&mut self, reading: &imu::Reading, out: &mut Vec<Sample>) -> bool {
-        let Some(t_us) = self.time.place_imu(reading.stamp) else { return true };
-        match self.health.judge(t_us, reading, &mut self.notices) {
+    fn measures(&mut self, stamp: Stamp, sample: &ImuSample, out: &mut Vec<Sample>) -> bool {
+        let Some(t_us) = self.time.place_imu(stamp) else { return true };
+        let new = match self.health.judge(t_us, sample, &mut self.notices) {
             Verdict::Good => return true,
-            Verdict::AtLimit => self.stats.imu_at_limit += 1,
+            Verdict::AtLimit(new) => {
+                self.stats.imu_at_limit += 1;
+                new
+            }
             Verdict::Stuck(new) => {
                 self.stats.imu_stuck += 1;
-                if new {
-                    self.time.interrupt(RestartReason::SensorFault, out);
-                }
+                new
             }
+        };
+        if new {
+            self.time.interrupt(RestartReason::SensorFault, out);
         }
         false
     }
@@ -347,6 +360,9 @@ impl Converter {
                 }
                 Sample::Restart(RestartReason::ClockJump) => {
                     push_notice(&mut self.notices, Notice::ClockJump)
+                }
+                Sample::Restart(RestartReason::ClockSetBack) => {
+                    push_notice(&mut self.notices, Notice::ClockSetBack)
                 }
                 _ => {}
             }
@@ -398,8 +414,12 @@ impl Converter {
         }
         let stamp = (m.time_usec != 0).then_some(Stamp::Usec(m.time_usec));
         let fix = gnss::fix(m, 0.0, &mut self.height);
-        self.health.fix(&fix);
-        self.in_time(&Measurement::Fix(stamp, fix), out);
+        self.placed_fix(stamp, &fix, out);
+    }
+
+    fn placed_fix(&mut self, stamp: Option<Stamp>, fix: &GnssFix, out: &mut Vec<Sample>) {
+        self.health.fix(fix);
+        self.in_time(&Measurement::Fix(stamp, *fix), out);
     }
 
     fn tell(&mut self, notice: Notice) {

@@ -32,6 +32,8 @@ pub enum Notice {
     Reboot,
     /// The time base jumped forward, or nothing arrived for long.
     ClockJump,
+    /// The autopilot's clock went back, and it did not start anew.
+    ClockSetBack,
     /// A sensor no longer measures; its samples are refused.
     SensorStuck {
         /// Which values do not change.
@@ -129,6 +131,9 @@ impl fmt::Display for Notice {
             Self::Reboot => f.write_str("the autopilot rebooted; the motion state starts anew"),
             Self::ClockJump => {
                 f.write_str("no inertial samples for more than 10 s; the motion state starts anew")
+            }
+            Self::ClockSetBack => {
+                f.write_str("the autopilot's clock was set back; the motion state starts anew")
             }
             Self::SensorStuck { sensor } => write!(
                 f,

@@ -124,6 +124,29 @@ fn a_reboot_is_one_restart_and_fixes_go_on() {
     assert!((last.t_s - 4.9).abs() < 1e-9);
 }
 
+/// `.bin` and `.ulg` hold measurements, not frames.
+#[test]
+fn a_sensor_that_no_longer_measures_is_found_in_logs_without_frames_too() {
+    let mut bench = Bench::new();
+    let mut take = |measurement| bench.converter.take(&measurement, &mut bench.out);
+    take(Measurement::Stream(gaware_nav::sample::ImuStream::default()));
+    for k in 0..1500_u32 {
+        let t_s = 10.0 + f64::from(k) * 0.02;
+        // Alive for 20 s, then frozen.
+        let alive = if k < 1000 { t_s } else { 30.0 };
+        let gyro =
+            nalgebra::Vector3::new(0.5 * alive.sin(), 0.3 * (1.3 * alive).cos(), 0.1 * (0.7 * alive).sin());
+        let accel = nalgebra::Vector3::new(alive.sin(), 0.5 * alive.cos(), -9.8 + 2.0 * (0.9 * alive).sin());
+        let sample = ImuSample { t_s, gyro, accel, temperature_degc: None };
+        take(Measurement::Imu(Stamp::Usec((t_s * 1e6) as u64), sample));
+    }
+    let stats = bench.converter.stats();
+    assert!((400..=460).contains(&stats.imu_stuck), "{stats:?}");
+    assert_eq!(bench.restarts(), vec![RestartReason::SensorFault]);
+    let stuck = |n: &Notice| matches!(n, Notice::SensorStuck { .. });
+    assert!(bench.converter.take_notices().iter().any(stuck));
+}
+
 #[test]
 fn repeated_fixes_and_missing_fixes_are_counted() {
     let mut bench = Bench::ardupilot();

@@ -275,6 +275,9 @@ impl Recorder {
         if let Some(thread) = self.thread.take() {
             // A panicked writer has already told; what it wrote stays readable.
             let _ = thread.join();
+            // What it did not come to is lost.
+            let left = self.counters.waiting.swap(0, Ordering::Relaxed);
+            self.counters.failed.fetch_add(left as u64, Ordering::Relaxed);
         }
     }
 }

@@ -23,6 +23,8 @@ pub use stretch::{Stretch, stretches};
 
 /// Stamps that go back no more than this are late or reordered, not a reboot, µs.
 const REORDER_US: u64 = 1_000_000;
+/// After a reboot the first samples come within this time since boot, µs.
+const BOOTED_US: u64 = 60_000_000;
 /// A fix may be stamped so much later than the newest inertial sample, µs: those are sent less often, or a little later.
 const FIX_AHEAD_US: u64 = 500_000;
 /// So many samples that follow upon each other, all behind the newest, are a clock that went back.
@@ -214,7 +216,7 @@ impl TimeLine {
             Some(Err(count)) => {
                 *count(&mut self.counts) += 1;
                 if self.has_gone_back(t_us) {
-                    let why = Inconsistency::Restart(RestartReason::Reboot);
+                    let why = Inconsistency::Restart(RestartReason::ClockSetBack);
                     self.confirm(&Held { t_us, sample, why }, out);
                 }
             }
@@ -270,8 +272,7 @@ impl TimeLine {
             Some(d) if d > GAP_US => Some(Ok(Inconsistency::Restart(RestartReason::ClockJump))),
             Some(d) if self.imu_gaps.is_gap(d) => Some(Ok(Inconsistency::Gap)),
             Some(_) => None,
-            None if now - t_us <= REORDER_US => Some(Err(|c| &mut c.imu_backward)),
-            None => Some(Ok(Inconsistency::Restart(RestartReason::Reboot))),
+            None => Some(went_back(t_us, now - t_us)),
         }
     }
 
@@ -376,6 +377,16 @@ impl TimeLine {
             self.counts.attitudes += 1;
             out.push(Sample::Attitude(AttitudeHint { t_s: seconds(t_us), roll_pitch_yaw }));
         }
+    }
+}
+
+/// What speaks against a sample at this time that is so much behind the newest, µs. A link delays frames by seconds, but not by ten.
+fn went_back(t_us: u64, behind_us: u64) -> Result<Inconsistency, Count> {
+    match behind_us {
+        ..=REORDER_US => Err(|c| &mut c.imu_backward),
+        ..=GAP_US => Err(|c| &mut c.imu_unconfirmed),
+        _ if t_us <= BOOTED_US => Ok(Inconsistency::Restart(RestartReason::Reboot)),
+        _ => Ok(Inconsistency::Restart(RestartReason::ClockSetBack)),
     }
 }
 

@@ -104,7 +104,7 @@ fn a_clock_that_is_set_back_by_less_than_a_second_is_a_restart_and_late_samples_
         let mut bench = Bench::new();
         bench.fly(60_000_000, 61_000_000);
         bench.fly(61_000_000 - back_us, 62_000_000);
-        assert_eq!(bench.restarts(), vec![RestartReason::Reboot], "{back_us}");
+        assert_eq!(bench.restarts(), vec![RestartReason::ClockSetBack], "{back_us}");
         let lost = bench.time.counts().imu_backward;
         assert!(lost <= u64::from(BEHIND), "{back_us}: {lost}");
     }
@@ -116,6 +116,36 @@ fn a_clock_that_is_set_back_by_less_than_a_second_is_a_restart_and_late_samples_
         bench.imu(Stamp::Usec(61_000_000 + 5_000 * (k + 100 - late)));
     }
     assert_eq!(bench.restarts(), vec![]);
+}
+
+/// Autopilots that reboot begin near zero; nothing else is called a reboot.
+#[test]
+fn a_clock_that_is_set_back_by_seconds_in_flight_is_no_reboot() {
+    for back_us in [2_000_000, 8_000_000, 20_000_000] {
+        let mut bench = Bench::new();
+        bench.fly(200_000_000, 201_000_000);
+        bench.fly(201_000_000 - back_us, 202_000_000);
+        assert_eq!(bench.restarts(), vec![RestartReason::ClockSetBack], "{back_us}");
+        assert!(bench.time.counts().imu_unconfirmed <= u64::from(BEHIND), "{:?}", bench.time.counts());
+    }
+}
+
+#[test]
+fn frames_that_a_link_delays_by_up_to_two_seconds_are_no_restart() {
+    let mut bench = Bench::new();
+    bench.fly(60_000_000, 61_000_000);
+    let mut frames: Vec<(u64, u64)> = (0..4000_u64)
+        .map(|k| {
+            let late_us = (k.wrapping_mul(0x9E37_79B9_7F4A_7C15) >> 33) % 2_000_000;
+            (61_000_000 + 20_000 * k + late_us, 61_000_000 + 20_000 * k)
+        })
+        .collect();
+    frames.sort_unstable();
+    frames.iter().for_each(|(_, stamp_us)| bench.imu(Stamp::Usec(*stamp_us)));
+    let counts = bench.time.counts();
+    assert_eq!(bench.restarts(), vec![]);
+    assert_eq!(counts.imu_samples + counts.imu_backward + counts.imu_unconfirmed, 4200, "{counts:?}");
+    assert!(bench.times().windows(2).all(|w| w[1] > w[0]));
 }
 
 #[test]

@@ -92,6 +92,8 @@ pub struct Filter {
     rounding: [Vector3<f64>; 2],
     /// Time of the last sample that a sensor took, s; the filter's own time may lie between two.
     sampled_s: f64,
+    /// How strongly the values of the last samples bend.
+    bend: unseen::Bend,
     /// The velocity that constants are judged by, north-east-down, m/s.
     seen_velocity: Option<Vector3<f64>>,
     /// The stationary period under way.
@@ -170,6 +172,7 @@ impl Filter {
             scatter: (0.0, 0.0),
             rounding: [Vector3::zeros(); 2],
             sampled_s: initial.t_s,
+            bend: unseen::Bend::default(),
             seen_velocity: None,
             hold: None,
             aided_s: None,

@@ -5,7 +5,7 @@ use super::covariance::NAV;
 use super::layout::index;
 use super::nav_map::{dense_rows, moved};
 use super::regressor::BEYOND_NOISE;
-use super::unseen::{GAP_S, MOTION as GAP_MOTION};
+use super::unseen::{BetweenSamples, GAP_S, MOTION as GAP_MOTION};
 use crate::earth;
 use crate::mechanization::{self, Increment, Motion};
 use crate::rotation::{exp, skew};
@@ -18,11 +18,12 @@ pub(super) const COAST_AFTER_S: f64 = 120.0;
 /// What is known of the velocity of a vehicle that coasts, per axis, m/s.
 const COAST_SPEED: f64 = 50.0;
 
-/// Between which samples a step lies: its ends, s.
+/// Between which samples a step lies: its ends, s, and what the line between them leaves out.
 #[derive(Debug, Clone, Copy)]
 struct Gap {
     from_s: f64,
     to_s: f64,
+    between: BetweenSamples,
 }
 
 impl Filter {
@@ -34,9 +35,17 @@ impl Filter {
         if self.needs_surroundings && self.force_rates.is_none() {
             self.recent.take(sample);
         }
-        let gap = Gap { from_s: self.sampled_s, to_s: sample.t_s };
+        let gap = self.gap_until(sample);
         self.step(sample, &gap);
         self.sampled_s = self.sampled_s.max(sample.t_s);
+        self.bend.take(sample);
+    }
+
+    /// From the last sample to this one. A mean says all about its interval.
+    fn gap_until(&self, next: &ImuSample) -> Gap {
+        let is_point = self.kind == SampleKind::Point;
+        let between = if is_point { self.bend.noise_until(next) } else { None };
+        Gap { from_s: self.sampled_s, to_s: next.t_s, between }
     }
 
     fn step(&mut self, sample: &ImuSample, gap: &Gap) {
@@ -144,7 +153,7 @@ impl Filter {
             _ => ImuSample { t_s, ..*next },
         };
         // A gap belongs to the interval between the samples, however many fixes fall into it.
-        let gap = Gap { from_s: self.sampled_s, to_s: next.t_s };
+        let gap = self.gap_until(next);
         self.step(&between, &gap);
     }
 
@@ -158,7 +167,7 @@ impl Filter {
         if dt > 0.0 && self.kind == SampleKind::IntervalMean {
             // A mean says what happened since the initial state.
             self.last = Some(ImuSample { t_s: self.t_s, ..*sample });
-            self.step(sample, &Gap { from_s: self.t_s, to_s: sample.t_s });
+            self.step(sample, &Gap { from_s: self.t_s, to_s: sample.t_s, between: None });
         } else if dt > 0.0 {
             self.t_s = sample.t_s;
         }
@@ -204,6 +213,12 @@ impl Filter {
         self.add_process_noise(dt * 0.5);
         if gap.to_s - gap.from_s > GAP_S {
             self.add_unseen_motion(self.t_s - gap.from_s, dt);
+        }
+        if let Some([rate, force]) = &gap.between {
+            for k in 0..3 {
+                self.p.add_variance(index::ATTITUDE + k, rate[k] * dt);
+                self.p.add_variance(index::VELOCITY + k, force[k] * dt);
+            }
         }
         self.decay_wander(decay);
     }

@@ -130,6 +130,28 @@ fn a_position_that_jumps_is_reported_and_not_followed_while_the_velocity_agrees(
     }
 }
 
+/// A receiver that is deceived: before its velocity is followed, its position must not be taken for a change of tilt or bias.
+#[test]
+fn while_the_velocity_fails_its_test_the_position_of_the_same_fixes_is_not_followed() {
+    let mut fusion = Fusion::without_window(started(&Model::default()));
+    run(&mut fusion, 0.0, 10.0, 0.0);
+    let mut outcomes = Vec::new();
+    for i in 1..=200_u32 {
+        let since_s = f64::from(i) * 0.02;
+        fusion.push_imu(sample(10.0 + since_s));
+        if i.is_multiple_of(10) {
+            let velocity = FixVelocity::Horizontal([3.0, 0.0]);
+            fusion.push_fix(GnssFix { velocity, ..fix(10.0 + since_s, 3.0 * since_s) });
+        }
+        outcomes.extend(std::iter::from_fn(|| fusion.poll()));
+    }
+    let again = outcomes.iter().position(|o| o.velocity.recovered).expect("started anew");
+    assert!(outcomes[..again].iter().all(|o| !o.velocity.used));
+    assert!(outcomes[3..=again].iter().all(|o| !o.position.used), "positions of the same fixes");
+    assert!(outcomes[again].position.recovered);
+    assert!(outcomes[again + 1..].iter().all(|o| o.position.used && o.velocity.used));
+}
+
 #[test]
 fn what_is_not_finite_leaves_no_trace() {
     let mut fusion = Fusion::new(started(&Model::standard()));

@@ -140,8 +140,17 @@ impl Filter {
         let own_mean = self.carried.is_none();
         self.carried.get_or_insert_with(|| vec![0.0; self.layout.len()]);
         let mut outcome = FixOutcome { t_s: self.t_s, ..FixOutcome::default() };
-        outcome.position = self.apply(position, |f| &mut f.gates.position, true);
+        let withheld = velocity.dof > 0 && self.gates.velocity.lasts();
+        if withheld {
+            // The same receiver is wrong about the velocity, or the filter is: its position can be attributed to neither.
+            outcome.position = self.withhold(position, |f| &mut f.gates.position);
+        } else {
+            outcome.position = self.apply(position, |f| &mut f.gates.position, true);
+        }
         outcome.velocity = self.apply(velocity, |f| &mut f.gates.velocity, false);
+        if withheld && outcome.velocity.used {
+            self.gates.position.accept();
+        }
         self.apply_yaw(yaw, &mut outcome);
         if own_mean {
             self.end_linear();
@@ -298,6 +307,19 @@ impl Filter {
         clock(self).accept();
         self.watch_rows(&rows, &prepared, position);
         Group { used: true, ..self.absorb(&rows, prepared) }
+    }
+
+    /// Tests a group and leaves it out whatever the result.
+    fn withhold(&mut self, mut rows: Rows, clock: Clock) -> Group {
+        if let Some(x) = &self.carried {
+            rows = rows.less(x);
+        }
+        if rows.dof > 0 {
+            let t_s = self.t_s;
+            clock(self).reject(t_s);
+        }
+        let untested = Group { dof: rows.dof, log_likelihood: UNTESTABLE, ..Group::default() };
+        Prepared::new(&rows, &self.p).map_or(untested, |prepared| prepared.group)
     }
 
     fn watch_rows(&mut self, rows: &Rows, prepared: &Prepared, position: bool) {

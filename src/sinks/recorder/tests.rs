@@ -209,6 +209,21 @@ fn a_file_that_is_deleted_or_truncated_is_counted_as_lost_and_another_begins() {
 }
 
 #[test]
+fn what_a_writer_that_died_did_not_write_counts_as_lost() {
+    let (items, inbox) = channel();
+    let (counters, path) = (Arc::new(Counters::default()), PathBuf::new());
+    let thread = Some(std::thread::spawn(|| {}));
+    let recorder = Recorder { items: Some(items), counters, thread, path };
+    (0..5).for_each(|k| recorder.record(RecordItem::Frame(received(k))));
+    // The writer's thread ends with all that it has.
+    drop(inbox);
+    (5..12).for_each(|k| recorder.record(RecordItem::Frame(received(k))));
+    assert_eq!(recorder.stats().dropped, 7, "shown while the run goes on");
+    let stats = recorder.finish();
+    assert_eq!((stats.written, stats.dropped, stats.failed), (0, 7, 5));
+}
+
+#[test]
 fn a_truncation_is_seen_however_much_was_written_since() {
     let path = scratch("hole");
     let mut output = write_chunks(&path, 2, 50);

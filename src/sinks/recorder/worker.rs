@@ -140,6 +140,13 @@ impl Worker {
     }
 }
 
+impl Drop for Worker {
+    /// A writer that dies loses what was not on the disk yet.
+    fn drop(&mut self) {
+        self.counters.failed.fetch_add(self.pending, Ordering::Relaxed);
+    }
+}
+
 /// Whether the open file has no name any more.
 fn is_gone(file: &std::fs::Metadata) -> bool {
     #[cfg(unix)]

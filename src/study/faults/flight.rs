@@ -125,11 +125,29 @@ pub(super) struct Look {
 }
 
 /// Errors and sigmas of a filter.
-#[derive(Debug, Clone, Copy)]
+#[derive(Debug, Clone)]
 pub(super) struct Judged {
     /// As in [`Look::nees`].
     pub(super) nees: [f64; 2],
     pub(super) position_is_right: bool,
+    /// The constants whose errors are largest, with error over sigma.
+    pub(super) largest: Vec<(&'static str, f64)>,
+}
+
+/// Constants that are named.
+const LARGEST: usize = 4;
+
+fn largest(filter: &Filter, e: &[f64]) -> Vec<(&'static str, f64)> {
+    let names = filter.layout().names().iter().enumerate();
+    let mut all: Vec<(&'static str, f64)> = names
+        .filter_map(|(i, state)| {
+            let at = index::GYRO_BIAS + i;
+            Some((state.name, e.get(at)? / filter.covariance().sigma(at)))
+        })
+        .collect();
+    all.sort_by(|(_, a), (_, b)| b.abs().total_cmp(&a.abs()));
+    all.truncate(LARGEST);
+    all
 }
 
 /// Compares a filter with the truth at its own time.
@@ -145,6 +163,7 @@ pub(super) fn judge(filter: &Filter, truth: &Truth, sensors: &Calibration) -> Ju
     let off_m = (truth.place.to_ecef() - filter.nav().r_e).norm();
     Judged {
         nees: [per_dof(0), per_dof(index::GYRO_BIAS)],
+        largest: largest(filter, &e),
         position_is_right: off_m < RIGHT_M + 3.0 * sigma_m && sigma_m < RIGHT_SIGMA_M,
     }
 }
@@ -264,7 +283,7 @@ fn look(station: &mut Station, path: &mut Flown, sensors: &Calibration, t_s: f64
     let judged = judged(station, path, sensors).filter(|_| shown.phase == Phase::Running);
     Look {
         t_s,
-        nees: judged.map(|j| j.nees),
+        nees: judged.as_ref().map(|j| j.nees),
         right: shown.link == LinkState::Up && judged.is_some_and(|j| j.position_is_right),
         sentences: shown.sentences,
     }

@@ -67,6 +67,8 @@ pub struct Hour {
     pub nees_mean_per_dof: f64,
     /// … and the worst.
     pub nees_worst_per_dof: f64,
+    /// Constants with the largest errors at its end: name, and error over sigma.
+    pub largest: Vec<(&'static str, f64)>,
     /// Resident memory at its end, bytes.
     pub resident_bytes: Option<u64>,
     /// The recording at its end.
@@ -197,7 +199,7 @@ impl Run {
         let path = self.kind.path.clone();
         let autopilot = flight::autopilot(&self.kind, path, &case, &base.sensors, &self.vehicle, seed);
         self.station.connect(autopilot, Spoiler::new(spoil, case.span_s.0..case.span_s.1));
-        let (running, nees) = self.fly(&link, link_s);
+        let (running, nees, largest) = self.fly(&link, link_s);
         let n = nees.len().max(1) as f64;
         Hour {
             hour,
@@ -205,15 +207,16 @@ impl Run {
             running,
             nees_mean_per_dof: nees.iter().sum::<f64>() / n,
             nees_worst_per_dof: nees.iter().copied().fold(0.0, f64::max),
+            largest,
             resident_bytes: None,
             recorder: self.station.recorder().map(Recorder::stats).unwrap_or_default(),
         }
     }
 
-    /// Through the hour; gives the share of looks at which the estimate ran, and its errors at them.
-    fn fly(&mut self, link: &LinkFaults, link_s: f64) -> (f64, Vec<f64>) {
+    /// Through the hour; gives the share of looks at which the estimate ran, its errors at them, and the largest at the end.
+    fn fly(&mut self, link: &LinkFaults, link_s: f64) -> (f64, Vec<f64>, Vec<(&'static str, f64)>) {
         let mut path = self.kind.path.clone();
-        let (mut nees, mut looks) = (Vec::new(), 0_u32);
+        let (mut nees, mut looks, mut largest) = (Vec::new(), 0_u32, Vec::new());
         let turns = (HOUR_S / TURN_S) as u64;
         for turn in 0..turns {
             let t_s = turn as f64 * TURN_S;
@@ -234,10 +237,13 @@ impl Run {
             if turn.is_multiple_of(SHOW_TURNS * LOOK_SHOWS) {
                 looks += 1;
                 let judged = judged(&self.station, &mut path, &self.sensors);
-                nees.extend(judged.filter(|_| shown.phase == Phase::Running).map(|j| j.nees[0]));
+                if let Some(judged) = judged.filter(|_| shown.phase == Phase::Running) {
+                    nees.push(judged.nees[0]);
+                    largest = judged.largest;
+                }
             }
         }
-        (nees.len() as f64 / f64::from(looks.max(1)), nees)
+        (nees.len() as f64 / f64::from(looks.max(1)), nees, largest)
     }
 }
 

@@ -86,7 +86,7 @@ fn of_link() -> Vec<Case> {
             "jitter-2s",
             "frames late by up to 2 s",
             Cause::Link(LinkFaults { jitter_s: 2.0, ..link() }),
-            none,
+            &["out of place"],
         ),
         case(
             "bit-errors",
