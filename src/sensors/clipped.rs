@@ -169,7 +169,7 @@ mod tests {
             let shown = if t < 30.0 { load } else { load.min(1.3) };
             [count(noise(t + 7.0)), 0.0, 0.0, 0.0, 0.0, -9.81 * count(shown)]
         };
-        let found = watch(3000, force);
+        let found = watch(4000, force);
         let limits: Vec<_> = found.iter().filter_map(|c| c.new).collect();
         assert_eq!(limits, [(StuckSensor::Accelerometer(2), 9.81 * 1.3)]);
         let first = found.iter().position(|c| c.new.is_some()).unwrap();
@@ -177,7 +177,7 @@ mod tests {
         assert!((1660..1760).contains(&first), "{first}");
         assert!(found[..first].iter().all(|c| !c.at_limit));
         // The last turn is at the limit for all but its begin and end.
-        assert!(found[2500..].iter().filter(|c| c.at_limit).count() > 200);
+        assert!(found[3000..].iter().filter(|c| c.at_limit).count() > 400);
     }
 
     #[test]

@@ -25,6 +25,13 @@ fn faults_of_the_link_are_survived_reported_and_leave_the_sigmas_true() {
     assert_eq!(all.failures(), Vec::<String>::new());
     assert!(named(&all, "loss-20").lost.frames > 500.0);
     assert!(named(&all, "silence-60s").lost.gaps_s > 58.0);
+    assert_eq!(named(&all, "jitter-2s").lost.restarts, 0.0, "late frames are no reboot");
+}
+
+#[test]
+fn few_samples_a_range_that_is_exceeded_and_a_deceived_receiver_leave_the_sigmas_true() {
+    let all = campaign(&["rate-tenth", "clipped", "spoof-2m/s"]);
+    assert_eq!(all.failures(), Vec::<String>::new());
 }
 
 #[test]
