@@ -356,7 +356,9 @@ impl TimeLine {
     fn give_fix(&mut self, t_us: u64, fix: &GnssFix, out: &mut Vec<Sample>) {
         if let Some(last) = self.last_fix_us {
             if t_us <= last {
-                self.counts.fix_backward += 1;
+                let late = last - t_us <= REORDER_US;
+                let count = if late { &mut self.counts.fix_backward } else { &mut self.counts.fix_misplaced };
+                *count += 1;
                 return;
             }
             self.fix_gaps.push(t_us - last, 0);

@@ -246,6 +246,15 @@ fn fixes_in_a_gap_wait_for_the_samples_and_come_in_order() {
 }
 
 #[test]
+fn a_fix_stamped_eight_seconds_behind_is_out_of_place_and_no_late_one() {
+    let mut bench = Bench::new();
+    bench.fly(60_000_000, 75_000_000);
+    [74_000_000, 66_000_000, 74_200_000].into_iter().for_each(|t| bench.fix(t));
+    let counts = bench.time.counts();
+    assert_eq!((counts.fixes, counts.fix_backward, counts.fix_misplaced), (2, 0, 1));
+}
+
+#[test]
 fn fixes_behind_repeated_or_without_a_base_are_counted() {
     let mut bench = Bench::new();
     bench.fix(1_000_000);
