@@ -5,7 +5,7 @@ use super::study::{show, with_bar};
 use crate::sinks::recorder::RecordLimit;
 use crate::sinks::words::bytes;
 use crate::study::faults::long::{self, Long, LongSettings};
-use crate::study::faults::{self, Consistency, FaultResult, Faults, Settings, document};
+use crate::study::faults::{self, Consistency, FaultResult, Faults, Settings};
 use std::fmt::Write;
 use std::path::{Path, PathBuf};
 
@@ -31,9 +31,6 @@ pub struct FaultsArgs {
     /// Space for them.
     #[arg(long, value_name = "SIZE", default_value = "500MB", requires = "hours")]
     pub record_limit: RecordLimit,
-    /// Write the measured part of this document anew (`docs/faults.md`).
-    #[arg(long, value_name = "FILE", conflicts_with_all = ["hours", "fault"])]
-    pub document: Option<PathBuf>,
     /// Print one JSON document.
     #[arg(long)]
     pub json: bool,
@@ -51,19 +48,8 @@ pub fn run(args: &FaultsArgs) -> Result<(), CommandError> {
     let flights = faults::flights(&settings)?;
     let study = with_bar(flights, "flights", |bar| faults::run(&settings, bar))?;
     show(args.json, &study, print)?;
-    if let Some(path) = &args.document {
-        renew(path, &study, args.seeds)?;
-    }
-    verdict(study.failures())
-}
-
-fn renew(path: &Path, study: &Faults, vehicles: usize) -> Result<(), CommandError> {
-    let unreadable = |source| CommandError::Read { path: path.to_owned(), source };
-    let unwritable = |source| CommandError::Write { path: path.to_owned(), source };
-    let old = std::fs::read_to_string(path).map_err(unreadable)?;
-    let no_place = || unwritable(std::io::Error::other("it has no place for the measured faults"));
-    let new = document::renewed(&old, study, vehicles).ok_or_else(no_place)?;
-    std::fs::write(path, new).map_err(unwritable)
+    let failures = study.failures();
+    verdict(failures)
 }
 
 fn verdict(failures: Vec<String>) -> Result<(), CommandError> {

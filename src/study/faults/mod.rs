@@ -5,7 +5,6 @@
 //! whether the sigmas still hold. A fault that costs something and is not reported, or after which they do not, is a failure of
 //! the program, and the study says so.
 
-pub mod document;
 mod flight;
 pub mod long;
 mod registry;
