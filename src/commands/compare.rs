@@ -87,8 +87,8 @@ pub(super) fn print(out: &mut String, c: &Comparison, report: Option<&Path>) -> 
     writeln!(out, "{}\n", c.text)?;
     writeln!(
         out,
-        "{:<22} {:<14} {:>10} {:>10} {:<4} {:>6}  {}",
-        "", "regime", "before", "after", "", "ratio", "95 % interval"
+        "{:<22} {:<14} {:>10} {:>10} {:<4} {:>6}  95 % interval",
+        "", "regime", "before", "after", "", "ratio"
     )?;
     let mut last = None;
     for row in &c.rows {

@@ -384,11 +384,14 @@ impl TimeLine {
 
 /// What speaks against a sample at this time that is so much behind the newest, µs. A link delays frames by seconds, but not by ten.
 fn went_back(t_us: u64, behind_us: u64) -> Result<Inconsistency, Count> {
-    match behind_us {
-        ..=REORDER_US => Err(|c| &mut c.imu_backward),
-        ..=GAP_US => Err(|c| &mut c.imu_unconfirmed),
-        _ if t_us <= BOOTED_US => Ok(Inconsistency::Restart(RestartReason::Reboot)),
-        _ => Ok(Inconsistency::Restart(RestartReason::ClockSetBack)),
+    if behind_us <= REORDER_US {
+        Err(|c| &mut c.imu_backward)
+    } else if behind_us <= GAP_US {
+        Err(|c| &mut c.imu_unconfirmed)
+    } else if t_us <= BOOTED_US {
+        Ok(Inconsistency::Restart(RestartReason::Reboot))
+    } else {
+        Ok(Inconsistency::Restart(RestartReason::ClockSetBack))
     }
 }
 
