@@ -18,12 +18,14 @@ pub struct InformationBound {
 impl InformationBound {
     /// From the true start. The values of `model` must be the true ones, its sigmas the prior ones.
     pub fn new(model: &Model, start: &Initial) -> Self {
-        Self { filter: Filter::new(model, start) }
+        Self::from_filter(&Filter::new(model, start))
     }
 
     /// Goes on from the present covariance of a filter, taking its estimate as the truth.
     pub fn from_filter(filter: &Filter) -> Self {
-        Self { filter: filter.clone() }
+        let mut filter = filter.clone();
+        filter.know_what_lies_between();
+        Self { filter }
     }
 
     /// Says how samples come about and how much variance per hertz their rounding adds.

@@ -92,8 +92,8 @@ pub struct Filter {
     rounding: [Vector3<f64>; 2],
     /// Time of the last sample that a sensor took, s; the filter's own time may lie between two.
     sampled_s: f64,
-    /// How strongly the values of the last samples bend.
-    bend: unseen::Bend,
+    /// How strongly the values of the last samples bend; nothing where the motion between them is known.
+    bend: Option<unseen::Bend>,
     /// The velocity that constants are judged by, north-east-down, m/s.
     seen_velocity: Option<Vector3<f64>>,
     /// The stationary period under way.
@@ -172,7 +172,7 @@ impl Filter {
             scatter: (0.0, 0.0),
             rounding: [Vector3::zeros(); 2],
             sampled_s: initial.t_s,
-            bend: unseen::Bend::default(),
+            bend: Some(unseen::Bend::default()),
             seen_velocity: None,
             hold: None,
             aided_s: None,
@@ -240,6 +240,11 @@ impl Filter {
     /// Says how far single samples scatter, variances of rate, (rad/s)², and specific force, (m/s²)²: vibration is no excitation.
     pub fn set_scatter(&mut self, scatter: (f64, f64)) {
         self.scatter = scatter;
+    }
+
+    /// The motion that comes in is known, also between its samples: that of a plan or of a simulation.
+    pub(crate) fn know_what_lies_between(&mut self) {
+        self.bend = None;
     }
 
     /// Says how samples came about and how much variance per hertz their rounding adds.

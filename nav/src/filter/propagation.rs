@@ -38,13 +38,15 @@ impl Filter {
         let gap = self.gap_until(sample);
         self.step(sample, &gap);
         self.sampled_s = self.sampled_s.max(sample.t_s);
-        self.bend.take(sample);
+        if let Some(bend) = &mut self.bend {
+            bend.take(sample);
+        }
     }
 
     /// From the last sample to this one. A mean says all about its interval.
     fn gap_until(&self, next: &ImuSample) -> Gap {
         let is_point = self.kind == SampleKind::Point;
-        let between = if is_point { self.bend.noise_until(next) } else { None };
+        let between = self.bend.as_ref().filter(|_| is_point).and_then(|bend| bend.noise_until(next));
         Gap { from_s: self.sampled_s, to_s: next.t_s, between }
     }
 

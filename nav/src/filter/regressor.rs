@@ -7,6 +7,7 @@
 //! averaged out, for as long as nothing but noise is seen, and a shift that came from an estimate is held back until real
 //! motion is much larger.
 
+use super::unseen::GAP_S;
 use crate::mechanization::Motion;
 use nalgebra::Vector3;
 
@@ -40,7 +41,8 @@ struct Channel {
 impl Channel {
     fn take(&mut self, measured: f64, band: f64, dt: f64) {
         let shown = measured - self.held;
-        let far = (shown - self.value).abs() >= band;
+        // Where samples are missing nobody knows that nothing happened.
+        let far = dt > GAP_S || (shown - self.value).abs() >= band;
         self.value = if far { shown } else { self.value + (dt / STEADY_S).min(1.0) * (shown - self.value) };
         // The averaged value's own noise: a first-order low-pass keeps dt / 2T of the variance of white noise.
         let kept = (0.5 * dt / STEADY_S).min(1.0).sqrt();
