@@ -13,6 +13,9 @@ use crate::mechanization::NavState;
 use crate::rotation::{exp, left_jacobian, left_jacobian_inverse, log};
 use nalgebra::{UnitQuaternion, Vector3};
 
+/// With a tilt that is wrong by more than this, rad, nothing is known in body axes, and one rotation vector is the better coordinate.
+const LARGE_TILT: f64 = 0.1;
+
 /// An error of position, m, velocity, m/s, and attitude, rad, in body axes.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub struct Displacement {
@@ -43,11 +46,17 @@ impl NavState {
         self.q_eb.inverse() * earth::c_en_at(&self.r_e).column(2)
     }
 
-    /// The part of an attitude error that turns about the vertical, and the rest.
+    /// The part of an attitude error that turns about the vertical, and the rest; all of it is the rest where the tilt is
+    /// [unknown too](LARGE_TILT).
     pub fn heading_and_tilt(&self, attitude: &Vector3<f64>) -> [Vector3<f64>; 2] {
         let down = self.down_b();
         let heading = down * down.dot(attitude);
-        [heading, attitude - heading]
+        let tilt = attitude - heading;
+        if tilt.norm_squared() > LARGE_TILT * LARGE_TILT {
+            [Vector3::zeros(), *attitude]
+        } else {
+            [heading, tilt]
+        }
     }
 
     /// The state that is off from this one by `error`.
@@ -63,7 +72,11 @@ impl NavState {
 
     /// How far `other` is off from this state: the inverse of [`NavState::displaced`].
     pub fn displacement_of(&self, other: &Self) -> Displacement {
-        let (heading, tilt) = twist_and_swing(&(self.q_eb.inverse() * other.q_eb), &self.down_b());
+        let off = self.q_eb.inverse() * other.q_eb;
+        let (heading, tilt) = match twist_and_swing(&off, &self.down_b()) {
+            (_, tilt) if tilt.norm_squared() > LARGE_TILT * LARGE_TILT => (Vector3::zeros(), log(&off)),
+            parts => parts,
+        };
         let back = left_jacobian_inverse(&tilt)
             * (self.q_eb * exp(&heading)).inverse().to_rotation_matrix().into_inner();
         Displacement {
@@ -104,7 +117,8 @@ mod tests {
         ) {
             let nav = state(euler[0], euler[1], euler[2]);
             let mut error = Displacement::of(&error);
-            error.attitude += nav.down_b() * heading;
+            let tilt = error.attitude - nav.down_b() * nav.down_b().dot(&error.attitude);
+            error.attitude = 0.05 * tilt + nav.down_b() * heading;
             let back = nav.displacement_of(&nav.displaced(&error));
             // A heading beyond half a turn comes back the other way round.
             let whole = std::f64::consts::TAU * nav.down_b();
