@@ -14,7 +14,7 @@ fn injected(effect: &'static dyn Effect, values: &[f64]) -> EffectSetting {
     setting
 }
 
-/// Errors over a flight with turns, pull-ups and speed changes, from 60 to 160 s.
+/// Errors over a flight with turns, pull-ups and speed changes, from 60 to 250 s.
 struct Flown {
     /// RMS of the test ratios of velocity and height.
     velocity: f64,
@@ -45,7 +45,7 @@ fn fly(flavour: Flavour, effect: EffectSetting, parameters: &[(&'static str, f64
     autopilot.step(5.0);
     autopilot.release();
     let (mut squares, mut n) = ([0.0; 3], 0.0);
-    for k in 60 * 5..160 * 5 {
+    for k in 60 * 5..250 * 5 {
         autopilot.step(f64::from(k) * 0.2 + 0.1);
         autopilot.take_output();
         let angles = euler_from_c_nb(&autopilot.truth().c_nb);
