@@ -47,7 +47,7 @@ impl NavState {
     }
 
     /// The part of an attitude error that turns about the vertical, and the rest; all of it is the rest where the tilt is
-    /// [unknown too](LARGE_TILT).
+    /// unknown too.
     pub fn heading_and_tilt(&self, attitude: &Vector3<f64>) -> [Vector3<f64>; 2] {
         let down = self.down_b();
         let heading = down * down.dot(attitude);

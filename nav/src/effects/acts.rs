@@ -7,7 +7,7 @@ use nalgebra::{Matrix3, Vector3};
 
 /// An effect on inertial samples.
 ///
-/// `p` holds the effect's parameters in SI, in the order of its groups; its length is [`Effect::len`]. Methods have a neutral
+/// `p` holds the effect's parameters in SI, in the order of its groups; its length is [`Effect::len`](super::Effect::len). Methods have a neutral
 /// default. Jacobian slices come zeroed, one column per parameter.
 pub trait ImuEffect {
     /// What it adds to the true rate, rad/s.
