@@ -22,4 +22,6 @@ pub mod report;
 pub mod sensors;
 pub mod sinks;
 pub mod study;
+#[cfg(test)]
+mod testing;
 pub mod timeline;

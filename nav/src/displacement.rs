@@ -5,8 +5,8 @@
 //! first order ε = ψ u + a is the left-invariant error of SE₂(3) (Barrau & Bonnabel 2017, section V). Gravity makes the difference
 //! beyond first order: tilt is tied to the accelerometers in *body* axes and knows nothing of the heading, so that in
 //! these coordinates a heading that was wrong by a radian, once it is known, leaves everything else that is known as it was. In those
-//! of one rotation vector it turns the tilt by half of its error against the accelerometer biases, and what a thousand fixes have
-//! told about their sum contradicts itself.
+//! of one rotation vector it turns the tilt by half of its error against the accelerometer biases, which is inconsistent with what a
+//! thousand fixes have shown of their sum.
 
 use crate::earth;
 use crate::mechanization::NavState;
@@ -30,7 +30,7 @@ pub struct Displacement {
 impl Displacement {
     /// From the first nine entries of an error.
     pub fn of(error: &[f64]) -> Self {
-        let part = |at: usize| Vector3::from_iterator(error.iter().copied().skip(at).chain([0.0; 3]).take(3));
+        let part = |at: usize| error.get(at..at + 3).map_or_else(Vector3::zeros, Vector3::from_column_slice);
         Self { position: part(0), velocity: part(3), attitude: part(6) }
     }
 

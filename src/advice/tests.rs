@@ -374,10 +374,7 @@ fn a_parameter_that_changed_on_the_way_does_not_count() {
 #[test]
 #[ignore = "needs the recorded flights: GAWARE_FLIGHTS"]
 fn parameters_and_version_of_recorded_logs_are_read() {
-    let folder = std::env::var_os("GAWARE_FLIGHTS").map_or_else(
-        || std::path::PathBuf::from(env!("CARGO_MANIFEST_DIR")).join("../shared/data"),
-        Into::into,
-    );
+    let folder = crate::testing::flights();
     let bin = OnBoard::read(&folder.join("sitl_gsens_typical_dither_cut.BIN"), None).unwrap();
     assert_eq!(
         (bin.autopilot, bin.get("INS_ACCSCAL_X")),

@@ -1,8 +1,9 @@
 //! `gaware compare BEFORE AFTER`: the autopilot's own innovations of two flights.
 
-use super::{CommandError, ListenArgs, load_model, output};
+use super::report::ReportError;
+use super::{CommandError, ListenArgs, file_name, load_model, output};
 use crate::compare::flight::FilterFlight;
-use crate::compare::{CompareError, Comparison, compare, page};
+use crate::compare::{Comparison, compare, page};
 use crate::engine::{Engine, EngineOptions};
 use gaware_nav::model::Model;
 use std::fmt::Write;
@@ -29,25 +30,6 @@ pub struct CompareArgs {
     pub listen: ListenArgs,
 }
 
-/// Why there is no comparison.
-#[derive(Debug, thiserror::Error)]
-pub enum CompareCommandError {
-    /// The flights.
-    #[error(transparent)]
-    Flights(#[from] CompareError),
-    /// The report cannot be written.
-    #[error("cannot write the report to {path}: {source}")]
-    Write {
-        /// File.
-        path: PathBuf,
-        /// What the system said.
-        source: std::io::Error,
-    },
-    /// A plot cannot be drawn.
-    #[error("a plot of the report cannot be drawn: {0}")]
-    Draw(String),
-}
-
 /// Compares, prints the verdict, writes the report.
 ///
 /// # Errors
@@ -55,7 +37,7 @@ pub enum CompareCommandError {
 pub fn run(args: &CompareArgs) -> Result<(), CommandError> {
     let model = args.model.as_deref().map_or_else(|| Ok(Model::standard()), load_model)?;
     let read = |path: &Path| {
-        let bar = indicatif::ProgressBar::new(0).with_message(name(path));
+        let bar = indicatif::ProgressBar::new(0).with_message(file_name(path));
         let engine = Engine::new(model.clone(), EngineOptions::default());
         let progress = |done: u64, total: u64| {
             bar.set_length(total);
@@ -66,21 +48,15 @@ pub fn run(args: &CompareArgs) -> Result<(), CommandError> {
         flight
     };
     let (before, after) = (read(&args.before)?, read(&args.after)?);
-    let compared = compare((&name(&args.before), &before), (&name(&args.after), &after));
-    let compared = compared.map_err(CompareCommandError::from)?;
+    let compared = compare((&file_name(&args.before), &before), (&file_name(&args.after), &after))?;
     if let Some(path) = &args.report {
-        let html = page::html(&compared, &before, &after).map_err(CompareCommandError::Draw)?;
-        std::fs::write(path, html)
-            .map_err(|source| CompareCommandError::Write { path: path.clone(), source })?;
+        let html = page::html(&compared, &before, &after).map_err(ReportError::Draw)?;
+        std::fs::write(path, html).map_err(|source| ReportError::Write { path: path.clone(), source })?;
     }
     if args.json {
         return output::json_pretty(&compared);
     }
     output::words(|out| print(out, &compared, args.report.as_deref()))
-}
-
-fn name(path: &Path) -> String {
-    path.file_name().unwrap_or_default().to_string_lossy().into_owned()
 }
 
 pub(super) fn print(out: &mut String, c: &Comparison, report: Option<&Path>) -> std::fmt::Result {

@@ -1,6 +1,7 @@
 //! `gaware demo --loop` and `gaware study loop`: from an injected sensor error to parameters of the autopilot, and the second flight.
 
 use super::demo::{DemoArgs, DemoError, load_airframe};
+use super::report::ReportError;
 use super::study::{show, with_bar};
 use super::{CommandError, compare, output};
 use crate::compare::page;
@@ -8,6 +9,7 @@ use crate::demo::closed_loop::{self, Correctable, Loop, LoopResult};
 use crate::demo::{Prepared, Settings};
 use crate::explain;
 use crate::logs::{Item, Record, tlog};
+use crate::report::explanation::two_figures;
 use crate::study::closed_loop as study;
 use gaware_mission::item::Autopilot as Firmware;
 use std::fmt::Write;
@@ -101,7 +103,7 @@ pub(super) fn run(args: &DemoArgs, mut settings: Settings) -> Result<(), Command
     if let Some(path) = &args.report {
         let [before, after] = &done.flights;
         let html = page::html(&done.result.comparison, before, after);
-        put(path, html.map_err(compare::CompareCommandError::Draw)?.as_bytes())?;
+        put(path, html.map_err(ReportError::Draw)?.as_bytes())?;
         crate::sinks::log::line(&format!("report: {}", path.display()));
     }
     if args.json {
@@ -143,7 +145,7 @@ fn print(out: &mut String, r: &LoopResult) -> std::fmt::Result {
     writeln!(out, "explained: {}", names.join(", "))?;
     for c in &r.corrected {
         let before = c.before.map_or_else(|| "?".to_owned(), |v| format!("{v}"));
-        let places = digits(c.sigma);
+        let places = two_figures(c.sigma);
         writeln!(
             out,
             "applied:   {} {before} -> {} ± {:.places$} {}, right: {:.places$}",
@@ -152,9 +154,4 @@ fn print(out: &mut String, r: &LoopResult) -> std::fmt::Result {
     }
     writeln!(out)?;
     compare::print(out, &r.comparison, None)
-}
-
-/// Decimal places that show two figures of a sigma.
-fn digits(sigma: f64) -> usize {
-    (1.0 - sigma.abs().max(1e-9).log10().floor()).clamp(0.0, 9.0) as usize
 }

@@ -161,7 +161,7 @@ pub enum CommandError {
     Mission(#[from] mission::MissionError),
     /// The comparison of two flights.
     #[error(transparent)]
-    Compare(#[from] compare::CompareCommandError),
+    Compare(#[from] crate::compare::CompareError),
     /// Parameters of a vehicle.
     #[error(transparent)]
     Params(#[from] params::ParamsError),
@@ -257,6 +257,11 @@ pub fn progress_bar(total: u64, unit: &str) -> indicatif::ProgressBar {
         bar.set_style(style);
     }
     bar
+}
+
+/// The name of a file without its folder, in words.
+fn file_name(path: &Path) -> String {
+    path.file_name().unwrap_or_default().to_string_lossy().into_owned()
 }
 
 /// Reads a model file.

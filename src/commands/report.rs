@@ -1,14 +1,10 @@
 //! `gaware report LOG`: one flight as a page for people.
 
 use super::replay::{self, ReplayRequest};
-use super::{CommandError, ListenArgs, demo, output};
-use crate::engine::snapshot::{Snapshot, Summary};
+use super::{CommandError, ListenArgs, demo, file_name, output};
 use crate::engine::{Engine, EngineOptions};
 use crate::logs;
-use crate::pipeline::{Consumer, Estimator};
-use crate::report::flight::{self, FlightLog, Origin};
-use gaware_nav::observability::words::VehicleKind;
-use gaware_nav::sample::Sample;
+use crate::report::flight::{self, Logged, Origin};
 use std::path::{Path, PathBuf};
 
 /// Arguments of `report`.
@@ -65,14 +61,10 @@ pub fn run(args: &ReportArgs) -> Result<(), CommandError> {
         listen: args.listen.clone(),
         truth_from_s: args.truth_from,
     };
-    let make = |model| Logged { engine: Engine::new(model, options), log: FlightLog::default() };
+    let make = |model| Logged::new(Engine::new(model, options));
     let (pipeline, document) = replay::replay(&request, make)?;
-    let origin = Origin {
-        log: args.log.file_name().unwrap_or_default().to_string_lossy().into_owned(),
-        date: date_of(&args.log),
-        model: model_of(args),
-    };
-    let page = flight::html(&origin, &pipeline.summary(), &document, &pipeline.engine().log)
+    let origin = Origin { log: file_name(&args.log), date: date_of(&args.log), model: model_of(args) };
+    let page = flight::html(&origin, &pipeline.summary(), &document, pipeline.engine().log())
         .map_err(ReportError::Draw)?;
     let out = args.out.clone().unwrap_or_else(|| beside(&args.log));
     std::fs::write(&out, page).map_err(|source| ReportError::Write { path: out.clone(), source })?;
@@ -109,7 +101,7 @@ fn civil(days: i64) -> (i64, i64, i64) {
 /// Which model was taken, in words.
 fn model_of(args: &ReportArgs) -> String {
     match &args.model {
-        Some(path) => path.file_name().unwrap_or_default().to_string_lossy().into_owned(),
+        Some(path) => file_name(path),
         None if logs::mcap::recorded_setup(&args.log).is_some() => "the recording's own".to_owned(),
         None => "standard (g-sensitivity, GNSS latency and the tolerances of a consumer unit estimated)"
             .to_owned(),
@@ -121,38 +113,6 @@ fn beside(log: &Path) -> PathBuf {
     let mut name = log.file_stem().unwrap_or_default().to_owned();
     name.push(".html");
     PathBuf::from(name)
-}
-
-/// An engine whose flight is written down.
-#[derive(Debug)]
-struct Logged {
-    engine: Engine,
-    log: FlightLog,
-}
-
-impl Consumer for Logged {
-    fn feed(&mut self, sample: &Sample) {
-        self.engine.feed(sample);
-        self.log.push(sample, &mut self.engine);
-    }
-
-    fn set_vehicle(&mut self, kind: VehicleKind) {
-        self.engine.set_vehicle(kind);
-    }
-
-    fn attitude(&mut self) -> Option<(f64, [f64; 3])> {
-        self.engine.attitude()
-    }
-}
-
-impl Estimator for Logged {
-    fn snapshot(&self) -> Snapshot {
-        self.engine.snapshot()
-    }
-
-    fn summary(&self) -> Summary {
-        self.engine.summary()
-    }
 }
 
 #[cfg(test)]

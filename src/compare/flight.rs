@@ -2,14 +2,12 @@
 
 use super::{AttitudeAngle, Quantity};
 use crate::engine::Engine;
-use crate::engine::snapshot::{Phase, Snapshot, Summary};
+use crate::engine::snapshot::{Phase, Snapshot};
 use crate::logs::LogError;
-use crate::logs::filter::{Channel, Origin};
-use crate::pipeline::{Consumer, Estimator, Pipeline, Recorded};
-use crate::report::flight::{FlightLog, attitude_differences};
+use crate::logs::filter::Origin;
+use crate::pipeline::{Pipeline, Recorded};
+use crate::report::flight::{FlightLog, Logged, attitude_differences};
 use crate::sensors::ConverterOptions;
-use gaware_nav::observability::words::VehicleKind;
-use gaware_nav::sample::Sample;
 use schemars::JsonSchema;
 use serde::Serialize;
 use std::collections::BTreeMap;
@@ -100,71 +98,19 @@ pub struct FilterFlight {
     pub series: BTreeMap<Quantity, Vec<Point>>,
 }
 
-/// An engine with what the comparison reads: the state in steps of half a second and the reports of the autopilot's filter.
-#[derive(Debug, Clone)]
-pub struct FilterRecorder {
-    engine: Engine,
-    log: FlightLog,
-    origin: Option<Origin>,
-    reports: Vec<(f64, Channel, f64)>,
-}
-
-impl Consumer for FilterRecorder {
-    fn feed(&mut self, sample: &Sample) {
-        self.engine.feed(sample);
-        self.log.push(sample, &mut self.engine);
-    }
-
-    fn set_vehicle(&mut self, kind: VehicleKind) {
-        self.engine.set_vehicle(kind);
-    }
-
-    fn attitude(&mut self) -> Option<(f64, [f64; 3])> {
-        self.engine.attitude()
-    }
-
-    fn filter_report(&mut self, origin: Origin, values: &[(Channel, f64)]) {
-        // The autopilot's own log has more than its messages; where both are in one file, the log counts.
-        if self.origin == Some(Origin::Log) && origin == Origin::Link {
-            return;
-        }
-        if self.origin == Some(Origin::Link) && origin == Origin::Log {
-            self.reports.clear();
-        }
-        self.origin = Some(origin);
-        let t_s = self.log.newest_s();
-        self.reports.extend(values.iter().map(|(channel, value)| (t_s, *channel, *value)));
-    }
-}
-
-impl Estimator for FilterRecorder {
-    fn snapshot(&self) -> Snapshot {
-        self.engine.snapshot()
-    }
-
-    fn summary(&self) -> Summary {
-        self.engine.summary()
-    }
-}
-
-impl FilterRecorder {
-    /// In front of an engine that has seen nothing.
-    pub fn new(engine: Engine) -> Self {
-        Self { engine, log: FlightLog::default(), origin: None, reports: Vec::new() }
-    }
-
-    /// The flight so far.
-    pub fn flight(&self, autopilot: &'static str) -> FilterFlight {
-        let regimes = Regimes::new(&self.log.snapshots);
+impl FilterFlight {
+    /// From a flight that was written down.
+    pub fn of(log: &FlightLog, autopilot: &'static str) -> Self {
+        let regimes = Regimes::new(&log.snapshots);
         let mut series: BTreeMap<Quantity, Vec<Point>> = BTreeMap::new();
         let mut push = |quantity: Quantity, t_s: f64, value: f64| {
             series.entry(quantity).or_default().push(Point { t_s, value, regime: regimes.at(t_s) });
         };
-        for (t_s, channel, value) in &self.reports {
+        for (t_s, channel, value) in &log.filter_reports {
             push(Quantity::Channel(*channel), *t_s, *value);
         }
         let mut kept_s = f64::NEG_INFINITY;
-        for (t_s, [roll, pitch, yaw]) in attitude_differences(&self.log) {
+        for (t_s, [roll, pitch, yaw]) in attitude_differences(log) {
             if t_s - kept_s < ATTITUDE_PERIOD_S {
                 continue;
             }
@@ -173,11 +119,9 @@ impl FilterRecorder {
             push(Quantity::Attitude(AttitudeAngle::AttitudePitch), t_s, pitch);
             push(Quantity::Attitude(AttitudeAngle::AttitudeYaw), t_s, yaw);
         }
-        FilterFlight { autopilot, origin: self.origin, series }
+        Self { autopilot, origin: log.filter_origin, series }
     }
-}
 
-impl FilterFlight {
     /// Reads a log of any format through the engine.
     ///
     /// # Errors
@@ -190,9 +134,9 @@ impl FilterFlight {
     ) -> Result<Self, LogError> {
         let recorded = Recorded::open(path, options)?;
         let total = recorded.total_bytes();
-        let (pipeline, _): (Pipeline<FilterRecorder>, _) =
-            recorded.run(FilterRecorder::new(engine), f64::INFINITY, &|done| progress(done, total))?;
-        Ok(pipeline.engine().flight(pipeline.autopilot()))
+        let (pipeline, _): (Pipeline<Logged>, _) =
+            recorded.run(Logged::new(engine), f64::INFINITY, &|done| progress(done, total))?;
+        Ok(Self::of(pipeline.engine().log(), pipeline.autopilot()))
     }
 }
 

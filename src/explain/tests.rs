@@ -221,13 +221,13 @@ fn the_smoother_halves_the_errors_of_the_filter() {
     }
     let share = |of: [f64; 2]| [0, 1].map(|k| f64::sqrt(after[k] / of[k]));
     let ([attitude, velocity], [attitude_sigma, velocity_sigma]) = (share(before), share(expected));
-    let told = format!(
+    let found = format!(
         "attitude {attitude:.2} of the filter's and {attitude_sigma:.2} of its sigma, velocity {velocity:.2} and {velocity_sigma:.2}, \
          {n} epochs"
     );
-    println!("{told}");
-    assert!(n > 5000.0 && attitude < 0.1 && velocity < 0.5, "{told}");
-    assert!((0.8..1.15).contains(&attitude_sigma) && (0.9..1.1).contains(&velocity_sigma), "{told}");
+    println!("{found}");
+    assert!(n > 5000.0 && attitude < 0.1 && velocity < 0.5, "{found}");
+    assert!((0.8..1.15).contains(&attitude_sigma) && (0.9..1.1).contains(&velocity_sigma), "{found}");
 }
 
 #[test]

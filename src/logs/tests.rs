@@ -5,9 +5,7 @@ use crate::timeline::TimeLine;
 use gaware_nav::sample::{FixVelocity, Sample};
 
 fn flight(name: &str) -> PathBuf {
-    let folder = std::env::var_os("GAWARE_FLIGHTS")
-        .map_or_else(|| PathBuf::from(env!("CARGO_MANIFEST_DIR")).join("../shared/data"), PathBuf::from);
-    folder.join(name)
+    crate::testing::flights().join(name)
 }
 
 fn samples(path: &Path) -> (Vec<Sample>, Damage) {

@@ -235,9 +235,7 @@ proptest! {
 /// Samples, stats and notices of a recorded flight.
 fn recorded(name: &str) -> (Vec<Sample>, Converter, Vec<truth::SimTruth>) {
     let root = PathBuf::from(env!("CARGO_MANIFEST_DIR"));
-    let folder =
-        std::env::var_os("GAWARE_FLIGHTS").map_or_else(|| root.join("../shared/data"), PathBuf::from);
-    let path = [root.join("tests/data").join(name), folder.join(name)]
+    let path = [root.join("tests/data").join(name), crate::testing::flights().join(name)]
         .into_iter()
         .find(|p| p.exists())
         .unwrap_or_else(|| panic!("no recorded flight {name}"));

@@ -2,7 +2,7 @@
 //! autopilots.
 
 use super::parallel::{Progress, map_runs};
-use super::statistics::wilson_95;
+use super::statistics::{summary, wilson_95};
 use crate::advice::on_board;
 use crate::compare::statistics::Change;
 use crate::demo::Prepared;
@@ -101,8 +101,6 @@ fn tally(prepared: &Prepared, effect: Correctable, loops: &[Outcome]) -> Tally {
         let rows = &r.comparison.judged;
         rows.iter().find(|row| row.quantity.words().starts_with("velocity")).map(|row| row.ratio.value)
     };
-    let mut ratios: Vec<f64> = done.iter().filter_map(velocity).collect();
-    ratios.sort_by(f64::total_cmp);
     let smaller = changed(Change::Smaller);
     Tally {
         autopilot: on_board::key(prepared.settings.airframe.autopilot),
@@ -116,7 +114,7 @@ fn tally(prepared: &Prepared, effect: Correctable, loops: &[Outcome]) -> Tally {
         parameters: errors.len(),
         within_3_sigma: errors.iter().filter(|e| **e <= WITHIN_SIGMAS).count(),
         worst_sigmas: errors.iter().copied().fold(0.0, f64::max),
-        median_velocity_ratio: ratios.get(ratios.len() / 2).copied().unwrap_or(f64::NAN),
+        median_velocity_ratio: summary(done.iter().filter_map(velocity)).median,
         loops: loops.to_vec(),
     }
 }

@@ -177,8 +177,8 @@ pub fn fixture(name: &str) -> PathBuf {
     Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/data").join(name)
 }
 
-/// The folder of recorded flights that are too big for the repository. Tests that need it are ignored where nobody asks for them; who
-/// does (`cargo test -- --ignored`) must have it.
+/// The folder of recorded flights that are too big for the repository. Tests that need it are ignored unless they are asked for
+/// (`cargo test -- --ignored`), and then it must be there.
 pub fn flights() -> PathBuf {
     let folder = std::env::var_os("GAWARE_FLIGHTS")
         .map_or_else(|| Path::new(env!("CARGO_MANIFEST_DIR")).join("../shared/data"), PathBuf::from);

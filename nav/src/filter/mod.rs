@@ -281,7 +281,7 @@ impl Filter {
 
     /// 1-sigma of the rotation about the vertical, rad: of the heading, whatever the pitch.
     pub fn heading_sigma(&self) -> f64 {
-        let down = self.nav.c_nb().row(2).transpose();
+        let down = self.nav.down_b();
         down.dot(&(self.p.block3(index::ATTITUDE) * down)).max(0.0).sqrt()
     }
 

@@ -275,11 +275,12 @@ impl Filter {
 
     /// Whether nothing but noise is seen and no turn is significant: where the vehicle goes, its axes stay. What the filter knows there
     /// of tilt and accelerometer biases together it knows in body axes that do not turn; turned with every new estimate of the gyro
-    /// biases, or recentred with every correction, a thousand fixes would tell the two, and the heading, apart
+    /// biases, or recentred with every correction, a thousand fixes would separate the two, and the heading
     /// (first-estimates Jacobians, Huang, Mourikis & Roumeliotis 2010).
     pub(super) fn goes_straight(&self) -> bool {
-        let turns = self.judged.rate.zip_map(&self.no_turn_below, |rate, below| rate.abs() >= below);
-        !turns.iter().any(|t| *t) && self.regressor.is_quiet()
+        let turns =
+            self.judged.rate.iter().zip(&self.no_turn_below).any(|(rate, below)| rate.abs() >= *below);
+        !turns && self.regressor.is_quiet()
     }
 
     /// Φ over one interval: axes turn as they did, attitude errors act on `lever`. A filter that coasts follows the attitude

@@ -41,7 +41,7 @@ struct Channel {
 impl Channel {
     fn take(&mut self, measured: f64, band: f64, dt: f64) {
         let shown = measured - self.held;
-        // Where samples are missing nobody knows that nothing happened.
+        // Where samples are missing it is not known that nothing happened.
         let far = dt > GAP_S || (shown - self.value).abs() >= band;
         self.value = if far { shown } else { self.value + (dt / STEADY_S).min(1.0) * (shown - self.value) };
         // The averaged value's own noise: a first-order low-pass keeps dt / 2T of the variance of white noise.

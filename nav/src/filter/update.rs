@@ -287,39 +287,45 @@ impl Filter {
         }
     }
 
-    fn apply(&mut self, mut rows: Rows, clock: Clock, position: bool) -> Group {
-        if let Some(x) = &self.carried {
-            rows = rows.less(x);
-        }
-        let t_s = self.t_s;
-        let Some(prepared) = Prepared::new(&rows, &self.p) else {
-            if rows.dof == 0 {
-                return Group::default();
-            }
-            // No innovation covariance: as much of a failure as any.
-            clock(self).reject(t_s);
-            return Group { dof: rows.dof, log_likelihood: UNTESTABLE, ..Group::default() };
+    /// A group about the carried mean, and what its test uses; without an innovation covariance the group itself.
+    fn tested(&self, rows: Rows) -> (Rows, Result<Prepared, Group>) {
+        let rows = match &self.carried {
+            Some(x) => rows.less(x),
+            None => rows,
         };
-        if self.gating && prepared.group.nis > gate(prepared.group.dof) {
-            clock(self).reject(t_s);
-            return prepared.group;
-        }
+        let untestable = || match rows.dof {
+            0 => Group::default(),
+            dof => Group { dof, log_likelihood: UNTESTABLE, ..Group::default() },
+        };
+        let prepared = Prepared::new(&rows, &self.p).ok_or_else(untestable);
+        (rows, prepared)
+    }
+
+    fn apply(&mut self, rows: Rows, clock: Clock, position: bool) -> Group {
+        let t_s = self.t_s;
+        let (rows, tested) = self.tested(rows);
+        let prepared = match tested {
+            Ok(prepared) if !(self.gating && prepared.group.nis > gate(prepared.group.dof)) => prepared,
+            other => {
+                if rows.dof > 0 {
+                    clock(self).reject(t_s);
+                }
+                return other.map_or_else(|group| group, |prepared| prepared.group);
+            }
+        };
         clock(self).accept();
         self.watch_rows(&rows, &prepared, position);
         Group { used: true, ..self.absorb(&rows, prepared) }
     }
 
     /// Tests a group and leaves it out whatever the result.
-    fn withhold(&mut self, mut rows: Rows, clock: Clock) -> Group {
-        if let Some(x) = &self.carried {
-            rows = rows.less(x);
-        }
+    fn withhold(&mut self, rows: Rows, clock: Clock) -> Group {
+        let t_s = self.t_s;
+        let (rows, tested) = self.tested(rows);
         if rows.dof > 0 {
-            let t_s = self.t_s;
             clock(self).reject(t_s);
         }
-        let untested = Group { dof: rows.dof, log_likelihood: UNTESTABLE, ..Group::default() };
-        Prepared::new(&rows, &self.p).map_or(untested, |prepared| prepared.group)
+        tested.map_or_else(|group| group, |prepared| prepared.group)
     }
 
     fn watch_rows(&mut self, rows: &Rows, prepared: &Prepared, position: bool) {
@@ -355,11 +361,11 @@ impl Filter {
 
     /// Moves the estimate by an error and re-expresses the covariance about the new estimate.
     pub(super) fn correct(&mut self, dx: &[f64]) {
-        let turn = self.nav.recentring(&Displacement::of(dx));
+        let by = Displacement::of(dx);
+        let turn = self.nav.recentring(&by);
         self.move_by(dx);
         // Below this the change of coordinates is under the noise of the covariance itself.
-        let turned = dx.iter().skip(index::ATTITUDE).take(3).map(|e| e * e).sum::<f64>() > 1e-16;
-        if turned && !self.goes_straight() {
+        if by.attitude.norm_squared() > 1e-16 && !self.goes_straight() {
             self.p.transform(&turn);
             if let Some(watch) = self.watch.as_deref_mut() {
                 watch.transform_nav(&turn.dense());

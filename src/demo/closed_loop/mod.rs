@@ -11,7 +11,7 @@ use super::{Prepared, flight};
 use crate::advice::on_board::OnBoard;
 use crate::advice::table::Rule;
 use crate::advice::{Advice, Proposal, advise, mapping};
-use crate::compare::flight::{FilterFlight, FilterRecorder};
+use crate::compare::flight::FilterFlight;
 use crate::compare::{CompareError, Comparison, compare};
 use crate::engine::{Engine, EngineOptions};
 use crate::explain::{self, Explained};
@@ -19,6 +19,7 @@ use crate::link::frame::Frame;
 use crate::logs::Record;
 use crate::mission_link::param_transfer;
 use crate::pipeline::samples_of;
+use crate::report::flight::Logged;
 use crate::sensors::ConverterOptions;
 use crate::study::transfer::at_once;
 use gaware_mission::item::Autopilot as Firmware;
@@ -215,7 +216,7 @@ fn fly(
         autopilot = autopilot.with_parameters(table);
     }
     command(&mut autopilot, MavCmd::MAV_CMD_SET_MESSAGE_INTERVAL, [status, STATUS_INTERVAL_US]);
-    let engine = FilterRecorder::new(Engine::new(Model::standard(), EngineOptions::default()));
+    let engine = Logged::new(Engine::new(Model::standard(), EngineOptions::default()));
     let mut flight = Flight::with(prepared.clone(), truth.clone(), autopilot, engine).recorded();
     let ending = flight.run().clone();
     let now_s = flight.now_s();
@@ -229,7 +230,8 @@ fn fly(
         return Err(LoopError::Flight { which, why });
     }
     let (records, pipeline, autopilot) = flight.into_parts();
-    Ok(Flown { flight: pipeline.engine().flight(pipeline.autopilot()), records, autopilot, now_s })
+    let flight = FilterFlight::of(pipeline.engine().log(), pipeline.autopilot());
+    Ok(Flown { flight, records, autopilot, now_s })
 }
 
 fn command(autopilot: &mut Autopilot, command: MavCmd, [param1, param2]: [f32; 2]) {

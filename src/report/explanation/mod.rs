@@ -91,9 +91,14 @@ fn values(added: &Added) -> Vec<Value> {
     all.into_iter().map(|(_, value)| value).collect()
 }
 
+/// Decimal places that show two significant figures of a sigma.
+pub fn two_figures(sigma: f64) -> usize {
+    (1.0 - sigma.abs().max(1e-12).log10().floor()).clamp(0.0, 12.0) as usize
+}
+
 /// A value with its sigma, both to the second significant figure of the sigma (GUM, JCGM 100:2008, 7.2.6).
 fn with_sigma(value: f64, sigma: f64) -> String {
-    let digits = (1.0 - sigma.abs().max(1e-12).log10().floor()).clamp(0.0, 12.0) as usize;
+    let digits = two_figures(sigma);
     format!("{value:.digits$} ± {sigma:.digits$}")
 }
 

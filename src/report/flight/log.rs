@@ -3,7 +3,10 @@
 use crate::attitudes::Attitudes;
 use crate::engine::Engine;
 use crate::engine::counters::ElapsedTime;
-use crate::engine::snapshot::Snapshot;
+use crate::engine::snapshot::{Snapshot, Summary};
+use crate::logs::filter::{Channel, Origin};
+use crate::pipeline::{Consumer, Estimator};
+use gaware_nav::observability::words::VehicleKind;
 use gaware_nav::sample::Sample;
 
 /// Spacing of what is written down, s.
@@ -18,6 +21,10 @@ pub struct FlightLog {
     pub snapshots: Vec<Snapshot>,
     /// Our attitude beside the autopilot's, by seconds since the first sample.
     pub attitudes: Attitudes,
+    /// What the autopilot's own filter reports: s since the first sample, channel, value.
+    pub filter_reports: Vec<(f64, Channel, f64)>,
+    /// Where these come from; `None` where there are none.
+    pub filter_origin: Option<Origin>,
     time: ElapsedTime,
     /// Time of the newest inertial sample, s since the first one.
     newest_s: f64,
@@ -28,6 +35,8 @@ impl Default for FlightLog {
         Self {
             snapshots: Vec::new(),
             attitudes: Attitudes::with_spacing(HINT_SPACING_S),
+            filter_reports: Vec::new(),
+            filter_origin: None,
             time: ElapsedTime::default(),
             newest_s: 0.0,
         }
@@ -35,9 +44,16 @@ impl Default for FlightLog {
 }
 
 impl FlightLog {
-    /// Time of the newest inertial sample, s since the first one.
-    pub fn newest_s(&self) -> f64 {
-        self.newest_s
+    /// Takes what the autopilot's filter reports. Its own log has more than its messages; where both are in one file, the log counts.
+    fn filter_report(&mut self, origin: Origin, values: &[(Channel, f64)]) {
+        match (self.filter_origin, origin) {
+            (Some(Origin::Log), Origin::Link) => return,
+            (Some(Origin::Link), Origin::Log) => self.filter_reports.clear(),
+            _ => {}
+        }
+        self.filter_origin = Some(origin);
+        let t_s = self.newest_s;
+        self.filter_reports.extend(values.iter().map(|(channel, value)| (t_s, *channel, *value)));
     }
 
     /// Takes a sample that the engine has just been fed with.
@@ -60,5 +76,53 @@ impl FlightLog {
             Sample::Restart(_) => self.time.restart(),
             _ => {}
         }
+    }
+}
+
+/// An engine whose flight is written down.
+#[derive(Debug, Clone)]
+pub struct Logged {
+    engine: Engine,
+    log: FlightLog,
+}
+
+impl Logged {
+    /// Around an engine that has seen nothing.
+    pub fn new(engine: Engine) -> Self {
+        Self { engine, log: FlightLog::default() }
+    }
+
+    /// The flight so far.
+    pub fn log(&self) -> &FlightLog {
+        &self.log
+    }
+}
+
+impl Consumer for Logged {
+    fn feed(&mut self, sample: &Sample) {
+        self.engine.feed(sample);
+        self.log.push(sample, &mut self.engine);
+    }
+
+    fn set_vehicle(&mut self, kind: VehicleKind) {
+        self.engine.set_vehicle(kind);
+    }
+
+    fn attitude(&mut self) -> Option<(f64, [f64; 3])> {
+        self.engine.attitude()
+    }
+
+    fn filter_report(&mut self, origin: Origin, values: &[(Channel, f64)]) {
+        self.log.filter_report(origin, values);
+    }
+}
+
+impl Estimator for Logged {
+    fn snapshot(&self) -> Snapshot {
+        self.engine.snapshot()
+    }
+
+    fn summary(&self) -> Summary {
+        self.engine.summary()
     }
 }

@@ -9,7 +9,7 @@ mod log;
 mod track;
 mod words;
 
-pub use log::FlightLog;
+pub use log::{FlightLog, Logged};
 
 use super::page::{escape, page};
 use super::plot::{Color, Plot, X_AXIS, Y_AXIS, Z_AXIS};

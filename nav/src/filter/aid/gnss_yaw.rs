@@ -29,7 +29,7 @@ impl Filter {
 
     /// Makes room for a heading that contradicts the estimate: its innovation as one more sigma about the vertical.
     pub(in crate::filter) fn reset_yaw(&mut self, innovation: f64) {
-        let down = self.nav.c_nb().row(2).transpose() * innovation;
+        let down = self.nav.down_b() * innovation;
         let block = self.p.block3(index::ATTITUDE) + down * down.transpose();
         self.p.set_block3(index::ATTITUDE, &block);
     }
