@@ -24,6 +24,7 @@ enum State {
 pub struct Download {
     peers: Peers,
     started: f64,
+    /// A question was asked again, or has no answer.
     repeated: bool,
     item_s: f64,
     total: usize,
@@ -65,6 +66,12 @@ impl Download {
             State::Finished(Err(e)) => Some(Err(e)),
             _ => None,
         }
+    }
+
+    /// Whether more answers may come than were taken: something was asked twice, or not to its end; or the list is empty, so that its
+    /// length is all there is to compare.
+    pub fn may_be_answered_late(&self) -> bool {
+        self.repeated || self.total == 0
     }
 
     /// A message from anyone.
@@ -124,6 +131,7 @@ impl Download {
                 if *retries_left > 0 {
                     *retries_left -= 1;
                     *deadline = now + self.item_s;
+                    self.repeated = true;
                     return vec![Action::Send(self.ask())];
                 }
                 self.give_up(TransferError::Silent { done: self.got.items.len(), total: self.total });
@@ -138,6 +146,7 @@ impl Download {
         if matches!(self.state, State::Finished(_)) {
             return Vec::new();
         }
+        self.repeated = true;
         self.state = State::Finished(Err(TransferError::Cancelled));
         vec![self.ack(MissionResult::OPERATION_CANCELLED)]
     }
@@ -162,6 +171,7 @@ impl Download {
     }
 
     fn give_up(&mut self, why: TransferError) {
+        self.repeated = true;
         let error = self.suspected.map_or(why, |result| TransferError::Refused { result, seq: None });
         self.state = State::Finished(Err(error));
     }

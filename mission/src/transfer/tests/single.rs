@@ -135,3 +135,33 @@ fn clearing_ends_with_the_acknowledgement() {
     clear.receive(1.7, &acked(MissionResult::ACCEPTED));
     assert_eq!(clear.result(), Some(&Ok(())));
 }
+
+#[test]
+fn a_late_answer_about_the_list_before_is_not_taken_for_what_is_on_board() {
+    let new = Mission { home: None, items: mission(1, 1).items };
+    let count = |count| envelope(MissionMessage::Count { count, mission_type: 0, opaque_id: 0 });
+    let item = new.wire_items(Autopilot::Px4)[0];
+    let (mut upload, _) = VerifiedUpload::start(
+        Peers::new(ME, VEHICLE),
+        Autopilot::Px4,
+        Options::default(),
+        new,
+        Some(ON_THE_GROUND),
+        0.0,
+    );
+    // The vehicle is asked twice what it has, and answers twice that it has nothing; the second answer is late.
+    let again = upload.deadline().expect("the question is repeated");
+    upload.tick(again);
+    upload.receive(again + 0.1, &count(0));
+    upload.receive(again + 0.2, &request(0));
+    upload.receive(again + 0.3, &acked(MissionResult::ACCEPTED));
+    upload.receive(again + 0.4, &count(0));
+    assert_eq!(upload.outcome(), None, "that answer is older than the upload");
+    let asks = upload.tick(again + 2.2);
+    assert!(matches!(asks[..], [Action::Send(MissionMessage::RequestList { .. })]), "{asks:?}");
+    upload.receive(again + 2.3, &count(1));
+    let on_board = MissionMessage::ItemInt { seq: 0, current: false, item, mission_type: 0 };
+    upload.receive(again + 2.4, &envelope(on_board));
+    upload.tick(again + 10.0);
+    assert_eq!(upload.outcome(), Some(&Outcome::Verified { items: 1 }));
+}

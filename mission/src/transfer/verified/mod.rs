@@ -2,6 +2,7 @@
 //! and verify that. It ends with a statement of what is on the vehicle, and after a link cut it takes up the
 //! restoration where it was. It never arms, starts a mission or changes modes.
 
+mod begin;
 mod outcome;
 mod state;
 mod words;
@@ -19,6 +20,8 @@ const MISSION_STATE_UNKNOWN: u8 = 0;
 const MISSION_STATE_ACTIVE: u8 = 3;
 /// So long after its acknowledgement PX4 may still reject a mission, s: its navigator checks it in the background.
 const VERDICT_S: f64 = 3.0;
+/// A link keeps an answer for so long at most, s: until then one to an earlier question may come, and speak of the list before.
+const LATE_S: f64 = 2.0;
 /// Attempts of a download once the user has given up.
 const DOWNLOADS_WHEN_CANCELLED: u32 = 2;
 
@@ -45,6 +48,8 @@ enum Step {
         clear: Clear,
         restoring: bool,
     },
+    /// Answers about the list before may still be on their way.
+    AwaitLate,
     ReadBack(Download),
     /// The mission is there whole; PX4 may yet reject it.
     AwaitVerdict {
@@ -72,6 +77,8 @@ pub struct VerifiedUpload {
     downloads_left: u32,
     /// Why the new mission is not to be had; set with the first failure.
     why: Option<String>,
+    /// Until when answers to questions of before the last change may come.
+    late_until: f64,
     /// Until when PX4 may say that it rejects the mission it has accepted.
     verdict_until: f64,
     /// What it said.
@@ -80,83 +87,6 @@ pub struct VerifiedUpload {
 }
 
 impl VerifiedUpload {
-    /// Starts with the backup; send what is returned. A vehicle that is flying a mission, or whose state is not known, is
-    /// refused here and again right before the upload.
-    pub fn start(
-        peers: Peers,
-        autopilot: Autopilot,
-        options: Options,
-        mission: Mission,
-        vehicle: Option<VehicleState>,
-        now: f64,
-    ) -> (Self, Vec<Action>) {
-        let (download, actions) = Download::start(peers, now);
-        let mut upload = Self {
-            uploads_left: options.upload_attempts,
-            restores_left: options.restore_attempts,
-            downloads_left: options.download_attempts,
-            peers,
-            autopilot,
-            options,
-            mission,
-            backup: None,
-            vehicle,
-            touched: false,
-            cancelled: false,
-            why: None,
-            verdict_until: f64::NEG_INFINITY,
-            rejections: Vec::new(),
-            step: Step::BackUp(download),
-        };
-        match upload.objection() {
-            Some(why) => {
-                upload.finish_untouched(why);
-                (upload, Vec::new())
-            }
-            None => (upload, actions),
-        }
-    }
-
-    /// As [`Self::start`], with a backup that was read just before.
-    pub fn start_with_backup(
-        peers: Peers,
-        autopilot: Autopilot,
-        options: Options,
-        mission: Mission,
-        backup: Mission,
-        vehicle: Option<VehicleState>,
-        now: f64,
-    ) -> (Self, Vec<Action>) {
-        let (mut upload, _) = Self::start(peers, autopilot, options, mission, vehicle, now);
-        upload.backup = Some(backup);
-        let actions = if upload.outcome().is_some() { Vec::new() } else { upload.begin_upload(now) };
-        (upload, actions)
-    }
-
-    /// Takes up an upload that was interrupted by the end of this program: checks what is on board and brings the mission that
-    /// is wanted, from what was kept of both.
-    pub fn resume(
-        peers: Peers,
-        autopilot: Autopilot,
-        options: Options,
-        mission: Mission,
-        backup: Mission,
-        goal: Goal,
-        now: f64,
-    ) -> (Self, Vec<Action>) {
-        let (mut upload, _) =
-            Self::start(peers, autopilot, Options { even_while_flying: true, ..options }, mission, None, now);
-        upload.backup = Some(backup);
-        upload.touched = true;
-        upload.cancelled = goal == Goal::Previous;
-        if goal != Goal::New {
-            upload.uploads_left = 0;
-        }
-        upload.why = Some("the upload was interrupted".to_owned());
-        let actions = upload.read_back(now, true);
-        (upload, actions)
-    }
-
     /// The mission that was on the vehicle before; write it to a file as soon as it is there.
     pub fn backup(&self) -> Option<&Mission> {
         self.backup.as_ref()
@@ -167,7 +97,7 @@ impl VerifiedUpload {
         match &self.step {
             Step::BackUp(_) => Phase::BackingUp,
             Step::Upload(_) | Step::Clear { restoring: false, .. } => Phase::Uploading,
-            Step::ReadBack(_) | Step::AwaitVerdict { .. } => Phase::ReadingBack,
+            Step::AwaitLate | Step::ReadBack(_) | Step::AwaitVerdict { .. } => Phase::ReadingBack,
             Step::Restore(_) | Step::Clear { restoring: true, .. } => Phase::Restoring,
             Step::Finished(_) => Phase::Finished,
         }
@@ -187,6 +117,7 @@ impl VerifiedUpload {
             Step::BackUp(d) | Step::ReadBack(d) => d.deadline(),
             Step::Upload(u) | Step::Restore(u) => u.deadline(),
             Step::Clear { clear, .. } => clear.deadline(),
+            Step::AwaitLate => Some(self.late_until),
             Step::AwaitVerdict { until } => Some(*until),
             Step::Finished(_) => None,
         }
@@ -205,7 +136,7 @@ impl VerifiedUpload {
             Step::BackUp(d) | Step::ReadBack(d) => d.receive(now, envelope),
             Step::Upload(u) | Step::Restore(u) => u.receive(now, envelope),
             Step::Clear { clear, .. } => clear.receive(now, envelope),
-            Step::AwaitVerdict { .. } => Vec::new(),
+            Step::AwaitLate | Step::AwaitVerdict { .. } => Vec::new(),
             Step::Finished(_) => return Vec::new(),
         };
         self.advance(now, actions)
@@ -217,7 +148,7 @@ impl VerifiedUpload {
             Step::BackUp(d) | Step::ReadBack(d) => d.tick(now),
             Step::Upload(u) | Step::Restore(u) => u.tick(now),
             Step::Clear { clear, .. } => clear.tick(now),
-            Step::AwaitVerdict { .. } => Vec::new(),
+            Step::AwaitLate | Step::AwaitVerdict { .. } => Vec::new(),
             Step::Finished(_) => return Vec::new(),
         };
         self.advance(now, actions)
@@ -243,7 +174,7 @@ impl VerifiedUpload {
             return Vec::new();
         }
         self.restores_left = self.options.restore_attempts;
-        self.read_back(now, true)
+        self.check(now)
     }
 
     /// `MISSION_CURRENT` says whether a mission is active, on autopilots that fill that field.
@@ -262,7 +193,7 @@ impl VerifiedUpload {
         let MissionMessage::Event { id, arguments } = &envelope.message else { return };
         let listening = match &self.step {
             Step::Upload(u) => u.all_served(),
-            Step::ReadBack(_) | Step::AwaitVerdict { .. } => now < self.verdict_until,
+            Step::AwaitLate | Step::ReadBack(_) | Step::AwaitVerdict { .. } => now < self.verdict_until,
             _ => false,
         };
         let about_mission = self.peers.kind == MissionKind::Mission;
@@ -288,6 +219,12 @@ impl VerifiedUpload {
 
     /// Goes on where a step has ended.
     fn advance(&mut self, now: f64, mut actions: Vec<Action>) -> Vec<Action> {
+        if let Step::BackUp(d) | Step::ReadBack(d) = &self.step
+            && d.result().is_some()
+            && d.may_be_answered_late()
+        {
+            self.late_until = now + LATE_S;
+        }
         let more = match &self.step {
             Step::BackUp(d) => match d.result() {
                 None => Vec::new(),
@@ -311,8 +248,10 @@ impl VerifiedUpload {
             Step::Restore(u) => match u.result() {
                 None => Vec::new(),
                 // Whatever the vehicle says, what counts is what is on it.
-                Some(_) => self.read_back(now, true),
+                Some(_) => self.check(now),
             },
+            Step::AwaitLate if now >= self.late_until => self.check(now),
+            Step::AwaitLate => Vec::new(),
             Step::ReadBack(d) => match d.result() {
                 None => Vec::new(),
                 Some(Ok(got)) => {
@@ -406,7 +345,7 @@ impl VerifiedUpload {
             Ok(()) if self.waits_for_verdict() => self.verdict_until = now + VERDICT_S,
             Ok(()) => {}
         }
-        self.read_back(now, true)
+        self.check(now)
     }
 
     /// ArduPilot says all it has to say of a mission with the acknowledgement, and an empty mission is not checked.
@@ -417,11 +356,18 @@ impl VerifiedUpload {
             && !self.cancelled
     }
 
-    fn read_back(&mut self, now: f64, first: bool) -> Vec<Action> {
-        if first {
-            let all = self.options.download_attempts;
-            self.downloads_left = if self.cancelled { all.min(DOWNLOADS_WHEN_CANCELLED) } else { all };
+    /// Reads back what is on board, as soon as no answer can be one about the list before.
+    fn check(&mut self, now: f64) -> Vec<Action> {
+        if now < self.late_until {
+            self.step = Step::AwaitLate;
+            return Vec::new();
         }
+        let all = self.options.download_attempts;
+        self.downloads_left = if self.cancelled { all.min(DOWNLOADS_WHEN_CANCELLED) } else { all };
+        self.read_back(now)
+    }
+
+    fn read_back(&mut self, now: f64) -> Vec<Action> {
         let (download, actions) = Download::start(self.peers, now);
         self.step = Step::ReadBack(download);
         actions
@@ -430,7 +376,7 @@ impl VerifiedUpload {
     fn read_back_failed(&mut self, now: f64, e: &TransferError) -> Vec<Action> {
         self.downloads_left = self.downloads_left.saturating_sub(1);
         if self.downloads_left > 0 {
-            return self.read_back(now, false);
+            return self.read_back(now);
         }
         self.stranded(&format!("it could not be read back: {e}"));
         Vec::new()
