@@ -18,6 +18,10 @@ use std::collections::VecDeque;
 const STANDING_RATE_SIGMA: f64 = 1.5e-3;
 /// Without samples for longer than this the attitude is not known any more, s.
 const LOST_AFTER_S: f64 = 1.5;
+/// An attitude with a larger sigma is not one that a linear filter can correct, rad, …
+const VAGUE_ATTITUDE: f64 = 0.35;
+/// … and where nothing has corrected it for so long, it begins anew, s.
+const VAGUE_AT_MOST_S: f64 = 10.0;
 /// A sensor fault is found within this time of its begin; what was learned since is dropped, s.
 const FAULT_FOUND_WITHIN_S: f64 = 3.0;
 /// Filters are kept for that so often, s.
@@ -46,6 +50,12 @@ pub enum EstimatorEvent {
     },
     /// GNSS was missing for so long that the attitude is aligned anew; the constants are kept.
     AlignedAfterOutage,
+    /// The attitude became too uncertain, by many short gaps or a long flight that shows nothing of it, and is aligned anew; the
+    /// constants are kept.
+    AlignedAsVague {
+        /// The sigma of its worst axis, rad.
+        sigma_rad: f64,
+    },
     /// The filter was not finite or not positive any more: everything starts anew.
     Failed {
         /// Whether the constants were sound and are kept.
@@ -79,6 +89,8 @@ pub struct Estimator {
     /// The filter of the last seconds, oldest first: what a fault has not reached yet.
     kept: VecDeque<Box<Filter>>,
     last: Option<ImuSample>,
+    /// Since when the attitude of the one filter is vague, s.
+    vague_since_s: Option<f64>,
     /// What undoing the source's faults needs of the samples before.
     source: SourceHistory,
     /// How far the biases may have moved since `before`, as a share of their prior sigma.
@@ -98,6 +110,7 @@ impl Estimator {
             before: None,
             kept: VecDeque::new(),
             last: None,
+            vague_since_s: None,
             source: SourceHistory::default(),
             bias_share: BIAS_AFTER_RESTART,
             events: Vec::new(),
@@ -286,7 +299,24 @@ impl Estimator {
             self.align_anew(EstimatorEvent::Failed { constants_kept: sound }, sound);
         } else if lost {
             self.align_anew(EstimatorEvent::AlignedAfterOutage, true);
+        } else if let Some(sigma_rad) = self.vague_for_long() {
+            self.align_anew(EstimatorEvent::AlignedAsVague { sigma_rad }, true);
         }
+    }
+
+    /// The sigma of an attitude that has been vague for too long, rad. A search is no such case: each of its members is certain.
+    fn vague_for_long(&mut self) -> Option<f64> {
+        let State::Running(fusion) = &self.state else {
+            self.vague_since_s = None;
+            return None;
+        };
+        let (t_s, sigma_rad) = (fusion.filter().t_s(), fusion.filter().attitude_sigma());
+        if sigma_rad <= VAGUE_ATTITUDE {
+            self.vague_since_s = None;
+            return None;
+        }
+        let since_s = *self.vague_since_s.get_or_insert(t_s);
+        (t_s - since_s > VAGUE_AT_MOST_S).then_some(sigma_rad)
     }
 
     /// Motion starts anew, and the constants too where they are not kept; the source is the same.
@@ -294,6 +324,7 @@ impl Estimator {
         self.events.push(event);
         self.before = self.filter().filter(|_| keep_constants).map(|f| Box::new(f.clone()));
         self.bias_share = 0.0;
+        self.vague_since_s = None;
         self.kept.clear();
         self.state = State::Gathering(Gathering::default());
     }
@@ -367,11 +398,84 @@ impl Estimator {
             self.before = Some(before_fault.unwrap_or_else(|| Box::new(filter.clone())));
         }
         self.kept.clear();
+        self.vague_since_s = None;
         self.bias_share = BIAS_AFTER_RESTART;
         self.meter = NoiseMeter::default();
         self.dequantiser = Dequantiser::new(self.model.quantisation_of(&self.stream));
         self.state = State::Gathering(Gathering::default());
         self.last = None;
         self.source = SourceHistory::default();
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::earth::{self, Geodetic};
+    use crate::sample::{AttitudeHint, FixVelocity};
+    use nalgebra::Vector3;
+    use rand::RngExt;
+    use rand::SeedableRng;
+    use rand::rngs::Xoshiro256PlusPlus;
+
+    fn at_rest() -> NavState {
+        let place = Geodetic::from_degrees(47.4, 8.5, 500.0);
+        NavState::from_ned(place, &Vector3::zeros(), &c_nb_from_euler(0.02, -0.03, 0.5))
+    }
+
+    /// A vehicle at rest whose link lets samples through in bursts for two minutes, up to 1.3 s apart, and fixes in between.
+    #[test]
+    fn many_short_gaps_while_stationary_leave_an_attitude_that_its_sigma_covers() {
+        let nav = at_rest();
+        let to_body = nav.q_eb.inverse();
+        let (gyro, accel) = (to_body * earth::rotation_rate(), to_body * -earth::gravity(&nav.r_e));
+        for seed in 0..6 {
+            let mut random = Xoshiro256PlusPlus::seed_from_u64(seed);
+            let mut noise =
+                |sigma: f64| Vector3::from_fn(|_, _| sigma * 3.46 * (random.random::<f64>() - 0.5));
+            let mut estimator = Estimator::new(Model::standard());
+            let mut next_s = 0.0;
+            for i in 0..20_000_u32 {
+                let t_s = f64::from(i) * 0.02;
+                if t_s >= next_s {
+                    let (gyro, accel) = (gyro + noise(0.002), accel + noise(0.02));
+                    estimator.feed(&Sample::Imu(ImuSample { t_s, gyro, accel, temperature_degc: None }));
+                    let burst = noise(1.0);
+                    if (100.0..220.0).contains(&t_s) && burst.x > 0.0 {
+                        next_s = t_s + 0.7 + 0.35 * burst.y;
+                    }
+                }
+                if i % 10 == 0 {
+                    let off = noise(1.0);
+                    let place = nav.geodetic();
+                    let position = Geodetic {
+                        lat_rad: place.lat_rad + off.x / 6.37e6,
+                        lon_rad: place.lon_rad + off.y / 4.3e6,
+                        ..place
+                    };
+                    let velocity = FixVelocity::Full(noise(0.1).into());
+                    estimator.feed(&Sample::Fix(GnssFix {
+                        t_s,
+                        position,
+                        velocity,
+                        position_sigma_m: None,
+                        velocity_sigma_m_per_s: None,
+                        yaw_rad: None,
+                    }));
+                    let hint = AttitudeHint { t_s, roll_pitch_yaw: [0.02, -0.03, 0.5] };
+                    estimator.feed(&Sample::Attitude(hint));
+                }
+            }
+            let filter = estimator.filter().expect("it runs");
+            let wrong = crate::rotation::log(&(filter.nav().q_eb.inverse() * nav.q_eb));
+            for k in 0..3 {
+                let sigma = filter.covariance().sigma(crate::filter::layout::index::ATTITUDE + k);
+                assert!(
+                    wrong[k].abs() < 4.0 * sigma && sigma < 0.35,
+                    "seed {seed}, axis {k}: {} {sigma}",
+                    wrong[k]
+                );
+            }
+        }
     }
 }

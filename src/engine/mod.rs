@@ -460,6 +460,10 @@ fn reported(event: &EstimatorEvent) -> String {
             "the attitude was lost during the GNSS outage and is aligned anew, biases and G are kept"
                 .to_owned()
         }
+        EstimatorEvent::AlignedAsVague { sigma_rad } => format!(
+            "the attitude became uncertain to {:.0}° and is aligned anew, biases and G are kept",
+            sigma_rad.to_degrees()
+        ),
         EstimatorEvent::Failed { constants_kept: true } => {
             "the filter failed its health check and was restarted; biases and G are kept".to_owned()
         }

@@ -242,7 +242,8 @@ impl Navigation {
             }
             FixVelocity::None => Vector3::zeros(),
         };
-        let yaw = wrap_pi(heading - past.attitude.euler_angles().2);
+        // The compass is read now, the fix is older.
+        let yaw = wrap_pi(heading - self.state.attitude.euler_angles().2);
         self.judge(&velocity, &position, yaw, dt);
         self.correct(&velocity, &position, yaw, dt);
     }

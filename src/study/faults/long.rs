@@ -3,7 +3,7 @@
 //! Each hour the vehicle gets another battery: its clock starts anew and it stands where it stood. In each hour there are a fault of
 //! the link, one of the autopilot and one in its messages. Memory, recordings and the errors against their sigmas are looked at.
 
-use super::flight::{self, Kind, assumed, drawn, judged};
+use super::flight::{self, Judged, Kind, assumed, drawn, judged};
 use super::registry::{Case, Cause};
 use super::spoiler::{Spoil, Spoiler};
 use super::station::{Station, TURN_S};
@@ -65,8 +65,12 @@ pub struct Hour {
     pub running: f64,
     /// Mean normalised squared error per degree of freedom, …
     pub nees_mean_per_dof: f64,
-    /// … and the worst.
+    /// … the worst, …
     pub nees_worst_per_dof: f64,
+    /// … when it was, s since the begin of the hour, and the largest errors then.
+    pub worst_at_s: f64,
+    /// See above.
+    pub worst_states: Vec<(&'static str, f64)>,
     /// Constants with the largest errors at its end: name, and error over sigma.
     pub largest: Vec<(&'static str, f64)>,
     /// Resident memory at its end, bytes.
@@ -199,24 +203,27 @@ impl Run {
         let path = self.kind.path.clone();
         let autopilot = flight::autopilot(&self.kind, path, &case, &base.sensors, &self.vehicle, seed);
         self.station.connect(autopilot, Spoiler::new(spoil, case.span_s.0..case.span_s.1));
-        let (running, nees, largest) = self.fly(&link, link_s);
-        let n = nees.len().max(1) as f64;
+        let (looks, judged) = self.fly(&link, link_s);
+        let n = judged.len().max(1) as f64;
+        let worst = judged.iter().max_by(|a, b| a.1.nees[0].total_cmp(&b.1.nees[0]));
         Hour {
             hour,
             faults: [link_words, fault_words, spoil_words].map(str::to_owned).to_vec(),
-            running,
-            nees_mean_per_dof: nees.iter().sum::<f64>() / n,
-            nees_worst_per_dof: nees.iter().copied().fold(0.0, f64::max),
-            largest,
+            running: judged.len() as f64 / f64::from(looks.max(1)),
+            nees_mean_per_dof: judged.iter().map(|(_, j)| j.nees[0]).sum::<f64>() / n,
+            nees_worst_per_dof: worst.map_or(0.0, |(_, j)| j.nees[0]),
+            worst_at_s: worst.map_or(0.0, |(t_s, _)| *t_s),
+            worst_states: worst.map(|(_, j)| j.largest.clone()).unwrap_or_default(),
+            largest: judged.last().map(|(_, j)| j.largest.clone()).unwrap_or_default(),
             resident_bytes: None,
             recorder: self.station.recorder().map(Recorder::stats).unwrap_or_default(),
         }
     }
 
-    /// Through the hour; gives the share of looks at which the estimate ran, its errors at them, and the largest at the end.
-    fn fly(&mut self, link: &LinkFaults, link_s: f64) -> (f64, Vec<f64>, Vec<(&'static str, f64)>) {
+    /// Through the hour; gives the number of looks, and when the estimate ran its errors at them.
+    fn fly(&mut self, link: &LinkFaults, link_s: f64) -> (u32, Vec<(f64, Judged)>) {
         let mut path = self.kind.path.clone();
-        let (mut nees, mut looks, mut largest) = (Vec::new(), 0_u32, Vec::new());
+        let (mut looks, mut found) = (0_u32, Vec::new());
         let turns = (HOUR_S / TURN_S) as u64;
         for turn in 0..turns {
             let t_s = turn as f64 * TURN_S;
@@ -236,14 +243,14 @@ impl Run {
             }
             if turn.is_multiple_of(SHOW_TURNS * LOOK_SHOWS) {
                 looks += 1;
-                let judged = judged(&self.station, &mut path, &self.sensors);
-                if let Some(judged) = judged.filter(|_| shown.phase == Phase::Running) {
-                    nees.push(judged.nees[0]);
-                    largest = judged.largest;
+                if std::env::var("DBG").is_ok() {
+                    eprintln!("HOUR t {t_s} {:?} {:?}", shown.phase, shown.sentences);
                 }
+                let judged = judged(&self.station, &mut path, &self.sensors);
+                found.extend(judged.filter(|_| shown.phase == Phase::Running).map(|j| (t_s, j)));
             }
         }
-        (nees.len() as f64 / f64::from(looks.max(1)), nees, largest)
+        (looks, found)
     }
 }
 
