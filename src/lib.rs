@@ -13,6 +13,7 @@ pub mod demo;
 pub mod engine;
 pub mod explain;
 pub mod export;
+pub mod fleet;
 pub mod link;
 pub mod logs;
 pub mod mission_link;

@@ -5,8 +5,11 @@
 use clap::Parser;
 use gaware::commands::cli::Cli;
 
-const DOCUMENTS: [(&str, &str); 2] =
-    [("README.md", include_str!("../README.md")), ("docs/vehicle.md", include_str!("../docs/vehicle.md"))];
+const DOCUMENTS: [(&str, &str); 3] = [
+    ("README.md", include_str!("../README.md")),
+    ("docs/vehicle.md", include_str!("../docs/vehicle.md")),
+    ("docs/fleet.md", include_str!("../docs/fleet.md")),
+];
 
 /// Lines of code blocks that call the program, and the calls in a systemd unit, without comments.
 fn calls(text: &str) -> Vec<Vec<String>> {

@@ -137,19 +137,22 @@ fn a_wrong_target_is_refused_before_the_work() {
     assert!(twice.code() == Some(2) && twice.stderr.contains("rename one"), "{}", twice.stderr);
 }
 
-/// `UPDATE_DOCS=1` writes the list anew.
+/// `UPDATE_DOCS=1` writes the lists anew.
 #[test]
 fn the_columns_in_the_documentation_are_those_of_the_program() {
     const MARK: &str = "<!-- columns: written by the program -->";
-    let path = concat!(env!("CARGO_MANIFEST_DIR"), "/docs/export.md");
-    let text = std::fs::read_to_string(path).unwrap();
-    let (before, _) = text.split_once(MARK).unwrap();
-    let now = format!("{before}{MARK}\n{}", gaware::export::columns_in_words());
-    if std::env::var_os("UPDATE_DOCS").is_some() {
-        std::fs::write(path, &now).unwrap();
+    let fleet = gaware::export::in_words(&gaware::fleet::tables::example());
+    for (name, columns) in [("export.md", gaware::export::columns_in_words()), ("fleet.md", fleet)] {
+        let path = format!("{}/docs/{name}", env!("CARGO_MANIFEST_DIR"));
+        let text = std::fs::read_to_string(&path).unwrap();
+        let (before, _) = text.split_once(MARK).unwrap();
+        let now = format!("{before}{MARK}\n{columns}");
+        if std::env::var_os("UPDATE_DOCS").is_some() {
+            std::fs::write(&path, &now).unwrap();
+        }
+        assert!(
+            std::fs::read_to_string(&path).unwrap() == now,
+            "docs/{name} is stale: run `UPDATE_DOCS=1 cargo test --test export`"
+        );
     }
-    assert!(
-        std::fs::read_to_string(path).unwrap() == now,
-        "docs/export.md is stale: run `UPDATE_DOCS=1 cargo test --test export`"
-    );
 }

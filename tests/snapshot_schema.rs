@@ -31,6 +31,8 @@ fn the_schemas_of_the_results_are_up_to_date() {
     check("summary.schema.json", schemars::schema_for!(gaware::pipeline::ReplayDocument));
     check("replay.schema.json", schemars::schema_for!(gaware::commands::replay::ReplayResults));
     check("explanation.schema.json", schemars::schema_for!(gaware::explain::contract::Explanation));
+    check("fleet.schema.json", schemars::schema_for!(gaware::commands::fleet::FleetResult));
+    check("fleet_family.schema.json", schemars::schema_for!(gaware::fleet::family::Family));
     check("plan.schema.json", schemars::schema_for!(gaware::commands::plan::PlanDocument));
     check("comparison.schema.json", schemars::schema_for!(gaware::compare::Comparison));
     check("loop.schema.json", schemars::schema_for!(gaware::demo::closed_loop::LoopResult));

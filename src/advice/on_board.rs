@@ -21,6 +21,8 @@ pub struct OnBoard {
     pub autopilot: Option<Autopilot>,
     /// Major and minor version.
     pub version: Option<(u8, u8)>,
+    /// Serial number of the board, where the log has one.
+    pub board: Option<String>,
     /// System id, where the log has frames.
     pub system_id: Option<u8>,
     /// Whether wings carry it, where the log says so.
@@ -37,6 +39,17 @@ pub fn key(autopilot: Autopilot) -> &'static str {
         Autopilot::ArduPilot => "ardupilot",
         Autopilot::Px4 => "px4",
     }
+}
+
+/// The serial number of `AUTOPILOT_VERSION`: `uid2` (18 bytes from 60), otherwise `uid` (8 bytes from 8); zeros are none.
+fn board(payload: &[u8]) -> Option<String> {
+    let hex = |from: usize, to: usize| {
+        // Zeros at the end of a payload are not sent.
+        let bytes = (from..to).map(|k| payload.get(k).copied().unwrap_or(0));
+        let text: String = bytes.clone().map(|b| format!("{b:02x}")).collect();
+        bytes.into_iter().any(|b| b != 0).then_some(text)
+    };
+    hex(60, 78).or_else(|| hex(8, 16))
 }
 
 impl OnBoard {
@@ -98,6 +111,7 @@ impl OnBoard {
             // capabilities (8), uid (8), flight_sw_version: type, patch, minor, major.
             let at = |k: usize| frame.payload().get(k).copied().unwrap_or(0);
             self.version = Some((at(19), at(18))).filter(|v| *v != (0, 0)).or(self.version);
+            self.board = board(frame.payload()).or(self.board.take());
         }
         if let (Some(ParamMessage::Value { name, bits, kind: Some(kind), .. }), Some(autopilot)) =
             (param_codec::decode(frame), self.autopilot)
@@ -129,6 +143,7 @@ impl OnBoard {
         }
         self.autopilot = self.autopilot.or(other.autopilot);
         self.version = self.version.or(other.version);
+        self.board = self.board.take().or_else(|| other.board.clone());
         self.system_id = self.system_id.or(other.system_id);
         self.fixed_wing = self.fixed_wing.or(other.fixed_wing);
         for name in &other.changed {

@@ -1,8 +1,8 @@
 //! The command line: which commands there are, how they start, and what exit status their result becomes.
 
 use super::{
-    CommandError, airframe, compare, config, demo, explain, mission, output, params, plan, preflight, replay,
-    report, run, sim, start, study,
+    CommandError, airframe, compare, config, demo, explain, fleet, mission, output, params, plan, preflight,
+    replay, report, run, sim, start, study,
 };
 use crate::sinks::log;
 use clap::{CommandFactory, Parser, Subcommand};
@@ -45,6 +45,8 @@ pub enum Command {
     Sim(sim::SimArgs),
     /// Identify unmodelled sensor errors, with magnitude and confidence.
     Explain(explain::ExplainArgs),
+    /// Replay and explain over many logs on all processors, and what each inertial unit's flights have in common.
+    Fleet(fleet::FleetArgs),
     /// Monte Carlo studies and accuracy on recorded flights.
     Study(study::StudyArgs),
     /// Plan excitation maneuvers and predict the accuracy they reach.
@@ -155,6 +157,7 @@ fn dispatch(command: Command) -> Result<(), CommandError> {
         Command::Params(args) => params::run(&args),
         Command::Preflight(args) => preflight::run(&args),
         Command::Explain(args) => explain::run(&args),
+        Command::Fleet(args) => fleet::run(&args),
         Command::Study(args) => study::run(&args),
         Command::Completions { shell } => {
             let mut script = Vec::new();

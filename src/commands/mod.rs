@@ -9,6 +9,8 @@ pub mod config;
 pub mod demo;
 pub mod demo_loop;
 pub mod explain;
+pub mod fleet;
+pub mod fleet_report;
 pub mod mission;
 pub mod mission_args;
 pub mod mission_restore;
@@ -174,6 +176,9 @@ pub enum CommandError {
     /// The explanation.
     #[error(transparent)]
     Explain(#[from] crate::explain::ExplainError),
+    /// Many flights at once.
+    #[error(transparent)]
+    Fleet(#[from] crate::fleet::FleetError),
     /// Tables of a replay.
     #[error(transparent)]
     Export(#[from] crate::export::ExportError),
@@ -229,6 +234,7 @@ impl CommandError {
         match self {
             Self::Address(_) | Self::Band(_) | Self::Arguments(_) => true,
             Self::Export(error) => error.is_usage(),
+            Self::Fleet(crate::fleet::FleetError::Pattern { .. } | crate::fleet::FleetError::Rule(_)) => true,
             Self::Sim(error) => error.is_usage(),
             Self::Demo(error) => error.is_usage(),
             Self::Plan(error) => error.is_usage(),

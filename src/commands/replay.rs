@@ -12,6 +12,9 @@ use serde::Serialize;
 use serde_json::{Map, Value, json};
 use std::path::{Path, PathBuf};
 
+/// From when on a replay is compared with the truth of a simulated flight, s.
+pub const TRUTH_FROM_S: f64 = 150.0;
+
 /// Arguments of `replay`.
 #[derive(Debug, Clone, clap::Args)]
 pub struct ReplayArgs {
@@ -40,7 +43,7 @@ pub struct ReplayArgs {
     #[command(flatten)]
     pub listen: ListenArgs,
     /// Compare with the truth of a simulated flight from this many seconds after the start.
-    #[arg(long, value_name = "SECONDS", default_value_t = 150.0)]
+    #[arg(long, value_name = "SECONDS", default_value_t = TRUTH_FROM_S)]
     pub truth_from: f64,
 }
 
@@ -50,7 +53,7 @@ pub struct ReplayRequest {
     /// The log.
     pub log: PathBuf,
     /// Model of the sensors, where the user names one.
-    pub model: Option<PathBuf>,
+    pub model: Option<Model>,
     /// Source of the samples.
     pub listen: ListenArgs,
     /// Compare with the truth from this time after the start, s.
@@ -91,12 +94,13 @@ struct Replayed {
 pub fn run(args: &ReplayArgs) -> Result<(), CommandError> {
     let target = args.export.as_deref().map(export::Target::new).transpose()?;
     let names = names(&args.logs, target.is_some() || args.baseline.is_some())?;
+    let model = args.model.as_deref().map(load_model).transpose()?;
     let mut tables = Gathered::default();
     let mut results = Vec::new();
     for (log, name) in args.logs.iter().zip(names) {
         let request = ReplayRequest {
             log: log.clone(),
-            model: args.model.clone(),
+            model: model.clone(),
             listen: args.listen.clone(),
             truth_from_s: args.truth_from,
         };
@@ -186,7 +190,7 @@ pub fn replay<E: Estimator>(
 ) -> Result<(Pipeline<E>, Map<String, Value>), CommandError> {
     let recorded = Recorded::open(&request.log, request.listen.options())?;
     let model = match (&request.model, recorded.setup()) {
-        (Some(path), _) => load_model(path)?,
+        (Some(model), _) => model.clone(),
         (None, Some(setup)) => parse_model(&setup.model_toml, &request.log)?,
         (None, None) => Model::standard(),
     };

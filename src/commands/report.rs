@@ -1,5 +1,6 @@
 //! `gaware report LOG`: one flight as a page for people.
 
+use super::load_model;
 use super::replay::{self, ReplayRequest};
 use super::{CommandError, ListenArgs, demo, file_name, output};
 use crate::engine::{Engine, EngineOptions};
@@ -57,7 +58,7 @@ pub fn run(args: &ReportArgs) -> Result<(), CommandError> {
     };
     let request = ReplayRequest {
         log: args.log.clone(),
-        model: args.model.clone(),
+        model: args.model.as_deref().map(load_model).transpose()?,
         listen: args.listen.clone(),
         truth_from_s: args.truth_from,
     };

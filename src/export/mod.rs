@@ -115,8 +115,13 @@ fn written(path: &Path, content: std::io::Result<Vec<u8>>) -> Result<PathBuf, Ex
 
 /// The columns of every table, as `docs/export.md` has them.
 pub fn columns_in_words() -> String {
+    in_words(&gather::example())
+}
+
+/// The columns of tables, each with its type and meaning.
+pub fn in_words(tables: &[Table]) -> String {
     let mut out = String::new();
-    for table in gather::example() {
+    for table in tables {
         out.push_str(&format!(
             "\n## {}\n\n{}\n\n| column | type | meaning |\n|---|---|---|\n",
             table.name, table.about

@@ -17,9 +17,17 @@ impl Progress for Silent {
     fn tick(&self) {}
 }
 
-/// How many things this machine does at once.
+/// The most threads that this process takes.
+static MOST: AtomicUsize = AtomicUsize::new(usize::MAX);
+
+/// Limits this process to so many threads, where others like it share the machine.
+pub fn use_at_most(threads: usize) {
+    MOST.store(threads.max(1), Ordering::Relaxed);
+}
+
+/// How many things this process does at once.
 pub fn cores() -> usize {
-    std::thread::available_parallelism().map_or(1, usize::from)
+    std::thread::available_parallelism().map_or(1, usize::from).min(MOST.load(Ordering::Relaxed))
 }
 
 /// `work(0) … work(runs − 1)` on all cores; results in order, so that sums do not depend on scheduling.

@@ -1,0 +1,176 @@
+//! `gaware fleet report` and `gaware fleet prior`: what the flights of each inertial unit have in common.
+
+use super::{CommandError, load_model, output};
+use crate::fleet::FleetError;
+use crate::fleet::family::{self, Family};
+use crate::fleet::find::{NameRule, Named};
+use crate::fleet::flight::FlightEntry;
+use crate::fleet::tables::FleetLog;
+use gaware_nav::model::Model;
+use serde::{Deserialize, Serialize};
+use std::fmt::Write;
+use std::path::{Path, PathBuf};
+
+/// Arguments of `fleet report`.
+#[derive(Debug, Clone, clap::Args)]
+pub struct ReportArgs {
+    /// Folder of a fleet (--out of "gaware fleet").
+    #[arg(value_name = "DIR")]
+    pub fleet: PathBuf,
+    /// Where a path has the inertial unit and the firmware (default: as in the run of the fleet).
+    #[arg(long, value_name = "RULE")]
+    pub names: Option<String>,
+    /// Print the result as one JSON document.
+    #[arg(long)]
+    pub json: bool,
+}
+
+/// Arguments of `fleet prior`.
+#[derive(Debug, Clone, clap::Args)]
+pub struct PriorArgs {
+    /// The inertial unit.
+    #[arg(value_name = "UNIT")]
+    pub unit: String,
+    /// Folder of a fleet (--out of "gaware fleet").
+    #[arg(long, value_name = "DIR")]
+    pub fleet: PathBuf,
+    /// Model whose priors the flights sharpen (default: the standard model).
+    #[arg(long, value_name = "FILE")]
+    pub model: Option<PathBuf>,
+    /// Where a path has the inertial unit and the firmware (default: as in the run of the fleet).
+    #[arg(long, value_name = "RULE")]
+    pub names: Option<String>,
+    /// The model file to write.
+    #[arg(long, value_name = "FILE", default_value = "model.toml")]
+    pub out: PathBuf,
+}
+
+/// `fleet.json`: the logs of a fleet and their results, in the order of the tables.
+#[derive(Debug, Serialize, Deserialize)]
+struct FleetFile {
+    /// `gaware.fleet_logs/1`.
+    schema: String,
+    logs: Vec<LogEntry>,
+}
+
+#[derive(Debug, Serialize, Deserialize)]
+struct LogEntry {
+    log: String,
+    unit: Option<String>,
+    firmware: Option<String>,
+    result: Option<FlightEntry>,
+    failed: Option<String>,
+}
+
+const FLEET_SCHEMA: &str = "gaware.fleet_logs/1";
+
+/// Writes which logs a fleet has, with their results: what the report reads.
+///
+/// # Errors
+/// What the system says.
+pub fn write_fleet(folder: &Path, logs: &[FleetLog]) -> Result<PathBuf, FleetError> {
+    let path = folder.join("fleet.json");
+    let entry = |l: &FleetLog| LogEntry {
+        log: l.path.clone(),
+        unit: l.named.unit.clone(),
+        firmware: l.named.firmware.clone(),
+        result: l.result.as_ref().ok().cloned(),
+        failed: l.result.as_ref().err().cloned(),
+    };
+    let file = FleetFile { schema: FLEET_SCHEMA.to_owned(), logs: logs.iter().map(entry).collect() };
+    let beside = folder.join("fleet.json.part");
+    let wrong = |source| FleetError::Write { path: path.clone(), source };
+    let text = serde_json::to_vec(&file).map_err(|e| wrong(e.into()))?;
+    std::fs::write(&beside, text).and_then(|()| std::fs::rename(&beside, &path)).map_err(wrong)?;
+    Ok(path)
+}
+
+/// Reads which logs a fleet has, with their results. `names`: a rule for names in place of that of the fleet's run.
+///
+/// # Errors
+/// A folder without a fleet, or a rule that is none.
+pub fn read_fleet(folder: &Path, names: Option<&str>) -> Result<Vec<FleetLog>, FleetError> {
+    let none = || FleetError::NoFleet(folder.to_owned());
+    let rule = names.map(NameRule::new).transpose()?;
+    let text = std::fs::read(folder.join("fleet.json")).map_err(|_| none())?;
+    let file: FleetFile = serde_json::from_slice(&text).map_err(|_| none())?;
+    if file.schema != FLEET_SCHEMA {
+        return Err(none());
+    }
+    let log = |entry: LogEntry| FleetLog {
+        named: match &rule {
+            Some(rule) => rule.read(Path::new(&entry.log)),
+            None => Named { unit: entry.unit, firmware: entry.firmware },
+        },
+        path: entry.log,
+        result: entry.result.ok_or_else(|| entry.failed.unwrap_or_default()),
+    };
+    Ok(file.logs.into_iter().map(log).collect())
+}
+
+/// `gaware fleet report`.
+///
+/// # Errors
+/// A folder without a fleet.
+pub fn report(args: &ReportArgs) -> Result<(), CommandError> {
+    let family = family::family(&read_fleet(&args.fleet, args.names.as_deref())?);
+    if args.json {
+        return output::json(&family);
+    }
+    output::words(|out| print(out, &family))
+}
+
+/// `gaware fleet prior`.
+///
+/// # Errors
+/// A folder without a fleet, a unit that it does not have, or a file that cannot be written.
+pub fn prior(args: &PriorArgs) -> Result<(), CommandError> {
+    let base = args.model.as_deref().map_or_else(|| Ok(Model::standard()), load_model)?;
+    let family = family::family(&read_fleet(&args.fleet, args.names.as_deref())?);
+    let model = family::prior_model(&family, &args.unit, &base)
+        .ok_or_else(|| FleetError::NoUnit { unit: args.unit.clone(), known: family.units.join(", ") })?;
+    let wrong = |source| CommandError::Write { path: args.out.clone(), source };
+    std::fs::write(&args.out, model.to_toml()).map_err(wrong)?;
+    output::words(|out| writeln!(out, "written: {}", args.out.display()))
+}
+
+/// Decimals that show three figures of a sigma.
+fn figures(value: f64, sigma: f64) -> String {
+    let decimals = if sigma > 0.0 { (2.0 - sigma.log10().floor()).clamp(0.0, 9.0) as usize } else { 3 };
+    format!("{value:.decimals$} ± {sigma:.decimals$}")
+}
+
+fn print(out: &mut String, family: &Family) -> std::fmt::Result {
+    writeln!(
+        out,
+        "{} flights of {} inertial units, {} firmwares",
+        family.flights,
+        family.units.len(),
+        family.firmwares.len()
+    )?;
+    if family.units.is_empty() {
+        writeln!(out, "No log names its inertial unit: give a rule for names, such as --names '{{unit}}/*'")?;
+    }
+    if family.findings.is_empty() {
+        writeln!(out, "Nothing stands out.")?;
+    }
+    for sentence in &family.findings {
+        writeln!(out, "{sentence}")?;
+    }
+    for p in &family.parameters {
+        writeln!(out, "\n{} {} ({}), {} flights", p.effect, p.name, p.unit, p.flights)?;
+        writeln!(out, "  turn-on spread {}", figures(p.turn_on_spread.value, p.turn_on_spread.sigma))?;
+        if let (Some(mean), Some(between)) = (p.family_mean, p.between_units) {
+            writeln!(out, "  family mean {}, between units {between:.4}", figures(mean.value, mean.sigma))?;
+        }
+        for u in &p.units {
+            let mark = if u.out_of_family { " (out of family)" } else { "" };
+            let constant = figures(u.constant.value, u.constant.sigma);
+            writeln!(out, "  {:<16} {constant} in {} flights{mark}", u.unit, u.flights)?;
+        }
+    }
+    for r in &family.recurring {
+        writeln!(out, "{}: {} identified in {} of {} flights", r.unit, r.effect, r.identified, r.explained)?;
+    }
+    Ok(())
+}
