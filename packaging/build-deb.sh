@@ -1,46 +1,69 @@
 #!/bin/sh
 # The Debian package: stripped program, its debug information beside it, service, udev rule, manuals, completions, documents.
-# Needs a Rust toolchain, binutils and dpkg-dev. SKIP_BUILD=1 takes the program in target/release as it is.
+#
+#   packaging/build-deb.sh                              for this machine; needs a Rust toolchain, binutils and dpkg-dev
+#   packaging/build-deb.sh aarch64-unknown-linux-gnu    for arm64 (Raspberry Pi 3 and later with a 64-bit system); needs on Debian
+#       rustup target add aarch64-unknown-linux-gnu
+#       apt install gcc-aarch64-linux-gnu libc6-dev-arm64-cross qemu-user-static
+#
+# SKIP_BUILD=1 takes the program in the target folder as it is.
 set -eu
 cd "$(dirname "$0")/.."
 target="${CARGO_TARGET_DIR:-$PWD/target}"
-[ "${SKIP_BUILD:-}" ] || cargo build --release --locked
-program="$target/release/gaware"
-version="$("$program" --version | cut -d' ' -f2)-1"
-arch="$(dpkg --print-architecture)"
+case "${1:-}" in
+"")
+    arch="$(dpkg --print-architecture)"
+    program="$target/release/gaware" cross="" run=""
+    [ "${SKIP_BUILD:-}" ] || cargo build --release --locked --bin gaware
+    ;;
+aarch64-unknown-linux-gnu)
+    arch=arm64 cross=aarch64-linux-gnu-
+    program="$target/$1/release/gaware"
+    # The program writes its manuals and completions itself.
+    run="qemu-aarch64-static -L /usr/aarch64-linux-gnu"
+    [ "${SKIP_BUILD:-}" ] || CARGO_TARGET_AARCH64_UNKNOWN_LINUX_GNU_LINKER=${cross}gcc \
+        cargo build --release --locked --bin gaware --target "$1"
+    ;;
+*)
+    echo "no package for $1: packaging/build-deb.sh [aarch64-unknown-linux-gnu]" >&2
+    exit 2
+    ;;
+esac
+version="$($run "$program" --version | cut -d' ' -f2)-1"
 out="$target/debian"
-root="$out/gaware"
+root="$out/gaware-$arch"
 rm -rf "$root"
 umask 022
 mkdir -p "$root/DEBIAN" "$root/usr/share/doc/gaware/docs" "$root/usr/share/man/man1"
 
 # gdb and addr2line find the debug information by its name, which the program holds.
 debug="$out/gaware_${version}_$arch.debug"
-objcopy --only-keep-debug --compress-debug-sections "$program" "$debug"
+"${cross}objcopy" --only-keep-debug --compress-debug-sections "$program" "$debug"
 install -D -m 755 "$program" "$root/usr/bin/gaware"
-strip --strip-unneeded "$root/usr/bin/gaware"
-objcopy --add-gnu-debuglink="$debug" "$root/usr/bin/gaware"
+"${cross}strip" --strip-unneeded "$root/usr/bin/gaware"
+"${cross}objcopy" --add-gnu-debuglink="$debug" "$root/usr/bin/gaware"
 
-"$program" config check packaging/gaware.toml
+$run "$program" config check packaging/gaware.toml
 install -D -m 640 packaging/gaware.toml "$root/etc/gaware.toml"
 install -D -m 644 packaging/gaware.service "$root/usr/lib/systemd/system/gaware.service"
 install -D -m 644 packaging/60-gaware.rules "$root/usr/lib/udev/rules.d/60-gaware.rules"
-"$program" manual "$root/usr/share/man/man1"
+$run "$program" manual "$root/usr/share/man/man1"
 gzip -9n "$root/usr/share/man/man1"/*.1
 for shell in bash:bash-completion/completions/gaware zsh:zsh/vendor-completions/_gaware fish:fish/vendor_completions.d/gaware.fish; do
     file="$root/usr/share/${shell#*:}"
     mkdir -p "$(dirname "$file")"
-    "$program" completions "${shell%%:*}" >"$file"
+    $run "$program" completions "${shell%%:*}" >"$file"
 done
 install -m 644 README.md CHANGELOG.md "$root/usr/share/doc/gaware/"
 install -m 644 docs/*.md docs/*.schema.json "$root/usr/share/doc/gaware/docs/"
 install -m 644 LICENSE-MIT "$root/usr/share/doc/gaware/copyright"
 
-# What the program is linked with.
-mkdir -p "$out/shlibs/debian"
-printf 'Source: gaware\n\nPackage: gaware\nArchitecture: any\n' >"$out/shlibs/debian/control"
-depends="$(cd "$out/shlibs" && dpkg-shlibdeps -O "$root/usr/bin/gaware" 2>/dev/null | sed -n 's/^shlibs:Depends=//p')"
-[ "$depends" ]
+# What the program is linked with: the C library, of at least the version whose symbols it asks for, and that of the compiler.
+unknown="$(readelf -d "$root/usr/bin/gaware" | sed -n 's/.*(NEEDED).*\[\(.*\)\]/\1/p' | grep -vE '^(libc|libm|libgcc_s|ld-linux.*)\.so' || true)"
+[ -z "$unknown" ] || { echo "no package is known for $unknown" >&2; exit 1; }
+glibc="$(readelf -V "$root/usr/bin/gaware" | grep -o 'GLIBC_[0-9.]*' | sort -Vu | tail -1)"
+depends="libc6 (>= ${glibc#GLIBC_}), libgcc-s1 (>= 4.2)"
+[ "$glibc" ]
 cat >"$root/DEBIAN/control" <<CONTROL
 Package: gaware
 Version: $version

@@ -13,6 +13,8 @@ use crate::sinks::link_meter::LinkMeter;
 use crate::sinks::log;
 use crate::sinks::recorder::RecorderStats;
 use crate::sinks::status::{MissionState, MissionView, RecorderState, RecorderView, SinkStatus};
+#[cfg(unix)]
+use crate::sinks::supervisor::Supervisor;
 use crate::sinks::telemetry::{Telemetry, TelemetryLevel};
 use crate::sinks::terminal::{self, Sources, headless};
 use crate::sinks::web::{self, WebState, access::Token};
@@ -174,6 +176,10 @@ async fn with_sinks(args: &RunArgs) -> Result<(), CommandError> {
     }
     let seen = vehicle_watch::Watch::new(args.listen.vehicle);
     tokio::spawn(vehicle_watch::run(seen, frames.subscribe(), status.clone(), stop.clone()));
+    #[cfg(unix)]
+    if let Some(supervisor) = Supervisor::from_env(&|name| std::env::var(name).ok()) {
+        tokio::spawn(supervisor.run(live_rx.clone(), stop.clone()));
+    }
     tokio::spawn(relay(live_rx, snapshots, outbox, status, args.telemetry, stop.clone()));
     let hooks = Hooks { live, outbox: outbox_rx, raw_outbox, mission, frames };
     let duration = args.duration;

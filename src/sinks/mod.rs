@@ -9,6 +9,8 @@ pub mod log;
 pub mod metrics;
 pub mod recorder;
 pub mod status;
+#[cfg(unix)]
+pub mod supervisor;
 pub mod telemetry;
 pub mod terminal;
 pub mod web;
