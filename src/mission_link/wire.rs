@@ -7,6 +7,8 @@ use gaware_mission::item::{Mission, MissionKind};
 use gaware_mission::transfer::verified::{Goal, Options, Outcome, Phase, VerifiedUpload};
 use gaware_mission::transfer::{Action, Download, Downloaded, Peers, TransferError};
 use std::future::Future;
+use std::pin::pin;
+use std::task::{Context, Poll, Waker};
 
 /// Downloads are tried this often.
 const DOWNLOADS: u32 = 6;
@@ -254,4 +256,15 @@ fn take(wire: &impl Wire, upload: &mut VerifiedUpload, frame: &Frame) -> Vec<Act
 /// What a heartbeat of this vehicle says; other frames say nothing.
 pub fn heartbeat_of(vehicle: Vehicle, frame: &Frame) -> Option<Vehicle> {
     Vehicle::from_heartbeat(frame).filter(|v| v.address == vehicle.address)
+}
+
+/// Runs a transfer over a wire in virtual time: its future never waits for anything outside.
+pub(crate) fn at_once<T>(future: impl Future<Output = T>) -> T {
+    let mut future = pin!(future);
+    let mut context = Context::from_waker(Waker::noop());
+    loop {
+        if let Poll::Ready(value) = future.as_mut().poll(&mut context) {
+            return value;
+        }
+    }
 }

@@ -48,6 +48,10 @@ pub struct Tally {
     pub within_3_sigma: usize,
     /// Largest error over sigma.
     pub worst_sigmas: f64,
+    /// Loops in which the mean velocity test ratio fell.
+    pub velocity_fell: usize,
+    /// 95 % interval of their share of all loops.
+    pub velocity_fell_interval_95: [f64; 2],
     /// Median ratio of the velocity test ratio, after over before.
     pub median_velocity_ratio: f64,
     /// Loop by loop.
@@ -102,6 +106,8 @@ fn tally(prepared: &Prepared, effect: Correctable, loops: &[Outcome]) -> Tally {
         rows.iter().find(|row| row.quantity.words().starts_with("velocity")).map(|row| row.ratio.value)
     };
     let smaller = changed(Change::Smaller);
+    let velocity_ratios: Vec<f64> = done.iter().filter_map(velocity).collect();
+    let velocity_fell = velocity_ratios.iter().filter(|r| **r < 1.0).count();
     Tally {
         autopilot: on_board::key(prepared.settings.airframe.autopilot),
         effect,
@@ -114,7 +120,9 @@ fn tally(prepared: &Prepared, effect: Correctable, loops: &[Outcome]) -> Tally {
         parameters: errors.len(),
         within_3_sigma: errors.iter().filter(|e| **e <= WITHIN_SIGMAS).count(),
         worst_sigmas: errors.iter().copied().fold(0.0, f64::max),
-        median_velocity_ratio: summary(done.iter().filter_map(velocity)).median,
+        velocity_fell,
+        velocity_fell_interval_95: wilson_95(velocity_fell, loops.len()),
+        median_velocity_ratio: summary(velocity_ratios.into_iter()).median,
         loops: loops.to_vec(),
     }
 }
@@ -124,7 +132,7 @@ impl std::fmt::Display for LoopStudy {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
         writeln!(
             f,
-            "{:<10}{:<20}{:>5}{:>10}{:>16}{:>9}{:>8}{:>12}{:>16}{:>8}{:>15}",
+            "{:<10}{:<20}{:>5}{:>10}{:>16}{:>9}{:>8}{:>12}{:>16}{:>8}{:>15}{:>15}",
             "",
             "injected",
             "runs",
@@ -135,12 +143,13 @@ impl std::fmt::Display for LoopStudy {
             "parameters",
             "within 3 sigma",
             "worst",
-            "velocity ratio"
+            "velocity fell",
+            "median ratio"
         )?;
         for t in &self.tallies {
             writeln!(
                 f,
-                "{:<10}{:<20}{:>5}{:>10}{:>16}{:>9}{:>8}{:>12}{:>16}{:>8.1}{:>15.2}",
+                "{:<10}{:<20}{:>5}{:>10}{:>16}{:>9}{:>8}{:>12}{:>16}{:>8.1}{:>15}{:>15.2}",
                 t.autopilot,
                 t.effect.name(),
                 t.runs,
@@ -151,6 +160,7 @@ impl std::fmt::Display for LoopStudy {
                 t.parameters,
                 t.within_3_sigma,
                 t.worst_sigmas,
+                t.velocity_fell,
                 t.median_velocity_ratio
             )?;
         }

@@ -6,7 +6,7 @@ use super::parallel::{Progress, map_runs};
 use crate::link::frame::Frame;
 use crate::link::heartbeat::HeartbeatSource;
 use crate::mission_link::vehicle::Vehicle;
-use crate::mission_link::wire::{self, Event, Wire};
+use crate::mission_link::wire::{self, Event, Wire, at_once};
 use gaware_mission::compare::differences;
 use gaware_mission::item::{
     Autopilot as Firmware, Frame as ItemFrame, Home, LatLon, Mission, MissionItem, command,
@@ -21,8 +21,6 @@ use gaware_sitl::sensors::SensorConfig;
 use gaware_sitl::vehicle::VehicleConfig;
 use serde::Serialize;
 use std::collections::VecDeque;
-use std::pin::pin;
-use std::task::{Context, Poll, Waker};
 
 /// One step of virtual time, s: the autopilot's loop at 100 Hz.
 const STEP_S: f64 = 0.01;
@@ -207,17 +205,6 @@ fn mission(legs: usize, away_deg: f64) -> Mission {
     Mission {
         home: Some(Home { lat_e7: 473_970_000, lon_e7: 85_450_000, alt_m: 441.0 }),
         items: legs.collect(),
-    }
-}
-
-/// Runs a future that never waits for anything outside.
-pub(crate) fn at_once<T>(future: impl Future<Output = T>) -> T {
-    let mut future = pin!(future);
-    let mut context = Context::from_waker(Waker::noop());
-    loop {
-        if let Poll::Ready(value) = future.as_mut().poll(&mut context) {
-            return value;
-        }
     }
 }
 

@@ -260,10 +260,18 @@ impl Filter {
             let growth = COAST_SPEED * COAST_SPEED * (2.0 * t * dt);
             (0..3).for_each(|k| self.p.add_variance(index::POSITION + k, growth));
         }
-        self.walk_biases(dt);
+        self.walk_constants(dt);
     }
 
-    pub(super) fn walk_biases(&mut self, dt: f64) {
+    /// The random walks of biases that effects ask for, and of all constants where tolerances say that none is one for ever.
+    pub(super) fn walk_constants(&mut self, dt: f64) {
+        let share = self.model.constants_walk();
+        if share > 0.0 {
+            for i in index::GYRO_BIAS..index::GYRO_BIAS + self.layout.names().len() {
+                let sigma = share * self.initial_sigmas.get(i).copied().unwrap_or(0.0);
+                self.p.add_variance(i, sigma * sigma * dt);
+            }
+        }
         for (setting, p) in self.model.effects.iter().zip(&self.calibration.parameters) {
             let walk = setting.effect.bias_walk(p);
             for k in 0..3 {

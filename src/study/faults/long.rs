@@ -243,9 +243,6 @@ impl Run {
             }
             if turn.is_multiple_of(SHOW_TURNS * LOOK_SHOWS) {
                 looks += 1;
-                if std::env::var("DBG").is_ok() {
-                    eprintln!("HOUR t {t_s} {:?} {:?}", shown.phase, shown.sentences);
-                }
                 let judged = judged(&self.station, &mut path, &self.sensors);
                 found.extend(judged.filter(|_| shown.phase == Phase::Running).map(|j| (t_s, j)));
             }

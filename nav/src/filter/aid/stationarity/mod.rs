@@ -177,7 +177,7 @@ impl Filter {
         self.last = Some(*sample);
         self.t_s = sample.t_s;
         std::mem::swap(&mut self.p, &mut hold.base.1);
-        self.walk_biases(dt);
+        self.walk_constants(dt);
         self.decay_wander(decay);
         std::mem::swap(&mut self.p, &mut hold.base.1);
         let due = self.t_s - hold.refreshed_s >= REFRESH_S;
