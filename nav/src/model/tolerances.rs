@@ -6,15 +6,15 @@
 //! as prior sigma. They are nuisance parameters: they widen the sigmas of all others, but no flight is flown for their sake. An effect that
 //! a user names is no tolerance any more.
 //!
-//! Nor does a consumer unit keep its constants for a day: they walk by a share of their prior sigma, which for the gyro biases is 9 deg/h in
-//! an hour and for the scale factors 15 ppm. Without it a filter that is never switched off counts on constants that no unit has, and
+//! Nor does a consumer unit keep its constants for a day: they walk by a share of their prior sigma, which for the gyro biases is 18 deg/h in
+//! an hour and for the scale factors 30 ppm. Without it a filter that is never switched off counts on constants that no unit has, and
 //! the smallest systematic error leaves its sigmas in the end (fictitious process noise: Maybeck 1979, section 6.8).
 
 use super::{EffectSetting, Model};
 use crate::effects::{Effect, REGISTRY};
 
 /// Random walk of every constant of a model with tolerances, in an hour, as a share of its prior sigma.
-const WALK_PER_RTH: f64 = 0.005;
+const WALK_PER_RTH: f64 = 0.01;
 
 impl EffectSetting {
     /// Zero with the tolerance of a consumer unit as sigma, if the effect has one.
