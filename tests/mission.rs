@@ -15,6 +15,7 @@ use gaware_sitl::scenario::scenario;
 use gaware_sitl::shell::{Options, Server, Speed};
 use std::path::{Path, PathBuf};
 use support::Gaware;
+use support::page::{exchange, post};
 use tokio::io::{AsyncReadExt, AsyncWriteExt};
 use tokio::net::{TcpListener, TcpStream};
 use tokio::sync::watch;
@@ -284,12 +285,7 @@ fn run_with_page(link: &str, mission: &Path) -> (Gaware, String) {
 
 /// Asks the page to upload; status and message.
 async fn ask(page: &str, token: Option<&str>, body: &str) -> (u16, String) {
-    let token = token.map_or_else(String::new, |t| format!("Authorization: Bearer {t}\r\n"));
-    let length = body.len();
-    let head =
-        format!("{token}Content-Type: application/json\r\nContent-Length: {length}\r\nConnection: close");
-    exchange(page, &format!("POST /api/v1/mission/upload HTTP/1.1\r\nHost: {page}\r\n{head}\r\n\r\n{body}"))
-        .await
+    post(page, "/api/v1/mission/upload", token, body).await
 }
 
 /// Waits until the companion has an inertial sample: a run that ends without any is none.
@@ -305,16 +301,6 @@ async fn estimating(page: &str) {
             return;
         }
     }
-}
-
-/// One request; status and body.
-async fn exchange(page: &str, request: &str) -> (u16, String) {
-    let mut stream = TcpStream::connect(page).await.unwrap();
-    stream.write_all(request.as_bytes()).await.unwrap();
-    let mut answer = String::new();
-    stream.read_to_string(&mut answer).await.unwrap();
-    let status = answer.split(' ').nth(1).unwrap().parse().unwrap();
-    (status, answer.split_once("\r\n\r\n").unwrap().1.to_owned())
 }
 
 /// Asks until the companion has heard the vehicle.

@@ -9,7 +9,7 @@ use gaware_sitl::faults::LinkFaults;
 use gaware_sitl::scenario::scenario;
 use gaware_sitl::shell::{Options, Server, Speed};
 use serde_json::Value;
-use support::{Ended, Folder, Gaware};
+use support::{Ended, Folder, Gaware, page};
 use tokio_util::sync::CancellationToken;
 
 /// A simulated vehicle; the address to connect to.
@@ -113,6 +113,55 @@ async fn parameters_of_px4_are_changed_and_put_back_over_a_link_that_loses_a_fif
     let bad = LinkFaults { loss: 0.2, delay_s: 0.01, ..LinkFaults::default() };
     round_trip("params-px4", Flavour::Px4, "udpin:127.0.0.1:0", bad, "EKF2_GPS_DELAY", "EKF2_GPS_POS_X")
         .await;
+}
+
+const TOKEN: &str = "set-the-delay";
+
+/// Asks the page until the companion has heard the vehicle.
+async fn set_from(page: &str) -> (u16, String) {
+    loop {
+        let asked = page::post(page, "/api/v1/parameters/apply", Some(TOKEN), "{\"confirm\": true}").await;
+        if !asked.1.contains("not heard") {
+            return asked;
+        }
+    }
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn the_page_sets_parameters_with_token_and_confirmation_only_and_keeps_the_values_before() {
+    for (name, flavour, delay) in [
+        ("params-page-ap", Flavour::ArduPilot, "GPS1_DELAY_MS"),
+        ("params-page-px4", Flavour::Px4, "EKF2_GPS_DELAY"),
+    ] {
+        let (folder, stop) = (Folder::new(name), CancellationToken::new());
+        let none = LinkFaults::default();
+        let address = vehicle("mission_multirotor", "udpin:127.0.0.1:0", flavour, none, &stop).await;
+        let old = on_board(&address, delay).await.unwrap();
+        let wanted = file(&folder, "wanted.param", &format!("{delay},96\n"));
+        let link = ["run", "--connect", &address, "--no-record", "--headless", "--web", "127.0.0.1:0"];
+        let companion = Gaware::start(&[&link[..], &["--web-token", TOKEN, "--params", &wanted]].concat());
+        let line = companion.line_with("web page: http://");
+        let page = line.split("//").nth(1).unwrap().split('/').next().unwrap().to_owned();
+        let path = "/api/v1/parameters/apply";
+        assert_eq!(page::post(&page, path, None, "{\"confirm\": true}").await.0, 401);
+        assert_eq!(page::post(&page, path, Some(TOKEN), "{\"confirm\": false}").await.0, 400);
+        let mission = page::post(&page, "/api/v1/mission/upload", Some(TOKEN), "{\"confirm\": true}").await;
+        assert!(mission.0 == 409, "{mission:?}");
+        assert_eq!(on_board(&address, delay).await, Some(old), "nobody confirmed");
+        let (status, text) = set_from(&page).await;
+        assert_eq!(status, 200, "{text}");
+        assert!(text.contains("reboot of the autopilot is due"), "{text}");
+        assert_eq!(on_board(&address, delay).await, Some(96.0));
+        let mut kept = std::fs::read_dir(folder.file(".")).unwrap().filter_map(|e| {
+            let path = e.unwrap().path();
+            path.to_str().unwrap().contains("params-backup-").then(|| std::fs::read_to_string(path).unwrap())
+        });
+        let kept = kept.next().unwrap();
+        assert!(kept.contains(delay), "{kept}");
+        companion.terminate();
+        companion.ended();
+        stop.cancel();
+    }
 }
 
 #[tokio::test(flavor = "multi_thread")]

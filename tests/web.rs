@@ -209,7 +209,7 @@ async fn an_upload_needs_token_confirmation_and_somebody_who_does_it() {
     assert!(handler.try_recv().is_err(), "nothing may be uploaded before all was right");
     tokio::spawn(async move {
         for answer in [Ok("12 items".to_owned()), Err("the autopilot refused".to_owned())] {
-            let Some(Request::UploadMission { reply }) = handler.recv().await else { return };
+            let Some(Request { reply, .. }) = handler.recv().await else { return };
             reply.send(answer).unwrap();
         }
     });

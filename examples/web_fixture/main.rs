@@ -1,19 +1,19 @@
 //! Serves the scripted flight on the web page, and with `--terminal` on the terminal, without vehicle or engine: to
 //! look at both, and for the page's test in a real browser.
 //!
-//! `web_fixture [--bind ADDR:PORT] [--token TOKEN] [--from SECONDS] [--speed FACTOR] [--freeze] [--commands] [--terminal]`
+//! `web_fixture [--bind ADDR:PORT] [--token TOKEN] [--from SECONDS] [--speed FACTOR] [--freeze] [--commands] [--parameters] [--terminal]`
 
 mod long;
 mod script;
 
 use gaware::engine::snapshot::Snapshot;
-use gaware::sinks::Request;
 use gaware::sinks::status::{
-    Control, LinkState, LinkView, MissionState, MissionView, RecorderState, RecorderView, SinkStatus,
-    VehicleView,
+    Control, LinkState, LinkView, MissionState, MissionView, ParametersView, RecorderState, RecorderView,
+    SinkStatus, VehicleView,
 };
 use gaware::sinks::terminal::{self, Sources};
 use gaware::sinks::web::{self, WebState, access::Token};
+use gaware::sinks::{Change, Request};
 use std::error::Error;
 use std::net::SocketAddr;
 use std::process::ExitCode;
@@ -32,6 +32,7 @@ struct Options {
     commands: bool,
     terminal: bool,
     long: bool,
+    parameters: bool,
 }
 
 fn options() -> Result<Options, Box<dyn Error>> {
@@ -44,6 +45,7 @@ fn options() -> Result<Options, Box<dyn Error>> {
         commands: false,
         terminal: false,
         long: false,
+        parameters: false,
     };
     let mut args = std::env::args().skip(1);
     while let Some(arg) = args.next() {
@@ -56,6 +58,7 @@ fn options() -> Result<Options, Box<dyn Error>> {
             "--freeze" => o.freeze = true,
             "--commands" => o.commands = true,
             "--long" => o.long = true,
+            "--parameters" => o.parameters = true,
             "--terminal" => o.terminal = true,
             other => return Err(format!("unknown option {other}").into()),
         }
@@ -81,6 +84,14 @@ async fn run() -> Result<(), Box<dyn Error>> {
     let mut state = WebState::new(rx.clone(), Arc::clone(&status));
     if let Some(token) = &options.token {
         state = state.with_token(Token::new(token)?);
+    }
+    if options.parameters {
+        status.set_parameters(ParametersView {
+            state: MissionState::Ready,
+            name: "autopilot.param".into(),
+            values: vec!["GPS1_DELAY_MS 213".into(), "GPS1_POS_X 0.42".into()],
+            text: "2 parameters of autopilot.param can be set while the vehicle is disarmed".into(),
+        });
     }
     if options.commands {
         let (commands, handler) = mpsc::channel(1);
@@ -112,8 +123,11 @@ async fn run() -> Result<(), Box<dyn Error>> {
 }
 
 async fn carry_out(mut commands: mpsc::Receiver<Request>) {
-    while let Some(Request::UploadMission { reply }) = commands.recv().await {
-        let _ = reply.send(Ok("12 items uploaded and read back: they agree.".into()));
+    while let Some(Request { change, reply }) = commands.recv().await {
+        let _ = reply.send(match change {
+            Change::Mission => Ok("12 items uploaded and read back: they agree.".into()),
+            Change::Parameters => Err("no parameter on the vehicle was changed: the vehicle is armed".into()),
+        });
     }
 }
 

@@ -4,6 +4,7 @@ use super::params::{ParamsError, RestoreParamsArgs, bring, teller};
 use super::params_args::ApplyArgs;
 use super::params_result::{Action, OnVehicle, ParamsResult};
 use super::transfer::{self, NoJournal};
+use crate::mission_link::param_delivery::ParamOrderError;
 use crate::mission_link::param_journal::ParamJournal;
 use crate::mission_link::param_transfer;
 use crate::mission_link::session::{Opening, Session};
@@ -46,13 +47,13 @@ async fn take_up(
     stop: &CancellationToken,
     say: &mut impl FnMut(&str),
 ) -> Result<ParamsResult, ParamsError> {
-    let other = |vehicle: String| ParamsError::OtherVehicle {
+    let other = |vehicle: String| ParamOrderError::OtherVehicle {
         path: journal.path.clone(),
         file: format!("system {}, {}", journal.system_id, journal.autopilot),
         vehicle,
     };
     if let Some(id) = args.to.vehicle.filter(|id| *id != journal.system_id) {
-        return Err(other(format!("system {id}")));
+        return Err(other(format!("system {id}")).into());
     }
     say(&format!(
         "a change of {} parameters of system {} did not end",
@@ -64,7 +65,7 @@ async fn take_up(
     let vehicle = session.vehicle();
     if vehicle.autopilot != journal.autopilot {
         session.close().await;
-        return Err(other(vehicle.to_string()));
+        return Err(other(vehicle.to_string()).into());
     }
     let patience_s = args.to.patience as f64;
     let outcome = param_transfer::resume(&mut session, journal.pairs.clone(), patience_s, teller(say)).await;

@@ -1,7 +1,8 @@
 //! How an action on parameters ended, in words for people and as a document for machines.
 
-use super::params::{ParamsError, mapping};
+use super::params::ParamsError;
 use crate::advice::rule_free;
+use crate::mission_link::param_delivery::mapping;
 use gaware_mission::item::Autopilot;
 use gaware_mission::params::apply::{ApplyOutcome, Doubtful};
 use gaware_mission::params::{ParamName, ParamType, ParamValue};

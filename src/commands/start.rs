@@ -3,11 +3,13 @@
 use super::CommandError;
 use super::band::BandError;
 use super::mission::MissionError;
+use super::params::ParamsError;
 use super::run::{self, Hooks, Live, RunArgs};
 use crate::engine::guidance::GuidanceOptions;
 use crate::engine::snapshot::{Phase, Snapshot};
 use crate::engine::{Engine, EngineOptions};
-use crate::mission_link::uploader::{Planned, Uploader};
+use crate::mission_link::param_delivery::ParamOrder;
+use crate::mission_link::uploader::{Offer, Planned, Uploader};
 use crate::mission_link::{files, watch as vehicle_watch};
 use crate::sinks::link_meter::LinkMeter;
 use crate::sinks::log;
@@ -148,13 +150,19 @@ async fn with_sinks(args: &RunArgs) -> Result<(), CommandError> {
     let mut requests = None;
     let mut uploads = None;
     let mut mission = None;
+    let mut offer = Offer::default();
+    if let Some(path) = &args.params {
+        offer.parameters = Some(ParamOrder::load(path).map_err(ParamsError::from)?);
+    }
     if let Some(path) = &args.mission {
-        let planned = Planned::load(path).map_err(MissionError::from)?;
+        offer.mission = Some(Planned::load(path).map_err(MissionError::from)?);
         let (planned_mission, fence) = files::read(path).map_err(MissionError::from)?;
         status.set_route(vehicle_watch::route(&planned_mission, &fence));
         mission = Some(planned_mission);
+    }
+    if offer.mission.is_some() || offer.parameters.is_some() {
         let uploader = Uploader::new(
-            planned,
+            offer,
             args.listen.vehicle,
             frames.subscribe(),
             raw,

@@ -1,19 +1,19 @@
-//! The upload of a planned mission while `run` goes on: over its links, under its identity, only when someone asked for it
-//! and confirmed.
+//! Changes of the vehicle while `run` goes on, the upload of a planned mission and the setting of parameters: over its links, under its
+//! identity, only when someone asked for them and confirmed.
 
 use super::delivery::{Order, deliver};
 use super::facts::{self, Wish};
 use super::files::{self, Contents};
+use super::param_delivery::ParamOrder;
+use super::run_wire::RunWire;
 use super::vehicle::Vehicle;
-use super::wire::{self, Event, News, Wire};
+use super::wire::{News, Wire};
 use crate::commands::run::Live;
 use crate::link::endpoint::Received;
-use crate::link::heartbeat::COMPONENT;
 use crate::preflight::{self, Facts, Verdict};
-use crate::sinks::Request;
 use crate::sinks::status::{MissionState, MissionView, SinkStatus};
+use crate::sinks::{Change, Request};
 use gaware_mission::transfer::verified::{Options, Outcome, Phase};
-use gaware_mission::transfer::{Address, Peers};
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::time::{Duration, SystemTime};
@@ -22,23 +22,14 @@ use tokio::sync::{broadcast, mpsc, watch};
 use tokio::time::Instant;
 use tokio_util::sync::CancellationToken;
 
-/// Longest wait without a look around.
-const BREATH: Duration = Duration::from_millis(100);
-/// Shortest wait, the resolution of timers: a deadline that is closer must not be asked for again and again.
-const TICK: Duration = Duration::from_millis(1);
+pub use super::run_wire::RawMessage;
+
+mod parameters;
+
 /// A vehicle that was not heard for longer is not there, s.
 const HEARD_S: f64 = 5.0;
 /// After a loss of the link the restoration is kept ready for so long, s.
 const PATIENCE_S: f64 = 600.0;
-
-/// A message for the vehicle by its id and payload: a backup may hold what the dialect's types refuse.
-#[derive(Debug, Clone, PartialEq, Eq)]
-pub struct RawMessage {
-    /// Message id.
-    pub id: u32,
-    /// Payload, MAVLink 2.
-    pub payload: Vec<u8>,
-}
 
 /// The mission that may be uploaded.
 #[derive(Debug, Clone)]
@@ -67,9 +58,22 @@ impl Planned {
 
     /// Where the mission before is kept: beside the file.
     fn backup_path(&self) -> PathBuf {
-        let since = SystemTime::now().duration_since(SystemTime::UNIX_EPOCH).unwrap_or_default();
-        self.path.with_file_name(format!("mission-backup-{}.plan", since.as_millis()))
+        self.path.with_file_name(format!("mission-backup-{}.plan", stamp()))
     }
+}
+
+/// Part of the name of a backup: no two are made in the same millisecond.
+fn stamp() -> u128 {
+    SystemTime::now().duration_since(SystemTime::UNIX_EPOCH).unwrap_or_default().as_millis()
+}
+
+/// What may be changed, each where the user has named a file for it.
+#[derive(Debug, Clone, Default)]
+pub struct Offer {
+    /// The mission.
+    pub mission: Option<Planned>,
+    /// The parameters.
+    pub parameters: Option<ParamOrder>,
 }
 
 /// A few periods of snapshots.
@@ -78,7 +82,7 @@ const NEXT_SNAPSHOT: Duration = Duration::from_secs(1);
 /// The task.
 #[derive(Debug)]
 pub struct Uploader {
-    planned: Planned,
+    offer: Offer,
     wire: RunWire,
     wanted: Option<u8>,
     /// The vehicles on the links, and when they were heard.
@@ -90,37 +94,34 @@ pub struct Uploader {
 impl Uploader {
     /// For the vehicle that the engine listens to, which is the one on the screens.
     pub fn new(
-        planned: Planned,
+        offer: Offer,
         wanted: Option<u8>,
         frames: broadcast::Receiver<Received>,
         outbox: mpsc::Sender<RawMessage>,
         live: watch::Receiver<Arc<Live>>,
         status: Arc<SinkStatus>,
     ) -> Self {
-        let wire = RunWire {
-            frames,
-            outbox,
-            vehicle: None,
-            started: Instant::now(),
-            stop: CancellationToken::new(),
-            stopping: false,
-        };
-        let uploader = Self { planned, wire, wanted, heard: Vec::new(), live, status };
-        let (items, name) = (uploader.planned.contents.mission.items.len(), uploader.planned.name());
-        let text = format!("{items} items of {name} are ready to be uploaded before take-off");
-        uploader.show(MissionState::Ready, text);
-        uploader
+        let wire = RunWire::new(frames, outbox);
+        if let Some(planned) = &offer.mission {
+            let (items, name) = (planned.contents.mission.items.len(), planned.name());
+            let text = format!("{items} items of {name} are ready to be uploaded before take-off");
+            show(&status, planned, MissionState::Ready, text);
+        }
+        if let Some(order) = &offer.parameters {
+            parameters::show(&status, order, MissionState::Ready, parameters::ready(order));
+        }
+        Self { offer, wire, wanted, heard: Vec::new(), live, status }
     }
 
-    /// Serves requests until `stop`; an upload under way then is cancelled and the previous mission put back first.
+    /// Serves requests until `stop`; a change under way then is cancelled, and what was there before put back first.
     pub async fn run(mut self, mut requests: mpsc::Receiver<Request>, stop: CancellationToken) {
         self.wire.stop = stop.clone();
         loop {
             tokio::select! {
                 () = stop.cancelled() => return,
                 request = requests.recv() => match request {
-                    Some(Request::UploadMission { reply }) => {
-                        let result = self.serve(&mut requests).await;
+                    Some(Request { change, reply }) => {
+                        let result = self.serve(change, &mut requests).await;
                         // Who asked may have gone; the status tells everybody.
                         let _ = reply.send(result);
                     }
@@ -158,8 +159,12 @@ impl Uploader {
         if self.wanted.is_some() { Vec::new() } else { others.map(|(v, _)| *v).collect() }
     }
 
-    /// Uploads; others who ask meanwhile are told so.
-    async fn serve(&mut self, requests: &mut mpsc::Receiver<Request>) -> Result<String, String> {
+    /// Makes the change; others who ask meanwhile are informed.
+    async fn serve(
+        &mut self,
+        change: Change,
+        requests: &mut mpsc::Receiver<Request>,
+    ) -> Result<String, String> {
         // Screens and this task hear of a vehicle with the next snapshot of the run.
         let known = self.live.wait_for(|live| live.vehicle.is_some());
         let _ = tokio::time::timeout(NEXT_SNAPSHOT, known).await;
@@ -170,17 +175,17 @@ impl Uploader {
         self.wire.vehicle = self.followed();
         if self.wire.vehicle.is_none() {
             let why = "the vehicle is not heard; check the link";
-            self.show(MissionState::Ready, format!("not uploaded: {why}"));
+            self.refused(change, why);
             return Err(why.to_owned());
         }
         let (others, chosen) = (self.rivals(), self.wire.vehicle().address);
-        let upload = transfer(&self.planned, &mut self.wire, others, &self.status);
+        let upload = carry_out(change, &self.offer, &mut self.wire, others, &self.status);
         tokio::pin!(upload);
         let outcome = loop {
             tokio::select! {
                 outcome = &mut upload => break outcome,
-                Some(Request::UploadMission { reply }) = requests.recv() => {
-                    let _ = reply.send(Err("an upload is under way".to_owned()));
+                Some(Request { reply, .. }) = requests.recv() => {
+                    let _ = reply.send(Err("a change of the vehicle is under way".to_owned()));
                 }
             }
         };
@@ -189,8 +194,31 @@ impl Uploader {
         outcome
     }
 
-    fn show(&self, state: MissionState, text: String) {
-        show(&self.status, &self.planned, state, text);
+    fn refused(&self, change: Change, why: &str) {
+        match (change, &self.offer) {
+            (Change::Mission, Offer { mission: Some(planned), .. }) => {
+                show(&self.status, planned, MissionState::Ready, format!("not uploaded: {why}"));
+            }
+            (Change::Parameters, Offer { parameters: Some(order), .. }) => {
+                parameters::show(&self.status, order, MissionState::Ready, format!("not set: {why}"));
+            }
+            _ => {}
+        }
+    }
+}
+
+async fn carry_out(
+    change: Change,
+    offer: &Offer,
+    wire: &mut RunWire,
+    others: Vec<Vehicle>,
+    status: &SinkStatus,
+) -> Result<String, String> {
+    match (change, &offer.mission, &offer.parameters) {
+        (Change::Mission, Some(planned), _) => transfer(planned, wire, others, status).await,
+        (Change::Parameters, _, Some(order)) => parameters::set(order, wire, &others, status).await,
+        (Change::Mission, None, _) => Err("this run was given no mission (--mission FILE)".to_owned()),
+        (Change::Parameters, _, None) => Err("this run was given no parameters (--params FILE)".to_owned()),
     }
 }
 
@@ -266,63 +294,5 @@ pub fn phase_words(phase: Phase) -> &'static str {
         Phase::ReadingBack => "reading back",
         Phase::Restoring => "putting the previous mission back",
         Phase::Finished => "the transfer is over",
-    }
-}
-
-/// The links of a run, as an upload sees them.
-#[derive(Debug)]
-struct RunWire {
-    frames: broadcast::Receiver<Received>,
-    outbox: mpsc::Sender<RawMessage>,
-    vehicle: Option<Vehicle>,
-    started: Instant,
-    stop: CancellationToken,
-    stopping: bool,
-}
-
-impl Wire for RunWire {
-    fn vehicle(&self) -> Vehicle {
-        self.vehicle.unwrap_or(Vehicle::UNKNOWN)
-    }
-
-    fn peers(&self) -> Peers {
-        let vehicle = self.vehicle().address;
-        Peers::new(Address { system: vehicle.system, component: COMPONENT }, vehicle)
-    }
-
-    fn now_s(&self) -> f64 {
-        self.started.elapsed().as_secs_f64()
-    }
-
-    fn send_payload(&mut self, id: u32, payload: Vec<u8>) {
-        // A full queue is a lost message; the protocols ask again.
-        let _ = self.outbox.try_send(RawMessage { id, payload });
-    }
-
-    async fn next(&mut self, deadline_s: Option<f64>) -> Event {
-        loop {
-            if self.stop.is_cancelled() && !self.stopping {
-                self.stopping = true;
-                return Event::Stopped;
-            }
-            let left = deadline_s.map_or(BREATH, |t| {
-                Duration::from_secs_f64((t - self.now_s()).clamp(TICK.as_secs_f64(), BREATH.as_secs_f64()))
-            });
-            match tokio::time::timeout(left, self.frames.recv()).await {
-                Ok(Ok(received)) => {
-                    if let Some(vehicle) = wire::heartbeat_of(self.vehicle(), &received.frame) {
-                        self.vehicle = Some(vehicle);
-                    }
-                    return Event::Frame(received.frame);
-                }
-                Ok(Err(RecvError::Lagged(_))) => {}
-                // No one will ever be heard again: only time passes.
-                Ok(Err(RecvError::Closed)) => tokio::time::sleep(left).await,
-                Err(_) => {}
-            }
-            if deadline_s.is_none_or(|t| self.now_s() >= t) {
-                return Event::Deadline;
-            }
-        }
     }
 }

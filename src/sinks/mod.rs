@@ -18,13 +18,20 @@ pub mod words;
 
 use tokio::sync::oneshot;
 
-/// Something that a person at a screen wants changed on the vehicle; sent only after it was confirmed, and on the web page
-/// after the token was checked.
+/// What a person at a screen may want changed on the vehicle.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Change {
+    /// Its mission becomes the planned one.
+    Mission,
+    /// Parameters get the values of a file.
+    Parameters,
+}
+
+/// A change that is wanted; sent only after it was confirmed, and on the web page after the token was checked.
 #[derive(Debug)]
-pub enum Request {
-    /// Upload the planned excitation mission to the vehicle.
-    UploadMission {
-        /// What came of it, in words for the pilot.
-        reply: oneshot::Sender<Result<String, String>>,
-    },
+pub struct Request {
+    /// Which.
+    pub change: Change,
+    /// What came of it, in words for the pilot.
+    pub reply: oneshot::Sender<Result<String, String>>,
 }

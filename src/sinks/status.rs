@@ -146,7 +146,7 @@ pub struct RouteView {
     pub fence: Vec<Vec<[f64; 2]>>,
 }
 
-/// How far the planned mission is.
+/// How far the planned mission is, or the file of parameters.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "snake_case")]
 pub enum MissionState {
@@ -178,11 +178,24 @@ pub struct MissionView {
     pub text: String,
 }
 
-impl MissionView {
-    /// Whether an upload may be asked for now.
-    pub fn can_upload(&self) -> bool {
-        !matches!(self.state, MissionState::None | MissionState::Uploading)
+impl MissionState {
+    /// Whether the change may be asked for now.
+    pub fn can_be_asked_for(self) -> bool {
+        !matches!(self, Self::None | Self::Uploading)
     }
+}
+
+/// The file of parameters as screens show it.
+#[derive(Debug, Clone, Default, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
+pub struct ParametersView {
+    /// State.
+    pub state: MissionState,
+    /// Name of the file.
+    pub name: String,
+    /// Names and new values.
+    pub values: Vec<String>,
+    /// The state in words for the pilot.
+    pub text: String,
 }
 
 /// What one sink delivered and lost.
@@ -206,6 +219,9 @@ pub struct StatusView {
     /// Planned mission.
     #[serde(default)]
     pub mission: MissionView,
+    /// Parameters that may be set.
+    #[serde(default)]
+    pub parameters: ParametersView,
     /// Who flies, and what.
     #[serde(default)]
     pub vehicle: VehicleView,
@@ -256,6 +272,7 @@ pub struct SinkStatus {
     link: RwLock<LinkView>,
     recorder: RwLock<RecorderView>,
     mission: RwLock<MissionView>,
+    parameters: RwLock<ParametersView>,
     vehicle: RwLock<VehicleView>,
     route: RwLock<(u64, Arc<RouteView>)>,
     sinks: RwLock<BTreeMap<&'static str, Arc<SinkCounters>>>,
@@ -293,6 +310,16 @@ impl SinkStatus {
         self.mission.read().unwrap_or_else(PoisonError::into_inner).clone()
     }
 
+    /// Replaces what is known of the file of parameters.
+    pub fn set_parameters(&self, parameters: ParametersView) {
+        *self.parameters.write().unwrap_or_else(PoisonError::into_inner) = parameters;
+    }
+
+    /// What is known of the file of parameters.
+    pub fn parameters(&self) -> ParametersView {
+        self.parameters.read().unwrap_or_else(PoisonError::into_inner).clone()
+    }
+
     /// Replaces what is known of who flies.
     pub fn set_vehicle(&self, vehicle: VehicleView) {
         *self.vehicle.write().unwrap_or_else(PoisonError::into_inner) = vehicle;
@@ -317,6 +344,7 @@ impl SinkStatus {
             link: self.link.read().unwrap_or_else(PoisonError::into_inner).clone(),
             recorder: self.recorder.read().unwrap_or_else(PoisonError::into_inner).clone(),
             mission: self.mission(),
+            parameters: self.parameters(),
             vehicle: self.vehicle.read().unwrap_or_else(PoisonError::into_inner).clone(),
             route: self.route.read().unwrap_or_else(PoisonError::into_inner).0,
             sinks: sinks.iter().map(|(name, c)| ((*name).to_owned(), c.view())).collect(),

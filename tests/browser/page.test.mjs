@@ -70,6 +70,27 @@ test("beyond localhost the page opens with the token only, and keeps it out of t
   await server.stop();
 });
 
+test("parameters are set after a question that names their values, and only they where there is no mission", async () => {
+  const server = await serve("--bind", "127.0.0.1:0", "--token", TOKEN, "--from", "30", "--speed", "0.1", "--commands", "--parameters");
+  for (const viewport of [{ width: 1280, height: 900 }, { width: 390, height: 844 }]) {
+    const { page, errors, close } = await open(browser, { viewport });
+    await page.goto(`${server.url}?token=${TOKEN}`);
+    await page.waitForSelector("#set-parameters:visible");
+    assert.equal(await page.locator("#upload").isVisible(), false);
+    await page.click("#set-parameters");
+    assert.deepEqual(await page.locator("#parameters-values li").allTextContents(), ["GPS1_DELAY_MS 213", "GPS1_POS_X 0.42"]);
+    await page.click("#confirm-parameters button[value=no]");
+    assert.match(await page.locator("#parameters-result").textContent(), /2 parameters of autopilot.param can be set/);
+    await page.click("#set-parameters");
+    await page.click("#confirm-parameters button[value=yes]");
+    await page.waitForFunction(() => document.querySelector("#parameters-result").textContent.startsWith("Not done: no parameter"));
+    assert.equal(await page.evaluate(() => document.documentElement.scrollWidth <= innerWidth), true);
+    assert.deepEqual(errors.filter((text) => !text.includes("409")), []);
+    await close();
+  }
+  await server.stop();
+});
+
 test("without the token the upload button asks for it, and before there is an estimate there is no figure", async () => {
   const server = await serve("--bind", "127.0.0.1:0", "--token", TOKEN, "--from", "0", "--speed", "0.1", "--commands");
   const { page, close } = await open(browser);

@@ -66,6 +66,10 @@ pub struct RunArgs {
     /// uploaded before the user asks for it there and confirms. The mission before is kept in a file beside it.
     #[arg(long, value_name = "FILE")]
     pub mission: Option<PathBuf>,
+    /// A parameter file (`autopilot.param` of an explanation, for example) that may be applied from the page or the terminal; nothing is
+    /// set before the user asks for it there and confirms. The values before are kept in a file beside it.
+    #[arg(long, value_name = "FILE")]
+    pub params: Option<PathBuf>,
     /// Print the result as one JSON document.
     #[arg(long)]
     pub json: bool,

@@ -3,6 +3,7 @@
 use super::Options;
 use super::parts;
 use crate::engine::snapshot::{Snapshot, Status};
+use crate::sinks::Change;
 use crate::sinks::events::Event;
 use crate::sinks::status::StatusView;
 use crate::sinks::words;
@@ -38,8 +39,8 @@ pub enum Over {
     Nothing,
     /// The help.
     Help,
-    /// Whether the planned mission is really to be uploaded.
-    Question,
+    /// Whether this is really to be changed on the vehicle.
+    Question(Change),
 }
 
 /// Borders for consoles without UTF-8.
@@ -103,7 +104,7 @@ pub fn draw(frame: &mut Frame, view: &View) {
     match view.over {
         Over::Nothing => {}
         Over::Help => help(frame, view, area),
-        Over::Question => question(frame, view, area),
+        Over::Question(change) => question(frame, view, area, change),
     }
 }
 
@@ -172,7 +173,7 @@ fn help(frame: &mut Frame, view: &View, area: Rect) {
     let lines = [
         "q, Ctrl-C   end gaware",
         "?, h        this help",
-        "u           upload the planned mission",
+        "u, p        upload the planned mission, set parameters",
         "Up, Down    scroll the messages",
         "",
         "Bars run from the first sigma to the target,",
@@ -190,7 +191,10 @@ fn help(frame: &mut Frame, view: &View, area: Rect) {
 }
 
 /// The answer is a key of its own: whoever types ahead changes nothing.
-fn question(frame: &mut Frame, view: &View, area: Rect) {
+fn question(frame: &mut Frame, view: &View, area: Rect, change: Change) {
+    if change == Change::Parameters {
+        return parameters_question(frame, view, area);
+    }
     let mission = &view.sinks.mission;
     let text = vec![
         Line::raw(view.text(&format!("{}, {} items, replaces", mission.name, mission.items))),
@@ -205,6 +209,27 @@ fn question(frame: &mut Frame, view: &View, area: Rect) {
     let block = view.block("Upload the planned mission?").border_style(view.ink(Color::Yellow));
     let text = Paragraph::new(text).wrap(Wrap { trim: true }).block(block);
     lay_over(frame, text, area, [50, 8]);
+}
+
+/// New values that are named in the question; more are counted.
+const NAMED_VALUES: usize = 6;
+
+fn parameters_question(frame: &mut Frame, view: &View, area: Rect) {
+    let parameters = &view.sinks.parameters;
+    let more = parameters.values.len().saturating_sub(NAMED_VALUES);
+    let mut text = vec![Line::raw(view.text(&format!("{} sets", parameters.name)))];
+    text.extend(parameters.values.iter().take(NAMED_VALUES).map(|v| Line::raw(view.text(&format!("  {v}")))));
+    if more > 0 {
+        text.push(Line::raw(format!("  and {more} more")));
+    }
+    text.push(Line::raw("Old values are kept in a file."));
+    text.push(Line::raw(""));
+    let keys = "y  set      n, Esc  keep the present ones";
+    text.push(Line::styled(keys, Style::new().add_modifier(Modifier::BOLD)));
+    let rows = u16::try_from(text.len()).unwrap_or(u16::MAX).saturating_add(3);
+    let block = view.block("Set the vehicle's parameters?").border_style(view.ink(Color::Yellow));
+    let text = Paragraph::new(text).wrap(Wrap { trim: false }).block(block);
+    lay_over(frame, text, area, [50, rows]);
 }
 
 fn lay_over(frame: &mut Frame, text: Paragraph, area: Rect, [width, height]: [u16; 2]) {

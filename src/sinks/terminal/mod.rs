@@ -7,10 +7,10 @@ pub mod draw;
 pub mod headless;
 mod parts;
 
-use super::Request;
 use super::events::{Event, EventDetector};
 use super::log;
-use super::status::SinkStatus;
+use super::status::{SinkStatus, StatusView};
+use super::{Change, Request};
 use crate::engine::snapshot::Snapshot;
 use draw::{Over, View};
 use ratatui::Terminal;
@@ -89,8 +89,8 @@ pub enum Key {
     Help,
     /// Escape, `n`: hide what lies over the screen; the answer no.
     Back,
-    /// `u`: ask for the upload of the planned mission.
-    Upload,
+    /// `u`: ask for the upload of the planned mission; `p`: for the parameters of the file.
+    Ask(Change),
     /// `y`: the answer yes.
     Yes,
     /// Up, Down, and by pages: scroll the messages by so many lines.
@@ -130,7 +130,8 @@ fn meaning(key: KeyEvent) -> Option<Key> {
         KeyCode::Char('q' | 'Q') => Some(Key::Quit),
         KeyCode::Char('?' | 'h') => Some(Key::Help),
         KeyCode::Esc | KeyCode::Char('n' | 'N') => Some(Key::Back),
-        KeyCode::Char('u' | 'U') => Some(Key::Upload),
+        KeyCode::Char('u' | 'U') => Some(Key::Ask(Change::Mission)),
+        KeyCode::Char('p' | 'P') => Some(Key::Ask(Change::Parameters)),
         KeyCode::Char('y' | 'Y') => Some(Key::Yes),
         KeyCode::Up => Some(Key::Scroll(-1)),
         KeyCode::Down => Some(Key::Scroll(1)),
@@ -221,17 +222,18 @@ where
                 }
                 Some(Key::Help) => over = if over == Over::Help { Over::Nothing } else { Over::Help },
                 Some(Key::Back) => over = Over::Nothing,
-                Some(Key::Upload) if sources.requests.is_some() && sinks.mission.can_upload() => {
-                    over = Over::Question;
+                Some(Key::Ask(change)) if sources.requests.is_some() && can_be_asked(&sinks, change) => {
+                    over = Over::Question(change);
                 }
-                Some(Key::Yes) if over == Over::Question => {
-                    over = Over::Nothing;
-                    ask_for_upload(&sources);
+                Some(Key::Yes) => {
+                    if let Over::Question(change) = over {
+                        over = Over::Nothing;
+                        ask_for(change, &sources);
+                    }
                 }
                 // No flight has so many messages: the screen itself stops at the last.
                 Some(Key::Scroll(by)) => scroll = scroll.saturating_add_signed(by).min(MOST_SCROLL),
-                Some(Key::Upload | Key::Yes) => {}
-                Some(Key::Resized) => {}
+                Some(Key::Ask(_) | Key::Resized) => {}
                 None if started.elapsed() < options.redraw && !shutdown.is_cancelled() => continue,
                 None => {}
             }
@@ -241,11 +243,18 @@ where
     Ok(())
 }
 
-/// Asks for the upload; how it goes is in the status.
-fn ask_for_upload(sources: &Sources) {
+fn can_be_asked(sinks: &StatusView, change: Change) -> bool {
+    match change {
+        Change::Mission => sinks.mission.state.can_be_asked_for(),
+        Change::Parameters => sinks.parameters.state.can_be_asked_for(),
+    }
+}
+
+/// Asks for the change; how it goes is in the status.
+fn ask_for(change: Change, sources: &Sources) {
     let (reply, _) = oneshot::channel();
     // A queue that is full holds the same wish already.
-    let _ = sources.requests.as_ref().map(|r| r.try_send(Request::UploadMission { reply }));
+    let _ = sources.requests.as_ref().map(|r| r.try_send(Request { change, reply }));
 }
 
 #[cfg(test)]

@@ -299,17 +299,21 @@ pub(super) fn health(frame: &mut Frame, view: &View, area: Rect) {
     frame.render_widget(Paragraph::new(view.text(&text)), area);
 }
 
-/// What has become of the planned mission.
-fn mission_message(view: &View) -> Option<(String, String, Style)> {
-    let mission = &view.sinks.mission;
-    let (mark, style) = match mission.state {
+/// What has become of the planned mission, or of the parameters.
+fn change_message(
+    view: &View,
+    what: &str,
+    state: MissionState,
+    text: &str,
+) -> Option<(String, String, Style)> {
+    let (mark, style) = match state {
         MissionState::None => return None,
         MissionState::Unknown => ("!", view.ink(Color::Red).add_modifier(Modifier::BOLD)),
         MissionState::NotOnVehicle => ("!", view.ink(Color::Yellow).add_modifier(Modifier::BOLD)),
         MissionState::OnVehicle => ("=", view.ink(Color::Green)),
         MissionState::Ready | MissionState::Uploading => (">", BOLD),
     };
-    Some((format!("{mark} "), format!("mission: {}", mission.text), style))
+    Some((format!("{mark} "), format!("{what}: {text}"), style))
 }
 
 /// Everything that is to be said, the most urgent first: the mission, warnings of now, what the observability conditions and
@@ -317,7 +321,10 @@ fn mission_message(view: &View) -> Option<(String, String, Style)> {
 pub(super) fn messages(frame: &mut Frame, view: &View, area: Rect) {
     let s = view.snapshot;
     let plain = |text: String| ("- ".to_owned(), text, Style::new());
-    let mut all: Vec<(String, String, Style)> = mission_message(view).into_iter().collect();
+    let (mission, parameters) = (&view.sinks.mission, &view.sinks.parameters);
+    let mission = change_message(view, "mission", mission.state, &mission.text);
+    let parameters = change_message(view, "parameters", parameters.state, &parameters.text);
+    let mut all: Vec<(String, String, Style)> = mission.into_iter().chain(parameters).collect();
     let warning = view.ink(Color::Yellow).add_modifier(Modifier::BOLD);
     all.extend(s.warnings.iter().rev().map(|w| ("! ".to_owned(), w.clone(), warning)));
     if s.phase == Phase::Running {
@@ -401,8 +408,11 @@ pub(super) fn weak(frame: &mut Frame, view: &View, area: Rect) {
 pub(super) fn keys(frame: &mut Frame, view: &View, area: Rect) {
     let dropped = view.sinks.dropped();
     let mut spans = vec![Span::raw(" q quit  ? help  Up, Down scroll")];
-    if view.sinks.mission.can_upload() {
+    if view.sinks.mission.state.can_be_asked_for() {
         spans.push(Span::raw("  u upload the mission"));
+    }
+    if view.sinks.parameters.state.can_be_asked_for() {
+        spans.push(Span::raw("  p set parameters"));
     }
     if dropped > 0 {
         let text = format!("   {dropped} messages skipped by slow sinks");

@@ -2,7 +2,7 @@ use super::*;
 use crate::engine::snapshot::{Condition, Direction, Phase, StateStatus, Status};
 use crate::sinks::events::{Severity, Topic};
 use crate::sinks::status::{
-    LinkState, LinkView, MissionState, MissionView, RecorderState, RecorderView, StatusView,
+    LinkState, LinkView, MissionState, MissionView, ParametersView, RecorderState, RecorderView, StatusView,
 };
 use ratatui::backend::TestBackend;
 use ratatui::style::Color;
@@ -131,7 +131,7 @@ fn help_lies_over_the_screen() {
 fn no_size_breaks_it() {
     for width in (1..140).step_by(7) {
         for height in (1..50).step_by(3) {
-            for over in [Over::Nothing, Over::Help, Over::Question] {
+            for over in [Over::Nothing, Over::Help, Over::Question(Change::Mission)] {
                 screen(width, height, &flying(), Options::default(), over);
             }
         }
@@ -309,26 +309,53 @@ fn with_mission(state: MissionState, text: &str) -> Arc<SinkStatus> {
 
 #[test]
 fn an_upload_is_asked_for_by_two_keys_in_order_only() {
-    use Key::{Back, Quit, Upload, Yes};
+    use Key::{Back, Quit, Yes};
+    const UPLOAD: Key = Key::Ask(Change::Mission);
     let asks = |keys: &[Key], state| {
         let (requests, mut asked) = mpsc::channel(1);
         play_with(keys, with_mission(state, "12 items ready"), Some(requests)).1.unwrap();
         asked.try_recv().is_ok()
     };
-    assert!(asks(&[Upload, Yes, Quit], MissionState::Ready));
-    assert!(asks(&[Upload, Yes, Quit], MissionState::NotOnVehicle), "again after a failure");
+    assert!(asks(&[UPLOAD, Yes, Quit], MissionState::Ready));
+    assert!(asks(&[UPLOAD, Yes, Quit], MissionState::NotOnVehicle), "again after a failure");
     assert!(!asks(&[Yes, Quit], MissionState::Ready), "nobody was asked");
-    assert!(!asks(&[Upload, Back, Yes, Quit], MissionState::Ready), "the answer was no");
-    assert!(!asks(&[Upload, Yes, Quit], MissionState::Uploading), "one at a time");
-    assert!(!asks(&[Upload, Yes, Quit], MissionState::None));
+    assert!(!asks(&[UPLOAD, Back, Yes, Quit], MissionState::Ready), "the answer was no");
+    assert!(!asks(&[UPLOAD, Yes, Quit], MissionState::Uploading), "one at a time");
+    assert!(!asks(&[UPLOAD, Yes, Quit], MissionState::None));
 }
 
 #[test]
 fn the_question_names_the_mission_and_the_keys() {
     let (requests, _asked) = mpsc::channel(1);
     let status = with_mission(MissionState::Ready, "12 items of excite.plan are ready");
-    let (terminal, ..) = play_with(&[Key::Upload, Key::Resized, Key::Quit], status, Some(requests));
+    let (terminal, ..) =
+        play_with(&[Key::Ask(Change::Mission), Key::Resized, Key::Quit], status, Some(requests));
     insta::assert_snapshot!("question_80x24", terminal.backend());
+}
+
+#[test]
+fn parameters_are_set_by_two_keys_after_a_question_that_names_their_values() {
+    use Key::{Back, Quit, Resized, Yes};
+    const SET: Key = Key::Ask(Change::Parameters);
+    let play = |keys: &[Key], state| {
+        let (requests, mut asked) = mpsc::channel(1);
+        let status = SinkStatus::new();
+        status.set_parameters(ParametersView {
+            state,
+            name: "autopilot.param".into(),
+            values: (0..8).map(|k| format!("GPS{k}_DELAY_MS {}", 210 + k)).collect(),
+            text: "8 parameters of autopilot.param are ready".into(),
+        });
+        let (terminal, ended, _) = play_with(keys, status, Some(requests));
+        ended.unwrap();
+        (terminal, asked.try_recv().ok().map(|r| r.change))
+    };
+    assert_eq!(play(&[SET, Yes, Quit], MissionState::Ready).1, Some(Change::Parameters));
+    assert_eq!(play(&[SET, Back, Yes, Quit], MissionState::Ready).1, None);
+    assert_eq!(play(&[SET, Yes, Quit], MissionState::Uploading).1, None);
+    assert_eq!(play(&[Key::Ask(Change::Mission), Yes, Quit], MissionState::Ready).1, None, "no mission");
+    let (terminal, _) = play(&[SET, Resized, Quit], MissionState::Ready);
+    insta::assert_snapshot!("parameters_question_80x24", terminal.backend());
 }
 
 #[test]
@@ -356,7 +383,7 @@ fn the_keyboard_is_understood() {
     assert_eq!(key(KeyCode::Char('c'), KeyModifiers::NONE), None);
     assert_eq!(key(KeyCode::Char('q'), KeyModifiers::NONE), Some(Key::Quit));
     assert_eq!(key(KeyCode::Char('?'), KeyModifiers::SHIFT), Some(Key::Help));
-    assert_eq!(key(KeyCode::Char('u'), KeyModifiers::NONE), Some(Key::Upload));
+    assert_eq!(key(KeyCode::Char('u'), KeyModifiers::NONE), Some(Key::Ask(Change::Mission)));
     assert_eq!(key(KeyCode::Char('y'), KeyModifiers::NONE), Some(Key::Yes));
     assert_eq!(key(KeyCode::Char('n'), KeyModifiers::NONE), Some(Key::Back));
     assert_eq!(key(KeyCode::Down, KeyModifiers::NONE), Some(Key::Scroll(1)));

@@ -2,9 +2,9 @@
 
 use super::Shared;
 use crate::engine::snapshot::Snapshot;
-use crate::sinks::Request;
 use crate::sinks::metrics;
-use crate::sinks::status::StatusView;
+use crate::sinks::status::{MissionState, StatusView};
+use crate::sinks::{Change, Request};
 use axum::Json;
 use axum::extract::rejection::JsonRejection;
 use axum::extract::{Query, State};
@@ -16,7 +16,7 @@ use std::sync::{Arc, PoisonError};
 use std::time::Duration;
 use tokio::sync::oneshot;
 
-/// How long an upload may take before the page is informed that no one knows; the transfer itself gives up earlier.
+/// How long a change may take before the page is informed that no one knows; the transfer itself gives up earlier.
 const UPLOAD_LIMIT: Duration = Duration::from_secs(120);
 
 pub(super) async fn health() -> &'static str {
@@ -64,46 +64,67 @@ pub(super) struct Capabilities {
     version: &'static str,
     authorised: bool,
     mission_upload: bool,
+    parameters_apply: bool,
 }
 
 pub(super) async fn capabilities(
     State(shared): State<Arc<Shared>>,
     headers: HeaderMap,
 ) -> Json<Capabilities> {
+    let open = shared.state.commands.as_ref().is_some_and(|c| !c.is_closed());
+    let parameters = shared.state.status.parameters().state != MissionState::None;
+    let mission = !parameters || shared.state.status.mission().state != MissionState::None;
     Json(Capabilities {
         version: env!("CARGO_PKG_VERSION"),
         authorised: shared.policy.authorised(&headers),
-        mission_upload: shared.state.commands.as_ref().is_some_and(|c| !c.is_closed()),
+        mission_upload: open && mission,
+        parameters_apply: open && parameters,
     })
 }
 
-/// The explicit confirmation without which nothing is uploaded.
+/// The explicit confirmation without which nothing is changed.
 #[derive(Debug, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub(super) struct Confirmation {
     confirm: bool,
 }
 
-pub(super) async fn upload_mission(
-    State(shared): State<Arc<Shared>>,
-    body: Result<Json<Confirmation>, JsonRejection>,
-) -> Response {
+type Body = Result<Json<Confirmation>, JsonRejection>;
+
+pub(super) async fn upload_mission(State(shared): State<Arc<Shared>>, body: Body) -> Response {
+    carry_out(&shared, Change::Mission, body).await
+}
+
+pub(super) async fn apply_parameters(State(shared): State<Arc<Shared>>, body: Body) -> Response {
+    carry_out(&shared, Change::Parameters, body).await
+}
+
+async fn carry_out(shared: &Shared, change: Change, body: Body) -> Response {
+    let of_vehicle = match change {
+        Change::Mission => "mission",
+        Change::Parameters => "parameters",
+    };
     let confirmed = body.is_ok_and(|Json(c)| c.confirm);
     if !confirmed {
-        return say(StatusCode::BAD_REQUEST, "an upload needs the body {\"confirm\": true}");
+        return say(StatusCode::BAD_REQUEST, "nothing is changed without the body {\"confirm\": true}");
     }
     let (reply, answer) = oneshot::channel();
-    let sent = shared.state.commands.as_ref().map(|c| c.try_send(Request::UploadMission { reply }));
+    let sent = shared.state.commands.as_ref().map(|c| c.try_send(Request { change, reply }));
     if !matches!(sent, Some(Ok(()))) {
-        return say(StatusCode::SERVICE_UNAVAILABLE, "nothing here can upload a mission now");
+        let text = format!("nothing here can change the vehicle's {of_vehicle} now");
+        return say(StatusCode::SERVICE_UNAVAILABLE, &text);
     }
     match tokio::time::timeout(UPLOAD_LIMIT, answer).await {
         Ok(Ok(Ok(text))) => say(StatusCode::OK, &text),
         Ok(Ok(Err(text))) => say(StatusCode::CONFLICT, &text),
         Ok(Err(_)) => {
-            say(StatusCode::SERVICE_UNAVAILABLE, "the upload was abandoned; check the vehicle's mission")
+            let text = format!("the change was abandoned; check the vehicle's {of_vehicle}");
+            say(StatusCode::SERVICE_UNAVAILABLE, &text)
         }
-        Err(_) => say(StatusCode::GATEWAY_TIMEOUT, "no result yet; check the vehicle's mission"),
+        Err(_) => {
+            let text = format!("no result yet; check the vehicle's {of_vehicle}");
+            say(StatusCode::GATEWAY_TIMEOUT, &text)
+        }
     }
 }
 

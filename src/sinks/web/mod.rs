@@ -167,6 +167,7 @@ fn router(shared: Arc<Shared>) -> Router {
         .route("/api/v1/capabilities", get(api::capabilities))
         .route("/api/v1/events", get(stream::events))
         .route("/api/v1/mission/upload", post(api::upload_mission))
+        .route("/api/v1/parameters/apply", post(api::apply_parameters))
         .layer(DefaultBodyLimit::max(MAX_BODY_BYTES))
         .layer(middleware::from_fn_with_state(Arc::clone(&shared), access::guard))
         .layer(middleware::map_response(access::security_headers))

@@ -7,9 +7,9 @@ use gaware::commands::run::Live;
 use gaware::link::endpoint::Received;
 use gaware::link::frame::{Frame, Sender};
 use gaware::mission_link::codec;
-use gaware::mission_link::uploader::{Planned, RawMessage, Uploader};
-use gaware::sinks::Request;
+use gaware::mission_link::uploader::{Offer, Planned, RawMessage, Uploader};
 use gaware::sinks::status::SinkStatus;
+use gaware::sinks::{Change, Request};
 use gaware_mission::fence::Fence;
 use gaware_mission::files::plan::{self, PlanFile};
 use gaware_mission::item::Autopilot;
@@ -113,7 +113,14 @@ async fn run(planned: Planned, steps: &[Step]) -> bool {
     let (requests, requested) = mpsc::channel(4);
     let stop = CancellationToken::new();
     let status = SinkStatus::new();
-    let uploader = Uploader::new(planned, None, received, outbox_in, live, status);
+    let uploader = Uploader::new(
+        Offer { mission: Some(planned), parameters: None },
+        None,
+        received,
+        outbox_in,
+        live,
+        status,
+    );
     let task = tokio::spawn(uploader.run(requested, stop.clone()));
     let vehicle = HonestVehicle::new(mission(5, 20.0).wire_items(Autopilot::Px4));
     let mut link = Link { frames, outbox, vehicle, heartbeat_due: Instant::now(), began: Instant::now() };
@@ -170,5 +177,5 @@ async fn run(planned: Planned, steps: &[Step]) -> bool {
 /// Asks for an upload; nothing where the queue is full.
 fn ask(requests: &mpsc::Sender<Request>) -> Option<oneshot::Receiver<Result<String, String>>> {
     let (reply, answer) = oneshot::channel();
-    requests.try_send(Request::UploadMission { reply }).ok().map(|()| answer)
+    requests.try_send(Request { change: Change::Mission, reply }).ok().map(|()| answer)
 }

@@ -44,7 +44,7 @@ pub fn web(data: &[u8]) -> bool {
             CancellationToken::new(),
         );
         let answers = async {
-            let Some(Request::UploadMission { reply }) = asked.recv().await else { return false };
+            let Some(Request { reply, .. }) = asked.recv().await else { return false };
             let _ = reply.send(Ok("done".to_owned()));
             true
         };

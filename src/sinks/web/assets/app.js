@@ -6,7 +6,7 @@ import { $, capital, setText } from "./dom.js";
 import { STALE_S, showHero } from "./hero.js";
 import { Stream } from "./stream.js";
 import { Track } from "./track.js";
-import { showConnection, showEvents, showFreshness, showMission, showSnapshot, showSystem } from "./view.js";
+import { showConnection, showEvents, showFreshness, showMission, showParameters, showSnapshot, showSystem } from "./view.js";
 
 /* The newest minutes are kept as they come, what is older once a second, and that is bounded too. */
 const KEEP_POINTS = 3600;
@@ -24,7 +24,7 @@ let waiting = false;
 let quiet = null;
 /** Whether this page may change anything: it came with the token. */
 let authorised = false;
-let uploading = false;
+let changing = false;
 
 const XYZ = ["--x", "--y", "--z"];
 
@@ -154,7 +154,9 @@ function look() {
   showHero(snapshot, sinks, connection === "lost" ? Math.max(silent, 2) : silent);
   showFreshness(snapshot, sinks, silent, connection);
   // Nothing can be uploaded to a vehicle that is not there; signing in is possible at any time.
-  $("upload").disabled = uploading || (authorised && (connection === "lost" || silent > STALE_S));
+  for (const id of ["upload", "set-parameters"]) {
+    $(id).disabled = changing || (authorised && (connection === "lost" || silent > STALE_S));
+  }
 }
 
 /** Planned path, fence and home, where there is a plan. */
@@ -184,6 +186,7 @@ const stream = new Stream({
     sinks = view;
     showSystem(sinks, snapshot);
     showMission(sinks.mission);
+    showParameters(sinks.parameters);
   },
   onState(state, silent, changed) {
     connection = state;
@@ -212,37 +215,47 @@ async function signedOut() {
 async function capabilities() {
   try {
     const can = await (await fetch("/api/v1/capabilities")).json();
-    $("actions").hidden = !can.mission_upload;
+    $("actions").hidden = !can.mission_upload && !can.parameters_apply;
+    for (const id of ["upload", "upload-result"]) $(id).hidden = !can.mission_upload;
+    for (const id of ["set-parameters", "parameters-result"]) $(id).hidden = !can.parameters_apply;
     authorised = can.authorised;
     setText($("upload"), authorised ? "Upload mission…" : "Sign in to upload…");
+    setText($("set-parameters"), authorised ? "Set parameters…" : "Sign in to set parameters…");
   } catch {
     // As above.
   }
 }
 
-$("upload").addEventListener("click", () => $(authorised ? "confirm" : "sign-in").showModal());
 $("sign-in").querySelector("button[type=button]").addEventListener("click", () => $("sign-in").close());
-$("confirm").addEventListener("close", async () => {
-  if ($("confirm").returnValue !== "yes") return;
-  $("confirm").returnValue = "";
-  uploading = true;
-  look();
-  setText($("upload-result"), "Uploading…");
-  try {
-    const response = await fetch("/api/v1/mission/upload", {
-      method: "POST",
-      headers: { "content-type": "application/json" },
-      body: JSON.stringify({ confirm: true }),
-    });
-    const { message } = await response.json();
-    setText($("upload-result"), response.ok ? capital(message) : `Not done: ${message}`);
-  } catch {
-    setText($("upload-result"), "No answer: check the vehicle's mission.");
-  }
-  uploading = false;
-  look();
-  $("upload").focus();
-});
+
+/** A change of the vehicle: button, question, the request after a yes, and what came of it. */
+function offer({ button, question, result, path, doing, check }) {
+  $(button).addEventListener("click", () => $(authorised ? question : "sign-in").showModal());
+  $(question).addEventListener("close", async () => {
+    if ($(question).returnValue !== "yes") return;
+    $(question).returnValue = "";
+    changing = true;
+    look();
+    setText($(result), doing);
+    try {
+      const response = await fetch(path, {
+        method: "POST",
+        headers: { "content-type": "application/json" },
+        body: JSON.stringify({ confirm: true }),
+      });
+      const { message } = await response.json();
+      setText($(result), response.ok ? capital(message) : `Not done: ${message}`);
+    } catch {
+      setText($(result), `No answer: check the vehicle's ${check}.`);
+    }
+    changing = false;
+    look();
+    $(button).focus();
+  });
+}
+
+offer({ button: "upload", question: "confirm", result: "upload-result", path: "/api/v1/mission/upload", doing: "Uploading…", check: "mission" });
+offer({ button: "set-parameters", question: "confirm-parameters", result: "parameters-result", path: "/api/v1/parameters/apply", doing: "Setting…", check: "parameters" });
 
 for (const event of ["resize", "themechange"]) window.addEventListener(event, draw);
 document.addEventListener("visibilitychange", draw);

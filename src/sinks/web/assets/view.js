@@ -225,19 +225,37 @@ export function showSystem(sinks, s) {
   facts($("system"), pairs);
 }
 
-/** The planned mission, in the words of the status; an unknown state is called out. */
+/** What became of a change, in the words of the status, shortened by `short`; an unknown state is called out. True where it has changed. */
+function showChange(result, { state, text }, short) {
+  const shown = `${state} ${text}`;
+  if (result.dataset.shown === shown) return false;
+  result.dataset.shown = shown;
+  result.dataset.state = state;
+  result.setAttribute("role", state === "unknown" ? "alert" : "status");
+  setText(result, capital(short(text)));
+  return true;
+}
+
+/** The planned mission. */
 export function showMission(mission) {
   if (!mission || mission.state === "none") return;
-  const result = $("upload-result");
-  const shown = `${mission.state} ${mission.text}`;
-  if (result.dataset.shown === shown) return;
-  result.dataset.shown = shown;
-  result.dataset.state = mission.state;
-  result.setAttribute("role", mission.state === "unknown" ? "alert" : "status");
   // What came of an upload stands in full in the largest place of the page.
-  const [short] = mission.text.split(mission.state === "unknown" ? ":" : ";");
-  setText(result, capital(short));
-  setText($("confirm-what"), `${mission.name}, ${mission.items} items, replaces the mission in the vehicle.`);
+  if (showChange($("upload-result"), mission, (text) => text.split(mission.state === "unknown" ? ":" : ";")[0])) {
+    setText($("confirm-what"), `${mission.name}, ${mission.items} items, replaces the mission in the vehicle.`);
+  }
+}
+
+/** The parameters that may be set; what came of it stands only here, so in full. */
+export function showParameters(parameters) {
+  if (!parameters || parameters.state === "none") return;
+  if (showChange($("parameters-result"), parameters, (text) => text)) {
+    setText($("confirm-parameters-what"), `${parameters.name} sets`);
+    $("parameters-values").replaceChildren(...parameters.values.map((value) => {
+      const item = document.createElement("li");
+      item.textContent = value;
+      return item;
+    }));
+  }
 }
 
 export function showEvents(events) {
