@@ -294,10 +294,10 @@ impl Estimator {
     /// A filter that failed or lost its attitude starts anew.
     fn look_after_health(&mut self) {
         let Some(filter) = self.filter() else { return };
-        let (failed, lost, sound) = (filter.has_failed(), filter.is_lost(), filter.has_sound_constants());
-        if failed {
+        if filter.has_failed() {
+            let sound = filter.has_sound_constants();
             self.align_anew(EstimatorEvent::Failed { constants_kept: sound }, sound);
-        } else if lost {
+        } else if filter.is_lost() {
             self.align_anew(EstimatorEvent::AlignedAfterOutage, true);
         } else if let Some(sigma_rad) = self.vague_for_long() {
             self.align_anew(EstimatorEvent::AlignedAsVague { sigma_rad }, true);
