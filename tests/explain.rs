@@ -132,11 +132,11 @@ fn nothing_is_missing_in_the_clean_flight_of_the_real_firmware() {
     assert!(document["effects"].as_array().unwrap().is_empty());
 }
 
-/// A telemetry log without the frames that were lost, by the seconds since its start and their number.
-fn without(log: &[u8], lost: impl Fn(f64, usize) -> bool) -> Vec<u8> {
+/// A telemetry log without the frames that were lost, by the seconds since its start, their number and their message.
+fn without(log: &[u8], lost: impl Fn(f64, usize, u32) -> bool) -> Vec<u8> {
     let stamp = |at: usize| u64::from_be_bytes(log[at..at + 8].try_into().unwrap());
     let (mut out, mut at, mut number) = (Vec::new(), 0, 0);
-    while at + 11 < log.len() {
+    while at + 18 < log.len() {
         let payload = usize::from(log[at + 9]);
         let length = match log[at + 8] {
             0xfd => 12 + payload + if log[at + 10] & 1 == 1 { 13 } else { 0 },
@@ -144,7 +144,11 @@ fn without(log: &[u8], lost: impl Fn(f64, usize) -> bool) -> Vec<u8> {
             other => panic!("no frame begins with {other:#x}"),
         };
         let end = (at + 8 + length).min(log.len());
-        if !lost((stamp(at) - stamp(0)) as f64 * 1e-6, number) {
+        let message = match log[at + 8] {
+            0xfd => u32::from_le_bytes([log[at + 15], log[at + 16], log[at + 17], 0]),
+            _ => u32::from(log[at + 13]),
+        };
+        if !lost((stamp(at) - stamp(0)) as f64 * 1e-6, number, message) {
             out.extend_from_slice(&log[at..end]);
         }
         (at, number) = (end, number + 1);
@@ -159,7 +163,7 @@ fn losses_of_telemetry_change_nothing() {
     let path = concat!(env!("CARGO_MANIFEST_DIR"), "/tests/data/small_clean_dither.tlog");
     let log = std::fs::read(path).unwrap();
     let gaps = [(37.3, 38.2), (72.8, 73.5), (98.3, 99.7), (115.7, 117.5)];
-    let in_gap = |t_s: f64, _: usize| gaps.iter().any(|(from, to)| (*from..*to).contains(&t_s));
+    let in_gap = |t_s: f64, _: usize, _: u32| gaps.iter().any(|(from, to)| (*from..*to).contains(&t_s));
     // Begin and length; most in turns, a fifth of the flight.
     let many = [
         (37.7, 1.85),
@@ -179,8 +183,9 @@ fn losses_of_telemetry_change_nothing() {
         (134.5, 0.57),
         (139.2, 2.65),
     ];
-    let in_many = |t_s: f64, _: usize| many.iter().any(|(from, long)| (*from..from + long).contains(&t_s));
-    let one_in_33 = |_: f64, number: usize| (number * 7919 + 13).is_multiple_of(33);
+    let in_many =
+        |t_s: f64, _: usize, _: u32| many.iter().any(|(from, long)| (*from..from + long).contains(&t_s));
+    let one_in_33 = |_: f64, number: usize, _: u32| (number * 7919 + 13).is_multiple_of(33);
     let latency = |name: &str, log: &[u8]| {
         let file = folder.file(&format!("{name}.tlog"));
         std::fs::write(&file, log).unwrap();
@@ -203,6 +208,56 @@ fn losses_of_telemetry_change_nothing() {
         assert!((other - value).abs() < sigma, "{name}: {other}, whole {value} ± {sigma}");
         assert!(other_sigma < wider * sigma, "{name}: ± {other_sigma}, whole ± {sigma}");
     }
+}
+
+/// Gaps in which the vehicle rolled by 76° unseen: the autopilot's own attitude says how much they hide, so that no correct name is lost
+/// and no other comes.
+#[test]
+fn a_turn_that_no_sample_shows_costs_no_name() {
+    let Some(data) = flights() else { return };
+    let folder = Folder::new("unseen");
+    let log = std::fs::read(data.join("sitl_gps_lever.tlog")).unwrap();
+    // The last three minutes, with gaps.
+    let gaps = [(480.0, 2.85), (521.9, 1.04), (553.9, 0.57), (603.7, 1.59), (633.4, 1.08)];
+    let lost = |t_s: f64, _: usize, _: u32| {
+        t_s < 430.0 || gaps.iter().any(|(from, long)| (*from..from + long).contains(&t_s))
+    };
+    let file = folder.file("gaps.tlog");
+    std::fs::write(&file, without(&log, lost)).unwrap();
+    let explained = gaware(&["explain", &file, "--out", &folder.file("out"), "--json"]);
+    let document = explained.json();
+    let mut names: Vec<_> =
+        document["effects"].as_array().unwrap().iter().map(|e| e["names"].to_string()).collect();
+    names.sort_unstable();
+    assert_eq!(names, [r#"["gps_latency"]"#, r#"["gps_lever_arm"]"#], "{document:#}");
+    let lever =
+        document["effects"].as_array().unwrap().iter().find(|e| e["names"][0] == "gps_lever_arm").unwrap();
+    let parameters = &lever["parameters"]["gps_lever_arm"];
+    for (axis, truth) in [1.2, 0.4, -0.3].into_iter().enumerate() {
+        let value = parameters["value_m"][axis].as_f64().unwrap();
+        let sigma = parameters["sigma_m"][axis].as_f64().unwrap();
+        assert!((value - truth).abs() < 3.0 * sigma && sigma < 0.1, "{axis}: {value} ± {sigma}");
+    }
+}
+
+/// Without the autopilot's attitude a gap that may hide a roll ends what can be explained: the result says how much is left out.
+#[test]
+fn without_an_attitude_gaps_are_left_out_and_the_result_says_so() {
+    let folder = Folder::new("blind_gaps");
+    let path = concat!(env!("CARGO_MANIFEST_DIR"), "/tests/data/small_clean_dither.tlog");
+    let log = std::fs::read(path).unwrap();
+    const ATTITUDE: u32 = 30;
+    let lost = |t_s: f64, _: usize, message: u32| {
+        message == ATTITUDE || (20.0..22.5).contains(&t_s) || (110.0..112.8).contains(&t_s)
+    };
+    let file = folder.file("blind.tlog");
+    std::fs::write(&file, without(&log, lost)).unwrap();
+    let explained = gaware(&["explain", &file, "--out", &folder.file("out"), "--json"]);
+    let document = explained.json();
+    let names: Vec<_> = document["effects"].as_array().unwrap().iter().map(|e| e["names"].clone()).collect();
+    assert!(names.is_empty() || names == [serde_json::json!(["gps_latency"])], "{document:#}");
+    let summary = document["summary"].as_str().unwrap();
+    assert!(summary.contains("left out") && summary.contains("ATTITUDE"), "{summary}");
 }
 
 #[test]

@@ -5,6 +5,7 @@
 //! `gaware.explanation/1` contract. It decides nothing about likelihoods itself.
 
 pub mod advice;
+mod assembly;
 pub mod autopilot;
 pub mod consequence;
 pub mod contract;
@@ -180,6 +181,7 @@ pub fn samples(
         let why = bad.first().map_or_else(|| "there is no flight".to_owned(), ToString::to_string);
         return too_little(&why, model);
     }
+    let unbridged = words::unbridged(good.iter().map(Flight::unbridged_s).sum());
     // Those that only judge come first: an event of the others has then not happened in them.
     let (judging, good) = in_a_row(judging, good);
     let good: Vec<&Flight> = good.iter().collect();
@@ -209,16 +211,12 @@ pub fn samples(
     let likely = |(n, size): (&NotFound, &Size)| n.evidence > settings.threshold && !size.negligible;
     let likely: Vec<bool> = not_found.iter().zip(&others).map(likely).collect();
     let events = to_own_time(&mut judged, &good);
+    let listed = assembly::not_found(&not_found, &likely);
+    let mut explanation = assembly::explanation(&judged, &own, &residuals, found, listed, &events);
+    explanation.summary.push_str(&unbridged);
     Explained {
-        explanation: contract::explanation(
-            &judged,
-            &own,
-            &residuals,
-            found,
-            contract::not_found(&not_found, &likely),
-            &events,
-        ),
-        model: contract::new_model(&judged, &own),
+        explanation,
+        model: assembly::new_model(&judged, &own),
         judged: Some(judged),
         residuals,
         not_found,

@@ -188,7 +188,7 @@ fn simulated(seed: u64) -> (Flight, Model, Noise, Vec<Truth>) {
         position_scale: 1.0,
         height_scale: 1.0,
         velocity_scale: 1.0,
-        wander_m: model.gnss.position_wander_sigma_m[0],
+        gauss_markov_m: model.gnss.position_wander_sigma_m[0],
         correlation_s: model.gnss.position_correlation_s,
         stamp_s: 1e-4,
     };

@@ -47,6 +47,20 @@ pub fn sentences(summary: &str) -> impl Iterator<Item = &str> {
     summary.split_inclusive(". ").map(str::trim_end)
 }
 
+/// Less than this at the begin of a log, before all its streams have started, is not worth a word, s.
+const UNBRIDGED_S: f64 = 20.0;
+
+/// What is said where gaps in the samples left out so many seconds of the logs; empty where they did not.
+pub fn unbridged(seconds: f64) -> String {
+    if seconds < UNBRIDGED_S {
+        return String::new();
+    }
+    format!(
+        " {seconds:.0} s of the logs are left out: gaps in the inertial samples leave the attitude uncertain there, and no attitude of the \
+         autopilot leads across them. Record ATTITUDE beside the inertial samples."
+    )
+}
+
 /// A paragraph.
 pub fn summary(e: &Explanation, added: &[&Added]) -> String {
     let mut text = Vec::new();

@@ -4,8 +4,8 @@ use super::guess::Guesses;
 use super::linear::Unseen;
 use super::linear::reference::delay_s;
 use super::rounding::Rounding;
+use super::stretch::{Stretch, averaged};
 use crate::effects::{MISTAKES, Surroundings};
-use crate::estimator::{Estimator, Stage};
 use crate::filter::Initial;
 use crate::filter::force_rate::ForceRates;
 use crate::mechanization::NavState;
@@ -13,16 +13,11 @@ use crate::model::Model;
 use crate::noise_meter::NoiseMeter;
 use crate::quantisation::Dequantiser;
 use crate::sample::{GnssFix, ImuSample, ImuStream, Quantisation, Sample, SampleKind};
-use nalgebra::Vector3;
 use std::borrow::Cow;
 use std::sync::{Arc, OnceLock};
 
-/// A filter that has heading starts with these 1-sigmas whatever the search said of them, rad.
-const START_ATTITUDE_SIGMA: [f64; 3] = [0.06, 0.06, 0.14];
-/// A flight must hold this much after the start, s …
-pub const ENOUGH_S: f64 = 40.0;
-/// … and this many fixes.
-pub const ENOUGH_FIXES: usize = 40;
+pub use super::stretch::{ENOUGH_FIXES, ENOUGH_S, TooLittle};
+
 /// Samples that come faster are averaged down to about this, Hz: the fixes see nothing of what lies above.
 const ENOUGH_HZ: f64 = 50.0;
 /// 1-sigma of what all time stamps are off by without anybody calling it a delay, s.
@@ -31,39 +26,8 @@ const CLOCK_S: f64 = 2e-3;
 /// themselves, by the autopilot's low-pass (two poles at 20 Hz: 11 ms) and up to a loop until they are sent, and no data
 /// sheet tells by how much.
 const CLOCK_OF_KNOWN_DELAY_S: f64 = 0.01;
-/// Fixes are at most this old, s …
-const LONGEST_DELAY_S: f64 = 0.5;
-/// … and a receiver that smooths tells of this much after their time of validity, s.
-const AFTER_S: f64 = 0.1;
 /// A fix this many sigmas off that its neighbours contradict is left out.
 const OUTLIER_NIS: f64 = 60.0;
-
-/// Why a recording tells nothing.
-#[derive(Debug, Clone, PartialEq, thiserror::Error)]
-pub enum TooLittle {
-    /// No inertial samples.
-    #[error("there are no inertial samples")]
-    NoImu,
-    /// No fixes.
-    #[error("there are no GNSS fixes")]
-    NoFixes,
-    /// The estimation never got going.
-    #[error(
-        "the heading never became known: the vehicle must move, or the log must hold the autopilot's attitude"
-    )]
-    NoStart,
-    /// Too short.
-    #[error("only {seconds:.0} s with {fixes} fixes after the start; at least 40 s with 40 fixes are needed")]
-    TooShort {
-        /// Seconds after the start.
-        seconds: f64,
-        /// Fixes after the start.
-        fixes: usize,
-    },
-    /// It never moved.
-    #[error("the vehicle is stationary: fly turns, climbs and changes of speed")]
-    Standing,
-}
 
 /// Samples and fixes from one start to the end.
 #[derive(Debug, Clone)]
@@ -80,26 +44,14 @@ pub struct Flight {
     guesses: Guesses,
     interval_s: f64,
     measured_noise: (f64, f64),
-    told_delay_s: Option<f64>,
+    known_delay_s: Option<f64>,
     /// Kind of the samples before they were averaged, and over how many.
     averaged: Option<(SampleKind, usize)>,
     moved_s: f64,
+    /// How much of the recording gaps cut off that nothing bridges, s.
+    unbridged_s: f64,
     /// The samples with one mistake over time undone, each made when it is first asked for.
     undone: Vec<(&'static str, Quantisation, OnceLock<Vec<ImuSample>>)>,
-}
-
-/// The longest stretch between two restarts.
-fn longest_stretch(samples: &[Sample]) -> &[Sample] {
-    let mut best: &[Sample] = &[];
-    let mut from = 0;
-    let cuts = samples.iter().enumerate().filter(|(_, s)| matches!(s, Sample::Restart(_))).map(|(i, _)| i);
-    for cut in cuts.chain([samples.len()]) {
-        if cut - from > best.len() {
-            best = &samples[from..cut];
-        }
-        from = cut + 1;
-    }
-    best
 }
 
 impl Flight {
@@ -108,59 +60,11 @@ impl Flight {
     /// # Errors
     /// When the recording is too poor to say anything.
     pub fn prepare(samples: &[Sample], model: &Model) -> Result<Self, TooLittle> {
-        let stretch = longest_stretch(samples);
-        let mut estimator = Estimator::new(model.clone());
-        let mut stream = ImuStream::default();
-        // The announcement may lie before the stretch.
-        for sample in samples {
-            if let Sample::Stream(s) = sample {
-                stream = s.clone();
-                estimator.feed(sample);
-                break;
-            }
-        }
-        let (mut raw, mut fixes): (Vec<ImuSample>, Vec<GnssFix>) = (Vec::new(), Vec::new());
-        let mut initial = None;
-        for sample in stretch {
-            match sample {
-                Sample::Stream(s) => stream = s.clone(),
-                Sample::Imu(imu) if raw.last().is_none_or(|l: &ImuSample| imu.t_s > l.t_s) => raw.push(*imu),
-                Sample::Fix(fix) => fixes.push(*fix),
-                _ => {}
-            }
-            if initial.is_none() {
-                estimator.feed(sample);
-                initial = start_of(&estimator);
-            }
-        }
-        if raw.is_empty() {
-            return Err(TooLittle::NoImu);
-        }
-        if fixes.is_empty() {
-            return Err(TooLittle::NoFixes);
-        }
-        let initial = initial.ok_or(TooLittle::NoStart)?;
-        raw.retain(|s| s.t_s > initial.t_s);
-        fixes.retain(|f| f.t_s > initial.t_s);
-        fixes.sort_by(|a, b| a.t_s.total_cmp(&b.t_s));
-        let unseen = Unseen::of(&raw, stream.kind);
-        // A fix that is valid within a gap is told of motion that nobody saw. Its delay is not known yet: the same fixes count for
-        // every model. Where the samples are nothing but gaps, all fixes stay.
-        let seen: Vec<GnssFix> = fixes
-            .iter()
-            .filter(|f| !unseen.hides(f.t_s - LONGEST_DELAY_S, f.t_s + AFTER_S))
-            .copied()
-            .collect();
-        if 2 * seen.len() > fixes.len() {
-            fixes = seen;
-        }
-        let seconds = raw.last().map_or(0.0, |s| s.t_s - initial.t_s);
-        if seconds < ENOUGH_S || fixes.len() < ENOUGH_FIXES {
-            return Err(TooLittle::TooShort { seconds, fixes: fixes.len() });
-        }
+        let Stretch { stream, initial, raw, fixes, unseen, guesses, unbridged_s } =
+            Stretch::of(samples, model)?;
         let mut flight = Self {
             force_rates: Arc::new(ForceRates::new(&raw, stream.kind)),
-            guesses: Guesses::of(stretch, &unseen),
+            guesses,
             unseen,
             stream,
             initial,
@@ -173,7 +77,8 @@ impl Flight {
             averaged: None,
             moved_s: 0.0,
             undone: Vec::new(),
-            told_delay_s: model.effects.iter().any(|s| s.effect.delays_fixes()).then(|| delay_s(model)),
+            unbridged_s,
+            known_delay_s: model.effects.iter().any(|s| s.effect.delays_fixes()).then(|| delay_s(model)),
         };
         if flight.stands() {
             return Err(TooLittle::Standing);
@@ -309,8 +214,8 @@ impl Flight {
     /// 1-sigma of what all time stamps are off by under a model, beyond the delay that it says, s. A delay that was found on
     /// the flight itself is one relative to the samples.
     pub(crate) fn clock_sigma_s(&self, model: &Model) -> f64 {
-        let told = self.told_delay_s.is_some_and(|told| (told - delay_s(model)).abs() < 1e-9);
-        if told { CLOCK_OF_KNOWN_DELAY_S } else { CLOCK_S }
+        let known = self.known_delay_s.is_some_and(|known| (known - delay_s(model)).abs() < 1e-9);
+        if known { CLOCK_OF_KNOWN_DELAY_S } else { CLOCK_S }
     }
 
     /// Interval between samples, s.
@@ -382,6 +287,11 @@ impl Flight {
         self.moved_s
     }
 
+    /// How much of the recording is left out because no attitude leads across the gaps in its samples, s.
+    pub fn unbridged_s(&self) -> f64 {
+        self.unbridged_s
+    }
+
     /// Start and end, s.
     pub fn span_s(&self) -> (f64, f64) {
         (self.initial.t_s, self.initial.t_s + self.duration_s())
@@ -401,7 +311,7 @@ impl Flight {
         Some(kept.get_or_init(|| self.undone(model)))
     }
 
-    /// Mistakes of the source undone in the samples as they were told, and then all the rest.
+    /// Mistakes of the source undone in the samples as they were reported, and then all the rest.
     fn undone(&self, model: &Model) -> Vec<ImuSample> {
         let mut samples = self.raw.clone();
         for setting in model.effects.iter().rev().filter(|s| s.effect.is_source_mistake()) {
@@ -414,41 +324,4 @@ impl Flight {
             None => samples,
         }
     }
-}
-
-/// Means over `every` intervals; point samples are taken as varying linearly in between.
-fn averaged(samples: &[ImuSample], start_s: f64, kind: SampleKind, every: usize) -> Vec<ImuSample> {
-    let mut out = Vec::with_capacity(samples.len() / every + 1);
-    let (mut before, mut begun_s) = (None::<&ImuSample>, start_s);
-    let (mut gyro, mut accel) = (Vector3::zeros(), Vector3::zeros());
-    for (i, sample) in samples.iter().enumerate() {
-        let from = match (before, kind) {
-            (Some(b), SampleKind::Point) => b,
-            _ => sample,
-        };
-        let dt = sample.t_s - before.map_or(start_s, |b| b.t_s);
-        gyro += (from.gyro + sample.gyro) * (0.5 * dt);
-        accel += (from.accel + sample.accel) * (0.5 * dt);
-        before = Some(sample);
-        let span = sample.t_s - begun_s;
-        if (i + 1) % every == 0 && span > 0.0 {
-            out.push(ImuSample { gyro: gyro / span, accel: accel / span, ..*sample });
-            (gyro, accel, begun_s) = (Vector3::zeros(), Vector3::zeros(), sample.t_s);
-        }
-    }
-    out
-}
-
-fn start_of(estimator: &Estimator) -> Option<Initial> {
-    if estimator.stage() != Stage::Running {
-        return None;
-    }
-    let filter = estimator.filter()?;
-    Some(Initial {
-        t_s: filter.t_s(),
-        nav: *filter.nav(),
-        position_sigma_m: [8.0; 3],
-        velocity_sigma_m_per_s: [2.0; 3],
-        attitude_sigma_rad: START_ATTITUDE_SIGMA,
-    })
 }

@@ -1,26 +1,22 @@
-//! Is it true? The additions of a selection before data that took no part in it, one effect left out at a time, and how far
-//! the pure simulation drifts away without fixes.
+//! Is it true? The additions of a selection before held-out data, one effect left out at a time, and the model residual before and
+//! after. All of it is measured by the likelihood that chose: the flights linearised about their smoothed trajectories.
 
 use super::evidence::SCALES;
 use super::flight::Flight;
+use super::linear::innovations::{Drift, Innovations};
 use super::noise::{Noise, NoiseEntry};
-use super::pass::{self, Innovation, Options, Pass};
-use super::select::{Added, Search, Selection, Settings};
+use super::pass::Innovation;
+use super::select::{Added, Point, Search, Selection, Settings};
 use super::survey::Survey;
 use super::whereabouts;
 use super::{Workers, map};
-use crate::mechanization::{self, Increment};
-use crate::model::Model;
 
-/// Drift is told over these times, s.
-pub const DRIFT_S: [f64; 3] = [5.0, 10.0, 30.0];
-/// A drift starts this often, s.
-const DRIFT_EVERY_S: f64 = 10.0;
+pub use super::linear::innovations::DRIFT_S;
 
 /// The disagreement of a model with some data.
 #[derive(Debug, Clone, PartialEq)]
-pub struct Gap {
-    /// Mean squared normalised innovation per degree of freedom.
+pub struct ResidualMeasure {
+    /// Mean normalised innovation squared per degree of freedom.
     pub nis_per_dof: f64,
     /// The same per channel; `None` where the fixes have none.
     pub channels: [Option<f64>; 6],
@@ -51,9 +47,9 @@ pub struct Judged {
     /// Effects that were taken out again.
     pub removed: Vec<&'static str>,
     /// Chosen and fitted on this: before, after.
-    pub fit: [Gap; 2],
+    pub fit: [ResidualMeasure; 2],
     /// Took no part: before, after.
-    pub held_out: [Gap; 2],
+    pub held_out: [ResidualMeasure; 2],
     /// What each effect contributes.
     pub left_out: Vec<LeftOut>,
     /// Innovations of the first flight, before and after.
@@ -64,103 +60,67 @@ pub struct Judged {
     pub noise: Vec<NoiseEntry>,
 }
 
-fn gap(passes: &[Pass], drifts: &[[(f64, usize); 3]], part: usize) -> Gap {
-    let (mut sum, mut count) = ([0.0; 6], [0usize; 6]);
-    let mut square = [0.0; 6];
-    for innovation in passes.iter().flat_map(|p| &p.innovations).filter(|i| i.part == Some(part)) {
-        for c in 0..6 {
-            if let Some(v) = whereabouts::channel(innovation, c) {
-                let group = if c < 3 { &innovation.position } else { &innovation.velocity };
-                sum[c] += v * v;
-                square[c] += group.innovation[c % 3].powi(2);
-                count[c] += 1;
-            }
-        }
-    }
-    let (nis, dof) = passes.iter().fold((0.0, 0), |(a, n), p| {
-        let [(x, i), (y, j)] = p.nis[part];
-        (a + x + y, n + i + j)
-    });
-    let mean = |total: f64, n: usize| (n > 0).then(|| total / n as f64);
-    Gap {
-        nis_per_dof: nis / dof.max(1) as f64,
-        channels: std::array::from_fn(|c| mean(sum[c], count[c])),
-        rms: std::array::from_fn(|c| mean(square[c], count[c]).map(f64::sqrt)),
-        log_likelihood: passes.iter().map(|p| p.log_likelihood[part]).sum(),
-        drift_m: std::array::from_fn(|k| {
-            let (total, n) = drifts.iter().fold((0.0, 0), |(a, n), d| (a + d[k].0, n + d[k].1));
-            mean(total, n).map(f64::sqrt)
-        }),
-    }
+/// Flights against a model: innovations and drifts of each.
+#[derive(Clone)]
+struct Measured {
+    innovations: Vec<Innovations>,
+    drifts: Vec<Drift>,
 }
 
-/// Squared horizontal errors after the times of [`DRIFT_S`] without fixes, with their number.
-fn drift(flight: &Flight, model: &Model, noise: &Noise, options: &Options) -> [(f64, usize); 3] {
-    struct Free {
-        since_s: f64,
-        nav: crate::mechanization::NavState,
-        calibration: crate::filter::calibration::Calibration,
-        done: usize,
-    }
-    let model_with_noise = noise.of(model);
-    let mut out = [(0.0, 0); 3];
-    let mut free: Vec<Free> = Vec::new();
-    let mut next_start = flight.initial().t_s + options.settle_s;
-    let mut fixes = flight.fixes().iter().peekable();
-    let mut last: Option<crate::sample::ImuSample> = None;
-    pass::follow(flight, model, noise, |filter, sample| {
-        if let Some(before) = &last {
-            let rates = flight.force_rates();
-            for f in &mut free {
-                let lag_s = f.calibration.rate_lag_s(&model_with_noise);
-                let [a, b] = [before, sample].map(|s| {
-                    f.calibration.around = rates.around(s.t_s, lag_s);
-                    f.calibration.motion(&model_with_noise, s)
-                });
-                let inc = Increment::between(&a, &b, flight.stream().kind, sample.t_s - before.t_s);
-                f.nav = mechanization::step(&f.nav, &inc);
+impl Measured {
+    fn new(search: &Search<'_>, point: &Point) -> Self {
+        let (model, references, problems) = search.at(point);
+        let noise = &point.noise;
+        let (flights, options) = (search.flights, search.options());
+        let each = map(search.workers(), 2 * flights.len(), |k| {
+            let (flight, k) = (flights[k / 2], (k / 2, k % 2));
+            let problem = &problems[k.0];
+            if k.1 == 0 {
+                (Some(problem.innovations(noise, &options)), None)
+            } else {
+                (None, Some(references[k.0].drift(flight, &model, problem, noise, &options)))
             }
+        });
+        let (innovations, drifts): (Vec<_>, Vec<_>) = each.into_iter().unzip();
+        Self {
+            innovations: innovations.into_iter().flatten().collect(),
+            drifts: drifts.into_iter().flatten().collect(),
         }
-        if sample.t_s >= next_start {
-            next_start = sample.t_s + DRIFT_EVERY_S;
-            free.push(Free {
-                since_s: sample.t_s,
-                nav: filter.nav,
-                calibration: filter.calibration,
-                done: 0,
-            });
-        }
-        // A fix tells of the vehicle its delay ago.
-        while let Some(fix) = fixes.next_if(|f| f.t_s <= sample.t_s) {
-            for f in &mut free {
-                let age = sample.t_s - f.since_s;
-                if f.done < DRIFT_S.len() && age >= DRIFT_S[f.done] {
-                    let c_ne = f.nav.geodetic().c_en().transpose();
-                    let behind = sample.t_s - fix.t_s + filter.fix_delay_s;
-                    let d = c_ne * (f.nav.r_e - f.nav.v_e * behind - fix.position.to_ecef());
-                    out[f.done].0 += d.x * d.x + d.y * d.y;
-                    out[f.done].1 += 1;
-                    f.done += 1;
+    }
+
+    fn log_likelihood(&self, part: usize) -> f64 {
+        self.innovations.iter().map(|i| i.log_likelihood[part]).sum()
+    }
+
+    fn part(&self, part: usize) -> ResidualMeasure {
+        let (mut sum, mut count, mut square) = ([0.0; 6], [0usize; 6], [0.0; 6]);
+        let fixes = self.innovations.iter().flat_map(|i| &i.fixes);
+        for innovation in fixes.filter(|i| i.part == Some(part)) {
+            for c in 0..6 {
+                if let Some(v) = whereabouts::channel(innovation, c) {
+                    let group = if c < 3 { &innovation.position } else { &innovation.velocity };
+                    sum[c] += v * v;
+                    square[c] += group.innovation[c % 3].powi(2);
+                    count[c] += 1;
                 }
             }
         }
-        free.retain(|f| f.done < DRIFT_S.len());
-        last = Some(*sample);
-    });
-    out
-}
-
-/// Model and data as they stand to each other.
-fn measure(
-    flights: &[&Flight],
-    model: &Model,
-    noise: &Noise,
-    options: &Options,
-    workers: &dyn Workers,
-) -> (Vec<Pass>, Vec<[(f64, usize); 3]>) {
-    let passes = map(workers, flights.len(), |k| pass::run(flights[k], model, noise, options, None));
-    let drifts = map(workers, flights.len(), |k| drift(flights[k], model, noise, options));
-    (passes, drifts)
+        let (nis, dof) = self.innovations.iter().fold((0.0, 0), |(nis, dof), i| {
+            let (own, n) = i.nis[part];
+            (nis + own, dof + n)
+        });
+        let mean = |total: f64, n: usize| (n > 0).then(|| total / n as f64);
+        ResidualMeasure {
+            nis_per_dof: nis / dof.max(1) as f64,
+            channels: std::array::from_fn(|c| mean(sum[c], count[c])),
+            rms: std::array::from_fn(|c| mean(square[c], count[c]).map(f64::sqrt)),
+            log_likelihood: self.log_likelihood(part),
+            drift_m: std::array::from_fn(|k| {
+                let (total, n) = self.drifts.iter().fold((0.0, 0), |(a, n), d| (a + d[k].0, n + d[k].1));
+                mean(total, n).map(f64::sqrt)
+            }),
+        }
+    }
 }
 
 /// Held-out log-likelihood that may be lost with what shows where it happens and hardly anywhere else (a jump), or in the
@@ -198,14 +158,14 @@ pub struct Confirmed {
 }
 
 /// The flights that choose and those that judge.
-struct Court<'a> {
+struct HoldoutTest<'a> {
     search: Search<'a>,
-    /// Flights that took no part; `None`: the held-out blocks judge.
+    /// Validation flights; `None`: the held-out blocks judge.
     others: Option<Search<'a>>,
     noise: Noise,
 }
 
-impl<'a> Court<'a> {
+impl<'a> HoldoutTest<'a> {
     fn new(
         flights: &'a [&'a Flight],
         validate: &'a [&'a Flight],
@@ -213,16 +173,22 @@ impl<'a> Court<'a> {
         settings: &Settings,
         workers: &'a dyn Workers,
     ) -> Self {
-        let whole = Settings { options: settings.options.all(), ..*settings };
+        let settings = Settings { options: selection.options, ..*settings };
+        let whole = Settings { options: settings.options.all(), ..settings };
         Self {
-            search: about(flights, selection, settings, workers),
+            search: about(flights, selection, &settings, workers),
             others: (!validate.is_empty()).then(|| about(validate, selection, &whole, workers)),
             noise: selection.noise,
         }
     }
 
+    /// One block in so many judges; `None` where other flights do.
+    fn every(&self) -> Option<u32> {
+        self.others.is_none().then_some(self.search.options().held_out_every)
+    }
+
     /// The effects at their best values, their evidence, and the held-out likelihood.
-    fn hear(&self, added: &[Added]) -> (Vec<Added>, f64, f64) {
+    fn evaluate(&self, added: &[Added]) -> (Vec<Added>, f64, f64) {
         let all: Vec<Added> = self.search.given.iter().chain(added).cloned().collect();
         let (point, problems) = self.search.settle(&all, &self.noise, &self.search.empty(&self.noise), 1);
         let held_out = match &self.others {
@@ -237,7 +203,7 @@ impl<'a> Court<'a> {
         map(self.search.workers(), added.len(), |k| {
             let mut fewer = added.to_vec();
             let gone = fewer.remove(k);
-            let (_, without, without_held_out) = self.hear(&fewer);
+            let (_, without, without_held_out) = self.evaluate(&fewer);
             LeftOut {
                 name: gone.setting.effect.name(),
                 evidence: evidence - without,
@@ -245,9 +211,52 @@ impl<'a> Court<'a> {
             }
         })
     }
+
+    /// Takes out of a selection what the held-out data do not confirm.
+    fn confirmed(&self, mut selection: Selection) -> Confirmed {
+        let (mut removed, mut left_out) = (Vec::new(), Vec::new());
+        if selection.added.is_empty() {
+            return Confirmed { selection, removed, left_out };
+        }
+        let every = self.every();
+        while !selection.added.is_empty() {
+            let (full, evidence, held_out) = self.evaluate(&selection.added);
+            left_out = self.left_out(&full, evidence, held_out);
+            selection.added = full;
+            let worst = left_out
+                .iter()
+                .enumerate()
+                .filter(|(_, l)| l.held_out <= tolerated(l, every) || l.evidence <= 0.0)
+                .min_by(|a, b| a.1.held_out.total_cmp(&b.1.held_out))
+                .map(|(k, _)| k);
+            let Some(k) = worst else { break };
+            removed.push(take_out(&mut selection, k));
+            left_out.clear();
+        }
+        selection.added.iter_mut().for_each(widen);
+        selection.added = self.evaluate(&selection.added).0;
+        Confirmed { selection, removed, left_out }
+    }
+
+    /// These effects at their best values against the flights that chose, and at the same values against the validation flights
+    /// where there are any.
+    fn measured(&self, added: &[Added]) -> (Measured, Option<Measured>) {
+        let point = self.search.best(added, &self.noise);
+        let others = self.others.as_ref().map(|others| {
+            let (same, _) = others.settle(&point.added, &self.noise, &others.empty(&self.noise), 0);
+            Measured::new(others, &same)
+        });
+        (Measured::new(&self.search, &point), others)
+    }
 }
 
-/// Takes out what the held-out data do not confirm. `validate` are flights that took no part; without any, the held-out
+/// Takes effect number `k` out of a selection; returns its name.
+fn take_out(selection: &mut Selection, k: usize) -> &'static str {
+    selection.steps.remove(k.min(selection.steps.len() - 1));
+    selection.added.remove(k).setting.effect.name()
+}
+
+/// Takes out what the held-out data do not confirm. `validate` are validation flights; without any, the held-out
 /// blocks of `flights` judge.
 pub fn confirm(
     flights: &[&Flight],
@@ -256,35 +265,10 @@ pub fn confirm(
     settings: &Settings,
     workers: &dyn Workers,
 ) -> Confirmed {
-    let mut selection = selection;
-    let (mut removed, mut left_out) = (Vec::new(), Vec::new());
-    if selection.added.is_empty() {
-        return Confirmed { selection, removed, left_out };
-    }
-    let settings = &Settings { options: selection.options, ..*settings };
-    let every = validate.is_empty().then_some(settings.options.held_out_every);
-    let court = Court::new(flights, validate, &selection, settings, workers);
-    while !selection.added.is_empty() {
-        let (full, evidence, held_out) = court.hear(&selection.added);
-        left_out = court.left_out(&full, evidence, held_out);
-        selection.added = full;
-        let worst = left_out
-            .iter()
-            .enumerate()
-            .filter(|(_, l)| l.held_out <= tolerated(l, every) || l.evidence <= 0.0)
-            .min_by(|a, b| a.1.held_out.total_cmp(&b.1.held_out))
-            .map(|(k, _)| k);
-        let Some(k) = worst else { break };
-        removed.push(selection.added.remove(k).setting.effect.name());
-        selection.steps.remove(k.min(selection.steps.len() - 1));
-        left_out.clear();
-    }
-    selection.added.iter_mut().for_each(widen);
-    selection.added = court.hear(&selection.added).0;
-    Confirmed { selection, removed, left_out }
+    HoldoutTest::new(flights, validate, &selection, settings, workers).confirmed(selection)
 }
 
-/// The width of the prior that suited the evidence best draws values toward zero; what is told of them must not.
+/// The width of the prior that suited the evidence best draws values toward zero; what is reported of them must not.
 fn widen(added: &mut Added) {
     let own =
         added.setting.effect.groups().iter().flat_map(|g| std::iter::repeat_n(g.prior_sigma, g.shape.len()));
@@ -303,7 +287,7 @@ pub(super) fn about<'a>(
     Search::about(flights, &selection.base, &selection.added, settings, workers, &selection.noise)
 }
 
-/// Judges a selection: what the held-out data confirm, and the gap before and after.
+/// Judges a selection: what the held-out data confirm, and the model residual before and after.
 pub fn judge(
     flights: &[&Flight],
     validate: &[&Flight],
@@ -311,42 +295,42 @@ pub fn judge(
     settings: &Settings,
     workers: &dyn Workers,
 ) -> Judged {
-    let Confirmed { mut selection, mut removed, mut left_out } =
-        confirm(flights, validate, selection, settings, workers);
-    let options = selection.options;
-    // Both with the noise of the better model: what the lacking effect does must not hide in the noise.
-    let measured = |model: &Model, noise: &Noise| {
-        let own = measure(flights, model, noise, &options, workers);
-        let held_out = if validate.is_empty() {
-            gap(&own.0, &own.1, 1)
-        } else {
-            let (passes, drifts) = measure(validate, model, noise, &options.all(), workers);
-            gap(&passes, &drifts, 0)
-        };
-        (own, held_out)
+    let test = HoldoutTest::new(flights, validate, &selection, settings, workers);
+    let Confirmed { mut selection, mut removed, mut left_out } = test.confirmed(selection);
+    // Both with the noise of the better model: what an unmodelled effect does must not be absorbed by the noise.
+    let held_out = |(own, others): &(Measured, Option<Measured>)| match others {
+        Some(others) => others.part(0),
+        None => own.part(1),
     };
-    let (before, held_out_before) = measured(&selection.base, &selection.noise);
-    let (after, held_out_after) = loop {
-        let all = measured(&selection.model(), &selection.noise);
-        // What makes the data that took no part less likely is not reported as missing.
+    let before = test.measured(&[]);
+    let after = loop {
+        let all = if selection.added.is_empty() { before.clone() } else { test.measured(&selection.added) };
+        // What makes the held-out data less likely is not reported as unmodelled.
         let excused = if left_out.iter().any(shows_elsewhere) { MAX_LOSS_OF_LOCAL_NATS } else { 0.0 };
-        let worse = all.1.log_likelihood < held_out_before.log_likelihood + excused;
+        let worse = held_out(&all).log_likelihood < held_out(&before).log_likelihood + excused;
         let least = left_out.iter().enumerate().min_by(|a, b| a.1.held_out.total_cmp(&b.1.held_out));
         match least.map(|(k, _)| k).filter(|k| worse && *k < selection.added.len()) {
             Some(k) => {
-                removed.push(selection.added.remove(k).setting.effect.name());
-                selection.steps.remove(k.min(selection.steps.len() - 1));
+                removed.push(take_out(&mut selection, k));
                 left_out.remove(k);
             }
             None => break all,
         }
     };
-    let fit = [gap(&before.0, &before.1, 0), gap(&after.0, &after.1, 0)];
-    let held_out = [held_out_before, held_out_after];
-    let first = |passes: Vec<Pass>| passes.into_iter().next().map(|p| p.innovations).unwrap_or_default();
-    let innovations = [first(before.0), first(after.0)];
     let (survey, noise) = take_survey(flights, &mut selection, settings, workers);
-    Judged { selection, removed, fit, held_out, left_out, innovations, survey, noise }
+    let pair = |of: &dyn Fn(&(Measured, Option<Measured>)) -> ResidualMeasure| [of(&before), of(&after)];
+    let (fit, held_out) = (pair(&|m| m.0.part(0)), pair(&held_out));
+    let first = |m: Measured| m.innovations.into_iter().next().map(|i| i.fixes).unwrap_or_default();
+    Judged {
+        selection,
+        removed,
+        fit,
+        held_out,
+        left_out,
+        innovations: [first(before.0), first(after.0)],
+        survey,
+        noise,
+    }
 }
 
 /// Puts the reported values and sigmas into a selection, by all data: those of the survey, whose sigmas hold under misfit.

@@ -18,6 +18,7 @@ pub mod noise;
 pub mod pass;
 mod rounding;
 pub mod select;
+mod stretch;
 pub mod survey;
 pub mod terms;
 pub mod whereabouts;

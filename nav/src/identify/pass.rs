@@ -62,12 +62,6 @@ pub struct Innovation {
     pub position: Group,
     /// Velocity.
     pub velocity: Group,
-    /// Specific force, m/s².
-    pub force: Vector3<f64>,
-    /// Angular rate, rad/s.
-    pub rate: Vector3<f64>,
-    /// Speed over ground, m/s.
-    pub speed: f64,
 }
 
 /// Score and information of the watched parameters of one part.
@@ -223,9 +217,6 @@ pub fn run(
                 part: options.part(elapsed_s + filter.fix_delay_s()),
                 position: outcome.position,
                 velocity: outcome.velocity,
-                force: filter.motion().force,
-                rate: filter.motion().rate,
-                speed: filter.nav().v_e.norm(),
             };
             let rows = fusion.filter_mut().watch_mut().map(|w| w.take_rows());
             pass.count(&innovation, rows);
@@ -240,46 +231,6 @@ pub fn run(
     }
     pass.filter = fusion.filter().clone();
     pass
-}
-
-/// The filter's present at a sample, for somebody who goes on from there alone.
-#[derive(Debug, Clone)]
-pub(super) struct Present {
-    /// Position, velocity, attitude.
-    pub(super) nav: crate::mechanization::NavState,
-    /// Biases and parameters.
-    pub(super) calibration: crate::filter::calibration::Calibration,
-    /// Delay of the fixes, s.
-    pub(super) fix_delay_s: f64,
-}
-
-/// Runs the filter and shows its present at every sample. Fixes are applied as soon as the sample after their time of
-/// validity is there; the filter looks ahead by the delay, which is what a start of a drift wants.
-pub(super) fn follow(
-    flight: &Flight,
-    model: &Model,
-    noise: &Noise,
-    mut see: impl FnMut(Present, &crate::sample::ImuSample),
-) {
-    let mut filter = at_start(flight, model, noise);
-    let mut fixes = flight.fixes().iter().peekable();
-    let (kind, rounding) = (flight.stream().kind, flight.rounding(model));
-    for sample in flight.samples_of(model).iter() {
-        filter.set_stream(kind, rounding.at(sample.t_s));
-        // A fix is applied at the sample nearest after its time of validity: good enough to start a drift from.
-        let delay = filter.fix_delay_s();
-        while let Some(fix) = fixes.next_if(|f| f.t_s - delay <= sample.t_s) {
-            let valid_s = fix.t_s - delay;
-            if valid_s > filter.t_s() {
-                filter.propagate_to(valid_s, sample);
-            }
-            filter.update(&scaled(fix, noise));
-        }
-        filter.propagate(sample);
-        let present =
-            Present { nav: *filter.nav(), calibration: filter.calibration().clone(), fix_delay_s: delay };
-        see(present, sample);
-    }
 }
 
 /// The fix with its own sigmas scaled as the noise says.

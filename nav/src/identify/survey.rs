@@ -178,7 +178,7 @@ impl<'a> Linear<'a> {
     fn drift(&self, setting: &EffectSetting) -> NotFound {
         let value = |size: f64| {
             let noise = &self.point.noise;
-            self.search.wandered(&self.problems, &self.point.added, setting, size, noise)
+            self.search.with_random_walk(&self.problems, &self.point.added, setting, size, noise)
                 - self.log_likelihood
         };
         let sizes = setting.effect.sizes_to_try();
@@ -264,7 +264,7 @@ impl<'a> Linear<'a> {
 }
 
 impl Survey {
-    /// Takes the catalogue in at a point, whose values and sigmas are then those to be told.
+    /// Takes the catalogue in at a point, whose values and sigmas are then those to be reported.
     pub(super) fn take(search: &Search<'_>, point: &mut Point) -> Self {
         let (values, not_found) = {
             let linear = Linear::new(search, point);

@@ -4,7 +4,7 @@
 //! axis, propagated through the filter like an effect, so that what the filter's own states can absorb counts for
 //! nothing.
 //!
-//! A term is told when two things speak for it. On the data that choose, its evidence must exceed the logarithm of the number of
+//! A term is reported when two things speak for it. On the data that choose, its evidence must exceed the logarithm of the number of
 //! terms tried by a wide margin. On data that took no part, the flights must be more likely with it, at the value of the
 //! first, than without it: by the factor whose mean under chance is one, so that it exceeds e³ in one case of twenty at most
 //! (Vovk & Wang 2021, "E-values", proposition 2.1, Markov's inequality). What the catalogue covers is left to the catalogue, and
@@ -83,7 +83,7 @@ const DISTURBANCE: [f64; 2] = [3e-3, 0.1];
 const WORTH: f64 = 5.0;
 /// Data that took no part must be more likely with a term by this much, nats.
 const CONFIRMED: f64 = 3.0;
-/// A coefficient is told with a prior so many times as wide as that which found it.
+/// A coefficient is reported with a prior so many times as wide as that which found it.
 const WIDE: f64 = 30.0;
 /// An effect held at its prior mean is known to this share of its prior's width.
 const HELD: f64 = 1e-3;

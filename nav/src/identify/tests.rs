@@ -87,7 +87,7 @@ pub(super) fn noise() -> noise::Noise {
         position_scale: 1.0,
         height_scale: 1.0,
         velocity_scale: 1.0,
-        wander_m: 0.02,
+        gauss_markov_m: 0.02,
         correlation_s: 60.0,
         stamp_s: 0.0,
     }
@@ -236,13 +236,13 @@ fn mistaken(samples: Vec<Sample>, mistake: &dyn effects::Effect) -> Vec<Sample> 
     for sample in &mut samples {
         if let Sample::Imu(imu) = sample {
             let finished = [imu.gyro, imu.accel];
-            let told = mistake.source_after(finished, before.as_ref());
+            let reported = mistake.source_after(finished, before.as_ref());
             before = Some(effects::ReportedSample {
                 raw: finished,
-                reported: told,
+                reported,
                 count: before.map_or(0, |b| b.count) + 1,
             });
-            [imu.gyro, imu.accel] = told;
+            [imu.gyro, imu.accel] = reported;
         }
     }
     samples
@@ -258,11 +258,11 @@ fn clipped_and_repeated_samples_are_named() {
             *v = v.map(|x| x.clamp(-limit, limit));
         })
     };
-    let told = |name: &str| mistaken(fly(&model, 6), effects::find(name).unwrap());
+    let reported = |name: &str| mistaken(fly(&model, 6), effects::find(name).unwrap());
     for (name, samples) in [
         ("accel_clipped", clip(1, 11.0)),
         ("gyro_clipped", clip(0, 0.4)),
-        ("samples_repeated", told("samples_repeated")),
+        ("samples_repeated", reported("samples_repeated")),
     ] {
         let flight = flight::Flight::prepare(&samples, &model).unwrap();
         let found = select::select(&[&flight], &model, &settings, &Serial);

@@ -9,6 +9,7 @@
 use gaware_nav::effects::REGISTRY;
 use gaware_nav::identify::Serial;
 use gaware_nav::identify::flight::Flight;
+use gaware_nav::identify::noise::Noise;
 use gaware_nav::identify::select::{self, Selection, Settings};
 use gaware_nav::model::{EffectSetting, Model};
 use serde::Serialize;
@@ -41,20 +42,26 @@ pub(super) fn could_name(
         return Vec::new();
     }
     let settings = Settings { options: settings.options.all(), ..*settings };
-    let likelihood = |without: Option<usize>| {
+    let fitted = |without: Option<usize>, start: &Noise| {
         let mut model = base.clone();
         for (_, h) in hidden.iter().enumerate().filter(|(k, _)| Some(*k) != without) {
             model.set(h.clone());
         }
-        select::best_noise(&[flight], &model, &selection.noise, &settings, &Serial).1
+        select::best_noise(&[flight], &model, start, &settings, &Serial)
     };
-    let all = likelihood(None);
+    let all = fitted(None, &selection.noise);
+    // The likelihood has more than one maximum over the noise: each model is also fitted from where the other one ended.
+    let gain = |k: usize| {
+        let without = fitted(Some(k), &selection.noise);
+        let better = fitted(None, &without.0).1.max(all.1);
+        better - fitted(Some(k), &all.0).1.max(without.1)
+    };
     let known: Vec<&str> = hidden.iter().map(|h| h.effect.name()).collect();
     let other = select::best_other(&[flight], base, &selection.base_noise, &known, &settings, &Serial);
     let best_other = other.as_ref().map_or(0.0, |o| o.evidence.max(0.0));
     (0..hidden.len())
         .map(|k| {
-            let gain = all - likelihood(Some(k));
+            let gain = gain(k);
             let chance = (REGISTRY.len() as f64 / ALARMS).ln();
             // With two hidden at once what others reach is partly the other's doing.
             let ahead = hidden.len() > 1 || gain - best_other > (1.0 / WRONG).ln();

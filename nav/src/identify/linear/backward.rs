@@ -6,7 +6,7 @@
 //! Koopman & Shephard 1992). A jump of a state at some instant has the score r and the information N of the same
 //! recursion (de Jong & Penzer 1998, "Diagnosing shocks in time series").
 
-use super::forward::{Keep, SIGMA_FLOOR, Square, State, Tape, Update, add_scaled, wander_variance};
+use super::forward::{Keep, SIGMA_FLOOR, Square, State, Tape, Update, add_scaled, gauss_markov_variance};
 use super::interval::{DYNAMIC, Interval, NavCovariance};
 use super::rows::{Kind, Row};
 use super::{Problem, STATES, index};
@@ -67,7 +67,7 @@ impl Adjoint {
 
     /// Back over the way between two fixes.
     fn predict(&mut self, interval: &Interval, decay: f64) {
-        for w in index::WANDER..index::STAMP {
+        for w in index::GAUSS_MARKOV..index::STAMP {
             self.x[w] *= decay;
             self.p[w].iter_mut().for_each(|v| *v *= decay);
             self.p.iter_mut().for_each(|row| row[w] *= decay);
@@ -124,20 +124,20 @@ impl Slope {
         }
     }
 
-    /// The noise of the wander and of the stamp, and the wander's decay.
+    /// The noise of the Gauss-Markov error and of the stamp, and the Gauss-Markov error's decay.
     fn renewal(&mut self, adjoint: &Adjoint, tape: &Tape, noise: &Noise, dt: f64) {
         let decay = (-dt / noise.correlation_s).exp();
         self.by_figure[figure::STAMP] += 2.0 * noise.stamp_s.powi(2) * adjoint.p[index::STAMP][index::STAMP];
         let mut by_decay = 0.0;
-        for (k, v) in wander_variance(noise).into_iter().enumerate() {
-            let w = index::WANDER + k;
+        for (k, v) in gauss_markov_variance(noise).into_iter().enumerate() {
+            let w = index::GAUSS_MARKOV + k;
             let by_variance = adjoint.p[w][w];
-            self.by_figure[figure::WANDER] += 2.0 * v * (1.0 - decay * decay) * by_variance;
+            self.by_figure[figure::GAUSS_MARKOV] += 2.0 * v * (1.0 - decay * decay) * by_variance;
             by_decay -= 2.0 * decay * v * by_variance;
-            by_decay += adjoint.x[w] * tape.wander[k] / decay;
-            // Rows and columns of the wander both carry the decay.
+            by_decay += adjoint.x[w] * tape.gauss_markov[k] / decay;
+            // Rows and columns of the Gauss-Markov error both carry the decay.
             let others = (0..STATES).filter(|j| *j != index::STAMP);
-            let both: f64 = others.map(|j| adjoint.p[w][j] * tape.wander_rows[k][j]).sum();
+            let both: f64 = others.map(|j| adjoint.p[w][j] * tape.gauss_markov_rows[k][j]).sum();
             by_decay += 2.0 * both / decay;
         }
         self.by_figure[figure::CORRELATION] += by_decay * decay * dt / noise.correlation_s;
@@ -175,8 +175,9 @@ impl Problem {
         }
         slope.by_figure[figure::GYRO] = 2.0 * by_gyro * noise.gyro * noise.gyro;
         slope.by_figure[figure::ACCEL] = 2.0 * by_accel * noise.accel * noise.accel;
-        for (k, v) in wander_variance(noise).into_iter().enumerate() {
-            slope.by_figure[figure::WANDER] += 2.0 * v * adjoint.p[index::WANDER + k][index::WANDER + k];
+        for (k, v) in gauss_markov_variance(noise).into_iter().enumerate() {
+            slope.by_figure[figure::GAUSS_MARKOV] +=
+                2.0 * v * adjoint.p[index::GAUSS_MARKOV + k][index::GAUSS_MARKOV + k];
         }
         slope
     }
@@ -215,7 +216,7 @@ impl Problem {
             }
             r[index::STAMP] = 0.0;
             let decay = (-epoch.interval.dt / noise.correlation_s).exp();
-            (index::WANDER..index::STAMP).for_each(|w| r[w] *= decay);
+            (index::GAUSS_MARKOV..index::STAMP).for_each(|w| r[w] *= decay);
             r = transposed(&epoch.interval, &r);
         }
         out.reverse();
@@ -264,7 +265,7 @@ impl Shocks {
 
     fn predict(&mut self, interval: &Interval, decay: f64) {
         let scale: [f64; JUMPING] = std::array::from_fn(|i| match i {
-            index::WANDER..index::STAMP => decay,
+            index::GAUSS_MARKOV..index::STAMP => decay,
             index::STAMP => 0.0,
             _ => 1.0,
         });

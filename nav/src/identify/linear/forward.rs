@@ -8,7 +8,7 @@ use super::interval::{DYNAMIC, Interval};
 use super::rows::Kind;
 use super::{Problem, STATES, index, variances};
 use crate::effects::BiasWalk;
-use crate::identify::noise::{HEIGHT_WANDER, Noise};
+use crate::identify::noise::{HEIGHT_GAUSS_MARKOV, Noise};
 use crate::identify::pass::{Information, Options};
 
 /// Squared normalised innovations of a group count linearly beyond this (Huber's function of the norm).
@@ -35,6 +35,17 @@ pub struct Run {
 }
 
 impl Run {
+    /// Before the first fix, with so many watched parameters.
+    pub(super) fn empty(columns: usize) -> Self {
+        let zeros = || Information::zeros(columns, 0);
+        Self {
+            log_likelihood: [0.0; 2],
+            nis: [(0.0, 0); 2],
+            information: [zeros(), zeros()],
+            blocks: Vec::new(),
+        }
+    }
+
     /// Mean squared normalised innovation per degree of freedom of a part.
     pub fn nis_per_dof(&self, part: usize) -> f64 {
         self.nis[part].0 / self.nis[part].1.max(1) as f64
@@ -59,9 +70,9 @@ pub(super) struct Tape {
     pub(super) updates: Vec<Update>,
     /// Derivative of the robust square of each group: position, velocity.
     pub(super) weights: [f64; 2],
-    /// Rows of the wander of P after the transition, without its noise, and the wander's mean then.
-    pub(super) wander_rows: [State; 3],
-    pub(super) wander: [f64; 3],
+    /// Rows of the Gauss-Markov error of P after the transition, without its noise, and the Gauss-Markov error's mean then.
+    pub(super) gauss_markov_rows: [State; 3],
+    pub(super) gauss_markov: [f64; 3],
     /// Mean and covariance before the updates; only for smoothing.
     pub(super) prior: Option<Box<(State, Square)>>,
 }
@@ -84,10 +95,10 @@ pub(super) struct Kalman<'a> {
     walk: BiasWalk,
 }
 
-/// Variance of the wander per axis.
-pub(super) fn wander_variance(noise: &Noise) -> [f64; 3] {
-    let v = noise.wander_m * noise.wander_m;
-    [v, v, v * HEIGHT_WANDER * HEIGHT_WANDER]
+/// Variance of the Gauss-Markov error per axis.
+pub(super) fn gauss_markov_variance(noise: &Noise) -> [f64; 3] {
+    let v = noise.gauss_markov_m * noise.gauss_markov_m;
+    [v, v, v * HEIGHT_GAUSS_MARKOV * HEIGHT_GAUSS_MARKOV]
 }
 
 /// Variance of a row.
@@ -103,8 +114,8 @@ pub(super) fn row_variance(kind: Kind, sigma: f64, noise: &Noise) -> f64 {
 impl<'a> Kalman<'a> {
     pub(super) fn new(problem: &Problem, walk: BiasWalk, noise: &'a Noise) -> Self {
         let mut p = *problem.start_covariance;
-        for (k, v) in wander_variance(noise).into_iter().enumerate() {
-            p[index::WANDER + k][index::WANDER + k] = v;
+        for (k, v) in gauss_markov_variance(noise).into_iter().enumerate() {
+            p[index::GAUSS_MARKOV + k][index::GAUSS_MARKOV + k] = v;
         }
         Self { x: problem.start, p, noise, walk }
     }
@@ -121,7 +132,7 @@ impl<'a> Kalman<'a> {
         }
     }
 
-    /// To the next fix, but for the wander's noise.
+    /// To the next fix, but for the Gauss-Markov error's noise.
     pub(super) fn predict(&mut self, interval: &Interval) {
         let decay = (-interval.dt / self.noise.correlation_s).exp();
         self.add_walk(interval.dt);
@@ -153,7 +164,7 @@ impl<'a> Kalman<'a> {
             }
             self.x[i] = x[i];
         }
-        for w in index::WANDER..index::STAMP {
+        for w in index::GAUSS_MARKOV..index::STAMP {
             self.x[w] *= decay;
             self.p[w].iter_mut().for_each(|v| *v *= decay);
             self.p.iter_mut().for_each(|row| row[w] *= decay);
@@ -161,16 +172,27 @@ impl<'a> Kalman<'a> {
         self.add_walk(interval.dt);
     }
 
-    /// The wander's noise and a new error of the stamp.
+    /// the Gauss-Markov error's noise and a new error of the stamp.
     pub(super) fn renew(&mut self, dt: f64) {
         let lost = 1.0 - (-2.0 * dt / self.noise.correlation_s).exp();
-        for (k, v) in wander_variance(self.noise).into_iter().enumerate() {
-            self.p[index::WANDER + k][index::WANDER + k] += v * lost;
+        for (k, v) in gauss_markov_variance(self.noise).into_iter().enumerate() {
+            self.p[index::GAUSS_MARKOV + k][index::GAUSS_MARKOV + k] += v * lost;
         }
         self.p[index::STAMP] = [0.0; STATES];
         self.p.iter_mut().for_each(|row| row[index::STAMP] = 0.0);
         self.p[index::STAMP][index::STAMP] = self.noise.stamp_s.powi(2);
         self.x[index::STAMP] = 0.0;
+    }
+
+    /// Innovation of a scalar measurement and its variance.
+    pub(super) fn innovation(&self, row: &super::Row) -> (f64, f64) {
+        let mut y = row.residual;
+        let mut s = row_variance(row.kind, row.sigma, self.noise);
+        for (i, a) in row.h.iter().enumerate().filter(|(_, a)| **a != 0.0) {
+            y -= a * self.x[i];
+            s += row.h.iter().zip(&self.p[i]).map(|(b, p)| a * b * p).sum::<f64>();
+        }
+        (y, s)
     }
 
     /// One scalar measurement.
@@ -229,8 +251,8 @@ impl Sensitivity {
             out.iter_mut().zip(&interval.columns[DYNAMIC..]).for_each(|(o, b)| *o += b[i]);
         }
         self.u[..9 * m].copy_from_slice(&self.scratch);
-        let wander = index::WANDER * m..index::STAMP * m;
-        self.u[wander].iter_mut().for_each(|v| *v *= decay);
+        let gauss_markov = index::GAUSS_MARKOV * m..index::STAMP * m;
+        self.u[gauss_markov].iter_mut().for_each(|v| *v *= decay);
         self.u[index::STAMP * m..index::CLOCK * m].fill(0.0);
     }
 
@@ -281,12 +303,7 @@ impl Problem {
         columns: usize,
     ) -> (Run, Vec<Tape>) {
         let zeros = || Information::zeros(columns, 0);
-        let mut run = Run {
-            log_likelihood: [0.0; 2],
-            nis: [(0.0, 0); 2],
-            information: [zeros(), zeros()],
-            blocks: Vec::new(),
-        };
+        let mut run = Run::empty(columns);
         let taped = matches!(keep, Keep::Updates | Keep::Priors);
         let mut tape = Vec::with_capacity(if taped { self.epochs.len() } else { 0 });
         let mut begun_s = 0.0;
@@ -296,8 +313,8 @@ impl Problem {
             let interval = &epoch.interval;
             kalman.predict(interval);
             sensitivity.predict(interval, (-interval.dt / noise.correlation_s).exp());
-            let wander_rows = std::array::from_fn(|k| kalman.p[index::WANDER + k]);
-            let wander = std::array::from_fn(|k| kalman.x[index::WANDER + k]);
+            let gauss_markov_rows = std::array::from_fn(|k| kalman.p[index::GAUSS_MARKOV + k]);
+            let gauss_markov = std::array::from_fn(|k| kalman.x[index::GAUSS_MARKOV + k]);
             kalman.renew(interval.dt);
             let prior = (keep == Keep::Priors).then(|| Box::new((kalman.x, kalman.p)));
             let mut updates = Vec::with_capacity(epoch.rows.len());
@@ -317,7 +334,7 @@ impl Problem {
                 run.blocks.push(std::mem::replace(&mut run.information[0], zeros()));
             }
             if taped {
-                tape.push(Tape { updates, weights, wander_rows, wander, prior });
+                tape.push(Tape { updates, weights, gauss_markov_rows, gauss_markov, prior });
             }
         }
         if matches!(keep, Keep::Blocks(_)) {
@@ -330,7 +347,7 @@ impl Problem {
 
 impl Run {
     /// Counts the rows of a fix and says how much each group weighs.
-    fn count(
+    pub(super) fn count(
         &mut self,
         part: Option<usize>,
         epoch: &super::Epoch,

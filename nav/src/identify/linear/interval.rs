@@ -4,7 +4,7 @@
 //! Without Earth, whose little share is added once per interval, a step acts on an error in the axes of the
 //! interval's start as p ← p + v dt − Δp×e, v ← v − Δv×e (Barrau & Bonnabel 2017). Such steps compose in closed form
 //! (Forster, Carlone, Dellaert & Scaramuzza 2017, "On-manifold preintegration"): what the transition and white noise come to
-//! is told by two vectors and a few moments of them.
+//! is given by two vectors and a few moments of them.
 
 use super::track::Here;
 use crate::earth;

@@ -10,6 +10,7 @@
 
 pub mod backward;
 pub mod forward;
+pub mod innovations;
 mod interval;
 pub mod reference;
 mod rows;
@@ -32,14 +33,14 @@ use track::Track;
 
 pub(super) use unseen::Unseen;
 
-/// Number of states: position, velocity, attitude errors in body axes, gyro and accelerometer bias, wander of the fixes
+/// Number of states: position, velocity, attitude errors in body axes, gyro and accelerometer bias, Gauss-Markov error of the fixes
 /// (north, east, down), the error of the present fix's time stamp, and the error that all stamps have in common.
 pub const STATES: usize = 20;
 /// First state of each block.
 pub mod index {
     pub use crate::filter::layout::index::{ACCEL_BIAS, ATTITUDE, GYRO_BIAS, POSITION, VELOCITY};
-    /// Wander of the fixes.
-    pub const WANDER: usize = 15;
+    /// Gauss-Markov error of the fixes.
+    pub const GAUSS_MARKOV: usize = 15;
     /// Error of the time stamp.
     pub const STAMP: usize = 18;
     /// What all time stamps are off by: jitter and filters of the samples delay them by a millisecond or so.
@@ -70,7 +71,7 @@ pub struct Problem {
     columns: usize,
     /// Mean of the states at the start.
     start: [f64; STATES],
-    /// Covariance of the states at the start, without the wander's.
+    /// Covariance of the states at the start, without the Gauss-Markov error's.
     start_covariance: Box<[[f64; STATES]; STATES]>,
     /// Random walk of the biases that the model says.
     walk: BiasWalk,

@@ -127,7 +127,7 @@ impl Reference {
             nav = moved(&about, &kalman.x);
             reference.correct(&kalman.x);
             track.set_calibration(&reference.calibration);
-            kalman.x[..index::WANDER].fill(0.0);
+            kalman.x[..index::GAUSS_MARKOV].fill(0.0);
             reference.knots.push(Knot { t_s, fix: k, nav });
         }
         reference

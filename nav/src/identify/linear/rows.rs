@@ -124,7 +124,7 @@ pub(super) fn of(fix: &GnssFix, nav: &NavState, track: &Track<'_>) -> Vec<Row> {
         h[index::STAMP] = drift[group][i];
         h[index::CLOCK] = drift[group][i];
         if group == 0 {
-            h[index::WANDER + i] = 1.0;
+            h[index::GAUSS_MARKOV + i] = 1.0;
         }
         Row {
             kind: match (group, i) {

@@ -13,15 +13,15 @@ fn flight() -> (Flight, Model) {
     (Flight::prepare(&fly(&model, 1), &model).unwrap(), model)
 }
 
-fn wandering() -> Noise {
-    Noise { wander_m: 0.3, stamp_s: 0.004, position_scale: 1.1, ..noise() }
+fn random_walks() -> Noise {
+    Noise { gauss_markov_m: 0.3, stamp_s: 0.004, position_scale: 1.1, ..noise() }
 }
 
 #[test]
 fn the_likelihood_is_that_of_the_ordinary_filter() {
     let (flight, model) = flight();
     let options = Options::default();
-    for noise in [noise(), Noise { gyro: 3.0 * noise().gyro, wander_m: 0.3, ..noise() }] {
+    for noise in [noise(), Noise { gyro: 3.0 * noise().gyro, gauss_markov_m: 0.3, ..noise() }] {
         let reference = Reference::find(&flight, &model, &noise, &Serial);
         let run =
             Problem::new(&flight, &model, &reference, &Watched::default(), &Serial).run(&noise, &options);
@@ -34,7 +34,7 @@ fn the_likelihood_is_that_of_the_ordinary_filter() {
 fn slopes_by_noise_are_those_of_the_likelihood() {
     let (flight, model) = flight();
     let options = Options::default();
-    let noise = wandering();
+    let noise = random_walks();
     let reference = Reference::find(&flight, &model, &noise, &Serial);
     let mut problem = Problem::new(&flight, &model, &reference, &Watched::default(), &Serial);
     problem.set_walk(BiasWalk { gyro: 1e-5, accel: 1e-4 });
@@ -115,7 +115,7 @@ fn the_score_is_the_slope_of_the_likelihood() {
 #[test]
 fn shocks_are_jumps() {
     let (flight, model) = flight();
-    let (options, noise) = (Options::default(), wandering());
+    let (options, noise) = (Options::default(), random_walks());
     let reference = Reference::find(&flight, &model, &noise, &Serial);
     let problem = Problem::new(&flight, &model, &reference, &Watched::default(), &Serial);
     let shocks = problem.shocks(&noise, &options);

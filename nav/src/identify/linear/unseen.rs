@@ -9,6 +9,7 @@
 
 use super::index;
 use super::interval::{NavCovariance, error};
+use crate::earth::STANDARD_GRAVITY;
 use crate::filter::unseen::{GAP_S, MOTION};
 use crate::mechanization::{Increment, Motion, NavState};
 use crate::rotation::exp;
@@ -21,7 +22,7 @@ const TRIALS: usize = 300;
 const ALIKE: usize = 40;
 /// Sigmas are larger than the roots of mean squares by this factor: tails are long.
 const LONG_TAILS: f64 = 2.0;
-/// Lengths of gaps are told apart by this, s.
+/// Lengths of gaps are separated by this, s.
 const LENGTHS_S: f64 = 0.1;
 /// This much rate, rad/s, is as unlike as that much specific force, m/s².
 const RATE_PER_FORCE: f64 = 0.05;
@@ -164,6 +165,29 @@ impl Unseen {
         self.0.get(first).is_some_and(|g| g.from_s < to_s)
     }
 
+    /// Beginning and end of every gap, s.
+    pub(in crate::identify) fn spans_s(&self) -> impl Iterator<Item = (f64, f64)> + '_ {
+        self.0.iter().map(|g| (g.from_s, g.to_s))
+    }
+
+    /// Widens gap number `k` where interpolation is known to have missed this much of the attitude, rad: as much is then possible, and what
+    /// gravity makes of it in the meantime.
+    pub(in crate::identify) fn widen(&mut self, k: usize, missed: &Vector3<f64>) {
+        let Some(gap) = self.0.get_mut(k) else { return };
+        let length_s = gap.to_s - gap.from_s;
+        let force = STANDARD_GRAVITY * missed.norm();
+        for axis in 0..3 {
+            for (at, size) in [
+                (index::ATTITUDE, missed[axis]),
+                (index::VELOCITY, force * length_s / 2.0),
+                (index::POSITION, force * length_s * length_s / 6.0),
+            ] {
+                let own = &mut gap.missed[(at + axis, at + axis)];
+                *own = own.max(size * size);
+            }
+        }
+    }
+
     /// The same at another time.
     pub(in crate::identify) fn move_by(&mut self, by_s: f64) {
         for gap in &mut self.0 {
@@ -211,6 +235,20 @@ mod tests {
         // Cut in two by a fix it is the same gap.
         let halves = within(99.0, 100.5, 0).hypot(within(100.5, 102.0, 0));
         assert!((halves / x - 1.0).abs() < 1e-9, "{halves} {x}");
+    }
+
+    #[test]
+    fn a_gap_is_as_wide_as_what_it_is_known_to_have_missed() {
+        let lost = |t_s: f64| (100.0..102.0).contains(&t_s);
+        let mut unseen = Unseen::of(&samples(lost), SampleKind::Point);
+        let sigmas = |u: &Unseen| u.within(99.0, 103.0).unwrap().diagonal().map(f64::sqrt);
+        let before = sigmas(&unseen);
+        unseen.widen(0, &Vector3::new(1e-3, 0.0, -0.7));
+        let after = sigmas(&unseen);
+        assert_eq!(after[index::ATTITUDE], before[index::ATTITUDE]);
+        assert!((after[index::ATTITUDE + 2] - 0.7).abs() < 1e-9, "{after}");
+        // 0.7 rad of tilt for two seconds, growing: 7 m/s.
+        assert!((6.5..7.5).contains(&after[index::VELOCITY]), "{after}");
     }
 
     #[test]

@@ -13,9 +13,9 @@ const ROUNDS: usize = 2;
 /// Evidence that an effect keeps its place with may be this much below that of its coming, nats: it shall not go in circles.
 const GRACE: f64 = 1.0;
 /// An effect this far ahead of all its rivals is not compared with them again, nats …
-const BEYOND_DOUBT: f64 = 60.0;
+const CLEAR_NATS: f64 = 60.0;
 /// … if that is more than this share of its evidence.
-const BEYOND_DOUBT_SHARE: f64 = 0.5;
+const CLEAR_SHARE: f64 = 0.5;
 /// Rivals this far behind in the fit part may still win with all data, nats.
 const RIVAL: f64 = 8.0;
 
@@ -33,11 +33,11 @@ pub(super) struct Found {
 
 impl Found {
     /// Whether no rival comes near.
-    fn beyond_doubt(&self) -> bool {
+    fn is_clear(&self) -> bool {
         let own = self.step.evidence;
         let rivals = self.step.candidates.iter().filter(|c| self.step.group.first() != Some(&c.0));
         let ahead = own - rivals.map(|c| c.1).fold(0.0, f64::max);
-        ahead > BEYOND_DOUBT && ahead > BEYOND_DOUBT_SHARE * own
+        ahead > CLEAR_NATS && ahead > CLEAR_SHARE * own
     }
 }
 
@@ -145,13 +145,13 @@ impl Search<'_> {
             return false;
         }
         let at_a_glance = self.losses(point);
-        let doubtful: Vec<usize> =
+        let uncertain: Vec<usize> =
             (0..all).filter(|k| at_a_glance[*k].is_none_or(|loss| loss < least + NEEDED)).collect();
-        let values = map(self.workers, doubtful.len(), |k| {
-            let k = doubtful[k];
+        let values = map(self.workers, uncertain.len(), |k| {
+            let k = uncertain[k];
             point.evidence - self.without(point, k).evidence - chosen.found[k].cost
         });
-        let worst = doubtful.iter().zip(&values).min_by(|a, b| a.1.total_cmp(b.1));
+        let worst = uncertain.iter().zip(&values).min_by(|a, b| a.1.total_cmp(b.1));
         let Some((k, _)) = worst.filter(|w| *w.1 < least) else { return false };
         self.remove(chosen, *k);
         true
@@ -180,7 +180,7 @@ impl Search<'_> {
         loop {
             while self.take_out(&mut chosen, 0, least) {}
             for k in 0..chosen.found.len() {
-                if !chosen.found[k].beyond_doubt() {
+                if !chosen.found[k].is_clear() {
                     self.look_back(&mut chosen, k, &names);
                 }
             }
@@ -253,7 +253,7 @@ mod tests {
         let measured = Noise::measured(&base, &flights);
         let mut search = Search::new(&flights, &base, &settings, &Serial, &measured);
         let mut from = search.start(&measured);
-        // Somebody took the delay for a wandering bias before.
+        // The delay was taken for a random walk of the biases before.
         let setting = EffectSetting::known(&AccelBiasDrift, &[0.02]).unwrap();
         from.added.push(Added { prior: vec![(setting.values[0], 0.0)], setting });
         let step = Step {

@@ -128,8 +128,9 @@ impl Search<'_> {
     ) -> Candidate {
         let Some((least, most)) = sizes_within(candidate.setting.effect) else { return candidate };
         let within = |ln_size: f64| ln_size.exp().clamp(least, most);
-        let value =
-            |ln_size: f64| self.wandered(problems, &point.added, &candidate.setting, within(ln_size), noise);
+        let value = |ln_size: f64| {
+            self.with_random_walk(problems, &point.added, &candidate.setting, within(ln_size), noise)
+        };
         let (at, curvature) = peak(value, candidate.setting.values[0].ln());
         let at = within(at).ln();
         candidate.setting.values = vec![at.exp()];

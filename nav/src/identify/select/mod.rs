@@ -26,7 +26,7 @@ pub struct Settings {
     pub threshold: f64,
     /// Evidence with which the fit part proposes an effect, nats.
     pub proposal: f64,
-    /// Effects within this evidence of the best are told together with it, nats.
+    /// Effects within this evidence of the best are reported together with it, nats.
     pub margin: f64,
     /// At most so many effects are added.
     pub most_effects: usize,

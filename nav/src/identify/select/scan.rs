@@ -35,7 +35,7 @@ impl Search<'_> {
             });
             candidates.extend(jumping.into_iter().filter_map(|s| self.jump(s, &shocks)));
         }
-        candidates.extend(self.wandering(&lacking, &problems, point));
+        candidates.extend(self.random_walks(&lacking, &problems, point));
         candidates.extend(self.discrete(&lacking, point));
         let top = candidates.iter().map(|c| c.evidence).fold(0.0, f64::max);
         // What turns a flight upside down shows before anything else, or once another such thing is set right; among the
@@ -49,7 +49,7 @@ impl Search<'_> {
     }
 
     /// Drifts of several sizes.
-    fn wandering(&self, lacking: &[EffectSetting], problems: &[Problem], point: &Point) -> Vec<Candidate> {
+    fn random_walks(&self, lacking: &[EffectSetting], problems: &[Problem], point: &Point) -> Vec<Candidate> {
         let drifts: Vec<&EffectSetting> =
             lacking.iter().filter(|s| !s.effect.sizes_to_try().is_empty()).collect();
         let tries: Vec<(usize, f64)> = drifts
@@ -59,7 +59,8 @@ impl Search<'_> {
             .collect();
         let values = map(self.workers, tries.len(), |k| {
             let (i, size) = tries[k];
-            self.wandered(problems, &point.added, drifts[i], size, &point.noise) - point.log_likelihood
+            self.with_random_walk(problems, &point.added, drifts[i], size, &point.noise)
+                - point.log_likelihood
         });
         let of = |i: usize| tries.iter().zip(&values).filter(move |(t, _)| t.0 == i);
         (0..drifts.len())
@@ -73,7 +74,7 @@ impl Search<'_> {
     }
 
     /// Log-likelihood with these effects when the biases also walk like this.
-    pub(in crate::identify) fn wandered(
+    pub(in crate::identify) fn with_random_walk(
         &self,
         problems: &[Problem],
         added: &[Added],

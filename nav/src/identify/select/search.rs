@@ -29,7 +29,7 @@ pub(in crate::identify) struct Search<'a> {
 }
 
 /// The trajectory of each flight.
-pub(super) type Trajectories = Arc<Vec<Reference>>;
+pub(in crate::identify) type Trajectories = Arc<Vec<Reference>>;
 
 /// A model at one point: the effects added with their values (those that the model leaves open first), the noise.
 #[derive(Debug, Clone)]
@@ -107,6 +107,13 @@ impl<'a> Search<'a> {
     /// The flights linearised about a model, about the trajectories of a point.
     pub(in crate::identify) fn problems(&self, point: &Point, watched: &Watched) -> Vec<Problem> {
         self.linearise(&point.references, &self.model(&point.added), watched).1
+    }
+
+    /// The model, its trajectories and the flights linearised about them at a point, with nothing watched.
+    pub(in crate::identify) fn at(&self, point: &Point) -> (Model, Trajectories, Vec<Problem>) {
+        let model = self.model(&point.added);
+        let (references, problems) = self.linearise(&point.references, &model, &Watched::default());
+        (model, references, problems)
     }
 
     /// The trajectories for this model, and the flights linearised about them.
@@ -189,7 +196,7 @@ impl<'a> Search<'a> {
     }
 
     /// What the samples themselves say for mistakes of the source.
-    pub(super) fn told_by_samples(&self, added: &[Added]) -> f64 {
+    pub(super) fn reported_by_samples(&self, added: &[Added]) -> f64 {
         let mistakes = added.iter().map(|a| a.setting.effect).filter(|e| e.is_source_mistake());
         mistakes.map(|e| self.flights.iter().map(|f| e.reported_by(f.reported())).sum::<f64>()).sum()
     }
@@ -260,19 +267,19 @@ impl<'a> Search<'a> {
     ) -> Step {
         let fixes: usize = self.flights.iter().map(|f| f.fixes().len()).sum();
         let parameters = best.setting.effect.len() as f64;
-        let told = |l: &(Candidate, Point)| (l.0.setting.effect.name(), l.0.evidence);
+        let reported = |l: &(Candidate, Point)| (l.0.setting.effect.name(), l.0.evidence);
         let other = |r: &&(&'static str, f64)| looks.iter().all(|l| l.0.setting.effect.name() != r.0);
         Step {
             group: looks
                 .iter()
-                .map(told)
+                .map(reported)
                 .filter(|l| l.1 > best.evidence - self.settings.margin)
                 .map(|l| l.0)
                 .collect(),
             evidence: best.evidence,
             log_likelihood_gain: gain,
             bic_gain: gain - 0.5 * parameters * (fixes as f64).ln(),
-            candidates: looks.iter().map(told).chain(remaining.iter().filter(other).copied()).collect(),
+            candidates: looks.iter().map(reported).chain(remaining.iter().filter(other).copied()).collect(),
         }
     }
 }

@@ -1,14 +1,19 @@
 //! Noise that is no effect: fitted by the likelihood of the innovations, for every model alike.
 //!
-//! White noise of the inertial samples (vibration adds to it), of positions and velocities, the slow wander of
+//! White noise of the inertial samples (vibration adds to it), of positions and velocities, the first-order Gauss-Markov error of
 //! positions (a first-order Gauss-Markov process), and the scatter of the fixes' time stamps.
+
+mod fit;
 
 use super::flight::Flight;
 use super::linear::Problem;
 use super::pass::Options;
 use super::{Workers, map};
 use crate::model::Model;
+use fit::slope;
 use serde::Serialize;
+
+pub use fit::{Fitted, Metric, fit};
 
 /// The noise of one vehicle and receiver.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -23,9 +28,9 @@ pub struct Noise {
     pub height_scale: f64,
     /// Factor on the sigmas of velocities.
     pub velocity_scale: f64,
-    /// Wander of horizontal positions, stationary 1-sigma, m.
-    pub wander_m: f64,
-    /// Correlation time of the wander, s.
+    /// Gauss-Markov error of horizontal positions, stationary 1-sigma, m.
+    pub gauss_markov_m: f64,
+    /// Correlation time of the Gauss-Markov error, s.
     pub correlation_s: f64,
     /// Scatter of the fixes' time stamps, s.
     pub stamp_s: f64,
@@ -45,8 +50,8 @@ pub mod figure {
     pub const HEIGHT: usize = 3;
     /// Velocities.
     pub const VELOCITY: usize = 4;
-    /// Size of the wander.
-    pub const WANDER: usize = 5;
+    /// Size of the Gauss-Markov error.
+    pub const GAUSS_MARKOV: usize = 5;
     /// Its correlation time.
     pub const CORRELATION: usize = 6;
     /// Stamps.
@@ -54,15 +59,16 @@ pub mod figure {
 }
 /// Noise of the inertial samples may exceed what they show from sample to sample, or the model says, by this factor …
 const INERTIAL_ABOVE: f64 = 3.0;
-/// … and fall short of it by this one.
+/// … and fall short of what the model says by this one. What samples show from one to the next is no lower limit: vibration
+/// shows there, aliased or not, and leaves hardly anything over the time between two fixes.
 const INERTIAL_BELOW: f64 = 8.0;
 /// White noise of the fixes as a factor on what they or the model claim. A receiver that is off by more is an effect's doing.
 const CLAIMED: (f64, f64) = (0.05, 5.0);
 /// However good fixes are, the model is not: sub-sample delays and filters leave centimetres. White noise is not fitted
 /// below this, m and m/s.
 const MODEL_FLOOR: (f64, f64) = (0.15, 0.04);
-/// Positions wander by metres …
-const WANDER_M: (f64, f64) = (0.02, 4.0);
+/// Positions Gauss-Markov error by metres …
+const GAUSS_MARKOV_M: (f64, f64) = (0.02, 4.0);
 /// … within tens of seconds to minutes; anything quicker is motion that the model does not understand.
 const CORRELATION_S: (f64, f64) = (20.0, 300.0);
 
@@ -102,6 +108,8 @@ impl Limits {
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Claims {
     start: Noise,
+    /// Noise of gyros, rad/s/√Hz, and accelerometers, m/s²/√Hz, as the model has it.
+    inertial: [f64; 2],
     /// Sigmas of horizontal positions, heights and velocities, those of the fixes where they have any, m and m/s.
     position: f64,
     height: f64,
@@ -119,22 +127,24 @@ impl Claims {
         let gnss = &model.gnss;
         Self {
             start: Noise::measured(model, flights),
+            inertial: [model.imu.gyro_noise, model.imu.accel_noise],
             position: middle(&|f| f.position_sigma_m.unwrap_or(gnss.position_sigma_m)[0]),
             height: middle(&|f| f.position_sigma_m.unwrap_or(gnss.position_sigma_m)[2]),
             velocity: middle(&|f| f.velocity_sigma_m_per_s.unwrap_or(gnss.velocity_sigma_m_per_s)[0]),
         }
     }
 
-    /// By how much each of gyro noise, accelerometer noise, GNSS position (white and wander together) and GNSS velocity exceeds
+    /// By how much each of gyro noise, accelerometer noise, GNSS position (white and Gauss-Markov error together) and GNSS velocity exceeds
     /// what was claimed, as factors.
     fn growth(&self, noise: &Noise) -> [f64; 4] {
         let own = &self.start;
         // Claims below what any model leaves are not held against the receiver.
-        let total = |claimed: f64, scale: f64, floor: f64, wander: f64| {
-            (claimed * scale).hypot(wander * noise.wander_m) / claimed.max(floor).hypot(wander * own.wander_m)
+        let total = |claimed: f64, scale: f64, floor: f64, gauss_markov: f64| {
+            (claimed * scale).hypot(gauss_markov * noise.gauss_markov_m)
+                / claimed.max(floor).hypot(gauss_markov * own.gauss_markov_m)
         };
         let position = total(self.position, noise.position_scale, MODEL_FLOOR.0, 1.0);
-        let height = total(self.height, noise.height_scale, MODEL_FLOOR.0, HEIGHT_WANDER);
+        let height = total(self.height, noise.height_scale, MODEL_FLOOR.0, HEIGHT_GAUSS_MARKOV);
         let velocity = self.velocity * noise.velocity_scale / self.velocity.max(MODEL_FLOOR.1);
         [noise.gyro / own.gyro, noise.accel / own.accel, position.max(height), velocity]
     }
@@ -154,18 +164,19 @@ impl Claims {
     }
 
     fn limits(&self) -> [(f64, f64); FIGURES] {
-        let around = |v: f64| (v / INERTIAL_BELOW, v * INERTIAL_ABOVE);
+        let around =
+            |measured: f64, model: f64| (measured.min(model) / INERTIAL_BELOW, measured * INERTIAL_ABOVE);
         let above = |floor: f64, claimed: f64| {
             let low = CLAIMED.0.max(floor / claimed);
             (low, CLAIMED.1.max(2.0 * low))
         };
         [
-            around(self.start.gyro),
-            around(self.start.accel),
+            around(self.start.gyro, self.inertial[0]),
+            around(self.start.accel, self.inertial[1]),
             above(MODEL_FLOOR.0, self.position),
             above(MODEL_FLOOR.0, self.height),
             above(MODEL_FLOOR.1, self.velocity),
-            WANDER_M,
+            GAUSS_MARKOV_M,
             CORRELATION_S,
             STAMP_S,
         ]
@@ -190,7 +201,7 @@ impl Claims {
             ("accel", "m/s²/√Hz", figure::ACCEL, 1.0, 1),
             ("gnss_position", "m", figure::POSITION, self.position, 2),
             ("gnss_height", "m", figure::HEIGHT, self.height, 2),
-            ("gnss_position_wander", "m", figure::WANDER, 1.0, 2),
+            ("gnss_position_wander", "m", figure::GAUSS_MARKOV, 1.0, 2),
             ("gnss_position_correlation", "s", figure::CORRELATION, 1.0, FINDINGS.len()),
             ("gnss_velocity", "m/s", figure::VELOCITY, self.velocity, 3),
             ("gnss_stamp", "s", figure::STAMP, 1.0, FINDINGS.len()),
@@ -276,23 +287,23 @@ fn sigmas(
     })
 }
 
-/// Heights wander more than horizontal positions.
-pub(super) const HEIGHT_WANDER: f64 = 1.6;
+/// Heights Gauss-Markov error more than horizontal positions.
+pub(super) const HEIGHT_GAUSS_MARKOV: f64 = 1.6;
 
 impl Noise {
     /// A start: the model's figures, and what the samples show if that is more.
     pub fn measured(model: &Model, flights: &[&Flight]) -> Self {
         let most = |f: fn(&Flight) -> f64| flights.iter().map(|x| f(x)).fold(0.0, f64::max);
         let gnss = &model.gnss;
-        let wanders = gnss.position_correlation_s > 0.0 && gnss.position_wander_sigma_m[0] > 0.0;
+        let has_gauss_markov = gnss.position_correlation_s > 0.0 && gnss.position_wander_sigma_m[0] > 0.0;
         Self {
             gyro: model.imu.gyro_noise.max(0.5 * most(|f| f.measured_noise().0).sqrt()),
             accel: model.imu.accel_noise.max(0.5 * most(|f| f.measured_noise().1).sqrt()),
             position_scale: 1.0,
             height_scale: 1.0,
             velocity_scale: 1.0,
-            wander_m: if wanders { gnss.position_wander_sigma_m[0] } else { 0.7 },
-            correlation_s: if wanders { gnss.position_correlation_s } else { 60.0 },
+            gauss_markov_m: if has_gauss_markov { gnss.position_wander_sigma_m[0] } else { 0.7 },
+            correlation_s: if has_gauss_markov { gnss.position_correlation_s } else { 60.0 },
             stamp_s: 0.003,
         }
     }
@@ -305,7 +316,7 @@ impl Noise {
             self.position_scale,
             self.height_scale,
             self.velocity_scale,
-            self.wander_m,
+            self.gauss_markov_m,
             self.correlation_s,
             self.stamp_s,
         ]
@@ -319,7 +330,7 @@ impl Noise {
             position_scale: v[2],
             height_scale: v[3],
             velocity_scale: v[4],
-            wander_m: v[5],
+            gauss_markov_m: v[5],
             correlation_s: v[6],
             stamp_s: v[7],
         }
@@ -342,159 +353,8 @@ impl Noise {
             model.gnss.velocity_sigma_m_per_s[k] *= self.velocity_scale;
         }
         model.gnss.position_correlation_s = self.correlation_s;
-        model.gnss.position_wander_sigma_m = [self.wander_m, self.wander_m, self.wander_m * HEIGHT_WANDER];
+        model.gnss.position_wander_sigma_m =
+            [self.gauss_markov_m, self.gauss_markov_m, self.gauss_markov_m * HEIGHT_GAUSS_MARKOV];
         model
-    }
-}
-
-/// At most so many slopes are asked for in one fit.
-const MOST_SLOPES: usize = 40;
-/// No figure changes by more than this factor in one step (as a logarithm).
-const LONGEST_STEP: f64 = 0.7;
-/// A search that expects to gain less than this is over, nats.
-const WORTH: f64 = 0.02;
-
-/// The inverse curvature that a fit has learnt; the next one starts from it.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Metric([[f64; FIGURES]; FIGURES]);
-
-impl Metric {
-    /// Of so many fixes: white noise of the fixes is known to a few per cent, the rest to some tenths.
-    pub fn new(fixes: usize) -> Self {
-        let n = fixes.max(10) as f64;
-        let curvature = [n / 10.0, n / 10.0, 2.0 * n, n, 2.0 * n, n / 20.0, n / 50.0, n / 20.0];
-        Self(std::array::from_fn(|i| std::array::from_fn(|j| if i == j { 1.0 / curvature[i] } else { 0.0 })))
-    }
-
-    /// Learns from a step and the change of the slope over it (Broyden, Fletcher, Goldfarb & Shanno; Nocedal & Wright
-    /// 2006, eq. 6.17).
-    fn learn(&mut self, step: &[f64; FIGURES], change: &[f64; FIGURES]) {
-        let along: f64 = step.iter().zip(change).map(|(s, y)| s * y).sum();
-        let size: f64 = step.iter().map(|s| s * s).sum::<f64>() * change.iter().map(|y| y * y).sum::<f64>();
-        if along <= 1e-8 * size.sqrt() {
-            return;
-        }
-        let hy = self.times(change);
-        let yhy: f64 = change.iter().zip(&hy).map(|(y, h)| y * h).sum();
-        for i in 0..FIGURES {
-            for j in 0..FIGURES {
-                self.0[i][j] += (1.0 + yhy / along) * step[i] * step[j] / along
-                    - (hy[i] * step[j] + step[i] * hy[j]) / along;
-            }
-        }
-    }
-
-    fn times(&self, v: &[f64; FIGURES]) -> [f64; FIGURES] {
-        std::array::from_fn(|i| self.0[i].iter().zip(v).map(|(h, v)| h * v).sum())
-    }
-
-    /// The step uphill that leaves out figures which stand at a limit and would go beyond it.
-    fn step(&self, slope: &[f64; FIGURES], free: &[bool; FIGURES]) -> [f64; FIGURES] {
-        let masked: [f64; FIGURES] = std::array::from_fn(|i| if free[i] { slope[i] } else { 0.0 });
-        let mut step = self.times(&masked);
-        (0..FIGURES).for_each(|i| step[i] = if free[i] { step[i] } else { 0.0 });
-        if step.iter().zip(&masked).map(|(s, g)| s * g).sum::<f64>() <= 0.0 {
-            step = std::array::from_fn(|i| self.0[i][i].max(1e-6) * masked[i]);
-        }
-        let longest = step.iter().fold(0.0f64, |m, s| m.max(s.abs()));
-        let scale = (LONGEST_STEP / longest.max(1e-12)).min(1.0);
-        step.map(|s| s * scale)
-    }
-}
-
-/// A fitted noise.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Fitted {
-    /// The noise.
-    pub noise: Noise,
-    /// Logarithm of the likelihood of the fit part.
-    pub log_likelihood: f64,
-    /// What the fit has learnt of the curvature.
-    pub metric: Metric,
-}
-
-/// Likelihood and slopes by the logarithms of the figures, all flights together.
-fn slope(
-    problems: &[Problem],
-    noise: &Noise,
-    options: &Options,
-    workers: &dyn Workers,
-) -> (f64, [f64; FIGURES]) {
-    let each = map(workers, problems.len(), |k| problems[k].slope(noise, options));
-    each.iter().fold((0.0, [0.0; FIGURES]), |(sum, by), s| {
-        (sum + s.log_likelihood, std::array::from_fn(|i| by[i] + s.by_figure[i]))
-    })
-}
-
-/// Fits the noise to linearised flights: a quasi-Newton search on logarithms within limits.
-pub fn fit(
-    problems: &[Problem],
-    start: Noise,
-    limits: &Limits,
-    metric: &Metric,
-    options: &Options,
-    workers: &dyn Workers,
-) -> Fitted {
-    let mut metric = *metric;
-    let mut at = limits.within(&start).get().map(f64::ln);
-    let noise = |at: &[f64; FIGURES]| Noise::from_figures(&at.map(f64::exp));
-    let (mut value, mut by) = slope(problems, &noise(&at), options, workers);
-    let mut share = 1.0;
-    for _ in 1..MOST_SLOPES {
-        let free = limits.free(&at, &by);
-        let step = metric.step(&by, &free);
-        let expected: f64 = step.iter().zip(&by).map(|(s, g)| 0.5 * s * g).sum();
-        if expected < WORTH || share < 0.05 {
-            break;
-        }
-        let next = limits.clamp(&std::array::from_fn(|i| at[i] + share * step[i]));
-        let moved: [f64; FIGURES] = std::array::from_fn(|i| next[i] - at[i]);
-        let (next_value, next_by) = slope(problems, &noise(&next), options, workers);
-        // A figure that stands still at a limit tells nothing of the curvature along those that move.
-        let change = std::array::from_fn(|i| if free[i] { by[i] - next_by[i] } else { 0.0 });
-        metric.learn(&moved, &change);
-        if next_value > value {
-            (at, value, by, share) = (next, next_value, next_by, 1.0);
-        } else {
-            share *= 0.4;
-        }
-    }
-    Fitted { noise: noise(&at), log_likelihood: value, metric }
-}
-
-#[cfg(test)]
-mod tests {
-    use super::super::linear::reference::Reference;
-    use super::super::{Serial, tests::fly};
-    use super::*;
-    use crate::filter::watch::Watched;
-
-    /// Figures that stand at a limit pull hard; those that are free must still find their best.
-    #[test]
-    fn the_best_is_found_from_anywhere_beside_figures_at_their_limits() {
-        let model = Model::default();
-        let flight = Flight::prepare(&fly(&model, 1), &model).unwrap();
-        let measured = Noise::measured(&model, &[&flight]);
-        let mut limits = Limits::new(&model, &[&flight]);
-        for k in [figure::POSITION, figure::HEIGHT, figure::VELOCITY] {
-            limits.0[k] = (0.2, 0.25);
-        }
-        limits.0[figure::CORRELATION] = (20.0, 30.0);
-        let reference = Reference::find(&flight, &model, &measured, &Serial);
-        let problems = [Problem::new(&flight, &model, &reference, &Watched::default(), &Serial)];
-        let options = Options::default();
-        let from = |inertial: f64, wander_m: f64, metric: &Metric| {
-            let (gyro, accel) = (measured.gyro * inertial, measured.accel * inertial);
-            let start = Noise { gyro, accel, wander_m, correlation_s: 250.0, ..measured };
-            fit(&problems, start, &limits, metric, &options, &Serial)
-        };
-        // What one fit has learnt serves the next.
-        let first = from(2.5, 3.0, &Metric::new(flight.fixes().len()));
-        let second = from(0.15, 0.03, &first.metric);
-        let third = from(1.0, 0.7, &second.metric);
-        assert!(first.noise.velocity_scale > 0.25 - 1e-9, "{first:?}");
-        for other in [second, third] {
-            assert!((other.log_likelihood - first.log_likelihood).abs() < 0.1, "{first:?} {other:?}");
-        }
     }
 }

@@ -1,0 +1,133 @@
+//! What a linearised flight shows of a model, for the reader: the innovation of every fix, and how far the simulation drifts away
+//! without fixes. Both are those of the likelihood that chose the model.
+
+use super::forward::{Kalman, Run};
+use super::reference::Reference;
+use super::track::Track;
+use super::{Epoch, Problem, index, moved, rows};
+use crate::filter::Group;
+use crate::filter::watch::Watched;
+use crate::identify::flight::Flight;
+use crate::identify::noise::Noise;
+use crate::identify::pass::{Innovation, Options};
+use crate::model::Model;
+
+/// Position errors without fixes are measured after these times, s.
+pub const DRIFT_S: [f64; 3] = [5.0, 10.0, 30.0];
+/// A drift starts this often, s.
+const DRIFT_EVERY_S: f64 = 10.0;
+
+/// Innovations of a flight with their likelihood.
+#[derive(Debug, Clone)]
+pub struct Innovations {
+    /// Fix by fix.
+    pub fixes: Vec<Innovation>,
+    /// Logarithm of the (robust) likelihood: fit part, held-out part.
+    pub log_likelihood: [f64; 2],
+    /// Normalised innovations squared and their number, by part.
+    pub nis: [(f64, usize); 2],
+}
+
+/// Sums of squared horizontal errors after the times of [`DRIFT_S`] without fixes, m², with their number.
+pub type Drift = [(f64, usize); 3];
+
+impl Problem {
+    /// The innovation of every fix with this noise.
+    pub fn innovations(&self, noise: &Noise, options: &Options) -> Innovations {
+        let mut run = Run::empty(0);
+        let mut kalman = Kalman::new(self, self.walk, noise);
+        let mut fixes = Vec::with_capacity(self.epochs.len());
+        for epoch in &self.epochs {
+            kalman.predict(&epoch.interval);
+            kalman.renew(epoch.interval.dt);
+            let part = self.part(epoch, options);
+            let groups = groups(&kalman, epoch);
+            let updates: Vec<_> = epoch.rows.iter().map(|row| kalman.update(row)).collect();
+            run.count(part, epoch, &updates, &[]);
+            let [position, velocity] = groups;
+            fixes.push(Innovation { t_s: epoch.t_s, elapsed_s: epoch.elapsed_s, part, position, velocity });
+        }
+        Innovations { fixes, log_likelihood: run.log_likelihood, nis: run.nis }
+    }
+}
+
+/// Position and velocity of a fix before either is applied.
+fn groups(kalman: &Kalman<'_>, epoch: &Epoch) -> [Group; 2] {
+    let mut groups = [Group::default(); 2];
+    for row in &epoch.rows {
+        let (innovation, variance) = kalman.innovation(row);
+        let group = &mut groups[usize::from(!row.is_position())];
+        let normalised = innovation / variance.sqrt();
+        if let (Some(i), Some(n)) = (group.innovation.get_mut(group.dof), group.normalised.get_mut(group.dof))
+        {
+            (*i, *n) = (innovation, normalised);
+            group.dof += 1;
+            group.nis += normalised * normalised;
+        }
+    }
+    groups
+}
+
+impl Reference {
+    /// How far the simulation of `model` drifts away from the fixes when it gets none. It starts from what the fixes before have shown, and no
+    /// drift goes over a gap between samples.
+    pub fn drift(
+        &self,
+        flight: &Flight,
+        model: &Model,
+        problem: &Problem,
+        noise: &Noise,
+        options: &Options,
+    ) -> Drift {
+        let (samples, watched) = (flight.samples_of(model), Watched::default());
+        let mut track = Track::new(flight, model, &samples, &self.calibration, &watched);
+        let mut kalman = Kalman::new(problem, problem.walk, noise);
+        let mut next_s = options.settle_s;
+        let mut sums = [(0.0, 0); 3];
+        for (k, epoch) in problem.epochs.iter().enumerate() {
+            kalman.predict(&epoch.interval);
+            kalman.renew(epoch.interval.dt);
+            epoch.rows.iter().for_each(|row| {
+                kalman.update(row);
+            });
+            if epoch.elapsed_s < next_s {
+                continue;
+            }
+            next_s = epoch.elapsed_s + DRIFT_EVERY_S;
+            let mut calibration = self.calibration.clone();
+            for i in 0..3 {
+                calibration.gyro_bias[i] += kalman.x[index::GYRO_BIAS + i];
+                calibration.accel_bias[i] += kalman.x[index::ACCEL_BIAS + i];
+            }
+            track.set_calibration(&calibration);
+            self.free(flight, &mut track, k, &kalman.x, &mut sums);
+        }
+        sums
+    }
+
+    /// From knot number `first`, corrected by `x`, on without fixes.
+    fn free(
+        &self,
+        flight: &Flight,
+        track: &mut Track<'_>,
+        first: usize,
+        x: &[f64],
+        sums: &mut Drift,
+    ) -> Option<()> {
+        let start = self.knots.get(first)?;
+        let mut nav = moved(&start.nav, x);
+        track.seek(start.t_s);
+        for (sum, after_s) in sums.iter_mut().zip(DRIFT_S) {
+            let end = self.knots.partition_point(|k| k.t_s < start.t_s + after_s);
+            let knot = self.knots.get(end)?;
+            if flight.unseen().hides(start.t_s, knot.t_s) {
+                return None;
+            }
+            (_, nav) = track.interval_to(&nav, knot.t_s)?;
+            let fix = flight.fixes().get(knot.fix)?;
+            sum.0 += rows::of(fix, &nav, track).iter().take(2).map(|row| row.residual.powi(2)).sum::<f64>();
+            sum.1 += 1;
+        }
+        Some(())
+    }
+}

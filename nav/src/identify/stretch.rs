@@ -1,0 +1,235 @@
+//! The part of a recording that can be explained: from one start to the end, without a restart and without a gap in the samples that
+//! nothing bridges.
+
+use super::guess::{self, Guesses};
+use super::linear::Unseen;
+use crate::estimator::{Estimator, Stage};
+use crate::filter::Initial;
+use crate::model::Model;
+use crate::sample::{GnssFix, ImuSample, ImuStream, Sample, SampleKind};
+use nalgebra::Vector3;
+
+/// A filter that has heading starts with these 1-sigmas whatever the search said of them, rad.
+const START_ATTITUDE_SIGMA: [f64; 3] = [0.06, 0.06, 0.14];
+/// A flight must hold this much after the start, s …
+pub const ENOUGH_S: f64 = 40.0;
+/// … and this many fixes.
+pub const ENOUGH_FIXES: usize = 40;
+/// Fixes are at most this old, s …
+const LONGEST_DELAY_S: f64 = 0.5;
+/// … and a receiver that smooths tells of this much after their time of validity, s.
+const AFTER_S: f64 = 0.1;
+
+/// Why a recording tells nothing.
+#[derive(Debug, Clone, PartialEq, thiserror::Error)]
+pub enum TooLittle {
+    /// No inertial samples.
+    #[error("there are no inertial samples")]
+    NoImu,
+    /// No fixes.
+    #[error("there are no GNSS fixes")]
+    NoFixes,
+    /// The estimation never got going.
+    #[error(
+        "the heading never became known: the vehicle must move, or the log must hold the autopilot's attitude"
+    )]
+    NoStart,
+    /// Too short.
+    #[error("only {seconds:.0} s with {fixes} fixes after the start; at least 40 s with 40 fixes are needed")]
+    TooShort {
+        /// Seconds after the start.
+        seconds: f64,
+        /// Fixes after the start.
+        fixes: usize,
+    },
+    /// Gaps that nothing bridges leave too little.
+    #[error(
+        "the longest stretch without a gap in the samples is {seconds:.0} s with {fixes} fixes, and the log holds no attitude of the autopilot that leads across the gaps; at \
+         least 40 s with 40 fixes are needed"
+    )]
+    Gaps {
+        /// Seconds of the stretch.
+        seconds: f64,
+        /// Its fixes.
+        fixes: usize,
+    },
+    /// It never moved.
+    #[error("the vehicle is stationary: fly turns, climbs and changes of speed")]
+    Standing,
+}
+
+/// A stretch with its start.
+pub(super) struct Stretch {
+    pub(super) stream: ImuStream,
+    pub(super) initial: Initial,
+    /// Inertial samples after the start.
+    pub(super) raw: Vec<ImuSample>,
+    /// Fixes after the start.
+    pub(super) fixes: Vec<GnssFix>,
+    pub(super) unseen: Unseen,
+    pub(super) guesses: Guesses,
+    /// How much of the recording gaps cut off that nothing bridges, s.
+    pub(super) unbridged_s: f64,
+}
+
+impl Stretch {
+    /// The longest one of a recording. `model` finds the start.
+    pub(super) fn of(samples: &[Sample], model: &Model) -> Result<Self, TooLittle> {
+        let whole = longest_stretch(samples);
+        let stream = announced(samples, whole);
+        let all = inertial(whole);
+        let mut unseen = Unseen::of(&all, stream.kind);
+        let blind_s = guess::learn(whole, &all, &mut unseen);
+        let stretch = longest_bridged(whole, &blind_s);
+        let recorded_s = span_s(&all);
+        let mut raw = if blind_s.is_empty() { all } else { inertial(stretch) };
+        let unbridged_s = recorded_s - span_s(&raw);
+        let mut fixes: Vec<GnssFix> = stretch
+            .iter()
+            .filter_map(|s| match s {
+                Sample::Fix(fix) => Some(*fix),
+                _ => None,
+            })
+            .collect();
+        if raw.is_empty() {
+            return Err(TooLittle::NoImu);
+        }
+        if fixes.is_empty() {
+            return Err(TooLittle::NoFixes);
+        }
+        let initial = start(samples, stretch, model).ok_or(TooLittle::NoStart)?;
+        raw.retain(|s| s.t_s > initial.t_s);
+        fixes.retain(|f| f.t_s > initial.t_s);
+        fixes.sort_by(|a, b| a.t_s.total_cmp(&b.t_s));
+        let fixes = without_unseen(fixes, &unseen);
+        let seconds = raw.last().map_or(0.0, |s| s.t_s - initial.t_s);
+        if seconds < ENOUGH_S || fixes.len() < ENOUGH_FIXES {
+            let fixes = fixes.len();
+            return Err(match blind_s.is_empty() {
+                true => TooLittle::TooShort { seconds, fixes },
+                false => TooLittle::Gaps { seconds, fixes },
+            });
+        }
+        let guesses = Guesses::of(stretch, &unseen);
+        Ok(Self { stream, initial, raw, fixes, unseen, guesses, unbridged_s })
+    }
+}
+
+/// A fix that is valid within a gap measures motion that no sample shows. Its delay is not known yet: the same fixes count for
+/// every model. Where the samples are nothing but gaps, all fixes stay.
+fn without_unseen(fixes: Vec<GnssFix>, unseen: &Unseen) -> Vec<GnssFix> {
+    let shown = |f: &&GnssFix| !unseen.hides(f.t_s - LONGEST_DELAY_S, f.t_s + AFTER_S);
+    let seen: Vec<GnssFix> = fixes.iter().filter(shown).copied().collect();
+    if 2 * seen.len() > fixes.len() { seen } else { fixes }
+}
+
+/// Where the estimation starts.
+fn start(samples: &[Sample], stretch: &[Sample], model: &Model) -> Option<Initial> {
+    let mut estimator = Estimator::new(model.clone());
+    // The announcement may lie before the stretch.
+    if let Some(first) = samples.iter().find(|s| matches!(s, Sample::Stream(_))) {
+        estimator.feed(first);
+    }
+    stretch.iter().find_map(|sample| {
+        estimator.feed(sample);
+        start_of(&estimator)
+    })
+}
+
+/// What the source last said of the samples of a stretch, or before it.
+fn announced(samples: &[Sample], stretch: &[Sample]) -> ImuStream {
+    let stream = |s: &Sample| match s {
+        Sample::Stream(s) => Some(s.clone()),
+        _ => None,
+    };
+    let own = stretch.iter().rev().find_map(stream);
+    own.or_else(|| samples.iter().find_map(stream)).unwrap_or_default()
+}
+
+fn span_s(raw: &[ImuSample]) -> f64 {
+    raw.first().zip(raw.last()).map_or(0.0, |(a, b)| b.t_s - a.t_s)
+}
+
+fn start_of(estimator: &Estimator) -> Option<Initial> {
+    if estimator.stage() != Stage::Running {
+        return None;
+    }
+    let filter = estimator.filter()?;
+    Some(Initial {
+        t_s: filter.t_s(),
+        nav: *filter.nav(),
+        position_sigma_m: [8.0; 3],
+        velocity_sigma_m_per_s: [2.0; 3],
+        attitude_sigma_rad: START_ATTITUDE_SIGMA,
+    })
+}
+
+/// The inertial samples of a stretch in order of time.
+fn inertial(stretch: &[Sample]) -> Vec<ImuSample> {
+    let mut raw: Vec<ImuSample> = Vec::new();
+    for sample in stretch {
+        match sample {
+            Sample::Imu(imu) if raw.last().is_none_or(|l| imu.t_s > l.t_s) => raw.push(*imu),
+            _ => {}
+        }
+    }
+    raw
+}
+
+/// The longest part of a stretch between the ends of gaps that nothing bridges.
+fn longest_bridged<'a>(stretch: &'a [Sample], blind_s: &[f64]) -> &'a [Sample] {
+    let mut best: &[Sample] = &[];
+    let mut rest = stretch;
+    let begins = |s: &Sample, at_s: f64| matches!(s, Sample::Imu(imu) if imu.t_s >= at_s);
+    for end_s in blind_s {
+        let at = rest.iter().position(|s| begins(s, *end_s)).unwrap_or(rest.len());
+        let (own, after) = rest.split_at(at);
+        rest = after;
+        if own.len() > best.len() {
+            best = own;
+        }
+    }
+    if rest.len() > best.len() { rest } else { best }
+}
+
+/// The longest stretch between two restarts.
+fn longest_stretch(samples: &[Sample]) -> &[Sample] {
+    let mut best: &[Sample] = &[];
+    let mut from = 0;
+    let cuts = samples.iter().enumerate().filter(|(_, s)| matches!(s, Sample::Restart(_))).map(|(i, _)| i);
+    for cut in cuts.chain([samples.len()]) {
+        if cut - from > best.len() {
+            best = &samples[from..cut];
+        }
+        from = cut + 1;
+    }
+    best
+}
+
+/// Means over `every` intervals; point samples are taken as varying linearly in between.
+pub(super) fn averaged(
+    samples: &[ImuSample],
+    start_s: f64,
+    kind: SampleKind,
+    every: usize,
+) -> Vec<ImuSample> {
+    let mut out = Vec::with_capacity(samples.len() / every + 1);
+    let (mut before, mut begun_s) = (None::<&ImuSample>, start_s);
+    let (mut gyro, mut accel) = (Vector3::zeros(), Vector3::zeros());
+    for (i, sample) in samples.iter().enumerate() {
+        let from = match (before, kind) {
+            (Some(b), SampleKind::Point) => b,
+            _ => sample,
+        };
+        let dt = sample.t_s - before.map_or(start_s, |b| b.t_s);
+        gyro += (from.gyro + sample.gyro) * (0.5 * dt);
+        accel += (from.accel + sample.accel) * (0.5 * dt);
+        before = Some(sample);
+        let span = sample.t_s - begun_s;
+        if (i + 1) % every == 0 && span > 0.0 {
+            out.push(ImuSample { gyro: gyro / span, accel: accel / span, ..*sample });
+            (gyro, accel, begun_s) = (Vector3::zeros(), Vector3::zeros(), sample.t_s);
+        }
+    }
+    out
+}
