@@ -24,7 +24,7 @@ const ENOUGH_HZ: f64 = 50.0;
 const CLOCK_S: f64 = 2e-3;
 /// The same where somebody knows the delay: that is the receiver's own, counted from the true motion. The samples are late
 /// themselves, by the autopilot's low-pass (two poles at 20 Hz: 11 ms) and up to a loop until they are sent, and no data
-/// sheet tells by how much.
+/// sheet gives by how much.
 const CLOCK_OF_KNOWN_DELAY_S: f64 = 0.01;
 /// A fix this many sigmas off that its neighbours contradict is left out.
 const OUTLIER_NIS: f64 = 60.0;
@@ -55,7 +55,7 @@ pub struct Flight {
 }
 
 impl Flight {
-    /// Prepares the longest stretch without a restart. `model` is the one that is believed at first: it finds the start.
+    /// Prepares the longest stretch without a restart. `model` is the one that is assumed at first: it finds the start.
     ///
     /// # Errors
     /// When the recording is too poor to say anything.

@@ -94,7 +94,7 @@ mod tests {
         let sigma = (rounding.at(30.0).0 / 60.0).sqrt();
         let bin = 2.0 * steps.gyro / 12f64.sqrt();
         assert!((sigma / bin - 1.0).abs() < 0.1, "{sigma} of a bin with {bin}");
-        // Where the counts change, a second of samples tells far more.
+        // Where the counts change, a second of samples shows far more.
         assert!((rounding.at(100.0).0).sqrt() < 0.3 * bin, "{:?}", rounding.at(100.0));
         assert_eq!(Rounding::undo(&raw, Quantisation::None, 0.02).1.at(30.0), (0.0, 0.0));
     }

@@ -17,10 +17,10 @@ pub const ENOUGH_S: f64 = 40.0;
 pub const ENOUGH_FIXES: usize = 40;
 /// Fixes are at most this old, s …
 const LONGEST_DELAY_S: f64 = 0.5;
-/// … and a receiver that smooths tells of this much after their time of validity, s.
+/// … and a receiver that smooths still shows this much after their time of validity, s.
 const AFTER_S: f64 = 0.1;
 
-/// Why a recording tells nothing.
+/// Why a recording cannot be explained.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 pub enum TooLittle {
     /// No inertial samples.

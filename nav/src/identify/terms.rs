@@ -236,7 +236,7 @@ pub fn find(
     if !chosen.is_empty() {
         replaced.extend(data.imitations(&chosen, evidence, settings.threshold));
     }
-    LeftOver { terms: data.tell(&chosen), replaced }
+    LeftOver { terms: data.found(&chosen), replaced }
 }
 
 impl Data {
@@ -341,7 +341,7 @@ impl Data {
     }
 
     /// Coefficients from all the data, hardly drawn toward zero by the prior.
-    fn tell(&self, chosen: &[(usize, f64)]) -> Vec<Found> {
+    fn found(&self, chosen: &[(usize, f64)]) -> Vec<Found> {
         let mut sum = self.parts[0].clone();
         sum.add(&self.parts[1]);
         let columns: Vec<usize> = chosen.iter().map(|c| c.0).collect();

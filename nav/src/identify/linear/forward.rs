@@ -13,7 +13,7 @@ use crate::identify::pass::{Information, Options};
 
 /// Squared normalised innovations of a group count linearly beyond this (Huber's function of the norm).
 pub(super) const HUBER: f64 = 25.0;
-/// No fix is believed to be better than this, m and m/s.
+/// No fix is assumed to be better than this, m and m/s.
 pub(super) const SIGMA_FLOOR: f64 = 0.01;
 
 /// A symmetric matrix over the states.
@@ -172,7 +172,7 @@ impl<'a> Kalman<'a> {
         self.add_walk(interval.dt);
     }
 
-    /// the Gauss-Markov error's noise and a new error of the stamp.
+    /// The Gauss-Markov error's noise and a new error of the stamp.
     pub(super) fn renew(&mut self, dt: f64) {
         let lost = 1.0 - (-2.0 * dt / self.noise.correlation_s).exp();
         for (k, v) in gauss_markov_variance(self.noise).into_iter().enumerate() {

@@ -131,7 +131,7 @@ impl<'a> Track<'a> {
         self.to.t_s - self.start_s
     }
 
-    /// The velocity of a while ago, where the model says that fixes tell it.
+    /// The velocity of a while ago, where the model says that fixes report it.
     pub(super) fn older(&self, x: &FixInstant) -> Older {
         let effects = self.model.effects.iter().zip(&self.calibration.parameters);
         let lag_s = effects.map(|(s, p)| s.effect.velocity_delay_s(p)).sum();

@@ -1,7 +1,7 @@
 //! Noise that is no effect: fitted by the likelihood of the innovations, for every model alike.
 //!
-//! White noise of the inertial samples (vibration adds to it), of positions and velocities, the first-order Gauss-Markov error of
-//! positions (a first-order Gauss-Markov process), and the scatter of the fixes' time stamps.
+//! White noise of the inertial samples (vibration adds to it), of positions and velocities, the first-order
+//! Gauss-Markov error of positions, and the scatter of the fixes' time stamps.
 
 mod fit;
 
@@ -67,9 +67,9 @@ const CLAIMED: (f64, f64) = (0.05, 5.0);
 /// However good fixes are, the model is not: sub-sample delays and filters leave centimetres. White noise is not fitted
 /// below this, m and m/s.
 const MODEL_FLOOR: (f64, f64) = (0.15, 0.04);
-/// Positions Gauss-Markov error by metres …
+/// The Gauss-Markov error of positions is metres …
 const GAUSS_MARKOV_M: (f64, f64) = (0.02, 4.0);
-/// … within tens of seconds to minutes; anything quicker is motion that the model does not understand.
+/// … and stays for tens of seconds to minutes; anything quicker is motion that the model does not explain.
 const CORRELATION_S: (f64, f64) = (20.0, 300.0);
 
 /// Stamps scatter by a loop of the autopilot: milliseconds.
@@ -80,7 +80,7 @@ const STAMP_S: (f64, f64) = (0.001, 0.02);
 pub struct Limits([(f64, f64); FIGURES]);
 
 impl Limits {
-    /// Of a vehicle whose model is believed to be about this.
+    /// Of a vehicle whose model is assumed to be about this.
     pub fn new(model: &Model, flights: &[&Flight]) -> Self {
         Self(Claims::new(model, flights).limits())
     }
@@ -287,7 +287,7 @@ fn sigmas(
     })
 }
 
-/// Heights Gauss-Markov error more than horizontal positions.
+/// The Gauss-Markov error of heights is this much larger than that of horizontal positions.
 pub(super) const HEIGHT_GAUSS_MARKOV: f64 = 1.6;
 
 impl Noise {

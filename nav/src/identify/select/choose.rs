@@ -158,7 +158,7 @@ impl Search<'_> {
     }
 
     /// Evidence that each of the added effects is worth beside the others, by the linear model about the point; `None` where
-    /// that cannot tell.
+    /// that cannot say.
     fn losses(&self, point: &Point) -> Vec<Option<f64>> {
         let watched = watching(&point.added);
         let (_, information) = self.run(&self.problems(point, &watched), &point.noise);

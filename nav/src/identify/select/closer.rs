@@ -117,7 +117,7 @@ impl Search<'_> {
         (Look { candidate, point, done: gain < MIN_TURN_GAIN_NATS }, problems)
     }
 
-    /// The size of a drift beside the effects of `point`, found to within a few per cent, with the sigma that the likelihood's curvature tells. Other
+    /// The size of a drift beside the effects of `point`, found to within a few per cent, with the sigma by the likelihood's curvature. Other
     /// candidates stay as they are.
     fn refine_size(
         &self,

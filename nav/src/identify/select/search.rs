@@ -16,7 +16,7 @@ use std::sync::Arc;
 #[derive(Clone)]
 pub(in crate::identify) struct Search<'a> {
     pub(in crate::identify) flights: &'a [&'a Flight],
-    /// The model that is believed, with nothing in it to be estimated.
+    /// The model that is assumed, with nothing in it to be estimated.
     pub(super) base: Model,
     pub(super) settings: Settings,
     pub(super) workers: &'a dyn Workers,
@@ -175,7 +175,7 @@ impl<'a> Search<'a> {
         problems.iter().map(run).sum()
     }
 
-    /// The model that is believed, with nothing in it to be estimated.
+    /// The model that is assumed, with nothing in it to be estimated.
     pub(in crate::identify) fn base(&self) -> &Model {
         &self.base
     }
@@ -196,7 +196,7 @@ impl<'a> Search<'a> {
     }
 
     /// What the samples themselves say for mistakes of the source.
-    pub(super) fn reported_by_samples(&self, added: &[Added]) -> f64 {
+    pub(super) fn evidence_of_samples(&self, added: &[Added]) -> f64 {
         let mistakes = added.iter().map(|a| a.setting.effect).filter(|e| e.is_source_mistake());
         mistakes.map(|e| self.flights.iter().map(|f| e.reported_by(f.reported())).sum::<f64>()).sum()
     }
@@ -257,7 +257,7 @@ impl<'a> Search<'a> {
         if better.evidence > settled.evidence { better } else { settled }
     }
 
-    /// What a step of the selection tells.
+    /// What a step of the selection shows.
     pub(super) fn step(
         &self,
         best: &Candidate,

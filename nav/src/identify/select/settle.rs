@@ -107,7 +107,7 @@ impl Search<'_> {
             let watched = watching(&at.added);
             let (log_likelihood, information) = self.run(&at.problems, noise);
             let Some(fit) = fit_added(&information, &watched, &mut at.added) else { break };
-            let evidence = log_likelihood + fit.evidence + self.reported_by_samples(&at.added);
+            let evidence = log_likelihood + fit.evidence + self.evidence_of_samples(&at.added);
             // A step too far is not taken over.
             if best.as_ref().is_some_and(|b| evidence <= b.0.evidence) {
                 break;
