@@ -284,7 +284,10 @@ pub(super) fn about<'a>(
     settings: &Settings,
     workers: &'a dyn Workers,
 ) -> Search<'a> {
-    Search::about(flights, &selection.base, &selection.added, settings, workers, &selection.noise)
+    let all: Vec<Added> = selection.given.iter().chain(&selection.added).cloned().collect();
+    let mut search = Search::about(flights, &selection.base, &all, settings, workers, &selection.noise);
+    search.given.clone_from(&selection.given);
+    search
 }
 
 /// Judges a selection: what the held-out data confirm, and the model residual before and after.

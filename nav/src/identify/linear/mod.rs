@@ -59,6 +59,8 @@ struct Epoch {
     t_s: f64,
     /// Of the stamp, after the start, s.
     elapsed_s: f64,
+    /// Whether the vehicle turned far in a gap a moment ago: linear theory does not hold yet, and the fix counts for no model.
+    unsettled: bool,
     /// Rows of the position, then of the velocity.
     rows: Vec<Row>,
 }
@@ -137,7 +139,7 @@ impl Problem {
     }
 
     fn part(&self, epoch: &Epoch, options: &Options) -> Option<usize> {
-        options.part(epoch.elapsed_s).filter(|_| epoch.elapsed_s < self.end_s)
+        options.part(epoch.elapsed_s).filter(|_| epoch.elapsed_s < self.end_s && !epoch.unsettled)
     }
 }
 
@@ -160,7 +162,9 @@ fn linearised(
         interval.offset = interval::error(&knot.nav, &predicted);
         let fix = &flight.fixes()[knot.fix];
         let rows = rows::of(fix, &knot.nav, &track);
-        epochs.push(Epoch { interval, t_s: knot.t_s, elapsed_s: fix.t_s - flight.initial().t_s, rows });
+        let elapsed_s = fix.t_s - flight.initial().t_s;
+        let unsettled = flight.unseen().unsettles(fix.t_s);
+        epochs.push(Epoch { interval, t_s: knot.t_s, elapsed_s, unsettled, rows });
         nav = knot.nav;
     }
     epochs

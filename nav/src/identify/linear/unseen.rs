@@ -22,6 +22,10 @@ const TRIALS: usize = 300;
 const ALIKE: usize = 40;
 /// Sigmas are larger than the roots of mean squares by this factor: tails are long.
 const LONG_TAILS: f64 = 2.0;
+/// After a gap in which the vehicle turned by more than this unseen, rad …
+const FAR: f64 = 0.1;
+/// … it takes this long until the fixes have made its attitude certain again, s.
+const SETTLE_S: f64 = 5.0;
 /// Lengths of gaps are separated by this, s.
 const LENGTHS_S: f64 = 0.1;
 /// This much rate, rad/s, is as unlike as that much specific force, m/s².
@@ -33,6 +37,8 @@ struct Gap {
     from_s: f64,
     to_s: f64,
     missed: NavCovariance,
+    /// Whether the vehicle is known to have turned so far unseen that the fixes after it are nonlinear.
+    turned: bool,
 }
 
 /// The gaps of a flight.
@@ -130,7 +136,7 @@ impl Unseen {
             }
             let trials = tried.iter().find(|t| t.0 == class).map_or(&[][..], |t| &t.1);
             let missed = missed(trials, &[pair[0], pair[1]], length_s);
-            gaps.push(Gap { from_s: pair[0].t_s, to_s: pair[1].t_s, missed });
+            gaps.push(Gap { from_s: pair[0].t_s, to_s: pair[1].t_s, missed, turned: false });
         }
         Self(gaps)
     }
@@ -165,6 +171,12 @@ impl Unseen {
         self.0.get(first).is_some_and(|g| g.from_s < to_s)
     }
 
+    /// Whether a gap in which the vehicle turned far has ended a moment before.
+    pub(super) fn unsettles(&self, t_s: f64) -> bool {
+        let first = self.0.partition_point(|g| g.to_s <= t_s - SETTLE_S);
+        self.0.get(first..).unwrap_or_default().iter().take_while(|g| g.to_s <= t_s).any(|g| g.turned)
+    }
+
     /// Beginning and end of every gap, s.
     pub(in crate::identify) fn spans_s(&self) -> impl Iterator<Item = (f64, f64)> + '_ {
         self.0.iter().map(|g| (g.from_s, g.to_s))
@@ -174,6 +186,7 @@ impl Unseen {
     /// gravity makes of it in the meantime.
     pub(in crate::identify) fn widen(&mut self, k: usize, missed: &Vector3<f64>) {
         let Some(gap) = self.0.get_mut(k) else { return };
+        gap.turned |= missed.norm() > FAR;
         let length_s = gap.to_s - gap.from_s;
         let force = STANDARD_GRAVITY * missed.norm();
         for axis in 0..3 {
@@ -249,6 +262,7 @@ mod tests {
         assert!((after[index::ATTITUDE + 2] - 0.7).abs() < 1e-9, "{after}");
         // 0.7 rad of tilt for two seconds, growing: 7 m/s.
         assert!((6.5..7.5).contains(&after[index::VELOCITY]), "{after}");
+        assert!(!unseen.unsettles(101.0) && unseen.unsettles(103.0) && !unseen.unsettles(108.0));
     }
 
     #[test]

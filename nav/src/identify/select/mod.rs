@@ -125,6 +125,8 @@ pub struct Selection {
     pub base_noise: Noise,
     /// Noise with all of them.
     pub noise: Noise,
+    /// What the given model leaves to be estimated, at the values that were found beside the effects added.
+    pub given: Vec<Added>,
     /// Effects added, in the order found.
     pub added: Vec<Added>,
     /// How they were found; one per entry of `added`.
@@ -261,14 +263,15 @@ pub fn select(flights: &[&Flight], base: &Model, settings: &Settings, workers: &
         chosen = search.hearing(options.all()).confirm(chosen);
         point = search.fitted(&chosen.point, &start);
     }
-    let given = search.given.len();
+    let added = point.added.split_off(search.given.len());
     Selection {
         options,
         base: base.clone(),
         base_noise: start.noise,
         noise: point.noise,
         log_likelihood: [start.log_likelihood, point.log_likelihood],
-        added: point.added.split_off(given),
+        given: point.added,
+        added,
         steps: chosen.found.into_iter().map(|f| f.step).collect(),
         remaining: chosen.remaining,
     }

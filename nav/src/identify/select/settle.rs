@@ -23,6 +23,10 @@ const MOST_BENDS: usize = 3;
 const SMALL: f64 = 0.1;
 /// … and one shorter than this is taken within the linear model, which ends the search for values.
 const LINEAR: f64 = 1.0;
+/// A step after which the evidence is less was too far: it is tried again at this share …
+const SHORTER: f64 = 0.3;
+/// … at most so often.
+const MOST_SHORTENED: usize = 2;
 
 /// The flights linearised at some values.
 struct Linearised {
@@ -102,43 +106,65 @@ impl Search<'_> {
 
     fn climb(&self, from: Linearised, noise: &Noise, steps: usize) -> (Point, Vec<Problem>) {
         let mut at = from;
-        let mut best: Option<(Point, Vec<Problem>)> = None;
-        for k in 0..=steps {
-            let watched = watching(&at.added);
-            let (log_likelihood, information) = self.run(&at.problems, noise);
-            let Some(fit) = fit_added(&information, &watched, &mut at.added) else { break };
-            let evidence = log_likelihood + fit.evidence + self.evidence_of_samples(&at.added);
-            // A step too far is not taken over.
-            if best.as_ref().is_some_and(|b| evidence <= b.0.evidence) {
-                break;
+        let mut best: Option<Reached> = None;
+        let (mut taken, mut shortened) = (0, 0);
+        while let Some(Fitted { fit, watched, evidence, log_likelihood }) = self.fit_values(&mut at, noise) {
+            // A step too far is taken again, shorter.
+            if let Some(best) = best.as_mut().filter(|b| evidence <= b.point.evidence) {
+                if shortened == MOST_SHORTENED {
+                    break;
+                }
+                shortened += 1;
+                best.step.shorten();
+                at = self.linearised(best.step.from(&best.point.added), &best.point.references);
+                continue;
             }
-            let Linearised { mut added, references, mut problems } = at;
-            let mut point = Point {
-                added: added.clone(),
-                noise: *noise,
-                evidence,
-                log_likelihood,
-                references: references.clone(),
-            };
+            let Linearised { added, references, mut problems } = at;
             let step = Step::new(&fit, &watched, &added);
-            if k == steps || step.reach < SMALL {
+            let mut point = Point { added, noise: *noise, evidence, log_likelihood, references };
+            if taken == steps || step.reach < SMALL {
                 return (point, problems);
             }
-            step.take(&mut added);
+            let next = step.from(&point.added);
             if step.reach < LINEAR {
                 problems.iter_mut().for_each(|p| p.move_by(&step.by));
-                (point.added, point.log_likelihood) = (added, log_likelihood + fit.gain);
+                (point.added, point.log_likelihood) = (next, log_likelihood + fit.gain);
                 return (point, problems);
             }
-            best = Some((point, problems));
-            at = self.linearised(added, &references);
+            taken += 1;
+            at = self.linearised(next, &point.references);
+            best = Some(Reached { point, problems, step });
         }
         // Where not even the first is a maximum, the flights stay linearised as they are, and nothing speaks for it.
-        best.unwrap_or_else(|| {
+        best.map(|b| (b.point, b.problems)).unwrap_or_else(|| {
             let Linearised { added, references, problems } = at;
             (Point { added, references, ..self.empty(noise) }, problems)
         })
     }
+
+    /// The fit of the linear model at some values; `None` where they are no place for a maximum.
+    fn fit_values(&self, at: &mut Linearised, noise: &Noise) -> Option<Fitted> {
+        let watched = watching(&at.added);
+        let (log_likelihood, information) = self.run(&at.problems, noise);
+        let fit = fit_added(&information, &watched, &mut at.added)?;
+        let evidence = log_likelihood + fit.evidence + self.evidence_of_samples(&at.added);
+        Some(Fitted { fit, watched, evidence, log_likelihood })
+    }
+}
+
+/// What the linear model says at some values.
+struct Fitted {
+    fit: evidence::Fit,
+    watched: Watched,
+    evidence: f64,
+    log_likelihood: f64,
+}
+
+/// The best values so far, and the step that leads on from them.
+struct Reached {
+    point: Point,
+    problems: Vec<Problem>,
+    step: Step,
 }
 
 /// Prior sigma and distance from the prior mean of each watched parameter.
@@ -222,9 +248,16 @@ impl Step {
         Self { reach: reach.fold(0.0, f64::max), by, slots }
     }
 
-    fn take(&self, added: &mut [Added]) {
+    /// The values that it leads to.
+    fn from(&self, added: &[Added]) -> Vec<Added> {
+        let mut added = added.to_vec();
         for ((e, p), by) in self.slots.iter().zip(&self.by) {
             added[*e].setting.values[*p] += by;
         }
+        added
+    }
+
+    fn shorten(&mut self) {
+        self.by.iter_mut().for_each(|by| *by *= SHORTER);
     }
 }
