@@ -246,23 +246,32 @@ impl Sum {
         let action = Action { dv: self.turned * inc.dv, dp: self.turned * inc.dp, dt };
         self.driven.iter_mut().for_each(|c| action.apply(c));
         let turned = self.turned * (Matrix3::identity() + skew(&inc.dtheta) * 0.5);
-        let drive = |rate: Vector3<f64>, force: Vector3<f64>| {
-            let e = turned * rate * dt;
-            let v = turned * force * dt - action.dv.cross(&e) * 0.5;
-            let p = self.turned * force * (0.5 * dt * dt) - action.dp.cross(&e) / 3.0;
-            nav_of(&p, &v, &e)
+        let begun = self.turned;
+        let none = Vector3::zeros();
+        let by_rate =
+            |e: Vector3<f64>| nav_of(&(action.dp.cross(&e) / -3.0), &(action.dv.cross(&e) * -0.5), &e);
+        let by_force = |p: Vector3<f64>, v: Vector3<f64>| nav_of(&(p * (0.5 * dt * dt)), &(v * dt), &none);
+        let drive = |rate: Vector3<f64>, force: Vector3<f64>| match (rate == none, force == none) {
+            (true, true) => Nav::zeros(),
+            (false, true) => by_rate(turned * rate * dt),
+            (true, false) => by_force(begun * force, turned * force),
+            (false, false) => by_rate(turned * rate * dt) + by_force(begun * force, turned * force),
         };
-        let by_force =
+        let coupled =
             if kind == SampleKind::Point { (from.by_force + to.by_force) * 0.5 } else { to.by_force };
+        let couples = coupled != Matrix3::zeros();
         for k in 0..3 {
-            let axis = Vector3::from_fn(|i, _| if i == k { -1.0 } else { 0.0 });
-            self.driven[k] += drive(axis, Vector3::zeros());
-            self.driven[3 + k] += drive(-by_force * axis, axis);
+            let at = |m: &Matrix3<f64>| -Vector3::from(m.column(k));
+            self.driven[k] += by_rate(at(&turned) * dt);
+            self.driven[3 + k] += by_force(at(&begun), at(&turned));
+            if couples {
+                self.driven[3 + k] += by_rate(turned * Vector3::from(coupled.column(k)) * dt);
+            }
         }
         for (k, end) in to.columns.iter().enumerate() {
             let start = from.columns.get(k).filter(|_| kind == SampleKind::Point).unwrap_or(end);
             let (rate, force) = ((start[0] + end[0]) * 0.5, (start[1] + end[1]) * 0.5);
-            if rate != Vector3::zeros() || force != Vector3::zeros() {
+            if rate != none || force != none {
                 self.driven[BIASES + k] += drive(rate, force);
             }
         }
