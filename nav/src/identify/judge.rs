@@ -123,6 +123,20 @@ impl Measured {
     }
 }
 
+/// The residuals of a model on the flights that chose it and, where there are any, on validation flights.
+#[derive(Clone)]
+struct Residuals {
+    own: Measured,
+    others: Option<Measured>,
+}
+
+impl Residuals {
+    /// On held-out data: the validation flights, or the held-out blocks.
+    fn held_out(&self) -> ResidualMeasure {
+        self.others.as_ref().map_or_else(|| self.own.part(1), |others| others.part(0))
+    }
+}
+
 /// Held-out log-likelihood that may be lost with what shows where it happens and hardly anywhere else (a jump), or in the
 /// samples themselves (a sample reported twice).
 const MAX_LOSS_OF_LOCAL_NATS: f64 = -3.0;
@@ -240,13 +254,13 @@ impl<'a> HoldoutTest<'a> {
 
     /// These effects at their best values against the flights that chose, and at the same values against the validation flights
     /// where there are any.
-    fn measured(&self, added: &[Added]) -> (Measured, Option<Measured>) {
+    fn measured(&self, added: &[Added]) -> Residuals {
         let point = self.search.best(added, &self.noise);
         let others = self.others.as_ref().map(|others| {
             let (same, _) = others.settle(&point.added, &self.noise, &others.empty(&self.noise), 0);
             Measured::new(others, &same)
         });
-        (Measured::new(&self.search, &point), others)
+        Residuals { own: Measured::new(&self.search, &point), others }
     }
 }
 
@@ -301,16 +315,12 @@ pub fn judge(
     let test = HoldoutTest::new(flights, validate, &selection, settings, workers);
     let Confirmed { mut selection, mut removed, mut left_out } = test.confirmed(selection);
     // Both with the noise of the better model: what an unmodelled effect does must not be absorbed by the noise.
-    let held_out = |(own, others): &(Measured, Option<Measured>)| match others {
-        Some(others) => others.part(0),
-        None => own.part(1),
-    };
     let before = test.measured(&[]);
     let after = loop {
         let all = if selection.added.is_empty() { before.clone() } else { test.measured(&selection.added) };
         // What makes the held-out data less likely is not reported as unmodelled.
         let excused = if left_out.iter().any(shows_elsewhere) { MAX_LOSS_OF_LOCAL_NATS } else { 0.0 };
-        let worse = held_out(&all).log_likelihood < held_out(&before).log_likelihood + excused;
+        let worse = all.held_out().log_likelihood < before.held_out().log_likelihood + excused;
         let least = left_out.iter().enumerate().min_by(|a, b| a.1.held_out.total_cmp(&b.1.held_out));
         match least.map(|(k, _)| k).filter(|k| worse && *k < selection.added.len()) {
             Some(k) => {
@@ -321,8 +331,8 @@ pub fn judge(
         }
     };
     let (survey, noise) = take_survey(flights, &mut selection, settings, workers);
-    let pair = |of: &dyn Fn(&(Measured, Option<Measured>)) -> ResidualMeasure| [of(&before), of(&after)];
-    let (fit, held_out) = (pair(&|m| m.0.part(0)), pair(&held_out));
+    let fit = [before.own.part(0), after.own.part(0)];
+    let held_out = [before.held_out(), after.held_out()];
     let first = |m: Measured| m.innovations.into_iter().next().map(|i| i.fixes).unwrap_or_default();
     Judged {
         selection,
@@ -330,7 +340,7 @@ pub fn judge(
         fit,
         held_out,
         left_out,
-        innovations: [first(before.0), first(after.0)],
+        innovations: [first(before.own), first(after.own)],
         survey,
         noise,
     }

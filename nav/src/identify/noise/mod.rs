@@ -59,8 +59,7 @@ pub mod figure {
 }
 /// Noise of the inertial samples may exceed what they show from sample to sample, or the model says, by this factor …
 const INERTIAL_ABOVE: f64 = 3.0;
-/// … and fall short of what the model says by this one. What samples show from one to the next is no lower limit: vibration
-/// shows there, aliased or not, and leaves hardly anything over the time between two fixes.
+/// … and fall short of it by this one.
 const INERTIAL_BELOW: f64 = 8.0;
 /// White noise of the fixes as a factor on what they or the model claim. A receiver that is off by more is an effect's doing.
 const CLAIMED: (f64, f64) = (0.05, 5.0);
@@ -108,8 +107,6 @@ impl Limits {
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Claims {
     start: Noise,
-    /// Noise of gyros, rad/s/√Hz, and accelerometers, m/s²/√Hz, as the model has it.
-    inertial: [f64; 2],
     /// Sigmas of horizontal positions, heights and velocities, those of the fixes where they have any, m and m/s.
     position: f64,
     height: f64,
@@ -127,7 +124,6 @@ impl Claims {
         let gnss = &model.gnss;
         Self {
             start: Noise::measured(model, flights),
-            inertial: [model.imu.gyro_noise, model.imu.accel_noise],
             position: middle(&|f| f.position_sigma_m.unwrap_or(gnss.position_sigma_m)[0]),
             height: middle(&|f| f.position_sigma_m.unwrap_or(gnss.position_sigma_m)[2]),
             velocity: middle(&|f| f.velocity_sigma_m_per_s.unwrap_or(gnss.velocity_sigma_m_per_s)[0]),
@@ -164,15 +160,14 @@ impl Claims {
     }
 
     fn limits(&self) -> [(f64, f64); FIGURES] {
-        let around =
-            |measured: f64, model: f64| (measured.min(model) / INERTIAL_BELOW, measured * INERTIAL_ABOVE);
+        let around = |v: f64| (v / INERTIAL_BELOW, v * INERTIAL_ABOVE);
         let above = |floor: f64, claimed: f64| {
             let low = CLAIMED.0.max(floor / claimed);
             (low, CLAIMED.1.max(2.0 * low))
         };
         [
-            around(self.start.gyro, self.inertial[0]),
-            around(self.start.accel, self.inertial[1]),
+            around(self.start.gyro),
+            around(self.start.accel),
             above(MODEL_FLOOR.0, self.position),
             above(MODEL_FLOOR.0, self.height),
             above(MODEL_FLOOR.1, self.velocity),
