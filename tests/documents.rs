@@ -5,9 +5,10 @@
 use clap::Parser;
 use gaware::commands::cli::Cli;
 
-const DOCUMENTS: [(&str, &str); 3] = [
+const DOCUMENTS: [(&str, &str); 4] = [
     ("README.md", include_str!("../README.md")),
     ("docs/vehicle.md", include_str!("../docs/vehicle.md")),
+    ("docs/install.md", include_str!("../docs/install.md")),
     ("docs/fleet.md", include_str!("../docs/fleet.md")),
 ];
 

@@ -143,7 +143,7 @@ fn figures(value: f64, sigma: f64) -> String {
 fn print(out: &mut String, family: &Family) -> std::fmt::Result {
     writeln!(
         out,
-        "{} flights of {} inertial units, {} firmwares",
+        "flights: {}, inertial units: {}, firmwares: {}",
         family.flights,
         family.units.len(),
         family.firmwares.len()

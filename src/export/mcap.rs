@@ -39,7 +39,7 @@ fn written(tables: &[Table]) -> Result<Vec<u8>, McapError> {
 }
 
 /// A JSON schema without references and unions: what every reader of MCAP understands.
-fn schema(table: &Table) -> Value {
+pub fn schema(table: &Table) -> Value {
     let kind = |values: &Values| match values {
         Values::Number(_) => "number",
         Values::Text(_) => "string",
@@ -64,7 +64,7 @@ fn time_ns(table: &Table, row: usize) -> u64 {
 }
 
 /// A row; numbers that are absent are left out.
-fn object(table: &Table, row: usize) -> Map<String, Value> {
+pub fn object(table: &Table, row: usize) -> Map<String, Value> {
     let value = |values: &Values| match values {
         Values::Number(v) => v.get(row).and_then(|x| Number::from_f64(*x)).map(Value::Number),
         Values::Text(v) => v.get(row).map(|x| json!(x)),

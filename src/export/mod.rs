@@ -11,6 +11,7 @@ mod rows;
 pub mod table;
 
 pub use gather::{Gather, Gathered};
+pub use mcap::{object as flat_object, schema as flat_schema};
 pub use table::Table;
 
 use std::path::{Path, PathBuf};

@@ -5,9 +5,10 @@
 //! messages, which are counted, and a fresh file is tried now and then.
 //!
 //! Topics: `/mavlink/N` raw frames of link N in the order in which the converter saw them (no schema; the log time is
-//! the time of reception), `/imu`, `/fix`, `/attitude_autopilot`, `/snapshot`, and `/position`, `/pose`, `/log` in
-//! Foxglove's own schemas.
+//! the time of reception), `/imu`, `/fix`, `/attitude_autopilot`, `/states` (the estimate as flat numbers), `/snapshot` (all of it, without
+//! a schema), and `/position`, `/pose`, `/tf`, `/log` in Foxglove's own schemas.
 
+mod flat;
 mod foxglove;
 mod output;
 mod records;
@@ -314,5 +315,7 @@ fn utc(unix_s: u64) -> String {
     format!("{year:04}{month:02}{day:02}-{:02}{:02}{:02}", s / 3600, s / 60 % 60, s % 60)
 }
 
+#[cfg(test)]
+mod flat_tests;
 #[cfg(test)]
 mod tests;

@@ -1,4 +1,4 @@
-//! The three of Foxglove's well-known schemas that make its map, 3-D and log panels work without set-up.
+//! Those of Foxglove's well-known schemas that make its map, 3-D and log panels work without set-up.
 //!
 //! The field names are theirs (<https://docs.foxglove.dev/docs/visualization/message-schemas/introduction>).
 
@@ -6,6 +6,9 @@ use crate::engine::snapshot::Snapshot;
 use crate::sensors::Severity;
 use schemars::JsonSchema;
 use serde::Serialize;
+
+/// The frame of the vehicle.
+const VEHICLE: &str = "vehicle";
 
 /// Time as Foxglove's JSON messages have it.
 #[derive(Debug, Serialize, JsonSchema)]
@@ -47,7 +50,7 @@ impl LocationFix {
         let [n, e, d] = s.motion.position_sigma_m.map(|v| v * v);
         Self {
             timestamp: Time::from_us(t_us),
-            frame_id: "vehicle".to_owned(),
+            frame_id: VEHICLE.to_owned(),
             latitude: s.motion.lat_deg,
             longitude: s.motion.lon_deg,
             altitude: s.motion.height_m,
@@ -115,6 +118,35 @@ impl PoseInFrame {
                 position: Vector3 { x: 0.0, y: 0.0, z: 0.0 },
                 orientation: Quaternion { x: q.i, y: q.j, z: q.k, w: q.w },
             },
+        }
+    }
+}
+
+/// `foxglove.FrameTransform`: the vehicle in the local frame of [`PoseInFrame`], at its origin.
+#[derive(Debug, Serialize, JsonSchema)]
+pub struct FrameTransform {
+    /// Time of reception.
+    pub timestamp: Time,
+    /// The local frame.
+    pub parent_frame_id: String,
+    /// The vehicle.
+    pub child_frame_id: String,
+    /// m.
+    pub translation: Vector3,
+    /// Body into frame.
+    pub rotation: Quaternion,
+}
+
+impl FrameTransform {
+    /// The attitude of this snapshot.
+    pub fn new(t_us: u64, s: &Snapshot) -> Self {
+        let PoseInFrame { timestamp, frame_id, pose } = PoseInFrame::new(t_us, s);
+        Self {
+            timestamp,
+            parent_frame_id: frame_id,
+            child_frame_id: VEHICLE.to_owned(),
+            translation: pose.position,
+            rotation: pose.orientation,
         }
     }
 }

@@ -1,15 +1,17 @@
 //! The open file of a recording: its channels and how items become messages.
 
-use super::foxglove::{LocationFix, Log, PoseInFrame};
+use super::flat::{States, plain};
+use super::foxglove::{FrameTransform, LocationFix, Log, PoseInFrame};
 use super::records::{AttitudeRecord, FixRecord, ImuRecord};
 use super::{CHUNK_BYTES, FRAME_TOPIC, MODEL_ATTACHMENT, RecordItem, SETUP_METADATA, Setup};
-use crate::engine::snapshot::Snapshot;
+use crate::engine::snapshot::{Phase, Snapshot};
 use gaware_nav::sample::Sample;
 use mcap::records::{MessageHeader, Metadata};
 use mcap::write::NoSeek;
 use mcap::{Attachment, McapError, WriteOptions, Writer};
 use schemars::JsonSchema;
 use serde::Serialize;
+use serde_json::Value;
 use std::borrow::Cow;
 use std::collections::BTreeMap;
 use std::fs::File;
@@ -17,6 +19,9 @@ use std::io::{BufWriter, Write};
 use std::path::Path;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicU64, Ordering};
+
+/// Topic of the estimate as flat numbers.
+const STATES_TOPIC: &str = "/states";
 
 /// Writes at the end of the file, wherever that is, and counts: after a truncation the file stays too short for good, where
 /// writing at an offset would leave a hole that looks like data.
@@ -45,6 +50,8 @@ pub(super) struct Output {
     writer: Writer<NoSeek<BufWriter<Appending>>>,
     frames: BTreeMap<u16, u16>,
     channels: BTreeMap<&'static str, u16>,
+    /// Columns and channel of the states.
+    states: Option<(Vec<String>, u16)>,
     sequence: u32,
 }
 
@@ -75,8 +82,15 @@ impl Output {
             media_type: "application/toml".to_owned(),
             data: Cow::Borrowed(setup.model_toml.as_bytes()),
         })?;
-        let mut output =
-            Self { file, appended, writer, frames: BTreeMap::new(), channels: BTreeMap::new(), sequence: 0 };
+        let mut output = Self {
+            file,
+            appended,
+            writer,
+            frames: BTreeMap::new(),
+            channels: BTreeMap::new(),
+            states: None,
+            sequence: 0,
+        };
         // All channels at once, in a chunk of their own: damage to later chunks cannot take them away.
         for (link, address) in setup.links.iter().enumerate() {
             output.frame_channel(link as u16, address)?;
@@ -84,7 +98,9 @@ impl Output {
         output.channel::<ImuRecord>("/imu", "gaware.Imu")?;
         output.channel::<FixRecord>("/fix", "gaware.Fix")?;
         output.channel::<AttitudeRecord>("/attitude_autopilot", "gaware.Attitude")?;
-        output.channel::<Snapshot>("/snapshot", "gaware.Snapshot")?;
+        // G is an array of arrays, which not every reader's schemas can say: docs/snapshot.schema.json says it.
+        output.add("/snapshot", None)?;
+        output.channel::<FrameTransform>("/tf", "foxglove.FrameTransform")?;
         output.channel::<LocationFix>("/position", "foxglove.LocationFix")?;
         output.channel::<PoseInFrame>("/pose", "foxglove.PoseInFrame")?;
         output.channel::<Log>("/log", "foxglove.Log")?;
@@ -100,11 +116,38 @@ impl Output {
     }
 
     fn channel<T: JsonSchema>(&mut self, topic: &'static str, name: &str) -> Result<(), McapError> {
-        let schema = serde_json::to_vec(&schemars::schema_for!(T)).unwrap_or_default();
-        let schema = self.writer.add_schema(name, "jsonschema", &schema)?;
+        self.add(topic, Some((name, plain::<T>())))?;
+        Ok(())
+    }
+
+    fn add(&mut self, topic: &'static str, schema: Option<(&str, Value)>) -> Result<u16, McapError> {
+        let schema = match schema {
+            Some((name, schema)) => {
+                let text = serde_json::to_vec(&schema).unwrap_or_default();
+                self.writer.add_schema(name, "jsonschema", &text)?
+            }
+            None => 0,
+        };
         let id = self.writer.add_channel(schema, topic, "json", &BTreeMap::new())?;
         self.channels.insert(topic, id);
-        Ok(())
+        Ok(id)
+    }
+
+    /// The estimate as flat numbers. A column that is new makes a new channel of the topic.
+    fn states(&mut self, t_us: u64, s: &Snapshot) -> Result<(), McapError> {
+        let states = States::new(s);
+        let names = states.names();
+        let known = self.states.as_ref().filter(|(before, _)| *before == names).map(|(_, id)| *id);
+        let id = match known {
+            Some(id) => id,
+            None => {
+                let id = self.add(STATES_TOPIC, Some(("gaware.States", states.schema())))?;
+                self.states = Some((names, id));
+                id
+            }
+        };
+        let bytes = serde_json::to_vec(&states.object()).unwrap_or_default();
+        self.put(id, t_us, &bytes)
     }
 
     pub(super) fn write(&mut self, item: &RecordItem) -> Result<(), McapError> {
@@ -125,6 +168,12 @@ impl Output {
             RecordItem::Sample(_, Sample::Stream(_) | Sample::Restart(_)) => Ok(()),
             RecordItem::Snapshot(t_us, s) => {
                 self.json("/snapshot", *t_us, s)?;
+                self.states(*t_us, s)?;
+                // Before there is an estimate the vehicle is at no place.
+                if s.phase != Phase::Running {
+                    return Ok(());
+                }
+                self.json("/tf", *t_us, &FrameTransform::new(*t_us, s))?;
                 self.json("/position", *t_us, &LocationFix::new(*t_us, s))?;
                 self.json("/pose", *t_us, &PoseInFrame::new(*t_us, s))
             }

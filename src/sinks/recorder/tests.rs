@@ -6,13 +6,13 @@ use crate::logs::{self, Item};
 use mavlink::dialects::ardupilotmega::{MavMessage, RAW_IMU_DATA};
 use std::fs::File;
 
-fn received(k: u64) -> Received {
+pub(super) fn received(k: u64) -> Received {
     let m = RAW_IMU_DATA { time_usec: k * 5000, zacc: -1000, ..Default::default() };
     let frame = Frame::encode(Sender { system_id: 1, component_id: 1 }, k as u8, &MavMessage::RAW_IMU(m));
     Received { link: 0, t_us: 1_700_000_000_000_000 + k * 5000, frame }
 }
 
-fn setup() -> Setup {
+pub(super) fn setup() -> Setup {
     Setup {
         version: "0".to_owned(),
         links: vec!["udpin:0.0.0.0:14550".to_owned()],
@@ -22,7 +22,7 @@ fn setup() -> Setup {
 }
 
 /// A file in a folder that vanishes with the test.
-struct Scratch(PathBuf);
+pub(super) struct Scratch(PathBuf);
 
 impl std::ops::Deref for Scratch {
     type Target = Path;
@@ -38,7 +38,7 @@ impl Drop for Scratch {
     }
 }
 
-fn scratch(name: &str) -> Scratch {
+pub(super) fn scratch(name: &str) -> Scratch {
     let folder = std::env::temp_dir().join(format!("gaware-recorder-{}-{name}", std::process::id()));
     let _ = std::fs::remove_dir_all(&folder);
     Scratch(folder.join("flight.mcap"))
