@@ -20,7 +20,7 @@ fn fly(folder: &Folder, seed: &str) -> String {
         "--listen",
         "tcpin:127.0.0.1:0",
         "--speed",
-        "20",
+        "5",
         "--until",
         "140",
         "--hide-random",
