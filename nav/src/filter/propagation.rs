@@ -265,9 +265,10 @@ impl Filter {
 
     /// The random walks of biases that effects ask for, and of all constants where tolerances say that none is one for ever.
     pub(super) fn walk_constants(&mut self, dt: f64) {
-        let share = self.model.constants_walk();
-        if share > 0.0 {
-            for i in index::GYRO_BIAS..index::GYRO_BIAS + self.layout.names().len() {
+        let end = index::GYRO_BIAS + self.layout.names().len();
+        if let Some([biases, others]) = self.model.constants_walk() {
+            for i in index::GYRO_BIAS..end {
+                let share = if i < index::EFFECTS { biases } else { others };
                 let sigma = share * self.initial_sigmas.get(i).copied().unwrap_or(0.0);
                 self.p.add_variance(i, sigma * sigma * dt);
             }

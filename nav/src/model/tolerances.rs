@@ -6,15 +6,16 @@
 //! as prior sigma. They are nuisance parameters: they widen the sigmas of all others, but no flight is flown for their sake. An effect that
 //! a user names is no tolerance any more.
 //!
-//! Nor does a consumer unit keep its constants for a day: they walk by a share of their prior sigma, which for the gyro biases is 18 deg/h in
+//! Nor does a consumer unit keep its constants for a day: they walk by a share of their prior sigma, which for the gyro biases is 7 deg/h in
 //! an hour and for the scale factors 30 ppm. Without it a filter that is never switched off counts on constants that no unit has, and
 //! the smallest systematic error leaves its sigmas in the end (fictitious process noise: Maybeck 1979, section 6.8).
 
 use super::{EffectSetting, Model};
 use crate::effects::{Effect, REGISTRY};
 
-/// Random walk of every constant of a model with tolerances, in an hour, as a share of its prior sigma.
-const WALK_PER_RTH: f64 = 0.01;
+/// Random walks of the biases and of all other constants of a model with tolerances, in an hour, as shares of their prior sigmas. That of a
+/// bias is what changes from one start to the next, of which less changes in between.
+const WALK_PER_RTH: [f64; 2] = [0.004, 0.01];
 
 impl EffectSetting {
     /// Zero with the tolerance of a consumer unit as sigma, if the effect has one.
@@ -45,9 +46,9 @@ impl Model {
         self
     }
 
-    /// Random walk of every constant, as a share of its prior sigma, 1/√s.
-    pub fn constants_walk(&self) -> f64 {
-        if self.tolerances.is_empty() { 0.0 } else { WALK_PER_RTH / 60.0 }
+    /// Random walks of the biases and of all other constants, as shares of their prior sigmas, 1/√s.
+    pub fn constants_walk(&self) -> Option<[f64; 2]> {
+        (!self.tolerances.is_empty()).then(|| WALK_PER_RTH.map(|share| share / 60.0))
     }
 
     /// Whether this effect is in the model as a tolerance only.
