@@ -1,4 +1,4 @@
-//! The `gaware.explanation/1` contract (design, section 3): its types. [`super::assembly`] fills them.
+//! The `gaware.explanation/1` contract (design, section 3): its types. `assembly` fills them.
 
 use gaware_nav::identify::noise::NoiseEntry;
 use schemars::JsonSchema;
