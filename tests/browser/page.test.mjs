@@ -98,12 +98,16 @@ test("without the token the upload button asks for it, and before there is an es
   await page.waitForFunction(() => document.querySelectorAll(".cell").length === 9);
   assert.equal(await page.evaluate(() => document.body.innerText.match(/[+−]?\d+\.\d\n±/)), null);
   assert.equal(await page.locator("#weak").isVisible(), false);
+  // The button is shown once the page knows what it may do.
+  await page.waitForSelector("#upload:visible");
   assert.match(await page.locator("#upload").textContent(), /Sign in/);
   await page.click("#upload");
   await page.fill("#sign-in input", TOKEN);
   await page.click("#sign-in button[type=submit]");
-  await page.waitForFunction(() => document.querySelector("#upload").textContent.startsWith("Upload"));
-  assert.equal(new URL(page.url()).search, "");
+  await page.waitForFunction(() => {
+    const button = document.querySelector("#upload");
+    return button?.offsetParent && button.textContent.startsWith("Upload") && location.search === "";
+  });
   await close();
   await server.stop();
 });
