@@ -147,7 +147,7 @@ async fn the_page_sets_parameters_with_token_and_confirmation_only_and_keeps_the
         assert_eq!(page::post(&page, path, Some(TOKEN), "{\"confirm\": false}").await.0, 400);
         let mission = page::post(&page, "/api/v1/mission/upload", Some(TOKEN), "{\"confirm\": true}").await;
         assert!(mission.0 == 409, "{mission:?}");
-        assert_eq!(on_board(&address, delay).await, Some(old), "nobody confirmed");
+        assert_eq!(on_board(&address, delay).await, Some(old), "it was not confirmed");
         let (status, text) = set_from(&page).await;
         assert_eq!(status, 200, "{text}");
         assert!(text.contains("reboot of the autopilot is due"), "{text}");

@@ -4,7 +4,7 @@
 //! the same samples give the same result, bit for bit.
 
 use crate::alignment::Gathering;
-use crate::filter::{Filter, FixOutcome, Fusion, Initial, PassedOver};
+use crate::filter::{Filter, FixOutcome, Fusion, Initial, LOST_ATTITUDE, PassedOver};
 use crate::heading::{HeadingBank, MEMBERS};
 use crate::mechanization::NavState;
 use crate::model::{Model, SourceHistory};
@@ -18,9 +18,7 @@ use std::collections::VecDeque;
 const STANDING_RATE_SIGMA: f64 = 1.5e-3;
 /// Without samples for longer than this the attitude is not known any more, s.
 const LOST_AFTER_S: f64 = 1.5;
-/// An attitude with a larger sigma is not one that a linear filter can correct, rad, …
-const VAGUE_ATTITUDE: f64 = 0.35;
-/// … and where nothing has corrected it for so long, it begins anew, s.
+/// Where nothing has corrected an attitude that is too uncertain for so long, it begins anew, s.
 const VAGUE_AT_MOST_S: f64 = 10.0;
 /// A sensor fault is found within this time of its begin; what was learned since is dropped, s.
 const FAULT_FOUND_WITHIN_S: f64 = 3.0;
@@ -311,7 +309,7 @@ impl Estimator {
             return None;
         };
         let (t_s, sigma_rad) = (fusion.filter().t_s(), fusion.filter().attitude_sigma());
-        if sigma_rad <= VAGUE_ATTITUDE {
+        if sigma_rad <= LOST_ATTITUDE {
             self.vague_since_s = None;
             return None;
         }

@@ -34,6 +34,7 @@ use regressor::Regressor;
 use std::sync::Arc;
 
 pub use fusion::{Fusion, PassedOver};
+pub(crate) use update::LOST_ATTITUDE;
 pub use update::{FixEvent, FixOutcome, Group, gate};
 
 /// What a filter starts from.

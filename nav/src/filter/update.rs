@@ -19,7 +19,7 @@ const LONGEST_DELAY_S: f64 = 1.0;
 /// Likelihood of a fix that a filter cannot even test, nats: worse than any that it can.
 const UNTESTABLE: f64 = -1e3;
 /// With attitude less certain than this a filter is aligned anew instead of being started from a fix, rad.
-const LOST_ATTITUDE: f64 = 0.35;
+pub(crate) const LOST_ATTITUDE: f64 = 0.35;
 
 /// What became of one group of rows.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
