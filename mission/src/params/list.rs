@@ -1,7 +1,8 @@
 //! Reading all parameters: the list, then by number what was lost of it (MAVLink "Parameter Protocol", "Read All Parameters").
 //!
 //! PX4 sends the hash of its parameters along, as a parameter named `_HASH_CHECK` without a number
-//! (`modules/mavlink/mavlink_parameters.cpp`): two lists with the same hash hold the same lasting values.
+//! (`modules/mavlink/mavlink_parameters.cpp`): two lists with the same hash hold the same lasting values. Where it was lost it is asked
+//! for by name; a vehicle that does not answer that has none.
 
 use super::{Encoding, ParamMessage, ParamName, ParamTiming, ParamValue};
 use std::collections::BTreeMap;
@@ -51,6 +52,8 @@ pub struct ParamList {
     count: Option<u16>,
     by_index: BTreeMap<u16, (ParamName, ParamValue)>,
     hash: Option<u32>,
+    /// Requests of the hash by name.
+    hash_asked: u32,
     lists_left: u32,
     /// Numbers asked for, with attempts.
     asked: BTreeMap<u16, u32>,
@@ -67,6 +70,7 @@ impl ParamList {
             count: None,
             by_index: BTreeMap::new(),
             hash: None,
+            hash_asked: 0,
             lists_left: timing.tries.saturating_sub(1),
             asked: BTreeMap::new(),
             deadline: now + SILENCE_S,
@@ -100,6 +104,9 @@ impl ParamList {
         }
         if name.as_str() == HASH {
             self.hash = Some(*bits);
+            if self.hash_asked > 0 {
+                self.finish();
+            }
             return Vec::new();
         }
         if *index == NO_INDEX || *index >= *count {
@@ -114,14 +121,14 @@ impl ParamList {
             // A parameter appeared or vanished: the numbers have moved.
             self.by_index.clear();
             self.asked.clear();
+            self.hash_asked = 0;
         }
         self.by_index.insert(*index, (*name, self.encoding.decode(*bits, *kind)));
         self.deadline = now + if self.asked.is_empty() { SILENCE_S } else { self.timing.reply_s };
         let was_asked = self.asked.remove(index).is_some();
         if self.missing().next().is_none() {
-            let values = std::mem::take(&mut self.by_index).into_values().collect();
-            self.result = Some(Ok(AllParameters { values, hash: self.hash }));
-            return Vec::new();
+            // Once the hash is asked for, only the clock asks again.
+            return if self.hash_asked > 0 { Vec::new() } else { self.complete(now) };
         }
         if was_asked { self.ask() } else { Vec::new() }
     }
@@ -140,6 +147,9 @@ impl ParamList {
             self.deadline = now + SILENCE_S;
             return vec![ParamMessage::RequestList];
         };
+        if self.missing().next().is_none() {
+            return self.complete(now);
+        }
         self.deadline = now + self.timing.reply_s;
         if self.asked.values().any(|tries| *tries >= self.timing.tries) {
             self.result = Some(Err(ListError::Incomplete { missing: self.missing().count(), count }));
@@ -149,6 +159,26 @@ impl ParamList {
         let mut messages: Vec<ParamMessage> = again.iter().map(|index| self.request(*index)).collect();
         messages.extend(self.ask());
         messages
+    }
+
+    /// All parameters are there; the hash, where the vehicle has one, may have been lost.
+    fn complete(&mut self, now: f64) -> Vec<ParamMessage> {
+        if self.encoding == Encoding::ByBytes
+            && self.hash.is_none()
+            && self.hash_asked < self.timing.tries
+            && let Ok(name) = HASH.parse()
+        {
+            self.hash_asked += 1;
+            self.deadline = now + self.timing.reply_s;
+            return vec![ParamMessage::RequestRead { name }];
+        }
+        self.finish();
+        Vec::new()
+    }
+
+    fn finish(&mut self) {
+        let values = std::mem::take(&mut self.by_index).into_values().collect();
+        self.result = Some(Ok(AllParameters { values, hash: self.hash }));
     }
 
     fn missing(&self) -> impl Iterator<Item = u16> + '_ {
@@ -180,10 +210,15 @@ mod tests {
         ParamMessage::Value { name, bits, kind: Some(ParamType::Real32), count, index }
     }
 
+    fn hash(count: u16) -> ParamMessage {
+        let name = HASH.parse().expect("a name");
+        ParamMessage::Value { name, bits: 77, kind: Some(ParamType::U32), count, index: NO_INDEX }
+    }
+
     /// A vehicle of `count` parameters behind a link that loses what `lost` says of the running number of a message.
-    fn run(count: u16, lost: impl Fn(u32) -> bool) -> Result<AllParameters, ListError> {
+    fn run(encoding: Encoding, count: u16, lost: impl Fn(u32) -> bool) -> Result<AllParameters, ListError> {
         let (mut list, mut out) =
-            ParamList::start(Encoding::ByValue, ParamTiming { tries: 40, ..ParamTiming::default() }, 0.0);
+            ParamList::start(encoding, ParamTiming { tries: 40, ..ParamTiming::default() }, 0.0);
         let (mut now, mut number) = (0.0, 0);
         while list.result().is_none() {
             let mut next = Vec::new();
@@ -191,7 +226,11 @@ mod tests {
                 number += 1;
                 let answers = match message {
                     _ if lost(number) => Vec::new(),
-                    ParamMessage::RequestList => (0..count).map(|k| value(k, count)).collect(),
+                    ParamMessage::RequestList => {
+                        let first = (encoding == Encoding::ByBytes).then(|| hash(count));
+                        first.into_iter().chain((0..count).map(|k| value(k, count))).collect()
+                    }
+                    ParamMessage::RequestRead { name } if name.as_str() == HASH => vec![hash(count)],
                     ParamMessage::RequestIndex { index } => vec![value(index, count)],
                     other => panic!("{other:?}"),
                 };
@@ -216,15 +255,17 @@ mod tests {
     #[test]
     fn what_is_lost_of_the_list_is_asked_for_by_number() {
         for (count, modulus) in [(1, 3), (40, 5), (900, 5), (900, 3)] {
-            let all = run(count, |n| (n.wrapping_mul(2_654_435_761) >> 16).is_multiple_of(modulus))
-                .expect("a list");
-            assert_eq!(all.values.len(), usize::from(count));
+            let lost = |n: u32| (n.wrapping_mul(2_654_435_761) >> 16).is_multiple_of(modulus);
+            for (encoding, hash) in [(Encoding::ByValue, None), (Encoding::ByBytes, Some(77))] {
+                let all = run(encoding, count, lost).expect("a list");
+                assert_eq!((all.values.len(), all.hash), (usize::from(count), hash));
+            }
         }
     }
 
     #[test]
     fn a_silent_vehicle_and_a_dead_parameter_end_the_reading() {
-        assert_eq!(run(10, |_| true), Err(ListError::Silent));
+        assert_eq!(run(Encoding::ByValue, 10, |_| true), Err(ListError::Silent));
         let (mut list, _) = ParamList::start(Encoding::ByValue, ParamTiming::default(), 0.0);
         list.receive(0.1, &value(0, 3));
         list.receive(0.1, &value(2, 3));
@@ -234,17 +275,25 @@ mod tests {
         assert_eq!(list.result(), Some(&Err(ListError::Incomplete { missing: 1, count: 3 })));
     }
 
+    /// The hash comes first, so that its loss is the loss of one message.
+    #[test]
+    fn a_lost_hash_is_asked_for_and_a_vehicle_without_one_has_none() {
+        let all = run(Encoding::ByBytes, 30, |n| n == 2).expect("a list");
+        assert_eq!((all.values.len(), all.hash), (30, Some(77)));
+        let (mut list, _) = ParamList::start(Encoding::ByBytes, ParamTiming::default(), 0.0);
+        list.receive(0.1, &value(0, 1));
+        let mut requests = 1;
+        while let Some(t) = list.deadline() {
+            requests += list.tick(t).len();
+        }
+        let all = list.result().cloned().expect("over").expect("a list");
+        assert_eq!((all.values.len(), all.hash, requests), (1, None, 3));
+    }
+
     #[test]
     fn the_hash_is_no_parameter() {
         let (mut list, _) = ParamList::start(Encoding::ByBytes, ParamTiming::default(), 0.0);
-        let hash = ParamMessage::Value {
-            name: HASH.parse().expect("a name"),
-            bits: 77,
-            kind: Some(ParamType::U32),
-            count: 1,
-            index: NO_INDEX,
-        };
-        list.receive(0.0, &hash);
+        list.receive(0.0, &hash(1));
         list.receive(0.0, &value(0, 1));
         let all = list.result().cloned().expect("over").expect("a list");
         assert_eq!((all.hash, all.values.len()), (Some(77), 1));
