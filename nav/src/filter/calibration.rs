@@ -10,8 +10,11 @@ use nalgebra::{Matrix3, Vector3};
 
 /// Reference of the temperature effects, °C.
 const REFERENCE_DEGC: f64 = 25.0;
-/// Fixed-point steps of the inverse; errors of 1 % leave 1e-8 of the value.
+/// Fixed-point steps of the inverse at most; errors of 1 % leave 1e-8 of the value.
 const INVERSE_STEPS: usize = 4;
+/// A step shorter than this is the last one, (rad/s)² and (m/s²)²: with errors of 1 % it leaves 1e-9 rad/s (0.2 millidegrees/h) and
+/// 1e-7 m/s² (10 nano-g).
+const SHORT_STEP: (f64, f64) = (1e-14, 1e-10);
 
 /// Current values of everything constant.
 #[derive(Debug, Clone, PartialEq)]
@@ -100,13 +103,20 @@ impl Calibration {
 
     /// The motion behind a raw sample: the sensor model inverted by fixed-point iteration.
     pub fn motion(&self, model: &Model, sample: &ImuSample) -> Motion {
-        let mut motion = Motion { rate: sample.gyro - self.gyro_bias, force: sample.accel - self.accel_bias };
+        let biases = Motion { rate: self.gyro_bias, force: self.accel_bias };
+        self.motion_from(model, sample, &biases)
+    }
+
+    /// The same where the errors of the sensors are known roughly: those of the sample before save a step or two.
+    pub fn motion_from(&self, model: &Model, sample: &ImuSample, errors: &Motion) -> Motion {
+        let mut motion =
+            Motion { rate: sample.gyro - errors.rate, force: sample.accel - errors.force };
         for _ in 0..INVERSE_STEPS {
             let shown = self.measure(model, sample, &motion);
             let (dw, df) = (sample.gyro - shown.rate, sample.accel - shown.force);
             motion.rate += dw;
             motion.force += df;
-            if dw.norm_squared() < 1e-24 && df.norm_squared() < 1e-20 {
+            if dw.norm_squared() < SHORT_STEP.0 && df.norm_squared() < SHORT_STEP.1 {
                 break;
             }
         }

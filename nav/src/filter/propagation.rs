@@ -65,7 +65,7 @@ impl Filter {
             return;
         }
         self.look_around(sample.t_s, dt);
-        let motion = self.calibration.motion(&self.model, sample);
+        let motion = self.motion_of(sample);
         let inc = Increment::between(&self.motion, &motion, self.kind, dt);
         std::mem::swap(&mut self.jacobian, &mut self.start_jacobian);
         self.regressor.take(&motion, self.noise_band(dt), dt);
@@ -88,6 +88,18 @@ impl Filter {
         self.last = Some(*sample);
         self.t_s = sample.t_s;
         self.tape_step(dt, decay);
+    }
+
+    /// The motion behind the next sample.
+    fn motion_of(&self, sample: &ImuSample) -> Motion {
+        match &self.last {
+            Some(last) => {
+                let errors =
+                    Motion { rate: last.gyro - self.motion.rate, force: last.accel - self.motion.force };
+                self.calibration.motion_from(&self.model, sample, &errors)
+            }
+            None => self.calibration.motion(&self.model, sample),
+        }
     }
 
     /// What the samples around the end of a step show; a mean is one of its middle.
@@ -213,6 +225,7 @@ impl Filter {
         self.add_process_noise(dt * 0.5);
         self.p.transform(&self.phi);
         self.add_process_noise(dt * 0.5);
+        self.walk_constants(dt);
         if gap.to_s - gap.from_s > GAP_S {
             self.add_unseen_motion(self.t_s - gap.from_s, dt);
         }
@@ -260,7 +273,6 @@ impl Filter {
             let growth = COAST_SPEED * COAST_SPEED * (2.0 * t * dt);
             (0..3).for_each(|k| self.p.add_variance(index::POSITION + k, growth));
         }
-        self.walk_constants(dt);
     }
 
     /// The random walks of biases that effects ask for, and of all constants where tolerances say that none is one for ever.
