@@ -110,11 +110,12 @@ impl Covariance {
 
     /// Scales three states that follow each other by a factor: P ← D P D.
     pub fn scale3(&mut self, first: usize, factor: f64) {
-        for i in first..first + 3 {
-            for j in 0..self.n {
-                *self.at_mut(i, j) *= factor;
-                *self.at_mut(j, i) *= factor;
-            }
+        for panel in self.data.chunks_exact_mut(self.n) {
+            panel.iter_mut().skip(first).take(3).flatten().for_each(|v| *v *= factor);
+        }
+        for k in first..first + 3 {
+            let column = self.data.iter_mut().skip(k / PANEL * self.n).take(self.n);
+            column.for_each(|row| row[k % PANEL] *= factor);
         }
     }
 

@@ -18,7 +18,7 @@ use std::sync::{Arc, LazyLock};
 use std::time::Duration;
 use std::{env, fs, io, panic};
 use tokio::sync::{broadcast, mpsc, oneshot, watch};
-use tokio::time::{Instant, timeout};
+use tokio::time::{Instant, sleep_until, timeout, timeout_at};
 use tokio_util::sync::CancellationToken;
 
 /// The answer to a request comes within this time once the vehicle answers every message.
@@ -27,8 +27,6 @@ const PATIENCE: Duration = Duration::from_secs(3600);
 const HEARTBEAT: Duration = Duration::from_secs(1);
 /// Longest time between two steps: more than any timer of a transfer but that of a link that is gone.
 const LONGEST_WAIT: Duration = Duration::from_secs(10);
-/// Between two looks at what the program sends.
-const LOOK: Duration = Duration::from_millis(20);
 
 /// A folder of this process with the plan, in memory where the system has such a place.
 static FOLDER: LazyLock<io::Result<(PathBuf, Planned)>> = LazyLock::new(|| {
@@ -59,13 +57,11 @@ impl Link {
     }
 
     /// The vehicle takes what was sent to it.
-    fn take(&mut self) {
-        while let Ok(RawMessage { id, payload }) = self.outbox.try_recv() {
-            let from = Sender { system_id: 1, component_id: 191 };
-            let frame = Frame::of_payload(from, 0, id, &payload);
-            if let Some(envelope) = frame.ok().as_ref().and_then(codec::decode) {
-                self.vehicle.receive(self.began.elapsed().as_secs_f64(), &envelope.message);
-            }
+    fn take(&mut self, RawMessage { id, payload }: RawMessage) {
+        let from = Sender { system_id: 1, component_id: 191 };
+        let frame = Frame::of_payload(from, 0, id, &payload);
+        if let Some(envelope) = frame.ok().as_ref().and_then(codec::decode) {
+            self.vehicle.receive(self.began.elapsed().as_secs_f64(), &envelope.message);
         }
     }
 
@@ -79,13 +75,29 @@ impl Link {
     /// Lets time pass, with a heartbeat each second.
     async fn wait(&mut self, time: Duration) {
         let until = Instant::now() + time;
-        while Instant::now() < until {
+        while self.wait_for_message(until).await {}
+    }
+
+    /// Until the program has sent something, true, or at the longest until a time.
+    async fn wait_for_message(&mut self, until: Instant) -> bool {
+        loop {
+            let next = until.min(self.heartbeat_due);
+            match timeout_at(next, self.outbox.recv()).await {
+                Ok(Some(message)) => {
+                    self.take(message);
+                    return true;
+                }
+                // Nothing is sent any more once the task has ended.
+                Ok(None) => sleep_until(next).await,
+                Err(_) => {}
+            }
             if Instant::now() >= self.heartbeat_due {
                 vehicle::heartbeat_frame().into_iter().for_each(|f| self.send(f));
                 self.heartbeat_due = Instant::now() + HEARTBEAT;
             }
-            tokio::time::sleep(LOOK.min(until - Instant::now())).await;
-            self.take();
+            if Instant::now() >= until {
+                return false;
+            }
         }
     }
 }
@@ -157,7 +169,7 @@ async fn run(planned: Planned, steps: &[Step]) -> bool {
             break;
         }
         assert!(Instant::now() < until, "a request is not answered");
-        link.wait(LOOK).await;
+        link.wait_for_message(Instant::now() + HEARTBEAT).await;
         while !link.vehicle.is_silent() {
             link.deliver();
         }
