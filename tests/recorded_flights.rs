@@ -7,7 +7,8 @@ mod support;
 use gaware::commands::replay::{ReplayRequest, replay};
 use gaware::engine::{Engine, EngineOptions};
 use gaware::study::recorded;
-use gaware_nav::model::Model;
+use gaware_nav::effects::GpsLeverArm;
+use gaware_nav::model::{EffectSetting, Model};
 use serde_json::Value;
 use std::path::Path;
 use support::{fixture, flights, gaware};
@@ -90,6 +91,30 @@ fn what_is_wrong_with_scale_and_antenna_is_not_taken_for_g() {
         println!("{file}: G off by {standard:.1} sigma, without tolerances {exact:.1}");
         assert!(standard <= 3.0, "{file}: {standard} sigma");
         assert!(exact > 5.0, "{file}: {exact} sigma, so that tolerances prove nothing here");
+    }
+}
+
+/// A receiver that interpolates between states 200 ms apart cuts corners short: T²/8.
+const SMOOTHING_S2: f64 = 0.005;
+
+/// What it makes of a turn and of the roll into it is not taken for an antenna elsewhere, nor for a delay.
+#[test]
+#[ignore = "needs the recorded flights: GAWARE_FLIGHTS"]
+fn the_antenna_of_the_real_firmware_is_found_where_it_is() {
+    for (log, antenna_m) in [("sitl_gps_lever.tlog", [1.2, 0.4, -0.3]), ("sitl_clean_dither.tlog", [0.0; 3])]
+    {
+        let document = replayed_with(&flights().join(log), |mut model| {
+            model.set(EffectSetting::unknown(&GpsLeverArm));
+            model
+        });
+        let effects = document["estimate"]["effects"].as_array().unwrap();
+        let truth = antenna_m.into_iter().chain([SMOOTHING_S2]);
+        for (name, truth) in ["lever_x", "lever_y", "lever_z", "smoothing"].into_iter().zip(truth) {
+            let effect = effects.iter().find(|e| e["name"] == name).unwrap();
+            let (value, sigma) = (effect["value"].as_f64().unwrap(), effect["sigma"].as_f64().unwrap());
+            println!("{log} {name}: {value:.4} ± {sigma:.4}, true {truth}");
+            assert!((value - truth).abs() <= 3.0 * sigma && sigma < 0.07, "{log} {name}: {value} ± {sigma}");
+        }
     }
 }
 

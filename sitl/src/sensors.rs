@@ -280,30 +280,20 @@ impl Sensors {
         self.model.effects.iter().map(delay_s).sum()
     }
 
-    /// How much older than its position the velocity of a fix is, s.
-    pub fn velocity_delay_s(&self) -> f64 {
-        self.model.effects.iter().map(|s| s.effect.velocity_delay_s(&s.values)).sum()
-    }
-
-    /// The fix with this stamp, from the truth at its time of validity.
-    pub fn fix(&mut self, stamp_s: f64, truth: &Truth) -> GnssFix {
-        self.fix_of_two_times(stamp_s, truth, truth)
-    }
-
-    /// The same where the velocity has a time of validity of its own.
-    pub fn fix_of_two_times(&mut self, stamp_s: f64, truth: &Truth, older: &Truth) -> GnssFix {
-        let [x, older_x] = [truth, older].map(|truth| FixInstant {
-            t_s: truth.t_s,
-            v_n: truth.v_n,
-            a_n: truth.a_n,
-            c_nb: truth.c_nb,
-            rate_eb: truth.rate_eb,
-            // The simulated receiver rounds nothing off.
-            force_rate: Vector3::zeros(),
-            antenna: Antenna::default(),
-            older: Older::default(),
-            elapsed_s: stamp_s,
-        });
+    /// The fix with this stamp, from the truth around its time of validity, and that time, s. A receiver that smooths reports the mean
+    /// of two instants whose distance gives its kernel's variance.
+    pub fn fix(&mut self, stamp_s: f64, mut truth_at: impl FnMut(f64) -> Truth) -> (GnssFix, f64) {
+        let effects = || self.model.effects.iter();
+        let valid_s = stamp_s - self.fix_delay_s(stamp_s);
+        let older_s = valid_s - effects().map(|s| s.effect.velocity_delay_s(&s.values)).sum::<f64>();
+        let smoothing_s2: f64 = effects().map(|s| s.effect.smoothing_s2(&s.values)).sum();
+        let apart_s = (2.0 * smoothing_s2.max(0.0)).sqrt();
+        let mut around = |t_s: f64| [-apart_s, apart_s].map(|by| truth_at((t_s + by).max(0.0)));
+        let (truths, older) = (around(valid_s), around(older_s));
+        let antenna = |truths: &[Truth; 2]| truths.each_ref().map(|t| self.antenna(stamp_s, t));
+        let ([[p1, _], [p2, _]], [[_, v1], [_, v2]]) = (antenna(&truths), antenna(&older));
+        let [here, there] = &truths;
+        let place = between(&here.place, &there.place);
         let gnss = &self.model.gnss;
         let white = self.position_noise.normal3().component_mul(&Vector3::from(gnss.position_sigma_m));
         let correlated = self.wander.at(stamp_s, gnss.position_correlation_s);
@@ -311,22 +301,46 @@ impl Sensors {
         if gnss.position_correlation_s > 0.0 {
             offset += correlated.component_mul(&Vector3::from(gnss.position_wander_sigma_m));
         }
-        let mut velocity = older.v_n
+        offset += (p1 + p2) * 0.5;
+        let mut velocity = (older[0].v_n + older[1].v_n) * 0.5
             + self.velocity_noise.normal3().component_mul(&Vector3::from(gnss.velocity_sigma_m_per_s));
-        // The truth of its time of validity is exact, and stands in for what an effect says of a clock.
-        for setting in self.model.effects.iter().filter(|s| s.effect.aging(&s.values) == 0.0) {
-            let [position, _] = setting.effect.fix(&setting.values, &x);
-            offset += position;
-            // The truth of an older velocity is exact, and stands in for what the effect says of it.
-            if setting.effect.velocity_delay_s(&setting.values) == 0.0 {
-                velocity += setting.effect.fix(&setting.values, &older_x)[1];
-            }
+        velocity += (v1 + v2) * 0.5;
+        (self.reported(stamp_s, &displaced(&place, &offset), &velocity), valid_s)
+    }
+
+    /// What the effects add to position and velocity of a fix at an instant, north, east, down. The truth of another time is exact, and
+    /// stands in for what an effect says of a clock, of an older velocity, and of smoothing.
+    fn antenna(&self, stamp_s: f64, truth: &Truth) -> [Vector3<f64>; 2] {
+        let x = FixInstant {
+            t_s: truth.t_s,
+            v_n: truth.v_n,
+            a_n: truth.a_n,
+            c_nb: truth.c_nb,
+            rate_eb: truth.rate_eb,
+            force_rate: Vector3::zeros(),
+            antenna: Antenna::default(),
+            older: Older::default(),
+            elapsed_s: stamp_s,
+        };
+        let by_time = |s: &EffectSetting| {
+            let (e, p) = (s.effect, &s.values);
+            [e.aging(p), e.velocity_delay_s(p), e.smoothing_s2(p)].iter().any(|v| *v != 0.0)
+        };
+        let mut sum = [Vector3::zeros(); 2];
+        for setting in self.model.effects.iter().filter(|s| !by_time(s)) {
+            let added = setting.effect.fix(&setting.values, &x);
+            sum.iter_mut().zip(added).for_each(|(sum, added)| *sum += added);
         }
+        sum
+    }
+
+    fn reported(&self, stamp_s: f64, position: &Geodetic, velocity: &Vector3<f64>) -> GnssFix {
+        let gnss = &self.model.gnss;
         GnssFix {
             t_s: stamp_s,
-            position: displaced(&truth.place, &offset),
+            position: *position,
             velocity: if self.config.vertical_velocity {
-                FixVelocity::Full(velocity.into())
+                FixVelocity::Full((*velocity).into())
             } else {
                 FixVelocity::Horizontal([velocity.x, velocity.y])
             },
@@ -349,6 +363,15 @@ impl Sensors {
     /// Whether there is no fix at this time.
     pub fn in_outage(&self, t_s: f64) -> bool {
         self.config.outages.iter().any(|(from, to)| (*from..*to).contains(&t_s))
+    }
+}
+
+/// The middle of two places close together.
+fn between(a: &Geodetic, b: &Geodetic) -> Geodetic {
+    Geodetic {
+        lat_rad: a.lat_rad + 0.5 * (b.lat_rad - a.lat_rad),
+        lon_rad: a.lon_rad + 0.5 * wrap_pi(b.lon_rad - a.lon_rad),
+        height_m: a.height_m + 0.5 * (b.height_m - a.height_m),
     }
 }
 
@@ -395,11 +418,9 @@ impl Flight {
     /// The next fix, or `None` in an outage or before there was anything to measure.
     fn next_fix(&mut self, stamp_s: f64) -> Option<(Sample, Truth)> {
         self.fix += 1;
-        let valid_s = stamp_s - self.sensors.fix_delay_s(stamp_s);
         // Drawn in any case, so that an outage leaves the noise of later fixes alone.
-        let older = self.trajectory.truth_at((valid_s - self.sensors.velocity_delay_s()).max(0.0));
+        let (fix, valid_s) = self.sensors.fix(stamp_s, |t_s| self.trajectory.truth_at(t_s));
         let truth = self.trajectory.truth_at(valid_s.max(0.0));
-        let fix = self.sensors.fix_of_two_times(stamp_s, &truth, &older);
         (valid_s >= 0.0 && !self.sensors.in_outage(stamp_s)).then_some((Sample::Fix(fix), truth))
     }
 }
@@ -455,6 +476,12 @@ pub fn draw_vehicle(model: &Model, seed: u64) -> Model {
         for (value, sigma) in setting.values.iter_mut().zip(&setting.sigmas) {
             *value += noise.normal() * sigma;
         }
+    }
+    // A receiver smooths over what it has measured before it sends: no corner is sharpened, and none is known beforehand.
+    let delay_s: f64 = drawn.effects.iter().map(|s| s.effect.fix_delay_s(&s.values)).sum();
+    let most = 0.5 * delay_s.max(0.0).powi(2);
+    for setting in drawn.effects.iter_mut().filter(|s| s.effect.smoothing_s2(&s.values) != 0.0) {
+        setting.values.iter_mut().for_each(|v| *v = v.abs().min(most));
     }
     drawn
 }

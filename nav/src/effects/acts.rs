@@ -78,6 +78,11 @@ pub trait FixEffect {
         0.0
     }
 
+    /// Whether it depends on the motion before and after the time of validity.
+    fn needs_motion_around(&self) -> bool {
+        false
+    }
+
     /// Position of the antenna relative to the inertial unit, m.
     fn arm(&self, _p: &[f64]) -> Vector3<f64> {
         Vector3::zeros()

@@ -56,6 +56,16 @@ impl<'a> dyn Effect + 'a {
         self.on_fixes().map_or(0.0, |e| e.aging(p))
     }
 
+    /// As [`FixEffect::smoothing_s2`].
+    pub fn smoothing_s2(&self, p: &[f64]) -> f64 {
+        self.on_fixes().map_or(0.0, |e| e.smoothing_s2(p))
+    }
+
+    /// As [`FixEffect::needs_motion_around`].
+    pub fn needs_motion_around(&self) -> bool {
+        self.on_fixes().is_some_and(FixEffect::needs_motion_around)
+    }
+
     /// As [`ImuEffect::rate_lag_s`].
     pub fn rate_lag_s(&self, p: &[f64]) -> f64 {
         self.on_samples().map_or(0.0, |e| e.rate_lag_s(p))

@@ -4,13 +4,16 @@
 //! symmetric kernel is: L is its mean (the latency) and 2κ its variance. Between samples T apart a linear interpolation has κ up
 //! to T²/8: at 5 Hz 5 mm per m/s², toward the centre of a turn, and a speed that falls short by centimetres per second there.
 //! That imitates an antenna above the inertial unit. It is estimated beside the biases and never named.
+//! The standard model has it among its tolerances, up to the interpolation of a receiver of 5 Hz.
 
 use super::{Effect, FixEffect, FixInstant, ParameterGroup, Shape, Unit};
 use nalgebra::Vector3;
 
+/// Of a linear interpolation between samples 0.2 s apart.
+const PRIOR_S2: f64 = 0.005;
 const S2: Unit = Unit { symbol: "s²", suffix: "s2", si: 1.0 };
 
-/// Half the variance of the receiver's kernel, s². It stands outside the registry: model files do not have it.
+/// Half the variance of the receiver's kernel, s². It stands outside the registry: nobody looks for it.
 #[derive(Debug)]
 pub struct GpsSmoothing;
 
@@ -29,7 +32,11 @@ impl Effect for GpsSmoothing {
     }
 
     fn groups(&self) -> &'static [ParameterGroup] {
-        &[ParameterGroup { unit: S2, shape: Shape::Scalar, names: &["smoothing"], prior_sigma: 0.005 }]
+        &[ParameterGroup { unit: S2, shape: Shape::Scalar, names: &["smoothing"], prior_sigma: PRIOR_S2 }]
+    }
+
+    fn tolerance(&self) -> Option<f64> {
+        Some(PRIOR_S2)
     }
 
     fn on_fixes(&self) -> Option<&dyn FixEffect> {
@@ -38,6 +45,10 @@ impl Effect for GpsSmoothing {
 }
 
 impl FixEffect for GpsSmoothing {
+    fn needs_motion_around(&self) -> bool {
+        true
+    }
+
     fn smoothing_s2(&self, p: &[f64]) -> f64 {
         p[0]
     }

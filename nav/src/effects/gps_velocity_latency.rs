@@ -62,6 +62,10 @@ impl Effect for GpsVelocityLatency {
 }
 
 impl FixEffect for GpsVelocityLatency {
+    fn needs_motion_around(&self) -> bool {
+        true
+    }
+
     fn velocity_delay_s(&self, p: &[f64]) -> f64 {
         p[0]
     }

@@ -84,9 +84,10 @@ pub static REGISTRY: &[&dyn Effect] = &[
     &GyroBiasStep,
 ];
 
-/// The effect of this name, if there is one: of the design's table, or a mistake of a source.
+/// The effect of this name, if there is one: of the design's table, a mistake of a source, or what every receiver does.
 pub fn find(name: &str) -> Option<&'static dyn Effect> {
-    REGISTRY.iter().chain(MISTAKES).copied().find(|e| e.name() == name)
+    let receiver: &'static dyn Effect = &GpsSmoothing;
+    REGISTRY.iter().chain(MISTAKES).copied().chain([receiver]).find(|e| e.name() == name)
 }
 
 /// Spectral densities (square roots) of random walks that an effect adds to the biases.

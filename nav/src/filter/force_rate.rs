@@ -1,5 +1,5 @@
-//! How fast specific force and angular rate change, along a whole flight: known only afterwards, when the samples on both sides of
-//! an instant are there. A receiver that rounds corners off needs it ([`GpsSmoothing`](crate::effects::GpsSmoothing)).
+//! How fast specific force and angular rate change, along a whole flight or around one instant: known only when the samples on both
+//! sides of it are there. A receiver that rounds corners off needs it ([`GpsSmoothing`](crate::effects::GpsSmoothing)).
 
 use crate::effects::{FixInstant, LateRate, Older, Surroundings};
 use crate::rotation::exp;
@@ -19,6 +19,17 @@ const LATE_SPAN_S: f64 = 0.01;
 /// The power of vibration is a mean over this time before and after an instant, s: two lines that the sampling folds onto nearly the
 /// same frequency beat.
 const POWER_SPAN_S: f64 = 2.0;
+
+/// The samples of so long before …
+pub const BEFORE_S: f64 = 0.6;
+/// … and after an instant tell what is known around it, s.
+pub const AFTER_S: f64 = SPAN_S + RATE_SPAN_S + 0.03;
+
+/// 1-sigma of [`ForceRates::at`] that white noise of this density makes of it, (m/s²)²/Hz to m/s³: the difference of two means
+/// over [`SPAN_S`].
+pub fn noise(density: f64) -> f64 {
+    (2.0 * density / SPAN_S).sqrt() / SPAN_S
+}
 
 /// A change of velocity is put together of so many parts.
 const PARTS: u32 = 4;
@@ -55,6 +66,19 @@ impl ForceRates {
             last = Some(sample);
         }
         Self { times_s, impulses, angles, powers }
+    }
+
+    /// Of the samples around an instant, oldest first: enough of them before for a velocity of a while ago, and after for the second
+    /// derivatives. `None` where some are missing.
+    pub fn around_instant<'a>(
+        samples: impl Iterator<Item = &'a ImuSample>,
+        t_s: f64,
+        kind: SampleKind,
+    ) -> Option<Self> {
+        let near = |s: &&ImuSample| s.t_s > t_s - BEFORE_S && s.t_s < t_s + 2.0 * AFTER_S;
+        let near: Vec<ImuSample> = samples.filter(near).copied().collect();
+        let gap = near.windows(2).any(|w| matches!(w, [a, b] if b.t_s - a.t_s > SPAN_S));
+        (!gap).then(|| Self::new(&near, kind))
     }
 
     fn up_to(&self, sums: &[Vector3<f64>], t_s: f64) -> Option<Vector3<f64>> {

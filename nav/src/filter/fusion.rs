@@ -5,11 +5,13 @@
 //! filter follows at that distance.
 
 use super::aid::stationarity::detector::{Detector, SampleNoise};
+use super::force_rate::{AFTER_S, BEFORE_S, ForceRates};
 use super::window::{Step, Window};
 use super::{Filter, FixOutcome};
 use crate::mechanization::{self, Increment, Motion, NavState};
 use crate::sample::{GnssFix, ImuSample};
 use std::collections::VecDeque;
+use std::sync::Arc;
 
 /// How far back a fix may lie, s.
 pub const BUFFER_S: f64 = 1.5;
@@ -42,6 +44,8 @@ impl std::ops::AddAssign for PassedOver {
 pub struct Fusion {
     filter: Filter,
     samples: VecDeque<ImuSample>,
+    /// Those just behind the filter, for fixes that depend on the motion before them.
+    passed: VecDeque<ImuSample>,
     fixes: VecDeque<GnssFix>,
     passed_over: PassedOver,
     window: Option<Box<Window>>,
@@ -59,11 +63,12 @@ impl Fusion {
 
     /// Around a filter of which nothing is ever run again: for one of many hypotheses.
     pub fn without_window(filter: Filter) -> Self {
-        let (samples, fixes) = (VecDeque::new(), VecDeque::new());
+        let (samples, passed, fixes) = (VecDeque::new(), VecDeque::new(), VecDeque::new());
         let passed_over = PassedOver::default();
         Self {
             filter,
             samples,
+            passed,
             fixes,
             passed_over,
             window: None,
@@ -139,7 +144,12 @@ impl Fusion {
     pub fn poll(&mut self) -> Option<FixOutcome> {
         self.begin_or_end_rest();
         let now = self.now_s();
-        let ripe_s = if self.filter.is_stationary() { now - REST_DELAY_S } else { now };
+        let ripe_s = now
+            - match (self.filter.is_stationary(), self.filter.looks_around_fixes()) {
+                (true, _) => REST_DELAY_S,
+                (false, true) => AFTER_S,
+                (false, false) => 0.0,
+            };
         while let Some(fix) = self.fixes.front() {
             let valid_s = fix.t_s - self.filter.fix_delay_s();
             if valid_s > ripe_s {
@@ -156,8 +166,9 @@ impl Fusion {
             }
             self.ahead = None;
             self.advance_to(valid_s);
-            let outcome = self.filter.update(&fix);
-            self.keep(Step::Fix(fix));
+            let nearby = self.nearby(valid_s);
+            let outcome = self.filter.update_among(&fix, nearby.clone());
+            self.keep(Step::Fix(fix, nearby));
             if let Some(window) = &mut self.window {
                 window.record(&outcome);
             }
@@ -244,7 +255,18 @@ impl Fusion {
         }
     }
 
+    /// The motion around an instant that the filter has reached, where its model asks for it.
+    fn nearby(&self, t_s: f64) -> Option<Arc<ForceRates>> {
+        let samples = || self.passed.iter().chain(&self.samples);
+        let rates = || ForceRates::around_instant(samples(), t_s, self.filter.kind());
+        if self.filter.looks_around_fixes() { rates().map(Arc::new) } else { None }
+    }
+
     fn take(&mut self, sample: ImuSample) {
+        if self.filter.looks_around_fixes() {
+            while self.passed.pop_front_if(|s| s.t_s < sample.t_s - BEFORE_S).is_some() {}
+            self.passed.push_back(sample);
+        }
         if self.filter.is_gap_before(&sample) {
             // Nothing can be run again across it.
             self.window = None;

@@ -111,8 +111,10 @@ pub struct Filter {
     gating: bool,
     /// Parameters that are not estimated but watched.
     watch: Option<Box<watch::Watch>>,
-    /// How fast the specific force changes, where the whole flight is known.
+    /// How fast the specific force changes, where the whole flight is known …
     force_rates: Option<Arc<ForceRates>>,
+    /// … or around the fix that comes next.
+    nearby: Option<Arc<ForceRates>>,
     /// Whether an effect of the model, or a watched one, depends on the samples around the present one …
     needs_surroundings: bool,
     /// … and what those so far show.
@@ -183,6 +185,7 @@ impl Filter {
             gating: true,
             watch: None,
             force_rates: None,
+            nearby: None,
             needs_surroundings: model.effects.iter().any(|s| s.effect.needs_surroundings()),
             recent: Recent::default(),
             began_s: initial.t_s,
@@ -257,6 +260,11 @@ impl Filter {
     /// Tells how fast the specific force changes along a flight that is known from beginning to end.
     pub fn set_force_rates(&mut self, rates: Arc<ForceRates>) {
         self.force_rates = Some(rates);
+    }
+
+    /// Whether fixes depend on samples around them that this filter has not got.
+    pub(super) fn looks_around_fixes(&self) -> bool {
+        self.force_rates.is_none() && self.model.effects.iter().any(|s| s.effect.needs_motion_around())
     }
 
     /// Whether state or covariance are not finite and positive: nothing follows from them any more.

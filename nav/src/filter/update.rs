@@ -6,11 +6,13 @@
 use super::Filter;
 use super::aid::Rejections;
 use super::aid::gnss_position::HELD_OFF_S;
+use super::force_rate::ForceRates;
 use super::group::{Prepared, Rows};
 use super::layout::index;
 use crate::displacement::Displacement;
 use crate::sample::GnssFix;
 use nalgebra::Vector3;
+use std::sync::Arc;
 
 pub use super::aid::gate;
 
@@ -98,6 +100,14 @@ impl Filter {
             .zip(&self.calibration.parameters)
             .map(|(s, p)| s.effect.fix_delay_s(p))
             .sum()
+    }
+
+    /// The same where the motion around it is known.
+    pub(super) fn update_among(&mut self, fix: &GnssFix, nearby: Option<Arc<ForceRates>>) -> FixOutcome {
+        self.nearby = nearby;
+        let outcome = self.update(fix);
+        self.nearby = None;
+        outcome
     }
 
     /// Applies a fix to the present state, which must be that of the fix's time of validity.

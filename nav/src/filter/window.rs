@@ -9,6 +9,7 @@
 //! state. This is the iterated extended Kalman smoother at the first state (Bell 1994, "The iterated Kalman smoother as
 //! a Gauss-Newton method").
 
+use super::force_rate::ForceRates;
 use super::layout::index;
 use super::nav_map::Dense;
 use super::{Filter, FixOutcome};
@@ -17,6 +18,7 @@ use crate::displacement::Displacement;
 use crate::mechanization::{Increment, NavState, step};
 use crate::sample::{GnssFix, ImuSample};
 use nalgebra::SMatrix;
+use std::sync::Arc;
 
 /// A window is kept from this doubt on.
 const OPEN: Doubt = Doubt { attitude: 0.05, force: 5e-4 };
@@ -103,8 +105,8 @@ pub(super) enum Step {
     Sample(ImuSample),
     /// To a time before the next sample.
     To(f64, ImuSample),
-    /// A fix at the present time.
-    Fix(GnssFix),
+    /// A fix at the present time, with the motion around it.
+    Fix(GnssFix, Option<Arc<ForceRates>>),
 }
 
 /// The filter at the start of the window and every step since.
@@ -198,7 +200,7 @@ impl Window {
             match step {
                 Step::Sample(sample) => filter.propagate(sample),
                 Step::To(t_s, next) => filter.propagate_to(*t_s, next),
-                Step::Fix(fix) => agreement.take(&filter.update(fix)),
+                Step::Fix(fix, nearby) => agreement.take(&filter.update_among(fix, nearby.clone())),
             }
         }
         filter.end_linear();

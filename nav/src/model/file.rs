@@ -396,7 +396,7 @@ mod tests {
         assert_eq!(sigmas("accel_scale_factor"), Some(vec![0.003; 3]));
         assert_eq!(sigmas("gps_lever_arm"), Some(vec![0.0; 3]));
         assert!(sigmas("gyro_scale_factor").is_some_and(|s| s.iter().all(|s| (s - 3e-4).abs() < 1e-12)));
-        assert_eq!(model.effects.len(), 6);
+        assert_eq!(model.effects.len(), 7);
         assert!(!model.is_tolerance("gyro_scale_factor") && model.is_tolerance("accel_scale_factor"));
         assert!(Model::from_toml(&format!("{head}tolerances = \"tactical\"")).is_err());
     }

@@ -11,7 +11,7 @@
 //! the smallest systematic error leaves its sigmas in the end (fictitious process noise: Maybeck 1979, section 6.8).
 
 use super::{EffectSetting, Model};
-use crate::effects::{Effect, REGISTRY};
+use crate::effects::{Effect, GpsSmoothing, REGISTRY};
 
 /// Random walks of the biases and of all other constants of a model with tolerances, in an hour, as shares of their prior sigmas. That of a
 /// bias is what changes from one start to the next, of which less changes in between.
@@ -29,7 +29,8 @@ impl Model {
     /// The same with the tolerances of a consumer unit for every effect that has one and that the model does not name.
     #[must_use]
     pub fn with_tolerances(mut self) -> Self {
-        for effect in REGISTRY {
+        let receiver: &'static dyn Effect = &GpsSmoothing;
+        for effect in REGISTRY.iter().chain([&receiver]) {
             if let (None, Some(setting)) = (self.get(effect.name()), EffectSetting::tolerance(*effect)) {
                 self.effects.push(setting);
                 self.tolerances.push(effect.name());
@@ -90,7 +91,8 @@ mod tests {
             assert!(sigma(name).iter().all(|s| (s - 0.003).abs() < 1e-12), "{name}");
         }
         assert_eq!(sigma("gps_lever_arm"), vec![0.3; 3]);
-        assert_eq!(model.effects.len(), 5);
+        assert_eq!(sigma("gps_smoothing"), vec![0.005]);
+        assert_eq!(model.effects.len(), 6);
     }
 
     #[test]
@@ -103,10 +105,10 @@ mod tests {
         let model = model.with_tolerances();
         let arm = model.get("gps_lever_arm").map(|s| (s.values.clone(), s.sigmas.clone()));
         assert_eq!(arm, Some((vec![0.5, 0.0, -0.1], vec![0.0; 3])));
-        assert_eq!(model.effects.len(), 5);
+        assert_eq!(model.effects.len(), 6);
         let states = Layout::new(&model).len();
-        assert_eq!(model.with_tolerances().effects.len(), 5);
-        assert_eq!(states, 15 + 3 + 3 + 6 + 3);
+        assert_eq!(model.with_tolerances().effects.len(), 6);
+        assert_eq!(states, 15 + 3 + 3 + 6 + 3 + 1);
     }
 
     #[test]
@@ -127,7 +129,7 @@ mod tests {
         model.set(EffectSetting::unknown(&crate::effects::GyroScaleFactor));
         let layout = Layout::new(&model);
         let tolerances: Vec<_> = layout.names().iter().filter(|n| n.is_tolerance).map(|n| n.effect).collect();
-        assert_eq!(tolerances.len(), 3 + 6 + 3 + 3);
+        assert_eq!(tolerances.len(), 3 + 6 + 3 + 3 + 1);
         assert!(!tolerances.contains(&"gyro_scale_factor") && !tolerances.contains(&"gyro_g_sensitivity"));
     }
 }

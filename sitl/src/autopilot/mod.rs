@@ -395,10 +395,10 @@ impl Autopilot {
             return false;
         }
         self.fixes += 1;
-        let valid = due - self.sensors.fix_delay_s(due);
-        let older = self.truth_at((valid - self.sensors.velocity_delay_s()).max(0.0));
-        let truth = self.truth_at(valid.max(0.0));
-        let fix = self.sensors.fix_of_two_times(due, &truth, &older);
+        let (body, release_s, now_s) = (&mut self.body, self.release_s, self.now_s);
+        let (fix, valid) = self
+            .sensors
+            .fix(due, |t_s| Truth { t_s, ..body.truth_at((t_s.min(now_s) - release_s).max(0.0)) });
         let lost = self
             .config
             .faults

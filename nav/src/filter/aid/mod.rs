@@ -7,8 +7,10 @@ pub(super) mod gnss_yaw;
 pub mod stationarity;
 
 use super::Filter;
+use super::force_rate;
 use super::group::Rows;
 use super::layout::index;
+use super::regressor::BEYOND_NOISE;
 use crate::earth;
 use crate::effects::{Antenna, FixInstant, MAX_PARAMETERS, Older};
 use crate::mechanization;
@@ -97,6 +99,7 @@ impl Filter {
         let c_nb = c_ne * self.nav.c_eb();
         let earth_b = self.nav.q_eb.inverse() * earth::rotation_rate();
         let seen = self.lever;
+        let rates = self.force_rates.as_deref().or(self.nearby.as_deref());
         let a_n = |force: &Vector3<f64>| c_ne * mechanization::acceleration(&self.nav, force);
         let now = FixInstant {
             t_s: self.t_s,
@@ -104,32 +107,43 @@ impl Filter {
             a_n: a_n(&self.motion.force),
             c_nb,
             rate_eb: self.motion.rate - earth_b,
-            force_rate: self.force_rates.as_ref().map_or(Vector3::zeros(), |f| f.at(self.t_s)),
+            force_rate: rates.map_or(Vector3::zeros(), |f| f.at(self.t_s)),
             antenna: Antenna::of(
                 self.model
                     .effects
                     .iter()
                     .map(|s| s.effect)
                     .zip(self.calibration.parameters.iter().map(Vec::as_slice)),
-                self.force_rates.as_ref().map_or_else(Default::default, |f| f.of_rate_at(self.t_s)),
+                rates.map_or_else(Default::default, |f| f.of_rate_at(self.t_s)),
             ),
             older: Older::default(),
             elapsed_s: self.t_s - self.began_s,
         };
         let effects = self.model.effects.iter().zip(&self.calibration.parameters);
         let lag_s = effects.map(|(s, p)| s.effect.velocity_delay_s(p)).sum();
-        let older =
-            self.force_rates.as_ref().zip(self.last).map_or_else(Older::default, |(f, last)| {
-                f.older(lag_s, &now, &last.accel, &self.motion.force)
-            });
+        let older = rates
+            .zip(self.last)
+            .map_or_else(Older::default, |(f, last)| f.older(lag_s, &now, &last.accel, &self.motion.force));
         let now = FixInstant { older, ..now };
         let excited = FixInstant {
             v_n: self.seen_velocity.unwrap_or(now.v_n),
             a_n: a_n(&seen.force),
             rate_eb: seen.rate - earth_b,
+            force_rate: self.beyond_noise(now.force_rate),
             ..now
         };
         AtFix { now, excited, c_ne }
+    }
+
+    /// A rate of change of the specific force without what may be noise of the samples; where the whole flight is known it is taken as
+    /// it is.
+    fn beyond_noise(&self, force_rate: Vector3<f64>) -> Vector3<f64> {
+        if self.force_rates.is_some() {
+            return force_rate;
+        }
+        let density = self.model.imu.accel_noise.powi(2) + self.extra_noise.1;
+        let band = BEYOND_NOISE * force_rate::noise(density);
+        force_rate.map(|r| if r.abs() < band { 0.0 } else { r })
     }
 
     /// Takes over the velocity that constants are judged by where it has changed beyond its own uncertainty.
