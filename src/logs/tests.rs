@@ -224,7 +224,8 @@ fn innovations_of_autopilots_own_logs_are_those_of_other_readers() {
         (Heading, 159, 0.012_319_f64.to_degrees()),
         (HeadingRatio, 159, 0.044_352),
     ];
-    for (name, expected) in [("real_copter_sample.BIN", &copter[..]), ("real_px4_ekf_failure.ulg", &px4[..])] {
+    for (name, expected) in [("real_copter_sample.BIN", &copter[..]), ("real_px4_ekf_failure.ulg", &px4[..])]
+    {
         let values: Vec<(filter::Channel, f64)> = open(&flight(name))
             .unwrap()
             .filter_map(|record| match record.unwrap().item {

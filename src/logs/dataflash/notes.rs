@@ -105,4 +105,3 @@ pub(super) fn kind_of_parameter(name: &str, value: f64) -> Option<VehicleKind> {
         _ => None,
     }
 }
-

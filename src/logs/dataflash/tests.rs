@@ -114,7 +114,8 @@ fn the_parameters_tell_a_copter_from_a_plane() {
 
 /// Innovations of two cores, of which the second flies from the second round on; firmware before 4.1 and since.
 fn rounds(family: &str, with_core: bool) -> Vec<u8> {
-    let (types, labels, head) = if with_core { ("QBccB", "TimeUS,C,IVN,SV,PI", 1) } else { ("QccB", "TimeUS,IVN,SV,PI", 0) };
+    let (types, labels, head) =
+        if with_core { ("QBccB", "TimeUS,C,IVN,SV,PI", 1) } else { ("QccB", "TimeUS,IVN,SV,PI", 0) };
     let len = 3 + 8 + head + 5;
     let numbers = if with_core { ["3", "4", "3", "4"] } else { ["3", "4", "8", "9"] };
     let mut out = Vec::new();
@@ -153,7 +154,11 @@ fn the_innovations_of_the_core_that_flies_are_taken_in_old_and_new_logs() {
             let both = [(Channel::VelocityNorth, value), (Channel::VelocityRatio, value)];
             both.into_iter().filter(|(c, _)| *c == channel).collect::<Vec<_>>()
         });
-        assert_eq!(filter_notes(&[definitions(), rounds(family, with_core)].concat()), expected, "{family} {with_core}");
+        assert_eq!(
+            filter_notes(&[definitions(), rounds(family, with_core)].concat()),
+            expected,
+            "{family} {with_core}"
+        );
     }
 }
 
@@ -162,7 +167,8 @@ fn of_two_filters_the_one_that_the_parameter_names_is_taken() {
     let mut parameter = 1_u64.to_le_bytes().to_vec();
     parameter.extend(b"AHRS_EKF_TYPE\0\0\0");
     parameter.extend(3.0_f32.to_le_bytes());
-    let parameter = [fmt(9, 3 + 8 + 16 + 4, "PARM", "QNf", "TimeUS,Name,Value"), message(9, &parameter)].concat();
+    let parameter =
+        [fmt(9, 3 + 8 + 16 + 4, "PARM", "QNf", "TimeUS,Name,Value"), message(9, &parameter)].concat();
     let both = [rounds("NKF", false), rounds("XKF", true)].concat();
     let (first, named) = (filter_notes(&both), filter_notes(&[parameter, both.clone()].concat()));
     assert_eq!((first.len(), named.len()), (4, 4));

@@ -164,7 +164,8 @@ fn the_innovations_of_the_instance_that_flies_are_taken() {
         Item::Note(LogNote::Filter(values)) => Some(values),
         _ => None,
     };
-    let found: Vec<_> = UlogReader::new(&bytes[..], bytes.len() as u64).flatten().filter_map(values).collect();
+    let found: Vec<_> =
+        UlogReader::new(&bytes[..], bytes.len() as u64).flatten().filter_map(values).collect();
     let pair = |velocity: f32, position: f32| {
         vec![(Channel::VelocityRatio, f64::from(velocity)), (Channel::PositionRatio, f64::from(position))]
     };
