@@ -227,4 +227,18 @@ mod tests {
         let told = start(&mut model, &board(Autopilot::Px4, &[("EKF2_GPS_POS_X", 1.0)]));
         assert!(told.is_empty() && model.get("gps_lever_arm").is_none(), "{told:?}");
     }
+
+    #[test]
+    #[ignore = "needs the recorded flights: GAWARE_FLIGHTS"]
+    fn recorded_logs_give_what_was_set_in_them() {
+        let of = |name: &str| {
+            let board = OnBoard::read(&crate::testing::flights().join(name), None).unwrap();
+            start(&mut Model::standard(), &board)
+        };
+        let px4 = of("real_px4_ekf_failure.ulg");
+        assert_eq!(px4.len(), 1, "{px4:?}");
+        assert_eq!((px4[0].effect, &px4[0].values[..]), ("gps_latency", &[0.11][..]));
+        // 0 is the driver's own delay, and nobody has measured the place of the antenna.
+        assert!(of("real_copter_sample.BIN").is_empty() && of("sitl_gsens_typical_dither_cut.BIN").is_empty());
+    }
 }
