@@ -239,6 +239,8 @@ mod tests {
         assert_eq!(px4.len(), 1, "{px4:?}");
         assert_eq!((px4[0].effect, &px4[0].values[..]), ("gps_latency", &[0.11][..]));
         // 0 is the driver's own delay, and nobody has measured the place of the antenna.
-        assert!(of("real_copter_sample.BIN").is_empty() && of("sitl_gsens_typical_dither_cut.BIN").is_empty());
+        assert!(
+            of("real_copter_sample.BIN").is_empty() && of("sitl_gsens_typical_dither_cut.BIN").is_empty()
+        );
     }
 }

@@ -109,8 +109,7 @@ impl Calibration {
 
     /// The same where the errors of the sensors are known roughly: those of the sample before save a step or two.
     pub fn motion_from(&self, model: &Model, sample: &ImuSample, errors: &Motion) -> Motion {
-        let mut motion =
-            Motion { rate: sample.gyro - errors.rate, force: sample.accel - errors.force };
+        let mut motion = Motion { rate: sample.gyro - errors.rate, force: sample.accel - errors.force };
         for _ in 0..INVERSE_STEPS {
             let shown = self.measure(model, sample, &motion);
             let (dw, df) = (sample.gyro - shown.rate, sample.accel - shown.force);
