@@ -13,6 +13,7 @@ pub mod demo;
 pub mod engine;
 pub mod explain;
 pub mod export;
+pub mod external_ahrs;
 pub mod fleet;
 pub mod link;
 pub mod logs;

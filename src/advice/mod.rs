@@ -1,12 +1,13 @@
 //! The parameter advice: what of an explanation the autopilot itself can correct, by which parameter, to which value.
 //!
 //! Pure: effects with values and sigmas in, proposals out. [`table`] holds the mappings with their sources, [`rule`] the arithmetic,
-//! [`on_board`] what the logs say of the vehicle's own parameters, [`mod@file`] the parameter file. It changes nothing on any vehicle;
+//! [`on_board`] what the logs say of the vehicle's own parameters, [`start`] which of them are first values of an estimate, [`mod@file`] the parameter file. It changes nothing on any vehicle;
 //! `gaware params apply` does that.
 
 pub mod file;
 pub mod on_board;
 pub mod rule;
+pub mod start;
 pub mod table;
 
 use gaware_mission::item::Autopilot;

@@ -44,6 +44,10 @@ fn write_summary(out: &mut String, s: &Summary, document: &Map<String, Value>) -
         let what = if s.phase == Phase::Running { "at the end" } else { "no estimate" };
         writeln!(out, "{what}: {}", s.waiting_for)?;
     }
+    let started = document.get("started").and_then(Value::as_array).map_or(&[][..], Vec::as_slice);
+    for text in started.iter().filter_map(|s| s.get("text")?.as_str()) {
+        writeln!(out, "first value: {text}")?;
+    }
     for (name, digits, e) in [
         ("attitude, deg", 3, &s.estimate.attitude_deg),
         ("gyro bias, deg/h", 2, &s.estimate.gyro_bias_deg_per_h),

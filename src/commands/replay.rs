@@ -2,6 +2,8 @@
 
 use super::baseline::{self, Outcome};
 use super::{CommandError, ListenArgs, load_model, output, parse_model, print, progress_bar};
+use crate::advice::on_board::OnBoard;
+use crate::advice::start;
 use crate::engine::{Engine, EngineOptions};
 use crate::export::{self, ExportError, Gather, Gathered};
 use crate::logs::Damage;
@@ -25,7 +27,7 @@ pub struct ReplayArgs {
     #[arg(long)]
     pub json: bool,
     /// Model of the sensors (default: the recording's own, otherwise g-sensitivity, GNSS latency and the tolerances of a
-    /// consumer unit are estimated).
+    /// consumer unit are estimated; an autopilot's own log gives delay and antenna place, where they are set, as first values).
     #[arg(long, value_name = "FILE")]
     pub model: Option<PathBuf>,
     /// Write time series: to a .csv or .parquet file the states, to an .mcap file or a folder (as Parquet) states, inertial
@@ -194,12 +196,21 @@ pub fn replay<E: Estimator>(
         (None, Some(setup)) => parse_model(&setup.model_toml, &request.log)?,
         (None, None) => Model::standard(),
     };
+    let mut model = model;
+    let started = if request.model.is_none() && recorded.is_of_autopilot() {
+        start::start(&mut model, &OnBoard::read(&request.log, None)?)
+    } else {
+        Vec::new()
+    };
     let bar = progress_bar(recorded.total_bytes(), "bytes");
     let (pipeline, damage) =
         recorded.run(make(model), request.truth_from_s, &|bytes| bar.set_position(bytes))?;
     bar.finish_and_clear();
     let mut document = pipeline.document();
     add_damage(damage, &mut document);
+    if !started.is_empty() {
+        document.insert("started".to_owned(), json!(started));
+    }
     Ok((pipeline, document))
 }
 

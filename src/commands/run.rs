@@ -13,15 +13,17 @@ use crate::mission_link::uploader::RawMessage;
 use crate::pipeline::{Estimator, Pipeline};
 use crate::sensors::{AUTOPILOT_COMPONENT, ConverterOptions, ImuSource, Notice, Severity};
 use crate::sinks::events::Causes;
+use crate::sinks::external_ahrs::Fresh;
 use crate::sinks::recorder::{RecordItem, Recorder, RecorderStats, Setup};
 use gaware_mission::item::Mission;
 use gaware_nav::model::Model;
 use gaware_nav::observability::words::VehicleKind;
+use gaware_nav::sample::Sample;
 use mavlink::dialects::ardupilotmega::{MavCmd, MavMessage};
 use serde::Serialize;
 use serde_json::{Map, Value};
 use std::sync::Arc;
-use std::time::Duration;
+use std::time::{Duration, Instant};
 use tokio::sync::{mpsc, watch};
 use tokio::time::MissedTickBehavior;
 use tokio_util::sync::CancellationToken;
@@ -97,6 +99,8 @@ pub struct Hooks {
     pub mission: Option<Mission>,
     /// Gets a copy of every frame that arrives, for protocols with the vehicle; slow readers lose their own.
     pub frames: tokio::sync::broadcast::Sender<Received>,
+    /// Gets the state after every inertial sample, where an autopilot is to read it; a slow reader loses its own.
+    pub navigation: Option<mpsc::Sender<Fresh>>,
 }
 
 /// Runs the command until `stop` or its duration ends it, and prints the result.
@@ -312,6 +316,7 @@ impl<E: Estimator> Session<E> {
         let now_ns = self.clock.monotonic_ns();
         self.record(RecordItem::Frame(received.clone()));
         let (samples, notices) = self.pipeline.frame(t_us, &received.frame);
+        let inertial = samples.iter().any(|s| matches!(s, Sample::Imu(_)));
         if let Some(recorder) = &self.recorder {
             for sample in samples {
                 recorder.record(RecordItem::Sample(t_us, sample.clone()));
@@ -319,6 +324,9 @@ impl<E: Estimator> Session<E> {
         }
         for notice in notices {
             self.react(t_us, &notice);
+        }
+        if inertial {
+            self.hand_on();
         }
         self.name_systems(t_us);
         if let Some(rates) = &mut self.rates {
@@ -340,6 +348,16 @@ impl<E: Estimator> Session<E> {
         }
         // No one may be listening.
         let _ = self.hooks.frames.send(received);
+    }
+
+    /// Hands the state after a sample on.
+    fn hand_on(&mut self) {
+        let Some(readers) = &self.hooks.navigation else { return };
+        if let Some(navigation) = self.pipeline.navigation() {
+            let fresh = Fresh { arrived: Instant::now(), navigation };
+            // A reader that is behind takes the next one.
+            let _ = readers.try_send(fresh);
+        }
     }
 
     /// Names every system heard, once there are several.

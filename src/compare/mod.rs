@@ -140,7 +140,7 @@ pub enum CompareError {
     Origins,
     /// Nothing of the autopilot's filter.
     #[error(
-        "{0} has no innovations or test ratios of the autopilot's filter in flight (.bin: XKF3 and XKF4, .ulg: estimator_innovations, links: \
+        "{0} has no innovations or test ratios of the autopilot's filter in flight (.bin: XKF3 and XKF4 or NKF3 and NKF4, .ulg: estimator_innovations, links: \
          EKF_STATUS_REPORT or ESTIMATOR_STATUS)"
     )]
     NoFilter(String),

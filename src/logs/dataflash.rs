@@ -8,7 +8,6 @@
 //! taken when its header is right and another header follows it; after damage the reader looks byte by byte for the next two
 //! messages in a row. A message that damage touches is lost with it.
 
-use super::filter::{self, Channel};
 use super::window::Window;
 use super::{Damage, Item, LogError, LogNote, LogReader, Progress, Record};
 use crate::timeline::{Measurement, Stamp};
@@ -18,6 +17,9 @@ use gaware_nav::sample::{FixVelocity, GnssFix, ImuSample, ImuStream};
 use nalgebra::Vector3;
 use std::collections::VecDeque;
 use std::io::Read;
+
+mod notes;
+use notes::{Filter, kind_of_firmware, kind_of_parameter, version};
 
 /// First bytes of a message of this format.
 pub const MAGIC: [u8; 2] = [0xA3, 0x95];
@@ -253,8 +255,8 @@ struct Messages {
     waiting: Option<(u64, GnssFix)>,
     /// What flies by the name of the firmware, and by the class of the frame.
     kind: (Option<VehicleKind>, Option<VehicleKind>),
-    /// The core of the navigation filter that flies.
-    primary_core: f64,
+    /// Which of its navigation filters flies.
+    filter: Filter,
     /// Time of the newest message, µs: parameters may have none of their own.
     newest_us: u64,
 }
@@ -312,42 +314,18 @@ impl Messages {
                 self.kind.1 =
                     parameter.and_then(|(name, value)| kind_of_parameter(name, value)).or(self.kind.1);
                 if let Some((name, value)) = parameter {
+                    self.filter.parameter(name, value);
                     self.note(entry, LogNote::Parameter { name: name.to_owned(), value });
                 }
             }
-            "XKF3" | "XKF4" => self.filter(entry),
-            _ => {}
+            _ => {
+                let values = self.filter.values(entry);
+                if !values.is_empty() {
+                    self.note(entry, LogNote::Filter(values));
+                }
+            }
         }
         Some(())
-    }
-
-    /// Innovations and test ratios of the core that flies.
-    fn filter(&mut self, entry: &Entry) {
-        let core = entry.number("C").unwrap_or(0.0);
-        self.primary_core = entry.number("PI").unwrap_or(self.primary_core);
-        if core != self.primary_core {
-            return;
-        }
-        let of = |label| entry.number(label);
-        let values = if entry.format.name == "XKF3" {
-            filter::finite([
-                (Channel::VelocityNorth, of("IVN")),
-                (Channel::VelocityEast, of("IVE")),
-                (Channel::VelocityDown, of("IVD")),
-                (Channel::PositionNorth, of("IPN")),
-                (Channel::PositionEast, of("IPE")),
-                (Channel::PositionDown, of("IPD")),
-                (Channel::Heading, of("IYAW")),
-            ])
-        } else {
-            filter::finite([
-                (Channel::VelocityRatio, of("SV")),
-                (Channel::PositionRatio, of("SP")),
-                (Channel::HeightRatio, of("SH")),
-                (Channel::HeadingRatio, of("SM")),
-            ])
-        };
-        self.note(entry, LogNote::Filter(values));
     }
 
     fn imu(&mut self, entry: &Entry) -> Option<()> {
@@ -363,38 +341,6 @@ impl Messages {
         let sample = ImuSample { t_s: 0.0, gyro, accel, temperature_degc };
         self.put(t_us, Measurement::Imu(Stamp::Usec(t_us), sample));
         Some(())
-    }
-}
-
-/// The firmware names itself at the start of a log: "ArduPlane V4.5.7 (…)".
-fn kind_of_firmware(message: &str) -> Option<VehicleKind> {
-    [
-        ("ArduPlane", VehicleKind::FixedWing),
-        ("ArduCopter", VehicleKind::Multirotor),
-        ("APM:Copter", VehicleKind::Multirotor),
-        ("APM:Plane", VehicleKind::FixedWing),
-    ]
-    .into_iter()
-    .find_map(|(name, kind)| message.starts_with(name).then_some(kind))
-}
-
-/// Major and minor version in the same words.
-fn version(message: &str) -> Option<(u8, u8)> {
-    let (name, rest) = message.split_once(" V")?;
-    if !name.starts_with("Ardu") && !name.starts_with("APM:") {
-        return None;
-    }
-    let mut parts = rest.split(|c: char| !c.is_ascii_digit());
-    Some((parts.next()?.parse().ok()?, parts.next()?.parse().ok()?))
-}
-
-/// Only a copter has a class of frame (`FRAME_CLASS`, `FRAME` before 2017); only a plane can be a quadplane (`Q_ENABLE`).
-fn kind_of_parameter(name: &str, value: f64) -> Option<VehicleKind> {
-    match name {
-        "FRAME_CLASS" if value > 0.0 => Some(VehicleKind::Multirotor),
-        "FRAME" => Some(VehicleKind::Multirotor),
-        "Q_ENABLE" => Some(VehicleKind::FixedWing),
-        _ => None,
     }
 }
 

@@ -195,3 +195,50 @@ fn bursts_of_damage_in_real_logs_cost_what_they_touch_and_are_reported() {
         }
     }
 }
+
+/// Number of values and RMS of each channel, as pymavlink 2.4.50 (`.BIN`) and pyulog (`.ulg`) read them.
+#[test]
+#[ignore = "needs the recorded flights: GAWARE_FLIGHTS"]
+fn innovations_of_autopilots_own_logs_are_those_of_other_readers() {
+    use super::filter::Channel::*;
+    let copter = [
+        (VelocityNorth, 728, 0.106_741),
+        (VelocityEast, 728, 0.158_742),
+        (VelocityDown, 728, 0.140_067),
+        (PositionNorth, 728, 0.103_635),
+        (PositionEast, 728, 0.166_965),
+        (PositionDown, 728, 0.319_419),
+        (Heading, 728, 0.983_320),
+        (VelocityRatio, 728, 0.049_186),
+        (PositionRatio, 728, 0.024_501),
+        (HeightRatio, 728, 0.018_423),
+        (HeadingRatio, 728, 0.023_662),
+    ];
+    let px4 = [
+        (VelocityNorth, 159, 0.487_355),
+        (VelocityEast, 159, 0.606_130),
+        (VelocityDown, 159, 1.524_930),
+        (PositionNorth, 159, 1.241_127),
+        (PositionEast, 159, 2.141_898),
+        (PositionDown, 159, 0.771_401),
+        (Heading, 159, 0.012_319_f64.to_degrees()),
+        (HeadingRatio, 159, 0.044_352),
+    ];
+    for (name, expected) in [("real_copter_sample.BIN", &copter[..]), ("real_px4_ekf_failure.ulg", &px4[..])]
+    {
+        let values: Vec<(filter::Channel, f64)> = open(&flight(name))
+            .unwrap()
+            .filter_map(|record| match record.unwrap().item {
+                Item::Note(LogNote::Filter(values)) => Some(values),
+                _ => None,
+            })
+            .flatten()
+            .collect();
+        for (channel, count, rms) in expected {
+            let of: Vec<f64> = values.iter().filter(|(c, _)| c == channel).map(|(_, v)| *v).collect();
+            let found = (of.iter().map(|v| v * v).sum::<f64>() / of.len() as f64).sqrt();
+            assert_eq!(of.len(), *count, "{name} {channel:?}");
+            assert!((found / rms - 1.0).abs() < 1e-4, "{name} {channel:?}: {found} {rms}");
+        }
+    }
+}

@@ -10,15 +10,14 @@
 use super::window::Window;
 use super::{Damage, Item, LogError, LogNote, LogReader, Progress, Record};
 use crate::timeline::{Measurement, Stamp};
-use gaware_nav::earth::Geodetic;
 use gaware_nav::observability::words::VehicleKind;
-use gaware_nav::sample::{FixVelocity, GnssFix, ImuSample, ImuStream, Quantisation, SampleKind};
-use nalgebra::{Quaternion, UnitQuaternion, Vector3};
 use std::collections::{HashMap, VecDeque};
 use std::io::Read;
 
+mod fields;
 mod notes;
-use notes::{filter_values, keyed, parameter_note, version_note};
+use fields::{Fields, attitude, fix, imu, stream, vehicle_kind};
+use notes::{airframe, filter_values, is_of_filter, keyed, parameter_note, version_note};
 
 /// First bytes of the format.
 pub const MAGIC: &[u8; 4] = b"ULog";
@@ -301,7 +300,7 @@ impl Definitions {
                 .first_chunk()
                 .is_some_and(|id| self.subscriptions.remove(&u16::from_le_bytes(*id)).is_some()),
             b'P' => {
-                topics.parameter(body);
+                topics.kind.1 = airframe(body).or(topics.kind.1);
                 out.extend(parameter_note(body).map(|note| topics.record(note)));
                 true
             }
@@ -371,6 +370,8 @@ struct Topics {
     gnss_topic: Option<String>,
     /// What flies by `vehicle_status`, or else by the number of the airframe.
     kind: (Option<VehicleKind>, Option<VehicleKind>),
+    /// The instance of the navigation filter that flies, where several run.
+    primary: u8,
     given: u64,
     /// Time of the newest data, µs: parameters have none of their own.
     newest_us: u64,
@@ -385,10 +386,14 @@ impl Topics {
     fn take(&mut self, body: &[u8], definitions: &Definitions, out: &mut VecDeque<Record>) -> bool {
         let Some((id, data)) = body.split_first_chunk() else { return false };
         let Some(topic) = definitions.subscriptions.get(&u16::from_le_bytes(*id)) else { return false };
-        if topic.instance != 0 {
+        let fields = Fields { topic, data };
+        if topic.name == "estimator_selector_status" {
+            self.primary = fields.number("primary_instance").map_or(self.primary, |instance| instance as u8);
             return true;
         }
-        let fields = Fields { topic, data };
+        if topic.instance != if is_of_filter(&topic.name) { self.primary } else { 0 } {
+            return true;
+        }
         let Some(t_us) = fields.stamp() else { return true };
         self.newest_us = t_us;
         let stamp = Stamp::Usec(t_us);
@@ -428,19 +433,6 @@ impl Topics {
         out.push_back(Record { t_us, item: Item::Measurement(measurement) });
         true
     }
-
-    /// `SYS_AUTOSTART` names the airframe (PX4 user guide, "Airframes Reference"): 2000 and 3000 planes and flying wings, 13000
-    /// VTOL, 4000 to 9000, 11000 and 12000 multirotors.
-    fn parameter(&mut self, body: &[u8]) {
-        let Some((&length, rest)) = body.split_first() else { return };
-        let Some((key, value)) = rest.split_at_checked(usize::from(length)) else { return };
-        let (b"int32_t SYS_AUTOSTART", Some(value)) = (key, value.first_chunk()) else { return };
-        self.kind.1 = match i32::from_le_bytes(*value) {
-            2000..=3999 | 13_000..=13_999 => Some(VehicleKind::FixedWing),
-            4000..=9999 | 11_000..=12_999 => Some(VehicleKind::Multirotor),
-            _ => self.kind.1,
-        };
-    }
 }
 
 /// Whether the content of a message is what its type says. Among damaged bytes three that look like a header are no rarity, and a
@@ -462,98 +454,6 @@ fn reads_well(message: &[u8]) -> bool {
         Some(b'L') => text(9),
         Some(b'C') => text(11),
         _ => true,
-    }
-}
-
-fn stream() -> ImuStream {
-    ImuStream {
-        message: "sensor_combined".to_owned(),
-        kind: SampleKind::IntervalMean,
-        quantisation: Quantisation::None,
-    }
-}
-
-fn imu(fields: &Fields) -> Option<ImuSample> {
-    let (gyro, accel) = (fields.vector("gyro_rad")?, fields.vector("accelerometer_m_s2")?);
-    Some(ImuSample { t_s: 0.0, gyro, accel, temperature_degc: None })
-}
-
-/// A fix, or nothing where the receiver has none.
-fn fix(fields: &Fields) -> Option<GnssFix> {
-    let position = fields.position().filter(|_| fields.number("fix_type").is_some_and(|t| t >= 3.0))?;
-    let given = |name| fields.number(name).filter(|v| *v > 0.0);
-    let velocity = match ["vel_n_m_s", "vel_e_m_s", "vel_d_m_s"].map(|n| fields.number(n)) {
-        [Some(n), Some(e), Some(d)] => FixVelocity::Full([n, e, d]),
-        _ => FixVelocity::None,
-    };
-    Some(GnssFix {
-        t_s: 0.0,
-        position,
-        velocity,
-        // In this format eph and epv are metres.
-        position_sigma_m: given("eph").zip(given("epv")).map(|(h, v)| [h, h, v]),
-        velocity_sigma_m_per_s: given("s_variance_m_s").map(|s| [s; 3]),
-        yaw_rad: None,
-    })
-}
-
-fn attitude(fields: &Fields) -> Option<[f64; 3]> {
-    let [w, x, y, z] = [0, 1, 2, 3].map(|k| fields.element("q", k));
-    let (roll, pitch, yaw) = UnitQuaternion::try_new(Quaternion::new(w?, x?, y?, z?), 0.5)?.euler_angles();
-    Some([roll, pitch, yaw])
-}
-
-/// `vehicle_type` of `vehicle_status`: 1 rotary wing, 2 fixed wing; a VTOL has wings to fly turns with. Logs before 1.9 have
-/// `is_rotary_wing`.
-fn vehicle_kind(fields: &Fields) -> Option<VehicleKind> {
-    if fields.number("is_vtol") == Some(1.0) {
-        return Some(VehicleKind::FixedWing);
-    }
-    match (fields.number("vehicle_type"), fields.number("is_rotary_wing")) {
-        (Some(1.0), _) | (None, Some(1.0)) => Some(VehicleKind::Multirotor),
-        (Some(2.0), _) | (None, Some(0.0)) => Some(VehicleKind::FixedWing),
-        _ => None,
-    }
-}
-
-/// Fields of a message by name, whatever their type.
-struct Fields<'a> {
-    topic: &'a Subscription,
-    data: &'a [u8],
-}
-
-impl Fields<'_> {
-    fn stamp(&self) -> Option<u64> {
-        let (offset, _, _) = *self.topic.fields.get("timestamp").filter(|f| f.1 == Basic::U64)?;
-        Some(u64::from_le_bytes(*self.data.get(offset..)?.first_chunk()?))
-    }
-
-    /// A finite number.
-    fn number(&self, name: &str) -> Option<f64> {
-        self.element(name, 0)
-    }
-
-    fn element(&self, name: &str, k: usize) -> Option<f64> {
-        let (offset, basic, _) = *self.topic.fields.get(name).filter(|f| k < f.2)?;
-        basic.read(self.data.get(offset + k * basic.size()..)?).filter(|v| v.is_finite())
-    }
-
-    fn vector(&self, name: &str) -> Option<Vector3<f64>> {
-        let [x, y, z] = [0, 1, 2].map(|k| self.element(name, k));
-        Some(Vector3::new(x?, y?, z?))
-    }
-
-    /// Degrees and metres since 1.14, 1e-7 degrees and millimetres before.
-    fn position(&self) -> Option<Geodetic> {
-        let fine = ["latitude_deg", "longitude_deg", "altitude_msl_m"].map(|n| self.number(n));
-        let coarse = ["lat", "lon", "alt"].map(|n| self.number(n));
-        match (fine, coarse) {
-            ([Some(lat), Some(lon), Some(alt)], _) => Some((lat, lon, alt)),
-            (_, [Some(lat), Some(lon), Some(alt)]) => Some((lat * 1e-7, lon * 1e-7, alt * 1e-3)),
-            _ => None,
-        }
-        .filter(|(lat, lon, _)| lat.abs() <= 90.0 && lon.abs() <= 180.0 && (*lat, *lon) != (0.0, 0.0))
-        .map(|(lat, lon, alt)| Geodetic::from_degrees(lat, lon, alt))
     }
 }
 

@@ -6,6 +6,8 @@
 mod recorded;
 mod truth_comparison;
 
+use crate::advice::start::Started;
+use crate::engine::navigation::Navigation;
 use crate::engine::snapshot::{GnssStatus, ImuStatus, Snapshot, Summary};
 use crate::link::frame::Frame;
 use crate::logs::filter::{self, Channel, Origin};
@@ -41,6 +43,10 @@ pub trait Estimator: Consumer {
     fn snapshot(&self) -> Snapshot;
     /// The result so far.
     fn summary(&self) -> Summary;
+    /// The state at the newest sample, for those who need it at once; nothing while there is no estimate.
+    fn navigation(&mut self) -> Option<Navigation> {
+        None
+    }
 }
 
 /// The result as a document (`gaware.summary/1`): the summary with what an engine cannot know.
@@ -61,6 +67,10 @@ pub struct ReplayDocument {
     /// What of the log could not be read; absent for a good log.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub log_damage: Option<Damage>,
+    /// First values that come from the autopilot's parameters; absent where there are none.
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    #[schemars(default)]
+    pub started: Vec<Started>,
 }
 
 /// Converter and engine in a row.
@@ -253,6 +263,11 @@ impl<E: Estimator> Pipeline<E> {
         s
     }
 
+    /// The state at the newest sample.
+    pub fn navigation(&mut self) -> Option<Navigation> {
+        self.engine.navigation()
+    }
+
     /// The result as a document: the summary, what flew, what was refused on the way, and the comparison with the truth
     /// where there is one.
     pub fn document(&self) -> Map<String, Value> {
@@ -262,6 +277,7 @@ impl<E: Estimator> Pipeline<E> {
             converter: self.converter.stats(),
             truth_comparison: self.truth.result(),
             log_damage: None,
+            started: Vec::new(),
         };
         let Ok(Value::Object(document)) = serde_json::to_value(document) else { return Map::new() };
         document
@@ -289,6 +305,10 @@ impl Estimator for crate::engine::Engine {
 
     fn summary(&self) -> Summary {
         Self::summary(self)
+    }
+
+    fn navigation(&mut self) -> Option<Navigation> {
+        Self::navigation(self)
     }
 }
 

@@ -38,6 +38,11 @@ impl Recorded {
         self.setup.as_ref()
     }
 
+    /// Whether it is the autopilot's own log, with all its parameters.
+    pub fn is_of_autopilot(&self) -> bool {
+        self.reader.autopilot().is_some()
+    }
+
     /// Size of the file.
     pub fn total_bytes(&self) -> u64 {
         self.reader.progress().total_bytes

@@ -4,6 +4,7 @@
 //! messages and counts them in [`status::SinkStatus`]; the engine never waits for it.
 
 pub mod events;
+pub mod external_ahrs;
 pub mod link_meter;
 pub mod log;
 pub mod metrics;

@@ -1,6 +1,7 @@
 //! Logs made byte by byte, whole and damaged.
 
 use super::*;
+use crate::logs::filter::Channel;
 use proptest::prelude::*;
 
 const SAMPLES: u64 = 400;
@@ -109,6 +110,69 @@ fn the_parameters_tell_a_copter_from_a_plane() {
     assert_eq!(kind_of_parameter("FRAME_CLASS", 1.0), Some(VehicleKind::Multirotor));
     assert_eq!(kind_of_parameter("FRAME_CLASS", 0.0), None);
     assert_eq!(kind_of_parameter("Q_ENABLE", 0.0), Some(VehicleKind::FixedWing));
+}
+
+/// Innovations of two cores, of which the second flies from the second round on; firmware before 4.1 and since.
+fn rounds(family: &str, with_core: bool) -> Vec<u8> {
+    let (types, labels, head) =
+        if with_core { ("QBccB", "TimeUS,C,IVN,SV,PI", 1) } else { ("QccB", "TimeUS,IVN,SV,PI", 0) };
+    let len = 3 + 8 + head + 5;
+    let numbers = if with_core { ["3", "4", "3", "4"] } else { ["3", "4", "8", "9"] };
+    let mut out = Vec::new();
+    for (k, number) in numbers.iter().enumerate() {
+        out.extend(fmt(40 + k as u8, len, &format!("{family}{number}"), types, labels));
+    }
+    for round in 0..2_u8 {
+        for (k, core) in [0_u8, 0, 1, 1].into_iter().enumerate() {
+            let mut body = (1_000_000_u64 + 100_000 * u64::from(round)).to_le_bytes().to_vec();
+            if with_core {
+                body.push(core);
+            }
+            body.extend((100 * i16::from(core) + 10 * i16::from(round)).to_le_bytes());
+            body.extend((100 * i16::from(core) + 10 * i16::from(round) + 1).to_le_bytes());
+            body.push(round);
+            out.extend(message(40 + k as u8, &body));
+        }
+    }
+    out
+}
+
+fn filter_notes(bytes: &[u8]) -> Vec<Vec<(Channel, f64)>> {
+    let reader = DataflashReader::new(bytes, bytes.len() as u64);
+    let values = |record: Record| match record.item {
+        Item::Note(LogNote::Filter(values)) => Some(values),
+        _ => None,
+    };
+    reader.flatten().filter_map(values).collect()
+}
+
+#[test]
+fn the_innovations_of_the_core_that_flies_are_taken_in_old_and_new_logs() {
+    for (family, with_core) in [("NKF", false), ("XKF", false), ("NKF", true), ("XKF", true)] {
+        let (v, r) = (Channel::VelocityNorth, Channel::VelocityRatio);
+        let expected = [(v, 0.0), (r, 0.01), (v, 1.1), (r, 1.11)].map(|(channel, value)| {
+            let both = [(Channel::VelocityNorth, value), (Channel::VelocityRatio, value)];
+            both.into_iter().filter(|(c, _)| *c == channel).collect::<Vec<_>>()
+        });
+        assert_eq!(
+            filter_notes(&[definitions(), rounds(family, with_core)].concat()),
+            expected,
+            "{family} {with_core}"
+        );
+    }
+}
+
+#[test]
+fn of_two_filters_the_one_that_the_parameter_names_is_taken() {
+    let mut parameter = 1_u64.to_le_bytes().to_vec();
+    parameter.extend(b"AHRS_EKF_TYPE\0\0\0");
+    parameter.extend(3.0_f32.to_le_bytes());
+    let parameter =
+        [fmt(9, 3 + 8 + 16 + 4, "PARM", "QNf", "TimeUS,Name,Value"), message(9, &parameter)].concat();
+    let both = [rounds("NKF", false), rounds("XKF", true)].concat();
+    let (first, named) = (filter_notes(&both), filter_notes(&[parameter, both.clone()].concat()));
+    assert_eq!((first.len(), named.len()), (4, 4));
+    assert_eq!(named, filter_notes(&rounds("XKF", true)));
 }
 
 proptest! {

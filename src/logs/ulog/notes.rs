@@ -3,6 +3,7 @@
 use super::{Basic, Fields};
 use crate::logs::LogNote;
 use crate::logs::filter::{self, Channel};
+use gaware_nav::observability::words::VehicleKind;
 
 /// The key of a message with a key, and the bytes of its value.
 pub(super) fn keyed(body: &[u8]) -> Option<(&str, &[u8])> {
@@ -29,6 +30,27 @@ pub(super) fn version_note(body: &[u8]) -> Option<LogNote> {
     Some(LogNote::Version(major, minor))
 }
 
+/// What flies by the number of the airframe: `SYS_AUTOSTART` (PX4 user guide, "Airframes Reference"): 2000 and 3000 planes and flying wings,
+/// 13000 VTOL, 4000 to 9000, 11000 and 12000 multirotors.
+pub(super) fn airframe(body: &[u8]) -> Option<VehicleKind> {
+    let ("int32_t SYS_AUTOSTART", value) = keyed(body)? else { return None };
+    match i32::from_le_bytes(*value.first_chunk()?) {
+        2000..=3999 | 13_000..=13_999 => Some(VehicleKind::FixedWing),
+        4000..=9999 | 11_000..=12_999 => Some(VehicleKind::Multirotor),
+        _ => None,
+    }
+}
+
+/// Whether several instances of the navigation filter write this topic, one each.
+pub(super) fn is_of_filter(topic: &str) -> bool {
+    matches!(topic, "estimator_innovations" | "estimator_innovation_test_ratios" | "estimator_status")
+}
+
+/// The largest of the components, as the filter itself judges and sends them (PX4, `EKF2.cpp`, `PublishStatus`).
+fn largest(ratios: [Option<f64>; 3]) -> Option<f64> {
+    ratios.into_iter().flatten().reduce(f64::max)
+}
+
 /// Innovations and test ratios of the navigation filter: of `estimator_innovations` and `estimator_innovation_test_ratios`, or, before
 /// 1.11, `ekf2_innovations` and `estimator_status`.
 pub(super) fn filter_values(topic: &str, fields: &Fields) -> Vec<(Channel, f64)> {
@@ -45,9 +67,9 @@ pub(super) fn filter_values(topic: &str, fields: &Fields) -> Vec<(Channel, f64)>
             (Heading, at("heading", 0).map(f64::to_degrees)),
         ]),
         "estimator_innovation_test_ratios" => filter::finite([
-            (VelocityRatio, at("gps_hvel", 0)),
-            (PositionRatio, at("gps_hpos", 0)),
-            (HeightRatio, at("gps_vpos", 0)),
+            (VelocityRatio, largest([at("gps_hvel", 0), at("gps_hvel", 1), at("gps_vvel", 0)])),
+            (PositionRatio, largest([at("gps_hpos", 0), at("gps_hpos", 1), None])),
+            (HeightRatio, largest([at("gps_vpos", 0), at("baro_vpos", 0), None])),
             (HeadingRatio, at("heading", 0)),
         ]),
         "ekf2_innovations" => filter::finite([
@@ -63,7 +85,7 @@ pub(super) fn filter_values(topic: &str, fields: &Fields) -> Vec<(Channel, f64)>
             (VelocityRatio, at("vel_test_ratio", 0)),
             (PositionRatio, at("pos_test_ratio", 0)),
             (HeightRatio, at("hgt_test_ratio", 0)),
-            (HeadingRatio, at("mag_test_ratio", 0)),
+            (HeadingRatio, at("hdg_test_ratio", 0).or(at("mag_test_ratio", 0))),
         ]),
         _ => Vec::new(),
     }

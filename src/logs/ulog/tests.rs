@@ -135,6 +135,43 @@ fn a_log_that_ends_in_a_message_says_so() {
     assert!(read.damage.truncated);
 }
 
+/// Two instances of the filter; the selector names the second one after the first round.
+#[test]
+fn the_innovations_of_the_instance_that_flies_are_taken() {
+    use crate::logs::filter::Channel;
+    let mut bytes = definitions();
+    for format in [
+        "estimator_innovation_test_ratios:uint64_t timestamp;float[2] gps_hvel;float gps_vvel;float[2] gps_hpos;",
+        "estimator_selector_status:uint64_t timestamp;uint8_t primary_instance;",
+    ] {
+        bytes.extend(message(b'F', format.as_bytes()));
+    }
+    for (id, instance) in [(10_u16, 0), (11, 1)] {
+        let body = [&[instance][..], &id.to_le_bytes(), b"estimator_innovation_test_ratios"].concat();
+        bytes.extend(message(b'A', &body));
+    }
+    bytes.extend(subscription(12, "estimator_selector_status"));
+    for round in 0..2_u8 {
+        for (id, scale) in [(10_u16, 1.0_f32), (11, 10.0)] {
+            let values = [0.1_f32, 0.2, 0.3, 0.4, 0.5].map(|v| (v * scale).to_le_bytes()).concat();
+            let stamp = (1_000_000 * (1 + u64::from(round))).to_le_bytes();
+            bytes.extend(message(b'D', &[&id.to_le_bytes()[..], &stamp, &values].concat()));
+        }
+        let status = [&12_u16.to_le_bytes()[..], &1_500_000_u64.to_le_bytes(), &[1]].concat();
+        bytes.extend(message(b'D', &status));
+    }
+    let values = |record: Record| match record.item {
+        Item::Note(LogNote::Filter(values)) => Some(values),
+        _ => None,
+    };
+    let found: Vec<_> =
+        UlogReader::new(&bytes[..], bytes.len() as u64).flatten().filter_map(values).collect();
+    let pair = |velocity: f32, position: f32| {
+        vec![(Channel::VelocityRatio, f64::from(velocity)), (Channel::PositionRatio, f64::from(position))]
+    };
+    assert_eq!(found, [pair(0.3, 0.5), pair(3.0, 5.0)]);
+}
+
 proptest! {
     #[test]
     fn a_burst_costs_what_it_touches_and_is_reported(

@@ -52,6 +52,7 @@ pub fn html(
     let fixes = innovations::of(&log.snapshots);
     let mut body = String::new();
     answers::head(origin, summary, &mut body);
+    first_values(document, &mut body);
     if summary.phase == Phase::Running {
         answers::answers(summary, log, &lessons, compared.as_ref(), &fixes, &mut body);
         knowledge::g_sensitivity(summary, &mut body);
@@ -66,6 +67,14 @@ pub fn html(
     innovations::section(&log.snapshots, &fixes, &mut body)?;
     answers::how_to_read(&mut body);
     Ok(page(&escape(&origin.log), &body))
+}
+
+/// What the autopilot's own parameters gave the estimate to start from.
+fn first_values(document: &Map<String, Value>, body: &mut String) {
+    let started = document.get("started").and_then(Value::as_array).map_or(&[][..], Vec::as_slice);
+    for text in started.iter().filter_map(|s| s.get("text")?.as_str()) {
+        body.push_str(&format!("<p><small>First value: {}.</small></p>", escape(text)));
+    }
 }
 
 /// A quantity over time, thinned.

@@ -1,6 +1,7 @@
 //! The targets by what they are about.
 
 pub mod engine;
+pub mod external_ahrs;
 pub mod files;
 pub mod link;
 pub mod logs;
