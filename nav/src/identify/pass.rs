@@ -96,6 +96,7 @@ impl Information {
     }
 
     /// Adds a whitened innovation with its derivative by every parameter.
+    #[inline(always)]
     pub(super) fn take(&mut self, s: &[f64], residual: f64, weight: f64) {
         let n = self.score.len();
         for i in 0..n {

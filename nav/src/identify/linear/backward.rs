@@ -13,6 +13,7 @@ use super::{Problem, STATES, index};
 use crate::identify::noise::{FIGURES, Noise, figure};
 use crate::identify::pass::Options;
 use nalgebra::{Matrix3, Vector3};
+use pulp::{Arch, Simd, WithSimd};
 
 /// Likelihood of the fit part and its slopes.
 #[derive(Debug, Clone, PartialEq)]
@@ -45,6 +46,7 @@ struct Adjoint {
 impl Adjoint {
     /// Back over one scalar update; returns the slope by the measurement's variance. `weight` is that of the squared
     /// innovation, `counted` whether the row counts.
+    #[inline(always)]
     fn update(&mut self, row: &Row, u: &Update, counted: bool, weight: f64) -> f64 {
         let (y, s, g) = (u.y, u.s, &u.g);
         let one = f64::from(u8::from(counted));
@@ -66,6 +68,7 @@ impl Adjoint {
     }
 
     /// Back over the way between two fixes.
+    #[inline(always)]
     fn predict(&mut self, interval: &Interval, decay: f64) {
         for w in index::GAUSS_MARKOV..index::STAMP {
             self.x[w] *= decay;
@@ -77,11 +80,13 @@ impl Adjoint {
     }
 }
 
+#[inline(always)]
 fn dot(a: &State, b: &State) -> f64 {
     a.iter().zip(b).map(|(a, b)| a * b).sum()
 }
 
 /// Φᵀ v.
+#[inline(always)]
 fn transposed(interval: &Interval, v: &State) -> State {
     let mut out = *v;
     for (j, column) in interval.columns.iter().take(DYNAMIC).enumerate() {
@@ -92,6 +97,7 @@ fn transposed(interval: &Interval, v: &State) -> State {
 }
 
 /// Φᵀ M Φ for a symmetric M.
+#[inline(always)]
 fn congruence(interval: &Interval, m: &Square) -> Square {
     let mut half: Square = *m;
     // Rows of half are (Φᵀ M): the constants keep their own row.
@@ -108,11 +114,13 @@ fn congruence(interval: &Interval, m: &Square) -> Square {
     half
 }
 
+#[inline(always)]
 fn inner(a: &Square, q: &NavCovariance) -> f64 {
     (0..9).map(|i| (0..9).map(|j| a[i][j] * q[(i, j)]).sum::<f64>()).sum()
 }
 
 impl Slope {
+    #[inline(always)]
     fn row(&mut self, row: &Row, u: &Update, by_r: f64) {
         if u.r > SIGMA_FLOOR * SIGMA_FLOOR {
             let k = match row.kind {
@@ -124,7 +132,16 @@ impl Slope {
         }
     }
 
+    /// Half an interval's random walk of the biases.
+    #[inline(always)]
+    fn walks(&mut self, p: &Square, dt: f64) {
+        for (by, at) in self.by_walk.iter_mut().zip([index::GYRO_BIAS, index::ACCEL_BIAS]) {
+            *by += 0.5 * dt * (0..3).map(|k| p[at + k][at + k]).sum::<f64>();
+        }
+    }
+
     /// The noise of the Gauss-Markov error and of the stamp, and the Gauss-Markov error's decay.
+    #[inline(always)]
     fn renewal(&mut self, adjoint: &Adjoint, tape: &Tape, noise: &Noise, dt: f64) {
         let decay = (-dt / noise.correlation_s).exp();
         self.by_figure[figure::STAMP] += 2.0 * noise.stamp_s.powi(2) * adjoint.p[index::STAMP][index::STAMP];
@@ -144,16 +161,25 @@ impl Slope {
     }
 }
 
-impl Problem {
-    /// Likelihood of the fit part with its slopes: two runs' worth of work.
-    pub fn slope(&self, noise: &Noise, options: &Options) -> Slope {
-        let (run, tape) = self.run_keeping(noise, options, Keep::Updates);
-        let mut slope =
-            Slope { log_likelihood: run.log_likelihood[0], by_figure: [0.0; FIGURES], by_walk: [0.0; 2] };
+/// The way back over a run that finds its slopes, with vector registers as wide as the machine has them.
+struct Return<'a> {
+    problem: &'a Problem,
+    tape: &'a [Tape],
+    noise: &'a Noise,
+    options: &'a Options,
+    slope: Slope,
+}
+
+impl WithSimd for Return<'_> {
+    type Output = Slope;
+
+    #[inline(always)]
+    fn with_simd<S: Simd>(self, _: S) -> Slope {
+        let Self { problem, tape, noise, options, mut slope } = self;
         let mut adjoint = Adjoint { x: [0.0; STATES], p: [[0.0; STATES]; STATES] };
         let (mut by_gyro, mut by_accel) = (0.0, 0.0);
-        for (epoch, tape) in self.epochs.iter().zip(&tape).rev() {
-            let counted = self.part(epoch, options) == Some(0);
+        for (epoch, tape) in problem.epochs.iter().zip(tape).rev() {
+            let counted = problem.part(epoch, options) == Some(0);
             let interval = &epoch.interval;
             for (row, update) in epoch.rows.iter().zip(&tape.updates).rev() {
                 let weight = tape.weights[usize::from(!row.is_position())];
@@ -166,12 +192,9 @@ impl Problem {
             adjoint.p.iter_mut().for_each(|row| row[index::STAMP] = 0.0);
             by_gyro += inner(&adjoint.p, &interval.by_gyro);
             by_accel += interval.by_accel.entries().map(|(i, j, q)| adjoint.p[i][j] * q).sum::<f64>();
-            let walk =
-                |p: &Square, at: usize| 0.5 * interval.dt * (0..3).map(|k| p[at + k][at + k]).sum::<f64>();
-            let blocks = [index::GYRO_BIAS, index::ACCEL_BIAS];
-            (0..2).for_each(|k| slope.by_walk[k] += walk(&adjoint.p, blocks[k]));
+            slope.walks(&adjoint.p, interval.dt);
             adjoint.predict(interval, (-interval.dt / noise.correlation_s).exp());
-            (0..2).for_each(|k| slope.by_walk[k] += walk(&adjoint.p, blocks[k]));
+            slope.walks(&adjoint.p, interval.dt);
         }
         slope.by_figure[figure::GYRO] = 2.0 * by_gyro * noise.gyro * noise.gyro;
         slope.by_figure[figure::ACCEL] = 2.0 * by_accel * noise.accel * noise.accel;
@@ -180,6 +203,16 @@ impl Problem {
                 2.0 * v * adjoint.p[index::GAUSS_MARKOV + k][index::GAUSS_MARKOV + k];
         }
         slope
+    }
+}
+
+impl Problem {
+    /// Likelihood of the fit part with its slopes: two runs' worth of work.
+    pub fn slope(&self, noise: &Noise, options: &Options) -> Slope {
+        let (run, tape) = self.run_keeping(noise, options, Keep::Updates);
+        let slope =
+            Slope { log_likelihood: run.log_likelihood[0], by_figure: [0.0; FIGURES], by_walk: [0.0; 2] };
+        Arch::new().dispatch(Return { problem: self, tape: &tape, noise, options, slope })
     }
 
     /// Score and information of a jump between any two fixes, of the gyro biases and of the fixes' position.

@@ -10,6 +10,7 @@ use super::{Problem, STATES, index, variances};
 use crate::effects::BiasWalk;
 use crate::identify::noise::{HEIGHT_GAUSS_MARKOV, Noise};
 use crate::identify::pass::{Information, Options};
+use pulp::{Arch, Simd, WithSimd};
 
 /// Squared normalised innovations of a group count linearly beyond this (Huber's function of the norm).
 pub(super) const HUBER: f64 = 25.0;
@@ -120,11 +121,19 @@ impl<'a> Kalman<'a> {
         Self { x: problem.start, p, noise, walk }
     }
 
+    /// Rows of the covariance and means of the Gauss-Markov error.
+    #[inline(always)]
+    fn gauss_markov(&self) -> ([State; 3], [f64; 3]) {
+        let at = |k: usize| index::GAUSS_MARKOV + k;
+        (std::array::from_fn(|k| self.p[at(k)]), std::array::from_fn(|k| self.x[at(k)]))
+    }
+
     /// 1-sigma of the attitude, rad: of its least known axis.
     pub(super) fn attitude_sigma(&self) -> f64 {
         (0..3).map(|k| self.p[index::ATTITUDE + k][index::ATTITUDE + k]).fold(0.0, f64::max).sqrt()
     }
 
+    #[inline(always)]
     fn add_walk(&mut self, dt: f64) {
         for k in 0..3 {
             self.p[index::GYRO_BIAS + k][index::GYRO_BIAS + k] += 0.5 * self.walk.gyro.powi(2) * dt;
@@ -133,16 +142,16 @@ impl<'a> Kalman<'a> {
     }
 
     /// To the next fix, but for the Gauss-Markov error's noise.
+    #[inline(always)]
     pub(super) fn predict(&mut self, interval: &Interval) {
         let decay = (-interval.dt / self.noise.correlation_s).exp();
         self.add_walk(interval.dt);
         let mut half = [[0.0; STATES]; 9];
         let mut x = interval.offset;
-        for (j, column) in interval.columns.iter().take(DYNAMIC).enumerate() {
-            for i in 0..9 {
-                let c = column[i];
-                x[i] += c * self.x[j];
-                add_scaled(&mut half[i], &self.p[j], c);
+        for (i, half) in half.iter_mut().enumerate() {
+            for (j, column) in interval.columns.iter().take(DYNAMIC).enumerate() {
+                x[i] += column[i] * self.x[j];
+                add_scaled(half, &self.p[j], column[i]);
             }
         }
         let (gyro, accel) = variances(self.noise, interval);
@@ -173,6 +182,7 @@ impl<'a> Kalman<'a> {
     }
 
     /// The Gauss-Markov error's noise and a new error of the stamp.
+    #[inline(always)]
     pub(super) fn renew(&mut self, dt: f64) {
         let lost = 1.0 - (-2.0 * dt / self.noise.correlation_s).exp();
         for (k, v) in gauss_markov_variance(self.noise).into_iter().enumerate() {
@@ -196,6 +206,7 @@ impl<'a> Kalman<'a> {
     }
 
     /// One scalar measurement.
+    #[inline(always)]
     pub(super) fn update(&mut self, row: &super::Row) -> Update {
         let mut g = [0.0; STATES];
         let mut y = row.residual;
@@ -213,6 +224,7 @@ impl<'a> Kalman<'a> {
     }
 }
 
+#[inline(always)]
 pub(super) fn add_scaled(out: &mut [f64], row: &[f64], scale: f64) {
     out.iter_mut().zip(row).for_each(|(o, x)| *o += scale * x);
 }
@@ -231,15 +243,19 @@ struct Sensitivity {
     m: usize,
     u: Vec<f64>,
     scratch: Vec<f64>,
+    /// Whitened derivatives of the innovations of the present fix, row by row.
+    rows: Vec<f64>,
 }
 
 impl Sensitivity {
     fn new(m: usize) -> Self {
-        Self { m, u: vec![0.0; STATES * m], scratch: vec![0.0; 9 * m] }
+        Self { m, u: vec![0.0; STATES * m], scratch: vec![0.0; 9 * m], rows: Vec::new() }
     }
 
+    #[inline(always)]
     fn predict(&mut self, interval: &Interval, decay: f64) {
         let m = self.m;
+        self.rows.clear();
         if m == 0 {
             return;
         }
@@ -256,19 +272,82 @@ impl Sensitivity {
         self.u[index::STAMP * m..index::CLOCK * m].fill(0.0);
     }
 
-    /// Whitened derivative of the innovation of a row.
-    fn update(&mut self, row: &super::Row, update: &Update) -> Vec<f64> {
+    /// Adds the whitened derivative of the innovation of a row.
+    #[inline(always)]
+    fn update(&mut self, row: &super::Row, update: &Update) {
         let m = self.m;
-        let mut out = row.direct.clone();
-        for (k, c) in row.h.iter().enumerate().filter(|(_, c)| **c != 0.0) {
-            add_scaled(&mut out, &self.u[k * m..(k + 1) * m], *c);
+        if m == 0 {
+            return;
         }
-        for (u, g) in self.u.chunks_exact_mut(m.max(1)).zip(&update.g) {
-            add_scaled(u, &out, -g / update.s);
+        let begun = self.rows.len();
+        self.rows.extend_from_slice(&row.direct);
+        self.rows.resize(begun + m, 0.0);
+        let out = &mut self.rows[begun..];
+        for (k, c) in row.h.iter().enumerate().filter(|(_, c)| **c != 0.0) {
+            add_scaled(out, &self.u[k * m..(k + 1) * m], *c);
+        }
+        for (u, g) in self.u.chunks_exact_mut(m).zip(&update.g) {
+            add_scaled(u, out, -g / update.s);
         }
         let scale = update.s.sqrt().recip();
         out.iter_mut().for_each(|v| *v *= scale);
-        out
+    }
+}
+
+/// A run with vector registers as wide as the machine has them; nothing is reordered or fused, so that the result is the same with any.
+struct Going<'a> {
+    problem: &'a Problem,
+    walk: BiasWalk,
+    noise: &'a Noise,
+    options: &'a Options,
+    keep: Keep,
+    columns: usize,
+}
+
+impl WithSimd for Going<'_> {
+    type Output = (Run, Vec<Tape>);
+
+    #[inline(always)]
+    fn with_simd<S: Simd>(self, _: S) -> Self::Output {
+        let Self { problem, walk, noise, options, keep, columns } = self;
+        let zeros = || Information::zeros(columns, 0);
+        let mut run = Run::empty(columns);
+        let taped = matches!(keep, Keep::Updates | Keep::Priors);
+        let mut tape = Vec::with_capacity(if taped { problem.epochs.len() } else { 0 });
+        let mut begun_s = 0.0;
+        let mut kalman = Kalman::new(problem, walk, noise);
+        let mut sensitivity = Sensitivity::new(columns);
+        let mut updates = Vec::new();
+        for epoch in &problem.epochs {
+            let interval = &epoch.interval;
+            kalman.predict(interval);
+            sensitivity.predict(interval, (-interval.dt / noise.correlation_s).exp());
+            let before = taped.then(|| kalman.gauss_markov());
+            kalman.renew(interval.dt);
+            let prior = (keep == Keep::Priors).then(|| Box::new((kalman.x, kalman.p)));
+            updates.clear();
+            for row in &epoch.rows {
+                let update = kalman.update(row);
+                sensitivity.update(row, &update);
+                updates.push(update);
+            }
+            let weights = run.count(problem.part(epoch, options), epoch, &updates, &sensitivity.rows);
+            if let Keep::Blocks(block_s) = keep
+                && epoch.elapsed_s - begun_s >= block_s
+            {
+                begun_s = epoch.elapsed_s;
+                run.blocks.push(std::mem::replace(&mut run.information[0], zeros()));
+            }
+            if let Some((gauss_markov_rows, gauss_markov)) = before {
+                let updates = updates.clone();
+                tape.push(Tape { updates, weights, gauss_markov_rows, gauss_markov, prior });
+            }
+        }
+        if matches!(keep, Keep::Blocks(_)) {
+            run.blocks.push(run.information[0].clone());
+        }
+        run.information.iter_mut().chain(&mut run.blocks).for_each(Information::finish);
+        (run, tape)
     }
 }
 
@@ -302,57 +381,19 @@ impl Problem {
         keep: Keep,
         columns: usize,
     ) -> (Run, Vec<Tape>) {
-        let zeros = || Information::zeros(columns, 0);
-        let mut run = Run::empty(columns);
-        let taped = matches!(keep, Keep::Updates | Keep::Priors);
-        let mut tape = Vec::with_capacity(if taped { self.epochs.len() } else { 0 });
-        let mut begun_s = 0.0;
-        let mut kalman = Kalman::new(self, walk, noise);
-        let mut sensitivity = Sensitivity::new(columns);
-        for epoch in &self.epochs {
-            let interval = &epoch.interval;
-            kalman.predict(interval);
-            sensitivity.predict(interval, (-interval.dt / noise.correlation_s).exp());
-            let gauss_markov_rows = std::array::from_fn(|k| kalman.p[index::GAUSS_MARKOV + k]);
-            let gauss_markov = std::array::from_fn(|k| kalman.x[index::GAUSS_MARKOV + k]);
-            kalman.renew(interval.dt);
-            let prior = (keep == Keep::Priors).then(|| Box::new((kalman.x, kalman.p)));
-            let mut updates = Vec::with_capacity(epoch.rows.len());
-            let mut sensitivities = Vec::with_capacity(epoch.rows.len());
-            for row in &epoch.rows {
-                let update = kalman.update(row);
-                if columns > 0 {
-                    sensitivities.push(sensitivity.update(row, &update));
-                }
-                updates.push(update);
-            }
-            let weights = run.count(self.part(epoch, options), epoch, &updates, &sensitivities);
-            if let Keep::Blocks(block_s) = keep
-                && epoch.elapsed_s - begun_s >= block_s
-            {
-                begun_s = epoch.elapsed_s;
-                run.blocks.push(std::mem::replace(&mut run.information[0], zeros()));
-            }
-            if taped {
-                tape.push(Tape { updates, weights, gauss_markov_rows, gauss_markov, prior });
-            }
-        }
-        if matches!(keep, Keep::Blocks(_)) {
-            run.blocks.push(run.information[0].clone());
-        }
-        run.information.iter_mut().chain(&mut run.blocks).for_each(Information::finish);
-        (run, tape)
+        Arch::new().dispatch(Going { problem: self, walk, noise, options, keep, columns })
     }
 }
 
 impl Run {
-    /// Counts the rows of a fix and says how much each group weighs.
+    /// Counts the rows of a fix, with their whitened derivatives one after the other, and says how much each group weighs.
+    #[inline(always)]
     pub(super) fn count(
         &mut self,
         part: Option<usize>,
         epoch: &super::Epoch,
         updates: &[Update],
-        sensitivities: &[Vec<f64>],
+        sensitivities: &[f64],
     ) -> [f64; 2] {
         let mut nis = [0.0; 2];
         let group = |k: usize| usize::from(!epoch.rows[k].is_position());
@@ -366,7 +407,8 @@ impl Run {
         self.log_likelihood[part] -= 0.5 * (ln_det + robust[0].0 + robust[1].0);
         self.nis[part].0 += nis[0] + nis[1];
         self.nis[part].1 += updates.len();
-        for (k, (update, s)) in updates.iter().zip(sensitivities).enumerate() {
+        let columns = sensitivities.len() / updates.len().max(1);
+        for (k, (update, s)) in updates.iter().zip(sensitivities.chunks_exact(columns.max(1))).enumerate() {
             self.information[part].take(s, update.y / update.s.sqrt(), weights[group(k)]);
         }
         weights

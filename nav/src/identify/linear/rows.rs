@@ -28,7 +28,7 @@ pub(super) struct Row {
     pub(super) h: [f64; STATES],
     /// 1-sigma before scaling.
     pub(super) sigma: f64,
-    /// Its own derivative by each watched parameter.
+    /// Its own derivative by each watched parameter of an effect; terms have none.
     pub(super) direct: Vec<f64>,
 }
 
@@ -73,7 +73,6 @@ fn direct(watched: &Watched, x: &FixInstant) -> [Vec<Vector3<f64>>; 2] {
             out.iter_mut().zip(&columns).for_each(|(o, c)| o.push(c[k]));
         }
     }
-    out.iter_mut().for_each(|o| o.extend(watched.terms.iter().map(|_| Vector3::zeros())));
     out
 }
 
