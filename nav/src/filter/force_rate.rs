@@ -25,6 +25,9 @@ pub const BEFORE_S: f64 = 0.6;
 /// … and after an instant tell what is known around it, s.
 pub const AFTER_S: f64 = SPAN_S + RATE_SPAN_S + 0.03;
 
+/// Samples further apart tell nothing of what changes within [`SPAN_S`], s.
+const MOST_APART_S: f64 = 0.06;
+
 /// 1-sigma of [`ForceRates::at`] that white noise of this density makes of it, (m/s²)²/Hz to m/s³: the difference of two means
 /// over [`SPAN_S`].
 pub fn noise(density: f64) -> f64 {
@@ -77,7 +80,7 @@ impl ForceRates {
     ) -> Option<Self> {
         let near = |s: &&ImuSample| s.t_s > t_s - BEFORE_S && s.t_s < t_s + 2.0 * AFTER_S;
         let near: Vec<ImuSample> = samples.filter(near).copied().collect();
-        let gap = near.windows(2).any(|w| matches!(w, [a, b] if b.t_s - a.t_s > SPAN_S));
+        let gap = near.windows(2).any(|w| matches!(w, [a, b] if b.t_s - a.t_s > MOST_APART_S));
         (!gap).then(|| Self::new(&near, kind))
     }
 
