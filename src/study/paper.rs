@@ -239,7 +239,7 @@ fn one_run(flight: &Flight, prior: &Model, settings: &Settings, seed: u64) -> Ru
         let sample: ImuSample = sensors.imu(truth);
         fusion.push_imu(sample);
         if is_fix(flight, i) {
-            fusion.push_fix(sensors.fix(truth.t_s, |_| truth.clone()).0);
+            fusion.push_fix(sensors.fix(truth.t_s, |_| *truth).0);
         }
         while fusion.poll().is_some() {}
         if i.is_multiple_of(EPOCH_SAMPLES) && truth.t_s >= CONSISTENT_FROM_S {

@@ -29,7 +29,7 @@ pub const AFTER_S: f64 = SPAN_S + RATE_SPAN_S + 0.03;
 const MOST_APART_S: f64 = 0.06;
 
 /// 1-sigma of [`ForceRates::at`] that white noise of this density makes of it, (m/s²)²/Hz to m/s³: the difference of two means
-/// over [`SPAN_S`].
+/// over 0.1 s.
 pub fn noise(density: f64) -> f64 {
     (2.0 * density / SPAN_S).sqrt() / SPAN_S
 }
