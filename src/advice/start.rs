@@ -13,6 +13,7 @@ use gaware_mission::item::Autopilot;
 use gaware_nav::model::Model;
 use schemars::JsonSchema;
 use serde::Serialize;
+use serde_json::{Map, Value};
 use std::f64::consts::{PI, SQRT_2};
 
 /// Delays of a receiver that can be, s; ArduPilot takes 250 ms at most, PX4 300.
@@ -46,6 +47,12 @@ pub fn start(model: &mut Model, board: &OnBoard) -> Vec<Started> {
         .flatten()
         .filter(|started| set(model, started))
         .collect()
+}
+
+/// What a result says of its first values, in words.
+pub fn texts(document: &Map<String, Value>) -> impl Iterator<Item = &str> {
+    let started = document.get("started").and_then(Value::as_array);
+    started.into_iter().flatten().filter_map(|s| s.get("text")?.as_str())
 }
 
 /// Sets the values; false where the model does not estimate the effect.

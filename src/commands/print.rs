@@ -1,5 +1,6 @@
 //! The result in words and columns, for people.
 
+use crate::advice::start;
 use crate::engine::snapshot::{Phase, Summary};
 use serde_json::{Map, Value};
 use std::fmt::Write;
@@ -44,8 +45,7 @@ fn write_summary(out: &mut String, s: &Summary, document: &Map<String, Value>) -
         let what = if s.phase == Phase::Running { "at the end" } else { "no estimate" };
         writeln!(out, "{what}: {}", s.waiting_for)?;
     }
-    let started = document.get("started").and_then(Value::as_array).map_or(&[][..], Vec::as_slice);
-    for text in started.iter().filter_map(|s| s.get("text")?.as_str()) {
+    for text in start::texts(document) {
         writeln!(out, "first value: {text}")?;
     }
     for (name, digits, e) in [

@@ -11,7 +11,7 @@
 //! the smallest systematic error leaves its sigmas in the end (fictitious process noise: Maybeck 1979, section 6.8).
 
 use super::{EffectSetting, Model};
-use crate::effects::{Effect, GpsSmoothing, REGISTRY};
+use crate::effects::{Effect, RECEIVER, REGISTRY};
 
 /// Random walks of the biases and of all other constants of a model with tolerances, in an hour, as shares of their prior sigmas. That of a
 /// bias is what changes from one start to the next, of which less changes in between.
@@ -29,8 +29,7 @@ impl Model {
     /// The same with the tolerances of a consumer unit for every effect that has one and that the model does not name.
     #[must_use]
     pub fn with_tolerances(mut self) -> Self {
-        let receiver: &'static dyn Effect = &GpsSmoothing;
-        for effect in REGISTRY.iter().chain([&receiver]) {
+        for effect in REGISTRY.iter().chain([&RECEIVER]) {
             if let (None, Some(setting)) = (self.get(effect.name()), EffectSetting::tolerance(*effect)) {
                 self.effects.push(setting);
                 self.tolerances.push(effect.name());

@@ -13,6 +13,7 @@ pub use log::{FlightLog, Logged};
 
 use super::page::{escape, page};
 use super::plot::{Color, Plot, X_AXIS, Y_AXIS, Z_AXIS};
+use crate::advice::start;
 use crate::engine::snapshot::{Phase, Snapshot, Summary};
 use serde_json::{Map, Value};
 use std::fmt::Write;
@@ -71,8 +72,7 @@ pub fn html(
 
 /// What the autopilot's own parameters gave the estimate to start from.
 fn first_values(document: &Map<String, Value>, body: &mut String) {
-    let started = document.get("started").and_then(Value::as_array).map_or(&[][..], Vec::as_slice);
-    for text in started.iter().filter_map(|s| s.get("text")?.as_str()) {
+    for text in start::texts(document) {
         body.push_str(&format!("<p><small>First value: {}.</small></p>", escape(text)));
     }
 }
