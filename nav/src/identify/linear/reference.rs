@@ -6,7 +6,7 @@
 
 use super::super::flight::Flight;
 use super::forward::Kalman;
-use super::interval;
+use super::interval::{self, NavCovariance};
 use super::track::Track;
 use super::{Problem, STATES, index, moved, rows};
 use crate::filter::calibration::Calibration;
@@ -44,6 +44,20 @@ pub struct Reference {
     pub delay_s: f64,
 }
 
+/// A state that was reached across a gap, with this share of what leads from it to the knot after it: the trajectory turns where no
+/// sample tells of it.
+fn toward(track: &mut Track<'_>, t_s: f64, reached: &NavState, knot: &Knot, share: f64) -> NavState {
+    let mut nav = *reached;
+    for _ in 0..2 {
+        track.seek(t_s);
+        let Some((interval, ahead)) = track.interval_to(&nav, knot.t_s) else { break };
+        let transition = NavCovariance::from_fn(|i, j| interval.columns[j][i]);
+        let Some(back) = transition.try_inverse() else { break };
+        nav = moved(&nav, (back * interval::error(&ahead, &knot.nav)).as_slice());
+    }
+    moved(reached, (interval::error(reached, &nav) * share).as_slice())
+}
+
 /// Delay of the fixes that a model says, s.
 pub fn delay_s(model: &Model) -> f64 {
     model.effects.iter().map(|s| s.effect.fix_delay_s(&s.values)).sum()
@@ -73,11 +87,16 @@ impl Reference {
         let mut knots = Vec::with_capacity(flight.fixes().len());
         for (fix, t_s) in flight.fixes().iter().map(|f| f.t_s - delay_s).enumerate().filter(|f| f.1 > start_s)
         {
-            let before = self.knots.partition_point(|k| k.t_s <= t_s).checked_sub(1);
+            let next = self.knots.partition_point(|k| k.t_s <= t_s);
             let (from_s, nav) =
-                before.map_or((start_s, self.start), |k| (self.knots[k].t_s, self.knots[k].nav));
+                next.checked_sub(1).map_or((start_s, self.start), |k| (self.knots[k].t_s, self.knots[k].nav));
             track.seek(from_s);
-            let Some((_, nav)) = track.interval_to(&nav, t_s) else { break };
+            let Some((_, mut nav)) = track.interval_to(&nav, t_s) else { break };
+            if let Some(next) = self.knots.get(next).filter(|_| flight.unseen().hides(from_s, t_s)) {
+                let missed = |to_s: f64| flight.unseen().attitude_sigma(from_s, to_s);
+                let share = (missed(t_s) / missed(next.t_s).max(f64::MIN_POSITIVE)).powi(2);
+                nav = toward(&mut track, t_s, &nav, next, share);
+            }
             knots.push(Knot { t_s, fix, nav });
         }
         Self { knots, delay_s, ..self }

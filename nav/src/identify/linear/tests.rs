@@ -137,3 +137,20 @@ fn shocks_are_jumps() {
         }
     }
 }
+
+/// What the vehicle did in a gap only the fixes tell. A trajectory at other times keeps it, on both sides of the gap and within.
+#[test]
+fn a_trajectory_at_other_times_turns_in_gaps_as_before() {
+    let model = Model::default();
+    let mut samples = fly(&model, 1);
+    let lost = |t_s: f64| [20.3, 33.1, 47.7, 61.0].iter().any(|from| (0.0..1.7).contains(&(t_s - from)));
+    samples.retain(|s| !matches!(s, crate::sample::Sample::Imu(imu) if lost(imu.t_s)));
+    let flight = Flight::prepare(&samples, &model).unwrap();
+    let reference = Reference::find(&flight, &model, &noise(), &Serial);
+    for by_s in [-0.11, -0.03, 0.004, 0.03, 0.11] {
+        let mut late = model.clone();
+        late.set(EffectSetting::known(&effects::GpsLatency, &[reference.delay_s + by_s]).unwrap());
+        let bend = reference.with(&flight, &late).with(&flight, &model).bend(&reference);
+        assert!(bend < 0.02, "{by_s} s and back: {bend} rad");
+    }
+}
