@@ -23,6 +23,15 @@ const MIN_TURN_GAIN_NATS: f64 = 0.3;
 /// A drift may be stronger than the largest of the sizes to try, or weaker than the least, by this factor.
 const BEYOND_SIZES: f64 = 3.0;
 
+/// The logarithm of a size is looked for in steps of this, uphill …
+const WIDE_STEP: f64 = 0.6;
+/// … at most so many, …
+const MOST_WIDE_STEPS: usize = 4;
+/// … and then by a parabola through points so far apart.
+const FINE_STEP: f64 = 0.3;
+/// A likelihood that is flatter than this along the logarithm of a size says nothing about it.
+const LEAST_CURVATURE: f64 = 0.2;
+
 /// Whether a candidate is so far behind the best that it cannot be it.
 fn is_far_behind(evidence: f64, top: f64) -> bool {
     evidence <= top - MAX_DEFICIT_NATS - MAX_DEFICIT_SHARE * top
@@ -153,22 +162,23 @@ fn is_drift(candidate: &Candidate) -> bool {
 
 /// Place and curvature of a maximum, by parabolas through three points.
 fn peak(value: impl Fn(f64) -> f64, start: f64) -> (f64, f64) {
-    let (mut at, mut step) = (start, 0.8);
-    let mut here = value(at);
-    for _ in 0..4 {
-        let (up, down) = (value(at + step), value(at - step));
-        let curvature = (2.0 * here - up - down) / (step * step);
-        if up > here && up > down {
-            (at, here) = (at + step, up);
+    let (mut at, mut here) = (start, value(start));
+    let (mut down, mut up) = (value(at - WIDE_STEP), value(at + WIDE_STEP));
+    for _ in 0..MOST_WIDE_STEPS {
+        if up > here && up >= down {
+            (at, down, here, up) = (at + WIDE_STEP, here, up, value(at + 2.0 * WIDE_STEP));
         } else if down > here {
-            (at, here) = (at - step, down);
+            (at, down, here, up) = (at - WIDE_STEP, value(at - 2.0 * WIDE_STEP), down, here);
         } else {
-            let by = if curvature > 0.0 { (up - down) / (2.0 * step * curvature) } else { 0.0 };
-            at += by.clamp(-step, step);
-            here = value(at);
-            step *= 0.6;
+            break;
         }
     }
-    let (up, down) = (value(at + 0.3), value(at - 0.3));
-    (at, ((2.0 * here - up - down) / 0.09).max(0.2))
+    let vertex = |down: f64, here: f64, up: f64, step: f64| {
+        let curvature = (2.0 * here - up - down) / (step * step);
+        let by = if curvature > 0.0 { (up - down) / (2.0 * step * curvature) } else { 0.0 };
+        (by.clamp(-step, step), curvature)
+    };
+    at += vertex(down, here, up, WIDE_STEP).0;
+    let (by, curvature) = vertex(value(at - FINE_STEP), value(at), value(at + FINE_STEP), FINE_STEP);
+    (at + by, curvature.max(LEAST_CURVATURE))
 }

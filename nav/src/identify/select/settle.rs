@@ -23,7 +23,7 @@ const MOST_BENDS: usize = 3;
 const SMALL: f64 = 0.1;
 /// … and one shorter than this is taken within the linear model, which ends the search for values.
 const LINEAR: f64 = 1.0;
-/// A step after which the evidence is less was too far: it is tried again at this share …
+/// A step after which the flights are less likely was too far: it is tried again at this share …
 const SHORTER: f64 = 0.3;
 /// … at most so often.
 const MOST_SHORTENED: usize = 2;
@@ -108,10 +108,12 @@ impl Search<'_> {
         let mut at = from;
         let mut best: Option<Reached> = None;
         let (mut taken, mut shortened) = (0, 0);
-        while let Some(Fitted { fit, watched, evidence, log_likelihood }) = self.fit_values(&mut at, noise) {
-            // A step too far is taken again, shorter.
-            if let Some(best) = best.as_mut().filter(|b| evidence <= b.point.evidence) {
-                if shortened == MOST_SHORTENED {
+        while let Some(fitted) = self.fit_values(&mut at, noise) {
+            let Fitted { fit, watched, evidence, log_likelihood, height } = fitted;
+            // A step too far is taken again, shorter. The evidence says nothing of that: the volume of the posterior is
+            // part of it, and changes from place to place.
+            if let Some(best) = best.as_mut().filter(|b| height <= b.height) {
+                if shortened == MOST_SHORTENED || best.step.reach * SHORTER < SMALL {
                     break;
                 }
                 shortened += 1;
@@ -133,7 +135,7 @@ impl Search<'_> {
             }
             taken += 1;
             at = self.linearised(next, &point.references);
-            best = Some(Reached { point, problems, step });
+            best = Some(Reached { point, problems, step, height });
         }
         // Where not even the first is a maximum, the flights stay linearised as they are, and nothing speaks for it.
         best.map(|b| (b.point, b.problems)).unwrap_or_else(|| {
@@ -147,8 +149,10 @@ impl Search<'_> {
         let watched = watching(&at.added);
         let (log_likelihood, information) = self.run(&at.problems, noise);
         let fit = fit_added(&information, &watched, &mut at.added)?;
-        let evidence = log_likelihood + fit.evidence + self.evidence_of_samples(&at.added);
-        Some(Fitted { fit, watched, evidence, log_likelihood })
+        let of_samples = self.evidence_of_samples(&at.added);
+        let evidence = log_likelihood + fit.evidence + of_samples;
+        let height = log_likelihood + of_samples + log_prior(&at.added, &watched);
+        Some(Fitted { fit, watched, evidence, log_likelihood, height })
     }
 }
 
@@ -158,6 +162,8 @@ struct Fitted {
     watched: Watched,
     evidence: f64,
     log_likelihood: f64,
+    /// Logarithm of the posterior density at these very values, but for a constant: what the steps climb.
+    height: f64,
 }
 
 /// The best values so far, and the step that leads on from them.
@@ -165,6 +171,7 @@ struct Reached {
     point: Point,
     problems: Vec<Problem>,
     step: Step,
+    height: f64,
 }
 
 /// Prior sigma and distance from the prior mean of each watched parameter.
@@ -172,6 +179,13 @@ pub(in crate::identify) fn priors(added: &[Added], watched: &Watched) -> (Vec<f6
     let own =
         |(e, p): (usize, usize)| added.get(e).map(|a| (a.prior[p].1, a.prior[p].0 - a.setting.values[p]));
     watched.slots().into_iter().filter_map(own).unzip()
+}
+
+/// Logarithm of the prior density at the present values, but for a constant.
+fn log_prior(added: &[Added], watched: &Watched) -> f64 {
+    let (sigma, offset) = priors(added, watched);
+    let moved = sigma.iter().zip(&offset).filter(|(sigma, _)| **sigma > 0.0);
+    -0.5 * moved.map(|(sigma, offset)| (offset / sigma).powi(2)).sum::<f64>()
 }
 
 /// Evidence that goes when an effect goes, by score and information about values close to the best: its parameters are held
@@ -259,5 +273,68 @@ impl Step {
 
     fn shorten(&mut self) {
         self.by.iter_mut().for_each(|by| *by *= SHORTER);
+        self.reach *= SHORTER;
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::super::flight::Flight;
+    use super::super::super::{Serial, tests::fly};
+    use super::super::{Settings, prior_sigmas};
+    use super::*;
+    use crate::effects::{GpsLeverArm, GpsSmoothing};
+    use crate::model::Model;
+    use crate::rotation::c_nb_from_euler;
+    use crate::sample::{FixVelocity, Sample};
+    use nalgebra::Vector3;
+
+    /// The fixes of a flight as an antenna at `arm` would give them.
+    fn with_antenna_at(arm: Vector3<f64>, samples: Vec<Sample>) -> Vec<Sample> {
+        let (mut c_nb, mut rate) = (nalgebra::Matrix3::identity(), Vector3::zeros());
+        let mut moved = samples;
+        for sample in &mut moved {
+            match sample {
+                Sample::Imu(imu) => rate = imu.gyro,
+                Sample::Attitude(hint) => {
+                    let [roll, pitch, yaw] = hint.roll_pitch_yaw;
+                    c_nb = c_nb_from_euler(roll, pitch, yaw);
+                }
+                Sample::Fix(fix) => {
+                    let place = fix.position.to_ecef() + fix.position.c_en() * (c_nb * arm);
+                    fix.position = crate::earth::Geodetic::from_ecef(&place);
+                    let by = c_nb * rate.cross(&arm);
+                    if let FixVelocity::Horizontal([n, e]) = &mut fix.velocity {
+                        (*n, *e) = (*n + by.x, *e + by.y);
+                    }
+                }
+                _ => {}
+            }
+        }
+        moved
+    }
+
+    /// The further out the antenna, the better the flight shows how the receiver smooths: the volume of the posterior
+    /// shrinks on the way to the maximum, and the evidence with it. Values must get there all the same.
+    #[test]
+    fn values_reach_the_maximum_though_the_evidence_falls_on_the_way() {
+        let mut base = Model::default();
+        base.set(EffectSetting::unknown(&GpsSmoothing));
+        let settings = Settings::default();
+        let samples = with_antenna_at(Vector3::new(12.0, 7.0, -10.0), fly(&Model::default(), 5));
+        let flight = Flight::prepare(&samples, &base).unwrap();
+        let flights = [&flight];
+        let measured = Noise::measured(&base, &flights);
+        let search = Search::new(&flights, &base, &settings, &Serial, &measured);
+        let own = EffectSetting { sigmas: vec![0.0; 3], ..EffectSetting::unknown(&GpsLeverArm) };
+        let prior = own.values.iter().copied().zip(prior_sigmas(&GpsLeverArm)).collect();
+        let mut all = search.given.clone();
+        all.push(Added { setting: own, prior });
+        let (point, _) = search.settle(&all, &measured, &search.empty(&measured), STEPS);
+        let (references, added) = (point.references.clone(), point.added.clone());
+        let mut there = search.linearised(added, &references);
+        let fitted = search.fit_values(&mut there, &measured).unwrap();
+        let left = Step::new(&fitted.fit, &fitted.watched, &there.added);
+        assert!(left.reach < 0.3, "{} sigmas from the maximum: {:?}", left.reach, point.added);
     }
 }
