@@ -186,7 +186,7 @@ pub fn explain(
     let request = Request {
         logs: paths,
         validate,
-        model: model.map_or_else(Inner::default, |m| m.0),
+        model: model.map(|m| m.0),
         converter: listen(source, vehicle)?.options(),
         settings: Settings::default(),
         parameters,

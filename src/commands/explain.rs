@@ -5,7 +5,6 @@ use super::{CommandError, ListenArgs, load_model, output};
 use crate::explain::{self, ExplainError, Explained, Phase, Request};
 use crate::report::explanation::headline;
 use gaware_nav::identify::select::Settings;
-use gaware_nav::model::Model;
 use std::cell::Cell;
 use std::fmt::Write;
 use std::path::{Path, PathBuf};
@@ -42,7 +41,7 @@ pub struct ExplainArgs {
 /// # Errors
 /// When a log or the model cannot be read, or the report cannot be written. A flight that says too little is none.
 pub fn run(args: &ExplainArgs) -> Result<(), CommandError> {
-    let model = args.model.as_deref().map_or_else(|| Ok(Model::default()), load_model)?;
+    let model = args.model.as_deref().map(load_model).transpose()?;
     let request = Request {
         logs: args.logs.clone(),
         validate: args.validate.clone(),

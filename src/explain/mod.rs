@@ -38,8 +38,8 @@ pub struct Request {
     pub logs: Vec<PathBuf>,
     /// Flights that only judge; empty: blocks of the first ones are held out.
     pub validate: Vec<PathBuf>,
-    /// The assumed model.
-    pub model: Model,
+    /// The assumed model: all that the sensors have. `None`: the ordinary one, whose sensors may have the tolerances of any unit.
+    pub model: Option<Model>,
     /// Vehicle and source message.
     pub converter: ConverterOptions,
     /// Thresholds.
@@ -153,7 +153,9 @@ pub fn run(request: &Request, progress: &dyn Fn(Phase)) -> Result<Explained, Exp
     };
     let flights = read_all(&request.logs, 0)?;
     let validate = read_all(&request.validate, request.logs.len())?;
-    let mut explained = samples(&flights, &validate, &request.model, &request.settings, progress);
+    let settings = Settings { tolerances: request.model.is_none(), ..request.settings };
+    let model = request.model.clone().unwrap_or_default();
+    let mut explained = samples(&flights, &validate, &model, &settings, progress);
     let name = |p: &PathBuf| {
         p.file_name().map_or_else(|| p.display().to_string(), |n| n.to_string_lossy().into_owned())
     };

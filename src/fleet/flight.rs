@@ -123,7 +123,7 @@ fn explanation(log: &Path, work: &Work) -> Result<Value, CommandError> {
     let request = explain::Request {
         logs: vec![log.to_owned()],
         validate: Vec::new(),
-        model: Model::default(),
+        model: None,
         converter: work.listen.options(),
         settings: Settings::default(),
         parameters: None,

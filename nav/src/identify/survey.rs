@@ -103,8 +103,20 @@ impl<'a> Linear<'a> {
         (0..slots.len()).filter(of).map(|k| (k, own[slots[k].1], slots[k].1)).collect()
     }
 
+    /// Columns of what calibration leaves in any unit and the search has not named, with tolerances for sigmas.
+    fn tolerances(&self) -> Vec<(usize, f64)> {
+        if !self.search.allows_for_tolerances() {
+            return Vec::new();
+        }
+        let linear = self.lacking.iter().filter(|s| select::is_linear(s.effect));
+        linear
+            .filter_map(|s| Some((s, s.effect.tolerance()?)))
+            .flat_map(|(s, tolerance)| self.columns(s.effect).into_iter().map(move |c| (c.0, tolerance)))
+            .collect()
+    }
+
     /// By how much the scatter over blocks exceeds what the curvature says, as a factor on each open column's sigma; at least 1.
-    fn widening(&self, full: &Fit) -> Vec<f64> {
+    fn widening(&self, full: &Fit, beside: &[(usize, f64)]) -> Vec<f64> {
         let n = self.blocks.len();
         let open = self.open().len();
         if n < ENOUGH_BLOCKS {
@@ -114,7 +126,7 @@ impl<'a> Linear<'a> {
             let mut rest = self.all.clone();
             rest.score -= &self.blocks[b].score;
             rest.matrix -= &self.blocks[b].matrix;
-            self.fit(&rest, &[]).map(|f| f.step)
+            self.fit(&rest, beside).map(|f| f.step)
         });
         let share = (n - 1) as f64 / n as f64;
         (0..open)
@@ -127,14 +139,20 @@ impl<'a> Linear<'a> {
 
     /// Values and sigmas of what was found, averaged over what else may be there.
     fn values(&self) -> Option<Vec<Added>> {
-        let full = self.fit(&self.all, &[])?;
+        let tolerances = self.tolerances();
+        let full = self.fit(&self.all, &tolerances)?;
         let open = self.open();
-        let widening = self.widening(&full);
+        let widening = self.widening(&full, &tolerances);
         let mut models: Vec<(f64, Fit)> = vec![(1.0, full.clone())];
         for setting in self.lacking.iter().filter(|s| select::is_linear(s.effect)) {
             let own = self.columns(setting.effect);
             for scale in SCALES {
-                let more: Vec<(usize, f64)> = own.iter().map(|c| (c.0, c.1 * scale)).collect();
+                let more: Vec<(usize, f64)> = tolerances
+                    .iter()
+                    .filter(|t| own.iter().all(|c| c.0 != t.0))
+                    .copied()
+                    .chain(own.iter().map(|c| (c.0, c.1 * scale)))
+                    .collect();
                 if let Some(fit) = self.fit(&self.all, &more) {
                     let weight = (fit.evidence - full.evidence).min(LOUDEST).exp() / SCALES.len() as f64;
                     models.push((weight, fit));

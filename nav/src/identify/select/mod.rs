@@ -30,6 +30,9 @@ pub struct Settings {
     pub margin: f64,
     /// At most so many effects are added.
     pub most_effects: usize,
+    /// Whether the reported values allow for what calibration leaves in any unit ([`crate::model::Model::with_tolerances`]), though no flight need
+    /// show it: they are marginal over scale factors, misalignments and the antenna's place within their tolerances.
+    pub tolerances: bool,
     /// Effects that are not looked for, whatever the flights say: a study's.
     pub without: Without,
 }
@@ -42,6 +45,7 @@ impl Default for Settings {
             proposal: 1.0,
             margin: 3.2,
             most_effects: 12,
+            tolerances: true,
             without: Without::default(),
         }
     }

@@ -190,6 +190,11 @@ impl<'a> Search<'a> {
         self.settings.without
     }
 
+    /// Whether values allow for what calibration leaves in any unit.
+    pub(in crate::identify) fn allows_for_tolerances(&self) -> bool {
+        self.settings.tolerances
+    }
+
     /// Who does the work.
     pub(in crate::identify) fn workers(&self) -> &'a dyn Workers {
         self.workers
