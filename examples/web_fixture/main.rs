@@ -1,7 +1,9 @@
 //! Serves the scripted flight on the web page, and with `--terminal` on the terminal, without vehicle or engine: to
 //! look at both, and for the page's test in a real browser.
 //!
-//! `web_fixture [--bind ADDR:PORT] [--token TOKEN] [--from SECONDS] [--speed FACTOR] [--freeze] [--commands] [--parameters] [--terminal]`
+//! `web_fixture [--bind ADDR:PORT] [--token TOKEN] [--from SECONDS] [--speed FACTOR] [--freeze] [--commands] [--parameters] [--terminal] [--stops SECONDS]`
+//!
+//! With `--stops` the flight stands still every so many seconds until a line arrives on stdin: whoever watches sees every phase, however slow it is.
 
 mod long;
 mod script;
@@ -33,6 +35,8 @@ struct Options {
     terminal: bool,
     long: bool,
     parameters: bool,
+    /// Time between stops of the flight, s.
+    stops_s: Option<f64>,
 }
 
 fn options() -> Result<Options, Box<dyn Error>> {
@@ -46,6 +50,7 @@ fn options() -> Result<Options, Box<dyn Error>> {
         terminal: false,
         long: false,
         parameters: false,
+        stops_s: None,
     };
     let mut args = std::env::args().skip(1);
     while let Some(arg) = args.next() {
@@ -60,6 +65,7 @@ fn options() -> Result<Options, Box<dyn Error>> {
             "--long" => o.long = true,
             "--parameters" => o.parameters = true,
             "--terminal" => o.terminal = true,
+            "--stops" => o.stops_s = Some(value()?.parse()?),
             other => return Err(format!("unknown option {other}").into()),
         }
     }
@@ -153,23 +159,45 @@ async fn play(tx: watch::Sender<Arc<Snapshot>>, status: Arc<SinkStatus>, o: Opti
     }
     let mut ticks =
         tokio::time::interval(Duration::from_secs_f64(script::STEP_S / o.speed.clamp(0.01, 100.0)));
+    let mut lines = lines_of_stdin();
+    let mut stop_s = o.stops_s.map(|s| (t_s / s).floor() * s + s);
+    // Everything stands still but the clock: a page would call it old otherwise.
+    let mut held_s = 0.0;
     loop {
-        ticks.tick().await;
-        surroundings(&status, t_s, o.long);
-        let mut now = snapshot(t_s);
-        if o.freeze {
-            // Everything stands still but the clock: a page would call it old otherwise.
-            t_s += 1e-4;
-            now = Snapshot { elapsed_s: t_s, ..snapshot(o.from_s) };
+        let held = o.freeze || stop_s.is_some_and(|stop_s| t_s >= stop_s);
+        tokio::select! {
+            _ = ticks.tick() => {}
+            Some(()) = lines.recv(), if held && !o.freeze => {
+                stop_s = stop_s.zip(o.stops_s).map(|(at_s, every_s)| at_s + every_s);
+                held_s = 0.0;
+                continue;
+            }
         }
+        surroundings(&status, t_s, o.long);
         // While the link is lost nothing new comes.
         if !(o.long && long::link_lost(t_s)) {
-            tx.send_replace(Arc::new(now));
+            let now = snapshot(t_s);
+            tx.send_replace(Arc::new(Snapshot { elapsed_s: now.elapsed_s + held_s, ..now }));
         }
-        if !o.freeze {
+        if held {
+            held_s += 1e-4;
+        } else {
             t_s += script::STEP_S;
         }
     }
+}
+
+/// A message for each line of stdin, by a thread that does not keep the program from ending.
+fn lines_of_stdin() -> mpsc::UnboundedReceiver<()> {
+    let (sender, receiver) = mpsc::unbounded_channel();
+    std::thread::spawn(move || {
+        for _ in std::io::stdin().lines().map_while(Result::ok) {
+            if sender.send(()).is_err() {
+                break;
+            }
+        }
+    });
+    receiver
 }
 
 fn surroundings(status: &SinkStatus, t_s: f64, long: bool) {

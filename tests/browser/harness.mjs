@@ -18,7 +18,7 @@ after(() => running.forEach((child) => child.kill("SIGKILL")));
 
 /** Starts a server; resolves when it listens. */
 export async function serve(...args) {
-  const child = spawn(SERVER, args, { stdio: ["ignore", "pipe", "inherit"] });
+  const child = spawn(SERVER, args, { stdio: ["pipe", "pipe", "inherit"] });
   running.add(child);
   child.once("exit", () => running.delete(child));
   const ended = once(child, "exit").then(([code]) => Promise.reject(new Error(`the server ended with ${code}`)));
@@ -29,6 +29,10 @@ export async function serve(...args) {
   return {
     url: url.href,
     port: url.port,
+    /** Lets a flight with stops go on to the next one. */
+    go() {
+      child.stdin.write("\n");
+    },
     async stop() {
       if (child.exitCode !== null) return;
       child.kill("SIGINT");
@@ -44,6 +48,8 @@ export function launch() {
 /** A page that remembers what it complained about, and what it asked of other hosts. */
 export async function open(browser, options = {}) {
   const context = await browser.newContext(options);
+  // A machine with much to do takes its time: what a page shows is checked, not how soon.
+  context.setDefaultTimeout(120000);
   const page = await context.newPage();
   const errors = [];
   page.on("console", (message) => {

@@ -122,6 +122,7 @@ test("from 360 to 1920 pixels nothing scrolls sideways, nothing is cut, and the 
     const { page, errors, close } = await open(browser, { viewport: { width, height: 900 } });
     await page.goto(server.url);
     await shows(page, "Steep turn right");
+    await page.waitForFunction(() => document.querySelectorAll(".u-legend").length === 3);
     const sizes = await page.evaluate(() => ({
       scroll: document.documentElement.scrollWidth,
       inner: window.innerWidth,
@@ -131,11 +132,19 @@ test("from 360 to 1920 pixels nothing scrolls sideways, nothing is cut, and the 
       cut: [...document.querySelectorAll(".g-value, .g-sigma, .list td, .list th, .g th")]
         .filter((e) => e.offsetParent && e.scrollWidth > e.clientWidth + 1 && getComputedStyle(e).display !== "inline")
         .map((e) => e.textContent),
+      legends: [...document.querySelectorAll(".u-legend")].filter((e) => e.scrollHeight > e.clientHeight).map((e) => e.textContent),
+      broken: [...document.querySelectorAll(".list thead th")].filter((e) => {
+        const words = document.createRange();
+        words.selectNodeContents(e);
+        return words.getClientRects().length > 1;
+      }).map((e) => e.textContent),
       theme: document.querySelector("#theme").getBoundingClientRect().height,
     }));
     assert.ok(sizes.scroll <= sizes.inner, `${width}: scrolls to ${sizes.scroll}`);
     assert.deepEqual(sizes.wide, [], `at ${width}`);
     assert.deepEqual(sizes.cut, [], `at ${width}`);
+    assert.deepEqual(sizes.legends, [], `at ${width}`);
+    assert.deepEqual(sizes.broken, [], `at ${width}`);
     assert.ok(sizes.theme >= 44);
     assert.deepEqual(errors, []);
     await close();

@@ -4,7 +4,6 @@
 /* global uPlot */
 
 export const WINDOW_S = 120;
-const LEGEND_PX = 40;
 const DECADES = [1, 2, 5, 10, 20, 50, 100, 200, 500, 1000, 2000, 5000];
 const DASHES = [[], [6, 3], [2, 3]];
 
@@ -50,7 +49,8 @@ export class StripChart {
 
   #size() {
     const { width, height } = this.box.getBoundingClientRect();
-    return { width: Math.max(60, Math.floor(width)), height: Math.max(60, Math.floor(height) - LEGEND_PX) };
+    const legend = parseFloat(css("--legend"));
+    return { width: Math.max(60, Math.floor(width)), height: Math.max(60, Math.floor(height) - legend) };
   }
 
   #resize() {
