@@ -464,8 +464,8 @@ fn keeps_balance(next: Maneuver, flown: &[PlannedManeuver]) -> bool {
 
 fn verdicts(after: &[NamedSigma], reach: &[Reach]) -> Vec<PlannedState> {
     let state = |(s, reach): (&NamedSigma, &Reach)| PlannedState {
-        name: s.name.clone(),
-        unit: s.unit.clone(),
+        name: s.name.to_string(),
+        unit: s.unit.to_string(),
         sigma: s.sigma,
         target: s.target,
         reach: *reach,
