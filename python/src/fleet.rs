@@ -10,7 +10,7 @@ use gaware::fleet::find::{self, NameRule, Named};
 use gaware::fleet::flight::{FlightEntry, Work};
 use gaware::fleet::tables::{self, FleetLog};
 use gaware::fleet::{FleetError, store};
-use gaware::study::parallel;
+use gaware::parallel;
 use pyo3::prelude::*;
 use std::path::{Path, PathBuf};
 
