@@ -74,7 +74,7 @@ const EXCEPTIONS: [(&str, &str, &str); 14] = [
     ("", "--sealed", "an option's name is a contract"),
     ("src/commands/sim.rs", "hide", "the identifier of the option"),
     ("src/commands/sim.rs", "sealed", "the identifier of the option"),
-    ("src/study/endurance.rs", "standing", "a key of the JSON result"),
+    ("src/study/endurance/cases.rs", "standing", "a key of the JSON result"),
     ("src/study/observability.rs", "standing", "a scenario's name on the command line"),
     ("study observability --help", "standing", "a scenario's name on the command line"),
     ("src/sinks/web/assets/index.html", "hidden", "an attribute of HTML"),

@@ -14,6 +14,7 @@ use gaware_nav::mechanization::{Motion, NavState};
 use gaware_nav::model::Model;
 use gaware_nav::sample::FixVelocity;
 use serde::{Deserialize, Serialize};
+use std::borrow::Cow;
 
 /// What is planned for is what later decides whether a state is called observable.
 pub use gaware_nav::observability::covariance::Targets;
@@ -22,13 +23,13 @@ pub use gaware_nav::observability::covariance::Targets;
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct NamedSigma {
     /// `bg_x`, `g11`, `latency`, …
-    pub name: String,
+    pub name: Cow<'static, str>,
     /// 1-sigma in `unit`.
     pub sigma: f64,
     /// Sigma below which the state counts as known, in `unit`.
     pub target: f64,
     /// Unit of screens.
-    pub unit: String,
+    pub unit: Cow<'static, str>,
 }
 
 impl NamedSigma {
@@ -47,6 +48,18 @@ pub trait Predictor: Clone {
     fn sigmas(&self) -> Vec<NamedSigma>;
 }
 
+/// A sample of a predicted flight as the information bound takes it: it does not depend on what is known there, so that one track serves every
+/// prediction of the same flight.
+#[derive(Debug, Clone)]
+pub struct TrackStep {
+    /// Time since the sample before, s.
+    dt_s: f64,
+    /// Specific force, m/s², and rotation rate relative to inertial space, rad/s, in body axes.
+    motion: Motion,
+    /// State there.
+    nav: NavState,
+}
+
 /// The information bound along predicted kinematics.
 #[derive(Debug, Clone)]
 pub struct BoundPredictor {
@@ -56,7 +69,6 @@ pub struct BoundPredictor {
     velocity: FixVelocity,
     targets: Targets,
     since_fix_s: f64,
-    last_t_s: Option<f64>,
 }
 
 impl BoundPredictor {
@@ -70,7 +82,6 @@ impl BoundPredictor {
             velocity: FixVelocity::Horizontal([0.0; 2]),
             targets,
             since_fix_s: 0.0,
-            last_t_s: None,
         }
     }
 
@@ -115,13 +126,42 @@ impl BoundPredictor {
                 let start = filter.initial_sigmas().get(i).copied().unwrap_or(f64::INFINITY);
                 let target = self.targets.of(state, start) / state.unit.si;
                 NamedSigma {
-                    name: state.name.to_owned(),
+                    name: Cow::Borrowed(state.name),
                     sigma: covariance.sigma(i) / state.unit.si,
                     target,
-                    unit: state.unit.symbol.to_owned(),
+                    unit: Cow::Borrowed(state.unit.symbol),
                 }
             })
             .collect()
+    }
+
+    /// These samples as motions from where the predictor is at home, to be followed by it or by its copies.
+    pub fn track(&self, kinematics: &[Kinematics]) -> Vec<TrackStep> {
+        let mut last_t_s = None;
+        kinematics
+            .iter()
+            .map(|k| {
+                let dt_s = last_t_s.replace(k.t_s).map_or(0.0, |t| k.t_s - t).max(0.0);
+                let nav = nav_state(&self.frame, self.home_height_m, k);
+                let earth = nav.q_eb.inverse() * rotation_rate();
+                TrackStep { dt_s, motion: Motion { rate: k.rate + earth, force: k.force }, nav }
+            })
+            .collect()
+    }
+
+    /// Flies along a track, with a fix every `fix_interval_s` seconds.
+    pub fn follow(&mut self, track: &[TrackStep], fix_interval_s: f64) {
+        for step in track {
+            // A flight that begins anew has its own time; the filter's goes on.
+            let t_s = self.bound.filter().t_s() + step.dt_s;
+            self.bound.advance(t_s, &step.motion, None);
+            self.bound.set_nav(step.nav);
+            self.since_fix_s += step.dt_s;
+            if self.since_fix_s >= fix_interval_s {
+                self.since_fix_s = 0.0;
+                self.bound.fix(self.velocity, None);
+            }
+        }
     }
 
     /// Fixes with another kind of velocity.
@@ -140,23 +180,7 @@ fn nav_state(frame: &LocalFrame, home_height_m: f64, k: &Kinematics) -> NavState
 
 impl Predictor for BoundPredictor {
     fn fly(&mut self, kinematics: &[Kinematics], fix_interval_s: f64) {
-        for k in kinematics {
-            let dt = self.last_t_s.map_or(0.0, |t| k.t_s - t);
-            self.last_t_s = Some(k.t_s);
-            let nav = nav_state(&self.frame, self.home_height_m, k);
-            let earth = nav.q_eb.inverse() * rotation_rate();
-            let motion = Motion { rate: k.rate + earth, force: k.force };
-            // A flight that begins anew has its own time; the filter's goes on.
-            let t_s = self.bound.filter().t_s() + dt.max(0.0);
-            self.bound.advance(t_s, &motion, None);
-            self.bound.set_nav(nav);
-            self.since_fix_s += dt.max(0.0);
-            if self.since_fix_s >= fix_interval_s {
-                self.since_fix_s = 0.0;
-                self.bound.fix(self.velocity, None);
-            }
-        }
-        self.last_t_s = None;
+        self.follow(&self.track(kinematics), fix_interval_s);
     }
 
     fn sigmas(&self) -> Vec<NamedSigma> {

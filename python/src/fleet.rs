@@ -10,7 +10,7 @@ use gaware::fleet::find::{self, NameRule, Named};
 use gaware::fleet::flight::{FlightEntry, Work};
 use gaware::fleet::tables::{self, FleetLog};
 use gaware::fleet::{FleetError, store};
-use gaware::study::parallel;
+use gaware::parallel;
 use pyo3::prelude::*;
 use std::path::{Path, PathBuf};
 
@@ -43,7 +43,7 @@ pub fn fleet_analyse(
         parallel::use_at_most(threads);
     }
     let work = Work { model: model.map(|m| m.0), explain, listen: listen(source, vehicle)? };
-    let entry = py.detach(|| store::analysed(&log, &work, out.as_deref()));
+    let entry = py.detach(|| store::analysed(&log, &work, out.as_deref(), None));
     serde_json::to_string(&entry.map_err(wrong)?).map_err(|e| GawareError::new_err(e.to_string()))
 }
 

@@ -68,11 +68,7 @@ impl OnBoard {
                 Err(error) => return Err(error),
             }
         }
-        found.autopilot = found.autopilot.or(match reader.autopilot() {
-            Some("ardupilot") => Some(Autopilot::ArduPilot),
-            Some("px4") => Some(Autopilot::Px4),
-            _ => None,
-        });
+        found.is_log_of(reader.autopilot());
         found.fixed_wing =
             found.fixed_wing.or(reader.vehicle_kind().map(|kind| kind == VehicleKind::FixedWing));
         Ok(found)
@@ -85,7 +81,17 @@ impl OnBoard {
         found
     }
 
-    fn take(&mut self, item: &Item, vehicle: Option<u8>) {
+    /// What the format of a log says of the autopilot, where no heartbeat has.
+    pub fn is_log_of(&mut self, autopilot: Option<&str>) {
+        self.autopilot = self.autopilot.or(match autopilot {
+            Some("ardupilot") => Some(Autopilot::ArduPilot),
+            Some("px4") => Some(Autopilot::Px4),
+            _ => None,
+        });
+    }
+
+    /// Takes an entry of a log. `vehicle`: as for [`Self::read`].
+    pub fn take(&mut self, item: &Item, vehicle: Option<u8>) {
         match item {
             Item::Frame(frame) => self.frame(frame, vehicle),
             Item::Note(LogNote::Parameter { name, value }) => self.learn(name, *value),

@@ -8,10 +8,10 @@ use crate::export::Target;
 use crate::fleet::FleetError;
 use crate::fleet::find::{self, NameRule, Named};
 use crate::fleet::flight::{FlightEntry, Work};
-use crate::fleet::store::{self, Address, Store};
+use crate::fleet::store::{self, Address, Content, Store};
 use crate::fleet::tables::{self, FleetLog};
+use crate::parallel;
 use crate::sinks::log;
-use crate::study::parallel;
 use schemars::JsonSchema;
 use serde::Serialize;
 use std::collections::BTreeMap;
@@ -82,6 +82,9 @@ pub enum FleetCommand {
 pub struct WorkArgs {
     /// The log.
     pub log: PathBuf,
+    /// What was found of it before.
+    #[arg(long)]
+    pub known: Option<Content>,
     /// How.
     #[command(flatten)]
     pub options: FleetOptions,
@@ -192,7 +195,7 @@ pub fn run(args: &FleetArgs) -> Result<(), CommandError> {
 fn one(args: &WorkArgs) -> Result<(), CommandError> {
     // As many processes run as there are processors.
     parallel::use_at_most(1);
-    store::analysed(&args.log, &args.options.work()?, Some(args.options.out()))?;
+    store::analysed(&args.log, &args.options.work()?, Some(args.options.out()), args.known.clone())?;
     Ok(())
 }
 
@@ -223,12 +226,12 @@ fn analyse_all(store: &Store, paths: &[PathBuf], args: &FleetArgs) -> (Vec<Done>
         log::line(&format!("{resumed} of {} logs were analysed before", paths.len()));
     }
     // The largest first: none is left for the end while other processors have nothing to do.
-    todo.sort_by_key(|(k, _, address)| (std::cmp::Reverse(address.bytes), *k));
+    todo.sort_by_key(|(k, _, address)| (std::cmp::Reverse(address.content.bytes), *k));
     let meter = Meter::new(&todo);
     let results = parallel::map_runs_on(jobs, todo.len(), &parallel::Silent, |k| {
         let (_, path, address) = todo.get(k)?;
         let result = in_a_process(store, path, address, &args.options);
-        meter.finished(path, address.bytes, &result);
+        meter.finished(path, address.content.bytes, &result);
         Some(result)
     });
     meter.bar.finish_and_clear();
@@ -247,6 +250,7 @@ fn in_a_process(store: &Store, path: &Path, address: &Address, options: &FleetOp
     let ended = Command::new(program)
         .args(["fleet", "work"])
         .args(options.words())
+        .arg(format!("--known={}", address.content))
         .arg("--")
         .arg(path)
         .stdin(Stdio::null())
@@ -272,7 +276,7 @@ struct Meter {
 impl Meter {
     fn new(todo: &[(usize, &Path, Address)]) -> Self {
         // A log of no bytes takes time too.
-        let bytes = todo.iter().map(|(_, _, a)| a.bytes + 1).sum();
+        let bytes = todo.iter().map(|(_, _, a)| a.content.bytes + 1).sum();
         Self {
             bar: progress_bar(bytes, "bytes of logs"),
             began: Instant::now(),

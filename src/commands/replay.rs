@@ -6,7 +6,7 @@ use crate::advice::on_board::OnBoard;
 use crate::advice::start;
 use crate::engine::{Engine, EngineOptions};
 use crate::export::{self, ExportError, Gather, Gathered};
-use crate::logs::Damage;
+use crate::logs::{Damage, Record};
 use crate::pipeline::{Estimator, Pipeline, Recorded, ReplayDocument};
 use gaware_nav::model::Model;
 use schemars::JsonSchema;
@@ -182,6 +182,15 @@ fn judge(path: &Path, junit: Option<&Path>, results: &[Replayed]) -> Result<(), 
     baseline::verdict(&outcomes)
 }
 
+/// What a log says beside its samples.
+#[derive(Debug, Clone, Default)]
+pub struct Beside {
+    /// Of the vehicle that was listened to.
+    pub on_board: OnBoard,
+    /// Stamp of the first entry, µs.
+    pub first_t_us: Option<u64>,
+}
+
 /// Runs the log through and gives the pipeline at its end with the result.
 ///
 /// # Errors
@@ -190,6 +199,18 @@ pub fn replay<E: Estimator>(
     request: &ReplayRequest,
     make: impl FnOnce(Model) -> E,
 ) -> Result<(Pipeline<E>, Map<String, Value>), CommandError> {
+    replay_watched(request, make, None)
+}
+
+/// The same, and what the log says beside its samples in the same pass.
+///
+/// # Errors
+/// As [`replay`].
+pub fn replay_watched<E: Estimator>(
+    request: &ReplayRequest,
+    make: impl FnOnce(Model) -> E,
+    mut beside: Option<&mut Beside>,
+) -> Result<(Pipeline<E>, Map<String, Value>), CommandError> {
     let recorded = Recorded::open(&request.log, request.listen.options())?;
     let model = match (&request.model, recorded.setup()) {
         (Some(model), _) => model.clone(),
@@ -197,14 +218,24 @@ pub fn replay<E: Estimator>(
         (None, None) => Model::standard(),
     };
     let mut model = model;
-    let started = if request.model.is_none() && recorded.is_of_autopilot() {
+    let started = if request.model.is_none() && recorded.autopilot().is_some() {
         start::start(&mut model, &OnBoard::read(&request.log, None)?)
     } else {
         Vec::new()
     };
     let bar = progress_bar(recorded.total_bytes(), "bytes");
+    if let Some(beside) = &mut beside {
+        beside.on_board.is_log_of(recorded.autopilot());
+    }
+    let mut watch = |record: &Record| {
+        if let Some(beside) = &mut beside {
+            beside.first_t_us.get_or_insert(record.t_us);
+            beside.on_board.take(&record.item, request.listen.vehicle);
+        }
+    };
+    let progress = |bytes| bar.set_position(bytes);
     let (pipeline, damage) =
-        recorded.run(make(model), request.truth_from_s, &|bytes| bar.set_position(bytes))?;
+        recorded.run_watched(make(model), request.truth_from_s, &progress, &mut watch)?;
     bar.finish_and_clear();
     let mut document = pipeline.document();
     add_damage(damage, &mut document);

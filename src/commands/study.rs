@@ -2,7 +2,7 @@
 
 use super::{CommandError, output};
 use crate::demo::{Prepared, Settings};
-use crate::study::parallel::Progress;
+use crate::parallel::Progress;
 use crate::study::{demo, guidance, honesty, observability, paper, recorded, transfer};
 use serde::Serialize;
 use std::fmt::Write;

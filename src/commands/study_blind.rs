@@ -2,8 +2,8 @@
 
 use super::study::Bar;
 use super::{CommandError, output};
+use crate::parallel;
 use crate::study::blind::{self, Campaign, Family, Outcome, Share, Summary};
-use crate::study::parallel;
 use gaware_nav::identify::select::Settings;
 use serde::Serialize;
 use std::collections::BTreeMap;

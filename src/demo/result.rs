@@ -242,7 +242,7 @@ fn maneuvers(flight: &Flight) -> Value {
             .iter()
             .min_by(|a, b| (a.t_s - planned.end_s).abs().total_cmp(&(b.t_s - planned.end_s).abs()))?;
         let predicted: Map<String, Value> =
-            at_end.sigmas.iter().map(|s| (s.name.clone(), json!(s.sigma))).collect();
+            at_end.sigmas.iter().map(|s| (s.name.to_string(), json!(s.sigma))).collect();
         let reached: Map<String, Value> = m.sigmas.iter().map(|(n, s)| (n.clone(), json!(s))).collect();
         let ratio = |(name, sigma): &(String, f64)| {
             let planned = at_end.sigmas.iter().find(|s| s.name == *name)?;

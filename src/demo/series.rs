@@ -78,7 +78,7 @@ impl Series {
                 })
             })
             .collect();
-        let names: Vec<String> = first.iter().map(|s| s.name.clone()).collect();
+        let names: Vec<String> = first.iter().map(|s| s.name.to_string()).collect();
         let of_log = |(t_s, sigmas): &(f64, Vec<(String, f64)>)| {
             let sigma = |name: &String| sigmas.iter().find(|(n, _)| n == name).map(|(_, s)| *s);
             Some(Point { t_s: *t_s, sigmas: names.iter().map(sigma).collect::<Option<_>>()? })
@@ -88,7 +88,7 @@ impl Series {
             sigmas: at.sigmas.iter().map(|s| s.sigma).collect(),
         };
         Self {
-            units: first.iter().map(|s| s.unit.clone()).collect(),
+            units: first.iter().map(|s| s.unit.to_string()).collect(),
             targets: first.iter().map(|s| s.target).collect(),
             predicted: plan.sigmas.iter().map(of_plan).collect(),
             reached: log.sigmas.iter().filter_map(of_log).collect(),

@@ -195,7 +195,7 @@ impl Guide {
         let least = WORTH_FLYING.min(0.5 * now.ln());
         let worth = best.filter(|b| now > 1.0 && gain(b) > least);
         self.done = worth.is_none();
-        let open = before.iter().filter(|s| s.ratio() > 1.0).map(|s| s.name.clone());
+        let open = before.iter().filter(|s| s.ratio() > 1.0).map(|s| s.name.to_string());
         self.unobservable = if self.done { open.collect() } else { Vec::new() };
         let Some(best) = worth else {
             self.asked = None;

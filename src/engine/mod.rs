@@ -10,14 +10,14 @@ pub mod navigation;
 pub mod observability;
 pub mod snapshot;
 mod stationary;
+mod status;
 
-use crate::timeline::Gaps;
 use counters::{ElapsedTime, RateMeter, Warnings};
-use estimate::{BEYOND_PRIOR, Constants};
+use estimate::Constants;
 use gaware_mission::airframe::Airframe;
 use gaware_mission::maneuver::Maneuver;
-use gaware_nav::estimator::{Estimator, EstimatorEvent, Stage};
-use gaware_nav::filter::{Filter, FixEvent, FixOutcome, PassedOver};
+use gaware_nav::estimator::{Estimator, Stage};
+use gaware_nav::filter::{Filter, FixOutcome, PassedOver};
 use gaware_nav::model::Model;
 use gaware_nav::observability::covariance::Targets;
 use gaware_nav::observability::segments::PathSegment;
@@ -26,11 +26,10 @@ use gaware_nav::sample::{GnssFix, ImuSample, Sample};
 use guidance::{GuidanceOptions, Guide};
 use navigation::Navigation;
 use observability::ConditionWatch;
-use snapshot::{Consistency, Estimate, GnssStatus, Guidance, ImuStatus, Phase, Snapshot, Summary};
+use snapshot::{Estimate, Guidance, ImuStatus, Snapshot, Summary};
 use stationary::StationaryTest;
+use status::{reported, reported_fix};
 
-/// After so long without a fix the status says so, s.
-const FIX_PATIENCE_S: f64 = 3.0;
 /// Fixes are predicted at the present rate within these intervals, s.
 const FIX_INTERVAL_S: (f64, f64) = (0.1, 1.0);
 
@@ -371,138 +370,6 @@ impl Engine {
             None => estimate::levelled(self.estimator.gathered_mean().as_ref()),
         };
         estimate
-    }
-
-    fn phase(&self) -> Phase {
-        match self.estimator.stage() {
-            Stage::WaitingForImu => Phase::WaitingForImu,
-            Stage::WaitingForGnss if self.fix_age_s().is_some_and(|age| age < FIX_PATIENCE_S) => {
-                Phase::Aligning
-            }
-            Stage::WaitingForGnss => Phase::WaitingForGnss,
-            Stage::SearchingHeading => Phase::SearchingHeading,
-            Stage::Running => Phase::Running,
-        }
-    }
-
-    fn fix_age_s(&self) -> Option<f64> {
-        Some(self.time.now_s()? - self.last_fix_s?)
-    }
-
-    fn waiting_for(&self, filter: Option<&Filter>) -> String {
-        let stands = filter.is_some_and(|f| self.stillness.stands(f.nav().v_n().norm()));
-        match self.phase() {
-            Phase::WaitingForImu => "no inertial samples yet: is the autopilot connected?".to_owned(),
-            Phase::WaitingForGnss if self.before.is_some() => {
-                "no GNSS fix since the restart: the constants are kept, motion starts with the next fix"
-                    .to_owned()
-            }
-            Phase::WaitingForGnss => "no GNSS fix yet: G cannot be estimated".to_owned(),
-            Phase::Aligning => "levelling: a second of inertial samples is needed".to_owned(),
-            Phase::SearchingHeading | Phase::Running => match self.fix_age_s() {
-                Some(age) if age >= FIX_PATIENCE_S => {
-                    format!("no GNSS fix for {age:.0} s: G cannot be estimated further")
-                }
-                _ if self.estimator.is_stationary() => {
-                    "stationary: position, velocity and heading are held, nothing excites G".to_owned()
-                }
-                _ if stands => "stationary or hovering: nothing excites G".to_owned(),
-                _ if self.phase() == Phase::SearchingHeading => {
-                    "the heading is unknown: accelerate or turn to make it observable".to_owned()
-                }
-                _ => String::new(),
-            },
-        }
-    }
-
-    fn imu_status(&self) -> ImuStatus {
-        ImuStatus {
-            message: self.message.clone(),
-            samples: self.samples,
-            rate_hz: self.time.now_s().map_or(0.0, |now| self.imu_rate.at(now)),
-            dropped: self.refused,
-            gaps: Gaps::default(),
-        }
-    }
-
-    fn gnss_status(&self) -> GnssStatus {
-        let rejected = self.fixes_rejected();
-        GnssStatus {
-            fixes: self.fixes,
-            used: self.used,
-            rejected: self.rejected + rejected.late + rejected.overtaken,
-            rate_hz: self.time.now_s().map_or(0.0, |now| self.fix_rate.at(now)),
-            gaps: Gaps::default(),
-        }
-    }
-
-    fn fixes_rejected(&self) -> PassedOver {
-        let mut all = self.rejected_before;
-        all += self.estimator.passed_over();
-        all
-    }
-
-    fn consistency(&self) -> Consistency {
-        let (p, v) = (self.last_outcome.position.normalised, self.last_outcome.velocity.normalised);
-        Consistency {
-            nis_mean_per_dof: if self.nis.1 > 0 { self.nis.0 / self.nis.1 as f64 } else { 0.0 },
-            last_normalised_innovation: [p[0], p[1], p[2], v[0], v[1], v[2]],
-        }
-    }
-
-    fn warnings(&self, constants: &Constants) -> Vec<String> {
-        let mut list = self.warnings.to_vec();
-        let far = constants.beyond_prior(self.estimator.model());
-        if !far.is_empty() {
-            list.push(format!(
-                "{} left what the model expects by more than {BEYOND_PRIOR} of its sigmas: these states absorb an unmodelled sensor error",
-                far.join(", ")
-            ));
-        }
-        if self.fixes_rejected().late > 0 {
-            list.push("some fixes came more than 1.5 s after their time and were not used".to_owned());
-        }
-        list
-    }
-}
-
-/// What the estimator did on its own, in words.
-fn reported(event: &EstimatorEvent) -> String {
-    match event {
-        EstimatorEvent::AlignedAfterGap { gap_s } => {
-            format!(
-                "no inertial samples for {gap_s:.1} s: the attitude is aligned anew, biases and G are kept"
-            )
-        }
-        EstimatorEvent::AlignedAfterOutage => {
-            "the attitude was lost during the GNSS outage and is aligned anew, biases and G are kept"
-                .to_owned()
-        }
-        EstimatorEvent::AlignedAsVague { sigma_rad } => format!(
-            "the attitude became uncertain to {:.0}° and is aligned anew, biases and G are kept",
-            sigma_rad.to_degrees()
-        ),
-        EstimatorEvent::Failed { constants_kept: true } => {
-            "the filter failed its health check and was restarted; biases and G are kept".to_owned()
-        }
-        EstimatorEvent::Failed { constants_kept: false } => {
-            "the filter failed its health check and was restarted from the model".to_owned()
-        }
-    }
-}
-
-/// What a fix did to the filter, in words.
-fn reported_fix(event: &FixEvent) -> String {
-    match event {
-        FixEvent::PositionJump { offset_m } => format!(
-            "GNSS position jump of {offset_m:.0} m: inconsistent with velocity and inertial data, rejected"
-        ),
-        FixEvent::PositionAccepted { offset_m } => format!(
-            "the GNSS position stayed {offset_m:.0} m away for 30 s and is accepted as a correction; only the position changed"
-        ),
-        FixEvent::Reacquired { after_s } => {
-            format!("GNSS is back after {after_s:.0} s: position and velocity start from its first fix")
-        }
     }
 }
 

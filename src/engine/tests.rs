@@ -1,4 +1,4 @@
-use super::snapshot::{StateStatus, Status};
+use super::snapshot::{Phase, StateStatus, Status};
 use super::*;
 use gaware_nav::sample::RestartReason;
 use gaware_sitl::scenario::{Scenario, scenario};

@@ -15,9 +15,9 @@ pub mod words;
 
 use crate::advice::on_board::OnBoard;
 use crate::logs::LogError;
+use crate::parallel::{Silent, map_runs};
 use crate::pipeline;
 use crate::sensors::ConverterOptions;
-use crate::study::parallel::{Silent, map_runs};
 use contract::Explanation;
 use gaware_nav::effects::{self, Effect, GpsSmoothing};
 use gaware_nav::identify::flight::{Flight, TooLittle};

@@ -2,12 +2,11 @@
 //! is the same wherever and whenever it is made.
 
 use crate::advice::on_board::{OnBoard, key as autopilot_key};
-use crate::commands::replay::{ReplayRequest, replay};
+use crate::commands::replay::{Beside, ReplayRequest, replay_watched};
 use crate::commands::{CommandError, ListenArgs};
 use crate::engine::snapshot::Summary;
 use crate::engine::{Engine, EngineOptions};
 use crate::explain;
-use crate::logs;
 use gaware_nav::identify::select::Settings;
 use gaware_nav::model::{EffectSetting, Model};
 use schemars::JsonSchema;
@@ -101,18 +100,19 @@ fn flight(log: &Path, work: &Work) -> Result<Flight, CommandError> {
         // A fleet compares nothing with a simulation's truth.
         truth_from_s: f64::INFINITY,
     };
-    let mut assumed = Model::default();
-    let (pipeline, summary) = replay(&request, |model| {
+    let (mut assumed, mut beside) = (Model::default(), Beside::default());
+    let engine = |model: Model| {
         assumed = model.clone();
         Engine::new(model, EngineOptions::default())
-    })?;
+    };
+    let (pipeline, summary) = replay_watched(&request, engine, Some(&mut beside))?;
     let parameters = parameters(&pipeline.summary(), &assumed);
-    let on_board = OnBoard::read(log, work.listen.vehicle)?;
+    let on_board = beside.on_board;
     let explanation = if work.explain { Some(explanation(log, work)?) } else { None };
     Ok(Flight {
         firmware: firmware(&on_board),
         board: on_board.board,
-        start_unix_s: start(log),
+        start_unix_s: beside.first_t_us.filter(|t| *t > FIRST_DATE_US).map(|t| t as f64 * 1e-6),
         parameters,
         summary,
         explanation,
@@ -135,11 +135,6 @@ fn explanation(log: &Path, work: &Work) -> Result<Value, CommandError> {
 fn firmware(on_board: &OnBoard) -> Option<String> {
     let (major, minor) = on_board.version?;
     Some(format!("{} {major}.{minor}", on_board.autopilot.map_or("unknown", autopilot_key)))
-}
-
-fn start(log: &Path) -> Option<f64> {
-    let first = logs::open(log).ok()?.next()?.ok()?;
-    (first.t_us > FIRST_DATE_US).then_some(first.t_us as f64 * 1e-6)
 }
 
 /// The constants that the model leaves open, in the units of screens.

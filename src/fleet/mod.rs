@@ -59,6 +59,12 @@ pub enum FleetError {
         /// Log and reason.
         first: String,
     },
+    /// A log that is still being written.
+    #[error("{0} changed while it was read; the next run tries again")]
+    Changed(PathBuf),
+    /// What was found of a log, as another process wrote it.
+    #[error("invalid content of a log \"{0}\": it is SHA256:BYTES:NANOSECONDS")]
+    Content(String),
     /// A unit that no flight has.
     #[error("no flight of unit {unit}; units of this fleet: {known}")]
     NoUnit {

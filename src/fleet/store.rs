@@ -4,20 +4,32 @@ use super::FleetError;
 use super::flight::{self, FlightEntry, SCHEMA, Work};
 use gaware_nav::model::Model;
 use sha2::{Digest, Sha256};
+use std::fmt;
 use std::fs::File;
 use std::io::{self, Read};
 use std::path::{Path, PathBuf};
+use std::str::FromStr;
+use std::time::UNIX_EPOCH;
 
 /// Bytes that are hashed at once.
 const BLOCK: usize = 1 << 16;
 
-/// What decides on a result, and where it therefore lies.
+/// What a log holds, and the version of its file for which that was found.
 #[derive(Debug, Clone, PartialEq, Eq)]
-pub struct Address {
+pub struct Content {
     /// SHA-256 of the log's bytes.
     pub sha256: String,
     /// Size of the log, bytes.
     pub bytes: u64,
+    /// When the file was changed last, ns since 1970; `None` where that is not known, and for a folder with tables.
+    pub modified_ns: Option<u128>,
+}
+
+/// What decides on a result, and where it therefore lies.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Address {
+    /// The log.
+    pub content: Content,
     /// SHA-256 of all that decides on the result.
     pub key: String,
 }
@@ -91,17 +103,32 @@ fn recipe(work: &Work) -> String {
     )
 }
 
-/// Analyses one log in this process. With a folder the result is kept there, and not made again where it is there.
+/// Analyses one log in this process. With a folder the result is kept there, and not made again where it is there. `known`: what was found
+/// of the log before; it counts as long as the file is the same.
 ///
 /// # Errors
-/// A log that cannot be opened, or a folder that cannot be written. A log that holds no flight is a result.
-pub fn analysed(log: &Path, work: &Work, folder: Option<&Path>) -> Result<FlightEntry, FleetError> {
+/// A log that cannot be opened or changes meanwhile, or a folder that cannot be written. A log that holds no flight is a result.
+pub fn analysed(
+    log: &Path,
+    work: &Work,
+    folder: Option<&Path>,
+    known: Option<Content>,
+) -> Result<FlightEntry, FleetError> {
     let store = folder.map(|folder| Store::open(folder, work)).transpose()?;
-    let address = address(log, &recipe(work))?;
+    let recipe = recipe(work);
+    let address = match known.filter(|content| content.is_of(log)) {
+        Some(content) => Address::of(content, &recipe),
+        None => address(log, &recipe)?,
+    };
     if let Some(there) = store.as_ref().and_then(|s| s.get(&address)) {
         return Ok(there);
     }
-    let entry = flight::analyse(log, work, &address.sha256, address.bytes);
+    let content = &address.content;
+    let entry = flight::analyse(log, work, &content.sha256, content.bytes);
+    // A result lies under the hash of what it was made of.
+    if content.modified_ns.is_some() && !content.is_of(log) {
+        return Err(FleetError::Changed(log.to_owned()));
+    }
     if let Some(store) = store {
         store.put(&address, &entry)?;
     }
@@ -109,17 +136,63 @@ pub fn analysed(log: &Path, work: &Work, folder: Option<&Path>) -> Result<Flight
 }
 
 fn address(log: &Path, recipe: &str) -> Result<Address, FleetError> {
-    let (sha256, bytes) = content(log).map_err(|source| FleetError::Read { path: log.to_owned(), source })?;
-    let key = hex(&Sha256::digest(format!("{recipe}{sha256}")));
-    Ok(Address { sha256, bytes, key })
+    let content = content(log).map_err(|source| FleetError::Read { path: log.to_owned(), source })?;
+    Ok(Address::of(content, recipe))
+}
+
+impl Address {
+    fn of(content: Content, recipe: &str) -> Self {
+        let key = hex(&Sha256::digest(format!("{recipe}{}", content.sha256)));
+        Self { content, key }
+    }
+}
+
+impl Content {
+    /// Whether the file of a log is the one of which this was found, by its size and the time of its last change.
+    fn is_of(&self, log: &Path) -> bool {
+        let size = std::fs::metadata(log).map(|m| m.len()).ok();
+        self.modified_ns.is_some() && self.modified_ns == modified_ns(log) && size == Some(self.bytes)
+    }
+}
+
+impl fmt::Display for Content {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(f, "{}:{}:", self.sha256, self.bytes)?;
+        self.modified_ns.map_or(Ok(()), |t| write!(f, "{t}"))
+    }
+}
+
+impl FromStr for Content {
+    type Err = FleetError;
+
+    fn from_str(text: &str) -> Result<Self, FleetError> {
+        let wrong = || FleetError::Content(text.to_owned());
+        let mut parts = text.split(':');
+        let (Some(sha256), Some(bytes), Some(modified), None) =
+            (parts.next(), parts.next(), parts.next(), parts.next())
+        else {
+            return Err(wrong());
+        };
+        let modified_ns =
+            if modified.is_empty() { None } else { Some(modified.parse().map_err(|_| wrong())?) };
+        Ok(Self { sha256: sha256.to_owned(), bytes: bytes.parse().map_err(|_| wrong())?, modified_ns })
+    }
+}
+
+/// When a file was changed last, ns since 1970; `None` for a folder.
+fn modified_ns(log: &Path) -> Option<u128> {
+    let about = std::fs::metadata(log).ok().filter(|m| m.is_file())?;
+    Some(about.modified().ok()?.duration_since(UNIX_EPOCH).ok()?.as_nanos())
 }
 
 /// Hash and size of a log; of a folder with tables, those of its tables with their names.
-fn content(log: &Path) -> io::Result<(String, u64)> {
+fn content(log: &Path) -> io::Result<Content> {
+    // Before the file is read: one that is changed meanwhile is not the same any more.
+    let modified_ns = modified_ns(log);
     let mut hash = Sha256::new();
     if !log.is_dir() {
         let bytes = add(&mut hash, log)?;
-        return Ok((hex(&hash.finalize()), bytes));
+        return Ok(Content { sha256: hex(&hash.finalize()), bytes, modified_ns });
     }
     let mut tables: Vec<PathBuf> =
         std::fs::read_dir(log)?.map(|entry| Ok(entry?.path())).collect::<io::Result<_>>()?;
@@ -133,7 +206,7 @@ fn content(log: &Path) -> io::Result<(String, u64)> {
         hash.update(own.to_le_bytes());
         bytes += own;
     }
-    Ok((hex(&hash.finalize()), bytes))
+    Ok(Content { sha256: hex(&hash.finalize()), bytes, modified_ns: None })
 }
 
 fn add(hash: &mut Sha256, path: &Path) -> io::Result<u64> {
@@ -159,8 +232,8 @@ mod tests {
     fn entry(address: &Address) -> FlightEntry {
         FlightEntry {
             schema: SCHEMA.to_owned(),
-            sha256: address.sha256.clone(),
-            bytes: address.bytes,
+            sha256: address.content.sha256.clone(),
+            bytes: address.content.bytes,
             failed: Some("a reason".to_owned()),
             flight: None,
         }
@@ -202,7 +275,27 @@ mod tests {
         std::fs::write(&path, "abc").unwrap();
         // FIPS 180-4, the example of one block.
         let sha = "ba7816bf8f01cfea414140de5dae2223b00361a396177a9cb410ff61f20015ad";
-        assert_eq!(content(&path).unwrap(), (sha.to_owned(), 3));
+        let found = content(&path).unwrap();
+        assert_eq!((found.sha256.as_str(), found.bytes), (sha, 3));
+        assert_eq!(found.to_string().parse::<Content>().unwrap(), found);
         std::fs::remove_file(&path).unwrap();
+    }
+
+    #[test]
+    fn what_was_found_of_a_log_counts_until_its_file_is_changed() {
+        let folder = std::env::temp_dir().join(format!("gaware-known-{}", std::process::id()));
+        std::fs::create_dir_all(&folder).unwrap();
+        let log = folder.join("a.ulg");
+        std::fs::write(&log, "one").unwrap();
+        let found = content(&log).unwrap();
+        let known = Content { sha256: "of another process".to_owned(), ..found.clone() };
+        let hash_of = |known: Content| analysed(&log, &Work::default(), None, Some(known)).unwrap().sha256;
+        assert_eq!(hash_of(known.clone()), "of another process");
+        // As many bytes, another time.
+        let later = File::options().write(true).open(&log).unwrap();
+        later.set_modified(UNIX_EPOCH + std::time::Duration::from_secs(1)).unwrap();
+        assert_eq!(hash_of(known.clone()), found.sha256);
+        assert_eq!(hash_of(Content { modified_ns: None, ..known }), found.sha256);
+        std::fs::remove_dir_all(&folder).unwrap();
     }
 }

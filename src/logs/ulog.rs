@@ -14,8 +14,10 @@ use gaware_nav::observability::words::VehicleKind;
 use std::collections::{HashMap, VecDeque};
 use std::io::Read;
 
+mod basic;
 mod fields;
 mod notes;
+use basic::Basic;
 use fields::{Fields, attitude, fix, imu, stream, vehicle_kind};
 use notes::{airframe, filter_values, is_of_filter, keyed, parameter_note, version_note};
 
@@ -37,63 +39,6 @@ const SYNC: [u8; 8] = [0x2F, 0x73, 0x13, 0x20, 0x25, 0x0C, 0xBB, 0x12];
 const MAX_DEPTH: usize = 8;
 /// Longer messages cannot be logged, bytes.
 const MAX_DATA: usize = u16::MAX as usize;
-
-/// Basic types of the format.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-enum Basic {
-    I8,
-    U8,
-    I16,
-    U16,
-    I32,
-    U32,
-    I64,
-    U64,
-    F32,
-    F64,
-}
-
-impl Basic {
-    fn of(name: &str) -> Option<Self> {
-        Some(match name {
-            "int8_t" => Self::I8,
-            "uint8_t" | "bool" | "char" => Self::U8,
-            "int16_t" => Self::I16,
-            "uint16_t" => Self::U16,
-            "int32_t" => Self::I32,
-            "uint32_t" => Self::U32,
-            "int64_t" => Self::I64,
-            "uint64_t" => Self::U64,
-            "float" => Self::F32,
-            "double" => Self::F64,
-            _ => return None,
-        })
-    }
-
-    fn size(self) -> usize {
-        match self {
-            Self::I8 | Self::U8 => 1,
-            Self::I16 | Self::U16 => 2,
-            Self::I32 | Self::U32 | Self::F32 => 4,
-            Self::I64 | Self::U64 | Self::F64 => 8,
-        }
-    }
-
-    fn read(self, bytes: &[u8]) -> Option<f64> {
-        Some(match self {
-            Self::I8 => f64::from(i8::from_le_bytes(*bytes.first_chunk()?)),
-            Self::U8 => f64::from(u8::from_le_bytes(*bytes.first_chunk()?)),
-            Self::I16 => f64::from(i16::from_le_bytes(*bytes.first_chunk()?)),
-            Self::U16 => f64::from(u16::from_le_bytes(*bytes.first_chunk()?)),
-            Self::I32 => f64::from(i32::from_le_bytes(*bytes.first_chunk()?)),
-            Self::U32 => f64::from(u32::from_le_bytes(*bytes.first_chunk()?)),
-            Self::I64 => i64::from_le_bytes(*bytes.first_chunk()?) as f64,
-            Self::U64 => u64::from_le_bytes(*bytes.first_chunk()?) as f64,
-            Self::F32 => f64::from(f32::from_le_bytes(*bytes.first_chunk()?)),
-            Self::F64 => f64::from_le_bytes(*bytes.first_chunk()?),
-        })
-    }
-}
 
 /// A field as its format declares it.
 #[derive(Debug, Clone, PartialEq)]

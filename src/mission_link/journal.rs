@@ -131,8 +131,7 @@ impl Journal {
         let wrong = |reason: String| FileError::Content { path: self.path.clone(), reason };
         let (before, after) = self.fences.clone().unwrap_or_default();
         let document = |mission: &Mission, fence: Fence| {
-            let file = PlanFile::new(mission.clone(), fence, self.autopilot, mav_type);
-            serde_json::from_str::<Value>(&plan::write(&file)).map_err(|e| wrong(e.to_string()))
+            plan::document(&PlanFile::new(mission.clone(), fence, self.autopilot, mav_type))
         };
         let document = Document {
             schema: SCHEMA.to_owned(),
@@ -140,8 +139,8 @@ impl Journal {
             autopilot: self.autopilot,
             begun_unix_s: self.begun_unix_s,
             with_fence: self.fences.is_some(),
-            previous: document(&self.previous, before)?,
-            new: document(&self.new, after)?,
+            previous: document(&self.previous, before),
+            new: document(&self.new, after),
         };
         let text = serde_json::to_string_pretty(&document).map_err(|e| wrong(e.to_string()))?;
         files::write_new(&self.path, &text)
@@ -160,8 +159,8 @@ impl Journal {
         if found.schema != SCHEMA {
             return Err(wrong(format!("schema is \"{}\", this program reads \"{SCHEMA}\"", found.schema)));
         }
-        let plan = |v: &Value| plan::read(&v.to_string()).map_err(|e| wrong(e.to_string()));
-        let (previous, new) = (plan(&found.previous)?, plan(&found.new)?);
+        let plan = |v: Value| plan::from_document(v).map_err(|e| wrong(e.to_string()));
+        let (previous, new) = (plan(found.previous)?, plan(found.new)?);
         Ok(Self {
             path: path.to_owned(),
             system_id: found.system_id,

@@ -8,13 +8,15 @@ use gaware_mission::transfer::{Address, Peers};
 use std::time::Duration;
 use tokio::sync::broadcast::error::RecvError;
 use tokio::sync::{broadcast, mpsc};
-use tokio::time::Instant;
+use tokio::time::{Instant, sleep_until};
 use tokio_util::sync::CancellationToken;
 
-/// Longest wait without a look around.
+/// A wait without a deadline.
 const BREATH: Duration = Duration::from_millis(100);
 /// Shortest wait, the resolution of timers: a deadline that is closer must not be asked for again and again.
 const TICK: Duration = Duration::from_millis(1);
+/// Longest wait, s: longer than any deadline that is meant.
+const LONGEST_S: f64 = 3600.0;
 
 /// A message for the vehicle by its id and payload: a backup may hold what the dialect's types refuse.
 #[derive(Debug, Clone, PartialEq, Eq)]
@@ -63,29 +65,62 @@ impl Wire for RunWire {
     }
 
     async fn next(&mut self, deadline_s: Option<f64>) -> Event {
+        let left =
+            deadline_s.map_or(BREATH, |t| Duration::from_secs_f64((t - self.now_s()).clamp(0.0, LONGEST_S)));
+        let until = Instant::now() + left.max(TICK);
+        let mut closed = false;
         loop {
-            if self.stop.is_cancelled() && !self.stopping {
-                self.stopping = true;
-                return Event::Stopped;
-            }
-            let left = deadline_s.map_or(BREATH, |t| {
-                Duration::from_secs_f64((t - self.now_s()).clamp(TICK.as_secs_f64(), BREATH.as_secs_f64()))
-            });
-            match tokio::time::timeout(left, self.frames.recv()).await {
-                Ok(Ok(received)) => {
-                    if let Some(vehicle) = wire::heartbeat_of(self.vehicle(), &received.frame) {
-                        self.vehicle = Some(vehicle);
-                    }
-                    return Event::Frame(received.frame);
+            tokio::select! {
+                biased;
+                () = self.stop.cancelled(), if !self.stopping => {
+                    self.stopping = true;
+                    return Event::Stopped;
                 }
-                Ok(Err(RecvError::Lagged(_))) => {}
-                // No one will ever be heard again: only time passes.
-                Ok(Err(RecvError::Closed)) => tokio::time::sleep(left).await,
-                Err(_) => {}
+                received = self.frames.recv(), if !closed => match received {
+                    Ok(received) => {
+                        if let Some(vehicle) = wire::heartbeat_of(self.vehicle(), &received.frame) {
+                            self.vehicle = Some(vehicle);
+                        }
+                        return Event::Frame(received.frame);
+                    }
+                    Err(RecvError::Lagged(_)) => {}
+                    // No one will ever be heard again: only time passes.
+                    Err(RecvError::Closed) => closed = true,
+                },
+                () = sleep_until(until) => return Event::Deadline,
             }
-            if deadline_s.is_none_or(|t| self.now_s() >= t) {
-                return Event::Deadline;
-            }
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// A wire whose links never say anything, or are gone.
+    fn silent(gone: bool) -> (RunWire, Option<broadcast::Sender<Received>>) {
+        let (frames, received) = broadcast::channel(4);
+        let (outbox, _) = mpsc::channel(4);
+        (RunWire::new(received, outbox), (!gone).then_some(frames))
+    }
+
+    #[tokio::test(start_paused = true)]
+    async fn a_stop_is_heard_at_once_and_once_however_late_the_deadline() {
+        for gone in [false, true] {
+            let (mut wire, _frames) = silent(gone);
+            let stop = wire.stop.clone();
+            let stopped = async {
+                tokio::time::sleep(Duration::from_millis(1234)).await;
+                stop.cancel();
+            };
+            let began = Instant::now();
+            let (event, ()) = tokio::join!(wire.next(Some(600.0)), stopped);
+            assert!(matches!(event, Event::Stopped), "{event:?}");
+            assert_eq!(began.elapsed(), Duration::from_millis(1234));
+            assert!(matches!(wire.next(Some(600.0)).await, Event::Deadline));
+            assert_eq!(began.elapsed(), Duration::from_secs(600));
+            assert!(matches!(wire.next(None).await, Event::Deadline));
+            assert_eq!(began.elapsed(), Duration::from_secs(600) + BREATH);
         }
     }
 }

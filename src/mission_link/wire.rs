@@ -213,14 +213,16 @@ async fn drive(
                 }
                 let since: f64 = *stranded_since.get_or_insert(wire.now_s());
                 // Who gave up does not wait for a link that is gone: the journal keeps both missions.
-                if stopping || wire.now_s() - since > patience_s {
+                if stopping || wire.now_s() >= since + patience_s {
                     return outcome.clone();
                 }
             }
             Some(outcome) => return outcome.clone(),
             None => {}
         }
-        let actions = match wire.next(upload.deadline()).await {
+        // A transfer that waits for its link has no deadline but the end of the patience.
+        let deadline_s = upload.deadline().or(stranded_since.map(|since| since + patience_s));
+        let actions = match wire.next(deadline_s).await {
             Event::Frame(frame) => take(wire, &mut upload, &frame),
             Event::Deadline => upload.tick(wire.now_s()),
             Event::Stopped => {

@@ -38,9 +38,9 @@ impl Recorded {
         self.setup.as_ref()
     }
 
-    /// Whether it is the autopilot's own log, with all its parameters.
-    pub fn is_of_autopilot(&self) -> bool {
-        self.reader.autopilot().is_some()
+    /// The autopilot, where it is its own log, with all its parameters.
+    pub fn autopilot(&self) -> Option<&'static str> {
+        self.reader.autopilot()
     }
 
     /// Size of the file.
@@ -53,10 +53,24 @@ impl Recorded {
     /// # Errors
     /// When nothing in it can be read.
     pub fn run<E: Consumer>(
+        self,
+        consumer: E,
+        truth_from_s: f64,
+        progress: &dyn Fn(u64),
+    ) -> Result<(Pipeline<E>, Damage), LogError> {
+        self.run_watched(consumer, truth_from_s, progress, &mut |_| {})
+    }
+
+    /// The same, with every record shown to `watch` on its way: a log is read once, however many want to know of it.
+    ///
+    /// # Errors
+    /// As [`Self::run`].
+    pub fn run_watched<E: Consumer>(
         mut self,
         consumer: E,
         truth_from_s: f64,
         progress: &dyn Fn(u64),
+        watch: &mut dyn FnMut(&Record),
     ) -> Result<(Pipeline<E>, Damage), LogError> {
         let mut pipeline = Pipeline::new(self.options, consumer, truth_from_s);
         pipeline.set_autopilot(self.reader.autopilot());
@@ -64,7 +78,10 @@ impl Recorded {
         let mut records = 0_u64;
         while let Some(record) = self.reader.next() {
             match record {
-                Ok(record) => pipeline.record(&record),
+                Ok(record) => {
+                    watch(&record);
+                    pipeline.record(&record);
+                }
                 // What was read before a failing disk is still a result.
                 Err(error @ LogError::Read { .. }) if records > 0 => {
                     tracing::warn!(%error, "the log is used up to here");

@@ -1,12 +1,12 @@
 //! The whole loop, many times: inject, fly, explain, apply, fly again, compare, for each effect that a parameter corrects and both
 //! autopilots.
 
-use super::parallel::{Progress, map_runs};
 use super::statistics::{summary, wilson_95};
 use crate::advice::on_board;
 use crate::compare::statistics::Change;
 use crate::demo::Prepared;
 use crate::demo::closed_loop::{self, Correctable, LoopResult};
+use crate::parallel::{Progress, map_runs};
 use serde::Serialize;
 
 /// A parameter that is further than this from the right value is a failure, sigma.

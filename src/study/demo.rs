@@ -1,12 +1,12 @@
 //! The demonstration over many simulated vehicles: are estimates that are called observable as good as their sigmas say, and did
 //! the plan promise what was reached?
 
-use super::parallel::{Progress, map_runs};
 use super::statistics::wilson_95;
 use crate::demo::flight::{Ending, Flight};
 use crate::demo::result::DemoResult;
 use crate::demo::{Prepared, result};
 use crate::engine::snapshot::Status;
+use crate::parallel::{Progress, map_runs};
 use gaware_mission::planner::{PlannedState, Reach};
 use serde::Serialize;
 

@@ -5,8 +5,8 @@
 //! other one draws from the same catalogue, with random strength, length and side. The vehicle is the simulator's, with its own
 //! dynamics, in wind and gusts; the sigmas are those of the engine's filter.
 
-use super::parallel::{Progress, map_runs};
 use crate::engine::{Engine, EngineOptions};
+use crate::parallel::{Progress, map_runs};
 use gaware_mission::airframe::{Airframe, SMALL_FIXED_WING};
 use gaware_mission::kinematics::WingCommand;
 use gaware_mission::maneuver::Maneuver;
@@ -374,8 +374,8 @@ impl<'a> Pilot<'a> {
 
 #[cfg(test)]
 mod tests {
-    use super::super::parallel::Silent;
     use super::*;
+    use crate::parallel::Silent;
 
     #[test]
     fn the_guided_flight_is_the_faster_one() {

@@ -1,10 +1,10 @@
 //! Honest sigmas: of the states that are called observable, how far the estimates are from the truth, over many drawn vehicles.
 
 use super::observability::{ObservabilityError, PAPER_G_SIGMA, find};
-use super::parallel::{Progress, map_runs};
 use super::statistics::wilson_95;
 use crate::engine::snapshot::Status;
 use crate::engine::{Engine, EngineOptions};
+use crate::parallel::{Progress, map_runs};
 use gaware_nav::effects::GpsLatency;
 use gaware_nav::filter::Filter;
 use gaware_nav::filter::calibration::Calibration;

@@ -9,7 +9,6 @@ pub mod guidance;
 pub mod honesty;
 pub mod observability;
 pub mod paper;
-pub mod parallel;
 pub mod recorded;
 pub mod statistics;
 pub mod transfer;

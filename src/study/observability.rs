@@ -4,10 +4,10 @@
 //! the true motion, so what it shows is a property of the flight and the sensors (the paper, section 3). Recorded flights go through
 //! the engine instead.
 
-use super::parallel::{Progress, map_runs};
 use crate::engine::observability::{ConditionWatch, observability};
 use crate::engine::snapshot::Observability;
 use crate::engine::{Engine, EngineOptions};
+use crate::parallel::{Progress, map_runs};
 use gaware_nav::bound::InformationBound;
 use gaware_nav::effects::unit;
 use gaware_nav::filter::Initial;
@@ -311,9 +311,9 @@ fn start(truth: &Truth) -> Initial {
 
 #[cfg(test)]
 mod tests {
-    use super::super::parallel::Silent;
     use super::*;
     use crate::engine::snapshot::Status;
+    use crate::parallel::Silent;
 
     fn row(name: &str, k: usize) -> Row {
         of_scenario(name, &Silent).unwrap().rows.remove(k)

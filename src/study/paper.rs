@@ -3,8 +3,8 @@
 //! The vehicle's constants are those of the paper in every run; what is drawn is the noise and the filter's initial
 //! estimate, from the filter's own prior. Samples go to the filter directly, with 3-D velocity as in the paper.
 
-use super::parallel::{Progress, map_runs};
 use super::statistics::Rms3;
+use crate::parallel::{Progress, map_runs};
 use gaware_nav::bound::InformationBound;
 use gaware_nav::consistency::{error, nees, nees_band_95};
 use gaware_nav::effects::unit;

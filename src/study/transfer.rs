@@ -2,11 +2,11 @@
 //! that say that no one knows? The session of `gaware mission upload` runs against the simulated autopilot in virtual
 //! time, and what it says at the end is compared with what really is on the vehicle.
 
-use super::parallel::{Progress, map_runs};
 use crate::link::frame::Frame;
 use crate::link::heartbeat::HeartbeatSource;
 use crate::mission_link::vehicle::Vehicle;
 use crate::mission_link::wire::{self, Event, Wire, at_once};
+use crate::parallel::{Progress, map_runs};
 use gaware_mission::compare::differences;
 use gaware_mission::item::{
     Autopilot as Firmware, Frame as ItemFrame, Home, LatLon, Mission, MissionItem, command,
@@ -324,7 +324,7 @@ impl Wire for VirtualWire {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::study::parallel::Silent;
+    use crate::parallel::Silent;
 
     #[test]
     fn no_upload_over_a_bad_or_cut_link_leaves_a_mixed_mission_unsaid() {

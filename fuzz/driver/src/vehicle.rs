@@ -6,6 +6,7 @@ use gaware::mission_link::codec;
 use gaware_mission::item::MissionItem;
 use gaware_mission::transfer::{Address, Envelope, MissionMessage, MissionResult};
 use std::collections::{BTreeMap, VecDeque};
+use std::sync::LazyLock;
 
 /// Where it is.
 pub const VEHICLE: Address = Address { system: 1, component: 1 };
@@ -133,6 +134,11 @@ pub fn frame(message: &MissionMessage) -> Option<Frame> {
 
 /// Its heartbeat: a fixed wing with PX4, disarmed.
 pub fn heartbeat_frame() -> Option<Frame> {
+    static HEARTBEAT: LazyLock<Option<Frame>> = LazyLock::new(make_heartbeat);
+    HEARTBEAT.clone()
+}
+
+fn make_heartbeat() -> Option<Frame> {
     let from = Sender { system_id: VEHICLE.system, component_id: VEHICLE.component };
     let ours = Frame::encode(from, 0, &heartbeat(true));
     let mut payload = ours.payload().to_vec();

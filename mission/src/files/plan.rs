@@ -66,6 +66,9 @@ pub enum PlanError {
         /// What the parser said.
         message: String,
     },
+    /// A field of the wrong type in a document that is part of another file.
+    #[error("{0}")]
+    Field(String),
     /// JSON, but no plan.
     #[error("fileType is \"{0}\", a mission plan has \"Plan\"")]
     FileType(String),
@@ -204,6 +207,18 @@ pub fn read(text: &str) -> Result<PlanFile, PlanError> {
     let file: File = serde_json::from_str(text.trim_start_matches('\u{feff}')).map_err(|e| {
         PlanError::Syntax { line: e.line(), column: e.column(), message: without_position(&e) }
     })?;
+    contents(file)
+}
+
+/// Reads a plan that is part of another document.
+///
+/// # Errors
+/// As [`read`].
+pub fn from_document(document: Value) -> Result<PlanFile, PlanError> {
+    contents(serde_json::from_value(document).map_err(|e| PlanError::Field(e.to_string()))?)
+}
+
+fn contents(file: File) -> Result<PlanFile, PlanError> {
     if file.file_type != "Plan" {
         return Err(PlanError::FileType(file.file_type));
     }
@@ -362,6 +377,11 @@ fn read_fence(file: &FileFence) -> Result<Fence, PlanError> {
 
 /// Writes a `.plan` file, indented as QGroundControl does.
 pub fn write(plan: &PlanFile) -> String {
+    format!("{:#}\n", document(plan))
+}
+
+/// The plan as part of another document.
+pub fn document(plan: &PlanFile) -> Value {
     let items: Vec<Value> =
         plan.mission.items.iter().enumerate().map(|(k, i)| write_item(k + 1, i)).collect();
     let home = plan.mission.home.map(|h| {
@@ -386,7 +406,7 @@ pub fn write(plan: &PlanFile) -> String {
             json!({"inclusion": p.inclusion, "polygon": corners, "version": 1})
         })
         .collect();
-    let document = json!({
+    json!({
         "fileType": "Plan",
         "geoFence": {"circles": circles, "polygons": polygons, "version": 2},
         "groundStation": "QGroundControl",
@@ -402,8 +422,7 @@ pub fn write(plan: &PlanFile) -> String {
         },
         "rallyPoints": {"points": plan.rally_points, "version": 2},
         "version": 1
-    });
-    format!("{document:#}\n")
+    })
 }
 
 /// Seven decimals: what an integer of 1e-7 deg means.

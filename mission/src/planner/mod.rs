@@ -8,6 +8,7 @@ mod landing;
 mod place;
 mod rank;
 mod search;
+mod take_off;
 
 use crate::airframe::Airframe;
 use crate::fence::LocalFrame;

@@ -9,10 +9,10 @@ use crate::fence::LocalFrame;
 use crate::flight::Flyer;
 use crate::item::{Mission, MissionItem, command};
 use crate::kinematics::Kinematics;
-use crate::maneuver::{Entry, Maneuver, Placement, Side, join_items, speed_item};
+use crate::maneuver::{Entry, Maneuver, Placement, Side, join_items};
 use crate::predictor::{NamedSigma, Predictor};
 use crate::safety::Checker;
-use nalgebra::{Rotation3, Vector2, Vector3};
+use nalgebra::{Rotation3, Vector3};
 
 /// A state counts as one that this airframe can excite if its maneuvers can shrink its sigma to this share.
 const EXCITED: f64 = 0.9;
@@ -24,12 +24,6 @@ const LEAST_GAIN_PER_S: f64 = 1e-5;
 const MOST_MANEUVERS: usize = 40;
 /// Predicted flights are thinned to every so manyth sample where only the order of magnitude counts.
 const THINNING: usize = 4;
-/// Points of a climb-out that are checked.
-const CLIMB_CHECKS: u32 = 50;
-/// A fence further away than this is hardly meant, m.
-const FAR_M: f64 = 5000.0;
-/// Pitch of a fixed wing's take-off, deg: ArduPlane's usual minimum.
-const TAKE_OFF_PITCH_DEG: f32 = 12.0;
 /// Spacing of the sigmas in the plan, s.
 const REPORT_S: f64 = 1.0;
 
@@ -169,43 +163,6 @@ impl<'a> Search<'a> {
         root.path = flown.samples;
         root.items.extend(items);
         Ok(())
-    }
-
-    /// What comes before the first maneuver: the take-off, and the airframe's speed, for the autopilot otherwise flies at its own
-    /// parameter.
-    fn begin(&self, start: Vector2<f64>) -> Result<Vec<MissionItem>, PlanError> {
-        let mut items = self.take_off(start)?;
-        let airframe = &self.request.airframe;
-        items.push(speed_item(airframe, airframe.speed_cruise_m_per_s));
-        Ok(items)
-    }
-
-    /// The take-off, if the mission begins with one. Its climb is a straight line from home to the start.
-    fn take_off(&self, start: Vector2<f64>) -> Result<Vec<MissionItem>, PlanError> {
-        let request = self.request;
-        if !request.take_off {
-            return Ok(Vec::new());
-        }
-        let home = self.checker.clearance_at(Vector2::zeros());
-        if home < 0.0 {
-            let hint = match -home {
-                by if by > FAR_M => {
-                    "; are latitude and longitude swapped, or is this the fence of another place?"
-                }
-                _ => "",
-            };
-            return Err(PlanError::HomeOutside { by_m: -home, hint });
-        }
-        let along = |k: u32| start * (f64::from(k) / f64::from(CLIMB_CHECKS));
-        let space =
-            (0..=CLIMB_CHECKS).map(|k| self.checker.clearance_at(along(k))).fold(f64::INFINITY, f64::min);
-        if space < 0.0 {
-            return Err(PlanError::ClimbOut { length_m: start.norm(), by_m: -space });
-        }
-        let pitch = if request.airframe.is_fixed_wing() { TAKE_OFF_PITCH_DEG } else { 0.0 };
-        let height = request.start_height_m as f32;
-        let params = [pitch, 0.0, 0.0, request.airframe.autopilot.free_heading()];
-        Ok(vec![MissionItem::at(command::NAV_TAKEOFF, params, request.start, height)])
     }
 
     /// What the maneuvers that fit here can do with each state in the time there is: each of them flown again and again, both sides of a
@@ -464,8 +421,8 @@ fn keeps_balance(next: Maneuver, flown: &[PlannedManeuver]) -> bool {
 
 fn verdicts(after: &[NamedSigma], reach: &[Reach]) -> Vec<PlannedState> {
     let state = |(s, reach): (&NamedSigma, &Reach)| PlannedState {
-        name: s.name.clone(),
-        unit: s.unit.clone(),
+        name: s.name.to_string(),
+        unit: s.unit.to_string(),
         sigma: s.sigma,
         target: s.target,
         reach: *reach,

@@ -25,10 +25,10 @@ impl Predictor for Spread {
 
     fn sigmas(&self) -> Vec<NamedSigma> {
         let named = |i: usize| NamedSigma {
-            name: ["g1", "g2", "g3"][i].to_owned(),
+            name: ["g1", "g2", "g3"][i].into(),
             sigma: 360.0 / (1.0 + self.0[i]).sqrt(),
             target: 5.0,
-            unit: "deg/h/g".to_owned(),
+            unit: "deg/h/g".into(),
         };
         (0..3).map(named).collect()
     }

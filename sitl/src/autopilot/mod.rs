@@ -16,6 +16,7 @@ pub mod mission;
 mod navigation;
 pub mod params;
 pub mod streams;
+mod upset;
 
 use crate::faults::Fault;
 use crate::noise::{Noise, Purpose};
@@ -107,12 +108,8 @@ pub struct Outgoing {
     pub bytes: Vec<u8>,
 }
 
-/// How long a restart takes, s.
-const REBOOT_S: f64 = 2.0;
 /// The flight begins this long after the station's first request, so that it can make all of them, s.
 const RELEASE_AFTER_S: f64 = 1.0;
-/// Component of the gimbal that may share the link (`MAV_COMP_ID_GIMBAL`).
-const GIMBAL_COMPONENT: u8 = 154;
 
 /// The simulated autopilot.
 pub struct Autopilot {
@@ -409,50 +406,6 @@ impl Autopilot {
         known
     }
 
-    fn meet_faults(&mut self) {
-        let now = self.now_s;
-        let mut reboot = false;
-        let (mut jump, mut theft) = (0.0, false);
-        self.pending.retain(|fault| match *fault {
-            Fault::Reboot { at_s } if at_s <= now => {
-                reboot = true;
-                false
-            }
-            Fault::ClockJump { at_s, by_s } if at_s <= now => {
-                jump += by_s;
-                false
-            }
-            Fault::RateTheft { at_s } if at_s <= now => {
-                theft = true;
-                false
-            }
-            _ => true,
-        });
-        self.booted_s -= jump;
-        if theft {
-            let group = MavDataStream::MAV_DATA_STREAM_RAW_SENSORS;
-            self.streams.request_group(group, 2, true, now);
-        }
-        if reboot {
-            self.reboot();
-        }
-    }
-
-    fn reboot(&mut self) {
-        self.booted_s = self.now_s + REBOOT_S;
-        self.silent_until_s = self.now_s + REBOOT_S;
-        self.sequence = [0; 2];
-        self.fix = None;
-        self.framer = Framer::default();
-        self.mission.restart();
-        let config = &self.config;
-        self.streams =
-            Streams::new(config.flavour, config.loop_rate_hz, config.has_highres_imu, self.silent_until_s)
-                .with_sim_state(config.has_sim_state)
-                .with_filter_status(config.navigates, self.silent_until_s);
-        self.start_navigation();
-    }
-
     fn send(&mut self, message: &MavMessage) {
         self.send_as(1, message);
     }
@@ -463,20 +416,6 @@ impl Autopilot {
         *sequence = sequence.wrapping_add(1);
         let t_us = (self.now_s * 1e6).round() as u64;
         self.out.push(Outgoing { t_us, bytes: encode(header, message) });
-    }
-
-    /// A gimbal on the same link, whose inertial unit must not be taken for the vehicle's.
-    fn send_gimbal(&mut self) {
-        let heartbeat = HEARTBEAT_DATA {
-            mavtype: MavType::MAV_TYPE_GIMBAL,
-            autopilot: MavAutopilot::MAV_AUTOPILOT_INVALID,
-            system_status: MavState::MAV_STATE_ACTIVE,
-            mavlink_version: 3,
-            ..Default::default()
-        };
-        self.send_as(GIMBAL_COMPONENT, &MavMessage::HEARTBEAT(heartbeat));
-        let imu = RAW_IMU_DATA { time_usec: 77, xacc: 700, yacc: -700, zgyro: 900, ..Default::default() };
-        self.send_as(GIMBAL_COMPONENT, &MavMessage::RAW_IMU(imu));
     }
 
     /// The autopilot synchronises its own clock: PX4 at 10 Hz, ArduPilot every 10 s.

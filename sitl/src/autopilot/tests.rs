@@ -1,3 +1,4 @@
+use super::upset::GIMBAL_COMPONENT;
 use super::*;
 use crate::scenario::scenario;
 use mavlink::Message;

@@ -18,10 +18,10 @@ impl Predictor for Spread {
 
     fn sigmas(&self) -> Vec<NamedSigma> {
         let one = |i: usize| NamedSigma {
-            name: format!("g{i}"),
+            name: format!("g{i}").into(),
             sigma: 360.0 / (1.0 + self.0[i]).sqrt(),
             target: 5.0,
-            unit: String::new(),
+            unit: "".into(),
         };
         (0..3).map(one).collect()
     }

@@ -3,11 +3,13 @@
 use super::*;
 use crate::commands::replay::{ReplayRequest, replay};
 use crate::engine::snapshot::Summary;
+use crate::link::frame::Frame;
 use crate::logs::{self, Item};
 use crate::pipeline::Consumer;
 use gaware_nav::sample::Sample;
 use std::net::Ipv4Addr;
 use std::path::Path;
+use std::time::Duration;
 use tokio::io::{AsyncReadExt, AsyncWriteExt};
 use tokio::net::TcpListener;
 

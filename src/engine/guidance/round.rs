@@ -3,8 +3,9 @@
 use gaware_mission::airframe::Airframe;
 use gaware_mission::kinematics::Kinematics;
 use gaware_mission::maneuver::{Entry, Maneuver};
-use gaware_mission::predictor::{BoundPredictor, NamedSigma, Predictor};
+use gaware_mission::predictor::{BoundPredictor, NamedSigma, Predictor, TrackStep};
 use nalgebra::Vector3;
+use std::sync::Arc;
 
 /// Predicted flights are thinned to every so manyth sample (0.2 s): the covariance does not mind.
 const THINNING: usize = 4;
@@ -26,8 +27,8 @@ pub(super) struct Round {
     /// How far down and up maneuvers may lead from here, m; `None` where no one knows.
     space_m: Option<[f64; 2]>,
     left: Vec<Task>,
-    /// Each maneuver that has been run, and where it led; `None` where that is outside the space.
-    firsts: Vec<(Maneuver, Option<Behind>)>,
+    /// Each maneuver that has been run.
+    firsts: Vec<First>,
     pub after: Vec<Candidate>,
 }
 
@@ -35,8 +36,8 @@ pub(super) struct Round {
 #[derive(Debug, Clone, Copy)]
 enum Task {
     First(Maneuver),
-    /// After the first one of this index.
-    Second(usize, Maneuver),
+    /// After the first one of this index, the one of that index.
+    Second(usize, usize),
 }
 
 /// Maneuvers one after the other, and the sigmas behind them.
@@ -45,6 +46,26 @@ pub(super) struct Candidate {
     pub maneuvers: Vec<Maneuver>,
     pub duration_s: f64,
     pub after: Vec<NamedSigma>,
+}
+
+/// A maneuver that has been run alone.
+#[derive(Debug, Clone)]
+struct First {
+    maneuver: Maneuver,
+    /// It is flown again after each of the others.
+    flight: CandidateFlight,
+    /// Where it led; `None` where that is outside the space.
+    behind: Option<Behind>,
+}
+
+/// The predicted flight of a maneuver.
+#[derive(Debug, Clone)]
+struct CandidateFlight {
+    track: Arc<[TrackStep]>,
+    /// Lowest, highest and last height above the entry, m.
+    low_m: f64,
+    high_m: f64,
+    end_m: f64,
 }
 
 /// Where a maneuver leads.
@@ -64,7 +85,8 @@ impl Round {
         space_m: Option<[f64; 2]>,
         all: &[Maneuver],
     ) -> Self {
-        let seconds = (0..all.len()).flat_map(|first| all.iter().map(move |m| Task::Second(first, *m)));
+        let count = all.len();
+        let seconds = (0..count).flat_map(|first| (0..count).map(move |second| Task::Second(first, second)));
         let mut left: Vec<Task> = all.iter().map(|m| Task::First(*m)).chain(seconds).collect();
         left.reverse();
         Self { predictor, entry, fix_interval_s, space_m, left, firsts: Vec::new(), after: Vec::new() }
@@ -75,42 +97,46 @@ impl Round {
         let Some(task) = self.left.pop() else { return false };
         match task {
             Task::First(maneuver) => {
-                let behind = self.fly(&self.predictor, 0.0, maneuver, airframe);
+                let flight = self.flight(maneuver, airframe);
+                let behind = self.fly(&self.predictor, 0.0, &flight);
                 if let Some(behind) = &behind {
                     self.note(vec![maneuver], behind, airframe);
                 }
-                self.firsts.push((maneuver, behind));
+                self.firsts.push(First { maneuver, flight, behind });
             }
-            Task::Second(first, maneuver) => {
-                let Some((before, Some(from))) = self.firsts.get(first) else { return true };
-                if let Some(behind) = self.fly(&from.predictor, from.up_m, maneuver, airframe) {
-                    self.note(vec![*before, maneuver], &behind, airframe);
+            Task::Second(first, second) => {
+                let (Some(First { maneuver: one, behind: Some(from), .. }), Some(next)) =
+                    (self.firsts.get(first), self.firsts.get(second))
+                else {
+                    return true;
+                };
+                if let Some(behind) = self.fly(&from.predictor, from.up_m, &next.flight) {
+                    self.note(vec![*one, next.maneuver], &behind, airframe);
                 }
             }
         }
         true
     }
 
-    /// One maneuver from this covariance, `up_m` above the entry, if it stays in the space.
-    fn fly(
-        &self,
-        from: &BoundPredictor,
-        up_m: f64,
-        maneuver: Maneuver,
-        airframe: &Airframe,
-    ) -> Option<Behind> {
+    fn flight(&self, maneuver: Maneuver, airframe: &Airframe) -> CandidateFlight {
         let flight = maneuver.kinematics(airframe, &self.entry, &Vector3::zeros());
-        let heights = || flight.iter().map(|k| up_m + k.height_m());
+        let heights = || flight.iter().map(Kinematics::height_m);
+        let (low_m, high_m) = (heights().fold(0.0, f64::min), heights().fold(0.0, f64::max));
+        let end_m = heights().next_back().unwrap_or(0.0);
+        let thin: Vec<Kinematics> = flight.into_iter().step_by(THINNING).collect();
+        CandidateFlight { track: self.predictor.track(&thin).into(), low_m, high_m, end_m }
+    }
+
+    /// One maneuver from this covariance, `up_m` above the entry, if it stays in the space.
+    fn fly(&self, from: &BoundPredictor, up_m: f64, flight: &CandidateFlight) -> Option<Behind> {
         if let Some([down, up]) = self.space_m
-            && heights().any(|h| h < -down || h > up)
+            && (up_m + flight.low_m < -down || up_m + flight.high_m > up)
         {
             return None;
         }
-        let up_m = up_m + flight.last().map_or(0.0, Kinematics::height_m);
-        let thin: Vec<Kinematics> = flight.into_iter().step_by(THINNING).collect();
         let mut predictor = from.clone();
-        predictor.fly(&thin, self.fix_interval_s);
-        Some(Behind { predictor, up_m })
+        predictor.follow(&flight.track, self.fix_interval_s);
+        Some(Behind { predictor, up_m: up_m + flight.end_m })
     }
 
     fn note(&mut self, maneuvers: Vec<Maneuver>, behind: &Behind, airframe: &Airframe) {

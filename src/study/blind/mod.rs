@@ -10,8 +10,8 @@ mod flights;
 mod oracle;
 mod summary;
 
-use super::parallel::{Progress, map_runs_on};
 use crate::explain::contract::Verdict;
+use crate::parallel::{Progress, map_runs_on};
 use gaware_nav::effects::{self, Effect, REGISTRY};
 use gaware_nav::identify::flight::Flight;
 use gaware_nav::identify::select::{self, Selection, Settings};

@@ -114,7 +114,7 @@ fn two_effects_are_found_when_both_are_named() {
 #[test]
 fn a_lever_arm_is_hidden_and_found() {
     let campaign = Campaign { effects: vec!["gps_lever_arm".into()], clean: 1, ..campaign(1, 1) };
-    let outcomes = run(&campaign, &Settings::default(), &super::super::parallel::Silent);
+    let outcomes = run(&campaign, &Settings::default(), &crate::parallel::Silent);
     let s = summarise(&outcomes);
     assert_eq!((s.oracle.count, s.alone_right.count, s.alone_right.of), (1, 1, 1), "{outcomes:?}");
     assert_eq!((s.false_alarms.count, s.false_alarms.of), (0, 1), "{outcomes:?}");
@@ -131,7 +131,7 @@ fn what_the_catalogue_lacks_is_noticed() {
         first_seed: 3,
         ..campaign(1, 1)
     };
-    let outcomes = run(&campaign, &Settings::default(), &super::super::parallel::Silent);
+    let outcomes = run(&campaign, &Settings::default(), &crate::parallel::Silent);
     let s = summarise(&outcomes);
     assert_eq!((s.oracle.count, s.unnoticed.count, s.unnoticed.of), (1, 0, 1), "{outcomes:?}");
     assert!(!outcomes[0].groups.iter().any(|g| g.contains(&"gyro_temperature")), "{outcomes:?}");

@@ -11,8 +11,8 @@ mod registry;
 mod spoiler;
 mod station;
 
-use super::parallel::{Progress, map_runs};
 use super::statistics::{Summary, summary};
+use crate::parallel::{Progress, map_runs};
 use crate::sinks::events::cause_of;
 pub use flight::Lost;
 use flight::{Course, at, fly, kinds};

@@ -1,7 +1,7 @@
 //! A small campaign: three vehicles of each kind, the faults that a flight day brings.
 
-use super::super::parallel::Silent;
 use super::*;
+use crate::parallel::Silent;
 
 fn campaign(faults: &[&str]) -> Faults {
     let faults = faults.iter().map(|f| (*f).to_owned()).collect();

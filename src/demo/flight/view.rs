@@ -1,0 +1,64 @@
+//! What screens show of the vehicle: who flies, what, how long still, and what follows.
+
+use super::{Ending, Flight, Stage};
+use crate::pipeline::Estimator;
+use crate::sinks::status::{Control, VehicleView};
+
+impl<E: Estimator> Flight<E> {
+    /// Who flies now, what, how long still, and what follows.
+    pub fn vehicle_view(&self) -> VehicleView {
+        let ground = |next: &str| VehicleView {
+            control: Control::Ground,
+            mode: "disarmed".to_owned(),
+            next: next.to_owned(),
+            ..VehicleView::default()
+        };
+        let items = self.prepared.plan.mission.items.len();
+        let auto = |now: &str, next: &str| VehicleView {
+            control: Control::Autopilot,
+            mode: "mission, armed".to_owned(),
+            now: now.to_owned(),
+            next: next.to_owned(),
+            ..VehicleView::default()
+        };
+        match &self.stage {
+            Stage::Standing => ground(&format!("upload of the mission, {items} items")),
+            Stage::Uploading => ground("the upload is under way"),
+            Stage::Ready(_) => ground("take-off"),
+            Stage::Flying => self.maneuver_view(auto(
+                "hold at the end of the mission",
+                if self.prepared.lands() { "landing" } else { "" },
+            )),
+            Stage::Landing => auto("return and landing", ""),
+            Stage::Over(Ending::Holding) => auto("hold at the end of the mission", ""),
+            Stage::Over(_) => ground(""),
+        }
+    }
+
+    /// The maneuver that is flown now; `after` where all of them have been.
+    fn maneuver_view(&self, after: VehicleView) -> VehicleView {
+        let plan = &self.prepared.plan;
+        let words = |k: usize| {
+            let planned = plan.maneuvers.get(k)?;
+            Some(planned.maneuver.words(&self.prepared.settings.airframe).short.clone())
+        };
+        let k = self.milestones.len();
+        let (Some(planned), Some(now)) = (plan.maneuvers.get(k), words(k)) else { return after };
+        let since_s = self.milestones.last().map_or(0.0, |m| m.t_s);
+        let before_s = k.checked_sub(1).and_then(|k| plan.maneuvers.get(k)).map_or(0.0, |m| m.end_s);
+        let reached = self.log.items.iter().map(|(item, _)| *item).max().unwrap_or(0);
+        let now = if reached + 1 < *planned.items.start() { format!("on the way to: {now}") } else { now };
+        let duration_s = planned.end_s - before_s;
+        let flown_s = self.now_s - self.took_off_s - since_s;
+        VehicleView {
+            control: Control::Autopilot,
+            mode: "mission, armed".to_owned(),
+            now,
+            maneuver: k as u64 + 1,
+            maneuvers: plan.maneuvers.len() as u64,
+            duration_s,
+            left_s: Some((duration_s - flown_s).max(0.0)),
+            next: words(k + 1).unwrap_or(after.now),
+        }
+    }
+}
