@@ -7,6 +7,7 @@
 
 mod aid;
 pub mod calibration;
+mod course;
 pub mod covariance;
 pub mod force_rate;
 pub mod fusion;
@@ -76,6 +77,8 @@ pub struct Filter {
     products_s: f64,
     /// Rates below these are within their errors, rad/s.
     no_turn_below: Vector3<f64>,
+    /// Whether the vehicle goes straight.
+    course: course::Course,
     /// The motion that errors of attitude and time act on.
     lever: Motion,
     jacobian: MotionJacobian,
@@ -165,6 +168,7 @@ impl Filter {
             judged: Motion { rate: Vector3::zeros(), force: Vector3::repeat(f64::NAN) },
             products_s: initial.t_s,
             no_turn_below: Vector3::zeros(),
+            course: course::Course::default(),
             lever: Motion::default(),
             jacobian: MotionJacobian::default(),
             start_jacobian: MotionJacobian::default(),

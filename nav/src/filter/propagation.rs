@@ -68,8 +68,11 @@ impl Filter {
         let motion = self.motion_of(sample);
         let inc = Increment::between(&self.motion, &motion, self.kind, dt);
         std::mem::swap(&mut self.jacobian, &mut self.start_jacobian);
-        self.regressor.take(&motion, self.noise_band(dt), dt);
+        let band = self.noise_band(dt);
+        self.regressor.take(&motion, band, dt);
         self.judged = self.regressor.motion();
+        let when = (sample.t_s, dt);
+        self.course.take(when, &motion.rate, &self.regressor, &self.no_turn_below, band.0);
         self.calibration.jacobian(&self.model, &self.layout, sample, &self.judged, &mut self.jacobian);
         let lever = self.regressor.lever(&motion);
         let coasts = self.coasts(sample.t_s);
@@ -294,16 +297,6 @@ impl Filter {
         }
     }
 
-    /// Whether nothing but noise is seen and no turn is significant: where the vehicle goes, its axes stay. What the filter knows there
-    /// of tilt and accelerometer biases together it knows in body axes that do not turn; turned with every new estimate of the gyro
-    /// biases, or recentred with every correction, a thousand fixes would separate the two, and the heading
-    /// (first-estimates Jacobians, Huang, Mourikis & Roumeliotis 2010).
-    pub(super) fn goes_straight(&self) -> bool {
-        let turns =
-            self.judged.rate.iter().zip(&self.no_turn_below).any(|(rate, below)| rate.abs() >= *below);
-        !turns && self.regressor.is_quiet()
-    }
-
     /// Φ over one interval: axes turn as they did, attitude errors act on `lever`. A filter that coasts follows the attitude
     /// alone.
     fn transition(&mut self, inc: &Increment, lever: &Increment, coasts: bool) {
@@ -311,7 +304,7 @@ impl Filter {
         let c_be = self.nav.q_eb.inverse().to_rotation_matrix().into_inner();
         let gradient = c_be * earth::gravity_gradient(&self.nav.r_e) * c_be.transpose() * dt;
         let rows = |m: Matrix3<f64>| m.transpose().into();
-        let turn = if self.goes_straight() { Vector3::zeros() } else { inc.dtheta };
+        let turn = if self.course.is_straight() { Vector3::zeros() } else { inc.dtheta };
         let phi = &mut self.phi;
         phi.dt = dt;
         phi.earth = (c_be * earth::rotation_rate() * dt).into();

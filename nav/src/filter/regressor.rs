@@ -105,6 +105,11 @@ impl Regressor {
         }
     }
 
+    /// For how long each axis of the rate has shown nothing but noise, s.
+    pub(super) fn rate_steady_s(&self) -> Vector3<f64> {
+        Vector3::from_fn(|k, _| self.channels[k].steady_s)
+    }
+
     /// Whether nothing but noise has been seen for [`QUIET_S`].
     pub(super) fn is_quiet(&self) -> bool {
         self.channels.iter().all(Channel::is_quiet)

@@ -25,6 +25,9 @@ const LARGEST_ATTITUDE: f64 = 4.0;
 const SIGNIFICANT: f64 = 3.0;
 /// … if it is slower than this, rad/s: what a slow turn of a minute is, a rate known less well than that cannot tell.
 const SLOWEST_TURN: f64 = 1e-3;
+/// A vehicle that goes straight turns with the Earth, and by as much again at most with the way over it, rad/s. In hours of smooth flight
+/// two axes are known better than that; taken for a turn it would let a heading that drifts pass for one that is measured.
+const TURN_WITH_EARTH: f64 = 2.0 * crate::earth::ROTATION_RATE;
 
 /// Errors of attitude, specific force and rate.
 const ERRORS: usize = 9;
@@ -44,7 +47,7 @@ impl Filter {
         let p = self.covariance_of_errors();
         self.no_turn_below = Vector3::from_fn(|axis, _| {
             let sigma = p[(RATE + axis, RATE + axis)].max(0.0).sqrt();
-            (SIGNIFICANT * sigma).min(SLOWEST_TURN)
+            (SIGNIFICANT * sigma).clamp(TURN_WITH_EARTH, SLOWEST_TURN)
         });
         let [rate, force] = self.products_of_errors(&p);
         let share = since_s.min(LASTING_S) / LASTING_S;

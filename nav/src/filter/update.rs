@@ -375,7 +375,7 @@ impl Filter {
         let turn = self.nav.recentring(&by);
         self.move_by(dx);
         // Below this the change of coordinates is under the noise of the covariance itself.
-        if by.attitude.norm_squared() > 1e-16 && !self.goes_straight() {
+        if by.attitude.norm_squared() > 1e-16 && !self.course.is_straight() {
             self.p.transform(&turn);
             if let Some(watch) = self.watch.as_deref_mut() {
                 watch.transform_nav(&turn.dense());
