@@ -5,11 +5,12 @@
 use clap::Parser;
 use gaware::commands::cli::Cli;
 
-const DOCUMENTS: [(&str, &str); 4] = [
+const DOCUMENTS: [(&str, &str); 5] = [
     ("README.md", include_str!("../README.md")),
     ("docs/vehicle.md", include_str!("../docs/vehicle.md")),
     ("docs/install.md", include_str!("../docs/install.md")),
     ("docs/fleet.md", include_str!("../docs/fleet.md")),
+    ("docs/foxglove.md", include_str!("../docs/foxglove.md")),
 ];
 
 /// Lines of code blocks that call the program, and the calls in a systemd unit, without comments.

@@ -3,7 +3,8 @@
 //!
 //! `web_fixture [--bind ADDR:PORT] [--token TOKEN] [--from SECONDS] [--speed FACTOR] [--freeze] [--commands] [--parameters] [--terminal] [--stops SECONDS]`
 //!
-//! With `--stops` the flight stands still every so many seconds until a line arrives on stdin: whoever watches sees every phase, however slow it is.
+//! With `--stops S` the flight stands still every S seconds, first after half of that, until a line arrives on stdin: whoever watches
+//! sees every phase, however slow it is.
 
 mod long;
 mod script;
@@ -160,7 +161,7 @@ async fn play(tx: watch::Sender<Arc<Snapshot>>, status: Arc<SinkStatus>, o: Opti
     let mut ticks =
         tokio::time::interval(Duration::from_secs_f64(script::STEP_S / o.speed.clamp(0.01, 100.0)));
     let mut lines = lines_of_stdin();
-    let mut stop_s = o.stops_s.map(|s| (t_s / s).floor() * s + s);
+    let mut stop_s = o.stops_s.map(|s| ((t_s / s - 0.5).floor() + 1.5) * s);
     // Everything stands still but the clock: a page would call it old otherwise.
     let mut held_s = 0.0;
     loop {

@@ -10,7 +10,6 @@ use gaware::explain::{self as explaining, Explained, Request};
 use gaware::export::{Gather, Gathered};
 use gaware::sensors::ImuSource;
 use gaware_nav::identify::select::Settings;
-use gaware_nav::model::Model as Inner;
 use pyo3::prelude::*;
 use std::path::PathBuf;
 

@@ -2,11 +2,14 @@
 
 use super::band::BandArgs;
 use super::demo_loop::Dialect;
-use super::{CommandError, output, start};
+use super::foxglove::{DEFAULT_ADDRESS, listen_address};
+use super::{CommandError, foxglove, output, start};
 use crate::demo::closed_loop::Correctable;
 use crate::demo::flight::{Ending, Flight, Stage};
 use crate::demo::{Prepared, Settings, result};
 use crate::engine::snapshot::Snapshot;
+use crate::sensors::Severity;
+use crate::sinks::messages::RecordItem;
 use crate::sinks::status::{LinkState, LinkView, SinkStatus};
 use crate::sinks::terminal::{self, Sources, headless};
 use gaware_mission::airframe::{Airframe, EXAMPLES};
@@ -57,6 +60,10 @@ pub struct DemoArgs {
     /// No web page.
     #[arg(long)]
     pub no_web: bool,
+    /// Live data for Foxglove, which connects to ws://ADDR. Without an address 127.0.0.1:8765, with a port alone that port of 127.0.0.1;
+    /// not with --speed max.
+    #[arg(long, value_name = "ADDR", num_args = 0..=1, default_missing_value = DEFAULT_ADDRESS, value_parser = listen_address)]
+    pub foxglove: Option<SocketAddr>,
     /// Do not draw on the terminal.
     #[arg(long)]
     pub headless: bool,
@@ -68,7 +75,7 @@ pub struct DemoArgs {
     pub report: Option<PathBuf>,
     /// Close the loop instead: inject an error that the autopilot can correct, fly, explain, apply the parameters, fly again,
     /// compare the autopilot's own innovations. As fast as it goes, without screens.
-    #[arg(long = "loop", conflicts_with_all = ["web", "model"])]
+    #[arg(long = "loop", conflicts_with_all = ["web", "model", "foxglove"])]
     pub closed_loop: bool,
     /// With --loop: what is injected.
     #[arg(long, value_enum, requires = "closed_loop", default_value_t = Correctable::GpsLatency)]
@@ -130,6 +137,9 @@ pub enum DemoError {
     /// Not two numbers.
     #[error("--wind takes two numbers, toward north and toward east in m/s: --wind 3,-2")]
     Wind,
+    /// Nobody could watch it.
+    #[error("--foxglove shows a flight at the speed of a clock: choose another --speed than max")]
+    FoxgloveAtMax,
     /// No time.
     #[error("--budget {0} must be a positive number of seconds")]
     Budget(f64),
@@ -150,7 +160,14 @@ pub enum DemoError {
 impl DemoError {
     /// Whether the arguments were at fault.
     pub fn is_usage(&self) -> bool {
-        matches!(self, Self::UnknownAirframe { .. } | Self::Wind | Self::Budget(_) | Self::Values(_))
+        matches!(
+            self,
+            Self::UnknownAirframe { .. }
+                | Self::Wind
+                | Self::FoxgloveAtMax
+                | Self::Budget(_)
+                | Self::Values(_)
+        )
     }
 }
 
@@ -224,6 +241,7 @@ pub fn run(args: &DemoArgs) -> Result<(), CommandError> {
         return super::demo_loop::run(args, settings);
     }
     let mut flight = match args.speed {
+        DemoSpeed::Max if args.foxglove.is_some() => return Err(DemoError::FoxgloveAtMax.into()),
         DemoSpeed::Max => {
             let mut flight = Flight::new(plan(settings)?, args.seed);
             flight.run();
@@ -285,6 +303,10 @@ async fn show(args: &DemoArgs, settings: Settings, factor: f64) -> Result<Option
     if !args.no_web {
         start::serve_web(args.web, None, sources(), &stop).await?;
     }
+    let feed = match args.foxglove {
+        Some(address) => Some(foxglove::serve(address, None, &status, &stop)?),
+        None => None,
+    };
     let planned = tokio::task::spawn_blocking(move || plan(settings));
     let prepared = tokio::select! {
         () = stop.cancelled() => return Ok(None),
@@ -295,6 +317,10 @@ async fn show(args: &DemoArgs, settings: Settings, factor: f64) -> Result<Option
     };
     status.set_route(prepared.route());
     let mut flight = Flight::new(prepared, args.seed);
+    let viewers = feed.map(|feed| feed.counting_from(foxglove::now_us()));
+    if let Some(viewers) = &viewers {
+        flight = flight.watched(viewers.clone());
+    }
     let options = terminal::Options::from_env(|name| std::env::var(name).ok());
     let on_screen = !args.headless && !args.json && std::io::stdout().is_terminal();
     let screen = if on_screen { terminal::spawn(sources(), options, stop.clone()).ok() } else { None };
@@ -318,6 +344,9 @@ async fn show(args: &DemoArgs, settings: Settings, factor: f64) -> Result<Option
             }
         });
         for text in flight.take_messages() {
+            if let Some(viewers) = &viewers {
+                viewers.offer(&RecordItem::Log(flight.now_us(), Severity::Info, text.clone()));
+            }
             if screen.is_none() {
                 crate::sinks::log::line(&text);
             }
@@ -326,7 +355,11 @@ async fn show(args: &DemoArgs, settings: Settings, factor: f64) -> Result<Option
             shown = Some(Instant::now());
             status.set_link(link_view(&flight));
             status.set_vehicle(flight.vehicle_view());
-            snapshots.send_replace(Arc::new(flight.snapshot()));
+            let snapshot = flight.snapshot();
+            if let Some(viewers) = &viewers {
+                viewers.offer(&RecordItem::Snapshot(flight.now_us(), Box::new(snapshot.clone())));
+            }
+            snapshots.send_replace(Arc::new(snapshot));
         }
     }
     stop.cancel();

@@ -11,6 +11,7 @@ pub mod demo_loop;
 pub mod explain;
 pub mod fleet;
 pub mod fleet_report;
+pub mod foxglove;
 pub mod mission;
 pub mod mission_args;
 pub mod mission_restore;
@@ -194,6 +195,14 @@ pub enum CommandError {
     /// The web page.
     #[error("cannot serve the web page on {address}: {reason}")]
     Web {
+        /// Where.
+        address: std::net::SocketAddr,
+        /// Why.
+        reason: String,
+    },
+    /// The data for viewers.
+    #[error("cannot serve Foxglove on {address}: {reason}")]
+    Foxglove {
         /// Where.
         address: std::net::SocketAddr,
         /// Why.

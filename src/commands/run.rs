@@ -12,6 +12,7 @@ use crate::pipeline::{Estimator, Pipeline};
 use crate::sensors::{ConverterOptions, Severity};
 use crate::sinks::events::Causes;
 use crate::sinks::external_ahrs::Fresh;
+use crate::sinks::foxglove::Feed;
 use crate::sinks::recorder::{Recorder, RecorderStats, Setup};
 use gaware_mission::item::Mission;
 use gaware_nav::model::Model;
@@ -83,6 +84,8 @@ pub struct Hooks {
     pub frames: tokio::sync::broadcast::Sender<Received>,
     /// Gets the state after every inertial sample, where an autopilot is to read it; a slow reader loses its own.
     pub navigation: Option<mpsc::Sender<Fresh>>,
+    /// Gets what is recorded, where live viewers may be; a slow one loses its own.
+    pub foxglove: Option<Feed>,
 }
 
 /// Runs the command until `stop` or its duration ends it, and prints the result.

@@ -2,6 +2,7 @@
 
 use super::CommandError;
 use super::band::BandError;
+use super::foxglove;
 use super::mission::MissionError;
 use super::params::ParamsError;
 use super::run::{self, Hooks, Live, RunArgs};
@@ -180,6 +181,10 @@ async fn with_sinks(args: &RunArgs) -> Result<(), CommandError> {
     if let Some(address) = args.web {
         serve_web(address, args.web_token.as_deref(), sources(), &stop).await?;
     }
+    let foxglove = match args.foxglove {
+        Some(address) => Some(foxglove::serve(address, args.web_token.as_deref(), &status, &stop)?),
+        None => None,
+    };
     if args.headless || args.json || show_terminal(sources(), &asked).is_err() {
         tokio::spawn(headless::run(sources(), headless::PERIOD, log::Stderr, stop.clone()));
     }
@@ -196,7 +201,7 @@ async fn with_sinks(args: &RunArgs) -> Result<(), CommandError> {
         sender
     });
     tokio::spawn(relay(live_rx, snapshots, outbox, status, args.telemetry, stop.clone()));
-    let hooks = Hooks { live, outbox: outbox_rx, raw_outbox, mission, frames, navigation };
+    let hooks = Hooks { live, outbox: outbox_rx, raw_outbox, mission, frames, navigation, foxglove };
     let duration = args.duration;
     let ends = stop.clone();
     tokio::spawn(async move {
@@ -267,7 +272,7 @@ pub async fn serve_web(
 }
 
 /// The address that a browser opens: no one can open 0.0.0.0, so it is this machine's own towards the default route, where there is one.
-fn address_to_open(bound: SocketAddr) -> SocketAddr {
+pub(super) fn address_to_open(bound: SocketAddr) -> SocketAddr {
     if !bound.ip().is_unspecified() {
         return bound;
     }

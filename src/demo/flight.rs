@@ -16,6 +16,8 @@ use crate::mission_link::codec;
 use crate::mission_link::vehicle::Vehicle;
 use crate::pipeline::{Estimator, Pipeline};
 use crate::sensors::{ConverterOptions, Notice};
+use crate::sinks::foxglove::Feed;
+use crate::sinks::messages::RecordItem;
 use gaware_mission::item::Autopilot as Firmware;
 use gaware_mission::transfer::verified::{Options, Outcome, VerifiedUpload};
 use gaware_mission::transfer::{Action, Address, Peers};
@@ -111,6 +113,8 @@ pub struct Flight<E = Engine> {
     log: Log,
     /// All frames of the vehicle, where they are kept.
     recording: Option<Vec<Record>>,
+    /// Who watches the samples live.
+    viewers: Option<Feed>,
 }
 
 impl Flight {
@@ -134,6 +138,7 @@ impl<E: Estimator> Flight<E> {
     pub fn with(prepared: Prepared, truth: Model, autopilot: Autopilot, engine: E) -> Self {
         Self {
             recording: None,
+            viewers: None,
             pipeline: Pipeline::new(ConverterOptions::default(), engine, TRUTH_FROM_S),
             prepared,
             truth,
@@ -162,6 +167,12 @@ impl<E: Estimator> Flight<E> {
         Self { recording: Some(Vec::new()), ..self }
     }
 
+    /// Hands every sample to these viewers.
+    #[must_use]
+    pub fn watched(self, viewers: Feed) -> Self {
+        Self { viewers: Some(viewers), ..self }
+    }
+
     /// The frames that were kept, the line and the vehicle, for what comes after the flight.
     pub fn into_parts(self) -> (Vec<Record>, Pipeline<E>, Autopilot) {
         (self.recording.unwrap_or_default(), self.pipeline, self.autopilot)
@@ -170,6 +181,11 @@ impl<E: Estimator> Flight<E> {
     /// Virtual time, s.
     pub fn now_s(&self) -> f64 {
         self.now_s
+    }
+
+    /// Virtual time, µs.
+    pub fn now_us(&self) -> u64 {
+        (self.now_s * 1e6) as u64
     }
 
     /// What happens.
@@ -277,7 +293,12 @@ impl<E: Estimator> Flight<E> {
         if let Some(recording) = &mut self.recording {
             recording.push(Record { t_us, item: Item::Frame(frame.clone()) });
         }
-        let (_, notices) = self.pipeline.frame(t_us, frame);
+        let (samples, notices) = self.pipeline.frame(t_us, frame);
+        if let Some(viewers) = &self.viewers {
+            for sample in samples {
+                viewers.offer(&RecordItem::Sample(t_us, sample.clone()));
+            }
+        }
         for notice in notices {
             if let Notice::Vehicle { system_id, autopilot } = notice {
                 self.voice.belongs_to(system_id);
@@ -310,7 +331,7 @@ impl<E: Estimator> Flight<E> {
     }
 
     fn keep_house(&mut self) {
-        let now_us = (self.now_s * 1e6) as u64;
+        let now_us = self.now_us();
         let alive = self.pipeline.converter().source().is_some();
         if let Some(frame) = self.voice.poll(now_us, alive) {
             self.autopilot.receive(frame.raw());

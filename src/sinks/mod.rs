@@ -5,8 +5,10 @@
 
 pub mod events;
 pub mod external_ahrs;
+pub mod foxglove;
 pub mod link_meter;
 pub mod log;
+pub mod messages;
 pub mod metrics;
 pub mod recorder;
 pub mod status;

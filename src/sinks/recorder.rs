@@ -4,22 +4,15 @@
 //! chunk is finished and forced to the disk, so that a power cut costs less than a second. A disk that is full costs
 //! messages, which are counted, and a fresh file is tried now and then.
 //!
-//! Topics: `/mavlink/N` raw frames of link N in the order in which the converter saw them (no schema; the log time is
-//! the time of reception), `/imu`, `/fix`, `/attitude_autopilot`, `/states` (the estimate as flat numbers), `/snapshot` (all of it, without
-//! a schema), and `/position`, `/pose`, `/tf`, `/log` in Foxglove's own schemas.
+//! What is in it, topic by topic, [`messages`](super::messages) says.
 
-mod flat;
-mod foxglove;
 mod output;
-mod records;
 mod space;
 mod worker;
 
-use crate::engine::snapshot::Snapshot;
-use crate::link::endpoint::Received;
-use crate::sensors::{ConverterOptions, Severity};
+pub use super::messages::{FRAME_TOPIC, RecordItem};
+use crate::sensors::ConverterOptions;
 use gaware_nav::observability::words::VehicleKind;
-use gaware_nav::sample::Sample;
 use mcap::McapError;
 use output::Output;
 use serde::{Deserialize, Serialize};
@@ -33,8 +26,6 @@ use std::thread::JoinHandle;
 use std::time::{Duration, Instant};
 use worker::Worker;
 
-/// Topic of the frames of a link is this and the link's number.
-pub const FRAME_TOPIC: &str = "/mavlink/";
 /// Name of the attachment with the model.
 pub const MODEL_ATTACHMENT: &str = "model.toml";
 /// Name of the metadata record with the set-up.
@@ -66,19 +57,6 @@ pub struct Setup {
     /// What flies, where the user named an airframe.
     #[serde(default)]
     pub vehicle: Option<VehicleKind>,
-}
-
-/// One thing to record.
-#[derive(Debug, Clone)]
-pub enum RecordItem {
-    /// A raw frame.
-    Frame(Received),
-    /// A sample that came of it; the time of reception in µs.
-    Sample(u64, Sample),
-    /// The state of the estimator.
-    Snapshot(u64, Box<Snapshot>),
-    /// A message to the user.
-    Log(u64, Severity, String),
 }
 
 /// Why a recording cannot be started.

@@ -1,6 +1,6 @@
 #!/bin/sh
-# Missions exchanged with software that nobody here wrote: MAVSDK, pymavlink, MAVProxy. Needs Python 3.10 or later with venv
-# and a package index; arguments choose tests (test_mavsdk, test_files.MavsdkReads, …).
+# Missions exchanged with software that nobody here wrote: MAVSDK, pymavlink, MAVProxy; live data read by Foxglove's client. Needs Python 3.10 or
+# later with venv, node 20 and npm, and package indexes; arguments choose tests (test_mavsdk, test_files.MavsdkReads, …).
 set -eu
 cd "$(dirname "$0")/../.."
 cargo build --quiet --locked

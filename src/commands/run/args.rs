@@ -2,6 +2,7 @@
 
 use crate::commands::ListenArgs;
 use crate::commands::band::BandArgs;
+use crate::commands::foxglove::{DEFAULT_ADDRESS, listen_address};
 use crate::link::address::{Address, SerialPort};
 use crate::sinks::recorder::RecordLimit;
 use crate::sinks::telemetry::TelemetryLevel;
@@ -59,7 +60,11 @@ pub struct RunArgs {
     /// Serve the web page on this address.
     #[arg(long, value_name = "ADDR")]
     pub web: Option<SocketAddr>,
-    /// Token that the web page asks for; generated automatically when the page is served on a non-loopback address.
+    /// Live data for Foxglove, which connects to ws://ADDR: the topics of the recording. Without an address 127.0.0.1:8765, with a port
+    /// alone that port of 127.0.0.1 (docs/foxglove.md).
+    #[arg(long, value_name = "ADDR", num_args = 0..=1, default_missing_value = DEFAULT_ADDRESS, value_parser = listen_address)]
+    pub foxglove: Option<SocketAddr>,
+    /// Token that the web page and --foxglove ask for; generated automatically when they listen on a non-loopback address.
     #[arg(long, value_name = "TOKEN", env = "GAWARE_WEB_TOKEN", hide_env_values = true)]
     pub web_token: Option<String>,
     /// A planned mission (.plan or .waypoints, see `gaware plan`) that may be uploaded from the page or the terminal; nothing is

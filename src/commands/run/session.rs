@@ -14,6 +14,7 @@ use crate::pipeline::{Estimator, Pipeline};
 use crate::sensors::{AUTOPILOT_COMPONENT, ImuSource, Notice, Severity};
 use crate::sinks::events::Causes;
 use crate::sinks::external_ahrs::Fresh;
+use crate::sinks::foxglove::Feed;
 use crate::sinks::recorder::{RecordItem, Recorder};
 use gaware_nav::sample::Sample;
 use mavlink::dialects::ardupilotmega::{MavCmd, MavMessage};
@@ -137,9 +138,10 @@ impl<E: Estimator> Session<E> {
         self.record(RecordItem::Frame(received.clone()));
         let (samples, notices) = self.pipeline.frame(t_us, &received.frame);
         let inertial = samples.iter().any(|s| matches!(s, Sample::Imu(_)));
-        if let Some(recorder) = &self.recorder {
+        let keepers = (&self.recorder, &self.hooks.foxglove);
+        if keepers.0.is_some() || keepers.1.is_some() {
             for sample in samples {
-                recorder.record(RecordItem::Sample(t_us, sample.clone()));
+                keep(keepers, RecordItem::Sample(t_us, sample.clone()));
             }
         }
         for notice in notices {
@@ -332,8 +334,16 @@ impl<E: Estimator> Session<E> {
     }
 
     fn record(&self, item: RecordItem) {
-        if let Some(recorder) = &self.recorder {
-            recorder.record(item);
-        }
+        keep((&self.recorder, &self.hooks.foxglove), item);
+    }
+}
+
+/// Hands an item to the live viewers and to the recording; neither is waited for.
+fn keep((recorder, viewers): (&Option<Recorder>, &Option<Feed>), item: RecordItem) {
+    if let Some(viewers) = viewers {
+        viewers.offer(&item);
+    }
+    if let Some(recorder) = recorder {
+        recorder.record(item);
     }
 }

@@ -2,9 +2,10 @@
 
 use super::tests::{received, scratch, setup};
 use super::*;
-use crate::engine::snapshot::{ParameterEstimate, Phase};
+use crate::engine::snapshot::{ParameterEstimate, Phase, Snapshot};
+use crate::sensors::Severity;
 use gaware_nav::earth::Geodetic;
-use gaware_nav::sample::{AttitudeHint, FixVelocity, GnssFix, ImuSample};
+use gaware_nav::sample::{AttitudeHint, FixVelocity, GnssFix, ImuSample, Sample};
 use nalgebra::Vector3;
 use serde_json::Value;
 use std::collections::{BTreeMap, BTreeSet};

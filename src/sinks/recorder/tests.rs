@@ -1,8 +1,10 @@
 //! Recording, damage and reading back.
 
 use super::*;
+use crate::link::endpoint::Received;
 use crate::link::frame::{Frame, Sender};
 use crate::logs::{self, Item};
+use crate::sensors::Severity;
 use mavlink::dialects::ardupilotmega::{MavMessage, RAW_IMU_DATA};
 use std::fs::File;
 

@@ -65,7 +65,7 @@ impl Token {
 
 /// The rules of one server.
 #[derive(Debug)]
-pub(super) struct Policy {
+pub(in crate::sinks) struct Policy {
     local: bool,
     token: Option<Token>,
 }
@@ -83,7 +83,7 @@ enum Decision {
 }
 
 impl Policy {
-    pub(super) fn new(local: bool, token: Option<Token>) -> Self {
+    pub(in crate::sinks) fn new(local: bool, token: Option<Token>) -> Self {
         Self { local, token }
     }
 
@@ -94,7 +94,7 @@ impl Policy {
     }
 
     /// A wrong token that this request carries, in its address or its headers.
-    fn wrong_token<'a>(&self, uri: &'a Uri, headers: &'a HeaderMap) -> Option<&'a str> {
+    pub(in crate::sinks) fn wrong_token<'a>(&self, uri: &'a Uri, headers: &'a HeaderMap) -> Option<&'a str> {
         let token = self.token.as_ref()?;
         let given = query_token(uri).into_iter().chain(header_tokens(headers));
         let mut wrong = None;
@@ -105,6 +105,26 @@ impl Policy {
             wrong = Some(given);
         }
         wrong
+    }
+
+    /// Whether a viewer may open a WebSocket, with the reason where not. What holds for reading the page holds here too; beyond that a
+    /// page of another site needs the token, since browsers let every page open a WebSocket to every host.
+    pub(in crate::sinks) fn admits_viewer(
+        &self,
+        uri: &Uri,
+        headers: &HeaderMap,
+    ) -> Result<(), (StatusCode, &'static str)> {
+        const TOKEN: &str = "a token is needed: ws://HOST:PORT/?token=TOKEN";
+        if uri.path() != "/" {
+            return Err((StatusCode::NOT_FOUND, "there is nothing but /"));
+        }
+        match self.decide(&Method::GET, uri, headers) {
+            Decision::Remember(_) => Ok(()),
+            Decision::Allow if self.authorised(headers) || !is_of_another_site(headers) => Ok(()),
+            Decision::Allow => Err((StatusCode::FORBIDDEN, "a page of another site needs the token")),
+            Decision::Unauthorised => Err((StatusCode::UNAUTHORIZED, TOKEN)),
+            Decision::Refused(reason) => Err((StatusCode::FORBIDDEN, reason)),
+        }
     }
 
     fn decide(&self, method: &Method, uri: &Uri, headers: &HeaderMap) -> Decision {
@@ -188,7 +208,18 @@ fn is_loopback_host(host: &str) -> bool {
     name.eq_ignore_ascii_case("localhost") || name.parse::<IpAddr>().is_ok_and(|ip| ip.is_loopback())
 }
 
-fn query_token(uri: &Uri) -> Option<&str> {
+/// Whether a page asks that is neither Foxglove's own nor on this machine. Programs other than browsers name no origin, or a file.
+fn is_of_another_site(headers: &HeaderMap) -> bool {
+    let Some(origin) = headers.get(header::ORIGIN) else { return false };
+    match origin.to_str().ok().and_then(|text| text.split_once("://")) {
+        Some(("http" | "https", host)) if is_loopback_host(host) => false,
+        Some(("https", host)) => host != "foxglove.dev" && !host.ends_with(".foxglove.dev"),
+        Some(("file", _)) => false,
+        _ => true,
+    }
+}
+
+pub(in crate::sinks) fn query_token(uri: &Uri) -> Option<&str> {
     uri.query()?.split('&').find_map(|pair| pair.strip_prefix("token="))
 }
 

@@ -45,19 +45,19 @@ pub fn bind(address: SocketAddr) -> io::Result<TcpListener> {
 
 /// So many places, of which one address may take a part.
 #[derive(Debug)]
-pub(super) struct Places {
+pub(in crate::sinks) struct Places {
     all: usize,
     of_one: usize,
     taken: Mutex<BTreeMap<IpAddr, usize>>,
 }
 
 impl Places {
-    pub(super) fn new(all: usize, of_one: usize) -> Arc<Self> {
+    pub(in crate::sinks) fn new(all: usize, of_one: usize) -> Arc<Self> {
         Arc::new(Self { all, of_one, taken: Mutex::default() })
     }
 
     /// A place, if there is one for this address.
-    pub(super) fn take(self: &Arc<Self>, address: IpAddr) -> Option<Place> {
+    pub(in crate::sinks) fn take(self: &Arc<Self>, address: IpAddr) -> Option<Place> {
         let mut taken = self.taken.lock().unwrap_or_else(PoisonError::into_inner);
         let of_one = taken.get(&address).copied().unwrap_or(0);
         if of_one >= self.of_one || taken.values().sum::<usize>() >= self.all {
@@ -70,7 +70,7 @@ impl Places {
 
 /// A place that is taken until it is dropped.
 #[derive(Debug)]
-pub(super) struct Place {
+pub(in crate::sinks) struct Place {
     places: Arc<Places>,
     address: IpAddr,
 }
@@ -89,13 +89,13 @@ impl Drop for Place {
 
 /// The listener.
 #[derive(Debug)]
-pub(super) struct Door {
+pub(in crate::sinks) struct Door {
     listener: TcpListener,
     places: Arc<Places>,
 }
 
 impl Door {
-    pub(super) fn new(listener: TcpListener) -> Self {
+    pub(in crate::sinks) fn new(listener: TcpListener) -> Self {
         Self { listener, places: Places::new(CONNECTIONS.0, CONNECTIONS.1) }
     }
 }
@@ -125,7 +125,7 @@ impl Listener for Door {
 
 /// The address of whoever asks.
 #[derive(Debug, Clone, Copy)]
-pub(super) struct Visitor(pub(super) IpAddr);
+pub(in crate::sinks) struct Visitor(pub(in crate::sinks) IpAddr);
 
 impl Connected<IncomingStream<'_, Door>> for Visitor {
     fn connect_info(stream: IncomingStream<'_, Door>) -> Self {
@@ -135,7 +135,7 @@ impl Connected<IncomingStream<'_, Door>> for Visitor {
 
 /// A connection with its deadlines.
 #[derive(Debug)]
-pub(super) struct Visit {
+pub(in crate::sinks) struct Visit {
     stream: TcpStream,
     reading: Pin<Box<Sleep>>,
     writing: Option<Pin<Box<Sleep>>>,

@@ -25,11 +25,11 @@ struct Wrong {
 
 /// The wrong tokens of the last minute.
 #[derive(Debug, Default)]
-pub(super) struct Guesses(Mutex<BTreeMap<IpAddr, Wrong>>);
+pub(in crate::sinks) struct Guesses(Mutex<BTreeMap<IpAddr, Wrong>>);
 
 impl Guesses {
     /// Whether this address has guessed too often.
-    pub(super) fn locked(&self, address: IpAddr) -> bool {
+    pub(in crate::sinks) fn locked(&self, address: IpAddr) -> bool {
         let mut all = self.0.lock().unwrap_or_else(PoisonError::into_inner);
         if all.get(&address).is_some_and(|w| w.since.elapsed() >= WINDOW) {
             all.remove(&address);
@@ -38,7 +38,7 @@ impl Guesses {
     }
 
     /// Counts a wrong token.
-    pub(super) fn wrong(&self, address: IpAddr, token: &str) {
+    pub(in crate::sinks) fn wrong(&self, address: IpAddr, token: &str) {
         let mut all = self.0.lock().unwrap_or_else(PoisonError::into_inner);
         if all.len() >= ADDRESSES
             && !all.contains_key(&address)

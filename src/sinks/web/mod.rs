@@ -7,7 +7,7 @@ pub mod access;
 mod api;
 mod assets;
 pub mod door;
-mod guesses;
+pub(in crate::sinks) mod guesses;
 mod history;
 mod stream;
 
