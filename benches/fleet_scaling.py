@@ -5,7 +5,7 @@
     benches/fleet_scaling.py target/release/gaware FOLDER [--flights 400] [--explain]
 
 Flies the flights with `gaware sim` and `gaware run` (once: those in FOLDER/logs are kept), analyses them with one job and with two, then
-kills a third run several times with every process of it, lets a last one finish, and compares all results byte for byte. Wall time means
+kills a third run several times with every process of it, lets a last one finish, and compares all results byte for byte. Elapsed time means
 something on a quiet machine alone; processor time per flight does on any. The exit status is 1 where content differs, or an entry was
 lost or made twice."""
 import argparse
@@ -103,7 +103,7 @@ def scaling(args, count):
         assert result["analysed"] == count, result["failed"][:3]
         wall[jobs] = wall_s
         print(
-            f"{jobs} job(s): {count} flights in {wall_s:.1f} s; per flight {wall_s / count * 1e3:.1f} ms of wall time, "
+            f"{jobs} job(s): {count} flights in {wall_s:.1f} s; per flight {wall_s / count * 1e3:.1f} ms of elapsed time, "
             f"{user_s / count * 1e3:.1f} ms user and {system_s / count * 1e3:.1f} ms system; "
             f"{(user_s + system_s) / wall_s:.2f} processors used",
             flush=True,
