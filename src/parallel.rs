@@ -1,6 +1,6 @@
 //! Many independent runs on all cores, with their order kept and their progress reported.
 
-use std::sync::Mutex;
+use gaware_nav::identify::Workers;
 use std::sync::atomic::{AtomicUsize, Ordering};
 
 /// Someone who wants to know how far a long job is.
@@ -30,7 +30,7 @@ pub fn cores() -> usize {
     std::thread::available_parallelism().map_or(1, usize::from).min(MOST.load(Ordering::Relaxed))
 }
 
-/// `work(0) … work(runs − 1)` on all cores; results in order, so that sums do not depend on scheduling.
+/// `work(0) … work(runs − 1)` on all cores; results in order.
 pub fn map_runs<T: Send>(runs: usize, progress: &dyn Progress, work: impl Fn(usize) -> T + Sync) -> Vec<T> {
     map_runs_on(cores(), runs, progress, work)
 }
@@ -42,28 +42,34 @@ pub fn map_runs_on<T: Send>(
     progress: &dyn Progress,
     work: impl Fn(usize) -> T + Sync,
 ) -> Vec<T> {
-    let next = AtomicUsize::new(0);
-    let results = Mutex::new(Vec::with_capacity(runs));
-    std::thread::scope(|scope| {
-        for _ in 0..threads.clamp(1, runs.max(1)) {
-            scope.spawn(|| {
-                loop {
-                    let k = next.fetch_add(1, Ordering::Relaxed);
-                    if k >= runs {
-                        return;
+    gaware_nav::identify::map(&Threads(threads), runs, |k| {
+        let result = work(k);
+        progress.tick();
+        result
+    })
+}
+
+/// So many threads, at least one.
+#[derive(Debug, Clone, Copy)]
+pub struct Threads(pub usize);
+
+impl Workers for Threads {
+    fn run(&self, jobs: usize, job: &(dyn Fn(usize) + Sync)) {
+        let next = AtomicUsize::new(0);
+        std::thread::scope(|scope| {
+            for _ in 0..self.0.clamp(1, jobs.max(1)) {
+                scope.spawn(|| {
+                    loop {
+                        let k = next.fetch_add(1, Ordering::Relaxed);
+                        if k >= jobs {
+                            return;
+                        }
+                        job(k);
                     }
-                    let result = work(k);
-                    progress.tick();
-                    if let Ok(mut all) = results.lock() {
-                        all.push((k, result));
-                    }
-                }
-            });
-        }
-    });
-    let mut all = results.into_inner().unwrap_or_default();
-    all.sort_by_key(|(k, _)| *k);
-    all.into_iter().map(|(_, r)| r).collect()
+                });
+            }
+        });
+    }
 }
 
 #[cfg(test)]

@@ -15,16 +15,16 @@ pub mod words;
 
 use crate::advice::on_board::OnBoard;
 use crate::logs::LogError;
-use crate::parallel::{Silent, map_runs};
+use crate::parallel::{Silent, Threads, cores, map_runs};
 use crate::pipeline;
 use crate::sensors::ConverterOptions;
 use contract::Explanation;
-use gaware_nav::effects::{self, Effect, GpsSmoothing};
+use gaware_nav::effects::{self, Effect, RECEIVER};
 use gaware_nav::identify::flight::{Flight, TooLittle};
 use gaware_nav::identify::judge::{self, Judged};
 use gaware_nav::identify::limits::NotFound;
 use gaware_nav::identify::select::{self, Settings};
-use gaware_nav::identify::{Workers, terms};
+use gaware_nav::identify::terms;
 use gaware_nav::model::{EffectSetting, Model};
 use gaware_nav::sample::Sample;
 use gaware_nav::smoother::residual::{self, Point};
@@ -123,16 +123,6 @@ pub struct FlightResiduals {
     pub after: Vec<Point>,
 }
 
-/// All cores.
-#[derive(Debug, Clone, Copy, Default)]
-pub struct Threads;
-
-impl Workers for Threads {
-    fn run(&self, jobs: usize, job: &(dyn Fn(usize) + Sync)) {
-        map_runs(jobs, &Silent, job);
-    }
-}
-
 /// Reads and explains.
 ///
 /// # Errors
@@ -176,6 +166,7 @@ pub fn samples(
     settings: &Settings,
     progress: &dyn Fn(Phase),
 ) -> Explained {
+    let workers = Threads(cores());
     progress(Phase::Choosing);
     let (good, bad) = prepared(flights, model);
     let (judging, _) = prepared(validate, model);
@@ -189,11 +180,11 @@ pub fn samples(
     let good: Vec<&Flight> = good.iter().collect();
     let judging: Vec<&Flight> = judging.iter().collect();
     let base = with_receiver(model);
-    let selection = select::select(&good, &base, settings, &Threads);
+    let selection = select::select(&good, &base, settings, &workers);
     progress(Phase::Judging);
-    let mut judged = judge::judge(&good, &judging, selection, settings, &Threads);
+    let mut judged = judge::judge(&good, &judging, selection, settings, &workers);
     progress(Phase::Terms);
-    let remaining = terms::find(&good, &judging, &judged.selection, settings, &Threads);
+    let remaining = terms::find(&good, &judging, &judged.selection, settings, &workers);
     progress(Phase::Smoothing);
     let mut residuals = smoothed(&good, &judged);
     let mut found = remaining.terms;
@@ -202,7 +193,7 @@ pub fn samples(
     if !imitations.is_empty() {
         let mut removed = std::mem::take(&mut judged.removed);
         removed.extend(imitations.iter().filter_map(|name| effects::find(name)).map(Effect::name));
-        judged = judge::judge(&good, &judging, judged.selection.without(&imitations), settings, &Threads);
+        judged = judge::judge(&good, &judging, judged.selection.without(&imitations), settings, &workers);
         judged.removed.extend(removed);
         residuals = smoothed(&good, &judged);
     }
@@ -268,7 +259,7 @@ fn imitations<'a>(replaced: &[&'a str], terms: &[terms::Found], judged: &Judged)
         return Vec::new();
     }
     let added = |name: &&str| judged.selection.added.iter().any(|a| a.setting.effect.name() == *name);
-    replaced.iter().copied().filter(added).filter(|name| *name != GpsSmoothing.name()).collect()
+    replaced.iter().copied().filter(added).filter(|name| *name != RECEIVER.name()).collect()
 }
 
 /// Seconds between two flights on the common line of time.
@@ -310,13 +301,13 @@ fn to_own_time(judged: &mut Judged, flights: &[&Flight]) -> Vec<Option<usize>> {
 /// The model with what every receiver does, whether or not the user names it.
 pub(crate) fn with_receiver(model: &Model) -> Model {
     let mut model = model.clone();
-    model.set(EffectSetting::unknown(&GpsSmoothing));
+    model.set(EffectSetting::unknown(RECEIVER));
     model
 }
 
 /// The model without it, for files.
 fn without_receiver(mut model: Model) -> Model {
-    model.remove(GpsSmoothing.name());
+    model.remove(RECEIVER.name());
     model
 }
 

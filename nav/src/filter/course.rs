@@ -18,6 +18,8 @@ const HIDDEN_S: f64 = 3.0;
 /// The rate over the last seconds.
 #[derive(Debug, Clone, Default)]
 pub(super) struct Course {
+    /// Rates below these are within their errors, rad/s.
+    pub(super) no_turn_below: Vector3<f64>,
     slow: Vector3<f64>,
     /// When it was last seen to be straight, s.
     straight_s: Option<f64>,
@@ -30,19 +32,17 @@ impl Course {
         self.is_straight
     }
 
-    /// The rate of the next sample at `t_s`, `dt` after the last one, rad/s. A mean rate is no turn `below` this, per axis, and beyond what noise
-    /// leaves of it, which reaches to `band` in one sample.
+    /// The rate of the next sample at `t_s`, `dt` after the last one, rad/s. Noise reaches to `band` in one sample and less in a mean.
     pub(super) fn take(
         &mut self,
         (t_s, dt): (f64, f64),
         rate: &Vector3<f64>,
         regressor: &Regressor,
-        below: &Vector3<f64>,
         band: f64,
     ) {
         self.slow += (rate - self.slow) * (dt / LASTING_S).min(1.0);
         let turns = |mean: &Vector3<f64>, over_s: &Vector3<f64>| {
-            (0..3).any(|k| mean[k].abs() >= below[k] + band * (dt / over_s[k]).min(1.0).sqrt())
+            (0..3).any(|k| mean[k].abs() >= self.no_turn_below[k] + band * (dt / over_s[k]).min(1.0).sqrt())
         };
         if dt > GAP_S || turns(&self.slow, &Vector3::from_element(2.0 * LASTING_S)) {
             self.straight_s = None;
@@ -63,7 +63,8 @@ mod tests {
 
     /// A minute of noise about a rate with one sample far off every eight seconds; whether the course is straight, sample by sample.
     fn minute(rate: f64, bursts: f64) -> Vec<bool> {
-        let (mut course, mut regressor) = (Course::default(), Regressor::default());
+        let mut course = Course { no_turn_below: Vector3::from_element(2e-4), ..Course::default() };
+        let mut regressor = Regressor::default();
         let motion = |z: f64| Motion { rate: Vector3::new(0.0, 0.0, z), force: Vector3::zeros() };
         regressor.start(&motion(rate));
         (0..3000)
@@ -71,8 +72,7 @@ mod tests {
                 let noise = if k % 400 == 399 { bursts } else { [0.001, -0.001, 0.0005, -0.0005][k % 4] };
                 let motion = motion(rate + noise);
                 regressor.take(&motion, (BAND, 1.0), DT);
-                let below = Vector3::from_element(2e-4);
-                course.take((k as f64 * DT, DT), &motion.rate, &regressor, &below, BAND);
+                course.take((k as f64 * DT, DT), &motion.rate, &regressor, BAND);
                 course.is_straight()
             })
             .collect()

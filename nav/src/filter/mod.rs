@@ -75,8 +75,6 @@ pub struct Filter {
     judged: Motion,
     /// When products of errors were last counted, s.
     products_s: f64,
-    /// Rates below these are within their errors, rad/s.
-    no_turn_below: Vector3<f64>,
     /// Whether the vehicle goes straight.
     course: course::Course,
     /// The motion that errors of attitude and time act on.
@@ -167,7 +165,6 @@ impl Filter {
             regressor: Regressor::default(),
             judged: Motion { rate: Vector3::zeros(), force: Vector3::repeat(f64::NAN) },
             products_s: initial.t_s,
-            no_turn_below: Vector3::zeros(),
             course: course::Course::default(),
             lever: Motion::default(),
             jacobian: MotionJacobian::default(),

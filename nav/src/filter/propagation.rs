@@ -71,8 +71,7 @@ impl Filter {
         let band = self.noise_band(dt);
         self.regressor.take(&motion, band, dt);
         self.judged = self.regressor.motion();
-        let when = (sample.t_s, dt);
-        self.course.take(when, &motion.rate, &self.regressor, &self.no_turn_below, band.0);
+        self.course.take((sample.t_s, dt), &motion.rate, &self.regressor, band.0);
         self.calibration.jacobian(&self.model, &self.layout, sample, &self.judged, &mut self.jacobian);
         let lever = self.regressor.lever(&motion);
         let coasts = self.coasts(sample.t_s);

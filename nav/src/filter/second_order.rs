@@ -45,7 +45,7 @@ impl Filter {
         }
         self.products_s = self.t_s;
         let p = self.covariance_of_errors();
-        self.no_turn_below = Vector3::from_fn(|axis, _| {
+        self.course.no_turn_below = Vector3::from_fn(|axis, _| {
             let sigma = p[(RATE + axis, RATE + axis)].max(0.0).sqrt();
             (SIGNIFICANT * sigma).clamp(TURN_WITH_EARTH, SLOWEST_TURN)
         });

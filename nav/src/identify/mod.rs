@@ -41,8 +41,8 @@ impl Workers for Serial {
     }
 }
 
-/// The results of several jobs in order.
-pub(crate) fn map<T: Send>(workers: &dyn Workers, jobs: usize, job: impl Fn(usize) -> T + Sync) -> Vec<T> {
+/// The results of several jobs in order, so that sums do not depend on scheduling.
+pub fn map<T: Send>(workers: &dyn Workers, jobs: usize, job: impl Fn(usize) -> T + Sync) -> Vec<T> {
     let results: Mutex<Vec<(usize, T)>> = Mutex::new(Vec::with_capacity(jobs));
     workers.run(jobs, &|k| {
         let result = job(k);
