@@ -397,14 +397,16 @@ mod tests {
         }
     }
 
-    /// Three hours of it: the heading drifts away, and nothing that the filter has seen says where to. One noisy second in a minute that is
-    /// taken for a turn separates tilt from accelerometer bias: NEES 466 after the cruise, 156 after the flight.
+    /// Three hours of it: the heading drifts away, and nothing that the filter has seen says where to. What counted as knowledge once:
+    /// one noisy sample a minute taken for a turn (seed 3: NEES 466), new estimates of the accelerometer biases taken for motion, and
+    /// a wrong rate taken for a turn (seed 12: 837).
     #[test]
     fn hours_of_smooth_cruise_bring_no_knowledge_that_is_false() {
-        let settings = Settings { seeds: 1, seed: 3, cases: vec!["cruise-3h-wing-raw".into()] };
-        let study = run(&settings, &Silent).unwrap();
-        for at in &study.cases[0].checkpoints {
-            assert!(at.nees_mean_per_dof < 1.6, "{at:?}");
+        for seed in [3, 12] {
+            let settings = Settings { seeds: 1, seed, cases: vec!["cruise-3h-wing-raw".into()] };
+            for at in &run(&settings, &Silent).unwrap().cases[0].checkpoints {
+                assert!(at.nees_mean_per_dof < 1.9, "{seed}: {at:?}");
+            }
         }
     }
 

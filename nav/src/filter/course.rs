@@ -15,12 +15,13 @@ const LASTING_S: f64 = 1.0;
 /// A course that was straight stays so for this long while noise hides whether it is, s.
 const HIDDEN_S: f64 = 3.0;
 
-/// The rate over the last seconds.
+/// The rate over the last seconds, by two readings: with the present estimates, and with those of the last real motion. A new estimate
+/// makes no turn of a straight course, nor does an old one that was wrong.
 #[derive(Debug, Clone, Default)]
 pub(super) struct Course {
     /// Rates below these are within their errors, rad/s.
     pub(super) no_turn_below: Vector3<f64>,
-    slow: Vector3<f64>,
+    slow: [Vector3<f64>; 2],
     /// When it was last seen to be straight, s.
     straight_s: Option<f64>,
     is_straight: bool,
@@ -40,14 +41,19 @@ impl Course {
         regressor: &Regressor,
         band: f64,
     ) {
-        self.slow += (rate - self.slow) * (dt / LASTING_S).min(1.0);
-        let turns = |mean: &Vector3<f64>, over_s: &Vector3<f64>| {
-            (0..3).any(|k| mean[k].abs() >= self.no_turn_below[k] + band * (dt / over_s[k]).min(1.0).sqrt())
+        let held = regressor.held_rate();
+        for (slow, rate) in self.slow.iter_mut().zip([*rate, rate - held]) {
+            *slow += (rate - *slow) * (dt / LASTING_S).min(1.0);
+        }
+        let turns = |means: &[Vector3<f64>; 2], over_s: &Vector3<f64>| {
+            let limit = |k: usize| self.no_turn_below[k] + band * (dt / over_s[k]).min(1.0).sqrt();
+            means.iter().all(|mean| (0..3).any(|k| mean[k].abs() >= limit(k)))
         };
         if dt > GAP_S || turns(&self.slow, &Vector3::from_element(2.0 * LASTING_S)) {
             self.straight_s = None;
         } else if regressor.is_quiet() {
-            self.straight_s = (!turns(&regressor.motion().rate, &regressor.rate_steady_s())).then_some(t_s);
+            let steady = regressor.motion().rate;
+            self.straight_s = (!turns(&[steady + held, steady], &regressor.rate_steady_s())).then_some(t_s);
         }
         self.is_straight = self.straight_s.is_some_and(|since| t_s - since < HIDDEN_S);
     }
@@ -81,6 +87,25 @@ mod tests {
     #[test]
     fn a_sample_of_noise_is_no_turn() {
         assert!(minute(0.0, 1.2 * BAND).iter().skip(100).all(|s| *s));
+    }
+
+    #[test]
+    fn an_estimate_of_the_bias_that_goes_wrong_is_no_turn() {
+        let (mut course, mut regressor) = (Course::default(), Regressor::default());
+        course.no_turn_below = Vector3::from_element(2e-4);
+        let motion = |z: f64| Motion { rate: Vector3::new(0.0, 0.0, z), force: Vector3::zeros() };
+        regressor.start(&motion(0.0));
+        let mut shown = 0.0;
+        for k in 0..6000 {
+            if k % 10 == 0 && shown < 5e-3 {
+                regressor.estimate_changed(&motion(shown), &motion(shown + 1e-5));
+                shown += 1e-5;
+            }
+            regressor.take(&motion(shown), (BAND, 1.0), DT);
+            course.take((f64::from(k) * DT, DT), &motion(shown).rate, &regressor, BAND);
+            assert!(course.is_straight() || k < 100, "{k}");
+        }
+        assert!(shown >= 5e-3);
     }
 
     #[test]

@@ -12,14 +12,16 @@ use crate::mechanization::Motion;
 use nalgebra::Vector3;
 
 /// What differs from the last value by more than so many sigmas of the noise is motion …
-pub(super) const BEYOND_NOISE: f64 = 4.0;
+pub(super) const BEYOND_NOISE: f64 = 5.0;
 /// … and what does not is averaged over this time, s.
 const STEADY_S: f64 = 0.5;
 /// Motion counts for the range once it lasts about so long, s.
 const LASTING_S: f64 = 1.0;
 /// A channel is quiet when it has been steady for so long, s.
 const QUIET_S: f64 = 1.0;
-/// A shift is let through when it is less than this share of the range of motion so far: it then adds a hundredth to what
+/// Motion counts for the range for about so long, s: what it brought was brought by then, and estimates that change later add nothing.
+const RECENT_S: f64 = 60.0;
+/// A shift is let through when it is less than this share of the range of motion lately: it then adds a hundredth to what
 /// motion has told already.
 const NEGLIGIBLE: f64 = 0.1;
 
@@ -36,6 +38,8 @@ struct Channel {
     lasting: f64,
     low: f64,
     high: f64,
+    /// Whether that range is larger than what noise reaches in one sample.
+    moved: bool,
 }
 
 impl Channel {
@@ -53,8 +57,12 @@ impl Channel {
             self.steady += dt / self.steady_s * (self.value - self.steady);
         }
         self.lasting += (dt / LASTING_S).min(1.0) * (self.value - self.lasting);
+        let kept = 1.0 - (dt / RECENT_S).min(1.0);
+        self.low = self.lasting + (self.low - self.lasting) * kept;
+        self.high = self.lasting + (self.high - self.lasting) * kept;
         self.low = self.low.min(self.lasting);
         self.high = self.high.max(self.lasting);
+        self.moved = self.high - self.low > band;
     }
 
     fn shift(&mut self, by: f64) {
@@ -81,6 +89,8 @@ impl Channel {
 pub(super) struct Regressor {
     channels: [Channel; 6],
     started: bool,
+    /// Time since the stream began, s.
+    age_s: f64,
 }
 
 impl Regressor {
@@ -93,16 +103,22 @@ impl Regressor {
     }
 
     /// The motion that errors of attitude and time act on: as it was measured while the vehicle moves, the mean where nothing
-    /// but noise has been seen for [`QUIET_S`].
+    /// but noise has been seen for [`QUIET_S`]; in both without the shift that is held back, or a noisy second would tell the two
+    /// estimates apart.
     pub(super) fn lever(&self, measured: &Motion) -> Motion {
         let of = |k: usize, x: f64| {
             let c = &self.channels[k];
-            if c.is_quiet() { c.steady } else { x }
+            if c.is_quiet() { c.steady } else { x - c.held }
         };
         Motion {
             rate: Vector3::from_fn(|k, _| of(k, measured.rate[k])),
             force: Vector3::from_fn(|k, _| of(3 + k, measured.force[k])),
         }
+    }
+
+    /// What new estimates have changed of the rate and is not let through, rad/s.
+    pub(super) fn held_rate(&self) -> Vector3<f64> {
+        Vector3::from_fn(|k, _| self.channels[k].held)
     }
 
     /// For how long each axis of the rate has shown nothing but noise, s.
@@ -117,6 +133,7 @@ impl Regressor {
 
     /// The first sample of a stream: nothing to average with.
     pub(super) fn start(&mut self, measured: &Motion) {
+        self.age_s = 0.0;
         let fresh = !std::mem::replace(&mut self.started, true);
         self.each(measured, |c, x| {
             c.value = x - c.held;
@@ -131,6 +148,7 @@ impl Regressor {
     /// The next sample, `dt` after the last one; `band` is how far noise reaches in a rate and in a force.
     pub(super) fn take(&mut self, measured: &Motion, band: (f64, f64), dt: f64) {
         let mut k = 0;
+        self.age_s += dt;
         self.each(measured, |c, x| {
             c.take(x, if k < 3 { band.0 } else { band.1 }, dt);
             k += 1;
@@ -146,6 +164,11 @@ impl Regressor {
     /// The estimates stay where they are from now on: what was held back comes through.
     pub(super) fn let_through(&mut self) {
         self.channels.iter_mut().for_each(Channel::let_through);
+    }
+
+    /// Whether there was motion beyond noise within about [`RECENT_S`], or nothing was known before that.
+    pub(super) fn moved_lately(&self) -> bool {
+        self.age_s < RECENT_S || self.channels.iter().any(|c| c.moved)
     }
 
     fn each(&mut self, motion: &Motion, mut job: impl FnMut(&mut Channel, f64)) {
@@ -198,5 +221,26 @@ mod tests {
         }
         r.estimate_changed(&force(5.0), &force(5.2));
         assert!((r.motion().force.x - 5.2).abs() < 0.01, "{r:?}");
+    }
+
+    #[test]
+    fn motion_of_minutes_ago_lets_no_estimate_through() {
+        let mut r = standing();
+        let take = |r: &mut Regressor, x: f64, steps: u32| {
+            (0..steps).for_each(|_| r.take(&force(x), (1.0, 1.0), DT));
+        };
+        take(&mut r, 5.0, 1000);
+        take(&mut r, 0.0, 60_000);
+        assert!(!r.moved_lately());
+        let before = r.motion().force.x;
+        r.estimate_changed(&force(0.0), &force(0.2));
+        take(&mut r, 0.2, 1000);
+        assert!((r.motion().force.x - before).abs() < 0.01, "{r:?}");
+        // A noisy second shows the same motion as the quiet ones around it.
+        r.take(&force(3.2), (1.0, 1.0), DT);
+        assert!((r.lever(&force(3.2)).force.x - before - 3.0).abs() < 0.01, "{r:?}");
+        take(&mut r, 5.2, 1000);
+        r.estimate_changed(&force(5.2), &force(5.21));
+        assert!((r.motion().force.x - 5.21).abs() < 0.01, "it moves again: {r:?}");
     }
 }

@@ -161,7 +161,7 @@ impl Window {
         let doubt = Doubt::of(now);
         self.worst = self.worst.worse(&doubt);
         let resting = now.t_s() < self.rests_until_s && !self.is_over(now);
-        if resting || !doubt.fell(&self.worst) {
+        if resting || !now.regressor.moved_lately() || !doubt.fell(&self.worst) {
             return None;
         }
         let again = self.run_again(now);
