@@ -9,7 +9,7 @@
 use super::track::Here;
 use crate::earth;
 use crate::mechanization::{self, Increment, NavState};
-use crate::rotation::{exp, left_jacobian_inverse, log, skew};
+use crate::rotation::{exp, left_jacobian, left_jacobian_inverse, log, skew};
 use crate::sample::SampleKind;
 use nalgebra::{Matrix3, SMatrix, SVector, UnitQuaternion, Vector3};
 
@@ -62,6 +62,25 @@ pub(super) struct Interval {
     pub(super) gaps: Option<Box<NavCovariance>>,
     /// The mechanisation's result seen from the trajectory: an error that is known.
     pub(super) offset: Nav,
+}
+
+impl Interval {
+    /// Says where the mechanisation gets to, seen from the trajectory. The errors at the end are those about the trajectory and in its axes:
+    /// with the offset o an error ξ about the mechanisation's result is Ad(exp o) ξ about the trajectory (Solà, Deray & Atchuthan 2018,
+    /// "A micro Lie theory", eq. 30). Without that a position error would turn with every correction of the attitude, and the fixes
+    /// would seem to measure it.
+    pub(super) fn set_offset(&mut self, offset: Nav) {
+        let part = |c: &Nav, at: usize| Vector3::new(c[at], c[at + 1], c[at + 2]);
+        let turn = part(&offset, index::ATTITUDE);
+        let (axes, j) = (exp(&turn).to_rotation_matrix().into_inner(), left_jacobian(&turn));
+        let (place, speed) = (j * part(&offset, index::POSITION), j * part(&offset, index::VELOCITY));
+        for c in &mut self.columns {
+            let at = |k: usize| axes * part(c, k);
+            let (p, v, e) = (at(index::POSITION), at(index::VELOCITY), at(index::ATTITUDE));
+            *c = nav_of(&(p + place.cross(&e)), &(v + speed.cross(&e)), &e);
+        }
+        self.offset = offset;
+    }
 }
 
 /// `state` as an error about `about`.

@@ -159,7 +159,7 @@ fn linearised(
     }
     for knot in reference.knots.iter().skip(first).take(length) {
         let Some((mut interval, predicted)) = track.interval_to(&nav, knot.t_s) else { break };
-        interval.offset = interval::error(&knot.nav, &predicted);
+        interval.set_offset(interval::error(&knot.nav, &predicted));
         let fix = &flight.fixes()[knot.fix];
         let rows = rows::of(fix, &knot.nav, &track);
         let elapsed_s = fix.t_s - flight.initial().t_s;

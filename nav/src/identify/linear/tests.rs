@@ -154,3 +154,29 @@ fn a_trajectory_at_other_times_turns_in_gaps_as_before() {
         assert!(bend < 0.02, "{by_s} s and back: {bend} rad");
     }
 }
+
+/// The linear model says the same about any trajectory near the vehicle's: that one 40 m beside it, whose attitude wobbles from fix to
+/// fix as corrections make it, leads back to the same place and to the same likelihood.
+#[test]
+fn a_trajectory_aside_leads_back_to_the_same_one() {
+    let (flight, model) = flight();
+    let (options, noise) = (Options::default(), Noise { gyro: 5.0 * noise().gyro, ..noise() });
+    let linear = |r: &Reference| Problem::new(&flight, &model, r, &Watched::default(), &Serial);
+    let found = Reference::find(&flight, &model, &noise, &Serial);
+    let straight = found.smoothed(&linear(&found), &noise);
+    let mut aside = straight.clone();
+    for (k, knot) in aside.knots.iter_mut().enumerate() {
+        let [roll, pitch, yaw] = [1.1, 1.7, 2.3].map(|f| 3e-3 * (f * k as f64).sin());
+        let mut by = [0.0; STATES];
+        by[index::ATTITUDE..index::ATTITUDE + 3].copy_from_slice(&[roll, pitch, yaw]);
+        knot.nav = moved(&knot.nav, &by);
+        knot.nav.r_e += knot.nav.geodetic().c_en() * Vector3::new(0.0, 0.0, 40.0);
+    }
+    let likelihood = |r: &Reference| linear(r).run(&noise, &options).log_likelihood[0];
+    let (wanted, got) = (likelihood(&straight), likelihood(&aside));
+    let back = aside.smoothed(&linear(&aside), &noise);
+    let apart = |k: usize| (back.knots[k].nav.r_e - straight.knots[k].nav.r_e).norm();
+    let farthest = (0..back.knots.len()).map(apart).fold(0.0, f64::max);
+    assert!((got - wanted).abs() < 1.0, "{got} instead of {wanted}");
+    assert!(farthest < 0.3 && back.bend(&straight) < 2e-3, "{farthest} m, {} rad", back.bend(&straight));
+}
