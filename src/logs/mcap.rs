@@ -250,7 +250,11 @@ impl<F: Read + Seek> Iterator for McapReader<F> {
                 self.finished = true;
                 let bytes = self.progress.total_bytes;
                 self.progress.read_bytes = bytes;
-                (self.records == 0).then_some(Err(LogError::NothingReadable { format: "mcap", bytes }))
+                let nothing = match self.topics.is_empty() {
+                    true => LogError::NothingReadable { format: "mcap", bytes },
+                    false => LogError::NoFrames,
+                };
+                (self.records == 0).then_some(Err(nothing))
             }
             Err(e) => {
                 self.finished = true;
@@ -349,6 +353,20 @@ mod tests {
             let limit = 2 * (REREAD_LIMIT + 2) * LEN as u64;
             assert!(read.get() < limit, "{} bytes of a file of {LEN} were read", read.get());
         }
+    }
+
+    #[test]
+    fn a_recording_without_a_vehicle_is_not_called_damaged() {
+        let mut file = Cursor::new(Vec::new());
+        let mut writer = mcap::WriteOptions::new().create(&mut file).unwrap();
+        let channel_id = writer.add_channel(0, "/log", "json", &BTreeMap::new()).unwrap();
+        let header = mcap::records::MessageHeader { channel_id, sequence: 0, log_time: 1, publish_time: 1 };
+        writer.write_to_known_channel(&header, b"{}").unwrap();
+        writer.finish().unwrap();
+        drop(writer);
+        let length = file.get_ref().len() as u64;
+        let results: Vec<_> = McapReader::new(file, length).collect();
+        assert!(matches!(results[..], [Err(LogError::NoFrames)]), "{results:?}");
     }
 
     #[test]

@@ -149,6 +149,11 @@ pub enum LogError {
         /// Bytes looked at.
         bytes: u64,
     },
+    /// A sound recording of a run that received nothing.
+    #[error(
+        "there are no MAVLink frames in it: the recording of a run without a vehicle, or of another program"
+    )]
+    NoFrames,
 }
 
 /// The formats.

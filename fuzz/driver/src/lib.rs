@@ -32,7 +32,7 @@ pub struct Target {
 }
 
 /// All targets.
-pub const TARGETS: [Target; 18] = [
+pub const TARGETS: [Target; 19] = [
     target("framer", Shape::Bytes, targets::link::framer, targets::link::raw_seeds),
     target("decode", Shape::Script, targets::link::decode, targets::link::script_seeds),
     target("address", Shape::Text, targets::link::address, targets::link::address_seeds),
@@ -56,6 +56,7 @@ pub const TARGETS: [Target; 18] = [
     target("uploader", Shape::Script, targets::uploader::uploader, targets::transfer::seeds),
     target("engine", Shape::Script, targets::engine::engine, targets::engine::seeds),
     target("web", Shape::Text, targets::web::web, targets::web::seeds),
+    target("foxglove", Shape::Text, targets::foxglove::foxglove, targets::foxglove::seeds),
 ];
 
 const fn target(

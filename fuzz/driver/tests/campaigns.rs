@@ -61,6 +61,7 @@ campaigns! {
     uploader: 200,
     engine: 500,
     web: 5_000,
+    foxglove: 5_000,
 }
 
 /// `cargo fuzz` runs the same functions: a file of three lines each, and a folder of inputs that belongs to a target.

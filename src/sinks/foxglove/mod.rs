@@ -19,7 +19,9 @@ use axum::serve::Listener;
 use bytes::Bytes;
 use entry::Entry;
 use std::collections::BTreeMap;
+use std::net::IpAddr;
 use std::sync::Arc;
+use tokio::io::{AsyncRead, AsyncWrite};
 use tokio::net::TcpListener;
 use tokio::sync::{broadcast, mpsc, watch};
 use tokio_util::sync::CancellationToken;
@@ -83,7 +85,44 @@ struct Hub {
     stop: CancellationToken,
 }
 
-/// Serves viewers until `stop`. Where others can reach the listener they need the token. `session` is new for each run.
+/// The server without its sockets.
+#[derive(Debug, Clone)]
+pub struct Server {
+    hub: Arc<Hub>,
+}
+
+impl Server {
+    /// A server until `stop`, and its feed. `local` says that only this machine reaches it; viewers from elsewhere need the token.
+    /// `session` is new for each run.
+    pub fn new(
+        local: bool,
+        token: Option<Token>,
+        session: String,
+        status: &SinkStatus,
+        stop: CancellationToken,
+    ) -> (Self, Feed) {
+        let counters = status.sink("foxglove");
+        let (items, inbox) = mpsc::channel(ITEMS_AHEAD);
+        let encoder = TopicEncoder::new(&[]);
+        let hub = Arc::new(Hub {
+            offered: watch::Sender::new(offered(&encoder)),
+            messages: broadcast::Sender::new(MESSAGES_BEHIND),
+            counters: Arc::clone(&counters),
+            entry: Entry::new(local, token),
+            session,
+            stop,
+        });
+        tokio::spawn(encode(inbox, encoder, Arc::clone(&hub)));
+        (Self { hub }, Feed { items, counters, origin_us: 0 })
+    }
+
+    /// Serves one connection from handshake to end.
+    pub async fn connection(&self, stream: impl AsyncRead + AsyncWrite + Unpin, from: IpAddr) {
+        viewer::serve(stream, from, Arc::clone(&self.hub)).await;
+    }
+}
+
+/// Serves viewers on a socket until `stop`. Where others can reach the listener they need the token. `session` is new for each run.
 pub fn serve(
     listener: TcpListener,
     token: Option<Token>,
@@ -92,36 +131,25 @@ pub fn serve(
     stop: CancellationToken,
 ) -> Feed {
     let local = listener.local_addr().is_ok_and(|a| a.ip().is_loopback());
-    let counters = status.sink("foxglove");
-    let (items, inbox) = mpsc::channel(ITEMS_AHEAD);
-    let hub = Arc::new(Hub {
-        offered: watch::Sender::new(offered(&TopicEncoder::new(&[]))),
-        messages: broadcast::Sender::new(MESSAGES_BEHIND),
-        counters: Arc::clone(&counters),
-        entry: Entry::new(local, token),
-        session,
-        stop,
-    });
-    tokio::spawn(encode(inbox, Arc::clone(&hub)));
-    tokio::spawn(admit(Door::new(listener), hub));
-    Feed { items, counters, origin_us: 0 }
+    let (server, feed) = Server::new(local, token, session, status, stop);
+    tokio::spawn(admit(Door::new(listener), server));
+    feed
 }
 
 /// A task for each viewer.
-async fn admit(mut door: Door, hub: Arc<Hub>) {
+async fn admit(mut door: Door, server: Server) {
     loop {
         tokio::select! {
-            () = hub.stop.cancelled() => return,
+            () = server.hub.stop.cancelled() => return,
             (stream, address) = door.accept() => {
-                tokio::spawn(viewer::serve(stream, address.ip(), Arc::clone(&hub)));
+                tokio::spawn(viewer::serve(stream, address.ip(), Arc::clone(&server.hub)));
             }
         }
     }
 }
 
 /// Makes messages of items until the run or `stop` ends.
-async fn encode(mut items: mpsc::Receiver<RecordItem>, hub: Arc<Hub>) {
-    let mut encoder = TopicEncoder::new(&[]);
+async fn encode(mut items: mpsc::Receiver<RecordItem>, mut encoder: TopicEncoder, hub: Arc<Hub>) {
     let mut channels = encoder.channels().len();
     loop {
         let item = tokio::select! {

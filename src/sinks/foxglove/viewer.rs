@@ -1,13 +1,13 @@
-//! One viewer from handshake to end. Its connection has the deadlines of the web server's: who does not finish the handshake, or takes
-//! nothing for ten seconds, is disconnected.
+//! One viewer from handshake to end. On a socket its connection has the deadlines of the web server's: who does not finish the
+//! handshake, or takes nothing for ten seconds, is disconnected.
 
 use super::protocol::{self, Ask, Subscriptions};
 use super::{Hub, LiveMessage, Offered};
-use crate::sinks::web::door::Visit;
 use futures_util::{SinkExt, StreamExt};
 use std::net::IpAddr;
 use std::sync::Arc;
 use std::time::Duration;
+use tokio::io::{AsyncRead, AsyncWrite};
 use tokio::sync::broadcast::Receiver;
 use tokio::sync::broadcast::error::RecvError;
 use tokio::time::{Instant, MissedTickBehavior};
@@ -25,7 +25,7 @@ const PING: Duration = Duration::from_secs(5);
 const FAREWELL: Duration = Duration::from_secs(1);
 
 /// Serves one connection to its end.
-pub(super) async fn serve(stream: Visit, from: IpAddr, hub: Arc<Hub>) {
+pub(super) async fn serve(stream: impl AsyncRead + AsyncWrite + Unpin, from: IpAddr, hub: Arc<Hub>) {
     let config = WebSocketConfig::default()
         .max_message_size(Some(MAX_REQUEST_BYTES))
         .max_frame_size(Some(MAX_REQUEST_BYTES));
@@ -51,8 +51,8 @@ pub(super) async fn serve(stream: Visit, from: IpAddr, hub: Arc<Hub>) {
     }
 }
 
-struct Viewer {
-    socket: WebSocketStream<Visit>,
+struct Viewer<S> {
+    socket: WebSocketStream<S>,
     hub: Arc<Hub>,
     /// What it knows.
     offered: Offered,
@@ -62,7 +62,7 @@ struct Viewer {
 /// Why the server ends a connection: the protocol's code and words. Nothing where the viewer ended it.
 type Ending = Option<(CloseCode, &'static str)>;
 
-impl Viewer {
+impl<S: AsyncRead + AsyncWrite + Unpin> Viewer<S> {
     async fn run(&mut self, messages: &mut Receiver<Arc<LiveMessage>>) -> Result<Ending, Error> {
         let hub = Arc::clone(&self.hub);
         let mut offered = hub.offered.subscribe();

@@ -3,6 +3,7 @@
 pub mod engine;
 pub mod external_ahrs;
 pub mod files;
+pub mod foxglove;
 pub mod link;
 pub mod logs;
 pub mod transfer;
