@@ -69,7 +69,7 @@ pub fn parameters(added: &Added) -> Value {
     keys(&added.setting, &added.setting.sigmas, "sigma", &mut map);
     let informed = survey::informed(added);
     if added.setting.estimated() > 0 {
-        map.insert("informed".to_owned(), json!(informed.contains(&true)));
+        map.insert("informed".to_owned(), json!(survey::is_informed(added)));
     }
     let names = added.setting.parameters().map(|p| p.0);
     let prior_only: Vec<&str> =

@@ -7,7 +7,7 @@ use super::linear::innovations::{Drift, Innovations};
 use super::noise::{Noise, NoiseEntry};
 use super::pass::Innovation;
 use super::select::{Added, Point, Search, Selection, Settings};
-use super::survey::Survey;
+use super::survey::{Survey, is_informed};
 use super::whereabouts;
 use super::{Workers, map};
 
@@ -304,8 +304,36 @@ pub(super) fn about<'a>(
     search
 }
 
-/// Judges a selection: what the held-out data confirm, and the model residual before and after.
+/// Judges a selection: what the held-out data confirm, and the model residual before and after. An effect whose values are no better
+/// known than its prior says keeps no name: it stands among what was tested, with its limit.
 pub fn judge(
+    flights: &[&Flight],
+    validate: &[&Flight],
+    selection: Selection,
+    settings: &Settings,
+    workers: &dyn Workers,
+) -> Judged {
+    let mut removed = Vec::new();
+    let mut judged = judge_all(flights, validate, selection, settings, workers);
+    loop {
+        let unknown = uninformed(&judged.selection.added);
+        if unknown.is_empty() {
+            break;
+        }
+        removed.append(&mut judged.removed);
+        judged = judge_all(flights, validate, judged.selection.without(&unknown), settings, workers);
+    }
+    removed.append(&mut judged.removed);
+    Judged { removed, ..judged }
+}
+
+/// Effects of whose values the flights say no more than their prior.
+fn uninformed(added: &[Added]) -> Vec<&'static str> {
+    added.iter().filter(|a| !is_informed(a)).map(|a| a.setting.effect.name()).collect()
+}
+
+/// The same with every effect that is confirmed.
+fn judge_all(
     flights: &[&Flight],
     validate: &[&Flight],
     selection: Selection,
@@ -365,6 +393,27 @@ pub fn take_survey(
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn values_that_are_their_prior_keep_no_name() {
+        let added = |name: &str, prior: &[f64], sigmas: &[f64]| {
+            let effect = crate::effects::find(name).unwrap();
+            let setting = crate::model::EffectSetting {
+                sigmas: sigmas.to_vec(),
+                ..crate::model::EffectSetting::unknown(effect)
+            };
+            Added { setting, prior: prior.iter().map(|p| (0.0, *p)).collect() }
+        };
+        let all = [
+            added("vibration_rectification", &[0.4; 3], &[0.4, 0.39, 0.9]),
+            added("gyro_scale_factor", &[0.02; 3], &[0.019, 0.001, 0.02]),
+            // The instant of a jump is searched for and has no prior.
+            added("gps_bias_step", &[0.0, 10.0, 10.0, 10.0], &[0.0, 9.8, 10.0, 10.0]),
+            added("gyro_bias_step", &[0.0, 0.01, 0.01, 0.01], &[0.0, 0.01, 1e-4, 0.01]),
+            added("accel_bias_drift", &[0.0], &[0.02]),
+        ];
+        assert_eq!(uninformed(&all), ["vibration_rectification", "gps_bias_step"]);
+    }
 
     #[test]
     fn bad_luck_in_the_held_out_blocks_excuses_weak_effects_only() {

@@ -45,6 +45,14 @@ pub fn informed(added: &Added) -> Vec<bool> {
     added.setting.sigmas.iter().zip(&added.prior).map(own).collect()
 }
 
+/// Whether the flights inform any parameter of an effect that has a prior. Of one that has none (a switch, a drift) its presence is all
+/// there is to know.
+pub fn is_informed(added: &Added) -> bool {
+    let mut open =
+        informed(added).into_iter().zip(&added.prior).filter(|(_, (_, prior))| *prior > 0.0).peekable();
+    open.peek().is_none() || open.any(|(informed, _)| informed)
+}
+
 /// The flights linearised at the final point.
 struct Linear<'a> {
     search: &'a Search<'a>,

@@ -1,6 +1,7 @@
 //! Values: the added effects where they fit best, about trajectories that are straight enough there.
 
 use super::super::evidence;
+use super::super::linear::reference::Reference;
 use super::super::linear::{self, Problem};
 use super::super::map;
 use super::super::noise::Noise;
@@ -17,8 +18,11 @@ pub(in crate::identify) const STEPS: usize = 3;
 const STRAIGHT: f64 = 0.01;
 /// One that turns by more than this was no place to linearise about: it is looked for from the start, rad.
 const CROOKED: f64 = 0.1;
-/// A trajectory is found anew at most so often.
+/// A trajectory is found anew at most so often …
 const MOST_BENDS: usize = 3;
+/// … and no more once the flights are as likely about it as about the one before, nats: what still turns is what no fix shows, such as
+/// the heading before take-off.
+const SAME_NATS: f64 = 0.1;
 /// A step shorter than this share of the sigma is none …
 const SMALL: f64 = 0.1;
 /// … and one shorter than this is taken within the linear model, which ends the search for values.
@@ -87,21 +91,43 @@ impl Search<'_> {
         noise: &Noise,
         steps: usize,
     ) -> (Point, Vec<Problem>) {
-        for _ in 0..MOST_BENDS {
-            let Some(references) = self.straightened(&settled.0, &settled.1) else { break };
-            settled = self.climb(self.linearised(settled.0.added, &references), noise, steps);
+        for turn in 0..MOST_BENDS {
+            let better = self.smoothed(&settled.0, &settled.1);
+            let bends = better.iter().zip(settled.0.references.iter()).map(|(b, r)| b.bend(r));
+            let bend = bends.fold(0.0, f64::max);
+            if bend <= STRAIGHT {
+                break;
+            }
+            let before = settled.0.log_likelihood;
+            let from = if bend > CROOKED {
+                self.linearised_anew(&settled.0, better, turn == 0)
+            } else {
+                self.linearised(settled.0.added, &Arc::new(better))
+            };
+            settled = self.climb(from, noise, steps);
+            if bend <= CROOKED && (settled.0.log_likelihood - before).abs() < SAME_NATS {
+                break;
+            }
         }
         settled
     }
 
-    /// The trajectories that the flights show with a model; `None` where they are those that it was linearised about.
-    fn straightened(&self, point: &Point, problems: &[Problem]) -> Option<Trajectories> {
-        let better =
-            map(self.workers, problems.len(), |k| point.references[k].smoothed(&problems[k], &point.noise));
-        let bends = better.iter().zip(point.references.iter()).map(|(b, r)| b.bend(r));
-        let bend = bends.fold(0.0, f64::max);
-        let anew = || self.trajectories(&self.model(&point.added), &point.noise);
-        (bend > STRAIGHT).then(|| Arc::new(if bend > CROOKED { anew() } else { better }))
+    /// The trajectories that the flights show as they were linearised at a point.
+    fn smoothed(&self, point: &Point, problems: &[Problem]) -> Vec<Reference> {
+        map(self.workers, problems.len(), |k| point.references[k].smoothed(&problems[k], &point.noise))
+    }
+
+    /// The flights linearised at a point whose trajectories turn far: about those that are found from the start and, where
+    /// that is not the `first` attempt, about the smoothed ones if they are likelier.
+    fn linearised_anew(&self, point: &Point, smoothed: Vec<Reference>, first: bool) -> Linearised {
+        let about = |references| self.linearised(point.added.clone(), &Arc::new(references));
+        let anew = about(self.trajectories(&self.model(&point.added), &point.noise));
+        if first {
+            return anew;
+        }
+        let smoothed = about(smoothed);
+        let likelihood = |l: &Linearised| self.part_likelihood(&l.problems, &point.noise, 0);
+        if likelihood(&anew) > likelihood(&smoothed) { anew } else { smoothed }
     }
 
     fn climb(&self, from: Linearised, noise: &Noise, steps: usize) -> (Point, Vec<Problem>) {
