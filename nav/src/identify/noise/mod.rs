@@ -150,6 +150,11 @@ impl Claims {
         self.growth(noise).iter().zip(GROWN).any(|(growth, most)| *growth > most)
     }
 
+    /// Whether a sensor that does what was claimed cannot have it.
+    pub(super) fn is_implausible(&self, noise: &Noise) -> bool {
+        self.growth(noise).iter().zip(PLAUSIBLE).any(|(growth, most)| *growth >= most)
+    }
+
     /// Limits within which noise is no larger than claimed.
     pub(super) fn held(&self, limits: &Limits) -> Limits {
         let claimed = self.start.get();

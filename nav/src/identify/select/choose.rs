@@ -10,6 +10,9 @@ use super::{Added, Candidate, Point, Search, Step};
 
 /// A flight is not gone through more often than this for each effect that may be added.
 const ROUNDS: usize = 2;
+/// With noise that no sensor has which does what it claims, the catalogue does not hold the cause and odds are too good: then so many
+/// effects are enough.
+const MOST_BESIDE_NOISE: usize = 5;
 /// Evidence that an effect keeps its place with may be this much below that of its coming, nats: it shall not go in circles.
 const GRACE: f64 = 1.0;
 /// An effect this far ahead of all its rivals is not compared with them again, nats …
@@ -80,7 +83,10 @@ impl Search<'_> {
     /// The same after a choice.
     fn choose_after(&self, mut chosen: Chosen, threshold: f64) -> Chosen {
         for _ in 0..ROUNDS * self.settings.most_effects {
-            if chosen.found.len() >= self.settings.most_effects {
+            let implausible = self.claims.is_implausible(&chosen.point.noise);
+            let most =
+                self.settings.most_effects.min(if implausible { MOST_BESIDE_NOISE } else { usize::MAX });
+            if chosen.found.len() >= most {
                 break;
             }
             let looks = self.look(&chosen.point, None, &mut chosen.remaining);
