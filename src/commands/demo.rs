@@ -351,7 +351,8 @@ async fn show(args: &DemoArgs, settings: Settings, factor: f64) -> Result<Option
                 crate::sinks::log::line(&text);
             }
         }
-        if shown.is_none_or(|t| t.elapsed() >= SNAPSHOT) {
+        // The end is shown too: the page keeps it.
+        if matches!(flight.stage(), Stage::Over(_)) || shown.is_none_or(|t| t.elapsed() >= SNAPSHOT) {
             shown = Some(Instant::now());
             status.set_link(link_view(&flight));
             status.set_vehicle(flight.vehicle_view());
