@@ -174,7 +174,7 @@ function motion(s) {
     ["Roll", angle(0)],
     ["Pitch", angle(1)],
     ["Yaw", angle(2)],
-    ["Height", running ? `${num(s.motion.height_m, 0)} m` : "–"],
+    ["Height (GNSS)", running ? `${num(s.motion.height_m, 0)} m` : "–"],
     ["Speed", running ? `${num(Math.hypot(n, e), 1)} m/s` : "–"],
   ]);
 }
