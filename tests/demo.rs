@@ -89,7 +89,7 @@ fn every_maneuver_ends_and_the_landing_is_shown_as_such() {
         views.push(flight.vehicle_view());
     }
     assert_eq!(flight.milestones().len(), prepared.plan.maneuvers.len(), "{:?}", prepared.plan.maneuvers);
-    let in_the_air = views.iter().filter(|v| v.control == Control::Autopilot).next_back().unwrap();
+    let in_the_air = views.iter().rfind(|v| v.control == Control::Autopilot).unwrap();
     assert_eq!(in_the_air.now, "approach and landing");
     assert_eq!(views.last().unwrap().control, Control::Ground);
 }
