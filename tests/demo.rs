@@ -2,7 +2,7 @@
 
 #![allow(clippy::unwrap_used, clippy::panic, reason = "helpers of tests may panic, as tests do")]
 
-use gaware::demo::flight::{Ending, Flight};
+use gaware::demo::flight::{Ending, Flight, Stage};
 use gaware::demo::{Prepared, Settings, result};
 use gaware::engine::snapshot::Status;
 use gaware::sinks::status::Control;
@@ -76,6 +76,22 @@ fn who_ends_the_demonstration_is_told_so_and_screens_say_who_flies() {
     assert!(!first.next.is_empty());
     let result = result::of(&mut flight, 1);
     assert_eq!((&result.ending, &result.document["ending"]), (&Ending::Stopped, &"stopped".into()));
+}
+
+/// A maneuver whose last item is an action (full throttle ends by a change of speed) ends as all others do.
+#[test]
+fn every_maneuver_ends_and_the_landing_is_shown_as_such() {
+    let prepared = prepared("small_fixed_wing");
+    let mut flight = Flight::new(prepared.clone(), 1);
+    let mut views = Vec::new();
+    while !matches!(flight.stage(), Stage::Over(_)) {
+        flight.turn();
+        views.push(flight.vehicle_view());
+    }
+    assert_eq!(flight.milestones().len(), prepared.plan.maneuvers.len(), "{:?}", prepared.plan.maneuvers);
+    let in_the_air = views.iter().rfind(|v| v.control == Control::Autopilot).unwrap();
+    assert_eq!(in_the_air.now, "approach and landing");
+    assert_eq!(views.last().unwrap().control, Control::Ground);
 }
 
 #[test]

@@ -225,7 +225,10 @@ async fn a_browser_sees_the_newest_snapshot_and_the_end() {
     assert_eq!(browser.snapshot().await.sequence, 1);
     server.snapshots.send_replace(Arc::new(snapshot(2)));
     assert_eq!(browser.snapshot().await.guidance.instruction, "maneuver 2");
+    server.snapshots.send_replace(Arc::new(snapshot(3)));
     server.shutdown.cancel();
+    assert_eq!(browser.snapshot().await.sequence, 3);
+    assert!(browser.next("end").await.is_some());
     assert!(browser.next("snapshot").await.is_none());
     timeout(PATIENCE, server.task).await.unwrap().unwrap().unwrap();
 }

@@ -300,9 +300,8 @@ async fn show(args: &DemoArgs, settings: Settings, factor: f64) -> Result<Option
     let status = SinkStatus::new();
     let (snapshots, snapshots_rx) = watch::channel(Arc::new(planning()));
     let sources = || Sources { snapshots: snapshots_rx.clone(), status: status.clone(), requests: None };
-    if !args.no_web {
-        start::serve_web(args.web, None, sources(), &stop).await?;
-    }
+    let page =
+        if args.no_web { None } else { Some(start::serve_web(args.web, None, sources(), &stop).await?) };
     let feed = match args.foxglove {
         Some(address) => Some(foxglove::serve(address, None, &status, &stop)?),
         None => None,
@@ -351,7 +350,8 @@ async fn show(args: &DemoArgs, settings: Settings, factor: f64) -> Result<Option
                 crate::sinks::log::line(&text);
             }
         }
-        if shown.is_none_or(|t| t.elapsed() >= SNAPSHOT) {
+        // The end is shown too: the page keeps it.
+        if matches!(flight.stage(), Stage::Over(_)) || shown.is_none_or(|t| t.elapsed() >= SNAPSHOT) {
             shown = Some(Instant::now());
             status.set_link(link_view(&flight));
             status.set_vehicle(flight.vehicle_view());
@@ -363,6 +363,10 @@ async fn show(args: &DemoArgs, settings: Settings, factor: f64) -> Result<Option
         }
     }
     stop.cancel();
+    if let Some(page) = page {
+        // Open pages get the end; the server gives them a moment only.
+        let _ = page.await;
+    }
     if let Some(screen) = screen {
         // The terminal is given back before the result is printed.
         let _ = screen.await;

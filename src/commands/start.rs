@@ -27,6 +27,7 @@ use std::net::SocketAddr;
 use std::sync::Arc;
 use std::time::{Duration, Instant};
 use tokio::sync::{broadcast, mpsc, watch};
+use tokio::task::JoinHandle;
 use tokio_util::sync::CancellationToken;
 
 /// Messages for the vehicle that may wait.
@@ -230,7 +231,7 @@ fn show_terminal(sources: Sources, stop: &CancellationToken) -> Result<(), termi
     terminal::spawn(sources, options, stop.clone()).map(drop)
 }
 
-/// Serves the page; on any address but this machine's own it takes a token, and makes one up where none was given.
+/// Serves the page; on any address but this machine's own it takes a token, and makes one up where none was given. The task ends with `stop`.
 ///
 /// # Errors
 /// When the address is taken or the token is no good.
@@ -239,7 +240,7 @@ pub async fn serve_web(
     token: Option<&str>,
     sources: Sources,
     stop: &CancellationToken,
-) -> Result<SocketAddr, CommandError> {
+) -> Result<JoinHandle<()>, CommandError> {
     let fail = |source: std::io::Error| CommandError::Web { address, reason: source.to_string() };
     let listener = web::door::bind(address).map_err(fail)?;
     let bound = listener.local_addr().map_err(fail)?;
@@ -263,12 +264,11 @@ pub async fn serve_web(
         None => log::line(&format!("web page: http://{shown}/")),
     }
     let stop = stop.clone();
-    tokio::spawn(async move {
+    Ok(tokio::spawn(async move {
         if let Err(error) = web::serve(listener, state, stop).await {
             tracing::error!(%error, "the web page stopped");
         }
-    });
-    Ok(bound)
+    }))
 }
 
 /// The address that a browser opens: no one can open 0.0.0.0, so it is this machine's own towards the default route, where there is one.

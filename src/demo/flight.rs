@@ -492,18 +492,6 @@ impl<E: Estimator> Flight<E> {
         }
     }
 
-    fn reached(&mut self, seq: usize) {
-        let home_first = usize::from(self.autopilot.mission().len() > self.prepared.plan.mission.items.len());
-        let item = seq + 1 - home_first;
-        self.log.items.push((item, self.now_s - self.took_off_s));
-        let maneuvers = &self.prepared.plan.maneuvers;
-        let Some(maneuver) = maneuvers.iter().position(|m| *m.items.end() == item) else { return };
-        let words = maneuvers.get(maneuver).map(|m| m.maneuver.words(&self.prepared.settings.airframe).short);
-        let sigmas = self.sigmas();
-        self.milestones.push(Milestone { maneuver, t_s: self.now_s - self.took_off_s, sigmas });
-        self.tell(format!("flown: {}", words.unwrap_or_default()));
-    }
-
     fn end(&mut self, ending: Ending) {
         if self.log.at_end.is_empty() {
             self.log.at_end = self.sigmas();

@@ -33,6 +33,11 @@ export async function serve(...args) {
     go() {
       child.stdin.write("\n");
     },
+    /** As when its machine loses power. */
+    async kill() {
+      child.kill("SIGKILL");
+      await once(child, "exit");
+    },
     async stop() {
       if (child.exitCode !== null) return;
       child.kill("SIGINT");

@@ -38,14 +38,20 @@ test("a lost connection is said loudly, and the page returns by itself after a r
   const { page, close } = await open(browser);
   await page.goto(first.url);
   await shows(page, "throttle full to idle");
-  await first.stop();
+  await first.kill();
   await page.locator("#lost").waitFor({ state: "visible", timeout: 10000 });
   assert.match(await page.locator("#lost").textContent(), /Connection to gaware lost/);
   const second = await serve("--bind", `127.0.0.1:${first.port}`, "--from", "50", "--speed", "0.1");
   await shows(page, "Steep turn right");
   await page.locator("#lost").waitFor({ state: "hidden", timeout: 10000 });
-  await close();
+  // An orderly end is none.
   await second.stop();
+  await shows(page, "gaware has ended");
+  assert.ok(await page.locator("#lost").isHidden());
+  const third = await serve("--bind", `127.0.0.1:${first.port}`, "--from", "50", "--speed", "0.1");
+  await shows(page, "Steep turn right");
+  await close();
+  await third.stop();
 });
 
 test("beyond localhost the page opens with the token only, and keeps it out of the address", async () => {
@@ -122,7 +128,7 @@ test("a server beyond localhost without a token does not start", async () => {
 
 test("from 360 to 1920 pixels nothing scrolls sideways, nothing is cut, and the buttons can be hit", async () => {
   const server = await serve("--bind", "127.0.0.1:0", "--from", "60", "--speed", "0.1");
-  for (const width of [360, 768, 1280, 1920]) {
+  for (const width of [360, 390, 768, 1280, 1920]) {
     const { page, errors, close } = await open(browser, { viewport: { width, height: 900 } });
     await page.goto(server.url);
     await shows(page, "Steep turn right");
@@ -137,6 +143,11 @@ test("from 360 to 1920 pixels nothing scrolls sideways, nothing is cut, and the 
         .filter((e) => e.offsetParent && e.scrollWidth > e.clientWidth + 1 && getComputedStyle(e).display !== "inline")
         .map((e) => e.textContent),
       legends: [...document.querySelectorAll(".u-legend")].filter((e) => e.scrollHeight > e.clientHeight).map((e) => e.textContent),
+      // Each element of G with its border, within what the card shows.
+      hidden: [...document.querySelectorAll(".cell")].filter((e) => {
+        const [cell, shown] = [e.getBoundingClientRect(), e.closest(".rest").getBoundingClientRect()];
+        return cell.bottom > shown.bottom + 0.5 || cell.right > shown.right + 0.5;
+      }).map((e) => e.textContent),
       broken: [...document.querySelectorAll(".list thead th")].filter((e) => {
         const words = document.createRange();
         words.selectNodeContents(e);
@@ -148,6 +159,7 @@ test("from 360 to 1920 pixels nothing scrolls sideways, nothing is cut, and the 
     assert.deepEqual(sizes.wide, [], `at ${width}`);
     assert.deepEqual(sizes.cut, [], `at ${width}`);
     assert.deepEqual(sizes.legends, [], `at ${width}`);
+    assert.deepEqual(sizes.hidden, [], `at ${width}`);
     assert.deepEqual(sizes.broken, [], `at ${width}`);
     assert.ok(sizes.theme >= 44);
     assert.deepEqual(errors, []);

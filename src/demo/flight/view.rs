@@ -1,10 +1,36 @@
-//! What screens show of the vehicle: who flies, what, how long still, and what follows.
+//! How far the mission is, and what screens show of the vehicle: who flies, what, how long still, and what follows.
 
-use super::{Ending, Flight, Stage};
+use super::{Ending, Flight, Milestone, Stage};
 use crate::pipeline::Estimator;
 use crate::sinks::status::{Control, VehicleView};
+use gaware_mission::planner::PlannedManeuver;
 
 impl<E: Estimator> Flight<E> {
+    /// The autopilot has reached the item with this sequence number.
+    pub(super) fn reached(&mut self, seq: usize) {
+        let home_first = usize::from(self.autopilot.mission().len() > self.prepared.plan.mission.items.len());
+        let item = seq + 1 - home_first;
+        let t_s = self.now_s - self.took_off_s;
+        self.log.items.push((item, t_s));
+        let sigmas = self.sigmas();
+        while let Some(planned) = self.prepared.plan.maneuvers.get(self.milestones.len()) {
+            if item < self.last_place(planned) {
+                return;
+            }
+            let flown = format!("flown: {}", planned.maneuver.words(&self.prepared.settings.airframe).short);
+            let maneuver = self.milestones.len();
+            self.milestones.push(Milestone { maneuver, t_s, sigmas: sigmas.clone() });
+            self.tell(flown);
+        }
+    }
+
+    /// The last item of a maneuver that is a place: autopilots report places as reached, not actions, and some maneuvers end with one.
+    fn last_place(&self, planned: &PlannedManeuver) -> usize {
+        let items = &self.prepared.plan.mission.items;
+        let is_place = |item: &usize| item.checked_sub(1).and_then(|k| items.get(k)?.place()).is_some();
+        planned.items.clone().rev().find(is_place).unwrap_or(*planned.items.end())
+    }
+
     /// Who flies now, what, how long still, and what follows.
     pub fn vehicle_view(&self) -> VehicleView {
         let ground = |next: &str| VehicleView {
@@ -25,10 +51,8 @@ impl<E: Estimator> Flight<E> {
             Stage::Standing => ground(&format!("upload of the mission, {items} items")),
             Stage::Uploading => ground("the upload is under way"),
             Stage::Ready(_) => ground("take-off"),
-            Stage::Flying => self.maneuver_view(auto(
-                "hold at the end of the mission",
-                if self.prepared.lands() { "landing" } else { "" },
-            )),
+            Stage::Flying if self.prepared.lands() => self.maneuver_view(auto("approach and landing", "")),
+            Stage::Flying => self.maneuver_view(auto("hold at the end of the mission", "")),
             Stage::Landing => auto("return and landing", ""),
             Stage::Over(Ending::Holding) => auto("hold at the end of the mission", ""),
             Stage::Over(_) => ground(""),

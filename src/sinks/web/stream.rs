@@ -22,12 +22,14 @@ use tokio_stream::wrappers::ReceiverStream;
 const QUEUE: usize = 2;
 /// A browser that took nothing for so long is given up.
 const STALLED: Duration = Duration::from_secs(10);
+/// For a browser to take the last events.
+const FAREWELL: Duration = Duration::from_millis(500);
 /// Between two looks at link, recorder and counters.
 const SINKS_PERIOD: Duration = Duration::from_secs(1);
 
 type Sender = mpsc::Sender<Result<Event, Infallible>>;
 
-/// Opens a stream: `snapshot` events at the server's rate, `sinks` events once a second.
+/// Opens a stream: `snapshot` events at the server's rate, `sinks` events once a second, and `end` where the program ends.
 pub(super) async fn events(
     State(shared): State<Arc<Shared>>,
     ConnectInfo(Visitor(address)): ConnectInfo<Visitor>,
@@ -71,9 +73,24 @@ impl Pump {
     async fn run(mut self) {
         let shutdown = self.shared.shutdown.clone();
         tokio::select! {
-            () = shutdown.cancelled() => {}
+            // It ends either way.
+            () = shutdown.cancelled() => drop(tokio::time::timeout(FAREWELL, self.farewell()).await),
             Ended = self.pump() => {}
         }
+    }
+
+    /// The newest state once more, and that nothing will follow: an orderly end is no lost connection.
+    async fn farewell(&self) -> Result<(), Ended> {
+        let snapshot = Arc::clone(&self.snapshots.borrow());
+        let end = Event::default().event("end").data("the program has ended");
+        for event in [snapshot_event(&snapshot)?, self.sinks_event()?, end] {
+            self.tx.send(Ok(event)).await.map_err(|_| Ended)?;
+        }
+        Ok(())
+    }
+
+    fn sinks_event(&self) -> Result<Event, Ended> {
+        Event::default().event("sinks").json_data(self.shared.state.status.view()).map_err(|_| Ended)
     }
 
     async fn pump(&mut self) -> Ended {
@@ -109,8 +126,7 @@ impl Pump {
     fn send_sinks(&self) -> Result<(), Ended> {
         match self.tx.try_reserve() {
             Ok(permit) => {
-                let view = self.shared.state.status.view();
-                permit.send(Ok(Event::default().event("sinks").json_data(&view).map_err(|_| Ended)?));
+                permit.send(Ok(self.sinks_event()?));
                 Ok(())
             }
             Err(mpsc::error::TrySendError::Full(())) => Ok(()),

@@ -16,6 +16,7 @@ const LOOK_MS = 250;
 let points = [];
 let advanced = performance.now();
 let connection = "connecting";
+const isGone = () => ["lost", "ended"].includes(connection);
 let snapshot = null;
 let sinks = null;
 let drawn = 0;
@@ -151,11 +152,11 @@ function look() {
   // Before the first sample nothing can be old.
   const waiting = snapshot.imu.samples === 0;
   const silent = waiting ? linkSilent() : (performance.now() - advanced) / 1000;
-  showHero(snapshot, sinks, connection === "lost" ? Math.max(silent, 2) : silent);
+  showHero(snapshot, sinks, isGone() ? Math.max(silent, 2) : silent, connection === "ended");
   showFreshness(snapshot, sinks, silent, connection);
   // Nothing can be uploaded to a vehicle that is not there; signing in is possible at any time.
   for (const id of ["upload", "set-parameters"]) {
-    $(id).disabled = changing || (authorised && (connection === "lost" || silent > STALE_S));
+    $(id).disabled = changing || (authorised && (isGone() || silent > STALE_S));
   }
 }
 

@@ -9,9 +9,14 @@ export const STALE_S = 1.5;
 const WHO = { unknown: "Not reported", ground: "On the ground", pilot: "Pilot", autopilot: "Autopilot" };
 
 /** What stands in the hero: kicker, text, reason, level, progress 0 to 1 (or null), progress in words. */
-export function decide(s, sinks, silentS) {
+export function decide(s, sinks, silentS, ended = false) {
   const vehicle = sinks?.vehicle ?? {};
   const mission = sinks?.mission ?? {};
+  if (ended && mission.state !== "unknown") {
+    const inTheAir = ["pilot", "autopilot"].includes(vehicle.control) ? "Fly by your own instruments. " : "";
+    const reason = `${inTheAir}What stands below is its last state. The page goes on by itself when gaware is started again.`;
+    return { kicker: "Ended", level: "idle", text: "gaware has ended", reason, progress: null, words: "" };
+  }
   if (silentS > STALE_S) {
     const unknown = mission.state === "unknown";
     return {
@@ -88,10 +93,11 @@ function steps(element, text) {
   setAttr(element, "data-length", text.length <= 34 ? "short" : text.length <= 80 ? "medium" : "long");
 }
 
-export function showHero(s, sinks, silentS) {
-  const now = decide(s, sinks, silentS);
+/** `ended`: the program has said that it ends. */
+export function showHero(s, sinks, silentS, ended) {
+  const now = decide(s, sinks, silentS, ended);
   setText($("hero-title"), now.kicker);
-  steps($("instruction"), joined(capital(now.text)));
+  steps($("instruction"), joined(ended ? now.text : capital(now.text)));
   setAttr($("hero"), "data-level", now.level);
   setText($("reason"), joined(capital(now.reason ?? "")));
   $("flown").style.visibility = now.progress === null ? "hidden" : "visible";

@@ -9,9 +9,10 @@ export class Stream {
   #last = 0;
   #tries = 0;
   #state = "connecting";
+  #ended = false;
   #timer = 0;
 
-  /** Handlers: onSnapshot(object), onSinks(object), onState("connecting" | "live" | "lost", secondsSilent). */
+  /** Handlers: onSnapshot(object), onSinks(object), onState("connecting" | "live" | "lost" | "ended", secondsSilent). */
   constructor(handlers) {
     this.handlers = handlers;
   }
@@ -30,15 +31,18 @@ export class Stream {
     const heard = (handler) => (event) => {
       this.#last = performance.now();
       this.#tries = 0;
+      this.#ended = false;
       this.#say("live");
       handler(JSON.parse(event.data));
     };
     source.addEventListener("snapshot", heard(this.handlers.onSnapshot));
     source.addEventListener("sinks", heard(this.handlers.onSinks));
+    // An orderly end; another program may be started.
+    source.addEventListener("end", () => (this.#ended = true));
     source.onerror = () => {
       // The browser's own retry is slow and gives up on an HTTP error; ours does neither.
       source.close();
-      this.#say("lost");
+      this.#gone();
       this.#retry();
     };
   }
@@ -52,8 +56,12 @@ export class Stream {
 
   #watch() {
     const silent = performance.now() - this.#last;
-    if (silent > SILENT_MS) this.#say("lost");
+    if (silent > SILENT_MS) this.#gone();
     if (silent > GIVE_UP_MS && this.#tries === 0) this.#retry();
+  }
+
+  #gone() {
+    this.#say(this.#ended ? "ended" : "lost");
   }
 
   #say(state) {

@@ -174,7 +174,7 @@ function motion(s) {
     ["Roll", angle(0)],
     ["Pitch", angle(1)],
     ["Yaw", angle(2)],
-    ["Height", running ? `${num(s.motion.height_m, 0)} m` : "–"],
+    ["Height (GNSS)", running ? `${num(s.motion.height_m, 0)} m` : "–"],
     ["Speed", running ? `${num(Math.hypot(n, e), 1)} m/s` : "–"],
   ]);
 }
@@ -192,11 +192,13 @@ export function showSnapshot(s) {
 
 /** Old data are grey at once, and nothing stays green. */
 export function showFreshness(s, sinks, silentS, state) {
-  const stale = state === "lost" || silentS > STALE_S;
+  const ended = state === "ended";
+  const stale = state === "lost" || ended || silentS > STALE_S;
   document.body.classList.toggle("stale", stale);
   const link = sinks?.link.state ?? "connecting";
-  chip("chip-link", state === "lost" ? "bad" : LINK_LEVEL[link] ?? "idle", state === "lost" ? "page" : link);
-  if (state === "lost") chip("chip-phase", "bad", "Connection lost");
+  chip("chip-link", state === "lost" ? "bad" : ended ? "idle" : LINK_LEVEL[link] ?? "idle", state === "lost" ? "page" : ended ? "ended" : link);
+  if (ended) chip("chip-phase", "idle", "Ended");
+  else if (state === "lost") chip("chip-phase", "bad", "Connection lost");
   else if (stale) chip("chip-phase", "bad", `No data ${clock(silentS)}`);
   else chip("chip-phase", s.phase === "running" ? "good" : "wait", PHASE[s.phase] ?? s.phase);
 }
