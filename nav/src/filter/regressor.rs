@@ -38,6 +38,8 @@ struct Channel {
     lasting: f64,
     low: f64,
     high: f64,
+    /// The widest that this range has been.
+    widest: f64,
     /// Whether that range is larger than what noise reaches in one sample.
     moved: bool,
 }
@@ -62,12 +64,13 @@ impl Channel {
         self.high = self.lasting + (self.high - self.lasting) * kept;
         self.low = self.low.min(self.lasting);
         self.high = self.high.max(self.lasting);
+        self.widest = self.widest.max(self.high - self.low);
         self.moved = self.high - self.low > band;
     }
 
-    fn shift(&mut self, by: f64) {
+    fn shift(&mut self, by: f64, moving: bool) {
         self.held += by;
-        if self.held.abs() < NEGLIGIBLE * (self.high - self.low) {
+        if moving && self.held.abs() < NEGLIGIBLE * self.widest {
             self.let_through();
         }
     }
@@ -106,9 +109,14 @@ impl Regressor {
     /// but noise has been seen for [`QUIET_S`]; in both without the shift that is held back, or a noisy second would tell the two
     /// estimates apart.
     pub(super) fn lever(&self, measured: &Motion) -> Motion {
+        let moving = self.moving();
         let of = |k: usize, x: f64| {
             let c = &self.channels[k];
-            if c.is_quiet() { c.steady } else { x - c.held }
+            match (c.is_quiet(), moving) {
+                (true, _) => c.steady,
+                (false, true) => x,
+                (false, false) => x - c.held,
+            }
         };
         Motion {
             rate: Vector3::from_fn(|k, _| of(k, measured.rate[k])),
@@ -158,7 +166,8 @@ impl Regressor {
     /// The same sample is compensated differently now.
     pub(super) fn estimate_changed(&mut self, before: &Motion, after: &Motion) {
         let by = Motion { rate: after.rate - before.rate, force: after.force - before.force };
-        self.each(&by, Channel::shift);
+        let moving = self.moving();
+        self.each(&by, |c, by| c.shift(by, moving));
     }
 
     /// The estimates stay where they are from now on: what was held back comes through.
@@ -166,9 +175,14 @@ impl Regressor {
         self.channels.iter_mut().for_each(Channel::let_through);
     }
 
-    /// Whether there was motion beyond noise within about [`RECENT_S`], or nothing was known before that.
+    /// Whether there was motion beyond noise within some [`RECENT_S`].
+    fn moving(&self) -> bool {
+        self.channels.iter().any(|c| c.moved)
+    }
+
+    /// The same, or nothing was known before that.
     pub(super) fn moved_lately(&self) -> bool {
-        self.age_s < RECENT_S || self.channels.iter().any(|c| c.moved)
+        self.age_s < RECENT_S || self.moving()
     }
 
     fn each(&mut self, motion: &Motion, mut job: impl FnMut(&mut Channel, f64)) {
