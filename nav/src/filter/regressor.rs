@@ -19,10 +19,11 @@ const STEADY_S: f64 = 0.5;
 const LASTING_S: f64 = 1.0;
 /// A channel is quiet when it has been steady for so long, s.
 const QUIET_S: f64 = 1.0;
-/// Motion counts for the range for about so long, s: what it brought was brought by then, and estimates that change later add nothing.
+/// A vehicle counts as moving for about so long after motion, s: what it brought was brought by then, and estimates that change later
+/// add nothing.
 const RECENT_S: f64 = 60.0;
-/// A shift is let through when it is less than this share of the range of motion lately: it then adds a hundredth to what
-/// motion has told already.
+/// A shift is let through while the vehicle moves when it is less than this share of the widest range of motion: it then adds a
+/// hundredth to what motion has shown already.
 const NEGLIGIBLE: f64 = 0.1;
 
 /// One channel, rad/s or m/s².
@@ -34,7 +35,7 @@ struct Channel {
     steady_s: f64,
     /// Shift by changed estimates that is not let through.
     held: f64,
-    /// Low-passed value and the range it has covered.
+    /// Low-passed value and the range it has covered lately.
     lasting: f64,
     low: f64,
     high: f64,

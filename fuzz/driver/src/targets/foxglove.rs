@@ -134,7 +134,7 @@ impl Visit {
     }
 }
 
-/// Bytes as what a viewer sends (see [`Visit`]).
+/// Bytes as what a viewer sends (see `Visit`).
 pub fn foxglove(data: &[u8]) -> bool {
     let visit = Visit::new(data);
     let runtime = tokio::runtime::Builder::new_current_thread().enable_time().start_paused(true).build();
