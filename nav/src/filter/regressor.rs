@@ -41,7 +41,7 @@ struct Channel {
     high: f64,
     /// The widest that this range has been.
     widest: f64,
-    /// Whether that range is larger than what noise reaches in one sample.
+    /// Whether the range lately is larger than what noise reaches in one sample.
     moved: bool,
 }
 
@@ -107,8 +107,8 @@ impl Regressor {
     }
 
     /// The motion that errors of attitude and time act on: as it was measured while the vehicle moves, the mean where nothing
-    /// but noise has been seen for [`QUIET_S`]; in both without the shift that is held back, or a noisy second would tell the two
-    /// estimates apart.
+    /// but noise has been seen for [`QUIET_S`]. A noisy second of a vehicle that does not move is shown without the shift that is held
+    /// back, or it would tell the two estimates apart.
     pub(super) fn lever(&self, measured: &Motion) -> Motion {
         let moving = self.moving();
         let of = |k: usize, x: f64| {

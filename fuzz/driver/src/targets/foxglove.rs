@@ -19,7 +19,7 @@ const SECRET: &str = "correct-horse-battery";
 const PIPE_BYTES: usize = 64 * 1024;
 /// Until everything that was sent has been dealt with; virtual time.
 const PAUSE: Duration = Duration::from_secs(1);
-/// A connection ends within this time once it was told to.
+/// A connection ends within this time once the server stops.
 const PATIENCE: Duration = Duration::from_secs(60);
 /// The rest of a handshake that is not in the input.
 const HANDSHAKE: &str = "Connection: Upgrade\r\nUpgrade: websocket\r\nSec-WebSocket-Version: 13\r\n\
