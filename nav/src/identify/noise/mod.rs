@@ -150,9 +150,15 @@ impl Claims {
         self.growth(noise).iter().zip(GROWN).any(|(growth, most)| *growth > most)
     }
 
+    /// Which of it a sensor that does what was claimed can have.
+    fn plausible(&self, noise: &Noise) -> [bool; 4] {
+        let growth = self.growth(noise);
+        std::array::from_fn(|k| growth[k] < PLAUSIBLE[k])
+    }
+
     /// Whether a sensor that does what was claimed cannot have it.
     pub(super) fn is_implausible(&self, noise: &Noise) -> bool {
-        self.growth(noise).iter().zip(PLAUSIBLE).any(|(growth, most)| *growth >= most)
+        self.plausible(noise).contains(&false)
     }
 
     /// Limits within which noise is no larger than claimed.
@@ -192,8 +198,7 @@ impl Claims {
         workers: &dyn Workers,
     ) -> Vec<NoiseEntry> {
         let sigmas = sigmas(problems, noise, limits, options, workers);
-        let plausible: Vec<bool> =
-            self.growth(noise).iter().zip(PLAUSIBLE).map(|(growth, most)| *growth < most).collect();
+        let plausible = self.plausible(noise);
         let deg = 1f64.to_radians();
         let (start, v) = (self.start.get(), noise.get());
         let table = [
