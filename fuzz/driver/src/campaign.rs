@@ -9,13 +9,15 @@ use std::fs::File;
 use std::io;
 use std::os::unix::fs::FileExt;
 use std::panic::{self, AssertUnwindSafe};
+use std::path::PathBuf;
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::sync::{Arc, Mutex, PoisonError};
 use std::time::{Duration, Instant};
 
 /// Longest time for one input, s.
 pub const LONGEST_S: f64 = 1.0;
-/// An input that takes longer ends the campaign.
+/// An input that takes longer ends the campaign. Time in which its thread waits for a processor does not count: a
+/// campaign beside other work is starved for minutes.
 const HANG: Duration = Duration::from_secs(60);
 /// Most memory of the process, KiB.
 pub const MOST_KIB: u64 = 200 * 1024;
@@ -85,6 +87,7 @@ pub struct Report {
 #[derive(Debug, Default)]
 struct Now {
     number: AtomicU64,
+    /// Time of the campaign at the start of this input, without that in which its thread waited for a processor, ms.
     since_ms: AtomicU64,
 }
 
@@ -97,13 +100,14 @@ pub fn run(inputs: Inputs, first: u64, count: u64, state: &File) -> io::Result<R
     let began = Instant::now();
     let inputs = Arc::new(inputs);
     let now = Arc::new(Now::default());
-    watch(Arc::clone(&inputs), Arc::clone(&now), began)?;
+    let thread = Thread::this();
+    watch(Arc::clone(&inputs), Arc::clone(&now), began, thread.clone())?;
     let message = catch_messages();
     let mut report = Report::default();
     for number in first..first + count {
         state.write_all_at(&number.to_le_bytes(), 0)?;
         let input = inputs.at(number);
-        now.since_ms.store(began.elapsed().as_millis() as u64, Ordering::Relaxed);
+        now.since_ms.store(thread.served(began).as_millis() as u64, Ordering::Relaxed);
         now.number.store(number, Ordering::Release);
         let start = Instant::now();
         let result = panic::catch_unwind(AssertUnwindSafe(|| (inputs.target.run)(&input)));
@@ -111,7 +115,7 @@ pub fn run(inputs: Inputs, first: u64, count: u64, state: &File) -> io::Result<R
         if elapsed_s > LONGEST_S {
             // Others use the machine too: what counts is the time of this thread.
             elapsed_s =
-                cpu_time_s(|| _ = panic::catch_unwind(AssertUnwindSafe(|| (inputs.target.run)(&input))));
+                thread.cpu_time_s(|| _ = panic::catch_unwind(AssertUnwindSafe(|| (inputs.target.run)(&input))));
         }
         report.inputs += 1;
         report.accepted += u64::from(*result.as_ref().unwrap_or(&false));
@@ -146,13 +150,13 @@ pub fn run(inputs: Inputs, first: u64, count: u64, state: &File) -> io::Result<R
 }
 
 /// Ends the process when an input takes much too long.
-fn watch(inputs: Arc<Inputs>, now: Arc<Now>, began: Instant) -> io::Result<()> {
+fn watch(inputs: Arc<Inputs>, now: Arc<Now>, began: Instant, worker: Thread) -> io::Result<()> {
     let look = move || {
         loop {
             std::thread::sleep(HANG / 10);
             let number = now.number.load(Ordering::Acquire);
             let since = Duration::from_millis(now.since_ms.load(Ordering::Relaxed));
-            if began.elapsed().saturating_sub(since) > HANG {
+            if worker.served(began).saturating_sub(since) > HANG {
                 let kept = corpus::keep(inputs.target, &inputs.at(number));
                 eprintln!("{}: input {number} does not end, kept as {kept:?}", inputs.target.name);
                 std::process::exit(3);
@@ -174,15 +178,34 @@ fn catch_messages() -> Arc<Mutex<String>> {
     last
 }
 
-/// Time that this thread was on a core, s.
-fn cpu_time_s(job: impl FnOnce()) -> f64 {
-    let read = || {
-        let text = std::fs::read_to_string("/proc/thread-self/schedstat").unwrap_or_default();
-        text.split_whitespace().next().and_then(|t| t.parse::<u64>().ok()).unwrap_or(0)
-    };
-    let before = read();
-    job();
-    read().saturating_sub(before) as f64 * 1e-9
+/// A thread's account with the scheduler: `proc_pid_schedstat(5)`. Zeros where the kernel keeps none.
+#[derive(Debug, Clone)]
+struct Thread(PathBuf);
+
+impl Thread {
+    /// The one that runs this.
+    fn this() -> Self {
+        Self(std::fs::canonicalize("/proc/thread-self").unwrap_or_default().join("schedstat"))
+    }
+
+    /// Time on a processor and time of waiting for one.
+    fn account(&self) -> (Duration, Duration) {
+        let text = std::fs::read_to_string(&self.0).unwrap_or_default();
+        let mut of = text.split_whitespace().map(|t| Duration::from_nanos(t.parse().unwrap_or(0)));
+        (of.next().unwrap_or_default(), of.next().unwrap_or_default())
+    }
+
+    /// Time since `began` without that of waiting for a processor.
+    fn served(&self, began: Instant) -> Duration {
+        began.elapsed().saturating_sub(self.account().1)
+    }
+
+    /// Time on a processor that a job takes, s.
+    fn cpu_time_s(&self, job: impl FnOnce()) -> f64 {
+        let before = self.account().0;
+        job();
+        self.account().0.saturating_sub(before).as_secs_f64()
+    }
 }
 
 /// Most memory of this process so far, KiB.
