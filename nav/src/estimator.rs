@@ -237,7 +237,7 @@ impl Estimator {
         }
         let Some(undone) = self.model.undo_source_after(raw, &mut self.source) else { return Vec::new() };
         let sample = self.dequantiser.undo(&undone);
-        self.meter.push(&sample, self.dequantiser.dithered_variance());
+        self.meter.push(&sample);
         self.last = Some(sample);
         let (kind, noise) = (self.stream.kind, self.extra_noise());
         let (rounding, scatter) = (self.dequantiser.constant_error(), self.meter.scatter());
@@ -337,7 +337,7 @@ impl Estimator {
         let imu = &self.model.imu;
         let (gyro, accel) = (imu.gyro_noise * imu.gyro_noise, imu.accel_noise * imu.accel_noise);
         let rounding = self.rounding_noise();
-        let excess = self.meter.excess(gyro, accel);
+        let excess = self.meter.excess(gyro + rounding.0, accel + rounding.1);
         (rounding.0 + excess.0, rounding.1 + excess.1)
     }
 

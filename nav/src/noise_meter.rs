@@ -143,14 +143,11 @@ pub struct NoiseMeter {
     low_pass: LowPass,
     /// v_2/v_4 at its largest.
     roughest: Pair,
-    /// Variance that whole numbers mask, times the interval.
-    hidden: Pair,
 }
 
 impl NoiseMeter {
-    /// Takes a sample, and the variances of its gyro and accelerometer values inside the bins of whole numbers, where it has been
-    /// replaced by their means.
-    pub fn push(&mut self, sample: &ImuSample, hidden: (f64, f64)) {
+    /// Takes a sample.
+    pub fn push(&mut self, sample: &ImuSample) {
         let dt = self.last_s.map(|last| sample.t_s - last);
         self.last_s = Some(sample.t_s);
         let Some(dt) = dt.filter(|dt| dt.is_finite()) else { return };
@@ -162,9 +159,6 @@ impl NoiseMeter {
         self.intervals = self.intervals.saturating_add(1);
         let share = (1.0 / f64::from(self.intervals)).max(dt / MEMORY_S);
         self.interval_s += share * (dt - self.interval_s);
-        for (mean, variance) in self.hidden.iter_mut().zip([hidden.0, hidden.1]) {
-            *mean += share * (variance * self.interval_s - *mean);
-        }
         if self.intervals < SETTLED {
             return;
         }
@@ -200,7 +194,7 @@ impl NoiseMeter {
         let smooth = self.differences.density_behind(&self.low_pass, self.interval_s);
         let of = |k: usize| {
             let low_passed = self.roughest[k] < SMOOTH && self.differences.seconds >= MEMORY_S;
-            self.hidden[k] + if low_passed { smooth[k] } else { rough[k] }
+            if low_passed { smooth[k] } else { rough[k] }
         };
         (of(0), of(1))
     }
@@ -213,7 +207,7 @@ impl NoiseMeter {
         (of(0), of(1))
     }
 
-    /// What to add to the model's variances per hertz (both gyro and accelerometer), given these.
+    /// What to add to the variances per hertz (both gyro and accelerometer) that are known of, given these.
     pub fn excess(&self, gyro: f64, accel: f64) -> (f64, f64) {
         let over =
             |measured: f64, model: f64| if measured > TOLERATED * model { measured - model } else { 0.0 };
@@ -298,7 +292,7 @@ mod tests {
             let (gyro, accel) = quantisation.apply(&gyro, &Vector3::zeros());
             let t_s = t_s + jitter * scatter.sample(&mut rng) / rate_hz;
             let sample = dequantiser.undo(&ImuSample { t_s, gyro, accel, temperature_degc: None });
-            meter.push(&sample, dequantiser.dithered_variance());
+            meter.push(&sample);
             if i > n / 2 {
                 sum += meter.density().0;
                 count += 1;
@@ -358,7 +352,7 @@ mod tests {
             let level = if i > 1000 { 0.7 } else { 0.0 };
             let t_s = f64::from(i) * 0.01 + pause;
             let gyro = Vector3::repeat(level);
-            meter.push(&ImuSample { t_s, gyro, accel: gyro, temperature_degc: None }, (0.0, 0.0));
+            meter.push(&ImuSample { t_s, gyro, accel: gyro, temperature_degc: None });
         }
         assert_eq!(meter.excess(1e-8, 1e-5), (0.0, 0.0));
         assert!((meter.interval_s() - 0.01).abs() < 1e-6);

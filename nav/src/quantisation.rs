@@ -6,6 +6,7 @@
 
 use crate::sample::{ImuSample, Quantisation, Steps};
 use nalgebra::Vector3;
+use std::f64::consts::TAU;
 
 /// Time over which [`Dequantiser`] learns the local mean and scatter, s. Long against the correlation of filtered
 /// sensor noise, short against a maneuver.
@@ -29,6 +30,10 @@ const DITHERED_ERROR: f64 = 0.02;
 const PULL: f64 = 0.02;
 /// Slices of a bin in the numerical integral: half the smallest scatter in the dead zone.
 const SLICES: u32 = 16;
+/// Beyond so many sigma there is no noise.
+const FAR: f64 = 4.0;
+/// Where the mean of the centres follows that of the values less than this, it says too little.
+const LEAST_SLOPE: f64 = 0.3;
 
 impl Quantisation {
     /// What the source makes of a real sample.
@@ -89,26 +94,83 @@ struct Channel {
 }
 
 impl Channel {
-    /// The expected value behind a count, its variance and the part of that which stays the same from sample to
+    /// The value behind a count, the variance that rounding adds to it and the part of that which stays the same from sample to
     /// sample, steps and steps²; learns from it with weight `gain`.
     fn update(&mut self, count: f64, gain: f64) -> (f64, f64, f64) {
         if !count.is_finite() {
             return (count, SCATTER_AT_START * SCATTER_AT_START, 0.0);
         }
         let (low, high) = bin(count);
-        let (w, wx, wxx) = moments(self.mean, self.variance, low, high);
-        let expected = wx / w;
-        let variance = (wxx / w - expected * expected).max(0.0);
-        let scatter = (1.0 - PULL) * (variance + (expected - self.mean).powi(2));
+        let (centre, flat) = (0.5 * (low + high), (high - low).powi(2) / 12.0);
         // Without dither the counts carry no mean: toward the centre of the bin and its flat variance.
         let dither =
             ((self.variance.sqrt() - SCATTER_FLOOR) / (SCATTER_DITHERS - SCATTER_FLOOR)).clamp(0.0, 1.0);
-        let (centre, flat) = (0.5 * (low + high), (high - low).powi(2) / 12.0);
+        let (mut value, mut added) = (centre, flat);
+        if dither > 0.0 {
+            let zone = DeadZone::seen(self.mean, self.variance);
+            let full = self.mean + zone.stretched(centre - self.mean + zone.shift);
+            value += dither * (full - centre);
+            added += dither * (zone.added - flat);
+        }
+        self.learn(centre, dither, moments(self.mean, self.variance, low, high), gain);
+        (value, added, (1.0 - dither) * flat)
+    }
+
+    /// Expectation maximisation with the moments of the values behind a count.
+    fn learn(&mut self, centre: f64, dither: f64, (w, wx, wxx): (f64, f64, f64), gain: f64) {
+        let expected = wx / w;
+        let scatter = (wxx / w - expected * expected).max(0.0) + (expected - self.mean).powi(2);
         let value = centre + dither * (1.0 - PULL) * (expected - centre);
-        self.variance = (self.variance + gain * (scatter - self.variance)).max(SCATTER_FLOOR * SCATTER_FLOOR);
+        self.variance = (self.variance + gain * ((1.0 - PULL) * scatter - self.variance))
+            .max(SCATTER_FLOOR * SCATTER_FLOOR);
         self.mean += gain * (value - self.mean);
-        let persistent = (1.0 - dither) * flat;
-        (centre + dither * (expected - centre), flat + dither * (variance - flat), persistent)
+    }
+}
+
+/// What the dead zone does to the centres of the counts of normally distributed values, steps.
+///
+/// Beside it the centres are the values with an error that noise makes as good as independent (Widrow & Kollár 2008, ch. 4);
+/// in it the centre is half a step too low above zero and half a step too high below.
+#[derive(Debug, Clone, Copy)]
+struct DeadZone {
+    /// Mean of the values less that of the centres.
+    shift: f64,
+    /// By how much the mean of the centres follows that of the values.
+    slope: f64,
+    /// 1-sigma of the centres.
+    scatter: f64,
+    /// Variance that values brought back have beyond the noise.
+    added: f64,
+}
+
+impl DeadZone {
+    /// From values with this mean and variance, steps and steps².
+    fn seen(mean: f64, variance: f64) -> Self {
+        let sigma = variance.sqrt();
+        if mean.abs() > 1.0 + FAR * sigma {
+            let added = 1.0 / 12.0;
+            return Self { shift: 0.0, slope: 1.0, scatter: (variance + added).sqrt(), added };
+        }
+        let density = |x: f64| (-0.5 * (x - mean).powi(2) / variance).exp() / (sigma * TAU.sqrt());
+        // Simpson's rule on either side of zero.
+        let at: [f64; 9] = std::array::from_fn(|k| density(0.25 * k as f64 - 1.0));
+        let share =
+            |k: usize| (at[k] + 4.0 * at[k + 1] + 2.0 * at[k + 2] + 4.0 * at[k + 3] + at[k + 4]) / 12.0;
+        let (below, above) = (share(0), share(4));
+        let shift = 0.5 * (above - below);
+        let slope = (1.0 - 0.5 * (2.0 * at[4] - at[0] - at[8])).max(LEAST_SLOPE);
+        let centres = mean - shift;
+        let spread =
+            (mean * mean + variance + 1.0 / 12.0 - 0.25 * (below + above) - centres * centres).max(0.0);
+        let added = (spread / (slope * slope) - variance).max(0.0);
+        Self { shift, slope, scatter: spread.sqrt(), added }
+    }
+
+    /// How far a value is from the mean of the values whose centre is so far from the mean of the centres. What no noise of
+    /// this scatter reaches has moved, and is not stretched.
+    fn stretched(&self, off: f64) -> f64 {
+        let reach = FAR * self.scatter + 1.0;
+        off + off.clamp(-reach, reach) * (1.0 / self.slope - 1.0)
     }
 }
 
@@ -135,14 +197,16 @@ fn moments(mean: f64, variance: f64, low: f64, high: f64) -> (f64, f64, f64) {
     (w, wx, wxx)
 }
 
-/// Gives truncated samples back their expected value, using what the last second says of mean and noise.
+/// Gives truncated samples back their values, using what the last second says of mean and noise.
 ///
 /// Where the sensor noise is about a step, truncation masks a mean rate inside the dead zone, but the *frequencies* of the
 /// counts still determine it. Each axis carries a local mean and variance, found by expectation maximisation over a
-/// fading memory (Dempster, Laird & Rubin 1977, interval-censored normal samples), and each count is replaced by the
-/// mean of that normal distribution inside the count's bin. Where the motion is much larger than a step the normal is
-/// flat across a bin, and where the noise is too small to dither the counts they determine no mean: both times this is
-/// [`Quantisation::undo`]. Deterministic: equal samples give equal results.
+/// fading memory (Dempster, Laird & Rubin 1977, interval-censored normal samples). Each count is replaced by the centre of
+/// its bin and, as far as the noise reaches the dead zone, by the value whose centres would have that mean: right in the
+/// mean for a motion within the noise, however fast. (The mean of the normal distribution inside the bin is not: it draws
+/// such motion toward the local mean, at a noise of 1.2 steps by 6 % and in the dead zone by 15 %.) Where the
+/// noise is too small to dither the counts they determine no mean, and this is [`Quantisation::undo`]. Deterministic: equal
+/// samples give equal results.
 ///
 /// Largest bias for constant rates from -3 to 3 steps and white noise, in steps: centre of the bin 0.29, 0.19, 0.11,
 /// 0.03 and this 0.04, 0.01, 0.01, 0.01 for a noise of 0.5, 0.7, 1 and 2 steps. At 0.1 step neither helps (0.7).
@@ -207,16 +271,6 @@ impl Dequantiser {
     /// Variances that the rounding adds to the sample undone last, (rad/s)² and (m/s²)², per axis.
     pub fn variance(&self) -> (Vector3<f64>, Vector3<f64>) {
         (self.variance[0], self.variance[1])
-    }
-
-    /// Mean over the axes of the variance inside the bins of the sample undone last that noise dithers, (rad/s)² and (m/s²)²:
-    /// the part of the noise that the expected values do not show.
-    pub fn dithered_variance(&self) -> (f64, f64) {
-        let part = |k: usize| (self.variance[k].mean() - self.persistent[k].mean()).max(0.0);
-        match self.quantisation {
-            Quantisation::Truncate(_) => (part(0), part(1)),
-            _ => (0.0, 0.0),
-        }
     }
 
     /// Variances of the part of the error that stays the same from sample to sample, (rad/s)² and (m/s²)², per axis: what
@@ -364,6 +418,35 @@ mod tests {
         for (amplitude, period) in [(5.0, 10.0), (20.0, 5.0), (100.0, 2.0)] {
             let shown = show(|t| 0.3 + amplitude * (std::f64::consts::TAU * t / period).sin(), 1.0, 7);
             assert!(shown.bias[1].abs() < 0.02, "{amplitude}: {:?}", shown.bias);
+        }
+    }
+
+    /// Share of a swing of 0.4 step in half a second that arrives, where noise dithers it.
+    fn arriving(rate: f64, sigma: f64) -> f64 {
+        let mut rng = Xoshiro256PlusPlus::seed_from_u64(5);
+        let mut dequantiser = Dequantiser::new(STEP);
+        let (mut along, mut all) = (0.0, 0.0);
+        for k in 0..400_000_u32 {
+            let t_s = f64::from(k) * 0.02;
+            let swing = 0.4 * (std::f64::consts::TAU * 2.0 * t_s).sin();
+            let noise: f64 = StandardNormal.sample(&mut rng);
+            let gyro = Vector3::repeat((rate + swing + sigma * noise).trunc());
+            let sample = ImuSample { t_s, gyro, accel: Vector3::zeros(), temperature_degc: None };
+            along += (dequantiser.undo(&sample).gyro.x - rate) * swing;
+            all += swing * swing;
+        }
+        along / all
+    }
+
+    /// The mean of the normal distribution inside the bin lacks 6 to 15 % of it at 1.2 steps and 8 to 21 % at 1 step.
+    #[test]
+    fn fast_motion_within_the_noise_passes_in_full() {
+        for sigma in [1.0, 1.2, 2.0] {
+            for rate in [0.0, 0.6, 1.5, 5.0] {
+                let share = arriving(rate, sigma);
+                // Measured with an uncertainty of 0.006 times sigma.
+                assert!((share - 1.0).abs() < 0.02 * sigma, "rate {rate}, noise {sigma}: {share}");
+            }
         }
     }
 

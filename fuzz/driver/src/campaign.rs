@@ -114,8 +114,8 @@ pub fn run(inputs: Inputs, first: u64, count: u64, state: &File) -> io::Result<R
         let mut elapsed_s = start.elapsed().as_secs_f64();
         if elapsed_s > LONGEST_S {
             // Others use the machine too: what counts is the time of this thread.
-            elapsed_s =
-                thread.cpu_time_s(|| _ = panic::catch_unwind(AssertUnwindSafe(|| (inputs.target.run)(&input))));
+            elapsed_s = thread
+                .cpu_time_s(|| _ = panic::catch_unwind(AssertUnwindSafe(|| (inputs.target.run)(&input))));
         }
         report.inputs += 1;
         report.accepted += u64::from(*result.as_ref().unwrap_or(&false));

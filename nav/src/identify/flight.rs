@@ -110,7 +110,7 @@ impl Flight {
         let mut meter = NoiseMeter::default();
         let (mut gyro, mut accel) = (Vec::new(), Vec::new());
         for (i, sample) in self.raw.iter().enumerate() {
-            meter.push(sample, (0.0, 0.0));
+            meter.push(sample);
             if i % 100 == 99 {
                 let (g, a) = meter.excess(0.0, 0.0);
                 gyro.push(g);
