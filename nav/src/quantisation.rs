@@ -105,6 +105,14 @@ impl Channel {
         // Without dither the counts carry no mean: toward the centre of the bin and its flat variance.
         let dither =
             ((self.variance.sqrt() - SCATTER_FLOOR) / (SCATTER_DITHERS - SCATTER_FLOOR)).clamp(0.0, 1.0);
+        if self.mean.abs() > 1.0 + FAR * self.variance.sqrt() {
+            // The dead zone is out of reach: the centres are the values with an independent error.
+            self.learn(centre, (centre - self.mean).powi(2) - flat, gain);
+            return (centre, flat, (1.0 - dither) * flat);
+        }
+        let (w, wx, wxx) = moments(self.mean, self.variance, low, high);
+        let expected = wx / w;
+        let scatter = (wxx / w - expected * expected).max(0.0) + (expected - self.mean).powi(2);
         let (mut value, mut added) = (centre, flat);
         if dither > 0.0 {
             let zone = DeadZone::seen(self.mean, self.variance);
@@ -112,15 +120,11 @@ impl Channel {
             value += dither * (full - centre);
             added += dither * (zone.added - flat);
         }
-        self.learn(centre, dither, moments(self.mean, self.variance, low, high), gain);
+        self.learn(centre + dither * (1.0 - PULL) * (expected - centre), scatter, gain);
         (value, added, (1.0 - dither) * flat)
     }
 
-    /// Expectation maximisation with the moments of the values behind a count.
-    fn learn(&mut self, centre: f64, dither: f64, (w, wx, wxx): (f64, f64, f64), gain: f64) {
-        let expected = wx / w;
-        let scatter = (wxx / w - expected * expected).max(0.0) + (expected - self.mean).powi(2);
-        let value = centre + dither * (1.0 - PULL) * (expected - centre);
+    fn learn(&mut self, value: f64, scatter: f64, gain: f64) {
         self.variance = (self.variance + gain * ((1.0 - PULL) * scatter - self.variance))
             .max(SCATTER_FLOOR * SCATTER_FLOOR);
         self.mean += gain * (value - self.mean);
@@ -146,14 +150,17 @@ struct DeadZone {
 impl DeadZone {
     /// From values with this mean and variance, steps and steps².
     fn seen(mean: f64, variance: f64) -> Self {
-        let sigma = variance.sqrt();
-        if mean.abs() > 1.0 + FAR * sigma {
-            let added = 1.0 / 12.0;
-            return Self { shift: 0.0, slope: 1.0, scatter: (variance + added).sqrt(), added };
-        }
-        let density = |x: f64| (-0.5 * (x - mean).powi(2) / variance).exp() / (sigma * TAU.sqrt());
-        // Simpson's rule on either side of zero.
-        let at: [f64; 9] = std::array::from_fn(|k| density(0.25 * k as f64 - 1.0));
+        const STEP: f64 = 0.25;
+        // As in `moments`; Simpson's rule on either side of zero.
+        let mut weight = (-0.5 * (-1.0 - mean).powi(2) / variance).exp() / (variance * TAU).sqrt();
+        let mut ratio = ((STEP * (1.0 + mean) - 0.5 * STEP * STEP) / variance).exp();
+        let change = (-STEP * STEP / variance).exp();
+        let at: [f64; 9] = std::array::from_fn(|_| {
+            let density = weight;
+            weight *= ratio;
+            ratio *= change;
+            density
+        });
         let share =
             |k: usize| (at[k] + 4.0 * at[k + 1] + 2.0 * at[k + 2] + 4.0 * at[k + 3] + at[k + 4]) / 12.0;
         let (below, above) = (share(0), share(4));
