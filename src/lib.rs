@@ -14,6 +14,7 @@ pub mod engine;
 pub mod explain;
 pub mod export;
 pub mod external_ahrs;
+pub mod figures;
 pub mod fleet;
 pub mod link;
 pub mod logs;

@@ -94,6 +94,23 @@ fn flights_are_put_together_by_unit_and_give_a_model_for_the_next() {
     let names = |p: &Value| p["name"].as_str().unwrap().to_owned();
     let parameters: Vec<String> = family["parameters"].as_array().unwrap().iter().map(names).collect();
     assert!(parameters.contains(&"latency".to_owned()), "{parameters:?}");
+    // The page lies beside the tables; with --json only where --out names it.
+    let page = folder.file("out/report.html");
+    assert!(!Path::new(&page).exists());
+    let reported = gaware(&["fleet", "report", &out]);
+    assert_eq!(reported.code(), Some(0), "{}", reported.stderr);
+    assert!(reported.stdout.contains(&format!("report: {page}")), "{}", reported.stdout);
+    let html = std::fs::read_to_string(&page).unwrap();
+    assert!(
+        html.contains("4 flights of 2 inertial units with 2 firmwares") && html.contains("4.6_broken.ulg")
+    );
+    let other = folder.file("other.html");
+    let both = gaware(&["fleet", "report", &out, "--json", "--out", &other]);
+    assert_eq!(both.json(), family);
+    assert_eq!(std::fs::read_to_string(&other).unwrap(), html);
+    let nowhere = gaware(&["fleet", "report", &out, "--out", &folder.file("none/page.html")]);
+    assert_eq!(nowhere.code(), Some(1));
+    assert!(nowhere.stderr.contains("cannot write the report to"), "{}", nowhere.stderr);
     let model = folder.file("u1.toml");
     gaware(&["fleet", "prior", "u1", "--fleet", &out, "--out", &model]);
     // The model is one that replay takes, and it begins with what the flights said.

@@ -68,7 +68,7 @@ pub struct FleetOptions {
 #[derive(Debug, Clone, clap::Subcommand)]
 pub enum FleetCommand {
     /// What the flights of each inertial unit have in common: constant part, turn-on spread, drift, units out of family,
-    /// shifts that came with a firmware.
+    /// shifts that came with a firmware. As a page with plots, and as text or JSON.
     Report(fleet_report::ReportArgs),
     /// Write the model for the next flight of one inertial unit.
     Prior(fleet_report::PriorArgs),

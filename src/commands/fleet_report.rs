@@ -1,11 +1,14 @@
 //! `gaware fleet report` and `gaware fleet prior`: what the flights of each inertial unit have in common.
 
-use super::{CommandError, load_model, output};
+use super::report::ReportError;
+use super::{CommandError, file_name, load_model, output};
+use crate::figures::{two_figures, with_sigma};
 use crate::fleet::FleetError;
 use crate::fleet::family::{self, Family};
 use crate::fleet::find::{NameRule, Named};
 use crate::fleet::flight::FlightEntry;
 use crate::fleet::tables::FleetLog;
+use crate::report::fleet;
 use gaware_nav::model::Model;
 use serde::{Deserialize, Serialize};
 use std::fmt::Write;
@@ -20,6 +23,9 @@ pub struct ReportArgs {
     /// Where a path has the inertial unit and the firmware (default: as in the run of the fleet).
     #[arg(long, value_name = "RULE")]
     pub names: Option<String>,
+    /// Write the page here (default: report.html in the folder of the fleet; with --json there is none unless this names it).
+    #[arg(long, value_name = "FILE")]
+    pub out: Option<PathBuf>,
     /// Print the result as one JSON document.
     #[arg(long)]
     pub json: bool,
@@ -111,13 +117,29 @@ pub fn read_fleet(folder: &Path, names: Option<&str>) -> Result<Vec<FleetLog>, F
 /// `gaware fleet report`.
 ///
 /// # Errors
-/// A folder without a fleet.
+/// A folder without a fleet, or a page that cannot be written.
 pub fn report(args: &ReportArgs) -> Result<(), CommandError> {
-    let family = family::family(&read_fleet(&args.fleet, args.names.as_deref())?);
-    if args.json {
-        return output::json(&family);
+    let logs = read_fleet(&args.fleet, args.names.as_deref())?;
+    let study = family::study(&logs);
+    let page = match &args.out {
+        None if args.json => None,
+        None => Some(args.fleet.join("report.html")),
+        Some(path) => Some(path.clone()),
+    };
+    if let Some(path) = &page {
+        let html = fleet::html(&name_of(&args.fleet), &logs, &study).map_err(ReportError::Draw)?;
+        std::fs::write(path, html).map_err(|source| ReportError::Write { path: path.clone(), source })?;
     }
-    output::words(|out| print(out, &family))
+    if args.json {
+        return output::json(&study.family);
+    }
+    output::words(|out| print(out, &study.family, page.as_deref()))
+}
+
+/// The folder's own name, also where it is given as `.`.
+fn name_of(folder: &Path) -> String {
+    let whole = folder.canonicalize().unwrap_or_else(|_| folder.to_owned());
+    file_name(&whole)
 }
 
 /// `gaware fleet prior`.
@@ -134,13 +156,7 @@ pub fn prior(args: &PriorArgs) -> Result<(), CommandError> {
     output::words(|out| writeln!(out, "written: {}", args.out.display()))
 }
 
-/// Decimals that show three figures of a sigma.
-fn figures(value: f64, sigma: f64) -> String {
-    let decimals = if sigma > 0.0 { (2.0 - sigma.log10().floor()).clamp(0.0, 9.0) as usize } else { 3 };
-    format!("{value:.decimals$} ± {sigma:.decimals$}")
-}
-
-fn print(out: &mut String, family: &Family) -> std::fmt::Result {
+fn print(out: &mut String, family: &Family, page: Option<&Path>) -> std::fmt::Result {
     writeln!(
         out,
         "flights: {}, inertial units: {}, firmwares: {}",
@@ -159,18 +175,23 @@ fn print(out: &mut String, family: &Family) -> std::fmt::Result {
     }
     for p in &family.parameters {
         writeln!(out, "\n{} {} ({}), {} flights", p.effect, p.name, p.unit, p.flights)?;
-        writeln!(out, "  turn-on spread {}", figures(p.turn_on_spread.value, p.turn_on_spread.sigma))?;
+        writeln!(out, "  turn-on spread {}", with_sigma(p.turn_on_spread.value, p.turn_on_spread.sigma))?;
         if let (Some(mean), Some(between)) = (p.family_mean, p.between_units) {
-            writeln!(out, "  family mean {}, between units {between:.4}", figures(mean.value, mean.sigma))?;
+            let places = two_figures(mean.sigma);
+            let mean = with_sigma(mean.value, mean.sigma);
+            writeln!(out, "  family mean {mean}, between units {between:.places$}")?;
         }
         for u in &p.units {
             let mark = if u.out_of_family { " (out of family)" } else { "" };
-            let constant = figures(u.constant.value, u.constant.sigma);
+            let constant = with_sigma(u.constant.value, u.constant.sigma);
             writeln!(out, "  {:<16} {constant} in {} flights{mark}", u.unit, u.flights)?;
         }
     }
     for r in &family.recurring {
         writeln!(out, "{}: {} identified in {} of {} flights", r.unit, r.effect, r.identified, r.explained)?;
     }
-    Ok(())
+    match page {
+        Some(path) => writeln!(out, "\nreport: {}", path.display()),
+        None => Ok(()),
+    }
 }

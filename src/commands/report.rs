@@ -4,6 +4,7 @@ use super::load_model;
 use super::replay::{self, ReplayRequest};
 use super::{CommandError, ListenArgs, demo, file_name, output};
 use crate::engine::{Engine, EngineOptions};
+use crate::figures::civil;
 use crate::logs;
 use crate::report::flight::{self, Logged, Origin};
 use std::path::{Path, PathBuf};
@@ -86,19 +87,6 @@ pub(super) fn date_of(log: &Path) -> String {
     })
 }
 
-/// Year, month and day of the proleptic Gregorian calendar from the days since 1970-01-01 (H. Hinnant, "chrono-Compatible
-/// Low-Level Date Algorithms", `civil_from_days`).
-fn civil(days: i64) -> (i64, i64, i64) {
-    let z = days + 719_468;
-    let era = z.div_euclid(146_097);
-    let doe = z.rem_euclid(146_097);
-    let yoe = (doe - doe / 1460 + doe / 36_524 - doe / 146_096) / 365;
-    let doy = doe - (365 * yoe + yoe / 4 - yoe / 100);
-    let mp = (5 * doy + 2) / 153;
-    let (day, month) = (doy - (153 * mp + 2) / 5 + 1, if mp < 10 { mp + 3 } else { mp - 9 });
-    (yoe + 400 * era + i64::from(month <= 2), month, day)
-}
-
 /// Which model was taken, in words.
 fn model_of(args: &ReportArgs) -> String {
     match &args.model {
@@ -114,14 +102,4 @@ fn beside(log: &Path) -> PathBuf {
     let mut name = log.file_stem().unwrap_or_default().to_owned();
     name.push(".html");
     PathBuf::from(name)
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn days_become_dates() {
-        assert_eq!([civil(0), civil(19_782), civil(-1)], [(1970, 1, 1), (2024, 2, 29), (1969, 12, 31)]);
-    }
 }

@@ -2,6 +2,7 @@
 
 pub mod demo;
 pub mod explanation;
+pub mod fleet;
 pub mod flight;
 pub mod heat;
 pub(crate) mod page;

@@ -15,18 +15,25 @@ pub fn escape(text: &str) -> String {
 /// A page with this title and body. The scripts are there only where there is a plot.
 pub fn page(title: &str, body: &str) -> String {
     let plots = body.contains("<figure class=\"chart\"");
-    let style = if plots { UPLOT_CSS } else { "" };
-    let scripts = if plots {
+    frame(title, "", body, plots.then_some(SCRIPT))
+}
+
+/// A page whose plots have a script and a style of their own.
+pub fn page_with(title: &str, style: &str, body: &str, script: &str) -> String {
+    frame(title, style, body, Some(script))
+}
+
+fn frame(title: &str, own_style: &str, body: &str, script: Option<&str>) -> String {
+    let style = if script.is_some() { UPLOT_CSS } else { "" };
+    let scripts = script.map_or_else(String::new, |script| {
         format!(
-            "<script>/*\n{}*/\n{UPLOT}</script><script>{SCRIPT}</script>",
+            "<script>/*\n{}*/\n{UPLOT}</script><script>{script}</script>",
             UPLOT_LICENCE.replace("*/", "* /")
         )
-    } else {
-        String::new()
-    };
+    });
     format!(
         "<!doctype html><html lang=\"en\"><head><meta charset=\"utf-8\"><meta name=\"viewport\" \
-         content=\"width=device-width,initial-scale=1\"><title>gaware: {title}</title><style>{style}{STYLE}</style></head>\
+         content=\"width=device-width,initial-scale=1\"><title>gaware: {title}</title><style>{style}{STYLE}{own_style}</style></head>\
          <body>{body}{scripts}</body></html>\n"
     )
 }

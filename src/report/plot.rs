@@ -341,7 +341,7 @@ impl<'a> Plot<'a> {
 }
 
 /// Six significant figures.
-fn short(v: f64) -> String {
+pub(super) fn short(v: f64) -> String {
     let text = format!("{v:.6e}").parse::<f64>().unwrap_or(v);
     let digits = (5.0 - text.abs().max(1e-9).log10().floor()).clamp(0.0, 9.0) as usize;
     let fixed = format!("{text:.digits$}");
@@ -349,7 +349,7 @@ fn short(v: f64) -> String {
 }
 
 /// Round values within a range, some four to eight of them.
-fn ticks([low, high]: [f64; 2]) -> Vec<f64> {
+pub(super) fn ticks([low, high]: [f64; 2]) -> Vec<f64> {
     let raw = (high - low) / 5.0;
     let unit = 10_f64.powf(raw.log10().floor());
     let step = [1.0, 2.0, 5.0, 10.0].into_iter().map(|m| m * unit).find(|s| *s >= raw).unwrap_or(raw);

@@ -67,3 +67,26 @@ export async function open(browser, options = {}) {
   });
   return { page, errors, close: () => context.close() };
 }
+
+/** What is wider than the window or lies over its neighbour, and what is smaller than 12 px. */
+export function faults() {
+  const inside = (e) => e.closest(".wide, .drawing, .area, pre, svg");
+  const shown = [...document.querySelectorAll("body *")].filter((e) => e.getClientRects().length > 0);
+  const small = shown.filter((e) => !e.closest(".drawing, script") && [...e.childNodes].some((n) => n.nodeType === 3 && n.textContent.trim()) && parseFloat(getComputedStyle(e).fontSize) < 12);
+  // Letters of a drawing are as large as its scale makes them.
+  const letters = [...document.querySelectorAll("svg text")].filter((e) => e.getClientRects().length > 0);
+  const tiny = letters.filter((e) => parseFloat(getComputedStyle(e).fontSize) * e.getScreenCTM().a < 12);
+  const labels = [...document.querySelectorAll(".drawing text")].map((e) => e.getBoundingClientRect());
+  const over = labels.filter((a, i) => labels.some((b, k) => k > i && a.left < b.right - 3 && b.left < a.right - 3 && a.top < b.bottom - 6 && b.top < a.bottom - 6));
+  // On paper nothing can be scrolled into view.
+  const paper = matchMedia("print").matches ? shown.filter((e) => !e.closest("svg") && e.scrollWidth > e.clientWidth + 1 && getComputedStyle(e).display !== "inline") : [];
+  return {
+    cut: paper.map((e) => `${e.tagName}.${e.className}`),
+    scroll: document.documentElement.scrollWidth - window.innerWidth,
+    wide: shown.filter((e) => !inside(e) && e.getBoundingClientRect().right > window.innerWidth + 1).map((e) => `${e.tagName}.${e.className}`),
+    small: [...small, ...tiny].map((e) => e.textContent.trim().slice(0, 30)),
+    over: over.length,
+    raw: [...document.querySelectorAll("body > :not(pre, script)")].map((e) => e.innerText).join("\n").match(/\[[-0-9.]+,|NaN|undefined/g),
+    plots: document.querySelectorAll("figure.chart").length - document.querySelectorAll("figure.chart.live .uplot").length,
+  };
+}

@@ -6,7 +6,7 @@ import { existsSync, mkdirSync, mkdtempSync, readdirSync, rmSync, statSync } fro
 import { tmpdir } from "node:os";
 import { basename, join } from "node:path";
 import { after, before, test } from "node:test";
-import { launch, open } from "./harness.mjs";
+import { faults, launch, open } from "./harness.mjs";
 
 const ROOT = new URL("../../", import.meta.url).pathname;
 const FLIGHTS = process.env.GAWARE_FLIGHTS ?? join(ROOT, "../shared/data");
@@ -42,29 +42,6 @@ after(async () => {
   await browser.close();
   if (!kept) rmSync(folder, { recursive: true });
 });
-
-/** What is wider than the window or lies over its neighbour, and what is smaller than 12 px. */
-function faults() {
-  const inside = (e) => e.closest(".wide, .drawing, .area, pre, svg");
-  const shown = [...document.querySelectorAll("body *")].filter((e) => e.getClientRects().length > 0);
-  const small = shown.filter((e) => !e.closest(".drawing, script") && [...e.childNodes].some((n) => n.nodeType === 3 && n.textContent.trim()) && parseFloat(getComputedStyle(e).fontSize) < 12);
-  // Letters of a drawing are as large as its scale makes them.
-  const letters = [...document.querySelectorAll("svg text")].filter((e) => e.getClientRects().length > 0);
-  const tiny = letters.filter((e) => parseFloat(getComputedStyle(e).fontSize) * e.getScreenCTM().a < 12);
-  const labels = [...document.querySelectorAll(".drawing text")].map((e) => e.getBoundingClientRect());
-  const over = labels.filter((a, i) => labels.some((b, k) => k > i && a.left < b.right - 3 && b.left < a.right - 3 && a.top < b.bottom - 6 && b.top < a.bottom - 6));
-  // On paper nothing can be scrolled into view.
-  const paper = matchMedia("print").matches ? shown.filter((e) => !e.closest("svg") && e.scrollWidth > e.clientWidth + 1 && getComputedStyle(e).display !== "inline") : [];
-  return {
-    cut: paper.map((e) => `${e.tagName}.${e.className}`),
-    scroll: document.documentElement.scrollWidth - window.innerWidth,
-    wide: shown.filter((e) => !inside(e) && e.getBoundingClientRect().right > window.innerWidth + 1).map((e) => `${e.tagName}.${e.className}`),
-    small: [...small, ...tiny].map((e) => e.textContent.trim().slice(0, 30)),
-    over: over.length,
-    raw: [...document.querySelectorAll("body > :not(pre, script)")].map((e) => e.innerText).join("\n").match(/\[[-0-9.]+,|NaN|undefined/g),
-    plots: document.querySelectorAll("figure.chart").length - document.querySelectorAll("figure.chart.live .uplot").length,
-  };
-}
 
 test("at 1280 and at 390 pixels and on paper nothing overflows, nothing overlaps, every label can be read", async () => {
   // A4 with Chromium's margins is 718 px wide.

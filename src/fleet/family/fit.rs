@@ -71,6 +71,16 @@ pub struct Fit {
     pub freedom: usize,
 }
 
+impl Fit {
+    /// What is expected of a flight: the constant part of its unit with drift and shifts up to its firmware.
+    pub fn expected(&self, flight: &Observation) -> Option<f64> {
+        let unit = self.units.get(flight.unit).copied().flatten()?;
+        let drift = unit.slope.map_or(0.0, |s| s.value * (flight.time_d - unit.mean_time_d));
+        let shifts: f64 = self.shifts.iter().take(flight.firmware + 1).flatten().map(|s| s.value).sum();
+        Some(unit.constant.value + drift + shifts)
+    }
+}
+
 /// Columns of shifts that keep less than this share of their square beside the units' own are confounded with them.
 const CONFOUNDED: f64 = 1e-9;
 

@@ -7,16 +7,18 @@
 //! without them. The constants of the units are in turn values with errors from a family (DerSimonian & Laird 1986), and a unit
 //! is out of family where Student's t against the others alone says so.
 
+pub mod findings;
 pub mod fit;
 mod model;
 pub mod tails;
 
 #[cfg(test)]
-mod tests;
+pub(crate) mod tests;
 
 pub use model::prior_model;
 
 use super::tables::FleetLog;
+use findings::Finding;
 use fit::{Design, Fit, Observation, Uncertain, UnitFit};
 use schemars::JsonSchema;
 use serde::Serialize;
@@ -141,47 +143,106 @@ pub struct Recurring {
     pub firmwares: Vec<String>,
 }
 
+/// What a fleet teaches, with the flights that it was found in.
+#[derive(Debug, Clone, PartialEq)]
+pub struct FleetStudy {
+    /// The result.
+    pub family: Family,
+    /// Its findings, by parameter.
+    pub findings: Vec<Finding>,
+    /// The flights of each parameter of the family.
+    pub flights: Vec<Vec<FlightValue>>,
+}
+
+/// What one flight says of one parameter.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct FlightValue {
+    /// Index of the log.
+    pub log: usize,
+    /// Index of the unit.
+    pub unit: usize,
+    /// Value without the prior of the flight's own filter.
+    pub value: f64,
+    /// Its 1-sigma.
+    pub sigma: f64,
+    /// What the other flights make of it: constant part, drift and shifts as far as they are significant.
+    pub expected: f64,
+    /// Distance from that in standard deviations, the turn-on spread included.
+    pub z: f64,
+    /// Whether it is unlike the other flights of its unit: beyond what chance does in one of twenty fleets.
+    pub unlike: bool,
+}
+
+/// Values of one parameter: what is fitted, and the logs that they come from.
+#[derive(Default)]
+struct Values {
+    observations: Vec<Observation>,
+    logs: Vec<usize>,
+}
+
 /// The flights that count, with indices for names.
 struct Flights<'a> {
     units: Vec<String>,
     firmwares: Vec<String>,
-    /// Unit, firmware, log.
-    flights: Vec<(usize, usize, &'a FleetLog)>,
+    flights: Vec<KnownFlight<'a>>,
+}
+
+/// A flight of a known unit.
+#[derive(Clone, Copy)]
+struct KnownFlight<'a> {
+    unit: usize,
+    firmware: usize,
+    /// Its place among the logs.
+    index: usize,
+    log: &'a FleetLog,
 }
 
 impl<'a> Flights<'a> {
     fn new(logs: &'a [FleetLog]) -> Self {
-        let known = |l: &&FleetLog| l.flight().is_some() && l.unit().is_some();
-        let of: Vec<&FleetLog> = logs.iter().filter(known).collect();
+        let known = |(_, l): &(usize, &FleetLog)| l.flight().is_some() && l.unit().is_some();
+        let of: Vec<(usize, &FleetLog)> = logs.iter().enumerate().filter(known).collect();
         let unit = |l: &FleetLog| l.unit().unwrap_or_default().to_owned();
         let firmware = |l: &FleetLog| l.firmware().unwrap_or_default().to_owned();
-        let units: Vec<String> = of.iter().map(|l| unit(l)).collect::<BTreeSet<_>>().into_iter().collect();
+        let units: Vec<String> =
+            of.iter().map(|(_, l)| unit(l)).collect::<BTreeSet<_>>().into_iter().collect();
         // In the order of their first flights; by name where there are no dates.
         let mut first: BTreeMap<String, f64> = BTreeMap::new();
-        for log in &of {
+        for (_, log) in &of {
             let start = log.flight().and_then(|f| f.start_unix_s).unwrap_or(f64::INFINITY);
             first.entry(firmware(log)).and_modify(|t| *t = t.min(start)).or_insert(start);
         }
         let mut firmwares: Vec<String> = first.keys().cloned().collect();
         firmwares.sort_by(|a, b| first[a].total_cmp(&first[b]).then_with(|| a.cmp(b)));
         let index = |names: &[String], name: &str| names.iter().position(|n| n == name).unwrap_or(0);
-        let flights =
-            of.iter().map(|l| (index(&units, &unit(l)), index(&firmwares, &firmware(l)), *l)).collect();
+        let known = |(k, log): (usize, &'a FleetLog)| KnownFlight {
+            unit: index(&units, &unit(log)),
+            firmware: index(&firmwares, &firmware(log)),
+            index: k,
+            log,
+        };
+        let flights = of.into_iter().map(known).collect();
         Self { units, firmwares, flights }
     }
 
     /// Every parameter with the flights that say enough of it.
-    fn parameters(&self) -> BTreeMap<(String, String, String), Vec<Observation>> {
-        let mut out: BTreeMap<_, Vec<Observation>> = BTreeMap::new();
-        for (unit, firmware, log) in &self.flights {
-            let Some(flight) = log.flight() else { continue };
-            let time_d = flight.start_unix_s.unwrap_or(0.0) / DAY_S;
+    fn parameters(&self) -> BTreeMap<(String, String, String), Values> {
+        let start = |f: &KnownFlight<'_>| f.log.flight().and_then(|f| f.start_unix_s);
+        // Between flights with and without a date there is no time.
+        let undated: BTreeSet<usize> =
+            self.flights.iter().filter(|f| start(f).is_none()).map(|f| f.unit).collect();
+        let mut out: BTreeMap<_, Values> = BTreeMap::new();
+        for known in &self.flights {
+            let Some(flight) = known.log.flight() else { continue };
+            let dated = flight.start_unix_s.filter(|_| !undated.contains(&known.unit));
+            let time_d = dated.unwrap_or(0.0) / DAY_S;
             for p in &flight.parameters {
                 let Some(own) = without_prior(p) else { continue };
                 let key = (p.effect.clone(), p.name.clone(), p.unit.clone());
-                out.entry(key).or_default().push(Observation {
-                    unit: *unit,
-                    firmware: *firmware,
+                let values = out.entry(key).or_default();
+                values.logs.push(known.index);
+                values.observations.push(Observation {
+                    unit: known.unit,
+                    firmware: known.firmware,
                     time_d,
                     value: own.value,
                     sigma: own.sigma,
@@ -206,30 +267,41 @@ fn without_prior(p: &super::flight::FlightParameter) -> Option<Uncertain> {
 
 /// Finds what the flights of each unit have in common. Logs without a result or without a known unit do not count.
 pub fn family(logs: &[FleetLog]) -> Family {
+    study(logs).family
+}
+
+/// The same with the flights that it was found in.
+pub fn study(logs: &[FleetLog]) -> FleetStudy {
     let flights = Flights::new(logs);
     let all = flights.parameters();
     // Tests of each kind in the whole fleet.
     let tests = (all.len() * flights.units.len().max(1)) as f64;
-    let parameters: Vec<ParameterFamily> =
-        all.iter().filter_map(|(key, own)| parameter(key, own, &flights, tests)).collect();
-    let findings = findings(&parameters);
-    Family {
+    let found = all.iter().filter_map(|(key, own)| parameter(key, own, &flights, tests));
+    let (parameters, mut values): (Vec<ParameterFamily>, Vec<Vec<FlightValue>>) = found.unzip();
+    let count = values.iter().map(Vec::len).sum::<usize>() as f64;
+    for value in values.iter_mut().flatten() {
+        value.unlike = tails::normal(value.z) * count < LEVEL;
+    }
+    let findings = findings::of(&parameters);
+    let family = Family {
         schema: "gaware.fleet_family/1",
         flights: flights.flights.len(),
         recurring: recurring(&flights),
         units: flights.units,
         firmwares: flights.firmwares,
         parameters,
-        findings,
-    }
+        findings: findings.iter().map(|f| f.sentence.clone()).collect(),
+    };
+    FleetStudy { family, findings, flights: values }
 }
 
 fn parameter(
     (effect, name, unit): &(String, String, String),
-    own: &[Observation],
+    values: &Values,
     flights: &Flights<'_>,
     tests: f64,
-) -> Option<ParameterFamily> {
+) -> Option<(ParameterFamily, Vec<FlightValue>)> {
+    let own = &values.observations[..];
     let units = flights.units.len();
     let open = open_design(own, flights);
     let whole = fit::fit(own, units, &open).or_else(|| fit::fit(own, units, &Design::default()))?;
@@ -260,7 +332,7 @@ fn parameter(
             significant: chosen.shifts.get(k).copied().unwrap_or(false),
         })
     };
-    Some(ParameterFamily {
+    let found = ParameterFamily {
         effect: effect.clone(),
         name: name.clone(),
         unit: unit.clone(),
@@ -270,7 +342,26 @@ fn parameter(
         between_units: family.map(|(_, spread)| spread),
         units: rows.collect(),
         firmware_shifts: (1..flights.firmwares.len()).filter_map(shift).collect(),
-    })
+    };
+    Some((found, flight_values(values, &last)))
+}
+
+/// The flights against what the fit expects of them.
+fn flight_values(values: &Values, fit: &Fit) -> Vec<FlightValue> {
+    let flight = |(o, log): (&Observation, &usize)| {
+        let expected = fit.expected(o)?;
+        let z = (o.value - expected) / o.sigma.hypot(fit.spread.value);
+        Some(FlightValue {
+            log: *log,
+            unit: o.unit,
+            value: o.value,
+            sigma: o.sigma,
+            expected,
+            z,
+            unlike: false,
+        })
+    };
+    values.observations.iter().zip(&values.logs).filter_map(flight).collect()
 }
 
 /// Every drift and shift that the flights can show.
@@ -284,6 +375,16 @@ fn open_design(own: &[Observation], flights: &Flights<'_>) -> Design {
     Design {
         slopes: (0..flights.units.len()).map(drifts).collect(),
         shifts: vec![true; flights.firmwares.len()],
+    }
+}
+
+impl ParameterFamily {
+    /// Mean and spread of the units that are not out of family; absent with fewer than two.
+    pub fn in_family(&self) -> Option<(Estimated, f64)> {
+        let uncertain = |e: Estimated| Uncertain { value: e.value, sigma: e.sigma };
+        let own = self.units.iter().filter(|u| !u.out_of_family);
+        let (mean, spread) = fit::mean_and_spread(&own.map(|u| uncertain(u.constant)).collect::<Vec<_>>())?;
+        Some((mean.into(), spread))
     }
 }
 
@@ -364,15 +465,15 @@ fn recurring(flights: &Flights<'_>) -> Vec<Recurring> {
     for (k, unit) in flights.units.iter().enumerate() {
         let mut found: BTreeMap<String, (usize, BTreeSet<String>)> = BTreeMap::new();
         let mut explained = 0;
-        for (_, firmware, log) in flights.flights.iter().filter(|(u, ..)| *u == k) {
-            let Some(document) = log.flight().and_then(|f| f.explanation.as_ref()) else { continue };
+        for known in flights.flights.iter().filter(|f| f.unit == k) {
+            let Some(document) = known.log.flight().and_then(|f| f.explanation.as_ref()) else { continue };
             explained += 1;
             let steps = document.get("effects").and_then(|v| v.as_array()).into_iter().flatten();
             let names: BTreeSet<&str> = steps.filter_map(|s| s.pointer("/names/0")?.as_str()).collect();
             for name in names {
                 let entry = found.entry(name.to_owned()).or_default();
                 entry.0 += 1;
-                entry.1.extend(flights.firmwares.get(*firmware).filter(|f| !f.is_empty()).cloned());
+                entry.1.extend(flights.firmwares.get(known.firmware).filter(|f| !f.is_empty()).cloned());
             }
         }
         out.extend(found.into_iter().map(|(effect, (identified, firmwares))| Recurring {
@@ -382,41 +483,6 @@ fn recurring(flights: &Flights<'_>) -> Vec<Recurring> {
             explained,
             firmwares: firmwares.into_iter().collect(),
         }));
-    }
-    out
-}
-
-/// What stands out, in words.
-fn findings(parameters: &[ParameterFamily]) -> Vec<String> {
-    let mut out = Vec::new();
-    for p in parameters {
-        let what = format!("{} {}", p.effect, p.name);
-        for u in &p.units {
-            if u.out_of_family {
-                out.push(format!(
-                    "Unit {} is out of family in {what}: {:.4} ± {:.2} {}, {:.1} standard deviations from the other units",
-                    u.unit, u.constant.value, u.constant.sigma, p.unit, u.family_t.unwrap_or_default().abs()
-                ));
-            }
-            if let Some(d) = u.drift_per_year.filter(|_| u.drifts) {
-                out.push(format!(
-                    "Unit {} drifts in {what}: {:.4} ± {:.2} {} per year",
-                    u.unit, d.value, d.sigma, p.unit
-                ));
-            }
-            if u.scatters_more {
-                out.push(format!(
-                    "Unit {} scatters more than the others from flight to flight in {what}",
-                    u.unit
-                ));
-            }
-        }
-        for s in p.firmware_shifts.iter().filter(|s| s.significant) {
-            out.push(format!(
-                "{what} shifted by {:.4} ± {:.4} {} with firmware {} (after {})",
-                s.shift.value, s.shift.sigma, p.unit, s.to, s.from
-            ));
-        }
     }
     out
 }

@@ -39,10 +39,10 @@ impl Random {
 }
 
 /// What is true of a simulated fleet.
-struct Truth {
+pub(crate) struct Truth {
     /// Constant part by kind and unit, at the middle of the two years and with the first firmware.
     constants: Vec<Vec<f64>>,
-    logs: Vec<FleetLog>,
+    pub(crate) logs: Vec<FleetLog>,
 }
 
 /// Injected into each fleet: unit u05 has g22 of 10 spreads beyond its family, u08 drifts in ba_z by 6 mg per year, and the third firmware
@@ -51,7 +51,7 @@ const OUTLIER: (usize, usize) = (1, 5);
 const DRIFT: (usize, usize, f64) = (3, 8, 6.0);
 const LATENCY: (usize, usize, f64) = (5, 2, 0.04);
 
-fn simulated(seed: u64, injected: bool) -> Truth {
+pub(crate) fn simulated(seed: u64, injected: bool) -> Truth {
     let mut random = Random(seed << 32);
     let mut constants: Vec<Vec<f64>> =
         KINDS.iter().map(|k| (0..UNITS).map(|_| random.normal(k.4)).collect()).collect();
@@ -231,4 +231,45 @@ fn the_prior_of_a_unit_is_the_model_with_what_its_flights_say() {
     // g12 was in no flight: the standard model's.
     assert_eq!(g.sigmas[1], Model::standard().get("gyro_g_sensitivity").unwrap().sigmas[1]);
     assert!(prior_model(&family, "u99", &Model::standard()).is_none());
+}
+
+/// The flight of a log in a simulated fleet.
+pub(crate) fn flight_of(log: &mut FleetLog) -> &mut Flight {
+    log.result.as_mut().unwrap().flight.as_mut().unwrap()
+}
+
+#[test]
+fn a_flight_unlike_the_others_of_its_unit_is_found_and_hardly_any_other() {
+    let mut others = 0;
+    for seed in 300..320 {
+        let mut truth = simulated(seed, true);
+        // Ten turn-on spreads of the gyro bias.
+        let parameter = &mut flight_of(&mut truth.logs[77]).parameters[2];
+        parameter.value += 600.0;
+        let study = study(&truth.logs);
+        let unlike =
+            |flights: &[FlightValue]| flights.iter().filter(|f| f.unlike).map(|f| f.log).collect::<Vec<_>>();
+        for (p, flights) in study.family.parameters.iter().zip(&study.flights) {
+            let found = unlike(flights);
+            let here = p.name == "bg_x";
+            assert!(!here || found.contains(&77), "seed {seed}: {found:?}");
+            others += found.len() - usize::from(here);
+        }
+    }
+    // One in twenty fleets by chance: 1 is expected.
+    assert!(others <= 4, "{others} flights beside those injected");
+}
+
+#[test]
+fn flights_without_a_date_among_others_give_no_drift() {
+    let mut truth = simulated(5, false);
+    // The log of every second flight of a unit lost its date, and its latency is another.
+    for log in truth.logs.iter_mut().step_by(2 * UNITS) {
+        let flight = flight_of(log);
+        flight.start_unix_s = None;
+        flight.parameters[5].value += 0.05;
+    }
+    let family = family(&truth.logs);
+    let unit = &of(&family, 5).units[0];
+    assert!(!unit.drifts && unit.drift_per_year.is_none(), "{unit:?}");
 }

@@ -34,6 +34,7 @@
     c.strokeStyle = c.fillStyle = css("--ink");
     c.globalAlpha = 0.6;
     c.font = `${12 * devicePixelRatio}px sans-serif`;
+    [c.textAlign, c.textBaseline] = ["left", "alphabetic"];
     let right = -Infinity;
     for (const [t, name] of d.marks) {
       const x = u.valToPos(t, "x", true);

@@ -1,9 +1,10 @@
 //! Every effect of the catalogue in one table: its result, Bayes factor and value or detection limit; then the noise.
 
-use super::{found, values, with_sigma};
+use super::{found, values};
 use crate::explain::Explained;
 use crate::explain::contract::Explanation;
 use crate::explain::words::number;
+use crate::figures::with_sigma;
 use crate::report::page::{escape, wide};
 use gaware_nav::effects;
 use gaware_nav::identify::limits::NotFound;

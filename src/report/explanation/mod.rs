@@ -14,6 +14,7 @@ use super::page;
 use crate::explain::Explained;
 use crate::explain::contract::EffectEntry;
 use crate::explain::words::number;
+use crate::figures::with_sigma;
 use gaware_nav::identify::judge::Judged;
 use gaware_nav::identify::select::{Added, Settings};
 use std::fmt::Write;
@@ -91,17 +92,6 @@ fn values(added: &Added) -> Vec<Value> {
     all.into_iter().map(|(_, value)| value).collect()
 }
 
-/// Decimal places that show two significant figures of a sigma.
-pub fn two_figures(sigma: f64) -> usize {
-    (1.0 - sigma.abs().max(1e-12).log10().floor()).clamp(0.0, 12.0) as usize
-}
-
-/// A value with its sigma, both to the second significant figure of the sigma (GUM, JCGM 100:2008, 7.2.6).
-fn with_sigma(value: f64, sigma: f64) -> String {
-    let digits = two_figures(sigma);
-    format!("{value:.digits$} ± {sigma:.digits$}")
-}
-
 /// What the selection knows about an entry.
 fn found<'a>(entry: &EffectEntry, judged: Option<&'a Judged>) -> Option<Found<'a>> {
     let name = entry.parameters.keys().next()?;
@@ -153,8 +143,6 @@ mod tests {
     #[test]
     fn bayes_factors_and_terms_read_as_one_writes_them() {
         assert_eq!(bayes(3.3), "27 (log 3.3)");
-        assert_eq!(with_sigma(-267.4, 71.38), "-267 ± 71");
-        assert_eq!(with_sigma(0.0712, 0.00204), "0.0712 ± 0.0020");
         assert_eq!(bayes(120.4), "above 20 000 (log 120)");
         assert_eq!(spoken("w_z*f_x"), "ω_z · f_x");
     }

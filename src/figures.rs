@@ -1,0 +1,50 @@
+//! Figures and dates as people read them, the same on every page and screen.
+
+/// Decimal places that show two significant figures of a sigma.
+pub fn two_figures(sigma: f64) -> usize {
+    (1.0 - sigma.abs().max(1e-12).log10().floor()).clamp(0.0, 12.0) as usize
+}
+
+/// A value with its sigma, both to the second significant figure of the sigma (GUM, JCGM 100:2008, 7.2.6).
+pub fn with_sigma(value: f64, sigma: f64) -> String {
+    let digits = two_figures(sigma);
+    format!("{value:.digits$} ± {sigma:.digits$}")
+}
+
+/// Day of a time in seconds since 1970 (UTC), as `2024-02-29`.
+pub fn day(unix_s: f64) -> String {
+    let (year, month, day) = civil((unix_s / 86_400.0).floor() as i64);
+    format!("{year}-{month:02}-{day:02}")
+}
+
+/// Year, month and day of the proleptic Gregorian calendar from the days since 1970-01-01 (H. Hinnant, "chrono-Compatible
+/// Low-Level Date Algorithms", `civil_from_days`). Beyond 5 million years in either direction the day is that of the limit.
+pub fn civil(days: i64) -> (i64, i64, i64) {
+    let z = days.clamp(-2_000_000_000, 2_000_000_000) + 719_468;
+    let era = z.div_euclid(146_097);
+    let doe = z.rem_euclid(146_097);
+    let yoe = (doe - doe / 1460 + doe / 36_524 - doe / 146_096) / 365;
+    let doy = doe - (365 * yoe + yoe / 4 - yoe / 100);
+    let mp = (5 * doy + 2) / 153;
+    let (day, month) = (doy - (153 * mp + 2) / 5 + 1, if mp < 10 { mp + 3 } else { mp - 9 });
+    (yoe + 400 * era + i64::from(month <= 2), month, day)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_value_has_the_places_of_two_figures_of_its_sigma() {
+        assert_eq!(with_sigma(-267.4, 71.38), "-267 ± 71");
+        assert_eq!(with_sigma(0.0712, 0.00204), "0.0712 ± 0.0020");
+    }
+
+    #[test]
+    fn days_become_dates() {
+        assert_eq!([civil(0), civil(19_782), civil(-1)], [(1970, 1, 1), (2024, 2, 29), (1969, 12, 31)]);
+        assert_eq!(day(86_400.0 * 19_782.9), "2024-02-29");
+        // What a damaged list of a fleet may hold.
+        assert!(!day(f64::MAX).is_empty() && !day(f64::NAN).is_empty());
+    }
+}
