@@ -226,7 +226,7 @@ fn settings(args: &DemoArgs) -> Result<Settings, CommandError> {
 pub(super) fn plan(settings: Settings) -> Result<Prepared, CommandError> {
     crate::sinks::log::line("planning …");
     let prepared = Prepared::new(settings).map_err(DemoError::from)?;
-    crate::sinks::log::line(&format!("the plan {}", prepared.plan.summary()));
+    crate::sinks::log::line(&prepared.plan.summary());
     prepared.plan.notes.iter().for_each(|note| crate::sinks::log::line(note));
     Ok(prepared)
 }

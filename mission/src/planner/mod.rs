@@ -151,12 +151,13 @@ impl Plan {
     /// What it promises, in a sentence.
     pub fn summary(&self) -> String {
         let names: Vec<&str> = self.promised().map(|s| s.name.as_str()).collect();
-        let (known, all) = (names.len(), self.states.len());
-        format!(
-            "{:.0} s of flight make {known} of {all} states observable: {}",
-            self.duration_s,
-            names.join(", ")
-        )
+        let (duration_s, all) = (self.duration_s, self.states.len());
+        let predicted = match names.len() {
+            0 => format!("none of {all} states will have converged"),
+            n if n == all => format!("all {all} states will have converged"),
+            n => format!("{n} of {all} states will have converged: {}", names.join(", ")),
+        };
+        format!("The planned mission takes {duration_s:.0} s; by its end {predicted}")
     }
 }
 
