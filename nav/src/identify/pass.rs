@@ -116,6 +116,33 @@ impl Information {
         }
     }
 
+    /// The same for several of them without jumps: derivatives, innovation and weight of each. Three at a time, so that the matrix is
+    /// written once for them.
+    #[inline(always)]
+    pub(super) fn take_rows<'r>(&mut self, count: usize, row: impl Fn(usize) -> (&'r [f64], f64, f64)) {
+        let n = self.score.len();
+        let mut k = 0;
+        while k + 3 <= count {
+            let ((a, p, v), (b, q, w), (c, r, x)) = (row(k), row(k + 1), row(k + 2));
+            for i in 0..n {
+                let (v, w, x) = (v * a[i], w * b[i], x * c[i]);
+                if v != 0.0 || w != 0.0 || x != 0.0 {
+                    self.score[i] += v * p + w * q + x * r;
+                    let column = self.matrix.column_mut(i);
+                    for (((m, a), b), c) in column.into_iter().zip(a).zip(b).zip(c).take(i + 1) {
+                        *m += v * a + w * b + x * c;
+                    }
+                }
+            }
+            k += 3;
+        }
+        while k < count {
+            let (s, residual, weight) = row(k);
+            self.take(s, residual, weight);
+            k += 1;
+        }
+    }
+
     /// Fills what [`Self::take`] left out by symmetry.
     pub(super) fn finish(&mut self) {
         self.matrix.fill_lower_triangle_with_upper_triangle();

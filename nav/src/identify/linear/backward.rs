@@ -6,10 +6,11 @@
 //! Koopman & Shephard 1992). A jump of a state at some instant has the score r and the information N of the same
 //! recursion (de Jong & Penzer 1998, "Diagnosing shocks in time series").
 
-use super::forward::{Keep, SIGMA_FLOOR, Square, State, Tape, Update, add_scaled, gauss_markov_variance};
+use super::forward::{Keep, Tape, Taped};
 use super::interval::{DYNAMIC, Interval, NavCovariance};
+use super::kalman::{SIGMA_FLOOR, Square, State, Update, add_scaled, gauss_markov_variance};
 use super::rows::{Kind, Row};
-use super::{Problem, STATES, index};
+use super::{Epoch, Problem, STATES, index};
 use crate::identify::noise::{FIGURES, Noise, figure};
 use crate::identify::pass::Options;
 use nalgebra::{Matrix3, Vector3};
@@ -48,21 +49,19 @@ impl Adjoint {
     /// innovation, `counted` whether the row counts.
     #[inline(always)]
     fn update(&mut self, row: &Row, u: &Update, counted: bool, weight: f64) -> f64 {
-        let (y, s, g) = (u.y, u.s, &u.g);
-        let one = f64::from(u8::from(counted));
-        let pg: State = std::array::from_fn(|i| dot(&self.p[i], g));
+        let (y, g) = (u.y, &u.g);
+        let (one, s) = (f64::from(u8::from(counted)), u.s.recip());
+        let pg = product(&self.p, g);
         let along = dot(&self.x, g);
-        let by_y = along / s - one * weight * y / s;
-        let by_s = one * 0.5 * (weight * y * y / s - 1.0) / s - along * y / (s * s) + dot(&pg, g) / (s * s);
-        let by_g: State = std::array::from_fn(|i| (self.x[i] * y - 2.0 * pg[i]) / s);
-        add_scaled(&mut self.x, &row.h, -by_y);
-        for i in 0..STATES {
-            let (hi, gi) = (row.h[i], by_g[i]);
-            if hi != 0.0 {
-                let all: State = std::array::from_fn(|j| by_s * hi * row.h[j] + 0.5 * hi * by_g[j]);
-                add_scaled(&mut self.p[i], &all, 1.0);
-            }
-            add_scaled(&mut self.p[i], &row.h, 0.5 * gi);
+        let by_y = (along - one * weight * y) * s;
+        let by_s = one * 0.5 * (weight * y * y * s - 1.0) * s - along * y * s * s + dot(&pg, g) * s * s;
+        let h = row.dense();
+        // by_s h hᵀ + (h by_gᵀ + by_g hᵀ)/2 with by_g = (x y − 2 P g)/s.
+        let w: State = std::array::from_fn(|i| 0.5 * (by_s * h[i] + (self.x[i] * y - 2.0 * pg[i]) * s));
+        add_scaled(&mut self.x, &h, -by_y);
+        for (i, p) in self.p.iter_mut().enumerate() {
+            let (own_h, own_w) = (h[i], w[i]);
+            p.iter_mut().zip(&h).zip(&w).for_each(|((p, h), w)| *p += own_h * w + own_w * h);
         }
         by_s
     }
@@ -80,16 +79,29 @@ impl Adjoint {
     }
 }
 
+/// a b, with several sums at once.
 #[inline(always)]
 fn dot(a: &State, b: &State) -> f64 {
-    a.iter().zip(b).map(|(a, b)| a * b).sum()
+    let mut sums = [0.0; 4];
+    for (a, b) in a.chunks_exact(4).zip(b.chunks_exact(4)) {
+        sums.iter_mut().zip(a).zip(b).for_each(|((sum, a), b)| *sum += a * b);
+    }
+    (sums[0] + sums[1]) + (sums[2] + sums[3])
+}
+
+/// M v for a symmetric M.
+#[inline(always)]
+fn product(m: &Square, v: &State) -> State {
+    let mut out = [0.0; STATES];
+    m.iter().zip(v).for_each(|(row, v)| add_scaled(&mut out, row, *v));
+    out
 }
 
 /// Φᵀ v.
 #[inline(always)]
 fn transposed(interval: &Interval, v: &State) -> State {
     let mut out = *v;
-    for (j, column) in interval.columns.iter().take(DYNAMIC).enumerate() {
+    for (j, column) in interval.transition.iter().enumerate() {
         let sum: f64 = (0..9).map(|i| column[i] * v[i]).sum();
         out[j] = if j < 9 { sum } else { v[j] + sum };
     }
@@ -99,17 +111,21 @@ fn transposed(interval: &Interval, v: &State) -> State {
 /// Φᵀ M Φ for a symmetric M.
 #[inline(always)]
 fn congruence(interval: &Interval, m: &Square) -> Square {
+    // Φ row by row: the constants keep their own row.
+    let by_row: [State; 9] =
+        std::array::from_fn(|i| std::array::from_fn(|j| interval.transition.get(j).map_or(0.0, |c| c[i])));
     let mut half: Square = *m;
-    // Rows of half are (Φᵀ M): the constants keep their own row.
-    for (j, column) in interval.columns.iter().take(DYNAMIC).enumerate() {
-        let mut row = if j < 9 { [0.0; STATES] } else { m[j] };
-        for i in 0..9 {
-            add_scaled(&mut row, &m[i], column[i]);
+    for (j, half) in half.iter_mut().enumerate().take(DYNAMIC) {
+        if j < 9 {
+            half.fill(0.0);
         }
-        half[j] = row;
+        m.iter().zip(&by_row).for_each(|(m, phi)| add_scaled(half, m, phi[j]));
     }
     for row in &mut half {
-        *row = transposed(interval, row);
+        let mut out = *row;
+        out[..9].fill(0.0);
+        by_row.iter().zip(row.iter()).for_each(|(phi, v)| add_scaled(&mut out, phi, *v));
+        *row = out;
     }
     half
 }
@@ -142,7 +158,7 @@ impl Slope {
 
     /// The noise of the Gauss-Markov error and of the stamp, and the Gauss-Markov error's decay.
     #[inline(always)]
-    fn renewal(&mut self, adjoint: &Adjoint, tape: &Tape, noise: &Noise, dt: f64) {
+    fn renewal(&mut self, adjoint: &Adjoint, taped: &Taped, noise: &Noise, dt: f64) {
         let decay = (-dt / noise.correlation_s).exp();
         self.by_figure[figure::STAMP] += 2.0 * noise.stamp_s.powi(2) * adjoint.p[index::STAMP][index::STAMP];
         let mut by_decay = 0.0;
@@ -151,10 +167,10 @@ impl Slope {
             let by_variance = adjoint.p[w][w];
             self.by_figure[figure::GAUSS_MARKOV] += 2.0 * v * (1.0 - decay * decay) * by_variance;
             by_decay -= 2.0 * decay * v * by_variance;
-            by_decay += adjoint.x[w] * tape.gauss_markov[k] / decay;
+            by_decay += adjoint.x[w] * taped.gauss_markov[k] / decay;
             // Rows and columns of the Gauss-Markov error both carry the decay.
             let others = (0..STATES).filter(|j| *j != index::STAMP);
-            let both: f64 = others.map(|j| adjoint.p[w][j] * tape.gauss_markov_rows[k][j]).sum();
+            let both: f64 = others.map(|j| adjoint.p[w][j] * taped.gauss_markov_rows[k][j]).sum();
             by_decay += 2.0 * both / decay;
         }
         self.by_figure[figure::CORRELATION] += by_decay * decay * dt / noise.correlation_s;
@@ -164,7 +180,7 @@ impl Slope {
 /// The way back over a run that finds its slopes, with vector registers as wide as the machine has them.
 struct Return<'a> {
     problem: &'a Problem,
-    tape: &'a [Tape],
+    tape: &'a Tape,
     noise: &'a Noise,
     options: &'a Options,
     slope: Slope,
@@ -178,15 +194,15 @@ impl WithSimd for Return<'_> {
         let Self { problem, tape, noise, options, mut slope } = self;
         let mut adjoint = Adjoint { x: [0.0; STATES], p: [[0.0; STATES]; STATES] };
         let (mut by_gyro, mut by_accel) = (0.0, 0.0);
-        for (epoch, tape) in problem.epochs.iter().zip(tape).rev() {
+        for ((epoch, updates), taped) in problem.taken_back(tape).zip(tape.fixes.iter().rev()) {
             let counted = problem.part(epoch, options) == Some(0);
             let interval = &epoch.interval;
-            for (row, update) in epoch.rows.iter().zip(&tape.updates).rev() {
-                let weight = tape.weights[usize::from(!row.is_position())];
+            for (row, update) in epoch.measured.rows.iter().zip(updates).rev() {
+                let weight = taped.weights[usize::from(!row.is_position())];
                 let by_r = adjoint.update(row, update, counted, weight);
                 slope.row(row, update, by_r);
             }
-            slope.renewal(&adjoint, tape, noise, interval.dt);
+            slope.renewal(&adjoint, taped, noise, interval.dt);
             adjoint.x[index::STAMP] = 0.0;
             adjoint.p[index::STAMP] = [0.0; STATES];
             adjoint.p.iter_mut().for_each(|row| row[index::STAMP] = 0.0);
@@ -207,6 +223,17 @@ impl WithSimd for Return<'_> {
 }
 
 impl Problem {
+    /// From the last fix to the first, each with its updates.
+    #[inline(always)]
+    fn taken_back<'t>(&'t self, tape: &'t Tape) -> impl Iterator<Item = (&'t Epoch, &'t [Update])> {
+        let mut rest = tape.updates.as_slice();
+        self.epochs().rev().map(move |epoch| {
+            let (before, own) = rest.split_at(rest.len().saturating_sub(epoch.measured.rows.len()));
+            rest = before;
+            (epoch, own)
+        })
+    }
+
     /// Likelihood of the fit part with its slopes: two runs' worth of work.
     pub fn slope(&self, noise: &Noise, options: &Options) -> Slope {
         let (run, tape) = self.run_keeping(noise, options, Keep::Updates);
@@ -219,13 +246,13 @@ impl Problem {
     pub fn shocks(&self, noise: &Noise, options: &Options) -> Vec<Shock> {
         let (_, tape) = self.run_keeping(noise, options, Keep::Updates);
         let mut back = Shocks::default();
-        let mut out: Vec<Shock> = Vec::with_capacity(self.epochs.len());
-        for (epoch, tape) in self.epochs.iter().zip(&tape).rev() {
+        let mut out: Vec<Shock> = Vec::with_capacity(self.len());
+        for ((epoch, updates), taped) in self.taken_back(&tape).zip(tape.fixes.iter().rev()) {
             let counted = f64::from(u8::from(self.part(epoch, options) == Some(0)));
             let gyro = back.block(index::GYRO_BIAS);
-            for (k, (row, update)) in epoch.rows.iter().zip(&tape.updates).enumerate().rev() {
-                let group = usize::from(!row.is_position());
-                back.update(row, (group == 0).then_some(k), update, counted * tape.weights[group]);
+            for (row, update) in epoch.measured.rows.iter().zip(updates).rev() {
+                let weight = taped.weights[usize::from(!row.is_position())];
+                back.update(row, row.position_axis(), update, counted * weight);
             }
             out.push(Shock { t_s: epoch.t_s, gyro, fix: back.block(STATES) });
             back.predict(&epoch.interval, (-epoch.interval.dt / noise.correlation_s).exp());
@@ -234,19 +261,17 @@ impl Problem {
         out
     }
 
-    /// The smoothed means at every fix, and the last one.
-    pub(super) fn smoothed(&self, noise: &Noise) -> (State, Vec<State>) {
+    /// The smoothed means at the start and, of what the transition acts on, at every fix.
+    pub(super) fn smoothed(&self, noise: &Noise) -> (State, Vec<[f64; DYNAMIC]>) {
         let (_, tape) = self.run_keeping(noise, &Options::default(), Keep::Priors);
         let mut r = [0.0; STATES];
-        let mut out = Vec::with_capacity(tape.len());
-        for (epoch, tape) in self.epochs.iter().zip(&tape).rev() {
-            for (row, u) in epoch.rows.iter().zip(&tape.updates).rev() {
+        let mut out = Vec::with_capacity(self.len());
+        for ((epoch, updates), prior) in self.taken_back(&tape).zip(tape.priors.iter().rev()) {
+            for (row, u) in epoch.measured.rows.iter().zip(updates).rev() {
                 let by_y = u.y / u.s - dot(&r, &u.g) / u.s;
-                add_scaled(&mut r, &row.h, by_y);
+                row.entries().for_each(|(k, h)| r[k] += h * by_y);
             }
-            if let Some(prior) = &tape.prior {
-                out.push(std::array::from_fn(|i| prior.0[i] + dot(&prior.1[i], &r)));
-            }
+            out.push(std::array::from_fn(|i| prior.0[i] + dot(&prior.1[i], &r)));
             r[index::STAMP] = 0.0;
             let decay = (-epoch.interval.dt / noise.correlation_s).exp();
             (index::GAUSS_MARKOV..index::STAMP).for_each(|w| r[w] *= decay);
@@ -278,7 +303,7 @@ impl Shocks {
     /// N ← hᵀ h w/s + Lᵀ N L.
     fn update(&mut self, row: &Row, axis: Option<usize>, u: &Update, weight: f64) {
         let mut h = [0.0; JUMPING];
-        h[..STATES].copy_from_slice(&row.h);
+        h[..STATES].copy_from_slice(&row.dense());
         if let Some(axis) = axis {
             h[STATES + axis] = 1.0;
         }

@@ -1,26 +1,18 @@
-//! The Kalman filter of the linear model: likelihood of the innovations, and how it depends on the watched parameters.
+//! A run of the filter over a linearised flight: likelihood of the innovations, and how it depends on the watched parameters.
 //!
-//! Measurements are taken one scalar at a time (Bierman 1977, section II.6): rows of a fix are independent once the
-//! error of its stamp is a state. Parameters are carried as in [`crate::filter::watch`]: δx = δx₀ + U θ with
-//! U ← Φ U + B and U ← U − K (H U + D).
+//! Parameters are carried as in [`crate::filter::watch`]: δx = δx₀ + U θ with U ← Φ U + B and U ← U − K (H U + D).
 
 use super::interval::{DYNAMIC, Interval};
-use super::rows::Kind;
-use super::{Problem, STATES, index, variances};
+use super::kalman::{Kalman, State, Update, add_rows, add_scaled};
+use super::rows::Measured;
+use super::{Epoch, Problem, STATES, index};
 use crate::effects::BiasWalk;
-use crate::identify::noise::{HEIGHT_GAUSS_MARKOV, Noise};
+use crate::identify::noise::Noise;
 use crate::identify::pass::{Information, Options};
 use pulp::{Arch, Simd, WithSimd};
 
 /// Squared normalised innovations of a group count linearly beyond this (Huber's function of the norm).
 pub(super) const HUBER: f64 = 25.0;
-/// No fix is assumed to be better than this, m and m/s.
-pub(super) const SIGMA_FLOOR: f64 = 0.01;
-
-/// A symmetric matrix over the states.
-pub(super) type Square = [[f64; STATES]; STATES];
-/// A vector over the states.
-pub(super) type State = [f64; STATES];
 
 /// What one run says.
 #[derive(Debug, Clone)]
@@ -53,29 +45,41 @@ impl Run {
     }
 }
 
-/// One scalar update as it happened.
-#[derive(Debug, Clone)]
-pub(super) struct Update {
-    /// P h before the update.
-    pub(super) g: State,
-    /// Innovation and its variance.
-    pub(super) y: f64,
-    pub(super) s: f64,
-    /// Variance of the measurement itself.
-    pub(super) r: f64,
-}
-
 /// One fix as it happened: enough to go back over it.
 #[derive(Debug, Clone)]
-pub(super) struct Tape {
-    pub(super) updates: Vec<Update>,
+pub(super) struct Taped {
     /// Derivative of the robust square of each group: position, velocity.
     pub(super) weights: [f64; 2],
     /// Rows of the Gauss-Markov error of P after the transition, without its noise, and the Gauss-Markov error's mean then.
     pub(super) gauss_markov_rows: [State; 3],
     pub(super) gauss_markov: [f64; 3],
-    /// Mean and covariance before the updates; only for smoothing.
-    pub(super) prior: Option<Box<(State, Square)>>,
+}
+
+/// Mean before the updates of a fix, and the rows of the covariance of what the transition acts on.
+pub(super) type Prior = (State, [State; DYNAMIC]);
+
+/// What a run keeps for the way back.
+#[derive(Debug, Default)]
+pub(super) struct Tape {
+    /// Fix by fix; not for smoothing.
+    pub(super) fixes: Vec<Taped>,
+    /// Row by row of all fixes.
+    pub(super) updates: Vec<Update>,
+    /// Fix by fix; only for smoothing.
+    pub(super) priors: Vec<Prior>,
+}
+
+impl Tape {
+    fn new(keep: Keep, problem: &Problem) -> Self {
+        let fixes = problem.len();
+        let rows = problem.epochs().map(|e| e.measured.rows.len());
+        let (updates, priors) = (keep == Keep::Updates, keep == Keep::Priors);
+        Self {
+            fixes: Vec::with_capacity(if updates { fixes } else { 0 }),
+            updates: Vec::with_capacity(if updates || priors { rows.sum() } else { 0 }),
+            priors: Vec::with_capacity(if priors { fixes } else { 0 }),
+        }
+    }
 }
 
 /// What a run keeps for the way back.
@@ -86,147 +90,6 @@ pub(super) enum Keep {
     Blocks(f64),
     Updates,
     Priors,
-}
-
-/// The filter at one instant.
-pub(super) struct Kalman<'a> {
-    pub(super) x: State,
-    pub(super) p: Square,
-    noise: &'a Noise,
-    walk: BiasWalk,
-}
-
-/// Variance of the Gauss-Markov error per axis.
-pub(super) fn gauss_markov_variance(noise: &Noise) -> [f64; 3] {
-    let v = noise.gauss_markov_m * noise.gauss_markov_m;
-    [v, v, v * HEIGHT_GAUSS_MARKOV * HEIGHT_GAUSS_MARKOV]
-}
-
-/// Variance of a row.
-pub(super) fn row_variance(kind: Kind, sigma: f64, noise: &Noise) -> f64 {
-    let scale = match kind {
-        Kind::Horizontal => noise.position_scale,
-        Kind::Height => noise.height_scale,
-        Kind::Velocity => noise.velocity_scale,
-    };
-    (sigma * scale).max(SIGMA_FLOOR).powi(2)
-}
-
-impl<'a> Kalman<'a> {
-    pub(super) fn new(problem: &Problem, walk: BiasWalk, noise: &'a Noise) -> Self {
-        let mut p = *problem.start_covariance;
-        for (k, v) in gauss_markov_variance(noise).into_iter().enumerate() {
-            p[index::GAUSS_MARKOV + k][index::GAUSS_MARKOV + k] = v;
-        }
-        Self { x: problem.start, p, noise, walk }
-    }
-
-    /// Rows of the covariance and means of the Gauss-Markov error.
-    #[inline(always)]
-    fn gauss_markov(&self) -> ([State; 3], [f64; 3]) {
-        let at = |k: usize| index::GAUSS_MARKOV + k;
-        (std::array::from_fn(|k| self.p[at(k)]), std::array::from_fn(|k| self.x[at(k)]))
-    }
-
-    /// 1-sigma of the attitude, rad: of its least known axis.
-    pub(super) fn attitude_sigma(&self) -> f64 {
-        (0..3).map(|k| self.p[index::ATTITUDE + k][index::ATTITUDE + k]).fold(0.0, f64::max).sqrt()
-    }
-
-    #[inline(always)]
-    fn add_walk(&mut self, dt: f64) {
-        for k in 0..3 {
-            self.p[index::GYRO_BIAS + k][index::GYRO_BIAS + k] += 0.5 * self.walk.gyro.powi(2) * dt;
-            self.p[index::ACCEL_BIAS + k][index::ACCEL_BIAS + k] += 0.5 * self.walk.accel.powi(2) * dt;
-        }
-    }
-
-    /// To the next fix, but for the Gauss-Markov error's noise.
-    #[inline(always)]
-    pub(super) fn predict(&mut self, interval: &Interval) {
-        let decay = (-interval.dt / self.noise.correlation_s).exp();
-        self.add_walk(interval.dt);
-        let mut half = [[0.0; STATES]; 9];
-        let mut x = interval.offset;
-        for (i, half) in half.iter_mut().enumerate() {
-            for (j, column) in interval.columns.iter().take(DYNAMIC).enumerate() {
-                x[i] += column[i] * self.x[j];
-                add_scaled(half, &self.p[j], column[i]);
-            }
-        }
-        let (gyro, accel) = variances(self.noise, interval);
-        let mut q = interval.by_gyro * gyro;
-        interval.by_accel.entries().for_each(|(i, j, v)| q[(i, j)] += v * accel);
-        for i in 0..9 {
-            let mut row = [0.0; 9];
-            for (j, column) in interval.columns.iter().take(DYNAMIC).enumerate() {
-                for k in 0..9 {
-                    row[k] += half[i][j] * column[k];
-                }
-            }
-            for k in 0..9 {
-                self.p[i][k] = row[k] + q[(i, k)] + interval.gaps.as_ref().map_or(0.0, |g| g[(i, k)]);
-            }
-            for (k, value) in half[i].iter().enumerate().skip(9) {
-                self.p[i][k] = *value;
-                self.p[k][i] = *value;
-            }
-            self.x[i] = x[i];
-        }
-        for w in index::GAUSS_MARKOV..index::STAMP {
-            self.x[w] *= decay;
-            self.p[w].iter_mut().for_each(|v| *v *= decay);
-            self.p.iter_mut().for_each(|row| row[w] *= decay);
-        }
-        self.add_walk(interval.dt);
-    }
-
-    /// The Gauss-Markov error's noise and a new error of the stamp.
-    #[inline(always)]
-    pub(super) fn renew(&mut self, dt: f64) {
-        let lost = 1.0 - (-2.0 * dt / self.noise.correlation_s).exp();
-        for (k, v) in gauss_markov_variance(self.noise).into_iter().enumerate() {
-            self.p[index::GAUSS_MARKOV + k][index::GAUSS_MARKOV + k] += v * lost;
-        }
-        self.p[index::STAMP] = [0.0; STATES];
-        self.p.iter_mut().for_each(|row| row[index::STAMP] = 0.0);
-        self.p[index::STAMP][index::STAMP] = self.noise.stamp_s.powi(2);
-        self.x[index::STAMP] = 0.0;
-    }
-
-    /// Innovation of a scalar measurement and its variance.
-    pub(super) fn innovation(&self, row: &super::Row) -> (f64, f64) {
-        let mut y = row.residual;
-        let mut s = row_variance(row.kind, row.sigma, self.noise);
-        for (i, a) in row.h.iter().enumerate().filter(|(_, a)| **a != 0.0) {
-            y -= a * self.x[i];
-            s += row.h.iter().zip(&self.p[i]).map(|(b, p)| a * b * p).sum::<f64>();
-        }
-        (y, s)
-    }
-
-    /// One scalar measurement.
-    #[inline(always)]
-    pub(super) fn update(&mut self, row: &super::Row) -> Update {
-        let mut g = [0.0; STATES];
-        let mut y = row.residual;
-        for (k, c) in row.h.iter().enumerate().filter(|(_, c)| **c != 0.0) {
-            add_scaled(&mut g, &self.p[k], *c);
-            y -= c * self.x[k];
-        }
-        let r = row_variance(row.kind, row.sigma, self.noise);
-        let s = r + row.h.iter().zip(&g).map(|(h, g)| h * g).sum::<f64>();
-        for i in 0..STATES {
-            add_scaled(&mut self.p[i], &g, -g[i] / s);
-            self.x[i] += g[i] * y / s;
-        }
-        Update { g, y, s, r }
-    }
-}
-
-#[inline(always)]
-pub(super) fn add_scaled(out: &mut [f64], row: &[f64], scale: f64) {
-    out.iter_mut().zip(row).for_each(|(o, x)| *o += scale * x);
 }
 
 /// Robust square of a group's normalised innovations, and its derivative.
@@ -245,26 +108,25 @@ struct Sensitivity {
     scratch: Vec<f64>,
     /// Whitened derivatives of the innovations of the present fix, row by row.
     rows: Vec<f64>,
+    /// Of each of these, negative: what whitens it.
+    scales: Vec<f64>,
 }
 
 impl Sensitivity {
     fn new(m: usize) -> Self {
-        Self { m, u: vec![0.0; STATES * m], scratch: vec![0.0; 9 * m], rows: Vec::new() }
+        Self { m, u: vec![0.0; STATES * m], scratch: vec![0.0; 9 * m], rows: Vec::new(), scales: Vec::new() }
     }
 
     #[inline(always)]
     fn predict(&mut self, interval: &Interval, decay: f64) {
         let m = self.m;
-        self.rows.clear();
         if m == 0 {
             return;
         }
-        self.scratch.fill(0.0);
         for (i, out) in self.scratch.chunks_exact_mut(m).enumerate() {
-            for (j, column) in interval.columns.iter().take(DYNAMIC).enumerate() {
-                add_scaled(out, &self.u[j * m..(j + 1) * m], column[i]);
-            }
-            out.iter_mut().zip(&interval.columns[DYNAMIC..]).for_each(|(o, b)| *o += b[i]);
+            out.iter_mut().zip(&interval.driven).for_each(|(o, b)| *o = b[i]);
+            let u = &self.u;
+            add_rows(out, DYNAMIC, |j| (&u[j * m..(j + 1) * m], interval.transition[j][i]));
         }
         self.u[..9 * m].copy_from_slice(&self.scratch);
         let gauss_markov = index::GAUSS_MARKOV * m..index::STAMP * m;
@@ -272,25 +134,35 @@ impl Sensitivity {
         self.u[index::STAMP * m..index::CLOCK * m].fill(0.0);
     }
 
-    /// Adds the whitened derivative of the innovation of a row.
+    /// The whitened derivatives of the innovations of a fix, row by row.
     #[inline(always)]
-    fn update(&mut self, row: &super::Row, update: &Update) {
+    fn correct(&mut self, measured: &Measured, updates: &[Update]) {
         let m = self.m;
+        self.rows.clear();
         if m == 0 {
             return;
         }
-        let begun = self.rows.len();
-        self.rows.extend_from_slice(&row.direct);
-        self.rows.resize(begun + m, 0.0);
-        let out = &mut self.rows[begun..];
-        for (k, c) in row.h.iter().enumerate().filter(|(_, c)| **c != 0.0) {
-            add_scaled(out, &self.u[k * m..(k + 1) * m], *c);
+        self.scales.clear();
+        self.rows.resize(updates.len() * m, 0.0);
+        for (k, row) in measured.rows.iter().enumerate() {
+            let (before, out) = self.rows.split_at_mut(k * m);
+            let out = &mut out[..m];
+            let direct = measured.direct_of(k);
+            out[..direct.len()].copy_from_slice(direct);
+            for (state, h) in row.entries() {
+                add_scaled(out, &self.u[state * m..(state + 1) * m], h);
+            }
+            add_rows(out, k, |j| (&before[j * m..(j + 1) * m], -row.dot(&updates[j].g) / updates[j].s));
         }
-        for (u, g) in self.u.chunks_exact_mut(m).zip(&update.g) {
-            add_scaled(u, out, -g / update.s);
+        for (out, update) in self.rows.chunks_exact_mut(m).zip(updates) {
+            let scale = update.s.sqrt().recip();
+            out.iter_mut().for_each(|v| *v *= scale);
+            self.scales.push(-scale);
         }
-        let scale = update.s.sqrt().recip();
-        out.iter_mut().for_each(|v| *v *= scale);
+        let (rows, scales) = (&self.rows, &self.scales);
+        for (i, u) in self.u.chunks_exact_mut(m).enumerate() {
+            add_rows(u, updates.len(), |k| (&rows[k * m..(k + 1) * m], updates[k].g[i] * scales[k]));
+        }
     }
 }
 
@@ -305,32 +177,29 @@ struct Going<'a> {
 }
 
 impl WithSimd for Going<'_> {
-    type Output = (Run, Vec<Tape>);
+    type Output = (Run, Tape);
 
     #[inline(always)]
     fn with_simd<S: Simd>(self, _: S) -> Self::Output {
         let Self { problem, walk, noise, options, keep, columns } = self;
         let zeros = || Information::zeros(columns, 0);
         let mut run = Run::empty(columns);
-        let taped = matches!(keep, Keep::Updates | Keep::Priors);
-        let mut tape = Vec::with_capacity(if taped { problem.epochs.len() } else { 0 });
+        let mut tape = Tape::new(keep, problem);
         let mut begun_s = 0.0;
         let mut kalman = Kalman::new(problem, walk, noise);
         let mut sensitivity = Sensitivity::new(columns);
         let mut updates = Vec::new();
-        for epoch in &problem.epochs {
+        for epoch in problem.epochs() {
             let interval = &epoch.interval;
             kalman.predict(interval);
             sensitivity.predict(interval, (-interval.dt / noise.correlation_s).exp());
-            let before = taped.then(|| kalman.gauss_markov());
+            let before = (keep == Keep::Updates).then(|| kalman.gauss_markov());
             kalman.renew(interval.dt);
-            let prior = (keep == Keep::Priors).then(|| Box::new((kalman.x, kalman.p)));
-            updates.clear();
-            for row in &epoch.rows {
-                let update = kalman.update(row);
-                sensitivity.update(row, &update);
-                updates.push(update);
+            if keep == Keep::Priors {
+                tape.priors.push((kalman.x, std::array::from_fn(|k| kalman.p[k])));
             }
+            kalman.correct(&epoch.measured.rows, &mut updates);
+            sensitivity.correct(&epoch.measured, &updates);
             let weights = run.count(problem.part(epoch, options), epoch, &updates, &sensitivity.rows);
             if let Keep::Blocks(block_s) = keep
                 && epoch.elapsed_s - begun_s >= block_s
@@ -339,8 +208,10 @@ impl WithSimd for Going<'_> {
                 run.blocks.push(std::mem::replace(&mut run.information[0], zeros()));
             }
             if let Some((gauss_markov_rows, gauss_markov)) = before {
-                let updates = updates.clone();
-                tape.push(Tape { updates, weights, gauss_markov_rows, gauss_markov, prior });
+                tape.fixes.push(Taped { weights, gauss_markov_rows, gauss_markov });
+            }
+            if matches!(keep, Keep::Updates | Keep::Priors) {
+                tape.updates.extend_from_slice(&updates);
             }
         }
         if matches!(keep, Keep::Blocks(_)) {
@@ -368,7 +239,7 @@ impl Problem {
     }
 
     /// The same, and what the way back needs; without watched parameters.
-    pub(super) fn run_keeping(&self, noise: &Noise, options: &Options, keep: Keep) -> (Run, Vec<Tape>) {
+    pub(super) fn run_keeping(&self, noise: &Noise, options: &Options, keep: Keep) -> (Run, Tape) {
         self.go(self.walk, noise, options, keep, 0)
     }
 
@@ -380,7 +251,7 @@ impl Problem {
         options: &Options,
         keep: Keep,
         columns: usize,
-    ) -> (Run, Vec<Tape>) {
+    ) -> (Run, Tape) {
         Arch::new().dispatch(Going { problem: self, walk, noise, options, keep, columns })
     }
 }
@@ -391,12 +262,12 @@ impl Run {
     pub(super) fn count(
         &mut self,
         part: Option<usize>,
-        epoch: &super::Epoch,
+        epoch: &Epoch,
         updates: &[Update],
         sensitivities: &[f64],
     ) -> [f64; 2] {
         let mut nis = [0.0; 2];
-        let group = |k: usize| usize::from(!epoch.rows[k].is_position());
+        let group = |k: usize| usize::from(!epoch.measured.rows[k].is_position());
         for (k, update) in updates.iter().enumerate() {
             nis[group(k)] += update.y * update.y / update.s;
         }
@@ -408,8 +279,12 @@ impl Run {
         self.nis[part].0 += nis[0] + nis[1];
         self.nis[part].1 += updates.len();
         let columns = sensitivities.len() / updates.len().max(1);
-        for (k, (update, s)) in updates.iter().zip(sensitivities.chunks_exact(columns.max(1))).enumerate() {
-            self.information[part].take(s, update.y / update.s.sqrt(), weights[group(k)]);
+        if columns > 0 {
+            let row = |k: usize| {
+                let update = &updates[k];
+                (&sensitivities[k * columns..(k + 1) * columns], update.y / update.s.sqrt(), weights[group(k)])
+            };
+            self.information[part].take_rows(updates.len(), row);
         }
         weights
     }

@@ -1,7 +1,8 @@
 //! What a linearised flight shows of a model, for the reader: the innovation of every fix, and how far the simulation drifts away
 //! without fixes. Both are those of the likelihood that chose the model.
 
-use super::forward::{Kalman, Run};
+use super::forward::Run;
+use super::kalman::Kalman;
 use super::reference::Reference;
 use super::track::Track;
 use super::{Epoch, Problem, index, moved, rows};
@@ -36,13 +37,14 @@ impl Problem {
     pub fn innovations(&self, noise: &Noise, options: &Options) -> Innovations {
         let mut run = Run::empty(0);
         let mut kalman = Kalman::new(self, self.walk, noise);
-        let mut fixes = Vec::with_capacity(self.epochs.len());
-        for epoch in &self.epochs {
+        let mut fixes = Vec::with_capacity(self.epochs().count());
+        let mut updates = Vec::new();
+        for epoch in self.epochs() {
             kalman.predict(&epoch.interval);
             kalman.renew(epoch.interval.dt);
             let part = self.part(epoch, options);
             let groups = groups(&kalman, epoch);
-            let updates: Vec<_> = epoch.rows.iter().map(|row| kalman.update(row)).collect();
+            kalman.correct(&epoch.measured.rows, &mut updates);
             run.count(part, epoch, &updates, &[]);
             let [position, velocity] = groups;
             fixes.push(Innovation { t_s: epoch.t_s, elapsed_s: epoch.elapsed_s, part, position, velocity });
@@ -54,7 +56,7 @@ impl Problem {
 /// Position and velocity of a fix before either is applied.
 fn groups(kalman: &Kalman<'_>, epoch: &Epoch) -> [Group; 2] {
     let mut groups = [Group::default(); 2];
-    for row in &epoch.rows {
+    for row in &epoch.measured.rows {
         let (innovation, variance) = kalman.innovation(row);
         let group = &mut groups[usize::from(!row.is_position())];
         let normalised = innovation / variance.sqrt();
@@ -84,12 +86,11 @@ impl Reference {
         let mut kalman = Kalman::new(problem, problem.walk, noise);
         let mut next_s = options.settle_s;
         let mut sums = [(0.0, 0); 3];
-        for (k, epoch) in problem.epochs.iter().enumerate() {
+        let mut updates = Vec::new();
+        for (k, epoch) in problem.epochs().enumerate() {
             kalman.predict(&epoch.interval);
             kalman.renew(epoch.interval.dt);
-            epoch.rows.iter().for_each(|row| {
-                kalman.update(row);
-            });
+            kalman.correct(&epoch.measured.rows, &mut updates);
             if epoch.elapsed_s < next_s {
                 continue;
             }
@@ -125,7 +126,7 @@ impl Reference {
             }
             (_, nav) = track.interval_to(&nav, knot.t_s)?;
             let fix = flight.fixes().get(knot.fix)?;
-            sum.0 += rows::of(fix, &nav, track).iter().take(2).map(|row| row.residual.powi(2)).sum::<f64>();
+            sum.0 += rows::of(fix, &nav, track).rows.iter().take(2).map(|row| row.residual.powi(2)).sum::<f64>();
             sum.1 += 1;
         }
         Some(())

@@ -50,8 +50,10 @@ impl Isotropic {
 pub(super) struct Interval {
     /// Length, s.
     pub(super) dt: f64,
-    /// ∂(navigation error at the end)/∂(15 states at the start), then by each watched parameter.
-    pub(super) columns: Vec<Nav>,
+    /// ∂(navigation error at the end)/∂(15 states at the start), column by column.
+    pub(super) transition: [Nav; DYNAMIC],
+    /// The same by each watched parameter.
+    pub(super) driven: Vec<Nav>,
     /// Navigation covariance per unit of variance per hertz of the gyros …
     pub(super) by_gyro: NavCovariance,
     /// … and of the accelerometers.
@@ -74,7 +76,7 @@ impl Interval {
         let turn = part(&offset, index::ATTITUDE);
         let (axes, j) = (exp(&turn).to_rotation_matrix().into_inner(), left_jacobian(&turn));
         let (place, speed) = (j * part(&offset, index::POSITION), j * part(&offset, index::VELOCITY));
-        for c in &mut self.columns {
+        for c in self.transition.iter_mut().chain(&mut self.driven) {
             let at = |k: usize| axes * part(c, k);
             let (p, v, e) = (at(index::POSITION), at(index::VELOCITY), at(index::ATTITUDE));
             *c = nav_of(&(p + place.cross(&e)), &(v + speed.cross(&e)), &e);
@@ -231,7 +233,8 @@ impl Composed {
 /// An interval under way. Errors are kept in the axes of its start until it ends.
 pub(super) struct Sum {
     composed: Composed,
-    /// By both biases, then by each watched parameter.
+    biases: [Nav; BIASES],
+    /// By each watched parameter.
     driven: Vec<Nav>,
     gaps: Option<Box<NavCovariance>>,
     nav: NavState,
@@ -245,7 +248,8 @@ impl Sum {
     pub(super) fn new(nav: &NavState, watched: usize) -> Self {
         Self {
             composed: Composed::default(),
-            driven: vec![Nav::zeros(); BIASES + watched],
+            biases: [Nav::zeros(); BIASES],
+            driven: vec![Nav::zeros(); watched],
             gaps: None,
             nav: *nav,
             start: *nav,
@@ -263,7 +267,7 @@ impl Sum {
     pub(super) fn add(&mut self, from: &Here, to: &Here, kind: SampleKind, dt: f64) {
         let inc = Increment::between(&from.motion, &to.motion, kind, dt);
         let action = Action { dv: self.turned * inc.dv, dp: self.turned * inc.dp, dt };
-        self.driven.iter_mut().for_each(|c| action.apply(c));
+        self.biases.iter_mut().chain(&mut self.driven).for_each(|c| action.apply(c));
         let turned = self.turned * (Matrix3::identity() + skew(&inc.dtheta) * 0.5);
         let begun = self.turned;
         let none = Vector3::zeros();
@@ -281,17 +285,17 @@ impl Sum {
         let couples = coupled != Matrix3::zeros();
         for k in 0..3 {
             let at = |m: &Matrix3<f64>| -Vector3::from(m.column(k));
-            self.driven[k] += by_rate(at(&turned) * dt);
-            self.driven[3 + k] += by_force(at(&begun), at(&turned));
+            self.biases[k] += by_rate(at(&turned) * dt);
+            self.biases[3 + k] += by_force(at(&begun), at(&turned));
             if couples {
-                self.driven[3 + k] += by_rate(turned * Vector3::from(coupled.column(k)) * dt);
+                self.biases[3 + k] += by_rate(turned * Vector3::from(coupled.column(k)) * dt);
             }
         }
         for (k, end) in to.columns.iter().enumerate() {
             let start = from.columns.get(k).filter(|_| kind == SampleKind::Point).unwrap_or(end);
             let (rate, force) = ((start[0] + end[0]) * 0.5, (start[1] + end[1]) * 0.5);
             if rate != none || force != none {
-                self.driven[BIASES + k] += drive(rate, force);
+                self.driven[k] += drive(rate, force);
             }
         }
         self.composed.add(&action);
@@ -327,11 +331,15 @@ impl Sum {
             let (r, v) = (r + rate.cross(&r), v + gradient * r - rate.cross(&v));
             *c = nav_of(&(to_end * r), &(to_end * v), &(to_end * e));
         };
-        let mut columns: Vec<Nav> = self.composed.transition().into_iter().chain(self.driven).collect();
-        columns.iter_mut().for_each(finish);
+        let mut transition = [Nav::zeros(); DYNAMIC];
+        transition[..9].copy_from_slice(&self.composed.transition());
+        transition[9..].copy_from_slice(&self.biases);
+        let mut driven = self.driven;
+        transition.iter_mut().chain(&mut driven).for_each(finish);
         let interval = Interval {
             dt,
-            columns,
+            transition,
+            driven,
             by_gyro: self.composed.by_gyro(&to_end),
             by_accel: self.composed.by_accel(),
             rounding: (0.0, 0.0),

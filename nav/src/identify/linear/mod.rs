@@ -12,6 +12,7 @@ pub mod backward;
 pub mod forward;
 pub mod innovations;
 mod interval;
+mod kalman;
 pub mod reference;
 mod rows;
 mod track;
@@ -25,10 +26,10 @@ use crate::effects::BiasWalk;
 use crate::filter::watch::Watched;
 use crate::mechanization::NavState;
 use crate::model::Model;
-use interval::{DYNAMIC, Interval};
+use interval::Interval;
 use nalgebra::Vector3;
 use reference::Reference;
-use rows::Row;
+use rows::Measured;
 use track::Track;
 
 pub(super) use unseen::Unseen;
@@ -61,14 +62,14 @@ struct Epoch {
     elapsed_s: f64,
     /// Whether the vehicle turned far in a gap a moment ago: linear theory does not hold yet, and the fix counts for no model.
     unsettled: bool,
-    /// Rows of the position, then of the velocity.
-    rows: Vec<Row>,
+    measured: Measured,
 }
 
 /// A flight as a linear model.
 #[derive(Debug, Clone)]
 pub struct Problem {
-    epochs: Vec<Epoch>,
+    /// In the stretches that it was linearised in.
+    pieces: Vec<Vec<Epoch>>,
     /// Number of watched parameters.
     columns: usize,
     /// Mean of the states at the start.
@@ -102,7 +103,7 @@ impl Problem {
         });
         let (start, start_covariance) = reference.prior(flight, model);
         Self {
-            epochs: pieces.into_iter().flatten().collect(),
+            pieces,
             columns: watched.slots().len() + watched.terms.len(),
             start,
             start_covariance: Box::new(start_covariance),
@@ -112,8 +113,18 @@ impl Problem {
     }
 
     /// Times of validity of the fixes, s.
-    pub fn times(&self) -> impl ExactSizeIterator<Item = f64> + '_ {
-        self.epochs.iter().map(|e| e.t_s)
+    pub fn times(&self) -> impl Iterator<Item = f64> + '_ {
+        self.epochs().map(|e| e.t_s)
+    }
+
+    /// Fix by fix.
+    fn epochs(&self) -> impl DoubleEndedIterator<Item = &Epoch> {
+        self.pieces.iter().flatten()
+    }
+
+    /// Number of fixes.
+    fn len(&self) -> usize {
+        self.pieces.iter().map(Vec::len).sum()
     }
 
     /// The same flight with this random walk of the biases.
@@ -128,13 +139,11 @@ impl Problem {
 
     /// The same flight with the watched parameters moved by so much, as far as the linear model reaches.
     pub fn move_by(&mut self, step: &[f64]) {
-        for epoch in &mut self.epochs {
-            for (column, by) in epoch.interval.columns.iter().skip(DYNAMIC).zip(step) {
+        for epoch in self.pieces.iter_mut().flatten() {
+            for (column, by) in epoch.interval.driven.iter().zip(step) {
                 epoch.interval.offset += column * *by;
             }
-            for row in &mut epoch.rows {
-                row.residual -= row.direct.iter().zip(step).map(|(d, by)| d * by).sum::<f64>();
-            }
+            epoch.measured.move_by(step);
         }
     }
 
@@ -161,10 +170,10 @@ fn linearised(
         let Some((mut interval, predicted)) = track.interval_to(&nav, knot.t_s) else { break };
         interval.set_offset(interval::error(&knot.nav, &predicted));
         let fix = &flight.fixes()[knot.fix];
-        let rows = rows::of(fix, &knot.nav, &track);
+        let measured = rows::of(fix, &knot.nav, &track);
         let elapsed_s = fix.t_s - flight.initial().t_s;
         let unsettled = flight.unseen().unsettles(fix.t_s);
-        epochs.push(Epoch { interval, t_s: knot.t_s, elapsed_s, unsettled, rows });
+        epochs.push(Epoch { interval, t_s: knot.t_s, elapsed_s, unsettled, measured });
         nav = knot.nav;
     }
     epochs

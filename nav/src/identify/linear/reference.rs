@@ -5,8 +5,8 @@
 //! is below a degree all along, also where the filter did not know it yet.
 
 use super::super::flight::Flight;
-use super::forward::Kalman;
 use super::interval::{self, NavCovariance};
+use super::kalman::Kalman;
 use super::track::Track;
 use super::{Problem, STATES, index, moved, rows};
 use crate::filter::calibration::Calibration;
@@ -51,7 +51,7 @@ fn toward(track: &mut Track<'_>, t_s: f64, reached: &NavState, knot: &Knot, shar
     for _ in 0..2 {
         track.seek(t_s);
         let Some((interval, ahead)) = track.interval_to(&nav, knot.t_s) else { break };
-        let transition = NavCovariance::from_fn(|i, j| interval.columns[j][i]);
+        let transition = NavCovariance::from_fn(|i, j| interval.transition[j][i]);
         let Some(back) = transition.try_inverse() else { break };
         nav = moved(&nav, (back * interval::error(&ahead, &knot.nav)).as_slice());
     }
@@ -117,6 +117,7 @@ impl Reference {
         // A problem without fixes holds what the filter starts from.
         let empty = Problem::new(flight, model, &reference, &watched, &Serial);
         let mut kalman = Kalman::new(&empty, empty.walk, noise);
+        let mut updates = Vec::new();
         let (mut nav, mut since_s, mut guessed) = (flight.initial().nav, flight.initial().t_s, false);
         for (k, fix) in flight.fixes().iter().enumerate() {
             let t_s = fix.t_s - delay_s;
@@ -133,9 +134,7 @@ impl Reference {
             let about = guess.unwrap_or(predicted);
             let known = interval::error(&about, &predicted);
             kalman.x.iter_mut().zip(known.iter()).for_each(|(x, by)| *x += by);
-            for row in rows::of(fix, &about, &track) {
-                kalman.update(&row);
-            }
+            kalman.correct(&rows::of(fix, &about, &track).rows, &mut updates);
             guessed &= kalman.attitude_sigma() > SURE;
             if guessed {
                 // Corrections stay linear about the guess until the fixes say better.
@@ -152,7 +151,7 @@ impl Reference {
         reference
     }
 
-    fn correct(&mut self, x: &[f64; STATES]) {
+    fn correct(&mut self, x: &[f64]) {
         for k in 0..3 {
             self.calibration.gyro_bias[k] += x[index::GYRO_BIAS + k];
             self.calibration.accel_bias[k] += x[index::ACCEL_BIAS + k];

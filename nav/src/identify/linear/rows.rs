@@ -1,7 +1,8 @@
 //! What a fix measures, linearised at its time of validity.
 
+use super::index;
+use super::kalman::{Square, State, add_scaled};
 use super::track::Track;
-use super::{STATES, index};
 use crate::effects::{Antenna, FixInstant, MAX_PARAMETERS, Older};
 use crate::filter::calibration::Calibration;
 use crate::filter::watch::Watched;
@@ -18,24 +19,139 @@ pub(super) enum Kind {
     Velocity,
 }
 
-/// One scalar measurement.
-#[derive(Debug, Clone)]
+/// One scalar measurement. Of its derivatives by the states only those are kept that are not zero.
+#[derive(Debug, Clone, Copy)]
 pub(super) struct Row {
     pub(super) kind: Kind,
+    /// North, east or down.
+    axis: usize,
     /// What was measured less what the trajectory says.
     pub(super) residual: f64,
-    /// Its derivative by the states.
-    pub(super) h: [f64; STATES],
     /// 1-sigma before scaling.
     pub(super) sigma: f64,
-    /// Its own derivative by each watched parameter of an effect; terms have none.
-    pub(super) direct: Vec<f64>,
+    /// Derivative by the position error, or by the velocity error where it measures that.
+    own: [f64; 3],
+    /// Derivative by the attitude error.
+    attitude: [f64; 3],
+    /// Derivative by an error of the stamp, and by what all stamps are off by: the vehicle moves by this much per second.
+    drift: f64,
 }
 
 impl Row {
     /// Whether it belongs to the position.
+    #[inline(always)]
     pub(super) fn is_position(&self) -> bool {
         self.kind != Kind::Velocity
+    }
+
+    /// North, east or down of a position, as the number of its Gauss-Markov error.
+    #[inline(always)]
+    pub(super) fn position_axis(&self) -> Option<usize> {
+        self.is_position().then_some(self.axis)
+    }
+
+    /// First of the states that it measures.
+    #[inline(always)]
+    fn measures(&self) -> usize {
+        if self.is_position() { index::POSITION } else { index::VELOCITY }
+    }
+
+    /// Whether the attitude counts.
+    #[inline(always)]
+    fn turns(&self) -> bool {
+        self.attitude != [0.0; 3]
+    }
+
+    /// h v, where h are the derivatives by the states.
+    #[inline(always)]
+    pub(super) fn dot(&self, v: &State) -> f64 {
+        let at = self.measures();
+        let mut sum = 0.0;
+        for k in 0..3 {
+            sum += self.own[k] * v[at + k] + self.attitude[k] * v[index::ATTITUDE + k];
+        }
+        if self.is_position() {
+            sum += v[index::GAUSS_MARKOV + self.axis];
+        }
+        sum + self.drift * (v[index::STAMP] + v[index::CLOCK])
+    }
+
+    /// h M.
+    #[inline(always)]
+    pub(super) fn times(&self, m: &Square) -> State {
+        let at = self.measures();
+        let mut out = m[at].map(|v| v * self.own[0]);
+        add_scaled(&mut out, &m[at + 1], self.own[1]);
+        add_scaled(&mut out, &m[at + 2], self.own[2]);
+        if self.turns() {
+            (0..3).for_each(|k| add_scaled(&mut out, &m[index::ATTITUDE + k], self.attitude[k]));
+        }
+        if self.is_position() {
+            add_scaled(&mut out, &m[index::GAUSS_MARKOV + self.axis], 1.0);
+        }
+        add_scaled(&mut out, &m[index::STAMP], self.drift);
+        add_scaled(&mut out, &m[index::CLOCK], self.drift);
+        out
+    }
+
+    /// h itself.
+    #[inline(always)]
+    pub(super) fn dense(&self) -> State {
+        let mut h = [0.0; super::STATES];
+        let at = self.measures();
+        for k in 0..3 {
+            h[at + k] = self.own[k];
+            h[index::ATTITUDE + k] = self.attitude[k];
+        }
+        if self.is_position() {
+            h[index::GAUSS_MARKOV + self.axis] = 1.0;
+        }
+        h[index::STAMP] = self.drift;
+        h[index::CLOCK] = self.drift;
+        h
+    }
+
+    /// Its derivatives by the states one by one: number, value.
+    #[inline(always)]
+    pub(super) fn entries(&self) -> impl Iterator<Item = (usize, f64)> {
+        let (own, at) = (*self, self.measures());
+        let three = |first: usize, v: [f64; 3]| (0..3).map(move |k| (first + k, v[k]));
+        let attitude = three(index::ATTITUDE, own.attitude).take(if own.turns() { 3 } else { 0 });
+        let gauss_markov = own.position_axis().map(|axis| (index::GAUSS_MARKOV + axis, 1.0));
+        let stamps = [(index::STAMP, own.drift), (index::CLOCK, own.drift)];
+        three(at, own.own).chain(attitude).chain(gauss_markov).chain(stamps)
+    }
+}
+
+/// What a fix measures.
+#[derive(Debug, Clone)]
+pub(super) struct Measured {
+    /// Rows of the position, then of the velocity.
+    pub(super) rows: Vec<Row>,
+    /// Row after row: its own derivative by each watched parameter of an effect; terms have none.
+    pub(super) direct: Vec<f64>,
+}
+
+impl Measured {
+    /// How many of the watched parameters have a derivative here.
+    #[inline(always)]
+    fn each(&self) -> usize {
+        self.direct.len() / self.rows.len().max(1)
+    }
+
+    /// Derivatives of a row by the watched parameters.
+    #[inline(always)]
+    pub(super) fn direct_of(&self, row: usize) -> &[f64] {
+        let each = self.each();
+        &self.direct[row * each..(row + 1) * each]
+    }
+
+    /// The watched parameters moved by so much.
+    pub(super) fn move_by(&mut self, step: &[f64]) {
+        let each = self.each().max(1);
+        for (row, direct) in self.rows.iter_mut().zip(self.direct.chunks_exact(each)) {
+            row.residual -= direct.iter().zip(step).map(|(d, by)| d * by).sum::<f64>();
+        }
     }
 }
 
@@ -77,7 +193,7 @@ fn direct(watched: &Watched, x: &FixInstant) -> [Vec<Vector3<f64>>; 2] {
 }
 
 /// The rows of a fix about `nav`, with the sensors as they are there: the track must have come to its time of validity.
-pub(super) fn of(fix: &GnssFix, nav: &NavState, track: &Track<'_>) -> Vec<Row> {
+pub(super) fn of(fix: &GnssFix, nav: &NavState, track: &Track<'_>) -> Measured {
     let (here, model, watched) = (track.here(), track.model(), track.watched());
     let c_ne = nav.geodetic().c_en().transpose();
     let x = FixInstant {
@@ -115,27 +231,24 @@ pub(super) fn of(fix: &GnssFix, nav: &NavState, track: &Track<'_>) -> Vec<Row> {
     // The vehicle moves while a stamp is wrong: by this much per second.
     let drift = [x.v_n, x.a_n];
     let row = |group: usize, i: usize| {
-        let mut h = [0.0; STATES];
-        for j in 0..3 {
-            h[[index::POSITION, index::VELOCITY][group] + j] = x.c_nb[(i, j)];
-            h[index::ATTITUDE + j] = added.by_attitude[group][(i, j)];
-        }
-        h[index::STAMP] = drift[group][i];
-        h[index::CLOCK] = drift[group][i];
-        if group == 0 {
-            h[index::GAUSS_MARKOV + i] = 1.0;
-        }
+        let by_attitude = &added.by_attitude[group];
         Row {
             kind: match (group, i) {
                 (0, 2) => Kind::Height,
                 (0, _) => Kind::Horizontal,
                 _ => Kind::Velocity,
             },
+            axis: i,
             residual: residuals[group][i],
-            h,
             sigma: sigmas[group][i],
-            direct: direct[group].iter().map(|c| c[i]).collect(),
+            own: std::array::from_fn(|j| x.c_nb[(i, j)]),
+            attitude: std::array::from_fn(|j| by_attitude[(i, j)]),
+            drift: drift[group][i],
         }
     };
-    (0..3).map(|i| row(0, i)).chain((0..velocity_rows).map(|i| row(1, i))).collect()
+    let places = (0..3).map(|i| (0, i)).chain((0..velocity_rows).map(|i| (1, i)));
+    Measured {
+        rows: places.clone().map(|(group, i)| row(group, i)).collect(),
+        direct: places.flat_map(|(group, i)| direct[group].iter().map(move |c| c[i])).collect(),
+    }
 }

@@ -134,7 +134,7 @@ impl<'a> Climb<'a> {
     fn new(problems: &[Problem], start: Noise, limits: &'a Limits, metric: &Metric) -> Self {
         Self {
             limits,
-            plain: Metric::new(problems.iter().map(|p| p.times().len()).sum()),
+            plain: Metric::new(problems.iter().map(|p| p.times().count()).sum()),
             metric: *metric,
             given_up: None,
             at: limits.within(&start).get().map(f64::ln),

@@ -1,0 +1,194 @@
+//! The Kalman filter of the linear model.
+//!
+//! Measurements are taken one scalar at a time (Bierman 1977, section II.6): rows of a fix are independent once the
+//! error of its stamp is a state. The covariance is written once per fix: until then the gains of a row come from the covariance
+//! before the fix and the gains of the rows before it.
+
+use super::interval::Interval;
+use super::rows::{Kind, Row};
+use super::{Problem, STATES, index, variances};
+use crate::effects::BiasWalk;
+use crate::identify::noise::{HEIGHT_GAUSS_MARKOV, Noise};
+
+/// No fix is assumed to be better than this, m and m/s.
+pub(super) const SIGMA_FLOOR: f64 = 0.01;
+
+/// Rows of a fix: position and velocity.
+const MOST_ROWS: usize = 6;
+
+/// A symmetric matrix over the states.
+pub(super) type Square = [[f64; STATES]; STATES];
+/// A vector over the states.
+pub(super) type State = [f64; STATES];
+
+/// One scalar update as it happened.
+#[derive(Debug, Clone)]
+pub(super) struct Update {
+    /// P h before the update.
+    pub(super) g: State,
+    /// Innovation and its variance.
+    pub(super) y: f64,
+    pub(super) s: f64,
+    /// Variance of the measurement itself.
+    pub(super) r: f64,
+}
+
+/// The filter at one instant.
+pub(super) struct Kalman<'a> {
+    pub(super) x: State,
+    pub(super) p: Square,
+    noise: &'a Noise,
+    walk: BiasWalk,
+}
+
+/// Variance of the Gauss-Markov error per axis.
+pub(super) fn gauss_markov_variance(noise: &Noise) -> [f64; 3] {
+    let v = noise.gauss_markov_m * noise.gauss_markov_m;
+    [v, v, v * HEIGHT_GAUSS_MARKOV * HEIGHT_GAUSS_MARKOV]
+}
+
+/// Variance of a row.
+pub(super) fn row_variance(kind: Kind, sigma: f64, noise: &Noise) -> f64 {
+    let scale = match kind {
+        Kind::Horizontal => noise.position_scale,
+        Kind::Height => noise.height_scale,
+        Kind::Velocity => noise.velocity_scale,
+    };
+    (sigma * scale).max(SIGMA_FLOOR).powi(2)
+}
+
+#[inline(always)]
+pub(super) fn add_scaled(out: &mut [f64], row: &[f64], scale: f64) {
+    out.iter_mut().zip(row).for_each(|(o, x)| *o += scale * x);
+}
+
+/// Adds `scale(k) × row k` for all of these rows, three at a time.
+#[inline(always)]
+pub(super) fn add_rows<'r>(out: &mut [f64], count: usize, row: impl Fn(usize) -> (&'r [f64], f64)) {
+    let mut k = 0;
+    while k + 3 <= count {
+        let ((a, p), (b, q), (c, r)) = (row(k), row(k + 1), row(k + 2));
+        for (((o, a), b), c) in out.iter_mut().zip(a).zip(b).zip(c) {
+            *o = *o + p * a + q * b + r * c;
+        }
+        k += 3;
+    }
+    while k < count {
+        let (a, p) = row(k);
+        add_scaled(out, a, p);
+        k += 1;
+    }
+}
+
+impl<'a> Kalman<'a> {
+    pub(super) fn new(problem: &Problem, walk: BiasWalk, noise: &'a Noise) -> Self {
+        let mut p = *problem.start_covariance;
+        for (k, v) in gauss_markov_variance(noise).into_iter().enumerate() {
+            p[index::GAUSS_MARKOV + k][index::GAUSS_MARKOV + k] = v;
+        }
+        Self { x: problem.start, p, noise, walk }
+    }
+
+    /// Rows of the covariance and means of the Gauss-Markov error.
+    #[inline(always)]
+    pub(super) fn gauss_markov(&self) -> ([State; 3], [f64; 3]) {
+        let at = |k: usize| index::GAUSS_MARKOV + k;
+        (std::array::from_fn(|k| self.p[at(k)]), std::array::from_fn(|k| self.x[at(k)]))
+    }
+
+    /// 1-sigma of the attitude, rad: of its least known axis.
+    pub(super) fn attitude_sigma(&self) -> f64 {
+        (0..3).map(|k| self.p[index::ATTITUDE + k][index::ATTITUDE + k]).fold(0.0, f64::max).sqrt()
+    }
+
+    #[inline(always)]
+    fn add_walk(&mut self, dt: f64) {
+        for k in 0..3 {
+            self.p[index::GYRO_BIAS + k][index::GYRO_BIAS + k] += 0.5 * self.walk.gyro.powi(2) * dt;
+            self.p[index::ACCEL_BIAS + k][index::ACCEL_BIAS + k] += 0.5 * self.walk.accel.powi(2) * dt;
+        }
+    }
+
+    /// To the next fix, but for the Gauss-Markov error's noise.
+    #[inline(always)]
+    pub(super) fn predict(&mut self, interval: &Interval) {
+        let decay = (-interval.dt / self.noise.correlation_s).exp();
+        self.add_walk(interval.dt);
+        let transition = &interval.transition;
+        let mut half = [[0.0; STATES]; 9];
+        for (i, half) in half.iter_mut().enumerate() {
+            for (column, p) in transition.iter().zip(&self.p) {
+                add_scaled(half, p, column[i]);
+            }
+        }
+        let mut x: [f64; 9] = interval.offset.into();
+        for (column, own) in transition.iter().zip(&self.x) {
+            add_scaled(&mut x, column.as_slice(), *own);
+        }
+        let (gyro, accel) = variances(self.noise, interval);
+        let mut q = interval.by_gyro * gyro;
+        interval.by_accel.entries().for_each(|(i, j, v)| q[(i, j)] += v * accel);
+        if let Some(gaps) = &interval.gaps {
+            q += **gaps;
+        }
+        for (i, half) in half.iter().enumerate() {
+            let mut row: [f64; 9] = q.column(i).into();
+            for (column, h) in transition.iter().zip(half) {
+                add_scaled(&mut row, column.as_slice(), *h);
+            }
+            self.p[i][..9].copy_from_slice(&row);
+            self.p[i][9..].copy_from_slice(&half[9..]);
+        }
+        for (k, row) in self.p.iter_mut().enumerate().skip(9) {
+            (0..9).for_each(|i| row[i] = half[i][k]);
+        }
+        self.x[..9].copy_from_slice(&x);
+        for w in index::GAUSS_MARKOV..index::STAMP {
+            self.x[w] *= decay;
+            self.p[w].iter_mut().for_each(|v| *v *= decay);
+            self.p.iter_mut().for_each(|row| row[w] *= decay);
+        }
+        self.add_walk(interval.dt);
+    }
+
+    /// The Gauss-Markov error's noise and a new error of the stamp.
+    #[inline(always)]
+    pub(super) fn renew(&mut self, dt: f64) {
+        let lost = 1.0 - (-2.0 * dt / self.noise.correlation_s).exp();
+        for (k, v) in gauss_markov_variance(self.noise).into_iter().enumerate() {
+            self.p[index::GAUSS_MARKOV + k][index::GAUSS_MARKOV + k] += v * lost;
+        }
+        self.p[index::STAMP] = [0.0; STATES];
+        self.p.iter_mut().for_each(|row| row[index::STAMP] = 0.0);
+        self.p[index::STAMP][index::STAMP] = self.noise.stamp_s.powi(2);
+        self.x[index::STAMP] = 0.0;
+    }
+
+    /// Innovation of a scalar measurement and its variance.
+    pub(super) fn innovation(&self, row: &Row) -> (f64, f64) {
+        let r = row_variance(row.kind, row.sigma, self.noise);
+        (row.residual - row.dot(&self.x), r + row.dot(&row.times(&self.p)))
+    }
+
+    /// All measurements of a fix; `updates` are then these.
+    #[inline(always)]
+    pub(super) fn correct(&mut self, rows: &[Row], updates: &mut Vec<Update>) {
+        updates.clear();
+        let mut less = [0.0; MOST_ROWS];
+        for (row, less) in rows.iter().zip(&mut less) {
+            let mut g = row.times(&self.p);
+            for u in updates.iter() {
+                add_scaled(&mut g, &u.g, -row.dot(&u.g) / u.s);
+            }
+            let y = row.residual - row.dot(&self.x);
+            let r = row_variance(row.kind, row.sigma, self.noise);
+            let s = r + row.dot(&g);
+            *less = -s.recip();
+            add_scaled(&mut self.x, &g, y / s);
+            updates.push(Update { g, y, s, r });
+        }
+        for (i, p) in self.p.iter_mut().enumerate() {
+            add_rows(p, updates.len(), |k| (&updates[k].g, updates[k].g[i] * less[k]));
+        }
+    }
+}
