@@ -49,25 +49,52 @@ pub fn map_runs_on<T: Send>(
     })
 }
 
-/// So many threads, at least one.
+/// So many threads, at least one. Jobs that have jobs of their own share them: who asks works along, and others join in only while
+/// fewer than so many are at work. Memory that threads leave behind is kept for each of them, so few threads need less of it.
 #[derive(Debug, Clone, Copy)]
 pub struct Threads(pub usize);
+
+/// Threads that work along with those that asked.
+static HELPERS: AtomicUsize = AtomicUsize::new(0);
+
+/// One of them, as long as it works.
+struct Helper;
+
+impl Helper {
+    /// One more, if that makes no more than `most`.
+    fn join(most: usize) -> Option<Self> {
+        let more = |now: usize| (now < most).then_some(now + 1);
+        HELPERS.fetch_update(Ordering::Relaxed, Ordering::Relaxed, more).ok().map(|_| Self)
+    }
+}
+
+impl Drop for Helper {
+    fn drop(&mut self) {
+        HELPERS.fetch_sub(1, Ordering::Relaxed);
+    }
+}
 
 impl Workers for Threads {
     fn run(&self, jobs: usize, job: &(dyn Fn(usize) + Sync)) {
         let next = AtomicUsize::new(0);
+        let work = || {
+            loop {
+                let k = next.fetch_add(1, Ordering::Relaxed);
+                if k >= jobs {
+                    return;
+                }
+                job(k);
+            }
+        };
         std::thread::scope(|scope| {
-            for _ in 0..self.0.clamp(1, jobs.max(1)) {
-                scope.spawn(|| {
-                    loop {
-                        let k = next.fetch_add(1, Ordering::Relaxed);
-                        if k >= jobs {
-                            return;
-                        }
-                        job(k);
-                    }
+            for _ in 1..jobs {
+                let Some(helper) = Helper::join(self.0.saturating_sub(1)) else { break };
+                scope.spawn(move || {
+                    work();
+                    drop(helper);
                 });
             }
+            work();
         });
     }
 }
@@ -75,6 +102,21 @@ impl Workers for Threads {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    /// Jobs of jobs take no more threads than were asked for.
+    #[test]
+    fn jobs_of_jobs_share_the_threads() {
+        let (now, most) = (AtomicUsize::new(0), AtomicUsize::new(0));
+        let workers = Threads(2);
+        workers.run(4, &|_| {
+            workers.run(8, &|_| {
+                most.fetch_max(now.fetch_add(1, Ordering::Relaxed) + 1, Ordering::Relaxed);
+                std::thread::yield_now();
+                now.fetch_sub(1, Ordering::Relaxed);
+            });
+        });
+        assert!(most.load(Ordering::Relaxed) <= 2, "{most:?}");
+    }
 
     #[test]
     fn results_come_in_order() {

@@ -6,9 +6,11 @@
 //! Koopman & Shephard 1992). A jump of a state at some instant has the score r and the information N of the same
 //! recursion (de Jong & Penzer 1998, "Diagnosing shocks in time series").
 
-use super::forward::{Keep, Tape, Taped};
-use super::interval::{DYNAMIC, Interval, NavCovariance};
-use super::kalman::{SIGMA_FLOOR, Square, State, Update, add_scaled, gauss_markov_variance};
+use super::forward::{Keep, Prior, Tape, Taped};
+use super::interval::{BIASES, DYNAMIC, Interval, NavCovariance};
+use super::kalman::{
+    MOST_ROWS, SIGMA_FLOOR, Square, State, Update, add_rows, add_scaled, gauss_markov_variance,
+};
 use super::rows::{Kind, Row};
 use super::{Epoch, Problem, STATES, index};
 use crate::identify::noise::{FIGURES, Noise, figure};
@@ -45,25 +47,36 @@ struct Adjoint {
 }
 
 impl Adjoint {
-    /// Back over one scalar update; returns the slope by the measurement's variance. `weight` is that of the squared
-    /// innovation, `counted` whether the row counts.
+    /// Back over a fix. `counted`: whether it counts; `weights` are those of the squared innovations of position and velocity.
     #[inline(always)]
-    fn update(&mut self, row: &Row, u: &Update, counted: bool, weight: f64) -> f64 {
-        let (y, g) = (u.y, &u.g);
-        let (one, s) = (f64::from(u8::from(counted)), u.s.recip());
-        let pg = product(&self.p, g);
-        let along = dot(&self.x, g);
-        let by_y = (along - one * weight * y) * s;
-        let by_s = one * 0.5 * (weight * y * y * s - 1.0) * s - along * y * s * s + dot(&pg, g) * s * s;
-        let h = row.dense();
-        // by_s h hᵀ + (h by_gᵀ + by_g hᵀ)/2 with by_g = (x y − 2 P g)/s.
-        let w: State = std::array::from_fn(|i| 0.5 * (by_s * h[i] + (self.x[i] * y - 2.0 * pg[i]) * s));
-        add_scaled(&mut self.x, &h, -by_y);
-        for (i, p) in self.p.iter_mut().enumerate() {
-            let (own_h, own_w) = (h[i], w[i]);
-            p.iter_mut().zip(&h).zip(&w).for_each(|((p, h), w)| *p += own_h * w + own_w * h);
+    fn correct(&mut self, fix: &Fix<'_>, weights: &[f64; 2], counted: bool, slope: &mut Slope) {
+        let one = f64::from(u8::from(counted));
+        // What each row adds to the slope by the covariance, h wᵀ + w hᵀ; it is written once for all.
+        let (mut h, mut w) = ([[0.0; STATES]; MOST_ROWS], [[0.0; STATES]; MOST_ROWS]);
+        let count = fix.updates.len().min(MOST_ROWS);
+        for (k, (row, u)) in fix.rows.iter().zip(fix.updates).enumerate().take(count).rev() {
+            let (y, g, s) = (u.y, &u.g, u.s.recip());
+            let weight = weights[usize::from(!row.is_position())];
+            let mut pg = product(&self.p, g);
+            for j in k + 1..count {
+                add_scaled(&mut pg, &h[j], dot(&w[j], g));
+                add_scaled(&mut pg, &w[j], dot(&h[j], g));
+            }
+            let along = dot(&self.x, g);
+            let by_y = (along - one * weight * y) * s;
+            let by_s = one * 0.5 * (weight * y * y * s - 1.0) * s - along * y * s * s + dot(&pg, g) * s * s;
+            h[k] = row.dense();
+            // by_s h hᵀ + (h by_gᵀ + by_g hᵀ)/2 with by_g = (x y − 2 P g)/s.
+            w[k] = std::array::from_fn(|i| 0.5 * (by_s * h[k][i] + (self.x[i] * y - 2.0 * pg[i]) * s));
+            add_scaled(&mut self.x, &h[k], -by_y);
+            slope.row(row, u, by_s);
         }
-        by_s
+        for (i, p) in self.p.iter_mut().enumerate() {
+            add_rows(p, count, |k| (&h[k], w[k][i]));
+            for k in (0..count).filter(|k| h[*k][i] != 0.0) {
+                add_scaled(p, &w[k], h[k][i]);
+            }
+        }
     }
 
     /// Back over the way between two fixes.
@@ -194,14 +207,11 @@ impl WithSimd for Return<'_> {
         let Self { problem, tape, noise, options, mut slope } = self;
         let mut adjoint = Adjoint { x: [0.0; STATES], p: [[0.0; STATES]; STATES] };
         let (mut by_gyro, mut by_accel) = (0.0, 0.0);
-        for ((epoch, updates), taped) in problem.taken_back(tape).zip(tape.fixes.iter().rev()) {
+        for (fix, taped) in problem.taken_back(tape).zip(tape.fixes.iter().rev()) {
+            let epoch = fix.epoch;
             let counted = problem.part(epoch, options) == Some(0);
             let interval = &epoch.interval;
-            for (row, update) in epoch.measured.rows.iter().zip(updates).rev() {
-                let weight = taped.weights[usize::from(!row.is_position())];
-                let by_r = adjoint.update(row, update, counted, weight);
-                slope.row(row, update, by_r);
-            }
+            adjoint.correct(&fix, &taped.weights, counted, &mut slope);
             slope.renewal(&adjoint, taped, noise, interval.dt);
             adjoint.x[index::STAMP] = 0.0;
             adjoint.p[index::STAMP] = [0.0; STATES];
@@ -222,15 +232,23 @@ impl WithSimd for Return<'_> {
     }
 }
 
+/// A fix on the way back.
+struct Fix<'t> {
+    epoch: &'t Epoch,
+    rows: &'t [Row],
+    updates: &'t [Update],
+}
+
 impl Problem {
     /// From the last fix to the first, each with its updates.
     #[inline(always)]
-    fn taken_back<'t>(&'t self, tape: &'t Tape) -> impl Iterator<Item = (&'t Epoch, &'t [Update])> {
+    fn taken_back<'t>(&'t self, tape: &'t Tape) -> impl Iterator<Item = Fix<'t>> {
         let mut rest = tape.updates.as_slice();
         self.epochs().rev().map(move |epoch| {
-            let (before, own) = rest.split_at(rest.len().saturating_sub(epoch.measured.rows.len()));
+            let rows = &epoch.measured.rows;
+            let (before, updates) = rest.split_at(rest.len().saturating_sub(rows.len()));
             rest = before;
-            (epoch, own)
+            Fix { epoch, rows, updates }
         })
     }
 
@@ -247,10 +265,11 @@ impl Problem {
         let (_, tape) = self.run_keeping(noise, options, Keep::Updates);
         let mut back = Shocks::default();
         let mut out: Vec<Shock> = Vec::with_capacity(self.len());
-        for ((epoch, updates), taped) in self.taken_back(&tape).zip(tape.fixes.iter().rev()) {
+        for (fix, taped) in self.taken_back(&tape).zip(tape.fixes.iter().rev()) {
+            let epoch = fix.epoch;
             let counted = f64::from(u8::from(self.part(epoch, options) == Some(0)));
             let gyro = back.block(index::GYRO_BIAS);
-            for (row, update) in epoch.measured.rows.iter().zip(updates).rev() {
+            for (row, update) in fix.rows.iter().zip(fix.updates).rev() {
                 let weight = taped.weights[usize::from(!row.is_position())];
                 back.update(row, row.position_axis(), update, counted * weight);
             }
@@ -261,25 +280,57 @@ impl Problem {
         out
     }
 
-    /// The smoothed means at the start and, of what the transition acts on, at every fix.
-    pub(super) fn smoothed(&self, noise: &Noise) -> (State, Vec<[f64; DYNAMIC]>) {
+    /// What all fixes together say of the states.
+    pub(super) fn smoothed(&self, noise: &Noise) -> Smoothed {
         let (_, tape) = self.run_keeping(noise, &Options::default(), Keep::Priors);
+        Arch::new().dispatch(Smoothing { problem: self, tape: &tape, noise })
+    }
+}
+
+/// Smoothed means.
+pub(super) struct Smoothed {
+    /// Of all states at the start.
+    pub(super) start: State,
+    /// Of position, velocity and attitude at every fix.
+    pub(super) fixes: Vec<[f64; 9]>,
+    /// Of the biases in the middle of the flight.
+    pub(super) biases: Option<[f64; BIASES]>,
+}
+
+/// The way back over a run that smooths.
+struct Smoothing<'a> {
+    problem: &'a Problem,
+    tape: &'a Tape,
+    noise: &'a Noise,
+}
+
+impl WithSimd for Smoothing<'_> {
+    type Output = Smoothed;
+
+    #[inline(always)]
+    fn with_simd<S: Simd>(self, _: S) -> Smoothed {
+        let Self { problem, tape, noise } = self;
         let mut r = [0.0; STATES];
-        let mut out = Vec::with_capacity(self.len());
-        for ((epoch, updates), prior) in self.taken_back(&tape).zip(tape.priors.iter().rev()) {
-            for (row, u) in epoch.measured.rows.iter().zip(updates).rev() {
+        let (mut fixes, mut biases) = (Vec::with_capacity(problem.len()), None);
+        for (fix, (mean, rows)) in problem.taken_back(tape).zip(tape.priors.iter().rev()) {
+            for (row, u) in fix.rows.iter().zip(fix.updates).rev() {
                 let by_y = u.y / u.s - dot(&r, &u.g) / u.s;
                 row.entries().for_each(|(k, h)| r[k] += h * by_y);
             }
-            out.push(std::array::from_fn(|i| prior.0[i] + dot(&prior.1[i], &r)));
+            fixes.push(std::array::from_fn(|i| mean[i] + dot(&rows[i], &r)));
+            if fixes.len() == problem.len() - problem.len() / 2 {
+                let own = |(mean, rows): &Prior<BIASES>| std::array::from_fn(|i| mean[i] + dot(&rows[i], &r));
+                biases = tape.middle.as_deref().map(own);
+            }
             r[index::STAMP] = 0.0;
-            let decay = (-epoch.interval.dt / noise.correlation_s).exp();
+            let interval = &fix.epoch.interval;
+            let decay = (-interval.dt / noise.correlation_s).exp();
             (index::GAUSS_MARKOV..index::STAMP).for_each(|w| r[w] *= decay);
-            r = transposed(&epoch.interval, &r);
+            r = transposed(interval, &r);
         }
-        out.reverse();
-        let first = std::array::from_fn(|i| self.start[i] + dot(&self.start_covariance[i], &r));
-        (first, out)
+        fixes.reverse();
+        let start = std::array::from_fn(|i| problem.start[i] + dot(&problem.start_covariance[i], &r));
+        Smoothed { start, fixes, biases }
     }
 }
 

@@ -2,7 +2,7 @@
 //!
 //! Parameters are carried as in [`crate::filter::watch`]: δx = δx₀ + U θ with U ← Φ U + B and U ← U − K (H U + D).
 
-use super::interval::{DYNAMIC, Interval};
+use super::interval::{BIASES, DYNAMIC, Interval};
 use super::kalman::{Kalman, State, Update, add_rows, add_scaled};
 use super::rows::Measured;
 use super::{Epoch, Problem, STATES, index};
@@ -55,8 +55,8 @@ pub(super) struct Taped {
     pub(super) gauss_markov: [f64; 3],
 }
 
-/// Mean before the updates of a fix, and the rows of the covariance of what the transition acts on.
-pub(super) type Prior = (State, [State; DYNAMIC]);
+/// Means of some states before the updates of a fix, and their rows of the covariance.
+pub(super) type Prior<const N: usize> = ([f64; N], [State; N]);
 
 /// What a run keeps for the way back.
 #[derive(Debug, Default)]
@@ -65,8 +65,10 @@ pub(super) struct Tape {
     pub(super) fixes: Vec<Taped>,
     /// Row by row of all fixes.
     pub(super) updates: Vec<Update>,
-    /// Fix by fix; only for smoothing.
-    pub(super) priors: Vec<Prior>,
+    /// Of position, velocity and attitude, fix by fix; only for smoothing.
+    pub(super) priors: Vec<Prior<9>>,
+    /// Of the biases in the middle of the flight; only for smoothing.
+    pub(super) middle: Option<Box<Prior<BIASES>>>,
 }
 
 impl Tape {
@@ -78,6 +80,7 @@ impl Tape {
             fixes: Vec::with_capacity(if updates { fixes } else { 0 }),
             updates: Vec::with_capacity(if updates || priors { rows.sum() } else { 0 }),
             priors: Vec::with_capacity(if priors { fixes } else { 0 }),
+            middle: None,
         }
     }
 }
@@ -196,7 +199,10 @@ impl WithSimd for Going<'_> {
             let before = (keep == Keep::Updates).then(|| kalman.gauss_markov());
             kalman.renew(interval.dt);
             if keep == Keep::Priors {
-                tape.priors.push((kalman.x, std::array::from_fn(|k| kalman.p[k])));
+                if tape.priors.len() == problem.len() / 2 {
+                    tape.middle = Some(Box::new(kalman.prior(index::GYRO_BIAS)));
+                }
+                tape.priors.push(kalman.prior(index::POSITION));
             }
             kalman.correct(&epoch.measured.rows, &mut updates);
             sensitivity.correct(&epoch.measured, &updates);
@@ -282,7 +288,11 @@ impl Run {
         if columns > 0 {
             let row = |k: usize| {
                 let update = &updates[k];
-                (&sensitivities[k * columns..(k + 1) * columns], update.y / update.s.sqrt(), weights[group(k)])
+                (
+                    &sensitivities[k * columns..(k + 1) * columns],
+                    update.y / update.s.sqrt(),
+                    weights[group(k)],
+                )
             };
             self.information[part].take_rows(updates.len(), row);
         }

@@ -22,7 +22,7 @@ pub(in crate::identify) type NavCovariance = SMatrix<f64, 9, 9>;
 /// Navigation states and both biases: what the transition acts on.
 pub(super) const DYNAMIC: usize = 15;
 /// Columns of both biases.
-const BIASES: usize = DYNAMIC - 9;
+pub(super) const BIASES: usize = DYNAMIC - 9;
 /// A covariance that is the same along all axes, and the same multiple of the unit matrix in any of them.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct Isotropic {
@@ -230,12 +230,36 @@ impl Composed {
     }
 }
 
+/// What an error of each sensor axis over one step (gyros x, y, z in rad/s, accelerometers x, y, z in m/s²) adds to a column.
+type Channels = [[f64; 9]; 6];
+
+/// Errors that enter step by step, added up in the axes of the interval's start so that what the later steps make of them can be
+/// put in at the end, for all steps at once: with the actions V, P, T of the whole interval and Vⱼ, Pⱼ, tⱼ of the steps up to j an
+/// error (p, v, e) that enters with step j arrives as v − (V − Vⱼ)×e and p + v (T − tⱼ) − (P − Pⱼ − Vⱼ (T − tⱼ))×e.
+#[derive(Debug, Clone, Copy)]
+struct Column([f64; 9]);
+
+impl Column {
+    fn add(&mut self, channel: &[f64; 9], size: f64) {
+        if size != 0.0 {
+            self.0.iter_mut().zip(channel).for_each(|(c, by)| *c += by * size);
+        }
+    }
+
+    /// As it arrives.
+    fn end(&self, all: &Composed) -> Nav {
+        let at = |k: usize| Vector3::new(self.0[k], self.0[k + 1], self.0[k + 2]);
+        let (p, v, e) = (at(index::POSITION), at(index::VELOCITY), at(index::ATTITUDE));
+        nav_of(&(p + v * all.t - all.p.cross(&e)), &(v - all.v.cross(&e)), &e)
+    }
+}
+
 /// An interval under way. Errors are kept in the axes of its start until it ends.
 pub(super) struct Sum {
     composed: Composed,
-    biases: [Nav; BIASES],
+    biases: [Column; BIASES],
     /// By each watched parameter.
-    driven: Vec<Nav>,
+    driven: Vec<Column>,
     gaps: Option<Box<NavCovariance>>,
     nav: NavState,
     start: NavState,
@@ -248,8 +272,8 @@ impl Sum {
     pub(super) fn new(nav: &NavState, watched: usize) -> Self {
         Self {
             composed: Composed::default(),
-            biases: [Nav::zeros(); BIASES],
-            driven: vec![Nav::zeros(); watched],
+            biases: [Column([0.0; 9]); BIASES],
+            driven: vec![Column([0.0; 9]); watched],
             gaps: None,
             nav: *nav,
             start: *nav,
@@ -263,42 +287,44 @@ impl Sum {
         &self.nav
     }
 
+    /// What the sensor axes do in a step that has just been composed; `middle` leads from its body axes to those of the start.
+    fn channels(&self, action: &Action, middle: &Matrix3<f64>) -> Channels {
+        let (t, dt) = (self.composed.t, action.dt);
+        let v = self.composed.v - action.dv * 0.5;
+        let p = self.composed.p - action.dp / 3.0 - v * t;
+        std::array::from_fn(|k| {
+            let by = middle.column(k % 3) * dt;
+            if k < 3 {
+                nav_of(&p.cross(&by), &v.cross(&by), &by.into()).into()
+            } else {
+                let place = self.turned.column(k % 3) * (0.5 * dt * dt) - by * t;
+                nav_of(&place, &by, &Vector3::zeros()).into()
+            }
+        })
+    }
+
     /// One step.
     pub(super) fn add(&mut self, from: &Here, to: &Here, kind: SampleKind, dt: f64) {
         let inc = Increment::between(&from.motion, &to.motion, kind, dt);
         let action = Action { dv: self.turned * inc.dv, dp: self.turned * inc.dp, dt };
-        self.biases.iter_mut().chain(&mut self.driven).for_each(|c| action.apply(c));
-        let turned = self.turned * (Matrix3::identity() + skew(&inc.dtheta) * 0.5);
-        let begun = self.turned;
-        let none = Vector3::zeros();
-        let by_rate =
-            |e: Vector3<f64>| nav_of(&(action.dp.cross(&e) / -3.0), &(action.dv.cross(&e) * -0.5), &e);
-        let by_force = |p: Vector3<f64>, v: Vector3<f64>| nav_of(&(p * (0.5 * dt * dt)), &(v * dt), &none);
-        let drive = |rate: Vector3<f64>, force: Vector3<f64>| match (rate == none, force == none) {
-            (true, true) => Nav::zeros(),
-            (false, true) => by_rate(turned * rate * dt),
-            (true, false) => by_force(begun * force, turned * force),
-            (false, false) => by_rate(turned * rate * dt) + by_force(begun * force, turned * force),
-        };
+        let middle = self.turned * (Matrix3::identity() + skew(&inc.dtheta) * 0.5);
+        self.composed.add(&action);
+        let channels = self.channels(&action, &middle);
         let coupled =
             if kind == SampleKind::Point { (from.by_force + to.by_force) * 0.5 } else { to.by_force };
-        let couples = coupled != Matrix3::zeros();
-        for k in 0..3 {
-            let at = |m: &Matrix3<f64>| -Vector3::from(m.column(k));
-            self.biases[k] += by_rate(at(&turned) * dt);
-            self.biases[3 + k] += by_force(at(&begun), at(&turned));
-            if couples {
-                self.biases[3 + k] += by_rate(turned * Vector3::from(coupled.column(k)) * dt);
+        for (k, bias) in self.biases.iter_mut().enumerate() {
+            bias.add(&channels[k], -1.0);
+            if k >= 3 {
+                (0..3).for_each(|i| bias.add(&channels[i], coupled[(i, k - 3)]));
             }
         }
-        for (k, end) in to.columns.iter().enumerate() {
+        for (k, (column, end)) in self.driven.iter_mut().zip(&to.columns).enumerate() {
             let start = from.columns.get(k).filter(|_| kind == SampleKind::Point).unwrap_or(end);
-            let (rate, force) = ((start[0] + end[0]) * 0.5, (start[1] + end[1]) * 0.5);
-            if rate != none || force != none {
-                self.driven[k] += drive(rate, force);
+            for (channel, by) in channels.iter().enumerate() {
+                let (sensor, axis) = (channel / 3, channel % 3);
+                column.add(by, 0.5 * (start[sensor][axis] + end[sensor][axis]));
             }
         }
-        self.composed.add(&action);
         if let Some(q) = &mut self.gaps {
             **q = congruence(q, |c| action.apply(c));
         }
@@ -333,8 +359,8 @@ impl Sum {
         };
         let mut transition = [Nav::zeros(); DYNAMIC];
         transition[..9].copy_from_slice(&self.composed.transition());
-        transition[9..].copy_from_slice(&self.biases);
-        let mut driven = self.driven;
+        transition[9..].copy_from_slice(&self.biases.map(|c| c.end(&self.composed)));
+        let mut driven: Vec<Nav> = self.driven.iter().map(|c| c.end(&self.composed)).collect();
         transition.iter_mut().chain(&mut driven).for_each(finish);
         let interval = Interval {
             dt,

@@ -14,7 +14,7 @@ use crate::identify::noise::{HEIGHT_GAUSS_MARKOV, Noise};
 pub(super) const SIGMA_FLOOR: f64 = 0.01;
 
 /// Rows of a fix: position and velocity.
-const MOST_ROWS: usize = 6;
+pub(super) const MOST_ROWS: usize = 6;
 
 /// A symmetric matrix over the states.
 pub(super) type Square = [[f64; STATES]; STATES];
@@ -94,6 +94,12 @@ impl<'a> Kalman<'a> {
     pub(super) fn gauss_markov(&self) -> ([State; 3], [f64; 3]) {
         let at = |k: usize| index::GAUSS_MARKOV + k;
         (std::array::from_fn(|k| self.p[at(k)]), std::array::from_fn(|k| self.x[at(k)]))
+    }
+
+    /// Means and rows of the covariance of some states.
+    #[inline(always)]
+    pub(super) fn prior<const N: usize>(&self, first: usize) -> ([f64; N], [State; N]) {
+        (std::array::from_fn(|k| self.x[first + k]), std::array::from_fn(|k| self.p[first + k]))
     }
 
     /// 1-sigma of the attitude, rad: of its least known axis.

@@ -16,6 +16,7 @@ use crate::identify::{Serial, Workers};
 use crate::mechanization::NavState;
 use crate::model::Model;
 use nalgebra::{Matrix3, Vector3};
+use pulp::Arch;
 
 /// After a gap the first guess of the attitude is kept until the fixes make it known to this, rad.
 const SURE: f64 = 0.05;
@@ -103,6 +104,14 @@ impl Reference {
     }
 
     fn filtered(flight: &Flight, model: &Model, noise: &Noise) -> Self {
+        Arch::new().dispatch(
+            #[inline(always)]
+            || Self::gone_through(flight, model, noise),
+        )
+    }
+
+    #[inline(always)]
+    fn gone_through(flight: &Flight, model: &Model, noise: &Noise) -> Self {
         let delay_s = delay_s(model);
         let watched = Watched::default();
         let mut reference = Self {
@@ -143,7 +152,7 @@ impl Reference {
                 continue;
             }
             nav = moved(&about, &kalman.x);
-            reference.correct(&kalman.x);
+            reference.correct(&kalman.x[index::GYRO_BIAS..]);
             track.set_calibration(&reference.calibration);
             kalman.x[..index::GAUSS_MARKOV].fill(0.0);
             reference.knots.push(Knot { t_s, fix: k, nav });
@@ -151,10 +160,10 @@ impl Reference {
         reference
     }
 
-    fn correct(&mut self, x: &[f64]) {
+    fn correct(&mut self, biases: &[f64]) {
         for k in 0..3 {
-            self.calibration.gyro_bias[k] += x[index::GYRO_BIAS + k];
-            self.calibration.accel_bias[k] += x[index::ACCEL_BIAS + k];
+            self.calibration.gyro_bias[k] += biases[k];
+            self.calibration.accel_bias[k] += biases[3 + k];
         }
     }
 
@@ -168,14 +177,14 @@ impl Reference {
     /// The smoothed trajectory of the flight as it was linearised about this one.
     #[must_use]
     pub fn smoothed(&self, problem: &Problem, noise: &Noise) -> Self {
-        let (first, states) = problem.smoothed(noise);
+        let smoothed = problem.smoothed(noise);
         let mut better = self.clone();
-        better.start = moved(&self.start, &first);
-        for (knot, x) in better.knots.iter_mut().zip(&states) {
+        better.start = moved(&self.start, &smoothed.start);
+        for (knot, x) in better.knots.iter_mut().zip(&smoothed.fixes) {
             knot.nav = moved(&knot.nav, x);
         }
-        if let Some(middle) = states.get(states.len() / 2) {
-            better.correct(middle);
+        if let Some(biases) = smoothed.biases {
+            better.correct(&biases);
         }
         better
     }

@@ -100,7 +100,8 @@ impl Search<'_> {
             }
             let before = settled.0.log_likelihood;
             let from = if bend > CROOKED {
-                self.linearised_anew(&settled.0, better, turn == 0)
+                let Some(anew) = self.linearised_anew(&settled.0, better, turn == 0) else { break };
+                anew
             } else {
                 self.linearised(settled.0.added, &Arc::new(better))
             };
@@ -118,16 +119,22 @@ impl Search<'_> {
     }
 
     /// The flights linearised at a point whose trajectories turn far: about those that are found from the start and, where
-    /// that is not the `first` attempt, about the smoothed ones if they are likelier.
-    fn linearised_anew(&self, point: &Point, smoothed: Vec<Reference>, first: bool) -> Linearised {
+    /// that is not the `first` attempt or leads to the same ones again, about the smoothed ones if they are likelier. `None` where
+    /// the same ones stay the likeliest: what turns is what no fix shows.
+    fn linearised_anew(&self, point: &Point, smoothed: Vec<Reference>, first: bool) -> Option<Linearised> {
         let about = |references| self.linearised(point.added.clone(), &Arc::new(references));
-        let anew = about(self.trajectories(&self.model(&point.added), &point.noise));
+        let likelihood = |l: &Linearised| self.part_likelihood(&l.problems, &point.noise, 0);
+        let anew = self.trajectories(&self.model(&point.added), &point.noise);
+        let same = anew.iter().zip(point.references.iter()).all(|(a, b)| a.bend(b) <= STRAIGHT);
+        if same {
+            return Some(about(smoothed)).filter(|s| likelihood(s) > point.log_likelihood + SAME_NATS);
+        }
+        let anew = about(anew);
         if first {
-            return anew;
+            return Some(anew);
         }
         let smoothed = about(smoothed);
-        let likelihood = |l: &Linearised| self.part_likelihood(&l.problems, &point.noise, 0);
-        if likelihood(&anew) > likelihood(&smoothed) { anew } else { smoothed }
+        Some(if likelihood(&anew) > likelihood(&smoothed) { anew } else { smoothed })
     }
 
     fn climb(&self, from: Linearised, noise: &Noise, steps: usize) -> (Point, Vec<Problem>) {
