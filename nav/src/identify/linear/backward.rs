@@ -9,14 +9,14 @@
 use super::forward::{Keep, Prior, Tape, Taped};
 use super::interval::{BIASES, DYNAMIC, Interval, NavCovariance};
 use super::kalman::{
-    MOST_ROWS, SIGMA_FLOOR, Square, State, Update, add_rows, add_scaled, gauss_markov_variance,
+    MOST_ROWS, SIGMA_FLOOR, Square, State, Update, add_rows, add_scaled, gauss_markov_variance, vectorised,
 };
 use super::rows::{Kind, Row};
 use super::{Epoch, Problem, STATES, index};
 use crate::identify::noise::{FIGURES, Noise, figure};
 use crate::identify::pass::Options;
 use nalgebra::{Matrix3, Vector3};
-use pulp::{Arch, Simd, WithSimd};
+use pulp::{Simd, WithSimd};
 
 /// Likelihood of the fit part and its slopes.
 #[derive(Debug, Clone, PartialEq)]
@@ -257,7 +257,7 @@ impl Problem {
         let (run, tape) = self.run_keeping(noise, options, Keep::Updates);
         let slope =
             Slope { log_likelihood: run.log_likelihood[0], by_figure: [0.0; FIGURES], by_walk: [0.0; 2] };
-        Arch::new().dispatch(Return { problem: self, tape: &tape, noise, options, slope })
+        vectorised(Return { problem: self, tape: &tape, noise, options, slope })
     }
 
     /// Score and information of a jump between any two fixes, of the gyro biases and of the fixes' position.
@@ -283,7 +283,7 @@ impl Problem {
     /// What all fixes together say of the states.
     pub(super) fn smoothed(&self, noise: &Noise) -> Smoothed {
         let (_, tape) = self.run_keeping(noise, &Options::default(), Keep::Priors);
-        Arch::new().dispatch(Smoothing { problem: self, tape: &tape, noise })
+        vectorised(Smoothing { problem: self, tape: &tape, noise })
     }
 }
 

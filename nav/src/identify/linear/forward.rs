@@ -3,13 +3,13 @@
 //! Parameters are carried as in [`crate::filter::watch`]: δx = δx₀ + U θ with U ← Φ U + B and U ← U − K (H U + D).
 
 use super::interval::{BIASES, DYNAMIC, Interval};
-use super::kalman::{Kalman, State, Update, add_rows, add_scaled};
+use super::kalman::{Kalman, State, Update, add_rows, add_scaled, vectorised};
 use super::rows::Measured;
 use super::{Epoch, Problem, STATES, index};
 use crate::effects::BiasWalk;
 use crate::identify::noise::Noise;
 use crate::identify::pass::{Information, Options};
-use pulp::{Arch, Simd, WithSimd};
+use pulp::{Simd, WithSimd};
 
 /// Squared normalised innovations of a group count linearly beyond this (Huber's function of the norm).
 pub(super) const HUBER: f64 = 25.0;
@@ -169,7 +169,7 @@ impl Sensitivity {
     }
 }
 
-/// A run with vector registers as wide as the machine has them; nothing is reordered or fused, so that the result is the same with any.
+/// A run of the filter.
 struct Going<'a> {
     problem: &'a Problem,
     walk: BiasWalk,
@@ -258,7 +258,7 @@ impl Problem {
         keep: Keep,
         columns: usize,
     ) -> (Run, Tape) {
-        Arch::new().dispatch(Going { problem: self, walk, noise, options, keep, columns })
+        vectorised(Going { problem: self, walk, noise, options, keep, columns })
     }
 }
 

@@ -6,7 +6,7 @@
 
 use super::super::flight::Flight;
 use super::interval::{self, NavCovariance};
-use super::kalman::Kalman;
+use super::kalman::{Kalman, vectorised};
 use super::track::Track;
 use super::{Problem, STATES, index, moved, rows};
 use crate::filter::calibration::Calibration;
@@ -16,7 +16,6 @@ use crate::identify::{Serial, Workers};
 use crate::mechanization::NavState;
 use crate::model::Model;
 use nalgebra::{Matrix3, Vector3};
-use pulp::Arch;
 
 /// After a gap the first guess of the attitude is kept until the fixes make it known to this, rad.
 const SURE: f64 = 0.05;
@@ -104,7 +103,7 @@ impl Reference {
     }
 
     fn filtered(flight: &Flight, model: &Model, noise: &Noise) -> Self {
-        Arch::new().dispatch(
+        vectorised(
             #[inline(always)]
             || Self::gone_through(flight, model, noise),
         )
