@@ -57,6 +57,15 @@ fn the_readme_lists_every_command() {
     }
 }
 
+#[test]
+fn cargo_run_without_a_name_is_the_program() {
+    // The first command of the README; the workspace has a second program.
+    let readme = DOCUMENTS[0].1;
+    assert!(readme.contains("cargo run --release -- demo"));
+    let manifest = include_str!("../Cargo.toml");
+    assert!(manifest.lines().any(|line| line == "default-run = \"gaware\""), "cargo run has a choice of two");
+}
+
 /// Every Rust source below a folder.
 fn sources(folder: &std::path::Path, found: &mut String) {
     for entry in std::fs::read_dir(folder).unwrap().map(|e| e.unwrap().path()) {
