@@ -249,6 +249,52 @@ mod tests {
         }
     }
 
+    /// A late flight with gyro noise that no such sensor has, and effects at no size that were added before: beside four the delay is
+    /// still looked for, beside five the search is over.
+    #[test]
+    fn beside_noise_that_no_sensor_has_five_effects_are_enough() {
+        let (base, settings) = (Model::default(), Settings::default());
+        let mut late = base.clone();
+        late.set(EffectSetting::known(&GpsLatency, &[0.12]).unwrap());
+        let flight = Flight::prepare(&fly(&late, 5), &base).unwrap();
+        let flights = [&flight];
+        let measured = Noise::measured(&base, &flights);
+        let mut search = Search::new(&flights, &base, &settings, &Serial, &measured);
+        let start = search.start(&measured);
+        let before = [
+            "gyro_scale_factor",
+            "accel_scale_factor",
+            "gyro_misalignment",
+            "accel_misalignment",
+            "gps_lever_arm",
+        ];
+        let names = |noise: &Noise, count: usize| -> Vec<&'static str> {
+            let effects = before.iter().take(count).filter_map(|name| crate::effects::find(name));
+            let settings_of = effects.map(|e| EffectSetting::known(e, &vec![0.0; e.len()]).unwrap());
+            let nothing =
+                |setting: EffectSetting| Added { prior: vec![(0.0, 0.0); setting.values.len()], setting };
+            let added: Vec<Added> = search.given.iter().cloned().chain(settings_of.map(nothing)).collect();
+            let step = |name| Step {
+                group: vec![name],
+                evidence: 50.0,
+                log_likelihood_gain: 50.0,
+                bic_gain: 45.0,
+                candidates: vec![(name, 50.0)],
+            };
+            let found =
+                before.iter().take(count).map(|name| Found { step: step(*name), cost: 0.0 }).collect();
+            let point = search.settle(&added, noise, &start, 0).0;
+            let chosen = Chosen { found, point, gone: Vec::new(), remaining: Vec::new() };
+            let chosen = search.choose_after(chosen, settings.proposal);
+            chosen.found.iter().map(|f| f.step.group[0]).collect()
+        };
+        let noisy = Noise { gyro: 4.0 * measured.gyro, ..measured };
+        assert!(search.claims.is_implausible(&noisy) && !search.claims.is_implausible(&measured));
+        assert!(names(&noisy, 4).contains(&"gps_latency"));
+        assert!(names(&measured, 5).contains(&"gps_latency"));
+        assert_eq!(names(&noisy, 5), before);
+    }
+
     #[test]
     fn what_another_effect_explains_loses_its_place() {
         let (base, settings) = (Model::default(), Settings::default());
