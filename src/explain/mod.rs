@@ -131,21 +131,22 @@ pub fn run(request: &Request, progress: &dyn Fn(Phase)) -> Result<Explained, Exp
     if request.logs.is_empty() {
         return Err(ExplainError::NoLog);
     }
-    let read_all = |paths: &[PathBuf], first: usize| -> Result<Vec<Vec<Sample>>, ExplainError> {
+    let settings = Settings { tolerances: request.model.is_none(), ..request.settings };
+    let model = request.model.clone().unwrap_or_default();
+    // Of each log only what was prepared is kept.
+    let read_all = |paths: &[PathBuf], first: usize| -> Result<Vec<Prepared>, ExplainError> {
         paths
             .iter()
             .enumerate()
             .map(|(k, path)| {
                 progress(Phase::Reading(first + k));
-                Ok(pipeline::samples(path, request.converter)?)
+                Ok(Flight::prepare(&pipeline::samples(path, request.converter)?, &model))
             })
             .collect()
     };
     let flights = read_all(&request.logs, 0)?;
     let validate = read_all(&request.validate, request.logs.len())?;
-    let settings = Settings { tolerances: request.model.is_none(), ..request.settings };
-    let model = request.model.clone().unwrap_or_default();
-    let mut explained = samples(&flights, &validate, &model, &settings, progress);
+    let mut explained = flights_of(flights, validate, &model, &settings, progress);
     let name = |p: &PathBuf| {
         p.file_name().map_or_else(|| p.display().to_string(), |n| n.to_string_lossy().into_owned())
     };
@@ -166,10 +167,24 @@ pub fn samples(
     settings: &Settings,
     progress: &dyn Fn(Phase),
 ) -> Explained {
+    let prepare = |all: &[Vec<Sample>]| all.iter().map(|samples| Flight::prepare(samples, model)).collect();
+    flights_of(prepare(flights), prepare(validate), model, settings, progress)
+}
+
+/// A recording made ready, or why it says too little.
+type Prepared = Result<Flight, TooLittle>;
+
+fn flights_of(
+    flights: Vec<Prepared>,
+    validate: Vec<Prepared>,
+    model: &Model,
+    settings: &Settings,
+    progress: &dyn Fn(Phase),
+) -> Explained {
     let workers = Threads(cores());
     progress(Phase::Choosing);
-    let (good, bad) = prepared(flights, model);
-    let (judging, _) = prepared(validate, model);
+    let (good, bad) = sorted(flights);
+    let (judging, _) = sorted(validate);
     if good.is_empty() {
         let why = bad.first().map_or_else(|| "there is no flight".to_owned(), ToString::to_string);
         return too_little(&why, model);
@@ -220,10 +235,10 @@ pub fn samples(
 }
 
 /// The recordings that say enough, and why the others do not.
-fn prepared(all: &[Vec<Sample>], model: &Model) -> (Vec<Flight>, Vec<TooLittle>) {
+fn sorted(all: Vec<Prepared>) -> (Vec<Flight>, Vec<TooLittle>) {
     let (mut good, mut bad) = (Vec::new(), Vec::new());
-    for samples in all {
-        match Flight::prepare(samples, model) {
+    for prepared in all {
+        match prepared {
             Ok(flight) => good.push(flight),
             Err(why) => bad.push(why),
         }

@@ -73,10 +73,8 @@ impl<'a> Linear<'a> {
         let linear = lacking.iter().filter(|s| select::is_linear(s.effect)).cloned();
         let effects = point.added.iter().map(|a| a.setting.clone()).chain(linear).collect();
         let watched = Watched { effects, ..Watched::default() };
-        let problems = search.problems(point, &watched);
-        let runs = map(search.workers(), problems.len(), |k| {
-            problems[k].run_blocks(&point.noise, &search.options(), BLOCK_S)
-        });
+        let runs = search.run_through(point, &watched, None, Some(BLOCK_S));
+        let problems = search.problems(point, &Watched::default());
         let mut all = Information::zeros(watched.slots().len(), 0);
         let mut log_likelihood = 0.0;
         let mut blocks = Vec::new();

@@ -10,14 +10,14 @@
 //! (Vovk & Wang 2021, "E-values", proposition 2.1, Markov's inequality). What the catalogue covers is left to the catalogue, and
 //! effects found there are fitted anew beside every term.
 
+use super::Workers;
 use super::evidence::{self, Fit};
 use super::flight::Flight;
 use super::judge;
-use super::linear::{self, Problem};
-use super::noise::Noise;
+use super::linear;
 use super::pass::{Information, Options};
-use super::select::{Added, Selection, Settings, priors};
-use super::{Workers, map};
+use super::select::{Added, Point, Search, Selection, Settings, priors};
+use crate::effects::BiasWalk;
 use crate::filter::watch::{Regressors, Term, Watched};
 use crate::model::Model;
 
@@ -151,15 +151,22 @@ struct Data {
     terms: Vec<(usize, &'static Regressor)>,
 }
 
-/// Flights linearised about a selection, with every term watched.
-struct Watching {
-    problems: Vec<Problem>,
-    effects: Vec<Added>,
+/// Flights at a selection, with every term watched.
+struct Watching<'a> {
+    search: Search<'a>,
+    point: Point,
     watched: Watched,
+    /// Another random walk of the biases than the model's.
+    walk: Option<BiasWalk>,
 }
 
-impl Watching {
-    fn new(flights: &[&Flight], selection: &Selection, settings: &Settings, workers: &dyn Workers) -> Self {
+impl<'a> Watching<'a> {
+    fn new(
+        flights: &'a [&'a Flight],
+        selection: &Selection,
+        settings: &Settings,
+        workers: &'a dyn Workers,
+    ) -> Self {
         let search = judge::about(flights, selection, settings, workers);
         let point = search.best(&selection.added, &selection.noise);
         let watched = Watched {
@@ -167,11 +174,16 @@ impl Watching {
             terms: all().iter().map(|(channel, r)| Term { channel: *channel, regressor: r.value }).collect(),
             ..Watched::default()
         };
-        Self { problems: search.problems(&point, &watched), effects: point.added, watched }
+        Self { search, point, watched, walk: None }
     }
 
-    fn data(&self, noise: &Noise, options: &Options, workers: &dyn Workers) -> Data {
-        let runs = map(workers, self.problems.len(), |k| self.problems[k].run(noise, options));
+    /// The same with other data counting.
+    fn hearing(self, options: Options) -> Self {
+        Self { search: self.search.hearing(options), ..self }
+    }
+
+    fn data(&self) -> Data {
+        let runs = self.search.run_through(&self.point, &self.watched, self.walk, None);
         let columns = self.watched.slots().len() + self.watched.terms.len();
         let mut parts = [0, 1].map(|_| Information::zeros(columns, 0));
         let mut log_likelihood = 0.0;
@@ -179,17 +191,17 @@ impl Watching {
             parts.iter_mut().zip(&run.information).for_each(|(sum, own)| sum.add(own));
             log_likelihood += run.log_likelihood[0];
         }
-        let (sigma, offset) = priors(&self.effects, &self.watched);
-        let (slots, effects) = (self.watched.slots(), self.effects.clone());
-        Data { parts, log_likelihood, effects, slots, sigma, offset, terms: all() }
+        let effects = self.point.added.clone();
+        let (sigma, offset) = priors(&effects, &self.watched);
+        Data { parts, log_likelihood, effects, slots: self.watched.slots(), sigma, offset, terms: all() }
     }
 
     /// The same without the random walks that were added to the biases; `None` where there are none.
     fn without_drifts(&mut self, base: &Model) -> Option<Vec<&'static str>> {
+        let effects = &self.point.added;
         let drifts: Vec<&'static str> =
-            self.effects.iter().filter(|a| is_drift(a)).map(|a| a.setting.effect.name()).collect();
-        let walk = linear::walk(base);
-        self.problems.iter_mut().for_each(|p| p.set_walk(walk));
+            effects.iter().filter(|a| is_drift(a)).map(|a| a.setting.effect.name()).collect();
+        self.walk = Some(linear::walk(base));
         (!drifts.is_empty()).then_some(drifts)
     }
 }
@@ -208,13 +220,14 @@ pub fn find(
     workers: &dyn Workers,
 ) -> LeftOver {
     let settings = Settings { options: selection.options, ..*settings };
-    let (noise, options) = (&selection.noise, &settings.options);
     let mut own = Watching::new(flights, selection, &settings, workers);
-    let mut others = (!validate.is_empty()).then(|| Watching::new(validate, selection, &settings, workers));
+    let all = settings.options.all();
+    let mut others =
+        (!validate.is_empty()).then(|| Watching::new(validate, selection, &settings, workers).hearing(all));
     let look = |own: &Watching, others: &Option<Watching>| {
-        let mut data = own.data(noise, options, workers);
+        let mut data = own.data();
         if let Some(others) = others {
-            let [all, _] = others.data(noise, &options.all(), workers).parts;
+            let [all, _] = others.data().parts;
             data.parts[1] = all;
         }
         let chosen = data.confirmed(data.pursued());

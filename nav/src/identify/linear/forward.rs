@@ -169,57 +169,85 @@ impl Sensitivity {
     }
 }
 
-/// A run of the filter.
-struct Going<'a> {
+/// A run of the filter under way.
+pub(super) struct Runner<'a> {
     problem: &'a Problem,
-    walk: BiasWalk,
-    noise: &'a Noise,
     options: &'a Options,
+    noise: &'a Noise,
     keep: Keep,
-    columns: usize,
+    kalman: Kalman<'a>,
+    sensitivity: Sensitivity,
+    run: Run,
+    tape: Tape,
+    /// When the present block began, s.
+    begun_s: f64,
+    updates: Vec<Update>,
 }
 
-impl WithSimd for Going<'_> {
-    type Output = (Run, Tape);
+impl<'a> Runner<'a> {
+    /// Before the first fix; `columns` parameters are watched. Of `problem` what it starts from counts, and what is to be kept.
+    pub(super) fn new(
+        problem: &'a Problem,
+        (noise, options): (&'a Noise, &'a Options),
+        walk: BiasWalk,
+        keep: Keep,
+        columns: usize,
+    ) -> Self {
+        Self {
+            problem,
+            options,
+            noise,
+            keep,
+            kalman: Kalman::new(problem, walk, noise),
+            sensitivity: Sensitivity::new(columns),
+            run: Run::empty(columns),
+            tape: Tape::new(keep, problem),
+            begun_s: 0.0,
+            updates: Vec::new(),
+        }
+    }
+
+    /// On over these fixes.
+    pub(super) fn go(&mut self, epochs: &[Epoch]) {
+        vectorised(Going { runner: self, epochs });
+    }
 
     #[inline(always)]
-    fn with_simd<S: Simd>(self, _: S) -> Self::Output {
-        let Self { problem, walk, noise, options, keep, columns } = self;
-        let zeros = || Information::zeros(columns, 0);
-        let mut run = Run::empty(columns);
-        let mut tape = Tape::new(keep, problem);
-        let mut begun_s = 0.0;
-        let mut kalman = Kalman::new(problem, walk, noise);
-        let mut sensitivity = Sensitivity::new(columns);
-        let mut updates = Vec::new();
-        for epoch in problem.epochs() {
-            let interval = &epoch.interval;
-            kalman.predict(interval);
-            sensitivity.predict(interval, (-interval.dt / noise.correlation_s).exp());
-            let before = (keep == Keep::Updates).then(|| kalman.gauss_markov());
-            kalman.renew(interval.dt);
-            if keep == Keep::Priors {
-                if tape.priors.len() == problem.len() / 2 {
-                    tape.middle = Some(Box::new(kalman.prior(index::GYRO_BIAS)));
-                }
-                tape.priors.push(kalman.prior(index::POSITION));
+    fn take(&mut self, epoch: &Epoch) {
+        let (interval, keep) = (&epoch.interval, self.keep);
+        self.kalman.predict(interval);
+        self.sensitivity.predict(interval, (-interval.dt / self.noise.correlation_s).exp());
+        let before = (keep == Keep::Updates).then(|| self.kalman.gauss_markov());
+        self.kalman.renew(interval.dt);
+        if keep == Keep::Priors {
+            if self.tape.priors.len() == self.problem.len() / 2 {
+                self.tape.middle = Some(Box::new(self.kalman.prior(index::GYRO_BIAS)));
             }
-            kalman.correct(&epoch.measured.rows, &mut updates);
-            sensitivity.correct(&epoch.measured, &updates);
-            let weights = run.count(problem.part(epoch, options), epoch, &updates, &sensitivity.rows);
-            if let Keep::Blocks(block_s) = keep
-                && epoch.elapsed_s - begun_s >= block_s
-            {
-                begun_s = epoch.elapsed_s;
-                run.blocks.push(std::mem::replace(&mut run.information[0], zeros()));
-            }
-            if let Some((gauss_markov_rows, gauss_markov)) = before {
-                tape.fixes.push(Taped { weights, gauss_markov_rows, gauss_markov });
-            }
-            if matches!(keep, Keep::Updates | Keep::Priors) {
-                tape.updates.extend_from_slice(&updates);
-            }
+            self.tape.priors.push(self.kalman.prior(index::POSITION));
         }
+        let updates = &mut self.updates;
+        self.kalman.correct(&epoch.measured.rows, updates);
+        self.sensitivity.correct(&epoch.measured, updates);
+        let part = self.problem.part(epoch, self.options);
+        let weights = self.run.count(part, epoch, updates, &self.sensitivity.rows);
+        if let Keep::Blocks(block_s) = keep
+            && epoch.elapsed_s - self.begun_s >= block_s
+        {
+            self.begun_s = epoch.elapsed_s;
+            let none = Information::zeros(self.sensitivity.m, 0);
+            self.run.blocks.push(std::mem::replace(&mut self.run.information[0], none));
+        }
+        if let Some((gauss_markov_rows, gauss_markov)) = before {
+            self.tape.fixes.push(Taped { weights, gauss_markov_rows, gauss_markov });
+        }
+        if matches!(keep, Keep::Updates | Keep::Priors) {
+            self.tape.updates.extend_from_slice(updates);
+        }
+    }
+
+    /// What it says.
+    pub(super) fn end(self) -> (Run, Tape) {
+        let Self { mut run, tape, keep, .. } = self;
         if matches!(keep, Keep::Blocks(_)) {
             run.blocks.push(run.information[0].clone());
         }
@@ -228,15 +256,25 @@ impl WithSimd for Going<'_> {
     }
 }
 
+/// The next fixes of a run.
+struct Going<'r, 'a> {
+    runner: &'r mut Runner<'a>,
+    epochs: &'r [Epoch],
+}
+
+impl WithSimd for Going<'_, '_> {
+    type Output = ();
+
+    #[inline(always)]
+    fn with_simd<S: Simd>(self, _: S) {
+        self.epochs.iter().for_each(|epoch| self.runner.take(epoch));
+    }
+}
+
 impl Problem {
     /// Runs the filter with this noise.
     pub fn run(&self, noise: &Noise, options: &Options) -> Run {
         self.go(self.walk, noise, options, Keep::Nothing, self.columns).0
-    }
-
-    /// The same with score and information of each block of the flight by itself.
-    pub fn run_blocks(&self, noise: &Noise, options: &Options, block_s: f64) -> Run {
-        self.go(self.walk, noise, options, Keep::Blocks(block_s), self.columns).0
     }
 
     /// The same when the biases walk like this. Watched parameters are left out.
@@ -258,7 +296,9 @@ impl Problem {
         keep: Keep,
         columns: usize,
     ) -> (Run, Tape) {
-        vectorised(Going { problem: self, walk, noise, options, keep, columns })
+        let mut runner = Runner::new(self, (noise, options), walk, keep, columns);
+        self.pieces.iter().for_each(|epochs| runner.go(epochs));
+        runner.end()
     }
 }
 

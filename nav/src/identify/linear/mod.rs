@@ -21,15 +21,19 @@ mod unseen;
 use super::flight::Flight;
 use super::noise::Noise;
 use super::pass::Options;
+use super::rounding::Rounding;
 use super::{Workers, map};
 use crate::effects::BiasWalk;
 use crate::filter::watch::Watched;
 use crate::mechanization::NavState;
 use crate::model::Model;
+use crate::sample::ImuSample;
+use forward::{Keep, Run, Runner};
 use interval::Interval;
 use nalgebra::Vector3;
 use reference::Reference;
 use rows::Measured;
+use std::borrow::Cow;
 use track::Track;
 
 pub(super) use unseen::Unseen;
@@ -49,8 +53,10 @@ pub mod index {
 }
 /// Fixes closer to the end of the samples than this count for no model: with a delay they are there, without it they may not be.
 const END_S: f64 = 1.0;
-/// A flight is linearised in so many stretches at once.
+/// A flight is linearised in so many stretches at once …
 const PIECES: usize = 4;
+/// … each of so many fixes where nothing of it is kept.
+const PASSING: usize = 128;
 
 /// One fix: the way to it and what it measured.
 #[derive(Debug, Clone)]
@@ -91,25 +97,48 @@ impl Problem {
         watched: &Watched,
         workers: &dyn Workers,
     ) -> Self {
-        let samples = flight.samples_of(model);
-        let rounding = flight.rounding(model);
+        let about = About::new(flight, model, reference, watched);
         // With the trajectory known, no stretch of the flight waits for the one before.
         let length = reference.knots.len().div_ceil(PIECES).max(1);
-        let pieces = map(workers, reference.knots.len().div_ceil(length), |k| {
-            let track = Track::new(flight, model, &samples, &reference.calibration, watched);
-            let mut epochs = linearised(flight, track, reference, k * length, length);
-            epochs.iter_mut().for_each(|e| e.interval.rounding = rounding.at(e.t_s - 0.5 * e.interval.dt));
-            epochs
-        });
+        let pieces =
+            map(workers, reference.knots.len().div_ceil(length), |k| about.linearised(k * length, length));
+        Self { pieces, ..Self::without_fixes(&about) }
+    }
+
+    /// What the filter starts from.
+    fn without_fixes(about: &About<'_>) -> Self {
+        let About { flight, model, reference, watched, .. } = *about;
         let (start, start_covariance) = reference.prior(flight, model);
         Self {
-            pieces,
+            pieces: Vec::new(),
             columns: watched.slots().len() + watched.terms.len(),
             start,
             start_covariance: Box::new(start_covariance),
             walk: walk(model),
             end_s: flight.duration_s() - END_S,
         }
+    }
+
+    /// Runs the filter over a flight while it is linearised, piece by piece: nothing of it is kept, however much is watched. With
+    /// score and information of each block of `block_s` by itself where that is asked for, and another random walk of the biases than
+    /// the model's.
+    pub fn run_through(
+        about: &About<'_>,
+        random_walk: Option<BiasWalk>,
+        noise: &Noise,
+        options: &Options,
+        block_s: Option<f64>,
+        workers: &dyn Workers,
+    ) -> Run {
+        let problem = Self::without_fixes(about);
+        let keep = block_s.map_or(Keep::Nothing, Keep::Blocks);
+        let walk = random_walk.unwrap_or(problem.walk);
+        let mut runner = Runner::new(&problem, (noise, options), walk, keep, problem.columns);
+        for first in (0..about.reference.knots.len()).step_by(PIECES * PASSING) {
+            let pieces = map(workers, PIECES, |k| about.linearised(first + k * PASSING, PASSING));
+            pieces.iter().for_each(|epochs| runner.go(epochs));
+        }
+        runner.end().0
     }
 
     /// Times of validity of the fixes, s.
@@ -152,31 +181,50 @@ impl Problem {
     }
 }
 
-/// The fixes from number `first` on, `length` of them or as many as the samples reach.
-fn linearised(
-    flight: &Flight,
-    mut track: Track<'_>,
-    reference: &Reference,
-    first: usize,
-    length: usize,
-) -> Vec<Epoch> {
-    let mut epochs = Vec::with_capacity(length);
-    let mut nav = reference.start;
-    if let Some(before) = first.checked_sub(1).and_then(|k| reference.knots.get(k)) {
-        track.seek(before.t_s);
-        nav = before.nav;
+/// What a flight is linearised about.
+pub struct About<'a> {
+    flight: &'a Flight,
+    model: &'a Model,
+    reference: &'a Reference,
+    watched: &'a Watched,
+    samples: Cow<'a, [ImuSample]>,
+    rounding: Rounding,
+}
+
+impl<'a> About<'a> {
+    /// Watched are the states of `watched.effects` and the terms; jumps need no columns.
+    pub fn new(flight: &'a Flight, model: &'a Model, reference: &'a Reference, watched: &'a Watched) -> Self {
+        let (samples, rounding) = (flight.samples_of(model), flight.rounding(model));
+        Self { flight, model, reference, watched, samples, rounding }
     }
-    for knot in reference.knots.iter().skip(first).take(length) {
-        let Some((mut interval, predicted)) = track.interval_to(&nav, knot.t_s) else { break };
-        interval.set_offset(interval::error(&knot.nav, &predicted));
-        let fix = &flight.fixes()[knot.fix];
-        let measured = rows::of(fix, &knot.nav, &track);
-        let elapsed_s = fix.t_s - flight.initial().t_s;
-        let unsettled = flight.unseen().unsettles(fix.t_s);
-        epochs.push(Epoch { interval, t_s: knot.t_s, elapsed_s, unsettled, measured });
-        nav = knot.nav;
+
+    /// The fixes from number `first` on, `length` of them or as many as the samples reach.
+    fn linearised(&self, first: usize, length: usize) -> Vec<Epoch> {
+        let Self { flight, reference, .. } = self;
+        let knots = reference.knots.iter().skip(first).take(length);
+        let mut epochs = Vec::with_capacity(knots.len());
+        if knots.len() == 0 {
+            return epochs;
+        }
+        let mut track = Track::new(flight, self.model, &self.samples, &reference.calibration, self.watched);
+        let mut nav = reference.start;
+        if let Some(before) = first.checked_sub(1).and_then(|k| reference.knots.get(k)) {
+            track.seek(before.t_s);
+            nav = before.nav;
+        }
+        for knot in knots {
+            let Some((mut interval, predicted)) = track.interval_to(&nav, knot.t_s) else { break };
+            interval.set_offset(interval::error(&knot.nav, &predicted));
+            interval.rounding = self.rounding.at(knot.t_s - 0.5 * interval.dt);
+            let fix = &flight.fixes()[knot.fix];
+            let measured = rows::of(fix, &knot.nav, &track);
+            let elapsed_s = fix.t_s - flight.initial().t_s;
+            let unsettled = flight.unseen().unsettles(fix.t_s);
+            epochs.push(Epoch { interval, t_s: knot.t_s, elapsed_s, unsettled, measured });
+            nav = knot.nav;
+        }
+        epochs
     }
-    epochs
 }
 
 /// The random walk of the biases that a model says.

@@ -5,6 +5,7 @@ use super::super::linear::{self, Problem};
 use super::super::map;
 use super::super::noise::Noise;
 use super::super::pass::Information;
+use super::search::together;
 use super::settle::priors;
 use super::{Added, Candidate, Point, Search, is_jump, is_linear, lacking, prior_sigmas};
 use crate::effects::{Effect, MISTAKES};
@@ -24,8 +25,8 @@ impl Search<'_> {
         let linear: Vec<&EffectSetting> = lacking.iter().filter(|s| is_linear(s.effect)).collect();
         let effects = point.added.iter().map(|a| &a.setting).chain(linear.iter().copied()).cloned().collect();
         let watched = Watched { effects, ..Watched::default() };
-        let problems = self.problems(point, &watched);
-        let (_, information) = self.run(&problems, &point.noise);
+        let (_, information) = together(self.run_through(point, &watched, None, None));
+        let problems = self.problems(point, &Watched::default());
         let mut candidates: Vec<Candidate> =
             linear.iter().filter_map(|s| linear_candidate(s, &point.added, &watched, &information)).collect();
         let jumping: Vec<&EffectSetting> = lacking.iter().filter(|s| is_jump(s.effect)).collect();

@@ -1,13 +1,15 @@
 //! The flights at one model: effects at their values, the noise, the likelihood.
 
 use super::super::flight::Flight;
-use super::super::linear::Problem;
+use super::super::linear::forward::Run;
 use super::super::linear::reference::Reference;
+use super::super::linear::{About, Problem};
 use super::super::noise::{self, Claims, Fitted, Limits, Metric, Noise, NoiseEntry};
 use super::super::pass::{Information, Options};
 use super::super::{Workers, map};
 use super::settle::STEPS;
 use super::{Added, Candidate, Settings, Step, with};
+use crate::effects::BiasWalk;
 use crate::filter::watch::Watched;
 use crate::model::Model;
 use std::sync::Arc;
@@ -41,6 +43,19 @@ pub(in crate::identify) struct Point {
     pub(in crate::identify) log_likelihood: f64,
     /// The trajectories that the flights were linearised about.
     pub(super) references: Trajectories,
+}
+
+/// Log-likelihood and information of the fit part, all flights together.
+pub(super) fn together(runs: Vec<Run>) -> (f64, Information) {
+    let mut runs = runs.into_iter();
+    let Some(first) = runs.next() else { return (0.0, Information::zeros(0, 0)) };
+    let [mut information, _] = first.information;
+    let mut log_likelihood = first.log_likelihood[0];
+    for run in runs {
+        log_likelihood += run.log_likelihood[0];
+        information.add(&run.information[0]);
+    }
+    (log_likelihood, information)
 }
 
 /// Splits a model into what is known and what is to be estimated.
@@ -95,7 +110,7 @@ impl<'a> Search<'a> {
     }
 
     /// The same search with other data counting.
-    pub(super) fn hearing(&self, options: Options) -> Self {
+    pub(in crate::identify) fn hearing(&self, options: Options) -> Self {
         Self { settings: Settings { options, ..self.settings }, ..self.clone() }
     }
 
@@ -132,6 +147,22 @@ impl<'a> Search<'a> {
         (Arc::new(references), problems)
     }
 
+    /// Log-likelihood and information at a point of however many watched parameters: the flights are linearised on the way and not kept.
+    pub(in crate::identify) fn run_through(
+        &self,
+        point: &Point,
+        watched: &Watched,
+        walk: Option<BiasWalk>,
+        block_s: Option<f64>,
+    ) -> Vec<Run> {
+        let (model, options) = (self.model(&point.added), &self.settings.options);
+        map(self.workers, self.flights.len(), |k| {
+            let reference = point.references[k].with(self.flights[k], &model);
+            let about = About::new(self.flights[k], &model, &reference, watched);
+            Problem::run_through(&about, walk, &point.noise, options, block_s, self.workers)
+        })
+    }
+
     pub(super) fn trajectories(&self, model: &Model, noise: &Noise) -> Vec<Reference> {
         map(self.workers, self.flights.len(), |k| {
             Reference::find(self.flights[k], model, noise, self.workers)
@@ -140,16 +171,7 @@ impl<'a> Search<'a> {
 
     /// Log-likelihood and information, all flights together.
     pub(super) fn run(&self, problems: &[Problem], noise: &Noise) -> (f64, Information) {
-        let mut runs =
-            map(self.workers, problems.len(), |k| problems[k].run(noise, &self.settings.options)).into_iter();
-        let Some(first) = runs.next() else { return (0.0, Information::zeros(0, 0)) };
-        let [mut information, _] = first.information;
-        let mut log_likelihood = first.log_likelihood[0];
-        for run in runs {
-            log_likelihood += run.log_likelihood[0];
-            information.add(&run.information[0]);
-        }
-        (log_likelihood, information)
+        together(map(self.workers, problems.len(), |k| problems[k].run(noise, &self.settings.options)))
     }
 
     /// These effects, beside what the model leaves open, at the values that fit best.

@@ -103,7 +103,9 @@ impl Search<'_> {
                 let Some(anew) = self.linearised_anew(&settled.0, better, turn == 0) else { break };
                 anew
             } else {
-                self.linearised(settled.0.added, &Arc::new(better))
+                let (point, problems) = settled;
+                drop(problems);
+                self.linearised(point.added, &Arc::new(better))
             };
             settled = self.climb(from, noise, steps);
             if bend <= CROOKED && (settled.0.log_likelihood - before).abs() < SAME_NATS {
@@ -167,14 +169,23 @@ impl Search<'_> {
                 return (point, problems);
             }
             taken += 1;
+            // Linearised flights are large: those of the best values are made again where no step leads on from them.
+            drop(problems);
             at = self.linearised(next, &point.references);
-            best = Some(Reached { point, problems, step, height });
+            best = Some(Reached { point, step, height });
         }
         // Where not even the first is a maximum, the flights stay linearised as they are, and nothing speaks for it.
-        best.map(|b| (b.point, b.problems)).unwrap_or_else(|| {
-            let Linearised { added, references, problems } = at;
-            (Point { added, references, ..self.empty(noise) }, problems)
-        })
+        match best {
+            Some(Reached { point, .. }) => {
+                drop(at);
+                let again = self.linearised(point.added.clone(), &point.references);
+                (point, again.problems)
+            }
+            None => {
+                let Linearised { added, references, problems } = at;
+                (Point { added, references, ..self.empty(noise) }, problems)
+            }
+        }
     }
 
     /// The fit of the linear model at some values; `None` where they are no place for a maximum.
@@ -202,7 +213,6 @@ struct Fitted {
 /// The best values so far, and the step that leads on from them.
 struct Reached {
     point: Point,
-    problems: Vec<Problem>,
     step: Step,
     height: f64,
 }
