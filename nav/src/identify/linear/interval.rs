@@ -295,7 +295,7 @@ impl Sum {
         std::array::from_fn(|k| {
             let by = middle.column(k % 3) * dt;
             if k < 3 {
-                nav_of(&p.cross(&by), &v.cross(&by), &by.into()).into()
+                nav_of(&p.cross(&by), &v.cross(&by), &by).into()
             } else {
                 let place = self.turned.column(k % 3) * (0.5 * dt * dt) - by * t;
                 nav_of(&place, &by, &Vector3::zeros()).into()

@@ -99,10 +99,8 @@ impl Row {
     pub(super) fn dense(&self) -> State {
         let mut h = [0.0; super::STATES];
         let at = self.measures();
-        for k in 0..3 {
-            h[at + k] = self.own[k];
-            h[index::ATTITUDE + k] = self.attitude[k];
-        }
+        h[at..at + 3].copy_from_slice(self.own.as_slice());
+        h[index::ATTITUDE..index::ATTITUDE + 3].copy_from_slice(self.attitude.as_slice());
         if self.is_position() {
             h[index::GAUSS_MARKOV + self.axis] = 1.0;
         }
