@@ -100,17 +100,10 @@ struct DeadZone {
 impl DeadZone {
     /// From values with this mean and variance, steps and steps².
     fn seen(mean: f64, variance: f64) -> Self {
-        const STEP: f64 = 0.25;
-        // As in `moments`; Simpson's rule on either side of zero.
-        let mut weight = (-0.5 * (-1.0 - mean).powi(2) / variance).exp() / (variance * TAU).sqrt();
-        let mut ratio = ((STEP * (1.0 + mean) - 0.5 * STEP * STEP) / variance).exp();
-        let change = (-STEP * STEP / variance).exp();
-        let at: [f64; 9] = std::array::from_fn(|_| {
-            let density = weight;
-            weight *= ratio;
-            ratio *= change;
-            density
-        });
+        // Simpson's rule on either side of zero.
+        let mut at = [0.0; 9];
+        let first = (-0.5 * (-1.0 - mean).powi(2) / variance).exp() / (variance * TAU).sqrt();
+        at.iter_mut().zip(weights(first, (-1.0, 0.25), mean, variance)).for_each(|(at, w)| *at = w);
         let share =
             |k: usize| (at[k] + 4.0 * at[k + 1] + 2.0 * at[k + 2] + 4.0 * at[k + 3] + at[k + 4]) / 12.0;
         let (below, above) = (share(0), share(4));
@@ -131,25 +124,30 @@ impl DeadZone {
     }
 }
 
+/// Weights of a normal distribution at equally spaced points from `start` on, where the weight is `first`.
+///
+/// Neighbouring weights differ by a ratio that itself changes by a constant ratio: two exponentials for all points instead of
+/// one for each.
+fn weights(first: f64, (start, step): (f64, f64), mean: f64, variance: f64) -> impl Iterator<Item = f64> {
+    let ratio = (-(step * (start - mean) + 0.5 * step * step) / variance).exp();
+    let change = (-step * step / variance).exp();
+    std::iter::successors(Some((first, ratio)), move |(w, ratio)| Some((w * ratio, ratio * change)))
+        .map(|(weight, _)| weight)
+}
+
 /// Sums of 1, x and x² over the middles of the slices of a bin, weighted by a normal distribution up to a factor.
 ///
-/// Neighbouring weights of equally spaced points differ by a ratio that itself changes by a constant ratio: two exponentials a
-/// bin instead of one a slice. From the end that is nearer to the mean, whose weight is taken as 1: far from the mean no weight
-/// that matters underflows.
+/// From the end that is nearer to the mean, whose weight is taken as 1: far from the mean no weight that matters underflows.
 fn moments(mean: f64, variance: f64, low: f64, high: f64) -> (f64, f64, f64) {
     let width = (high - low) / f64::from(SLICES);
     let (start, step) =
         if mean < 0.5 * (low + high) { (low + 0.5 * width, width) } else { (high - 0.5 * width, -width) };
-    let (mut ratio, change) =
-        ((-(step * (start - mean) + 0.5 * step * step) / variance).exp(), (-step * step / variance).exp());
-    let (mut weight, mut w, mut wx, mut wxx) = (1.0, 0.0, 0.0, 0.0);
-    for k in 0..SLICES {
+    let (mut w, mut wx, mut wxx) = (0.0, 0.0, 0.0);
+    for (k, weight) in (0..SLICES).zip(weights(1.0, (start, step), mean, variance)) {
         let x = start + f64::from(k) * step;
         w += weight;
         wx += weight * x;
         wxx += weight * x * x;
-        weight *= ratio;
-        ratio *= change;
     }
     (w, wx, wxx)
 }

@@ -73,7 +73,7 @@ fn centre(value: f64, step: f64) -> f64 {
 /// samples give equal results.
 ///
 /// Largest bias for constant rates from -3 to 3 steps and white noise, in steps: centre of the bin 0.29, 0.19, 0.11,
-/// 0.03 and this 0.04, 0.01, 0.01, 0.01 for a noise of 0.5, 0.7, 1 and 2 steps. At 0.1 step neither helps (0.7).
+/// 0.03 and this 0.02, 0.02, 0.01, 0.01 for a noise of 0.5, 0.7, 1 and 2 steps. At 0.1 step neither helps (0.7).
 #[derive(Debug, Clone)]
 pub struct Dequantiser {
     quantisation: Quantisation,

@@ -228,6 +228,25 @@ mod tests {
     use crate::effects::{AccelBiasDrift, GpsLatency, GyroScaleFactor};
     use crate::model::{EffectSetting, Model};
 
+    /// A flight whose fixes are 120 ms old.
+    fn late(base: &Model) -> Flight {
+        let mut truth = base.clone();
+        truth.set(EffectSetting::known(&GpsLatency, &[0.12]).unwrap());
+        Flight::prepare(&fly(&truth, 5), base).unwrap()
+    }
+
+    /// An effect that the search has added before.
+    fn proposed(name: &'static str) -> Found {
+        let step = Step {
+            group: vec![name],
+            evidence: 50.0,
+            log_likelihood_gain: 50.0,
+            bic_gain: 45.0,
+            candidates: vec![(name, 50.0)],
+        };
+        Found { step, cost: 0.0 }
+    }
+
     #[test]
     fn a_glance_tells_what_taking_out_would() {
         let (base, settings) = (Model::default(), Settings::default());
@@ -254,9 +273,7 @@ mod tests {
     #[test]
     fn beside_noise_that_no_sensor_has_five_effects_are_enough() {
         let (base, settings) = (Model::default(), Settings::default());
-        let mut late = base.clone();
-        late.set(EffectSetting::known(&GpsLatency, &[0.12]).unwrap());
-        let flight = Flight::prepare(&fly(&late, 5), &base).unwrap();
+        let flight = late(&base);
         let flights = [&flight];
         let measured = Noise::measured(&base, &flights);
         let mut search = Search::new(&flights, &base, &settings, &Serial, &measured);
@@ -274,15 +291,7 @@ mod tests {
             let nothing =
                 |setting: EffectSetting| Added { prior: vec![(0.0, 0.0); setting.values.len()], setting };
             let added: Vec<Added> = search.given.iter().cloned().chain(settings_of.map(nothing)).collect();
-            let step = |name| Step {
-                group: vec![name],
-                evidence: 50.0,
-                log_likelihood_gain: 50.0,
-                bic_gain: 45.0,
-                candidates: vec![(name, 50.0)],
-            };
-            let found =
-                before.iter().take(count).map(|name| Found { step: step(*name), cost: 0.0 }).collect();
+            let found = before.iter().take(count).copied().map(proposed).collect();
             let point = search.settle(&added, noise, &start, 0).0;
             let chosen = Chosen { found, point, gone: Vec::new(), remaining: Vec::new() };
             let chosen = search.choose_after(chosen, settings.proposal);
@@ -298,9 +307,7 @@ mod tests {
     #[test]
     fn what_another_effect_explains_loses_its_place() {
         let (base, settings) = (Model::default(), Settings::default());
-        let mut late = base.clone();
-        late.set(EffectSetting::known(&GpsLatency, &[0.12]).unwrap());
-        let flight = Flight::prepare(&fly(&late, 5), &base).unwrap();
+        let flight = late(&base);
         let flights = [&flight];
         let measured = Noise::measured(&base, &flights);
         let mut search = Search::new(&flights, &base, &settings, &Serial, &measured);
@@ -308,14 +315,7 @@ mod tests {
         // The delay was taken for a random walk of the biases before.
         let setting = EffectSetting::known(&AccelBiasDrift, &[0.02]).unwrap();
         from.added.push(Added { prior: vec![(setting.values[0], 0.0)], setting });
-        let step = Step {
-            group: vec!["accel_bias_drift"],
-            evidence: 50.0,
-            log_likelihood_gain: 50.0,
-            bic_gain: 45.0,
-            candidates: vec![("accel_bias_drift", 50.0)],
-        };
-        let found = vec![Found { step, cost: 0.0 }];
+        let found = vec![proposed("accel_bias_drift")];
         let before = Chosen { found, point: from, gone: Vec::new(), remaining: Vec::new() };
         let added = search.choose_after(before, settings.proposal);
         let confirmed = search.confirm(added);
