@@ -1,6 +1,7 @@
 //! One flight of the demonstration, turn by turn in virtual time: the same converter, engine, rate keeper and mission transfer
 //! as on a real link, with the simulated autopilot at the other end of a function call.
 
+mod upload;
 mod view;
 
 use super::series::{Log, PERIOD_S};
@@ -19,8 +20,8 @@ use crate::sensors::{ConverterOptions, Notice};
 use crate::sinks::foxglove::Feed;
 use crate::sinks::messages::RecordItem;
 use gaware_mission::item::Autopilot as Firmware;
-use gaware_mission::transfer::verified::{Options, Outcome, VerifiedUpload};
-use gaware_mission::transfer::{Action, Address, Peers};
+use gaware_mission::transfer::Action;
+use gaware_mission::transfer::verified::{Outcome, VerifiedUpload};
 use gaware_nav::model::Model;
 use gaware_sitl::autopilot::Autopilot;
 use mavlink::dialects::ardupilotmega::{COMMAND_LONG_DATA, MavCmd, MavMessage};
@@ -426,35 +427,6 @@ impl<E: Estimator> Flight<E> {
     fn sigmas(&self) -> Vec<(String, f64)> {
         let states = self.pipeline.snapshot().observability.states;
         states.into_iter().map(|s| (s.name, s.sigma)).collect()
-    }
-
-    fn begin_upload(&mut self) {
-        let Some(vehicle) = self.vehicle else { return };
-        let sender = self.voice.sender();
-        let me = Address { system: sender.system_id, component: sender.component_id };
-        let (upload, actions) = VerifiedUpload::start(
-            Peers::new(me, vehicle.address),
-            vehicle.autopilot,
-            Options::default(),
-            self.prepared.plan.mission.clone(),
-            Some(vehicle.state),
-            self.now_s,
-        );
-        self.tell(format!("uploading {} mission items", self.prepared.plan.mission.items.len()));
-        self.upload = Some(upload);
-        self.stage = Stage::Uploading;
-        self.transfer(actions);
-    }
-
-    fn follow_upload(&mut self) {
-        let Some(outcome) = self.upload.as_ref().and_then(|u| u.outcome()).cloned() else { return };
-        self.upload = None;
-        self.tell(outcome.to_string());
-        match &outcome {
-            Outcome::Verified { .. } => self.stage = Stage::Ready(self.now_s + BEFORE_TAKE_OFF_S),
-            other => self.end(Ending::NotUploaded(other.to_string())),
-        }
-        self.outcome = Some(outcome);
     }
 
     /// Sequence number of the hold at the end.
