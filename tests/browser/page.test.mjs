@@ -143,6 +143,14 @@ test("from 360 to 1920 pixels nothing scrolls sideways, nothing is cut, and the 
         .filter((e) => e.offsetParent && e.scrollWidth > e.clientWidth + 1 && getComputedStyle(e).display !== "inline")
         .map((e) => e.textContent),
       legends: [...document.querySelectorAll(".u-legend")].filter((e) => e.scrollHeight > e.clientHeight).map((e) => e.textContent),
+      // The longest figures of a flight, a latency known to a tenth of a millisecond among them, beside the card's edge.
+      aside: (() => {
+        const table = document.querySelector("#states");
+        const [first, last] = [[...table.rows].at(-2).cells, [...table.rows].at(-1).cells];
+        first[2].innerHTML = "360 <small>deg/h/g</small>";
+        [last[0].textContent, last[2].innerHTML, last[3].textContent] = ["latency", "0.0015 <small>s</small>", "0.040"];
+        return table.scrollWidth - table.parentElement.clientWidth;
+      })(),
       // Each element of G with its border, within what the card shows.
       hidden: [...document.querySelectorAll(".cell")].filter((e) => {
         const [cell, shown] = [e.getBoundingClientRect(), e.closest(".rest").getBoundingClientRect()];
@@ -158,6 +166,8 @@ test("from 360 to 1920 pixels nothing scrolls sideways, nothing is cut, and the 
     assert.ok(sizes.scroll <= sizes.inner, `${width}: scrolls to ${sizes.scroll}`);
     assert.deepEqual(sizes.wide, [], `at ${width}`);
     assert.deepEqual(sizes.cut, [], `at ${width}`);
+    // Widths are fractions of a pixel.
+    assert.ok(sizes.aside <= 1, `at ${width}: ${sizes.aside} px beyond the card`);
     assert.deepEqual(sizes.legends, [], `at ${width}`);
     assert.deepEqual(sizes.hidden, [], `at ${width}`);
     assert.deepEqual(sizes.broken, [], `at ${width}`);
