@@ -4,7 +4,7 @@ use super::load_model;
 use super::replay::{self, ReplayRequest};
 use super::{CommandError, ListenArgs, demo, file_name, output};
 use crate::engine::{Engine, EngineOptions};
-use crate::figures::civil;
+use crate::figures::day;
 use crate::logs;
 use crate::report::flight::{self, Logged, Origin};
 use std::path::{Path, PathBuf};
@@ -81,9 +81,8 @@ pub(super) fn date_of(log: &Path) -> String {
     let first = logs::open(log).ok().and_then(|mut reader| reader.next()).and_then(Result::ok);
     let at = first.map(|r| r.t_us).filter(|t| *t > FIRST_DATE_US);
     at.map_or_else(String::new, |t_us| {
-        let (days, rest_s) = ((t_us / 86_400_000_000) as i64, t_us / 1_000_000 % 86_400);
-        let (year, month, day) = civil(days);
-        format!("{year}-{month:02}-{day:02} {:02}:{:02} UTC", rest_s / 3600, rest_s / 60 % 60)
+        let s = t_us / 1_000_000;
+        format!("{} {:02}:{:02} UTC", day(s as f64), s / 3600 % 24, s / 60 % 60)
     })
 }
 

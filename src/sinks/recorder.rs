@@ -11,6 +11,7 @@ mod space;
 mod worker;
 
 pub use super::messages::{FRAME_TOPIC, RecordItem};
+use crate::figures::civil;
 use crate::sensors::ConverterOptions;
 use gaware_nav::observability::words::VehicleKind;
 use mcap::McapError;
@@ -280,16 +281,9 @@ pub fn recording_path(wanted: &Path, unix_us: u64) -> PathBuf {
     wanted.join(format!("gaware-{}.mcap", utc(unix_us / 1_000_000)))
 }
 
-/// `20260102-030405` (days to civil date: Hinnant, "chrono-compatible low-level date algorithms").
+/// `20260102-030405`.
 fn utc(unix_s: u64) -> String {
-    let (days, s) = (unix_s / 86_400 + 719_468, unix_s % 86_400);
-    let (era, day_of_era) = (days / 146_097, days % 146_097);
-    let year_of_era = (day_of_era - day_of_era / 1460 + day_of_era / 36_524 - day_of_era / 146_096) / 365;
-    let day_of_year = day_of_era - (365 * year_of_era + year_of_era / 4 - year_of_era / 100);
-    let shifted_month = (5 * day_of_year + 2) / 153;
-    let day = day_of_year - (153 * shifted_month + 2) / 5 + 1;
-    let month = if shifted_month < 10 { shifted_month + 3 } else { shifted_month - 9 };
-    let year = year_of_era + era * 400 + u64::from(month <= 2);
+    let ((year, month, day), s) = (civil((unix_s / 86_400) as i64), unix_s % 86_400);
     format!("{year:04}{month:02}{day:02}-{:02}{:02}{:02}", s / 3600, s / 60 % 60, s % 60)
 }
 

@@ -28,22 +28,22 @@ pub fn verdict(study: &FleetStudy) -> String {
     }
     let of = |kind| study.findings.iter().filter(|f| f.kind == kind).count();
     let counts = [
-        (of(Kind::OutOfFamily), "value out of family"),
-        (of(Kind::Firmware), "shift with a firmware"),
-        (of(Kind::Drift), "drift"),
-        (of(Kind::Scatter), "larger scatter"),
-        (unlike(study).len(), "flight unlike the others of its unit"),
-        (come_and_go(family).len(), "effect that comes and goes"),
+        (of(Kind::OutOfFamily), "value out of family", "values out of family"),
+        (of(Kind::Firmware), "shift with a firmware", "shifts with a firmware"),
+        (of(Kind::Drift), "drift", "drifts"),
+        (of(Kind::Scatter), "larger scatter", "larger scatters"),
+        (
+            unlike(study).len(),
+            "flight unlike the others of its unit",
+            "flights unlike the others of their unit",
+        ),
+        (come_and_go(family).len(), "effect that comes and goes", "effects that come and go"),
     ];
-    let plural = |(n, what): (usize, &str)| match what {
-        _ if n == 1 => format!("{n} {what}"),
-        "value out of family" => format!("{n} values out of family"),
-        "shift with a firmware" => format!("{n} shifts with a firmware"),
-        "flight unlike the others of its unit" => format!("{n} flights unlike the others of their unit"),
-        "effect that comes and goes" => format!("{n} effects that come and go"),
-        other => format!("{n} {other}s"),
-    };
-    let found: Vec<String> = counts.into_iter().filter(|(n, _)| *n > 0).map(plural).collect();
+    let found: Vec<String> = counts
+        .into_iter()
+        .filter(|(n, ..)| *n > 0)
+        .map(|(n, one, more)| format!("{n} {}", if n == 1 { one } else { more }))
+        .collect();
     if found.is_empty() {
         format!("{fleet}{with}: nothing stands out.")
     } else {
