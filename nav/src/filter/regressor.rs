@@ -33,8 +33,10 @@ struct Channel {
     /// Mean of the value since it last changed by more than its own noise, and for how long that is, s.
     steady: f64,
     steady_s: f64,
-    /// Shift by changed estimates that is not let through.
+    /// Shift by changed estimates that is not let through …
     held: f64,
+    /// … and what of it is let through to the errors of an attitude that begins anew, but not to constants that go on.
+    kept: f64,
     /// Low-passed value and the range it has covered lately.
     lasting: f64,
     low: f64,
@@ -71,8 +73,8 @@ impl Channel {
 
     fn shift(&mut self, by: f64, moving: bool) {
         self.held += by;
-        if moving && self.held.abs() < NEGLIGIBLE * self.widest {
-            self.let_through();
+        if moving && (self.held + self.kept).abs() < NEGLIGIBLE * self.widest {
+            self.let_through(true);
         }
     }
 
@@ -80,7 +82,8 @@ impl Channel {
         self.steady_s >= STEADY_S + QUIET_S
     }
 
-    fn let_through(&mut self) {
+    fn let_through(&mut self, to_constants: bool) {
+        self.kept = if to_constants { 0.0 } else { self.kept + self.held };
         for x in [&mut self.value, &mut self.steady, &mut self.lasting, &mut self.low, &mut self.high] {
             *x += self.held;
         }
@@ -93,6 +96,8 @@ impl Channel {
 pub(super) struct Regressor {
     channels: [Channel; 6],
     started: bool,
+    /// Whether the constants go on from an earlier stream.
+    goes_on: bool,
     /// Time since the stream began, s.
     age_s: f64,
 }
@@ -100,10 +105,8 @@ pub(super) struct Regressor {
 impl Regressor {
     /// The motion as the constants see it.
     pub(super) fn motion(&self) -> Motion {
-        let at = |k: usize| {
-            Vector3::new(self.channels[k].steady, self.channels[k + 1].steady, self.channels[k + 2].steady)
-        };
-        Motion { rate: at(0), force: at(3) }
+        let at = |k: usize| self.channels[k].steady - self.channels[k].kept;
+        Motion { rate: Vector3::from_fn(|k, _| at(k)), force: Vector3::from_fn(|k, _| at(3 + k)) }
     }
 
     /// The motion that errors of attitude and time act on: as it was measured while the vehicle moves, the mean where nothing
@@ -125,9 +128,21 @@ impl Regressor {
         }
     }
 
-    /// What new estimates have changed of the rate and is not let through, rad/s.
+    /// The same with the present estimates: what the vehicle does, for quantities that they give together with the attitude.
+    pub(super) fn present(&self, measured: &Motion) -> Motion {
+        let of = |k: usize, x: f64| {
+            let c = &self.channels[k];
+            if c.is_quiet() { c.steady + c.held } else { x }
+        };
+        Motion {
+            rate: Vector3::from_fn(|k, _| of(k, measured.rate[k])),
+            force: Vector3::from_fn(|k, _| of(3 + k, measured.force[k])),
+        }
+    }
+
+    /// What estimates since the last real motion have changed of the rate that constants are judged by, rad/s.
     pub(super) fn held_rate(&self) -> Vector3<f64> {
-        Vector3::from_fn(|k, _| self.channels[k].held)
+        Vector3::from_fn(|k, _| self.channels[k].held + self.channels[k].kept)
     }
 
     /// For how long each axis of the rate has shown nothing but noise, s.
@@ -144,6 +159,7 @@ impl Regressor {
     pub(super) fn start(&mut self, measured: &Motion) {
         self.age_s = 0.0;
         let fresh = !std::mem::replace(&mut self.started, true);
+        self.goes_on = !fresh;
         self.each(measured, |c, x| {
             c.value = x - c.held;
             (c.steady, c.steady_s) = (c.value, STEADY_S);
@@ -171,13 +187,15 @@ impl Regressor {
         self.each(&by, |c, by| c.shift(by, moving));
     }
 
-    /// The estimates stay where they are from now on: what was held back comes through.
+    /// The estimates stay where they are from now on: what was held back comes through. Constants that go on from an earlier stream
+    /// are judged without it until something moves.
     pub(super) fn let_through(&mut self) {
-        self.channels.iter_mut().for_each(Channel::let_through);
+        let to_constants = !self.goes_on || self.moving();
+        self.channels.iter_mut().for_each(|c| c.let_through(to_constants));
     }
 
     /// Whether there was motion beyond noise within some [`RECENT_S`].
-    fn moving(&self) -> bool {
+    pub(super) fn moving(&self) -> bool {
         self.channels.iter().any(|c| c.moved)
     }
 
@@ -257,5 +275,25 @@ mod tests {
         take(&mut r, 5.2, 1000);
         r.estimate_changed(&force(5.2), &force(5.21));
         assert!((r.motion().force.x - 5.21).abs() < 0.01, "it moves again: {r:?}");
+    }
+
+    #[test]
+    fn constants_that_go_on_are_judged_as_before_until_something_moves() {
+        let mut r = standing();
+        let before = r.motion().force.x;
+        r.start(&force(0.0));
+        r.estimate_changed(&force(0.0), &force(0.2));
+        r.let_through();
+        for k in 0..300 {
+            r.take(&force(if k % 2 == 0 { 0.3 } else { 0.1 }), (1.0, 1.0), DT);
+        }
+        assert!((r.lever(&force(0.2)).force.x - 0.2).abs() < 0.02, "the attitude that begins anew: {r:?}");
+        assert!((r.present(&force(0.2)).force.x - 0.2).abs() < 0.02, "{r:?}");
+        assert!((r.motion().force.x - before).abs() < 0.02, "{r:?}");
+        for k in 0..3000 {
+            r.take(&force(if k < 2000 { 5.2 } else { 0.2 }), (1.0, 1.0), DT);
+            r.estimate_changed(&force(0.2), &force(0.2));
+        }
+        assert!((r.motion().force.x - 0.2).abs() < 0.02, "it has moved: {r:?}");
     }
 }

@@ -14,6 +14,7 @@ use super::regressor::BEYOND_NOISE;
 use crate::earth;
 use crate::effects::{Antenna, FixInstant, MAX_PARAMETERS, Older};
 use crate::mechanization;
+use crate::rotation::skew;
 use nalgebra::{Matrix3, Vector3};
 
 /// NIS beyond which a group of 1, 2, 3 rows is rejected: chance 6e-7, five sigma of one row.
@@ -24,6 +25,8 @@ const LOCKED_OUT_S: f64 = 3.0;
 const LOCKED_OUT_COUNT: u32 = 4;
 /// Attitude uncertainty that is added when position and velocity both started anew, rad.
 const LOCKED_OUT_ATTITUDE: f64 = 0.05;
+/// What differs by less than so many of its own sigmas has not been seen to differ.
+const ERROR_SIGMAS: f64 = 4.0;
 /// No fix is assumed to be better than this, m and m/s.
 const SIGMA_FLOOR: f64 = 0.01;
 
@@ -98,7 +101,6 @@ impl Filter {
         let c_ne = earth::c_en_at(&self.nav.r_e).transpose();
         let c_nb = c_ne * self.nav.c_eb();
         let earth_b = self.nav.q_eb.inverse() * earth::rotation_rate();
-        let seen = self.lever;
         let rates = self.force_rates.as_deref().or(self.nearby.as_deref());
         let a_n = |force: &Vector3<f64>| c_ne * mechanization::acceleration(&self.nav, force);
         let now = FixInstant {
@@ -125,9 +127,15 @@ impl Filter {
             .zip(self.last)
             .map_or_else(Older::default, |(f, last)| f.older(lag_s, &now, &last.accel, &self.motion.force));
         let now = FixInstant { older, ..now };
+        let (seen, a_seen) = if self.course.is_straight() && !self.regressor.moving() {
+            let present = self.regressor.present(&self.motion);
+            (present, self.beyond_error(a_n(&present.force), &present.force, &c_nb))
+        } else {
+            (self.lever, a_n(&self.lever.force))
+        };
         let excited = FixInstant {
             v_n: self.seen_velocity.unwrap_or(now.v_n),
-            a_n: a_n(&seen.force),
+            a_n: a_seen,
             rate_eb: seen.rate - earth_b,
             force_rate: self.beyond_noise(now.force_rate),
             ..now
@@ -146,13 +154,31 @@ impl Filter {
         force_rate.map(|r| if r.abs() < band { 0.0 } else { r })
     }
 
+    /// The acceleration, north-east-down, of a vehicle that goes straight and has long done nothing else, without what errors of
+    /// attitude and calibration make of none: fix after fix would take the same error for a change of velocity.
+    fn beyond_error(&self, a_n: Vector3<f64>, force: &Vector3<f64>, c_nb: &Matrix3<f64>) -> Vector3<f64> {
+        // δa = C (∂f/∂x δx − f × ψ) (Groves 2013, section 14.2.2).
+        let by_attitude = -c_nb * skew(force);
+        let columns = (0..3).map(|k| (index::ATTITUDE + k, by_attitude.column(k).into_owned()));
+        let constants = self.jacobian.force.iter().enumerate();
+        let columns: Vec<_> =
+            columns.chain(constants.map(|(k, c)| (index::GYRO_BIAS + k, c_nb * c))).collect();
+        let mut variance = Vector3::zeros();
+        for (i, a) in &columns {
+            for (j, b) in &columns {
+                variance += a.component_mul(b) * self.p.at(*i, *j);
+            }
+        }
+        a_n.zip_map(&variance, |a, v| if a * a < (ERROR_SIGMAS * ERROR_SIGMAS) * v { 0.0 } else { a })
+    }
+
     /// Takes over the velocity that constants are judged by where it has changed beyond its own uncertainty.
     pub(super) fn see_velocity(&mut self) {
         let v_n = self.nav.v_n();
         let sigma = self.ned_sigmas()[1];
         let seen = self.seen_velocity.get_or_insert(v_n);
         for k in 0..3 {
-            if (v_n[k] - seen[k]).abs() > 4.0 * sigma[k] {
+            if (v_n[k] - seen[k]).abs() > ERROR_SIGMAS * sigma[k] {
                 seen[k] = v_n[k];
             }
         }
