@@ -90,7 +90,7 @@ impl Constants {
         let mut out = EstimateMatrix::default();
         for (e, setting) in model.effects.iter().enumerate().filter(|(_, s)| s.effect.name() == G) {
             let unit = setting.effect.groups().first().map_or(1.0, |g| g.unit.si);
-            let values = self.calibration.parameters.get(e).map_or(&[][..], Vec::as_slice);
+            let values = self.calibration.parameters().get(e).map_or(&[][..], Vec::as_slice);
             for (cell, value) in out.value.as_flattened_mut().iter_mut().zip(values) {
                 *cell = value / unit;
             }

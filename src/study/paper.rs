@@ -291,7 +291,7 @@ fn summarise(runs: &[Run], bound: &Filter, truth: &Model, settings: &Settings) -
             let true_value = if i < 6 {
                 true_values.get(layout, state)
             } else {
-                layout.slots().get(i - 6).map_or(0.0, |s| true_values.parameters[s.effect][s.parameter])
+                layout.slots().get(i - 6).map_or(0.0, |s| true_values.parameters()[s.effect][s.parameter])
             };
             let of =
                 |f: &dyn Fn(&(f64, f64)) -> f64| runs.iter().map(|r| f(&r.parameters[i])).sum::<f64>() / n;

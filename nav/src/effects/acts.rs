@@ -15,6 +15,11 @@ pub trait ImuEffect {
         Vector3::zeros()
     }
 
+    /// Whether what it adds is linear in rate and specific force and depends on nothing else.
+    fn is_linear(&self) -> bool {
+        false
+    }
+
     /// What it adds to the true specific force, m/s².
     fn accel(&self, _p: &[f64], _x: &Instant) -> Vector3<f64> {
         Vector3::zeros()

@@ -77,6 +77,10 @@ impl Effect for GyroGSensitivity {
 }
 
 impl ImuEffect for GyroGSensitivity {
+    fn is_linear(&self) -> bool {
+        true
+    }
+
     fn gyro(&self, p: &[f64], x: &Instant) -> Vector3<f64> {
         matrix(p) * x.force
     }

@@ -5,7 +5,7 @@ use crate::earth::STANDARD_GRAVITY;
 use nalgebra::{Matrix3, Vector3};
 
 /// The ideal inertial unit at one instant: what its effects may depend on.
-#[derive(Debug, Clone, Copy)]
+#[derive(Debug, Clone, Copy, Default)]
 pub struct Instant {
     /// Time, s.
     pub t_s: f64,

@@ -68,6 +68,10 @@ impl Effect for GyroMisalignment {
 }
 
 impl ImuEffect for GyroMisalignment {
+    fn is_linear(&self) -> bool {
+        true
+    }
+
     fn gyro(&self, p: &[f64], x: &Instant) -> Vector3<f64> {
         coupled(&OFF_DIAGONAL, p, &x.rate)
     }
@@ -125,6 +129,10 @@ impl Effect for AccelMisalignment {
 }
 
 impl ImuEffect for AccelMisalignment {
+    fn is_linear(&self) -> bool {
+        true
+    }
+
     fn accel(&self, p: &[f64], x: &Instant) -> Vector3<f64> {
         coupled(&UPPER, p, &x.force)
     }

@@ -64,6 +64,10 @@ impl Effect for GyroScaleFactor {
 }
 
 impl ImuEffect for GyroScaleFactor {
+    fn is_linear(&self) -> bool {
+        true
+    }
+
     fn gyro(&self, p: &[f64], x: &Instant) -> Vector3<f64> {
         scaled(p, &x.rate)
     }
@@ -128,6 +132,10 @@ impl Effect for AccelScaleFactor {
 }
 
 impl ImuEffect for AccelScaleFactor {
+    fn is_linear(&self) -> bool {
+        true
+    }
+
     fn accel(&self, p: &[f64], x: &Instant) -> Vector3<f64> {
         scaled(p, &x.force)
     }

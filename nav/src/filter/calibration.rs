@@ -24,9 +24,46 @@ pub struct Calibration {
     /// Accelerometer bias, m/s².
     pub accel_bias: Vector3<f64>,
     /// Parameters of each effect of the model, SI.
-    pub parameters: Vec<Vec<f64>>,
+    parameters: Vec<Vec<f64>>,
     /// What the samples around the present one show.
     pub around: Surroundings,
+    /// What the effects that are linear add together, found anew with every parameter.
+    linear: LinearPart,
+}
+
+/// What linear effects add to rate and force, and which effects are not linear.
+#[derive(Debug, Clone, Default, PartialEq)]
+struct LinearPart {
+    /// To the rate, per rate and per force.
+    gyro: [Matrix3<f64>; 2],
+    /// To the specific force, likewise.
+    accel: [Matrix3<f64>; 2],
+    /// Places in the model of the others that act on samples.
+    others: Vec<usize>,
+}
+
+impl LinearPart {
+    fn of(model: &Model, parameters: &[Vec<f64>]) -> Self {
+        let mut out = Self::default();
+        for (e, (setting, p)) in model.effects.iter().zip(parameters).enumerate() {
+            let Some(effect) = setting.effect.on_samples() else { continue };
+            if !effect.is_linear() {
+                out.others.push(e);
+                continue;
+            }
+            for axis in 0..3 {
+                let unit = Vector3::ith(axis, 1.0);
+                for (by, rate, force) in [(0, unit, Vector3::zeros()), (1, Vector3::zeros(), unit)] {
+                    let x = Instant { rate, force, ..Instant::default() };
+                    let (mut gyro, mut accel) =
+                        (out.gyro[by].column_mut(axis), out.accel[by].column_mut(axis));
+                    gyro += effect.gyro(p, &x);
+                    accel += effect.accel(p, &x);
+                }
+            }
+        }
+        out
+    }
 }
 
 /// How motion depends on the constant states: one column per state from the gyro bias on.
@@ -41,12 +78,26 @@ pub struct MotionJacobian {
 impl Calibration {
     /// The values that a model starts from.
     pub fn new(model: &Model) -> Self {
+        let parameters: Vec<_> = model.effects.iter().map(|s| s.values.clone()).collect();
         Self {
             gyro_bias: model.imu.gyro_bias.into(),
             accel_bias: model.imu.accel_bias.into(),
-            parameters: model.effects.iter().map(|s| s.values.clone()).collect(),
+            linear: LinearPart::of(model, &parameters),
+            parameters,
             around: Surroundings::default(),
         }
+    }
+
+    /// Parameters of each effect of the model, SI.
+    pub fn parameters(&self) -> &[Vec<f64>] {
+        &self.parameters
+    }
+
+    /// The same biases with the values of another model's effects.
+    #[must_use]
+    pub fn with_effects_of(&self, model: &Model) -> Self {
+        let Self { gyro_bias, accel_bias, around, .. } = *self;
+        Self { gyro_bias, accel_bias, around, ..Self::new(model) }
     }
 
     /// The value of a constant state.
@@ -63,7 +114,7 @@ impl Calibration {
     }
 
     /// Adds a correction to every constant state; `dx` is the whole state vector.
-    pub fn correct(&mut self, layout: &Layout, dx: &[f64]) {
+    pub fn correct(&mut self, model: &Model, layout: &Layout, dx: &[f64]) {
         for k in 0..3 {
             self.gyro_bias[k] += dx[index::GYRO_BIAS + k];
             self.accel_bias[k] += dx[index::ACCEL_BIAS + k];
@@ -71,6 +122,7 @@ impl Calibration {
         for slot in layout.slots() {
             self.parameters[slot.effect][slot.parameter] += dx[slot.state];
         }
+        self.linear = LinearPart::of(model, &self.parameters);
     }
 
     fn instant(&self, sample: &ImuSample, motion: &Motion) -> Instant {
@@ -90,13 +142,18 @@ impl Calibration {
 
     /// What the sensors would show for this motion (the paper, eq. (1), with every effect).
     pub fn measure(&self, model: &Model, sample: &ImuSample, motion: &Motion) -> Motion {
-        let x = self.instant(sample, motion);
-        let mut out = Motion { rate: motion.rate + self.gyro_bias, force: motion.force + self.accel_bias };
-        for (setting, p) in model.effects.iter().zip(&self.parameters) {
-            if let Some(effect) = setting.effect.on_samples() {
-                out.rate += effect.gyro(p, &x);
-                out.force += effect.accel(p, &x);
-            }
+        let Motion { rate, force } = motion;
+        let LinearPart { gyro, accel, others } = &self.linear;
+        let mut out = Motion {
+            rate: rate + self.gyro_bias + gyro[0] * rate + gyro[1] * force,
+            force: force + self.accel_bias + accel[0] * rate + accel[1] * force,
+        };
+        for (setting, p) in
+            others.iter().filter_map(|e| Some((model.effects.get(*e)?, self.parameters.get(*e)?)))
+        {
+            let x = self.instant(sample, motion);
+            out.rate += setting.effect.gyro(p, &x);
+            out.force += setting.effect.accel(p, &x);
         }
         out
     }
@@ -137,36 +194,40 @@ impl Calibration {
             columns.resize(m, Vector3::zeros());
         }
         for k in 0..3 {
-            out.rate[k][k] = -1.0;
-            out.force[3 + k][k] = -1.0;
+            out.rate[k][k] = 1.0;
+            out.force[3 + k][k] = 1.0;
         }
         let x = self.instant(sample, motion);
         let (mut by_force, mut by_rate) = (Matrix3::zeros(), Matrix3::zeros());
-        let mut slots = layout.slots().iter().peekable();
+        let mut slots = layout.slots();
         for (e, (setting, p)) in model.effects.iter().zip(&self.parameters).enumerate() {
-            let Some(effect) = setting.effect.on_samples() else {
-                while slots.next_if(|s| s.effect == e).is_some() {}
-                continue;
-            };
+            let (own, rest) = slots.split_at(slots.iter().take_while(|s| s.effect == e).count());
+            slots = rest;
+            let Some(effect) = setting.effect.on_samples() else { continue };
             if let Some(g) = effect.gyro_by_force(p, &x) {
                 by_force += g;
             }
             by_rate += setting.effect.accel_by_rate(p, &x).unwrap_or_default();
-            if slots.peek().is_none_or(|s| s.effect != e) {
+            let Some(first) = own.first().map(|s| s.state - index::GYRO_BIAS) else { continue };
+            if own.len() == p.len() {
+                // States of one effect follow each other.
+                let columns = first..first + p.len();
+                effect.imu_jacobian(p, &x, &mut out.rate[columns.clone()], &mut out.force[columns]);
                 continue;
             }
             let (mut gyro, mut accel) =
                 ([Vector3::zeros(); MAX_PARAMETERS], [Vector3::zeros(); MAX_PARAMETERS]);
             effect.imu_jacobian(p, &x, &mut gyro[..p.len()], &mut accel[..p.len()]);
-            while let Some(slot) = slots.next_if(|s| s.effect == e) {
+            for slot in own {
                 let column = slot.state - index::GYRO_BIAS;
-                out.rate[column] = -gyro[slot.parameter];
-                out.force[column] = -accel[slot.parameter];
+                out.rate[column] = gyro[slot.parameter];
+                out.force[column] = accel[slot.parameter];
             }
         }
-        for (rate, force) in out.rate.iter_mut().zip(&out.force) {
+        for (rate, force) in out.rate.iter_mut().zip(&mut out.force) {
+            (*rate, *force) = (-*rate, -*force);
             if *force != Vector3::zeros() {
-                *rate -= by_force * force;
+                *rate -= by_force * *force;
             }
         }
         if by_rate != Matrix3::zeros() {
@@ -228,7 +289,7 @@ mod tests {
             let at = |sign: f64, dx: &mut Vec<f64>| {
                 dx[state] = sign * h;
                 let mut moved = c.clone();
-                moved.correct(&layout, dx);
+                moved.correct(&model, &layout, dx);
                 moved.motion(&model, &sample())
             };
             let (plus, minus) = (at(1.0, &mut dx), at(-1.0, &mut dx));

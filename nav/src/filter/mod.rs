@@ -120,6 +120,10 @@ pub struct Filter {
     needs_surroundings: bool,
     /// … and what those so far show.
     recent: Recent,
+    /// Whether an effect of the model lets biases walk.
+    biases_walk: bool,
+    /// For how long the constants have not walked yet, s.
+    unwalked_s: f64,
     /// When it began, s.
     began_s: f64,
     /// What happened, for a smoother.
@@ -189,6 +193,8 @@ impl Filter {
             nearby: None,
             needs_surroundings: model.effects.iter().any(|s| s.effect.needs_surroundings()),
             recent: Recent::default(),
+            biases_walk: model.effects.iter().any(|s| s.effect.on_biases().is_some()),
+            unwalked_s: 0.0,
             began_s: initial.t_s,
             tape: None,
         }

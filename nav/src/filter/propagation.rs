@@ -15,6 +15,8 @@ use nalgebra::{Matrix3, Vector3};
 /// Without a fix for longer than this position and velocity are not followed any more, s: the error of a consumer unit is
 /// kilometres by then, and nothing that is linear about it holds.
 pub(super) const COAST_AFTER_S: f64 = 120.0;
+/// Constants walk in steps of this length, s: in an hour by a hundredth of what was known of them before, so that nobody sees the steps.
+const WALK_EVERY_S: f64 = 0.1;
 /// What is known of the velocity of a vehicle that coasts, per axis, m/s.
 const COAST_SPEED: f64 = 50.0;
 
@@ -279,20 +281,25 @@ impl Filter {
 
     /// The random walks of biases that effects ask for, and of all constants where tolerances say that none is one for ever.
     pub(super) fn walk_constants(&mut self, dt: f64) {
-        let end = index::GYRO_BIAS + self.layout.names().len();
-        if let Some([biases, others]) = self.model.constants_walk() {
-            for i in index::GYRO_BIAS..end {
-                let share = if i < index::EFFECTS { biases } else { others };
-                let sigma = share * self.initial_sigmas.get(i).copied().unwrap_or(0.0);
-                self.p.add_variance(i, sigma * sigma * dt);
+        if self.biases_walk {
+            for (setting, p) in self.model.effects.iter().zip(self.calibration.parameters()) {
+                let walk = setting.effect.bias_walk(p);
+                for k in 0..3 {
+                    self.p.add_variance(index::GYRO_BIAS + k, walk.gyro * walk.gyro * dt);
+                    self.p.add_variance(index::ACCEL_BIAS + k, walk.accel * walk.accel * dt);
+                }
             }
         }
-        for (setting, p) in self.model.effects.iter().zip(&self.calibration.parameters) {
-            let walk = setting.effect.bias_walk(p);
-            for k in 0..3 {
-                self.p.add_variance(index::GYRO_BIAS + k, walk.gyro * walk.gyro * dt);
-                self.p.add_variance(index::ACCEL_BIAS + k, walk.accel * walk.accel * dt);
-            }
+        let Some([biases, others]) = self.model.constants_walk() else { return };
+        self.unwalked_s += dt;
+        if self.unwalked_s < WALK_EVERY_S {
+            return;
+        }
+        let dt = std::mem::take(&mut self.unwalked_s);
+        for i in index::GYRO_BIAS..index::GYRO_BIAS + self.layout.names().len() {
+            let share = if i < index::EFFECTS { biases } else { others };
+            let sigma = share * self.initial_sigmas.get(i).copied().unwrap_or(0.0);
+            self.p.add_variance(i, sigma * sigma * dt);
         }
     }
 

@@ -97,7 +97,7 @@ impl Filter {
         self.model
             .effects
             .iter()
-            .zip(&self.calibration.parameters)
+            .zip(self.calibration.parameters())
             .map(|(s, p)| s.effect.fix_delay_s(p))
             .sum()
     }
@@ -264,7 +264,7 @@ impl Filter {
     fn is_sound(&self) -> bool {
         let nav = self.nav.r_e.iter().chain(&self.nav.v_e).chain(self.nav.q_eb.coords.iter());
         let constants = self.calibration.gyro_bias.iter().chain(&self.calibration.accel_bias);
-        let parameters = self.calibration.parameters.iter().flatten();
+        let parameters = self.calibration.parameters().iter().flatten();
         nav.chain(constants).chain(parameters).all(|x| x.is_finite())
             && (0..self.layout.len()).all(|i| {
                 let variance = self.p.at(i, i);
@@ -363,7 +363,7 @@ impl Filter {
     /// Moves the estimate by an error; the covariance stays.
     pub(super) fn move_by(&mut self, dx: &[f64]) {
         self.nav = self.nav.displaced(&Displacement::of(dx));
-        self.calibration.correct(&self.layout, dx);
+        self.calibration.correct(&self.model, &self.layout, dx);
         if let Some(w) = self.layout.gauss_markov() {
             self.wander += Vector3::new(dx[w], dx[w + 1], dx[w + 2]);
         }

@@ -181,7 +181,7 @@ impl Watch {
         }
         // An accelerometer error passes through the g-sensitivity that the model knows of.
         let mut by_force = Matrix3::zeros();
-        for (setting, p) in model.effects.iter().zip(&calibration.parameters) {
+        for (setting, p) in model.effects.iter().zip(calibration.parameters()) {
             by_force += setting.effect.gyro_by_force(p, &x).unwrap_or_default();
         }
         if by_force != Matrix3::zeros() {

@@ -37,8 +37,12 @@ pub(super) fn fly(model: &Model, seed: u64) -> Vec<Sample> {
         Motion { rate, force: up + push }
     };
     let mut samples = vec![Sample::Stream(ImuStream::default())];
-    let delay =
-        calibration.parameters.iter().zip(&model.effects).map(|(p, s)| s.effect.fix_delay_s(p)).sum::<f64>();
+    let delay = calibration
+        .parameters()
+        .iter()
+        .zip(&model.effects)
+        .map(|(p, s)| s.effect.fix_delay_s(p))
+        .sum::<f64>();
     let late = (delay * RATE_HZ).round() as usize;
     let mut path: Vec<NavState> = Vec::new();
     let mut now = motion(0.0, &nav);

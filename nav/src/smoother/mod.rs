@@ -16,6 +16,7 @@ use crate::filter::covariance::NAV;
 use crate::filter::layout::{Layout, index};
 use crate::filter::tape::{Node, Tape, Update};
 use crate::mechanization::NavState;
+use crate::model::Model;
 
 use nalgebra::Matrix3;
 
@@ -224,8 +225,8 @@ fn measured(update: &Update, u: &[f64], spread: &Matrix3<f64>) -> Vec<Residual> 
         .collect()
 }
 
-/// Goes back over a recording. The result is in order of time, one entry per node.
-pub fn smooth(tape: Tape, layout: &Layout) -> Vec<Smoothed> {
+/// Goes back over a recording of a filter with this model. The result is in order of time, one entry per node.
+pub fn smooth(tape: Tape, model: &Model, layout: &Layout) -> Vec<Smoothed> {
     let (n, gauss_markov) = (layout.len(), layout.gauss_markov());
     let mut after = Adjoint::zeros(n);
     let mut out = Vec::new();
@@ -233,7 +234,7 @@ pub fn smooth(tape: Tape, layout: &Layout) -> Vec<Smoothed> {
         let (dx, sigma) = smoothed(&node, &after);
         let nav = node.nav.displaced(&Displacement::of(&dx));
         let mut calibration = node.calibration.clone();
-        calibration.correct(layout, &dx);
+        calibration.correct(model, layout, &dx);
         let (mut position, mut velocity) = (Vec::new(), Vec::new());
         for update in node.updates.iter().rev() {
             if let Some(turn) = &update.turn {

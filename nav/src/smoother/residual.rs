@@ -99,7 +99,7 @@ pub fn trajectory(flight: &Flight, model: &Model, noise: &Noise) -> Vec<Smoothed
         while fusion.poll().is_some() {}
     }
     let layout = fusion.filter().layout().clone();
-    fusion.filter_mut().take_tape().map(|tape| smooth(tape, &layout)).unwrap_or_default()
+    fusion.filter_mut().take_tape().map(|tape| smooth(tape, model, &layout)).unwrap_or_default()
 }
 
 /// The disagreement along a flight.

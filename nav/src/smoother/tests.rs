@@ -155,7 +155,7 @@ fn the_recursion_solves_the_least_squares_problem_of_the_whole_flight() {
     let tape = filter.take_tape().unwrap();
     let nodes = tape.clone().into_nodes();
     let wanted = batch(&nodes, &layout);
-    let smooth = smooth(tape, &layout);
+    let smooth = smooth(tape, filter.model(), &layout);
     assert_eq!(smooth.len(), wanted.len());
     let mut moved_most = 0.0f64;
     for ((node, got), (dx, sigma)) in nodes.iter().zip(&smooth).zip(&wanted) {
@@ -175,7 +175,8 @@ fn the_recursion_solves_the_least_squares_problem_of_the_whole_flight() {
 #[test]
 fn recording_changes_nothing_and_the_last_node_is_the_filters() {
     let (mut filter, layout) = flown();
-    let smooth = smooth(filter.take_tape().unwrap(), &layout);
+    let tape = filter.take_tape().unwrap();
+    let smooth = smooth(tape, filter.model(), &layout);
     let last = smooth.last().unwrap();
     assert!((last.nav.r_e - filter.nav().r_e).norm() < 1e-9);
     assert!(smooth.windows(2).all(|w| (w[1].t_s - w[0].t_s - w[1].dt_s).abs() < 1e-9));

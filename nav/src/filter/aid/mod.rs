@@ -115,13 +115,13 @@ impl Filter {
                     .effects
                     .iter()
                     .map(|s| s.effect)
-                    .zip(self.calibration.parameters.iter().map(Vec::as_slice)),
+                    .zip(self.calibration.parameters().iter().map(Vec::as_slice)),
                 rates.map_or_else(Default::default, |f| f.of_rate_at(self.t_s)),
             ),
             older: Older::default(),
             elapsed_s: self.t_s - self.began_s,
         };
-        let effects = self.model.effects.iter().zip(&self.calibration.parameters);
+        let effects = self.model.effects.iter().zip(self.calibration.parameters());
         let lag_s = effects.map(|(s, p)| s.effect.velocity_delay_s(p)).sum();
         let older = rates
             .zip(self.last)
@@ -187,7 +187,7 @@ impl Filter {
     /// What the effects add to position and velocity of a fix.
     pub(super) fn fix_effects(&self, x: &AtFix) -> [Added; 2] {
         let mut out = [Added::default(), Added::default()];
-        for (e, (setting, p)) in self.model.effects.iter().zip(&self.calibration.parameters).enumerate() {
+        for (e, (setting, p)) in self.model.effects.iter().zip(self.calibration.parameters()).enumerate() {
             let Some(effect) = setting.effect.on_fixes() else { continue };
             let added = effect.fix(p, &x.now);
             let turned = effect.fix_by_attitude(p, &x.now);

@@ -75,7 +75,7 @@ impl Reference {
     #[must_use]
     pub fn with(&self, flight: &Flight, model: &Model) -> Self {
         let mut same = self.clone();
-        same.calibration.parameters = model.effects.iter().map(|s| s.values.clone()).collect();
+        same.calibration = same.calibration.with_effects_of(model);
         if (delay_s(model) - self.delay_s).abs() > 1e-9 { same.at_other_times(flight, model) } else { same }
     }
 

@@ -163,7 +163,7 @@ struct Added {
 impl Added {
     fn new(model: &Model, calibration: &Calibration, x: &FixInstant) -> Self {
         let mut out = Self::default();
-        for (setting, p) in model.effects.iter().zip(&calibration.parameters) {
+        for (setting, p) in model.effects.iter().zip(calibration.parameters()) {
             let sum = setting.effect.fix(p, x);
             let turned = setting.effect.fix_by_attitude(p, x).unwrap_or_default();
             for kind in 0..2 {
@@ -206,7 +206,7 @@ pub(super) fn of(fix: &GnssFix, nav: &NavState, track: &Track<'_>) -> Measured {
                 .effects
                 .iter()
                 .map(|s| s.effect)
-                .zip(track.calibration().parameters.iter().map(Vec::as_slice)),
+                .zip(track.calibration().parameters().iter().map(Vec::as_slice)),
             track.rate_derivatives(),
         ),
         older: Older::default(),

@@ -133,7 +133,7 @@ impl<'a> Track<'a> {
 
     /// The velocity of a while ago, where the model says that fixes report it.
     pub(super) fn older(&self, x: &FixInstant) -> Older {
-        let effects = self.model.effects.iter().zip(&self.calibration.parameters);
+        let effects = self.model.effects.iter().zip(self.calibration.parameters());
         let lag_s = effects.map(|(s, p)| s.effect.velocity_delay_s(p)).sum();
         self.force_rates.older(lag_s, x, &self.last.accel, &self.to.motion.force)
     }
@@ -171,7 +171,7 @@ impl<'a> Track<'a> {
             around: self.calibration.around,
         };
         here.by_force = Matrix3::zeros();
-        for (setting, p) in self.model.effects.iter().zip(&self.calibration.parameters) {
+        for (setting, p) in self.model.effects.iter().zip(self.calibration.parameters()) {
             here.by_force += setting.effect.gyro_by_force(p, &x).unwrap_or_default();
         }
         here.columns.clear();
