@@ -48,7 +48,7 @@ pub async fn list(
 }
 
 /// Changes parameters: backs up, sets, reads back, restores on failure. `keep` gets old and new values before anything is changed; if it
-/// cannot keep them, nothing is. Values in doubt are settled when the vehicle is heard again within `patience_s`.
+/// cannot keep them, nothing is. Uncertain values are settled when the vehicle sends again within `patience_s`.
 pub async fn apply(
     wire: &mut impl Wire,
     wanted: Vec<Wanted>,
