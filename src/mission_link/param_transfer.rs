@@ -42,8 +42,11 @@ pub async fn list(
             Event::Deadline => list.tick(wire.now_s()),
             Event::Stopped => return Ok(None),
         };
-        let (done, count) = list.progress();
-        tell(done, count);
+        // With its result the list has given away what it counts.
+        if list.result().is_none() {
+            let (done, count) = list.progress();
+            tell(done, count);
+        }
     }
 }
 

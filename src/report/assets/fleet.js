@@ -226,7 +226,7 @@
       legend: { show: false },
       tzDate: (t) => uPlot.tzDate(new Date(1e3 * t), "UTC"),
       cursor: { x: false, y: false, points: { show: false }, drag: { x: true, y: false, setScale: true } },
-      scales: { x: { time: data.dated, range: (_, a, b) => (a === null || (a === shown[0].x && b === shown.at(-1).x) ? whole : [a, b]) }, y: { range: () => y } },
+      scales: { x: { time: data.dated, range: (_, a, b) => (a === null || shown[0].x === shown.at(-1).x || (a === shown[0].x && b === shown.at(-1).x) ? whole : [a, b]) }, y: { range: () => y } },
       axes: [{ ...axis, size: 34, space: 90, values: labels }, { ...axis, size: 68, values: decimals }],
       series: [{}, { paths: () => null, points: { show: false } }],
       hooks: {
