@@ -168,7 +168,7 @@ mod tests {
         let mut both = Attitudes::default();
         for k in 0..20 {
             let t = f64::from(k) * 0.1;
-            // Turning through south; nothing was heard of the reference from 0.5 to 1.0 s.
+            // Turning through south; nothing was received of the reference from 0.5 to 1.0 s.
             if !(6..10).contains(&k) {
                 both.push_reference(t, [0.0, 0.0, wrap_pi(PI - 0.05 + 0.1 * t)]);
             }

@@ -170,7 +170,9 @@ async fn bad_files_are_refused_with_a_sentence_and_nothing_is_changed() {
     let none = LinkFaults::default();
     let address = vehicle("mission_multirotor", "tcpin:127.0.0.1:0", Flavour::ArduPilot, none, &stop).await;
     let whole = folder.file("before.param");
-    assert_eq!(params(&["backup", "--connect", &address, &whole]).await.code(), Some(0));
+    let kept = params(&["backup", "--connect", &address, &whole]).await;
+    assert_eq!(kept.code(), Some(0), "{}", kept.stderr);
+    assert!(!kept.stderr.lines().any(|l| l.starts_with("0 of ")), "counted back: {}", kept.stderr);
     for (k, (text, said)) in [
         ("NO_SUCH,1\nGPS1_POS_X,0.3\n", "does not answer for NO_SUCH"),
         (

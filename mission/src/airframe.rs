@@ -142,7 +142,7 @@ impl Airframe {
     /// Reads `airframe.toml`.
     ///
     /// # Errors
-    /// Not TOML, unknown or missing keys, limits that contradict each other.
+    /// Not TOML, unknown or missing keys, inconsistent limits.
     ///
     /// # Examples
     /// ```

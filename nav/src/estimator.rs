@@ -24,6 +24,10 @@ const VAGUE_AT_MOST_S: f64 = 10.0;
 const FAULT_FOUND_WITHIN_S: f64 = 3.0;
 /// Filters are kept for that so often, s.
 const KEPT_EVERY_S: f64 = 1.0;
+/// Up to this sigma of the tilt, rad, products of errors do not count beside the biases …
+const CERTAIN_TILT: f64 = 0.05;
+/// … and where it became larger before the attitude was lost, the constants of no longer ago than this go on, s.
+const CERTAIN_WITHIN_S: f64 = 300.0;
 /// What a reboot may do to the biases, as a share of their prior sigma.
 const BIAS_AFTER_RESTART: f64 = 0.1;
 
@@ -86,6 +90,8 @@ pub struct Estimator {
     before: Option<Box<Filter>>,
     /// The filter of the last seconds, oldest first: what a fault has not reached yet.
     kept: VecDeque<Box<Filter>>,
+    /// The filter when its tilt was last certain: what short gaps make of the biases since is only doubt about the tilt.
+    certain: Option<Box<Filter>>,
     last: Option<ImuSample>,
     /// Since when the attitude of the one filter is vague, s.
     vague_since_s: Option<f64>,
@@ -107,6 +113,7 @@ impl Estimator {
             state: State::Gathering(Gathering::default()),
             before: None,
             kept: VecDeque::new(),
+            certain: None,
             last: None,
             vague_since_s: None,
             source: SourceHistory::default(),
@@ -282,7 +289,11 @@ impl Estimator {
         if self.kept.back().is_some_and(|kept| filter.t_s() - kept.t_s() < KEPT_EVERY_S) {
             return;
         }
-        self.kept.push_back(Box::new(filter.clone()));
+        let now = Box::new(filter.clone());
+        if now.tilt_sigma() < CERTAIN_TILT {
+            self.certain = Some(now.clone());
+        }
+        self.kept.push_back(now);
         // The oldest is the youngest of those that are old enough.
         while self.kept.get(1).is_some_and(|next| filter.t_s() - next.t_s() >= FAULT_FOUND_WITHIN_S) {
             self.kept.pop_front();
@@ -320,11 +331,23 @@ impl Estimator {
     /// Motion starts anew, and the constants too where they are not kept; the source is the same.
     fn align_anew(&mut self, event: EstimatorEvent, keep_constants: bool) {
         self.events.push(event);
-        self.before = self.filter().filter(|_| keep_constants).map(|f| Box::new(f.clone()));
+        self.before = self.filter().filter(|_| keep_constants).map(|f| self.certain_before(f));
         self.bias_share = 0.0;
         self.vague_since_s = None;
         self.kept.clear();
         self.state = State::Gathering(Gathering::default());
+    }
+
+    /// The filter whose constants go on after this one: itself, or how it was when its tilt was last certain. While samples are missing the
+    /// tilt is not, and the products of its errors let the biases walk, by a hundred times what was known of them; the biases themselves
+    /// stay what they were.
+    fn certain_before(&self, filter: &Filter) -> Box<Filter> {
+        let before = self.certain.as_deref().filter(|_| filter.tilt_sigma() >= CERTAIN_TILT);
+        let aged = before.and_then(|certain| {
+            let age_s = filter.t_s() - certain.t_s();
+            (0.0..CERTAIN_WITHIN_S).contains(&age_s).then(|| certain.aged(age_s))
+        });
+        Box::new(aged.unwrap_or_else(|| filter.clone()))
     }
 
     /// What rounding adds to the noise of gyros, (rad/s)²/Hz, and accelerometers, (m/s²)²/Hz, at the present rate.
@@ -396,6 +419,7 @@ impl Estimator {
             self.before = Some(before_fault.unwrap_or_else(|| Box::new(filter.clone())));
         }
         self.kept.clear();
+        self.certain = None;
         self.vague_since_s = None;
         self.bias_share = BIAS_AFTER_RESTART;
         self.meter = NoiseMeter::default();
@@ -407,73 +431,4 @@ impl Estimator {
 }
 
 #[cfg(test)]
-mod tests {
-    use super::*;
-    use crate::earth::{self, Geodetic};
-    use crate::sample::{AttitudeHint, FixVelocity};
-    use nalgebra::Vector3;
-    use rand::RngExt;
-    use rand::SeedableRng;
-    use rand::rngs::Xoshiro256PlusPlus;
-
-    fn at_rest() -> NavState {
-        let place = Geodetic::from_degrees(47.4, 8.5, 500.0);
-        NavState::from_ned(place, &Vector3::zeros(), &c_nb_from_euler(0.02, -0.03, 0.5))
-    }
-
-    /// A vehicle at rest whose link lets samples through in bursts for two minutes, up to 1.3 s apart, and fixes in between.
-    #[test]
-    fn many_short_gaps_while_stationary_leave_an_attitude_that_its_sigma_covers() {
-        let nav = at_rest();
-        let to_body = nav.q_eb.inverse();
-        let (gyro, accel) = (to_body * earth::rotation_rate(), to_body * -earth::gravity(&nav.r_e));
-        for seed in 0..6 {
-            let mut random = Xoshiro256PlusPlus::seed_from_u64(seed);
-            let mut noise =
-                |sigma: f64| Vector3::from_fn(|_, _| sigma * 3.46 * (random.random::<f64>() - 0.5));
-            let mut estimator = Estimator::new(Model::standard());
-            let mut next_s = 0.0;
-            for i in 0..20_000_u32 {
-                let t_s = f64::from(i) * 0.02;
-                if t_s >= next_s {
-                    let (gyro, accel) = (gyro + noise(0.002), accel + noise(0.02));
-                    estimator.feed(&Sample::Imu(ImuSample { t_s, gyro, accel, temperature_degc: None }));
-                    let burst = noise(1.0);
-                    if (100.0..220.0).contains(&t_s) && burst.x > 0.0 {
-                        next_s = t_s + 0.7 + 0.35 * burst.y;
-                    }
-                }
-                if i % 10 == 0 {
-                    let off = noise(1.0);
-                    let place = nav.geodetic();
-                    let position = Geodetic {
-                        lat_rad: place.lat_rad + off.x / 6.37e6,
-                        lon_rad: place.lon_rad + off.y / 4.3e6,
-                        ..place
-                    };
-                    let velocity = FixVelocity::Full(noise(0.1).into());
-                    estimator.feed(&Sample::Fix(GnssFix {
-                        t_s,
-                        position,
-                        velocity,
-                        position_sigma_m: None,
-                        velocity_sigma_m_per_s: None,
-                        yaw_rad: None,
-                    }));
-                    let hint = AttitudeHint { t_s, roll_pitch_yaw: [0.02, -0.03, 0.5] };
-                    estimator.feed(&Sample::Attitude(hint));
-                }
-            }
-            let filter = estimator.filter().expect("it runs");
-            let wrong = crate::rotation::log(&(filter.nav().q_eb.inverse() * nav.q_eb));
-            for k in 0..3 {
-                let sigma = filter.covariance().sigma(crate::filter::layout::index::ATTITUDE + k);
-                assert!(
-                    wrong[k].abs() < 4.0 * sigma && sigma < 0.35,
-                    "seed {seed}, axis {k}: {} {sigma}",
-                    wrong[k]
-                );
-            }
-        }
-    }
-}
+mod tests;

@@ -1,7 +1,7 @@
 //! No heading at all: a bank of filters with different headings, weighed by how well each predicts the fixes.
 //!
 //! As the Gaussian-sum yaw estimators of PX4 and ArduPilot do, but with the full filter in every member, so that the
-//! winner goes on as it is (Alspach & Sorenson 1972 for the weights). Standing still all members predict alike and
+//! winner goes on as it is (Alspach & Sorenson 1972 for the weights). Stationary, all members predict alike and
 //! keep their weights; motion decides.
 
 use crate::filter::{FixOutcome, Fusion};
@@ -57,7 +57,7 @@ impl HeadingBank {
         self.members.iter_mut().for_each(|m| m.fusion.push_fix(fix));
     }
 
-    /// Tells every member of more noise.
+    /// Gives every member more noise.
     pub fn for_each(&mut self, mut f: impl FnMut(&mut Fusion)) {
         self.members.iter_mut().for_each(|m| f(&mut m.fusion));
     }

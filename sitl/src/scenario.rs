@@ -350,7 +350,7 @@ mod tests {
         let mean = gyro.iter().sum::<Vector3<f64>>() / 2000.0;
         let sigma = (gyro.iter().map(|g| (g - mean).norm_squared()).sum::<f64>() / 6000.0).sqrt();
         assert!((sigma.to_degrees() / 0.0028 - 1.0).abs() < 0.03, "{sigma}");
-        // 50 deg/h of bias, and −10 deg/h on the down axis from standing on the ground.
+        // 50 deg/h of bias, and −10 deg/h on the down axis from the time on the ground.
         let expected = Vector3::new(50.0, 50.0, 40.0) * unit::DEG_PER_H.si;
         assert!((mean - expected).norm() < 1.0 * unit::DEG_PER_H.si, "{mean}");
         // Fixes fall on sample times.

@@ -171,7 +171,7 @@ pub struct EmbeddedEnd {
 const EMBEDDED_FRAMES: usize = 256;
 /// Wall time between two looks at the clock.
 const TICK: Duration = Duration::from_millis(5);
-/// Virtual time per turn at full speed, s: short enough that requests are heard soon.
+/// Virtual time per turn at full speed, s: short enough that requests are answered soon.
 const TURN_S: f64 = 0.02;
 /// A virtual clock that fell behind by more than this, s, does not hurry after.
 const PATIENCE_S: f64 = 0.5;

@@ -1,7 +1,7 @@
-//! Where the estimates start: what the autopilot itself was told of its receiver and its inertial unit.
+//! Where the estimates start: what the autopilot's parameters say of its receiver and its inertial unit.
 //!
 //! An autopilot's own log (`.bin`, `.ulg`) holds all parameters. Delay and antenna place that someone has set there are better first
-//! values than those of any vehicle; their sigmas stay as they are, since nobody knows how well they were measured.
+//! values than those of any vehicle; their sigmas stay as they are, since it is not known how well they were measured.
 //!
 //! The latency of this program is relative to the inertial samples. ArduPilot's `IMU` samples went through a second-order Butterworth
 //! low-pass (`INS_GYRO_FILTER`, `AP_InertialSensor/AP_InertialSensor_Backend.cpp:251`, `Filter/LowPassFilter2p.cpp`), whose delay at low
@@ -81,7 +81,7 @@ impl Found<'_> {
         Some(value)
     }
 
-    /// A place on the vehicle, m; zero where nobody has set one.
+    /// A place on the vehicle, m; zero where none was set.
     fn place(&mut self, names: &[[&str; 3]]) -> [f64; 3] {
         let has = |triple: &&[&str; 3]| triple.iter().any(|n| self.board.parameters.contains_key(*n));
         let Some(triple) = names.iter().find(has) else { return [0.0; 3] };
@@ -245,7 +245,7 @@ mod tests {
         let px4 = of("real_px4_ekf_failure.ulg");
         assert_eq!(px4.len(), 1, "{px4:?}");
         assert_eq!((px4[0].effect, &px4[0].values[..]), ("gps_latency", &[0.11][..]));
-        // 0 is the driver's own delay, and nobody has measured the place of the antenna.
+        // 0 is the driver's own delay, and the place of the antenna was not measured.
         assert!(
             of("real_copter_sample.BIN").is_empty() && of("sitl_gsens_typical_dither_cut.BIN").is_empty()
         );

@@ -72,7 +72,7 @@ pub enum FitError {
         /// Seconds needed.
         least: f64,
     },
-    /// What was measured contradicts what was given.
+    /// What was measured is inconsistent with what was given.
     #[error("the fitted airframe is not valid: {0}; start from a nearer one with --airframe")]
     Airframe(#[from] AirframeError),
     /// The file cannot be written.

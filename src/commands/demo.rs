@@ -137,7 +137,7 @@ pub enum DemoError {
     /// Not two numbers.
     #[error("--wind takes two numbers, toward north and toward east in m/s: --wind 3,-2")]
     Wind,
-    /// Nobody could watch it.
+    /// No one could watch it.
     #[error("--foxglove shows a flight at the speed of a clock: choose another --speed than max")]
     FoxgloveAtMax,
     /// No time.

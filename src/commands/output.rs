@@ -51,6 +51,6 @@ fn write(
     job: impl FnOnce(&mut io::BufWriter<io::StdoutLock<'static>>) -> io::Result<()>,
 ) -> Result<(), CommandError> {
     let mut out = io::BufWriter::new(io::stdout().lock());
-    // At the end of the process nobody would hear of what could not be flushed.
+    // At the end of the process no one would learn of what could not be flushed.
     job(&mut out).and_then(|()| out.flush()).map_err(CommandError::Output)
 }

@@ -161,7 +161,7 @@ fn request(args: &PlanArgs) -> Result<Request, CommandError> {
     }
     let upwind = (-e).atan2(-n).to_degrees().rem_euclid(360.0);
     let heading = args.heading.unwrap_or(if n.hypot(e) > 0.1 { upwind } else { 0.0 });
-    // Room for maneuvers on both sides, but no long climb before the first.
+    // Space for maneuvers on both sides, but no long climb before the first.
     let height = (0.5 * (args.floor + args.ceiling)).min(args.floor + CLIMB_M);
     let budget_s = args.budget.unwrap_or(airframe.maneuvers_max_s);
     Ok(Request {
@@ -325,7 +325,7 @@ fn print(out: &mut String, made: &Plan, request: &Request) -> std::fmt::Result {
     enforcement(request).iter().try_for_each(|text| writeln!(out, "{text}"))
 }
 
-/// What the vehicle watches over while it flies the plan, and what nobody but the pilot does.
+/// What the vehicle watches over while it flies the plan, and what only the pilot does.
 ///
 /// ArduPilot: `AC_Fence.cpp`, parameters FENCE_ENABLE, FENCE_ACTION, FENCE_TYPE, FENCE_ALT_MIN, FENCE_ALT_MAX; PX4: `geofence_params.c`,
 /// GF_ACTION, GF_MAX_VER_DIST.

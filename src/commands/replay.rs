@@ -138,7 +138,7 @@ impl Replayed {
     }
 }
 
-/// The names of the logs' files. Where rows or baselines are told apart by them, each must be different.
+/// The names of the logs' files. Where rows or baselines are distinguished by them, each must be different.
 fn names(logs: &[PathBuf], distinct: bool) -> Result<Vec<String>, ExportError> {
     let mut names: Vec<String> = Vec::new();
     for log in logs {

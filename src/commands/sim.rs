@@ -223,7 +223,7 @@ fn prepare(args: &SimArgs) -> Result<Prepared, SimError> {
         loop_rate_hz,
         filter_hz,
         wait_for_station: !args.no_wait,
-        // A blind flight is told by the integers that every board sends, and the truth is not on the wire.
+        // A blind flight is reported in the integers that every board sends, and the truth is not on the wire.
         has_highres_imu: sealed.is_none(),
         has_sim_state: sealed.is_none(),
         faults,

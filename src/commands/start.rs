@@ -172,7 +172,7 @@ async fn with_sinks(args: &RunArgs) -> Result<(), CommandError> {
             live_rx.clone(),
             status.clone(),
         );
-        // One at a time; whoever comes second is told so.
+        // One at a time; whoever comes second is answered so.
         let (sender, receiver) = mpsc::channel(1);
         requests = Some(sender);
         uploads = Some(tokio::spawn(uploader.run(receiver, asked.clone())));

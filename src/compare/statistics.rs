@@ -52,7 +52,7 @@ impl MeanSquare {
         let spread = about.iter().flatten().map(|y| y * y).sum::<f64>() / n;
         // Correlation can only lower the number of independent samples.
         let long_run = long_run_variance(&about, count).max(spread);
-        // The mean is of the same samples: that hides one of the effective ones.
+        // The mean is of the same samples: that takes one of the effective ones.
         let share = if long_run > 0.0 { (spread / long_run - 1.0 / n).max(1.0 / n) } else { 1.0 };
         Some(Self { value: mean, variance: spread / (share * n), count, effective: share * n })
     }

@@ -49,7 +49,7 @@ const MISSION_ITEM_REACHED: u32 = 46;
 /// What happens.
 #[derive(Debug, Clone, PartialEq)]
 pub enum Stage {
-    /// Standing, until there are samples.
+    /// Stationary, until there are samples.
     Standing,
     /// The mission is being uploaded.
     Uploading,

@@ -21,7 +21,7 @@ pub struct StateResult {
     pub name: String,
     /// Unit of all figures.
     pub unit: String,
-    /// Hidden truth.
+    /// Injected truth.
     pub truth: f64,
     /// Estimate.
     pub estimate: f64,

@@ -277,7 +277,7 @@ fn several_flights_speak_together_and_another_one_judges() {
     assert!(explained.model.get("gps_smoothing").is_none());
 }
 
-/// An event belongs to one flight: its instant is told in that flight's own time, with the number of the log.
+/// An event belongs to one flight: its instant is given in that flight's own time, with the number of the log.
 #[test]
 fn an_event_of_the_second_flight_is_found_there() {
     let step = EffectSetting::known(&effects::GpsBiasStep, &[70.0, 12.0, -9.0, 6.0]).unwrap();

@@ -323,7 +323,7 @@ impl Link {
         result
     }
 
-    /// Reads datagrams of any peer and answers the fixed one, or those heard lately.
+    /// Reads datagrams of any peer and answers the fixed one, or those received from lately.
     async fn datagrams(&mut self, socket: UdpSocket, fixed: Option<SocketAddr>) -> io::Result<()> {
         self.opened();
         let mut peers: BTreeMap<SocketAddr, Peer> = BTreeMap::new();

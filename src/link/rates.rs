@@ -301,7 +301,7 @@ impl RateKeeper {
         }
     }
 
-    /// Nobody has answered; true where the round goes on.
+    /// No one has answered; true where the round goes on.
     fn unanswered(&mut self, open: Open, now_us: u64, out: &mut Vec<RateAction>) -> bool {
         if open.query {
             if open.tries < QUERY_TRIES {

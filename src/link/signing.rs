@@ -171,7 +171,7 @@ pub enum Trust {
     Unsigned,
     /// Signed with another key, or damaged.
     WrongKey,
-    /// Signed with our key and heard before, or too old for a new sender.
+    /// Signed with our key and received before, or too old for a new sender.
     Old,
 }
 
@@ -186,7 +186,7 @@ pub struct Verifier {
 }
 
 impl Verifier {
-    /// Knows the newest time of every stream that was heard before.
+    /// Knows the newest time of every stream that was received before.
     pub fn new(key: Key, newest: BTreeMap<Stream, u64>) -> Self {
         Self { key, newest }
     }
@@ -229,12 +229,12 @@ impl Verifier {
 pub struct Times {
     /// The last time that we may have used.
     pub ours: u64,
-    /// The newest time of every stream that was heard.
+    /// The newest time of every stream that was received.
     pub others: BTreeMap<Stream, u64>,
 }
 
 /// The file that keeps the times of signatures across restarts: ours in the first line, then link id, system, component and newest time of
-/// each stream that was heard.
+/// each stream that was received.
 #[derive(Debug)]
 pub struct TimeFile {
     path: PathBuf,
@@ -372,7 +372,7 @@ mod tests {
             signer.sign(&frame(), 0, NOW + k * 10_000);
             file.keep(signer.last_ticks(), heard.newest()).unwrap();
         }
-        // Ended without a word: the last second may be heard again, the end of a run writes it down as well.
+        // Ended without a word: the last second may be received again, the end of a run writes it down as well.
         let (_, killed) = TimeFile::open(&path);
         assert!(killed.ours > signer.last_ticks());
         let replayed = |others: BTreeMap<Stream, u64>| {

@@ -14,10 +14,10 @@ const NO_AUTOPILOT: u8 = 8;
 const NO_VEHICLES: [u8; 3] = [6, 18, 26];
 /// So many inertial messages prove a vehicle.
 const PROOF: u64 = 5;
-/// A vehicle without inertial data gives way to one that was heard so many heartbeats more often.
+/// A vehicle without inertial data gives way to one of which so many more heartbeats were received.
 const HEARTBEATS_AHEAD: u64 = 2;
 
-/// What was heard of the autopilot of one system.
+/// What was received of the autopilot of one system.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
 pub struct ReceivedMessages {
     /// Heartbeats.
@@ -30,7 +30,7 @@ pub struct ReceivedMessages {
     pub mav_type: u8,
 }
 
-/// The autopilots heard so far, by system id.
+/// The autopilots received so far, by system id.
 #[derive(Debug, Clone, Default, PartialEq, Eq)]
 pub struct Systems {
     heard: BTreeMap<u8, ReceivedMessages>,
@@ -65,7 +65,7 @@ impl Systems {
     }
 
     /// The vehicle to follow: the one that is followed as long as it sends inertial data or no one else does and its heartbeats come as often as
-    /// others; otherwise the one that sends inertial data, or the one heard most.
+    /// others; otherwise the one that sends inertial data, or the one received most often.
     pub fn followed(&self, current: Option<u8>) -> Option<u8> {
         let now = current.and_then(|id| self.heard.get(&id)).copied().unwrap_or_default();
         if current.is_some() && now.inertial >= PROOF {
@@ -83,7 +83,7 @@ impl Systems {
         }
     }
 
-    /// What was heard of a system.
+    /// What was received of a system.
     pub fn of(&self, system_id: u8) -> Option<&ReceivedMessages> {
         self.heard.get(&system_id)
     }
@@ -93,7 +93,7 @@ impl Systems {
         self.heard.get(&system_id).is_some_and(|h| h.inertial >= PROOF)
     }
 
-    /// How many were heard.
+    /// How many were received.
     pub fn len(&self) -> usize {
         self.heard.len()
     }

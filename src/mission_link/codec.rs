@@ -2,7 +2,7 @@
 //!
 //! The payloads are read and written by their published layout rather than through the dialect's types, whose
 //! enumerations refuse commands that they do not list: a backup must hold, and put back, items that this program has
-//! never heard of.
+//! does not know.
 
 use crate::link::frame::Frame;
 use gaware_mission::item::{self, MissionItem};

@@ -42,13 +42,16 @@ pub async fn list(
             Event::Deadline => list.tick(wire.now_s()),
             Event::Stopped => return Ok(None),
         };
-        let (done, count) = list.progress();
-        tell(done, count);
+        // With its result the list has given away what it counts.
+        if list.result().is_none() {
+            let (done, count) = list.progress();
+            tell(done, count);
+        }
     }
 }
 
 /// Changes parameters: backs up, sets, reads back, restores on failure. `keep` gets old and new values before anything is changed; if it
-/// cannot keep them, nothing is. Values in doubt are settled when the vehicle is heard again within `patience_s`.
+/// cannot keep them, nothing is. Uncertain values are settled when the vehicle sends again within `patience_s`.
 pub async fn apply(
     wire: &mut impl Wire,
     wanted: Vec<Wanted>,

@@ -84,7 +84,7 @@ impl Wire for RunWire {
                         return Event::Frame(received.frame);
                     }
                     Err(RecvError::Lagged(_)) => {}
-                    // No one will ever be heard again: only time passes.
+                    // Nothing will ever be received again: only time passes.
                     Err(RecvError::Closed) => closed = true,
                 },
                 () = sleep_until(until) => return Event::Deadline,

@@ -14,7 +14,7 @@ use tokio_util::sync::CancellationToken;
 
 /// Longest wait without a look at heartbeat and cancellation.
 const BREATH: Duration = Duration::from_millis(100);
-/// After the first vehicle others may be heard for so long: heartbeats come once a second.
+/// After the first vehicle others may be received for so long: heartbeats come once a second.
 const OTHERS: Duration = Duration::from_millis(1500);
 
 /// Why there is no session.
@@ -26,7 +26,7 @@ pub enum SessionError {
     /// Which one is meant?
     #[error("there are {count} vehicles on the link: {names}; choose one with --vehicle")]
     SeveralVehicles {
-        /// How many were heard.
+        /// How many were received.
         count: usize,
         /// All of them.
         names: String,

@@ -26,7 +26,7 @@ pub use super::run_wire::RawMessage;
 
 mod parameters;
 
-/// A vehicle that was not heard for longer is not there, s.
+/// A vehicle that has sent nothing for longer is not there, s.
 const HEARD_S: f64 = 5.0;
 /// After a loss of the link the restoration is kept ready for so long, s.
 const PATIENCE_S: f64 = 600.0;
@@ -85,7 +85,7 @@ pub struct Uploader {
     offer: Offer,
     wire: RunWire,
     wanted: Option<u8>,
-    /// The vehicles on the links, and when they were heard.
+    /// The vehicles on the links, and when they last sent something.
     heard: Vec<(Vehicle, Instant)>,
     live: watch::Receiver<Arc<Live>>,
     status: Arc<SinkStatus>,
@@ -122,7 +122,7 @@ impl Uploader {
                 request = requests.recv() => match request {
                     Some(Request { change, reply }) => {
                         let result = self.serve(change, &mut requests).await;
-                        // Who asked may have gone; the status tells everybody.
+                        // Who asked may have gone; the status is for everyone.
                         let _ = reply.send(result);
                     }
                     None => return,
@@ -142,7 +142,7 @@ impl Uploader {
         self.heard.push((seen, Instant::now()));
     }
 
-    /// The vehicle that the engine listens to, where it was heard lately.
+    /// The vehicle that the engine listens to, where it sent something lately.
     fn followed(&self) -> Option<Vehicle> {
         let followed = self.live.borrow().vehicle?;
         let here = |(v, t): &&(Vehicle, Instant)| {
@@ -165,7 +165,7 @@ impl Uploader {
         change: Change,
         requests: &mut mpsc::Receiver<Request>,
     ) -> Result<String, String> {
-        // Screens and this task hear of a vehicle with the next snapshot of the run.
+        // Screens and this task learn of a vehicle with the next snapshot of the run.
         let known = self.live.wait_for(|live| live.vehicle.is_some());
         let _ = tokio::time::timeout(NEXT_SNAPSHOT, known).await;
         // What waits in the queue is older than the request: heartbeats among it.

@@ -28,7 +28,7 @@ pub struct Watch {
 }
 
 impl Watch {
-    /// For the vehicle with this system id, or the first autopilot heard.
+    /// For the vehicle with this system id, or the first autopilot received.
     pub fn new(wanted: Option<u8>) -> Self {
         Self { wanted, ..Self::default() }
     }

@@ -62,7 +62,7 @@ pub trait Wire {
 
 /// Uploads, reads back, and restores on failure. `keep` gets the mission that was on board before anything is
 /// changed; if it cannot keep it, nothing is. After a loss of the link the restoration goes on when the vehicle is
-/// heard again within `patience_s`.
+/// received from again within `patience_s`.
 pub async fn upload(
     wire: &mut impl Wire,
     mission: Mission,

@@ -37,7 +37,7 @@ impl TruthComparison {
         Self { from_s, start_s: None, attitudes: Attitudes::default() }
     }
 
-    /// Tells the time; the first one is the start.
+    /// Gives the time; the first one is the start.
     pub fn begin(&mut self, now_s: Option<f64>) {
         self.start_s = self.start_s.or(now_s);
     }

@@ -448,7 +448,7 @@ impl Converter {
         self.kind
     }
 
-    /// All autopilots heard.
+    /// All autopilots received.
     pub fn systems(&self) -> &Systems {
         &self.systems
     }

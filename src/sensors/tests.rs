@@ -113,7 +113,7 @@ fn a_reboot_is_one_restart_and_fixes_go_on() {
     let mut bench = Bench::ardupilot();
     bench.raw_imu(60_000..63_000);
     bench.gps(62_900, FIX);
-    // The first fix after the reboot comes before inertial samples prove it, and fits nowhere.
+    // The first fix after the reboot comes before inertial samples prove it, and has no place.
     bench.gps(1_900, FIX);
     bench.raw_imu(2_000..5_000);
     bench.gps(4_900, FIX);

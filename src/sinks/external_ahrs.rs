@@ -22,7 +22,7 @@ use tokio_util::sync::CancellationToken;
 pub const AHEAD: usize = 16;
 /// Pause before a port is opened again.
 const AGAIN: Duration = Duration::from_secs(1);
-/// A port that takes no bytes for so long has nobody at its other end.
+/// A port that takes no bytes for so long has no one at its other end.
 const PATIENCE: Duration = Duration::from_millis(100);
 
 /// A state with the time at which the sample behind it arrived.

@@ -171,7 +171,7 @@ impl Write for Stderr {
     fn write_all(&mut self, bytes: &[u8]) -> io::Result<()> {
         match STDERR.get() {
             Some(lines) => lines.text(bytes),
-            // No one there to tell.
+            // No one there to read it.
             None => _ = io::stderr().write_all(bytes),
         }
         Ok(())

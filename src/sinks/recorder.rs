@@ -253,7 +253,7 @@ impl Recorder {
     fn close(&mut self) {
         self.items = None;
         if let Some(thread) = self.thread.take() {
-            // A panicked writer has already told; what it wrote stays readable.
+            // A panicked writer has already reported it; what it wrote stays readable.
             let _ = thread.join();
             // What it did not come to is lost.
             let left = self.counters.waiting.swap(0, Ordering::Relaxed);

@@ -137,7 +137,7 @@ impl Telemetry {
         self.config.messages_per_s.map_or(usize::MAX, |most| most.saturating_sub(self.messages_at_s.len()))
     }
 
-    /// Tells the pilot what has become of the planned mission.
+    /// Reports to the pilot what has become of the planned mission.
     pub fn announce(&mut self, now_s: f64, mission: &MissionView) {
         let severity = match mission.state {
             MissionState::None | MissionState::Uploading => return,
@@ -154,7 +154,7 @@ impl Telemetry {
     }
 
     fn enqueue(&mut self, text: Waiting) {
-        // Only the newest instruction counts; a phase that has passed is no news either.
+        // Only the newest instruction counts; a phase that has passed is no event either.
         if matches!(text.topic, Topic::Instruction | Topic::Phase) {
             let before = self.waiting.len();
             self.waiting.retain(|w| w.topic != text.topic);

@@ -26,7 +26,7 @@ use std::sync::{Arc, Mutex, PoisonError};
 const WANTED: [&str; 6] = ["g11", "g21", "g31", "g13", "g23", "g33"];
 /// Sigma at which a state counts as known, deg/h/g.
 const TARGET_DEG_PER_H_PER_G: f64 = 40.0;
-/// Standing before the take-off, s.
+/// At rest before the take-off, s.
 const STANDING_S: f64 = 10.0;
 /// The climb ends and the maneuvers begin at this height above the start, m.
 const SAFE_HEIGHT_M: f64 = 60.0;

@@ -168,7 +168,7 @@ fn belief(scenario: &Scenario) -> Model {
     model
 }
 
-/// Every state called observable after one flight of a vehicle drawn from what is believed, estimated with what is assumed.
+/// Every state called observable after one flight of a vehicle drawn from what is assumed, estimated with what is assumed.
 fn one_flight(scenario: &Scenario, belief: &Model, assumed: &Model, seed: u64) -> Vec<Called> {
     let mut vehicle = draw_vehicle(belief, seed);
     for setting in vehicle.effects.iter_mut().filter(|s| s.effect.delays_fixes()) {

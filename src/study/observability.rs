@@ -60,7 +60,7 @@ pub struct Stretch {
     pub conditions: [bool; 3],
     /// Directions of the whitened Gramian that are not unobservable, so far.
     pub rank: usize,
-    /// Dark directions in words, so far.
+    /// Unobservable directions in words, so far.
     pub dark: Vec<String>,
 }
 
@@ -128,7 +128,7 @@ pub(super) fn find(name: &str) -> Result<Scenario, ObservabilityError> {
     scenario(name).ok_or_else(|| ObservabilityError::UnknownScenario(name.to_owned()))
 }
 
-/// Standing, straight and level, one steady turn, coordinated turns with speed changes, excitation with sideslip and the
+/// Stationary, straight and level, one steady turn, coordinated turns with speed changes, excitation with sideslip and the
 /// paper's flight, each for 3 and 9 elements of G.
 ///
 /// # Errors
@@ -330,7 +330,7 @@ mod tests {
             "{:?}",
             paper.views.states
         );
-        // Standing and the varying acceleration are one attitude, the second one comes with the climb.
+        // Rest and the varying acceleration are one attitude, the second one comes with the climb.
         assert_eq!(paper.stretches[0].conditions, [true, false, false]);
         assert!(paper.stretches.windows(2).all(|w| w[0].rank <= w[1].rank));
     }

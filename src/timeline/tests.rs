@@ -148,6 +148,32 @@ fn frames_that_a_link_delays_by_up_to_two_seconds_are_no_restart() {
     assert!(bench.times().windows(2).all(|w| w[1] > w[0]));
 }
 
+/// Late samples that come in order by chance: among a hundred links two had eight of them in a row.
+#[test]
+fn late_samples_that_happen_to_come_in_order_are_no_clock_that_was_set_back() {
+    for link in 0..100_u64 {
+        let mut bench = Bench::new();
+        bench.fly(60_000_000, 61_000_000);
+        let mut frames: Vec<(u64, u64)> = (0..6000_u64)
+            .map(|k| {
+                let stamp_us = 61_000_000 + 20_000 * k;
+                (stamp_us + scattered((link << 32) + k) % 2_000_000, stamp_us)
+            })
+            .collect();
+        frames.sort_unstable();
+        frames.iter().for_each(|(_, stamp_us)| bench.imu(Stamp::Usec(*stamp_us)));
+        assert_eq!(bench.restarts(), vec![], "link {link}");
+    }
+}
+
+/// SplitMix64 (Steele, Lea & Flood 2014): numbers without order.
+fn scattered(k: u64) -> u64 {
+    let z = k.wrapping_add(0x9E37_79B9_7F4A_7C15);
+    let z = (z ^ (z >> 30)).wrapping_mul(0xBF58_476D_1CE4_E5B9);
+    let z = (z ^ (z >> 27)).wrapping_mul(0x94D0_49BB_1331_11EB);
+    z ^ (z >> 31)
+}
+
 #[test]
 fn a_sensor_that_fails_ends_the_stretch_and_the_next_sample_begins_another() {
     let mut bench = Bench::new();

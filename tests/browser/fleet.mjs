@@ -31,12 +31,12 @@ const KINDS = [
  * A fleet of two years. Injected: the sixth unit is out of family in g22 by ten spreads, the ninth drifts in ba_z by 6 mg a year, the third firmware reports
  * fixes 40 ms later, one flight in the middle has another bg_x, and gps_latency is identified in every second flight with that firmware.
  */
-export function fleet({ units = 12, flights = 200, seed = 1, dated = true, name = (unit, flight) => `flights/${unit}/flight_${String(flight).padStart(4, "0")}.bin` } = {}) {
+export function fleet({ units = 12, flights = 200, seed = 1, dated = true, days: span = 730, name = (unit, flight) => `flights/${unit}/flight_${String(flight).padStart(4, "0")}.bin` } = {}) {
   const { even, normal } = random(seed);
   const names = Array.from({ length: units }, (_, k) => `imu${String(k + 1).padStart(units > 99 ? 3 : 2, "0")}`);
   const kinds = KINDS.flatMap(([effect, list, ...rest]) => list.map((parameter) => [effect, parameter, ...rest]));
   const constants = kinds.map(([, parameter, , , between]) => names.map((_, u) => (parameter === "g22" && u === 5 ? 10 * between : normal(between))));
-  const days = Array.from({ length: flights }, () => 730 * even()).sort((a, b) => a - b);
+  const days = Array.from({ length: flights }, () => span * even()).sort((a, b) => a - b);
   const logs = days.map((day, k) => {
     const u = k % units;
     const firmware = Math.min(2, Math.floor(day / 243.4));

@@ -14,6 +14,7 @@ const CASES = {
   usual: {},
   few: { units: 3, flights: 14, dated: false, seed: 3 },
   many: { units: 100, flights: 1000, seed: 2 },
+  same: { units: 3, flights: 14, days: 0, seed: 4 },
   evil: { units: 4, flights: 24, seed: 5, name: (unit, k) => `${unit}/${k}${EVIL}` },
 };
 const folder = mkdtempSync(join(tmpdir(), "gaware-fleets-"));
@@ -134,6 +135,12 @@ test("flights without a date are counted, and names of files stay text", async (
   await few.page.keyboard.press("ArrowRight");
   assert.match(await few.page.locator(".readout").innerText(), / · flight 1, firmware/);
   await few.close();
+  // So are those of a simulator that always begins on the same day.
+  const same = await at("same");
+  await same.page.locator(`${shown} .flights`).focus();
+  await same.page.keyboard.press("ArrowRight");
+  assert.match(await same.page.locator(".readout").innerText(), / · flight 1, firmware/);
+  await same.close();
   const evil = await at("evil");
   await evil.page.locator(`${shown} .flights`).focus();
   await evil.page.keyboard.press("ArrowRight");

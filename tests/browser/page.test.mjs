@@ -47,6 +47,8 @@ test("a lost connection is said loudly, and the page returns by itself after a r
   // An orderly end is none.
   await second.stop();
   await shows(page, "gaware has ended");
+  // What is next, with the file of the recording.
+  assert.match(await page.locator("#reason").textContent(), /gaware report and gaware explain on \S+\.mcap/);
   assert.ok(await page.locator("#lost").isHidden());
   const third = await serve("--bind", `127.0.0.1:${first.port}`, "--from", "50", "--speed", "0.1");
   await shows(page, "Steep turn right");

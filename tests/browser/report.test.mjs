@@ -16,7 +16,7 @@ const NO_WING = /copter|px4_sample|qdr|sub_bench/;
 // The small recordings of this repository; with EVERY_FLIGHT=REGEX all with such a name (`.` for every one), by explain those of
 // less than EXPLAIN_MB (5). REPORTS=FOLDER keeps the pages there, and takes those that are there already.
 const every = process.env.EVERY_FLIGHT ? readdirSync(FLIGHTS).filter((name) => !/\.(md|json|toml)$/.test(name) && new RegExp(process.env.EVERY_FLIGHT).test(name)) : [];
-const some = ["real_copter_sample.BIN", "real_px4_sample.ulg", "qdr_p4rtk_xsensdot"];
+const some = ["real_copter_sample.BIN", "real_px4_sample.ulg", "qdr_p4rtk_xsensdot", "independent_stand_20min.tlog", "independent_stand_20min_then_flight.tlog"];
 const logs = [SMALL, ...(every.length > 0 ? every : some).map((name) => join(FLIGHTS, name))].filter(existsSync);
 /** A flight with several unmodelled effects. */
 const SEVERAL = join(FLIGHTS, "real_px4plane_swiss.tlog");

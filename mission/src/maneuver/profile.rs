@@ -43,7 +43,7 @@ pub(super) fn duration_s(maneuver: Maneuver, airframe: &Airframe) -> f64 {
         Maneuver::Climb | Maneuver::Descent => CLIMB_S,
         Maneuver::PullUp => 6.0 * PULL_HALF_S,
         Maneuver::FigureEight | Maneuver::Spiral(_) => 2.0 * circle_s(airframe),
-        // The paper, section 4, without the 10 s of standing still: 25 s varying, 10 s turn, 10 s slowing, 15 s climb.
+        // The paper, section 4, without the 10 s at rest: 25 s varying, 10 s turn, 10 s slowing, 15 s climb.
         Maneuver::PaperSequence => 60.0,
         Maneuver::CrabLegs => 8.0 * CRAB_LEG_S,
         Maneuver::Sideslip => 2.0 * SLIP_S + SETTLE_S,

@@ -237,7 +237,7 @@ impl ParamApply {
         }
     }
 
-    /// The link is back, or the vehicle is disarmed: values that are in doubt are settled.
+    /// The link is back, or the vehicle is disarmed: uncertain values are settled.
     pub fn link_restored(&mut self, now: f64) -> Vec<ParamMessage> {
         if !matches!(self.step, Step::Finished(ApplyOutcome::Mixed { .. })) || self.armed != Some(false) {
             return Vec::new();

@@ -175,7 +175,7 @@ mod tests {
             names(&["A", "B", "C", "D", "E", "F"]),
             0.0,
         );
-        // Values that nobody asked for do not count.
+        // Values that were not asked for do not count.
         assert!(read.receive(0.1, &value(names(&["F"])[0], 1.0)).is_empty());
         while let Some(t) = read.deadline() {
             read.tick(t);

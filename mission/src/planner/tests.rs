@@ -181,7 +181,7 @@ fn the_information_bound_ranks_as_the_paper_says() {
     let ranked = rank(&all, &airframe, &entry, &Vector3::zeros(), &predictor, 0.2);
     assert_eq!(ranked.len(), all.len());
     assert!(ranked.windows(2).all(|w| w[0].gain_per_s >= w[1].gain_per_s));
-    // Coordinated flight leaves column y dark; sideslip does not. Prior: 360 deg/h/g.
+    // Coordinated flight leaves column y unobservable; sideslip does not. Prior: 360 deg/h/g.
     let turn = Maneuver::SteadyTurn(Side::Right);
     assert!(after(&ranked, turn, "g12").sigma > 359.5);
     assert!(after(&ranked, Maneuver::Sideslip, "g12").sigma < 330.0);
@@ -207,7 +207,7 @@ fn a_plan_on_the_information_bound_reaches_what_it_can() {
     assert!(plan.sigmas.iter().all(|s| s.sigmas.iter().all(|n| n.sigma.is_finite())));
 }
 
-/// A vehicle that slips in its turns excites column y, which coordinated flight leaves dark, and needs both sides for that.
+/// A vehicle that slips in its turns excites column y, which is unobservable in coordinated flight, and needs both sides for that.
 #[test]
 fn the_side_force_of_turns_is_used_and_turns_go_to_both_sides() {
     let mut request = request("small_fixed_wing", circle(900.0));

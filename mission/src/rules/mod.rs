@@ -11,7 +11,7 @@ pub mod table;
 use crate::airframe::Kind;
 use crate::item::{Autopilot, Mission, MissionItem, command};
 
-/// The firmwares that the table tells apart.
+/// The firmwares that the table distinguishes.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
 pub enum Firmware {
     /// ArduPilot for fixed wings.

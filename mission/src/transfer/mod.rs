@@ -84,7 +84,7 @@ impl Peers {
 pub enum Action {
     /// Send this to the vehicle.
     Send(MissionMessage),
-    /// Tell the user.
+    /// Report to the user.
     Progress {
         /// Items done.
         done: usize,

@@ -2,7 +2,7 @@
 //!
 //! f̃ = f + ω̇ × l + ω × (ω × l) (Groves 2013, eq. 2.66 with a constant arm; IEEE Std 1780, "size effect"). Gyros of a rigid body read
 //! the same everywhere, so accelerometers at l with the antenna at a show exactly what accelerometers at 0 with the antenna
-//! at a − l do: no motion tells the two apart, only a tape measure does. So it is looked for where the model gives the place of
+//! at a − l do: no motion separates the two, only a tape measure does. So it is tested where the model gives the place of
 //! the antenna.
 
 use super::{Effect, ImuEffect, Instant, ParameterGroup, Separation, Shape, unit};

@@ -123,7 +123,7 @@ pub trait WalkEffect {
     fn sizes_to_try(&self) -> &'static [f64];
 }
 
-/// An effect on finished samples: a mistake of a source, there or not.
+/// An effect on raw samples: a fault of a source, there or not.
 pub trait SourceEffect {
     /// What the source makes of a finished gyro (rad/s) and accelerometer (m/s²) sample.
     fn source(&self, gyro: &Vector3<f64>, accel: &Vector3<f64>) -> [Vector3<f64>; 2] {

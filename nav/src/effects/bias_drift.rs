@@ -1,4 +1,4 @@
-//! Wandering biases: ḃ = w, white w, so that the variance of b grows as q² t (Groves 2013, sec. 4.4.3).
+//! Bias random walk: ḃ = w, white w, so that the variance of b grows as q² t (Groves 2013, sec. 4.4.3).
 //!
 //! The parameter is the density q of a process noise, not a state: no sample depends on it, so it is searched for over
 //! likelihoods, not estimated.

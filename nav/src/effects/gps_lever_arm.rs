@@ -4,7 +4,7 @@ use super::{Effect, FixEffect, FixInstant, ParameterGroup, Shape, unit};
 use crate::rotation::skew;
 use nalgebra::{Matrix3, Vector3};
 
-/// The antenna of a small vehicle that nobody has measured, m.
+/// The antenna of a small vehicle that was not measured, m.
 const TOLERANCE_M: f64 = 0.3;
 
 /// Position of the antenna relative to the inertial unit: forward, right, down.
@@ -88,7 +88,7 @@ mod tests {
         check_jacobians(&GpsLeverArm);
     }
 
-    /// An antenna on a nose that swings: a receiver that tells the middle of two epochs, against that middle itself.
+    /// An antenna on a nose that swings: a receiver that reports the middle of two epochs, against that middle itself.
     #[test]
     fn the_path_of_the_antenna_is_smoothed_and_not_that_of_the_unit() {
         let (arm, apart, swing) = ([1.2, 0.4, -0.3], 0.1, 2.5);

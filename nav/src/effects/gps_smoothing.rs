@@ -13,7 +13,7 @@ use nalgebra::Vector3;
 const PRIOR_S2: f64 = 0.005;
 const S2: Unit = Unit { symbol: "s²", suffix: "s2", si: 1.0 };
 
-/// Half the variance of the receiver's kernel, s². It stands outside the registry: nobody looks for it.
+/// Half the variance of the receiver's kernel, s². It stands outside the registry: it is not tested.
 #[derive(Debug)]
 pub struct GpsSmoothing;
 

@@ -2,7 +2,7 @@
 //! epoch before, and autopilots that join two messages of different epochs have it.
 //!
 //! v(t − L) = v(t) − a L + ½ ȧ L² to second order. Where an aircraft rolls quickly the rest is centimetres per second at 0.2 s; there
-//! the samples tell the velocity of a while ago, and the series is one about it.
+//! the samples give the velocity of a while ago, and the series is one about it.
 
 use super::{DrawRange, Effect, Excitation, FixEffect, FixInstant, ParameterGroup, Separation, Shape, unit};
 use nalgebra::Vector3;

@@ -84,10 +84,10 @@ pub static REGISTRY: &[&dyn Effect] = &[
     &GyroBiasStep,
 ];
 
-/// What every receiver does; outside the registry, since nobody looks for it.
+/// What every receiver does; outside the registry, since it is not tested.
 pub static RECEIVER: &dyn Effect = &GpsSmoothing;
 
-/// The effect of this name, if there is one: of the design's table, a mistake of a source, or what every receiver does.
+/// The effect of this name, if there is one: of the design's table, a fault of a source, or what every receiver does.
 pub fn find(name: &str) -> Option<&'static dyn Effect> {
     REGISTRY.iter().chain(MISTAKES).copied().chain([RECEIVER]).find(|e| e.name() == name)
 }
@@ -120,7 +120,7 @@ pub struct ReportedSample {
     pub count: u64,
 }
 
-/// A mistake undone sample by sample.
+/// A fault undone sample by sample.
 fn undo_one_by_one<E: SourceEffect + ?Sized>(effect: &E, samples: &[ImuSample]) -> Vec<ImuSample> {
     let mut last = None;
     let mut undo = |sample: &ImuSample| {

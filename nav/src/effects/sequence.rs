@@ -17,7 +17,7 @@ enum Act {
     Repeat,
 }
 
-/// One mistake.
+/// One fault.
 #[derive(Debug)]
 pub struct SequenceMistake {
     name: &'static str,

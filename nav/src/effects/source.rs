@@ -21,7 +21,7 @@ enum Act {
     Scale(f64),
 }
 
-/// One mistake.
+/// One fault.
 #[derive(Debug)]
 pub struct SourceMistake {
     name: &'static str,
@@ -82,7 +82,7 @@ impl SourceEffect for SourceMistake {
 
 macro_rules! mistakes {
     ($($name:literal, $description:literal, $sensor:ident, $act:expr;)*) => {
-        /// Every mistake of a source that is known of.
+        /// Every known fault of a source.
         pub static MISTAKES: &[&dyn Effect] = &[$(&SourceMistake {
             name: $name,
             description: $description,

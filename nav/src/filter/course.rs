@@ -12,7 +12,7 @@ use nalgebra::Vector3;
 
 /// A turn lasts about so long, s.
 const LASTING_S: f64 = 1.0;
-/// A course that was straight stays so for this long while noise hides whether it is, s.
+/// A course that was straight stays so for this long while noise masks whether it is, s.
 const HIDDEN_S: f64 = 3.0;
 
 /// The rate over the last seconds, by two readings: with the present estimates, and with those of the last real motion. A new estimate

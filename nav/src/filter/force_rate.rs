@@ -22,10 +22,10 @@ const POWER_SPAN_S: f64 = 2.0;
 
 /// The samples of so long before …
 pub const BEFORE_S: f64 = 0.6;
-/// … and after an instant tell what is known around it, s.
+/// … and after an instant determine what is known around it, s.
 pub const AFTER_S: f64 = SPAN_S + RATE_SPAN_S + 0.03;
 
-/// Samples further apart tell nothing of what changes within [`SPAN_S`], s.
+/// Samples further apart say nothing of what changes within [`SPAN_S`], s.
 const MOST_APART_S: f64 = 0.06;
 
 /// 1-sigma of [`ForceRates::at`] that white noise of this density makes of it, (m/s²)²/Hz to m/s³: the difference of two means

@@ -1,4 +1,4 @@
-//! Which state stands where: [δr δv ε b_g b_a effects… wander], the paper's order (eqs. (20) and (24)).
+//! Which state stands where: [δr δv ε b_g b_a effects… Gauss-Markov error], the paper's order (eqs. (20) and (24)).
 
 use crate::effects::Unit;
 use crate::effects::unit;
@@ -96,7 +96,7 @@ impl Layout {
         &self.slots
     }
 
-    /// Biases and parameters from index [`index::GYRO_BIAS`] on, without the wander states.
+    /// Biases and parameters from index [`index::GYRO_BIAS`] on, without the Gauss-Markov states.
     pub fn names(&self) -> &[StateName] {
         &self.names
     }

@@ -62,7 +62,7 @@ pub struct Filter {
     t_s: f64,
     nav: NavState,
     calibration: Calibration,
-    /// Estimated position wander of the fixes, north-east-down, m.
+    /// Estimated Gauss-Markov position error of the fixes, north-east-down, m.
     wander: Vector3<f64>,
     p: Covariance,
     initial_sigmas: Vec<f64>,
@@ -243,6 +243,17 @@ impl Filter {
         fresh
     }
 
+    /// The constants as they are known so much later, s, where nothing has been measured since; the motion stays where it was.
+    #[must_use]
+    pub fn aged(&self, by_s: f64) -> Self {
+        let mut later = self.clone();
+        later.walk_constants(by_s);
+        let decay = later.wander_decay(by_s);
+        later.wander *= decay;
+        later.decay_wander(decay);
+        later
+    }
+
     /// Replaces position, velocity and attitude; the covariance stays.
     pub fn set_nav(&mut self, nav: NavState) {
         self.nav = nav;
@@ -264,7 +275,7 @@ impl Filter {
         self.extra_noise = extra_noise;
     }
 
-    /// Tells how fast the specific force changes along a flight that is known from beginning to end.
+    /// Takes how fast the specific force changes along a flight that is known from beginning to end.
     pub fn set_force_rates(&mut self, rates: Arc<ForceRates>) {
         self.force_rates = Some(rates);
     }

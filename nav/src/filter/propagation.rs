@@ -219,7 +219,7 @@ impl Filter {
         }
     }
 
-    fn wander_decay(&self, dt: f64) -> f64 {
+    pub(super) fn wander_decay(&self, dt: f64) -> f64 {
         let tau = self.model.gnss.position_correlation_s;
         if tau > 0.0 { (-dt / tau).exp() } else { 1.0 }
     }
@@ -272,7 +272,7 @@ impl Filter {
             self.p.add_variance(index::VELOCITY + k, accel);
         }
         if let Some(since) = self.coasting_since_s {
-            // A vehicle that nobody sees goes on: variance of the distance, 50 m/s times the time.
+            // A vehicle that is not observed goes on: variance of the distance, 50 m/s times the time.
             let t = self.t_s - since + COAST_AFTER_S;
             let growth = COAST_SPEED * COAST_SPEED * (2.0 * t * dt);
             (0..3).for_each(|k| self.p.add_variance(index::POSITION + k, growth));

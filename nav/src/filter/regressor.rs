@@ -111,7 +111,7 @@ impl Regressor {
 
     /// The motion that errors of attitude and time act on: as it was measured while the vehicle moves, the mean where nothing
     /// but noise has been seen for [`QUIET_S`]. A noisy second of a vehicle that does not move is shown without the shift that is held
-    /// back, or it would tell the two estimates apart.
+    /// back, or it would separate the two estimates.
     pub(super) fn lever(&self, measured: &Motion) -> Motion {
         let moving = self.moving();
         let of = |k: usize, x: f64| {

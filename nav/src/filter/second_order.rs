@@ -3,7 +3,7 @@
 //! With C = Ĉ exp(ε), f = f̂ + δf and ω = ω̂ + δω the navigation errors are driven by ½ ε×(ε×f) + ε×δf and by ½ ε×δω besides what
 //! is linear, and the gyros' compensation by the product of G's error and δf. In maneuvers the errors become small before that
 //! matters. Where nothing excites them, tilt and accelerometer bias stay a degree and tens of mg wrong for as long as the flight
-//! is smooth, and their products, constant over minutes, contradict what linear theory learns from a thousand fixes: a heading
+//! is smooth, and their products, constant over minutes, are inconsistent with what linear theory learns from a thousand fixes: a heading
 //! that drifts seems to part tilt from bias. So the products are counted as a slow walk of the biases, with the variance that
 //! the present covariance gives them (the second-order filter: Bar-Shalom, Li & Kirubarajan 2001, section 10.3.2, with the
 //! correlation in time that these terms have).
@@ -23,7 +23,7 @@ const LARGEST_ATTITUDE: f64 = 4.0;
 
 /// A rate within so many of its sigmas is no turn …
 const SIGNIFICANT: f64 = 3.0;
-/// … if it is slower than this, rad/s: what a slow turn of a minute is, a rate known less well than that cannot tell.
+/// … if it is slower than this, rad/s: what a slow turn of a minute is, a rate known less well than that cannot show.
 const SLOWEST_TURN: f64 = 1e-3;
 /// A vehicle that goes straight turns with the Earth, and by as much again at most with the way over it, rad/s. In hours of smooth flight
 /// two axes are known better than that; taken for a turn it would let a heading that drifts pass for one that is measured.

@@ -32,9 +32,9 @@ pub struct Node {
     pub t_s: f64,
     /// Length of the transition, s.
     pub dt_s: f64,
-    /// Its first nine rows, 9 × n; the rest is the identity, but for `decay` of the wander states.
+    /// Its first nine rows, 9 × n; the rest is the identity, but for `decay` of the Gauss-Markov states.
     pub phi: Vec<f64>,
-    /// What is left of the wander.
+    /// What is left of the Gauss-Markov error.
     pub decay: f64,
     /// The updates at this time, in their order.
     pub updates: Vec<Update>,
@@ -42,7 +42,7 @@ pub struct Node {
     pub nav: NavState,
     /// Biases and parameters after them.
     pub calibration: Calibration,
-    /// Position wander of the fixes after them, north-east-down, m.
+    /// Gauss-Markov position error of the fixes after them, north-east-down, m.
     pub wander: Vector3<f64>,
     /// Lower triangle of the covariance after them, row by row.
     pub p: Vec<f64>,

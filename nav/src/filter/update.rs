@@ -45,7 +45,7 @@ pub struct Group {
 /// What a fix did to the filter beyond an update.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum FixEvent {
-    /// The position contradicts velocity and inertial data by so much, m; it is not followed.
+    /// The position is inconsistent with velocity and inertial data by so much, m; it is not followed.
     PositionJump {
         /// Horizontal and vertical distance, m.
         offset_m: f64,
@@ -260,6 +260,12 @@ impl Filter {
         (0..3).map(|k| self.p.sigma(index::ATTITUDE + k)).fold(0.0, f64::max)
     }
 
+    /// 1-sigma of the tilt, both axes together, rad: of the direction of the vertical, whatever the heading.
+    pub fn tilt_sigma(&self) -> f64 {
+        let trace: f64 = (0..3).map(|k| self.p.sigma(index::ATTITUDE + k).powi(2)).sum();
+        (trace - self.heading_sigma().powi(2)).max(0.0).sqrt()
+    }
+
     /// Whether state and covariance are finite and every variance positive.
     fn is_sound(&self) -> bool {
         let nav = self.nav.r_e.iter().chain(&self.nav.v_e).chain(self.nav.q_eb.coords.iter());
@@ -272,7 +278,7 @@ impl Filter {
             })
     }
 
-    /// Applies a fix to the covariance alone, as if it had brought no news: for information bounds and predictions.
+    /// Applies a fix to the covariance alone, as if its innovation were zero: for information bounds and predictions.
     pub fn update_covariance(&mut self, fix: &GnssFix) {
         self.see_velocity();
         let x = self.at_fix();

@@ -3,7 +3,7 @@
 //! The error of the filter splits into δx = δx₀ + U θ, where θ are the parameters of effects that the model lacks (or
 //! holds at a wrong value). U obeys the filter's own recursion: U ← Φ U + B between fixes and U ← U − K (H U + D) at a
 //! fix, whose innovations are r = r₀ + (H U + D) θ (Friedland 1969, "Treatment of bias in recursive filtering";
-//! Willsky & Jones 1976 for jumps). So one run of the filter tells the score and the information of every effect of
+//! Willsky & Jones 1976 for jumps). So one run of the filter gives the score and the information of every effect of
 //! the catalogue at once. It knows nothing of likelihoods or of choosing.
 
 use super::calibration::Calibration;

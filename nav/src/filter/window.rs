@@ -20,9 +20,9 @@ use crate::sample::{GnssFix, ImuSample};
 use nalgebra::SMatrix;
 use std::sync::Arc;
 
-/// A window is kept from this doubt on.
+/// A window is kept from this uncertainty on.
 const OPEN: Doubt = Doubt { attitude: 0.05, force: 5e-4 };
-/// Below this doubt it is run again.
+/// Below this uncertainty it is run again.
 const CLOSE: Doubt = Doubt { attitude: 0.03, force: 2e-4 };
 /// Without the attitude getting known a window ends after this long, s, and the next begins.
 const LONGEST_S: f64 = 60.0;
@@ -115,7 +115,7 @@ pub(super) struct Window {
     prior: Filter,
     /// Each step with the noise beyond the model's at its time.
     steps: Vec<(Step, (f64, f64))>,
-    /// The greatest doubt since it was opened or last run again.
+    /// The greatest uncertainty since it was opened or last run again.
     worst: Doubt,
     /// How well the present state's pass agrees with the fixes.
     agreement: Agreement,
@@ -141,7 +141,7 @@ impl Window {
         self.steps.push((step, extra_noise));
     }
 
-    /// Hears what became of the last fix.
+    /// Takes what became of the last fix.
     pub(super) fn record(&mut self, outcome: &FixOutcome) {
         self.agreement.take(outcome);
     }
@@ -170,7 +170,7 @@ impl Window {
         again
     }
 
-    /// `None` where it leads nowhere.
+    /// `None` where it gives nothing better.
     fn run_again(&mut self, now: &Filter) -> Option<Filter> {
         let mut best = now.clone();
         let mut agreement = Agreement::default();
@@ -312,7 +312,7 @@ mod tests {
         }
     }
 
-    /// A standing vehicle whose filter starts 40° off in roll: after the window the estimate is that of a filter that
+    /// A stationary vehicle whose filter starts 40° off in roll: after the window the estimate is that of a filter that
     /// started at the truth with the same prior, to a small part of its sigma.
     #[test]
     fn a_large_initial_error_leaves_no_trace() {
@@ -332,7 +332,7 @@ mod tests {
     }
 
     /// A level vehicle whose forward accelerometer is 0.4 m/s² off takes that for pitch until it turns; in between it learns
-    /// a vertical bias that is wrong by 0.4² / 2 g. Once turned it must not believe in that any more.
+    /// a vertical bias that is wrong by 0.4² / 2 g. Once turned it must not assume that any more.
     #[test]
     fn what_tilt_made_of_the_vertical_bias_is_forgotten_once_the_tilt_is_known() {
         const BIAS: f64 = 0.4;

@@ -26,7 +26,7 @@ const CLOCK_S: f64 = 2e-3;
 /// themselves, by the autopilot's low-pass (two poles at 20 Hz: 11 ms) and up to a loop until they are sent, and no data
 /// sheet gives by how much.
 const CLOCK_OF_KNOWN_DELAY_S: f64 = 0.01;
-/// A fix this many sigmas off that its neighbours contradict is left out.
+/// A fix this many sigmas off that is inconsistent with its neighbours is left out.
 const OUTLIER_NIS: f64 = 60.0;
 
 /// Samples and fixes from one start to the end.
@@ -50,7 +50,7 @@ pub struct Flight {
     moved_s: f64,
     /// How much of the recording gaps cut off that nothing bridges, s.
     unbridged_s: f64,
-    /// The samples with one mistake over time undone, each made when it is first asked for.
+    /// The samples with one fault over time undone, each made when it is first asked for.
     undone: Vec<(&'static str, Quantisation, OnceLock<Vec<ImuSample>>)>,
 }
 
@@ -155,7 +155,7 @@ impl Flight {
         self.undone = places.collect();
     }
 
-    /// Leaves out single fixes that their neighbours contradict, for all models alike.
+    /// Leaves out single fixes that are inconsistent with their neighbours, for all models alike.
     fn drop_outliers(&mut self, model: &Model) {
         let noise = super::noise::Noise::measured(model, &[&*self]);
         let off: Vec<bool> = super::pass::run(self, model, &noise, &super::pass::Options::default(), None)
@@ -250,7 +250,7 @@ impl Flight {
         own.map_or_else(|| Rounding::undo(&self.raw, q, self.interval_s).1, |(_, r)| r.clone())
     }
 
-    /// The samples as a model reads them: its belief about rounding, mistakes of the source undone.
+    /// The samples as a model reads them: its assumption about rounding, faults of the source undone.
     pub(crate) fn samples_of(&self, model: &Model) -> Cow<'_, [ImuSample]> {
         if model.effects.iter().any(|s| s.effect.needs_neighbours() || s.effect.changes_unit()) {
             return self.kept_undone(model).map_or_else(|| Cow::Owned(self.undone(model)), Cow::Borrowed);
@@ -302,7 +302,7 @@ impl Flight {
         &self.raw
     }
 
-    /// The same where there is only one such mistake: the search asks for it over and over.
+    /// The same where there is only one such fault: the search asks for it over and over.
     fn kept_undone(&self, model: &Model) -> Option<&[ImuSample]> {
         let q = model.quantisation_of(&self.stream);
         let mut mistakes = model.effects.iter().map(|s| s.effect).filter(|e| e.is_source_mistake());
@@ -311,7 +311,7 @@ impl Flight {
         Some(kept.get_or_init(|| self.undone(model)))
     }
 
-    /// Mistakes of the source undone in the samples as they were reported, and then all the rest.
+    /// Faults of the source undone in the samples as they were reported, and then all the rest.
     fn undone(&self, model: &Model) -> Vec<ImuSample> {
         let mut samples = self.raw.clone();
         for setting in model.effects.iter().rev().filter(|s| s.effect.is_source_mistake()) {

@@ -74,7 +74,7 @@ mod tests {
     use super::*;
     use crate::sample::Steps;
 
-    /// A quiet vehicle that stands for a minute and then turns: standing it says no more of a rate than a single count does.
+    /// A quiet vehicle that stands for a minute and then turns: stationary it says no more of a rate than a single count does.
     #[test]
     fn a_count_that_stands_still_says_no_more_in_a_minute_than_in_a_second() {
         let steps = Steps::RAW_IMU;

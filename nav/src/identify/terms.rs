@@ -235,7 +235,7 @@ pub fn find(
     };
     let (mut evidence, mut data, mut chosen) = look(&own, &others);
     let mut replaced = Vec::new();
-    // A random walk follows whatever there is, so that it hides terms: they are looked for without it, too.
+    // A random walk follows whatever there is, so that it masks terms: they are tested without it, too.
     if let Some(drifts) = own.without_drifts(&selection.base) {
         if let Some(others) = &mut others {
             others.without_drifts(&selection.base);

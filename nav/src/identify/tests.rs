@@ -237,7 +237,7 @@ fn a_swapped_or_reversed_axis_and_a_wrong_unit_are_named() {
     }
 }
 
-/// Samples as a source with a mistake tells them.
+/// Samples as a source with a fault reports them.
 fn mistaken(samples: Vec<Sample>, mistake: &dyn effects::Effect) -> Vec<Sample> {
     let mut before: Option<effects::ReportedSample> = None;
     let mut samples = samples;

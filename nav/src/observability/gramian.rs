@@ -143,7 +143,7 @@ mod tests {
 
     #[test]
     fn a_pair_known_as_a_sum_is_named_as_a_pair_whatever_its_units() {
-        // Bias with a wide prior, g-sensitivity with a narrow one, three rows alike: standing still.
+        // Bias with a wide prior, g-sensitivity with a narrow one, three rows alike: stationary.
         let prior = [1800.0, 1800.0, 360.0, 360.0];
         let p = after(&prior, &[vec![1.0, 0.0, 1.0, 0.0], vec![0.0, 1.0, 0.0, 1.0]]);
         let g = analyse(&p, &prior);

@@ -274,7 +274,7 @@ impl SegmentDetector {
         open.elapsed_s += x.dt_s;
         open.turned += x.rate * x.dt_s;
         open.drifted += x.rate_sigma.abs() * x.dt_s;
-        // Noise and a leftover bias must not break a segment, but neither may they hide a real turn.
+        // Noise and a leftover bias must not break a segment, but neither may they mask a real turn.
         let sigma = (self.gyro_noise * self.gyro_noise * open.elapsed_s + open.drifted.powi(2)).sqrt();
         let limit = ATTITUDE_TOLERANCE + (3.0 * sigma).min(ATTITUDE_TOLERANCE);
         if open.turned.norm() > limit {

@@ -1,4 +1,4 @@
-//! Dark directions in words: which states, and what to fly.
+//! Unobservable directions in words: which states, and what to fly.
 
 use super::gramian::Gramian;
 use crate::filter::layout::StateName;

@@ -241,7 +241,7 @@ fn load_overshoot(flight: &[Instant]) -> Option<Measured> {
 /// The base with what was measured, rounded to what the measurement is worth.
 ///
 /// # Errors
-/// What was measured contradicts what was given.
+/// What was measured is inconsistent with what was given.
 pub fn apply(base: &Airframe, measured: &[Measured]) -> Result<Airframe, AirframeError> {
     let mut fitted = base.clone();
     for m in measured {

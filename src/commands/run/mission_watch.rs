@@ -106,7 +106,7 @@ impl MissionWatch {
             }
             _ => "skip the item or take over",
         };
-        // Whole minutes: the text stays the same for a while, and so is told once.
+        // Whole minutes: the text stays the same for a while, and so is reported once.
         let minutes = (at_item_s / 60.0).floor();
         Some(format!(
             "stuck at item {item}{what} for {minutes:.0} min, about {expected_s:.0} s were expected; {why}"

@@ -1,4 +1,4 @@
-//! How a run ended: what was heard, and what the recording lacks.
+//! How a run ended: what was received, and what the recording lacks.
 
 use crate::commands::CommandError;
 use crate::link::endpoint::LinkStatus;

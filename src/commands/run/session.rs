@@ -182,7 +182,7 @@ impl<E: Estimator> Session<E> {
         }
     }
 
-    /// Names every system heard, once there are several.
+    /// Names every system received, once there are several.
     fn name_systems(&mut self, t_us: u64) {
         let converter = self.pipeline.converter();
         let systems = converter.systems();

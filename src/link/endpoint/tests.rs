@@ -128,7 +128,7 @@ async fn strangers_get_nothing_and_take_nothing_from_the_vehicle() {
     let vehicle = UdpSocket::bind((Ipv4Addr::LOCALHOST, 0)).await.unwrap();
     vehicle.send_to(frame.raw(), address).await.unwrap();
     assert_eq!(next(&mut links).await, frame);
-    // One byte each from more strangers than there is room for, and a whole frame of another system.
+    // One byte each from more strangers than there is space for, and a whole frame of another system.
     let mut strangers = Vec::new();
     for _ in 0..40 {
         let stranger = UdpSocket::bind((Ipv4Addr::LOCALHOST, 0)).await.unwrap();
@@ -146,7 +146,7 @@ async fn strangers_get_nothing_and_take_nothing_from_the_vehicle() {
         let n = timeout(PATIENCE, vehicle.recv(&mut bytes)).await.unwrap().unwrap();
         assert_eq!(&bytes[..n], &frame.raw()[..]);
     }
-    // What was sent to the vehicle was sent to nobody else.
+    // What was sent to the vehicle was sent to no one else.
     for stranger in &strangers {
         assert!(stranger.try_recv(&mut [0; 300]).is_err(), "a stranger was answered");
     }
@@ -167,7 +167,7 @@ async fn the_end_of_the_links_is_no_trouble_of_a_link() {
     let (mut socket, _) = timeout(PATIENCE, listener.accept()).await.unwrap().unwrap();
     is_up(&links, 1).await;
     let status = links.handles()[0].clone();
-    // Nobody reads any more, and a frame comes before the task is stopped.
+    // No one reads any more, and a frame comes before the task is stopped.
     links.frames.close();
     socket.write_all(beats(1)[0].raw()).await.unwrap();
     timeout(PATIENCE, links.tasks.wait()).await.expect("the task ends by itself");

@@ -12,7 +12,7 @@ use gaware_nav::observability::words::VehicleKind;
 pub(super) struct Filter {
     /// `AHRS_EKF_TYPE`: 2 or 3.
     kind: Option<u8>,
-    /// The filter whose messages came first, where no parameter tells.
+    /// The filter whose messages came first, where no parameter says.
     first: Option<u8>,
     /// The core that flies (`PI`).
     primary: f64,

@@ -184,7 +184,7 @@ proptest! {
         let read = read(&bytes);
         let lost = SAMPLES.saturating_sub(read.imu);
         prop_assert!(lost <= 5, "{lost} of {SAMPLES} lost at {at}");
-        // The format has no checksums: a type or topic that becomes another possible one cannot be told.
+        // The format has no checksums: a type or topic that becomes another possible one cannot be recognised.
         prop_assert!(lost <= 1 || read.damage.any(), "{lost} lost without a word");
         prop_assert!(bytes != whole || !read.damage.any());
     }

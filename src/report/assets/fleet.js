@@ -205,6 +205,11 @@
     return ticks.map((t) => (step >= 28 * 86400 ? text(t).slice(0, 7) : step >= 86400 ? text(t).slice(0, 10) : text(t).slice(5, 16).replace("T", " ")));
   };
 
+  // By itself uPlot stops at three decimals, and neighbours get the same label.
+  const decimals = (_, ticks, axis, space, step) => {
+    const format = new Intl.NumberFormat("en", { maximumFractionDigits: Math.min(12, Math.max(0, 1 + Math.ceil(-Math.log10(step)))) });
+    return ticks.map((t) => format.format(t));
+  };
   const build = (section, p) => {
     const area = section.querySelector(".area");
     plot?.destroy();
@@ -221,8 +226,8 @@
       legend: { show: false },
       tzDate: (t) => uPlot.tzDate(new Date(1e3 * t), "UTC"),
       cursor: { x: false, y: false, points: { show: false }, drag: { x: true, y: false, setScale: true } },
-      scales: { x: { time: data.dated, range: (_, a, b) => (a === null || (a === shown[0].x && b === shown.at(-1).x) ? whole : [a, b]) }, y: { range: () => y } },
-      axes: [{ ...axis, size: 34, space: 90, values: labels }, { ...axis, size: 68 }],
+      scales: { x: { time: data.dated, range: (_, a, b) => (a === null || shown[0].x === shown.at(-1).x || (a === shown[0].x && b === shown.at(-1).x) ? whole : [a, b]) }, y: { range: () => y } },
+      axes: [{ ...axis, size: 34, space: 90, values: labels }, { ...axis, size: 68, values: decimals }],
       series: [{}, { paths: () => null, points: { show: false } }],
       hooks: {
         drawClear: [(u) => behind(u, p)],

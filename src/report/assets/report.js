@@ -47,6 +47,11 @@
     }
     c.restore();
   };
+  // By itself uPlot stops at three decimals, and neighbours get the same label.
+  const decimals = (_, ticks, axis, space, step) => {
+    const format = new Intl.NumberFormat("en", { maximumFractionDigits: Math.min(12, Math.max(0, 1 + Math.ceil(-Math.log10(step)))) });
+    return ticks.map((t) => format.format(t));
+  };
   const build = (figure, d) => {
     const area = figure.querySelector(".area");
     const axis = { stroke: () => css("--ink"), grid: { stroke: () => css("--line"), width: 1 }, ticks: { show: false }, font: "13px sans-serif" };
@@ -58,7 +63,7 @@
       ...size(),
       cursor: { sync: { key: time ? "time" : "frequency", scales: ["x", null] }, drag: { x: true, y: false, setScale: true }, focus: { prox: 16 } },
       scales: { x: { time: false, range: (_, a, b) => (!time ? [a ?? 0, b ?? 1] : a === null || (a === d.columns[0][0] && b === d.columns[0].at(-1)) ? range : [a, b]) }, y: { range: () => d.y } },
-      axes: [{ ...axis, size: 34, values: (_, ticks) => ticks.map((t) => `${t} ${d.x}`) }, { ...axis, size: 62 }],
+      axes: [{ ...axis, size: 34, values: (_, ticks) => ticks.map((t) => `${t} ${d.x}`) }, { ...axis, size: 62, values: decimals }],
       series: [
         { label: time ? "time" : "frequency", value: (_, t) => (t === null || t === undefined ? "–" : `${t.toFixed(time ? 1 : 2)} ${d.x}`) },
         ...d.lines.map(([label, stroke]) => ({ label, stroke, width: 1.5, spanGaps: true, points: { show: false }, value: show })),

@@ -8,10 +8,11 @@ use crate::report::plot::{short, ticks};
 use serde::Serialize;
 use std::fmt::Write;
 
-/// Where flights are on the horizontal axis: at their dates, or where one of them has none at their numbers within their units.
+/// Where flights are on the horizontal axis: at their dates, or at their numbers within their units where one of them has no date, or all
+/// have the same (a simulator's, or a clock that was never set).
 pub struct Axis {
     /// Whether it is time.
-    dated: bool,
+    pub(super) dated: bool,
     /// Of each log: s since 1970, or its number.
     at: Vec<f64>,
     first: f64,
@@ -23,7 +24,9 @@ impl Axis {
     pub fn new(logs: &[FleetLog], study: &FleetStudy) -> Self {
         let counted = |log: &FleetLog| log.flight().is_some() && log.unit().is_some();
         let start = |log: &FleetLog| log.flight().and_then(|f| f.start_unix_s);
-        let dated = logs.iter().filter(|l| counted(l)).all(|l| start(l).is_some());
+        let starts: Vec<Option<f64>> = logs.iter().filter(|l| counted(l)).map(start).collect();
+        let same = starts.len() > 1 && starts.iter().all(|s| Some(s) == starts.first());
+        let dated = starts.iter().all(Option::is_some) && !same;
         let mut flown = vec![0.0; study.family.units.len()];
         let at: Vec<f64> = logs
             .iter()

@@ -73,6 +73,7 @@ fn head(name: &str, logs: &[FleetLog], study: &FleetStudy, body: &mut String) {
         starts.iter().fold((f64::INFINITY, f64::NEG_INFINITY), |(low, high), t| (low.min(*t), high.max(*t)));
     let dates = match starts.len() {
         0 => "dates not in the logs".to_owned(),
+        _ if day(first) == day(last) => day(first),
         _ => format!("{} to {}", day(first), day(last)),
     };
     let failed = logs.iter().filter(|l| l.failure().is_some()).count();

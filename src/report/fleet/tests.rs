@@ -70,3 +70,14 @@ fn a_fleet_without_units_says_what_to_do_and_a_small_one_has_its_figures() {
     let page = html("none", &[], &study(&[])).unwrap();
     assert!(body(&page).contains("0 logs"));
 }
+
+#[test]
+fn flights_that_all_have_the_same_date_are_counted() {
+    let mut logs = simulated(1, false).logs;
+    logs.truncate(24);
+    assert!(Axis::new(&logs, &study(&logs)).dated);
+    logs.iter_mut().for_each(|log| flight_of(log).start_unix_s = Some(1.75e9));
+    assert!(!Axis::new(&logs, &study(&logs)).dated);
+    logs.truncate(1);
+    assert!(Axis::new(&logs, &study(&logs)).dated, "one flight has a date");
+}

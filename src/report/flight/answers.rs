@@ -1,11 +1,11 @@
 //! The first screen of the report of a flight: where it comes from, the verdict, and what an engineer asks first.
 
-use super::attitude::Comparison;
+use super::attitude::{Comparison, why_not_compared};
 use super::innovations::Channel;
 use super::lessons::{self, Lesson, is_g};
 use super::log::FlightLog;
 use super::words;
-use crate::engine::snapshot::{StateStatus, Status, Summary};
+use crate::engine::snapshot::{Phase, StateStatus, Status, Summary};
 use crate::report::page::{answers as list, escape};
 use std::fmt::Write;
 
@@ -90,15 +90,31 @@ pub fn answers(
         ),
         (
             "Whose attitude is wrong?",
-            compared.map_or_else(
-                || "The log has no attitude of the autopilot to compare with.".to_owned(),
-                whose,
-            ),
+            compared.map_or_else(|| why_not_compared(&log.attitudes, &log.snapshots), whose),
         ),
         ("What changed in flight?", changed(log)),
         ("Does the model fit?", fit(s, fixes)),
         ("What now?", next.to_owned()),
     ]));
+}
+
+/// What to do about a log that gives no estimate.
+pub fn without_estimate(s: &Summary, body: &mut String) {
+    let next = match s.phase {
+        Phase::WaitingForImu => {
+            "Record inertial samples: <code>gaware run</code> asks the autopilot for them, or set the stream rates of the autopilot (RAW_IMU, SCALED_IMU \
+             or HIGHRES_IMU at 50 Hz or more)."
+        }
+        Phase::WaitingForGnss => {
+            "Record a flight with GNSS: at least a minute outdoors with a 3-D fix, and the GNSS messages in the log (GPS_RAW_INT, in PX4's \
+             log vehicle_gps_position, in DataFlash GPS)."
+        }
+        Phase::Aligning => "Record longer: the estimate starts after a second of inertial samples and a fix.",
+        Phase::SearchingHeading | Phase::Running => {
+            "Record a flight: the heading is found once the vehicle accelerates or turns."
+        }
+    };
+    body.push_str(&list(&[("What now?", next.to_owned())]));
 }
 
 /// The largest element in the whole of G, whatever its sigma.
@@ -209,7 +225,7 @@ fn fit(s: &Summary, fixes: &[Channel]) -> String {
     format!("NIS of the fixes used: {nis:.2} per degree of freedom (1 is right), {word}.{outlier}")
 }
 
-/// The last section.
+/// The last section: what is on this page, and no more.
 pub fn how_to_read(body: &mut String) {
     body.push_str(
         "<h2>How to read this</h2><p>Values are given with one sigma. G says what an acceleration does to the gyros: \

@@ -99,6 +99,23 @@ pub fn compare(attitudes: &Attitudes, snapshots: &[Snapshot]) -> Option<Comparis
     })
 }
 
+/// Why there is no comparison, in a sentence.
+pub fn why_not_compared(attitudes: &Attitudes, snapshots: &[Snapshot]) -> String {
+    if attitudes.newest_reference_s().is_none() {
+        return "The log has no attitude of the autopilot to compare with.".to_owned();
+    }
+    let running = || snapshots.iter().filter(|s| s.phase == Phase::Running);
+    let sigmas = running().map(|s| s.estimate.attitude_deg.sigma);
+    let worst = |sigma: [f64; 3]| sigma.into_iter().fold(0.0, f64::max);
+    let best = sigmas.map(worst).fold(f64::INFINITY, f64::min);
+    if best.is_finite() && best > SETTLED_DEG {
+        return format!(
+            "Not compared: the sigma of this estimate's own attitude never fell below {best:.1}°, {SETTLED_DEG:.0}° are needed."
+        );
+    }
+    "Not compared: the log has too few attitudes of the autopilot while there was an estimate.".to_owned()
+}
+
 fn crab_rms_deg(all: &[(f64, [f64; 3], Around)]) -> Option<[f64; 2]> {
     let (mut n, mut squares) = (0_usize, [0.0; 2]);
     for (_, [_, _, yaw], around) in all {
@@ -162,6 +179,19 @@ mod tests {
         let crab = found.crab_rms_deg.unwrap();
         assert!(crab[0] < 1e-6 && crab[1] < 1e-6, "{crab:?}");
         assert_eq!(compare(&Attitudes::default(), &snapshots), None);
+    }
+
+    #[test]
+    fn why_nothing_is_compared_is_said_as_it_is() {
+        let mut attitudes = Attitudes::default();
+        let mut s = Snapshot { phase: Phase::Running, ..Snapshot::default() };
+        s.estimate.attitude_deg.sigma = [1.0, 1.0, 8.0];
+        let snapshots = [s];
+        assert!(why_not_compared(&attitudes, &snapshots).contains("has no attitude of the autopilot"));
+        attitudes.push_reference(1.0, [0.0; 3]);
+        let why = why_not_compared(&attitudes, &snapshots);
+        assert!(why.contains("never fell below 8.0°"), "{why}");
+        assert!(why_not_compared(&attitudes, &[]).contains("too few"));
     }
 
     #[test]

@@ -58,6 +58,8 @@ pub fn html(
         answers::answers(summary, log, &lessons, compared.as_ref(), &fixes, &mut body);
         knowledge::g_sensitivity(summary, &mut body);
         knowledge::bias_table(summary, &mut body);
+    } else {
+        answers::without_estimate(summary, &mut body);
     }
     flight(log, &lessons, &mut body)?;
     if summary.phase == Phase::Running {
@@ -66,7 +68,10 @@ pub fn html(
     }
     attitudes(compared.as_ref(), document, &mut body)?;
     innovations::section(&log.snapshots, &fixes, &mut body)?;
-    answers::how_to_read(&mut body);
+    // A page without values or plots has nothing to explain.
+    if log.snapshots.iter().any(|s| s.phase == Phase::Running) {
+        answers::how_to_read(&mut body);
+    }
     Ok(page(&escape(&origin.log), &body))
 }
 
@@ -97,7 +102,7 @@ fn flight(log: &FlightLog, lessons: &[lessons::Lesson], body: &mut String) -> Re
     }
     body.push_str("<h2>The flight</h2>");
     body.push_str(&track);
-    if !lessons.is_empty() {
+    if !lessons.is_empty() && track.contains("<svg") {
         body.push_str("<p><small>North is up. Thick, with the numbers of the table below: what taught most about G.</small></p>");
     }
     let plot = |title, unit, of: &dyn Fn(&Snapshot) -> f64| {

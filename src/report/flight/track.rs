@@ -9,6 +9,11 @@ use std::fmt::Write;
 const WIDTH: f64 = 860.0;
 const HEIGHT: f64 = 420.0;
 const MARGIN: f64 = 28.0;
+/// A vehicle that never went further than this from any point of its track has not flown, m: what is drawn would be the noise of its position.
+const AT_REST_M: f64 = 10.0;
+/// Half the height and half the width of a number, and of the words at start and end, with some space around them.
+const NUMBER: (f64, f64) = (8.0, 8.0);
+const WORD: (f64, f64) = (24.0, 8.0);
 /// Metres per degree of latitude, near enough for a drawing.
 const M_PER_DEG: f64 = 111_200.0;
 
@@ -32,8 +37,11 @@ fn round_length(m: f64) -> f64 {
     [5.0, 2.0, 1.0].into_iter().map(|f| f * power).find(|l| *l <= m).unwrap_or(power)
 }
 
-/// A place for a number near the one wanted that lies on none before.
-fn free_place(taken: &mut Vec<(f64, f64)>, wanted: (f64, f64)) -> (f64, f64) {
+/// Something that is written: its middle, and half its width and height.
+type Label = ((f64, f64), (f64, f64));
+
+/// A place for a number near the one wanted that lies on nothing written before.
+fn free_place(taken: &mut Vec<Label>, wanted: (f64, f64)) -> (f64, f64) {
     const STEPS: [(f64, f64); 9] = [
         (0.0, 0.0),
         (0.0, -18.0),
@@ -48,16 +56,42 @@ fn free_place(taken: &mut Vec<(f64, f64)>, wanted: (f64, f64)) -> (f64, f64) {
     let places = (1..=4).flat_map(|ring| {
         STEPS.map(|(dx, dy)| (wanted.0 + f64::from(ring) * dx, wanted.1 + f64::from(ring) * dy))
     });
-    let free = |p: &(f64, f64)| taken.iter().all(|t| (t.0 - p.0).abs() > 16.0 || (t.1 - p.1).abs() > 16.0);
+    let free = |p: &(f64, f64)| {
+        taken.iter().all(|((x, y), (width, height))| {
+            (x - p.0).abs() > width + NUMBER.0 || (y - p.1).abs() > height + NUMBER.1
+        })
+    };
     let place = places
         .filter(|p| p.0 > 4.0 && p.0 < WIDTH - 20.0 && p.1 > 16.0 && p.1 < HEIGHT)
         .find(free)
         .unwrap_or(wanted);
-    taken.push(place);
+    taken.push((place, NUMBER));
     place
 }
 
-/// The drawing as inline SVG; empty where there is no track. North is up; numbers are those of the lessons.
+/// Names start and end, each on the side away from the other, so that they never lie on one another.
+fn ends(start: (f64, f64), end: (f64, f64), taken: &mut Vec<Label>) -> String {
+    let mut out = String::new();
+    for (point, other, name, on_a_line) in [(start, end, "start", -1.0), (end, start, "end", 1.0)] {
+        let side = if point.0 == other.0 { on_a_line } else { (point.0 - other.0).signum() };
+        let anchor = if side < 0.0 { "end" } else { "start" };
+        // The middle of the text, as numbers have theirs at the left of their baseline.
+        taken.push(((point.0 + side * (7.0 + WORD.0) - NUMBER.0, point.1 + 4.0), WORD));
+        let _ = write!(
+            out,
+            "<circle cx=\"{0:.1}\" cy=\"{1:.1}\" r=\"4\"/><text x=\"{2:.1}\" y=\"{3:.1}\" text-anchor=\"{anchor}\" stroke=\"var(--paper)\" \
+             stroke-width=\"4\" paint-order=\"stroke\">{name}</text>",
+            point.0,
+            point.1,
+            point.0 + 7.0 * side,
+            point.1 + 4.0
+        );
+    }
+    out
+}
+
+/// The drawing as inline SVG; a sentence of a vehicle that was at rest; empty where there is no track. North is up; numbers are those of
+/// the lessons.
 pub fn svg(snapshots: &[Snapshot], lessons: &[Lesson]) -> String {
     let points = points(snapshots);
     let span = |of: &dyn Fn(&(f64, f64, f64)) -> f64| {
@@ -65,11 +99,17 @@ pub fn svg(snapshots: &[Snapshot], lessons: &[Lesson]) -> String {
     };
     let ((west, east), (south, north)) = (span(&|p| p.1), span(&|p| p.2));
     let (Some(start), Some(end)) = (points.first(), points.last()) else { return String::new() };
-    let scale = ((WIDTH - 2.0 * MARGIN) / (east - west).max(10.0))
-        .min((HEIGHT - 2.0 * MARGIN) / (north - south).max(10.0));
-    let left = 0.5 * (WIDTH - scale * (east - west));
+    let size_m = (east - west).hypot(north - south);
+    if size_m < AT_REST_M {
+        return format!(
+            "<p>The vehicle stayed within {:.0} m: there is no track to draw.</p>",
+            size_m.max(1.0).ceil()
+        );
+    }
+    let scale = ((WIDTH - 2.0 * MARGIN) / (east - west)).min((HEIGHT - 2.0 * MARGIN) / (north - south));
+    let (left, bottom) = (0.5 * (WIDTH - scale * (east - west)), 0.5 * (HEIGHT + scale * (north - south)));
     let x = |e: f64| left + scale * (e - west);
-    let y = |n: f64| HEIGHT - MARGIN - scale * (n - south);
+    let y = |n: f64| bottom - scale * (n - south);
     let path = |of: &mut dyn Iterator<Item = &(f64, f64, f64)>| {
         of.map(|(_, e, n)| format!("{:.1},{:.1}", x(*e), y(*n))).collect::<Vec<_>>().join(" ")
     };
@@ -80,6 +120,7 @@ pub fn svg(snapshots: &[Snapshot], lessons: &[Lesson]) -> String {
         path(&mut points.iter())
     );
     let mut taken = Vec::new();
+    let ends = ends((x(start.1), y(start.2)), (x(end.1), y(end.2)), &mut taken);
     for (lesson, k) in lessons.iter().zip(1..) {
         let part = || points.iter().filter(|p| (lesson.start_s..=lesson.end_s).contains(&p.0));
         let _ = write!(
@@ -97,17 +138,7 @@ pub fn svg(snapshots: &[Snapshot], lessons: &[Lesson]) -> String {
             );
         }
     }
-    for (point, name, anchor) in [(start, "start", "end"), (end, "end", "start")] {
-        let dx = if anchor == "end" { -7.0 } else { 7.0 };
-        let _ = write!(
-            out,
-            "<circle cx=\"{0:.1}\" cy=\"{1:.1}\" r=\"4\"/><text x=\"{2:.1}\" y=\"{3:.1}\" text-anchor=\"{anchor}\">{name}</text>",
-            x(point.1),
-            y(point.2),
-            x(point.1) + dx,
-            y(point.2) + 4.0
-        );
-    }
+    out.push_str(&ends);
     let bar = round_length(150.0 / scale);
     let _ = write!(
         out,
@@ -133,7 +164,40 @@ mod tests {
         let track = points(&[at(179.999, 0.0), at(-179.999, 1.0)]);
         assert!((track[1].1 - 0.002 * M_PER_DEG * 17.0_f64.to_radians().cos()).abs() < 1.0, "{track:?}");
         assert_eq!(svg(&[], &[]), "");
-        assert!(svg(&[at(10.0, 0.0)], &[]).contains("start"));
+        assert!(svg(&[at(10.0, 0.0)], &[]).contains("stayed within 1 m"));
+        assert!(svg(&[at(10.0, 0.0), at(10.001, 1.0)], &[]).contains("start"));
+    }
+
+    /// Position and side of the words at start and end.
+    fn words(html: &str) -> [(f64, bool); 2] {
+        ["start", "end"].map(|name| {
+            let text = &html[..html.find(&format!(">{name}</text>")).unwrap()];
+            let text = &text[text.rfind("<text").unwrap()..];
+            let x = text.split("x=\"").nth(1).unwrap().split('"').next().unwrap().parse().unwrap();
+            (x, text.contains("text-anchor=\"start\""))
+        })
+    }
+
+    #[test]
+    fn the_words_at_start_and_end_lie_apart_wherever_the_flight_ends() {
+        for end in [10.0005, 9.9995, 10.0] {
+            let track = [10.0, 10.004, end].map(|lon_deg| {
+                let mut s = Snapshot { phase: Phase::Running, ..Snapshot::default() };
+                (s.motion.lat_deg, s.motion.lon_deg) = (47.0, lon_deg);
+                s
+            });
+            let [(start, start_to_the_right), (end, end_to_the_right)] = words(&svg(&track, &[]));
+            assert_ne!(start_to_the_right, end_to_the_right);
+            assert_eq!(start > end, start_to_the_right, "{start} {end}");
+        }
+    }
+
+    #[test]
+    fn numbers_keep_away_from_the_words() {
+        let mut taken = Vec::new();
+        let _ = ends((400.0, 200.0), (430.0, 200.0), &mut taken);
+        let at = free_place(&mut taken, (400.0 - 30.0, 204.0));
+        assert!((at.1 - 204.0).abs() > 16.0 || at.0 + 16.0 < 345.0 || at.0 > 393.0, "{at:?}");
     }
 
     #[test]

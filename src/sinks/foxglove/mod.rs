@@ -80,7 +80,7 @@ struct Hub {
     messages: broadcast::Sender<Arc<LiveMessage>>,
     counters: Arc<SinkCounters>,
     entry: Entry,
-    /// Tells a viewer that connects again whether it is the same run.
+    /// Shows a viewer that connects again whether it is the same run.
     session: String,
     stop: CancellationToken,
 }

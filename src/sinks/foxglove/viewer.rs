@@ -97,7 +97,7 @@ impl<S: AsyncRead + AsyncWrite + Unpin> Viewer<S> {
         }
     }
 
-    /// Tells it which channels have gone and come.
+    /// Reports to it which channels have gone and come.
     async fn offer(&mut self, now: Offered) -> Result<(), Error> {
         let before = std::mem::replace(&mut self.offered, Arc::clone(&now));
         let gone: Vec<u32> = before.keys().filter(|id| !now.contains_key(id)).copied().collect();
@@ -141,7 +141,7 @@ impl<S: AsyncRead + AsyncWrite + Unpin> Viewer<S> {
         self.socket.send(Message::Text(text.into())).await
     }
 
-    /// Says why, and waits a moment for the viewer to have heard it.
+    /// Says why, and waits a moment for the viewer to have received it.
     async fn close(&mut self, code: CloseCode, reason: &'static str) {
         let farewell = async {
             self.socket.close(Some(CloseFrame { code, reason: reason.into() })).await?;

@@ -129,7 +129,7 @@ impl TopicEncoder {
             RecordItem::Sample(t_us, Sample::Attitude(s)) => {
                 vec![self.json("/attitude_autopilot", *t_us, &AttitudeRecord::from(s))]
             }
-            // Both are told again by the frames and stand in the log.
+            // Both are in the frames again and stand in the log.
             RecordItem::Sample(_, Sample::Stream(_) | Sample::Restart(_)) => Vec::new(),
             RecordItem::Snapshot(t_us, s) => self.snapshot(*t_us, s),
             RecordItem::Log(t_us, severity, text) => {

@@ -155,7 +155,7 @@ fn normal(frame: &mut Frame, view: &View, area: Rect) {
     parts::keys(frame, view, keys);
 }
 
-/// From this width on the column beside has room for sentences.
+/// From this width on the column beside has space for sentences.
 const WIDE: u16 = 160;
 
 /// With the states and the weak directions beside it.

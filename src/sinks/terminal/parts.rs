@@ -157,7 +157,7 @@ pub(super) fn instruction(frame: &mut Frame, view: &View, area: Rect) {
     let inner = block.inner(area);
     frame.render_widget(block, area);
     let bar = u16::from(now.progress.is_some());
-    // Words that are long have more right to the room than what explains them.
+    // Words that are long have more right to the space than what explains them.
     let needed = wrapped(&view.text(&now.words), inner.width.saturating_sub(4), usize::MAX).len();
     let room = usize::from(inner.height.saturating_sub(bar)).saturating_sub(needed).min(2);
     let below = wrapped(&view.text(&now.below), inner.width, room.max(1));

@@ -414,7 +414,7 @@ async fn headless_writes_a_line_per_period_and_ends_with_the_shutdown() {
     for _ in 0..3 {
         assert!(lines.next_line().await.unwrap().unwrap().starts_with("1:02:03 running"));
     }
-    // Nobody reads any more: the line under way is given up.
+    // No one reads any more: the line under way is given up.
     shutdown.cancel();
     task.await.unwrap().unwrap();
 }

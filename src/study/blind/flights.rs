@@ -132,7 +132,7 @@ pub fn fly(hidden: &[EffectSetting], kind: Kind, family: Family, seed: u64) -> B
         imu_rate_hz: 50.0,
         fix_rate_hz: 5.0,
         message: "RAW_IMU".into(),
-        // Hidden truncation: the source says that its values are whole.
+        // Injected truncation: the source says that its values are whole.
         quantisation: if truncation_hidden {
             Quantisation::None
         } else {

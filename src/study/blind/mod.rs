@@ -31,7 +31,7 @@ const MOST_TOLD: usize = 6;
 /// What one blind flight gave.
 #[derive(Debug, Clone, Serialize)]
 pub struct Outcome {
-    /// Hidden effects; none for a clean flight.
+    /// Injected effects; none for a clean flight.
     pub hidden: Vec<&'static str>,
     /// How it was flown.
     pub kind: Kind,
@@ -49,9 +49,9 @@ pub struct Outcome {
     pub held_out: Vec<(&'static str, f64)>,
     /// What the oracle saw of each injected effect.
     pub oracle: Vec<Seen>,
-    /// Errors of the parameters that were told, in the sigmas that were told with them, where the effect was named.
+    /// Errors of the parameters that were reported, in the sigmas that were reported with them, where the effect was named.
     pub errors_in_sigmas: Vec<f64>,
-    /// Noise figures that were told to be implausible.
+    /// Noise figures that were reported as implausible.
     pub noise: Vec<&'static str>,
     /// The verdict, where the injected effects were taken out of the catalogue.
     pub verdict: Option<Verdict>,
@@ -134,7 +134,7 @@ fn seed_of(job: &Job) -> u64 {
 /// What is assumed before the flight, as `explain` begins: nothing of what is injected.
 fn belief(hidden: &[EffectSetting]) -> Model {
     let mut base = crate::explain::with_receiver(&Model::default());
-    // What only a tape measure tells apart has been measured.
+    // What only a tape measure separates has been measured.
     for other in hidden.iter().filter_map(|s| s.effect.needs_known()).filter_map(effects::find) {
         base.set(EffectSetting { sigmas: vec![0.0; other.len()], ..EffectSetting::unknown(other) });
     }
@@ -155,7 +155,7 @@ fn errors_in_sigmas(hidden: &[EffectSetting], selection: &Selection) -> Vec<f64>
     hidden.iter().filter_map(told).flatten().collect()
 }
 
-/// Hides, flies, explains, unseals. `None` where the flight says too little, which none of these do.
+/// Injects, flies, explains, compares with the ground truth. `None` where the flight says too little, which none of these do.
 fn one(job: &Job, family: Family, settings: &Settings) -> Option<Outcome> {
     let hidden = hide(job);
     let seed = seed_of(job);

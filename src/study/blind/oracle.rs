@@ -63,7 +63,7 @@ pub(super) fn could_name(
         .map(|k| {
             let gain = gain(k);
             let chance = (REGISTRY.len() as f64 / ALARMS).ln();
-            // With two hidden at once what others reach is partly the other's doing.
+            // With two injected at once what others reach is partly the other's doing.
             let ahead = hidden.len() > 1 || gain - best_other > (1.0 / WRONG).ln();
             Seen {
                 alone: gain > chance && ahead,

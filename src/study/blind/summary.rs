@@ -29,7 +29,7 @@ impl Share {
 /// What a campaign shows, over its flights.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Serialize)]
 pub struct Summary {
-    /// Hidden effects that the oracle could have named alone.
+    /// Injected effects that the oracle could have named alone.
     pub oracle: Share,
     /// Of the oracle's: named alone and right.
     pub alone_right_where_oracle: Share,

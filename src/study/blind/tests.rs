@@ -110,7 +110,7 @@ fn two_effects_are_found_when_both_are_named() {
     assert_eq!((s.oracle.count, s.oracle.of), (3, 4));
 }
 
-/// The whole way, once: hide, fly, explain, unseal.
+/// The whole way, once: inject, fly, explain, compare with the ground truth.
 #[test]
 fn a_lever_arm_is_hidden_and_found() {
     let campaign = Campaign { effects: vec!["gps_lever_arm".into()], clean: 1, ..campaign(1, 1) };

@@ -60,7 +60,7 @@ pub(super) struct Station {
 }
 
 impl Station {
-    /// A companion that assumes this model, and nobody there yet.
+    /// A companion that assumes this model, and no vehicle yet.
     pub(super) fn new(model: Model, seed: u64, recorder: Option<Recorder>) -> Self {
         let engine = Engine::new(model, EngineOptions::default());
         Self {

@@ -116,7 +116,7 @@ fn mission() -> impl Strategy<Value = Mission> {
     (home, prop::collection::vec(item(), 0..20)).prop_map(|(home, items)| Mission { home, items })
 }
 
-/// 1e308 came out as infinity, or as the largest integer, and was written into a file that nobody reads.
+/// 1e308 came out as infinity, or as the largest integer, and was written into a file that no program reads.
 #[test]
 fn numbers_that_no_item_holds_are_refused_by_name() {
     let place = LatLon { lat_deg: 47.0, lon_deg: 8.0 };

@@ -46,7 +46,7 @@ fn rounded(mut item: MissionItem) -> MissionItem {
 }
 
 /// The parameter that ArduPilot refuses (AP_Mission.cpp, `sanity_check_params`): NaN only in parameter 4 of a waypoint, a take-off or a landing,
-/// infinities nowhere.
+/// no infinities.
 fn refused_parameter(item: &MissionItem) -> Option<u8> {
     let may_be_nan = [command::NAV_WAYPOINT, command::NAV_TAKEOFF, command::NAV_LAND].contains(&item.command);
     let refused = |k: usize, p: f32| p.is_infinite() || (p.is_nan() && !(k == 3 && may_be_nan));

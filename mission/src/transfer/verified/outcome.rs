@@ -15,7 +15,7 @@ pub enum Outcome {
         /// Why not the new one.
         why: String,
     },
-    /// Nobody knows for sure. [`VerifiedUpload::link_restored`](super::VerifiedUpload::link_restored) takes up the restoration.
+    /// It is not known. [`VerifiedUpload::link_restored`](super::VerifiedUpload::link_restored) takes up the restoration.
     Unknown {
         /// What may be on the vehicle.
         on_vehicle: String,

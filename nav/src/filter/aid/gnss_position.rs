@@ -1,6 +1,6 @@
 //! GNSS position: three rows at the time of validity of the fix.
 //!
-//! A position that jumps while the velocity of the same fixes still agrees contradicts velocity and inertial data: it is
+//! A position that jumps while the velocity of the same fixes still agrees is inconsistent with velocity and inertial data: it is
 //! not followed for [`HELD_OFF_S`], and then taken over as a correction of the position alone.
 
 use super::{Added, AtFix, SIGMA_FLOOR, rows_of};
@@ -10,7 +10,7 @@ use crate::filter::layout::index;
 use crate::sample::GnssFix;
 use nalgebra::{Matrix3, Vector3};
 
-/// A position that velocity and inertial data contradict is not followed for so long, s: multipath and spoofing of seconds
+/// A position that is inconsistent with velocity and inertial data is not followed for so long, s: multipath and spoofing of seconds
 /// pass, a new reference frame or a receiver's correction stays.
 pub(in crate::filter) const HELD_OFF_S: f64 = 30.0;
 
@@ -35,7 +35,7 @@ impl Filter {
         x.c_ne * (fix.position.to_ecef() - self.nav.r_e) - added.sum
     }
 
-    /// The position came from a fix and carries that fix's correlated error: what is known of the wander is taken off, and what
+    /// The position came from a fix and carries that fix's correlated error: what is known of the Gauss-Markov error is taken off, and what
     /// is not known of it is missing from the position. Taken for independent of each other, the two would halve it.
     pub(crate) fn place_by_fix(&mut self) {
         let Some(w) = self.layout.gauss_markov() else { return };

@@ -27,7 +27,7 @@ impl Filter {
         rows
     }
 
-    /// Makes room for a heading that contradicts the estimate: its innovation as one more sigma about the vertical.
+    /// Makes the yaw uncertain enough for a heading that is inconsistent with the estimate: its innovation as one more sigma about the vertical.
     pub(in crate::filter) fn reset_yaw(&mut self, innovation: f64) {
         let down = self.nav.down_b() * innovation;
         let block = self.p.block3(index::ATTITUDE) + down * down.transpose();

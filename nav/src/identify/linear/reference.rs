@@ -45,7 +45,7 @@ pub struct Reference {
 }
 
 /// A state that was reached across a gap, with this share of what leads from it to the knot after it: the trajectory turns where no
-/// sample tells of it.
+/// sample shows it.
 fn toward(track: &mut Track<'_>, t_s: f64, reached: &NavState, knot: &Knot, share: f64) -> NavState {
     let mut nav = *reached;
     for _ in 0..2 {

@@ -138,7 +138,7 @@ fn shocks_are_jumps() {
     }
 }
 
-/// What the vehicle did in a gap only the fixes tell. A trajectory at other times keeps it, on both sides of the gap and within.
+/// What the vehicle did in a gap only the fixes show. A trajectory at other times keeps it, on both sides of the gap and within.
 #[test]
 fn a_trajectory_at_other_times_turns_in_gaps_as_before() {
     let model = Model::default();

@@ -255,7 +255,7 @@ const PLAUSIBLE: [f64; 4] = [2.95, 2.95, 2.4, 3.0];
 const GROWN: [f64; 4] = [2.0, 2.0, 1.6, 1.6];
 /// Curvature is measured over this change of a logarithm.
 const CURVED_OVER: f64 = 0.1;
-/// Nobody claims to know a figure of the noise worse than this, as a logarithm.
+/// No figure of the noise is assumed to be known worse than this, as a logarithm.
 const UNKNOWN_FIGURE: f64 = 1.0;
 
 /// 1-sigma of the logarithm of each figure, by the curvature of the likelihood (all figures together; those at a limit alone).

@@ -112,7 +112,7 @@ impl Search<'_> {
         let scanned = self.scan(point, names);
         *remaining = scanned.iter().map(|c| (c.setting.effect.name(), c.evidence)).collect();
         let mut looks = self.close_looks(&scanned, point, point);
-        // Noise that has grown hides what it stands for: where nothing is found beside it, the same contest begins again with the
+        // Noise that has grown masks what it absorbs: where nothing is found beside it, the same contest begins again with the
         // noise as claimed.
         let hidden = looks.first().is_none_or(|look| look.0.evidence < self.settings.threshold);
         if let Some(held) = hidden.then(|| self.held(point)).flatten() {
@@ -177,7 +177,7 @@ impl Search<'_> {
         chosen.gone.extend(gone.step.group.first());
     }
 
-    /// Hears these data on what others proposed: each effect is compared with its rivals, and what has less evidence than
+    /// Judges by these data what others proposed: each effect is compared with its rivals, and what has less evidence than
     /// the threshold beside the others goes.
     pub(super) fn confirm(&self, proposed: Chosen) -> Chosen {
         let names = proposed.names();

@@ -250,7 +250,7 @@ pub fn best_other(
 
 /// Fits the noise and adds effects until none has enough evidence.
 ///
-/// The fit part proposes; then all data are heard on what was proposed. By the chain rule of probability the evidence of
+/// The fit part proposes; then all data judge what was proposed. By the chain rule of probability the evidence of
 /// all data is that of the fit part and how well the held-out blocks were predicted with it, so an effect that they speak against
 /// loses its place, and one of a group that they speak against leaves it. Values are in the end those of the fit part.
 pub fn select(flights: &[&Flight], base: &Model, settings: &Settings, workers: &dyn Workers) -> Selection {

@@ -13,7 +13,7 @@ use crate::filter::watch::Watched;
 use crate::model::{EffectSetting, Model};
 use crate::sample::{Quantisation, Steps};
 
-/// Mistakes of the source that turn the flight upside down are looked for where something has this much evidence, nats.
+/// Faults of the source that turn the flight upside down are tested where something has this much evidence, nats.
 const GROSS: f64 = 100.0;
 
 impl Search<'_> {
@@ -104,7 +104,7 @@ impl Search<'_> {
         })
     }
 
-    /// Mistakes of the source. What they do is gross, so the trajectory is found anew for each, without what was added.
+    /// Faults of the source. What they do is gross, so the trajectory is found anew for each, without what was added.
     fn mistakes(&self, point: &Point, wanted: &dyn Fn(&dyn Effect) -> bool, gross: bool) -> Vec<Candidate> {
         let shows = |m: &dyn Effect| self.flights.iter().any(|f| m.shows_in(f.reported()));
         let lacking: Vec<&'static dyn Effect> = MISTAKES

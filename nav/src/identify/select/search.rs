@@ -222,7 +222,7 @@ impl<'a> Search<'a> {
         self.workers
     }
 
-    /// What the samples themselves say for mistakes of the source.
+    /// What the samples themselves say for faults of the source.
     pub(super) fn evidence_of_samples(&self, added: &[Added]) -> f64 {
         let mistakes = added.iter().map(|a| a.setting.effect).filter(|e| e.is_source_mistake());
         mistakes.map(|e| self.flights.iter().map(|f| e.reported_by(f.reported())).sum::<f64>()).sum()

@@ -17,7 +17,7 @@ struct Vehicle {
     /// Low-pass that the autopilot put on it, Hz; none when infinite.
     low_pass_hz: f64,
     shaken: Vector3<f64>,
-    /// Bias that the filter has not found, and what it believes of it, rad/s.
+    /// Bias that the filter has not found, and what it assumes of it, rad/s.
     leftover: f64,
     t_s: f64,
     conditions: PathConditions,

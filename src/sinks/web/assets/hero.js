@@ -14,7 +14,9 @@ export function decide(s, sinks, silentS, ended = false) {
   const mission = sinks?.mission ?? {};
   if (ended && mission.state !== "unknown") {
     const inTheAir = ["pilot", "autopilot"].includes(vehicle.control) ? "Fly by your own instruments. " : "";
-    const reason = `${inTheAir}What stands below is its last state. The page goes on by itself when gaware is started again.`;
+    const file = sinks?.recorder?.file;
+    const after = file ? `${evaluate(file)} ` : "";
+    const reason = `${inTheAir}${after}What is below is its last state. The page goes on by itself when gaware is started again.`;
     return { kicker: "Ended", level: "idle", text: "gaware has ended", reason, progress: null, words: "" };
   }
   if (silentS > STALE_S) {
@@ -72,6 +74,8 @@ function autopilot(s, vehicle) {
   };
 }
 
+const evaluate = (what) => `Run gaware report and gaware explain on ${what}.`;
+
 /** The end: what to do next, and what the flight did and did not show. */
 function done(s, sinks) {
   const open = s.observability.states.filter((x) => x.status !== "observable").map((x) => x.name);
@@ -80,7 +84,7 @@ function done(s, sinks) {
   const shown = open.length === 0 ? `All ${all} parameters have converged.`
     : `${all - open.length} of ${all} parameters have converged; ${open.join(", ")} cannot with this airframe.`;
   const onGround = sinks?.vehicle?.control === "ground";
-  const after = file ? `Run gaware report and gaware explain on ${file}.` : "Run gaware report and gaware explain on the recording.";
+  const after = evaluate(file || "the recording");
   return { kicker: "Done", level: "done", text: onGround ? "Evaluate the flight" : "Land", reason: `${shown} ${after}`, progress: null, words: "" };
 }
 

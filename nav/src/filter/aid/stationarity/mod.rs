@@ -5,7 +5,7 @@
 //! first estimate of the period, and counted once, as means: rows that follow every new estimate would span ever new
 //! directions and bring information that nothing measured (first-estimates Jacobian, Huang, Mourikis & Roumeliotis 2010,
 //! "Observability-based rules for designing consistent EKF SLAM estimators", section 4). What one linearisation leaves
-//! out, and what the rounding of the source hides, stays the same all the time and is a constant error of the means.
+//! out, and what the rounding of the source takes away, stays the same all the time and is a constant error of the means.
 
 pub(in crate::filter) mod detector;
 
@@ -28,7 +28,7 @@ const VELOCITY_SIGMA: f64 = 0.02;
 const STOP_GATE: f64 = 16.3;
 /// Means are kept in blocks of this length, s …
 const BLOCK_S: f64 = 10.0;
-/// … and reach back so many of them: longer means would hide a warming sensor.
+/// … and reach back so many of them: longer means would mask a warming sensor.
 const BLOCKS: usize = 18;
 /// The estimate follows the means this often, s.
 const REFRESH_S: f64 = 1.0;
@@ -71,7 +71,7 @@ impl Filter {
         self.rounding = variances;
     }
 
-    /// Whether the fixes have contradicted a stationary vehicle's position for more than a moment.
+    /// Whether the fixes have been inconsistent with a stationary vehicle's position for more than a moment.
     pub(in crate::filter) fn moves_by_its_fixes(&self) -> bool {
         self.hold.is_some() && self.gates.position.lasts()
     }
@@ -122,7 +122,7 @@ impl Filter {
         self.refresh_motion();
     }
 
-    /// Zero velocity, once; refused where it contradicts the estimate.
+    /// Zero velocity, once; rejected where it fails the innovation test.
     fn stop(&mut self) -> bool {
         let c_eb = self.nav.c_eb();
         let z = -(c_eb.transpose() * self.nav.v_e);
@@ -216,7 +216,7 @@ impl Filter {
         (self.nav, self.calibration) = (hold.nav, hold.calibration.clone());
         let mean = &hold.mean;
         self.move_by(mean);
-        // The wander is no part of the first estimate: its own mean is kept where fixes put it.
+        // The Gauss-Markov error is no part of the first estimate: its own mean is kept where fixes put it.
         self.wander = wander;
         self.nav.v_e = Vector3::zeros();
         self.hold = Some(hold);

@@ -1,0 +1,104 @@
+use super::*;
+use crate::earth::{self, Geodetic};
+use crate::filter::layout::index;
+use crate::sample::{AttitudeHint, FixVelocity};
+use nalgebra::Vector3;
+use rand::RngExt;
+use rand::SeedableRng;
+use rand::rngs::Xoshiro256PlusPlus;
+
+fn at_rest() -> NavState {
+    let place = Geodetic::from_degrees(47.4, 8.5, 500.0);
+    NavState::from_ned(place, &Vector3::zeros(), &c_nb_from_euler(0.02, -0.03, 0.5))
+}
+
+/// The fix and the hint of a vehicle at this place, with noise from the source of numbers.
+fn feed_aids(
+    estimator: &mut Estimator,
+    t_s: f64,
+    nav: &NavState,
+    noise: &mut impl FnMut(f64) -> Vector3<f64>,
+) {
+    let off = noise(1.0);
+    let place = nav.geodetic();
+    let position =
+        Geodetic { lat_rad: place.lat_rad + off.x / 6.37e6, lon_rad: place.lon_rad + off.y / 4.3e6, ..place };
+    let velocity = FixVelocity::Full(noise(0.1).into());
+    estimator.feed(&Sample::Fix(GnssFix {
+        t_s,
+        position,
+        velocity,
+        position_sigma_m: None,
+        velocity_sigma_m_per_s: None,
+        yaw_rad: None,
+    }));
+    estimator.feed(&Sample::Attitude(AttitudeHint { t_s, roll_pitch_yaw: [0.02, -0.03, 0.5] }));
+}
+
+/// A vehicle at rest whose link lets samples through in bursts for two minutes, up to 1.3 s apart, and fixes in between; `each` sees
+/// the estimator after every fix.
+fn with_short_gaps(seed: u64, mut each: impl FnMut(f64, &Estimator)) -> Estimator {
+    let nav = at_rest();
+    let to_body = nav.q_eb.inverse();
+    let (gyro, accel) = (to_body * earth::rotation_rate(), to_body * -earth::gravity(&nav.r_e));
+    let mut random = Xoshiro256PlusPlus::seed_from_u64(seed);
+    let mut noise = |sigma: f64| Vector3::from_fn(|_, _| sigma * 3.46 * (random.random::<f64>() - 0.5));
+    let mut estimator = Estimator::new(Model::standard());
+    let mut next_s = 0.0;
+    for i in 0..20_000_u32 {
+        let t_s = f64::from(i) * 0.02;
+        if t_s >= next_s {
+            let (gyro, accel) = (gyro + noise(0.002), accel + noise(0.02));
+            estimator.feed(&Sample::Imu(ImuSample { t_s, gyro, accel, temperature_degc: None }));
+            let burst = noise(1.0);
+            if (100.0..220.0).contains(&t_s) && burst.x > 0.0 {
+                next_s = t_s + 0.7 + 0.35 * burst.y;
+            }
+        }
+        if i % 10 == 0 {
+            feed_aids(&mut estimator, t_s, &nav, &mut noise);
+            each(t_s, &estimator);
+        }
+    }
+    estimator
+}
+
+#[test]
+fn many_short_gaps_while_stationary_leave_an_attitude_that_its_sigma_covers() {
+    let nav = at_rest();
+    for seed in 0..6 {
+        let estimator = with_short_gaps(seed, |_, _| ());
+        let filter = estimator.filter().expect("it runs");
+        let wrong = crate::rotation::log(&(filter.nav().q_eb.inverse() * nav.q_eb));
+        for k in 0..3 {
+            let sigma = filter.covariance().sigma(index::ATTITUDE + k);
+            assert!(
+                wrong[k].abs() < 4.0 * sigma && sigma < 0.35,
+                "seed {seed}, axis {k}: {} {sigma}",
+                wrong[k]
+            );
+        }
+    }
+}
+
+/// Doubt about the tilt, which short gaps bring, is no doubt about the biases once the vehicle is aligned anew.
+#[test]
+fn what_was_known_of_the_biases_outlasts_many_short_gaps() {
+    for seed in 0..3 {
+        let sigmas = |e: &Estimator| {
+            e.filter().map(|f| [0, 1, 2].map(|k| f.covariance().sigma(index::ACCEL_BIAS + k)))
+        };
+        let (mut before, mut anew) = ([0.0; 3], 0);
+        let estimator = with_short_gaps(seed, |t_s, estimator| {
+            if t_s < 100.0 {
+                before = sigmas(estimator).unwrap_or(before);
+            }
+            anew += usize::from(estimator.filter().is_none() && t_s > 100.0);
+        });
+        assert!(anew > 0, "seed {seed}: never aligned anew");
+        let after = sigmas(&estimator).expect("it runs");
+        for (a, b) in after.iter().zip(before) {
+            assert!(*a < 1.5 * b, "seed {seed}: {before:?} {after:?}");
+        }
+    }
+}
