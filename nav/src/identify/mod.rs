@@ -16,7 +16,7 @@ pub mod limits;
 pub mod linear;
 pub mod noise;
 pub mod pass;
-mod rounding;
+pub(crate) mod rounding;
 pub mod select;
 mod stretch;
 pub mod survey;
@@ -56,4 +56,4 @@ pub fn map<T: Send>(workers: &dyn Workers, jobs: usize, job: impl Fn(usize) -> T
 }
 
 #[cfg(test)]
-mod tests;
+pub(crate) mod tests;

@@ -16,7 +16,7 @@ use rand_distr::{Distribution, StandardNormal};
 const RATE_HZ: f64 = 50.0;
 
 /// A vehicle that weaves, climbs and changes speed for 90 s, with noise, through the effects of a model.
-pub(super) fn fly(model: &Model, seed: u64) -> Vec<Sample> {
+pub(crate) fn fly(model: &Model, seed: u64) -> Vec<Sample> {
     let mut rng = Xoshiro256PlusPlus::seed_from_u64(seed);
     let mut normal = || -> f64 { StandardNormal.sample(&mut rng) };
     let mut nav = NavState::from_ned(
