@@ -11,6 +11,7 @@
 pub mod evidence;
 pub mod flight;
 mod guess;
+pub mod holdout;
 pub mod judge;
 pub mod limits;
 pub mod linear;
