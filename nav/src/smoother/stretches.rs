@@ -15,8 +15,8 @@ use crate::sample::{GnssFix, ImuSample, SampleKind};
 
 /// A node this long after the last one where fixes are rarer, s.
 const SPACING_S: f64 = 0.2;
-/// So many nodes are recorded at a time: ten minutes of fixes at 5 Hz. A shorter flight is gone through once.
-const STRETCH: usize = 3000;
+/// So many nodes are recorded at a time: fifteen minutes of fixes at 5 Hz. A shorter flight is gone through once.
+const STRETCH: usize = 4500;
 
 /// A filter on its way through a flight.
 #[derive(Clone)]
