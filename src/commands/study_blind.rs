@@ -21,7 +21,7 @@ pub struct BlindArgs {
     #[arg(long, default_value_t = 20)]
     pub clean: usize,
     /// How many effects are injected at once.
-    #[arg(long, default_value_t = 1, value_parser = clap::value_parser!(u8).range(1..=2))]
+    #[arg(long, default_value_t = 1, value_parser = clap::value_parser!(u8).range(1..=blind::MOST_AT_ONCE as i64))]
     pub effects: u8,
     /// First seed.
     #[arg(long, default_value_t = 1)]
@@ -134,8 +134,8 @@ fn print(out: &mut String, result: &Result) -> std::fmt::Result {
         ("explained by something else where an oracle saw it", s.explained_wrongly),
         ("parameters within 2 sigma", s.within_2_sigma),
         ("parameters within 3 sigma", s.within_3_sigma),
-        ("both of two found", s.both_found),
-        ("both of two found where the oracle could", s.both_found_where_oracle),
+        ("all of several found", s.both_found),
+        ("all of several found where the oracle could", s.both_found_where_oracle),
     ];
     for (what, share) in lines.into_iter().filter(|l| l.1.of > 0) {
         let [low, high] = share.interval_95;

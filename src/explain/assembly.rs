@@ -260,7 +260,11 @@ pub fn explanation(
         leave_one_out: judged
             .left_out
             .iter()
-            .map(|l| LeaveOneOut { name: l.name, evidence: l.evidence, held_out_log_likelihood: l.held_out })
+            .map(|l| LeaveOneOut {
+                name: l.name,
+                evidence: l.evidence,
+                held_out_log_likelihood: l.held_out(),
+            })
             .collect(),
         removed: judged.removed.clone(),
         not_found,

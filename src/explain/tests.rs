@@ -4,6 +4,7 @@ use gaware_nav::effects;
 use gaware_nav::identify::noise::Noise;
 use gaware_nav::model::EffectSetting;
 use gaware_nav::smoother::residual::CHANNELS;
+use gaware_nav::smoother::stretches;
 use gaware_sitl::truth::Truth;
 
 fn explain(hidden: &[EffectSetting], seed: u64) -> Explained {
@@ -202,7 +203,7 @@ fn the_smoother_halves_the_errors_of_the_filter() {
     for seed in 5..10 {
         let (flight, model, noise, truths) = simulated(seed);
         let start_s = flight.initial().t_s;
-        for s in residual::trajectory(&flight, &model, &noise).iter().filter(|s| s.t_s > start_s + 20.0) {
+        for s in stretches::trajectory(&flight, &model, &noise).iter().filter(|s| s.t_s > start_s + 20.0) {
             let at = truths.partition_point(|t| t.t_s < s.t_s - 1e-6);
             let Some(truth) = truths.get(at).filter(|t| (t.t_s - s.t_s).abs() < 1e-6) else { continue };
             let errors = |nav: &gaware_nav::mechanization::NavState| {

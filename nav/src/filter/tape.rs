@@ -76,6 +76,16 @@ impl Tape {
         self.nodes
     }
 
+    /// How many nodes there are since the last were taken.
+    pub fn len(&self) -> usize {
+        self.nodes.len()
+    }
+
+    /// Whether there is none.
+    pub fn is_empty(&self) -> bool {
+        self.nodes.is_empty()
+    }
+
     fn begin(&mut self) {
         self.phi.clear();
         self.phi.resize(NAV * self.n, 0.0);
@@ -143,6 +153,16 @@ impl Filter {
         let mut tape = Box::new(Tape::new(spacing_s, self.layout.len()));
         tape.put(self);
         self.tape = Some(tape);
+    }
+
+    /// The recording under way.
+    pub fn tape(&self) -> Option<&Tape> {
+        self.tape.as_deref()
+    }
+
+    /// Takes the nodes of the recording so far; it goes on.
+    pub fn take_nodes(&mut self) -> Vec<Node> {
+        self.tape.as_mut().map(|t| std::mem::take(&mut t.nodes)).unwrap_or_default()
     }
 
     /// Takes the recording out.

@@ -1,16 +1,17 @@
 //! Is it true? The additions of a selection before held-out data, one effect left out at a time, and the model residual before and
 //! after. All of it is measured by the likelihood that chose: the flights linearised about their smoothed trajectories.
 
-use super::evidence::SCALES;
 use super::flight::Flight;
+use super::holdout::{Gain, HoldoutTest, MAX_LOSS_OF_LOCAL_NATS, determined, differences, take_out};
 use super::linear::innovations::{Drift, Innovations};
-use super::noise::{Noise, NoiseEntry};
+use super::noise::NoiseEntry;
 use super::pass::Innovation;
 use super::select::{Added, Point, Search, Selection, Settings};
 use super::survey::{Survey, is_informed};
 use super::whereabouts;
 use super::{Workers, map};
 
+pub use super::holdout::{Confirmed, LeftOut, confirm};
 pub use super::linear::innovations::DRIFT_S;
 
 /// The disagreement of a model with some data.
@@ -26,17 +27,6 @@ pub struct ResidualMeasure {
     pub log_likelihood: f64,
     /// RMS of the horizontal position after 5, 10, 30 s without fixes, m.
     pub drift_m: [Option<f64>; 3],
-}
-
-/// One line of the leave-one-out table.
-#[derive(Debug, Clone, PartialEq)]
-pub struct LeftOut {
-    /// Effect.
-    pub name: &'static str,
-    /// Evidence that is lost without it, nats.
-    pub evidence: f64,
-    /// Log-likelihood of the held-out data that is lost without it.
-    pub held_out: f64,
 }
 
 /// A selection after judgement.
@@ -65,6 +55,10 @@ pub struct Judged {
 struct Measured {
     innovations: Vec<Innovations>,
     drifts: Vec<Drift>,
+    /// Log-likelihood of each held-out block.
+    held_out: Vec<f64>,
+    /// Number of parameters that the fit part determined.
+    parameters: f64,
 }
 
 impl Measured {
@@ -85,6 +79,8 @@ impl Measured {
         Self {
             innovations: innovations.into_iter().flatten().collect(),
             drifts: drifts.into_iter().flatten().collect(),
+            held_out: search.part_by_block(&problems, noise, 1),
+            parameters: determined(&point.added),
         }
     }
 
@@ -135,123 +131,19 @@ impl Residuals {
     fn held_out(&self) -> ResidualMeasure {
         self.others.as_ref().map_or_else(|| self.own.part(1), |others| others.part(0))
     }
-}
 
-/// Held-out log-likelihood that may be lost with what shows where it happens and hardly anywhere else (a jump), or in the
-/// samples themselves (a sample reported twice).
-const MAX_LOSS_OF_LOCAL_NATS: f64 = -3.0;
-/// How many of its own standard deviations the gain of a true effect may fall short by in the held-out blocks.
-const MAX_SHORTFALL_SIGMAS: f64 = 2.0;
-
-/// Whether an effect shows where it happens, or in the samples, and hardly in the held-out blocks.
-fn shows_elsewhere(left_out: &LeftOut) -> bool {
-    crate::effects::find(left_out.name).is_some_and(|e| super::select::is_jump(e) || e.needs_neighbours())
-}
-
-/// Held-out log-likelihood that an effect may cost. Blocks of the same flight, one in `every`, have had their say in the evidence
-/// already. A true effect gains in them its share g of what it gains elsewhere, with a variance of 2 g (the gain is that of
-/// a Gaussian likelihood); so a weak one may lose there by chance, a strong one may not.
-fn tolerated(left_out: &LeftOut, every: Option<u32>) -> f64 {
-    if shows_elsewhere(left_out) {
-        return MAX_LOSS_OF_LOCAL_NATS;
-    }
-    let Some(every) = every.filter(|e| *e > 1) else { return 0.0 };
-    let gain = left_out.evidence.max(0.0) / f64::from(every - 1);
-    (gain - MAX_SHORTFALL_SIGMAS * (2.0 * gain).sqrt()).min(0.0)
-}
-
-/// A selection without the effects that the held-out data did not confirm.
-#[derive(Debug, Clone)]
-pub struct Confirmed {
-    /// What is left of it.
-    pub selection: Selection,
-    /// Effects that were taken out again.
-    pub removed: Vec<&'static str>,
-    /// What each effect contributes.
-    pub left_out: Vec<LeftOut>,
-}
-
-/// The flights that choose and those that judge.
-struct HoldoutTest<'a> {
-    search: Search<'a>,
-    /// Validation flights; `None`: the held-out blocks judge.
-    others: Option<Search<'a>>,
-    noise: Noise,
-}
-
-impl<'a> HoldoutTest<'a> {
-    fn new(
-        flights: &'a [&'a Flight],
-        validate: &'a [&'a Flight],
-        selection: &Selection,
-        settings: &Settings,
-        workers: &'a dyn Workers,
-    ) -> Self {
-        let settings = Settings { options: selection.options, ..*settings };
-        let whole = Settings { options: settings.options.all(), ..settings };
-        Self {
-            search: about(flights, selection, &settings, workers),
-            others: (!validate.is_empty()).then(|| about(validate, selection, &whole, workers)),
-            noise: selection.noise,
+    /// What this model gains over another.
+    fn gain_over(&self, other: &Self, share: Option<f64>) -> Gain {
+        Gain {
+            share,
+            fit: self.own.log_likelihood(0) - other.own.log_likelihood(0),
+            parameters: (self.own.parameters - other.own.parameters).max(0.0),
+            blocks: differences(&self.own.held_out, &other.own.held_out),
         }
     }
+}
 
-    /// One block in so many judges; `None` where other flights do.
-    fn every(&self) -> Option<u32> {
-        self.others.is_none().then_some(self.search.options().held_out_every)
-    }
-
-    /// The effects at their best values, their evidence, and the held-out likelihood.
-    fn evaluate(&self, added: &[Added]) -> (Vec<Added>, f64, f64) {
-        let all: Vec<Added> = self.search.given.iter().chain(added).cloned().collect();
-        let (point, problems) = self.search.settle(&all, &self.noise, &self.search.empty(&self.noise), 1);
-        let held_out = match &self.others {
-            Some(others) => others.likelihood(&point.added, &self.noise),
-            None => self.search.part_likelihood(&problems, &self.noise, 1),
-        };
-        let given = self.search.given.len();
-        (point.added.into_iter().skip(given).collect(), point.evidence, held_out)
-    }
-
-    fn left_out(&self, added: &[Added], evidence: f64, held_out: f64) -> Vec<LeftOut> {
-        map(self.search.workers(), added.len(), |k| {
-            let mut fewer = added.to_vec();
-            let gone = fewer.remove(k);
-            let (_, without, without_held_out) = self.evaluate(&fewer);
-            LeftOut {
-                name: gone.setting.effect.name(),
-                evidence: evidence - without,
-                held_out: held_out - without_held_out,
-            }
-        })
-    }
-
-    /// Takes out of a selection what the held-out data do not confirm.
-    fn confirmed(&self, mut selection: Selection) -> Confirmed {
-        let (mut removed, mut left_out) = (Vec::new(), Vec::new());
-        if selection.added.is_empty() {
-            return Confirmed { selection, removed, left_out };
-        }
-        let every = self.every();
-        while !selection.added.is_empty() {
-            let (full, evidence, held_out) = self.evaluate(&selection.added);
-            left_out = self.left_out(&full, evidence, held_out);
-            selection.added = full;
-            let worst = left_out
-                .iter()
-                .enumerate()
-                .filter(|(_, l)| l.held_out <= tolerated(l, every) || l.evidence <= 0.0)
-                .min_by(|a, b| a.1.held_out.total_cmp(&b.1.held_out))
-                .map(|(k, _)| k);
-            let Some(k) = worst else { break };
-            removed.push(take_out(&mut selection, k));
-            left_out.clear();
-        }
-        selection.added.iter_mut().for_each(widen);
-        selection.added = self.evaluate(&selection.added).0;
-        Confirmed { selection, removed, left_out }
-    }
-
+impl HoldoutTest<'_> {
     /// These effects at their best values against the flights that chose, and at the same values against the validation flights
     /// where there are any.
     fn measured(&self, added: &[Added]) -> Residuals {
@@ -261,33 +153,6 @@ impl<'a> HoldoutTest<'a> {
             Measured::new(others, &same)
         });
         Residuals { own: Measured::new(&self.search, &point), others }
-    }
-}
-
-/// Takes effect number `k` out of a selection; returns its name.
-fn take_out(selection: &mut Selection, k: usize) -> &'static str {
-    selection.steps.remove(k.min(selection.steps.len() - 1));
-    selection.added.remove(k).setting.effect.name()
-}
-
-/// Takes out what the held-out data do not confirm. `validate` are validation flights; without any, the held-out
-/// blocks of `flights` judge.
-pub fn confirm(
-    flights: &[&Flight],
-    validate: &[&Flight],
-    selection: Selection,
-    settings: &Settings,
-    workers: &dyn Workers,
-) -> Confirmed {
-    HoldoutTest::new(flights, validate, &selection, settings, workers).confirmed(selection)
-}
-
-/// The width of the prior that suited the evidence best draws values toward zero; what is reported of them must not.
-fn widen(added: &mut Added) {
-    let own =
-        added.setting.effect.groups().iter().flat_map(|g| std::iter::repeat_n(g.prior_sigma, g.shape.len()));
-    for ((_, sigma), own) in added.prior.iter_mut().zip(own).filter(|(p, _)| p.1 > 0.0) {
-        *sigma = own * SCALES[0];
     }
 }
 
@@ -346,10 +211,13 @@ fn judge_all(
     let before = test.measured(&[]);
     let after = loop {
         let all = if selection.added.is_empty() { before.clone() } else { test.measured(&selection.added) };
-        // What makes the held-out data less likely is not reported as unmodelled.
-        let excused = if left_out.iter().any(shows_elsewhere) { MAX_LOSS_OF_LOCAL_NATS } else { 0.0 };
+        // What makes the held-out data less likely than chance does is not reported as unmodelled.
+        let local = left_out.iter().any(LeftOut::shows_elsewhere);
+        let chance = all.gain_over(&before, test.share()).tolerated();
+        let excused = if local { chance.min(MAX_LOSS_OF_LOCAL_NATS) } else { chance };
         let worse = all.held_out().log_likelihood < before.held_out().log_likelihood + excused;
-        let least = left_out.iter().enumerate().min_by(|a, b| a.1.held_out.total_cmp(&b.1.held_out));
+        let least =
+            left_out.iter().enumerate().min_by(|a, b| a.1.confirmation().total_cmp(&b.1.confirmation()));
         match least.map(|(k, _)| k).filter(|k| worse && *k < selection.added.len()) {
             Some(k) => {
                 removed.push(take_out(&mut selection, k));
@@ -413,17 +281,5 @@ mod tests {
             added("accel_bias_drift", &[0.0], &[0.02]),
         ];
         assert_eq!(uninformed(&all), ["vibration_rectification", "gps_bias_step"]);
-    }
-
-    #[test]
-    fn bad_luck_in_the_held_out_blocks_excuses_weak_effects_only() {
-        let worth = |name, evidence| LeftOut { name, evidence, held_out: 0.0 };
-        let blocks = |name, evidence| tolerated(&worth(name, evidence), Some(6));
-        assert_eq!(tolerated(&worth("gps_latency", 6.0), None), 0.0);
-        assert!((blocks("gps_latency", 10.0) + 2.0).abs() < 1e-12);
-        assert!(blocks("gps_latency", 20.0) > blocks("gps_latency", 10.0));
-        assert_eq!(blocks("gps_latency", 500.0), 0.0);
-        assert_eq!(blocks("gps_latency", -1.0), 0.0);
-        assert_eq!(blocks("gyro_bias_step", 500.0), MAX_LOSS_OF_LOCAL_NATS);
     }
 }

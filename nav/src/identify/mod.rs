@@ -11,12 +11,13 @@
 pub mod evidence;
 pub mod flight;
 mod guess;
+pub mod holdout;
 pub mod judge;
 pub mod limits;
 pub mod linear;
 pub mod noise;
 pub mod pass;
-mod rounding;
+pub(crate) mod rounding;
 pub mod select;
 mod stretch;
 pub mod survey;
@@ -56,4 +57,4 @@ pub fn map<T: Send>(workers: &dyn Workers, jobs: usize, job: impl Fn(usize) -> T
 }
 
 #[cfg(test)]
-mod tests;
+pub(crate) mod tests;

@@ -44,8 +44,17 @@ impl Options {
         if self.held_out_every == 0 {
             return Some(0);
         }
-        let block = (elapsed_s / self.block_s) as u32;
+        let block = self.block(elapsed_s);
         Some(usize::from((block + self.phase) % self.held_out_every == self.held_out_every - 1))
+    }
+
+    fn block(&self, elapsed_s: f64) -> u32 {
+        (elapsed_s / self.block_s) as u32
+    }
+
+    /// Whether two times are in the same block.
+    pub(super) fn same_block(&self, a_s: f64, b_s: f64) -> bool {
+        self.block(a_s) == self.block(b_s)
     }
 }
 

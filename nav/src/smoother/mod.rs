@@ -9,6 +9,7 @@
 //! Penzer 1998, "Diagnosing shocks in time series"): under a right model they have the variance that stands beside them.
 
 pub mod residual;
+pub mod stretches;
 
 use crate::displacement::Displacement;
 use crate::filter::calibration::Calibration;
@@ -227,13 +228,33 @@ fn measured(update: &Update, u: &[f64], spread: &Matrix3<f64>) -> Vec<Residual> 
 
 /// Goes back over a recording of a filter with this model. The result is in order of time, one entry per node.
 pub fn smooth(tape: Tape, model: &Model, layout: &Layout) -> Vec<Smoothed> {
-    let (n, gauss_markov) = (layout.len(), layout.gauss_markov());
-    let mut after = Adjoint::zeros(n);
-    let mut out = Vec::new();
-    for node in tape.into_nodes().into_iter().rev() {
-        let (dx, sigma) = smoothed(&node, &after);
+    let mut back = Back::new(model, layout);
+    let mut out: Vec<Smoothed> = tape.into_nodes().into_iter().rev().map(|node| back.over(node)).collect();
+    out.reverse();
+    out
+}
+
+/// The way back over a recording, node by node from the last to the first.
+#[derive(Debug)]
+pub struct Back<'a> {
+    model: &'a Model,
+    layout: &'a Layout,
+    after: Adjoint,
+}
+
+impl<'a> Back<'a> {
+    /// Behind the last node.
+    pub fn new(model: &'a Model, layout: &'a Layout) -> Self {
+        Self { model, layout, after: Adjoint::zeros(layout.len()) }
+    }
+
+    /// Over the node before the last one.
+    pub fn over(&mut self, node: Node) -> Smoothed {
+        let Self { model, layout, after } = self;
+        let (n, gauss_markov) = (layout.len(), layout.gauss_markov());
+        let (dx, sigma) = smoothed(&node, after);
         let nav = node.nav.displaced(&Displacement::of(&dx));
-        let mut calibration = node.calibration.clone();
+        let mut calibration = node.calibration;
         calibration.correct(model, layout, &dx);
         let (mut position, mut velocity) = (Vec::new(), Vec::new());
         for update in node.updates.iter().rev() {
@@ -252,22 +273,14 @@ pub fn smooth(tape: Tape, model: &Model, layout: &Layout) -> Vec<Smoothed> {
                 velocity = rows;
             }
         }
-        out.push(Smoothed {
-            t_s: node.t_s,
-            dt_s: node.dt_s,
-            nav,
-            filtered: node.nav,
-            calibration,
-            sigma,
-            gyro: disturbance(&after, index::ATTITUDE, node.noise.0),
-            accel: disturbance(&after, index::VELOCITY, node.noise.1),
-            position,
-            velocity,
-        });
+        let (gyro, accel) = (
+            disturbance(after, index::ATTITUDE, node.noise.0),
+            disturbance(after, index::VELOCITY, node.noise.1),
+        );
         after.back(&node.phi, gauss_markov, node.decay);
+        let (t_s, dt_s, filtered) = (node.t_s, node.dt_s, node.nav);
+        Smoothed { t_s, dt_s, nav, filtered, calibration, sigma, gyro, accel, position, velocity }
     }
-    out.reverse();
-    out
 }
 
 #[cfg(test)]

@@ -5,18 +5,15 @@
 //! neighbouring times are correlated (a fix speaks of all the accelerations before it), so sums of their squares scatter more than
 //! independent ones would, by Σρ² over all lags (Bartlett 1946); that is measured on the flight itself.
 
-use super::{Residual, Smoothed, smooth};
+use super::stretches::smoothed;
+use super::{Residual, Smoothed};
 use crate::earth::STANDARD_GRAVITY;
-use crate::filter::Fusion;
 use crate::identify::flight::Flight;
 use crate::identify::noise::Noise;
-use crate::identify::pass::{at_start, scaled};
 use crate::model::Model;
 use crate::sample::ImuSample;
 use nalgebra::Vector3;
 
-/// A node this long after the last one where fixes are rarer, s.
-const SPACING_S: f64 = 0.2;
 /// Before this the start is still felt, s.
 const SETTLE_S: f64 = 20.0;
 /// Places are searched in steps of this, s.
@@ -83,44 +80,27 @@ impl Point {
     }
 }
 
-/// The best trajectory of a flight under a model with its noise.
-pub fn trajectory(flight: &Flight, model: &Model, noise: &Noise) -> Vec<Smoothed> {
-    let mut filter = at_start(flight, model, noise);
-    filter.record(SPACING_S);
-    let mut fusion = Fusion::without_window(filter);
-    let mut fixes = flight.fixes().iter().peekable();
-    let (kind, rounding) = (flight.stream().kind, flight.rounding(model));
-    for sample in flight.samples_of(model).iter() {
-        fusion.filter_mut().set_stream(kind, rounding.at(sample.t_s));
-        while let Some(fix) = fixes.next_if(|f| f.t_s <= sample.t_s) {
-            fusion.push_fix(scaled(fix, noise));
-        }
-        fusion.push_imu(*sample);
-        while fusion.poll().is_some() {}
-    }
-    let layout = fusion.filter().layout().clone();
-    fusion.filter_mut().take_tape().map(|tape| smooth(tape, model, &layout)).unwrap_or_default()
-}
-
 /// The disagreement along a flight.
 pub fn points(flight: &Flight, model: &Model, noise: &Noise) -> Vec<Point> {
+    let disagreement = |s: Smoothed| (s.t_s, s.nav.v_e.norm(), residuals(&s));
+    let nodes = smoothed(flight, model, noise, disagreement);
     let samples = flight.samples_of(model);
     let mut samples = samples.iter().peekable();
     let start_s = flight.initial().t_s;
     let mut last: Option<ImuSample> = None;
     let mut motion = Motion::default();
-    trajectory(flight, model, noise)
+    nodes
         .into_iter()
-        .map(|s| {
+        .map(|(t_s, speed, residuals)| {
             let mut seen = Seen::default();
-            while let Some(sample) = samples.next_if(|x| x.t_s <= s.t_s) {
+            while let Some(sample) = samples.next_if(|x| x.t_s <= t_s) {
                 seen.take(sample, last.as_ref());
                 last = Some(*sample);
             }
             seen.into(&mut motion);
-            motion.elapsed_s = s.t_s - start_s;
-            motion.speed = s.nav.v_e.norm();
-            Point { motion, residuals: residuals(&s) }
+            motion.elapsed_s = t_s - start_s;
+            motion.speed = speed;
+            Point { motion, residuals }
         })
         .filter(|p| p.motion.elapsed_s > SETTLE_S)
         .collect()

@@ -25,6 +25,8 @@ pub use flights::{Blind, DURATION_S, Family, Kind, draw, draw_injected, fly, gro
 pub use oracle::Seen;
 pub use summary::{Share, Summary, confusion, summarise};
 
+/// At most so many effects are injected in one flight.
+pub const MOST_AT_ONCE: usize = 3;
 /// So many candidates of a look are reported.
 const MOST_TOLD: usize = 6;
 
@@ -63,7 +65,7 @@ pub struct Outcome {
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 struct Job {
     /// Places in the registry.
-    hidden: [Option<usize>; 2],
+    hidden: [Option<usize>; MOST_AT_ONCE],
     kind: Kind,
     seed: u64,
 }
@@ -73,7 +75,7 @@ struct Job {
 pub struct Campaign {
     /// Effects to inject; all when empty.
     pub effects: Vec<String>,
-    /// How many effects are injected at once: 1 or 2.
+    /// How many effects are injected at once: 1 to [`MOST_AT_ONCE`].
     pub at_once: usize,
     /// Flights with something injected: spread evenly over effects, kinds of flight and seeds.
     pub flights: usize,
@@ -99,17 +101,21 @@ impl Campaign {
         let n = chosen.len().max(1);
         let hidden = (0..if chosen.is_empty() { 0 } else { self.flights }).map(|k| {
             let (round, first) = (k / n, k % n);
-            // The partner moves on by one with every round, so that all pairs come in turn.
-            let partner = chosen[(first + 1 + round / 2 % (n - 1).max(1)) % n];
-            let second = (self.at_once > 1 && partner != chosen[first]).then_some(partner);
+            // The partner moves on by one with every round, so that all pairs come in turn; when they have, so does the third.
+            let others = (n - 1).max(1);
+            let (turn, pairs) = (round / 2 % others, round / 2 / others);
+            let third = (turn + 1 + pairs % (others - 1).max(1)) % others;
+            let beside = |at_once: usize, turn: usize| {
+                (self.at_once >= at_once && n >= at_once).then(|| chosen[(first + 1 + turn) % n])
+            };
             Job {
-                hidden: [Some(chosen[first]), second],
+                hidden: [Some(chosen[first]), beside(2, turn), beside(3, third)],
                 kind: kind(first + round),
                 seed: self.first_seed + (round / 2) as u64,
             }
         });
         let clean = (0..self.clean).map(|k| Job {
-            hidden: [None; 2],
+            hidden: [None; MOST_AT_ONCE],
             kind: kind(k),
             seed: self.first_seed + 5000 + (k / 2) as u64,
         });
@@ -128,7 +134,8 @@ fn hide(job: &Job) -> Vec<EffectSetting> {
 fn seed_of(job: &Job) -> u64 {
     let number = |k: Option<usize>| k.map_or(0, |k| k as u64 + 1);
     let kind = if job.kind == Kind::Rich { 0 } else { 20_011 };
-    job.seed.wrapping_mul(1_000_003) + number(job.hidden[0]) + 97 * number(job.hidden[1]) + kind
+    let numbers = number(job.hidden[0]) + 97 * number(job.hidden[1]) + (number(job.hidden[2]) << 42);
+    job.seed.wrapping_mul(1_000_003) + numbers + kind
 }
 
 /// What is assumed before the flight, as `explain` begins: nothing of what is injected.
@@ -177,7 +184,7 @@ fn one(job: &Job, family: Family, settings: &Settings) -> Option<Outcome> {
         groups: selection.steps.iter().map(|s| s.group.clone()).collect(),
         evidence: selection.steps.iter().map(|s| s.evidence).collect(),
         removed,
-        held_out: left_out.iter().map(|l| (l.name, l.held_out)).collect(),
+        held_out: left_out.iter().map(|l| (l.name, l.held_out())).collect(),
         oracle,
         errors_in_sigmas: errors_in_sigmas(&hidden, &selection),
         noise: noise.iter().filter_map(|n| n.finding).collect(),

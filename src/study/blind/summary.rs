@@ -56,9 +56,9 @@ pub struct Summary {
     pub within_2_sigma: Share,
     /// The same within three.
     pub within_3_sigma: Share,
-    /// Of flights with two injected effects: both inside a group.
+    /// Of flights with several injected effects: all inside a group.
     pub both_found: Share,
-    /// Of those where the oracle could name both: both inside a group.
+    /// Of those where the oracle could name all: all inside a group.
     pub both_found_where_oracle: Share,
 }
 

@@ -56,6 +56,18 @@ fn two_at_once_are_two_different_ones_in_all_pairs() {
     assert!(pairs.iter().all(|(a, b)| a != b));
 }
 
+#[test]
+fn three_at_once_are_three_different_ones() {
+    let all = REGISTRY.len();
+    let jobs = campaign(3, all * (all - 1) * 4).jobs();
+    let flown = jobs.iter().filter(|j| j.hidden[0].is_some());
+    let triples: BTreeSet<BTreeSet<_>> =
+        flown.map(|j| j.hidden.iter().flatten().copied().collect()).collect();
+    assert!(triples.iter().all(|t| t.len() == 3) && triples.len() > all * (all - 1) / 2, "{}", triples.len());
+    let seeds: BTreeSet<_> = jobs.iter().map(seed_of).collect();
+    assert_eq!(seeds.len(), jobs.len());
+}
+
 fn outcome(hidden: &[&'static str], groups: &[&[&'static str]], oracle: &[bool]) -> Outcome {
     Outcome {
         hidden: hidden.to_vec(),

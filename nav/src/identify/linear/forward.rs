@@ -282,6 +282,27 @@ impl Problem {
         self.go(walk, noise, options, Keep::Nothing, 0).0
     }
 
+    /// Log-likelihood of each block of one part by itself, in order of time. Watched parameters are left out.
+    pub fn by_block(&self, noise: &Noise, options: &Options, part: usize) -> Vec<f64> {
+        let mut runner = Runner::new(self, (noise, options), self.walk, Keep::Nothing, 0);
+        let (mut blocks, mut last) = (Vec::new(), None);
+        for epochs in
+            self.pieces.iter().flat_map(|p| p.chunk_by(|a, b| options.same_block(a.elapsed_s, b.elapsed_s)))
+        {
+            let before = runner.run.log_likelihood[part];
+            runner.go(epochs);
+            let Some(epoch) = epochs.iter().find(|e| self.part(e, options) == Some(part)) else { continue };
+            let gain = runner.run.log_likelihood[part] - before;
+            match blocks.last_mut() {
+                // A block may go on in the next stretch.
+                Some(own) if last.is_some_and(|t| options.same_block(t, epoch.elapsed_s)) => *own += gain,
+                _ => blocks.push(gain),
+            }
+            last = Some(epoch.elapsed_s);
+        }
+        blocks
+    }
+
     /// The same, and what the way back needs; without watched parameters.
     pub(super) fn run_keeping(&self, noise: &Noise, options: &Options, keep: Keep) -> (Run, Tape) {
         self.go(self.walk, noise, options, keep, 0)

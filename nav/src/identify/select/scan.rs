@@ -37,6 +37,8 @@ impl Search<'_> {
             candidates.extend(jumping.into_iter().filter_map(|s| self.jump(s, &shocks)));
         }
         candidates.extend(self.random_walks(&lacking, &problems, point));
+        // What follows linearises the flights anew; of an hour these take tens of megabytes.
+        drop(problems);
         candidates.extend(self.discrete(&lacking, point));
         let top = candidates.iter().map(|c| c.evidence).fold(0.0, f64::max);
         // What turns a flight upside down shows before anything else, or once another such thing is set right; among the

@@ -174,16 +174,36 @@ impl<'a> Search<'a> {
         together(map(self.workers, problems.len(), |k| problems[k].run(noise, &self.settings.options)))
     }
 
+    /// Score and information of fit part and held-out blocks, all flights together.
+    pub(in crate::identify) fn information(&self, problems: &[Problem], noise: &Noise) -> [Information; 2] {
+        let each = map(self.workers, problems.len(), |k| problems[k].run(noise, &self.settings.options));
+        let mut each = each.into_iter().map(|run| run.information);
+        let none = || [Information::zeros(0, 0), Information::zeros(0, 0)];
+        let mut sum = each.next().unwrap_or_else(none);
+        each.for_each(|own| sum.iter_mut().zip(&own).for_each(|(sum, own)| sum.add(own)));
+        sum
+    }
+
     /// These effects, beside what the model leaves open, at the values that fit best.
     pub(in crate::identify) fn best(&self, added: &[Added], noise: &Noise) -> Point {
         let all: Vec<Added> = self.given.iter().chain(added).cloned().collect();
         self.settle(&all, noise, &self.empty(noise), STEPS).0
     }
 
-    /// Log-likelihood with these effects at these values.
-    pub(in crate::identify) fn likelihood(&self, added: &[Added], noise: &Noise) -> f64 {
+    /// Log-likelihood with these effects at these values, block by block.
+    pub(in crate::identify) fn by_block(&self, added: &[Added], noise: &Noise) -> Vec<f64> {
         let (_, problems) = self.settle(added, noise, &self.empty(noise), 0);
-        self.part_likelihood(&problems, noise, 0)
+        self.part_by_block(&problems, noise, 0)
+    }
+
+    /// Log-likelihood of each block of one part (0: fit, 1: held out) of linearised flights.
+    pub(in crate::identify) fn part_by_block(
+        &self,
+        problems: &[Problem],
+        noise: &Noise,
+        part: usize,
+    ) -> Vec<f64> {
+        problems.iter().flat_map(|p| p.by_block(noise, &self.settings.options, part)).collect()
     }
 
     /// Log-likelihood of one part (0: fit, 1: held out) of linearised flights.
