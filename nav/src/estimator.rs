@@ -90,7 +90,7 @@ pub struct Estimator {
     before: Option<Box<Filter>>,
     /// The filter of the last seconds, oldest first: what a fault has not reached yet.
     kept: VecDeque<Box<Filter>>,
-    /// The filter when its tilt was last certain: what short gaps make of the biases since is only doubt about the tilt.
+    /// The filter when its tilt was last certain: what short gaps make of the biases since is only the uncertainty of the tilt.
     certain: Option<Box<Filter>>,
     last: Option<ImuSample>,
     /// Since when the attitude of the one filter is vague, s.

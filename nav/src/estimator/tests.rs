@@ -81,7 +81,7 @@ fn many_short_gaps_while_stationary_leave_an_attitude_that_its_sigma_covers() {
     }
 }
 
-/// Doubt about the tilt, which short gaps bring, is no doubt about the biases once the vehicle is aligned anew.
+/// An uncertain tilt, which short gaps bring, makes no bias uncertain once the vehicle is aligned anew.
 #[test]
 fn what_was_known_of_the_biases_outlasts_many_short_gaps() {
     for seed in 0..3 {
