@@ -276,8 +276,9 @@ impl ParamApply {
 
     /// The old values are there: everything is checked before the first setting.
     fn backed_up(&mut self, now: f64, got: &Parameters) -> Vec<ParamMessage> {
-        let pairs: Result<Vec<Pair>, String> = if got.is_silent() {
-            Err("the vehicle does not answer requests for parameters".to_owned())
+        let pairs: Result<Vec<Pair>, String> = if got.is_silent() && self.wanted.len() > 1 {
+            let why = "the vehicle does not answer requests for parameters: it has none of these names, or the link is too poor";
+            Err(why.to_owned())
         } else {
             self.wanted.iter().map(|w| pair(w, got, self.encoding)).collect()
         };

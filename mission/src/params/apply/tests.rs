@@ -310,6 +310,9 @@ fn bad_input_is_refused_with_a_sentence_and_nothing_is_changed() {
         assert!(capped.contains("INS_ACCSCAL_X reads 1.005 after it was set to 1.0099"), "{capped}");
         let silent = refused(encoding, wanted(&NEW), Some(false), |v| v.table.clear());
         assert!(silent.contains("does not answer requests"), "{silent}");
+        // A single name that the vehicle has not got is no dead link.
+        let unknown = no(&[("NO_SUCH", 1.0)]);
+        assert!(unknown.contains("NO_SUCH: it has no such parameter"), "{unknown}");
     }
 }
 
