@@ -105,8 +105,15 @@ pub(super) struct Regressor {
 impl Regressor {
     /// The motion as the constants see it.
     pub(super) fn motion(&self) -> Motion {
-        let at = |k: usize| self.channels[k].steady - self.channels[k].kept;
-        Motion { rate: Vector3::from_fn(|k, _| at(k)), force: Vector3::from_fn(|k, _| at(3 + k)) }
+        self.of_channels(|c, _| c.steady - c.kept, &Motion::default())
+    }
+
+    /// What this makes of every channel and its measured value.
+    fn of_channels(&self, of: impl Fn(&Channel, f64) -> f64, measured: &Motion) -> Motion {
+        Motion {
+            rate: Vector3::from_fn(|k, _| of(&self.channels[k], measured.rate[k])),
+            force: Vector3::from_fn(|k, _| of(&self.channels[3 + k], measured.force[k])),
+        }
     }
 
     /// The motion that errors of attitude and time act on: as it was measured while the vehicle moves, the mean where nothing
@@ -114,30 +121,17 @@ impl Regressor {
     /// back, or it would separate the two estimates.
     pub(super) fn lever(&self, measured: &Motion) -> Motion {
         let moving = self.moving();
-        let of = |k: usize, x: f64| {
-            let c = &self.channels[k];
-            match (c.is_quiet(), moving) {
-                (true, _) => c.steady,
-                (false, true) => x,
-                (false, false) => x - c.held,
-            }
+        let of = |c: &Channel, x: f64| match (c.is_quiet(), moving) {
+            (true, _) => c.steady,
+            (false, true) => x,
+            (false, false) => x - c.held,
         };
-        Motion {
-            rate: Vector3::from_fn(|k, _| of(k, measured.rate[k])),
-            force: Vector3::from_fn(|k, _| of(3 + k, measured.force[k])),
-        }
+        self.of_channels(of, measured)
     }
 
     /// The same with the present estimates: what the vehicle does, for quantities that they give together with the attitude.
     pub(super) fn present(&self, measured: &Motion) -> Motion {
-        let of = |k: usize, x: f64| {
-            let c = &self.channels[k];
-            if c.is_quiet() { c.steady + c.held } else { x }
-        };
-        Motion {
-            rate: Vector3::from_fn(|k, _| of(k, measured.rate[k])),
-            force: Vector3::from_fn(|k, _| of(3 + k, measured.force[k])),
-        }
+        self.of_channels(|c, x| if c.is_quiet() { c.steady + c.held } else { x }, measured)
     }
 
     /// What estimates since the last real motion have changed of the rate that constants are judged by, rad/s.

@@ -30,8 +30,8 @@ const SLOWEST_TURN: f64 = 1e-3;
 const TURN_WITH_EARTH: f64 = 2.0 * crate::earth::ROTATION_RATE;
 
 /// Errors of attitude, specific force and rate.
-const ERRORS: usize = 9;
-const FORCE: usize = 3;
+pub(super) const ERRORS: usize = 9;
+pub(super) const FORCE: usize = 3;
 const RATE: usize = 6;
 
 type Square = SMatrix<f64, ERRORS, ERRORS>;
@@ -73,7 +73,7 @@ impl Filter {
     }
 
     /// Covariance of [ε δf δω].
-    fn covariance_of_errors(&self) -> Square {
+    pub(super) fn covariance_of_errors(&self) -> Square {
         let tail = index::GYRO_BIAS;
         let rows: [Vec<(usize, f64)>; ERRORS] = std::array::from_fn(|i| {
             let columns = if i < RATE { &self.jacobian.force } else { &self.jacobian.rate };

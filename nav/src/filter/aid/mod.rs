@@ -11,11 +11,12 @@ use super::force_rate;
 use super::group::Rows;
 use super::layout::index;
 use super::regressor::BEYOND_NOISE;
+use super::second_order::{ERRORS, FORCE};
 use crate::earth;
 use crate::effects::{Antenna, FixInstant, MAX_PARAMETERS, Older};
 use crate::mechanization;
 use crate::rotation::skew;
-use nalgebra::{Matrix3, Vector3};
+use nalgebra::{Matrix3, SMatrix, Vector3};
 
 /// NIS beyond which a group of 1, 2, 3 rows is rejected: chance 6e-7, five sigma of one row.
 const GATE: [f64; 4] = [f64::INFINITY, 25.0, 28.7, 31.8];
@@ -157,18 +158,11 @@ impl Filter {
     /// The acceleration, north-east-down, of a vehicle that goes straight and has long done nothing else, without what errors of
     /// attitude and calibration make of none: fix after fix would take the same error for a change of velocity.
     fn beyond_error(&self, a_n: Vector3<f64>, force: &Vector3<f64>, c_nb: &Matrix3<f64>) -> Vector3<f64> {
-        // δa = C (∂f/∂x δx − f × ψ) (Groves 2013, section 14.2.2).
-        let by_attitude = -c_nb * skew(force);
-        let columns = (0..3).map(|k| (index::ATTITUDE + k, by_attitude.column(k).into_owned()));
-        let constants = self.jacobian.force.iter().enumerate();
-        let columns: Vec<_> =
-            columns.chain(constants.map(|(k, c)| (index::GYRO_BIAS + k, c_nb * c))).collect();
-        let mut variance = Vector3::zeros();
-        for (i, a) in &columns {
-            for (j, b) in &columns {
-                variance += a.component_mul(b) * self.p.at(*i, *j);
-            }
-        }
+        // δa = C (δf − f × ε) (Groves 2013, section 14.2.2).
+        let mut h = SMatrix::<f64, 3, ERRORS>::zeros();
+        h.fixed_columns_mut::<3>(0).copy_from(&(-c_nb * skew(force)));
+        h.fixed_columns_mut::<3>(FORCE).copy_from(c_nb);
+        let variance = (h * self.covariance_of_errors() * h.transpose()).diagonal();
         a_n.zip_map(&variance, |a, v| if a * a < (ERROR_SIGMAS * ERROR_SIGMAS) * v { 0.0 } else { a })
     }
 
