@@ -10,10 +10,11 @@
 
 use super::evidence::SCALES;
 use super::flight::Flight;
+use super::linear::Problem;
 use super::map;
 use super::noise::Noise;
 use super::pass::Information;
-use super::select::{Added, Search, Selection, Settings};
+use super::select::{Added, Point, Search, Selection, Settings};
 use super::{Workers, judge};
 use crate::filter::watch::Watched;
 use nalgebra::DVector;
@@ -134,14 +135,12 @@ struct Evaluated {
     log_likelihood: f64,
     /// Log-likelihood of each held-out block.
     held_out: Vec<f64>,
-    /// Information on every value, of the fit part and of the held-out blocks.
-    information: [Information; 2],
 }
 
 impl Evaluated {
-    /// Size of the held-out blocks as a share of the fit part, by the information that either has on what sets this model apart from another
+    /// Size of the held-out blocks as a share of the fit part, by the information that either (the argument) has on what sets this model apart from another
     /// without effect number `k`. `None` for an effect that has no values.
-    fn share(&self, other: &Self, k: usize) -> Option<f64> {
+    fn share(&self, [fit, held_out]: &[Information; 2], other: &Self, k: usize) -> Option<f64> {
         let watched =
             Watched { effects: self.all.iter().map(|a| a.setting.clone()).collect(), ..Watched::default() };
         let slots = watched.slots();
@@ -153,7 +152,7 @@ impl Evaluated {
             own.setting.values[parameter] - theirs.unwrap_or(own.prior[parameter].0)
         };
         let apart = DVector::from_iterator(slots.len(), slots.iter().map(apart));
-        let [fit, held_out] = self.information.each_ref().map(|i| apart.dot(&(&i.matrix * &apart)));
+        let [fit, held_out] = [fit, held_out].map(|i| apart.dot(&(&i.matrix * &apart)));
         (fit > 0.0).then(|| (held_out / fit).clamp(0.0, 1.0))
     }
 
@@ -214,21 +213,16 @@ impl<'a> HoldoutTest<'a> {
         (self.others.is_none() && every > 1).then(|| f64::from(every - 1).recip())
     }
 
-    /// The effects at their best values, their evidence, and the held-out likelihood.
-    fn evaluate(&self, added: &[Added]) -> Evaluated {
+    /// The effects at their best values, their evidence, and the held-out likelihood; the flights linearised there.
+    fn evaluate(&self, added: &[Added]) -> (Evaluated, Vec<Problem>) {
         let all: Vec<Added> = self.search.given.iter().chain(added).cloned().collect();
         let (point, problems) = self.search.settle(&all, &self.noise, &self.search.empty(&self.noise), 1);
         let held_out = match &self.others {
             Some(others) => others.by_block(&point.added, &self.noise),
             None => self.search.part_by_block(&problems, &self.noise, 1),
         };
-        Evaluated {
-            evidence: point.evidence,
-            log_likelihood: point.log_likelihood,
-            information: self.search.information(&problems, &self.noise),
-            held_out,
-            all: point.added,
-        }
+        let Point { added: all, evidence, log_likelihood, .. } = point;
+        (Evaluated { all, evidence, log_likelihood, held_out }, problems)
     }
 
     /// The effects without those that the model leaves open.
@@ -236,13 +230,17 @@ impl<'a> HoldoutTest<'a> {
         evaluated.all.into_iter().skip(self.search.given.len()).collect()
     }
 
-    fn left_out(&self, full: &Evaluated) -> Vec<LeftOut> {
+    fn left_out(&self, full: &Evaluated, problems: Vec<Problem>) -> Vec<LeftOut> {
         let given = self.search.given.len();
+        let by_time = self.share();
+        let information = by_time.map(|_| self.search.run(&problems, &self.noise).1);
+        drop(problems);
         map(self.search.workers(), full.all.len() - given, |k| {
             let mut fewer = full.all[given..].to_vec();
             let gone = fewer.remove(k);
-            let without = self.evaluate(&fewer);
-            let share = self.share().map(|share| full.share(&without, given + k).unwrap_or(share));
+            let (without, _) = self.evaluate(&fewer);
+            let by_information = information.as_ref().and_then(|i| full.share(i, &without, given + k));
+            let share = by_information.or(by_time);
             LeftOut {
                 name: gone.setting.effect.name(),
                 evidence: full.evidence - without.evidence,
@@ -258,8 +256,8 @@ impl<'a> HoldoutTest<'a> {
             return Confirmed { selection, removed, left_out };
         }
         while !selection.added.is_empty() {
-            let full = self.evaluate(&selection.added);
-            left_out = self.left_out(&full);
+            let (full, problems) = self.evaluate(&selection.added);
+            left_out = self.left_out(&full, problems);
             selection.added = self.added(full);
             let refuted = left_out.iter().enumerate().filter(|(_, l)| l.is_refuted());
             let worst = refuted.min_by(|a, b| a.1.confirmation().total_cmp(&b.1.confirmation()));
@@ -268,7 +266,7 @@ impl<'a> HoldoutTest<'a> {
             left_out.clear();
         }
         selection.added.iter_mut().for_each(widen);
-        selection.added = self.added(self.evaluate(&selection.added));
+        selection.added = self.added(self.evaluate(&selection.added).0);
         Confirmed { selection, removed, left_out }
     }
 }

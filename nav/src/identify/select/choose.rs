@@ -167,7 +167,7 @@ impl Search<'_> {
     /// that cannot say.
     fn losses(&self, point: &Point) -> Vec<Option<f64>> {
         let watched = watching(&point.added);
-        let (_, information) = self.run(&self.problems(point, &watched), &point.noise);
+        let (_, [information, _]) = self.run(&self.problems(point, &watched), &point.noise);
         (self.given.len()..point.added.len()).map(|k| loss(&information, &point.added, &watched, k)).collect()
     }
 

@@ -25,7 +25,7 @@ impl Search<'_> {
         let linear: Vec<&EffectSetting> = lacking.iter().filter(|s| is_linear(s.effect)).collect();
         let effects = point.added.iter().map(|a| &a.setting).chain(linear.iter().copied()).cloned().collect();
         let watched = Watched { effects, ..Watched::default() };
-        let (_, information) = together(self.run_through(point, &watched, None, None));
+        let (_, [information, _]) = together(self.run_through(point, &watched, None, None));
         let problems = self.problems(point, &Watched::default());
         let mut candidates: Vec<Candidate> =
             linear.iter().filter_map(|s| linear_candidate(s, &point.added, &watched, &information)).collect();

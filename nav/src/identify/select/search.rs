@@ -45,15 +45,15 @@ pub(in crate::identify) struct Point {
     pub(super) references: Trajectories,
 }
 
-/// Log-likelihood and information of the fit part, all flights together.
-pub(super) fn together(runs: Vec<Run>) -> (f64, Information) {
+/// Log-likelihood of the fit part, and information of fit part and held-out blocks, all flights together.
+pub(super) fn together(runs: Vec<Run>) -> (f64, [Information; 2]) {
     let mut runs = runs.into_iter();
-    let Some(first) = runs.next() else { return (0.0, Information::zeros(0, 0)) };
-    let [mut information, _] = first.information;
-    let mut log_likelihood = first.log_likelihood[0];
+    let none = || (0.0, [Information::zeros(0, 0), Information::zeros(0, 0)]);
+    let Some(first) = runs.next() else { return none() };
+    let (mut log_likelihood, mut information) = (first.log_likelihood[0], first.information);
     for run in runs {
         log_likelihood += run.log_likelihood[0];
-        information.add(&run.information[0]);
+        information.iter_mut().zip(&run.information).for_each(|(sum, own)| sum.add(own));
     }
     (log_likelihood, information)
 }
@@ -169,19 +169,9 @@ impl<'a> Search<'a> {
         })
     }
 
-    /// Log-likelihood and information, all flights together.
-    pub(super) fn run(&self, problems: &[Problem], noise: &Noise) -> (f64, Information) {
+    /// Log-likelihood of the fit part, and information of fit part and held-out blocks, all flights together.
+    pub(in crate::identify) fn run(&self, problems: &[Problem], noise: &Noise) -> (f64, [Information; 2]) {
         together(map(self.workers, problems.len(), |k| problems[k].run(noise, &self.settings.options)))
-    }
-
-    /// Score and information of fit part and held-out blocks, all flights together.
-    pub(in crate::identify) fn information(&self, problems: &[Problem], noise: &Noise) -> [Information; 2] {
-        let each = map(self.workers, problems.len(), |k| problems[k].run(noise, &self.settings.options));
-        let mut each = each.into_iter().map(|run| run.information);
-        let none = || [Information::zeros(0, 0), Information::zeros(0, 0)];
-        let mut sum = each.next().unwrap_or_else(none);
-        each.for_each(|own| sum.iter_mut().zip(&own).for_each(|(sum, own)| sum.add(own)));
-        sum
     }
 
     /// These effects, beside what the model leaves open, at the values that fit best.

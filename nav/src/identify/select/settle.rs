@@ -191,7 +191,7 @@ impl Search<'_> {
     /// The fit of the linear model at some values; `None` where they are no place for a maximum.
     fn fit_values(&self, at: &mut Linearised, noise: &Noise) -> Option<Fitted> {
         let watched = watching(&at.added);
-        let (log_likelihood, information) = self.run(&at.problems, noise);
+        let (log_likelihood, [information, _]) = self.run(&at.problems, noise);
         let fit = fit_added(&information, &watched, &mut at.added)?;
         let of_samples = self.evidence_of_samples(&at.added);
         let evidence = log_likelihood + fit.evidence + of_samples;
