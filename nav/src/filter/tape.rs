@@ -71,21 +71,6 @@ impl Tape {
         tape
     }
 
-    /// The nodes so far.
-    pub fn into_nodes(self) -> Vec<Node> {
-        self.nodes
-    }
-
-    /// How many nodes there are since the last were taken.
-    pub fn len(&self) -> usize {
-        self.nodes.len()
-    }
-
-    /// Whether there is none.
-    pub fn is_empty(&self) -> bool {
-        self.nodes.is_empty()
-    }
-
     fn begin(&mut self) {
         self.phi.clear();
         self.phi.resize(NAV * self.n, 0.0);
@@ -155,19 +140,14 @@ impl Filter {
         self.tape = Some(tape);
     }
 
-    /// The recording under way.
-    pub fn tape(&self) -> Option<&Tape> {
-        self.tape.as_deref()
+    /// How many nodes are recorded since the last were taken.
+    pub fn recorded(&self) -> usize {
+        self.tape.as_ref().map_or(0, |t| t.nodes.len())
     }
 
     /// Takes the nodes of the recording so far; it goes on.
     pub fn take_nodes(&mut self) -> Vec<Node> {
         self.tape.as_mut().map(|t| std::mem::take(&mut t.nodes)).unwrap_or_default()
-    }
-
-    /// Takes the recording out.
-    pub fn take_tape(&mut self) -> Option<Tape> {
-        self.tape.take().map(|t| *t)
     }
 
     /// After a time step.

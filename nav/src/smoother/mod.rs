@@ -15,7 +15,7 @@ use crate::displacement::Displacement;
 use crate::filter::calibration::Calibration;
 use crate::filter::covariance::NAV;
 use crate::filter::layout::{Layout, index};
-use crate::filter::tape::{Node, Tape, Update};
+use crate::filter::tape::{Node, Update};
 use crate::mechanization::NavState;
 use crate::model::Model;
 
@@ -224,14 +224,6 @@ fn measured(update: &Update, u: &[f64], spread: &Matrix3<f64>) -> Vec<Residual> 
     (0..d)
         .map(|i| Residual { value: (0..d).map(|j| r[(i, j)] * u[j]).sum(), variance: of[(i, i)].max(0.0) })
         .collect()
-}
-
-/// Goes back over a recording of a filter with this model. The result is in order of time, one entry per node.
-pub fn smooth(tape: Tape, model: &Model, layout: &Layout) -> Vec<Smoothed> {
-    let mut back = Back::new(model, layout);
-    let mut out: Vec<Smoothed> = tape.into_nodes().into_iter().rev().map(|node| back.over(node)).collect();
-    out.reverse();
-    out
 }
 
 /// The way back over a recording, node by node from the last to the first.

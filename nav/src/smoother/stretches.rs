@@ -36,7 +36,7 @@ impl<'a> Way<'a> {
 
     /// On until so many nodes are recorded; `false` where the flight ends before.
     fn go(&mut self, kind: SampleKind, rounding: &Rounding, noise: &Noise, nodes: usize) -> bool {
-        while self.fusion.filter().tape().is_none_or(|t| t.len() < nodes) {
+        while self.fusion.filter().recorded() < nodes {
             let Some((sample, rest)) = self.samples.split_first() else { return false };
             self.samples = rest;
             self.fusion.filter_mut().set_stream(kind, rounding.at(sample.t_s));
