@@ -13,6 +13,7 @@ use crate::quantisation::Dequantiser;
 use crate::rotation::c_nb_from_euler;
 use crate::sample::{GnssFix, ImuSample, ImuStream, Quantisation, RestartReason, Sample};
 use std::collections::VecDeque;
+use std::sync::Arc;
 
 /// Trust in "a stationary vehicle does not turn": truncation and slow sway, rad/s.
 const STANDING_RATE_SIGMA: f64 = 1.5e-3;
@@ -87,11 +88,11 @@ pub struct Estimator {
     meter: NoiseMeter,
     state: State,
     /// The last filter before a restart: its constants go on.
-    before: Option<Box<Filter>>,
+    before: Option<Arc<Filter>>,
     /// The filter of the last seconds, oldest first: what a fault has not reached yet.
-    kept: VecDeque<Box<Filter>>,
+    kept: VecDeque<Arc<Filter>>,
     /// The filter when its tilt was last certain: what short gaps make of the biases since is only the uncertainty of the tilt.
-    certain: Option<Box<Filter>>,
+    certain: Option<Arc<Filter>>,
     last: Option<ImuSample>,
     /// Since when the attitude of the one filter is vague, s.
     vague_since_s: Option<f64>,
@@ -289,7 +290,7 @@ impl Estimator {
         if self.kept.back().is_some_and(|kept| filter.t_s() - kept.t_s() < KEPT_EVERY_S) {
             return;
         }
-        let now = Box::new(filter.clone());
+        let now = Arc::new(filter.clone());
         if now.tilt_sigma() < CERTAIN_TILT {
             self.certain = Some(now.clone());
         }
@@ -341,13 +342,13 @@ impl Estimator {
     /// The filter whose constants go on after this one: itself, or how it was when its tilt was last certain. While samples are missing the
     /// tilt is not, and the products of its errors let the biases walk, by a hundred times what was known of them; the biases themselves
     /// stay what they were.
-    fn certain_before(&self, filter: &Filter) -> Box<Filter> {
+    fn certain_before(&self, filter: &Filter) -> Arc<Filter> {
         let before = self.certain.as_deref().filter(|_| filter.tilt_sigma() >= CERTAIN_TILT);
         let aged = before.and_then(|certain| {
             let age_s = filter.t_s() - certain.t_s();
             (0.0..CERTAIN_WITHIN_S).contains(&age_s).then(|| certain.aged(age_s))
         });
-        Box::new(aged.unwrap_or_else(|| filter.clone()))
+        Arc::new(aged.unwrap_or_else(|| filter.clone()))
     }
 
     /// What rounding adds to the noise of gyros, (rad/s)²/Hz, and accelerometers, (m/s²)²/Hz, at the present rate.
@@ -416,7 +417,7 @@ impl Estimator {
     fn restart(&mut self, reason: RestartReason) {
         let before_fault = if reason == RestartReason::SensorFault { self.kept.pop_front() } else { None };
         if let Some(filter) = self.filter() {
-            self.before = Some(before_fault.unwrap_or_else(|| Box::new(filter.clone())));
+            self.before = Some(before_fault.unwrap_or_else(|| Arc::new(filter.clone())));
         }
         self.kept.clear();
         self.certain = None;
