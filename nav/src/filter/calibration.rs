@@ -148,10 +148,13 @@ impl Calibration {
             rate: rate + self.gyro_bias + gyro[0] * rate + gyro[1] * force,
             force: force + self.accel_bias + accel[0] * rate + accel[1] * force,
         };
+        if others.is_empty() {
+            return out;
+        }
+        let x = self.instant(sample, motion);
         for (setting, p) in
             others.iter().filter_map(|e| Some((model.effects.get(*e)?, self.parameters.get(*e)?)))
         {
-            let x = self.instant(sample, motion);
             out.rate += setting.effect.gyro(p, &x);
             out.force += setting.effect.accel(p, &x);
         }

@@ -15,7 +15,7 @@ use nalgebra::{Matrix3, Vector3};
 /// Without a fix for longer than this position and velocity are not followed any more, s: the error of a consumer unit is
 /// kilometres by then, and nothing that is linear about it holds.
 pub(super) const COAST_AFTER_S: f64 = 120.0;
-/// Constants walk in steps of this length, s: in an hour by a hundredth of what was known of them before, so that nobody sees the steps.
+/// Constants walk in steps of this length, s: in an hour by a hundredth of what was known of them before, so that a step is nothing.
 const WALK_EVERY_S: f64 = 0.1;
 /// What is known of the velocity of a vehicle that coasts, per axis, m/s.
 const COAST_SPEED: f64 = 50.0;
