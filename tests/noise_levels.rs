@@ -26,7 +26,7 @@ fn flown(rate_hz: f64, louder: f64, seed: u64) -> (Vec<f64>, f64) {
     vehicle.imu.accel_noise = louder * model.imu.accel_noise;
     for setting in &mut vehicle.effects {
         // No fix is older than nothing.
-        let impossible = setting.effect.fix_delay_s(&setting.values) < 0.0;
+        let impossible = setting.effect.fix_delay_s(&setting.values, 0.0) < 0.0;
         if impossible || setting.effect.name() == "gyro_g_sensitivity" {
             setting.values.fill(0.0);
         }

@@ -275,9 +275,7 @@ impl Sensors {
 
     /// How much older than its stamp the fix with this stamp is, s.
     pub fn fix_delay_s(&self, stamp_s: f64) -> f64 {
-        let delay_s =
-            |s: &EffectSetting| s.effect.fix_delay_s(&s.values) + s.effect.aging(&s.values) * stamp_s;
-        self.model.effects.iter().map(delay_s).sum()
+        self.model.effects.iter().map(|s| s.effect.fix_delay_s(&s.values, stamp_s)).sum()
     }
 
     /// The fix with this stamp, from the truth around its time of validity, and that time, s. A receiver that smooths reports the mean
@@ -309,7 +307,7 @@ impl Sensors {
     }
 
     /// What the effects add to position and velocity of a fix at an instant, north, east, down. The truth of another time is exact, and
-    /// stands in for what an effect says of a clock, of an older velocity, and of smoothing.
+    /// stands in for what an effect says of an older velocity and of smoothing.
     fn antenna(&self, stamp_s: f64, truth: &Truth) -> [Vector3<f64>; 2] {
         let x = FixInstant {
             t_s: truth.t_s,
@@ -324,7 +322,7 @@ impl Sensors {
         };
         let by_time = |s: &EffectSetting| {
             let (e, p) = (s.effect, &s.values);
-            [e.aging(p), e.velocity_delay_s(p), e.smoothing_s2(p)].iter().any(|v| *v != 0.0)
+            [e.velocity_delay_s(p), e.smoothing_s2(p)].iter().any(|v| *v != 0.0)
         };
         let mut sum = [Vector3::zeros(); 2];
         for setting in self.model.effects.iter().filter(|s| !by_time(s)) {
@@ -478,7 +476,7 @@ pub fn draw_vehicle(model: &Model, seed: u64) -> Model {
         }
     }
     // A receiver smooths over what it has measured before it sends: no corner is sharpened, and none is known beforehand.
-    let delay_s: f64 = drawn.effects.iter().map(|s| s.effect.fix_delay_s(&s.values)).sum();
+    let delay_s: f64 = drawn.effects.iter().map(|s| s.effect.fix_delay_s(&s.values, 0.0)).sum();
     let most = 0.5 * delay_s.max(0.0).powi(2);
     for setting in drawn.effects.iter_mut().filter(|s| s.effect.smoothing_s2(&s.values) != 0.0) {
         setting.values.iter_mut().for_each(|v| *v = v.abs().min(most));

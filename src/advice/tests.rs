@@ -192,7 +192,7 @@ proptest! {
             let derived = rule::derive(row("gps_latency", autopilot), 0, latency, 1e-3, &board);
             // Samples in ArduPilot's logs are behind a low-pass that its filter does not see.
             let samples_s = if autopilot == Autopilot::ArduPilot { 0.225_08 / hz } else { 0.0 };
-            let valid_s = arrived - effect.fix_delay_s(&[latency]) - samples_s;
+            let valid_s = arrived - effect.fix_delay_s(&[latency], 0.0) - samples_s;
             let dated_s = arrived - derived.value.unwrap() * 1e-3;
             prop_assert!((dated_s - valid_s).abs() < 1e-5 / hz + 1e-9, "{dated_s} {valid_s}");
         }

@@ -127,7 +127,7 @@ fn on_fixes(setting: &EffectSetting, speed_m_per_s: f64) -> Option<String> {
         older: Older::default(),
         elapsed_s: AFTER_S,
     };
-    let late_s = effect.fix_delay_s(p);
+    let late_s = effect.fix_delay_s(p, AFTER_S);
     let [position, velocity] = effect.fix(p, &x);
     let (position, velocity) = (position - x.v_n * late_s, velocity - x.a_n * late_s);
     (position.norm() > LEAST_SHOWN[1] || velocity.norm() > LEAST_SHOWN[2]).then(|| {

@@ -112,7 +112,7 @@ pub fn sizes(
         let sized = !setting.effect.is_empty();
         let small =
             size.gyro < GYRO && size.accel < ACCEL && size.position < POSITION && size.velocity < VELOCITY;
-        let delay = |p: &Vec<f64>| setting.effect.fix_delay_s(p);
+        let delay = |p: &Vec<f64>| setting.effect.fix_delay_s(p, 0.0);
         let of_clock = setting.effect.delays_fixes()
             && known.as_ref().is_some_and(|k| (delay(&setting.values) - delay(k)).abs() < KNOWN_DELAY_S);
         size.negligible = sized && (too_good && small || of_clock);
@@ -142,7 +142,7 @@ fn size(
         longest_s = longest_s.max(flight.duration_s());
     }
     let walk = effect.bias_walk(p);
-    let aged_s = |p: &[f64]| effect.fix_delay_s(p) + effect.aging(p) * longest_s;
+    let aged_s = |p: &[f64]| effect.fix_delay_s(p, longest_s);
     let late_s = aged_s(p) - known.map_or(0.0, aged_s);
     let older_s = effect.velocity_delay_s(p) - known.map_or(0.0, |k| effect.velocity_delay_s(k));
     let moved = if effect.on_fixes().is_some() && late_s == 0.0 {

@@ -58,23 +58,18 @@ pub trait ImuEffect {
 
 /// An effect on fixes; parameters as in [`ImuEffect`].
 pub trait FixEffect {
-    /// Whether it is a delay of whole fixes.
+    /// Whether it is a delay of whole fixes that stays the same.
     fn delays_fixes(&self) -> bool {
         false
     }
 
-    /// How much older than its time stamp a fix is, s.
-    fn fix_delay_s(&self, _p: &[f64]) -> f64 {
+    /// How much older than its time stamp a fix is whose stamp is so long after the start of the estimation, s.
+    fn fix_delay_s(&self, _p: &[f64], _elapsed_s: f64) -> f64 {
         0.0
     }
 
     /// How much older than the position of a fix its velocity is, s. [`Self::fix`] holds what that changes.
     fn velocity_delay_s(&self, _p: &[f64]) -> f64 {
-        0.0
-    }
-
-    /// By how many seconds a fix grows older in each second of the flight. [`Self::fix`] holds what that changes.
-    fn aging(&self, _p: &[f64]) -> f64 {
         0.0
     }
 

@@ -42,18 +42,13 @@ impl<'a> dyn Effect + 'a {
     }
 
     /// As [`FixEffect::fix_delay_s`].
-    pub fn fix_delay_s(&self, p: &[f64]) -> f64 {
-        self.on_fixes().map_or(0.0, |e| e.fix_delay_s(p))
+    pub fn fix_delay_s(&self, p: &[f64], elapsed_s: f64) -> f64 {
+        self.on_fixes().map_or(0.0, |e| e.fix_delay_s(p, elapsed_s))
     }
 
     /// As [`FixEffect::velocity_delay_s`].
     pub fn velocity_delay_s(&self, p: &[f64]) -> f64 {
         self.on_fixes().map_or(0.0, |e| e.velocity_delay_s(p))
-    }
-
-    /// As [`FixEffect::aging`].
-    pub fn aging(&self, p: &[f64]) -> f64 {
-        self.on_fixes().map_or(0.0, |e| e.aging(p))
     }
 
     /// As [`FixEffect::smoothing_s2`].

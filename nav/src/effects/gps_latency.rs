@@ -47,7 +47,7 @@ impl Effect for GpsLatency {
 }
 
 impl FixEffect for GpsLatency {
-    fn fix_delay_s(&self, p: &[f64]) -> f64 {
+    fn fix_delay_s(&self, p: &[f64], _elapsed_s: f64) -> f64 {
         p[0]
     }
 
@@ -77,7 +77,7 @@ mod tests {
         let x = fix_instant();
         let (mut dp, mut dv) = ([Vector3::zeros()], [Vector3::zeros()]);
         GpsLatency.fix_jacobian(&[0.1], &x, &mut dp, &mut dv);
-        assert_eq!(GpsLatency.fix_delay_s(&[0.1]), 0.1);
+        assert_eq!(GpsLatency.fix_delay_s(&[0.1], 60.0), 0.1);
         assert_eq!((dp[0], dv[0]), (-x.v_n, -x.a_n));
     }
 }

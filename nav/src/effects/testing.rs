@@ -100,7 +100,7 @@ pub fn check_jacobians(effect: &dyn Effect) {
             }
         }
     }
-    if effect.fix_delay_s(&p) == 0.0 {
+    if effect.fix_delay_s(&p, 100.0) == 0.0 {
         let x = fix_instant();
         let (mut dp, mut dv) = ([Vector3::zeros(); MAX_PARAMETERS], [Vector3::zeros(); MAX_PARAMETERS]);
         effect.fix_jacobian(&p, &x, &mut dp[..n], &mut dv[..n]);

@@ -151,7 +151,7 @@ impl Fusion {
                 (false, false) => 0.0,
             };
         while let Some(fix) = self.fixes.front() {
-            let valid_s = fix.t_s - self.filter.fix_delay_s();
+            let valid_s = fix.t_s - self.filter.fix_delay_s(fix.t_s);
             if valid_s > ripe_s {
                 break;
             }

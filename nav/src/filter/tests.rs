@@ -231,7 +231,7 @@ fn no_fix_is_taken_for_older_than_possible() {
     for (assumed, applied) in [(-0.3, 0.0), (0.2, 0.2), (5.0, 1.0)] {
         latency.values[0] = assumed;
         model.set(latency.clone());
-        assert_eq!(started(&model).fix_delay_s(), applied);
+        assert_eq!(started(&model).fix_delay_s(0.0), applied);
     }
 }
 

@@ -88,17 +88,18 @@ impl FixOutcome {
 type Clock = fn(&mut Filter) -> &mut Rejections;
 
 impl Filter {
-    /// Delay of the fixes as presently estimated, s, as far as it is possible.
-    pub fn fix_delay_s(&self) -> f64 {
-        self.estimated_delay_s().clamp(0.0, LONGEST_DELAY_S)
+    /// Delay of a fix with this stamp as presently estimated, s, as far as it is possible.
+    pub fn fix_delay_s(&self, stamp_s: f64) -> f64 {
+        self.estimated_delay_s(stamp_s).clamp(0.0, LONGEST_DELAY_S)
     }
 
-    fn estimated_delay_s(&self) -> f64 {
+    fn estimated_delay_s(&self, stamp_s: f64) -> f64 {
+        let elapsed_s = stamp_s - self.began_s;
         self.model
             .effects
             .iter()
             .zip(self.calibration.parameters())
-            .map(|(s, p)| s.effect.fix_delay_s(p))
+            .map(|(s, p)| s.effect.fix_delay_s(p, elapsed_s))
             .sum()
     }
 
@@ -397,9 +398,9 @@ impl Filter {
     /// that the old one gave it, and a delay that is not possible is not applied to the time.
     pub(super) fn fix_ahead_s(&self, fix: &GnssFix) -> f64 {
         if self.carried.is_some() {
-            fix.t_s - self.estimated_delay_s() - self.t_s
+            fix.t_s - self.estimated_delay_s(fix.t_s) - self.t_s
         } else {
-            self.fix_delay_s() - self.estimated_delay_s()
+            self.fix_delay_s(fix.t_s) - self.estimated_delay_s(fix.t_s)
         }
     }
 }

@@ -370,7 +370,7 @@ mod tests {
             forward_and_back(&mut fusion, TRUE_DELAY_S);
             let filter = fusion.filter();
             let state = filter.layout().find("latency").unwrap();
-            (filter.fix_delay_s(), filter.covariance().sigma(state))
+            (filter.fix_delay_s(filter.t_s()), filter.covariance().sigma(state))
         };
         let ((good, sigma), (bad, _)) = (estimate(TRUE_DELAY_S), estimate(0.03));
         assert!((good - TRUE_DELAY_S).abs() < 0.2 * sigma, "{good} {sigma}");

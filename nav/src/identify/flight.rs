@@ -78,7 +78,7 @@ impl Flight {
             moved_s: 0.0,
             undone: Vec::new(),
             unbridged_s,
-            known_delay_s: model.effects.iter().any(|s| s.effect.delays_fixes()).then(|| delay_s(model)),
+            known_delay_s: model.effects.iter().any(|s| s.effect.delays_fixes()).then(|| delay_s(model, 0.0)),
         };
         if flight.stands() {
             return Err(TooLittle::Standing);
@@ -214,7 +214,7 @@ impl Flight {
     /// 1-sigma of what all time stamps are off by under a model, beyond the delay that it says, s. A delay that was found on
     /// the flight itself is one relative to the samples.
     pub(crate) fn clock_sigma_s(&self, model: &Model) -> f64 {
-        let known = self.known_delay_s.is_some_and(|known| (known - delay_s(model)).abs() < 1e-9);
+        let known = self.known_delay_s.is_some_and(|known| (known - delay_s(model, 0.0)).abs() < 1e-9);
         if known { CLOCK_OF_KNOWN_DELAY_S } else { CLOCK_S }
     }
 

@@ -251,7 +251,7 @@ pub fn run(
                 t_s: outcome.t_s,
                 elapsed_s,
                 // By the stamp, so that a delay moves no fix to another part.
-                part: options.part(elapsed_s + filter.fix_delay_s()),
+                part: options.part(elapsed_s + filter.fix_delay_s(outcome.t_s)),
                 position: outcome.position,
                 velocity: outcome.velocity,
             };

@@ -41,7 +41,7 @@ pub(crate) fn fly(model: &Model, seed: u64) -> Vec<Sample> {
         .parameters()
         .iter()
         .zip(&model.effects)
-        .map(|(p, s)| s.effect.fix_delay_s(p))
+        .map(|(p, s)| s.effect.fix_delay_s(p, 0.0))
         .sum::<f64>();
     let late = (delay * RATE_HZ).round() as usize;
     let mut path: Vec<NavState> = Vec::new();

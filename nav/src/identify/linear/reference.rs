@@ -15,6 +15,7 @@ use crate::identify::noise::Noise;
 use crate::identify::{Serial, Workers};
 use crate::mechanization::NavState;
 use crate::model::Model;
+use crate::sample::GnssFix;
 use nalgebra::{Matrix3, Vector3};
 
 /// After a gap the first guess of the attitude is kept until the fixes make it known to this, rad.
@@ -40,8 +41,8 @@ pub struct Reference {
     pub knots: Vec<Knot>,
     /// Biases, and the model's parameters.
     pub calibration: Calibration,
-    /// Delay of the fixes that the times are those of, s.
-    pub delay_s: f64,
+    /// Delays of the fixes that the times are those of, at the beginning and at the end of the flight, s.
+    pub delays_s: [f64; 2],
 }
 
 /// A state that was reached across a gap, with this share of what leads from it to the knot after it: the trajectory turns where no
@@ -58,9 +59,21 @@ fn toward(track: &mut Track<'_>, t_s: f64, reached: &NavState, knot: &Knot, shar
     moved(reached, (interval::error(reached, &nav) * share).as_slice())
 }
 
-/// Delay of the fixes that a model says, s.
-pub fn delay_s(model: &Model) -> f64 {
-    model.effects.iter().map(|s| s.effect.fix_delay_s(&s.values)).sum()
+/// Delay that a model says of a fix whose stamp is so long after the start, s.
+pub fn delay_s(model: &Model, elapsed_s: f64) -> f64 {
+    model.effects.iter().map(|s| s.effect.fix_delay_s(&s.values, elapsed_s)).sum()
+}
+
+/// The same at the beginning and at the end of a flight; in between it is on the straight line.
+fn delays_s(flight: &Flight, model: &Model) -> [f64; 2] {
+    [0.0, flight.duration_s()].map(|elapsed_s| delay_s(model, elapsed_s))
+}
+
+/// The time of validity of each fix that comes after the start, s, with the number of the fix.
+fn valid_times<'a>(flight: &'a Flight, model: &'a Model) -> impl Iterator<Item = (usize, f64)> + 'a {
+    let start_s = flight.initial().t_s;
+    let valid_s = move |fix: &GnssFix| fix.t_s - delay_s(model, fix.t_s - start_s);
+    flight.fixes().iter().map(valid_s).enumerate().filter(move |f| f.1 > start_s)
 }
 
 impl Reference {
@@ -76,17 +89,16 @@ impl Reference {
     pub fn with(&self, flight: &Flight, model: &Model) -> Self {
         let mut same = self.clone();
         same.calibration = same.calibration.with_effects_of(model);
-        if (delay_s(model) - self.delay_s).abs() > 1e-9 { same.at_other_times(flight, model) } else { same }
+        let moved = delays_s(flight, model).iter().zip(&self.delays_s).any(|(a, b)| (a - b).abs() > 1e-9);
+        if moved { same.at_other_times(flight, model) } else { same }
     }
 
     fn at_other_times(self, flight: &Flight, model: &Model) -> Self {
         let (samples, watched) = (flight.samples_of(model), Watched::default());
         let mut track = Track::new(flight, model, &samples, &self.calibration, &watched);
         let start_s = flight.initial().t_s;
-        let delay_s = delay_s(model);
         let mut knots = Vec::with_capacity(flight.fixes().len());
-        for (fix, t_s) in flight.fixes().iter().map(|f| f.t_s - delay_s).enumerate().filter(|f| f.1 > start_s)
-        {
+        for (fix, t_s) in valid_times(flight, model) {
             let next = self.knots.partition_point(|k| k.t_s <= t_s);
             let (from_s, nav) =
                 next.checked_sub(1).map_or((start_s, self.start), |k| (self.knots[k].t_s, self.knots[k].nav));
@@ -99,7 +111,7 @@ impl Reference {
             }
             knots.push(Knot { t_s, fix, nav });
         }
-        Self { knots, delay_s, ..self }
+        Self { knots, delays_s: delays_s(flight, model), ..self }
     }
 
     fn filtered(flight: &Flight, model: &Model, noise: &Noise) -> Self {
@@ -111,13 +123,12 @@ impl Reference {
 
     #[inline(always)]
     fn gone_through(flight: &Flight, model: &Model, noise: &Noise) -> Self {
-        let delay_s = delay_s(model);
         let watched = Watched::default();
         let mut reference = Self {
             start: flight.initial().nav,
             knots: Vec::with_capacity(flight.fixes().len()),
             calibration: Calibration::new(model),
-            delay_s,
+            delays_s: delays_s(flight, model),
         };
         let samples = flight.samples_of(model);
         let mut track = Track::new(flight, model, &samples, &reference.calibration, &watched);
@@ -127,11 +138,8 @@ impl Reference {
         let mut kalman = Kalman::new(&empty, empty.walk, noise);
         let mut updates = Vec::new();
         let (mut nav, mut since_s, mut guessed) = (flight.initial().nav, flight.initial().t_s, false);
-        for (k, fix) in flight.fixes().iter().enumerate() {
-            let t_s = fix.t_s - delay_s;
-            if t_s <= flight.initial().t_s {
-                continue;
-            }
+        for (k, t_s) in valid_times(flight, model) {
+            let fix = &flight.fixes()[k];
             let Some((mut interval, predicted)) = track.interval_to(&nav, t_s) else { break };
             interval.rounding = rounding.at(t_s - 0.5 * interval.dt);
             kalman.predict(&interval);

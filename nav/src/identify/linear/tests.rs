@@ -7,6 +7,7 @@ use crate::identify::noise::FIGURES;
 use crate::identify::tests::{fly, noise};
 use crate::identify::{Serial, pass};
 use crate::model::EffectSetting;
+use crate::sample::Sample;
 
 fn flight() -> (Flight, Model) {
     let model = Model::default();
@@ -144,15 +145,43 @@ fn a_trajectory_at_other_times_turns_in_gaps_as_before() {
     let model = Model::default();
     let mut samples = fly(&model, 1);
     let lost = |t_s: f64| [20.3, 33.1, 47.7, 61.0].iter().any(|from| (0.0..1.7).contains(&(t_s - from)));
-    samples.retain(|s| !matches!(s, crate::sample::Sample::Imu(imu) if lost(imu.t_s)));
+    samples.retain(|s| !matches!(s, Sample::Imu(imu) if lost(imu.t_s)));
     let flight = Flight::prepare(&samples, &model).unwrap();
     let reference = Reference::find(&flight, &model, &noise(), &Serial);
     for by_s in [-0.11, -0.03, 0.004, 0.03, 0.11] {
         let mut late = model.clone();
-        late.set(EffectSetting::known(&effects::GpsLatency, &[reference.delay_s + by_s]).unwrap());
+        late.set(EffectSetting::known(&effects::GpsLatency, &[reference.delays_s[0] + by_s]).unwrap());
         let bend = reference.with(&flight, &late).with(&flight, &model).bend(&reference);
         assert!(bend < 0.02, "{by_s} s and back: {bend} rad");
     }
+}
+
+/// Vibration of half a g does not hide a clock that drifts: fixes are compared with the motion of their own time, and not with what the
+/// acceleration of one instant makes of it.
+#[test]
+fn a_drifting_clock_is_seen_through_vibration() {
+    const RATE: f64 = 1.5e-3;
+    let model = Model::default();
+    let mut samples = fly(&model, 5);
+    for sample in &mut samples {
+        match sample {
+            Sample::Imu(imu) => imu.accel.z += 7.0 * (imu.t_s * 0.47 * std::f64::consts::TAU * 50.0).sin(),
+            Sample::Fix(fix) => fix.t_s /= 1.0 - RATE,
+            _ => {}
+        }
+    }
+    let flight = Flight::prepare(&samples, &model).unwrap();
+    let noise = Noise { accel: 5.0 * noise().accel, ..noise() };
+    let likelihood = |rate: f64| {
+        let mut model = model.clone();
+        model.set(EffectSetting::known(&effects::ClockDrift, &[rate]).unwrap());
+        let found = Reference::find(&flight, &model, &noise, &Serial);
+        Problem::new(&flight, &model, &found, &Watched::default(), &Serial)
+            .run(&noise, &Options::default())
+            .log_likelihood[0]
+    };
+    let [half, whole, twice] = [0.5, 1.0, 2.0].map(|share| likelihood(share * RATE) - likelihood(0.0));
+    assert!(whole > half && whole > twice + 30.0 && whole > 30.0, "{half} {whole} {twice}");
 }
 
 /// The linear model says the same about any trajectory near the vehicle's: that one 40 m beside it, whose attitude wobbles from fix to
