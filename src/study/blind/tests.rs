@@ -148,3 +148,27 @@ fn what_the_catalogue_lacks_is_noticed() {
     assert_eq!((s.oracle.count, s.unnoticed.count, s.unnoticed.of), (1, 0, 1), "{outcomes:?}");
     assert!(!outcomes[0].groups.iter().any(|g| g.contains(&"gyro_temperature")), "{outcomes:?}");
 }
+
+fn flown(names: &[&'static str], kind: Kind, family: Family) -> Outcome {
+    let place = |name: &&str| REGISTRY.iter().position(|e| e.name() == *name);
+    let hidden = std::array::from_fn(|k| names.get(k).and_then(place));
+    one(&Job { hidden, kind, seed: 1 }, family, &Settings::default()).unwrap()
+}
+
+/// A drift that stands for everything at first gives its place back when the rest is named, far ahead as it was.
+#[test]
+fn a_temperature_is_named_beside_two_more_effects() {
+    let names = ["gyro_temperature", "accel_temperature", "gps_latency"];
+    let outcome = flown(&names, Kind::Coordinated, Family::Aside);
+    let mut found: Vec<_> = outcome.groups.iter().map(|g| g[0]).collect();
+    found.sort_unstable();
+    assert_eq!(found, ["accel_temperature", "gps_latency", "gyro_temperature"], "{outcome:?}");
+}
+
+/// Half a g of vibration makes no gyro delay of a clock that drifts.
+#[test]
+fn a_drifting_clock_is_named_alone_in_vibration() {
+    let outcome = flown(&["vibration_rectification", "clock_drift"], Kind::Coordinated, Family::Tuning);
+    assert!(outcome.groups.contains(&vec!["clock_drift"]), "{outcome:?}");
+    assert!(!outcome.groups.iter().flatten().any(|n| *n == "gyro_accel_delay"), "{outcome:?}");
+}

@@ -19,8 +19,10 @@ const GRACE: f64 = 1.0;
 const CLEAR_NATS: f64 = 60.0;
 /// … if that is more than this share of its evidence.
 const CLEAR_SHARE: f64 = 0.5;
-/// Rivals this far behind in the fit part may still win with all data, nats.
+/// Rivals this far behind when an effect was added may still win with all data, nats …
 const RIVAL: f64 = 8.0;
+/// … and, once what was missing then is named, those behind by no more than this share of its evidence.
+const RIVAL_SHARE: f64 = 0.5;
 
 /// An effect that is worth this much more than it must be at a glance need not be taken out to see, nats.
 const NEEDED: f64 = 30.0;
@@ -60,7 +62,7 @@ impl Chosen {
     /// Names of all that were added, even for a while, or came close.
     fn names(&self) -> Vec<&'static str> {
         let close = |f: &Found| {
-            let worth = f.step.evidence - RIVAL;
+            let worth = f.step.evidence - RIVAL.max(RIVAL_SHARE * f.step.evidence);
             f.step.candidates.iter().filter(move |c| c.1 > worth).map(|c| c.0).collect::<Vec<_>>()
         };
         let mut names: Vec<&'static str> =
@@ -302,6 +304,27 @@ mod tests {
         assert!(names(&noisy, 4).contains(&"gps_latency"));
         assert!(names(&measured, 5).contains(&"gps_latency"));
         assert_eq!(names(&noisy, 5), before);
+    }
+
+    /// What was far behind when others were missing is compared again when they are in.
+    #[test]
+    fn rivals_behind_by_less_than_half_are_asked_again() {
+        let (base, settings) = (Model::default(), Settings::default());
+        let flight = late(&base);
+        let flights = [&flight];
+        let measured = Noise::measured(&base, &flights);
+        let search = Search::new(&flights, &base, &settings, &Serial, &measured);
+        let mut found = proposed("gyro_bias_drift");
+        found.step.candidates =
+            vec![("gyro_bias_drift", 522.8), ("gyro_temperature", 391.1), ("gps_latency", 135.3)];
+        found.step.evidence = 522.8;
+        let chosen = Chosen {
+            found: vec![found],
+            point: search.empty(&measured),
+            gone: vec!["accel_bias_drift"],
+            remaining: Vec::new(),
+        };
+        assert_eq!(chosen.names(), ["accel_bias_drift", "gyro_bias_drift", "gyro_temperature"]);
     }
 
     #[test]
