@@ -67,6 +67,8 @@ pub enum FixEvent {
 pub struct FixOutcome {
     /// Time of validity, s.
     pub t_s: f64,
+    /// What the fix is stamped with, s.
+    pub stamp_s: f64,
     /// Position.
     pub position: Group,
     /// Velocity.
@@ -114,7 +116,7 @@ impl Filter {
     /// Applies a fix to the present state, which must be that of the fix's time of validity.
     pub fn update(&mut self, fix: &GnssFix) -> FixOutcome {
         if !fix.is_plausible() {
-            return FixOutcome { t_s: self.t_s, ..FixOutcome::default() };
+            return FixOutcome { t_s: self.t_s, stamp_s: fix.t_s, ..FixOutcome::default() };
         }
         if let Some(watch) = self.watch.as_deref_mut() {
             watch.reach_fix(self.t_s, &self.layout);
@@ -131,7 +133,7 @@ impl Filter {
         }
         self.failed |= !self.is_sound();
         self.tape_fix();
-        outcome
+        FixOutcome { stamp_s: fix.t_s, ..outcome }
     }
 
     fn started_anew(&self, event: FixEvent) -> FixOutcome {

@@ -245,13 +245,11 @@ pub fn run(
         }
         fusion.push_imu(*sample);
         while let Some(outcome) = fusion.poll() {
-            let filter = fusion.filter();
-            let elapsed_s = outcome.t_s - start_s;
             let innovation = Innovation {
                 t_s: outcome.t_s,
-                elapsed_s,
+                elapsed_s: outcome.t_s - start_s,
                 // By the stamp, so that a delay moves no fix to another part.
-                part: options.part(elapsed_s + filter.fix_delay_s(outcome.t_s)),
+                part: options.part(outcome.stamp_s - start_s),
                 position: outcome.position,
                 velocity: outcome.velocity,
             };

@@ -4,7 +4,8 @@
 //! truth without the effect. By Bayes' theorem a ratio of exp(t) comes about by chance with a probability of at most
 //! exp(−t), so with as many candidates as effects it names where t exceeds ln(candidates / 2 %); and it names *alone*
 //! where besides no other candidate comes within ln(1 / 1 %) of the truth. The others' sizes it does not know: they are
-//! fitted, and charged for it. It holds nothing out.
+//! fitted, and charged for it. It holds nothing out. Where several effects were injected, each is looked for with the others in
+//! at their true sizes, and one of these being larger or smaller is a candidate as well.
 
 use gaware_nav::effects::REGISTRY;
 use gaware_nav::identify::Serial;
@@ -26,7 +27,7 @@ pub struct Seen {
     pub alone: bool,
     /// What the log-likelihood loses without it, nats.
     pub gain: f64,
-    /// The best of the candidates that were not injected, with its evidence against the model without anything, nats.
+    /// The best of the other candidates, with its evidence against the model without the effect, nats.
     pub other: Option<(&'static str, f64)>,
 }
 
@@ -56,20 +57,20 @@ pub(super) fn could_name(
         let better = fitted(None, &without.0).1.max(all.1);
         better - fitted(Some(k), &all.0).1.max(without.1)
     };
-    let known: Vec<&str> = hidden.iter().map(|h| h.effect.name()).collect();
-    let other = select::best_other(&[flight], base, &selection.base_noise, &known, &settings, &Serial);
-    let best_other = other.as_ref().map_or(0.0, |o| o.evidence.max(0.0));
-    (0..hidden.len())
-        .map(|k| {
-            let gain = gain(k);
-            let chance = (REGISTRY.len() as f64 / ALARMS).ln();
-            // With two injected at once what others reach is partly the other's doing.
-            let ahead = hidden.len() > 1 || gain - best_other > (1.0 / WRONG).ln();
-            Seen {
-                alone: gain > chance && ahead,
-                gain,
-                other: other.as_ref().map(|o| (o.setting.effect.name(), o.evidence)),
-            }
-        })
-        .collect()
+    let seen = |k: usize| {
+        let gain = gain(k);
+        let mut others = base.clone();
+        hidden.iter().enumerate().filter(|h| h.0 != k).for_each(|h| others.set(h.1.clone()));
+        let own = [hidden[k].effect.name()];
+        let noise = if hidden.len() == 1 { &selection.base_noise } else { &selection.noise };
+        let other = select::best_other(&[flight], &others, noise, &own, &settings, &Serial);
+        let best_other = other.as_ref().map_or(0.0, |o| o.evidence.max(0.0));
+        let chance = (REGISTRY.len() as f64 / ALARMS).ln();
+        Seen {
+            alone: gain > chance && gain - best_other > (1.0 / WRONG).ln(),
+            gain,
+            other: other.map(|o| (o.setting.effect.name(), o.evidence)),
+        }
+    };
+    (0..hidden.len()).map(seen).collect()
 }
