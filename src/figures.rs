@@ -1,5 +1,7 @@
 //! Figures and dates as people read them, the same on every page and screen.
 
+use std::fmt::Display;
+
 /// Decimal places that show two significant figures of a sigma.
 pub fn two_figures(sigma: f64) -> usize {
     (1.0 - sigma.abs().max(1e-12).log10().floor()).clamp(0.0, 12.0) as usize
@@ -9,6 +11,17 @@ pub fn two_figures(sigma: f64) -> usize {
 pub fn with_sigma(value: f64, sigma: f64) -> String {
     let digits = two_figures(sigma);
     format!("{value:.digits$} ± {sigma:.digits$}")
+}
+
+/// A number of things: `1 item`, `3 items`.
+pub fn counted<N: Display + PartialEq + From<u8>>(n: N, what: &str) -> String {
+    let s = if n == N::from(1) { "" } else { "s" };
+    format!("{n} {what}{s}")
+}
+
+/// The same with what became of them: `1 item was`, `3 items were`.
+pub fn counted_were(n: usize, what: &str) -> String {
+    format!("{} {}", counted(n, what), if n == 1 { "was" } else { "were" })
 }
 
 /// Day of a time in seconds since 1970 (UTC), as `2024-02-29`.
@@ -33,6 +46,15 @@ pub fn civil(days: i64) -> (i64, i64, i64) {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn one_thing_is_no_plural() {
+        assert_eq!((counted(1usize, "item"), counted(0u64, "item")), ("1 item".into(), "0 items".into()));
+        assert_eq!(
+            (counted_were(1, "item"), counted_were(2, "item")),
+            ("1 item was".into(), "2 items were".into())
+        );
+    }
 
     #[test]
     fn a_value_has_the_places_of_two_figures_of_its_sigma() {

@@ -2,7 +2,7 @@
 
 use super::report::ReportError;
 use super::{CommandError, file_name, load_model, output};
-use crate::figures::{two_figures, with_sigma};
+use crate::figures::{counted, two_figures, with_sigma};
 use crate::fleet::FleetError;
 use crate::fleet::family::{self, Family};
 use crate::fleet::find::{NameRule, Named};
@@ -174,7 +174,7 @@ fn print(out: &mut String, family: &Family, page: Option<&Path>) -> std::fmt::Re
         writeln!(out, "{sentence}")?;
     }
     for p in &family.parameters {
-        writeln!(out, "\n{} {} ({}), {} flights", p.effect, p.name, p.unit, p.flights)?;
+        writeln!(out, "\n{} {} ({}), {}", p.effect, p.name, p.unit, counted(p.flights, "flight"))?;
         writeln!(out, "  turn-on spread {}", with_sigma(p.turn_on_spread.value, p.turn_on_spread.sigma))?;
         if let (Some(mean), Some(between)) = (p.family_mean, p.between_units) {
             let places = two_figures(mean.sigma);
@@ -184,7 +184,7 @@ fn print(out: &mut String, family: &Family, page: Option<&Path>) -> std::fmt::Re
         for u in &p.units {
             let mark = if u.out_of_family { " (out of family)" } else { "" };
             let constant = with_sigma(u.constant.value, u.constant.sigma);
-            writeln!(out, "  {:<16} {constant} in {} flights{mark}", u.unit, u.flights)?;
+            writeln!(out, "  {:<16} {constant} in {}{mark}", u.unit, counted(u.flights, "flight"))?;
         }
     }
     for r in &family.recurring {

@@ -5,6 +5,7 @@ pub use super::mission_args::{
 };
 use super::mission_result::{Action, MissionResult, OnVehicle};
 use super::{CommandError, mission_restore, output, transfer};
+use crate::figures::counted_were;
 use crate::mission_link::delivery::{Delivered, Order, deliver};
 use crate::mission_link::facts::{self, Wish};
 use crate::mission_link::files::{self, Contents, FileError};
@@ -340,9 +341,9 @@ pub async fn download(args: &DownloadArgs, stop: &CancellationToken) -> Result<M
     files::write_new(file, &text)?;
     let items = contents.mission.items.len();
     let what = match args.list.map(MissionKind::from) {
-        None | Some(MissionKind::Mission) => format!("{items} items were"),
+        None | Some(MissionKind::Mission) => counted_were(items, "item"),
         Some(MissionKind::Fence) => format!("a geofence ({}) was", contents.fence.describe()),
-        Some(MissionKind::Rally) => format!("{} rally points were", contents.rally_points.len()),
+        Some(MissionKind::Rally) => counted_were(contents.rally_points.len(), "rally point"),
     };
     let text = format!("{what} read from the vehicle into {}{notes}", file.display());
     let result = MissionResult::new(Action::Download, true, OnVehicle::Unchanged, text);

@@ -3,6 +3,7 @@
 use super::mission::{LinkArgs, MissionError, RestoreArgs, UploadArgs, bring, bring_list, teller};
 use super::mission_result::{Action, MissionResult, OnVehicle};
 use super::transfer::{self, NoJournal};
+use crate::figures::counted;
 use crate::mission_link::files;
 use crate::mission_link::journal::Journal;
 use crate::mission_link::session::{Opening, Session};
@@ -90,10 +91,12 @@ async fn take_up(
     let rest = if fence_known { journal.settle(&outcome) } else { journal.left_words() };
     let on_vehicle = OnVehicle::of(&outcome);
     let (items, done, now) = match on_vehicle {
-        OnVehicle::New => (Some(new), fence_known, format!("the new mission of {new} items")),
-        OnVehicle::Previous => {
-            (Some(previous), !args.new && fence_known, format!("the previous mission of {previous} items"))
-        }
+        OnVehicle::New => (Some(new), fence_known, format!("the new mission of {}", counted(new, "item"))),
+        OnVehicle::Previous => (
+            Some(previous),
+            !args.new && fence_known,
+            format!("the previous mission of {}", counted(previous, "item")),
+        ),
         _ => (None, false, String::new()),
     };
     let text = if done {
@@ -157,8 +160,8 @@ fn begun(journal: &Journal) -> String {
         minutes => format!(" {} hours ago", minutes / 60),
     };
     format!(
-        "an upload of {} items over {} to system {} began{when} and did not end",
-        journal.new.items.len(),
+        "an upload of {} over {} to system {} began{when} and did not end",
+        counted(journal.new.items.len(), "item"),
         journal.previous.items.len(),
         journal.system_id
     )

@@ -4,6 +4,7 @@ pub use super::params_args::{ApplyArgs, BackupArgs, ParamsAction, ParamsArgs, Re
 use super::params_result::{Action, OnVehicle, ParamsResult, Shown};
 use super::{CommandError, output, params_restore, transfer};
 use crate::advice::table::{self, Rule};
+use crate::figures::{counted, counted_were};
 use crate::mission_link::facts;
 use crate::mission_link::files::{self, FileError};
 use crate::mission_link::param_delivery::{self, ParamOrder, ParamOrderError};
@@ -103,7 +104,7 @@ pub async fn show(args: &ShowArgs, stop: &CancellationToken) -> Result<ParamsRes
     let values: Vec<(ParamName, ParamValue)> = read?.ok_or(SessionError::Cancelled)?;
     let shown: Vec<Shown> = values.iter().map(|(name, value)| Shown::new(*name, *value, autopilot)).collect();
     let mut text: String = shown.iter().map(|s| format!("{s}\n")).collect();
-    text.push_str(&format!("{} parameters", shown.len()));
+    text.push_str(&counted(shown.len(), "parameter"));
     let result = ParamsResult::new(Action::Show, true, OnVehicle::Unchanged, text);
     Ok(ParamsResult { parameters: Some(shown), ..result })
 }
@@ -152,8 +153,11 @@ pub async fn backup(
     let all = all?.ok_or(SessionError::Cancelled)?;
     let entries = all.values.iter().map(|(name, v)| (*name, v.kind, v.value));
     files::write_new(&args.file, &param_delivery::text_of(&vehicle, entries))?;
-    let text =
-        format!("{} parameters were read from the vehicle into {}", all.values.len(), args.file.display());
+    let text = format!(
+        "{} read from the vehicle into {}",
+        counted_were(all.values.len(), "parameter"),
+        args.file.display()
+    );
     let result = ParamsResult::new(Action::Backup, true, OnVehicle::Unchanged, text);
     Ok(ParamsResult {
         count: Some(all.values.len()),

@@ -4,6 +4,7 @@ use super::params::{ParamsError, RestoreParamsArgs, bring, teller};
 use super::params_args::ApplyArgs;
 use super::params_result::{Action, OnVehicle, ParamsResult};
 use super::transfer::{self, NoJournal};
+use crate::figures::counted;
 use crate::mission_link::param_delivery::ParamOrderError;
 use crate::mission_link::param_journal::ParamJournal;
 use crate::mission_link::param_transfer;
@@ -56,8 +57,8 @@ async fn take_up(
         return Err(other(format!("system {id}")).into());
     }
     say(&format!(
-        "a change of {} parameters of system {} did not end",
-        journal.pairs.len(),
+        "a change of {} of system {} did not end",
+        counted(journal.pairs.len(), "parameter"),
         journal.system_id
     ));
     let to = Opening { vehicle: Some(journal.system_id), ..args.to.opening() };
@@ -75,7 +76,10 @@ async fn take_up(
     let rest = journal.settle(&outcome);
     let text = match &outcome {
         ApplyOutcome::Previous { .. } => {
-            format!("the old values of {count} parameters are on the vehicle, read back and compared{rest}")
+            format!(
+                "the old values of {} are on the vehicle, read back and compared{rest}",
+                counted(count, "parameter")
+            )
         }
         outcome => format!("{outcome}{rest}"),
     };

@@ -3,6 +3,7 @@
 use super::band::{self, BandError};
 use super::{CommandError, demo, output};
 use crate::demo::predictor;
+use crate::figures::counted;
 use crate::mission_link::files::{self, FileError};
 use gaware_mission::fence::{Fence, FenceCircle};
 use gaware_mission::item::{Autopilot, Home, LatLon};
@@ -298,7 +299,13 @@ fn document(made: &Plan, request: &Request) -> PlanDocument {
 }
 
 fn print(out: &mut String, made: &Plan, request: &Request) -> std::fmt::Result {
-    writeln!(out, "{}: {} items, {:.0} s", request.airframe.name, made.mission.items.len(), made.duration_s)?;
+    writeln!(
+        out,
+        "{}: {}, {:.0} s",
+        request.airframe.name,
+        counted(made.mission.items.len(), "item"),
+        made.duration_s
+    )?;
     for m in &made.maneuvers {
         writeln!(out, "{:6.0} s  {}", m.start_s, m.maneuver.words(&request.airframe).long)?;
     }

@@ -9,6 +9,7 @@ use super::run::{self, Hooks, Live, RunArgs};
 use crate::engine::guidance::GuidanceOptions;
 use crate::engine::snapshot::{Phase, Snapshot};
 use crate::engine::{Engine, EngineOptions};
+use crate::figures::counted;
 use crate::mission_link::param_delivery::ParamOrder;
 use crate::mission_link::uploader::{Offer, Planned, Uploader};
 use crate::mission_link::{files, watch as vehicle_watch};
@@ -364,7 +365,10 @@ fn point_to_mission(snapshot: &mut Snapshot, planned: &MissionView) {
     let by_hand = format!("or by hand: {}", guidance.instruction);
     let instruction = match planned.state {
         MissionState::Ready | MissionState::NotOnVehicle => {
-            format!("Upload the planned mission, {} items: key u, or the button on the page", planned.items)
+            format!(
+                "Upload the planned mission, {}: key u, or the button on the page",
+                counted(planned.items, "item")
+            )
         }
         MissionState::OnVehicle => "Arm, and start the mission from your ground station".to_owned(),
         MissionState::None | MissionState::Uploading | MissionState::Unknown => return,

@@ -9,6 +9,7 @@ use super::run_wire::RunWire;
 use super::vehicle::Vehicle;
 use super::wire::{News, Wire};
 use crate::commands::run::Live;
+use crate::figures::counted;
 use crate::link::endpoint::Received;
 use crate::preflight::{self, Facts, Verdict};
 use crate::sinks::status::{MissionState, MissionView, SinkStatus};
@@ -104,7 +105,8 @@ impl Uploader {
         let wire = RunWire::new(frames, outbox);
         if let Some(planned) = &offer.mission {
             let (items, name) = (planned.contents.mission.items.len(), planned.name());
-            let text = format!("{items} items of {name} are ready to be uploaded before take-off");
+            let (items, are) = (counted(items, "item"), if items == 1 { "is" } else { "are" });
+            let text = format!("{items} of {name} {are} ready to be uploaded before take-off");
             show(&status, planned, MissionState::Ready, text);
         }
         if let Some(order) = &offer.parameters {

@@ -1,6 +1,7 @@
 //! How far the mission is, and what screens show of the vehicle: who flies, what, how long still, and what follows.
 
 use super::{Ending, Flight, Milestone, Stage};
+use crate::figures::counted;
 use crate::pipeline::Estimator;
 use crate::sinks::status::{Control, VehicleView};
 use gaware_mission::planner::PlannedManeuver;
@@ -48,7 +49,7 @@ impl<E: Estimator> Flight<E> {
             ..VehicleView::default()
         };
         match &self.stage {
-            Stage::Standing => ground(&format!("upload of the mission, {items} items")),
+            Stage::Standing => ground(&format!("upload of the mission, {}", counted(items, "item"))),
             Stage::Uploading => ground("the upload is under way"),
             Stage::Ready(_) => ground("take-off"),
             Stage::Flying if self.prepared.lands() => self.maneuver_view(auto("approach and landing", "")),

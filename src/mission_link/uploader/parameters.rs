@@ -4,6 +4,7 @@ use super::super::param_delivery::{self, ParamOrder, phase_words};
 use super::super::param_transfer::ParamEvent;
 use super::super::run_wire::RunWire;
 use super::{PATIENCE_S, Vehicle, stamp};
+use crate::figures::counted;
 use crate::sinks::status::{MissionState, ParametersView, SinkStatus};
 use gaware_mission::params::apply::{ApplyOutcome, ApplyPhase};
 
@@ -12,9 +13,8 @@ fn name(order: &ParamOrder) -> String {
 }
 
 pub(super) fn ready(order: &ParamOrder) -> String {
-    let count = order.entries().len();
-    let parameters = if count == 1 { "parameter of" } else { "parameters of" };
-    format!("{count} {parameters} {} can be set while the vehicle is disarmed", name(order))
+    let parameters = counted(order.entries().len(), "parameter");
+    format!("{parameters} of {} can be set while the vehicle is disarmed", name(order))
 }
 
 pub(super) fn show(status: &SinkStatus, order: &ParamOrder, state: MissionState, text: String) {

@@ -8,7 +8,7 @@ mod flights;
 mod units;
 
 use super::page::{escape, page_with, wide};
-use crate::figures::{day, two_figures, with_sigma};
+use crate::figures::{counted, day, two_figures, with_sigma};
 use crate::fleet::family::findings::Finding;
 use crate::fleet::family::{FleetStudy, ParameterFamily};
 use crate::fleet::tables::FleetLog;
@@ -94,11 +94,6 @@ fn head(name: &str, logs: &[FleetLog], study: &FleetStudy, body: &mut String) {
         env!("CARGO_PKG_VERSION"),
         answers::verdict(study)
     );
-}
-
-/// A number of things: `1 unit`, `3 units`.
-fn counted(n: usize, what: &str) -> String {
-    format!("{n} {what}{}", if n == 1 { "" } else { "s" })
 }
 
 /// One parameter.

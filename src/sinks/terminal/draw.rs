@@ -3,6 +3,7 @@
 use super::Options;
 use super::parts;
 use crate::engine::snapshot::{Snapshot, Status};
+use crate::figures::counted;
 use crate::sinks::Change;
 use crate::sinks::events::Event;
 use crate::sinks::status::StatusView;
@@ -197,7 +198,7 @@ fn question(frame: &mut Frame, view: &View, area: Rect, change: Change) {
     }
     let mission = &view.sinks.mission;
     let text = vec![
-        Line::raw(view.text(&format!("{}, {} items, replaces", mission.name, mission.items))),
+        Line::raw(view.text(&format!("{}, {}, replaces", mission.name, counted(mission.items, "item")))),
         Line::raw("the mission in the vehicle. Not while a"),
         Line::raw("mission is being flown."),
         Line::raw(""),
