@@ -153,6 +153,30 @@ fn a_hidden_delay_is_found_and_nothing_on_a_clean_flight() {
     assert!(judged.left_out[0].held_out() > 10.0);
 }
 
+/// A jump can be seen only where it happens: that holds for the second one as well, in a block that is held out at first.
+#[test]
+fn no_jump_of_several_is_held_out() {
+    let (model, settings) = (Model::default(), select::Settings::default());
+    let (first_s, second_s, step) = (40.0, 57.0, Vector3::new(0.004, -0.006, 0.005));
+    let mut samples = fly(&model, 2);
+    for sample in &mut samples {
+        match sample {
+            Sample::Imu(imu) if imu.t_s > first_s => imu.gyro += step,
+            Sample::Fix(fix) if fix.t_s > second_s => fix.position.height_m += 12.0,
+            _ => {}
+        }
+    }
+    let flight = flight::Flight::prepare(&samples, &model).unwrap();
+    let found = select::select(&[&flight], &model, &settings, &Serial);
+    let part = |t_s: f64| found.options.part(t_s - flight.initial().t_s);
+    assert_eq!((part(first_s), part(second_s)), (Some(0), Some(0)), "{:?}", found.options);
+    assert_eq!(settings.options.part(second_s - flight.initial().t_s), Some(1));
+    let judged = judge::judge(&[&flight], &[], found, &settings, &Serial);
+    let mut names: Vec<_> = judged.selection.added.iter().map(|a| a.setting.effect.name()).collect();
+    names.sort_unstable();
+    assert_eq!((names, judged.removed), (vec!["gps_bias_step", "gyro_bias_step"], vec![]));
+}
+
 #[test]
 fn a_bayes_factor_pays_for_what_it_cannot_see() {
     let mut information = pass::Information::zeros(1, 0);

@@ -6,7 +6,7 @@
 
 use super::super::map;
 use super::settle::{loss, watching};
-use super::{Added, Candidate, Point, Search, Step};
+use super::{Added, Candidate, Point, Search, Step, is_jump};
 
 /// A flight is not gone through more often than this for each effect that may be added.
 const ROUNDS: usize = 2;
@@ -185,6 +185,12 @@ impl Search<'_> {
         let names = proposed.names();
         let mut chosen = Chosen { point: self.fitted(&proposed.point, &proposed.point), ..proposed };
         let least = self.settings.threshold;
+        // Where the block of a jump was held out, the fit part knows its instant to within the block.
+        for k in 0..chosen.found.len() {
+            if is_jump(chosen.point.added[self.given.len() + k].setting.effect) {
+                self.look_back(&mut chosen, k, &names);
+            }
+        }
         loop {
             while self.take_out(&mut chosen, 0, least) {}
             for k in 0..chosen.found.len() {

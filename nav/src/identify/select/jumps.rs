@@ -1,7 +1,6 @@
 //! Jumps: events of one flight, looked for at every fix.
 
 use super::super::evidence;
-use super::super::flight::Flight;
 use super::super::linear::backward::Shock;
 use super::super::pass::Options;
 use super::{Candidate, Point, Search, is_jump, prior_sigmas};
@@ -62,18 +61,34 @@ impl Search<'_> {
             .filter(|effect| is_jump(**effect))
             .filter_map(|effect| self.jump(&EffectSetting::unknown(*effect), &shocks))
             .max_by(|a, b| a.evidence.total_cmp(&b.evidence));
-        let Some(jump) = best.filter(|b| b.evidence > self.settings.threshold) else { return false };
-        let event_s = jump.setting.values[0];
-        let began = |f: &&&Flight| f.initial().t_s <= event_s;
-        let Some(flight) = self.flights.iter().rev().find(began) else { return false };
-        let at_s = event_s - flight.initial().t_s;
+        let jump = best.filter(|b| b.evidence > self.settings.threshold);
+        jump.is_some_and(|jump| self.turn_phase_to(&[jump.setting.values[0]]))
+    }
+
+    /// The same for every jump of a choice: those that came to light after the first.
+    pub(super) fn turn_phase_to_jumps_of(&mut self, point: &Point) -> bool {
+        let jumps = point.added.iter().map(|a| &a.setting).filter(|s| is_jump(s.effect));
+        let events_s: Vec<f64> = jumps.map(|s| s.values[0]).collect();
+        self.turn_phase_to(&events_s)
+    }
+
+    /// Holds out the blocks that hide the fewest of these instants; those of now where no others hide fewer.
+    fn turn_phase_to(&mut self, events_s: &[f64]) -> bool {
+        let options = self.settings.options;
+        let since_start = |event_s: &f64| {
+            let flight = self.flights.iter().rev().find(|f| f.initial().t_s <= *event_s)?;
+            Some(event_s - flight.initial().t_s)
+        };
+        let at_s: Vec<f64> = events_s.iter().filter_map(since_start).collect();
         // Two seconds later it must still be in the fit part.
+        let near = |at_s: &f64| [-1.0, 0.0, 1.0, 2.0].map(|by_s| at_s + by_s);
         let held = |phase: u32| {
             let o = Options { phase, ..options };
-            [-1.0, 0.0, 1.0, 2.0].iter().filter(|d| o.part(at_s + *d) == Some(1)).count()
+            at_s.iter().flat_map(near).filter(|t_s| o.part(*t_s) == Some(1)).count()
         };
-        let phase = (0..options.held_out_every).min_by_key(|p| held(*p)).unwrap_or(options.phase);
-        self.settings.options.phase = phase;
-        phase != options.phase
+        let phases = 0..options.held_out_every;
+        let best = phases.min_by_key(|p| (held(*p), *p != options.phase)).unwrap_or(options.phase);
+        self.settings.options.phase = best;
+        best != options.phase
     }
 }

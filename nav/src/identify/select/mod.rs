@@ -260,16 +260,19 @@ pub fn select(flights: &[&Flight], base: &Model, settings: &Settings, workers: &
     if search.turn_phase_to_jump(&start) {
         start = search.start(&start.noise);
     }
-    let options = search.settings.options;
+    let everything = search.settings.options.all();
     let mut chosen = search.choose(start.clone(), settings.proposal.min(settings.threshold));
     let mut point = start.clone();
     if !chosen.found.is_empty() {
-        chosen = search.hearing(options.all()).confirm(chosen);
+        chosen = search.hearing(everything).confirm(chosen);
+        if search.turn_phase_to_jumps_of(&chosen.point) {
+            start = search.start(&start.noise);
+        }
         point = search.fitted(&chosen.point, &start);
     }
     let added = point.added.split_off(search.given.len());
     Selection {
-        options,
+        options: search.settings.options,
         base: base.clone(),
         base_noise: start.noise,
         noise: point.noise,
