@@ -1,11 +1,11 @@
 //! Named scenarios: a flight with its sensors and the model that is true in it.
 
 use crate::sensors::{Flight, SensorConfig, VibrationLine};
-use crate::trajectory::Flown;
 use crate::trajectory::bench::Bench;
 use crate::trajectory::fixed_wing::FixedWing;
 use crate::trajectory::multirotor::Multirotor;
 use crate::trajectory::paper::Paper;
+use crate::trajectory::{Flown, Scripted};
 use crate::truth::Trajectory;
 use crate::vehicle::VehicleConfig;
 use gaware_nav::effects::{self, unit};
@@ -43,6 +43,20 @@ impl Scenario {
     /// The trajectory; copies share the integrated path.
     pub fn trajectory(&self) -> Box<dyn Trajectory> {
         Box::new(self.trajectory.clone())
+    }
+
+    /// The same flight so many times in a row, each with take-off and landing; `None` where it does not end at rest.
+    #[must_use]
+    pub fn repeated(self, times: u32) -> Option<Self> {
+        let wing = |profile: FixedWing| Flown::new(profile.landed().repeated(times));
+        let trajectory = match self.name {
+            "fixed_wing" => wing(FixedWing::new(true)),
+            "fixed_wing_coordinated" => wing(FixedWing::new(false)),
+            "fixed_wing_gusts" => wing(gusty()),
+            "multirotor" => Flown::new(Multirotor::new().repeated(times)),
+            _ => return None,
+        };
+        Some(Self { trajectory, ..self })
     }
 
     /// The flight as its sensors report it.
@@ -240,8 +254,12 @@ fn fixed_wing_gusts() -> Scenario {
     small_aircraft(
         "fixed_wing_gusts",
         "the same flight without deliberate sideslip, in turbulent air",
-        FixedWing::new(false).with_gusts(30.0, 0.7, 0.3),
+        gusty(),
     )
+}
+
+fn gusty() -> FixedWing {
+    FixedWing::new(false).with_gusts(30.0, 0.7, 0.3)
 }
 
 fn multirotor() -> Scenario {
@@ -315,6 +333,37 @@ mod tests {
             assert_eq!(scenario(name).map(|s| s.name), Some(name));
         }
         assert!(scenario("no such thing").is_none());
+    }
+
+    #[test]
+    fn a_repeated_flight_takes_off_maneuvers_and_lands_each_time() {
+        for (name, once_s) in [
+            ("fixed_wing", 340.0),
+            ("fixed_wing_coordinated", 340.0),
+            ("fixed_wing_gusts", 340.0),
+            ("multirotor", 240.0),
+        ] {
+            let mut flown = scenario(name).and_then(|s| s.repeated(3)).unwrap().trajectory();
+            assert_eq!(flown.duration_s(), 3.0 * once_s, "{name}");
+            for k in 0..3 {
+                let from_s = f64::from(k) * once_s;
+                for at_s in [0.0, 5.0, once_s - 1e-3] {
+                    let speed = flown.truth_at(from_s + at_s).v_n.norm();
+                    assert!(speed < 1e-6, "{name}: {speed} m/s at {at_s} s of flight {k}");
+                }
+                for at_s in [66.0, 160.0, 212.0] {
+                    let (first, again) = (flown.truth_at(at_s), flown.truth_at(from_s + at_s));
+                    assert!((again.force - first.force).norm() < 0.02, "{name} at {at_s} s of flight {k}");
+                    assert!(
+                        (again.rate_ib - first.rate_ib).norm() < 1e-3,
+                        "{name} at {at_s} s of flight {k}"
+                    );
+                }
+            }
+        }
+        for name in ["paper", "bench", "mission_multirotor"] {
+            assert!(scenario(name).and_then(|s| s.repeated(2)).is_none(), "{name}");
+        }
     }
 
     #[test]

@@ -26,6 +26,9 @@ pub struct SimArgs {
     /// Flight to fly; a wrong name lists all.
     #[arg(long, default_value = "fixed_wing")]
     pub scenario: String,
+    /// Fly the scenario so many times in a row, with a landing after each (fixed_wing…: 340 s each, multirotor: 240 s).
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=100))]
+    pub repeat: Option<u32>,
     /// Address of the simulated link: udpout:HOST:PORT, udpin:HOST:PORT, tcpin:HOST:PORT, tcpout:HOST:PORT or pty.
     #[arg(long, default_value = "udpout:127.0.0.1:14550")]
     pub listen: String,
@@ -91,6 +94,9 @@ pub enum SimError {
         /// All names.
         known: String,
     },
+    /// A flight that cannot be flown twice.
+    #[error("--repeat: scenario \"{0}\" does not end at rest after a flight, so it cannot be flown again")]
+    Repeat(String),
     /// A number outside of sense.
     #[error("--{name} {value} is out of range: {wanted}")]
     Range {
@@ -177,6 +183,9 @@ fn prepare(args: &SimArgs) -> Result<Prepared, SimError> {
         name: args.scenario.clone(),
         known: scenario::names().collect::<Vec<_>>().join(", "),
     })?;
+    if let Some(times) = args.repeat {
+        scenario = scenario.repeated(times).ok_or_else(|| SimError::Repeat(args.scenario.clone()))?;
+    }
     if let Some(path) = &args.model {
         believe(&mut scenario, super::load_model(path).map_err(|e| SimError::Model(Box::new(e)))?);
     }
@@ -287,6 +296,7 @@ mod tests {
             ("--speed fast", "is no speed"),
             ("--speed max", "UDP loses frames"),
             ("--filter 900", "out of range"),
+            ("--scenario paper --repeat 2", "does not end at rest"),
             ("--wind 3", "--wind takes two numbers"),
         ] {
             let error = prepare(&args(line)).err().unwrap();
@@ -335,6 +345,14 @@ mod tests {
         let args = args("--hide-random 1 --sealed no/such/folder/truth.toml --listen tcpin:127.0.0.1:0");
         let error = run(&args, |_| panic!("it opened a link"), CancellationToken::new()).await.unwrap_err();
         assert!(error.to_string().contains("ground truth") && !error.is_usage(), "{error}");
+    }
+
+    #[tokio::test]
+    async fn a_repeated_flight_goes_on_after_the_first_landing() {
+        let line =
+            "--listen tcpin:127.0.0.1:0 --speed 1000 --no-wait --scenario multirotor --repeat 2 --until 250";
+        let served = run(&args(line), |_| (), CancellationToken::new()).await.unwrap();
+        assert!(served.virtual_s >= 250.0, "{served:?}");
     }
 
     #[test]
