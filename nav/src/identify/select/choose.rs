@@ -19,10 +19,9 @@ const GRACE: f64 = 1.0;
 const CLEAR_NATS: f64 = 60.0;
 /// … if that is more than this share of its evidence.
 const CLEAR_SHARE: f64 = 0.5;
-/// Rivals this far behind when an effect was added may still win with all data, nats …
+/// Rivals this far behind when an effect was added may still win with all data, nats; once what was missing then is named, so may
+/// those that are not behind by [`CLEAR_SHARE`] of its evidence.
 const RIVAL: f64 = 8.0;
-/// … and, once what was missing then is named, those behind by no more than this share of its evidence.
-const RIVAL_SHARE: f64 = 0.5;
 
 /// An effect that is worth this much more than it must be at a glance need not be taken out to see, nats.
 const NEEDED: f64 = 30.0;
@@ -62,7 +61,7 @@ impl Chosen {
     /// Names of all that were added, even for a while, or came close.
     fn names(&self) -> Vec<&'static str> {
         let close = |f: &Found| {
-            let worth = f.step.evidence - RIVAL.max(RIVAL_SHARE * f.step.evidence);
+            let worth = f.step.evidence - RIVAL.max(CLEAR_SHARE * f.step.evidence);
             f.step.candidates.iter().filter(move |c| c.1 > worth).map(|c| c.0).collect::<Vec<_>>()
         };
         let mut names: Vec<&'static str> =
@@ -243,6 +242,12 @@ mod tests {
         Flight::prepare(&fly(&truth, 5), base).unwrap()
     }
 
+    /// A search over flights about what they show without any effect, with the noise that was measured.
+    fn searching<'a>(flights: &'a [&'a Flight], base: &Model) -> (Search<'a>, Noise) {
+        let measured = Noise::measured(base, flights);
+        (Search::new(flights, base, &Settings::default(), &Serial, &measured), measured)
+    }
+
     /// An effect that the search has added before.
     fn proposed(name: &'static str) -> Found {
         let step = Step {
@@ -263,8 +268,7 @@ mod tests {
         truth.set(EffectSetting::known(&GyroScaleFactor, &[0.01, -0.01, 0.01]).unwrap());
         let flight = Flight::prepare(&fly(&truth, 5), &base).unwrap();
         let flights = [&flight];
-        let measured = Noise::measured(&base, &flights);
-        let mut search = Search::new(&flights, &base, &settings, &Serial, &measured);
+        let (mut search, measured) = searching(&flights, &base);
         let start = search.start(&measured);
         let chosen = search.choose(start, settings.proposal);
         let losses = search.losses(&chosen.point);
@@ -283,8 +287,7 @@ mod tests {
         let (base, settings) = (Model::default(), Settings::default());
         let flight = late(&base);
         let flights = [&flight];
-        let measured = Noise::measured(&base, &flights);
-        let mut search = Search::new(&flights, &base, &settings, &Serial, &measured);
+        let (mut search, measured) = searching(&flights, &base);
         let start = search.start(&measured);
         let before = [
             "gyro_scale_factor",
@@ -315,11 +318,10 @@ mod tests {
     /// What was far behind when others were missing is compared again when they are in.
     #[test]
     fn rivals_behind_by_less_than_half_are_asked_again() {
-        let (base, settings) = (Model::default(), Settings::default());
+        let base = Model::default();
         let flight = late(&base);
         let flights = [&flight];
-        let measured = Noise::measured(&base, &flights);
-        let search = Search::new(&flights, &base, &settings, &Serial, &measured);
+        let (search, measured) = searching(&flights, &base);
         let mut found = proposed("gyro_bias_drift");
         found.step.candidates =
             vec![("gyro_bias_drift", 522.8), ("gyro_temperature", 391.1), ("gps_latency", 135.3)];
@@ -338,8 +340,7 @@ mod tests {
         let (base, settings) = (Model::default(), Settings::default());
         let flight = late(&base);
         let flights = [&flight];
-        let measured = Noise::measured(&base, &flights);
-        let mut search = Search::new(&flights, &base, &settings, &Serial, &measured);
+        let (mut search, measured) = searching(&flights, &base);
         let mut from = search.start(&measured);
         // The delay was taken for a random walk of the biases before.
         let setting = EffectSetting::known(&AccelBiasDrift, &[0.02]).unwrap();
