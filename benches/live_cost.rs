@@ -180,15 +180,7 @@ async fn latency() {
         }
         delays_us
     });
-    let hooks = Hooks {
-        live,
-        outbox,
-        raw_outbox: mpsc::channel(1).1,
-        mission: None,
-        frames,
-        navigation: None,
-        foxglove: None,
-    };
+    let hooks = Hooks { live, outbox, raw_outbox: mpsc::channel(1).1, mission: None, frames, foxglove: None };
     let ending = stop.clone();
     tokio::spawn(async move {
         let _ = flight.await;

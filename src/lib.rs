@@ -13,7 +13,6 @@ pub mod demo;
 pub mod engine;
 pub mod explain;
 pub mod export;
-pub mod external_ahrs;
 pub mod figures;
 pub mod fleet;
 pub mod link;

@@ -11,7 +11,6 @@ use crate::mission_link::uploader::RawMessage;
 use crate::pipeline::{Estimator, Pipeline};
 use crate::sensors::{ConverterOptions, Severity};
 use crate::sinks::events::Causes;
-use crate::sinks::external_ahrs::Fresh;
 use crate::sinks::foxglove::Feed;
 use crate::sinks::recorder::{Recorder, RecorderStats, Setup};
 use gaware_mission::item::Mission;
@@ -82,8 +81,6 @@ pub struct Hooks {
     pub mission: Option<Mission>,
     /// Gets a copy of every frame that arrives, for protocols with the vehicle; slow readers lose their own.
     pub frames: tokio::sync::broadcast::Sender<Received>,
-    /// Gets the state after every inertial sample, where an autopilot is to read it; a slow reader loses its own.
-    pub navigation: Option<mpsc::Sender<Fresh>>,
     /// Gets what is recorded, where live viewers may be; a slow one loses its own.
     pub foxglove: Option<Feed>,
 }

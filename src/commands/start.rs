@@ -13,7 +13,6 @@ use crate::figures::counted;
 use crate::mission_link::param_delivery::ParamOrder;
 use crate::mission_link::uploader::{Offer, Planned, Uploader};
 use crate::mission_link::{files, watch as vehicle_watch};
-use crate::sinks::external_ahrs::{self, ExternalAhrs};
 use crate::sinks::link_meter::LinkMeter;
 use crate::sinks::log;
 use crate::sinks::recorder::RecorderStats;
@@ -196,14 +195,8 @@ async fn with_sinks(args: &RunArgs) -> Result<(), CommandError> {
     if let Some(supervisor) = Supervisor::from_env(&|name| std::env::var(name).ok()) {
         tokio::spawn(supervisor.run(live_rx.clone(), stop.clone()));
     }
-    let navigation = args.external_ahrs.clone().map(|port| {
-        let (sender, receiver) = mpsc::channel(external_ahrs::AHEAD);
-        let sink = ExternalAhrs::new(port, status.clone());
-        tokio::spawn(sink.run(receiver, stop.clone()));
-        sender
-    });
     tokio::spawn(relay(live_rx, snapshots, outbox, status, args.telemetry, stop.clone()));
-    let hooks = Hooks { live, outbox: outbox_rx, raw_outbox, mission, frames, navigation, foxglove };
+    let hooks = Hooks { live, outbox: outbox_rx, raw_outbox, mission, frames, foxglove };
     let duration = args.duration;
     let ends = stop.clone();
     tokio::spawn(async move {

@@ -6,7 +6,6 @@
 pub(crate) mod counters;
 pub(crate) mod estimate;
 pub mod guidance;
-pub mod navigation;
 pub mod observability;
 pub mod snapshot;
 mod stationary;
@@ -24,7 +23,6 @@ use gaware_nav::observability::segments::PathSegment;
 use gaware_nav::observability::words::VehicleKind;
 use gaware_nav::sample::{GnssFix, ImuSample, Sample};
 use guidance::{GuidanceOptions, Guide};
-use navigation::Navigation;
 use observability::ConditionWatch;
 use snapshot::{Estimate, Guidance, ImuStatus, Snapshot, Summary};
 use stationary::StationaryTest;
@@ -73,8 +71,6 @@ pub struct Engine {
     refused: u64,
     fix_rate: RateMeter,
     last_fix_s: Option<f64>,
-    newest_fix: Option<GnssFix>,
-    last_used_s: Option<f64>,
     fixes: u64,
     used: u64,
     rejected: u64,
@@ -106,8 +102,6 @@ impl Engine {
             refused: 0,
             fix_rate: RateMeter::default(),
             last_fix_s: None,
-            newest_fix: None,
-            last_used_s: None,
             fixes: 0,
             used: 0,
             rejected: 0,
@@ -191,7 +185,6 @@ impl Engine {
         }
         self.fix_rate.push(fix.t_s);
         self.last_fix_s = self.time.now_s();
-        self.newest_fix = Some(*fix);
         self.take(sample);
     }
 
@@ -212,7 +205,6 @@ impl Engine {
     fn account(&mut self, outcome: &FixOutcome, running: bool) {
         if outcome.used() {
             self.used += 1;
-            self.last_used_s = self.time.now_s();
         } else {
             self.rejected += 1;
         }
@@ -241,8 +233,6 @@ impl Engine {
         self.imu_rate = RateMeter::default();
         self.fix_rate = RateMeter::default();
         self.last_fix_s = None;
-        self.newest_fix = None;
-        self.last_used_s = None;
         self.stillness = StationaryTest::default();
         self.warnings.forget(FIXES_INCONSISTENT);
         self.watch.restart();
@@ -272,14 +262,6 @@ impl Engine {
     /// Roll, pitch, yaw, rad, and the time they are for, s; cheap enough to ask for at every sample.
     pub fn attitude(&mut self) -> Option<(f64, [f64; 3])> {
         self.estimator.predicted_nav().map(|(t_s, nav)| (t_s, nav.euler().into()))
-    }
-
-    /// Attitude and motion at the newest sample with their sigmas; nothing before there is an attitude. Cheap enough for every sample.
-    pub fn navigation(&mut self) -> Option<Navigation> {
-        let now_s = self.time.now_s()?;
-        let age_s = |since: Option<f64>| since.map(|t_s| (now_s - t_s).max(0.0));
-        let fix = self.newest_fix.as_ref().zip(age_s(self.last_fix_s));
-        Navigation::of(&mut self.estimator, fix, age_s(self.last_used_s))
     }
 
     /// The maneuvers that the guidance asks for, to be flown one after the other.

@@ -10,8 +10,6 @@ use std::str::FromStr;
 /// Baud rate of a serial address without one: the usual setting of a companion port is faster, but this one is
 /// the firmware's default.
 const DEFAULT_BAUD: u32 = 57_600;
-/// Baud rate of an instrument without one: the first that drivers try.
-const INSTRUMENT_BAUD: u32 = 115_200;
 
 /// Where a link leads.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize)]
@@ -117,29 +115,6 @@ fn host_port(rest: &str, kind: &'static str) -> Result<String, AddressError> {
     }
 }
 
-/// A serial port for an instrument: `/dev/ttyAMA2`, `/dev/ttyUSB0:921600`, with or without `serial:` before it.
-#[derive(Debug, Clone, PartialEq, Eq)]
-pub struct SerialPort {
-    /// Device.
-    pub path: String,
-    /// Bits per second.
-    pub baud: u32,
-}
-
-impl FromStr for SerialPort {
-    type Err = AddressError;
-
-    fn from_str(s: &str) -> Result<Self, Self::Err> {
-        let text = s.strip_prefix("serial:").unwrap_or(s);
-        let whole =
-            if text.contains([':', ',']) { text.to_owned() } else { format!("{text}:{INSTRUMENT_BAUD}") };
-        match serial(&whole)? {
-            Address::Serial { path, baud } => Ok(Self { path, baud }),
-            _ => Err(AddressError::Device(s.to_owned())),
-        }
-    }
-}
-
 impl fmt::Display for Address {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {
@@ -160,15 +135,6 @@ impl From<Address> for String {
 #[cfg(test)]
 mod tests {
     use super::*;
-
-    #[test]
-    fn the_port_of_an_instrument_needs_no_rate() {
-        let port = |text: &str| text.parse::<SerialPort>().map(|p| (p.path, p.baud));
-        assert_eq!(port("/dev/ttyAMA2"), Ok(("/dev/ttyAMA2".to_owned(), 115_200)));
-        assert_eq!(port("serial:/dev/ttyUSB0:921600"), Ok(("/dev/ttyUSB0".to_owned(), 921_600)));
-        assert!(port("/dev/ttyUSB0:fast").unwrap_err().to_string().contains("baud rate"));
-        assert!(port("").is_err());
-    }
 
     #[test]
     fn addresses_read_back_as_written() {

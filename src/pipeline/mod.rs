@@ -7,7 +7,6 @@ mod recorded;
 mod truth_comparison;
 
 use crate::advice::start::Started;
-use crate::engine::navigation::Navigation;
 use crate::engine::snapshot::{GnssStatus, ImuStatus, Snapshot, Summary};
 use crate::link::frame::Frame;
 use crate::logs::filter::{self, Channel, Origin};
@@ -43,10 +42,6 @@ pub trait Estimator: Consumer {
     fn snapshot(&self) -> Snapshot;
     /// The result so far.
     fn summary(&self) -> Summary;
-    /// The state at the newest sample, for those who need it at once; nothing while there is no estimate.
-    fn navigation(&mut self) -> Option<Navigation> {
-        None
-    }
 }
 
 /// The result as a document (`gaware.summary/1`): the summary with what an engine cannot know.
@@ -263,11 +258,6 @@ impl<E: Estimator> Pipeline<E> {
         s
     }
 
-    /// The state at the newest sample.
-    pub fn navigation(&mut self) -> Option<Navigation> {
-        self.engine.navigation()
-    }
-
     /// The result as a document: the summary, what flew, what was refused on the way, and the comparison with the truth
     /// where there is one.
     pub fn document(&self) -> Map<String, Value> {
@@ -305,10 +295,6 @@ impl Estimator for crate::engine::Engine {
 
     fn summary(&self) -> Summary {
         Self::summary(self)
-    }
-
-    fn navigation(&mut self) -> Option<Navigation> {
-        Self::navigation(self)
     }
 }
 

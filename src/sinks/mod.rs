@@ -4,7 +4,6 @@
 //! messages and counts them in [`status::SinkStatus`]; the engine never waits for it.
 
 pub mod events;
-pub mod external_ahrs;
 pub mod foxglove;
 pub mod link_meter;
 pub mod log;

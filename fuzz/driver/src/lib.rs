@@ -32,16 +32,10 @@ pub struct Target {
 }
 
 /// All targets.
-pub const TARGETS: [Target; 19] = [
+pub const TARGETS: [Target; 18] = [
     target("framer", Shape::Bytes, targets::link::framer, targets::link::raw_seeds),
     target("decode", Shape::Script, targets::link::decode, targets::link::script_seeds),
     target("address", Shape::Text, targets::link::address, targets::link::address_seeds),
-    target(
-        "external_ahrs",
-        Shape::Text,
-        targets::external_ahrs::external_ahrs,
-        targets::external_ahrs::seeds,
-    ),
     target("tlog", Shape::Bytes, targets::logs::tlog, targets::logs::tlog_seeds),
     target("dataflash", Shape::Bytes, targets::logs::dataflash, no_seeds),
     target("ulog", Shape::Bytes, targets::logs::ulog, no_seeds),

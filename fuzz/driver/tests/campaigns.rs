@@ -46,7 +46,6 @@ campaigns! {
     framer: 50_000,
     decode: 5_000,
     address: 100_000,
-    external_ahrs: 20_000,
     tlog: 10_000,
     dataflash: 3_000,
     ulog: 3_000,

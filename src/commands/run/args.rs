@@ -3,7 +3,7 @@
 use crate::commands::ListenArgs;
 use crate::commands::band::BandArgs;
 use crate::commands::foxglove::{DEFAULT_ADDRESS, listen_address};
-use crate::link::address::{Address, SerialPort};
+use crate::link::address::Address;
 use crate::sinks::recorder::RecordLimit;
 use crate::sinks::telemetry::TelemetryLevel;
 use std::net::SocketAddr;
@@ -75,10 +75,6 @@ pub struct RunArgs {
     /// set before the user asks for it there and confirms. The values before are kept in a file beside it.
     #[arg(long, value_name = "FILE")]
     pub params: Option<PathBuf>,
-    /// An experiment, for the ground only: send the corrected attitude on this serial port as an external AHRS that ArduPilot and PX4
-    /// read (VectorNav's protocol, 115200 bit/s by default). Read docs/external-ahrs.md before; never fly with it.
-    #[arg(long, value_name = "PORT[:BAUD]")]
-    pub external_ahrs: Option<SerialPort>,
     /// Print the result as one JSON document.
     #[arg(long)]
     pub json: bool,

@@ -13,13 +13,11 @@ use crate::mission_link::uploader::RawMessage;
 use crate::pipeline::{Estimator, Pipeline};
 use crate::sensors::{AUTOPILOT_COMPONENT, ImuSource, Notice, Severity};
 use crate::sinks::events::Causes;
-use crate::sinks::external_ahrs::Fresh;
 use crate::sinks::foxglove::Feed;
 use crate::sinks::recorder::{RecordItem, Recorder};
-use gaware_nav::sample::Sample;
 use mavlink::dialects::ardupilotmega::{MavCmd, MavMessage};
 use std::sync::Arc;
-use std::time::{Duration, Instant};
+use std::time::Duration;
 use tokio::time::MissedTickBehavior;
 use tokio_util::sync::CancellationToken;
 
@@ -137,7 +135,6 @@ impl<E: Estimator> Session<E> {
         let now_ns = self.clock.monotonic_ns();
         self.record(RecordItem::Frame(received.clone()));
         let (samples, notices) = self.pipeline.frame(t_us, &received.frame);
-        let inertial = samples.iter().any(|s| matches!(s, Sample::Imu(_)));
         let keepers = (&self.recorder, &self.hooks.foxglove);
         if keepers.0.is_some() || keepers.1.is_some() {
             for sample in samples {
@@ -146,9 +143,6 @@ impl<E: Estimator> Session<E> {
         }
         for notice in notices {
             self.react(t_us, &notice);
-        }
-        if inertial {
-            self.hand_on();
         }
         self.name_systems(t_us);
         if let Some(rates) = &mut self.rates {
@@ -170,16 +164,6 @@ impl<E: Estimator> Session<E> {
         }
         // No one may be listening.
         let _ = self.hooks.frames.send(received);
-    }
-
-    /// Hands the state after a sample on.
-    fn hand_on(&mut self) {
-        let Some(readers) = &self.hooks.navigation else { return };
-        if let Some(navigation) = self.pipeline.navigation() {
-            let fresh = Fresh { arrived: Instant::now(), navigation };
-            // A reader that is behind takes the next one.
-            let _ = readers.try_send(fresh);
-        }
     }
 
     /// Names every system received, once there are several.

@@ -63,19 +63,7 @@ fn hooks() -> (Hooks, watch::Receiver<Arc<Live>>, mpsc::Sender<MavMessage>) {
     let (outbox, from_others) = mpsc::channel(16);
     let raw_outbox = mpsc::channel(1).1;
     let frames = tokio::sync::broadcast::channel(16).0;
-    (
-        Hooks {
-            live,
-            outbox: from_others,
-            raw_outbox,
-            mission: None,
-            frames,
-            navigation: None,
-            foxglove: None,
-        },
-        seen,
-        outbox,
-    )
+    (Hooks { live, outbox: from_others, raw_outbox, mission: None, frames, foxglove: None }, seen, outbox)
 }
 
 #[tokio::test]

@@ -1,7 +1,6 @@
 //! The targets by what they are about.
 
 pub mod engine;
-pub mod external_ahrs;
 pub mod files;
 pub mod foxglove;
 pub mod link;

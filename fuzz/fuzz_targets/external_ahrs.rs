@@ -1,3 +1,0 @@
-#![no_main]
-
-libfuzzer_sys::fuzz_target!(|data: &[u8]| { gaware_fuzz::targets::external_ahrs::external_ahrs(data); });
