@@ -5,7 +5,8 @@
 use gaware::demo::flight::{Ending, Flight, Stage};
 use gaware::demo::{Prepared, Settings, result};
 use gaware::engine::snapshot::Status;
-use gaware::sinks::status::Control;
+use gaware::sinks::status::{Control, StatusView, VehicleView};
+use gaware::sinks::terminal::headless;
 use gaware_mission::airframe::Airframe;
 use serde_json::Value;
 
@@ -72,7 +73,8 @@ fn who_ends_the_demonstration_is_told_so_and_screens_say_who_flies() {
     assert!(views.iter().any(|v| v.control == Control::Ground && v.next.contains("upload")), "{views:?}");
     let first = views.iter().find(|v| v.control == Control::Autopilot).unwrap();
     assert!(first.maneuver == 1 && first.maneuvers >= 1 && !first.now.is_empty(), "{first:?}");
-    assert!(first.left_s.is_some_and(|s| s > 0.0 && s <= first.duration_s), "{first:?}");
+    // First the way there is counted, then the maneuver by itself.
+    assert!(first.left_s.is_none() && first.transit_left_s.is_some_and(|s| s > 0.0), "{first:?}");
     assert!(!first.next.is_empty());
     let result = result::of(&mut flight, 1);
     assert_eq!((&result.ending, &result.document["ending"]), (&Ending::Stopped, &"stopped".into()));
@@ -87,7 +89,27 @@ fn every_maneuver_ends_and_the_landing_is_shown_as_such() {
     while !matches!(flight.stage(), Stage::Over(_)) {
         flight.turn();
         views.push(flight.vehicle_view());
+        if views.len() % 100 == 0 {
+            // The autopilot flies from take-off to landing: no order ever, and who flies is always said.
+            let now = flight.snapshot();
+            assert!(
+                !now.situation.kind.allows_maneuver() && now.guidance.instruction.is_empty(),
+                "{:?}",
+                now.situation
+            );
+            let line = headless::line(&now, &StatusView::default());
+            let flies = views.last().is_some_and(|v| v.control == Control::Autopilot);
+            assert!(!flies || (line.contains("autopilot flies") && line.contains("(AUTO)")), "{line}");
+        }
     }
+    // Two counts: never both, none longer than its own time, and none that stands still.
+    let counted: Vec<_> = views.iter().filter_map(|v| v.left_s.map(|s| (v.maneuver, s, v))).collect();
+    assert!(
+        !counted.is_empty()
+            && counted.iter().all(|(_, s, v)| *s <= v.duration_s && v.transit_left_s.is_none())
+    );
+    let falls = |pair: &[(u64, f64, &VehicleView)]| pair[0].0 != pair[1].0 || pair[1].1 < pair[0].1;
+    assert!(counted.windows(2).all(falls));
     assert_eq!(flight.milestones().len(), prepared.plan.maneuvers.len(), "{:?}", prepared.plan.maneuvers);
     let in_the_air = views.iter().rfind(|v| v.control == Control::Autopilot).unwrap();
     assert_eq!(in_the_air.now, "approach and landing");

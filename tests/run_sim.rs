@@ -392,7 +392,7 @@ fn a_port_that_vanishes_and_comes_back_under_another_name_is_found_by_its_link()
     std::os::unix::fs::symlink(&port, &link).unwrap();
     station.line_with("link is up again");
     while samples() < before + 1000.0 {}
-    station.line_with("running; link up");
+    station.line_with("; link up;");
     station.terminate();
     let ended = station.ended();
     assert_eq!(ended.code(), Some(0), "{}", ended.stderr);

@@ -2,6 +2,7 @@
 //! autopilot, long and short instructions, warnings that come and go, an upload, a lost link, the end.
 
 use super::script;
+use gaware::engine::situation::FlightMode;
 use gaware::engine::snapshot::{Phase, Snapshot};
 use gaware::sinks::status::{Control, MissionState, MissionView, VehicleView};
 use std::f64::consts::TAU;
@@ -56,15 +57,16 @@ pub fn snapshot(t_s: f64) -> Snapshot {
         s.waiting_for = "no fix for 12 s: 4 satellites, no 3-D solution".into();
     }
     if (300.0..330.0).contains(&t_s) {
-        s.guidance.instruction = format!(
-            "Take off and climb to a safe height. Then: {} Then: Steep turn right, 55° bank, two circles",
-            s.guidance.instruction
-        );
+        s.guidance.instruction =
+            format!("{} Then: {0} Then: Steep turn right, 55° bank, two circles", s.guidance.instruction);
     }
     if (700.0..720.0).contains(&t_s) {
         s.guidance.instruction.clear();
         s.guidance.reason.clear();
     }
+    let mode =
+        if (AUTOPILOT_S.0..AUTOPILOT_S.1).contains(&t_s) { FlightMode::Mission } else { FlightMode::Pilot };
+    script::settle(&mut s, mode, !(8.0..=870.0).contains(&t_s));
     s
 }
 
@@ -85,6 +87,7 @@ pub fn vehicle(t_s: f64) -> VehicleView {
         maneuvers: 10,
         duration_s: 27.0,
         left_s: Some(27.0 - since.rem_euclid(27.0)),
+        transit_left_s: None,
         next: name(k + 1),
     }
 }

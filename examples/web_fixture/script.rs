@@ -1,11 +1,13 @@
 //! A scripted flight of two minutes: every screen's fields move, the same way each time. Not a simulation; the
 //! figures only have to be plausible. Used to look at the screens and to test them.
 
+use gaware::engine::situation::{FlightMode, FlightReport, Inputs, describe};
 use gaware::engine::snapshot::{
     Condition, Conditions, Consistency, Direction, Estimate3, GnssStatus, Guidance, ImuStatus, Motion, Phase,
     Snapshot, StateStatus, Status,
 };
 use gaware::sinks::status::RouteView;
+use gaware_nav::observability::words::VehicleKind;
 use std::f64::consts::TAU;
 
 /// Seconds between two snapshots.
@@ -74,7 +76,41 @@ pub fn snapshot(t_s: f64) -> Snapshot {
         s.warnings
             .push("RAW_IMU arrives at 99 Hz instead of 100: another station asks for rates as well".into());
     }
+    settle(&mut s, FlightMode::Pilot, t_s < 8.0);
     s
+}
+
+/// Decides what may be said, as the engine does.
+pub fn settle(s: &mut Snapshot, mode: FlightMode, on_ground: bool) {
+    let report = FlightReport {
+        has_heartbeat: true,
+        armed: !on_ground,
+        on_ground,
+        mode,
+        mode_name: if mode == FlightMode::Pilot { "FBWA" } else { "AUTO" }.to_owned(),
+        kind: Some(VehicleKind::FixedWing),
+        ..FlightReport::default()
+    };
+    let states = &s.observability.states;
+    let open: Vec<&str> =
+        states.iter().filter(|x| x.status != Status::Observable).map(|x| x.name.as_str()).collect();
+    let names = open.join(", ");
+    s.situation = describe(&Inputs {
+        phase: s.phase,
+        waiting_for: &s.waiting_for,
+        fix_age_s: Some(0.2),
+        rates_hz: [99.0, 5.0],
+        airframe: Some(VehicleKind::FixedWing),
+        vehicle: VehicleKind::FixedWing,
+        done: s.guidance.done,
+        open: (&names, open.len(), states.len()),
+        instruction: [&s.guidance.instruction, &s.guidance.reason],
+        flight: Some(&report),
+        ..Inputs::default()
+    });
+    if !s.situation.kind.allows_maneuver() {
+        s.guidance.instruction.clear();
+    }
 }
 
 fn wave(t_s: f64, period_s: f64) -> f64 {

@@ -144,6 +144,7 @@ pub async fn serve<E: Estimator>(
         causes: Causes::default(),
         mission: MissionWatch::new(hooks_mission),
         systems_named: (0, 0),
+        received_us: None,
         imu_hz: usable_rate(args),
         source: args.listen.source,
     };

@@ -7,16 +7,17 @@ use super::mission::MissionError;
 use super::params::ParamsError;
 use super::run::{self, Hooks, Live, RunArgs};
 use crate::engine::guidance::GuidanceOptions;
-use crate::engine::snapshot::{Phase, Snapshot};
+use crate::engine::situation::SituationKind;
+use crate::engine::snapshot::Snapshot;
 use crate::engine::{Engine, EngineOptions};
 use crate::figures::counted;
 use crate::mission_link::param_delivery::ParamOrder;
 use crate::mission_link::uploader::{Offer, Planned, Uploader};
-use crate::mission_link::{files, watch as vehicle_watch};
+use crate::mission_link::{files, route};
 use crate::sinks::link_meter::LinkMeter;
 use crate::sinks::log;
 use crate::sinks::recorder::RecorderStats;
-use crate::sinks::status::{MissionState, MissionView, RecorderState, RecorderView, SinkStatus};
+use crate::sinks::status::{MissionState, MissionView, RecorderState, RecorderView, SinkStatus, VehicleView};
 #[cfg(unix)]
 use crate::sinks::supervisor::Supervisor;
 use crate::sinks::telemetry::{Telemetry, TelemetryLevel};
@@ -34,8 +35,6 @@ use tokio_util::sync::CancellationToken;
 const OUTBOX: usize = 64;
 /// Copies of frames that a slow protocol may fall behind.
 const FRAMES: usize = 4096;
-/// Slower than this a vehicle stands, m/s.
-const STANDING: f64 = 1.5;
 
 /// The runtime of the commands that talk to the network.
 ///
@@ -160,7 +159,7 @@ async fn with_sinks(args: &RunArgs) -> Result<(), CommandError> {
     if let Some(path) = &args.mission {
         offer.mission = Some(Planned::load(path).map_err(MissionError::from)?);
         let (planned_mission, fence) = files::read(path).map_err(MissionError::from)?;
-        status.set_route(vehicle_watch::route(&planned_mission, &fence));
+        status.set_route(route::route(&planned_mission, &fence));
         mission = Some(planned_mission);
     }
     if offer.mission.is_some() || offer.parameters.is_some() {
@@ -189,8 +188,6 @@ async fn with_sinks(args: &RunArgs) -> Result<(), CommandError> {
     if args.headless || args.json || show_terminal(sources(), &asked).is_err() {
         tokio::spawn(headless::run(sources(), headless::PERIOD, log::Stderr, stop.clone()));
     }
-    let seen = vehicle_watch::Watch::new(args.listen.vehicle);
-    tokio::spawn(vehicle_watch::run(seen, frames.subscribe(), status.clone(), stop.clone()));
     #[cfg(unix)]
     if let Some(supervisor) = Supervisor::from_env(&|name| std::env::var(name).ok()) {
         tokio::spawn(supervisor.run(live_rx.clone(), stop.clone()));
@@ -338,6 +335,8 @@ async fn relay(
             texts_dropped = telemetry.dropped_texts();
         }
         let mut snapshot = now.snapshot.clone();
+        let items = if planned.state == MissionState::OnVehicle { planned.items } else { 0 };
+        status.set_vehicle(VehicleView::reported(&snapshot.situation, snapshot.mission.item, items));
         point_to_mission(&mut snapshot, &planned);
         snapshots.send_replace(Arc::new(snapshot));
     }
@@ -346,17 +345,11 @@ async fn relay(
 /// A vehicle that stands and has a planned mission at hand is not to be flown by hand first. Screens only: the engine, and
 /// with it the recording, knows nothing of missions.
 fn point_to_mission(snapshot: &mut Snapshot, planned: &MissionView) {
-    let speed = snapshot.motion.velocity_ned_m_per_s.iter().map(|v| v * v).sum::<f64>().sqrt();
-    let guidance = &mut snapshot.guidance;
-    if snapshot.phase != Phase::Running
-        || guidance.done
-        || guidance.instruction.is_empty()
-        || speed > STANDING
-    {
+    let situation = &mut snapshot.situation;
+    if situation.kind != SituationKind::Ground {
         return;
     }
-    let by_hand = format!("or by hand: {}", guidance.instruction);
-    let instruction = match planned.state {
+    let next = match planned.state {
         MissionState::Ready | MissionState::NotOnVehicle => {
             format!(
                 "Upload the planned mission, {}: key u, or the button on the page",
@@ -366,8 +359,10 @@ fn point_to_mission(snapshot: &mut Snapshot, planned: &MissionView) {
         MissionState::OnVehicle => "Arm, and start the mission from your ground station".to_owned(),
         MissionState::None | MissionState::Uploading | MissionState::Unknown => return,
     };
-    guidance.instruction = instruction;
-    guidance.reason = by_hand;
+    situation.text = next;
+    if planned.state == MissionState::NotOnVehicle {
+        situation.detail.clone_from(&planned.text);
+    }
 }
 
 fn recorder_words(stats: RecorderStats) -> String {
@@ -397,23 +392,26 @@ fn recorder_view(live: &Live) -> RecorderView {
 mod tests {
     use super::*;
 
-    fn pointed(state: MissionState, speed: f64) -> String {
-        let mut s = Snapshot { phase: Phase::Running, ..Snapshot::default() };
-        s.motion.velocity_ned_m_per_s = [speed, 0.0, 0.0];
-        s.guidance.instruction = "Steep turn right".into();
+    fn pointed(kind: SituationKind, state: MissionState) -> String {
+        let mut s = Snapshot::default();
+        (s.situation.kind, s.situation.text) = (kind, "as it is".into());
         point_to_mission(&mut s, &MissionView { state, items: 12, ..MissionView::default() });
-        s.guidance.instruction
+        s.situation.text
     }
 
     #[test]
     fn who_stands_with_a_planned_mission_is_pointed_to_it() {
-        assert!(pointed(MissionState::Ready, 0.2).contains("Upload the planned mission, 12 items"));
-        assert!(pointed(MissionState::NotOnVehicle, 0.2).contains("Upload"));
-        assert!(pointed(MissionState::OnVehicle, 0.2).contains("start the mission"));
-        for (state, speed) in
-            [(MissionState::Ready, 20.0), (MissionState::None, 0.0), (MissionState::Unknown, 0.0)]
-        {
-            assert_eq!(pointed(state, speed), "Steep turn right");
+        use SituationKind::{Ground, Maneuver, NoGnss};
+        assert!(pointed(Ground, MissionState::Ready).contains("Upload the planned mission, 12 items"));
+        assert!(pointed(Ground, MissionState::NotOnVehicle).contains("Upload"));
+        assert!(pointed(Ground, MissionState::OnVehicle).contains("start the mission"));
+        for (kind, state) in [
+            (Maneuver, MissionState::Ready),
+            (NoGnss, MissionState::OnVehicle),
+            (Ground, MissionState::None),
+            (Ground, MissionState::Unknown),
+        ] {
+            assert_eq!(pointed(kind, state), "as it is");
         }
     }
 }

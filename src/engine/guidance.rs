@@ -6,9 +6,11 @@
 //! coordinated maneuvers would otherwise be chosen for the little they say of column y of G. A candidate is one maneuver or one
 //! after another: what a climb does to the heading shows only in the turn behind it. What would lead out of the band of heights is
 //! no candidate: a descent near the ground is broken off each time and brings nothing. What has not brought what was predicted, for whatever
-//! reason, is trusted less for a while (`trust`), so that the next best is asked for. One maneuver is run per slice of sample time, so no sample
+//! reason, is trusted less for a while (`trust`), so that the next best is asked for. A gain is a maneuver's merit only where the maneuver is recognised
+//! in the motion (`motion`). What would be best is ranked in any flight, and asked for only while the situation allows it. One maneuver is run per slice of sample time, so no sample
 //! waits long, and the result depends on nothing but the samples.
 
+pub(super) mod motion;
 mod round;
 mod trust;
 
@@ -19,6 +21,7 @@ use gaware_mission::item::{Home, LatLon};
 use gaware_mission::maneuver::{Entry, Maneuver, Words};
 use gaware_mission::predictor::{BoundPredictor, NamedSigma, Predictor, Targets};
 use gaware_nav::filter::Filter;
+use motion::{Instant, Motion};
 use nalgebra::Vector3;
 use round::{Candidate, Round, within_reach, worst};
 use trust::Trust;
@@ -72,6 +75,22 @@ struct Asked {
     excitable: Vec<bool>,
     /// Worst before and as predicted after.
     gain: (f64, f64),
+    /// What the maneuvers do by their prediction, and what the vehicle has done since.
+    predicted: Vec<Motion>,
+    flown: Motion,
+}
+
+/// How the vehicle is now.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Flying {
+    /// Its motion.
+    pub here: Instant,
+    /// Between two fixes, s.
+    pub fix_interval_s: f64,
+    /// Whether it does not move.
+    pub stationary: bool,
+    /// Whether a maneuver may be asked for.
+    pub allowed: bool,
 }
 
 /// Asks, follows and asks again.
@@ -89,6 +108,8 @@ pub struct Guide {
     trust: Trust,
     /// Height above the ellipsoid where the vehicle stood, m.
     ground_m: Option<f64>,
+    /// Whether something might be asked for last time.
+    allowed: bool,
 }
 
 impl Guide {
@@ -106,6 +127,7 @@ impl Guide {
             unobservable: Vec::new(),
             trust: Trust::default(),
             ground_m: None,
+            allowed: false,
         }
     }
 
@@ -114,42 +136,61 @@ impl Guide {
         (self.next_s, self.round, self.asked) = (f64::NEG_INFINITY, None, None);
     }
 
-    /// Takes the running filter at sample time `t_s`. A vehicle that stands flies nothing: whatever it learns is not
-    /// the maneuver's merit, and each ranking starts from there.
-    pub fn push(&mut self, t_s: f64, filter: &Filter, fix_interval_s: f64, stationary: bool) {
-        if t_s < self.next_s {
-            return;
-        }
+    /// Whether the guide has something to do at this sample time.
+    pub(super) fn is_due(&self, t_s: f64) -> bool {
+        t_s >= self.next_s
+    }
+
+    /// Takes the running filter when it is due. Where nothing may be asked for the ranking goes on: it says what is known.
+    pub(super) fn push(&mut self, filter: &Filter, now: &Flying) {
+        let t_s = now.here.t_s;
         self.next_s = t_s + SLICE_S;
-        if stationary {
-            let here = filter.nav().geodetic().height_m;
+        if now.stationary {
+            let here = now.here.height_m;
             // A multirotor that hovers stands as well, but higher up.
             self.ground_m = Some(self.ground_m.map_or(here, |g| g.min(here)));
+        }
+        if !std::mem::replace(&mut self.allowed, now.allowed) && now.allowed {
+            self.round = None;
+        }
+        if now.allowed {
+            self.follow(now.here, filter);
         } else {
-            self.follow(t_s, filter);
+            self.asked = None;
         }
         let Some(round) = &mut self.round else {
-            self.round = Some(Box::new(self.begin(filter, fix_interval_s)));
+            self.round = Some(Box::new(self.begin(filter, now.fix_interval_s)));
             return;
         };
         if round.step(&self.options.airframe) {
             return;
         }
         if let Some(round) = self.round.take() {
-            if stationary {
-                self.asked = None;
-            }
-            self.conclude(t_s, &round);
+            self.conclude(now, &round);
             self.next_s = t_s + PAUSE_S;
         }
+    }
+
+    /// Height above the place where the vehicle stood, m.
+    pub(super) fn height_m(&self, filter: &Filter) -> Option<f64> {
+        self.ground_m.map(|g| filter.nav().geodetic().height_m - g)
+    }
+
+    /// Lowest height of maneuvers, m.
+    pub(super) fn floor_m(&self) -> f64 {
+        self.options.band_m[0]
+    }
+
+    /// Whether everything is known that the airframe can excite.
+    pub(super) fn is_done(&self) -> bool {
+        self.done
     }
 
     fn begin(&self, filter: &Filter, fix_interval_s: f64) -> Round {
         let airframe = &self.options.airframe;
         let all = if self.options.manual { Maneuver::all(airframe) } else { Maneuver::automatic(airframe) };
         let entry = Entry::cruising(airframe, Vector3::zeros(), filter.nav().euler().z);
-        let height_m = self.ground_m.map(|g| filter.nav().geodetic().height_m - g);
-        let space_m = height_m.map(|h| round::space(self.options.band_m, h));
+        let space_m = self.height_m(filter).map(|h| round::space(self.options.band_m, h));
         Round::new(self.predictor(filter), entry, fix_interval_s, space_m, &all)
     }
 
@@ -162,22 +203,35 @@ impl Guide {
     }
 
     /// Ends the maneuver that has brought what it should, or that no one flies.
-    fn follow(&mut self, t_s: f64, filter: &Filter) {
+    fn follow(&mut self, here: Instant, filter: &Filter) {
+        let t_s = here.t_s;
+        let Some(asked) = &mut self.asked else { return };
+        asked.flown.take(here);
         let Some(asked) = &self.asked else { return };
         let now = self.predictor(filter).sigmas();
         let waited = t_s - asked.since_s;
         let patience = PATIENCE.0 * asked.duration_s(&self.options.airframe) + PATIENCE.1;
-        let flown = asked.progress(&now) >= FLOWN;
-        if !flown && waited < patience {
+        let (gained, recognised) = (asked.gained(&now), asked.is_recognised());
+        let known = gained >= FLOWN;
+        if !known && waited < patience {
             return;
         }
-        self.last_result = asked.result(&now, flown, &self.options.airframe);
-        self.trust.learn(t_s, &asked.maneuvers, if flown { 1.0 } else { asked.progress(&now) });
+        let short = asked.words(&self.options.airframe).short;
+        self.last_result = match (recognised, known) {
+            (true, _) => asked.result(&now, &short),
+            // Other motion has taught what was wanted.
+            (false, true) => String::new(),
+            (false, false) => format!("not flown: {short}"),
+        };
+        if recognised || !known {
+            self.trust.learn(t_s, &asked.maneuvers, if known { 1.0 } else { gained });
+        }
         self.asked = None;
         self.round = None;
     }
 
-    fn conclude(&mut self, t_s: f64, round: &Round) {
+    fn conclude(&mut self, flying: &Flying, round: &Round) {
+        let t_s = flying.here.t_s;
         let before = round.predictor.sigmas();
         let excitable = within_reach(&before, &round.after);
         let now = worst(&before, &excitable);
@@ -197,7 +251,7 @@ impl Guide {
         self.done = worth.is_none();
         let open = before.iter().filter(|s| s.ratio() > 1.0).map(|s| s.name.to_string());
         self.unobservable = if self.done { open.collect() } else { Vec::new() };
-        let Some(best) = worth else {
+        let Some(best) = worth.filter(|_| flying.allowed) else {
             self.asked = None;
             return;
         };
@@ -207,7 +261,10 @@ impl Guide {
             return;
         }
         let gain = (now, worst(&best.after, &excitable));
-        self.asked = Some(Asked { maneuvers: best.maneuvers.clone(), since_s: t_s, before, excitable, gain });
+        let maneuvers = best.maneuvers.clone();
+        let predicted = maneuvers.iter().filter_map(|m| round.motion(*m, &self.options.airframe)).collect();
+        let flown = Motion::from(flying.here);
+        self.asked = Some(Asked { maneuvers, since_s: t_s, before, excitable, gain, predicted, flown });
     }
 
     /// The maneuvers that are being asked for, to be flown one after the other.
@@ -215,8 +272,8 @@ impl Guide {
         self.asked.as_ref().map_or(&[], |a| &a.maneuvers)
     }
 
-    /// What to show; `filter` is the running one, `stationary` whether the vehicle does not move.
-    pub fn guidance(&self, filter: Option<&Filter>, stationary: bool) -> Guidance {
+    /// What to show; `filter` is the running one.
+    pub fn guidance(&self, filter: Option<&Filter>) -> Guidance {
         let base = Guidance { last_result: self.last_result.clone(), ..Guidance::default() };
         let Some(filter) = filter else {
             return base;
@@ -227,13 +284,8 @@ impl Guide {
         let airframe = &self.options.airframe;
         let words = asked.words(airframe);
         let now = self.predictor(filter).sigmas();
-        let instruction = if stationary && airframe.is_fixed_wing() {
-            format!("Take off and climb to a safe height. Then: {}", words.long)
-        } else {
-            words.long
-        };
-        let progress = if stationary { 0.0 } else { asked.progress(&now) };
-        Guidance { instruction, reason: asked.reason(&now, &words.purpose), progress, ..base }
+        let reason = asked.reason(&now, &words.purpose);
+        Guidance { instruction: words.long, reason, progress: asked.progress(&now), ..base }
     }
 }
 
@@ -270,8 +322,18 @@ impl Asked {
         }
     }
 
-    /// Share of the predicted gain that has come so far.
+    /// Whether the maneuver was flown.
+    fn is_recognised(&self) -> bool {
+        self.flown.share_of(&self.predicted) >= 1.0
+    }
+
+    /// How far the maneuver is: no farther than its motion shows, whatever else has been learned.
     fn progress(&self, now: &[NamedSigma]) -> f64 {
+        self.gained(now).min(self.flown.share_of(&self.predicted))
+    }
+
+    /// Share of the predicted gain that has come so far.
+    fn gained(&self, now: &[NamedSigma]) -> f64 {
         let predicted = (self.gain.0 / self.gain.1).ln();
         let so_far = (self.gain.0 / worst(now, &self.excitable)).ln();
         if predicted > 0.0 { (so_far / predicted).clamp(0.0, 1.0) } else { 1.0 }
@@ -291,17 +353,14 @@ impl Asked {
         }
     }
 
-    fn result(&self, now: &[NamedSigma], flown: bool, airframe: &Airframe) -> String {
-        if !flown && self.progress(now) < 0.1 {
-            return format!("not flown: {}", self.words(airframe).short);
-        }
+    /// What the maneuver brought.
+    fn result(&self, now: &[NamedSigma], short: &str) -> String {
         let pairs = self.before.iter().zip(now).zip(&self.excitable).filter(|(_, e)| **e).map(|(p, _)| p);
         let Some((before, after)) = pairs.max_by(|x, y| toward_target(x).total_cmp(&toward_target(y))) else {
             return String::new();
         };
         format!(
-            "since \"{}\": {} from {} to {} {}",
-            self.words(airframe).short,
+            "since \"{short}\": {} from {} to {} {}",
             before.name,
             Figures(before.sigma),
             Figures(after.sigma),

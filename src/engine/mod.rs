@@ -7,6 +7,7 @@ pub(crate) mod counters;
 pub(crate) mod estimate;
 pub mod guidance;
 pub mod observability;
+pub mod situation;
 pub mod snapshot;
 mod stationary;
 mod status;
@@ -16,14 +17,16 @@ use estimate::Constants;
 use gaware_mission::airframe::Airframe;
 use gaware_mission::maneuver::Maneuver;
 use gaware_nav::estimator::{Estimator, Stage};
-use gaware_nav::filter::{Filter, FixOutcome, PassedOver};
+use gaware_nav::filter::{Filter, FixEvent, FixOutcome, PassedOver};
 use gaware_nav::model::Model;
 use gaware_nav::observability::covariance::Targets;
 use gaware_nav::observability::segments::PathSegment;
 use gaware_nav::observability::words::VehicleKind;
 use gaware_nav::sample::{GnssFix, ImuSample, Sample};
-use guidance::{GuidanceOptions, Guide};
+use guidance::motion::Instant;
+use guidance::{Flying, GuidanceOptions, Guide};
 use observability::ConditionWatch;
+use situation::FlightReport;
 use snapshot::{Estimate, Guidance, ImuStatus, Snapshot, Summary};
 use stationary::StationaryTest;
 use status::{reported, reported_fix};
@@ -83,6 +86,12 @@ pub struct Engine {
     guide: Option<Guide>,
     /// The last filter before a restart: shown until the next one runs.
     before: Option<Box<Filter>>,
+    /// What the vehicle reports of its flight, where there is one.
+    flight: Option<FlightReport>,
+    /// When a position was rejected as a jump, s, and how far it was off, m.
+    jump: Option<(f64, f64)>,
+    /// When the motion started anew because the fixes contradicted it, s.
+    contradicted_s: Option<f64>,
 }
 
 impl Engine {
@@ -113,6 +122,9 @@ impl Engine {
             watch,
             guide,
             before: None,
+            flight: None,
+            jump: None,
+            contradicted_s: None,
         }
     }
 
@@ -125,6 +137,11 @@ impl Engine {
     /// counts more.
     pub fn set_vehicle(&mut self, kind: VehicleKind) {
         self.reported = kind;
+    }
+
+    /// Takes what the vehicle reports of its flight.
+    pub fn set_flight(&mut self, report: &FlightReport) {
+        self.flight.get_or_insert_default().clone_from(report);
     }
 
     /// What flies.
@@ -217,9 +234,16 @@ impl Engine {
         }
         match &outcome.event {
             _ if !running => {}
-            Some(event) => self.warnings.push(&reported_fix(event)),
+            Some(event) => {
+                self.warnings.push(&reported_fix(event));
+                self.jump = match event {
+                    FixEvent::PositionJump { offset_m } => self.time.now_s().zip(Some(*offset_m)),
+                    FixEvent::PositionAccepted { .. } | FixEvent::Reacquired { .. } => None,
+                };
+            }
             None if outcome.position.recovered || outcome.velocity.recovered => {
-                self.warnings.push(FIXES_INCONSISTENT)
+                self.warnings.push(FIXES_INCONSISTENT);
+                self.contradicted_s = self.time.now_s();
             }
             None => {}
         }
@@ -233,6 +257,7 @@ impl Engine {
         self.imu_rate = RateMeter::default();
         self.fix_rate = RateMeter::default();
         self.last_fix_s = None;
+        (self.jump, self.contradicted_s) = (None, None);
         self.stillness = StationaryTest::default();
         self.warnings.forget(FIXES_INCONSISTENT);
         self.watch.restart();
@@ -243,20 +268,44 @@ impl Engine {
 
     fn guide(&mut self, t_s: f64) {
         let rate = self.fix_rate.at(t_s);
-        if let (Some(guide), Some(filter), Stage::Running) =
-            (&mut self.guide, self.estimator.filter(), self.estimator.stage())
-            && rate > 0.0
-        {
-            let interval_s = (1.0 / rate).clamp(FIX_INTERVAL_S.0, FIX_INTERVAL_S.1);
-            guide.push(t_s, filter, interval_s, self.stillness.stands(filter.nav().v_e.norm()));
+        let due = self.guide.as_ref().is_some_and(|g| g.is_due(t_s));
+        if !due || rate <= 0.0 || self.estimator.stage() != Stage::Running {
+            return;
+        }
+        let Some(flying) = self.flying(t_s, rate) else { return };
+        if let (Some(guide), Some(filter)) = (&mut self.guide, self.estimator.filter()) {
+            guide.push(filter, &flying);
         }
     }
 
+    /// The vehicle as the guide sees it.
+    fn flying(&self, t_s: f64, fix_rate_hz: f64) -> Option<Flying> {
+        let (filter, sample) = (self.estimator.filter()?, self.estimator.last_sample()?);
+        let nav = filter.nav();
+        let here = Instant {
+            t_s,
+            heading: nav.euler().z,
+            height_m: nav.geodetic().height_m,
+            speed: nav.v_n().xy().norm(),
+            force: filter.calibration().motion(filter.model(), sample).force,
+        };
+        Some(Flying {
+            here,
+            fix_interval_s: (1.0 / fix_rate_hz).clamp(FIX_INTERVAL_S.0, FIX_INTERVAL_S.1),
+            stationary: self.stillness.stands(nav.v_e.norm()),
+            allowed: self.allows_maneuver(),
+        })
+    }
+
+    /// What is asked for, and only where the situation allows it.
     fn guidance(&self) -> Guidance {
         let running = self.estimator.stage() == Stage::Running;
         let filter = self.estimator.filter().filter(|_| running);
-        let stands = filter.is_some_and(|f| self.stillness.stands(f.nav().v_n().norm()));
-        self.guide.as_ref().map(|g| g.guidance(filter, stands)).unwrap_or_default()
+        let guidance = self.guide.as_ref().map(|g| g.guidance(filter)).unwrap_or_default();
+        if self.allows_maneuver() {
+            return guidance;
+        }
+        Guidance { instruction: String::new(), progress: 0.0, ..guidance }
     }
 
     /// Roll, pitch, yaw, rad, and the time they are for, s; cheap enough to ask for at every sample.
@@ -266,7 +315,7 @@ impl Engine {
 
     /// The maneuvers that the guidance asks for, to be flown one after the other.
     pub fn proposed(&self) -> &[Maneuver] {
-        self.guide.as_ref().map_or(&[], Guide::proposed)
+        self.guide.as_ref().filter(|_| self.allows_maneuver()).map_or(&[], Guide::proposed)
     }
 
     /// The filter at the time of its last fix, once there is one.
@@ -283,6 +332,14 @@ impl Engine {
     pub fn snapshot(&self) -> Snapshot {
         let predicted = self.estimator.predicted();
         let constants = self.constants(predicted.as_ref());
+        let (waiting_for, guidance) = (self.waiting_for(predicted.as_ref()), self.guidance());
+        let observability = observability::of(
+            &self.watch,
+            &constants,
+            predicted.as_ref().or(self.before.as_deref()),
+            &self.options.targets,
+            self.vehicle(),
+        );
         Snapshot {
             schema: "gaware.snapshot/1".to_owned(),
             sequence: self.samples,
@@ -292,19 +349,14 @@ impl Engine {
             vehicle_type: self.vehicle().word().to_owned(),
             phase: self.phase(),
             stationary: self.estimator.is_stationary(),
-            waiting_for: self.waiting_for(predicted.as_ref()),
             imu: self.imu_status(),
             gnss: self.gnss_status(),
             estimate: self.estimate(predicted.as_ref(), &constants),
             motion: predicted.as_ref().map(estimate::motion).unwrap_or_default(),
-            observability: observability::of(
-                &self.watch,
-                &constants,
-                predicted.as_ref().or(self.before.as_deref()),
-                &self.options.targets,
-                self.vehicle(),
-            ),
-            guidance: self.guidance(),
+            situation: self.situation(&waiting_for, &guidance, &observability.states),
+            waiting_for,
+            observability,
+            guidance,
             mission: snapshot::MissionProgress::default(),
             consistency: self.consistency(),
             warnings: self.warnings(&constants),

@@ -3,6 +3,7 @@
 //! The field names are a contract (design, section 3): screens, telemetry, recordings and the web page all read
 //! these types and nothing else. Units are in the names.
 
+use super::situation::Situation;
 use crate::timeline::Gaps;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
@@ -218,6 +219,12 @@ pub struct ImuStatus {
     pub samples: u64,
     /// Rate over the last seconds (summary: over the whole run), Hz.
     pub rate_hz: f64,
+    /// Rate that was asked for, Hz; 0 where none was.
+    #[serde(default)]
+    pub asked_hz: f64,
+    /// Share of the samples that were lost on the way over the last seconds.
+    #[serde(default)]
+    pub loss: f64,
     /// Samples that were lost on the way (gaps, missing messages) or rejected.
     pub dropped: u64,
     /// Gaps between the samples.
@@ -274,6 +281,9 @@ pub struct Snapshot {
     /// Whether the vehicle is recognised as stationary: position, velocity and heading are held.
     #[serde(default)]
     pub stationary: bool,
+    /// What may be said now: the first place of every screen.
+    #[serde(default)]
+    pub situation: Situation,
     /// Why it does not learn, in words: no fix, no heading, stationary; empty while it does.
     pub waiting_for: String,
     /// Inertial source.

@@ -2,13 +2,14 @@
 
 use super::Engine;
 use super::estimate::{BEYOND_PRIOR, Constants};
-use super::snapshot::{Consistency, GnssStatus, ImuStatus, Phase};
+use super::situation::{self, FIX_PATIENCE_S, Inputs, Situation};
+use super::snapshot::{Consistency, GnssStatus, Guidance, ImuStatus, Phase, StateStatus, Status};
 use crate::timeline::Gaps;
 use gaware_nav::estimator::{EstimatorEvent, Stage};
 use gaware_nav::filter::{Filter, FixEvent, PassedOver};
 
-/// After so long without a fix the status says so, s.
-const FIX_PATIENCE_S: f64 = 3.0;
+/// So long after the motion had to start anew from the fixes the estimate is not to be believed, s.
+const CONTRADICTED_S: f64 = 30.0;
 
 impl Engine {
     pub(super) fn phase(&self) -> Phase {
@@ -53,13 +54,65 @@ impl Engine {
         }
     }
 
+    /// Whether the estimate is inconsistent with its measurements.
+    fn is_inconsistent(&self) -> bool {
+        let since_s = self.time.now_s().zip(self.contradicted_s).map(|(now, then)| now - then);
+        since_s.is_some_and(|s| s < CONTRADICTED_S)
+    }
+
+    /// What the situation follows from, without words.
+    fn inputs(&self) -> Inputs<'_> {
+        let filter = self.estimator.filter();
+        let guide = self.guide.as_ref();
+        let now_s = self.time.now_s();
+        Inputs {
+            phase: self.phase(),
+            fix_age_s: self.fix_age_s(),
+            jump: self.jump.zip(now_s).map(|((then_s, offset_m), now)| (now - then_s, offset_m)),
+            rates_hz: [&self.imu_rate, &self.fix_rate].map(|rate| now_s.map_or(0.0, |now| rate.at(now))),
+            inconsistent: self.is_inconsistent(),
+            stationary: self.estimator.is_stationary()
+                || filter.is_some_and(|f| self.stillness.stands(f.nav().v_n().norm())),
+            height_m: guide.zip(filter).and_then(|(g, f)| g.height_m(f)),
+            floor_m: guide.map_or(0.0, |g| g.floor_m()),
+            airframe: self.options.vehicle(),
+            vehicle: self.vehicle(),
+            done: guide.is_some_and(|g| g.is_done()),
+            flight: self.flight.as_ref(),
+            ..Inputs::default()
+        }
+    }
+
+    /// Whether a maneuver may be proposed now.
+    pub(super) fn allows_maneuver(&self) -> bool {
+        situation::decide(&self.inputs()).allows_maneuver()
+    }
+
+    /// What may be said now.
+    pub(super) fn situation(
+        &self,
+        waiting_for: &str,
+        guidance: &Guidance,
+        states: &[StateStatus],
+    ) -> Situation {
+        let open: Vec<&str> =
+            states.iter().filter(|s| s.status != Status::Observable).map(|s| s.name.as_str()).collect();
+        let names = open.join(", ");
+        situation::describe(&Inputs {
+            waiting_for,
+            instruction: [&guidance.instruction, &guidance.reason],
+            open: (&names, open.len(), states.len()),
+            ..self.inputs()
+        })
+    }
+
     pub(super) fn imu_status(&self) -> ImuStatus {
         ImuStatus {
             message: self.message.clone(),
             samples: self.samples,
             rate_hz: self.time.now_s().map_or(0.0, |now| self.imu_rate.at(now)),
             dropped: self.refused,
-            gaps: Gaps::default(),
+            ..ImuStatus::default()
         }
     }
 

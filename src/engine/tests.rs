@@ -1,3 +1,4 @@
+use super::situation::SituationKind;
 use super::snapshot::{Phase, StateStatus, Status};
 use super::*;
 use gaware_nav::sample::RestartReason;
@@ -304,12 +305,56 @@ fn guided(name: &str, manual: bool, until_s: f64) -> (Engine, Vec<String>, Vec<S
 }
 
 #[test]
-fn a_stationary_aircraft_is_asked_to_take_off_first() {
-    let (engine, asked, _) = guided("bench", true, 30.0);
-    let now = engine.snapshot().guidance;
-    assert!(now.instruction.starts_with("Take off") && !now.done, "{now:?}");
-    assert!(now.progress == 0.0 && now.last_result.is_empty(), "{now:?}");
-    assert!(!asked.is_empty());
+fn a_stationary_aircraft_is_asked_for_nothing() {
+    let (engine, asked, results) = guided("bench", true, 30.0);
+    let now = engine.snapshot();
+    assert_eq!(now.situation.kind, SituationKind::Ground);
+    assert!(asked.is_empty() && results.is_empty() && engine.proposed().is_empty(), "{asked:?} {results:?}");
+}
+
+/// The autopilot of a log flew its mission: what the filter learns meanwhile is no maneuver's merit, and no order contradicts the mission.
+#[test]
+fn while_the_autopilot_flies_nothing_is_asked_for_and_nothing_is_claimed() {
+    use super::situation::{FlightMode, FlightReport};
+    let airframe = Airframe::example("small_fixed_wing").unwrap();
+    let report = |mode| FlightReport { has_heartbeat: true, armed: true, mode, ..FlightReport::default() };
+    let mut engine = Engine::new(Model::standard(), EngineOptions::for_airframe(airframe, true));
+    let mut asked = [0, 0];
+    for (sample, t) in named("fixed_wing").flight(1).take_while(|(_, t)| t.t_s <= 240.0) {
+        let pilot = t.t_s > 200.0;
+        engine.set_flight(&report(if pilot { FlightMode::Pilot } else { FlightMode::Return }));
+        engine.feed(&sample);
+        if matches!(sample, Sample::Fix(_)) {
+            let now = engine.snapshot();
+            asked[usize::from(pilot)] += u32::from(!now.guidance.instruction.is_empty());
+            assert!(pilot || now.guidance.last_result.is_empty(), "{:?}", now.guidance);
+        }
+    }
+    assert!(asked[0] == 0 && asked[1] > 20, "{asked:?}");
+}
+
+/// Fixes stop in mid-maneuver: the order goes, the outage comes first, and with the fixes the orders come back.
+#[test]
+fn without_fixes_nothing_is_asked_for_and_that_comes_first() {
+    let airframe = Airframe::example("small_fixed_wing").unwrap();
+    let mut engine = Engine::new(Model::standard(), EngineOptions::for_airframe(airframe, true));
+    let mut flight = named("fixed_wing");
+    flight.sensors.outages = vec![(100.0, 130.0)];
+    let mut last = std::collections::BTreeMap::new();
+    for (sample, t) in flight.flight(1).take_while(|(_, t)| t.t_s <= 170.0) {
+        engine.feed(&sample);
+        if matches!(sample, Sample::Imu(_)) && ((t.t_s * 200.0) as u64).is_multiple_of(200) {
+            last.insert(t.t_s as u64, engine.snapshot());
+        }
+    }
+    for (t_s, now) in last.range(105..130) {
+        let said = &now.situation;
+        assert_eq!((said.kind, said.headline.as_str()), (SituationKind::NoGnss, "No GNSS"), "{t_s}");
+        assert!(now.guidance.instruction.is_empty() && said.text.starts_with("No GNSS fix for"), "{said:?}");
+    }
+    let orders =
+        |from, to| last.range(from..to).filter(|(_, s)| s.situation.kind == SituationKind::Maneuver).count();
+    assert!(orders(60, 100) > 10 && orders(140, 170) > 10, "{} {}", orders(60, 100), orders(140, 170));
 }
 
 #[test]

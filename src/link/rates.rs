@@ -394,6 +394,12 @@ impl RateKeeper {
         out.push(RateAction::Send(self.target.stream(m.wanted.message_id, rate_hz)));
     }
 
+    /// The rate that is asked for, Hz; 0 where this message was not asked for.
+    pub fn asked_hz(&self, message_id: u32) -> f64 {
+        let asked = self.messages.iter().find(|m| m.wanted.message_id == message_id && m.changed);
+        asked.map_or(0.0, |m| f64::from(m.rate_hz))
+    }
+
     /// Puts every rate that was changed back to what it was; to be sent one at a time.
     pub fn give_back(&self) -> Vec<MavMessage> {
         let changed = self.messages.iter().filter(|m| m.changed);

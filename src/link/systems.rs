@@ -93,6 +93,12 @@ impl Systems {
         self.heard.get(&system_id).is_some_and(|h| h.inertial >= PROOF)
     }
 
+    /// How many of them are vehicles for certain: one stray heartbeat is none.
+    pub fn vehicles(&self) -> usize {
+        let certain = |h: &&ReceivedMessages| h.inertial >= PROOF || h.heartbeats > HEARTBEATS_AHEAD;
+        self.heard.values().filter(certain).count()
+    }
+
     /// How many were received.
     pub fn len(&self) -> usize {
         self.heard.len()

@@ -1,7 +1,8 @@
 //! What a heartbeat says about the vehicle that a mission is meant for.
 
+use crate::engine::situation::FlightMode;
 use crate::link::frame::Frame;
-use crate::sensors::AUTOPILOT_COMPONENT;
+use crate::sensors::{AUTOPILOT_COMPONENT, modes};
 use gaware_mission::item::Autopilot;
 use gaware_mission::transfer::Address;
 use gaware_mission::transfer::verified::VehicleState;
@@ -9,14 +10,10 @@ use gaware_mission::transfer::verified::VehicleState;
 const HEARTBEAT: u32 = 0;
 /// `MAV_MODE_FLAG_SAFETY_ARMED`.
 const ARMED: u8 = 128;
-/// `MAV_MODE_FLAG_AUTO_ENABLED`.
-const AUTO: u8 = 4;
 /// `MAV_AUTOPILOT_GENERIC`, `MAV_AUTOPILOT_ARDUPILOTMEGA`, `MAV_AUTOPILOT_PX4`.
 const GENERIC: u8 = 0;
 const ARDUPILOT: u8 = 3;
 const PX4: u8 = 12;
-/// PX4's AUTO main mode and its MISSION sub mode.
-const PX4_MISSION: (u8, u8) = (4, 4);
 /// `MAV_STATE_ACTIVE`; CRITICAL and EMERGENCY come after it.
 const ACTIVE: u8 = 4;
 /// `MAV_TYPE` of ground stations, companions and gimbals: never the vehicle, whatever autopilot they claim. The engine's rule is the same.
@@ -56,13 +53,14 @@ impl Vehicle {
         if NO_VEHICLES.contains(&kind) {
             return None;
         }
-        let (autopilot, mission_mode) = match firmware {
-            ARDUPILOT => (Autopilot::ArduPilot, custom_mode == ardupilot_auto(kind)),
-            PX4 => (Autopilot::Px4, (at(2), at(3)) == PX4_MISSION),
-            // Speaks the mission protocol as MAVLink describes it, as PX4 does; says no more of its mode than this flag.
-            GENERIC => (Autopilot::Px4, base_mode & AUTO != 0),
+        let autopilot = match firmware {
+            ARDUPILOT => Autopilot::ArduPilot,
+            // A generic one speaks the mission protocol as MAVLink describes it, as PX4 does.
+            PX4 | GENERIC => Autopilot::Px4,
             _ => return None,
         };
+        let (mode, _) = modes::of_heartbeat(firmware, kind, base_mode, custom_mode);
+        let mission_mode = mode == FlightMode::Mission;
         let armed = base_mode & ARMED != 0;
         Some(Self {
             address: Address { system: frame.system_id, component: frame.component_id },
@@ -120,11 +118,6 @@ pub fn type_words(mav_type: u8) -> String {
 
 /// `MAV_TYPE` of vehicles that rotors carry.
 const ROTORS: [u8; 8] = [2, 3, 4, 13, 14, 15, 29, 35];
-
-/// The number of AUTO by `MAV_TYPE`: 3 on ArduCopter, 10 on ArduPlane and the rest.
-fn ardupilot_auto(kind: u8) -> u32 {
-    if ROTORS.contains(&kind) { 3 } else { 10 }
-}
 
 #[cfg(test)]
 mod tests {

@@ -7,10 +7,12 @@ mod recorded;
 mod truth_comparison;
 
 use crate::advice::start::Started;
+use crate::engine::situation::FlightReport;
 use crate::engine::snapshot::{GnssStatus, ImuStatus, Snapshot, Summary};
 use crate::link::frame::Frame;
 use crate::logs::filter::{self, Channel, Origin};
 use crate::logs::{Damage, Item, LogNote, Record};
+use crate::sensors::flight::FlightWatch;
 use crate::sensors::truth::SimTruth;
 use crate::sensors::{Converter, ConverterOptions, ConverterStats, Notice, Severity};
 use crate::timeline::Gaps;
@@ -28,6 +30,8 @@ pub trait Consumer {
     fn feed(&mut self, sample: &Sample);
     /// Takes what flies.
     fn set_vehicle(&mut self, _kind: VehicleKind) {}
+    /// Takes what the vehicle reports of its flight.
+    fn set_flight(&mut self, _report: &FlightReport) {}
     /// Roll, pitch, yaw, rad, and the time they are for, s; nothing while there is no estimate. Called often.
     fn attitude(&mut self) -> Option<(f64, [f64; 3])> {
         None
@@ -72,6 +76,7 @@ pub struct ReplayDocument {
 #[derive(Debug, Clone)]
 pub struct Pipeline<E> {
     converter: Converter,
+    flight: FlightWatch,
     engine: E,
     samples: Vec<Sample>,
     truth: TruthComparison,
@@ -90,6 +95,7 @@ impl<E: Consumer> Pipeline<E> {
     pub fn new(options: ConverterOptions, engine: E, truth_from_s: f64) -> Self {
         Self {
             converter: Converter::new(options),
+            flight: FlightWatch::default(),
             engine,
             samples: Vec::new(),
             truth: TruthComparison::new(truth_from_s),
@@ -131,6 +137,8 @@ impl<E: Consumer> Pipeline<E> {
         self.samples.clear();
         self.converter.feed(t_us, frame, &mut self.samples);
         self.learn_vehicle_kind(self.converter.vehicle_kind());
+        self.flight.feed(t_us, frame, &self.converter);
+        self.engine.set_flight(self.flight.report());
         let notices = self.pass_on();
         if self.converter.vehicle() == Some(frame.system_id) {
             self.filter_report(Origin::Link, &filter::of_frame(frame));
@@ -211,6 +219,7 @@ impl<E: Consumer> Pipeline<E> {
     /// What the engine cannot know: what was lost or refused before it.
     fn complete(&self, imu: &mut ImuStatus, gnss: &mut GnssStatus, warnings: &mut Vec<String>) {
         let time = self.converter.time();
+        imu.loss = self.flight.report().loss;
         imu.dropped += self.converter.stats().imu_dropped() + time.imu_lost();
         (imu.gaps, gnss.gaps) = (time.imu_gaps(), time.fix_gaps());
         warnings.splice(0..0, self.warnings.iter().map(Notice::to_string));
@@ -281,6 +290,10 @@ impl Consumer for crate::engine::Engine {
 
     fn set_vehicle(&mut self, kind: VehicleKind) {
         Self::set_vehicle(self, kind);
+    }
+
+    fn set_flight(&mut self, report: &FlightReport) {
+        Self::set_flight(self, report);
     }
 
     fn attitude(&mut self) -> Option<(f64, [f64; 3])> {

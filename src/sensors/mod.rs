@@ -7,9 +7,11 @@
 
 mod ardupilot;
 pub mod clipped;
+pub mod flight;
 pub mod gnss;
 mod health;
 pub mod imu;
+pub mod modes;
 pub mod notice;
 mod px4;
 pub mod source;
@@ -446,6 +448,17 @@ impl Converter {
     /// What flies, where its heartbeat says so.
     pub fn vehicle_kind(&self) -> Option<VehicleKind> {
         self.kind
+    }
+
+    /// Whether the receiver has a fix, as far as it has said.
+    pub fn has_fix(&self) -> Option<bool> {
+        self.has_fix
+    }
+
+    /// All vehicles in words where there are several and none was chosen; empty otherwise.
+    pub fn several_vehicles(&self) -> String {
+        let several = self.options.vehicle.is_none() && self.systems.vehicles() > 1;
+        if several { self.systems.words() } else { String::new() }
     }
 
     /// All autopilots received.

@@ -2,6 +2,7 @@
 //!
 //! Telemetry speaks these events, the terminal and the page list them. Pure: snapshot in, events out.
 
+use crate::engine::situation::{Level, SituationKind};
 use crate::engine::snapshot::{Condition, Phase, Snapshot, Status};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
@@ -29,6 +30,8 @@ pub enum Topic {
     Result,
     /// The estimator's phase.
     Phase,
+    /// What may be said now: a fault, who flies.
+    Situation,
     /// One of the paper's conditions.
     Condition,
     /// States that became observable, or are so no longer.
@@ -123,6 +126,7 @@ pub struct EventDetector {
     result: String,
     done: bool,
     phase: Phase,
+    situation: SituationKind,
     met: [bool; 3],
     observable: BTreeSet<String>,
     warnings: BTreeSet<String>,
@@ -138,6 +142,7 @@ impl EventDetector {
             out.push(Event { elapsed_s: s.elapsed_s, severity, topic, text });
         };
         self.phase_event(s, &mut say);
+        self.situation_event(s, &mut say);
         self.warning_events(s, &mut say);
         self.condition_events(s, &mut say);
         self.state_events(s, &mut say);
@@ -159,6 +164,22 @@ impl EventDetector {
             reason => format!("{}: {reason}", phase_words(s.phase)),
         };
         say(severity, Topic::Phase, text);
+    }
+
+    fn situation_event(&mut self, s: &Snapshot, say: &mut impl FnMut(Severity, Topic, String)) {
+        let now = &s.situation;
+        if std::mem::replace(&mut self.situation, now.kind) == now.kind {
+            return;
+        }
+        let severity = match now.level {
+            Level::Lost => Severity::Warning,
+            Level::Auto | Level::Idle if now.kind != SituationKind::Monitoring => Severity::Info,
+            // Events of their own say these.
+            _ => return,
+        };
+        if let Some(text) = self.causes.admit(s.elapsed_s, &format!("{}: {}", now.headline, now.text)) {
+            say(severity, Topic::Situation, text);
+        }
     }
 
     fn warning_events(&mut self, s: &Snapshot, say: &mut impl FnMut(Severity, Topic, String)) {
@@ -210,16 +231,19 @@ impl EventDetector {
 
     fn guidance_events(&mut self, s: &Snapshot, say: &mut impl FnMut(Severity, Topic, String)) {
         let g = &s.guidance;
+        // No sink gives an order that the situation does not hold.
+        let instruction =
+            if s.situation.kind == SituationKind::Maneuver { g.instruction.as_str() } else { "" };
         if g.last_result != self.result && !g.last_result.is_empty() {
             say(Severity::Info, Topic::Result, g.last_result.clone());
         }
         if g.done && !self.done {
             say(Severity::Notice, Topic::Instruction, "All known that this airframe can show".to_owned());
-        } else if g.instruction != self.instruction && !g.instruction.is_empty() {
-            say(Severity::Notice, Topic::Instruction, format!("Fly: {}", g.instruction));
+        } else if instruction != self.instruction && !instruction.is_empty() {
+            say(Severity::Notice, Topic::Instruction, format!("Fly: {instruction}"));
         }
         self.result.clone_from(&g.last_result);
-        self.instruction.clone_from(&g.instruction);
+        instruction.clone_into(&mut self.instruction);
         self.done = g.done;
     }
 }
@@ -251,7 +275,7 @@ mod tests {
     #[test]
     fn the_same_snapshot_twice_says_nothing_the_second_time() {
         let mut s = Snapshot { phase: Phase::Running, ..Snapshot::default() };
-        s.guidance.instruction = "Climb".into();
+        (s.situation.kind, s.guidance.instruction) = (SituationKind::Maneuver, "Climb".into());
         s.warnings = vec!["rate low".into()];
         let mut d = EventDetector::default();
         assert_eq!(texts(&d.feed(&s)), ["rate low", "Fly: Climb", "Running"]);
@@ -286,6 +310,28 @@ mod tests {
         assert_eq!(told.len(), 2, "{told:?}");
         assert!(told[0].ends_with("0 satellites"));
         assert!(told[1].ends_with("more times before)"), "{told:?}");
+    }
+
+    #[test]
+    fn no_order_goes_out_that_the_situation_does_not_hold_and_a_fault_is_a_warning() {
+        let mut s = Snapshot { phase: Phase::Running, ..Snapshot::default() };
+        let mut d = EventDetector::default();
+        d.feed(&s);
+        s.guidance.instruction = "Climb".into();
+        s.situation.kind = SituationKind::Landing;
+        (s.situation.level, s.situation.headline) = (Level::Auto, "Landing".into());
+        s.situation.text = "The vehicle lands".into();
+        assert_eq!(texts(&d.feed(&s)), ["Landing: The vehicle lands"]);
+        s.situation.kind = SituationKind::NoGnss;
+        (s.situation.level, s.situation.headline) = (Level::Lost, "No GNSS".into());
+        let events = d.feed(&s);
+        assert_eq!(
+            (events.len(), events[0].severity, events[0].topic),
+            (1, Severity::Warning, Topic::Situation)
+        );
+        s.situation.kind = SituationKind::Maneuver;
+        s.situation.level = Level::Fly;
+        assert_eq!(texts(&d.feed(&s)), ["Fly: Climb"]);
     }
 
     #[test]

@@ -3,6 +3,8 @@
 //! Writers are the tasks that own a resource, readers are screens and metrics. Counters are atomics and the
 //! few words beside them sit behind a lock held only for a copy, so no one ever waits here.
 
+pub use crate::engine::situation::Control;
+use crate::engine::situation::{Situation, SituationKind};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
@@ -99,21 +101,6 @@ pub struct RecorderView {
     pub file: String,
 }
 
-/// Who flies, as far as the vehicle reports it.
-#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
-#[serde(rename_all = "snake_case")]
-pub enum Control {
-    /// Not reported.
-    #[default]
-    Unknown,
-    /// No one: it is disarmed or has not taken off.
-    Ground,
-    /// A pilot, or a mode that is not the mission's.
-    Pilot,
-    /// The autopilot flies its mission.
-    Autopilot,
-}
-
 /// The vehicle and its mission as screens show them.
 #[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub struct VehicleView {
@@ -127,12 +114,49 @@ pub struct VehicleView {
     pub maneuver: u64,
     /// … of so many; 0 where that is not known.
     pub maneuvers: u64,
-    /// How long it takes, s; 0 where that is not known.
+    /// How long the maneuver itself takes, s; 0 where that is not known.
     pub duration_s: f64,
-    /// Time left of it, s.
+    /// Time left of the maneuver once it has begun, s; nothing where it takes longer than planned.
     pub left_s: Option<f64>,
+    /// Time left until it begins, on the way there, s.
+    #[serde(default)]
+    pub transit_left_s: Option<f64>,
     /// What follows.
     pub next: String,
+}
+
+impl VehicleView {
+    /// As the vehicle itself reports; `items`: of the planned mission on board, 0 where that is not known.
+    pub fn reported(situation: &Situation, item: u16, items: u64) -> Self {
+        let flies = situation.kind == SituationKind::Mission;
+        let item = u64::from(item);
+        Self {
+            control: situation.control,
+            mode: situation.mode.clone(),
+            now: if flies { format!("mission item {item}") } else { String::new() },
+            maneuver: if flies && items > 0 { item.min(items) } else { 0 },
+            maneuvers: if flies { items } else { 0 },
+            ..Self::default()
+        }
+    }
+
+    /// The two counts of a maneuver in words: the way there, and the maneuver itself.
+    pub fn counts(&self) -> String {
+        match (self.transit_left_s, self.left_s) {
+            (Some(s), _) if self.duration_s > 0.0 => {
+                format!("begins in {:.0} s, then takes {:.0} s", s.ceil(), self.duration_s.ceil())
+            }
+            (Some(s), _) => format!("begins in {:.0} s", s.ceil()),
+            (None, Some(s)) => format!("{:.0} s left", s.ceil()),
+            (None, None) => String::new(),
+        }
+    }
+
+    /// Share of the maneuver itself that is flown.
+    pub fn progress(&self) -> Option<f64> {
+        let left_s = self.left_s.filter(|_| self.duration_s > 0.0)?;
+        Some((1.0 - left_s / self.duration_s).clamp(0.0, 1.0))
+    }
 }
 
 /// What a map shows beside the track: latitude and longitude in deg.

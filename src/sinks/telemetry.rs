@@ -7,6 +7,7 @@
 use super::events::{EventDetector, Severity, Topic};
 use super::status::{MissionState, MissionView};
 use super::words::{ascii, fit};
+use crate::engine::situation::SituationKind;
 use crate::engine::snapshot::Snapshot;
 use mavlink::dialects::ardupilotmega::{MavMessage, MavSeverity, NAMED_VALUE_FLOAT_DATA, STATUSTEXT_DATA};
 use std::collections::VecDeque;
@@ -109,6 +110,10 @@ impl Telemetry {
     /// Messages that are due at `now_s` (any monotonic clock, s). Call it with every snapshot; more often does no
     /// harm, and less often only makes the spread coarser.
     pub fn feed(&mut self, now_s: f64, snapshot: &Snapshot) -> Vec<MavMessage> {
+        if snapshot.situation.kind != SituationKind::Maneuver {
+            // An order that waits is none any more.
+            self.waiting.retain(|w| w.topic != Topic::Instruction || !w.text.starts_with("Fly: "));
+        }
         for event in self.events.feed(snapshot) {
             self.enqueue(Waiting {
                 since_s: now_s,

@@ -3,6 +3,7 @@
 use super::guard::Guard;
 use super::mission_watch::MissionWatch;
 use super::{Event, Hooks, Live};
+use crate::engine::situation::{SILENT_S, Situation, SituationKind, no_data};
 use crate::engine::snapshot::{Phase, Snapshot};
 use crate::link::endpoint::{Links, ReceiveClock, Received};
 use crate::link::frame::Frame;
@@ -52,6 +53,8 @@ pub(super) struct Session<E> {
     pub(super) mission: MissionWatch,
     /// How many systems were named, and which of them as followed.
     pub(super) systems_named: (usize, u8),
+    /// When the last frame of the vehicle came, µs.
+    pub(super) received_us: Option<u64>,
     pub(super) imu_hz: u16,
     pub(super) source: Option<ImuSource>,
 }
@@ -160,6 +163,7 @@ impl<E: Estimator> Session<E> {
             self.say(&answer);
         }
         if self.pipeline.converter().vehicle() == Some(received.frame.system_id) {
+            self.received_us = Some(t_us);
             self.mission.receive(t_us as f64 * 1e-6, &received.frame);
         }
         // No one may be listening.
@@ -274,6 +278,7 @@ impl<E: Estimator> Session<E> {
         let mut snapshot = self.pipeline.snapshot();
         self.with_mission(now_us, &mut snapshot);
         self.with_systems(&mut snapshot);
+        self.with_link(now_us, &mut snapshot);
         self.record(RecordItem::Snapshot(now_us, Box::new(snapshot.clone())));
         let live = Live {
             snapshot,
@@ -301,19 +306,27 @@ impl<E: Estimator> Session<E> {
             _ => "no heartbeat of an autopilot yet: is it connected, and is this its port and baud rate?"
                 .to_owned(),
         };
+        if snapshot.situation.kind == SituationKind::Starting {
+            snapshot.situation.text.clone_from(&snapshot.waiting_for);
+        }
     }
 
-    /// While the autopilot flies its mission no one is asked to fly anything else.
     fn with_mission(&self, now_us: u64, snapshot: &mut Snapshot) {
         snapshot.mission = self.mission.progress(now_us as f64 * 1e-6);
-        if snapshot.mission.flying {
-            let guidance = &mut snapshot.guidance;
-            guidance.instruction.clear();
-            guidance.progress = 0.0;
-            guidance.reason = format!("the autopilot flies item {} of its mission", snapshot.mission.item);
-        }
         if !snapshot.mission.stuck.is_empty() {
             snapshot.warnings.push(snapshot.mission.stuck.clone());
+        }
+    }
+
+    /// What only this side of the link knows: which rate was asked for, and that nothing arrives any more.
+    fn with_link(&self, now_us: u64, snapshot: &mut Snapshot) {
+        let asked = self.rates.as_ref().zip(self.pipeline.converter().source());
+        snapshot.imu.asked_hz = asked.map_or(0.0, |(r, source)| r.asked_hz(source.message_id()));
+        let silent_s = self.received_us.map_or(0.0, |t| now_us.saturating_sub(t) as f64 * 1e-6);
+        if silent_s > SILENT_S {
+            let mode = std::mem::take(&mut snapshot.situation.mode);
+            snapshot.situation = Situation { mode, ..no_data(silent_s) };
+            snapshot.guidance.instruction.clear();
         }
     }
 

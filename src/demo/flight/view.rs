@@ -4,6 +4,7 @@ use super::{Ending, Flight, Milestone, Stage};
 use crate::figures::counted;
 use crate::pipeline::Estimator;
 use crate::sinks::status::{Control, VehicleView};
+use gaware_mission::item::command;
 use gaware_mission::planner::PlannedManeuver;
 
 impl<E: Estimator> Flight<E> {
@@ -30,6 +31,18 @@ impl<E: Estimator> Flight<E> {
         let items = &self.prepared.plan.mission.items;
         let is_place = |item: &usize| item.checked_sub(1).and_then(|k| items.get(k)?.place()).is_some();
         planned.items.clone().rev().find(is_place).unwrap_or(*planned.items.end())
+    }
+
+    /// When the maneuver itself began, s after the take-off: at its first waypoint, or, as a circle is reported at its end only, when by the plan the
+    /// way there is over.
+    fn begun(&self, planned: &PlannedManeuver, by_plan_s: f64) -> Option<f64> {
+        let items = &self.prepared.plan.mission.items;
+        let first = planned.items.clone().find(|k| items.get(k - 1).is_some_and(|i| i.place().is_some()))?;
+        let waypoint = items.get(first - 1).is_some_and(|i| i.command == command::NAV_WAYPOINT);
+        if waypoint {
+            return self.log.items.iter().find(|(item, _)| *item >= first).map(|(_, t_s)| *t_s);
+        }
+        (self.now_s - self.took_off_s >= by_plan_s).then_some(by_plan_s)
     }
 
     /// Who flies now, what, how long still, and what follows.
@@ -69,20 +82,26 @@ impl<E: Estimator> Flight<E> {
         };
         let k = self.milestones.len();
         let (Some(planned), Some(now)) = (plan.maneuvers.get(k), words(k)) else { return after };
-        let since_s = self.milestones.last().map_or(0.0, |m| m.t_s);
         let before_s = k.checked_sub(1).and_then(|k| plan.maneuvers.get(k)).map_or(0.0, |m| m.end_s);
-        let reached = self.log.items.iter().map(|(item, _)| *item).max().unwrap_or(0);
-        let now = if reached + 1 < *planned.items.start() { format!("on the way to: {now}") } else { now };
-        let duration_s = planned.end_s - before_s;
-        let flown_s = self.now_s - self.took_off_s - since_s;
+        // The plan counts the way to a maneuver with it; what is left of its time beside the maneuver's own is the way there.
+        let whole_s = planned.end_s - before_s;
+        let duration_s = planned.maneuver.duration_s(&self.prepared.settings.airframe).min(whole_s);
+        let transit_s = whole_s - duration_s;
+        // What takes longer than planned has no count.
+        let left = |of_s: f64, since_s: f64| {
+            Some(of_s - (self.now_s - self.took_off_s - since_s)).filter(|s| *s >= 0.0)
+        };
+        let since_s = self.milestones.last().map_or(0.0, |m| m.t_s);
+        let begun = self.begun(planned, since_s + transit_s);
         VehicleView {
             control: Control::Autopilot,
             mode: "mission, armed".to_owned(),
-            now,
+            now: if begun.is_some() { now } else { format!("on the way to: {now}") },
             maneuver: k as u64 + 1,
             maneuvers: plan.maneuvers.len() as u64,
             duration_s,
-            left_s: Some((duration_s - flown_s).max(0.0)),
+            left_s: begun.and_then(|at_s| left(duration_s, at_s)),
+            transit_left_s: if begun.is_some() { None } else { left(transit_s, since_s) },
             next: words(k + 1).unwrap_or(after.now),
         }
     }

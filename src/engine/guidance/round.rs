@@ -1,5 +1,6 @@
 //! One ranking: what each maneuver, and each after another, would make observable from the present covariance.
 
+use super::motion::Motion;
 use gaware_mission::airframe::Airframe;
 use gaware_mission::kinematics::Kinematics;
 use gaware_mission::maneuver::{Entry, Maneuver};
@@ -116,6 +117,11 @@ impl Round {
             }
         }
         true
+    }
+
+    /// What a maneuver does by its prediction.
+    pub fn motion(&self, maneuver: Maneuver, airframe: &Airframe) -> Option<Motion> {
+        Motion::predicted(&maneuver.kinematics(airframe, &self.entry, &Vector3::zeros()))
     }
 
     fn flight(&self, maneuver: Maneuver, airframe: &Airframe) -> CandidateFlight {

@@ -108,6 +108,10 @@ impl Consumer for Logged {
         self.engine.set_vehicle(kind);
     }
 
+    fn set_flight(&mut self, report: &crate::engine::situation::FlightReport) {
+        self.engine.set_flight(report);
+    }
+
     fn attitude(&mut self) -> Option<(f64, [f64; 3])> {
         self.engine.attitude()
     }

@@ -6,6 +6,7 @@ use std::collections::BTreeMap;
 fn running(instruction: &str) -> Snapshot {
     let mut s = Snapshot { phase: Phase::Running, t_s: 12.5, ..Snapshot::default() };
     s.guidance.instruction = instruction.to_owned();
+    s.situation.kind = SituationKind::Maneuver;
     s.estimate.g_sensitivity_deg_per_h_per_g.value[2][0] = 31.0;
     s.estimate.g_sensitivity_deg_per_h_per_g.sigma[2][0] = 4.0;
     s.consistency.nis_mean_per_dof = 1.1;

@@ -1,6 +1,7 @@
 //! For services: one plain line every few seconds instead of a screen.
 
 use super::Sources;
+use crate::engine::situation::{Control, SituationKind};
 use crate::engine::snapshot::{Phase, Snapshot, Status};
 use crate::sinks::events::phase_words;
 use crate::sinks::log::plain;
@@ -23,6 +24,9 @@ pub fn line(s: &Snapshot, sinks: &StatusView) -> String {
     if s.phase != Phase::Running && !s.waiting_for.is_empty() {
         let _ = write!(out, " ({})", s.waiting_for);
     }
+    if s.situation.kind != SituationKind::Starting {
+        let _ = write!(out, "; {}", situation(s));
+    }
     let _ = write!(out, "; link {}", sinks.link.state.word());
     let _ = write!(out, "; imu {:.0} Hz; fixes {:.1} Hz", s.imu.rate_hz, s.gnss.rate_hz);
     if s.phase == Phase::Running {
@@ -30,13 +34,6 @@ pub fn line(s: &Snapshot, sinks: &StatusView) -> String {
         let converged = states.iter().filter(|x| x.status == Status::Observable).count();
         let _ = write!(out, "; nis {}", brief(s.consistency.nis_mean_per_dof));
         let _ = write!(out, "; {converged} of {} parameters converged", states.len());
-        if s.mission.flying {
-            let _ = write!(out, "; autopilot flies item {}", s.mission.item);
-        } else if s.guidance.done {
-            out.push_str("; done: land");
-        } else if !s.guidance.instruction.is_empty() {
-            let _ = write!(out, "; fly: {} {:.0}%", s.guidance.instruction, s.guidance.progress * 100.0);
-        }
     }
     match sinks.recorder.state {
         RecorderState::Off => {}
@@ -52,6 +49,29 @@ pub fn line(s: &Snapshot, sinks: &StatusView) -> String {
     }
     if let Some(warning) = s.warnings.last() {
         let _ = write!(out, "; warning: {warning}");
+    }
+    out
+}
+
+/// What may be said now, and who flies.
+fn situation(s: &Snapshot) -> String {
+    let now = &s.situation;
+    let mut out = format!("{}: {}", now.headline.to_lowercase(), now.text);
+    if now.kind == SituationKind::Maneuver {
+        let _ = write!(out, " {:.0}%", s.guidance.progress * 100.0);
+    }
+    let who = match now.control {
+        Control::Unknown => return out,
+        Control::Ground => "on the ground",
+        Control::Pilot => "pilot flies",
+        Control::Autopilot => "autopilot flies",
+    };
+    let said = now.headline.to_lowercase() == who;
+    match (said, now.mode.as_str()) {
+        (true, "") => {}
+        (true, mode) => _ = write!(out, " ({mode})"),
+        (false, "") => _ = write!(out, "; {who}"),
+        (false, mode) => _ = write!(out, "; {who} ({mode})"),
     }
     out
 }

@@ -1,9 +1,10 @@
 //! The panels of the terminal screen.
 
 use super::draw::View;
+use crate::engine::situation::{LOSS, Level, SILENT_S, SituationKind, no_data};
 use crate::engine::snapshot::{Condition, Phase, StateStatus, Status};
 use crate::sinks::events::{Severity, phase_words};
-use crate::sinks::status::{Control, LinkState, MissionState, RecorderState};
+use crate::sinks::status::{LinkState, MissionState, RecorderState};
 use crate::sinks::words::{brief, bytes, clock, fit};
 use ratatui::Frame;
 use ratatui::layout::{Constraint, Layout, Rect};
@@ -17,6 +18,7 @@ const BOLD: Style = Style::new().add_modifier(Modifier::BOLD);
 pub(super) fn title(frame: &mut Frame, view: &View, area: Rect) {
     let (s, link, recorder) = (view.snapshot, &view.sinks.link, &view.sinks.recorder);
     let link_style = match link.state {
+        LinkState::Up if s.imu.loss >= LOSS => view.ink(Color::Red).add_modifier(Modifier::BOLD),
         LinkState::Up => view.ink(Color::Green),
         LinkState::Connecting => view.ink(Color::Yellow),
         LinkState::Silent | LinkState::Down => view.ink(Color::Red).add_modifier(Modifier::BOLD),
@@ -27,6 +29,7 @@ pub(super) fn title(frame: &mut Frame, view: &View, area: Rect) {
         RecorderState::Failed => ("REC FAILED".to_owned(), view.ink(Color::Red).add_modifier(Modifier::BOLD)),
     };
     let link_text = match link.state {
+        LinkState::Up if s.imu.loss >= LOSS => format!("link loses {:.0} %", s.imu.loss * 100.0),
         LinkState::Up => format!("link up {:.0}/s", link.rate_hz),
         other => format!("link {}", other.word()),
     };
@@ -34,7 +37,7 @@ pub(super) fn title(frame: &mut Frame, view: &View, area: Rect) {
     let line = Line::from(vec![
         Span::styled(" gaware ", BOLD.add_modifier(Modifier::REVERSED)),
         gap(),
-        Span::styled(phase_words(s.phase), BOLD),
+        state(view),
         gap(),
         Span::raw(clock(s.elapsed_s)),
         gap(),
@@ -45,6 +48,15 @@ pub(super) fn title(frame: &mut Frame, view: &View, area: Rect) {
         Span::styled(format!("NIS {}", nis(view)), nis_style(view)),
     ]);
     frame.render_widget(Paragraph::new(line), area);
+}
+
+/// The phase of the estimator, or what is wrong.
+fn state(view: &View) -> Span<'static> {
+    let (s, alarm) = (view.snapshot, view.ink(Color::Red).add_modifier(Modifier::BOLD));
+    match s.situation.level {
+        Level::Lost => Span::styled(s.situation.headline.clone(), alarm),
+        _ => Span::styled(phase_words(s.phase), BOLD),
+    }
 }
 
 fn nis(view: &View) -> String {
@@ -66,94 +78,57 @@ fn nis_style(view: &View) -> Style {
 
 /// What stands in the largest box.
 struct Now {
-    heading: &'static str,
+    heading: String,
+    alarm: bool,
     words: String,
     below: String,
     /// Share done and its words.
     progress: Option<(f64, String)>,
 }
 
-/// What the pilot has to know now; one function decides, as on the page.
+/// What the pilot has to know now: the situation as the engine decides it; a dead link is known here first.
 fn now(view: &View) -> Now {
     let (s, vehicle) = (view.snapshot, &view.sinks.vehicle);
-    let say = |heading, words: String, below: String| Now { heading, words, below, progress: None };
-    let g = &s.guidance;
-    match view.sinks.link.state {
-        LinkState::Silent | LinkState::Down if s.imu.samples > 0 || s.phase == Phase::Running => {
-            return say(
-                "NO DATA",
-                "No data from the vehicle".to_owned(),
-                "Everything below is old.".to_owned(),
-            );
+    let dead = matches!(view.sinks.link.state, LinkState::Silent | LinkState::Down)
+        && (s.imu.samples > 0 || s.phase == Phase::Running);
+    let old = no_data(SILENT_S);
+    let situation = if dead { &old } else { &s.situation };
+    let now = Now {
+        heading: situation.headline.to_uppercase(),
+        alarm: situation.level == Level::Lost,
+        words: situation.text.clone(),
+        below: if dead { "Everything below is old.".to_owned() } else { situation.detail.clone() },
+        progress: None,
+    };
+    match situation.kind {
+        SituationKind::Maneuver => Now { progress: Some(percent(s.guidance.progress)), ..now },
+        SituationKind::Monitoring if !s.guidance.last_result.is_empty() => {
+            Now { below: s.guidance.last_result.clone(), ..now }
         }
-        _ => {}
-    }
-    if s.phase != Phase::Running {
-        let words = if s.waiting_for.is_empty() { phase_words(s.phase) } else { &s.waiting_for };
-        return say("WAIT", words.to_owned(), g.last_result.clone());
-    }
-    if g.done {
-        return done(view);
-    }
-    if vehicle.control == Control::Autopilot {
-        let number = if vehicle.maneuvers > 0 {
-            format!("{} of {}: ", vehicle.maneuver, vehicle.maneuvers)
-        } else {
-            String::new()
-        };
-        let left = vehicle.left_s.map_or_else(String::new, |s| format!("{:.0} s left", s.ceil()));
-        let next = if vehicle.next.is_empty() { String::new() } else { format!("next: {}", vehicle.next) };
-        let below: Vec<&str> = [left.as_str(), next.as_str()].into_iter().filter(|t| !t.is_empty()).collect();
-        let spent = vehicle.left_s.filter(|_| vehicle.duration_s > 0.0).map(|l| 1.0 - l / vehicle.duration_s);
-        let words = if vehicle.now.is_empty() { "its mission" } else { &vehicle.now };
-        return Now {
-            heading: "AUTOPILOT FLIES",
-            words: format!("{number}{words}"),
-            below: below.join("; "),
-            progress: spent.map(|p| (p, format!("{:3.0} %", p.clamp(0.0, 1.0) * 100.0))),
-        };
-    }
-    if g.instruction.is_empty() {
-        return say("MONITORING", "No maneuver proposed now".to_owned(), g.last_result.clone());
-    }
-    let progress = (g.progress, format!("{:3.0} %", g.progress.clamp(0.0, 1.0) * 100.0));
-    Now {
-        heading: "FLY NOW",
-        words: g.instruction.clone(),
-        below: g.reason.clone(),
-        progress: Some(progress),
+        _ if situation.level == Level::Auto && !vehicle.now.is_empty() => {
+            let number = match vehicle.maneuvers {
+                0 => String::new(),
+                n => format!("{} of {n}: ", vehicle.maneuver),
+            };
+            let next =
+                if vehicle.next.is_empty() { String::new() } else { format!("next: {}", vehicle.next) };
+            let below = [vehicle.counts(), next].into_iter().filter(|t| !t.is_empty()).collect::<Vec<_>>();
+            let progress = vehicle.progress().map(percent);
+            Now { words: format!("{number}{}", vehicle.now), below: below.join("; "), progress, ..now }
+        }
+        _ => now,
     }
 }
 
-/// The end: what to do next, and what the flight did not show.
-fn done(view: &View) -> Now {
-    let all = &view.snapshot.observability.states;
-    let open: Vec<&str> =
-        all.iter().filter(|s| s.status != Status::Observable).map(|s| s.name.as_str()).collect();
-    let rest = match open.as_slice() {
-        [] => "All parameters have converged.".to_owned(),
-        _ => format!(
-            "{} of {} parameters have converged; {} cannot with this airframe.",
-            all.len() - open.len(),
-            all.len(),
-            open.join(", ")
-        ),
-    };
-    let words =
-        if view.sinks.vehicle.control == Control::Ground { "Landed: evaluate the flight" } else { "Land" };
-    Now {
-        heading: "DONE",
-        words: words.to_owned(),
-        below: format!("{rest} Then: gaware report and gaware explain on the recording."),
-        progress: None,
-    }
+fn percent(share: f64) -> (f64, String) {
+    (share, format!("{:3.0} %", share.clamp(0.0, 1.0) * 100.0))
 }
 
 /// What is said now in its box, with what belongs to it and progress.
 pub(super) fn instruction(frame: &mut Frame, view: &View, area: Rect) {
     let now = now(view);
-    let alarm = if now.heading == "NO DATA" { Color::Red } else { Color::Yellow };
-    let block = view.block(now.heading).border_style(view.ink(alarm)).style(BOLD);
+    let alarm = if now.alarm { Color::Red } else { Color::Yellow };
+    let block = view.block(&now.heading).border_style(view.ink(alarm)).style(BOLD);
     let inner = block.inner(area);
     frame.render_widget(block, area);
     let bar = u16::from(now.progress.is_some());
@@ -190,7 +165,7 @@ fn large(frame: &mut Frame, view: &View, words: &str, area: Rect) {
 /// The instruction alone, for very small screens.
 pub(super) fn instruction_words(frame: &mut Frame, view: &View, area: Rect) {
     let now = now(view);
-    let text = Text::from(vec![Line::raw(now.heading), Line::styled(view.text(&now.words), BOLD)]);
+    let text = Text::from(vec![Line::raw(now.heading.clone()), Line::styled(view.text(&now.words), BOLD)]);
     frame.render_widget(Paragraph::new(text).wrap(Wrap { trim: true }), area);
 }
 
@@ -292,8 +267,12 @@ pub(super) fn health(frame: &mut Frame, view: &View, area: Rect) {
     let (s, link) = (view.snapshot, &view.sinks.link);
     let name = if s.imu.message.is_empty() { "no inertial data" } else { &s.imu.message };
     let lost = if s.imu.dropped > 0 { format!(", {} lost", s.imu.dropped) } else { String::new() };
+    let asked = match s.imu.asked_hz {
+        hz if hz > 0.0 => format!(" of {hz:.0}"),
+        _ => String::new(),
+    };
     let text = format!(
-        " {name} {:.1} Hz{lost}; fixes {:.1} Hz, {} used, {} rejected; link: {} lost",
+        " {name} {:.1}{asked} Hz{lost}; fixes {:.1} Hz, {} used, {} rejected; link: {} lost",
         s.imu.rate_hz, s.gnss.rate_hz, s.gnss.used, s.gnss.rejected, link.lost
     );
     frame.render_widget(Paragraph::new(view.text(&text)), area);

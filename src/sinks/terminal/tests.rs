@@ -1,4 +1,5 @@
 use super::*;
+use crate::engine::situation::{Control, Situation, SituationKind};
 use crate::engine::snapshot::{Condition, Direction, Phase, StateStatus, Status};
 use crate::sinks::events::{Severity, Topic};
 use crate::sinks::status::{
@@ -7,6 +8,19 @@ use crate::sinks::status::{
 use ratatui::backend::TestBackend;
 use ratatui::style::Color;
 use std::collections::VecDeque;
+
+fn situation(kind: SituationKind, headline: &str, text: &str, detail: &str) -> Situation {
+    let control = if kind == SituationKind::Maneuver { Control::Pilot } else { Control::Autopilot };
+    Situation {
+        kind,
+        level: kind.level(),
+        control,
+        mode: "FBWA".into(),
+        headline: headline.into(),
+        text: text.into(),
+        detail: detail.into(),
+    }
+}
 
 fn flying() -> Snapshot {
     let mut s = Snapshot { phase: Phase::Running, elapsed_s: 3723.4, sequence: 7, ..Snapshot::default() };
@@ -41,6 +55,7 @@ fn flying() -> Snapshot {
     s.observability.disagreement = "Condition (b) is stricter: the turn was too short.".into();
     s.guidance.instruction = "Steep turn right, 55° bank, one circle".into();
     s.guidance.reason = "Loads the vertical axis: shows column z of G.".into();
+    s.situation = situation(SituationKind::Maneuver, "Fly now", &s.guidance.instruction, &s.guidance.reason);
     s.guidance.progress = 0.4;
     s.warnings = vec!["RAW_IMU at 99 Hz: another station asks for rates".into()];
     s
@@ -116,7 +131,9 @@ fn a_console_without_utf8_gets_ascii_only() {
 
 #[test]
 fn waiting_says_for_what() {
-    let s = Snapshot { waiting_for: "no RAW_IMU yet; asked for 100 Hz".into(), ..Snapshot::default() };
+    let text = "no RAW_IMU yet; asked for 100 Hz";
+    let situation = situation(SituationKind::Starting, "Waiting for inertial data", text, "");
+    let s = Snapshot { waiting_for: text.into(), situation, ..Snapshot::default() };
     let terminal = screen(80, 24, &s, Options::default(), Over::Nothing);
     insta::assert_snapshot!("waiting_80x24", terminal.backend());
 }
@@ -157,6 +174,7 @@ fn a_long_instruction_is_shown_to_its_last_word() {
         "Wings level at a safe height, full rudder left for five seconds, then right for five \
                               seconds, needed for the g22 column; autopilots do not fly this"
             .into();
+    s.situation.text.clone_from(&s.guidance.instruction);
     for (width, height) in [(80, 24), (60, 18), (44, 12), (40, 10)] {
         let shown = words(&screen(width, height, &s, Options::default(), Over::Nothing));
         for word in s.guidance.instruction.split(' ') {
@@ -201,7 +219,7 @@ fn every_message_is_there_to_its_last_word_by_scrolling() {
 
 #[test]
 fn who_flies_and_a_dead_link_are_said_in_the_largest_box() {
-    use crate::sinks::status::{Control, VehicleView};
+    use crate::sinks::status::VehicleView;
     let draw_with = |status: &StatusView, s: &Snapshot| {
         let view = View {
             snapshot: s,
@@ -226,14 +244,21 @@ fn who_flies_and_a_dead_link_are_said_in_the_largest_box() {
         next: "climb".into(),
         ..VehicleView::default()
     };
-    let shown = draw_with(&status, &flying());
+    let mut auto = flying();
+    auto.situation = situation(SituationKind::Mission, "Autopilot flies", "Mission item 12", "");
+    let shown = draw_with(&status, &auto);
     assert!(shown.contains("AUTOPILOT FLIES") && shown.contains("3 of 10: steep turn left"), "{shown}");
     assert!(shown.contains("34 s left; next: climb") && !shown.contains("FLY NOW"), "{shown}");
+    // Two counts: the way there, and the maneuver.
+    (status.vehicle.transit_left_s, status.vehicle.left_s) = (Some(30.2), None);
+    let shown = draw_with(&status, &auto);
+    assert!(shown.contains("begins in 31 s, then takes 40 s; next") && !shown.contains("s left"), "{shown}");
     status.link.state = LinkState::Silent;
-    let shown = draw_with(&status, &flying());
+    let shown = draw_with(&status, &auto);
     assert!(shown.contains("NO DATA") && !shown.contains("AUTOPILOT FLIES"), "{shown}");
     let mut done = flying();
     done.guidance.done = true;
+    done.situation = situation(SituationKind::Done, "Done", "Land", "Then: gaware report");
     status.link.state = LinkState::Up;
     let shown = draw_with(&status, &done);
     assert!(shown.contains("DONE") && shown.contains("Land") && shown.contains("gaware report"), "{shown}");
@@ -396,8 +421,8 @@ fn the_headless_line_carries_what_a_log_needs() {
     let line = headless::line(&flying(), &sinks());
     assert_eq!(
         line,
-        "1:02:03 running; link up; imu 100 Hz; fixes 5.0 Hz; nis 1.08; 3 of 9 parameters converged; \
-         fly: Steep turn right, 55° bank, one circle 40%; rec 2.0 MB; 3 skipped; \
+        "1:02:03 running; fly now: Steep turn right, 55° bank, one circle 40%; pilot flies (FBWA); link up; \
+         imu 100 Hz; fixes 5.0 Hz; nis 1.08; 3 of 9 parameters converged; rec 2.0 MB; 3 skipped; \
          warning: RAW_IMU at 99 Hz: another station asks for rates"
     );
 }

@@ -127,7 +127,7 @@ function draw() {
 function wordsOf(s) {
   const known = s.observability.states.map((x) => x.status === "observable");
   const c = s.observability.conditions;
-  return JSON.stringify([s.phase, s.guidance.instruction, s.guidance.last_result, s.guidance.done, s.warnings, known, c.a.met, c.b.met, c.c.met]);
+  return JSON.stringify([s.phase, s.situation.kind, s.guidance.instruction, s.guidance.last_result, s.guidance.done, s.warnings, known, c.a.met, c.b.met, c.c.met]);
 }
 
 async function loadEvents() {

@@ -1,6 +1,6 @@
 // The largest words on the page: what to do now, and who flies. One function decides, so no two places disagree.
 
-import { PHASE, clock, count, num } from "./format.js";
+import { clock, count, num } from "./format.js";
 import { $, capital, facts, joined, make, setAttr, setText } from "./dom.js";
 
 /** Without new data for so long what is shown counts as old, s. */
@@ -31,62 +31,49 @@ export function decide(s, sinks, silentS, ended = false) {
   if (mission.state === "unknown" && !["pilot", "autopilot"].includes(vehicle.control)) {
     return { kicker: "Mission", level: "lost", text: capital(`${whatIsUnknown(mission)} on the vehicle unknown`), reason: mission.text, progress: null, words: "" };
   }
-  if (s.phase !== "running") {
-    return { kicker: PHASE[s.phase] ?? "Waiting", level: "wait", text: s.waiting_for || PHASE[s.phase] || "", reason: "", progress: null, words: "" };
+  // The engine decides what may be said, for every screen.
+  const now = s.situation;
+  const say = { kicker: now.headline, level: now.level, text: now.text, reason: now.detail, progress: null, words: "" };
+  if (now.kind === "maneuver") {
+    const progress = Math.min(1, Math.max(0, s.guidance.progress || 0));
+    return { ...say, progress, words: `${Math.round(progress * 100)} %` };
   }
-  if (s.guidance.done) return done(s, sinks);
-  if (vehicle.control === "ground") return onGround(mission);
-  if (vehicle.control === "autopilot") return autopilot(s, vehicle);
-  const g = s.guidance;
-  if (!g.instruction) {
-    return { kicker: "Monitoring", level: "idle", text: "No maneuver proposed now", reason: monitoring(s), progress: null, words: "" };
-  }
-  const progress = Math.min(1, Math.max(0, g.progress || 0));
-  return { kicker: "Fly now", level: "fly", text: g.instruction, reason: g.reason, progress, words: `${Math.round(progress * 100)} %` };
+  if (now.kind === "monitoring") return { ...say, reason: `${converged(s)} ${now.detail}` };
+  if (now.kind === "ground" && mission.state === "on_vehicle") return { ...say, reason: `${capital(mission.text)}. ${now.detail}` };
+  return now.level === "auto" && vehicle.now ? autopilot(say, vehicle) : say;
 }
 
 const whatIsUnknown = (mission) => (/geofence/i.test(mission.text.split(":")[0]) ? "geofence" : "mission");
 
-/** Maneuvers are for a vehicle that flies. */
-function onGround(mission) {
-  const next = mission.state === "on_vehicle" ? "Arm and start the mission with your ground station or transmitter." : "Maneuvers are proposed after take-off.";
-  const came = ["on_vehicle", "not_on_vehicle"].includes(mission.state) ? `${capital(mission.text)}. ` : "";
-  const reason = came + next;
-  return { kicker: "On the ground", level: "idle", text: "Ready for take-off", reason, progress: null, words: "" };
+function converged(s) {
+  const known = s.observability.states.filter((x) => x.status === "observable").length;
+  return `${known} of ${s.observability.states.length} parameters have converged.`;
 }
 
-function monitoring(s) {
-  const converged = s.observability.states.filter((x) => x.status === "observable").length;
-  return `${converged} of ${s.observability.states.length} parameters have converged. Fly on as planned; the next maneuver is being ranked.`;
+/** The two counts of a maneuver, the way there and the maneuver itself, as the terminal has them. */
+function counts(vehicle) {
+  const seconds = (x) => `${Math.ceil(x)} s`;
+  if (Number.isFinite(vehicle.transit_left_s)) {
+    return `begins in ${seconds(vehicle.transit_left_s)}${vehicle.duration_s > 0 ? `, then takes ${seconds(vehicle.duration_s)}` : ""}`;
+  }
+  return Number.isFinite(vehicle.left_s) ? `${seconds(vehicle.left_s)} left` : "";
 }
 
-function autopilot(s, vehicle) {
+/** What the autopilot flies, by the plan. */
+function autopilot(say, vehicle) {
   const number = vehicle.maneuvers > 0 ? `${vehicle.maneuver} of ${vehicle.maneuvers}: ` : "";
-  const left = Number.isFinite(vehicle.left_s) ? `${Math.ceil(vehicle.left_s)} s left` : "";
   const next = vehicle.next ? `next: ${vehicle.next}` : "";
-  const spent = vehicle.duration_s > 0 && Number.isFinite(vehicle.left_s) ? 1 - vehicle.left_s / vehicle.duration_s : null;
+  const counted = vehicle.duration_s > 0 && Number.isFinite(vehicle.left_s);
   return {
-    kicker: "Autopilot flies", level: "auto",
-    text: capital(`${number}${vehicle.now || "its mission"}`),
-    reason: capital([left, next].filter(Boolean).join("; ")),
-    progress: spent === null ? null : Math.min(1, Math.max(0, spent)),
-    words: left ? `${Math.ceil(vehicle.left_s)} s` : "",
+    ...say,
+    text: capital(`${number}${vehicle.now}`),
+    reason: capital([counts(vehicle), next].filter(Boolean).join("; ")),
+    progress: counted ? Math.min(1, Math.max(0, 1 - vehicle.left_s / vehicle.duration_s)) : null,
+    words: counted ? `${Math.ceil(vehicle.left_s)} s` : "",
   };
 }
 
 const evaluate = (what) => `Run gaware report and gaware explain on ${what}.`;
-
-/** The end: what to do next, and what the flight did and did not show. */
-function done(s, sinks) {
-  const open = s.observability.states.filter((x) => x.status !== "observable").map((x) => x.name);
-  const all = s.observability.states.length;
-  const file = sinks?.recorder?.file;
-  const shown = open.length === 0 ? `All ${all} parameters have converged.`
-    : `${all - open.length} of ${all} parameters have converged; ${open.join(", ")} cannot with this airframe.`;
-  const onGround = sinks?.vehicle?.control === "ground";
-  const after = evaluate(file || "the recording");
-  return { kicker: "Done", level: "done", text: onGround ? "Evaluate the flight" : "Land", reason: `${shown} ${after}`, progress: null, words: "" };
-}
 
 /* What is to be flown first stands large, what follows below it. */
 function steps(element, text) {
@@ -119,11 +106,9 @@ function flying(s, sinks, silentS) {
   const stale = silentS > STALE_S;
   setText($("who"), stale ? "Unknown: no data" : WHO[vehicle.control] ?? WHO.unknown);
   setAttr($("fly"), "data-control", stale ? "unknown" : vehicle.control ?? "unknown");
-  const byHand = vehicle.control === "autopilot" && s.phase === "running" && !s.guidance.done ? s.guidance.instruction : "";
   facts($("flying"), [
-    ["Link", stale ? `no data for ${clock(silentS)}` : `${LINK[link.state] ?? "–"}, ${num(link.rate_hz, 0)}/s, ${count(link.lost)} lost`],
+    ["Link", stale ? `no data for ${clock(silentS)}` : `${LINK[link.state] ?? "–"}, ${num(link.rate_hz, 0)}/s, ${count(link.lost)} lost${s.imu.loss >= 0.01 ? ` (${num(s.imu.loss * 100, 0)} % now)` : ""}`],
     ["Mode", vehicle.mode ? `${stale ? "last: " : ""}${vehicle.mode}` : "–"],
-    ["By hand", joined(byHand) || "–"],
     ["Last", s.guidance.last_result ? capital(s.guidance.last_result) : "–"],
   ]);
 }

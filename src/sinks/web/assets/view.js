@@ -196,10 +196,12 @@ export function showFreshness(s, sinks, silentS, state) {
   const stale = state === "lost" || ended || silentS > STALE_S;
   document.body.classList.toggle("stale", stale);
   const link = sinks?.link.state ?? "connecting";
-  chip("chip-link", state === "lost" ? "bad" : ended ? "idle" : LINK_LEVEL[link] ?? "idle", state === "lost" ? "page" : ended ? "ended" : link);
+  const losing = s.situation.kind === "packet_loss" && link === "up";
+  chip("chip-link", state === "lost" || losing ? "bad" : ended ? "idle" : LINK_LEVEL[link] ?? "idle", state === "lost" ? "page" : ended ? "ended" : losing ? `${num(s.imu.loss * 100, 0)} % lost` : link);
   if (ended) chip("chip-phase", "idle", "Ended");
   else if (state === "lost") chip("chip-phase", "bad", "Connection lost");
   else if (stale) chip("chip-phase", "bad", `No data ${clock(silentS)}`);
+  else if (s.situation.level === "lost") chip("chip-phase", "bad", s.situation.headline);
   else chip("chip-phase", s.phase === "running" ? "good" : "wait", PHASE[s.phase] ?? s.phase);
 }
 
@@ -217,7 +219,7 @@ export function showSystem(sinks, s) {
   if (s) {
     pairs.push(
       ["Autopilot", s.autopilot || "unknown"],
-      ["Inertial", `${s.imu.message || "none"} at ${num(s.imu.rate_hz, 1)} Hz, ${count(s.imu.dropped)} lost`],
+      ["Inertial", `${s.imu.message || "none"} at ${num(s.imu.rate_hz, 1)}${s.imu.asked_hz > 0 ? ` of ${num(s.imu.asked_hz, 0)}` : ""} Hz, ${count(s.imu.dropped)} lost`],
       ["NIS", `${num(s.consistency.nis_mean_per_dof, 2)} per degree of freedom; 1 is right`],
       ["Fixes", `${num(s.gnss.rate_hz, 1)} Hz, ${count(s.gnss.used)} used, ${count(s.gnss.rejected)} rejected`],
     );
