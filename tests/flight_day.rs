@@ -1,4 +1,4 @@
-//! A flight day with the program's own commands: plan, pre-flight check, upload with the fence, flight, landing, report, explain.
+//! A flight day with the program's own commands: plan, pre-flight check, upload with the fence over a mission that was left in the middle, flight, landing, report, explain.
 //! The simulated autopilots refuse, cut and rewrite as the firmware does (docs/firmware-rules.md).
 
 #![allow(clippy::unwrap_used, clippy::panic, reason = "helpers of tests may panic, as tests do")]
@@ -7,7 +7,9 @@ mod support;
 
 use gaware::link::frame::{Frame, Sender};
 use gaware::link::framer::Framer;
+use gaware::mission_link::codec;
 use gaware::mission_link::vehicle::Vehicle;
+use gaware_mission::transfer::{Address, MissionMessage};
 use mavlink::dialects::ardupilotmega::{COMMAND_LONG_DATA, MavCmd, MavMessage};
 use serde_json::Value;
 use std::io::{Read, Write};
@@ -90,12 +92,56 @@ fn done(args: &[&str]) -> Ended {
     ended
 }
 
+/// A station's link to the vehicle.
+struct Pilot {
+    socket: TcpStream,
+    framer: Framer,
+    bytes: [u8; 4096],
+}
+
+impl Pilot {
+    fn new(address: &str) -> Self {
+        let socket = TcpStream::connect(address.strip_prefix("tcpout:").unwrap()).unwrap();
+        socket.set_read_timeout(Some(support::PATIENCE)).unwrap();
+        Self { socket, framer: Framer::new(), bytes: [0; 4096] }
+    }
+
+    fn send(&mut self, frame: &Frame) {
+        self.socket.write_all(frame.raw()).unwrap();
+    }
+
+    /// What the next piece of the link holds.
+    fn frames(&mut self) -> Vec<Frame> {
+        let n = self.socket.read(&mut self.bytes).unwrap();
+        assert!(n > 0, "the vehicle has closed the link");
+        self.framer.push(&self.bytes[..n]);
+        std::iter::from_fn(|| self.framer.next_frame()).collect()
+    }
+}
+
+const STATION: Sender = Sender { system_id: 255, component_id: 190 };
+
+/// Another station leaves the mission at an item, as a flight before does; returns when the vehicle reports it.
+fn leave_mission_at(address: &str, item: u16) {
+    let mut pilot = Pilot::new(address);
+    let to = Address { system: 1, component: 1 };
+    let (id, payload) = codec::encode(to, &MissionMessage::SetCurrent { seq: item });
+    pilot.send(&Frame::of_payload(STATION, 0, id, &payload).unwrap());
+    loop {
+        let reported = pilot
+            .frames()
+            .iter()
+            .filter_map(codec::decode)
+            .any(|e| matches!(e.message, MissionMessage::Current { seq, .. } if seq == item));
+        if reported {
+            return;
+        }
+    }
+}
+
 /// The pilot arms and starts the mission; returns when the vehicle says that it flies it.
 fn start_mission(address: &str) {
-    let mut socket = TcpStream::connect(address.strip_prefix("tcpout:").unwrap()).unwrap();
-    socket.set_read_timeout(Some(support::PATIENCE)).unwrap();
-    let pilot = Sender { system_id: 255, component_id: 190 };
-    let (mut framer, mut bytes) = (Framer::new(), [0; 4096]);
+    let mut pilot = Pilot::new(address);
     for number in 0..=u8::MAX {
         for (command, param1) in
             [(MavCmd::MAV_CMD_COMPONENT_ARM_DISARM, 1.0), (MavCmd::MAV_CMD_MISSION_START, 0.0)]
@@ -107,21 +153,54 @@ fn start_mission(address: &str) {
                 target_component: 1,
                 ..Default::default()
             };
-            socket.write_all(Frame::encode(pilot, number, &MavMessage::COMMAND_LONG(data)).raw()).unwrap();
+            pilot.send(&Frame::encode(STATION, number, &MavMessage::COMMAND_LONG(data)));
         }
         // About two heartbeats' worth of what the vehicle sends.
         for _ in 0..100 {
-            let n = socket.read(&mut bytes).unwrap();
-            assert!(n > 0, "the vehicle has closed the link");
-            framer.push(&bytes[..n]);
-            while let Some(frame) = framer.next_frame() {
-                if Vehicle::from_heartbeat(&frame).is_some_and(|v| v.state.flying_mission) {
-                    return;
-                }
+            let flies = |f: &Frame| Vehicle::from_heartbeat(f).is_some_and(|v| v.state.flying_mission);
+            if pilot.frames().iter().any(flies) {
+                return;
             }
         }
     }
     panic!("the vehicle does not start its mission");
+}
+
+/// A mission of the day before: the same route, a little higher.
+fn other_plan(day: &Day, plan: &str) -> String {
+    let mut other: Value = serde_json::from_str(&std::fs::read_to_string(plan).unwrap()).unwrap();
+    let altitude = other.pointer_mut("/mission/items/1/params/6").unwrap();
+    *altitude = serde_json::json!(altitude.as_f64().unwrap() + 1.0);
+    let path = day.folder.file("other.plan");
+    std::fs::write(&path, other.to_string()).unwrap();
+    path
+}
+
+/// Uploads over a mission that was left in the middle: another one, and then the same once more. Each begins with its first item, and the check
+/// before the flight says when it does not.
+fn upload_after_a_flight(day: &Day, plan: &str, address: &str) {
+    let link = ["--connect", address];
+    let check = || gaware(&[&["preflight", "--plan", plan, "--json"], &link[..]].concat());
+    let upload = |file: &str, backup: &str| {
+        let backup = day.folder.file(backup);
+        let uploaded =
+            done(&[&["mission", "upload", file, "--backup", &backup, "--json"], &link[..]].concat()).json();
+        assert_eq!(
+            (&uploaded["done"], &uploaded["on_vehicle"]),
+            (&true.into(), &"new".into()),
+            "{uploaded:#}"
+        );
+    };
+    upload(&other_plan(day, plan), "before.plan");
+    for backup in ["other-before.plan", "same-before.plan"] {
+        leave_mission_at(address, 5);
+        let stopped = check();
+        assert_eq!(stopped.code(), Some(1), "{}", stopped.stdout);
+        assert!(stopped.stderr.contains("the current item is 5"), "{}", stopped.stderr);
+        upload(plan, backup);
+        let ready = check();
+        assert_eq!(ready.code(), Some(0), "{}{}", ready.stdout, ready.stderr);
+    }
 }
 
 fn flight_day(airframe: &str, firmware: &'static str) {
@@ -134,10 +213,7 @@ fn flight_day(airframe: &str, firmware: &'static str) {
         done(&[&["preflight", "--plan", &plan, "--airframe", &day.airframe, "--json"], &link[..]].concat())
             .json();
     assert_eq!(table["ready"], true, "{table:#}");
-    let backup = day.folder.file("before.plan");
-    let uploaded =
-        done(&[&["mission", "upload", &plan, "--backup", &backup, "--json"], &link[..]].concat()).json();
-    assert_eq!((&uploaded["done"], &uploaded["on_vehicle"]), (&true.into(), &"new".into()), "{uploaded:#}");
+    upload_after_a_flight(&day, &plan, &address);
     let fence = day.folder.file("fence.plan");
     done(&[&["mission", "download", &fence, "--type", "fence"], &link[..]].concat());
     let fence: Value = serde_json::from_str(&std::fs::read_to_string(fence).unwrap()).unwrap();

@@ -1,20 +1,14 @@
-//! Comparison of a mission with what was read back from a vehicle, with the tolerance that its storage needs.
-//!
-//! ArduPilot stores an item in fifteen bytes: integers for most parameters, radii above 255 m in steps of 10 m, altitude in
-//! centimetres, parameters that a vehicle type does not use not at all (FIELD_NOTES, "Mission protocol"). PX4 keeps floats but
-//! drops parameters that a command does not have. Everything else that differs is a difference.
+//! Comparison of a mission with what was read back from a vehicle, by what its firmware keeps ([`crate::rules::table`]): a field is right as
+//! it was sent or as the firmware stores it. Everything else is a difference.
 
 use crate::item::{Autopilot, Mission, MissionItem, command};
+use crate::rules::table::{self, AutoContinue, Kept, Row};
 use gaware_nav::rotation::wrap_180;
 
-/// Latitude and longitude after a trip through `double` on PX4: 2e-7 deg is 2 cm.
-const POSITION_TOLERANCE_E7: u32 = 2;
-/// ArduPilot stores centimetres; PX4 keeps a float.
-const ALTITUDE_TOLERANCE_M: f32 = 0.02;
-/// ArduPilot stores rally points in whole metres (AP_Rally.h, `RallyLocation::alt`).
-const RALLY_STEP_M: f32 = 1.0;
-/// Floats that are stored as floats.
-const FLOAT_TOLERANCE: f32 = 1e-3;
+/// Floats that are stored as floats, and centimetres that become metres again: a few steps of a float.
+const FLOAT_TOLERANCE: f32 = 1e-6;
+/// PX4 keeps headings as radians in a float, deg.
+const HEADING_TOLERANCE_DEG: f64 = 1e-3;
 
 /// One difference, in words.
 #[derive(Debug, Clone, PartialEq)]
@@ -34,80 +28,18 @@ impl std::fmt::Display for Difference {
     }
 }
 
-/// How a parameter survives storage.
-#[derive(Debug, Clone, Copy)]
-enum Stored {
-    /// Not kept, or of no meaning.
-    Ignored,
-    /// As a float.
-    Float,
-    /// As an integer, cut or rounded.
-    Integer,
-    /// As an integer, or not at all, depending on the type of vehicle.
-    IntegerOrDropped,
-    /// As [`Self::IntegerOrDropped`], but only its presence and sign matter.
-    SignOnly,
-    /// A radius with sign: integer metres up to 255, then tens.
-    Radius,
-    /// A direction in degrees, wrapped as the vehicle likes.
-    Angle,
-    /// A count up to 255; below 1 in steps of 1/256.
-    Turns,
+fn same_number(a: f32, b: f32) -> bool {
+    a.is_nan() && b.is_nan() || (a - b).abs() <= FLOAT_TOLERANCE * a.abs().max(1.0)
 }
 
-/// The storage of parameters 1 to 4 of a command.
-fn storage(autopilot: Autopilot, number: u16) -> [Stored; 4] {
-    use Stored::{Angle, Float, Ignored, Integer, IntegerOrDropped, Radius, SignOnly, Turns};
-    match (autopilot, number) {
-        (_, command::DO_CHANGE_SPEED) => [Float, Float, Float, Ignored],
-        (_, command::DO_JUMP) => [Integer, Integer, Ignored, Ignored],
-        (_, command::CONDITION_YAW) => [Float; 4],
-        (_, command::NAV_RETURN_TO_LAUNCH | command::NAV_RALLY_POINT) => [Ignored; 4],
-        // Number of corners, or radius in whole metres on older firmware; the group is not kept.
-        (_, command::NAV_FENCE_RETURN_POINT..=command::NAV_FENCE_CIRCLE_EXCLUSION) => {
-            [Integer, Ignored, Ignored, Ignored]
-        }
-        (Autopilot::ArduPilot, command::NAV_WAYPOINT) => {
-            [IntegerOrDropped, IntegerOrDropped, IntegerOrDropped, Ignored]
-        }
-        (Autopilot::ArduPilot, command::NAV_LOITER_TURNS) => [Turns, Ignored, Radius, Ignored],
-        (Autopilot::ArduPilot, command::NAV_LOITER_TIME) => [Integer, Ignored, SignOnly, Ignored],
-        (Autopilot::ArduPilot, command::NAV_LOITER_UNLIM) => [Ignored, Ignored, Radius, Ignored],
-        (Autopilot::ArduPilot, command::NAV_LOITER_TO_ALT) => [Ignored, Radius, Ignored, Ignored],
-        (Autopilot::ArduPilot, command::NAV_TAKEOFF | command::NAV_LAND) => {
-            [IntegerOrDropped, Ignored, Ignored, Ignored]
-        }
-        (Autopilot::ArduPilot, command::NAV_CONTINUE_AND_CHANGE_ALT) => [Integer, Ignored, Ignored, Ignored],
-        (Autopilot::Px4, command::NAV_WAYPOINT) => [Float, Float, Ignored, Angle],
-        // The pitch of a take-off and the abort height of a landing are not handed back.
-        (Autopilot::Px4, command::NAV_TAKEOFF) => [Ignored, Ignored, Ignored, Angle],
-        (Autopilot::Px4, command::NAV_LAND) => [Ignored, Integer, Ignored, Angle],
-        (Autopilot::Px4, command::NAV_LOITER_TURNS) => [Float, Ignored, Float, Ignored],
-        (Autopilot::Px4, command::NAV_LOITER_TIME) => [Float, Ignored, Float, Ignored],
-        (Autopilot::Px4, command::NAV_LOITER_UNLIM) => [Ignored, Ignored, Float, Ignored],
-        (Autopilot::Px4, command::NAV_LOITER_TO_ALT) => [Ignored, Float, Ignored, Ignored],
-        _ => [Float; 4],
-    }
-}
-
-fn same_parameter(kind: Stored, want: f32, got: f32) -> bool {
-    // "The vehicle's default" is stored as zero by most commands.
-    let (want, got) = (if want.is_nan() { 0.0 } else { want }, if got.is_nan() { 0.0 } else { got });
-    let near = |tolerance: f32| (want - got).abs() <= tolerance;
-    let float = near(FLOAT_TOLERANCE * want.abs().max(1.0));
-    let same_sign = want == 0.0 || got == 0.0 || (want < 0.0) == (got < 0.0);
-    match kind {
-        Stored::Ignored => true,
-        Stored::Float => float,
-        // Cutting loses less than one.
-        Stored::Integer => near(0.999_9),
-        Stored::IntegerOrDropped => got == 0.0 || near(0.999_9),
-        Stored::SignOnly => same_sign,
-        Stored::Radius if want.abs() <= 255.0 => same_sign && near(0.999_9),
-        Stored::Radius => same_sign && got != 0.0 && near(9.999),
-        Stored::Angle => wrap_180(f64::from(want) - f64::from(got)).abs() < 0.01,
-        Stored::Turns if want > 0.0 && want < 1.0 => near(1.0 / 256.0),
-        Stored::Turns => (want.clamp(0.0, 255.0) - got).abs() < 1.0,
+fn same_parameter(rule: Option<Kept>, want: f32, got: f32) -> bool {
+    match rule {
+        Some(Kept::Heading) if want.is_nan() || got.is_nan() => want.is_nan() && got.is_nan(),
+        Some(Kept::Heading) => wrap_180(f64::from(want) - f64::from(got)).abs() < HEADING_TOLERANCE_DEG,
+        // "The vehicle's default" is stored as zero by most commands.
+        _ if want.is_nan() && got == 0.0 => true,
+        Some(rule) => same_number(want, got) || same_number(rule.keep(want), got),
+        None => same_number(want, got),
     }
 }
 
@@ -124,52 +56,49 @@ fn compare_items(autopilot: Autopilot, want: &MissionItem, got: &MissionItem) ->
             command::describe(got.command)
         )];
     }
-    let mut found = Vec::new();
+    // Plane and copter, and some versions, keep different parameters.
+    let by_row =
+        table::rows_of(want.command, autopilot).map(|row| compare_by(Some(row), autopilot, want, got));
+    by_row.min_by_key(Vec::len).unwrap_or_else(|| compare_by(None, autopilot, want, got))
+}
+
+/// What differs by one version's rules; without rules everything has to be as it was sent.
+fn compare_by(row: Option<&Row>, autopilot: Autopilot, want: &MissionItem, got: &MissionItem) -> Vec<String> {
+    let sent = want.sent_to(autopilot);
+    let kept = row.map_or(sent, |r| r.keep(&sent));
+    let right = [want, &sent, &kept];
     let name = command::describe(want.command);
-    for (k, kind) in storage(autopilot, want.command).into_iter().enumerate() {
-        if !same_parameter(kind, want.params[k], got.params[k]) {
-            found.push(format!(
-                "{name}, parameter {}: {} expected, the vehicle has {}",
-                k + 1,
-                want.params[k],
-                got.params[k]
-            ));
+    let mut found = Vec::new();
+    for (k, (want, got)) in want.params.into_iter().zip(got.params).enumerate() {
+        if !same_parameter(row.and_then(|r| r.kept.get(k).copied()), want, got) {
+            found.push(format!("{name}, parameter {}: {want} expected, the vehicle has {got}", k + 1));
         }
     }
-    if command::has_position(want.command) {
-        // Unset is stored as zero.
-        let set = |v: i32| if v == i32::MAX { 0 } else { v };
-        let off = set(want.x).abs_diff(set(got.x)).max(set(want.y).abs_diff(set(got.y)));
-        if off > POSITION_TOLERANCE_E7 {
-            found.push(format!(
-                "{name}, position: {:.7} {:.7} expected, the vehicle has {:.7} {:.7}",
-                f64::from(want.x) * 1e-7,
-                f64::from(want.y) * 1e-7,
-                f64::from(got.x) * 1e-7,
-                f64::from(got.y) * 1e-7
-            ));
-        }
+    if command::has_position(want.command) && !right.iter().any(|i| (i.x, i.y) == (got.x, got.y)) {
+        let degrees = |v: i32| f64::from(v) * 1e-7;
+        found.push(format!(
+            "{name}, position: {:.7} {:.7} expected, the vehicle has {:.7} {:.7}",
+            degrees(want.x),
+            degrees(want.y),
+            degrees(got.x),
+            degrees(got.y)
+        ));
     }
     if command::has_altitude(want.command) {
-        let step = match (autopilot, want.command) {
-            (Autopilot::ArduPilot, command::NAV_RALLY_POINT) => RALLY_STEP_M,
-            _ => ALTITUDE_TOLERANCE_M,
-        };
-        let tolerance = step.max(want.z.abs() * 1e-6);
-        if want.z.is_nan() != got.z.is_nan() && got.z != 0.0 || (want.z - got.z).abs() > tolerance {
+        let unset = want.z.is_nan() && got.z == 0.0;
+        if !unset && !right.iter().any(|i| same_number(i.z, got.z)) {
             found.push(format!("{name}, altitude: {} m expected, the vehicle has {} m", want.z, got.z));
         }
-        let same_reference = want.frame.altitude_reference() == got.frame.altitude_reference();
-        if command::has_position(want.command) && !same_reference {
-            found.push(format!(
-                "{name}: altitude above {:?} expected, the vehicle has {:?}",
-                want.frame.altitude_reference(),
-                got.frame.altitude_reference()
-            ));
+        let has = got.frame.altitude_reference();
+        let counted = right.iter().any(|i| i.frame.altitude_reference() == has);
+        if command::has_position(want.command) && !counted {
+            let wanted = want.frame.altitude_reference();
+            found.push(format!("{name}: altitude above {wanted:?} expected, the vehicle has {has:?}"));
         }
     }
-    // ArduPilot has no such field and always answers 1.
-    if autopilot == Autopilot::Px4 && want.autocontinue != got.autocontinue {
+    // Of a command that is not in the table nothing but ArduPilot's habit is known.
+    let rule = row.map_or(AutoContinue::of(autopilot), |r| r.autocontinue);
+    if got.autocontinue != want.autocontinue && got.autocontinue != rule.keep(want.autocontinue) {
         found.push(format!("{name}: autocontinue differs"));
     }
     found
@@ -217,7 +146,7 @@ mod tests {
             let mut stored = loiter(got.0, got.1);
             stored.params[3] = 0.0;
             stored.frame = Frame::GLOBAL_RELATIVE_ALT;
-            stored.z = 99.99;
+            stored.autocontinue = true;
             let found = differences(Autopilot::ArduPilot, &one(loiter(want.0, want.1)), &one(stored));
             assert_eq!(found, vec![]);
         }
@@ -240,7 +169,10 @@ mod tests {
                 at(command::NAV_WAYPOINT, [0.0, 0.0, 0.0, -90.0]),
                 at(command::NAV_WAYPOINT, [0.0, 0.0, 0.0, 270.0]),
             ),
-            (at(command::NAV_TAKEOFF, [15.0, 0.0, 0.0, f32::NAN]), at(command::NAV_TAKEOFF, [0.0; 4])),
+            (
+                at(command::NAV_TAKEOFF, [15.0, 0.0, 0.0, f32::NAN]),
+                at(command::NAV_TAKEOFF, [0.0, 0.0, 0.0, f32::NAN]),
+            ),
         ];
         for (want, got) in pairs {
             assert_eq!(differences(Autopilot::Px4, &want, &got), vec![]);
@@ -265,6 +197,33 @@ mod tests {
         for (got, word) in cases {
             let found = differences(Autopilot::ArduPilot, &one(loiter(2.0, 100.0)), &one(got));
             assert!(found.iter().any(|d| d.to_string().contains(word)), "{word}: {found:?}");
+        }
+    }
+
+    /// PX4 reads fence points back without autocontinue, as above sea level (mavlink_mission.cpp:325); no plan with a fence could be uploaded.
+    #[test]
+    fn a_fence_is_compared_by_what_each_firmware_keeps() {
+        let sent = MissionItem::at(command::NAV_FENCE_CIRCLE_INCLUSION, [60.5, 0.0, 0.0, 0.0], PLACE, 0.0);
+        for (autopilot, frame) in [(Autopilot::Px4, Frame::GLOBAL_INT), (Autopilot::ArduPilot, Frame::GLOBAL)]
+        {
+            let stored = MissionItem { autocontinue: false, frame, ..sent };
+            assert_eq!(differences(autopilot, &one(sent), &one(stored)), vec![], "{autopilot}");
+            let smaller = MissionItem { params: [59.0, 0.0, 0.0, 0.0], ..stored };
+            assert_eq!(differences(autopilot, &one(sent), &one(smaller)).len(), 1, "{autopilot}");
+        }
+        // A mission's items keep it on PX4.
+        let sent = MissionItem::at(command::NAV_WAYPOINT, [0.0; 4], PLACE, 50.0);
+        let halts = MissionItem { autocontinue: false, ..sent };
+        let found = differences(Autopilot::Px4, &one(sent), &one(halts));
+        assert_eq!(found[0].to_string(), "item 1: waypoint: autocontinue differs");
+    }
+
+    /// A journal compares a mission with itself, which no vehicle has cut.
+    #[test]
+    fn a_mission_is_like_itself() {
+        let item = MissionItem { x: i32::MAX, z: 25.3716, ..loiter(0.3, 257.3) };
+        for autopilot in [Autopilot::ArduPilot, Autopilot::Px4] {
+            assert_eq!(differences(autopilot, &one(item), &one(item)), vec![]);
         }
     }
 

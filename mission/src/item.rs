@@ -265,6 +265,18 @@ impl Mission {
         }
     }
 
+    /// The index by which this autopilot reports that the mission begins with its first item: 0 on PX4; on ArduPilot anything up to the first
+    /// command that is flown, since the others before it are done on the way.
+    pub fn first_index(&self, autopilot: Autopilot) -> u16 {
+        match autopilot {
+            Autopilot::Px4 => 0,
+            Autopilot::ArduPilot => {
+                let flown = self.items.iter().position(|i| i.command <= command::NAV_LAST);
+                u16::try_from(flown.unwrap_or(0) + 1).unwrap_or(u16::MAX)
+            }
+        }
+    }
+
     /// Home as a waypoint, then the items: the order of ArduPilot and of `.waypoints` files.
     pub(crate) fn home_first(&self) -> Vec<MissionItem> {
         let home = self.home.unwrap_or(Home { lat_e7: 0, lon_e7: 0, alt_m: 0.0 });
@@ -310,6 +322,16 @@ impl Mission {
         match kind {
             MissionKind::Mission => Self::from_wire_items(autopilot, items),
             MissionKind::Fence | MissionKind::Rally => Self { home: None, items: items.to_vec() },
+        }
+    }
+}
+
+impl MissionItem {
+    /// The item as it goes to this autopilot, but for the targets of jumps.
+    pub(crate) fn sent_to(&self, autopilot: Autopilot) -> Self {
+        match autopilot {
+            Autopilot::ArduPilot => for_ardupilot(here_as_zero(*self)),
+            Autopilot::Px4 => *self,
         }
     }
 }

@@ -225,7 +225,7 @@ impl RateKeeper {
                 m.state = State::Due(now_us + m.pause_us);
             }
             MavResult::MAV_RESULT_UNSUPPORTED if !m.wanted.alternative => self.use_old_way(now_us, out),
-            // ArduPilot's refusal means "too fast"; PX4's only ever "not this message" (`set_message_interval`).
+            // ArduPilot's refusal means "too fast".
             MavResult::MAV_RESULT_DENIED if !px4 => match m.next_lower() {
                 Some(hz) => {
                     m.rate_hz = hz;
@@ -233,6 +233,17 @@ impl RateKeeper {
                 }
                 None => self.give_up(index, now_us, out),
             },
+            // What arrives is there, whatever the answer.
+            _ if px4 && !m.arrivals.is_empty() => m.state = State::Agreed(now_us),
+            // PX4 says so of a stream with nothing new as well as of none.
+            MavResult::MAV_RESULT_DENIED if m.denials < TRIES => {
+                m.denials += 1;
+                m.state = State::Due(now_us + WATCH_US);
+            }
+            MavResult::MAV_RESULT_DENIED => {
+                m.denials = 0;
+                self.give_up(index, now_us, out);
+            }
             _ => {
                 m.missing = true;
                 self.give_up(index, now_us, out);

@@ -10,6 +10,7 @@ use gaware_mission::transfer::{Address, Envelope, MissionMessage, MissionResult}
 
 const ITEM: u32 = 39;
 const REQUEST: u32 = 40;
+const SET_CURRENT: u32 = 41;
 const CURRENT: u32 = 42;
 const REQUEST_LIST: u32 = 43;
 const COUNT: u32 = 44;
@@ -50,6 +51,10 @@ pub fn decode(frame: &Frame) -> Option<Envelope> {
         CLEAR_ALL => {
             let to = b.address();
             (to, MissionMessage::ClearAll { mission_type: b.u8() })
+        }
+        SET_CURRENT => {
+            let seq = b.u16();
+            (b.address(), MissionMessage::SetCurrent { seq })
         }
         CURRENT => {
             let (seq, total, state, _mode) = (b.u16(), b.u16(), b.u8(), b.u8());
@@ -121,6 +126,11 @@ pub fn encode(to: Address, message: &MissionMessage) -> (u32, Vec<u8>) {
         MissionMessage::ClearAll { mission_type } => {
             b.extend([to.system, to.component, *mission_type]);
             CLEAR_ALL
+        }
+        MissionMessage::SetCurrent { seq } => {
+            b.extend(seq.to_le_bytes());
+            b.extend(address);
+            SET_CURRENT
         }
         MissionMessage::Current { seq, total, state, mission_id } => {
             b.extend(seq.to_le_bytes());
@@ -207,6 +217,12 @@ mod tests {
         let ack = MissionMessage::Ack { result: MissionResult(13), mission_type: 0, opaque_id: 5 };
         let MavMessage::MISSION_ACK(m) = framed(&ack).decode().unwrap() else { panic!("no ack") };
         assert_eq!((m.mavtype as u32, m.opaque_id), (13, 5));
+        // The dialect calls it superseded.
+        let wish = framed(&MissionMessage::SetCurrent { seq: 5 });
+        assert_eq!(
+            (wish.message_id, decode(&wish).unwrap().message),
+            (41, MissionMessage::SetCurrent { seq: 5 })
+        );
         let current = MissionMessage::Current { seq: 2, total: 9, state: 3, mission_id: 77 };
         let MavMessage::MISSION_CURRENT(m) = framed(&current).decode().unwrap() else { panic!("no current") };
         assert_eq!((m.seq, m.total, m.mission_state as u32, m.mission_id), (2, 9, 3, 77));

@@ -6,7 +6,7 @@ use super::vehicle::Vehicle;
 use super::wire::{Event, Wire};
 use crate::link::frame::Frame;
 use crate::preflight::{Facts, StreamFact};
-use gaware_mission::item::LatLon;
+use gaware_mission::item::{Autopilot, LatLon};
 use gaware_mission::params::{Encoding, ParamName, ParamRead, ParamTiming, Parameters};
 
 const COMMAND_LONG: u32 = 76;
@@ -14,13 +14,19 @@ const COMMAND_ACK: u32 = 77;
 const AUTOPILOT_VERSION: u32 = 148;
 const GLOBAL_POSITION_INT: u32 = 33;
 const GPS_RAW_INT: u32 = 24;
+const MISSION_CURRENT: u32 = 42;
 /// `MAV_CMD_REQUEST_MESSAGE`.
 const REQUEST_MESSAGE: u16 = 512;
 /// `MAV_RESULT_ACCEPTED`.
 const ACCEPTED: u8 = 0;
 /// Wait for the answer to a command, s, and attempts.
 const ANSWER_S: f64 = 0.7;
-const TRIES: u32 = 2;
+const TRIES: f64 = 2.0;
+/// PX4 denies a message of which nothing was published since it last looked: it is asked again after this, s, its slowest stream here (GNSS, 5 Hz)
+/// having had its turn.
+const AGAIN_S: f64 = 0.25;
+/// PX4 sends `MISSION_CURRENT` once a second, and not on request.
+const EVERY_SECOND_S: f64 = 1.5;
 /// A position fix in `GPS_RAW_INT`: two dimensions at least.
 const FIX_2D: u8 = 2;
 
@@ -38,47 +44,98 @@ pub async fn gather(wire: &mut impl Wire, wish: Wish) -> Option<Facts> {
     let mut facts = Facts::new(wire.vehicle());
     // Every answer to a request shows that requests are answered at all.
     let answered = request(wire, AUTOPILOT_VERSION, &mut facts).await?;
-    if answered.is_some() {
+    if answered != Answer::Silence {
         request(wire, GLOBAL_POSITION_INT, &mut facts).await?;
         if facts.position.is_none() {
             request(wire, GPS_RAW_INT, &mut facts).await?;
         }
         for (id, name) in wish.streams {
-            let works = request(wire, id, &mut facts).await?;
-            facts.streams.push(StreamFact { name, works: works == Some(ACCEPTED) });
+            let works = request(wire, id, &mut facts).await? == Answer::Arrived;
+            facts.streams.push(StreamFact { name, works });
         }
+        if facts.current_item.is_none() {
+            request(wire, MISSION_CURRENT, &mut facts).await?;
+        }
+    }
+    if facts.current_item.is_none() {
+        let until = wire.now_s() + EVERY_SECOND_S;
+        listen(wire, until, &mut facts, |frame| frame.message_id == MISSION_CURRENT).await?;
     }
     facts.parameters = read_parameters(wire, wish.parameters).await?;
     Some(facts)
 }
 
-/// Asks for one message; what the vehicle says to that, or `Some(None)` where it says nothing.
-async fn request(wire: &mut impl Wire, id: u32, facts: &mut Facts) -> Option<Option<u8>> {
-    for _ in 0..TRIES {
+/// What came of a request for a message.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+enum Answer {
+    /// The message: the only proof that the vehicle sends it.
+    Arrived,
+    /// An acknowledgement alone.
+    Acknowledged,
+    /// Nothing.
+    Silence,
+}
+
+/// Asks for one message; `None` when the user wants to stop.
+async fn request(wire: &mut impl Wire, id: u32, facts: &mut Facts) -> Option<Answer> {
+    // PX4 denies also what it only has nothing new of.
+    let denial_ends = wire.vehicle().autopilot != Autopilot::Px4;
+    let end = wire.now_s() + TRIES * ANSWER_S;
+    let mut answer = Answer::Silence;
+    while wire.now_s() < end {
         let payload = command_long(wire.vehicle(), REQUEST_MESSAGE, id as f32);
         wire.send_payload(COMMAND_LONG, payload);
-        let until = wire.now_s() + ANSWER_S;
         let (mut result, mut arrived) = (None, false);
+        let until = wire.now_s() + ANSWER_S;
         // The message comes before or after the acknowledgement.
-        while wire.now_s() < until && !(arrived && result.is_some()) {
-            match wire.next(Some(until)).await {
-                Event::Frame(frame) if of_vehicle(wire.vehicle(), &frame) => {
-                    arrived |= frame.message_id == id;
-                    see(&frame, facts);
-                    result = result.or_else(|| acknowledged(&frame, REQUEST_MESSAGE));
-                    if result.is_some_and(|r| r != ACCEPTED) {
-                        return Some(result);
-                    }
-                }
-                Event::Frame(_) | Event::Deadline => {}
-                Event::Stopped => return None,
-            }
+        let over = |frame: &Frame| {
+            arrived |= frame.message_id == id;
+            result = result.or_else(|| acknowledged(frame, REQUEST_MESSAGE));
+            arrived && result.is_some() || result.is_some_and(|r| r != ACCEPTED)
+        };
+        listen(wire, until, facts, over).await?;
+        let refused = result.is_some_and(|r| r != ACCEPTED);
+        if refused && !arrived && !denial_ends {
+            let until = wire.now_s() + AGAIN_S;
+            let over = |frame: &Frame| {
+                arrived |= frame.message_id == id;
+                arrived
+            };
+            listen(wire, until, facts, over).await?;
+        }
+        if arrived {
+            return Some(Answer::Arrived);
         }
         if result.is_some() {
-            return Some(result);
+            answer = Answer::Acknowledged;
+        }
+        if refused && denial_ends {
+            break;
         }
     }
-    Some(None)
+    Some(answer)
+}
+
+/// Takes what the vehicle sends until then, or until it is over; `None` when the user wants to stop.
+async fn listen(
+    wire: &mut impl Wire,
+    until_s: f64,
+    facts: &mut Facts,
+    mut over: impl FnMut(&Frame) -> bool,
+) -> Option<()> {
+    while wire.now_s() < until_s {
+        match wire.next(Some(until_s)).await {
+            Event::Frame(frame) if of_vehicle(wire.vehicle(), &frame) => {
+                see(&frame, facts);
+                if over(&frame) {
+                    break;
+                }
+            }
+            Event::Frame(_) | Event::Deadline => {}
+            Event::Stopped => return None,
+        }
+    }
+    Some(())
 }
 
 /// Reads these parameters; `None` when the user wants to stop.
@@ -124,7 +181,7 @@ fn acknowledged(frame: &Frame, command: u16) -> Option<u8> {
     (frame.message_id == COMMAND_ACK && about).then(|| at(2))
 }
 
-/// Takes what a frame says of version and position.
+/// Takes what a frame says of version, position and mission.
 pub fn see(frame: &Frame, facts: &mut Facts) {
     let payload = frame.payload();
     // MAVLink 2 leaves zeros at the end out.
@@ -140,6 +197,7 @@ pub fn see(frame: &Frame, facts: &mut Facts) {
         AUTOPILOT_VERSION => facts.firmware = Some([at(19), at(18), at(17)]),
         // time_boot_ms (4), lat, lon.
         GLOBAL_POSITION_INT => facts.position = place(4).or(facts.position),
+        MISSION_CURRENT => facts.current_item = Some(u16::from_le_bytes([at(0), at(1)])),
         // time_usec (8), lat, lon, alt, …, fix_type at 28.
         GPS_RAW_INT if at(28) >= FIX_2D => facts.position = facts.position.or(place(8)),
         _ => {}

@@ -89,6 +89,8 @@ pub struct Facts {
     pub parameters: Parameters,
     /// Messages that it was asked for.
     pub streams: Vec<StreamFact>,
+    /// The index of the mission item that it would go on with (`MISSION_CURRENT`).
+    pub current_item: Option<u16>,
 }
 
 impl Facts {
@@ -102,6 +104,7 @@ impl Facts {
             firmware: None,
             parameters: Parameters::default(),
             streams: Vec::new(),
+            current_item: None,
         }
     }
 }
@@ -119,11 +122,13 @@ pub struct Against<'a> {
 pub fn check(facts: &Facts, against: Against<'_>) -> Vec<Row> {
     let mut rows = vehicle::check(facts, against);
     rows.extend(limits::check(facts, against));
+    rows.extend(against.plan.and_then(|plan| vehicle::current_item(facts, plan)));
     rows.extend(fence::check(facts, against));
     rows
 }
 
-/// The checks before every upload: without an airframe file, and without the rates that the estimator needs.
+/// The checks before every upload: without an airframe file, without the rates that the estimator needs, and without the current item,
+/// which the upload sets.
 pub fn check_upload(facts: &Facts, plan: &Contents) -> Vec<Row> {
     let against = Against { plan: Some(plan), airframe: None };
     let mut rows = vehicle::check(facts, against);

@@ -21,6 +21,7 @@ fn facts(autopilot: Autopilot, mav_type: u8, parameters: &[(&str, f64)]) -> Fact
         position: Some(FIELD),
         firmware: Some(if autopilot == Autopilot::Px4 { [1, 15, 4] } else { [4, 6, 1] }),
         streams: ["RAW_IMU", "GPS_RAW_INT", "ATTITUDE"].map(stream).to_vec(),
+        current_item: Some(0),
         ..Facts::new(vehicle(1, autopilot, mav_type))
     };
     set(&mut facts, parameters);
@@ -183,6 +184,28 @@ fn wrong_set_ups_of_a_plane() {
         }),
     ];
     insta::assert_snapshot!(all.join("\n"));
+}
+
+/// Index 11 of yesterday's flight: armed, PX4 skips take-off and items 1 to 10 of today's plan.
+#[test]
+fn a_mission_that_would_begin_in_the_middle_is_stopped() {
+    for (autopilot, mav_type, facts) in [(Autopilot::ArduPilot, 1, plane()), (Autopilot::Px4, 1, px4_plane())]
+    {
+        let plan = plan(autopilot, mav_type);
+        let said = |current_item| {
+            let facts = Facts { current_item, ..facts.clone() };
+            complaints(&check(&facts, Against { plan: Some(&plan), airframe: None }))
+        };
+        assert!(said(Some(11)).contains("STOP  mission        the current item is 11"), "{}", said(Some(11)));
+        assert!(said(None).starts_with("warn  mission"), "{}", said(None));
+        // The upload itself sets it.
+        let facts = Facts { current_item: Some(11), ..facts.clone() };
+        assert_eq!(complaints(&check_upload(&facts, &plan)), "");
+    }
+    // Commands before the first item that is flown are done on the way; PX4 begins at the very first.
+    let mut plan = plane_plan();
+    plan.mission.items.insert(0, MissionItem::action(command::DO_CHANGE_SPEED, [0.0, 15.0, -1.0, 0.0]));
+    assert_eq!([Autopilot::ArduPilot, Autopilot::Px4].map(|a| plan.mission.first_index(a)), [2, 0]);
 }
 
 #[test]

@@ -158,6 +158,26 @@ fn state(facts: &Facts) -> Row {
     }
 }
 
+/// Where the mission would begin: the index of an earlier flight survives everything but an order.
+pub(super) fn current_item(facts: &Facts, plan: &Contents) -> Option<Row> {
+    let row = |verdict, text: String| Some(Row::new("mission", verdict, text));
+    let first = plan.mission.first_index(facts.vehicle.autopilot);
+    match facts.current_item {
+        None => row(
+            Verdict::Warn,
+            "where the mission would begin is not known: the vehicle sends no MISSION_CURRENT".to_owned(),
+        ),
+        Some(seq) if seq > first => row(
+            Verdict::Stop,
+            format!(
+                "the current item is {seq}: the vehicle would skip those before it, the take-off among them; \
+                 \"gaware mission upload\" begins with the first"
+            ),
+        ),
+        Some(_) => row(Verdict::Ok, "begins with its first item".to_owned()),
+    }
+}
+
 fn firmware(facts: &Facts) -> Row {
     let autopilot = facts.vehicle.autopilot;
     let Some([major, minor, patch]) = facts.firmware else {

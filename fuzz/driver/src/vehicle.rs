@@ -85,6 +85,9 @@ impl HonestVehicle {
                 self.say(MissionMessage::RequestInt { seq: 0, mission_type });
             }
             MissionMessage::ItemInt { seq, item, mission_type, .. } => self.take(seq, item, mission_type),
+            MissionMessage::SetCurrent { seq } => {
+                self.say(MissionMessage::Current { seq, total: 0, state: 0, mission_id: 0 });
+            }
             MissionMessage::Ack { .. } | MissionMessage::Current { .. } | MissionMessage::Event { .. } => {}
         }
     }

@@ -67,7 +67,7 @@ fn what_cannot_be_predicted_is_said() {
     let airframe = Airframe::example("small_fixed_wing").expect("shipped");
     let items = [at(16, [0.0; 4], 300.0, 0.0, 80.0), at(82, [0.0; 4], 0.0, 0.0, 80.0)];
     let error = flyer(&airframe, 0.0).fly(&items).expect_err("splines are not modelled");
-    assert_eq!(error.to_string(), "item 2: command 82 is not predicted");
+    assert_eq!(error.to_string(), "item 2: spline waypoint is not predicted");
     let error = flyer(&airframe, 25.0).fly(&[at(16, [0.0; 4], -600.0, 800.0, 80.0)]);
     assert_eq!(error.map(|_| ()), Err(FlightError::NotReached { item: 1 }));
 }

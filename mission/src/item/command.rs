@@ -20,6 +20,10 @@ pub const NAV_CONTINUE_AND_CHANGE_ALT: u16 = 30;
 pub const NAV_LOITER_TO_ALT: u16 = 31;
 /// Fly through a position on a smooth curve.
 pub const NAV_SPLINE_WAYPOINT: u16 = 82;
+/// Take off as a multirotor (VTOL).
+pub const NAV_VTOL_TAKEOFF: u16 = 84;
+/// Land as a multirotor (VTOL).
+pub const NAV_VTOL_LAND: u16 = 85;
 /// Wait.
 pub const NAV_DELAY: u16 = 93;
 /// Last command with a position of the `NAV_` kind; marker, not a command.
@@ -36,12 +40,18 @@ pub const DO_JUMP: u16 = 177;
 pub const DO_CHANGE_SPEED: u16 = 178;
 /// Set home.
 pub const DO_SET_HOME: u16 = 179;
+/// Set a servo output.
+pub const DO_SET_SERVO: u16 = 183;
 /// Start of a landing sequence.
 pub const DO_LAND_START: u16 = 189;
 /// Point at a place.
 pub const DO_SET_ROI_LOCATION: u16 = 195;
 /// Point at a place (older).
 pub const DO_SET_ROI: u16 = 201;
+/// Trigger a camera by distance.
+pub const DO_SET_CAM_TRIGG_DIST: u16 = 206;
+/// Switch the geofence.
+pub const DO_FENCE_ENABLE: u16 = 207;
 /// Where a vehicle that broke its fence returns to (old ArduPlane).
 pub const NAV_FENCE_RETURN_POINT: u16 = 5000;
 /// Corner of a polygon to stay in; param1 the number of its corners.
@@ -91,6 +101,15 @@ pub fn describe(command: u16) -> String {
         CONDITION_DELAY => "delay",
         DO_JUMP => "jump",
         DO_CHANGE_SPEED => "change speed",
+        NAV_SPLINE_WAYPOINT => "spline waypoint",
+        NAV_VTOL_TAKEOFF => "VTOL take-off",
+        NAV_VTOL_LAND => "VTOL land",
+        NAV_DELAY => "wait",
+        CONDITION_DISTANCE => "distance",
+        DO_SET_HOME => "set home",
+        DO_LAND_START => "start of the landing",
+        DO_SET_ROI_LOCATION => "point at a place",
+        DO_SET_ROI => "point at",
         NAV_FENCE_RETURN_POINT => "fence return point",
         NAV_FENCE_POLYGON_VERTEX_INCLUSION => "corner of an area to stay in",
         NAV_FENCE_POLYGON_VERTEX_EXCLUSION => "corner of an area to stay out of",

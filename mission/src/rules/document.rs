@@ -23,14 +23,25 @@ const HEAD: &str = "# What autopilots take in missions
 Generated from `mission/src/rules/table.rs`; `UPDATE_DOCS=1 cargo test -p gaware-mission --lib rules` writes it again.
 
 Before an upload, `gaware` judges every item by this table. *NaN* names the parameters in which `null` (NaN) is taken; infinity is
-never accepted. ArduPilot cuts altitudes to centimetres, has home as item 0 and reads every frame of a command without a place back as 0. PX4 reads
-frames 0 and 3 back as 5 and 6. Commands marked with * are those that `gaware plan` can write.
+never accepted. ArduPilot has home as item 0 and reads every frame of a command without a place back as 0. PX4 reads
+frames 0 and 3 back as 5 and 6; a fence point always as 5. After an upload, what is read back is compared by this table: a field is right as it
+was sent or as the table keeps it, and nothing else is tolerated. Commands from 5000 belong to the geofence, 5100 to the rally points. Commands marked with * are those that `gaware plan` can write.
 
-| command | firmware | verdict | parameter 1 | 2 | 3 | 4 | NaN | frames | source |
-|---|---|---|---|---|---|---|---|---|---|
+| command | firmware | verdict | parameter 1 | 2 | 3 | 4 | altitude | autocontinue | NaN | frames | source |
+|---|---|---|---|---|---|---|---|---|---|---|---|
 ";
 
 const TAIL: &str = "
+## The current item
+
+Neither firmware begins a new mission at its first item by itself. `gaware` marks the first item of an upload as the current one, sends
+MISSION_SET_CURRENT 0 after the read-back, and waits until MISSION_CURRENT says so.
+
+| firmware | after an upload | flag `current` of an item | MISSION_SET_CURRENT 0 | source |
+|---|---|---|---|---|
+| ArduPlane, ArduCopter | the index stays | not used | the first item that is flown; MISSION_CURRENT answers at once | AP_Mission.cpp, resume, set_current_cmd |
+| PX4 | the index stays, cut to the last item | taken if the checksum of the mission differs | item 0, unless a transfer is going on | mission_base.cpp:100, mavlink_mission.cpp, handle_mission_item_both, handle_mission_set_current |
+
 ## PX4's second check
 
 PX4 acknowledges a mission first and judges it afterwards (`FeasibilityChecker.cpp`); what it rejects cannot be started, and only EVENT (410) says
@@ -65,20 +76,23 @@ pub fn page() -> String {
         }
         let nan: Vec<String> =
             (1..=4).zip(row.nan).filter(|(_, may)| *may).map(|(n, _)| n.to_string()).collect();
-        let frames: Vec<String> =
-            (0..12).filter(|f| row.frames.take(crate::item::Frame(*f))).map(|f| f.to_string()).collect();
-        let frames = if frames.len() == 12 { "any → 0".to_owned() } else { frames.join(" ") };
         let note = if row.note.is_empty() { String::new() } else { format!("; {}", row.note) };
-        let _ = writeln!(page, " {} | {frames} | {}{note} |", nan.join(" "), row.source);
+        let (altitude, autocontinue) = match row.taken {
+            false => ("", ""),
+            true if !row.frames.has_place() => ("", row.autocontinue.describe()),
+            true => (row.altitude.describe(), row.autocontinue.describe()),
+        };
+        let (nan, frames, source) = (nan.join(" "), row.frames.describe(), row.source);
+        let _ = writeln!(page, " {altitude} | {autocontinue} | {nan} | {frames} | {source}{note} |");
     }
     page + TAIL
 }
 
 fn verdict(row: &Row) -> &'static str {
-    use super::table::Kept::Exact;
+    use super::table::{AutoContinue, Kept::Exact};
     match row.taken {
         false => "refused",
-        true if row.kept == [Exact; 4] => "accepted",
+        true if row.kept == [Exact; 4] && row.autocontinue == AutoContinue::Exact => "accepted",
         true => "rewritten",
     }
 }

@@ -6,10 +6,11 @@
 
 pub mod document;
 pub mod feasibility;
+mod rows;
 pub mod table;
 
 use crate::airframe::Kind;
-use crate::item::{Autopilot, Mission, MissionItem, command};
+use crate::item::{Autopilot, Mission, MissionItem, MissionKind, command};
 
 /// The firmwares that the table distinguishes.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
@@ -220,7 +221,7 @@ fn check_jump(
 
 fn check_item(item: &MissionItem, number: usize, firmware: Firmware) -> Result<(), FirmwareRefusal> {
     let row = table::row(item.command, firmware);
-    if row.is_some_and(|r| !r.taken) {
+    if row.is_some_and(|r| !r.taken || r.list != MissionKind::Mission) {
         return Err(FirmwareRefusal::Command { item: number, command: item.command, firmware });
     }
     let refused = |parameter: u8, value: f64, rule: &'static str| {
@@ -291,26 +292,12 @@ fn differences(item: &MissionItem, number: usize, firmware: Firmware) -> Vec<Rew
 
 /// The item as this firmware keeps and reads it back; an item that it refuses comes back unchanged.
 pub fn stored_item(item: &MissionItem, firmware: Firmware) -> MissionItem {
-    let Some(row) = table::row(item.command, firmware).filter(|r| r.taken) else { return *item };
-    let mut kept = *item;
-    for (value, rule) in kept.params.iter_mut().zip(row.kept) {
-        *value = rule.keep(*value);
-    }
-    kept.frame = row.frames.read_back(item.frame);
-    if firmware.autopilot() == Autopilot::ArduPilot {
-        kept.autocontinue = true;
-        if row.frames.has_place() {
-            kept.z = centimetres(item.z);
-        } else {
-            (kept.x, kept.y, kept.z) = (0, 0, 0.0);
-        }
-    }
-    kept
+    table::row(item.command, firmware).filter(|r| r.taken).map_or(*item, |row| row.keep(item))
 }
 
 /// ArduPilot's altitudes: `int32_t alt = z * 100.0f`, read back as `alt * 0.01f` (`AP_Mission::mavlink_int_to_mission_cmd`,
 /// `mission_cmd_to_mavlink_int`).
-pub(crate) fn centimetres(z_m: f32) -> f32 {
+fn centimetres(z_m: f32) -> f32 {
     // A cast of a float cuts toward zero.
     (z_m * 100.0) as i32 as f32 * 0.01
 }

@@ -1,12 +1,15 @@
-//! The rules, a row per command and firmware.
+//! What a rule is: a row per command and firmware, read from the firmware's sources.
 //!
 //! ArduPilot: `libraries/AP_Mission/AP_Mission.cpp` of 4.7-dev (line numbers of October 2025): `sanity_check_params` (1012) refuses NaN and
 //! infinity, `mavlink_int_to_mission_cmd` (1060) stores, `mission_cmd_to_mavlink_int` (1600) reads back. Earlier versions (up to
 //! 4.6) refuse NaN in parameter 4 of `NAV_LOITER_UNLIM` too, so the table does. PX4:
 //! `src/modules/mavlink/mavlink_mission.cpp` of 1.16, `parse_mavlink_mission_item` stores, `format_mavlink_mission_item` reads back.
+//! The comparison after an upload ([`crate::compare`]) tolerates what stands here and nothing else.
 
 use super::Firmware;
-use crate::item::{Frame, command::*};
+use crate::item::{Autopilot, Frame, MissionItem, MissionKind};
+
+pub use super::rows::ROWS;
 
 /// What becomes of a parameter.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -73,31 +76,41 @@ impl Kept {
     }
 }
 
-/// Which frames a command may have.
+/// Which frames a command may have, and how its place is read back.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Frames {
     /// ArduPilot, a command with a place: every global frame, and `MISSION` as above sea level. Read back without `_INT`.
     ArduPilotPlace,
-    /// ArduPilot, a command without one: any; read back as 0.
+    /// ArduPilot, a command without one: any; frame and place are read back as 0.
     ArduPilotAny,
+    /// ArduPilot's fence points: every global frame, read back as 0.
+    ArduPilotFence,
+    /// ArduPilot's rally points: every global frame, read back without `_INT`.
+    ArduPilotRally,
     /// PX4, a command with a place: above sea level or home. Read back with `_INT`.
     Px4Place,
-    /// PX4, a command without one: `MISSION` alone.
+    /// PX4, a command without one: `MISSION` alone. x and y are kept as floats.
     Px4Mission,
+    /// PX4, a command that may have either.
+    Px4Either,
+    /// PX4's fence points: as places, but the reference of the altitude is not kept.
+    Px4Fence,
 }
 
 impl Frames {
     /// Whether x, y and z are a place.
     pub fn has_place(self) -> bool {
-        matches!(self, Self::ArduPilotPlace | Self::Px4Place)
+        !matches!(self, Self::ArduPilotAny | Self::Px4Mission)
     }
 
     /// Whether this frame is taken.
     pub fn take(self, frame: Frame) -> bool {
         match self {
             Self::ArduPilotPlace => matches!(frame.0, 0 | 2 | 3 | 5 | 6 | 10 | 11),
+            Self::ArduPilotFence | Self::ArduPilotRally => matches!(frame.0, 0 | 3 | 5 | 6 | 10 | 11),
             Self::ArduPilotAny => true,
-            Self::Px4Place => matches!(frame.0, 0 | 3 | 5 | 6),
+            Self::Px4Place | Self::Px4Fence => matches!(frame.0, 0 | 3 | 5 | 6),
+            Self::Px4Either => matches!(frame.0, 0 | 2 | 3 | 5 | 6),
             Self::Px4Mission => frame == Frame::MISSION,
         }
     }
@@ -111,10 +124,93 @@ impl Frames {
     pub fn read_back(self, frame: Frame) -> Frame {
         match self {
             Self::ArduPilotPlace if frame == Frame::MISSION => Frame::GLOBAL,
-            Self::ArduPilotPlace => frame.in_files(),
-            Self::ArduPilotAny => Frame::GLOBAL,
-            Self::Px4Place => frame.on_wire(),
+            Self::ArduPilotPlace | Self::ArduPilotRally => frame.in_files(),
+            Self::ArduPilotAny | Self::ArduPilotFence => Frame::GLOBAL,
+            Self::Px4Place | Self::Px4Either => frame.on_wire(),
+            Self::Px4Fence => Frame::GLOBAL_INT,
             Self::Px4Mission => frame,
+        }
+    }
+
+    /// For the table of the documentation.
+    pub fn describe(self) -> String {
+        let taken: Vec<String> = (0..12).filter(|f| self.take(Frame(*f))).map(|f| f.to_string()).collect();
+        match self {
+            Self::ArduPilotAny => "any → 0".to_owned(),
+            Self::ArduPilotFence => format!("{} → 0", taken.join(" ")),
+            Self::Px4Fence => format!("{} → 5", taken.join(" ")),
+            _ => taken.join(" "),
+        }
+    }
+}
+
+/// What becomes of the altitude of a command with a place.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Altitude {
+    /// As sent.
+    Exact,
+    /// Cut to centimetres.
+    Centimetres,
+    /// Cut to whole metres.
+    Metres,
+    /// Not kept; read back as 0.
+    Dropped,
+}
+
+impl Altitude {
+    fn keep(self, z_m: f32) -> f32 {
+        match self {
+            Self::Exact => z_m,
+            Self::Centimetres => super::centimetres(z_m),
+            // `int16_t`; a cast of a float cuts toward zero and saturates.
+            Self::Metres => f32::from(z_m as i16),
+            Self::Dropped => 0.0,
+        }
+    }
+
+    /// For the table of the documentation.
+    pub fn describe(self) -> &'static str {
+        match self {
+            Self::Exact => "exact",
+            Self::Centimetres => "cm",
+            Self::Metres => "whole m",
+            Self::Dropped => "→ 0",
+        }
+    }
+}
+
+/// What becomes of `autocontinue`.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum AutoContinue {
+    /// As sent.
+    Exact,
+    /// Not kept; always read back as this.
+    Always(bool),
+}
+
+impl AutoContinue {
+    /// The habit of an autopilot with the items of a mission.
+    pub(crate) fn of(autopilot: Autopilot) -> Self {
+        match autopilot {
+            Autopilot::ArduPilot => Self::Always(true),
+            Autopilot::Px4 => Self::Exact,
+        }
+    }
+
+    /// As it is read back.
+    pub fn keep(self, sent: bool) -> bool {
+        match self {
+            Self::Exact => sent,
+            Self::Always(value) => value,
+        }
+    }
+
+    /// For the table of the documentation.
+    pub fn describe(self) -> &'static str {
+        match self {
+            Self::Exact => "exact",
+            Self::Always(false) => "→ 0",
+            Self::Always(true) => "→ 1",
         }
     }
 }
@@ -124,6 +220,8 @@ impl Frames {
 pub struct Row {
     /// `MAV_CMD`.
     pub command: u16,
+    /// In which of a vehicle's lists.
+    pub list: MissionKind,
     /// For whom.
     pub firmware: &'static [Firmware],
     /// Whether it is taken at all.
@@ -134,199 +232,46 @@ pub struct Row {
     pub nan: [bool; 4],
     /// Frames.
     pub frames: Frames,
+    /// Altitude.
+    pub altitude: Altitude,
+    /// `autocontinue`.
+    pub autocontinue: AutoContinue,
     /// Where the firmware says so.
     pub source: &'static str,
     /// What else a planner must know.
     pub note: &'static str,
 }
 
-/// The row for this command and firmware, if there is one.
+impl Row {
+    /// The item as it is kept and read back.
+    pub fn keep(&self, item: &MissionItem) -> MissionItem {
+        let mut kept = *item;
+        if self.frames != Frames::Px4Either || item.frame != Frame::MISSION {
+            for (value, rule) in kept.params.iter_mut().zip(self.kept) {
+                *value = rule.keep(*value);
+            }
+        }
+        kept.frame = self.frames.read_back(item.frame);
+        kept.autocontinue = self.autocontinue.keep(item.autocontinue);
+        match self.frames {
+            Frames::ArduPilotAny => (kept.x, kept.y, kept.z) = (0, 0, 0.0),
+            // `float params[7]` of `mission_item_s`.
+            _ if item.frame == Frame::MISSION && self.autocontinue == AutoContinue::Exact => {
+                (kept.x, kept.y) = (item.x as f32 as i32, item.y as f32 as i32);
+            }
+            _ => kept.z = self.altitude.keep(item.z),
+        }
+        kept
+    }
+}
+
+/// The row for this command and firmware, if there is one: that of its newest version.
 pub fn row(number: u16, firmware: Firmware) -> Option<&'static Row> {
     ROWS.iter().find(|r| r.command == number && r.firmware.contains(&firmware))
 }
 
-const PLANE: &[Firmware] = &[Firmware::ArduPlane];
-const COPTER: &[Firmware] = &[Firmware::ArduCopter];
-const ARDUPILOT: &[Firmware] = &[Firmware::ArduPlane, Firmware::ArduCopter];
-const PX4: &[Firmware] = &[Firmware::Px4];
-
-const NONE: [bool; 4] = [false; 4];
-const FOURTH: [bool; 4] = [false, false, false, true];
-use Frames::{ArduPilotAny, ArduPilotPlace, Px4Mission, Px4Place};
-use Kept::{ByteRadius, Dropped, Exact, Flag, Heading, Radius, Sign, Signed, Turns, Whole};
-
-const fn taken(
-    command: u16,
-    firmware: &'static [Firmware],
-    kept: [Kept; 4],
-    nan: [bool; 4],
-    frames: Frames,
-    source: &'static str,
-) -> Row {
-    Row { command, firmware, taken: true, kept, nan, frames, source, note: "" }
+/// What the versions of an autopilot's firmware may make of a command that they take.
+pub fn rows_of(number: u16, autopilot: Autopilot) -> impl Iterator<Item = &'static Row> {
+    let of = move |r: &&Row| r.firmware.iter().any(|f| f.autopilot() == autopilot);
+    ROWS.iter().filter(move |r| r.command == number && r.taken).filter(of)
 }
-
-const fn refused(command: u16, firmware: &'static [Firmware], frames: Frames, source: &'static str) -> Row {
-    Row { command, firmware, taken: false, kept: [Dropped; 4], nan: NONE, frames, source, note: "" }
-}
-
-const fn noted(row: Row, note: &'static str) -> Row {
-    Row { note, ..row }
-}
-
-const D: Kept = Dropped;
-const SECONDS: Kept = Whole(u16::MAX);
-
-/// All rules.
-pub const ROWS: &[Row] = &[
-    taken(NAV_WAYPOINT, PLANE, [D, Whole(255), Whole(255), D], FOURTH, ArduPilotPlace, "AP_Mission.cpp:1081"),
-    taken(NAV_WAYPOINT, COPTER, [SECONDS, D, D, D], FOURTH, ArduPilotPlace, "AP_Mission.cpp:1099"),
-    taken(
-        NAV_WAYPOINT,
-        PX4,
-        [Exact, Exact, D, Heading],
-        FOURTH,
-        Px4Place,
-        "mavlink_mission.cpp, NAV_CMD_WAYPOINT",
-    ),
-    noted(
-        taken(NAV_LOITER_UNLIM, ARDUPILOT, [D, D, Radius, D], NONE, ArduPilotPlace, "AP_Mission.cpp:1104"),
-        "4.7 takes NaN in parameter 4, earlier versions do not",
-    ),
-    taken(
-        NAV_LOITER_UNLIM,
-        PX4,
-        [D, D, Exact, Heading],
-        FOURTH,
-        Px4Place,
-        "mavlink_mission.cpp, NAV_CMD_LOITER_UNLIMITED",
-    ),
-    taken(
-        NAV_LOITER_TURNS,
-        ARDUPILOT,
-        [Turns, D, ByteRadius, Flag],
-        NONE,
-        ArduPilotPlace,
-        "AP_Mission.cpp:1109",
-    ),
-    refused(NAV_LOITER_TURNS, PX4, Px4Place, "mavlink_mission.cpp, parse_mavlink_mission_item: default"),
-    noted(
-        taken(
-            NAV_LOITER_TIME,
-            ARDUPILOT,
-            [SECONDS, D, Sign, Flag],
-            NONE,
-            ArduPilotPlace,
-            "AP_Mission.cpp:1136",
-        ),
-        "flown with the vehicle's own radius",
-    ),
-    taken(
-        NAV_LOITER_TIME,
-        PX4,
-        [Exact, Flag, Exact, Flag],
-        FOURTH,
-        Px4Place,
-        "mavlink_mission.cpp, NAV_CMD_LOITER_TIME_LIMIT",
-    ),
-    taken(NAV_RETURN_TO_LAUNCH, ARDUPILOT, [D; 4], NONE, ArduPilotAny, "AP_Mission.cpp:1142"),
-    taken(
-        NAV_RETURN_TO_LAUNCH,
-        PX4,
-        [Exact; 4],
-        [true; 4],
-        Px4Mission,
-        "mavlink_mission.cpp, MAV_FRAME_MISSION",
-    ),
-    taken(NAV_LAND, ARDUPILOT, [SECONDS, D, D, Sign], FOURTH, ArduPilotPlace, "AP_Mission.cpp:1145"),
-    taken(
-        NAV_LAND,
-        PX4,
-        [D, Whole(u16::MAX), D, Heading],
-        FOURTH,
-        Px4Place,
-        "mavlink_mission.cpp, NAV_CMD_LAND",
-    ),
-    taken(NAV_TAKEOFF, ARDUPILOT, [SECONDS, D, D, D], FOURTH, ArduPilotPlace, "AP_Mission.cpp:1152"),
-    taken(NAV_TAKEOFF, PX4, [D, D, D, Heading], FOURTH, Px4Place, "mavlink_mission.cpp, NAV_CMD_TAKEOFF"),
-    taken(
-        NAV_CONTINUE_AND_CHANGE_ALT,
-        PLANE,
-        [SECONDS, D, D, D],
-        NONE,
-        ArduPilotPlace,
-        "AP_Mission.cpp:1156",
-    ),
-    noted(
-        taken(
-            NAV_CONTINUE_AND_CHANGE_ALT,
-            COPTER,
-            [SECONDS, D, D, D],
-            NONE,
-            ArduPilotPlace,
-            "AP_Mission.cpp:1156",
-        ),
-        "kept but skipped in flight (ModeAuto::start_command)",
-    ),
-    refused(
-        NAV_CONTINUE_AND_CHANGE_ALT,
-        PX4,
-        Px4Place,
-        "mavlink_mission.cpp, parse_mavlink_mission_item: default",
-    ),
-    taken(NAV_LOITER_TO_ALT, ARDUPILOT, [D, Radius, D, Flag], NONE, ArduPilotPlace, "AP_Mission.cpp:1163"),
-    taken(
-        NAV_LOITER_TO_ALT,
-        PX4,
-        [Flag, Exact, D, Flag],
-        FOURTH,
-        Px4Place,
-        "mavlink_mission.cpp, NAV_CMD_LOITER_TO_ALT",
-    ),
-    refused(NAV_SPLINE_WAYPOINT, PLANE, ArduPilotPlace, "AP_Mission.cpp:1169"),
-    taken(NAV_SPLINE_WAYPOINT, COPTER, [SECONDS, D, D, D], NONE, ArduPilotPlace, "AP_Mission.cpp:1173"),
-    refused(NAV_SPLINE_WAYPOINT, PX4, Px4Place, "mavlink_mission.cpp, parse_mavlink_mission_item: default"),
-    noted(
-        taken(
-            CONDITION_YAW,
-            PLANE,
-            [Exact, Exact, Signed(127), Whole(255)],
-            NONE,
-            ArduPilotAny,
-            "AP_Mission.cpp:1196",
-        ),
-        "kept but skipped in flight (Plane::start_command)",
-    ),
-    taken(
-        CONDITION_YAW,
-        COPTER,
-        [Exact, Exact, Signed(127), Whole(255)],
-        NONE,
-        ArduPilotAny,
-        "AP_Mission.cpp:1196",
-    ),
-    refused(CONDITION_YAW, PX4, Px4Mission, "mavlink_mission.cpp, parse_mavlink_mission_item: default"),
-    taken(CONDITION_DELAY, ARDUPILOT, [Exact, D, D, D], NONE, ArduPilotAny, "AP_Mission.cpp:1188"),
-    taken(CONDITION_DISTANCE, ARDUPILOT, [Exact, D, D, D], NONE, ArduPilotAny, "AP_Mission.cpp:1192"),
-    taken(
-        DO_JUMP,
-        ARDUPILOT,
-        [SECONDS, Signed(u16::MAX / 2), D, D],
-        NONE,
-        ArduPilotAny,
-        "AP_Mission.cpp:1203",
-    ),
-    noted(
-        taken(
-            DO_CHANGE_SPEED,
-            PLANE,
-            [Whole(255), Exact, Exact, D],
-            NONE,
-            ArduPilotAny,
-            "AP_Mission.cpp:1213",
-        ),
-        "an airspeed outside AIRSPEED_MIN to AIRSPEED_MAX changes nothing (Plane::do_change_speed)",
-    ),
-    taken(DO_CHANGE_SPEED, COPTER, [Whole(255), Exact, Exact, D], NONE, ArduPilotAny, "AP_Mission.cpp:1213"),
-    taken(DO_CHANGE_SPEED, PX4, [Exact; 4], [true; 4], Px4Mission, "mavlink_mission.cpp, MAV_FRAME_MISSION"),
-];

@@ -128,6 +128,11 @@ pub enum MissionMessage {
         /// Kind of mission.
         mission_type: u8,
     },
+    /// `MISSION_SET_CURRENT` (41).
+    SetCurrent {
+        /// Item to go on with; 0 is the first one on both autopilots, although ArduPilot has home there.
+        seq: u16,
+    },
     /// `MISSION_CURRENT` (42).
     Current {
         /// Item being flown.
@@ -159,7 +164,7 @@ impl MissionMessage {
             | Self::ItemInt { mission_type, .. }
             | Self::Ack { mission_type, .. }
             | Self::ClearAll { mission_type } => Some(*mission_type),
-            Self::Current { .. } | Self::Event { .. } => None,
+            Self::SetCurrent { .. } | Self::Current { .. } | Self::Event { .. } => None,
         }
     }
 }

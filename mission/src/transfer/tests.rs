@@ -49,7 +49,8 @@ fn holds(autopilot: Autopilot, vehicle: &Vehicle, mission: &Mission) -> bool {
 fn check(autopilot: Autopilot, run: &Run, new: &Mission, old: &Mission, context: &str) {
     match run.upload.outcome() {
         Some(Outcome::Verified { .. }) => {
-            assert!(holds(autopilot, &run.vehicle, new), "{context}: said verified")
+            assert!(holds(autopilot, &run.vehicle, new), "{context}: said verified");
+            assert_eq!(run.vehicle.current, 0, "{context}: said verified");
         }
         Some(Outcome::RestoredPrevious { why }) => {
             assert!(holds(autopilot, &run.vehicle, old), "{context}: said restored, {why}");
@@ -157,6 +158,27 @@ fn an_interrupted_program_takes_up_its_upload() {
         let restored = matches!(run.upload.outcome(), Some(Outcome::RestoredPrevious { .. }));
         assert_eq!(restored, !ends_new, "{goal:?} {:?}", run.upload.outcome());
         assert!(holds(Autopilot::ArduPilot, &run.vehicle, if ends_new { &new } else { &old }), "{goal:?}");
+    }
+}
+
+/// Item 11 stays the current one: armed, the vehicle would skip its take-off.
+#[test]
+fn a_vehicle_that_keeps_its_old_current_item_is_not_ready() {
+    for autopilot in [Autopilot::ArduPilot, Autopilot::Px4] {
+        let mut vehicle = Vehicle::new(autopilot, mission(6, 14).wire_items(autopilot));
+        vehicle.stubborn = true;
+        let new = mission(5, 14);
+        let mut run = Run::start(3, Faults::NONE, autopilot, vehicle, new.clone(), Some(ON_THE_GROUND));
+        run.until_outcome(300.0);
+        let said = run.upload.outcome().map(ToString::to_string).unwrap_or_default();
+        assert!(said.contains("its current item stays 11"), "{autopilot:?}: {said}");
+        assert!(holds(autopilot, &run.vehicle, &new));
+        // It takes the wish later, after a restart for instance.
+        run.vehicle.stubborn = false;
+        run.link_restored();
+        run.until_outcome(300.0);
+        check(autopilot, &run, &new, &new, "taken at last");
+        assert!(matches!(run.upload.outcome(), Some(Outcome::Verified { .. })), "{:?}", run.upload.outcome());
     }
 }
 

@@ -2,7 +2,7 @@
 //! sent on a timer of our own, and an ack in passing ends nothing.
 
 use super::{Action, Envelope, MissionMessage, MissionResult, Opening, Peers, TransferError};
-use crate::item::MissionItem;
+use crate::item::{MissionItem, MissionKind};
 
 #[derive(Debug, Clone)]
 enum State {
@@ -140,8 +140,9 @@ impl Upload {
         self.state = State::Serving { until: now + self.peers.timing.silence_s };
         let mut item = *item;
         item.frame = item.frame.on_wire();
-        let message =
-            MissionMessage::ItemInt { seq, current: false, item, mission_type: self.peers.mission_type() };
+        // PX4 keeps the index of the mission before where no item is marked; ArduPilot does not read the mark.
+        let current = seq == 0 && self.peers.kind == MissionKind::Mission;
+        let message = MissionMessage::ItemInt { seq, current, item, mission_type: self.peers.mission_type() };
         vec![Action::Send(message), Action::Progress { done: self.done(), total: self.items.len() }]
     }
 

@@ -68,6 +68,7 @@ impl Autopilot {
                 then = Some(self.version());
                 MavResult::MAV_RESULT_ACCEPTED
             }
+            MavCmd::MAV_CMD_REQUEST_MESSAGE if self.has_nothing_new(id) => MavResult::MAV_RESULT_DENIED,
             MavCmd::MAV_CMD_REQUEST_MESSAGE if self.streams.supports(id) => {
                 then = self.stream_message(id);
                 MavResult::MAV_RESULT_ACCEPTED
@@ -89,6 +90,13 @@ impl Autopilot {
         if let Some(message) = then {
             self.send(&message);
         }
+    }
+
+    /// PX4 denies a message of which nothing was published since it last looked (`MavlinkStream::request_message`); here the first request of
+    /// each. `MISSION_CURRENT` is no stream there: it comes once a second by itself.
+    fn has_nothing_new(&mut self, id: u32) -> bool {
+        self.config.flavour == Flavour::Px4
+            && (id == MISSION_CURRENT_DATA::ID || self.streams.supports(id) && self.requested.insert(id))
     }
 
     /// A text that every ground station shows.

@@ -1,5 +1,6 @@
 //! What the autopilot makes of its vehicle: arming, modes, mission items, and how all that looks on the wire.
 
+use super::mission::Cursor;
 use super::{Autopilot, Flavour, feasibility};
 use crate::scenario::Airframe;
 use crate::truth::{Trajectory, Truth};
@@ -9,6 +10,8 @@ use mavlink::dialects::ardupilotmega::*;
 
 /// PX4 judges a mission this long after its acknowledgement, s.
 const JUDGE_AFTER_S: f64 = 0.3;
+/// `MAV_CMD_NAV_LAST`: commands up to it are flown (`AP_Mission::is_nav_cmd`).
+const LAST_NAV_COMMAND: u32 = 95;
 
 /// What carries the sensors.
 pub(super) enum Body {
@@ -166,8 +169,36 @@ impl Autopilot {
         }
     }
 
+    /// ArduPilot begins at the next item that is flown and takes 0 for the first (`AP_Mission::set_current_cmd`); PX4 ignores the wish
+    /// during a transfer (`handle_mission_set_current`).
     fn set_current(&mut self, seq: u16) -> bool {
-        self.body.vehicle_mut().is_some_and(|v| v.set_current(usize::from(seq)))
+        let mut index = usize::from(seq);
+        match self.config.flavour {
+            Flavour::ArduPilot => {
+                let flown = |i: &MISSION_ITEM_INT_DATA| i.command as u32 <= LAST_NAV_COMMAND;
+                let found = self.body.items().iter().enumerate().skip(index.max(1)).find(|(_, i)| flown(i));
+                let Some((next, _)) = found else { return false };
+                index = next;
+            }
+            Flavour::Px4 if self.mission.is_busy() => {
+                self.send_text(MavSeverity::MAV_SEVERITY_CRITICAL, "WPM: IGN WP CURR CMD: Busy");
+                return false;
+            }
+            Flavour::Px4 => {}
+        }
+        self.body.vehicle_mut().is_some_and(|v| v.set_current(index))
+    }
+
+    /// PX4's index after an upload or a clearing.
+    fn move_cursor(&mut self) {
+        let Some(cursor) = self.mission.take_cursor() else { return };
+        if let (Flavour::Px4, Some(vehicle)) = (self.config.flavour, self.body.vehicle_mut()) {
+            let last = vehicle.items().len().saturating_sub(1);
+            vehicle.put_current(match cursor {
+                Cursor::At(seq) => usize::from(seq),
+                Cursor::Stays => vehicle.current().min(last),
+            });
+        }
     }
 
     /// Messages of the mission protocol and the old ways to command.
@@ -177,13 +208,15 @@ impl Autopilot {
                 self.set_custom_mode(m.custom_mode);
             }
             MavMessage::MISSION_SET_CURRENT(m) => {
-                if self.set_current(m.seq) {
-                    let current = self.mission_current();
-                    self.send(&current);
+                // ArduPilot answers with the number that was asked for; PX4's next report of once a second says it.
+                if self.set_current(m.seq) && self.config.flavour == Flavour::ArduPilot {
+                    let MavMessage::MISSION_CURRENT(now) = self.mission_current() else { return };
+                    self.send(&MavMessage::MISSION_CURRENT(MISSION_CURRENT_DATA { seq: m.seq, ..now }));
                 }
             }
             _ => {
                 let answers = self.mission.handle(self.body.items_mut(), from, message, self.now_s);
+                self.move_cursor();
                 for answer in answers {
                     self.send(&answer);
                 }
@@ -241,7 +274,10 @@ impl Autopilot {
     pub(super) fn mission_current(&self) -> MavMessage {
         let items = self.body.items();
         let vehicle = self.vehicle();
+        let last = items.len().saturating_sub(1);
         let seq = vehicle.map_or(0, Vehicle::current);
+        // PX4's index stays at the last item when the mission is over.
+        let seq = if self.config.flavour == Flavour::Px4 { seq.min(last) } else { seq };
         let mission_state = match vehicle {
             _ if items.is_empty() || self.mission_rejected => MissionState::MISSION_STATE_NO_MISSION,
             Some(v) if v.mode() == Mode::Auto && v.is_armed() => MissionState::MISSION_STATE_ACTIVE,

@@ -64,6 +64,17 @@ struct Upload {
     /// What is taken over at the end: everything on PX4, ArduPilot's fence. ArduPilot's missions and rally points are written
     /// item by item.
     staged: Vec<Item>,
+    /// The item that was marked as the current one.
+    current: Option<u16>,
+}
+
+/// What an upload or a clearing does to the index of the current item.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Cursor {
+    /// It goes to this item.
+    At(u16),
+    /// It stays, cut to the last item (`MissionBase::updateMavlinkMission`).
+    Stays,
 }
 
 /// The server.
@@ -83,6 +94,8 @@ pub struct MissionServer {
     texts: Vec<&'static str>,
     /// Whether the mission changed since [`Self::take_changed`].
     changed: bool,
+    /// What is to become of the current item, to be taken by [`Self::take_cursor`].
+    cursor: Option<Cursor>,
 }
 
 impl MissionServer {
@@ -97,6 +110,7 @@ impl MissionServer {
             others: BTreeMap::new(),
             texts: Vec::new(),
             changed: false,
+            cursor: None,
         }
     }
 
@@ -138,6 +152,16 @@ impl MissionServer {
     /// Whether the mission was replaced or cleared since the last call: PX4 judges it then.
     pub fn take_changed(&mut self) -> bool {
         std::mem::take(&mut self.changed)
+    }
+
+    /// What the last message did to the index of the current item; ArduPilot leaves it alone.
+    pub fn take_cursor(&mut self) -> Option<Cursor> {
+        self.cursor.take()
+    }
+
+    /// Whether PX4 is too busy to change the current item: any transfer of this link.
+    pub fn is_busy(&self) -> bool {
+        self.is_uploading() || self.download.is_some()
     }
 
     /// Forgets an unfinished transfer, as a restart does; the lists are stored for good.
@@ -213,6 +237,7 @@ impl MissionServer {
             (Flavour::Px4, MavMessage::MISSION_CLEAR_ALL(_)) => {
                 items.clear();
                 self.changed = true;
+                self.cursor = Some(Cursor::At(0));
                 self.others.clear();
                 MavMissionResult::MAV_MISSION_ACCEPTED
             }
@@ -296,13 +321,14 @@ impl MissionServer {
         }
         if count == 0 {
             stored.clear();
-            self.changed |= list == List::Mission;
+            self.mission_changed(list, Cursor::At(0));
             return vec![ack(peer, list, MavMissionResult::MAV_MISSION_ACCEPTED, self.opaque_id(stored))];
         }
         self.finished = None;
         self.download = None;
         let staged = Vec::new();
-        self.uploads.push(Upload { list, peer, count, next: 0, asked_s: now_s, heard_s: now_s, staged });
+        let (asked_s, heard_s) = (now_s, now_s);
+        self.uploads.push(Upload { list, peer, count, next: 0, asked_s, heard_s, staged, current: None });
         vec![ask(flavour, peer, list, 0)]
     }
 
@@ -355,6 +381,9 @@ impl MissionServer {
         }
         let seq = usize::from(item.seq);
         let last = upload.count - 1;
+        if item.current != 0 {
+            upload.current = Some(item.seq);
+        }
         let kept = match firmware.keep(list, item) {
             // `MissionItemProtocol_Waypoints::append_item`.
             Ok(kept) if firmware.flavour == Flavour::ArduPilot && ardupilot::jumps_outside(&kept, last) => {
@@ -388,7 +417,7 @@ impl MissionServer {
 
     /// The last item is there.
     fn complete(&mut self, stored: &mut Vec<Item>, upload: Upload) -> Vec<MavMessage> {
-        let Upload { list, peer, count, staged, .. } = upload;
+        let Upload { list, peer, count, staged, current, .. } = upload;
         if self.firmware.flavour == Flavour::ArduPilot
             && list == List::Fence
             && let Err(why) = storage::validate_fence(&staged)
@@ -397,6 +426,10 @@ impl MissionServer {
             return vec![ack(peer, list, MavMissionResult::MAV_MISSION_ERROR, 0)];
         }
         if self.firmware.stages(list) {
+            // A mission that PX4 has already is not taken again, nor is its current item.
+            if checksum(stored) != checksum(&staged) {
+                self.mission_changed(list, current.map_or(Cursor::Stays, Cursor::At));
+            }
             *stored = staged;
         }
         if self.firmware.flavour == Flavour::ArduPilot && list == List::Mission {
@@ -477,8 +510,15 @@ impl MissionServer {
             Flavour::Px4 => {}
         }
         stored.clear();
-        self.changed |= list == List::Mission;
+        self.mission_changed(list, Cursor::At(0));
         vec![ack(peer, list, MavMissionResult::MAV_MISSION_ACCEPTED, 0)]
+    }
+
+    fn mission_changed(&mut self, list: List, cursor: Cursor) {
+        if list == List::Mission {
+            self.changed = true;
+            self.cursor = Some(cursor);
+        }
     }
 }
 

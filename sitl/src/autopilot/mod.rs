@@ -34,6 +34,7 @@ use mission::MissionServer;
 use nalgebra::Vector3;
 use navigation::{Calibration, Navigation, Receiver};
 use params::ParameterTable;
+use std::collections::BTreeSet;
 use streams::{SLOW_DOWN, Streams};
 
 /// Which autopilot it behaves as.
@@ -150,6 +151,8 @@ pub struct Autopilot {
     /// Whether PX4 has rejected the mission on board.
     mission_rejected: bool,
     events_sent: u16,
+    /// Messages that were asked for once.
+    requested: BTreeSet<u32>,
 }
 
 impl std::fmt::Debug for Autopilot {
@@ -235,6 +238,7 @@ impl Autopilot {
             judge_s: f64::INFINITY,
             mission_rejected: false,
             events_sent: 0,
+            requested: BTreeSet::new(),
             mission: MissionServer::new(flavour, airframe, home),
             calibration: Calibration::new(flavour, &parameters),
             receiver: Receiver::new(flavour, &parameters),

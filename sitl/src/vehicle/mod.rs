@@ -239,6 +239,11 @@ impl Vehicle {
         self.pilot.set_current(seq)
     }
 
+    /// Puts the index where it is wanted, whether there is such an item or not.
+    pub fn put_current(&mut self, seq: usize) {
+        self.pilot.put_current(seq);
+    }
+
     /// The items on board, by sequence number, changed in place.
     pub fn items_mut(&mut self) -> &mut Vec<MISSION_ITEM_INT_DATA> {
         &mut self.pilot.items

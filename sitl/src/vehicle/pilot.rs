@@ -134,7 +134,9 @@ impl Pilot {
         if mode == Mode::Auto && self.items.len() <= self.config.first_item {
             return false;
         }
-        if mode == Mode::Auto && self.current >= self.items.len() {
+        // ArduPilot's mission begins again when it is over; PX4's does under conditions that an armed vehicle on the ground does not
+        // meet (`MissionBase::checkMissionRestart`).
+        if mode == Mode::Auto && self.current >= self.items.len() && self.config.first_item > 0 {
             self.current = self.config.first_item;
         }
         self.mode = mode;
@@ -151,10 +153,14 @@ impl Pilot {
     pub(crate) fn set_current(&mut self, seq: usize) -> bool {
         let exists = seq < self.items.len();
         if exists {
-            self.current = seq;
-            self.leg = None;
+            self.put_current(seq);
         }
         exists
+    }
+
+    pub(crate) fn put_current(&mut self, seq: usize) {
+        self.current = seq;
+        self.leg = None;
     }
 
     pub(crate) fn has_landed(&self) -> bool {

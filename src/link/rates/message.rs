@@ -58,6 +58,8 @@ pub(super) struct Message {
     pub changed: bool,
     /// The firmware does not have it.
     pub missing: bool,
+    /// How often PX4 denied it in a row.
+    pub denials: u32,
     pub pause_us: u64,
     pub reported_slow: bool,
     pub reported_refused: bool,
@@ -73,6 +75,7 @@ impl Message {
             present: Present::Unasked,
             changed: false,
             missing: false,
+            denials: 0,
             pause_us: FIRST_PAUSE_US,
             reported_slow: false,
             reported_refused: false,

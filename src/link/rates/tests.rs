@@ -275,6 +275,23 @@ fn px4_is_asked_for_a_rate_that_gives_what_is_wanted() {
     assert_eq!(asked(&mut slower, 0), [(26, 6000.0)]);
 }
 
+/// PX4 denies a stream of which it has nothing new at that moment; what arrives is there.
+#[test]
+fn a_denial_of_px4_proves_nothing_of_a_message_that_arrives() {
+    let mut fake = Fake::of(Autopilot::Px4, wanted(&[(26, 50), (105, 50), (30, 10)]));
+    fake.rates = vec![(26, 25.0), (30, 4.0)];
+    fake.run(3, |_, _| Some(MavResult::MAV_RESULT_DENIED));
+    assert!(fake.sent.iter().all(|(id, _)| *id != 105), "{:?}", fake.sent);
+    // And it is asked for its rate again.
+    fake.run(20, YES);
+    assert!(
+        fake.rates.contains(&(26, 50.0)) || fake.rates.iter().any(|(id, hz)| *id == 26 && *hz >= 50.0),
+        "{:?}",
+        fake.rates
+    );
+    assert!(fake.told.iter().all(|n| !matches!(n, RateNotice::Refused { .. })), "{:?}", fake.told);
+}
+
 #[test]
 fn everything_that_was_changed_is_given_back() {
     let mut fake = Fake::new(wanted(&[(27, 100), (24, 10), (30, 10)]));

@@ -162,6 +162,9 @@ fn a_late_answer_about_the_list_before_is_not_taken_for_what_is_on_board() {
     upload.receive(again + 2.3, &count(1));
     let on_board = MissionMessage::ItemInt { seq: 0, current: false, item, mission_type: 0 };
     upload.receive(again + 2.4, &envelope(on_board));
-    upload.tick(again + 10.0);
+    let asks = upload.tick(again + 10.0);
+    assert_eq!(asks, [Action::Send(MissionMessage::SetCurrent { seq: 0 })]);
+    let current = MissionMessage::Current { seq: 0, total: 1, state: 0, mission_id: 0 };
+    upload.receive(again + 10.1, &envelope(current));
     assert_eq!(upload.outcome(), Some(&Outcome::Verified { items: 1 }));
 }

@@ -27,6 +27,10 @@ pub struct Vehicle {
     /// Asks for item 0 for ever.
     pub stuck: bool,
     verdict_at: Option<f64>,
+    /// The index of the current item; it stays across an upload.
+    pub current: u16,
+    /// Takes no other index.
+    pub stubborn: bool,
     /// The list it talks about.
     kind: MissionKind,
 }
@@ -74,6 +78,8 @@ impl Vehicle {
             verdict: None,
             stuck: false,
             verdict_at: None,
+            current: 11,
+            stubborn: false,
             kind: MissionKind::Mission,
         }
     }
@@ -157,6 +163,12 @@ impl Vehicle {
                 self.stored.truncate(keep);
                 self.receiving = None;
                 vec![of_kind(self.kind, MissionResult::ACCEPTED)]
+            }
+            MissionMessage::SetCurrent { seq } if self.receiving.is_none() => {
+                if !self.stubborn {
+                    self.current = *seq;
+                }
+                vec![MissionMessage::Current { seq: self.current, total: 0, state: 0, mission_id: 0 }]
             }
             MissionMessage::Ack { result, .. } if *result == MissionResult::OPERATION_CANCELLED => {
                 self.receiving = None;

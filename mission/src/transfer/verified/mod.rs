@@ -3,6 +3,7 @@
 //! restoration where it was. It never arms, starts a mission or changes modes.
 
 mod begin;
+mod first_item;
 mod outcome;
 mod state;
 mod words;
@@ -13,6 +14,7 @@ pub use state::{Goal, Options, VehicleState};
 use super::{Action, Clear, Download, Envelope, MissionMessage, Peers, TransferError, Upload, events};
 use crate::compare::differences;
 use crate::item::{Autopilot, Mission, MissionItem, MissionKind};
+use first_item::FirstItem;
 use words::summary;
 
 /// Values of `MISSION_STATE`.
@@ -55,6 +57,8 @@ enum Step {
     AwaitVerdict {
         until: f64,
     },
+    /// The mission is there whole; its first item is to be the current one.
+    FirstItem(FirstItem),
     Restore(Upload),
     Finished(Outcome),
 }
@@ -97,7 +101,9 @@ impl VerifiedUpload {
         match &self.step {
             Step::BackUp(_) => Phase::BackingUp,
             Step::Upload(_) | Step::Clear { restoring: false, .. } => Phase::Uploading,
-            Step::AwaitLate | Step::ReadBack(_) | Step::AwaitVerdict { .. } => Phase::ReadingBack,
+            Step::AwaitLate | Step::ReadBack(_) | Step::AwaitVerdict { .. } | Step::FirstItem(_) => {
+                Phase::ReadingBack
+            }
             Step::Restore(_) | Step::Clear { restoring: true, .. } => Phase::Restoring,
             Step::Finished(_) => Phase::Finished,
         }
@@ -119,6 +125,7 @@ impl VerifiedUpload {
             Step::Clear { clear, .. } => clear.deadline(),
             Step::AwaitLate => Some(self.late_until),
             Step::AwaitVerdict { until } => Some(*until),
+            Step::FirstItem(first) => Some(first.deadline()),
             Step::Finished(_) => None,
         }
     }
@@ -136,6 +143,10 @@ impl VerifiedUpload {
             Step::BackUp(d) | Step::ReadBack(d) => d.receive(now, envelope),
             Step::Upload(u) | Step::Restore(u) => u.receive(now, envelope),
             Step::Clear { clear, .. } => clear.receive(now, envelope),
+            Step::FirstItem(first) => {
+                first.receive(&self.peers, envelope);
+                Vec::new()
+            }
             Step::AwaitLate | Step::AwaitVerdict { .. } => Vec::new(),
             Step::Finished(_) => return Vec::new(),
         };
@@ -148,6 +159,7 @@ impl VerifiedUpload {
             Step::BackUp(d) | Step::ReadBack(d) => d.tick(now),
             Step::Upload(u) | Step::Restore(u) => u.tick(now),
             Step::Clear { clear, .. } => clear.tick(now),
+            Step::FirstItem(first) => first.tick(now),
             Step::AwaitLate | Step::AwaitVerdict { .. } => Vec::new(),
             Step::Finished(_) => return Vec::new(),
         };
@@ -273,6 +285,17 @@ impl VerifiedUpload {
                     Vec::new()
                 }
             }
+            Step::FirstItem(_) if self.cancelled => {
+                // It was read back whole.
+                let got = self.mission.clone();
+                self.judge(now, &got)
+            }
+            Step::FirstItem(first) => {
+                if let Some(outcome) = first.outcome(self.mission.items.len()) {
+                    self.step = Step::Finished(outcome);
+                }
+                Vec::new()
+            }
             Step::Finished(_) => Vec::new(),
         };
         actions.extend(more);
@@ -395,8 +418,7 @@ impl VerifiedUpload {
             self.step = Step::AwaitVerdict { until: self.verdict_until };
             return Vec::new();
         } else if wrong.is_empty() && !self.cancelled {
-            self.step = Step::Finished(Outcome::Verified { items: self.mission.items.len() });
-            return Vec::new();
+            return self.begin_at_first(now);
         }
         let previous = differences(self.autopilot, &backup, got).is_empty();
         let why = self
@@ -422,6 +444,18 @@ impl VerifiedUpload {
         }
         self.restores_left -= 1;
         self.send(now, true)
+    }
+
+    /// The mission is on board as it was sent. A vehicle that flies, or of which nothing is known, keeps the index that it has.
+    fn begin_at_first(&mut self, now: f64) -> Vec<Action> {
+        let free = self.vehicle.is_some_and(|v| v.objection().is_none());
+        if self.peers.kind != MissionKind::Mission || self.mission.items.is_empty() || !free {
+            self.step = Step::Finished(Outcome::Verified { items: self.mission.items.len() });
+            return Vec::new();
+        }
+        let (first, actions) = FirstItem::start(self.mission.first_index(self.autopilot), now);
+        self.step = Step::FirstItem(first);
+        actions
     }
 
     /// A second attempt is held back when the vehicle has started to fly.

@@ -23,11 +23,14 @@ pub(super) fn keep(item: Item) -> Result<Item, MavMissionResult> {
         22 | 84 | 85 => [0.0, 0.0, 0.0, heading],
         31 => [flag(param1), param2, 0.0, flag(item.param4)],
         195 => [0.0; 4],
-        // `MAV_ROI_LOCATION` and `MAV_ROI_NONE`.
-        201 if param1 == 3.0 || param1 == 0.0 => [param1, 0.0, 0.0, 0.0],
+        // `MAV_ROI_LOCATION` and `MAV_ROI_NONE`; the kind is kept and not read back.
+        201 if matches!(param1 as i32, 0 | 3) => [0.0; 4],
         201 => return Err(MavMissionResult::MAV_MISSION_INVALID_PARAM1),
         // Known, but not in a mission.
-        _ if CORNERS.contains(&item.command) || CIRCLES.contains(&item.command) => {
+        _ if CORNERS.contains(&item.command)
+            || CIRCLES.contains(&item.command)
+            || item.command == MavCmd::MAV_CMD_NAV_RALLY_POINT =>
+        {
             return Err(MavMissionResult::MAV_MISSION_ERROR);
         }
         _ => return Err(MavMissionResult::MAV_MISSION_UNSUPPORTED),
@@ -40,8 +43,10 @@ fn heading(degrees: f32) -> f32 {
     degrees.to_radians().rem_euclid(std::f32::consts::TAU).to_degrees()
 }
 
-/// A command without a place: everything is kept.
+/// A command without a place: everything is kept, in `float params[7]`.
 fn keep_action(item: Item) -> Result<Item, MavMissionResult> {
+    let float = |v: i32| v as f32 as i32;
+    let item = Item { x: float(item.x), y: float(item.y), ..item };
     match item.command as u32 {
         177 => {
             Ok(Item { param1: f32::from(item.param1 as i16), param2: f32::from(item.param2 as u16), ..item })

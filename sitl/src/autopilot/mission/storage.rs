@@ -111,13 +111,15 @@ pub(super) fn validate_fence(items: &[Item]) -> Result<(), &'static str> {
     if corners_left > 0 { Err("Incorrect item count") } else { Ok(()) }
 }
 
-/// PX4's fence point: `handle_mission_item_both`, `format_mavlink_mission_item`. A polygon of fewer than three corners is an error
-/// at once; the number of corners is rounded.
+/// PX4's fence point: `handle_mission_item_both`, `send_mission_item` (mavlink_mission.cpp:325), `format_mavlink_mission_item`.
+/// `mission_fence_point_s` holds neither autocontinue nor what the altitude counts from. A polygon of fewer than three corners is an
+/// error at once; the number of corners is rounded.
 fn px4_fence(item: Item) -> Result<Item, MavMissionResult> {
     let known = CORNERS.contains(&item.command)
         || CIRCLES.contains(&item.command)
         || item.command == MavCmd::MAV_CMD_NAV_FENCE_RETURN_POINT;
-    let mut kept = px4_place(item, known)?;
+    let placed = px4_place(item, known)?;
+    let mut kept = Item { autocontinue: 0, frame: MavFrame::MAV_FRAME_GLOBAL_INT, ..placed };
     if CORNERS.contains(&kept.command) {
         kept.param1 = f32::from((kept.param1 + 0.5) as u16);
         if kept.param1 < 3.0 {

@@ -1,4 +1,7 @@
 use super::*;
+use gaware_mission::item::{Frame, MissionItem, MissionKind, command};
+use gaware_mission::rules::{Firmware, stored_item, table::ROWS};
+use mavlink::MessageData;
 use proptest::prelude::*;
 
 const STATION: MavHeader = MavHeader { system_id: 255, component_id: 190, sequence: 0 };
@@ -275,6 +278,7 @@ fn fence_item(seq: u16, command: MavCmd, param1: f32) -> Item {
         z: 12.5,
         mission_type: MavMissionType::MAV_MISSION_TYPE_FENCE,
         param2: 7.0,
+        autocontinue: 1,
         ..item(seq, param1)
     }
 }
@@ -302,7 +306,7 @@ fn upload_fence(server: &mut MissionServer, mission: &mut Vec<Item>, fence: &[It
 fn a_fence_is_a_list_of_its_own() {
     for (flavour, frame, z, param2) in [
         (Flavour::ArduPilot, MavFrame::MAV_FRAME_GLOBAL, 0.0, 0.0),
-        (Flavour::Px4, MavFrame::MAV_FRAME_GLOBAL_RELATIVE_ALT_INT, 12.5, 0.0),
+        (Flavour::Px4, MavFrame::MAV_FRAME_GLOBAL_INT, 12.5, 0.0),
     ] {
         let (mut s, mut items) = (server(flavour), Vec::new());
         upload(&mut s, &mut items, 3, 1.0);
@@ -315,6 +319,7 @@ fn a_fence_is_a_list_of_its_own() {
         assert_eq!((items.clone(), s.fence().len(), s.fence_total()), (mission.clone(), 4, 6));
         let kept = s.fence()[3].clone();
         assert_eq!((kept.param1, kept.param2, kept.z, kept.frame), (60.5, param2, z, frame));
+        assert_eq!(kept.autocontinue, 0, "{flavour:?}");
 
         // A count, a download and a clearing are of their type too.
         let mission_type = MavMissionType::MAV_MISSION_TYPE_FENCE;
@@ -406,7 +411,98 @@ fn two_lists_at_once() {
     }
 }
 
+/// `handle_mission_item_both`: the index follows the mark, stays without one, and nothing happens where the mission is the same.
+#[test]
+fn px4_takes_the_current_item_from_the_mark_of_another_mission_alone() {
+    let (mut s, mut items) = (server(Flavour::Px4), Vec::new());
+    let mut upload = |param1: f32, marked: Option<u16>| {
+        let mut answers = s.handle(&mut items, &STATION, &count(4), 0.0);
+        while let Some((seq, _)) = asked(&answers) {
+            let current = u8::from(marked == Some(seq));
+            answers = s.handle(&mut items, &STATION, &sent(Item { current, ..item(seq, param1) }), 0.1);
+        }
+        s.take_cursor()
+    };
+    assert_eq!(upload(1.0, None), Some(Cursor::Stays));
+    assert_eq!(upload(2.0, Some(0)), Some(Cursor::At(0)));
+    assert_eq!(upload(2.0, Some(0)), None);
+    s.handle(&mut items, &STATION, &MavMessage::MISSION_CLEAR_ALL(Default::default()), 2.0);
+    assert_eq!(s.take_cursor(), Some(Cursor::At(0)));
+}
+
+/// An item of the table as the wire has it.
+fn on_wire(item: &MissionItem, mission_type: MavMissionType) -> Item {
+    let mut payload: Vec<u8> = item.params.iter().flat_map(|p| p.to_le_bytes()).collect();
+    payload.extend([item.x, item.y].iter().flat_map(|v| v.to_le_bytes()));
+    payload.extend(item.z.to_le_bytes());
+    payload.extend([0, 0]);
+    payload.extend(item.command.to_le_bytes());
+    payload.extend([1, 1, item.frame.0, 0, u8::from(item.autocontinue), mission_type as u8]);
+    Item::deser(mavlink::MavlinkVersion::V2, &payload).expect("known to the dialect")
+}
+
+fn from_wire(item: &Item) -> MissionItem {
+    MissionItem {
+        command: item.command as u16,
+        frame: Frame(item.frame as u8),
+        autocontinue: item.autocontinue != 0,
+        params: [item.param1, item.param2, item.param3, item.param4],
+        x: item.x,
+        y: item.y,
+        z: item.z,
+    }
+}
+
 proptest! {
+    /// The table by which an upload is compared and the simulated autopilots were written from the same sources, apart from each other: they
+    /// keep, cut and drop the same fields of every command, in all three lists.
+    #[test]
+    fn what_is_kept_is_what_the_table_says(
+        params in proptest::array::uniform4(-400.0f32..400.0),
+        place in (-900_000_000i32..900_000_000, -1_800_000_000i32..1_800_000_000),
+        z in -300.0f32..3000.0,
+        autocontinue: bool,
+        frame in 0u8..12,
+    ) {
+        for row in ROWS.iter().filter(|r| !r.note.contains("only") && r.frames.take(Frame(frame))) {
+            for firmware in row.firmware {
+                let (flavour, airframe) = match firmware {
+                    Firmware::ArduPlane => (Flavour::ArduPilot, Airframe::FixedWing),
+                    Firmware::ArduCopter => (Flavour::ArduPilot, Airframe::Multirotor),
+                    Firmware::Px4 => (Flavour::Px4, Airframe::FixedWing),
+                };
+                let mut params = params;
+                let list = match row.list {
+                    MissionKind::Mission => List::Mission,
+                    MissionKind::Fence => List::Fence,
+                    MissionKind::Rally => List::Rally,
+                };
+                // The number of corners, and the kinds of a region of interest.
+                match row.command {
+                    command::NAV_FENCE_POLYGON_VERTEX_INCLUSION | command::NAV_FENCE_POLYGON_VERTEX_EXCLUSION => {
+                        params[0] = params[0].abs().trunc().clamp(3.0, 255.0);
+                    }
+                    command::DO_SET_ROI => params[0] = 0.0,
+                    _ => {}
+                }
+                let (command, (x, y)) = (row.command, place);
+                let sent = MissionItem { command, frame: Frame(frame), autocontinue, params, x, y, z };
+                let kept = Storage { flavour, airframe }.keep(list, on_wire(&sent, list.mission_type()));
+                let context = format!("{firmware:?} {sent:?}");
+                let Ok(kept) = kept else {
+                    prop_assert!(!row.taken, "{context}: refused by the vehicle, {kept:?}");
+                    continue;
+                };
+                prop_assert!(row.taken, "{context}: refused by the table");
+                let (stored, kept) = (stored_item(&sent, *firmware), from_wire(&kept));
+                let near = |a: f32, b: f32| (a - b).abs() <= 1e-4;
+                let same = stored.params.iter().zip(kept.params).all(|(a, b)| near(*a, b)) && near(stored.z, kept.z);
+                let of = |i: &MissionItem| (i.x, i.y, i.frame, i.autocontinue);
+                prop_assert!(same && of(&stored) == of(&kept), "{context}: {stored:?}, vehicle: {kept:?}");
+            }
+        }
+    }
+
     /// Whatever arrives in whatever order, nothing breaks, and PX4 never holds a mixed mission.
     #[test]
     fn any_order_of_messages_is_survived(steps in proptest::collection::vec((0u8..4, 0u16..5, 0.0..3.0f64), 1..60)) {
