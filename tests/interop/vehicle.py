@@ -23,6 +23,8 @@ class Vehicle(threading.Thread):
         #: Items for which this says true are lost on their way here.
         self.loses = lambda item: False
         self.heard_items = 0
+        #: The index of the current item. An upload leaves it where it was, on both firmwares.
+        self.current = 0
         self.acks = []
         self.upload = None
         self.ask_s, self.give_up_s = ask_s, give_up_s
@@ -39,7 +41,7 @@ class Vehicle(threading.Thread):
         self.link.close()
 
     def run(self):
-        next_heartbeat = 0.0
+        next_heartbeat, next_current = 0.0, 0.0
         while not self.ending.is_set():
             message = self.link.recv_match(blocking=True, timeout=0.02)
             if message is not None and message.get_type() != "BAD_DATA":
@@ -51,6 +53,9 @@ class Vehicle(threading.Thread):
             if now >= next_heartbeat:
                 next_heartbeat = now + 0.5
                 self.heartbeat()
+            if now >= next_current:
+                next_current = now + 1.0
+                self.report_current()
             self.tick(now)
 
     def tick(self, now):
@@ -84,6 +89,15 @@ class Vehicle(threading.Thread):
 
     def on_command_long(self, m):
         self.known.set()
+
+    def report_current(self):
+        self.link.mav.mission_current_send(self.current)
+
+    def on_mission_set_current(self, m):
+        # One that does not exist is refused: by silence here, as the message has no answer of that kind.
+        if m.seq < len(self.items):
+            self.current = m.seq
+            self.current_was_set()
 
     def on_mission_request_list(self, m):
         if self.knows(m.mission_type):
@@ -151,7 +165,7 @@ class Vehicle(threading.Thread):
 
 
 class ArduPilot(Vehicle):
-    """Asks with MISSION_REQUEST, writes into the mission on board, keeps home at 0, gives up after 8 s."""
+    """Asks with MISSION_REQUEST, writes into the mission on board, keeps home at 0, gives up after 8 s. Answers a new current item at once."""
 
     first_item = 1
 
@@ -166,6 +180,9 @@ class ArduPilot(Vehicle):
             mavlink.MAV_TYPE_FIXED_WING, mavlink.MAV_AUTOPILOT_ARDUPILOTMEGA,
             mavlink.MAV_MODE_FLAG_CUSTOM_MODE_ENABLED, 0, mavlink.MAV_STATE_STANDBY,
         )
+
+    def current_was_set(self):
+        self.report_current()
 
     def request(self, seq, kind):
         self.link.mav.mission_request_send(*self.peer, seq, kind)
@@ -214,6 +231,9 @@ class Px4(Vehicle):
             mavlink.MAV_TYPE_FIXED_WING, mavlink.MAV_AUTOPILOT_PX4,
             mavlink.MAV_MODE_FLAG_CUSTOM_MODE_ENABLED, 4 << 16 | 3 << 24, mavlink.MAV_STATE_STANDBY,
         )
+
+    def current_was_set(self):
+        """PX4's report of once a second says it."""
 
     def request(self, seq, kind):
         self.link.mav.mission_request_int_send(*self.peer, seq, kind)
