@@ -4,6 +4,7 @@
 //! the same samples give the same result, bit for bit.
 
 use crate::alignment::Gathering;
+use crate::drift::DriftBank;
 use crate::filter::{Filter, FixOutcome, Fusion, Initial, LOST_ATTITUDE, PassedOver};
 use crate::heading::{HeadingBank, MEMBERS};
 use crate::mechanization::NavState;
@@ -39,8 +40,8 @@ enum State {
     Gathering(Gathering),
     /// Several headings possible.
     Searching(HeadingBank),
-    /// One filter.
-    Running(Box<Fusion>),
+    /// One filter, or several that differ in how fast the gyro biases drift.
+    Running(Box<DriftBank>),
 }
 
 /// What the estimation did on its own, for people to know.
@@ -58,6 +59,11 @@ pub enum EstimatorEvent {
     AlignedAsVague {
         /// The sigma of its worst axis, rad.
         sigma_rad: f64,
+    },
+    /// The gyro biases drift faster or slower than was assumed; the estimate goes on with another random walk of theirs.
+    GyroBiasesDrift {
+        /// The random walk that the fixes ask for beyond the model's own, rad/s/√s.
+        walk: f64,
     },
     /// The filter was not finite or not positive any more: everything starts anew.
     Failed {
@@ -164,7 +170,7 @@ impl Estimator {
         match &self.state {
             State::Gathering(_) => None,
             State::Searching(bank) => bank.best().map(Fusion::filter),
-            State::Running(fusion) => Some(fusion.filter()),
+            State::Running(bank) => Some(bank.filter()),
         }
     }
 
@@ -178,7 +184,7 @@ impl Estimator {
         match &self.state {
             State::Gathering(_) => None,
             State::Searching(bank) => bank.best().map(Fusion::predicted),
-            State::Running(fusion) => Some(fusion.predicted()),
+            State::Running(bank) => Some(bank.fusion().predicted()),
         }
     }
 
@@ -187,7 +193,7 @@ impl Estimator {
         match &mut self.state {
             State::Gathering(_) => None,
             State::Searching(bank) => bank.best_mut().map(Fusion::predicted_nav),
-            State::Running(fusion) => Some(fusion.predicted_nav()),
+            State::Running(bank) => Some(bank.predicted_nav()),
         }
     }
 
@@ -204,10 +210,18 @@ impl Estimator {
         }
     }
 
+    /// The random walk of the gyro biases that the fixes ask for beyond the model's own, rad/s/√s; 0 where they ask for none.
+    pub fn gyro_walk(&self) -> f64 {
+        match &self.state {
+            State::Running(bank) => bank.walk(),
+            _ => 0.0,
+        }
+    }
+
     /// Fixes that were not used because of their time.
     pub fn passed_over(&self) -> PassedOver {
         match &self.state {
-            State::Running(fusion) => fusion.passed_over(),
+            State::Running(bank) => bank.passed_over(),
             _ => PassedOver::default(),
         }
     }
@@ -249,33 +263,37 @@ impl Estimator {
         self.last = Some(sample);
         let (kind, noise) = (self.stream.kind, self.extra_noise());
         let (rounding, scatter) = (self.dequantiser.constant_error(), self.meter.scatter());
+        let set_source = |filter: &mut Filter| {
+            filter.set_stream(kind, noise);
+            filter.set_rounding_error(rounding);
+            filter.set_scatter(scatter);
+        };
         let outcomes = match &mut self.state {
             State::Gathering(gathering) => {
                 gathering.push_imu(sample);
                 Vec::new()
             }
             State::Searching(bank) => {
-                bank.for_each(|f| {
-                    f.filter_mut().set_stream(kind, noise);
-                    f.filter_mut().set_rounding_error(rounding);
-                    f.filter_mut().set_scatter(scatter);
-                });
+                bank.for_each(|f| set_source(f.filter_mut()));
                 bank.push_imu(sample);
                 let outcomes = bank.poll();
                 if bank.is_empty() {
                     self.events.push(EstimatorEvent::Failed { constants_kept: false });
                     self.state = State::Gathering(Gathering::default());
                 } else if let Some(winner) = bank.winner() {
-                    self.state = State::Running(Box::new(winner.looking_back()));
+                    self.state = State::Running(Box::new(DriftBank::new(winner.looking_back())));
                 }
                 outcomes
             }
-            State::Running(fusion) => {
-                fusion.filter_mut().set_stream(kind, noise);
-                fusion.filter_mut().set_rounding_error(rounding);
-                fusion.filter_mut().set_scatter(scatter);
-                fusion.push_imu(sample);
-                std::iter::from_fn(|| fusion.poll()).collect()
+            State::Running(bank) => {
+                bank.for_each(|f| set_source(f.filter_mut()));
+                bank.push_imu(sample);
+                let walk = bank.walk();
+                let outcomes = bank.poll();
+                if bank.walk() != walk {
+                    self.events.push(EstimatorEvent::GyroBiasesDrift { walk: bank.walk() });
+                }
+                outcomes
             }
         };
         self.look_after_health();
@@ -285,8 +303,8 @@ impl Estimator {
 
     /// Keeps the filter as it is now and then, in case that the sensor turns out to be at fault already.
     fn keep_filter(&mut self) {
-        let State::Running(fusion) = &self.state else { return };
-        let filter = fusion.filter();
+        let State::Running(bank) = &self.state else { return };
+        let filter = bank.filter();
         if self.kept.back().is_some_and(|kept| filter.t_s() - kept.t_s() < KEPT_EVERY_S) {
             return;
         }
@@ -316,11 +334,11 @@ impl Estimator {
 
     /// The sigma of an attitude that has been vague for too long, rad. A search is no such case: each of its members is certain.
     fn vague_for_long(&mut self) -> Option<f64> {
-        let State::Running(fusion) = &self.state else {
+        let State::Running(bank) = &self.state else {
             self.vague_since_s = None;
             return None;
         };
-        let (t_s, sigma_rad) = (fusion.filter().t_s(), fusion.filter().attitude_sigma());
+        let (t_s, sigma_rad) = (bank.filter().t_s(), bank.filter().attitude_sigma());
         if sigma_rad <= LOST_ATTITUDE {
             self.vague_since_s = None;
             return None;
@@ -370,7 +388,7 @@ impl Estimator {
             State::Gathering(_) if !fix.is_plausible() => {}
             State::Gathering(_) => self.try_start(fix),
             State::Searching(bank) => bank.push_fix(*fix),
-            State::Running(fusion) => fusion.push_fix(*fix),
+            State::Running(bank) => bank.push_fix(*fix),
         }
     }
 
@@ -398,7 +416,7 @@ impl Estimator {
             if start.heading_known { fusion.looking_back() } else { fusion }
         };
         self.state = if start.heading_known {
-            State::Running(Box::new(make(&start.initial)))
+            State::Running(Box::new(DriftBank::new(make(&start.initial))))
         } else {
             let euler = start.initial.nav.euler();
             let members = (0..MEMBERS).map(|k| {

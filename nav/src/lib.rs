@@ -8,6 +8,7 @@ pub mod alignment;
 pub mod bound;
 pub mod consistency;
 pub mod displacement;
+pub mod drift;
 pub mod earth;
 pub mod effects;
 pub mod estimator;

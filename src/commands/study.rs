@@ -3,7 +3,7 @@
 use super::{CommandError, output};
 use crate::demo::{Prepared, Settings};
 use crate::parallel::Progress;
-use crate::study::{demo, guidance, honesty, observability, paper, recorded, transfer};
+use crate::study::{demo, drift, guidance, honesty, observability, paper, recorded, transfer};
 use serde::Serialize;
 use std::fmt::Write;
 use std::path::PathBuf;
@@ -39,8 +39,24 @@ pub enum StudyKind {
     Loop(super::demo_loop::LoopArgs),
     /// Hours: stationary, smooth cruise, steady turns, landings, outages, dropouts and jumps; errors against sigmas.
     Endurance(super::study_endurance::EnduranceArgs),
+    /// Gyro biases that drift as those of a board that warms up: errors of the live filter against its sigmas.
+    Drift(DriftArgs),
     /// Faults of link, clocks and sensors in flight: what the pilot is shown, time to recover, losses, errors against sigmas.
     Faults(super::study_faults::FaultsArgs),
+}
+
+/// Arguments of `study drift`.
+#[derive(Debug, Clone, clap::Args)]
+pub struct DriftArgs {
+    /// Vehicles per drift, of each kind.
+    #[arg(long, default_value_t = 6)]
+    pub seeds: usize,
+    /// First seed.
+    #[arg(long, default_value_t = 1)]
+    pub seed: u64,
+    /// Print one JSON document.
+    #[arg(long)]
+    pub json: bool,
 }
 
 /// Arguments of `study observability`.
@@ -201,6 +217,11 @@ pub fn run(args: &StudyArgs) -> Result<(), CommandError> {
         }
         StudyKind::Blind(args) => super::study_blind::run(args),
         StudyKind::Loop(args) => super::demo_loop::study(args),
+        StudyKind::Drift(args) => {
+            let settings = drift::Settings { seeds: args.seeds, seed: args.seed };
+            let study = with_bar(drift::flights(&settings), "flights", |bar| drift::run(&settings, bar));
+            show(args.json, &study, |out, study| write!(out, "{study}"))
+        }
         StudyKind::Endurance(args) => super::study_endurance::run(args),
         StudyKind::Faults(args) => super::study_faults::run(args),
         StudyKind::Guidance(args) => {

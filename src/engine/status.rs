@@ -5,6 +5,7 @@ use super::estimate::{BEYOND_PRIOR, Constants};
 use super::situation::{self, FIX_PATIENCE_S, Inputs, Situation};
 use super::snapshot::{Consistency, GnssStatus, Guidance, ImuStatus, Phase, StateStatus, Status};
 use crate::timeline::Gaps;
+use gaware_nav::effects::unit;
 use gaware_nav::estimator::{EstimatorEvent, Stage};
 use gaware_nav::filter::{Filter, FixEvent, PassedOver};
 
@@ -172,6 +173,10 @@ pub(super) fn reported(event: &EstimatorEvent) -> String {
         EstimatorEvent::AlignedAsVague { sigma_rad } => format!(
             "the attitude became uncertain to {:.0}° and is aligned anew, biases and G are kept",
             sigma_rad.to_degrees()
+        ),
+        EstimatorEvent::GyroBiasesDrift { walk } => format!(
+            "the gyro biases drift: the filter now assumes a random walk of {:.0} deg/h/√h for them",
+            walk / unit::DEG_PER_H_PER_RTH.si
         ),
         EstimatorEvent::Failed { constants_kept: true } => {
             "the filter failed its health check and was restarted; biases and G are kept".to_owned()

@@ -159,7 +159,7 @@ pub fn flights(settings: &Settings) -> Result<usize, EnduranceError> {
 }
 
 /// What the filter assumes: the noise of these sensors, nothing of their constants.
-fn assumed(base: &Scenario) -> Model {
+pub(super) fn assumed(base: &Scenario) -> Model {
     let mut model = Model::standard();
     model.imu = base.model.imu.clone();
     (model.imu.gyro_bias, model.imu.accel_bias) = ([0.0; 3], [0.0; 3]);

@@ -3,6 +3,7 @@
 pub mod blind;
 pub mod closed_loop;
 pub mod demo;
+pub mod drift;
 pub mod endurance;
 pub mod faults;
 pub mod guidance;

@@ -101,6 +101,14 @@ impl Fusion {
         &mut self.filter
     }
 
+    /// Lets the gyro biases walk by so much beyond the model from now on, rad/s/√s, and in what is run again.
+    pub fn set_gyro_walk(&mut self, density: f64) {
+        self.filter.set_gyro_walk(density);
+        if let Some(window) = &mut self.window {
+            window.set_gyro_walk(density);
+        }
+    }
+
     /// Fixes that were not used because of their time.
     pub fn passed_over(&self) -> PassedOver {
         self.passed_over

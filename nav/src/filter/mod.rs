@@ -122,6 +122,10 @@ pub struct Filter {
     recent: Recent,
     /// Whether an effect of the model lets biases walk.
     biases_walk: bool,
+    /// Random walk of the gyro biases beyond the model's, rad/s/√s.
+    gyro_walk: f64,
+    /// Log-likelihood of the mean rates of a stationary vehicle that nobody has taken yet.
+    rest_evidence: f64,
     /// For how long the constants have not walked yet, s.
     unwalked_s: f64,
     /// When it began, s.
@@ -194,6 +198,8 @@ impl Filter {
             needs_surroundings: model.effects.iter().any(|s| s.effect.needs_surroundings()),
             recent: Recent::default(),
             biases_walk: model.effects.iter().any(|s| s.effect.on_biases().is_some()),
+            gyro_walk: 0.0,
+            rest_evidence: 0.0,
             unwalked_s: 0.0,
             began_s: initial.t_s,
             tape: None,
@@ -233,6 +239,7 @@ impl Filter {
         fresh.began_s = self.began_s;
         fresh.rounding = self.rounding;
         fresh.scatter = self.scatter;
+        fresh.gyro_walk = self.gyro_walk;
         fresh.initial_sigmas[index::GYRO_BIAS..].copy_from_slice(&self.initial_sigmas[index::GYRO_BIAS..]);
         fresh.p.copy_tail(&self.p, index::GYRO_BIAS);
         for k in 0..3 {
@@ -252,6 +259,27 @@ impl Filter {
         later.wander *= decay;
         later.decay_wander(decay);
         later
+    }
+
+    /// Lets the gyro biases walk by so much beyond the model, rad/s/√s.
+    pub fn set_gyro_walk(&mut self, density: f64) {
+        self.gyro_walk = density;
+    }
+
+    /// The random walk of the gyro biases beyond the model's, rad/s/√s.
+    pub fn gyro_walk(&self) -> f64 {
+        self.gyro_walk
+    }
+
+    /// Random walk of the gyro biases by the model and beyond it, rad/s/√s.
+    pub(super) fn gyro_walk_density(&self) -> f64 {
+        let effects = self.model.effects.iter().zip(self.calibration.parameters());
+        effects.map(|(s, p)| s.effect.bias_walk(p).gyro).fold(self.gyro_walk, f64::hypot)
+    }
+
+    /// Log-likelihood of the mean rates of a stationary vehicle since this was last taken, nats.
+    pub fn take_rest_evidence(&mut self) -> f64 {
+        std::mem::take(&mut self.rest_evidence)
     }
 
     /// Replaces position, velocity and attitude; the covariance stays.

@@ -281,6 +281,10 @@ impl Filter {
 
     /// The random walks of biases that effects ask for, and of all constants where tolerances say that none is one for ever.
     pub(super) fn walk_constants(&mut self, dt: f64) {
+        if self.gyro_walk > 0.0 {
+            let variance = self.gyro_walk * self.gyro_walk * dt;
+            (0..3).for_each(|k| self.p.add_variance(index::GYRO_BIAS + k, variance));
+        }
         if self.biases_walk {
             for (setting, p) in self.model.effects.iter().zip(self.calibration.parameters()) {
                 let walk = setting.effect.bias_walk(p);

@@ -136,6 +136,11 @@ impl Window {
         })
     }
 
+    /// What is run again has this walk of the gyro biases too, rad/s/√s.
+    pub(super) fn set_gyro_walk(&mut self, density: f64) {
+        self.prior.set_gyro_walk(density);
+    }
+
     /// Keeps a step.
     pub(super) fn keep(&mut self, step: Step, extra_noise: (f64, f64)) {
         self.steps.push((step, extra_noise));

@@ -41,6 +41,22 @@ struct Means {
     force: Vector3<f64>,
 }
 
+impl Means {
+    /// The newest blocks of so long together, s; one at least.
+    fn over(blocks: &VecDeque<Self>, longest_s: f64) -> Self {
+        let mut sum = Self::default();
+        for block in blocks.iter().rev() {
+            if sum.duration_s > 0.0 && sum.duration_s + block.duration_s > longest_s {
+                break;
+            }
+            sum.duration_s += block.duration_s;
+            sum.rate += block.rate;
+            sum.force += block.force;
+        }
+        sum
+    }
+}
+
 /// A stationary period.
 #[derive(Debug, Clone)]
 pub(in crate::filter) struct Hold {
@@ -163,6 +179,7 @@ impl Filter {
         self.regressor.take(&self.motion, self.noise_band(dt), dt);
         let first = hold.calibration.motion(&self.model, sample);
         if hold.blocks.back().is_none_or(|b| b.duration_s >= BLOCK_S) {
+            self.rest_evidence += self.block_evidence(&hold.blocks);
             hold.blocks.push_back(Means::default());
             if hold.blocks.len() > BLOCKS {
                 hold.blocks.pop_front();
@@ -223,25 +240,55 @@ impl Filter {
         self.refresh_motion();
     }
 
+    /// Variances per hertz of gyros, (rad/s)²/Hz, and accelerometers, (m/s²)²/Hz.
+    fn noise_density(&self) -> (f64, f64) {
+        let imu = &self.model.imu;
+        let (gyro, accel) = (imu.gyro_noise * imu.gyro_noise, imu.accel_noise * imu.accel_noise);
+        (gyro + self.extra_noise.0, accel + self.extra_noise.1)
+    }
+
+    /// A longer mean of the rate says less of a bias that walks, s: the minimum of the variance below.
+    fn longest_mean_s(&self) -> f64 {
+        (3.0 * self.noise_density().0).sqrt() / self.gyro_walk_density()
+    }
+
+    /// Variance of a mean of the rate over so long about its value at either end, (rad/s)²: white noise n²/T and the walk's q² T/3.
+    fn mean_rate_variance(&self, duration_s: f64) -> f64 {
+        self.noise_density().0 / duration_s + self.gyro_walk_density().powi(2) * duration_s / 3.0
+    }
+
+    /// Log-likelihood of the mean rate of the newest block where those before it are known: the bias of a stationary gyro is
+    /// the same in both but for its walk.
+    fn block_evidence(&self, blocks: &VecDeque<Means>) -> f64 {
+        let mut before = blocks.clone();
+        let Some(new) = before.pop_back() else { return 0.0 };
+        let before = Means::over(&before, self.longest_mean_s());
+        if before.duration_s <= 0.0 || new.duration_s <= 0.0 {
+            return 0.0;
+        }
+        let off = new.rate / new.duration_s - before.rate / before.duration_s;
+        let variance = self.mean_rate_variance(new.duration_s) + self.mean_rate_variance(before.duration_s);
+        (0..3)
+            .map(|k| {
+                let s = variance + 2.0 * self.rounding[0][k];
+                -0.5 * ((off[k] * off[k] / s).min(super::gate(1)) + s.ln())
+            })
+            .sum()
+    }
+
     fn mean_rows(&self, hold: &Hold) -> [Rows; 2] {
-        let total = hold.blocks.iter().fold(Means::default(), |a, b| Means {
-            duration_s: a.duration_s + b.duration_s,
-            rate: a.rate + b.rate,
-            force: a.force + b.force,
-        });
-        if total.duration_s <= 0.0 {
+        let totals =
+            [Means::over(&hold.blocks, self.longest_mean_s()), Means::over(&hold.blocks, f64::INFINITY)];
+        if totals[0].duration_s <= 0.0 {
             return [Rows::default(), Rows::default()];
         }
-        let imu = &self.model.imu;
-        let white = [
-            (imu.gyro_noise * imu.gyro_noise + self.extra_noise.0) / total.duration_s,
-            (imu.accel_noise * imu.accel_noise + self.extra_noise.1) / total.duration_s,
-        ];
+        let noise =
+            [self.mean_rate_variance(totals[0].duration_s), self.noise_density().1 / totals[1].duration_s];
         let rows = |kind: usize, expected: &Vector3<f64>, sum: Vector3<f64>, columns: &[Vector3<f64>]| {
             let mut rows = Rows { dof: 3, ..Rows::default() };
-            rows.residual = (expected - sum / total.duration_s).into();
+            rows.residual = (expected - sum / totals[kind].duration_s).into();
             for i in 0..3 {
-                rows.variance[i] = white[kind] + hold.constant[kind][i] + self.rounding[kind][i];
+                rows.variance[i] = noise[kind] + hold.constant[kind][i] + self.rounding[kind][i];
             }
             // exp(−ε) v = v + [v×] ε: what is expected moves with the attitude.
             let by_attitude: Matrix3<f64> = -skew(expected);
@@ -252,8 +299,8 @@ impl Filter {
             rows
         };
         [
-            rows(0, &hold.expected.rate, total.rate, &hold.jacobian.rate),
-            rows(1, &hold.expected.force, total.force, &hold.jacobian.force),
+            rows(0, &hold.expected.rate, totals[0].rate, &hold.jacobian.rate),
+            rows(1, &hold.expected.force, totals[1].force, &hold.jacobian.force),
         ]
     }
 

@@ -1,0 +1,200 @@
+//! How fast the gyro biases drift: filters side by side that differ in nothing but the random walk which they assume.
+//!
+//! A unit that warms up changes its gyro biases by hundreds of deg/h in minutes, and a filter that assumes constants puts that into tilt, scale
+//! factors and G, with sigmas that know nothing of it. No single walk is right for all units: one that covers a cold start costs a
+//! calm unit most of what a flight shows. So the same measurements go to one filter per walk, and the likelihood of their innovations
+//! decides which of them is reported (multiple models: Bar-Shalom, Li & Kirubarajan 2001, section 11.6). The evidence is a sum that is
+//! bounded from below (Page 1954, "Continuous inspection schemes"), so that a drift that begins after hours is found as soon as one at
+//! the start. A filter that falls behind one with a greater walk has put a drift into its other states: it begins anew from the reported
+//! one. One that falls behind a smaller walk is only vaguer, and goes on.
+
+use crate::filter::{Filter, FixOutcome, Fusion, PassedOver};
+use crate::mechanization::NavState;
+use crate::model::Model;
+use crate::sample::{GnssFix, ImuSample};
+use std::collections::VecDeque;
+
+/// Random walks that are tried beside the model's own, deg/h/√h: a good consumer unit, one that warms up, one that is heated, and a step.
+/// Factors of four to seven: a walk that is wrong by two costs less than a nat in ten minutes. With three (60, 250, 1000) a step of 1000
+/// deg/h left G 5.5 sigma off and slow drifts a NEES of 1.63 per degree of freedom; with these 3.2 and 1.26 (`gaware study drift`).
+pub const WALKS_DEG_PER_H_PER_RTH: [f64; 4] = [30.0, 120.0, 600.0, 4000.0];
+/// Another walk is reported once it is ahead by so many nats. With 4.7 two of four vehicles without any drift were given one, and sigmas of G
+/// a third wider; with 7 none of twelve, with 9 slow drifts are found later (NEES 1.51 instead of 1.26; `gaware study drift`).
+const AHEAD: f64 = 7.0;
+/// Evidence against a walk counts down to this, nats: what a drift that begins must first make up for.
+const BEHIND: f64 = -10.0;
+/// Outcomes of a filter that wait for those of the others.
+const MOST_WAITING: usize = 64;
+
+/// What a filter made of one fix, as far as it is compared.
+#[derive(Debug, Clone, Copy)]
+struct Evidence {
+    stamp_s: f64,
+    /// Rows of position and velocity: filters that took other rows are not compared.
+    dof: [usize; 2],
+    log_likelihood: f64,
+}
+
+impl Evidence {
+    fn of(outcome: &FixOutcome) -> Self {
+        let groups = [outcome.position, outcome.velocity];
+        Self {
+            stamp_s: outcome.stamp_s,
+            dof: groups.map(|g| g.dof),
+            log_likelihood: groups.iter().map(|g| g.log_likelihood).sum(),
+        }
+    }
+}
+
+/// One filter and how far it is ahead of the reported one, nats.
+#[derive(Debug, Clone)]
+struct Member {
+    fusion: Fusion,
+    walk: f64,
+    lead: f64,
+    waiting: VecDeque<Evidence>,
+}
+
+/// Filters that differ in the walk of their gyro biases.
+#[derive(Debug, Clone)]
+pub struct DriftBank {
+    members: Vec<Member>,
+    reported: usize,
+}
+
+impl DriftBank {
+    /// Around a filter. A model without tolerances says what it means: nothing is tried beside it, nor beside one that names a walk of the
+    /// gyro biases.
+    pub fn new(fusion: Fusion) -> Self {
+        let tried = if tries_walks(fusion.filter().model()) { &WALKS_DEG_PER_H_PER_RTH[..] } else { &[] };
+        let walks = tried.iter().map(|w| w * crate::effects::unit::DEG_PER_H_PER_RTH.si);
+        let member = |walk: f64| {
+            let mut fusion = fusion.clone();
+            fusion.set_gyro_walk(walk);
+            Member { fusion, walk, lead: 0.0, waiting: VecDeque::new() }
+        };
+        let members: Vec<_> = std::iter::once(0.0).chain(walks).map(member).collect();
+        // Constants that go on from an earlier stream keep the walk that they were found with.
+        let reported = members.iter().position(|m| m.walk == fusion.filter().gyro_walk()).unwrap_or(0);
+        Self { members, reported }
+    }
+
+    /// The reported filter with what it has not reached yet.
+    pub fn fusion(&self) -> &Fusion {
+        &self.members[self.reported].fusion
+    }
+
+    /// The same, to be asked for its prediction.
+    pub fn fusion_mut(&mut self) -> &mut Fusion {
+        &mut self.members[self.reported].fusion
+    }
+
+    /// The random walk of the gyro biases that is reported, rad/s/√s, beyond the model's own.
+    pub fn walk(&self) -> f64 {
+        self.members[self.reported].walk
+    }
+
+    /// Does the same to every filter.
+    pub fn for_each(&mut self, job: impl FnMut(&mut Fusion)) {
+        self.members.iter_mut().map(|m| &mut m.fusion).for_each(job);
+    }
+
+    /// Takes a sample.
+    pub fn push_imu(&mut self, sample: ImuSample) {
+        self.for_each(|f| f.push_imu(sample));
+    }
+
+    /// Takes a fix.
+    pub fn push_fix(&mut self, fix: GnssFix) {
+        self.for_each(|f| f.push_fix(fix));
+    }
+
+    /// Applies the fixes whose time has come; the outcomes of the reported filter.
+    pub fn poll(&mut self) -> Vec<FixOutcome> {
+        let mut reported = Vec::new();
+        for (k, member) in self.members.iter_mut().enumerate() {
+            while let Some(outcome) = member.fusion.poll() {
+                if member.waiting.len() == MOST_WAITING {
+                    member.waiting.pop_front();
+                }
+                member.waiting.push_back(Evidence::of(&outcome));
+                if k == self.reported {
+                    reported.push(outcome);
+                }
+            }
+            member.lead += member.fusion.filter_mut().take_rest_evidence();
+        }
+        self.compare();
+        self.decide();
+        reported
+    }
+
+    /// The fixes that all filters have taken, in order.
+    fn compare(&mut self) {
+        while self.members.iter().all(|m| !m.waiting.is_empty()) {
+            let fronts = || self.members.iter().filter_map(|m| m.waiting.front());
+            let latest = fronts().map(|e| e.stamp_s).fold(f64::NEG_INFINITY, f64::max);
+            let alike = |e: &Evidence| e.stamp_s >= latest;
+            if fronts().all(alike) {
+                let dof = fronts().next().map(|e| e.dof);
+                let same = fronts().all(|e| Some(e.dof) == dof);
+                for member in &mut self.members {
+                    let evidence = member.waiting.pop_front();
+                    member.lead += evidence.filter(|_| same).map_or(0.0, |e| e.log_likelihood);
+                }
+            } else {
+                self.members.iter_mut().for_each(|m| {
+                    m.waiting.pop_front_if(|e| e.stamp_s < latest);
+                });
+            }
+        }
+        let zero = self.members[self.reported].lead;
+        self.members.iter_mut().for_each(|m| m.lead -= zero);
+    }
+
+    /// Reports another walk where the evidence asks for it, and lets those begin anew that are far behind.
+    fn decide(&mut self) {
+        let sound = |m: &Member| !m.fusion.filter().has_failed() && !m.fusion.filter().is_lost();
+        let best = self
+            .members
+            .iter()
+            .enumerate()
+            .filter(|(_, m)| sound(m))
+            .max_by(|a, b| a.1.lead.total_cmp(&b.1.lead));
+        if let Some((k, ahead)) = best.map(|(k, m)| (k, m.lead)).filter(|(_, lead)| *lead > AHEAD) {
+            self.reported = k;
+            self.members.iter_mut().for_each(|m| m.lead -= ahead);
+        }
+        for k in 0..self.members.len() {
+            let (far, poisoned) = (self.members[k].lead < BEHIND, self.members[k].walk < self.walk());
+            if k != self.reported && (far && poisoned || !sound(&self.members[k])) {
+                let mut fusion = self.fusion().clone();
+                let member = &mut self.members[k];
+                fusion.set_gyro_walk(member.walk);
+                member.fusion = fusion;
+            }
+            self.members[k].lead = self.members[k].lead.max(BEHIND);
+        }
+    }
+
+    /// The reported filter at the time of its last fix.
+    pub fn filter(&self) -> &Filter {
+        self.fusion().filter()
+    }
+
+    /// Position, velocity and attitude of the reported filter at the newest sample, with its time, s.
+    pub fn predicted_nav(&mut self) -> (f64, NavState) {
+        self.fusion_mut().predicted_nav()
+    }
+
+    /// Fixes that the reported filter did not use because of their time.
+    pub fn passed_over(&self) -> PassedOver {
+        self.fusion().passed_over()
+    }
+}
+
+/// Whether walks are tried beside the model's own.
+fn tries_walks(model: &Model) -> bool {
+    let names_one = model.effects.iter().any(|s| s.effect.bias_walk(&s.values).gyro > 0.0);
+    model.constants_walk().is_some() && !names_one
+}
