@@ -18,6 +18,7 @@ pub mod fleet;
 pub mod link;
 pub mod logs;
 pub mod mission_link;
+pub mod outputs;
 pub mod parallel;
 pub mod pipeline;
 pub mod preflight;

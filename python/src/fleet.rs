@@ -10,6 +10,7 @@ use gaware::fleet::find::{self, NameRule, Named};
 use gaware::fleet::flight::{FlightEntry, Work};
 use gaware::fleet::tables::{self, FleetLog};
 use gaware::fleet::{FleetError, store};
+use gaware::outputs::Outputs;
 use gaware::parallel;
 use pyo3::prelude::*;
 use std::path::{Path, PathBuf};
@@ -43,7 +44,7 @@ pub fn fleet_analyse(
         parallel::use_at_most(threads);
     }
     let work = Work { model: model.map(|m| m.0), explain, listen: listen(source, vehicle)? };
-    let entry = py.detach(|| store::analysed(&log, &work, out.as_deref(), None));
+    let entry = py.detach(|| store::analysed(&log, &work, out.as_deref()));
     serde_json::to_string(&entry.map_err(wrong)?).map_err(|e| GawareError::new_err(e.to_string()))
 }
 
@@ -76,7 +77,7 @@ pub fn fleet_tables(results: Vec<LogResult>, names: Option<&str>) -> PyResult<Ve
 #[pyfunction]
 #[pyo3(signature = (results, out, names=None))]
 pub fn fleet_write(results: Vec<LogResult>, out: PathBuf, names: Option<&str>) -> PyResult<Vec<PathBuf>> {
-    fleet::write(&out, &logs(results, names)?).map_err(failed)
+    fleet::write(&out, &logs(results, names)?, &Outputs::default()).map_err(failed)
 }
 
 /// What the flights of each unit have in common, of a folder that "gaware fleet" wrote.

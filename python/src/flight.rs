@@ -162,7 +162,8 @@ impl Explanation {
 
     /// Writes report.html, report.json and model.toml into a folder, as "gaware explain --out" does.
     fn write(&self, py: Python<'_>, folder: PathBuf) -> PyResult<()> {
-        py.detach(|| explaining::write(&self.0, &folder)).map_err(|e| failed(e.into()))
+        py.detach(|| explaining::write(&self.0, &folder, &gaware::outputs::Outputs::default()))
+            .map_err(|e| failed(e.into()))
     }
 
     fn __repr__(&self) -> String {

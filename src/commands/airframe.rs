@@ -2,9 +2,10 @@
 
 mod measure;
 
-use super::{CommandError, ListenArgs, demo, load_model, output, progress_bar};
+use super::{CommandError, ListenArgs, OverwriteArgs, demo, load_model, output, progress_bar};
 use crate::engine::{Engine, EngineOptions};
 use crate::logs::{self, Item};
+use crate::outputs::mark;
 use crate::pipeline::{Consumer, Pipeline};
 use gaware_mission::airframe::{Airframe, AirframeError};
 use gaware_nav::model::Model;
@@ -54,6 +55,9 @@ pub struct FitArgs {
     /// Source of the samples.
     #[command(flatten)]
     pub listen: ListenArgs,
+    /// Files that exist.
+    #[command(flatten)]
+    pub overwrite: OverwriteArgs,
     /// Print one JSON document.
     #[arg(long)]
     pub json: bool,
@@ -75,14 +79,6 @@ pub enum FitError {
     /// What was measured is inconsistent with what was given.
     #[error("the fitted airframe is not valid: {0}; start from a nearer one with --airframe")]
     Airframe(#[from] AirframeError),
-    /// The file cannot be written.
-    #[error("cannot write {path}: {source}")]
-    Write {
-        /// File.
-        path: PathBuf,
-        /// What the system said.
-        source: std::io::Error,
-    },
 }
 
 /// Fits, writes and prints.
@@ -91,6 +87,9 @@ pub enum FitError {
 /// A log, model or airframe that cannot be read, too little flight, a file that cannot be written.
 pub fn run(args: &AirframeArgs) -> Result<(), CommandError> {
     let AirframeAction::Fit(args) = &args.action;
+    let inputs = [Some(args.log.as_path()), Some(Path::new(&args.airframe)), args.model.as_deref()];
+    let outputs = args.overwrite.outputs(inputs.into_iter().flatten());
+    args.out.iter().try_for_each(|path| outputs.check(path))?;
     let base = demo::load_airframe(&args.airframe)?;
     let model = args.model.as_deref().map_or_else(|| Ok(Model::standard()), load_model)?;
     let flight = read(args, model)?;
@@ -103,7 +102,7 @@ pub fn run(args: &AirframeArgs) -> Result<(), CommandError> {
     let fitted = measure::apply(&base, &measured).map_err(FitError::from)?;
     if let Some(path) = &args.out {
         let text = file(&fitted, &args.log, seconds)?;
-        std::fs::write(path, text).map_err(|source| FitError::Write { path: path.clone(), source })?;
+        outputs.write(path, mark::text(text, mark::Style::Hash))?;
     }
     if args.json {
         output::json(&document(&base, &fitted, &measured, seconds))
@@ -267,6 +266,7 @@ mod tests {
             log,
             airframe: "small_fixed_wing".to_owned(),
             out: None,
+            overwrite: OverwriteArgs::default(),
             model: None,
             listen: ListenArgs::default(),
             json: true,

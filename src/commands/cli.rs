@@ -4,6 +4,7 @@ use super::{
     CommandError, airframe, compare, config, demo, explain, fleet, mission, output, params, plan, preflight,
     replay, report, run, sim, start, study,
 };
+use crate::outputs::{OverwriteArgs, mark};
 use crate::sinks::log;
 use clap::{CommandFactory, Parser, Subcommand};
 use std::path::Path;
@@ -72,6 +73,9 @@ pub enum Command {
     Manual {
         /// Folder.
         dir: std::path::PathBuf,
+        /// Files that exist.
+        #[command(flatten)]
+        overwrite: OverwriteArgs,
     },
 }
 
@@ -97,10 +101,24 @@ pub fn refuse(error: clap::Error) -> ExitCode {
 }
 
 /// Writes a manual page of the program and of each command.
-fn manual(dir: &Path) -> Result<(), CommandError> {
-    let fail = |source| CommandError::Write { path: dir.to_owned(), source };
-    std::fs::create_dir_all(dir).map_err(fail)?;
-    clap_mangen::generate_to(Cli::command(), dir).map_err(fail)
+fn manual(dir: &Path, overwrite: OverwriteArgs) -> Result<(), CommandError> {
+    let outputs = overwrite.outputs::<&Path>([]);
+    outputs.folder(dir)?;
+    let mut program = Cli::command().disable_help_subcommand(true);
+    program.build();
+    pages(&program, &mut |name, page| Ok(outputs.write(&dir.join(name), page)?))
+}
+
+/// Hands out a page for a command and for each of its own, as `clap_mangen::generate_to` writes them.
+fn pages(
+    command: &clap::Command,
+    put: &mut impl FnMut(String, String) -> Result<(), CommandError>,
+) -> Result<(), CommandError> {
+    let page = clap_mangen::Man::new(command.clone());
+    let mut text = Vec::new();
+    page.render(&mut text)?;
+    put(page.get_filename(), mark::text(String::from_utf8_lossy(&text).into_owned(), mark::Style::Roff))?;
+    command.get_subcommands().filter(|c| !c.is_hide_set()).try_for_each(|c| pages(c, put))
 }
 
 /// Runs with the options of a configuration file, where one is named; those of the command line win.
@@ -164,6 +182,6 @@ fn dispatch(command: Command) -> Result<(), CommandError> {
             clap_complete::generate(shell, &mut Cli::command(), "gaware", &mut script);
             output::text(&String::from_utf8_lossy(&script))
         }
-        Command::Manual { dir } => manual(&dir),
+        Command::Manual { dir, overwrite } => manual(&dir, overwrite),
     }
 }

@@ -1,10 +1,11 @@
 //! `gaware compare BEFORE AFTER`: the autopilot's own innovations of two flights.
 
 use super::report::ReportError;
-use super::{CommandError, ListenArgs, file_name, load_model, output};
+use super::{CommandError, ListenArgs, OverwriteArgs, file_name, load_model, output};
 use crate::compare::flight::FilterFlight;
 use crate::compare::{Comparison, compare, page};
 use crate::engine::{Engine, EngineOptions};
+use crate::outputs::mark;
 use gaware_nav::model::Model;
 use std::fmt::Write;
 use std::path::{Path, PathBuf};
@@ -25,6 +26,9 @@ pub struct CompareArgs {
     /// Print the comparison as one JSON document.
     #[arg(long)]
     pub json: bool,
+    /// Files that exist.
+    #[command(flatten)]
+    pub overwrite: OverwriteArgs,
     /// Source of the samples.
     #[command(flatten)]
     pub listen: ListenArgs,
@@ -35,6 +39,8 @@ pub struct CompareArgs {
 /// # Errors
 /// Logs that cannot be read or compared, or a report that cannot be written.
 pub fn run(args: &CompareArgs) -> Result<(), CommandError> {
+    let outputs = args.overwrite.outputs([&args.before, &args.after].into_iter().chain(&args.model));
+    args.report.iter().try_for_each(|path| outputs.check(path))?;
     let model = args.model.as_deref().map_or_else(|| Ok(Model::standard()), load_model)?;
     let read = |path: &Path| {
         let bar = indicatif::ProgressBar::new(0).with_message(file_name(path));
@@ -51,7 +57,7 @@ pub fn run(args: &CompareArgs) -> Result<(), CommandError> {
     let compared = compare((&file_name(&args.before), &before), (&file_name(&args.after), &after))?;
     if let Some(path) = &args.report {
         let html = page::html(&compared, &before, &after).map_err(ReportError::Draw)?;
-        std::fs::write(path, html).map_err(|source| ReportError::Write { path: path.clone(), source })?;
+        outputs.write(path, mark::text(html, mark::Style::Angle))?;
     }
     if args.json {
         return output::json_pretty(&compared);

@@ -3,11 +3,13 @@
 use super::band::BandArgs;
 use super::demo_loop::Dialect;
 use super::foxglove::{DEFAULT_ADDRESS, listen_address};
-use super::{CommandError, foxglove, output, start};
+use super::report::ReportError;
+use super::{CommandError, OverwriteArgs, foxglove, output, start};
 use crate::demo::closed_loop::Correctable;
 use crate::demo::flight::{Ending, Flight, Stage};
 use crate::demo::{Prepared, Settings, result};
 use crate::engine::snapshot::Snapshot;
+use crate::outputs::{Outputs, mark};
 use crate::sensors::Severity;
 use crate::sinks::messages::RecordItem;
 use crate::sinks::status::{LinkState, LinkView, SinkStatus};
@@ -86,6 +88,16 @@ pub struct DemoArgs {
     /// With --loop: write both recordings, the explanation with its parameter file and the result into this folder.
     #[arg(long, value_name = "DIR", requires = "closed_loop")]
     pub out: Option<PathBuf>,
+    /// Files that exist.
+    #[command(flatten)]
+    pub overwrite: OverwriteArgs,
+}
+
+impl DemoArgs {
+    fn outputs(&self) -> Outputs {
+        let airframe = Some(Path::new(&self.airframe));
+        self.overwrite.outputs([airframe, self.model.as_deref()].into_iter().flatten())
+    }
 }
 
 /// How fast virtual time runs.
@@ -125,14 +137,6 @@ pub enum DemoError {
         path: PathBuf,
         /// Why.
         source: gaware_mission::airframe::AirframeError,
-    },
-    /// The report.
-    #[error("cannot write the report {path}: {reason}")]
-    Report {
-        /// File.
-        path: PathBuf,
-        /// Why.
-        reason: String,
     },
     /// Not two numbers.
     #[error("--wind takes two numbers, toward north and toward east in m/s: --wind 3,-2")]
@@ -237,9 +241,12 @@ pub(super) fn plan(settings: Settings) -> Result<Prepared, CommandError> {
 /// Arguments that make no sense, no safe plan, and a flight that did not come to its end.
 pub fn run(args: &DemoArgs) -> Result<(), CommandError> {
     let settings = settings(args)?;
+    let outputs = args.outputs();
     if args.closed_loop {
-        return super::demo_loop::run(args, settings);
+        return super::demo_loop::run(args, settings, &outputs);
     }
+    let report = args.report.clone().or_else(|| (!args.json).then(default_report));
+    report.iter().try_for_each(|path| outputs.check(path))?;
     let mut flight = match args.speed {
         DemoSpeed::Max if args.foxglove.is_some() => return Err(DemoError::FoxgloveAtMax.into()),
         DemoSpeed::Max => {
@@ -259,8 +266,7 @@ pub fn run(args: &DemoArgs) -> Result<(), CommandError> {
         }
     };
     let result = result::of(&mut flight, args.seed);
-    let report = args.report.clone().or_else(|| (!args.json).then(default_report));
-    let reported = report.map_or(Ok(()), |path| write_report(&path, &flight, &result));
+    let reported = report.map_or(Ok(()), |path| write_report(&path, &flight, &result, &outputs));
     // A page that cannot be written takes the result with it no more.
     if args.json {
         output::json(&result.document)?;
@@ -276,10 +282,14 @@ pub fn run(args: &DemoArgs) -> Result<(), CommandError> {
     }
 }
 
-fn write_report(path: &Path, flight: &Flight, result: &result::DemoResult) -> Result<(), DemoError> {
-    let fail = |reason: String| DemoError::Report { path: path.to_owned(), reason };
+fn write_report(
+    path: &Path,
+    flight: &Flight,
+    result: &result::DemoResult,
+    outputs: &Outputs,
+) -> Result<(), CommandError> {
     let page = crate::report::demo::html(&flight.prepared().settings.airframe.name, result, &result.series);
-    std::fs::write(path, page.map_err(fail)?).map_err(|e| fail(e.to_string()))?;
+    outputs.write(path, mark::text(page.map_err(ReportError::Draw)?, mark::Style::Angle))?;
     crate::sinks::log::line(&format!("report: {}", path.display()));
     Ok(())
 }

@@ -10,15 +10,19 @@ use crate::demo::{Prepared, Settings};
 use crate::explain;
 use crate::figures::two_figures;
 use crate::logs::{Item, Record, tlog};
+use crate::outputs::{Outputs, mark};
 use crate::study::closed_loop as study;
 use gaware_mission::item::Autopilot as Firmware;
 use std::fmt::Write;
-use std::path::{Path, PathBuf};
+use std::path::Path;
 
 /// Time for the maneuvers unless another is asked for, s: enough turns and speed changes for each of the effects.
 const BUDGET_S: f64 = 300.0;
 /// The simulated recordings begin on 2026-01-01, µs.
 const EPOCH_US: u64 = 1_767_225_600_000_000;
+/// What is written beside the explanation.
+const RECORDINGS: [&str; 2] = ["before.tlog", "after.tlog"];
+const RESULT: &str = "loop.json";
 
 /// Whose habits the simulated autopilot has.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, clap::ValueEnum)]
@@ -89,7 +93,12 @@ pub fn study(args: &LoopArgs) -> Result<(), CommandError> {
 ///
 /// # Errors
 /// A loop that does not come to its end, files that cannot be written.
-pub(super) fn run(args: &DemoArgs, mut settings: Settings) -> Result<(), CommandError> {
+pub(super) fn run(args: &DemoArgs, mut settings: Settings, outputs: &Outputs) -> Result<(), CommandError> {
+    if let Some(folder) = &args.out {
+        explain::check(folder, outputs)?;
+        RECORDINGS.iter().chain([&RESULT]).try_for_each(|name| outputs.check(&folder.join(name)))?;
+    }
+    args.report.iter().try_for_each(|path| outputs.check(path))?;
     settings.budget_s = settings.budget_s.or(Some(BUDGET_S));
     if let Some(dialect) = args.autopilot {
         settings.airframe.autopilot = dialect.firmware();
@@ -98,12 +107,12 @@ pub(super) fn run(args: &DemoArgs, mut settings: Settings) -> Result<(), Command
     let done = closed_loop::run(&prepared, args.effect, args.seed, &|what| crate::sinks::log::line(what))
         .map_err(|e| DemoError::Loop(Box::new(e)))?;
     if let Some(folder) = &args.out {
-        write(&done, folder)?;
+        write(&done, folder, outputs)?;
     }
     if let Some(path) = &args.report {
         let [before, after] = &done.flights;
         let html = page::html(&done.result.comparison, before, after);
-        put(path, html.map_err(ReportError::Draw)?.as_bytes())?;
+        outputs.write(path, mark::text(html.map_err(ReportError::Draw)?, mark::Style::Angle))?;
         crate::sinks::log::line(&format!("report: {}", path.display()));
     }
     if args.json {
@@ -112,19 +121,14 @@ pub(super) fn run(args: &DemoArgs, mut settings: Settings) -> Result<(), Command
     output::words(|out| print(out, &done.result))
 }
 
-fn put(path: &Path, bytes: &[u8]) -> Result<(), CommandError> {
-    std::fs::write(path, bytes).map_err(|source| CommandError::Write { path: path.to_owned(), source })
-}
-
 /// Both recordings, the explanation with its parameter file, and the comparison.
-fn write(done: &Loop, folder: &Path) -> Result<(), CommandError> {
-    explain::write(&done.explained, folder)?;
-    for (name, records) in ["before.tlog", "after.tlog"].into_iter().zip(&done.records) {
-        put(&folder.join(name), &tlog_bytes(records))?;
+fn write(done: &Loop, folder: &Path, outputs: &Outputs) -> Result<(), CommandError> {
+    explain::write(&done.explained, folder, outputs)?;
+    for (name, records) in RECORDINGS.into_iter().zip(&done.records) {
+        outputs.write(&folder.join(name), tlog_bytes(records))?;
     }
-    let path: PathBuf = folder.join("loop.json");
-    let json = serde_json::to_string_pretty(&done.result).unwrap_or_default() + "\n";
-    put(&path, json.as_bytes())?;
+    let json = serde_json::to_string_pretty(&done.result).unwrap_or_default();
+    outputs.write(&folder.join(RESULT), mark::json(&json))?;
     crate::sinks::log::line(&format!("recordings, explanation and result: {}", folder.display()));
     Ok(())
 }

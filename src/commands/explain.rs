@@ -1,8 +1,8 @@
 //! `gaware explain`: which sensor errors the model lacks, how large they are, and the residuals before and after.
 
 use super::report::date_of;
-use super::{CommandError, ListenArgs, load_model, output};
-use crate::explain::{self, ExplainError, Explained, Phase, Request};
+use super::{CommandError, ListenArgs, OverwriteArgs, load_model, output};
+use crate::explain::{self, Explained, Phase, Request};
 use crate::report::explanation::headline;
 use gaware_nav::identify::select::Settings;
 use std::cell::Cell;
@@ -31,6 +31,9 @@ pub struct ExplainArgs {
     /// Print the explanation as one JSON document.
     #[arg(long)]
     pub json: bool,
+    /// Files that exist.
+    #[command(flatten)]
+    pub overwrite: OverwriteArgs,
     /// Source of the samples.
     #[command(flatten)]
     pub listen: ListenArgs,
@@ -41,6 +44,9 @@ pub struct ExplainArgs {
 /// # Errors
 /// When a log or the model cannot be read, or the report cannot be written. A flight that says too little is none.
 pub fn run(args: &ExplainArgs) -> Result<(), CommandError> {
+    let read = args.logs.iter().chain(&args.validate).chain(&args.model).chain(&args.parameters);
+    let outputs = args.overwrite.outputs(read);
+    explain::check(&args.out, &outputs)?;
     let model = args.model.as_deref().map(load_model).transpose()?;
     let request = Request {
         logs: args.logs.clone(),
@@ -54,8 +60,7 @@ pub fn run(args: &ExplainArgs) -> Result<(), CommandError> {
     // however the run ends.
     let new: Vec<&Path> =
         args.out.ancestors().take_while(|p| !p.as_os_str().is_empty() && !p.exists()).collect();
-    std::fs::create_dir_all(&args.out)
-        .map_err(|source| ExplainError::Write { path: args.out.clone(), source })?;
+    outputs.folder(&args.out)?;
     for folder in new {
         // A file may be there by now; then the folder stays.
         let _ = std::fs::remove_dir(folder);
@@ -85,7 +90,7 @@ pub fn run(args: &ExplainArgs) -> Result<(), CommandError> {
     };
     dated(&mut explained.logs, &args.logs);
     dated(&mut explained.validated, &args.validate);
-    explain::write(&explained, &args.out)?;
+    explain::write(&explained, &args.out, &outputs)?;
     crate::sinks::log::line(&format!("explained in {:.1} s{}", began.elapsed().as_secs_f64(), peak_memory()));
     if args.json {
         return output::json_pretty(&explained.explanation);

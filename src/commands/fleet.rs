@@ -3,13 +3,15 @@
 //! A process for each log, not a thread: memory that one analysis took goes back to the system, and a log that drives one into the end of the
 //! memory or into a defect ends that process alone. It costs some milliseconds for seconds of work.
 
-use super::{CommandError, ListenArgs, fleet_report, load_model, output, progress_bar};
+use super::fleet_limits::{Ended, Limits};
+use super::{CommandError, ListenArgs, OverwriteArgs, fleet_report, load_model, output, progress_bar};
 use crate::export::Target;
 use crate::fleet::FleetError;
 use crate::fleet::find::{self, NameRule, Named};
 use crate::fleet::flight::{FlightEntry, Work};
-use crate::fleet::store::{self, Address, Content, Store};
+use crate::fleet::store::{self, Address, Store};
 use crate::fleet::tables::{self, FleetLog};
+use crate::outputs::Outputs;
 use crate::parallel;
 use crate::sinks::log;
 use schemars::JsonSchema;
@@ -17,7 +19,7 @@ use serde::Serialize;
 use std::collections::BTreeMap;
 use std::fmt::Write;
 use std::path::{Path, PathBuf};
-use std::process::{Command, Stdio};
+use std::process::Command;
 use std::sync::atomic::{AtomicU64, AtomicUsize, Ordering};
 use std::time::Instant;
 
@@ -37,6 +39,12 @@ pub struct FleetArgs {
     /// Logs that are analysed at once (default: one for each processor).
     #[arg(long, value_name = "N")]
     pub jobs: Option<usize>,
+    /// What one log may take.
+    #[command(flatten)]
+    pub limits: Limits,
+    /// Files that exist.
+    #[command(flatten)]
+    pub overwrite: OverwriteArgs,
     /// Print the result as one JSON document.
     #[arg(long)]
     pub json: bool,
@@ -82,9 +90,6 @@ pub enum FleetCommand {
 pub struct WorkArgs {
     /// The log.
     pub log: PathBuf,
-    /// What was found of it before.
-    #[arg(long)]
-    pub known: Option<Content>,
     /// How.
     #[command(flatten)]
     pub options: FleetOptions,
@@ -164,6 +169,10 @@ pub fn run(args: &FleetArgs) -> Result<(), CommandError> {
     }
     let rule = args.options.names.as_deref().map(NameRule::new).transpose()?;
     let paths = find::logs(&args.logs)?;
+    let read = paths.iter().chain(&args.options.model);
+    let outputs = args.overwrite.outputs(read);
+    check(args.options.out(), &outputs)?;
+    args.limits.check()?;
     let store = Store::open(args.options.out(), &args.options.work()?)?;
     let (done, resumed) = analyse_all(&store, &paths, args);
     let logs: Vec<FleetLog> = paths
@@ -175,7 +184,7 @@ pub fn run(args: &FleetArgs) -> Result<(), CommandError> {
             result: result.map_err(|e| e.to_string()),
         })
         .collect();
-    let files = write(args.options.out(), &logs)?;
+    let files = write(args.options.out(), &logs, &outputs)?;
     let result = summary(&logs, resumed, files);
     if args.json {
         output::json(&result)?;
@@ -195,7 +204,7 @@ pub fn run(args: &FleetArgs) -> Result<(), CommandError> {
 fn one(args: &WorkArgs) -> Result<(), CommandError> {
     // As many processes run as there are processors.
     parallel::use_at_most(1);
-    store::analysed(&args.log, &args.options.work()?, Some(args.options.out()), args.known.clone())?;
+    store::analysed(&args.log, &args.options.work()?, Some(args.options.out()))?;
     Ok(())
 }
 
@@ -230,7 +239,7 @@ fn analyse_all(store: &Store, paths: &[PathBuf], args: &FleetArgs) -> (Vec<Done>
     let meter = Meter::new(&todo);
     let results = parallel::map_runs_on(jobs, todo.len(), &parallel::Silent, |k| {
         let (_, path, address) = todo.get(k)?;
-        let result = in_a_process(store, path, address, &args.options);
+        let result = in_a_process(store, path, address, args);
         meter.finished(path, address.content.bytes, &result);
         Some(result)
     });
@@ -244,23 +253,25 @@ fn analyse_all(store: &Store, paths: &[PathBuf], args: &FleetArgs) -> (Vec<Done>
 }
 
 /// Analyses one log in a process of its own; its result comes through the store.
-fn in_a_process(store: &Store, path: &Path, address: &Address, options: &FleetOptions) -> Done {
+fn in_a_process(store: &Store, path: &Path, address: &Address, args: &FleetArgs) -> Done {
     let wrong = |reason: String| FleetError::Worker { log: path.to_owned(), reason };
     let program = std::env::current_exe().map_err(|e| wrong(e.to_string()))?;
-    let ended = Command::new(program)
-        .args(["fleet", "work"])
-        .args(options.words())
-        .arg(format!("--known={}", address.content))
-        .arg("--")
-        .arg(path)
-        .stdin(Stdio::null())
-        .output()
-        .map_err(|e| wrong(e.to_string()))?;
-    store.get(address).ok_or_else(|| {
-        let said = String::from_utf8_lossy(&ended.stderr);
-        let last = said.lines().rev().find(|l| !l.trim().is_empty()).map(|l| format!(": {l}"));
-        wrong(format!("{}{}", ended.status, last.unwrap_or_default()))
-    })
+    let mut work = Command::new(program);
+    work.args(["fleet", "work"]).args(args.options.words()).arg("--").arg(path);
+    let ended = args.limits.run(&mut work).map_err(|e| wrong(e.to_string()))?;
+    match (store.get(address), ended) {
+        (Some(entry), _) => Ok(entry),
+        (None, Ended::AtLimit { limit, option }) => {
+            Err(FleetError::Limit { log: path.to_owned(), limit, option })
+        }
+        // Its result lies under the hash of what is in the log now.
+        (None, Ended::Alone(output)) if output.status.success() => Err(FleetError::Changed(path.to_owned())),
+        (None, Ended::Alone(output)) => {
+            let said = String::from_utf8_lossy(&output.stderr);
+            let last = said.lines().rev().find(|l| !l.trim().is_empty()).map(|l| format!(": {l}"));
+            Err(wrong(format!("{}{}", output.status, last.unwrap_or_default())))
+        }
+    }
 }
 
 /// How far the work is: a bar on a terminal, otherwise a line for each log.
@@ -321,10 +332,17 @@ fn duration(s: f64) -> String {
 ///
 /// # Errors
 /// What the system says.
-pub fn write(out: &Path, logs: &[FleetLog]) -> Result<Vec<PathBuf>, CommandError> {
-    let mut files = Target::new(out)?.write(&tables::tables(logs))?;
-    files.push(fleet_report::write_fleet(out, logs)?);
+pub fn write(out: &Path, logs: &[FleetLog], outputs: &Outputs) -> Result<Vec<PathBuf>, CommandError> {
+    let mut files = Target::new(out)?.write(&tables::tables(logs), outputs)?;
+    files.push(fleet_report::write_fleet(out, logs, outputs)?);
     Ok(files)
+}
+
+/// Whether these files may be written, before the work.
+fn check(out: &Path, outputs: &Outputs) -> Result<(), CommandError> {
+    let tables = tables::tables(&[]);
+    Target::new(out)?.check(tables.iter().map(|t| t.name), outputs)?;
+    Ok(outputs.check(&fleet_report::list(out))?)
 }
 
 fn summary(logs: &[FleetLog], resumed: usize, files: Vec<PathBuf>) -> FleetResult {

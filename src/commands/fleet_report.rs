@@ -1,13 +1,14 @@
 //! `gaware fleet report` and `gaware fleet prior`: what the flights of each inertial unit have in common.
 
 use super::report::ReportError;
-use super::{CommandError, file_name, load_model, output};
+use super::{CommandError, OverwriteArgs, file_name, load_model, output};
 use crate::figures::{counted, two_figures, with_sigma};
 use crate::fleet::FleetError;
 use crate::fleet::family::{self, Family};
 use crate::fleet::find::{NameRule, Named};
 use crate::fleet::flight::FlightEntry;
 use crate::fleet::tables::FleetLog;
+use crate::outputs::{OutputError, Outputs, mark};
 use crate::report::fleet;
 use gaware_nav::model::Model;
 use serde::{Deserialize, Serialize};
@@ -26,6 +27,9 @@ pub struct ReportArgs {
     /// Write the page here (default: report.html in the folder of the fleet; with --json there is none unless this names it).
     #[arg(long, value_name = "FILE")]
     pub out: Option<PathBuf>,
+    /// Files that exist.
+    #[command(flatten)]
+    pub overwrite: OverwriteArgs,
     /// Print the result as one JSON document.
     #[arg(long)]
     pub json: bool,
@@ -49,6 +53,9 @@ pub struct PriorArgs {
     /// The model file to write.
     #[arg(long, value_name = "FILE", default_value = "model.toml")]
     pub out: PathBuf,
+    /// Files that exist.
+    #[command(flatten)]
+    pub overwrite: OverwriteArgs,
 }
 
 /// `fleet.json`: the logs of a fleet and their results, in the order of the tables.
@@ -69,13 +76,20 @@ struct LogEntry {
 }
 
 const FLEET_SCHEMA: &str = "gaware.fleet_logs/1";
+/// Its name.
+const LIST: &str = "fleet.json";
+
+/// Where the list of a fleet lies.
+pub fn list(folder: &Path) -> PathBuf {
+    folder.join(LIST)
+}
 
 /// Writes which logs a fleet has, with their results: what the report reads.
 ///
 /// # Errors
 /// What the system says.
-pub fn write_fleet(folder: &Path, logs: &[FleetLog]) -> Result<PathBuf, FleetError> {
-    let path = folder.join("fleet.json");
+pub fn write_fleet(folder: &Path, logs: &[FleetLog], outputs: &Outputs) -> Result<PathBuf, FleetError> {
+    let path = list(folder);
     let entry = |l: &FleetLog| LogEntry {
         log: l.path.clone(),
         unit: l.named.unit.clone(),
@@ -84,10 +98,8 @@ pub fn write_fleet(folder: &Path, logs: &[FleetLog]) -> Result<PathBuf, FleetErr
         failed: l.result.as_ref().err().cloned(),
     };
     let file = FleetFile { schema: FLEET_SCHEMA.to_owned(), logs: logs.iter().map(entry).collect() };
-    let beside = folder.join("fleet.json.part");
-    let wrong = |source| FleetError::Write { path: path.clone(), source };
-    let text = serde_json::to_vec(&file).map_err(|e| wrong(e.into()))?;
-    std::fs::write(&beside, text).and_then(|()| std::fs::rename(&beside, &path)).map_err(wrong)?;
+    let wrong = |e: serde_json::Error| OutputError::Write { path: path.clone(), source: e.into() };
+    outputs.write(&path, mark::json(&serde_json::to_string(&file).map_err(wrong)?))?;
     Ok(path)
 }
 
@@ -98,7 +110,12 @@ pub fn write_fleet(folder: &Path, logs: &[FleetLog]) -> Result<PathBuf, FleetErr
 pub fn read_fleet(folder: &Path, names: Option<&str>) -> Result<Vec<FleetLog>, FleetError> {
     let none = || FleetError::NoFleet(folder.to_owned());
     let rule = names.map(NameRule::new).transpose()?;
-    let text = std::fs::read(folder.join("fleet.json")).map_err(|_| none())?;
+    let path = list(folder);
+    let text = std::fs::read(&path).map_err(|_| none())?;
+    // What stands in it decides on models and on what is said of a unit.
+    if !mark::is_sealed(std::io::Cursor::new(&text), b"").unwrap_or(false) {
+        return Err(FleetError::Edited { path });
+    }
     let file: FleetFile = serde_json::from_slice(&text).map_err(|_| none())?;
     if file.schema != FLEET_SCHEMA {
         return Err(none());
@@ -119,16 +136,18 @@ pub fn read_fleet(folder: &Path, names: Option<&str>) -> Result<Vec<FleetLog>, F
 /// # Errors
 /// A folder without a fleet, or a page that cannot be written.
 pub fn report(args: &ReportArgs) -> Result<(), CommandError> {
-    let logs = read_fleet(&args.fleet, args.names.as_deref())?;
-    let study = family::study(&logs);
     let page = match &args.out {
         None if args.json => None,
         None => Some(args.fleet.join("report.html")),
         Some(path) => Some(path.clone()),
     };
+    let outputs = args.overwrite.outputs([list(&args.fleet)]);
+    page.iter().try_for_each(|path| outputs.check(path))?;
+    let logs = read_fleet(&args.fleet, args.names.as_deref())?;
+    let study = family::study(&logs);
     if let Some(path) = &page {
         let html = fleet::html(&name_of(&args.fleet), &logs, &study).map_err(ReportError::Draw)?;
-        std::fs::write(path, html).map_err(|source| ReportError::Write { path: path.clone(), source })?;
+        outputs.write(path, mark::text(html, mark::Style::Angle))?;
     }
     if args.json {
         return output::json(&study.family);
@@ -147,12 +166,13 @@ fn name_of(folder: &Path) -> String {
 /// # Errors
 /// A folder without a fleet, a unit that it does not have, or a file that cannot be written.
 pub fn prior(args: &PriorArgs) -> Result<(), CommandError> {
+    let outputs = args.overwrite.outputs(args.model.iter().chain([&list(&args.fleet)]));
+    outputs.check(&args.out)?;
     let base = args.model.as_deref().map_or_else(|| Ok(Model::standard()), load_model)?;
     let family = family::family(&read_fleet(&args.fleet, args.names.as_deref())?);
     let model = family::prior_model(&family, &args.unit, &base)
         .ok_or_else(|| FleetError::NoUnit { unit: args.unit.clone(), known: family.units.join(", ") })?;
-    let wrong = |source| CommandError::Write { path: args.out.clone(), source };
-    std::fs::write(&args.out, model.to_toml()).map_err(wrong)?;
+    outputs.write(&args.out, mark::text(model.to_toml(), mark::Style::Hash))?;
     output::words(|out| writeln!(out, "written: {}", args.out.display()))
 }
 

@@ -10,6 +10,7 @@ pub mod demo;
 pub mod demo_loop;
 pub mod explain;
 pub mod fleet;
+pub mod fleet_limits;
 pub mod fleet_report;
 pub mod foxglove;
 pub mod mission;
@@ -37,6 +38,8 @@ mod transfer;
 
 use crate::link::address::AddressError;
 use crate::logs::LogError;
+use crate::outputs::OutputError;
+pub use crate::outputs::OverwriteArgs;
 use crate::sensors::{ConverterOptions, ImuSource};
 use crate::sinks::recorder::RecorderError;
 use gaware_nav::model::{Model, ModelError};
@@ -89,14 +92,9 @@ pub enum CommandError {
     /// Arguments that do not fit together with a configuration file.
     #[error("{0}")]
     Arguments(String),
-    /// A file or folder cannot be written.
-    #[error("cannot write {path}: {source}")]
-    Write {
-        /// File or folder.
-        path: PathBuf,
-        /// What the system said.
-        source: std::io::Error,
-    },
+    /// A file or folder is not written.
+    #[error(transparent)]
+    File(#[from] OutputError),
     /// A model file is wrong.
     #[error("{path}{place}: {source}", place = line.map(|l| format!(", line {l}")).unwrap_or_default())]
     Model {
@@ -242,6 +240,7 @@ impl CommandError {
     pub fn is_usage(&self) -> bool {
         match self {
             Self::Address(_) | Self::Band(_) | Self::Arguments(_) => true,
+            Self::File(error) => error.is_usage(),
             Self::Export(error) => error.is_usage(),
             Self::Fleet(crate::fleet::FleetError::Pattern { .. } | crate::fleet::FleetError::Rule(_)) => true,
             Self::Sim(error) => error.is_usage(),

@@ -19,7 +19,7 @@ use schemars::JsonSchema;
 use serde::Serialize;
 use serde_json::Value;
 use std::fmt::Write;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
 /// Maneuvers begin no higher than this above the floor, m.
 const CLIMB_M: f64 = 60.0;
@@ -76,6 +76,9 @@ pub struct PlanArgs {
     /// Write the mission here: .plan or .waypoints.
     #[arg(long, value_name = "FILE")]
     pub out: Option<PathBuf>,
+    /// Files that exist.
+    #[command(flatten)]
+    pub overwrite: super::OverwriteArgs,
     /// Print one JSON document.
     #[arg(long)]
     pub json: bool,
@@ -110,8 +113,12 @@ impl PlanCommandError {
 /// # Errors
 /// Arguments or files that make no sense; a refusal with its reason.
 pub fn run(args: &PlanArgs) -> Result<(), CommandError> {
+    let airframe = Some(Path::new(&args.airframe));
+    let read = [airframe, args.model.as_deref(), args.fence.as_deref()];
+    let outputs = args.overwrite.outputs(read.into_iter().flatten());
     if let Some(path) = &args.out {
         files::check_kind(path).map_err(PlanCommandError::from)?;
+        outputs.check(path)?;
     }
     let model = args.model.as_deref().map_or_else(|| Ok(Model::standard()), super::load_model)?;
     let request = request(args)?;
@@ -120,8 +127,7 @@ pub fn run(args: &PlanArgs) -> Result<(), CommandError> {
         let a = &request.airframe;
         let text = files::text_of(path, &made.mission, &request.limits.fence, a.autopilot, a.mav_type())
             .map_err(PlanCommandError::from)?;
-        std::fs::write(path, text)
-            .map_err(|source| PlanCommandError::from(FileError::Write { path: path.clone(), source }))?;
+        outputs.write(path, files::marked(path, text))?;
     }
     if let Some(path) = args.out.as_ref().filter(|p| p.extension().is_some_and(|e| e == "txt")) {
         crate::sinks::log::line(&format!(

@@ -1,12 +1,13 @@
 //! `gaware replay LOG…`: the pipeline over recorded flights, with their time series as tables and baselines for CI.
 
 use super::baseline::{self, Outcome};
-use super::{CommandError, ListenArgs, load_model, output, parse_model, print, progress_bar};
+use super::{CommandError, ListenArgs, OverwriteArgs, load_model, output, parse_model, print, progress_bar};
 use crate::advice::on_board::OnBoard;
 use crate::advice::start;
 use crate::engine::{Engine, EngineOptions};
 use crate::export::{self, ExportError, Gather, Gathered};
 use crate::logs::{Damage, Record};
+use crate::outputs::{Outputs, mark};
 use crate::pipeline::{Estimator, Pipeline, Recorded, ReplayDocument};
 use gaware_nav::model::Model;
 use schemars::JsonSchema;
@@ -41,6 +42,9 @@ pub struct ReplayArgs {
     /// Write the comparison with the baseline as JUnit XML, for a CI service.
     #[arg(long, value_name = "FILE", requires = "baseline")]
     pub junit: Option<PathBuf>,
+    /// Files that exist.
+    #[command(flatten)]
+    pub overwrite: OverwriteArgs,
     /// Source of the samples.
     #[command(flatten)]
     pub listen: ListenArgs,
@@ -95,6 +99,11 @@ struct Replayed {
 /// baseline.
 pub fn run(args: &ReplayArgs) -> Result<(), CommandError> {
     let target = args.export.as_deref().map(export::Target::new).transpose()?;
+    let outputs = outputs(args);
+    if let Some(target) = &target {
+        target.check(export::names(), &outputs).map_err(ExportError::from)?;
+    }
+    args.junit.iter().try_for_each(|path| outputs.check(path))?;
     let names = names(&args.logs, target.is_some() || args.baseline.is_some())?;
     let model = args.model.as_deref().map(load_model).transpose()?;
     let mut tables = Gathered::default();
@@ -120,15 +129,20 @@ pub fn run(args: &ReplayArgs) -> Result<(), CommandError> {
         });
     }
     if let Some(target) = target {
-        for file in target.write(&tables.into_tables())? {
+        for file in target.write(&tables.into_tables(), &outputs)? {
             crate::sinks::log::line(&format!("written: {}", file.display()));
         }
     }
     show(args.json, &results)?;
     match &args.baseline {
-        Some(path) => judge(path, args.junit.as_deref(), &results),
+        Some(path) => judge(path, args.junit.as_deref(), &results, &outputs),
         None => Ok(()),
     }
+}
+
+/// Everything that is read is no place for a result.
+fn outputs(args: &ReplayArgs) -> Outputs {
+    args.overwrite.outputs(args.logs.iter().chain(&args.model).chain(&args.baseline))
 }
 
 impl Replayed {
@@ -168,7 +182,12 @@ fn show(json: bool, results: &[Replayed]) -> Result<(), CommandError> {
 }
 
 /// Compares every result with its baseline, writes the JUnit file, and fails where one left its tolerance.
-fn judge(path: &Path, junit: Option<&Path>, results: &[Replayed]) -> Result<(), CommandError> {
+fn judge(
+    path: &Path,
+    junit: Option<&Path>,
+    results: &[Replayed],
+    outputs: &Outputs,
+) -> Result<(), CommandError> {
     let mut outcomes = Vec::new();
     for result in results {
         let file = if path.is_dir() { path.join(format!("{}.json", result.name)) } else { path.to_owned() };
@@ -176,8 +195,7 @@ fn judge(path: &Path, junit: Option<&Path>, results: &[Replayed]) -> Result<(), 
         outcomes.push(Outcome { log: result.name.clone(), differences });
     }
     if let Some(path) = junit {
-        std::fs::write(path, baseline::junit(&outcomes))
-            .map_err(|source| ExportError::Write { path: path.to_owned(), source })?;
+        outputs.write(path, mark::text(baseline::junit(&outcomes), mark::Style::Angle))?;
     }
     baseline::verdict(&outcomes)
 }

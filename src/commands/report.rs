@@ -2,10 +2,11 @@
 
 use super::load_model;
 use super::replay::{self, ReplayRequest};
-use super::{CommandError, ListenArgs, demo, file_name, output};
+use super::{CommandError, ListenArgs, OverwriteArgs, demo, file_name, output};
 use crate::engine::{Engine, EngineOptions};
 use crate::figures::day;
 use crate::logs;
+use crate::outputs::mark;
 use crate::report::flight::{self, Logged, Origin};
 use std::path::{Path, PathBuf};
 
@@ -24,6 +25,9 @@ pub struct ReportArgs {
     /// What flew, for the words of remedies: small_fixed_wing, large_fixed_wing, quadrotor, or a file that describes it.
     #[arg(long, value_name = "NAME|FILE")]
     pub airframe: Option<String>,
+    /// Files that exist.
+    #[command(flatten)]
+    pub overwrite: OverwriteArgs,
     /// Source of the samples.
     #[command(flatten)]
     pub listen: ListenArgs,
@@ -35,14 +39,6 @@ pub struct ReportArgs {
 /// Why there is no report.
 #[derive(Debug, thiserror::Error)]
 pub enum ReportError {
-    /// The page cannot be written.
-    #[error("cannot write the report to {path}: {source}")]
-    Write {
-        /// File.
-        path: PathBuf,
-        /// What the system said.
-        source: std::io::Error,
-    },
     /// A plot cannot be drawn.
     #[error("a plot of the report cannot be drawn: {0}")]
     Draw(String),
@@ -57,6 +53,9 @@ pub fn run(args: &ReportArgs) -> Result<(), CommandError> {
         Some(name) => EngineOptions::for_airframe(demo::load_airframe(name)?, true),
         None => EngineOptions::default(),
     };
+    let outputs = args.overwrite.outputs([Some(&args.log), args.model.as_ref()].into_iter().flatten());
+    let out = args.out.clone().unwrap_or_else(|| beside(&args.log));
+    outputs.check(&out)?;
     let request = ReplayRequest {
         log: args.log.clone(),
         model: args.model.as_deref().map(load_model).transpose()?,
@@ -68,8 +67,7 @@ pub fn run(args: &ReportArgs) -> Result<(), CommandError> {
     let origin = Origin { log: file_name(&args.log), date: date_of(&args.log), model: model_of(args) };
     let page = flight::html(&origin, &pipeline.summary(), &document, pipeline.engine().log())
         .map_err(ReportError::Draw)?;
-    let out = args.out.clone().unwrap_or_else(|| beside(&args.log));
-    std::fs::write(&out, page).map_err(|source| ReportError::Write { path: out.clone(), source })?;
+    outputs.write(&out, mark::text(page, mark::Style::Angle))?;
     output::text(&format!("report: {}\n", out.display()))
 }
 

@@ -1,5 +1,6 @@
 //! `gaware sim`: a simulated autopilot on UDP, TCP or a pseudo-terminal.
 
+use crate::outputs::{OutputError, OverwriteArgs, mark};
 use crate::study::blind;
 use clap::{Args, ValueEnum};
 use gaware_nav::model::Model;
@@ -57,6 +58,9 @@ pub struct SimArgs {
     /// Record every frame, sent and received, to this .tlog.
     #[arg(long, value_name = "FILE")]
     pub record: Option<PathBuf>,
+    /// Files that exist.
+    #[command(flatten)]
+    pub overwrite: OverwriteArgs,
     /// Something that goes wrong: reboot@30, gnss-loss@20-40, clock-jump@50+10, gimbal, loss=0.1, …
     #[arg(long, value_name = "FAULT")]
     pub fault: Vec<String>,
@@ -117,13 +121,11 @@ pub enum SimError {
     #[error(transparent)]
     Hide(#[from] InjectError),
     /// The ground truth cannot be written.
-    #[error("cannot write the ground truth to {path}: {source}")]
-    Sealed {
-        /// Where.
-        path: PathBuf,
-        /// Why.
-        source: std::io::Error,
-    },
+    #[error("the ground truth: {0}")]
+    Sealed(OutputError),
+    /// The recording may not be written there.
+    #[error(transparent)]
+    Output(#[from] OutputError),
     /// A fault that cannot be read.
     #[error(transparent)]
     Fault(#[from] FaultError),
@@ -139,7 +141,8 @@ impl SimError {
             Self::Shell(e) => {
                 matches!(e, ShellError::Address(_) | ShellError::Speed(_) | ShellError::UdpAtFullSpeed)
             }
-            Self::Sealed { .. } | Self::Model(_) => false,
+            Self::Sealed(e) | Self::Output(e) => e.is_usage(),
+            Self::Model(_) => false,
             _ => true,
         }
     }
@@ -262,9 +265,11 @@ pub async fn run(
     announce: impl FnOnce(&str),
     shutdown: CancellationToken,
 ) -> Result<Served, SimError> {
+    let outputs = args.overwrite.outputs(args.model.as_deref());
+    args.record.iter().chain(&args.sealed).try_for_each(|path| outputs.check(path))?;
     let Prepared { autopilot, endpoint, options, sealed } = prepare(args)?;
     if let (Some(text), Some(path)) = (&sealed, &args.sealed) {
-        std::fs::write(path, text).map_err(|source| SimError::Sealed { path: path.clone(), source })?;
+        outputs.write(path, mark::text(text.clone(), mark::Style::Hash)).map_err(SimError::Sealed)?;
     }
     let server = Server::bind(&endpoint).await?;
     announce(server.address());

@@ -1,7 +1,8 @@
 //! `gaware study blind`: inject an effect, fly, explain, compare with the ground truth.
 
 use super::study::Bar;
-use super::{CommandError, output};
+use super::{CommandError, OverwriteArgs, output};
+use crate::outputs::mark;
 use crate::parallel;
 use crate::study::blind::{self, Campaign, Family, Outcome, Share, Summary};
 use gaware_nav::identify::select::Settings;
@@ -41,6 +42,9 @@ pub struct BlindArgs {
     /// Write the catalogue and the confusion matrix to this file.
     #[arg(long, value_name = "FILE")]
     pub document: Option<PathBuf>,
+    /// Files that exist.
+    #[command(flatten)]
+    pub overwrite: OverwriteArgs,
     /// Print one JSON document.
     #[arg(long)]
     pub json: bool,
@@ -73,6 +77,8 @@ struct Result {
 /// # Errors
 /// Only those of writing to standard output.
 pub fn run(args: &BlindArgs) -> std::result::Result<(), CommandError> {
+    let outputs = args.overwrite.outputs::<&PathBuf>([]);
+    args.document.iter().try_for_each(|path| outputs.check(path))?;
     let families = match args.family {
         Families::Tuning => vec![Family::Tuning],
         Families::Aside => vec![Family::Aside],
@@ -104,8 +110,7 @@ pub fn run(args: &BlindArgs) -> std::result::Result<(), CommandError> {
     if let Some(path) = &args.document {
         let all: Vec<Outcome> = results.iter().flat_map(|r| r.flights.iter().cloned()).collect();
         let flown = blind::Flown { flights: args.flights, clean: args.clean, seed: args.seed };
-        std::fs::write(path, blind::document(&all, &flown))
-            .map_err(|e| crate::explain::ExplainError::Write { path: path.clone(), source: e })?;
+        outputs.write(path, mark::text(blind::document(&all, &flown), mark::Style::Angle))?;
     }
     if args.json {
         return output::json_pretty(&serde_json::json!({"schema": "gaware.study/1", "blind": results}));

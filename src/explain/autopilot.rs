@@ -3,11 +3,12 @@
 use super::{ExplainError, Explained, Request, one_line};
 use crate::advice::on_board::OnBoard;
 use crate::advice::{Finding, file};
+use crate::outputs::{OutputError, Outputs, mark};
 use gaware_mission::item::Autopilot;
 use gaware_mission::params::file::{ParamFile, extension};
 use gaware_nav::identify::select::Added;
 use gaware_nav::identify::survey;
-use std::path::Path;
+use std::path::{Path, PathBuf};
 
 /// Name of the file, without extension.
 const NAME: &str = "autopilot";
@@ -70,24 +71,27 @@ fn of(added: &Added) -> Finding {
     }
 }
 
+/// The files of both autopilots.
+pub fn files(folder: &Path) -> [PathBuf; 2] {
+    [Autopilot::ArduPilot, Autopilot::Px4].map(|a| folder.join(NAME).with_extension(extension(a)))
+}
+
 /// Writes `autopilot.param` or `autopilot.params`; a file of an earlier explanation in the same folder does not stay.
 ///
 /// # Errors
 /// The file cannot be written.
-pub fn write(explained: &Explained, folder: &Path) -> Result<(), ExplainError> {
+pub fn write(explained: &Explained, folder: &Path, outputs: &Outputs) -> Result<(), OutputError> {
     let advice = explained.explanation.autopilot.as_ref();
     let flown = advice.and(explained.on_board.autopilot);
-    for autopilot in [Autopilot::ArduPilot, Autopilot::Px4] {
-        let path = folder.join(NAME).with_extension(extension(autopilot));
-        let done = match advice.filter(|_| flown == Some(autopilot)) {
+    for (autopilot, path) in [Autopilot::ArduPilot, Autopilot::Px4].into_iter().zip(files(folder)) {
+        match advice.filter(|_| flown == Some(autopilot)) {
             Some(advice) => {
                 let logs = one_line(&explained.logs.join(", "));
-                std::fs::write(&path, file::text(advice, autopilot, &explained.on_board, &logs))
+                let text = file::text(advice, autopilot, &explained.on_board, &logs);
+                outputs.write(&path, mark::text(text, mark::Style::Hash))?;
             }
-            None if path.exists() => std::fs::remove_file(&path),
-            None => Ok(()),
-        };
-        done.map_err(|source| ExplainError::Write { path, source })?;
+            None => outputs.remove(&path)?,
+        }
     }
     Ok(())
 }

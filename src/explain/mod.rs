@@ -15,6 +15,7 @@ pub mod words;
 
 use crate::advice::on_board::OnBoard;
 use crate::logs::LogError;
+use crate::outputs::{OutputError, Outputs, mark};
 use crate::parallel::{Silent, Threads, cores, map_runs};
 use crate::pipeline;
 use crate::sensors::ConverterOptions;
@@ -80,14 +81,9 @@ pub enum ExplainError {
     /// No log was given.
     #[error("no log was given")]
     NoLog,
-    /// The result cannot be written.
-    #[error("cannot write {path}: {source}")]
-    Write {
-        /// File.
-        path: PathBuf,
-        /// What the system said.
-        source: std::io::Error,
-    },
+    /// The result is not written.
+    #[error(transparent)]
+    Output(#[from] OutputError),
     /// A plot cannot be drawn.
     #[error("cannot draw a plot: {0}")]
     Plot(String),
@@ -337,24 +333,32 @@ fn smoothed(flights: &[&Flight], judged: &Judged) -> Vec<FlightResiduals> {
     std::iter::from_fn(|| Some(FlightResiduals { before: results.next()?, after: results.next()? })).collect()
 }
 
+/// Whether all that [`write`] writes may be written.
+///
+/// # Errors
+/// One of the files is an input, or somebody else's.
+pub fn check(folder: &Path, outputs: &Outputs) -> Result<(), OutputError> {
+    let own = [REPORT, RESULT, MODEL].map(|name| folder.join(name));
+    own.iter().chain(&autopilot::files(folder)).try_for_each(|path| outputs.check(path))
+}
+
+const REPORT: &str = "report.html";
+const RESULT: &str = "report.json";
+const MODEL: &str = "model.toml";
+
 /// Writes `report.html`, `report.json`, `model.toml` and the parameter file of the autopilot.
 ///
 /// # Errors
 /// A folder or file that cannot be written, a plot that cannot be drawn.
-pub fn write(explained: &Explained, folder: &Path) -> Result<(), ExplainError> {
-    let failed = |path: &Path| {
-        let path = path.to_owned();
-        move |source| ExplainError::Write { path, source }
-    };
-    std::fs::create_dir_all(folder).map_err(failed(folder))?;
+pub fn write(explained: &Explained, folder: &Path, outputs: &Outputs) -> Result<(), ExplainError> {
+    check(folder, outputs)?;
+    outputs.folder(folder)?;
     let json = serde_json::to_string_pretty(&explained.explanation).unwrap_or_default();
     let html = crate::report::explanation::html(explained).map_err(ExplainError::Plot)?;
-    for (name, text) in [("report.json", json), ("report.html", html), ("model.toml", model_file(explained))]
-    {
-        let path = folder.join(name);
-        std::fs::write(&path, text).map_err(failed(&path))?;
-    }
-    autopilot::write(explained, folder)
+    outputs.write(&folder.join(RESULT), mark::json(&json))?;
+    outputs.write(&folder.join(REPORT), mark::text(html, mark::Style::Angle))?;
+    outputs.write(&folder.join(MODEL), mark::text(model_file(explained), mark::Style::Hash))?;
+    Ok(autopilot::write(explained, folder, outputs)?)
 }
 
 /// The new model as a file; it says where it comes from, and what in it belongs to these flights alone.

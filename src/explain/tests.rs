@@ -130,7 +130,7 @@ fn a_hidden_delay_is_named_and_the_residual_shrinks() {
     assert!((back.get("gps_latency").unwrap().values[0] - found.values[0]).abs() < 1e-9);
     // The report holds what it says and needs nothing from elsewhere.
     let folder = std::env::temp_dir().join(format!("gaware-explain-{}", std::process::id()));
-    write(&explained, &folder).unwrap();
+    write(&explained, &folder, &Outputs::default()).unwrap();
     let page = std::fs::read_to_string(folder.join("report.html")).unwrap();
     assert!(page.contains("gps_latency") && page.contains("<svg"));
     for outside in ["<script src", "src=\"http", "href=\"http", "<link", "@import", "url(http"] {

@@ -2,7 +2,7 @@
 //! the `mcap` libraries. It is no recording: raw frames are not in it. Log times are the time on the autopilot's base.
 
 use super::table::{Table, Values};
-use ::mcap::records::MessageHeader;
+use ::mcap::records::{MessageHeader, Metadata};
 use ::mcap::{McapError, WriteOptions};
 use serde_json::{Map, Number, Value, json};
 use std::collections::BTreeMap;
@@ -16,7 +16,9 @@ pub fn bytes(tables: &[Table]) -> io::Result<Vec<u8>> {
 fn written(tables: &[Table]) -> Result<Vec<u8>, McapError> {
     let mut out = Cursor::new(Vec::new());
     let library = format!("gaware {}", env!("CARGO_PKG_VERSION"));
-    let mut writer = WriteOptions::new().library(library).create(&mut out)?;
+    // The digest of the mark comes in at the end. Chunks keep checksums of their own.
+    let options = WriteOptions::new().library(library).calculate_data_section_crc(false);
+    let mut writer = options.create(&mut out)?;
     // Time, channel, table, row.
     let mut rows: Vec<(u64, u16, usize, usize)> = Vec::new();
     for (k, table) in tables.iter().enumerate() {
@@ -33,6 +35,8 @@ fn written(tables: &[Table]) -> Result<Vec<u8>, McapError> {
             MessageHeader { channel_id, sequence: sequence as u32, log_time: t_ns, publish_time: t_ns };
         writer.write_to_known_channel(&header, &data)?;
     }
+    let written_by = BTreeMap::from([("written_by".to_owned(), crate::outputs::mark::blank())]);
+    writer.write_metadata(&Metadata { name: "gaware".to_owned(), metadata: written_by })?;
     writer.finish()?;
     drop(writer);
     Ok(out.into_inner())

@@ -14,6 +14,7 @@ pub use gather::{Gather, Gathered};
 pub use mcap::{object as flat_object, schema as flat_schema};
 pub use table::Table;
 
+use crate::outputs::{OutputError, Outputs};
 use std::path::{Path, PathBuf};
 
 /// Why tables cannot be written.
@@ -23,13 +24,8 @@ pub enum ExportError {
     #[error("cannot export to {0}: use a folder, or a file that ends in .csv, .parquet or .mcap")]
     Format(PathBuf),
     /// The file or folder cannot be written.
-    #[error("cannot export to {path}: {source}")]
-    Write {
-        /// File or folder.
-        path: PathBuf,
-        /// What the system said.
-        source: std::io::Error,
-    },
+    #[error(transparent)]
+    Output(#[from] OutputError),
     /// Two logs of one name: rows could not be separated.
     #[error("two logs are named {0}: rename one, rows of the export carry the name of their log")]
     SameName(String),
@@ -38,7 +34,10 @@ pub enum ExportError {
 impl ExportError {
     /// Whether the arguments are wrong, rather than the work has failed.
     pub fn is_usage(&self) -> bool {
-        matches!(self, Self::Format(_) | Self::SameName(_))
+        match self {
+            Self::Format(_) | Self::SameName(_) => true,
+            Self::Output(error) => error.is_usage(),
+        }
     }
 }
 
@@ -76,42 +75,53 @@ impl Target {
         Ok(Self { path: path.to_owned(), format })
     }
 
+    /// Whether the files of these tables may be written, before there are any.
+    ///
+    /// # Errors
+    /// One of them is an input, or somebody else's.
+    pub fn check<'a>(
+        &self,
+        names: impl IntoIterator<Item = &'a str>,
+        outputs: &Outputs,
+    ) -> Result<(), OutputError> {
+        match self.format {
+            Some(_) => outputs.check(&self.path),
+            None => names.into_iter().try_for_each(|name| outputs.check(&self.file(name))),
+        }
+    }
+
+    /// The file of a table in a folder.
+    fn file(&self, name: &str) -> PathBuf {
+        self.path.join(format!("{name}.parquet"))
+    }
+
     /// Writes the tables: a .csv or .parquet file has the states alone, an .mcap file and a folder have all tables (the folder as
     /// Parquet). The files written, in order.
     ///
     /// # Errors
-    /// What the system says.
-    pub fn write(&self, tables: &[Table]) -> Result<Vec<PathBuf>, ExportError> {
+    /// As [`Self::check`], and what the system says.
+    pub fn write(&self, tables: &[Table], outputs: &Outputs) -> Result<Vec<PathBuf>, ExportError> {
+        let written = |path: &Path, content: std::io::Result<Vec<u8>>| {
+            let wrong = |source| OutputError::Write { path: path.to_owned(), source };
+            outputs.write(path, content.map_err(wrong)?)?;
+            Ok(path.to_owned())
+        };
         let states = || tables.iter().filter(|t| t.name == rows::STATES);
         match self.format {
             Some(Format::Csv) => states().map(|t| written(&self.path, csv::bytes(t))).collect(),
             Some(Format::Parquet) => states().map(|t| written(&self.path, parquet::bytes(t))).collect(),
             Some(Format::Mcap) => Ok(vec![written(&self.path, mcap::bytes(tables))?]),
             None => {
-                std::fs::create_dir_all(&self.path)
-                    .map_err(|source| ExportError::Write { path: self.path.clone(), source })?;
-                let file = |t: &Table| self.path.join(format!("{}.parquet", t.name));
-                tables.iter().map(|t| written(&file(t), parquet::bytes(t))).collect()
+                outputs.folder(&self.path)?;
+                tables.iter().map(|t| written(&self.file(t.name), parquet::bytes(t))).collect()
             }
         }
     }
 }
 
-/// A file is there whole, or not at all.
-fn written(path: &Path, content: std::io::Result<Vec<u8>>) -> Result<PathBuf, ExportError> {
-    let wrong = |source| ExportError::Write { path: path.to_owned(), source };
-    let mut beside = path.as_os_str().to_owned();
-    beside.push(".part");
-    let beside = PathBuf::from(beside);
-    let result = content
-        .and_then(|bytes| std::fs::write(&beside, bytes))
-        .and_then(|()| std::fs::rename(&beside, path));
-    if result.is_err() {
-        // What is there is incomplete.
-        let _ = std::fs::remove_file(&beside);
-    }
-    result.map_err(wrong)?;
-    Ok(path.to_owned())
+/// The names of the tables of a replay.
+pub fn names() -> Vec<&'static str> {
+    gather::example().iter().map(|table| table.name).collect()
 }
 
 /// The columns of every table, as `docs/export.md` has them.

@@ -21,9 +21,10 @@ fn written(table: &Table) -> Result<Vec<u8>, ParquetError> {
     let fields = table.columns.iter().map(|c| field(c).map(Arc::new)).collect::<Result<_, _>>()?;
     let schema = Type::group_type_builder(table.name).with_fields(fields).build()?;
     let about = table.columns.iter().map(|c| KeyValue::new(c.name.clone(), c.about.clone()));
+    let mark = KeyValue::new("written_by".to_owned(), crate::outputs::mark::blank());
     let properties = WriterProperties::builder()
         .set_created_by(format!("gaware {}", env!("CARGO_PKG_VERSION")))
-        .set_key_value_metadata(Some(about.collect()))
+        .set_key_value_metadata(Some(about.chain([mark]).collect()))
         .build();
     let mut writer = SerializedFileWriter::new(Vec::new(), Arc::new(schema), Arc::new(properties))?;
     let mut group = writer.next_row_group()?;

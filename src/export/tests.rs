@@ -45,7 +45,8 @@ fn what_cannot_be_written_leaves_no_part_behind() {
     let folder = std::env::temp_dir().join(format!("gaware-export-{}", std::process::id()));
     std::fs::create_dir_all(folder.join("taken.csv/x")).unwrap();
     // A folder has that name: the finished file cannot take its place.
-    let error = written(&folder.join("taken.csv"), Ok(vec![1])).unwrap_err();
+    let target = Target { path: folder.join("taken.csv"), format: Some(Format::Csv) };
+    let error = target.write(&gather::example(), &Outputs::default()).unwrap_err();
     assert!(error.to_string().contains("taken.csv"), "{error}");
     let left: Vec<_> = std::fs::read_dir(&folder).unwrap().map(|e| e.unwrap().file_name()).collect();
     assert_eq!(left, ["taken.csv"]);

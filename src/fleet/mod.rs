@@ -11,6 +11,7 @@ pub mod flight;
 pub mod store;
 pub mod tables;
 
+use crate::outputs::OutputError;
 use std::path::PathBuf;
 
 /// Why a fleet cannot be worked on.
@@ -40,13 +41,17 @@ pub enum FleetError {
         /// What the system said.
         source: std::io::Error,
     },
-    /// A file or folder cannot be written.
-    #[error("cannot write {path}: {source}")]
-    Write {
-        /// File or folder.
+    /// A file or folder is not written.
+    #[error(transparent)]
+    Output(#[from] OutputError),
+    /// A list of results that is not as it was written.
+    #[error(
+        "{path} was edited since gaware wrote it, or belongs to another version: run \"gaware fleet\" again, which takes what is in {results}",
+        path = path.display(), results = path.with_file_name("results").display()
+    )]
+    Edited {
+        /// The list.
         path: PathBuf,
-        /// What the system said.
-        source: std::io::Error,
     },
     /// A folder that holds no fleet.
     #[error("{0} holds no result of gaware fleet: run \"gaware fleet LOGS --out {0}\" first")]
@@ -62,9 +67,6 @@ pub enum FleetError {
     /// A log that is still being written.
     #[error("{0} changed while it was read; the next run tries again")]
     Changed(PathBuf),
-    /// What was found of a log, as another process wrote it.
-    #[error("invalid content of a log \"{0}\": it is SHA256:BYTES:NANOSECONDS")]
-    Content(String),
     /// A unit that no flight has.
     #[error("no flight of unit {unit}; units of this fleet: {known}")]
     NoUnit {
@@ -72,6 +74,16 @@ pub enum FleetError {
         unit: String,
         /// Comma separated.
         known: String,
+    },
+    /// A log that takes more than it may.
+    #[error("{log}: ended at its limit of {limit}; give it more with {option}", log = log.display())]
+    Limit {
+        /// Log.
+        log: PathBuf,
+        /// What it took, in words.
+        limit: String,
+        /// The option that sets the limit.
+        option: &'static str,
     },
     /// A worker that left no result: killed, out of memory, or a defect.
     #[error("{log}: its process ended without a result ({reason}); the next run tries again")]

@@ -1,10 +1,10 @@
 //! Mission files by their kind: QGroundControl's `.plan` and `QGC WPL 110`.
 
+use crate::outputs::{self, mark};
 use gaware_mission::fence::{Fence, FenceItemError};
 use gaware_mission::files::plan::{self, PlanFile};
 use gaware_mission::files::waypoints;
 use gaware_mission::item::{Autopilot, LatLon, Mission, MissionItem, MissionKind, command};
-use std::io::Write;
 use std::path::{Path, PathBuf};
 
 /// Why a mission file cannot be used.
@@ -179,6 +179,11 @@ pub fn text_of_contents(
     }
 }
 
+/// The text with the mark of this program, where the kind of file has room for one.
+pub fn marked(path: &Path, text: String) -> String {
+    if path.extension().is_some_and(|e| e == "plan") { mark::json(&text) } else { text }
+}
+
 /// The contents as a plan file.
 pub fn plan_of(contents: &Contents, autopilot: Autopilot, mav_type: u8) -> PlanFile {
     PlanFile {
@@ -216,9 +221,7 @@ pub fn check_holds(path: &Path, kind: MissionKind) -> Result<(), FileError> {
 /// It exists, or the disk refuses.
 pub fn write_new(path: &Path, text: &str) -> Result<(), FileError> {
     let write = || {
-        let mut file = std::fs::File::create_new(path)?;
-        file.write_all(text.as_bytes())?;
-        file.sync_all()?;
+        outputs::create(path, text.as_bytes())?;
         sync_folder(path);
         Ok(())
     };
