@@ -115,6 +115,47 @@ fn the_lag_put_into_the_real_firmware_is_found() {
     assert!((value - 0.3215).abs() < 0.003, "{value}");
 }
 
+/// PX4 from standing to after landing, with fixes that are 120 ms old and nothing else. It slows down along one line after touchdown, and PX4
+/// changes the offsets of the accelerometers by 7 mg when it is disarmed.
+#[test]
+#[ignore = "needs the recorded flights: GAWARE_FLIGHTS"]
+fn a_landing_is_no_step() {
+    let folder = Folder::new("landing");
+    let (log, out) = (flights().join("px4_touchdown.tlog"), folder.file("out"));
+    let document = gaware(&["explain", log.to_str().unwrap(), "--out", &out, "--json"]).json();
+    assert_eq!(document["verdict"], "explained", "{document:#}");
+    let names: Vec<String> =
+        document["effects"].as_array().unwrap().iter().map(|e| e["names"].to_string()).collect();
+    assert_eq!(names, [r#"["gps_latency"]"#], "{document:#}");
+    let found = &document["effects"][0]["parameters"]["gps_latency"];
+    let (value, sigma) = (found["value_s"].as_f64().unwrap(), found["sigma_s"].as_f64().unwrap());
+    assert!((value - 0.12).abs() < 2.5 * sigma, "{value} ± {sigma}");
+}
+
+/// The link and the autopilot's own log date a fix by its arrival: `GPS_RAW_INT` and `GPA.SMS` are the same stamp (82 ms after the time of
+/// validity in this simulation, `SIM2` against `GPS`; the log's own time is 22 ms later), and EKF3 counts from it.
+#[test]
+#[ignore = "needs the recorded flights: GAWARE_FLIGHTS"]
+fn both_recordings_of_one_flight_show_the_same_latency() {
+    let data = flights();
+    let folder = Folder::new("both");
+    let latency = |name: &str| {
+        let (log, out) = (data.join(name), folder.file(name));
+        let document = gaware(&["explain", log.to_str().unwrap(), "--out", &out, "--json"]).json();
+        let found = &document["effects"][0]["parameters"]["gps_latency"];
+        (found["value_s"].as_f64().unwrap(), found["sigma_s"].as_f64().unwrap(), document)
+    };
+    let (link, link_sigma, _) = latency("sitl_gsens_typical_dither.tlog");
+    let (log, log_sigma, document) = latency("sitl_gsens_typical_dither_cut.BIN");
+    println!("link {link} ± {link_sigma} s, log {log} ± {log_sigma} s");
+    assert!((link - log).abs() < 2.0 * link_sigma.hypot(log_sigma), "{link} and {log}");
+    // Behind the low-pass of the samples; before it, where EKF3 takes them, it is what the truth says.
+    let proposals = document["autopilot"]["proposals"].as_array().unwrap();
+    let delay = proposals.iter().find(|p| p["parameter"] == "GPS1_DELAY_MS").unwrap();
+    let (value, sigma) = (delay["proposed"].as_f64().unwrap(), delay["sigma"].as_f64().unwrap());
+    assert!((value - 83.0).abs() < 2.0 * sigma, "{delay:#}");
+}
+
 /// The same firmware with its own lag, which the model knows as that of the receiver: nothing is missing. What the samples'
 /// low-pass takes off that lag, the receiver's corners and the small print of two simulations are no effects.
 #[test]

@@ -188,4 +188,6 @@ pub enum Sample {
     Attitude(AttitudeHint),
     /// A fresh start: state is kept for the constants of the vehicle, dropped for motion.
     Restart(RestartReason),
+    /// The autopilot may have changed the calibration that its samples carry: their biases before and after are not the same.
+    Recalibrated,
 }

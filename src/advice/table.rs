@@ -10,7 +10,7 @@
 //! | ArduPilot `RAW_IMU`, `SCALED_IMU`, `HIGHRES_IMU`, `.bin` `IMU` | orientation, `INS_TCAL1_*`, `INS_ACCOFFS`, `INS_ACCSCAL`, `INS_GYROFFS`, board orientation (`AP_InertialSensor/AP_InertialSensor_Backend.cpp:104-170`), low-pass `INS_GYRO_FILTER`, `INS_ACCEL_FILTER` (`:251`); instance 0 (`GCS_MAVLink/GCS_Common.cpp:2215`) | the filter's bias estimates, `INS_POS`, `AHRS_TRIM` |
 //! | PX4 `SCALED_IMU`, ULog `sensor_combined` | `TC_*`, `CAL_ACC0_*OFF`, `CAL_ACC0_*SCALE`, `CAL_GYRO0_*OFF`, `SENS_BOARD_ROT`, `SENS_BOARD_*_OFF` (`lib/sensor_calibration/Accelerometer.hpp:84`, `Gyroscope.hpp:83`) | the filter's bias estimates, `EKF2_IMU_POS` |
 //! | PX4 `HIGHRES_IMU` | the same, and the filter's bias estimates | `EKF2_IMU_POS` |
-//! | `GPS_RAW_INT`, `.bin` `GPS`, ULog `sensor_gps` | nothing: the receiver's own position, stamped when it arrived (ArduPilot `AP_GPS/AP_GPS.cpp:625`) | delay, antenna position |
+//! | `GPS_RAW_INT`, `.bin` `GPS`, ULog `sensor_gps` | nothing: the receiver's own position, stamped when it arrived (ArduPilot `AP_GPS/AP_GPS.cpp:625`; in a `.bin` that is `GPA.SMS`) | delay, antenna position |
 
 use gaware_mission::item::Autopilot;
 use gaware_mission::params::ParamType;

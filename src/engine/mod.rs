@@ -166,6 +166,7 @@ impl Engine {
                 }
             }
             Sample::Restart(_) => self.restart(),
+            Sample::Recalibrated => {}
         }
         self.take(sample);
         if matches!(sample, Sample::Restart(_)) {

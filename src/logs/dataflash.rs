@@ -2,7 +2,7 @@
 //! their accuracies, the autopilot's attitude, and what flies.
 //!
 //! `IMU` holds the same filtered point samples as the messages on the link, unrounded. `GPS` is followed by a `GPA` of the
-//! same time with the accuracies; a fix waits for it. Only the first inertial unit and the first receiver are used.
+//! same time with the accuracies and the time of arrival; a fix waits for it. Only the first inertial unit and the first receiver are used.
 //!
 //! The format (ArduPilot, `AP_Logger/LogStructure.h`) describes itself by `FMT` messages and has no checksums. A message is
 //! taken when its header is right and another header follows it; after damage the reader looks byte by byte for the next two
@@ -10,6 +10,7 @@
 
 use super::window::Window;
 use super::{Damage, Item, LogError, LogNote, LogReader, Progress, Record};
+use crate::sensors::gnss::Course;
 use crate::timeline::{Measurement, Stamp};
 use gaware_nav::earth::Geodetic;
 use gaware_nav::observability::words::VehicleKind;
@@ -29,6 +30,8 @@ const FMT: u8 = 128;
 const FMT_LEN: usize = 89;
 /// A longest message.
 const LONGEST: usize = 255;
+/// A fix lies in the receiver's driver for less than this, ms.
+const LONGEST_IN_DRIVER_MS: u32 = 500;
 /// Messages in a row that must be right after damage.
 const CHAIN: usize = 2;
 
@@ -125,12 +128,16 @@ impl Entry<'_> {
         Some(Vector3::new(x?, y?, z?))
     }
 
-    /// µs since boot; firmware before 2015 counts ms.
+    /// µs since boot; firmware before 2015 counts ms. What has a week has the receiver's time of week under that label, and the time since
+    /// boot under `T` (ArduPilot 3.2, `DataFlash/DataFlash.h`: `GPS`).
     fn stamp_us(&self) -> Option<u64> {
         match self.bytes("TimeUS") {
             Some((b'Q', b)) => Some(u64::from_le_bytes(*b.first_chunk()?)),
             Some(_) => self.number("TimeUS").map(|t| t as u64),
-            None => self.number("TimeMS").map(|t| t as u64 * 1000),
+            None => {
+                let boot = self.number("T").filter(|_| self.bytes("Week").is_some());
+                boot.or_else(|| self.number("TimeMS")).map(|t| t as u64 * 1000)
+            }
         }
     }
 }
@@ -252,7 +259,9 @@ fn is_followed(rest: &[u8], at_end: bool) -> bool {
 struct Messages {
     queue: VecDeque<Record>,
     streaming: bool,
-    waiting: Option<(u64, GnssFix)>,
+    /// A fix with the times at which it was logged and at which it arrived, µs.
+    waiting: Option<(u64, u64, GnssFix)>,
+    course: Course,
     /// What flies by the name of the firmware, and by the class of the frame.
     kind: (Option<VehicleKind>, Option<VehicleKind>),
     /// Which of its navigation filters flies.
@@ -272,8 +281,8 @@ impl Messages {
     }
 
     fn release_fix(&mut self) {
-        if let Some((t_us, fix)) = self.waiting.take() {
-            self.put(t_us, Measurement::Fix(Some(Stamp::Usec(t_us)), fix));
+        if let Some((t_us, arrived_us, fix)) = self.waiting.take() {
+            self.put(t_us, Measurement::Fix(Some(Stamp::Usec(arrived_us)), fix));
         }
     }
 
@@ -288,12 +297,15 @@ impl Messages {
             "GPS" => {
                 self.release_fix();
                 // Without a fix there is nothing wrong.
-                self.waiting = entry.stamp_us().zip(fix(entry));
+                let stamp_us = entry.stamp_us();
+                self.waiting =
+                    stamp_us.and_then(|t_us| Some((t_us, t_us, fix(entry, t_us, &mut self.course)?)));
             }
             "GPA" => {
                 let t_us = entry.stamp_us()?;
-                if let Some((_, fix)) = self.waiting.as_mut().filter(|(t, _)| *t == t_us) {
+                if let Some((_, arrived_us, fix)) = self.waiting.as_mut().filter(|(t, ..)| *t == t_us) {
                     accuracies(fix, entry);
+                    *arrived_us = arrival_us(entry, t_us);
                 }
                 self.release_fix();
             }
@@ -344,22 +356,34 @@ impl Messages {
     }
 }
 
-fn fix(entry: &Entry) -> Option<GnssFix> {
+fn fix(entry: &Entry, t_us: u64, course: &mut Course) -> Option<GnssFix> {
     let (lat, lon) = (entry.number("Lat")? * 1e-7, entry.number("Lng")? * 1e-7);
     if entry.number("Status")? < 3.0 || (lat, lon) == (0.0, 0.0) || lat.abs() > 90.0 || lon.abs() > 180.0 {
         return None;
     }
     let position = Geodetic::from_degrees(lat, lon, entry.number("Alt")?);
-    let velocity = match (entry.number("Spd"), entry.number("GCrs"), entry.number("VZ")) {
-        (Some(speed), Some(course), down) => {
-            let (sin, cos) = course.to_radians().sin_cos();
-            let (n, e) = (speed * cos, speed * sin);
-            down.map_or(FixVelocity::Horizontal([n, e]), |d| FixVelocity::Full([n, e, d]))
-        }
-        _ => FixVelocity::None,
+    let place = (t_us, entry.number("Lat")? as i32, entry.number("Lng")? as i32);
+    let speed_and_course = entry.number("Spd").zip(entry.number("GCrs"));
+    let horizontal = speed_and_course.map(|(speed, degrees)| course.velocity(place, speed, degrees));
+    let velocity = match (horizontal, entry.number("VZ")) {
+        (Some(([n, e], _)), Some(down)) => FixVelocity::Full([n, e, down]),
+        (Some((velocity, _)), None) => FixVelocity::Horizontal(velocity),
+        (None, _) => FixVelocity::None,
     };
-    let (position_sigma_m, velocity_sigma_m_per_s) = (None, None);
+    let velocity_sigma_m_per_s = horizontal.and_then(|(_, at_least)| at_least).map(|s| [s; 3]);
+    let position_sigma_m = None;
     Some(GnssFix { t_s: 0.0, position, velocity, position_sigma_m, velocity_sigma_m_per_s, yaw_rad: None })
+}
+
+/// When the fix that was logged at this time, µs, arrived: the autopilot takes bytes from the receiver every 20 ms, dates the fix by the
+/// arrival of its first byte (`SMS`; `GPS_RAW_INT` and EKF3 go by the same) and stamps the message when it writes it (ArduPilot
+/// `AP_GPS/AP_GPS.cpp:update_instance`, `GPS_Backend.cpp:set_uart_timestamp`). `SMS` counts 32 bits of milliseconds.
+fn arrival_us(entry: &Entry, t_us: u64) -> u64 {
+    let late_ms = entry.number("SMS").map(|sms| ((t_us / 1000) as u32).wrapping_sub(sms as u32));
+    let late_us =
+        late_ms.filter(|late| *late < LONGEST_IN_DRIVER_MS).map_or(0, |late| u64::from(late) * 1000);
+    // The time of arrival has whole milliseconds.
+    if late_us == 0 { t_us } else { (t_us - t_us % 1000).saturating_sub(late_us) }
 }
 
 /// Adds the accuracies; 0 is "unknown".
@@ -368,7 +392,11 @@ fn accuracies(fix: &mut GnssFix, entry: &Entry) {
     if let (Some(h), Some(v)) = (given("HAcc"), given("VAcc")) {
         fix.position_sigma_m = Some([h, h, v]);
     }
-    fix.velocity_sigma_m_per_s = given("SAcc").map(|s| [s; 3]);
+    if let Some(s) = given("SAcc") {
+        // Without a direction the speed is not known better than this.
+        let [n, e, _] = fix.velocity_sigma_m_per_s.unwrap_or_default();
+        fix.velocity_sigma_m_per_s = Some([s.max(n), s.max(e), s]);
+    }
 }
 
 impl<R: Read> Iterator for DataflashReader<R> {

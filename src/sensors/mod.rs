@@ -119,7 +119,8 @@ pub struct Converter {
     choice: SourceChoice,
     absent_windows: u32,
     slow_windows: u32,
-    height: gnss::HeightReference,
+    receiver: gnss::Receiver,
+    calibration: px4::Calibration,
     has_fix: Option<bool>,
     systems: Systems,
     /// Until then, s, a change of the inertial source belongs to the reboot before it.
@@ -147,7 +148,8 @@ impl Converter {
             choice: SourceChoice::new(options.source),
             absent_windows: 0,
             slow_windows: 0,
-            height: gnss::HeightReference::default(),
+            receiver: gnss::Receiver::default(),
+            calibration: px4::Calibration::default(),
             has_fix: None,
             systems: Systems::default(),
             rebooted_until_s: None,
@@ -180,7 +182,7 @@ impl Converter {
             return;
         };
         if let MavMessage::HEARTBEAT(m) = &message {
-            self.heartbeat(frame.system_id, m);
+            self.heartbeat(frame.system_id, m, out);
         } else if self.vehicle.is_none() {
             self.without_heartbeat(frame.system_id, &message);
         } else {
@@ -210,9 +212,10 @@ impl Converter {
         self.time = TimeLine::default();
         (self.sequence, self.missing) = (None, 0);
         self.choice = SourceChoice::new(self.options.source);
-        self.height = gnss::HeightReference::default();
+        self.receiver = gnss::Receiver::default();
         self.has_fix = None;
         (self.rebooted_until_s, self.settling_restarts) = (None, 0);
+        self.calibration = px4::Calibration::default();
         self.health = Health::default();
         self.tell(Notice::Vehicle { system_id, autopilot });
     }
@@ -238,7 +241,7 @@ impl Converter {
         }
     }
 
-    fn heartbeat(&mut self, system_id: u8, m: &HEARTBEAT_DATA) {
+    fn heartbeat(&mut self, system_id: u8, m: &HEARTBEAT_DATA, out: &mut Vec<Sample>) {
         let not_a_vehicle = matches!(
             m.mavtype,
             MavType::MAV_TYPE_GCS | MavType::MAV_TYPE_GIMBAL | MavType::MAV_TYPE_ONBOARD_CONTROLLER
@@ -257,6 +260,9 @@ impl Converter {
             self.vehicle = Some(system_id);
             self.autopilot = autopilot;
             self.tell(Notice::Vehicle { system_id, autopilot });
+        }
+        if autopilot == Autopilot::Px4 && self.calibration.may_change(m) {
+            out.push(Sample::Recalibrated);
         }
     }
 
@@ -356,7 +362,7 @@ impl Converter {
         for sample in out.get(before..).unwrap_or_default() {
             match sample {
                 Sample::Restart(RestartReason::Reboot) => {
-                    self.height = gnss::HeightReference::default();
+                    self.receiver = gnss::Receiver::default();
                     self.rebooted_until_s = self.time.now_s().map(|now| now + REBOOT_SETTLES_S);
                     push_notice(&mut self.notices, Notice::Reboot);
                 }
@@ -415,7 +421,7 @@ impl Converter {
             return;
         }
         let stamp = (m.time_usec != 0).then_some(Stamp::Usec(m.time_usec));
-        let fix = gnss::fix(m, 0.0, &mut self.height);
+        let fix = self.receiver.fix(m, 0.0);
         self.placed_fix(stamp, &fix, out);
     }
 

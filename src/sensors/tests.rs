@@ -3,7 +3,9 @@
 use super::*;
 use crate::link::frame::Sender;
 use crate::logs::{self, Item};
-use mavlink::dialects::ardupilotmega::{ATTITUDE_DATA, GpsFixType, RAW_IMU_DATA, SCALED_IMU_DATA};
+use mavlink::dialects::ardupilotmega::{
+    ATTITUDE_DATA, GpsFixType, MavModeFlag, RAW_IMU_DATA, SCALED_IMU_DATA,
+};
 use proptest::prelude::*;
 use std::path::PathBuf;
 
@@ -71,6 +73,28 @@ fn the_stream_is_announced_before_its_first_sample() {
     assert_eq!(imu, 100, "the first second serves the choice");
     assert!(bench.restarts().is_empty());
     assert!(bench.converter.take_notices().iter().any(|n| n.to_string().contains("RAW_IMU")));
+}
+
+/// A heartbeat of the vehicle, armed or not.
+fn armed(bench: &mut Bench, autopilot: MavAutopilot, armed: bool) {
+    let base_mode = if armed { MavModeFlag::MAV_MODE_FLAG_SAFETY_ARMED } else { MavModeFlag::empty() };
+    let mavtype = MavType::MAV_TYPE_FIXED_WING;
+    bench.send_as(
+        VEHICLE,
+        MavMessage::HEARTBEAT(HEARTBEAT_DATA { autopilot, mavtype, base_mode, ..Default::default() }),
+    );
+}
+
+#[test]
+fn px4_changes_its_calibration_when_it_is_disarmed() {
+    let changes = |autopilot: MavAutopilot| {
+        let mut bench = Bench::new();
+        let states = [false, false, true, true, false, false, true, false];
+        states.into_iter().for_each(|is_armed| armed(&mut bench, autopilot, is_armed));
+        bench.out.iter().filter(|s| **s == Sample::Recalibrated).count()
+    };
+    assert_eq!(changes(MavAutopilot::MAV_AUTOPILOT_PX4), 2);
+    assert_eq!(changes(MavAutopilot::MAV_AUTOPILOT_ARDUPILOTMEGA), 0);
 }
 
 #[test]

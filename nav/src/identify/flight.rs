@@ -4,6 +4,7 @@ use super::guess::Guesses;
 use super::linear::Unseen;
 use super::linear::reference::delay_s;
 use super::rounding::Rounding;
+use super::standing;
 use super::stretch::{Stretch, averaged};
 use crate::effects::{MISTAKES, Surroundings};
 use crate::filter::Initial;
@@ -80,29 +81,13 @@ impl Flight {
             unbridged_s,
             known_delay_s: model.effects.iter().any(|s| s.effect.delays_fixes()).then(|| delay_s(model, 0.0)),
         };
-        if flight.stands() {
+        flight.measure_noise();
+        if standing::stands(&flight.raw, &flight.fixes, flight.measured_noise) {
             return Err(TooLittle::Standing);
         }
-        flight.measure_noise();
         flight.dequantise(model);
         flight.drop_outliers(model);
         Ok(flight)
-    }
-
-    /// Whether the fixes show no motion worth the name.
-    fn stands(&self) -> bool {
-        let speed = |f: &GnssFix| match f.velocity {
-            crate::sample::FixVelocity::None => None,
-            crate::sample::FixVelocity::Horizontal([n, e]) => Some(n.hypot(e)),
-            crate::sample::FixVelocity::Full([n, e, d]) => Some((n * n + e * e + d * d).sqrt()),
-        };
-        let mut speeds: Vec<f64> = self.fixes.iter().filter_map(speed).collect();
-        if !speeds.is_empty() {
-            speeds.sort_by(f64::total_cmp);
-            return speeds[speeds.len() * 9 / 10] < 1.0;
-        }
-        let first = self.fixes[0].position.to_ecef();
-        self.fixes.iter().all(|f| (f.position.to_ecef() - first).norm() < 30.0)
     }
 
     /// Noise that the samples show beyond what is smooth, per hertz: a start for the fit.

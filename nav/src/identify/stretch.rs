@@ -1,5 +1,5 @@
-//! The part of a recording that can be explained: from one start to the end, without a restart and without a gap in the samples that
-//! nothing bridges.
+//! The part of a recording that can be explained: from one start to the end, without a restart, without a change of the calibration that the
+//! samples carry, and without a gap in the samples that nothing bridges.
 
 use super::guess::{self, Guesses};
 use super::linear::Unseen;
@@ -19,6 +19,9 @@ pub const ENOUGH_FIXES: usize = 40;
 const LONGEST_DELAY_S: f64 = 0.5;
 /// … and a receiver that smooths still shows this much after their time of validity, s.
 const AFTER_S: f64 = 0.1;
+
+/// News of a calibration are at most this old, s: a heartbeat comes every second.
+const CALIBRATION_NEWS_S: f64 = 1.2;
 
 /// Why a recording cannot be explained.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
@@ -192,18 +195,28 @@ fn longest_bridged<'a>(stretch: &'a [Sample], blind_s: &[f64]) -> &'a [Sample] {
     if rest.len() > best.len() { rest } else { best }
 }
 
-/// The longest stretch between two restarts.
+/// The longest stretch between two restarts or calibrations.
 fn longest_stretch(samples: &[Sample]) -> &[Sample] {
+    let parts = samples.split(|s| matches!(s, Sample::Restart(_) | Sample::Recalibrated));
     let mut best: &[Sample] = &[];
     let mut from = 0;
-    let cuts = samples.iter().enumerate().filter(|(_, s)| matches!(s, Sample::Restart(_))).map(|(i, _)| i);
-    for cut in cuts.chain([samples.len()]) {
-        if cut - from > best.len() {
-            best = &samples[from..cut];
+    for part in parts {
+        let end = samples.get(from + part.len());
+        from += part.len() + 1;
+        let own = if end == Some(&Sample::Recalibrated) { without_end(part) } else { part };
+        if own.len() > best.len() {
+            best = own;
         }
-        from = cut + 1;
     }
     best
+}
+
+/// What was recorded before the autopilot may have changed its calibration: it says so a moment later.
+fn without_end(part: &[Sample]) -> &[Sample] {
+    let time = |s: &Sample| if let Sample::Imu(imu) = s { Some(imu.t_s) } else { None };
+    let Some(last_s) = part.iter().rev().find_map(time) else { return part };
+    let before = |s: &Sample| time(s).is_some_and(|t_s| t_s < last_s - CALIBRATION_NEWS_S);
+    part.split_at(part.iter().rposition(before).map_or(0, |k| k + 1)).0
 }
 
 /// Means over `every` intervals; point samples are taken as varying linearly in between.
@@ -232,4 +245,45 @@ pub(super) fn averaged(
         }
     }
     out
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::sample::RestartReason;
+
+    fn imu(t_s: f64) -> Sample {
+        Sample::Imu(ImuSample {
+            t_s,
+            gyro: Vector3::zeros(),
+            accel: Vector3::zeros(),
+            temperature_degc: None,
+        })
+    }
+
+    /// A flight of a minute, disarmed after it, and half a minute on the ground with another calibration.
+    #[test]
+    fn a_stretch_ends_where_the_calibration_changes() {
+        let flight = (0..600).map(|k| imu(f64::from(k) * 0.1));
+        let after = (600..900).map(|k| imu(f64::from(k) * 0.1));
+        let all: Vec<Sample> = flight.chain([Sample::Recalibrated]).chain(after).collect();
+        let stretch = longest_stretch(&all);
+        assert_eq!(stretch.first(), Some(&imu(0.0)));
+        let Some(Sample::Imu(last)) = stretch.last() else { panic!("{stretch:?}") };
+        assert!((57.0..59.0).contains(&last.t_s), "{}: the news is late", last.t_s);
+    }
+
+    #[test]
+    fn the_longest_of_several_stretches_is_taken_whole() {
+        let part = |from: u32, to: u32| (from..to).map(|k| imu(f64::from(k) * 0.1));
+        let restart = Sample::Restart(RestartReason::Reboot);
+        let all: Vec<Sample> = part(0, 100)
+            .chain([Sample::Recalibrated])
+            .chain(part(100, 400))
+            .chain([restart])
+            .chain(part(0, 50))
+            .collect();
+        assert_eq!(longest_stretch(&all), &all[101..401]);
+        assert_eq!(longest_stretch(&[]), &[] as &[Sample]);
+    }
 }

@@ -112,6 +112,93 @@ fn the_parameters_tell_a_copter_from_a_plane() {
     assert_eq!(kind_of_parameter("Q_ENABLE", 0.0), Some(VehicleKind::FixedWing));
 }
 
+/// Stamps of the fixes of a log, and the fixes.
+fn fixes(bytes: &[u8]) -> Vec<(u64, GnssFix)> {
+    let reader = DataflashReader::new(bytes, bytes.len() as u64);
+    let fix = |record: Record| match record.item {
+        Item::Measurement(Measurement::Fix(Some(Stamp::Usec(t_us)), fix)) => Some((t_us, fix)),
+        _ => None,
+    };
+    reader.flatten().filter_map(fix).collect()
+}
+
+/// ArduPlane 3.1.2: `TimeMS` of a fix is the receiver's time of week.
+#[test]
+fn a_fix_of_old_firmware_has_the_time_since_boot() {
+    let labels = "Status,TimeMS,Week,NSats,HDop,Lat,Lng,RelAlt,Alt,Spd,GCrs,VZ,T";
+    let mut log =
+        [fmt(2, 45, "GPS", "BIHBcLLeeEefI", labels), fmt(4, 19, "IMU", "Ifff", "TimeMS,GyrX,GyrY,T")]
+            .concat();
+    for (week_ms, boot_ms) in [(470_249_200_u32, 21_168_u32), (470_249_400, 21_368)] {
+        let mut body = vec![3];
+        body.extend(week_ms.to_le_bytes());
+        body.extend(1821_u16.to_le_bytes());
+        body.extend([6, 0x9F, 0x01]);
+        for v in [428_538_982_i32, -26_449_584, 36, 51_488, 76, 17_183] {
+            body.extend(v.to_le_bytes());
+        }
+        body.extend((-0.05_f32).to_le_bytes());
+        body.extend(boot_ms.to_le_bytes());
+        log.extend(message(2, &body));
+    }
+    let stamps: Vec<u64> = fixes(&log).into_iter().map(|(t_us, _)| t_us).collect();
+    assert_eq!(stamps, [21_168_000, 21_368_000]);
+}
+
+/// Fixes as ArduPlane 4.6 logs them: time, speed and course; the time of arrival, ms.
+fn modern(rows: &[(u64, f32, f32, u32)]) -> Vec<u8> {
+    let mut log = [
+        fmt(2, 36, "GPS", "QBLLefff", "TimeUS,Status,Lat,Lng,Alt,Spd,GCrs,VZ"),
+        fmt(5, 17, "GPA", "QCI", "TimeUS,SAcc,SMS"),
+    ]
+    .concat();
+    for (t_us, speed, course, sms) in rows {
+        let mut body = t_us.to_le_bytes().to_vec();
+        body.push(3);
+        for v in [428_538_982_i32, -26_449_584, 51_488] {
+            body.extend(v.to_le_bytes());
+        }
+        for v in [*speed, *course, -0.05] {
+            body.extend(v.to_le_bytes());
+        }
+        log.extend(message(2, &body));
+        let body = [&t_us.to_le_bytes()[..], &30_u16.to_le_bytes(), &sms.to_le_bytes()].concat();
+        log.extend(message(5, &body));
+    }
+    log
+}
+
+/// The simulation of `sitl_gsens_typical_dither_cut.BIN` logs each fix 21.5 to 22.3 ms after it arrived.
+#[test]
+fn a_fix_is_dated_by_its_arrival_as_on_the_link() {
+    let wrapped = (1_u64 << 32) * 1000;
+    let log = modern(&[
+        (120_047_795, 20.0, 90.0, 120_026),
+        (120_247_715, 20.0, 91.0, 120_226),
+        // An arrival that cannot be, and one beside the wrap of its 32 bits.
+        (120_447_635, 20.0, 92.0, 0),
+        (wrapped + 15_100, 20.0, 93.0, u32::MAX - 5),
+    ]);
+    let stamps: Vec<u64> = fixes(&log).into_iter().map(|(t_us, _)| t_us).collect();
+    assert_eq!(stamps, [120_026_000, 120_226_000, 120_447_635, wrapped - 6000]);
+}
+
+#[test]
+fn a_frozen_course_is_no_direction_in_a_log_either() {
+    let log = modern(&[(1_000_000, 0.4, 90.0, 0), (1_200_000, 0.4, 90.0, 0), (1_400_000, 0.4, 91.0, 0)]);
+    let found: Vec<([f64; 3], [f64; 3])> = fixes(&log)
+        .into_iter()
+        .filter_map(|(_, fix)| match fix.velocity {
+            FixVelocity::Full(v) => Some((v, fix.velocity_sigma_m_per_s?)),
+            _ => None,
+        })
+        .collect();
+    let east: Vec<f64> = found.iter().map(|(v, _)| (v[1] * 100.0).round()).collect();
+    assert_eq!(east, [40.0, 0.0, 40.0]);
+    let sigmas: Vec<[f64; 3]> = found.iter().map(|(_, s)| s.map(|s| (s * 100.0).round())).collect();
+    assert_eq!(sigmas, [[30.0; 3], [40.0, 40.0, 30.0], [30.0; 3]]);
+}
+
 /// Innovations of two cores, of which the second flies from the second round on; firmware before 4.1 and since.
 fn rounds(family: &str, with_core: bool) -> Vec<u8> {
     let (types, labels, head) =
