@@ -4,7 +4,7 @@ use super::guess::Guesses;
 use super::linear::Unseen;
 use super::linear::reference::delay_s;
 use super::rounding::Rounding;
-use super::standing;
+use super::stationary;
 use super::stretch::{Stretch, averaged};
 use crate::effects::{MISTAKES, Surroundings};
 use crate::filter::Initial;
@@ -82,7 +82,7 @@ impl Flight {
             known_delay_s: model.effects.iter().any(|s| s.effect.delays_fixes()).then(|| delay_s(model, 0.0)),
         };
         flight.measure_noise();
-        if standing::stands(&flight.raw, &flight.fixes, flight.measured_noise) {
+        if stationary::stands(&flight.raw, &flight.fixes, flight.measured_noise) {
             return Err(TooLittle::Standing);
         }
         flight.dequantise(model);

@@ -19,7 +19,7 @@ pub mod noise;
 pub mod pass;
 pub(crate) mod rounding;
 pub mod select;
-mod standing;
+mod stationary;
 mod stretch;
 pub mod survey;
 pub mod terms;
