@@ -49,6 +49,11 @@ impl Health {
         };
     }
 
+    /// Takes the attitude that the autopilot reports, rad.
+    pub(super) fn attitude(&mut self, [roll, pitch, _]: [f64; 3]) {
+        self.stuck.attitude([roll, pitch]);
+    }
+
     /// Judges a sample at this time, µs.
     pub(super) fn judge(&mut self, t_us: u64, sample: &ImuSample, notices: &mut Vec<Notice>) -> Verdict {
         let (w, f) = (sample.gyro, sample.accel);

@@ -288,6 +288,7 @@ impl Converter {
             MavMessage::GPS_RAW_INT(m) => self.fix(m, out),
             MavMessage::ATTITUDE(m) => {
                 let roll_pitch_yaw = [m.roll, m.pitch, m.yaw].map(f64::from);
+                self.health.attitude(roll_pitch_yaw);
                 self.in_time(&Measurement::Attitude(Stamp::BootMs(m.time_boot_ms), roll_pitch_yaw), out);
             }
             other => self.inertial(other, out),
