@@ -284,10 +284,10 @@ impl Memory {
         for (k, axis) in self.axes.iter_mut().enumerate() {
             let near_zero = axis.value.abs() <= axis.step && (axis.value == 0.0 || axis.step.is_finite());
             let least_us = if near_zero { STUCK_AT_ZERO_US } else { STUCK_US };
-            let since = |t: u64| now_us.saturating_sub(t);
-            let moving = axis
-                .others_moved_us
-                .is_some_and(|(first, last)| since(first) >= STUCK_US && since(last) <= BUCKET_US);
+            // One jump lies in two buckets: what moves does so for longer.
+            let moving = axis.others_moved_us.is_some_and(|(first, last)| {
+                last.saturating_sub(first) >= STUCK_US && now_us.saturating_sub(last) <= BUCKET_US
+            });
             // Where vibration was seen before it is always there in flight; a gyro shows none of it.
             let in_flight = k >= 3 && !near_zero && moved_for(STUCK_US) && axis.repeats.share.is_some();
             if axis.repeats.fault || ((moving || in_flight) && axis.repeats.is_improbable(now_us, least_us)) {
