@@ -175,7 +175,7 @@ pub(super) fn reported(event: &EstimatorEvent) -> String {
             sigma_rad.to_degrees()
         ),
         EstimatorEvent::GyroBiasesDrift { walk } => format!(
-            "the gyro biases drift: the filter now assumes a random walk of {:.0} deg/h/√h for them",
+            "the fixes fit better if the gyro biases drift: the filter now assumes a random walk of {:.0} deg/h/√h for them",
             walk / unit::DEG_PER_H_PER_RTH.si
         ),
         EstimatorEvent::Failed { constants_kept: true } => {
