@@ -187,8 +187,9 @@ async fn others_need_the_token_and_a_server_without_one_does_not_open_to_them() 
     let once = get(&server, &format!("/?token={SECRET}"), &[]).await;
     assert_eq!(once.status, 303);
     assert!(once.head.contains("location: /\r\n"));
-    assert!(once.head.contains(&format!("gaware_token={SECRET}; path=/; httponly; samesite=strict")));
-    assert_eq!(get(&server, "/", &[&format!("Cookie: gaware_token={SECRET}")]).await.status, 200);
+    let cookie = format!("gaware_token_{}={SECRET}", server.address.port());
+    assert!(once.head.contains(&format!("{cookie}; path=/; httponly; samesite=strict")), "{}", once.head);
+    assert_eq!(get(&server, "/", &[&format!("Cookie: {cookie}")]).await.status, 200);
 }
 
 #[tokio::test]
@@ -357,6 +358,28 @@ async fn get_head(address: SocketAddr, path: &str) -> u16 {
     line.split(' ').nth(1).unwrap().parse().unwrap()
 }
 
+/// Images on a page of another site: a browser asks with whatever token their address has, without naming where they stand.
+#[tokio::test]
+async fn no_page_of_another_site_locks_the_pilot_out() {
+    let server = serve_on("0.0.0.0:0", |s| s.with_token(token())).await;
+    for k in 0..12 {
+        get(&server, &format!("/favicon.ico?token=image-number-{k}"), &[]).await;
+    }
+    let right = format!("Authorization: Bearer {SECRET}");
+    assert_eq!(get(&server, "/api/v1/status", &[&right]).await.status, 200, "the pilot's page goes on");
+    assert_eq!(get(&server, &format!("/?token={SECRET}"), &[]).await.status, 429);
+    // Where the browser says so they do not even count, and a token that was made up cannot be guessed.
+    for token in [token(), gaware::sinks::web::Token::random().unwrap()] {
+        let secret = token.reveal().to_owned();
+        let site: &[&str] = if secret == SECRET { &["Sec-Fetch-Site: cross-site"] } else { &[] };
+        let server = serve_on("0.0.0.0:0", |s| s.with_token(token)).await;
+        for k in 0..12 {
+            get(&server, &format!("/favicon.ico?token=image-number-{k}"), site).await;
+        }
+        assert_eq!(get(&server, &format!("/?token={secret}"), &[]).await.status, 303);
+    }
+}
+
 #[tokio::test]
 async fn tokens_cannot_be_guessed_and_a_wrong_one_is_told_so() {
     let server = serve_on("0.0.0.0:0", |s| s.with_token(token())).await;
@@ -364,9 +387,10 @@ async fn tokens_cannot_be_guessed_and_a_wrong_one_is_told_so() {
     assert_eq!(first.status, 401);
     assert!(first.body.contains("This token is not the one"), "{}", first.body);
     // A browser that comes back with the cookie of an earlier run does not guess.
+    let earlier = format!("Cookie: gaware_token_{}=of-an-earlier-run", server.address.port());
     for _ in 0..30 {
         assert_eq!(
-            get(&server, "/api/v1/status", &["Cookie: gaware_token=of-an-earlier-run"]).await.status,
+            get(&server, "/api/v1/status", &[&earlier]).await.status,
             401
         );
     }

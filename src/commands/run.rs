@@ -137,6 +137,7 @@ pub async fn serve<E: Estimator>(
         recorder,
         voice: HeartbeatSource::new(),
         rates: None,
+        inventory: None,
         timesync: Timesync::new(),
         hooks,
         guard,

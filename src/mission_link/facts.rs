@@ -83,8 +83,8 @@ async fn request(wire: &mut impl Wire, id: u32, facts: &mut Facts) -> Option<Ans
     let end = wire.now_s() + TRIES * ANSWER_S;
     let mut answer = Answer::Silence;
     while wire.now_s() < end {
-        let payload = command_long(wire.vehicle(), REQUEST_MESSAGE, id as f32);
-        wire.send_payload(COMMAND_LONG, payload);
+        let (command, payload) = message_request(wire.vehicle(), id);
+        wire.send_payload(command, payload);
         let (mut result, mut arrived) = (None, false);
         let until = wire.now_s() + ANSWER_S;
         // The message comes before or after the acknowledgement.
@@ -164,6 +164,11 @@ pub async fn read_parameters(wire: &mut impl Wire, names: Vec<ParamName>) -> Opt
 
 fn of_vehicle(vehicle: Vehicle, frame: &Frame) -> bool {
     (frame.system_id, frame.component_id) == (vehicle.address.system, vehicle.address.component)
+}
+
+/// The wish for one message, by id and payload.
+pub(super) fn message_request(vehicle: Vehicle, id: u32) -> (u32, Vec<u8>) {
+    (COMMAND_LONG, command_long(vehicle, REQUEST_MESSAGE, id as f32))
 }
 
 /// `COMMAND_LONG` with one parameter.

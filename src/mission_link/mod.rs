@@ -4,6 +4,7 @@ pub mod codec;
 pub mod delivery;
 pub mod facts;
 pub mod files;
+pub mod inventory;
 pub mod journal;
 mod journal_file;
 pub mod param_codec;

@@ -10,7 +10,9 @@ use crate::link::frame::Frame;
 use crate::link::heartbeat::HeartbeatSource;
 use crate::link::rates::{RateAction, RateKeeper, needs};
 use crate::link::timesync::Timesync;
+use crate::mission_link::inventory::Inventory;
 use crate::mission_link::uploader::RawMessage;
+use crate::mission_link::vehicle::Vehicle;
 use crate::pipeline::{Estimator, Pipeline};
 use crate::sensors::{AUTOPILOT_COMPONENT, ImuSource, Notice, Severity};
 use crate::sinks::events::Causes;
@@ -45,6 +47,8 @@ pub(super) struct Session<E> {
     pub(super) recorder: Option<Recorder>,
     pub(super) voice: HeartbeatSource,
     pub(super) rates: Option<RateKeeper>,
+    /// Reads version and parameters for the recording.
+    pub(super) inventory: Option<Inventory>,
     pub(super) timesync: Timesync,
     pub(super) hooks: Hooks,
     pub(super) guard: Option<Guard>,
@@ -80,7 +84,7 @@ impl<E: Estimator> Session<E> {
                 _ = housekeeping.tick() => self.keep_house(),
                 _ = snapshots.tick() => self.show(),
                 Some(message) = self.hooks.outbox.recv() => self.say(&message),
-                Some(message) = self.hooks.raw_outbox.recv() => self.say_raw(&message),
+                Some(message) = self.hooks.raw_outbox.recv() => self.pass_on(&message),
                 received = self.links.next() => match received {
                     Some(received) => self.take(received),
                     None => break,
@@ -153,6 +157,7 @@ impl<E: Estimator> Session<E> {
             rates.receive(self.clock.now_us(), &received.frame, &mut actions);
             self.perform(actions);
         }
+        self.take_stock(&received.frame);
         let from_vehicle = self.pipeline.converter().vehicle() == Some(received.frame.system_id)
             && received.frame.component_id == AUTOPILOT_COMPONENT;
         if received.frame.message_id == TIMESYNC
@@ -195,11 +200,15 @@ impl<E: Estimator> Session<E> {
                 self.links.follow(*system_id);
                 let wanted = needs(*autopilot, self.imu_hz, self.source);
                 self.rates = Some(RateKeeper::new(*system_id, *autopilot, wanted, now_us));
+                self.inventory = None;
             }
             Notice::Reboot => {
                 self.timesync.restart();
                 if let Some(rates) = &mut self.rates {
                     rates.restart(now_us);
+                }
+                if let Some(inventory) = &mut self.inventory {
+                    inventory.look_again();
                 }
             }
             _ => {}
@@ -242,6 +251,14 @@ impl<E: Estimator> Session<E> {
             rates.poll(now_us, &mut actions);
             self.perform(actions);
         }
+        if let Some(inventory) = &mut self.inventory {
+            let messages = inventory.poll(self.clock.monotonic_ns() as f64 * 1e-9);
+            let report = inventory.take_report();
+            messages.iter().for_each(|message| self.say_raw(message));
+            if let Some(report) = report {
+                self.tell(now_us, Severity::Info, report);
+            }
+        }
         if self.pipeline.converter().vehicle().is_some()
             && let Some(request) = self.timesync.poll(self.clock.monotonic_ns())
         {
@@ -258,6 +275,30 @@ impl<E: Estimator> Session<E> {
         match self.voice.say_payload(message.id, &message.payload) {
             Ok(frame) => self.send(frame),
             Err(error) => tracing::error!(%error, "a mission message could not be made"),
+        }
+    }
+
+    /// A message of a transfer of this run; the parameters for the recording wait.
+    fn pass_on(&mut self, message: &RawMessage) {
+        let now_s = self.clock.monotonic_ns() as f64 * 1e-9;
+        if let Some(inventory) = &mut self.inventory {
+            inventory.give_way(now_s);
+        }
+        self.say_raw(message);
+    }
+
+    /// Version and parameters of the vehicle that is followed, as far as they are recorded.
+    fn take_stock(&mut self, frame: &Frame) {
+        let now_s = self.clock.monotonic_ns() as f64 * 1e-9;
+        if self.inventory.is_none()
+            && self.recorder.is_some()
+            && let Some(vehicle) = Vehicle::from_heartbeat(frame)
+            && self.pipeline.converter().vehicle() == Some(vehicle.address.system)
+        {
+            self.inventory = Some(Inventory::new(vehicle, now_s));
+        }
+        if let Some(inventory) = &mut self.inventory {
+            inventory.receive(now_s, frame);
         }
     }
 

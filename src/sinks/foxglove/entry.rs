@@ -3,7 +3,7 @@
 use super::protocol::SUBPROTOCOLS;
 use crate::sinks::web::access::{Policy, Token, query_token};
 use crate::sinks::web::door::{Place, Places};
-use crate::sinks::web::guesses::Guesses;
+use crate::sinks::web::guesses::{Guesses, Way};
 use axum::http::header::{HeaderMap, HeaderValue, SEC_WEBSOCKET_PROTOCOL};
 use axum::http::{StatusCode, Uri};
 use std::net::IpAddr;
@@ -55,12 +55,14 @@ impl Entry {
     }
 
     fn admit(&self, from: IpAddr, uri: &Uri, headers: &HeaderMap) -> Result<(&'static str, Place), Refusal> {
-        if self.guesses.locked(from) && query_token(uri).is_some() {
+        if self.guesses.locked(from, Way::Address) && query_token(uri).is_some() {
             let reason = "too many wrong tokens from this address; wait a minute";
             return Err((StatusCode::TOO_MANY_REQUESTS, reason));
         }
-        if let Some(token) = self.policy.wrong_token(uri, headers) {
-            self.guesses.wrong(from, token);
+        if let Some((way, token)) = self.policy.wrong_token(uri, headers)
+            && self.policy.counts(headers)
+        {
+            self.guesses.wrong(from, way, token);
         }
         self.policy.admits_viewer(uri, headers)?;
         let protocol = protocol_of(headers).ok_or((

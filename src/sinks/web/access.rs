@@ -4,6 +4,7 @@
 //! point its own name at 127.0.0.1: DNS rebinding). Anything else, and every change, needs the token.
 
 use super::door::Visitor;
+use super::guesses::Way;
 use super::{Shared, WebError, assets};
 use axum::extract::{ConnectInfo, Request, State};
 use axum::http::header::{self, HeaderMap, HeaderName, HeaderValue};
@@ -14,12 +15,17 @@ use std::net::IpAddr;
 use std::sync::Arc;
 use subtle::ConstantTimeEq;
 
-/// Name of the cookie that carries the token after `?token=` was given once.
-const COOKIE: &str = "gaware_token";
+/// Name of the cookie that carries the token after `?token=` was given once, before the port: browsers send the cookies of a host to all of its
+/// ports, and two servers must not overwrite each other's.
+const COOKIE: &str = "gaware_token_";
 
 /// The secret that opens the page. Compared in constant time, never printed.
 #[derive(Clone)]
-pub struct Token(String);
+pub struct Token {
+    text: String,
+    /// Whether it is too long for guessing: 128 random bits.
+    random: bool,
+}
 
 impl std::fmt::Debug for Token {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
@@ -40,7 +46,7 @@ impl Token {
         if text.len() < Self::MIN_CHARS || !text.chars().all(plain) {
             return Err(WebError::BadToken);
         }
-        Ok(Self(text.to_owned()))
+        Ok(Self { text: text.to_owned(), random: false })
     }
 
     /// A fresh token of 128 random bits, in hexadecimal digits.
@@ -50,16 +56,16 @@ impl Token {
     pub fn random() -> Result<Self, WebError> {
         let mut bytes = [0u8; 16];
         getrandom::fill(&mut bytes).map_err(|e| WebError::Randomness(e.to_string()))?;
-        Ok(Self(bytes.iter().map(|b| format!("{b:02x}")).collect()))
+        Ok(Self { text: bytes.iter().map(|b| format!("{b:02x}")).collect(), random: true })
     }
 
     /// The secret itself, to show it once to the person who started the server.
     pub fn reveal(&self) -> &str {
-        &self.0
+        &self.text
     }
 
     fn matches(&self, other: &str) -> bool {
-        self.0.as_bytes().ct_eq(other.as_bytes()).into()
+        self.text.as_bytes().ct_eq(other.as_bytes()).into()
     }
 }
 
@@ -94,17 +100,30 @@ impl Policy {
     }
 
     /// A wrong token that this request carries, in its address or its headers.
-    pub(in crate::sinks) fn wrong_token<'a>(&self, uri: &'a Uri, headers: &'a HeaderMap) -> Option<&'a str> {
+    pub(in crate::sinks) fn wrong_token<'a>(
+        &self,
+        uri: &'a Uri,
+        headers: &'a HeaderMap,
+    ) -> Option<(Way, &'a str)> {
         let token = self.token.as_ref()?;
-        let given = query_token(uri).into_iter().chain(header_tokens(headers));
+        let in_address = query_token(uri).map(|given| (Way::Address, given));
+        let given = in_address.into_iter().chain(header_tokens(headers).map(|given| (Way::Header, given)));
         let mut wrong = None;
-        for given in given {
+        for (way, given) in given {
             if token.matches(given) {
                 return None;
             }
-            wrong = Some(given);
+            wrong = Some((way, given));
         }
         wrong
+    }
+
+    /// Whether wrong tokens of this request count: nobody guesses 128 bits, and what a page of another site makes a browser send is no guess
+    /// of who sits at it.
+    pub(in crate::sinks) fn counts(&self, headers: &HeaderMap) -> bool {
+        let site = headers.get("sec-fetch-site").map(HeaderValue::as_bytes);
+        let foreign = matches!(site, Some(b"cross-site" | b"same-site"));
+        !foreign && self.token.as_ref().is_some_and(|token| !token.random)
     }
 
     /// Whether a viewer may open a WebSocket, with the reason where not. What holds for reading the page holds here too; beyond that a
@@ -128,7 +147,7 @@ impl Policy {
     }
 
     fn decide(&self, method: &Method, uri: &Uri, headers: &HeaderMap) -> Decision {
-        let host = headers.get(header::HOST).and_then(|v| v.to_str().ok()).unwrap_or_default();
+        let host = host_of(headers);
         if self.local && !is_loopback_host(host) {
             return Decision::Refused("this server answers to localhost only");
         }
@@ -174,11 +193,22 @@ fn header_tokens(headers: &HeaderMap) -> impl Iterator<Item = &str> {
         .and_then(|v| v.strip_prefix("Bearer "))
         .map(str::trim);
     let cookies = headers.get_all(header::COOKIE).iter().filter_map(|v| v.to_str().ok());
+    let name = cookie_name(host_of(headers));
     let cookie = cookies
         .flat_map(|v| v.split(';'))
         .filter_map(|pair| pair.trim().split_once('='))
-        .find_map(|(name, value)| (name == COOKIE).then_some(value));
+        .find_map(|(given, value)| (given == name).then_some(value));
     bearer.into_iter().chain(cookie)
+}
+
+fn host_of(headers: &HeaderMap) -> &str {
+    headers.get(header::HOST).and_then(|v| v.to_str().ok()).unwrap_or_default()
+}
+
+/// The cookie of the server at this port.
+fn cookie_name(host: &str) -> String {
+    let port = host.rsplit_once(':').and_then(|(_, port)| port.parse::<u16>().ok());
+    format!("{COOKIE}{}", port.unwrap_or(80))
 }
 
 /// What the sign-in page itself needs, and the health check: nothing of the vehicle.
@@ -208,11 +238,12 @@ fn is_loopback_host(host: &str) -> bool {
     name.eq_ignore_ascii_case("localhost") || name.parse::<IpAddr>().is_ok_and(|ip| ip.is_loopback())
 }
 
-/// Whether a page asks that is neither Foxglove's own nor on this machine. Programs other than browsers name no origin, or a file.
+/// Whether a page asks that is neither Foxglove's own nor of this server. Programs other than browsers name no origin, or a file. Pages on other ports of
+/// this machine are anybody's.
 fn is_of_another_site(headers: &HeaderMap) -> bool {
     let Some(origin) = headers.get(header::ORIGIN) else { return false };
     match origin.to_str().ok().and_then(|text| text.split_once("://")) {
-        Some(("http" | "https", host)) if is_loopback_host(host) => false,
+        Some(("http", host)) if host == host_of(headers) => false,
         Some(("https", host)) => host != "foxglove.dev" && !host.ends_with(".foxglove.dev"),
         Some(("file", _)) => false,
         _ => true,
@@ -238,26 +269,30 @@ pub(super) async fn guard(
     mut request: Request,
     next: Next,
 ) -> Response {
-    let locked = shared.guesses.locked(address);
-    if locked {
+    let locked = |way| shared.guesses.locked(address, way);
+    let (in_address, in_headers) = (locked(Way::Address), locked(Way::Header));
+    if in_headers {
         // As if it had none: what needs no token goes on.
         for name in [header::AUTHORIZATION, header::COOKIE] {
             request.headers_mut().remove(name);
         }
     }
     let wrong = shared.policy.wrong_token(request.uri(), request.headers());
-    if let Some(token) = wrong {
-        shared.guesses.wrong(address, token);
+    if let Some((way, token)) = wrong
+        && shared.policy.counts(request.headers())
+    {
+        shared.guesses.wrong(address, way, token);
     }
     let wrong = wrong.is_some();
-    if locked && query_token(request.uri()).is_some() {
+    if in_address && query_token(request.uri()).is_some() {
         return too_many_guesses();
     }
+    let host = host_of(request.headers()).to_owned();
     match shared.policy.decide(request.method(), request.uri(), request.headers()) {
         Decision::Allow => next.run(request).await,
-        Decision::Remember(target) => remember(&shared.policy, &target),
+        Decision::Remember(target) => remember(&shared.policy, &host, &target),
         Decision::Refused(reason) => (StatusCode::FORBIDDEN, format!("{reason}\n")).into_response(),
-        Decision::Unauthorised if locked => too_many_guesses(),
+        Decision::Unauthorised if in_headers => too_many_guesses(),
         Decision::Unauthorised => unauthorised(request.uri().path(), wrong),
     }
 }
@@ -268,9 +303,9 @@ fn too_many_guesses() -> Response {
         .into_response()
 }
 
-fn remember(policy: &Policy, target: &str) -> Response {
+fn remember(policy: &Policy, host: &str, target: &str) -> Response {
     let secret = policy.token.as_ref().map(Token::reveal).unwrap_or_default();
-    let cookie = format!("{COOKIE}={secret}; Path=/; HttpOnly; SameSite=Strict");
+    let cookie = format!("{}={secret}; Path=/; HttpOnly; SameSite=Strict", cookie_name(host));
     (StatusCode::SEE_OTHER, [(header::LOCATION, target.to_owned()), (header::SET_COOKIE, cookie)])
         .into_response()
 }
@@ -368,14 +403,32 @@ mod tests {
         assert_eq!(get("/api/v1/status", &[]), Decision::Unauthorised);
         assert_eq!(get("/metrics", &[("authorization", "Bearer wrong")]), Decision::Unauthorised);
         assert_eq!(get("/metrics", &[("authorization", "Bearer correct-horse-battery")]), Decision::Allow);
-        assert_eq!(get("/", &[("cookie", "a=b; gaware_token=correct-horse-battery")]), Decision::Allow);
-        assert_eq!(get("/", &[("cookie", "gaware_token=correct-horse-batterx")]), Decision::Unauthorised);
+        assert_eq!(get("/", &[("cookie", "a=b; gaware_token_8080=correct-horse-battery")]), Decision::Allow);
+        assert_eq!(get("/", &[("cookie", "gaware_token_8080=correct-horse-batterx")]), Decision::Unauthorised);
+        // The cookie of a server on another port of this host is not ours.
+        assert_eq!(get("/", &[("cookie", "gaware_token_8081=correct-horse-battery")]), Decision::Unauthorised);
         assert_eq!(get("/healthz", &[]), Decision::Allow);
     }
 
     #[test]
+    fn wrong_tokens_count_where_they_can_be_guesses() {
+        let of = |token, site: Option<&'static str>| {
+            let mut headers = HeaderMap::new();
+            if let Some(site) = site {
+                headers.append("sec-fetch-site", HeaderValue::from_static(site));
+            }
+            Policy::new(false, Some(token)).counts(&headers)
+        };
+        let chosen = || Token::new(SECRET).unwrap();
+        for (site, counts) in [(None, true), (Some("none"), true), (Some("same-origin"), true), (Some("cross-site"), false)] {
+            assert_eq!(of(chosen(), site), counts, "{site:?}");
+            assert!(!of(Token::random().unwrap(), site), "nobody guesses 128 bits");
+        }
+    }
+
+    #[test]
     fn elsewhere_too_a_foreign_name_is_refused_although_it_brings_the_token() {
-        let cookie = ("cookie", "gaware_token=correct-horse-battery");
+        let cookie = ("cookie", "gaware_token_8080=correct-horse-battery");
         for (host, allowed) in [
             ("192.168.1.4:8080", true),
             ("[fe80::1]:8080", true),

@@ -133,41 +133,62 @@ impl Connected<IncomingStream<'_, Door>> for Visitor {
     }
 }
 
+/// How far the header of a request has come.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+enum Header {
+    /// Not begun: empty lines before a request are none of it (RFC 9112, 2.2).
+    Awaited,
+    /// Begun, with so much of the empty line at its end.
+    Begun(usize),
+    /// Whole; what comes now is a body, or a further request that waits for its answer.
+    Whole,
+}
+
+impl Header {
+    fn after(self, byte: u8) -> Self {
+        const END: &[u8] = b"\r\n\r\n";
+        match self {
+            Self::Awaited if matches!(byte, b'\r' | b'\n') => self,
+            Self::Awaited => Self::Begun(0),
+            Self::Begun(n) => match END.get(n) {
+                Some(expected) if *expected == byte && n + 1 == END.len() => Self::Whole,
+                Some(expected) if *expected == byte => Self::Begun(n + 1),
+                _ => Self::Begun(usize::from(byte == b'\r')),
+            },
+            Self::Whole => self,
+        }
+    }
+}
+
 /// A connection with its deadlines.
 #[derive(Debug)]
 pub(in crate::sinks) struct Visit {
     stream: TcpStream,
     reading: Pin<Box<Sleep>>,
     writing: Option<Pin<Box<Sleep>>>,
-    /// How much of the empty line at the end of a header has come.
-    end_of_header: usize,
+    header: Header,
     _place: Place,
 }
 
 impl Visit {
     fn new(stream: TcpStream, place: Place) -> Self {
         let reading = Box::pin(tokio::time::sleep(HEADER_PATIENCE));
-        Self { stream, reading, writing: None, end_of_header: 0, _place: place }
+        Self { stream, reading, writing: None, header: Header::Awaited, _place: place }
     }
 
     /// Looks for the end of the header; from there on the answer has its time.
     fn received(&mut self, bytes: &[u8]) {
-        const END: &[u8] = b"\r\n\r\n";
-        for byte in bytes {
-            self.end_of_header = match END.get(self.end_of_header) {
-                Some(expected) if expected == byte => self.end_of_header + 1,
-                _ => usize::from(*byte == b'\r'),
-            };
-            if self.end_of_header == END.len() {
-                self.end_of_header = 0;
-                self.reading.as_mut().reset(Instant::now() + ANSWER_PATIENCE);
-            }
+        let before = self.header;
+        self.header = bytes.iter().fold(before, |header, byte| header.after(*byte));
+        if before != Header::Whole && self.header == Header::Whole {
+            self.reading.as_mut().reset(Instant::now() + ANSWER_PATIENCE);
         }
     }
 
     fn written<T>(&mut self, context: &mut Context<'_>, result: Poll<io::Result<T>>) -> Poll<io::Result<T>> {
         if result.is_ready() {
             self.writing = None;
+            self.header = Header::Awaited;
             // An answer is on its way: the next request has its time from here.
             self.reading.as_mut().reset(Instant::now() + HEADER_PATIENCE);
             return result;
@@ -214,5 +235,19 @@ impl AsyncWrite for Visit {
 
     fn poll_shutdown(self: Pin<&mut Self>, context: &mut Context<'_>) -> Poll<io::Result<()>> {
         Pin::new(&mut self.get_mut().stream).poll_shutdown(context)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_header_ends_with_its_own_empty_line() {
+        let read = |text: &str| text.bytes().fold(Header::Awaited, Header::after);
+        assert_eq!(read("GET / HTTP/1.1\r\nHost: a\r\n\r\n"), Header::Whole);
+        assert_eq!(read("\r\n\r\n\r\n\r\n"), Header::Awaited);
+        assert_eq!(read("\r\n\r\nGET / HTTP/1.1\r\n"), Header::Begun(2));
+        assert_eq!(read("GET / HTTP/1.1\r\n\r\rbody"), Header::Begun(0));
     }
 }

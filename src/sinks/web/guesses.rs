@@ -1,4 +1,5 @@
-//! Wrong tokens are limited in number, by address.
+//! Wrong tokens are limited in number, by address and by the way they came: any web page can make a browser ask with a token in the address
+//! line, and must not lock the one that the pilot's own page sends in its headers.
 
 use std::collections::BTreeMap;
 use std::net::IpAddr;
@@ -15,6 +16,15 @@ const ADDRESSES: usize = 1024;
 /// Bytes of a wrong token that are remembered, to know it again.
 const REMEMBERED: usize = 64;
 
+/// How a token came.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
+pub(in crate::sinks) enum Way {
+    /// In the address line.
+    Address,
+    /// In a header or a cookie, which no page of another site can send.
+    Header,
+}
+
 #[derive(Debug)]
 struct Wrong {
     since: Instant,
@@ -25,29 +35,31 @@ struct Wrong {
 
 /// The wrong tokens of the last minute.
 #[derive(Debug, Default)]
-pub(in crate::sinks) struct Guesses(Mutex<BTreeMap<IpAddr, Wrong>>);
+pub(in crate::sinks) struct Guesses(Mutex<BTreeMap<(IpAddr, Way), Wrong>>);
 
 impl Guesses {
-    /// Whether this address has guessed too often.
-    pub(in crate::sinks) fn locked(&self, address: IpAddr) -> bool {
+    /// Whether this address has guessed too often in this way.
+    pub(in crate::sinks) fn locked(&self, address: IpAddr, way: Way) -> bool {
+        let key = (address, way);
         let mut all = self.0.lock().unwrap_or_else(PoisonError::into_inner);
-        if all.get(&address).is_some_and(|w| w.since.elapsed() >= WINDOW) {
-            all.remove(&address);
+        if all.get(&key).is_some_and(|w| w.since.elapsed() >= WINDOW) {
+            all.remove(&key);
         }
-        all.get(&address).is_some_and(|w| w.count >= ALLOWED)
+        all.get(&key).is_some_and(|w| w.count >= ALLOWED)
     }
 
     /// Counts a wrong token.
-    pub(in crate::sinks) fn wrong(&self, address: IpAddr, token: &str) {
+    pub(in crate::sinks) fn wrong(&self, address: IpAddr, way: Way, token: &str) {
+        let key = (address, way);
         let mut all = self.0.lock().unwrap_or_else(PoisonError::into_inner);
         if all.len() >= ADDRESSES
-            && !all.contains_key(&address)
+            && !all.contains_key(&key)
             && let Some(oldest) = all.iter().min_by_key(|(_, w)| w.since).map(|(a, _)| *a)
         {
             all.remove(&oldest);
         }
         let token: String = token.chars().take(REMEMBERED).collect();
-        let entry = all.entry(address);
+        let entry = all.entry(key);
         let wrong = entry.or_insert_with(|| Wrong { since: Instant::now(), count: 0, last: String::new() });
         if wrong.last != token {
             wrong.count += 1;
