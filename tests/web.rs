@@ -369,7 +369,7 @@ async fn no_page_of_another_site_locks_the_pilot_out() {
     assert_eq!(get(&server, "/api/v1/status", &[&right]).await.status, 200, "the pilot's page goes on");
     assert_eq!(get(&server, &format!("/?token={SECRET}"), &[]).await.status, 429);
     // Where the browser says so they do not even count, and a token that was made up cannot be guessed.
-    for token in [token(), gaware::sinks::web::Token::random().unwrap()] {
+    for token in [token(), Token::random().unwrap()] {
         let secret = token.reveal().to_owned();
         let site: &[&str] = if secret == SECRET { &["Sec-Fetch-Site: cross-site"] } else { &[] };
         let server = serve_on("0.0.0.0:0", |s| s.with_token(token)).await;
@@ -389,10 +389,7 @@ async fn tokens_cannot_be_guessed_and_a_wrong_one_is_told_so() {
     // A browser that comes back with the cookie of an earlier run does not guess.
     let earlier = format!("Cookie: gaware_token_{}=of-an-earlier-run", server.address.port());
     for _ in 0..30 {
-        assert_eq!(
-            get(&server, "/api/v1/status", &[&earlier]).await.status,
-            401
-        );
+        assert_eq!(get(&server, "/api/v1/status", &[&earlier]).await.status, 401);
     }
     let statuses = async {
         let mut all = Vec::new();

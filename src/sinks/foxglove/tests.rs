@@ -285,9 +285,13 @@ fn a_page_of_another_site_needs_the_token_even_on_this_machine() {
     for origin in ["https://app.foxglove.dev", "file://"] {
         assert_eq!(from(origin), StatusCode::SWITCHING_PROTOCOLS, "{origin}");
     }
-    for origin in
-        ["https://example.com", "null", "https://foxglove.dev.example.com", "http://app.foxglove.dev", "http://localhost:8080"]
-    {
+    for origin in [
+        "https://example.com",
+        "null",
+        "https://foxglove.dev.example.com",
+        "http://app.foxglove.dev",
+        "http://localhost:8080",
+    ] {
         assert_eq!(from(origin), StatusCode::FORBIDDEN, "{origin}");
     }
     let with_token =

@@ -404,9 +404,15 @@ mod tests {
         assert_eq!(get("/metrics", &[("authorization", "Bearer wrong")]), Decision::Unauthorised);
         assert_eq!(get("/metrics", &[("authorization", "Bearer correct-horse-battery")]), Decision::Allow);
         assert_eq!(get("/", &[("cookie", "a=b; gaware_token_8080=correct-horse-battery")]), Decision::Allow);
-        assert_eq!(get("/", &[("cookie", "gaware_token_8080=correct-horse-batterx")]), Decision::Unauthorised);
+        assert_eq!(
+            get("/", &[("cookie", "gaware_token_8080=correct-horse-batterx")]),
+            Decision::Unauthorised
+        );
         // The cookie of a server on another port of this host is not ours.
-        assert_eq!(get("/", &[("cookie", "gaware_token_8081=correct-horse-battery")]), Decision::Unauthorised);
+        assert_eq!(
+            get("/", &[("cookie", "gaware_token_8081=correct-horse-battery")]),
+            Decision::Unauthorised
+        );
         assert_eq!(get("/healthz", &[]), Decision::Allow);
     }
 
@@ -420,7 +426,9 @@ mod tests {
             Policy::new(false, Some(token)).counts(&headers)
         };
         let chosen = || Token::new(SECRET).unwrap();
-        for (site, counts) in [(None, true), (Some("none"), true), (Some("same-origin"), true), (Some("cross-site"), false)] {
+        for (site, counts) in
+            [(None, true), (Some("none"), true), (Some("same-origin"), true), (Some("cross-site"), false)]
+        {
             assert_eq!(of(chosen(), site), counts, "{site:?}");
             assert!(!of(Token::random().unwrap(), site), "nobody guesses 128 bits");
         }
