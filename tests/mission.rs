@@ -83,6 +83,7 @@ fn put(address: &str, file: PathBuf, backup: PathBuf) -> UploadArgs {
     UploadArgs {
         link: link(address, file),
         backup: Some(backup),
+        airframe: None,
         no_fence: false,
         force: false,
         even_while_flying: false,
@@ -163,7 +164,7 @@ async fn killed_upload(folder: &Folder, address: &str, stop: &CancellationToken)
 
 /// What the program says when it takes the upload up from its journal.
 async fn taken_up(folder: &Folder, address: &str, more: &'static [&'static str]) -> support::Ended {
-    let journal = folder.file("mission-transfer-system1.journal");
+    let journal = folder.file("mission-transfer-system1-0100000152505541.journal");
     let (address, journal) = (address.to_owned(), journal.to_str().unwrap().to_owned());
     let run =
         move || support::gaware(&[&["mission", "restore", "--connect", &address, &journal], more].concat());
@@ -192,7 +193,7 @@ async fn a_killed_upload_is_taken_up_and_the_previous_mission_put_back() {
     let on_board = files::read(&read).unwrap().0;
     assert_eq!(gaware_mission::compare::differences(Firmware::ArduPilot, &mission(3), &on_board), vec![]);
     // It is settled: no journal, and uploads go again.
-    assert!(!folder.file("mission-transfer-system1.journal").exists());
+    assert!(!folder.file("mission-transfer-system1-0100000152505541.journal").exists());
     let fourth = folder.mission("fourth.waypoints", 2);
     upload(&put(&address, fourth, folder.file("b4.plan")), &stop, |_| ()).await.unwrap();
     stop.cancel();
@@ -212,7 +213,7 @@ async fn a_killed_upload_is_taken_up_and_the_new_mission_brought() {
     download(&get(&address, read.clone()), &stop).await.unwrap();
     let on_board = files::read(&read).unwrap().0;
     assert_eq!(gaware_mission::compare::differences(Firmware::Px4, &mission(24), &on_board), vec![]);
-    assert!(!folder.file("mission-transfer-system1.journal").exists());
+    assert!(!folder.file("mission-transfer-system1-0100000152505541.journal").exists());
     stop.cancel();
 }
 

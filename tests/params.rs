@@ -237,7 +237,7 @@ async fn a_killed_change_is_taken_up_and_the_old_values_put_back() {
     let other = folder.file("other.param");
     let refused = params(&["apply", "--connect", &address, &advice, "--backup", &other]).await;
     assert!(refused.stderr.contains("gaware params restore"), "{}", refused.stderr);
-    let journal = folder.file("parameter-change-system1.journal");
+    let journal = folder.file("parameter-change-system1-0100000152505541.journal");
     let ended = params(&["restore", "--connect", &address, &journal]).await;
     assert_eq!(ended.code(), Some(0), "{}{}", ended.stdout, ended.stderr);
     assert!(ended.stdout.contains("the old values of 6 parameters are on the vehicle"), "{}", ended.stdout);

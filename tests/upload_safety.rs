@@ -349,7 +349,7 @@ async fn the_second_signal_ends_at_once_and_the_journal_stays() {
     let ended = ended.await.unwrap();
     assert_eq!(ended.code(), Some(1));
     assert!(ended.stderr.contains("ended at once, as asked"), "{}", ended.stderr);
-    let journal = folder.file("mission-transfer-system1.journal");
+    let journal = folder.file("mission-transfer-system1-0100000152505541.journal");
     let told = gaware(&["mission", "restore", &journal, "--connect", &address]).await;
     assert!(
         told.stdout.contains("now it is the previous mission of 4 items"),

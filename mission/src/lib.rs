@@ -9,6 +9,7 @@ pub mod compare;
 pub mod fence;
 pub mod files;
 pub mod flight;
+pub mod identity;
 pub mod item;
 pub mod kinematics;
 pub mod maneuver;

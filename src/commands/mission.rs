@@ -1,19 +1,22 @@
 //! `gaware mission`: verified transfer of missions.
 
+use super::demo::load_airframe;
 pub use super::mission_args::{
     ClearArgs, ConnectArgs, DownloadArgs, LinkArgs, List, MissionAction, MissionArgs, RestoreArgs, UploadArgs,
 };
 use super::mission_result::{Action, MissionResult, OnVehicle};
 use super::{CommandError, mission_restore, output, transfer};
 use crate::figures::counted_were;
-use crate::mission_link::delivery::{Delivered, Order, deliver};
-use crate::mission_link::facts::{self, Wish};
+use crate::mission_link::delivery::{Delivered, DeliveryError, Order, deliver};
 use crate::mission_link::files::{self, Contents, FileError};
-use crate::mission_link::journal::Journal;
+use crate::mission_link::journal::Kind;
+use crate::mission_link::restore::RestoreError;
 use crate::mission_link::session::{Session, SessionError};
 use crate::mission_link::uploader::phase_words;
+use crate::mission_link::vehicle::identity_words;
 use crate::mission_link::wire::{self, Change, News, Wire};
-use crate::preflight::{self, Verdict};
+use gaware_mission::airframe::Airframe;
+use gaware_mission::identity::{Identity, Sameness};
 use gaware_mission::item::{Mission, MissionKind};
 use gaware_mission::transfer::TransferError;
 use gaware_mission::transfer::verified::{Options, Outcome};
@@ -40,9 +43,12 @@ pub enum MissionError {
         /// Why.
         source: TransferError,
     },
-    /// The pre-flight check.
-    #[error("nothing was changed: {0}; --force uploads all the same")]
-    Preflight(String),
+    /// The pre-flight check, or an earlier transfer.
+    #[error(transparent)]
+    Delivery(#[from] DeliveryError),
+    /// An airframe that there is not.
+    #[error(transparent)]
+    Airframe(Box<CommandError>),
     /// The second signal.
     #[error(
         "ended at once, as asked: what is on the vehicle is not known if an upload had begun; \"gaware mission restore\" takes it up from its journal"
@@ -65,19 +71,15 @@ pub enum MissionError {
     /// `--type` with a journal.
     #[error("{0} is the journal of an interrupted upload, which is restored as a whole: leave --type out")]
     JournalIsWhole(PathBuf),
-    /// The journal is about something else.
-    #[error("{path} is about {journal}; this is {vehicle}", path = path.display())]
-    OtherVehicle {
-        /// The journal.
-        path: PathBuf,
-        /// What it is about.
-        journal: String,
-        /// What is there.
-        vehicle: String,
-    },
-    /// The vehicle is not to be changed now.
-    #[error("nothing was changed: {0}; disarm or leave that mode, or give --even-while-flying")]
-    Flying(String),
+    /// A backup of another vehicle.
+    #[error("{0}")]
+    OtherVehicle(String),
+    /// A journal of the other kind.
+    #[error("{0} is the journal of a change of parameters: use \"gaware params restore\"")]
+    OtherKind(PathBuf),
+    /// An interrupted upload.
+    #[error(transparent)]
+    Restore(#[from] RestoreError),
     /// Anything but a verified upload.
     #[error("{0}")]
     NotVerified(Box<MissionResult>),
@@ -92,6 +94,7 @@ impl MissionError {
                 | Self::NotAJournal(_)
                 | Self::JournalIsWhole(_)
                 | Self::Journals(_)
+                | Self::OtherKind(_)
         )
     }
 }
@@ -156,21 +159,23 @@ pub(super) async fn bring(
     let backup = args.backup.clone().unwrap_or_else(|| transfer::default_backup("mission-backup", "plan"));
     let with_fence = !args.no_fence && !contents.fence.is_empty();
     files::check_holds(&backup, if with_fence { MissionKind::Fence } else { MissionKind::Mission })?;
+    let airframe = args.airframe.as_deref().map(load_airframe).transpose();
+    let airframe = airframe.map_err(|e| MissionError::Airframe(Box::new(e)))?;
     let mut session = Session::open(&args.link.to.opening(), stop).await?;
-    let result = bring_over(&mut session, args, contents, backup.clone(), &mut say).await;
+    let result = bring_over(&mut session, args, contents, airframe, backup.clone(), &mut say).await;
     session.close().await;
-    let (delivered, checked) = result?;
+    let delivered = result?;
     let on_vehicle = OnVehicle::of(&delivered.outcome);
     let done = on_vehicle == OnVehicle::New && delivered.journal.is_none();
     let mut result = MissionResult::new(action, done, on_vehicle, delivered.text);
     result.items = match &delivered.outcome {
         Outcome::Verified { items } => Some(*items),
         Outcome::RestoredPrevious { .. } => delivered.kept,
-        Outcome::Unknown { .. } => None,
+        Outcome::Foreign { .. } | Outcome::Unknown { .. } => None,
     };
     result.backup = delivered.kept.map(|_| backup);
     result.fence = (!delivered.fence.is_empty()).then_some(delivered.fence);
-    (result.warnings, result.overridden) = (checked.warnings, checked.overridden);
+    (result.warnings, result.overridden) = (delivered.checked.warnings, delivered.checked.overridden);
     result.journal = delivered.journal;
     result.settled()
 }
@@ -179,12 +184,10 @@ async fn bring_over(
     session: &mut Session,
     args: &UploadArgs,
     contents: Contents,
+    airframe: Option<Airframe>,
     backup: PathBuf,
     say: &mut impl FnMut(&str),
-) -> Result<(Delivered, Checked), MissionError> {
-    // Before anything is asked of the vehicle: it may be half-way through another one.
-    Journal::check(files::folder_of(&backup), &session.vehicle())?;
-    let checked = check(session, &contents, args.force, say).await?;
+) -> Result<Delivered, MissionError> {
     let options = Options {
         even_while_flying: args.even_while_flying,
         planned_for: contents.planned_for,
@@ -196,46 +199,17 @@ async fn bring_over(
         options,
         patience_s: args.link.to.patience as f64,
         backup,
+        airframe,
+        others: Vec::new(),
+        force: args.force,
     };
-    Ok((deliver(session, &order, teller(say)).await?, checked))
-}
-
-/// What the pre-flight check had to say.
-#[derive(Debug, Default)]
-pub(super) struct Checked {
-    warnings: Vec<String>,
-    overridden: Vec<String>,
-}
-
-/// The pre-flight check of an upload. Whether the vehicle may be changed at all in its state is the transfer's own matter.
-async fn check(
-    session: &mut Session,
-    contents: &Contents,
-    force: bool,
-    say: &mut impl FnMut(&str),
-) -> Result<Checked, MissionError> {
-    let parameters = preflight::upload_parameters(session.vehicle().autopilot);
-    let wish = Wish { parameters, ..Wish::default() };
-    let facts = facts::gather(session, wish).await.ok_or(SessionError::Cancelled)?;
-    let rows = preflight::check_upload(&facts, contents);
-    let of = |verdict: Verdict| -> Vec<String> {
-        let rows = rows.iter().filter(|r| r.verdict == verdict && r.check != preflight::STATE);
-        rows.map(|r| r.text.clone()).collect()
-    };
-    let (warnings, stops) = (of(Verdict::Warn), of(Verdict::Stop));
-    if !stops.is_empty() && !force {
-        return Err(MissionError::Preflight(stops.join("; ")));
-    }
-    warnings.iter().for_each(|text| say(&format!("warning: {text}")));
-    stops.iter().for_each(|text| say(&format!("--force overrides: {text}")));
-    Ok(Checked { warnings, overridden: stops })
+    Ok(deliver(session, &order, teller(say)).await?)
 }
 
 /// Puts one list of the vehicle in place of the one on board, which is kept in a file first.
 pub(super) async fn bring_list(
     action: Action,
-    kind: MissionKind,
-    new: Mission,
+    (kind, new, backup_of): (MissionKind, Mission, Option<Identity>),
     args: &UploadArgs,
     stop: &CancellationToken,
     mut say: impl FnMut(&str),
@@ -243,7 +217,7 @@ pub(super) async fn bring_list(
     let backup = args.backup.clone().unwrap_or_else(|| transfer::default_backup("mission-backup", "plan"));
     files::check_holds(&backup, kind)?;
     let mut session = Session::open(&args.link.to.opening(), stop).await?;
-    let result = bring_list_over(&mut session, kind, new, args, &backup, &mut say).await;
+    let result = bring_list_over(&mut session, (kind, new, backup_of), args, &backup, &mut say).await;
     session.close().await;
     let (outcome, kept) = result?;
     let on_vehicle = OnVehicle::of(&outcome);
@@ -252,7 +226,7 @@ pub(super) async fn bring_list(
     result.items = match &outcome {
         Outcome::Verified { items } => Some(*items),
         Outcome::RestoredPrevious { .. } => Some(kept),
-        Outcome::Unknown { .. } => None,
+        Outcome::Foreign { .. } | Outcome::Unknown { .. } => None,
     };
     result.backup = Some(backup);
     result.settled()
@@ -260,17 +234,24 @@ pub(super) async fn bring_list(
 
 async fn bring_list_over(
     session: &mut Session,
-    kind: MissionKind,
-    new: Mission,
+    (kind, new, backup_of): (MissionKind, Mission, Option<Identity>),
     args: &UploadArgs,
     backup: &Path,
     say: &mut impl FnMut(&str),
 ) -> Result<(Outcome, usize), MissionError> {
-    let vehicle = session.vehicle();
-    Journal::check(files::folder_of(backup), &vehicle)?;
+    let vehicle = session.identity();
+    if let Some(meant) = backup_of.filter(|b| b.is(&vehicle) == Sameness::Other && !args.force) {
+        return Err(MissionError::OtherVehicle(format!(
+            "nothing was changed: {} is a backup of {}; connected is another vehicle, {}; --force restores it all the same",
+            args.link.file.display(),
+            identity_words(&meant),
+            identity_words(&vehicle)
+        )));
+    }
+    Kind::Mission.check(files::folder_of(backup), &vehicle)?;
     let previous = read_list(session, kind).await?;
     let kept = previous.items.len();
-    let mut contents = Contents::default();
+    let mut contents = Contents { backup_of: Some(vehicle), ..Contents::default() };
     let put = contents.put(kind, previous.clone());
     put.map_err(|source| FileError::Fence { path: backup.to_owned(), source })?;
     let text = files::text_of_contents(backup, &contents, vehicle.autopilot, vehicle.mav_type)?;
@@ -303,10 +284,11 @@ pub async fn clear(
         link,
         backup: args.backup.clone(),
         no_fence: true,
+        airframe: None,
         force: false,
         even_while_flying: args.even_while_flying,
     };
-    bring_list(Action::Clear, args.list.into(), Mission::default(), &upload, stop, say).await
+    bring_list(Action::Clear, (args.list.into(), Mission::default(), None), &upload, stop, say).await
 }
 
 /// Says in words what an upload reports; of its items every tenth part.
@@ -314,6 +296,11 @@ pub(super) fn teller(say: &mut impl FnMut(&str)) -> impl FnMut(News) {
     let mut percent = None;
     move |news| match news {
         News::Phase(phase) => say(phase_words(phase)),
+        News::Said(text) => say(&text),
+        News::Checked(checked) => {
+            checked.warnings.iter().for_each(|text| say(&format!("warning: {text}")));
+            checked.overridden.iter().for_each(|text| say(&format!("--force overrides: {text}")));
+        }
         News::Progress(done, total) => {
             let now = done * 10 / total.max(1);
             if percent.replace(now) != Some(now) {
@@ -333,10 +320,11 @@ pub async fn download(args: &DownloadArgs, stop: &CancellationToken) -> Result<M
     files::check_holds(file, args.list.map_or(MissionKind::Mission, MissionKind::from))?;
     files::refuse_existing(file)?;
     let mut session = Session::open(&args.link.to.opening(), stop).await?;
-    let vehicle = session.vehicle();
+    let vehicle = session.identity();
     let read = read_contents(&mut session, args).await;
     session.close().await;
     let (contents, notes) = read?;
+    let contents = Contents { backup_of: Some(vehicle), ..contents };
     let text = files::text_of_contents(file, &contents, vehicle.autopilot, vehicle.mav_type)?;
     files::write_new(file, &text)?;
     let items = contents.mission.items.len();
@@ -370,7 +358,7 @@ async fn read_contents(
         for kind in [MissionKind::Fence, MissionKind::Rally] {
             // Not every vehicle has these lists; the mission is worth having without them.
             let put = match wire::download(session, kind).await {
-                Err(TransferError::Cancelled) => return Err(TransferError::Cancelled.into()),
+                Err(error @ TransferError::Stopped(_)) => return Err(error.into()),
                 Err(e) => Err(e.to_string()),
                 Ok(list) => contents.put(kind, list).map_err(|e| e.to_string()),
             };

@@ -128,6 +128,9 @@ pub struct UploadArgs {
     /// Where to keep the mission that is on board before (default: mission-backup-TIME.plan).
     #[arg(long, value_name = "FILE")]
     pub backup: Option<PathBuf>,
+    /// What flies: small_fixed_wing, large_fixed_wing, quadrotor, or a file that describes it (default: the airframe that the plan was made for).
+    #[arg(long, value_name = "NAME|FILE")]
+    pub airframe: Option<String>,
     /// Leave the vehicle's geofence as it is.
     #[arg(long)]
     pub no_fence: bool,
@@ -147,7 +150,7 @@ pub struct RestoreArgs {
     pub to: ConnectArgs,
     /// Backup (.plan or .waypoints) or journal of an interrupted upload (default: the journal in this folder).
     pub file: Option<PathBuf>,
-    /// Where to keep the mission that is on board before a backup is put back (default: mission-backup-TIME.plan).
+    /// Where to keep what is on board before it is replaced (default: mission-backup-TIME.plan).
     #[arg(long, value_name = "FILE")]
     pub backup: Option<PathBuf>,
     /// Restore only this from a backup (default: the mission, and the geofence that is with it).
@@ -156,7 +159,8 @@ pub struct RestoreArgs {
     /// After an interrupted upload: bring the new mission instead of the previous one.
     #[arg(long)]
     pub new: bool,
-    /// Upload although the pre-flight check says stop; what that overrides is reported.
+    /// Upload although the pre-flight check says stop; what that overrides is reported. After an interrupted
+    /// upload: put the mission over one that is neither the previous nor the new one.
     #[arg(long)]
     pub force: bool,
     /// Replace the mission although it is being flown, or the vehicle is armed in its mission mode.

@@ -30,6 +30,8 @@ pub enum OnVehicle {
     New,
     /// The mission before, read back and compared, or never touched.
     Previous,
+    /// Another station's, which came meanwhile and was left alone.
+    Other,
     /// No one knows for sure.
     Unknown,
 }
@@ -40,6 +42,7 @@ impl OnVehicle {
         match outcome {
             Outcome::Verified { .. } => Self::New,
             Outcome::RestoredPrevious { .. } => Self::Previous,
+            Outcome::Foreign { .. } => Self::Other,
             Outcome::Unknown { .. } => Self::Unknown,
         }
     }

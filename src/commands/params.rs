@@ -8,11 +8,11 @@ use crate::figures::{counted, counted_were};
 use crate::mission_link::facts;
 use crate::mission_link::files::{self, FileError};
 use crate::mission_link::param_delivery::{self, ParamOrder, ParamOrderError};
-use crate::mission_link::param_transfer::{self, ParamEvent};
+use crate::mission_link::param_transfer;
 use crate::mission_link::session::{Session, SessionError};
-use crate::mission_link::wire::Wire;
+use crate::mission_link::wire::{News, Wire};
 use gaware_mission::item::Autopilot;
-use gaware_mission::params::apply::ApplyOutcome;
+use gaware_mission::params::apply::{ApplyOutcome, ApplyPhase};
 use gaware_mission::params::list::ListError;
 use gaware_mission::params::{ParamName, ParamValue};
 use std::path::PathBuf;
@@ -39,6 +39,23 @@ pub enum ParamsError {
     /// Too many.
     #[error("several changes were interrupted here; name one of {0}")]
     Journals(String),
+    /// A journal of another vehicle.
+    #[error("{0}")]
+    OtherVehicle(String),
+    /// A journal of the other kind.
+    #[error("{0} is the journal of an interrupted upload: use \"gaware mission restore\"")]
+    OtherKind(PathBuf),
+    /// What is on the vehicle is of neither set.
+    #[error(
+        "nothing was changed: on the vehicle are values that are neither the old nor the new ones: {values}. --force puts the old values of \
+         {path} over them and keeps them in a file; or remove that journal if what is there is wanted", path = path.display()
+    )]
+    Neither {
+        /// The journal.
+        path: PathBuf,
+        /// Which they are.
+        values: String,
+    },
     /// The second signal.
     #[error(
         "ended at once, as asked: which values are on the vehicle is not known if a change had begun; \"gaware params restore\" takes it up \
@@ -53,7 +70,7 @@ pub enum ParamsError {
 impl ParamsError {
     /// Whether the arguments were at fault.
     pub fn is_usage(&self) -> bool {
-        matches!(self, Self::Journals(_))
+        matches!(self, Self::Journals(_) | Self::OtherKind(_))
     }
 }
 
@@ -92,16 +109,17 @@ pub async fn show(args: &ShowArgs, stop: &CancellationToken) -> Result<ParamsRes
     let autopilot = session.vehicle().autopilot;
     let read = if args.all {
         let all = param_transfer::list(&mut session, |_, _| ()).await;
-        all.map(|all| all.map(|all| all.values.into_iter().collect::<Vec<_>>()))
+        all.map(|all| all.values.into_iter().collect::<Vec<_>>())
     } else {
         let got = facts::read_parameters(&mut session, names(autopilot)).await;
         match got {
-            Some(got) if got.is_silent() => Err(ListError::Silent),
-            got => Ok(got.map(|got| got.values.into_iter().collect())),
+            Ok(got) if got.is_silent() => Err(ListError::Silent),
+            Ok(got) => Ok(got.values.into_iter().collect()),
+            Err(why) => Err(ListError::Stopped(why)),
         }
     };
     session.close().await;
-    let values: Vec<(ParamName, ParamValue)> = read?.ok_or(SessionError::Cancelled)?;
+    let values: Vec<(ParamName, ParamValue)> = read?;
     let shown: Vec<Shown> = values.iter().map(|(name, value)| Shown::new(*name, *value, autopilot)).collect();
     let mut text: String = shown.iter().map(|s| format!("{s}\n")).collect();
     text.push_str(&counted(shown.len(), "parameter"));
@@ -140,7 +158,7 @@ pub async fn backup(
 ) -> Result<ParamsResult, ParamsError> {
     files::refuse_existing(&args.file)?;
     let mut session = Session::open(&args.to.opening(), stop).await?;
-    let vehicle = session.vehicle();
+    let (vehicle, fixed_wing) = (session.identity(), session.vehicle().is_fixed_wing());
     let mut tenths = None;
     let all = param_transfer::list(&mut session, |done, count| {
         let now = done * 10 / count.max(1);
@@ -150,9 +168,9 @@ pub async fn backup(
     });
     let all = all.await;
     session.close().await;
-    let all = all?.ok_or(SessionError::Cancelled)?;
+    let all = all?;
     let entries = all.values.iter().map(|(name, v)| (*name, v.kind, v.value));
-    files::write_new(&args.file, &param_delivery::text_of(&vehicle, entries))?;
+    files::write_new(&args.file, &param_delivery::text_of(&vehicle, fixed_wing, entries))?;
     let text = format!(
         "{} read from the vehicle into {}",
         counted_were(all.values.len(), "parameter"),
@@ -209,9 +227,11 @@ pub(super) async fn bring(
 }
 
 /// Says in words what a change reports.
-pub(super) fn teller(say: &mut impl FnMut(&str)) -> impl FnMut(ParamEvent) {
+pub(super) fn teller(say: &mut impl FnMut(&str)) -> impl FnMut(News<ApplyPhase>) {
     move |event| match event {
-        ParamEvent::Phase(phase) => say(param_delivery::phase_words(phase)),
-        ParamEvent::Waiting(text) => say(&format!("{text}\nwaiting for the vehicle …")),
+        News::Phase(phase) => say(param_delivery::phase_words(phase)),
+        News::Stranded(text) => say(&format!("{text}\nwaiting for the vehicle …")),
+        News::Said(text) => say(&text),
+        News::Checked(_) | News::Progress(..) => {}
     }
 }

@@ -78,7 +78,10 @@ pub struct RestoreParamsArgs {
     pub to: ConnectArgs,
     /// Backup or journal of an interrupted change (default: the journal in this folder).
     pub file: Option<PathBuf>,
-    /// Where to keep the values that are on board before a backup is put back (default: params-backup-TIME.param).
+    /// Where to keep the values that are on board before they are replaced (default: params-backup-TIME.param).
     #[arg(long, value_name = "FILE")]
     pub backup: Option<PathBuf>,
+    /// After an interrupted change: put the old values over values that are neither the old nor the new ones.
+    #[arg(long)]
+    pub force: bool,
 }

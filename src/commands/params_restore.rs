@@ -5,12 +5,15 @@ use super::params_args::ApplyArgs;
 use super::params_result::{Action, OnVehicle, ParamsResult};
 use super::transfer::{self, NoJournal};
 use crate::figures::counted;
-use crate::mission_link::param_delivery::ParamOrderError;
-use crate::mission_link::param_journal::ParamJournal;
-use crate::mission_link::param_transfer;
+use crate::mission_link::files;
+use crate::mission_link::journal::{Content, Journal, Kind};
 use crate::mission_link::session::{Opening, Session};
+use crate::mission_link::vehicle::identity_words;
 use crate::mission_link::wire::Wire;
-use gaware_mission::params::apply::ApplyOutcome;
+use crate::mission_link::{facts, param_delivery, param_transfer};
+use gaware_mission::params::apply::{ApplyOutcome, Pair};
+use gaware_mission::params::list::ListError;
+use gaware_mission::params::{Encoding, ParamName};
 use std::path::{Path, PathBuf};
 use tokio_util::sync::CancellationToken;
 
@@ -27,8 +30,11 @@ pub async fn restore(
         Some(file) => file.clone(),
         None => the_journal(Path::new("."))?,
     };
-    if ParamJournal::is_named(&file) {
-        return take_up(args, ParamJournal::read(&file)?, stop, &mut say).await;
+    if Kind::Mission.names(&file) {
+        return Err(ParamsError::OtherKind(file));
+    }
+    if Kind::Parameters.names(&file) {
+        return take_up(args, Journal::read(&file)?, stop, &mut say).await;
     }
     let apply = ApplyArgs { to: args.to.clone(), file, backup: args.backup.clone() };
     bring(Action::Restore, &apply, stop, say).await
@@ -36,7 +42,7 @@ pub async fn restore(
 
 /// The only journal in a folder.
 fn the_journal(folder: &Path) -> Result<PathBuf, ParamsError> {
-    transfer::the_only(&ParamJournal::list(folder), folder).map_err(|why| match why {
+    transfer::the_only(&Kind::Parameters.list(folder), folder).map_err(|why| match why {
         NoJournal::None(folder) => ParamsError::NoJournal(folder),
         NoJournal::Several(names) => ParamsError::Journals(names),
     })
@@ -44,50 +50,81 @@ fn the_journal(folder: &Path) -> Result<PathBuf, ParamsError> {
 
 async fn take_up(
     args: &RestoreParamsArgs,
-    journal: ParamJournal,
+    journal: Journal,
     stop: &CancellationToken,
     say: &mut impl FnMut(&str),
 ) -> Result<ParamsResult, ParamsError> {
-    let other = |vehicle: String| ParamOrderError::OtherVehicle {
-        path: journal.path.clone(),
-        file: format!("system {}, {}", journal.system_id, journal.autopilot),
-        vehicle,
+    let Content::Parameters(pairs) = journal.content.clone() else {
+        return Err(ParamsError::OtherKind(journal.path));
     };
-    if let Some(id) = args.to.vehicle.filter(|id| *id != journal.system_id) {
-        return Err(other(format!("system {id}")).into());
-    }
     say(&format!(
-        "a change of {} of system {} did not end",
-        counted(journal.pairs.len(), "parameter"),
-        journal.system_id
+        "a change of {} of {} began{} and did not end",
+        counted(pairs.len(), "parameter"),
+        identity_words(&journal.vehicle),
+        journal.begun_words()
     ));
-    let to = Opening { vehicle: Some(journal.system_id), ..args.to.opening() };
+    let to = Opening { vehicle: args.to.vehicle.or(Some(journal.vehicle.system_id)), ..args.to.opening() };
     let mut session = Session::open(&to, stop).await?;
-    let vehicle = session.vehicle();
-    if vehicle.autopilot != journal.autopilot {
-        session.close().await;
-        return Err(other(vehicle.to_string()).into());
-    }
-    let patience_s = args.to.patience as f64;
-    let outcome = param_transfer::resume(&mut session, journal.pairs.clone(), patience_s, teller(say)).await;
+    let result = settle(args, &journal, &pairs, &mut session, say).await;
     session.close().await;
+    let (outcome, backup) = result?;
     let on_vehicle = OnVehicle::of(&outcome);
-    let (count, path) = (journal.pairs.len(), journal.path.clone());
-    let rest = journal.settle(&outcome);
+    let (count, path) = (pairs.len(), journal.path.clone());
+    let kept = format!("; what was on it is in {}", backup.display());
+    let rest = journal.settle(on_vehicle != OnVehicle::Mixed);
     let text = match &outcome {
         ApplyOutcome::Previous { .. } => {
             format!(
-                "the old values of {} are on the vehicle, read back and compared{rest}",
+                "the old values of {} are on the vehicle, read back and compared{kept}{rest}",
                 counted(count, "parameter")
             )
         }
-        outcome => format!("{outcome}{rest}"),
+        outcome => format!("{outcome}{kept}{rest}"),
     };
     let mut result = ParamsResult::new(Action::Restore, on_vehicle == OnVehicle::Previous, on_vehicle, text);
     result.count = Some(count);
+    result.backup = Some(backup);
     result.journal = (on_vehicle == OnVehicle::Mixed).then_some(path);
     if let ApplyOutcome::Mixed { values, .. } = &outcome {
         result.values = Some(values.iter().map(Into::into).collect());
     }
     result.settled()
+}
+
+/// Checks that this is the vehicle, and that what is on it came from this change; keeps it in a file, and puts the old values back.
+async fn settle(
+    args: &RestoreParamsArgs,
+    journal: &Journal,
+    pairs: &[Pair],
+    session: &mut Session,
+    say: &mut impl FnMut(&str),
+) -> Result<(ApplyOutcome, PathBuf), ParamsError> {
+    let (vehicle, here) = (session.vehicle(), session.identity());
+    let doubt = journal.check_vehicle(&here).map_err(ParamsError::OtherVehicle)?;
+    doubt.iter().for_each(|text| say(&format!("warning: {text}")));
+    let names: Vec<ParamName> = pairs.iter().map(|p| p.name).collect();
+    let got = facts::read_parameters(session, names).await.map_err(ListError::Stopped)?;
+    if got.is_silent() {
+        return Err(ListError::Silent.into());
+    }
+    let encoding = Encoding::of(vehicle.autopilot);
+    let on_board = |p: &Pair| got.values.get(&p.name).map(|v| v.value);
+    let is = |p: &Pair, value: f64| on_board(p).is_none_or(|v| encoding.same(p.kind, v, value));
+    let neither = pairs.iter().filter(|p| !is(p, p.old) && !is(p, p.new)).filter_map(|p| {
+        Some(format!("{} {} (old {}, new {})", p.name, on_board(p)? as f32, p.old as f32, p.new as f32))
+    });
+    let neither: Vec<String> = neither.collect();
+    if !neither.is_empty() && !args.force {
+        return Err(ParamsError::Neither { path: journal.path.clone(), values: neither.join(", ") });
+    }
+    let name = || {
+        let file = transfer::default_backup("params-backup", "param");
+        files::folder_of(&journal.path).join(file)
+    };
+    let backup = args.backup.clone().unwrap_or_else(name);
+    let values = got.values.iter().map(|(name, v)| (*name, v.kind, v.value));
+    files::write_new(&backup, &param_delivery::text_of(&here, vehicle.is_fixed_wing(), values))?;
+    let patience_s = args.to.patience as f64;
+    let outcome = param_transfer::resume(session, pairs.to_vec(), patience_s, teller(say)).await;
+    Ok((outcome, backup))
 }

@@ -4,7 +4,7 @@ use super::band::{self, BandError};
 use super::{CommandError, demo, output};
 use crate::demo::predictor;
 use crate::figures::counted;
-use crate::mission_link::files::{self, FileError};
+use crate::mission_link::files::{self, Contents, FileError};
 use gaware_mission::fence::{Fence, FenceCircle};
 use gaware_mission::item::{Autopilot, Home, LatLon};
 use gaware_mission::maneuver::Maneuver;
@@ -125,7 +125,13 @@ pub fn run(args: &PlanArgs) -> Result<(), CommandError> {
     let made = plan(&request, predictor(&model, &request)).map_err(PlanCommandError::from)?;
     if let Some(path) = &args.out {
         let a = &request.airframe;
-        let text = files::text_of(path, &made.mission, &request.limits.fence, a.autopilot, a.mav_type())
+        let contents = Contents {
+            mission: made.mission.clone(),
+            fence: request.limits.fence.clone(),
+            airframe: Some(a.clone()),
+            ..Contents::default()
+        };
+        let text = files::text_of_contents(path, &contents, a.autopilot, a.mav_type())
             .map_err(PlanCommandError::from)?;
         outputs.write(path, files::marked(path, text))?;
     }

@@ -104,7 +104,7 @@ pub async fn check(
     let wish = Wish { parameters: preflight::parameters(autopilot), streams: streams(autopilot) };
     let facts = facts::gather(&mut session, wish).await;
     session.close().await;
-    let checks = preflight::check(&facts.ok_or(SessionError::Cancelled)?, against);
+    let checks = preflight::check(&facts.map_err(SessionError::Conflict)?, against);
     let ready = checks.iter().all(|r| r.verdict != Verdict::Stop);
     Ok(Table { schema: "gaware.preflight/1", ready, checks })
 }

@@ -67,6 +67,9 @@ pub struct SimArgs {
     /// MAVLink system id.
     #[arg(long, default_value_t = 1)]
     pub system_id: u8,
+    /// Hardware id (uid of AUTOPILOT_VERSION); 0: it gives none (default: all simulated vehicles have the same).
+    #[arg(long, value_name = "NUMBER")]
+    pub uid: Option<u64>,
     /// Main loop, Hz; ArduPilot grants a message 0.8 of it.
     #[arg(long, default_value_t = 400.0, value_name = "HZ")]
     pub loop_rate: f64,
@@ -232,6 +235,7 @@ fn prepare(args: &SimArgs) -> Result<Prepared, SimError> {
             AutopilotKind::Px4 => Flavour::Px4,
         },
         system_id: args.system_id,
+        uid: args.uid.unwrap_or(AutopilotConfig::default().uid),
         loop_rate_hz,
         filter_hz,
         wait_for_station: !args.no_wait,

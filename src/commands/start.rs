@@ -152,7 +152,8 @@ async fn with_sinks(args: &RunArgs) -> Result<(), CommandError> {
     let mut requests = None;
     let mut uploads = None;
     let mut mission = None;
-    let mut offer = Offer::default();
+    let airframe = options.guidance.as_ref().map(|g| g.airframe.clone());
+    let mut offer = Offer { airframe, ..Offer::default() };
     if let Some(path) = &args.params {
         offer.parameters = Some(ParamOrder::load(path).map_err(ParamsError::from)?);
     }

@@ -253,7 +253,7 @@ pub(super) fn show<T: Serialize>(
 }
 
 fn transfers(args: &TransferArgs) -> Result<(), CommandError> {
-    let study = with_bar(6 * args.runs, "uploads", |bar| transfer::run(args.runs, args.seed, bar));
+    let study = with_bar(12 * args.runs, "uploads", |bar| transfer::run(args.runs, args.seed, bar));
     show(args.json, &study, |out, study| write!(out, "{study}"))?;
     match study.wrong() {
         0 => Ok(()),

@@ -315,7 +315,8 @@ impl<E: Estimator> Flight<E> {
         if let Some(vehicle) = Vehicle::from_heartbeat(frame) {
             self.vehicle = Some(vehicle);
             if let Some(upload) = &mut self.upload {
-                upload.vehicle_state(vehicle.state);
+                let actions = upload.vehicle_state(self.now_s, vehicle.state);
+                self.transfer(actions);
             }
         }
         if let Some(upload) = &mut self.upload

@@ -56,16 +56,47 @@ impl ReceiveClock {
     }
 }
 
+/// Where a frame came from, and where an answer to it has to go.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub struct Origin {
+    /// Index of the link in the order of the addresses.
+    pub link: u16,
+    /// The sender, where several can share the link (UDP).
+    pub peer: Option<SocketAddr>,
+}
+
+/// "127.0.0.1:40312 on link 1".
+impl std::fmt::Display for Origin {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        if let Some(peer) = self.peer {
+            write!(f, "{peer} on ")?;
+        }
+        write!(f, "link {}", self.link + 1)
+    }
+}
+
 /// A frame with the circumstances of its arrival.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Received {
     /// Index of the link in the order of the addresses.
     pub link: u16,
+    /// The sender, where several can share the link (UDP).
+    pub peer: Option<SocketAddr>,
     /// When, Unix µs.
     pub t_us: u64,
     /// What.
     pub frame: Frame,
 }
+
+impl Received {
+    /// Where it came from.
+    pub fn origin(&self) -> Origin {
+        Origin { link: self.link, peer: self.peer }
+    }
+}
+
+/// A frame for the vehicle, and for one peer alone where one is named.
+type Reply = (Frame, Option<SocketAddr>);
 
 /// How a link is doing.
 #[derive(Debug, Clone, PartialEq, Serialize)]
@@ -89,7 +120,7 @@ pub struct LinkStatus {
 /// The sending side of a link.
 #[derive(Debug, Clone)]
 pub struct LinkHandle {
-    replies: mpsc::Sender<Frame>,
+    replies: mpsc::Sender<Reply>,
     dropped: Arc<AtomicU64>,
     status: watch::Receiver<LinkStatus>,
 }
@@ -97,7 +128,12 @@ pub struct LinkHandle {
 impl LinkHandle {
     /// Hands a frame over without waiting; drops and counts it when the link cannot take it.
     pub fn send(&self, frame: Frame) {
-        if self.replies.try_send(frame).is_err() {
+        self.send_to(frame, None);
+    }
+
+    /// As [`Self::send`], to one of the peers that share the link.
+    pub fn send_to(&self, frame: Frame, peer: Option<SocketAddr>) {
+        if self.replies.try_send((frame, peer)).is_err() {
             self.dropped.fetch_add(1, Ordering::Relaxed);
         }
     }
@@ -204,7 +240,7 @@ struct Link {
     index: u16,
     address: Address,
     frames: mpsc::Sender<Received>,
-    replies: mpsc::Receiver<Frame>,
+    replies: mpsc::Receiver<Reply>,
     dropped: Arc<AtomicU64>,
     status: watch::Sender<LinkStatus>,
     clock: ReceiveClock,
@@ -304,14 +340,14 @@ impl Link {
                 read = reader.read(&mut bytes) => match read {
                     Ok(0) => break Ok(()),
                     Ok(n) => {
-                        self.take(&mut framer, bytes.get(..n).unwrap_or_default()).await?;
+                        self.take(&mut framer, bytes.get(..n).unwrap_or_default(), None).await?;
                         let stats = add(self.past, framer.stats());
                         self.status.send_modify(|s| s.framer = stats);
                     }
                     Err(e) if e.kind() == io::ErrorKind::Interrupted => {}
                     Err(e) => break Err(e),
                 },
-                Some(frame) = self.replies.recv() => {
+                Some((frame, _)) = self.replies.recv() => {
                     let written = tokio::time::timeout(CONNECT_PATIENCE, writer.write_all(frame.raw())).await;
                     if let Err(e) = written.map_err(|_| io::Error::from(io::ErrorKind::TimedOut)).flatten() {
                         break Err(e);
@@ -338,7 +374,7 @@ impl Link {
                         let mut peer = peers.remove(&from).unwrap_or_else(Peer::new);
                         peer.heard = Instant::now();
                         let earlier = peer.framer.stats();
-                        let systems = self.take(&mut peer.framer, bytes.get(..n).unwrap_or_default()).await?;
+                        let systems = self.take(&mut peer.framer, bytes.get(..n).unwrap_or_default(), Some(from)).await?;
                         peer.systems.extend(systems);
                         // Several framers share one status: the sum is kept in `past`.
                         self.past = add(self.past, since(peer.framer.stats(), earlier));
@@ -351,10 +387,13 @@ impl Link {
                     Err(e) if matches!(e.kind(), io::ErrorKind::ConnectionRefused | io::ErrorKind::Interrupted) => {}
                     Err(e) => return Err(e),
                 },
-                Some(frame) = self.replies.recv() => {
+                Some((frame, only)) = self.replies.recv() => {
                     let vehicle = self.followed.load(Ordering::Relaxed);
                     let lately = peers.iter().filter(|(_, p)| p.heard.elapsed() < PEER_LIFETIME && p.speaks_for(vehicle));
-                    let to: Vec<_> = fixed.map_or_else(|| lately.map(|(a, _)| *a).collect(), |a| vec![a]);
+                    let to: Vec<_> = match only.or(fixed) {
+                        Some(address) => vec![address],
+                        None => lately.map(|(a, _)| *a).collect(),
+                    };
                     for address in to {
                         // A peer that has gone away does not concern the others.
                         let _ = socket.send_to(frame.raw(), address).await;
@@ -365,13 +404,18 @@ impl Link {
     }
 
     /// Passes the frames of these bytes on; gives the systems that they are of.
-    async fn take(&mut self, framer: &mut Framer, bytes: &[u8]) -> io::Result<BTreeSet<u8>> {
+    async fn take(
+        &mut self,
+        framer: &mut Framer,
+        bytes: &[u8],
+        peer: Option<SocketAddr>,
+    ) -> io::Result<BTreeSet<u8>> {
         let t_us = self.clock.now_us();
         let mut systems = BTreeSet::new();
         framer.push(bytes);
         while let Some(frame) = framer.next_frame() {
             systems.insert(frame.system_id);
-            let received = Received { link: self.index, t_us, frame };
+            let received = Received { link: self.index, peer, t_us, frame };
             if self.frames.send(received).await.is_err() {
                 return Err(io::Error::from(io::ErrorKind::BrokenPipe));
             }

@@ -9,7 +9,7 @@ use crate::preflight::{Facts, StreamFact};
 use gaware_mission::item::{Autopilot, LatLon};
 use gaware_mission::params::{Encoding, ParamName, ParamRead, ParamTiming, Parameters};
 
-const COMMAND_LONG: u32 = 76;
+pub(super) const COMMAND_LONG: u32 = 76;
 const COMMAND_ACK: u32 = 77;
 const AUTOPILOT_VERSION: u32 = 148;
 const GLOBAL_POSITION_INT: u32 = 33;
@@ -39,8 +39,11 @@ pub struct Wish {
     pub streams: Vec<(u32, &'static str)>,
 }
 
-/// Asks for all of it; `None` when the user wants to stop.
-pub async fn gather(wire: &mut impl Wire, wish: Wish) -> Option<Facts> {
+/// Asks for all of it.
+///
+/// # Errors
+/// Why it is not to go on: the user wants to stop, or it is not certain who answers.
+pub async fn gather(wire: &mut impl Wire, wish: Wish) -> Result<Facts, String> {
     let mut facts = Facts::new(wire.vehicle());
     // Every answer to a request shows that requests are answered at all.
     let answered = request(wire, AUTOPILOT_VERSION, &mut facts).await?;
@@ -62,7 +65,7 @@ pub async fn gather(wire: &mut impl Wire, wish: Wish) -> Option<Facts> {
         listen(wire, until, &mut facts, |frame| frame.message_id == MISSION_CURRENT).await?;
     }
     facts.parameters = read_parameters(wire, wish.parameters).await?;
-    Some(facts)
+    Ok(facts)
 }
 
 /// What came of a request for a message.
@@ -76,8 +79,8 @@ enum Answer {
     Silence,
 }
 
-/// Asks for one message; `None` when the user wants to stop.
-async fn request(wire: &mut impl Wire, id: u32, facts: &mut Facts) -> Option<Answer> {
+/// Asks for one message.
+async fn request(wire: &mut impl Wire, id: u32, facts: &mut Facts) -> Result<Answer, String> {
     // PX4 denies also what it only has nothing new of.
     let denial_ends = wire.vehicle().autopilot != Autopilot::Px4;
     let end = wire.now_s() + TRIES * ANSWER_S;
@@ -104,7 +107,7 @@ async fn request(wire: &mut impl Wire, id: u32, facts: &mut Facts) -> Option<Ans
             listen(wire, until, facts, over).await?;
         }
         if arrived {
-            return Some(Answer::Arrived);
+            return Ok(Answer::Arrived);
         }
         if result.is_some() {
             answer = Answer::Acknowledged;
@@ -113,16 +116,16 @@ async fn request(wire: &mut impl Wire, id: u32, facts: &mut Facts) -> Option<Ans
             break;
         }
     }
-    Some(answer)
+    Ok(answer)
 }
 
-/// Takes what the vehicle sends until then, or until it is over; `None` when the user wants to stop.
+/// Takes what the vehicle sends until then, or until it is over.
 async fn listen(
     wire: &mut impl Wire,
     until_s: f64,
     facts: &mut Facts,
     mut over: impl FnMut(&Frame) -> bool,
-) -> Option<()> {
+) -> Result<(), String> {
     while wire.now_s() < until_s {
         match wire.next(Some(until_s)).await {
             Event::Frame(frame) if of_vehicle(wire.vehicle(), &frame) => {
@@ -132,14 +135,17 @@ async fn listen(
                 }
             }
             Event::Frame(_) | Event::Deadline => {}
-            Event::Stopped => return None,
+            Event::Stopped(why) | Event::Abandoned(why) => return Err(why),
         }
     }
-    Some(())
+    Ok(())
 }
 
-/// Reads these parameters; `None` when the user wants to stop.
-pub async fn read_parameters(wire: &mut impl Wire, names: Vec<ParamName>) -> Option<Parameters> {
+/// Reads these parameters.
+///
+/// # Errors
+/// As [`gather`].
+pub async fn read_parameters(wire: &mut impl Wire, names: Vec<ParamName>) -> Result<Parameters, String> {
     let vehicle = wire.vehicle();
     let encoding = Encoding::of(vehicle.autopilot);
     let (mut read, mut messages) = ParamRead::start(encoding, ParamTiming::default(), names, wire.now_s());
@@ -149,7 +155,7 @@ pub async fn read_parameters(wire: &mut impl Wire, names: Vec<ParamName>) -> Opt
             wire.send_payload(id, payload);
         }
         if let Some(result) = read.result() {
-            return Some(result.clone());
+            return Ok(result.clone());
         }
         messages = match wire.next(read.deadline()).await {
             Event::Frame(frame) if of_vehicle(vehicle, &frame) => {
@@ -157,7 +163,7 @@ pub async fn read_parameters(wire: &mut impl Wire, names: Vec<ParamName>) -> Opt
             }
             Event::Frame(_) => Vec::new(),
             Event::Deadline => read.tick(wire.now_s()),
-            Event::Stopped => return None,
+            Event::Stopped(why) | Event::Abandoned(why) => return Err(why),
         };
     }
 }
@@ -172,7 +178,7 @@ pub(super) fn message_request(vehicle: Vehicle, id: u32) -> (u32, Vec<u8>) {
 }
 
 /// `COMMAND_LONG` with one parameter.
-fn command_long(vehicle: Vehicle, command: u16, param1: f32) -> Vec<u8> {
+pub(super) fn command_long(vehicle: Vehicle, command: u16, param1: f32) -> Vec<u8> {
     let mut b = param1.to_le_bytes().to_vec();
     b.resize(28, 0);
     b.extend(command.to_le_bytes());

@@ -1,9 +1,11 @@
 //! Mission files by their kind: QGroundControl's `.plan` and `QGC WPL 110`.
 
 use crate::outputs::{self, mark};
+use gaware_mission::airframe::Airframe;
 use gaware_mission::fence::{Fence, FenceItemError};
 use gaware_mission::files::plan::{self, PlanFile};
 use gaware_mission::files::waypoints;
+use gaware_mission::identity::Identity;
 use gaware_mission::item::{Autopilot, LatLon, Mission, MissionItem, MissionKind, command};
 use std::path::{Path, PathBuf};
 
@@ -36,12 +38,16 @@ pub enum FileError {
     },
     /// A transfer to this vehicle did not come to its end.
     #[error(
-        "an earlier transfer to this vehicle was interrupted, or is under way in another process; its journal is {path}. Run \"gaware mission \
-         restore --connect … {path}\" first, or remove that file if you know what is on the vehicle", path = path.display()
+        "an earlier {what} was interrupted, or is under way in another process; its journal is {path}. Run \"gaware {command} restore \
+         --connect … {path}\" first, or remove that file if you know what is on the vehicle", path = path.display()
     )]
     Interrupted {
         /// The journal.
         path: PathBuf,
+        /// What was interrupted, and of which vehicle.
+        what: String,
+        /// `mission` or `params`.
+        command: &'static str,
     },
     /// A fence that no plan file can hold.
     #[error("{path}: {source}", path = path.display())]
@@ -77,6 +83,10 @@ pub struct Contents {
     pub planned_for: Option<Autopilot>,
     /// `MAV_TYPE` of what it was made for, where it says so.
     pub mav_type: Option<u8>,
+    /// The vehicle that it is a backup of, where it is one.
+    pub backup_of: Option<Identity>,
+    /// The airframe that it was planned for, where it says so.
+    pub airframe: Option<Airframe>,
 }
 
 impl Contents {
@@ -144,6 +154,8 @@ pub fn read_contents(path: &Path) -> Result<Contents, FileError> {
             _ => None,
         },
         mav_type: (file.vehicle_type != 0).then_some(file.vehicle_type),
+        backup_of: file.backup_of,
+        airframe: file.airframe,
     })
 }
 
@@ -188,6 +200,8 @@ pub fn marked(path: &Path, text: String) -> String {
 pub fn plan_of(contents: &Contents, autopilot: Autopilot, mav_type: u8) -> PlanFile {
     PlanFile {
         rally_points: contents.rally_points.clone(),
+        backup_of: contents.backup_of,
+        airframe: contents.airframe.clone(),
         ..PlanFile::new(contents.mission.clone(), contents.fence.clone(), autopilot, mav_type)
     }
 }

@@ -1,152 +1,286 @@
-//! The journal of a mission transfer: what was on the vehicle before and what was to replace it, on disk before the first item goes out.
+//! The journal of a change of a vehicle: what was on it before and what was to replace it, on disk before the first message that changes
+//! anything.
 //!
-//! It is removed when one of the two missions has been read back whole. If the program dies in between, or the link never comes back,
-//! `gaware mission restore` finds it and knows what to put back.
+//! It is removed when one of the two has been read back whole. If the program dies in between, or the link never comes back,
+//! `gaware mission restore` or `gaware params restore` finds it and knows what to put back, and into which vehicle.
 
 use super::files::{self, FileError};
-use super::journal_file::{self, JournalFiles};
-use super::vehicle::Vehicle;
+use super::vehicle::identity_words;
 use gaware_mission::compare::differences;
 use gaware_mission::fence::Fence;
 use gaware_mission::files::plan::{self, PlanFile};
+use gaware_mission::identity::{Identity, Sameness};
 use gaware_mission::item::{Autopilot, Mission};
-use gaware_mission::transfer::verified::Outcome;
+use gaware_mission::params::ParamType;
+use gaware_mission::params::apply::Pair;
 use serde::{Deserialize, Serialize};
 use serde_json::Value;
 use std::path::{Path, PathBuf};
 use std::time::SystemTime;
 
-/// Schema of the file.
-const SCHEMA: &str = "gaware.transfer/1";
-/// Its file.
-const FILES: JournalFiles = JournalFiles("mission-transfer-system");
+/// End of the name of every journal.
+const END: &str = ".journal";
 
-/// A transfer that has begun.
+/// What a journal is about.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Kind {
+    /// A mission, and the fence that goes with it.
+    Mission,
+    /// Parameters.
+    Parameters,
+}
+
+impl Kind {
+    /// Begin of the names of the files; the system id and the hardware id follow.
+    fn prefix(self) -> &'static str {
+        match self {
+            Self::Mission => "mission-transfer-system",
+            Self::Parameters => "parameter-change-system",
+        }
+    }
+
+    fn schema(self) -> &'static str {
+        match self {
+            Self::Mission => "gaware.transfer/1",
+            Self::Parameters => "gaware.parameter-change/1",
+        }
+    }
+
+    /// The command that takes it up.
+    pub fn command(self) -> &'static str {
+        match self {
+            Self::Mission => "mission",
+            Self::Parameters => "params",
+        }
+    }
+
+    fn words(self) -> &'static str {
+        match self {
+            Self::Mission => "transfer of a mission",
+            Self::Parameters => "change of parameters",
+        }
+    }
+
+    /// Whether a file has the name of such a journal.
+    pub fn names(self, path: &Path) -> bool {
+        let name = path.file_name().map(|n| n.to_string_lossy().into_owned()).unwrap_or_default();
+        name.starts_with(self.prefix()) && name.ends_with(END)
+    }
+
+    /// Those in a folder.
+    pub fn list(self, folder: &Path) -> Vec<PathBuf> {
+        let entries = std::fs::read_dir(folder).into_iter().flatten().flatten();
+        let mut found: Vec<PathBuf> = entries.map(|e| e.path()).filter(|p| self.names(p)).collect();
+        found.sort();
+        found
+    }
+
+    /// Where the journal of a change of this vehicle lies.
+    pub fn path(self, folder: &Path, vehicle: &Identity) -> PathBuf {
+        let uid = vehicle.uid.map_or_else(String::new, |uid| format!("-{uid}"));
+        folder.join(format!("{}{}{uid}{END}", self.prefix(), vehicle.system_id))
+    }
+
+    /// Whether a change of this vehicle may begin.
+    ///
+    /// # Errors
+    /// Another one is under way or was interrupted.
+    pub fn check(self, folder: &Path, vehicle: &Identity) -> Result<(), FileError> {
+        let begun = self.list(folder).into_iter().find_map(|path| {
+            let whose = match Journal::read(&path) {
+                Ok(journal) => match journal.vehicle.is(vehicle) {
+                    Sameness::Other => return None,
+                    Sameness::Same => format!("to this vehicle, {}", identity_words(vehicle)),
+                    Sameness::Unproven => format!(
+                        "to {}, which may be this vehicle (one of them gives no hardware id),",
+                        identity_words(&journal.vehicle)
+                    ),
+                },
+                // One that cannot be read may be about any vehicle of its system id.
+                Err(_) if path == self.path(folder, &Identity { uid: None, ..*vehicle }) => {
+                    format!("to system {}", vehicle.system_id)
+                }
+                Err(_) if path == self.path(folder, vehicle) => "to this vehicle".to_owned(),
+                Err(_) => return None,
+            };
+            Some((path, whose))
+        });
+        match begun {
+            None => Ok(()),
+            Some((path, whose)) => {
+                let what = format!("{} {whose}", self.words());
+                Err(FileError::Interrupted { path, what, command: self.command() })
+            }
+        }
+    }
+}
+
+/// Before and after.
+#[derive(Debug, Clone, PartialEq)]
+pub enum Content {
+    /// A mission.
+    Mission {
+        /// On the vehicle before.
+        previous: Mission,
+        /// To be on it afterwards.
+        new: Mission,
+        /// The geofence before and the one that goes along with the new mission, where one does.
+        fences: Option<(Fence, Fence)>,
+    },
+    /// Old and new values.
+    Parameters(Vec<Pair>),
+}
+
+impl Content {
+    fn kind(&self) -> Kind {
+        match self {
+            Self::Mission { .. } => Kind::Mission,
+            Self::Parameters(_) => Kind::Parameters,
+        }
+    }
+
+    /// Whether a vehicle stores both alike.
+    fn same(&self, other: &Self, autopilot: Autopilot) -> bool {
+        let same = |a: &Mission, b: &Mission| differences(autopilot, a, b).is_empty();
+        let alike = |a: &Fence, b: &Fence| same(&list(a), &list(b));
+        match (self, other) {
+            (
+                Self::Mission { previous: a, new: b, fences: f },
+                Self::Mission { previous: c, new: d, fences: g },
+            ) => {
+                let fences = match (f, g) {
+                    (None, None) => true,
+                    (Some((a, b)), Some((c, d))) => alike(a, c) && alike(b, d),
+                    _ => false,
+                };
+                same(a, c) && same(b, d) && fences
+            }
+            (Self::Parameters(a), Self::Parameters(b)) => a == b,
+            _ => false,
+        }
+    }
+}
+
+/// A fence as a list of the vehicle.
+pub fn list(fence: &Fence) -> Mission {
+    Mission { home: None, items: fence.items() }
+}
+
+/// A change that has begun.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Journal {
     /// The file.
     pub path: PathBuf,
-    /// System id of the vehicle.
-    pub system_id: u8,
-    /// Its habits.
-    pub autopilot: Autopilot,
-    /// When it began, s since 1970; 0 where the clock was not set.
+    /// The vehicle; journals of earlier versions have no hardware id.
+    pub vehicle: Identity,
+    /// When it began, s since 1970; 0 where the clock was not set or the journal does not say.
     pub begun_unix_s: u64,
-    /// On the vehicle before.
-    pub previous: Mission,
-    /// To be on it afterwards.
-    pub new: Mission,
-    /// The geofence before and the one that goes along with the new mission, where one does.
-    pub fences: Option<(Fence, Fence)>,
+    /// Before and after.
+    pub content: Content,
 }
 
-/// As written. The missions are whole `.plan` documents, so that a ground station can open them in need.
+/// As written. Missions are whole `.plan` documents, so that a ground station can open them in need.
 #[derive(Debug, Serialize, Deserialize)]
 struct Document {
     schema: String,
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    vehicle: Option<Identity>,
     system_id: u8,
     autopilot: Autopilot,
+    #[serde(default)]
     begun_unix_s: u64,
     /// Whether the geofences in the two documents count.
     #[serde(default)]
     with_fence: bool,
-    previous: Value,
-    new: Value,
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    previous: Option<Value>,
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    new: Option<Value>,
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    parameters: Option<Vec<Entry>>,
+}
+
+#[derive(Debug, Serialize, Deserialize)]
+struct Entry {
+    name: String,
+    /// `MAV_PARAM_TYPE`.
+    kind: u8,
+    old: f64,
+    new: f64,
+}
+
+impl From<&Pair> for Entry {
+    fn from(p: &Pair) -> Self {
+        Self { name: p.name.to_string(), kind: p.kind.number(), old: p.old, new: p.new }
+    }
+}
+
+impl TryFrom<&Entry> for Pair {
+    type Error = String;
+
+    fn try_from(e: &Entry) -> Result<Self, String> {
+        let name = e.name.parse().map_err(|e: gaware_mission::params::NameError| e.to_string())?;
+        let kind = ParamType::from_number(e.kind).ok_or_else(|| format!("{} is no type", e.kind))?;
+        let finite = e.old.is_finite() && e.new.is_finite();
+        finite
+            .then_some(Self { name, kind, old: e.old, new: e.new })
+            .ok_or_else(|| format!("{name} has no value"))
+    }
 }
 
 impl Journal {
-    /// Writes the journal of a transfer that is about to begin, down to the disk.
+    /// Writes the journal of a change that is about to begin, down to the disk.
     ///
     /// # Errors
-    /// There is one already: another transfer to this vehicle is under way or was interrupted. Or the disk refuses.
-    pub fn begin(
-        folder: &Path,
-        vehicle: &Vehicle,
-        previous: &Mission,
-        new: &Mission,
-        fences: Option<(Fence, Fence)>,
-    ) -> Result<Self, FileError> {
-        Self::check(folder, vehicle)?;
-        let system_id = vehicle.address.system;
-        let path = Self::path(folder, system_id);
+    /// There is one already: another change of this vehicle is under way or was interrupted. Or the disk refuses.
+    pub fn begin(folder: &Path, vehicle: Identity, content: Content) -> Result<Self, FileError> {
+        let kind = content.kind();
+        kind.check(folder, &vehicle)?;
         let since = SystemTime::now().duration_since(SystemTime::UNIX_EPOCH).unwrap_or_default();
-        let journal = Self {
-            path,
-            system_id,
-            autopilot: vehicle.autopilot,
-            begun_unix_s: since.as_secs(),
-            previous: previous.clone(),
-            new: new.clone(),
-            fences,
-        };
-        journal.write(vehicle.mav_type)?;
+        let journal =
+            Self { path: kind.path(folder, &vehicle), vehicle, begun_unix_s: since.as_secs(), content };
+        let wrong = |reason: String| FileError::Content { path: journal.path.clone(), reason };
+        let text = serde_json::to_string_pretty(&journal.document()).map_err(|e| wrong(e.to_string()))?;
+        files::write_new(&journal.path, &text)?;
         // What cannot be read again could not be put back.
-        let read = Self::read(&journal.path);
-        let same = |a: &Mission, b: &Mission| differences(vehicle.autopilot, a, b).is_empty();
-        match read {
-            Ok(read)
-                if same(&read.previous, previous)
-                    && same(&read.new, new)
-                    && journal.same_fences(&read, vehicle.autopilot) =>
-            {
-                Ok(journal)
-            }
-            other => {
-                let reason = other.err().map_or_else(
-                    || "a mission changes when it is written to a file and read again".to_owned(),
-                    |e| e.to_string(),
-                );
-                let path = journal.path.clone();
-                journal.end()?;
-                Err(FileError::Content { path, reason })
-            }
-        }
-    }
-
-    /// Whether the fences are stored alike by a vehicle.
-    fn same_fences(&self, other: &Self, autopilot: Autopilot) -> bool {
-        let list = |fence: &Fence| Mission { home: None, items: fence.items() };
-        let same = |a: &Fence, b: &Fence| differences(autopilot, &list(a), &list(b)).is_empty();
-        match (&self.fences, &other.fences) {
-            (None, None) => true,
-            (Some((a, b)), Some((c, d))) => same(a, c) && same(b, d),
-            _ => false,
-        }
-    }
-
-    /// Whether a transfer to this vehicle may begin.
-    ///
-    /// # Errors
-    /// Another one is under way or was interrupted.
-    pub fn check(folder: &Path, vehicle: &Vehicle) -> Result<(), FileError> {
-        let path = Self::path(folder, vehicle.address.system);
-        if path.exists() { Err(FileError::Interrupted { path }) } else { Ok(()) }
-    }
-
-    fn path(folder: &Path, system_id: u8) -> PathBuf {
-        FILES.path(folder, system_id)
-    }
-
-    fn write(&self, mav_type: u8) -> Result<(), FileError> {
-        let wrong = |reason: String| FileError::Content { path: self.path.clone(), reason };
-        let (before, after) = self.fences.clone().unwrap_or_default();
-        let document = |mission: &Mission, fence: Fence| {
-            plan::document(&PlanFile::new(mission.clone(), fence, self.autopilot, mav_type))
+        let reason = match Self::read(&journal.path) {
+            Ok(read) if read.content.same(&journal.content, vehicle.autopilot) => return Ok(journal),
+            Ok(_) => "it reads otherwise than written".to_owned(),
+            Err(error) => error.to_string(),
         };
-        let document = Document {
-            schema: SCHEMA.to_owned(),
-            system_id: self.system_id,
-            autopilot: self.autopilot,
+        let path = journal.path.clone();
+        journal.end()?;
+        Err(FileError::Content { path, reason })
+    }
+
+    fn document(&self) -> Document {
+        let Identity { system_id, autopilot, mav_type, .. } = self.vehicle;
+        let mut document = Document {
+            schema: self.content.kind().schema().to_owned(),
+            vehicle: Some(self.vehicle),
+            system_id,
+            autopilot,
             begun_unix_s: self.begun_unix_s,
-            with_fence: self.fences.is_some(),
-            previous: document(&self.previous, before),
-            new: document(&self.new, after),
+            with_fence: false,
+            previous: None,
+            new: None,
+            parameters: None,
         };
-        let text = serde_json::to_string_pretty(&document).map_err(|e| wrong(e.to_string()))?;
-        files::write_new(&self.path, &text)
+        match &self.content {
+            Content::Mission { previous, new, fences } => {
+                let (before, after) = fences.clone().unwrap_or_default();
+                let plan = |mission: &Mission, fence: Fence| {
+                    Some(plan::document(&PlanFile::new(mission.clone(), fence, autopilot, mav_type)))
+                };
+                document.with_fence = fences.is_some();
+                (document.previous, document.new) = (plan(previous, before), plan(new, after));
+            }
+            Content::Parameters(pairs) => document.parameters = Some(pairs.iter().map(Into::into).collect()),
+        }
+        document
     }
 
-    /// Reads a journal.
+    /// Reads a journal of either kind.
     ///
     /// # Errors
     /// The file cannot be read or is none.
@@ -155,54 +289,111 @@ impl Journal {
             .map_err(|source| FileError::Read { path: path.to_owned(), source })?;
         let wrong = |reason: String| FileError::Content { path: path.to_owned(), reason };
         let found: Document = serde_json::from_str(&text)
-            .map_err(|e| wrong(format!("no journal of a mission transfer: {e}")))?;
-        if found.schema != SCHEMA {
-            return Err(wrong(format!("schema is \"{}\", this program reads \"{SCHEMA}\"", found.schema)));
+            .map_err(|e| wrong(format!("no journal of a change of a vehicle: {e}")))?;
+        let known = [Kind::Mission, Kind::Parameters].map(Kind::schema);
+        if !known.contains(&found.schema.as_str()) {
+            return Err(wrong(format!(
+                "schema is \"{}\", this program reads \"{}\"",
+                found.schema,
+                known.join("\" and \"")
+            )));
         }
-        let plan = |v: Value| plan::from_document(v).map_err(|e| wrong(e.to_string()));
-        let (previous, new) = (plan(found.previous)?, plan(found.new)?);
-        Ok(Self {
-            path: path.to_owned(),
-            system_id: found.system_id,
-            autopilot: found.autopilot,
-            begun_unix_s: found.begun_unix_s,
-            fences: found.with_fence.then_some((previous.fence, new.fence)),
-            previous: previous.mission,
-            new: new.mission,
-        })
+        let mut mav_type = 0;
+        let content = match (found.previous, found.new, found.parameters) {
+            (Some(previous), Some(new), None) => {
+                let plan = |v: Value| plan::from_document(v).map_err(|e| wrong(e.to_string()));
+                let (previous, new) = (plan(previous)?, plan(new)?);
+                mav_type = previous.vehicle_type;
+                let fences = found.with_fence.then_some((previous.fence, new.fence));
+                Content::Mission { previous: previous.mission, new: new.mission, fences }
+            }
+            (None, None, Some(entries)) => {
+                let pairs: Result<_, _> = entries.iter().map(Pair::try_from).collect();
+                Content::Parameters(pairs.map_err(wrong)?)
+            }
+            _ => return Err(wrong("it holds neither a mission before and after nor parameters".to_owned())),
+        };
+        let Document { system_id, autopilot, .. } = found;
+        // Journals of earlier versions name no hardware.
+        let vehicle = found.vehicle.unwrap_or(Identity {
+            uid: None,
+            autopilot,
+            mav_type,
+            system_id,
+            component_id: 1,
+            home: None,
+        });
+        Ok(Self { path: path.to_owned(), vehicle, begun_unix_s: found.begun_unix_s, content })
     }
 
-    /// The journals in a folder.
-    pub fn list(folder: &Path) -> Vec<PathBuf> {
-        FILES.list(folder)
+    /// Whether it may be taken up with this vehicle: a warning where that is not proven.
+    ///
+    /// # Errors
+    /// The sentence that says which vehicle is meant and which one is connected.
+    pub fn check_vehicle(&self, connected: &Identity) -> Result<Option<String>, String> {
+        let (meant, here) = (identity_words(&self.vehicle), identity_words(connected));
+        let home =
+            |v: &Identity| v.home.map_or_else(String::new, |[lat, lon]| format!(", home {lat:.5}, {lon:.5}"));
+        match self.vehicle.is(connected) {
+            Sameness::Same => Ok(None),
+            Sameness::Other => Err(format!(
+                "nothing was changed: {} is about {meant}{}; connected is another vehicle, {here}{}",
+                self.path.display(),
+                home(&self.vehicle),
+                home(connected)
+            )),
+            Sameness::Unproven => Ok(Some(format!(
+                "{} is about {meant}{}; connected is {here}{}: without a hardware id of both it is not certain that this is the same vehicle",
+                self.path.display(),
+                home(&self.vehicle),
+                home(connected)
+            ))),
+        }
     }
 
-    /// Whether a file has the name of a journal.
-    pub fn is_named(path: &Path) -> bool {
-        FILES.is_named(path)
+    /// When it began, in words: " 5 minutes ago"; empty where that is not known.
+    pub fn begun_words(&self) -> String {
+        let since = SystemTime::now()
+            .duration_since(SystemTime::UNIX_EPOCH)
+            .map_or(0, |now| now.as_secs().saturating_sub(self.begun_unix_s));
+        match since / 60 {
+            _ if self.begun_unix_s == 0 => String::new(),
+            0..=1 => " just now".to_owned(),
+            minutes @ 2..=120 => format!(" {minutes} minutes ago"),
+            minutes => format!(" {} hours ago", minutes / 60),
+        }
     }
 
     /// The rest of a sentence about a vehicle of which no one knows what is on it.
     pub fn left_words(&self) -> String {
+        let (path, kind) = (self.path.display(), self.content.kind());
+        let (both, previous) = match kind {
+            Kind::Mission => ("Both missions", "the previous one"),
+            Kind::Parameters => ("Both sets", "the old one"),
+        };
         format!(
-            ". Both missions are in {}: \"gaware mission restore\" puts the previous one back when the link is there again",
-            self.path.display()
+            ". {both} are in {path}: \"gaware {} restore\" puts {previous} back when the link is there again",
+            kind.command()
         )
     }
 
     /// Ends the journal where it is known what is on the vehicle; the rest of the sentence about the outcome where it is not.
-    pub fn settle(self, outcome: &Outcome) -> String {
-        if matches!(outcome, Outcome::Unknown { .. }) {
+    pub fn settle(self, known: bool) -> String {
+        if !known {
             return self.left_words();
         }
         self.end().err().map(|e| format!("; {e}: remove it by hand")).unwrap_or_default()
     }
 
-    /// The transfer came to a good end.
+    /// The change came to a good end.
     ///
     /// # Errors
     /// The file cannot be removed.
     pub fn end(self) -> Result<(), FileError> {
-        journal_file::end(&self.path)
+        std::fs::remove_file(&self.path)
+            .map_err(|source| FileError::Write { path: self.path.clone(), source })
     }
 }
+
+#[cfg(test)]
+mod tests;

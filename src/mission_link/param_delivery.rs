@@ -1,11 +1,12 @@
 //! A parameter file on its way to a vehicle: checked against the vehicle, the old values kept on disk first, then the verified change.
 
 use super::files::{self, FileError};
-use super::param_journal::ParamJournal;
-use super::param_transfer::{self, ParamEvent};
+use super::journal::{Content, Journal, Kind};
+use super::param_transfer;
 use super::vehicle::Vehicle;
-use super::wire::Wire;
+use super::wire::{News, Wire};
 use crate::advice::table::{self, Mapping};
+use gaware_mission::identity::Identity;
 use gaware_mission::item::Autopilot;
 use gaware_mission::params::apply::{ApplyOutcome, ApplyPhase, Pair, Wanted};
 use gaware_mission::params::file::{self, FileEntry, FileLine, ParamFile};
@@ -18,12 +19,6 @@ pub enum ParamOrderError {
     /// A file.
     #[error(transparent)]
     File(#[from] FileError),
-    /// An earlier change did not end.
-    #[error(
-        "an earlier change of parameters was interrupted, or is under way in another process; its journal is {0}. Run \"gaware params \
-         restore --connect … {0}\" first, or remove that file if you know what is on the vehicle"
-    )]
-    Interrupted(String),
     /// The file is not for this vehicle.
     #[error("nothing was changed: {path} is for {file}; this is {vehicle}", path = path.display())]
     OtherVehicle {
@@ -87,6 +82,12 @@ impl ParamOrder {
             let (file, vehicle) = (autopilot.to_string(), vehicle.autopilot.to_string());
             return Err(ParamOrderError::OtherVehicle { path, file, vehicle });
         }
+        if let (Some(meant), Some(here)) = (self.file.uid, vehicle.uid)
+            && meant != here
+        {
+            let (file, vehicle) = (format!("the vehicle with hardware id {meant}"), vehicle.to_string());
+            return Err(ParamOrderError::OtherVehicle { path, file, vehicle });
+        }
         match (self.file.fixed_wing, vehicle.is_fixed_wing()) {
             (Some(a), Some(b)) if a != b => {
                 let (file, vehicle) = (kind(a).to_owned(), kind(b).to_owned());
@@ -123,24 +124,22 @@ pub async fn deliver(
     order: &ParamOrder,
     backup: PathBuf,
     patience_s: f64,
-    tell: impl FnMut(ParamEvent),
+    tell: impl FnMut(News<ApplyPhase>),
 ) -> Result<ParamDelivered, ParamOrderError> {
     let vehicle = wire.vehicle();
     order.check_vehicle(&vehicle)?;
     files::refuse_existing(&backup)?;
     let folder = files::folder_of(&backup).to_owned();
-    let earlier = ParamJournal::path(&folder, vehicle.address.system);
-    if earlier.exists() {
-        return Err(ParamOrderError::Interrupted(earlier.display().to_string()));
-    }
+    let who = wire.identity();
+    Kind::Parameters.check(&folder, &who)?;
     let wanted =
         order.entries().iter().map(|e| Wanted { name: e.name, value: e.value, kind: e.kind }).collect();
     let mut journal = None;
     let keep = |pairs: &[Pair]| {
-        let kept = || -> Result<ParamJournal, FileError> {
+        let kept = || -> Result<Journal, FileError> {
             let entries = pairs.iter().map(|p| (p.name, p.kind, p.old));
-            files::write_new(&backup, &text_of(&vehicle, entries))?;
-            ParamJournal::begin(&folder, &vehicle, pairs)
+            files::write_new(&backup, &text_of(&who, vehicle.is_fixed_wing(), entries))?;
+            Journal::begin(&folder, who, Content::Parameters(pairs.to_vec()))
         };
         journal = Some(kept().map_err(|e| e.to_string())?);
         Ok(())
@@ -152,18 +151,21 @@ pub async fn deliver(
 fn delivered(
     autopilot: Autopilot,
     outcome: ApplyOutcome,
-    journal: Option<ParamJournal>,
+    journal: Option<Journal>,
     backup: PathBuf,
 ) -> ParamDelivered {
     let is_new = matches!(outcome, ApplyOutcome::Verified { .. });
     let is_mixed = matches!(outcome, ApplyOutcome::Mixed { .. });
-    let changed: Vec<Pair> =
-        journal.iter().flat_map(|j| &j.pairs).filter(|p| p.old as f32 != p.new as f32).copied().collect();
+    let pairs = match journal.as_ref().map(|j| &j.content) {
+        Some(Content::Parameters(pairs)) => pairs.as_slice(),
+        _ => &[],
+    };
+    let changed: Vec<Pair> = pairs.iter().filter(|p| p.old as f32 != p.new as f32).copied().collect();
     let needs_reboot = |p: &&Pair| mapping(p.name.as_str(), autopilot).is_some_and(|m| m.reboot);
     let reboot: Vec<String> = changed.iter().filter(needs_reboot).map(|p| p.name.to_string()).collect();
     let path = journal.as_ref().map(|j| j.path.clone());
     let kept = journal.is_some();
-    let rest = journal.map_or_else(String::new, |j| j.settle(&outcome));
+    let rest = journal.map_or_else(String::new, |j| j.settle(!is_mixed));
     let mut text = format!("{outcome}{rest}");
     if kept {
         let what = if is_new { "what was there before is in" } else { "the old values are in" };
@@ -192,11 +194,15 @@ pub fn mapping(name: &str, autopilot: Autopilot) -> Option<&'static Mapping> {
 }
 
 /// A parameter file of a vehicle.
-pub fn text_of(vehicle: &Vehicle, entries: impl Iterator<Item = (ParamName, ParamType, f64)>) -> String {
-    let head = file::vehicle_line(vehicle.autopilot, vehicle.is_fixed_wing());
+pub fn text_of(
+    vehicle: &Identity,
+    fixed_wing: Option<bool>,
+    entries: impl Iterator<Item = (ParamName, ParamType, f64)>,
+) -> String {
+    let head = file::backup_line(vehicle, fixed_wing);
     let entry = |(name, kind, value)| FileLine::Entry(FileEntry { name, value, kind: Some(kind) });
     let lines: Vec<FileLine> = std::iter::once(head).chain(entries.map(entry)).collect();
-    file::write(vehicle.autopilot, vehicle.address.system, &lines)
+    file::write(vehicle.autopilot, vehicle.system_id, &lines)
 }
 
 /// What a change is doing, in words.

@@ -1,46 +1,39 @@
 //! The parameter machines over any link: reading all parameters, and the verified change.
 
 use super::param_codec;
-use super::wire::{Event, Wire, heartbeat_of};
+use super::vehicle::Vehicle;
+use super::wire::{Event, News, VerifiedChange, Wire, drive};
 use crate::link::frame::Frame;
 use gaware_mission::params::apply::{ApplyOutcome, ApplyPhase, ApplyTiming, Pair, ParamApply, Wanted};
 use gaware_mission::params::list::{AllParameters, ListError, ParamList};
 use gaware_mission::params::{Encoding, ParamMessage, ParamTiming};
+use gaware_mission::transfer::Address;
+use gaware_mission::transfer::verified::VehicleState;
 
 /// Attempts of each request while a list is read.
 const LIST_TRIES: u32 = 10;
 
-/// What a change reports on its way.
-#[derive(Debug, Clone, PartialEq)]
-pub enum ParamEvent {
-    /// A new phase began.
-    Phase(ApplyPhase),
-    /// Old and new values are not all on board, or not known; waiting for the link or for the vehicle to disarm.
-    Waiting(String),
-}
-
-/// Reads all parameters; `Ok(None)` when the user wants to stop.
+/// Reads all parameters.
 ///
 /// # Errors
-/// The vehicle does not answer, or not for all of them.
+/// The vehicle does not answer, or not for all of them; or it is not to go on.
 pub async fn list(
     wire: &mut impl Wire,
     mut tell: impl FnMut(usize, usize),
-) -> Result<Option<AllParameters>, ListError> {
+) -> Result<AllParameters, ListError> {
     let encoding = Encoding::of(wire.vehicle().autopilot);
     let timing = ParamTiming { tries: LIST_TRIES, ..ParamTiming::default() };
     let (mut list, mut messages) = ParamList::start(encoding, timing, wire.now_s());
     loop {
         send(wire, &messages);
         if let Some(result) = list.result() {
-            return result.clone().map(Some);
+            return result.clone();
         }
         messages = match wire.next(list.deadline()).await {
-            Event::Frame(frame) => {
-                value_of(wire, &frame).map_or_else(Vec::new, |m| list.receive(wire.now_s(), &m))
-            }
+            Event::Frame(frame) => value_of(wire.vehicle().address, &frame)
+                .map_or_else(Vec::new, |m| list.receive(wire.now_s(), &m)),
             Event::Deadline => list.tick(wire.now_s()),
-            Event::Stopped => return Ok(None),
+            Event::Stopped(why) | Event::Abandoned(why) => return Err(ListError::Stopped(why)),
         };
         // With its result the list has given away what it counts.
         if list.result().is_none() {
@@ -57,17 +50,17 @@ pub async fn apply(
     wanted: Vec<Wanted>,
     patience_s: f64,
     keep: impl FnMut(&[Pair]) -> Result<(), String>,
-    tell: impl FnMut(ParamEvent),
+    tell: impl FnMut(News<ApplyPhase>),
 ) -> ApplyOutcome {
     let vehicle = wire.vehicle();
-    let (apply, messages) = ParamApply::start(
+    let begun = ParamApply::start(
         Encoding::of(vehicle.autopilot),
         ApplyTiming::default(),
         wanted,
         Some(vehicle.state.armed),
         wire.now_s(),
     );
-    drive(wire, (apply, messages), patience_s, keep, tell).await
+    drive(wire, begun, patience_s, keep, tell).await
 }
 
 /// Takes up a change that was interrupted: puts the old values back.
@@ -75,75 +68,77 @@ pub async fn resume(
     wire: &mut impl Wire,
     pairs: Vec<Pair>,
     patience_s: f64,
-    tell: impl FnMut(ParamEvent),
+    tell: impl FnMut(News<ApplyPhase>),
 ) -> ApplyOutcome {
     let vehicle = wire.vehicle();
-    let (apply, messages) = ParamApply::resume(
+    let begun = ParamApply::resume(
         Encoding::of(vehicle.autopilot),
         ApplyTiming::default(),
         pairs,
         Some(vehicle.state.armed),
         wire.now_s(),
     );
-    drive(wire, (apply, messages), patience_s, |_| Ok(()), tell).await
+    drive(wire, begun, patience_s, |_| Ok(()), tell).await
 }
 
-async fn drive(
-    wire: &mut impl Wire,
-    (mut apply, mut messages): (ParamApply, Vec<ParamMessage>),
-    patience_s: f64,
-    mut keep: impl FnMut(&[Pair]) -> Result<(), String>,
-    mut tell: impl FnMut(ParamEvent),
-) -> ApplyOutcome {
-    let (mut kept, mut phase, mut since, mut stopping) = (false, None, None, false);
-    loop {
-        if let Some(pairs) = apply.backup().filter(|_| !kept) {
-            if let Err(why) = keep(pairs) {
-                return ApplyOutcome::Previous { why: format!("the old values could not be kept: {why}") };
-            }
-            kept = true;
-        }
-        send(wire, &messages);
-        if phase != Some(apply.phase()) {
-            phase = Some(apply.phase());
-            tell(ParamEvent::Phase(apply.phase()));
-        }
-        match apply.outcome() {
-            Some(outcome @ ApplyOutcome::Mixed { .. }) => {
-                if since.is_none() {
-                    tell(ParamEvent::Waiting(outcome.to_string()));
-                }
-                let since: f64 = *since.get_or_insert(wire.now_s());
-                if stopping || wire.now_s() - since > patience_s {
-                    return outcome.clone();
-                }
-            }
-            Some(outcome) => return outcome.clone(),
-            None => {}
-        }
-        messages = match wire.next(apply.deadline()).await {
-            Event::Frame(frame) => take(wire, &mut apply, &frame),
-            Event::Deadline => apply.tick(wire.now_s()),
-            Event::Stopped => {
-                stopping = true;
-                apply.cancel(wire.now_s())
-            }
-        };
-    }
-}
+impl VerifiedChange for ParamApply {
+    type Phase = ApplyPhase;
+    type Outcome = ApplyOutcome;
+    type Backup = [Pair];
+    type Action = ParamMessage;
 
-fn take(wire: &impl Wire, apply: &mut ParamApply, frame: &Frame) -> Vec<ParamMessage> {
-    let now = wire.now_s();
-    if let Some(vehicle) = heartbeat_of(wire.vehicle(), frame) {
-        apply.set_armed(vehicle.state.armed);
-        return apply.link_restored(now);
+    fn phase(&self) -> ApplyPhase {
+        self.phase()
     }
-    value_of(wire, frame).map_or_else(Vec::new, |message| apply.receive(now, &message))
+
+    fn outcome(&self) -> Option<&ApplyOutcome> {
+        self.outcome()
+    }
+
+    fn is_open(outcome: &ApplyOutcome) -> bool {
+        matches!(outcome, ApplyOutcome::Mixed { .. })
+    }
+
+    fn untouched(why: String) -> ApplyOutcome {
+        ApplyOutcome::Previous { why }
+    }
+
+    fn backup(&self) -> Option<&[Pair]> {
+        self.backup()
+    }
+
+    fn deadline(&self) -> Option<f64> {
+        self.deadline()
+    }
+
+    fn heartbeat(&mut self, now_s: f64, state: VehicleState) -> Vec<ParamMessage> {
+        self.set_armed(state.armed);
+        self.link_restored(now_s)
+    }
+
+    fn frame(&mut self, now_s: f64, vehicle: &Vehicle, frame: &Frame) -> Vec<ParamMessage> {
+        value_of(vehicle.address, frame).map_or_else(Vec::new, |message| self.receive(now_s, &message))
+    }
+
+    fn tick(&mut self, now_s: f64) -> Vec<ParamMessage> {
+        self.tick(now_s)
+    }
+
+    fn cancel(&mut self, now_s: f64, why: &str) -> Vec<ParamMessage> {
+        self.cancel(now_s, why)
+    }
+
+    fn abandon(&mut self, why: &str) {
+        self.abandon(why);
+    }
+
+    fn message(action: &ParamMessage, to: Address) -> Result<(u32, Vec<u8>), (usize, usize)> {
+        Ok(param_codec::encode(to, action))
+    }
 }
 
 /// A value that this vehicle sent.
-fn value_of(wire: &impl Wire, frame: &Frame) -> Option<ParamMessage> {
-    let address = wire.vehicle().address;
+fn value_of(address: Address, frame: &Frame) -> Option<ParamMessage> {
     let own = (frame.system_id, frame.component_id) == (address.system, address.component);
     if own { param_codec::decode(frame) } else { None }
 }

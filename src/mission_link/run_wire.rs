@@ -1,18 +1,15 @@
 //! The links of a run as a change of the vehicle sees them: frames from a broadcast, messages into the outbox of the run.
 
-use super::vehicle::Vehicle;
-use super::wire::{self, Event, Wire};
-use crate::link::endpoint::Received;
+use super::pinned::{RawEvent, RawWire};
+use crate::link::endpoint::{Origin, Received};
 use crate::link::heartbeat::COMPONENT;
-use gaware_mission::transfer::{Address, Peers};
+use gaware_mission::transfer::Address;
 use std::time::Duration;
 use tokio::sync::broadcast::error::RecvError;
 use tokio::sync::{broadcast, mpsc};
 use tokio::time::{Instant, sleep_until};
 use tokio_util::sync::CancellationToken;
 
-/// A wait without a deadline.
-const BREATH: Duration = Duration::from_millis(100);
 /// Shortest wait, the resolution of timers: a deadline that is closer must not be asked for again and again.
 const TICK: Duration = Duration::from_millis(1);
 /// Longest wait, s: longer than any deadline that is meant.
@@ -21,6 +18,8 @@ const LONGEST_S: f64 = 3600.0;
 /// A message for the vehicle by its id and payload: a backup may hold what the dialect's types refuse.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct RawMessage {
+    /// To the vehicle there, and to no other.
+    pub to: Origin,
     /// Message id.
     pub id: u32,
     /// Payload, MAVLink 2.
@@ -32,7 +31,8 @@ pub struct RawMessage {
 pub(super) struct RunWire {
     pub(super) frames: broadcast::Receiver<Received>,
     outbox: mpsc::Sender<RawMessage>,
-    pub(super) vehicle: Option<Vehicle>,
+    /// System id of the vehicle, which is ours too.
+    pub(super) system: u8,
     started: Instant,
     pub(super) stop: CancellationToken,
     stopping: bool,
@@ -41,32 +41,26 @@ pub(super) struct RunWire {
 impl RunWire {
     pub(super) fn new(frames: broadcast::Receiver<Received>, outbox: mpsc::Sender<RawMessage>) -> Self {
         let (started, stop) = (Instant::now(), CancellationToken::new());
-        Self { frames, outbox, vehicle: None, started, stop, stopping: false }
+        Self { frames, outbox, system: 0, started, stop, stopping: false }
     }
 }
 
-impl Wire for RunWire {
-    fn vehicle(&self) -> Vehicle {
-        self.vehicle.unwrap_or(Vehicle::UNKNOWN)
-    }
-
-    fn peers(&self) -> Peers {
-        let vehicle = self.vehicle().address;
-        Peers::new(Address { system: vehicle.system, component: COMPONENT }, vehicle)
-    }
-
+impl RawWire for RunWire {
     fn now_s(&self) -> f64 {
         self.started.elapsed().as_secs_f64()
     }
 
-    fn send_payload(&mut self, id: u32, payload: Vec<u8>) {
-        // A full queue is a lost message; the protocols ask again.
-        let _ = self.outbox.try_send(RawMessage { id, payload });
+    fn me(&self) -> Address {
+        Address { system: self.system, component: COMPONENT }
     }
 
-    async fn next(&mut self, deadline_s: Option<f64>) -> Event {
-        let left =
-            deadline_s.map_or(BREATH, |t| Duration::from_secs_f64((t - self.now_s()).clamp(0.0, LONGEST_S)));
+    fn send_to(&mut self, to: Origin, id: u32, payload: Vec<u8>) {
+        // A full queue is a lost message; the protocols ask again.
+        let _ = self.outbox.try_send(RawMessage { to, id, payload });
+    }
+
+    async fn next_of_all(&mut self, deadline_s: f64) -> RawEvent {
+        let left = Duration::from_secs_f64((deadline_s - self.now_s()).clamp(0.0, LONGEST_S));
         let until = Instant::now() + left.max(TICK);
         let mut closed = false;
         loop {
@@ -74,20 +68,15 @@ impl Wire for RunWire {
                 biased;
                 () = self.stop.cancelled(), if !self.stopping => {
                     self.stopping = true;
-                    return Event::Stopped;
+                    return RawEvent::Stopped;
                 }
                 received = self.frames.recv(), if !closed => match received {
-                    Ok(received) => {
-                        if let Some(vehicle) = wire::heartbeat_of(self.vehicle(), &received.frame) {
-                            self.vehicle = Some(vehicle);
-                        }
-                        return Event::Frame(received.frame);
-                    }
+                    Ok(received) => return RawEvent::Frame(received.origin(), received.frame),
                     Err(RecvError::Lagged(_)) => {}
                     // Nothing will ever be received again: only time passes.
                     Err(RecvError::Closed) => closed = true,
                 },
-                () = sleep_until(until) => return Event::Deadline,
+                () = sleep_until(until) => return RawEvent::Deadline,
             }
         }
     }
@@ -114,13 +103,11 @@ mod tests {
                 stop.cancel();
             };
             let began = Instant::now();
-            let (event, ()) = tokio::join!(wire.next(Some(600.0)), stopped);
-            assert!(matches!(event, Event::Stopped), "{event:?}");
+            let (event, ()) = tokio::join!(wire.next_of_all(600.0), stopped);
+            assert!(matches!(event, RawEvent::Stopped), "{event:?}");
             assert_eq!(began.elapsed(), Duration::from_millis(1234));
-            assert!(matches!(wire.next(Some(600.0)).await, Event::Deadline));
+            assert!(matches!(wire.next_of_all(600.0).await, RawEvent::Deadline));
             assert_eq!(began.elapsed(), Duration::from_secs(600));
-            assert!(matches!(wire.next(None).await, Event::Deadline));
-            assert_eq!(began.elapsed(), Duration::from_secs(600) + BREATH);
         }
     }
 }

@@ -1,19 +1,20 @@
 //! Changes of the vehicle while `run` goes on, the upload of a planned mission and the setting of parameters: over its links, under its
 //! identity, only when someone asked for them and confirmed.
 
-use super::delivery::{Order, deliver};
-use super::facts::{self, Wish};
+use super::delivery::{DeliveryError, Order, deliver};
 use super::files::{self, Contents};
 use super::param_delivery::ParamOrder;
+use super::pin;
+use super::pinned::Pinned;
 use super::run_wire::RunWire;
 use super::vehicle::Vehicle;
 use super::wire::{News, Wire};
 use crate::commands::run::Live;
 use crate::figures::counted;
-use crate::link::endpoint::Received;
-use crate::preflight::{self, Facts, Verdict};
+use crate::link::endpoint::{Origin, Received};
 use crate::sinks::status::{MissionState, MissionView, SinkStatus};
 use crate::sinks::{Change, Request};
+use gaware_mission::airframe::Airframe;
 use gaware_mission::transfer::verified::{Options, Outcome, Phase};
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
@@ -75,6 +76,8 @@ pub struct Offer {
     pub mission: Option<Planned>,
     /// The parameters.
     pub parameters: Option<ParamOrder>,
+    /// The airframe of the run, where one was named.
+    pub airframe: Option<Airframe>,
 }
 
 /// A few periods of snapshots.
@@ -84,10 +87,10 @@ const NEXT_SNAPSHOT: Duration = Duration::from_secs(1);
 #[derive(Debug)]
 pub struct Uploader {
     offer: Offer,
-    wire: RunWire,
+    wire: Pinned<RunWire>,
     wanted: Option<u8>,
-    /// The vehicles on the links, and when they last sent something.
-    heard: Vec<(Vehicle, Instant)>,
+    /// The vehicles on the links, where they are, and when they last sent something.
+    heard: Vec<(Vehicle, Origin, Instant)>,
     live: watch::Receiver<Arc<Live>>,
     status: Arc<SinkStatus>,
 }
@@ -102,7 +105,7 @@ impl Uploader {
         live: watch::Receiver<Arc<Live>>,
         status: Arc<SinkStatus>,
     ) -> Self {
-        let wire = RunWire::new(frames, outbox);
+        let wire = Pinned::new(RunWire::new(frames, outbox), Vehicle::UNKNOWN, Origin::default());
         if let Some(planned) = &offer.mission {
             let (items, name) = (planned.contents.mission.items.len(), planned.name());
             let (items, are) = (counted(items, "item"), if items == 1 { "is" } else { "are" });
@@ -117,7 +120,7 @@ impl Uploader {
 
     /// Serves requests until `stop`; a change under way then is cancelled, and what was there before put back first.
     pub async fn run(mut self, mut requests: mpsc::Receiver<Request>, stop: CancellationToken) {
-        self.wire.stop = stop.clone();
+        self.wire.raw.stop = stop.clone();
         loop {
             tokio::select! {
                 () = stop.cancelled() => return,
@@ -129,7 +132,7 @@ impl Uploader {
                     }
                     None => return,
                 },
-                frame = self.wire.frames.recv() => match frame {
+                frame = self.wire.raw.frames.recv() => match frame {
                     Ok(received) => self.notice(&received),
                     Err(RecvError::Lagged(_)) => {}
                     Err(RecvError::Closed) => return,
@@ -140,25 +143,44 @@ impl Uploader {
 
     fn notice(&mut self, received: &Received) {
         let Some(seen) = Vehicle::from_heartbeat(&received.frame) else { return };
-        self.heard.retain(|(v, _)| v.address != seen.address);
-        self.heard.push((seen, Instant::now()));
+        let origin = received.origin();
+        self.heard.retain(|(v, from, _)| (v.address, *from) != (seen.address, origin));
+        self.heard.push((seen, origin, Instant::now()));
+    }
+
+    /// The vehicles that sent something lately.
+    fn here(&self) -> impl DoubleEndedIterator<Item = (Vehicle, Origin)> {
+        let lately = self.heard.iter().filter(|(_, _, t)| t.elapsed().as_secs_f64() <= HEARD_S);
+        lately.map(|(vehicle, origin, _)| (*vehicle, *origin))
     }
 
     /// The vehicle that the engine listens to, where it sent something lately.
-    fn followed(&self) -> Option<Vehicle> {
+    fn followed(&self) -> Option<(Vehicle, Origin)> {
         let followed = self.live.borrow().vehicle?;
-        let here = |(v, t): &&(Vehicle, Instant)| {
-            v.address.system == followed && t.elapsed().as_secs_f64() <= HEARD_S
-        };
-        self.heard.iter().rev().find(here).map(|(v, _)| *v)
+        self.here().rev().find(|(v, _)| v.address.system == followed)
     }
 
     /// Vehicles that may be meant as well, where the user has not chosen one.
-    fn rivals(&self) -> Vec<Vehicle> {
-        let here = |t: &Instant| t.elapsed().as_secs_f64() < HEARD_S;
-        let chosen = self.wire.vehicle().address;
-        let others = self.heard.iter().filter(|(v, t)| here(t) && v.address != chosen);
-        if self.wanted.is_some() { Vec::new() } else { others.map(|(v, _)| *v).collect() }
+    fn rivals(&self, chosen: &Vehicle) -> Vec<Vehicle> {
+        let others = self.here().map(|(v, _)| v).filter(|v| v.address != chosen.address);
+        if self.wanted.is_some() { Vec::new() } else { others.collect() }
+    }
+
+    /// Pins the change to the vehicle on the screen.
+    ///
+    /// # Errors
+    /// It is not there, or its id is that of two vehicles.
+    async fn pin(&mut self) -> Result<Vehicle, String> {
+        let missing = || "the vehicle is not heard; check the link".to_owned();
+        let (vehicle, origin) = self.followed().ok_or_else(missing)?;
+        let twin = self.here().find(|(v, from)| v.address == vehicle.address && *from != origin);
+        if let Some((_, other)) = twin {
+            return Err(pin::two_places(vehicle.address, origin, other));
+        }
+        self.wire.raw.system = vehicle.address.system;
+        self.wire.pin_to(vehicle, origin);
+        self.wire.identify().await?;
+        Ok(self.wire.vehicle())
     }
 
     /// Makes the change; others who ask meanwhile are informed.
@@ -171,28 +193,33 @@ impl Uploader {
         let known = self.live.wait_for(|live| live.vehicle.is_some());
         let _ = tokio::time::timeout(NEXT_SNAPSHOT, known).await;
         // What waits in the queue is older than the request: heartbeats among it.
-        while let Ok(received) = self.wire.frames.try_recv() {
+        while let Ok(received) = self.wire.raw.frames.try_recv() {
             self.notice(&received);
         }
-        self.wire.vehicle = self.followed();
-        if self.wire.vehicle.is_none() {
-            let why = "the vehicle is not heard; check the link";
-            self.refused(change, why);
-            return Err(why.to_owned());
-        }
-        let (others, chosen) = (self.rivals(), self.wire.vehicle().address);
-        let upload = carry_out(change, &self.offer, &mut self.wire, others, &self.status);
-        tokio::pin!(upload);
-        let outcome = loop {
-            tokio::select! {
-                outcome = &mut upload => break outcome,
-                Some(Request { reply, .. }) = requests.recv() => {
-                    let _ = reply.send(Err("a change of the vehicle is under way".to_owned()));
+        let chosen = match self.pin().await {
+            Ok(vehicle) => vehicle,
+            Err(why) => {
+                self.refused(change, &why);
+                return Err(why);
+            }
+        };
+        let others = self.rivals(&chosen);
+        let outcome = {
+            let upload = carry_out(change, &self.offer, &mut self.wire, others, &self.status);
+            tokio::pin!(upload);
+            loop {
+                tokio::select! {
+                    outcome = &mut upload => break outcome,
+                    Some(Request { reply, .. }) = requests.recv() => {
+                        let _ = reply.send(Err("a change of the vehicle is under way".to_owned()));
+                    }
                 }
             }
         };
         // The upload took the heartbeats.
-        self.heard.iter_mut().filter(|(v, _)| v.address == chosen).for_each(|(_, t)| *t = Instant::now());
+        let (address, origin) = (chosen.address, self.wire.origin());
+        let taken = |(v, from, _): &&mut (Vehicle, Origin, Instant)| (v.address, *from) == (address, origin);
+        self.heard.iter_mut().filter(taken).for_each(|(_, _, t)| *t = Instant::now());
         outcome
     }
 
@@ -212,12 +239,15 @@ impl Uploader {
 async fn carry_out(
     change: Change,
     offer: &Offer,
-    wire: &mut RunWire,
+    wire: &mut Pinned<RunWire>,
     others: Vec<Vehicle>,
     status: &SinkStatus,
 ) -> Result<String, String> {
     match (change, &offer.mission, &offer.parameters) {
-        (Change::Mission, Some(planned), _) => transfer(planned, wire, others, status).await,
+        (Change::Mission, Some(planned), _) => {
+            let airframe = offer.airframe.clone();
+            transfer(planned, airframe, wire, others, status).await
+        }
         (Change::Parameters, _, Some(order)) => parameters::set(order, wire, &others, status).await,
         (Change::Mission, None, _) => Err("this run was given no mission (--mission FILE)".to_owned()),
         (Change::Parameters, _, None) => Err("this run was given no parameters (--params FILE)".to_owned()),
@@ -231,7 +261,8 @@ fn show(status: &SinkStatus, planned: &Planned, state: MissionState, text: Strin
 
 async fn transfer(
     planned: &Planned,
-    wire: &mut RunWire,
+    airframe: Option<Airframe>,
+    wire: &mut Pinned<RunWire>,
     others: Vec<Vehicle>,
     status: &SinkStatus,
 ) -> Result<String, String> {
@@ -245,21 +276,18 @@ async fn transfer(
         options: Options { planned_for: planned.contents.planned_for, ..Options::default() },
         patience_s: PATIENCE_S,
         backup: planned.backup_path(),
+        airframe,
+        others,
+        force: false,
     };
     show(status, planned, MissionState::Uploading, "looking at the vehicle".to_owned());
-    let parameters = preflight::upload_parameters(wire.vehicle().autopilot);
-    let wish = Wish { parameters, ..Wish::default() };
-    let Some(facts) = facts::gather(wire, wish).await else { return refuse("it was cancelled".to_owned()) };
-    let rows = preflight::check_upload(&Facts { others, ..facts }, &planned.contents);
-    let of = |verdict| rows.iter().filter(move |r| r.verdict == verdict).map(|r| r.text.as_str());
-    let stops: Vec<&str> = of(Verdict::Stop).collect();
-    if !stops.is_empty() {
-        return refuse(stops.join("; "));
+    if let Some(why) = wire.vehicle().state.objection() {
+        return refuse(why.to_owned());
     }
     let mut words = String::new();
     let tell = |news| {
         let (state, text) = match news {
-            News::Phase(Phase::Finished) => return,
+            News::Phase(Phase::Finished) | News::Checked(_) | News::Said(_) => return,
             News::Phase(phase) => {
                 words = phase_words(phase).to_owned();
                 (MissionState::Uploading, words.clone())
@@ -271,6 +299,7 @@ async fn transfer(
     };
     let delivered = match deliver(wire, &order, tell).await {
         Ok(delivered) => delivered,
+        Err(DeliveryError::Refused(why) | DeliveryError::Preflight(why)) => return refuse(why),
         Err(e) => {
             show(status, planned, MissionState::Unknown, e.to_string());
             return Err(e.to_string());
@@ -280,9 +309,9 @@ async fn transfer(
         _ if delivered.journal.is_some() => MissionState::Unknown,
         Outcome::Verified { .. } => MissionState::OnVehicle,
         Outcome::RestoredPrevious { .. } => MissionState::NotOnVehicle,
-        Outcome::Unknown { .. } => MissionState::Unknown,
+        Outcome::Foreign { .. } | Outcome::Unknown { .. } => MissionState::Unknown,
     };
-    let warnings = of(Verdict::Warn).map(|w| format!("; warning: {w}"));
+    let warnings = delivered.checked.warnings.iter().map(|w| format!("; warning: {w}"));
     let text = delivered.text + &warnings.collect::<String>();
     show(status, planned, state, text.clone());
     if state == MissionState::OnVehicle { Ok(text) } else { Err(text) }

@@ -3,6 +3,7 @@
 use crate::engine::situation::FlightMode;
 use crate::link::frame::Frame;
 use crate::sensors::{AUTOPILOT_COMPONENT, modes};
+use gaware_mission::identity::{Identity, Uid};
 use gaware_mission::item::Autopilot;
 use gaware_mission::transfer::Address;
 use gaware_mission::transfer::verified::VehicleState;
@@ -30,6 +31,8 @@ pub struct Vehicle {
     pub autopilot: Autopilot,
     /// Whether it may be changed.
     pub state: VehicleState,
+    /// Its hardware, where it has been asked and gives an id.
+    pub uid: Option<Uid>,
 }
 
 impl Vehicle {
@@ -39,6 +42,7 @@ impl Vehicle {
         mav_type: 0,
         autopilot: Autopilot::ArduPilot,
         state: VehicleState { armed: true, mission_mode: true, flying_mission: true, in_flight: true },
+        uid: None,
     };
 
     /// From a heartbeat of an autopilot that flies missions; other frames say nothing.
@@ -72,6 +76,7 @@ impl Vehicle {
                 flying_mission: armed && mission_mode,
                 in_flight: firmware == PX4 && armed && status >= ACTIVE,
             },
+            uid: None,
         })
     }
 }
@@ -86,6 +91,13 @@ impl Vehicle {
         }
     }
 
+    /// Who it is.
+    pub fn identity(&self) -> Identity {
+        let Self { address, mav_type, autopilot, uid, .. } = *self;
+        let (system_id, component_id) = (address.system, address.component);
+        Identity { uid, autopilot, mav_type, system_id, component_id, home: None }
+    }
+
     /// Its type in words.
     pub fn type_words(&self) -> String {
         type_words(self.mav_type)
@@ -94,8 +106,18 @@ impl Vehicle {
 
 impl std::fmt::Display for Vehicle {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
-        write!(f, "system {} ({}, {})", self.address.system, self.autopilot, self.type_words())
+        f.write_str(&identity_words(&self.identity()))
     }
+}
+
+/// "system 1 (ArduPilot, quadrotor), hardware id 0a1b…".
+pub fn identity_words(who: &Identity) -> String {
+    let kind = match who.mav_type {
+        0 => String::new(),
+        mav_type => format!(", {}", type_words(mav_type)),
+    };
+    let uid = who.uid.map_or_else(String::new, |uid| format!(", hardware id {uid}"));
+    format!("system {} ({}{kind}){uid}", who.system_id, who.autopilot)
 }
 
 /// `MAV_TYPE` in words.

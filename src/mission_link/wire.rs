@@ -3,9 +3,10 @@
 use super::codec;
 use super::vehicle::Vehicle;
 use crate::link::frame::Frame;
+use gaware_mission::identity::Identity;
 use gaware_mission::item::{Mission, MissionKind};
-use gaware_mission::transfer::verified::{Goal, Options, Outcome, Phase, VerifiedUpload};
-use gaware_mission::transfer::{Action, Download, Downloaded, Peers, TransferError};
+use gaware_mission::transfer::verified::{Goal, Options, Outcome, Phase, VehicleState, VerifiedUpload};
+use gaware_mission::transfer::{Action, Address, Download, Downloaded, Peers, TransferError};
 use std::future::Future;
 use std::pin::pin;
 use std::task::{Context, Poll, Waker};
@@ -15,14 +16,27 @@ const DOWNLOADS: u32 = 6;
 /// Repetitions of a question about a list that not every vehicle has.
 const RETRIES_OF_OTHER_LISTS: u32 = 2;
 
-/// What an upload reports on its way.
+/// What the pre-flight check had to say.
+#[derive(Debug, Clone, Default, PartialEq)]
+pub struct Checked {
+    /// To be looked at.
+    pub warnings: Vec<String>,
+    /// What would have stopped the upload.
+    pub overridden: Vec<String>,
+}
+
+/// What a change reports on its way.
 #[derive(Debug, Clone, PartialEq)]
-pub enum News {
+pub enum News<P = Phase> {
     /// A new phase began.
-    Phase(Phase),
+    Phase(P),
+    /// The vehicle was looked at; nothing is changed yet.
+    Checked(Checked),
+    /// To be said to the user.
+    Said(String),
     /// Items done, of all.
     Progress(usize, usize),
-    /// It is not known what is on the vehicle; waiting for the link.
+    /// It is not known what is on the vehicle; waiting for the link, or for the vehicle to disarm.
     Stranded(String),
 }
 
@@ -33,14 +47,20 @@ pub enum Event {
     Frame(Frame),
     /// Its time is over.
     Deadline,
-    /// The user wants to stop; reported once.
-    Stopped,
+    /// What was begun is not to go on, for this reason: the user wants to stop, or a second vehicle has the same ids.
+    Stopped(String),
+    /// Who answers is not certain any more: nothing is sent from now on.
+    Abandoned(String),
 }
 
 /// A link to one vehicle.
 pub trait Wire {
     /// The vehicle as its last heartbeat reports.
     fn vehicle(&self) -> Vehicle;
+    /// Who that is, with its home where that is known.
+    fn identity(&self) -> Identity {
+        self.vehicle().identity()
+    }
     /// Who talks to whom.
     fn peers(&self) -> Peers;
     /// Any monotonic time, s.
@@ -72,7 +92,7 @@ pub async fn upload(
     tell: impl FnMut(News),
 ) -> Outcome {
     let vehicle = wire.vehicle();
-    let (upload, actions) = VerifiedUpload::start(
+    let begun = VerifiedUpload::start(
         wire.peers(),
         vehicle.autopilot,
         options,
@@ -80,8 +100,7 @@ pub async fn upload(
         Some(vehicle.state),
         wire.now_s(),
     );
-    wire.send(&actions);
-    drive(wire, upload, patience_s, keep, tell).await
+    drive(wire, begun, patience_s, keep, tell).await
 }
 
 /// Reads one of the vehicle's lists.
@@ -122,10 +141,10 @@ async fn download_once(wire: &mut impl Wire, kind: MissionKind) -> Result<Missio
                 None => Vec::new(),
             },
             Event::Deadline => download.tick(wire.now_s()),
-            Event::Stopped => {
+            Event::Stopped(why) | Event::Abandoned(why) => {
                 let last = download.cancel();
                 wire.send(&last);
-                return Err(TransferError::Cancelled);
+                return Err(TransferError::Stopped(why));
             }
         };
         wire.send(&actions);
@@ -152,7 +171,7 @@ pub async fn replace(
     tell: impl FnMut(News),
 ) -> Outcome {
     let (vehicle, peers, now) = (wire.vehicle(), wire.peers().about(change.kind), wire.now_s());
-    let (upload, actions) = VerifiedUpload::start_with_backup(
+    let begun = VerifiedUpload::start_with_backup(
         peers,
         vehicle.autopilot,
         options,
@@ -161,58 +180,88 @@ pub async fn replace(
         Some(vehicle.state),
         now,
     );
-    wire.send(&actions);
-    drive(wire, upload, patience_s, |_| Ok(()), tell).await
+    drive(wire, begun, patience_s, |_| Ok(()), tell).await
 }
 
 /// Takes up an upload that was interrupted: brings the mission that is wanted. Both were kept, so nothing is kept anew.
 pub async fn resume(
     wire: &mut impl Wire,
-    cut_off: CutOff,
+    change: Change,
+    goal: Goal,
     options: Options,
     patience_s: f64,
     tell: impl FnMut(News),
 ) -> Outcome {
-    let CutOff { kind, new, previous, goal } = cut_off;
-    let (peers, autopilot, now) = (wire.peers().about(kind), wire.vehicle().autopilot, wire.now_s());
-    let (upload, actions) = VerifiedUpload::resume(peers, autopilot, options, new, previous, goal, now);
-    wire.send(&actions);
-    drive(wire, upload, patience_s, |_| Ok(()), tell).await
+    let Change { kind, new, previous } = change;
+    let (peers, vehicle, now) = (wire.peers().about(kind), wire.vehicle(), wire.now_s());
+    let (state, both) = (Some(vehicle.state), (new, previous));
+    let begun = VerifiedUpload::resume(peers, vehicle.autopilot, options, both, goal, state, now);
+    drive(wire, begun, patience_s, |_| Ok(()), tell).await
 }
 
-/// An upload that was interrupted, and what is wanted of it.
-#[derive(Debug, Clone)]
-pub struct CutOff {
-    /// Which list.
-    pub kind: MissionKind,
-    /// Was to be on the vehicle.
-    pub new: Mission,
-    /// Was on it.
-    pub previous: Mission,
-    /// Which of them.
-    pub goal: Goal,
+/// A verified change under way: of a mission, a fence, rally points or parameters.
+pub(super) trait VerifiedChange {
+    /// What it is doing.
+    type Phase: Copy + PartialEq;
+    /// What is on the vehicle.
+    type Outcome: Clone + std::fmt::Display;
+    /// What was on board before.
+    type Backup: ?Sized;
+    /// What it asks its caller to do.
+    type Action;
+
+    fn phase(&self) -> Self::Phase;
+    fn outcome(&self) -> Option<&Self::Outcome>;
+    /// Whether this outcome may be settled when the link or the state of the vehicle changes.
+    fn is_open(outcome: &Self::Outcome) -> bool;
+    /// Nothing was changed.
+    fn untouched(why: String) -> Self::Outcome;
+    fn backup(&self) -> Option<&Self::Backup>;
+    fn deadline(&self) -> Option<f64>;
+    /// The vehicle's heartbeat.
+    fn heartbeat(&mut self, now_s: f64, state: VehicleState) -> Vec<Self::Action>;
+    fn frame(&mut self, now_s: f64, vehicle: &Vehicle, frame: &Frame) -> Vec<Self::Action>;
+    fn tick(&mut self, now_s: f64) -> Vec<Self::Action>;
+    fn cancel(&mut self, now_s: f64, why: &str) -> Vec<Self::Action>;
+    fn abandon(&mut self, why: &str);
+    /// The message of an action, or its progress.
+    fn message(action: &Self::Action, to: Address) -> Result<(u32, Vec<u8>), (usize, usize)>;
 }
 
-async fn drive(
+/// Drives a change to its end. `keep` gets what was on board before anything is sent that changes it; if it cannot keep that, nothing is sent.
+/// After a loss of the link it goes on when the vehicle is received from again within `patience_s`.
+pub(super) async fn drive<C: VerifiedChange>(
     wire: &mut impl Wire,
-    mut upload: VerifiedUpload,
+    (mut change, mut actions): (C, Vec<C::Action>),
     patience_s: f64,
-    mut keep: impl FnMut(&Mission) -> Result<(), String>,
-    mut tell: impl FnMut(News),
-) -> Outcome {
+    mut keep: impl FnMut(&C::Backup) -> Result<(), String>,
+    mut tell: impl FnMut(News<C::Phase>),
+) -> C::Outcome {
     let (mut kept, mut phase, mut stranded_since, mut stopping) = (false, None, None, false);
     loop {
-        if phase != Some(upload.phase()) {
-            phase = Some(upload.phase());
-            tell(News::Phase(upload.phase()));
+        if let Some(backup) = change.backup().filter(|_| !kept) {
+            if let Err(why) = keep(backup) {
+                return C::untouched(format!("the backup could not be kept: {why}"));
+            }
+            kept = true;
         }
-        match upload.outcome() {
-            Some(outcome @ Outcome::Unknown { .. }) => {
+        for action in &actions {
+            match C::message(action, wire.vehicle().address) {
+                Ok((id, payload)) => wire.send_payload(id, payload),
+                Err((done, total)) => tell(News::Progress(done, total)),
+            }
+        }
+        if phase != Some(change.phase()) {
+            phase = Some(change.phase());
+            tell(News::Phase(change.phase()));
+        }
+        match change.outcome() {
+            Some(outcome) if C::is_open(outcome) => {
                 if stranded_since.is_none() {
                     tell(News::Stranded(outcome.to_string()));
                 }
                 let since: f64 = *stranded_since.get_or_insert(wire.now_s());
-                // Who gave up does not wait for a link that is gone: the journal keeps both missions.
+                // Who gave up does not wait for a link that is gone: the journal keeps both.
                 if stopping || wire.now_s() >= since + patience_s {
                     return outcome.clone();
                 }
@@ -220,44 +269,92 @@ async fn drive(
             Some(outcome) => return outcome.clone(),
             None => {}
         }
-        // A transfer that waits for its link has no deadline but the end of the patience.
-        let deadline_s = upload.deadline().or(stranded_since.map(|since| since + patience_s));
-        let actions = match wire.next(deadline_s).await {
-            Event::Frame(frame) => take(wire, &mut upload, &frame),
-            Event::Deadline => upload.tick(wire.now_s()),
-            Event::Stopped => {
+        // A change that waits for its link has no deadline but the end of the patience.
+        let deadline_s = change.deadline().or(stranded_since.map(|since| since + patience_s));
+        let now = wire.now_s();
+        actions = match wire.next(deadline_s).await {
+            Event::Frame(frame) => match heartbeat_of(wire.vehicle(), &frame) {
+                Some(vehicle) => change.heartbeat(wire.now_s(), vehicle.state),
+                None => change.frame(wire.now_s(), &wire.vehicle(), &frame),
+            },
+            Event::Deadline => change.tick(wire.now_s().max(now)),
+            Event::Stopped(why) => {
                 stopping = true;
-                upload.cancel(wire.now_s())
+                change.cancel(wire.now_s(), &why)
+            }
+            Event::Abandoned(why) => {
+                stopping = true;
+                change.abandon(&why);
+                Vec::new()
             }
         };
-        if let Some(backup) = upload.backup().filter(|_| !kept) {
-            if let Err(why) = keep(backup) {
-                let why = format!("the backup could not be kept: {why}");
-                return Outcome::RestoredPrevious { why };
-            }
-            kept = true;
-        }
-        for action in &actions {
-            if let Action::Progress { done, total } = action {
-                tell(News::Progress(*done, *total));
-            }
-        }
-        wire.send(&actions);
     }
 }
 
-fn take(wire: &impl Wire, upload: &mut VerifiedUpload, frame: &Frame) -> Vec<Action> {
-    let now = wire.now_s();
-    if let Some(vehicle) = heartbeat_of(wire.vehicle(), frame) {
-        upload.vehicle_state(vehicle.state);
-        return upload.link_restored(now);
+impl VerifiedChange for VerifiedUpload {
+    type Phase = Phase;
+    type Outcome = Outcome;
+    type Backup = Mission;
+    type Action = Action;
+
+    fn phase(&self) -> Phase {
+        self.phase()
     }
-    codec::decode(frame).map_or_else(Vec::new, |envelope| upload.receive(now, &envelope))
+
+    fn outcome(&self) -> Option<&Outcome> {
+        self.outcome()
+    }
+
+    fn is_open(outcome: &Outcome) -> bool {
+        matches!(outcome, Outcome::Unknown { .. })
+    }
+
+    fn untouched(why: String) -> Outcome {
+        Outcome::RestoredPrevious { why }
+    }
+
+    fn backup(&self) -> Option<&Mission> {
+        self.backup()
+    }
+
+    fn deadline(&self) -> Option<f64> {
+        self.deadline()
+    }
+
+    fn heartbeat(&mut self, now_s: f64, state: VehicleState) -> Vec<Action> {
+        let mut actions = self.vehicle_state(now_s, state);
+        actions.extend(self.link_restored(now_s));
+        actions
+    }
+
+    fn frame(&mut self, now_s: f64, _: &Vehicle, frame: &Frame) -> Vec<Action> {
+        codec::decode(frame).map_or_else(Vec::new, |envelope| self.receive(now_s, &envelope))
+    }
+
+    fn tick(&mut self, now_s: f64) -> Vec<Action> {
+        self.tick(now_s)
+    }
+
+    fn cancel(&mut self, now_s: f64, why: &str) -> Vec<Action> {
+        self.cancel(now_s, why)
+    }
+
+    fn abandon(&mut self, why: &str) {
+        self.abandon(why);
+    }
+
+    fn message(action: &Action, to: Address) -> Result<(u32, Vec<u8>), (usize, usize)> {
+        match action {
+            Action::Send(message) => Ok(codec::encode(to, message)),
+            Action::Progress { done, total } => Err((*done, *total)),
+        }
+    }
 }
 
 /// What a heartbeat of this vehicle says; other frames say nothing.
 pub fn heartbeat_of(vehicle: Vehicle, frame: &Frame) -> Option<Vehicle> {
-    Vehicle::from_heartbeat(frame).filter(|v| v.address == vehicle.address)
+    let seen = Vehicle::from_heartbeat(frame).filter(|v| v.address == vehicle.address)?;
+    Some(Vehicle { uid: vehicle.uid, ..seen })
 }
 
 /// Runs a transfer over a wire in virtual time: its future never waits for anything outside.

@@ -195,7 +195,7 @@ fn check_items(facts: &Facts, plan: &Contents) -> Option<Row> {
 }
 
 /// What the firmware refuses of a mission: items when they arrive, and on PX4 the whole in the background.
-pub(super) fn check_mission(facts: &Facts, plan: &Contents) -> Vec<Row> {
+fn check_mission(facts: &Facts, plan: &Contents) -> Vec<Row> {
     let items = &plan.mission.items;
     let row = |verdict, text: String| Row::new("mission", verdict, text);
     let has = |number: u16| items.iter().any(|i| i.command == number);

@@ -17,6 +17,8 @@ use serde::Serialize;
 
 /// The check of whether the vehicle may be changed in its present state.
 pub const STATE: &str = "state";
+/// The check of where the mission would begin, which an upload sets.
+pub const FIRST_ITEM: &str = "first item";
 
 /// What a line of the table means.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Serialize, JsonSchema)]
@@ -118,8 +120,10 @@ pub struct Against<'a> {
     pub airframe: Option<&'a Airframe>,
 }
 
-/// The whole table.
+/// The whole table, before every flight and every upload. The airframe that the plan names counts where no other one is given.
 pub fn check(facts: &Facts, against: Against<'_>) -> Vec<Row> {
+    let of_plan = against.plan.and_then(|p| p.airframe.as_ref());
+    let against = Against { airframe: against.airframe.or(of_plan), ..against };
     let mut rows = vehicle::check(facts, against);
     rows.extend(limits::check(facts, against));
     rows.extend(against.plan.and_then(|plan| vehicle::current_item(facts, plan)));
@@ -127,31 +131,15 @@ pub fn check(facts: &Facts, against: Against<'_>) -> Vec<Row> {
     rows
 }
 
-/// The checks before every upload: without an airframe file, without the rates that the estimator needs, and without the current item,
-/// which the upload sets.
-pub fn check_upload(facts: &Facts, plan: &Contents) -> Vec<Row> {
-    let against = Against { plan: Some(plan), airframe: None };
-    let mut rows = vehicle::check(facts, against);
-    rows.extend(limits::check_mission(facts, plan));
-    rows.extend(fence::check(facts, against));
-    rows
-}
-
 /// The parameters that [`check`] looks at.
 pub fn parameters(autopilot: Autopilot) -> Vec<ParamName> {
-    let mut names = upload_parameters(autopilot);
-    names.extend(valid(match autopilot {
-        Autopilot::ArduPilot => limits::ARDUPILOT,
-        Autopilot::Px4 => limits::PX4,
-    }));
-    names
-}
-
-/// The parameters that [`check_upload`] looks at.
-pub fn upload_parameters(autopilot: Autopilot) -> Vec<ParamName> {
     let mut names = fence_parameters(autopilot);
-    if autopilot == Autopilot::Px4 {
-        names.extend(valid(limits::PX4_MISSION));
+    match autopilot {
+        Autopilot::ArduPilot => names.extend(valid(limits::ARDUPILOT)),
+        Autopilot::Px4 => {
+            names.extend(valid(limits::PX4_MISSION));
+            names.extend(valid(limits::PX4));
+        }
     }
     names
 }

@@ -12,7 +12,13 @@ const ON_THE_GROUND: VehicleState =
     VehicleState { armed: false, mission_mode: false, flying_mission: false, in_flight: false };
 
 fn vehicle(system: u8, autopilot: Autopilot, mav_type: u8) -> Vehicle {
-    Vehicle { address: Address { system, component: 1 }, mav_type, autopilot, state: ON_THE_GROUND }
+    Vehicle {
+        address: Address { system, component: 1 },
+        mav_type,
+        autopilot,
+        state: ON_THE_GROUND,
+        uid: None,
+    }
 }
 
 fn facts(autopilot: Autopilot, mav_type: u8, parameters: &[(&str, f64)]) -> Facts {
@@ -139,7 +145,7 @@ fn an_item_that_the_firmware_refuses_is_named_before_the_upload() {
     let place = plan.mission.items.iter().find_map(|i| i.place()).expect("a plan with places");
     let circle = MissionItem::at(command::NAV_LOITER_TURNS, [2.0, 0.0, 60.0, f32::NAN], place, 100.0);
     plan.mission.items.insert(1, circle);
-    let said = complaints(&check_upload(&plane(), &plan));
+    let said = complaints(&check(&plane(), Against { plan: Some(&plan), airframe: None }));
     assert!(said.starts_with("STOP"), "{said}");
     assert!(said.contains("(loiter turns, command 18): ArduPlane refuses NaN in parameter 4"), "{said}");
 }

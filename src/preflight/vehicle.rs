@@ -1,9 +1,10 @@
 //! Which vehicle, of which kind, where, with which firmware, and what it sends.
 
-use super::{Against, Facts, Row, STATE, Verdict};
+use super::{Against, FIRST_ITEM, Facts, Row, STATE, Verdict};
 use crate::mission_link::files::Contents;
-use crate::mission_link::vehicle::type_words;
+use crate::mission_link::vehicle::{identity_words, type_words};
 use gaware_mission::fence::LocalFrame;
+use gaware_mission::identity::Sameness;
 use gaware_mission::item::{Autopilot, LatLon};
 
 /// A plan that begins farther away than this was made for another field, m.
@@ -24,6 +25,7 @@ const INERTIAL: [&str; 3] = ["HIGHRES_IMU", "RAW_IMU", "SCALED_IMU"];
 pub(super) fn check(facts: &Facts, against: Against<'_>) -> Vec<Row> {
     let mut rows = vec![choice(facts)];
     rows.extend(kind(facts, against));
+    rows.extend(against.plan.and_then(|plan| backup(facts, plan)));
     if let Some(plan) = against.plan {
         rows.extend(places(facts, plan));
     }
@@ -44,7 +46,10 @@ fn choice(facts: &Facts) -> Row {
         );
     }
     if facts.others.is_empty() {
-        return row(Verdict::Ok, me.to_string());
+        return match me.uid {
+            Some(_) => row(Verdict::Ok, me.to_string()),
+            None => row(Verdict::Ok, format!("{me}; it gives no hardware id")),
+        };
     }
     let all: Vec<String> = std::iter::once(&me).chain(&facts.others).map(ToString::to_string).collect();
     row(
@@ -55,6 +60,26 @@ fn choice(facts: &Facts) -> Row {
             all.join(" and ")
         ),
     )
+}
+
+/// A backup goes back into the vehicle that it was read from.
+fn backup(facts: &Facts, plan: &Contents) -> Option<Row> {
+    let (meant, here) = (plan.backup_of?, facts.vehicle.identity());
+    let row = |verdict, text| Some(Row::new("backup", verdict, text));
+    let (words, connected) = (identity_words(&meant), identity_words(&here));
+    match meant.is(&here) {
+        Sameness::Same => row(Verdict::Ok, format!("the file is a backup of this vehicle, {words}")),
+        Sameness::Other => row(
+            Verdict::Stop,
+            format!("the file is a backup of {words}; connected is another vehicle, {connected}"),
+        ),
+        Sameness::Unproven => row(
+            Verdict::Warn,
+            format!(
+                "the file is a backup of {words}; without a hardware id of both it is not certain that this is the same vehicle"
+            ),
+        ),
+    }
 }
 
 fn kind(facts: &Facts, against: Against<'_>) -> Vec<Row> {
@@ -160,7 +185,7 @@ fn state(facts: &Facts) -> Row {
 
 /// Where the mission would begin: the index of an earlier flight survives everything but an order.
 pub(super) fn current_item(facts: &Facts, plan: &Contents) -> Option<Row> {
-    let row = |verdict, text: String| Some(Row::new("mission", verdict, text));
+    let row = |verdict, text: String| Some(Row::new(FIRST_ITEM, verdict, text));
     let first = plan.mission.first_index(facts.vehicle.autopilot);
     match facts.current_item {
         None => row(

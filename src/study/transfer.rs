@@ -2,28 +2,24 @@
 //! that say that no one knows? The session of `gaware mission upload` runs against the simulated autopilot in virtual
 //! time, and what it says at the end is compared with what really is on the vehicle.
 
-use crate::link::frame::Frame;
-use crate::link::heartbeat::HeartbeatSource;
-use crate::mission_link::vehicle::Vehicle;
-use crate::mission_link::wire::{self, Event, Wire, at_once};
-use crate::parallel::{Progress, map_runs};
-use gaware_mission::compare::differences;
-use gaware_mission::item::{
-    Autopilot as Firmware, Frame as ItemFrame, Home, LatLon, Mission, MissionItem, command,
-};
-use gaware_mission::transfer::verified::{Options, Outcome};
-use gaware_mission::transfer::{Address, Peers};
-use gaware_nav::model::Model;
-use gaware_sitl::autopilot::{Autopilot, AutopilotConfig, Flavour};
-use gaware_sitl::faults::{FaultyLink, LinkFaults};
-use gaware_sitl::noise::{Noise, Purpose};
-use gaware_sitl::sensors::SensorConfig;
-use gaware_sitl::vehicle::VehicleConfig;
-use serde::Serialize;
-use std::collections::VecDeque;
+mod air;
+mod others;
+mod station;
 
-/// One step of virtual time, s: the autopilot's loop at 100 Hz.
-const STEP_S: f64 = 0.01;
+use crate::link::endpoint::Origin;
+use crate::mission_link::pinned::Pinned;
+use crate::mission_link::wire::{self, Wire, at_once};
+use crate::parallel::{Progress, map_runs};
+use air::{Air, Aircraft};
+use gaware_mission::compare::differences;
+use gaware_mission::item::{Home, LatLon, Mission, MissionItem, command};
+use gaware_mission::transfer::verified::{Options, Outcome};
+use gaware_sitl::autopilot::{AutopilotConfig, Flavour};
+use gaware_sitl::faults::LinkFaults;
+use gaware_sitl::noise::{Noise, Purpose};
+pub use others::{Other, OthersTally};
+use serde::Serialize;
+
 /// What the faulty link does to every frame, each way.
 const LOSS: f64 = 0.2;
 const DUPLICATE: f64 = 0.05;
@@ -35,8 +31,6 @@ const CUT_WITHIN_S: f64 = 60.0;
 const CUT_FOR_S: (f64, f64) = (2.0, 240.0);
 /// The session waits so long for a link that is gone, s.
 const PATIENCE_S: f64 = 600.0;
-/// Waits without a deadline end after this, s.
-const BREATH_S: f64 = 0.1;
 /// Most items of the two missions.
 const MOST_ITEMS: f64 = 25.0;
 
@@ -82,12 +76,15 @@ pub struct TransferStudy {
     pub schema: &'static str,
     /// By autopilot and link.
     pub transfers: Vec<Tally>,
+    /// By autopilot and who else is there.
+    pub others: Vec<OthersTally>,
 }
 
 impl TransferStudy {
-    /// Uploads that ended with a wrong statement.
+    /// Transfers that ended with a wrong statement, or changed what was not meant.
     pub fn wrong(&self) -> usize {
-        self.transfers.iter().map(|t| t.wrong_statement).sum()
+        let others = self.others.iter().map(|t| t.wrong_statement + t.not_meant);
+        self.transfers.iter().map(|t| t.wrong_statement).sum::<usize>() + others.sum::<usize>()
     }
 }
 
@@ -117,6 +114,23 @@ impl std::fmt::Display for TransferStudy {
                 t.longest_s
             )?;
         }
+        writeln!(
+            f,
+            "\n{:<10}{:<26}{:>6}{:>7}{:>9}{:>15}{:>11}{:>7}",
+            "", "beside it", "runs", "done", "stopped", "unknown, said", "not meant", "wrong"
+        )?;
+        for t in &self.others {
+            let other = match t.other {
+                Other::SameId => "second vehicle, same id",
+                Other::Exchanged => "exchanged before restore",
+                Other::Station => "second station",
+            };
+            writeln!(
+                f,
+                "{:<10}{other:<26}{:>6}{:>7}{:>9}{:>15}{:>11}{:>7}",
+                t.autopilot, t.runs, t.done, t.stopped, t.unknown_and_said, t.not_meant, t.wrong_statement
+            )?;
+        }
         Ok(())
     }
 }
@@ -130,10 +144,7 @@ pub fn run(runs: usize, seed: u64, progress: &dyn Progress) -> TransferStudy {
         let ends = map_runs(runs, progress, |k| upload(flavour, link, seed + k as u64));
         let count = |end| ends.iter().filter(|(e, _)| *e == end).count();
         Tally {
-            autopilot: match flavour {
-                Flavour::ArduPilot => "ardupilot",
-                Flavour::Px4 => "px4",
-            },
+            autopilot: name(flavour),
             link,
             runs,
             verified: count(End::Verified),
@@ -144,7 +155,18 @@ pub fn run(runs: usize, seed: u64, progress: &dyn Progress) -> TransferStudy {
             longest_s: ends.iter().map(|(_, t)| *t).fold(0.0, f64::max),
         }
     });
-    TransferStudy { schema: "gaware.study/1", transfers: transfers.collect() }
+    let transfers = transfers.collect();
+    let all = [Other::SameId, Other::Exchanged, Other::Station];
+    let kinds = [Flavour::ArduPilot, Flavour::Px4].into_iter().flat_map(|f| all.map(|other| (f, other)));
+    let others = kinds.map(|kind| others::tally(kind, runs, seed, progress));
+    TransferStudy { schema: "gaware.study/1", transfers, others: others.collect() }
+}
+
+fn name(flavour: Flavour) -> &'static str {
+    match flavour {
+        Flavour::ArduPilot => "ardupilot",
+        Flavour::Px4 => "px4",
+    }
 }
 
 /// What an upload came to, checked against the vehicle.
@@ -162,8 +184,10 @@ fn upload(flavour: Flavour, link: Link, seed: u64) -> (End, f64) {
     let mut draw = |low: f64, high: f64| low + (high - low) * dice.uniform();
     let [previous, new] = [0.01, 0.02].map(|away| mission(draw(1.0, MOST_ITEMS) as usize, away));
     let (cut_at, cut_for) = (draw(0.0, CUT_WITHIN_S), draw(CUT_FOR_S.0, CUT_FOR_S.1));
-    let mut wire = VirtualWire::new(flavour, seed);
-    let put = |wire: &mut VirtualWire, mission: &Mission| {
+    let config = AutopilotConfig { flavour, seed, ..AutopilotConfig::default() };
+    let mut wire = Air::of(vec![Aircraft::new(config, Origin::default())]).connect();
+    at_once(wire.identify()).map_or_else(|e| tracing::error!("{e}"), |()| ());
+    let put = |wire: &mut Pinned<Air>, mission: &Mission| {
         let options = Options::default();
         at_once(wire::upload(wire, mission.clone(), options, PATIENCE_S, |_| Ok(()), |_| ()))
     };
@@ -183,11 +207,12 @@ fn upload(flavour: Flavour, link: Link, seed: u64) -> (End, f64) {
         dropouts,
         ..LinkFaults::default()
     };
-    wire.spoil(faults, seed);
+    wire.raw.aircraft.iter_mut().for_each(|a| a.spoil(faults.clone(), seed));
     let outcome = put(&mut wire, &new);
     let took_s = wire.now_s() - start_s;
-    let on_board = wire.on_board();
-    let holds = |mission| differences(wire.firmware(), mission, &on_board).is_empty();
+    let firmware = wire.vehicle().autopilot;
+    let on_board = wire.raw.aircraft.iter().map(|a| a.on_board(firmware)).next().unwrap_or_default();
+    let holds = |mission| differences(firmware, mission, &on_board).is_empty();
     let end = match outcome {
         Outcome::Verified { .. } if holds(&new) => End::Verified,
         Outcome::RestoredPrevious { .. } if holds(&previous) => End::PreviousBack,
@@ -208,123 +233,21 @@ fn mission(legs: usize, away_deg: f64) -> Mission {
     }
 }
 
-/// The simulated autopilot at the end of two faulty directions; waiting makes virtual time pass.
-struct VirtualWire {
-    autopilot: Autopilot,
-    voice: HeartbeatSource,
-    vehicle: Vehicle,
-    up: FaultyLink,
-    down: FaultyLink,
-    heard: VecDeque<Frame>,
-    now_s: f64,
-}
-
-impl VirtualWire {
-    /// Connected, after the first heartbeat.
-    fn new(flavour: Flavour, seed: u64) -> Self {
-        let quad = VehicleConfig::multirotor();
-        let config =
-            AutopilotConfig { flavour, seed, loop_rate_hz: 1.0 / STEP_S, ..AutopilotConfig::default() };
-        let perfect = |direction| FaultyLink::new(LinkFaults::default(), seed, direction);
-        let mut wire = Self {
-            autopilot: Autopilot::flying(config, quad, &Model::standard(), SensorConfig::default()),
-            voice: HeartbeatSource::new(),
-            vehicle: Vehicle::UNKNOWN,
-            up: perfect(1),
-            down: perfect(0),
-            heard: VecDeque::new(),
-            now_s: 0.0,
-        };
-        loop {
-            wire.step();
-            let seen = wire.heard.drain(..).find_map(|f| Vehicle::from_heartbeat(&f));
-            if let Some(vehicle) = seen {
-                wire.voice.belongs_to(vehicle.address.system);
-                wire.vehicle = vehicle;
-                return wire;
-            }
-        }
-    }
-
-    fn spoil(&mut self, faults: LinkFaults, seed: u64) {
-        self.up = FaultyLink::new(faults.clone(), seed, 1);
-        self.down = FaultyLink::new(faults, seed, 0);
-    }
-
-    fn firmware(&self) -> Firmware {
-        self.vehicle.autopilot
-    }
-
-    fn step(&mut self) {
-        self.now_s += STEP_S;
-        for bytes in self.up.pop(self.now_s) {
-            self.autopilot.receive(&bytes);
-        }
-        self.autopilot.step(self.now_s);
-        for out in self.autopilot.take_output() {
-            self.down.push(self.now_s, out.bytes);
-        }
-        let arrived = self.down.pop(self.now_s);
-        self.heard.extend(arrived.into_iter().filter_map(|bytes| Frame::parse(bytes.into()).ok()));
-    }
-
-    /// What really is on the vehicle.
-    fn on_board(&self) -> Mission {
-        let items = self.autopilot.mission().iter().map(|i| MissionItem {
-            command: i.command as u16,
-            frame: ItemFrame(i.frame as u8),
-            autocontinue: i.autocontinue != 0,
-            params: [i.param1, i.param2, i.param3, i.param4],
-            x: i.x,
-            y: i.y,
-            z: i.z,
-        });
-        Mission::from_wire_items(self.firmware(), &items.collect::<Vec<_>>())
-    }
-}
-
-impl Wire for VirtualWire {
-    fn vehicle(&self) -> Vehicle {
-        self.vehicle
-    }
-
-    fn peers(&self) -> Peers {
-        let sender = self.voice.sender();
-        let me = Address { system: sender.system_id, component: sender.component_id };
-        Peers::new(me, self.vehicle.address)
-    }
-
-    fn now_s(&self) -> f64 {
-        self.now_s
-    }
-
-    fn send_payload(&mut self, id: u32, payload: Vec<u8>) {
-        if let Ok(frame) = self.voice.say_payload(id, &payload) {
-            self.up.push(self.now_s, frame.raw().to_vec());
-        }
-    }
-
-    async fn next(&mut self, deadline_s: Option<f64>) -> Event {
-        let deadline_s = deadline_s.unwrap_or(self.now_s + BREATH_S);
-        loop {
-            if let Some(frame) = self.heard.pop_front() {
-                if let Some(vehicle) = wire::heartbeat_of(self.vehicle, &frame) {
-                    self.vehicle = vehicle;
-                }
-                return Event::Frame(frame);
-            }
-            if self.now_s >= deadline_s {
-                return Event::Deadline;
-            }
-            self.step();
-        }
-    }
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
     use crate::parallel::Silent;
+
+    #[test]
+    fn no_vehicle_that_was_not_meant_is_changed() {
+        for kind in [Flavour::ArduPilot, Flavour::Px4] {
+            for other in [Other::SameId, Other::Exchanged, Other::Station] {
+                let t = others::tally((kind, other), 40, 1, &Silent);
+                assert_eq!((t.not_meant, t.wrong_statement), (0, 0), "{t:?}");
+                assert!(t.done > 0 && t.done < t.runs, "{t:?}");
+            }
+        }
+    }
 
     #[test]
     fn no_upload_over_a_bad_or_cut_link_leaves_a_mixed_mission_unsaid() {

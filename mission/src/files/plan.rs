@@ -2,7 +2,9 @@
 //! guide). Survey and corridor items carry the simple items they stand for and are expanded; others are refused.
 
 use super::shortest;
+use crate::airframe::Airframe;
 use crate::fence::{Fence, FenceCircle, FencePolygon};
+use crate::identity::Identity;
 use crate::item::{Autopilot, Frame, Home, LatLon, Mission, MissionItem, command};
 use serde::Deserialize;
 use serde_json::{Value, json};
@@ -24,6 +26,10 @@ pub struct PlanFile {
     pub firmware_type: u8,
     /// `MAV_TYPE`: 1 fixed wing, 2 quadrotor.
     pub vehicle_type: u8,
+    /// Of a backup: the vehicle that it was read from.
+    pub backup_of: Option<Identity>,
+    /// The airframe that it was planned for, with its limits, where this program planned it.
+    pub airframe: Option<Airframe>,
 }
 
 impl PlanFile {
@@ -40,6 +46,8 @@ impl PlanFile {
                 Autopilot::Px4 => 12,
             },
             vehicle_type,
+            backup_of: None,
+            airframe: None,
         }
     }
 
@@ -110,6 +118,10 @@ struct File {
     geo_fence: FileFence,
     #[serde(default)]
     rally_points: FileRally,
+    #[serde(default)]
+    backup_of: Option<Value>,
+    #[serde(default)]
+    airframe: Option<Value>,
 }
 
 #[derive(Deserialize)]
@@ -247,6 +259,9 @@ fn contents(file: File) -> Result<PlanFile, PlanError> {
         hover_speed_m_per_s: file.mission.hover_speed,
         firmware_type: file.mission.firmware_type,
         vehicle_type: file.mission.vehicle_type,
+        // What another program writes under these names is none of ours.
+        airframe: file.airframe.and_then(|v| serde_json::from_value(v).ok()),
+        backup_of: file.backup_of.and_then(|v| serde_json::from_value(v).ok()),
     })
 }
 
@@ -406,7 +421,7 @@ pub fn document(plan: &PlanFile) -> Value {
             json!({"inclusion": p.inclusion, "polygon": corners, "version": 1})
         })
         .collect();
-    json!({
+    let mut document = json!({
         "fileType": "Plan",
         "geoFence": {"circles": circles, "polygons": polygons, "version": 2},
         "groundStation": "QGroundControl",
@@ -422,7 +437,12 @@ pub fn document(plan: &PlanFile) -> Value {
         },
         "rallyPoints": {"points": plan.rally_points, "version": 2},
         "version": 1
-    })
+    });
+    if let Some(fields) = document.as_object_mut() {
+        fields.extend(plan.backup_of.map(|v| ("backupOf".to_owned(), json!(v))));
+        fields.extend(plan.airframe.as_ref().map(|a| ("airframe".to_owned(), json!(a))));
+    }
+    document
 }
 
 /// Seven decimals: what an integer of 1e-7 deg means.

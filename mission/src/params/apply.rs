@@ -98,6 +98,8 @@ pub struct ParamApply {
     /// The last reading of all of them.
     seen: Parameters,
     restores_left: u32,
+    /// It is not certain any more that this is the vehicle: nothing is ever sent again.
+    abandoned: bool,
     why: Option<String>,
     step: Step,
 }
@@ -154,6 +156,7 @@ impl ParamApply {
             touched: false,
             seen: Parameters::default(),
             restores_left: timing.restores,
+            abandoned: false,
             why: None,
             step,
         }
@@ -219,13 +222,12 @@ impl ParamApply {
         self.advance(now, messages)
     }
 
-    /// The user gives up: the old values are put back if anything was changed.
-    pub fn cancel(&mut self, now: f64) -> Vec<ParamMessage> {
-        self.why.get_or_insert_with(|| "it was cancelled".to_owned());
+    /// The change is not wanted any more, for this reason: the old values are put back if anything was changed.
+    pub fn cancel(&mut self, now: f64, why: &str) -> Vec<ParamMessage> {
+        self.why.get_or_insert_with(|| why.to_owned());
         match &self.step {
             Step::BackUp(_) => {
-                let why = "it was cancelled".to_owned();
-                self.finish(ApplyOutcome::Previous { why });
+                self.finish(ApplyOutcome::Previous { why: why.to_owned() });
                 Vec::new()
             }
             Step::Set { .. } | Step::Settle { .. } | Step::ReadBack(_) if !self.restoring => {
@@ -237,9 +239,24 @@ impl ParamApply {
         }
     }
 
+    /// It is not certain any more who answers: nothing is sent from now on.
+    pub fn abandon(&mut self, why: &str) {
+        self.abandoned = true;
+        match (&self.step, self.touched) {
+            (Step::Finished(outcome), _) if !matches!(outcome, ApplyOutcome::Mixed { .. }) => {}
+            (_, false) => self.finish(ApplyOutcome::Previous { why: why.to_owned() }),
+            (_, true) => {
+                // What was read last may be another vehicle's.
+                self.seen = Parameters::default();
+                self.stranded(why);
+            }
+        }
+    }
+
     /// The link is back, or the vehicle is disarmed: uncertain values are settled.
     pub fn link_restored(&mut self, now: f64) -> Vec<ParamMessage> {
-        if !matches!(self.step, Step::Finished(ApplyOutcome::Mixed { .. })) || self.armed != Some(false) {
+        let open = matches!(self.step, Step::Finished(ApplyOutcome::Mixed { .. }));
+        if !open || self.abandoned || self.armed != Some(false) {
             return Vec::new();
         }
         self.restores_left = self.timing.restores;

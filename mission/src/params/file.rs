@@ -2,6 +2,7 @@
 //! vehicle id, component id, name, value, `MAV_PARAM_TYPE` (`.params`). A line that begins with `#` is a comment in both.
 
 use super::{NameError, ParamName, ParamType};
+use crate::identity::{Identity, Uid};
 use crate::item::Autopilot;
 use std::fmt::Write;
 
@@ -39,6 +40,8 @@ pub struct ParamFile {
     pub system_id: Option<u8>,
     /// Whether the file is for a fixed wing, where it says so.
     pub fixed_wing: Option<bool>,
+    /// Hardware id of the vehicle that the file was written from, where it names one.
+    pub uid: Option<Uid>,
 }
 
 /// Why a file is no parameter file.
@@ -136,7 +139,7 @@ impl ParamFile {
                 "PX4" => self.autopilot = Some(Autopilot::Px4),
                 "fixed_wing" => self.fixed_wing = Some(true),
                 "multirotor" => self.fixed_wing = Some(false),
-                _ => {}
+                word => self.uid = word.strip_prefix(UID).and_then(|u| u.parse().ok()).or(self.uid),
             }
         }
     }
@@ -179,6 +182,18 @@ const VEHICLE: &str = "# for vehicle:";
 pub fn vehicle_line(autopilot: Autopilot, fixed_wing: Option<bool>) -> FileLine {
     let kind = fixed_wing.map_or("", |fixed| if fixed { " fixed_wing" } else { " multirotor" });
     FileLine::Comment(format!("{} {autopilot}{kind}", VEHICLE.trim_start_matches("# ")))
+}
+
+/// The hardware id in the line that says whom a file is for.
+const UID: &str = "uid=";
+
+/// The line of a file that was read from this vehicle.
+pub fn backup_line(vehicle: &Identity, fixed_wing: Option<bool>) -> FileLine {
+    let uid = vehicle.uid.map_or_else(String::new, |uid| format!(" {UID}{uid}"));
+    match vehicle_line(vehicle.autopilot, fixed_wing) {
+        FileLine::Comment(words) => FileLine::Comment(words + &uid),
+        entry => entry,
+    }
 }
 
 /// `MAV_COMP_ID_AUTOPILOT1`: whose parameters are written.

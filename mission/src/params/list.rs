@@ -28,6 +28,9 @@ pub struct AllParameters {
 /// Why there is no list.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
 pub enum ListError {
+    /// It was not to go on.
+    #[error("{0}")]
+    Stopped(String),
     /// No answer at all.
     #[error("the vehicle does not answer the request for its parameters")]
     Silent,

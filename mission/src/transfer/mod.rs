@@ -126,6 +126,9 @@ pub enum TransferError {
     /// The user.
     #[error("cancelled")]
     Cancelled,
+    /// It was not to go on.
+    #[error("{0}")]
+    Stopped(String),
     /// More items than a sequence number can count.
     #[error("a mission of {0} items cannot be transferred")]
     TooLong(usize),
@@ -137,7 +140,7 @@ impl TransferError {
         match self {
             Self::NoReply | Self::Silent { .. } | Self::NoProgress { .. } => true,
             Self::Refused { result, .. } => !result.is_final(),
-            Self::Cancelled | Self::TooLong(_) => false,
+            Self::Cancelled | Self::Stopped(_) | Self::TooLong(_) => false,
         }
     }
 }

@@ -18,6 +18,8 @@ pub enum OnBoard {
     Mixture {
         /// Which items are whose.
         parts: String,
+        /// Items of neither.
+        foreign: usize,
     },
     /// Nothing of either.
     Other {
@@ -63,7 +65,8 @@ impl OnBoard {
         if owners.iter().all(|o| *o == Owner::Nobody) {
             return Self::Other { items: got.items.len() };
         }
-        Self::Mixture { parts: parts(&owners) }
+        let foreign = owners.iter().filter(|o| **o == Owner::Nobody).count();
+        Self::Mixture { parts: parts(&owners), foreign }
     }
 }
 
@@ -74,7 +77,7 @@ impl std::fmt::Display for OnBoard {
             Self::Previous => f.write_str("the previous mission, whole"),
             Self::New => f.write_str("the new mission, whole"),
             Self::Either => f.write_str("the mission, whole (the new and the previous one are the same)"),
-            Self::Mixture { parts } => write!(f, "A MIXTURE: {parts}"),
+            Self::Mixture { parts, .. } => write!(f, "A MIXTURE: {parts}"),
             Self::Other { items } => write!(f, "{items} items that are of neither mission"),
         }
     }

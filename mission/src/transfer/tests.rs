@@ -1,6 +1,7 @@
 //! The verified upload over a bad link to small reference vehicles that behave as the two autopilots do.
 
 mod link;
+mod others;
 mod single;
 mod vehicle;
 
@@ -56,6 +57,7 @@ fn check(autopilot: Autopilot, run: &Run, new: &Mission, old: &Mission, context:
             assert!(holds(autopilot, &run.vehicle, old), "{context}: said restored, {why}");
         }
         Some(Outcome::Unknown { on_vehicle, .. }) => assert!(on_vehicle.contains("UNKNOWN"), "{context}"),
+        Some(other) => panic!("{context}: {other}"),
         None => panic!("{context}: no outcome, {:?}", run.upload.phase()),
     }
 }
@@ -148,9 +150,9 @@ fn an_interrupted_program_takes_up_its_upload() {
             Peers::new(ME, VEHICLE),
             Autopilot::ArduPilot,
             Options::default(),
-            new.clone(),
-            old.clone(),
+            (new.clone(), old.clone()),
             goal,
+            Some(ON_THE_GROUND),
             0.0,
         );
         let mut run = Run::with(1, Faults::BAD, vehicle, upload, actions);
@@ -349,7 +351,7 @@ fn a_vehicle_that_takes_off_during_the_backup_keeps_its_mission() {
     let mut run = Run::start(3, Faults::NONE, Autopilot::ArduPilot, vehicle, new, Some(ON_THE_GROUND));
     run.until(1.0);
     assert_eq!(run.upload.phase(), Phase::BackingUp);
-    run.upload.vehicle_state(VehicleState {
+    run.vehicle_state(VehicleState {
         armed: true,
         mission_mode: true,
         flying_mission: true,

@@ -99,6 +99,11 @@ impl Upload {
         Vec::new()
     }
 
+    /// Items asked for, and all of them.
+    pub(crate) fn progress(&self) -> (usize, usize) {
+        (self.done(), self.items.len())
+    }
+
     /// Whether every item has been asked for: what the vehicle says from here on is about the whole mission.
     pub fn all_served(&self) -> bool {
         self.done() == self.items.len()

@@ -314,6 +314,7 @@ impl Autopilot {
             | MavProtocolCapability::MAV_PROTOCOL_CAPABILITY_MAVLINK2;
         MavMessage::AUTOPILOT_VERSION(AUTOPILOT_VERSION_DATA {
             capabilities,
+            uid: self.config.uid,
             flight_sw_version,
             ..Default::default()
         })

@@ -46,6 +46,9 @@ pub enum Flavour {
     Px4,
 }
 
+/// Hardware id where none is set: as on PX4's own simulation, all of them have the same.
+const DEFAULT_UID: u64 = 0x4155_5052_0100_0001;
+
 /// What kind of autopilot.
 #[derive(Debug, Clone, PartialEq)]
 pub struct AutopilotConfig {
@@ -55,6 +58,8 @@ pub struct AutopilotConfig {
     pub airframe: Airframe,
     /// MAVLink system id; the component is 1.
     pub system_id: u8,
+    /// Hardware id, `uid` of `AUTOPILOT_VERSION`; 0 is none.
+    pub uid: u64,
     /// Main loop, Hz.
     pub loop_rate_hz: f64,
     /// Corner of the two-pole filter on the inertial samples, Hz; `None` = unfiltered.
@@ -85,6 +90,7 @@ impl Default for AutopilotConfig {
             flavour: Flavour::ArduPilot,
             airframe: Airframe::FixedWing,
             system_id: 1,
+            uid: DEFAULT_UID,
             loop_rate_hz: 400.0,
             filter_hz: None,
             has_highres_imu: true,

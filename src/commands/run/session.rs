@@ -273,7 +273,15 @@ impl<E: Estimator> Session<E> {
 
     fn say_raw(&mut self, message: &RawMessage) {
         match self.voice.say_payload(message.id, &message.payload) {
-            Ok(frame) => self.send(frame),
+            Ok(frame) => {
+                let (now_us, to) = (self.clock.now_us(), message.to);
+                let Some(handle) = self.links.handles().get(usize::from(to.link)) else { return };
+                let signed = match &mut self.guard {
+                    Some(guard) => guard.sign(&frame, u8::try_from(to.link).unwrap_or(u8::MAX), now_us),
+                    None => frame,
+                };
+                handle.send_to(signed, to.peer);
+            }
             Err(error) => tracing::error!(%error, "a mission message could not be made"),
         }
     }

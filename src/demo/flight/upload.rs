@@ -13,7 +13,8 @@ impl<E: Estimator> Flight<E> {
         let (upload, actions) = VerifiedUpload::start(
             Peers::new(me, vehicle.address),
             vehicle.autopilot,
-            Options::default(),
+            // No other station is there.
+            Options { confirm: false, ..Options::default() },
             self.prepared.plan.mission.clone(),
             Some(vehicle.state),
             self.now_s,

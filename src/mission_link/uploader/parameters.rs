@@ -1,8 +1,9 @@
 //! The setting of parameters while `run` goes on.
 
 use super::super::param_delivery::{self, ParamOrder, phase_words};
-use super::super::param_transfer::ParamEvent;
+use super::super::pinned::Pinned;
 use super::super::run_wire::RunWire;
+use super::super::wire::News;
 use super::{PATIENCE_S, Vehicle, stamp};
 use crate::figures::counted;
 use crate::sinks::status::{MissionState, ParametersView, SinkStatus};
@@ -25,7 +26,7 @@ pub(super) fn show(status: &SinkStatus, order: &ParamOrder, state: MissionState,
 /// Sets them; an armed vehicle is refused by the transfer itself.
 pub(super) async fn set(
     order: &ParamOrder,
-    wire: &mut RunWire,
+    wire: &mut Pinned<RunWire>,
     others: &[Vehicle],
     status: &SinkStatus,
 ) -> Result<String, String> {
@@ -38,11 +39,11 @@ pub(super) async fn set(
         return refuse(format!("system {id} is on the link as well; start gaware with --vehicle ID"));
     }
     let tell = |event| match event {
-        ParamEvent::Phase(ApplyPhase::Finished) => {}
-        ParamEvent::Phase(phase) => {
+        News::Phase(ApplyPhase::Finished) | News::Checked(_) | News::Said(_) | News::Progress(..) => {}
+        News::Phase(phase) => {
             show(status, order, MissionState::Uploading, phase_words(phase).to_owned());
         }
-        ParamEvent::Waiting(text) => show(status, order, MissionState::Unknown, text),
+        News::Stranded(text) => show(status, order, MissionState::Unknown, text),
     };
     // The old values lie beside the new ones.
     let backup = order.path().with_file_name(format!("params-backup-{}.param", stamp()));

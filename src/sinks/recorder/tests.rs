@@ -11,7 +11,7 @@ use std::fs::File;
 pub(super) fn received(k: u64) -> Received {
     let m = RAW_IMU_DATA { time_usec: k * 5000, zacc: -1000, ..Default::default() };
     let frame = Frame::encode(Sender { system_id: 1, component_id: 1 }, k as u8, &MavMessage::RAW_IMU(m));
-    Received { link: 0, t_us: 1_700_000_000_000_000 + k * 5000, frame }
+    Received { link: 0, peer: None, t_us: 1_700_000_000_000_000 + k * 5000, frame }
 }
 
 pub(super) fn setup() -> Setup {
@@ -259,6 +259,7 @@ fn incompressible(k: u64) -> Received {
     // DATA96 takes any bytes.
     Received {
         link: 0,
+        peer: None,
         t_us: k * 1000,
         frame: Frame::of_payload(sender, k as u8, 172, &payload[..98]).unwrap(),
     }

@@ -163,7 +163,7 @@ impl Station {
         let t_us = self.now_us();
         let (samples, notices) = self.pipeline.frame(t_us, frame);
         if let Some(recorder) = &self.recorder {
-            recorder.record(RecordItem::Frame(Received { link: 0, t_us, frame: frame.clone() }));
+            recorder.record(RecordItem::Frame(Received { link: 0, peer: None, t_us, frame: frame.clone() }));
             for sample in samples {
                 recorder.record(RecordItem::Sample(t_us, sample.clone()));
             }

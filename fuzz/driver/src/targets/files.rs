@@ -6,7 +6,7 @@ use gaware::engine::{Engine, EngineOptions};
 use gaware::mission_link::files::Contents;
 use gaware::mission_link::vehicle::Vehicle;
 use gaware::pipeline::Pipeline;
-use gaware::preflight::{Facts, check_upload};
+use gaware::preflight::{self, Against, Facts};
 use gaware::sensors::ConverterOptions;
 use gaware_mission::airframe::{Airframe, EXAMPLES};
 use gaware_mission::files::{plan as plan_file, waypoints as waypoints_file};
@@ -69,8 +69,9 @@ fn check(contents: &Contents) {
         VehicleState { armed: false, mission_mode: false, flying_mission: false, in_flight: false };
     for autopilot in [Autopilot::ArduPilot, Autopilot::Px4] {
         let address = Address { system: 1, component: 1 };
-        let vehicle = Vehicle { address, mav_type: 1, autopilot, state: ON_THE_GROUND };
-        let rows = check_upload(&Facts::new(vehicle), contents);
+        let vehicle = Vehicle { address, mav_type: 1, autopilot, state: ON_THE_GROUND, uid: None };
+        let against = Against { plan: Some(contents), airframe: None };
+        let rows = preflight::check(&Facts::new(vehicle), against);
         assert!(rows.iter().all(|r| !r.text.is_empty()));
         for kind in [MissionKind::Mission, MissionKind::Fence, MissionKind::Rally] {
             let list = contents.list(kind);

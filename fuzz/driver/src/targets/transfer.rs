@@ -74,7 +74,8 @@ impl Run {
             Kind::Frame => {
                 let Some(frame) = step.frame(number as u8) else { return false };
                 if let Some(vehicle) = Vehicle::from_heartbeat(&frame) {
-                    self.upload.vehicle_state(vehicle.state);
+                    let actions = self.upload.vehicle_state(self.now_s, vehicle.state);
+                    self.act(actions);
                 }
                 if let Some(envelope) = codec::decode(&frame) {
                     let actions = self.upload.receive(self.now_s, &envelope);
@@ -87,7 +88,7 @@ impl Run {
             Kind::Repeat => self.vehicle.delay(true),
             Kind::Delay => self.vehicle.delay(false),
             Kind::Cancel => {
-                let actions = self.upload.cancel(self.now_s);
+                let actions = self.upload.cancel(self.now_s, "it was cancelled");
                 self.act(actions);
             }
             Kind::Again => {
@@ -141,6 +142,7 @@ pub fn transfer(data: &[u8]) -> bool {
         _ if lies => {}
         Some(Outcome::Verified { .. }) => assert!(has(&new), "stated verified"),
         Some(Outcome::RestoredPrevious { why }) => assert!(has(&old), "stated restored: {why}"),
+        Some(Outcome::Foreign { on_vehicle, .. }) => panic!("nobody else was there: {on_vehicle}"),
         Some(Outcome::Unknown { on_vehicle, .. }) => assert!(on_vehicle.contains("UNKNOWN"), "{on_vehicle}"),
         None => unreachable!("finished above"),
     }

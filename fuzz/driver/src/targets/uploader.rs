@@ -53,11 +53,11 @@ struct Link {
 impl Link {
     fn send(&self, frame: Frame) {
         // Where the task has ended no one receives.
-        let _ = self.frames.send(Received { link: 0, t_us: 0, frame });
+        let _ = self.frames.send(Received { link: 0, peer: None, t_us: 0, frame });
     }
 
     /// The vehicle takes what was sent to it.
-    fn take(&mut self, RawMessage { id, payload }: RawMessage) {
+    fn take(&mut self, RawMessage { id, payload, .. }: RawMessage) {
         let from = Sender { system_id: 1, component_id: 191 };
         let frame = Frame::of_payload(from, 0, id, &payload);
         if let Some(envelope) = frame.ok().as_ref().and_then(codec::decode) {
@@ -126,7 +126,7 @@ async fn run(planned: Planned, steps: &[Step]) -> bool {
     let stop = CancellationToken::new();
     let status = SinkStatus::new();
     let uploader = Uploader::new(
-        Offer { mission: Some(planned), parameters: None },
+        Offer { mission: Some(planned), ..Offer::default() },
         None,
         received,
         outbox_in,

@@ -363,7 +363,7 @@ fn a_cancelled_change_is_put_back() {
         let (mut apply, first) =
             ParamApply::start(Encoding::ByBytes, ApplyTiming::default(), wanted(&NEW), Some(false), 0.0);
         let now = run(&mut apply, first, &mut vehicle, &mut link, Some(after));
-        let out = apply.cancel(now);
+        let out = apply.cancel(now, "it was cancelled");
         link.send(now, out);
         run(&mut apply, Vec::new(), &mut vehicle, &mut link, None);
         assert!(matches!(apply.outcome(), Some(ApplyOutcome::Previous { .. })), "{:?}", apply.outcome());

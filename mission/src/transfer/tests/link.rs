@@ -43,6 +43,7 @@ pub struct Run {
     pub upload: VerifiedUpload,
     pub vehicle: Vehicle,
     pub progress: usize,
+    pub items_sent: usize,
     random: Random,
     faults: Faults,
     in_flight: Vec<(f64, To, MissionMessage)>,
@@ -82,6 +83,7 @@ impl Run {
             upload,
             vehicle,
             progress: 0,
+            items_sent: 0,
             random,
             faults,
             in_flight: Vec::new(),
@@ -93,7 +95,10 @@ impl Run {
     fn perform(&mut self, actions: Vec<Action>) {
         for action in actions {
             match action {
-                Action::Send(message) => self.transmit(To::Vehicle, message),
+                Action::Send(message) => {
+                    self.items_sent += usize::from(matches!(message, MissionMessage::ItemInt { .. }));
+                    self.transmit(To::Vehicle, message);
+                }
                 Action::Progress { done, .. } => self.progress = done,
             }
         }
@@ -160,8 +165,13 @@ impl Run {
         self.perform(actions);
     }
 
+    pub fn vehicle_state(&mut self, state: VehicleState) {
+        let actions = self.upload.vehicle_state(self.now, state);
+        self.perform(actions);
+    }
+
     pub fn cancel(&mut self) {
-        let actions = self.upload.cancel(self.now);
+        let actions = self.upload.cancel(self.now, "it was cancelled");
         self.perform(actions);
     }
 }

@@ -144,7 +144,7 @@ fn a_late_answer_about_the_list_before_is_not_taken_for_what_is_on_board() {
     let (mut upload, _) = VerifiedUpload::start(
         Peers::new(ME, VEHICLE),
         Autopilot::Px4,
-        Options::default(),
+        Options { confirm: false, ..Options::default() },
         new,
         Some(ON_THE_GROUND),
         0.0,

@@ -97,6 +97,11 @@ impl Vehicle {
         &self.stored
     }
 
+    /// Another station's mission.
+    pub fn replace_stored(&mut self, stored: Vec<MissionItem>) {
+        self.stored = Self::new(self.autopilot, stored).stored;
+    }
+
     fn re_ask_s(&self) -> f64 {
         if self.autopilot == Autopilot::ArduPilot { 1.0 } else { 0.25 }
     }

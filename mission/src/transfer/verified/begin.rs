@@ -4,6 +4,9 @@ use super::{Goal, LATE_S, Options, Step, VehicleState, VerifiedUpload};
 use crate::item::{Autopilot, Mission};
 use crate::transfer::{Action, Download, Peers};
 
+/// How often an upload waits for the end of another station's.
+const QUIETS: u32 = 10;
+
 impl VerifiedUpload {
     /// Starts with the backup; send what is returned. A vehicle that is flying a mission, or whose state is not known, is
     /// refused here and again right before the upload.
@@ -26,12 +29,18 @@ impl VerifiedUpload {
             mission,
             backup: None,
             vehicle,
+            armed_before: false,
+            others: None,
+            begun_at_first: false,
+            confirmed: 0,
+            abandoned: false,
             touched: false,
             cancelled: false,
             why: None,
             late_until: f64::NEG_INFINITY,
             verdict_until: f64::NEG_INFINITY,
             rejections: Vec::new(),
+            quiets_left: QUIETS,
             step: Step::BackUp(download),
         };
         match upload.objection() {
@@ -60,20 +69,20 @@ impl VerifiedUpload {
     }
 
     /// Takes up an upload that was interrupted by the end of this program: checks what is on board and brings the mission that
-    /// is wanted, from what was kept of both.
+    /// is wanted, from what was kept of both, the new mission and the one before. Nothing is sent to a vehicle that flies a mission.
     pub fn resume(
         peers: Peers,
         autopilot: Autopilot,
         options: Options,
-        mission: Mission,
-        backup: Mission,
+        (mission, backup): (Mission, Mission),
         goal: Goal,
+        vehicle: Option<VehicleState>,
         now: f64,
     ) -> (Self, Vec<Action>) {
-        let (mut upload, _) =
-            Self::start(peers, autopilot, Options { even_while_flying: true, ..options }, mission, None, now);
+        let (mut upload, _) = Self::start(peers, autopilot, options, mission, vehicle, now);
         upload.backup = Some(backup);
         upload.touched = true;
+        upload.armed_before = vehicle.is_some_and(|v| v.armed);
         upload.cancelled = goal == Goal::Previous;
         if goal != Goal::New {
             upload.uploads_left = 0;

@@ -1,29 +1,32 @@
 //! The verified upload: back up what is on the vehicle, upload, read back and compare; on any failure put the backup back
-//! and verify that. It ends with a statement of what is on the vehicle, and after a link cut it takes up the
+//! and verify that. What was verified is read once more after a short quiet, since another station may have sent a mission meanwhile.
+//! A vehicle that is armed, or put into its mission mode, on the way gets nothing more. It ends with a statement of what is on the vehicle, and after a link cut it takes up the
 //! restoration where it was. It never arms, starts a mission or changes modes.
 
 mod begin;
 mod first_item;
+mod judge;
 mod outcome;
 mod state;
+mod watch;
 mod words;
 
 pub use outcome::Outcome;
 pub use state::{Goal, Options, VehicleState};
 
-use super::{Action, Clear, Download, Envelope, MissionMessage, Peers, TransferError, Upload, events};
-use crate::compare::differences;
+use super::{Action, Address, Clear, Download, Envelope, Peers, TransferError, Upload};
 use crate::item::{Autopilot, Mission, MissionItem, MissionKind};
 use first_item::FirstItem;
-use words::summary;
 
-/// Values of `MISSION_STATE`.
-const MISSION_STATE_UNKNOWN: u8 = 0;
-const MISSION_STATE_ACTIVE: u8 = 3;
 /// So long after its acknowledgement PX4 may still reject a mission, s: its navigator checks it in the background.
 const VERDICT_S: f64 = 3.0;
 /// A link keeps an answer for so long at most, s: until then one to an earlier question may come, and speak of the list before.
 const LATE_S: f64 = 2.0;
+/// Silence of other stations after which what is on board is read for the last time, s: another upload repeats its opening every 1.5 s
+/// ([`Timing::first_reply_s`](super::Timing)), so one that waited for the end of this one has begun by then.
+const QUIET_S: f64 = 2.0;
+/// Other stations are waited for so long at most, s.
+const LONGEST_QUIET_S: f64 = 30.0;
 /// Attempts of a download once the user has given up.
 const DOWNLOADS_WHEN_CANCELLED: u32 = 2;
 
@@ -59,6 +62,11 @@ enum Step {
     },
     /// The mission is there whole; its first item is to be the current one.
     FirstItem(FirstItem),
+    /// Another station may be sending a mission.
+    Quiet {
+        until: f64,
+        at_most: f64,
+    },
     Restore(Upload),
     Finished(Outcome),
 }
@@ -72,6 +80,16 @@ pub struct VerifiedUpload {
     mission: Mission,
     backup: Option<Mission>,
     vehicle: Option<VehicleState>,
+    /// Whether the motors were armed when the first item went out.
+    armed_before: bool,
+    /// Another station to which the vehicle spoke of a mission since the upload began.
+    others: Option<(Address, f64)>,
+    /// Whether the vehicle was told to begin at the first item.
+    begun_at_first: bool,
+    /// How often what was verified was read again.
+    confirmed: u32,
+    /// It is not certain any more that this is the vehicle: nothing is ever sent again.
+    abandoned: bool,
     /// Whether anything was sent that can change the mission on board.
     touched: bool,
     /// The new mission is not wanted any more.
@@ -87,6 +105,8 @@ pub struct VerifiedUpload {
     verdict_until: f64,
     /// What it said.
     rejections: Vec<String>,
+    /// How often it waits for other stations.
+    quiets_left: u32,
     step: Step,
 }
 
@@ -101,7 +121,11 @@ impl VerifiedUpload {
         match &self.step {
             Step::BackUp(_) => Phase::BackingUp,
             Step::Upload(_) | Step::Clear { restoring: false, .. } => Phase::Uploading,
-            Step::AwaitLate | Step::ReadBack(_) | Step::AwaitVerdict { .. } | Step::FirstItem(_) => {
+            Step::AwaitLate
+            | Step::ReadBack(_)
+            | Step::AwaitVerdict { .. }
+            | Step::FirstItem(_)
+            | Step::Quiet { .. } => {
                 Phase::ReadingBack
             }
             Step::Restore(_) | Step::Clear { restoring: true, .. } => Phase::Restoring,
@@ -124,21 +148,27 @@ impl VerifiedUpload {
             Step::Upload(u) | Step::Restore(u) => u.deadline(),
             Step::Clear { clear, .. } => clear.deadline(),
             Step::AwaitLate => Some(self.late_until),
-            Step::AwaitVerdict { until } => Some(*until),
+            Step::AwaitVerdict { until } | Step::Quiet { until, .. } => Some(*until),
             Step::FirstItem(first) => Some(first.deadline()),
             Step::Finished(_) => None,
         }
     }
 
-    /// The vehicle's state changed.
-    pub fn vehicle_state(&mut self, state: VehicleState) {
+    /// The vehicle's state as its heartbeat says. Where it is not to be changed any more the upload stops.
+    pub fn vehicle_state(&mut self, now: f64, state: VehicleState) -> Vec<Action> {
         self.vehicle = Some(state);
+        self.interrupt(now)
     }
 
     /// A message from anyone.
     pub fn receive(&mut self, now: f64, envelope: &Envelope) -> Vec<Action> {
         self.notice_state(envelope);
         self.notice_verdict(now, envelope);
+        self.notice_others(now, envelope);
+        let interrupted = self.interrupt(now);
+        if !interrupted.is_empty() {
+            return interrupted;
+        }
         let actions = match &mut self.step {
             Step::BackUp(d) | Step::ReadBack(d) => d.receive(now, envelope),
             Step::Upload(u) | Step::Restore(u) => u.receive(now, envelope),
@@ -147,7 +177,7 @@ impl VerifiedUpload {
                 first.receive(&self.peers, envelope);
                 Vec::new()
             }
-            Step::AwaitLate | Step::AwaitVerdict { .. } => Vec::new(),
+            Step::AwaitLate | Step::AwaitVerdict { .. } | Step::Quiet { .. } => Vec::new(),
             Step::Finished(_) => return Vec::new(),
         };
         self.advance(now, actions)
@@ -160,16 +190,16 @@ impl VerifiedUpload {
             Step::Upload(u) | Step::Restore(u) => u.tick(now),
             Step::Clear { clear, .. } => clear.tick(now),
             Step::FirstItem(first) => first.tick(now),
-            Step::AwaitLate | Step::AwaitVerdict { .. } => Vec::new(),
+            Step::AwaitLate | Step::AwaitVerdict { .. } | Step::Quiet { .. } => Vec::new(),
             Step::Finished(_) => return Vec::new(),
         };
         self.advance(now, actions)
     }
 
-    /// The user gives up: the previous mission is put back if anything was changed.
-    pub fn cancel(&mut self, now: f64) -> Vec<Action> {
+    /// The new mission is not wanted any more, for this reason: the previous one is put back if anything was changed.
+    pub fn cancel(&mut self, now: f64, why: &str) -> Vec<Action> {
         self.cancelled = true;
-        self.why.get_or_insert_with(|| "it was cancelled".to_owned());
+        self.why.get_or_insert_with(|| why.to_owned());
         let actions = match &mut self.step {
             Step::BackUp(d) => d.cancel(),
             Step::Upload(u) => u.cancel(),
@@ -180,53 +210,24 @@ impl VerifiedUpload {
         self.advance(now, actions)
     }
 
-    /// The link is back: an outcome of [`Outcome::Unknown`] is settled.
+    /// It is not certain any more who answers: nothing is sent from now on.
+    pub fn abandon(&mut self, why: &str) {
+        self.abandoned = true;
+        match (&self.step, self.touched) {
+            (Step::Finished(outcome), _) if !matches!(outcome, Outcome::Unknown { .. }) => {}
+            (_, false) => self.finish_untouched(why.to_owned()),
+            (_, true) => self.stranded(why, words::ABANDONED),
+        }
+    }
+
+    /// The link is back, or the vehicle may be changed again: an outcome of [`Outcome::Unknown`] is settled.
     pub fn link_restored(&mut self, now: f64) -> Vec<Action> {
-        if !matches!(self.step, Step::Finished(Outcome::Unknown { .. })) || self.backup.is_none() {
+        let open = matches!(self.step, Step::Finished(Outcome::Unknown { .. })) && self.backup.is_some();
+        if !open || self.abandoned || !self.vehicle_allows() {
             return Vec::new();
         }
         self.restores_left = self.options.restore_attempts;
         self.check(now)
-    }
-
-    /// `MISSION_CURRENT` says whether a mission is active, on autopilots that fill that field.
-    fn notice_state(&mut self, envelope: &Envelope) {
-        if let MissionMessage::Current { state, .. } = envelope.message
-            && state != MISSION_STATE_UNKNOWN
-            && self.peers.concerns(envelope)
-            && let Some(vehicle) = &mut self.vehicle
-        {
-            vehicle.flying_mission = state == MISSION_STATE_ACTIVE;
-        }
-    }
-
-    /// What PX4 says of the mission it has, or is about to have, accepted.
-    fn notice_verdict(&mut self, now: f64, envelope: &Envelope) {
-        let MissionMessage::Event { id, arguments } = &envelope.message else { return };
-        let listening = match &self.step {
-            Step::Upload(u) => u.all_served(),
-            Step::AwaitLate | Step::ReadBack(_) | Step::AwaitVerdict { .. } => now < self.verdict_until,
-            _ => false,
-        };
-        let about_mission = self.peers.kind == MissionKind::Mission;
-        if listening
-            && about_mission
-            && self.peers.concerns(envelope)
-            && let Some(words) = events::rejection(*id, arguments)
-            && !self.rejections.contains(&words)
-        {
-            self.rejections.push(words);
-        }
-    }
-
-    fn objection(&self) -> Option<String> {
-        if self.options.even_while_flying {
-            return None;
-        }
-        match self.vehicle {
-            None => Some("nothing is known of the vehicle's mode yet (no heartbeat)".to_owned()),
-            Some(state) => state.objection().map(str::to_owned),
-        }
     }
 
     /// Goes on where a step has ended.
@@ -290,12 +291,17 @@ impl VerifiedUpload {
                 let got = self.mission.clone();
                 self.judge(now, &got)
             }
-            Step::FirstItem(first) => {
-                if let Some(outcome) = first.outcome(self.mission.items.len()) {
-                    self.step = Step::Finished(outcome);
+            Step::FirstItem(first) => match first.outcome(self.mission.items.len()) {
+                None => Vec::new(),
+                Some(Outcome::Verified { .. }) => self.all_there(now),
+                Some(other) => {
+                    self.begun_at_first = false;
+                    self.step = Step::Finished(other);
+                    Vec::new()
                 }
-                Vec::new()
-            }
+            },
+            Step::Quiet { until, .. } if now >= *until || self.cancelled => self.check(now),
+            Step::Quiet { .. } => Vec::new(),
             Step::Finished(_) => Vec::new(),
         };
         actions.extend(more);
@@ -323,7 +329,8 @@ impl VerifiedUpload {
 
     fn begin_upload(&mut self, now: f64) -> Vec<Action> {
         if self.cancelled {
-            self.finish_untouched("it was cancelled".to_owned());
+            let why = self.why.clone().unwrap_or_default();
+            self.finish_untouched(why);
             return Vec::new();
         }
         // The backup took a while: look again.
@@ -333,7 +340,9 @@ impl VerifiedUpload {
             self.finish_untouched(why);
             return Vec::new();
         }
-        self.touched = true;
+        if !std::mem::replace(&mut self.touched, true) {
+            self.armed_before = self.vehicle.is_some_and(|v| v.armed);
+        }
         self.uploads_left = self.uploads_left.saturating_sub(1);
         self.send(now, false)
     }
@@ -401,79 +410,12 @@ impl VerifiedUpload {
         if self.downloads_left > 0 {
             return self.read_back(now);
         }
-        self.stranded(&format!("it could not be read back: {e}"));
-        Vec::new()
-    }
-
-    /// Compares what was read with both missions and decides.
-    fn judge(&mut self, now: f64, got: &Mission) -> Vec<Action> {
-        let backup = self.backup.clone().unwrap_or_default();
-        let wrong = differences(self.autopilot, &self.mission, got);
-        if !self.rejections.is_empty() {
-            let said = self.rejections.join("; ");
-            let why = format!("the vehicle accepted it and then rejected it: {said}");
-            self.why.get_or_insert(why);
-            self.uploads_left = 0;
-        } else if wrong.is_empty() && !self.cancelled && now < self.verdict_until {
-            self.step = Step::AwaitVerdict { until: self.verdict_until };
-            return Vec::new();
-        } else if wrong.is_empty() && !self.cancelled {
-            return self.begin_at_first(now);
-        }
-        let previous = differences(self.autopilot, &backup, got).is_empty();
-        let why = self
-            .why
-            .clone()
-            .unwrap_or_else(|| format!("what was read back is not what was sent ({})", summary(&wrong)));
-        self.why = Some(why.clone());
-        if self.uploads_left > 0 && !self.cancelled && self.vehicle_allows() {
-            return self.begin_upload(now);
-        }
-        if previous {
-            self.finish_untouched(why);
-            return Vec::new();
-        }
-        if self.restores_left == 0 {
-            let on_board = format!(
-                "{} items were read back that are neither mission ({})",
-                got.items.len(),
-                summary(&differences(self.autopilot, &backup, got))
-            );
-            self.stranded(&on_board);
-            return Vec::new();
-        }
-        self.restores_left -= 1;
-        self.send(now, true)
-    }
-
-    /// The mission is on board as it was sent. A vehicle that flies, or of which nothing is known, keeps the index that it has.
-    fn begin_at_first(&mut self, now: f64) -> Vec<Action> {
-        let free = self.vehicle.is_some_and(|v| v.objection().is_none());
-        if self.peers.kind != MissionKind::Mission || self.mission.items.is_empty() || !free {
+        if self.confirmed > 0 {
+            // It was read back whole before.
             self.step = Step::Finished(Outcome::Verified { items: self.mission.items.len() });
             return Vec::new();
         }
-        let (first, actions) = FirstItem::start(self.mission.first_index(self.autopilot), now);
-        self.step = Step::FirstItem(first);
-        actions
-    }
-
-    /// A second attempt is held back when the vehicle has started to fly.
-    fn vehicle_allows(&self) -> bool {
-        self.objection().is_none()
-    }
-
-    fn stranded(&mut self, detail: &str) {
-        let (new, old) = (self.mission.items.len(), self.backup.as_ref().map_or(0, |b| b.items.len()));
-        let on_vehicle = format!(
-            "UNKNOWN {} ON THE VEHICLE: it may hold the new one ({new} items), the previous one ({old} items) \
-             or a mixture of both; {detail}",
-            self.peers.kind.to_string().to_uppercase()
-        );
-        let what_to_do =
-            "Do not arm in or switch to the mission mode. Restore the link: the previous state is then \
-             put back by itself; or upload again and read it back before flying it"
-                .to_owned();
-        self.step = Step::Finished(Outcome::Unknown { on_vehicle, what_to_do });
+        self.stranded(&format!("it could not be read back: {e}"), words::LINK);
+        Vec::new()
     }
 }

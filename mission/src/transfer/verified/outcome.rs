@@ -15,6 +15,13 @@ pub enum Outcome {
         /// Why not the new one.
         why: String,
     },
+    /// Somebody else's, which came meanwhile and was left alone.
+    Foreign {
+        /// What is on the vehicle.
+        on_vehicle: String,
+        /// What to do.
+        what_to_do: String,
+    },
     /// It is not known. [`VerifiedUpload::link_restored`](super::VerifiedUpload::link_restored) takes up the restoration.
     Unknown {
         /// What may be on the vehicle.
@@ -34,7 +41,9 @@ impl Outcome {
             Self::RestoredPrevious { why } => {
                 format!("the previous {kind} is on the vehicle; the new one is not, because {why}")
             }
-            Self::Unknown { on_vehicle, what_to_do } => format!("{on_vehicle}. {what_to_do}"),
+            Self::Foreign { on_vehicle, what_to_do } | Self::Unknown { on_vehicle, what_to_do } => {
+                format!("{on_vehicle}. {what_to_do}")
+            }
         }
     }
 }

@@ -35,6 +35,10 @@ impl VehicleState {
 pub struct Options {
     /// Upload although a mission is being flown or the vehicle is armed in its mission mode.
     pub even_while_flying: bool,
+    /// Put the backup over what is of neither mission, too.
+    pub over_others: bool,
+    /// Read what was verified once more after a short quiet.
+    pub confirm: bool,
     /// Whom the plan was made for, where that is known; named when the vehicle refuses it.
     pub planned_for: Option<Autopilot>,
     /// Attempts to upload the new mission.
@@ -49,6 +53,8 @@ impl Default for Options {
     fn default() -> Self {
         Self {
             even_while_flying: false,
+            over_others: false,
+            confirm: true,
             planned_for: None,
             upload_attempts: 2,
             restore_attempts: 4,

@@ -4,6 +4,16 @@ use crate::compare::Difference;
 use crate::item::{Autopilot, Mission, MissionItem, MissionKind, command};
 use crate::transfer::{MissionResult, TransferError};
 
+/// What to do where the link was lost.
+pub(super) const LINK: &str = "Do not arm in or switch to the mission mode. Restore the link: the previous state is then put back by itself; \
+                               or upload again and read it back before flying it";
+/// What to do where the vehicle must not be changed now.
+pub(super) const HELD: &str = "Nothing more is sent to it in this state. Leave the mission mode and disarm: the previous one is then put back by \
+                               itself while this program waits, or by \"gaware mission restore\"";
+/// What to do where it is not certain who answers.
+pub(super) const ABANDONED: &str =
+    "Nothing more was sent. Connect the vehicle that was meant, alone, and run \"gaware mission restore\"";
+
 /// The first difference and the number of the others.
 pub(super) fn summary(found: &[Difference]) -> String {
     match found {
