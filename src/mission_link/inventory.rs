@@ -7,6 +7,7 @@
 use super::run_wire::RawMessage;
 use super::vehicle::Vehicle;
 use super::{facts, param_codec};
+use crate::link::endpoint::Origin;
 use crate::link::frame::Frame;
 use crate::preflight::Facts;
 use gaware_mission::item::Autopilot;
@@ -35,6 +36,8 @@ const MOST: u16 = 10_000;
 #[derive(Debug)]
 pub struct Inventory {
     facts: Facts,
+    /// Where the vehicle is.
+    origin: Origin,
     version_tries: u32,
     version_due_s: f64,
     /// Nothing of parameters is known to be allowed before the first heartbeat.
@@ -55,10 +58,11 @@ pub struct Inventory {
 }
 
 impl Inventory {
-    /// Of the vehicle that is followed.
-    pub fn new(vehicle: Vehicle, now_s: f64) -> Self {
+    /// Of the vehicle that is followed, which is heard from there.
+    pub fn new(vehicle: Vehicle, origin: Origin, now_s: f64) -> Self {
         Self {
             facts: Facts::new(vehicle),
+            origin,
             version_tries: TRIES,
             version_due_s: now_s,
             disarmed: false,
@@ -153,7 +157,7 @@ impl Inventory {
             self.version_tries -= 1;
             self.version_due_s = now_s + ANSWER_S;
             let (id, payload) = facts::message_request(self.facts.vehicle, AUTOPILOT_VERSION);
-            messages.push(RawMessage { id, payload });
+            messages.push(RawMessage { to: self.origin, id, payload });
         }
         let waiting = !self.open.is_empty() && now_s < self.open_since_s + ANSWER_S;
         if self.disarmed && now_s >= self.quiet_until_s && !waiting {
@@ -193,7 +197,7 @@ impl Inventory {
 
     fn message(&self, message: &ParamMessage) -> RawMessage {
         let (id, payload) = param_codec::encode(self.facts.vehicle.address, message);
-        RawMessage { id, payload }
+        RawMessage { to: self.origin, id, payload }
     }
 
     fn finish(&mut self) {
@@ -251,7 +255,8 @@ mod tests {
     impl Fake {
         fn new(count: u16, answer_s: f64) -> Self {
             let vehicle = Vehicle::from_heartbeat(&heartbeat(false)).unwrap();
-            let (inventory, asked, answers) = (Inventory::new(vehicle, 0.0), Vec::new(), Vec::new());
+            let (inventory, asked, answers) =
+                (Inventory::new(vehicle, Origin::default(), 0.0), Vec::new(), Vec::new());
             Self { inventory, count, answer_s, now_s: 0.0, armed: false, hash: 7, asked, answers }
         }
 

@@ -157,7 +157,7 @@ impl<E: Estimator> Session<E> {
             rates.receive(self.clock.now_us(), &received.frame, &mut actions);
             self.perform(actions);
         }
-        self.take_stock(&received.frame);
+        self.take_stock(&received);
         let from_vehicle = self.pipeline.converter().vehicle() == Some(received.frame.system_id)
             && received.frame.component_id == AUTOPILOT_COMPONENT;
         if received.frame.message_id == TIMESYNC
@@ -296,14 +296,15 @@ impl<E: Estimator> Session<E> {
     }
 
     /// Version and parameters of the vehicle that is followed, as far as they are recorded.
-    fn take_stock(&mut self, frame: &Frame) {
+    fn take_stock(&mut self, received: &Received) {
+        let frame = &received.frame;
         let now_s = self.clock.monotonic_ns() as f64 * 1e-9;
         if self.inventory.is_none()
             && self.recorder.is_some()
             && let Some(vehicle) = Vehicle::from_heartbeat(frame)
             && self.pipeline.converter().vehicle() == Some(vehicle.address.system)
         {
-            self.inventory = Some(Inventory::new(vehicle, now_s));
+            self.inventory = Some(Inventory::new(vehicle, received.origin(), now_s));
         }
         if let Some(inventory) = &mut self.inventory {
             inventory.receive(now_s, frame);

@@ -125,9 +125,7 @@ impl VerifiedUpload {
             | Step::ReadBack(_)
             | Step::AwaitVerdict { .. }
             | Step::FirstItem(_)
-            | Step::Quiet { .. } => {
-                Phase::ReadingBack
-            }
+            | Step::Quiet { .. } => Phase::ReadingBack,
             Step::Restore(_) | Step::Clear { restoring: true, .. } => Phase::Restoring,
             Step::Finished(_) => Phase::Finished,
         }
