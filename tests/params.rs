@@ -76,7 +76,8 @@ async fn round_trip(
         }
     };
     let (advice, backup) = (file(&folder, "advice.param", &advice), folder.file("backup.param"));
-    let applied = params(&["apply", "--connect", &address, &advice, "--backup", &backup, "--json"]).await;
+    let applied =
+        params(&["apply", "--yes", "--connect", &address, &advice, "--backup", &backup, "--json"]).await;
     let document = applied.json();
     assert_eq!((applied.code(), &document["changed"]), (Some(0), &Value::from(2)), "{document:#}");
     assert_eq!((&document["on_vehicle"], &document["reboot_due"]), (&"new".into(), &true.into()));
@@ -87,7 +88,7 @@ async fn round_trip(
     assert_eq!(on_board(&address, delay).await, Some(96.0));
     assert_eq!(on_board(&address, place).await, Some(0.31));
     // A file that is there is not overwritten.
-    let again = params(&["apply", "--connect", &address, &advice, "--backup", &backup]).await;
+    let again = params(&["apply", "--yes", "--connect", &address, &advice, "--backup", &backup]).await;
     assert!(again.code() == Some(1) && again.stderr.contains("cannot write"), "{}", again.stderr);
     let second = folder.file("second.param");
     let restored = params(&["restore", "--connect", &address, &backup, "--backup", &second]).await;
@@ -196,7 +197,7 @@ async fn bad_files_are_refused_with_a_sentence_and_nothing_is_changed() {
     {
         let (path, backup) =
             (file(&folder, &format!("{k}.param"), text), folder.file(&format!("{k}.backup")));
-        let ended = params(&["apply", "--connect", &address, &path, "--backup", &backup]).await;
+        let ended = params(&["apply", "--yes", "--connect", &address, &path, "--backup", &backup]).await;
         assert_eq!(ended.code(), Some(1), "{text}: {}", ended.stdout);
         assert!(ended.stderr.contains(said), "{text}: {}", ended.stderr);
     }
@@ -213,9 +214,33 @@ async fn an_armed_vehicle_is_refused() {
     let address = vehicle("fixed_wing", "tcpin:127.0.0.1:0", Flavour::ArduPilot, none, &stop).await;
     let path = file(&folder, "a.param", "GPS1_POS_X,0.3\n");
     let backup = folder.file("backup.param");
-    let ended = params(&["apply", "--connect", &address, &path, "--backup", &backup]).await;
+    let ended = params(&["apply", "--yes", "--connect", &address, &path, "--backup", &backup]).await;
     assert!(ended.code() == Some(1) && ended.stderr.contains("the vehicle is armed"), "{}", ended.stderr);
     assert!(!std::path::Path::new(&backup).exists());
+    stop.cancel();
+}
+
+/// A file of an explanation says where its values come from; without a terminal and without --yes nothing is set.
+#[tokio::test(flavor = "multi_thread")]
+async fn a_change_shows_what_it_replaces_and_is_not_made_without_a_yes() {
+    let (folder, stop) = (Folder::new("params-asks"), CancellationToken::new());
+    let fast = LinkFaults::default();
+    let address = vehicle("mission_multirotor", "tcpin:127.0.0.1:0", Flavour::ArduPilot, fast, &stop).await;
+    let text = "# from: gaware explain of a.tlog; verdict: explained; ArduPilot 4.6\n# for vehicle: ArduPilot\nGPS1_DELAY_MS,96\n";
+    let (advice, backup) = (file(&folder, "advice.param", text), folder.file("backup.param"));
+    let ended = params(&["apply", "--connect", &address, &advice, "--backup", &backup]).await;
+    assert_eq!(ended.code(), Some(2), "{}", ended.stderr);
+    for said in
+        ["gaware explain of a.tlog; verdict: explained", "GPS1_DELAY_MS: 0 → 96 ms", "no terminal", "--yes"]
+    {
+        assert!(ended.stderr.contains(said), "{said}: {}", ended.stderr);
+    }
+    assert_eq!(on_board(&address, "GPS1_DELAY_MS").await, Some(0.0));
+    // What flew is another vehicle.
+    let other = file(&folder, "other.param", "# for vehicle: ArduPilot uid=00ff\nGPS1_DELAY_MS,96\n");
+    let ended = params(&["apply", "--yes", "--connect", &address, &other, "--backup", &backup]).await;
+    assert!(ended.code() == Some(1) && ended.stderr.contains("hardware id 00ff"), "{}", ended.stderr);
+    assert_eq!(on_board(&address, "GPS1_DELAY_MS").await, Some(0.0));
     stop.cancel();
 }
 
@@ -226,7 +251,17 @@ async fn a_killed_change_is_taken_up_and_the_old_values_put_back() {
     let address = vehicle("mission_multirotor", "tcpin:127.0.0.1:0", Flavour::ArduPilot, slow, &stop).await;
     let text = "GPS1_DELAY_MS,96\nGPS1_POS_X,0.31\nGPS1_POS_Y,0.32\nGPS1_POS_Z,0.33\nINS_POS1_X,0.1\nINS_POS1_Y,0.1\n";
     let (advice, backup) = (file(&folder, "advice.param", text), folder.file("backup.param"));
-    let command = Gaware::start(&["params", "apply", "--connect", &address, &advice, "--backup", &backup]);
+    let command = Gaware::start(&[
+        "params",
+        "apply",
+        "--yes",
+        "--yes",
+        "--connect",
+        &address,
+        &advice,
+        "--backup",
+        &backup,
+    ]);
     tokio::task::spawn_blocking(move || {
         command.line_with("setting");
         command.kill();
@@ -235,7 +270,7 @@ async fn a_killed_change_is_taken_up_and_the_old_values_put_back() {
     .unwrap();
     // Nothing goes over it before that is settled.
     let other = folder.file("other.param");
-    let refused = params(&["apply", "--connect", &address, &advice, "--backup", &other]).await;
+    let refused = params(&["apply", "--yes", "--connect", &address, &advice, "--backup", &other]).await;
     assert!(refused.stderr.contains("gaware params restore"), "{}", refused.stderr);
     let journal = folder.file("parameter-change-system1-0100000152505541.journal");
     let ended = params(&["restore", "--connect", &address, &journal]).await;

@@ -133,7 +133,7 @@ async fn two_vehicles_with_one_id_on_one_port_get_nothing_from_any_command() {
             &["mission", "download", &read],
             &["mission", "restore", &plan, "--backup", &backup],
             &["mission", "clear", "--type", "mission", "--backup", &backup],
-            &["params", "apply", &values, "--backup", &backup],
+            &["params", "apply", "--yes", &values, "--backup", &backup],
             &["params", "backup", &backup],
             &["preflight"],
         ] {
@@ -282,7 +282,7 @@ async fn parameters_of_an_exchanged_vehicle_are_left_alone() {
     let values = folder.file("values.param");
     std::fs::write(&values, "GPS1_DELAY_MS,96\nGPS1_POS_X,0.31\nGPS1_POS_Y,0.32\nGPS1_POS_Z,0.33\n").unwrap();
     let backup = folder.file("backup.param");
-    let command = Gaware::start(&["params", "apply", &values, "--backup", &backup, "--connect", &a]);
+    let command = Gaware::start(&["params", "apply", "--yes", &values, "--backup", &backup, "--connect", &a]);
     let kill = move || {
         command.line_with("setting");
         command.kill();
@@ -296,7 +296,8 @@ async fn parameters_of_an_exchanged_vehicle_are_left_alone() {
         gaware(&["params", "restore", &backup, "--connect", &b, "--backup", &folder.file("x.param")]).await;
     assert!(told.stderr.contains("is for the vehicle with hardware id 0a"), "{}", told.stderr);
     let told =
-        gaware(&["params", "apply", &values, "--backup", &folder.file("b.param"), "--connect", &b]).await;
+        gaware(&["params", "apply", "--yes", &values, "--backup", &folder.file("b.param"), "--connect", &b])
+            .await;
     assert_eq!(told.code(), Some(0), "a change of another vehicle is no obstacle: {}", told.stderr);
     let told = gaware(&["params", "restore", &journal, "--connect", &a, "--json"]).await;
     assert_eq!(told.code(), Some(0), "{}{}", told.stdout, told.stderr);

@@ -10,16 +10,12 @@ use gaware_mission::params::file::{self, FileEntry, FileLine};
 const WIDTH: usize = 110;
 
 /// The text of `autopilot.param` or `autopilot.params`.
-pub fn text(advice: &Advice, autopilot: Autopilot, on_board: &OnBoard, logs: &str) -> String {
+pub fn text(advice: &Advice, autopilot: Autopilot, on_board: &OnBoard, origin: &str) -> String {
     let mut lines = Vec::new();
-    comment(
-        &mut lines,
-        &format!(
-            "by gaware explain from {logs}, for {autopilot} {}",
-            advice.version.as_deref().unwrap_or("")
-        ),
-    );
-    lines.push(file::vehicle_line(autopilot, on_board.fixed_wing));
+    let version = advice.version.as_deref().unwrap_or("of unknown version");
+    lines.push(file::origin_line(&format!("gaware explain of {origin}; {autopilot} {version}")));
+    let uid = on_board.board.as_deref().and_then(|board| board.parse().ok());
+    lines.push(file::vehicle_line(autopilot, on_board.fixed_wing, uid));
     comment(
         &mut lines,
         "read each line before it is applied; gaware params apply backs up, writes, reads back and compares",

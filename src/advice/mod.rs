@@ -20,6 +20,9 @@ use table::{Era, Mapping, Rule};
 
 /// A value this many sigmas from what is assumed is significant.
 const SIGNIFICANT: f64 = 3.0;
+/// What is said of an antenna's place that someone has set.
+const MEASURED_PLACE: &str =
+    "the vehicle has a place already: where that was measured with a tape it may be better than this one";
 /// A board rotation of less than this changes a correction by less than its sigma, deg.
 const SMALL_ROTATION_DEG: f64 = 2.0;
 
@@ -148,6 +151,12 @@ fn consider(finding: &Finding, autopilot: Autopilot, on_board: &OnBoard, advice:
     let Some(mapping) = mapping(effect, autopilot, on_board) else {
         return refuse(advice, effect, table::why_not(effect));
     };
+    if let Some(count) = on_board.complete()
+        && let Some(name) = mapping.parameters.iter().find(|p| !on_board.has(p))
+    {
+        let why = format!("the vehicle has no {name}: it is not among the {count} parameters in the log");
+        return refuse(advice, effect, why);
+    }
     if matches!(mapping.rule, Rule::Offset { .. }) {
         return refuse(advice, effect, table::why_not(effect));
     }
@@ -165,9 +174,15 @@ fn consider(finding: &Finding, autopilot: Autopilot, on_board: &OnBoard, advice:
 /// The row for an effect: by the names that the vehicle has, else by its version, else the newest.
 pub fn mapping(effect: &str, autopilot: Autopilot, on_board: &OnBoard) -> Option<&'static Mapping> {
     let rows = || table::TABLE.iter().filter(|m| m.effect == effect && m.autopilot == autopilot);
-    let present = rows().find(|m| m.parameters.iter().all(|p| on_board.get(p).is_some()));
+    let old_filter = on_board.get("AHRS_EKF_TYPE") == Some(1.0);
+    let runs = |m: &&Mapping| !(old_filter && m.parameters.iter().any(|p| p.starts_with("EK2_")));
+    let present = rows().filter(runs).find(|m| m.parameters.iter().all(|p| on_board.get(p).is_some()));
     let dated = || on_board.version.and_then(|version| rows().find(|m| m.era.holds(version)));
-    let newest = || rows().find(|m| !matches!((m.era, autopilot), (Era::Since(..), Autopilot::Px4)));
+    let newest = || {
+        rows().find(|m| {
+            m.era != Era::Listed && (!matches!(m.era, Era::Since(..)) || autopilot != Autopilot::Px4)
+        })
+    };
     present.or_else(dated).or_else(newest)
 }
 
@@ -196,8 +211,9 @@ fn judge(
     on_board: &OnBoard,
 ) -> Result<Proposal, Box<NotProposed>> {
     let name = mapping.parameters.get(k).copied().unwrap_or_default();
-    let derived = rule::derive(mapping, k, value, sigma, on_board);
+    let mut derived = rule::derive(mapping, k, value, sigma, on_board);
     let known = on_board.get(name);
+    nearest(mapping, &mut derived);
     let refused = |reason: String| {
         let wanted = derived.value.map(|v| rounded(v, mapping.step));
         let parameter = Some(name);
@@ -258,8 +274,7 @@ fn judge(
 /// By how much the parameter is to change, in the unit of its sigma; nothing where that cannot be said (a delay of the driver's own).
 fn distance(mapping: &Mapping, derived: &Derived, known: Option<f64>) -> Option<f64> {
     match (mapping.rule, derived.value, known) {
-        // ArduPilot's zero is not a delay of zero.
-        (Rule::Delay, Some(v), Some(old)) if old != 0.0 || mapping.autopilot == Autopilot::Px4 => {
+        (Rule::Delay, Some(v), Some(old)) if old != 0.0 || !mapping.zero_is_the_drivers() => {
             Some((v - old).abs())
         }
         (Rule::Delay, ..) => None,
@@ -285,18 +300,38 @@ fn against(known: Option<f64>, mapping: &Mapping) -> String {
     }
 }
 
+/// A delay beyond what the autopilot's filter can take: the greatest that it takes is nearer to the truth than any other value, and a whole
+/// multiple of it means something else.
+fn nearest(mapping: &Mapping, derived: &mut Derived) {
+    let Some((_, high)) = mapping.range.filter(|_| mapping.rule == Rule::Delay) else { return };
+    if let Some(wanted) = derived.value.filter(|v| (high..=2.0 * high).contains(v)) {
+        let unit = mapping.unit;
+        let text = format!(
+            "the flight says {} ± {} {unit}, and the autopilot's filter keeps no samples older than {high} {unit}: its greatest value is the \
+             nearest; the receiver or its link has to become faster",
+            rule_free(rounded(wanted, mapping.step)),
+            rule_free(rounded(derived.sigma, mapping.step))
+        );
+        derived.note =
+            Some(derived.note.take().map_or_else(|| text.clone(), |note| format!("{text}; {note}")));
+        (derived.value, derived.change) = (Some(high), Change::Set(high));
+    }
+}
+
 fn out_of_range(mapping: &Mapping, value: f64) -> String {
     let (low, high) = mapping.range.unwrap_or_default();
-    let mut text =
-        format!("{} {} is outside the documented range of {low} to {high}", rule_free(value), mapping.unit);
-    if mapping.rule == Rule::Delay && value > high {
-        text.push_str(": the autopilot's filter keeps no samples that old; the receiver or its link has to become faster");
-    }
-    text
+    format!("{} {} is outside the documented range of {low} to {high}", rule_free(value), mapping.unit)
 }
 
 fn note(mapping: &Mapping, known: Option<f64>, derived: Option<String>) -> Option<String> {
-    if mapping.rule != Rule::Delay || mapping.autopilot == Autopilot::Px4 {
+    if matches!(mapping.rule, Rule::Antenna { .. }) && known.is_some_and(|v| v != 0.0) {
+        return Some(MEASURED_PLACE.to_owned());
+    }
+    if mapping.parameters.contains(&"EKF_VEL_DELAY") {
+        let both = "EKF_POS_DELAY is the delay of the positions: give it the same value";
+        return Some(derived.map_or_else(|| both.to_owned(), |words| format!("{both}; {words}")));
+    }
+    if mapping.rule != Rule::Delay || !mapping.zero_is_the_drivers() {
         return derived;
     }
     let assumed = match known {

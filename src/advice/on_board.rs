@@ -14,6 +14,10 @@ use std::path::Path;
 const HEARTBEAT: u32 = 0;
 const AUTOPILOT_VERSION: u32 = 148;
 
+/// A list with so many parameters lacks those alone that the vehicle does not have: complete lists of old and small firmware have 492 to 805
+/// (recorded and public logs), partial ones a few.
+const COMPLETE: usize = 400;
+
 /// The vehicle's own word.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct OnBoard {
@@ -172,6 +176,16 @@ impl OnBoard {
     /// A value by name.
     pub fn get(&self, name: &str) -> Option<f64> {
         self.parameters.get(name).copied()
+    }
+
+    /// Whether the vehicle has it, with whatever value.
+    pub fn has(&self, name: &str) -> bool {
+        self.parameters.contains_key(name) || self.changed.contains(name)
+    }
+
+    /// How many parameters the log holds, where that is all of them.
+    pub fn complete(&self) -> Option<usize> {
+        Some(self.parameters.len()).filter(|n| *n >= COMPLETE)
     }
 
     fn on(&self, names: &[&str]) -> Option<String> {

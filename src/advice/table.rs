@@ -53,6 +53,15 @@ pub enum Era {
     Since(u8, u8),
     /// Before this release.
     Before(u8, u8),
+    /// Old names, whose releases differ by the kind of vehicle: where the vehicle's list has them.
+    Listed,
+}
+
+impl Mapping {
+    /// Whether 0 stands for a delay that the receiver's driver knows, which no log holds (`AP_GPS/AP_GPS.cpp:1716-1731`).
+    pub fn zero_is_the_drivers(&self) -> bool {
+        self.parameters.iter().any(|p| p.ends_with("DELAY_MS"))
+    }
 }
 
 impl Era {
@@ -62,6 +71,7 @@ impl Era {
             Self::Any => true,
             Self::Since(major, minor) => version >= (major, minor),
             Self::Before(major, minor) => version < (major, minor),
+            Self::Listed => false,
         }
     }
 }
@@ -197,6 +207,20 @@ pub const TABLE: &[Mapping] = &[
         era: Era::Before(4, 6),
         parameters: &["GPS_DELAY_MS"],
         source: "c48f5c09db AP_GPS/AP_GPS.cpp:310-317; applied in AP_NavEKF3/AP_NavEKF3_Measurements.cpp:588-596",
+        ..ARDUPILOT_DELAY
+    },
+    Mapping {
+        era: Era::Listed,
+        parameters: &["EK2_GPS_DELAY"],
+        source: "Copter 3.4 AP_NavEKF2/AP_NavEKF2.cpp, EK2_GPS_DELAY (220 ms, 0 to 250); GPS_DELAY_MS has its place since",
+        ..ARDUPILOT_DELAY
+    },
+    Mapping {
+        era: Era::Listed,
+        parameters: &["EKF_VEL_DELAY"],
+        range: Some((0.0, 500.0)),
+        reboot: false,
+        source: "Copter 3.3 AP_NavEKF/AP_NavEKF.cpp, EKF_VEL_DELAY (220 ms, 0 to 500), beside EKF_POS_DELAY of the positions",
         ..ARDUPILOT_DELAY
     },
     ARDUPILOT_PLACE,

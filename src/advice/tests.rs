@@ -20,6 +20,77 @@ fn finding(name: &'static str, values: &[f64], sigma: f64) -> Finding {
     Finding { names: vec![name], values: values.to_vec(), sigmas: vec![sigma; values.len()], barred: None }
 }
 
+/// A whole list of parameters, which holds these.
+fn complete(parameters: &[(&str, f64)]) -> OnBoard {
+    let mut board = on_board(Autopilot::ArduPilot, parameters);
+    (0..592).for_each(|k| board.learn(&format!("P{k}"), 0.0));
+    board.version = None;
+    board
+}
+
+/// Delays of 215 ms in logs of Copter 3.2 to 3.4, whose lists have no GPS_DELAY_MS.
+#[test]
+fn a_parameter_that_a_whole_list_lacks_is_not_proposed_and_old_names_are_known() {
+    let latency = [finding("gps_latency", &[0.15], 0.003)];
+    let proposed = |parameters: &[(&str, f64)]| {
+        let advice = advise(&latency, &complete(parameters));
+        let names: Vec<_> = advice.proposals.iter().map(|p| (p.parameter, p.proposed)).collect();
+        (names, advice)
+    };
+    let (none, advice) = proposed(&[]);
+    assert!(none.is_empty(), "{advice:?}");
+    assert!(
+        advice.not_proposed[0].reason.contains("has no GPS1_DELAY_MS: it is not among the 592"),
+        "{advice:?}"
+    );
+    let (new, advice) = proposed(&[("EK2_GPS_DELAY", 220.0), ("EKF_VEL_DELAY", 220.0)]);
+    assert_eq!(new[0].0, "EK2_GPS_DELAY", "{advice:?}");
+    let (old, advice) =
+        proposed(&[("EK2_GPS_DELAY", 220.0), ("EKF_VEL_DELAY", 220.0), ("AHRS_EKF_TYPE", 1.0)]);
+    assert_eq!(old[0].0, "EKF_VEL_DELAY", "{advice:?}");
+    let note = advice.proposals[0].note.clone().unwrap_or_default();
+    assert!(note.contains("EKF_POS_DELAY") && !note.contains("driver"), "{note}");
+    // A few parameters are no list: the name goes by the version.
+    let few = advise(&latency, &on_board(Autopilot::ArduPilot, &[("INS_ACCEL_FILTER", 20.0)]));
+    assert_eq!(few.proposals[0].parameter, "GPS1_DELAY_MS");
+}
+
+#[test]
+fn a_delay_beyond_the_greatest_gets_the_greatest_and_says_so() {
+    let board = on_board(Autopilot::ArduPilot, &[("GPS1_DELAY_MS", 0.0), ("INS_ACCEL_FILTER", 20.0)]);
+    let advice = advise(&[finding("gps_latency", &[0.270], 0.003)], &board);
+    let proposal = &advice.proposals[0];
+    assert_eq!(proposal.proposed, Some(250.0));
+    let note = proposal.note.clone().unwrap_or_default();
+    assert!(note.contains("281 ± 3 ms") && note.contains("no samples older than 250"), "{note}");
+    // Twice the greatest is something else, and one that has it already keeps it.
+    assert!(advise(&[finding("gps_latency", &[0.6], 0.003)], &board).proposals.is_empty());
+    let board = on_board(Autopilot::ArduPilot, &[("GPS1_DELAY_MS", 250.0), ("INS_ACCEL_FILTER", 20.0)]);
+    assert!(advise(&[finding("gps_latency", &[0.270], 0.003)], &board).proposals.is_empty());
+}
+
+#[test]
+fn a_place_that_someone_has_set_may_be_better_than_the_flight() {
+    let parameters = [
+        ("GPS1_POS_X", 0.0),
+        ("GPS1_POS_Y", 0.0),
+        ("GPS1_POS_Z", -0.24),
+        ("INS_POS1_X", 0.0),
+        ("INS_POS1_Y", 0.0),
+        ("INS_POS1_Z", 0.0),
+    ];
+    let advice = advise(
+        &[finding("gps_lever_arm", &[0.4, 0.0, -0.12], 0.02)],
+        &on_board(Autopilot::ArduPilot, &parameters),
+    );
+    let note = |name: &str| {
+        let proposal = advice.proposals.iter().find(|p| p.parameter == name);
+        proposal.and_then(|p| p.note.clone()).unwrap_or_default()
+    };
+    assert!(note("GPS1_POS_Z").contains("measured with a tape"), "{advice:?}");
+    assert_eq!(note("GPS1_POS_X"), "", "nobody has measured that one");
+}
+
 /// The values of a calibration on board, and how it corrects a raw sample.
 #[derive(Clone, Copy, Debug)]
 struct Calibration {

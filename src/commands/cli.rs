@@ -148,7 +148,7 @@ pub fn execute(cli: Cli) -> ExitCode {
         Err(error) => {
             log::line(&format!("gaware: {error}"));
             log::flush();
-            ExitCode::from(if error.is_usage() { 2 } else { 1 })
+            ExitCode::from(error.status())
         }
     }
 }

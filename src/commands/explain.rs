@@ -2,6 +2,7 @@
 
 use super::report::date_of;
 use super::{CommandError, ListenArgs, OverwriteArgs, load_model, output};
+use crate::explain::contract::Verdict;
 use crate::explain::{self, Explained, Phase, Request};
 use crate::report::explanation::headline;
 use gaware_nav::identify::select::Settings;
@@ -92,10 +93,16 @@ pub fn run(args: &ExplainArgs) -> Result<(), CommandError> {
     dated(&mut explained.validated, &args.validate);
     explain::write(&explained, &args.out, &outputs)?;
     crate::sinks::log::line(&format!("explained in {:.1} s{}", began.elapsed().as_secs_f64(), peak_memory()));
+    let explanation = &explained.explanation;
     if args.json {
-        return output::json_pretty(&explained.explanation);
+        output::json_pretty(explanation)?;
+    } else {
+        output::words(|out| print(out, &explained, &args.out.join("report.html")))?;
     }
-    output::words(|out| print(out, &explained, &args.out.join("report.html")))
+    if explanation.verdict == Verdict::TooLittleData {
+        return Err(CommandError::TooLittleData(explanation.summary.clone()));
+    }
+    Ok(())
 }
 
 /// Number of steps that the progress counts.
@@ -131,7 +138,9 @@ fn print(out: &mut String, explained: &Explained, report: &Path) -> std::fmt::Re
     if explanation.residual.is_some() {
         writeln!(out, "{}\n", headline(explained))?;
     }
-    for sentence in explain::words::sentences(&explanation.summary) {
+    // Too little data is said on stderr, with a status of its own.
+    let said = explanation.verdict != Verdict::TooLittleData;
+    for sentence in explain::words::sentences(&explanation.summary).into_iter().filter(|_| said) {
         writeln!(out, "{sentence}")?;
     }
     if let Some(words) = explain::autopilot::sentence(explained) {

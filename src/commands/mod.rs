@@ -89,6 +89,9 @@ pub enum CommandError {
         /// What the system said.
         source: std::io::Error,
     },
+    /// The recordings say too little for an answer.
+    #[error("{0}")]
+    TooLittleData(String),
     /// Arguments that do not fit together with a configuration file.
     #[error("{0}")]
     Arguments(String),
@@ -236,7 +239,16 @@ impl CommandError {
         matches!(self, Self::Output(error) if error.kind() == std::io::ErrorKind::BrokenPipe)
     }
 
-    /// Whether the arguments were at fault rather than the work: exit status 2 instead of 1.
+    /// Exit status: 1 the work failed, 2 wrong usage, 3 the recordings say too little for an answer.
+    pub fn status(&self) -> u8 {
+        match self {
+            Self::TooLittleData(_) => 3,
+            error if error.is_usage() => 2,
+            _ => 1,
+        }
+    }
+
+    /// Whether the arguments were at fault rather than the work.
     pub fn is_usage(&self) -> bool {
         match self {
             Self::Address(_) | Self::Band(_) | Self::Arguments(_) => true,

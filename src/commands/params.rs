@@ -3,6 +3,7 @@
 pub use super::params_args::{ApplyArgs, BackupArgs, ParamsAction, ParamsArgs, RestoreParamsArgs, ShowArgs};
 use super::params_result::{Action, OnVehicle, ParamsResult, Shown};
 use super::{CommandError, output, params_restore, transfer};
+use crate::advice::rule_free;
 use crate::advice::table::{self, Rule};
 use crate::figures::{counted, counted_were};
 use crate::mission_link::facts;
@@ -56,6 +57,14 @@ pub enum ParamsError {
         /// Which they are.
         values: String,
     },
+    /// Nobody who could confirm.
+    #[error(
+        "nothing was changed: there is no terminal on which the change could be confirmed; --yes sets the values without a question"
+    )]
+    NobodyToAsk,
+    /// Not confirmed.
+    #[error("nothing was changed: the change was not confirmed")]
+    NotConfirmed,
     /// The second signal.
     #[error(
         "ended at once, as asked: which values are on the vehicle is not known if a change had begun; \"gaware params restore\" takes it up \
@@ -70,7 +79,7 @@ pub enum ParamsError {
 impl ParamsError {
     /// Whether the arguments were at fault.
     pub fn is_usage(&self) -> bool {
-        matches!(self, Self::Journals(_) | Self::OtherKind(_))
+        matches!(self, Self::Journals(_) | Self::OtherKind(_) | Self::NobodyToAsk)
     }
 }
 
@@ -208,6 +217,12 @@ pub(super) async fn bring(
     let backup = args.backup.clone().unwrap_or_else(|| transfer::default_backup("params-backup", "param"));
     files::refuse_existing(&backup)?;
     let mut session = Session::open(&args.to.opening(), stop).await?;
+    if !args.yes
+        && let Err(why) = confirm(&mut session, &order, stop, &mut say).await
+    {
+        session.close().await;
+        return Err(why);
+    }
     let patience_s = args.to.patience as f64;
     let delivered = param_delivery::deliver(&mut session, &order, backup, patience_s, teller(&mut say)).await;
     session.close().await;
@@ -224,6 +239,37 @@ pub(super) async fn bring(
         _ => None,
     };
     result.settled()
+}
+
+/// Shows where the values come from and what they replace, and asks.
+async fn confirm(
+    wire: &mut impl Wire,
+    order: &ParamOrder,
+    stop: &CancellationToken,
+    say: &mut impl FnMut(&str),
+) -> Result<(), ParamsError> {
+    let vehicle = wire.vehicle();
+    order.check_vehicle(&vehicle)?;
+    let names = order.entries().iter().map(|e| e.name).collect();
+    let old = facts::read_parameters(wire, names)
+        .await
+        .map_err(|why| ParamsError::List(ListError::Stopped(why)))?;
+    order.origin().iter().for_each(|line| say(line));
+    for entry in order.entries() {
+        let unit = param_delivery::mapping(entry.name.as_str(), vehicle.autopilot).map_or("", |m| m.unit);
+        let before = old.values.get(&entry.name).map_or_else(|| "?".to_owned(), |v| rule_free(v.value));
+        say(format!("{}: {before} → {} {unit}", entry.name, rule_free(entry.value)).trim_end());
+    }
+    match transfer::confirmed(
+        &format!("set {} on {vehicle}? [y/N]", counted(order.entries().len(), "value")),
+        stop,
+    )
+    .await
+    {
+        Some(true) => Ok(()),
+        Some(false) => Err(ParamsError::NotConfirmed),
+        None => Err(ParamsError::NobodyToAsk),
+    }
 }
 
 /// Says in words what a change reports.

@@ -68,6 +68,9 @@ pub struct ApplyArgs {
     /// Where to keep the old values (default: params-backup-TIME.param).
     #[arg(long, value_name = "FILE")]
     pub backup: Option<PathBuf>,
+    /// Do not ask before the values are set: for scripts.
+    #[arg(long)]
+    pub yes: bool,
 }
 
 /// Arguments of `restore`.

@@ -36,7 +36,7 @@ pub async fn restore(
     if Kind::Parameters.names(&file) {
         return take_up(args, Journal::read(&file)?, stop, &mut say).await;
     }
-    let apply = ApplyArgs { to: args.to.clone(), file, backup: args.backup.clone() };
+    let apply = ApplyArgs { to: args.to.clone(), file, backup: args.backup.clone(), yes: true };
     bring(Action::Restore, &apply, stop, say).await
 }
 

@@ -1,6 +1,7 @@
 //! What `gaware mission` and `gaware params` share: a transfer that signals end in order, its lines on stderr, and its files.
 
 use super::{CommandError, start};
+use std::io::IsTerminal;
 use std::path::{Path, PathBuf};
 use std::time::{Duration, SystemTime};
 use tokio_util::sync::CancellationToken;
@@ -35,6 +36,26 @@ fn watch_signals(stop: &CancellationToken, now: &CancellationToken) {
         start::any_signal().await;
         now.cancel();
     });
+}
+
+/// Asks for a yes on the terminal; `None` where there is none to ask on.
+pub(super) async fn confirmed(question: &str, stop: &CancellationToken) -> Option<bool> {
+    if !std::io::stdin().is_terminal() {
+        return None;
+    }
+    progress(question);
+    let (answer, answered) = tokio::sync::oneshot::channel();
+    // A thread of its own: nothing waits for it where a signal comes instead of an answer.
+    std::thread::spawn(move || {
+        let mut line = String::new();
+        let read = std::io::stdin().read_line(&mut line).is_ok();
+        let yes = matches!(line.trim().to_ascii_lowercase().as_str(), "y" | "yes");
+        let _ = answer.send(read && yes);
+    });
+    tokio::select! {
+        answer = answered => Some(answer.unwrap_or(false)),
+        () = stop.cancelled() => Some(false),
+    }
 }
 
 /// A line on stderr. Where the terminal has gone away there is no one to read it, and the transfer goes on.

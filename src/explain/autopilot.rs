@@ -1,5 +1,6 @@
 //! From an explanation to the parameter advice: which of its effects may be used, what the logs say of the vehicle, and the file.
 
+use super::contract::Verdict;
 use super::{ExplainError, Explained, Request, one_line};
 use crate::advice::on_board::OnBoard;
 use crate::advice::{Finding, file};
@@ -39,6 +40,9 @@ pub fn on_board(request: &Request) -> Result<OnBoard, ExplainError> {
 pub fn findings(explained: &Explained) -> Vec<Finding> {
     let Some(judged) = &explained.judged else { return Vec::new() };
     let explanation = &explained.explanation;
+    // The same sentence as the verdict: a flight that the model does not explain gives no value to set.
+    let unexplained = (explanation.verdict == Verdict::Unexplained)
+        .then_some("the verdict is \"unexplained\": the flight contradicts the model in other ways too, its values are not to be used");
     let confirmed = explanation.residual.as_ref().is_some_and(|g| g.held_out.after < g.held_out.before);
     let mut findings = Vec::new();
     for entry in &explanation.effects {
@@ -46,7 +50,9 @@ pub fn findings(explained: &Explained) -> Vec<Finding> {
         let Some(added) = judged.selection.added.iter().find(|a| a.setting.effect.name() == *name) else {
             continue;
         };
-        let barred = if added.is_at_limit() {
+        let barred = if unexplained.is_some() {
+            unexplained
+        } else if added.is_at_limit() {
             Some("the search ended at its limit: the value is a lower bound")
         } else {
             (!confirmed).then_some("the held-out data do not confirm it")
@@ -55,8 +61,14 @@ pub fn findings(explained: &Explained) -> Vec<Finding> {
     }
     let estimated = |a: &&Added| a.setting.estimated() > 0 && survey::informed(a).iter().all(|i| *i);
     let elsewhere = |a: &&Added| findings.iter().all(|f| !f.names.contains(&a.setting.effect.name()));
-    let assumed: Vec<Finding> =
-        judged.survey.assumed.iter().filter(estimated).filter(elsewhere).map(of).collect();
+    let assumed: Vec<Finding> = judged
+        .survey
+        .assumed
+        .iter()
+        .filter(estimated)
+        .filter(elsewhere)
+        .map(|a| Finding { barred: unexplained, ..of(a) })
+        .collect();
     findings.extend(assumed);
     findings
 }
@@ -86,8 +98,9 @@ pub fn write(explained: &Explained, folder: &Path, outputs: &Outputs) -> Result<
     for (autopilot, path) in [Autopilot::ArduPilot, Autopilot::Px4].into_iter().zip(files(folder)) {
         match advice.filter(|_| flown == Some(autopilot)) {
             Some(advice) => {
-                let logs = one_line(&explained.logs.join(", "));
-                let text = file::text(advice, autopilot, &explained.on_board, &logs);
+                let verdict = explained.explanation.verdict.words();
+                let origin = format!("{}; verdict: {verdict}", one_line(&explained.logs.join(", ")));
+                let text = file::text(advice, autopilot, &explained.on_board, &origin);
                 outputs.write(&path, mark::text(text, mark::Style::Hash))?;
             }
             None => outputs.remove(&path)?,

@@ -16,8 +16,23 @@ pub enum Verdict {
     Ambiguous,
     /// The model explains the flight.
     NothingMissing,
-    /// A residual is left that no named effect explains, or too little can be said.
+    /// A residual is left that no named effect explains.
     Unexplained,
+    /// Too short, without fixes, without motion: the recordings do not answer the question.
+    TooLittleData,
+}
+
+impl Verdict {
+    /// In words.
+    pub fn words(self) -> &'static str {
+        match self {
+            Self::Explained => "explained",
+            Self::Ambiguous => "ambiguous",
+            Self::NothingMissing => "nothing missing",
+            Self::Unexplained => "unexplained",
+            Self::TooLittleData => "too little data",
+        }
+    }
 }
 
 /// Evidence of one step.
@@ -231,7 +246,7 @@ pub struct Explanation {
 pub fn too_little(why: &str) -> Explanation {
     Explanation {
         schema: "gaware.explanation/1",
-        verdict: Verdict::Unexplained,
+        verdict: Verdict::TooLittleData,
         effects: Vec::new(),
         places: Vec::new(),
         regimes: Vec::new(),

@@ -158,7 +158,7 @@ fn too_little_to_say_names_nothing() {
         (standing, "stationary"),
     ] {
         let e = samples(&[flight], &[], &Model::default(), &Settings::default(), &|_| {}).explanation;
-        assert_eq!(e.verdict, contract::Verdict::Unexplained);
+        assert_eq!(e.verdict, contract::Verdict::TooLittleData);
         assert!(e.effects.is_empty() && e.residual.is_none());
         assert!(e.places.is_empty() && e.regimes.is_empty() && e.unexplained_terms.is_empty());
         let told = e.summary.starts_with("Too little data") && e.summary.contains(said);
@@ -316,6 +316,9 @@ fn an_effect_outside_the_catalogue_is_unexplained_and_named_as_a_term() {
         let explained = samples(&[flown], &[], &Model::default(), &Settings::default(), &|_| {});
         let e = &explained.explanation;
         assert_eq!(e.verdict, contract::Verdict::Unexplained, "{}", e.summary);
+        // No value of such a flight goes into an autopilot.
+        let findings = autopilot::findings(&explained);
+        assert!(!findings.is_empty() && findings.iter().all(|f| f.barred.is_some()), "{findings:?}");
         let terms: Vec<_> = e.unexplained_terms.iter().map(|t| (t.channel, t.term)).collect();
         assert_eq!(terms, [("gyro_y", "w_z*f_x")], "{}", e.summary);
         let term = &e.unexplained_terms[0];

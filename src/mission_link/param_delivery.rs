@@ -74,8 +74,16 @@ impl ParamOrder {
         &self.file.entries
     }
 
+    /// Where the values come from, as far as the file says so.
+    pub fn origin(&self) -> &[String] {
+        &self.file.origin
+    }
+
     /// A file that says which vehicle it is for is for no other.
-    fn check_vehicle(&self, vehicle: &Vehicle) -> Result<(), ParamOrderError> {
+    ///
+    /// # Errors
+    /// It is for another one.
+    pub fn check_vehicle(&self, vehicle: &Vehicle) -> Result<(), ParamOrderError> {
         let kind = |fixed: bool| if fixed { "a fixed wing" } else { "a multirotor" };
         let path = self.path.clone();
         if let Some(autopilot) = self.file.autopilot.filter(|a| *a != vehicle.autopilot) {

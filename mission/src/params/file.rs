@@ -42,6 +42,8 @@ pub struct ParamFile {
     pub fixed_wing: Option<bool>,
     /// Hardware id of the vehicle that the file was written from, where it names one.
     pub uid: Option<Uid>,
+    /// From which logs its values come and what came of them, where it says so (see [`origin_line`]).
+    pub origin: Vec<String>,
 }
 
 /// Why a file is no parameter file.
@@ -120,6 +122,9 @@ impl ParamFile {
             if let Some(vehicle) = words.strip_prefix(VEHICLE) {
                 file.vehicle(vehicle);
             }
+            if let Some(origin) = words.strip_prefix(ORIGIN).filter(|_| file.origin.len() < MOST_ORIGINS) {
+                file.origin.push(origin.trim().chars().take(MOST_CHARS).collect());
+            }
             if words.is_empty() || words.starts_with('#') {
                 continue;
             }
@@ -178,22 +183,29 @@ impl ParamFile {
 /// Begin of the comment that says which vehicle a file is for.
 const VEHICLE: &str = "# for vehicle:";
 
-/// The comment that says which kind of vehicle a file is for.
-pub fn vehicle_line(autopilot: Autopilot, fixed_wing: Option<bool>) -> FileLine {
+/// The comment that says which vehicle a file is for: autopilot, kind and hardware id.
+pub fn vehicle_line(autopilot: Autopilot, fixed_wing: Option<bool>, uid: Option<Uid>) -> FileLine {
     let kind = fixed_wing.map_or("", |fixed| if fixed { " fixed_wing" } else { " multirotor" });
-    FileLine::Comment(format!("{} {autopilot}{kind}", VEHICLE.trim_start_matches("# ")))
+    let uid = uid.map_or_else(String::new, |uid| format!(" {UID}{uid}"));
+    FileLine::Comment(format!("{} {autopilot}{kind}{uid}", VEHICLE.trim_start_matches("# ")))
+}
+
+/// Begin of the comments that say where the values come from, how many of them are kept, and how much of each, characters.
+const ORIGIN: &str = "# from:";
+const MOST_ORIGINS: usize = 8;
+const MOST_CHARS: usize = 400;
+
+/// A comment that says where the values come from.
+pub fn origin_line(words: &str) -> FileLine {
+    FileLine::Comment(format!("{} {words}", ORIGIN.trim_start_matches("# ")))
 }
 
 /// The hardware id in the line that says whom a file is for.
 const UID: &str = "uid=";
 
-/// The line of a file that was read from this vehicle.
+/// The same of a vehicle on the link.
 pub fn backup_line(vehicle: &Identity, fixed_wing: Option<bool>) -> FileLine {
-    let uid = vehicle.uid.map_or_else(String::new, |uid| format!(" {UID}{uid}"));
-    match vehicle_line(vehicle.autopilot, fixed_wing) {
-        FileLine::Comment(words) => FileLine::Comment(words + &uid),
-        entry => entry,
-    }
+    vehicle_line(vehicle.autopilot, fixed_wing, vehicle.uid)
 }
 
 /// `MAV_COMP_ID_AUTOPILOT1`: whose parameters are written.
@@ -281,7 +293,7 @@ mod tests {
         for (autopilot, fixed_wing) in
             [(Autopilot::ArduPilot, Some(true)), (Autopilot::Px4, Some(false)), (Autopilot::Px4, None)]
         {
-            let lines = [vehicle_line(autopilot, fixed_wing), entry("A", 1.0, ParamType::Real32)];
+            let lines = [vehicle_line(autopilot, fixed_wing, None), entry("A", 1.0, ParamType::Real32)];
             let file = ParamFile::read(&write(autopilot, 1, &lines)).unwrap();
             assert_eq!((file.autopilot, file.fixed_wing), (Some(autopilot), fixed_wing));
         }

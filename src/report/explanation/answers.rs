@@ -15,6 +15,7 @@ pub fn verdict(verdict: Verdict) -> &'static str {
         Verdict::Ambiguous => "Explained by several effects alike",
         Verdict::NothingMissing => "No unmodelled effect",
         Verdict::Unexplained => "Not explained",
+        Verdict::TooLittleData => "Too little data",
     }
 }
 
@@ -23,7 +24,7 @@ pub fn headline(explained: &Explained) -> String {
     let e = &explained.explanation;
     let names: Vec<String> = e.effects.iter().map(|x| x.names.join(" or ")).collect();
     match (e.verdict, &e.effects[..]) {
-        (_, _) if e.residual.is_none() => e.summary.clone(),
+        (Verdict::TooLittleData, _) => e.summary.clone(),
         (Verdict::NothingMissing, _) => "No unmodelled effect is significant.".to_owned(),
         (Verdict::Explained, [one]) => {
             let size = found(one, explained.judged.as_ref()).map(values).unwrap_or_default();
@@ -128,7 +129,7 @@ fn next(e: &Explanation) -> String {
         Verdict::NothingMissing => {
             "Keep the model. <a href=\"#effects\">Detection limits</a> say how large an effect could still be.".to_owned()
         }
-        Verdict::Unexplained if e.residual.is_none() => {
+        Verdict::TooLittleData => {
             "Record at least 40 s of flight with GNSS fixes and maneuvers, then run <code>gaware explain</code> again.".to_owned()
         }
         Verdict::Unexplained => "Do not use the values above. Look at <a href=\"#where\">where the residuals are large</a> and at \

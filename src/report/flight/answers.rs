@@ -126,16 +126,18 @@ fn large(s: &Summary) -> String {
         let ratio = |(r, c): &(usize, usize)| g.value[*r][*c].abs() / g.sigma[*r][*c];
         ratio(a).total_cmp(&ratio(b))
     });
-    best.map_or_else(
-        || "G is not estimated by this model.".to_owned(),
-        |(r, c)| format!(
+    match best {
+        None => "G is not estimated by this model.".to_owned(),
+        // A value within its sigma is no result.
+        Some(_) if sure == 0 => "No element of G differs from zero by more than 3 sigma.".to_owned(),
+        Some((r, c)) => format!(
             "{sure} of 9 elements differ from zero by more than 3 sigma; the most certain is g{}{} = {:.0} ± {:.0} deg/h/g.",
             r + 1,
             c + 1,
             g.value[r][c],
             g.sigma[r][c]
         ),
-    )
+    }
 }
 
 fn in_a_turn(s: &Summary) -> String {
