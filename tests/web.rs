@@ -368,7 +368,7 @@ async fn no_page_of_another_site_locks_the_pilot_out() {
     let right = format!("Authorization: Bearer {SECRET}");
     assert_eq!(get(&server, "/api/v1/status", &[&right]).await.status, 200, "the pilot's page goes on");
     assert_eq!(get(&server, &format!("/?token={SECRET}"), &[]).await.status, 429);
-    // Where the browser says so they do not even count, and a token that was made up cannot be guessed.
+    // Where the browser says so they lock their own way alone, and a token that was made up cannot be guessed.
     for token in [token(), Token::random().unwrap()] {
         let secret = token.reveal().to_owned();
         let site: &[&str] = if secret == SECRET { &["Sec-Fetch-Site: cross-site"] } else { &[] };
@@ -377,6 +377,9 @@ async fn no_page_of_another_site_locks_the_pilot_out() {
             get(&server, &format!("/favicon.ico?token=image-number-{k}"), site).await;
         }
         assert_eq!(get(&server, &format!("/?token={secret}"), &[]).await.status, 303);
+        // Whoever sends that header guesses no more for it.
+        let right = get(&server, &format!("/?token={secret}"), &["Sec-Fetch-Site: cross-site"]).await;
+        assert_eq!(right.status, if secret == SECRET { 429 } else { 303 });
     }
 }
 

@@ -55,12 +55,12 @@ impl Entry {
     }
 
     fn admit(&self, from: IpAddr, uri: &Uri, headers: &HeaderMap) -> Result<(&'static str, Place), Refusal> {
-        if self.guesses.locked(from, Way::Address) && query_token(uri).is_some() {
+        if self.guesses.locked(from, Way::of_address(headers)) && query_token(uri).is_some() {
             let reason = "too many wrong tokens from this address; wait a minute";
             return Err((StatusCode::TOO_MANY_REQUESTS, reason));
         }
         if let Some((way, token)) = self.policy.wrong_token(uri, headers)
-            && self.policy.counts(headers)
+            && self.policy.can_be_guessed()
         {
             self.guesses.wrong(from, way, token);
         }

@@ -1,6 +1,7 @@
 //! Wrong tokens are limited in number, by address and by the way they came: any web page can make a browser ask with a token in the address
 //! line, and must not lock the one that the pilot's own page sends in its headers.
 
+use axum::http::{HeaderMap, HeaderValue};
 use std::collections::BTreeMap;
 use std::net::IpAddr;
 use std::sync::{Mutex, PoisonError};
@@ -21,8 +22,20 @@ const REMEMBERED: usize = 64;
 pub(in crate::sinks) enum Way {
     /// In the address line.
     Address,
+    /// In the address line, where the browser says that a page of another site asks. Who says so without a browser locks no more than this.
+    AddressElsewhere,
     /// In a header or a cookie, which no page of another site can send.
     Header,
+}
+
+impl Way {
+    /// The way of a token in the address line, by what browsers say of who asks (Fetch Metadata, `Sec-Fetch-Site`).
+    pub(in crate::sinks) fn of_address(headers: &HeaderMap) -> Self {
+        match headers.get("sec-fetch-site").map(HeaderValue::as_bytes) {
+            Some(b"cross-site" | b"same-site") => Self::AddressElsewhere,
+            _ => Self::Address,
+        }
+    }
 }
 
 #[derive(Debug)]
