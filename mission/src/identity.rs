@@ -60,7 +60,8 @@ impl std::str::FromStr for Uid {
         let wrong =
             || format!("\"{text}\" is no hardware id: 1 to {BYTES} bytes in hexadecimal, not all zero");
         let digits: Vec<u8> = text.chars().map_while(|c| Some(c.to_digit(16)? as u8)).collect();
-        if digits.len() != text.chars().count() || digits.len() % 2 != 0 || digits.len() > 2 * BYTES {
+        if digits.len() != text.chars().count() || !digits.len().is_multiple_of(2) || digits.len() > 2 * BYTES
+        {
             return Err(wrong());
         }
         let mut bytes = [0; BYTES];

@@ -140,7 +140,7 @@ fn print(out: &mut String, explained: &Explained, report: &Path) -> std::fmt::Re
     }
     // Too little data is said on stderr, with a status of its own.
     let said = explanation.verdict != Verdict::TooLittleData;
-    for sentence in explain::words::sentences(&explanation.summary).into_iter().filter(|_| said) {
+    for sentence in explain::words::sentences(&explanation.summary).filter(|_| said) {
         writeln!(out, "{sentence}")?;
     }
     if let Some(words) = explain::autopilot::sentence(explained) {

@@ -285,7 +285,7 @@ mod tests {
             let end = self.now_s + seconds;
             while self.now_s < end {
                 self.now_s += 0.05;
-                if (self.now_s * 20.0).round() as u64 % 20 == 0 {
+                if ((self.now_s * 20.0).round() as u64).is_multiple_of(20) {
                     self.inventory.receive(self.now_s, &heartbeat(self.armed));
                 }
                 let now_s = self.now_s;

@@ -97,7 +97,7 @@ impl Pin {
             return true;
         }
         if origin != self.origin {
-            return self.from_elsewhere(now_s, origin, frame);
+            return self.is_from_elsewhere(now_s, origin, frame);
         }
         if now_s - self.heard_s > SILENCE_S {
             self.in_doubt = self.vehicle.uid.is_some();
@@ -116,7 +116,7 @@ impl Pin {
     }
 
     /// The same system id from another place: a second vehicle, or this one after its port has changed.
-    fn from_elsewhere(&mut self, now_s: f64, origin: Origin, frame: &Frame) -> bool {
+    fn is_from_elsewhere(&mut self, now_s: f64, origin: Origin, frame: &Frame) -> bool {
         self.rival = Some(origin);
         if now_s - self.heard_s <= SILENCE_S || frame.message_id != AUTOPILOT_VERSION {
             return false;
