@@ -12,6 +12,10 @@ use support::{Folder, flights, gaware};
 const STOCK: &str = "AHRS_ORIENTATION,0\nINS_ACCEL_FILTER,20\nINS_ACC_ID,1\nINS_ACC2_ID,0\nINS_ACCSCAL_X,1.001\nINS_ACCSCAL_Y,1.001\n\
     INS_ACCSCAL_Z,1.001\nINS_POS1_X,0\nINS_POS1_Y,0\nINS_POS1_Z,0\nGPS1_DELAY_MS,0\nGPS1_POS_X,0\nGPS1_POS_Y,0\nGPS1_POS_Z,0\n";
 
+/// How old a fix is against the logged samples in ArduPilot's simulation, s: 83 ms in its `.bin`, less 11 ms of the samples' low-pass at 20 Hz. (With
+/// 80 ms, which the tests had assumed, the antenna's x comes out 6 cm off instead of 1.)
+const SIMULATED_S: f64 = 0.072;
+
 /// The advice for a flight, and the parameter file; `known`: the GNSS latency that the model knows, s.
 fn advice(flight: &str, known: Option<f64>, parameters: bool) -> (Value, String) {
     let log = flights().join(flight);
@@ -48,7 +52,7 @@ fn assert_near(proposal: &Value, truth: f64, limit: f64) {
 #[test]
 #[ignore = "needs the recorded flights: GAWARE_FLIGHTS"]
 fn the_antenna_of_the_lever_arm_flight_is_proposed_where_it_was() {
-    let (advice, file) = advice("sitl_gps_lever.tlog", Some(0.08), true);
+    let (advice, file) = advice("sitl_gps_lever.tlog", Some(SIMULATED_S), true);
     for (name, truth) in [("GPS1_POS_X", 1.2), ("GPS1_POS_Y", 0.4), ("GPS1_POS_Z", -0.3)] {
         assert_near(proposal(&advice, name), truth, 0.06);
         assert!(file.lines().any(|line| line.starts_with(&format!("{name},"))), "{file}");
@@ -60,7 +64,7 @@ fn the_antenna_of_the_lever_arm_flight_is_proposed_where_it_was() {
 #[test]
 #[ignore = "needs the recorded flights: GAWARE_FLIGHTS"]
 fn the_factors_of_the_accelerometer_flight_are_proposed() {
-    let (advice, _) = advice("sitl_acc_scale.tlog", Some(0.08), true);
+    let (advice, _) = advice("sitl_acc_scale.tlog", Some(SIMULATED_S), true);
     for (name, truth, limit) in
         [("INS_ACCSCAL_X", 1.01, 0.002), ("INS_ACCSCAL_Y", 0.99, 0.006), ("INS_ACCSCAL_Z", 1.015, 0.002)]
     {
@@ -72,7 +76,7 @@ fn the_factors_of_the_accelerometer_flight_are_proposed() {
 #[test]
 #[ignore = "needs the recorded flights: GAWARE_FLIGHTS"]
 fn a_log_without_parameters_gives_the_change_and_no_value() {
-    let (advice, file) = advice("sitl_gps_lever.tlog", Some(0.08), false);
+    let (advice, file) = advice("sitl_gps_lever.tlog", Some(SIMULATED_S), false);
     let found = proposal(&advice, "GPS1_POS_X");
     assert!(found["proposed"].is_null() && found["change"]["operation"] == "unit_plus", "{found:#}");
     assert!((found["change"]["value"].as_f64().unwrap() - 1.2).abs() < 0.06);
@@ -80,21 +84,22 @@ fn a_log_without_parameters_gives_the_change_and_no_value() {
     assert!(file.lines().all(|line| line.starts_with('#')), "{file}");
 }
 
-/// 335 ms old: more than ArduPilot's filter can take back, so that it is said and not proposed.
+/// 335 ms old: more than ArduPilot's filter can take back. Its greatest value is nearer than the driver's 120 or 220 ms, and the rest is said.
 #[test]
 #[ignore = "needs the recorded flights: GAWARE_FLIGHTS"]
-fn the_lag_beyond_the_range_is_named_with_its_size() {
-    let (advice, _) = advice("sitl_gps_lag350.tlog", Some(0.08), true);
-    assert_eq!(advice["proposals"], serde_json::json!([]), "{advice:#}");
-    let refused = &advice["not_proposed"][0];
-    assert_eq!(refused["parameter"], "GPS1_DELAY_MS");
-    assert!((refused["wanted"].as_f64().unwrap() - 335.0).abs() < 8.0, "{refused:#}");
-    assert!(refused["reason"].as_str().unwrap().contains("outside the documented range"));
+fn the_lag_beyond_the_range_gets_the_greatest_value_and_is_named_with_its_size() {
+    let (advice, file) = advice("sitl_gps_lag350.tlog", Some(SIMULATED_S), true);
+    let proposal = proposal(&advice, "GPS1_DELAY_MS");
+    assert_eq!(proposal["proposed"], 250.0, "{proposal:#}");
+    let note = proposal["note"].as_str().unwrap();
+    let size: f64 = note.split("says ").nth(1).and_then(|n| n.split(' ').next()).unwrap().parse().unwrap();
+    assert!((size - 335.0).abs() < 8.0 && note.contains("no samples older than 250 ms"), "{note}");
+    assert!(file.lines().any(|line| line == "GPS1_DELAY_MS,250"), "{file}");
 }
 
 #[test]
 #[ignore = "needs the recorded flights: GAWARE_FLIGHTS"]
 fn nothing_is_proposed_for_the_clean_flight() {
-    let (advice, _) = advice("sitl_clean_dither.tlog", Some(0.08), true);
+    let (advice, _) = advice("sitl_clean_dither.tlog", Some(SIMULATED_S), true);
     assert_eq!(advice["proposals"], serde_json::json!([]), "{advice:#}");
 }
