@@ -174,6 +174,9 @@ pub(super) fn reported(event: &EstimatorEvent) -> String {
             "the attitude became uncertain to {:.0}° and is aligned anew, biases and G are kept",
             sigma_rad.to_degrees()
         ),
+        EstimatorEvent::GyroBiasesDrift { walk: 0.0 } => {
+            "the fixes fit better without a drift of the gyro biases beyond the model's".to_owned()
+        }
         EstimatorEvent::GyroBiasesDrift { walk } => format!(
             "the fixes fit better if the gyro biases drift: the filter now assumes a random walk of {:.0} deg/h/√h for them",
             walk / unit::DEG_PER_H_PER_RTH.si

@@ -273,11 +273,16 @@ impl Filter {
 
     /// Random walk of the gyro biases by the model and beyond it, rad/s/√s.
     pub(super) fn gyro_walk_density(&self) -> f64 {
-        let effects = self.model.effects.iter().zip(self.calibration.parameters());
-        effects.map(|(s, p)| s.effect.bias_walk(p).gyro).fold(self.gyro_walk, f64::hypot)
+        self.gyro_walk.hypot(self.model_gyro_walk_density())
     }
 
-    /// Log-likelihood of the mean rates of a stationary vehicle since this was last taken, nats.
+    /// The same by the model alone.
+    pub(super) fn model_gyro_walk_density(&self) -> f64 {
+        let effects = self.model.effects.iter().zip(self.calibration.parameters());
+        effects.map(|(s, p)| s.effect.bias_walk(p).gyro).fold(0.0, f64::hypot)
+    }
+
+    /// How much more likely the mean rates of a stationary vehicle since this was last taken are than without a walk beyond the model's, nats.
     pub fn take_rest_evidence(&mut self) -> f64 {
         std::mem::take(&mut self.rest_evidence)
     }

@@ -286,3 +286,16 @@ fn a_vehicle_at_rest_is_held_and_learns_what_its_gyros_show() {
     let now = fusion.predicted_nav().1.euler().z;
     assert!((now - yaw - 0.6).abs() < 0.02, "{yaw} {now}");
 }
+
+/// Evidence for a walk is a ratio: filters of which one stood recognised earlier are compared by it, and quiet gyros speak against a walk.
+#[test]
+fn gyros_at_rest_speak_against_a_walk_however_long_each_filter_has_known_of_the_rest() {
+    let evidence = |walk_deg_per_h_per_rth: f64| {
+        let mut fusion = Fusion::new(started(&Model::standard())).recognising_rest();
+        fusion.set_gyro_walk(walk_deg_per_h_per_rth * crate::effects::unit::DEG_PER_H_PER_RTH.si);
+        run(&mut fusion, 0.0, 120.0, 0.0);
+        fusion.filter_mut().take_rest_evidence()
+    };
+    assert_eq!(evidence(0.0), 0.0);
+    assert!(evidence(4000.0) < -3.0, "{}", evidence(4000.0));
+}

@@ -252,13 +252,14 @@ impl Filter {
         (3.0 * self.noise_density().0).sqrt() / self.gyro_walk_density()
     }
 
-    /// Variance of a mean of the rate over so long about its value at either end, (rad/s)²: white noise n²/T and the walk's q² T/3.
-    fn mean_rate_variance(&self, duration_s: f64) -> f64 {
-        self.noise_density().0 / duration_s + self.gyro_walk_density().powi(2) * duration_s / 3.0
+    /// Variance of a mean of the rate over so long about its value at either end, (rad/s)²: white noise n²/T and q² T/3 of a walk q, rad/s/√s.
+    fn mean_rate_variance(&self, duration_s: f64, walk: f64) -> f64 {
+        self.noise_density().0 / duration_s + walk.powi(2) * duration_s / 3.0
     }
 
-    /// Log-likelihood of the mean rate of the newest block where those before it are known: the bias of a stationary gyro is
-    /// the same in both but for its walk.
+    /// How much more likely the mean rate of the newest block is with this filter's walk than with the model's own alone, nats, where those before it
+    /// are known: the bias of a stationary gyro is the same in both but for its walk. A ratio, so that filters whose periods began at
+    /// different times can be compared.
     fn block_evidence(&self, blocks: &VecDeque<Means>) -> f64 {
         let mut before = blocks.clone();
         let Some(new) = before.pop_back() else { return 0.0 };
@@ -267,11 +268,17 @@ impl Filter {
             return 0.0;
         }
         let off = new.rate / new.duration_s - before.rate / before.duration_s;
-        let variance = self.mean_rate_variance(new.duration_s) + self.mean_rate_variance(before.duration_s);
+        let durations = [new.duration_s, before.duration_s];
+        let variance =
+            |walk: f64| -> f64 { durations.iter().map(|t| self.mean_rate_variance(*t, walk)).sum() };
+        let variances = [self.gyro_walk_density(), self.model_gyro_walk_density()].map(variance);
         (0..3)
             .map(|k| {
-                let s = variance + 2.0 * self.rounding[0][k];
-                -0.5 * ((off[k] * off[k] / s).min(super::gate(1)) + s.ln())
+                let [with, without] = variances.map(|v| {
+                    let s = v + 2.0 * self.rounding[0][k];
+                    -0.5 * ((off[k] * off[k] / s).min(super::gate(1)) + s.ln())
+                });
+                with - without
             })
             .sum()
     }
@@ -282,8 +289,10 @@ impl Filter {
         if totals[0].duration_s <= 0.0 {
             return [Rows::default(), Rows::default()];
         }
-        let noise =
-            [self.mean_rate_variance(totals[0].duration_s), self.noise_density().1 / totals[1].duration_s];
+        let noise = [
+            self.mean_rate_variance(totals[0].duration_s, self.gyro_walk_density()),
+            self.noise_density().1 / totals[1].duration_s,
+        ];
         let rows = |kind: usize, expected: &Vector3<f64>, sum: Vector3<f64>, columns: &[Vector3<f64>]| {
             let mut rows = Rows { dof: 3, ..Rows::default() };
             rows.residual = (expected - sum / totals[kind].duration_s).into();
