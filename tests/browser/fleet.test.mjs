@@ -2,6 +2,7 @@
 
 import assert from "node:assert/strict";
 import { execFileSync } from "node:child_process";
+import { createHash } from "node:crypto";
 import { mkdirSync, mkdtempSync, rmSync, writeFileSync } from "node:fs";
 import { tmpdir } from "node:os";
 import { join } from "node:path";
@@ -17,6 +18,12 @@ const CASES = {
   same: { units: 3, flights: 14, days: 0, seed: 4 },
   evil: { units: 4, flights: 24, seed: 5, name: (unit, k) => `${unit}/${k}${EVIL}` },
 };
+/** A document with the digest that says that no one edited it: of itself, with zeros where the digest stands. */
+function sealed(document) {
+  const blank = "0".repeat(64);
+  const text = JSON.stringify({ ...document, written_by: `gaware-sha256:${blank}` });
+  return text.replace(blank, createHash("sha256").update(text).digest("hex"));
+}
 const folder = mkdtempSync(join(tmpdir(), "gaware-fleets-"));
 const reports = {};
 let browser;
@@ -25,7 +32,7 @@ before(async () => {
   for (const [name, options] of Object.entries(CASES)) {
     const place = join(folder, name);
     mkdirSync(place);
-    writeFileSync(join(place, "fleet.json"), JSON.stringify(fleet(options)));
+    writeFileSync(join(place, "fleet.json"), sealed(fleet(options)));
     execFileSync(process.env.GAWARE, ["fleet", "report", place]);
     reports[name] = { url: `file://${join(place, "report.html")}`, json: JSON.parse(execFileSync(process.env.GAWARE, ["fleet", "report", place, "--json"], { maxBuffer: 1 << 28 })) };
   }
