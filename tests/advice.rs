@@ -103,3 +103,22 @@ fn nothing_is_proposed_for_the_clean_flight() {
     let (advice, _) = advice("sitl_clean_dither.tlog", Some(SIMULATED_S), true);
     assert_eq!(advice["proposals"], serde_json::json!([]), "{advice:#}");
 }
+
+/// A GNSS delay of 203 ms fits that flight best and does not explain it.
+#[test]
+#[ignore = "needs the recorded flights: GAWARE_FLIGHTS"]
+fn an_unexplained_flight_of_a_real_aircraft_proposes_nothing() {
+    let (log, folder) = (flights().join("real_px4plane_swiss.tlog"), Folder::new("advice-unexplained"));
+    let out = folder.file("out");
+    let ended = gaware(&["explain", log.to_str().unwrap(), "--out", &out, "--json"]);
+    let result = ended.json();
+    assert_eq!(result["verdict"], "unexplained", "{}", result["summary"]);
+    assert_eq!(result["autopilot"]["proposals"], serde_json::json!([]), "{:#}", result["autopilot"]);
+    let refused = result["autopilot"]["not_proposed"].to_string();
+    assert!(refused.contains("the verdict is"), "{refused}");
+    let file = std::fs::read_to_string(format!("{out}/autopilot.params")).unwrap();
+    assert!(
+        file.lines().all(|line| line.starts_with('#')) && file.contains("verdict: unexplained"),
+        "{file}"
+    );
+}

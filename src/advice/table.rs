@@ -212,7 +212,7 @@ pub const TABLE: &[Mapping] = &[
     Mapping {
         era: Era::Listed,
         parameters: &["EK2_GPS_DELAY"],
-        source: "Copter 3.4 AP_NavEKF2/AP_NavEKF2.cpp, EK2_GPS_DELAY (220 ms, 0 to 250); GPS_DELAY_MS has its place since",
+        source: "Copter 3.4 AP_NavEKF2/AP_NavEKF2.cpp:var_info, GPS_DELAY (220 ms, 0 to 250); GPS_DELAY_MS has its place since",
         ..ARDUPILOT_DELAY
     },
     Mapping {
@@ -220,7 +220,7 @@ pub const TABLE: &[Mapping] = &[
         parameters: &["EKF_VEL_DELAY"],
         range: Some((0.0, 500.0)),
         reboot: false,
-        source: "Copter 3.3 AP_NavEKF/AP_NavEKF.cpp, EKF_VEL_DELAY (220 ms, 0 to 500), beside EKF_POS_DELAY of the positions",
+        source: "Copter 3.3 AP_NavEKF/AP_NavEKF.cpp:var_info, VEL_DELAY (220 ms, 0 to 500), beside POS_DELAY of the positions",
         ..ARDUPILOT_DELAY
     },
     ARDUPILOT_PLACE,

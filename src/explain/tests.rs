@@ -316,9 +316,6 @@ fn an_effect_outside_the_catalogue_is_unexplained_and_named_as_a_term() {
         let explained = samples(&[flown], &[], &Model::default(), &Settings::default(), &|_| {});
         let e = &explained.explanation;
         assert_eq!(e.verdict, contract::Verdict::Unexplained, "{}", e.summary);
-        // No value of such a flight goes into an autopilot.
-        let findings = autopilot::findings(&explained);
-        assert!(!findings.is_empty() && findings.iter().all(|f| f.barred.is_some()), "{findings:?}");
         let terms: Vec<_> = e.unexplained_terms.iter().map(|t| (t.channel, t.term)).collect();
         assert_eq!(terms, [("gyro_y", "w_z*f_x")], "{}", e.summary);
         let term = &e.unexplained_terms[0];
