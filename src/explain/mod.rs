@@ -333,7 +333,7 @@ fn smoothed(flights: &[&Flight], judged: &Judged) -> Vec<FlightResiduals> {
     std::iter::from_fn(|| Some(FlightResiduals { before: results.next()?, after: results.next()? })).collect()
 }
 
-/// Whether all that [`write`] writes may be written.
+/// Whether all that [`write()`] writes may be written.
 ///
 /// # Errors
 /// One of the files is an input, or somebody else's.
