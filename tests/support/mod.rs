@@ -70,12 +70,6 @@ impl Gaware {
         Self::of(Command::new("sh").args(["-c", &line, env!("CARGO_BIN_EXE_gaware")]).args(args), args)
     }
 
-    /// Starts the binary, which reports on stderr what its screens show, not warnings alone.
-    pub fn start_told_all(args: &[&str]) -> Self {
-        let line = "export RUST_LOG=info; exec \"$0\" \"$@\"";
-        Self::of(Command::new("sh").args(["-c", line, env!("CARGO_BIN_EXE_gaware")]).args(args), args)
-    }
-
     fn of(command: &mut Command, args: &[&str]) -> Self {
         let mut child = command
             .env_remove("RUST_LOG")
