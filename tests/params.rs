@@ -251,17 +251,8 @@ async fn a_killed_change_is_taken_up_and_the_old_values_put_back() {
     let address = vehicle("mission_multirotor", "tcpin:127.0.0.1:0", Flavour::ArduPilot, slow, &stop).await;
     let text = "GPS1_DELAY_MS,96\nGPS1_POS_X,0.31\nGPS1_POS_Y,0.32\nGPS1_POS_Z,0.33\nINS_POS1_X,0.1\nINS_POS1_Y,0.1\n";
     let (advice, backup) = (file(&folder, "advice.param", text), folder.file("backup.param"));
-    let command = Gaware::start(&[
-        "params",
-        "apply",
-        "--yes",
-        "--yes",
-        "--connect",
-        &address,
-        &advice,
-        "--backup",
-        &backup,
-    ]);
+    let command =
+        Gaware::start(&["params", "apply", "--yes", "--connect", &address, &advice, "--backup", &backup]);
     tokio::task::spawn_blocking(move || {
         command.line_with("setting");
         command.kill();
