@@ -320,12 +320,11 @@ async fn of_two_uploads_at_once_only_the_one_that_is_on_the_vehicle_says_so() {
     let next = || order.fetch_add(1, std::sync::atomic::Ordering::SeqCst);
     let (first, second) = tokio::join!(async { (first.await, next()) }, async { (second.await, next()) });
     let (items, _) = on_board(&folders[0], "read.plan", &address).await;
-    // On a slow machine one may send its mission after the other has read its own for the last time: then both were right when they ended.
-    let both = [&first, &second].iter().all(|(ended, _)| ended.code() == Some(0));
-    for ((ended, place), own) in [(&first, 21), (&second, 14)] {
-        let says_so = ended.code() == Some(0) && (!both || *place == 1);
-        assert!(!says_so || items == own, "{items} items are on it: {}{}", ended.stdout, ended.stderr);
-    }
+    // The one that ended first may have been right when it ended: on a slow machine the other one's mission comes minutes later.
+    let (last, own) = if first.1 == 1 { (&first.0, 21) } else { (&second.0, 14) };
+    let says_so = last.code() == Some(0);
+    assert!(!says_so || items == own, "{items} items are on it: {}{}", last.stdout, last.stderr);
+    assert!(says_so || last.stderr.contains("mission"), "it says what is on the vehicle: {}", last.stderr);
     stop.cancel();
 }
 
