@@ -16,6 +16,9 @@ const EPOCH_US: u64 = 1_420_070_400_000_000;
 const TICK_US: u64 = 10;
 /// A stream that is new to us may lag behind by this much: one minute.
 const NEW_STREAM_TICKS: u64 = 60 * 100_000;
+/// A stamp this far ahead of our clock is one of a wrong clock, there or here, and counts for itself: one day. Receivers whose clocks are set by GNSS
+/// and computers whose clock was ever set agree far better.
+const AHEAD_TICKS: u64 = 86_400 * 100_000;
 /// Streams that are remembered; no link carries so many.
 const MAX_STREAMS: usize = 1024;
 /// The newest times of others are kept at least so often, ticks: one second.
@@ -167,6 +170,8 @@ fn hash(raw: &[u8], key: &Key) -> Option<[u8; 6]> {
 pub enum Trust {
     /// Signed with our key, and newer than anything of its sender.
     Genuine,
+    /// The same, with a stamp so many days ahead of our clock.
+    Ahead(u64),
     /// Not signed.
     Unsigned,
     /// Signed with another key, or damaged.
@@ -178,21 +183,31 @@ pub enum Trust {
 /// A stream of signed frames: link id, system, component.
 pub type Stream = (u8, u8, u8);
 
+/// The newest stamps of a stream, ticks. Those far ahead of our clock are kept apart: a clock that once was wrong must not lock its sender
+/// out once it is right.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
+pub struct Newest {
+    /// Near our clock or behind it; 0 where there was none.
+    pub near: u64,
+    /// Far ahead of it.
+    pub ahead: u64,
+}
+
 /// Checks the signatures of others.
 #[derive(Debug)]
 pub struct Verifier {
     key: Key,
-    newest: BTreeMap<Stream, u64>,
+    newest: BTreeMap<Stream, Newest>,
 }
 
 impl Verifier {
     /// Knows the newest time of every stream that was received before.
-    pub fn new(key: Key, newest: BTreeMap<Stream, u64>) -> Self {
+    pub fn new(key: Key, newest: BTreeMap<Stream, Newest>) -> Self {
         Self { key, newest }
     }
 
     /// The newest time of every stream, to be kept across restarts.
-    pub fn newest(&self) -> &BTreeMap<Stream, u64> {
+    pub fn newest(&self) -> &BTreeMap<Stream, Newest> {
         &self.newest
     }
 
@@ -209,18 +224,21 @@ impl Verifier {
         }
         let time = u64::from_le_bytes([*a, *b, *c, *d, *e, *f, 0, 0]);
         let sender = (*link_id, frame.system_id, frame.component_id);
-        let old = match self.newest.get(&sender) {
-            Some(newest) => time <= *newest,
-            None => time + NEW_STREAM_TICKS < ticks(unix_us),
+        let (now, known) = (ticks(unix_us), self.newest.get(&sender).copied());
+        let mut newest = known.unwrap_or_default();
+        let ahead = time > now + AHEAD_TICKS;
+        // What was received before stays old, whichever of the clocks is set back.
+        let old = match (ahead, newest.near) {
+            (true, near) => time <= near.max(newest.ahead),
+            (false, 0) => time + NEW_STREAM_TICKS < now,
+            (false, near) => time <= near,
         };
-        if old {
+        if old || known.is_none() && self.newest.len() >= MAX_STREAMS {
             return Trust::Old;
         }
-        if self.newest.len() >= MAX_STREAMS && !self.newest.contains_key(&sender) {
-            return Trust::Old;
-        }
-        self.newest.insert(sender, time);
-        Trust::Genuine
+        *(if ahead { &mut newest.ahead } else { &mut newest.near }) = time;
+        self.newest.insert(sender, newest);
+        if ahead { Trust::Ahead((time - now) / AHEAD_TICKS) } else { Trust::Genuine }
     }
 }
 
@@ -230,11 +248,11 @@ pub struct Times {
     /// The last time that we may have used.
     pub ours: u64,
     /// The newest time of every stream that was received.
-    pub others: BTreeMap<Stream, u64>,
+    pub others: BTreeMap<Stream, Newest>,
 }
 
-/// The file that keeps the times of signatures across restarts: ours in the first line, then link id, system, component and newest time of
-/// each stream that was received.
+/// The file that keeps the times of signatures across restarts: ours in the first line, then link id, system, component and newest times of
+/// each stream that was received, near our clock and far ahead of it.
 #[derive(Debug)]
 pub struct TimeFile {
     path: PathBuf,
@@ -253,17 +271,23 @@ impl TimeFile {
             let mut words = line.split_whitespace();
             let mut id = || words.next()?.parse::<u8>().ok();
             let stream = (id()?, id()?, id()?);
-            Some((stream, words.next()?.parse().ok()?))
+            let mut newest = || words.next()?.parse().ok();
+            Some((stream, Newest { near: newest()?, ahead: newest().unwrap_or(0) }))
         });
         let times = Times { ours, others: others.collect() };
         (Self { path: path.to_owned(), reserved: ours, written: 0 }, times)
+    }
+
+    /// Where it is.
+    pub fn path(&self) -> &Path {
+        &self.path
     }
 
     /// Makes sure that the file holds a time beyond our last one, and those of others of a second ago at least.
     ///
     /// # Errors
     /// When it cannot be written.
-    pub fn keep(&mut self, last_ticks: u64, others: &BTreeMap<Stream, u64>) -> std::io::Result<()> {
+    pub fn keep(&mut self, last_ticks: u64, others: &BTreeMap<Stream, Newest>) -> std::io::Result<()> {
         if last_ticks < self.reserved && last_ticks < self.written + KEEP_TICKS {
             return Ok(());
         }
@@ -274,11 +298,11 @@ impl TimeFile {
     ///
     /// # Errors
     /// When it cannot be written.
-    pub fn write(&mut self, last_ticks: u64, others: &BTreeMap<Stream, u64>) -> std::io::Result<()> {
+    pub fn write(&mut self, last_ticks: u64, others: &BTreeMap<Stream, Newest>) -> std::io::Result<()> {
         let reserved = if last_ticks < self.reserved { self.reserved } else { last_ticks + RESERVE_TICKS };
         let mut text = format!("{reserved}\n");
         for ((link, system, component), newest) in others {
-            text.push_str(&format!("{link} {system} {component} {newest}\n"));
+            text.push_str(&format!("{link} {system} {component} {} {}\n", newest.near, newest.ahead));
         }
         let fresh = self.path.with_extension("new");
         std::fs::write(&fresh, text)?;
@@ -350,9 +374,19 @@ mod tests {
     fn a_sender_whose_clock_is_a_year_ahead_locks_nobody_out() {
         let mut verifier = verifier();
         let ahead = Signer::new(key(), 0).sign(&frame(), 9, NOW + 365 * 86_400_000_000);
-        assert_eq!(verifier.judge(&ahead, NOW), Trust::Genuine);
+        assert_eq!(verifier.judge(&ahead, NOW), Trust::Ahead(365));
         let honest = Signer::new(key(), 0).sign(&frame(), 1, NOW);
         assert_eq!(verifier.judge(&honest, NOW), Trust::Genuine);
+        // Nor itself, once its clock is right, across a restart and in the same stream; neither frame is taken twice.
+        let right = Signer::new(key(), 0).sign(&frame(), 9, NOW + 1_000_000);
+        let mut verifier = Verifier::new(key(), verifier.newest().clone());
+        let later = NOW + 2_000_000;
+        assert_eq!(verifier.judge(&right, later), Trust::Genuine);
+        for again in [&ahead, &right] {
+            assert_eq!(verifier.judge(again, later), Trust::Old);
+        }
+        // Set back by a year our own clock makes nothing new that was received before.
+        assert_eq!(verifier.judge(&right, NOW - 365 * 86_400_000_000), Trust::Old);
     }
 
     #[test]
@@ -375,7 +409,7 @@ mod tests {
         // Ended without a word: the last second may be received again, the end of a run writes it down as well.
         let (_, killed) = TimeFile::open(&path);
         assert!(killed.ours > signer.last_ticks());
-        let replayed = |others: BTreeMap<Stream, u64>| {
+        let replayed = |others: BTreeMap<Stream, Newest>| {
             let mut again = Verifier::new(key(), others);
             frames.iter().filter(|f| again.judge(f, NOW + 7_000_000) == Trust::Genuine).count()
         };

@@ -5,12 +5,19 @@ use crate::link::frame::Frame;
 use crate::link::signing::{Key, Signer, TimeFile, Trust, Verifier};
 use std::path::Path;
 
+/// Why a frame is refused that may be a repetition.
+const OLD: &str = "their signature is old; one of the clocks may be wrong";
+/// Told once, like each reason of a refusal.
+const AHEAD: &str = "ahead";
+
 /// Signs what goes out and refuses what is not signed with the same key.
 pub struct Guard {
     signer: Signer,
     verifier: Verifier,
     times: TimeFile,
-    told: Vec<Trust>,
+    told: Vec<&'static str>,
+    /// What is to be reported of a frame that was accepted.
+    warning: Option<String>,
     cannot_keep: bool,
 }
 
@@ -33,7 +40,7 @@ impl Guard {
         let (file, times) = TimeFile::open(&path.with_extension("time"));
         let verifier = Verifier::new(key.clone(), times.others);
         let signer = Signer::new(key, times.ours);
-        Ok(Self { signer, verifier, times: file, told: Vec::new(), cannot_keep: false })
+        Ok(Self { signer, verifier, times: file, told: Vec::new(), warning: None, cannot_keep: false })
     }
 
     /// The frame with a signature for this link.
@@ -60,21 +67,39 @@ impl Guard {
 
     /// Whether the frame is to be dropped.
     pub fn refuse(&mut self, frame: &Frame, now_us: u64) -> Option<Refusal> {
-        let trust = self.verifier.judge(frame, now_us);
-        let reason = match trust {
+        let (system, component) = (frame.system_id, frame.component_id);
+        let reason = match self.verifier.judge(frame, now_us) {
             Trust::Genuine => return None,
+            Trust::Ahead(days) => {
+                if self.is_new(AHEAD) {
+                    self.warning = Some(format!(
+                        "signed frames of system {system}, component {component} are stamped {days} days ahead of this computer: one of the \
+                         clocks is wrong"
+                    ));
+                }
+                return None;
+            }
             Trust::Unsigned => "they are not signed",
             Trust::WrongKey => "they are signed with another key",
-            Trust::Old => "their signature is old; one of the clocks may be wrong",
+            Trust::Old => OLD,
         };
-        let first = !self.told.contains(&trust);
-        if first {
-            self.told.push(trust);
+        let mut words = format!("frames of system {system}, component {component} are refused: {reason}");
+        if reason == OLD {
+            words.push_str(&format!(" (the newest stamps so far are in {})", self.times.path().display()));
         }
-        let (system, component) = (frame.system_id, frame.component_id);
-        Some(Refusal {
-            first_of_its_kind: first
-                .then(|| format!("frames of system {system}, component {component} are refused: {reason}")),
-        })
+        Some(Refusal { first_of_its_kind: self.is_new(reason).then_some(words) })
+    }
+
+    /// What is to be reported of a frame that was accepted, once.
+    pub fn take_warning(&mut self) -> Option<String> {
+        self.warning.take()
+    }
+
+    fn is_new(&mut self, what: &'static str) -> bool {
+        let new = !self.told.contains(&what);
+        if new {
+            self.told.push(what);
+        }
+        new
     }
 }

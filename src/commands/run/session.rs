@@ -139,6 +139,9 @@ impl<E: Estimator> Session<E> {
             }
             return;
         }
+        if let Some(text) = self.guard.as_mut().and_then(Guard::take_warning) {
+            self.tell(t_us, Severity::Warning, text);
+        }
         let now_ns = self.clock.monotonic_ns();
         self.record(RecordItem::Frame(received.clone()));
         let (samples, notices) = self.pipeline.frame(t_us, &received.frame);
