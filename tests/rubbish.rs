@@ -91,6 +91,30 @@ fn what_is_left_of_a_cut_or_misnamed_log_is_used_and_the_rest_counted() {
     assert!(samples(2) > samples(0) - 60 && samples(2) < samples(0), "{} of {}", samples(2), samples(0));
 }
 
+/// Pipes without a writer hung, and devices never ended.
+#[cfg(unix)]
+#[test]
+fn pipes_and_devices_are_no_files() {
+    let folder = Folder::new("pipes");
+    let pipe = folder.file("pipe.tlog");
+    assert!(std::process::Command::new("mkfifo").arg(&pipe).status().unwrap().success());
+    let log = fixture("small_clean_dither.tlog");
+    let log = log.to_str().unwrap();
+    for path in [pipe.as_str(), "/dev/zero"] {
+        fails(1, "no regular file", &["replay", path]);
+        fails(1, "no regular file", &["replay", log, "--model", path]);
+        fails(1, "no regular file", &["explain", log, "--parameters", path, "--out", &folder.file("out")]);
+        fails(
+            1,
+            "no regular file",
+            &["plan", "--airframe", path, "--home", "47.4,8.5,400", "--out", &folder.file("p.plan")],
+        );
+        fails(1, "no regular file", &["mission", "upload", path, "--connect", "udpin:127.0.0.1:0"]);
+        fails(1, "no regular file", &["params", "apply", path, "--yes", "--connect", "udpin:127.0.0.1:0"]);
+        fails(1, "no regular file", &["run", "--connect", "udpin:127.0.0.1:0", "--sign", path]);
+    }
+}
+
 #[test]
 fn models_and_baselines_with_mistakes_are_refused_with_their_place() {
     let folder = Folder::new("model");

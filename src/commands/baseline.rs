@@ -33,8 +33,8 @@ pub fn differences(
     result: &Map<String, Value>,
 ) -> Result<Vec<(String, Vec<String>)>, CommandError> {
     let wrong = |reason: String| CommandError::Baseline { path: path.to_owned(), reason };
-    let text = std::fs::read_to_string(path)
-        .map_err(|source| CommandError::Read { path: path.to_owned(), source })?;
+    let text =
+        crate::inputs::text(path).map_err(|source| CommandError::Read { path: path.to_owned(), source })?;
     let mut baseline: Map<String, Value> = serde_json::from_str(&text).map_err(|e| wrong(e.to_string()))?;
     let tolerances = match baseline.remove("tolerances") {
         None => Map::new(),

@@ -188,8 +188,8 @@ pub fn load_airframe(name: &str) -> Result<Airframe, CommandError> {
         let known = EXAMPLES.map(|(n, _)| n).join(", ");
         return Err(DemoError::UnknownAirframe { name: name.to_owned(), known }.into());
     }
-    let text = std::fs::read_to_string(path)
-        .map_err(|source| CommandError::Read { path: path.to_owned(), source })?;
+    let text =
+        crate::inputs::text(path).map_err(|source| CommandError::Read { path: path.to_owned(), source })?;
     Ok(Airframe::from_toml(&text).map_err(|source| DemoError::Airframe { path: path.to_owned(), source })?)
 }
 

@@ -295,7 +295,7 @@ fn file_name(path: &Path) -> String {
 /// # Errors
 /// When it cannot be read, or is no model; the line is reported where it is known.
 pub fn load_model(path: &Path) -> Result<Model, CommandError> {
-    let text = std::fs::read_to_string(path).map_err(|source| {
+    let text = crate::inputs::text(path).map_err(|source| {
         let source = match source.kind() {
             std::io::ErrorKind::InvalidData => std::io::Error::new(
                 source.kind(),

@@ -30,7 +30,7 @@ pub fn on_board(request: &Request) -> Result<OnBoard, ExplainError> {
     let mut all = all.unwrap_or_default();
     if let Some(path) = &request.parameters {
         let wrong = |reason: String| ExplainError::Parameters { path: path.clone(), reason };
-        let text = std::fs::read_to_string(path).map_err(|e| wrong(e.to_string()))?;
+        let text = crate::inputs::text(path).map_err(|e| wrong(e.to_string()))?;
         all.add_file(&ParamFile::read(&text).map_err(|e| wrong(e.to_string()))?);
     }
     Ok(all)

@@ -76,8 +76,8 @@ impl Key {
     /// # Errors
     /// When the file cannot be read or holds no key.
     pub fn load(path: &Path) -> Result<Self, SigningError> {
-        let bytes =
-            std::fs::read(path).map_err(|source| SigningError::Read { path: path.to_owned(), source })?;
+        let bytes = crate::inputs::bytes(path)
+            .map_err(|source| SigningError::Read { path: path.to_owned(), source })?;
         if let Ok(key) = <[u8; 32]>::try_from(bytes.as_slice()) {
             return Ok(Self(key));
         }

@@ -11,7 +11,6 @@ use bytes::Bytes;
 use mcap::records::{Record as McapRecord, op};
 use mcap::sans_io::linear_reader::{LinearReadEvent, LinearReader, LinearReaderOptions};
 use std::collections::{BTreeMap, VecDeque};
-use std::fs::File;
 use std::io::{BufReader, Read, Seek};
 use std::path::Path;
 
@@ -277,7 +276,7 @@ impl<F: Read + Seek + Send> LogReader for McapReader<F> {
 /// The set-up of a recording: model, converter options, links. Nothing where the file is none of gaware's, or its
 /// beginning is damaged.
 pub fn recorded_setup(path: &Path) -> Option<Setup> {
-    let file = File::open(path).ok()?;
+    let file = crate::inputs::open(path).ok()?;
     let total = file.metadata().ok()?.len();
     setup_in(McapReader::new(file, total))
 }

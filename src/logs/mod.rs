@@ -18,7 +18,6 @@ use crate::timeline::Measurement;
 use gaware_nav::observability::words::VehicleKind;
 use schemars::JsonSchema;
 use serde::Serialize;
-use std::fs::File;
 use std::io::Read;
 use std::path::{Path, PathBuf};
 
@@ -174,14 +173,14 @@ pub fn open(path: &Path) -> Result<Box<dyn LogReader>, LogError> {
         return Ok(Box::new(table::TableReader::read(path)?));
     }
     let failed = |source| LogError::Open { path: path.to_owned(), source };
-    let mut file = File::open(path).map_err(failed)?;
+    let mut file = crate::inputs::open(path).map_err(failed)?;
     let total = file.metadata().map_err(failed)?.len();
     let mut head = Vec::with_capacity(16);
     file.by_ref().take(16).read_to_end(&mut head).map_err(failed)?;
     if head.is_empty() {
         return Err(LogError::Empty(path.to_owned()));
     }
-    let file = File::open(path).map_err(failed)?;
+    let file = crate::inputs::open(path).map_err(failed)?;
     match format_of(&head, path) {
         Some(Format::Tlog) => Ok(Box::new(tlog::TlogReader::new(file, total))),
         Some(Format::Mcap) => Ok(Box::new(mcap::McapReader::new(file, total))),

@@ -10,7 +10,6 @@ use crate::timeline::{Measurement, Stamp};
 use gaware_nav::earth::Geodetic;
 use gaware_nav::sample::{FixVelocity, GnssFix, ImuSample, ImuStream, Quantisation, SampleKind};
 use nalgebra::Vector3;
-use std::fs::File;
 use std::io::Read;
 use std::path::{Path, PathBuf};
 
@@ -40,7 +39,8 @@ pub struct TableReader {
 /// # Errors
 /// A table that is missing, empty, too narrow or not numeric.
 pub(crate) fn rows(path: &Path, columns: usize) -> Result<Vec<Vec<f64>>, LogError> {
-    let file = File::open(path).map_err(|source| LogError::Open { path: path.to_owned(), source })?;
+    let file =
+        crate::inputs::open(path).map_err(|source| LogError::Open { path: path.to_owned(), source })?;
     rows_of(file, path, columns)
 }
 

@@ -137,7 +137,7 @@ pub fn read(path: &Path) -> Result<(Mission, Fence), FileError> {
 /// As [`read`].
 pub fn read_contents(path: &Path) -> Result<Contents, FileError> {
     let text =
-        std::fs::read_to_string(path).map_err(|source| FileError::Read { path: path.to_owned(), source })?;
+        crate::inputs::text(path).map_err(|source| FileError::Read { path: path.to_owned(), source })?;
     let wrong = |reason: String| FileError::Content { path: path.to_owned(), reason };
     if !text.trim_start().starts_with('{') {
         let mission = waypoints::read(&text).map_err(|e| wrong(e.to_string()))?;

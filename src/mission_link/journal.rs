@@ -285,8 +285,8 @@ impl Journal {
     /// # Errors
     /// The file cannot be read or is none.
     pub fn read(path: &Path) -> Result<Self, FileError> {
-        let text = std::fs::read_to_string(path)
-            .map_err(|source| FileError::Read { path: path.to_owned(), source })?;
+        let text =
+            crate::inputs::text(path).map_err(|source| FileError::Read { path: path.to_owned(), source })?;
         let wrong = |reason: String| FileError::Content { path: path.to_owned(), reason };
         let found: Document = serde_json::from_str(&text)
             .map_err(|e| wrong(format!("no journal of a change of a vehicle: {e}")))?;

@@ -56,8 +56,8 @@ impl ParamOrder {
     /// # Errors
     /// The file cannot be read, names nothing, or has a value outside the documented range of its parameter.
     pub fn load(path: &Path) -> Result<Self, ParamOrderError> {
-        let text = std::fs::read_to_string(path)
-            .map_err(|source| FileError::Read { path: path.to_owned(), source })?;
+        let text =
+            crate::inputs::text(path).map_err(|source| FileError::Read { path: path.to_owned(), source })?;
         let wrong = |reason: String| FileError::Content { path: path.to_owned(), reason };
         let file = ParamFile::read(&text).map_err(|e| wrong(e.to_string()))?;
         check_ranges(&file)?;
