@@ -111,7 +111,7 @@ fn pipes_and_devices_are_no_files() {
         );
         fails(1, "no regular file", &["mission", "upload", path, "--connect", "udpin:127.0.0.1:0"]);
         fails(1, "no regular file", &["params", "apply", path, "--yes", "--connect", "udpin:127.0.0.1:0"]);
-        fails(1, "no regular file", &["run", "--connect", "udpin:127.0.0.1:0", "--sign", path]);
+        fails(1, "no regular file", &["run", "--connect", "udpin:127.0.0.1:0", "--signing-key", path]);
     }
 }
 
