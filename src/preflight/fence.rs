@@ -78,11 +78,50 @@ pub(super) fn check(facts: &Facts, against: Against<'_>) -> Vec<Row> {
         rows.push(Row::new("fence", Verdict::Ok, "the plan has no geofence"));
     } else {
         rows.extend(area(facts, plan));
+        rows.extend(path(plan));
         let (verdict, text) = enforcement(facts.vehicle.autopilot, &facts.parameters);
         rows.push(Row::new("fence", verdict, format!("{}; {text}", plan.fence.describe())));
     }
     rows.extend(own_limits(facts, plan));
     rows
+}
+
+/// `MAV_CMD_NAV_LAST`: commands up to it are flown to, others only have a place (a region of interest, the begin of a landing).
+const LAST_FLOWN: u16 = 95;
+/// The way between two items is looked at in steps of so much, m.
+const STEP_M: f64 = 5.0;
+
+/// Where the mission leaves its own fence: at an item, or on the straight way to it.
+fn path(plan: &Contents) -> Option<Row> {
+    let items = plan.mission.items.iter().enumerate();
+    let flown: Vec<_> = items
+        .filter(|(_, item)| item.command <= LAST_FLOWN)
+        .filter_map(|(k, item)| Some((k + 1, item.place()?)))
+        .collect();
+    let frame = LocalFrame::new(flown.first()?.1);
+    let fence = LocalFence::new(&plan.fence, &frame);
+    let mut before = None;
+    for (number, place) in flown {
+        let here = frame.to_local(place);
+        let outside_m = -fence.clearance(here);
+        if outside_m > 0.0 {
+            let text =
+                format!("item {number} lies {outside_m:.0} m outside of what the plan's own geofence allows");
+            return Some(Row::new("fence", Verdict::Stop, text));
+        }
+        if let Some((from, there)) = before.replace((number, here)) {
+            let steps = ((here - there).norm() / STEP_M).ceil().min(1e5) as u32;
+            let leaves =
+                |k: u32| fence.clearance(there + (here - there) * (f64::from(k) / f64::from(steps))) < 0.0;
+            if (1..steps).any(leaves) {
+                let text = format!(
+                    "the way from item {from} to item {number} leaves what the plan's own geofence allows"
+                );
+                return Some(Row::new("fence", Verdict::Stop, text));
+            }
+        }
+    }
+    None
 }
 
 /// Whether the fence has an inside, and the vehicle is in it: an autopilot acts on a breach as soon as it is armed, or refuses to arm.

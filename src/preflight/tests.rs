@@ -216,6 +216,25 @@ fn a_vehicle_outside_of_the_fence_and_a_fence_without_an_inside_are_stopped() {
     let one = |change| wrong("fence", plane(), plane_plan(), "small_fixed_wing", change);
     let outside = one(|_, p| p.fence.circles[0].center.lat_deg += 0.015);
     assert!(outside.contains("outside of what the plan's geofence allows"), "{outside}");
+    // Inside now, and out of it later.
+    let far = one(|_, p| {
+        let mut item = p.mission.items.iter().rfind(|i| i.command == command::NAV_WAYPOINT).unwrap().clone();
+        item.x += 300_000;
+        p.mission.items.insert(2, item);
+    });
+    assert!(
+        far.contains("item 3 lies") && far.contains("outside of what the plan's own geofence allows"),
+        "{far}"
+    );
+    let across = one(|f, p| {
+        let [from, to] =
+            [1.0, 3.0].map(|k| LatLon { lat_deg: f.position.unwrap().lat_deg + k * 1e-3, lon_deg: 8.545 });
+        p.mission.items =
+            [from, to].map(|place| MissionItem::at(command::NAV_WAYPOINT, [0.0; 4], place, 60.0)).into();
+        let center = LatLon { lat_deg: (from.lat_deg + to.lat_deg) / 2.0, lon_deg: 8.545 };
+        p.fence.circles.push(FenceCircle { inclusion: false, center, radius_m: 30.0 });
+    });
+    assert!(across.contains("the way from item 1 to item 2 leaves"), "{across}");
     let none = one(|_, p| p.fence.circles[0].radius_m = 0.0);
     assert!(none.contains("STOP  fence          geofence circle 1"), "{none}");
 }
