@@ -218,7 +218,7 @@ fn a_vehicle_outside_of_the_fence_and_a_fence_without_an_inside_are_stopped() {
     assert!(outside.contains("outside of what the plan's geofence allows"), "{outside}");
     // Inside now, and out of it later.
     let far = one(|_, p| {
-        let mut item = p.mission.items.iter().rfind(|i| i.command == command::NAV_WAYPOINT).unwrap().clone();
+        let mut item = *p.mission.items.iter().rfind(|i| i.command == command::NAV_WAYPOINT).unwrap();
         item.x += 300_000;
         p.mission.items.insert(2, item);
     });
