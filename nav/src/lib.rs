@@ -22,5 +22,4 @@ pub mod observability;
 pub mod quantisation;
 pub mod rotation;
 pub mod sample;
-pub mod smoother;
 mod vibration;

@@ -10,10 +10,10 @@ use gaware_nav::effects::Shape;
 use gaware_nav::identify::judge::{DRIFT_S, Judged, ResidualMeasure};
 use gaware_nav::identify::limits::NotFound as NavNotFound;
 use gaware_nav::identify::noise::NoiseEntry;
+use gaware_nav::identify::residual::{self as map, Point};
 use gaware_nav::identify::select::Added;
 use gaware_nav::identify::{survey, terms, whereabouts};
 use gaware_nav::model::{EffectSetting, Model};
-use gaware_nav::smoother::residual::{self as map, Point};
 use serde_json::{Map, Value, json};
 use std::collections::BTreeMap;
 

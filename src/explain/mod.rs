@@ -16,7 +16,7 @@ pub mod words;
 use crate::advice::on_board::OnBoard;
 use crate::logs::LogError;
 use crate::outputs::{OutputError, Outputs, mark};
-use crate::parallel::{Silent, Threads, cores, map_runs};
+use crate::parallel::{Threads, cores};
 use crate::pipeline;
 use crate::sensors::ConverterOptions;
 use contract::Explanation;
@@ -24,11 +24,11 @@ use gaware_nav::effects::{self, Effect, RECEIVER};
 use gaware_nav::identify::flight::{Flight, TooLittle};
 use gaware_nav::identify::judge::{self, Judged};
 use gaware_nav::identify::limits::NotFound;
+use gaware_nav::identify::residual::{self, Point};
 use gaware_nav::identify::select::{self, Settings};
 use gaware_nav::identify::terms;
 use gaware_nav::model::{EffectSetting, Model};
 use gaware_nav::sample::Sample;
-use gaware_nav::smoother::residual::{self, Point};
 use size::Size;
 use std::path::{Path, PathBuf};
 
@@ -197,7 +197,7 @@ fn flights_of(
     progress(Phase::Terms);
     let remaining = terms::find(&good, &judging, &judged.selection, settings, &workers);
     progress(Phase::Smoothing);
-    let mut residuals = smoothed(&good, &judged);
+    let mut residuals = smoothed(&good, &judged, settings, &workers);
     let mut found = remaining.terms;
     found.retain(|term| !size::is_negligible(term, &judged, &residuals));
     let imitations = imitations(&remaining.replaced, &found, &judged);
@@ -206,7 +206,7 @@ fn flights_of(
         removed.extend(imitations.iter().filter_map(|name| effects::find(name)).map(Effect::name));
         judged = judge::judge(&good, &judging, judged.selection.without(&imitations), settings, &workers);
         judged.removed.extend(removed);
-        residuals = smoothed(&good, &judged);
+        residuals = smoothed(&good, &judged, settings, &workers);
     }
     let sizes = |settings: Vec<&EffectSetting>| size::sizes(&settings, &judged, &residuals, &good);
     let own = sizes(judged.selection.added.iter().map(|a| &a.setting).collect());
@@ -323,14 +323,14 @@ fn without_receiver(mut model: Model) -> Model {
 }
 
 /// Simulates the sensors along the best trajectory, with both models and the noise of the better one.
-fn smoothed(flights: &[&Flight], judged: &Judged) -> Vec<FlightResiduals> {
-    let selection = &judged.selection;
-    let models = [selection.base.clone(), selection.model()];
-    let mut results = map_runs(2 * flights.len(), &Silent, |k| {
-        residual::points(flights[k / 2], &models[k % 2], &selection.noise)
-    })
-    .into_iter();
-    std::iter::from_fn(|| Some(FlightResiduals { before: results.next()?, after: results.next()? })).collect()
+fn smoothed(
+    flights: &[&Flight],
+    judged: &Judged,
+    settings: &Settings,
+    workers: &Threads,
+) -> Vec<FlightResiduals> {
+    let both = residual::before_and_after(flights, &judged.selection, settings, workers);
+    both.into_iter().map(|[before, after]| FlightResiduals { before, after }).collect()
 }
 
 /// Whether all that [`write()`] writes may be written.

@@ -7,12 +7,12 @@
 
 use super::FlightResiduals;
 use gaware_nav::effects::Instant;
-use gaware_nav::filter::watch::Regressors;
 use gaware_nav::identify::flight::Flight;
 use gaware_nav::identify::judge::Judged;
+use gaware_nav::identify::residual::Motion;
 use gaware_nav::identify::terms;
+use gaware_nav::identify::watched::Regressors;
 use gaware_nav::model::EffectSetting;
-use gaware_nav::smoother::residual::Motion;
 use nalgebra::Vector3;
 
 /// NIS below this, with the noise at the lowest that is credible, are too good to be true.

@@ -1,6 +1,6 @@
 //! A map of the disagreement: a row per channel, a column per stretch of time, coloured by the mean squared normalised residual.
 
-use gaware_nav::smoother::residual::{CHANNELS, Point};
+use gaware_nav::identify::residual::{CHANNELS, Point};
 use std::collections::BTreeMap;
 use std::fmt::Write;
 

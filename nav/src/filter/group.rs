@@ -1,9 +1,7 @@
 //! A group of up to three scalar measurements taken together: rows, innovation covariance, whitening.
 
 use super::covariance::{Covariance, GROUP, Tall};
-use super::tape::Update;
 use super::update::{Group, gate};
-use nalgebra::Matrix3;
 
 /// Up to three measurements: residuals, sparse rows, variances of their own and loading of the noise that they share.
 #[derive(Debug, Clone, Default)]
@@ -83,36 +81,6 @@ impl Prepared {
         Some(Self { ph, l, white, group })
     }
 
-    /// The Kalman gain, one vector of `n` states per row of the group.
-    pub(super) fn gain(&self, n: usize) -> Vec<Vec<f64>> {
-        let l = Matrix3::from(self.l).transpose();
-        let inverse = (l * l.transpose()).try_inverse().unwrap_or_default();
-        (0..self.group.dof)
-            .map(|i| {
-                let mut k = vec![0.0; n];
-                self.ph.combined(inverse.column(i).into_owned().into(), &mut k);
-                k
-            })
-            .collect()
-    }
-
-    /// What a smoother needs of this group.
-    pub(super) fn on_tape(&self, rows: &Rows, n: usize) -> Update {
-        let l = Matrix3::from(self.l).transpose();
-        let s = l * l.transpose();
-        let row = |i: usize| {
-            rows.h.iter().filter(move |(_, by)| by[i] != 0.0).map(move |(k, by)| (*k, by[i])).collect()
-        };
-        Update {
-            h: (0..rows.dof).map(row).collect(),
-            residual: rows.residual[..rows.dof].to_vec(),
-            ph: (0..rows.dof).map(|i| (0..n).map(|k| self.ph.at(k)[i]).collect()).collect(),
-            s,
-            inverse: s.try_inverse().unwrap_or_default(),
-            turn: None,
-        }
-    }
-
     /// Lets the group shrink the covariance, P ← P − P Hᵀ S⁻¹ H P as outer products so that it stays symmetric, and
     /// gives what it says of the error: `dx` = P Hᵀ S⁻¹ z.
     pub(super) fn absorb(self, p: &mut Covariance, dx: &mut [f64]) -> Group {
@@ -154,6 +122,7 @@ fn forward(l: &[[f64; GROUP]; GROUP], v: &[f64; GROUP]) -> [f64; GROUP] {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use nalgebra::Matrix3;
 
     fn covariance() -> Covariance {
         let mut p = Covariance::from_sigmas(&[2.0; 15]);
@@ -191,9 +160,6 @@ mod tests {
             assert!((prepared.group.nis - nis).abs() < 1e-12);
             let expected = -0.5 * (nis + s.determinant().ln() + dof as f64 * std::f64::consts::TAU.ln());
             assert!((prepared.group.log_likelihood - expected).abs() < 1e-12);
-            for (i, k) in prepared.gain(15).iter().enumerate() {
-                assert!(k.iter().zip(gain.column(i).iter()).all(|(a, b)| (a - b).abs() < 1e-12));
-            }
             let (mut after, mut dx) = (p.clone(), vec![0.0; 15]);
             prepared.absorb(&mut after, &mut dx);
             let exact = &dense - &gain * &h * &dense;

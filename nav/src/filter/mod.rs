@@ -17,10 +17,8 @@ mod nav_map;
 mod propagation;
 mod regressor;
 mod second_order;
-pub mod tape;
 pub(crate) mod unseen;
 mod update;
-pub mod watch;
 mod window;
 
 use crate::mechanization::{Motion, NavState};
@@ -110,13 +108,11 @@ pub struct Filter {
     failed: bool,
     /// Whether fixes far off are refused.
     gating: bool,
-    /// Parameters that are not estimated but watched.
-    watch: Option<Box<watch::Watch>>,
     /// How fast the specific force changes, where the whole flight is known …
     force_rates: Option<Arc<ForceRates>>,
     /// … or around the fix that comes next.
     nearby: Option<Arc<ForceRates>>,
-    /// Whether an effect of the model, or a watched one, depends on the samples around the present one …
+    /// Whether an effect of the model depends on the samples around the present one …
     needs_surroundings: bool,
     /// … and what those so far show.
     recent: Recent,
@@ -130,8 +126,6 @@ pub struct Filter {
     unwalked_s: f64,
     /// When it began, s.
     began_s: f64,
-    /// What happened, for a smoother.
-    tape: Option<Box<tape::Tape>>,
 }
 
 impl Filter {
@@ -192,7 +186,6 @@ impl Filter {
             lost: false,
             failed: false,
             gating: true,
-            watch: None,
             force_rates: None,
             nearby: None,
             needs_surroundings: model.effects.iter().any(|s| s.effect.needs_surroundings()),
@@ -202,7 +195,6 @@ impl Filter {
             rest_evidence: 0.0,
             unwalked_s: 0.0,
             began_s: initial.t_s,
-            tape: None,
         }
     }
 
@@ -214,17 +206,6 @@ impl Filter {
     /// Says how far the fixes' time stamps scatter, 1-sigma, s: a moving vehicle turns that into position and velocity.
     pub fn set_stamp_sigma(&mut self, stamp_sigma_s: f64) {
         self.model.gnss.time_sigma_s = stamp_sigma_s;
-    }
-
-    /// Watches how the innovations depend on parameters that are not estimated.
-    pub fn watch(&mut self, watched: watch::Watched) {
-        self.needs_surroundings |= watched.effects.iter().any(|s| s.effect.needs_surroundings());
-        self.watch = Some(Box::new(watch::Watch::new(watched, &self.layout)));
-    }
-
-    /// The watch, if there is one.
-    pub fn watch_mut(&mut self) -> Option<&mut watch::Watch> {
-        self.watch.as_deref_mut()
     }
 
     /// The same constants, with all that is known of them, and motion from a new start; the biases may have moved by this share of

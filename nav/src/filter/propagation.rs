@@ -3,7 +3,7 @@
 use super::Filter;
 use super::covariance::NAV;
 use super::layout::index;
-use super::nav_map::{dense_rows, moved};
+use super::nav_map::moved;
 use super::regressor::BEYOND_NOISE;
 use super::unseen::{BetweenSamples, GAP_S, MOTION as GAP_MOTION};
 use crate::earth;
@@ -80,7 +80,7 @@ impl Filter {
         // Noise is no excitation for attitude errors either: they act on the motion that constants are judged by.
         self.transition(&inc, &Increment::between(&self.lever, &lever, self.kind, dt), coasts);
         self.lever = lever;
-        self.carry_along(sample, &motion, &inc, decay);
+        self.carry_along(decay);
         self.propagate_covariance(dt, decay, gap);
         let place = self.nav;
         self.nav = mechanization::step(&self.nav, &inc);
@@ -91,7 +91,6 @@ impl Filter {
         self.motion = motion;
         self.last = Some(*sample);
         self.t_s = sample.t_s;
-        self.tape_step(dt, decay);
     }
 
     /// The motion behind the next sample.
@@ -116,23 +115,13 @@ impl Filter {
         }
     }
 
-    /// Takes what is linear in the state's error along: the watch, and the carried mean x ← Φ x.
-    fn carry_along(&mut self, sample: &ImuSample, motion: &Motion, inc: &Increment, decay: f64) {
-        if self.watch.is_none() && self.carried.is_none() {
-            return;
-        }
-        let n = self.layout.len();
-        if let Some(watch) = self.watch.as_deref_mut() {
-            let phi = dense_rows(&self.phi, n);
-            watch.sample(sample, motion, self.nav.v_e.norm(), &self.calibration, &self.model);
-            watch.propagate(&phi, inc, self.kind, decay);
-        }
-        if let Some(x) = &mut self.carried {
-            let moved = moved(&self.phi, x);
-            x[..NAV].copy_from_slice(&moved);
-            if let Some(w) = self.layout.gauss_markov() {
-                x[w..w + 3].iter_mut().for_each(|v| *v *= decay);
-            }
+    /// Takes the carried mean along: x ← Φ x.
+    fn carry_along(&mut self, decay: f64) {
+        let Some(x) = &mut self.carried else { return };
+        let moved = moved(&self.phi, x);
+        x[..NAV].copy_from_slice(&moved);
+        if let Some(w) = self.layout.gauss_markov() {
+            x[w..w + 3].iter_mut().for_each(|v| *v *= decay);
         }
     }
 

@@ -118,9 +118,6 @@ impl Filter {
         if !fix.is_plausible() {
             return FixOutcome { t_s: self.t_s, stamp_s: fix.t_s, ..FixOutcome::default() };
         }
-        if let Some(watch) = self.watch.as_deref_mut() {
-            watch.reach_fix(self.t_s, &self.layout);
-        }
         let outcome = if self.hold.is_some() {
             self.with_base(|f| f.apply_at_rest(fix))
         } else if let Some(event) = self.end_coasting(fix) {
@@ -132,7 +129,6 @@ impl Filter {
             self.aided_s = Some(self.t_s);
         }
         self.failed |= !self.is_sound();
-        self.tape_fix();
         FixOutcome { stamp_s: fix.t_s, ..outcome }
     }
 
@@ -158,9 +154,9 @@ impl Filter {
             // The same receiver is wrong about the velocity, or the filter is: its position can be attributed to neither.
             outcome.position = self.withhold(position, |f| &mut f.gates.position);
         } else {
-            outcome.position = self.apply(position, |f| &mut f.gates.position, true);
+            outcome.position = self.apply(position, |f| &mut f.gates.position);
         }
-        outcome.velocity = self.apply(velocity, |f| &mut f.gates.velocity, false);
+        outcome.velocity = self.apply(velocity, |f| &mut f.gates.velocity);
         if withheld && outcome.velocity.used {
             self.gates.position.accept();
         }
@@ -178,7 +174,7 @@ impl Filter {
         let mut outcome = FixOutcome { t_s: self.t_s, ..FixOutcome::default() };
         let x = self.at_fix();
         let [added, _] = self.fix_effects(&x);
-        outcome.position = self.apply(self.position_rows(fix, &x, &added), |f| &mut f.gates.position, true);
+        outcome.position = self.apply(self.position_rows(fix, &x, &added), |f| &mut f.gates.position);
         self.apply_yaw(self.yaw_rows(fix), &mut outcome);
         self.settle_position(fix, &mut outcome);
         self.rebase_hold_after(&outcome);
@@ -192,7 +188,7 @@ impl Filter {
     }
 
     fn apply_yaw(&mut self, rows: Rows, outcome: &mut FixOutcome) {
-        outcome.yaw = self.apply(rows, |f| &mut f.gates.yaw, false);
+        outcome.yaw = self.apply(rows, |f| &mut f.gates.yaw);
         if outcome.yaw.dof > 0 && !outcome.yaw.used && self.gates.yaw.locked_out(self.t_s) {
             outcome.yaw.recovered = true;
             self.gates.yaw.accept();
@@ -302,7 +298,7 @@ impl Filter {
             rows.push(index::GYRO_BIAS + k, |axis| column[axis]);
         }
         if let Some(prepared) = Prepared::new(&rows, &self.p) {
-            self.absorb(&rows, prepared);
+            self.absorb(prepared);
         }
     }
 
@@ -320,7 +316,7 @@ impl Filter {
         (rows, prepared)
     }
 
-    fn apply(&mut self, rows: Rows, clock: Clock, position: bool) -> Group {
+    fn apply(&mut self, rows: Rows, clock: Clock) -> Group {
         let t_s = self.t_s;
         let (rows, tested) = self.tested(rows);
         let prepared = match tested {
@@ -333,8 +329,7 @@ impl Filter {
             }
         };
         clock(self).accept();
-        self.watch_rows(&rows, &prepared, position);
-        Group { used: true, ..self.absorb(&rows, prepared) }
+        Group { used: true, ..self.absorb(prepared) }
     }
 
     /// Tests a group and leaves it out whatever the result.
@@ -347,18 +342,7 @@ impl Filter {
         tested.map_or_else(|group| group, |prepared| prepared.group)
     }
 
-    fn watch_rows(&mut self, rows: &Rows, prepared: &Prepared, position: bool) {
-        let Some(mut watch) = self.watch.take() else { return };
-        let sensitivity = watch.sensitivity(rows, position, &self.at_fix().now);
-        let gain = prepared.gain(self.layout.len());
-        watch.absorb(&sensitivity, &rows.residual[..rows.dof], &gain, &prepared.l);
-        self.watch = Some(watch);
-    }
-
-    pub(super) fn absorb(&mut self, rows: &Rows, prepared: Prepared) -> Group {
-        if let Some(tape) = self.tape.as_deref_mut() {
-            tape.update(prepared.on_tape(rows, self.layout.len()));
-        }
+    pub(super) fn absorb(&mut self, prepared: Prepared) -> Group {
         let mut dx = vec![0.0; self.layout.len()];
         let group = prepared.absorb(&mut self.p, &mut dx);
         match &mut self.carried {
@@ -386,12 +370,6 @@ impl Filter {
         // Below this the change of coordinates is under the noise of the covariance itself.
         if by.attitude.norm_squared() > 1e-16 && !self.course.is_straight() {
             self.p.transform(&turn);
-            if let Some(watch) = self.watch.as_deref_mut() {
-                watch.transform_nav(&turn.dense());
-            }
-            if let Some(tape) = self.tape.as_deref_mut() {
-                tape.turn(&turn.dense());
-            }
         }
         self.refresh_motion();
     }

@@ -2,6 +2,7 @@
 
 use super::guess::Guesses;
 use super::linear::Unseen;
+use super::linear::reference::Reference;
 use super::linear::reference::delay_s;
 use super::rounding::Rounding;
 use super::stationary;
@@ -143,13 +144,10 @@ impl Flight {
     /// Leaves out single fixes that are inconsistent with their neighbours, for all models alike.
     fn drop_outliers(&mut self, model: &Model) {
         let noise = super::noise::Noise::measured(model, &[&*self]);
-        let off: Vec<bool> = super::pass::run(self, model, &noise, &super::pass::Options::default(), None)
-            .innovations
-            .iter()
-            .map(|i| i.position.nis.max(i.velocity.nis) > OUTLIER_NIS * noise.tolerance())
-            .collect();
-        if off.len() != self.fixes.len() {
-            return;
+        let (reference, nis) = Reference::first_pass(self, model, &noise);
+        let mut off = vec![false; self.fixes.len()];
+        for (knot, [position, velocity]) in reference.knots.iter().zip(nis) {
+            off[knot.fix] = position.max(velocity) > OUTLIER_NIS * noise.tolerance();
         }
         let lonely = |i: usize| off[i] && (i == 0 || !off[i - 1]) && off.get(i + 1).is_none_or(|next| !next);
         let keep: Vec<bool> = (0..off.len()).map(|i| !lonely(i)).collect();

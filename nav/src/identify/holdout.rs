@@ -16,7 +16,7 @@ use super::noise::Noise;
 use super::pass::Information;
 use super::select::{Added, Point, Search, Selection, Settings};
 use super::{Workers, judge};
-use crate::filter::watch::Watched;
+use crate::identify::watched::Watched;
 use nalgebra::DVector;
 
 /// Held-out log-likelihood that may be lost with what shows where it happens and hardly anywhere else (a jump), or in the

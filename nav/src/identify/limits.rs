@@ -62,7 +62,7 @@ mod tests {
 
     #[test]
     fn the_sigma_is_that_of_the_information() {
-        let mut information = Information::zeros(2, 0);
+        let mut information = Information::zeros(2);
         information.matrix[(0, 0)] = 4.0;
         information.matrix[(1, 1)] = 1e4;
         information.matrix[(0, 1)] = 100.0;

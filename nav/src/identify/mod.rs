@@ -1,6 +1,6 @@
 //! Identification: which effect does a model lack, how sure is that, and where does the gap lie.
 //!
-//! One run of the ordinary filter with a [`Watch`](crate::filter::watch::Watch) gives, for every parameter of every
+//! One run over a flight linearised about its trajectory ([`linear`]) gives, for every parameter of every
 //! effect at once, the score b and the information Λ of the likelihood of the innovations. With the prior of an
 //! effect's definition the marginal likelihood of "the effect is there" over "it is not" follows in closed form
 //! ([`evidence`]). That ratio is a Bayes factor: with a right noise model it exceeds `exp(t)` by chance with a
@@ -17,12 +17,14 @@ pub mod limits;
 pub mod linear;
 pub mod noise;
 pub mod pass;
+pub mod residual;
 pub(crate) mod rounding;
 pub mod select;
 mod stationary;
 mod stretch;
 pub mod survey;
 pub mod terms;
+pub mod watched;
 pub mod whereabouts;
 
 use std::sync::Mutex;

@@ -15,7 +15,7 @@ use super::map;
 use super::pass::Information;
 use super::select::{self, Added, Point, Search, priors};
 use crate::effects::{Effect, REGISTRY};
-use crate::filter::watch::Watched;
+use crate::identify::watched::Watched;
 use crate::model::EffectSetting;
 use nalgebra::Vector3;
 
@@ -75,7 +75,7 @@ impl<'a> Linear<'a> {
         let watched = Watched { effects, ..Watched::default() };
         let runs = search.run_through(point, &watched, None, Some(BLOCK_S));
         let problems = search.problems(point, &Watched::default());
-        let mut all = Information::zeros(watched.slots().len(), 0);
+        let mut all = Information::zeros(watched.slots().len());
         let mut log_likelihood = 0.0;
         let mut blocks = Vec::new();
         for run in runs {

@@ -18,7 +18,7 @@ use super::linear;
 use super::pass::{Information, Options};
 use super::select::{Added, Point, Search, Selection, Settings, priors};
 use crate::effects::BiasWalk;
-use crate::filter::watch::{Regressors, Term, Watched};
+use crate::identify::watched::{Regressors, Term, Watched};
 use crate::model::Model;
 
 /// One regressor with its name and unit.
@@ -172,7 +172,6 @@ impl<'a> Watching<'a> {
         let watched = Watched {
             effects: point.added.iter().map(|a| a.setting.clone()).collect(),
             terms: all().iter().map(|(channel, r)| Term { channel: *channel, regressor: r.value }).collect(),
-            ..Watched::default()
         };
         Self { search, point, watched, walk: None }
     }
@@ -185,7 +184,7 @@ impl<'a> Watching<'a> {
     fn data(&self) -> Data {
         let runs = self.search.run_through(&self.point, &self.watched, self.walk, None);
         let columns = self.watched.slots().len() + self.watched.terms.len();
-        let mut parts = [0, 1].map(|_| Information::zeros(columns, 0));
+        let mut parts = [0, 1].map(|_| Information::zeros(columns));
         let mut log_likelihood = 0.0;
         for run in &runs {
             parts.iter_mut().zip(&run.information).for_each(|(sum, own)| sum.add(own));

@@ -3,7 +3,6 @@
 use super::*;
 use crate::earth::Geodetic;
 use crate::effects;
-use crate::filter::watch::Watched;
 use crate::mechanization::{Increment, Motion, NavState, step};
 use crate::model::{EffectSetting, Model};
 use crate::rotation::c_nb_from_euler;
@@ -97,43 +96,6 @@ pub(super) fn noise() -> noise::Noise {
     }
 }
 
-/// Every parameter of every continuous effect: the watched score is the slope of the likelihood.
-#[test]
-fn the_score_is_the_slope_of_the_likelihood() {
-    let model = Model::default();
-    let flight = flight::Flight::prepare(&fly(&model, 1), &model).unwrap();
-    let options = pass::Options::default().all();
-    let linear: Vec<EffectSetting> = effects::REGISTRY
-        .iter()
-        .filter(|e| e.groups().iter().all(|g| g.is_state()) && !e.is_empty())
-        .filter(|e| !e.name().ends_with("temperature"))
-        .map(|e| EffectSetting { sigmas: vec![0.0; e.len()], ..EffectSetting::unknown(*e) })
-        .collect();
-    let watched = Watched { effects: linear.clone(), ..Watched::default() };
-    let pass = pass::run(&flight, &model, &noise(), &options, Some(&watched));
-    let information = &pass.information.unwrap()[0];
-    for (column, (e, p)) in watched.slots().into_iter().enumerate() {
-        let setting = &linear[e];
-        let sigma = information.matrix[(column, column)].sqrt().recip();
-        let at = |by: f64| {
-            let mut moved = model.clone();
-            let mut s = setting.clone();
-            s.values[p] += by;
-            moved.set(s);
-            pass::run(&flight, &moved, &noise(), &options, None).log_likelihood[0]
-        };
-        // In units of the parameter's own sigma: slope and curvature of the log-likelihood.
-        let h = 0.3 * sigma;
-        let (up, down, here) = (at(h), at(-h), pass.log_likelihood[0]);
-        let slope = (up - down) / 0.6;
-        let curvature = (2.0 * here - up - down) / 0.09;
-        let score = information.score[column] * sigma;
-        let name = setting.effect.name();
-        assert!((slope - score).abs() < 0.12 + 0.05 * score.abs(), "{name} {p}: {slope} {score}");
-        assert!((curvature - 1.0).abs() < 0.25, "{name} {p}: {curvature}");
-    }
-}
-
 #[test]
 fn a_hidden_delay_is_found_and_nothing_on_a_clean_flight() {
     let settings = select::Settings::default();
@@ -179,7 +141,7 @@ fn no_jump_of_several_is_held_out() {
 
 #[test]
 fn a_bayes_factor_pays_for_what_it_cannot_see() {
-    let mut information = pass::Information::zeros(1, 0);
+    let mut information = pass::Information::zeros(1);
     // No information: no evidence either way.
     let fit = evidence::fit(&information, &[0], &[1.0], &[0.0]).unwrap();
     assert_eq!((fit.evidence, fit.gain), (0.0, 0.0));

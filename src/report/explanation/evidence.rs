@@ -10,8 +10,8 @@ use crate::report::plot::{AFTER, BEFORE, Plot};
 use crate::report::{heat, spectrum};
 use gaware_nav::earth::STANDARD_GRAVITY;
 use gaware_nav::identify::judge::Judged;
+use gaware_nav::identify::residual::Motion;
 use gaware_nav::identify::whereabouts::{CHANNELS, channel};
-use gaware_nav::smoother::residual::Motion;
 use std::collections::BTreeMap;
 use std::fmt::Write;
 

@@ -12,9 +12,10 @@ use super::kalman::{
     MOST_ROWS, SIGMA_FLOOR, Square, State, Update, add_rows, add_scaled, gauss_markov_variance, vectorised,
 };
 use super::rows::{Kind, Row};
-use super::{Epoch, Problem, STATES, index};
+use super::{Epoch, Problem, STATES, index, variances};
 use crate::identify::noise::{FIGURES, Noise, figure};
 use crate::identify::pass::Options;
+use crate::identify::residual::Residual;
 use nalgebra::{Matrix3, Vector3};
 use pulp::{Simd, WithSimd};
 
@@ -280,6 +281,37 @@ impl Problem {
         out
     }
 
+    /// The disturbances and measurement errors that the whole flight speaks for, fix by fix: means of what the sensors measured since
+    /// the fix before less what the smoothed trajectory says, and the rows of the fix less the same; by the channels of
+    /// [`crate::identify::residual::CHANNELS`]. Under a right model they have the variance that stands beside them (de Jong & Penzer 1998,
+    /// "Diagnosing shocks in time series").
+    pub fn disturbances(&self, noise: &Noise) -> Vec<[Option<Residual>; 12]> {
+        let (_, tape) = self.run_keeping(noise, &Options::default(), Keep::Updates);
+        let mut back = Shocks::default();
+        let mut out = Vec::with_capacity(self.len());
+        for fix in self.taken_back(&tape) {
+            let interval = &fix.epoch.interval;
+            let mut residuals = [None; 12];
+            for (row, update) in fix.rows.iter().zip(fix.updates).rev() {
+                let (u, spread) = back.update(row, row.position_axis(), update, 1.0);
+                let (value, variance) = (update.r * u, update.r * update.r * spread);
+                residuals[6 + row.channel()] = Some(Residual { value, variance: variance.max(0.0) });
+            }
+            let (gyro, accel) = variances(noise, interval);
+            for (first, at, density) in [(0, index::ATTITUDE, gyro), (3, index::VELOCITY, accel)] {
+                let (r, n) = back.block(at);
+                for k in 0..3 {
+                    let variance = density * density * n[(k, k)].max(0.0);
+                    residuals[first + k] = Some(Residual { value: density * r[k], variance });
+                }
+            }
+            out.push(residuals);
+            back.predict(interval, (-interval.dt / noise.correlation_s).exp());
+        }
+        out.reverse();
+        out
+    }
+
     /// What all fixes together say of the states.
     pub(super) fn smoothed(&self, noise: &Noise) -> Smoothed {
         let (_, tape) = self.run_keeping(noise, &Options::default(), Keep::Priors);
@@ -351,8 +383,9 @@ impl Default for Shocks {
 
 impl Shocks {
     /// Back over one scalar update; `axis` is that of a position row. With L = I − K h: r ← hᵀ y w/s + Lᵀ r,
-    /// N ← hᵀ h w/s + Lᵀ N L.
-    fn update(&mut self, row: &Row, axis: Option<usize>, u: &Update, weight: f64) {
+    /// N ← hᵀ h w/s + Lᵀ N L. Returns what the whole flight says of this measurement's error over its variance, y w/s − Kᵀ r, with
+    /// the variance of that, w/s + Kᵀ N K.
+    fn update(&mut self, row: &Row, axis: Option<usize>, u: &Update, weight: f64) -> (f64, f64) {
         let mut h = [0.0; JUMPING];
         h[..STATES].copy_from_slice(&row.dense());
         if let Some(axis) = axis {
@@ -370,6 +403,7 @@ impl Shocks {
             }
             add_scaled(&mut self.n[i], &h, -ng[i]);
         }
+        (weight * u.y / u.s - along, weight / u.s + gng)
     }
 
     fn predict(&mut self, interval: &Interval, decay: f64) {

@@ -1,9 +1,9 @@
 //! A run of the filter over a linearised flight: likelihood of the innovations, and how it depends on the watched parameters.
 //!
-//! Parameters are carried as in [`crate::filter::watch`]: δx = δx₀ + U θ with U ← Φ U + B and U ← U − K (H U + D).
+//! Parameters are carried along (Friedland 1969, "Treatment of bias in recursive filtering"; Willsky & Jones 1976 for jumps): δx = δx₀ + U θ with U ← Φ U + B and U ← U − K (H U + D).
 
 use super::interval::{BIASES, DYNAMIC, Interval};
-use super::kalman::{Kalman, State, Update, add_rows, add_scaled, vectorised};
+use super::kalman::{Kalman, State, Update, add_rows, add_scaled, normalised_squares, vectorised};
 use super::rows::Measured;
 use super::{Epoch, Problem, STATES, index};
 use crate::effects::BiasWalk;
@@ -30,7 +30,7 @@ pub struct Run {
 impl Run {
     /// Before the first fix, with so many watched parameters.
     pub(super) fn empty(columns: usize) -> Self {
-        let zeros = || Information::zeros(columns, 0);
+        let zeros = || Information::zeros(columns);
         Self {
             log_likelihood: [0.0; 2],
             nis: [(0.0, 0); 2],
@@ -234,7 +234,7 @@ impl<'a> Runner<'a> {
             && epoch.elapsed_s - self.begun_s >= block_s
         {
             self.begun_s = epoch.elapsed_s;
-            let none = Information::zeros(self.sensitivity.m, 0);
+            let none = Information::zeros(self.sensitivity.m);
             self.run.blocks.push(std::mem::replace(&mut self.run.information[0], none));
         }
         if let Some((gauss_markov_rows, gauss_markov)) = before {
@@ -333,11 +333,8 @@ impl Run {
         updates: &[Update],
         sensitivities: &[f64],
     ) -> [f64; 2] {
-        let mut nis = [0.0; 2];
+        let nis = normalised_squares(&epoch.measured.rows, updates);
         let group = |k: usize| usize::from(!epoch.measured.rows[k].is_position());
-        for (k, update) in updates.iter().enumerate() {
-            nis[group(k)] += update.y * update.y / update.s;
-        }
         let robust = nis.map(robust);
         let weights = robust.map(|r| r.1);
         let Some(part) = part else { return weights };

@@ -2,15 +2,15 @@
 //! without fixes. Both are those of the likelihood that chose the model.
 
 use super::forward::Run;
-use super::kalman::Kalman;
+use super::kalman::{Kalman, normalised_squares};
 use super::reference::Reference;
 use super::track::Track;
 use super::{Epoch, Problem, index, moved, rows};
 use crate::filter::Group;
-use crate::filter::watch::Watched;
 use crate::identify::flight::Flight;
 use crate::identify::noise::Noise;
 use crate::identify::pass::{Innovation, Options};
+use crate::identify::watched::Watched;
 use crate::model::Model;
 
 /// Position errors without fixes are measured after these times, s.
@@ -43,17 +43,17 @@ impl Problem {
             kalman.predict(&epoch.interval);
             kalman.renew(epoch.interval.dt);
             let part = self.part(epoch, options);
-            let groups = groups(&kalman, epoch);
+            let [mut position, mut velocity] = groups(&kalman, epoch);
             kalman.correct(&epoch.measured.rows, &mut updates);
+            [position.nis, velocity.nis] = normalised_squares(&epoch.measured.rows, &updates);
             run.count(part, epoch, &updates, &[]);
-            let [position, velocity] = groups;
             fixes.push(Innovation { t_s: epoch.t_s, elapsed_s: epoch.elapsed_s, part, position, velocity });
         }
         Innovations { fixes, log_likelihood: run.log_likelihood, nis: run.nis }
     }
 }
 
-/// Position and velocity of a fix before either is applied.
+/// Position and velocity of a fix before either is applied, row by row.
 fn groups(kalman: &Kalman<'_>, epoch: &Epoch) -> [Group; 2] {
     let mut groups = [Group::default(); 2];
     for row in &epoch.measured.rows {
@@ -64,7 +64,6 @@ fn groups(kalman: &Kalman<'_>, epoch: &Epoch) -> [Group; 2] {
         {
             (*i, *n) = (innovation, normalised);
             group.dof += 1;
-            group.nis += normalised * normalised;
         }
     }
     groups

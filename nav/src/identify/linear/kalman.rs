@@ -44,6 +44,17 @@ pub(super) struct Kalman<'a> {
     walk: BiasWalk,
 }
 
+/// Squared normalised innovations of a fix: position, velocity. The rows of a group are taken one after the other, so that what they
+/// have in common counts once.
+#[inline(always)]
+pub(super) fn normalised_squares(rows: &[Row], updates: &[Update]) -> [f64; 2] {
+    let mut nis = [0.0; 2];
+    for (row, update) in rows.iter().zip(updates) {
+        nis[usize::from(!row.is_position())] += update.y * update.y / update.s;
+    }
+    nis
+}
+
 /// Variance of the Gauss-Markov error per axis.
 pub(super) fn gauss_markov_variance(noise: &Noise) -> [f64; 3] {
     let v = noise.gauss_markov_m * noise.gauss_markov_m;

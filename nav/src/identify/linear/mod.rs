@@ -24,7 +24,7 @@ use super::pass::Options;
 use super::rounding::Rounding;
 use super::{Workers, map};
 use crate::effects::BiasWalk;
-use crate::filter::watch::Watched;
+use crate::identify::watched::Watched;
 use crate::mechanization::NavState;
 use crate::model::Model;
 use crate::sample::ImuSample;

@@ -6,12 +6,12 @@
 
 use super::super::flight::Flight;
 use super::interval::{self, NavCovariance};
-use super::kalman::{Kalman, vectorised};
+use super::kalman::{Kalman, normalised_squares, vectorised};
 use super::track::Track;
 use super::{Problem, STATES, index, moved, rows};
 use crate::filter::calibration::Calibration;
-use crate::filter::watch::Watched;
 use crate::identify::noise::Noise;
+use crate::identify::watched::Watched;
 use crate::identify::{Serial, Workers};
 use crate::mechanization::NavState;
 use crate::model::Model;
@@ -114,7 +114,17 @@ impl Reference {
         Self { knots, delays_s: delays_s(flight, model), ..self }
     }
 
-    fn filtered(flight: &Flight, model: &Model, noise: &Noise) -> Self {
+    /// The trajectory of the first pass, by what came before each fix alone.
+    pub fn filtered(flight: &Flight, model: &Model, noise: &Noise) -> Self {
+        Self::first_pass(flight, model, noise).0
+    }
+
+    /// The trajectory of the first pass, with the squared normalised innovations of position and velocity at each of its knots.
+    pub(in crate::identify) fn first_pass(
+        flight: &Flight,
+        model: &Model,
+        noise: &Noise,
+    ) -> (Self, Vec<[f64; 2]>) {
         vectorised(
             #[inline(always)]
             || Self::gone_through(flight, model, noise),
@@ -122,7 +132,7 @@ impl Reference {
     }
 
     #[inline(always)]
-    fn gone_through(flight: &Flight, model: &Model, noise: &Noise) -> Self {
+    fn gone_through(flight: &Flight, model: &Model, noise: &Noise) -> (Self, Vec<[f64; 2]>) {
         let watched = Watched::default();
         let mut reference = Self {
             start: flight.initial().nav,
@@ -136,7 +146,7 @@ impl Reference {
         // A problem without fixes holds what the filter starts from.
         let empty = Problem::new(flight, model, &reference, &watched, &Serial);
         let mut kalman = Kalman::new(&empty, empty.walk, noise);
-        let mut updates = Vec::new();
+        let (mut updates, mut nis) = (Vec::new(), Vec::with_capacity(flight.fixes().len()));
         let (mut nav, mut since_s, mut guessed) = (flight.initial().nav, flight.initial().t_s, false);
         for (k, t_s) in valid_times(flight, model) {
             let fix = &flight.fixes()[k];
@@ -150,7 +160,9 @@ impl Reference {
             let about = guess.unwrap_or(predicted);
             let known = interval::error(&about, &predicted);
             kalman.x.iter_mut().zip(known.iter()).for_each(|(x, by)| *x += by);
-            kalman.correct(&rows::of(fix, &about, &track).rows, &mut updates);
+            let rows = rows::of(fix, &about, &track).rows;
+            kalman.correct(&rows, &mut updates);
+            nis.push(normalised_squares(&rows, &updates));
             guessed &= kalman.attitude_sigma() > SURE;
             if guessed {
                 // Corrections stay linear about the guess until the fixes say better.
@@ -164,7 +176,7 @@ impl Reference {
             kalman.x[..index::GAUSS_MARKOV].fill(0.0);
             reference.knots.push(Knot { t_s, fix: k, nav });
         }
-        reference
+        (reference, nis)
     }
 
     fn correct(&mut self, biases: &[f64]) {

@@ -5,7 +5,7 @@ use super::kalman::{Square, State, add_scaled};
 use super::track::Track;
 use crate::effects::{Antenna, FixInstant, MAX_PARAMETERS, Older};
 use crate::filter::calibration::Calibration;
-use crate::filter::watch::Watched;
+use crate::identify::watched::Watched;
 use crate::mechanization::{self, NavState};
 use crate::model::Model;
 use crate::sample::{FixVelocity, GnssFix};
@@ -48,6 +48,12 @@ impl Row {
     #[inline(always)]
     pub(super) fn position_axis(&self) -> Option<usize> {
         self.is_position().then_some(self.axis)
+    }
+
+    /// North, east, down of the position, then of the velocity.
+    #[inline(always)]
+    pub(super) fn channel(&self) -> usize {
+        if self.is_position() { self.axis } else { 3 + self.axis }
     }
 
     /// First of the states that it measures.

@@ -7,7 +7,7 @@ use crate::effects::{FixInstant, Instant, Older};
 use crate::filter::calibration::Calibration;
 use crate::filter::force_rate::ForceRates;
 use crate::filter::unseen::GAP_S;
-use crate::filter::watch::{Regressors, Watched};
+use crate::identify::watched::{Regressors, Watched};
 use crate::mechanization::{Motion, NavState};
 use crate::model::Model;
 use crate::sample::{ImuSample, SampleKind};

@@ -192,7 +192,7 @@ mod tests {
     use super::super::super::{Serial, flight::Flight, tests::fly};
     use super::super::figure;
     use super::*;
-    use crate::filter::watch::Watched;
+    use crate::identify::watched::Watched;
     use crate::model::Model;
 
     /// Figures that stand at a limit pull hard; those that are free must still find their best.

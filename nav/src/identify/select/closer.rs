@@ -6,7 +6,7 @@ use super::super::noise::Noise;
 use super::settle::{STEPS, watching};
 use super::{Added, Candidate, Point, Search};
 use crate::effects::Effect;
-use crate::filter::watch::Watched;
+use crate::identify::watched::Watched;
 
 /// Candidates this far behind the best are not looked at again, nats …
 const MAX_DEFICIT_NATS: f64 = 15.0;

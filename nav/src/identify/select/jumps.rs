@@ -5,7 +5,7 @@ use super::super::linear::backward::Shock;
 use super::super::pass::Options;
 use super::{Candidate, Point, Search, is_jump, prior_sigmas};
 use crate::effects::{Event, REGISTRY};
-use crate::filter::watch::Watched;
+use crate::identify::watched::Watched;
 use crate::model::EffectSetting;
 
 /// Jumps this close to the end of the flight are not looked for, s.

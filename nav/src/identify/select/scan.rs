@@ -9,7 +9,7 @@ use super::search::together;
 use super::settle::priors;
 use super::{Added, Candidate, Point, Search, is_jump, is_linear, lacking, prior_sigmas};
 use crate::effects::{Effect, MISTAKES};
-use crate::filter::watch::Watched;
+use crate::identify::watched::Watched;
 use crate::model::{EffectSetting, Model};
 use crate::sample::{Quantisation, Steps};
 

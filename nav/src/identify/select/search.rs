@@ -10,7 +10,7 @@ use super::super::{Workers, map};
 use super::settle::STEPS;
 use super::{Added, Candidate, Settings, Step, with};
 use crate::effects::BiasWalk;
-use crate::filter::watch::Watched;
+use crate::identify::watched::Watched;
 use crate::model::Model;
 use std::sync::Arc;
 
@@ -48,7 +48,7 @@ pub(in crate::identify) struct Point {
 /// Log-likelihood of the fit part, and information of fit part and held-out blocks, all flights together.
 pub(super) fn together(runs: Vec<Run>) -> (f64, [Information; 2]) {
     let mut runs = runs.into_iter();
-    let none = || (0.0, [Information::zeros(0, 0), Information::zeros(0, 0)]);
+    let none = || (0.0, [Information::zeros(0), Information::zeros(0)]);
     let Some(first) = runs.next() else { return none() };
     let (mut log_likelihood, mut information) = (first.log_likelihood[0], first.information);
     for run in runs {

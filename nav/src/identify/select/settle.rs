@@ -8,7 +8,7 @@ use super::super::noise::Noise;
 use super::super::pass::Information;
 use super::search::Trajectories;
 use super::{Added, Point, Search};
-use crate::filter::watch::Watched;
+use crate::identify::watched::Watched;
 use crate::model::EffectSetting;
 use std::sync::Arc;
 

@@ -152,7 +152,7 @@ impl Filter {
         let Some(prepared) = Prepared::new(&rows, &self.p).filter(|p| p.group.nis < STOP_GATE) else {
             return false;
         };
-        self.absorb(&rows, prepared);
+        self.absorb(prepared);
         self.nav.v_e = Vector3::zeros();
         true
     }

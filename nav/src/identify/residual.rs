@@ -5,11 +5,14 @@
 //! neighbouring times are correlated (a fix speaks of all the accelerations before it), so sums of their squares scatter more than
 //! independent ones would, by Σρ² over all lags (Bartlett 1946); that is measured on the flight itself.
 
-use super::stretches::smoothed;
-use super::{Residual, Smoothed};
+use super::flight::Flight;
+use super::judge::about;
+use super::linear::Problem;
+use super::linear::reference::Reference;
+use super::noise::Noise;
+use super::select::{Selection, Settings};
+use super::{Workers, map};
 use crate::earth::STANDARD_GRAVITY;
-use crate::identify::flight::Flight;
-use crate::identify::noise::Noise;
 use crate::model::Model;
 use crate::sample::ImuSample;
 use nalgebra::Vector3;
@@ -47,7 +50,23 @@ pub const CHANNELS: [&str; 12] = [
     "velocity_down",
 ];
 
-/// What the vehicle did around one node.
+/// A value with the variance that it has under the model.
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
+pub struct Residual {
+    /// Value.
+    pub value: f64,
+    /// Its variance if the model is right.
+    pub variance: f64,
+}
+
+impl Residual {
+    /// Over its sigma; `None` where the data say nothing.
+    pub fn normalised(&self) -> Option<f64> {
+        (self.variance > 0.0).then(|| self.value / self.variance.sqrt()).filter(|z| z.is_finite())
+    }
+}
+
+/// What the vehicle did around one fix.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub struct Motion {
     /// Seconds since the start.
@@ -80,26 +99,47 @@ impl Point {
     }
 }
 
-/// The disagreement along a flight.
-pub fn points(flight: &Flight, model: &Model, noise: &Noise) -> Vec<Point> {
-    let disagreement = |s: Smoothed| (s.t_s, s.nav.v_e.norm(), residuals(&s));
-    let nodes = smoothed(flight, model, noise, disagreement);
+/// The disagreement along each of these flights, without what a selection adds to its model and with it; the noise is the same.
+pub fn before_and_after(
+    flights: &[&Flight],
+    selection: &Selection,
+    settings: &Settings,
+    workers: &dyn Workers,
+) -> Vec<[Vec<Point>; 2]> {
+    let search = about(flights, selection, settings, workers);
+    let [before, after] = [&[][..], &selection.added].map(|added| {
+        let (model, references, problems) = search.at(&search.best(added, &selection.noise));
+        let of = |k: usize| points(flights[k], &model, (&references[k], &problems[k]), &selection.noise);
+        map(workers, flights.len(), of)
+    });
+    before.into_iter().zip(after).map(|(before, after)| [before, after]).collect()
+}
+
+/// The disagreement along a flight that was linearised about its trajectory under a model.
+pub fn points(
+    flight: &Flight,
+    model: &Model,
+    (reference, problem): (&Reference, &Problem),
+    noise: &Noise,
+) -> Vec<Point> {
     let samples = flight.samples_of(model);
     let mut samples = samples.iter().peekable();
     let start_s = flight.initial().t_s;
     let mut last: Option<ImuSample> = None;
     let mut motion = Motion::default();
-    nodes
-        .into_iter()
-        .map(|(t_s, speed, residuals)| {
+    reference
+        .knots
+        .iter()
+        .zip(problem.disturbances(noise))
+        .map(|(knot, residuals)| {
             let mut seen = Seen::default();
-            while let Some(sample) = samples.next_if(|x| x.t_s <= t_s) {
+            while let Some(sample) = samples.next_if(|x| x.t_s <= knot.t_s) {
                 seen.take(sample, last.as_ref());
                 last = Some(*sample);
             }
             seen.into(&mut motion);
-            motion.elapsed_s = t_s - start_s;
-            motion.speed = speed;
+            motion.elapsed_s = knot.t_s - start_s;
+            motion.speed = knot.nav.v_e.norm();
             Point { motion, residuals }
         })
         .filter(|p| p.motion.elapsed_s > SETTLE_S)
@@ -133,20 +173,6 @@ impl Seen {
             motion.temperature_degc = self.temperature_degc;
         }
     }
-}
-
-fn residuals(s: &Smoothed) -> [Option<Residual>; 12] {
-    let mut out = [None; 12];
-    if s.dt_s > 0.0 {
-        for k in 0..3 {
-            out[k] = Some(s.gyro[k]);
-            out[3 + k] = Some(s.accel[k]);
-        }
-    }
-    for (first, rows) in [(6, &s.position), (9, &s.velocity)] {
-        out[first..].iter_mut().zip(rows.iter().take(3)).for_each(|(o, r)| *o = Some(*r));
-    }
-    out
 }
 
 /// What a regime is a range of.
