@@ -106,11 +106,7 @@ pub struct Filter {
     lost: bool,
     /// Whether state or covariance were found unsound.
     failed: bool,
-    /// Whether fixes far off are refused.
-    gating: bool,
-    /// How fast the specific force changes, where the whole flight is known …
-    force_rates: Option<Arc<ForceRates>>,
-    /// … or around the fix that comes next.
+    /// How fast the specific force changes around the fix that comes next.
     nearby: Option<Arc<ForceRates>>,
     /// Whether an effect of the model depends on the samples around the present one …
     needs_surroundings: bool,
@@ -185,8 +181,6 @@ impl Filter {
             coasting_since_s: None,
             lost: false,
             failed: false,
-            gating: true,
-            force_rates: None,
             nearby: None,
             needs_surroundings: model.effects.iter().any(|s| s.effect.needs_surroundings()),
             recent: Recent::default(),
@@ -196,16 +190,6 @@ impl Filter {
             unwalked_s: 0.0,
             began_s: initial.t_s,
         }
-    }
-
-    /// Whether fixes far off are refused (they are unless somebody else has judged them before).
-    pub fn set_gating(&mut self, gating: bool) {
-        self.gating = gating;
-    }
-
-    /// Says how far the fixes' time stamps scatter, 1-sigma, s: a moving vehicle turns that into position and velocity.
-    pub fn set_stamp_sigma(&mut self, stamp_sigma_s: f64) {
-        self.model.gnss.time_sigma_s = stamp_sigma_s;
     }
 
     /// The same constants, with all that is known of them, and motion from a new start; the biases may have moved by this share of
@@ -289,14 +273,9 @@ impl Filter {
         self.extra_noise = extra_noise;
     }
 
-    /// Takes how fast the specific force changes along a flight that is known from beginning to end.
-    pub fn set_force_rates(&mut self, rates: Arc<ForceRates>) {
-        self.force_rates = Some(rates);
-    }
-
     /// Whether fixes depend on samples around them that this filter has not got.
     pub(super) fn looks_around_fixes(&self) -> bool {
-        self.force_rates.is_none() && self.model.effects.iter().any(|s| s.effect.needs_motion_around())
+        self.model.effects.iter().any(|s| s.effect.needs_motion_around())
     }
 
     /// Whether state or covariance are not finite and positive: nothing follows from them any more.

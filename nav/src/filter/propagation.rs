@@ -34,7 +34,7 @@ impl Filter {
         if !sample.is_usable() {
             return;
         }
-        if self.needs_surroundings && self.force_rates.is_none() {
+        if self.needs_surroundings {
             self.recent.take(sample);
         }
         let gap = self.gap_until(sample);
@@ -66,7 +66,7 @@ impl Filter {
             self.hold_step(sample, dt, decay);
             return;
         }
-        self.look_around(sample.t_s, dt);
+        self.look_around();
         let motion = self.motion_of(sample);
         let inc = Increment::between(&self.motion, &motion, self.kind, dt);
         std::mem::swap(&mut self.jacobian, &mut self.start_jacobian);
@@ -105,13 +105,10 @@ impl Filter {
         }
     }
 
-    /// What the samples around the end of a step show; a mean is one of its middle.
-    fn look_around(&mut self, t_s: f64, dt: f64) {
+    /// What the samples up to the end of a step show.
+    fn look_around(&mut self) {
         if self.needs_surroundings {
-            let at_s = if self.kind == SampleKind::Point { t_s } else { t_s - 0.5 * dt };
-            let lag_s = self.calibration.rate_lag_s(&self.model);
-            let rates = self.force_rates.as_ref();
-            self.calibration.around = rates.map_or_else(|| self.recent.around(), |f| f.around(at_s, lag_s));
+            self.calibration.around = self.recent.around();
         }
     }
 

@@ -320,7 +320,7 @@ impl Filter {
         let t_s = self.t_s;
         let (rows, tested) = self.tested(rows);
         let prepared = match tested {
-            Ok(prepared) if !(self.gating && prepared.group.nis > gate(prepared.group.dof)) => prepared,
+            Ok(prepared) if prepared.group.nis <= gate(prepared.group.dof) => prepared,
             other => {
                 if rows.dof > 0 {
                     clock(self).reject(t_s);

@@ -144,13 +144,15 @@ impl Flight {
     /// Leaves out single fixes that are inconsistent with their neighbours, for all models alike.
     fn drop_outliers(&mut self, model: &Model) {
         let noise = super::noise::Noise::measured(model, &[&*self]);
-        let (reference, nis) = Reference::first_pass(self, model, &noise);
-        let mut off = vec![false; self.fixes.len()];
-        for (knot, [position, velocity]) in reference.knots.iter().zip(nis) {
-            off[knot.fix] = position.max(velocity) > OUTLIER_NIS * noise.tolerance();
+        let (reference, innovations) = Reference::first_pass(self, model, &noise);
+        let mut nis = vec![0.0; self.fixes.len()];
+        for (knot, [position, velocity]) in reference.knots.iter().zip(innovations) {
+            nis[knot.fix] = position.max(velocity) / noise.tolerance();
         }
-        let lonely = |i: usize| off[i] && (i == 0 || !off[i - 1]) && off.get(i + 1).is_none_or(|next| !next);
-        let keep: Vec<bool> = (0..off.len()).map(|i| !lonely(i)).collect();
+        // What the model lacks puts several fixes in a row off.
+        let consistent = |i: usize| nis.get(i).is_none_or(|n| *n <= crate::filter::gate(3));
+        let alone = |i: usize| nis[i] > OUTLIER_NIS && consistent(i.wrapping_sub(1)) && consistent(i + 1);
+        let keep: Vec<bool> = (0..nis.len()).map(|i| !alone(i)).collect();
         let mut at = 0;
         self.fixes.retain(|_| {
             at += 1;

@@ -19,15 +19,6 @@ pub enum VehicleKind {
 }
 
 impl VehicleKind {
-    /// By `MAV_TYPE` (MAVLink common.xml). A VTOL flies excitation maneuvers on its wing.
-    pub fn from_mav_type(mav_type: u8) -> Self {
-        match mav_type {
-            1 | 16 | 19..=25 | 28 => Self::FixedWing,
-            2 | 3 | 4 | 13 | 14 | 15 | 29 | 35 | 43 => Self::Multirotor,
-            _ => Self::Unknown,
-        }
-    }
-
     /// `fixed_wing`, `multirotor` or `unknown`.
     pub fn word(self) -> &'static str {
         match self {

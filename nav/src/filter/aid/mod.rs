@@ -102,7 +102,7 @@ impl Filter {
         let c_ne = earth::c_en_at(&self.nav.r_e).transpose();
         let c_nb = c_ne * self.nav.c_eb();
         let earth_b = self.nav.q_eb.inverse() * earth::rotation_rate();
-        let rates = self.force_rates.as_deref().or(self.nearby.as_deref());
+        let rates = self.nearby.as_deref();
         let a_n = |force: &Vector3<f64>| c_ne * mechanization::acceleration(&self.nav, force);
         let now = FixInstant {
             t_s: self.t_s,
@@ -144,12 +144,8 @@ impl Filter {
         AtFix { now, excited, c_ne }
     }
 
-    /// A rate of change of the specific force without what may be noise of the samples; where the whole flight is known it is taken as
-    /// it is.
+    /// A rate of change of the specific force without what may be noise of the samples.
     fn beyond_noise(&self, force_rate: Vector3<f64>) -> Vector3<f64> {
-        if self.force_rates.is_some() {
-            return force_rate;
-        }
         let density = self.model.imu.accel_noise.powi(2) + self.extra_noise.1;
         let band = BEYOND_NOISE * force_rate::noise(density);
         force_rate.map(|r| if r.abs() < band { 0.0 } else { r })

@@ -24,7 +24,6 @@ fn live_nis(flight: &Flight, model: &Model, noise: &Noise, options: &Options) ->
     let initial = flight.initial();
     let mut filter = Filter::new(&noise.of(model), initial);
     filter.set_stream(flight.stream().kind, (0.0, 0.0));
-    filter.set_gating(false);
     let mut fusion = Fusion::without_window(filter);
     let (mut sum, mut count) = (0.0, 0);
     let mut fixes = flight.fixes().iter().peekable();
