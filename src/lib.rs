@@ -26,7 +26,6 @@ pub mod preflight;
 pub mod report;
 pub mod sensors;
 pub mod sinks;
-pub mod study;
 #[cfg(test)]
 mod testing;
 pub mod timeline;

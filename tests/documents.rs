@@ -81,7 +81,7 @@ fn sources(folder: &std::path::Path, found: &mut String) {
 fn every_test_that_the_documents_name_exists() {
     let root = std::path::Path::new(env!("CARGO_MANIFEST_DIR"));
     let mut text = String::new();
-    for folder in ["src", "mission/src", "nav/src", "sitl/src", "sitl/tests", "tests"] {
+    for folder in ["src", "mission/src", "nav/src", "sitl/src", "lab/src", "sitl/tests", "tests"] {
         sources(&root.join(folder), &mut text);
     }
     for (name, at_least) in [("docs/safety.md", 10), ("docs/faults.md", 25), ("docs/hardening.md", 12)] {

@@ -69,14 +69,13 @@ const REPLACED: [(&str, &str); 58] = [
 ];
 
 /// What stands all the same: a place (the end of a path, or `--help`), the text around the word, and why.
-const EXCEPTIONS: [(&str, &str, &str); 14] = [
+const EXCEPTIONS: [(&str, &str, &str); 13] = [
     ("", "--hide", "an option's name is a contract"),
     ("", "--sealed", "an option's name is a contract"),
     ("src/commands/sim.rs", "hide", "the identifier of the option"),
     ("src/commands/sim.rs", "sealed", "the identifier of the option"),
-    ("src/study/endurance/cases.rs", "standing", "a key of the JSON result"),
-    ("src/study/observability.rs", "standing", "a scenario's name on the command line"),
-    ("study observability --help", "standing", "a scenario's name on the command line"),
+    ("lab/src/endurance/cases.rs", "standing", "a key of the JSON result"),
+    ("lab/src/observability.rs", "standing", "a scenario's name on the command line"),
     ("src/sinks/web/assets/index.html", "hidden", "an attribute of HTML"),
     ("src/sinks/web/assets/index.html", "light dark", "a value of HTML's colour scheme"),
     ("mission/src/planner/mod.rs", "dark", "a value of the JSON of a plan is a contract"),
@@ -227,7 +226,7 @@ fn the_help_of_every_command_uses_the_words_of_the_field() {
 #[test]
 fn strings_of_the_program_use_the_words_of_the_field() {
     let mut all = Vec::new();
-    for folder in ["src", "nav/src", "mission/src", "sitl/src"] {
+    for folder in ["src", "nav/src", "mission/src", "sitl/src", "lab/src"] {
         files(&root().join(folder), &[".rs"], &mut all);
     }
     let (mut complaints, mut strings) = (Vec::new(), 0);
@@ -246,6 +245,7 @@ fn every_exception_is_needed() {
     let mut all = vec![root().join("docs/snapshot.schema.json")];
     files(&root().join("src"), &[".rs", ".js", ".html"], &mut all);
     files(&root().join("mission/src"), &[".rs"], &mut all);
+    files(&root().join("lab/src"), &[".rs"], &mut all);
     for (at, what, why) in EXCEPTIONS.iter().filter(|e| !e.0.is_empty() && !e.0.contains("--help")) {
         let stands = |file: &&PathBuf| {
             place(file).contains(at) && std::fs::read_to_string(file).unwrap().to_lowercase().contains(what)
@@ -275,8 +275,8 @@ const NAMES: [(&str, &str, &str); 5] = [
     ("src/commands/sim.rs", "hide", "an option of the command line"),
     ("src/commands/sim.rs", "hide_random", "an option of the command line"),
     ("src/demo/result.rs", "dark", "a key of the JSON result"),
-    ("src/study/blind/", "hidden", "a key of the JSON result"),
-    ("src/study/observability.rs", "dark", "a key of the JSON result"),
+    ("lab/src/blind/", "hidden", "a key of the JSON result"),
+    ("lab/src/observability.rs", "dark", "a key of the JSON result"),
 ];
 
 /// Names of public items and fields before the unit tests.
@@ -321,7 +321,7 @@ fn parts(name: &str) -> Vec<String> {
 #[test]
 fn public_names_use_the_words_of_the_field() {
     let mut all = Vec::new();
-    for folder in ["src", "nav/src", "mission/src", "sitl/src"] {
+    for folder in ["src", "nav/src", "mission/src", "sitl/src", "lab/src"] {
         files(&root().join(folder), &[".rs"], &mut all);
     }
     let (mut complaints, mut names) = (Vec::new(), 0);

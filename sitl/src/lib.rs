@@ -6,6 +6,7 @@
 //! test estimators and protocols, not to design a control loop.
 
 pub mod autopilot;
+pub mod blind;
 pub mod faults;
 pub mod noise;
 pub mod scenario;

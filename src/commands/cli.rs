@@ -140,9 +140,9 @@ fn run_with_config(args: run::RunArgs) -> Result<(), CommandError> {
 /// Runs a command to its end.
 pub fn execute(cli: Cli) -> ExitCode {
     match dispatch(cli.command) {
-        Ok(()) => {
+        Ok(status) => {
             log::flush();
-            ExitCode::SUCCESS
+            status
         }
         Err(error) if error.is_closed_pipe() => ExitCode::SUCCESS,
         Err(error) => {
@@ -153,35 +153,35 @@ pub fn execute(cli: Cli) -> ExitCode {
     }
 }
 
-fn dispatch(command: Command) -> Result<(), CommandError> {
+fn dispatch(command: Command) -> Result<ExitCode, CommandError> {
     match command {
-        Command::Demo(args) => demo::run(&args),
-        Command::Run(args) => run_with_config(args),
-        Command::Config(args) => config::run(&args),
-        Command::Replay(args) => replay::run(&args),
-        Command::Report(args) => report::run(&args),
+        Command::Demo(args) => demo::run(&args)?,
+        Command::Run(args) => run_with_config(args)?,
+        Command::Config(args) => config::run(&args)?,
+        Command::Replay(args) => replay::run(&args)?,
+        Command::Report(args) => report::run(&args)?,
         Command::Sim(args) => {
             start::runtime()?.block_on(async {
                 let stop = CancellationToken::new();
                 start::cancel_on_signal(&stop);
                 sim::run(&args, log::line, stop).await
             })?;
-            Ok(())
         }
-        Command::Plan(args) => plan::run(&args),
-        Command::Airframe(args) => airframe::run(&args),
-        Command::Mission(args) => mission::run(&args),
-        Command::Compare(args) => compare::run(&args),
-        Command::Params(args) => params::run(&args),
-        Command::Preflight(args) => preflight::run(&args),
-        Command::Explain(args) => explain::run(&args),
-        Command::Fleet(args) => fleet::run(&args),
-        Command::Study(args) => study::run(&args),
+        Command::Plan(args) => plan::run(&args)?,
+        Command::Airframe(args) => airframe::run(&args)?,
+        Command::Mission(args) => mission::run(&args)?,
+        Command::Compare(args) => compare::run(&args)?,
+        Command::Params(args) => params::run(&args)?,
+        Command::Preflight(args) => preflight::run(&args)?,
+        Command::Explain(args) => explain::run(&args)?,
+        Command::Fleet(args) => fleet::run(&args)?,
+        Command::Study(args) => return study::run(&args),
         Command::Completions { shell } => {
             let mut script = Vec::new();
             clap_complete::generate(shell, &mut Cli::command(), "gaware", &mut script);
-            output::text(&String::from_utf8_lossy(&script))
+            output::text(&String::from_utf8_lossy(&script))?;
         }
-        Command::Manual { dir, overwrite } => manual(&dir, overwrite),
+        Command::Manual { dir, overwrite } => manual(&dir, overwrite)?,
     }
+    Ok(ExitCode::SUCCESS)
 }

@@ -197,7 +197,7 @@ pub fn load_airframe(name: &str) -> Result<Airframe, CommandError> {
 ///
 /// # Errors
 /// It cannot.
-pub(super) fn check_budget(budget: Option<f64>) -> Result<Option<f64>, DemoError> {
+pub fn check_budget(budget: Option<f64>) -> Result<Option<f64>, DemoError> {
     match budget {
         Some(s) if !s.is_finite() || s <= 0.0 => Err(DemoError::Budget(s)),
         budget => Ok(budget),

@@ -1,23 +1,21 @@
-//! `gaware demo --loop` and `gaware study loop`: from an injected sensor error to parameters of the autopilot, and the second flight.
+//! `gaware demo --loop`: from an injected sensor error to parameters of the autopilot, and the second flight.
 
-use super::demo::{DemoArgs, DemoError, load_airframe};
+use super::demo::{DemoArgs, DemoError};
 use super::report::ReportError;
-use super::study::{show, with_bar};
 use super::{CommandError, compare, output};
 use crate::compare::page;
-use crate::demo::closed_loop::{self, Correctable, Loop, LoopResult};
-use crate::demo::{Prepared, Settings};
+use crate::demo::Settings;
+use crate::demo::closed_loop::{self, Loop, LoopResult};
 use crate::explain;
 use crate::figures::two_figures;
 use crate::logs::{Item, Record, tlog};
 use crate::outputs::{Outputs, mark};
-use crate::study::closed_loop as study;
 use gaware_mission::item::Autopilot as Firmware;
 use std::fmt::Write;
 use std::path::Path;
 
 /// Time for the maneuvers unless another is asked for, s: enough turns and speed changes for each of the effects.
-const BUDGET_S: f64 = 300.0;
+pub const BUDGET_S: f64 = 300.0;
 /// The simulated recordings begin on 2026-01-01, µs.
 const EPOCH_US: u64 = 1_767_225_600_000_000;
 /// What is written beside the explanation.
@@ -34,59 +32,16 @@ pub enum Dialect {
 }
 
 impl Dialect {
-    const ALL: [Self; 2] = [Self::Ardupilot, Self::Px4];
+    /// Both.
+    pub const ALL: [Self; 2] = [Self::Ardupilot, Self::Px4];
 
-    fn firmware(self) -> Firmware {
+    /// The firmware that has them.
+    pub fn firmware(self) -> Firmware {
         match self {
             Self::Ardupilot => Firmware::ArduPilot,
             Self::Px4 => Firmware::Px4,
         }
     }
-}
-
-/// Arguments of `study loop`.
-#[derive(Debug, Clone, clap::Args)]
-pub struct LoopArgs {
-    /// Loops per effect and autopilot, each with another vehicle.
-    #[arg(long, default_value_t = 50)]
-    pub seeds: usize,
-    /// First seed.
-    #[arg(long, default_value_t = 1)]
-    pub seed: u64,
-    /// Only these effects (default: all).
-    #[arg(long, value_enum, value_name = "EFFECT")]
-    pub effect: Vec<Correctable>,
-    /// Only these autopilots (default: both).
-    #[arg(long, value_enum, value_name = "NAME")]
-    pub autopilot: Vec<Dialect>,
-    /// What flies: small_fixed_wing, large_fixed_wing, quadrotor, or a file that describes it.
-    #[arg(long, value_name = "NAME|FILE", default_value = "small_fixed_wing")]
-    pub airframe: String,
-    /// Time for the maneuvers, s.
-    #[arg(long, value_name = "SECONDS", default_value_t = BUDGET_S)]
-    pub budget: f64,
-    /// Print one JSON document.
-    #[arg(long)]
-    pub json: bool,
-}
-
-/// Runs the study and prints it.
-///
-/// # Errors
-/// No such airframe, no safe plan, output that cannot be written.
-pub fn study(args: &LoopArgs) -> Result<(), CommandError> {
-    let or_all = |asked: &[Dialect]| if asked.is_empty() { Dialect::ALL.to_vec() } else { asked.to_vec() };
-    let effects = if args.effect.is_empty() { Correctable::ALL.to_vec() } else { args.effect.clone() };
-    let budget = super::demo::check_budget(Some(args.budget))?;
-    let plans = or_all(&args.autopilot).into_iter().map(|dialect| {
-        let mut airframe = load_airframe(&args.airframe)?;
-        airframe.autopilot = dialect.firmware();
-        Ok(Prepared::new(Settings::new(airframe, budget)).map_err(DemoError::from)?)
-    });
-    let plans: Vec<Prepared> = plans.collect::<Result<_, CommandError>>()?;
-    let loops = plans.len() * effects.len() * args.seeds;
-    let study = with_bar(loops, "loops", |bar| study::run(&plans, &effects, args.seeds, args.seed, bar));
-    show(args.json, &study, |out, study| write!(out, "{study}"))
 }
 
 /// Runs one loop and prints it.

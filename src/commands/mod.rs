@@ -31,9 +31,6 @@ pub mod run;
 pub mod sim;
 pub mod start;
 pub mod study;
-pub mod study_blind;
-pub mod study_endurance;
-pub mod study_faults;
 mod transfer;
 
 use crate::link::address::AddressError;
@@ -124,33 +121,17 @@ pub enum CommandError {
         /// One line each.
         differences: String,
     },
-    /// A mission transfer said what was not so.
-    #[error("{count} uploads ended with a wrong statement about what is on the vehicle")]
-    Transfers {
-        /// Uploads.
-        count: usize,
+    /// The studies are a program of their own.
+    #[error("the studies are a program of their own, {}, which {reason}: build it with `cargo build --release -p gaware-lab`", path.display())]
+    Lab {
+        /// Where it is looked for.
+        path: PathBuf,
+        /// Why it does not start.
+        reason: String,
     },
     /// The simulation.
     #[error(transparent)]
     Sim(#[from] sim::SimError),
-    /// The paper's study.
-    #[error(transparent)]
-    Paper(#[from] crate::study::paper::PaperError),
-    /// The endurance study.
-    #[error(transparent)]
-    Endurance(#[from] crate::study::endurance::EnduranceError),
-    /// The fault campaign.
-    #[error(transparent)]
-    Faults(#[from] crate::study::faults::FaultsError),
-    /// A fault that the program does not live up to.
-    #[error("{} failed: {}", if failures.len() == 1 { "one check" } else { "several checks" }, failures.join("; "))]
-    Campaign {
-        /// What must not be, each with its fault.
-        failures: Vec<String>,
-    },
-    /// A recorded CSV set.
-    #[error(transparent)]
-    Csv(#[from] crate::study::recorded::CsvError),
     /// The demonstration.
     #[error(transparent)]
     Demo(#[from] demo::DemoError),
@@ -187,12 +168,6 @@ pub enum CommandError {
     /// The report of a flight.
     #[error(transparent)]
     Report(#[from] report::ReportError),
-    /// The study of observability.
-    #[error(transparent)]
-    Observability(#[from] crate::study::observability::ObservabilityError),
-    /// The study of the guidance.
-    #[error(transparent)]
-    Guidance(#[from] crate::study::guidance::GuidanceError),
     /// The web page.
     #[error("cannot serve the web page on {address}: {reason}")]
     Web {
@@ -260,15 +235,6 @@ impl CommandError {
             Self::Plan(error) => error.is_usage(),
             Self::Mission(error) => error.is_usage(),
             Self::Params(error) => error.is_usage(),
-            Self::Paper(crate::study::paper::PaperError::TooFewRuns) => true,
-            Self::Endurance(error) => {
-                !matches!(error, crate::study::endurance::EnduranceError::NoScenario(_))
-            }
-            Self::Faults(error) => {
-                use crate::study::faults::FaultsError;
-                matches!(error, FaultsError::NoFault { .. } | FaultsError::NoSeeds)
-            }
-            Self::Csv(crate::study::recorded::CsvError::UnknownSet(_)) => true,
             _ => false,
         }
     }

@@ -1,10 +1,10 @@
 //! `gaware sim`: a simulated autopilot on UDP, TCP or a pseudo-terminal.
 
 use crate::outputs::{OutputError, OverwriteArgs, mark};
-use crate::study::blind;
 use clap::{Args, ValueEnum};
 use gaware_nav::model::Model;
 use gaware_sitl::autopilot::{Autopilot, AutopilotConfig, Flavour};
+use gaware_sitl::blind;
 use gaware_sitl::faults::{Fault, FaultError, link_faults};
 use gaware_sitl::scenario::{self, InjectError, Scenario};
 use gaware_sitl::sensors::Temperature;

@@ -310,7 +310,7 @@ fn to_own_time(judged: &mut Judged, flights: &[&Flight]) -> Vec<Option<usize>> {
 }
 
 /// The model with what every receiver does, whether or not the user names it.
-pub(crate) fn with_receiver(model: &Model) -> Model {
+pub fn with_receiver(model: &Model) -> Model {
     let mut model = model.clone();
     model.set(EffectSetting::unknown(RECEIVER));
     model

@@ -1,5 +1,4 @@
 use super::*;
-use crate::study::blind::{Family, Kind, fly};
 use gaware_nav::effects;
 use gaware_nav::identify::linear::Problem;
 use gaware_nav::identify::linear::reference::Reference;
@@ -7,6 +6,7 @@ use gaware_nav::identify::noise::Noise;
 use gaware_nav::identify::residual::CHANNELS;
 use gaware_nav::identify::watched::Watched;
 use gaware_nav::model::EffectSetting;
+use gaware_sitl::blind::{Family, Kind, fly};
 use gaware_sitl::truth::Truth;
 
 fn explain(hidden: &[EffectSetting], seed: u64) -> Explained {

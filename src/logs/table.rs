@@ -38,7 +38,7 @@ pub struct TableReader {
 ///
 /// # Errors
 /// A table that is missing, empty, too narrow or not numeric.
-pub(crate) fn rows(path: &Path, columns: usize) -> Result<Vec<Vec<f64>>, LogError> {
+pub fn rows(path: &Path, columns: usize) -> Result<Vec<Vec<f64>>, LogError> {
     let file =
         crate::inputs::open(path).map_err(|source| LogError::Open { path: path.to_owned(), source })?;
     rows_of(file, path, columns)
@@ -63,7 +63,7 @@ fn rows_of(table: impl Read, path: &Path, columns: usize) -> Result<Vec<Vec<f64>
 }
 
 /// An inertial sample from the columns of `imu.csv`.
-pub(crate) fn imu(row: &[f64]) -> ImuSample {
+pub fn imu(row: &[f64]) -> ImuSample {
     ImuSample {
         t_s: row[0],
         gyro: Vector3::new(row[1], row[2], row[3]),
@@ -73,7 +73,7 @@ pub(crate) fn imu(row: &[f64]) -> ImuSample {
 }
 
 /// A fix from the columns of a table of fixes.
-pub(crate) fn fix(row: &[f64]) -> GnssFix {
+pub fn fix(row: &[f64]) -> GnssFix {
     GnssFix {
         t_s: row[0],
         position: Geodetic::from_degrees(row[1], row[2], row[3]),

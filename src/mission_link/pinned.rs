@@ -49,7 +49,7 @@ pub trait RawWire {
 #[derive(Debug)]
 pub struct Pinned<R> {
     /// The link.
-    pub(crate) raw: R,
+    pub raw: R,
     pin: Pin,
     home: Option<[f64; 2]>,
     asked: usize,

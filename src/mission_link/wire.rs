@@ -358,7 +358,7 @@ pub fn heartbeat_of(vehicle: Vehicle, frame: &Frame) -> Option<Vehicle> {
 }
 
 /// Runs a transfer over a wire in virtual time: its future never waits for anything outside.
-pub(crate) fn at_once<T>(future: impl Future<Output = T>) -> T {
+pub fn at_once<T>(future: impl Future<Output = T>) -> T {
     let mut future = pin!(future);
     let mut context = Context::from_waker(Waker::noop());
     loop {

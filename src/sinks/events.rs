@@ -110,7 +110,7 @@ impl Causes {
 }
 
 /// The text without its numbers.
-pub(crate) fn cause_of(text: &str) -> String {
+pub fn cause_of(text: &str) -> String {
     let word = |w: &str| {
         let number = w.trim_start_matches(['(', '-', '+', '"']).starts_with(|c: char| c.is_ascii_digit());
         if number { "#".to_owned() } else { w.to_owned() }

@@ -1,0 +1,162 @@
+//! `gaware study blind`: inject an effect, fly, explain, compare with the ground truth.
+
+use super::{Bar, StudyError};
+use crate::blind::{self, Campaign, Family, Outcome, Share, Summary};
+use gaware::commands::{OverwriteArgs, output};
+use gaware::outputs::mark;
+use gaware::parallel;
+use gaware_nav::identify::select::Settings;
+use serde::Serialize;
+use std::collections::BTreeMap;
+use std::fmt::Write;
+use std::path::PathBuf;
+use std::time::Instant;
+
+/// Arguments of `study blind`.
+#[derive(Debug, Clone, clap::Args)]
+pub struct BlindArgs {
+    /// Flights with an injected effect, per family, spread over effects and kinds of flight; 640 are 20 seeds of everything.
+    #[arg(long, default_value_t = 64)]
+    pub flights: usize,
+    /// Clean flights per family.
+    #[arg(long, default_value_t = 20)]
+    pub clean: usize,
+    /// How many effects are injected at once.
+    #[arg(long, default_value_t = 1, value_parser = clap::value_parser!(u8).range(1..=blind::MOST_AT_ONCE as i64))]
+    pub effects: u8,
+    /// First seed.
+    #[arg(long, default_value_t = 1)]
+    pub seed: u64,
+    /// Only these effects.
+    #[arg(long, value_name = "EFFECT")]
+    pub effect: Vec<String>,
+    /// The flights that the method was tuned on, those kept aside (another airframe, other maneuvers, air and vibration), or both.
+    #[arg(long, value_enum, default_value_t = Families::Both)]
+    pub family: Families,
+    /// So many flights at a time; as many as there are cores when not given.
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u16).range(1..))]
+    pub jobs: Option<u16>,
+    /// Take the injected effects out of the catalogue: the verdict must say that something is unexplained.
+    #[arg(long, conflicts_with = "document")]
+    pub unknown: bool,
+    /// Write the catalogue and the confusion matrix to this file.
+    #[arg(long, value_name = "FILE")]
+    pub document: Option<PathBuf>,
+    /// Files that exist.
+    #[command(flatten)]
+    pub overwrite: OverwriteArgs,
+    /// Print one JSON document.
+    #[arg(long)]
+    pub json: bool,
+}
+
+/// Which families of flights.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, clap::ValueEnum)]
+pub enum Families {
+    /// Those on which the method was tuned.
+    Tuning,
+    /// Those kept aside.
+    Aside,
+    /// Both.
+    Both,
+}
+
+#[derive(Serialize)]
+struct Result {
+    family: Family,
+    summary: Summary,
+    confusion: BTreeMap<String, BTreeMap<String, usize>>,
+    /// Wall-clock time for each flight, with so many at a time, s.
+    seconds_per_flight: f64,
+    jobs: usize,
+    flights: Vec<Outcome>,
+}
+
+/// Runs the study and prints it.
+///
+/// # Errors
+/// Only those of writing to standard output.
+pub fn run(args: &BlindArgs) -> std::result::Result<(), StudyError> {
+    let outputs = args.overwrite.outputs::<&PathBuf>([]);
+    args.document.iter().try_for_each(|path| outputs.check(path))?;
+    let families = match args.family {
+        Families::Tuning => vec![Family::Tuning],
+        Families::Aside => vec![Family::Aside],
+        Families::Both => vec![Family::Tuning, Family::Aside],
+    };
+    let jobs = args.jobs.map_or_else(parallel::cores, usize::from);
+    let bar =
+        gaware::commands::progress_bar((families.len() * (args.flights + args.clean)) as u64, "flights");
+    let results: Vec<Result> = families
+        .into_iter()
+        .map(|family| {
+            let campaign = Campaign {
+                effects: args.effect.clone(),
+                at_once: usize::from(args.effects),
+                flights: args.flights,
+                clean: args.clean,
+                first_seed: args.seed,
+                unknown: args.unknown,
+                family,
+                threads: jobs,
+            };
+            let begun = Instant::now();
+            let flights = blind::run(&campaign, &Settings::default(), &Bar(bar.clone()));
+            let (summary, confusion) = (blind::summarise(&flights), blind::confusion(&flights));
+            let seconds_per_flight = begun.elapsed().as_secs_f64() / flights.len().max(1) as f64;
+            Result { family, summary, confusion, seconds_per_flight, jobs, flights }
+        })
+        .collect();
+    bar.finish_and_clear();
+    if let Some(path) = &args.document {
+        let all: Vec<Outcome> = results.iter().flat_map(|r| r.flights.iter().cloned()).collect();
+        let flown = blind::Flown { flights: args.flights, clean: args.clean, seed: args.seed };
+        outputs.write(path, mark::text(blind::document(&all, &flown), mark::Style::Angle))?;
+    }
+    if args.json {
+        return Ok(output::json_pretty(&serde_json::json!({"schema": "gaware.study/1", "blind": results}))?);
+    }
+    Ok(output::words(|out| results.iter().try_for_each(|r| print(out, r)))?)
+}
+
+fn print(out: &mut String, result: &Result) -> std::fmt::Result {
+    let s = &result.summary;
+    writeln!(
+        out,
+        "\nFlights {}",
+        if result.family == Family::Tuning { "of the tuning" } else { "kept aside" }
+    )?;
+    let lines: [(&str, Share); 15] = [
+        ("an oracle could name alone", s.oracle),
+        ("named alone and right where the oracle could", s.alone_right_where_oracle),
+        ("named alone and right", s.alone_right),
+        ("truth inside a group where something was named", s.in_group),
+        ("nothing named", s.nothing),
+        ("a wrong name alone", s.wrong_alone),
+        ("more named than injected", s.too_many),
+        ("something named on clean flights", s.false_alarms),
+        ("held-out data more likely with all that was named", s.held_out_shrinks),
+        ("nothing said to be missing where an oracle saw it", s.unnoticed),
+        ("explained by something else where an oracle saw it", s.explained_wrongly),
+        ("parameters within 2 sigma", s.within_2_sigma),
+        ("parameters within 3 sigma", s.within_3_sigma),
+        ("all of several found", s.both_found),
+        ("all of several found where the oracle could", s.both_found_where_oracle),
+    ];
+    for (what, share) in lines.into_iter().filter(|l| l.1.of > 0) {
+        let [low, high] = share.interval_95;
+        writeln!(
+            out,
+            "  {what:48} {:4} of {:4} = {:.3} (95 % interval {low:.3} to {high:.3})",
+            share.count, share.of, share.share
+        )?;
+    }
+    writeln!(out, "  {:.1} s for each flight, {} at a time", result.seconds_per_flight, result.jobs)?;
+    for (injected, named) in &result.confusion {
+        writeln!(out, "  {injected}")?;
+        for (name, count) in named {
+            writeln!(out, "    {count:4}  {name}")?;
+        }
+    }
+    Ok(())
+}
