@@ -6,7 +6,7 @@ use std::process::ExitCode;
 
 /// Claims about accuracy that anybody can repeat.
 #[derive(Parser)]
-#[command(name = "gaware study", version, max_term_width = 100)]
+#[command(name = "gaware-lab", bin_name = "gaware study", version, max_term_width = 100)]
 struct Cli {
     #[command(flatten)]
     study: StudyArgs,
