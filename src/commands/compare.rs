@@ -69,14 +69,13 @@ pub(super) fn print(out: &mut String, c: &Comparison, report: Option<&Path>) -> 
     writeln!(out, "{}\n", c.text)?;
     writeln!(
         out,
-        "{:<22} {:<14} {:>10} {:>10} {:<4} {:>6}  95 % interval",
+        "{:<22} {:<14} {:>10} {:>10} {:<4} {:>6}  interval, all hold with 95 %",
         "", "regime", "before", "after", "", "ratio"
     )?;
     let mut last = None;
     for row in &c.rows {
         let name = if last == Some(row.quantity) { "" } else { row.quantity.words() };
         last = Some(row.quantity);
-        let [low, high] = row.ratio.interval;
         writeln!(
             out,
             "{name:<22} {:<14} {:>10.3} {:>10.3} {:<4} {:>6.2}  {:<15} {}",
@@ -85,8 +84,10 @@ pub(super) fn print(out: &mut String, c: &Comparison, report: Option<&Path>) -> 
             row.after.value,
             row.unit,
             row.ratio.value,
-            format!("{low:.2} to {high:.2}"),
-            page::result(row.ratio.change)
+            row.ratio
+                .interval
+                .map_or_else(|| "too few samples".to_owned(), |[low, high]| format!("{low:.2} to {high:.2}")),
+            page::result(row)
         )?;
     }
     match report {

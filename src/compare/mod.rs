@@ -13,7 +13,7 @@ use schemars::JsonSchema;
 use serde::Serialize;
 use statistics::{Change, MeanSquare, Ratio, Rms, pair, ratio, standardised};
 
-/// Probability that the interval of one row misses the true ratio.
+/// Probability that any of the intervals that decide misses its true ratio.
 const ALPHA: f64 = 0.05;
 
 /// What is compared.
@@ -86,7 +86,7 @@ pub struct Row {
     pub before: Rms,
     /// RMS after.
     pub after: Rms,
-    /// After over before, with its 95 % interval.
+    /// After over before, with an interval so wide that those of all channels in a regime together hold with 95 %.
     pub ratio: Ratio,
 }
 
@@ -119,9 +119,9 @@ pub struct Comparison {
     pub before: String,
     /// Name of the second one.
     pub after: String,
-    /// What decided the verdict: intervals so wide that all of them together cover the true ratios with 95 %.
+    /// What decided the verdict: of the rows, those of the innovations over all regimes.
     pub judged: Vec<Row>,
-    /// Every quantity in every regime, each with its own 95 % interval.
+    /// Every quantity in every regime.
     pub rows: Vec<Row>,
     /// The verdict in a sentence.
     pub text: String,
@@ -169,12 +169,14 @@ pub fn compare(
     if before.origin != after.origin {
         return Err(CompareError::Origins);
     }
-    let rows = rows(before, after);
+    let kind = deciding(before, after);
+    let rows = rows(before, after, kind);
     if !rows.iter().any(|r| r.quantity.kind() != Kind::Attitude) {
         let [a, b] = [before, after].map(channel_words);
         return Err(CompareError::NoCommon(name_before.to_owned(), a, name_after.to_owned(), b));
     }
-    let judged = judged(&rows);
+    let of_all = |r: &&Row| r.regime == Regime::All && r.quantity.kind() == kind;
+    let judged: Vec<Row> = rows.iter().filter(of_all).cloned().collect();
     let verdict = verdict(&judged);
     Ok(Comparison {
         schema: "gaware.comparison/1",
@@ -193,7 +195,23 @@ fn channel_words(flight: &FilterFlight) -> String {
     channels.map(|q| q.words()).collect::<Vec<_>>().join(", ")
 }
 
-fn rows(before: &FilterFlight, after: &FilterFlight) -> Vec<Row> {
+/// What decides: the innovations, the test ratios where the flights have no innovations in common.
+fn deciding(before: &FilterFlight, after: &FilterFlight) -> Kind {
+    let common = common(before, after, Kind::Innovation);
+    if common > 0 { Kind::Innovation } else { Kind::TestRatio }
+}
+
+/// How many quantities of a kind both flights have in flight.
+fn common(before: &FilterFlight, after: &FilterFlight, kind: Kind) -> usize {
+    let flown = |flight: &FilterFlight, q: &Quantity| {
+        flight.series.get(q).is_some_and(|points| points.iter().any(|p| p.regime.is_some()))
+    };
+    before.series.keys().filter(|q| q.kind() == kind && flown(before, q) && flown(after, q)).count()
+}
+
+/// Every quantity in every regime, with one interval each: it holds for all that decide together (Bonferroni).
+fn rows(before: &FilterFlight, after: &FilterFlight, deciding: Kind) -> Vec<Row> {
+    let alpha = ALPHA / common(before, after, deciding).max(1) as f64;
     let mut rows = Vec::new();
     for (quantity, a) in &before.series {
         let Some(b) = after.series.get(quantity) else { continue };
@@ -211,7 +229,7 @@ fn rows(before: &FilterFlight, after: &FilterFlight) -> Vec<Row> {
         for (regime, [before, after]) in
             all.into_iter().chain(each.iter().map(|(r, [a, b])| (*r, pair(a, b))))
         {
-            if let Some(ratio) = ratio(&before, &after, ALPHA) {
+            if let Some(ratio) = ratio(&before, &after, alpha) {
                 rows.push(Row { quantity: *quantity, unit: quantity.unit(), regime, before, after, ratio });
             }
         }
@@ -221,18 +239,6 @@ fn rows(before: &FilterFlight, after: &FilterFlight) -> Vec<Row> {
 
 fn values(points: &[Point]) -> Vec<f64> {
     points.iter().map(|p| p.value).collect()
-}
-
-/// The innovations over all regimes, the test ratios where there are none, with intervals that hold for all of them together (Bonferroni).
-fn judged(rows: &[Row]) -> Vec<Row> {
-    let of = |kind: Kind| -> Vec<&Row> {
-        rows.iter().filter(|r| r.regime == Regime::All && r.quantity.kind() == kind).collect()
-    };
-    let innovations = of(Kind::Innovation);
-    let all = if innovations.is_empty() { of(Kind::TestRatio) } else { innovations };
-    let alpha = ALPHA / all.len().max(1) as f64;
-    let strict = |r: &&Row| Some(Row { ratio: ratio(&r.before, &r.after, alpha)?, ..(*r).clone() });
-    all.iter().filter_map(strict).collect()
 }
 
 fn verdict(judged: &[Row]) -> Verdict {
@@ -246,10 +252,18 @@ fn verdict(judged: &[Row]) -> Verdict {
     }
 }
 
+/// `0.31 (0.27 to 0.36)`.
+pub fn ratio_with_interval(ratio: &Ratio) -> String {
+    let value = ratio.value;
+    ratio.interval.map_or_else(
+        || format!("{value:.2} (too few samples)"),
+        |[low, high]| format!("{value:.2} ({low:.2} to {high:.2})"),
+    )
+}
+
 /// `velocity north 0.31 (0.27 to 0.36)`.
 fn ratio_words(r: &Row) -> String {
-    let Ratio { value, interval: [low, high], .. } = r.ratio;
-    format!("{} {value:.2} ({low:.2} to {high:.2})", r.quantity.words())
+    format!("{} {}", r.quantity.words(), ratio_with_interval(&r.ratio))
 }
 
 fn words(verdict: Verdict, judged: &[Row]) -> String {
@@ -263,11 +277,13 @@ fn words(verdict: Verdict, judged: &[Row]) -> String {
             format!("The autopilot's innovations are smaller after the change. {HOW}: {changed}.")
         }
         Verdict::Larger => {
-            format!("The autopilot's innovations are LARGER after the change. {HOW}: {changed}.")
+            format!(
+                "The autopilot's innovations are larger after the change: it made them worse. {HOW}: {changed}."
+            )
         }
         Verdict::Mixed => {
             format!(
-                "Some of the autopilot's innovations are smaller after the change and some larger. {HOW}: {changed}."
+                "Some of the autopilot's innovations are smaller after the change and some larger, which is worse. {HOW}: {changed}."
             )
         }
         Verdict::Unchanged => {

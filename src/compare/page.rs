@@ -2,7 +2,7 @@
 
 use super::flight::{FilterFlight, Regime};
 use super::statistics::Change;
-use super::{Comparison, Row, Verdict};
+use super::{Comparison, Kind, Row, Verdict, ratio_with_interval};
 use crate::report::page::{escape, page, wide};
 use crate::report::plot::{AFTER, BEFORE, Plot};
 use std::fmt::Write;
@@ -18,7 +18,7 @@ pub fn html(c: &Comparison, before: &FilterFlight, after: &FilterFlight) -> Resu
     let headline = match c.verdict {
         Verdict::Smaller => "Innovations smaller",
         Verdict::Unchanged => "Innovations unchanged",
-        Verdict::Larger => "Innovations larger",
+        Verdict::Larger => "Innovations larger: worse",
         Verdict::Mixed => "Some innovations smaller, some larger",
         Verdict::Undecided => "Too short to decide",
     };
@@ -51,10 +51,10 @@ pub fn html(c: &Comparison, before: &FilterFlight, after: &FilterFlight) -> Resu
         body.push_str(&plot.svg()?);
     }
     body.push_str(
-        "<p><small>Time counts from the first instant in flight. RMS of what the autopilot's own filter reports in flight. The interval (95 %) of \
-         a ratio respects that neighbouring innovations are correlated: effective sample size by Geyer's initial monotone sequence (1992). \
+        "<p><small>Time counts from the first instant in flight. RMS of what the autopilot's own filter reports in flight. The interval of \
+         a ratio holds with 95 % for all channels together and respects that neighbouring innovations are correlated: effective sample size by Geyer's initial monotone sequence (1992). \
          \"All, same mix\": each regime that both flights have counts with the same weight in both, because two flights are never flown alike. \
-         The verdict uses wider intervals, which hold for all channels together with 95 %. The attitude is the autopilot's less the one that \
+         The attitude is the autopilot's less the one that \
          this program estimates; it has no part in the verdict.</small></p>",
     );
     Ok(page(headline, &body))
@@ -67,7 +67,7 @@ fn table(c: &Comparison, body: &mut String) {
     for r in &c.rows {
         let _ = write!(
             table,
-            "<tr><td>{}</td><td>{}</td><td class=\"n\">{:.3} {}</td><td class=\"n\">{:.3} {}</td><td class=\"n\">{:.2} ({:.2} to {:.2})</td>\
+            "<tr><td>{}</td><td>{}</td><td class=\"n\">{:.3} {}</td><td class=\"n\">{:.3} {}</td><td class=\"n\">{}</td>\
              <td class=\"n\">{:.0}, {:.0}</td><td>{}</td></tr>",
             bold(r.quantity.words(), r),
             r.regime.words(),
@@ -75,12 +75,10 @@ fn table(c: &Comparison, body: &mut String) {
             r.unit,
             r.after.value,
             r.unit,
-            r.ratio.value,
-            r.ratio.interval[0],
-            r.ratio.interval[1],
+            ratio_with_interval(&r.ratio),
             r.before.effective,
             r.after.effective,
-            result(r.ratio.change)
+            result(r)
         );
     }
     table.push_str("</table>");
@@ -92,12 +90,13 @@ fn bold(text: &str, r: &Row) -> String {
     if r.regime == Regime::All { format!("<b>{text}</b>") } else { text.to_owned() }
 }
 
-/// In words.
-pub fn result(change: Change) -> &'static str {
-    match change {
+/// In words. An attitude that differs more from ours is not worse for that.
+pub fn result(row: &Row) -> &'static str {
+    match row.ratio.change {
         Change::Smaller => "smaller",
         Change::Unchanged => "unchanged",
-        Change::Larger => "larger",
+        Change::Larger if row.quantity.kind() == Kind::Attitude => "larger",
+        Change::Larger => "larger: worse",
         Change::Undecided => "undecided",
     }
 }

@@ -149,8 +149,8 @@ pub enum Change {
 pub struct Ratio {
     /// Ratio.
     pub value: f64,
-    /// Its confidence interval.
-    pub interval: [f64; 2],
+    /// Its confidence interval; none where there are too few samples for one.
+    pub interval: Option<[f64; 2]>,
     /// Whether the interval excludes 1, and on which side.
     pub change: Change,
 }
@@ -164,15 +164,13 @@ pub fn ratio(before: &Rms, after: &Rms, alpha: f64) -> Option<Ratio> {
     let sigma = 0.5 * before.relative.hypot(after.relative);
     let effective = before.effective.min(after.effective);
     let half = student(effective / PER_FREEDOM, alpha) * sigma;
-    let interval = [value * (-half).exp(), value * half.exp()];
-    let change = if effective < MIN_EFFECTIVE || before.count.min(after.count) < MIN_SAMPLES {
-        Change::Undecided
-    } else if interval[1] < 1.0 {
-        Change::Smaller
-    } else if interval[0] > 1.0 {
-        Change::Larger
-    } else {
-        Change::Unchanged
+    let enough = effective >= MIN_EFFECTIVE && before.count.min(after.count) >= MIN_SAMPLES;
+    let interval = enough.then(|| [value * (-half).exp(), value * half.exp()]);
+    let change = match interval {
+        None => Change::Undecided,
+        Some([_, high]) if high < 1.0 => Change::Smaller,
+        Some([low, _]) if low > 1.0 => Change::Larger,
+        Some(_) => Change::Unchanged,
     };
     Some(Ratio { value, interval, change })
 }
@@ -255,8 +253,7 @@ mod tests {
                 let b: Vec<f64> = b.iter().map(|v| 0.7 * v).collect();
                 let [a, b] = [a, b].map(|v| rms(&v));
                 let found = ratio(&a, &b, 0.05).unwrap();
-                let covered = (found.interval[0]..=found.interval[1]).contains(&0.7);
-                missed += u32::from(!covered && found.change != Change::Undecided);
+                missed += u32::from(found.interval.is_some_and(|[low, high]| !(low..=high).contains(&0.7)));
             }
             let share = f64::from(missed) / f64::from(runs);
             assert!(share <= 0.075, "{share} at a correlation of {correlation}, {lengths:?} samples");
@@ -283,7 +280,12 @@ mod tests {
         }
         assert!(wrong <= 18, "{wrong} of 200");
         let [a, b] = [(); 2].map(|()| rms(&noise.series(100, 0.99)));
-        assert_eq!(ratio(&a, &b, 0.05).unwrap().change, Change::Undecided);
+        let few = ratio(&a, &b, 0.05).unwrap();
+        assert_eq!(
+            (few.change, few.interval),
+            (Change::Undecided, None),
+            "what decides nothing shows no interval"
+        );
         assert_eq!(MeanSquare::of(&[1.0, 2.0], |k| k == 0), None);
     }
 
@@ -310,7 +312,7 @@ mod tests {
         let [b, a] = standardised(&[[before[0], after[0]], [before[1], after[1]]]).unwrap();
         let found = ratio(&b, &a, 0.05).unwrap();
         assert_eq!(found.change, Change::Unchanged, "{found:?}");
-        assert!(found.interval[1] / found.interval[0] < 1.5, "{found:?}");
+        assert!(found.interval.is_some_and(|[low, high]| high / low < 1.5), "{found:?}");
         assert_eq!(standardised(&[]), None);
     }
 }

@@ -66,7 +66,7 @@ fn the_same_flight_flown_again_is_unchanged_in_95_of_100_cases() {
 fn larger_innovations_are_called_larger() {
     let c = verdict_of(&flight(5, 0.5, 1.0), &flight(6, 0.8, 1.0));
     assert_eq!(c.verdict, Verdict::Larger);
-    assert!(c.text.contains("LARGER"));
+    assert!(c.text.contains("larger after the change: it made them worse"), "{}", c.text);
 }
 
 #[test]
@@ -75,6 +75,23 @@ fn a_few_seconds_of_flight_decide_nothing() {
     short.series.values_mut().for_each(|points| points.truncate(230));
     let c = verdict_of(&flight(2, 0.5, 1.0), &short);
     assert_eq!(c.verdict, Verdict::Undecided, "{}", c.text);
+    assert!(c.rows.iter().all(|r| r.ratio.interval.is_some() == (r.ratio.change != Change::Undecided)));
+}
+
+/// The sentence, the table and the page show one interval for one ratio.
+#[test]
+fn a_ratio_has_one_interval() {
+    let (before, after) = (flight(1, 0.5, 3.0), flight(2, 0.5, 1.0));
+    let c = compare(("a.bin", &before), ("b.bin", &after)).unwrap();
+    let html = page::html(&c, &before, &after).unwrap();
+    assert!(c.judged.len() > 1);
+    for judged in &c.judged {
+        let own = |r: &&Row| r.quantity == judged.quantity && r.regime == judged.regime;
+        assert_eq!(c.rows.iter().find(own).map(|r| r.ratio), Some(judged.ratio));
+        let words = ratio_with_interval(&judged.ratio);
+        assert!(html.contains(&words), "{words}");
+        assert!(judged.ratio.change == Change::Unchanged || c.text.contains(&words), "{words} in {}", c.text);
+    }
 }
 
 #[test]
