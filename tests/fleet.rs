@@ -149,3 +149,39 @@ fn what_explain_identified_is_in_the_table_of_effects() {
         assert!(bytes.starts_with(b"PAR1") && bytes.ends_with(b"PAR1"));
     }
 }
+
+/// A recording without the messages of these ids.
+fn without_messages(log: &[u8], ids: &[u32]) -> Vec<u8> {
+    let (mut out, mut rest) = (Vec::new(), log);
+    while rest.len() > 18 {
+        let payload = usize::from(rest[9]);
+        let (length, id) = match rest[8] {
+            0xfe => (payload + 8, u32::from(rest[13])),
+            _ => (
+                payload + 12 + 13 * usize::from(rest[10] & 1),
+                u32::from_le_bytes([rest[15], rest[16], rest[17], 0]),
+            ),
+        };
+        let Some((record, more)) = rest.split_at_checked(8 + length) else { break };
+        if !ids.contains(&id) {
+            out.extend_from_slice(record);
+        }
+        rest = more;
+    }
+    out
+}
+
+/// A bench recording without GNSS: the filter never ran, and what it was told before is in no table as its result.
+#[test]
+fn a_log_without_gnss_says_so_and_a_prior_is_no_result() {
+    let folder = Folder::new("fleet-no-gnss");
+    let log = without_messages(&std::fs::read(fixture("small_clean_dither.tlog")).unwrap(), &[24, 33, 124]);
+    std::fs::write(folder.file("bench.tlog"), log).unwrap();
+    std::fs::copy(fixture(FIXTURE), folder.file("flown.tlog")).unwrap();
+    let out = folder.file("out");
+    let logs = folder.file("*.tlog");
+    let result = gaware(&["fleet", &logs, "--out", &out, "--no-explain", "--json"]).json();
+    assert_eq!((&result["logs"], &result["analysed"]), (&2.into(), &1.into()), "{result}");
+    let reason = result["failed"][0]["reason"].as_str().unwrap();
+    assert!(reason.contains("no GNSS fix"), "{reason}");
+}

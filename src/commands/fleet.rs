@@ -362,7 +362,7 @@ fn summary(logs: &[FleetLog], resumed: usize, files: Vec<PathBuf>) -> FleetResul
             result.failed.push(FailedLog { log: log.path.clone(), reason: reason.to_owned() });
         }
         let Some(flight) = log.flight() else { continue };
-        result.analysed += 1;
+        result.analysed += usize::from(log.failure().is_none());
         *result.units.entry(log.unit().unwrap_or("unknown").to_owned()).or_default() += 1;
         let Some(explanation) = &flight.explanation else { continue };
         if let Some(verdict) = explanation.get("verdict").and_then(|v| v.as_str()) {

@@ -32,7 +32,7 @@ pub struct Work {
 }
 
 /// What came of one log (`gaware.fleet_flight/1`).
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub struct FlightEntry {
     /// `gaware.fleet_flight/1`.
     pub schema: String,
@@ -47,7 +47,7 @@ pub struct FlightEntry {
 }
 
 /// One analysed flight.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub struct Flight {
     /// Serial number of the autopilot, where the log has it.
     pub board: Option<String>,
@@ -80,6 +80,16 @@ pub struct FlightParameter {
     pub prior_value: f64,
     /// Its 1-sigma.
     pub prior_sigma: f64,
+}
+
+/// A flight whose sigma is above this share of its prior's says too little of the parameter.
+const PRIOR_ONLY: f64 = 0.9;
+
+impl FlightParameter {
+    /// Whether the flight says anything of it: otherwise value and sigma are what was assumed before.
+    pub fn is_informed(&self) -> bool {
+        self.sigma < PRIOR_ONLY * self.prior_sigma
+    }
 }
 
 /// Analyses one log. A log that cannot be read is an entry too: it cannot be read tomorrow either.

@@ -1,7 +1,7 @@
 //! The tables of a fleet: `flights`, a row for each log, and `effects`, a row for each parameter of each effect of each flight.
 
 use super::find::Named;
-use super::flight::{Flight, FlightEntry};
+use super::flight::{Flight, FlightEntry, FlightParameter};
 use crate::export::Table;
 use crate::export::table::{Cell, Put, Row};
 use gaware_nav::effects::{self, ParameterGroup, Shape};
@@ -34,12 +34,23 @@ impl FleetLog {
         self.result.as_ref().ok()?.flight.as_ref()
     }
 
-    /// Why there is none.
+    /// Why there is no estimate.
     pub fn failure(&self) -> Option<&str> {
         match &self.result {
-            Ok(entry) => entry.failed.as_deref(),
+            Ok(entry) => entry.failed.as_deref().or_else(|| without_estimate(entry.flight.as_ref()?)),
             Err(reason) => Some(reason),
         }
+    }
+}
+
+/// Why a log that was read has no estimate.
+fn without_estimate(flight: &Flight) -> Option<&'static str> {
+    match flight.summary.get("phase")?.as_str()? {
+        "waiting_for_imu" => Some("no estimate: the log has no inertial samples"),
+        "waiting_for_gnss" => Some("no estimate: the log has no GNSS fix that can be used"),
+        "aligning" => Some("no estimate: the log ends before roll and pitch are known"),
+        "searching_heading" => Some("no estimate: the heading cannot be found without motion"),
+        _ => None,
     }
 }
 
@@ -129,7 +140,7 @@ impl Row for Outcome<'_> {
         let log = self.0;
         put(
             "failed",
-            "Why the log could not be analysed; empty where it was",
+            "Why the log has no estimate; empty where it has one",
             Cell::Text(log.failure().unwrap_or("")),
         );
         let summary = log.flight().map(|f| Value::Object(f.summary.clone())).unwrap_or_default();
@@ -161,10 +172,17 @@ impl Row for Outcome<'_> {
         );
         for p in log.flight().into_iter().flat_map(|f| &f.parameters) {
             let unit = suffix(&p.unit);
-            put(&format!("{}_{unit}", p.name), &format!("{}, {}", p.effect, p.unit), Cell::Number(p.value));
-            put(&format!("{}_sigma_{unit}", p.name), "Its 1-sigma", Cell::Number(p.sigma));
+            let [value, sigma] = result(p);
+            let about = format!("{}, {}; empty where the flight says nothing of it", p.effect, p.unit);
+            put(&format!("{}_{unit}", p.name), &about, Cell::Number(value));
+            put(&format!("{}_sigma_{unit}", p.name), "Its 1-sigma", Cell::Number(sigma));
         }
     }
+}
+
+/// Value and sigma, where the flight says anything of them: a prior is no result.
+fn result(p: &FlightParameter) -> [f64; 2] {
+    if p.is_informed() { [p.value, p.sigma] } else { [f64::NAN; 2] }
 }
 
 /// A unit in the name of a column.
@@ -219,13 +237,17 @@ impl Row for EffectRow<'_> {
     fn visit(&self, put: &mut Put<'_>) {
         put(
             "source",
-            "estimated: by replay with its model; identified, assumed, negligible, not_found: by explain (not_found: the value that suits best, with the sigma that the flight leaves it)",
+            "estimated: by replay with its model; identified, assumed, negligible, not_found: by explain (not_found: with the sigma that the flight leaves it)",
             Cell::Text(self.source),
         );
         put("effect", "Effect of the catalogue, or gyro_bias, accel_bias", Cell::Text(self.effect));
         put("parameter", "Parameter of the effect", Cell::Text(self.parameter));
         put("measured_in", "Unit of value, sigma and prior", Cell::Text(self.unit));
-        put("value", "Value", Cell::Number(self.value));
+        put(
+            "value",
+            "Value; empty where it is no result: nothing but the prior, or of an effect that was not found within its own sigma",
+            Cell::Number(self.value),
+        );
         put("sigma", "Its 1-sigma", Cell::Number(self.sigma));
         put("prior_value", "What the model assumed before (estimated only)", Cell::Number(self.prior_value));
         put("prior_sigma", "Its 1-sigma", Cell::Number(self.prior_sigma));
@@ -246,12 +268,13 @@ impl Row for EffectRow<'_> {
 fn effect_rows(log: &FleetLog, push: &mut dyn FnMut(&EffectRow<'_>)) {
     let Some(flight) = log.flight() else { return };
     for p in &flight.parameters {
+        let [value, sigma] = result(p);
         push(&EffectRow {
             effect: &p.effect,
             parameter: &p.name,
             unit: &p.unit,
-            value: p.value,
-            sigma: p.sigma,
+            value,
+            sigma,
             prior_value: p.prior_value,
             prior_sigma: p.prior_sigma,
             ..EffectRow::default()
@@ -300,6 +323,8 @@ fn entries<'a>(explanation: &'a Value, key: &str) -> impl Iterator<Item = &'a Va
 fn parameter_rows(row: &EffectRow<'_>, values: Option<&Value>, push: &mut dyn FnMut(&EffectRow<'_>)) {
     let nothing = Map::new();
     let map = values.and_then(Value::as_object).unwrap_or(&nothing);
+    let prior_only = map.get("prior_only").and_then(Value::as_array).into_iter().flatten();
+    let prior_only: Vec<&str> = prior_only.filter_map(Value::as_str).collect();
     let groups = effects::find(row.effect).map_or(&[][..], |e| e.groups());
     if groups.is_empty() {
         push(row);
@@ -311,11 +336,14 @@ fn parameter_rows(row: &EffectRow<'_>, values: Option<&Value>, push: &mut dyn Fn
         let (values, sigmas) = (of("value"), of("sigma"));
         for (k, name) in group.names.iter().enumerate() {
             let at = |v: &[f64]| v.get(k).copied().unwrap_or(f64::NAN);
+            let (value, sigma) = (at(&values), at(&sigmas));
+            let is_prior = prior_only.contains(name);
+            let is_nothing = is_prior || (row.source == "not_found" && value.abs() <= sigma);
             push(&EffectRow {
                 parameter: name,
                 unit: group.unit.symbol,
-                value: at(&values),
-                sigma: at(&sigmas),
+                value: if is_nothing { f64::NAN } else { value },
+                sigma: if is_prior { f64::NAN } else { sigma },
                 ..row.clone()
             });
         }
@@ -334,5 +362,47 @@ fn flat(group: &ParameterGroup, value: &Value) -> Vec<f64> {
             let all = list(value).iter().flat_map(list).map(|v| number(&v)).collect::<Vec<_>>();
             all.into_iter().enumerate().filter(|(k, _)| k % 4 != 0).map(|(_, v)| v).collect()
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use serde_json::json;
+
+    fn rows(explanation: Option<Value>, parameters: Vec<FlightParameter>) -> Vec<(String, f64, f64)> {
+        let flight = Flight { parameters, explanation, ..Flight::default() };
+        let entry = FlightEntry { flight: Some(flight), ..FlightEntry::default() };
+        let log = FleetLog { path: "a.bin".into(), named: Named::default(), result: Ok(entry) };
+        let mut out = Vec::new();
+        effect_rows(&log, &mut |row| out.push((row.parameter.to_owned(), row.value, row.sigma)));
+        out
+    }
+
+    #[test]
+    fn what_a_flight_says_nothing_of_has_no_value() {
+        let g = |name: &str, sigma: f64| FlightParameter {
+            effect: "gyro_g_sensitivity".into(),
+            name: name.into(),
+            unit: "deg/h/g".into(),
+            value: 12.0,
+            sigma,
+            prior_value: 0.0,
+            prior_sigma: 360.0,
+        };
+        let found = rows(None, vec![g("g11", 30.0), g("g33", 359.0)]);
+        assert_eq!(found[0], ("g11".into(), 12.0, 30.0));
+        assert!(found[1].1.is_nan() && found[1].2.is_nan(), "{found:?}");
+    }
+
+    #[test]
+    fn an_effect_that_was_not_found_has_a_value_only_beyond_its_sigma() {
+        let not_found = |value: f64| json!({"not_found": [{"name": "gps_latency", "parameters": {"value_s": value, "sigma_s": 0.02}}]});
+        let inside = rows(Some(not_found(0.01)), Vec::new());
+        assert!(inside[0].1.is_nan() && inside[0].2 == 0.02, "{inside:?}");
+        assert_eq!(rows(Some(not_found(0.05)), Vec::new())[0].1, 0.05);
+        let named = json!({"effects": [{"names": ["gps_latency"], "parameters": {"gps_latency":
+            {"value_s": 0.1, "sigma_s": 0.2, "prior_only": ["latency"]}}}]});
+        assert!(rows(Some(named), Vec::new())[0].1.is_nan());
     }
 }

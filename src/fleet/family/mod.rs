@@ -26,8 +26,6 @@ use std::collections::{BTreeMap, BTreeSet};
 
 /// Probability of one false finding of a kind in the whole fleet.
 const LEVEL: f64 = 0.05;
-/// A flight whose sigma is above this share of its prior's says too little of the parameter.
-const PRIOR_ONLY: f64 = 0.9;
 /// Flights of a unit from which on a drift can be seen.
 const DRIFT_FLIGHTS: usize = 5;
 /// Units from which on one can be out of their family.
@@ -255,7 +253,7 @@ impl<'a> Flights<'a> {
 
 /// What the flight alone says: the posterior over the prior, both normal.
 fn without_prior(p: &super::flight::FlightParameter) -> Option<Uncertain> {
-    if p.sigma >= PRIOR_ONLY * p.prior_sigma {
+    if !p.is_informed() {
         return None;
     }
     let (after, before) = (p.sigma.powi(-2), p.prior_sigma.powi(-2));
