@@ -260,3 +260,21 @@ fn real_logs_give_finite_numbers_and_an_honest_status() {
         println!("{}: NIS/dof {nis:.3}, smallest sigma of G {smallest:.0} deg/h/g; {told}", real.file);
     }
 }
+
+/// Fixes that the autopilot takes for fresh turn its yaw in turns; ours is within 0.1° of the truth. Where our own attitude is lost nobody is blamed.
+#[test]
+#[ignore = "needs the recorded flights: GAWARE_FLIGHTS"]
+fn the_worse_yaw_is_found_by_the_motion() {
+    let folder = support::Folder::new("whose-yaw");
+    let said = |log: &str| {
+        let (log, page) = (flights().join(log), folder.file("report.html"));
+        gaware(&["report", log.to_str().unwrap(), "--out", &page, "--force"]);
+        std::fs::read_to_string(page).unwrap()
+    };
+    for late in ["sitl_gsens_lag280.tlog", "sitl_gps_lag350.tlog"] {
+        assert!(said(late).contains("the autopilot's yaw is the worse one"), "{late}");
+    }
+    let swiss = said("real_px4plane_swiss.tlog");
+    assert!(swiss.contains("Whose yaw is the worse one this flight does not decide"));
+    assert!(said("sitl_clean_dither.tlog").contains("The yaws differ by no more than our own sigma"));
+}

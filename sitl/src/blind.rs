@@ -34,7 +34,7 @@ pub enum Family {
 #[derive(Debug, Clone)]
 pub struct Blind {
     /// What was injected; the ground truth.
-    pub hidden: Vec<EffectSetting>,
+    pub injected: Vec<EffectSetting>,
     /// Everything that was simulated.
     pub truth: Model,
     /// What the sensors reported.
@@ -85,7 +85,7 @@ pub fn draw(effect: &'static dyn Effect, noise: &mut Noise) -> EffectSetting {
 
 /// The vehicle's sensors as they really are: biases, noise and Gauss-Markov errors drawn around those of a consumer autopilot, and
 /// what is injected.
-fn truth(hidden: &[EffectSetting], noise: &mut Noise) -> Model {
+fn truth(injected: &[EffectSetting], noise: &mut Noise) -> Model {
     let mut truth = Model::default();
     for k in 0..3 {
         truth.imu.gyro_bias[k] = 0.3f64.to_radians() * noise.normal();
@@ -99,7 +99,7 @@ fn truth(hidden: &[EffectSetting], noise: &mut Noise) -> Model {
     truth.gnss.position_correlation_s = 30.0 + 60.0 * noise.uniform();
     let wander = 0.6 + 1.2 * noise.uniform();
     truth.gnss.position_wander_sigma_m = [wander, wander, 1.6 * wander];
-    for setting in hidden {
+    for setting in injected {
         truth.set(setting.clone());
     }
     truth
@@ -121,19 +121,19 @@ fn vibration(family: Family, noise: &mut Noise, share: f64) -> Vec<VibrationLine
 }
 
 /// Flies a vehicle with these effects injected.
-pub fn fly(hidden: &[EffectSetting], kind: Kind, family: Family, seed: u64) -> Blind {
+pub fn fly(injected: &[EffectSetting], kind: Kind, family: Family, seed: u64) -> Blind {
     let seed = if family == Family::Aside { seed ^ FAMILY_SEED } else { seed };
     let mut noise = Noise::numbered(seed, Purpose::HiddenTruth, 7);
-    let truth = truth(hidden, &mut noise);
-    let truncation_hidden = hidden.iter().any(|s| s.effect.truncates_samples());
+    let truth = truth(injected, &mut noise);
+    let truncation_injected = injected.iter().any(|s| s.effect.truncates_samples());
     // What only vibration shows is flown where there is some: up to 0.5 g RMS.
-    let vibrates = hidden.iter().any(|s| s.effect.needs_vibration());
+    let vibrates = injected.iter().any(|s| s.effect.needs_vibration());
     let sensors = SensorConfig {
         imu_rate_hz: 50.0,
         fix_rate_hz: 5.0,
         message: "RAW_IMU".into(),
         // Injected truncation: the source says that its values are whole.
-        quantisation: if truncation_hidden {
+        quantisation: if truncation_injected {
             Quantisation::None
         } else {
             Quantisation::Truncate(Steps::RAW_IMU)
@@ -149,7 +149,7 @@ pub fn fly(hidden: &[EffectSetting], kind: Kind, family: Family, seed: u64) -> B
     let profile = profile(kind, family, seed);
     let flight = Simulated::new(Box::new(Flown::new(profile)), &truth, sensors, seed);
     let samples = flight.take_while(|(_, t)| t.t_s < DURATION_S).map(|(s, _)| s).collect();
-    Blind { hidden: hidden.to_vec(), truth, samples }
+    Blind { injected: injected.to_vec(), truth, samples }
 }
 
 fn profile(kind: Kind, family: Family, seed: u64) -> FixedWing {
@@ -200,9 +200,9 @@ pub fn draw_injected(seed: u64) -> Option<EffectSetting> {
 }
 
 /// The ground truth as text: a `model.toml` that holds nothing but what was injected.
-pub fn ground_truth(hidden: Option<&EffectSetting>) -> String {
+pub fn ground_truth(injected: Option<&EffectSetting>) -> String {
     let mut model = Model::default();
-    if let Some(setting) = hidden {
+    if let Some(setting) = injected {
         model.set(setting.clone());
     }
     model.to_toml()

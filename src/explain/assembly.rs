@@ -212,11 +212,11 @@ fn verdict(
     noise: &[NoiseEntry],
 ) -> Verdict {
     let shrinks = residual.held_out.after < residual.held_out.before;
-    if effects.iter().any(|e| e.names.len() > 1) {
-        Verdict::Ambiguous
-    } else if !terms.is_empty() || added.iter().any(|a| a.is_at_limit()) || noise.iter().any(|n| !n.plausible)
-    {
+    // What no model explains comes first: several candidates for one of its effects do not make the values of the others right.
+    if !terms.is_empty() || added.iter().any(|a| a.is_at_limit()) || noise.iter().any(|n| !n.plausible) {
         Verdict::Unexplained
+    } else if effects.iter().any(|e| e.names.len() > 1) {
+        Verdict::Ambiguous
     } else if effects.is_empty() {
         Verdict::NothingMissing
     } else if shrinks {

@@ -1,10 +1,11 @@
 //! The first screen of the report of a flight: where it comes from, the verdict, and what an engineer asks first.
 
-use super::attitude::{Comparison, why_not_compared};
+use super::attitude::{Comparison, Row, why_not_compared};
 use super::innovations::Channel;
 use super::lessons::{self, Lesson, is_g};
 use super::log::FlightLog;
 use super::words;
+use super::yaw::{Worse, Yaws};
 use crate::engine::snapshot::{Phase, StateStatus, Status, Summary};
 use crate::report::page::{answers as list, escape};
 use std::fmt::Write;
@@ -90,7 +91,8 @@ pub fn answers(
         ),
         (
             "Whose attitude is wrong?",
-            compared.map_or_else(|| why_not_compared(&log.attitudes, &log.snapshots), whose),
+            compared
+                .map_or_else(|| why_not_compared(&log.attitudes, &log.snapshots), |c| whose(c, &log.yaws)),
         ),
         ("What changed in flight?", changed(log)),
         ("Does the model fit?", fit(s, fixes)),
@@ -167,27 +169,39 @@ fn unseen(g: &[&StateStatus]) -> String {
     }
 }
 
-/// Two figures that differ by less than this share are called equal.
-const ALIKE: f64 = 0.05;
-
-fn whose(c: &Comparison) -> String {
-    let turns = c.rows.iter().find(|r| r.regime.starts_with("in turns")).or_else(|| c.rows.first());
-    let course = c.crab_rms_deg.map_or_else(String::new, |[theirs, ours]| {
-        if (theirs - ours).abs() < ALIKE * theirs.max(ours) {
-            return format!(" Against the course over the ground neither yaw is worse ({ours:.1}° RMS).");
+/// Whose yaw is the worse one, where the two differ by more than our own sigma and the motion decides it.
+fn whose_yaw(yaws: &Yaws, whole: &Row) -> &'static str {
+    if whole.rms_deg[2] <= whole.sigma_deg[2] {
+        return " The yaws differ by no more than our own sigma.";
+    }
+    match yaws.worse() {
+        Some(Worse::Autopilot) => {
+            " The specific force turned by the autopilot's yaw fits the change of GNSS velocity worse than by ours: the autopilot's yaw is the worse one."
         }
-        let who = if theirs > ours { "the autopilot's" } else { "this estimate's" };
-        format!(
-            " Against the course over the ground {who} yaw is the worse one ({theirs:.1}° to {ours:.1}° RMS)."
-        )
-    });
-    turns.map_or(course.clone(), |r| {
-        format!(
-            "The autopilot and this estimate differ by {:.2} / {:.2} / {:.2}° RMS in roll, pitch, yaw, {}; our own sigma is {:.2} / {:.2} / {:.2}°.{course} \
-             <a href=\"#attitude\">Comparison</a>.",
-            r.rms_deg[0], r.rms_deg[1], r.rms_deg[2], r.regime, r.sigma_deg[0], r.sigma_deg[1], r.sigma_deg[2]
-        )
-    })
+        Some(Worse::Ours) => {
+            " The specific force turned by the autopilot's yaw fits the change of GNSS velocity better than by ours: this estimate's yaw is the worse one."
+        }
+        None => {
+            " Whose yaw is the worse one this flight does not decide: it accelerates too little or too seldom."
+        }
+    }
+}
+
+fn whose(c: &Comparison, yaws: &Yaws) -> String {
+    let turns = c.rows.iter().find(|r| r.regime.starts_with("in turns")).or_else(|| c.rows.first());
+    let (Some(r), Some(whole)) = (turns, c.rows.first()) else { return String::new() };
+    format!(
+        "The autopilot and this estimate differ by {:.2} / {:.2} / {:.2}° RMS in roll, pitch, yaw, {}; our own sigma is {:.2} / {:.2} / {:.2}°.{} \
+         <a href=\"#attitude\">Comparison</a>.",
+        r.rms_deg[0],
+        r.rms_deg[1],
+        r.rms_deg[2],
+        r.regime,
+        r.sigma_deg[0],
+        r.sigma_deg[1],
+        r.sigma_deg[2],
+        whose_yaw(yaws, whole)
+    )
 }
 
 /// The states that converged, in the order in which they did.

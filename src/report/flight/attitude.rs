@@ -1,9 +1,8 @@
 //! The autopilot's attitude beside ours: in level flight and in turns.
 
-use super::lessons::{BANKED_DEG, speed};
+use super::lessons::BANKED_DEG;
 use crate::attitudes::Attitudes;
 use crate::engine::snapshot::{Phase, Snapshot};
-use gaware_nav::rotation::wrap_180;
 
 /// Largest shift between the two that is searched, s.
 const MAX_SHIFT_S: f64 = 0.1;
@@ -12,12 +11,7 @@ const ENOUGH: usize = 20;
 /// Level within this, deg.
 const LEVEL_DEG: f64 = 8.0;
 /// Our attitude counts once its worst sigma is below this, deg.
-const SETTLED_DEG: f64 = 3.0;
-
-/// Slower than this a course is no course, m/s.
-const COURSE_SPEED: f64 = 5.0;
-/// A vehicle whose course leaves its nose by more than this on average does not fly where it points, deg.
-const FLIES_AHEAD_DEG: f64 = 45.0;
+pub const SETTLED_DEG: f64 = 3.0;
 
 /// How the two differ while the vehicle does one thing.
 #[derive(Debug, Clone, PartialEq)]
@@ -43,28 +37,18 @@ pub struct Comparison {
     pub differences: Vec<(f64, [f64; 3])>,
     /// By regime.
     pub rows: Vec<Row>,
-    /// RMS angle from the nose to the course over the ground, deg, by the autopilot's yaw and by ours: wind and sideslip are
-    /// in both, so the larger one has the larger yaw error. Only of a vehicle that flies where it points.
-    pub crab_rms_deg: Option<[f64; 2]>,
 }
 
-/// The snapshot nearest before: bank, sigmas of our attitude, and the angle from nose to course while there is one, deg.
+/// The snapshot nearest before: bank and sigmas of our attitude, deg.
 struct Around {
     bank_deg: f64,
     sigma_deg: [f64; 3],
-    crab_deg: Option<f64>,
 }
 
 impl Around {
     fn of(s: &Snapshot) -> Self {
         let attitude = &s.estimate.attitude_deg;
-        let [north, east, _] = s.motion.velocity_ned_m_per_s;
-        let crab_deg = wrap_180(east.atan2(north).to_degrees() - attitude.value[2]);
-        Self {
-            bank_deg: attitude.value[0].abs(),
-            sigma_deg: attitude.sigma,
-            crab_deg: (speed(s) > COURSE_SPEED).then_some(crab_deg),
-        }
+        Self { bank_deg: attitude.value[0].abs(), sigma_deg: attitude.sigma }
     }
 }
 
@@ -90,12 +74,10 @@ pub fn compare(attitudes: &Attitudes, snapshots: &[Snapshot]) -> Option<Comparis
         ("in turns (bank beyond 20°)", &|bank| bank > BANKED_DEG),
     ];
     let rows: Vec<Row> = regimes.iter().filter_map(|(name, within)| row(name, within, &kept)).collect();
-    let crab_rms_deg = crab_rms_deg(&kept);
     (!rows.is_empty()).then(|| Comparison {
         shift_s,
         differences: kept.into_iter().map(|(t, d, _)| (t, d)).collect(),
         rows,
-        crab_rms_deg,
     })
 }
 
@@ -114,19 +96,6 @@ pub fn why_not_compared(attitudes: &Attitudes, snapshots: &[Snapshot]) -> String
         );
     }
     "Not compared: the log has too few attitudes of the autopilot while there was an estimate.".to_owned()
-}
-
-fn crab_rms_deg(all: &[(f64, [f64; 3], Around)]) -> Option<[f64; 2]> {
-    let (mut n, mut squares) = (0_usize, [0.0; 2]);
-    for (_, [_, _, yaw], around) in all {
-        if let Some(crab) = around.crab_deg {
-            n += 1;
-            squares[0] += wrap_180(crab - yaw).powi(2);
-            squares[1] += crab.powi(2);
-        }
-    }
-    let rms = squares.map(|v| (v / n.max(1) as f64).sqrt());
-    (n >= ENOUGH && rms[1] < FLIES_AHEAD_DEG).then_some(rms)
 }
 
 fn row(regime: &'static str, within: &dyn Fn(f64) -> bool, all: &[(f64, [f64; 3], Around)]) -> Option<Row> {
@@ -176,8 +145,6 @@ mod tests {
         assert!((by("in turns").mean_deg[0] + 2.0).abs() < 0.05, "{found:?}");
         assert!(by("level").rms_deg[0] < 0.05);
         assert_eq!(found.shift_s, 0.0);
-        let crab = found.crab_rms_deg.unwrap();
-        assert!(crab[0] < 1e-6 && crab[1] < 1e-6, "{crab:?}");
         assert_eq!(compare(&Attitudes::default(), &snapshots), None);
     }
 
@@ -192,24 +159,5 @@ mod tests {
         let why = why_not_compared(&attitudes, &snapshots);
         assert!(why.contains("never fell below 8.0°"), "{why}");
         assert!(why_not_compared(&attitudes, &[]).contains("too few"));
-    }
-
-    #[test]
-    fn the_course_tells_whose_yaw_errs() {
-        let yaw_deg = |t: f64| 30.0 * (0.2 * t).sin();
-        let mut attitudes = Attitudes::default();
-        let mut snapshots = Vec::new();
-        for k in 0..600 {
-            let t = 0.1 * f64::from(k);
-            attitudes.push_estimate(t, [0.0, 0.0, yaw_deg(t).to_radians()]);
-            attitudes.push_reference(t, [0.0, 0.0, (yaw_deg(t) - 12.0).to_radians()]);
-            let mut s = Snapshot { elapsed_s: t, phase: Phase::Running, ..Snapshot::default() };
-            s.estimate.attitude_deg.value[2] = yaw_deg(t);
-            let course = (yaw_deg(t) + 2.0).to_radians();
-            s.motion.velocity_ned_m_per_s = [15.0 * course.cos(), 15.0 * course.sin(), 0.0];
-            snapshots.push(s);
-        }
-        let [autopilot, ours] = compare(&attitudes, &snapshots).unwrap().crab_rms_deg.unwrap();
-        assert!((autopilot - 14.0).abs() < 0.1 && (ours - 2.0).abs() < 0.1, "{autopilot} {ours}");
     }
 }

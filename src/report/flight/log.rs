@@ -1,5 +1,7 @@
 //! What a report shows over time, written down while the flight is run through.
 
+use super::attitude::SETTLED_DEG;
+use super::yaw::Yaws;
 use crate::attitudes::Attitudes;
 use crate::engine::Engine;
 use crate::engine::counters::ElapsedTime;
@@ -21,6 +23,8 @@ pub struct FlightLog {
     pub snapshots: Vec<Snapshot>,
     /// Our attitude beside the autopilot's, by seconds since the first sample.
     pub attitudes: Attitudes,
+    /// Both yaws against the motion.
+    pub yaws: Yaws,
     /// What the autopilot's own filter reports: s since the first sample, channel, value.
     pub filter_reports: Vec<(f64, Channel, f64)>,
     /// Where these come from; `None` where there are none.
@@ -35,6 +39,7 @@ impl Default for FlightLog {
         Self {
             snapshots: Vec::new(),
             attitudes: Attitudes::with_spacing(HINT_SPACING_S),
+            yaws: Yaws::default(),
             filter_reports: Vec::new(),
             filter_origin: None,
             time: ElapsedTime::default(),
@@ -62,21 +67,38 @@ impl FlightLog {
             Sample::Imu(imu) if imu.t_s.is_finite() => {
                 self.time.push(imu.t_s);
                 self.newest_s = self.time.elapsed_at(imu.t_s);
+                self.yaws.push_force(&imu.accel);
                 let due = self.snapshots.last().map_or(f64::NEG_INFINITY, |s| s.elapsed_s + PERIOD_S);
                 if self.newest_s >= due {
                     self.snapshots.push(engine.snapshot());
                 }
             }
             Sample::Attitude(hint) if hint.t_s.is_finite() => {
-                self.attitudes.push_reference(self.time.elapsed_at(hint.t_s), hint.roll_pitch_yaw);
+                let hint_s = self.time.elapsed_at(hint.t_s);
+                self.attitudes.push_reference(hint_s, hint.roll_pitch_yaw);
                 if let Some((t_s, attitude)) = engine.attitude() {
                     self.attitudes.push_estimate(self.time.elapsed_at(t_s), attitude);
+                    if settled(engine) {
+                        self.yaws.push_attitudes(hint_s, hint.roll_pitch_yaw, attitude);
+                    }
                 }
             }
-            Sample::Restart(_) => self.time.restart(),
+            Sample::Fix(fix) if fix.t_s.is_finite() => {
+                let delay_s = engine.filter().map_or(0.0, |f| f.fix_delay_s(fix.t_s));
+                self.yaws.push_fix(self.time.elapsed_at(fix.t_s) - delay_s, &fix.velocity);
+            }
+            Sample::Restart(_) => {
+                self.time.restart();
+                self.yaws.restart();
+            }
             _ => {}
         }
     }
+}
+
+/// Whether the yaw of the estimate is known well enough to be compared.
+fn settled(engine: &Engine) -> bool {
+    engine.filter().is_some_and(|f| f.heading_sigma().to_degrees() < SETTLED_DEG)
 }
 
 /// An engine whose flight is written down.

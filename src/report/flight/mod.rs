@@ -8,6 +8,7 @@ mod lessons;
 mod log;
 mod track;
 mod words;
+mod yaw;
 
 pub use log::{FlightLog, Logged};
 
@@ -141,13 +142,6 @@ fn attitudes(
             );
         }
         body.push_str("</table></div>");
-        if let Some([autopilot, ours]) = found.crab_rms_deg {
-            let _ = write!(
-                body,
-                "<p>From the nose to the course over the ground: {autopilot:.1}° RMS by the autopilot's yaw, {ours:.1}° by this \
-                 estimate. Wind and drift angle are in both; the larger one has the larger yaw error.</p>"
-            );
-        }
         let every = found.differences.len().div_ceil(POINTS).max(1);
         let mut plot = Plot::new("autopilot less this estimate", "deg");
         for (k, (name, (_, color))) in ["roll", "pitch", "yaw"].into_iter().zip(AXES).enumerate() {
