@@ -2,7 +2,8 @@
 //!
 //! The unit that follows directly on a good frame is trusted: a message the dialect does not know is skipped as a
 //! whole there, so that payload bytes that look like a start byte cannot hold up the good frame behind it. After lost
-//! synchronisation an unknown message only counts as one when another start byte follows it.
+//! synchronisation an unknown message only counts as one when another start byte follows it. A length that would swallow a frame with the
+//! right checksum is none, whoever claims it, and bytes that wait for their rest are given up where whole frames arrive instead.
 
 use super::frame::{Frame, MAGIC_V1, MAGIC_V2, MAX_FRAME_LEN, Scan, scan};
 use bytes::Bytes;
@@ -47,6 +48,12 @@ impl Framer {
             self.buffer.drain(..self.start);
             self.start = 0;
         }
+        // What waits for its rest did not get it.
+        let waits = !self.buffer.is_empty() && matches!(scan(&self.buffer), Scan::Incomplete);
+        if waits && matches!(scan(bytes), Scan::Valid(_)) {
+            self.stats.skipped_bytes += self.buffer.len() as u64;
+            self.buffer.clear();
+        }
         self.buffer.extend_from_slice(bytes);
     }
 
@@ -63,6 +70,7 @@ impl Framer {
                     self.count_losses(&frame);
                     return Some(frame);
                 }
+                Scan::Unknown(len) | Scan::BadChecksum(len) if holds_a_frame(rest, len) => self.skip_byte(),
                 Scan::Unknown(len) => match (self.synchronised, rest.get(len)) {
                     (true, _) | (false, Some(&(MAGIC_V1 | MAGIC_V2))) => {
                         self.stats.unknown += 1;
@@ -140,6 +148,13 @@ impl Framer {
     }
 }
 
+/// Whether a frame with the right checksum begins inside the first `len` bytes, behind the first.
+fn holds_a_frame(rest: &[u8], len: usize) -> bool {
+    let inside = rest.get(..len).unwrap_or(rest).iter().enumerate().skip(1);
+    let mut starts = inside.filter(|(_, b)| matches!(**b, MAGIC_V1 | MAGIC_V2));
+    starts.any(|(k, _)| rest.get(k..).is_some_and(|r| matches!(scan(r), Scan::Valid(_))))
+}
+
 #[cfg(test)]
 mod tests {
     use super::super::frame::Sender;
@@ -186,6 +201,35 @@ mod tests {
         let stats = framer.stats();
         assert_eq!((stats.bad_checksum, stats.lost), (1, 1));
         assert_eq!(stats.skipped_bytes, bad.len() as u64);
+    }
+
+    /// Two bytes before every datagram claim 263 more: nothing of the frames is lost, and none waits.
+    #[test]
+    fn a_claimed_length_swallows_no_frame() {
+        for (header, whole) in [
+            (&[MAGIC_V1, 255][..], true),
+            (&[MAGIC_V2, 255, 0, 0, 0, 1, 1, 9, 9, 9], true),
+            (&[MAGIC_V1, 255], false),
+        ] {
+            let mut framer = Framer::new();
+            for sequence in 0..200 {
+                framer.push(header);
+                if whole {
+                    framer.push(imu(sequence).raw());
+                } else {
+                    imu(sequence).raw().chunks(7).for_each(|piece| framer.push(piece));
+                }
+                if whole {
+                    assert_eq!(all(&mut framer), vec![imu(sequence)], "{header:?}");
+                }
+            }
+            if !whole {
+                // The last ones wait for the rest of what was claimed.
+                let found = all(&mut framer);
+                assert!(found.len() >= 190 && found[0] == imu(0), "{}", found.len());
+            }
+            assert_eq!(framer.stats().lost, 0);
+        }
     }
 
     #[test]
