@@ -123,6 +123,39 @@ impl Identity {
     }
 }
 
+/// What carries a vehicle.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Carrier {
+    /// Wings alone.
+    Wings,
+    /// Wings, and rotors to take off and land.
+    WingsAndRotors,
+    /// Rotors.
+    Rotors,
+}
+
+impl Carrier {
+    /// By `MAV_TYPE` (MAVLink's `minimal.xml`); nothing for what does not fly or is carried otherwise.
+    pub fn of(mav_type: u8) -> Option<Self> {
+        match mav_type {
+            1 => Some(Self::Wings),
+            19..=25 => Some(Self::WingsAndRotors),
+            // Quadrotor, coaxial, helicopter, hexarotor, octorotor, tricopter, dodecarotor, decarotor.
+            2..=4 | 13..=15 | 29 | 35 => Some(Self::Rotors),
+            _ => None,
+        }
+    }
+
+    /// Whether wings alone carry it, or rotors alone.
+    pub fn is_fixed_wing(self) -> Option<bool> {
+        match self {
+            Self::Wings => Some(true),
+            Self::Rotors => Some(false),
+            Self::WingsAndRotors => None,
+        }
+    }
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;

@@ -3,7 +3,7 @@
 use crate::engine::situation::FlightMode;
 use crate::link::frame::Frame;
 use crate::sensors::{AUTOPILOT_COMPONENT, modes};
-use gaware_mission::identity::{Identity, Uid};
+use gaware_mission::identity::{Carrier, Identity, Uid};
 use gaware_mission::item::Autopilot;
 use gaware_mission::transfer::Address;
 use gaware_mission::transfer::verified::VehicleState;
@@ -84,11 +84,7 @@ impl Vehicle {
 impl Vehicle {
     /// Whether wings carry it (`MAV_TYPE_FIXED_WING`); `None` for types that are neither plane nor multirotor.
     pub fn is_fixed_wing(&self) -> Option<bool> {
-        match self.mav_type {
-            1 => Some(true),
-            kind if ROTORS.contains(&kind) => Some(false),
-            _ => None,
-        }
+        Carrier::of(self.mav_type)?.is_fixed_wing()
     }
 
     /// Who it is.
@@ -137,9 +133,6 @@ pub fn type_words(mav_type: u8) -> String {
     };
     words.to_owned()
 }
-
-/// `MAV_TYPE` of vehicles that rotors carry.
-const ROTORS: [u8; 8] = [2, 3, 4, 13, 14, 15, 29, 35];
 
 #[cfg(test)]
 mod tests {

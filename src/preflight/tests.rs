@@ -164,6 +164,8 @@ fn wrong_set_ups_of_a_plane() {
             f.vehicle.state = VehicleState { armed: true, mission_mode: true, ..ON_THE_GROUND };
         }),
         one("the vehicle is a quadrotor", |f, _| f.vehicle.mav_type = 2),
+        // Coaxial: carried by rotors as well.
+        one("a plan of a coaxial copter", |_, p| p.mav_type = Some(3)),
         one("the plan is for PX4", |_, p| p.planned_for = Some(Autopilot::Px4)),
         one("an old firmware", |f, _| f.firmware = Some([3, 9, 8])),
         one("a firmware that does not tell its version", |f, _| f.firmware = None),

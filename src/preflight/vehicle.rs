@@ -4,7 +4,7 @@ use super::{Against, FIRST_ITEM, Facts, Row, STATE, Verdict};
 use crate::mission_link::files::Contents;
 use crate::mission_link::vehicle::{identity_words, type_words};
 use gaware_mission::fence::LocalFrame;
-use gaware_mission::identity::Sameness;
+use gaware_mission::identity::{Carrier, Sameness};
 use gaware_mission::item::{Autopilot, LatLon};
 
 /// A plan that begins farther away than this was made for another field, m.
@@ -90,11 +90,7 @@ fn kind(facts: &Facts, against: Against<'_>) -> Vec<Row> {
             let text = format!("the plan was made for {other}, the vehicle runs {}", vehicle.autopilot);
             rows.push(row(Verdict::Stop, text));
         }
-        let wings = |mav_type| match mav_type {
-            1 => Some(true),
-            2 | 13 | 14 => Some(false),
-            _ => None,
-        };
+        let wings = |mav_type| Carrier::of(mav_type)?.is_fixed_wing();
         if let (Some(planned), Some(real)) = (plan.mav_type, vehicle.is_fixed_wing())
             && wings(planned).is_some_and(|p| p != real)
         {

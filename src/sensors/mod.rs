@@ -21,6 +21,7 @@ pub mod truth;
 use crate::link::frame::Frame;
 use crate::link::systems::Systems;
 use crate::timeline::{Measurement, Stamp, TimeCounts, TimeLine};
+use gaware_mission::identity::Carrier;
 use gaware_nav::observability::words::VehicleKind;
 use gaware_nav::sample::{GnssFix, ImuSample, RestartReason, Sample};
 use health::{Health, Verdict};
@@ -498,13 +499,11 @@ fn push_notice(notices: &mut Vec<Notice>, notice: Notice) {
 
 /// What a type of MAVLink vehicle flies like (`MAV_TYPE` of `minimal.xml`); nothing for what does not fly.
 fn vehicle_kind(mav_type: u32) -> Option<VehicleKind> {
-    match mav_type {
-        // Fixed wing; the kinds of VTOL have wings to fly turns with.
-        1 | 19..=25 => Some(VehicleKind::FixedWing),
-        // Quadrotor, coaxial, helicopter, hexarotor, octorotor, tricopter, dodecarotor, decarotor.
-        2..=4 | 13..=15 | 29 | 35 => Some(VehicleKind::Multirotor),
-        _ => None,
-    }
+    Some(match Carrier::of(u8::try_from(mav_type).ok()?)? {
+        // The kinds of VTOL have wings to fly turns with.
+        Carrier::Wings | Carrier::WingsAndRotors => VehicleKind::FixedWing,
+        Carrier::Rotors => VehicleKind::Multirotor,
+    })
 }
 
 #[cfg(test)]

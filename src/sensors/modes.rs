@@ -3,14 +3,13 @@
 //! Numbers and names: ArduPilot `ArduPlane/mode.h`, `ArduCopter/mode.h`; PX4 `src/modules/commander/px4_custom_mode.h`.
 
 use crate::engine::situation::FlightMode::{self, Hold, Landing, Mission, Pilot, Return, TakeOff, Unknown};
+use gaware_mission::identity::Carrier;
 
 /// `MAV_AUTOPILOT_ARDUPILOTMEGA`, `MAV_AUTOPILOT_PX4`.
 const ARDUPILOT: u8 = 3;
 const PX4: u8 = 12;
 /// `MAV_MODE_FLAG_AUTO_ENABLED`.
 const AUTO: u8 = 4;
-/// `MAV_TYPE` of vehicles that rotors carry: they run ArduCopter.
-const ROTORS: [u8; 8] = [2, 3, 4, 13, 14, 15, 29, 35];
 
 type Row = (u32, &'static str, FlightMode);
 
@@ -101,7 +100,8 @@ pub fn of_heartbeat(firmware: u8, kind: u8, base_mode: u8, custom_mode: u32) -> 
     let unknown = || (Unknown, format!("mode {custom_mode}"));
     match firmware {
         ARDUPILOT => {
-            let table: &[Row] = if ROTORS.contains(&kind) { &COPTER } else { &PLANE };
+            // Vehicles that rotors carry run ArduCopter.
+            let table: &[Row] = if Carrier::of(kind) == Some(Carrier::Rotors) { &COPTER } else { &PLANE };
             let row = table.iter().find(|(number, ..)| *number == custom_mode);
             row.map_or_else(unknown, |(_, name, mode)| (*mode, (*name).to_owned()))
         }
