@@ -1,6 +1,5 @@
 //! What the end-to-end tests share: the real binary as a process, and where recorded flights are.
 
-#![allow(dead_code, reason = "every test file uses its own part of this")]
 #![allow(clippy::unwrap_used, clippy::panic, reason = "helpers of tests may panic, as tests do")]
 
 pub mod page;
