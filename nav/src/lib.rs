@@ -15,6 +15,7 @@ pub mod estimator;
 pub mod filter;
 pub mod heading;
 pub mod identify;
+mod linear;
 pub mod mechanization;
 pub mod model;
 pub mod noise_meter;

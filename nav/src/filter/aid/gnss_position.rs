@@ -16,7 +16,7 @@ pub(in crate::filter) const HELD_OFF_S: f64 = 30.0;
 
 impl Filter {
     pub(in crate::filter) fn position_rows(&self, fix: &GnssFix, x: &AtFix, added: &Added) -> Rows {
-        let z = self.position_offset(fix, x, added) - self.wander - x.now.v_n * self.fix_ahead_s(fix);
+        let z = self.position_offset(fix, x, added) - x.now.v_n * self.fix_ahead_s(fix);
         let sigma = self.position_sigma(fix);
         let shared = x.excited.v_n * self.model.gnss.time_sigma_s;
         let mut rows = rows_of(index::POSITION, &z.as_slice()[..3], &x.now.c_nb, added, &sigma, &shared);
@@ -32,15 +32,16 @@ impl Filter {
 
     /// Where the fix puts the inertial unit, relative to the estimate, north-east-down, m.
     fn position_offset(&self, fix: &GnssFix, x: &AtFix, added: &Added) -> Vector3<f64> {
-        x.c_ne * (fix.position.to_ecef() - self.nav.r_e) - added.sum
+        x.c_ne * (fix.position.to_ecef() - self.about.nav.r_e) - added.sum
     }
 
     /// The position came from a fix and carries that fix's correlated error: what is known of the Gauss-Markov error is taken off, and what
     /// is not known of it is missing from the position. Taken for independent of each other, the two would halve it.
     pub(crate) fn place_by_fix(&mut self) {
         let Some(w) = self.layout.gauss_markov() else { return };
-        let c_bn = self.nav.c_nb().transpose();
-        self.nav.r_e -= self.nav.c_eb() * (c_bn * self.wander);
+        let c_bn = self.about.nav.c_nb().transpose();
+        let mean = Vector3::from_fn(|k, _| self.x[w + k]);
+        self.about.nav.r_e -= self.about.nav.c_eb() * (c_bn * mean);
         let own = self.p.block3(index::POSITION) + c_bn * self.p.block3(w) * c_bn.transpose();
         self.p.set_block3(index::POSITION, &own);
         for state in index::GYRO_BIAS..self.layout.len() {
@@ -54,7 +55,9 @@ impl Filter {
         let x = self.at_fix();
         let [added, _] = self.fix_effects(&x);
         let offset = self.position_offset(fix, &x, &added) - x.now.v_n * self.fix_ahead_s(fix);
-        self.nav.r_e += x.c_ne.transpose() * offset;
+        let before = self.estimate.nav.r_e;
+        self.about.nav.r_e += x.c_ne.transpose() * offset;
+        self.x[index::POSITION..index::VELOCITY].fill(0.0);
         let sigma = Vector3::from(self.position_sigma(fix)).map(|s| s.max(SIGMA_FLOOR) * 2.0);
         (0..3).for_each(|k| self.p.reset(index::POSITION + k, 1.0));
         if let Some(w) = self.layout.gauss_markov() {
@@ -62,14 +65,14 @@ impl Filter {
             for k in 0..3 {
                 self.p.reset(w + k, self.model.gnss.position_wander_sigma_m[k]);
             }
-            self.wander = Vector3::zeros();
+            self.x[w..w + 3].fill(0.0);
         }
         // Time stamp and latency move it along the path.
         let along = x.now.v_n * self.delay_sigma_s().hypot(self.model.gnss.time_sigma_s);
         let variances = Matrix3::from_diagonal(&sigma.map(|s| s * s)) + along * along.transpose();
         self.p.set_block3(index::POSITION, &(x.now.c_nb.transpose() * variances * x.now.c_nb));
         self.place_by_fix();
-        offset.norm()
+        (self.about.nav.r_e - before).norm()
     }
 
     /// 1-sigma of the delay of the fixes, s.

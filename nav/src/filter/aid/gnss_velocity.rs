@@ -29,7 +29,7 @@ impl Filter {
     pub(in crate::filter) fn reset_velocity(&mut self, fix: &GnssFix) {
         let x = self.at_fix();
         let [_, added] = self.fix_effects(&x);
-        let (mut v_n, old_vertical) = (x.now.v_n, self.ned_sigmas()[1].z);
+        let (mut v_n, old_vertical) = (self.estimate.nav.v_n(), self.ned_sigmas()[1].z);
         let given = fix.velocity_sigma_m_per_s.unwrap_or(self.model.gnss.velocity_sigma_m_per_s);
         let mut sigma = Vector3::from(given).map(|s| (2.0 * s).max(RESET_SIGMA));
         match fix.velocity {
@@ -43,10 +43,10 @@ impl Filter {
             }
             FixVelocity::Full(v) => v_n = Vector3::from(v) - added.sum,
         }
-        self.nav.v_e = x.c_ne.transpose() * v_n;
+        self.about.nav.v_e = x.c_ne.transpose() * v_n;
+        self.x[index::VELOCITY..index::ATTITUDE].fill(0.0);
         (0..3).for_each(|k| self.p.reset(index::VELOCITY + k, 1.0));
         let variances = Matrix3::from_diagonal(&sigma.map(|s| s * s));
         self.p.set_block3(index::VELOCITY, &(x.now.c_nb.transpose() * variances * x.now.c_nb));
-        self.seen_velocity = Some(v_n);
     }
 }

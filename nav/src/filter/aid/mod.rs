@@ -6,17 +6,15 @@ pub(super) mod gnss_velocity;
 pub(super) mod gnss_yaw;
 pub mod stationarity;
 
-use super::Filter;
 use super::force_rate;
+use super::{Filter, Point};
 use super::group::Rows;
 use super::layout::index;
 use super::regressor::BEYOND_NOISE;
-use super::second_order::{ERRORS, FORCE};
 use crate::earth;
 use crate::effects::{Antenna, FixInstant, MAX_PARAMETERS, Older};
 use crate::mechanization;
-use crate::rotation::skew;
-use nalgebra::{Matrix3, SMatrix, Vector3};
+use nalgebra::{Matrix3, Vector3};
 
 /// NIS beyond which a group of 1, 2, 3 rows is rejected: chance 6e-7, five sigma of one row.
 const GATE: [f64; 4] = [f64::INFINITY, 25.0, 28.7, 31.8];
@@ -26,8 +24,6 @@ const LOCKED_OUT_S: f64 = 3.0;
 const LOCKED_OUT_COUNT: u32 = 4;
 /// Attitude uncertainty that is added when position and velocity both started anew, rad.
 const LOCKED_OUT_ATTITUDE: f64 = 0.05;
-/// What differs by less than so many of its own sigmas has not been seen to differ.
-const ERROR_SIGMAS: f64 = 4.0;
 /// No fix is assumed to be better than this, m and m/s.
 const SIGMA_FLOOR: f64 = 0.01;
 
@@ -98,46 +94,39 @@ pub(super) struct AtFix {
 }
 
 impl Filter {
+    /// Values are those of the trajectory that everything is linearised about; what the parameters of a fix multiply is taken from the
+    /// estimate: a trajectory that is off by a mean error that is known has another velocity and acceleration than the vehicle.
     pub(super) fn at_fix(&self) -> AtFix {
-        let c_ne = earth::c_en_at(&self.nav.r_e).transpose();
-        let c_nb = c_ne * self.nav.c_eb();
-        let earth_b = self.nav.q_eb.inverse() * earth::rotation_rate();
+        let Point { nav, calibration, motion } = &self.about;
+        let c_ne = earth::c_en_at(&nav.r_e).transpose();
+        let earth_b = nav.q_eb.inverse() * earth::rotation_rate();
         let rates = self.nearby.as_deref();
-        let a_n = |force: &Vector3<f64>| c_ne * mechanization::acceleration(&self.nav, force);
+        let effects = || self.model.effects.iter().map(|s| s.effect).zip(calibration.parameters());
         let now = FixInstant {
             t_s: self.t_s,
-            v_n: c_ne * self.nav.v_e,
-            a_n: a_n(&self.motion.force),
-            c_nb,
-            rate_eb: self.motion.rate - earth_b,
+            v_n: c_ne * nav.v_e,
+            a_n: c_ne * mechanization::acceleration(nav, &motion.force),
+            c_nb: c_ne * nav.c_eb(),
+            rate_eb: motion.rate - earth_b,
             force_rate: rates.map_or(Vector3::zeros(), |f| f.at(self.t_s)),
             antenna: Antenna::of(
-                self.model
-                    .effects
-                    .iter()
-                    .map(|s| s.effect)
-                    .zip(self.calibration.parameters().iter().map(Vec::as_slice)),
+                effects().map(|(e, p)| (e, p.as_slice())),
                 rates.map_or_else(Default::default, |f| f.of_rate_at(self.t_s)),
             ),
             older: Older::default(),
             elapsed_s: self.t_s - self.began_s,
         };
-        let effects = self.model.effects.iter().zip(self.calibration.parameters());
-        let lag_s = effects.map(|(s, p)| s.effect.velocity_delay_s(p)).sum();
+        let lag_s = effects().map(|(e, p)| e.velocity_delay_s(p)).sum();
         let older = rates
             .zip(self.last)
-            .map_or_else(Older::default, |(f, last)| f.older(lag_s, &now, &last.accel, &self.motion.force));
+            .map_or_else(Older::default, |(f, last)| f.older(lag_s, &now, &last.accel, &motion.force));
         let now = FixInstant { older, ..now };
-        let (seen, a_seen) = if self.course.is_straight() && !self.regressor.moving() {
-            let present = self.regressor.present(&self.motion);
-            (present, self.beyond_error(a_n(&present.force), &present.force, &c_nb))
-        } else {
-            (self.lever, a_n(&self.lever.force))
-        };
+        let own = &self.estimate;
+        let force = self.to.lever.force + own.motion.force - motion.force;
         let excited = FixInstant {
-            v_n: self.seen_velocity.unwrap_or(now.v_n),
-            a_n: a_seen,
-            rate_eb: seen.rate - earth_b,
+            v_n: c_ne * own.nav.v_e,
+            a_n: c_ne * mechanization::acceleration(&own.nav, &force),
+            rate_eb: self.to.lever.rate + own.motion.rate - motion.rate - earth_b,
             force_rate: self.beyond_noise(now.force_rate),
             ..now
         };
@@ -146,38 +135,21 @@ impl Filter {
 
     /// A rate of change of the specific force without what may be noise of the samples.
     fn beyond_noise(&self, force_rate: Vector3<f64>) -> Vector3<f64> {
-        let density = self.model.imu.accel_noise.powi(2) + self.extra_noise.1;
-        let band = BEYOND_NOISE * force_rate::noise(density);
+        let band = BEYOND_NOISE * force_rate::noise(self.noise_density().1);
         force_rate.map(|r| if r.abs() < band { 0.0 } else { r })
     }
 
-    /// The acceleration, north-east-down, of a vehicle that goes straight and has long done nothing else, without what errors of
-    /// attitude and calibration make of none: fix after fix would take the same error for a change of velocity.
-    fn beyond_error(&self, a_n: Vector3<f64>, force: &Vector3<f64>, c_nb: &Matrix3<f64>) -> Vector3<f64> {
-        // δa = C (δf − f × ε) (Groves 2013, section 14.2.2).
-        let mut h = SMatrix::<f64, 3, ERRORS>::zeros();
-        h.fixed_columns_mut::<3>(0).copy_from(&(-c_nb * skew(force)));
-        h.fixed_columns_mut::<3>(FORCE).copy_from(c_nb);
-        let variance = (h * self.covariance_of_errors() * h.transpose()).diagonal();
-        a_n.zip_map(&variance, |a, v| if a * a < (ERROR_SIGMAS * ERROR_SIGMAS) * v { 0.0 } else { a })
-    }
-
-    /// Takes over the velocity that constants are judged by where it has changed beyond its own uncertainty.
-    pub(super) fn see_velocity(&mut self) {
-        let v_n = self.nav.v_n();
-        let sigma = self.ned_sigmas()[1];
-        let seen = self.seen_velocity.get_or_insert(v_n);
-        for k in 0..3 {
-            if (v_n[k] - seen[k]).abs() > ERROR_SIGMAS * sigma[k] {
-                seen[k] = v_n[k];
-            }
-        }
+    /// Variances per hertz of gyros, (rad/s)²/Hz, and accelerometers, (m/s²)²/Hz.
+    pub(super) fn noise_density(&self) -> (f64, f64) {
+        let imu = &self.model.imu;
+        let (gyro, accel) = (imu.gyro_noise * imu.gyro_noise, imu.accel_noise * imu.accel_noise);
+        (gyro + self.extra_noise.0, accel + self.extra_noise.1)
     }
 
     /// What the effects add to position and velocity of a fix.
     pub(super) fn fix_effects(&self, x: &AtFix) -> [Added; 2] {
         let mut out = [Added::default(), Added::default()];
-        for (e, (setting, p)) in self.model.effects.iter().zip(self.calibration.parameters()).enumerate() {
+        for (e, (setting, p)) in self.model.effects.iter().zip(self.about.calibration.parameters()).enumerate() {
             let Some(effect) = setting.effect.on_fixes() else { continue };
             let added = effect.fix(p, &x.now);
             let turned = effect.fix_by_attitude(p, &x.now);

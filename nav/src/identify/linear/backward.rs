@@ -7,7 +7,7 @@
 //! recursion (de Jong & Penzer 1998, "Diagnosing shocks in time series").
 
 use super::forward::{Keep, Prior, Tape, Taped};
-use super::interval::{BIASES, DYNAMIC, Interval, NavCovariance};
+use crate::linear::interval::{BIASES, DYNAMIC, Interval, NavCovariance};
 use super::kalman::{
     MOST_ROWS, SIGMA_FLOOR, Square, State, Update, add_rows, add_scaled, gauss_markov_variance, vectorised,
 };

@@ -2,7 +2,7 @@
 //!
 //! Parameters are carried along (Friedland 1969, "Treatment of bias in recursive filtering"; Willsky & Jones 1976 for jumps): δx = δx₀ + U θ with U ← Φ U + B and U ← U − K (H U + D).
 
-use super::interval::{BIASES, DYNAMIC, Interval};
+use crate::linear::interval::{BIASES, DYNAMIC, Interval};
 use super::kalman::{Kalman, State, Update, add_rows, add_scaled, normalised_squares, vectorised};
 use super::rows::Measured;
 use super::{Epoch, Problem, STATES, index};

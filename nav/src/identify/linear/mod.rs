@@ -11,7 +11,6 @@
 pub mod backward;
 pub mod forward;
 pub mod innovations;
-mod interval;
 mod kalman;
 pub mod reference;
 mod rows;
@@ -29,7 +28,7 @@ use crate::mechanization::NavState;
 use crate::model::Model;
 use crate::sample::ImuSample;
 use forward::{Keep, Run, Runner};
-use interval::Interval;
+use crate::linear::interval::{self, Interval};
 use nalgebra::Vector3;
 use reference::Reference;
 use rows::Measured;

@@ -5,7 +5,7 @@
 //! is below a degree all along, also where the filter did not know it yet.
 
 use super::super::flight::Flight;
-use super::interval::{self, NavCovariance};
+use crate::linear::interval::{self, NavCovariance};
 use super::kalman::{Kalman, normalised_squares, vectorised};
 use super::track::Track;
 use super::{Problem, STATES, index, moved, rows};

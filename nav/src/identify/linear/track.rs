@@ -1,28 +1,17 @@
 //! Along the samples of a flight: the sensors at each of them, and the way from one fix to the next.
 
 use super::super::flight::Flight;
-use super::interval::{Interval, Sum};
+use crate::linear::interval::{Here, Interval, Sum};
 use super::unseen::Unseen;
 use crate::effects::{FixInstant, Instant, Older};
 use crate::filter::calibration::Calibration;
 use crate::filter::force_rate::ForceRates;
 use crate::filter::unseen::GAP_S;
 use crate::identify::watched::{Regressors, Watched};
-use crate::mechanization::{Motion, NavState};
+use crate::mechanization::NavState;
 use crate::model::Model;
 use crate::sample::{ImuSample, SampleKind};
 use nalgebra::{Matrix3, Vector3};
-
-/// The sensors at one instant: motion, and by how much each watched parameter changes what is taken for motion.
-#[derive(Debug, Clone, Default)]
-pub(super) struct Here {
-    pub(super) t_s: f64,
-    pub(super) motion: Motion,
-    /// Of the specific force into the rate, by the g-sensitivity that the model knows of.
-    pub(super) by_force: Matrix3<f64>,
-    /// Rate and specific force by each watched parameter.
-    pub(super) columns: Vec<[Vector3<f64>; 2]>,
-}
 
 /// Goes along the samples of a flight.
 pub(super) struct Track<'a> {
@@ -161,7 +150,7 @@ impl<'a> Track<'a> {
         let motion = self.calibration.motion(self.model, sample);
         let here = &mut self.to;
         here.t_s = sample.t_s;
-        here.motion = motion;
+        (here.motion, here.lever) = (motion, motion);
         let temperature_above_25_degc = sample.temperature_degc.map_or(0.0, |t| t - 25.0);
         let x = Instant {
             t_s: sample.t_s,
@@ -170,9 +159,10 @@ impl<'a> Track<'a> {
             temperature_above_25_degc,
             around: self.calibration.around,
         };
-        here.by_force = Matrix3::zeros();
+        (here.by_force, here.by_rate) = (Matrix3::zeros(), Matrix3::zeros());
         for (setting, p) in self.model.effects.iter().zip(self.calibration.parameters()) {
             here.by_force += setting.effect.gyro_by_force(p, &x).unwrap_or_default();
+            here.by_rate += setting.effect.accel_by_rate(p, &x).unwrap_or_default();
         }
         here.columns.clear();
         self.watched.imu_columns(&x, &mut here.columns);

@@ -8,7 +8,7 @@
 //! that the vehicle rolled, so each counts by itself.
 
 use super::index;
-use super::interval::{NavCovariance, error};
+use crate::linear::interval::{NavCovariance, error};
 use crate::earth::STANDARD_GRAVITY;
 use crate::filter::unseen::{GAP_S, MOTION};
 use crate::mechanization::{Increment, Motion, NavState};
