@@ -25,12 +25,12 @@ pub(crate) mod unseen;
 mod update;
 mod window;
 
+use crate::linear::interval::{Here, Sum};
 use crate::mechanization::{Motion, NavState};
 use crate::model::Model;
 use crate::sample::{ImuSample, SampleKind};
 use calibration::{Calibration, MotionJacobian};
 use covariance::Covariance;
-use crate::linear::interval::{Here, Sum};
 use force_rate::{ForceRates, Recent};
 use layout::{Layout, index};
 use nalgebra::{Matrix3, Vector3};

@@ -77,8 +77,7 @@ impl Filter {
         std::mem::swap(&mut self.from, &mut self.to);
         self.see(sample);
         let missed = self.missed(dt, gap);
-        let sum =
-            self.sum.get_or_insert_with(|| Box::new(Sum::new(&self.about.nav, self.to.columns.len())));
+        let sum = self.sum.get_or_insert_with(|| Box::new(Sum::new(&self.about.nav, self.to.columns.len())));
         sum.add(&self.from, &self.to, self.kind, dt);
         if let Some(missed) = missed {
             sum.add_gap(&missed);

@@ -3,12 +3,12 @@
 //! Each aid is tested and applied as one group. A group that fails its test is left out, but not for long: innovation
 //! tests must not lock the filter out.
 
-use super::{Filter, Point};
 use super::aid::Rejections;
 use super::aid::gnss_position::HELD_OFF_S;
 use super::force_rate::ForceRates;
 use super::group::{Prepared, Rows};
 use super::layout::index;
+use super::{Filter, Point};
 use crate::displacement::Displacement;
 use crate::sample::GnssFix;
 use nalgebra::Vector3;
@@ -152,10 +152,9 @@ impl Filter {
     /// All groups of a fix are linearised once, about the state that it finds, and applied one after the other: the gates see
     /// each by itself, the result is that of one update with all rows.
     fn apply_fix(&mut self, fix: &GnssFix) -> FixOutcome {
-        let x = self.at_fix();
-        let [to_position, to_velocity] = self.fix_effects(&x);
-        let position = self.position_rows(fix, &x, &to_position);
-        let velocity = self.velocity_rows(fix, &x, &to_velocity);
+        let x = self.linearise(fix);
+        let position = self.position_rows(fix, &x);
+        let velocity = self.velocity_rows(fix, &x);
         let yaw = self.yaw_rows(fix);
         let mut outcome = FixOutcome { t_s: self.t_s, ..FixOutcome::default() };
         let withheld = velocity.dof > 0 && self.gates.velocity.lasts();
@@ -181,9 +180,8 @@ impl Filter {
     /// A stationary vehicle: its velocity is known, its position and heading are not.
     fn apply_at_rest(&mut self, fix: &GnssFix) -> FixOutcome {
         let mut outcome = FixOutcome { t_s: self.t_s, ..FixOutcome::default() };
-        let x = self.at_fix();
-        let [added, _] = self.fix_effects(&x);
-        outcome.position = self.apply(self.position_rows(fix, &x, &added), |f| &mut f.gates.position);
+        let x = self.linearise(fix);
+        outcome.position = self.apply(self.position_rows(fix, &x), |f| &mut f.gates.position);
         self.apply_yaw(self.yaw_rows(fix), &mut outcome);
         self.settle_position(fix, &mut outcome);
         outcome
@@ -283,9 +281,8 @@ impl Filter {
     /// Applies a fix to the covariance alone, as if its innovation were zero: for information bounds and predictions.
     pub fn update_covariance(&mut self, fix: &GnssFix) {
         self.arrive();
-        let x = self.at_fix();
-        let [to_position, to_velocity] = self.fix_effects(&x);
-        for rows in [self.position_rows(fix, &x, &to_position), self.velocity_rows(fix, &x, &to_velocity)] {
+        let x = self.linearise(fix);
+        for rows in [self.position_rows(fix, &x), self.velocity_rows(fix, &x)] {
             if let Some(prepared) = Prepared::new(&rows, &self.p) {
                 prepared.absorb(&mut self.p, &mut []);
             }

@@ -96,10 +96,8 @@ impl Filter {
         let Some(last) = self.last else { return };
         let nav = &self.about.nav;
         let to_body = nav.q_eb.inverse();
-        let expected = Motion {
-            rate: to_body * earth::rotation_rate(),
-            force: to_body * -earth::gravity(&nav.r_e),
-        };
+        let expected =
+            Motion { rate: to_body * earth::rotation_rate(), force: to_body * -earth::gravity(&nav.r_e) };
         let mut jacobian = MotionJacobian::default();
         let seen = Motion { rate: expected.rate, force: self.regressor.motion().force };
         self.about.calibration.jacobian(&self.model, &self.layout, &last, &seen, &mut jacobian);
