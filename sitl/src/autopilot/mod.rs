@@ -10,7 +10,6 @@
 mod commands;
 mod feasibility;
 mod flight;
-pub mod framer;
 mod messages;
 pub mod mission;
 mod navigation;
@@ -25,9 +24,10 @@ use crate::sensors::{SensorConfig, Sensors};
 use crate::truth::{Trajectory, Truth};
 use crate::vehicle::{Vehicle, VehicleConfig};
 use flight::Body;
-use framer::{Framer, encode};
 use gaware_nav::model::Model;
 use gaware_nav::sample::{GnssFix, ImuSample};
+use gaware_wire::frame::encode;
+use gaware_wire::framer::Framer;
 use mavlink::dialects::ardupilotmega::*;
 use mavlink::{MavHeader, MessageData};
 use mission::MissionServer;
@@ -225,7 +225,7 @@ impl Autopilot {
             config,
             body,
             streams,
-            framer: Framer::default(),
+            framer: Framer::new(),
             out: Vec::new(),
             loops: 0,
             now_s: 0.0,

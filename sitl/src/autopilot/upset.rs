@@ -1,9 +1,9 @@
 //! What goes wrong on board and on its link: restarts, jumps of the clock, a station that takes the rates, a gimbal.
 
 use super::Autopilot;
-use super::framer::Framer;
 use super::streams::Streams;
 use crate::faults::Fault;
+use gaware_wire::framer::Framer;
 use mavlink::dialects::ardupilotmega::*;
 
 /// How long a restart takes, s.
@@ -47,7 +47,7 @@ impl Autopilot {
         self.silent_until_s = self.now_s + REBOOT_S;
         self.sequence = [0; 2];
         self.fix = None;
-        self.framer = Framer::default();
+        self.framer = Framer::new();
         self.mission.restart();
         let config = &self.config;
         self.streams =
