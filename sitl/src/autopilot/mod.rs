@@ -137,6 +137,8 @@ pub struct Autopilot {
     /// Simulation time at which the boot clock was 0.
     booted_s: f64,
     silent_until_s: f64,
+    /// Until then PX4 denies the rates of messages that it does not send.
+    denies_until_s: f64,
     /// Faults by time that are still to come.
     pending: Vec<Fault>,
     sequence: [u8; 2],
@@ -216,7 +218,13 @@ impl Autopilot {
         let navigation = config.navigates.then(|| Navigation::new(flavour));
         let mut pending = config.faults.clone();
         pending.retain(|f| {
-            matches!(f, Fault::Reboot { .. } | Fault::ClockJump { .. } | Fault::RateTheft { .. })
+            matches!(
+                f,
+                Fault::Reboot { .. }
+                    | Fault::InstanceRestart { .. }
+                    | Fault::ClockJump { .. }
+                    | Fault::RateTheft { .. }
+            )
         });
         Self {
             sensors: Sensors::unrounded(model, sensors, config.seed),
@@ -231,6 +239,7 @@ impl Autopilot {
             now_s: 0.0,
             booted_s: 0.0,
             silent_until_s: 0.0,
+            denies_until_s: 0.0,
             pending,
             sequence: [0; 2],
             fixes: 0,
@@ -411,7 +420,7 @@ impl Autopilot {
             .faults
             .iter()
             .any(|f| matches!(f, Fault::GnssLoss { from_s, to_s } if (*from_s..*to_s).contains(&due)));
-        let known = valid >= 0.0 && due > self.silent_until_s && !lost && !self.sensors.in_outage(due);
+        let known = valid >= 0.0 && due > self.booted_s && !lost && !self.sensors.in_outage(due);
         self.fix = known.then_some(fix);
         known
     }
