@@ -5,7 +5,9 @@
 
 use crate::alignment::Gathering;
 use crate::drift::DriftBank;
-use crate::filter::{Filter, FixOutcome, Fusion, Initial, LOST_ATTITUDE, PassedOver};
+use crate::earth::Geodetic;
+use crate::filter::{Filter, FixOutcome, Fusion, Initial, LOST_ATTITUDE, PassedOver, SampleNoise};
+use crate::ground::{Contact, PlaceAid, REFERENCE_ERROR};
 use crate::heading::{HeadingBank, MEMBERS};
 use crate::mechanization::NavState;
 use crate::model::{Model, SourceHistory};
@@ -13,6 +15,7 @@ use crate::noise_meter::NoiseMeter;
 use crate::quantisation::Dequantiser;
 use crate::rotation::c_nb_from_euler;
 use crate::sample::{GnssFix, ImuSample, ImuStream, Quantisation, RestartReason, Sample};
+use nalgebra::Vector3;
 use std::collections::VecDeque;
 use std::sync::Arc;
 
@@ -65,6 +68,11 @@ pub enum EstimatorEvent {
         /// The random walk that the fixes ask for beyond the model's own, rad/s/√s.
         walk: f64,
     },
+    /// The first fix after a start on the ground without one: the motion starts from fixes now.
+    PlaceKnown {
+        /// Whether the constants are kept: a vehicle that flew smoothly had passed for one at rest where they are not.
+        constants_kept: bool,
+    },
     /// The filter was not finite or not positive any more: everything starts anew.
     Failed {
         /// Whether the constants were sound and are kept.
@@ -107,6 +115,8 @@ pub struct Estimator {
     /// How far the biases may have moved since `before`, as a share of their prior sigma.
     bias_share: f64,
     events: Vec<EstimatorEvent>,
+    /// What is known of a vehicle on the ground without fixes.
+    ground: PlaceAid,
 }
 
 impl Estimator {
@@ -126,7 +136,34 @@ impl Estimator {
             source: SourceHistory::default(),
             bias_share: BIAS_AFTER_RESTART,
             events: Vec::new(),
+            ground: PlaceAid::default(),
         }
+    }
+
+    /// Says where the vehicle is, for as long as no fix does.
+    pub fn set_place(&mut self, place: Geodetic) {
+        self.ground.set_place(place);
+    }
+
+    /// Takes whether the vehicle reports that it flies, and that it is armed.
+    pub fn set_flight(&mut self, flying: bool, armed: bool) {
+        self.ground.set_flight(flying, armed);
+    }
+
+    /// Whether a place on the ground takes the part of the fixes, and if so whether place and heading are known.
+    pub fn on_ground_without_fixes(&self) -> Option<bool> {
+        let now_s = self.last.map(|s| s.t_s).filter(|t| self.ground.aids(*t));
+        now_s.filter(|_| self.filter().is_some()).map(|_| self.ground.reference_known())
+    }
+
+    /// Whether people may have the vehicle in their hands.
+    pub fn is_handled(&self) -> bool {
+        self.last.is_some_and(|s| self.ground.is_handled(s.t_s))
+    }
+
+    /// White noise of the gyros with rounding and vibration, (rad/s)²/Hz.
+    pub fn gyro_noise(&self) -> f64 {
+        self.model.imu.gyro_noise.powi(2) + self.extra_noise().0
     }
 
     /// What the estimation did on its own since the last call.
@@ -144,7 +181,7 @@ impl Estimator {
         match sample {
             Sample::Stream(stream) => self.new_stream(stream),
             Sample::Imu(raw) => return self.feed_imu(raw),
-            Sample::Fix(fix) => self.feed_fix(fix),
+            Sample::Fix(fix) => self.feed_receiver(fix),
             Sample::Attitude(hint) => {
                 if let State::Gathering(gathering) = &mut self.state {
                     gathering.push_hint(*hint);
@@ -300,7 +337,40 @@ impl Estimator {
         };
         self.look_after_health();
         self.keep_filter();
+        if let Some(fix) = self.ground.take(&sample, &self.sample_noise(noise, rounding)) {
+            self.feed_fix(&fix);
+        }
+        self.of_receiver(outcomes)
+    }
+
+    /// What became of the fixes of a receiver alone.
+    fn of_receiver(&mut self, mut outcomes: Vec<FixOutcome>) -> Vec<FixOutcome> {
+        outcomes.retain(|o| !self.ground.settle(o.stamp_s, o.velocity.dof > 0 && !o.velocity.used));
         outcomes
+    }
+
+    /// What white noise and rounding leave in one sample.
+    fn sample_noise(&self, extra: (f64, f64), rounding: [Vector3<f64>; 2]) -> SampleNoise {
+        let (imu, dt) = (&self.model.imu, self.meter.interval_s().max(1e-4));
+        let of = |n: f64, extra: f64, rounding: f64| (n * n + extra) / dt + 3.0 * rounding;
+        SampleNoise {
+            rate: of(imu.gyro_noise, extra.0, rounding[0].max()),
+            force: of(imu.accel_noise, extra.1, rounding[1].max()),
+        }
+    }
+
+    /// A fix of a receiver, which may be the first after a start by the place alone.
+    fn feed_receiver(&mut self, fix: &GnssFix) {
+        if let Some(last) = self.last.filter(|_| fix.is_plausible()) {
+            match self.ground.take_fix(fix, last.t_s) {
+                Contact::GoesOn => {}
+                Contact::Known => self.align_anew(EstimatorEvent::PlaceKnown { constants_kept: true }, true),
+                Contact::NeverStood => {
+                    self.align_anew(EstimatorEvent::PlaceKnown { constants_kept: false }, false);
+                }
+            }
+        }
+        self.feed_fix(fix);
     }
 
     /// Keeps the filter as it is now and then, in case that the sensor turns out to be at fault already.
@@ -403,21 +473,30 @@ impl Estimator {
         else {
             return;
         };
+        let by_place = self.ground.gave(fix);
+        if by_place {
+            self.ground.begin(start.heading_known);
+        }
+        // Rest shows no heading, however long it lasts: it is searched by the first fix.
+        let heading_settled = start.heading_known || by_place;
         let make = |initial: &Initial| {
             let mut filter = match &self.before {
                 Some(old) => old.restarted(initial, self.bias_share),
                 None => Filter::new(&self.model, initial),
             };
             filter.set_stream(self.stream.kind, self.extra_noise());
+            if by_place && !self.ground.reference_known() {
+                filter.set_reference_error(REFERENCE_ERROR);
+            }
             filter.place_by_fix();
             filter.propagate(&ImuSample { t_s: initial.t_s, ..mean });
             if start.stationary {
                 filter.observe_stationary(STANDING_RATE_SIGMA);
             }
             let fusion = Fusion::without_window(filter).recognising_rest();
-            if start.heading_known { fusion.looking_back() } else { fusion }
+            if heading_settled { fusion.looking_back() } else { fusion }
         };
-        self.state = if start.heading_known {
+        self.state = if heading_settled {
             State::Running(Box::new(DriftBank::new(make(&start.initial))))
         } else {
             let euler = start.initial.nav.euler();
@@ -447,6 +526,7 @@ impl Estimator {
         self.dequantiser = Dequantiser::new(self.model.quantisation_of(&self.stream));
         self.state = State::Gathering(Gathering::default());
         self.last = None;
+        self.ground.restart();
         self.source = SourceHistory::default();
     }
 }

@@ -13,6 +13,7 @@ pub mod fleet;
 pub mod fleet_limits;
 pub mod fleet_report;
 pub mod foxglove;
+pub mod ground;
 pub mod mission;
 pub mod mission_args;
 pub mod mission_restore;
@@ -32,6 +33,7 @@ pub mod sim;
 pub mod start;
 pub mod study;
 mod transfer;
+pub mod unit;
 
 use crate::link::address::AddressError;
 use crate::logs::LogError;
@@ -39,6 +41,7 @@ use crate::outputs::OutputError;
 pub use crate::outputs::OverwriteArgs;
 use crate::sensors::{ConverterOptions, ImuSource};
 use crate::sinks::recorder::RecorderError;
+use gaware_nav::earth::Geodetic;
 use gaware_nav::model::{Model, ModelError};
 use std::path::{Path, PathBuf};
 
@@ -51,6 +54,19 @@ pub struct ListenArgs {
     /// Listen to this system id (default: the autopilot that sends inertial data).
     #[arg(long, value_name = "ID")]
     pub vehicle: Option<u8>,
+    /// Where the vehicle is, in degrees, for as long as no fix says so: 47.4,8.5. A vehicle that is turned by hand indoors needs it for the
+    /// Earth's rate; without it that counts as an unknown of 15 deg/h.
+    #[arg(long, value_name = "LAT,LON", value_parser = place, allow_hyphen_values = true)]
+    pub home: Option<Geodetic>,
+}
+
+/// Latitude and longitude in degrees.
+fn place(text: &str) -> Result<Geodetic, String> {
+    let numbers: Vec<f64> = text.split(',').filter_map(|n| n.trim().parse().ok()).collect();
+    match numbers[..] {
+        [lat, lon] if lat.abs() <= 90.0 && lon.abs() <= 180.0 => Ok(Geodetic::from_degrees(lat, lon, 0.0)),
+        _ => Err("write latitude and longitude in degrees, as in --home 47.4,8.5".to_owned()),
+    }
 }
 
 impl ListenArgs {
@@ -150,6 +166,12 @@ pub enum CommandError {
     /// Parameters of a vehicle.
     #[error(transparent)]
     Params(#[from] params::ParamsError),
+    /// The model of one inertial unit.
+    #[error(transparent)]
+    Unit(#[from] crate::unit::UnitError),
+    /// The ground session.
+    #[error(transparent)]
+    Ground(#[from] ground::GroundError),
     /// The pre-flight check.
     #[error(transparent)]
     Preflight(#[from] preflight::PreflightError),

@@ -115,7 +115,8 @@ pub fn run(args: &ReplayArgs) -> Result<(), CommandError> {
             listen: args.listen.clone(),
             truth_from_s: args.truth_from,
         };
-        let engine = |model| Engine::new(model, EngineOptions::default());
+        let options = EngineOptions { place: args.listen.home, ..EngineOptions::default() };
+        let engine = |model| Engine::new(model, options.clone());
         results.push(if target.is_some() {
             let gathered = std::mem::take(&mut tables);
             let (pipeline, document) =

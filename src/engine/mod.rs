@@ -5,6 +5,7 @@
 
 pub(crate) mod counters;
 pub(crate) mod estimate;
+mod ground;
 pub mod guidance;
 pub mod observability;
 pub mod situation;
@@ -16,13 +17,16 @@ use counters::{ElapsedTime, RateMeter, Warnings};
 use estimate::Constants;
 use gaware_mission::airframe::Airframe;
 use gaware_mission::maneuver::Maneuver;
+use gaware_nav::earth::Geodetic;
 use gaware_nav::estimator::{Estimator, Stage};
 use gaware_nav::filter::{Filter, FixEvent, FixOutcome, PassedOver};
+use gaware_nav::ground::session::Side;
 use gaware_nav::model::Model;
 use gaware_nav::observability::covariance::Targets;
 use gaware_nav::observability::segments::PathSegment;
 use gaware_nav::observability::words::VehicleKind;
 use gaware_nav::sample::{GnssFix, ImuSample, Sample};
+use ground::GroundWatch;
 use guidance::motion::Instant;
 use guidance::{Flying, GuidanceOptions, Guide};
 use observability::ConditionWatch;
@@ -44,6 +48,10 @@ pub struct EngineOptions {
     pub targets: Targets,
     /// What flies, for guidance and the words of remedies; without it there is no guidance.
     pub guidance: Option<GuidanceOptions>,
+    /// Where the vehicle is, for as long as no fix says so.
+    pub place: Option<Geodetic>,
+    /// A ground session that was asked for, with the sides that the vehicle cannot stand on.
+    pub ground: Option<Vec<Side>>,
 }
 
 impl EngineOptions {
@@ -92,6 +100,8 @@ pub struct Engine {
     jump: Option<(f64, f64)>,
     /// When the motion started anew because the fixes contradicted it, s.
     contradicted_s: Option<f64>,
+    /// The ground session.
+    ground: GroundWatch,
 }
 
 impl Engine {
@@ -99,8 +109,11 @@ impl Engine {
     pub fn new(model: Model, options: EngineOptions) -> Self {
         let guide = options.guidance.clone().map(|g| Guide::new(g, &options.targets));
         let watch = ConditionWatch::new(options.targets);
+        let mut estimator = Estimator::new(model);
+        options.place.into_iter().for_each(|place| estimator.set_place(place));
         Self {
-            estimator: Estimator::new(model),
+            estimator,
+            ground: GroundWatch::new(options.ground.is_some(), options.ground.as_deref().unwrap_or_default()),
             options,
             autopilot: "unknown".to_owned(),
             reported: VehicleKind::Unknown,
@@ -142,6 +155,8 @@ impl Engine {
     /// Takes what the vehicle reports of its flight.
     pub fn set_flight(&mut self, report: &FlightReport) {
         self.flight.get_or_insert_default().clone_from(report);
+        self.estimator.set_flight(report.in_air, report.armed);
+        self.ground.set_flight(report.in_air, report.armed);
     }
 
     /// What flies.
@@ -192,6 +207,7 @@ impl Engine {
         self.take(sample);
         self.watch.push(&self.estimator);
         self.guide(imu.t_s);
+        self.look_at_ground(imu);
     }
 
     fn feed_fix(&mut self, fix: &GnssFix, sample: &Sample) {
@@ -358,6 +374,7 @@ impl Engine {
             waiting_for,
             observability,
             guidance,
+            ground: self.ground_status(),
             mission: snapshot::MissionProgress::default(),
             consistency: self.consistency(),
             warnings: self.warnings(&constants),

@@ -259,6 +259,50 @@ pub struct Consistency {
     pub last_normalised_innovation: [f64; 6],
 }
 
+/// What one side of the vehicle has brought in the ground session.
+#[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
+pub struct GroundSide {
+    /// In words: `level`, `nose up`.
+    pub side: String,
+    /// For how long it was held, s …
+    pub held_s: f64,
+    /// … and for how long it must be, by the noise of the gyros, s.
+    pub wanted_s: f64,
+    /// Whether that is enough.
+    pub done: bool,
+    /// Whether the vehicle cannot stand so.
+    pub skipped: bool,
+    /// The largest sigma of an element of G before and after, where a filter ran.
+    pub g_sigma_deg_per_h_per_g: Option<[f64; 2]>,
+}
+
+/// The ground session.
+#[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
+pub struct GroundStatus {
+    /// Whether its instructions are given.
+    pub active: bool,
+    /// Whether nothing is left to do.
+    pub done: bool,
+    /// Why there can be no session: armed, flying; empty where there can.
+    pub refused: String,
+    /// What to do now, one sentence.
+    pub instruction: String,
+    /// Seconds that the vehicle is to be held still, by what is not known yet.
+    pub seconds_left: Option<f64>,
+    /// Since the first look, s.
+    pub duration_s: f64,
+    /// Holds that ended too early; they count as far as they went.
+    pub interruptions: u32,
+    /// The six sides.
+    pub sides: Vec<GroundSide>,
+    /// How far it was turned about its axes in all.
+    pub turned_deg: [f64; 3],
+    /// Whether no fix aids the filter.
+    pub without_fixes: bool,
+    /// Whether place and heading are known; otherwise the Earth's rate counts as an unknown of 15 deg/h.
+    pub reference_known: bool,
+}
+
 /// The state of the estimator at one instant.
 #[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub struct Snapshot {
@@ -298,6 +342,9 @@ pub struct Snapshot {
     pub observability: Observability,
     /// What to fly.
     pub guidance: Guidance,
+    /// The ground session: what to do by hand before the flight.
+    #[serde(default)]
+    pub ground: GroundStatus,
     /// The autopilot's own mission; a live run alone knows of it.
     #[serde(default)]
     pub mission: MissionProgress,
