@@ -5,9 +5,8 @@
 
 use crate::alignment::Gathering;
 use crate::drift::DriftBank;
-use crate::earth::Geodetic;
-use crate::filter::{Filter, FixOutcome, Fusion, Initial, LOST_ATTITUDE, PassedOver, SampleNoise};
-use crate::ground::{Contact, PlaceAid, REFERENCE_ERROR};
+use crate::filter::{Filter, FixOutcome, Fusion, Initial, LOST_ATTITUDE, PassedOver};
+use crate::ground::{PlaceAid, REFERENCE_ERROR};
 use crate::heading::{HeadingBank, MEMBERS};
 use crate::mechanization::NavState;
 use crate::model::{Model, SourceHistory};
@@ -15,7 +14,6 @@ use crate::noise_meter::NoiseMeter;
 use crate::quantisation::Dequantiser;
 use crate::rotation::c_nb_from_euler;
 use crate::sample::{GnssFix, ImuSample, ImuStream, Quantisation, RestartReason, Sample};
-use nalgebra::Vector3;
 use std::collections::VecDeque;
 use std::sync::Arc;
 
@@ -138,32 +136,6 @@ impl Estimator {
             events: Vec::new(),
             ground: PlaceAid::default(),
         }
-    }
-
-    /// Says where the vehicle is, for as long as no fix does.
-    pub fn set_place(&mut self, place: Geodetic) {
-        self.ground.set_place(place);
-    }
-
-    /// Takes whether the vehicle reports that it flies, and that it is armed.
-    pub fn set_flight(&mut self, flying: bool, armed: bool) {
-        self.ground.set_flight(flying, armed);
-    }
-
-    /// Whether a place on the ground takes the part of the fixes, and if so whether place and heading are known.
-    pub fn on_ground_without_fixes(&self) -> Option<bool> {
-        let now_s = self.last.map(|s| s.t_s).filter(|t| self.ground.aids(*t));
-        now_s.filter(|_| self.filter().is_some()).map(|_| self.ground.reference_known())
-    }
-
-    /// Whether people may have the vehicle in their hands.
-    pub fn is_handled(&self) -> bool {
-        self.last.is_some_and(|s| self.ground.is_handled(s.t_s))
-    }
-
-    /// White noise of the gyros with rounding and vibration, (rad/s)²/Hz.
-    pub fn gyro_noise(&self) -> f64 {
-        self.model.imu.gyro_noise.powi(2) + self.extra_noise().0
     }
 
     /// What the estimation did on its own since the last call.
@@ -343,36 +315,6 @@ impl Estimator {
         self.of_receiver(outcomes)
     }
 
-    /// What became of the fixes of a receiver alone.
-    fn of_receiver(&mut self, mut outcomes: Vec<FixOutcome>) -> Vec<FixOutcome> {
-        outcomes.retain(|o| !self.ground.settle(o.stamp_s, o.velocity.dof > 0 && !o.velocity.used));
-        outcomes
-    }
-
-    /// What white noise and rounding leave in one sample.
-    fn sample_noise(&self, extra: (f64, f64), rounding: [Vector3<f64>; 2]) -> SampleNoise {
-        let (imu, dt) = (&self.model.imu, self.meter.interval_s().max(1e-4));
-        let of = |n: f64, extra: f64, rounding: f64| (n * n + extra) / dt + 3.0 * rounding;
-        SampleNoise {
-            rate: of(imu.gyro_noise, extra.0, rounding[0].max()),
-            force: of(imu.accel_noise, extra.1, rounding[1].max()),
-        }
-    }
-
-    /// A fix of a receiver, which may be the first after a start by the place alone.
-    fn feed_receiver(&mut self, fix: &GnssFix) {
-        if let Some(last) = self.last.filter(|_| fix.is_plausible()) {
-            match self.ground.take_fix(fix, last.t_s) {
-                Contact::GoesOn => {}
-                Contact::Known => self.align_anew(EstimatorEvent::PlaceKnown { constants_kept: true }, true),
-                Contact::NeverStood => {
-                    self.align_anew(EstimatorEvent::PlaceKnown { constants_kept: false }, false);
-                }
-            }
-        }
-        self.feed_fix(fix);
-    }
-
     /// Keeps the filter as it is now and then, in case that the sensor turns out to be at fault already.
     fn keep_filter(&mut self) {
         let State::Running(bank) = &self.state else { return };
@@ -531,5 +473,6 @@ impl Estimator {
     }
 }
 
+mod on_ground;
 #[cfg(test)]
 mod tests;

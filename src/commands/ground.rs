@@ -1,9 +1,12 @@
 //! `gaware ground --connect ADDR`: the guided ground session alone. It runs as `run` does, gives its instructions line by line and to the ground
 //! station, ends when nothing is left to do, and keeps the result in the file of the unit.
 
-use super::run::{self, Hooks, Live, RunArgs};
-use super::unit::{origin, today};
-use super::{CommandError, ListenArgs, OverwriteArgs, band, output, replay, start};
+use super::known::{KnownArgs, PlaceArgs, UnitFileArgs};
+use super::replay::Beside;
+use super::run::{self, Hooks, Live, RunArgs, seconds};
+use super::unit::origin;
+use super::{CommandError, ListenArgs, OverwriteArgs, band, output, start};
+use crate::engine::meaning::LIMIT_DEG;
 use crate::engine::snapshot::{Estimate, GroundStatus, Snapshot};
 use crate::engine::{Engine, EngineOptions};
 use crate::link::address::Address;
@@ -46,11 +49,14 @@ pub struct GroundArgs {
     #[arg(long)]
     pub no_record: bool,
     /// Rate of inertial messages to ask for, Hz.
-    #[arg(long, value_name = "HZ", default_value_t = 100)]
+    #[arg(long, value_name = "HZ", default_value_t = 100, value_parser = clap::value_parser!(u16).range(1..=1000))]
     pub rate: u16,
     /// Source of the samples.
     #[command(flatten)]
     pub listen: ListenArgs,
+    /// Where the vehicle is.
+    #[command(flatten)]
+    pub place: PlaceArgs,
     /// Messages to the ground station: off, or instructions as texts and values.
     #[arg(long, value_enum, value_name = "LEVEL", default_value = "low")]
     pub telemetry: TelemetryLevel,
@@ -58,8 +64,8 @@ pub struct GroundArgs {
     #[arg(long)]
     pub json: bool,
     /// End after this many seconds with what there is.
-    #[arg(long, value_name = "SECONDS")]
-    pub duration: Option<f64>,
+    #[arg(long, value_name = "SECONDS", value_parser = seconds)]
+    pub duration: Option<Duration>,
     /// Files that exist.
     #[command(flatten)]
     pub overwrite: OverwriteArgs,
@@ -98,8 +104,8 @@ pub struct GroundResult {
     pub unobservable: Vec<String>,
     /// The file of the unit, where one is kept.
     pub unit: Option<String>,
-    /// Where the session contradicts what the file said before, in words.
-    pub contradictions: Vec<String>,
+    /// Where the session disagrees with what the file said before, in words.
+    pub inconsistencies: Vec<String>,
 }
 
 fn side(text: &str) -> Result<Side, String> {
@@ -134,6 +140,11 @@ fn run_args(args: &GroundArgs) -> RunArgs {
         airframe: None,
         band: band::BandArgs::default(),
         listen: args.listen.clone(),
+        known: KnownArgs {
+            place: args.place.clone(),
+            unit: UnitFileArgs { unit: args.unit.clone().filter(|path| path.exists()) },
+            limit: LIMIT_DEG,
+        },
         signing_key: None,
         telemetry: args.telemetry,
         web: None,
@@ -158,13 +169,10 @@ async fn session(args: &GroundArgs) -> Result<(), CommandError> {
     let (frames, _) = broadcast::channel(OUTBOX);
     let (_raw, raw_outbox) = mpsc::channel(1);
     let guide = Guide { telemetry: args.telemetry.config().map(Telemetry::new), outbox, said: String::new() };
-    let ends = (asked, stop.clone(), args.duration.map(Duration::from_secs_f64));
+    let ends = (asked, stop.clone(), args.duration);
     let guide = tokio::spawn(guide.until_done(live_rx, ends));
-    let options = EngineOptions {
-        place: args.listen.home,
-        ground: Some(args.skip.clone()),
-        ..EngineOptions::default()
-    };
+    let options =
+        EngineOptions { place: args.place.home, ground: Some(args.skip.clone()), ..EngineOptions::default() };
     let hooks = Hooks { live, outbox: outbox_rx, raw_outbox, mission: None, frames, foxglove: None };
     let (pipeline, _) = run::serve(&run_args(args), hooks, stop, |model| Engine::new(model, options)).await?;
     // It ends with the run.
@@ -243,17 +251,17 @@ fn finish(
         use crate::engine::snapshot::Status::Observable;
         states.iter().filter(|s| (s.status == Observable) == observable).map(|s| s.name.clone()).collect()
     };
-    let mut contradictions = Vec::new();
+    let mut inconsistencies = Vec::new();
     if let (Some(path), Some(filter)) = (&args.unit, engine.filter()) {
-        let beside = replay::Beside::default();
-        let new = Unit::of_filter(
-            filter,
-            crate::unit::Origin { date: today(), ..origin(&beside, "ground session") },
-        );
-        contradictions = before.as_ref().map(|b| b.contradictions(&new)).unwrap_or_default();
-        let outputs = args.overwrite.outputs::<&std::path::Path>([]);
+        let mut new = Unit::of_filter(filter, origin(&Beside::default(), "ground session"));
+        if let Some(before) = &before {
+            new = new.after(before);
+            let far = engine.summary().implausible;
+            inconsistencies
+                .extend(far.into_iter().map(|name| format!("{name} is far from what the file says")));
+        }
         if !new.measured().is_empty() {
-            new.write(path, &outputs)?;
+            new.write(path, &args.overwrite.outputs::<&std::path::Path>([]))?;
         }
     }
     let result = GroundResult {
@@ -263,7 +271,7 @@ fn finish(
         observable: of(true),
         unobservable: of(false),
         unit: args.unit.as_ref().map(|p| p.display().to_string()),
-        contradictions,
+        inconsistencies,
     };
     if args.json {
         output::json(&result)?;
@@ -311,8 +319,8 @@ fn text(r: &GroundResult) -> String {
     if !r.unobservable.is_empty() {
         let _ = writeln!(out, "not observable yet: {}", r.unobservable.join(", "));
     }
-    for said in &r.contradictions {
-        let _ = writeln!(out, "contradiction: {said}");
+    for said in &r.inconsistencies {
+        let _ = writeln!(out, "inconsistent: {said}");
     }
     out
 }

@@ -14,6 +14,7 @@ pub mod fleet_limits;
 pub mod fleet_report;
 pub mod foxglove;
 pub mod ground;
+pub mod known;
 pub mod mission;
 pub mod mission_args;
 pub mod mission_restore;
@@ -41,7 +42,6 @@ use crate::outputs::OutputError;
 pub use crate::outputs::OverwriteArgs;
 use crate::sensors::{ConverterOptions, ImuSource};
 use crate::sinks::recorder::RecorderError;
-use gaware_nav::earth::Geodetic;
 use gaware_nav::model::{Model, ModelError};
 use std::path::{Path, PathBuf};
 
@@ -54,19 +54,6 @@ pub struct ListenArgs {
     /// Listen to this system id (default: the autopilot that sends inertial data).
     #[arg(long, value_name = "ID")]
     pub vehicle: Option<u8>,
-    /// Where the vehicle is, in degrees, for as long as no fix says so: 47.4,8.5. A vehicle that is turned by hand indoors needs it for the
-    /// Earth's rate; without it that counts as an unknown of 15 deg/h.
-    #[arg(long, value_name = "LAT,LON", value_parser = place, allow_hyphen_values = true)]
-    pub home: Option<Geodetic>,
-}
-
-/// Latitude and longitude in degrees.
-fn place(text: &str) -> Result<Geodetic, String> {
-    let numbers: Vec<f64> = text.split(',').filter_map(|n| n.trim().parse().ok()).collect();
-    match numbers[..] {
-        [lat, lon] if lat.abs() <= 90.0 && lon.abs() <= 180.0 => Ok(Geodetic::from_degrees(lat, lon, 0.0)),
-        _ => Err("write latitude and longitude in degrees, as in --home 47.4,8.5".to_owned()),
-    }
 }
 
 impl ListenArgs {

@@ -73,6 +73,9 @@ pub struct PlanArgs {
     /// Model of the sensors (default: as `run`).
     #[arg(long, value_name = "FILE")]
     pub model: Option<PathBuf>,
+    /// What is known of the unit.
+    #[command(flatten)]
+    pub unit: super::known::UnitFileArgs,
     /// Write the mission here: .plan or .waypoints.
     #[arg(long, value_name = "FILE")]
     pub out: Option<PathBuf>,
@@ -120,7 +123,8 @@ pub fn run(args: &PlanArgs) -> Result<(), CommandError> {
         files::check_kind(path).map_err(PlanCommandError::from)?;
         outputs.check(path)?;
     }
-    let model = args.model.as_deref().map_or_else(|| Ok(Model::standard()), super::load_model)?;
+    let model = args.unit.on(args.model.as_deref().map(super::load_model).transpose()?)?;
+    let model = model.unwrap_or_else(Model::standard);
     let request = request(args)?;
     let made = plan(&request, predictor(&model, &request)).map_err(PlanCommandError::from)?;
     if let Some(path) = &args.out {

@@ -1,5 +1,6 @@
 //! `gaware unit add|show|check`: the file of what is known of one inertial unit.
 
+use super::known::PlaceArgs;
 use super::replay::{Beside, ReplayRequest, replay_watched};
 use super::{CommandError, ListenArgs, OverwriteArgs, file_name, output};
 use crate::advice::on_board::{self, OnBoard};
@@ -38,7 +39,7 @@ pub enum UnitAction {
         #[arg(long)]
         json: bool,
     },
-    /// Whether recordings agree with the file; it is not changed. Exit status 1 where one contradicts it.
+    /// Whether recordings agree with the file; it is not changed. Exit status 1 where one disagrees with it.
     Check {
         /// The file.
         unit: PathBuf,
@@ -60,6 +61,9 @@ pub struct UnitLogs {
     /// Source of the samples.
     #[command(flatten)]
     pub listen: ListenArgs,
+    /// Where the vehicle is.
+    #[command(flatten)]
+    pub place: PlaceArgs,
     /// Files that exist.
     #[command(flatten)]
     pub overwrite: OverwriteArgs,
@@ -76,8 +80,8 @@ pub struct UnitResult {
     pub unit: Unit,
     /// Names of the states that were measured.
     pub measured: Vec<String>,
-    /// Where recordings contradict what was known, in words.
-    pub contradictions: Vec<String>,
+    /// Where recordings disagree with what was known, in words.
+    pub inconsistencies: Vec<String>,
 }
 
 /// Today, as `2026-11-24`.
@@ -124,7 +128,7 @@ pub(crate) fn origin(beside: &Beside, from: &str) -> Origin {
 }
 
 /// What one recording shows of its unit, beside what is known before it.
-fn measure(log: &Path, listen: &ListenArgs, before: Option<&Unit>) -> Result<Unit, CommandError> {
+fn measure(log: &Path, logs: &UnitLogs, before: Option<&Unit>) -> Result<Unit, CommandError> {
     let mut model = Model::standard();
     let mut beside = Beside::default();
     if let Some(before) = before {
@@ -133,49 +137,42 @@ fn measure(log: &Path, listen: &ListenArgs, before: Option<&Unit>) -> Result<Uni
     let request = ReplayRequest {
         log: log.to_owned(),
         model: Some(model),
-        listen: listen.clone(),
+        listen: logs.listen.clone(),
         truth_from_s: f64::INFINITY,
     };
-    let options = EngineOptions { place: listen.home, ..EngineOptions::default() };
+    let options = EngineOptions { place: logs.place.home, ..EngineOptions::default() };
     let (pipeline, _) = replay_watched(&request, |model| Engine::new(model, options), Some(&mut beside))?;
     let name = file_name(log);
     let filter = pipeline.engine().filter().ok_or_else(|| UnitError::Nothing(name.clone()))?;
     Ok(Unit::of_filter(filter, origin(&beside, &name)))
 }
 
-/// Recordings one after the other on top of what is known, and where they contradict it.
+/// Recordings one after the other on top of what is known, and where they disagree with it.
 fn combine(
     known: Option<Unit>,
     path: &Path,
     logs: &UnitLogs,
 ) -> Result<(Option<Unit>, Vec<String>), CommandError> {
-    let (mut known, mut contradictions) = (known, Vec::new());
+    let (mut known, mut inconsistencies) = (known, Vec::new());
     for log in &logs.logs {
-        let alone = measure(log, &logs.listen, None)?;
+        let alone = measure(log, logs, None)?;
         let Some(before) = &known else {
             known = Some(alone);
             continue;
         };
         before.check_hardware(path, alone.origin.hardware_id.as_deref())?;
         let said = before.contradictions(&alone);
-        contradictions.extend(said.into_iter().map(|s| format!("{}: {s}", file_name(log))));
-        let mut both = measure(log, &logs.listen, Some(before))?;
-        // What was not known before anything was measured stays that.
-        for state in &mut both.states {
-            state.prior_sigma = before.get(&state.name).map_or(state.prior_sigma, |s| s.prior_sigma);
-        }
-        both.origin.from = before.origin.from.iter().chain(&both.origin.from).cloned().collect();
-        both.origin.hardware_id =
-            both.origin.hardware_id.take().or_else(|| before.origin.hardware_id.clone());
+        inconsistencies.extend(said.into_iter().map(|s| format!("{}: {s}", file_name(log))));
+        let both = measure(log, logs, Some(before))?.after(before);
         known = Some(both);
     }
-    Ok((known, contradictions))
+    Ok((known, inconsistencies))
 }
 
 /// Runs the command.
 ///
 /// # Errors
-/// A file or a recording cannot be read, is of other hardware, shows nothing, or contradicts the file (`check`).
+/// A file or a recording cannot be read, is of other hardware, shows nothing, or disagrees with the file (`check`).
 pub fn run(args: &UnitArgs) -> Result<(), CommandError> {
     match &args.action {
         UnitAction::Show { unit, json } => {
@@ -186,17 +183,17 @@ pub fn run(args: &UnitArgs) -> Result<(), CommandError> {
             let outputs = logs.overwrite.outputs(&logs.logs);
             let known = if unit.exists() { Some(Unit::read(unit)?) } else { None };
             outputs.check(unit)?;
-            let (known, contradictions) = combine(known, unit, logs)?;
+            let (known, inconsistencies) = combine(known, unit, logs)?;
             let nothing = || UnitError::Nothing(logs.logs.iter().map(|l| file_name(l)).collect());
             let known = known.filter(|k| !k.measured().is_empty()).ok_or_else(nothing)?;
             known.write(unit, &outputs)?;
-            print(unit, known, contradictions, logs.json)
+            print(unit, known, inconsistencies, logs.json)
         }
         UnitAction::Check { unit, logs } => {
             let known = Unit::read(unit)?;
             let mut said = Vec::new();
             for log in &logs.logs {
-                let alone = measure(log, &logs.listen, None)?;
+                let alone = measure(log, logs, None)?;
                 known.check_hardware(unit, alone.origin.hardware_id.as_deref())?;
                 said.extend(
                     known.contradictions(&alone).into_iter().map(|s| format!("{}: {s}", file_name(log))),
@@ -213,18 +210,18 @@ pub fn run(args: &UnitArgs) -> Result<(), CommandError> {
     }
 }
 
-fn print(path: &Path, unit: Unit, contradictions: Vec<String>, json: bool) -> Result<(), CommandError> {
+fn print(path: &Path, unit: Unit, inconsistencies: Vec<String>, json: bool) -> Result<(), CommandError> {
     if json {
         let measured = unit.measured().into_iter().map(str::to_owned).collect();
         let schema = "gaware.unit_result/1";
         let file = path.display().to_string();
-        return output::json(&UnitResult { schema, file, unit, measured, contradictions });
+        return output::json(&UnitResult { schema, file, unit, measured, inconsistencies });
     }
-    output::text(&text(&unit, &contradictions))
+    output::text(&text(&unit, &inconsistencies))
 }
 
 /// In words and columns.
-fn text(unit: &Unit, contradictions: &[String]) -> String {
+fn text(unit: &Unit, inconsistencies: &[String]) -> String {
     let mut out = String::new();
     let o = &unit.origin;
     let id = o.hardware_id.as_deref().unwrap_or("of unknown hardware");
@@ -243,8 +240,8 @@ fn text(unit: &Unit, contradictions: &[String]) -> String {
             s.unit
         );
     }
-    for said in contradictions {
-        let _ = writeln!(out, "contradiction: {said}");
+    for said in inconsistencies {
+        let _ = writeln!(out, "inconsistent: {said}");
     }
     out
 }

@@ -7,6 +7,7 @@ pub(crate) mod counters;
 pub(crate) mod estimate;
 mod ground;
 pub mod guidance;
+pub mod meaning;
 pub mod observability;
 pub mod situation;
 pub mod snapshot;
@@ -42,7 +43,7 @@ const FIX_INTERVAL_S: (f64, f64) = (0.1, 1.0);
 const FIXES_INCONSISTENT: &str = "position and velocity fixes failed the innovation test for more than 3 s; motion started anew from them: check GNSS and vibration";
 
 /// What the user may set.
-#[derive(Debug, Clone, Default, PartialEq)]
+#[derive(Debug, Clone, PartialEq)]
 pub struct EngineOptions {
     /// Sigmas below which states count as observable.
     pub targets: Targets,
@@ -52,6 +53,20 @@ pub struct EngineOptions {
     pub place: Option<Geodetic>,
     /// A ground session that was asked for, with the sides that the vehicle cannot stand on.
     pub ground: Option<Vec<Side>>,
+    /// Error of attitude that matters to the vehicle, deg.
+    pub limit_deg: f64,
+}
+
+impl Default for EngineOptions {
+    fn default() -> Self {
+        Self {
+            targets: Targets::default(),
+            guidance: None,
+            place: None,
+            ground: None,
+            limit_deg: meaning::LIMIT_DEG,
+        }
+    }
 }
 
 impl EngineOptions {
@@ -157,6 +172,11 @@ impl Engine {
         self.flight.get_or_insert_default().clone_from(report);
         self.estimator.set_flight(report.in_air, report.armed);
         self.ground.set_flight(report.in_air, report.armed);
+    }
+
+    /// Takes where the vehicle is for as long as no fix says so; the options count more.
+    pub fn set_place(&mut self, place: Geodetic) {
+        self.estimator.set_place(self.options.place.unwrap_or(place));
     }
 
     /// What flies.
@@ -357,6 +377,7 @@ impl Engine {
             &self.options.targets,
             self.vehicle(),
         );
+        let estimate = self.estimate(predicted.as_ref(), &constants);
         Snapshot {
             schema: "gaware.snapshot/1".to_owned(),
             sequence: self.samples,
@@ -368,7 +389,8 @@ impl Engine {
             stationary: self.estimator.is_stationary(),
             imu: self.imu_status(),
             gnss: self.gnss_status(),
-            estimate: self.estimate(predicted.as_ref(), &constants),
+            turn: meaning::after_a_turn(&estimate.g_sensitivity_deg_per_h_per_g, self.options.limit_deg),
+            estimate,
             motion: predicted.as_ref().map(estimate::motion).unwrap_or_default(),
             situation: self.situation(&waiting_for, &guidance, &observability.states),
             waiting_for,
@@ -395,6 +417,7 @@ impl Engine {
             imu: ImuStatus { rate_hz, ..now.imu },
             gnss: now.gnss,
             estimate: now.estimate,
+            turn: now.turn,
             observability: now.observability,
             consistency: now.consistency,
             warnings: now.warnings,

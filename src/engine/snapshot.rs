@@ -57,6 +57,32 @@ pub struct Estimate {
     pub effects: Vec<ParameterEstimate>,
 }
 
+/// Whether the error of attitude that G makes in a turn matters to the vehicle.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
+#[serde(rename_all = "snake_case")]
+pub enum TurnVerdict {
+    /// It exceeds the limit by two sigma.
+    Matters,
+    /// It stays below the limit by two sigma.
+    DoesNotMatter,
+    /// G is not known well enough.
+    #[default]
+    NotKnown,
+}
+
+/// What G means for the pilot.
+#[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
+pub struct TurnError {
+    /// Error of roll, pitch, yaw after a turn at 2 g of 60 s without correction.
+    pub attitude_deg: Estimate3,
+    /// What matters to this vehicle.
+    pub limit_deg: f64,
+    /// Whether it does.
+    pub verdict: TurnVerdict,
+    /// In words.
+    pub text: String,
+}
+
 /// Where the vehicle is.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub struct Motion {
@@ -273,6 +299,7 @@ pub struct GroundSide {
     /// Whether the vehicle cannot stand so.
     pub skipped: bool,
     /// The largest sigma of an element of G before and after, where a filter ran.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
     pub g_sigma_deg_per_h_per_g: Option<[f64; 2]>,
 }
 
@@ -287,7 +314,8 @@ pub struct GroundStatus {
     pub refused: String,
     /// What to do now, one sentence.
     pub instruction: String,
-    /// Seconds that the vehicle is to be held still, by what is not known yet.
+    /// Seconds that the vehicle is to be held still, by the noise of its mean rate.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
     pub seconds_left: Option<f64>,
     /// Since the first look, s.
     pub duration_s: f64,
@@ -336,6 +364,9 @@ pub struct Snapshot {
     pub gnss: GnssStatus,
     /// Estimates.
     pub estimate: Estimate,
+    /// What G means for the pilot.
+    #[serde(default)]
+    pub turn: TurnError,
     /// Where the vehicle is.
     pub motion: Motion,
     /// The three views.
@@ -375,6 +406,9 @@ pub struct Summary {
     pub gnss: GnssStatus,
     /// Estimates at the end.
     pub estimate: Estimate,
+    /// What G means for the pilot.
+    #[serde(default)]
+    pub turn: TurnError,
     /// The three views at the end.
     pub observability: Observability,
     /// Filter consistency over the run.

@@ -51,7 +51,7 @@ pub enum UnitError {
     },
     /// Recordings say something else.
     #[error(
-        "the recordings contradict {path} in {what}: measure the unit anew, or find out what has changed (warm-up, mounting, another sensor)"
+        "the recordings disagree with {path} in {what}: measure the unit again, or check what has changed (warm-up, mounting, another sensor)"
     )]
     Contradicted {
         /// File.
@@ -193,6 +193,23 @@ impl Unit {
     /// It may not be written there.
     pub fn write(&self, path: &Path, outputs: &Outputs) -> Result<(), UnitError> {
         Ok(outputs.write(path, self.to_toml())?)
+    }
+
+    /// A result that began from this earlier one: what was known before anything was measured, and where all of it comes from.
+    #[must_use]
+    pub fn after(mut self, before: &Self) -> Self {
+        for state in &mut self.states {
+            state.prior_sigma = before.get(&state.name).map_or(state.prior_sigma, |s| s.prior_sigma);
+        }
+        let Origin { hardware_id, firmware, sensor_ids, from, .. } = &before.origin;
+        let own = &mut self.origin;
+        own.from = from.iter().chain(&own.from).cloned().collect();
+        own.hardware_id = own.hardware_id.take().or_else(|| hardware_id.clone());
+        own.firmware = own.firmware.take().or_else(|| firmware.clone());
+        if own.sensor_ids.is_empty() {
+            own.sensor_ids.clone_from(sensor_ids);
+        }
+        self
     }
 
     /// The state of this name.

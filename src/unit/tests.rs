@@ -90,6 +90,18 @@ fn another_result_within_four_sigma_agrees_and_one_beyond_contradicts() {
 }
 
 #[test]
+fn a_result_that_began_from_an_earlier_one_keeps_where_that_came_from() {
+    let (before, mut next) = (unit(), unit());
+    next.origin = Origin { date: "2026-12-01".into(), from: vec!["second".into()], ..Origin::default() };
+    let state = next.states.iter_mut().find(|s| s.name == "g33").unwrap();
+    // The earlier result was where the filter began.
+    (state.sigma, state.prior_sigma) = (6.0, 9.0);
+    let both = next.after(&before);
+    assert_eq!(both.origin.hardware_id.as_deref(), Some("ab12"));
+    assert!(both.measured().contains(&"g33"), "{:?}", both.get("g33"));
+}
+
+#[test]
 fn a_file_of_other_hardware_is_refused() {
     let (unit, path) = (unit(), Path::new("unit.toml"));
     assert!(unit.check_hardware(path, Some("ab12")).is_ok() && unit.check_hardware(path, None).is_ok());

@@ -3,6 +3,7 @@
 use crate::earth::{Geodetic, ROTATION_RATE};
 use crate::filter::{Detector, SampleNoise};
 use crate::sample::{FixVelocity, GnssFix, ImuSample};
+use nalgebra::Vector3;
 use std::collections::VecDeque;
 
 /// The place is counted once in so long, s: hands go to and fro within it.
@@ -21,6 +22,8 @@ const HANDS_S: f64 = 60.0;
 const FIX_AGE_S: f64 = 2.0;
 /// A fix that is faster than this comes from no vehicle in people's hands, m/s.
 const FAST: f64 = 3.0;
+/// A fix that is further than this from where the vehicle stood, m and in its own sigmas together, was taken somewhere else: receivers wander by metres.
+const ELSEWHERE: (f64, f64) = (8.0, 4.0);
 /// Rest at the time of a fast fix was a smooth flight, s.
 const REST_AGE_S: f64 = 3.0;
 /// A vehicle that has left its place, or reports to be armed, must have stood for so long, s.
@@ -39,7 +42,7 @@ pub(crate) const REFERENCE_ERROR: [f64; 2] = [ROTATION_RATE * ROTATION_RATE / 3.
 pub(crate) enum Contact {
     /// The fix is one like any other.
     GoesOn,
-    /// Place or heading were not known: the motion begins anew, the constants go on.
+    /// The first one: position and heading begin anew from it, the constants go on.
     Known,
     /// The vehicle was never at rest: nothing of it holds.
     NeverStood,
@@ -54,8 +57,12 @@ pub(crate) struct PlaceAid {
     /// Whether the vehicle reports that it flies, and that it is armed.
     flying: bool,
     armed: bool,
-    /// Whether it has left its place.
+    /// Whether it has left its place, by what contradicts the place, …
     left: bool,
+    /// … and by fixes: then only a fix can say that it is back. A smooth cruise looks like rest to samples.
+    away: bool,
+    /// Where fixes were while it stood.
+    stood_at: Option<Vector3<f64>>,
     refused: u32,
     stands_since_s: Option<f64>,
     stood_s: Option<f64>,
@@ -86,7 +93,7 @@ impl PlaceAid {
     /// Whether people may have it in their hands: it stood not long ago, and nothing says that it has left its place.
     pub(crate) fn is_handled(&self, now_s: f64) -> bool {
         let by_hand = self.stood_s.is_some_and(|stood| now_s - stood < HANDS_S);
-        by_hand && !self.flying && !self.left
+        by_hand && !self.flying && !self.left && !self.away
     }
 
     /// Whether the vehicle stands, by its samples alone.
@@ -111,7 +118,8 @@ impl PlaceAid {
 
     /// The stream starts anew.
     pub(crate) fn restart(&mut self) {
-        *self = Self { place: self.place, flying: self.flying, armed: self.armed, ..Self::default() };
+        let Self { place, flying, armed, left, away, .. } = *self;
+        *self = Self { place, flying, armed, left, away, ..Self::default() };
     }
 
     /// Takes a sample; gives a fix where the place has something to say.
@@ -135,7 +143,7 @@ impl PlaceAid {
             self.stands_since_s = None;
         }
         let long = self.stands_since_s.is_some_and(|since| t_s - since >= STOOD_S);
-        self.left &= !long;
+        self.left &= !long || self.armed;
         let turning = sample.gyro.norm() > TURNING;
         let since_s = self.given_s.map_or(f64::INFINITY, |given| t_s - given);
         let due = since_s >= if turning { TURNING_AT_MOST_S } else { EVERY_S };
@@ -164,6 +172,13 @@ impl PlaceAid {
         true
     }
 
+    /// Whether a fix is further from where the vehicle stood than receivers wander; where it stands now is its place.
+    fn is_elsewhere(&self, fix: &GnssFix) -> bool {
+        let sigma = fix.position_sigma_m.map_or(0.0, |s| s.iter().copied().fold(0.0, f64::max));
+        let far = |at: Vector3<f64>| (fix.position.to_ecef() - at).norm() > ELSEWHERE.0 + ELSEWHERE.1 * sigma;
+        !self.stands() && self.stood_at.is_some_and(far)
+    }
+
     /// Takes a fix of a receiver, which came at this time.
     pub(crate) fn take_fix(&mut self, fix: &GnssFix, now_s: f64) -> Contact {
         self.fix_s = Some(now_s);
@@ -173,10 +188,15 @@ impl PlaceAid {
             FixVelocity::Full([n, e, d]) => n.hypot(e).hypot(d),
         };
         let fast = speed > FAST.max(5.0 * fix.velocity_sigma_m_per_s.map_or(0.0, |s| s[0]));
-        let known = self.reference_known();
         let alone = std::mem::take(&mut self.alone);
+        if self.is_elsewhere(fix) {
+            self.away = true;
+        } else if !fast && self.stands() {
+            (self.away, self.left) = (false, false);
+            self.stood_at = Some(fix.position.to_ecef());
+        }
         if fast {
-            self.left = true;
+            self.away = true;
             let rested = self.stood_s.is_some_and(|stood| now_s - stood < REST_AGE_S);
             if alone && rested {
                 return Contact::NeverStood;
@@ -184,6 +204,9 @@ impl PlaceAid {
         } else {
             self.place = Some(fix.position);
         }
-        if known { Contact::GoesOn } else { Contact::Known }
+        if alone { Contact::Known } else { Contact::GoesOn }
     }
 }
+
+#[cfg(test)]
+mod tests;
