@@ -13,6 +13,7 @@ pub mod earth;
 pub mod effects;
 pub mod estimator;
 pub mod filter;
+pub mod ground;
 pub mod heading;
 pub mod identify;
 mod linear;

@@ -37,6 +37,7 @@ use nalgebra::{Matrix3, Vector3};
 use regressor::Regressor;
 use std::sync::Arc;
 
+pub(crate) use aid::stationarity::detector::{Detector, SampleNoise};
 pub use fusion::{Fusion, PassedOver};
 pub(crate) use update::LOST_ATTITUDE;
 pub use update::{FixEvent, FixOutcome, Group, gate};
@@ -102,6 +103,8 @@ pub struct Filter {
     scatter: (f64, f64),
     /// Variances of what rounding may keep from every sample, (rad/s)² and (m/s²)².
     rounding: [Vector3<f64>; 2],
+    /// Variances per axis of what is not known of the Earth's rate, (rad/s)², and of gravity, (m/s²)².
+    reference_error: [f64; 2],
     /// Time of the last sample that a sensor took, s; the filter's own time may lie between two.
     sampled_s: f64,
     /// How strongly the values of the last samples bend; nothing where the motion between them is known.
@@ -183,6 +186,7 @@ impl Filter {
             extra_noise: (0.0, 0.0),
             scatter: (0.0, 0.0),
             rounding: [Vector3::zeros(); 2],
+            reference_error: [0.0; 2],
             sampled_s: initial.t_s,
             bend: Some(unseen::Bend::default()),
             hold: None,
@@ -274,6 +278,11 @@ impl Filter {
     /// Says how far single samples scatter, variances of rate, (rad/s)², and specific force, (m/s²)²: vibration is no excitation.
     pub fn set_scatter(&mut self, scatter: (f64, f64)) {
         self.scatter = scatter;
+    }
+
+    /// Says what is not known of the Earth's rate, (rad/s)² per axis, and of gravity, (m/s²)²: of a place or a heading that nobody knows.
+    pub(crate) fn set_reference_error(&mut self, variances: [f64; 2]) {
+        self.reference_error = variances;
     }
 
     /// The motion that comes in is known, also between its samples: that of a plan or of a simulation.

@@ -74,6 +74,8 @@ pub struct AutopilotConfig {
     pub geoid_height_m: f64,
     /// Whether an analytic flight waits, stationary, until a station has asked for messages.
     pub wait_for_station: bool,
+    /// Whether an analytic motion is that of people's hands: the vehicle is never armed.
+    pub by_hand: bool,
     /// Parameters that differ from the usual ones, by name; NaN is one that it does not have.
     pub parameters: Vec<(&'static str, f64)>,
     /// Whether it navigates by its own filter, with its own parameters: `ATTITUDE` and the status of the filter come from that.
@@ -98,6 +100,7 @@ impl Default for AutopilotConfig {
             late_stamps: true,
             geoid_height_m: 47.0,
             wait_for_station: true,
+            by_hand: false,
             parameters: Vec::new(),
             navigates: false,
             faults: Vec::new(),
@@ -267,7 +270,8 @@ impl Autopilot {
         if let Some(vehicle) = &scenario.vehicle {
             return Self::flying(config, vehicle.clone(), &scenario.model, scenario.sensors.clone());
         }
-        let config = AutopilotConfig { airframe: scenario.airframe, ..config };
+        let by_hand = scenario.by_hand;
+        let config = AutopilotConfig { airframe: scenario.airframe, by_hand, ..config };
         Self::new(config, scenario.trajectory(), &scenario.model, scenario.sensors.clone())
     }
 

@@ -7,7 +7,7 @@
 //! "Observability-based rules for designing consistent EKF SLAM estimators", section 4). What one linearisation leaves
 //! out, and what the rounding of the source takes away, stays the same all the time and is a constant error of the means.
 
-pub(in crate::filter) mod detector;
+pub(crate) mod detector;
 
 use crate::earth;
 use crate::filter::Filter;
@@ -160,7 +160,8 @@ impl Filter {
             let variance = self.p.sigma(index::GYRO_BIAS + k).powi(2);
             rate += (a - b).map(|d| d * d * variance);
         }
-        [rate, force]
+        let [of_rate, of_gravity] = self.reference_error;
+        [rate.add_scalar(of_rate), force.add_scalar(of_gravity)]
     }
 
     /// One sample of a stationary period.
