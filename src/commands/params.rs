@@ -131,7 +131,9 @@ pub async fn show(args: &ShowArgs, stop: &CancellationToken) -> Result<ParamsRes
 /// Parameters of an autopilot that a mapping sets or depends on.
 fn names(autopilot: Autopilot) -> Vec<ParamName> {
     let mut names: Vec<&str> = Vec::new();
-    for mapping in table::TABLE.iter().filter(|m| m.autopilot == autopilot) {
+    for mapping in
+        table::rows().filter(|m| m.autopilot == autopilot && m.of_unit.is_none_or(|unit| unit == 0))
+    {
         names.extend(mapping.parameters);
         match mapping.rule {
             Rule::Antenna { unit } => names.extend(unit),
@@ -140,8 +142,15 @@ fn names(autopilot: Autopilot) -> Vec<ParamName> {
         }
     }
     names.extend(match autopilot {
-        Autopilot::ArduPilot => ["AHRS_ORIENTATION", "INS_ACCEL_FILTER", "INS_ACC2_ID", "GPS2_TYPE"],
-        Autopilot::Px4 => ["SENS_BOARD_ROT", "CAL_ACC0_ROT", "CAL_ACC0_ID", "CAL_ACC1_ID"],
+        Autopilot::ArduPilot => &["AHRS_ORIENTATION", "INS_ACCEL_FILTER", "INS_ACC2_ID", "GPS2_TYPE"][..],
+        Autopilot::Px4 => &[
+            "SENS_BOARD_ROT",
+            "CAL_ACC0_ROT",
+            "CAL_ACC0_ID",
+            "CAL_ACC1_ID",
+            "CAL_ACC2_ID",
+            "SENS_IMU_AUTOCAL",
+        ],
     });
     names.sort_unstable();
     names.dedup();

@@ -29,6 +29,7 @@ mod outcome;
 mod session;
 
 pub use args::RunArgs;
+pub(in crate::commands) use args::seconds;
 use mission_watch::MissionWatch;
 use outcome::{incomplete, received_anything, report_recording};
 use session::Session;
@@ -86,7 +87,8 @@ pub async fn serve<E: Estimator>(
     stop: CancellationToken,
     make: impl FnOnce(Model) -> E,
 ) -> Result<(Pipeline<E>, Map<String, Value>), CommandError> {
-    let model = args.model.as_deref().map_or_else(|| Ok(Model::standard()), load_model)?;
+    let model = args.known.unit.on(args.model.as_deref().map(load_model).transpose()?)?;
+    let model = model.unwrap_or_else(Model::standard);
     let clock = ReceiveClock::start();
     let options = args.listen.options();
     let guard = args.signing_key.as_deref().map(Guard::load).transpose()?;
@@ -149,6 +151,7 @@ fn start_recorder(
         converter,
         model_toml: model.to_toml(),
         vehicle: args.airframe.as_deref().map(airframe_kind).transpose()?,
+        place: args.known.place.home,
     };
     let recorder = Recorder::start_in(&args.record, now_us, &setup, args.record_limit)?;
     tracing::info!(path = %recorder.path().display(), "recording");

@@ -142,6 +142,7 @@ async fn with_sinks(args: &RunArgs) -> Result<(), CommandError> {
         None if args.band.is_given() => return Err(BandError::NoAirframe.into()),
         None => EngineOptions::default(),
     };
+    let options = EngineOptions { place: args.known.place.home, limit_deg: args.known.limit, ..options };
     let (asked, stop) = (CancellationToken::new(), CancellationToken::new());
     cancel_on_signal(&asked);
     let status = SinkStatus::new();

@@ -10,7 +10,7 @@ use gaware_mission::item::{Autopilot, LatLon};
 use gaware_mission::params::ParamName;
 
 pub(super) const COMMAND_LONG: u32 = 76;
-const COMMAND_ACK: u32 = 77;
+pub(super) const COMMAND_ACK: u32 = 77;
 const AUTOPILOT_VERSION: u32 = 148;
 const GLOBAL_POSITION_INT: u32 = 33;
 const GPS_RAW_INT: u32 = 24;

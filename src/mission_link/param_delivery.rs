@@ -199,7 +199,7 @@ fn delivered(
 
 /// The mapping that sets a parameter.
 pub fn mapping(name: &str, autopilot: Autopilot) -> Option<&'static Mapping> {
-    table::TABLE.iter().find(|m| m.autopilot == autopilot && m.parameters.contains(&name))
+    table::rows().find(|m| m.autopilot == autopilot && m.parameters.contains(&name))
 }
 
 /// A parameter file of a vehicle.
@@ -228,7 +228,7 @@ pub fn phase_words(phase: Phase) -> &'static str {
 /// Documented ranges, as far as this program knows them.
 fn check_ranges(file: &ParamFile) -> Result<(), ParamOrderError> {
     for entry in &file.entries {
-        let known = table::TABLE.iter().find(|m| m.parameters.contains(&entry.name.as_str()));
+        let known = table::rows().find(|m| m.parameters.contains(&entry.name.as_str()));
         if let Some((low, high)) = known.and_then(|m| m.range)
             && !(low..=high).contains(&entry.value)
         {
