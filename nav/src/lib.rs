@@ -16,6 +16,7 @@ pub mod filter;
 pub mod ground;
 pub mod heading;
 pub mod identify;
+mod linear;
 pub mod mechanization;
 pub mod model;
 pub mod noise_meter;

@@ -174,7 +174,7 @@ fn paper() -> Scenario {
         ..Model::default()
     };
     model.effects.push(EffectSetting {
-        effect: &effects::GyroGSensitivity,
+        effect: &effects::GYRO_G_SENSITIVITY,
         values: vec![g, 0.0, 0.0, 0.0, g, 0.0, 0.0, 0.0, g],
         sigmas: vec![0.0; 9],
     });
@@ -207,7 +207,7 @@ fn consumer_model() -> Model {
     model.gnss.position_wander_sigma_m = [1.2, 1.2, 2.0];
     let g = [150.0, 30.0, -60.0, -45.0, 130.0, 50.0, 25.0, -35.0, -170.0];
     model.effects.push(EffectSetting {
-        effect: &effects::GyroGSensitivity,
+        effect: &effects::GYRO_G_SENSITIVITY,
         values: g.map(|v| v * unit::DEG_PER_H_PER_G.si).to_vec(),
         sigmas: vec![0.0; 9],
     });

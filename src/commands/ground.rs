@@ -3,7 +3,7 @@
 
 use super::known::{KnownArgs, PlaceArgs, UnitFileArgs};
 use super::replay::Beside;
-use super::run::{self, Hooks, Live, RunArgs, seconds};
+use super::run::{self, Hooks, RunArgs, seconds};
 use super::unit::origin;
 use super::{CommandError, ListenArgs, OverwriteArgs, band, output, start};
 use crate::engine::meaning::LIMIT_DEG;
@@ -11,6 +11,7 @@ use crate::engine::snapshot::{Estimate, GroundStatus, Snapshot};
 use crate::engine::{Engine, EngineOptions};
 use crate::link::address::Address;
 use crate::sinks::events::cause_of;
+use crate::sinks::live::Live;
 use crate::sinks::log;
 use crate::sinks::telemetry::{Telemetry, TelemetryLevel};
 use crate::unit::Unit;

@@ -3,8 +3,10 @@
 //! Everything here follows from the frames (or measurements) and their order alone, so that a replay of a recording gives
 //! bit for bit what the run gave.
 
+mod quality;
 mod recorded;
 mod truth_comparison;
+mod window;
 
 use crate::advice::start::Started;
 use crate::engine::situation::FlightReport;
@@ -19,11 +21,13 @@ use crate::timeline::Gaps;
 use gaware_nav::earth::Geodetic;
 use gaware_nav::observability::words::VehicleKind;
 use gaware_nav::sample::Sample;
+pub use quality::{Quality, ReceiverQuality};
 pub use recorded::{Recorded, samples, samples_of};
 use schemars::JsonSchema;
 use serde::Serialize;
 use serde_json::{Map, Value};
 pub use truth_comparison::{TruthComparison, TruthResult};
+pub use window::{Excerpt, LogPart, most_motion};
 
 /// What takes the samples.
 pub trait Consumer {

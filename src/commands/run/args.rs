@@ -37,7 +37,7 @@ pub struct RunArgs {
     /// Do not draw on the terminal.
     #[arg(long)]
     pub headless: bool,
-    /// Rate of inertial messages to ask for, Hz.
+    /// Rate of inertial messages to ask for, Hz. PX4 has 250 or 125 and nothing between: it gives the next higher one.
     #[arg(long, value_name = "HZ", default_value_t = 200, value_parser = rate)]
     pub rate: u16,
     /// What flies, for guidance: small_fixed_wing, large_fixed_wing, quadrotor, or a file that describes it. Without it no
