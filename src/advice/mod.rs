@@ -90,6 +90,9 @@ pub struct NotProposed {
     pub sigma: Option<f64>,
     /// Why.
     pub reason: String,
+    /// Whether the vehicle has the right value already, within the sigma of this flight.
+    #[serde(skip)]
+    pub agrees: bool,
 }
 
 /// The advice (`report.json`, `autopilot`).
@@ -136,7 +139,14 @@ pub fn advise(findings: &[Finding], on_board: &OnBoard) -> Advice {
 
 fn refuse(advice: &mut Advice, effect: &'static str, reason: impl Into<String>) {
     let reason = reason.into();
-    advice.not_proposed.push(NotProposed { effect, parameter: None, wanted: None, sigma: None, reason });
+    advice.not_proposed.push(NotProposed {
+        effect,
+        parameter: None,
+        wanted: None,
+        sigma: None,
+        reason,
+        agrees: false,
+    });
 }
 
 fn consider(finding: &Finding, autopilot: Autopilot, on_board: &OnBoard, advice: &mut Advice) {
@@ -214,7 +224,7 @@ fn judge(
     let mut derived = rule::derive(mapping, k, value, sigma, on_board);
     let known = on_board.get(name);
     nearest(mapping, &mut derived);
-    let refused = |reason: String| {
+    let not = |agrees: bool, reason: String| {
         let wanted = derived.value.map(|v| rounded(v, mapping.step));
         let parameter = Some(name);
         Err(Box::new(NotProposed {
@@ -223,19 +233,19 @@ fn judge(
             wanted,
             sigma: Some(derived.sigma),
             reason,
+            agrees: agrees && known.is_some(),
         }))
     };
+    let refused = |reason: String| not(false, reason);
     if !(value.is_finite() && derived.sigma.is_finite() && derived.sigma > 0.0) {
         return refused("its value or sigma is not known".to_owned());
     }
     if let Some(by) = distance(mapping, &derived, known)
         && by < SIGNIFICANT * derived.sigma
     {
-        return refused(format!(
-            "not significant: {} {}",
-            by_words(by, &derived, mapping),
-            against(known, mapping)
-        ));
+        let reason =
+            format!("not significant: {} {}", by_words(by, &derived, mapping), against(known, mapping));
+        return not(true, reason);
     }
     if let Some(v) = derived.value {
         let v = rounded(v, mapping.step);
@@ -243,7 +253,7 @@ fn judge(
             return refused(out_of_range(mapping, v));
         }
         if known.is_some_and(|old| (old - v).abs() < 0.5 * mapping.step) {
-            return refused(format!("the vehicle has this value already ({})", rule_free(v)));
+            return not(true, format!("the vehicle has this value already ({})", rule_free(v)));
         }
     }
     let mut needs = derived.needs.clone();

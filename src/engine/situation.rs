@@ -68,6 +68,8 @@ pub struct FlightReport {
     pub armed: bool,
     /// Whether it says that it has not taken off or has landed.
     pub on_ground: bool,
+    /// Whether it has flown since it was armed last.
+    pub flown: bool,
     /// What its mode means.
     pub mode: FlightMode,
     /// Its mode by name.
@@ -136,7 +138,7 @@ pub enum SituationKind {
     Landing,
     /// The autopilot takes off.
     TakeOff,
-    /// Everything that the airframe can excite is known.
+    /// Everything that the airframe can excite is known, or the flight is over.
     Done,
     /// The autopilot flies its mission.
     Mission,
@@ -291,7 +293,8 @@ pub fn decide(i: &Inputs<'_>) -> SituationKind {
     }
     let flight = i.flight;
     if i.is_on_ground() {
-        return if i.done { SituationKind::Done } else { SituationKind::Ground };
+        let evaluate = i.done || flight.is_some_and(|f| f.flown);
+        return if evaluate { SituationKind::Done } else { SituationKind::Ground };
     }
     if flight.is_some_and(|f| f.failsafe || !f.alarm.is_empty()) {
         return SituationKind::Failsafe;
@@ -513,6 +516,7 @@ fn done_words(i: &Inputs<'_>) -> [String; 3] {
     let (names, open, all) = i.open;
     let shown = match open {
         0 => "All parameters have converged.".to_owned(),
+        _ if !i.done => format!("{} of {all} parameters have converged.", all - open),
         _ => format!("{} of {all} parameters have converged; {names} cannot with this airframe.", all - open),
     };
     let detail = format!("{shown} Then: gaware report and gaware explain on the recording.");
