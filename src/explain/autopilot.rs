@@ -3,7 +3,7 @@
 use super::contract::Verdict;
 use super::{ExplainError, Explained, Request, one_line};
 use crate::advice::on_board::OnBoard;
-use crate::advice::{Finding, file};
+use crate::advice::{Advice, Finding, file};
 use crate::outputs::{OutputError, Outputs, mark};
 use gaware_mission::item::Autopilot;
 use gaware_mission::params::file::{ParamFile, extension};
@@ -109,12 +109,23 @@ pub fn write(explained: &Explained, folder: &Path, outputs: &Outputs) -> Result<
     Ok(())
 }
 
+/// What is on board and needs no change: the remedies of these effects are carried out.
+fn already(advice: &Advice, on_board: &OnBoard) -> Option<String> {
+    let agreeing = advice.not_proposed.iter().filter(|n| n.agrees).filter_map(|n| n.parameter);
+    let set = agreeing.filter_map(|name| {
+        on_board.get(name).filter(|v| *v != 0.0).map(|v| format!("{name} = {}", v as f32))
+    });
+    let set: Vec<String> = set.collect();
+    (!set.is_empty()).then(|| format!("Right already, within this flight's sigma: {}.", set.join(", ")))
+}
+
 /// What the advice comes to, in a sentence.
 pub fn sentence(explained: &Explained) -> Option<String> {
     let advice = explained.explanation.autopilot.as_ref()?;
     let autopilot = explained.on_board.autopilot?;
     if advice.proposals.is_empty() {
-        return None;
+        return already(advice, &explained.on_board)
+            .map(|right| format!("Parameters of {autopilot}: nothing to set. {right}"));
     }
     let words: Vec<String> = advice.proposals.iter().map(file::short).collect();
     let open = advice.proposals.iter().filter(|p| p.proposed.is_none()).count();
