@@ -167,7 +167,7 @@ impl Choice {
             Some(Why::Faster) => ", the fastest",
             Some(Why::Quieter) => ", the least vibration",
             Some(Why::Clips) => ", the least clipping",
-            Some(Why::Absent) => ", the usual one does not measure",
+            Some(Why::Absent) => ", the usual one has no usable samples",
         };
         format!("{} (of {} sources{why})", self.source, self.of)
     }
