@@ -305,10 +305,11 @@ impl Judge<'_> {
         let mut found = Vec::new();
         for (unit, series) in &self.log.vibration {
             let mut levels: Vec<f64> = self.flown(series).map(|(_, v)| v).collect();
-            let first = self.flown(series).find(|(_, v)| *v > limits[0]).map(|(t, _)| t);
             levels.sort_by(f64::total_cmp);
             // One landing is no vibration: the level that a twentieth of the flight exceeds.
             let Some(level) = levels.get(levels.len() * 19 / 20) else { continue };
+            let beyond = if *level > limits[1] { limits[1] } else { limits[0] };
+            let first = self.flown(series).find(|(_, v)| *v > beyond).map(|(t, _)| t);
             found.push((graded_above(*level, limits), first, format!("IMU{unit} {level:.1} m/s²")));
         }
         for (unit, series) in &self.log.clipped {
@@ -333,7 +334,7 @@ impl Judge<'_> {
             let cells = self.log.cells.unwrap_or_else(|| (full / FULL_CELL_V).ceil().max(1.0));
             if full < NO_BATTERY_V {
                 let text = format!("the battery is not measured ({v:.2} V): no failsafe can act on it");
-                found.push((Grade::Bad, Some(*t), text));
+                found.push((Grade::Look, Some(*t), text));
             } else {
                 let cell = v / cells;
                 let text =

@@ -154,7 +154,7 @@ pub enum HealthNote {
     },
     /// Supply of the board, V.
     Supply(f64),
-    /// Largest command to a motor, 0 to 1.
+    /// Largest command to a motor: 0 where all are zero.
     Motors(f64),
     /// A text of the autopilot.
     Text(Level, String),

@@ -162,8 +162,8 @@ impl Choice {
     /// The source as results name it: which of several, and why.
     pub fn words(&self) -> String {
         let why = match self.why {
-            None if self.of < 2 => return self.source.to_string(),
-            None => "",
+            // The usual source needs no word.
+            None => return self.source.to_string(),
             Some(Why::Faster) => ", the fastest",
             Some(Why::Quieter) => ", the least vibration",
             Some(Why::Clips) => ", the least clipping",

@@ -128,9 +128,9 @@ pub(super) fn notes(topic: &str, fields: &Fields, definitions: &Definitions) -> 
         "estimator_status_flags" => flags(fields, STATUS_FLAGS),
         "failsafe_flags" => flags(fields, FAILSAFE_FLAGS),
         "battery_status" => {
-            let connected = fields.number("connected").is_none_or(|v| v != 0.0);
+            // A monitor that finds no battery says so by its voltage.
             let volts = fields.number("voltage_filtered_v").or(fields.number("voltage_v"));
-            let note = volts.filter(|_| connected).map(|volts| HealthNote::Battery {
+            let note = volts.map(|volts| HealthNote::Battery {
                 volts,
                 cells: fields.number("cell_count").filter(|n| *n > 0.0),
                 remaining: fields.number("remaining").filter(|r| (0.0..=1.0).contains(r)),
@@ -162,10 +162,10 @@ fn status(fields: &Fields) -> Vec<HealthNote> {
     armed.into_iter().chain(mode).chain(failsafe).chain(detected).collect()
 }
 
-/// The largest output, as a share of the range of PWM; outputs of other kinds say nothing.
+/// Whether any output is above zero.
 fn motors(fields: &Fields) -> Option<HealthNote> {
     let used = fields.number("noutputs").map_or(8, |n| n.clamp(0.0, 16.0) as usize);
-    let largest = (0..used.min(4)).filter_map(|k| fields.element("output", k)).reduce(f64::max)?;
-    (largest == 0.0 || largest >= 800.0)
-        .then(|| HealthNote::Motors(((largest - 900.0) / 1100.0).clamp(0.0, 1.0)))
+    let largest = (0..used.min(8)).filter_map(|k| fields.element("output", k)).reduce(f64::max)?;
+    // PWM, or what an ESC on a bus counts in: nothing but zero is the same in all of them.
+    Some(HealthNote::Motors(if largest > 0.0 { 1.0 } else { 0.0 }))
 }

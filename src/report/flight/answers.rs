@@ -11,7 +11,7 @@ use crate::engine::snapshot::{Phase, StateStatus, Status, Summary};
 use crate::report::page::{answers as list, escape};
 use std::fmt::Write;
 
-/// Name, origin, verdict and warnings.
+/// Name, origin, and what the log can answer.
 pub fn head(origin: &super::Origin, s: &Summary, (scope, next): &(String, String), body: &mut String) {
     let vehicle = match (origin.beside.on_board.class, s.vehicle_type.as_str()) {
         (Some(class), _) => class.words(),
@@ -26,7 +26,7 @@ pub fn head(origin: &super::Origin, s: &Summary, (scope, next): &(String, String
     let _ = write!(
         body,
         "<h1>{}</h1><p class=\"quiet\">{} · {vehicle}, {}{unit} · {:.0} s · {} at {:.1} Hz, {} samples, {} dropped · {} fixes, {} used, \
-         {} rejected · model: {} · gaware {}</p><p>{} {}</p><p class=\"verdict\">{}</p>",
+         {} rejected · model: {} · gaware {}</p><p>{} {}</p>",
         escape(&origin.log),
         escape(date),
         if s.autopilot == "unknown" { "autopilot not in the log".to_owned() } else { escape(&s.autopilot) },
@@ -41,9 +41,14 @@ pub fn head(origin: &super::Origin, s: &Summary, (scope, next): &(String, String
         escape(&origin.model),
         env!("CARGO_PKG_VERSION"),
         escape(scope),
-        escape(next),
-        escape(&words::verdict(s)).replacen("`gaware explain`", "<code>gaware explain</code>", 1)
+        escape(next)
     );
+}
+
+/// The result of this estimate in words, and its warnings.
+pub fn verdict(s: &Summary, body: &mut String) {
+    let words = escape(&words::verdict(s)).replacen("`gaware explain`", "<code>gaware explain</code>", 1);
+    let _ = write!(body, "<h2 id=\"estimate\">This estimate</h2><p class=\"verdict\">{words}</p>");
     if !s.warnings.is_empty() {
         body.push_str("<ul>");
         for warning in &s.warnings {
@@ -190,8 +195,8 @@ pub fn whose(compared: Option<&Comparison>, fitted: &[Fitted], log: &FlightLog) 
                     autopilot.t
                 ),
                 None => format!(
-                    "The autopilot's: nothing in the log fits the motion better ({:.2} m/s²). This program has no estimate to compare. \
-                     <a href=\"#motion\">All attitudes</a>.",
+                    "Not decided: no other attitude of the log fits the motion better than the autopilot's beyond chance ({:.2} m/s²), and the yaw of this estimate is not known \
+                     well enough to be compared. <a href=\"#motion\">All attitudes</a>.",
                     autopilot.misfit
                 ),
             };

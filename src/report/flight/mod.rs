@@ -67,9 +67,9 @@ pub fn html(
     body.push_str(&crate::report::page::answers(&[("Whose attitude is right?", whose)]));
     let judged = checks(&origin.beside.health, summary.autopilot == "px4");
     health::section(&origin.beside.health, &judged, &mut body);
+    answers::verdict(summary, &mut body);
     first_values(document, &mut body);
     if summary.phase == Phase::Running {
-        body.push_str("<h2 id=\"estimate\">This estimate</h2>");
         answers::answers(summary, log, &lessons, &fixes, &mut body);
         knowledge::g_sensitivity(summary, &mut body);
         knowledge::bias_table(summary, &mut body);

@@ -25,7 +25,7 @@ const SPACING_S: f64 = 0.35;
 /// Fixes are no older than this, s.
 const OLDEST_S: f64 = 2.0;
 /// Intervals of this time count as one: what is common to neighbours is correlated, s.
-const BLOCK_S: f64 = 10.0;
+const BLOCK_S: f64 = 5.0;
 /// With fewer blocks nothing is decided …
 const BLOCKS: usize = 8;
 /// … nor where the mean is within so many of its standard errors (chance one in 400).
@@ -152,7 +152,7 @@ pub struct Fitted {
     pub t: f64,
     /// Its misfit over that of the best one.
     pub ratio: f64,
-    /// Blocks of ten seconds that were compared with the best one.
+    /// Blocks of five seconds that were compared with the best one.
     pub blocks: usize,
     /// Time and squared misfit of every interval.
     squares: Vec<(f64, f64)>,

@@ -2,6 +2,7 @@
 
 use super::motion::Fitted;
 use crate::engine::snapshot::{Phase, Status, Summary};
+use crate::logs::VehicleClass;
 use crate::pipeline::Beside;
 use gaware_mission::item::Autopilot;
 
@@ -23,7 +24,7 @@ pub fn words(s: &Summary, beside: &Beside, fitted: &[Fitted]) -> (String, String
     if !beside.health.is_empty() {
         can.push("how healthy the vehicle and the autopilot's estimator were");
     }
-    if !fitted.is_empty() {
+    if fitted.len() > 1 {
         can.push("whose attitude fits the motion");
     }
     let believed = s.phase == Phase::Running && rate >= LEAST_HZ;
@@ -72,7 +73,7 @@ fn next(s: &Summary, beside: &Beside) -> String {
         let is_log = on_board.system_id.is_none();
         parts.push(match on_board.autopilot {
             Some(Autopilot::ArduPilot) if is_log => {
-                let copter = on_board.fixed_wing == Some(false);
+                let copter = matches!(on_board.class, Some(VehicleClass::Multirotor | VehicleClass::Helicopter));
                 let bit = if copter { IMU_FAST } else { IMU_RAW };
                 let what = if copter { "fast IMU" } else { "raw IMU" };
                 match now("LOG_BITMASK") {
