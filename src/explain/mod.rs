@@ -48,6 +48,52 @@ pub struct Request {
     pub settings: Settings,
     /// Parameter file of the vehicle, for what the logs do not hold.
     pub parameters: Option<PathBuf>,
+    /// All of every log, however long; otherwise an hour at most of all logs together, where the vehicle moves most.
+    pub whole: bool,
+}
+
+/// So much flight is explained at once, s: an hour of 200 Hz with 5 fixes per second takes a minute and about half a gigabyte (docs/explain.md).
+const MOST_S: f64 = 3600.0;
+/// … and of each of many logs at least so much, s.
+const LEAST_S: f64 = 600.0;
+/// Memory by what there is of it, bytes: as recorded and averaged, of each sample; of all linearised flights, of each fix (docs/explain.md: 260 MB
+/// for the samples of an hour, 459 with its fixes).
+const BYTES: (f64, f64) = (360.0, 11_000.0);
+/// Processor time of each fix, s: least and most of the recordings of docs/explain.md.
+const FIX_S: (f64, f64) = (1.5e-3, 6e-3);
+
+/// What is to be explained, once it is read.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Workload {
+    /// Inertial samples.
+    pub samples: usize,
+    /// Fixes.
+    pub fixes: usize,
+}
+
+impl Workload {
+    fn of(samples: &[Sample]) -> Self {
+        let count = |wanted: fn(&Sample) -> bool| samples.iter().filter(|s| wanted(s)).count();
+        Self {
+            samples: count(|s| matches!(s, Sample::Imu(_))),
+            fixes: count(|s| matches!(s, Sample::Fix(_))),
+        }
+    }
+
+    /// What it will take, in words: processor time and memory.
+    pub fn words(self) -> String {
+        let (samples, fixes) = (self.samples as f64, self.fixes as f64);
+        let mb = 20.0 + (BYTES.0 * samples + BYTES.1 * fixes) / 1e6;
+        let seconds = |each: f64| (each * fixes).max(1.0);
+        let time = match (seconds(FIX_S.0), seconds(FIX_S.1)) {
+            (_, most) if most < 2.0 => "a second".to_owned(),
+            (least, most) => format!("{least:.0} to {most:.0} s"),
+        };
+        format!(
+            "{} samples and {} fixes: about {time} of processor time and {mb:.0} MB of memory",
+            self.samples, self.fixes
+        )
+    }
 }
 
 /// What is being done, for a progress bar.
@@ -55,6 +101,8 @@ pub struct Request {
 pub enum Phase {
     /// Reading log number so many.
     Reading(usize),
+    /// Everything is read.
+    Read(Workload),
     /// Fitting noise and adding effects.
     Choosing,
     /// Judging on held-out data.
@@ -132,20 +180,36 @@ pub fn run(request: &Request, progress: &dyn Fn(Phase)) -> Result<Explained, Exp
     }
     let settings = Settings { tolerances: request.model.is_none(), ..request.settings };
     let model = request.model.clone().unwrap_or_default();
-    // Of each log only what was prepared is kept.
-    let read_all = |paths: &[PathBuf], first: usize| -> Result<Vec<Prepared>, ExplainError> {
+    // Of each log only what was prepared is kept, and what its inertial messages are.
+    let streams = std::cell::RefCell::new(Vec::new());
+    let mut parts = Vec::new();
+    let mut load = Workload { samples: 0, fixes: 0 };
+    let logs = (request.logs.len() + request.validate.len()) as f64;
+    let most_s = if request.whole { f64::INFINITY } else { (MOST_S / logs).max(LEAST_S) };
+    let mut read_all = |paths: &[PathBuf], first: usize| -> Result<Vec<Prepared>, ExplainError> {
         paths
             .iter()
             .enumerate()
             .map(|(k, path)| {
                 progress(Phase::Reading(first + k));
-                Ok(Flight::prepare(&pipeline::samples(path, request.converter)?, &model))
+                let pipeline::Excerpt { samples, part } =
+                    pipeline::most_motion(path, request.converter, most_s)?;
+                parts.extend(part);
+                let own = Workload::of(&samples);
+                load = Workload { samples: load.samples + own.samples, fixes: load.fixes + own.fixes };
+                streams
+                    .borrow_mut()
+                    .extend(samples.iter().filter(|s| matches!(s, Sample::Stream(_))).cloned());
+                Ok(Flight::prepare(&samples, &model))
             })
             .collect()
     };
     let flights = read_all(&request.logs, 0)?;
+    let flown = streams.take();
     let validate = read_all(&request.validate, request.logs.len())?;
+    progress(Phase::Read(load));
     let mut explained = flights_of(flights, validate, &model, &settings, progress);
+    explained.explanation.summary.push_str(&words::parts(&parts));
     let name = |p: &PathBuf| {
         p.file_name().map_or_else(|| p.display().to_string(), |n| n.to_string_lossy().into_owned())
     };
@@ -157,7 +221,8 @@ pub fn run(request: &Request, progress: &dyn Fn(Phase)) -> Result<Explained, Exp
     for (name, date) in explained.logs.iter_mut().zip(dates).filter(|(_, date)| !date.is_empty()) {
         name.push_str(&format!(" ({date})"));
     }
-    let on_board = autopilot::on_board(request, &beside)?;
+    let mut on_board = autopilot::on_board(request, &beside)?;
+    on_board.samples_are(&flown);
     explained.explanation.autopilot =
         Some(crate::advice::advise(&autopilot::findings(&explained), &on_board));
     explained.on_board = on_board;

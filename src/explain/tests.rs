@@ -401,3 +401,12 @@ fn accelerometers_away_from_the_gyros_are_named_where_the_antenna_is_known() {
     }
     assert!(e.effects[0].separate_by.as_ref().is_some_and(|s| s.contains("No motion separates them")));
 }
+
+/// An hour of 200 Hz with 5 fixes a second took 459 MB and 75 s of processor time (docs/explain.md).
+#[test]
+fn what_an_explanation_will_take_is_said_before() {
+    let hour = Workload { samples: 720_000, fixes: 18_000 }.words();
+    assert!(hour.contains("about 27 to 108 s of processor time and 477 MB of memory"), "{hour}");
+    let short = Workload { samples: 1000, fixes: 20 }.words();
+    assert!(short.contains("about a second"), "{short}");
+}

@@ -140,6 +140,7 @@ fn explanation(log: &Path, work: &Work) -> Result<Value, CommandError> {
         converter: work.listen.options(),
         settings: Settings::default(),
         parameters: None,
+        whole: false,
     };
     let explained = explain::run(&request, &|_| {})?;
     Ok(serde_json::to_value(explained.explanation).unwrap_or_default())

@@ -14,6 +14,8 @@ pub enum LogNote {
     },
     /// Major and minor version of the firmware.
     Version(u8, u8),
+    /// Device id of the accelerometer that the samples are of.
+    Accelerometer(u32),
     /// Innovations and test ratios of its navigation filter.
     Filter(Vec<(Channel, f64)>),
     /// Serial number of the board.

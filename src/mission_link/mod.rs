@@ -6,6 +6,7 @@ pub mod facts;
 pub mod files;
 pub mod inventory;
 pub mod journal;
+pub mod measure;
 pub mod param_codec;
 pub mod param_delivery;
 pub mod param_transfer;

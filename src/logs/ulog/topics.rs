@@ -111,6 +111,13 @@ impl Topics {
             }
             return true;
         }
+        if topic.name == "sensor_selection" {
+            // sensor_combined is of the unit that is selected (modules/sensors/voted_sensors_update.cpp).
+            let id = fields.number("accel_device_id").filter(|id| *id > 0.0);
+            let combined = self.choice.source.kind == Kind::Combined;
+            out.extend(id.filter(|_| combined).map(|id| note(LogNote::Accelerometer(id as u32))));
+            return true;
+        }
         if topic.name == "estimator_attitude" {
             let name = format!("EKF2 lane {}", topic.instance);
             out.extend(attitude(&fields).map(|rpy| note(LogNote::Attitude(name, rpy))));
