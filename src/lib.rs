@@ -15,6 +15,7 @@ pub mod explain;
 pub mod export;
 pub mod figures;
 pub mod fleet;
+pub mod health;
 pub mod inputs;
 pub mod link;
 pub mod logs;

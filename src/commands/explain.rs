@@ -1,7 +1,6 @@
 //! `gaware explain`: which sensor errors the model lacks, how large they are, and the residuals before and after.
 
 use super::known::UnitFileArgs;
-use super::report::date_of;
 use super::{CommandError, ListenArgs, OverwriteArgs, load_model, output};
 use crate::explain::contract::Verdict;
 use crate::explain::{self, Explained, Phase, Request};
@@ -93,16 +92,7 @@ pub fn run(args: &ExplainArgs) -> Result<(), CommandError> {
         bar.set_message(format!("step {step} of {STEPS}: {what} ({elapsed_s:.0} s so far{left})"));
     });
     bar.finish_and_clear();
-    let mut explained = explained?;
-    let dated = |logs: &mut Vec<String>, paths: &[PathBuf]| {
-        for (name, date) in
-            logs.iter_mut().zip(paths.iter().map(|p| date_of(p))).filter(|(_, d)| !d.is_empty())
-        {
-            name.push_str(&format!(" ({date})"));
-        }
-    };
-    dated(&mut explained.logs, &args.logs);
-    dated(&mut explained.validated, &args.validate);
+    let explained = explained?;
     explain::write(&explained, &args.out, &outputs)?;
     crate::sinks::log::line(&format!("explained in {:.1} s{}", began.elapsed().as_secs_f64(), peak_memory()));
     let explanation = &explained.explanation;

@@ -2,7 +2,6 @@
 //! station, ends when nothing is left to do, and keeps the result in the file of the unit.
 
 use super::known::{KnownArgs, PlaceArgs, UnitFileArgs};
-use super::replay::Beside;
 use super::run::{self, Hooks, RunArgs, seconds};
 use super::unit::origin;
 use super::{CommandError, ListenArgs, OverwriteArgs, band, output, start};
@@ -10,6 +9,7 @@ use crate::engine::meaning::LIMIT_DEG;
 use crate::engine::snapshot::{Estimate, GroundStatus, Snapshot};
 use crate::engine::{Engine, EngineOptions};
 use crate::link::address::Address;
+use crate::pipeline::Beside;
 use crate::sinks::events::cause_of;
 use crate::sinks::live::Live;
 use crate::sinks::log;

@@ -9,7 +9,7 @@ use crate::engine::{Engine, EngineOptions};
 use crate::export::{self, ExportError, Gather, Gathered};
 use crate::logs::{Damage, Record};
 use crate::outputs::{Outputs, mark};
-use crate::pipeline::{Estimator, Pipeline, Recorded, ReplayDocument};
+use crate::pipeline::{Beside, Estimator, Pipeline, Recorded, ReplayDocument};
 use gaware_nav::model::Model;
 use schemars::JsonSchema;
 use serde::Serialize;
@@ -210,15 +210,6 @@ fn judge(
     baseline::verdict(&outcomes)
 }
 
-/// What a log says beside its samples.
-#[derive(Debug, Clone, Default)]
-pub struct Beside {
-    /// Of the vehicle that was listened to.
-    pub on_board: OnBoard,
-    /// Stamp of the first entry, µs.
-    pub first_t_us: Option<u64>,
-}
-
 /// Runs the log through and gives the pipeline at its end with the result.
 ///
 /// # Errors
@@ -257,8 +248,7 @@ pub fn replay_watched<E: Estimator>(
     }
     let mut watch = |record: &Record| {
         if let Some(beside) = &mut beside {
-            beside.first_t_us.get_or_insert(record.t_us);
-            beside.on_board.take(&record.item, request.listen.vehicle);
+            beside.take(record, request.listen.vehicle);
         }
     };
     let progress = |bytes| bar.set_position(bytes);
@@ -273,13 +263,15 @@ pub fn replay_watched<E: Estimator>(
     Ok((pipeline, document))
 }
 
-/// A damaged log says so in the result; the field is absent for a good one.
+/// A damaged log says so in the result; the field is absent for a good one. An entry that the end of the file cuts is no damage.
 fn add_damage(damage: Damage, document: &mut Map<String, Value>) {
+    if damage.truncated || damage.any() {
+        document.insert("log_damage".to_owned(), json!(damage));
+    }
     if !damage.any() {
         return;
     }
     tracing::warn!(?damage, "parts of the log could not be read");
-    document.insert("log_damage".to_owned(), json!(damage));
     if let Some(Value::Array(warnings)) = document.get_mut("warnings") {
         let end = if damage.truncated { ", and it ends in the middle of an entry" } else { "" };
         warnings.push(json!(format!(

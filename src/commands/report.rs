@@ -4,9 +4,9 @@ use super::load_model;
 use super::replay::{self, ReplayRequest};
 use super::{CommandError, ListenArgs, OverwriteArgs, demo, file_name, output};
 use crate::engine::{Engine, EngineOptions};
-use crate::figures::day;
 use crate::logs;
 use crate::outputs::mark;
+use crate::pipeline::Beside;
 use crate::report::flight::{self, Logged, Origin};
 use std::path::{Path, PathBuf};
 
@@ -63,25 +63,13 @@ pub fn run(args: &ReportArgs) -> Result<(), CommandError> {
         truth_from_s: args.truth_from,
     };
     let make = |model| Logged::new(Engine::new(model, options));
-    let (pipeline, document) = replay::replay(&request, make)?;
-    let origin = Origin { log: file_name(&args.log), date: date_of(&args.log), model: model_of(args) };
+    let mut beside = Beside::default();
+    let (pipeline, document) = replay::replay_watched(&request, make, Some(&mut beside))?;
+    let origin = Origin { log: file_name(&args.log), date: beside.date(), model: model_of(args), beside };
     let page = flight::html(&origin, &pipeline.summary(), &document, pipeline.engine().log())
         .map_err(ReportError::Draw)?;
     outputs.write(&out, mark::text(page, mark::Style::Angle))?;
     output::text(&format!("report: {}\n", out.display()))
-}
-
-/// The day and time at which the log begins, where its entries carry the date (logs of links do, those of autopilots count from
-/// their start).
-pub(super) fn date_of(log: &Path) -> String {
-    /// 2001-09-09 in µs: what is smaller counts from a start.
-    const FIRST_DATE_US: u64 = 1_000_000_000_000_000;
-    let first = logs::open(log).ok().and_then(|mut reader| reader.next()).and_then(Result::ok);
-    let at = first.map(|r| r.t_us).filter(|t| *t > FIRST_DATE_US);
-    at.map_or_else(String::new, |t_us| {
-        let s = t_us / 1_000_000;
-        format!("{} {:02}:{:02} UTC", day(s as f64), s / 3600 % 24, s / 60 % 60)
-    })
 }
 
 /// Which model was taken, in words.

@@ -68,13 +68,10 @@ pub struct FlightReport {
     pub armed: bool,
     /// Whether it says that it has not taken off or has landed.
     pub on_ground: bool,
-<<<<<<< HEAD
     /// Whether it says that it is in the air (`EXTENDED_SYS_STATE`; a heartbeat alone cannot).
     pub in_air: bool,
-=======
     /// Whether it has flown since it was armed last.
     pub flown: bool,
->>>>>>> wt-fw
     /// What its mode means.
     pub mode: FlightMode,
     /// Its mode by name.

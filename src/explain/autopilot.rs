@@ -5,6 +5,7 @@ use super::{ExplainError, Explained, Request, one_line};
 use crate::advice::on_board::OnBoard;
 use crate::advice::{Advice, Finding, file};
 use crate::outputs::{OutputError, Outputs, mark};
+use crate::pipeline::Beside;
 use gaware_mission::item::Autopilot;
 use gaware_mission::params::file::{ParamFile, extension};
 use gaware_nav::identify::select::Added;
@@ -18,13 +19,12 @@ const NAME: &str = "autopilot";
 ///
 /// # Errors
 /// A log or the file cannot be read.
-pub fn on_board(request: &Request) -> Result<OnBoard, ExplainError> {
+pub fn on_board(request: &Request, beside: &[Beside]) -> Result<OnBoard, ExplainError> {
     let mut all: Option<OnBoard> = None;
-    for path in &request.logs {
-        let one = OnBoard::read(path, request.converter.vehicle)?;
+    for one in beside.iter().map(|b| &b.on_board) {
         match &mut all {
-            Some(all) => all.join(&one),
-            None => all = Some(one),
+            Some(all) => all.join(one),
+            None => all = Some(one.clone()),
         }
     }
     let mut all = all.unwrap_or_default();

@@ -14,6 +14,7 @@ mod size;
 pub mod words;
 
 use crate::advice::on_board::OnBoard;
+use crate::health::HealthLog;
 use crate::logs::LogError;
 use crate::outputs::{OutputError, Outputs, mark};
 use crate::parallel::{Threads, cores};
@@ -156,6 +157,8 @@ pub struct Explained {
     pub validated: Vec<String>,
     /// What the logs say of the vehicle's own parameters.
     pub on_board: OnBoard,
+    /// States and events of the vehicle, log by log; empty where no logs were read.
+    pub health: Vec<HealthLog>,
 }
 
 /// The disagreement along one flight, with the model that was given and with the new one.
@@ -212,11 +215,18 @@ pub fn run(request: &Request, progress: &dyn Fn(Phase)) -> Result<Explained, Exp
     };
     explained.logs = request.logs.iter().map(name).collect();
     explained.validated = request.validate.iter().map(name).collect();
-    let mut on_board = autopilot::on_board(request)?;
+    let read = |path: &PathBuf| pipeline::Beside::read(path, request.converter.vehicle);
+    let beside: Vec<pipeline::Beside> = request.logs.iter().map(read).collect::<Result<_, _>>()?;
+    let dates = beside.iter().map(pipeline::Beside::date);
+    for (name, date) in explained.logs.iter_mut().zip(dates).filter(|(_, date)| !date.is_empty()) {
+        name.push_str(&format!(" ({date})"));
+    }
+    let mut on_board = autopilot::on_board(request, &beside)?;
     on_board.samples_are(&flown);
     explained.explanation.autopilot =
         Some(crate::advice::advise(&autopilot::findings(&explained), &on_board));
     explained.on_board = on_board;
+    explained.health = beside.into_iter().map(|b| b.health).collect();
     Ok(explained)
 }
 
@@ -292,6 +302,7 @@ fn flights_of(
         logs: Vec::new(),
         validated: Vec::new(),
         on_board: OnBoard::default(),
+        health: Vec::new(),
     }
 }
 
@@ -317,6 +328,7 @@ fn too_little(why: &str, model: &Model) -> Explained {
         logs: Vec::new(),
         validated: Vec::new(),
         on_board: OnBoard::default(),
+        health: Vec::new(),
     }
 }
 

@@ -8,6 +8,8 @@
 pub mod dataflash;
 pub mod filter;
 pub mod mcap;
+mod note;
+pub mod source;
 pub mod table;
 pub mod tlog;
 pub mod ulog;
@@ -16,6 +18,7 @@ mod window;
 use crate::link::frame::Frame;
 use crate::timeline::Measurement;
 use gaware_nav::observability::words::VehicleKind;
+pub use note::{HealthNote, Level, LogNote, VehicleClass};
 use schemars::JsonSchema;
 use serde::Serialize;
 use std::io::Read;
@@ -41,24 +44,6 @@ pub enum Item {
     Note(LogNote),
 }
 
-/// What an autopilot's own log says of itself (formats with frames say it in frames).
-#[derive(Debug, Clone, PartialEq)]
-pub enum LogNote {
-    /// A parameter of the vehicle.
-    Parameter {
-        /// Name.
-        name: String,
-        /// Value.
-        value: f64,
-    },
-    /// Major and minor version of the firmware.
-    Version(u8, u8),
-    /// Device id of the accelerometer that the samples are of.
-    Accelerometer(u32),
-    /// Innovations and test ratios of its navigation filter.
-    Filter(Vec<(filter::Channel, f64)>),
-}
-
 /// How far a reader is.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub struct Progress {
@@ -77,14 +62,14 @@ pub struct Damage {
     pub bad_records: u64,
     /// Messages outside the dialect.
     pub unknown_messages: u64,
-    /// Whether the file ends in the middle of an entry.
+    /// Whether the file ends in the middle of an entry: most logs do, as logging ends with the power. Nothing is lost with it.
     pub truncated: bool,
 }
 
 impl Damage {
-    /// Whether anything was lost (messages outside the dialect are none).
+    /// Whether anything was lost (messages outside the dialect and an entry that the end of the file cuts are none).
     pub fn any(&self) -> bool {
-        self.skipped_bytes > 0 || self.bad_records > 0 || self.truncated
+        self.skipped_bytes > 0 || self.bad_records > 0
     }
 }
 
@@ -182,12 +167,21 @@ pub fn open(path: &Path) -> Result<Box<dyn LogReader>, LogError> {
     if head.is_empty() {
         return Err(LogError::Empty(path.to_owned()));
     }
-    let file = crate::inputs::open(path).map_err(failed)?;
+    let again = || crate::inputs::open(path).map_err(failed);
+    let file = again()?;
     match format_of(&head, path) {
         Some(Format::Tlog) => Ok(Box::new(tlog::TlogReader::new(file, total))),
         Some(Format::Mcap) => Ok(Box::new(mcap::McapReader::new(file, total))),
-        Some(Format::Dataflash) => Ok(Box::new(dataflash::DataflashReader::new(file, total))),
-        Some(Format::Ulog) => Ok(Box::new(ulog::UlogReader::new(file, total))),
+        Some(Format::Dataflash) => {
+            let best = dataflash::DataflashReader::new(again()?, total).survey()?.best();
+            let best = best.unwrap_or(source::Choice::of(source::Source::IMU));
+            Ok(Box::new(dataflash::DataflashReader::new(file, total).with_source(best)))
+        }
+        Some(Format::Ulog) => {
+            let best = ulog::UlogReader::new(again()?, total).survey()?.best();
+            let best = best.unwrap_or(source::Choice::of(source::Source::COMBINED));
+            Ok(Box::new(ulog::UlogReader::new(file, total).with_source(best)))
+        }
         None => Err(LogError::UnknownFormat(path.to_owned())),
     }
 }

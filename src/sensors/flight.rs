@@ -144,11 +144,8 @@ impl FlightWatch {
         let (mode, stands_by) = self.heartbeat;
         let by_pilot = mode == FlightMode::Pilot;
         self.report.on_ground = self.landed == ON_GROUND || (self.landed == 0 && stands_by);
-<<<<<<< HEAD
         self.report.in_air = matches!(self.landed, IN_AIR | TAKING_OFF | LANDING);
-=======
         self.report.flown |= self.report.armed && self.landed == IN_AIR;
->>>>>>> wt-fw
         self.report.mode = match self.landed {
             TAKING_OFF if !by_pilot => FlightMode::TakeOff,
             LANDING if mode != FlightMode::Return => FlightMode::Landing,

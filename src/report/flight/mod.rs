@@ -2,13 +2,15 @@
 
 mod answers;
 mod attitude;
+mod health;
 mod innovations;
 mod knowledge;
 mod lessons;
 mod log;
+mod motion;
+mod scope;
 mod track;
 mod words;
-mod yaw;
 
 pub use log::{FlightLog, Logged};
 
@@ -16,6 +18,8 @@ use super::page::{escape, page};
 use super::plot::{Color, Plot, X_AXIS, Y_AXIS, Z_AXIS};
 use crate::advice::start;
 use crate::engine::snapshot::{Phase, Snapshot, Summary};
+use crate::health::checks::checks;
+use crate::pipeline::Beside;
 use serde_json::{Map, Value};
 use std::fmt::Write;
 
@@ -32,7 +36,11 @@ pub struct Origin {
     pub date: String,
     /// The model's file, or which one was taken.
     pub model: String,
+    /// What the log says beside its samples.
+    pub beside: Beside,
 }
+
+pub use health::section as health_section;
 
 /// The autopilot's attitude less ours over time: s since the first sample, roll, pitch, yaw in deg. Empty where the log has too little of it.
 pub fn attitude_differences(log: &FlightLog) -> Vec<(f64, [f64; 3])> {
@@ -53,10 +61,16 @@ pub fn html(
     let compared = attitude::compare(&log.attitudes, &log.snapshots);
     let fixes = innovations::of(&log.snapshots);
     let mut body = String::new();
-    answers::head(origin, summary, &mut body);
+    let fitted = log.motion.fitted();
+    answers::head(origin, summary, &scope::words(summary, &origin.beside, &fitted), &mut body);
+    let whose = answers::whose(compared.as_ref(), &fitted, log);
+    body.push_str(&crate::report::page::answers(&[("Whose attitude is right?", whose)]));
+    let judged = checks(&origin.beside.health, summary.autopilot == "px4");
+    health::section(&origin.beside.health, &judged, &mut body);
+    answers::verdict(summary, &mut body);
     first_values(document, &mut body);
     if summary.phase == Phase::Running {
-        answers::answers(summary, log, &lessons, compared.as_ref(), &fixes, &mut body);
+        answers::answers(summary, log, &lessons, &fixes, &mut body);
         knowledge::g_sensitivity(summary, &mut body);
         knowledge::bias_table(summary, &mut body);
     } else {
@@ -67,6 +81,7 @@ pub fn html(
         knowledge::learning(summary, log, &lessons, &mut body)?;
         knowledge::biases(log, &mut body)?;
     }
+    motion_table(&fitted, &mut body);
     attitudes(compared.as_ref(), document, &mut body)?;
     innovations::section(&log.snapshots, &fixes, &mut body)?;
     // A page without values or plots has nothing to explain.
@@ -114,6 +129,36 @@ fn flight(log: &FlightLog, lessons: &[lessons::Lesson], body: &mut String) -> Re
     body.push_str(&plot("bank", "deg", &|s| s.estimate.attitude_deg.value[0]).svg()?);
     body.push_str(&plot("load", "g", &lessons::load).close().svg()?);
     Ok(())
+}
+
+/// All attitudes of the log against the motion.
+fn motion_table(fitted: &[motion::Fitted], body: &mut String) {
+    if fitted.is_empty() {
+        return;
+    }
+    body.push_str(
+        "<h2 id=\"motion\">All attitudes against the motion</h2><p>The specific force turned by each attitude, against the change of GNSS velocity over a \
+         second. Each has its own constant accelerometer bias. t: difference from the best one over its standard error; above 3 it is beyond chance.</p>\
+         <div class=\"wide\"><table><tr><th>attitude</th><th class=\"n\">misfit, m/s²</th><th class=\"n\">yaw off by, deg</th><th class=\"n\">t</th><th></th></tr>",
+    );
+    for f in fitted {
+        let yaw = f
+            .yaw_off_deg
+            .map_or_else(|| "not shown by this flight".to_owned(), |(v, s)| format!("{v:.1} ± {s:.1}"));
+        let says = match (f.is_worse(), f.t == 0.0) {
+            (true, _) => "worse beyond chance",
+            (_, true) => "best",
+            _ => "as good as the best",
+        };
+        let _ = write!(
+            body,
+            "<tr><td>{}</td><td class=\"n\">{:.2}</td><td class=\"n\">{yaw}</td><td class=\"n\">{:.1}</td><td>{says}</td></tr>",
+            escape(&f.name),
+            f.misfit,
+            f.t
+        );
+    }
+    body.push_str("</table></div>");
 }
 
 fn attitudes(
