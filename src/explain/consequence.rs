@@ -194,7 +194,7 @@ mod tests {
         let shaken = of(&known(&effects::VIBRATION_RECTIFICATION, &[1e-3, 0.0, 0.0]), 20.0).unwrap();
         assert!(shaken.contains("under vibration of 1 g RMS"), "{shaken}");
         // A copter's hover with ArduPilot 4.7: what its sigma covers moves nothing, and nobody turns at 250 deg/s.
-        let mut hovered = known(&effects::GyroMisalignment, &[0.0, 0.0, 0.0, 0.4e-3, 0.0, -2.29e-3]);
+        let mut hovered = known(&effects::GYRO_MISALIGNMENT, &[0.0, 0.0, 0.0, 0.4e-3, 0.0, -2.29e-3]);
         hovered.sigmas = vec![0.5e-3, 0.1e-3, 0.5e-3, 0.1e-3, 1.6e-3, 2.0e-3];
         let parts = of(&hovered, 3.86).unwrap();
         assert!(parts.ends_with("correction: 0 deg of roll, 1.17 deg of pitch, 0 deg of yaw"), "{parts}");
