@@ -7,8 +7,7 @@
     reason = "helpers of tests may panic, as tests do"
 )]
 
-mod support;
-
+use crate::support;
 use serde_json::Value;
 use std::collections::BTreeMap;
 use std::path::Path;

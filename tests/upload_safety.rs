@@ -2,8 +2,7 @@
 
 #![allow(clippy::unwrap_used, clippy::panic, reason = "helpers of tests may panic, as tests do")]
 
-mod support;
-
+use crate::support;
 use gaware::link::frame::{Frame, Sender};
 use gaware::link::signing::{Key, Signer, Trust, Verifier};
 use gaware::mission_link::files;

@@ -1,5 +1,6 @@
 //! `gaware explain`: which sensor errors the model lacks, how large they are, and the residuals before and after.
 
+use super::known::UnitFileArgs;
 use super::report::date_of;
 use super::{CommandError, ListenArgs, OverwriteArgs, load_model, output};
 use crate::explain::contract::Verdict;
@@ -41,6 +42,9 @@ pub struct ExplainArgs {
     /// Source of the samples.
     #[command(flatten)]
     pub listen: ListenArgs,
+    /// What is known of the unit.
+    #[command(flatten)]
+    pub unit: UnitFileArgs,
 }
 
 /// Explains, writes the report and prints the verdict.
@@ -51,7 +55,7 @@ pub fn run(args: &ExplainArgs) -> Result<(), CommandError> {
     let read = args.logs.iter().chain(&args.validate).chain(&args.model).chain(&args.parameters);
     let outputs = args.overwrite.outputs(read);
     explain::check(&args.out, &outputs)?;
-    let model = args.model.as_deref().map(load_model).transpose()?;
+    let model = args.unit.on(args.model.as_deref().map(load_model).transpose()?)?;
     let request = Request {
         logs: args.logs.clone(),
         validate: args.validate.clone(),

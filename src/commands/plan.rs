@@ -79,6 +79,9 @@ pub struct PlanArgs {
     /// the receiver says of them are planned with, so that the flight keeps what is promised.
     #[arg(long, value_name = "LOG")]
     pub measured: Option<PathBuf>,
+    /// What is known of the unit.
+    #[command(flatten)]
+    pub unit: super::known::UnitFileArgs,
     /// Write the mission here: .plan or .waypoints.
     #[arg(long, value_name = "FILE")]
     pub out: Option<PathBuf>,
@@ -129,9 +132,9 @@ pub fn run(args: &PlanArgs) -> Result<(), CommandError> {
         files::check_kind(path).map_err(PlanCommandError::from)?;
         outputs.check(path)?;
     }
-    let model = args.model.as_deref().map_or_else(|| Ok(Model::standard()), super::load_model)?;
+    let model = args.unit.on(args.model.as_deref().map(super::load_model).transpose()?)?;
     let mut request = request(args)?;
-    let model = measured(args, model, &mut request)?;
+    let model = measured(args, model.unwrap_or_else(Model::standard), &mut request)?;
     let made = plan(&request, predictor(&model, &request)).map_err(PlanCommandError::from)?;
     if let Some(path) = &args.out {
         let a = &request.airframe;

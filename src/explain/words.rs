@@ -217,7 +217,7 @@ fn remaining(e: &Explanation, text: &mut Vec<String>) {
 mod tests {
     use super::super::contract::{self, NotFound};
     use super::*;
-    use gaware_nav::effects::{Effect, GyroBiasDrift, GyroScaleFactor};
+    use gaware_nav::effects::{Effect, GYRO_SCALE_FACTOR, GyroBiasDrift};
     use gaware_nav::model::EffectSetting;
 
     fn entry(name: &'static str) -> EffectEntry {
@@ -255,7 +255,7 @@ mod tests {
     fn what_is_likely_but_was_not_added_is_told() {
         let mut e = contract::too_little("");
         let of = |likely| NotFound {
-            name: GyroScaleFactor.name(),
+            name: GYRO_SCALE_FACTOR.name(),
             log_odds: 40.0,
             likely,
             parameters: serde_json::Value::Null,

@@ -5,10 +5,11 @@
 
 pub mod address;
 pub mod endpoint;
-pub mod frame;
-pub mod framer;
+pub mod guard;
 pub mod heartbeat;
 pub mod rates;
 pub mod signing;
 pub mod systems;
 pub mod timesync;
+
+pub use gaware_wire::{frame, framer};

@@ -6,6 +6,7 @@
 pub mod events;
 pub mod foxglove;
 pub mod link_meter;
+pub mod live;
 pub mod log;
 pub mod messages;
 pub mod metrics;

@@ -13,6 +13,7 @@ mod worker;
 pub use super::messages::{FRAME_TOPIC, RecordItem};
 use crate::figures::civil;
 use crate::sensors::ConverterOptions;
+use gaware_nav::earth::Geodetic;
 use gaware_nav::observability::words::VehicleKind;
 use mcap::McapError;
 use output::Output;
@@ -58,6 +59,9 @@ pub struct Setup {
     /// What flies, where the user named an airframe.
     #[serde(default)]
     pub vehicle: Option<VehicleKind>,
+    /// Where the vehicle was for as long as no fix said so, where the user named it.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub place: Option<Geodetic>,
 }
 
 /// Why a recording cannot be started.

@@ -1,9 +1,9 @@
 //! What goes wrong on board and on its link: restarts, jumps of the clock, a station that takes the rates, a gimbal.
 
 use super::Autopilot;
-use super::framer::Framer;
 use super::streams::Streams;
 use crate::faults::Fault;
+use gaware_wire::framer::Framer;
 use mavlink::dialects::ardupilotmega::*;
 
 /// How long a restart takes, s.
@@ -56,7 +56,7 @@ impl Autopilot {
     /// The link is silent until then and starts with its defaults.
     fn restart_streams(&mut self, until_s: f64) {
         self.silent_until_s = until_s;
-        self.framer = Framer::default();
+        self.framer = Framer::new();
         let config = &self.config;
         self.streams = Streams::new(config.flavour, config.loop_rate_hz, config.has_highres_imu, until_s)
             .with_sim_state(config.has_sim_state)
