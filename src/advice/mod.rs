@@ -186,7 +186,7 @@ fn consider(finding: &Finding, autopilot: Autopilot, on_board: &OnBoard, advice:
 
 /// The row for an effect: by the names that the vehicle has, else by its version, else the newest.
 pub fn mapping(effect: &str, autopilot: Autopilot, on_board: &OnBoard) -> Option<&'static Mapping> {
-    // Where the unit is not known, the first one stands for it until that is said.
+    // Where the unit is not known, the first one is taken until that is said.
     let place = on_board.place().unwrap_or(0);
     let of_unit = |m: &&Mapping| m.of_unit.is_none_or(|unit| unit == place);
     let rows = || table::rows().filter(|m| m.effect == effect && m.autopilot == autopilot).filter(of_unit);
