@@ -251,7 +251,7 @@ mod tests {
     }
 
     #[test]
-    fn a_faster_source_wins_and_a_dead_one_is_passed_over() {
+    fn a_faster_source_wins_and_one_that_does_not_measure_is_left_out() {
         let raw = Source { kind: Kind::Raw, unit: 0 };
         let mut survey = Survey::default();
         with(&mut survey, Source::IMU, 25, 1.0, 0, 0.0);
