@@ -2,7 +2,7 @@
 //!
 //! A log may hold the same motion several times: filtered samples of two or three units, raw samples at the sensor's rate, increments with their
 //! intervals. A first pass counts them ([`Survey`]); the choice follows from rate, vibration, samples at the end of the range and sensors that
-//! stand still, and is named in words.
+//! do not change, and is named in words.
 
 use nalgebra::Vector3;
 use std::collections::BTreeMap;
