@@ -19,7 +19,7 @@ use std::collections::BTreeMap;
 const MOST: usize = 72_000;
 /// Texts kept.
 const MOST_TEXTS: usize = 2000;
-/// A fix so far from where the velocity of the last one leads has jumped, m. Receivers wander by 1 to 2 m over minutes.
+/// A fix so far from where the velocity of the last one leads has jumped, m. Receivers drift by 1 to 2 m over minutes.
 const JUMP_M: f64 = 5.0;
 /// Fixes further apart than this are not compared, s.
 const FIX_SPACING_S: f64 = 1.5;

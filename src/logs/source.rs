@@ -2,7 +2,7 @@
 //!
 //! A log may hold the same motion several times: filtered samples of two or three units, raw samples at the sensor's rate, increments with their
 //! intervals. A first pass counts them ([`Survey`]); the choice follows from rate, vibration, samples at the end of the range and sensors that
-//! stand still, and is named in words.
+//! do not change, and is named in words.
 
 use nalgebra::Vector3;
 use std::collections::BTreeMap;
@@ -251,7 +251,7 @@ mod tests {
     }
 
     #[test]
-    fn a_faster_source_wins_and_a_dead_one_is_passed_over() {
+    fn a_faster_source_wins_and_one_that_does_not_measure_is_left_out() {
         let raw = Source { kind: Kind::Raw, unit: 0 };
         let mut survey = Survey::default();
         with(&mut survey, Source::IMU, 25, 1.0, 0, 0.0);

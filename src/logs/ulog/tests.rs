@@ -190,7 +190,7 @@ fn increments_at_the_full_rate_are_taken_before_means_with_gaps() {
 fn means_with_gaps_between_them_are_points() {
     let log = [definitions(), (0..80).flat_map(|k| imu_message(22 * k)).collect()].concat();
     let best = UlogReader::new(&log[..], log.len() as u64).survey().unwrap().best();
-    // These samples do not change: a sensor that stands still is no source.
+    // These samples do not change: a sensor whose values do not change is no source.
     assert!(best.is_none_or(|b| !b.continuous));
 }
 

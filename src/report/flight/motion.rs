@@ -2,7 +2,7 @@
 //!
 //! What the accelerometers measure, turned to north, east and down, is the acceleration of the vehicle less gravity (Groves 2013, section
 //! 5.4.3), and the receiver's velocity is its integral whatever the wind. Every attitude of a log is judged by the same samples: this
-//! estimate, the autopilot's, all lanes of its filters. Each gets its own constant accelerometer bias, so that none is blamed for it. A vehicle
+//! estimate, the autopilot's, all lanes of its filters. Each gets its own constant accelerometer bias, so that it counts for none. A vehicle
 //! that hovers and one that flies are judged alike.
 
 use gaware_nav::rotation::c_nb_from_euler;

@@ -7,7 +7,7 @@ use crate::pipeline::Beside;
 use gaware_mission::item::Autopilot;
 
 /// From this rate on every question may be answered; between the two motion is smoothed away in turns of a copter, and below attitude is not to
-/// be believed: at 9 Hz of PX4's samples the tilt came out 22.6° off (esc_status.ulg), at 25 Hz as the autopilot's within 2° (quiver_088.bin).
+/// be used: at 9 Hz of PX4's samples the tilt came out 22.6° off (esc_status.ulg), at 25 Hz as the autopilot's within 2° (quiver_088.bin).
 const GOOD_HZ: f64 = 50.0;
 /// See [`GOOD_HZ`].
 pub const LEAST_HZ: f64 = 20.0;
@@ -27,17 +27,17 @@ pub fn words(s: &Summary, beside: &Beside, fitted: &[Fitted]) -> (String, String
     if fitted.len() > 1 {
         can.push("whose attitude fits the motion");
     }
-    let believed = s.phase == Phase::Running && rate >= LEAST_HZ;
-    if believed {
+    let usable = s.phase == Phase::Running && rate >= LEAST_HZ;
+    if usable {
         can.push("attitude and accelerometer bias");
     }
     let g: Vec<Status> =
         s.observability.states.iter().filter(|x| super::lessons::is_g(&x.name)).map(|x| x.status).collect();
     let observable = g.iter().filter(|status| **status == Status::Observable).count();
-    if believed && observable > 0 {
+    if usable && observable > 0 {
         can.push("g-sensitivity, in part or in full");
     } else {
-        cannot.push(if g.is_empty() || !believed {
+        cannot.push(if g.is_empty() || !usable {
             "g-sensitivity".to_owned()
         } else {
             "g-sensitivity (nothing in this flight excites it)".to_owned()
