@@ -385,7 +385,7 @@ impl Judge<'_> {
             let grade = if (self.in_flight)(t) { grave(*level) } else { Grade::Ok };
             found.push((grade, Some(t), format!("{quoted} at {t:.1} s")));
         }
-        found.sort_by(|a, b| b.0.cmp(&a.0));
+        found.sort_by_key(|f| std::cmp::Reverse(f.0));
         let more = found.len().saturating_sub(TEXTS);
         found.truncate(TEXTS);
         if more > 0 {

@@ -213,7 +213,7 @@ impl Motion {
 
     /// All attitudes, the best first; empty where there are too few intervals.
     pub fn fitted(&self) -> Vec<Fitted> {
-        let judged: Vec<(&String, Vec<(f64, f64)>, f64, Option<(f64, f64)>)> = self
+        let judged: Vec<_> = self
             .0
             .iter()
             .filter(|(_, track)| blocks(&track.intervals) >= BLOCKS)
