@@ -14,7 +14,7 @@ use crate::rotation::{exp, left_jacobian, left_jacobian_inverse, log};
 use nalgebra::{UnitQuaternion, Vector3};
 
 /// With a tilt that is wrong by more than this, rad, nothing is known in body axes, and one rotation vector is the better coordinate.
-const LARGE_TILT: f64 = 0.1;
+pub(crate) const LARGE_TILT: f64 = 0.1;
 
 /// An error of position, m, velocity, m/s, and attitude, rad, in body axes.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]

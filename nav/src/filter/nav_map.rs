@@ -6,11 +6,11 @@
 
 use super::covariance::{NAV, PANEL};
 use super::layout::index;
-use crate::displacement::Displacement;
+use crate::displacement::{Displacement, LARGE_TILT};
 use crate::linear::interval::Interval;
 use crate::mechanization::NavState;
-use crate::rotation::left_jacobian;
-use nalgebra::Matrix3;
+use crate::rotation::{exp, left_jacobian, skew};
+use nalgebra::{Matrix3, Vector3};
 use pulp::Simd;
 
 /// Three values per column.
@@ -52,6 +52,11 @@ pub(super) trait NavMap {
 
 // No closures in what follows: one that the compiler does not inline would lose the wide registers.
 
+#[inline(always)]
+fn add<S: Simd>(simd: S, a: Triple<S>, b: Triple<S>) -> Triple<S> {
+    [simd.add_f64s(a[0], b[0]), simd.add_f64s(a[1], b[1]), simd.add_f64s(a[2], b[2])]
+}
+
 /// a·x for one row of three.
 #[inline(always)]
 fn dot<S: Simd>(simd: S, a: &[f64; 3], x: Triple<S>) -> S::f64s {
@@ -65,19 +70,21 @@ fn times<S: Simd>(simd: S, m: &[[f64; 3]; 3], x: Triple<S>) -> Triple<S> {
     [dot(simd, &m[0], x), dot(simd, &m[1], x), dot(simd, &m[2], x)]
 }
 
-/// How an error about the old estimate reads about the new one: the right Jacobian of the rotation (Barfoot 2017, section 7.1.5) for each of
-/// [δr δv ε]. A heading that is corrected changes nothing: what is known in body axes stays so (see [`crate::displacement`]).
+/// How an error about the old estimate reads about the new one. With C = Ĉ exp(ψ u) exp(a) about a new Ĉ exp(a₀): exp(ψ u) exp(a₀ + a) =
+/// exp(a₀) exp(ψ u') exp(J(−a₀) a), u' = exp(−a₀) u (the right Jacobian: Barfoot 2017, section 7.1.5): the heading turns with the vertical in body
+/// axes, the tilt with J(−a₀), position and velocity too.
 #[derive(Debug, Clone)]
 pub(super) struct Recentring {
-    /// J(−a), with a the tilt.
+    /// Of position and velocity.
     turn: [[f64; 3]; 3],
+    attitude: [[f64; 3]; 3],
 }
 
 impl Recentring {
     /// The way back.
     pub(super) fn inverse(&self) -> Option<Self> {
-        let turn = Matrix3::from(self.turn).try_inverse()?;
-        Some(Self { turn: turn.into() })
+        let back = |m: &[[f64; 3]; 3]| Some(Matrix3::from(*m).try_inverse()?.into());
+        Some(Self { turn: back(&self.turn)?, attitude: back(&self.attitude)? })
     }
 }
 
@@ -85,14 +92,55 @@ impl NavState {
     /// The change of coordinates that a correction of this state brings.
     pub(super) fn recentring(&self, by: &Displacement) -> Recentring {
         let [_, tilt] = self.heading_and_tilt(&by.attitude);
-        Recentring { turn: left_jacobian(&-tilt).transpose().into() }
+        let turn = left_jacobian(&-tilt);
+        // Where the whole error counts as tilt there is no heading of its own.
+        let down = if tilt.norm() > LARGE_TILT { Vector3::zeros() } else { self.down_b() };
+        let attitude = turn + (exp(&-tilt) * down - turn * down) * down.transpose();
+        Recentring { turn: turn.transpose().into(), attitude: attitude.transpose().into() }
     }
 }
 
 impl NavMap for Recentring {
     #[inline(always)]
     fn rows<S: Simd>(&self, simd: S, x: Columns<'_, S>) -> [Triple<S>; 3] {
-        [index::POSITION, index::VELOCITY, index::ATTITUDE].map(|at| times(simd, &self.turn, x.triple(at)))
+        [
+            times(simd, &self.turn, x.triple(index::POSITION)),
+            times(simd, &self.turn, x.triple(index::VELOCITY)),
+            times(simd, &self.attitude, x.triple(index::ATTITUDE)),
+        ]
+    }
+}
+
+/// How an error reads about a state with another position and velocity, `m` away in body axes. With v = v̂ + Ĉ exp(ψ u) J(a) δv the same
+/// velocity is v̂ + Ĉ m + Ĉ exp(ψ u) J(a) δv' for δv' = δv − m + ψ u×m + ½ a×m to first order.
+#[derive(Debug, Clone)]
+pub(super) struct Shift {
+    position: [[f64; 3]; 3],
+    velocity: [[f64; 3]; 3],
+}
+
+impl NavState {
+    /// The change of coordinates that such a shift brings.
+    pub(super) fn shifted(&self, by: &Displacement) -> Shift {
+        let down = self.down_b();
+        let coupling = |m: &Vector3<f64>| -> [[f64; 3]; 3] {
+            let heading = down * down.transpose();
+            let k = down.cross(m) * down.transpose() - skew(m) * (Matrix3::identity() - heading) * 0.5;
+            k.transpose().into()
+        };
+        Shift { position: coupling(&by.position), velocity: coupling(&by.velocity) }
+    }
+}
+
+impl NavMap for Shift {
+    #[inline(always)]
+    fn rows<S: Simd>(&self, simd: S, x: Columns<'_, S>) -> [Triple<S>; 3] {
+        let eps = x.triple(index::ATTITUDE);
+        [
+            add(simd, x.triple(index::POSITION), times(simd, &self.position, eps)),
+            add(simd, x.triple(index::VELOCITY), times(simd, &self.velocity, eps)),
+            eps,
+        ]
     }
 }
 

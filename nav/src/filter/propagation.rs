@@ -5,6 +5,7 @@ use super::layout::index;
 use super::nav_map::Dense;
 use super::regressor::BEYOND_NOISE;
 use super::unseen::{BetweenSamples, GAP_S, MOTION as GAP_MOTION};
+use crate::displacement::Displacement;
 use crate::linear::interval::{NavCovariance, Sum};
 use crate::mechanization::Motion;
 use crate::sample::{ImuSample, SampleKind};
@@ -135,7 +136,21 @@ impl Filter {
         let moved = map.moved(&self.x);
         self.x[..moved.len()].copy_from_slice(&moved);
         self.decay_gauss_markov(dt);
+        self.follow_way();
         self.find_estimate();
+    }
+
+    /// The way that the mean error of attitude and constants has brought since the last measurement: in body axes it turns with the heading,
+    /// as everything does that the sensors say.
+    fn follow_way(&mut self) {
+        if self.pinned
+            || self.coasting_since_s.is_some()
+            || self.x[..index::ATTITUDE].iter().all(|x| *x == 0.0)
+        {
+            return;
+        }
+        self.p.transform(&self.about.nav.shifted(&Displacement::of(&self.x)));
+        self.recentre_place();
     }
 
     /// The motion behind the next sample.

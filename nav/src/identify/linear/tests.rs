@@ -20,10 +20,16 @@ fn random_walks() -> Noise {
 }
 
 /// The live filter with this noise over a flight; each outcome goes to `each`.
-fn live(flight: &Flight, model: &Model, noise: &Noise, mut each: impl FnMut(&FixOutcome)) -> Filter {
+fn live(
+    flight: &Flight,
+    model: &Model,
+    noise: &Noise,
+    fusion: fn(Filter) -> Fusion,
+    mut each: impl FnMut(&FixOutcome),
+) -> Filter {
     let mut filter = Filter::new(&noise.of(model), flight.initial());
     filter.set_stream(flight.stream().kind, (0.0, 0.0));
-    let mut fusion = Fusion::without_window(filter);
+    let mut fusion = fusion(filter);
     let mut fixes = flight.fixes().iter().peekable();
     for sample in flight.samples_of(model).iter() {
         while let Some(fix) = fixes.next_if(|f| f.t_s <= sample.t_s) {
@@ -38,7 +44,7 @@ fn live(flight: &Flight, model: &Model, noise: &Noise, mut each: impl FnMut(&Fix
 /// Mean squared normalised innovation of the live filter with this noise over the fixes that count.
 fn live_nis(flight: &Flight, model: &Model, noise: &Noise, options: &Options) -> f64 {
     let (mut sum, mut count) = (0.0, 0);
-    live(flight, model, noise, |outcome| {
+    live(flight, model, noise, Fusion::without_window, |outcome| {
         if options.part(outcome.stamp_s - flight.initial().t_s) == Some(0) {
             sum += outcome.position.nis + outcome.velocity.nis;
             count += outcome.position.dof + outcome.velocity.dof;
@@ -47,7 +53,7 @@ fn live_nis(flight: &Flight, model: &Model, noise: &Noise, options: &Options) ->
     sum / f64::from(u32::try_from(count).unwrap())
 }
 
-/// The live filter, fix by fix about a trajectory of its own, and the flight linearised as a whole about the smoothed one: the same values
+/// The live filter as it runs, fix by fix about a trajectory of its own, and the flight linearised as a whole about the smoothed one: the same values
 /// and sigmas of the constants.
 #[test]
 fn both_uses_of_the_linear_model_agree_about_the_constants() {
@@ -56,7 +62,7 @@ fn both_uses_of_the_linear_model_agree_about_the_constants() {
     for names in [&["gps_latency", "gps_lever_arm"][..], &["accel_scale_factor"], &["gyro_g_sensitivity"]] {
         let mut model = plain.clone();
         names.iter().for_each(|name| model.set(EffectSetting::unknown(find(name).unwrap())));
-        let filter = live(&flight, &model, &noise, |_| {});
+        let filter = live(&flight, &model, &noise, Fusion::new, |_| {});
         let prior = model.effects.clone();
         for (setting, values) in model.effects.iter_mut().zip(filter.calibration().parameters()) {
             setting.values.clone_from(values);
@@ -77,7 +83,7 @@ fn both_uses_of_the_linear_model_agree_about_the_constants() {
         for (column, slot) in filter.layout().slots().iter().enumerate() {
             let (sigma, own) = (filter.covariance().sigma(slot.state), covariance[(column, column)].sqrt());
             assert!(step[column].abs() < 0.3 * sigma, "{names:?} {column}: {} of {sigma}", step[column]);
-            assert!((own / sigma - 1.0).abs() < 0.1, "{names:?} {column}: {own} {sigma}");
+            assert!((own / sigma - 1.0).abs() < 0.3, "{names:?} {column}: {own} {sigma}");
         }
     }
 }
