@@ -1,13 +1,10 @@
 //! `gaware report LOG`: one flight as a page for people.
 
-use super::load_model;
-use super::replay::{self, ReplayRequest};
-use super::{CommandError, ListenArgs, OverwriteArgs, demo, file_name, output};
-use crate::engine::{Engine, EngineOptions};
-use crate::figures::day;
-use crate::logs;
+use super::{CommandError, ListenArgs, OverwriteArgs, demo, file_name, load_model, output, progress_bar};
+use crate::engine::EngineOptions;
 use crate::outputs::mark;
-use crate::report::flight::{self, Logged, Origin};
+use crate::pipeline::replay::ReplayRequest;
+use crate::report::flight;
 use std::path::{Path, PathBuf};
 
 /// Arguments of `report`.
@@ -57,41 +54,21 @@ pub fn run(args: &ReportArgs) -> Result<(), CommandError> {
     let out = args.out.clone().unwrap_or_else(|| beside(&args.log));
     outputs.check(&out)?;
     let request = ReplayRequest {
-        log: args.log.clone(),
+        log: (&args.log).into(),
         model: args.model.as_deref().map(load_model).transpose()?,
-        listen: args.listen.clone(),
+        converter: args.listen.options(),
         truth_from_s: args.truth_from,
     };
-    let make = |model| Logged::new(Engine::new(model, options));
-    let (pipeline, document) = replay::replay(&request, make)?;
-    let origin = Origin { log: file_name(&args.log), date: date_of(&args.log), model: model_of(args) };
-    let page = flight::html(&origin, &pipeline.summary(), &document, pipeline.engine().log())
-        .map_err(ReportError::Draw)?;
+    let bar = progress_bar(0, "bytes");
+    let progress = |done, total| {
+        bar.set_length(total);
+        bar.set_position(done);
+    };
+    let model = args.model.as_deref().map(file_name);
+    let page = flight::of_log(&request, options, model, &progress)?.html;
+    bar.finish_and_clear();
     outputs.write(&out, mark::text(page, mark::Style::Angle))?;
     output::text(&format!("report: {}\n", out.display()))
-}
-
-/// The day and time at which the log begins, where its entries carry the date (logs of links do, those of autopilots count from
-/// their start).
-pub(super) fn date_of(log: &Path) -> String {
-    /// 2001-09-09 in µs: what is smaller counts from a start.
-    const FIRST_DATE_US: u64 = 1_000_000_000_000_000;
-    let first = logs::open(log).ok().and_then(|mut reader| reader.next()).and_then(Result::ok);
-    let at = first.map(|r| r.t_us).filter(|t| *t > FIRST_DATE_US);
-    at.map_or_else(String::new, |t_us| {
-        let s = t_us / 1_000_000;
-        format!("{} {:02}:{:02} UTC", day(s as f64), s / 3600 % 24, s / 60 % 60)
-    })
-}
-
-/// Which model was taken, in words.
-fn model_of(args: &ReportArgs) -> String {
-    match &args.model {
-        Some(path) => file_name(path),
-        None if logs::mcap::recorded_setup(&args.log).is_some() => "the recording's own".to_owned(),
-        None => "standard (g-sensitivity, GNSS latency and the tolerances of a consumer unit estimated)"
-            .to_owned(),
-    }
 }
 
 /// The log's name with another ending, in the present folder.

@@ -5,6 +5,7 @@
 
 pub(crate) mod counters;
 pub(crate) mod estimate;
+pub mod events;
 pub mod guidance;
 pub mod observability;
 pub mod situation;

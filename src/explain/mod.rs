@@ -14,7 +14,8 @@ mod size;
 pub mod words;
 
 use crate::advice::on_board::OnBoard;
-use crate::logs::LogError;
+use crate::inputs::Input;
+use crate::logs::{self, LogError};
 use crate::outputs::{OutputError, Outputs, mark};
 use crate::parallel::{Threads, cores};
 use crate::pipeline;
@@ -31,14 +32,15 @@ use gaware_nav::model::{EffectSetting, Model};
 use gaware_nav::sample::Sample;
 use size::Size;
 use std::path::{Path, PathBuf};
+use std::time::Duration;
 
 /// What to explain.
 #[derive(Debug, Clone)]
 pub struct Request {
     /// Flights to choose and fit on.
-    pub logs: Vec<PathBuf>,
+    pub logs: Vec<Input>,
     /// Flights that only judge; empty: blocks of the first ones are held out.
-    pub validate: Vec<PathBuf>,
+    pub validate: Vec<Input>,
     /// The assumed model: all that the sensors have. `None`: the ordinary one, whose sensors may have the tolerances of any unit.
     pub model: Option<Model>,
     /// Vehicle and source message.
@@ -46,7 +48,7 @@ pub struct Request {
     /// Thresholds.
     pub settings: Settings,
     /// Parameter file of the vehicle, for what the logs do not hold.
-    pub parameters: Option<PathBuf>,
+    pub parameters: Option<Input>,
 }
 
 /// What is being done, for a progress bar.
@@ -62,6 +64,35 @@ pub enum Phase {
     Smoothing,
     /// Looking for terms outside the catalogue.
     Terms,
+}
+
+/// Number of steps that the progress counts.
+pub const STEPS: usize = 5;
+
+impl Phase {
+    /// Its number among the steps, and in words.
+    pub fn step(self) -> (usize, String) {
+        match self {
+            Self::Reading(k) => (1, format!("reading log {}", k + 1)),
+            Self::Choosing => (2, "fitting noise, comparing effects".to_owned()),
+            Self::Judging => (3, "judging on held-out data".to_owned()),
+            Self::Terms => (4, "testing terms outside the catalogue".to_owned()),
+            Self::Smoothing => (STEPS, "simulating the sensors along the smoothed trajectory".to_owned()),
+        }
+    }
+
+    /// What is left at the beginning of a step, by what the step before took. How long the second step takes depends on how many effects there
+    /// are, which only it finds out, so that nothing is said before its end. From then on all that is left took at most these shares of the step
+    /// before on four recorded flights of 2.5 to 11 minutes with none to three effects: .80, .95 and .64.
+    pub fn time_left(self, last: Duration) -> String {
+        let share = match self {
+            Self::Reading(_) | Self::Choosing => return String::new(),
+            Self::Judging => 0.8,
+            Self::Terms => 1.0,
+            Self::Smoothing => 0.7,
+        };
+        format!(", at most about {:.0} s left", (share * last.as_secs_f64()).max(1.0).ceil())
+    }
 }
 
 /// Why there is no explanation.
@@ -130,29 +161,31 @@ pub fn run(request: &Request, progress: &dyn Fn(Phase)) -> Result<Explained, Exp
     let settings = Settings { tolerances: request.model.is_none(), ..request.settings };
     let model = request.model.clone().unwrap_or_default();
     // Of each log only what was prepared is kept.
-    let read_all = |paths: &[PathBuf], first: usize| -> Result<Vec<Prepared>, ExplainError> {
-        paths
-            .iter()
+    let read_all = |logs: &[Input], first: usize| -> Result<Vec<Prepared>, ExplainError> {
+        logs.iter()
             .enumerate()
-            .map(|(k, path)| {
+            .map(|(k, log)| {
                 progress(Phase::Reading(first + k));
-                Ok(Flight::prepare(&pipeline::samples(path, request.converter)?, &model))
+                Ok(Flight::prepare(&pipeline::samples(log, request.converter)?, &model))
             })
             .collect()
     };
     let flights = read_all(&request.logs, 0)?;
     let validate = read_all(&request.validate, request.logs.len())?;
     let mut explained = flights_of(flights, validate, &model, &settings, progress);
-    let name = |p: &PathBuf| {
-        p.file_name().map_or_else(|| p.display().to_string(), |n| n.to_string_lossy().into_owned())
-    };
-    explained.logs = request.logs.iter().map(name).collect();
-    explained.validated = request.validate.iter().map(name).collect();
+    explained.logs = request.logs.iter().map(dated).collect();
+    explained.validated = request.validate.iter().map(dated).collect();
     let on_board = autopilot::on_board(request)?;
     explained.explanation.autopilot =
         Some(crate::advice::advise(&autopilot::findings(&explained), &on_board));
     explained.on_board = on_board;
     Ok(explained)
+}
+
+/// The name of a log, with its date where it has one.
+fn dated(log: &Input) -> String {
+    let date = logs::date(log);
+    if date.is_empty() { log.name() } else { format!("{} ({date})", log.name()) }
 }
 
 /// Explains flights that are already in memory.
@@ -353,12 +386,29 @@ const MODEL: &str = "model.toml";
 pub fn write(explained: &Explained, folder: &Path, outputs: &Outputs) -> Result<(), ExplainError> {
     check(folder, outputs)?;
     outputs.folder(folder)?;
+    let written = files(explained)?;
+    for (name, content) in &written {
+        outputs.write(&folder.join(name), content.as_str())?;
+    }
+    // A file of an earlier explanation in the same folder does not stay.
+    let old = autopilot::files(folder).into_iter().filter(|p| written.iter().all(|(n, _)| !p.ends_with(n)));
+    Ok(old.into_iter().try_for_each(|path| outputs.remove(&path))?)
+}
+
+/// The files that [`write()`] writes, by name, with marks that are still to be sealed.
+///
+/// # Errors
+/// A plot that cannot be drawn.
+pub fn files(explained: &Explained) -> Result<Vec<(String, String)>, ExplainError> {
     let json = serde_json::to_string_pretty(&explained.explanation).unwrap_or_default();
     let html = crate::report::explanation::html(explained).map_err(ExplainError::Plot)?;
-    outputs.write(&folder.join(RESULT), mark::json(&json))?;
-    outputs.write(&folder.join(REPORT), mark::text(html, mark::Style::Angle))?;
-    outputs.write(&folder.join(MODEL), mark::text(model_file(explained), mark::Style::Hash))?;
-    Ok(autopilot::write(explained, folder, outputs)?)
+    let mut files = vec![
+        (RESULT.to_owned(), mark::json(&json)),
+        (REPORT.to_owned(), mark::text(html, mark::Style::Angle)),
+        (MODEL.to_owned(), mark::text(model_file(explained), mark::Style::Hash)),
+    ];
+    files.extend(autopilot::file(explained));
+    Ok(files)
 }
 
 /// The new model as a file; it says where it comes from, and what in it belongs to these flights alone.

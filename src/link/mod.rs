@@ -4,11 +4,15 @@
 //! bytes.
 
 pub mod address;
+pub mod codec;
+#[cfg(not(target_family = "wasm"))]
 pub mod endpoint;
 pub mod frame;
 pub mod framer;
 pub mod heartbeat;
+pub mod param_codec;
 pub mod rates;
 pub mod signing;
 pub mod systems;
 pub mod timesync;
+pub mod vehicle;

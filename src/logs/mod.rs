@@ -13,6 +13,8 @@ pub mod tlog;
 pub mod ulog;
 mod window;
 
+use crate::figures::day;
+use crate::inputs::Input;
 use crate::link::frame::Frame;
 use crate::timeline::Measurement;
 use gaware_nav::observability::words::VehicleKind;
@@ -168,19 +170,21 @@ enum Format {
 ///
 /// # Errors
 /// No such file, an empty one, or one of another format.
-pub fn open(path: &Path) -> Result<Box<dyn LogReader>, LogError> {
-    if table::is_table(path) {
+pub fn open(log: impl Into<Input>) -> Result<Box<dyn LogReader>, LogError> {
+    let log = log.into();
+    let path = log.path();
+    if log.is_file() && table::is_table(path) {
         return Ok(Box::new(table::TableReader::read(path)?));
     }
     let failed = |source| LogError::Open { path: path.to_owned(), source };
-    let mut file = crate::inputs::open(path).map_err(failed)?;
-    let total = file.metadata().map_err(failed)?.len();
+    let mut file = log.open().map_err(failed)?;
+    let total = file.total_bytes().map_err(failed)?;
     let mut head = Vec::with_capacity(16);
     file.by_ref().take(16).read_to_end(&mut head).map_err(failed)?;
     if head.is_empty() {
         return Err(LogError::Empty(path.to_owned()));
     }
-    let file = crate::inputs::open(path).map_err(failed)?;
+    let file = log.open().map_err(failed)?;
     match format_of(&head, path) {
         Some(Format::Tlog) => Ok(Box::new(tlog::TlogReader::new(file, total))),
         Some(Format::Mcap) => Ok(Box::new(mcap::McapReader::new(file, total))),
@@ -188,6 +192,19 @@ pub fn open(path: &Path) -> Result<Box<dyn LogReader>, LogError> {
         Some(Format::Ulog) => Ok(Box::new(ulog::UlogReader::new(file, total))),
         None => Err(LogError::UnknownFormat(path.to_owned())),
     }
+}
+
+/// The day and time at which a log begins, where its entries carry the date (logs of links do, those of autopilots count from
+/// their start); otherwise empty.
+pub fn date(log: impl Into<Input>) -> String {
+    /// 2001-09-09 in µs: what is smaller counts from a start.
+    const FIRST_DATE_US: u64 = 1_000_000_000_000_000;
+    let first = open(log).ok().and_then(|mut reader| reader.next()).and_then(Result::ok);
+    let at = first.map(|r| r.t_us).filter(|t| *t > FIRST_DATE_US);
+    at.map_or_else(String::new, |t_us| {
+        let s = t_us / 1_000_000;
+        format!("{} {:02}:{:02} UTC", day(s as f64), s / 3600 % 24, s / 60 % 60)
+    })
 }
 
 fn format_of(head: &[u8], path: &Path) -> Option<Format> {

@@ -4,6 +4,7 @@
 //! bit for bit what the run gave.
 
 mod recorded;
+pub mod replay;
 mod truth_comparison;
 
 use crate::advice::start::Started;
