@@ -73,14 +73,14 @@ function work(command, files) {
     const worker = new Worker(url);
     const began = performance.now();
     let latest = { progress: "starting", done: 0, total: 0 };
-    const tell = () => {
+    const status = () => {
       const seconds = (performance.now() - began) / 1000;
       const left = latest.done > 0 && latest.done < latest.total ? `, about ${Math.ceil(seconds * (latest.total / latest.done - 1))} s left` : "";
       at("doing").textContent = `${files.map((f) => f.name).join(", ")}: ${latest.progress} (${Math.round(seconds)} s so far${left})`;
       if (latest.total > 0) at("bar").value = latest.done / latest.total;
       else at("bar").removeAttribute("value");
     };
-    const clock = setInterval(tell, 500);
+    const clock = setInterval(status, 500);
     const end = (answer) => {
       clearInterval(clock);
       worker.terminate();
@@ -92,9 +92,9 @@ function work(command, files) {
     worker.onmessage = ({ data }) => {
       if (data.progress === undefined) return end(data);
       latest = data;
-      return tell();
+      return status();
     };
-    tell();
+    status();
     worker.postMessage({ packed: at("module").textContent.replace(/\s/g, ""), command, files });
   });
 }

@@ -1,6 +1,6 @@
 //! The border of the module: plain functions and the module's own memory, which the page writes and reads. No tool makes glue for it.
 //!
-//! The page asks for room ([`reserve`]), writes there, and says what it was ([`file`], or [`run`] for the job's description); then it reads
+//! The page asks for space ([`reserve`]), writes there, and says what it was ([`file`], or [`run`] for the job's description); then it reads
 //! the answer at [`answer`]. One job at a time: a page has a worker for each.
 
 #![allow(
@@ -36,7 +36,7 @@ mod nobody {
 use nobody::{now_ms, panicked, progress};
 
 /// What the page writes next, the files that it has written, and the answer.
-static ROOM: Mutex<Vec<u8>> = Mutex::new(Vec::new());
+static SPACE: Mutex<Vec<u8>> = Mutex::new(Vec::new());
 static FILES: Mutex<Vec<Vec<u8>>> = Mutex::new(Vec::new());
 static ANSWER: Mutex<Vec<u8>> = Mutex::new(Vec::new());
 
@@ -44,18 +44,18 @@ fn open<T>(place: &Mutex<T>) -> MutexGuard<'_, T> {
     place.lock().unwrap_or_else(PoisonError::into_inner)
 }
 
-/// Room for so many bytes.
+/// Space for so many bytes.
 #[unsafe(no_mangle)]
 pub extern "C" fn reserve(length: usize) -> *mut u8 {
-    let mut room = open(&ROOM);
-    *room = vec![0; length];
-    room.as_mut_ptr()
+    let mut space = open(&SPACE);
+    *space = vec![0; length];
+    space.as_mut_ptr()
 }
 
 /// What was written is the content of the job's next file.
 #[unsafe(no_mangle)]
 pub extern "C" fn file() {
-    let content = std::mem::take(&mut *open(&ROOM));
+    let content = std::mem::take(&mut *open(&SPACE));
     open(&FILES).push(content);
 }
 
@@ -66,7 +66,7 @@ pub extern "C" fn run() -> usize {
         let words = info.to_string();
         panicked(words.as_ptr(), words.len());
     }));
-    let job = std::mem::take(&mut *open(&ROOM));
+    let job = std::mem::take(&mut *open(&SPACE));
     let files = std::mem::take(&mut *open(&FILES));
     let done = job::run(&job, files);
     let mut answer = open(&ANSWER);
