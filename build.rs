@@ -3,7 +3,7 @@
 use std::path::{Path, PathBuf};
 
 /// What the results of a flight depend on.
-const SOURCES: [&str; 4] = ["src", "nav/src", "mission/src", "Cargo.lock"];
+const SOURCES: [&str; 5] = ["src", "nav/src", "mission/src", "wire/src", "Cargo.lock"];
 
 fn main() {
     let mut files = Vec::new();

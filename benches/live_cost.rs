@@ -13,10 +13,11 @@
     reason = "a bench may panic, as tests do"
 )]
 
-use gaware::commands::run::{self, Hooks, Live, RunArgs};
+use gaware::commands::run::{self, Hooks, RunArgs};
 use gaware::engine::{Engine, EngineOptions};
 use gaware::link::endpoint::Received;
 use gaware::link::frame::Frame;
+use gaware::sinks::live::Live;
 use gaware_sitl::autopilot::{Autopilot, AutopilotConfig};
 use gaware_sitl::scenario::scenario;
 use gaware_sitl::shell::{Endpoint, Options, Server};

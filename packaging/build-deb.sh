@@ -14,7 +14,7 @@ case "${1:-}" in
 "")
     arch="$(dpkg --print-architecture)"
     program="$target/release/gaware" cross="" run=""
-    [ "${SKIP_BUILD:-}" ] || cargo build --release --locked --bin gaware
+    [ "${SKIP_BUILD:-}" ] || cargo build --release --locked -p gaware --bin gaware
     ;;
 aarch64-unknown-linux-gnu)
     arch=arm64 cross=aarch64-linux-gnu-
@@ -22,7 +22,7 @@ aarch64-unknown-linux-gnu)
     # The program writes its manuals and completions itself.
     run="qemu-aarch64-static -L /usr/aarch64-linux-gnu"
     [ "${SKIP_BUILD:-}" ] || CARGO_TARGET_AARCH64_UNKNOWN_LINUX_GNU_LINKER=${cross}gcc \
-        cargo build --release --locked --bin gaware --target "$1"
+        cargo build --release --locked -p gaware --bin gaware --target "$1"
     ;;
 *)
     echo "no package for $1: packaging/build-deb.sh [aarch64-unknown-linux-gnu]" >&2

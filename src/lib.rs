@@ -37,3 +37,4 @@ pub mod sinks;
 #[cfg(test)]
 mod testing;
 pub mod timeline;
+pub mod unit;

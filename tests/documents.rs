@@ -105,3 +105,18 @@ fn every_test_that_the_documents_name_exists() {
         assert!(rows >= at_least, "{name}: {rows}");
     }
 }
+
+#[test]
+fn every_file_of_tests_is_run() {
+    let root = std::path::Path::new(env!("CARGO_MANIFEST_DIR"));
+    let (manifest, main) = (include_str!("../Cargo.toml"), include_str!("main.rs"));
+    for entry in std::fs::read_dir(root.join("tests")).unwrap() {
+        let path = entry.unwrap().path();
+        let Some(name) = path.file_name().unwrap().to_str().unwrap().strip_suffix(".rs") else { continue };
+        let of_its_own = manifest.contains(&format!("[[test]]\nname = \"{name}\""));
+        assert!(
+            of_its_own || main.contains(&format!("\nmod {name};")),
+            "tests/{name}.rs is not in tests/main.rs"
+        );
+    }
+}

@@ -2,8 +2,7 @@
 
 #![allow(clippy::unwrap_used, clippy::panic, reason = "helpers of tests may panic, as tests do")]
 
-mod support;
-
+use crate::support;
 use gaware_nav::model::Model;
 use support::{Folder, Gaware, flights, gaware};
 

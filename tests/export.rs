@@ -7,8 +7,7 @@
     reason = "helpers of tests may panic, as tests do"
 )]
 
-mod support;
-
+use crate::support;
 use serde_json::Value;
 use std::collections::BTreeMap;
 use std::path::PathBuf;
@@ -152,7 +151,7 @@ fn the_columns_in_the_documentation_are_those_of_the_program() {
         }
         assert!(
             std::fs::read_to_string(&path).unwrap() == now,
-            "docs/{name} is stale: run `UPDATE_DOCS=1 cargo test --test export`"
+            "docs/{name} is stale: run `UPDATE_DOCS=1 cargo test --test main export`"
         );
     }
 }

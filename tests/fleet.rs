@@ -7,8 +7,7 @@
     reason = "helpers of tests may panic, as tests do"
 )]
 
-mod support;
-
+use crate::support;
 use serde_json::Value;
 use std::collections::BTreeMap;
 use std::path::Path;
@@ -81,6 +80,31 @@ fn a_killed_run_goes_on_and_comes_to_the_same_content() {
     assert_eq!(one.keys().filter(|n| n.len() == 64 + 5).count(), 4, "{:?}", one.keys());
     // And a third run has nothing to do.
     assert_eq!(fleet(&folder, "killed", &[])["resumed"], 5);
+}
+
+/// The memory that a process takes is more than 1 MB whatever the log; results of an earlier run need no process.
+#[test]
+fn a_log_over_its_limit_is_named_with_the_option_and_fails_no_other() {
+    let folder = archive("fleet-limit");
+    let late = folder.file("logs/u2/4.6_d.tlog");
+    let log = std::fs::read(&late).unwrap();
+    std::fs::remove_file(&late).unwrap();
+    assert_eq!(fleet(&folder, "out", &[])["analysed"], 3);
+    std::fs::write(&late, &log[..log.len() / 2]).unwrap();
+    let limited = fleet(&folder, "out", &["--limit-memory", "1"]);
+    assert_eq!((&limited["analysed"], &limited["resumed"]), (&3.into(), &4.into()), "{limited}");
+    let failed = limited["failed"].as_array().unwrap();
+    let reason = |end: &str| {
+        let of = failed.iter().find(|f| f["log"].as_str().unwrap().ends_with(end));
+        of.unwrap_or_else(|| panic!("{failed:?}"))["reason"].as_str().unwrap().to_owned()
+    };
+    assert!(
+        reason("4.6_d.tlog").contains("its limit of 1 MB of memory; give it more with --limit-memory"),
+        "{failed:?}"
+    );
+    assert!(reason("4.6_broken.ulg").contains("unsupported format"));
+    // Its result is not kept: with more it is analysed.
+    assert_eq!(fleet(&folder, "out", &["--limit-memory", "4000", "--limit-time", "3000"])["analysed"], 4);
 }
 
 #[test]

@@ -3,8 +3,7 @@
 
 #![allow(clippy::unwrap_used, clippy::panic, reason = "helpers of tests may panic, as tests do")]
 
-mod support;
-
+use crate::support;
 use gaware::link::frame::{Frame, Sender};
 use gaware::link::framer::Framer;
 use gaware::mission_link::codec;

@@ -1,12 +1,11 @@
 //! What the filter estimates of four recorded flights, second by second, against what it estimated when the files in
 //! `tests/data/golden` were written: a change of estimates shows in review.
 //!
-//! `GAWARE_RENEW_GOLDEN=1 cargo test --test golden` writes the files anew.
+//! `GAWARE_RENEW_GOLDEN=1 cargo test --test main golden` writes the files anew.
 
 #![allow(clippy::unwrap_used, clippy::panic, reason = "helpers of tests may panic, as tests do")]
 
-mod support;
-
+use crate::support;
 use gaware::pipeline::{Consumer, Recorded};
 use gaware::sensors::ConverterOptions;
 use gaware_nav::earth::Geodetic;
@@ -200,7 +199,7 @@ fn compare(name: &str, log: &Path) {
     let off = differences(&golden, &now);
     assert!(
         off.is_empty(),
-        "the estimates of {name} have changed; if that is meant, {RENEW}=1 cargo test --test golden\n{}",
+        "the estimates of {name} have changed; if that is meant, {RENEW}=1 cargo test --test main golden\n{}",
         off.join("\n")
     );
 }

@@ -2,8 +2,7 @@
 
 #![allow(clippy::unwrap_used, clippy::panic, reason = "helpers of tests may panic, as tests do")]
 
-mod support;
-
+use crate::support;
 use gaware::commands::mission::{ConnectArgs, DownloadArgs, LinkArgs, UploadArgs, download, upload};
 use gaware::mission_link::files;
 use gaware_mission::fence::{Fence, FenceCircle};

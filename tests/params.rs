@@ -2,8 +2,7 @@
 
 #![allow(clippy::unwrap_used, clippy::panic, reason = "helpers of tests may panic, as tests do")]
 
-mod support;
-
+use crate::support;
 use gaware_sitl::autopilot::{Autopilot, AutopilotConfig, Flavour};
 use gaware_sitl::faults::LinkFaults;
 use gaware_sitl::scenario::scenario;

@@ -2,8 +2,7 @@
 
 #![allow(clippy::unwrap_used, clippy::panic, reason = "helpers of tests may panic, as tests do")]
 
-mod support;
-
+use crate::support;
 use gaware::logs::{self, Item};
 use mavlink::dialects::ardupilotmega::{MavCmd, MavMessage};
 use mcap::MessageStream;

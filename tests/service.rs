@@ -3,8 +3,7 @@
 #![cfg(unix)]
 #![allow(clippy::unwrap_used, clippy::panic, reason = "helpers of tests may panic, as tests do")]
 
-mod support;
-
+use crate::support;
 use std::os::unix::net::UnixDatagram;
 use std::process::{Child, Command, Stdio};
 use support::{Folder, PATIENCE};

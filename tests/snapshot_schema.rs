@@ -13,7 +13,7 @@ fn check(file: &str, schema: schemars::Schema) {
         std::fs::write(&path, &now).unwrap();
     }
     let kept = std::fs::read_to_string(&path).unwrap_or_default();
-    assert!(kept == now, "docs/{file} is stale: run `UPDATE_SCHEMA=1 cargo test --test snapshot_schema`");
+    assert!(kept == now, "docs/{file} is stale: run `UPDATE_SCHEMA=1 cargo test --test main schema`");
 }
 
 #[test]

@@ -3,8 +3,7 @@
 
 #![allow(clippy::unwrap_used, clippy::panic, reason = "helpers of tests may panic, as tests do")]
 
-mod support;
-
+use crate::support;
 use gaware::engine::snapshot::{Phase, Status, Summary};
 use gaware::engine::{Engine, EngineOptions};
 use gaware_nav::model::Model;

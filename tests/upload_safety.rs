@@ -2,8 +2,7 @@
 
 #![allow(clippy::unwrap_used, clippy::panic, reason = "helpers of tests may panic, as tests do")]
 
-mod support;
-
+use crate::support;
 use gaware::link::frame::{Frame, Sender};
 use gaware::link::signing::{Key, Signer, Trust, Verifier};
 use gaware::mission_link::files;
@@ -267,6 +266,31 @@ async fn the_pre_flight_check_stops_wrong_set_ups() {
         assert!(told.stdout.contains(words), "{words}: {}", told.stdout);
         assert!(told.stdout.contains("firmware       ArduPilot 4.6.0"), "{}", told.stdout);
         assert!(told.stdout.contains("RAW_IMU, GPS_RAW_INT, ATTITUDE come on request"), "{}", told.stdout);
+    }
+    stop.cancel();
+}
+
+/// What the link of this unit shows on the ground is planned with; the rates are as before afterwards.
+#[tokio::test(flavor = "multi_thread")]
+async fn the_pre_flight_check_measures_noise_and_receiver_for_the_plan() {
+    let (folder, stop) = (Folder::new("measured"), CancellationToken::new());
+    let model = folder.file("model.toml");
+    for flavour in [Flavour::ArduPilot, Flavour::Px4] {
+        let config = AutopilotConfig { flavour, loop_rate_hz: 250.0, ..AutopilotConfig::default() };
+        let address = quadrotor("tcpin:127.0.0.1:0", config, LinkFaults::default(), &stop).await;
+        let args = ["preflight", "--measure", "6", "--model-out", &model, "--connect", &address];
+        let told = gaware(&args).await;
+        let line =
+            told.stdout.lines().find(|l| l.contains("sensors ")).unwrap_or_else(|| panic!("{}", told.stdout));
+        let has_noise = line.contains("gyro noise")
+            && line.contains("deg/s/√Hz")
+            && line.contains("fixes at 5.0 Hz with 0.50 m and 0.10 m/s");
+        assert!(has_noise && line.contains("Hz"), "{line}");
+        let standard = gaware_nav::model::Model::standard();
+        let measured =
+            gaware_nav::model::Model::from_toml(&std::fs::read_to_string(&model).unwrap()).unwrap();
+        assert!(measured.imu.gyro_noise >= standard.imu.gyro_noise * 0.999, "{measured:?}");
+        assert_eq!(measured.gnss.velocity_sigma_m_per_s[0], 0.1);
     }
     stop.cancel();
 }

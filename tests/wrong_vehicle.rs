@@ -2,8 +2,7 @@
 
 #![allow(clippy::unwrap_used, clippy::panic, reason = "helpers of tests may panic, as tests do")]
 
-mod support;
-
+use crate::support;
 use gaware::mission_link::files::{self, Contents};
 use gaware_mission::airframe::Airframe;
 use gaware_mission::fence::{Fence, FenceCircle};

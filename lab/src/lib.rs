@@ -11,6 +11,7 @@ pub mod demo;
 pub mod drift;
 pub mod endurance;
 pub mod faults;
+pub mod ground;
 pub mod guidance;
 pub mod honesty;
 pub mod observability;

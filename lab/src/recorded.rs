@@ -193,10 +193,10 @@ pub fn setup(name: &str) -> Result<Setup, CsvError> {
             model.imu.gyro_bias_sigma = 0.5_f64.to_radians();
             model.imu.accel_bias_sigma = 0.2;
             for effect in [
-                &effects::GyroScaleFactor as &dyn Effect,
-                &effects::AccelScaleFactor,
-                &effects::GyroMisalignment,
-                &effects::AccelMisalignment,
+                &effects::GYRO_SCALE_FACTOR as &dyn Effect,
+                &effects::ACCEL_SCALE_FACTOR,
+                &effects::GYRO_MISALIGNMENT,
+                &effects::ACCEL_MISALIGNMENT,
             ] {
                 let mut setting = EffectSetting::unknown(match effects::find(effect.name()) {
                     Some(e) => e,

@@ -100,6 +100,9 @@ pub struct Airframe {
     pub maneuvers_max_s: f64,
 }
 
+/// What the name of an airframe ends with whose values come from a flight.
+const FITTED: &str = ", fitted";
+
 fn default_maneuvers() -> f64 {
     900.0
 }
@@ -236,6 +239,18 @@ impl Airframe {
     /// Whether it has wings.
     pub fn is_fixed_wing(&self) -> bool {
         self.kind == Kind::FixedWing
+    }
+
+    /// The same with a name that says that its values come from a flight.
+    #[must_use]
+    pub fn fitted(mut self) -> Self {
+        self.name = format!("{}{FITTED}", self.name.trim_end_matches(FITTED));
+        self
+    }
+
+    /// Whether its values come from a flight.
+    pub fn is_fitted(&self) -> bool {
+        self.name.ends_with(FITTED)
     }
 
     /// `MAV_TYPE`: 1 fixed wing, 2 quadrotor.

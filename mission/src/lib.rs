@@ -5,6 +5,7 @@
 //! turning [`transfer::MissionMessage`] into frames is the caller's work. It never arms, starts or changes modes.
 
 pub mod airframe;
+pub mod change;
 pub mod compare;
 pub mod fence;
 pub mod files;

@@ -13,6 +13,8 @@ use crate::sample::{FixVelocity, GnssFix, ImuSample, SampleKind};
 #[derive(Debug, Clone)]
 pub struct InformationBound {
     filter: Filter,
+    /// Where the true trajectory is.
+    at: Option<NavState>,
 }
 
 impl InformationBound {
@@ -25,7 +27,7 @@ impl InformationBound {
     pub fn from_filter(filter: &Filter) -> Self {
         let mut filter = filter.clone();
         filter.know_what_lies_between();
-        Self { filter }
+        Self { filter, at: None }
     }
 
     /// Says how samples come about and how much variance per hertz their rounding adds.
@@ -37,16 +39,19 @@ impl InformationBound {
     pub fn advance(&mut self, t_s: f64, motion: &Motion, temperature_degc: Option<f64>) {
         let ideal = ImuSample { t_s, gyro: motion.rate, accel: motion.force, temperature_degc };
         let shown = self.filter.calibration().measure(self.filter.model(), &ideal, motion);
-        self.filter.propagate(&ImuSample { gyro: shown.rate, accel: shown.force, ..ideal });
+        self.filter.take(&ImuSample { gyro: shown.rate, accel: shown.force, ..ideal });
     }
 
-    /// Puts the state back on the true trajectory, so that integration errors do not add up.
+    /// Says where the true trajectory is, so that integration errors do not add up: the state is there from the next fix on.
     pub fn set_nav(&mut self, nav: NavState) {
-        self.filter.set_nav(nav);
+        self.at = Some(nav);
     }
 
     /// A fix at the present time with this kind of velocity; sigmas from `like` or the model.
     pub fn fix(&mut self, velocity: FixVelocity, like: Option<&GnssFix>) {
+        if let Some(nav) = self.at.take() {
+            self.filter.set_nav(nav);
+        }
         let fix = GnssFix {
             t_s: self.filter.t_s(),
             position: self.filter.nav().geodetic(),

@@ -9,12 +9,16 @@ use nalgebra::{DMatrix, DVector};
 /// Truth minus estimate in the filter's error coordinates, one entry per state; Gauss-Markov states are left zero.
 pub fn error(filter: &Filter, nav: &NavState, truth: &Calibration) -> Vec<f64> {
     let layout = filter.layout();
+    // The covariance is expressed about what the filter is linearised about: so is the error.
+    let (mean, about, constants) = filter.linearised();
     let mut out = vec![0.0; layout.len()];
-    out.iter_mut().zip(filter.nav().displacement_of(nav).entries()).for_each(|(out, x)| *out = x);
+    out.iter_mut().zip(about.displacement_of(nav).entries()).for_each(|(out, x)| *out = x);
     for (i, _) in layout.names().iter().enumerate() {
         let state = index::GYRO_BIAS + i;
-        out[state] = truth.get(layout, state) - filter.calibration().get(layout, state);
+        out[state] = truth.get(layout, state) - constants.get(layout, state);
     }
+    let known = index::GYRO_BIAS + layout.names().len();
+    out.iter_mut().zip(mean).take(known).for_each(|(out, x)| *out -= x);
     out
 }
 

@@ -6,6 +6,7 @@
 use crate::alignment::Gathering;
 use crate::drift::DriftBank;
 use crate::filter::{Filter, FixOutcome, Fusion, Initial, LOST_ATTITUDE, PassedOver};
+use crate::ground::{PlaceAid, REFERENCE_ERROR};
 use crate::heading::{HeadingBank, MEMBERS};
 use crate::mechanization::NavState;
 use crate::model::{Model, SourceHistory};
@@ -65,6 +66,11 @@ pub enum EstimatorEvent {
         /// The random walk that the fixes ask for beyond the model's own, rad/s/√s.
         walk: f64,
     },
+    /// The first fix after a start on the ground without one: the motion starts from fixes now.
+    PlaceKnown {
+        /// Whether the constants are kept: a vehicle that flew smoothly had passed for one at rest where they are not.
+        constants_kept: bool,
+    },
     /// The filter was not finite or not positive any more: everything starts anew.
     Failed {
         /// Whether the constants were sound and are kept.
@@ -107,6 +113,8 @@ pub struct Estimator {
     /// How far the biases may have moved since `before`, as a share of their prior sigma.
     bias_share: f64,
     events: Vec<EstimatorEvent>,
+    /// What is known of a vehicle on the ground without fixes.
+    ground: PlaceAid,
 }
 
 impl Estimator {
@@ -126,6 +134,7 @@ impl Estimator {
             source: SourceHistory::default(),
             bias_share: BIAS_AFTER_RESTART,
             events: Vec::new(),
+            ground: PlaceAid::default(),
         }
     }
 
@@ -144,7 +153,7 @@ impl Estimator {
         match sample {
             Sample::Stream(stream) => self.new_stream(stream),
             Sample::Imu(raw) => return self.feed_imu(raw),
-            Sample::Fix(fix) => self.feed_fix(fix),
+            Sample::Fix(fix) => self.feed_receiver(fix),
             Sample::Attitude(hint) => {
                 if let State::Gathering(gathering) = &mut self.state {
                     gathering.push_hint(*hint);
@@ -300,7 +309,10 @@ impl Estimator {
         };
         self.look_after_health();
         self.keep_filter();
-        outcomes
+        if let Some(fix) = self.ground.take(&sample, &self.sample_noise(noise, rounding)) {
+            self.feed_fix(&fix);
+        }
+        self.of_receiver(outcomes)
     }
 
     /// Keeps the filter as it is now and then, in case that the sensor turns out to be at fault already.
@@ -403,21 +415,30 @@ impl Estimator {
         else {
             return;
         };
+        let by_place = self.ground.gave(fix);
+        if by_place {
+            self.ground.begin(start.heading_known);
+        }
+        // Rest shows no heading, however long it lasts: it is searched by the first fix.
+        let heading_settled = start.heading_known || by_place;
         let make = |initial: &Initial| {
             let mut filter = match &self.before {
                 Some(old) => old.restarted(initial, self.bias_share),
                 None => Filter::new(&self.model, initial),
             };
             filter.set_stream(self.stream.kind, self.extra_noise());
+            if by_place && !self.ground.reference_known() {
+                filter.set_reference_error(REFERENCE_ERROR);
+            }
             filter.place_by_fix();
             filter.propagate(&ImuSample { t_s: initial.t_s, ..mean });
             if start.stationary {
                 filter.observe_stationary(STANDING_RATE_SIGMA);
             }
             let fusion = Fusion::without_window(filter).recognising_rest();
-            if start.heading_known { fusion.looking_back() } else { fusion }
+            if heading_settled { fusion.looking_back() } else { fusion }
         };
-        self.state = if start.heading_known {
+        self.state = if heading_settled {
             State::Running(Box::new(DriftBank::new(make(&start.initial))))
         } else {
             let euler = start.initial.nav.euler();
@@ -447,9 +468,11 @@ impl Estimator {
         self.dequantiser = Dequantiser::new(self.model.quantisation_of(&self.stream));
         self.state = State::Gathering(Gathering::default());
         self.last = None;
+        self.ground.restart();
         self.source = SourceHistory::default();
     }
 }
 
+mod on_ground;
 #[cfg(test)]
 mod tests;

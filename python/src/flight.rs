@@ -189,6 +189,7 @@ pub fn explain(
         converter: listen(source, vehicle)?,
         settings: Settings::default(),
         parameters: parameters.map(Into::into),
+        whole: false,
     };
     let explained = py.detach(|| explaining::run(&request, &|_| {}));
     explained.map(Explanation).map_err(|e| failed(e.into()))

@@ -100,6 +100,14 @@ pub enum Fault {
         /// s.
         at_s: f64,
     },
+    /// The autopilot goes on, but its MAVLink instance is stopped and started again (PX4's `mavlink stop`, `mavlink start`): nothing gets through in
+    /// between, then its default rates hold, and it denies the rate of a message that it has not sent yet.
+    InstanceRestart {
+        /// s.
+        from_s: f64,
+        /// s.
+        to_s: f64,
+    },
     /// The receiver has no fix.
     GnssLoss {
         /// s.
@@ -147,7 +155,7 @@ pub enum Fault {
 /// A fault that cannot be read.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
 #[error(
-    "\"{0}\" is no fault; known are reboot@S, gnss-loss@S-S, clock-jump@S+S, gimbal, no-climb-in-circles, rate-theft@S, loss=P, \
+    "\"{0}\" is no fault; known are reboot@S, instance-restart@S-S, gnss-loss@S-S, clock-jump@S+S, gimbal, no-climb-in-circles, rate-theft@S, loss=P, \
      duplicate=P, reorder=P, corrupt=P, delay=S, jitter=S, dropout@S-S"
 )]
 pub struct FaultError(String);
@@ -181,6 +189,7 @@ fn parse(text: &str) -> Option<Fault> {
         return match name {
             "reboot" => Some(Fault::Reboot { at_s: number(at)? }),
             "rate-theft" => Some(Fault::RateTheft { at_s: number(at)? }),
+            "instance-restart" => span(at).map(|(from_s, to_s)| Fault::InstanceRestart { from_s, to_s }),
             "gnss-loss" => span(at).map(|(from_s, to_s)| Fault::GnssLoss { from_s, to_s }),
             "dropout" => span(at).map(|(from_s, to_s)| Fault::Dropout { from_s, to_s }),
             "clock-jump" => {
@@ -286,6 +295,7 @@ mod tests {
     fn faults_are_read_from_the_command_line() {
         assert_eq!("reboot@30".parse(), Ok(Fault::Reboot { at_s: 30.0 }));
         assert_eq!("gnss-loss@20-40.5".parse(), Ok(Fault::GnssLoss { from_s: 20.0, to_s: 40.5 }));
+        assert_eq!("instance-restart@9-12".parse(), Ok(Fault::InstanceRestart { from_s: 9.0, to_s: 12.0 }));
         assert_eq!("clock-jump@50+10".parse(), Ok(Fault::ClockJump { at_s: 50.0, by_s: 10.0 }));
         assert_eq!("loss=0.2".parse(), Ok(Fault::Loss(0.2)));
         for wrong in ["", "loss=2", "loss=nan", "reboot", "dropout@5-3", "gremlin@3", "delay=-1"] {

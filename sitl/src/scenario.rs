@@ -3,6 +3,7 @@
 use crate::sensors::{Flight, SensorConfig, VibrationLine};
 use crate::trajectory::bench::Bench;
 use crate::trajectory::fixed_wing::FixedWing;
+use crate::trajectory::hand::Hand;
 use crate::trajectory::multirotor::Multirotor;
 use crate::trajectory::paper::Paper;
 use crate::trajectory::{Flown, Scripted};
@@ -36,6 +37,8 @@ pub struct Scenario {
     pub sensors: SensorConfig,
     /// A vehicle that waits for a mission; `trajectory` then only stands where it starts.
     pub vehicle: Option<VehicleConfig>,
+    /// Whether people turn it by hand on the ground: it is not armed.
+    pub by_hand: bool,
     trajectory: Flown,
 }
 
@@ -130,6 +133,8 @@ const REGISTRY: &[(&str, Builder)] = &[
     ("multirotor", multirotor),
     ("bench", bench),
     ("bench_vibration", bench_vibration),
+    ("hand", hand),
+    ("hand_mistakes", hand_mistakes),
     ("mission_fixed_wing", mission_fixed_wing),
     ("mission_multirotor", mission_multirotor),
 ];
@@ -169,7 +174,7 @@ fn paper() -> Scenario {
         ..Model::default()
     };
     model.effects.push(EffectSetting {
-        effect: &effects::GyroGSensitivity,
+        effect: &effects::GYRO_G_SENSITIVITY,
         values: vec![g, 0.0, 0.0, 0.0, g, 0.0, 0.0, 0.0, g],
         sigmas: vec![0.0; 9],
     });
@@ -187,6 +192,7 @@ fn paper() -> Scenario {
             ..SensorConfig::default()
         },
         vehicle: None,
+        by_hand: false,
         trajectory: Flown::new(Paper::new()),
     }
 }
@@ -201,7 +207,7 @@ fn consumer_model() -> Model {
     model.gnss.position_wander_sigma_m = [1.2, 1.2, 2.0];
     let g = [150.0, 30.0, -60.0, -45.0, 130.0, 50.0, 25.0, -35.0, -170.0];
     model.effects.push(EffectSetting {
-        effect: &effects::GyroGSensitivity,
+        effect: &effects::GYRO_G_SENSITIVITY,
         values: g.map(|v| v * unit::DEG_PER_H_PER_G.si).to_vec(),
         sigmas: vec![0.0; 9],
     });
@@ -230,6 +236,7 @@ fn small_aircraft(name: &'static str, description: &'static str, profile: FixedW
         model: consumer_model(),
         sensors: consumer_sensors(),
         vehicle: None,
+        by_hand: false,
         trajectory: Flown::new(profile),
     }
 }
@@ -270,6 +277,7 @@ fn multirotor() -> Scenario {
         model: consumer_model(),
         sensors: consumer_sensors(),
         vehicle: None,
+        by_hand: false,
         trajectory: Flown::new(Multirotor::new()),
     }
 }
@@ -282,8 +290,36 @@ fn bench() -> Scenario {
         model: consumer_model(),
         sensors: consumer_sensors(),
         vehicle: None,
+        by_hand: false,
         trajectory: Flown::new(Bench::new(600.0)),
     }
+}
+
+/// A unit that people turn by hand, as it comes from the shop: the tolerances of a consumer unit.
+fn by_hand(name: &'static str, description: &'static str, profile: Hand) -> Scenario {
+    let mut scenario =
+        Scenario { name, description, by_hand: true, trajectory: Flown::new(profile), ..bench() };
+    let ppm = 1e-6;
+    for (effect, values) in [
+        (effects::find("gyro_scale_factor"), &[2400.0 * ppm, -1800.0 * ppm, 3100.0 * ppm][..]),
+        (effects::find("accel_scale_factor"), &[-2100.0 * ppm, 1500.0 * ppm, 2700.0 * ppm][..]),
+    ] {
+        let setting = effect.and_then(|e| EffectSetting::known(e, values).ok());
+        scenario.model.effects.extend(setting);
+    }
+    scenario
+}
+
+fn hand() -> Scenario {
+    by_hand("hand", "turned by hand on the ground: six sides, a turn about each axis", Hand::six_sides(40.0))
+}
+
+fn hand_mistakes() -> Scenario {
+    by_hand(
+        "hand_mistakes",
+        "the same with hands that shake, a side twice and one that is left too early",
+        Hand::with_mistakes(40.0),
+    )
 }
 
 /// A vehicle that stands until a mission is uploaded and started.

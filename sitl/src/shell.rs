@@ -4,8 +4,8 @@
 mod link;
 
 use crate::autopilot::Autopilot;
-use crate::autopilot::framer::Framer;
 use crate::faults::{FaultyLink, LinkFaults};
+use gaware_wire::framer::Framer;
 use link::Link;
 use std::io::Write;
 use std::path::PathBuf;
@@ -313,14 +313,14 @@ impl Recorder {
             Ok(file) => Ok((path, std::io::BufWriter::new(file))),
             Err(source) => Err(ShellError::Record { path, source }),
         };
-        Ok(Self { file: path.map(open).transpose()?, heard: Framer::default() })
+        Ok(Self { file: path.map(open).transpose()?, heard: Framer::new() })
     }
 
     /// What one read from a stream gives is any part of any number of frames; each frame is a record of its own.
     fn write_received(&mut self, t_us: u64, bytes: &[u8]) -> Result<(), ShellError> {
         self.heard.push(bytes);
-        while let Some((frame, ..)) = self.heard.next_frame() {
-            self.write(t_us, &frame)?;
+        while let Some(frame) = self.heard.next_frame() {
+            self.write(t_us, frame.raw())?;
         }
         Ok(())
     }

@@ -14,10 +14,11 @@ use gaware_mission::planner::{Plan, Request, climb_out, plan};
 use gaware_mission::rules::{self, Firmware, feasibility::Infeasible};
 use gaware_mission::safety::Limits;
 use gaware_nav::earth::Geodetic;
-use gaware_sitl::autopilot::framer::{Framer, encode};
 use gaware_sitl::autopilot::{self, AutopilotConfig, Flavour};
 use gaware_sitl::scenario::scenario;
 use gaware_sitl::vehicle::VehicleConfig;
+use gaware_wire::frame::encode;
+use gaware_wire::framer::Framer;
 use mavlink::MavHeader;
 use mavlink::dialects::ardupilotmega::*;
 use nalgebra::Vector3;
@@ -102,7 +103,7 @@ impl Station {
             &scenario.model,
             scenario.sensors.clone(),
         );
-        Self { autopilot, framer: Framer::default(), sequence: 0 }
+        Self { autopilot, framer: Framer::new(), sequence: 0 }
     }
 
     fn send(&mut self, message: &MavMessage) {

@@ -12,6 +12,7 @@ pub mod table;
 
 use gaware_mission::item::Autopilot;
 use gaware_mission::params::ParamType;
+use gaware_nav::earth::STANDARD_GRAVITY;
 use on_board::OnBoard;
 use rule::{Change, Derived};
 use schemars::JsonSchema;
@@ -25,6 +26,8 @@ const MEASURED_PLACE: &str =
     "the vehicle has a place already: where that was measured with a tape it may be better than this one";
 /// A board rotation of less than this changes a correction by less than its sigma, deg.
 const SMALL_ROTATION_DEG: f64 = 2.0;
+/// From this on PX4 takes a bias of an accelerometer into its offset, m/s² (`VehicleIMU.cpp`, `SensorCalibrationSaveAccel`).
+const COMMITTED_FROM: f64 = 0.05;
 
 /// An effect that an explanation names, with its values.
 #[derive(Debug, Clone, PartialEq)]
@@ -173,7 +176,10 @@ fn consider(finding: &Finding, autopilot: Autopilot, on_board: &OnBoard, advice:
 
 /// The row for an effect: by the names that the vehicle has, else by its version, else the newest.
 pub fn mapping(effect: &str, autopilot: Autopilot, on_board: &OnBoard) -> Option<&'static Mapping> {
-    let rows = || table::TABLE.iter().filter(|m| m.effect == effect && m.autopilot == autopilot);
+    // Where the unit is not known, the first one stands for it until that is said.
+    let place = on_board.place().unwrap_or(0);
+    let of_unit = |m: &&Mapping| m.of_unit.is_none_or(|unit| unit == place);
+    let rows = || table::rows().filter(|m| m.effect == effect && m.autopilot == autopilot).filter(of_unit);
     let old_filter = on_board.get("AHRS_EKF_TYPE") == Some(1.0);
     let runs = |m: &&Mapping| !(old_filter && m.parameters.iter().any(|p| p.starts_with("EK2_")));
     let present = rows().filter(runs).find(|m| m.parameters.iter().all(|p| on_board.get(p).is_some()));
@@ -197,7 +203,10 @@ fn objection(mapping: &Mapping, on_board: &OnBoard) -> Option<String> {
         ));
     }
     if mapping.sensor_axes {
-        on_board.rotation(SMALL_ROTATION_DEG).or_else(|| on_board.ambiguous_unit())
+        match on_board.place() {
+            Ok(place) => on_board.rotation(place, SMALL_ROTATION_DEG),
+            Err(why) => Some(why),
+        }
     } else {
         None
     }
@@ -227,6 +236,9 @@ fn judge(
     };
     if !(value.is_finite() && derived.sigma.is_finite() && derived.sigma > 0.0) {
         return refused("its value or sigma is not known".to_owned());
+    }
+    if let Some(why) = committed(mapping, k, value, on_board) {
+        return refused(why);
     }
     if let Some(by) = distance(mapping, &derived, known)
         && by < SIGNIFICANT * derived.sigma
@@ -268,6 +280,27 @@ fn judge(
         source: mapping.source,
         note: note(mapping, known, derived.note),
         kind: mapping.kind,
+    })
+}
+
+/// Why a change would correct twice: the share of a scale factor at 1 g is a constant, which PX4 has taken into its offset when it was
+/// disarmed.
+fn committed(mapping: &Mapping, k: usize, value: f64, on_board: &OnBoard) -> Option<String> {
+    const VERTICAL: usize = 2;
+    let at_rest = value * STANDARD_GRAVITY;
+    let twice = mapping.rule == Rule::Factor
+        && k == VERTICAL
+        && at_rest.abs() >= COMMITTED_FROM
+        && on_board.commits_offsets();
+    let place = mapping.of_unit?;
+    twice.then(|| {
+        let flown = on_board.get(&format!("CAL_ACC{place}_ZOFF"));
+        let back = flown.map_or_else(String::new, |v| format!(" ({} in the log)", rule_free(v)));
+        format!(
+            "SENS_IMU_AUTOCAL is on: when PX4 was disarmed it added what its filter had learnt to CAL_ACC{place}_ZOFF, at 1 g also this factor \
+             ({at_rest:.2} m/s²), and both together correct twice; set CAL_ACC{place}_ZOFF to what flew{back} with it, or switch \
+             SENS_IMU_AUTOCAL off and fly again"
+        )
     })
 }
 

@@ -9,6 +9,7 @@ use gaware_mission::item::Autopilot;
 use gaware_mission::params::file::ParamFile;
 use gaware_mission::params::{Encoding, ParamMessage};
 use gaware_nav::observability::words::VehicleKind;
+use gaware_nav::sample::Sample;
 use std::collections::{BTreeMap, BTreeSet};
 
 const HEARTBEAT: u32 = 0;
@@ -17,6 +18,20 @@ const AUTOPILOT_VERSION: u32 = 148;
 /// A list with so many parameters lacks those alone that the vehicle does not have: complete lists of old and small firmware have 492 to 805
 /// (recorded and public logs), partial ones a few.
 const COMPLETE: usize = 400;
+
+/// Which inertial unit samples are of.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub enum SampledUnit {
+    /// The one that the autopilot uses, whichever that is.
+    #[default]
+    Selected,
+    /// By its place among those of the autopilot, from 0.
+    Place(u8),
+    /// By the id of its accelerometer.
+    Device(u32),
+    /// Several in turn.
+    Several,
+}
 
 /// The vehicle's own word.
 #[derive(Debug, Clone, PartialEq, Default)]
@@ -35,6 +50,10 @@ pub struct OnBoard {
     pub parameters: BTreeMap<String, f64>,
     /// Parameters whose value changed on the way: none counts.
     pub changed: BTreeSet<String>,
+    /// Which inertial unit the samples are of.
+    pub unit: SampledUnit,
+    /// Whether values come from a file beside the log.
+    pub from_file: bool,
 }
 
 /// The name of an autopilot in documents.
@@ -100,8 +119,33 @@ impl OnBoard {
             Item::Frame(frame) => self.frame(frame, vehicle),
             Item::Note(LogNote::Parameter { name, value }) => self.learn(name, *value),
             Item::Note(LogNote::Version(major, minor)) => self.version = Some((*major, *minor)),
+            Item::Note(LogNote::Accelerometer(id)) => self.is_of(SampledUnit::Device(*id)),
             Item::Note(_) | Item::Measurement(_) => {}
         }
+    }
+
+    /// The unit that samples are of, by the messages that bring them: `SCALED_IMU` and `RAW_IMU` are of the first (ArduPilot
+    /// `GCS_MAVLink/GCS_Common.cpp:2215`, PX4 `modules/mavlink/streams/SCALED_IMU.hpp`), `HIGHRES_IMU` of PX4 is of the one that it uses.
+    pub fn samples_are(&mut self, samples: &[Sample]) {
+        let px4 = self.autopilot == Some(Autopilot::Px4);
+        for sample in samples {
+            let Sample::Stream(stream) = sample else { continue };
+            match stream.message.as_str() {
+                "SCALED_IMU2" => self.is_of(SampledUnit::Place(1)),
+                "SCALED_IMU3" => self.is_of(SampledUnit::Place(2)),
+                "SCALED_IMU" | "RAW_IMU" | "IMU" => self.is_of(SampledUnit::Place(0)),
+                "HIGHRES_IMU" if !px4 => self.is_of(SampledUnit::Place(0)),
+                _ => {}
+            }
+        }
+    }
+
+    fn is_of(&mut self, unit: SampledUnit) {
+        self.unit = match self.unit {
+            SampledUnit::Selected => unit,
+            other if other == unit || unit == SampledUnit::Selected => other,
+            _ => SampledUnit::Several,
+        };
     }
 
     fn frame(&mut self, frame: &Frame, vehicle: Option<u8>) {
@@ -156,6 +200,8 @@ impl OnBoard {
         self.board = self.board.take().or_else(|| other.board.clone());
         self.system_id = self.system_id.or(other.system_id);
         self.fixed_wing = self.fixed_wing.or(other.fixed_wing);
+        self.is_of(other.unit);
+        self.from_file |= other.from_file;
         for name in &other.changed {
             self.parameters.remove(name);
             self.changed.insert(name.clone());
@@ -165,6 +211,7 @@ impl OnBoard {
 
     /// Adds a parameter file of the vehicle; what the log says wins.
     pub fn add_file(&mut self, file: &ParamFile) {
+        self.from_file = true;
         for entry in &file.entries {
             let name = entry.name.as_str();
             if !self.changed.contains(name) {
@@ -192,15 +239,16 @@ impl OnBoard {
         names.iter().find(|n| self.get(n).is_some_and(|v| v != 0.0)).map(|n| (*n).to_owned())
     }
 
-    /// Why a correction in sensor axes cannot be derived from one in body axes, by what the log has.
-    pub fn rotation(&self, small_deg: f64) -> Option<String> {
+    /// Why a correction in sensor axes of this unit cannot be derived from one in body axes, by what the log has.
+    pub fn rotation(&self, unit: u8, small_deg: f64) -> Option<String> {
         let turned =
             |name: &str, least: f64| self.get(name).filter(|v| v.abs() > least).map(|v| (name.to_owned(), v));
         let found = match self.autopilot? {
             Autopilot::ArduPilot => turned("AHRS_ORIENTATION", 0.0),
             Autopilot::Px4 => turned("SENS_BOARD_ROT", 0.0)
                 .or_else(|| {
-                    self.get("CAL_ACC0_ROT").filter(|v| *v > 0.0).map(|v| ("CAL_ACC0_ROT".to_owned(), v))
+                    let name = format!("CAL_ACC{unit}_ROT");
+                    self.get(&name).filter(|v| *v > 0.0).map(|v| (name, v))
                 })
                 .or_else(|| {
                     ["X", "Y", "Z"].iter().find_map(|a| turned(&format!("SENS_BOARD_{a}_OFF"), small_deg))
@@ -220,32 +268,74 @@ impl OnBoard {
         self.get(name).is_none().then_some(name)
     }
 
-    /// Why it is not known which inertial unit the samples are of.
-    pub fn ambiguous_unit(&self) -> Option<String> {
-        if self.autopilot != Some(Autopilot::Px4) {
-            return None;
+    /// The id of the accelerometer whose calibration PX4 keeps in this place; 0 is none.
+    fn accelerometer(&self, place: u8) -> Option<u32> {
+        // An id has 32 bits, its parameter a sign.
+        self.get(&format!("CAL_ACC{place}_ID")).map(|id| id as i64 as u32)
+    }
+
+    /// In which place the autopilot keeps the calibration of the unit that the samples are of, from 0.
+    ///
+    /// # Errors
+    /// Why that is not known.
+    pub fn place(&self) -> Result<u8, String> {
+        let px4 = self.autopilot == Some(Autopilot::Px4);
+        match self.unit {
+            SampledUnit::Several => Err("the samples are of several inertial units in turn".to_owned()),
+            SampledUnit::Place(place) if px4 && self.accelerometer(place) == Some(0) => Err(format!(
+                "CAL_ACC{place}_ID is 0: the unit that the samples are of has no calibration on the vehicle"
+            )),
+            SampledUnit::Place(place) => Ok(place),
+            SampledUnit::Device(id) => {
+                (0..4).find(|place| self.accelerometer(*place) == Some(id)).ok_or_else(|| {
+                    format!(
+                        "the samples are of accelerometer {id}, and no CAL_ACC*_ID in the log has this id"
+                    )
+                })
+            }
+            SampledUnit::Selected if px4 => match self.on(&["CAL_ACC1_ID", "CAL_ACC2_ID", "CAL_ACC3_ID"]) {
+                Some(name) => Err(format!(
+                    "{name} says that there are several inertial units, and the log does not say of which one its samples are"
+                )),
+                None => Ok(0),
+            },
+            SampledUnit::Selected => Ok(0),
         }
-        self.on(&["CAL_ACC1_ID", "CAL_ACC2_ID"]).map(|name| {
-            format!("{name} says that there are several inertial units, and the log does not say of which one its samples are")
-        })
+    }
+
+    /// What PX4 has done by itself to an accelerometer's offset when it was disarmed: from 0.05 m/s² on it adds what its filter has learnt
+    /// (`modules/sensors/vehicle_imu/VehicleIMU.cpp`, `SENS_IMU_AUTOCAL`, on by default), at 1 g the share of a scale factor too.
+    pub fn commits_offsets(&self) -> bool {
+        self.autopilot == Some(Autopilot::Px4) && self.get("SENS_IMU_AUTOCAL") != Some(0.0)
     }
 
     /// What else there is on the vehicle that the samples say nothing of.
     pub fn other_units(&self) -> Option<String> {
-        if self.autopilot != Some(Autopilot::ArduPilot) {
-            return None;
-        }
-        Some(match (self.get("INS_ACC_ID"), self.on(&["INS_ACC2_ID", "INS_ACC3_ID"])) {
-            (_, Some(name)) => format!(
-                "{name}: there are further inertial units with parameters of their own; the samples are of the first one, and the lane that \
+        let place = self.place().ok()?;
+        let (px4, names): (bool, [&str; 4]) = match self.autopilot? {
+            Autopilot::ArduPilot => (false, ["INS_ACC_ID", "INS_ACC2_ID", "INS_ACC3_ID", "INS4_ACC_ID"]),
+            Autopilot::Px4 => (true, ["CAL_ACC0_ID", "CAL_ACC1_ID", "CAL_ACC2_ID", "CAL_ACC3_ID"]),
+        };
+        let own = *names.get(usize::from(place))?;
+        let others: Vec<&str> = names.into_iter().filter(|name| *name != own).collect();
+        let ordinal =
+            ["first", "second", "third", "fourth"].get(usize::from(place)).copied().unwrap_or("last");
+        match (self.get(own), self.on(&others)) {
+            (Some(id), Some(name)) if px4 => Some(format!(
+                "{name}: there are further inertial units with parameters of their own; these are of the {ordinal} one ({own} {id}), which the \
+                 filter that flies need not use"
+            )),
+            (_, Some(name)) => Some(format!(
+                "{name}: there are further inertial units with parameters of their own; the samples are of the {ordinal} one, and the lane that \
                  flew may use another"
-            ),
-            (Some(_), None) => return None,
-            (None, None) => {
+            )),
+            (Some(_), None) => None,
+            (None, None) if px4 => None,
+            (None, None) => Some(
                 "the log does not say how many inertial units there are; the samples are of the first one"
-                    .to_owned()
-            }
-        })
+                    .to_owned(),
+            ),
+        }
     }
 
     /// Whether there is a second receiver.
@@ -264,6 +354,13 @@ impl OnBoard {
         if self.parameters.is_empty() {
             notes.push(
                 "the log holds no parameters of the vehicle; give them with --parameters FILE (from \"gaware params backup\")".to_owned(),
+            );
+        }
+        if self.from_file && self.commits_offsets() {
+            notes.push(
+                "parameters come from a file: where it was read after the flight, its CAL_ACC*_OFF are not those that flew (SENS_IMU_AUTOCAL: \
+                 PX4 changes them when it is disarmed)"
+                    .to_owned(),
             );
         }
         if self.version.is_none() && self.autopilot.is_some() {

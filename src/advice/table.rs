@@ -8,7 +8,7 @@
 //! | what a log holds | already corrected by | not corrected by |
 //! |---|---|---|
 //! | ArduPilot `RAW_IMU`, `SCALED_IMU`, `HIGHRES_IMU`, `.bin` `IMU` | orientation, `INS_TCAL1_*`, `INS_ACCOFFS`, `INS_ACCSCAL`, `INS_GYROFFS`, board orientation (`AP_InertialSensor/AP_InertialSensor_Backend.cpp:104-170`), low-pass `INS_GYRO_FILTER`, `INS_ACCEL_FILTER` (`:251`); instance 0 (`GCS_MAVLink/GCS_Common.cpp:2215`) | the filter's bias estimates, `INS_POS`, `AHRS_TRIM` |
-//! | PX4 `SCALED_IMU`, ULog `sensor_combined` | `TC_*`, `CAL_ACC0_*OFF`, `CAL_ACC0_*SCALE`, `CAL_GYRO0_*OFF`, `SENS_BOARD_ROT`, `SENS_BOARD_*_OFF` (`lib/sensor_calibration/Accelerometer.hpp:84`, `Gyroscope.hpp:83`) | the filter's bias estimates, `EKF2_IMU_POS` |
+//! | PX4 `SCALED_IMU`, ULog `sensor_combined` | `TC_*`, `CAL_ACCn_*OFF`, `CAL_ACCn_*SCALE`, `CAL_GYROn_*OFF` (n: whose `CAL_ACCn_ID` is the unit's), `SENS_BOARD_ROT`, `SENS_BOARD_*_OFF` (`lib/sensor_calibration/Accelerometer.hpp:84`, `Gyroscope.hpp:83`) | the filter's bias estimates, `EKF2_IMU_POS` |
 //! | PX4 `HIGHRES_IMU` | the same, and the filter's bias estimates | `EKF2_IMU_POS` |
 //! | `GPS_RAW_INT`, `.bin` `GPS`, ULog `sensor_gps` | nothing: the receiver's own position, stamped when it arrived (ArduPilot `AP_GPS/AP_GPS.cpp:625`; in a `.bin` that is `GPA.SMS`) | delay, antenna position |
 
@@ -101,13 +101,13 @@ pub struct Mapping {
     pub kind: ParamType,
     /// Whether it acts in the sensor's axes before the board's rotation.
     pub sensor_axes: bool,
+    /// Whose inertial unit it is of, by its place among those of the autopilot from 0; nothing where it is of none.
+    pub of_unit: Option<u8>,
     /// Where it is declared, with its range, and where it is applied.
     pub source: &'static str,
 }
 
-const ACCSCAL: [&str; 3] = ["INS_ACCSCAL_X", "INS_ACCSCAL_Y", "INS_ACCSCAL_Z"];
 const INS_POS: [&str; 3] = ["INS_POS1_X", "INS_POS1_Y", "INS_POS1_Z"];
-const XSCALE: [&str; 3] = ["CAL_ACC0_XSCALE", "CAL_ACC0_YSCALE", "CAL_ACC0_ZSCALE"];
 const IMU_POS: [&str; 3] = ["EKF2_IMU_POS_X", "EKF2_IMU_POS_Y", "EKF2_IMU_POS_Z"];
 
 /// A position on the vehicle in ArduPilot: float, ±5 m in steps of 1 cm, in use at once.
@@ -123,6 +123,7 @@ const ARDUPILOT_PLACE: Mapping = Mapping {
     reboot: false,
     kind: ParamType::Real32,
     sensor_axes: false,
+    of_unit: None,
     source: "AP_GPS/AP_GPS_Params.cpp:49-72; applied in AP_NavEKF3/AP_NavEKF3_PosVelFusion.cpp:416-429",
 };
 
@@ -141,11 +142,11 @@ const ARDUPILOT_DELAY: Mapping = Mapping {
     ..ARDUPILOT_PLACE
 };
 
-/// A calibration of ArduPilot's first accelerometer.
-const ARDUPILOT_ACCEL: Mapping = Mapping {
+/// A calibration of one of ArduPilot's inertial units.
+const ARDUPILOT_UNIT: Mapping = Mapping {
     effect: "accel_scale_factor",
     era: Era::Any,
-    parameters: &ACCSCAL,
+    parameters: &[],
     rule: Rule::Factor,
     unit: "",
     range: Some((0.8, 1.2)),
@@ -169,6 +170,7 @@ const PX4_PLACE: Mapping = Mapping {
     reboot: false,
     kind: ParamType::Real32,
     sensor_axes: false,
+    of_unit: None,
     source: "modules/ekf2/params_gnss.yaml:87-110, modules/ekf2/module.yaml:134; applied in \
              modules/ekf2/EKF/aid_sources/gnss/gps_control.cpp:299-304,337-340",
 };
@@ -186,11 +188,11 @@ const PX4_DELAY: Mapping = Mapping {
     ..PX4_PLACE
 };
 
-/// A calibration of PX4's first accelerometer.
-const PX4_ACCEL: Mapping = Mapping {
+/// A calibration of one of PX4's inertial units.
+const PX4_UNIT: Mapping = Mapping {
     effect: "accel_scale_factor",
     era: Era::Any,
-    parameters: &XSCALE,
+    parameters: &[],
     rule: Rule::Factor,
     unit: "",
     range: Some((0.1, 3.0)),
@@ -200,8 +202,8 @@ const PX4_ACCEL: Mapping = Mapping {
     ..PX4_PLACE
 };
 
-/// Every mapping.
-pub const TABLE: &[Mapping] = &[
+/// What the receivers need.
+const RECEIVERS: &[Mapping] = &[
     ARDUPILOT_DELAY,
     Mapping {
         era: Era::Before(4, 6),
@@ -230,47 +232,6 @@ pub const TABLE: &[Mapping] = &[
         source: "c48f5c09db AP_GPS/AP_GPS.cpp:258-281; applied in AP_NavEKF3/AP_NavEKF3_PosVelFusion.cpp:416-429",
         ..ARDUPILOT_PLACE
     },
-    ARDUPILOT_ACCEL,
-    Mapping {
-        effect: "accel_bias",
-        parameters: &["INS_ACCOFFS_X", "INS_ACCOFFS_Y", "INS_ACCOFFS_Z"],
-        rule: Rule::Offset { factor: Some(ACCSCAL) },
-        unit: "m/s²",
-        range: Some((-3.5, 3.5)),
-        source: "AP_InertialSensor/AP_InertialSensor_Params.cpp:43-66; applied in AP_InertialSensor_Backend.cpp:132-133",
-        ..ARDUPILOT_ACCEL
-    },
-    Mapping {
-        effect: "gyro_bias",
-        parameters: &["INS_GYROFFS_X", "INS_GYROFFS_Y", "INS_GYROFFS_Z"],
-        rule: Rule::Offset { factor: None },
-        unit: "rad/s",
-        range: None,
-        source: "AP_InertialSensor/AP_InertialSensor_Params.cpp:109-129; applied in AP_InertialSensor_Backend.cpp:165-166",
-        ..ARDUPILOT_ACCEL
-    },
-    Mapping {
-        effect: "accel_temperature",
-        parameters: &["INS_TCAL1_ACC1_X", "INS_TCAL1_ACC1_Y", "INS_TCAL1_ACC1_Z"],
-        rule: Rule::Temperature { scale: 1e6, factor: Some(ACCSCAL), enabled: "INS_TCAL1_ENABLE" },
-        unit: "1e-6 m/s²/°C",
-        range: None,
-        step: 1e-3,
-        source: "AP_InertialSensor/AP_InertialSensor_tempcal.cpp:77-95; applied in :204-232, before the offset \
-                 (AP_InertialSensor_Backend.cpp:129)",
-        ..ARDUPILOT_ACCEL
-    },
-    Mapping {
-        effect: "gyro_temperature",
-        parameters: &["INS_TCAL1_GYR1_X", "INS_TCAL1_GYR1_Y", "INS_TCAL1_GYR1_Z"],
-        rule: Rule::Temperature { scale: 1e6, factor: None, enabled: "INS_TCAL1_ENABLE" },
-        unit: "1e-6 rad/s/°C",
-        range: None,
-        step: 1e-3,
-        source: "AP_InertialSensor/AP_InertialSensor_tempcal.cpp:137-155; applied in :204-232, before the offset \
-                 (AP_InertialSensor_Backend.cpp:162)",
-        ..ARDUPILOT_ACCEL
-    },
     PX4_DELAY,
     Mapping {
         era: Era::Since(1, 18),
@@ -287,46 +248,135 @@ pub const TABLE: &[Mapping] = &[
         source: "4b2e0a6f59 modules/sensors/vehicle_gps_position/module.yaml:71-108",
         ..PX4_PLACE
     },
-    PX4_ACCEL,
-    Mapping {
-        effect: "accel_bias",
-        parameters: &["CAL_ACC0_XOFF", "CAL_ACC0_YOFF", "CAL_ACC0_ZOFF"],
-        rule: Rule::Offset { factor: Some(XSCALE) },
-        unit: "m/s²",
-        range: None,
-        source: "modules/sensors/module.yaml:95-129; applied in lib/sensor_calibration/Accelerometer.hpp:84",
-        ..PX4_ACCEL
-    },
-    Mapping {
-        effect: "gyro_bias",
-        parameters: &["CAL_GYRO0_XOFF", "CAL_GYRO0_YOFF", "CAL_GYRO0_ZOFF"],
-        rule: Rule::Offset { factor: None },
-        unit: "rad/s",
-        range: None,
-        source: "modules/sensors/module.yaml:294-328; applied in lib/sensor_calibration/Gyroscope.hpp:83",
-        ..PX4_ACCEL
-    },
-    Mapping {
-        effect: "accel_temperature",
-        parameters: &["TC_A0_X1_0", "TC_A0_X1_1", "TC_A0_X1_2"],
-        rule: Rule::Temperature { scale: 1.0, factor: Some(XSCALE), enabled: "TC_A_ENABLE" },
-        unit: "m/s²/°C",
-        range: None,
-        source: "modules/temperature_compensation/temp_comp_params_accel_0.c:98-114, TemperatureCompensation.cpp:366; applied in \
-                 lib/sensor_calibration/Accelerometer.hpp:84",
-        ..PX4_ACCEL
-    },
-    Mapping {
-        effect: "gyro_temperature",
-        parameters: &["TC_G0_X1_0", "TC_G0_X1_1", "TC_G0_X1_2"],
-        rule: Rule::Temperature { scale: 1.0, factor: None, enabled: "TC_G_ENABLE" },
-        unit: "rad/s/°C",
-        range: None,
-        source: "modules/temperature_compensation/temp_comp_params_gyro_0.c:98-114, TemperatureCompensation.cpp:366; applied in \
-                 lib/sensor_calibration/Gyroscope.hpp:83",
-        ..PX4_ACCEL
-    },
 ];
+
+/// The calibrations of one of ArduPilot's inertial units: its place from 0, what its number is in `INS_ACC…` and in `INS_TCAL…`.
+macro_rules! ardupilot_unit {
+    ($unit:literal, $n:literal, $k:literal) => {{
+        const SCALES: [&str; 3] =
+            [concat!("INS_ACC", $n, "SCAL_X"), concat!("INS_ACC", $n, "SCAL_Y"), concat!("INS_ACC", $n, "SCAL_Z")];
+        &[
+            Mapping { parameters: &SCALES, of_unit: Some($unit), ..ARDUPILOT_UNIT },
+            Mapping {
+                effect: "accel_bias",
+                parameters: &[concat!("INS_ACC", $n, "OFFS_X"), concat!("INS_ACC", $n, "OFFS_Y"), concat!("INS_ACC", $n, "OFFS_Z")],
+                rule: Rule::Offset { factor: Some(SCALES) },
+                unit: "m/s²",
+                range: Some((-3.5, 3.5)),
+                source: "AP_InertialSensor/AP_InertialSensor_Params.cpp:43-66; applied in AP_InertialSensor_Backend.cpp:132-133",
+                of_unit: Some($unit),
+                ..ARDUPILOT_UNIT
+            },
+            Mapping {
+                effect: "gyro_bias",
+                parameters: &[concat!("INS_GYR", $n, "OFFS_X"), concat!("INS_GYR", $n, "OFFS_Y"), concat!("INS_GYR", $n, "OFFS_Z")],
+                rule: Rule::Offset { factor: None },
+                unit: "rad/s",
+                range: None,
+                source: "AP_InertialSensor/AP_InertialSensor_Params.cpp:109-129; applied in AP_InertialSensor_Backend.cpp:165-166",
+                of_unit: Some($unit),
+                ..ARDUPILOT_UNIT
+            },
+            Mapping {
+                effect: "accel_temperature",
+                parameters: &[concat!("INS_TCAL", $k, "_ACC1_X"), concat!("INS_TCAL", $k, "_ACC1_Y"), concat!("INS_TCAL", $k, "_ACC1_Z")],
+                rule: Rule::Temperature { scale: 1e6, factor: Some(SCALES), enabled: concat!("INS_TCAL", $k, "_ENABLE") },
+                unit: "1e-6 m/s²/°C",
+                range: None,
+                step: 1e-3,
+                source: "AP_InertialSensor/AP_InertialSensor_tempcal.cpp:77-95; applied in :204-232, before the offset \
+                         (AP_InertialSensor_Backend.cpp:129)",
+                of_unit: Some($unit),
+                ..ARDUPILOT_UNIT
+            },
+            Mapping {
+                effect: "gyro_temperature",
+                parameters: &[concat!("INS_TCAL", $k, "_GYR1_X"), concat!("INS_TCAL", $k, "_GYR1_Y"), concat!("INS_TCAL", $k, "_GYR1_Z")],
+                rule: Rule::Temperature { scale: 1e6, factor: None, enabled: concat!("INS_TCAL", $k, "_ENABLE") },
+                unit: "1e-6 rad/s/°C",
+                range: None,
+                step: 1e-3,
+                source: "AP_InertialSensor/AP_InertialSensor_tempcal.cpp:137-155; applied in :204-232, before the offset \
+                         (AP_InertialSensor_Backend.cpp:162)",
+                of_unit: Some($unit),
+                ..ARDUPILOT_UNIT
+            },
+        ]
+    }};
+}
+
+/// The calibrations of one of PX4's inertial units.
+macro_rules! px4_unit {
+    ($unit:literal) => {{
+        const SCALES: [&str; 3] = [
+            concat!("CAL_ACC", $unit, "_XSCALE"),
+            concat!("CAL_ACC", $unit, "_YSCALE"),
+            concat!("CAL_ACC", $unit, "_ZSCALE"),
+        ];
+        &[
+            Mapping { parameters: &SCALES, of_unit: Some($unit), ..PX4_UNIT },
+            Mapping {
+                effect: "accel_bias",
+                parameters: &[concat!("CAL_ACC", $unit, "_XOFF"), concat!("CAL_ACC", $unit, "_YOFF"), concat!("CAL_ACC", $unit, "_ZOFF")],
+                rule: Rule::Offset { factor: Some(SCALES) },
+                unit: "m/s²",
+                range: None,
+                source: "modules/sensors/module.yaml:95-129; applied in lib/sensor_calibration/Accelerometer.hpp:84",
+                of_unit: Some($unit),
+                ..PX4_UNIT
+            },
+            Mapping {
+                effect: "gyro_bias",
+                parameters: &[concat!("CAL_GYRO", $unit, "_XOFF"), concat!("CAL_GYRO", $unit, "_YOFF"), concat!("CAL_GYRO", $unit, "_ZOFF")],
+                rule: Rule::Offset { factor: None },
+                unit: "rad/s",
+                range: None,
+                source: "modules/sensors/module.yaml:294-328; applied in lib/sensor_calibration/Gyroscope.hpp:83",
+                of_unit: Some($unit),
+                ..PX4_UNIT
+            },
+            Mapping {
+                effect: "accel_temperature",
+                parameters: &[concat!("TC_A", $unit, "_X1_0"), concat!("TC_A", $unit, "_X1_1"), concat!("TC_A", $unit, "_X1_2")],
+                rule: Rule::Temperature { scale: 1.0, factor: Some(SCALES), enabled: "TC_A_ENABLE" },
+                unit: "m/s²/°C",
+                range: None,
+                source: "modules/temperature_compensation/temp_comp_params_accel_0.c:98-114, TemperatureCompensation.cpp:366; applied in \
+                         lib/sensor_calibration/Accelerometer.hpp:84",
+                of_unit: Some($unit),
+                ..PX4_UNIT
+            },
+            Mapping {
+                effect: "gyro_temperature",
+                parameters: &[concat!("TC_G", $unit, "_X1_0"), concat!("TC_G", $unit, "_X1_1"), concat!("TC_G", $unit, "_X1_2")],
+                rule: Rule::Temperature { scale: 1.0, factor: None, enabled: "TC_G_ENABLE" },
+                unit: "rad/s/°C",
+                range: None,
+                source: "modules/temperature_compensation/temp_comp_params_gyro_0.c:98-114, TemperatureCompensation.cpp:366; applied in \
+                         lib/sensor_calibration/Gyroscope.hpp:83",
+                of_unit: Some($unit),
+                ..PX4_UNIT
+            },
+        ]
+    }};
+}
+
+/// The mappings by what they are of.
+const TABLE: [&[Mapping]; 8] = [
+    RECEIVERS,
+    ardupilot_unit!(0, "", "1"),
+    ardupilot_unit!(1, "2", "2"),
+    ardupilot_unit!(2, "3", "3"),
+    px4_unit!(0),
+    px4_unit!(1),
+    px4_unit!(2),
+    px4_unit!(3),
+];
+
+/// Every mapping; of one effect those of the first unit come first.
+pub fn rows() -> impl Iterator<Item = &'static Mapping> + Clone {
+    TABLE.into_iter().flatten()
+}
 
 /// Why an effect has no parameter on either autopilot.
 pub fn why_not(effect: &str) -> &'static str {

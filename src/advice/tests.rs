@@ -1,7 +1,9 @@
 //! The sign of every mapping: the autopilot's own correction, as its sources have it, applied to samples with the effect, gives the
 //! ideal sample back once the proposed value is set. And what is proposed at all.
 
-use super::table::TABLE;
+mod units;
+
+use super::table::rows;
 use super::*;
 use gaware_nav::effects::{self, Antenna, FixInstant, Instant, Older, REGISTRY, Surroundings};
 use gaware_nav::rotation::c_nb_from_euler;
@@ -176,7 +178,7 @@ fn after(
 }
 
 fn row(effect: &str, autopilot: Autopilot) -> &'static Mapping {
-    TABLE.iter().find(|m| m.effect == effect && m.autopilot == autopilot).expect("a row")
+    rows().find(|m| m.effect == effect && m.autopilot == autopilot).expect("a row")
 }
 
 /// What an effect of the registry, or a bias, adds to an ideal sample.
@@ -272,17 +274,17 @@ proptest! {
     /// Nothing outside its range, off its step, or without a change is ever proposed.
     #[test]
     fn what_is_proposed_is_in_range_on_step_and_a_change(
-        effect in 0..TABLE.len(),
+        effect in 0..rows().count(),
         values in proptest::collection::vec(-2.0..2.0_f64, 3),
         sigma in 1e-6..0.5_f64,
         held in proptest::collection::vec(-6.0..6.0_f64, 12),
     ) {
-        let mapping = &TABLE[effect];
+        let mapping = rows().nth(effect).unwrap();
         let mut board = on_board(mapping.autopilot, &[("AHRS_ORIENTATION", 0.0), ("SENS_BOARD_ROT", 0.0)]);
         for name in ["INS_TCAL1_ENABLE", "TC_A_ENABLE", "TC_G_ENABLE"] {
             board.learn(name, 1.0);
         }
-        let names = TABLE.iter().filter(|m| m.autopilot == mapping.autopilot).flat_map(|m| m.parameters);
+        let names = rows().filter(|m| m.autopilot == mapping.autopilot).flat_map(|m| m.parameters);
         for (name, value) in names.zip(&held) {
             board.learn(name, *value);
         }
@@ -302,14 +304,14 @@ proptest! {
 #[test]
 fn every_effect_has_a_parameter_or_a_reason_and_every_row_a_source() {
     for effect in REGISTRY {
-        let rows: Vec<_> = TABLE.iter().filter(|m| m.effect == effect.name()).collect();
-        for row in &rows {
+        let of_effect: Vec<_> = rows().filter(|m| m.effect == effect.name()).collect();
+        for row in &of_effect {
             assert_eq!(row.parameters.len(), effect.len(), "{}", effect.name());
         }
-        let named = rows.iter().any(|m| m.autopilot == Autopilot::Px4) && rows.len() >= 2;
+        let named = of_effect.iter().any(|m| m.autopilot == Autopilot::Px4) && of_effect.len() >= 2;
         assert!(named || !table::why_not(effect.name()).contains("is known"), "{}", effect.name());
     }
-    for row in TABLE {
+    for row in rows() {
         assert!(row.source.contains(':') && row.step > 0.0, "{row:?}");
         for name in row.parameters {
             assert!(name.parse::<gaware_mission::params::ParamName>().is_ok(), "{name}");
@@ -405,6 +407,7 @@ fn what_cannot_be_corrected_is_named_with_its_reason() {
         ("CAL_ACC0_YSCALE", 1.0),
         ("CAL_ACC0_ZSCALE", 1.0),
         ("CAL_ACC1_ID", 0.0),
+        ("SENS_IMU_AUTOCAL", 0.0),
         ("EKF2_GPS_DELAY", 110.0),
     ];
     let reason = |extra: &[(&str, f64)], finding: Finding| {

@@ -1,8 +1,8 @@
 //! The command line: which commands there are, how they start, and what exit status their result becomes.
 
 use super::{
-    CommandError, OverwriteArgs, airframe, compare, config, demo, explain, fleet, mission, output, params,
-    plan, preflight, replay, report, run, serve, sim, start, study,
+    CommandError, OverwriteArgs, airframe, compare, config, demo, explain, fleet, ground, mission, output,
+    params, plan, preflight, replay, report, run, serve, sim, start, study, unit,
 };
 use crate::outputs::mark;
 use crate::sinks::log;
@@ -23,6 +23,7 @@ pub struct Cli {
 const EXAMPLES: &str = "\
 Examples:
   gaware demo
+  gaware ground --connect serial:/dev/ttyAMA0:921600 --unit unit.toml
   gaware run --connect serial:/dev/ttyAMA0:921600 --web 127.0.0.1:8080
   gaware replay flight.tlog --json
   gaware report flight.tlog
@@ -38,6 +39,10 @@ pub enum Command {
     Demo(demo::DemoArgs),
     /// Estimate during a flight: connect to a vehicle, show, record.
     Run(run::RunArgs),
+    /// Measure g-sensitivity by hand on the ground: the vehicle is turned to six sides, with or without GNSS.
+    Ground(ground::GroundArgs),
+    /// What is known of one inertial unit, from ground sessions and flights.
+    Unit(unit::UnitArgs),
     /// Run recorded flights (.tlog, .bin, .ulg, .mcap) through the same pipeline, and export their time series.
     Replay(replay::ReplayArgs),
     /// Write an HTML report for a recorded flight: estimates, observability, comparison with the autopilot.
@@ -160,6 +165,8 @@ fn dispatch(command: Command) -> Result<ExitCode, CommandError> {
         Command::Demo(args) => demo::run(&args)?,
         Command::Run(args) => run_with_config(args)?,
         Command::Config(args) => config::run(&args)?,
+        Command::Ground(args) => ground::run(args)?,
+        Command::Unit(args) => unit::run(&args)?,
         Command::Replay(args) => replay::run(&args)?,
         Command::Report(args) => report::run(&args)?,
         Command::Sim(args) => {

@@ -1,8 +1,9 @@
 //! `gaware explain`: which sensor errors the model lacks, how large they are, and the residuals before and after.
 
+use super::known::UnitFileArgs;
 use super::{CommandError, ListenArgs, OverwriteArgs, load_model, output};
 use crate::explain::contract::Verdict;
-use crate::explain::{self, Explained, Request, STEPS};
+use crate::explain::{self, Explained, Phase, Request, STEPS};
 use crate::report::explanation::headline;
 use gaware_nav::identify::select::Settings;
 use std::cell::Cell;
@@ -25,6 +26,9 @@ pub struct ExplainArgs {
     /// Parameter file of the vehicle (from "gaware params backup"), for what the logs do not hold.
     #[arg(long, value_name = "FILE")]
     pub parameters: Option<PathBuf>,
+    /// Explain all of every log, however long (default: an hour at most, of the minutes in which the vehicle moves most).
+    #[arg(long)]
+    pub whole: bool,
     /// Folder for report.html, report.json, model.toml and the parameter file of the autopilot.
     #[arg(long, value_name = "DIR")]
     pub out: PathBuf,
@@ -37,6 +41,9 @@ pub struct ExplainArgs {
     /// Source of the samples.
     #[command(flatten)]
     pub listen: ListenArgs,
+    /// What is known of the unit.
+    #[command(flatten)]
+    pub unit: UnitFileArgs,
 }
 
 /// Explains, writes the report and prints the verdict.
@@ -47,7 +54,7 @@ pub fn run(args: &ExplainArgs) -> Result<(), CommandError> {
     let read = args.logs.iter().chain(&args.validate).chain(&args.model).chain(&args.parameters);
     let outputs = args.overwrite.outputs(read);
     explain::check(&args.out, &outputs)?;
-    let model = args.model.as_deref().map(load_model).transpose()?;
+    let model = args.unit.on(args.model.as_deref().map(load_model).transpose()?)?;
     let request = Request {
         logs: args.logs.iter().map(Into::into).collect(),
         validate: args.validate.iter().map(Into::into).collect(),
@@ -55,6 +62,7 @@ pub fn run(args: &ExplainArgs) -> Result<(), CommandError> {
         converter: args.listen.options(),
         settings: Settings::default(),
         parameters: args.parameters.as_ref().map(Into::into),
+        whole: args.whole,
     };
     // Fails before the analysis where the result cannot be written. A folder that this makes is not left behind empty,
     // however the run ends.
@@ -71,6 +79,10 @@ pub fn run(args: &ExplainArgs) -> Result<(), CommandError> {
     bar.enable_steady_tick(Duration::from_millis(200));
     let entered = Cell::new(began);
     let explained = explain::run(&request, &|phase| {
+        if let Phase::Read(load) = phase {
+            bar.suspend(|| crate::sinks::log::line(&load.words()));
+            return;
+        }
         let (step, what) = phase.step();
         let left = phase.time_left(entered.replace(Instant::now()).elapsed());
         if bar.is_hidden() {

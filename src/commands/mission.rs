@@ -5,11 +5,11 @@ pub use super::mission_args::{
     ClearArgs, ConnectArgs, DownloadArgs, LinkArgs, List, MissionAction, MissionArgs, RestoreArgs, UploadArgs,
 };
 use super::mission_result::{Action, MissionResult, OnVehicle};
-use super::{CommandError, mission_restore, output, transfer};
+use super::{CommandError, mission_restore, transfer};
 use crate::figures::counted_were;
 use crate::mission_link::delivery::{Delivered, DeliveryError, Order, deliver};
 use crate::mission_link::files::{self, Contents, FileError};
-use crate::mission_link::journal::Kind;
+use crate::mission_link::journal::{JournalError, Kind};
 use crate::mission_link::restore::RestoreError;
 use crate::mission_link::session::{Session, SessionError};
 use crate::mission_link::uploader::phase_words;
@@ -57,12 +57,9 @@ pub enum MissionError {
     /// A mission without items would only delete the one on board.
     #[error("{0} holds no mission items; an upload would only delete the mission that is on the vehicle")]
     Empty(PathBuf),
-    /// There is nothing to take up.
-    #[error("there is no journal of an interrupted upload in {0}; name the backup that is to be put back")]
-    NoJournal(PathBuf),
-    /// Too many.
-    #[error("several uploads were interrupted here; name one of {0}")]
-    Journals(String),
+    /// Which upload is to be taken up.
+    #[error(transparent)]
+    Journal(#[from] JournalError),
     /// `--new` without a journal.
     #[error(
         "--new is for the journal of an interrupted upload; {0} is a mission: use \"gaware mission upload\""
@@ -74,9 +71,6 @@ pub enum MissionError {
     /// A backup of another vehicle.
     #[error("{0}")]
     OtherVehicle(String),
-    /// A journal of the other kind.
-    #[error("{0} is the journal of a change of parameters: use \"gaware params restore\"")]
-    OtherKind(PathBuf),
     /// An interrupted upload.
     #[error(transparent)]
     Restore(#[from] RestoreError),
@@ -93,8 +87,7 @@ impl MissionError {
             Self::File(FileError::Kind(_) | FileError::NotAPlan { .. })
                 | Self::NotAJournal(_)
                 | Self::JournalIsWhole(_)
-                | Self::Journals(_)
-                | Self::OtherKind(_)
+                | Self::Journal(JournalError::Several { .. } | JournalError::OtherKind { .. })
         )
     }
 }
@@ -113,13 +106,10 @@ pub fn run(args: &MissionArgs) -> Result<(), CommandError> {
         MissionAction::Restore(args) => args.to.json,
         MissionAction::Clear(args) => args.to.json,
     };
-    match &result {
-        Ok(result) if json => output::json(result)?,
-        Err(MissionError::NotVerified(result)) if json => output::json(result.as_ref())?,
-        Ok(result) => output::text(&format!("{result}\n"))?,
-        Err(_) => {}
-    }
-    Ok(result.map(drop)?)
+    transfer::show(result, json, |error| match error {
+        MissionError::NotVerified(result) => Some(result.as_ref()),
+        _ => None,
+    })
 }
 
 async fn act(action: &MissionAction, stop: &CancellationToken) -> Result<MissionResult, MissionError> {

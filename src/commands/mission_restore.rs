@@ -2,7 +2,7 @@
 
 use super::mission::{LinkArgs, MissionError, RestoreArgs, UploadArgs, bring, bring_list, teller};
 use super::mission_result::{Action, MissionResult, OnVehicle};
-use super::transfer::{self, NoJournal};
+use super::transfer;
 use crate::figures::counted;
 use crate::mission_link::files;
 use crate::mission_link::journal::{Content, Journal, Kind};
@@ -10,7 +10,7 @@ use crate::mission_link::restore::{self, Restoration, Settled};
 use crate::mission_link::session::{Opening, Session};
 use crate::mission_link::vehicle::identity_words;
 use gaware_mission::transfer::verified::Goal;
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 use tokio_util::sync::CancellationToken;
 
 /// Restores.
@@ -22,10 +22,7 @@ pub async fn restore(
     stop: &CancellationToken,
     mut say: impl FnMut(&str),
 ) -> Result<MissionResult, MissionError> {
-    let file = match &args.file {
-        Some(file) => file.clone(),
-        None => the_journal(Path::new("."))?,
-    };
+    let file = transfer::to_restore(Kind::Mission, args.file.as_ref())?;
     if let Some(list) = args.list {
         if Kind::Mission.names(&file) {
             return Err(MissionError::JournalIsWhole(file));
@@ -38,9 +35,6 @@ pub async fn restore(
         }
         let what = (kind, new, contents.backup_of);
         return bring_list(Action::Restore, what, &as_upload(args, file), stop, say).await;
-    }
-    if Kind::Parameters.names(&file) {
-        return Err(MissionError::OtherKind(file));
     }
     if Kind::Mission.names(&file) {
         let journal = Journal::read(&file)?;
@@ -68,14 +62,6 @@ fn as_upload(args: &RestoreArgs, file: PathBuf) -> UploadArgs {
     }
 }
 
-/// The only journal in a folder.
-fn the_journal(folder: &Path) -> Result<PathBuf, MissionError> {
-    transfer::the_only(&Kind::Mission.list(folder), folder).map_err(|why| match why {
-        NoJournal::None(folder) => MissionError::NoJournal(folder),
-        NoJournal::Several(names) => MissionError::Journals(names),
-    })
-}
-
 async fn take_up(
     args: &RestoreArgs,
     journal: Journal,
@@ -83,7 +69,7 @@ async fn take_up(
     say: &mut impl FnMut(&str),
 ) -> Result<MissionResult, MissionError> {
     let Content::Mission { previous, new, fences } = &journal.content else {
-        return Err(MissionError::OtherKind(journal.path));
+        return Err(journal.is_of_other_kind().into());
     };
     let system_id = journal.vehicle.system_id;
     say(&format!(
@@ -94,7 +80,6 @@ async fn take_up(
         journal.begun_words()
     ));
     let to = Opening { vehicle: args.to.vehicle.or(Some(system_id)), ..args.to.opening() };
-    let beside = || files::folder_of(&journal.path).join(transfer::default_backup("mission-backup", "plan"));
     let request = Restoration {
         journal: &journal,
         previous,
@@ -104,7 +89,7 @@ async fn take_up(
         force: args.force,
         even_while_flying: args.even_while_flying,
         patience_s: args.to.patience as f64,
-        backup: args.backup.clone().unwrap_or_else(beside),
+        backup: transfer::beside(&journal.path, args.backup.as_ref(), ("mission-backup", "plan")),
     };
     let mut session = Session::open(&to, stop).await?;
     let result = restore::settle(&mut session, &request, teller(say)).await;

@@ -13,6 +13,8 @@ pub mod fleet;
 pub mod fleet_limits;
 pub mod fleet_report;
 pub mod foxglove;
+pub mod ground;
+pub mod known;
 pub mod mission;
 pub mod mission_args;
 pub mod mission_restore;
@@ -33,6 +35,7 @@ pub mod sim;
 pub mod start;
 pub mod study;
 mod transfer;
+pub mod unit;
 
 use crate::link::address::AddressError;
 use crate::logs::LogError;
@@ -159,6 +162,12 @@ pub enum CommandError {
     /// Parameters of a vehicle.
     #[error(transparent)]
     Params(#[from] params::ParamsError),
+    /// The model of one inertial unit.
+    #[error(transparent)]
+    Unit(#[from] crate::unit::UnitError),
+    /// The ground session.
+    #[error(transparent)]
+    Ground(#[from] ground::GroundError),
     /// The pre-flight check.
     #[error(transparent)]
     Preflight(#[from] preflight::PreflightError),

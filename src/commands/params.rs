@@ -2,18 +2,18 @@
 
 pub use super::params_args::{ApplyArgs, BackupArgs, ParamsAction, ParamsArgs, RestoreParamsArgs, ShowArgs};
 use super::params_result::{Action, OnVehicle, ParamsResult, Shown};
-use super::{CommandError, output, params_restore, transfer};
+use super::{CommandError, params_restore, transfer};
 use crate::advice::rule_free;
 use crate::advice::table::{self, Rule};
 use crate::figures::{counted, counted_were};
-use crate::mission_link::facts;
 use crate::mission_link::files::{self, FileError};
+use crate::mission_link::journal::JournalError;
 use crate::mission_link::param_delivery::{self, ParamOrder, ParamOrderError};
 use crate::mission_link::param_transfer;
 use crate::mission_link::session::{Session, SessionError};
 use crate::mission_link::wire::{News, Wire};
 use gaware_mission::item::Autopilot;
-use gaware_mission::params::apply::{ApplyOutcome, ApplyPhase};
+use gaware_mission::params::apply::ApplyOutcome;
 use gaware_mission::params::list::ListError;
 use gaware_mission::params::{ParamName, ParamValue};
 use std::path::PathBuf;
@@ -34,18 +34,12 @@ pub enum ParamsError {
     /// Nothing was changed.
     #[error(transparent)]
     Order(#[from] ParamOrderError),
-    /// There is nothing to take up.
-    #[error("there is no journal of an interrupted change in {0}; name the backup that is to be put back")]
-    NoJournal(PathBuf),
-    /// Too many.
-    #[error("several changes were interrupted here; name one of {0}")]
-    Journals(String),
+    /// Which change is to be taken up.
+    #[error(transparent)]
+    Journal(#[from] JournalError),
     /// A journal of another vehicle.
     #[error("{0}")]
     OtherVehicle(String),
-    /// A journal of the other kind.
-    #[error("{0} is the journal of an interrupted upload: use \"gaware mission restore\"")]
-    OtherKind(PathBuf),
     /// What is on the vehicle is of neither set.
     #[error(
         "nothing was changed: on the vehicle are values that are neither the old nor the new ones: {values}. --force puts the old values of \
@@ -79,7 +73,8 @@ pub enum ParamsError {
 impl ParamsError {
     /// Whether the arguments were at fault.
     pub fn is_usage(&self) -> bool {
-        matches!(self, Self::Journals(_) | Self::OtherKind(_) | Self::NobodyToAsk)
+        use JournalError::{OtherKind, Several};
+        matches!(self, Self::Journal(Several { .. } | OtherKind { .. }) | Self::NobodyToAsk)
     }
 }
 
@@ -91,13 +86,10 @@ pub fn run(args: &ParamsArgs) -> Result<(), CommandError> {
     let ended = transfer::run(|stop| async move { act(&args.action, &stop).await })?;
     let result = ended.unwrap_or(Err(ParamsError::Abandoned));
     let json = args.action.to().json;
-    match &result {
-        Ok(result) if json => output::json(result)?,
-        Err(ParamsError::NotVerified(result)) if json => output::json(result.as_ref())?,
-        Ok(result) => output::text(&format!("{result}\n"))?,
-        Err(_) => {}
-    }
-    Ok(result.map(drop)?)
+    transfer::show(result, json, |error| match error {
+        ParamsError::NotVerified(result) => Some(result.as_ref()),
+        _ => None,
+    })
 }
 
 async fn act(action: &ParamsAction, stop: &CancellationToken) -> Result<ParamsResult, ParamsError> {
@@ -120,7 +112,7 @@ pub async fn show(args: &ShowArgs, stop: &CancellationToken) -> Result<ParamsRes
         let all = param_transfer::list(&mut session, |_, _| ()).await;
         all.map(|all| all.values.into_iter().collect::<Vec<_>>())
     } else {
-        let got = facts::read_parameters(&mut session, names(autopilot)).await;
+        let got = param_transfer::read(&mut session, names(autopilot)).await;
         match got {
             Ok(got) if got.is_silent() => Err(ListError::Silent),
             Ok(got) => Ok(got.values.into_iter().collect()),
@@ -139,7 +131,9 @@ pub async fn show(args: &ShowArgs, stop: &CancellationToken) -> Result<ParamsRes
 /// Parameters of an autopilot that a mapping sets or depends on.
 fn names(autopilot: Autopilot) -> Vec<ParamName> {
     let mut names: Vec<&str> = Vec::new();
-    for mapping in table::TABLE.iter().filter(|m| m.autopilot == autopilot) {
+    for mapping in
+        table::rows().filter(|m| m.autopilot == autopilot && m.of_unit.is_none_or(|unit| unit == 0))
+    {
         names.extend(mapping.parameters);
         match mapping.rule {
             Rule::Antenna { unit } => names.extend(unit),
@@ -148,8 +142,15 @@ fn names(autopilot: Autopilot) -> Vec<ParamName> {
         }
     }
     names.extend(match autopilot {
-        Autopilot::ArduPilot => ["AHRS_ORIENTATION", "INS_ACCEL_FILTER", "INS_ACC2_ID", "GPS2_TYPE"],
-        Autopilot::Px4 => ["SENS_BOARD_ROT", "CAL_ACC0_ROT", "CAL_ACC0_ID", "CAL_ACC1_ID"],
+        Autopilot::ArduPilot => &["AHRS_ORIENTATION", "INS_ACCEL_FILTER", "INS_ACC2_ID", "GPS2_TYPE"][..],
+        Autopilot::Px4 => &[
+            "SENS_BOARD_ROT",
+            "CAL_ACC0_ROT",
+            "CAL_ACC0_ID",
+            "CAL_ACC1_ID",
+            "CAL_ACC2_ID",
+            "SENS_IMU_AUTOCAL",
+        ],
     });
     names.sort_unstable();
     names.dedup();
@@ -251,9 +252,8 @@ async fn confirm(
     let vehicle = wire.vehicle();
     order.check_vehicle(&vehicle)?;
     let names = order.entries().iter().map(|e| e.name).collect();
-    let old = facts::read_parameters(wire, names)
-        .await
-        .map_err(|why| ParamsError::List(ListError::Stopped(why)))?;
+    let old =
+        param_transfer::read(wire, names).await.map_err(|why| ParamsError::List(ListError::Stopped(why)))?;
     order.origin().iter().for_each(|line| say(line));
     for entry in order.entries() {
         let unit = param_delivery::mapping(entry.name.as_str(), vehicle.autopilot).map_or("", |m| m.unit);
@@ -273,7 +273,7 @@ async fn confirm(
 }
 
 /// Says in words what a change reports.
-pub(super) fn teller(say: &mut impl FnMut(&str)) -> impl FnMut(News<ApplyPhase>) {
+pub(super) fn teller(say: &mut impl FnMut(&str)) -> impl FnMut(News) {
     move |event| match event {
         News::Phase(phase) => say(param_delivery::phase_words(phase)),
         News::Stranded(text) => say(&format!("{text}\nwaiting for the vehicle …")),

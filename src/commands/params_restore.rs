@@ -3,18 +3,18 @@
 use super::params::{ParamsError, RestoreParamsArgs, bring, teller};
 use super::params_args::ApplyArgs;
 use super::params_result::{Action, OnVehicle, ParamsResult};
-use super::transfer::{self, NoJournal};
+use super::transfer;
 use crate::figures::counted;
 use crate::mission_link::files;
 use crate::mission_link::journal::{Content, Journal, Kind};
 use crate::mission_link::session::{Opening, Session};
 use crate::mission_link::vehicle::identity_words;
 use crate::mission_link::wire::Wire;
-use crate::mission_link::{facts, param_delivery, param_transfer};
+use crate::mission_link::{param_delivery, param_transfer};
 use gaware_mission::params::apply::{ApplyOutcome, Pair};
 use gaware_mission::params::list::ListError;
 use gaware_mission::params::{Encoding, ParamName};
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 use tokio_util::sync::CancellationToken;
 
 /// Restores.
@@ -26,26 +26,12 @@ pub async fn restore(
     stop: &CancellationToken,
     mut say: impl FnMut(&str),
 ) -> Result<ParamsResult, ParamsError> {
-    let file = match &args.file {
-        Some(file) => file.clone(),
-        None => the_journal(Path::new("."))?,
-    };
-    if Kind::Mission.names(&file) {
-        return Err(ParamsError::OtherKind(file));
-    }
+    let file = transfer::to_restore(Kind::Parameters, args.file.as_ref())?;
     if Kind::Parameters.names(&file) {
         return take_up(args, Journal::read(&file)?, stop, &mut say).await;
     }
     let apply = ApplyArgs { to: args.to.clone(), file, backup: args.backup.clone(), yes: true };
     bring(Action::Restore, &apply, stop, say).await
-}
-
-/// The only journal in a folder.
-fn the_journal(folder: &Path) -> Result<PathBuf, ParamsError> {
-    transfer::the_only(&Kind::Parameters.list(folder), folder).map_err(|why| match why {
-        NoJournal::None(folder) => ParamsError::NoJournal(folder),
-        NoJournal::Several(names) => ParamsError::Journals(names),
-    })
 }
 
 async fn take_up(
@@ -55,7 +41,7 @@ async fn take_up(
     say: &mut impl FnMut(&str),
 ) -> Result<ParamsResult, ParamsError> {
     let Content::Parameters(pairs) = journal.content.clone() else {
-        return Err(ParamsError::OtherKind(journal.path));
+        return Err(journal.is_of_other_kind().into());
     };
     say(&format!(
         "a change of {} of {} began{} and did not end",
@@ -103,7 +89,7 @@ async fn settle(
     let doubt = journal.check_vehicle(&here).map_err(ParamsError::OtherVehicle)?;
     doubt.iter().for_each(|text| say(&format!("warning: {text}")));
     let names: Vec<ParamName> = pairs.iter().map(|p| p.name).collect();
-    let got = facts::read_parameters(session, names).await.map_err(ListError::Stopped)?;
+    let got = param_transfer::read(session, names).await.map_err(ListError::Stopped)?;
     if got.is_silent() {
         return Err(ListError::Silent.into());
     }
@@ -117,11 +103,7 @@ async fn settle(
     if !neither.is_empty() && !args.force {
         return Err(ParamsError::Neither { path: journal.path.clone(), values: neither.join(", ") });
     }
-    let name = || {
-        let file = transfer::default_backup("params-backup", "param");
-        files::folder_of(&journal.path).join(file)
-    };
-    let backup = args.backup.clone().unwrap_or_else(name);
+    let backup = transfer::beside(&journal.path, args.backup.as_ref(), ("params-backup", "param"));
     let values = got.values.iter().map(|(name, v)| (*name, v.kind, v.value));
     files::write_new(&backup, &param_delivery::text_of(&here, vehicle.is_fixed_wing(), values))?;
     let patience_s = args.to.patience as f64;

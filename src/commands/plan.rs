@@ -5,6 +5,8 @@ use super::{CommandError, demo, output};
 use crate::demo::predictor;
 use crate::figures::counted;
 use crate::mission_link::files::{self, Contents, FileError};
+use crate::pipeline::{self, Quality};
+use crate::sensors::ConverterOptions;
 use gaware_mission::fence::{Fence, FenceCircle};
 use gaware_mission::item::{Autopilot, Home, LatLon};
 use gaware_mission::maneuver::Maneuver;
@@ -73,6 +75,13 @@ pub struct PlanArgs {
     /// Model of the sensors (default: as `run`).
     #[arg(long, value_name = "FILE")]
     pub model: Option<PathBuf>,
+    /// Recording of this vehicle, a minute on the ground ("gaware run --record") or an earlier flight: its noise, the rate of its fixes and what
+    /// the receiver says of them are planned with, so that the flight keeps what is promised.
+    #[arg(long, value_name = "LOG")]
+    pub measured: Option<PathBuf>,
+    /// What is known of the unit.
+    #[command(flatten)]
+    pub unit: super::known::UnitFileArgs,
     /// Write the mission here: .plan or .waypoints.
     #[arg(long, value_name = "FILE")]
     pub out: Option<PathBuf>,
@@ -96,6 +105,9 @@ pub enum PlanCommandError {
     /// Refused, with the reason.
     #[error(transparent)]
     Refused(#[from] PlanError),
+    /// A recording that says nothing.
+    #[error("{path} holds too few inertial samples to measure their noise: record a minute of them", path = .0.display())]
+    Measured(PathBuf),
     /// A file.
     #[error(transparent)]
     File(#[from] FileError),
@@ -114,14 +126,15 @@ impl PlanCommandError {
 /// Arguments or files that make no sense; a refusal with its reason.
 pub fn run(args: &PlanArgs) -> Result<(), CommandError> {
     let airframe = Some(Path::new(&args.airframe));
-    let read = [airframe, args.model.as_deref(), args.fence.as_deref()];
+    let read = [airframe, args.model.as_deref(), args.fence.as_deref(), args.measured.as_deref()];
     let outputs = args.overwrite.outputs(read.into_iter().flatten());
     if let Some(path) = &args.out {
         files::check_kind(path).map_err(PlanCommandError::from)?;
         outputs.check(path)?;
     }
-    let model = args.model.as_deref().map_or_else(|| Ok(Model::standard()), super::load_model)?;
-    let request = request(args)?;
+    let model = args.unit.on(args.model.as_deref().map(super::load_model).transpose()?)?;
+    let mut request = request(args)?;
+    let model = measured(args, model.unwrap_or_else(Model::standard), &mut request)?;
     let made = plan(&request, predictor(&model, &request)).map_err(PlanCommandError::from)?;
     if let Some(path) = &args.out {
         let a = &request.airframe;
@@ -191,6 +204,18 @@ fn request(args: &PlanArgs) -> Result<Request, CommandError> {
         fix_interval_s: 0.2,
         beam: DEFAULT_BEAM,
     })
+}
+
+/// The model with what a recording shows of this vehicle, and the time between its fixes.
+fn measured(args: &PlanArgs, model: Model, request: &mut Request) -> Result<Model, CommandError> {
+    let Some(log) = &args.measured else { return Ok(model) };
+    let samples = pipeline::samples(log, ConverterOptions::default())?;
+    let quality = Quality::of(&samples, &model).ok_or_else(|| PlanCommandError::Measured(log.clone()))?;
+    crate::sinks::log::line(&format!("measured in {}: {}", log.display(), quality.words()));
+    if let Some(receiver) = quality.receiver {
+        request.fix_interval_s = receiver.interval_s;
+    }
+    Ok(quality.applied(model))
 }
 
 /// Numbers that cannot be meant, by the name of their argument.

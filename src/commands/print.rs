@@ -59,6 +59,9 @@ fn write_summary(out: &mut String, s: &Summary, document: &Map<String, Value>) -
     for (k, (values, sigmas)) in g.value.iter().zip(g.sigma).enumerate() {
         row(out, if k == 0 { "g-sensitivity, deg/h/g" } else { "" }, values.iter().zip(sigmas), 1)?;
     }
+    if !s.turn.text.is_empty() {
+        writeln!(out, "{}", s.turn.text)?;
+    }
     for p in &s.estimate.effects {
         let name =
             if p.effect.ends_with(&p.name) { p.effect.clone() } else { format!("{} {}", p.effect, p.name) };

@@ -1,6 +1,7 @@
 //! `gaware replay LOG…`: the pipeline over recorded flights, with their time series as tables and baselines for CI.
 
 use super::baseline::{self, Outcome};
+use super::known::KnownArgs;
 use super::{CommandError, ListenArgs, OverwriteArgs, load_model, output, print, progress_bar};
 use crate::engine::{Engine, EngineOptions};
 use crate::export::{self, ExportError, Gather, Gathered};
@@ -43,6 +44,9 @@ pub struct ReplayArgs {
     /// Source of the samples.
     #[command(flatten)]
     pub listen: ListenArgs,
+    /// What is known before.
+    #[command(flatten)]
+    pub known: KnownArgs,
     /// Compare with the truth of a simulated flight from this many seconds after the start.
     #[arg(long, value_name = "SECONDS", default_value_t = TRUTH_FROM_S)]
     pub truth_from: f64,
@@ -87,7 +91,7 @@ pub fn run(args: &ReplayArgs) -> Result<(), CommandError> {
     }
     args.junit.iter().try_for_each(|path| outputs.check(path))?;
     let names = names(&args.logs, target.is_some() || args.baseline.is_some())?;
-    let model = args.model.as_deref().map(load_model).transpose()?;
+    let model = args.known.unit.on(args.model.as_deref().map(load_model).transpose()?)?;
     let mut tables = Gathered::default();
     let mut results = Vec::new();
     for (log, name) in args.logs.iter().zip(names) {
@@ -97,7 +101,12 @@ pub fn run(args: &ReplayArgs) -> Result<(), CommandError> {
             converter: args.listen.options(),
             truth_from_s: args.truth_from,
         };
-        let engine = |model| Engine::new(model, EngineOptions::default());
+        let options = EngineOptions {
+            place: args.known.place.home,
+            limit_deg: args.known.limit,
+            ..EngineOptions::default()
+        };
+        let engine = |model| Engine::new(model, options.clone());
         results.push(if target.is_some() {
             let gathered = std::mem::take(&mut tables);
             let (pipeline, document) =
@@ -124,7 +133,8 @@ pub fn run(args: &ReplayArgs) -> Result<(), CommandError> {
 
 /// Everything that is read is no place for a result.
 fn outputs(args: &ReplayArgs) -> Outputs {
-    args.overwrite.outputs(args.logs.iter().chain(&args.model).chain(&args.baseline))
+    args.overwrite
+        .outputs(args.logs.iter().chain(&args.model).chain(&args.baseline).chain(&args.known.unit.unit))
 }
 
 impl Replayed {

@@ -2,71 +2,40 @@
 //! recorded, so that a replay of the recording repeats the run.
 
 use super::{CommandError, demo, load_model, output, print};
-use crate::engine::snapshot::Snapshot;
 use crate::link::address::Address;
-use crate::link::endpoint::{LinkStatus, Links, ReceiveClock, Received};
+use crate::link::endpoint::{Links, ReceiveClock, Received};
+use crate::link::guard::Guard;
 use crate::link::heartbeat::HeartbeatSource;
 use crate::link::timesync::Timesync;
 use crate::mission_link::uploader::RawMessage;
 use crate::pipeline::{Estimator, Pipeline};
-use crate::sensors::{ConverterOptions, Severity};
+use crate::sensors::ConverterOptions;
 use crate::sinks::events::Causes;
 use crate::sinks::foxglove::Feed;
-use crate::sinks::recorder::{Recorder, RecorderStats, Setup};
+use crate::sinks::live::Live;
+use crate::sinks::recorder::{Recorder, Setup};
 use gaware_mission::item::Mission;
 use gaware_nav::model::Model;
 use gaware_nav::observability::words::VehicleKind;
 use mavlink::dialects::ardupilotmega::MavMessage;
-use serde::Serialize;
 use serde_json::{Map, Value};
 use std::sync::Arc;
 use tokio::sync::{mpsc, watch};
 use tokio_util::sync::CancellationToken;
 
 mod args;
-pub(crate) mod guard;
 pub mod mission_watch;
 mod outcome;
 mod session;
 
 pub use args::RunArgs;
-use guard::Guard;
+pub(in crate::commands) use args::seconds;
 use mission_watch::MissionWatch;
 use outcome::{incomplete, received_anything, report_recording};
 use session::Session;
 
 /// Seconds after the first sample from which a simulated flight is compared with its truth; as in `replay`.
 const TRUTH_FROM_S: f64 = 150.0;
-
-/// Everything a screen shows at one instant.
-#[derive(Debug, Clone, Default, Serialize)]
-pub struct Live {
-    /// The estimator.
-    pub snapshot: Snapshot,
-    /// System id of the vehicle that it listens to.
-    pub vehicle: Option<u8>,
-    /// The links.
-    pub links: Vec<LinkStatus>,
-    /// The recording.
-    pub recorder: Option<RecorderStats>,
-    /// The recording's file; empty where there is none.
-    pub recording: String,
-    /// Recent messages to the user, newest last.
-    pub events: Vec<Event>,
-    /// Round trip to the autopilot, ms.
-    pub round_trip_ms: Option<f64>,
-}
-
-/// A message to the user.
-#[derive(Debug, Clone, PartialEq, Serialize)]
-pub struct Event {
-    /// When, Unix µs.
-    pub t_us: u64,
-    /// How much it matters.
-    pub severity: Severity,
-    /// Text.
-    pub text: String,
-}
 
 /// How other tasks take part in a run.
 #[derive(Debug)]
@@ -118,7 +87,8 @@ pub async fn serve<E: Estimator>(
     stop: CancellationToken,
     make: impl FnOnce(Model) -> E,
 ) -> Result<(Pipeline<E>, Map<String, Value>), CommandError> {
-    let model = args.model.as_deref().map_or_else(|| Ok(Model::standard()), load_model)?;
+    let model = args.known.unit.on(args.model.as_deref().map(load_model).transpose()?)?;
+    let model = model.unwrap_or_else(Model::standard);
     let clock = ReceiveClock::start();
     let options = args.listen.options();
     let guard = args.signing_key.as_deref().map(Guard::load).transpose()?;
@@ -181,6 +151,7 @@ fn start_recorder(
         converter,
         model_toml: model.to_toml(),
         vehicle: args.airframe.as_deref().map(airframe_kind).transpose()?,
+        place: args.known.place.home,
     };
     let recorder = Recorder::start_in(&args.record, now_us, &setup, args.record_limit)?;
     tracing::info!(path = %recorder.path().display(), "recording");

@@ -5,7 +5,7 @@ use super::band::BandError;
 use super::foxglove;
 use super::mission::MissionError;
 use super::params::ParamsError;
-use super::run::{self, Hooks, Live, RunArgs};
+use super::run::{self, Hooks, RunArgs};
 use crate::engine::guidance::GuidanceOptions;
 use crate::engine::situation::SituationKind;
 use crate::engine::snapshot::Snapshot;
@@ -15,6 +15,7 @@ use crate::mission_link::param_delivery::ParamOrder;
 use crate::mission_link::uploader::{Offer, Planned, Uploader};
 use crate::mission_link::{files, route};
 use crate::sinks::link_meter::LinkMeter;
+use crate::sinks::live::Live;
 use crate::sinks::log;
 use crate::sinks::recorder::RecorderStats;
 use crate::sinks::status::{MissionState, MissionView, RecorderState, RecorderView, SinkStatus, VehicleView};
@@ -141,6 +142,7 @@ async fn with_sinks(args: &RunArgs) -> Result<(), CommandError> {
         None if args.band.is_given() => return Err(BandError::NoAirframe.into()),
         None => EngineOptions::default(),
     };
+    let options = EngineOptions { place: args.known.place.home, limit_deg: args.known.limit, ..options };
     let (asked, stop) = (CancellationToken::new(), CancellationToken::new());
     cancel_on_signal(&asked);
     let status = SinkStatus::new();

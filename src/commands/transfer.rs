@@ -1,6 +1,10 @@
 //! What `gaware mission` and `gaware params` share: a transfer that signals end in order, its lines on stderr, and its files.
 
-use super::{CommandError, start};
+use super::{CommandError, output, start};
+use crate::mission_link::files;
+use crate::mission_link::journal::{JournalError, Kind};
+use serde::Serialize;
+use std::fmt::Display;
 use std::io::IsTerminal;
 use std::path::{Path, PathBuf};
 use std::time::{Duration, SystemTime};
@@ -25,6 +29,26 @@ pub(super) fn run<F: Future>(
     });
     runtime.shutdown_timeout(Duration::from_secs(2));
     Ok(result)
+}
+
+/// Prints how it ended: the sentence, or the document, also where `not_verified` finds it in the error.
+pub(super) fn show<R: Serialize + Display, E>(
+    result: Result<R, E>,
+    json: bool,
+    not_verified: impl Fn(&E) -> Option<&R>,
+) -> Result<(), CommandError>
+where
+    CommandError: From<E>,
+{
+    match &result {
+        Ok(result) if json => output::json(result)?,
+        Ok(result) => output::text(&format!("{result}\n"))?,
+        Err(error) => match not_verified(error) {
+            Some(result) if json => output::json(result)?,
+            _ => {}
+        },
+    }
+    Ok(result.map(drop)?)
 }
 
 fn watch_signals(stop: &CancellationToken, now: &CancellationToken) {
@@ -69,22 +93,18 @@ pub(super) fn default_backup(prefix: &str, extension: &str) -> PathBuf {
     PathBuf::from(format!("{prefix}-{}.{extension}", since.as_millis()))
 }
 
-/// Why no journal of an interrupted transfer can be taken up.
-pub(super) enum NoJournal {
-    /// There is none in this folder.
-    None(PathBuf),
-    /// There are these.
-    Several(String),
+/// The file that is to be restored: the one that the user names, or the only journal in this folder.
+pub(super) fn to_restore(kind: Kind, named: Option<&PathBuf>) -> Result<PathBuf, JournalError> {
+    match named {
+        Some(file) if kind.other().names(file) => {
+            Err(JournalError::OtherKind { path: file.clone(), kind: kind.other() })
+        }
+        Some(file) => Ok(file.clone()),
+        None => kind.the_only(Path::new(".")),
+    }
 }
 
-/// The only one of the journals found in a folder.
-pub(super) fn the_only(found: &[PathBuf], folder: &Path) -> Result<PathBuf, NoJournal> {
-    match found {
-        [one] => Ok(one.clone()),
-        [] => Err(NoJournal::None(std::path::absolute(folder).unwrap_or_else(|_| folder.to_owned()))),
-        many => {
-            let names: Vec<String> = many.iter().map(|p| p.display().to_string()).collect();
-            Err(NoJournal::Several(names.join(", ")))
-        }
-    }
+/// Where what is on board is kept while a journal is taken up: beside it, where the user names nothing else.
+pub(super) fn beside(journal: &Path, named: Option<&PathBuf>, (prefix, extension): (&str, &str)) -> PathBuf {
+    named.cloned().unwrap_or_else(|| files::folder_of(journal).join(default_backup(prefix, extension)))
 }

@@ -19,6 +19,7 @@ use crate::pipeline::{Estimator, Pipeline};
 use crate::sensors::{ConverterOptions, Notice};
 use crate::sinks::foxglove::Feed;
 use crate::sinks::messages::RecordItem;
+use gaware_mission::change::{Exchange, VerifiedChange};
 use gaware_mission::item::Autopilot as Firmware;
 use gaware_mission::transfer::Action;
 use gaware_mission::transfer::verified::{Outcome, VerifiedUpload};

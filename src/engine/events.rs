@@ -125,6 +125,8 @@ pub struct EventDetector {
     instruction: String,
     result: String,
     done: bool,
+    /// What the ground session asked for last, without its seconds.
+    by_hand: String,
     phase: Phase,
     situation: SituationKind,
     met: [bool; 3],
@@ -147,6 +149,7 @@ impl EventDetector {
         self.condition_events(s, &mut say);
         self.state_events(s, &mut say);
         self.guidance_events(s, &mut say);
+        self.ground_event(s, &mut say);
         self.seen_any = true;
         out.sort_by_key(|e| e.severity);
         out
@@ -227,6 +230,18 @@ impl EventDetector {
             say(Severity::Warning, Topic::State, format!("No longer observable: {}", lost.join(" ")));
         }
         self.observable = now;
+    }
+
+    /// The ground session's next instruction; seconds that pass are none.
+    fn ground_event(&mut self, s: &Snapshot, say: &mut impl FnMut(Severity, Topic, String)) {
+        if !s.ground.active {
+            return;
+        }
+        let cause = cause_of(&s.ground.instruction);
+        if cause != self.by_hand && !s.ground.instruction.is_empty() {
+            say(Severity::Notice, Topic::Instruction, s.ground.instruction.clone());
+        }
+        self.by_hand = cause;
     }
 
     fn guidance_events(&mut self, s: &Snapshot, say: &mut impl FnMut(Severity, Topic, String)) {
@@ -332,6 +347,23 @@ mod tests {
         s.situation.kind = SituationKind::Maneuver;
         s.situation.level = Level::Fly;
         assert_eq!(texts(&d.feed(&s)), ["Fly: Climb"]);
+    }
+
+    #[test]
+    fn instructions_of_the_ground_session_are_said_once_and_their_seconds_are_no_news() {
+        let mut s = Snapshot { phase: Phase::Running, ..Snapshot::default() };
+        let mut d = EventDetector::default();
+        d.feed(&s);
+        let mut say = |active: bool, text: &str| {
+            (s.ground.active, s.ground.instruction) = (active, text.into());
+            d.feed(&s).into_iter().map(|e| (e.severity, e.text)).collect::<Vec<_>>()
+        };
+        assert!(say(false, "Turn the vehicle nose up").is_empty());
+        let told = |text: &str| vec![(Severity::Notice, text.to_owned())];
+        assert_eq!(say(true, "Turn the vehicle nose up"), told("Turn the vehicle nose up"));
+        assert_eq!(say(true, "Hold still nose up: 24 s"), told("Hold still nose up: 24 s"));
+        assert!(say(true, "Hold still nose up: 23 s").is_empty());
+        assert_eq!(say(true, "Turn the vehicle nose down"), told("Turn the vehicle nose down"));
     }
 
     #[test]

@@ -6,7 +6,9 @@
 pub(crate) mod counters;
 pub(crate) mod estimate;
 pub mod events;
+mod ground;
 pub mod guidance;
+pub mod meaning;
 pub mod observability;
 pub mod situation;
 pub mod snapshot;
@@ -17,13 +19,16 @@ use counters::{ElapsedTime, RateMeter, Warnings};
 use estimate::Constants;
 use gaware_mission::airframe::Airframe;
 use gaware_mission::maneuver::Maneuver;
+use gaware_nav::earth::Geodetic;
 use gaware_nav::estimator::{Estimator, Stage};
 use gaware_nav::filter::{Filter, FixEvent, FixOutcome, PassedOver};
+use gaware_nav::ground::session::Side;
 use gaware_nav::model::Model;
 use gaware_nav::observability::covariance::Targets;
 use gaware_nav::observability::segments::PathSegment;
 use gaware_nav::observability::words::VehicleKind;
 use gaware_nav::sample::{GnssFix, ImuSample, Sample};
+use ground::GroundWatch;
 use guidance::motion::Instant;
 use guidance::{Flying, GuidanceOptions, Guide};
 use observability::ConditionWatch;
@@ -39,12 +44,30 @@ const FIX_INTERVAL_S: (f64, f64) = (0.1, 1.0);
 const FIXES_INCONSISTENT: &str = "position and velocity fixes failed the innovation test for more than 3 s; motion started anew from them: check GNSS and vibration";
 
 /// What the user may set.
-#[derive(Debug, Clone, Default, PartialEq)]
+#[derive(Debug, Clone, PartialEq)]
 pub struct EngineOptions {
     /// Sigmas below which states count as observable.
     pub targets: Targets,
     /// What flies, for guidance and the words of remedies; without it there is no guidance.
     pub guidance: Option<GuidanceOptions>,
+    /// Where the vehicle is, for as long as no fix says so.
+    pub place: Option<Geodetic>,
+    /// A ground session that was asked for, with the sides that the vehicle cannot stand on.
+    pub ground: Option<Vec<Side>>,
+    /// Error of attitude that matters to the vehicle, deg.
+    pub limit_deg: f64,
+}
+
+impl Default for EngineOptions {
+    fn default() -> Self {
+        Self {
+            targets: Targets::default(),
+            guidance: None,
+            place: None,
+            ground: None,
+            limit_deg: meaning::LIMIT_DEG,
+        }
+    }
 }
 
 impl EngineOptions {
@@ -93,6 +116,8 @@ pub struct Engine {
     jump: Option<(f64, f64)>,
     /// When the motion started anew because the fixes contradicted it, s.
     contradicted_s: Option<f64>,
+    /// The ground session.
+    ground: GroundWatch,
 }
 
 impl Engine {
@@ -100,8 +125,11 @@ impl Engine {
     pub fn new(model: Model, options: EngineOptions) -> Self {
         let guide = options.guidance.clone().map(|g| Guide::new(g, &options.targets));
         let watch = ConditionWatch::new(options.targets);
+        let mut estimator = Estimator::new(model);
+        options.place.into_iter().for_each(|place| estimator.set_place(place));
         Self {
-            estimator: Estimator::new(model),
+            estimator,
+            ground: GroundWatch::new(options.ground.is_some(), options.ground.as_deref().unwrap_or_default()),
             options,
             autopilot: "unknown".to_owned(),
             reported: VehicleKind::Unknown,
@@ -143,6 +171,13 @@ impl Engine {
     /// Takes what the vehicle reports of its flight.
     pub fn set_flight(&mut self, report: &FlightReport) {
         self.flight.get_or_insert_default().clone_from(report);
+        self.estimator.set_flight(report.in_air, report.armed);
+        self.ground.set_flight(report.in_air, report.armed);
+    }
+
+    /// Takes where the vehicle is for as long as no fix says so; the options count more.
+    pub fn set_place(&mut self, place: Geodetic) {
+        self.estimator.set_place(self.options.place.unwrap_or(place));
     }
 
     /// What flies.
@@ -193,6 +228,7 @@ impl Engine {
         self.take(sample);
         self.watch.push(&self.estimator);
         self.guide(imu.t_s);
+        self.look_at_ground(imu);
     }
 
     fn feed_fix(&mut self, fix: &GnssFix, sample: &Sample) {
@@ -342,6 +378,7 @@ impl Engine {
             &self.options.targets,
             self.vehicle(),
         );
+        let estimate = self.estimate(predicted.as_ref(), &constants);
         Snapshot {
             schema: "gaware.snapshot/1".to_owned(),
             sequence: self.samples,
@@ -353,12 +390,14 @@ impl Engine {
             stationary: self.estimator.is_stationary(),
             imu: self.imu_status(),
             gnss: self.gnss_status(),
-            estimate: self.estimate(predicted.as_ref(), &constants),
+            turn: meaning::after_a_turn(&estimate.g_sensitivity_deg_per_h_per_g, self.options.limit_deg),
+            estimate,
             motion: predicted.as_ref().map(estimate::motion).unwrap_or_default(),
             situation: self.situation(&waiting_for, &guidance, &observability.states),
             waiting_for,
             observability,
             guidance,
+            ground: self.ground_status(),
             mission: snapshot::MissionProgress::default(),
             consistency: self.consistency(),
             warnings: self.warnings(&constants),
@@ -379,6 +418,7 @@ impl Engine {
             imu: ImuStatus { rate_hz, ..now.imu },
             gnss: now.gnss,
             estimate: now.estimate,
+            turn: now.turn,
             observability: now.observability,
             consistency: now.consistency,
             warnings: now.warnings,

@@ -68,6 +68,8 @@ pub struct FlightReport {
     pub armed: bool,
     /// Whether it says that it has not taken off or has landed.
     pub on_ground: bool,
+    /// Whether it says that it is in the air (`EXTENDED_SYS_STATE`; a heartbeat alone cannot).
+    pub in_air: bool,
     /// What its mode means.
     pub mode: FlightMode,
     /// Its mode by name.
@@ -254,6 +256,10 @@ pub struct Inputs<'a> {
     pub open: (&'a str, usize, usize),
     /// The maneuver that is asked for and why; empty where there is none.
     pub instruction: [&'a str; 2],
+    /// What the ground session asks for, and how far it is; nothing where it asks for nothing.
+    pub by_hand: Option<[&'a str; 2]>,
+    /// Whether a place on the ground takes the part of the fixes.
+    pub without_fixes: bool,
     /// What the vehicle reports; nothing where samples come from no vehicle (a simulation, an autopilot's own log).
     pub flight: Option<&'a FlightReport>,
 }
@@ -267,7 +273,10 @@ impl Inputs<'_> {
     fn is_on_ground(&self) -> bool {
         let reported = self.flight.is_some_and(|f| f.control() == Control::Ground);
         let low = self.height_m.is_some_and(|h| h < GROUND_M);
-        reported || (self.stationary && (self.is_wing() || (low && self.flight.is_none())))
+        reported
+            || self.by_hand.is_some()
+            || self.without_fixes
+            || (self.stationary && (self.is_wing() || (low && self.flight.is_none())))
     }
 
     fn mismatch(&self) -> Option<VehicleKind> {
@@ -314,14 +323,15 @@ pub fn decide(i: &Inputs<'_>) -> SituationKind {
 /// What makes the estimate useless, or belongs to another vehicle.
 fn fault(i: &Inputs<'_>) -> Option<SituationKind> {
     let flight = i.flight;
-    let slow = i.rates_hz.iter().zip(LOW_RATE_HZ).any(|(hz, least)| *hz < least);
+    let slow = i.rates_hz[0] < LOW_RATE_HZ[0] || (i.rates_hz[1] < LOW_RATE_HZ[1] && !i.without_fixes);
+    let lacks_fixes = flight.is_some_and(|f| f.no_fix) || i.age_of_fixes_s() >= FIX_PATIENCE_S;
     Some(if flight.is_some_and(|f| !f.several.is_empty()) {
         SituationKind::SeveralVehicles
     } else if i.mismatch().is_some() {
         SituationKind::WrongAirframe
     } else if i.phase != Phase::Running {
         SituationKind::Starting
-    } else if flight.is_some_and(|f| f.no_fix) || i.age_of_fixes_s() >= FIX_PATIENCE_S {
+    } else if lacks_fixes && !i.without_fixes {
         SituationKind::NoGnss
     } else if i.jump.is_some_and(|(since_s, _)| since_s < JUMP_S) {
         SituationKind::GnssJump
@@ -445,6 +455,9 @@ fn flight_words(kind: SituationKind, i: &Inputs<'_>, flight: &FlightReport) -> [
     let say = |headline: &str, text: String, detail: String| [headline.to_owned(), text, detail];
     let done = if i.done { "Everything that this airframe can excite is known." } else { "" };
     match kind {
+        SituationKind::Ground if let Some([text, detail]) = i.by_hand => {
+            say("On the ground", text.to_owned(), detail.to_owned())
+        }
         SituationKind::Ground => say(
             "On the ground",
             if flight.armed { "Armed, ready for take-off" } else { "Ready for take-off" }.to_owned(),

@@ -57,6 +57,32 @@ pub struct Estimate {
     pub effects: Vec<ParameterEstimate>,
 }
 
+/// Whether the error of attitude that G makes in a turn matters to the vehicle.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
+#[serde(rename_all = "snake_case")]
+pub enum TurnVerdict {
+    /// It exceeds the limit by two sigma.
+    Matters,
+    /// It stays below the limit by two sigma.
+    DoesNotMatter,
+    /// G is not known well enough.
+    #[default]
+    NotKnown,
+}
+
+/// What G means for the pilot.
+#[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
+pub struct TurnError {
+    /// Error of roll, pitch, yaw after a turn at 2 g of 60 s without correction.
+    pub attitude_deg: Estimate3,
+    /// What matters to this vehicle.
+    pub limit_deg: f64,
+    /// Whether it does.
+    pub verdict: TurnVerdict,
+    /// In words.
+    pub text: String,
+}
+
 /// Where the vehicle is.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub struct Motion {
@@ -259,6 +285,52 @@ pub struct Consistency {
     pub last_normalised_innovation: [f64; 6],
 }
 
+/// What one side of the vehicle has brought in the ground session.
+#[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
+pub struct GroundSide {
+    /// In words: `level`, `nose up`.
+    pub side: String,
+    /// For how long it was held, s …
+    pub held_s: f64,
+    /// … and for how long it must be, by the noise of the gyros, s.
+    pub wanted_s: f64,
+    /// Whether that is enough.
+    pub done: bool,
+    /// Whether the vehicle cannot stand so.
+    pub skipped: bool,
+    /// The largest sigma of an element of G before and after, where a filter ran.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub g_sigma_deg_per_h_per_g: Option<[f64; 2]>,
+}
+
+/// The ground session.
+#[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
+pub struct GroundStatus {
+    /// Whether its instructions are given.
+    pub active: bool,
+    /// Whether nothing is left to do.
+    pub done: bool,
+    /// Why there can be no session: armed, flying; empty where there can.
+    pub refused: String,
+    /// What to do now, one sentence.
+    pub instruction: String,
+    /// Seconds that the vehicle is to be held still, by the noise of its mean rate.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub seconds_left: Option<f64>,
+    /// Since the first look, s.
+    pub duration_s: f64,
+    /// Holds that ended too early; they count as far as they went.
+    pub interruptions: u32,
+    /// The six sides.
+    pub sides: Vec<GroundSide>,
+    /// How far it was turned about its axes in all.
+    pub turned_deg: [f64; 3],
+    /// Whether no fix aids the filter.
+    pub without_fixes: bool,
+    /// Whether place and heading are known; otherwise the Earth's rate counts as an unknown of 15 deg/h.
+    pub reference_known: bool,
+}
+
 /// The state of the estimator at one instant.
 #[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub struct Snapshot {
@@ -292,12 +364,18 @@ pub struct Snapshot {
     pub gnss: GnssStatus,
     /// Estimates.
     pub estimate: Estimate,
+    /// What G means for the pilot.
+    #[serde(default)]
+    pub turn: TurnError,
     /// Where the vehicle is.
     pub motion: Motion,
     /// The three views.
     pub observability: Observability,
     /// What to fly.
     pub guidance: Guidance,
+    /// The ground session: what to do by hand before the flight.
+    #[serde(default)]
+    pub ground: GroundStatus,
     /// The autopilot's own mission; a live run alone knows of it.
     #[serde(default)]
     pub mission: MissionProgress,
@@ -328,6 +406,9 @@ pub struct Summary {
     pub gnss: GnssStatus,
     /// Estimates at the end.
     pub estimate: Estimate,
+    /// What G means for the pilot.
+    #[serde(default)]
+    pub turn: TurnError,
     /// The three views at the end.
     pub observability: Observability,
     /// Filter consistency over the run.

@@ -39,6 +39,11 @@ impl StationaryTest {
         self.still_s = if still { self.still_s + dt } else { 0.0 };
     }
 
+    /// Rate, rad/s, and specific force, m/s², without what shakes.
+    pub fn smoothed(&self) -> (Vector3<f64>, Vector3<f64>) {
+        (self.rate, self.force)
+    }
+
     /// Whether it stands (or hovers) at this speed, m/s.
     pub fn stands(&self, speed: f64) -> bool {
         self.still_s >= PATIENCE_S && speed < SPEED

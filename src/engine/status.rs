@@ -40,11 +40,14 @@ impl Engine {
             Phase::WaitingForGnss => "no GNSS fix yet: G cannot be estimated".to_owned(),
             Phase::Aligning => "levelling: a second of inertial samples is needed".to_owned(),
             Phase::SearchingHeading | Phase::Running => match self.fix_age_s() {
+                _ if self.estimator.on_ground_without_fixes().is_some() => {
+                    "on the ground without fixes: turn the vehicle to its six sides and hold it still on each".to_owned()
+                }
                 Some(age) if age >= FIX_PATIENCE_S => {
                     format!("no GNSS fix for {age:.0} s: G cannot be estimated further")
                 }
                 _ if self.estimator.is_stationary() => {
-                    "stationary: position, velocity and heading are held, nothing excites G".to_owned()
+                    "stationary: position, velocity and heading are held, nothing excites G: turn the vehicle to another side, or fly".to_owned()
                 }
                 _ if stands => "stationary or hovering: nothing excites G".to_owned(),
                 _ if self.phase() == Phase::SearchingHeading => {
@@ -79,6 +82,7 @@ impl Engine {
             airframe: self.options.vehicle(),
             vehicle: self.vehicle(),
             done: guide.is_some_and(|g| g.is_done()),
+            without_fixes: self.estimator.on_ground_without_fixes().is_some(),
             flight: self.flight.as_ref(),
             ..Inputs::default()
         }
@@ -99,7 +103,9 @@ impl Engine {
         let open: Vec<&str> =
             states.iter().filter(|s| s.status != Status::Observable).map(|s| s.name.as_str()).collect();
         let names = open.join(", ");
+        let by_hand = self.ground_words();
         situation::describe(&Inputs {
+            by_hand: by_hand.as_ref().map(|[text, detail]| [text.as_str(), detail.as_str()]),
             waiting_for,
             instruction: [&guidance.instruction, &guidance.reason],
             open: (&names, open.len(), states.len()),
@@ -181,6 +187,14 @@ pub(super) fn reported(event: &EstimatorEvent) -> String {
             "the fixes fit better if the gyro biases drift: the filter now assumes a random walk of {:.0} deg/h/√h for them",
             walk / unit::DEG_PER_H_PER_RTH.si
         ),
+        EstimatorEvent::PlaceKnown { constants_kept: true } => {
+            "first GNSS fix after a start on the ground without one: position and heading start from it, biases and G are kept"
+                .to_owned()
+        }
+        EstimatorEvent::PlaceKnown { constants_kept: false } => {
+            "the first GNSS fix shows a flying vehicle where none seemed to move: everything starts from it"
+                .to_owned()
+        }
         EstimatorEvent::Failed { constants_kept: true } => {
             "the filter failed its health check and was restarted; biases and G are kept".to_owned()
         }

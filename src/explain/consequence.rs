@@ -155,7 +155,7 @@ mod tests {
     fn the_consequence_is_what_the_model_says() {
         let mut g = [0.0; 9];
         g[2] = 54.0 * unit::DEG_PER_H_PER_G.si;
-        let parts = of(&known(&effects::GyroGSensitivity, &g), 20.0).unwrap();
+        let parts = of(&known(&effects::GYRO_G_SENSITIVITY, &g), 20.0).unwrap();
         assert!(
             parts.starts_with("after a 60 s turn at 2 g without correction: 0.900 deg of roll, 0 deg"),
             "{parts}"
@@ -165,7 +165,7 @@ mod tests {
         assert_eq!(of(&known(&effects::GpsLatency, &[0.0]), 20.0), None);
         let behind = of(&known(&effects::GyroAccelDelay, &[0.02]), 20.0).unwrap();
         assert_eq!(behind, "1.20 deg of attitude while rolling at 60 deg/s");
-        let shaken = of(&known(&effects::VibrationRectification, &[1e-3, 0.0, 0.0]), 20.0).unwrap();
+        let shaken = of(&known(&effects::VIBRATION_RECTIFICATION, &[1e-3, 0.0, 0.0]), 20.0).unwrap();
         assert!(shaken.contains("under vibration of 1 g RMS"), "{shaken}");
         // 100 ppm in ten minutes are 60 ms.
         let drifted = of(&known(&effects::ClockDrift, &[1e-4]), 20.0).unwrap();

@@ -49,6 +49,52 @@ pub struct Request {
     pub settings: Settings,
     /// Parameter file of the vehicle, for what the logs do not hold.
     pub parameters: Option<Input>,
+    /// All of every log, however long; otherwise an hour at most of all logs together, where the vehicle moves most.
+    pub whole: bool,
+}
+
+/// So much flight is explained at once, s: an hour of 200 Hz with 5 fixes per second takes a minute and about half a gigabyte (docs/explain.md).
+const MOST_S: f64 = 3600.0;
+/// … and of each of many logs at least so much, s.
+const LEAST_S: f64 = 600.0;
+/// Memory by what there is of it, bytes: as recorded and averaged, of each sample; of all linearised flights, of each fix (docs/explain.md: 260 MB
+/// for the samples of an hour, 459 with its fixes).
+const BYTES: (f64, f64) = (360.0, 11_000.0);
+/// Processor time of each fix, s: least and most of the recordings of docs/explain.md.
+const FIX_S: (f64, f64) = (1.5e-3, 6e-3);
+
+/// What is to be explained, once it is read.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Workload {
+    /// Inertial samples.
+    pub samples: usize,
+    /// Fixes.
+    pub fixes: usize,
+}
+
+impl Workload {
+    fn of(samples: &[Sample]) -> Self {
+        let count = |wanted: fn(&Sample) -> bool| samples.iter().filter(|s| wanted(s)).count();
+        Self {
+            samples: count(|s| matches!(s, Sample::Imu(_))),
+            fixes: count(|s| matches!(s, Sample::Fix(_))),
+        }
+    }
+
+    /// What it will take, in words: processor time and memory.
+    pub fn words(self) -> String {
+        let (samples, fixes) = (self.samples as f64, self.fixes as f64);
+        let mb = 20.0 + (BYTES.0 * samples + BYTES.1 * fixes) / 1e6;
+        let seconds = |each: f64| (each * fixes).max(1.0);
+        let time = match (seconds(FIX_S.0), seconds(FIX_S.1)) {
+            (_, most) if most < 2.0 => "a second".to_owned(),
+            (least, most) => format!("{least:.0} to {most:.0} s"),
+        };
+        format!(
+            "{} samples and {} fixes: about {time} of processor time and {mb:.0} MB of memory",
+            self.samples, self.fixes
+        )
+    }
 }
 
 /// What is being done, for a progress bar.
@@ -56,6 +102,8 @@ pub struct Request {
 pub enum Phase {
     /// Reading log number so many.
     Reading(usize),
+    /// Everything is read.
+    Read(Workload),
     /// Fitting noise and adding effects.
     Choosing,
     /// Judging on held-out data.
@@ -74,7 +122,7 @@ impl Phase {
     pub fn step(self) -> (usize, String) {
         match self {
             Self::Reading(k) => (1, format!("reading log {}", k + 1)),
-            Self::Choosing => (2, "fitting noise, comparing effects".to_owned()),
+            Self::Read(_) | Self::Choosing => (2, "fitting noise, comparing effects".to_owned()),
             Self::Judging => (3, "judging on held-out data".to_owned()),
             Self::Terms => (4, "testing terms outside the catalogue".to_owned()),
             Self::Smoothing => (STEPS, "simulating the sensors along the smoothed trajectory".to_owned()),
@@ -86,7 +134,7 @@ impl Phase {
     /// before on four recorded flights of 2.5 to 11 minutes with none to three effects: .80, .95 and .64.
     pub fn time_left(self, last: Duration) -> String {
         let share = match self {
-            Self::Reading(_) | Self::Choosing => return String::new(),
+            Self::Reading(_) | Self::Read(_) | Self::Choosing => return String::new(),
             Self::Judging => 0.8,
             Self::Terms => 1.0,
             Self::Smoothing => 0.7,
@@ -160,22 +208,39 @@ pub fn run(request: &Request, progress: &dyn Fn(Phase)) -> Result<Explained, Exp
     }
     let settings = Settings { tolerances: request.model.is_none(), ..request.settings };
     let model = request.model.clone().unwrap_or_default();
-    // Of each log only what was prepared is kept.
-    let read_all = |logs: &[Input], first: usize| -> Result<Vec<Prepared>, ExplainError> {
+    // Of each log only what was prepared is kept, and what its inertial messages are.
+    let streams = std::cell::RefCell::new(Vec::new());
+    let mut parts = Vec::new();
+    let mut load = Workload { samples: 0, fixes: 0 };
+    let count = (request.logs.len() + request.validate.len()) as f64;
+    let most_s = if request.whole { f64::INFINITY } else { (MOST_S / count).max(LEAST_S) };
+    let mut read_all = |logs: &[Input], first: usize| -> Result<Vec<Prepared>, ExplainError> {
         logs.iter()
             .enumerate()
             .map(|(k, log)| {
                 progress(Phase::Reading(first + k));
-                Ok(Flight::prepare(&pipeline::samples(log, request.converter)?, &model))
+                let pipeline::Excerpt { samples, part } =
+                    pipeline::most_motion(log, request.converter, most_s)?;
+                parts.extend(part);
+                let own = Workload::of(&samples);
+                load = Workload { samples: load.samples + own.samples, fixes: load.fixes + own.fixes };
+                streams
+                    .borrow_mut()
+                    .extend(samples.iter().filter(|s| matches!(s, Sample::Stream(_))).cloned());
+                Ok(Flight::prepare(&samples, &model))
             })
             .collect()
     };
     let flights = read_all(&request.logs, 0)?;
+    let flown = streams.take();
     let validate = read_all(&request.validate, request.logs.len())?;
+    progress(Phase::Read(load));
     let mut explained = flights_of(flights, validate, &model, &settings, progress);
+    explained.explanation.summary.push_str(&words::parts(&parts));
     explained.logs = request.logs.iter().map(dated).collect();
     explained.validated = request.validate.iter().map(dated).collect();
-    let on_board = autopilot::on_board(request)?;
+    let mut on_board = autopilot::on_board(request)?;
+    on_board.samples_are(&flown);
     explained.explanation.autopilot =
         Some(crate::advice::advise(&autopilot::findings(&explained), &on_board));
     explained.on_board = on_board;

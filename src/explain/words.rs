@@ -1,6 +1,7 @@
 //! The result as a pilot would read it.
 
 use super::contract::{ChannelResidual, EffectEntry, Explanation, ModelResidual, Verdict};
+use crate::pipeline::LogPart;
 use gaware_nav::effects;
 use gaware_nav::identify::select::Added;
 
@@ -59,6 +60,20 @@ pub fn unbridged(seconds: f64) -> String {
         " {seconds:.0} s of the logs are left out: gaps in the inertial samples leave the attitude uncertain there, and no attitude of the \
          autopilot leads across them. Record ATTITUDE beside the inertial samples."
     )
+}
+
+/// What is said of logs of which only a part was explained.
+pub fn parts(parts: &[LogPart]) -> String {
+    let minutes = |s: f64| (s / 60.0).round();
+    let one =
+        |p: &LogPart| format!(" minutes {} to {} of {}", minutes(p.from_s), minutes(p.to_s), minutes(p.of_s));
+    match parts {
+        [] => String::new(),
+        parts => format!(
+            " Of long logs the part with the most motion was explained:{}; --whole explains all of them.",
+            parts.iter().map(one).collect::<Vec<_>>().join(",")
+        ),
+    }
 }
 
 /// A paragraph.
@@ -202,7 +217,7 @@ fn remaining(e: &Explanation, text: &mut Vec<String>) {
 mod tests {
     use super::super::contract::{self, NotFound};
     use super::*;
-    use gaware_nav::effects::{Effect, GyroBiasDrift, GyroScaleFactor};
+    use gaware_nav::effects::{Effect, GYRO_SCALE_FACTOR, GyroBiasDrift};
     use gaware_nav::model::EffectSetting;
 
     fn entry(name: &'static str) -> EffectEntry {
@@ -240,7 +255,7 @@ mod tests {
     fn what_is_likely_but_was_not_added_is_told() {
         let mut e = contract::too_little("");
         let of = |likely| NotFound {
-            name: GyroScaleFactor.name(),
+            name: GYRO_SCALE_FACTOR.name(),
             log_odds: 40.0,
             likely,
             parameters: serde_json::Value::Null,

@@ -116,6 +116,14 @@ impl Consumer for Gather {
         self.engine.set_vehicle(kind);
     }
 
+    fn set_flight(&mut self, report: &crate::engine::situation::FlightReport) {
+        self.engine.set_flight(report);
+    }
+
+    fn set_place(&mut self, place: gaware_nav::earth::Geodetic) {
+        self.engine.set_place(place);
+    }
+
     fn attitude(&mut self) -> Option<(f64, [f64; 3])> {
         self.engine.attitude()
     }

@@ -8,9 +8,18 @@ use gaware_nav::sample::{AttitudeHint, FixVelocity, GnssFix, ImuSample};
 /// Name of the table that a single file has.
 pub const STATES: &str = "states";
 
-const BODY: [(&str, &str); 3] = [("x", "forward"), ("y", "right"), ("z", "down")];
-const NED: [&str; 3] = ["north", "east", "down"];
+/// Three axes: in names, and in words.
+type Axes = [(&'static str, &'static str); 3];
+const BODY: Axes = [("x", "x (forward)"), ("y", "y (right)"), ("z", "z (down)")];
+const NED: Axes = [("north", "north"), ("east", "east"), ("down", "down")];
 const RPY: [&str; 3] = ["roll", "pitch", "yaw"];
+
+/// A column for each axis, which stands for `{}`.
+fn each(put: &mut Put<'_>, axes: &Axes, name: &str, about: &str, value: impl Fn(usize) -> f64) {
+    for (k, (axis, words)) in axes.iter().enumerate() {
+        put(&name.replace("{}", axis), &about.replace("{}", words), Cell::Number(value(k)));
+    }
+}
 
 /// Which log, and when.
 pub struct Origin<'a> {
@@ -25,38 +34,20 @@ pub struct Origin<'a> {
 impl Row for Origin<'_> {
     fn visit(&self, put: &mut Put<'_>) {
         put("log", "Name of the log", Cell::Text(self.log));
-        put(
-            "elapsed_s",
-            "Time since the first sample, s; runs on over restarts of the autopilot",
-            Cell::Number(self.elapsed_s),
-        );
+        let about = "Time since the first sample, s; runs on over restarts of the autopilot";
+        put("elapsed_s", about, Cell::Number(self.elapsed_s));
         put("t_s", "Time on the autopilot's base (since boot), s", Cell::Number(self.t_s));
     }
 }
 
 impl Row for ImuSample {
     fn visit(&self, put: &mut Put<'_>) {
-        for (k, (axis, about)) in BODY.iter().enumerate() {
-            let name = ["gyro_x_rad_per_s", "gyro_y_rad_per_s", "gyro_z_rad_per_s"][k];
-            put(
-                name,
-                &format!("Angular rate about {axis} ({about}) as measured, rad/s"),
-                Cell::Number(self.gyro[k]),
-            );
-        }
-        for (k, (axis, about)) in BODY.iter().enumerate() {
-            let name = ["accel_x_m_per_s2", "accel_y_m_per_s2", "accel_z_m_per_s2"][k];
-            put(
-                name,
-                &format!("Specific force along {axis} ({about}) as measured, m/s²"),
-                Cell::Number(self.accel[k]),
-            );
-        }
-        put(
-            "temperature_degc",
-            "Temperature of the inertial unit, °C, where the log has it",
-            Cell::Number(self.temperature_degc.unwrap_or(f64::NAN)),
-        );
+        let about = "Angular rate about {} as measured, rad/s";
+        each(put, &BODY, "gyro_{}_rad_per_s", about, |k| self.gyro[k]);
+        let about = "Specific force along {} as measured, m/s²";
+        each(put, &BODY, "accel_{}_m_per_s2", about, |k| self.accel[k]);
+        let about = "Temperature of the inertial unit, °C, where the log has it";
+        put("temperature_degc", about, Cell::Number(self.temperature_degc.unwrap_or(f64::NAN)));
     }
 }
 
@@ -70,32 +61,13 @@ impl Row for GnssFix {
             FixVelocity::Horizontal(v) => v,
             FixVelocity::Full(v) => v,
         };
-        let of = |values: Option<&[f64]>, k: usize| {
-            Cell::Number(values.and_then(|v| v.get(k)).copied().unwrap_or(f64::NAN))
-        };
-        for (k, axis) in NED.iter().enumerate() {
-            put(
-                &format!("velocity_{axis}_m_per_s"),
-                &format!("Velocity {axis}, m/s, where the fix has it"),
-                of(Some(velocity), k),
-            );
-        }
-        for (k, axis) in NED.iter().enumerate() {
-            let sigma = self.position_sigma_m.as_ref().map(<[f64; 3]>::as_slice);
-            put(
-                &format!("position_sigma_{axis}_m"),
-                &format!("The receiver's own 1-sigma of position {axis}, m"),
-                of(sigma, k),
-            );
-        }
-        for (k, axis) in NED.iter().enumerate() {
-            let sigma = self.velocity_sigma_m_per_s.as_ref().map(<[f64; 3]>::as_slice);
-            put(
-                &format!("velocity_sigma_{axis}_m_per_s"),
-                &format!("The receiver's own 1-sigma of velocity {axis}, m/s"),
-                of(sigma, k),
-            );
-        }
+        let or_nan = |value: Option<f64>| value.unwrap_or(f64::NAN);
+        let about = "Velocity {}, m/s, where the fix has it";
+        each(put, &NED, "velocity_{}_m_per_s", about, |k| or_nan(velocity.get(k).copied()));
+        let about = "The receiver's own 1-sigma of position {}, m";
+        each(put, &NED, "position_sigma_{}_m", about, |k| or_nan(self.position_sigma_m.map(|s| s[k])));
+        let (about, sigma) = ("The receiver's own 1-sigma of velocity {}, m/s", self.velocity_sigma_m_per_s);
+        each(put, &NED, "velocity_sigma_{}_m_per_s", about, |k| or_nan(sigma.map(|s| s[k])));
         let (yaw, sigma) = self.yaw_rad.unwrap_or((f64::NAN, f64::NAN));
         put("yaw_deg", "Yaw of a receiver with two antennas, deg", Cell::Number(yaw.to_degrees()));
         put("yaw_sigma_deg", "Its 1-sigma, deg", Cell::Number(sigma.to_degrees()));
@@ -104,13 +76,8 @@ impl Row for GnssFix {
 
 impl Row for AttitudeHint {
     fn visit(&self, put: &mut Put<'_>) {
-        for (name, value) in RPY.iter().zip(self.roll_pitch_yaw) {
-            put(
-                &format!("{name}_deg"),
-                &format!("The autopilot's own {name}, deg"),
-                Cell::Number(value.to_degrees()),
-            );
-        }
+        let axes = RPY.map(|axis| (axis, axis));
+        each(put, &axes, "{}_deg", "The autopilot's own {}, deg", |k| self.roll_pitch_yaw[k].to_degrees());
     }
 }
 
@@ -118,11 +85,8 @@ impl Row for Event {
     fn visit(&self, put: &mut Put<'_>) {
         let topic = if self.topic == Topic::News { "event".to_owned() } else { word(&self.topic) };
         put("severity", "warning, notice or info", Cell::Text(&word(&self.severity)));
-        put(
-            "topic",
-            "What it is about: instruction, result, phase, condition, state, warning, event",
-            Cell::Text(&topic),
-        );
+        let about = "What it is about: instruction, result, phase, condition, state, warning, event";
+        put("topic", about, Cell::Text(&topic));
         put("text", "The event in words", Cell::Text(&self.text));
     }
 }
@@ -130,13 +94,10 @@ impl Row for Event {
 /// Value and sigma of three axes, where there is an estimate.
 fn estimate(put: &mut Put<'_>, running: bool, e: &Estimate3, names: [&str; 3], unit: &str, about: &str) {
     let given = |v: f64| Cell::Number(if running { v } else { f64::NAN });
+    let words = spoken(unit);
     for ((name, value), sigma) in names.iter().zip(e.value).zip(e.sigma) {
-        put(
-            &format!("{name}_{unit}"),
-            &format!("Estimated {about} ({name}), {}", spoken(unit)),
-            given(value),
-        );
-        put(&format!("{name}_sigma_{unit}"), &format!("Its 1-sigma, {}", spoken(unit)), given(sigma));
+        put(&format!("{name}_{unit}"), &format!("Estimated {about} ({name}), {words}"), given(value));
+        put(&format!("{name}_sigma_{unit}"), &format!("Its 1-sigma, {words}"), given(sigma));
     }
 }
 
@@ -152,109 +113,60 @@ fn in_name(unit: &str) -> String {
 
 impl Row for Snapshot {
     fn visit(&self, put: &mut Put<'_>) {
-        let running = self.phase == Phase::Running;
-        put(
-            "phase",
-            "waiting_for_imu, waiting_for_gnss, aligning, searching_heading or running; estimates are empty before running",
-            Cell::Text(&word(&self.phase)),
-        );
+        let (running, e) = (self.phase == Phase::Running, &self.estimate);
+        let about = "waiting_for_imu, waiting_for_gnss, aligning, searching_heading or running; estimates are empty before running";
+        put("phase", about, Cell::Text(&word(&self.phase)));
         put("stationary", "Whether the vehicle is recognised as stationary", Cell::Flag(self.stationary));
         motion(self, running, put);
-        estimate(put, running, &self.estimate.attitude_deg, RPY, "deg", "attitude");
-        estimate(
-            put,
-            running,
-            &self.estimate.gyro_bias_deg_per_h,
-            ["bg_x", "bg_y", "bg_z"],
-            "deg_per_h",
-            "gyro bias",
-        );
-        estimate(
-            put,
-            running,
-            &self.estimate.accel_bias_mg,
-            ["ba_x", "ba_y", "ba_z"],
-            "mg",
-            "accelerometer bias",
-        );
-        let g = &self.estimate.g_sensitivity_deg_per_h_per_g;
+        estimate(put, running, &e.attitude_deg, RPY, "deg", "attitude");
+        let names = ["bg_x", "bg_y", "bg_z"];
+        estimate(put, running, &e.gyro_bias_deg_per_h, names, "deg_per_h", "gyro bias");
+        let names = ["ba_x", "ba_y", "ba_z"];
+        estimate(put, running, &e.accel_bias_mg, names, "mg", "accelerometer bias");
+        let g = &e.g_sensitivity_deg_per_h_per_g;
         for (row, (value, sigma)) in g.value.iter().zip(g.sigma).enumerate() {
             let names = [1, 2, 3].map(|column| format!("g{}{column}", row + 1));
             let row = Estimate3 { value: *value, sigma };
-            estimate(
-                put,
-                running,
-                &row,
-                [&names[0], &names[1], &names[2]],
-                "deg_per_h_per_g",
-                "g-sensitivity, row = gyro axis, column = axis of specific force",
-            );
+            let about = "g-sensitivity, row = gyro axis, column = axis of specific force";
+            estimate(put, running, &row, names.each_ref().map(String::as_str), "deg_per_h_per_g", about);
         }
         innovations(self, running, put);
-        for p in &self.estimate.effects {
-            let effect = if p.effect.ends_with(&p.name) {
-                p.effect.clone()
-            } else {
-                format!("{}_{}", p.effect, p.name)
-            };
-            let (name, unit) = (effect, in_name(&p.unit));
-            put(
-                &format!("{name}_{unit}"),
-                &format!("Estimated {} of {}, {}", p.name, p.effect, p.unit),
-                Cell::Number(p.value),
-            );
+        for p in &e.effects {
+            let whole = p.effect.ends_with(&p.name);
+            let name = if whole { p.effect.clone() } else { format!("{}_{}", p.effect, p.name) };
+            let (unit, about) =
+                (in_name(&p.unit), format!("Estimated {} of {}, {}", p.name, p.effect, p.unit));
+            put(&format!("{name}_{unit}"), &about, Cell::Number(p.value));
             put(&format!("{name}_sigma_{unit}"), &format!("Its 1-sigma, {}", p.unit), Cell::Number(p.sigma));
         }
     }
 }
 
 fn motion(s: &Snapshot, running: bool, put: &mut Put<'_>) {
-    let m = &s.motion;
-    let given = |v: f64| Cell::Number(if running { v } else { f64::NAN });
-    put("lat_deg", "Estimated latitude (WGS 84), deg", given(m.lat_deg));
-    put("lon_deg", "Estimated longitude (WGS 84), deg", given(m.lon_deg));
-    put("height_m", "Estimated height as the fixes count it, m", given(m.height_m));
-    for (axis, sigma) in NED.iter().zip(m.position_sigma_m) {
-        put(&format!("position_sigma_{axis}_m"), &format!("1-sigma of position {axis}, m"), given(sigma));
-    }
-    for (axis, v) in NED.iter().zip(m.velocity_ned_m_per_s) {
-        put(&format!("velocity_{axis}_m_per_s"), &format!("Estimated velocity {axis}, m/s"), given(v));
-    }
-    for ((axis, about), f) in BODY.iter().zip(m.specific_force_g) {
-        put(
-            &format!("specific_force_{axis}_g"),
-            &format!("Specific force along {axis} ({about}), bias removed, g"),
-            given(f),
-        );
-    }
-    for ((axis, about), w) in BODY.iter().zip(m.rate_deg_per_s) {
-        put(
-            &format!("rate_{axis}_deg_per_s"),
-            &format!("Angular rate about {axis} ({about}), bias and G removed, deg/s"),
-            given(w),
-        );
-    }
+    let (m, given) = (&s.motion, |v: f64| if running { v } else { f64::NAN });
+    put("lat_deg", "Estimated latitude (WGS 84), deg", Cell::Number(given(m.lat_deg)));
+    put("lon_deg", "Estimated longitude (WGS 84), deg", Cell::Number(given(m.lon_deg)));
+    put("height_m", "Estimated height as the fixes count it, m", Cell::Number(given(m.height_m)));
+    each(put, &NED, "position_sigma_{}_m", "1-sigma of position {}, m", |k| given(m.position_sigma_m[k]));
+    let (about, v) = ("Estimated velocity {}, m/s", m.velocity_ned_m_per_s);
+    each(put, &NED, "velocity_{}_m_per_s", about, |k| given(v[k]));
+    let about = "Specific force along {}, bias removed, g";
+    each(put, &BODY, "specific_force_{}_g", about, |k| given(m.specific_force_g[k]));
+    let about = "Angular rate about {}, bias and G removed, deg/s";
+    each(put, &BODY, "rate_{}_deg_per_s", about, |k| given(m.rate_deg_per_s[k]));
 }
 
 fn innovations(s: &Snapshot, running: bool, put: &mut Put<'_>) {
-    let given = |v: f64| Cell::Number(if running { v } else { f64::NAN });
+    let given = |v: f64| if running { v } else { f64::NAN };
     let all = s.consistency.last_normalised_innovation;
-    for (k, of) in ["position", "velocity"].iter().enumerate() {
-        for (axis, value) in NED.iter().zip(all.iter().skip(3 * k)) {
-            put(
-                &format!("innovation_{of}_{axis}_sigma"),
-                &format!(
-                    "Normalised innovation of the last fix, {of} {axis}, in its own sigmas; 0 where the fix has none"
-                ),
-                given(*value),
-            );
-        }
+    for (first, of) in [(0, "position"), (3, "velocity")] {
+        let about = format!(
+            "Normalised innovation of the last fix, {of} {{}}, in its own sigmas; 0 where the fix has none"
+        );
+        each(put, &NED, &format!("innovation_{of}_{{}}_sigma"), &about, |k| given(all[first + k]));
     }
-    put(
-        "nis_mean_per_dof",
-        "Mean normalised innovation squared per degree of freedom so far; 1 is right",
-        given(s.consistency.nis_mean_per_dof),
-    );
+    let about = "Mean normalised innovation squared per degree of freedom so far; 1 is right";
+    put("nis_mean_per_dof", about, Cell::Number(given(s.consistency.nis_mean_per_dof)));
     put("fixes_used", "Fixes used so far", Cell::Number(s.gnss.used as f64));
     put("fixes_rejected", "Fixes rejected so far", Cell::Number(s.gnss.rejected as f64));
 }

@@ -138,6 +138,7 @@ fn explanation(log: &Path, work: &Work) -> Result<Value, String> {
         converter: work.converter,
         settings: Settings::default(),
         parameters: None,
+        whole: false,
     };
     let explained = explain::run(&request, &|_| {}).map_err(|e| e.to_string())?;
     Ok(serde_json::to_value(explained.explanation).unwrap_or_default())

@@ -3,6 +3,8 @@
 //! Frames go to the reader of [`Links`] over a bounded channel that is waited for, so that nothing on the way to the
 //! engine is dropped by us. Frames to the vehicle are dropped and counted when a link is too slow for them.
 
+mod outgoing;
+
 use super::address::Address;
 use super::frame::Frame;
 use super::framer::{Framer, FramerStats};
@@ -310,9 +312,7 @@ impl Link {
                     .map_err(|e| io::Error::new(e.kind(), format!("cannot resolve {host}: {e}")))?
                     .next();
                 let peer = peer.ok_or_else(|| io::Error::other(format!("{host} has no address")))?;
-                let any: SocketAddr =
-                    if peer.is_ipv4() { ([0, 0, 0, 0], 0).into() } else { ([0_u16; 8], 0).into() };
-                self.datagrams(UdpSocket::bind(any).await?, Some(peer)).await
+                self.datagrams(outgoing::socket_to(peer).await?, Some(peer)).await
             }
         }
     }

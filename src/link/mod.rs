@@ -7,8 +7,7 @@ pub mod address;
 pub mod codec;
 #[cfg(not(target_family = "wasm"))]
 pub mod endpoint;
-pub mod frame;
-pub mod framer;
+pub mod guard;
 pub mod heartbeat;
 pub mod param_codec;
 pub mod rates;
@@ -16,3 +15,5 @@ pub mod signing;
 pub mod systems;
 pub mod timesync;
 pub mod vehicle;
+
+pub use gaware_wire::{frame, framer};

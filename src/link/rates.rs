@@ -6,7 +6,8 @@
 //! `SET_MESSAGE_INTERVAL` of one into the pilot's messages), and the rest can be put back. Then `SET_MESSAGE_INTERVAL`;
 //! where the autopilot does not know it, the old `REQUEST_DATA_STREAM`. An acknowledgement names the command but not the
 //! message, so only one request is open at a time. Rates that were given and vanish (another station overwrote them, a
-//! reboot) are asked for again, ever less often.
+//! reboot, a restart of the autopilot's link) are asked for again, ever less often; so is what was preferred to the
+//! inertial message in use. Silence of a vehicle that is not received at all is no answer.
 
 mod message;
 mod notice;
@@ -85,8 +86,18 @@ struct Open {
     index: usize,
     sent_us: u64,
     tries: u32,
-    /// Whether it reads the interval rather than sets it.
-    query: bool,
+    asks: Asks,
+}
+
+/// What a request is for.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+enum Asks {
+    /// Which interval is set.
+    Interval,
+    /// The rate that is wanted.
+    Rate,
+    /// That a message come as it did before.
+    Return,
 }
 
 /// The keeper of the rates of one vehicle.
@@ -98,6 +109,8 @@ pub struct RateKeeper {
     /// The firmware does not say which intervals are set.
     no_queries: bool,
     old_way: bool,
+    /// When the vehicle was last received.
+    heard_us: u64,
 }
 
 impl RateKeeper {
@@ -110,7 +123,7 @@ impl RateKeeper {
         };
         let messages = wanted.into_iter().map(message).collect();
         let target = Target { system_id, autopilot };
-        Self { target, messages, open: None, no_queries: false, old_way: false }
+        Self { target, messages, open: None, no_queries: false, old_way: false, heard_us: 0 }
     }
 
     /// Asks for everything again, as after a reboot, which forgets the rates. What the firmware does not have it has not got
@@ -133,6 +146,7 @@ impl RateKeeper {
         if (frame.system_id, frame.component_id) != (self.target.system_id, AUTOPILOT_COMPONENT) {
             return;
         }
+        self.heard_us = now_us;
         if let Some(m) = self.messages.iter_mut().find(|m| m.wanted.message_id == frame.message_id) {
             m.arrived(now_us);
         }
@@ -159,13 +173,14 @@ impl RateKeeper {
         now_us: u64,
         out: &mut Vec<RateAction>,
     ) {
-        match (open.query, command) {
-            (false, MavCmd::MAV_CMD_SET_MESSAGE_INTERVAL) => {
+        match (open.asks, command) {
+            (Asks::Return, MavCmd::MAV_CMD_SET_MESSAGE_INTERVAL) => self.open = None,
+            (Asks::Rate, MavCmd::MAV_CMD_SET_MESSAGE_INTERVAL) => {
                 self.open = None;
                 self.answered(open.index, result, now_us, out);
             }
             // The answer itself is a message of its own; it may come before or after this.
-            (true, GET_MESSAGE_INTERVAL) if result == MavResult::MAV_RESULT_UNSUPPORTED => {
+            (Asks::Interval, GET_MESSAGE_INTERVAL) if result == MavResult::MAV_RESULT_UNSUPPORTED => {
                 self.open = None;
                 self.cannot_be_queried(now_us, out);
             }
@@ -175,7 +190,7 @@ impl RateKeeper {
 
     /// The interval that is set for a message, µs.
     fn interval(&mut self, message_id: u32, interval_us: i32, now_us: u64, out: &mut Vec<RateAction>) {
-        let Some(open) = self.open.filter(|o| o.query) else { return };
+        let Some(open) = self.open.filter(|o| o.asks == Asks::Interval) else { return };
         let Some(m) = self.messages.get_mut(open.index) else { return };
         if m.wanted.message_id != message_id {
             return;
@@ -214,6 +229,7 @@ impl RateKeeper {
     fn answered(&mut self, index: usize, result: MavResult, now_us: u64, out: &mut Vec<RateAction>) {
         let px4 = self.target.autopilot == Autopilot::Px4;
         let Some(m) = self.messages.get_mut(index) else { return };
+        m.forget(now_us);
         match result {
             MavResult::MAV_RESULT_ACCEPTED => {
                 m.state = State::Agreed(now_us);
@@ -253,13 +269,17 @@ impl RateKeeper {
 
     /// Turns to the next alternative, where there is one.
     fn give_up(&mut self, index: usize, now_us: u64, out: &mut Vec<RateAction>) {
+        let px4 = self.target.autopilot == Autopilot::Px4;
         let usable = |(k, m): &(usize, &Message)| *k > index && m.wanted.alternative && !m.missing;
         let next = self.messages.iter().enumerate().find(usable).map(|(k, _)| k);
         let Some(m) = self.messages.get_mut(index) else { return };
         m.rate_hz = m.wanted.rate_hz;
         if let (true, Some(next)) = (m.wanted.alternative, next) {
-            m.state = State::Off;
-            if let Some(other) = self.messages.get_mut(next) {
+            // What has come before may come again, and PX4 denies what it has not yet.
+            m.state =
+                if m.missing || !(px4 || m.seen) { State::Off } else { State::Due(now_us + m.pause_us) };
+            m.pause_us = (2 * m.pause_us).min(LONGEST_PAUSE_US);
+            if let Some(other) = self.messages.get_mut(next).filter(|m| m.state == State::Off) {
                 other.state = State::Due(now_us);
             }
             return;
@@ -295,6 +315,9 @@ impl RateKeeper {
         }
         for index in 0..self.messages.len() {
             self.check(index, now_us, out);
+            if self.open.is_some() {
+                return;
+            }
         }
         let due = |m: &Message| matches!(m.state, State::Due(t) if t <= now_us);
         if self.old_way {
@@ -314,13 +337,18 @@ impl RateKeeper {
 
     /// No one has answered; true where the round goes on.
     fn unanswered(&mut self, open: Open, now_us: u64, out: &mut Vec<RateAction>) -> bool {
-        if open.query {
-            if open.tries < QUERY_TRIES {
-                self.query(open.index, open.tries + 1, now_us, out);
+        let heard = u32::from(self.heard_us >= open.sent_us);
+        match open.asks {
+            Asks::Interval if open.tries + heard <= QUERY_TRIES => {
+                self.query(open.index, open.tries + heard, now_us, out);
                 return false;
             }
-            self.cannot_be_queried(now_us, out);
-            return true;
+            Asks::Interval => {
+                self.cannot_be_queried(now_us, out);
+                return true;
+            }
+            Asks::Return => return true,
+            Asks::Rate => {}
         }
         let Some(m) = self.messages.get_mut(open.index) else { return true };
         // Unanswered and yet arriving fast enough is as good as agreed.
@@ -328,10 +356,13 @@ impl RateKeeper {
             m.state = State::Agreed(now_us);
             return true;
         }
-        if open.tries >= TRIES {
-            self.use_old_way(now_us, out);
+        if open.tries + heard <= TRIES {
+            self.ask(open.index, open.tries + heard, now_us, out);
+        } else if self.target.autopilot == Autopilot::Px4 {
+            // It knows no other way.
+            self.give_up(open.index, now_us, out);
         } else {
-            self.ask(open.index, open.tries + 1, now_us, out);
+            self.use_old_way(now_us, out);
         }
         false
     }
@@ -363,6 +394,9 @@ impl RateKeeper {
         if measured_hz >= enough {
             m.reported_slow = false;
             m.pause_us = FIRST_PAUSE_US;
+            if m.wanted.alternative {
+                self.release_after(index, now_us, out);
+            }
             return;
         }
         if measured_hz == 0.0 && m.wanted.alternative && !self.old_way && !m.reported_slow {
@@ -379,10 +413,26 @@ impl RateKeeper {
         m.pause_us = (2 * m.pause_us).min(LONGEST_PAUSE_US);
     }
 
+    /// A preferred inertial message comes: what was asked for in its place comes as before from now on.
+    fn release_after(&mut self, index: usize, now_us: u64, out: &mut Vec<RateAction>) {
+        let (target, old_way) = (self.target, self.old_way);
+        for (k, m) in self.messages.iter_mut().enumerate().skip(index + 1) {
+            if !m.wanted.alternative || m.state == State::Off {
+                continue;
+            }
+            m.state = State::Off;
+            if std::mem::take(&mut m.changed) {
+                out.push(RateAction::Send(to_give_back(&target, m, old_way)));
+                self.open = Some(Open { index: k, sent_us: now_us, tries: 1, asks: Asks::Return });
+                return;
+            }
+        }
+    }
+
     fn query(&mut self, index: usize, tries: u32, now_us: u64, out: &mut Vec<RateAction>) {
         let Some(m) = self.messages.get(index) else { return };
         out.push(RateAction::Send(self.target.query(m.wanted.message_id, tries)));
-        self.open = Some(Open { index, sent_us: now_us, tries, query: true });
+        self.open = Some(Open { index, sent_us: now_us, tries, asks: Asks::Interval });
     }
 
     fn ask(&mut self, index: usize, tries: u32, now_us: u64, out: &mut Vec<RateAction>) {
@@ -390,7 +440,7 @@ impl RateKeeper {
         m.changed = true;
         let (id, inertial) = (m.wanted.message_id, is_inertial(m.wanted.message_id));
         out.push(RateAction::Send(self.target.set_rate(id, m.rate_hz, inertial, tries)));
-        self.open = Some(Open { index, sent_us: now_us, tries, query: false });
+        self.open = Some(Open { index, sent_us: now_us, tries, asks: Asks::Rate });
     }
 
     fn ask_old_way(&mut self, index: usize, now_us: u64, out: &mut Vec<RateAction>) {

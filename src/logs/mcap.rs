@@ -9,6 +9,7 @@ use crate::inputs::Input;
 use crate::link::frame::Frame;
 use crate::sensors::ConverterOptions;
 use bytes::Bytes;
+use gaware_nav::earth::Geodetic;
 use gaware_nav::observability::words::VehicleKind;
 use mcap::records::{Record as McapRecord, op};
 use mcap::sans_io::linear_reader::{LinearReadEvent, LinearReader, LinearReaderOptions};
@@ -51,6 +52,9 @@ pub struct Setup {
     /// What flies, where the user named an airframe.
     #[serde(default)]
     pub vehicle: Option<VehicleKind>,
+    /// Where the vehicle was for as long as no fix said so, where the user named it.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub place: Option<Geodetic>,
 }
 
 /// Reads the frames of a recording.

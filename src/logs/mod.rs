@@ -55,6 +55,8 @@ pub enum LogNote {
     },
     /// Major and minor version of the firmware.
     Version(u8, u8),
+    /// Device id of the accelerometer that the samples are of.
+    Accelerometer(u32),
     /// Innovations and test ratios of its navigation filter.
     Filter(Vec<(filter::Channel, f64)>),
 }

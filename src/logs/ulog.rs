@@ -336,6 +336,12 @@ impl Topics {
             self.primary = fields.number("primary_instance").map_or(self.primary, |instance| instance as u8);
             return true;
         }
+        if topic.name == "sensor_selection" {
+            // sensor_combined is of the unit that is selected (modules/sensors/voted_sensors_update.cpp).
+            let id = fields.number("accel_device_id").filter(|id| *id > 0.0);
+            out.extend(id.map(|id| self.record(LogNote::Accelerometer(id as u32))));
+            return true;
+        }
         if topic.instance != if is_of_filter(&topic.name) { self.primary } else { 0 } {
             return true;
         }

@@ -4,15 +4,17 @@
 use super::facts::{self, Wish};
 use super::files::{self, Contents, FileError};
 use super::journal::{Content, Journal, Kind, list};
+use super::param_transfer;
 use super::vehicle::Vehicle;
 use super::wire::{self, Change, Checked, News, Wire};
 use crate::preflight::{self, Against, Facts, Verdict};
 use gaware_mission::airframe::Airframe;
+use gaware_mission::change::Phase;
 use gaware_mission::compare::differences;
 use gaware_mission::fence::Fence;
 use gaware_mission::item::{Mission, MissionKind};
 use gaware_mission::transfer::TransferError;
-use gaware_mission::transfer::verified::{Goal, Options, Outcome, Phase};
+use gaware_mission::transfer::verified::{Goal, Options, Outcome};
 use std::path::PathBuf;
 
 /// What is to be done.
@@ -266,7 +268,7 @@ async fn say_fence(wire: &mut impl Wire, order: &Order, before: Option<&Fence>) 
     }
     let autopilot = wire.vehicle().autopilot;
     let names = preflight::fence_parameters(autopilot);
-    match facts::read_parameters(wire, names).await {
+    match param_transfer::read(wire, names).await {
         Ok(read) => format!("{planned}; {}", preflight::enforcement(autopilot, &read).1),
         Err(_) => planned,
     }

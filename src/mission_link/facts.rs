@@ -1,16 +1,16 @@
 //! What is asked of a vehicle before something is sent to it: version, position, parameters, messages that it can send. Requests only; nothing of the
 //! vehicle is changed.
 
-use super::param_codec;
+use super::param_transfer;
 use super::vehicle::Vehicle;
 use super::wire::{Event, Wire};
 use crate::link::frame::Frame;
 use crate::preflight::{Facts, StreamFact};
 use gaware_mission::item::{Autopilot, LatLon};
-use gaware_mission::params::{Encoding, ParamName, ParamRead, ParamTiming, Parameters};
+use gaware_mission::params::ParamName;
 
 pub(super) const COMMAND_LONG: u32 = 76;
-const COMMAND_ACK: u32 = 77;
+pub(super) const COMMAND_ACK: u32 = 77;
 const AUTOPILOT_VERSION: u32 = 148;
 const GLOBAL_POSITION_INT: u32 = 33;
 const GPS_RAW_INT: u32 = 24;
@@ -64,7 +64,7 @@ pub async fn gather(wire: &mut impl Wire, wish: Wish) -> Result<Facts, String> {
         let until = wire.now_s() + EVERY_SECOND_S;
         listen(wire, until, &mut facts, |frame| frame.message_id == MISSION_CURRENT).await?;
     }
-    facts.parameters = read_parameters(wire, wish.parameters).await?;
+    facts.parameters = param_transfer::read(wire, wish.parameters).await?;
     Ok(facts)
 }
 
@@ -139,33 +139,6 @@ async fn listen(
         }
     }
     Ok(())
-}
-
-/// Reads these parameters.
-///
-/// # Errors
-/// As [`gather`].
-pub async fn read_parameters(wire: &mut impl Wire, names: Vec<ParamName>) -> Result<Parameters, String> {
-    let vehicle = wire.vehicle();
-    let encoding = Encoding::of(vehicle.autopilot);
-    let (mut read, mut messages) = ParamRead::start(encoding, ParamTiming::default(), names, wire.now_s());
-    loop {
-        for message in messages {
-            let (id, payload) = param_codec::encode(vehicle.address, &message);
-            wire.send_payload(id, payload);
-        }
-        if let Some(result) = read.result() {
-            return Ok(result.clone());
-        }
-        messages = match wire.next(read.deadline()).await {
-            Event::Frame(frame) if of_vehicle(vehicle, &frame) => {
-                param_codec::decode(&frame).map_or_else(Vec::new, |m| read.receive(wire.now_s(), &m))
-            }
-            Event::Frame(_) => Vec::new(),
-            Event::Deadline => read.tick(wire.now_s()),
-            Event::Stopped(why) | Event::Abandoned(why) => return Err(why),
-        };
-    }
 }
 
 fn of_vehicle(vehicle: Vehicle, frame: &Frame) -> bool {

@@ -21,6 +21,35 @@ use std::time::SystemTime;
 /// End of the name of every journal.
 const END: &str = ".journal";
 
+/// Why no journal can be taken up.
+#[derive(Debug, thiserror::Error)]
+pub enum JournalError {
+    /// There is nothing to take up.
+    #[error("there is no journal of an interrupted {} in {folder}; name the backup that is to be put back", kind.noun(), folder = folder.display())]
+    None {
+        /// What of.
+        kind: Kind,
+        /// Where.
+        folder: PathBuf,
+    },
+    /// Too many.
+    #[error("several {}s were interrupted here; name one of {names}", kind.noun())]
+    Several {
+        /// What of.
+        kind: Kind,
+        /// Which.
+        names: String,
+    },
+    /// A journal of the other kind.
+    #[error("{path} is the journal of {}: use \"gaware {} restore\"", kind.whole(), kind.command(), path = path.display())]
+    OtherKind {
+        /// The journal.
+        path: PathBuf,
+        /// What it is of.
+        kind: Kind,
+    },
+}
+
 /// What a journal is about.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Kind {
@@ -54,6 +83,29 @@ impl Kind {
         }
     }
 
+    /// Parameters for a mission, and the reverse.
+    pub fn other(self) -> Self {
+        match self {
+            Self::Mission => Self::Parameters,
+            Self::Parameters => Self::Mission,
+        }
+    }
+
+    /// What is interrupted.
+    fn noun(self) -> &'static str {
+        match self {
+            Self::Mission => "upload",
+            Self::Parameters => "change",
+        }
+    }
+
+    fn whole(self) -> &'static str {
+        match self {
+            Self::Mission => "an interrupted upload",
+            Self::Parameters => "a change of parameters",
+        }
+    }
+
     fn words(self) -> &'static str {
         match self {
             Self::Mission => "transfer of a mission",
@@ -73,6 +125,24 @@ impl Kind {
         let mut found: Vec<PathBuf> = entries.map(|e| e.path()).filter(|p| self.names(p)).collect();
         found.sort();
         found
+    }
+
+    /// The only one in a folder.
+    ///
+    /// # Errors
+    /// There is none, or there are several.
+    pub fn the_only(self, folder: &Path) -> Result<PathBuf, JournalError> {
+        match self.list(folder).as_slice() {
+            [one] => Ok(one.clone()),
+            [] => {
+                let folder = std::path::absolute(folder).unwrap_or_else(|_| folder.to_owned());
+                Err(JournalError::None { kind: self, folder })
+            }
+            many => {
+                let names: Vec<String> = many.iter().map(|p| p.display().to_string()).collect();
+                Err(JournalError::Several { kind: self, names: names.join(", ") })
+            }
+        }
     }
 
     /// Where the journal of a change of this vehicle lies.
@@ -349,6 +419,11 @@ impl Journal {
                 home(connected)
             ))),
         }
+    }
+
+    /// That it cannot be taken up as one of the other kind.
+    pub fn is_of_other_kind(self) -> JournalError {
+        JournalError::OtherKind { kind: self.content.kind(), path: self.path }
     }
 
     /// When it began, in words: " 5 minutes ago"; empty where that is not known.

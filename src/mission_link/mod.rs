@@ -5,6 +5,7 @@ pub mod facts;
 pub mod files;
 pub mod inventory;
 pub mod journal;
+pub mod measure;
 pub mod param_delivery;
 pub mod param_transfer;
 pub mod pin;

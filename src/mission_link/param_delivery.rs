@@ -6,9 +6,10 @@ use super::param_transfer;
 use super::vehicle::Vehicle;
 use super::wire::{News, Wire};
 use crate::advice::table::{self, Mapping};
+use gaware_mission::change::Phase;
 use gaware_mission::identity::Identity;
 use gaware_mission::item::Autopilot;
-use gaware_mission::params::apply::{ApplyOutcome, ApplyPhase, Pair, Wanted};
+use gaware_mission::params::apply::{ApplyOutcome, Pair, Wanted};
 use gaware_mission::params::file::{self, FileEntry, FileLine, ParamFile};
 use gaware_mission::params::{ParamName, ParamType};
 use std::path::{Path, PathBuf};
@@ -132,7 +133,7 @@ pub async fn deliver(
     order: &ParamOrder,
     backup: PathBuf,
     patience_s: f64,
-    tell: impl FnMut(News<ApplyPhase>),
+    tell: impl FnMut(News),
 ) -> Result<ParamDelivered, ParamOrderError> {
     let vehicle = wire.vehicle();
     order.check_vehicle(&vehicle)?;
@@ -198,7 +199,7 @@ fn delivered(
 
 /// The mapping that sets a parameter.
 pub fn mapping(name: &str, autopilot: Autopilot) -> Option<&'static Mapping> {
-    table::TABLE.iter().find(|m| m.autopilot == autopilot && m.parameters.contains(&name))
+    table::rows().find(|m| m.autopilot == autopilot && m.parameters.contains(&name))
 }
 
 /// A parameter file of a vehicle.
@@ -214,20 +215,20 @@ pub fn text_of(
 }
 
 /// What a change is doing, in words.
-pub fn phase_words(phase: ApplyPhase) -> &'static str {
+pub fn phase_words(phase: Phase) -> &'static str {
     match phase {
-        ApplyPhase::BackingUp => "reading the values on board …",
-        ApplyPhase::Setting => "setting …",
-        ApplyPhase::ReadingBack => "reading back …",
-        ApplyPhase::Restoring => "putting the old values back …",
-        ApplyPhase::Finished => "finished",
+        Phase::BackingUp => "reading the values on board …",
+        Phase::Sending => "setting …",
+        Phase::ReadingBack => "reading back …",
+        Phase::Restoring => "putting the old values back …",
+        Phase::Finished => "finished",
     }
 }
 
 /// Documented ranges, as far as this program knows them.
 fn check_ranges(file: &ParamFile) -> Result<(), ParamOrderError> {
     for entry in &file.entries {
-        let known = table::TABLE.iter().find(|m| m.parameters.contains(&entry.name.as_str()));
+        let known = table::rows().find(|m| m.parameters.contains(&entry.name.as_str()));
         if let Some((low, high)) = known.and_then(|m| m.range)
             && !(low..=high).contains(&entry.value)
         {

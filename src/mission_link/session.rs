@@ -3,10 +3,10 @@
 use super::pin;
 use super::pinned::{Pinned, RawEvent, RawWire};
 use super::vehicle::Vehicle;
-use crate::commands::run::guard::Guard;
 use crate::link::address::Address;
 use crate::link::endpoint::{Links, Origin, ReceiveClock, Received};
 use crate::link::frame::Frame;
+use crate::link::guard::Guard;
 use crate::link::heartbeat::HeartbeatSource;
 use gaware_mission::transfer;
 use std::path::Path;

@@ -9,13 +9,14 @@ use super::pinned::Pinned;
 use super::run_wire::RunWire;
 use super::vehicle::Vehicle;
 use super::wire::{News, Wire};
-use crate::commands::run::Live;
 use crate::figures::counted;
 use crate::link::endpoint::{Origin, Received};
+use crate::sinks::live::Live;
 use crate::sinks::status::{MissionState, MissionView, SinkStatus};
 use crate::sinks::{Change, Request};
 use gaware_mission::airframe::Airframe;
-use gaware_mission::transfer::verified::{Options, Outcome, Phase};
+use gaware_mission::change::Phase;
+use gaware_mission::transfer::verified::{Options, Outcome};
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::time::{Duration, SystemTime};
@@ -321,7 +322,7 @@ async fn transfer(
 pub fn phase_words(phase: Phase) -> &'static str {
     match phase {
         Phase::BackingUp => "reading the mission that is on board",
-        Phase::Uploading => "uploading",
+        Phase::Sending => "uploading",
         Phase::ReadingBack => "reading back",
         Phase::Restoring => "putting the previous mission back",
         Phase::Finished => "the transfer is over",

@@ -3,10 +3,11 @@
 use super::codec;
 use super::vehicle::Vehicle;
 use crate::link::frame::Frame;
+use gaware_mission::change::{Exchange, Phase, VerifiedChange};
 use gaware_mission::identity::Identity;
 use gaware_mission::item::{Mission, MissionKind};
-use gaware_mission::transfer::verified::{Goal, Options, Outcome, Phase, VehicleState, VerifiedUpload};
-use gaware_mission::transfer::{Action, Address, Download, Downloaded, Peers, TransferError};
+use gaware_mission::transfer::verified::{Goal, Options, Outcome, VerifiedUpload};
+use gaware_mission::transfer::{Action, Address, Download, Envelope, Peers, TransferError};
 use std::future::Future;
 use std::pin::pin;
 use std::task::{Context, Poll, Waker};
@@ -27,9 +28,9 @@ pub struct Checked {
 
 /// What a change reports on its way.
 #[derive(Debug, Clone, PartialEq)]
-pub enum News<P = Phase> {
+pub enum News {
     /// A new phase began.
-    Phase(P),
+    Phase(Phase),
     /// The vehicle was looked at; nothing is changed yet.
     Checked(Checked),
     /// To be said to the user.
@@ -67,15 +68,6 @@ pub trait Wire {
     fn now_s(&self) -> f64;
     /// Sends a message by its id and payload.
     fn send_payload(&mut self, id: u32, payload: Vec<u8>);
-    /// Sends what is to be sent among these.
-    fn send(&mut self, actions: &[Action]) {
-        for action in actions {
-            if let Action::Send(message) = action {
-                let (id, payload) = codec::encode(self.vehicle().address, message);
-                self.send_payload(id, payload);
-            }
-        }
-    }
     /// The next frame, the deadline (or a short while without one), or the wish to stop. Keeps [`Self::vehicle`] up to date.
     fn next(&mut self, deadline_s: Option<f64>) -> impl Future<Output = Event> + Send;
 }
@@ -127,27 +119,17 @@ async fn download_once(wire: &mut impl Wire, kind: MissionKind) -> Result<Missio
     if kind != MissionKind::Mission {
         peers.timing.retries = RETRIES_OF_OTHER_LISTS;
     }
-    let (mut download, actions) = Download::start(peers, wire.now_s());
-    wire.send(&actions);
-    loop {
-        if let Some(result) = download.result() {
-            let autopilot = wire.vehicle().autopilot;
-            let read = |got: &Downloaded| Mission::from_wire_list(kind, autopilot, &got.items);
-            return result.map(read).map_err(Clone::clone);
+    let begun = Download::start(peers, wire.now_s());
+    let over = |download: &Download| {
+        let result = download.result()?;
+        Some(result.map(|got| got.items.clone()).map_err(Clone::clone))
+    };
+    match read_out(wire, begun, over).await {
+        Ok(items) => Ok(Mission::from_wire_list(kind, wire.vehicle().autopilot, &items?)),
+        Err((mut download, why)) => {
+            send(wire, &download.cancel(), |_, _| ());
+            Err(TransferError::Stopped(why))
         }
-        let actions = match wire.next(download.deadline()).await {
-            Event::Frame(frame) => match codec::decode(&frame) {
-                Some(envelope) => download.receive(wire.now_s(), &envelope),
-                None => Vec::new(),
-            },
-            Event::Deadline => download.tick(wire.now_s()),
-            Event::Stopped(why) | Event::Abandoned(why) => {
-                let last = download.cancel();
-                wire.send(&last);
-                return Err(TransferError::Stopped(why));
-            }
-        };
-        wire.send(&actions);
     }
 }
 
@@ -199,43 +181,79 @@ pub async fn resume(
     drive(wire, begun, patience_s, |_| Ok(()), tell).await
 }
 
-/// A verified change under way: of a mission, a fence, rally points or parameters.
-pub(super) trait VerifiedChange {
-    /// What it is doing.
-    type Phase: Copy + PartialEq;
-    /// What is on the vehicle.
-    type Outcome: Clone + std::fmt::Display;
-    /// What was on board before.
-    type Backup: ?Sized;
-    /// What it asks its caller to do.
-    type Action;
+/// What a machine takes from the vehicle.
+pub(super) trait Incoming: Sized {
+    /// What a frame says, if it is one of these.
+    fn read(vehicle: Address, frame: &Frame) -> Option<Self>;
+}
 
-    fn phase(&self) -> Self::Phase;
-    fn outcome(&self) -> Option<&Self::Outcome>;
-    /// Whether this outcome may be settled when the link or the state of the vehicle changes.
-    fn is_open(outcome: &Self::Outcome) -> bool;
-    /// Nothing was changed.
-    fn untouched(why: String) -> Self::Outcome;
-    fn backup(&self) -> Option<&Self::Backup>;
-    fn deadline(&self) -> Option<f64>;
-    /// The vehicle's heartbeat.
-    fn heartbeat(&mut self, now_s: f64, state: VehicleState) -> Vec<Self::Action>;
-    fn frame(&mut self, now_s: f64, vehicle: &Vehicle, frame: &Frame) -> Vec<Self::Action>;
-    fn tick(&mut self, now_s: f64) -> Vec<Self::Action>;
-    fn cancel(&mut self, now_s: f64, why: &str) -> Vec<Self::Action>;
-    fn abandon(&mut self, why: &str);
-    /// The message of an action, or its progress.
-    fn message(action: &Self::Action, to: Address) -> Result<(u32, Vec<u8>), (usize, usize)>;
+/// What a machine asks its caller to do.
+pub(super) trait Outgoing {
+    /// The message to the vehicle, or the progress.
+    fn message(&self, to: Address) -> Result<(u32, Vec<u8>), (usize, usize)>;
+}
+
+impl Incoming for Envelope {
+    fn read(_: Address, frame: &Frame) -> Option<Self> {
+        codec::decode(frame)
+    }
+}
+
+impl Outgoing for Action {
+    fn message(&self, to: Address) -> Result<(u32, Vec<u8>), (usize, usize)> {
+        match self {
+            Self::Send(message) => Ok(codec::encode(to, message)),
+            Self::Progress { done, total } => Err((*done, *total)),
+        }
+    }
+}
+
+fn send(wire: &mut impl Wire, actions: &[impl Outgoing], mut progress: impl FnMut(usize, usize)) {
+    let to = wire.vehicle().address;
+    for action in actions {
+        match action.message(to) {
+            Ok((id, payload)) => wire.send_payload(id, payload),
+            Err((done, total)) => progress(done, total),
+        }
+    }
+}
+
+fn received<M: Exchange<Message: Incoming>>(
+    wire: &impl Wire,
+    machine: &mut M,
+    frame: &Frame,
+) -> Vec<M::Action> {
+    let message = M::Message::read(wire.vehicle().address, frame);
+    message.map_or_else(Vec::new, |message| machine.receive(wire.now_s(), &message))
+}
+
+/// Drives a reading to its result; or it is not to go on, for this reason.
+pub(super) async fn read_out<M: Exchange<Message: Incoming, Action: Outgoing>, T>(
+    wire: &mut impl Wire,
+    (mut machine, mut actions): (M, Vec<M::Action>),
+    mut result: impl FnMut(&M) -> Option<T>,
+) -> Result<T, (M, String)> {
+    loop {
+        send(wire, &actions, |_, _| ());
+        if let Some(result) = result(&machine) {
+            return Ok(result);
+        }
+        actions = match wire.next(machine.deadline()).await {
+            Event::Frame(frame) => received(wire, &mut machine, &frame),
+            Event::Deadline => machine.tick(wire.now_s()),
+            Event::Stopped(why) | Event::Abandoned(why) => return Err((machine, why)),
+        };
+    }
 }
 
 /// Drives a change to its end. `keep` gets what was on board before anything is sent that changes it; if it cannot keep that, nothing is sent.
 /// After a loss of the link it goes on when the vehicle is received from again within `patience_s`.
-pub(super) async fn drive<C: VerifiedChange>(
+pub(super) async fn drive<C: VerifiedChange<Message: Incoming, Action: Outgoing>>(
     wire: &mut impl Wire,
     (mut change, mut actions): (C, Vec<C::Action>),
     patience_s: f64,
     mut keep: impl FnMut(&C::Backup) -> Result<(), String>,
-    mut tell: impl FnMut(News<C::Phase>),
+    mut tell: impl FnMut(News),
 ) -> C::Outcome {
     let (mut kept, mut phase, mut stranded_since, mut stopping) = (false, None, None, false);
     loop {
@@ -245,12 +263,7 @@ pub(super) async fn drive<C: VerifiedChange>(
             }
             kept = true;
         }
-        for action in &actions {
-            match C::message(action, wire.vehicle().address) {
-                Ok((id, payload)) => wire.send_payload(id, payload),
-                Err((done, total)) => tell(News::Progress(done, total)),
-            }
-        }
+        send(wire, &actions, |done, total| tell(News::Progress(done, total)));
         if phase != Some(change.phase()) {
             phase = Some(change.phase());
             tell(News::Phase(change.phase()));
@@ -274,8 +287,13 @@ pub(super) async fn drive<C: VerifiedChange>(
         let now = wire.now_s();
         actions = match wire.next(deadline_s).await {
             Event::Frame(frame) => match heartbeat_of(wire.vehicle(), &frame) {
-                Some(vehicle) => change.heartbeat(wire.now_s(), vehicle.state),
-                None => change.frame(wire.now_s(), &wire.vehicle(), &frame),
+                Some(vehicle) => {
+                    let now = wire.now_s();
+                    let mut actions = change.vehicle_state(now, vehicle.state);
+                    actions.extend(change.link_restored(now));
+                    actions
+                }
+                None => received(wire, &mut change, &frame),
             },
             Event::Deadline => change.tick(wire.now_s().max(now)),
             Event::Stopped(why) => {
@@ -288,66 +306,6 @@ pub(super) async fn drive<C: VerifiedChange>(
                 Vec::new()
             }
         };
-    }
-}
-
-impl VerifiedChange for VerifiedUpload {
-    type Phase = Phase;
-    type Outcome = Outcome;
-    type Backup = Mission;
-    type Action = Action;
-
-    fn phase(&self) -> Phase {
-        self.phase()
-    }
-
-    fn outcome(&self) -> Option<&Outcome> {
-        self.outcome()
-    }
-
-    fn is_open(outcome: &Outcome) -> bool {
-        matches!(outcome, Outcome::Unknown { .. })
-    }
-
-    fn untouched(why: String) -> Outcome {
-        Outcome::RestoredPrevious { why }
-    }
-
-    fn backup(&self) -> Option<&Mission> {
-        self.backup()
-    }
-
-    fn deadline(&self) -> Option<f64> {
-        self.deadline()
-    }
-
-    fn heartbeat(&mut self, now_s: f64, state: VehicleState) -> Vec<Action> {
-        let mut actions = self.vehicle_state(now_s, state);
-        actions.extend(self.link_restored(now_s));
-        actions
-    }
-
-    fn frame(&mut self, now_s: f64, _: &Vehicle, frame: &Frame) -> Vec<Action> {
-        codec::decode(frame).map_or_else(Vec::new, |envelope| self.receive(now_s, &envelope))
-    }
-
-    fn tick(&mut self, now_s: f64) -> Vec<Action> {
-        self.tick(now_s)
-    }
-
-    fn cancel(&mut self, now_s: f64, why: &str) -> Vec<Action> {
-        self.cancel(now_s, why)
-    }
-
-    fn abandon(&mut self, why: &str) {
-        self.abandon(why);
-    }
-
-    fn message(action: &Action, to: Address) -> Result<(u32, Vec<u8>), (usize, usize)> {
-        match action {
-            Action::Send(message) => Ok(codec::encode(to, message)),
-            Action::Progress { done, total } => Err((*done, *total)),
-        }
     }
 }
 

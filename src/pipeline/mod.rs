@@ -3,9 +3,11 @@
 //! Everything here follows from the frames (or measurements) and their order alone, so that a replay of a recording gives
 //! bit for bit what the run gave.
 
+mod quality;
 mod recorded;
 pub mod replay;
 mod truth_comparison;
+mod window;
 
 use crate::advice::start::Started;
 use crate::engine::situation::FlightReport;
@@ -17,13 +19,16 @@ use crate::sensors::flight::FlightWatch;
 use crate::sensors::truth::SimTruth;
 use crate::sensors::{Converter, ConverterOptions, ConverterStats, Notice, Severity};
 use crate::timeline::Gaps;
+use gaware_nav::earth::Geodetic;
 use gaware_nav::observability::words::VehicleKind;
 use gaware_nav::sample::Sample;
+pub use quality::{Quality, ReceiverQuality};
 pub use recorded::{Recorded, samples, samples_of};
 use schemars::JsonSchema;
 use serde::Serialize;
 use serde_json::{Map, Value};
 pub use truth_comparison::{TruthComparison, TruthResult};
+pub use window::{Excerpt, LogPart, most_motion};
 
 /// What takes the samples.
 pub trait Consumer {
@@ -33,6 +38,8 @@ pub trait Consumer {
     fn set_vehicle(&mut self, _kind: VehicleKind) {}
     /// Takes what the vehicle reports of its flight.
     fn set_flight(&mut self, _report: &FlightReport) {}
+    /// Takes where the vehicle is for as long as no fix says so.
+    fn set_place(&mut self, _place: Geodetic) {}
     /// Roll, pitch, yaw, rad, and the time they are for, s; nothing while there is no estimate. Called often.
     fn attitude(&mut self) -> Option<(f64, [f64; 3])> {
         None
@@ -295,6 +302,10 @@ impl Consumer for crate::engine::Engine {
 
     fn set_flight(&mut self, report: &FlightReport) {
         Self::set_flight(self, report);
+    }
+
+    fn set_place(&mut self, place: Geodetic) {
+        Self::set_place(self, place);
     }
 
     fn attitude(&mut self) -> Option<(f64, [f64; 3])> {

@@ -73,6 +73,8 @@ impl Recorded {
         progress: &dyn Fn(u64),
         watch: &mut dyn FnMut(&Record),
     ) -> Result<(Pipeline<E>, Damage), LogError> {
+        let mut consumer = consumer;
+        self.setup.as_ref().and_then(|s| s.place).into_iter().for_each(|place| consumer.set_place(place));
         let mut pipeline = Pipeline::new(self.options, consumer, truth_from_s);
         pipeline.set_autopilot(self.reader.autopilot());
         pipeline.decide_vehicle_kind(self.setup.as_ref().and_then(|s| s.vehicle));

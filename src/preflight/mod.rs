@@ -54,7 +54,8 @@ pub struct Row {
 }
 
 impl Row {
-    fn new(check: &'static str, verdict: Verdict, text: impl Into<String>) -> Self {
+    /// A line.
+    pub fn new(check: &'static str, verdict: Verdict, text: impl Into<String>) -> Self {
         Self { check, verdict, text: text.into() }
     }
 }

@@ -268,3 +268,19 @@ fn wrong_set_ups_of_a_plane_on_px4() {
     ];
     insta::assert_snapshot!(all.join("\n"));
 }
+
+/// One with FW_AIRSPD_MAX 20 reached 14.6 m/s.
+#[test]
+fn a_limit_of_the_autopilot_is_no_speed_that_an_aircraft_reaches() {
+    let wing = Airframe::example("small_fixed_wing").expect("shipped");
+    let said = |airframe: &Airframe| {
+        let rows = check(&plane(), Against { airframe: Some(airframe), ..Against::default() });
+        let row = rows.into_iter().find(|r| r.check == "airframe").expect("a row");
+        assert_eq!(row.verdict, Verdict::Ok, "{row}");
+        row.text
+    };
+    assert!(said(&wing).contains("airframe fit LOG\" measures it"), "{}", said(&wing));
+    let fitted = wing.fitted();
+    assert!(fitted.name.ends_with(", fitted") && fitted.clone().fitted() == fitted);
+    assert!(!said(&fitted).contains("airframe fit"), "{}", said(&fitted));
+}

@@ -21,6 +21,7 @@ const STANDBY: u8 = 3;
 const FAILSAFE: [u8; 3] = [5, 6, 8];
 /// `MAV_LANDED_STATE`.
 const ON_GROUND: u8 = 1;
+const IN_AIR: u8 = 2;
 const TAKING_OFF: u8 = 3;
 const LANDING: u8 = 4;
 /// `MAV_SEVERITY_CRITICAL`; what is more severe has lower numbers.
@@ -137,6 +138,7 @@ impl FlightWatch {
         let (mode, stands_by) = self.heartbeat;
         let by_pilot = mode == FlightMode::Pilot;
         self.report.on_ground = self.landed == ON_GROUND || (self.landed == 0 && stands_by);
+        self.report.in_air = matches!(self.landed, IN_AIR | TAKING_OFF | LANDING);
         self.report.mode = match self.landed {
             TAKING_OFF if !by_pilot => FlightMode::TakeOff,
             LANDING if mode != FlightMode::Return => FlightMode::Landing,

@@ -5,6 +5,7 @@
 
 pub mod foxglove;
 pub mod link_meter;
+pub mod live;
 pub mod log;
 pub mod messages;
 pub mod metrics;

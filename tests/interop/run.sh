@@ -3,7 +3,8 @@
 # later with venv, node 20 and npm, and package indexes; arguments choose tests (test_mavsdk, test_files.MavsdkReads, …).
 set -eu
 cd "$(dirname "$0")/../.."
-cargo build --quiet --locked
+# With the example, as for the browser: without development dependencies the program would be compiled once more.
+cargo build --quiet --locked --bin gaware --example web_fixture
 target="${CARGO_TARGET_DIR:-$PWD/target}"
 GAWARE="$target/debug/gaware"
 export GAWARE

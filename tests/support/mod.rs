@@ -1,6 +1,5 @@
 //! What the end-to-end tests share: the real binary as a process, and where recorded flights are.
 
-#![allow(dead_code, reason = "every test file uses its own part of this")]
 #![allow(clippy::unwrap_used, clippy::panic, reason = "helpers of tests may panic, as tests do")]
 
 pub mod page;
@@ -9,6 +8,7 @@ use serde_json::Value;
 use std::io::{BufRead, BufReader, Read};
 use std::path::{Path, PathBuf};
 use std::process::{Child, Command, ExitStatus, Stdio};
+use std::sync::atomic::{AtomicUsize, Ordering};
 use std::sync::mpsc::{Receiver, channel};
 use std::time::Duration;
 
@@ -156,7 +156,10 @@ pub struct Folder(PathBuf);
 impl Folder {
     /// Makes it.
     pub fn new(name: &str) -> Self {
-        let path = std::env::temp_dir().join(format!("gaware-{name}-{}", std::process::id()));
+        // The tests of all files run in one process.
+        static COUNT: AtomicUsize = AtomicUsize::new(0);
+        let count = COUNT.fetch_add(1, Ordering::Relaxed);
+        let path = std::env::temp_dir().join(format!("gaware-{name}-{}-{count}", std::process::id()));
         let _ = std::fs::remove_dir_all(&path);
         std::fs::create_dir_all(&path).unwrap();
         Self(path)

@@ -111,6 +111,7 @@ fn dispatch(job: Job, contents: Vec<Vec<u8>>) -> Result<Done, Failure> {
             converter: ConverterOptions::default(),
             settings: Settings::default(),
             parameters,
+            whole: false,
         }),
         (Command::Report, _) => Err("a report is of one log: choose one".into()),
         (Command::Compare, _) => {
@@ -145,6 +146,9 @@ fn report(log: &Input, model: Option<(String, Model)>) -> Result<Done, Failure> 
 fn explained(request: &Request) -> Result<Done, Failure> {
     let entered = Cell::new(now());
     let progress = |phase: Phase| {
+        if let Phase::Read(load) = phase {
+            return show(&load.words(), 0, 0);
+        }
         let (step, what) = phase.step();
         let at = now();
         let left = phase.time_left(at.saturating_sub(entered.replace(at)));

@@ -5,7 +5,7 @@ mod closed_loop;
 mod endurance;
 mod faults;
 
-use crate::{demo, drift, guidance, honesty, observability, paper, recorded, transfer};
+use crate::{demo, drift, ground, guidance, honesty, observability, paper, recorded, transfer};
 use gaware::commands::{CommandError, output};
 use gaware::demo::{Prepared, Settings};
 use gaware::parallel::Progress;
@@ -48,6 +48,8 @@ pub enum StudyKind {
     Endurance(endurance::EnduranceArgs),
     /// Gyro biases that drift as those of a board that warms up: errors of the live filter against its sigmas.
     Drift(DriftArgs),
+    /// Ground sessions by hand over many units: sources of samples, GNSS open, covered and none, hands that make mistakes.
+    Ground(GroundStudyArgs),
     /// Faults of link, clocks and sensors in flight: what the pilot is shown, time to recover, losses, errors against sigmas.
     Faults(faults::FaultsArgs),
 }
@@ -58,6 +60,20 @@ pub struct DriftArgs {
     /// Vehicles per drift, of each kind.
     #[arg(long, default_value_t = 6)]
     pub seeds: usize,
+    /// First seed.
+    #[arg(long, default_value_t = 1)]
+    pub seed: u64,
+    /// Print one JSON document.
+    #[arg(long)]
+    pub json: bool,
+}
+
+/// Arguments of `study ground`.
+#[derive(Debug, Clone, clap::Args)]
+pub struct GroundStudyArgs {
+    /// Units per row.
+    #[arg(long, default_value_t = 20)]
+    pub runs: usize,
     /// First seed.
     #[arg(long, default_value_t = 1)]
     pub seed: u64,
@@ -305,6 +321,11 @@ pub fn run(args: &StudyArgs) -> Result<(), StudyError> {
         StudyKind::Drift(args) => {
             let settings = drift::Settings { seeds: args.seeds, seed: args.seed };
             let study = with_bar(drift::flights(&settings), "flights", |bar| drift::run(&settings, bar));
+            show(args.json, &study, |out, study| write!(out, "{study}"))
+        }
+        StudyKind::Ground(args) => {
+            let settings = ground::Settings { runs: args.runs, seed: args.seed };
+            let study = with_bar(ground::sessions(&settings), "sessions", |bar| ground::run(&settings, bar));
             show(args.json, &study, |out, study| write!(out, "{study}"))
         }
         StudyKind::Endurance(args) => endurance::run(args),

@@ -9,6 +9,7 @@ mod outcome;
 pub use outcome::{ApplyOutcome, Doubtful};
 
 use super::{Encoding, ParamMessage, ParamName, ParamRead, ParamTiming, ParamType, ParamValue, Parameters};
+use crate::change::{Exchange, Phase, VehicleState, VerifiedChange};
 
 /// A parameter and the value that it is to have.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -49,21 +50,6 @@ impl Default for ApplyTiming {
     fn default() -> Self {
         Self { request: ParamTiming { tries: 10, ..ParamTiming::default() }, settle_s: 0.7, restores: 3 }
     }
-}
-
-/// What it is doing.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum ApplyPhase {
-    /// Reading what is on board.
-    BackingUp,
-    /// Setting the new values.
-    Setting,
-    /// Reading back and comparing.
-    ReadingBack,
-    /// Putting the old values back.
-    Restoring,
-    /// Over, or waiting for the link or for the vehicle to disarm.
-    Finished,
 }
 
 #[derive(Debug)]
@@ -161,33 +147,13 @@ impl ParamApply {
             step,
         }
     }
+}
 
-    /// Old and new values, once the old ones have been read; keep them before anything that is returned with them is sent.
-    pub fn backup(&self) -> Option<&[Pair]> {
-        (!matches!(self.step, Step::BackUp(_)) && !self.pairs.is_empty()).then_some(&self.pairs)
-    }
+impl Exchange for ParamApply {
+    type Action = ParamMessage;
+    type Message = ParamMessage;
 
-    /// What it is doing.
-    pub fn phase(&self) -> ApplyPhase {
-        match &self.step {
-            Step::BackUp(_) => ApplyPhase::BackingUp,
-            Step::Set { .. } if self.restoring => ApplyPhase::Restoring,
-            Step::Set { .. } => ApplyPhase::Setting,
-            Step::Settle { .. } | Step::ReadBack(_) => ApplyPhase::ReadingBack,
-            Step::Finished(_) => ApplyPhase::Finished,
-        }
-    }
-
-    /// What is on the vehicle, once that can be said.
-    pub fn outcome(&self) -> Option<&ApplyOutcome> {
-        match &self.step {
-            Step::Finished(outcome) => Some(outcome),
-            _ => None,
-        }
-    }
-
-    /// When [`Self::tick`] wants to be called, s.
-    pub fn deadline(&self) -> Option<f64> {
+    fn deadline(&self) -> Option<f64> {
         match &self.step {
             Step::BackUp(read) | Step::ReadBack(read) => read.deadline(),
             Step::Set { deadline, .. } => Some(*deadline),
@@ -196,13 +162,7 @@ impl ParamApply {
         }
     }
 
-    /// Whether the vehicle is armed, as its last heartbeat says.
-    pub fn set_armed(&mut self, armed: bool) {
-        self.armed = Some(armed);
-    }
-
-    /// A value that this vehicle sent.
-    pub fn receive(&mut self, now: f64, message: &ParamMessage) -> Vec<ParamMessage> {
+    fn receive(&mut self, now: f64, message: &ParamMessage) -> Vec<ParamMessage> {
         let messages = match &mut self.step {
             Step::BackUp(read) | Step::ReadBack(read) => read.receive(now, message),
             Step::Set { .. } => return self.answered(now, message),
@@ -211,8 +171,7 @@ impl ParamApply {
         self.advance(now, messages)
     }
 
-    /// Time passed.
-    pub fn tick(&mut self, now: f64) -> Vec<ParamMessage> {
+    fn tick(&mut self, now: f64) -> Vec<ParamMessage> {
         let messages = match &mut self.step {
             Step::BackUp(read) | Step::ReadBack(read) => read.tick(now),
             Step::Set { deadline, .. } if now >= *deadline => return self.again(now),
@@ -221,9 +180,47 @@ impl ParamApply {
         };
         self.advance(now, messages)
     }
+}
 
-    /// The change is not wanted any more, for this reason: the old values are put back if anything was changed.
-    pub fn cancel(&mut self, now: f64, why: &str) -> Vec<ParamMessage> {
+impl VerifiedChange for ParamApply {
+    type Outcome = ApplyOutcome;
+    type Backup = [Pair];
+
+    fn is_open(outcome: &ApplyOutcome) -> bool {
+        matches!(outcome, ApplyOutcome::Mixed { .. })
+    }
+
+    fn untouched(why: String) -> ApplyOutcome {
+        ApplyOutcome::Previous { why }
+    }
+
+    fn backup(&self) -> Option<&[Pair]> {
+        (!matches!(self.step, Step::BackUp(_)) && !self.pairs.is_empty()).then_some(&self.pairs)
+    }
+
+    fn phase(&self) -> Phase {
+        match &self.step {
+            Step::BackUp(_) => Phase::BackingUp,
+            Step::Set { .. } if self.restoring => Phase::Restoring,
+            Step::Set { .. } => Phase::Sending,
+            Step::Settle { .. } | Step::ReadBack(_) => Phase::ReadingBack,
+            Step::Finished(_) => Phase::Finished,
+        }
+    }
+
+    fn outcome(&self) -> Option<&ApplyOutcome> {
+        match &self.step {
+            Step::Finished(outcome) => Some(outcome),
+            _ => None,
+        }
+    }
+
+    fn vehicle_state(&mut self, _: f64, state: VehicleState) -> Vec<ParamMessage> {
+        self.armed = Some(state.armed);
+        Vec::new()
+    }
+
+    fn cancel(&mut self, now: f64, why: &str) -> Vec<ParamMessage> {
         self.why.get_or_insert_with(|| why.to_owned());
         match &self.step {
             Step::BackUp(_) => {
@@ -239,8 +236,7 @@ impl ParamApply {
         }
     }
 
-    /// It is not certain any more who answers: nothing is sent from now on.
-    pub fn abandon(&mut self, why: &str) {
+    fn abandon(&mut self, why: &str) {
         self.abandoned = true;
         match (&self.step, self.touched) {
             (Step::Finished(outcome), _) if !matches!(outcome, ApplyOutcome::Mixed { .. }) => {}
@@ -253,8 +249,7 @@ impl ParamApply {
         }
     }
 
-    /// The link is back, or the vehicle is disarmed: uncertain values are settled.
-    pub fn link_restored(&mut self, now: f64) -> Vec<ParamMessage> {
+    fn link_restored(&mut self, now: f64) -> Vec<ParamMessage> {
         let open = matches!(self.step, Step::Finished(ApplyOutcome::Mixed { .. }));
         if !open || self.abandoned || self.armed != Some(false) {
             return Vec::new();
@@ -263,7 +258,9 @@ impl ParamApply {
         self.restoring = true;
         self.settle(now)
     }
+}
 
+impl ParamApply {
     fn objection(&self) -> Option<String> {
         match self.armed {
             Some(false) => None,

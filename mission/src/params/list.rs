@@ -5,6 +5,7 @@
 //! for by name; a vehicle that does not answer that has none.
 
 use super::{Encoding, ParamMessage, ParamName, ParamTiming, ParamValue};
+use crate::change::Exchange;
 use std::collections::BTreeMap;
 
 /// The parameter that is the hash.
@@ -64,41 +65,15 @@ pub struct ParamList {
     result: Option<Result<AllParameters, ListError>>,
 }
 
-impl ParamList {
-    /// Starts; send what is returned.
-    pub fn start(encoding: Encoding, timing: ParamTiming, now: f64) -> (Self, Vec<ParamMessage>) {
-        let list = Self {
-            encoding,
-            timing,
-            count: None,
-            by_index: BTreeMap::new(),
-            hash: None,
-            hash_asked: 0,
-            lists_left: timing.tries.saturating_sub(1),
-            asked: BTreeMap::new(),
-            deadline: now + SILENCE_S,
-            result: None,
-        };
-        (list, vec![ParamMessage::RequestList])
-    }
+impl Exchange for ParamList {
+    type Action = ParamMessage;
+    type Message = ParamMessage;
 
-    /// When [`Self::tick`] wants to be called, s.
-    pub fn deadline(&self) -> Option<f64> {
+    fn deadline(&self) -> Option<f64> {
         self.result.is_none().then_some(self.deadline)
     }
 
-    /// The parameters, once all are there or given up.
-    pub fn result(&self) -> Option<&Result<AllParameters, ListError>> {
-        self.result.as_ref()
-    }
-
-    /// Parameters received, of all.
-    pub fn progress(&self) -> (usize, usize) {
-        (self.by_index.len(), usize::from(self.count.unwrap_or(0)))
-    }
-
-    /// A message of this vehicle.
-    pub fn receive(&mut self, now: f64, message: &ParamMessage) -> Vec<ParamMessage> {
+    fn receive(&mut self, now: f64, message: &ParamMessage) -> Vec<ParamMessage> {
         let ParamMessage::Value { name, bits, kind: Some(kind), count, index } = message else {
             return Vec::new();
         };
@@ -136,8 +111,7 @@ impl ParamList {
         if was_asked { self.ask() } else { Vec::new() }
     }
 
-    /// Time passed.
-    pub fn tick(&mut self, now: f64) -> Vec<ParamMessage> {
+    fn tick(&mut self, now: f64) -> Vec<ParamMessage> {
         if self.result.is_some() || now < self.deadline {
             return Vec::new();
         }
@@ -162,6 +136,35 @@ impl ParamList {
         let mut messages: Vec<ParamMessage> = again.iter().map(|index| self.request(*index)).collect();
         messages.extend(self.ask());
         messages
+    }
+}
+
+impl ParamList {
+    /// Starts; send what is returned.
+    pub fn start(encoding: Encoding, timing: ParamTiming, now: f64) -> (Self, Vec<ParamMessage>) {
+        let list = Self {
+            encoding,
+            timing,
+            count: None,
+            by_index: BTreeMap::new(),
+            hash: None,
+            hash_asked: 0,
+            lists_left: timing.tries.saturating_sub(1),
+            asked: BTreeMap::new(),
+            deadline: now + SILENCE_S,
+            result: None,
+        };
+        (list, vec![ParamMessage::RequestList])
+    }
+
+    /// The parameters, once all are there or given up.
+    pub fn result(&self) -> Option<&Result<AllParameters, ListError>> {
+        self.result.as_ref()
+    }
+
+    /// Parameters received, of all.
+    pub fn progress(&self) -> (usize, usize) {
+        (self.by_index.len(), usize::from(self.count.unwrap_or(0)))
     }
 
     /// All parameters are there; the hash, where the vehicle has one, may have been lost.

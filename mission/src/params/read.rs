@@ -1,6 +1,7 @@
 //! Reading parameters by name: a few requests in flight, repeated until they are answered or given up.
 
 use super::{Encoding, ParamMessage, ParamName, ParamValue};
+use crate::change::Exchange;
 use std::collections::BTreeMap;
 
 /// Waiting times and patience.
@@ -58,6 +59,41 @@ pub struct ParamRead {
     read: Parameters,
 }
 
+impl Exchange for ParamRead {
+    type Action = ParamMessage;
+    type Message = ParamMessage;
+
+    fn deadline(&self) -> Option<f64> {
+        self.asked.iter().map(|a| a.deadline).min_by(f64::total_cmp)
+    }
+
+    fn receive(&mut self, now: f64, message: &ParamMessage) -> Vec<ParamMessage> {
+        let ParamMessage::Value { name, bits, kind: Some(kind), .. } = message else { return Vec::new() };
+        let before = self.asked.len();
+        self.asked.retain(|a| a.name != *name);
+        if self.asked.len() == before {
+            // Somebody else's, or late.
+            return Vec::new();
+        }
+        self.read.values.insert(*name, self.encoding.decode(*bits, *kind));
+        self.ask_more(now)
+    }
+
+    fn tick(&mut self, now: f64) -> Vec<ParamMessage> {
+        let mut messages = Vec::new();
+        for asked in self.asked.iter_mut().filter(|a| now >= a.deadline && a.tries < self.timing.tries) {
+            asked.tries += 1;
+            asked.deadline = now + self.timing.reply_s;
+            messages.push(ParamMessage::RequestRead { name: asked.name });
+        }
+        let given_up = self.asked.iter().filter(|a| now >= a.deadline).map(|a| a.name);
+        self.read.unanswered.extend(given_up);
+        self.asked.retain(|a| now < a.deadline);
+        messages.extend(self.ask_more(now));
+        messages
+    }
+}
+
 impl ParamRead {
     /// Starts; send what is returned.
     pub fn start(
@@ -73,42 +109,9 @@ impl ParamRead {
         (read, messages)
     }
 
-    /// When [`Self::tick`] wants to be called, s.
-    pub fn deadline(&self) -> Option<f64> {
-        self.asked.iter().map(|a| a.deadline).min_by(f64::total_cmp)
-    }
-
     /// What was read, once every parameter was answered or given up.
     pub fn result(&self) -> Option<&Parameters> {
         (self.asked.is_empty() && self.waiting.is_empty()).then_some(&self.read)
-    }
-
-    /// A message of this vehicle.
-    pub fn receive(&mut self, now: f64, message: &ParamMessage) -> Vec<ParamMessage> {
-        let ParamMessage::Value { name, bits, kind: Some(kind), .. } = message else { return Vec::new() };
-        let before = self.asked.len();
-        self.asked.retain(|a| a.name != *name);
-        if self.asked.len() == before {
-            // Somebody else's, or late.
-            return Vec::new();
-        }
-        self.read.values.insert(*name, self.encoding.decode(*bits, *kind));
-        self.ask_more(now)
-    }
-
-    /// Time passed.
-    pub fn tick(&mut self, now: f64) -> Vec<ParamMessage> {
-        let mut messages = Vec::new();
-        for asked in self.asked.iter_mut().filter(|a| now >= a.deadline && a.tries < self.timing.tries) {
-            asked.tries += 1;
-            asked.deadline = now + self.timing.reply_s;
-            messages.push(ParamMessage::RequestRead { name: asked.name });
-        }
-        let given_up = self.asked.iter().filter(|a| now >= a.deadline).map(|a| a.name);
-        self.read.unanswered.extend(given_up);
-        self.asked.retain(|a| now < a.deadline);
-        messages.extend(self.ask_more(now));
-        messages
     }
 
     fn ask_more(&mut self, now: f64) -> Vec<ParamMessage> {

@@ -52,7 +52,7 @@ pub struct Request {
     pub limits: Limits,
     /// Most time from the start to the arrival at the hold at the end, s.
     pub budget_s: f64,
-    /// Ends as soon as everything is known that can be; otherwise the rest of the time goes to states that stay short of their target.
+    /// Ends as soon as everything is known that can be and what stays short of its target hardly gets better; otherwise the rest of the time goes to that.
     pub within_reach_only: bool,
     /// Time between fixes, s.
     pub fix_interval_s: f64,

@@ -20,6 +20,9 @@ const EXCITED: f64 = 0.9;
 const MEAN_WEIGHT: f64 = 0.3;
 /// Least gain in log score per second that is worth flying for.
 const LEAST_GAIN_PER_S: f64 = 1e-5;
+/// A maneuver that takes less than this share off the sigma of a state that stays short of its target is not flown for it: after ten equal ones the
+/// next takes a twentieth.
+const WORTH_FLYING: f64 = 0.05;
 /// Most maneuvers in a plan.
 const MOST_MANEUVERS: usize = 40;
 /// Predicted flights are thinned to every so manyth sample where only the order of magnitude counts.
@@ -46,6 +49,8 @@ struct Node<'a, P> {
     path: Vec<Kinematics>,
     log_score: f64,
     gain_per_s: f64,
+    /// Sigmas before its last maneuver.
+    before: Vec<f64>,
 }
 
 /// A piece of flight that stays inside all limits in all winds.
@@ -145,6 +150,7 @@ impl<'a> Search<'a> {
             path: Vec::new(),
             log_score: 0.0,
             gain_per_s: 0.0,
+            before: Vec::new(),
         };
         if request.take_off && request.airframe.is_fixed_wing() {
             self.join(&mut root).map_err(|e| self.no_way_home(&e))?;
@@ -283,6 +289,7 @@ impl<'a> Search<'a> {
         self.end(&flown.flyers)?;
         let mut next = node.clone();
         let start_s = node.flyers[0].t_s();
+        next.before = node.predictor.sigmas().iter().map(|s| s.sigma).collect();
         next.maneuvers.push(PlannedManeuver {
             maneuver,
             start_s,
@@ -369,13 +376,19 @@ impl<'a> Search<'a> {
         })
     }
 
-    /// Whether more time is of no use: everything is known that can be, and what cannot is not asked for, or not there.
+    /// Whether more time is of no use: everything is known that can be, and what stays short of its target has stopped to get better.
     fn is_done<P: Predictor>(&self, node: &Node<'a, P>, reach: &[Reach]) -> bool {
         if !self.request.within_reach_only && reach.contains(&Reach::Short) {
             return false;
         }
         let sigmas = node.predictor.sigmas();
-        sigmas.iter().zip(reach).all(|(s, r)| *r != Reach::Known || s.ratio() <= PROMISED_SHARE)
+        let better =
+            |k: usize, now: f64| node.before.get(k).is_some_and(|before| now < (1.0 - WORTH_FLYING) * before);
+        sigmas.iter().zip(reach).enumerate().all(|(k, (s, r))| match r {
+            Reach::Known => s.ratio() <= PROMISED_SHARE,
+            Reach::Short => !better(k, s.sigma),
+            Reach::Unobservable => true,
+        })
     }
 
     fn notes(&self, states: &[PlannedState]) -> Vec<String> {

@@ -78,6 +78,22 @@ fn a_plan_has_maneuvers_sigmas_and_a_hold_at_its_end() {
     }
 }
 
+/// No state of these reaches its target in the time there is: the plan goes on as long as they still get better, and not to no end.
+#[test]
+fn a_plan_without_a_budget_goes_on_for_states_that_stay_short() {
+    let mut request = request("small_fixed_wing", circle(1500.0));
+    (request.within_reach_only, request.budget_s) = (true, 900.0);
+    let made = plan(&request, Spread([0.0; 3])).expect("space enough");
+    assert!(made.states.iter().any(|s| s.reach == Reach::Short), "{:?}", made.states);
+    assert!(made.maneuvers.len() >= 4, "{:?}", made.maneuvers);
+    let last = made.maneuvers.last().expect("maneuvers");
+    let at = |t_s: f64| made.sigmas.iter().find(|s| s.t_s >= t_s).expect("a time of the plan");
+    let (before, after) = (at(last.start_s), at(last.end_s));
+    let better = before.sigmas.iter().zip(&after.sigmas).map(|(b, a)| 1.0 - a.sigma / b.sigma);
+    assert!(better.fold(0.0, f64::max) < 0.15, "the last one hardly helps");
+    assert!(made.duration_s < 900.0);
+}
+
 #[test]
 fn the_best_maneuver_for_what_is_missing_is_chosen() {
     // z is known well, x not at all: straight runs with changing speed.

@@ -53,6 +53,21 @@ why.
 | the glide slope is at most 5.0 deg (0.1 deg of slack) | `FW_LND_ANG` | 0x48d925 |
 | a required take-off is there | `MIS_TKO_LAND_REQ` 1, 3 | 0x53d6e2 |
 | the take-off climbs 1 m above the acceptance radius | `NAV_ACC_RAD` | 0xba4a6d |
+
+## Messages, rates and calibrations
+
+What else a simulated autopilot does as the firmware does.
+
+| firmware | what it does | source | in the simulation |
+|---|---|---|---|
+| PX4 | denies a message of which nothing is new (REQUEST_MESSAGE), and a rate likewise; an arriving message is the only proof | mavlink_receiver.cpp, handle_request_message_command; MavlinkStream::request_message | the first request of each message; five seconds after a restart of the MAVLink instance |
+| PX4 | knows no REQUEST_DATA_STREAM | mavlink_receiver.cpp, handle_message | no answer |
+| PX4 | a MAVLink instance that is stopped and started has its default rates again: HIGHRES_IMU 50 Hz, no SCALED_IMU | mavlink_main.cpp, configure_streams_to_default | `--fault instance-restart@S-S` |
+| PX4 | counts an interval from the last sending, at the samples' own 4 ms: 125 or 250 Hz, nothing between | mavlink_stream.cpp, MavlinkStream::update | the same |
+| PX4 | a UDP port answers the place that it heard first | mavlink_receiver.cpp, set_client_source_initialized | not simulated; `udpout` comes from the same local port in every run |
+| PX4 | SCALED_IMU, SCALED_IMU2, SCALED_IMU3 are vehicle_imu 0, 1, 2; HIGHRES_IMU is the unit in use, less the filter's bias estimates | streams/SCALED_IMU.hpp, streams/HIGHRES_IMU.hpp | CAL_ACC1_ID is set, as on every board |
+| PX4 | adds what its filter learnt of the accelerometers to CAL_ACC*_OFF when it is disarmed, from 0.05 m/s² on | VehicleIMU.cpp, SensorCalibrationSaveAccel (SENS_IMU_AUTOCAL, on by default) | commits nothing, and says so: SENS_IMU_AUTOCAL 0 |
+| both | integers of RAW_IMU and SCALED_IMU are cut toward zero; in calm air they repeat for seconds | GCS_Common.cpp:2215, streams/SCALED_IMU.hpp | the same; repeated values are judged by their probability |
 ";
 
 /// The page.

@@ -45,316 +45,96 @@ const fn taken(
     Row { command, list, firmware, taken: true, kept, nan, frames, altitude, autocontinue, source, note }
 }
 
-const fn refused(command: u16, firmware: &'static [Firmware], frames: Frames, source: &'static str) -> Row {
-    Row { taken: false, ..taken(command, firmware, [Dropped; 4], NONE, frames, source) }
-}
-
-const fn noted(row: Row, note: &'static str) -> Row {
-    Row { note, ..row }
-}
-
 const D: Kept = Dropped;
 const SECONDS: Kept = Whole(u16::MAX);
 /// The number of corners: a byte on ArduPilot, a word on PX4.
 const BYTE: [Kept; 4] = [Whole(255), D, D, D];
 const WORD: [Kept; 4] = [Whole(u16::MAX), D, D, D];
 
+/// One rule: command, firmware, what is kept of the four parameters and where NaN is taken (or that it is refused), frames, source, note.
+macro_rules! row {
+    ($command:ident $firmware:ident refused $frames:ident $source:tt) => {
+        Row { taken: false, ..row!($command $firmware [D; 4] NONE $frames $source) }
+    };
+    ($command:ident $firmware:ident $kept:tt $nan:tt $frames:ident $source:tt $note:literal) => {
+        Row { note: $note, ..row!($command $firmware $kept $nan $frames $source) }
+    };
+    ($command:ident $firmware:ident $kept:tt $nan:tt $frames:ident $source:tt) => {
+        taken($command, $firmware, $kept, $nan, $frames, $source)
+    };
+}
+
+macro_rules! rows {
+    ($([$($row:tt)*])*) => { &[$(row!($($row)*)),*] };
+}
+
 /// All rules.
-pub const ROWS: &[Row] = &[
-    taken(NAV_WAYPOINT, PLANE, [D, Whole(255), Whole(255), D], FOURTH, ArduPilotPlace, "AP_Mission.cpp:1081"),
-    taken(NAV_WAYPOINT, COPTER, [SECONDS, D, D, D], FOURTH, ArduPilotPlace, "AP_Mission.cpp:1099"),
-    taken(
-        NAV_WAYPOINT,
-        PX4,
-        [Exact, Exact, D, Heading],
-        FOURTH,
-        Px4Place,
-        "mavlink_mission.cpp, NAV_CMD_WAYPOINT",
-    ),
-    noted(
-        taken(NAV_LOITER_UNLIM, ARDUPILOT, [D, D, Radius, D], NONE, ArduPilotPlace, "AP_Mission.cpp:1104"),
-        "4.7 takes NaN in parameter 4, earlier versions do not",
-    ),
-    taken(
-        NAV_LOITER_UNLIM,
-        PX4,
-        [D, D, Exact, Heading],
-        FOURTH,
-        Px4Place,
-        "mavlink_mission.cpp, NAV_CMD_LOITER_UNLIMITED",
-    ),
-    taken(
-        NAV_LOITER_TURNS,
-        ARDUPILOT,
-        [Turns, D, ByteRadius, Flag],
-        NONE,
-        ArduPilotPlace,
-        "AP_Mission.cpp:1109",
-    ),
-    refused(NAV_LOITER_TURNS, PX4, Px4Place, "mavlink_mission.cpp, parse_mavlink_mission_item: default"),
-    noted(
-        taken(
-            NAV_LOITER_TIME,
-            ARDUPILOT,
-            [SECONDS, D, Sign, Flag],
-            NONE,
-            ArduPilotPlace,
-            "AP_Mission.cpp:1136",
-        ),
-        "flown with the vehicle's own radius",
-    ),
-    taken(
-        NAV_LOITER_TIME,
-        PX4,
-        [Exact, Flag, Exact, Flag],
-        FOURTH,
-        Px4Place,
-        "mavlink_mission.cpp, NAV_CMD_LOITER_TIME_LIMIT",
-    ),
-    taken(NAV_RETURN_TO_LAUNCH, ARDUPILOT, [D; 4], NONE, ArduPilotAny, "AP_Mission.cpp:1142"),
-    taken(NAV_RETURN_TO_LAUNCH, PX4, [Exact; 4], ALL, Px4Mission, PX4_ACTION),
-    taken(NAV_LAND, ARDUPILOT, [SECONDS, D, D, Sign], FOURTH, ArduPilotPlace, "AP_Mission.cpp:1145"),
-    taken(
-        NAV_LAND,
-        PX4,
-        [D, Whole(u16::MAX), D, Heading],
-        FOURTH,
-        Px4Place,
-        "mavlink_mission.cpp, NAV_CMD_LAND",
-    ),
-    taken(NAV_TAKEOFF, ARDUPILOT, [SECONDS, D, D, D], FOURTH, ArduPilotPlace, "AP_Mission.cpp:1152"),
-    taken(NAV_TAKEOFF, PX4, [D, D, D, Heading], FOURTH, Px4Place, "mavlink_mission.cpp, NAV_CMD_TAKEOFF"),
-    taken(
-        NAV_CONTINUE_AND_CHANGE_ALT,
-        PLANE,
-        [SECONDS, D, D, D],
-        NONE,
-        ArduPilotPlace,
-        "AP_Mission.cpp:1156",
-    ),
-    noted(
-        taken(
-            NAV_CONTINUE_AND_CHANGE_ALT,
-            COPTER,
-            [SECONDS, D, D, D],
-            NONE,
-            ArduPilotPlace,
-            "AP_Mission.cpp:1156",
-        ),
-        "kept but skipped in flight (ModeAuto::start_command)",
-    ),
-    refused(
-        NAV_CONTINUE_AND_CHANGE_ALT,
-        PX4,
-        Px4Place,
-        "mavlink_mission.cpp, parse_mavlink_mission_item: default",
-    ),
-    taken(NAV_LOITER_TO_ALT, ARDUPILOT, [D, Radius, D, Flag], NONE, ArduPilotPlace, "AP_Mission.cpp:1163"),
-    taken(
-        NAV_LOITER_TO_ALT,
-        PX4,
-        [Flag, Exact, D, Flag],
-        FOURTH,
-        Px4Place,
-        "mavlink_mission.cpp, NAV_CMD_LOITER_TO_ALT",
-    ),
-    refused(NAV_SPLINE_WAYPOINT, PLANE, ArduPilotPlace, "AP_Mission.cpp:1169"),
-    taken(NAV_SPLINE_WAYPOINT, COPTER, [SECONDS, D, D, D], NONE, ArduPilotPlace, "AP_Mission.cpp:1173"),
-    refused(NAV_SPLINE_WAYPOINT, PX4, Px4Place, "mavlink_mission.cpp, parse_mavlink_mission_item: default"),
-    noted(
-        taken(
-            CONDITION_YAW,
-            PLANE,
-            [Exact, Exact, Signed(127), Whole(255)],
-            NONE,
-            ArduPilotAny,
-            "AP_Mission.cpp:1196",
-        ),
-        "kept but skipped in flight (Plane::start_command)",
-    ),
-    taken(
-        CONDITION_YAW,
-        COPTER,
-        [Exact, Exact, Signed(127), Whole(255)],
-        NONE,
-        ArduPilotAny,
-        "AP_Mission.cpp:1196",
-    ),
-    refused(CONDITION_YAW, PX4, Px4Mission, "mavlink_mission.cpp, parse_mavlink_mission_item: default"),
-    taken(CONDITION_DELAY, ARDUPILOT, [Exact, D, D, D], NONE, ArduPilotAny, "AP_Mission.cpp:1188"),
-    taken(CONDITION_DISTANCE, ARDUPILOT, [Exact, D, D, D], NONE, ArduPilotAny, "AP_Mission.cpp:1192"),
-    taken(
-        DO_JUMP,
-        ARDUPILOT,
-        [SECONDS, Signed(u16::MAX / 2), D, D],
-        NONE,
-        ArduPilotAny,
-        "AP_Mission.cpp:1203",
-    ),
-    noted(
-        taken(
-            DO_CHANGE_SPEED,
-            PLANE,
-            [Whole(255), Exact, Exact, D],
-            NONE,
-            ArduPilotAny,
-            "AP_Mission.cpp:1213",
-        ),
-        "an airspeed outside AIRSPEED_MIN to AIRSPEED_MAX changes nothing (Plane::do_change_speed)",
-    ),
-    taken(DO_CHANGE_SPEED, COPTER, [Whole(255), Exact, Exact, D], NONE, ArduPilotAny, "AP_Mission.cpp:1213"),
-    taken(DO_CHANGE_SPEED, PX4, [Exact; 4], ALL, Px4Mission, PX4_ACTION),
-    taken(
-        NAV_VTOL_TAKEOFF,
-        ARDUPILOT,
-        [D; 4],
-        FOURTH,
-        ArduPilotPlace,
-        "AP_Mission.cpp, MAV_CMD_NAV_VTOL_TAKEOFF",
-    ),
-    taken(
-        NAV_VTOL_TAKEOFF,
-        PX4,
-        [D, D, D, Heading],
-        ALL,
-        Px4Place,
-        "mavlink_mission.cpp, MAV_CMD_NAV_VTOL_TAKEOFF",
-    ),
-    taken(
-        NAV_VTOL_LAND,
-        ARDUPILOT,
-        [D; 4],
-        [false, false, true, true],
-        ArduPilotPlace,
-        "AP_Mission.cpp, MAV_CMD_NAV_VTOL_LAND",
-    ),
-    taken(
-        NAV_VTOL_LAND,
-        PX4,
-        [D, D, D, Heading],
-        ALL,
-        Px4Place,
-        "mavlink_mission.cpp, MAV_CMD_NAV_VTOL_LAND",
-    ),
-    taken(
-        NAV_DELAY,
-        ARDUPILOT,
-        [Exact, Signed(127), Signed(127), Signed(127)],
-        NONE,
-        ArduPilotAny,
-        "AP_Mission.cpp, MAV_CMD_NAV_DELAY",
-    ),
-    taken(NAV_DELAY, PX4, [Exact; 4], ALL, Px4Mission, PX4_ACTION),
-    taken(CONDITION_DELAY, PX4, [Exact; 4], ALL, Px4Mission, PX4_ACTION),
-    taken(CONDITION_DISTANCE, PX4, [Exact; 4], ALL, Px4Mission, PX4_ACTION),
-    taken(
-        DO_JUMP,
-        PX4,
-        [Signed(u16::MAX / 2), SECONDS, Exact, Exact],
-        ALL,
-        Px4Mission,
-        "mavlink_mission.cpp, NAV_CMD_DO_JUMP",
-    ),
-    taken(
-        DO_SET_HOME,
-        ARDUPILOT,
-        [SECONDS, D, D, D],
-        NONE,
-        ArduPilotPlace,
-        "AP_Mission.cpp, MAV_CMD_DO_SET_HOME",
-    ),
-    taken(DO_SET_HOME, PX4, [Exact; 4], ALL, Px4Mission, PX4_ACTION),
-    taken(DO_LAND_START, ARDUPILOT, [D; 4], NONE, ArduPilotPlace, "AP_Mission.cpp, MAV_CMD_DO_LAND_START"),
-    taken(DO_LAND_START, PX4, [Exact; 4], ALL, Px4Mission, PX4_ACTION),
-    taken(
-        DO_SET_ROI_LOCATION,
-        ARDUPILOT,
-        [D; 4],
-        NONE,
-        ArduPilotPlace,
-        "AP_Mission.cpp, MAV_CMD_DO_SET_ROI_LOCATION",
-    ),
-    taken(
-        DO_SET_ROI_LOCATION,
-        PX4,
-        [D; 4],
-        ALL,
-        Px4Place,
-        "mavlink_mission.cpp, NAV_CMD_DO_SET_ROI_LOCATION",
-    ),
-    taken(
-        DO_SET_ROI,
-        ARDUPILOT,
-        [SECONDS, D, D, D],
-        NONE,
-        ArduPilotPlace,
-        "AP_Mission.cpp, MAV_CMD_DO_SET_ROI",
-    ),
-    taken(DO_SET_ROI, PX4, [D; 4], ALL, Px4Either, "mavlink_mission.cpp, NAV_CMD_DO_SET_ROI"),
-    taken(
-        DO_SET_SERVO,
-        ARDUPILOT,
-        [Whole(255), SECONDS, D, D],
-        NONE,
-        ArduPilotAny,
-        "AP_Mission.cpp, MAV_CMD_DO_SET_SERVO",
-    ),
-    taken(
-        DO_SET_CAM_TRIGG_DIST,
-        ARDUPILOT,
-        [Exact, D, Exact, D],
-        NONE,
-        ArduPilotAny,
-        "AP_Mission.cpp, MAV_CMD_DO_SET_CAM_TRIGG_DIST",
-    ),
-    taken(DO_SET_CAM_TRIGG_DIST, PX4, [Exact; 4], ALL, Px4Mission, PX4_ACTION),
-    taken(
-        DO_FENCE_ENABLE,
-        ARDUPILOT,
-        [SECONDS, D, D, D],
-        NONE,
-        ArduPilotAny,
-        "AP_Mission.cpp, MAV_CMD_DO_FENCE_ENABLE",
-    ),
-    taken(NAV_FENCE_RETURN_POINT, ARDUPILOT, [D; 4], ALL, ArduPilotFence, ARDUPILOT_FENCE),
-    taken(NAV_FENCE_RETURN_POINT, PX4, [D; 4], ALL, Px4Fence, PX4_FENCE),
-    taken(NAV_FENCE_POLYGON_VERTEX_INCLUSION, ARDUPILOT, BYTE, ALL, ArduPilotFence, ARDUPILOT_FENCE),
-    taken(NAV_FENCE_POLYGON_VERTEX_INCLUSION, PX4, WORD, ALL, Px4Fence, PX4_FENCE),
-    taken(NAV_FENCE_POLYGON_VERTEX_EXCLUSION, ARDUPILOT, BYTE, ALL, ArduPilotFence, ARDUPILOT_FENCE),
-    taken(NAV_FENCE_POLYGON_VERTEX_EXCLUSION, PX4, WORD, ALL, Px4Fence, PX4_FENCE),
-    taken(NAV_FENCE_CIRCLE_INCLUSION, ARDUPILOT, [Exact, D, D, D], ALL, ArduPilotFence, ARDUPILOT_FENCE),
-    noted(
-        taken(
-            NAV_FENCE_CIRCLE_INCLUSION,
-            ARDUPILOT,
-            [SECONDS, D, D, D],
-            ALL,
-            ArduPilotFence,
-            "AC_PolyFence_loader.h, CIRCLE_INCLUSION_INT",
-        ),
-        "4.0 only",
-    ),
-    taken(NAV_FENCE_CIRCLE_INCLUSION, PX4, [Exact, D, D, D], ALL, Px4Fence, PX4_FENCE),
-    taken(NAV_FENCE_CIRCLE_EXCLUSION, ARDUPILOT, [Exact, D, D, D], ALL, ArduPilotFence, ARDUPILOT_FENCE),
-    noted(
-        taken(
-            NAV_FENCE_CIRCLE_EXCLUSION,
-            ARDUPILOT,
-            [SECONDS, D, D, D],
-            ALL,
-            ArduPilotFence,
-            "AC_PolyFence_loader.h, CIRCLE_EXCLUSION_INT",
-        ),
-        "4.0 only",
-    ),
-    taken(NAV_FENCE_CIRCLE_EXCLUSION, PX4, [Exact, D, D, D], ALL, Px4Fence, PX4_FENCE),
-    taken(
-        NAV_RALLY_POINT,
-        ARDUPILOT,
-        [D; 4],
-        ALL,
-        ArduPilotRally,
-        "MissionItemProtocol_Rally.cpp:51 (stored), :86 (read back)",
-    ),
-    taken(NAV_RALLY_POINT, PX4, [D; 4], ALL, Px4Place, "mavlink_mission.cpp, MAV_CMD_NAV_RALLY_POINT"),
-];
+pub const ROWS: &[Row] = rows! {
+    [NAV_WAYPOINT PLANE [D, Whole(255), Whole(255), D] FOURTH ArduPilotPlace "AP_Mission.cpp:1081"]
+    [NAV_WAYPOINT COPTER [SECONDS, D, D, D] FOURTH ArduPilotPlace "AP_Mission.cpp:1099"]
+    [NAV_WAYPOINT PX4 [Exact, Exact, D, Heading] FOURTH Px4Place "mavlink_mission.cpp, NAV_CMD_WAYPOINT"]
+    [NAV_LOITER_UNLIM ARDUPILOT [D, D, Radius, D] NONE ArduPilotPlace "AP_Mission.cpp:1104" "4.7 takes NaN in parameter 4, earlier versions do not"]
+    [NAV_LOITER_UNLIM PX4 [D, D, Exact, Heading] FOURTH Px4Place "mavlink_mission.cpp, NAV_CMD_LOITER_UNLIMITED"]
+    [NAV_LOITER_TURNS ARDUPILOT [Turns, D, ByteRadius, Flag] NONE ArduPilotPlace "AP_Mission.cpp:1109"]
+    [NAV_LOITER_TURNS PX4 refused Px4Place "mavlink_mission.cpp, parse_mavlink_mission_item: default"]
+    [NAV_LOITER_TIME ARDUPILOT [SECONDS, D, Sign, Flag] NONE ArduPilotPlace "AP_Mission.cpp:1136" "flown with the vehicle's own radius"]
+    [NAV_LOITER_TIME PX4 [Exact, Flag, Exact, Flag] FOURTH Px4Place "mavlink_mission.cpp, NAV_CMD_LOITER_TIME_LIMIT"]
+    [NAV_RETURN_TO_LAUNCH ARDUPILOT [D; 4] NONE ArduPilotAny "AP_Mission.cpp:1142"]
+    [NAV_RETURN_TO_LAUNCH PX4 [Exact; 4] ALL Px4Mission PX4_ACTION]
+    [NAV_LAND ARDUPILOT [SECONDS, D, D, Sign] FOURTH ArduPilotPlace "AP_Mission.cpp:1145"]
+    [NAV_LAND PX4 [D, Whole(u16::MAX), D, Heading] FOURTH Px4Place "mavlink_mission.cpp, NAV_CMD_LAND"]
+    [NAV_TAKEOFF ARDUPILOT [SECONDS, D, D, D] FOURTH ArduPilotPlace "AP_Mission.cpp:1152"]
+    [NAV_TAKEOFF PX4 [D, D, D, Heading] FOURTH Px4Place "mavlink_mission.cpp, NAV_CMD_TAKEOFF"]
+    [NAV_CONTINUE_AND_CHANGE_ALT PLANE [SECONDS, D, D, D] NONE ArduPilotPlace "AP_Mission.cpp:1156"]
+    [NAV_CONTINUE_AND_CHANGE_ALT COPTER [SECONDS, D, D, D] NONE ArduPilotPlace "AP_Mission.cpp:1156" "kept but skipped in flight (ModeAuto::start_command)"]
+    [NAV_CONTINUE_AND_CHANGE_ALT PX4 refused Px4Place "mavlink_mission.cpp, parse_mavlink_mission_item: default"]
+    [NAV_LOITER_TO_ALT ARDUPILOT [D, Radius, D, Flag] NONE ArduPilotPlace "AP_Mission.cpp:1163"]
+    [NAV_LOITER_TO_ALT PX4 [Flag, Exact, D, Flag] FOURTH Px4Place "mavlink_mission.cpp, NAV_CMD_LOITER_TO_ALT"]
+    [NAV_SPLINE_WAYPOINT PLANE refused ArduPilotPlace "AP_Mission.cpp:1169"]
+    [NAV_SPLINE_WAYPOINT COPTER [SECONDS, D, D, D] NONE ArduPilotPlace "AP_Mission.cpp:1173"]
+    [NAV_SPLINE_WAYPOINT PX4 refused Px4Place "mavlink_mission.cpp, parse_mavlink_mission_item: default"]
+    [CONDITION_YAW PLANE [Exact, Exact, Signed(127), Whole(255)] NONE ArduPilotAny "AP_Mission.cpp:1196" "kept but skipped in flight (Plane::start_command)"]
+    [CONDITION_YAW COPTER [Exact, Exact, Signed(127), Whole(255)] NONE ArduPilotAny "AP_Mission.cpp:1196"]
+    [CONDITION_YAW PX4 refused Px4Mission "mavlink_mission.cpp, parse_mavlink_mission_item: default"]
+    [CONDITION_DELAY ARDUPILOT [Exact, D, D, D] NONE ArduPilotAny "AP_Mission.cpp:1188"]
+    [CONDITION_DISTANCE ARDUPILOT [Exact, D, D, D] NONE ArduPilotAny "AP_Mission.cpp:1192"]
+    [DO_JUMP ARDUPILOT [SECONDS, Signed(u16::MAX / 2), D, D] NONE ArduPilotAny "AP_Mission.cpp:1203"]
+    [DO_CHANGE_SPEED PLANE [Whole(255), Exact, Exact, D] NONE ArduPilotAny "AP_Mission.cpp:1213" "an airspeed outside AIRSPEED_MIN to AIRSPEED_MAX changes nothing (Plane::do_change_speed)"]
+    [DO_CHANGE_SPEED COPTER [Whole(255), Exact, Exact, D] NONE ArduPilotAny "AP_Mission.cpp:1213"]
+    [DO_CHANGE_SPEED PX4 [Exact; 4] ALL Px4Mission PX4_ACTION]
+    [NAV_VTOL_TAKEOFF ARDUPILOT [D; 4] FOURTH ArduPilotPlace "AP_Mission.cpp, MAV_CMD_NAV_VTOL_TAKEOFF"]
+    [NAV_VTOL_TAKEOFF PX4 [D, D, D, Heading] ALL Px4Place "mavlink_mission.cpp, MAV_CMD_NAV_VTOL_TAKEOFF"]
+    [NAV_VTOL_LAND ARDUPILOT [D; 4] [false, false, true, true] ArduPilotPlace "AP_Mission.cpp, MAV_CMD_NAV_VTOL_LAND"]
+    [NAV_VTOL_LAND PX4 [D, D, D, Heading] ALL Px4Place "mavlink_mission.cpp, MAV_CMD_NAV_VTOL_LAND"]
+    [NAV_DELAY ARDUPILOT [Exact, Signed(127), Signed(127), Signed(127)] NONE ArduPilotAny "AP_Mission.cpp, MAV_CMD_NAV_DELAY"]
+    [NAV_DELAY PX4 [Exact; 4] ALL Px4Mission PX4_ACTION]
+    [CONDITION_DELAY PX4 [Exact; 4] ALL Px4Mission PX4_ACTION]
+    [CONDITION_DISTANCE PX4 [Exact; 4] ALL Px4Mission PX4_ACTION]
+    [DO_JUMP PX4 [Signed(u16::MAX / 2), SECONDS, Exact, Exact] ALL Px4Mission "mavlink_mission.cpp, NAV_CMD_DO_JUMP"]
+    [DO_SET_HOME ARDUPILOT [SECONDS, D, D, D] NONE ArduPilotPlace "AP_Mission.cpp, MAV_CMD_DO_SET_HOME"]
+    [DO_SET_HOME PX4 [Exact; 4] ALL Px4Mission PX4_ACTION]
+    [DO_LAND_START ARDUPILOT [D; 4] NONE ArduPilotPlace "AP_Mission.cpp, MAV_CMD_DO_LAND_START"]
+    [DO_LAND_START PX4 [Exact; 4] ALL Px4Mission PX4_ACTION]
+    [DO_SET_ROI_LOCATION ARDUPILOT [D; 4] NONE ArduPilotPlace "AP_Mission.cpp, MAV_CMD_DO_SET_ROI_LOCATION"]
+    [DO_SET_ROI_LOCATION PX4 [D; 4] ALL Px4Place "mavlink_mission.cpp, NAV_CMD_DO_SET_ROI_LOCATION"]
+    [DO_SET_ROI ARDUPILOT [SECONDS, D, D, D] NONE ArduPilotPlace "AP_Mission.cpp, MAV_CMD_DO_SET_ROI"]
+    [DO_SET_ROI PX4 [D; 4] ALL Px4Either "mavlink_mission.cpp, NAV_CMD_DO_SET_ROI"]
+    [DO_SET_SERVO ARDUPILOT [Whole(255), SECONDS, D, D] NONE ArduPilotAny "AP_Mission.cpp, MAV_CMD_DO_SET_SERVO"]
+    [DO_SET_CAM_TRIGG_DIST ARDUPILOT [Exact, D, Exact, D] NONE ArduPilotAny "AP_Mission.cpp, MAV_CMD_DO_SET_CAM_TRIGG_DIST"]
+    [DO_SET_CAM_TRIGG_DIST PX4 [Exact; 4] ALL Px4Mission PX4_ACTION]
+    [DO_FENCE_ENABLE ARDUPILOT [SECONDS, D, D, D] NONE ArduPilotAny "AP_Mission.cpp, MAV_CMD_DO_FENCE_ENABLE"]
+    [NAV_FENCE_RETURN_POINT ARDUPILOT [D; 4] ALL ArduPilotFence ARDUPILOT_FENCE]
+    [NAV_FENCE_RETURN_POINT PX4 [D; 4] ALL Px4Fence PX4_FENCE]
+    [NAV_FENCE_POLYGON_VERTEX_INCLUSION ARDUPILOT BYTE ALL ArduPilotFence ARDUPILOT_FENCE]
+    [NAV_FENCE_POLYGON_VERTEX_INCLUSION PX4 WORD ALL Px4Fence PX4_FENCE]
+    [NAV_FENCE_POLYGON_VERTEX_EXCLUSION ARDUPILOT BYTE ALL ArduPilotFence ARDUPILOT_FENCE]
+    [NAV_FENCE_POLYGON_VERTEX_EXCLUSION PX4 WORD ALL Px4Fence PX4_FENCE]
+    [NAV_FENCE_CIRCLE_INCLUSION ARDUPILOT [Exact, D, D, D] ALL ArduPilotFence ARDUPILOT_FENCE]
+    [NAV_FENCE_CIRCLE_INCLUSION ARDUPILOT [SECONDS, D, D, D] ALL ArduPilotFence "AC_PolyFence_loader.h, CIRCLE_INCLUSION_INT" "4.0 only"]
+    [NAV_FENCE_CIRCLE_INCLUSION PX4 [Exact, D, D, D] ALL Px4Fence PX4_FENCE]
+    [NAV_FENCE_CIRCLE_EXCLUSION ARDUPILOT [Exact, D, D, D] ALL ArduPilotFence ARDUPILOT_FENCE]
+    [NAV_FENCE_CIRCLE_EXCLUSION ARDUPILOT [SECONDS, D, D, D] ALL ArduPilotFence "AC_PolyFence_loader.h, CIRCLE_EXCLUSION_INT" "4.0 only"]
+    [NAV_FENCE_CIRCLE_EXCLUSION PX4 [Exact, D, D, D] ALL Px4Fence PX4_FENCE]
+    [NAV_RALLY_POINT ARDUPILOT [D; 4] ALL ArduPilotRally "MissionItemProtocol_Rally.cpp:51 (stored), :86 (read back)"]
+    [NAV_RALLY_POINT PX4 [D; 4] ALL Px4Place "mavlink_mission.cpp, MAV_CMD_NAV_RALLY_POINT"]
+};

@@ -1,6 +1,7 @@
 //! Download: ask for the number of items, then for each of them in turn.
 
 use super::{Action, Envelope, MissionMessage, MissionResult, Opening, Peers, TransferError};
+use crate::change::Exchange;
 use crate::item::{MissionItem, MissionKind};
 
 /// What was read from a vehicle.
@@ -33,25 +34,11 @@ pub struct Download {
     state: State,
 }
 
-impl Download {
-    /// Starts; send what is returned.
-    pub fn start(peers: Peers, now: f64) -> (Self, Vec<Action>) {
-        let download = Self {
-            started: now,
-            repeated: false,
-            item_s: peers.timing.item_s,
-            total: 0,
-            got: Downloaded::default(),
-            suspected: None,
-            state: State::Opening(Opening::new(now, &peers.timing)),
-            peers,
-        };
-        let ask = MissionMessage::RequestList { mission_type: peers.mission_type() };
-        (download, vec![Action::Send(ask)])
-    }
+impl Exchange for Download {
+    type Action = Action;
+    type Message = Envelope;
 
-    /// When [`Self::tick`] wants to be called, s.
-    pub fn deadline(&self) -> Option<f64> {
+    fn deadline(&self) -> Option<f64> {
         match &self.state {
             State::Opening(o) => Some(o.deadline),
             State::Item { deadline, .. } => Some(*deadline),
@@ -59,23 +46,7 @@ impl Download {
         }
     }
 
-    /// The result once there is one.
-    pub fn result(&self) -> Option<Result<&Downloaded, &TransferError>> {
-        match &self.state {
-            State::Finished(Ok(())) => Some(Ok(&self.got)),
-            State::Finished(Err(e)) => Some(Err(e)),
-            _ => None,
-        }
-    }
-
-    /// Whether more answers may come than were taken: something was asked twice, or not to its end; or the list is empty, so that its
-    /// length is all there is to compare.
-    pub fn may_be_answered_late(&self) -> bool {
-        self.repeated || self.total == 0
-    }
-
-    /// A message from anyone.
-    pub fn receive(&mut self, now: f64, envelope: &Envelope) -> Vec<Action> {
+    fn receive(&mut self, now: f64, envelope: &Envelope) -> Vec<Action> {
         if !self.peers.concerns(envelope) {
             return Vec::new();
         }
@@ -116,8 +87,7 @@ impl Download {
         }
     }
 
-    /// Time passed.
-    pub fn tick(&mut self, now: f64) -> Vec<Action> {
+    fn tick(&mut self, now: f64) -> Vec<Action> {
         let mission_type = self.peers.mission_type();
         match &mut self.state {
             State::Opening(o) if now >= o.deadline => {
@@ -139,6 +109,39 @@ impl Download {
             _ => {}
         }
         Vec::new()
+    }
+}
+
+impl Download {
+    /// Starts; send what is returned.
+    pub fn start(peers: Peers, now: f64) -> (Self, Vec<Action>) {
+        let download = Self {
+            started: now,
+            repeated: false,
+            item_s: peers.timing.item_s,
+            total: 0,
+            got: Downloaded::default(),
+            suspected: None,
+            state: State::Opening(Opening::new(now, &peers.timing)),
+            peers,
+        };
+        let ask = MissionMessage::RequestList { mission_type: peers.mission_type() };
+        (download, vec![Action::Send(ask)])
+    }
+
+    /// The result once there is one.
+    pub fn result(&self) -> Option<Result<&Downloaded, &TransferError>> {
+        match &self.state {
+            State::Finished(Ok(())) => Some(Ok(&self.got)),
+            State::Finished(Err(e)) => Some(Err(e)),
+            _ => None,
+        }
+    }
+
+    /// Whether more answers may come than were taken: something was asked twice, or not to its end; or the list is empty, so that its
+    /// length is all there is to compare.
+    pub fn may_be_answered_late(&self) -> bool {
+        self.repeated || self.total == 0
     }
 
     /// Gives up; the vehicle is informed.

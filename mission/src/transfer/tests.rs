@@ -5,8 +5,9 @@ mod others;
 mod single;
 mod vehicle;
 
-use super::verified::{Goal, Options, Outcome, Phase, VehicleState, VerifiedUpload};
+use super::verified::{Goal, Options, Outcome, VehicleState, VerifiedUpload};
 use super::*;
+use crate::change::{Exchange, Phase, VerifiedChange};
 use crate::compare::differences;
 use crate::item::{Autopilot, LatLon, Mission, MissionItem, command};
 use link::{Faults, Random, Run};
@@ -384,7 +385,7 @@ fn cancelling_puts_the_previous_mission_back() {
         let (new, old) = (mission(5, 10), mission(6, 12));
         let vehicle = Vehicle::new(autopilot, old.wire_items(autopilot));
         let mut run = Run::start(3, Faults::NONE, autopilot, vehicle, new, Some(ON_THE_GROUND));
-        while run.upload.phase() != Phase::Uploading || run.progress < 4 {
+        while run.upload.phase() != Phase::Sending || run.progress < 4 {
             run.step();
         }
         run.cancel();

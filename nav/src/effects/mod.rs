@@ -1,14 +1,14 @@
 //! Effects: the named ways in which a real sensor differs from an ideal one.
 //!
-//! One file per effect holds its name, its parameters with units and prior sigmas, what it adds to an ideal sample
-//! and its Jacobian. Simulator, filter, smoother and explanation all use that one definition through [`Effect`].
+//! What is linear in its parameters is a row of the `catalogue`: acts on, drivers, parameters with units and prior sigmas, words. Code, one
+//! file per effect, is only what is not: delays, lever arms, steps, drifts, sources. Simulator, filter, smoother and explanation all use that one definition through [`Effect`].
 //! Contributions are evaluated at the *true* rate and specific force and add up: ω̃ = ω + Σ gyro(ω, f),
 //! f̃ = f + Σ accel(f) (the paper, eqs. (1) and (2), generalised); biases are not effects but part of every model.
 
 mod accel_lever_arm;
-mod accel_nonlinearity;
 mod acts;
 mod bias_drift;
+mod catalogue;
 mod clock_drift;
 mod dispatch;
 mod gps_bias_step;
@@ -18,25 +18,23 @@ mod gps_smoothing;
 mod gps_velocity_latency;
 mod gyro_accel_delay;
 mod gyro_bias_step;
-mod gyro_g2_sensitivity;
-mod gyro_g_sensitivity;
 mod imu_truncation;
 mod instant;
-mod misalignment;
+mod linear;
 mod parameters;
-mod scale_factor;
 mod sequence;
 mod source;
-mod temperature;
-mod vibration_rectification;
 
 use crate::sample::ImuSample;
 use nalgebra::Vector3;
 
 pub use accel_lever_arm::AccelLeverArm;
-pub use accel_nonlinearity::AccelNonlinearity;
 pub use acts::{FixEffect, ImuEffect, SourceEffect, WalkEffect};
 pub use bias_drift::{AccelBiasDrift, GyroBiasDrift};
+pub use catalogue::{
+    ACCEL_MISALIGNMENT, ACCEL_NONLINEARITY, ACCEL_SCALE_FACTOR, ACCEL_TEMPERATURE, GYRO_G_SENSITIVITY,
+    GYRO_G2_SENSITIVITY, GYRO_MISALIGNMENT, GYRO_SCALE_FACTOR, GYRO_TEMPERATURE, VIBRATION_RECTIFICATION,
+};
 pub use clock_drift::ClockDrift;
 pub use gps_bias_step::GpsBiasStep;
 pub use gps_latency::GpsLatency;
@@ -45,36 +43,31 @@ pub use gps_smoothing::GpsSmoothing;
 pub use gps_velocity_latency::GpsVelocityLatency;
 pub use gyro_accel_delay::GyroAccelDelay;
 pub use gyro_bias_step::GyroBiasStep;
-pub use gyro_g_sensitivity::GyroGSensitivity;
-pub use gyro_g2_sensitivity::GyroG2Sensitivity;
 pub use imu_truncation::ImuTruncation;
 pub use instant::{Antenna, FixInstant, Instant, LateRate, Older, Surroundings};
-pub use misalignment::{AccelMisalignment, GyroMisalignment};
+pub use linear::{Driver, LinearEffect, Sensor};
 pub use parameters::{ParameterGroup, Shape, Unit, unit};
-pub use scale_factor::{AccelScaleFactor, GyroScaleFactor};
 pub use source::MISTAKES;
-pub use temperature::{AccelTemperature, GyroTemperature};
-pub use vibration_rectification::VibrationRectification;
 
 /// The largest number of parameters of one effect.
 pub const MAX_PARAMETERS: usize = 9;
 
 /// Every effect that exists, in the order of the design's table. Adding one adds a line here.
 pub static REGISTRY: &[&dyn Effect] = &[
-    &GyroGSensitivity,
-    &GyroG2Sensitivity,
-    &GyroScaleFactor,
-    &AccelScaleFactor,
-    &GyroMisalignment,
-    &AccelMisalignment,
-    &AccelNonlinearity,
-    &GyroTemperature,
-    &AccelTemperature,
+    &GYRO_G_SENSITIVITY,
+    &GYRO_G2_SENSITIVITY,
+    &GYRO_SCALE_FACTOR,
+    &ACCEL_SCALE_FACTOR,
+    &GYRO_MISALIGNMENT,
+    &ACCEL_MISALIGNMENT,
+    &ACCEL_NONLINEARITY,
+    &GYRO_TEMPERATURE,
+    &ACCEL_TEMPERATURE,
     &GpsLatency,
     &GpsVelocityLatency,
     &GyroAccelDelay,
     &AccelLeverArm,
-    &VibrationRectification,
+    &VIBRATION_RECTIFICATION,
     &ClockDrift,
     &GpsLeverArm,
     &ImuTruncation,

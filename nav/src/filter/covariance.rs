@@ -5,6 +5,7 @@
 //! that a vector register takes neighbours of one row; every operation keeps it symmetric by construction.
 
 use super::nav_map::{Columns, NavMap};
+use crate::linear::interval::NavCovariance;
 use nalgebra::{Matrix3, Vector3};
 use pulp::{Arch, Simd, WithSimd};
 
@@ -97,6 +98,15 @@ impl Covariance {
     /// Adds variance to a state.
     pub fn add_variance(&mut self, i: usize, variance: f64) {
         *self.at_mut(i, i) += variance;
+    }
+
+    /// Adds a covariance of the navigation states.
+    pub(super) fn add_nav(&mut self, q: &NavCovariance) {
+        for i in 0..NAV {
+            for j in 0..NAV {
+                *self.at_mut(i, j) += 0.5 * (q[(i, j)] + q[(j, i)]);
+            }
+        }
     }
 
     /// Forgets all correlations of a state and gives it a new sigma.
@@ -356,8 +366,8 @@ impl WithSimd for Downdate<'_> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::filter::nav_map::{Transition, dense_rows};
-    use nalgebra::{DMatrix, Matrix3xX, Vector3};
+    use crate::filter::nav_map::{Dense, dense_rows};
+    use nalgebra::DMatrix;
     use proptest::prelude::*;
 
     fn dense(c: &Covariance) -> DMatrix<f64> {
@@ -376,64 +386,11 @@ mod tests {
         c
     }
 
-    /// A transition with every part at work, on `n` states.
-    fn some_transition(n: usize, values: &[f64]) -> Transition {
+    /// A map with every column at work but some, on `n` states.
+    fn some_transition(n: usize, values: &[f64]) -> Dense {
         let value = |k: usize| values[k % values.len()];
-        let triple = |k: usize| [value(k), value(k + 1), value(k + 2)];
-        let matrix = |k: usize| [triple(k), triple(k + 3), triple(k + 6)];
-        let mut phi = Transition {
-            dt: 0.3 + value(3).abs(),
-            to_end: matrix(0),
-            earth: triple(5),
-            gradient: matrix(11),
-            dv: triple(7),
-            dp: triple(13),
-            half_turn_dt: matrix(2),
-            ..Transition::default()
-        };
-        let columns = |from: usize| -> Vec<Vector3<f64>> {
-            (0..n - NAV)
-                .map(
-                    |k| if (k + from).is_multiple_of(3) { Vector3::zeros() } else { triple(from + k).into() },
-                )
-                .collect()
-        };
-        phi.rate.set_mean(NAV, &columns(1), &columns(4));
-        phi.force.set_mean(NAV, &columns(8), &columns(5));
-        phi
-    }
-
-    /// The same, from the blocks that its factors stand for.
-    fn dense_transition(
-        phi: &Transition,
-        n: usize,
-        rate: &Matrix3xX<f64>,
-        force: &Matrix3xX<f64>,
-    ) -> DMatrix<f64> {
-        let matrix = |m: &[[f64; 3]; 3]| Matrix3::from(*m).transpose();
-        let cross = |v: &[f64; 3]| crate::rotation::skew(&Vector3::from(*v));
-        let (turn, one) = (matrix(&phi.to_end), Matrix3::identity());
-        let (mean, dv, dp) = (matrix(&phi.half_turn_dt), cross(&phi.dv), cross(&phi.dp));
-        let mut full = DMatrix::<f64>::identity(n, n);
-        let mut put = |row: usize, column: usize, m: Matrix3xX<f64>| {
-            full.view_mut((row, column), (3, m.ncols())).copy_from(&m)
-        };
-        let three = |m: Matrix3<f64>| Matrix3xX::from_fn(3, |i, j| m[(i, j)]);
-        put(0, 0, three(turn * (one + cross(&phi.earth))));
-        put(0, 3, three(turn * phi.dt));
-        put(0, 6, three(-turn * dp));
-        put(3, 0, three(turn * matrix(&phi.gradient)));
-        put(3, 3, three(turn * (one - cross(&phi.earth))));
-        put(3, 6, three(-turn * dv));
-        put(6, 6, three(turn));
-        put(0, 9, turn * (force * (0.5 * phi.dt * phi.dt) - dp * mean * rate / 3.0));
-        put(3, 9, turn * (mean * force - dv * mean * rate * 0.5));
-        put(6, 9, turn * mean * rate);
-        full
-    }
-
-    fn columns_of(rows: impl Fn(usize) -> f64, n: usize) -> Matrix3xX<f64> {
-        Matrix3xX::from_fn(n - NAV, |i, k| rows(i * n + NAV + k))
+        let used = (0..n).filter(|k| *k < NAV || !k.is_multiple_of(4));
+        Dense(used.map(|k| (k, std::array::from_fn(|i| value(k * 5 + i * 3 + 1)))).collect())
     }
 
     proptest! {
@@ -444,9 +401,11 @@ mod tests {
         ) {
             let mut c = some_covariance(n, &values);
             let phi = some_transition(n, &values);
-            let rate = phi.rate.dense(n);
-            let force = phi.force.dense(n);
-            let full = dense_transition(&phi, n, &columns_of(|k| rate[k], n), &columns_of(|k| force[k], n));
+            let mut full = DMatrix::<f64>::identity(n, n);
+            full.rows_mut(0, NAV).fill(0.0);
+            for (state, column) in &phi.0 {
+                (0..NAV).for_each(|i| full[(i, *state)] = column[i]);
+            }
             let rows = dense_rows(&phi, n);
             for i in 0..NAV {
                 for j in 0..n {

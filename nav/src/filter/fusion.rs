@@ -189,6 +189,7 @@ impl Fusion {
         }
         while let Some(sample) = self.samples.pop_front_if(|s| s.t_s < now - BUFFER_S) {
             self.take(sample);
+            self.filter.arrive();
         }
         None
     }
@@ -223,7 +224,8 @@ impl Fusion {
     /// The filter at the time of the newest sample.
     pub fn predicted(&self) -> Filter {
         let mut filter = self.filter.clone();
-        self.samples.iter().for_each(|s| filter.propagate(s));
+        self.samples.iter().for_each(|s| filter.take(s));
+        filter.arrive();
         filter
     }
 
@@ -279,7 +281,7 @@ impl Fusion {
             // Nothing can be run again across it.
             self.window = None;
         }
-        self.filter.propagate(&sample);
+        self.filter.take(&sample);
         self.keep(Step::Sample(sample));
     }
 
@@ -310,11 +312,8 @@ impl Fusion {
 impl Filter {
     /// What white noise and rounding leave in one sample.
     fn sample_noise(&self, dt: f64) -> SampleNoise {
-        let imu = &self.model.imu;
-        let of = |n: f64, extra: f64, rounding: f64| (n * n + extra) / dt + 3.0 * rounding;
-        SampleNoise {
-            rate: of(imu.gyro_noise, self.extra_noise.0, self.rounding[0].max()),
-            force: of(imu.accel_noise, self.extra_noise.1, self.rounding[1].max()),
-        }
+        let (gyro, accel) = self.noise_density();
+        let of = |density: f64, rounding: f64| density / dt + 3.0 * rounding;
+        SampleNoise { rate: of(gyro, self.rounding[0].max()), force: of(accel, self.rounding[1].max()) }
     }
 }

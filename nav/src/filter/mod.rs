@@ -1,4 +1,9 @@
-//! The error-state Kalman filter.
+//! The error-state Kalman filter: a linear one about a trajectory that follows the samples.
+//!
+//! The filter carries the mean of the error, and its covariance, about that trajectory; between measurements both go through one
+//! [`Interval`](crate::linear::interval::Interval). The trajectory is moved to the estimate only where that has left the neighbourhood in
+//! which the linear model holds. What nothing excites is then judged by one linearisation for as long as it stays so, and estimates that
+//! change bring no information that nothing measured (first estimates: Huang, Mourikis & Roumeliotis 2010).
 //!
 //! Errors are left-invariant (body axes): C = Ĉ exp(ε), v = v̂ + Ĉ J(ε) δv, r = r̂ + Ĉ J(ε) δr (Barrau & Bonnabel 2017,
 //! section V, applied to the ECEF mechanisation). The transition matrix then depends on the attitude estimate only through
@@ -7,7 +12,6 @@
 
 mod aid;
 pub mod calibration;
-mod course;
 pub mod covariance;
 pub mod force_rate;
 pub mod fusion;
@@ -21,6 +25,7 @@ pub(crate) mod unseen;
 mod update;
 mod window;
 
+use crate::linear::interval::{Here, Sum};
 use crate::mechanization::{Motion, NavState};
 use crate::model::Model;
 use crate::sample::{ImuSample, SampleKind};
@@ -32,6 +37,7 @@ use nalgebra::{Matrix3, Vector3};
 use regressor::Regressor;
 use std::sync::Arc;
 
+pub(crate) use aid::stationarity::detector::{Detector, SampleNoise};
 pub use fusion::{Fusion, PassedOver};
 pub(crate) use update::LOST_ATTITUDE;
 pub use update::{FixEvent, FixOutcome, Group, gate};
@@ -51,6 +57,15 @@ pub struct Initial {
     pub attitude_sigma_rad: [f64; 3],
 }
 
+/// A trajectory at one instant with the constants that belong to it.
+#[derive(Debug, Clone)]
+struct Point {
+    nav: NavState,
+    calibration: Calibration,
+    /// The last sample as these constants compensate it.
+    motion: Motion,
+}
+
 /// Filter state at one instant.
 #[derive(Debug, Clone)]
 pub struct Filter {
@@ -58,44 +73,42 @@ pub struct Filter {
     layout: Layout,
     kind: SampleKind,
     t_s: f64,
-    nav: NavState,
-    calibration: Calibration,
-    /// Estimated Gauss-Markov position error of the fixes, north-east-down, m.
-    wander: Vector3<f64>,
+    /// What everything is linearised about.
+    about: Point,
+    /// Mean error about it, and the covariance of that.
+    x: Vec<f64>,
     p: Covariance,
+    /// The estimate: what is linearised about, moved by the mean error.
+    estimate: Point,
     initial_sigmas: Vec<f64>,
-    /// The last raw sample, its motion and the Jacobian of that motion.
+    /// The last raw sample.
     last: Option<ImuSample>,
-    motion: Motion,
-    /// The motion that the constants are judged by.
+    /// The motion that the constants are judged by, as it is found …
     regressor: Regressor,
-    /// The motion that the Jacobian was found at.
+    /// … and as the Jacobian was found at.
     judged: Motion,
+    jacobian: MotionJacobian,
+    /// The sensors at the last two samples, and what they add up to since the last measurement.
+    from: Here,
+    to: Here,
+    sum: Option<Box<Sum>>,
     /// When products of errors were last counted, s.
     products_s: f64,
-    /// Whether the vehicle goes straight.
-    course: course::Course,
-    /// The motion that errors of attitude and time act on.
-    lever: Motion,
-    jacobian: MotionJacobian,
-    /// The Jacobian at the start of the present step; kept to spare the allocation.
-    start_jacobian: MotionJacobian,
     gates: aid::Gates,
-    phi: nav_map::Transition,
-    /// The mean error while the filter runs as a linear one about its state (see [`window`]).
-    carried: Option<Vec<f64>>,
+    /// What is linearised about stays: a window is run again (see [`window`]).
+    pinned: bool,
     /// Extra white noise of the samples, added to the model's: variances per hertz, (rad/s)²/Hz and (m/s²)²/Hz.
     extra_noise: (f64, f64),
     /// Variances of one sample as measured: rate, (rad/s)², and specific force, (m/s²)².
     scatter: (f64, f64),
     /// Variances of what rounding may keep from every sample, (rad/s)² and (m/s²)².
     rounding: [Vector3<f64>; 2],
+    /// Variances per axis of what is not known of the Earth's rate, (rad/s)², and of gravity, (m/s²)².
+    reference_error: [f64; 2],
     /// Time of the last sample that a sensor took, s; the filter's own time may lie between two.
     sampled_s: f64,
     /// How strongly the values of the last samples bend; nothing where the motion between them is known.
     bend: Option<unseen::Bend>,
-    /// The velocity that constants are judged by, north-east-down, m/s.
-    seen_velocity: Option<Vector3<f64>>,
     /// The stationary period under way.
     hold: Option<Box<aid::stationarity::Hold>>,
     /// Time of the last fix that was used, s.
@@ -148,34 +161,34 @@ impl Filter {
             p.set_block3(at, &(c_bn * variances * c_bn.transpose()));
         }
         let initial_sigmas = (0..layout.len()).map(|i| p.sigma(i)).collect();
+        let start =
+            Point { nav: initial.nav, calibration: Calibration::new(model), motion: Motion::default() };
         Self {
-            calibration: Calibration::new(model),
             model: model.clone(),
+            x: vec![0.0; layout.len()],
             layout,
             kind: SampleKind::Point,
             t_s: initial.t_s,
-            nav: initial.nav,
-            wander: Vector3::zeros(),
+            about: start.clone(),
             p,
+            estimate: start,
             initial_sigmas,
             last: None,
-            motion: Motion::default(),
             regressor: Regressor::default(),
             judged: Motion { rate: Vector3::zeros(), force: Vector3::repeat(f64::NAN) },
-            products_s: initial.t_s,
-            course: course::Course::default(),
-            lever: Motion::default(),
             jacobian: MotionJacobian::default(),
-            start_jacobian: MotionJacobian::default(),
+            from: Here::default(),
+            to: Here::default(),
+            sum: None,
+            products_s: initial.t_s,
             gates: aid::Gates::default(),
-            phi: nav_map::Transition::default(),
-            carried: None,
+            pinned: false,
             extra_noise: (0.0, 0.0),
             scatter: (0.0, 0.0),
             rounding: [Vector3::zeros(); 2],
+            reference_error: [0.0; 2],
             sampled_s: initial.t_s,
             bend: Some(unseen::Bend::default()),
-            seen_velocity: None,
             hold: None,
             aided_s: None,
             coasting_since_s: None,
@@ -197,10 +210,14 @@ impl Filter {
     #[must_use]
     pub fn restarted(&self, initial: &Initial, bias_share: f64) -> Self {
         let mut fresh = Self::new(&self.model, initial);
-        fresh.calibration = self.calibration.clone();
+        fresh.about.calibration = self.estimate.calibration.clone();
+        fresh.estimate.calibration = self.estimate.calibration.clone();
         fresh.regressor = self.regressor.clone();
+        fresh.regressor.estimate_changed(&self.about.motion, &self.estimate.motion);
         // Value and covariance belong together.
-        fresh.wander = self.wander;
+        if let Some(w) = self.layout.gauss_markov() {
+            fresh.x[w..].copy_from_slice(&self.x[w..]);
+        }
         fresh.began_s = self.began_s;
         fresh.rounding = self.rounding;
         fresh.scatter = self.scatter;
@@ -220,9 +237,7 @@ impl Filter {
     pub fn aged(&self, by_s: f64) -> Self {
         let mut later = self.clone();
         later.walk_constants(by_s);
-        let decay = later.wander_decay(by_s);
-        later.wander *= decay;
-        later.decay_wander(decay);
+        later.decay_gauss_markov(by_s);
         later
     }
 
@@ -243,7 +258,7 @@ impl Filter {
 
     /// The same by the model alone.
     pub(super) fn model_gyro_walk_density(&self) -> f64 {
-        let effects = self.model.effects.iter().zip(self.calibration.parameters());
+        let effects = self.model.effects.iter().zip(self.about.calibration.parameters());
         effects.map(|(s, p)| s.effect.bias_walk(p).gyro).fold(0.0, f64::hypot)
     }
 
@@ -254,12 +269,20 @@ impl Filter {
 
     /// Replaces position, velocity and attitude; the covariance stays.
     pub fn set_nav(&mut self, nav: NavState) {
-        self.nav = nav;
+        self.arrive();
+        self.about.nav = nav;
+        self.estimate.nav = nav;
+        self.x[..index::GYRO_BIAS].fill(0.0);
     }
 
     /// Says how far single samples scatter, variances of rate, (rad/s)², and specific force, (m/s²)²: vibration is no excitation.
     pub fn set_scatter(&mut self, scatter: (f64, f64)) {
         self.scatter = scatter;
+    }
+
+    /// Says what is not known of the Earth's rate, (rad/s)² per axis, and of gravity, (m/s²)²: of a place or a heading that nobody knows.
+    pub(crate) fn set_reference_error(&mut self, variances: [f64; 2]) {
+        self.reference_error = variances;
     }
 
     /// The motion that comes in is known, also between its samples: that of a plan or of a simulation.
@@ -291,7 +314,7 @@ impl Filter {
     /// Whether the constants and their covariance are finite and sound, so that another filter may start from them.
     pub fn has_sound_constants(&self) -> bool {
         let tail = index::GYRO_BIAS..self.layout.len();
-        let values = tail.clone().all(|s| self.calibration.get(&self.layout, s).is_finite());
+        let values = tail.clone().all(|s| self.estimate.calibration.get(&self.layout, s).is_finite());
         values
             && tail.clone().all(|i| {
                 let own = self.p.at(i, i);
@@ -301,7 +324,7 @@ impl Filter {
 
     /// 1-sigma of the rotation about the vertical, rad: of the heading, whatever the pitch.
     pub fn heading_sigma(&self) -> f64 {
-        let down = self.nav.down_b();
+        let down = self.about.nav.down_b();
         down.dot(&(self.p.block3(index::ATTITUDE) * down)).max(0.0).sqrt()
     }
 
@@ -310,19 +333,24 @@ impl Filter {
         self.t_s
     }
 
-    /// Position, velocity, attitude.
+    /// Position, velocity, attitude, as of the last measurement that was applied or [`Filter::arrive`].
     pub fn nav(&self) -> &NavState {
-        &self.nav
+        &self.estimate.nav
     }
 
     /// Compensated motion at the last sample.
     pub fn motion(&self) -> &Motion {
-        &self.motion
+        &self.estimate.motion
     }
 
     /// Biases and effect parameters.
     pub fn calibration(&self) -> &Calibration {
-        &self.calibration
+        &self.estimate.calibration
+    }
+
+    /// Mean error about the trajectory that the covariance is expressed about, and that trajectory.
+    pub(crate) fn linearised(&self) -> (&[f64], &NavState, &Calibration) {
+        (&self.x, &self.about.nav, &self.about.calibration)
     }
 
     /// The model whose states these are.
@@ -360,13 +388,13 @@ impl Filter {
         });
         let mut out = MotionJacobian::default();
         let motion = Motion { rate: Vector3::zeros(), force: *force };
-        self.calibration.jacobian(&self.model, &self.layout, &at, &motion, &mut out);
+        self.about.calibration.jacobian(&self.model, &self.layout, &at, &motion, &mut out);
         out.rate
     }
 
     /// 1-sigma of roll, pitch and yaw, rad.
     pub fn euler_sigma(&self) -> Vector3<f64> {
-        let [roll, pitch, _] = self.nav.euler().into();
+        let [roll, pitch, _] = self.about.nav.euler().into();
         let (sr, cr) = roll.sin_cos();
         // Away from the vertical; at it roll and yaw are not apart anyway.
         let (sp, cp) = (pitch.sin(), pitch.cos().max(1e-3));
@@ -378,7 +406,7 @@ impl Filter {
 
     /// 1-sigma north, east, down of position (m) and velocity (m/s).
     pub fn ned_sigmas(&self) -> [Vector3<f64>; 2] {
-        let c_nb = self.nav.c_nb();
+        let c_nb = self.about.nav.c_nb();
         [index::POSITION, index::VELOCITY]
             .map(|at| (c_nb * self.p.block3(at) * c_nb.transpose()).diagonal().map(|v| v.max(0.0).sqrt()))
     }

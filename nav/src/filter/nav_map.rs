@@ -1,16 +1,15 @@
 //! Linear maps of the error state that change nothing but the nine navigation states, applied to many columns at once.
 //!
-//! A time step and a change of coordinates after a correction are such maps. They are made of 3 × 3 blocks, most of
-//! them diagonal or cross products; applied block by block they cost half of what nine dense rows do. Each lane of a
+//! The transition of an interval and a change of coordinates after a correction are such maps. Each lane of a
 //! vector register takes one column and only multiplies and adds, never fused: the result does not depend on the width
 //! of the registers, bit for bit.
 
 use super::covariance::{NAV, PANEL};
 use super::layout::index;
 use crate::displacement::Displacement;
+use crate::linear::interval::Interval;
 use crate::mechanization::NavState;
 use crate::rotation::left_jacobian;
-use nalgebra::Vector3;
 use pulp::Simd;
 
 /// Three values per column.
@@ -55,17 +54,6 @@ fn add<S: Simd>(simd: S, a: Triple<S>, b: Triple<S>) -> Triple<S> {
     [simd.add_f64s(a[0], b[0]), simd.add_f64s(a[1], b[1]), simd.add_f64s(a[2], b[2])]
 }
 
-#[inline(always)]
-fn sub<S: Simd>(simd: S, a: Triple<S>, b: Triple<S>) -> Triple<S> {
-    [simd.sub_f64s(a[0], b[0]), simd.sub_f64s(a[1], b[1]), simd.sub_f64s(a[2], b[2])]
-}
-
-#[inline(always)]
-fn scaled<S: Simd>(simd: S, by: f64, x: Triple<S>) -> Triple<S> {
-    let by = simd.splat_f64s(by);
-    [simd.mul_f64s(by, x[0]), simd.mul_f64s(by, x[1]), simd.mul_f64s(by, x[2])]
-}
-
 // No closures in what follows: one that the compiler does not inline would lose the wide registers.
 
 /// a·x for one row of three.
@@ -92,129 +80,6 @@ fn minor<S: Simd>(simd: S, p: S::f64s, q: S::f64s, r: S::f64s, s: S::f64s) -> S:
 fn cross<S: Simd>(simd: S, v: &[f64; 3], x: Triple<S>) -> Triple<S> {
     let (a, b, c) = (simd.splat_f64s(v[0]), simd.splat_f64s(v[1]), simd.splat_f64s(v[2]));
     [minor(simd, b, x[2], c, x[1]), minor(simd, c, x[0], a, x[2]), minor(simd, a, x[1], b, x[0])]
-}
-
-/// How much one constant state changes one axis of rate or force.
-#[derive(Debug, Clone, Copy, Default)]
-struct Entry {
-    state: usize,
-    by: f64,
-}
-
-/// A sparse 3 × n matrix.
-#[derive(Debug, Clone, Default)]
-pub(super) struct Sparse {
-    /// Each as long as the matrix is wide, for whatever it may hold; the first `len` count.
-    axes: [Vec<Entry>; 3],
-    len: [usize; 3],
-}
-
-impl Sparse {
-    /// The mean of two dense matrices, given by their columns; the first column belongs to state `first`.
-    pub(super) fn set_mean(&mut self, first: usize, a: &[Vector3<f64>], b: &[Vector3<f64>]) {
-        self.axes.iter_mut().for_each(|axis| axis.resize(a.len(), Entry::default()));
-        let mut len = [0; 3];
-        for (k, (a, b)) in a.iter().zip(b).enumerate() {
-            let mean = (a + b) * 0.5;
-            for ((axis, len), by) in self.axes.iter_mut().zip(&mut len).zip(&mean) {
-                if *by != 0.0 {
-                    axis[*len] = Entry { state: first + k, by: *by };
-                    *len += 1;
-                }
-            }
-        }
-        self.len = len;
-    }
-
-    #[inline(always)]
-    fn axis(&self, i: usize) -> &[Entry] {
-        &self.axes[i][..self.len[i]]
-    }
-
-    /// As dense rows over `n` states.
-    #[cfg(test)]
-    pub(super) fn dense(&self, n: usize) -> Vec<f64> {
-        let mut out = vec![0.0; 3 * n];
-        for i in 0..3 {
-            self.axis(i).iter().for_each(|e| out[i * n + e.state] = e.by);
-        }
-        out
-    }
-
-    #[inline(always)]
-    fn times<S: Simd>(&self, simd: S, x: Columns<'_, S>) -> Triple<S> {
-        [row_times(simd, self.axis(0), x), row_times(simd, self.axis(1), x), row_times(simd, self.axis(2), x)]
-    }
-}
-
-#[inline(always)]
-fn row_times<S: Simd>(simd: S, row: &[Entry], x: Columns<'_, S>) -> S::f64s {
-    let mut sum = simd.splat_f64s(0.0);
-    for entry in row {
-        sum = simd.add_f64s(sum, simd.mul_f64s(simd.splat_f64s(entry.by), x.row(entry.state)));
-    }
-    sum
-}
-
-/// Φ over one interval, in the factors it is made of.
-///
-/// In the axes of the start attitude, with Δv = ∫Cf: ε' = ε + δθ, δv' = δv − Δv×ε − ω_ie×δv + Γ δr + ∫Cδf,
-/// δr' = δr + δv dt + …; then everything turns into the axes of the end attitude. (Barrau & Bonnabel 2017 for the
-/// structure; Earth terms from the paper's eqs. (7) and (15).)
-#[derive(Debug, Clone, Default)]
-pub(super) struct Transition {
-    /// Length of the interval, s.
-    pub(super) dt: f64,
-    /// C from the start axes to the end axes.
-    pub(super) to_end: [[f64; 3]; 3],
-    /// Earth's rotation over the interval, start axes, rad.
-    pub(super) earth: [f64; 3],
-    /// Gravity gradient times dt, start axes, 1/s.
-    pub(super) gradient: [[f64; 3]; 3],
-    /// ∫ C f dt, m/s.
-    pub(super) dv: [f64; 3],
-    /// ∬ C f dt², m.
-    pub(super) dp: [f64; 3],
-    /// The mean of the rotation over the interval times dt: (I + ½ δθ×) dt.
-    pub(super) half_turn_dt: [[f64; 3]; 3],
-    /// Mean of ∂ω/∂x over the interval.
-    pub(super) rate: Sparse,
-    /// Mean of ∂f/∂x over the interval.
-    pub(super) force: Sparse,
-}
-
-impl Transition {
-    /// Position and velocity neither follow the attitude nor each other.
-    pub(super) fn without_acceleration(&mut self) {
-        (self.dv, self.dp, self.earth) = ([0.0; 3], [0.0; 3], [0.0; 3]);
-        (self.gradient, self.dt) = ([[0.0; 3]; 3], 0.0);
-        self.force.len = [0; 3];
-    }
-}
-
-impl NavMap for Transition {
-    #[inline(always)]
-    fn rows<S: Simd>(&self, simd: S, x: Columns<'_, S>) -> [Triple<S>; 3] {
-        let (rate, force) = (self.rate.times(simd, x), self.force.times(simd, x));
-        let (dr, dv, eps) = (x.triple(index::POSITION), x.triple(index::VELOCITY), x.triple(index::ATTITUDE));
-        let dtheta = times(simd, &self.half_turn_dt, rate);
-        let tilt = add(simd, eps, scaled(simd, 0.5, dtheta));
-        let moved = add(simd, dv, times(simd, &self.half_turn_dt, force));
-        let moved = sub(simd, moved, cross(simd, &self.earth, dv));
-        let moved = add(simd, moved, times(simd, &self.gradient, dr));
-        let velocity = sub(simd, moved, cross(simd, &self.dv, tilt));
-        let tilt = add(simd, eps, scaled(simd, 1.0 / 3.0, dtheta));
-        let moved = add(simd, dr, cross(simd, &self.earth, dr));
-        let moved = add(simd, moved, scaled(simd, self.dt, dv));
-        let moved = add(simd, moved, scaled(simd, 0.5 * self.dt * self.dt, force));
-        let position = sub(simd, moved, cross(simd, &self.dp, tilt));
-        let attitude = add(simd, eps, dtheta);
-        [
-            times(simd, &self.to_end, position),
-            times(simd, &self.to_end, velocity),
-            times(simd, &self.to_end, attitude),
-        ]
-    }
 }
 
 /// How an error about the old estimate reads about the new one: the right Jacobian of SE₂(3) to first order in the
@@ -264,29 +129,41 @@ impl NavMap for Recentring {
     }
 }
 
-/// Nine dense rows over the navigation states, for what happens seldom.
+/// Nine dense rows, column by column: what a state of this number adds to the navigation states.
 #[derive(Debug, Clone)]
-pub(super) struct Dense(pub(super) [[f64; NAV]; NAV]);
+pub(super) struct Dense(pub(super) Vec<(usize, [f64; NAV])>);
 
-impl NavMap for Dense {
-    #[inline(always)]
-    fn rows<S: Simd>(&self, simd: S, x: Columns<'_, S>) -> [Triple<S>; 3] {
-        let mut out = [[simd.splat_f64s(0.0); 3]; NAV / 3];
-        for (row, out) in self.0.iter().zip(out.as_flattened_mut()) {
-            for (k, by) in row.iter().enumerate() {
-                *out = simd.add_f64s(*out, simd.mul_f64s(simd.splat_f64s(*by), x.row(k)));
-            }
+impl Dense {
+    /// The transition of an interval; `driven` are the states of its driven columns.
+    pub(super) fn of(interval: &Interval, driven: impl Iterator<Item = usize>) -> Self {
+        let states = (0..interval.transition.len()).chain(driven);
+        let columns = interval.transition.iter().chain(&interval.driven);
+        let columns = states.zip(columns).filter(|(_, c)| c.iter().any(|v| *v != 0.0));
+        Self(columns.map(|(state, c)| (state, (*c).into())).collect())
+    }
+
+    /// The nine rows of M x for a single x.
+    pub(super) fn moved(&self, x: &[f64]) -> [f64; NAV] {
+        let mut out = [0.0; NAV];
+        for (state, column) in &self.0 {
+            out.iter_mut().zip(column).for_each(|(o, c)| *o += c * x[*state]);
         }
         out
     }
 }
 
-/// The nine rows of M x for a single x.
-pub(super) fn moved(map: &impl NavMap, x: &[f64]) -> [f64; NAV] {
-    let mut panel = vec![0.0; x.len() * PANEL];
-    panel.iter_mut().step_by(PANEL).zip(x).for_each(|(p, x)| *p = *x);
-    let rows = map.rows(pulp::Scalar, Columns::new(&panel, 0));
-    std::array::from_fn(|i| rows[i / 3][i % 3])
+impl NavMap for Dense {
+    #[inline(always)]
+    fn rows<S: Simd>(&self, simd: S, x: Columns<'_, S>) -> [Triple<S>; 3] {
+        let mut out = [[simd.splat_f64s(0.0); 3]; NAV / 3];
+        for (state, column) in &self.0 {
+            let x = x.row(*state);
+            for (by, out) in column.iter().zip(out.as_flattened_mut()) {
+                *out = simd.add_f64s(*out, simd.mul_f64s(simd.splat_f64s(*by), x));
+            }
+        }
+        out
+    }
 }
 
 /// The nine rows of a map as a dense matrix over `n` states, row by row.

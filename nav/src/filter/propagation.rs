@@ -1,17 +1,16 @@
-//! The time step: mechanisation, transition matrix and process noise.
+//! The time step: mechanisation sample by sample, transition and process noise once per interval.
 
 use super::Filter;
-use super::covariance::NAV;
 use super::layout::index;
-use super::nav_map::moved;
+use super::nav_map::Dense;
 use super::regressor::BEYOND_NOISE;
 use super::unseen::{BetweenSamples, GAP_S, MOTION as GAP_MOTION};
-use crate::earth;
-use crate::mechanization::{self, Increment, Motion};
-use crate::rotation::{exp, skew};
+use crate::linear::interval::{NavCovariance, Sum};
+use crate::mechanization::Motion;
 use crate::sample::{ImuSample, SampleKind};
-use nalgebra::{Matrix3, Vector3};
 
+/// An interval ends after this long, s, whatever comes: Earth's share of it is of first order.
+const LONGEST_S: f64 = 1.0;
 /// Without a fix for longer than this position and velocity are not followed any more, s: the error of a consumer unit is
 /// kilometres by then, and nothing that is linear about it holds.
 pub(super) const COAST_AFTER_S: f64 = 120.0;
@@ -31,6 +30,12 @@ struct Gap {
 impl Filter {
     /// Takes the state to the time of this sample. Samples from the past and impossible ones are ignored.
     pub fn propagate(&mut self, sample: &ImuSample) {
+        self.take(sample);
+        self.arrive();
+    }
+
+    /// The same, but the covariance waits for the next measurement or [`Filter::arrive`].
+    pub fn take(&mut self, sample: &ImuSample) {
         if !sample.is_usable() {
             return;
         }
@@ -61,64 +66,94 @@ impl Filter {
         if dt <= 0.0 {
             return;
         }
-        let decay = self.wander_decay(dt);
         if self.hold.is_some() {
-            self.hold_step(sample, dt, decay);
+            self.hold_step(sample, dt);
             return;
         }
         self.look_around();
-        let motion = self.motion_of(sample);
-        let inc = Increment::between(&self.motion, &motion, self.kind, dt);
-        std::mem::swap(&mut self.jacobian, &mut self.start_jacobian);
-        let band = self.noise_band(dt);
-        self.regressor.take(&motion, band, dt);
-        self.judged = self.regressor.motion();
-        self.course.take((sample.t_s, dt), &motion.rate, &self.regressor, band.0);
-        self.calibration.jacobian(&self.model, &self.layout, sample, &self.judged, &mut self.jacobian);
-        let lever = self.regressor.lever(&motion);
         let coasts = self.coasts(sample.t_s);
-        // Noise is no excitation for attitude errors either: they act on the motion that constants are judged by.
-        self.transition(&inc, &Increment::between(&self.lever, &lever, self.kind, dt), coasts);
-        self.lever = lever;
-        self.carry_along(decay);
-        self.propagate_covariance(dt, decay, gap);
-        let place = self.nav;
-        self.nav = mechanization::step(&self.nav, &inc);
-        if coasts {
-            (self.nav.r_e, self.nav.v_e) = (place.r_e, place.v_e);
+        self.about.motion = self.motion_of(sample);
+        self.regressor.take(&self.about.motion, self.noise_band(dt), dt);
+        std::mem::swap(&mut self.from, &mut self.to);
+        self.see(sample);
+        let missed = self.missed(dt, gap);
+        let sum = self.sum.get_or_insert_with(|| Box::new(Sum::new(&self.about.nav, self.to.columns.len())));
+        sum.add(&self.from, &self.to, self.kind, dt);
+        if let Some(missed) = missed {
+            sum.add_gap(&missed);
         }
-        self.wander *= decay;
-        self.motion = motion;
+        if coasts {
+            sum.stay();
+        }
+        self.about.nav = *sum.nav();
         self.last = Some(*sample);
         self.t_s = sample.t_s;
+        if sum.duration_s() >= LONGEST_S {
+            self.arrive();
+        }
+    }
+
+    /// The sensors at a sample become those at the end of a step.
+    fn see(&mut self, sample: &ImuSample) {
+        self.judged = self.regressor.motion();
+        let jacobian = &mut self.jacobian;
+        self.about.calibration.jacobian(&self.model, &self.layout, sample, &self.judged, jacobian);
+        let here = &mut self.to;
+        here.t_s = sample.t_s;
+        here.motion = self.about.motion;
+        here.lever = self.regressor.lever(&here.motion);
+        let columns = jacobian.rate.iter().zip(&jacobian.force).map(|(rate, force)| [*rate, *force]);
+        here.columns.clear();
+        here.columns.extend(columns.skip(index::EFFECTS - index::GYRO_BIAS));
+        for k in 0..3 {
+            here.by_rate.set_column(k, &jacobian.force[k]);
+            here.by_force.set_column(k, &jacobian.rate[3 + k]);
+        }
+    }
+
+    /// The end of an interval: mean and covariance of the error come to the present.
+    pub fn arrive(&mut self) {
+        let Some(sum) = self.sum.take() else { return };
+        let (mut interval, _) = sum.end();
+        if self.coasting_since_s.is_some() {
+            interval.attitude_alone();
+        }
+        let dt = interval.dt;
+        let map = Dense::of(&interval, self.layout.slots().iter().map(|s| s.state));
+        // Half of a walk before and half after, so that it also reaches velocity and position.
+        self.walk_constants(0.5 * dt);
+        self.p.transform(&map);
+        let (gyro, accel) = self.noise_density();
+        self.p.add_nav(&interval.noise(gyro, accel));
+        self.walk_constants(0.5 * dt);
+        if let Some(since) = self.coasting_since_s {
+            // A vehicle that is not observed goes on: variance of the distance, 50 m/s times the time.
+            let t = self.t_s - since + COAST_AFTER_S;
+            let growth = COAST_SPEED * COAST_SPEED * (2.0 * t * dt);
+            (0..3).for_each(|k| self.p.add_variance(index::POSITION + k, growth));
+        }
+        let moved = map.moved(&self.x);
+        self.x[..moved.len()].copy_from_slice(&moved);
+        self.decay_gauss_markov(dt);
+        self.find_estimate();
     }
 
     /// The motion behind the next sample.
     fn motion_of(&self, sample: &ImuSample) -> Motion {
         match &self.last {
             Some(last) => {
-                let errors =
-                    Motion { rate: last.gyro - self.motion.rate, force: last.accel - self.motion.force };
-                self.calibration.motion_from(&self.model, sample, &errors)
+                let Motion { rate, force } = self.about.motion;
+                let errors = Motion { rate: last.gyro - rate, force: last.accel - force };
+                self.about.calibration.motion_from(&self.model, sample, &errors)
             }
-            None => self.calibration.motion(&self.model, sample),
+            None => self.about.calibration.motion(&self.model, sample),
         }
     }
 
     /// What the samples up to the end of a step show.
     fn look_around(&mut self) {
         if self.needs_surroundings {
-            self.calibration.around = self.recent.around();
-        }
-    }
-
-    /// Takes the carried mean along: x ← Φ x.
-    fn carry_along(&mut self, decay: f64) {
-        let Some(x) = &mut self.carried else { return };
-        let moved = moved(&self.phi, x);
-        x[..NAV].copy_from_slice(&moved);
-        if let Some(w) = self.layout.gauss_markov() {
-            x[w..w + 3].iter_mut().for_each(|v| *v *= decay);
+            self.about.calibration.around = self.recent.around();
         }
     }
 
@@ -130,6 +165,7 @@ impl Filter {
     /// Whether position and velocity are left alone because no fix has come for long; begins that where it is time.
     fn coasts(&mut self, t_s: f64) -> bool {
         if self.coasting_since_s.is_none() && self.aided_s.is_some_and(|aided| t_s - aided > COAST_AFTER_S) {
+            self.arrive();
             self.coasting_since_s = Some(self.t_s);
             for k in 0..3 {
                 self.p.reset(index::POSITION + k, COAST_SPEED * COAST_AFTER_S);
@@ -164,9 +200,10 @@ impl Filter {
     /// The first sample: nothing to integrate yet, but the filter's own time counts from here.
     fn start_at(&mut self, sample: &ImuSample) {
         self.last = Some(*sample);
-        self.motion = self.calibration.motion(&self.model, sample);
-        self.regressor.start(&self.motion);
-        self.refresh_motion();
+        self.about.motion = self.about.calibration.motion(&self.model, sample);
+        self.regressor.start(&self.about.motion);
+        self.see(sample);
+        self.find_estimate();
         let dt = sample.t_s - self.t_s;
         if dt > 0.0 && self.kind == SampleKind::IntervalMean {
             // A mean says what happened since the initial state.
@@ -189,79 +226,54 @@ impl Filter {
         )
     }
 
-    /// Motion of the last sample anew, after the calibration changed, and its Jacobian where the motion that it is found at has.
+    /// Motion of the last sample anew, after what is linearised about has moved, and the sensors there.
     pub(super) fn refresh_motion(&mut self) {
         let Some(last) = self.last else { return };
-        let motion = self.calibration.motion(&self.model, &last);
-        self.regressor.estimate_changed(&self.motion, &motion);
-        self.motion = motion;
-        self.lever = self.regressor.lever(&motion);
-        let seen = self.regressor.motion();
-        if seen != self.judged {
-            self.judged = seen;
-            let mut jacobian = std::mem::take(&mut self.jacobian);
-            self.calibration.jacobian(&self.model, &self.layout, &last, &seen, &mut jacobian);
-            self.jacobian = jacobian;
+        let motion = self.about.calibration.motion(&self.model, &last);
+        self.regressor.estimate_changed(&self.about.motion, &motion);
+        self.about.motion = motion;
+        self.see(&last);
+    }
+
+    /// What is missed between samples, in the axes of the end of a step: of a gap, from `gap.from_s` on, and by the line between
+    /// samples that are far apart. Unseen motion lasts: its variances grow with the square (and for the position the fourth power) of
+    /// the time since the last sample.
+    fn missed(&self, dt: f64, gap: &Gap) -> Option<NavCovariance> {
+        let is_gap = gap.to_s - gap.from_s > GAP_S;
+        if !is_gap && gap.between.is_none() {
+            return None;
         }
-    }
-
-    pub(super) fn wander_decay(&self, dt: f64) -> f64 {
-        let tau = self.model.gnss.position_correlation_s;
-        if tau > 0.0 { (-dt / tau).exp() } else { 1.0 }
-    }
-
-    /// P ← Φ P Φᵀ + Q, with half of Q before and half after, so that noise also reaches velocity and position.
-    fn propagate_covariance(&mut self, dt: f64, decay: f64, gap: &Gap) {
-        self.add_process_noise(dt * 0.5);
-        self.p.transform(&self.phi);
-        self.add_process_noise(dt * 0.5);
-        self.walk_constants(dt);
-        if gap.to_s - gap.from_s > GAP_S {
-            self.add_unseen_motion(self.t_s - gap.from_s, dt);
+        let mut q = NavCovariance::zeros();
+        let mut add = |at: usize, variance: f64| q[(at, at)] += variance;
+        if is_gap {
+            let t1 = (self.t_s - gap.from_s).max(0.0);
+            let t2 = t1 + dt;
+            let square = t2 * t2 - t1 * t1;
+            for k in 0..3 {
+                add(index::ATTITUDE + k, GAP_MOTION.0.powi(2) * square);
+                add(index::VELOCITY + k, GAP_MOTION.1.powi(2) * square);
+                add(index::POSITION + k, (0.5 * GAP_MOTION.1).powi(2) * square * (t2 * t2 + t1 * t1));
+            }
         }
         if let Some([rate, force]) = &gap.between {
             for k in 0..3 {
-                self.p.add_variance(index::ATTITUDE + k, rate[k] * dt);
-                self.p.add_variance(index::VELOCITY + k, force[k] * dt);
+                add(index::ATTITUDE + k, rate[k] * dt);
+                add(index::VELOCITY + k, force[k] * dt);
             }
         }
-        self.decay_wander(decay);
+        Some(q)
     }
 
-    /// What a vehicle may have done in a gap, from `into_s` after its start for `dt` on. Unseen motion lasts: its variances
-    /// grow with the square (and for the position the fourth power) of the time since the last sample.
-    fn add_unseen_motion(&mut self, into_s: f64, dt: f64) {
-        let (t1, t2) = (into_s.max(0.0), into_s.max(0.0) + dt);
-        let square = t2 * t2 - t1 * t1;
-        for k in 0..3 {
-            self.p.add_variance(index::ATTITUDE + k, GAP_MOTION.0.powi(2) * square);
-            self.p.add_variance(index::VELOCITY + k, GAP_MOTION.1.powi(2) * square);
-            let fourth = square * (t2 * t2 + t1 * t1);
-            self.p.add_variance(index::POSITION + k, (0.5 * GAP_MOTION.1).powi(2) * fourth);
-        }
-    }
-
-    pub(super) fn decay_wander(&mut self, decay: f64) {
-        let Some(w) = self.layout.gauss_markov() else { return };
+    /// The correlated error of the fixes so much later, s: mean and covariance.
+    pub(super) fn decay_gauss_markov(&mut self, dt: f64) {
+        let (Some(w), tau) = (self.layout.gauss_markov(), self.model.gnss.position_correlation_s) else {
+            return;
+        };
+        let decay = if tau > 0.0 { (-dt / tau).exp() } else { 1.0 };
+        self.x[w..w + 3].iter_mut().for_each(|x| *x *= decay);
         self.p.scale3(w, decay);
         for (k, sigma) in self.model.gnss.position_wander_sigma_m.into_iter().enumerate() {
             self.p.add_variance(w + k, sigma * sigma * (1.0 - decay * decay));
-        }
-    }
-
-    fn add_process_noise(&mut self, dt: f64) {
-        let imu = &self.model.imu;
-        let gyro = (imu.gyro_noise * imu.gyro_noise + self.extra_noise.0) * dt;
-        let accel = (imu.accel_noise * imu.accel_noise + self.extra_noise.1) * dt;
-        for k in 0..3 {
-            self.p.add_variance(index::ATTITUDE + k, gyro);
-            self.p.add_variance(index::VELOCITY + k, accel);
-        }
-        if let Some(since) = self.coasting_since_s {
-            // A vehicle that is not observed goes on: variance of the distance, 50 m/s times the time.
-            let t = self.t_s - since + COAST_AFTER_S;
-            let growth = COAST_SPEED * COAST_SPEED * (2.0 * t * dt);
-            (0..3).for_each(|k| self.p.add_variance(index::POSITION + k, growth));
         }
     }
 
@@ -272,7 +284,7 @@ impl Filter {
             (0..3).for_each(|k| self.p.add_variance(index::GYRO_BIAS + k, variance));
         }
         if self.biases_walk {
-            for (setting, p) in self.model.effects.iter().zip(self.calibration.parameters()) {
+            for (setting, p) in self.model.effects.iter().zip(self.about.calibration.parameters()) {
                 let walk = setting.effect.bias_walk(p);
                 for k in 0..3 {
                     self.p.add_variance(index::GYRO_BIAS + k, walk.gyro * walk.gyro * dt);
@@ -290,32 +302,6 @@ impl Filter {
             let share = if i < index::EFFECTS { biases } else { others };
             let sigma = share * self.initial_sigmas.get(i).copied().unwrap_or(0.0);
             self.p.add_variance(i, sigma * sigma * dt);
-        }
-    }
-
-    /// Φ over one interval: axes turn as they did, attitude errors act on `lever`. A filter that coasts follows the attitude
-    /// alone.
-    fn transition(&mut self, inc: &Increment, lever: &Increment, coasts: bool) {
-        let dt = inc.dt;
-        let c_be = self.nav.q_eb.inverse().to_rotation_matrix().into_inner();
-        let gradient = c_be * earth::gravity_gradient(&self.nav.r_e) * c_be.transpose() * dt;
-        let rows = |m: Matrix3<f64>| m.transpose().into();
-        let turn = if self.course.is_straight() { Vector3::zeros() } else { inc.dtheta };
-        let phi = &mut self.phi;
-        phi.dt = dt;
-        phi.earth = (c_be * earth::rotation_rate() * dt).into();
-        phi.to_end = rows(exp(&-turn).to_rotation_matrix().into_inner());
-        phi.gradient = rows(gradient);
-        phi.dv = lever.dv.into();
-        phi.dp = lever.dp.into();
-        phi.half_turn_dt = rows((Matrix3::identity() + skew(&turn) * 0.5) * dt);
-        let end = &self.jacobian;
-        let start = if self.kind == SampleKind::Point { &self.start_jacobian } else { end };
-        phi.rate.set_mean(NAV, &start.rate, &end.rate);
-        if coasts {
-            phi.without_acceleration();
-        } else {
-            phi.force.set_mean(NAV, &start.force, &end.force);
         }
     }
 }

@@ -33,10 +33,8 @@ struct Channel {
     /// Mean of the value since it last changed by more than its own noise, and for how long that is, s.
     steady: f64,
     steady_s: f64,
-    /// Shift by changed estimates that is not let through …
+    /// Shift by changed estimates that is not let through.
     held: f64,
-    /// … and what of it is let through to the errors of an attitude that begins anew, but not to constants that go on.
-    kept: f64,
     /// Low-passed value and the range it has covered lately.
     lasting: f64,
     low: f64,
@@ -73,8 +71,8 @@ impl Channel {
 
     fn shift(&mut self, by: f64, moving: bool) {
         self.held += by;
-        if moving && (self.held + self.kept).abs() < NEGLIGIBLE * self.widest {
-            self.let_through(true);
+        if moving && self.held.abs() < NEGLIGIBLE * self.widest {
+            self.let_through();
         }
     }
 
@@ -82,8 +80,7 @@ impl Channel {
         self.steady_s >= STEADY_S + QUIET_S
     }
 
-    fn let_through(&mut self, to_constants: bool) {
-        self.kept = if to_constants { 0.0 } else { self.kept + self.held };
+    fn let_through(&mut self) {
         for x in [&mut self.value, &mut self.steady, &mut self.lasting, &mut self.low, &mut self.high] {
             *x += self.held;
         }
@@ -96,8 +93,6 @@ impl Channel {
 pub(super) struct Regressor {
     channels: [Channel; 6],
     started: bool,
-    /// Whether the constants go on from an earlier stream.
-    goes_on: bool,
     /// Time since the stream began, s.
     age_s: f64,
 }
@@ -105,7 +100,7 @@ pub(super) struct Regressor {
 impl Regressor {
     /// The motion as the constants see it.
     pub(super) fn motion(&self) -> Motion {
-        self.of_channels(|c, _| c.steady - c.kept, &Motion::default())
+        self.of_channels(|c, _| c.steady, &Motion::default())
     }
 
     /// What this makes of every channel and its measured value.
@@ -129,31 +124,10 @@ impl Regressor {
         self.of_channels(of, measured)
     }
 
-    /// The same with the present estimates: what the vehicle does, for quantities that they give together with the attitude.
-    pub(super) fn present(&self, measured: &Motion) -> Motion {
-        self.of_channels(|c, x| if c.is_quiet() { c.steady + c.held } else { x }, measured)
-    }
-
-    /// What estimates since the last real motion have changed of the rate that constants are judged by, rad/s.
-    pub(super) fn held_rate(&self) -> Vector3<f64> {
-        Vector3::from_fn(|k, _| self.channels[k].held + self.channels[k].kept)
-    }
-
-    /// For how long each axis of the rate has shown nothing but noise, s.
-    pub(super) fn rate_steady_s(&self) -> Vector3<f64> {
-        Vector3::from_fn(|k, _| self.channels[k].steady_s)
-    }
-
-    /// Whether nothing but noise has been seen for [`QUIET_S`].
-    pub(super) fn is_quiet(&self) -> bool {
-        self.channels.iter().all(Channel::is_quiet)
-    }
-
     /// The first sample of a stream: nothing to average with.
     pub(super) fn start(&mut self, measured: &Motion) {
         self.age_s = 0.0;
         let fresh = !std::mem::replace(&mut self.started, true);
-        self.goes_on = !fresh;
         self.each(measured, |c, x| {
             c.value = x - c.held;
             (c.steady, c.steady_s) = (c.value, STEADY_S);
@@ -181,11 +155,9 @@ impl Regressor {
         self.each(&by, |c, by| c.shift(by, moving));
     }
 
-    /// The estimates stay where they are from now on: what was held back comes through. Constants that go on from an earlier stream
-    /// are judged without it until something moves.
+    /// The estimates stay where they are from now on: what was held back comes through.
     pub(super) fn let_through(&mut self) {
-        let to_constants = !self.goes_on || self.moving();
-        self.channels.iter_mut().for_each(|c| c.let_through(to_constants));
+        self.channels.iter_mut().for_each(Channel::let_through);
     }
 
     /// Whether there was motion beyond noise within some [`RECENT_S`].
@@ -269,25 +241,5 @@ mod tests {
         take(&mut r, 5.2, 1000);
         r.estimate_changed(&force(5.2), &force(5.21));
         assert!((r.motion().force.x - 5.21).abs() < 0.01, "it moves again: {r:?}");
-    }
-
-    #[test]
-    fn constants_that_go_on_are_judged_as_before_until_something_moves() {
-        let mut r = standing();
-        let before = r.motion().force.x;
-        r.start(&force(0.0));
-        r.estimate_changed(&force(0.0), &force(0.2));
-        r.let_through();
-        for k in 0..300 {
-            r.take(&force(if k % 2 == 0 { 0.3 } else { 0.1 }), (1.0, 1.0), DT);
-        }
-        assert!((r.lever(&force(0.2)).force.x - 0.2).abs() < 0.02, "the attitude that begins anew: {r:?}");
-        assert!((r.present(&force(0.2)).force.x - 0.2).abs() < 0.02, "{r:?}");
-        assert!((r.motion().force.x - before).abs() < 0.02, "{r:?}");
-        for k in 0..3000 {
-            r.take(&force(if k < 2000 { 5.2 } else { 0.2 }), (1.0, 1.0), DT);
-            r.estimate_changed(&force(0.2), &force(0.2));
-        }
-        assert!((r.motion().force.x - 0.2).abs() < 0.02, "it has moved: {r:?}");
     }
 }

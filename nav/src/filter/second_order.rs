@@ -21,14 +21,6 @@ const EVERY_S: f64 = 1.0;
 /// Attitude errors count up to this variance, rad²: beyond, nothing is linear, and alignment is not done.
 const LARGEST_ATTITUDE: f64 = 4.0;
 
-/// A rate within so many of its sigmas is no turn …
-const SIGNIFICANT: f64 = 3.0;
-/// … if it is slower than this, rad/s: what a slow turn of a minute is, a rate known less well than that cannot show.
-const SLOWEST_TURN: f64 = 1e-3;
-/// A vehicle that goes straight turns with the Earth, and by as much again at most with the way over it, rad/s. In hours of smooth flight
-/// two axes are known better than that; taken for a turn it would let a heading that drifts pass for one that is measured.
-const TURN_WITH_EARTH: f64 = 2.0 * crate::earth::ROTATION_RATE;
-
 /// Errors of attitude, specific force and rate.
 pub(super) const ERRORS: usize = 9;
 pub(super) const FORCE: usize = 3;
@@ -45,10 +37,6 @@ impl Filter {
         }
         self.products_s = self.t_s;
         let p = self.covariance_of_errors();
-        self.course.no_turn_below = Vector3::from_fn(|axis, _| {
-            let sigma = p[(RATE + axis, RATE + axis)].max(0.0).sqrt();
-            (SIGNIFICANT * sigma).clamp(TURN_WITH_EARTH, SLOWEST_TURN)
-        });
         let [rate, force] = self.products_of_errors(&p);
         let share = since_s.min(LASTING_S) / LASTING_S;
         for k in 0..3 {
@@ -110,7 +98,7 @@ impl Filter {
         let Some(last) = self.last else { return Vector3::zeros() };
         let jacobian = |at: &Motion| {
             let mut out = MotionJacobian::default();
-            self.calibration.jacobian(&self.model, &self.layout, &last, at, &mut out);
+            self.about.calibration.jacobian(&self.model, &self.layout, &last, at, &mut out);
             out.rate
         };
         let (here, mut sum) = (jacobian(at), Vector3::zeros());

@@ -3,12 +3,12 @@
 //! Each aid is tested and applied as one group. A group that fails its test is left out, but not for long: innovation
 //! tests must not lock the filter out.
 
-use super::Filter;
 use super::aid::Rejections;
 use super::aid::gnss_position::HELD_OFF_S;
 use super::force_rate::ForceRates;
 use super::group::{Prepared, Rows};
 use super::layout::index;
+use super::{Filter, Point};
 use crate::displacement::Displacement;
 use crate::sample::GnssFix;
 use nalgebra::Vector3;
@@ -20,6 +20,16 @@ pub use super::aid::gate;
 const LONGEST_DELAY_S: f64 = 1.0;
 /// Likelihood of a fix that a filter cannot even test, nats: worse than any that it can.
 const UNTESTABLE: f64 = -1e3;
+/// The linear model holds about a mean error of the attitude up to this, rad: what it leaves out of the specific force, ½ ε² g, is
+/// 4.5 µg then …
+const NEAR_RAD: f64 = 3e-3;
+/// … where it turns the position error by less than this, m, and the velocity error by less than this, m/s: a hundredth of what fixes
+/// show …
+const NEAR_M: f64 = 0.02;
+const NEAR_M_PER_S: f64 = 1e-3;
+/// … and no constant is off by more than this share of what was not known of it at the start: products of two such errors are a
+/// hundredth of those that the prior allows.
+const NEAR_SHARE: f64 = 0.1;
 /// With attitude less certain than this a filter is aligned anew instead of being started from a fix, rad.
 pub(crate) const LOST_ATTITUDE: f64 = 0.35;
 
@@ -100,7 +110,7 @@ impl Filter {
         self.model
             .effects
             .iter()
-            .zip(self.calibration.parameters())
+            .zip(self.about.calibration.parameters())
             .map(|(s, p)| s.effect.fix_delay_s(p, elapsed_s))
             .sum()
     }
@@ -118,6 +128,7 @@ impl Filter {
         if !fix.is_plausible() {
             return FixOutcome { t_s: self.t_s, stamp_s: fix.t_s, ..FixOutcome::default() };
         }
+        self.arrive();
         let outcome = if self.hold.is_some() {
             self.with_base(|f| f.apply_at_rest(fix))
         } else if let Some(event) = self.end_coasting(fix) {
@@ -128,6 +139,7 @@ impl Filter {
         if outcome.used() {
             self.aided_s = Some(self.t_s);
         }
+        self.find_estimate();
         self.failed |= !self.is_sound();
         FixOutcome { stamp_s: fix.t_s, ..outcome }
     }
@@ -140,14 +152,10 @@ impl Filter {
     /// All groups of a fix are linearised once, about the state that it finds, and applied one after the other: the gates see
     /// each by itself, the result is that of one update with all rows.
     fn apply_fix(&mut self, fix: &GnssFix) -> FixOutcome {
-        self.see_velocity();
-        let x = self.at_fix();
-        let [to_position, to_velocity] = self.fix_effects(&x);
-        let position = self.position_rows(fix, &x, &to_position);
-        let velocity = self.velocity_rows(fix, &x, &to_velocity);
+        let x = self.linearise(fix);
+        let position = self.position_rows(fix, &x);
+        let velocity = self.velocity_rows(fix, &x);
         let yaw = self.yaw_rows(fix);
-        let own_mean = self.carried.is_none();
-        self.carried.get_or_insert_with(|| vec![0.0; self.layout.len()]);
         let mut outcome = FixOutcome { t_s: self.t_s, ..FixOutcome::default() };
         let withheld = velocity.dof > 0 && self.gates.velocity.lasts();
         if withheld {
@@ -161,8 +169,8 @@ impl Filter {
             self.gates.position.accept();
         }
         self.apply_yaw(yaw, &mut outcome);
-        if own_mean {
-            self.end_linear();
+        if !self.pinned {
+            self.follow();
             self.walk_by_products();
         }
         self.settle_rejections(fix, &mut outcome);
@@ -172,19 +180,11 @@ impl Filter {
     /// A stationary vehicle: its velocity is known, its position and heading are not.
     fn apply_at_rest(&mut self, fix: &GnssFix) -> FixOutcome {
         let mut outcome = FixOutcome { t_s: self.t_s, ..FixOutcome::default() };
-        let x = self.at_fix();
-        let [added, _] = self.fix_effects(&x);
-        outcome.position = self.apply(self.position_rows(fix, &x, &added), |f| &mut f.gates.position);
+        let x = self.linearise(fix);
+        outcome.position = self.apply(self.position_rows(fix, &x), |f| &mut f.gates.position);
         self.apply_yaw(self.yaw_rows(fix), &mut outcome);
         self.settle_position(fix, &mut outcome);
-        self.rebase_hold_after(&outcome);
         outcome
-    }
-
-    fn rebase_hold_after(&mut self, outcome: &FixOutcome) {
-        if outcome.position.recovered {
-            self.rebase_hold();
-        }
     }
 
     fn apply_yaw(&mut self, rows: Rows, outcome: &mut FixOutcome) {
@@ -267,9 +267,10 @@ impl Filter {
 
     /// Whether state and covariance are finite and every variance positive.
     fn is_sound(&self) -> bool {
-        let nav = self.nav.r_e.iter().chain(&self.nav.v_e).chain(self.nav.q_eb.coords.iter());
-        let constants = self.calibration.gyro_bias.iter().chain(&self.calibration.accel_bias);
-        let parameters = self.calibration.parameters().iter().flatten();
+        let Point { nav, calibration, .. } = &self.estimate;
+        let nav = nav.r_e.iter().chain(&nav.v_e).chain(nav.q_eb.coords.iter());
+        let constants = calibration.gyro_bias.iter().chain(&calibration.accel_bias);
+        let parameters = calibration.parameters().iter().flatten();
         nav.chain(constants).chain(parameters).all(|x| x.is_finite())
             && (0..self.layout.len()).all(|i| {
                 let variance = self.p.at(i, i);
@@ -279,10 +280,9 @@ impl Filter {
 
     /// Applies a fix to the covariance alone, as if its innovation were zero: for information bounds and predictions.
     pub fn update_covariance(&mut self, fix: &GnssFix) {
-        self.see_velocity();
-        let x = self.at_fix();
-        let [to_position, to_velocity] = self.fix_effects(&x);
-        for rows in [self.position_rows(fix, &x, &to_position), self.velocity_rows(fix, &x, &to_velocity)] {
+        self.arrive();
+        let x = self.linearise(fix);
+        for rows in [self.position_rows(fix, &x), self.velocity_rows(fix, &x)] {
             if let Some(prepared) = Prepared::new(&rows, &self.p) {
                 prepared.absorb(&mut self.p, &mut []);
             }
@@ -291,23 +291,22 @@ impl Filter {
 
     /// A vehicle at rest does not turn: ties b_g + G f to the mean rate shown, rad/s, within `sigma`.
     pub fn observe_stationary(&mut self, sigma: f64) {
-        let rate = self.motion.rate;
+        self.arrive();
+        let rate = self.about.motion.rate;
         let mut rows =
             Rows { dof: 3, residual: (-rate).into(), variance: [sigma * sigma; 3], ..Rows::default() };
         for (k, column) in self.jacobian.rate.iter().enumerate() {
             rows.push(index::GYRO_BIAS + k, |axis| column[axis]);
         }
-        if let Some(prepared) = Prepared::new(&rows, &self.p) {
+        if let Ok(prepared) = self.tested(rows).1 {
             self.absorb(prepared);
+            self.follow();
         }
     }
 
     /// A group about the carried mean, and what its test uses; without an innovation covariance the group itself.
-    fn tested(&self, rows: Rows) -> (Rows, Result<Prepared, Group>) {
-        let rows = match &self.carried {
-            Some(x) => rows.less(x),
-            None => rows,
-        };
+    pub(super) fn tested(&self, rows: Rows) -> (Rows, Result<Prepared, Group>) {
+        let rows = rows.less(&self.x);
         let untestable = || match rows.dof {
             0 => Group::default(),
             dof => Group { dof, log_likelihood: UNTESTABLE, ..Group::default() },
@@ -345,42 +344,66 @@ impl Filter {
     pub(super) fn absorb(&mut self, prepared: Prepared) -> Group {
         let mut dx = vec![0.0; self.layout.len()];
         let group = prepared.absorb(&mut self.p, &mut dx);
-        match &mut self.carried {
-            Some(x) => x.iter_mut().zip(&dx).for_each(|(x, d)| *x += d),
-            None if self.hold.is_some() => self.correct_hold(&dx),
-            None => self.correct(&dx),
-        }
+        self.x.iter_mut().zip(&dx).for_each(|(x, d)| *x += d);
         group
     }
 
-    /// Moves the estimate by an error; the covariance stays.
-    pub(super) fn move_by(&mut self, dx: &[f64]) {
-        self.nav = self.nav.displaced(&Displacement::of(dx));
-        self.calibration.correct(&self.model, &self.layout, dx);
-        if let Some(w) = self.layout.gauss_markov() {
-            self.wander += Vector3::new(dx[w], dx[w + 1], dx[w + 2]);
+    /// The estimate from what is linearised about and the mean error.
+    pub(super) fn find_estimate(&mut self) {
+        let Self { about, estimate, x, model, layout, .. } = self;
+        estimate.nav = about.nav.displaced(&Displacement::of(x));
+        if self.hold.is_some() {
+            estimate.nav.v_e = Vector3::zeros();
         }
+        estimate.calibration.clone_from(&about.calibration);
+        estimate.calibration.correct(model, layout, x);
+        estimate.motion = match &self.last {
+            Some(last) => estimate.calibration.motion(model, last),
+            None => about.motion,
+        };
     }
 
-    /// Moves the estimate by an error and re-expresses the covariance about the new estimate.
-    pub(super) fn correct(&mut self, dx: &[f64]) {
-        let by = Displacement::of(dx);
-        let turn = self.nav.recentring(&by);
-        self.move_by(dx);
+    /// Moves what is linearised about to the estimate where that has left its neighbourhood.
+    fn follow(&mut self) {
+        if self.has_strayed() {
+            self.recentre();
+        }
+        self.find_estimate();
+    }
+
+    /// Whether what the linear model leaves out about the mean error counts.
+    fn has_strayed(&self) -> bool {
+        let by = Displacement::of(&self.x);
+        let turned = by.attitude.norm();
+        let constants = index::GYRO_BIAS..index::GYRO_BIAS + self.layout.names().len();
+        turned > NEAR_RAD
+            || turned * by.position.norm() > NEAR_M
+            || turned * by.velocity.norm() > NEAR_M_PER_S
+            || constants.into_iter().any(|s| self.x[s].abs() > NEAR_SHARE * self.initial_sigmas[s])
+    }
+
+    /// Moves what is linearised about to the estimate and re-expresses the covariance about that.
+    pub(super) fn recentre(&mut self) {
+        let constants = self.layout.gauss_markov().unwrap_or(self.layout.len());
+        let x = &self.x;
+        if x[..constants].iter().all(|x| *x == 0.0) {
+            return;
+        }
+        let by = Displacement::of(x);
+        let turn = self.about.nav.recentring(&by);
+        self.about.nav = self.about.nav.displaced(&by);
+        self.about.calibration.correct(&self.model, &self.layout, x);
+        self.x[..constants].fill(0.0);
         // Below this the change of coordinates is under the noise of the covariance itself.
-        if by.attitude.norm_squared() > 1e-16 && !self.course.is_straight() {
+        if by.attitude.norm_squared() > 1e-16 {
             self.p.transform(&turn);
         }
         self.refresh_motion();
     }
 
-    /// How much later than the present state a fix is valid, s. A step that is run again about another delay comes at the time
-    /// that the old one gave it, and a delay that is not possible is not applied to the time.
+    /// How much later than the present state a fix is valid, s: the state comes at the time that an earlier estimate of the delay gave
+    /// the fix, and a delay that is not possible is not applied to the time.
     pub(super) fn fix_ahead_s(&self, fix: &GnssFix) -> f64 {
-        if self.carried.is_some() {
-            fix.t_s - self.estimated_delay_s(fix.t_s) - self.t_s
-        } else {
-            self.fix_delay_s(fix.t_s) - self.estimated_delay_s(fix.t_s)
-        }
+        fix.t_s - self.estimated_delay_s(fix.t_s) - self.t_s
     }
 }

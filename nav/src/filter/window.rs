@@ -203,7 +203,7 @@ impl Window {
         for (step, extra_noise) in &self.steps {
             filter.set_stream(now.kind(), *extra_noise);
             match step {
-                Step::Sample(sample) => filter.propagate(sample),
+                Step::Sample(sample) => filter.take(sample),
                 Step::To(t_s, next) => filter.propagate_to(*t_s, next),
                 Step::Fix(fix, nearby) => agreement.take(&filter.update_among(fix, nearby.clone())),
             }
@@ -229,7 +229,7 @@ impl Window {
         for sample in samples.filter(|s| s.t_s < now.t_s()) {
             back(sample.t_s, motion(sample));
         }
-        let first = self.prior.last.as_ref().map_or(self.prior.motion, motion);
+        let first = self.prior.last.as_ref().map_or(*self.prior.motion(), motion);
         back(self.prior.t_s(), first);
         nav
     }
@@ -239,25 +239,34 @@ impl Filter {
     /// From here on the mean error is carried along: the state is that of `nav` with the constants of `like`, the mean and
     /// covariance those of this filter, expressed about it.
     fn start_linear(&mut self, nav: &NavState, like: &Filter) -> Option<()> {
-        let (own_nav, own_constants) = (self.nav, self.calibration.clone());
-        self.nav = *nav;
-        self.calibration = like.calibration.clone();
-        let mean = error(self, &own_nav, &own_constants);
-        let forward = self.nav.recentring(&Displacement::of(&mean)).dense();
+        self.arrive();
+        self.recentre();
+        let old = self.about.clone();
+        (self.about.nav, self.about.calibration) = (*nav, like.calibration().clone());
+        let gauss_markov = std::mem::replace(&mut self.x, vec![0.0; self.layout.len()]);
+        let mean = error(self, &old.nav, &old.calibration);
+        let forward = self.about.nav.recentring(&Displacement::of(&mean)).dense();
         let inverse = SMatrix::<f64, 9, 9>::from_fn(|i, j| forward[i][j]).try_inverse()?;
-        self.p.transform(&Dense(std::array::from_fn(|i| std::array::from_fn(|j| inverse[(i, j)]))));
-        self.carried = Some(mean);
+        let columns = (0..9).map(|j| (j, std::array::from_fn(|i| inverse[(i, j)])));
+        self.p.transform(&Dense(columns.collect()));
+        self.x = mean;
+        if let Some(w) = self.layout.gauss_markov() {
+            self.x[w..].copy_from_slice(&gauss_markov[w..]);
+        }
+        self.pinned = true;
         self.refresh_motion();
         self.regressor.let_through();
         self.refresh_motion();
+        self.find_estimate();
         Some(())
     }
 
-    /// Puts the carried error into the state.
-    pub(super) fn end_linear(&mut self) {
-        if let Some(mean) = self.carried.take() {
-            self.correct(&mean);
-        }
+    /// Moves what is linearised about to the estimate, which it follows again.
+    fn end_linear(&mut self) {
+        self.arrive();
+        self.pinned = false;
+        self.recentre();
+        self.find_estimate();
     }
 }
 

@@ -30,7 +30,9 @@ pub enum TooLittle {
     #[error("there are no inertial samples")]
     NoImu,
     /// No fixes.
-    #[error("there are no GNSS fixes")]
+    #[error(
+        "there are no GNSS fixes; of a session on the ground without them `gaware unit add` names what it shows"
+    )]
     NoFixes,
     /// The estimation never got going.
     #[error(
@@ -57,7 +59,9 @@ pub enum TooLittle {
         fixes: usize,
     },
     /// It never moved.
-    #[error("the vehicle is stationary: fly turns, climbs and changes of speed")]
+    #[error(
+        "the vehicle is stationary: turn it to six sides by hand (gaware ground), or fly turns, climbs and changes of speed"
+    )]
     Standing,
 }
 

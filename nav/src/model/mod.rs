@@ -203,7 +203,7 @@ impl Model {
     /// (`None`: the effect's own).
     #[must_use]
     pub fn with_g(mut self, elements: GElements, prior_sigma: Option<f64>) -> Self {
-        let mut setting = EffectSetting::unknown(&effects::GyroGSensitivity);
+        let mut setting = EffectSetting::unknown(&effects::GYRO_G_SENSITIVITY);
         for (k, sigma) in setting.sigmas.iter_mut().enumerate() {
             let estimated = match elements {
                 GElements::None => false,

@@ -125,7 +125,7 @@ mod tests {
     #[test]
     fn layouts_say_which_states_are_tolerances() {
         let mut model = Model::standard();
-        model.set(EffectSetting::unknown(&crate::effects::GyroScaleFactor));
+        model.set(EffectSetting::unknown(&crate::effects::GYRO_SCALE_FACTOR));
         let layout = Layout::new(&model);
         let tolerances: Vec<_> = layout.names().iter().filter(|n| n.is_tolerance).map(|n| n.effect).collect();
         assert_eq!(tolerances.len(), 3 + 6 + 3 + 3 + 1);

@@ -55,7 +55,12 @@ impl Autopilot {
                 if self.config.flavour == Flavour::ArduPilot && !self.streams.supports(id) {
                     self.say_to_pilot(&format!("No ap_message for mavlink id ({id})"));
                 }
-                self.streams.set_interval(params, self.now_s)
+                let unseen = self.now_s < self.denies_until_s && self.streams.interval_us(id) == 0;
+                if unseen && self.config.flavour == Flavour::Px4 {
+                    MavResult::MAV_RESULT_DENIED
+                } else {
+                    self.streams.set_interval(params, self.now_s)
+                }
             }
             MavCmd::MAV_CMD_GET_MESSAGE_INTERVAL => {
                 then = Some(MavMessage::MESSAGE_INTERVAL(MESSAGE_INTERVAL_DATA {

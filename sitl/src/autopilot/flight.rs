@@ -106,7 +106,7 @@ impl Autopilot {
     }
 
     pub(super) fn is_armed(&self) -> bool {
-        self.vehicle().map_or(!self.is_waiting(), Vehicle::is_armed)
+        self.vehicle().map_or(!self.is_waiting() && !self.config.by_hand, Vehicle::is_armed)
     }
 
     pub(super) fn custom_mode(&self) -> u32 {

@@ -10,7 +10,6 @@
 mod commands;
 mod feasibility;
 mod flight;
-pub mod framer;
 mod messages;
 pub mod mission;
 mod navigation;
@@ -25,9 +24,10 @@ use crate::sensors::{SensorConfig, Sensors};
 use crate::truth::{Trajectory, Truth};
 use crate::vehicle::{Vehicle, VehicleConfig};
 use flight::Body;
-use framer::{Framer, encode};
 use gaware_nav::model::Model;
 use gaware_nav::sample::{GnssFix, ImuSample};
+use gaware_wire::frame::encode;
+use gaware_wire::framer::Framer;
 use mavlink::dialects::ardupilotmega::*;
 use mavlink::{MavHeader, MessageData};
 use mission::MissionServer;
@@ -74,6 +74,8 @@ pub struct AutopilotConfig {
     pub geoid_height_m: f64,
     /// Whether an analytic flight waits, stationary, until a station has asked for messages.
     pub wait_for_station: bool,
+    /// Whether an analytic motion is that of people's hands: the vehicle is never armed.
+    pub by_hand: bool,
     /// Parameters that differ from the usual ones, by name; NaN is one that it does not have.
     pub parameters: Vec<(&'static str, f64)>,
     /// Whether it navigates by its own filter, with its own parameters: `ATTITUDE` and the status of the filter come from that.
@@ -98,6 +100,7 @@ impl Default for AutopilotConfig {
             late_stamps: true,
             geoid_height_m: 47.0,
             wait_for_station: true,
+            by_hand: false,
             parameters: Vec::new(),
             navigates: false,
             faults: Vec::new(),
@@ -137,6 +140,8 @@ pub struct Autopilot {
     /// Simulation time at which the boot clock was 0.
     booted_s: f64,
     silent_until_s: f64,
+    /// Until then PX4 denies the rates of messages that it does not send.
+    denies_until_s: f64,
     /// Faults by time that are still to come.
     pending: Vec<Fault>,
     sequence: [u8; 2],
@@ -216,7 +221,13 @@ impl Autopilot {
         let navigation = config.navigates.then(|| Navigation::new(flavour));
         let mut pending = config.faults.clone();
         pending.retain(|f| {
-            matches!(f, Fault::Reboot { .. } | Fault::ClockJump { .. } | Fault::RateTheft { .. })
+            matches!(
+                f,
+                Fault::Reboot { .. }
+                    | Fault::InstanceRestart { .. }
+                    | Fault::ClockJump { .. }
+                    | Fault::RateTheft { .. }
+            )
         });
         Self {
             sensors: Sensors::unrounded(model, sensors, config.seed),
@@ -225,12 +236,13 @@ impl Autopilot {
             config,
             body,
             streams,
-            framer: Framer::default(),
+            framer: Framer::new(),
             out: Vec::new(),
             loops: 0,
             now_s: 0.0,
             booted_s: 0.0,
             silent_until_s: 0.0,
+            denies_until_s: 0.0,
             pending,
             sequence: [0; 2],
             fixes: 0,
@@ -258,7 +270,8 @@ impl Autopilot {
         if let Some(vehicle) = &scenario.vehicle {
             return Self::flying(config, vehicle.clone(), &scenario.model, scenario.sensors.clone());
         }
-        let config = AutopilotConfig { airframe: scenario.airframe, ..config };
+        let by_hand = scenario.by_hand;
+        let config = AutopilotConfig { airframe: scenario.airframe, by_hand, ..config };
         Self::new(config, scenario.trajectory(), &scenario.model, scenario.sensors.clone())
     }
 
@@ -411,7 +424,7 @@ impl Autopilot {
             .faults
             .iter()
             .any(|f| matches!(f, Fault::GnssLoss { from_s, to_s } if (*from_s..*to_s).contains(&due)));
-        let known = valid >= 0.0 && due > self.silent_until_s && !lost && !self.sensors.in_outage(due);
+        let known = valid >= 0.0 && due > self.booted_s && !lost && !self.sensors.in_outage(due);
         self.fix = known.then_some(fix);
         known
     }

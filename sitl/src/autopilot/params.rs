@@ -73,7 +73,7 @@ const PX4: &[(&str, ParamType, f64)] = &[
     ("CAL_ACC0_YSCALE", ParamType::Real32, 1.0),
     ("CAL_ACC0_ZOFF", ParamType::Real32, 0.0),
     ("CAL_ACC0_ZSCALE", ParamType::Real32, 1.0),
-    ("CAL_ACC1_ID", ParamType::I32, 0.0),
+    ("CAL_ACC1_ID", ParamType::I32, 1_310_996.0),
     ("EKF2_GPS_DELAY", ParamType::Real32, 110.0),
     ("EKF2_GPS_POS_X", ParamType::Real32, 0.0),
     ("EKF2_GPS_POS_Y", ParamType::Real32, 0.0),
@@ -82,6 +82,8 @@ const PX4: &[(&str, ParamType, f64)] = &[
     ("EKF2_IMU_POS_Y", ParamType::Real32, 0.0),
     ("EKF2_IMU_POS_Z", ParamType::Real32, 0.0),
     ("SENS_BOARD_ROT", ParamType::I32, 0.0),
+    // On by default; this autopilot commits nothing.
+    ("SENS_IMU_AUTOCAL", ParamType::I32, 0.0),
     ("TC_A_ENABLE", ParamType::I32, 0.0),
     ("GF_ACTION", ParamType::I32, 2.0),
     ("GF_MAX_HOR_DIST", ParamType::Real32, 0.0),

@@ -98,9 +98,10 @@ impl Streams {
             (SYSTEM_TIME_DATA::ID, 1.0),
             (MISSION_CURRENT_DATA::ID, 1.0),
         ];
-        if self.flavour == Flavour::ArduPilot {
-            rates.push((RAW_IMU_DATA::ID, 2.0));
-        }
+        rates.push(match self.flavour {
+            Flavour::ArduPilot => (RAW_IMU_DATA::ID, 2.0),
+            Flavour::Px4 => (HIGHRES_IMU_DATA::ID, 50.0),
+        });
         rates
     }
 

@@ -13,7 +13,7 @@ struct Station {
 impl Station {
     fn new(config: AutopilotConfig, name: &str) -> Self {
         let autopilot = Autopilot::playing(config, &scenario(name).unwrap());
-        Self { autopilot, framer: Framer::default(), sequence: 0 }
+        Self { autopilot, framer: Framer::new(), sequence: 0 }
     }
 
     fn send(&mut self, message: MavMessage) {

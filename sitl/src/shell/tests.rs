@@ -1,7 +1,7 @@
 use super::*;
 use crate::autopilot::AutopilotConfig;
-use crate::autopilot::framer::encode;
 use crate::scenario::scenario;
+use gaware_wire::frame::encode;
 use mavlink::MavHeader;
 use mavlink::dialects::ardupilotmega::*;
 use tokio::io::{AsyncReadExt, AsyncWriteExt};
@@ -41,7 +41,7 @@ fn samples(framer: &mut Framer, bytes: &[u8]) -> usize {
 
 /// Reads until the end, or until the whole flight has come.
 async fn read_flight(mut stream: impl tokio::io::AsyncRead + Unpin) -> usize {
-    let mut framer = Framer::default();
+    let mut framer = Framer::new();
     let (mut seen, mut buffer) = (0, [0u8; 4096]);
     while seen < 14_000 {
         match tokio::time::timeout(SOON, stream.read(&mut buffer)).await.unwrap() {
@@ -49,7 +49,7 @@ async fn read_flight(mut stream: impl tokio::io::AsyncRead + Unpin) -> usize {
             Ok(n) => seen += samples(&mut framer, &buffer[..n]),
         }
     }
-    assert_eq!(framer.rejected, 0);
+    assert_eq!(framer.stats().bad_checksum, 0);
     seen
 }
 
@@ -82,7 +82,7 @@ async fn a_flight_inside_the_process_loses_nothing() {
     let (server, mut end) = Server::embedded();
     let serving = tokio::spawn(server.run(autopilot(), max(), CancellationToken::new()));
     end.to_vehicle.send(request()).await.unwrap();
-    let (mut framer, mut seen) = (Framer::default(), 0);
+    let (mut framer, mut seen) = (Framer::new(), 0);
     while let Some(frame) = tokio::time::timeout(SOON, end.frames.recv()).await.unwrap() {
         seen += samples(&mut framer, &frame);
     }
@@ -98,7 +98,7 @@ async fn datagrams_go_out_and_requests_come_back() {
     let shutdown = CancellationToken::new();
     let options = Options { speed: Speed::Times(10.0), ..Options::default() };
     let serving = tokio::spawn(server.run(autopilot(), options, shutdown.clone()));
-    let (mut framer, mut asked, mut seen, mut buffer) = (Framer::default(), false, 0, [0u8; 2048]);
+    let (mut framer, mut asked, mut seen, mut buffer) = (Framer::new(), false, 0, [0u8; 2048]);
     while seen < 100 {
         let (n, from) = tokio::time::timeout(SOON, station.recv_from(&mut buffer)).await.unwrap().unwrap();
         seen += samples(&mut framer, &buffer[..n]);

@@ -2,6 +2,7 @@
 
 pub mod bench;
 pub mod fixed_wing;
+pub mod hand;
 pub mod multirotor;
 pub mod paper;
 pub mod signal;

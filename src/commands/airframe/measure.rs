@@ -260,7 +260,7 @@ pub fn apply(base: &Airframe, measured: &[Measured]) -> Result<Airframe, Airfram
         let tightest = fitted.turn_radius_m(fitted.speed_min_m_per_s, fitted.bank_max_deg.to_radians());
         fitted.turn_radius_min_m = fitted.turn_radius_min_m.max(tightest.ceil());
     }
-    fitted.name = format!("{}, fitted", base.name.trim_end_matches(", fitted"));
+    fitted = fitted.fitted();
     fitted.validate()?;
     Ok(fitted)
 }

@@ -3,6 +3,7 @@
 use crate::commands::ListenArgs;
 use crate::commands::band::BandArgs;
 use crate::commands::foxglove::{DEFAULT_ADDRESS, listen_address};
+use crate::commands::known::KnownArgs;
 use crate::link::address::Address;
 use crate::sinks::recorder::RecordLimit;
 use crate::sinks::telemetry::TelemetryLevel;
@@ -36,7 +37,7 @@ pub struct RunArgs {
     /// Do not draw on the terminal.
     #[arg(long)]
     pub headless: bool,
-    /// Rate of inertial messages to ask for, Hz.
+    /// Rate of inertial messages to ask for, Hz. PX4 has 250 or 125 and nothing between: it gives the next higher one.
     #[arg(long, value_name = "HZ", default_value_t = 200, value_parser = rate)]
     pub rate: u16,
     /// What flies, for guidance: small_fixed_wing, large_fixed_wing, quadrotor, or a file that describes it. Without it no
@@ -49,6 +50,9 @@ pub struct RunArgs {
     /// Source of the samples.
     #[command(flatten)]
     pub listen: ListenArgs,
+    /// What is known before.
+    #[command(flatten)]
+    pub known: KnownArgs,
     /// Sign with this key (32 bytes or 64 hexadecimal digits) and accept only frames signed with it. The last time used
     /// is kept beside it.
     #[arg(long, value_name = "FILE")]
@@ -90,7 +94,7 @@ fn rate(text: &str) -> Result<u16, String> {
 }
 
 /// Seconds that make sense as the length of a run.
-fn seconds(text: &str) -> Result<Duration, String> {
+pub(in crate::commands) fn seconds(text: &str) -> Result<Duration, String> {
     let number = text.parse::<f64>().ok().filter(|s| (0.0..=1e9).contains(s));
     number.map(Duration::from_secs_f64).ok_or_else(|| "write a number of seconds from 0 to 1e9".to_owned())
 }

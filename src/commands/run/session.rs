@@ -1,12 +1,12 @@
 //! A run under way: frames through converter and engine, requests to the vehicle, snapshots for the screens.
 
-use super::guard::Guard;
+use super::Hooks;
 use super::mission_watch::MissionWatch;
-use super::{Event, Hooks, Live};
 use crate::engine::situation::{SILENT_S, Situation, SituationKind, no_data};
 use crate::engine::snapshot::{Phase, Snapshot};
 use crate::link::endpoint::{Links, ReceiveClock, Received};
 use crate::link::frame::Frame;
+use crate::link::guard::Guard;
 use crate::link::heartbeat::HeartbeatSource;
 use crate::link::rates::{RateAction, RateKeeper, needs};
 use crate::link::timesync::Timesync;
@@ -17,6 +17,7 @@ use crate::pipeline::{Estimator, Pipeline};
 use crate::sensors::{AUTOPILOT_COMPONENT, ImuSource, Notice, Severity};
 use crate::sinks::events::Causes;
 use crate::sinks::foxglove::Feed;
+use crate::sinks::live::{Event, Live};
 use crate::sinks::recorder::{RecordItem, Recorder};
 use mavlink::dialects::ardupilotmega::{MavCmd, MavMessage};
 use std::sync::Arc;

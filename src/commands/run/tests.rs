@@ -2,7 +2,7 @@
 
 use super::*;
 use crate::commands::replay::{ReplayRequest, replay};
-use crate::engine::snapshot::Summary;
+use crate::engine::snapshot::{Snapshot, Summary};
 use crate::link::frame::Frame;
 use crate::logs::{self, Item};
 use crate::pipeline::Consumer;

@@ -1,7 +1,7 @@
 //! The vehicle of a loop: a consumer unit with biases of its own and one error that a parameter of its autopilot corrects.
 
 use gaware_mission::item::Autopilot as Firmware;
-use gaware_nav::effects::{AccelScaleFactor, Effect, GpsLatency, GpsLeverArm};
+use gaware_nav::effects::{ACCEL_SCALE_FACTOR, Effect, GpsLatency, GpsLeverArm};
 use gaware_nav::model::{EffectSetting, Model};
 use gaware_sitl::noise::{Noise, Purpose};
 use gaware_sitl::sensors::draw_vehicle;
@@ -41,7 +41,7 @@ impl Correctable {
         match self {
             Self::GpsLatency => &GpsLatency,
             Self::GpsLeverArm => &GpsLeverArm,
-            Self::AccelScaleFactor => &AccelScaleFactor,
+            Self::AccelScaleFactor => &ACCEL_SCALE_FACTOR,
         }
     }
 

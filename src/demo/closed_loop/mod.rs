@@ -153,9 +153,10 @@ pub fn run(
     let truth = inject::vehicle(effect, firmware, seed);
     progress("first flight");
     let mut first = fly(prepared, &truth, seed, None, "first")?;
-    let on_board = read_parameters(&mut first)?;
+    let mut on_board = read_parameters(&mut first)?;
     progress("explaining it");
     let samples = samples_of(&first.records, ConverterOptions::default());
+    on_board.samples_are(&samples);
     let mut explained = explain::samples(&[samples], &[], &Model::default(), &Search::default(), &|_| ());
     let advice = advise(&explain::autopilot::findings(&explained), &on_board);
     explained.explanation.autopilot = Some(advice.clone());

@@ -2,6 +2,7 @@
 
 use super::{BEFORE_TAKE_OFF_S, Ending, Flight, Stage};
 use crate::pipeline::Estimator;
+use gaware_mission::change::VerifiedChange;
 use gaware_mission::transfer::verified::{Options, Outcome, VerifiedUpload};
 use gaware_mission::transfer::{Address, Peers};
 

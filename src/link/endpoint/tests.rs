@@ -79,6 +79,28 @@ async fn udp_out_speaks_first_and_hears_the_answer() {
     links.stop().await;
 }
 
+/// PX4's ground port answers the place that it heard first, for good: a second run has to come from there.
+#[tokio::test]
+async fn udp_out_comes_from_the_same_port_in_every_run_and_from_another_beside_one() {
+    let station = UdpSocket::bind((Ipv4Addr::LOCALHOST, 0)).await.unwrap();
+    let address = format!("udpout:{}", station.local_addr().unwrap());
+    let from = async || {
+        let links = start(&address);
+        is_up(&links, 1).await;
+        links.broadcast(&beats(1).remove(0));
+        let (_, from) = timeout(PATIENCE, station.recv_from(&mut [0; 300])).await.unwrap().unwrap();
+        (links, from)
+    };
+    let (first, port) = from().await;
+    let (beside, other) = from().await;
+    assert_ne!(port, other);
+    first.stop().await;
+    beside.stop().await;
+    let (again, same) = from().await;
+    assert_eq!(port, same);
+    again.stop().await;
+}
+
 #[tokio::test]
 async fn a_serial_port_that_does_not_exist_says_so_and_is_tried_again() {
     let links = start("serial:/dev/gaware-no-such-port:57600");

@@ -58,6 +58,8 @@ pub(super) struct Message {
     pub changed: bool,
     /// The firmware does not have it.
     pub missing: bool,
+    /// Whether it has ever arrived.
+    pub seen: bool,
     /// How often PX4 denied it in a row.
     pub denials: u32,
     pub pause_us: u64,
@@ -75,6 +77,7 @@ impl Message {
             present: Present::Unasked,
             changed: false,
             missing: false,
+            seen: false,
             denials: 0,
             pause_us: FIRST_PAUSE_US,
             reported_slow: false,
@@ -88,11 +91,12 @@ impl Message {
     }
 
     pub fn arrived(&mut self, now_us: u64) {
+        self.seen = true;
         self.arrivals.push_back(now_us);
         self.forget(now_us);
     }
 
-    fn forget(&mut self, now_us: u64) {
+    pub fn forget(&mut self, now_us: u64) {
         while self.arrivals.front().is_some_and(|t| t + WINDOW_US < now_us) {
             self.arrivals.pop_front();
         }

@@ -51,6 +51,10 @@ impl Fake {
                     self.keeper.receive(self.now_us, &Frame::encode(VEHICLE, 0, &message), &mut out);
                 }
             }
+            if self.now_us.is_multiple_of(1_000_000) {
+                let heartbeat = <MavMessage as mavlink::Message>::default_message_from_id(0).unwrap();
+                self.keeper.receive(self.now_us, &Frame::encode(VEHICLE, 0, &heartbeat), &mut out);
+            }
             self.keeper.poll(self.now_us, &mut out);
             for action in out {
                 self.act(action, &answer);
@@ -302,4 +306,69 @@ fn everything_that_was_changed_is_given_back() {
         [(27, 500_000.0), (24, -1.0), (30, 250_000.0)],
         "as before, and what was not sent is stopped"
     );
+}
+
+/// A simulated PX4 and the keeper on a perfect wire, with what is said to the user.
+struct PerfectWire {
+    autopilot: gaware_sitl::autopilot::Autopilot,
+    keeper: RateKeeper,
+    framer: crate::link::framer::Framer,
+    told: Vec<RateNotice>,
+}
+
+impl PerfectWire {
+    fn px4(faults: &[&str]) -> Self {
+        use gaware_sitl::autopilot::{Autopilot as Simulated, AutopilotConfig, Flavour};
+        let faults = faults.iter().map(|f| f.parse().unwrap()).collect();
+        let config =
+            AutopilotConfig { flavour: Flavour::Px4, loop_rate_hz: 250.0, faults, ..Default::default() };
+        let scenario = gaware_sitl::scenario::scenario("multirotor").unwrap();
+        Self {
+            autopilot: Simulated::playing(config, &scenario),
+            keeper: RateKeeper::new(1, Autopilot::Px4, needs(Autopilot::Px4, 200, None), 0),
+            framer: crate::link::framer::Framer::new(),
+            told: Vec::new(),
+        }
+    }
+
+    /// Runs to this time; the messages that arrive in its last second, per id.
+    fn run(&mut self, until_s: u32) -> impl Fn(u32) -> usize + use<> {
+        let mut arrived = Vec::new();
+        let from = (self.autopilot.now_s() * 100.0).round() as u32;
+        for step in from..until_s * 100 {
+            let (now_us, mut out) = (u64::from(step) * 10_000, Vec::new());
+            self.autopilot.step(f64::from(step) * 0.01);
+            for frame in self.autopilot.take_output() {
+                self.framer.push(&frame.bytes);
+            }
+            while let Some(frame) = self.framer.next_frame() {
+                arrived.extend((step + 100 >= until_s * 100).then_some(frame.message_id));
+                self.keeper.receive(now_us, &frame, &mut out);
+            }
+            self.keeper.poll(now_us, &mut out);
+            for action in out {
+                match action {
+                    RateAction::Send(m) => self.autopilot.receive(Frame::encode(STATION, 0, &m).raw()),
+                    RateAction::Tell(notice) => self.told.push(notice),
+                }
+            }
+        }
+        move |id| arrived.iter().filter(|other| **other == id).count()
+    }
+}
+
+const STATION: Sender = Sender { system_id: 1, component_id: 191 };
+
+/// PX4's MAVLink instance is stopped and started: its defaults hold (`HIGHRES_IMU` at 50 Hz, no `SCALED_IMU`), and at first it denies what it
+/// has not sent yet.
+#[test]
+fn after_a_restart_of_its_instance_px4_sends_the_preferred_samples_again() {
+    for gap_s in [1, 3, 8, 30] {
+        let mut wire = PerfectWire::px4(&[&format!("instance-restart@20-{}", 20 + gap_s)]);
+        assert!(wire.run(20)(26) >= 140, "before");
+        let hz = wire.run(20 + gap_s + 90);
+        assert!(hz(26) >= 140, "away for {gap_s} s: SCALED_IMU at {} Hz, HIGHRES_IMU at {}", hz(26), hz(105));
+        assert!(hz(105) <= 60, "what was asked for in its place is given back: {} Hz", hz(105));
+        assert!(!wire.told.contains(&RateNotice::OldRequests), "PX4 knows no REQUEST_DATA_STREAM");
+    }
 }

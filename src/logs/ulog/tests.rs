@@ -172,6 +172,29 @@ fn the_innovations_of_the_instance_that_flies_are_taken() {
     assert_eq!(found, [pair(0.3, 0.5), pair(3.0, 5.0)]);
 }
 
+/// `sensor_combined` is of the unit that is selected.
+#[test]
+fn the_selected_accelerometer_is_named() {
+    let mut bytes = definitions();
+    bytes.extend(message(
+        b'F',
+        b"sensor_selection:uint64_t timestamp;uint32_t accel_device_id;uint32_t gyro_device_id;",
+    ));
+    bytes.extend(subscription(20, "sensor_selection"));
+    for id in [0_u32, 1_310_988] {
+        let body = [&20_u16.to_le_bytes()[..], &9_u64.to_le_bytes(), &id.to_le_bytes(), &7_u32.to_le_bytes()]
+            .concat();
+        bytes.extend(message(b'D', &body));
+    }
+    bytes.extend(data());
+    let of = |record: Record| match record.item {
+        Item::Note(LogNote::Accelerometer(id)) => Some(id),
+        _ => None,
+    };
+    let found: Vec<u32> = UlogReader::new(&bytes[..], bytes.len() as u64).flatten().filter_map(of).collect();
+    assert_eq!(found, [1_310_988]);
+}
+
 proptest! {
     #[test]
     fn a_burst_costs_what_it_touches_and_is_reported(

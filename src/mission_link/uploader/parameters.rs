@@ -7,7 +7,8 @@ use super::super::wire::News;
 use super::{PATIENCE_S, Vehicle, stamp};
 use crate::figures::counted;
 use crate::sinks::status::{MissionState, ParametersView, SinkStatus};
-use gaware_mission::params::apply::{ApplyOutcome, ApplyPhase};
+use gaware_mission::change::Phase;
+use gaware_mission::params::apply::ApplyOutcome;
 
 fn name(order: &ParamOrder) -> String {
     order.path().file_name().map_or_else(String::new, |n| n.to_string_lossy().into_owned())
@@ -39,7 +40,7 @@ pub(super) async fn set(
         return refuse(format!("system {id} is on the link as well; start gaware with --vehicle ID"));
     }
     let tell = |event| match event {
-        News::Phase(ApplyPhase::Finished) | News::Checked(_) | News::Said(_) | News::Progress(..) => {}
+        News::Phase(Phase::Finished) | News::Checked(_) | News::Said(_) | News::Progress(..) => {}
         News::Phase(phase) => {
             show(status, order, MissionState::Uploading, phase_words(phase).to_owned());
         }

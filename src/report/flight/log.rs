@@ -134,6 +134,10 @@ impl Consumer for Logged {
         self.engine.set_flight(report);
     }
 
+    fn set_place(&mut self, place: gaware_nav::earth::Geodetic) {
+        self.engine.set_place(place);
+    }
+
     fn attitude(&mut self) -> Option<(f64, [f64; 3])> {
         self.engine.attitude()
     }

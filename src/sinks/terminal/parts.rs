@@ -245,6 +245,10 @@ pub(super) fn g_rows(frame: &mut Frame, view: &View, area: Rect, bars: bool) {
             lines.push(Line::from(under));
         }
     }
+    let turn = &view.snapshot.turn.text;
+    if view.snapshot.phase == Phase::Running && !turn.is_empty() && lines.len() < usize::from(area.height) {
+        lines.push(Line::raw(turn.as_str()));
+    }
     frame.render_widget(Paragraph::new(lines), area);
 }
 

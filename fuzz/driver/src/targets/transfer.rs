@@ -4,6 +4,7 @@ use crate::script::{self, Kind, Step};
 use crate::vehicle::{HonestVehicle, ME, VEHICLE, envelope, honest_frames};
 use gaware::mission_link::vehicle::Vehicle;
 use gaware::mission_link::{codec, param_codec};
+use gaware_mission::change::{Exchange, VerifiedChange};
 use gaware_mission::compare::differences;
 use gaware_mission::item::{Autopilot, LatLon, Mission, MissionItem, MissionKind, command};
 use gaware_mission::params::{Encoding, ParamMessage, ParamName, ParamRead, ParamTiming, ParamType};

@@ -3,11 +3,11 @@
 use super::transfer::mission;
 use crate::script::{self, Kind, Step};
 use crate::vehicle::{self, HonestVehicle};
-use gaware::commands::run::Live;
 use gaware::link::endpoint::Received;
 use gaware::link::frame::{Frame, Sender};
 use gaware::mission_link::codec;
 use gaware::mission_link::uploader::{Offer, Planned, RawMessage, Uploader};
+use gaware::sinks::live::Live;
 use gaware::sinks::status::SinkStatus;
 use gaware::sinks::{Change, Request};
 use gaware_mission::fence::Fence;

@@ -43,7 +43,7 @@ pub enum ApplyOutcome {
         /// Why not the new ones.
         why: String,
     },
-    /// Some of each, or not known. [`ParamApply::link_restored`](super::ParamApply::link_restored) puts the old ones back.
+    /// Some of each, or not known. [`VerifiedChange::link_restored`](crate::change::VerifiedChange::link_restored) puts the old ones back.
     Mixed {
         /// Which is which.
         values: Vec<Doubtful>,

@@ -4,6 +4,11 @@ use super::*;
 use proptest::prelude::*;
 use std::collections::{BTreeMap, VecDeque};
 
+/// What a heartbeat says.
+fn motors(armed: bool) -> VehicleState {
+    VehicleState { armed, mission_mode: false, flying_mission: false, in_flight: false }
+}
+
 /// Small, seeded, and the same on every machine (SplitMix64).
 struct Chance(u64);
 
@@ -155,7 +160,7 @@ fn run(
         if now >= heartbeat {
             heartbeat = now + 1.0;
             if !link.lost(now) {
-                apply.set_armed(false);
+                apply.vehicle_state(0.0, motors(false));
                 let out = apply.link_restored(now);
                 link.send(now, out);
             }
@@ -328,7 +333,7 @@ fn a_vehicle_that_is_armed_on_the_way_gets_no_further_setting() {
             if matches!(message, ParamMessage::Set { .. }) {
                 set += 1;
                 assert_eq!(set, 1, "a second setting although it is armed");
-                apply.set_armed(true);
+                apply.vehicle_state(0.0, motors(true));
             }
             if let Some(answer) = vehicle.answer(&message) {
                 out.extend(apply.receive(now, &answer));
@@ -348,7 +353,7 @@ fn a_vehicle_that_is_armed_on_the_way_gets_no_further_setting() {
     assert_eq!(values[0].to_string(), "GPS1_DELAY_MS 123, the new value");
     assert_eq!(values[1].to_string(), "GPS1_POS_X 0.25, the old value");
     // Disarmed: the old values are put back.
-    apply.set_armed(false);
+    apply.vehicle_state(0.0, motors(false));
     let first = apply.link_restored(now);
     run(&mut apply, first, &mut vehicle, &mut Link::new(3, 0.0, None), None);
     assert!(matches!(apply.outcome(), Some(ApplyOutcome::Previous { .. })), "{:?}", apply.outcome());

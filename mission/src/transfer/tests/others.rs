@@ -12,7 +12,7 @@ const STATION: Address = Address { system: 255, component: 190 };
 fn half_way(autopilot: Autopilot, new: &Mission, old: &Mission) -> Run {
     let vehicle = Vehicle::new(autopilot, old.wire_items(autopilot));
     let mut run = Run::start(3, Faults::NONE, autopilot, vehicle, new.clone(), Some(ON_THE_GROUND));
-    while run.upload.phase() != Phase::Uploading || run.progress < 4 {
+    while run.upload.phase() != Phase::Sending || run.progress < 4 {
         run.step();
     }
     run

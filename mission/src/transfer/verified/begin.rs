@@ -1,6 +1,7 @@
 //! How a verified upload begins: from nothing, with a backup at hand, or where another run of the program was interrupted.
 
 use super::{Goal, LATE_S, Options, Step, VehicleState, VerifiedUpload};
+use crate::change::VerifiedChange;
 use crate::item::{Autopilot, Mission};
 use crate::transfer::{Action, Download, Peers};
 

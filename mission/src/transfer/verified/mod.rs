@@ -11,10 +11,12 @@ mod state;
 mod watch;
 mod words;
 
+pub use crate::change::VehicleState;
 pub use outcome::Outcome;
-pub use state::{Goal, Options, VehicleState};
+pub use state::{Goal, Options};
 
 use super::{Action, Address, Clear, Download, Envelope, Peers, TransferError, Upload};
+use crate::change::{Exchange, Phase, VerifiedChange};
 use crate::item::{Autopilot, Mission, MissionItem, MissionKind};
 use first_item::FirstItem;
 
@@ -29,21 +31,6 @@ const QUIET_S: f64 = 2.0;
 const LONGEST_QUIET_S: f64 = 30.0;
 /// Attempts of a download once the user has given up.
 const DOWNLOADS_WHEN_CANCELLED: u32 = 2;
-
-/// What it is doing.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Phase {
-    /// Reading what is on the vehicle.
-    BackingUp,
-    /// Sending the new mission.
-    Uploading,
-    /// Reading back after an upload or a failure.
-    ReadingBack,
-    /// Putting the backup back.
-    Restoring,
-    /// Over, or waiting for the link.
-    Finished,
-}
 
 #[derive(Debug)]
 enum Step {
@@ -110,37 +97,11 @@ pub struct VerifiedUpload {
     step: Step,
 }
 
-impl VerifiedUpload {
-    /// The mission that was on the vehicle before; write it to a file as soon as it is there.
-    pub fn backup(&self) -> Option<&Mission> {
-        self.backup.as_ref()
-    }
+impl Exchange for VerifiedUpload {
+    type Action = Action;
+    type Message = Envelope;
 
-    /// What it is doing.
-    pub fn phase(&self) -> Phase {
-        match &self.step {
-            Step::BackUp(_) => Phase::BackingUp,
-            Step::Upload(_) | Step::Clear { restoring: false, .. } => Phase::Uploading,
-            Step::AwaitLate
-            | Step::ReadBack(_)
-            | Step::AwaitVerdict { .. }
-            | Step::FirstItem(_)
-            | Step::Quiet { .. } => Phase::ReadingBack,
-            Step::Restore(_) | Step::Clear { restoring: true, .. } => Phase::Restoring,
-            Step::Finished(_) => Phase::Finished,
-        }
-    }
-
-    /// What is on the vehicle, once that can be said.
-    pub fn outcome(&self) -> Option<&Outcome> {
-        match &self.step {
-            Step::Finished(outcome) => Some(outcome),
-            _ => None,
-        }
-    }
-
-    /// When [`Self::tick`] wants to be called, s.
-    pub fn deadline(&self) -> Option<f64> {
+    fn deadline(&self) -> Option<f64> {
         match &self.step {
             Step::BackUp(d) | Step::ReadBack(d) => d.deadline(),
             Step::Upload(u) | Step::Restore(u) => u.deadline(),
@@ -152,14 +113,7 @@ impl VerifiedUpload {
         }
     }
 
-    /// The vehicle's state as its heartbeat says. Where it is not to be changed any more the upload stops.
-    pub fn vehicle_state(&mut self, now: f64, state: VehicleState) -> Vec<Action> {
-        self.vehicle = Some(state);
-        self.interrupt(now)
-    }
-
-    /// A message from anyone.
-    pub fn receive(&mut self, now: f64, envelope: &Envelope) -> Vec<Action> {
+    fn receive(&mut self, now: f64, envelope: &Envelope) -> Vec<Action> {
         self.notice_state(envelope);
         self.notice_verdict(now, envelope);
         self.notice_others(now, envelope);
@@ -181,8 +135,7 @@ impl VerifiedUpload {
         self.advance(now, actions)
     }
 
-    /// Time passed.
-    pub fn tick(&mut self, now: f64) -> Vec<Action> {
+    fn tick(&mut self, now: f64) -> Vec<Action> {
         let actions = match &mut self.step {
             Step::BackUp(d) | Step::ReadBack(d) => d.tick(now),
             Step::Upload(u) | Step::Restore(u) => u.tick(now),
@@ -193,9 +146,51 @@ impl VerifiedUpload {
         };
         self.advance(now, actions)
     }
+}
 
-    /// The new mission is not wanted any more, for this reason: the previous one is put back if anything was changed.
-    pub fn cancel(&mut self, now: f64, why: &str) -> Vec<Action> {
+impl VerifiedChange for VerifiedUpload {
+    type Outcome = Outcome;
+    type Backup = Mission;
+
+    fn is_open(outcome: &Outcome) -> bool {
+        matches!(outcome, Outcome::Unknown { .. })
+    }
+
+    fn untouched(why: String) -> Outcome {
+        Outcome::RestoredPrevious { why }
+    }
+
+    fn backup(&self) -> Option<&Mission> {
+        self.backup.as_ref()
+    }
+
+    fn phase(&self) -> Phase {
+        match &self.step {
+            Step::BackUp(_) => Phase::BackingUp,
+            Step::Upload(_) | Step::Clear { restoring: false, .. } => Phase::Sending,
+            Step::AwaitLate
+            | Step::ReadBack(_)
+            | Step::AwaitVerdict { .. }
+            | Step::FirstItem(_)
+            | Step::Quiet { .. } => Phase::ReadingBack,
+            Step::Restore(_) | Step::Clear { restoring: true, .. } => Phase::Restoring,
+            Step::Finished(_) => Phase::Finished,
+        }
+    }
+
+    fn outcome(&self) -> Option<&Outcome> {
+        match &self.step {
+            Step::Finished(outcome) => Some(outcome),
+            _ => None,
+        }
+    }
+
+    fn vehicle_state(&mut self, now: f64, state: VehicleState) -> Vec<Action> {
+        self.vehicle = Some(state);
+        self.interrupt(now)
+    }
+
+    fn cancel(&mut self, now: f64, why: &str) -> Vec<Action> {
         self.cancelled = true;
         self.why.get_or_insert_with(|| why.to_owned());
         let actions = match &mut self.step {
@@ -208,8 +203,7 @@ impl VerifiedUpload {
         self.advance(now, actions)
     }
 
-    /// It is not certain any more who answers: nothing is sent from now on.
-    pub fn abandon(&mut self, why: &str) {
+    fn abandon(&mut self, why: &str) {
         self.abandoned = true;
         match (&self.step, self.touched) {
             (Step::Finished(outcome), _) if !matches!(outcome, Outcome::Unknown { .. }) => {}
@@ -218,8 +212,7 @@ impl VerifiedUpload {
         }
     }
 
-    /// The link is back, or the vehicle may be changed again: an outcome of [`Outcome::Unknown`] is settled.
-    pub fn link_restored(&mut self, now: f64) -> Vec<Action> {
+    fn link_restored(&mut self, now: f64) -> Vec<Action> {
         let open = matches!(self.step, Step::Finished(Outcome::Unknown { .. })) && self.backup.is_some();
         if !open || self.abandoned || !self.vehicle_allows() {
             return Vec::new();
@@ -227,7 +220,9 @@ impl VerifiedUpload {
         self.restores_left = self.options.restore_attempts;
         self.check(now)
     }
+}
 
+impl VerifiedUpload {
     /// Goes on where a step has ended.
     fn advance(&mut self, now: f64, mut actions: Vec<Action>) -> Vec<Action> {
         if let Step::BackUp(d) | Step::ReadBack(d) = &self.step

@@ -22,7 +22,7 @@ pub enum Outcome {
         /// What to do.
         what_to_do: String,
     },
-    /// It is not known. [`VerifiedUpload::link_restored`](super::VerifiedUpload::link_restored) takes up the restoration.
+    /// It is not known. [`VerifiedChange::link_restored`](crate::change::VerifiedChange::link_restored) takes up the restoration.
     Unknown {
         /// What may be on the vehicle.
         on_vehicle: String,

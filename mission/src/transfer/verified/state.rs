@@ -1,34 +1,6 @@
-//! What an upload has to know of the vehicle, and how far it may go.
+//! How far an upload may go.
 
 use crate::item::Autopilot;
-
-/// What the caller knows about the vehicle from its heartbeat and `MISSION_CURRENT`.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub struct VehicleState {
-    /// Whether the motors are armed.
-    pub armed: bool,
-    /// Whether its mode flies missions (AUTO, AUTO.MISSION).
-    pub mission_mode: bool,
-    /// Whether it says that a mission is being flown.
-    pub flying_mission: bool,
-    /// Whether it runs PX4 and is in the air in whatever mode: in AUTO.LOITER or AUTO.RTL a new mission changes what comes next.
-    pub in_flight: bool,
-}
-
-impl VehicleState {
-    /// Why the mission of a vehicle in this state must not be replaced.
-    pub fn objection(self) -> Option<&'static str> {
-        if self.flying_mission && self.armed {
-            Some("the vehicle is flying a mission; replacing it in flight can send it anywhere")
-        } else if self.armed && self.mission_mode {
-            Some("the vehicle is armed in the mission mode and would start to fly whatever arrives")
-        } else if self.in_flight && self.armed {
-            Some("the vehicle is armed and in the air; its way home may lead through the mission")
-        } else {
-            None
-        }
-    }
-}
 
 /// How far to go.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]

@@ -14,7 +14,7 @@ const UPRIGHT: f64 = 0.3;
 impl Filter {
     pub(in crate::filter) fn yaw_rows(&self, fix: &GnssFix) -> Rows {
         let Some((yaw, sigma)) = fix.yaw_rad else { return Rows::default() };
-        let [roll, pitch, own] = self.nav.euler().into();
+        let [roll, pitch, own] = self.about.nav.euler().into();
         if pitch.cos() < UPRIGHT {
             return Rows::default();
         }
@@ -29,7 +29,7 @@ impl Filter {
 
     /// Makes the yaw uncertain enough for a heading that is inconsistent with the estimate: its innovation as one more sigma about the vertical.
     pub(in crate::filter) fn reset_yaw(&mut self, innovation: f64) {
-        let down = self.nav.down_b() * innovation;
+        let down = self.about.nav.down_b() * innovation;
         let block = self.p.block3(index::ATTITUDE) + down * down.transpose();
         self.p.set_block3(index::ATTITUDE, &block);
     }

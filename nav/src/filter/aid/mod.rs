@@ -6,17 +6,16 @@ pub(super) mod gnss_velocity;
 pub(super) mod gnss_yaw;
 pub mod stationarity;
 
-use super::Filter;
 use super::force_rate;
 use super::group::Rows;
 use super::layout::index;
 use super::regressor::BEYOND_NOISE;
-use super::second_order::{ERRORS, FORCE};
-use crate::earth;
-use crate::effects::{Antenna, FixInstant, MAX_PARAMETERS, Older};
-use crate::mechanization;
-use crate::rotation::skew;
-use nalgebra::{Matrix3, SMatrix, Vector3};
+use super::{Filter, Point};
+use crate::effects::FixInstant;
+use crate::linear::fix::{self, AtFix, Measured};
+use crate::mechanization::Motion;
+use crate::sample::GnssFix;
+use nalgebra::Vector3;
 
 /// NIS beyond which a group of 1, 2, 3 rows is rejected: chance 6e-7, five sigma of one row.
 const GATE: [f64; 4] = [f64::INFINITY, 25.0, 28.7, 31.8];
@@ -26,8 +25,6 @@ const LOCKED_OUT_S: f64 = 3.0;
 const LOCKED_OUT_COUNT: u32 = 4;
 /// Attitude uncertainty that is added when position and velocity both started anew, rad.
 const LOCKED_OUT_ATTITUDE: f64 = 0.05;
-/// What differs by less than so many of its own sigmas has not been seen to differ.
-const ERROR_SIGMAS: f64 = 4.0;
 /// No fix is assumed to be better than this, m and m/s.
 const SIGMA_FLOOR: f64 = 0.01;
 
@@ -81,149 +78,91 @@ pub(super) struct Gates {
     pub(super) yaw: Rejections,
 }
 
-/// What the effects add to position or velocity of a fix, and how that depends on the states.
-#[derive(Debug, Clone, Default)]
-pub(super) struct Added {
-    pub(super) sum: Vector3<f64>,
-    by_attitude: Matrix3<f64>,
-    by_state: Vec<(usize, Vector3<f64>)>,
-}
-
-/// The vehicle at the time of validity of a fix.
-pub(super) struct AtFix {
+/// A fix about the present state.
+pub(super) struct Linearised {
     pub(super) now: FixInstant,
-    /// The same with the motion that constants are judged by: noise of the estimate is no excitation.
-    pub(super) excited: FixInstant,
-    pub(super) c_ne: Matrix3<f64>,
+    /// What the parameters of a fix multiply: noise of the estimate is no excitation.
+    excited: FixInstant,
+    /// Position and velocity.
+    pub(super) groups: [Measured; 2],
 }
 
 impl Filter {
-    pub(super) fn at_fix(&self) -> AtFix {
-        let c_ne = earth::c_en_at(&self.nav.r_e).transpose();
-        let c_nb = c_ne * self.nav.c_eb();
-        let earth_b = self.nav.q_eb.inverse() * earth::rotation_rate();
-        let rates = self.nearby.as_deref();
-        let a_n = |force: &Vector3<f64>| c_ne * mechanization::acceleration(&self.nav, force);
-        let now = FixInstant {
+    /// Values are those of the trajectory that everything is linearised about; what the parameters of a fix multiply is taken from the
+    /// estimate: a trajectory that is off by a mean error that is known has another velocity and acceleration than the vehicle.
+    pub(super) fn linearise(&self, fix: &GnssFix) -> Linearised {
+        let Point { nav, calibration, motion } = &self.about;
+        let at = AtFix {
+            nav,
+            motion,
+            shown: self.last.map_or(motion.force, |last| last.accel),
+            model: &self.model,
+            calibration,
+            rates: self.nearby.as_deref(),
             t_s: self.t_s,
-            v_n: c_ne * self.nav.v_e,
-            a_n: a_n(&self.motion.force),
-            c_nb,
-            rate_eb: self.motion.rate - earth_b,
-            force_rate: rates.map_or(Vector3::zeros(), |f| f.at(self.t_s)),
-            antenna: Antenna::of(
-                self.model
-                    .effects
-                    .iter()
-                    .map(|s| s.effect)
-                    .zip(self.calibration.parameters().iter().map(Vec::as_slice)),
-                rates.map_or_else(Default::default, |f| f.of_rate_at(self.t_s)),
-            ),
-            older: Older::default(),
             elapsed_s: self.t_s - self.began_s,
         };
-        let effects = self.model.effects.iter().zip(self.calibration.parameters());
-        let lag_s = effects.map(|(s, p)| s.effect.velocity_delay_s(p)).sum();
-        let older = rates
-            .zip(self.last)
-            .map_or_else(Older::default, |(f, last)| f.older(lag_s, &now, &last.accel, &self.motion.force));
-        let now = FixInstant { older, ..now };
-        let (seen, a_seen) = if self.course.is_straight() && !self.regressor.moving() {
-            let present = self.regressor.present(&self.motion);
-            (present, self.beyond_error(a_n(&present.force), &present.force, &c_nb))
-        } else {
-            (self.lever, a_n(&self.lever.force))
+        let now = at.instant();
+        let own = &self.estimate;
+        let motion = Motion {
+            rate: self.to.lever.rate + own.motion.rate - motion.rate,
+            force: self.to.lever.force + own.motion.force - motion.force,
         };
+        let seen = AtFix { nav: &own.nav, motion: &motion, rates: None, ..at }.instant();
         let excited = FixInstant {
-            v_n: self.seen_velocity.unwrap_or(now.v_n),
-            a_n: a_seen,
-            rate_eb: seen.rate - earth_b,
+            v_n: seen.v_n,
+            a_n: seen.a_n,
+            rate_eb: seen.rate_eb,
             force_rate: self.beyond_noise(now.force_rate),
             ..now
         };
-        AtFix { now, excited, c_ne }
+        let groups = at.measured(fix, &now);
+        Linearised { now, excited, groups }
     }
 
     /// A rate of change of the specific force without what may be noise of the samples.
     fn beyond_noise(&self, force_rate: Vector3<f64>) -> Vector3<f64> {
-        let density = self.model.imu.accel_noise.powi(2) + self.extra_noise.1;
-        let band = BEYOND_NOISE * force_rate::noise(density);
+        let band = BEYOND_NOISE * force_rate::noise(self.noise_density().1);
         force_rate.map(|r| if r.abs() < band { 0.0 } else { r })
     }
 
-    /// The acceleration, north-east-down, of a vehicle that goes straight and has long done nothing else, without what errors of
-    /// attitude and calibration make of none: fix after fix would take the same error for a change of velocity.
-    fn beyond_error(&self, a_n: Vector3<f64>, force: &Vector3<f64>, c_nb: &Matrix3<f64>) -> Vector3<f64> {
-        // δa = C (δf − f × ε) (Groves 2013, section 14.2.2).
-        let mut h = SMatrix::<f64, 3, ERRORS>::zeros();
-        h.fixed_columns_mut::<3>(0).copy_from(&(-c_nb * skew(force)));
-        h.fixed_columns_mut::<3>(FORCE).copy_from(c_nb);
-        let variance = (h * self.covariance_of_errors() * h.transpose()).diagonal();
-        a_n.zip_map(&variance, |a, v| if a * a < (ERROR_SIGMAS * ERROR_SIGMAS) * v { 0.0 } else { a })
+    /// Variances per hertz of gyros, (rad/s)²/Hz, and accelerometers, (m/s²)²/Hz.
+    pub(super) fn noise_density(&self) -> (f64, f64) {
+        let imu = &self.model.imu;
+        let (gyro, accel) = (imu.gyro_noise * imu.gyro_noise, imu.accel_noise * imu.accel_noise);
+        (gyro + self.extra_noise.0, accel + self.extra_noise.1)
     }
 
-    /// Takes over the velocity that constants are judged by where it has changed beyond its own uncertainty.
-    pub(super) fn see_velocity(&mut self) {
-        let v_n = self.nav.v_n();
-        let sigma = self.ned_sigmas()[1];
-        let seen = self.seen_velocity.get_or_insert(v_n);
-        for k in 0..3 {
-            if (v_n[k] - seen[k]).abs() > ERROR_SIGMAS * sigma[k] {
-                seen[k] = v_n[k];
-            }
+    /// Rows of position (0) or velocity (1): an error of the time stamp moves all of them together.
+    pub(super) fn rows_of(&self, group: usize, fix: &GnssFix, x: &Linearised) -> Rows {
+        let m = &x.groups[group];
+        let (block, drift) = [(index::POSITION, x.excited.v_n), (index::VELOCITY, x.excited.a_n)][group];
+        let mut rows = Rows { dof: m.rows, ..Rows::default() };
+        let residual = m.residual - m.drift * self.fix_ahead_s(fix);
+        for i in 0..m.rows {
+            rows.residual[i] = residual[i];
+            rows.variance[i] = m.sigma[i].max(SIGMA_FLOOR).powi(2);
+            rows.shared[i] = drift[i] * self.model.gnss.time_sigma_s;
         }
-    }
-
-    /// What the effects add to position and velocity of a fix.
-    pub(super) fn fix_effects(&self, x: &AtFix) -> [Added; 2] {
-        let mut out = [Added::default(), Added::default()];
-        for (e, (setting, p)) in self.model.effects.iter().zip(self.calibration.parameters()).enumerate() {
-            let Some(effect) = setting.effect.on_fixes() else { continue };
-            let added = effect.fix(p, &x.now);
-            let turned = effect.fix_by_attitude(p, &x.now);
-            let n = p.len();
-            let mut columns = [[Vector3::zeros(); MAX_PARAMETERS]; 2];
-            let [position, velocity] = &mut columns;
-            effect.fix_jacobian(p, &x.excited, &mut position[..n], &mut velocity[..n]);
-            let slots = self.layout.slots();
-            let first = slots.partition_point(|s| s.effect < e);
-            let slots = slots[first..].iter().take_while(|s| s.effect == e);
-            for (kind, out) in out.iter_mut().enumerate() {
-                out.sum += added[kind];
-                if let Some(by_attitude) = turned {
-                    out.by_attitude += by_attitude[kind];
-                }
-                out.by_state.extend(slots.clone().map(|s| (s.state, columns[kind][s.parameter])));
+        (0..3).for_each(|j| rows.push(block + j, |i| m.own[(i, j)]));
+        (0..3).for_each(|j| rows.push(index::ATTITUDE + j, |i| m.attitude[(i, j)]));
+        let mut slots = self.layout.slots();
+        for (e, (setting, p)) in
+            self.model.effects.iter().zip(self.about.calibration.parameters()).enumerate()
+        {
+            let (own, rest) = slots.split_at(slots.iter().take_while(|s| s.effect == e).count());
+            slots = rest;
+            if own.is_empty() || setting.effect.on_fixes().is_none() {
+                continue;
             }
+            let columns = fix::columns(setting, p, &x.excited);
+            own.iter().for_each(|s| rows.push(s.state, |i| columns[group][s.parameter][i]));
         }
-        out
+        rows
     }
 
     /// Adds to the attitude what a filter that was wrong does not know of its error.
     pub(super) fn loosen_attitude(&mut self) {
         (0..3).for_each(|k| self.p.add_variance(index::ATTITUDE + k, LOCKED_OUT_ATTITUDE.powi(2)));
     }
-}
-
-/// Rows of the first `z.len()` of north, east, down for the error block at `block`; an error of the time stamp moves all
-/// of them together, by `shared` per sigma.
-fn rows_of(
-    block: usize,
-    z: &[f64],
-    c_nb: &Matrix3<f64>,
-    added: &Added,
-    sigma: &[f64; 3],
-    shared: &Vector3<f64>,
-) -> Rows {
-    let mut rows = Rows { dof: z.len(), ..Rows::default() };
-    rows.h.reserve(9 + added.by_state.len());
-    for (i, residual) in z.iter().enumerate() {
-        rows.residual[i] = *residual;
-        rows.variance[i] = sigma[i].max(SIGMA_FLOOR).powi(2);
-        rows.shared[i] = shared[i];
-    }
-    (0..3).for_each(|j| rows.push(block + j, |i| c_nb[(i, j)]));
-    (0..3).for_each(|j| rows.push(index::ATTITUDE + j, |i| added.by_attitude[(i, j)]));
-    added.by_state.iter().for_each(|(state, column)| rows.push(*state, |i| column[i]));
-    rows
 }

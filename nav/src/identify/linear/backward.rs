@@ -7,7 +7,6 @@
 //! recursion (de Jong & Penzer 1998, "Diagnosing shocks in time series").
 
 use super::forward::{Keep, Prior, Tape, Taped};
-use super::interval::{BIASES, DYNAMIC, Interval, NavCovariance};
 use super::kalman::{
     MOST_ROWS, SIGMA_FLOOR, Square, State, Update, add_rows, add_scaled, gauss_markov_variance, vectorised,
 };
@@ -16,6 +15,7 @@ use super::{Epoch, Problem, STATES, index, variances};
 use crate::identify::noise::{FIGURES, Noise, figure};
 use crate::identify::pass::Options;
 use crate::identify::residual::Residual;
+use crate::linear::interval::{BIASES, DYNAMIC, Interval, NavCovariance};
 use nalgebra::{Matrix3, Vector3};
 use pulp::{Simd, WithSimd};
 

@@ -2,13 +2,13 @@
 //!
 //! Parameters are carried along (Friedland 1969, "Treatment of bias in recursive filtering"; Willsky & Jones 1976 for jumps): δx = δx₀ + U θ with U ← Φ U + B and U ← U − K (H U + D).
 
-use super::interval::{BIASES, DYNAMIC, Interval};
 use super::kalman::{Kalman, State, Update, add_rows, add_scaled, normalised_squares, vectorised};
 use super::rows::Measured;
 use super::{Epoch, Problem, STATES, index};
 use crate::effects::BiasWalk;
 use crate::identify::noise::Noise;
 use crate::identify::pass::{Information, Options};
+use crate::linear::interval::{BIASES, DYNAMIC, Interval};
 use pulp::{Simd, WithSimd};
 
 /// Squared normalised innovations of a group count linearly beyond this (Huber's function of the norm).

@@ -4,11 +4,11 @@
 //! error of its stamp is a state. The covariance is written once per fix: until then the gains of a row come from the covariance
 //! before the fix and the gains of the rows before it.
 
-use super::interval::Interval;
 use super::rows::{Kind, Row};
 use super::{Problem, STATES, index, variances};
 use crate::effects::BiasWalk;
 use crate::identify::noise::{HEIGHT_GAUSS_MARKOV, Noise};
+use crate::linear::interval::Interval;
 #[cfg(target_arch = "x86_64")]
 use pulp::Simd;
 use pulp::{Arch, WithSimd};

@@ -5,7 +5,6 @@
 //! is below a degree all along, also where the filter did not know it yet.
 
 use super::super::flight::Flight;
-use super::interval::{self, NavCovariance};
 use super::kalman::{Kalman, normalised_squares, vectorised};
 use super::track::Track;
 use super::{Problem, STATES, index, moved, rows};
@@ -13,6 +12,7 @@ use crate::filter::calibration::Calibration;
 use crate::identify::noise::Noise;
 use crate::identify::watched::Watched;
 use crate::identify::{Serial, Workers};
+use crate::linear::interval::{self, NavCovariance};
 use crate::mechanization::NavState;
 use crate::model::Model;
 use crate::sample::GnssFix;

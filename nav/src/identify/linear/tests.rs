@@ -3,7 +3,7 @@
 use super::reference::Reference;
 use super::*;
 use crate::effects::{self, find};
-use crate::filter::{Filter, Fusion};
+use crate::filter::{Filter, FixOutcome, Fusion};
 use crate::identify::Serial;
 use crate::identify::noise::FIGURES;
 use crate::identify::tests::{fly, noise};
@@ -19,27 +19,67 @@ fn random_walks() -> Noise {
     Noise { gauss_markov_m: 0.3, stamp_s: 0.004, position_scale: 1.1, ..noise() }
 }
 
-/// Mean squared normalised innovation of the live filter with this noise over the fixes that count.
-fn live_nis(flight: &Flight, model: &Model, noise: &Noise, options: &Options) -> f64 {
-    let initial = flight.initial();
-    let mut filter = Filter::new(&noise.of(model), initial);
+/// The live filter with this noise over a flight; each outcome goes to `each`.
+fn live(flight: &Flight, model: &Model, noise: &Noise, mut each: impl FnMut(&FixOutcome)) -> Filter {
+    let mut filter = Filter::new(&noise.of(model), flight.initial());
     filter.set_stream(flight.stream().kind, (0.0, 0.0));
     let mut fusion = Fusion::without_window(filter);
-    let (mut sum, mut count) = (0.0, 0);
     let mut fixes = flight.fixes().iter().peekable();
     for sample in flight.samples_of(model).iter() {
         while let Some(fix) = fixes.next_if(|f| f.t_s <= sample.t_s) {
             fusion.push_fix(*fix);
         }
         fusion.push_imu(*sample);
-        while let Some(outcome) = fusion.poll() {
-            if options.part(outcome.stamp_s - initial.t_s) == Some(0) {
-                sum += outcome.position.nis + outcome.velocity.nis;
-                count += outcome.position.dof + outcome.velocity.dof;
-            }
+        std::iter::from_fn(|| fusion.poll()).for_each(|outcome| each(&outcome));
+    }
+    fusion.filter().clone()
+}
+
+/// Mean squared normalised innovation of the live filter with this noise over the fixes that count.
+fn live_nis(flight: &Flight, model: &Model, noise: &Noise, options: &Options) -> f64 {
+    let (mut sum, mut count) = (0.0, 0);
+    live(flight, model, noise, |outcome| {
+        if options.part(outcome.stamp_s - flight.initial().t_s) == Some(0) {
+            sum += outcome.position.nis + outcome.velocity.nis;
+            count += outcome.position.dof + outcome.velocity.dof;
+        }
+    });
+    sum / f64::from(u32::try_from(count).unwrap())
+}
+
+/// The live filter, fix by fix about a trajectory of its own, and the flight linearised as a whole about the smoothed one: the same values
+/// and sigmas of the constants.
+#[test]
+fn both_uses_of_the_linear_model_agree_about_the_constants() {
+    let (flight, plain) = flight();
+    let noise = noise();
+    for names in [&["gps_latency", "gps_lever_arm"][..], &["accel_scale_factor"], &["gyro_g_sensitivity"]] {
+        let mut model = plain.clone();
+        names.iter().for_each(|name| model.set(EffectSetting::unknown(find(name).unwrap())));
+        let filter = live(&flight, &model, &noise, |_| {});
+        let prior = model.effects.clone();
+        for (setting, values) in model.effects.iter_mut().zip(filter.calibration().parameters()) {
+            setting.values.clone_from(values);
+            setting.sigmas.fill(0.0);
+        }
+        let watched = Watched { effects: model.effects.clone(), ..Watched::default() };
+        let reference = Reference::find(&flight, &model, &noise, &Serial);
+        let problem = Problem::new(&flight, &model, &reference, &watched, &Serial);
+        let run = problem.run(&noise, &Options { settle_s: 0.0, ..Options::default() }.all());
+        let mut information = run.information[0].clone();
+        for (column, (e, p)) in watched.slots().into_iter().enumerate() {
+            let weight = prior[e].sigmas[p].powi(-2);
+            information.matrix[(column, column)] += weight;
+            information.score[column] += weight * (prior[e].values[p] - model.effects[e].values[p]);
+        }
+        let covariance = information.matrix.clone().try_inverse().unwrap();
+        let step = &covariance * &information.score;
+        for (column, slot) in filter.layout().slots().iter().enumerate() {
+            let (sigma, own) = (filter.covariance().sigma(slot.state), covariance[(column, column)].sqrt());
+            assert!(step[column].abs() < 0.3 * sigma, "{names:?} {column}: {} of {sigma}", step[column]);
+            assert!((own / sigma - 1.0).abs() < 0.1, "{names:?} {column}: {own} {sigma}");
         }
     }
-    sum / f64::from(u32::try_from(count).unwrap())
 }
 
 #[test]

@@ -1,28 +1,18 @@
 //! Along the samples of a flight: the sensors at each of them, and the way from one fix to the next.
 
 use super::super::flight::Flight;
-use super::interval::{Interval, Sum};
 use super::unseen::Unseen;
-use crate::effects::{FixInstant, Instant, Older};
+use crate::effects::Instant;
 use crate::filter::calibration::Calibration;
 use crate::filter::force_rate::ForceRates;
 use crate::filter::unseen::GAP_S;
 use crate::identify::watched::{Regressors, Watched};
-use crate::mechanization::{Motion, NavState};
+use crate::linear::fix::AtFix;
+use crate::linear::interval::{Here, Interval, Sum};
+use crate::mechanization::NavState;
 use crate::model::Model;
 use crate::sample::{ImuSample, SampleKind};
 use nalgebra::{Matrix3, Vector3};
-
-/// The sensors at one instant: motion, and by how much each watched parameter changes what is taken for motion.
-#[derive(Debug, Clone, Default)]
-pub(super) struct Here {
-    pub(super) t_s: f64,
-    pub(super) motion: Motion,
-    /// Of the specific force into the rate, by the g-sensitivity that the model knows of.
-    pub(super) by_force: Matrix3<f64>,
-    /// Rate and specific force by each watched parameter.
-    pub(super) columns: Vec<[Vector3<f64>; 2]>,
-}
 
 /// Goes along the samples of a flight.
 pub(super) struct Track<'a> {
@@ -101,46 +91,23 @@ impl<'a> Track<'a> {
         self.see(&self.last.clone(), 0.0);
     }
 
-    /// The model whose sensors these are.
-    pub(super) fn model(&self) -> &Model {
-        self.model
-    }
-
     /// The parameters that are watched.
     pub(super) fn watched(&self) -> &Watched {
         self.watched
     }
 
-    /// Biases and parameters at present.
-    pub(super) fn calibration(&self) -> &Calibration {
-        &self.calibration
-    }
-
-    /// The sensors at the end of the last interval.
-    pub(super) fn here(&self) -> &Here {
-        &self.to
-    }
-
-    /// Rate of change of the specific force there, m/s³.
-    pub(super) fn force_rate(&self) -> Vector3<f64> {
-        self.force_rates.at(self.to.t_s)
-    }
-
-    /// Since the start of the flight, s.
-    pub(super) fn elapsed_s(&self) -> f64 {
-        self.to.t_s - self.start_s
-    }
-
-    /// The velocity of a while ago, where the model says that fixes report it.
-    pub(super) fn older(&self, x: &FixInstant) -> Older {
-        let effects = self.model.effects.iter().zip(self.calibration.parameters());
-        let lag_s = effects.map(|(s, p)| s.effect.velocity_delay_s(p)).sum();
-        self.force_rates.older(lag_s, x, &self.last.accel, &self.to.motion.force)
-    }
-
-    /// First and second derivative of the angular rate there, rad/s² and rad/s³.
-    pub(super) fn rate_derivatives(&self) -> [Vector3<f64>; 2] {
-        self.force_rates.of_rate_at(self.to.t_s)
+    /// The vehicle at the end of the last interval, on this trajectory.
+    pub(super) fn at_fix<'s>(&'s self, nav: &'s NavState) -> AtFix<'s> {
+        AtFix {
+            nav,
+            motion: &self.to.motion,
+            shown: self.last.accel,
+            model: self.model,
+            calibration: &self.calibration,
+            rates: Some(self.force_rates),
+            t_s: self.to.t_s,
+            elapsed_s: self.to.t_s - self.start_s,
+        }
     }
 
     /// What the samples around an instant show, where an effect asks for it.
@@ -161,7 +128,7 @@ impl<'a> Track<'a> {
         let motion = self.calibration.motion(self.model, sample);
         let here = &mut self.to;
         here.t_s = sample.t_s;
-        here.motion = motion;
+        (here.motion, here.lever) = (motion, motion);
         let temperature_above_25_degc = sample.temperature_degc.map_or(0.0, |t| t - 25.0);
         let x = Instant {
             t_s: sample.t_s,
@@ -170,9 +137,10 @@ impl<'a> Track<'a> {
             temperature_above_25_degc,
             around: self.calibration.around,
         };
-        here.by_force = Matrix3::zeros();
+        (here.by_force, here.by_rate) = (Matrix3::zeros(), Matrix3::zeros());
         for (setting, p) in self.model.effects.iter().zip(self.calibration.parameters()) {
             here.by_force += setting.effect.gyro_by_force(p, &x).unwrap_or_default();
+            here.by_rate += setting.effect.accel_by_rate(p, &x).unwrap_or_default();
         }
         here.columns.clear();
         self.watched.imu_columns(&x, &mut here.columns);

@@ -8,9 +8,9 @@
 //! that the vehicle rolled, so each counts by itself.
 
 use super::index;
-use super::interval::{NavCovariance, error};
 use crate::earth::STANDARD_GRAVITY;
 use crate::filter::unseen::{GAP_S, MOTION};
+use crate::linear::interval::{NavCovariance, error};
 use crate::mechanization::{Increment, Motion, NavState};
 use crate::rotation::exp;
 use crate::sample::{ImuSample, SampleKind};

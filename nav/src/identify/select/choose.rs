@@ -232,7 +232,7 @@ mod tests {
     use super::super::super::{Serial, tests::fly};
     use super::super::Settings;
     use super::*;
-    use crate::effects::{AccelBiasDrift, GpsLatency, GyroScaleFactor};
+    use crate::effects::{AccelBiasDrift, GYRO_SCALE_FACTOR, GpsLatency};
     use crate::model::{EffectSetting, Model};
 
     /// A flight whose fixes are 120 ms old.
@@ -265,7 +265,7 @@ mod tests {
         let (base, settings) = (Model::default(), Settings::default());
         let mut truth = base.clone();
         truth.set(EffectSetting::known(&GpsLatency, &[0.01]).unwrap());
-        truth.set(EffectSetting::known(&GyroScaleFactor, &[0.01, -0.01, 0.01]).unwrap());
+        truth.set(EffectSetting::known(&GYRO_SCALE_FACTOR, &[0.01, -0.01, 0.01]).unwrap());
         let flight = Flight::prepare(&fly(&truth, 5), &base).unwrap();
         let flights = [&flight];
         let (mut search, measured) = searching(&flights, &base);

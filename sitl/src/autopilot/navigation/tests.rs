@@ -97,7 +97,7 @@ fn the_right_parameter_makes_its_own_innovations_smaller() {
             ],
         ),
         (
-            &effects::AccelScaleFactor,
+            &effects::ACCEL_SCALE_FACTOR,
             scale.to_vec(),
             [
                 vec![

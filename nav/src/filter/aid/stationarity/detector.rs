@@ -31,9 +31,9 @@ const FIX_AGE_S: f64 = 3.0;
 
 /// Noise of one sample, variances of rate, (rad/s)², and specific force, (m/s²)².
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub(in crate::filter) struct SampleNoise {
-    pub(in crate::filter) rate: f64,
-    pub(in crate::filter) force: f64,
+pub(crate) struct SampleNoise {
+    pub(crate) rate: f64,
+    pub(crate) force: f64,
 }
 
 /// Sums over one block.
@@ -47,7 +47,7 @@ struct Block {
 
 /// The detector.
 #[derive(Debug, Clone, Default)]
-pub(in crate::filter) struct Detector {
+pub(crate) struct Detector {
     block: Option<Block>,
     /// Mean that blocks are compared with, and over what time it was taken, s.
     reference: Option<([Vector3<f64>; 2], f64)>,
@@ -58,17 +58,17 @@ pub(in crate::filter) struct Detector {
 }
 
 impl Detector {
-    pub(in crate::filter) fn is_stationary(&self) -> bool {
+    pub(crate) fn is_stationary(&self) -> bool {
         self.stationary
     }
 
     /// Nothing quiet has been seen yet.
-    pub(in crate::filter) fn start_over(&mut self) {
+    pub(crate) fn start_over(&mut self) {
         *self = Self { zero_speed_s: self.zero_speed_s, last_s: self.last_s, ..Self::default() };
     }
 
     /// Takes a fix and says whether the vehicle moves by it.
-    pub(in crate::filter) fn push_fix(&mut self, fix: &GnssFix, velocity_sigma: [f64; 3]) {
+    pub(crate) fn push_fix(&mut self, fix: &GnssFix, velocity_sigma: [f64; 3]) {
         let sigma = fix.velocity_sigma_m_per_s.unwrap_or(velocity_sigma);
         let limit = |s: f64| (SPEED.0 * s).max(SPEED.1);
         let zero = match fix.velocity {
@@ -87,7 +87,7 @@ impl Detector {
     }
 
     /// Takes a sample.
-    pub(in crate::filter) fn push_imu(&mut self, sample: &ImuSample, noise: &SampleNoise) {
+    pub(crate) fn push_imu(&mut self, sample: &ImuSample, noise: &SampleNoise) {
         let gap = self.last_s.replace(sample.t_s).is_some_and(|last| sample.t_s - last > BLOCK_S);
         if gap || self.moves(sample, noise) {
             self.start_over();

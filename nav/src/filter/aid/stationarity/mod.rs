@@ -7,16 +7,15 @@
 //! "Observability-based rules for designing consistent EKF SLAM estimators", section 4). What one linearisation leaves
 //! out, and what the rounding of the source takes away, stays the same all the time and is a constant error of the means.
 
-pub(in crate::filter) mod detector;
+pub(crate) mod detector;
 
-use crate::displacement::Displacement;
 use crate::earth;
 use crate::filter::Filter;
-use crate::filter::calibration::{Calibration, MotionJacobian};
+use crate::filter::calibration::MotionJacobian;
 use crate::filter::covariance::Covariance;
 use crate::filter::group::{Prepared, Rows};
 use crate::filter::layout::index;
-use crate::mechanization::{Motion, NavState};
+use crate::mechanization::Motion;
 use crate::rotation::skew;
 use crate::sample::ImuSample;
 use nalgebra::{Matrix3, Vector3};
@@ -57,21 +56,16 @@ impl Means {
     }
 }
 
-/// A stationary period.
+/// A stationary period: what the filter is linearised about stays where it was at the first estimate.
 #[derive(Debug, Clone)]
 pub(in crate::filter) struct Hold {
-    /// The first estimate: everything is linearised about it.
-    nav: NavState,
-    calibration: Calibration,
     jacobian: MotionJacobian,
     /// C^T ω_ie and −C^T g there.
     expected: Motion,
     /// Variances of what the rows leave out.
     constant: [Vector3<f64>; 2],
-    /// Mean error about the first estimate and covariance without the present means.
+    /// Mean error and covariance without the present means.
     base: (Vec<f64>, Covariance),
-    /// The same with them.
-    mean: Vec<f64>,
     blocks: VecDeque<Means>,
     refreshed_s: f64,
 }
@@ -95,33 +89,24 @@ impl Filter {
     /// Begins a stationary period, unless the filter knows better: a steady climb looks like rest to samples and to fixes
     /// without vertical velocity.
     pub(in crate::filter) fn begin_hold(&mut self) {
-        if self.hold.is_some() || self.carried.is_some() || self.last.is_none() {
+        self.arrive();
+        if self.hold.is_some() || self.pinned || !self.stop() {
             return;
         }
-        if !self.stop() {
-            return;
-        }
-        self.refresh_motion();
-        let to_body = self.nav.q_eb.inverse();
-        let expected = Motion {
-            rate: to_body * earth::rotation_rate(),
-            force: to_body * -earth::gravity(&self.nav.r_e),
-        };
-        let mut jacobian = std::mem::take(&mut self.start_jacobian);
-        if let Some(last) = self.last {
-            let seen = Motion { rate: expected.rate, force: self.regressor.motion().force };
-            self.calibration.jacobian(&self.model, &self.layout, &last, &seen, &mut jacobian);
-        }
+        let Some(last) = self.last else { return };
+        let nav = &self.about.nav;
+        let to_body = nav.q_eb.inverse();
+        let expected =
+            Motion { rate: to_body * earth::rotation_rate(), force: to_body * -earth::gravity(&nav.r_e) };
+        let mut jacobian = MotionJacobian::default();
+        let seen = Motion { rate: expected.rate, force: self.regressor.motion().force };
+        self.about.calibration.jacobian(&self.model, &self.layout, &last, &seen, &mut jacobian);
         let constant = self.left_out(&expected, &jacobian);
-        let mean = vec![0.0; self.layout.len()];
         self.hold = Some(Box::new(Hold {
-            nav: self.nav,
-            calibration: self.calibration.clone(),
             jacobian,
             expected,
             constant,
-            base: (mean.clone(), self.p.clone()),
-            mean,
+            base: (self.x.clone(), self.p.clone()),
             blocks: VecDeque::new(),
             refreshed_s: self.t_s,
         }));
@@ -132,16 +117,19 @@ impl Filter {
         if self.hold.take().is_none() {
             return;
         }
-        self.seen_velocity = Some(self.nav.v_n());
         // Rest has aided it as well as any fix.
         self.aided_s = self.aided_s.map(|_| self.t_s);
+        self.x[index::VELOCITY..index::ATTITUDE].fill(0.0);
+        self.recentre();
         self.refresh_motion();
+        self.find_estimate();
     }
 
     /// Zero velocity, once; rejected where it fails the innovation test.
     fn stop(&mut self) -> bool {
-        let c_eb = self.nav.c_eb();
-        let z = -(c_eb.transpose() * self.nav.v_e);
+        self.recentre();
+        let nav = &self.about.nav;
+        let z = -(nav.c_eb().transpose() * nav.v_e);
         let mut rows = Rows {
             dof: 3,
             residual: z.into(),
@@ -149,12 +137,15 @@ impl Filter {
             ..Rows::default()
         };
         (0..3).for_each(|j| rows.push(index::VELOCITY + j, |i| if i == j { 1.0 } else { 0.0 }));
-        let Some(prepared) = Prepared::new(&rows, &self.p).filter(|p| p.group.nis < STOP_GATE) else {
-            return false;
-        };
-        self.absorb(prepared);
-        self.nav.v_e = Vector3::zeros();
-        true
+        let prepared = Prepared::new(&rows, &self.p).filter(|p| p.group.nis < STOP_GATE);
+        let stops = prepared.is_some();
+        if let Some(prepared) = prepared {
+            self.absorb(prepared);
+            self.recentre();
+            self.about.nav.v_e = Vector3::zeros();
+        }
+        self.find_estimate();
+        stops
     }
 
     /// Second-order terms of both measurements as variances per axis: products of attitude error with itself, ½ ε × (ε × f),
@@ -169,15 +160,17 @@ impl Filter {
             let variance = self.p.sigma(index::GYRO_BIAS + k).powi(2);
             rate += (a - b).map(|d| d * d * variance);
         }
-        [rate, force]
+        let [of_rate, of_gravity] = self.reference_error;
+        [rate.add_scalar(of_rate), force.add_scalar(of_gravity)]
     }
 
     /// One sample of a stationary period.
-    pub(in crate::filter) fn hold_step(&mut self, sample: &ImuSample, dt: f64, decay: f64) {
+    pub(in crate::filter) fn hold_step(&mut self, sample: &ImuSample, dt: f64) {
         let Some(mut hold) = self.hold.take() else { return };
-        self.motion = self.calibration.motion(&self.model, sample);
-        self.regressor.take(&self.motion, self.noise_band(dt), dt);
-        let first = hold.calibration.motion(&self.model, sample);
+        let motion = self.about.calibration.motion(&self.model, sample);
+        self.about.motion = motion;
+        self.regressor.take(&motion, self.noise_band(dt), dt);
+        (self.to.motion, self.to.lever) = (motion, self.regressor.lever(&motion));
         if hold.blocks.back().is_none_or(|b| b.duration_s >= BLOCK_S) {
             self.rest_evidence += self.block_evidence(&hold.blocks);
             hold.blocks.push_back(Means::default());
@@ -187,16 +180,15 @@ impl Filter {
         }
         if let Some(block) = hold.blocks.back_mut() {
             block.duration_s += dt;
-            block.rate += first.rate * dt;
-            block.force += first.force * dt;
+            block.rate += motion.rate * dt;
+            block.force += motion.force * dt;
         }
-        self.wander *= decay;
         self.last = Some(*sample);
         self.t_s = sample.t_s;
-        std::mem::swap(&mut self.p, &mut hold.base.1);
+        self.exchange_base(&mut hold);
         self.walk_constants(dt);
-        self.decay_wander(decay);
-        std::mem::swap(&mut self.p, &mut hold.base.1);
+        self.decay_gauss_markov(dt);
+        self.exchange_base(&mut hold);
         let due = self.t_s - hold.refreshed_s >= REFRESH_S;
         self.hold = Some(hold);
         if due {
@@ -204,47 +196,24 @@ impl Filter {
         }
     }
 
-    /// The estimate anew: what the fixes left, with the present means on top.
+    fn exchange_base(&mut self, hold: &mut Hold) {
+        std::mem::swap(&mut self.x, &mut hold.base.0);
+        std::mem::swap(&mut self.p, &mut hold.base.1);
+    }
+
+    /// Mean error and covariance anew: what the fixes left, with the present means on top.
     fn refresh_hold(&mut self) {
         let Some(mut hold) = self.hold.take() else { return };
         hold.refreshed_s = self.t_s;
-        let (mut mean, mut p) = hold.base.clone();
-        let [rate, force] = self.mean_rows(&hold);
-        for rows in [rate, force] {
-            let rows = rows.less(&mean);
-            let mut dx = vec![0.0; mean.len()];
-            if let Some(prepared) = Prepared::new(&rows, &p) {
-                prepared.absorb(&mut p, &mut dx);
-                mean.iter_mut().zip(&dx).for_each(|(x, d)| *x += d);
+        self.x.clone_from(&hold.base.0);
+        self.p.clone_from(&hold.base.1);
+        for rows in self.mean_rows(&hold) {
+            if let Ok(prepared) = self.tested(rows).1 {
+                self.absorb(prepared);
             }
         }
-        // Gravity leaves the rotation about the vertical open: about the vertical of the present estimate, not the first one's.
-        p.transform(&hold.nav.recentring(&Displacement::of(&mean)));
-        self.p = p;
-        hold.mean = mean;
         self.hold = Some(hold);
-        self.place_hold();
-    }
-
-    /// Position, attitude and constants from the first estimate and the mean error about it.
-    fn place_hold(&mut self) {
-        let Some(hold) = self.hold.take() else { return };
-        let wander = self.wander;
-        (self.nav, self.calibration) = (hold.nav, hold.calibration.clone());
-        let mean = &hold.mean;
-        self.move_by(mean);
-        // The Gauss-Markov error is no part of the first estimate: its own mean is kept where fixes put it.
-        self.wander = wander;
-        self.nav.v_e = Vector3::zeros();
-        self.hold = Some(hold);
-        self.refresh_motion();
-    }
-
-    /// Variances per hertz of gyros, (rad/s)²/Hz, and accelerometers, (m/s²)²/Hz.
-    fn noise_density(&self) -> (f64, f64) {
-        let imu = &self.model.imu;
-        let (gyro, accel) = (imu.gyro_noise * imu.gyro_noise, imu.accel_noise * imu.accel_noise);
-        (gyro + self.extra_noise.0, accel + self.extra_noise.1)
+        self.find_estimate();
     }
 
     /// A longer mean of the rate says less of a bias that walks, s: the minimum of the variance below.
@@ -316,37 +285,15 @@ impl Filter {
     /// Lets a job correct what fixes say of a stationary vehicle, and puts the means on top again.
     pub(in crate::filter) fn with_base<T>(&mut self, job: impl FnOnce(&mut Self) -> T) -> T {
         if let Some(hold) = self.hold.as_deref_mut() {
-            hold.mean.clone_from(&hold.base.0);
+            self.x.clone_from(&hold.base.0);
             self.p.clone_from(&hold.base.1);
         }
-        self.place_hold();
         let result = job(self);
         if let Some(hold) = self.hold.as_deref_mut() {
-            hold.base.0.clone_from(&hold.mean);
+            hold.base.0.clone_from(&self.x);
             hold.base.1.clone_from(&self.p);
         }
         self.refresh_hold();
         result
-    }
-
-    /// A correction while stationary: the mean error moves, not what everything is linearised about.
-    pub(in crate::filter) fn correct_hold(&mut self, dx: &[f64]) {
-        if let Some(hold) = self.hold.as_deref_mut() {
-            hold.mean.iter_mut().zip(dx).for_each(|(x, d)| *x += d);
-        }
-        if let Some(w) = self.layout.gauss_markov() {
-            self.wander += Vector3::new(dx[w], dx[w + 1], dx[w + 2]);
-        }
-        self.place_hold();
-    }
-
-    /// The position of a stationary vehicle started anew: the first estimate moves there.
-    pub(in crate::filter) fn rebase_hold(&mut self) {
-        let nav = self.nav;
-        if let Some(hold) = self.hold.as_deref_mut() {
-            let moved = nav.r_e;
-            (index::POSITION..index::POSITION + 3).for_each(|k| hold.mean[k] = 0.0);
-            hold.nav.r_e = moved;
-        }
     }
 }

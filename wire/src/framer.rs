@@ -7,6 +7,8 @@
 
 use super::frame::{Frame, MAGIC_V1, MAGIC_V2, MAX_FRAME_LEN, Scan, scan};
 use bytes::Bytes;
+use mavlink::MavHeader;
+use mavlink::dialects::ardupilotmega::MavMessage;
 use serde::Serialize;
 use std::collections::BTreeMap;
 
@@ -26,7 +28,7 @@ pub struct FramerStats {
 }
 
 /// The framer.
-#[derive(Debug, Default)]
+#[derive(Debug, Clone, Default)]
 pub struct Framer {
     buffer: Vec<u8>,
     start: usize,
@@ -96,6 +98,12 @@ impl Framer {
         }
     }
 
+    /// The next message that can be read, with its sender.
+    pub fn next_message(&mut self) -> Option<(MavHeader, MavMessage)> {
+        std::iter::from_fn(|| self.next_frame())
+            .find_map(|frame| Some((frame.header(), frame.decode().ok()?)))
+    }
+
     /// What was found so far.
     pub fn stats(&self) -> FramerStats {
         self.stats
@@ -159,7 +167,7 @@ fn holds_a_frame(rest: &[u8], len: usize) -> bool {
 mod tests {
     use super::super::frame::Sender;
     use super::*;
-    use mavlink::dialects::ardupilotmega::{MavMessage, RAW_IMU_DATA};
+    use mavlink::dialects::ardupilotmega::RAW_IMU_DATA;
     use proptest::prelude::*;
 
     fn imu(sequence: u8) -> Frame {

@@ -1,42 +1,40 @@
-//! The samples between two fixes as one interval: transition, one column per watched parameter, and the noise that the
-//! sensors add.
+//! The samples between two measurements as one interval: transition, one column per watched parameter, and the noise that the
+//! sensors add. The only propagation there is: the live filter and the explanation of a whole flight apply the same intervals.
 //!
 //! Without Earth, whose little share is added once per interval, a step acts on an error in the axes of the
 //! interval's start as p ← p + v dt − Δp×e, v ← v − Δv×e (Barrau & Bonnabel 2017). Such steps compose in closed form
 //! (Forster, Carlone, Dellaert & Scaramuzza 2017, "On-manifold preintegration"): what the transition and white noise come to
 //! is given by two vectors and a few moments of them.
 
-use super::track::Here;
 use crate::earth;
-use crate::mechanization::{self, Increment, NavState};
+use crate::filter::layout::index;
+use crate::mechanization::{self, Increment, Motion, NavState};
 use crate::rotation::{exp, left_jacobian, left_jacobian_inverse, log, skew};
 use crate::sample::SampleKind;
 use nalgebra::{Matrix3, SMatrix, SVector, UnitQuaternion, Vector3};
 
-use super::index;
-
 /// Position, velocity and attitude errors.
-pub(super) type Nav = SVector<f64, 9>;
+pub(crate) type Nav = SVector<f64, 9>;
 /// Their covariance.
-pub(in crate::identify) type NavCovariance = SMatrix<f64, 9, 9>;
+pub(crate) type NavCovariance = SMatrix<f64, 9, 9>;
 /// Navigation states and both biases: what the transition acts on.
-pub(super) const DYNAMIC: usize = 15;
+pub(crate) const DYNAMIC: usize = 15;
 /// Columns of both biases.
-pub(super) const BIASES: usize = DYNAMIC - 9;
+pub(crate) const BIASES: usize = DYNAMIC - 9;
 /// A covariance that is the same along all axes, and the same multiple of the unit matrix in any of them.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub(super) struct Isotropic {
+pub(crate) struct Isotropic {
     /// Of the position.
-    pub(super) position: f64,
+    pub(crate) position: f64,
     /// Of position and velocity.
-    pub(super) both: f64,
+    pub(crate) both: f64,
     /// Of the velocity.
-    pub(super) velocity: f64,
+    pub(crate) velocity: f64,
 }
 
 impl Isotropic {
     /// Its entries: row, column, value.
-    pub(super) fn entries(&self) -> impl Iterator<Item = (usize, usize, f64)> {
+    pub(crate) fn entries(&self) -> impl Iterator<Item = (usize, usize, f64)> {
         let own = *self;
         (0..3).flat_map(move |k| {
             let (p, v) = (index::POSITION + k, index::VELOCITY + k);
@@ -45,33 +43,66 @@ impl Isotropic {
     }
 }
 
-/// The samples between two fixes.
+/// The sensors at one instant: motion, and by how much each watched parameter changes what is taken for motion.
+#[derive(Debug, Clone, Default)]
+pub(crate) struct Here {
+    pub(crate) t_s: f64,
+    /// What the trajectory does.
+    pub(crate) motion: Motion,
+    /// What attitude errors act on: the motion without what is only noise of the samples.
+    pub(crate) lever: Motion,
+    /// Of the specific force into the rate, by the g-sensitivity that the model knows of.
+    pub(crate) by_force: Matrix3<f64>,
+    /// Of the rate into the specific force, likewise.
+    pub(crate) by_rate: Matrix3<f64>,
+    /// Rate and specific force by each watched parameter.
+    pub(crate) columns: Vec<[Vector3<f64>; 2]>,
+}
+
+/// The samples between two measurements.
 #[derive(Debug, Clone)]
-pub(super) struct Interval {
+pub(crate) struct Interval {
     /// Length, s.
-    pub(super) dt: f64,
+    pub(crate) dt: f64,
     /// ∂(navigation error at the end)/∂(15 states at the start), column by column.
-    pub(super) transition: [Nav; DYNAMIC],
+    pub(crate) transition: [Nav; DYNAMIC],
     /// The same by each watched parameter.
-    pub(super) driven: Vec<Nav>,
+    pub(crate) driven: Vec<Nav>,
     /// Navigation covariance per unit of variance per hertz of the gyros …
-    pub(super) by_gyro: NavCovariance,
+    pub(crate) by_gyro: NavCovariance,
     /// … and of the accelerometers.
-    pub(super) by_accel: Isotropic,
+    pub(crate) by_accel: Isotropic,
     /// Variance per hertz that the rounding of the samples adds to those of gyros and accelerometers.
-    pub(super) rounding: (f64, f64),
+    pub(crate) rounding: (f64, f64),
     /// What gaps between samples add.
-    pub(super) gaps: Option<Box<NavCovariance>>,
+    pub(crate) gaps: Option<Box<NavCovariance>>,
     /// The mechanisation's result seen from the trajectory: an error that is known.
-    pub(super) offset: Nav,
+    pub(crate) offset: Nav,
 }
 
 impl Interval {
+    /// As it is for a vehicle of which the attitude alone is followed: position and velocity stay what they were.
+    pub(crate) fn attitude_alone(&mut self) {
+        for (k, c) in self.transition.iter_mut().chain(&mut self.driven).enumerate() {
+            (0..index::ATTITUDE).for_each(|i| c[i] = if i == k { 1.0 } else { 0.0 });
+        }
+    }
+
+    /// Process noise of the navigation states where gyros and accelerometers have these variances per hertz.
+    pub(crate) fn noise(&self, gyro: f64, accel: f64) -> NavCovariance {
+        let mut q = self.by_gyro * gyro;
+        self.by_accel.entries().for_each(|(i, j, v)| q[(i, j)] += v * accel);
+        if let Some(gaps) = &self.gaps {
+            q += **gaps;
+        }
+        q
+    }
+
     /// Says where the mechanisation gets to, seen from the trajectory. The errors at the end are those about the trajectory and in its axes:
     /// with the offset o an error ξ about the mechanisation's result is Ad(exp o) ξ about the trajectory (Solà, Deray & Atchuthan 2018,
     /// "A micro Lie theory", eq. 30). Without that a position error would turn with every correction of the attitude, and the fixes
     /// would seem to measure it.
-    pub(super) fn set_offset(&mut self, offset: Nav) {
+    pub(crate) fn set_offset(&mut self, offset: Nav) {
         let part = |c: &Nav, at: usize| Vector3::new(c[at], c[at + 1], c[at + 2]);
         let turn = part(&offset, index::ATTITUDE);
         let (axes, j) = (exp(&turn).to_rotation_matrix().into_inner(), left_jacobian(&turn));
@@ -86,7 +117,7 @@ impl Interval {
 }
 
 /// `state` as an error about `about`.
-pub(super) fn error(about: &NavState, state: &NavState) -> Nav {
+pub(crate) fn error(about: &NavState, state: &NavState) -> Nav {
     let eps = log(&(about.q_eb.inverse() * state.q_eb));
     let back = left_jacobian_inverse(&eps) * about.c_eb().transpose();
     nav_of(&(back * (state.r_e - about.r_e)), &(back * (state.v_e - about.v_e)), &eps)
@@ -255,7 +286,8 @@ impl Column {
 }
 
 /// An interval under way. Errors are kept in the axes of its start until it ends.
-pub(super) struct Sum {
+#[derive(Debug, Clone)]
+pub(crate) struct Sum {
     composed: Composed,
     biases: [Column; BIASES],
     /// By each watched parameter.
@@ -269,7 +301,7 @@ pub(super) struct Sum {
 }
 
 impl Sum {
-    pub(super) fn new(nav: &NavState, watched: usize) -> Self {
+    pub(crate) fn new(nav: &NavState, watched: usize) -> Self {
         Self {
             composed: Composed::default(),
             biases: [Column([0.0; 9]); BIASES],
@@ -283,8 +315,18 @@ impl Sum {
     }
 
     /// Where the mechanisation is.
-    pub(super) fn nav(&self) -> &NavState {
+    pub(crate) fn nav(&self) -> &NavState {
         &self.nav
+    }
+
+    /// Position and velocity stay where they were at the start.
+    pub(crate) fn stay(&mut self) {
+        (self.nav.r_e, self.nav.v_e) = (self.start.r_e, self.start.v_e);
+    }
+
+    /// So far, s.
+    pub(crate) fn duration_s(&self) -> f64 {
+        self.composed.t
     }
 
     /// What the sensor axes do in a step that has just been composed; `middle` leads from its body axes to those of the start.
@@ -304,22 +346,32 @@ impl Sum {
     }
 
     /// One step.
-    pub(super) fn add(&mut self, from: &Here, to: &Here, kind: SampleKind, dt: f64) {
+    pub(crate) fn add(&mut self, from: &Here, to: &Here, kind: SampleKind, dt: f64) {
         let inc = Increment::between(&from.motion, &to.motion, kind, dt);
-        let action = Action { dv: self.turned * inc.dv, dp: self.turned * inc.dp, dt };
+        let lever = if from.lever == from.motion && to.lever == to.motion {
+            inc
+        } else {
+            Increment::between(&from.lever, &to.lever, kind, dt)
+        };
+        let action = Action { dv: self.turned * lever.dv, dp: self.turned * lever.dp, dt };
         let middle = self.turned * (Matrix3::identity() + skew(&inc.dtheta) * 0.5);
         self.composed.add(&action);
         let channels = self.channels(&action, &middle);
-        let coupled =
-            if kind == SampleKind::Point { (from.by_force + to.by_force) * 0.5 } else { to.by_force };
+        let from_end = kind != SampleKind::Point || from.columns.len() != to.columns.len();
+        let mean = |a: &Matrix3<f64>, b: &Matrix3<f64>| if from_end { *b } else { (a + b) * 0.5 };
+        let (by_force, by_rate) = (mean(&from.by_force, &to.by_force), mean(&from.by_rate, &to.by_rate));
         for (k, bias) in self.biases.iter_mut().enumerate() {
             bias.add(&channels[k], -1.0);
-            if k >= 3 {
-                (0..3).for_each(|i| bias.add(&channels[i], coupled[(i, k - 3)]));
+            for i in 0..3 {
+                if k < 3 {
+                    bias.add(&channels[3 + i], by_rate[(i, k)]);
+                } else {
+                    bias.add(&channels[i], by_force[(i, k - 3)]);
+                }
             }
         }
         for (k, (column, end)) in self.driven.iter_mut().zip(&to.columns).enumerate() {
-            let start = from.columns.get(k).filter(|_| kind == SampleKind::Point).unwrap_or(end);
+            let start = from.columns.get(k).filter(|_| !from_end).unwrap_or(end);
             for (channel, by) in channels.iter().enumerate() {
                 let (sensor, axis) = (channel / 3, channel % 3);
                 column.add(by, 0.5 * (start[sensor][axis] + end[sensor][axis]));
@@ -334,7 +386,7 @@ impl Sum {
     }
 
     /// What samples that are missing in this step leave open, in the axes of its end.
-    pub(super) fn add_gap(&mut self, missed: &NavCovariance) {
+    pub(crate) fn add_gap(&mut self, missed: &NavCovariance) {
         let turned = self.turned;
         let missed = congruence(missed, |c| {
             let at = |k: usize| turned * Vector3::new(c[k], c[k + 1], c[k + 2]);
@@ -345,7 +397,7 @@ impl Sum {
 
     /// Earth's share, and everything into the axes of the end. Earth's share of the noise, a hundred-thousandth of it, is
     /// left out.
-    pub(super) fn end(self) -> (Interval, NavState) {
+    pub(crate) fn end(self) -> (Interval, NavState) {
         let to_end = self.turned.transpose();
         let c_be = self.start.q_eb.inverse().to_rotation_matrix().into_inner();
         let dt = self.composed.t;

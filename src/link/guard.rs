@@ -1,8 +1,7 @@
 //! Signing in a run: what goes out is signed, what comes in is accepted only with a signature of the same key.
 
-use crate::commands::CommandError;
-use crate::link::frame::Frame;
-use crate::link::signing::{Key, Signer, TimeFile, Trust, Verifier};
+use super::frame::Frame;
+use super::signing::{Key, Signer, SigningError, TimeFile, Trust, Verifier};
 use std::path::Path;
 
 /// Why a frame is refused that may be a repetition.
@@ -29,7 +28,10 @@ pub struct Refusal {
 
 impl Guard {
     /// With the key in this file; the last time used is kept beside it.
-    pub fn load(path: &Path) -> Result<Self, CommandError> {
+    ///
+    /// # Errors
+    /// The key cannot be read, or is none.
+    pub fn load(path: &Path) -> Result<Self, SigningError> {
         let key = Key::load(path)?;
         if Key::is_exposed(path) {
             tracing::warn!(

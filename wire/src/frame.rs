@@ -125,6 +125,13 @@ pub fn scan(bytes: &[u8]) -> Scan {
     }
 }
 
+/// A message as the bytes of a MAVLink 2 frame.
+pub fn encode(header: MavHeader, message: &MavMessage) -> Vec<u8> {
+    let mut raw = mavlink::MAVLinkV2MessageRaw::new();
+    raw.serialize_message(header, message);
+    raw.raw_bytes().to_vec()
+}
+
 /// CRC_EXTRA of a message of the dialect.
 fn extra_crc(id: u32) -> Option<u8> {
     match MavMessage::extra_crc(id) {
@@ -147,7 +154,7 @@ impl Frame {
     }
 
     /// From bytes that [`scan`] has called valid.
-    pub(crate) fn from_valid(raw: Bytes) -> Option<Self> {
+    pub fn from_valid(raw: Bytes) -> Option<Self> {
         let (version, header) = match *raw.first()? {
             MAGIC_V1 => {
                 let &[sequence, system, component, id] = raw.get(2..HEADER_V1)?.first_chunk()?;
@@ -164,12 +171,10 @@ impl Frame {
 
     /// Makes a MAVLink 2 frame of a message.
     pub fn encode(from: Sender, sequence: u8, message: &MavMessage) -> Self {
-        let mut raw = mavlink::MAVLinkV2MessageRaw::new();
         let header =
             MavHeader { system_id: u32::from(from.system_id), component_id: from.component_id, sequence };
-        raw.serialize_message(header, message);
         Self {
-            raw: Bytes::copy_from_slice(raw.raw_bytes()),
+            raw: encode(header, message).into(),
             version: Version::V2,
             system_id: from.system_id,
             component_id: from.component_id,
@@ -200,6 +205,12 @@ impl Frame {
         let crc = mavlink::calculate_crc(raw.get(1..).unwrap_or_default(), extra);
         raw.extend(crc.to_le_bytes());
         Self::parse(raw.into())
+    }
+
+    /// Who sent it, and its number.
+    pub fn header(&self) -> MavHeader {
+        let Self { system_id, component_id, sequence, .. } = *self;
+        MavHeader { system_id: u32::from(system_id), component_id, sequence }
     }
 
     /// The bytes as they stood on the wire.

@@ -1,0 +1,66 @@
+//! What the estimation does on the ground: the place as an aid where no fix says more, and how it gives way to the first fix.
+
+use super::{Estimator, EstimatorEvent};
+use crate::earth::Geodetic;
+use crate::filter::{FixOutcome, SampleNoise};
+use crate::ground::Contact;
+use crate::sample::GnssFix;
+use nalgebra::Vector3;
+
+impl Estimator {
+    /// Says where the vehicle is, for as long as no fix does.
+    pub fn set_place(&mut self, place: Geodetic) {
+        self.ground.set_place(place);
+    }
+
+    /// Takes whether the vehicle reports that it flies, and that it is armed.
+    pub fn set_flight(&mut self, flying: bool, armed: bool) {
+        self.ground.set_flight(flying, armed);
+    }
+
+    /// Whether a place on the ground takes the part of the fixes, and if so whether place and heading are known.
+    pub fn on_ground_without_fixes(&self) -> Option<bool> {
+        let now_s = self.last.map(|s| s.t_s).filter(|t| self.ground.aids(*t));
+        now_s.filter(|_| self.filter().is_some()).map(|_| self.ground.reference_known())
+    }
+
+    /// Whether people may have the vehicle in their hands.
+    pub fn is_handled(&self) -> bool {
+        self.last.is_some_and(|s| self.ground.is_handled(s.t_s))
+    }
+
+    /// White noise of the gyros with rounding and vibration, (rad/s)²/Hz.
+    pub fn gyro_noise(&self) -> f64 {
+        self.model.imu.gyro_noise.powi(2) + self.extra_noise().0
+    }
+
+    /// What became of the fixes of a receiver alone.
+    pub(super) fn of_receiver(&mut self, mut outcomes: Vec<FixOutcome>) -> Vec<FixOutcome> {
+        outcomes.retain(|o| !self.ground.settle(o.stamp_s, o.velocity.dof > 0 && !o.velocity.used));
+        outcomes
+    }
+
+    /// What white noise and rounding leave in one sample.
+    pub(super) fn sample_noise(&self, extra: (f64, f64), rounding: [Vector3<f64>; 2]) -> SampleNoise {
+        let (imu, dt) = (&self.model.imu, self.meter.interval_s().max(1e-4));
+        let of = |n: f64, extra: f64, rounding: f64| (n * n + extra) / dt + 3.0 * rounding;
+        SampleNoise {
+            rate: of(imu.gyro_noise, extra.0, rounding[0].max()),
+            force: of(imu.accel_noise, extra.1, rounding[1].max()),
+        }
+    }
+
+    /// A fix of a receiver, which may be the first after a start by the place alone.
+    pub(super) fn feed_receiver(&mut self, fix: &GnssFix) {
+        if let Some(last) = self.last.filter(|_| fix.is_plausible()) {
+            match self.ground.take_fix(fix, last.t_s) {
+                Contact::GoesOn => {}
+                Contact::Known => self.align_anew(EstimatorEvent::PlaceKnown { constants_kept: true }, true),
+                Contact::NeverStood => {
+                    self.align_anew(EstimatorEvent::PlaceKnown { constants_kept: false }, false);
+                }
+            }
+        }
+        self.feed_fix(fix);
+    }
+}

@@ -1,0 +1,110 @@
+//! The file, and what a model makes of it.
+
+use super::*;
+use gaware_nav::earth::Geodetic;
+use gaware_nav::filter::Initial;
+use gaware_nav::mechanization::NavState;
+use nalgebra::{Matrix3, Vector3};
+
+fn unit() -> Unit {
+    let place = Geodetic::from_degrees(47.0, 8.0, 400.0);
+    let initial = Initial {
+        t_s: 0.0,
+        nav: NavState::from_ned(place, &Vector3::zeros(), &Matrix3::identity()),
+        position_sigma_m: [1.0; 3],
+        velocity_sigma_m_per_s: [0.1; 3],
+        attitude_sigma_rad: [0.1; 3],
+    };
+    let filter = Filter::new(&Model::standard(), &initial);
+    let origin = Origin { date: "2026-11-24".into(), hardware_id: Some("ab12".into()), ..Origin::default() };
+    let mut unit = Unit::of_filter(&filter, origin);
+    for (name, value, sigma) in [("g11", 120.0, 8.0), ("g33", -250.0, 9.0), ("sg_x", 900.0, 200.0)] {
+        let state = unit.states.iter_mut().find(|s| s.name == name).unwrap();
+        (state.value, state.sigma) = (value, sigma);
+    }
+    unit
+}
+
+#[test]
+fn a_file_comes_back_as_it_was_written_and_holds_nothing_of_the_receiver() {
+    let unit = unit();
+    assert_eq!(Unit::parse(&unit.to_toml()).unwrap(), unit);
+    assert!(unit.get("bg_x").is_some() && unit.get("g33").is_some());
+    assert!(unit.states.iter().all(|s| !s.effect.starts_with("gps")), "{:?}", unit.states);
+    assert_eq!(unit.measured(), ["g11", "g33", "sg_x"]);
+}
+
+#[test]
+fn a_damaged_file_is_refused_in_words() {
+    let text = unit().to_toml();
+    for (from, to, said) in [
+        ("gaware.unit/1", "gaware.unit/9", "its schema"),
+        ("2026-11-24", "yesterday", "is no date"),
+        ("sigma = 8.0", "sigma = -8.0", "g11 has no finite value"),
+        ("covariance = [[", "covariance = [[1.0], [", "lower triangle"),
+    ] {
+        assert!(text.contains(from), "{from}");
+        let reason = Unit::parse(&text.replacen(from, to, 1)).unwrap_err();
+        assert!(reason.contains(said), "{reason}");
+    }
+}
+
+#[test]
+fn a_model_takes_its_values_for_priors_that_age() {
+    let unit = unit();
+    let sigma = |today: &str| {
+        let mut model = Model::standard();
+        unit.apply(&mut model, today);
+        let g = model.get("gyro_g_sensitivity").unwrap();
+        let si = gaware_nav::effects::unit::DEG_PER_H_PER_G.si;
+        assert!((g.values[0] / si - 120.0).abs() < 1e-9);
+        assert!(model.is_tolerance("gyro_scale_factor"));
+        assert!((model.get("gyro_scale_factor").unwrap().values[0] - 900e-6).abs() < 1e-12);
+        (g.sigmas[0] / si, model.imu.gyro_bias_sigma)
+    };
+    let (now, bias) = sigma("2026-11-24");
+    assert!((now - 8.0).abs() < 1e-9, "{now}");
+    assert!(bias <= Model::standard().imu.gyro_bias_sigma);
+    let (later, _) = sigma("2027-11-24");
+    assert!(later > 5.0 * now, "{later}");
+}
+
+#[test]
+fn what_a_model_takes_for_known_stays_known() {
+    let mut model = Model::standard();
+    let known = EffectSetting::known(&gaware_nav::effects::GyroGSensitivity, &[0.0; 9]).unwrap();
+    model.set(known);
+    unit().apply(&mut model, "2026-11-24");
+    assert!(model.get("gyro_g_sensitivity").unwrap().values.iter().all(|v| *v == 0.0));
+}
+
+#[test]
+fn another_result_within_four_sigma_agrees_and_one_beyond_contradicts() {
+    let (old, mut new) = (unit(), unit());
+    let state = new.states.iter_mut().find(|s| s.name == "g33").unwrap();
+    state.value = -220.0;
+    assert_eq!(old.contradictions(&new), Vec::<String>::new());
+    new.states.iter_mut().find(|s| s.name == "g33").unwrap().value = -120.0;
+    let said = old.contradictions(&new);
+    assert!(said.len() == 1 && said[0].starts_with("g33: -250.0"), "{said:?}");
+}
+
+#[test]
+fn a_result_that_began_from_an_earlier_one_keeps_where_that_came_from() {
+    let (before, mut next) = (unit(), unit());
+    next.origin = Origin { date: "2026-12-01".into(), from: vec!["second".into()], ..Origin::default() };
+    let state = next.states.iter_mut().find(|s| s.name == "g33").unwrap();
+    // The earlier result was where the filter began.
+    (state.sigma, state.prior_sigma) = (6.0, 9.0);
+    let both = next.after(&before);
+    assert_eq!(both.origin.hardware_id.as_deref(), Some("ab12"));
+    assert!(both.measured().contains(&"g33"), "{:?}", both.get("g33"));
+}
+
+#[test]
+fn a_file_of_other_hardware_is_refused() {
+    let (unit, path) = (unit(), Path::new("unit.toml"));
+    assert!(unit.check_hardware(path, Some("ab12")).is_ok() && unit.check_hardware(path, None).is_ok());
+    let error = unit.check_hardware(path, Some("cd34")).unwrap_err().to_string();
+    assert!(error.contains("ab12") && error.contains("cd34"), "{error}");
+}

@@ -1,0 +1,185 @@
+//! The ground session: over real wires against hands that make mistakes, and on recordings that other programs made.
+
+#![allow(clippy::unwrap_used, clippy::panic, reason = "helpers of tests may panic, as tests do")]
+
+mod support;
+
+use serde_json::Value;
+use support::{Folder, Gaware, flights, gaware};
+
+/// Names of the elements of G that a document calls observable.
+fn observable(document: &Value) -> usize {
+    let states = document["observability"]["states"].as_array().unwrap().iter();
+    let g = |s: &&Value| s["name"].as_str().is_some_and(|n| n.len() == 3 && n.starts_with('g'));
+    states.filter(g).filter(|s| s["status"] == "observable").count()
+}
+
+/// Error over sigma of each element, and its sigma, deg/h/g.
+fn against(estimate: &Value, truth: &[[f64; 3]; 3]) -> Vec<(f64, f64)> {
+    let g = &estimate["g_sensitivity_deg_per_h_per_g"];
+    let cell = |what: &str, i: usize, j: usize| g[what][i][j].as_f64().unwrap();
+    let all = (0..9).map(|k| (k / 3, k % 3));
+    all.map(|(i, j)| {
+        let sigma = cell("sigma", i, j);
+        ((cell("value", i, j) - truth[i][j]) / sigma, sigma)
+    })
+    .collect()
+}
+
+/// What the simulated unit has.
+const SIMULATED: [[f64; 3]; 3] = [[150.0, 30.0, -60.0], [-45.0, 130.0, 50.0], [25.0, -35.0, -170.0]];
+
+/// A simulated vehicle in people's hands, without GNSS, and the session with these arguments; what the session said and gave.
+fn session(scenario: &str, more: &[&str]) -> (Vec<String>, support::Ended) {
+    let vehicle = Gaware::start(&[
+        "sim",
+        "--scenario",
+        scenario,
+        "--listen",
+        "tcpin:127.0.0.1:0",
+        "--speed",
+        "25",
+        "--fault",
+        "gnss-loss@0-9000",
+    ]);
+    let address = vehicle.line();
+    let station =
+        Gaware::start(&[&["ground", "--connect", &address, "--no-record", "--json"], more].concat());
+    let ended = station.ended();
+    let said = ended.stderr.lines().map(str::to_owned).collect();
+    (said, ended)
+}
+
+#[test]
+fn hands_that_make_mistakes_are_led_through_six_sides_without_gnss() {
+    let folder = Folder::new("ground");
+    let unit = folder.file("unit.toml");
+    let (said, ended) = session("hand_mistakes", &["--unit", &unit, "--home", "47.4,8.5"]);
+    assert_eq!(ended.code(), Some(0), "{}", ended.stderr);
+    let result = ended.json();
+    assert_eq!(result["schema"], "gaware.ground/1");
+    assert_eq!(result["session"]["done"], true, "{result:#}");
+    let sides = result["session"]["sides"].as_array().unwrap();
+    assert!(sides.iter().all(|s| s["done"] == true), "{sides:#?}");
+    let named = result["observable"].as_array().unwrap();
+    for element in ["g11", "g12", "g13", "g21", "g22", "g23", "g31", "g32", "g33"] {
+        assert!(named.iter().any(|n| n == element), "{element} of {named:?}");
+    }
+    for (z, sigma) in against(&result["estimate"], &SIMULATED) {
+        assert!(z.abs() < 4.0 && sigma < 40.0, "{z} {sigma}: {result:#}");
+    }
+    for words in ["Turn the vehicle nose up", "Hold still"] {
+        assert!(said.iter().any(|line| line.contains(words)), "{words}: {said:?}");
+    }
+    let shown = gaware(&["unit", "show", &unit, "--json"]);
+    assert_eq!(shown.code(), Some(0), "{}", shown.stderr);
+    let shown = shown.json();
+    assert!(shown["measured"].as_array().unwrap().iter().any(|n| n == "g33"), "{shown:#}");
+}
+
+#[test]
+fn an_armed_vehicle_is_refused() {
+    let vehicle = Gaware::start(&[
+        "sim",
+        "--scenario",
+        "fixed_wing",
+        "--listen",
+        "tcpin:127.0.0.1:0",
+        "--speed",
+        "5",
+        "--no-wait",
+    ]);
+    let address = vehicle.line();
+    let ended = gaware(&["ground", "--connect", &address, "--no-record"]);
+    assert_eq!(ended.code(), Some(1), "{}", ended.stderr);
+    assert!(ended.stderr.contains("no ground session: the vehicle is armed"), "{}", ended.stderr);
+}
+
+#[test]
+fn a_session_that_ends_early_says_what_is_left_and_wrong_arguments_are_named() {
+    let (_, ended) = session("hand", &["--duration", "4"]);
+    assert_eq!(ended.code(), Some(1), "{}", ended.stderr);
+    assert!(ended.stderr.contains("of 6 sides done"), "{}", ended.stderr);
+    let wrong = gaware(&["ground", "--connect", "udpin:127.0.0.1:0", "--skip", "sideways"]);
+    assert_eq!(wrong.code(), Some(2), "{}", wrong.stderr);
+    assert!(wrong.stderr.contains("nose-up"), "{}", wrong.stderr);
+    let place = gaware(&["replay", "x.tlog", "--home", "95,8"]);
+    assert!(place.code() == Some(2) && place.stderr.contains("--home 47.4,8.5"), "{}", place.stderr);
+}
+
+/// G of a recording's truth, deg/h/g.
+fn truth(name: &str) -> [[f64; 3]; 3] {
+    let text = std::fs::read_to_string(flights().join(format!("{name}.truth.json"))).unwrap();
+    let truth: Value = serde_json::from_str(&text).unwrap();
+    serde_json::from_value(truth["G"].clone()).unwrap()
+}
+
+/// Nine of nine elements at 5 to 16 deg/h/g and within three sigma.
+fn judge(document: &Value, truth: &[[f64; 3]; 3]) {
+    assert_eq!(observable(document), 9, "{document:#}");
+    for (z, sigma) in against(&document["estimate"], truth) {
+        assert!(z.abs() < 3.0 && (4.0..16.5).contains(&sigma), "{z} {sigma}");
+    }
+}
+
+#[test]
+#[ignore = "needs the recorded flights: GAWARE_FLIGHTS"]
+fn all_of_g_is_observable_on_recorded_sessions_with_and_without_gnss() {
+    for name in ["independent_hand_six", "independent_hand_six_no_gnss"] {
+        let log = flights().join(format!("{name}.tlog"));
+        let replayed = gaware(&["replay", log.to_str().unwrap(), "--json"]);
+        assert_eq!(replayed.code(), Some(0), "{name}: {}", replayed.stderr);
+        judge(&replayed.json(), &truth(name));
+    }
+}
+
+/// The frames of a recording that `keep` lets through, by message id and whether the vehicle was level then.
+fn thinned(name: &str, to: &str, keep: impl Fn(u32, bool) -> bool) {
+    const GPS_RAW_INT: u32 = 24;
+    const ATTITUDE: u32 = 30;
+    let log = std::fs::read(flights().join(format!("{name}.tlog"))).unwrap();
+    let (mut out, mut at, mut level) = (Vec::new(), 0, true);
+    while at + 20 <= log.len() {
+        let frame = &log[at + 8..];
+        let length = 12 + usize::from(frame[1]);
+        let id = u32::from_le_bytes([frame[7], frame[8], frame[9], 0]);
+        if id == ATTITUDE {
+            let angle = |k: usize| f32::from_le_bytes(frame[k..k + 4].try_into().unwrap());
+            level = angle(14).abs() < 0.5 && angle(18).abs() < 0.5;
+        }
+        if id != GPS_RAW_INT || keep(id, level) {
+            out.extend_from_slice(&log[at..at + 8 + length]);
+        }
+        at += 8 + length;
+    }
+    std::fs::write(to, out).unwrap();
+}
+
+#[test]
+#[ignore = "needs the recorded flights: GAWARE_FLIGHTS"]
+fn an_antenna_that_is_covered_unless_the_vehicle_is_level_costs_nothing() {
+    let folder = Folder::new("covered");
+    let name = "independent_hand_six";
+    let log = folder.file("covered.tlog");
+    thinned(name, &log, |_, level| level);
+    let replayed = gaware(&["replay", &log, "--json"]);
+    assert_eq!(replayed.code(), Some(0), "{}", replayed.stderr);
+    judge(&replayed.json(), &truth(name));
+}
+
+#[test]
+#[ignore = "needs the recorded flights: GAWARE_FLIGHTS"]
+fn a_unit_keeps_what_a_recording_shows_and_finds_another_unit_out() {
+    let folder = Folder::new("unit");
+    let unit = folder.file("unit.toml");
+    let [first, second] = ["independent_hand_six", "independent_hand_six_no_gnss"]
+        .map(|name| flights().join(format!("{name}.tlog")).to_str().unwrap().to_owned());
+    let added = gaware(&["unit", "add", &unit, &first, "--json"]);
+    assert_eq!(added.code(), Some(0), "{}", added.stderr);
+    assert_eq!(added.json()["inconsistencies"].as_array().unwrap().len(), 0);
+    let same = gaware(&["unit", "check", &unit, &first]);
+    assert_eq!(same.code(), Some(0), "{}", same.stderr);
+    let other = gaware(&["unit", "check", &unit, &second]);
+    assert_eq!(other.code(), Some(1), "{}", other.stdout);
+    assert!(other.stdout.contains("inconsistent: ") && other.stdout.contains("g33"), "{}", other.stdout);
+}
