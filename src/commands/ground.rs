@@ -2,7 +2,7 @@
 //! station, ends when nothing is left to do, and keeps the result in the file of the unit.
 
 use super::known::{KnownArgs, PlaceArgs, UnitFileArgs};
-use super::run::{self, Hooks, Live, RunArgs, seconds};
+use super::run::{self, Hooks, RunArgs, seconds};
 use super::unit::origin;
 use super::{CommandError, ListenArgs, OverwriteArgs, band, output, start};
 use crate::engine::meaning::LIMIT_DEG;
@@ -11,6 +11,7 @@ use crate::engine::{Engine, EngineOptions};
 use crate::link::address::Address;
 use crate::pipeline::replay::Beside;
 use crate::sinks::events::cause_of;
+use crate::sinks::live::Live;
 use crate::sinks::log;
 use crate::sinks::telemetry::{Telemetry, TelemetryLevel};
 use crate::unit::Unit;

@@ -72,7 +72,7 @@ fn a_model_takes_its_values_for_priors_that_age() {
 #[test]
 fn what_a_model_takes_for_known_stays_known() {
     let mut model = Model::standard();
-    let known = EffectSetting::known(&gaware_nav::effects::GyroGSensitivity, &[0.0; 9]).unwrap();
+    let known = EffectSetting::known(&gaware_nav::effects::GYRO_G_SENSITIVITY, &[0.0; 9]).unwrap();
     model.set(known);
     unit().apply(&mut model, "2026-11-24");
     assert!(model.get("gyro_g_sensitivity").unwrap().values.iter().all(|v| *v == 0.0));
