@@ -20,6 +20,7 @@ pub mod export;
 pub mod figures;
 #[cfg(not(target_family = "wasm"))]
 pub mod fleet;
+pub mod health;
 pub mod inputs;
 pub mod link;
 pub mod logs;

@@ -8,6 +8,7 @@ mod export;
 mod fleet;
 mod flight_day;
 mod golden;
+mod ground;
 mod mission;
 mod noise_levels;
 mod outputs;

@@ -71,6 +71,8 @@ pub enum EstimatorEvent {
         /// Whether the constants are kept: a vehicle that flew smoothly had passed for one at rest where they are not.
         constants_kept: bool,
     },
+    /// The vehicle left the ground, or its place on it, before the first fix: its motion waits for one, the constants are kept.
+    PlaceLeft,
     /// The filter was not finite or not positive any more: everything starts anew.
     Failed {
         /// Whether the constants were sound and are kept.
@@ -136,6 +138,7 @@ impl Estimator {
             events: Vec::new(),
             ground: PlaceAid::default(),
         }
+        .of_unknown_flight()
     }
 
     /// What the estimation did on its own since the last call.
@@ -312,7 +315,11 @@ impl Estimator {
         if let Some(fix) = self.ground.take(&sample, &self.sample_noise(noise, rounding)) {
             self.feed_fix(&fix);
         }
-        self.of_receiver(outcomes)
+        let outcomes = self.of_receiver(outcomes);
+        if self.ground.lost() {
+            self.align_anew(EstimatorEvent::PlaceLeft, true);
+        }
+        outcomes
     }
 
     /// Keeps the filter as it is now and then, in case that the sensor turns out to be at fault already.

@@ -9,7 +9,9 @@
 //!
 //! v_2 = 924 r_0, v_1 = 924 r_0 − 1584 r_1, S(0) = T (r_0 + 2 r_1) = T (v_2/924 + (v_2 − v_1)/792).
 //!
-//! Where the correlation does not end there (v_2 < v_4, the same four places apart) samples come from a low-pass. Below its
+//! Where the correlation does not end there (v_2 < v_4, the same four places apart) samples come from a low-pass, or the vehicle moves that fast: a
+//! rate controller answers noisy gyros with motion of 10 to 30 Hz. At rates far above the corner a low-pass leaves so little in v_2 that the two
+//! are not mixed up: the bound lies half way, in the logarithm, between white noise and what the low-pass leaves at this rate. Below its
 //! corner a vehicle in turbulence moves more than its sensors are noisy, so the density is taken from what the filter leaves
 //! near 50 Hz, divided by its gain there: two poles at 20 Hz (Butterworth), ArduPilot's default (`INS_GYRO_FILTER`,
 //! `INS_ACCEL_FILTER`). Differences count samples, not stamps: jitter of the stamps is no noise of the values. Causal, and a
@@ -40,8 +42,8 @@ const SPAN: usize = 6 * LAGS[2] + 1;
 const SIXTH: [f64; 7] = [1.0, -6.0, 15.0, -20.0, 15.0, -6.0, 1.0];
 /// C(12, 6) and twice C(12, 7).
 const SUMS: (f64, f64) = (924.0, 1584.0);
-/// v_2/v_4 below which the correlation reaches beyond the next neighbour: it is 1 for white noise and means of neighbours, 0.7
-/// and less behind a low-pass of 20 Hz at 100 Hz and faster.
+/// v_2/v_4 below which the correlation reaches beyond the next neighbour, at most: it is 1 for white noise and means of neighbours, 0.7
+/// behind a low-pass of 20 Hz at 100 Hz, and 0.15 at 230 Hz, where PX4's own controller alone brings it to 0.7 (px4_plane_strong_noise).
 const SMOOTH: f64 = 0.82;
 /// Motion makes samples look smooth for a while; what they are at their roughest is forgotten so slowly, s.
 const ROUGHEST_S: f64 = 60.0;
@@ -112,6 +114,8 @@ struct LowPass {
     lag: usize,
     /// Share of white noise in that difference that is left.
     left: f64,
+    /// v_2/v_4 below which samples come from it.
+    smooth: f64,
 }
 
 impl LowPass {
@@ -120,16 +124,20 @@ impl LowPass {
         let off = |lag: &usize| (peak_hz(*lag) / LOW_PASS_HZ.1).ln().abs();
         let lag = (0..LAGS.len()).min_by(|a, b| off(&LAGS[*a]).total_cmp(&off(&LAGS[*b]))).unwrap_or(0);
         let gain = |hz: f64| 1.0 / (1.0 + (hz / LOW_PASS_HZ.0).powi(4));
-        let (mut left, mut all) = (0.0, 0.0);
+        let (mut left, mut all) = ([0.0; 3], [0.0; 3]);
         for k in 0..SLICES {
             let hz = (f64::from(k) + 0.5) / f64::from(SLICES) * 0.5 / interval_s;
-            let seen = (std::f64::consts::PI * hz * interval_s * LAGS[lag] as f64).sin().powi(12);
             // What lies above half the rate is folded down.
             let folded: f64 = (-3..=3).map(|turn| gain((hz + f64::from(turn) / interval_s).abs())).sum();
-            left += seen * folded;
-            all += seen;
+            for ((lag, left), all) in LAGS.iter().zip(&mut left).zip(&mut all) {
+                let seen = (std::f64::consts::PI * hz * interval_s * *lag as f64).sin().powi(12);
+                *left += seen * folded;
+                *all += seen;
+            }
         }
-        Self { interval_s, lag, left: left / all }
+        let [_, two, four]: [f64; 3] = std::array::from_fn(|k| left[k] / all[k]);
+        let smooth = (two / four).sqrt().min(SMOOTH);
+        Self { interval_s, lag, left: left[lag] / all[lag], smooth }
     }
 }
 
@@ -193,7 +201,7 @@ impl NoiseMeter {
         let rough = self.differences.density(self.interval_s);
         let smooth = self.differences.density_behind(&self.low_pass, self.interval_s);
         let of = |k: usize| {
-            let low_passed = self.roughest[k] < SMOOTH && self.differences.seconds >= MEMORY_S;
+            let low_passed = self.roughest[k] < self.low_pass.smooth && self.differences.seconds >= MEMORY_S;
             if low_passed { smooth[k] } else { rough[k] }
         };
         (of(0), of(1))
@@ -342,6 +350,19 @@ mod tests {
         }
         let ratio = measured(Kind::LowPassed, 200.0, 0.0, lively);
         assert!((ratio - 1.0).abs() < 0.15, "in turbulence: {ratio}");
+    }
+
+    /// A controller that answers noise with motion: means of neighbours at 226 Hz, and motion between 10 and 30 Hz that brings v_2/v_4 to 0.65.
+    #[test]
+    fn motion_of_a_rate_controller_is_no_low_pass() {
+        let shake = |t: f64| {
+            let tone = |hz: f64, phase: f64| (std::f64::consts::TAU * hz * t + phase).sin();
+            DENSITY
+                * 226.0_f64.sqrt()
+                * (0.25 * tone(14.0, 0.3) + 0.25 * tone(19.0, 1.1) + 0.35 * tone(26.0, 2.0))
+        };
+        let ratio = measured(Kind::Trapezoids, 226.0, 0.0, shake);
+        assert!((0.85..1.15).contains(&ratio), "{ratio}");
     }
 
     #[test]

@@ -93,6 +93,9 @@ pub struct NotProposed {
     pub sigma: Option<f64>,
     /// Why.
     pub reason: String,
+    /// Whether the vehicle has the right value already, within the sigma of this flight.
+    #[serde(skip)]
+    pub agrees: bool,
 }
 
 /// The advice (`report.json`, `autopilot`).
@@ -139,7 +142,14 @@ pub fn advise(findings: &[Finding], on_board: &OnBoard) -> Advice {
 
 fn refuse(advice: &mut Advice, effect: &'static str, reason: impl Into<String>) {
     let reason = reason.into();
-    advice.not_proposed.push(NotProposed { effect, parameter: None, wanted: None, sigma: None, reason });
+    advice.not_proposed.push(NotProposed {
+        effect,
+        parameter: None,
+        wanted: None,
+        sigma: None,
+        reason,
+        agrees: false,
+    });
 }
 
 fn consider(finding: &Finding, autopilot: Autopilot, on_board: &OnBoard, advice: &mut Advice) {
@@ -176,7 +186,7 @@ fn consider(finding: &Finding, autopilot: Autopilot, on_board: &OnBoard, advice:
 
 /// The row for an effect: by the names that the vehicle has, else by its version, else the newest.
 pub fn mapping(effect: &str, autopilot: Autopilot, on_board: &OnBoard) -> Option<&'static Mapping> {
-    // Where the unit is not known, the first one stands for it until that is said.
+    // Where the unit is not known, the first one is taken until that is said.
     let place = on_board.place().unwrap_or(0);
     let of_unit = |m: &&Mapping| m.of_unit.is_none_or(|unit| unit == place);
     let rows = || table::rows().filter(|m| m.effect == effect && m.autopilot == autopilot).filter(of_unit);
@@ -223,7 +233,7 @@ fn judge(
     let mut derived = rule::derive(mapping, k, value, sigma, on_board);
     let known = on_board.get(name);
     nearest(mapping, &mut derived);
-    let refused = |reason: String| {
+    let not = |agrees: bool, reason: String| {
         let wanted = derived.value.map(|v| rounded(v, mapping.step));
         let parameter = Some(name);
         Err(Box::new(NotProposed {
@@ -232,8 +242,10 @@ fn judge(
             wanted,
             sigma: Some(derived.sigma),
             reason,
+            agrees: agrees && known.is_some(),
         }))
     };
+    let refused = |reason: String| not(false, reason);
     if !(value.is_finite() && derived.sigma.is_finite() && derived.sigma > 0.0) {
         return refused("its value or sigma is not known".to_owned());
     }
@@ -243,11 +255,9 @@ fn judge(
     if let Some(by) = distance(mapping, &derived, known)
         && by < SIGNIFICANT * derived.sigma
     {
-        return refused(format!(
-            "not significant: {} {}",
-            by_words(by, &derived, mapping),
-            against(known, mapping)
-        ));
+        let reason =
+            format!("not significant: {} {}", by_words(by, &derived, mapping), against(known, mapping));
+        return not(true, reason);
     }
     if let Some(v) = derived.value {
         let v = rounded(v, mapping.step);
@@ -255,7 +265,7 @@ fn judge(
             return refused(out_of_range(mapping, v));
         }
         if known.is_some_and(|old| (old - v).abs() < 0.5 * mapping.step) {
-            return refused(format!("the vehicle has this value already ({})", rule_free(v)));
+            return not(true, format!("the vehicle has this value already ({})", rule_free(v)));
         }
     }
     let mut needs = derived.needs.clone();

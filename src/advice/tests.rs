@@ -52,7 +52,14 @@ fn a_parameter_that_a_whole_list_lacks_is_not_proposed_and_old_names_are_known()
     assert_eq!(old[0].0, "EKF_VEL_DELAY", "{advice:?}");
     let note = advice.proposals[0].note.clone().unwrap_or_default();
     assert!(note.contains("EKF_POS_DELAY") && !note.contains("driver"), "{note}");
-    // A few parameters are no list: the name goes by the version.
+    // A list that broke off, as when the flight begins while it is read, lacks nothing: the name goes by the version.
+    let part =
+        OnBoard { announced: Some(1348), version: Some((4, 7)), ..complete(&[("INS_ACCEL_FILTER", 20.0)]) };
+    let advice = advise(&latency, &part);
+    assert_eq!(advice.proposals.first().map(|p| p.parameter), Some("GPS1_DELAY_MS"), "{advice:?}");
+    let whole = OnBoard { announced: Some(593), ..part };
+    assert!(advise(&latency, &whole).proposals.is_empty());
+    // A few parameters are no list either.
     let few = advise(&latency, &on_board(Autopilot::ArduPilot, &[("INS_ACCEL_FILTER", 20.0)]));
     assert_eq!(few.proposals[0].parameter, "GPS1_DELAY_MS");
 }

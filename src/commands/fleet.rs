@@ -137,6 +137,8 @@ pub struct FleetResult {
     pub resumed: usize,
     /// Logs that could not be analysed, with the reason.
     pub failed: Vec<FailedLog>,
+    /// Logs that were analysed and take no part in what the units have in common, with the reason.
+    pub left_out: Vec<FailedLog>,
     /// How often explain came to each verdict.
     pub verdicts: BTreeMap<String, usize>,
     /// In how many flights explain identified each effect (best name of its step).
@@ -352,6 +354,7 @@ fn summary(logs: &[FleetLog], resumed: usize, files: Vec<PathBuf>) -> FleetResul
         analysed: 0,
         resumed,
         failed: Vec::new(),
+        left_out: Vec::new(),
         verdicts: BTreeMap::new(),
         identified: BTreeMap::new(),
         units: BTreeMap::new(),
@@ -360,6 +363,8 @@ fn summary(logs: &[FleetLog], resumed: usize, files: Vec<PathBuf>) -> FleetResul
     for log in logs {
         if let Some(reason) = log.failure() {
             result.failed.push(FailedLog { log: log.path.clone(), reason: reason.to_owned() });
+        } else if let Some(reason) = log.left_out() {
+            result.left_out.push(FailedLog { log: log.path.clone(), reason: reason.to_owned() });
         }
         let Some(flight) = log.flight() else { continue };
         result.analysed += usize::from(log.failure().is_none());
@@ -387,6 +392,9 @@ fn print(out: &mut String, result: &FleetResult) -> std::fmt::Result {
     )?;
     for failed in &result.failed {
         writeln!(out, "  failed: {}: {}", failed.log, failed.reason)?;
+    }
+    for log in &result.left_out {
+        writeln!(out, "  in no unit: {}: {}", log.log, log.reason)?;
     }
     for (title, counts) in
         [("verdicts", &result.verdicts), ("identified effects", &result.identified), ("units", &result.units)]

@@ -9,7 +9,7 @@ use crate::engine::meaning::LIMIT_DEG;
 use crate::engine::snapshot::{Estimate, GroundStatus, Snapshot};
 use crate::engine::{Engine, EngineOptions};
 use crate::link::address::Address;
-use crate::pipeline::replay::Beside;
+use crate::pipeline::Beside;
 use crate::sinks::events::cause_of;
 use crate::sinks::live::Live;
 use crate::sinks::log;

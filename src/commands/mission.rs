@@ -14,7 +14,7 @@ use crate::mission_link::restore::RestoreError;
 use crate::mission_link::session::{Session, SessionError};
 use crate::mission_link::uploader::phase_words;
 use crate::mission_link::vehicle::identity_words;
-use crate::mission_link::wire::{self, Change, News, Wire};
+use crate::mission_link::wire::{self, ListChange, News, Wire};
 use gaware_mission::airframe::Airframe;
 use gaware_mission::identity::{Identity, Sameness};
 use gaware_mission::item::{Mission, MissionKind};
@@ -247,7 +247,7 @@ async fn bring_list_over(
     let text = files::text_of_contents(backup, &contents, vehicle.autopilot, vehicle.mav_type)?;
     files::write_new(backup, &text)?;
     let options = Options { even_while_flying: args.even_while_flying, ..Options::default() };
-    let change = Change { kind, new, previous };
+    let change = ListChange { kind, new, previous };
     let outcome = wire::replace(session, change, options, args.link.to.patience as f64, teller(say)).await;
     Ok((outcome, kept))
 }

@@ -5,7 +5,8 @@ use super::{CommandError, ListenArgs, OverwriteArgs, file_name, output};
 use crate::advice::on_board::{self, OnBoard};
 use crate::engine::{Engine, EngineOptions};
 use crate::figures;
-use crate::pipeline::replay::{Beside, ReplayRequest, replay_watched};
+use crate::pipeline::Beside;
+use crate::pipeline::replay::{ReplayRequest, replay_watched};
 use crate::unit::{Origin, Unit, UnitError};
 use gaware_nav::model::Model;
 use serde::Serialize;
@@ -116,7 +117,7 @@ pub(crate) fn origin(beside: &Beside, from: &str) -> Origin {
         of_sensor && name.ends_with("_ID")
     };
     let ids = parameters.iter().filter(|(name, value)| is_id(name) && **value != 0.0);
-    let first_s = beside.first_t_us.map(|t| t as f64 * 1e-6).filter(|t| *t > 1e9);
+    let first_s = beside.start_unix_s();
     Origin {
         hardware_id: board.clone(),
         firmware,

@@ -171,7 +171,7 @@ impl Engine {
     /// Takes what the vehicle reports of its flight.
     pub fn set_flight(&mut self, report: &FlightReport) {
         self.flight.get_or_insert_default().clone_from(report);
-        self.estimator.set_flight(report.in_air, report.armed);
+        self.estimator.set_flight(report.in_air, report.armed || !report.has_heartbeat);
         self.ground.set_flight(report.in_air, report.armed);
     }
 

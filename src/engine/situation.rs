@@ -70,6 +70,8 @@ pub struct FlightReport {
     pub on_ground: bool,
     /// Whether it says that it is in the air (`EXTENDED_SYS_STATE`; a heartbeat alone cannot).
     pub in_air: bool,
+    /// Whether it has flown since it was armed last.
+    pub flown: bool,
     /// What its mode means.
     pub mode: FlightMode,
     /// Its mode by name.
@@ -138,7 +140,7 @@ pub enum SituationKind {
     Landing,
     /// The autopilot takes off.
     TakeOff,
-    /// Everything that the airframe can excite is known.
+    /// Everything that the airframe can excite is known, or the flight is over.
     Done,
     /// The autopilot flies its mission.
     Mission,
@@ -300,7 +302,8 @@ pub fn decide(i: &Inputs<'_>) -> SituationKind {
     }
     let flight = i.flight;
     if i.is_on_ground() {
-        return if i.done { SituationKind::Done } else { SituationKind::Ground };
+        let evaluate = i.done || flight.is_some_and(|f| f.flown);
+        return if evaluate { SituationKind::Done } else { SituationKind::Ground };
     }
     if flight.is_some_and(|f| f.failsafe || !f.alarm.is_empty()) {
         return SituationKind::Failsafe;
@@ -526,6 +529,7 @@ fn done_words(i: &Inputs<'_>) -> [String; 3] {
     let (names, open, all) = i.open;
     let shown = match open {
         0 => "All parameters have converged.".to_owned(),
+        _ if !i.done => format!("{} of {all} parameters have converged.", all - open),
         _ => format!("{} of {all} parameters have converged; {names} cannot with this airframe.", all - open),
     };
     let detail = format!("{shown} Then: gaware report and gaware explain on the recording.");

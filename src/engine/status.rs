@@ -195,6 +195,9 @@ pub(super) fn reported(event: &EstimatorEvent) -> String {
             "the first GNSS fix shows a flying vehicle where none seemed to move: everything starts from it"
                 .to_owned()
         }
+        EstimatorEvent::PlaceLeft => {
+            "the vehicle left its place before the first GNSS fix: its motion waits for one, biases and G are kept".to_owned()
+        }
         EstimatorEvent::Failed { constants_kept: true } => {
             "the filter failed its health check and was restarted; biases and G are kept".to_owned()
         }

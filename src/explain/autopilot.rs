@@ -3,8 +3,9 @@
 use super::contract::Verdict;
 use super::{ExplainError, Explained, Request, one_line};
 use crate::advice::on_board::OnBoard;
-use crate::advice::{Finding, file};
+use crate::advice::{Advice, Finding, file};
 use crate::outputs::mark;
+use crate::pipeline::Beside;
 use gaware_mission::item::Autopilot;
 use gaware_mission::params::file::{ParamFile, extension};
 use gaware_nav::identify::select::Added;
@@ -18,13 +19,12 @@ const NAME: &str = "autopilot";
 ///
 /// # Errors
 /// A log or the file cannot be read.
-pub fn on_board(request: &Request) -> Result<OnBoard, ExplainError> {
+pub fn on_board(request: &Request, beside: &[Beside]) -> Result<OnBoard, ExplainError> {
     let mut all: Option<OnBoard> = None;
-    for log in &request.logs {
-        let one = OnBoard::read(log, request.converter.vehicle)?;
+    for one in beside.iter().map(|b| &b.on_board) {
         match &mut all {
-            Some(all) => all.join(&one),
-            None => all = Some(one),
+            Some(all) => all.join(one),
+            None => all = Some(one.clone()),
         }
     }
     let mut all = all.unwrap_or_default();
@@ -98,12 +98,23 @@ pub fn file(explained: &Explained) -> Option<(String, String)> {
     Some((format!("{NAME}.{}", extension(autopilot)), mark::text(text, mark::Style::Hash)))
 }
 
+/// What is on board and needs no change: the remedies of these effects are carried out.
+fn already(advice: &Advice, on_board: &OnBoard) -> Option<String> {
+    let agreeing = advice.not_proposed.iter().filter(|n| n.agrees).filter_map(|n| n.parameter);
+    let set = agreeing.filter_map(|name| {
+        on_board.get(name).filter(|v| *v != 0.0).map(|v| format!("{name} = {}", v as f32))
+    });
+    let set: Vec<String> = set.collect();
+    (!set.is_empty()).then(|| format!("Right already, within this flight's sigma: {}.", set.join(", ")))
+}
+
 /// What the advice comes to, in a sentence.
 pub fn sentence(explained: &Explained) -> Option<String> {
     let advice = explained.explanation.autopilot.as_ref()?;
     let autopilot = explained.on_board.autopilot?;
     if advice.proposals.is_empty() {
-        return None;
+        return already(advice, &explained.on_board)
+            .map(|right| format!("Parameters of {autopilot}: nothing to set. {right}"));
     }
     let words: Vec<String> = advice.proposals.iter().map(file::short).collect();
     let open = advice.proposals.iter().filter(|p| p.proposed.is_none()).count();

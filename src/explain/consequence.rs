@@ -9,17 +9,36 @@ use nalgebra::Vector3;
 
 /// The turn that consequences are computed for: load, g, and length, s.
 const TURN: (f64, f64) = (2.0, 60.0);
+/// Slower vehicles hover and dash instead, m/s: at 8 m/s a level turn at 2 g has a radius of 4 m.
+const TURNS_FROM_M_PER_S: f64 = 8.0;
+/// Acceleration of a dash, g.
+const DASH: f64 = 0.5;
 /// Fixes are looked at so long after the start, s.
 const AFTER_S: f64 = 600.0;
 /// A roll that begins within a second reaches this rate, deg/s.
 const ROLL_DEG_PER_S: f64 = 60.0;
+/// Slower than this no turn is told of, m/s: at 2 g it turns by 97 deg/s already.
+const SLOWEST_M_PER_S: f64 = 10.0;
 /// Consequences below these are not worth telling: deg, m, m/s.
 const LEAST_SHOWN: [f64; 3] = [0.01, 0.02, 0.005];
 
-/// A coordinated level turn with this load at this speed: rate, rad/s, and specific force, m/s².
+fn turns(speed_m_per_s: f64) -> bool {
+    speed_m_per_s >= TURNS_FROM_M_PER_S
+}
+
+/// The maneuver in words.
+fn maneuver(speed_m_per_s: f64) -> String {
+    if turns(speed_m_per_s) { format!("turn at {:.0} g", TURN.0) } else { format!("dash at {DASH} g") }
+}
+
+/// A coordinated level turn with this load at this speed, or the dash of a slow vehicle: rate, rad/s, and specific force, m/s².
 fn turn(load: f64, speed_m_per_s: f64) -> (Vector3<f64>, Vector3<f64>) {
+    if !turns(speed_m_per_s) {
+        let ahead = if load > 1.0 { DASH } else { 0.0 };
+        return (Vector3::zeros(), Vector3::new(ahead, 0.0, -1.0) * STANDARD_GRAVITY);
+    }
     let bank = load.recip().clamp(-1.0, 1.0).acos();
-    let rate = STANDARD_GRAVITY * bank.tan() / speed_m_per_s.max(1.0);
+    let rate = STANDARD_GRAVITY * bank.tan() / speed_m_per_s;
     (
         Vector3::new(0.0, rate * bank.sin(), rate * bank.cos()),
         Vector3::new(0.0, 0.0, -load * STANDARD_GRAVITY),
@@ -34,8 +53,12 @@ fn shaken() -> Surroundings {
     }
 }
 
-/// The consequence of an effect at a speed; `None` where it has none that is worth a word.
+/// The consequence of an effect at a speed; `None` where it has none that is worth a word. A value within twice its sigma is none.
 pub fn of(setting: &EffectSetting, speed_m_per_s: f64) -> Option<String> {
+    let found = |(value, sigma): (&f64, &f64)| if value.abs() > 2.0 * *sigma { *value } else { 0.0 };
+    let values = setting.values.iter().zip(&setting.sigmas).map(found).collect();
+    let setting = &EffectSetting { values, ..setting.clone() };
+    let speed_m_per_s = speed_m_per_s.max(SLOWEST_M_PER_S);
     let (effect, p) = (setting.effect, &setting.values);
     if effect.is_source_mistake() || effect.is_empty() {
         return None;
@@ -62,7 +85,7 @@ pub fn of(setting: &EffectSetting, speed_m_per_s: f64) -> Option<String> {
     let when = if event {
         format!("after {:.0} s without correction", TURN.1)
     } else {
-        format!("after a {:.0} s turn at {:.0} g without correction", TURN.1, TURN.0)
+        format!("after {:.0} s of a {} without correction", TURN.1, maneuver(speed_m_per_s))
     };
     let mut parts = Vec::new();
     let drift = (rate * TURN.1).map(f64::to_degrees);
@@ -76,7 +99,7 @@ pub fn of(setting: &EffectSetting, speed_m_per_s: f64) -> Option<String> {
     }
     let tilt = (force.norm() / STANDARD_GRAVITY).to_degrees();
     if tilt > LEAST_SHOWN[0] {
-        let turn = format!("in a turn at {:.0} g", TURN.0);
+        let turn = format!("in a {}", maneuver(speed_m_per_s));
         parts.push(format!(
             "{} m/s² of specific force {}, as much as {} deg of tilt",
             number(force.norm()),
@@ -115,11 +138,12 @@ pub fn of(setting: &EffectSetting, speed_m_per_s: f64) -> Option<String> {
 fn on_fixes(setting: &EffectSetting, speed_m_per_s: f64) -> Option<String> {
     let (effect, p) = (setting.effect, &setting.values);
     let (rate, _) = turn(TURN.0, speed_m_per_s);
-    let bank = TURN.0.recip().acos();
+    let bank = if turns(speed_m_per_s) { TURN.0.recip().acos() } else { 0.0 };
+    let ahead = if turns(speed_m_per_s) { 0.0 } else { DASH * STANDARD_GRAVITY };
     let x = FixInstant {
         t_s: f64::MAX,
         v_n: Vector3::new(speed_m_per_s, 0.0, 0.0),
-        a_n: Vector3::new(0.0, STANDARD_GRAVITY * bank.tan(), 0.0),
+        a_n: Vector3::new(ahead, STANDARD_GRAVITY * bank.tan(), 0.0),
         c_nb: c_nb_from_euler(bank, 0.0, 0.0),
         rate_eb: rate,
         force_rate: Vector3::zeros(),
@@ -132,10 +156,10 @@ fn on_fixes(setting: &EffectSetting, speed_m_per_s: f64) -> Option<String> {
     let (position, velocity) = (position - x.v_n * late_s, velocity - x.a_n * late_s);
     (position.norm() > LEAST_SHOWN[1] || velocity.norm() > LEAST_SHOWN[2]).then(|| {
         format!(
-            "fixes are off by {} m and {} m/s in a turn at {:.0} g and {} m/s",
+            "fixes are off by {} m and {} m/s in a {} and {} m/s",
             number(position.norm()),
             number(velocity.norm()),
-            TURN.0,
+            maneuver(speed_m_per_s),
             number(speed_m_per_s)
         )
     })
@@ -157,16 +181,23 @@ mod tests {
         g[2] = 54.0 * unit::DEG_PER_H_PER_G.si;
         let parts = of(&known(&effects::GYRO_G_SENSITIVITY, &g), 20.0).unwrap();
         assert!(
-            parts.starts_with("after a 60 s turn at 2 g without correction: 0.900 deg of roll, 0 deg"),
+            parts.starts_with("after 60 s of a turn at 2 g without correction: 0.900 deg of roll, 0 deg"),
             "{parts}"
         );
         let late = of(&known(&effects::GpsLatency, &[0.1]), 20.0).unwrap();
         assert!(late.contains("off by 2.00 m and 1.70 m/s"), "{late}");
         assert_eq!(of(&known(&effects::GpsLatency, &[0.0]), 20.0), None);
+        let hover = of(&known(&effects::GpsLatency, &[0.1]), 0.6).unwrap();
+        assert!(hover.contains("0.490 m/s in a dash at 0.5 g and 0.600 m/s"), "{hover}");
         let behind = of(&known(&effects::GyroAccelDelay, &[0.02]), 20.0).unwrap();
         assert_eq!(behind, "1.20 deg of attitude while rolling at 60 deg/s");
         let shaken = of(&known(&effects::VIBRATION_RECTIFICATION, &[1e-3, 0.0, 0.0]), 20.0).unwrap();
         assert!(shaken.contains("under vibration of 1 g RMS"), "{shaken}");
+        // A copter's hover with ArduPilot 4.7: what its sigma covers moves nothing, and nobody turns at 250 deg/s.
+        let mut hovered = known(&effects::GYRO_MISALIGNMENT, &[0.0, 0.0, 0.0, 0.4e-3, 0.0, -2.29e-3]);
+        hovered.sigmas = vec![0.5e-3, 0.1e-3, 0.5e-3, 0.1e-3, 1.6e-3, 2.0e-3];
+        let parts = of(&hovered, 3.86).unwrap();
+        assert!(parts.ends_with("correction: 0 deg of roll, 1.17 deg of pitch, 0 deg of yaw"), "{parts}");
         // 100 ppm in ten minutes are 60 ms.
         let drifted = of(&known(&effects::ClockDrift, &[1e-4]), 20.0).unwrap();
         assert!(drifted.contains("off by 1.20 m"), "{drifted}");

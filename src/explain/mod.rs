@@ -14,8 +14,9 @@ mod size;
 pub mod words;
 
 use crate::advice::on_board::OnBoard;
+use crate::health::HealthLog;
 use crate::inputs::Input;
-use crate::logs::{self, LogError};
+use crate::logs::LogError;
 use crate::outputs::{OutputError, Outputs, mark};
 use crate::parallel::{Threads, cores};
 use crate::pipeline;
@@ -187,6 +188,8 @@ pub struct Explained {
     pub validated: Vec<String>,
     /// What the logs say of the vehicle's own parameters.
     pub on_board: OnBoard,
+    /// States and events of the vehicle, log by log; empty where no logs were read.
+    pub health: Vec<HealthLog>,
 }
 
 /// The disagreement along one flight, with the model that was given and with the new one.
@@ -237,20 +240,21 @@ pub fn run(request: &Request, progress: &dyn Fn(Phase)) -> Result<Explained, Exp
     progress(Phase::Read(load));
     let mut explained = flights_of(flights, validate, &model, &settings, progress);
     explained.explanation.summary.push_str(&words::parts(&parts));
-    explained.logs = request.logs.iter().map(dated).collect();
-    explained.validated = request.validate.iter().map(dated).collect();
-    let mut on_board = autopilot::on_board(request)?;
+    explained.logs = request.logs.iter().map(Input::name).collect();
+    explained.validated = request.validate.iter().map(Input::name).collect();
+    let read = |log: &Input| pipeline::Beside::read(log, request.converter.vehicle);
+    let beside: Vec<pipeline::Beside> = request.logs.iter().map(read).collect::<Result<_, _>>()?;
+    let dates = beside.iter().map(pipeline::Beside::date);
+    for (name, date) in explained.logs.iter_mut().zip(dates).filter(|(_, date)| !date.is_empty()) {
+        name.push_str(&format!(" ({date})"));
+    }
+    let mut on_board = autopilot::on_board(request, &beside)?;
     on_board.samples_are(&flown);
     explained.explanation.autopilot =
         Some(crate::advice::advise(&autopilot::findings(&explained), &on_board));
     explained.on_board = on_board;
+    explained.health = beside.into_iter().map(|b| b.health).collect();
     Ok(explained)
-}
-
-/// The name of a log, with its date where it has one.
-fn dated(log: &Input) -> String {
-    let date = logs::date(log);
-    if date.is_empty() { log.name() } else { format!("{} ({date})", log.name()) }
 }
 
 /// Explains flights that are already in memory.
@@ -325,6 +329,7 @@ fn flights_of(
         logs: Vec::new(),
         validated: Vec::new(),
         on_board: OnBoard::default(),
+        health: Vec::new(),
     }
 }
 
@@ -350,6 +355,7 @@ fn too_little(why: &str, model: &Model) -> Explained {
         logs: Vec::new(),
         validated: Vec::new(),
         on_board: OnBoard::default(),
+        health: Vec::new(),
     }
 }
 

@@ -5,7 +5,8 @@ use crate::advice::on_board::{OnBoard, key as autopilot_key};
 use crate::engine::snapshot::Summary;
 use crate::engine::{Engine, EngineOptions};
 use crate::explain;
-use crate::pipeline::replay::{Beside, ReplayRequest, replay_watched};
+use crate::pipeline::Beside;
+use crate::pipeline::replay::{ReplayRequest, replay_watched};
 use crate::sensors::ConverterOptions;
 use gaware_nav::identify::select::Settings;
 use gaware_nav::model::{EffectSetting, Model};
@@ -16,9 +17,6 @@ use std::path::Path;
 
 /// Version of the entries.
 pub const SCHEMA: &str = "gaware.fleet_flight/1";
-
-/// Stamps before 2001-09-09 count from a start, µs.
-const FIRST_DATE_US: u64 = 1_000_000_000_000_000;
 
 /// What is done with every log.
 #[derive(Debug, Clone, Default)]
@@ -49,8 +47,11 @@ pub struct FlightEntry {
 /// One analysed flight.
 #[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub struct Flight {
-    /// Serial number of the autopilot, where the log has it.
+    /// Inertial unit: serial number of the autopilot, otherwise the calibration of its accelerometers, where the log has either.
     pub board: Option<String>,
+    /// Kind of vehicle, where the log has it.
+    #[serde(default)]
+    pub vehicle: Option<String>,
     /// Autopilot and version, where the log has them.
     pub firmware: Option<String>,
     /// Start of the log, s since 1970, where the log has a date.
@@ -118,12 +119,14 @@ fn flight(log: &Path, work: &Work) -> Result<Flight, String> {
     let (pipeline, summary) =
         replay_watched(&request, engine, &|_, _| {}, Some(&mut beside)).map_err(|e| e.to_string())?;
     let parameters = parameters(&pipeline.summary(), &assumed);
+    let start_unix_s = beside.start_unix_s();
     let on_board = beside.on_board;
     let explanation = if work.explain { Some(explanation(log, work)?) } else { None };
     Ok(Flight {
         firmware: firmware(&on_board),
-        board: on_board.board,
-        start_unix_s: beside.first_t_us.filter(|t| *t > FIRST_DATE_US).map(|t| t as f64 * 1e-6),
+        board: on_board.unit(),
+        vehicle: on_board.class.map(|class| class.key().to_owned()),
+        start_unix_s,
         parameters,
         summary,
         explanation,

@@ -34,6 +34,13 @@ impl FleetLog {
         self.result.as_ref().ok()?.flight.as_ref()
     }
 
+    /// Why it takes no part in what the flights of the units have in common.
+    pub fn left_out(&self) -> Option<&str> {
+        self.failure().or_else(|| {
+            self.unit().is_none().then_some("its inertial unit is not known: give a rule with --names")
+        })
+    }
+
     /// Why there is no estimate.
     pub fn failure(&self) -> Option<&str> {
         match &self.result {
@@ -84,7 +91,7 @@ impl Row for Heading<'_> {
         put("sha256", "SHA-256 of its bytes", Cell::Text(sha256));
         put(
             "unit",
-            "Inertial unit: by the name rule, otherwise the board that the log names",
+            "Inertial unit: by the name rule, otherwise the board that the log names, otherwise the calibration of its accelerometers",
             Cell::Text(self.0.unit().unwrap_or("")),
         );
         put(
@@ -105,7 +112,6 @@ type Places<'a> = [(&'a str, &'a str, &'a str)];
 
 const WORDS: &Places<'static> = &[
     ("autopilot", "ardupilot, px4 or unknown", "/autopilot"),
-    ("vehicle_type", "fixed_wing, multirotor or unknown", "/vehicle_type"),
     ("imu_message", "Source of the inertial samples", "/imu/message"),
     ("phase", "Phase of the estimator at the end", "/phase"),
 ];
@@ -149,6 +155,12 @@ impl Row for Outcome<'_> {
         for (name, about, place) in WORDS {
             put(name, about, Cell::Text(text(&summary, place)));
         }
+        let class = log.flight().and_then(|f| f.vehicle.as_deref());
+        put(
+            "vehicle_type",
+            "fixed_wing, multirotor, helicopter, vtol, rover, submarine or unknown",
+            Cell::Text(class.unwrap_or_else(|| text(&summary, "/vehicle_type"))),
+        );
         for (name, about, place) in FIGURES {
             put(name, about, Cell::Number(number(&summary, place)));
         }

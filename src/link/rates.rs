@@ -31,8 +31,9 @@ const LONGEST_PAUSE_US: u64 = 60_000_000;
 const WATCH_US: u64 = 1_000_000;
 /// Share of the wanted rate that counts as kept.
 const ENOUGH: f64 = 0.7;
-/// What to try after a refusal, Hz (0.8 × loop rate: Plane 40, Copter 320).
-const LADDER: [u16; 7] = [320, 200, 100, 50, 40, 25, 10];
+/// What to try after a refusal, Hz: ArduPilot's shortest interval is 1.25 of its loops, cut to whole milliseconds
+/// (`GCS_MAVLINK::cap_message_interval`). Loops of 50 Hz grant 40, of 200 Hz 166, of 300 Hz 250, of 400 Hz 333.
+const LADDER: [u16; 9] = [320, 250, 200, 166, 100, 50, 40, 25, 10];
 /// `HIGHRES_IMU`: in no data stream, and unknown to firmware that cannot say which intervals are set.
 const HIGHRES_IMU: u32 = 105;
 const GPS_RAW_INT: u32 = 24;

@@ -2,25 +2,25 @@
 //! their accuracies, the autopilot's attitude, and what flies.
 //!
 //! `IMU` holds the same filtered point samples as the messages on the link, unrounded. `GPS` is followed by a `GPA` of the
-//! same time with the accuracies and the time of arrival; a fix waits for it. Only the first inertial unit and the first receiver are used.
+//! same time with the accuracies and the time of arrival; a fix waits for it. The best inertial source and the first receiver are used.
 //!
 //! The format (ArduPilot, `AP_Logger/LogStructure.h`) describes itself by `FMT` messages and has no checksums. A message is
 //! taken when its header is right and another header follows it; after damage the reader looks byte by byte for the next two
 //! messages in a row. A message that damage touches is lost with it.
 
+use super::source::{Choice, Source, Survey};
 use super::window::Window;
-use super::{Damage, Item, LogError, LogNote, LogReader, Progress, Record};
-use crate::sensors::gnss::Course;
-use crate::timeline::{Measurement, Stamp};
-use gaware_nav::earth::Geodetic;
+use super::{Damage, Item, LogError, LogReader, Progress, Record};
 use gaware_nav::observability::words::VehicleKind;
-use gaware_nav::sample::{FixVelocity, GnssFix, ImuSample, ImuStream};
 use nalgebra::Vector3;
-use std::collections::VecDeque;
 use std::io::Read;
 
+mod fixes;
+mod health;
+mod inertial;
+mod messages;
 mod notes;
-use notes::{Filter, kind_of_firmware, kind_of_parameter, version};
+use messages::Messages;
 
 /// First bytes of a message of this format.
 pub const MAGIC: [u8; 2] = [0xA3, 0x95];
@@ -30,8 +30,6 @@ const FMT: u8 = 128;
 const FMT_LEN: usize = 89;
 /// A longest message.
 const LONGEST: usize = 255;
-/// A fix lies in the receiver's driver for less than this, ms.
-const LONGEST_IN_DRIVER_MS: u32 = 500;
 /// Messages in a row that must be right after damage.
 const CHAIN: usize = 2;
 
@@ -160,10 +158,28 @@ impl<R: Read> DataflashReader<R> {
             window: Window::new(source, total_bytes),
             formats: vec![None; 256],
             damage: Damage::default(),
-            messages: Messages::default(),
+            messages: Messages::new(Choice::of(Source::IMU)),
             given: 0,
             finished: false,
         }
+    }
+
+    /// Takes the inertial samples from this source.
+    pub fn with_source(mut self, choice: Choice) -> Self {
+        self.messages = Messages::new(choice);
+        self
+    }
+
+    /// Reads all of it for its inertial sources alone.
+    ///
+    /// # Errors
+    /// When reading fails.
+    pub fn survey(mut self) -> Result<Survey, LogError> {
+        self.messages = Messages::surveying();
+        while self.step()? {
+            self.messages.queue.clear();
+        }
+        Ok(self.messages.into_survey())
     }
 
     /// Reads one message or past one damaged place; false at the end.
@@ -191,9 +207,10 @@ impl<R: Read> DataflashReader<R> {
             self.damage.bad_records += u64::from(good.is_none());
             self.window.consume(len);
         } else if at_end && len.is_some_and(|len| len > bytes.len()) {
+            // Logging ends with the power, or the file at the size that it was copied with.
             self.damage.truncated = true;
             let n = bytes.len();
-            self.skip(n);
+            self.window.consume(n);
         } else {
             self.damage.bad_records += 1;
             self.resynchronise()?;
@@ -254,151 +271,6 @@ fn is_followed(rest: &[u8], at_end: bool) -> bool {
     }
 }
 
-/// Turns messages into measurements.
-#[derive(Debug, Default)]
-struct Messages {
-    queue: VecDeque<Record>,
-    streaming: bool,
-    /// A fix with the times at which it was logged and at which it arrived, µs.
-    waiting: Option<(u64, u64, GnssFix)>,
-    course: Course,
-    /// What flies by the name of the firmware, and by the class of the frame.
-    kind: (Option<VehicleKind>, Option<VehicleKind>),
-    /// Which of its navigation filters flies.
-    filter: Filter,
-    /// Time of the newest message, µs: parameters may have none of their own.
-    newest_us: u64,
-}
-
-impl Messages {
-    fn note(&mut self, entry: &Entry, note: LogNote) {
-        self.newest_us = entry.stamp_us().unwrap_or(self.newest_us);
-        self.queue.push_back(Record { t_us: self.newest_us, item: Item::Note(note) });
-    }
-
-    fn put(&mut self, t_us: u64, measurement: Measurement) {
-        self.queue.push_back(Record { t_us, item: Item::Measurement(measurement) });
-    }
-
-    fn release_fix(&mut self) {
-        if let Some((t_us, arrived_us, fix)) = self.waiting.take() {
-            self.put(t_us, Measurement::Fix(Some(Stamp::Usec(arrived_us)), fix));
-        }
-    }
-
-    /// Takes a message; nothing where its content is wrong.
-    fn take(&mut self, entry: &Entry) -> Option<()> {
-        // Firmware before 4.1 has no instance field and names further instances IMU2, GPS2.
-        if entry.number("I").is_some_and(|i| i != 0.0) {
-            return Some(());
-        }
-        match entry.format.name.as_str() {
-            "IMU" => self.imu(entry)?,
-            "GPS" => {
-                self.release_fix();
-                // Without a fix there is nothing wrong.
-                let stamp_us = entry.stamp_us();
-                self.waiting =
-                    stamp_us.and_then(|t_us| Some((t_us, t_us, fix(entry, t_us, &mut self.course)?)));
-            }
-            "GPA" => {
-                let t_us = entry.stamp_us()?;
-                if let Some((_, arrived_us, fix)) = self.waiting.as_mut().filter(|(t, ..)| *t == t_us) {
-                    accuracies(fix, entry);
-                    *arrived_us = arrival_us(entry, t_us);
-                }
-                self.release_fix();
-            }
-            "ATT" => {
-                let (t_us, angles) = (entry.stamp_us()?, entry.vector(["Roll", "Pitch", "Yaw"])?);
-                let angles = angles.map(f64::to_radians).into();
-                self.put(t_us, Measurement::Attitude(Stamp::Usec(t_us), angles));
-            }
-            "MSG" => {
-                let text = entry.text("Message");
-                self.kind.0 = text.and_then(kind_of_firmware).or(self.kind.0);
-                if let Some((major, minor)) = text.and_then(version) {
-                    self.note(entry, LogNote::Version(major, minor));
-                }
-            }
-            "PARM" => {
-                let parameter = entry.text("Name").zip(entry.number("Value"));
-                self.kind.1 =
-                    parameter.and_then(|(name, value)| kind_of_parameter(name, value)).or(self.kind.1);
-                if let Some((name, value)) = parameter {
-                    self.filter.parameter(name, value);
-                    self.note(entry, LogNote::Parameter { name: name.to_owned(), value });
-                }
-            }
-            _ => {
-                let values = self.filter.values(entry);
-                if !values.is_empty() {
-                    self.note(entry, LogNote::Filter(values));
-                }
-            }
-        }
-        Some(())
-    }
-
-    fn imu(&mut self, entry: &Entry) -> Option<()> {
-        let t_us = entry.stamp_us()?;
-        let gyro = entry.vector(["GyrX", "GyrY", "GyrZ"])?;
-        let accel = entry.vector(["AccX", "AccY", "AccZ"])?;
-        if !self.streaming {
-            self.streaming = true;
-            let stream = ImuStream { message: "IMU".to_owned(), ..Default::default() };
-            self.put(t_us, Measurement::Stream(stream));
-        }
-        let temperature_degc = entry.number("T").filter(|t| *t != 0.0);
-        let sample = ImuSample { t_s: 0.0, gyro, accel, temperature_degc };
-        self.put(t_us, Measurement::Imu(Stamp::Usec(t_us), sample));
-        Some(())
-    }
-}
-
-fn fix(entry: &Entry, t_us: u64, course: &mut Course) -> Option<GnssFix> {
-    let (lat, lon) = (entry.number("Lat")? * 1e-7, entry.number("Lng")? * 1e-7);
-    if entry.number("Status")? < 3.0 || (lat, lon) == (0.0, 0.0) || lat.abs() > 90.0 || lon.abs() > 180.0 {
-        return None;
-    }
-    let position = Geodetic::from_degrees(lat, lon, entry.number("Alt")?);
-    let place = (t_us, entry.number("Lat")? as i32, entry.number("Lng")? as i32);
-    let speed_and_course = entry.number("Spd").zip(entry.number("GCrs"));
-    let horizontal = speed_and_course.map(|(speed, degrees)| course.velocity(place, speed, degrees));
-    let velocity = match (horizontal, entry.number("VZ")) {
-        (Some(([n, e], _)), Some(down)) => FixVelocity::Full([n, e, down]),
-        (Some((velocity, _)), None) => FixVelocity::Horizontal(velocity),
-        (None, _) => FixVelocity::None,
-    };
-    let velocity_sigma_m_per_s = horizontal.and_then(|(_, at_least)| at_least).map(|s| [s; 3]);
-    let position_sigma_m = None;
-    Some(GnssFix { t_s: 0.0, position, velocity, position_sigma_m, velocity_sigma_m_per_s, yaw_rad: None })
-}
-
-/// When the fix that was logged at this time, µs, arrived: the autopilot takes bytes from the receiver every 20 ms, dates the fix by the
-/// arrival of its first byte (`SMS`; `GPS_RAW_INT` and EKF3 go by the same) and stamps the message when it writes it (ArduPilot
-/// `AP_GPS/AP_GPS.cpp:update_instance`, `GPS_Backend.cpp:set_uart_timestamp`). `SMS` counts 32 bits of milliseconds.
-fn arrival_us(entry: &Entry, t_us: u64) -> u64 {
-    let late_ms = entry.number("SMS").map(|sms| ((t_us / 1000) as u32).wrapping_sub(sms as u32));
-    let late_us =
-        late_ms.filter(|late| *late < LONGEST_IN_DRIVER_MS).map_or(0, |late| u64::from(late) * 1000);
-    // The time of arrival has whole milliseconds.
-    if late_us == 0 { t_us } else { (t_us - t_us % 1000).saturating_sub(late_us) }
-}
-
-/// Adds the accuracies; 0 is "unknown".
-fn accuracies(fix: &mut GnssFix, entry: &Entry) {
-    let given = |name| entry.number(name).filter(|v| *v > 0.0);
-    if let (Some(h), Some(v)) = (given("HAcc"), given("VAcc")) {
-        fix.position_sigma_m = Some([h, h, v]);
-    }
-    if let Some(s) = given("SAcc") {
-        // Without a direction the speed is not known better than this.
-        let [n, e, _] = fix.velocity_sigma_m_per_s.unwrap_or_default();
-        fix.velocity_sigma_m_per_s = Some([s.max(n), s.max(e), s]);
-    }
-}
-
 impl<R: Read> Iterator for DataflashReader<R> {
     type Item = Result<Record, LogError>;
 
@@ -440,7 +312,7 @@ impl<R: Read + Send> LogReader for DataflashReader<R> {
     }
 
     fn vehicle_kind(&self) -> Option<VehicleKind> {
-        self.messages.kind.0.or(self.messages.kind.1)
+        self.messages.kind()
     }
 }
 

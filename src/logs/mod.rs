@@ -8,16 +8,18 @@
 pub mod dataflash;
 pub mod filter;
 pub mod mcap;
+mod note;
+pub mod source;
 pub mod table;
 pub mod tlog;
 pub mod ulog;
 mod window;
 
-use crate::figures::day;
 use crate::inputs::Input;
 use crate::link::frame::Frame;
 use crate::timeline::Measurement;
 use gaware_nav::observability::words::VehicleKind;
+pub use note::{HealthNote, Level, LogNote, VehicleClass};
 use schemars::JsonSchema;
 use serde::Serialize;
 use std::io::Read;
@@ -43,24 +45,6 @@ pub enum Item {
     Note(LogNote),
 }
 
-/// What an autopilot's own log says of itself (formats with frames say it in frames).
-#[derive(Debug, Clone, PartialEq)]
-pub enum LogNote {
-    /// A parameter of the vehicle.
-    Parameter {
-        /// Name.
-        name: String,
-        /// Value.
-        value: f64,
-    },
-    /// Major and minor version of the firmware.
-    Version(u8, u8),
-    /// Device id of the accelerometer that the samples are of.
-    Accelerometer(u32),
-    /// Innovations and test ratios of its navigation filter.
-    Filter(Vec<(filter::Channel, f64)>),
-}
-
 /// How far a reader is.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub struct Progress {
@@ -79,14 +63,14 @@ pub struct Damage {
     pub bad_records: u64,
     /// Messages outside the dialect.
     pub unknown_messages: u64,
-    /// Whether the file ends in the middle of an entry.
+    /// Whether the file ends in the middle of an entry: most logs do, as logging ends with the power. Nothing is lost with it.
     pub truncated: bool,
 }
 
 impl Damage {
-    /// Whether anything was lost (messages outside the dialect are none).
+    /// Whether anything was lost (messages outside the dialect and an entry that the end of the file cuts are none).
     pub fn any(&self) -> bool {
-        self.skipped_bytes > 0 || self.bad_records > 0 || self.truncated
+        self.skipped_bytes > 0 || self.bad_records > 0
     }
 }
 
@@ -186,27 +170,23 @@ pub fn open(log: impl Into<Input>) -> Result<Box<dyn LogReader>, LogError> {
     if head.is_empty() {
         return Err(LogError::Empty(path.to_owned()));
     }
-    let file = log.open().map_err(failed)?;
+    let again = || log.open().map_err(failed);
+    let file = again()?;
     match format_of(&head, path) {
         Some(Format::Tlog) => Ok(Box::new(tlog::TlogReader::new(file, total))),
         Some(Format::Mcap) => Ok(Box::new(mcap::McapReader::new(file, total))),
-        Some(Format::Dataflash) => Ok(Box::new(dataflash::DataflashReader::new(file, total))),
-        Some(Format::Ulog) => Ok(Box::new(ulog::UlogReader::new(file, total))),
+        Some(Format::Dataflash) => {
+            let best = dataflash::DataflashReader::new(again()?, total).survey()?.best();
+            let best = best.unwrap_or(source::Choice::of(source::Source::IMU));
+            Ok(Box::new(dataflash::DataflashReader::new(file, total).with_source(best)))
+        }
+        Some(Format::Ulog) => {
+            let best = ulog::UlogReader::new(again()?, total).survey()?.best();
+            let best = best.unwrap_or(source::Choice::of(source::Source::COMBINED));
+            Ok(Box::new(ulog::UlogReader::new(file, total).with_source(best)))
+        }
         None => Err(LogError::UnknownFormat(path.to_owned())),
     }
-}
-
-/// The day and time at which a log begins, where its entries carry the date (logs of links do, those of autopilots count from
-/// their start); otherwise empty.
-pub fn date(log: impl Into<Input>) -> String {
-    /// 2001-09-09 in µs: what is smaller counts from a start.
-    const FIRST_DATE_US: u64 = 1_000_000_000_000_000;
-    let first = open(log).ok().and_then(|mut reader| reader.next()).and_then(Result::ok);
-    let at = first.map(|r| r.t_us).filter(|t| *t > FIRST_DATE_US);
-    at.map_or_else(String::new, |t_us| {
-        let s = t_us / 1_000_000;
-        format!("{} {:02}:{:02} UTC", day(s as f64), s / 3600 % 24, s / 60 % 60)
-    })
 }
 
 fn format_of(head: &[u8], path: &Path) -> Option<Format> {

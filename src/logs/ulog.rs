@@ -1,25 +1,28 @@
 //! PX4's own log (`.ulg`): `sensor_combined`, `vehicle_gps_position` (or `sensor_gps`), `vehicle_attitude`, and what flies.
 //!
-//! `sensor_combined` holds means over the integration interval that ends at the stamp, with the calibration applied
-//! and without the filter's bias estimates.
+//! `sensor_combined` and `vehicle_imu` hold means over the integration interval that ends at the stamp, with the calibration applied
+//! and without the filter's bias estimates; where a logger left samples out, they are points. The best source is taken.
 //!
 //! The format (PX4 user guide, "ULog File Format") has no checksums. A message is taken when its header, its length against
 //! the format of its topic, and the header that follows it are right; after damage the reader looks byte by byte for the
 //! next three messages in a row for which that holds. A message that damage touches is lost with it.
 
+use super::source::{Choice, Source, Survey};
 use super::window::Window;
-use super::{Damage, Item, LogError, LogNote, LogReader, Progress, Record};
-use crate::timeline::{Measurement, Stamp};
+use super::{Damage, LogError, LogNote, LogReader, Progress, Record};
 use gaware_nav::observability::words::VehicleKind;
 use std::collections::{HashMap, VecDeque};
 use std::io::Read;
 
 mod basic;
 mod fields;
+mod health;
 mod notes;
+mod topics;
 use basic::Basic;
-use fields::{Fields, attitude, fix, imu, stream, vehicle_kind};
-use notes::{airframe, filter_values, is_of_filter, keyed, parameter_note, version_note};
+use fields::Fields;
+use notes::{airframe, board_note, keyed, parameter_note, version_note};
+use topics::Topics;
 
 /// First bytes of the format.
 pub const MAGIC: &[u8; 4] = b"ULog";
@@ -96,11 +99,29 @@ impl<R: Read> UlogReader<R> {
             window: Window::new(source, total_bytes),
             definitions: Definitions::default(),
             damage: Damage::default(),
-            topics: Topics::default(),
+            topics: Topics::new(Choice::of(Source::COMBINED)),
             queue: VecDeque::new(),
             begun: false,
             finished: false,
         }
+    }
+
+    /// Takes the inertial samples from this source.
+    pub fn with_source(mut self, choice: Choice) -> Self {
+        self.topics = Topics::new(choice);
+        self
+    }
+
+    /// Reads all of it for its inertial sources alone.
+    ///
+    /// # Errors
+    /// When reading fails.
+    pub fn survey(mut self) -> Result<Survey, LogError> {
+        self.topics = Topics::surveying();
+        while self.step()? {
+            self.queue.clear();
+        }
+        Ok(self.topics.into_survey())
     }
 
     /// Reads one message or past one damaged place; false at the end.
@@ -128,10 +149,14 @@ impl<R: Read> UlogReader<R> {
                 self.window.consume(len);
             }
             found => {
+                let before = self.damage.skipped_bytes;
                 let next = self.resynchronise()?;
                 // The last message of a log that was cut, or a damaged length.
                 let cut = found == Check::Short && at_end && !next;
                 self.damage.truncated |= cut;
+                if cut {
+                    self.damage.skipped_bytes = before;
+                }
                 self.damage.bad_records += u64::from(!cut);
             }
         }
@@ -245,12 +270,19 @@ impl Definitions {
                 .first_chunk()
                 .is_some_and(|id| self.subscriptions.remove(&u16::from_le_bytes(*id)).is_some()),
             b'P' => {
-                topics.kind.1 = airframe(body).or(topics.kind.1);
+                let class = airframe(body);
+                out.extend(topics.learn_class(|own| own.1 = class.or(own.1)));
                 out.extend(parameter_note(body).map(|note| topics.record(note)));
                 true
             }
             b'I' => {
-                out.extend(version_note(body).map(|note| topics.record(note)));
+                out.extend(version_note(body).or_else(|| board_note(body)).map(|note| topics.record(note)));
+                true
+            }
+            b'L' => {
+                out.extend(
+                    health::text(body).map(|(t_us, note)| topics.record_at(t_us, LogNote::Health(note))),
+                );
                 true
             }
             _ => true,
@@ -304,85 +336,6 @@ impl Definitions {
             let size = self.size_of(&f.kind, depth + 1)?.checked_mul(f.count)?;
             sum.checked_add(size).filter(|s| *s <= MAX_DATA)
         })
-    }
-}
-
-/// Turns the topics into measurements.
-#[derive(Debug, Default)]
-struct Topics {
-    streaming: bool,
-    /// The GNSS topic that came first: the other one holds the same fixes.
-    gnss_topic: Option<String>,
-    /// What flies by `vehicle_status`, or else by the number of the airframe.
-    kind: (Option<VehicleKind>, Option<VehicleKind>),
-    /// The instance of the navigation filter that flies, where several run.
-    primary: u8,
-    given: u64,
-    /// Time of the newest data, µs: parameters have none of their own.
-    newest_us: u64,
-}
-
-impl Topics {
-    fn record(&self, note: LogNote) -> Record {
-        Record { t_us: self.newest_us, item: Item::Note(note) }
-    }
-
-    /// Takes the data of a topic; false where they are wrong.
-    fn take(&mut self, body: &[u8], definitions: &Definitions, out: &mut VecDeque<Record>) -> bool {
-        let Some((id, data)) = body.split_first_chunk() else { return false };
-        let Some(topic) = definitions.subscriptions.get(&u16::from_le_bytes(*id)) else { return false };
-        let fields = Fields { topic, data };
-        if topic.name == "estimator_selector_status" {
-            self.primary = fields.number("primary_instance").map_or(self.primary, |instance| instance as u8);
-            return true;
-        }
-        if topic.name == "sensor_selection" {
-            // sensor_combined is of the unit that is selected (modules/sensors/voted_sensors_update.cpp).
-            let id = fields.number("accel_device_id").filter(|id| *id > 0.0);
-            out.extend(id.map(|id| self.record(LogNote::Accelerometer(id as u32))));
-            return true;
-        }
-        if topic.instance != if is_of_filter(&topic.name) { self.primary } else { 0 } {
-            return true;
-        }
-        let Some(t_us) = fields.stamp() else { return true };
-        self.newest_us = t_us;
-        let stamp = Stamp::Usec(t_us);
-        let measurement = match topic.name.as_str() {
-            "sensor_combined" => {
-                if !self.streaming {
-                    self.streaming = true;
-                    out.push_back(Record { t_us, item: Item::Measurement(Measurement::Stream(stream())) });
-                }
-                imu(&fields).map(|sample| Measurement::Imu(stamp, sample))
-            }
-            name @ ("vehicle_gps_position" | "sensor_gps") => {
-                if self.gnss_topic.get_or_insert_with(|| name.to_owned()) != name {
-                    return true;
-                }
-                // Without a fix there is nothing wrong.
-                let Some(fix) = fix(&fields) else { return true };
-                Some(Measurement::Fix(Some(stamp), fix))
-            }
-            "vehicle_attitude" => attitude(&fields).map(|rpy| Measurement::Attitude(stamp, rpy)),
-            "vehicle_status" => {
-                self.kind.0 = vehicle_kind(&fields).or(self.kind.0);
-                return true;
-            }
-            name => {
-                let second =
-                    name == "estimator_status" && definitions.has_topic("estimator_innovation_test_ratios");
-                let values = if second { Vec::new() } else { filter_values(name, &fields) };
-                if !values.is_empty() {
-                    out.push_back(self.record(LogNote::Filter(values)));
-                }
-                return true;
-            }
-        };
-        let Some(measurement) = measurement else { return false };
-        self.given += 1;
-        out.push_back(Record { t_us, item: Item::Measurement(measurement) });
-        true
     }
 }
 
@@ -446,7 +399,7 @@ impl<R: Read + Send> LogReader for UlogReader<R> {
     }
 
     fn vehicle_kind(&self) -> Option<VehicleKind> {
-        self.topics.kind.0.or(self.topics.kind.1)
+        self.topics.kind()
     }
 }
 

@@ -6,7 +6,7 @@ use super::files::{self, Contents, FileError};
 use super::journal::{Content, Journal, Kind, list};
 use super::param_transfer;
 use super::vehicle::Vehicle;
-use super::wire::{self, Change, Checked, News, Wire};
+use super::wire::{self, Checked, ListChange, News, Wire};
 use crate::preflight::{self, Against, Facts, Verdict};
 use gaware_mission::airframe::Airframe;
 use gaware_mission::change::Phase;
@@ -210,7 +210,7 @@ async fn bring(
     tell: &mut impl FnMut(News),
 ) -> (Outcome, bool) {
     if let Some((before, after)) = fences {
-        let change = Change { kind: MissionKind::Fence, new: list(after), previous: list(before) };
+        let change = ListChange { kind: MissionKind::Fence, new: list(after), previous: list(before) };
         // It is read once more at the end of all.
         let options = Options { confirm: false, ..order.options };
         let fence = wire::replace(wire, change, options, order.patience_s, &mut *tell).await;
@@ -225,13 +225,13 @@ async fn bring(
         }
     }
     let new = order.contents.mission.clone();
-    let change = Change { kind: MissionKind::Mission, new, previous };
+    let change = ListChange { kind: MissionKind::Mission, new, previous };
     let outcome = wire::replace(wire, change, order.options, order.patience_s, &mut *tell).await;
     let (Outcome::RestoredPrevious { why }, Some((before, after))) = (&outcome, fences) else {
         return (outcome, true);
     };
     // The fence belongs to the mission that did not get there.
-    let change = Change { kind: MissionKind::Fence, new: list(after), previous: list(before) };
+    let change = ListChange { kind: MissionKind::Fence, new: list(after), previous: list(before) };
     match wire::resume(wire, change, Goal::Previous, order.options, order.patience_s, tell).await {
         Outcome::Unknown { on_vehicle, what_to_do } => {
             let on_vehicle = format!("{on_vehicle}; the previous mission is there, because {why}");

@@ -3,7 +3,7 @@
 
 use super::files::{self, Contents, FileError};
 use super::journal::{Journal, list};
-use super::wire::{self, Change, News, Wire};
+use super::wire::{self, ListChange, News, Wire};
 use gaware_mission::fence::Fence;
 use gaware_mission::identity::{Identity, Sameness};
 use gaware_mission::item::{Mission, MissionKind};
@@ -110,13 +110,13 @@ pub async fn settle(
     // PX4 checks a mission against the fence it has: the fence comes first.
     let mut fence_known = true;
     if let Some((previous, new)) = wanted.fences {
-        let change = Change { kind: MissionKind::Fence, new: list(new), previous: list(previous) };
+        let change = ListChange { kind: MissionKind::Fence, new: list(new), previous: list(previous) };
         let fence = wire::resume(wire, change, goal, options, patience_s, &mut tell).await;
         fence_known = !matches!(fence, Outcome::Unknown { .. });
         tell(News::Said(fence.about(MissionKind::Fence)));
     }
     let (new, previous) = (wanted.new.clone(), wanted.previous.clone());
-    let change = Change { kind: MissionKind::Mission, new, previous };
+    let change = ListChange { kind: MissionKind::Mission, new, previous };
     let outcome = wire::resume(wire, change, goal, options, patience_s, tell).await;
     Ok(Settled { outcome, was, fence_known })
 }

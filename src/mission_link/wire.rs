@@ -135,7 +135,7 @@ async fn download_once(wire: &mut impl Wire, kind: MissionKind) -> Result<Missio
 
 /// A list that is to be replaced, with what was read of it just before.
 #[derive(Debug, Clone)]
-pub struct Change {
+pub struct ListChange {
     /// Which list.
     pub kind: MissionKind,
     /// To be on the vehicle.
@@ -147,7 +147,7 @@ pub struct Change {
 /// Uploads over what was backed up, reads back, and restores on failure; like [`upload`] otherwise.
 pub async fn replace(
     wire: &mut impl Wire,
-    change: Change,
+    change: ListChange,
     options: Options,
     patience_s: f64,
     tell: impl FnMut(News),
@@ -168,13 +168,13 @@ pub async fn replace(
 /// Takes up an upload that was interrupted: brings the mission that is wanted. Both were kept, so nothing is kept anew.
 pub async fn resume(
     wire: &mut impl Wire,
-    change: Change,
+    change: ListChange,
     goal: Goal,
     options: Options,
     patience_s: f64,
     tell: impl FnMut(News),
 ) -> Outcome {
-    let Change { kind, new, previous } = change;
+    let ListChange { kind, new, previous } = change;
     let (peers, vehicle, now) = (wire.peers().about(kind), wire.vehicle(), wire.now_s());
     let (state, both) = (Some(vehicle.state), (new, previous));
     let begun = VerifiedUpload::resume(peers, vehicle.autopilot, options, both, goal, state, now);

@@ -3,6 +3,7 @@
 //! Everything here follows from the frames (or measurements) and their order alone, so that a replay of a recording gives
 //! bit for bit what the run gave.
 
+mod beside;
 mod quality;
 mod recorded;
 pub mod replay;
@@ -18,7 +19,8 @@ use crate::logs::{Damage, Item, LogNote, Record};
 use crate::sensors::flight::FlightWatch;
 use crate::sensors::truth::SimTruth;
 use crate::sensors::{Converter, ConverterOptions, ConverterStats, Notice, Severity};
-use crate::timeline::Gaps;
+use crate::timeline::{Gaps, Stamp};
+pub use beside::Beside;
 use gaware_nav::earth::Geodetic;
 use gaware_nav::observability::words::VehicleKind;
 use gaware_nav::sample::Sample;
@@ -46,6 +48,8 @@ pub trait Consumer {
     }
     /// Takes what the autopilot's own filter reports of itself.
     fn filter_report(&mut self, _origin: Origin, _values: &[(Channel, f64)]) {}
+    /// Takes an attitude that stands beside the one that flies: whose, and for which time, s.
+    fn attitude_report(&mut self, _name: &str, _t_s: f64, _roll_pitch_yaw: [f64; 3]) {}
 }
 
 /// What the line needs of the engine.
@@ -170,6 +174,11 @@ impl<E: Consumer> Pipeline<E> {
                 self.pass_on();
             }
             Item::Note(LogNote::Filter(values)) => self.filter_report(Origin::Log, values),
+            Item::Note(LogNote::Attitude(name, roll_pitch_yaw)) => {
+                if let Some(t_s) = self.converter.time().place_s(Stamp::Usec(record.t_us)) {
+                    self.engine.attitude_report(name, t_s, *roll_pitch_yaw);
+                }
+            }
             Item::Note(_) => {}
         }
     }

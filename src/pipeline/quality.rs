@@ -33,8 +33,8 @@ pub struct ReceiverQuality {
     pub velocity_sigma_m_per_s: Option<[f64; 3]>,
     /// Time between fixes, s.
     pub interval_s: f64,
-    /// Scatter of the velocity while the vehicle stood, m/s, where it did.
-    pub standing_scatter_m_per_s: Option<f64>,
+    /// Scatter of the velocity while the vehicle was stationary, m/s, where it was.
+    pub stationary_scatter_m_per_s: Option<f64>,
 }
 
 fn median(mut values: Vec<f64>) -> Option<f64> {
@@ -98,8 +98,8 @@ impl Quality {
                 let claims = |sigma: Option<[f64; 3]>, unit: &str| {
                     sigma.map_or_else(|| format!("nothing about {unit}"), |s| format!("{:.2} {unit}", s[0]))
                 };
-                let stood = r.standing_scatter_m_per_s.map_or_else(String::new, |s| {
-                    format!(" (while the vehicle stood its velocity scattered by {s:.2} m/s)")
+                let stood = r.stationary_scatter_m_per_s.map_or_else(String::new, |s| {
+                    format!(" (while the vehicle was stationary its velocity scattered by {s:.2} m/s)")
                 });
                 format!(
                     "; fixes at {:.1} Hz with {} and {}{stood}",
@@ -143,13 +143,13 @@ impl ReceiverQuality {
             position_sigma_m: claimed(|f| f.position_sigma_m),
             velocity_sigma_m_per_s: claimed(|f| f.velocity_sigma_m_per_s),
             interval_s: interval,
-            standing_scatter_m_per_s: standing(fixes),
+            stationary_scatter_m_per_s: stationary_scatter(fixes),
         })
     }
 }
 
 /// Scatter of the horizontal velocity of fixes that hardly move, where most of them do not: 1-sigma of one axis.
-fn standing(fixes: &[GnssFix]) -> Option<f64> {
+fn stationary_scatter(fixes: &[GnssFix]) -> Option<f64> {
     /// Faster is motion, m/s.
     const STILL: f64 = 1.0;
     let speeds: Vec<f64> = fixes

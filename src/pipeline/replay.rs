@@ -1,6 +1,6 @@
 //! One log through the line to its result: what `replay`, `report`, `fleet`, the Python package and the page in the browser have in common.
 
-use super::{Estimator, Pipeline, Recorded};
+use super::{Beside, Estimator, Pipeline, Recorded};
 use crate::advice::on_board::OnBoard;
 use crate::advice::start;
 use crate::inputs::Input;
@@ -68,15 +68,6 @@ pub fn parse_model(text: &str, path: &Path) -> Result<Model, ModelFileError> {
     })
 }
 
-/// What a log says beside its samples.
-#[derive(Debug, Clone, Default)]
-pub struct Beside {
-    /// Of the vehicle that was listened to.
-    pub on_board: OnBoard,
-    /// Stamp of the first entry, µs.
-    pub first_t_us: Option<u64>,
-}
-
 /// Runs the log through and gives the pipeline at its end with the result.
 ///
 /// # Errors
@@ -116,8 +107,7 @@ pub fn replay_watched<E: Estimator>(
     }
     let mut watch = |record: &Record| {
         if let Some(beside) = &mut beside {
-            beside.first_t_us.get_or_insert(record.t_us);
-            beside.on_board.take(&record.item, request.converter.vehicle);
+            beside.take(record, request.converter.vehicle);
         }
     };
     let (pipeline, damage) =
@@ -130,13 +120,15 @@ pub fn replay_watched<E: Estimator>(
     Ok((pipeline, document))
 }
 
-/// A damaged log says so in the result; the field is absent for a good one.
+/// A damaged log says so in the result; the field is absent for a good one. An entry that the end of the file cuts is no damage.
 fn add_damage(damage: Damage, document: &mut Map<String, Value>) {
+    if damage.truncated || damage.any() {
+        document.insert("log_damage".to_owned(), json!(damage));
+    }
     if !damage.any() {
         return;
     }
     tracing::warn!(?damage, "parts of the log could not be read");
-    document.insert("log_damage".to_owned(), json!(damage));
     if let Some(Value::Array(warnings)) = document.get_mut("warnings") {
         let end = if damage.truncated { ", and it ends in the middle of an entry" } else { "" };
         warnings.push(json!(format!(

@@ -1,5 +1,5 @@
 //! The part of a long flight in which the vehicle moves most, chosen without keeping the rest: what is analysed at once does not grow with the
-//! length of a recording. Standing and cruising for hours says nothing of the sensors that a few minutes of it do not say.
+//! length of a recording. Hours on the ground or in cruise say nothing of the sensors that a few minutes of them do not say.
 
 use super::{Consumer, Recorded};
 use crate::inputs::Input;
@@ -173,7 +173,7 @@ fn run<C: Consumer>(path: &Input, options: ConverterOptions, consumer: C) -> Res
 mod tests {
     use super::*;
 
-    /// Stands for an hour, turns for ten minutes, cruises in vibration for an hour.
+    /// Stationary for an hour, turns for ten minutes, cruises in vibration for an hour.
     fn flight() -> impl Iterator<Item = ImuSample> {
         (0..130 * 600).map(|k| {
             let t_s = f64::from(k) * 0.1;

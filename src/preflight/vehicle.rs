@@ -11,8 +11,6 @@ use gaware_mission::item::{Autopilot, LatLon};
 const FIELD_M: f64 = 2000.0;
 /// A home that is farther away than this is not where the vehicle stands, m.
 const HOME_M: f64 = 200.0;
-/// Share of its main loop that ArduPilot grants to one message (FIELD_NOTES, "Rates and links").
-const LOOP_SHARE: f64 = 0.8;
 /// Below this rate a maneuver is not followed well, Hz, and below that not at all.
 const GOOD_RATE_HZ: f64 = 50.0;
 const LEAST_RATE_HZ: f64 = 20.0;
@@ -221,7 +219,8 @@ fn firmware(facts: &Facts) -> Row {
 /// ArduPilot reports its loop rate by a parameter; PX4's inertial messages do not depend on one.
 fn loop_rate(facts: &Facts) -> Option<Row> {
     let loop_hz = facts.parameters.get("SCHED_LOOP_RATE")?;
-    let imu_hz = LOOP_SHARE * loop_hz;
+    // 1.25 loops, cut to whole milliseconds: `GCS_MAVLINK::cap_message_interval`.
+    let imu_hz = 1e3 / (1250.0 / loop_hz.max(1.0)).floor().max(1.0);
     let text = format!("SCHED_LOOP_RATE is {loop_hz:.0}: inertial messages at {imu_hz:.0} Hz at most");
     Some(if imu_hz < LEAST_RATE_HZ {
         Row::new("rate", Verdict::Stop, format!("{text}, too slow for any maneuver ({LEAST_RATE_HZ:.0} Hz)"))

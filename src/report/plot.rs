@@ -31,6 +31,9 @@ pub const Y_AXIS: Color = "#9669be";
 /// See [`X_AXIS`].
 pub const Z_AXIS: Color = "#d07818";
 
+/// Points of a band in a still drawing: a paper shows no more.
+const BAND_POINTS: usize = 200;
+
 /// What lies between a lower and an upper bound: a value give or take its sigma.
 #[derive(Debug, Clone)]
 struct Band {
@@ -290,6 +293,19 @@ impl<'a> Plot<'a> {
         let py = |v: f64| 12.0 + 176.0 * (y[1] - v.clamp(y[0], y[1])) / (y[1] - y[0]);
         let mut out = "<svg role=\"img\" viewBox=\"0 0 860 216\" font-family=\"sans-serif\" font-size=\"15\" fill=\"currentColor\">".to_owned();
         let _ = write!(out, "<title>{}</title>", escape(self.title));
+        for band in &self.bands {
+            let every = band.points.len().div_ceil(BAND_POINTS).max(1);
+            let points = || band.points.iter().step_by(every).filter(|p| p.1.is_finite() && p.2.is_finite());
+            let place = |t: f64, v: f64| format!("{:.1},{:.1} ", px(t), py(v));
+            let edge: String =
+                points().map(|p| place(p.0, p.2)).chain(points().rev().map(|p| place(p.0, p.1))).collect();
+            let _ = write!(
+                out,
+                "<polygon points=\"{}\" fill=\"{}\" fill-opacity=\".15\"/>",
+                edge.trim_end(),
+                band.color
+            );
+        }
         if let Some(limit) = self.limits {
             let (top, bottom) = (py(limit), py(-limit));
             let height = bottom - top;
@@ -369,7 +385,12 @@ mod tests {
             .marks(&[(0.5, "turn")]);
         let html = plot.svg().unwrap();
         assert!(html.contains("time_s,x,x_low,x_high%0A0,1,0,2%0A0.5,-2.5,,%0A1,,,\""), "{html}");
-        assert!(html.contains("<polyline") && html.contains("gyro &lt;bias&gt;") && !html.contains("NaN"));
+        assert!(
+            html.contains("<polyline")
+                && html.contains("<polygon points=\"60.0,")
+                && html.contains("gyro &lt;bias&gt;")
+                && !html.contains("NaN")
+        );
         assert_eq!(Plot::new("nothing", "m").svg(), Ok(String::new()));
     }
 

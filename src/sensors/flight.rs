@@ -17,6 +17,8 @@ const ARDUPILOT: u8 = 3;
 const ARMED: u8 = 128;
 /// `MAV_STATE_STANDBY`: ArduPilot reports it, armed or not, until it flies (`vehicle_system_status`); PX4 while it is disarmed.
 const STANDBY: u8 = 3;
+/// `MAV_STATE_ACTIVE`.
+const ACTIVE: u8 = 4;
 /// `MAV_STATE_CRITICAL` and `MAV_STATE_EMERGENCY`: a failsafe on both; `MAV_STATE_FLIGHT_TERMINATION`.
 const FAILSAFE: [u8; 3] = [5, 6, 8];
 /// `MAV_LANDED_STATE`.
@@ -127,11 +129,15 @@ impl FlightWatch {
         let report = &mut self.report;
         let (mode, name) = modes::of_heartbeat(firmware, kind, base_mode, custom_mode);
         report.has_heartbeat = true;
-        report.armed = base_mode & ARMED != 0;
+        let armed = base_mode & ARMED != 0;
+        report.flown &= report.armed || !armed;
+        report.armed = armed;
         report.mode_name = name;
         report.failsafe = FAILSAFE.contains(&status);
         report.kind = vehicle_kind(u32::from(kind));
         self.heartbeat = (mode, firmware == ARDUPILOT && status == STANDBY);
+        // ArduPilot's status is ACTIVE from take-off to landing, PX4's as soon as it is armed.
+        report.flown |= armed && firmware == ARDUPILOT && status == ACTIVE;
     }
 
     fn combine(&mut self) {
@@ -139,6 +145,7 @@ impl FlightWatch {
         let by_pilot = mode == FlightMode::Pilot;
         self.report.on_ground = self.landed == ON_GROUND || (self.landed == 0 && stands_by);
         self.report.in_air = matches!(self.landed, IN_AIR | TAKING_OFF | LANDING);
+        self.report.flown |= self.report.armed && self.landed == IN_AIR;
         self.report.mode = match self.landed {
             TAKING_OFF if !by_pilot => FlightMode::TakeOff,
             LANDING if mode != FlightMode::Return => FlightMode::Landing,

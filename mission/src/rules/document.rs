@@ -67,7 +67,7 @@ What else a simulated autopilot does as the firmware does.
 | PX4 | a UDP port answers the place that it heard first | mavlink_receiver.cpp, set_client_source_initialized | not simulated; `udpout` comes from the same local port in every run |
 | PX4 | SCALED_IMU, SCALED_IMU2, SCALED_IMU3 are vehicle_imu 0, 1, 2; HIGHRES_IMU is the unit in use, less the filter's bias estimates | streams/SCALED_IMU.hpp, streams/HIGHRES_IMU.hpp | CAL_ACC1_ID is set, as on every board |
 | PX4 | adds what its filter learnt of the accelerometers to CAL_ACC*_OFF when it is disarmed, from 0.05 m/s² on | VehicleIMU.cpp, SensorCalibrationSaveAccel (SENS_IMU_AUTOCAL, on by default) | commits nothing, and says so: SENS_IMU_AUTOCAL 0 |
-| both | integers of RAW_IMU and SCALED_IMU are cut toward zero; in calm air they repeat for seconds | GCS_Common.cpp:2215, streams/SCALED_IMU.hpp | the same; repeated values are judged by their probability |
+| both | integers of RAW_IMU and SCALED_IMU are truncated toward zero; in calm air they repeat for seconds | GCS_Common.cpp:2215, streams/SCALED_IMU.hpp | the same; repeated values are judged by their probability |
 ";
 
 /// The page.

@@ -8,6 +8,12 @@ use crate::sample::GnssFix;
 use nalgebra::Vector3;
 
 impl Estimator {
+    /// Nobody has said whether the vehicle is armed: it may be.
+    pub(super) fn of_unknown_flight(mut self) -> Self {
+        self.ground.set_flight(false, true);
+        self
+    }
+
     /// Says where the vehicle is, for as long as no fix does.
     pub fn set_place(&mut self, place: Geodetic) {
         self.ground.set_place(place);

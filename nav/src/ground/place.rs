@@ -106,6 +106,13 @@ impl PlaceAid {
         !self.alone || (self.place.is_some() && self.heading_known)
     }
 
+    /// Whether the vehicle has left the place by which alone the filter began: its motion is not known any more. Says so once.
+    pub(crate) fn lost(&mut self) -> bool {
+        let lost = self.alone && (self.left || self.flying);
+        self.alone &= !lost;
+        lost
+    }
+
     /// Whether this fix is one of its own.
     pub(crate) fn gave(&self, fix: &GnssFix) -> bool {
         self.given.contains(&fix.t_s)

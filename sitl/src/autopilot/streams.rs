@@ -5,8 +5,6 @@ use mavlink::MessageData;
 use mavlink::dialects::ardupilotmega::*;
 use std::collections::BTreeMap;
 
-/// Share of the loop rate that ArduPilot grants to one message.
-const RATE_SHARE: f64 = 0.8;
 /// ArduPilot sends everything this much slower while a mission is uploaded.
 pub const SLOW_DOWN: f64 = 4.0;
 /// Rate at which the status of the navigation filter is sent unasked, Hz.
@@ -45,11 +43,17 @@ pub struct Streams {
     entries: BTreeMap<u32, Entry>,
 }
 
+/// The shortest interval that ArduPilot grants to one message: 1.25 of its loops, cut to whole milliseconds
+/// (`GCS_MAVLINK::cap_message_interval`): 40 Hz with 50 loops a second, 166 with 200, 333 with 400.
+fn ardupilot_cap_hz(loop_rate_hz: f64) -> f64 {
+    1e3 / (1250.0 / loop_rate_hz).floor().max(1.0)
+}
+
 impl Streams {
     /// The table after a start at `now_s`.
     pub fn new(flavour: Flavour, loop_rate_hz: f64, has_highres_imu: bool, now_s: f64) -> Self {
         let cap_hz = match flavour {
-            Flavour::ArduPilot => RATE_SHARE * loop_rate_hz,
+            Flavour::ArduPilot => ardupilot_cap_hz(loop_rate_hz),
             Flavour::Px4 => loop_rate_hz,
         };
         let mut streams = Self {
@@ -236,6 +240,10 @@ mod tests {
         assert_eq!(plane.interval_us(RAW_IMU_DATA::ID), 25_000);
         assert_eq!(set(&mut plane, HIGHRES_IMU_DATA::ID, 50_000.0), MavResult::MAV_RESULT_DENIED);
         assert_eq!(plane.interval_us(HIGHRES_IMU_DATA::ID), 0);
+        // 4.7-dev with loops of 200 Hz: 7 and 6 ms are granted, 5 ms are "too fast".
+        let mut faster = Streams::new(Flavour::ArduPilot, 200.0, true, 0.0);
+        let answers = [6_000.0, 5_000.0].map(|us| set(&mut faster, HIGHRES_IMU_DATA::ID, us));
+        assert_eq!(answers, [MavResult::MAV_RESULT_ACCEPTED, MavResult::MAV_RESULT_DENIED]);
     }
 
     #[test]

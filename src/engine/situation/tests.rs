@@ -106,6 +106,15 @@ fn a_maneuver_is_proposed_to_a_pilot_alone() {
         let landed = FlightReport { on_ground: true, ..flight.clone() };
         assert_eq!(decide(&good(&landed)), Ground, "{mode:?}");
     }
+    // After a flight nobody is told to take off, also where the flight has not shown everything.
+    let over = FlightReport { armed: false, flown: true, ..flown(FlightMode::Mission) };
+    let said = describe(&good(&over));
+    assert_eq!((said.kind, said.text.as_str()), (Done, "Landed: evaluate the flight"));
+    assert!(
+        said.detail.starts_with("8 of 9 parameters have converged. Then: gaware report"),
+        "{}",
+        said.detail
+    );
     let unheard = FlightReport::default();
     assert_eq!(describe(&good(&unheard)).text, "No heartbeat of the vehicle");
 }

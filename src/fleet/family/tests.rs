@@ -99,6 +99,7 @@ fn log(unit: usize, firmware: usize, start_unix_s: f64, parameters: Vec<FlightPa
     let flight = Flight {
         board: Some(format!("u{unit:02}")),
         firmware: Some(format!("4.{}", 4 + firmware)),
+        vehicle: None,
         start_unix_s: Some(start_unix_s),
         parameters,
         summary: serde_json::Map::new(),

@@ -10,7 +10,7 @@ const FIRST_PORT: u16 = 20_000;
 const PORTS: u16 = 10_000;
 
 /// The port from which a peer at this port is spoken to: the same in every run. PX4 answers for good the place that it heard first
-/// (`mavlink_receiver.cpp`, `set_client_source_initialized`), so that a second run from another port would hear nothing.
+/// (`mavlink_receiver.cpp`, `set_client_source_initialized`), so that a second run from another port would receive nothing.
 pub(super) fn local_port(peer_port: u16) -> u16 {
     FIRST_PORT + peer_port % PORTS
 }

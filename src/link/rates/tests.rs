@@ -155,6 +155,22 @@ fn a_refused_rate_is_lowered_and_told() {
 }
 
 #[test]
+fn of_what_the_loops_of_ardupilot_grant_nearly_all_is_taken() {
+    // `GCS_MAVLINK::cap_message_interval`: 1.25 loops, cut to whole milliseconds.
+    for (loop_hz, rate_hz) in
+        [(50.0, 40), (100.0, 50), (200.0, 166), (250.0, 200), (300.0, 250), (400.0, 333)]
+    {
+        let mut fake = Fake::new(wanted(&[(105, 400)]));
+        let cap_hz = 1e3 / f64::floor(1250.0 / loop_hz);
+        fake.run(20, |_, hz| {
+            Some(if hz > cap_hz { MavResult::MAV_RESULT_DENIED } else { MavResult::MAV_RESULT_ACCEPTED })
+        });
+        let granted: Vec<u32> = fake.rates.iter().map(|(_, hz)| *hz as u32).collect();
+        assert_eq!(granted, [rate_hz], "{loop_hz}");
+    }
+}
+
+#[test]
 fn an_unsupported_message_gives_way_to_the_next() {
     let mut fake = Fake::new(wanted(&[(105, 100), (27, 100)]));
     fake.run(20, |id, _| {

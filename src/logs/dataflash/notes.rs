@@ -1,8 +1,8 @@
 //! What the autopilot's own log says beside its sensors: firmware, vehicle, and its navigation filter.
 
 use super::Entry;
+use crate::logs::VehicleClass;
 use crate::logs::filter::{self, Channel};
-use gaware_nav::observability::words::VehicleKind;
 
 /// Which of the autopilot's navigation filters flies: ArduPilot may run two of them, each on several inertial units.
 ///
@@ -22,10 +22,24 @@ impl Filter {
     /// Takes a parameter of the vehicle.
     pub(super) fn parameter(&mut self, name: &str, value: f64) {
         self.kind = match (name, value) {
+            ("AHRS_EKF_TYPE", 1.0) => Some(1),
             ("AHRS_EKF_TYPE", 2.0) => Some(2),
             ("AHRS_EKF_TYPE", 3.0) => Some(3),
             _ => self.kind,
         };
+    }
+
+    /// Whether a message is of the core that flies, where it names its core.
+    pub(super) fn flies(&self, entry: &Entry) -> bool {
+        let family = entry.format.name.get(..3);
+        let kind = match family {
+            Some("NKF") => Some(2),
+            Some("XKF") => Some(3),
+            _ => None,
+        };
+        let own = self.kind.or(self.first);
+        entry.number("C").is_none_or(|core| core == self.primary)
+            && (kind.is_none() || own.is_none() || kind == own)
     }
 
     /// Innovations and test ratios of the core that flies; nothing of another message.
@@ -34,7 +48,7 @@ impl Filter {
         if self.kind.unwrap_or(*self.first.get_or_insert(kind)) != kind {
             return Vec::new();
         }
-        self.primary = entry.number("PI").unwrap_or(self.primary);
+        self.primary = entry.number("PI").filter(|pi| *pi >= 0.0).unwrap_or(self.primary);
         let of = |label| entry.number(label);
         match innovations {
             _ if core != self.primary => Vec::new(),
@@ -51,7 +65,10 @@ impl Filter {
                 (Channel::VelocityRatio, of("SV")),
                 (Channel::PositionRatio, of("SP")),
                 (Channel::HeightRatio, of("SH")),
-                (Channel::HeadingRatio, of("SM")),
+                (
+                    Channel::HeadingRatio,
+                    of("SM").or_else(|| ["SMX", "SMY", "SMZ"].into_iter().filter_map(of).reduce(f64::max)),
+                ),
             ]),
         }
     }
@@ -62,6 +79,8 @@ fn message(entry: &Entry) -> Option<(u8, f64, bool)> {
     let (kind, number) = match entry.format.name.split_at_checked(3)? {
         ("NKF", number) => (2, number),
         ("XKF", number) => (3, number),
+        // The first EKF, to 3.3.
+        ("EKF", number @ ("3" | "4")) => (1, number),
         _ => return None,
     };
     let named = entry.number("C");
@@ -75,15 +94,19 @@ fn message(entry: &Entry) -> Option<(u8, f64, bool)> {
 }
 
 /// The firmware names itself at the start of a log: "ArduPlane V4.5.7 (…)".
-pub(super) fn kind_of_firmware(message: &str) -> Option<VehicleKind> {
+pub(super) fn class_of_firmware(message: &str) -> Option<VehicleClass> {
     [
-        ("ArduPlane", VehicleKind::FixedWing),
-        ("ArduCopter", VehicleKind::Multirotor),
-        ("APM:Copter", VehicleKind::Multirotor),
-        ("APM:Plane", VehicleKind::FixedWing),
+        ("ArduPlane", VehicleClass::FixedWing),
+        ("ArduCopter", VehicleClass::Multirotor),
+        ("APM:Copter", VehicleClass::Multirotor),
+        ("APM:Plane", VehicleClass::FixedWing),
+        ("ArduRover", VehicleClass::Rover),
+        ("APM:Rover", VehicleClass::Rover),
+        ("Rover V", VehicleClass::Rover),
+        ("ArduSub", VehicleClass::Submarine),
     ]
     .into_iter()
-    .find_map(|(name, kind)| message.starts_with(name).then_some(kind))
+    .find_map(|(name, class)| message.starts_with(name).then_some(class))
 }
 
 /// Major and minor version in the same words.
@@ -96,12 +119,46 @@ pub(super) fn version(message: &str) -> Option<(u8, u8)> {
     Some((parts.next()?.parse().ok()?, parts.next()?.parse().ok()?))
 }
 
-/// Only a copter has a class of frame (`FRAME_CLASS`, `FRAME` before 2017); only a plane can be a quadplane (`Q_ENABLE`).
-pub(super) fn kind_of_parameter(name: &str, value: f64) -> Option<VehicleKind> {
-    match name {
-        "FRAME_CLASS" if value > 0.0 => Some(VehicleKind::Multirotor),
-        "FRAME" => Some(VehicleKind::Multirotor),
-        "Q_ENABLE" => Some(VehicleKind::FixedWing),
+/// The board and its serial number, three words of 32 bits: "Pixhawk6X 002F0029 31335116 32373533".
+pub(super) fn board(message: &str) -> Option<String> {
+    let words: Vec<&str> = message.split_whitespace().collect();
+    let [name, serial @ ..] = words.as_slice() else { return None };
+    let is_word = |w: &&str| w.len() == 8 && w.bytes().all(|b| b.is_ascii_hexdigit());
+    let fits = serial.len() == 3 && serial.iter().all(is_word) && serial.iter().any(|w| *w != "00000000");
+    fits.then(|| format!("{name} {}", serial.concat().to_ascii_lowercase()))
+}
+
+/// Only a copter has a class of frame (`FRAME_CLASS`, `FRAME` before 2017), of which 6 and 11 are helicopters; only a plane can be a
+/// quadplane (`Q_ENABLE`), and is one where that is on.
+pub(super) fn class_of_parameter(name: &str, value: f64) -> Option<VehicleClass> {
+    match (name, value) {
+        ("FRAME_CLASS", 6.0 | 11.0 | 13.0) => Some(VehicleClass::Helicopter),
+        ("FRAME_CLASS", value) if value > 0.0 => Some(VehicleClass::Multirotor),
+        ("FRAME", _) => Some(VehicleClass::Multirotor),
+        ("Q_ENABLE", value) if value > 0.0 => Some(VehicleClass::Vtol),
+        ("Q_ENABLE", _) => Some(VehicleClass::FixedWing),
         _ => None,
     }
+}
+
+/// Roll, pitch, yaw, rad.
+pub(super) fn attitude(entry: &Entry) -> Option<[f64; 3]> {
+    Some(entry.vector(["Roll", "Pitch", "Yaw"])?.map(f64::to_radians).into())
+}
+
+/// An attitude beside the one that flies: of every lane of the filters, of the filter that stands by, and of a simulation.
+pub(super) fn other_attitude(entry: &Entry) -> Option<(String, [f64; 3])> {
+    let core = entry.number("C").unwrap_or(0.0) as u8;
+    let name = match entry.format.name.as_str() {
+        "XKF1" => format!("EKF3 lane {core}"),
+        "NKF1" => format!("EKF2 lane {core}"),
+        // Before 4.1 the second core has a number of its own.
+        "XKF6" if entry.number("C").is_none() => "EKF3 lane 1".to_owned(),
+        "NKF6" if entry.number("C").is_none() => "EKF2 lane 1".to_owned(),
+        "EKF1" => "EKF1".to_owned(),
+        "AHR2" => "AHR2".to_owned(),
+        "SIM" => "simulation truth".to_owned(),
+        _ => return None,
+    };
+    Some((name, attitude(entry)?))
 }

@@ -1,7 +1,12 @@
 //! Logs made byte by byte, whole and damaged.
 
+use super::notes::{board, class_of_firmware, class_of_parameter};
 use super::*;
 use crate::logs::filter::Channel;
+use crate::logs::source::Kind;
+use crate::logs::{HealthNote, Item, LogNote, VehicleClass};
+use crate::timeline::{Measurement, Stamp};
+use gaware_nav::sample::{FixVelocity, GnssFix, SampleKind};
 use proptest::prelude::*;
 
 const SAMPLES: u64 = 400;
@@ -100,16 +105,166 @@ fn a_log_that_ends_in_a_message_says_so() {
     let bytes = [definitions(), data()].concat();
     let read = read(&bytes[..bytes.len() - 5]);
     assert_eq!(read.imu, SAMPLES - 1);
-    assert!(read.damage.truncated, "{:?}", read.damage);
+    assert!(read.damage.truncated && !read.damage.any(), "{:?}", read.damage);
 }
 
 #[test]
 fn the_parameters_tell_a_copter_from_a_plane() {
-    assert_eq!(kind_of_firmware("ArduPlane V4.6.0"), Some(VehicleKind::FixedWing));
-    assert_eq!(kind_of_firmware("ArduSub V4.1"), None);
-    assert_eq!(kind_of_parameter("FRAME_CLASS", 1.0), Some(VehicleKind::Multirotor));
-    assert_eq!(kind_of_parameter("FRAME_CLASS", 0.0), None);
-    assert_eq!(kind_of_parameter("Q_ENABLE", 0.0), Some(VehicleKind::FixedWing));
+    assert_eq!(class_of_firmware("ArduPlane V4.6.0"), Some(VehicleClass::FixedWing));
+    assert_eq!(class_of_firmware("ArduSub V4.1"), Some(VehicleClass::Submarine));
+    assert_eq!(class_of_parameter("FRAME_CLASS", 1.0), Some(VehicleClass::Multirotor));
+    assert_eq!(class_of_parameter("FRAME_CLASS", 0.0), None);
+    assert_eq!(class_of_parameter("Q_ENABLE", 0.0), Some(VehicleClass::FixedWing));
+}
+
+fn notes(bytes: &[u8]) -> Vec<LogNote> {
+    let reader = DataflashReader::new(bytes, bytes.len() as u64);
+    let note = |record: Record| if let Item::Note(note) = record.item { Some(note) } else { None };
+    reader.flatten().filter_map(note).collect()
+}
+
+fn text_message(text: &str) -> Vec<u8> {
+    let mut body = 0_u64.to_le_bytes().to_vec();
+    body.extend(text.as_bytes());
+    body.resize(8 + 64, 0);
+    message(3, &body)
+}
+
+#[test]
+fn a_plane_with_rotors_is_a_vtol_and_flies_turns_on_its_wings() {
+    let parameter = |name: &str, value: f32| {
+        let mut body = name.as_bytes().to_vec();
+        body.resize(16, 0);
+        body.extend(value.to_le_bytes());
+        message(5, &body)
+    };
+    let formats = [definitions(), fmt(5, 3 + 16 + 4, "PARM", "Nf", "Name,Value")].concat();
+    let log = [formats, text_message("ArduPlane V4.5.7 (0a)"), parameter("Q_ENABLE", 1.0), data()].concat();
+    assert!(notes(&log).contains(&LogNote::Vehicle(VehicleClass::Vtol)));
+    assert_eq!(read(&log).kind, Some(VehicleKind::FixedWing));
+}
+
+#[test]
+fn the_board_is_known_by_its_serial_number() {
+    assert_eq!(
+        board("Pixhawk6X 002F0029 31335116 32373533").as_deref(),
+        Some("Pixhawk6X 002f00293133511632373533")
+    );
+    for other in ["ChibiOS: 6a85082c", "Frame: QUAD/X", "x 00000000 00000000 00000000", ""] {
+        assert_eq!(board(other), None, "{other}");
+    }
+    let log = [definitions(), text_message("PX4v2 001F0027 33345103 33323836"), data()].concat();
+    assert!(notes(&log).contains(&LogNote::Board("PX4v2 001f00273334510333323836".to_owned())));
+}
+
+/// Samples of two units: the first one shakes ten times as much.
+fn two_units() -> Vec<u8> {
+    let mut out = definitions();
+    for k in 0..SAMPLES {
+        for unit in 0..2_u8 {
+            let shake = if k % 2 == 0 { 1.0 } else { -1.0 } * if unit == 0 { 5.0 } else { 0.5 };
+            let mut body = (1_000_000 + 5_000 * k).to_le_bytes().to_vec();
+            body.push(unit);
+            for v in [0.01_f32, 0.02, 0.03, 0.0, 0.001 * k as f32, -9.8 + shake] {
+                body.extend(v.to_le_bytes());
+            }
+            out.extend(message(1, &body));
+        }
+    }
+    out
+}
+
+#[test]
+fn of_two_units_the_one_that_shakes_less_is_taken_and_named() {
+    let log = two_units();
+    let reader = || DataflashReader::new(&log[..], log.len() as u64);
+    let best = reader().survey().unwrap().best().unwrap();
+    assert_eq!((best.source.kind, best.source.unit, best.of), (Kind::Imu, 1, 2));
+    let records: Vec<Record> = reader().with_source(best).flatten().collect();
+    let largest = records.iter().filter_map(|r| match &r.item {
+        Item::Measurement(Measurement::Imu(_, sample)) => Some((sample.accel.z + 9.8).abs()),
+        _ => None,
+    });
+    assert_eq!(largest.clone().count() as u64, SAMPLES);
+    assert!(largest.fold(0.0, f64::max) < 1.0);
+    let named = records.iter().find_map(|r| match &r.item {
+        Item::Measurement(Measurement::Stream(stream)) => Some(stream.message.as_str()),
+        _ => None,
+    });
+    assert_eq!(named, Some("IMU[1] (of 2 sources, the least vibration)"));
+}
+
+/// Raw samples at 1 kHz beside filtered ones at 25 Hz.
+#[test]
+fn raw_samples_become_means_of_four_milliseconds() {
+    let mut log = definitions();
+    let labels = |name: &str| format!("TimeUS,I,SampleUS,{name}X,{name}Y,{name}Z");
+    log.extend(fmt(6, 3 + 8 + 1 + 8 + 12, "GYR", "QBQfff", &labels("Gyr")));
+    log.extend(fmt(7, 3 + 8 + 1 + 8 + 12, "ACC", "QBQfff", &labels("Acc")));
+    for k in 0..2000_u64 {
+        let t = 1_000_000 + 1000 * k;
+        if k % 40 == 0 {
+            let mut body = t.to_le_bytes().to_vec();
+            body.push(0);
+            [0.0_f32, 0.0, 0.0, 0.0, 0.001 * k as f32, -9.8]
+                .iter()
+                .for_each(|v| body.extend(v.to_le_bytes()));
+            log.extend(message(1, &body));
+        }
+        for (kind, values) in [(7, [0.0_f32, 0.001 * k as f32, -9.8]), (6, [0.001 * k as f32, 0.0, 0.0])] {
+            let mut body = t.to_le_bytes().to_vec();
+            body.push(0);
+            body.extend(t.to_le_bytes());
+            values.iter().for_each(|v| body.extend(v.to_le_bytes()));
+            log.extend(message(kind, &body));
+        }
+    }
+    let reader = || DataflashReader::new(&log[..], log.len() as u64);
+    let best = reader().survey().unwrap().best().unwrap();
+    assert_eq!((best.source.kind, best.continuous), (Kind::Raw, true), "{best:?}");
+    let records: Vec<Record> = reader().with_source(best).flatten().collect();
+    let samples: Vec<_> = records
+        .iter()
+        .filter_map(|r| match &r.item {
+            Item::Measurement(Measurement::Imu(stamp, sample)) => Some((stamp.raw_us(), sample.gyro.x)),
+            _ => None,
+        })
+        .collect();
+    assert!((499..=500).contains(&samples.len()), "{}", samples.len());
+    // The mean over the interval that ends at its stamp: of k−3 … k.
+    let (t_us, gyro) = samples[100];
+    assert!((gyro - 1e-3 * ((t_us - 1_000_000) as f64 * 1e-3 - 1.5)).abs() < 1e-6, "{t_us} {gyro}");
+    assert!(records.iter().any(|r| matches!(&r.item,
+        Item::Measurement(Measurement::Stream(s)) if s.kind == SampleKind::IntervalMean)));
+}
+
+/// Week 1811, Thursday 00:03:05 GPS time: 2014-09-25.
+#[test]
+fn the_date_comes_from_the_week_of_the_receiver() {
+    let mut log = definitions();
+    log.extend(fmt(
+        8,
+        3 + 8 + 1 + 1 + 4 + 2 + 1 + 2 + 12 + 4,
+        "GPS",
+        "QBBIHBcLLef",
+        "TimeUS,I,Status,GMS,GWk,NSats,HDop,Lat,Lng,Alt,Spd",
+    ));
+    let mut body = 2_000_000_u64.to_le_bytes().to_vec();
+    body.extend([0, 3]);
+    body.extend(345_785_000_u32.to_le_bytes());
+    body.extend(1811_u16.to_le_bytes());
+    body.push(9);
+    body.extend(120_u16.to_le_bytes());
+    [473_977_420_i32, 85_455_940, 48_800].iter().for_each(|v| body.extend(v.to_le_bytes()));
+    body.extend(1.0_f32.to_le_bytes());
+    log.extend(message(8, &body));
+    log.extend(data());
+    let found = notes(&log);
+    let utc = found.iter().find_map(|n| if let LogNote::Utc(t) = n { Some(*t) } else { None });
+    assert_eq!(crate::figures::day(utc.unwrap()), "2014-09-25");
+    assert!(
+        found.iter().any(|n| matches!(n, LogNote::Health(HealthNote::Gnss { satellites: Some(9.0), .. })))
+    );
 }
 
 /// Stamps of the fixes of a log, and the fixes.

@@ -1,23 +1,10 @@
 //! From the fields of a topic to measurements.
 
 use super::{Basic, Subscription};
+use crate::logs::VehicleClass;
 use gaware_nav::earth::Geodetic;
-use gaware_nav::observability::words::VehicleKind;
-use gaware_nav::sample::{FixVelocity, GnssFix, ImuSample, ImuStream, Quantisation, SampleKind};
+use gaware_nav::sample::{FixVelocity, GnssFix};
 use nalgebra::{Quaternion, UnitQuaternion, Vector3};
-
-pub(super) fn stream() -> ImuStream {
-    ImuStream {
-        message: "sensor_combined".to_owned(),
-        kind: SampleKind::IntervalMean,
-        quantisation: Quantisation::None,
-    }
-}
-
-pub(super) fn imu(fields: &Fields) -> Option<ImuSample> {
-    let (gyro, accel) = (fields.vector("gyro_rad")?, fields.vector("accelerometer_m_s2")?);
-    Some(ImuSample { t_s: 0.0, gyro, accel, temperature_degc: None })
-}
 
 /// A fix, or nothing where the receiver has none.
 pub(super) fn fix(fields: &Fields) -> Option<GnssFix> {
@@ -38,6 +25,7 @@ pub(super) fn fix(fields: &Fields) -> Option<GnssFix> {
     })
 }
 
+/// Roll, pitch, yaw, rad.
 pub(super) fn attitude(fields: &Fields) -> Option<[f64; 3]> {
     let [w, x, y, z] = [0, 1, 2, 3].map(|k| fields.element("q", k));
     let (roll, pitch, yaw) = UnitQuaternion::try_new(Quaternion::new(w?, x?, y?, z?), 0.5)?.euler_angles();
@@ -46,13 +34,14 @@ pub(super) fn attitude(fields: &Fields) -> Option<[f64; 3]> {
 
 /// `vehicle_type` of `vehicle_status`: 1 rotary wing, 2 fixed wing; a VTOL has wings to fly turns with. Logs before 1.9 have
 /// `is_rotary_wing`.
-pub(super) fn vehicle_kind(fields: &Fields) -> Option<VehicleKind> {
+pub(super) fn vehicle_class(fields: &Fields) -> Option<VehicleClass> {
     if fields.number("is_vtol") == Some(1.0) {
-        return Some(VehicleKind::FixedWing);
+        return Some(VehicleClass::Vtol);
     }
     match (fields.number("vehicle_type"), fields.number("is_rotary_wing")) {
-        (Some(1.0), _) | (None, Some(1.0)) => Some(VehicleKind::Multirotor),
-        (Some(2.0), _) | (None, Some(0.0)) => Some(VehicleKind::FixedWing),
+        (Some(1.0), _) | (None, Some(1.0)) => Some(VehicleClass::Multirotor),
+        (Some(2.0), _) | (None, Some(0.0)) => Some(VehicleClass::FixedWing),
+        (Some(3.0), _) => Some(VehicleClass::Rover),
         _ => None,
     }
 }
@@ -65,8 +54,22 @@ pub(super) struct Fields<'a> {
 
 impl Fields<'_> {
     pub(super) fn stamp(&self) -> Option<u64> {
-        let (offset, _, _) = *self.topic.fields.get("timestamp").filter(|f| f.1 == Basic::U64)?;
+        self.stamp_of("timestamp")
+    }
+
+    /// The time at which it was measured, otherwise published, µs.
+    pub(super) fn sampled(&self) -> Option<u64> {
+        self.stamp_of("timestamp_sample").filter(|t| *t > 0).or_else(|| self.stamp())
+    }
+
+    fn stamp_of(&self, name: &str) -> Option<u64> {
+        let (offset, _, _) = *self.topic.fields.get(name).filter(|f| f.1 == Basic::U64)?;
         Some(u64::from_le_bytes(*self.data.get(offset..)?.first_chunk()?))
+    }
+
+    /// Whether a flag is there and set.
+    pub(super) fn flag(&self, name: &str) -> bool {
+        self.number(name).is_some_and(|v| v != 0.0)
     }
 
     /// A finite number.

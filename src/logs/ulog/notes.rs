@@ -1,9 +1,8 @@
 //! What the autopilot's own log says beside its sensors: parameters, version, and its navigation filter.
 
 use super::{Basic, Fields};
-use crate::logs::LogNote;
 use crate::logs::filter::{self, Channel};
-use gaware_nav::observability::words::VehicleKind;
+use crate::logs::{LogNote, VehicleClass};
 
 /// The key of a message with a key, and the bytes of its value.
 pub(super) fn keyed(body: &[u8]) -> Option<(&str, &[u8])> {
@@ -30,20 +29,36 @@ pub(super) fn version_note(body: &[u8]) -> Option<LogNote> {
     Some(LogNote::Version(major, minor))
 }
 
+/// `sys_uuid`: the serial number of the board; zeros are none.
+pub(super) fn board_note(body: &[u8]) -> Option<LogNote> {
+    let (key, value) = keyed(body)?;
+    let ("sys_uuid", text) = (key.split_once(' ')?.1, std::str::from_utf8(value).ok()?) else { return None };
+    let known = text.bytes().all(|b| b.is_ascii_alphanumeric()) && text.bytes().any(|b| b != b'0');
+    known.then(|| LogNote::Board(text.to_owned()))
+}
+
 /// What flies by the number of the airframe: `SYS_AUTOSTART` (PX4 user guide, "Airframes Reference"): 2000 and 3000 planes and flying wings,
 /// 13000 VTOL, 4000 to 9000, 11000 and 12000 multirotors.
-pub(super) fn airframe(body: &[u8]) -> Option<VehicleKind> {
+pub(super) fn airframe(body: &[u8]) -> Option<VehicleClass> {
     let ("int32_t SYS_AUTOSTART", value) = keyed(body)? else { return None };
     match i32::from_le_bytes(*value.first_chunk()?) {
-        2000..=3999 | 13_000..=13_999 => Some(VehicleKind::FixedWing),
-        4000..=9999 | 11_000..=12_999 => Some(VehicleKind::Multirotor),
+        2000..=3999 => Some(VehicleClass::FixedWing),
+        13_000..=13_999 => Some(VehicleClass::Vtol),
+        4000..=9999 | 11_000..=12_999 => Some(VehicleClass::Multirotor),
         _ => None,
     }
 }
 
 /// Whether several instances of the navigation filter write this topic, one each.
 pub(super) fn is_of_filter(topic: &str) -> bool {
-    matches!(topic, "estimator_innovations" | "estimator_innovation_test_ratios" | "estimator_status")
+    matches!(
+        topic,
+        "estimator_innovations"
+            | "estimator_innovation_test_ratios"
+            | "estimator_status"
+            | "estimator_status_flags"
+            | "estimator_event_flags"
+    )
 }
 
 /// The largest of the components, as the filter itself judges and sends them (PX4, `EKF2.cpp`, `PublishStatus`).

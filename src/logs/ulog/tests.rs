@@ -1,6 +1,10 @@
 //! Logs made byte by byte, whole and damaged.
 
 use super::*;
+use crate::logs::source::Kind;
+use crate::logs::{HealthNote, Item};
+use crate::timeline::Measurement;
+use gaware_nav::sample::SampleKind;
 use proptest::prelude::*;
 
 const SAMPLES: u64 = 400;
@@ -132,7 +136,80 @@ fn a_log_that_ends_in_a_message_says_so() {
     let bytes = [definitions(), data()].concat();
     let read = read(&bytes[..bytes.len() - 5]);
     assert_eq!(read.imu, SAMPLES - 1);
-    assert!(read.damage.truncated);
+    assert!(read.damage.truncated && !read.damage.any(), "{:?}", read.damage);
+}
+
+/// `vehicle_imu` of two units at 200 Hz beside `sensor_combined` at 9 Hz.
+#[test]
+fn increments_at_the_full_rate_are_taken_before_means_with_gaps() {
+    let mut log = definitions();
+    let format = "vehicle_imu:uint64_t timestamp;uint64_t timestamp_sample;float[3] delta_angle;float[3] delta_velocity;uint16_t delta_angle_dt;uint16_t delta_velocity_dt;";
+    log.extend(message(b'F', format.as_bytes()));
+    for (id, unit) in [(10_u16, 0_u8), (11, 1)] {
+        let mut body = vec![unit];
+        body.extend(id.to_le_bytes());
+        body.extend(b"vehicle_imu");
+        log.extend(message(b'A', &body));
+    }
+    for k in 0..800_u64 {
+        if k % 22 == 0 {
+            log.extend(imu_message(k));
+        }
+        for id in [10_u16, 11] {
+            let mut body = id.to_le_bytes().to_vec();
+            body.extend((1_000_700 + 5_000 * k).to_le_bytes());
+            body.extend((1_000_000 + 5_000 * k).to_le_bytes());
+            for v in [0.001_f32, 0.0, 0.0, 0.0, 1e-6 * k as f32, -0.049] {
+                body.extend(v.to_le_bytes());
+            }
+            body.extend(5000_u16.to_le_bytes());
+            body.extend(5000_u16.to_le_bytes());
+            log.extend(message(b'D', &body));
+        }
+    }
+    let reader = || UlogReader::new(&log[..], log.len() as u64);
+    let best = reader().survey().unwrap().best().unwrap();
+    assert_eq!((best.source.kind, best.source.unit, best.continuous), (Kind::VehicleImu, 0, true));
+    let records: Vec<Record> = reader().with_source(best).flatten().collect();
+    let samples: Vec<_> = records
+        .iter()
+        .filter_map(|r| match &r.item {
+            Item::Measurement(Measurement::Imu(stamp, sample)) => Some((stamp.raw_us(), *sample)),
+            _ => None,
+        })
+        .collect();
+    assert_eq!((samples.len(), samples[1].0), (800, 1_005_000), "the time at which it was measured");
+    assert!((samples[0].1.gyro.x - 0.2).abs() < 1e-6 && (samples[0].1.accel.z + 9.8).abs() < 1e-5);
+    assert!(matches!(&records.iter().find(|r| matches!(r.item, Item::Measurement(_))).unwrap().item,
+        Item::Measurement(Measurement::Stream(s)) if s.kind == SampleKind::IntervalMean
+            && s.message == "vehicle_imu[0] (of 2 sources, the usual one has no usable samples)"));
+}
+
+/// 4 ms of every 110: the mean of the interval is a point.
+#[test]
+fn means_with_gaps_between_them_are_points() {
+    let log = [definitions(), (0..80).flat_map(|k| imu_message(22 * k)).collect()].concat();
+    let best = UlogReader::new(&log[..], log.len() as u64).survey().unwrap().best();
+    // These samples do not change: a sensor whose values do not change is no source.
+    assert!(best.is_none_or(|b| !b.continuous));
+}
+
+#[test]
+fn board_and_texts_are_read() {
+    let mut information = vec![17];
+    information.extend(b"char[36] sys_uuid");
+    information.extend(b"000600000000373632303235111002f00220");
+    let mut text = vec![b'3'];
+    text.extend(7_000_000_u64.to_le_bytes());
+    text.extend(b"Accel #0 fail:  TIMEOUT!\t");
+    let log = [definitions(), message(b'I', &information), message(b'L', &text), data()].concat();
+    let notes: Vec<LogNote> = UlogReader::new(&log[..], log.len() as u64)
+        .flatten()
+        .filter_map(|r| if let Item::Note(note) = r.item { Some(note) } else { None })
+        .collect();
+    assert!(notes.contains(&LogNote::Board("000600000000373632303235111002f00220".to_owned())), "{notes:?}");
+    let error = HealthNote::Text(crate::logs::Level::Error, "Accel #0 fail:  TIMEOUT!".to_owned());
+    assert!(notes.contains(&LogNote::Health(error)));
 }
 
 /// Two instances of the filter; the selector names the second one after the first round.

@@ -15,6 +15,8 @@ use crate::explain::Explained;
 use crate::explain::contract::EffectEntry;
 use crate::explain::words::number;
 use crate::figures::with_sigma;
+use crate::health::checks::checks;
+use gaware_mission::item::Autopilot;
 use gaware_nav::identify::judge::Judged;
 use gaware_nav::identify::select::{Added, Settings};
 use std::fmt::Write;
@@ -30,6 +32,7 @@ pub fn html(explained: &Explained) -> Result<String, String> {
     let e = &explained.explanation;
     let mut body = String::new();
     answers::section(explained, &mut body);
+    health(explained, &mut body);
     effects::details(explained, &mut body);
     evidence::before_and_after(e, &mut body);
     autopilot::section(e, &mut body);
@@ -46,6 +49,17 @@ pub fn html(explained: &Explained) -> Result<String, String> {
     }
     how_to_read(&mut body);
     Ok(page::page(verdict(e.verdict), &body))
+}
+
+/// How the vehicle was in each of the logs: what killed its estimator is no sensor error.
+fn health(explained: &Explained, body: &mut String) {
+    let px4 = explained.on_board.autopilot == Some(Autopilot::Px4);
+    for (log, name) in explained.health.iter().zip(&explained.logs) {
+        if explained.health.len() > 1 && !log.is_empty() {
+            let _ = write!(body, "<p><small>{}</small></p>", escape(name));
+        }
+        super::flight::health_section(log, &checks(log, px4), body);
+    }
 }
 
 fn how_to_read(body: &mut String) {
@@ -134,6 +148,7 @@ mod tests {
             logs: vec!["<bench>.tlog".to_owned()],
             validated: Vec::new(),
             on_board: crate::advice::on_board::OnBoard::default(),
+            health: Vec::new(),
         };
         let html = html(&explained).unwrap();
         assert!(html.contains("no GNSS fixes.</h1>") && html.contains("Record at least 40 s"), "{html}");

@@ -62,7 +62,7 @@ pub fn section(logs: &[FleetLog], study: &FleetStudy, body: &mut String) {
         ("Drifts", findings(study, Kind::Drift)),
         ("Units that scatter more", findings(study, Kind::Scatter)),
         ("Flights unlike the others", unlike_flights(logs, study)),
-        ("Effects that come and go", effects(&study.family)),
+        ("Effects that come and go", effects(logs, &study.family)),
     ]));
 }
 
@@ -166,7 +166,10 @@ fn come_and_go(family: &Family) -> Vec<ComesAndGoes<'_>> {
     out
 }
 
-fn effects(family: &Family) -> String {
+fn effects(logs: &[FleetLog], family: &Family) -> String {
+    if logs.iter().filter_map(FleetLog::flight).all(|f| f.explanation.is_none()) {
+        return "not tested: explain was left out (--no-explain)".to_owned();
+    }
     if family.recurring.is_empty() {
         return "no effect was identified in any flight".to_owned();
     }
@@ -243,24 +246,16 @@ pub fn recurring(family: &Family, body: &mut String) {
     body.push_str(&wide(&table));
 }
 
-/// Logs without a result, and those that name no unit.
+/// Every log that is left out, with its reason.
 pub fn failed(logs: &[FleetLog], body: &mut String) {
-    let nameless = logs.iter().filter(|l| l.flight().is_some() && l.unit().is_none()).count();
-    if nameless > 0 {
-        let _ = write!(
-            body,
-            "<p>Without a known inertial unit, and in no figure above: {}. A rule for names (<code>--names</code>) finds units in paths.</p>",
-            counted(nameless, "flight")
-        );
-    }
     let failed: Vec<String> = logs
         .iter()
-        .filter_map(|l| Some(format!("<li>{}: {}</li>", escape(&l.path), escape(l.failure()?))))
+        .filter_map(|l| Some(format!("<li>{}: {}</li>", escape(&l.path), escape(l.left_out()?))))
         .collect();
     if !failed.is_empty() {
         let _ = write!(
             body,
-            "<h2 id=\"failed\">Logs that could not be analysed</h2><details{}><summary>{}</summary><ul>{}</ul></details>",
+            "<h2 id=\"failed\">Logs that are in no figure above</h2><details{}><summary>{}</summary><ul>{}</ul></details>",
             if failed.len() <= SHOWN { " open" } else { "" },
             counted(failed.len(), "log"),
             failed.concat()

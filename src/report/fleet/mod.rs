@@ -76,9 +76,9 @@ fn head(name: &str, logs: &[FleetLog], study: &FleetStudy, body: &mut String) {
         _ if day(first) == day(last) => day(first),
         _ => format!("{} to {}", day(first), day(last)),
     };
-    let failed = logs.iter().filter(|l| l.failure().is_some()).count();
+    let failed = logs.iter().filter(|l| l.left_out().is_some()).count();
     let failed =
-        if failed > 0 { format!(", <a href=\"#failed\">{failed} failed</a>") } else { String::new() };
+        if failed > 0 { format!(", <a href=\"#failed\">{failed} left out</a>") } else { String::new() };
     let firmwares: Vec<String> =
         family.firmwares.iter().filter(|f| !f.is_empty()).map(|f| escape(f)).collect();
     let firmwares = match firmwares.len() {

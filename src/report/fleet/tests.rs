@@ -66,7 +66,8 @@ fn a_fleet_without_units_says_what_to_do_and_a_small_one_has_its_figures() {
     logs.iter_mut().for_each(|log| flight_of(log).board = None);
     let page = html("small", &logs, &study(&logs)).unwrap();
     assert!(body(&page).contains("No log names its inertial unit") && !body(&page).contains("<section"));
-    assert!(body(&page).contains("Without a known inertial unit, and in no figure above: 4 flights"));
+    assert!(body(&page).contains("Logs that are in no figure above") && body(&page).contains("4 left out"));
+    assert_eq!(body(&page).matches("its inertial unit is not known").count(), 4);
     let page = html("none", &[], &study(&[])).unwrap();
     assert!(body(&page).contains("0 logs"));
 }

@@ -1,28 +1,32 @@
 //! The first screen of the report of a flight: where it comes from, the verdict, and what an engineer asks first.
 
-use super::attitude::{Comparison, Row, why_not_compared};
+use super::attitude::{Comparison, why_not_compared};
 use super::innovations::Channel;
 use super::lessons::{self, Lesson, is_g};
 use super::log::FlightLog;
+use super::motion::{AUTOPILOT, Fitted, OURS};
 use super::words;
-use super::yaw::{Worse, Yaws};
+
 use crate::engine::snapshot::{Phase, StateStatus, Status, Summary};
 use crate::report::page::{answers as list, escape};
 use std::fmt::Write;
 
-/// Name, origin, verdict and warnings.
-pub fn head(origin: &super::Origin, s: &Summary, body: &mut String) {
-    let vehicle = match s.vehicle_type.as_str() {
-        "fixed_wing" => "fixed wing",
-        "multirotor" => "multirotor",
+/// Name, origin, and what the log can answer.
+pub fn head(origin: &super::Origin, s: &Summary, (scope, next): &(String, String), body: &mut String) {
+    let vehicle = match (origin.beside.on_board.class, s.vehicle_type.as_str()) {
+        (Some(class), _) => class.words(),
+        (None, "fixed_wing") => "fixed wing",
+        (None, "multirotor") => "multirotor",
         _ => "vehicle type not in the log",
     };
+    let unit =
+        origin.beside.on_board.unit().map_or_else(String::new, |unit| format!(" · unit {}", escape(&unit)));
     let date = if origin.date.is_empty() { "date not in the log" } else { &origin.date };
     let imu = if s.imu.message.is_empty() { "no inertial message" } else { &s.imu.message };
     let _ = write!(
         body,
-        "<h1>{}</h1><p class=\"quiet\">{} · {vehicle}, {} · {:.0} s · {} at {:.1} Hz, {} samples, {} dropped · {} fixes, {} used, \
-         {} rejected · model: {} · gaware {}</p><p class=\"verdict\">{}</p>",
+        "<h1>{}</h1><p class=\"quiet\">{} · {vehicle}, {}{unit} · {:.0} s · {} at {:.1} Hz, {} samples, {} dropped · {} fixes, {} used, \
+         {} rejected · model: {} · gaware {}</p><p>{} {}</p>",
         escape(&origin.log),
         escape(date),
         if s.autopilot == "unknown" { "autopilot not in the log".to_owned() } else { escape(&s.autopilot) },
@@ -36,8 +40,15 @@ pub fn head(origin: &super::Origin, s: &Summary, body: &mut String) {
         s.gnss.rejected,
         escape(&origin.model),
         env!("CARGO_PKG_VERSION"),
-        escape(&words::verdict(s)).replacen("`gaware explain`", "<code>gaware explain</code>", 1)
+        escape(scope),
+        escape(next)
     );
+}
+
+/// The result of this estimate in words, and its warnings.
+pub fn verdict(s: &Summary, body: &mut String) {
+    let words = escape(&words::verdict(s)).replacen("`gaware explain`", "<code>gaware explain</code>", 1);
+    let _ = write!(body, "<h2 id=\"estimate\">This estimate</h2><p class=\"verdict\">{words}</p>");
     if !s.warnings.is_empty() {
         body.push_str("<ul>");
         for warning in &s.warnings {
@@ -48,19 +59,12 @@ pub fn head(origin: &super::Origin, s: &Summary, body: &mut String) {
 }
 
 /// What an engineer asks first, each with a link to the evidence.
-pub fn answers(
-    s: &Summary,
-    log: &FlightLog,
-    lessons: &[Lesson],
-    compared: Option<&Comparison>,
-    fixes: &[Channel],
-    body: &mut String,
-) {
+pub fn answers(s: &Summary, log: &FlightLog, lessons: &[Lesson], fixes: &[Channel], body: &mut String) {
     let usable = s.implausible.is_empty();
     let g: Vec<&StateStatus> = s.observability.states.iter().filter(|x| is_g(&x.name)).collect();
     let observable = g.iter().filter(|x| x.status == Status::Observable).count();
     let next = if !usable {
-        "Run <code>gaware explain</code> on this log: it names the unmodelled error. Then replay with its <code>model.toml</code>."
+        "Run <code>gaware explain</code> on this log: it tests which sensor error this is. Where it names one, replay with its <code>model.toml</code>."
     } else if observable == g.len() {
         "Run <code>gaware explain</code> on this log: it tests which effects the model lacks."
     } else {
@@ -88,11 +92,6 @@ pub fn answers(
                     escape(&l.did)
                 )
             }),
-        ),
-        (
-            "Whose attitude is wrong?",
-            compared
-                .map_or_else(|| why_not_compared(&log.attitudes, &log.snapshots), |c| whose(c, &log.yaws)),
         ),
         ("What changed in flight?", changed(log)),
         ("Does the model fit?", fit(s, fixes)),
@@ -170,38 +169,62 @@ fn unseen(g: &[&StateStatus]) -> String {
     }
 }
 
-/// Whose yaw is the worse one, where the two differ by more than our own sigma and the motion decides it.
-fn whose_yaw(yaws: &Yaws, whole: &Row) -> &'static str {
-    if whole.rms_deg[2] <= whole.sigma_deg[2] {
-        return " The yaws differ by no more than our own sigma.";
-    }
-    match yaws.worse() {
-        Some(Worse::Autopilot) => {
-            " The specific force turned by the autopilot's yaw fits the change of GNSS velocity worse than by ours: the autopilot's yaw is the worse one."
+/// Whose attitude fits the motion, and how sure that is.
+pub fn whose(compared: Option<&Comparison>, fitted: &[Fitted], log: &FlightLog) -> String {
+    let apart = compared.and_then(|c| c.rows.first()).map_or_else(String::new, |r| {
+        format!(
+            " The autopilot and this estimate differ by {:.1} / {:.1} / {:.1}° RMS in roll, pitch, yaw (our sigma {:.1} / {:.1} / {:.1}°). \
+             <a href=\"#attitude\">Comparison</a>.",
+            r.rms_deg[0], r.rms_deg[1], r.rms_deg[2], r.sigma_deg[0], r.sigma_deg[1], r.sigma_deg[2]
+        )
+    });
+    let of = |name: &str| fitted.iter().find(|f| f.name == name);
+    let (autopilot, ours) = match (of(AUTOPILOT), of(OURS)) {
+        (Some(autopilot), Some(ours)) => (autopilot, ours),
+        // Without ours its own lanes still stand against each other.
+        (Some(autopilot), None) if fitted.len() > 1 => {
+            return match fitted
+                .iter()
+                .find(|f| f.t == 0.0 && f.name != AUTOPILOT)
+                .filter(|_| autopilot.is_worse())
+            {
+                Some(best) => format!(
+                    "Not the autopilot's: {} fits the motion better ({:.2} against {:.2} m/s²; {:.1} standard errors). <a href=\"#motion\">All attitudes</a>.",
+                    escape(&best.name),
+                    best.misfit,
+                    autopilot.misfit,
+                    autopilot.t
+                ),
+                None => format!(
+                    "Not decided: no other attitude of the log fits the motion better than the autopilot's beyond chance ({:.2} m/s²), and the yaw of this estimate is not known \
+                     well enough to be compared. <a href=\"#motion\">All attitudes</a>.",
+                    autopilot.misfit
+                ),
+            };
         }
-        Some(Worse::Ours) => {
-            " The specific force turned by the autopilot's yaw fits the change of GNSS velocity better than by ours: this estimate's yaw is the worse one."
-        }
-        None => {
-            " Whose yaw is the worse one this flight does not decide: it accelerates too little or too seldom."
-        }
-    }
-}
-
-fn whose(c: &Comparison, yaws: &Yaws) -> String {
-    let turns = c.rows.iter().find(|r| r.regime.starts_with("in turns")).or_else(|| c.rows.first());
-    let (Some(r), Some(whole)) = (turns, c.rows.first()) else { return String::new() };
+        _ => return format!("{}{apart}", why_not_compared(&log.attitudes, &log.snapshots)),
+    };
+    let (better, worse, name) = if autopilot.misfit > ours.misfit {
+        (ours, autopilot, "The autopilot's")
+    } else {
+        (autopilot, ours, "This estimate's")
+    };
+    let Some(t) = worse.worse_than(better) else {
+        return format!(
+            "Both fit the motion alike ({:.2} and {:.2} m/s² for the autopilot and this estimate): this flight does not decide it.{apart} \
+             <a href=\"#motion\">All attitudes</a>.",
+            autopilot.misfit, ours.misfit
+        );
+    };
+    let yaw = worse.yaw_off_deg.filter(|(off, sigma)| off.abs() > 3.0 * sigma && off.abs() > 2.0);
+    let yaw = yaw.map_or_else(String::new, |(off, sigma)| format!(", its yaw off by {off:.0} ± {sigma:.0}°"));
+    let other = if name == "The autopilot's" { "this estimate" } else { "the autopilot" };
     format!(
-        "The autopilot and this estimate differ by {:.2} / {:.2} / {:.2}° RMS in roll, pitch, yaw, {}; our own sigma is {:.2} / {:.2} / {:.2}°.{} \
-         <a href=\"#attitude\">Comparison</a>.",
-        r.rms_deg[0],
-        r.rms_deg[1],
-        r.rms_deg[2],
-        r.regime,
-        r.sigma_deg[0],
-        r.sigma_deg[1],
-        r.sigma_deg[2],
-        whose_yaw(yaws, whole)
+        "<b>{name} {}</b>{yaw}. The specific force turned by it misses the change of GNSS velocity by {:.2} m/s², by {other}'s by {:.2}: beyond chance, {t:.1} \
+         standard errors.{apart} <a href=\"#motion\">All attitudes</a>.",
+        if yaw.is_empty() { "fits worse" } else { "is wrong" },
+        worse.misfit,
+        better.misfit
     )
 }
 

@@ -1,7 +1,7 @@
 //! What a report shows over time, written down while the flight is run through.
 
 use super::attitude::SETTLED_DEG;
-use super::yaw::Yaws;
+use super::motion::{AUTOPILOT, Motion, OURS};
 use crate::attitudes::Attitudes;
 use crate::engine::Engine;
 use crate::engine::counters::ElapsedTime;
@@ -23,8 +23,8 @@ pub struct FlightLog {
     pub snapshots: Vec<Snapshot>,
     /// Our attitude beside the autopilot's, by seconds since the first sample.
     pub attitudes: Attitudes,
-    /// Both yaws against the motion.
-    pub yaws: Yaws,
+    /// Every attitude of the log against the motion.
+    pub(super) motion: Motion,
     /// What the autopilot's own filter reports: s since the first sample, channel, value.
     pub filter_reports: Vec<(f64, Channel, f64)>,
     /// Where these come from; `None` where there are none.
@@ -39,7 +39,7 @@ impl Default for FlightLog {
         Self {
             snapshots: Vec::new(),
             attitudes: Attitudes::with_spacing(HINT_SPACING_S),
-            yaws: Yaws::default(),
+            motion: Motion::default(),
             filter_reports: Vec::new(),
             filter_origin: None,
             time: ElapsedTime::default(),
@@ -61,13 +61,18 @@ impl FlightLog {
         self.filter_reports.extend(values.iter().map(|(channel, value)| (t_s, *channel, *value)));
     }
 
+    /// Takes an attitude that stands beside the one that flies.
+    fn attitude_report(&mut self, name: &str, t_s: f64, roll_pitch_yaw: [f64; 3]) {
+        self.motion.push_attitude(name, self.time.elapsed_at(t_s), roll_pitch_yaw);
+    }
+
     /// Takes a sample that the engine has just been fed with.
     pub fn push(&mut self, sample: &Sample, engine: &mut Engine) {
         match sample {
             Sample::Imu(imu) if imu.t_s.is_finite() => {
                 self.time.push(imu.t_s);
                 self.newest_s = self.time.elapsed_at(imu.t_s);
-                self.yaws.push_force(&imu.accel);
+                self.motion.push_force(&imu.accel);
                 let due = self.snapshots.last().map_or(f64::NEG_INFINITY, |s| s.elapsed_s + PERIOD_S);
                 if self.newest_s >= due {
                     self.snapshots.push(engine.snapshot());
@@ -76,20 +81,21 @@ impl FlightLog {
             Sample::Attitude(hint) if hint.t_s.is_finite() => {
                 let hint_s = self.time.elapsed_at(hint.t_s);
                 self.attitudes.push_reference(hint_s, hint.roll_pitch_yaw);
+                self.motion.push_attitude(AUTOPILOT, hint_s, hint.roll_pitch_yaw);
                 if let Some((t_s, attitude)) = engine.attitude() {
                     self.attitudes.push_estimate(self.time.elapsed_at(t_s), attitude);
                     if settled(engine) {
-                        self.yaws.push_attitudes(hint_s, hint.roll_pitch_yaw, attitude);
+                        self.motion.push_attitude(OURS, self.time.elapsed_at(t_s), attitude);
                     }
                 }
             }
             Sample::Fix(fix) if fix.t_s.is_finite() => {
                 let delay_s = engine.filter().map_or(0.0, |f| f.fix_delay_s(fix.t_s));
-                self.yaws.push_fix(self.time.elapsed_at(fix.t_s) - delay_s, &fix.velocity);
+                self.motion.push_fix(self.time.elapsed_at(fix.t_s) - delay_s, &fix.velocity);
             }
             Sample::Restart(_) => {
                 self.time.restart();
-                self.yaws.restart();
+                self.motion.restart();
             }
             _ => {}
         }
@@ -144,6 +150,10 @@ impl Consumer for Logged {
 
     fn filter_report(&mut self, origin: Origin, values: &[(Channel, f64)]) {
         self.log.filter_report(origin, values);
+    }
+
+    fn attitude_report(&mut self, name: &str, t_s: f64, roll_pitch_yaw: [f64; 3]) {
+        self.log.attitude_report(name, t_s, roll_pitch_yaw);
     }
 }
 

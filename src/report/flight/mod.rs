@@ -2,13 +2,15 @@
 
 mod answers;
 mod attitude;
+mod health;
 mod innovations;
 mod knowledge;
 mod lessons;
 mod log;
+mod motion;
+mod scope;
 mod track;
 mod words;
-mod yaw;
 
 pub use log::{FlightLog, Logged};
 
@@ -17,7 +19,9 @@ use super::plot::{Color, Plot, X_AXIS, Y_AXIS, Z_AXIS};
 use crate::advice::start;
 use crate::engine::snapshot::{Phase, Snapshot, Summary};
 use crate::engine::{Engine, EngineOptions};
+use crate::health::checks::checks;
 use crate::logs;
+use crate::pipeline::Beside;
 use crate::pipeline::replay::{self, ReplayError, ReplayRequest};
 use serde_json::{Map, Value};
 use std::fmt::Write;
@@ -35,7 +39,11 @@ pub struct Origin {
     pub date: String,
     /// The model's file, or which one was taken.
     pub model: String,
+    /// What the log says beside its samples.
+    pub beside: Beside,
 }
+
+pub use health::section as health_section;
 
 /// The report of a log, with the result as `replay --json` prints it.
 #[derive(Debug, Clone)]
@@ -57,17 +65,15 @@ pub fn of_log(
     progress: &dyn Fn(u64, u64),
 ) -> Result<LogReport, ReplayError> {
     let make = |model| Logged::new(Engine::new(model, options));
-    let (pipeline, document) = replay::replay(request, make, progress)?;
+    let mut beside = Beside::default();
+    let (pipeline, document) = replay::replay_watched(request, make, progress, Some(&mut beside))?;
     let taken = || match logs::mcap::recorded_setup(&request.log) {
         Some(_) => "the recording's own".to_owned(),
         None => "standard (g-sensitivity, GNSS latency and the tolerances of a consumer unit estimated)"
             .to_owned(),
     };
-    let origin = Origin {
-        log: request.log.name(),
-        date: logs::date(&request.log),
-        model: model.unwrap_or_else(taken),
-    };
+    let origin =
+        Origin { log: request.log.name(), date: beside.date(), model: model.unwrap_or_else(taken), beside };
     let html =
         html(&origin, &pipeline.summary(), &document, pipeline.engine().log()).map_err(ReplayError::Draw)?;
     Ok(LogReport { html, document })
@@ -92,10 +98,16 @@ pub fn html(
     let compared = attitude::compare(&log.attitudes, &log.snapshots);
     let fixes = innovations::of(&log.snapshots);
     let mut body = String::new();
-    answers::head(origin, summary, &mut body);
+    let fitted = log.motion.fitted();
+    answers::head(origin, summary, &scope::words(summary, &origin.beside, &fitted), &mut body);
+    let whose = answers::whose(compared.as_ref(), &fitted, log);
+    body.push_str(&crate::report::page::answers(&[("Whose attitude is right?", whose)]));
+    let judged = checks(&origin.beside.health, summary.autopilot == "px4");
+    health::section(&origin.beside.health, &judged, &mut body);
+    answers::verdict(summary, &mut body);
     first_values(document, &mut body);
     if summary.phase == Phase::Running {
-        answers::answers(summary, log, &lessons, compared.as_ref(), &fixes, &mut body);
+        answers::answers(summary, log, &lessons, &fixes, &mut body);
         knowledge::g_sensitivity(summary, &mut body);
         knowledge::bias_table(summary, &mut body);
     } else {
@@ -106,6 +118,7 @@ pub fn html(
         knowledge::learning(summary, log, &lessons, &mut body)?;
         knowledge::biases(log, &mut body)?;
     }
+    motion_table(&fitted, &mut body);
     attitudes(compared.as_ref(), document, &mut body)?;
     innovations::section(&log.snapshots, &fixes, &mut body)?;
     // A page without values or plots has nothing to explain.
@@ -153,6 +166,36 @@ fn flight(log: &FlightLog, lessons: &[lessons::Lesson], body: &mut String) -> Re
     body.push_str(&plot("bank", "deg", &|s| s.estimate.attitude_deg.value[0]).svg()?);
     body.push_str(&plot("load", "g", &lessons::load).close().svg()?);
     Ok(())
+}
+
+/// All attitudes of the log against the motion.
+fn motion_table(fitted: &[motion::Fitted], body: &mut String) {
+    if fitted.is_empty() {
+        return;
+    }
+    body.push_str(
+        "<h2 id=\"motion\">All attitudes against the motion</h2><p>The specific force turned by each attitude, against the change of GNSS velocity over a \
+         second. Each has its own constant accelerometer bias. t: difference from the best one over its standard error; above 3 it is beyond chance.</p>\
+         <div class=\"wide\"><table><tr><th>attitude</th><th class=\"n\">misfit, m/s²</th><th class=\"n\">yaw off by, deg</th><th class=\"n\">t</th><th></th></tr>",
+    );
+    for f in fitted {
+        let yaw = f
+            .yaw_off_deg
+            .map_or_else(|| "not shown by this flight".to_owned(), |(v, s)| format!("{v:.1} ± {s:.1}"));
+        let says = match (f.is_worse(), f.t == 0.0) {
+            (true, _) => "worse beyond chance",
+            (_, true) => "best",
+            _ => "as good as the best",
+        };
+        let _ = write!(
+            body,
+            "<tr><td>{}</td><td class=\"n\">{:.2}</td><td class=\"n\">{yaw}</td><td class=\"n\">{:.1}</td><td>{says}</td></tr>",
+            escape(&f.name),
+            f.misfit,
+            f.t
+        );
+    }
+    body.push_str("</table></div>");
 }
 
 fn attitudes(

@@ -41,7 +41,7 @@ pub fn verdict(summary: &Summary) -> String {
     if !summary.implausible.is_empty() {
         return format!(
             "The values are not usable: the estimates of {} are far outside what the model expects of such a sensor, so these states absorb an \
-             unmodelled error. Run `gaware explain` to name it, then give its model.toml to this command.",
+             unmodelled error. Run `gaware explain`, which tests for sensor errors; where it names one, give its model.toml to this command.",
             summary.implausible.join(", ")
         );
     }

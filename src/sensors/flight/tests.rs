@@ -60,6 +60,27 @@ fn imu(time_usec: u64) -> MavMessage {
     })
 }
 
+/// ArduPlane 4.7: the mission ends, the aircraft rolls out and disarms in AUTO.
+#[test]
+fn a_vehicle_that_flew_has_flown_until_it_is_armed_again() {
+    let mut bench = Bench::default();
+    let beat = |state, armed| heartbeat(MavType::MAV_TYPE_FIXED_WING, 10, state, armed);
+    let stands_by = MavState::MAV_STATE_STANDBY;
+    let day = [
+        (beat(stands_by, false), false),
+        (beat(stands_by, true), false),
+        (beat(MavState::MAV_STATE_ACTIVE, true), true),
+        (beat(stands_by, true), true),
+        (beat(stands_by, false), true),
+        (beat(stands_by, true), false),
+        (landed(MavLandedState::MAV_LANDED_STATE_IN_AIR), true),
+        (beat(MavState::MAV_STATE_ACTIVE, false), true),
+    ];
+    for (k, (message, flown)) in day.into_iter().enumerate() {
+        assert_eq!(bench.take(k as u64, &message).flown, flown, "{k}");
+    }
+}
+
 #[test]
 fn who_flies_follows_heartbeat_and_landed_state_of_the_vehicle_alone() {
     let mut bench = Bench::default();

@@ -14,7 +14,9 @@ struct Vehicle {
 
 impl Vehicle {
     fn new() -> Self {
-        Self { aid: PlaceAid::default(), t_s: 0.0, given: 0 }
+        let mut aid = PlaceAid::default();
+        aid.set_flight(false, false);
+        Self { aid, t_s: 0.0, given: 0 }
     }
 
     fn for_s(&mut self, seconds: f64, rate: f64, speed: Option<f64>) -> usize {

@@ -1,0 +1,112 @@
+//! The same states and events from MAVLink frames of one vehicle.
+
+use crate::link::frame::Frame;
+use crate::logs::{HealthNote, Level};
+use crate::sensors::gnss::{Receiver, has_fix};
+use crate::sensors::{AUTOPILOT_COMPONENT, modes};
+use gaware_nav::sample::GnssFix;
+use mavlink::dialects::ardupilotmega::MavMessage;
+
+/// `MAV_MODE_FLAG_SAFETY_ARMED`.
+const ARMED: u8 = 128;
+/// `MAV_STATE_CRITICAL`, `MAV_STATE_EMERGENCY`, `MAV_STATE_FLIGHT_TERMINATION`.
+const FAILSAFE: [u8; 3] = [5, 6, 8];
+/// `MAV_AUTOPILOT_INVALID`.
+const NO_AUTOPILOT: u8 = 8;
+/// Bits of `EKF_STATUS_REPORT.flags`: attitude, horizontal velocity.
+const EKF_ATTITUDE: u16 = 1;
+const EKF_VELOCITY: u16 = 2;
+
+/// Follows the first autopilot.
+#[derive(Debug, Clone, Default)]
+pub(super) struct Frames {
+    system: Option<u8>,
+    receiver: Receiver,
+}
+
+/// What a frame says.
+#[derive(Debug, Default)]
+pub(super) struct Found {
+    /// It is of the autopilot that is followed.
+    pub(super) ours: bool,
+    /// It holds inertial samples.
+    pub(super) inertial: bool,
+    pub(super) notes: Vec<HealthNote>,
+    pub(super) fix: Option<GnssFix>,
+}
+
+impl Frames {
+    pub(super) fn take(&mut self, frame: &Frame) -> Found {
+        let mut found = Found::default();
+        if frame.component_id != AUTOPILOT_COMPONENT || self.system.is_some_and(|id| id != frame.system_id) {
+            return found;
+        }
+        found.inertial = matches!(frame.message_id, 26 | 27 | 105);
+        found.ours = self.system == Some(frame.system_id);
+        // HEARTBEAT, SYS_STATUS, GPS_RAW_INT, POWER_STATUS, BATTERY_STATUS, EKF_STATUS_REPORT, ESTIMATOR_STATUS, VIBRATION,
+        // EXTENDED_SYS_STATE, STATUSTEXT.
+        if !matches!(frame.message_id, 0 | 1 | 24 | 125 | 147 | 193 | 230 | 241 | 245 | 253) {
+            return found;
+        }
+        if let Ok(message) = frame.decode() {
+            self.message(frame.system_id, &message, &mut found);
+        }
+        found
+    }
+
+    fn message(&mut self, system: u8, message: &MavMessage, found: &mut Found) {
+        let fault = |what, on, grave| HealthNote::Fault { what, on, grave };
+        match message {
+            MavMessage::HEARTBEAT(m) if m.autopilot as u8 != NO_AUTOPILOT => {
+                self.system = Some(system);
+                let base = m.base_mode.bits();
+                let (kind, firmware) = (m.mavtype as u8, m.autopilot as u8);
+                found
+                    .notes
+                    .push(HealthNote::Mode(modes::of_heartbeat(firmware, kind, base, m.custom_mode).1));
+                found.notes.push(HealthNote::Armed(base & ARMED != 0));
+                found.notes.push(fault("failsafe", FAILSAFE.contains(&(m.system_status as u8)), true));
+            }
+            _ if self.system.is_none() => {}
+            MavMessage::SYS_STATUS(m) if m.voltage_battery != u16::MAX && m.voltage_battery > 0 => {
+                let remaining = u8::try_from(m.battery_remaining).ok().map(|p| 0.01 * f64::from(p));
+                let volts = 1e-3 * f64::from(m.voltage_battery);
+                found.notes.push(HealthNote::Battery { volts, cells: None, remaining });
+            }
+            MavMessage::POWER_STATUS(m) if m.Vcc > 1000 => {
+                found.notes.push(HealthNote::Supply(1e-3 * f64::from(m.Vcc)));
+            }
+            MavMessage::GPS_RAW_INT(m) => {
+                let known = |v: u16| (v != u16::MAX).then(|| 1e-2 * f64::from(v));
+                found.notes.push(HealthNote::Gnss {
+                    fix_type: m.fix_type as u8,
+                    satellites: (m.satellites_visible != u8::MAX).then(|| f64::from(m.satellites_visible)),
+                    hdop: known(m.eph),
+                    jamming: None,
+                    interference: false,
+                });
+                found.fix = has_fix(m).then(|| self.receiver.fix(m, 0.0));
+            }
+            MavMessage::EKF_STATUS_REPORT(m) => {
+                let lacks = |bit: u16| m.flags.bits() & bit == 0;
+                found.notes.push(fault("EKF: attitude estimate not good", lacks(EKF_ATTITUDE), true));
+                found.notes.push(fault("EKF: velocity estimate not good", lacks(EKF_VELOCITY), true));
+            }
+            MavMessage::VIBRATION(m) => {
+                let level = m.vibration_x.max(m.vibration_y).max(m.vibration_z);
+                found.notes.push(HealthNote::Vibration(0, f64::from(level)));
+                for (unit, count) in [(0, m.clipping_0), (1, m.clipping_1), (2, m.clipping_2)] {
+                    found.notes.push(HealthNote::Clipped(unit, f64::from(count)));
+                }
+            }
+            MavMessage::EXTENDED_SYS_STATE(m) if m.landed_state as u8 != 0 => {
+                found.notes.push(HealthNote::InAir(m.landed_state as u8 != 1));
+            }
+            MavMessage::STATUSTEXT(m) => {
+                let text = m.text.to_str().map(str::trim).unwrap_or_default().to_owned();
+                found.notes.push(HealthNote::Text(Level::of_severity(m.severity as u8), text));
+            }
+            _ => {}
+        }
+    }
+}

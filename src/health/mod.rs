@@ -1,0 +1,228 @@
+//! How the vehicle was during a flight, as its own log says: modes, receiver, vibration, the autopilot's filter, battery, failsafes, texts.
+//!
+//! [`HealthLog`] gathers states and events from the records of any format, [`checks`] judges them: ok, look or bad, each with the time and in the
+//! words of the autopilot's users. It knows nothing of this program's own estimate.
+
+pub mod checks;
+mod frames;
+#[cfg(test)]
+mod tests;
+
+use crate::logs::filter::{self, Channel};
+use crate::logs::{HealthNote, Item, Level, LogNote, Record};
+use crate::timeline::Measurement;
+use frames::Frames;
+use gaware_nav::sample::{FixVelocity, GnssFix};
+use std::collections::BTreeMap;
+
+/// More entries of a kind are not kept: two hours at 10 Hz.
+const MOST: usize = 72_000;
+/// Texts kept.
+const MOST_TEXTS: usize = 2000;
+/// A fix so far from where the velocity of the last one leads has jumped, m. Receivers drift by 1 to 2 m over minutes.
+const JUMP_M: f64 = 5.0;
+/// Fixes further apart than this are not compared, s.
+const FIX_SPACING_S: f64 = 1.5;
+
+/// Values over time, s since the first inertial sample once [`HealthLog::start`] is asked.
+type Series<T> = Vec<(u64, T)>;
+
+/// What a receiver says of itself at one time.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Receiver {
+    /// 3 is a 3-D fix.
+    pub fix_type: u8,
+    /// Satellites used.
+    pub satellites: Option<f64>,
+    /// Horizontal dilution of precision.
+    pub hdop: Option<f64>,
+}
+
+/// States and events over a log, by the time of its entries, µs.
+#[derive(Debug, Clone, Default)]
+pub struct HealthLog {
+    frames: Frames,
+    start_us: Option<u64>,
+    end_us: u64,
+    first_us: Option<u64>,
+    modes: Series<String>,
+    armed: Series<bool>,
+    air: Series<bool>,
+    receiver: Series<Receiver>,
+    jamming: Series<f64>,
+    interference: Series<bool>,
+    jumps: Series<f64>,
+    last_fix: Option<(u64, GnssFix)>,
+    vibration: BTreeMap<u8, Series<f64>>,
+    clipped: BTreeMap<u8, Series<f64>>,
+    resets: BTreeMap<&'static str, Series<f64>>,
+    faults: BTreeMap<&'static str, (bool, Series<bool>)>,
+    lanes: Series<u8>,
+    battery: Series<(f64, Option<f64>)>,
+    cells: Option<f64>,
+    supply: Series<f64>,
+    stopped: Series<bool>,
+    texts: Series<(Level, String)>,
+    ratios: BTreeMap<Channel, Series<f64>>,
+}
+
+impl HealthLog {
+    /// Takes an entry of a log.
+    pub fn take(&mut self, record: &Record) {
+        let t_us = record.t_us;
+        self.first_us.get_or_insert(t_us);
+        self.end_us = self.end_us.max(t_us);
+        match &record.item {
+            Item::Note(LogNote::Health(note)) => self.note(t_us, note),
+            Item::Note(LogNote::Filter(values)) => self.values(t_us, values),
+            Item::Measurement(Measurement::Imu(..)) => _ = self.start_us.get_or_insert(t_us),
+            Item::Measurement(Measurement::Fix(_, fix)) => self.fix(t_us, fix),
+            Item::Frame(frame) => {
+                let found = self.frames.take(frame);
+                if found.inertial {
+                    self.start_us.get_or_insert(t_us);
+                }
+                found.notes.iter().for_each(|note| self.note(t_us, note));
+                found.fix.iter().for_each(|fix| self.fix(t_us, fix));
+                if found.ours {
+                    self.values(t_us, &filter::of_frame(frame));
+                }
+            }
+            _ => {}
+        }
+    }
+
+    fn values(&mut self, t_us: u64, values: &[(Channel, f64)]) {
+        use Channel::{HeadingRatio, HeightRatio, PositionRatio, VelocityRatio};
+        for (channel, value) in values {
+            if matches!(channel, VelocityRatio | PositionRatio | HeightRatio | HeadingRatio) {
+                keep(self.ratios.entry(*channel).or_default(), t_us, *value);
+            }
+        }
+    }
+
+    fn note(&mut self, t_us: u64, note: &HealthNote) {
+        match note {
+            HealthNote::Mode(name) => change(&mut self.modes, t_us, name.clone()),
+            HealthNote::Armed(on) => change(&mut self.armed, t_us, *on),
+            HealthNote::InAir(on) => change(&mut self.air, t_us, *on),
+            HealthNote::Gnss { fix_type, satellites, hdop, jamming, interference } => {
+                // A message of the receiver without a solution brings its other figures only.
+                if *fix_type != u8::MAX {
+                    let (satellites, hdop) = (*satellites, hdop.filter(|h| *h > 0.0 && *h < 90.0));
+                    keep(&mut self.receiver, t_us, Receiver { fix_type: *fix_type, satellites, hdop });
+                }
+                jamming.iter().for_each(|v| keep(&mut self.jamming, t_us, *v));
+                change(&mut self.interference, t_us, *interference);
+            }
+            HealthNote::Vibration(unit, level) => {
+                keep(self.vibration.entry(*unit).or_default(), t_us, *level)
+            }
+            HealthNote::Clipped(unit, count) => change(self.clipped.entry(*unit).or_default(), t_us, *count),
+            HealthNote::Resets(what, count) => change(self.resets.entry(what).or_default(), t_us, *count),
+            HealthNote::Fault { what, on, grave } => {
+                let (worst, series) = self.faults.entry(what).or_default();
+                *worst |= grave;
+                change(series, t_us, *on);
+            }
+            HealthNote::Lane(lane) => change(&mut self.lanes, t_us, *lane),
+            HealthNote::Battery { volts, cells, remaining } => {
+                self.cells = cells.or(self.cells);
+                keep(&mut self.battery, t_us, (*volts, *remaining));
+            }
+            HealthNote::Supply(volts) => keep(&mut self.supply, t_us, *volts),
+            HealthNote::Motors(largest) => change(&mut self.stopped, t_us, *largest == 0.0),
+            HealthNote::Text(level, text) => {
+                if self.texts.len() < MOST_TEXTS {
+                    self.texts.push((t_us, (*level, text.clone())));
+                }
+            }
+        }
+    }
+
+    /// A fix that is not where the one before leads has jumped.
+    fn fix(&mut self, t_us: u64, fix: &GnssFix) {
+        let Some((before_us, before)) = self.last_fix.replace((t_us, *fix)) else { return };
+        let dt = t_us.saturating_sub(before_us) as f64 * 1e-6;
+        if dt <= 0.0 || dt > FIX_SPACING_S {
+            return;
+        }
+        let flat = |v: &FixVelocity| match *v {
+            FixVelocity::None => None,
+            FixVelocity::Horizontal([n, e]) | FixVelocity::Full([n, e, _]) => Some([n, e]),
+        };
+        let (Some(a), Some(b)) = (flat(&before.velocity), flat(&fix.velocity)) else { return };
+        const EARTH_M: f64 = 6_371_000.0;
+        let north = (fix.position.lat_rad - before.position.lat_rad) * EARTH_M;
+        let east = (fix.position.lon_rad - before.position.lon_rad) * EARTH_M * fix.position.lat_rad.cos();
+        let off = (north - 0.5 * dt * (a[0] + b[0])).hypot(east - 0.5 * dt * (a[1] + b[1]));
+        // What a maneuver between two fixes may do: 2 g.
+        if off > JUMP_M + 10.0 * dt * dt {
+            keep(&mut self.jumps, t_us, off);
+        }
+    }
+
+    /// Time of an entry, s since the first inertial sample.
+    fn s(&self, t_us: u64) -> f64 {
+        (t_us as f64 - self.start_us.or(self.first_us).unwrap_or(0) as f64) / 1e6
+    }
+
+    /// End of the log, s since the first inertial sample.
+    pub fn end_s(&self) -> f64 {
+        self.s(self.end_us)
+    }
+
+    /// Modes with the times at which they begin, s.
+    pub fn modes(&self) -> Vec<(f64, &str)> {
+        self.modes.iter().map(|(t, name)| (self.s(*t), name.as_str())).collect()
+    }
+
+    /// Spans in which it was armed, s; `None` where the log does not say.
+    pub fn armed(&self) -> Option<Vec<(f64, f64)>> {
+        self.spans(&self.armed)
+    }
+
+    /// Spans in which it flew: off the ground where that is reported, armed otherwise; `None` where the log says neither.
+    pub fn flown(&self) -> Option<Vec<(f64, f64)>> {
+        self.spans(&self.air).filter(|spans| !spans.is_empty()).or_else(|| self.armed())
+    }
+
+    fn spans(&self, series: &Series<bool>) -> Option<Vec<(f64, f64)>> {
+        if series.is_empty() {
+            return None;
+        }
+        let mut out = Vec::new();
+        let mut since = None;
+        for (t, on) in series {
+            match (on, since) {
+                (true, None) => since = Some(self.s(*t)),
+                (false, Some(start)) => {
+                    out.push((start, self.s(*t)));
+                    since = None;
+                }
+                _ => {}
+            }
+        }
+        out.extend(since.map(|start| (start, self.end_s())));
+        Some(out)
+    }
+
+    /// Whether the log says anything of the vehicle's state.
+    pub fn is_empty(&self) -> bool {
+        self.modes.is_empty() && self.receiver.is_empty() && self.texts.is_empty() && self.ratios.is_empty()
+    }
+}
+
+/// Appends a value, up to a bound.
+fn keep<T>(series: &mut Series<T>, t_us: u64, value: T) {
+    if series.len() < MOST {
+        series.push((t_us, value));
+    }
+}
+
+/// Appends a value that differs from the last one.
+fn change<T: PartialEq>(series: &mut Series<T>, t_us: u64, value: T) {
+    if series.last().is_none_or(|(_, last)| *last != value) {
+        keep(series, t_us, value);
+    }
+}
