@@ -304,7 +304,7 @@ fn with_a_limit_the_oldest_recordings_go_and_nothing_else() {
         let (frames, damage) = read(&folder.join(name));
         assert!(!damage.any(), "{name}: {damage:?}");
         assert!(name.ends_with("_14.mcap") || frames.len() > 100, "{name}: {}", frames.len());
-        assert_eq!(logs::mcap::recorded_setup(&folder.join(name)), Some(setup()));
+        assert_eq!(logs::mcap::recorded_setup(folder.join(name)), Some(setup()));
     }
     drop(other);
 }
