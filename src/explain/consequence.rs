@@ -17,8 +17,6 @@ const DASH: f64 = 0.5;
 const AFTER_S: f64 = 600.0;
 /// A roll that begins within a second reaches this rate, deg/s.
 const ROLL_DEG_PER_S: f64 = 60.0;
-/// Slower than this no turn is told of, m/s: at 2 g it turns by 97 deg/s already.
-const SLOWEST_M_PER_S: f64 = 10.0;
 /// Consequences below these are not worth telling: deg, m, m/s.
 const LEAST_SHOWN: [f64; 3] = [0.01, 0.02, 0.005];
 
@@ -58,7 +56,6 @@ pub fn of(setting: &EffectSetting, speed_m_per_s: f64) -> Option<String> {
     let found = |(value, sigma): (&f64, &f64)| if value.abs() > 2.0 * *sigma { *value } else { 0.0 };
     let values = setting.values.iter().zip(&setting.sigmas).map(found).collect();
     let setting = &EffectSetting { values, ..setting.clone() };
-    let speed_m_per_s = speed_m_per_s.max(SLOWEST_M_PER_S);
     let (effect, p) = (setting.effect, &setting.values);
     if effect.is_source_mistake() || effect.is_empty() {
         return None;
@@ -193,10 +190,11 @@ mod tests {
         assert_eq!(behind, "1.20 deg of attitude while rolling at 60 deg/s");
         let shaken = of(&known(&effects::VIBRATION_RECTIFICATION, &[1e-3, 0.0, 0.0]), 20.0).unwrap();
         assert!(shaken.contains("under vibration of 1 g RMS"), "{shaken}");
-        // A copter's hover with ArduPilot 4.7: what its sigma covers moves nothing, and nobody turns at 250 deg/s.
+        // What its sigma covers moves nothing; a copter that hovers with ArduPilot 4.7 does not turn at 250 deg/s.
         let mut hovered = known(&effects::GYRO_MISALIGNMENT, &[0.0, 0.0, 0.0, 0.4e-3, 0.0, -2.29e-3]);
         hovered.sigmas = vec![0.5e-3, 0.1e-3, 0.5e-3, 0.1e-3, 1.6e-3, 2.0e-3];
-        let parts = of(&hovered, 3.86).unwrap();
+        assert_eq!(of(&hovered, 3.86), None);
+        let parts = of(&hovered, 10.0).unwrap();
         assert!(parts.ends_with("correction: 0 deg of roll, 1.17 deg of pitch, 0 deg of yaw"), "{parts}");
         // 100 ppm in ten minutes are 60 ms.
         let drifted = of(&known(&effects::ClockDrift, &[1e-4]), 20.0).unwrap();

@@ -10,6 +10,7 @@ use crate::displacement::Displacement;
 use crate::linear::interval::Interval;
 use crate::mechanization::NavState;
 use crate::rotation::left_jacobian;
+use nalgebra::Matrix3;
 use pulp::Simd;
 
 /// Three values per column.
@@ -49,11 +50,6 @@ pub(super) trait NavMap {
     fn rows<S: Simd>(&self, simd: S, x: Columns<'_, S>) -> [Triple<S>; NAV / 3];
 }
 
-#[inline(always)]
-fn add<S: Simd>(simd: S, a: Triple<S>, b: Triple<S>) -> Triple<S> {
-    [simd.add_f64s(a[0], b[0]), simd.add_f64s(a[1], b[1]), simd.add_f64s(a[2], b[2])]
-}
-
 // No closures in what follows: one that the compiler does not inline would lose the wide registers.
 
 /// a·x for one row of three.
@@ -69,37 +65,19 @@ fn times<S: Simd>(simd: S, m: &[[f64; 3]; 3], x: Triple<S>) -> Triple<S> {
     [dot(simd, &m[0], x), dot(simd, &m[1], x), dot(simd, &m[2], x)]
 }
 
-/// p q − r s.
-#[inline(always)]
-fn minor<S: Simd>(simd: S, p: S::f64s, q: S::f64s, r: S::f64s, s: S::f64s) -> S::f64s {
-    simd.sub_f64s(simd.mul_f64s(p, q), simd.mul_f64s(r, s))
-}
-
-/// v × x.
-#[inline(always)]
-fn cross<S: Simd>(simd: S, v: &[f64; 3], x: Triple<S>) -> Triple<S> {
-    let (a, b, c) = (simd.splat_f64s(v[0]), simd.splat_f64s(v[1]), simd.splat_f64s(v[2]));
-    [minor(simd, b, x[2], c, x[1]), minor(simd, c, x[0], a, x[2]), minor(simd, a, x[1], b, x[0])]
-}
-
-/// How an error about the old estimate reads about the new one: the right Jacobian of SE₂(3) to first order in the
-/// position and velocity parts (Barfoot 2017, section 7.1.5), for [δr δv ε]. A heading that is corrected changes nothing:
-/// what is known in body axes stays so (see [`crate::displacement`]).
+/// How an error about the old estimate reads about the new one: the right Jacobian of the rotation (Barfoot 2017, section 7.1.5) for each of
+/// [δr δv ε]. A heading that is corrected changes nothing: what is known in body axes stays so (see [`crate::displacement`]).
 #[derive(Debug, Clone)]
 pub(super) struct Recentring {
     /// J(−a), with a the tilt.
-    pub(super) turn: [[f64; 3]; 3],
-    /// −½ δr.
-    pub(super) half_dr: [f64; 3],
-    /// −½ δv.
-    pub(super) half_dv: [f64; 3],
+    turn: [[f64; 3]; 3],
 }
 
 impl Recentring {
-    /// As a dense matrix.
-    pub(super) fn dense(&self) -> [[f64; NAV]; NAV] {
-        let rows = dense_rows(self, NAV);
-        std::array::from_fn(|i| std::array::from_fn(|j| rows[i * NAV + j]))
+    /// The way back.
+    pub(super) fn inverse(&self) -> Option<Self> {
+        let turn = Matrix3::from(self.turn).try_inverse()?;
+        Some(Self { turn: turn.into() })
     }
 }
 
@@ -107,25 +85,14 @@ impl NavState {
     /// The change of coordinates that a correction of this state brings.
     pub(super) fn recentring(&self, by: &Displacement) -> Recentring {
         let [_, tilt] = self.heading_and_tilt(&by.attitude);
-        Recentring {
-            turn: left_jacobian(&-tilt).transpose().into(),
-            half_dr: (by.position * -0.5).into(),
-            half_dv: (by.velocity * -0.5).into(),
-        }
+        Recentring { turn: left_jacobian(&-tilt).transpose().into() }
     }
 }
 
 impl NavMap for Recentring {
     #[inline(always)]
     fn rows<S: Simd>(&self, simd: S, x: Columns<'_, S>) -> [Triple<S>; 3] {
-        let eps = x.triple(index::ATTITUDE);
-        let position = times(simd, &self.turn, x.triple(index::POSITION));
-        let velocity = times(simd, &self.turn, x.triple(index::VELOCITY));
-        [
-            add(simd, position, cross(simd, &self.half_dr, eps)),
-            add(simd, velocity, cross(simd, &self.half_dv, eps)),
-            times(simd, &self.turn, eps),
-        ]
+        [index::POSITION, index::VELOCITY, index::ATTITUDE].map(|at| times(simd, &self.turn, x.triple(at)))
     }
 }
 
@@ -167,6 +134,7 @@ impl NavMap for Dense {
 }
 
 /// The nine rows of a map as a dense matrix over `n` states, row by row.
+#[cfg(test)]
 pub(super) fn dense_rows(map: &impl NavMap, n: usize) -> Vec<f64> {
     let mut out = vec![0.0; NAV * n];
     let mut unit = vec![0.0; n * PANEL];

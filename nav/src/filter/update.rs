@@ -20,13 +20,10 @@ pub use super::aid::gate;
 const LONGEST_DELAY_S: f64 = 1.0;
 /// Likelihood of a fix that a filter cannot even test, nats: worse than any that it can.
 const UNTESTABLE: f64 = -1e3;
-/// The linear model holds about a mean error of the attitude up to this, rad: what it leaves out of the specific force, ½ ε² g, is
-/// 4.5 µg then …
-const NEAR_RAD: f64 = 3e-3;
-/// … where it turns the position error by less than this, m, and the velocity error by less than this, m/s: a hundredth of what fixes
-/// show …
-const NEAR_M: f64 = 0.02;
-const NEAR_M_PER_S: f64 = 1e-3;
+/// The linear model holds about a mean error of the tilt up to this, rad: what it leaves out of the specific force, ½ ε² g, is 4.5 µg then …
+const NEAR_TILT: f64 = 3e-3;
+/// … and of the heading, which gravity knows nothing of, up to this, rad: it leaves out 0.02 deg/h of the Earth's rate …
+const NEAR_HEADING: f64 = 0.05;
 /// … and no constant is off by more than this share of what was not known of it at the start: products of two such errors are a
 /// hundredth of those that the prior allows.
 const NEAR_SHARE: f64 = 0.1;
@@ -363,8 +360,10 @@ impl Filter {
         };
     }
 
-    /// Moves what is linearised about to the estimate where that has left its neighbourhood.
+    /// Moves what is linearised about to the estimate: position and velocity at once, attitude and constants where they have left the
+    /// neighbourhood in which the linear model holds.
     fn follow(&mut self) {
+        self.recentre_place();
         if self.has_strayed() {
             self.recentre();
         }
@@ -373,17 +372,25 @@ impl Filter {
 
     /// Whether what the linear model leaves out about the mean error counts.
     fn has_strayed(&self) -> bool {
-        let by = Displacement::of(&self.x);
-        let turned = by.attitude.norm();
-        let constants = index::GYRO_BIAS..index::GYRO_BIAS + self.layout.names().len();
-        turned > NEAR_RAD
-            || turned * by.position.norm() > NEAR_M
-            || turned * by.velocity.norm() > NEAR_M_PER_S
-            || constants.into_iter().any(|s| self.x[s].abs() > NEAR_SHARE * self.initial_sigmas[s])
+        let [heading, tilt] = self.about.nav.heading_and_tilt(&Displacement::of(&self.x).attitude);
+        let mut constants = index::GYRO_BIAS..index::GYRO_BIAS + self.layout.names().len();
+        tilt.norm() > NEAR_TILT
+            || heading.norm() > NEAR_HEADING
+            || constants.any(|s| self.x[s].abs() > NEAR_SHARE * self.initial_sigmas[s])
     }
 
-    /// Moves what is linearised about to the estimate and re-expresses the covariance about that.
+    /// Position and velocity alone. Fixes say in axes of the Earth where and how fast the vehicle is, whatever its heading: the covariance
+    /// stays. Turned with a heading that is not known, each correction would seem to measure it (the curvature that a Gauss-Newton step
+    /// leaves out of a prior that is alike in all directions): 15 min of cruise then ended with a yaw sigma of 1.2° and a NEES of 6.7.
+    fn recentre_place(&mut self) {
+        let moved = self.about.nav.displaced(&Displacement::of(&self.x));
+        (self.about.nav.r_e, self.about.nav.v_e) = (moved.r_e, moved.v_e);
+        self.x[..index::ATTITUDE].fill(0.0);
+    }
+
+    /// All of it, and re-expresses the covariance about that.
     pub(super) fn recentre(&mut self) {
+        self.recentre_place();
         let constants = self.layout.gauss_markov().unwrap_or(self.layout.len());
         let x = &self.x;
         if x[..constants].iter().all(|x| *x == 0.0) {

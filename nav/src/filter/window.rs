@@ -11,13 +11,11 @@
 
 use super::force_rate::ForceRates;
 use super::layout::index;
-use super::nav_map::Dense;
 use super::{Filter, FixOutcome};
 use crate::consistency::error;
 use crate::displacement::Displacement;
 use crate::mechanization::{Increment, NavState, step};
 use crate::sample::{GnssFix, ImuSample};
-use nalgebra::SMatrix;
 use std::sync::Arc;
 
 /// A window is kept from this uncertainty on.
@@ -245,10 +243,7 @@ impl Filter {
         (self.about.nav, self.about.calibration) = (*nav, like.calibration().clone());
         let gauss_markov = std::mem::replace(&mut self.x, vec![0.0; self.layout.len()]);
         let mean = error(self, &old.nav, &old.calibration);
-        let forward = self.about.nav.recentring(&Displacement::of(&mean)).dense();
-        let inverse = SMatrix::<f64, 9, 9>::from_fn(|i, j| forward[i][j]).try_inverse()?;
-        let columns = (0..9).map(|j| (j, std::array::from_fn(|i| inverse[(i, j)])));
-        self.p.transform(&Dense(columns.collect()));
+        self.p.transform(&self.about.nav.recentring(&Displacement::of(&mean)).inverse()?);
         self.x = mean;
         if let Some(w) = self.layout.gauss_markov() {
             self.x[w..].copy_from_slice(&gauss_markov[w..]);
