@@ -54,6 +54,8 @@ for shell in bash:bash-completion/completions/gaware zsh:zsh/vendor-completions/
     mkdir -p "$(dirname "$file")"
     $run "$program" completions "${shell%%:*}" >"$file"
 done
+# What `gaware serve --web` serves, where web/build has made it.
+[ ! -f "$target/web/gaware.html" ] || install -D -m 644 "$target/web/gaware.html" "$root/usr/share/gaware/gaware.html"
 install -m 644 README.md CHANGELOG.md "$root/usr/share/doc/gaware/"
 install -m 644 docs/*.md docs/*.schema.json "$root/usr/share/doc/gaware/docs/"
 install -m 644 LICENSE-MIT "$root/usr/share/doc/gaware/copyright"

@@ -32,7 +32,7 @@ fn replayed(log: &Path) -> Value {
 
 /// With the standard model changed by this.
 fn replayed_with(log: &Path, change: impl FnOnce(Model) -> Model) -> Value {
-    let request = ReplayRequest { log: log.to_owned(), truth_from_s: 150.0, ..ReplayRequest::default() };
+    let request = ReplayRequest { log: log.into(), truth_from_s: 150.0, ..ReplayRequest::default() };
     let (_, document) =
         replay(&request, |model| Engine::new(change(model), EngineOptions::default())).unwrap();
     Value::Object(document)

@@ -43,7 +43,7 @@ pub fn fleet_analyse(
     if let Some(threads) = threads {
         parallel::use_at_most(threads);
     }
-    let work = Work { model: model.map(|m| m.0), explain, listen: listen(source, vehicle)? };
+    let work = Work { model: model.map(|m| m.0), explain, converter: listen(source, vehicle)? };
     let entry = py.detach(|| store::analysed(&log, &work, out.as_deref()));
     serde_json::to_string(&entry.map_err(wrong)?).map_err(|e| GawareError::new_err(e.to_string()))
 }

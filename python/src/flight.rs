@@ -3,12 +3,11 @@
 use crate::model::Model;
 use crate::table::Table;
 use crate::{GawareError, failed};
-use gaware::commands::ListenArgs;
 use gaware::commands::replay::{ReplayRequest, replay as run_replay};
 use gaware::engine::{Engine, EngineOptions};
 use gaware::explain::{self as explaining, Explained, Request};
 use gaware::export::{Gather, Gathered};
-use gaware::sensors::ImuSource;
+use gaware::sensors::{ConverterOptions, ImuSource};
 use gaware_nav::identify::select::Settings;
 use pyo3::prelude::*;
 use std::path::PathBuf;
@@ -17,9 +16,9 @@ use std::path::PathBuf;
 const KEYS: [&str; 3] = ["log", "elapsed_s", "t_s"];
 
 /// Source of the samples, from a name.
-pub fn listen(source: Option<&str>, vehicle: Option<u8>) -> PyResult<ListenArgs> {
+pub fn listen(source: Option<&str>, vehicle: Option<u8>) -> PyResult<ConverterOptions> {
     let source = source.map(str::parse::<ImuSource>).transpose();
-    Ok(ListenArgs { source: source.map_err(|e| GawareError::new_err(e.to_string()))?, vehicle })
+    Ok(ConverterOptions { source: source.map_err(|e| GawareError::new_err(e.to_string()))?, vehicle })
 }
 
 /// A document of the program as Python's own types.
@@ -118,9 +117,9 @@ pub fn replay(
 ) -> PyResult<Flight> {
     let name = path.file_name().unwrap_or(path.as_os_str()).to_string_lossy().into_owned();
     let request = ReplayRequest {
-        log: path,
+        log: path.into(),
         model: model.map(|m| m.0),
-        listen: listen(source, vehicle)?,
+        converter: listen(source, vehicle)?,
         truth_from_s: gaware::commands::replay::TRUTH_FROM_S,
     };
     let done = py.detach(|| {
@@ -184,12 +183,13 @@ pub fn explain(
     vehicle: Option<u8>,
 ) -> PyResult<Explanation> {
     let request = Request {
-        logs: paths,
-        validate,
+        logs: paths.into_iter().map(Into::into).collect(),
+        validate: validate.into_iter().map(Into::into).collect(),
         model: model.map(|m| m.0),
-        converter: listen(source, vehicle)?.options(),
+        converter: listen(source, vehicle)?,
         settings: Settings::default(),
-        parameters,
+        parameters: parameters.map(Into::into),
+        whole: false,
     };
     let explained = py.detach(|| explaining::run(&request, &|_| {}));
     explained.map(Explanation).map_err(|e| failed(e.into()))

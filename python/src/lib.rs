@@ -24,7 +24,7 @@ fn failed(error: CommandError) -> PyErr {
         CommandError::Log(_) | CommandError::Explain(gaware::explain::ExplainError::Log(_)) => {
             LogError::new_err(text)
         }
-        CommandError::Model { .. } => ModelError::new_err(text),
+        CommandError::Model(_) => ModelError::new_err(text),
         _ => GawareError::new_err(text),
     }
 }

@@ -1,16 +1,16 @@
 //! What a log says of the vehicle that flew: autopilot, version, parameters. What it does not say stays unknown.
 
+use crate::inputs::Input;
 use crate::link::frame::Frame;
+use crate::link::param_codec;
+use crate::link::vehicle::Vehicle;
 use crate::logs::{self, Item, LogError, LogNote, LogReader, Record, VehicleClass};
-use crate::mission_link::param_codec;
-use crate::mission_link::vehicle::Vehicle;
 use gaware_mission::item::Autopilot;
 use gaware_mission::params::file::ParamFile;
 use gaware_mission::params::{Encoding, ParamMessage};
 use gaware_nav::observability::words::VehicleKind;
 use gaware_nav::sample::Sample;
 use std::collections::{BTreeMap, BTreeSet};
-use std::path::Path;
 
 const HEARTBEAT: u32 = 0;
 const AUTOPILOT_VERSION: u32 = 148;
@@ -84,8 +84,8 @@ impl OnBoard {
     ///
     /// # Errors
     /// A log that cannot be opened or read.
-    pub fn read(path: &Path, vehicle: Option<u8>) -> Result<Self, LogError> {
-        let mut reader = logs::open(path)?;
+    pub fn read(log: impl Into<Input>, vehicle: Option<u8>) -> Result<Self, LogError> {
+        let mut reader = logs::open(log)?;
         let mut found = Self::default();
         for record in reader.by_ref() {
             match record {

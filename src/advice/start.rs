@@ -239,7 +239,7 @@ mod tests {
     #[ignore = "needs the recorded flights: GAWARE_FLIGHTS"]
     fn recorded_logs_give_what_was_set_in_them() {
         let of = |name: &str| {
-            let board = OnBoard::read(&crate::testing::flights().join(name), None).unwrap();
+            let board = OnBoard::read(crate::testing::flights().join(name), None).unwrap();
             start(&mut Model::standard(), &board)
         };
         let px4 = of("real_px4_ekf_failure.ulg");

@@ -456,15 +456,15 @@ fn a_parameter_that_changed_on_the_way_does_not_count() {
 #[ignore = "needs the recorded flights: GAWARE_FLIGHTS"]
 fn parameters_and_version_of_recorded_logs_are_read() {
     let folder = crate::testing::flights();
-    let bin = OnBoard::read(&folder.join("sitl_gsens_typical_dither_cut.BIN"), None).unwrap();
+    let bin = OnBoard::read(folder.join("sitl_gsens_typical_dither_cut.BIN"), None).unwrap();
     assert_eq!(
         (bin.autopilot, bin.get("INS_ACCSCAL_X")),
         (Some(Autopilot::ArduPilot), Some(f64::from(1.001_f32)))
     );
     assert!(bin.get("GPS1_DELAY_MS").is_some(), "{:?}", bin.parameters.keys().take(5).collect::<Vec<_>>());
-    let ulog = OnBoard::read(&folder.join("real_px4_ekf_failure.ulg"), None).unwrap();
+    let ulog = OnBoard::read(folder.join("real_px4_ekf_failure.ulg"), None).unwrap();
     assert_eq!(ulog.autopilot, Some(Autopilot::Px4));
     assert!(ulog.version.is_some() && ulog.get("EKF2_GPS_DELAY").is_some(), "{:?}", ulog.version);
-    let tlog = OnBoard::read(&folder.join("real_ardusub_bench.tlog"), None).unwrap();
+    let tlog = OnBoard::read(folder.join("real_ardusub_bench.tlog"), None).unwrap();
     assert_eq!((tlog.version, tlog.get("INS_ACCSCAL_X")), (Some((4, 1)), Some(1.0)));
 }

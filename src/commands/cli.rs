@@ -1,10 +1,10 @@
 //! The command line: which commands there are, how they start, and what exit status their result becomes.
 
 use super::{
-    CommandError, airframe, compare, config, demo, explain, fleet, ground, mission, output, params, plan,
-    preflight, replay, report, run, sim, start, study, unit,
+    CommandError, OverwriteArgs, airframe, compare, config, demo, explain, fleet, ground, mission, output,
+    params, plan, preflight, replay, report, run, serve, sim, start, study, unit,
 };
-use crate::outputs::{OverwriteArgs, mark};
+use crate::outputs::mark;
 use crate::sinks::log;
 use clap::{CommandFactory, Parser, Subcommand};
 use std::path::Path;
@@ -67,6 +67,8 @@ pub enum Command {
     Params(params::ParamsArgs),
     /// Check a vehicle against plan and airframe before the flight; it is only asked, never changed.
     Preflight(preflight::PreflightArgs),
+    /// Serve the page that analyses logs in the browser.
+    Serve(serve::ServeArgs),
     /// The file of `run --config`: check it, show every option.
     Config(config::ConfigArgs),
     /// Print shell completions.
@@ -179,6 +181,7 @@ fn dispatch(command: Command) -> Result<ExitCode, CommandError> {
         Command::Mission(args) => mission::run(&args)?,
         Command::Compare(args) => compare::run(&args)?,
         Command::Params(args) => params::run(&args)?,
+        Command::Serve(args) => serve::run(&args)?,
         Command::Preflight(args) => preflight::run(&args)?,
         Command::Explain(args) => explain::run(&args)?,
         Command::Fleet(args) => fleet::run(&args)?,

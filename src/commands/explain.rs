@@ -3,7 +3,7 @@
 use super::known::UnitFileArgs;
 use super::{CommandError, ListenArgs, OverwriteArgs, load_model, output};
 use crate::explain::contract::Verdict;
-use crate::explain::{self, Explained, Phase, Request};
+use crate::explain::{self, Explained, Phase, Request, STEPS};
 use crate::report::explanation::headline;
 use gaware_nav::identify::select::Settings;
 use std::cell::Cell;
@@ -56,12 +56,12 @@ pub fn run(args: &ExplainArgs) -> Result<(), CommandError> {
     explain::check(&args.out, &outputs)?;
     let model = args.unit.on(args.model.as_deref().map(load_model).transpose()?)?;
     let request = Request {
-        logs: args.logs.clone(),
-        validate: args.validate.clone(),
+        logs: args.logs.iter().map(Into::into).collect(),
+        validate: args.validate.iter().map(Into::into).collect(),
         model,
         converter: args.listen.options(),
         settings: Settings::default(),
-        parameters: args.parameters.clone(),
+        parameters: args.parameters.as_ref().map(Into::into),
         whole: args.whole,
     };
     // Fails before the analysis where the result cannot be written. A folder that this makes is not left behind empty,
@@ -83,8 +83,8 @@ pub fn run(args: &ExplainArgs) -> Result<(), CommandError> {
             bar.suspend(|| crate::sinks::log::line(&load.words()));
             return;
         }
-        let (step, what) = step(phase);
-        let left = time_left(phase, entered.replace(Instant::now()).elapsed());
+        let (step, what) = phase.step();
+        let left = phase.time_left(entered.replace(Instant::now()).elapsed());
         if bar.is_hidden() {
             crate::sinks::log::line(&format!("step {step} of {STEPS}: {what}{left}"));
         }
@@ -105,32 +105,6 @@ pub fn run(args: &ExplainArgs) -> Result<(), CommandError> {
         return Err(CommandError::TooLittleData(explanation.summary.clone()));
     }
     Ok(())
-}
-
-/// Number of steps that the progress counts.
-const STEPS: usize = 5;
-
-fn step(phase: Phase) -> (usize, String) {
-    match phase {
-        Phase::Reading(k) => (1, format!("reading log {}", k + 1)),
-        Phase::Read(_) | Phase::Choosing => (2, "fitting noise, comparing effects".to_owned()),
-        Phase::Judging => (3, "judging on held-out data".to_owned()),
-        Phase::Terms => (4, "testing terms outside the catalogue".to_owned()),
-        Phase::Smoothing => (STEPS, "simulating the sensors along the smoothed trajectory".to_owned()),
-    }
-}
-
-/// What is left at the beginning of a step, by what the step before took. How long the second step takes depends on how many effects there
-/// are, which only it finds out, so that nothing is said before its end. From then on all that is left took at most these shares of the step
-/// before on four recorded flights of 2.5 to 11 minutes with none to three effects: .80, .95 and .64.
-fn time_left(phase: Phase, last: Duration) -> String {
-    let share = match phase {
-        Phase::Reading(_) | Phase::Read(_) | Phase::Choosing => return String::new(),
-        Phase::Judging => 0.8,
-        Phase::Terms => 1.0,
-        Phase::Smoothing => 0.7,
-    };
-    format!(", at most about {:.0} s left", (share * last.as_secs_f64()).max(1.0).ceil())
 }
 
 /// For people: the result in words, a sentence a line, and where all of it stands.
@@ -157,17 +131,4 @@ fn peak_memory() -> String {
     let peak = status.lines().find_map(|line| line.strip_prefix("VmHWM:")?.trim().strip_suffix(" kB"));
     let mb = peak.and_then(|kb| kb.trim().parse::<f64>().ok()).map(|kb| kb / 1024.0);
     mb.map_or_else(String::new, |mb| format!(" with at most {mb:.0} MB of memory"))
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn the_time_left_is_stated_once_it_can_be_known() {
-        let took = Duration::from_secs(10);
-        assert_eq!(time_left(Phase::Choosing, took), "");
-        assert_eq!(time_left(Phase::Judging, took), ", at most about 8 s left");
-        assert_eq!(time_left(Phase::Smoothing, Duration::ZERO), ", at most about 1 s left");
-    }
 }

@@ -98,7 +98,7 @@ pub struct WorkArgs {
 impl FleetOptions {
     fn work(&self) -> Result<Work, CommandError> {
         let model = self.model.as_deref().map(load_model).transpose()?;
-        Ok(Work { model, explain: !self.no_explain, listen: self.listen.clone() })
+        Ok(Work { model, explain: !self.no_explain, converter: self.listen.options() })
     }
 
     fn out(&self) -> &Path {

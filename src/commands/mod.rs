@@ -30,6 +30,7 @@ pub mod print;
 pub mod replay;
 pub mod report;
 pub mod run;
+pub mod serve;
 pub mod sim;
 pub mod start;
 pub mod study;
@@ -38,11 +39,11 @@ pub mod unit;
 
 use crate::link::address::AddressError;
 use crate::logs::LogError;
-use crate::outputs::OutputError;
-pub use crate::outputs::OverwriteArgs;
+use crate::outputs::{OutputError, Outputs};
+use crate::pipeline::replay::{ModelFileError, ReplayError, parse_model};
 use crate::sensors::{ConverterOptions, ImuSource};
 use crate::sinks::recorder::RecorderError;
-use gaware_nav::model::{Model, ModelError};
+use gaware_nav::model::Model;
 use std::path::{Path, PathBuf};
 
 /// Whose samples are taken, in `run` and in `replay`.
@@ -60,6 +61,21 @@ impl ListenArgs {
     /// For the converter.
     pub fn options(&self) -> ConverterOptions {
         ConverterOptions { vehicle: self.vehicle, source: self.source }
+    }
+}
+
+/// What a command line says of files that exist.
+#[derive(Debug, Clone, Copy, Default, clap::Args)]
+pub struct OverwriteArgs {
+    /// Overwrite existing files also where gaware did not write them or they were edited since.
+    #[arg(long)]
+    pub force: bool,
+}
+
+impl OverwriteArgs {
+    /// The outputs of a command that reads these files.
+    pub fn outputs<P: AsRef<Path>>(self, inputs: impl IntoIterator<Item = P>) -> Outputs {
+        Outputs::of(inputs, self.force)
     }
 }
 
@@ -99,15 +115,8 @@ pub enum CommandError {
     #[error(transparent)]
     File(#[from] OutputError),
     /// A model file is wrong.
-    #[error("{path}{place}: {source}", place = line.map(|l| format!(", line {l}")).unwrap_or_default())]
-    Model {
-        /// File.
-        path: PathBuf,
-        /// Line, where the parser reports it.
-        line: Option<usize>,
-        /// What is wrong.
-        source: ModelError,
-    },
+    #[error(transparent)]
+    Model(#[from] ModelFileError),
     /// A baseline cannot be used.
     #[error("{path} is no baseline: {reason}")]
     Baseline {
@@ -217,6 +226,16 @@ pub enum CommandError {
     Output(#[from] std::io::Error),
 }
 
+impl From<ReplayError> for CommandError {
+    fn from(error: ReplayError) -> Self {
+        match error {
+            ReplayError::Log(error) => Self::Log(error),
+            ReplayError::Model(error) => Self::Model(error),
+            ReplayError::Draw(why) => Self::Report(report::ReportError::Draw(why)),
+        }
+    }
+}
+
 impl CommandError {
     /// Whether the reader of stdout has seen enough and left, as `head` does.
     pub fn is_closed_pipe(&self) -> bool {
@@ -280,31 +299,12 @@ pub fn load_model(path: &Path) -> Result<Model, CommandError> {
         };
         CommandError::Read { path: path.to_owned(), source }
     })?;
-    parse_model(&text, path)
-}
-
-fn parse_model(text: &str, path: &Path) -> Result<Model, CommandError> {
-    Model::from_toml(text).map_err(|source| {
-        let line = match &source {
-            ModelError::Syntax { span: Some(span), .. } => {
-                text.get(..span.start).map(|before| before.matches('\n').count() + 1)
-            }
-            _ => None,
-        };
-        CommandError::Model { path: path.to_owned(), line, source }
-    })
+    Ok(parse_model(&text, path)?)
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
-
-    #[test]
-    fn a_typo_in_a_model_is_shown_with_its_line() {
-        let text = "schema = \"gaware.model/1\"\n[imu]\ngyro_noize = 1.0\n";
-        let message = parse_model(text, Path::new("m.toml")).unwrap_err().to_string();
-        assert!(message.contains("m.toml, line 3") && message.contains("gyro_noize"), "{message}");
-    }
 
     #[test]
     fn a_missing_model_is_named() {

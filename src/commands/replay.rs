@@ -2,22 +2,17 @@
 
 use super::baseline::{self, Outcome};
 use super::known::KnownArgs;
-use super::{CommandError, ListenArgs, OverwriteArgs, load_model, output, parse_model, print, progress_bar};
-use crate::advice::on_board::OnBoard;
-use crate::advice::start;
+use super::{CommandError, ListenArgs, OverwriteArgs, load_model, output, print, progress_bar};
 use crate::engine::{Engine, EngineOptions};
 use crate::export::{self, ExportError, Gather, Gathered};
-use crate::logs::{Damage, Record};
 use crate::outputs::{Outputs, mark};
-use crate::pipeline::{Beside, Estimator, Pipeline, Recorded, ReplayDocument};
+pub use crate::pipeline::replay::{ReplayRequest, TRUTH_FROM_S};
+use crate::pipeline::{Estimator, Pipeline, ReplayDocument};
 use gaware_nav::model::Model;
 use schemars::JsonSchema;
 use serde::Serialize;
-use serde_json::{Map, Value, json};
+use serde_json::{Map, Value};
 use std::path::{Path, PathBuf};
-
-/// From when on a replay is compared with the truth of a simulated flight, s.
-pub const TRUTH_FROM_S: f64 = 150.0;
 
 /// Arguments of `replay`.
 #[derive(Debug, Clone, clap::Args)]
@@ -55,19 +50,6 @@ pub struct ReplayArgs {
     /// Compare with the truth of a simulated flight from this many seconds after the start.
     #[arg(long, value_name = "SECONDS", default_value_t = TRUTH_FROM_S)]
     pub truth_from: f64,
-}
-
-/// One log to replay.
-#[derive(Debug, Clone, Default)]
-pub struct ReplayRequest {
-    /// The log.
-    pub log: PathBuf,
-    /// Model of the sensors, where the user names one.
-    pub model: Option<Model>,
-    /// Source of the samples.
-    pub listen: ListenArgs,
-    /// Compare with the truth from this time after the start, s.
-    pub truth_from_s: f64,
 }
 
 /// The results of several logs (`gaware.replay/1`).
@@ -114,9 +96,9 @@ pub fn run(args: &ReplayArgs) -> Result<(), CommandError> {
     let mut results = Vec::new();
     for (log, name) in args.logs.iter().zip(names) {
         let request = ReplayRequest {
-            log: log.clone(),
+            log: log.into(),
             model: model.clone(),
-            listen: args.listen.clone(),
+            converter: args.listen.options(),
             truth_from_s: args.truth_from,
         };
         let options = EngineOptions {
@@ -210,7 +192,7 @@ fn judge(
     baseline::verdict(&outcomes)
 }
 
-/// Runs the log through and gives the pipeline at its end with the result.
+/// Runs the log through, with a progress bar, and gives the pipeline at its end with the result.
 ///
 /// # Errors
 /// When log or model cannot be read, or nothing in the log can.
@@ -218,65 +200,12 @@ pub fn replay<E: Estimator>(
     request: &ReplayRequest,
     make: impl FnOnce(Model) -> E,
 ) -> Result<(Pipeline<E>, Map<String, Value>), CommandError> {
-    replay_watched(request, make, None)
-}
-
-/// The same, and what the log says beside its samples in the same pass.
-///
-/// # Errors
-/// As [`replay`].
-pub fn replay_watched<E: Estimator>(
-    request: &ReplayRequest,
-    make: impl FnOnce(Model) -> E,
-    mut beside: Option<&mut Beside>,
-) -> Result<(Pipeline<E>, Map<String, Value>), CommandError> {
-    let recorded = Recorded::open(&request.log, request.listen.options())?;
-    let model = match (&request.model, recorded.setup()) {
-        (Some(model), _) => model.clone(),
-        (None, Some(setup)) => parse_model(&setup.model_toml, &request.log)?,
-        (None, None) => Model::standard(),
+    let bar = progress_bar(0, "bytes");
+    let progress = |done, total| {
+        bar.set_length(total);
+        bar.set_position(done);
     };
-    let mut model = model;
-    let started = if request.model.is_none() && recorded.autopilot().is_some() {
-        start::start(&mut model, &OnBoard::read(&request.log, None)?)
-    } else {
-        Vec::new()
-    };
-    let bar = progress_bar(recorded.total_bytes(), "bytes");
-    if let Some(beside) = &mut beside {
-        beside.on_board.is_log_of(recorded.autopilot());
-    }
-    let mut watch = |record: &Record| {
-        if let Some(beside) = &mut beside {
-            beside.take(record, request.listen.vehicle);
-        }
-    };
-    let progress = |bytes| bar.set_position(bytes);
-    let (pipeline, damage) =
-        recorded.run_watched(make(model), request.truth_from_s, &progress, &mut watch)?;
+    let replayed = crate::pipeline::replay::replay(request, make, &progress)?;
     bar.finish_and_clear();
-    let mut document = pipeline.document();
-    add_damage(damage, &mut document);
-    if !started.is_empty() {
-        document.insert("started".to_owned(), json!(started));
-    }
-    Ok((pipeline, document))
-}
-
-/// A damaged log says so in the result; the field is absent for a good one. An entry that the end of the file cuts is no damage.
-fn add_damage(damage: Damage, document: &mut Map<String, Value>) {
-    if damage.truncated || damage.any() {
-        document.insert("log_damage".to_owned(), json!(damage));
-    }
-    if !damage.any() {
-        return;
-    }
-    tracing::warn!(?damage, "parts of the log could not be read");
-    if let Some(Value::Array(warnings)) = document.get_mut("warnings") {
-        let end = if damage.truncated { ", and it ends in the middle of an entry" } else { "" };
-        warnings.push(json!(format!(
-            "the log is damaged: {} bytes and {} entries could not be read{end}",
-            damage.skipped_bytes, damage.bad_records
-        )));
-    }
+    Ok(replayed)
 }

@@ -1,13 +1,10 @@
 //! `gaware report LOG`: one flight as a page for people.
 
-use super::load_model;
-use super::replay::{self, ReplayRequest};
-use super::{CommandError, ListenArgs, OverwriteArgs, demo, file_name, output};
-use crate::engine::{Engine, EngineOptions};
-use crate::logs;
+use super::{CommandError, ListenArgs, OverwriteArgs, demo, file_name, load_model, output, progress_bar};
+use crate::engine::EngineOptions;
 use crate::outputs::mark;
-use crate::pipeline::Beside;
-use crate::report::flight::{self, Logged, Origin};
+use crate::pipeline::replay::ReplayRequest;
+use crate::report::flight;
 use std::path::{Path, PathBuf};
 
 /// Arguments of `report`.
@@ -57,29 +54,21 @@ pub fn run(args: &ReportArgs) -> Result<(), CommandError> {
     let out = args.out.clone().unwrap_or_else(|| beside(&args.log));
     outputs.check(&out)?;
     let request = ReplayRequest {
-        log: args.log.clone(),
+        log: (&args.log).into(),
         model: args.model.as_deref().map(load_model).transpose()?,
-        listen: args.listen.clone(),
+        converter: args.listen.options(),
         truth_from_s: args.truth_from,
     };
-    let make = |model| Logged::new(Engine::new(model, options));
-    let mut beside = Beside::default();
-    let (pipeline, document) = replay::replay_watched(&request, make, Some(&mut beside))?;
-    let origin = Origin { log: file_name(&args.log), date: beside.date(), model: model_of(args), beside };
-    let page = flight::html(&origin, &pipeline.summary(), &document, pipeline.engine().log())
-        .map_err(ReportError::Draw)?;
+    let bar = progress_bar(0, "bytes");
+    let progress = |done, total| {
+        bar.set_length(total);
+        bar.set_position(done);
+    };
+    let model = args.model.as_deref().map(file_name);
+    let page = flight::of_log(&request, options, model, &progress)?.html;
+    bar.finish_and_clear();
     outputs.write(&out, mark::text(page, mark::Style::Angle))?;
     output::text(&format!("report: {}\n", out.display()))
-}
-
-/// Which model was taken, in words.
-fn model_of(args: &ReportArgs) -> String {
-    match &args.model {
-        Some(path) => file_name(path),
-        None if logs::mcap::recorded_setup(&args.log).is_some() => "the recording's own".to_owned(),
-        None => "standard (g-sensitivity, GNSS latency and the tolerances of a consumer unit estimated)"
-            .to_owned(),
-    }
 }
 
 /// The log's name with another ending, in the present folder.

@@ -1,6 +1,7 @@
 //! `gaware sim`: a simulated autopilot on UDP, TCP or a pseudo-terminal.
 
-use crate::outputs::{OutputError, OverwriteArgs, mark};
+use super::OverwriteArgs;
+use crate::outputs::{OutputError, mark};
 use clap::{Args, ValueEnum};
 use gaware_nav::model::Model;
 use gaware_sitl::autopilot::{Autopilot, AutopilotConfig, Flavour};

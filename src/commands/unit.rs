@@ -1,12 +1,12 @@
 //! `gaware unit add|show|check`: the file of what is known of one inertial unit.
 
 use super::known::PlaceArgs;
-use super::replay::{ReplayRequest, replay_watched};
 use super::{CommandError, ListenArgs, OverwriteArgs, file_name, output};
 use crate::advice::on_board::{self, OnBoard};
 use crate::engine::{Engine, EngineOptions};
 use crate::figures;
 use crate::pipeline::Beside;
+use crate::pipeline::replay::{ReplayRequest, replay_watched};
 use crate::unit::{Origin, Unit, UnitError};
 use gaware_nav::model::Model;
 use serde::Serialize;
@@ -136,13 +136,14 @@ fn measure(log: &Path, logs: &UnitLogs, before: Option<&Unit>) -> Result<Unit, C
         before.apply(&mut model, &before.origin.date);
     }
     let request = ReplayRequest {
-        log: log.to_owned(),
+        log: log.into(),
         model: Some(model),
-        listen: logs.listen.clone(),
+        converter: logs.listen.options(),
         truth_from_s: f64::INFINITY,
     };
     let options = EngineOptions { place: logs.place.home, ..EngineOptions::default() };
-    let (pipeline, _) = replay_watched(&request, |model| Engine::new(model, options), Some(&mut beside))?;
+    let make = |model| Engine::new(model, options);
+    let (pipeline, _) = replay_watched(&request, make, &|_, _| {}, Some(&mut beside))?;
     let name = file_name(log);
     let filter = pipeline.engine().filter().ok_or_else(|| UnitError::Nothing(name.clone()))?;
     Ok(Unit::of_filter(filter, origin(&beside, &name)))

@@ -3,6 +3,7 @@
 use super::{AttitudeAngle, Quantity};
 use crate::engine::Engine;
 use crate::engine::snapshot::{Phase, Snapshot};
+use crate::inputs::Input;
 use crate::logs::LogError;
 use crate::logs::filter::Origin;
 use crate::pipeline::{Pipeline, Recorded};
@@ -11,7 +12,6 @@ use crate::sensors::ConverterOptions;
 use schemars::JsonSchema;
 use serde::Serialize;
 use std::collections::BTreeMap;
-use std::path::Path;
 
 /// A vehicle flies that is faster than this over the ground, m/s, or higher than this above its start, m.
 const FLYING_M_PER_S: f64 = 3.0;
@@ -127,12 +127,12 @@ impl FilterFlight {
     /// # Errors
     /// A log that cannot be opened or read.
     pub fn read(
-        path: &Path,
+        log: impl Into<Input>,
         options: ConverterOptions,
         engine: Engine,
         progress: &dyn Fn(u64, u64),
     ) -> Result<Self, LogError> {
-        let recorded = Recorded::open(path, options)?;
+        let recorded = Recorded::open(log, options)?;
         let total = recorded.total_bytes();
         let (pipeline, _): (Pipeline<Logged>, _) =
             recorded.run(Logged::new(engine), f64::INFINITY, &|done| progress(done, total))?;

@@ -127,7 +127,7 @@ fn recorded(name: &str) -> FilterFlight {
         Into::into,
     );
     let engine = Engine::new(Model::standard(), EngineOptions::default());
-    FilterFlight::read(&folder.join(name), ConverterOptions::default(), engine, &|_, _| ()).unwrap()
+    FilterFlight::read(folder.join(name), ConverterOptions::default(), engine, &|_, _| ()).unwrap()
 }
 
 /// The same aircraft, mission and firmware; in the second flight fixes are some 0.25 s older than the filter assumes.

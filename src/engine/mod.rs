@@ -5,6 +5,7 @@
 
 pub(crate) mod counters;
 pub(crate) mod estimate;
+pub mod events;
 mod ground;
 pub mod guidance;
 pub mod meaning;

@@ -385,7 +385,7 @@ fn words(kind: SituationKind, i: &Inputs<'_>) -> [String; 3] {
     match kind {
         SituationKind::NoData => no_data_words(),
         SituationKind::Starting => {
-            say(crate::sinks::events::phase_words(i.phase), i.waiting_for.to_owned(), String::new())
+            say(crate::engine::events::phase_words(i.phase), i.waiting_for.to_owned(), String::new())
         }
         SituationKind::SeveralVehicles => say(
             "Several vehicles",

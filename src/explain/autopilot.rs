@@ -4,7 +4,7 @@ use super::contract::Verdict;
 use super::{ExplainError, Explained, Request, one_line};
 use crate::advice::on_board::OnBoard;
 use crate::advice::{Advice, Finding, file};
-use crate::outputs::{OutputError, Outputs, mark};
+use crate::outputs::mark;
 use crate::pipeline::Beside;
 use gaware_mission::item::Autopilot;
 use gaware_mission::params::file::{ParamFile, extension};
@@ -28,9 +28,9 @@ pub fn on_board(request: &Request, beside: &[Beside]) -> Result<OnBoard, Explain
         }
     }
     let mut all = all.unwrap_or_default();
-    if let Some(path) = &request.parameters {
-        let wrong = |reason: String| ExplainError::Parameters { path: path.clone(), reason };
-        let text = crate::inputs::text(path).map_err(|e| wrong(e.to_string()))?;
+    if let Some(file) = &request.parameters {
+        let wrong = |reason: String| ExplainError::Parameters { path: file.path().to_owned(), reason };
+        let text = file.text().map_err(|e| wrong(e.to_string()))?;
         all.add_file(&ParamFile::read(&text).map_err(|e| wrong(e.to_string()))?);
     }
     Ok(all)
@@ -88,25 +88,14 @@ pub fn files(folder: &Path) -> [PathBuf; 2] {
     [Autopilot::ArduPilot, Autopilot::Px4].map(|a| folder.join(NAME).with_extension(extension(a)))
 }
 
-/// Writes `autopilot.param` or `autopilot.params`; a file of an earlier explanation in the same folder does not stay.
-///
-/// # Errors
-/// The file cannot be written.
-pub fn write(explained: &Explained, folder: &Path, outputs: &Outputs) -> Result<(), OutputError> {
-    let advice = explained.explanation.autopilot.as_ref();
-    let flown = advice.and(explained.on_board.autopilot);
-    for (autopilot, path) in [Autopilot::ArduPilot, Autopilot::Px4].into_iter().zip(files(folder)) {
-        match advice.filter(|_| flown == Some(autopilot)) {
-            Some(advice) => {
-                let verdict = explained.explanation.verdict.words();
-                let origin = format!("{}; verdict: {verdict}", one_line(&explained.logs.join(", ")));
-                let text = file::text(advice, autopilot, &explained.on_board, &origin);
-                outputs.write(&path, mark::text(text, mark::Style::Hash))?;
-            }
-            None => outputs.remove(&path)?,
-        }
-    }
-    Ok(())
+/// `autopilot.param` or `autopilot.params`, where the autopilot is known.
+pub fn file(explained: &Explained) -> Option<(String, String)> {
+    let advice = explained.explanation.autopilot.as_ref()?;
+    let autopilot = explained.on_board.autopilot?;
+    let verdict = explained.explanation.verdict.words();
+    let origin = format!("{}; verdict: {verdict}", one_line(&explained.logs.join(", ")));
+    let text = file::text(advice, autopilot, &explained.on_board, &origin);
+    Some((format!("{NAME}.{}", extension(autopilot)), mark::text(text, mark::Style::Hash)))
 }
 
 /// What is on board and needs no change: the remedies of these effects are carried out.

@@ -402,6 +402,14 @@ fn accelerometers_away_from_the_gyros_are_named_where_the_antenna_is_known() {
     assert!(e.effects[0].separate_by.as_ref().is_some_and(|s| s.contains("No motion separates them")));
 }
 
+#[test]
+fn the_time_left_is_stated_once_it_can_be_known() {
+    let took = Duration::from_secs(10);
+    assert_eq!(Phase::Choosing.time_left(took), "");
+    assert_eq!(Phase::Judging.time_left(took), ", at most about 8 s left");
+    assert_eq!(Phase::Smoothing.time_left(Duration::ZERO), ", at most about 1 s left");
+}
+
 /// An hour of 200 Hz with 5 fixes a second took 459 MB and 75 s of processor time (docs/explain.md).
 #[test]
 fn what_an_explanation_will_take_is_said_before() {

@@ -1,8 +1,8 @@
 //! The rows of the tables: every column's name with its unit, its meaning, and where its value comes from.
 
 use super::table::{Cell, Put, Row};
+use crate::engine::events::{Event, Topic};
 use crate::engine::snapshot::{Estimate3, Phase, Snapshot};
-use crate::sinks::events::{Event, Topic};
 use gaware_nav::sample::{AttitudeHint, FixVelocity, GnssFix, ImuSample};
 
 /// Name of the table that a single file has.

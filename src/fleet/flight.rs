@@ -2,12 +2,12 @@
 //! is the same wherever and whenever it is made.
 
 use crate::advice::on_board::{OnBoard, key as autopilot_key};
-use crate::commands::replay::{ReplayRequest, replay_watched};
-use crate::commands::{CommandError, ListenArgs};
 use crate::engine::snapshot::Summary;
 use crate::engine::{Engine, EngineOptions};
 use crate::explain;
 use crate::pipeline::Beside;
+use crate::pipeline::replay::{ReplayRequest, replay_watched};
+use crate::sensors::ConverterOptions;
 use gaware_nav::identify::select::Settings;
 use gaware_nav::model::{EffectSetting, Model};
 use schemars::JsonSchema;
@@ -26,7 +26,7 @@ pub struct Work {
     /// Whether unmodelled effects are identified as well.
     pub explain: bool,
     /// Source of the samples.
-    pub listen: ListenArgs,
+    pub converter: ConverterOptions,
 }
 
 /// What came of one log (`gaware.fleet_flight/1`).
@@ -98,16 +98,16 @@ pub fn analyse(log: &Path, work: &Work, sha256: &str, bytes: u64) -> FlightEntry
     let (flight, failed) = match flight(log, work) {
         Ok(flight) => (Some(flight), None),
         // An entry is about content: where the log lies is no part of it.
-        Err(error) => (None, Some(error.to_string().replace(&log.display().to_string(), "the log"))),
+        Err(why) => (None, Some(why.replace(&log.display().to_string(), "the log"))),
     };
     FlightEntry { schema: SCHEMA.to_owned(), sha256: sha256.to_owned(), bytes, failed, flight }
 }
 
-fn flight(log: &Path, work: &Work) -> Result<Flight, CommandError> {
+fn flight(log: &Path, work: &Work) -> Result<Flight, String> {
     let request = ReplayRequest {
-        log: log.to_owned(),
+        log: log.into(),
         model: work.model.clone(),
-        listen: work.listen.clone(),
+        converter: work.converter,
         // A fleet compares nothing with a simulation's truth.
         truth_from_s: f64::INFINITY,
     };
@@ -116,7 +116,8 @@ fn flight(log: &Path, work: &Work) -> Result<Flight, CommandError> {
         assumed = model.clone();
         Engine::new(model, EngineOptions::default())
     };
-    let (pipeline, summary) = replay_watched(&request, engine, Some(&mut beside))?;
+    let (pipeline, summary) =
+        replay_watched(&request, engine, &|_, _| {}, Some(&mut beside)).map_err(|e| e.to_string())?;
     let parameters = parameters(&pipeline.summary(), &assumed);
     let start_unix_s = beside.start_unix_s();
     let on_board = beside.on_board;
@@ -132,17 +133,17 @@ fn flight(log: &Path, work: &Work) -> Result<Flight, CommandError> {
     })
 }
 
-fn explanation(log: &Path, work: &Work) -> Result<Value, CommandError> {
+fn explanation(log: &Path, work: &Work) -> Result<Value, String> {
     let request = explain::Request {
-        logs: vec![log.to_owned()],
+        logs: vec![log.into()],
         validate: Vec::new(),
         model: None,
-        converter: work.listen.options(),
+        converter: work.converter,
         settings: Settings::default(),
         parameters: None,
         whole: false,
     };
-    let explained = explain::run(&request, &|_| {})?;
+    let explained = explain::run(&request, &|_| {}).map_err(|e| e.to_string())?;
     Ok(serde_json::to_value(explained.explanation).unwrap_or_default())
 }
 

@@ -92,8 +92,8 @@ fn recipe(work: &Work) -> String {
         env!("CARGO_PKG_VERSION"),
         env!("GAWARE_SOURCES"),
         work.explain,
-        work.listen.source,
-        work.listen.vehicle,
+        work.converter.source,
+        work.converter.vehicle,
         model.len(),
     )
 }

@@ -127,7 +127,7 @@ fn a_fix_that_is_not_where_the_last_one_leads_has_jumped() {
 }
 
 fn recorded(name: &str) -> (HealthLog, Vec<Check>) {
-    let mut reader = logs::open(&crate::testing::flights().join(name)).unwrap();
+    let mut reader = logs::open(crate::testing::flights().join(name)).unwrap();
     let mut log = HealthLog::default();
     reader.by_ref().flatten().for_each(|record| log.take(&record));
     let px4 = reader.autopilot() == Some("px4");

@@ -4,12 +4,16 @@
 //! bytes.
 
 pub mod address;
+pub mod codec;
+#[cfg(not(target_family = "wasm"))]
 pub mod endpoint;
 pub mod guard;
 pub mod heartbeat;
+pub mod param_codec;
 pub mod rates;
 pub mod signing;
 pub mod systems;
 pub mod timesync;
+pub mod vehicle;
 
 pub use gaware_wire::{frame, framer};

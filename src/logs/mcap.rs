@@ -5,17 +5,24 @@
 //! chunks.
 
 use super::{Damage, Item, LogError, LogReader, Progress, Record};
+use crate::inputs::Input;
 use crate::link::frame::Frame;
-use crate::sinks::recorder::{FRAME_TOPIC, SETUP_METADATA, Setup};
+use crate::sensors::ConverterOptions;
 use bytes::Bytes;
+use gaware_nav::earth::Geodetic;
+use gaware_nav::observability::words::VehicleKind;
 use mcap::records::{Record as McapRecord, op};
 use mcap::sans_io::linear_reader::{LinearReadEvent, LinearReader, LinearReaderOptions};
+use serde::{Deserialize, Serialize};
 use std::collections::{BTreeMap, VecDeque};
 use std::io::{BufReader, Read, Seek};
-use std::path::Path;
 
 /// First bytes of every MCAP file.
 pub const MAGIC: &[u8; 8] = b"\x89MCAP0\r\n";
+/// Topic of the frames of a link is this and the link's number.
+pub const FRAME_TOPIC: &str = "/mavlink/";
+/// Name of the metadata record with the set-up.
+pub const SETUP_METADATA: &str = "gaware.setup";
 const HEADER_LEN: u64 = 9;
 /// Longer records are damage: a second of flight is some 100 kB.
 const RECORD_LIMIT: usize = 16 * 1024 * 1024;
@@ -30,6 +37,25 @@ const REREAD_LIMIT: u64 = 8;
 /// Where the name of the compression stands behind the start of a chunk record: opcode, length, two times, size, CRC.
 const NAME_IN_CHUNK: usize = 1 + 8 + 8 + 8 + 8 + 4;
 const CHUNK_NAME: &[u8] = b"\x04\0\0\0zstd";
+
+/// What a replay must know beside the frames.
+#[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
+pub struct Setup {
+    /// Version of the program that recorded.
+    pub version: String,
+    /// Links, in the order of their numbers.
+    pub links: Vec<String>,
+    /// How frames were converted.
+    pub converter: ConverterOptions,
+    /// The model as a file.
+    pub model_toml: String,
+    /// What flies, where the user named an airframe.
+    #[serde(default)]
+    pub vehicle: Option<VehicleKind>,
+    /// Where the vehicle was for as long as no fix said so, where the user named it.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub place: Option<Geodetic>,
+}
 
 /// Reads the frames of a recording.
 pub struct McapReader<F> {
@@ -176,6 +202,8 @@ impl<F: Read + Seek> McapReader<F> {
         if expanded > EXPANSION_LIMIT.saturating_mul(body.len() as u64) {
             return None;
         }
+        #[cfg(target_family = "wasm")]
+        let body = &expanded_chunk(body, expanded)?;
         let mut record = Vec::with_capacity(body.len() + HEADER_LEN as usize);
         record.push(op::CHUNK);
         record.extend((body.len() as u64).to_le_bytes());
@@ -273,11 +301,24 @@ impl<F: Read + Seek + Send> LogReader for McapReader<F> {
     }
 }
 
+/// The same chunk without compression, for a reader without the library in C.
+#[cfg(target_family = "wasm")]
+fn expanded_chunk(body: &[u8], expanded: u64) -> Option<Vec<u8>> {
+    const NAME: usize = NAME_IN_CHUNK - HEADER_LEN as usize;
+    let (head, rest) = body.split_at_checked(NAME)?;
+    let Some(rest) = rest.strip_prefix(CHUNK_NAME) else { return Some(body.to_owned()) };
+    let (length, packed) = rest.split_first_chunk()?;
+    let packed = packed.get(..usize::try_from(u64::from_le_bytes(*length)).ok()?)?;
+    let mut out = [head, &0_u32.to_le_bytes(), &expanded.to_le_bytes()].concat();
+    ruzstd::decoding::StreamingDecoder::new(packed).ok()?.take(expanded).read_to_end(&mut out).ok()?;
+    Some(out)
+}
+
 /// The set-up of a recording: model, converter options, links. Nothing where the file is none of gaware's, or its
 /// beginning is damaged.
-pub fn recorded_setup(path: &Path) -> Option<Setup> {
-    let file = crate::inputs::open(path).ok()?;
-    let total = file.metadata().ok()?.len();
+pub fn recorded_setup(log: impl Into<Input>) -> Option<Setup> {
+    let file = log.into().open().ok()?;
+    let total = file.total_bytes().ok()?;
     setup_in(McapReader::new(file, total))
 }
 

@@ -15,6 +15,7 @@ pub mod tlog;
 pub mod ulog;
 mod window;
 
+use crate::inputs::Input;
 use crate::link::frame::Frame;
 use crate::timeline::Measurement;
 use gaware_nav::observability::words::VehicleKind;
@@ -155,19 +156,21 @@ enum Format {
 ///
 /// # Errors
 /// No such file, an empty one, or one of another format.
-pub fn open(path: &Path) -> Result<Box<dyn LogReader>, LogError> {
-    if table::is_table(path) {
+pub fn open(log: impl Into<Input>) -> Result<Box<dyn LogReader>, LogError> {
+    let log = log.into();
+    let path = log.path();
+    if log.is_file() && table::is_table(path) {
         return Ok(Box::new(table::TableReader::read(path)?));
     }
     let failed = |source| LogError::Open { path: path.to_owned(), source };
-    let mut file = crate::inputs::open(path).map_err(failed)?;
-    let total = file.metadata().map_err(failed)?.len();
+    let mut file = log.open().map_err(failed)?;
+    let total = file.total_bytes().map_err(failed)?;
     let mut head = Vec::with_capacity(16);
     file.by_ref().take(16).read_to_end(&mut head).map_err(failed)?;
     if head.is_empty() {
         return Err(LogError::Empty(path.to_owned()));
     }
-    let again = || crate::inputs::open(path).map_err(failed);
+    let again = || log.open().map_err(failed);
     let file = again()?;
     match format_of(&head, path) {
         Some(Format::Tlog) => Ok(Box::new(tlog::TlogReader::new(file, total))),

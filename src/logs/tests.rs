@@ -133,7 +133,7 @@ fn files_that_are_no_logs_are_refused_with_a_sentence() {
         message("a.bin", b"\xA3\x95\x01 and then rubbish, rubbish, rubbish").contains("no DataFlash entry")
     );
     assert!(message("a.mcap", b"\x89MCAP0\r\nand then rubbish, rubbish, rubbish").contains("no mcap entry"));
-    assert!(open(&folder.join("missing.tlog")).err().unwrap().to_string().contains("missing.tlog"));
+    assert!(open(folder.join("missing.tlog")).err().unwrap().to_string().contains("missing.tlog"));
     std::fs::remove_dir_all(&folder).unwrap();
 }
 
@@ -226,7 +226,7 @@ fn innovations_of_autopilots_own_logs_are_those_of_other_readers() {
     ];
     for (name, expected) in [("real_copter_sample.BIN", &copter[..]), ("real_px4_ekf_failure.ulg", &px4[..])]
     {
-        let values: Vec<(filter::Channel, f64)> = open(&flight(name))
+        let values: Vec<(filter::Channel, f64)> = open(flight(name))
             .unwrap()
             .filter_map(|record| match record.unwrap().item {
                 Item::Note(LogNote::Filter(values)) => Some(values),

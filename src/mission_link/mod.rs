@@ -1,13 +1,11 @@
 //! The thin shell that carries the mission transfer of `gaware-mission` over our links.
 
-pub mod codec;
 pub mod delivery;
 pub mod facts;
 pub mod files;
 pub mod inventory;
 pub mod journal;
 pub mod measure;
-pub mod param_codec;
 pub mod param_delivery;
 pub mod param_transfer;
 pub mod pin;
@@ -17,5 +15,6 @@ pub mod route;
 mod run_wire;
 pub mod session;
 pub mod uploader;
-pub mod vehicle;
 pub mod wire;
+
+pub use crate::link::{codec, param_codec, vehicle};

@@ -40,22 +40,6 @@ impl OutputError {
     }
 }
 
-/// What a command line says of files that exist.
-#[derive(Debug, Clone, Copy, Default, clap::Args)]
-pub struct OverwriteArgs {
-    /// Overwrite existing files also where gaware did not write them or they were edited since.
-    #[arg(long)]
-    pub force: bool,
-}
-
-impl OverwriteArgs {
-    /// The outputs of a command that reads these files.
-    pub fn outputs<P: AsRef<Path>>(self, inputs: impl IntoIterator<Item = P>) -> Outputs {
-        let read = inputs.into_iter().flat_map(|path| files_of(path.as_ref())).collect();
-        Outputs { read, force: self.force }
-    }
-}
-
 /// A file by what it is, not by its name.
 #[derive(Debug, Clone, PartialEq, Eq)]
 enum Identity {
@@ -96,6 +80,12 @@ pub struct Outputs {
 }
 
 impl Outputs {
+    /// The outputs of a command that reads these files. `force`: existing files are overwritten also where gaware did not write them.
+    pub fn of<P: AsRef<Path>>(inputs: impl IntoIterator<Item = P>, force: bool) -> Self {
+        let read = inputs.into_iter().flat_map(|path| files_of(path.as_ref())).collect();
+        Self { read, force }
+    }
+
     /// Whether a file may be written, before the work that makes its content.
     ///
     /// # Errors

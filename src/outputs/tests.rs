@@ -1,5 +1,6 @@
 use super::mark::{Style, blank, is_own, json, text};
 use super::*;
+use crate::commands::OverwriteArgs;
 
 /// A folder of this test.
 fn folder(name: &str) -> PathBuf {

@@ -2,8 +2,8 @@
 
 use crate::advice::on_board::OnBoard;
 use crate::health::HealthLog;
+use crate::inputs::Input;
 use crate::logs::{self, Item, LogError, LogNote, Record};
-use std::path::Path;
 
 /// Stamps before 2001-09-09 count from a start, µs.
 const FIRST_DATE_US: u64 = 1_000_000_000_000_000;
@@ -36,8 +36,8 @@ impl Beside {
     ///
     /// # Errors
     /// A log that cannot be opened or read.
-    pub fn read(path: &Path, vehicle: Option<u8>) -> Result<Self, LogError> {
-        let mut reader = logs::open(path)?;
+    pub fn read(log: impl Into<Input>, vehicle: Option<u8>) -> Result<Self, LogError> {
+        let mut reader = logs::open(log)?;
         let mut found = Self::default();
         for record in reader.by_ref() {
             match record {

@@ -6,6 +6,7 @@
 mod beside;
 mod quality;
 mod recorded;
+pub mod replay;
 mod truth_comparison;
 mod window;
 

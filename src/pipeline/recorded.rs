@@ -1,11 +1,11 @@
 //! A recorded flight through the line: the same way for `replay`, `report` and `explain`.
 
 use super::{Consumer, Pipeline};
+use crate::inputs::Input;
+use crate::logs::mcap::Setup;
 use crate::logs::{self, Damage, LogError, LogReader, Record};
 use crate::sensors::ConverterOptions;
-use crate::sinks::recorder::Setup;
 use gaware_nav::sample::Sample;
-use std::path::Path;
 
 /// Records between two looks at the progress.
 const PROGRESS_EVERY: u64 = 4096;
@@ -22,9 +22,10 @@ impl Recorded {
     ///
     /// # Errors
     /// No such file, an empty one, or one of another format.
-    pub fn open(path: &Path, asked: ConverterOptions) -> Result<Self, LogError> {
-        let reader = logs::open(path)?;
-        let setup = logs::mcap::recorded_setup(path);
+    pub fn open(log: impl Into<Input>, asked: ConverterOptions) -> Result<Self, LogError> {
+        let log = log.into();
+        let reader = logs::open(&log)?;
+        let setup = logs::mcap::recorded_setup(&log);
         let recorded = setup.as_ref().map(|s| s.converter).unwrap_or_default();
         let options = ConverterOptions {
             source: asked.source.or(recorded.source),
@@ -115,11 +116,12 @@ impl Consumer for Kept {
 ///
 /// # Errors
 /// A log that cannot be opened or read.
-pub fn samples(path: &Path, options: ConverterOptions) -> Result<Vec<Sample>, LogError> {
-    let recorded = Recorded::open(path, options)?;
+pub fn samples(log: impl Into<Input>, options: ConverterOptions) -> Result<Vec<Sample>, LogError> {
+    let log = log.into();
+    let recorded = Recorded::open(&log, options)?;
     let (pipeline, damage) = recorded.run(Kept::default(), f64::INFINITY, &|_| {})?;
     if damage.any() {
-        tracing::warn!(?damage, path = %path.display(), "parts of the log could not be read");
+        tracing::warn!(?damage, path = %log.path().display(), "parts of the log could not be read");
     }
     Ok(pipeline.into_engine().0)
 }

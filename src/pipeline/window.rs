@@ -2,11 +2,11 @@
 //! length of a recording. Hours on the ground or in cruise say nothing of the sensors that a few minutes of them do not say.
 
 use super::{Consumer, Recorded};
+use crate::inputs::Input;
 use crate::logs::LogError;
 use crate::sensors::ConverterOptions;
 use gaware_nav::sample::{ImuSample, Sample};
 use nalgebra::Vector3;
-use std::path::Path;
 
 /// Samples are averaged over this time before they are compared: vibration is no motion, s.
 const SMOOTHED_S: f64 = 1.0;
@@ -150,7 +150,7 @@ impl Consumer for Within {
 ///
 /// # Errors
 /// A log that cannot be opened or read.
-pub fn most_motion(path: &Path, options: ConverterOptions, most_s: f64) -> Result<Excerpt, LogError> {
+pub fn most_motion(path: &Input, options: ConverterOptions, most_s: f64) -> Result<Excerpt, LogError> {
     let survey = MotionSurvey { most_s, motion: MotionByMinute::default(), kept: Some(Vec::new()) };
     let survey = run(path, options, survey)?;
     if let Some(samples) = survey.kept {
@@ -161,10 +161,10 @@ pub fn most_motion(path: &Path, options: ConverterOptions, most_s: f64) -> Resul
     Ok(Excerpt { samples: within.kept, part: Some(part) })
 }
 
-fn run<C: Consumer>(path: &Path, options: ConverterOptions, consumer: C) -> Result<C, LogError> {
+fn run<C: Consumer>(path: &Input, options: ConverterOptions, consumer: C) -> Result<C, LogError> {
     let (pipeline, damage) = Recorded::open(path, options)?.run(consumer, f64::INFINITY, &|_| {})?;
     if damage.any() {
-        tracing::warn!(?damage, path = %path.display(), "parts of the log could not be read");
+        tracing::warn!(?damage, path = %path.path().display(), "parts of the log could not be read");
     }
     Ok(pipeline.into_engine())
 }

@@ -1,7 +1,9 @@
 //! Self-contained HTML reports: interactive plots with a drawing for readers without scripts, light and dark, printable.
 
+#[cfg(not(target_family = "wasm"))]
 pub mod demo;
 pub mod explanation;
+#[cfg(not(target_family = "wasm"))]
 pub mod fleet;
 pub mod flight;
 pub mod heat;

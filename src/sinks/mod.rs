@@ -3,7 +3,6 @@
 //! A sink reads snapshots from a `watch` channel and its own queue, never more. One that is slow loses its own
 //! messages and counts them in [`status::SinkStatus`]; the engine never waits for it.
 
-pub mod events;
 pub mod foxglove;
 pub mod link_meter;
 pub mod live;
@@ -19,6 +18,7 @@ pub mod terminal;
 pub mod web;
 pub mod words;
 
+pub use crate::engine::events;
 use tokio::sync::oneshot;
 
 /// What a person at a screen may want changed on the vehicle.

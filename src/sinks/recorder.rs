@@ -10,14 +10,11 @@ mod output;
 mod space;
 mod worker;
 
-pub use super::messages::{FRAME_TOPIC, RecordItem};
+pub use super::messages::RecordItem;
 use crate::figures::civil;
-use crate::sensors::ConverterOptions;
-use gaware_nav::earth::Geodetic;
-use gaware_nav::observability::words::VehicleKind;
+pub use crate::logs::mcap::{SETUP_METADATA, Setup};
 use mcap::McapError;
 use output::Output;
-use serde::{Deserialize, Serialize};
 pub use space::RecordLimit;
 use space::{Removed, Space};
 use std::path::{Path, PathBuf};
@@ -30,8 +27,6 @@ use worker::Worker;
 
 /// Name of the attachment with the model.
 pub const MODEL_ATTACHMENT: &str = "model.toml";
-/// Name of the metadata record with the set-up.
-pub const SETUP_METADATA: &str = "gaware.setup";
 
 /// Items that may wait for the writer. Frames are what a replay needs: they are dropped last.
 const FRAMES_AHEAD: usize = 256 * 1024;
@@ -44,25 +39,6 @@ const CHUNK_BYTES: u64 = 64 * 1024;
 /// Half of the second that may be lost: the other half is for a disk that is slow to take it.
 const SYNC_PERIOD: Duration = Duration::from_millis(500);
 const RETRY_PERIOD: Duration = Duration::from_secs(10);
-
-/// What a replay must know beside the frames.
-#[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
-pub struct Setup {
-    /// Version of the program that recorded.
-    pub version: String,
-    /// Links, in the order of their numbers.
-    pub links: Vec<String>,
-    /// How frames were converted.
-    pub converter: ConverterOptions,
-    /// The model as a file.
-    pub model_toml: String,
-    /// What flies, where the user named an airframe.
-    #[serde(default)]
-    pub vehicle: Option<VehicleKind>,
-    /// Where the vehicle was for as long as no fix said so, where the user named it.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
-    pub place: Option<Geodetic>,
-}
 
 /// Why a recording cannot be started.
 #[derive(Debug, thiserror::Error)]
@@ -92,7 +68,7 @@ fn said(error: &McapError) -> String {
 }
 
 /// How the recording is doing.
-#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize)]
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, serde::Serialize)]
 pub struct RecorderStats {
     /// Items that are on the disk.
     pub written: u64,

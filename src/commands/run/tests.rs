@@ -55,7 +55,7 @@ fn run_args(line: &[&str]) -> RunArgs {
 }
 
 fn replay_args(log: &Path) -> ReplayRequest {
-    ReplayRequest { log: log.to_owned(), truth_from_s: 150.0, ..ReplayRequest::default() }
+    ReplayRequest { log: log.into(), truth_from_s: 150.0, ..ReplayRequest::default() }
 }
 
 fn hooks() -> (Hooks, watch::Receiver<Arc<Live>>, mpsc::Sender<MavMessage>) {

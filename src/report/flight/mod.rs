@@ -18,8 +18,11 @@ use super::page::{escape, page};
 use super::plot::{Color, Plot, X_AXIS, Y_AXIS, Z_AXIS};
 use crate::advice::start;
 use crate::engine::snapshot::{Phase, Snapshot, Summary};
+use crate::engine::{Engine, EngineOptions};
 use crate::health::checks::checks;
+use crate::logs;
 use crate::pipeline::Beside;
+use crate::pipeline::replay::{self, ReplayError, ReplayRequest};
 use serde_json::{Map, Value};
 use std::fmt::Write;
 
@@ -41,6 +44,40 @@ pub struct Origin {
 }
 
 pub use health::section as health_section;
+
+/// The report of a log, with the result as `replay --json` prints it.
+#[derive(Debug, Clone)]
+pub struct LogReport {
+    /// The page.
+    pub html: String,
+    /// The result.
+    pub document: Map<String, Value>,
+}
+
+/// Runs a log through and describes it. `model`: the name of the file of the model, where the user gave one.
+///
+/// # Errors
+/// Log or model cannot be read, nothing in the log can, or a plot cannot be described.
+pub fn of_log(
+    request: &ReplayRequest,
+    options: EngineOptions,
+    model: Option<String>,
+    progress: &dyn Fn(u64, u64),
+) -> Result<LogReport, ReplayError> {
+    let make = |model| Logged::new(Engine::new(model, options));
+    let mut beside = Beside::default();
+    let (pipeline, document) = replay::replay_watched(request, make, progress, Some(&mut beside))?;
+    let taken = || match logs::mcap::recorded_setup(&request.log) {
+        Some(_) => "the recording's own".to_owned(),
+        None => "standard (g-sensitivity, GNSS latency and the tolerances of a consumer unit estimated)"
+            .to_owned(),
+    };
+    let origin =
+        Origin { log: request.log.name(), date: beside.date(), model: model.unwrap_or_else(taken), beside };
+    let html =
+        html(&origin, &pipeline.summary(), &document, pipeline.engine().log()).map_err(ReplayError::Draw)?;
+    Ok(LogReport { html, document })
+}
 
 /// The autopilot's attitude less ours over time: s since the first sample, roll, pitch, yaw in deg. Empty where the log has too little of it.
 pub fn attitude_differences(log: &FlightLog) -> Vec<(f64, [f64; 3])> {

@@ -10,6 +10,7 @@ mod well_known;
 
 use crate::engine::snapshot::{Phase, Snapshot};
 use crate::link::endpoint::Received;
+pub use crate::logs::mcap::FRAME_TOPIC;
 use crate::sensors::Severity;
 use flat::{States, plain};
 use gaware_nav::sample::Sample;
@@ -21,8 +22,6 @@ use std::borrow::Cow;
 use std::collections::BTreeMap;
 use well_known::{FrameTransform, LocationFix, Log, PoseInFrame};
 
-/// Topic of the frames of a link is this and the link's number.
-pub const FRAME_TOPIC: &str = "/mavlink/";
 /// Encoding of the frames of a link.
 pub const FRAME_ENCODING: &str = "mavlink";
 /// Topic of the estimate as flat numbers.

@@ -3,6 +3,7 @@
 use super::tests::{received, scratch, setup};
 use super::*;
 use crate::engine::snapshot::{ParameterEstimate, Phase, Snapshot};
+use crate::logs::mcap::FRAME_TOPIC;
 use crate::sensors::Severity;
 use gaware_nav::earth::Geodetic;
 use gaware_nav::sample::{AttitudeHint, FixVelocity, GnssFix, ImuSample, Sample};

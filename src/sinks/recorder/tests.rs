@@ -87,7 +87,7 @@ fn a_recording_gives_back_the_frames_in_order_and_the_set_up() {
     assert!(!damage.any(), "{damage:?}");
     assert_eq!(frames.len(), 1000);
     assert!((0..1000).all(|k| frames[k as usize] == (received(k).t_us, received(k).frame)));
-    assert_eq!(logs::mcap::recorded_setup(&path), Some(setup()));
+    assert_eq!(logs::mcap::recorded_setup(&*path), Some(setup()));
 }
 
 #[test]
@@ -136,7 +136,7 @@ fn any_flipped_byte_is_survived() {
         let mut bytes = clean.clone();
         bytes[at] ^= 0xFF;
         std::fs::write(&*path, &bytes).unwrap();
-        let frames: Vec<_> = logs::open(&path).unwrap().filter_map(Result::ok).collect();
+        let frames: Vec<_> = logs::open(&*path).unwrap().filter_map(Result::ok).collect();
         assert!(frames.len() <= 60);
     }
 }
@@ -304,7 +304,7 @@ fn with_a_limit_the_oldest_recordings_go_and_nothing_else() {
         let (frames, damage) = read(&folder.join(name));
         assert!(!damage.any(), "{name}: {damage:?}");
         assert!(name.ends_with("_14.mcap") || frames.len() > 100, "{name}: {}", frames.len());
-        assert_eq!(logs::mcap::recorded_setup(&folder.join(name)), Some(setup()));
+        assert_eq!(logs::mcap::recorded_setup(folder.join(name)), Some(setup()));
     }
     drop(other);
 }

@@ -4,6 +4,7 @@
 //! [`Request`]s. Who may ask for what is decided in [`access`], before any handler runs.
 
 pub mod access;
+pub mod analysis;
 mod api;
 mod assets;
 pub mod door;

@@ -37,6 +37,7 @@ pub struct Vehicle {
 
 impl Vehicle {
     /// Before any heartbeat: addresses no one.
+    #[cfg(not(target_family = "wasm"))]
     pub(crate) const UNKNOWN: Self = Self {
         address: Address { system: 0, component: 0 },
         mav_type: 0,
