@@ -147,8 +147,7 @@ fn the_recorded_failure_of_a_filter_is_bad_within_a_second_of_its_onset() {
     assert!(own.text.contains("position test ratio above 1"), "{own:?}");
     let failsafe = of(&all, "failsafes");
     assert!((failsafe.t_s.unwrap() + start_s - 114.98).abs() < 1.0, "{failsafe:?} {start_s}");
-    let onset =
-        log.ratios[&Channel::VelocityRatio].iter().find(|(t, v)| *v > 1.0 && *t > 100_000_000).unwrap().0;
-    assert!((onset as f64 * 1e-6 - 117.35).abs() < 1.0, "{onset}");
+    // The velocity is beyond its test for one sample as the vehicle tips over already; what lasts is the position.
+    assert!((own.t_s.unwrap() + start_s - 117.94).abs() < 1.0, "{own:?} {start_s}");
     assert!(verdict(&all).starts_with("Bad: "), "{}", verdict(&all));
 }
