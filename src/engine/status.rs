@@ -157,6 +157,9 @@ impl Engine {
                 far.join(", ")
             ));
         }
+        if self.estimator.on_ground_without_fixes().is_some() {
+            list.push("no GNSS fix: the place on the ground takes its part, and nothing is estimated of what a fix would show".to_owned());
+        }
         if self.fixes_rejected().late > 0 {
             list.push("some fixes came more than 1.5 s after their time and were not used".to_owned());
         }
