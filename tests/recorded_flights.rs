@@ -201,7 +201,7 @@ const REAL: [Real; 7] = [
         phase: "running",
         said: "",
         learns: true,
-        nis: 0.178,
+        nis: 0.264,
         g_within: 100.0,
     },
     Real {

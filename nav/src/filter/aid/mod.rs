@@ -10,12 +10,14 @@ use super::force_rate;
 use super::group::Rows;
 use super::layout::index;
 use super::regressor::BEYOND_NOISE;
+use super::second_order::{ERRORS, FORCE};
 use super::{Filter, Point};
 use crate::effects::FixInstant;
 use crate::linear::fix::{self, AtFix, Measured};
 use crate::mechanization::Motion;
+use crate::rotation::skew;
 use crate::sample::GnssFix;
-use nalgebra::Vector3;
+use nalgebra::{Matrix3, SMatrix, Vector3};
 
 /// NIS beyond which a group of 1, 2, 3 rows is rejected: chance 6e-7, five sigma of one row.
 const GATE: [f64; 4] = [f64::INFINITY, 25.0, 28.7, 31.8];
@@ -25,6 +27,8 @@ const LOCKED_OUT_S: f64 = 3.0;
 const LOCKED_OUT_COUNT: u32 = 4;
 /// Attitude uncertainty that is added when position and velocity both started anew, rad.
 const LOCKED_OUT_ATTITUDE: f64 = 0.05;
+/// What differs by less than so many of its own sigmas has not been seen to differ.
+const ERROR_SIGMAS: f64 = 4.0;
 /// No fix is assumed to be better than this, m and m/s.
 const SIGMA_FLOOR: f64 = 0.01;
 
@@ -109,15 +113,31 @@ impl Filter {
             force: self.to.lever.force + own.motion.force - motion.force,
         };
         let seen = AtFix { nav: &own.nav, motion: &motion, rates: None, ..at }.instant();
+        let a_n = if self.regressor.moving() {
+            seen.a_n
+        } else {
+            self.beyond_error(seen.a_n, &motion.force, &now.c_nb)
+        };
         let excited = FixInstant {
             v_n: seen.v_n,
-            a_n: seen.a_n,
+            a_n,
             rate_eb: seen.rate_eb,
             force_rate: self.beyond_noise(now.force_rate),
             ..now
         };
         let groups = at.measured(fix, &now);
         Linearised { now, excited, groups }
+    }
+
+    /// The acceleration, north-east-down, of a vehicle that has long done nothing else, without what errors of attitude and calibration
+    /// make of none: fix after fix would take the same error for a change of velocity, and learn a latency from it.
+    fn beyond_error(&self, a_n: Vector3<f64>, force: &Vector3<f64>, c_nb: &Matrix3<f64>) -> Vector3<f64> {
+        // δa = C (δf − f × ε) (Groves 2013, section 14.2.2).
+        let mut h = SMatrix::<f64, 3, ERRORS>::zeros();
+        h.fixed_columns_mut::<3>(0).copy_from(&(-c_nb * skew(force)));
+        h.fixed_columns_mut::<3>(FORCE).copy_from(c_nb);
+        let variance = (h * self.covariance_of_errors() * h.transpose()).diagonal();
+        a_n.zip_map(&variance, |a, v| if a * a < (ERROR_SIGMAS * ERROR_SIGMAS) * v { 0.0 } else { a })
     }
 
     /// A rate of change of the specific force without what may be noise of the samples.
