@@ -1,7 +1,7 @@
 //! The error-state Kalman filter: a linear one about a trajectory that follows the samples.
 //!
 //! The filter carries the mean of the error, and its covariance, about that trajectory; between measurements both go through one
-//! [`Interval`](crate::linear::interval::Interval). The trajectory is moved to the estimate only where that has left the neighbourhood in
+//! interval (`linear::interval`). The trajectory is moved to the estimate only where that has left the neighbourhood in
 //! which the linear model holds. What nothing excites is then judged by one linearisation for as long as it stays so, and estimates that
 //! change bring no information that nothing measured (first estimates: Huang, Mourikis & Roumeliotis 2010).
 //!
