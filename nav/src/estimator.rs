@@ -12,6 +12,7 @@ use crate::mechanization::NavState;
 use crate::model::{Model, SourceHistory};
 use crate::noise_meter::NoiseMeter;
 use crate::quantisation::Dequantiser;
+use crate::receiver::ReceiverMeter;
 use crate::rotation::c_nb_from_euler;
 use crate::sample::{GnssFix, ImuSample, ImuStream, Quantisation, RestartReason, Sample};
 use std::collections::VecDeque;
@@ -100,6 +101,7 @@ pub struct Estimator {
     stream: ImuStream,
     dequantiser: Dequantiser,
     meter: NoiseMeter,
+    receiver: ReceiverMeter,
     state: State,
     /// The last filter before a restart: its constants go on.
     before: Option<Arc<Filter>>,
@@ -127,6 +129,7 @@ impl Estimator {
             stream: ImuStream::default(),
             dequantiser: Dequantiser::new(Quantisation::None),
             meter: NoiseMeter::default(),
+            receiver: ReceiverMeter::default(),
             state: State::Gathering(Gathering::default()),
             before: None,
             kept: VecDeque::new(),
@@ -388,6 +391,11 @@ impl Estimator {
             (0.0..CERTAIN_WITHIN_S).contains(&age_s).then(|| certain.aged(age_s))
         });
         Arc::new(aged.unwrap_or_else(|| filter.clone()))
+    }
+
+    /// What the motion has shown of the receiver's velocities.
+    pub fn receiver(&self) -> &ReceiverMeter {
+        &self.receiver
     }
 
     /// What rounding adds to the noise of gyros, (rad/s)²/Hz, and accelerometers, (m/s²)²/Hz, at the present rate.

@@ -22,6 +22,9 @@ pub mod model;
 pub mod noise_meter;
 pub mod observability;
 pub mod quantisation;
+pub mod receiver;
 pub mod rotation;
 pub mod sample;
+#[cfg(test)]
+mod testing;
 mod vibration;

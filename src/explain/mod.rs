@@ -292,7 +292,7 @@ fn flights_of(
     let (judging, good) = in_a_row(judging, good);
     let good: Vec<&Flight> = good.iter().collect();
     let judging: Vec<&Flight> = judging.iter().collect();
-    let base = with_receiver(model);
+    let base = model.clone().with_receiver();
     let selection = select::select(&good, &base, settings, &workers);
     progress(Phase::Judging);
     let mut judged = judge::judge(&good, &judging, selection, settings, &workers);
@@ -413,14 +413,7 @@ fn to_own_time(judged: &mut Judged, flights: &[&Flight]) -> Vec<Option<usize>> {
     judged.selection.added.iter_mut().map(own).collect()
 }
 
-/// The model with what every receiver does, whether or not the user names it.
-pub fn with_receiver(model: &Model) -> Model {
-    let mut model = model.clone();
-    model.set(EffectSetting::unknown(RECEIVER));
-    model
-}
-
-/// The model without it, for files.
+/// The model without what every receiver does, for files.
 fn without_receiver(mut model: Model) -> Model {
     model.remove(RECEIVER.name());
     model

@@ -1,9 +1,11 @@
 //! What a unit, its link and its receiver are really worth, from a recording of a minute on the ground or of an earlier flight: the figures by which
 //! the live filter will weigh its samples and fixes. A plan that is made with them promises what the flight can keep.
 
+use gaware_nav::estimator::Estimator;
 use gaware_nav::model::Model;
 use gaware_nav::noise_meter::NoiseMeter;
 use gaware_nav::quantisation::Dequantiser;
+use gaware_nav::receiver::ReceiverMeter;
 use gaware_nav::sample::{FixVelocity, GnssFix, Sample};
 
 /// The noise is looked at after so many samples each.
@@ -24,13 +26,15 @@ pub struct Quality {
     pub receiver: Option<ReceiverQuality>,
 }
 
-/// What a receiver says of its fixes: the filter weighs them by that, right or wrong.
+/// What a receiver says of its fixes, and what its velocities have shown in motion: the filter weighs them by that.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct ReceiverQuality {
     /// 1-sigma north, east, down, m, where the fixes bring it.
     pub position_sigma_m: Option<[f64; 3]>,
     /// 1-sigma north, east, down, m/s, where the fixes bring it.
     pub velocity_sigma_m_per_s: Option<[f64; 3]>,
+    /// Factor on it that the live filter came to; 1 where the vehicle has not moved.
+    pub velocity_factor: f64,
     /// Time between fixes, s.
     pub interval_s: f64,
     /// Scatter of the velocity while the vehicle was stationary, m/s, where it was.
@@ -48,7 +52,9 @@ impl Quality {
         let mut dequantiser = Dequantiser::new(gaware_nav::sample::Quantisation::None);
         let mut meter = NoiseMeter::default();
         let (mut noises, mut fixes, mut count) = ((Vec::new(), Vec::new()), Vec::new(), 0_usize);
+        let mut live = Estimator::new(model.clone());
         for sample in samples {
+            live.feed(sample);
             match sample {
                 Sample::Stream(stream) => {
                     dequantiser = Dequantiser::new(model.quantisation_of(stream));
@@ -73,7 +79,7 @@ impl Quality {
             gyro_noise: gyro.sqrt(),
             accel_noise: accel.sqrt(),
             imu_rate_hz: 1.0 / meter.interval_s().max(1e-6),
-            receiver: ReceiverQuality::of(&fixes),
+            receiver: ReceiverQuality::of(&fixes, live.receiver()),
         })
     }
 
@@ -84,8 +90,8 @@ impl Quality {
         model.imu.accel_noise = self.accel_noise.max(model.imu.accel_noise);
         if let Some(receiver) = self.receiver {
             model.gnss.position_sigma_m = receiver.position_sigma_m.unwrap_or(model.gnss.position_sigma_m);
-            model.gnss.velocity_sigma_m_per_s =
-                receiver.velocity_sigma_m_per_s.unwrap_or(model.gnss.velocity_sigma_m_per_s);
+            let claimed = receiver.velocity_sigma_m_per_s.unwrap_or(model.gnss.velocity_sigma_m_per_s);
+            model.gnss.velocity_sigma_m_per_s = claimed.map(|s| s * receiver.velocity_factor);
         }
         model
     }
@@ -101,8 +107,13 @@ impl Quality {
                 let stood = r.stationary_scatter_m_per_s.map_or_else(String::new, |s| {
                     format!(" (while the vehicle was stationary its velocity scattered by {s:.2} m/s)")
                 });
+                let shown = if r.velocity_factor == 1.0 {
+                    String::new()
+                } else {
+                    format!(", of which the motion showed {:.2}", r.velocity_factor)
+                };
                 format!(
-                    "; fixes at {:.1} Hz with {} and {}{stood}",
+                    "; fixes at {:.1} Hz with {} and {}{shown}{stood}",
                     1.0 / r.interval_s,
                     claims(r.position_sigma_m, "m"),
                     claims(r.velocity_sigma_m_per_s, "m/s")
@@ -128,7 +139,7 @@ fn total(model: &Model, dequantiser: &Dequantiser, meter: &NoiseMeter) -> (f64, 
 }
 
 impl ReceiverQuality {
-    fn of(fixes: &[GnssFix]) -> Option<Self> {
+    fn of(fixes: &[GnssFix], meter: &ReceiverMeter) -> Option<Self> {
         if fixes.len() < LEAST_FIXES {
             return None;
         }
@@ -139,9 +150,11 @@ impl ReceiverQuality {
         };
         let interval =
             median(fixes.windows(2).map(|w| w[1].t_s - w[0].t_s).filter(|dt| *dt > 0.0).collect())?;
+        let velocity_sigma_m_per_s = claimed(|f| f.velocity_sigma_m_per_s);
         Some(Self {
             position_sigma_m: claimed(|f| f.position_sigma_m),
-            velocity_sigma_m_per_s: claimed(|f| f.velocity_sigma_m_per_s),
+            velocity_sigma_m_per_s,
+            velocity_factor: velocity_sigma_m_per_s.map_or(1.0, |s| meter.factor(s[0])),
             interval_s: interval,
             stationary_scatter_m_per_s: stationary_scatter(fixes),
         })

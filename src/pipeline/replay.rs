@@ -52,12 +52,13 @@ pub enum ReplayError {
     Draw(String),
 }
 
-/// Reads the text of a model; `path` is its name in errors.
+/// Reads the text of a model that an estimate is to use: what every receiver does belongs to it, though files do not say so. `path` is its
+/// name in errors.
 ///
 /// # Errors
 /// It is none; the line is reported where it is known.
 pub fn parse_model(text: &str, path: &Path) -> Result<Model, ModelFileError> {
-    Model::from_toml(text).map_err(|source| {
+    Model::from_toml(text).map(Model::with_receiver).map_err(|source| {
         let line = match &source {
             ModelError::Syntax { span: Some(span), .. } => {
                 text.get(..span.start).map(|before| before.matches('\n').count() + 1)

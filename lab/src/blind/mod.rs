@@ -139,7 +139,7 @@ fn seed_of(job: &Job) -> u64 {
 
 /// What is assumed before the flight, as `explain` begins: nothing of what is injected.
 fn belief(hidden: &[EffectSetting]) -> Model {
-    let mut base = gaware::explain::with_receiver(&Model::default());
+    let mut base = Model::default().with_receiver();
     // What only a tape measure separates has been measured.
     for other in hidden.iter().filter_map(|s| s.effect.needs_known()).filter_map(effects::find) {
         base.set(EffectSetting { sigmas: vec![0.0; other.len()], ..EffectSetting::unknown(other) });

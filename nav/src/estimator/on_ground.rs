@@ -43,6 +43,7 @@ impl Estimator {
     /// What became of the fixes of a receiver alone.
     pub(super) fn of_receiver(&mut self, mut outcomes: Vec<FixOutcome>) -> Vec<FixOutcome> {
         outcomes.retain(|o| !self.ground.settle(o.stamp_s, o.velocity.dof > 0 && !o.velocity.used));
+        outcomes.iter().for_each(|o| self.receiver.learn(o));
         outcomes
     }
 
@@ -67,6 +68,7 @@ impl Estimator {
                 }
             }
         }
-        self.feed_fix(fix);
+        let judged = self.receiver.judge(fix, &self.model.gnss);
+        self.feed_fix(&judged);
     }
 }

@@ -74,6 +74,7 @@ impl Prepared {
             nis,
             innovation: rows.residual,
             normalised: std::array::from_fn(|i| rows.residual[i] / s[i][i].sqrt()),
+            noise: std::array::from_fn(|i| rows.variance[i] + rows.shared[i].powi(2)),
             log_likelihood,
             used: false,
             recovered: false,

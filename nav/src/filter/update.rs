@@ -41,6 +41,8 @@ pub struct Group {
     pub innovation: [f64; 3],
     /// Innovations over their predicted sigmas.
     pub normalised: [f64; 3],
+    /// Variances of what the measurement and its time stamp have of their own in that.
+    pub noise: [f64; 3],
     /// Logarithm of the likelihood of the innovations.
     pub log_likelihood: f64,
     /// Whether it was applied.

@@ -38,6 +38,16 @@ impl Model {
         self
     }
 
+    /// The same with what every receiver does to its velocities, to be estimated, unless the model says how much that is: a model describes an
+    /// inertial unit, whatever receiver it flies with. Without it an accelerometer scale of a recorded flight was 9 sigma off.
+    #[must_use]
+    pub fn with_receiver(mut self) -> Self {
+        if self.get(RECEIVER.name()).is_none() {
+            self.set(EffectSetting::unknown(RECEIVER));
+        }
+        self
+    }
+
     /// The same without tolerances: sensors that are calibrated perfectly.
     #[must_use]
     pub fn without_tolerances(mut self) -> Self {
