@@ -78,6 +78,9 @@ async fn round_trip(
     let applied =
         params(&["apply", "--yes", "--connect", &address, &advice, "--backup", &backup, "--json"]).await;
     let document = applied.json();
+    // What changes is said even where nobody is asked.
+    let change = format!("{place}: 0 → 0.31");
+    assert!(applied.stderr.contains(&change), "{}", applied.stderr);
     assert_eq!((applied.code(), &document["changed"]), (Some(0), &Value::from(2)), "{document:#}");
     assert_eq!((&document["on_vehicle"], &document["reboot_due"]), (&"new".into(), &true.into()));
     assert!(

@@ -218,9 +218,11 @@ pub(super) async fn bring(
     let backup = args.backup.clone().unwrap_or_else(|| transfer::default_backup("params-backup", "param"));
     files::refuse_existing(&backup)?;
     let mut session = Session::open(&args.to.opening(), stop).await?;
-    if !args.yes
-        && let Err(why) = confirm(&mut session, &order, stop, &mut say).await
-    {
+    let mut agreed = show_change(&mut session, &order, &mut say).await;
+    if agreed.is_ok() && !args.yes {
+        agreed = confirm(&session, &order, stop).await;
+    }
+    if let Err(why) = agreed {
         session.close().await;
         return Err(why);
     }
@@ -242,11 +244,10 @@ pub(super) async fn bring(
     result.settled()
 }
 
-/// Shows where the values come from and what they replace, and asks.
-async fn confirm(
+/// Shows where the values come from and what they replace.
+async fn show_change(
     wire: &mut impl Wire,
     order: &ParamOrder,
-    stop: &CancellationToken,
     say: &mut impl FnMut(&str),
 ) -> Result<(), ParamsError> {
     let vehicle = wire.vehicle();
@@ -260,12 +261,12 @@ async fn confirm(
         let before = old.values.get(&entry.name).map_or_else(|| "?".to_owned(), |v| rule_free(v.value));
         say(format!("{}: {before} → {} {unit}", entry.name, rule_free(entry.value)).trim_end());
     }
-    match transfer::confirmed(
-        &format!("set {} on {vehicle}? [y/N]", counted(order.entries().len(), "value")),
-        stop,
-    )
-    .await
-    {
+    Ok(())
+}
+
+async fn confirm(wire: &impl Wire, order: &ParamOrder, stop: &CancellationToken) -> Result<(), ParamsError> {
+    let (count, vehicle) = (counted(order.entries().len(), "value"), wire.vehicle());
+    match transfer::confirmed(&format!("set {count} on {vehicle}? [y/N]"), stop).await {
         Some(true) => Ok(()),
         Some(false) => Err(ParamsError::NotConfirmed),
         None => Err(ParamsError::NobodyToAsk),

@@ -40,6 +40,9 @@ fn size(added: &Added) -> String {
     if added.is_at_limit() {
         return format!(": {name} = {value} {} or more", unit.symbol);
     }
+    if setting.values[k].abs() < setting.sigmas[k] {
+        return ", of no size beyond its sigma".to_owned();
+    }
     format!(": {name} = {value} ± {} {}", number(setting.sigmas[k] / unit.si), unit.symbol)
 }
 
@@ -90,7 +93,12 @@ pub fn summary(e: &Explanation, added: &[&Added]) -> String {
         }
         _ => {}
     }
-    e.effects.iter().zip(added).for_each(|(entry, added)| missing(entry, added, &mut text));
+    let found = if e.verdict == Verdict::Unexplained {
+        "A candidate, in a flight that the model does not explain"
+    } else {
+        "Unmodelled effect"
+    };
+    e.effects.iter().zip(added).for_each(|(entry, added)| missing(found, entry, added, &mut text));
     implausible(e, &mut text);
     let at_limit: Vec<&str> =
         added.iter().filter(|a| a.is_at_limit()).map(|a| a.setting.effect.name()).collect();
@@ -137,10 +145,10 @@ fn implausible(e: &Explanation, text: &mut Vec<String>) {
 }
 
 /// What one step of the selection found.
-fn missing(entry: &EffectEntry, added: &Added, text: &mut Vec<String>) {
+fn missing(found: &str, entry: &EffectEntry, added: &Added, text: &mut Vec<String>) {
     let size = size(added);
     if entry.names.len() == 1 {
-        text.push(format!("Unmodelled effect: {}{size}.", described(entry.names[0])));
+        text.push(format!("{found}: {}{size}.", described(entry.names[0])));
     } else {
         let names: Vec<String> = entry.names.iter().map(|n| described(n)).collect();
         text.push(format!(

@@ -52,6 +52,11 @@ impl FleetLog {
 
 /// Why a log that was read has no estimate.
 fn without_estimate(flight: &Flight) -> Option<&'static str> {
+    // One that ends while the attitude is found anew has been estimated all the same.
+    let used = flight.summary.get("gnss").and_then(|g| g.get("used")).and_then(Value::as_u64);
+    if used.is_some_and(|n| n > 0) {
+        return None;
+    }
     match flight.summary.get("phase")?.as_str()? {
         "waiting_for_imu" => Some("no estimate: the log has no inertial samples"),
         "waiting_for_gnss" => Some("no estimate: the log has no GNSS fix that can be used"),
@@ -389,6 +394,16 @@ mod tests {
         let mut out = Vec::new();
         effect_rows(&log, &mut |row| out.push((row.parameter.to_owned(), row.value, row.sigma)));
         out
+    }
+
+    #[test]
+    fn a_log_that_ends_while_the_attitude_is_found_anew_is_not_refused() {
+        let of = |used: u64| {
+            let summary = json!({"phase": "aligning", "gnss": {"used": used}}).as_object().cloned();
+            let flight = Flight { summary: summary.unwrap(), ..Flight::default() };
+            without_estimate(&flight).is_some()
+        };
+        assert_eq!((of(0), of(440)), (true, false));
     }
 
     #[test]

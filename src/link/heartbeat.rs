@@ -11,9 +11,13 @@ const PERIOD_US: u64 = 1_000_000;
 
 /// The heartbeat of a companion. `healthy` is whether the estimator runs.
 pub fn heartbeat(healthy: bool) -> MavMessage {
+    of_kind(MavType::MAV_TYPE_ONBOARD_CONTROLLER, healthy)
+}
+
+fn of_kind(mavtype: MavType, healthy: bool) -> MavMessage {
     MavMessage::HEARTBEAT(HEARTBEAT_DATA {
         custom_mode: 0,
-        mavtype: MavType::MAV_TYPE_ONBOARD_CONTROLLER,
+        mavtype,
         autopilot: MavAutopilot::MAV_AUTOPILOT_INVALID,
         base_mode: MavModeFlag::empty(),
         system_status: if healthy { MavState::MAV_STATE_ACTIVE } else { MavState::MAV_STATE_STANDBY },
@@ -27,12 +31,21 @@ pub struct HeartbeatSource {
     sender: Sender,
     sequence: u8,
     next_us: Option<u64>,
+    kind: MavType,
 }
 
 impl HeartbeatSource {
     /// A companion of no vehicle yet: system 1 until one is known.
     pub fn new() -> Self {
-        Self { sender: Sender { system_id: 1, component_id: COMPONENT }, sequence: 0, next_us: None }
+        let sender = Sender { system_id: 1, component_id: COMPONENT };
+        Self { sender, sequence: 0, next_us: None, kind: MavType::MAV_TYPE_ONBOARD_CONTROLLER }
+    }
+
+    /// One that is gone in a few seconds, as a short command is: it opens the link and nobody misses it. PX4 tells the pilot that the
+    /// connection to the mission computer is lost when the heartbeats of an onboard controller end, and acts on those of a ground station
+    /// (`handle_message_heartbeat` in `mavlink_receiver.cpp`); of a generic type it takes no notice.
+    pub fn passing() -> Self {
+        Self { kind: MavType::MAV_TYPE_GENERIC, ..Self::new() }
     }
 
     /// Takes the vehicle's system id.
@@ -68,7 +81,7 @@ impl HeartbeatSource {
             return None;
         }
         self.next_us = Some(now_us + PERIOD_US);
-        Some(self.say(&heartbeat(healthy)))
+        Some(self.say(&of_kind(self.kind, healthy)))
     }
 }
 
@@ -92,5 +105,12 @@ mod tests {
         assert!(frames.iter().all(|f| (f.system_id, f.component_id) == (7, 191)));
         let MavMessage::HEARTBEAT(m) = frames[0].decode().unwrap() else { panic!("no heartbeat") };
         assert_eq!((m.mavtype as u32, m.autopilot as u32), (18, 8));
+    }
+
+    #[test]
+    fn nobody_misses_a_short_command() {
+        let frame = HeartbeatSource::passing().poll(0, true).unwrap();
+        let MavMessage::HEARTBEAT(m) = frame.decode().unwrap() else { panic!("no heartbeat") };
+        assert_eq!((m.mavtype as u32, m.autopilot as u32), (0, 8));
     }
 }

@@ -123,7 +123,7 @@ impl Sockets {
         let guard = guard.map_err(|e| SessionError::Signing(e.to_string()))?;
         // The links outlive a cancellation: what was begun has to be put back.
         let links = Links::start(to.addresses, clock, &CancellationToken::new());
-        let voice = HeartbeatSource::new();
+        let voice = HeartbeatSource::passing();
         Ok(Self { links, clock, voice, guard, stop: stop.clone(), stopping: false })
     }
 

@@ -106,7 +106,8 @@ pub fn html(
     health::section(&origin.beside.health, &judged, &mut body);
     answers::verdict(summary, &mut body);
     first_values(document, &mut body);
-    if summary.phase == Phase::Running {
+    let estimated = words::has_estimated(summary);
+    if estimated {
         answers::answers(summary, log, &lessons, &fixes, &mut body);
         knowledge::g_sensitivity(summary, &mut body);
         knowledge::bias_table(summary, &mut body);
@@ -114,7 +115,7 @@ pub fn html(
         answers::without_estimate(summary, &mut body);
     }
     flight(log, &lessons, &mut body)?;
-    if summary.phase == Phase::Running {
+    if estimated {
         knowledge::learning(summary, log, &lessons, &mut body)?;
         knowledge::biases(log, &mut body)?;
     }

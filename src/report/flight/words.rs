@@ -32,10 +32,22 @@ fn largest(g: &EstimateMatrix) -> Option<(usize, usize)> {
         .max_by(|a, b| g.value[a.0][a.1].abs().total_cmp(&g.value[b.0][b.1].abs()))
 }
 
+/// Whether the log has been estimated, though perhaps not to its last second: constants outlive a new alignment.
+pub fn has_estimated(summary: &Summary) -> bool {
+    summary.phase == Phase::Running || summary.gnss.used > 0
+}
+
 /// The result in a few sentences.
 pub fn verdict(summary: &Summary) -> String {
-    if summary.phase != Phase::Running {
+    if !has_estimated(summary) {
         return format!("There is no estimate: {}.", summary.waiting_for);
+    }
+    if summary.phase != Phase::Running {
+        let learned = verdict(&Summary { phase: Phase::Running, ..summary.clone() });
+        return format!(
+            "At the end of the log the attitude was not known ({}). Of the time before: {learned}",
+            summary.waiting_for
+        );
     }
     let g = &summary.estimate.g_sensitivity_deg_per_h_per_g;
     if !summary.implausible.is_empty() {
@@ -172,5 +184,17 @@ mod tests {
     fn without_an_estimate_the_reason_is_told() {
         let summary = Summary { waiting_for: "no GNSS fix yet".to_owned(), ..Summary::default() };
         assert_eq!(verdict(&summary), "There is no estimate: no GNSS fix yet.");
+    }
+
+    /// Two public logs of copters end within a second of a new alignment, after minutes of estimation.
+    #[test]
+    fn what_was_learned_before_the_last_second_is_told() {
+        let mut summary = Summary { waiting_for: "levelling".to_owned(), ..Summary::default() };
+        summary.gnss.used = 440;
+        let said = verdict(&summary);
+        assert!(
+            said.starts_with("At the end of the log the attitude was not known (levelling). Of"),
+            "{said}"
+        );
     }
 }
