@@ -121,6 +121,28 @@ impl EffectSetting {
     }
 }
 
+/// What is known of several constants together, where more is known than a sigma of each: a filter begins with it.
+#[derive(Debug, Clone, Default, PartialEq, serde::Serialize, serde::Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct JointPrior {
+    /// Short names of the states, for example `g11` and `bg_x`.
+    pub names: Vec<String>,
+    /// Their covariance, SI, row by row.
+    pub covariance_si: Vec<Vec<f64>>,
+}
+
+impl JointPrior {
+    /// Whether it is a covariance of all its states.
+    fn is_sound(&self) -> bool {
+        let n = self.names.len();
+        let rows = || self.covariance_si.iter();
+        rows().len() == n
+            && rows().all(|row| row.len() == n && row.iter().all(|v| v.is_finite()))
+            && (0..n).all(|i| self.covariance_si[i][i] > 0.0)
+            && (0..n).all(|i| (0..n).all(|j| self.covariance_si[i][j] == self.covariance_si[j][i]))
+    }
+}
+
 /// The whole model.
 #[derive(Debug, Clone)]
 pub struct Model {
@@ -132,6 +154,8 @@ pub struct Model {
     pub effects: Vec<EffectSetting>,
     /// Names of the effects that no user asked for: tolerances of the sensors ([`Model::with_tolerances`]).
     pub tolerances: Vec<&'static str>,
+    /// What the unit's own file says of them together.
+    pub joint: Option<Box<JointPrior>>,
 }
 
 impl Default for Model {
@@ -156,6 +180,7 @@ impl Default for Model {
             },
             effects: Vec::new(),
             tolerances: Vec::new(),
+            joint: None,
         }
     }
 }
