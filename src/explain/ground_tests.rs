@@ -77,6 +77,24 @@ fn a_clean_unit_turned_by_hand_has_nothing_named() {
     }
 }
 
+#[test]
+fn a_reversed_gyro_axis_is_named_on_the_ground() {
+    let reversed: Vec<Sample> = session(&[], false)
+        .into_iter()
+        .map(|s| match s {
+            Sample::Imu(mut imu) => {
+                imu.gyro.x = -imu.gyro.x;
+                Sample::Imu(imu)
+            }
+            other => other,
+        })
+        .collect();
+    let e = explained(&[reversed]);
+    let named: Vec<_> = e.explanation.effects.iter().flat_map(|x| x.names.clone()).collect();
+    let is_mistake = |n: &&str| effects::find(n).is_some_and(|x| x.is_source_mistake());
+    assert!(named.iter().any(is_mistake), "{}", e.explanation.summary);
+}
+
 /// Rest in one attitude says nothing, with or without a receiver, and says so.
 #[test]
 fn a_unit_that_nobody_turned_is_too_little() {

@@ -61,6 +61,9 @@ impl ByHand {
             return (own, fixes);
         }
         let mut estimator = Estimator::new(model.clone());
+        // Nobody turns an armed vehicle. With a reversed axis the filter refuses the place after each turn; the place is right all the same
+        // once the unit rests again.
+        estimator.set_flight(false, false);
         before.for_each(|s| {
             let _ = estimator.feed(s);
         });
