@@ -322,6 +322,7 @@ impl Unit {
             kept * si(a) * si(b)
         };
         JointPrior {
+            unmeasured_si: own.iter().map(|(_, s)| s.prior_sigma * si(s)).collect(),
             names: own.iter().map(|(_, s)| s.name.clone()).collect(),
             covariance_si: own.iter().map(|a| own.iter().map(|b| entry(a, b)).collect()).collect(),
         }

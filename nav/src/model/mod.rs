@@ -129,6 +129,8 @@ pub struct JointPrior {
     pub names: Vec<String>,
     /// Their covariance, SI, row by row.
     pub covariance_si: Vec<Vec<f64>>,
+    /// 1-sigma of each before anything was measured, SI: what it takes to call a state observable counts from there.
+    pub unmeasured_si: Vec<f64>,
 }
 
 impl JointPrior {
@@ -137,6 +139,8 @@ impl JointPrior {
         let n = self.names.len();
         let rows = || self.covariance_si.iter();
         rows().len() == n
+            && self.unmeasured_si.len() == n
+            && self.unmeasured_si.iter().all(|s| s.is_finite())
             && rows().all(|row| row.len() == n && row.iter().all(|v| v.is_finite()))
             && (0..n).all(|i| self.covariance_si[i][i] > 0.0)
             && (0..n).all(|i| (0..n).all(|j| self.covariance_si[i][j] == self.covariance_si[j][i]))
@@ -257,6 +261,15 @@ impl Model {
     pub fn remove(&mut self, name: &str) {
         self.tolerances.retain(|n| *n != name);
         self.effects.retain(|s| s.effect.name() != name);
+    }
+
+    /// 1-sigma of a state before anything was measured, SI, where this model begins with `start`.
+    pub fn unmeasured_sigma(&self, name: &str, start: f64) -> f64 {
+        let own = self.joint.as_deref().and_then(|j| {
+            let k = j.names.iter().position(|n| n == name)?;
+            j.unmeasured_si.get(k).copied()
+        });
+        own.map_or(start, |sigma| sigma.max(start))
     }
 
     /// The setting of this effect, if the model has it.
