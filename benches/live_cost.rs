@@ -188,7 +188,7 @@ async fn latency() {
         ending.cancel();
     });
     let make = |model| Engine::new(model, EngineOptions::default());
-    let (pipeline, _) = run::serve(&args, hooks, stop, make).await.unwrap();
+    let run::Served { pipeline, .. } = run::serve(&args, hooks, stop, make).await.unwrap();
     let begin = Instant::now();
     let shown = (0..100).map(|_| pipeline.snapshot().imu.samples).sum::<u64>();
     let snapshot_us = begin.elapsed().as_secs_f64() * 1e6 / 100.0;

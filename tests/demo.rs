@@ -3,6 +3,7 @@
 #![allow(clippy::unwrap_used, clippy::panic, reason = "helpers of tests may panic, as tests do")]
 
 use gaware::demo::flight::{Ending, Flight, Stage};
+use gaware::demo::ground::GroundSession;
 use gaware::demo::{Prepared, Settings, result};
 use gaware::engine::snapshot::Status;
 use gaware::sinks::status::{Control, StatusView, VehicleView};
@@ -147,5 +148,29 @@ fn truth_and_plan_have_the_shape_of_the_estimate() {
                 ),
             }
         }
+    }
+}
+
+/// All of G by hand, then a plan for what is left: latency and antenna. The flight begins with what the session found.
+#[test]
+fn a_session_by_hand_shows_all_of_g_and_the_flight_what_is_left() {
+    let mut settings = Settings::new(Airframe::example("small_fixed_wing").unwrap(), Some(150.0));
+    settings.beam = 1;
+    let alone = Prepared::new(settings.clone()).unwrap();
+    let mut session = GroundSession::new(&settings, 5);
+    session.go_on(f64::INFINITY);
+    assert!(session.is_over() && session.now_s() < 400.0);
+    assert_eq!(
+        (session.document()["observable"].as_u64(), session.document()["of"].as_u64()),
+        (Some(9), Some(9))
+    );
+    let prepared = Prepared::new(settings.knowing(&session.unit().unwrap())).unwrap();
+    let promised =
+        |p: &Prepared| p.plan.promised().filter(|s| s.name.starts_with('g') && s.name.len() == 3).count();
+    assert!(promised(&alone) < 9 && promised(&prepared) == 9, "{} {}", promised(&alone), promised(&prepared));
+    let result = flown(&prepared, 5);
+    for name in ["g11", "g22", "g33", "latency"] {
+        let state = result.states.iter().find(|s| s.name == name).unwrap();
+        assert!(state.status == Status::Observable && state.normalised_error.abs() < 4.0, "{state:?}");
     }
 }

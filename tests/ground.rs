@@ -77,6 +77,47 @@ fn hands_that_make_mistakes_are_led_through_six_sides_without_gnss() {
     assert!(shown["measured"].as_array().unwrap().iter().any(|n| n == "g33"), "{shown:#}");
 }
 
+/// Without a file's name the result is kept under the hardware id that the vehicle reports, and a replay of the recording finds it by that.
+#[test]
+fn the_file_of_a_unit_is_kept_and_found_by_its_hardware_id() {
+    let folder = Folder::new("ground-units");
+    let (log, units) = (folder.file("session.mcap"), folder.file("units"));
+    let sim = [
+        "sim",
+        "--scenario",
+        "hand",
+        "--listen",
+        "tcpin:127.0.0.1:0",
+        "--speed",
+        "25",
+        "--fault",
+        "gnss-loss@0-9000",
+    ];
+    let vehicle = Gaware::start(&sim);
+    let address = vehicle.line();
+    let args = [
+        "ground",
+        "--connect",
+        &address,
+        "--record",
+        &log,
+        "--units",
+        &units,
+        "--home",
+        "47.4,8.5,488",
+        "--json",
+    ];
+    let ended = Gaware::start(&args).ended();
+    assert_eq!(ended.code(), Some(0), "{}", ended.stderr);
+    let file = ended.json()["unit"].as_str().unwrap().to_owned();
+    let shown = gaware(&["unit", "show", &file, "--json"]).json();
+    let id = shown["unit"]["origin"]["hardware_id"].as_str().unwrap().to_owned();
+    assert!(file.starts_with(&units) && file.ends_with(&format!("{id}.toml")), "{file} {id}");
+    let replayed = gaware(&["replay", &log, "--units", &units, "--json"]);
+    assert_eq!(replayed.code(), Some(0), "{}", replayed.stderr);
+    assert!(replayed.stderr.contains(&format!("unit {id}: begins from {file}")), "{}", replayed.stderr);
+}
+
 #[test]
 fn an_armed_vehicle_is_refused() {
     let vehicle = Gaware::start(&[
@@ -119,6 +160,39 @@ fn judge(document: &Value, truth: &[[f64; 3]; 3]) {
     assert_eq!(observable(document), 9, "{document:#}");
     for (z, sigma) in against(&document["estimate"], truth) {
         assert!(z.abs() < 3.0 && (4.0..16.5).contains(&sigma), "{z} {sigma}");
+    }
+}
+
+/// The recorded sessions, explained: G and the accelerometers' scale factors are named with their values.
+#[test]
+#[ignore = "needs the recorded flights: GAWARE_FLIGHTS"]
+fn recorded_sessions_are_explained_with_and_without_gnss() {
+    let folder = Folder::new("ground-explain");
+    for name in ["independent_hand_six", "independent_hand_six_no_gnss"] {
+        let log = flights().join(format!("{name}.tlog"));
+        let out = folder.file(name);
+        let ended = gaware(&["explain", log.to_str().unwrap(), "--out", &out, "--json"]);
+        assert_eq!(ended.code(), Some(0), "{}", ended.stderr);
+        let found = ended.json();
+        let of = |effect: &str| {
+            let named = found["effects"].as_array().unwrap().iter();
+            let own = named
+                .filter(|e| e["names"] == serde_json::json!([effect]))
+                .map(|e| e["parameters"][effect].clone());
+            own.last().unwrap_or_else(|| panic!("{effect} of {name}: {}", found["summary"]))
+        };
+        let g = of("gyro_g_sensitivity");
+        for (i, row) in truth(name).iter().enumerate() {
+            for (j, truth) in row.iter().enumerate() {
+                let cell = |what: &str| g[what][i][j].as_f64().unwrap();
+                let (value, sigma) = (cell("value_deg_per_h_per_g"), cell("sigma_deg_per_h_per_g"));
+                assert!(
+                    (value - truth).abs() < 3.0 * sigma && sigma < 16.0,
+                    "{name} g{i}{j}: {value} ± {sigma}, {truth}"
+                );
+            }
+        }
+        assert!(of("accel_scale_factor").is_object());
     }
 }
 

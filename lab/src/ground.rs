@@ -1,7 +1,7 @@
 //! The ground session over many units: what six sides by hand are worth, by source of the samples and by GNSS.
 //!
-//! Units are drawn from the filter's own prior, hands are those of the simulated session (sides up to 12° off, hands that shake, mistakes). Errors are
-//! those at the end, against the sigmas there.
+//! Units are drawn from the filter's own prior, hands are those of the simulated session (sides up to 12° off, hands that shake, mistakes,
+//! sides 20° off, a soft table, two sides missing). Errors are those at the end, against the sigmas there.
 
 use super::statistics::summary;
 use gaware::parallel::{Progress, map_runs};
@@ -16,14 +16,16 @@ use gaware_nav::sample::{Quantisation, Sample, Steps};
 use gaware_sitl::scenario::{Scenario, scenario};
 use gaware_sitl::sensors::{Flight, draw_vehicle};
 use gaware_sitl::trajectory::Flown;
-use gaware_sitl::trajectory::hand::Hand;
+use gaware_sitl::trajectory::hand::{Hand, Manner};
 use gaware_sitl::truth::Trajectory;
 use serde::Serialize;
 
-/// Rate of the inertial samples, Hz.
-const IMU_RATE_HZ: f64 = 50.0;
-/// A side is held for so long, s: the session asks for 12 to 45.
-const HOLD_S: f64 = 32.0;
+/// Rate of the inertial samples of a link, and of a `.bin` with its default mask, Hz.
+const IMU_RATE_HZ: [f64; 2] = [50.0, 25.0];
+/// A side is held for so long and six seconds more, s: the session asks for 12 to 45, and all of it takes six minutes.
+const HOLD_S: f64 = 29.0;
+/// Whether all of G is observable is asked so often, s.
+const LOOK_EVERY_S: f64 = 5.0;
 /// An element of G is observable below this sigma, deg/h/g: the engine's default target.
 const OBSERVABLE: f64 = 30.0;
 /// The antenna sees the sky within this angle of level, as the cosine.
@@ -39,6 +41,8 @@ pub enum Source {
     Raw,
     /// `HIGHRES_IMU`.
     Highres,
+    /// `IMU` of a DataFlash log.
+    Bin,
 }
 
 /// What the receiver sees.
@@ -71,12 +75,14 @@ pub struct GroundRow {
     pub source: Source,
     /// What the receiver sees.
     pub sky: Sky,
-    /// Whether hands make mistakes.
-    pub mistakes: bool,
+    /// How hands do it.
+    pub manner: String,
     /// Share of the elements of G that are observable.
     pub observable: f64,
     /// Share of the units of which all nine are.
     pub all_nine: f64,
+    /// Median time until they are, s; not a number where they never are.
+    pub all_nine_after_s: f64,
     /// Median sigma of the elements, deg/h/g.
     pub g_sigma_deg_per_h_per_g: f64,
     /// RMS error of the elements, deg/h/g.
@@ -110,20 +116,30 @@ struct Run {
     /// Error and sigma of the elements of G, deg/h/g.
     g: Vec<(f64, f64)>,
     nees: f64,
+    /// When all of G was observable first, s.
+    all_nine_s: Option<f64>,
     /// Squared errors of the tolerances.
     tolerances: [Vec<f64>; 3],
 }
 
-const ROWS: [(Source, Sky, bool); 9] = [
-    (Source::RawQuiet, Sky::Open, false),
-    (Source::RawQuiet, Sky::Place, false),
-    (Source::Raw, Sky::Open, false),
-    (Source::Raw, Sky::Covered, true),
-    (Source::Raw, Sky::Place, true),
-    (Source::Raw, Sky::None, false),
-    (Source::Highres, Sky::Open, false),
-    (Source::Highres, Sky::Place, true),
-    (Source::Highres, Sky::None, false),
+const ROWS: [(Source, Sky, Manner); 17] = [
+    (Source::RawQuiet, Sky::Open, Manner::Careful),
+    (Source::RawQuiet, Sky::Covered, Manner::Careful),
+    (Source::RawQuiet, Sky::Place, Manner::Careful),
+    (Source::Raw, Sky::Open, Manner::Careful),
+    (Source::Raw, Sky::Covered, Manner::Careful),
+    (Source::Raw, Sky::Place, Manner::Careful),
+    (Source::Highres, Sky::Open, Manner::Careful),
+    (Source::Highres, Sky::Covered, Manner::Careful),
+    (Source::Highres, Sky::Place, Manner::Careful),
+    (Source::Highres, Sky::None, Manner::Careful),
+    (Source::Bin, Sky::Open, Manner::Careful),
+    (Source::Bin, Sky::Covered, Manner::Careful),
+    (Source::Bin, Sky::Place, Manner::Careful),
+    (Source::Highres, Sky::Place, Manner::Mistaken),
+    (Source::Highres, Sky::Place, Manner::Askew),
+    (Source::Highres, Sky::Place, Manner::Soft),
+    (Source::Highres, Sky::Place, Manner::TwoMissing),
 ];
 
 /// Number of sessions that [`run`] makes.
@@ -134,17 +150,15 @@ pub fn sessions(settings: &Settings) -> usize {
 /// Runs the study.
 pub fn run(settings: &Settings, progress: &dyn Progress) -> GroundStudy {
     let base = scenario("hand");
-    let paths =
-        [Hand::six_sides(HOLD_S), Hand::with_mistakes(HOLD_S)].map(|hand| Flown::with_step(hand, 0.02));
+    let path = |manner| Flown::with_step(Hand::in_manner(HOLD_S, manner), 0.02);
     let runs = settings.runs.max(1);
     let made = map_runs(ROWS.len() * runs, progress, |k| {
-        let (source, sky, mistakes) = ROWS[k / runs];
+        let (source, sky, manner) = ROWS[k / runs];
         let seed = settings.seed.wrapping_add((k % runs) as u64);
-        let path = &paths[usize::from(mistakes)];
-        base.as_ref().map_or_else(Run::default, |base| one(base, path, source, sky, seed))
+        base.as_ref().map_or_else(Run::default, |base| one(base, &path(manner), source, sky, seed))
     });
     let rows = ROWS.iter().zip(made.chunks(runs)).map(|(row, runs)| summarise(*row, runs));
-    let session_s = paths[0].duration_s();
+    let session_s = path(Manner::Careful).duration_s();
     GroundStudy { schema: "gaware.study/1", runs, seed: settings.seed, session_s, rows: rows.collect() }
 }
 
@@ -160,17 +174,19 @@ fn one(base: &Scenario, path: &Flown, source: Source, sky: Sky, seed: u64) -> Ru
         setting.values.fill(0.0);
     }
     let mut sensors = base.sensors.clone();
-    sensors.imu_rate_hz = IMU_RATE_HZ;
+    sensors.imu_rate_hz = IMU_RATE_HZ[usize::from(source == Source::Bin)];
     sensors.attitude_rate_hz = 5.0;
     sensors.attitude_sigma_rad = [0.02, 0.02, 0.1];
     (sensors.quantisation, sensors.message) = match source {
         Source::Highres => (Quantisation::None, "HIGHRES_IMU".into()),
+        Source::Bin => (Quantisation::None, "IMU".into()),
         Source::Raw | Source::RawQuiet => (Quantisation::Truncate(Steps::RAW_IMU), "RAW_IMU".into()),
     };
     let mut estimator = Estimator::new(model);
     if sky == Sky::Place {
         estimator.set_place(Geodetic { height_m: 0.0, ..path.clone().truth_at(0.0).place });
     }
+    let (mut next_s, mut all_nine_s) = (LOOK_EVERY_S, None);
     for (sample, truth) in Flight::new(Box::new(path.clone()), &unit, sensors, seed) {
         let seen = match sky {
             Sky::Open => true,
@@ -180,8 +196,20 @@ fn one(base: &Scenario, path: &Flown, source: Source, sky: Sky, seed: u64) -> Ru
         if seen || !matches!(sample, Sample::Fix(_)) {
             let _ = estimator.feed(&sample);
         }
+        if truth.t_s >= next_s && all_nine_s.is_none() {
+            next_s += LOOK_EVERY_S;
+            all_nine_s = shows_all_of_g(&estimator).then_some(truth.t_s);
+        }
     }
-    judge(&estimator, &unit, path)
+    Run { all_nine_s, ..judge(&estimator, &unit, path) }
+}
+
+fn shows_all_of_g(estimator: &Estimator) -> bool {
+    estimator.filter().is_some_and(|filter| {
+        let names = filter.layout().names().iter().enumerate();
+        let mut g = names.filter(|(_, name)| name.effect == "gyro_g_sensitivity");
+        g.all(|(k, n)| filter.covariance().sigma(index::GYRO_BIAS + k) / n.unit.si < OBSERVABLE)
+    })
 }
 
 fn judge(estimator: &Estimator, unit: &Model, path: &Flown) -> Run {
@@ -208,7 +236,7 @@ fn judge(estimator: &Estimator, unit: &Model, path: &Flown) -> Run {
     run
 }
 
-fn summarise((source, sky, mistakes): (Source, Sky, bool), runs: &[Run]) -> GroundRow {
+fn summarise((source, sky, manner): (Source, Sky, Manner), runs: &[Run]) -> GroundRow {
     let cells = || runs.iter().flat_map(|r| r.g.iter().copied());
     let all = (9 * runs.len()).max(1) as f64;
     let count = |of: &dyn Fn((f64, f64)) -> bool| cells().filter(|c| of(*c)).count() as f64 / all;
@@ -217,9 +245,10 @@ fn summarise((source, sky, mistakes): (Source, Sky, bool), runs: &[Run]) -> Grou
     GroundRow {
         source,
         sky,
-        mistakes,
+        manner: format!("{manner:?}"),
         observable: count(&|(_, sigma)| sigma < OBSERVABLE),
         all_nine: runs.iter().filter(nine).count() as f64 / runs.len().max(1) as f64,
+        all_nine_after_s: summary(runs.iter().filter_map(|r| r.all_nine_s)).median,
         g_sigma_deg_per_h_per_g: summary(cells().map(|(_, sigma)| sigma)).median,
         g_rms_deg_per_h_per_g: summary(cells().map(|(off, _)| off * off)).mean.sqrt(),
         nees_per_dof: summary(runs.iter().map(|r| r.nees)).mean,
@@ -237,12 +266,13 @@ impl std::fmt::Display for GroundStudy {
         )?;
         writeln!(
             f,
-            "{:10} {:8} {:8}{:>11}{:>9}{:>8}{:>8}{:>10}{:>6}{:>12}{:>10}{:>12}",
+            "{:10} {:8} {:10}{:>11}{:>9}{:>8}{:>8}{:>8}{:>10}{:>6}{:>12}{:>10}{:>12}",
             "source",
             "sky",
-            "mistakes",
+            "hands",
             "observable",
             "9 of 9",
+            "after",
             "sigma",
             "RMS",
             "NEES/dof",
@@ -254,12 +284,13 @@ impl std::fmt::Display for GroundStudy {
         for r in &self.rows {
             writeln!(
                 f,
-                "{:10} {:8} {:8}{:10.1}%{:8.1}%{:8.1}{:8.1}{:10.2}{:5.1}%{:12.0}{:10.2}{:12.0}",
+                "{:10} {:8} {:10}{:10.1}%{:8.1}%{:7.0}s{:8.1}{:8.1}{:10.2}{:5.1}%{:12.0}{:10.2}{:12.0}",
                 format!("{:?}", r.source),
                 format!("{:?}", r.sky),
-                if r.mistakes { "yes" } else { "no" },
+                r.manner,
                 100.0 * r.observable,
                 100.0 * r.all_nine,
+                r.all_nine_after_s,
                 r.g_sigma_deg_per_h_per_g,
                 r.g_rms_deg_per_h_per_g,
                 r.nees_per_dof,

@@ -124,6 +124,7 @@ impl BoundPredictor {
             .map(|(k, state)| {
                 let i = index::GYRO_BIAS + k;
                 let start = filter.initial_sigmas().get(i).copied().unwrap_or(f64::INFINITY);
+                let start = filter.model().unmeasured_sigma(state.name, start);
                 let target = self.targets.of(state, start) / state.unit.si;
                 NamedSigma {
                     name: Cow::Borrowed(state.name),

@@ -168,6 +168,7 @@ impl Estimator {
             Sample::Restart(reason) => self.restart(*reason),
             // The vehicle goes on; what the new calibration leaves of the biases is learnt like any change of them.
             Sample::Recalibrated => {}
+            Sample::Place(place) => self.ground.set_home(*place),
         }
         Vec::new()
     }

@@ -190,4 +190,6 @@ pub enum Sample {
     Restart(RestartReason),
     /// The autopilot may have changed the calibration that its samples carry: their biases before and after are not the same.
     Recalibrated,
+    /// Where the vehicle is as long as no fix says so: its home position, or what people say.
+    Place(Geodetic),
 }

@@ -190,6 +190,7 @@ pub fn explain(
         settings: Settings::default(),
         parameters: parameters.map(Into::into),
         whole: false,
+        place: None,
     };
     let explained = py.detach(|| explaining::run(&request, &|_| {}));
     explained.map(Explanation).map_err(|e| failed(e.into()))

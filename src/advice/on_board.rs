@@ -166,7 +166,8 @@ impl OnBoard {
         };
     }
 
-    fn frame(&mut self, frame: &Frame, vehicle: Option<u8>) {
+    /// Takes a frame. `vehicle`: as for [`Self::read`].
+    pub fn frame(&mut self, frame: &Frame, vehicle: Option<u8>) {
         if frame.message_id == HEARTBEAT
             && self.system_id.is_none()
             && let Some(seen) = Vehicle::from_heartbeat(frame)

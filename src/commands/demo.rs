@@ -7,6 +7,7 @@ use super::report::ReportError;
 use super::{CommandError, OverwriteArgs, foxglove, output, start};
 use crate::demo::closed_loop::Correctable;
 use crate::demo::flight::{Ending, Flight, Stage};
+use crate::demo::ground::GroundSession;
 use crate::demo::{Prepared, Settings, result};
 use crate::engine::snapshot::Snapshot;
 use crate::outputs::{Outputs, mark};
@@ -56,6 +57,9 @@ pub struct DemoArgs {
     /// Sensor model that the estimator assumes and from which the true errors are drawn.
     #[arg(long, value_name = "FILE")]
     pub model: Option<PathBuf>,
+    /// Without the ground session before the flight: the flight alone must show G.
+    #[arg(long)]
+    pub flight_only: bool,
     /// Address of the web page.
     #[arg(long, value_name = "ADDR", default_value = "127.0.0.1:8080", conflicts_with = "no_web")]
     pub web: SocketAddr,
@@ -222,6 +226,7 @@ fn settings(args: &DemoArgs) -> Result<Settings, CommandError> {
     settings.band_m = args.band.or(settings.band_m)?;
     if let Some(path) = &args.model {
         settings.belief = super::load_model(path)?;
+        settings.drawn = settings.belief.clone();
     }
     Ok(settings)
 }
@@ -247,16 +252,19 @@ pub fn run(args: &DemoArgs) -> Result<(), CommandError> {
     }
     let report = args.report.clone().or_else(|| (!args.json).then(default_report));
     report.iter().try_for_each(|path| outputs.check(path))?;
+    let mut by_hand = (!args.flight_only).then(|| GroundSession::new(&settings, args.seed));
     let mut flight = match args.speed {
         DemoSpeed::Max if args.foxglove.is_some() => return Err(DemoError::FoxgloveAtMax.into()),
         DemoSpeed::Max => {
+            by_hand.iter_mut().for_each(|session| session.go_on(f64::INFINITY));
+            let settings = after(by_hand.as_ref(), settings);
             let mut flight = Flight::new(plan(settings)?, args.seed);
             flight.run();
             flight
         }
         DemoSpeed::Times(factor) => {
             let runtime = start::runtime()?;
-            let flight = runtime.block_on(show(args, settings, factor))?;
+            let flight = runtime.block_on(show(args, settings, by_hand.as_mut(), factor))?;
             runtime.shutdown_timeout(Duration::from_secs(2));
             let Some(flight) = flight else {
                 crate::sinks::log::line("stopped before the flight; nothing was written");
@@ -265,13 +273,17 @@ pub fn run(args: &DemoArgs) -> Result<(), CommandError> {
             flight
         }
     };
-    let result = result::of(&mut flight, args.seed);
+    let mut result = result::of(&mut flight, args.seed);
+    if let Some(session) = &by_hand {
+        result.document.insert("ground".to_owned(), session.document());
+    }
     let reported = report.map_or(Ok(()), |path| write_report(&path, &flight, &result, &outputs));
     // A page that cannot be written takes the result with it no more.
     if args.json {
         output::json(&result.document)?;
     } else {
-        output::text(&result.text())?;
+        let ground = by_hand.map_or_else(String::new, |session| session.words() + "\n");
+        output::text(&(ground + &result.text()))?;
     }
     reported?;
     match &result.ending {
@@ -294,6 +306,37 @@ fn write_report(
     Ok(())
 }
 
+/// What a session by hand leaves to plan for.
+fn after(by_hand: Option<&GroundSession>, settings: Settings) -> Settings {
+    let Some(session) = by_hand else { return settings };
+    crate::sinks::log::line(&session.words());
+    session.unit().map_or_else(|| settings.clone(), |unit| settings.clone().knowing(&unit))
+}
+
+/// Shows a session by hand at the speed of the clock, to its end or until somebody stops it.
+async fn by_hand_first(
+    session: &mut GroundSession,
+    factor: f64,
+    snapshots: &watch::Sender<Arc<Snapshot>>,
+    stop: &CancellationToken,
+) {
+    let mut tick = tokio::time::interval(SNAPSHOT);
+    tick.set_missed_tick_behavior(MissedTickBehavior::Skip);
+    let (mut last, mut target_s) = (Instant::now(), 0.0);
+    while !session.is_over() {
+        tokio::select! {
+            () = stop.cancelled() => return,
+            _ = tick.tick() => {}
+        }
+        let most_s = SNAPSHOT.as_secs_f64() / TICK.as_secs_f64() * MOST_PER_TICK_S;
+        target_s = (target_s + last.elapsed().as_secs_f64() * factor).min(session.now_s() + most_s);
+        last = Instant::now();
+        tokio::task::block_in_place(|| session.go_on(target_s));
+        snapshots.send_replace(Arc::new(session.snapshot()));
+    }
+    snapshots.send_replace(Arc::new(planning()));
+}
+
 /// What screens show while the planner works.
 fn planning() -> Snapshot {
     Snapshot {
@@ -304,7 +347,12 @@ fn planning() -> Snapshot {
 
 /// Flies at the speed of the clock, with screens: the page is there before the planning begins. Nothing where someone
 /// stopped it before the flight.
-async fn show(args: &DemoArgs, settings: Settings, factor: f64) -> Result<Option<Flight>, CommandError> {
+async fn show(
+    args: &DemoArgs,
+    settings: Settings,
+    mut by_hand: Option<&mut GroundSession>,
+    factor: f64,
+) -> Result<Option<Flight>, CommandError> {
     let stop = CancellationToken::new();
     start::cancel_on_signal(&stop);
     let status = SinkStatus::new();
@@ -316,6 +364,16 @@ async fn show(args: &DemoArgs, settings: Settings, factor: f64) -> Result<Option
         Some(address) => Some(foxglove::serve(address, None, &status, &stop)?),
         None => None,
     };
+    let options = terminal::Options::from_env(|name| std::env::var(name).ok());
+    let on_screen = !args.headless && !args.json && std::io::stdout().is_terminal();
+    let screen = if on_screen { terminal::spawn(sources(), options, stop.clone()).ok() } else { None };
+    if screen.is_none() {
+        tokio::spawn(headless::run(sources(), headless::PERIOD, crate::sinks::log::Stderr, stop.clone()));
+    }
+    if let Some(session) = by_hand.as_deref_mut() {
+        by_hand_first(session, factor, &snapshots, &stop).await;
+    }
+    let settings = after(by_hand.as_deref(), settings);
     let planned = tokio::task::spawn_blocking(move || plan(settings));
     let prepared = tokio::select! {
         () = stop.cancelled() => return Ok(None),
@@ -329,12 +387,6 @@ async fn show(args: &DemoArgs, settings: Settings, factor: f64) -> Result<Option
     let viewers = feed.map(|feed| feed.counting_from(foxglove::now_us()));
     if let Some(viewers) = &viewers {
         flight = flight.watched(viewers.clone());
-    }
-    let options = terminal::Options::from_env(|name| std::env::var(name).ok());
-    let on_screen = !args.headless && !args.json && std::io::stdout().is_terminal();
-    let screen = if on_screen { terminal::spawn(sources(), options, stop.clone()).ok() } else { None };
-    if screen.is_none() {
-        tokio::spawn(headless::run(sources(), headless::PERIOD, crate::sinks::log::Stderr, stop.clone()));
     }
     let mut tick = tokio::time::interval(TICK);
     tick.set_missed_tick_behavior(MissedTickBehavior::Skip);

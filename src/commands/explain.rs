@@ -1,6 +1,6 @@
 //! `gaware explain`: which sensor errors the model lacks, how large they are, and the residuals before and after.
 
-use super::known::UnitFileArgs;
+use super::known::{PlaceArgs, UnitFileArgs};
 use super::{CommandError, ListenArgs, OverwriteArgs, load_model, output};
 use crate::explain::contract::Verdict;
 use crate::explain::{self, Explained, Phase, Request, STEPS};
@@ -14,7 +14,7 @@ use std::time::{Duration, Instant};
 /// Arguments of `explain`.
 #[derive(Debug, Clone, clap::Args)]
 pub struct ExplainArgs {
-    /// Flights of one vehicle (.tlog, .bin, .ulg, .mcap, a folder with imu.csv and gps.csv).
+    /// Flights and ground sessions of one vehicle (.tlog, .bin, .ulg, .mcap, a folder with imu.csv and gps.csv).
     #[arg(required = true, value_name = "LOG")]
     pub logs: Vec<PathBuf>,
     /// Model to start from (default: no effects but those of the message itself).
@@ -44,6 +44,9 @@ pub struct ExplainArgs {
     /// What is known of the unit.
     #[command(flatten)]
     pub unit: UnitFileArgs,
+    /// Where the vehicle is.
+    #[command(flatten)]
+    pub place: PlaceArgs,
 }
 
 /// Explains, writes the report and prints the verdict.
@@ -54,7 +57,10 @@ pub fn run(args: &ExplainArgs) -> Result<(), CommandError> {
     let read = args.logs.iter().chain(&args.validate).chain(&args.model).chain(&args.parameters);
     let outputs = args.overwrite.outputs(read);
     explain::check(&args.out, &outputs)?;
-    let model = args.unit.on(args.model.as_deref().map(load_model).transpose()?)?;
+    let first =
+        args.logs.first().map(|log| args.unit.of_log(log, args.listen.options().vehicle)).transpose()?;
+    let model =
+        first.as_ref().unwrap_or(&args.unit).on(args.model.as_deref().map(load_model).transpose()?)?;
     let request = Request {
         logs: args.logs.iter().map(Into::into).collect(),
         validate: args.validate.iter().map(Into::into).collect(),
@@ -63,6 +69,7 @@ pub fn run(args: &ExplainArgs) -> Result<(), CommandError> {
         settings: Settings::default(),
         parameters: args.parameters.as_ref().map(Into::into),
         whole: args.whole,
+        place: args.place.home,
     };
     // Fails before the analysis where the result cannot be written. A folder that this makes is not left behind empty,
     // however the run ends.

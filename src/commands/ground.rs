@@ -2,7 +2,7 @@
 //! station, ends when nothing is left to do, and keeps the result in the file of the unit.
 
 use super::known::{KnownArgs, PlaceArgs, UnitFileArgs};
-use super::run::{self, Hooks, RunArgs, seconds};
+use super::run::{self, Hooks, RunArgs, Served, seconds};
 use super::unit::origin;
 use super::{CommandError, ListenArgs, OverwriteArgs, band, output, start};
 use crate::engine::meaning::LIMIT_DEG;
@@ -37,6 +37,9 @@ pub struct GroundArgs {
     /// Keep what is found in this file (see `gaware unit`); what it already says of this unit is where the estimate begins.
     #[arg(long, value_name = "FILE")]
     pub unit: Option<PathBuf>,
+    /// Folder of unit files: without --unit what is found is kept there under the vehicle's hardware id.
+    #[arg(long, value_name = "DIR", default_value = "units")]
+    pub units: PathBuf,
     /// Model of the sensors (default: as for `run`).
     #[arg(long, value_name = "FILE")]
     pub model: Option<PathBuf>,
@@ -143,7 +146,10 @@ fn run_args(args: &GroundArgs) -> RunArgs {
         listen: args.listen.clone(),
         known: KnownArgs {
             place: args.place.clone(),
-            unit: UnitFileArgs { unit: args.unit.clone().filter(|path| path.exists()) },
+            unit: UnitFileArgs {
+                unit: args.unit.clone().filter(|path| path.exists()),
+                units: args.units.clone(),
+            },
             limit: LIMIT_DEG,
         },
         signing_key: None,
@@ -175,13 +181,13 @@ async fn session(args: &GroundArgs) -> Result<(), CommandError> {
     let options =
         EngineOptions { place: args.place.home, ground: Some(args.skip.clone()), ..EngineOptions::default() };
     let hooks = Hooks { live, outbox: outbox_rx, raw_outbox, mission: None, frames, foxglove: None };
-    let (pipeline, _) = run::serve(&run_args(args), hooks, stop, |model| Engine::new(model, options)).await?;
+    let served = run::serve(&run_args(args), hooks, stop, |model| Engine::new(model, options)).await?;
     // It ends with the run.
     let refused = guide.await.unwrap_or_default();
     if let Some(reason) = refused {
         return Err(GroundError::Refused(reason).into());
     }
-    finish(args, &pipeline.snapshot(), pipeline.engine(), before)
+    finish(args, &served, before)
 }
 
 /// Gives the instructions.
@@ -240,12 +246,19 @@ impl Guide {
 }
 
 /// The result, and the file of the unit.
-fn finish(
-    args: &GroundArgs,
-    snapshot: &Snapshot,
-    engine: &Engine,
-    before: Option<Unit>,
-) -> Result<(), CommandError> {
+fn finish(args: &GroundArgs, served: &Served<Engine>, before: Option<Unit>) -> Result<(), CommandError> {
+    let (engine, snapshot) = (served.pipeline.engine(), served.pipeline.snapshot());
+    let mut beside = Beside::default();
+    beside.on_board = served.on_board.clone();
+    let file = match (&args.unit, &beside.on_board.board) {
+        (Some(path), _) => Some(path.clone()),
+        (None, Some(id)) => Some(crate::unit::file_of(&args.units, id)),
+        (None, None) => None,
+    };
+    let before = match (before, &file) {
+        (None, Some(path)) if args.unit.is_none() && path.exists() => Some(Unit::read(path)?),
+        (before, _) => before,
+    };
     let session = &snapshot.ground;
     let states = &snapshot.observability.states;
     let of = |observable: bool| {
@@ -253,15 +266,23 @@ fn finish(
         states.iter().filter(|s| (s.status == Observable) == observable).map(|s| s.name.clone()).collect()
     };
     let mut inconsistencies = Vec::new();
-    if let (Some(path), Some(filter)) = (&args.unit, engine.filter()) {
-        let mut new = Unit::of_filter(filter, origin(&Beside::default(), "ground session"));
+    if let (Some(path), Some(filter)) = (&file, engine.filter()) {
+        let mut new = Unit::of_filter(filter, origin(&beside, "ground session"));
         if let Some(before) = &before {
+            before.check_hardware(path, new.origin.hardware_id.as_deref())?;
+            if args.unit.is_none() {
+                // It was not where the estimate began: what it says is compared, and replaced.
+                inconsistencies.extend(before.contradictions(&new));
+            }
             new = new.after(before);
             let far = engine.summary().implausible;
             inconsistencies
                 .extend(far.into_iter().map(|name| format!("{name} is far from what the file says")));
         }
         if !new.measured().is_empty() {
+            if let Some(folder) = path.parent().filter(|_| args.unit.is_none()) {
+                args.overwrite.outputs::<&std::path::Path>([]).folder(folder)?;
+            }
             new.write(path, &args.overwrite.outputs::<&std::path::Path>([]))?;
         }
     }
@@ -271,7 +292,7 @@ fn finish(
         estimate: snapshot.estimate.clone(),
         observable: of(true),
         unobservable: of(false),
-        unit: args.unit.as_ref().map(|p| p.display().to_string()),
+        unit: file.as_ref().map(|p| p.display().to_string()),
         inconsistencies,
     };
     if args.json {

@@ -11,7 +11,7 @@ use gaware_mission::fence::{Fence, FenceCircle};
 use gaware_mission::item::{Autopilot, Home, LatLon};
 use gaware_mission::maneuver::Maneuver;
 use gaware_mission::planner::{
-    DEFAULT_BEAM, Plan, PlanError, PlannedManeuver, PlannedState, Request, climb_out, plan,
+    DEFAULT_BEAM, Plan, PlanError, PlannedManeuver, PlannedState, Request, climb_out, plan, radius_that_fits,
 };
 use gaware_mission::predictor::NamedSigma;
 use gaware_mission::safety::Limits;
@@ -105,6 +105,14 @@ pub enum PlanCommandError {
     /// Refused, with the reason.
     #[error(transparent)]
     Refused(#[from] PlanError),
+    /// A circle that is too small.
+    #[error("{source}; a circle of {radius_m:.0} m has the space: --radius {radius_m:.0}")]
+    Tight {
+        /// Why not.
+        source: PlanError,
+        /// m.
+        radius_m: f64,
+    },
     /// A recording that says nothing.
     #[error("{path} holds too few inertial samples to measure their noise: record a minute of them", path = .0.display())]
     Measured(PathBuf),
@@ -135,7 +143,8 @@ pub fn run(args: &PlanArgs) -> Result<(), CommandError> {
     let model = args.unit.on(args.model.as_deref().map(super::load_model).transpose()?)?;
     let mut request = request(args)?;
     let model = measured(args, model.unwrap_or_else(Model::standard), &mut request)?;
-    let made = plan(&request, predictor(&model, &request)).map_err(PlanCommandError::from)?;
+    let made =
+        plan(&request, predictor(&model, &request)).map_err(|e| with_radius(args, &request, &model, e))?;
     if let Some(path) = &args.out {
         let a = &request.airframe;
         let contents = Contents {
@@ -158,6 +167,21 @@ pub fn run(args: &PlanArgs) -> Result<(), CommandError> {
         output::json(&document(&made, &request))
     } else {
         output::words(|out| print(out, &made, &request))
+    }
+}
+
+/// A refusal for want of space, with the circle that would have it.
+fn with_radius(args: &PlanArgs, request: &Request, model: &Model, source: PlanError) -> PlanCommandError {
+    use PlanError::{ClimbOut, HomeOutside, NoWayHome, NothingFits};
+    let tight = matches!(source, ClimbOut { .. } | HomeOutside { .. } | NoWayHome(_) | NothingFits { .. });
+    let wider = if tight && args.fence.is_none() {
+        radius_that_fits(request, predictor(model, request))
+    } else {
+        None
+    };
+    match wider {
+        Some(radius_m) => PlanCommandError::Tight { source, radius_m },
+        None => source.into(),
     }
 }
 

@@ -91,13 +91,13 @@ pub fn run(args: &ReplayArgs) -> Result<(), CommandError> {
     }
     args.junit.iter().try_for_each(|path| outputs.check(path))?;
     let names = names(&args.logs, target.is_some() || args.baseline.is_some())?;
-    let model = args.known.unit.on(args.model.as_deref().map(load_model).transpose()?)?;
+    let given = args.model.as_deref().map(load_model).transpose()?;
     let mut tables = Gathered::default();
     let mut results = Vec::new();
     for (log, name) in args.logs.iter().zip(names) {
         let request = ReplayRequest {
             log: log.into(),
-            model: model.clone(),
+            model: args.known.unit.of_log(log, args.listen.options().vehicle)?.on(given.clone())?,
             converter: args.listen.options(),
             truth_from_s: args.truth_from,
         };

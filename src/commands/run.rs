@@ -2,6 +2,7 @@
 //! recorded, so that a replay of the recording repeats the run.
 
 use super::{CommandError, demo, load_model, output, print};
+use crate::advice::on_board::OnBoard;
 use crate::link::address::Address;
 use crate::link::endpoint::{Links, ReceiveClock, Received};
 use crate::link::guard::Guard;
@@ -66,7 +67,7 @@ pub async fn run<E: Estimator>(
     make: impl FnOnce(Model) -> E,
 ) -> Result<(), CommandError> {
     let live = hooks.live.subscribe();
-    let (pipeline, document) = serve(args, hooks, stop, make).await?;
+    let Served { pipeline, document, .. } = serve(args, hooks, stop, make).await?;
     let heard = received_anything(&pipeline, &live.borrow().links);
     if args.json {
         output::json(&document)?;
@@ -75,6 +76,17 @@ pub async fn run<E: Estimator>(
     }
     heard?;
     incomplete(&document)
+}
+
+/// The end of a run.
+#[derive(Debug)]
+pub struct Served<E> {
+    /// The pipeline.
+    pub pipeline: Pipeline<E>,
+    /// The result.
+    pub document: Map<String, Value>,
+    /// What the vehicle said of itself.
+    pub on_board: OnBoard,
 }
 
 /// Runs until `stop` or the duration, and gives the pipeline at the end with the result.
@@ -86,7 +98,7 @@ pub async fn serve<E: Estimator>(
     hooks: Hooks,
     stop: CancellationToken,
     make: impl FnOnce(Model) -> E,
-) -> Result<(Pipeline<E>, Map<String, Value>), CommandError> {
+) -> Result<Served<E>, CommandError> {
     let model = args.known.unit.on(args.model.as_deref().map(load_model).transpose()?)?;
     let model = model.unwrap_or_else(Model::standard);
     let clock = ReceiveClock::start();
@@ -107,6 +119,8 @@ pub async fn serve<E: Estimator>(
         recorder,
         voice: HeartbeatSource::new(),
         rates: None,
+        on_board: OnBoard::default(),
+        units: args.known.unit.folder(),
         inventory: None,
         timesync: Timesync::new(),
         hooks,
@@ -133,7 +147,7 @@ pub async fn serve<E: Estimator>(
         tracing::info!(path = %path.display(), ?stats, "recording closed");
         report_recording(&path, stats, &mut document);
     }
-    Ok((session.pipeline, document))
+    Ok(Served { pipeline: session.pipeline, document, on_board: session.on_board })
 }
 
 fn start_recorder(

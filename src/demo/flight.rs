@@ -123,7 +123,7 @@ impl Flight {
     /// A vehicle of this seed that stands at home.
     pub fn new(prepared: Prepared, seed: u64) -> Self {
         let settings = &prepared.settings;
-        let truth = hidden_truth(&settings.belief, seed);
+        let truth = hidden_truth(&settings.drawn, seed);
         let autopilot =
             Autopilot::flying(settings.autopilot(seed), settings.vehicle(seed), &truth, Prepared::sensors());
         let truth = relative_to_stamps(truth, autopilot.mean_stamp_delay_s());

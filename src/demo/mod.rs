@@ -1,11 +1,12 @@
 //! The demonstration: a vehicle whose sensor errors are drawn by seed and not reported, a plan to find them, the verified upload, and
 //! the flight, all in one process and one thread, without sockets and without a clock.
 //!
-//! [`Prepared`] plans, [`flight::Flight`] flies turn by turn in virtual time, [`result`] compares with the ground truth.
+//! [`ground`] is the session by hand before it; [`Prepared`] plans, [`flight::Flight`] flies turn by turn in virtual time, [`result`] compares with the ground truth.
 //! The simulated pilot who arms and starts the mission belongs to the demonstration: the companion itself never does.
 
 pub mod closed_loop;
 pub mod flight;
+pub mod ground;
 pub mod result;
 pub mod series;
 
@@ -53,6 +54,8 @@ pub struct Settings {
     pub wind_n_e_m_per_s: [f64; 2],
     /// What the companion assumes before the flight.
     pub belief: Model,
+    /// What the vehicle's sensor errors are drawn from.
+    pub drawn: Model,
 }
 
 impl Settings {
@@ -60,7 +63,15 @@ impl Settings {
     pub fn new(airframe: Airframe, budget_s: Option<f64>) -> Self {
         let band_m = BAND_M[usize::from(!airframe.is_fixed_wing())];
         let belief = Model::standard();
-        Self { airframe, budget_s, band_m, beam: 3, wind_n_e_m_per_s: [-2.0, 1.5], belief }
+        Self {
+            airframe,
+            budget_s,
+            band_m,
+            beam: 3,
+            wind_n_e_m_per_s: [-2.0, 1.5],
+            drawn: belief.clone(),
+            belief,
+        }
     }
 
     fn home(&self) -> Home {

@@ -29,17 +29,30 @@ pub struct Constants {
     pub sigma: Vec<f64>,
     /// 1-sigma at the start.
     pub start: Vec<f64>,
+    /// 1-sigma before anything was measured: another only where the unit's file says so.
+    pub unmeasured: Vec<f64>,
+}
+
+fn unmeasured(model: &Model, layout: &Layout, start: &[f64]) -> Vec<f64> {
+    layout
+        .names()
+        .iter()
+        .zip(start)
+        .map(|(state, sigma)| model.unmeasured_sigma(state.name, *sigma))
+        .collect()
 }
 
 impl Constants {
     /// What a filter knows.
     pub fn of_filter(filter: &Filter) -> Self {
         let states = index::GYRO_BIAS..index::GYRO_BIAS + filter.layout().names().len();
+        let start = filter.initial_sigmas()[states.clone()].to_vec();
         Self {
+            unmeasured: unmeasured(filter.model(), filter.layout(), &start),
             layout: filter.layout().clone(),
             calibration: filter.calibration().clone(),
-            sigma: states.clone().map(|s| filter.covariance().sigma(s)).collect(),
-            start: filter.initial_sigmas()[states].to_vec(),
+            sigma: states.map(|s| filter.covariance().sigma(s)).collect(),
+            start,
         }
     }
 
@@ -49,7 +62,8 @@ impl Constants {
         let mut sigma = vec![model.imu.gyro_bias_sigma; 3];
         sigma.extend([model.imu.accel_bias_sigma; 3]);
         sigma.extend(layout.slots().iter().map(|s| model.effects[s.effect].sigmas[s.parameter]));
-        Self { calibration: Calibration::new(model), start: sigma.clone(), sigma, layout }
+        let unmeasured = unmeasured(model, &layout, &sigma);
+        Self { calibration: Calibration::new(model), start: sigma.clone(), sigma, unmeasured, layout }
     }
 
     /// Names of the states whose estimates the prior of the model cannot explain.

@@ -202,7 +202,7 @@ impl Engine {
                 }
             }
             Sample::Restart(_) => self.restart(),
-            Sample::Recalibrated => {}
+            Sample::Recalibrated | Sample::Place(_) => {}
         }
         self.take(sample);
         if matches!(sample, Sample::Restart(_)) {

@@ -157,7 +157,7 @@ pub(super) fn of(
             sought.iter().map(|k| constants.sigma[*k].powi(2)),
         )),
     };
-    let start: Vec<f64> = sought.iter().map(|k| constants.start[*k]).collect();
+    let start: Vec<f64> = sought.iter().map(|k| constants.unmeasured[*k]).collect();
     let gramian = gramian::analyse(&posterior, &start);
     let unobservable_directions: Vec<_> = describe(&gramian, &names, vehicle)
         .into_iter()
@@ -181,7 +181,7 @@ fn states(constants: &Constants, targets: &Targets) -> Vec<StateStatus> {
     let names = constants.layout.names().iter();
     names
         .zip(&constants.sigma)
-        .zip(&constants.start)
+        .zip(&constants.unmeasured)
         .filter(|((name, _), _)| !name.is_tolerance)
         .map(|((name, sigma), start)| {
             let k = covariance::judge(name, *sigma, *start, targets);

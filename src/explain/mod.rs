@@ -22,6 +22,7 @@ use crate::parallel::{Threads, cores};
 use crate::pipeline;
 use crate::sensors::ConverterOptions;
 use contract::Explanation;
+use gaware_nav::earth::Geodetic;
 use gaware_nav::effects::{self, Effect, RECEIVER};
 use gaware_nav::identify::flight::{Flight, TooLittle};
 use gaware_nav::identify::judge::{self, Judged};
@@ -52,6 +53,8 @@ pub struct Request {
     pub parameters: Option<Input>,
     /// All of every log, however long; otherwise an hour at most of all logs together, where the vehicle moves most.
     pub whole: bool,
+    /// Where the vehicle is as long as no fix says so.
+    pub place: Option<Geodetic>,
 }
 
 /// So much flight is explained at once, s: an hour of 200 Hz with 5 fixes per second takes a minute and about half a gigabyte (docs/explain.md).
@@ -222,8 +225,9 @@ pub fn run(request: &Request, progress: &dyn Fn(Phase)) -> Result<Explained, Exp
             .enumerate()
             .map(|(k, log)| {
                 progress(Phase::Reading(first + k));
-                let pipeline::Excerpt { samples, part } =
+                let pipeline::Excerpt { mut samples, part } =
                     pipeline::most_motion(log, request.converter, most_s)?;
+                samples.splice(0..0, request.place.map(Sample::Place));
                 parts.extend(part);
                 let own = Workload::of(&samples);
                 load = Workload { samples: load.samples + own.samples, fixes: load.fixes + own.fixes };
@@ -492,5 +496,7 @@ pub(super) fn one_line(text: &str) -> String {
     text.chars().map(|c| if c.is_control() { ' ' } else { c }).collect()
 }
 
+#[cfg(test)]
+mod ground_tests;
 #[cfg(test)]
 mod tests;

@@ -142,6 +142,7 @@ fn explanation(log: &Path, work: &Work) -> Result<Value, String> {
         settings: Settings::default(),
         parameters: None,
         whole: false,
+        place: None,
     };
     let explained = explain::run(&request, &|_| {}).map_err(|e| e.to_string())?;
     Ok(serde_json::to_value(explained.explanation).unwrap_or_default())

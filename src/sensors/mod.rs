@@ -22,6 +22,7 @@ use crate::link::frame::Frame;
 use crate::link::systems::Systems;
 use crate::timeline::{Measurement, Stamp, TimeCounts, TimeLine};
 use gaware_mission::identity::Carrier;
+use gaware_nav::earth::Geodetic;
 use gaware_nav::observability::words::VehicleKind;
 use gaware_nav::sample::{GnssFix, ImuSample, RestartReason, Sample};
 use health::{Health, Verdict};
@@ -287,6 +288,12 @@ impl Converter {
         match message {
             MavMessage::SYSTEM_TIME(m) => self.time.learn(m.time_unix_usec, m.time_boot_ms),
             MavMessage::GPS_RAW_INT(m) => self.fix(m, out),
+            MavMessage::HOME_POSITION(m) if (m.latitude, m.longitude) != (0, 0) => {
+                let degrees = |e7: i32| f64::from(e7) * 1e-7;
+                let height_m = f64::from(m.altitude) * 1e-3;
+                let home = Geodetic::from_degrees(degrees(m.latitude), degrees(m.longitude), height_m);
+                out.push(Sample::Place(home));
+            }
             MavMessage::ATTITUDE(m) => {
                 let roll_pitch_yaw = [m.roll, m.pitch, m.yaw].map(f64::from);
                 self.health.attitude(roll_pitch_yaw);

@@ -7,7 +7,8 @@ use crate::inputs;
 use crate::outputs::{OutputError, Outputs, mark};
 use gaware_nav::filter::Filter;
 use gaware_nav::filter::layout::index;
-use gaware_nav::model::{EffectSetting, Model};
+use gaware_nav::model::{EffectSetting, JointPrior, Model};
+use nalgebra::DMatrix;
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
@@ -17,6 +18,8 @@ const SCHEMA: &str = "gaware.unit/1";
 const TURN_ON: f64 = 0.1;
 /// Two results of one unit that differ by more than so many of their sigmas contradict each other.
 const CONTRADICTION: f64 = 4.0;
+/// A correlation matrix may be this far from positive.
+const ROUNDED: f64 = 1e-6;
 /// A state that keeps more of its prior sigma than this has not been measured.
 const MEASURED: f64 = 0.7;
 
@@ -122,6 +125,32 @@ pub struct Unit {
     pub states: Vec<UnitState>,
 }
 
+/// The file of the unit with this hardware id in a folder of unit files: its newest, and none where the folder has none. Files that are no unit
+/// files are passed over.
+///
+/// # Errors
+/// The folder cannot be read.
+pub fn find(folder: &Path, hardware_id: &str) -> Result<Option<PathBuf>, UnitError> {
+    let wrong = |source| UnitError::Read { path: folder.to_owned(), source };
+    let mut own: Vec<(String, PathBuf)> = Vec::new();
+    for entry in std::fs::read_dir(folder).map_err(wrong)? {
+        let path = entry.map_err(wrong)?.path();
+        if path.extension().is_some_and(|e| e == "toml")
+            && let Ok(unit) = Unit::read(&path)
+            && unit.origin.hardware_id.as_deref() == Some(hardware_id)
+        {
+            own.push((unit.origin.date, path));
+        }
+    }
+    Ok(own.into_iter().max().map(|(_, path)| path))
+}
+
+/// Where the file of the unit with this hardware id goes in a folder of unit files.
+pub fn file_of(folder: &Path, hardware_id: &str) -> PathBuf {
+    let plain = |c: char| if c.is_ascii_alphanumeric() || c == '-' { c } else { '_' };
+    folder.join(format!("{}.toml", hardware_id.chars().map(plain).take(64).collect::<String>()))
+}
+
 impl Unit {
     /// What a filter knows of the sensors: their biases and every effect that acts on samples.
     pub fn of_filter(filter: &Filter, origin: Origin) -> Self {
@@ -175,6 +204,14 @@ impl Unit {
         let rows = unit.covariance.iter().enumerate().all(|(k, row)| row.len() == k + 1);
         if !rows || unit.covariance.len() != unit.states.len() {
             return Err("its covariance is not a lower triangle with a row for each state".to_owned());
+        }
+        let n = unit.states.len();
+        let correlations = DMatrix::from_fn(n, n, |i, j| unit.correlation(i, j));
+        // Entries are written with all digits; what rounding leaves of a state that is known through others is no error of the file.
+        if unit.covariance.iter().enumerate().any(|(k, row)| row[k].is_nan() || row[k] <= 0.0)
+            || (correlations + DMatrix::identity(n, n) * ROUNDED).cholesky().is_none()
+        {
+            return Err("its covariance is none: it is not positive".to_owned());
         }
         if unit.origin.date.len() > 10 || ageing::days(&unit.origin.date).is_none() {
             return Err(format!("{:?} is no date as in 2026-11-24", unit.origin.date));
@@ -257,6 +294,46 @@ impl Unit {
                 self.apply_effect(setting, model, days);
             }
         }
+        model.joint = Some(Box::new(self.joint(model, days)));
+    }
+
+    /// What is known of all states together that a filter with this model estimates: the correlations of the file with the sigmas of so many
+    /// days later, since what turn-ons and ageing add is independent.
+    fn joint(&self, model: &Model, days: f64) -> JointPrior {
+        let estimated = |s: &UnitState| {
+            let of = |setting: &EffectSetting| {
+                let mut names = setting.parameters().zip(&setting.sigmas);
+                names.any(|((name, _), sigma)| name == s.name && *sigma > 0.0)
+            };
+            s.effect.ends_with("_bias") || model.get(&s.effect).is_some_and(of)
+        };
+        let own: Vec<_> = self.states.iter().enumerate().filter(|(_, s)| estimated(s)).collect();
+        let si = |s: &UnitState| {
+            let setting = model.get(&s.effect);
+            let of = setting.and_then(|e| e.parameters().find(|(name, _)| *name == s.name));
+            of.map_or_else(|| unit_si(&s.unit), |(_, unit)| unit.si)
+        };
+        let entry = |(i, a): &(usize, &UnitState), (j, b): &(usize, &UnitState)| {
+            let kept = if i == j {
+                Self::aged(a, days).powi(2)
+            } else {
+                self.correlation(*i, *j) * a.sigma * b.sigma
+            };
+            kept * si(a) * si(b)
+        };
+        JointPrior {
+            unmeasured_si: own.iter().map(|(_, s)| s.prior_sigma * si(s)).collect(),
+            names: own.iter().map(|(_, s)| s.name.clone()).collect(),
+            covariance_si: own.iter().map(|a| own.iter().map(|b| entry(a, b)).collect()).collect(),
+        }
+    }
+
+    /// Of two states, by the file.
+    fn correlation(&self, i: usize, j: usize) -> f64 {
+        let at =
+            |i: usize, j: usize| self.covariance.get(i.max(j)).and_then(|row| row.get(i.min(j))).copied();
+        let of = |i: usize, j: usize| Some(at(i, j)? / (at(i, i)? * at(j, j)?).sqrt());
+        of(i, j).filter(|c| c.is_finite()).unwrap_or(0.0)
     }
 
     fn apply_effect(&self, mut setting: EffectSetting, model: &mut Model, days: f64) {

@@ -6,16 +6,19 @@ use gaware_nav::filter::Initial;
 use gaware_nav::mechanization::NavState;
 use nalgebra::{Matrix3, Vector3};
 
-fn unit() -> Unit {
+fn initial() -> Initial {
     let place = Geodetic::from_degrees(47.0, 8.0, 400.0);
-    let initial = Initial {
+    Initial {
         t_s: 0.0,
         nav: NavState::from_ned(place, &Vector3::zeros(), &Matrix3::identity()),
         position_sigma_m: [1.0; 3],
         velocity_sigma_m_per_s: [0.1; 3],
         attitude_sigma_rad: [0.1; 3],
-    };
-    let filter = Filter::new(&Model::standard(), &initial);
+    }
+}
+
+fn unit() -> Unit {
+    let filter = Filter::new(&Model::standard(), &initial());
     let origin = Origin { date: "2026-11-24".into(), hardware_id: Some("ab12".into()), ..Origin::default() };
     let mut unit = Unit::of_filter(&filter, origin);
     for (name, value, sigma) in [("g11", 120.0, 8.0), ("g33", -250.0, 9.0), ("sg_x", 900.0, 200.0)] {
@@ -69,6 +72,35 @@ fn a_model_takes_its_values_for_priors_that_age() {
     assert!(later > 5.0 * now, "{later}");
 }
 
+/// A recording says more of bias and G together than of each: a filter that begins with the file knows the sum as well as the file does.
+#[test]
+fn a_filter_begins_with_all_of_the_covariance() {
+    let mut unit = unit();
+    let k = |unit: &Unit, name: &str| unit.states.iter().position(|s| s.name == name).unwrap();
+    let (bias, g) = (k(&unit, "bg_x"), k(&unit, "g13"));
+    let sigma = |unit: &Unit, k: usize| unit.covariance[k][k].sqrt();
+    let (low, high) = (bias.min(g), bias.max(g));
+    unit.covariance[high][low] = 0.9 * sigma(&unit, low) * sigma(&unit, high);
+    let unit = Unit::parse(&unit.to_toml()).unwrap();
+    let mut model = Model::standard();
+    unit.apply(&mut model, "2026-11-24");
+    let filter = Filter::new(&model, &initial());
+    let at = |name: &str| filter.layout().find(name).unwrap();
+    let p = filter.covariance();
+    let correlation = p.at(at("bg_x"), at("g13")) / (p.sigma(at("bg_x")) * p.sigma(at("g13")));
+    // A turn-on adds a tenth of the prior to the bias alone, which is as large as its own sigma.
+    assert!(correlation > 0.85, "{correlation}");
+    let sum = Unit::of_filter(&filter, Origin { date: "2026-11-24".into(), ..Origin::default() });
+    assert!((sum.correlation(k(&sum, "bg_x"), k(&sum, "g13")) - correlation).abs() < 1e-9);
+    // A recording keeps the model as a file: it holds all of it.
+    let read = Model::from_toml(&model.to_toml()).unwrap();
+    assert_eq!(read.joint, model.joint);
+    // Correlations that nothing can have are refused.
+    let mut wrong = unit;
+    wrong.covariance[high][low] *= 1.2;
+    assert!(Unit::parse(&wrong.to_toml()).unwrap_err().contains("positive"));
+}
+
 #[test]
 fn what_a_model_takes_for_known_stays_known() {
     let mut model = Model::standard();
@@ -99,6 +131,25 @@ fn a_result_that_began_from_an_earlier_one_keeps_where_that_came_from() {
     let both = next.after(&before);
     assert_eq!(both.origin.hardware_id.as_deref(), Some("ab12"));
     assert!(both.measured().contains(&"g33"), "{:?}", both.get("g33"));
+}
+
+/// By the id that the vehicle names, whatever the file is called; the newest of several, and no other vehicle's.
+#[test]
+fn a_unit_is_found_by_its_hardware_id() {
+    let folder = std::env::temp_dir().join(format!("gaware-units-{}", std::process::id()));
+    std::fs::create_dir_all(&folder).unwrap();
+    let write = |name: &str, id: &str, date: &str| {
+        let mut unit = unit();
+        (unit.origin.hardware_id, unit.origin.date) = (Some(id.into()), date.into());
+        std::fs::write(folder.join(name), unit.to_toml()).unwrap();
+    };
+    write("a.toml", "ab12", "2026-01-01");
+    write("b.toml", "ab12", "2026-03-01");
+    write("c.toml", "cd34", "2026-05-01");
+    std::fs::write(folder.join("d.toml"), "not = 'a unit'").unwrap();
+    assert_eq!(find(&folder, "ab12").unwrap(), Some(folder.join("b.toml")));
+    assert_eq!(find(&folder, "ef56").unwrap(), None);
+    assert_eq!(file_of(Path::new("units"), "../x"), Path::new("units/___x.toml"));
 }
 
 #[test]

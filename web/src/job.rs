@@ -112,6 +112,7 @@ fn dispatch(job: Job, contents: Vec<Vec<u8>>) -> Result<Done, Failure> {
             settings: Settings::default(),
             parameters,
             whole: false,
+            place: None,
         }),
         (Command::Report, _) => Err("a report is of one log: choose one".into()),
         (Command::Compare, _) => {

@@ -219,6 +219,9 @@ enum Rejection {
     Unsafe(#[from] Refusal),
     #[error(transparent)]
     NotPredicted(#[from] FlightError),
+    /// Two equal ones have been flown, and a third gains less than a tenth.
+    #[error("flown twice already, and a third time brings little")]
+    InVain,
 }
 
 impl Rejection {
@@ -262,6 +265,21 @@ pub fn plan<P: Predictor>(request: &Request, predictor: P) -> Result<Plan, PlanE
         return Err(PlanError::Request("time budget and fix interval must be positive"));
     }
     search::Search::new(request)?.run(predictor)
+}
+
+/// Radii are tried up to so many times the one that is too small, in steps of this factor.
+const RADII: (f64, f64) = (12.0, 1.15);
+
+/// The least radius of a circle, in steps of 50 m, inside which at least one maneuver fits, where that of the request is too small.
+pub fn radius_that_fits<P: Predictor>(request: &Request, predictor: P) -> Option<f64> {
+    let radius_m = request.limits.fence.circles.first()?.radius_m;
+    let radii = std::iter::successors(Some(radius_m * RADII.1), |r| Some(r * RADII.1));
+    let mut rounded = radii.map(|r| (r / 50.0).ceil() * 50.0).take_while(|r| *r <= RADII.0 * radius_m);
+    rounded.find(|radius_m| {
+        let mut wider = request.clone();
+        wider.limits.fence.circles.iter_mut().for_each(|c| c.radius_m = *radius_m);
+        search::Search::new(&wider).is_ok_and(|search| search.begins(predictor.clone()))
+    })
 }
 
 #[cfg(test)]

@@ -23,6 +23,8 @@ const LEAST_GAIN_PER_S: f64 = 1e-5;
 /// A maneuver that takes less than this share off the sigma of a state that stays short of its target is not flown for it: after ten equal ones the
 /// next takes a twentieth.
 const WORTH_FLYING: f64 = 0.05;
+/// After two equal maneuvers a third is flown only where it takes this share off the sigma of some state.
+const WORTH_REPEATING: f64 = 0.1;
 /// Most maneuvers in a plan.
 const MOST_MANEUVERS: usize = 40;
 /// Predicted flights are thinned to every so manyth sample where only the order of magnitude counts.
@@ -76,6 +78,11 @@ impl<'a> Search<'a> {
 
     pub(super) fn checker(&self) -> &Checker<'a> {
         &self.checker
+    }
+
+    /// Whether any maneuver fits.
+    pub fn begins<P: Predictor>(&self, predictor: P) -> bool {
+        self.root(predictor).is_ok_and(|root| !self.expand(&root, &mut Vec::new()).is_empty())
     }
 
     pub fn run<P: Predictor>(self, predictor: P) -> Result<Plan, PlanError> {
@@ -300,6 +307,9 @@ impl<'a> Search<'a> {
         next.flyers = flown.flyers;
         next.items.extend(items);
         next.path.extend(flown.samples);
+        if next.repeats_in_vain() {
+            return Err(Rejection::InVain);
+        }
         Ok(next)
     }
 
@@ -410,6 +420,13 @@ impl<'a> Search<'a> {
                 "excited, but too weakly to reach the target within {minutes:.0} min of any maneuver: {short}"
             ));
         }
+        let of_g = |s: &PlannedState| s.name.starts_with('g') && s.name[1..].parse::<u8>().is_ok();
+        let by_hand = names(&|s| of_g(s) && !s.known());
+        if !by_hand.is_empty() {
+            notes.push(format!(
+                "by the information bound this flight does not make {by_hand} observable; six sides by hand on the ground do, in five minutes (gaware ground)"
+            ));
+        }
         if !unfinished.is_empty() {
             notes.push(format!("after this plan still short of the target: {unfinished}; allow more time"));
         }
@@ -421,6 +438,17 @@ impl<P> Node<'_, P> {
     /// Time of the nominal flight so far, s.
     fn t_s(&self) -> f64 {
         self.flyers.first().map_or(0.0, Flyer::t_s)
+    }
+
+    /// Whether its last maneuver is the third of a kind in a row and brings little.
+    fn repeats_in_vain(&self) -> bool
+    where
+        P: Predictor,
+    {
+        let [.., a, b, c] = self.maneuvers.as_slice() else { return false };
+        let better = |(now, before): (&NamedSigma, &f64)| now.sigma <= (1.0 - WORTH_REPEATING) * before;
+        let equal = a.maneuver == b.maneuver && b.maneuver == c.maneuver;
+        equal && !self.predictor.sigmas().iter().zip(&self.before).any(better)
     }
 }
 

@@ -376,3 +376,36 @@ proptest! {
         }
     }
 }
+
+/// A third equal maneuver in a row is there only where it takes a tenth off some sigma.
+#[test]
+fn no_maneuver_is_flown_a_third_time_for_little() {
+    for name in ["small_fixed_wing", "quadrotor"] {
+        let request = Request { budget_s: 600.0, ..request(name, circle(1500.0)) };
+        let plan = plan(&request, Spread([0.0; 3])).unwrap_or_else(|e| panic!("{name}: {e}"));
+        assert!(plan.maneuvers.len() > 3, "{name}: {:?}", plan.maneuvers);
+        let at = |t_s: f64| plan.sigmas.iter().take_while(|s| s.t_s <= t_s + 1.0).last().unwrap();
+        for three in plan.maneuvers.windows(3).filter(|w| w.iter().all(|m| m.maneuver == w[0].maneuver)) {
+            let (before, after) = (at(three[2].start_s), at(three[2].end_s));
+            let gain = before
+                .sigmas
+                .iter()
+                .zip(&after.sigmas)
+                .map(|(b, a)| 1.0 - a.sigma / b.sigma)
+                .fold(0.0, f64::max);
+            assert!(gain > 0.08, "{name}: {:?} gains {gain}", three[2]);
+        }
+        assert!(plan.notes.iter().any(|n| n.contains("by hand on the ground")), "{:?}", plan.notes);
+    }
+}
+
+#[test]
+fn a_circle_that_is_too_small_is_told_with_one_that_is_not() {
+    let small = request("large_fixed_wing", circle(300.0));
+    assert!(plan(&small, Spread([0.0; 3])).is_err());
+    let radius_m = radius_that_fits(&small, Spread([0.0; 3])).unwrap();
+    assert!((350.0..3000.0).contains(&radius_m), "{radius_m}");
+    assert!(
+        search::Search::new(&request("large_fixed_wing", circle(radius_m))).unwrap().begins(Spread([0.0; 3]))
+    );
+}

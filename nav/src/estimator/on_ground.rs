@@ -35,6 +35,16 @@ impl Estimator {
         self.last.is_some_and(|s| self.ground.is_handled(s.t_s))
     }
 
+    /// Whether they have put it down, by its samples.
+    pub(crate) fn rests_in_hands(&self) -> bool {
+        self.is_handled() && self.ground.stands()
+    }
+
+    /// What the place said last.
+    pub(crate) fn place_fix(&self) -> Option<GnssFix> {
+        self.ground.said()
+    }
+
     /// White noise of the gyros with rounding and vibration, (rad/s)²/Hz.
     pub fn gyro_noise(&self) -> f64 {
         self.model.imu.gyro_noise.powi(2) + self.extra_noise().0

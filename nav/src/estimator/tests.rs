@@ -102,3 +102,47 @@ fn what_was_known_of_the_biases_outlasts_many_short_gaps() {
         }
     }
 }
+
+/// Samples of a vehicle that stands, without a fix, for so long, s; the times go on from `from_s`.
+fn stand(estimator: &mut Estimator, from_s: f64, for_s: f64, noise: &mut impl FnMut(f64) -> Vector3<f64>) {
+    let nav = at_rest();
+    let to_body = nav.q_eb.inverse();
+    let (gyro, accel) = (to_body * earth::rotation_rate(), to_body * -earth::gravity(&nav.r_e));
+    for i in 0..(for_s / 0.02) as u32 {
+        let t_s = from_s + f64::from(i) * 0.02;
+        let (gyro, accel) = (gyro + noise(0.002), accel + noise(0.02));
+        estimator.feed(&Sample::Imu(ImuSample { t_s, gyro, accel, temperature_degc: None }));
+        if i % 10 == 0 {
+            estimator.feed(&Sample::Attitude(AttitudeHint { t_s, roll_pitch_yaw: [0.02, -0.03, 0.5] }));
+        }
+    }
+}
+
+/// It begins by its home position, takes off before the first fix, and says so once: its motion waits for a fix, its constants are kept.
+#[test]
+fn a_vehicle_that_leaves_its_home_before_the_first_fix_says_so_once() {
+    let mut random = Xoshiro256PlusPlus::seed_from_u64(4);
+    let mut noise = |sigma: f64| Vector3::from_fn(|_, _| sigma * 3.46 * (random.random::<f64>() - 0.5));
+    let mut estimator = Estimator::new(Model::standard());
+    estimator.feed(&Sample::Place(at_rest().geodetic()));
+    estimator.set_flight(false, false);
+    stand(&mut estimator, 0.0, 40.0, &mut noise);
+    assert_eq!(estimator.on_ground_without_fixes(), Some(true), "place and heading are known");
+    let sigma = |e: &Estimator| e.filter().map(|f| f.covariance().sigma(index::GYRO_BIAS));
+    let known = sigma(&estimator).expect("it runs");
+    estimator.take_events();
+    estimator.set_flight(true, true);
+    stand(&mut estimator, 40.0, 5.0, &mut noise);
+    let left: Vec<_> =
+        estimator.take_events().into_iter().filter(|e| *e == EstimatorEvent::PlaceLeft).collect();
+    assert_eq!(left.len(), 1);
+    assert!(estimator.filter().is_none(), "its motion waits for a fix");
+    feed_aids(&mut estimator, 45.0, &at_rest(), &mut noise);
+    stand(&mut estimator, 45.02, 2.0, &mut noise);
+    feed_aids(&mut estimator, 47.02, &at_rest(), &mut noise);
+    stand(&mut estimator, 47.04, 2.0, &mut noise);
+    assert!(sigma(&estimator).is_some_and(|s| s < 1.5 * known), "{known} {:?}", sigma(&estimator));
+    // A home position after a fix is no better place.
+    estimator.feed(&Sample::Place(Geodetic::from_degrees(-30.0, 8.0, 0.0)));
+    assert!(estimator.place_fix().is_none_or(|f| f.position.lat_rad > 0.0));
+}

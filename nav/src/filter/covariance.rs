@@ -4,8 +4,10 @@
 //! process. So a time step touches nine rows and columns. The matrix is stored in full, in panels of eight columns, so
 //! that a vector register takes neighbours of one row; every operation keeps it symmetric by construction.
 
+use super::layout::Layout;
 use super::nav_map::{Columns, NavMap};
 use crate::linear::interval::NavCovariance;
+use crate::model::JointPrior;
 use nalgebra::{Matrix3, Vector3};
 use pulp::{Arch, Simd, WithSimd};
 
@@ -91,6 +93,18 @@ impl Covariance {
         for i in from..self.n.min(other.n) {
             for j in from..self.n.min(other.n) {
                 *self.at_mut(i, j) = other.at(i, j);
+            }
+        }
+    }
+
+    /// Sets what is known of several states together.
+    pub(super) fn set_joint(&mut self, joint: &JointPrior, layout: &Layout) {
+        let states: Vec<_> = joint.names.iter().map(|name| layout.find(name)).collect();
+        for (i, row) in states.iter().zip(&joint.covariance_si) {
+            for (j, value) in states.iter().zip(row) {
+                if let (Some(i), Some(j)) = (i, j) {
+                    *self.at_mut(*i, *j) = *value;
+                }
             }
         }
     }

@@ -151,6 +151,9 @@ impl Filter {
             sigmas[w..w + 3].copy_from_slice(&model.gnss.position_wander_sigma_m);
         }
         let mut p = Covariance::from_sigmas(&sigmas);
+        if let Some(joint) = &model.joint {
+            p.set_joint(joint, &layout);
+        }
         let c_bn = initial.nav.c_nb().transpose();
         for (at, ned) in [
             (index::POSITION, &initial.position_sigma_m),

@@ -68,6 +68,7 @@ pub(crate) struct PlaceAid {
     stood_s: Option<f64>,
     fix_s: Option<f64>,
     given_s: Option<f64>,
+    said: Option<GnssFix>,
     given: VecDeque<f64>,
     /// Whether the filter began by it, and no fix has come since.
     alone: bool,
@@ -78,6 +79,13 @@ impl PlaceAid {
     /// Says where the vehicle is.
     pub(crate) fn set_place(&mut self, place: Geodetic) {
         self.place = Some(place);
+    }
+
+    /// Takes the home position that the vehicle reports: its place while no fix has said better.
+    pub(crate) fn set_home(&mut self, home: Geodetic) {
+        if self.fix_s.is_none() {
+            self.place = Some(home);
+        }
     }
 
     /// Takes what the vehicle reports of itself.
@@ -116,6 +124,11 @@ impl PlaceAid {
     /// Whether this fix is one of its own.
     pub(crate) fn gave(&self, fix: &GnssFix) -> bool {
         self.given.contains(&fix.t_s)
+    }
+
+    /// What it said last.
+    pub(crate) fn said(&self) -> Option<GnssFix> {
+        self.said
     }
 
     /// The filter begins by the place.
@@ -159,7 +172,7 @@ impl PlaceAid {
         if !self.is_handled(t_s) || fixed || !begun || !due {
             return None;
         }
-        self.given_s = Some(t_s);
+        (self.given_s, self.said) = (Some(t_s), Some(fix));
         if self.given.len() == MOST_WAITING {
             self.given.pop_front();
         }

@@ -1,5 +1,6 @@
 //! One recorded flight, prepared once so that many models can be run over the very same samples and fixes.
 
+use super::by_hand::ByHand;
 use super::guess::Guesses;
 use super::linear::Unseen;
 use super::linear::reference::Reference;
@@ -42,6 +43,7 @@ pub struct Flight {
     /// What the rounding leaves unknown, for each way to read it.
     rounding: Vec<(Quantisation, Rounding)>,
     force_rates: Arc<ForceRates>,
+    by_hand: ByHand,
     unseen: Unseen,
     guesses: Guesses,
     interval_s: f64,
@@ -62,11 +64,12 @@ impl Flight {
     /// # Errors
     /// When the recording is too poor to say anything.
     pub fn prepare(samples: &[Sample], model: &Model) -> Result<Self, TooLittle> {
-        let Stretch { stream, initial, raw, fixes, unseen, guesses, unbridged_s } =
+        let Stretch { stream, initial, raw, fixes, by_hand, unseen, guesses, unbridged_s } =
             Stretch::of(samples, model)?;
         let mut flight = Self {
             force_rates: Arc::new(ForceRates::new(&raw, stream.kind)),
             guesses,
+            by_hand,
             unseen,
             stream,
             initial,
@@ -146,7 +149,7 @@ impl Flight {
         let noise = super::noise::Noise::measured(model, &[&*self]);
         let (reference, innovations) = Reference::first_pass(self, model, &noise);
         let mut nis = vec![0.0; self.fixes.len()];
-        for (knot, [position, velocity]) in reference.knots.iter().zip(innovations) {
+        for (knot, [position, velocity, _]) in reference.knots.iter().zip(innovations) {
             nis[knot.fix] = position.max(velocity) / noise.tolerance();
         }
         // What the model lacks puts several fixes in a row off.
@@ -188,6 +191,16 @@ impl Flight {
     /// What the vehicle may have done where samples are lost.
     pub(super) fn unseen(&self) -> &Unseen {
         &self.unseen
+    }
+
+    /// Rest and place of a unit that was turned by hand.
+    pub(super) fn by_hand(&self) -> &ByHand {
+        &self.by_hand
+    }
+
+    /// The fixes that a receiver gave.
+    pub(super) fn received(&self) -> impl Iterator<Item = &GnssFix> {
+        self.fixes.iter().filter(|f| !self.by_hand.gave(f))
     }
 
     /// A state at the first fix after a gap with the attitude of a first guess, where there was a gap since the last fix and
@@ -262,6 +275,7 @@ impl Flight {
         let kind = self.averaged.map_or(self.stream.kind, |a| a.0);
         self.force_rates = Arc::new(ForceRates::new(&self.raw, kind));
         self.unseen.move_by(by_s);
+        self.by_hand.move_by(by_s);
         self.guesses.move_by(by_s);
         self.forget_undone();
         self

@@ -61,9 +61,9 @@ fn is_still(samples: &[ImuSample], noise: (f64, f64)) -> bool {
 }
 
 /// Rate and specific force.
-type Block = (Vector3<f64>, Vector3<f64>);
+pub(super) type Block = (Vector3<f64>, Vector3<f64>);
 
-fn means(samples: &[ImuSample]) -> Vec<Block> {
+pub(super) fn means(samples: &[ImuSample]) -> Vec<Block> {
     let Some(first) = samples.first() else { return Vec::new() };
     let block = |s: &ImuSample| ((s.t_s - first.t_s) / BLOCK_S).floor();
     let mean = |chunk: &[ImuSample]| {

@@ -1,6 +1,7 @@
 //! The part of a recording that can be explained: from one start to the end, without a restart, without a change of the calibration that the
 //! samples carry, and without a gap in the samples that nothing bridges.
 
+use super::by_hand::ByHand;
 use super::guess::{self, Guesses};
 use super::linear::Unseen;
 use crate::estimator::{Estimator, Stage};
@@ -31,7 +32,7 @@ pub enum TooLittle {
     NoImu,
     /// No fixes.
     #[error(
-        "there are no GNSS fixes; of a session on the ground without them `gaware unit add` names what it shows"
+        "there are no GNSS fixes, and the vehicle was not turned by hand: turn it to six sides (gaware ground), or fly with a receiver"
     )]
     NoFixes,
     /// The estimation never got going.
@@ -73,6 +74,8 @@ pub(super) struct Stretch {
     pub(super) raw: Vec<ImuSample>,
     /// Fixes after the start.
     pub(super) fixes: Vec<GnssFix>,
+    /// Rest and place of a unit that was turned by hand.
+    pub(super) by_hand: ByHand,
     pub(super) unseen: Unseen,
     pub(super) guesses: Guesses,
     /// How much of the recording gaps cut off that nothing bridges, s.
@@ -101,10 +104,14 @@ impl Stretch {
         if raw.is_empty() {
             return Err(TooLittle::NoImu);
         }
+        let said = samples.iter().filter(|s| matches!(s, Sample::Stream(_) | Sample::Place(_)));
+        let has_receiver = !fixes.is_empty();
+        let (by_hand, placed) = ByHand::of(said.take(2), stretch, &raw, model);
+        fixes.extend(placed);
         if fixes.is_empty() {
             return Err(TooLittle::NoFixes);
         }
-        let initial = start(samples, stretch, model).ok_or(TooLittle::NoStart)?;
+        let initial = start(samples, stretch, model, has_receiver).ok_or(TooLittle::NoStart)?;
         raw.retain(|s| s.t_s > initial.t_s);
         fixes.retain(|f| f.t_s > initial.t_s);
         fixes.sort_by(|a, b| a.t_s.total_cmp(&b.t_s));
@@ -118,7 +125,7 @@ impl Stretch {
             });
         }
         let guesses = Guesses::of(stretch, &unseen);
-        Ok(Self { stream, initial, raw, fixes, unseen, guesses, unbridged_s })
+        Ok(Self { stream, initial, raw, fixes, by_hand, unseen, guesses, unbridged_s })
     }
 }
 
@@ -130,16 +137,20 @@ fn without_unseen(fixes: Vec<GnssFix>, unseen: &Unseen) -> Vec<GnssFix> {
     if 2 * seen.len() > fixes.len() { seen } else { fixes }
 }
 
-/// Where the estimation starts.
-fn start(samples: &[Sample], stretch: &[Sample], model: &Model) -> Option<Initial> {
+/// Where the estimation starts: in a recording with a receiver not before its heading is known.
+fn start(samples: &[Sample], stretch: &[Sample], model: &Model, has_receiver: bool) -> Option<Initial> {
     let mut estimator = Estimator::new(model.clone());
     // The announcement may lie before the stretch.
     if let Some(first) = samples.iter().find(|s| matches!(s, Sample::Stream(_))) {
         estimator.feed(first);
     }
+    if let Some(place) = samples.iter().find(|s| matches!(s, Sample::Place(_))) {
+        estimator.feed(place);
+    }
     stretch.iter().find_map(|sample| {
         estimator.feed(sample);
-        start_of(&estimator)
+        let waits = has_receiver && estimator.on_ground_without_fixes() == Some(false);
+        start_of(&estimator).filter(|_| !waits)
     })
 }
 

@@ -88,6 +88,18 @@ impl Interval {
         }
     }
 
+    /// As it is for a vehicle that keeps its attitude, whatever the gyros say: an error of it at the end is `keeps` times that at the
+    /// start, and `by`.
+    pub(crate) fn keep_attitude(&mut self, keeps: &Matrix3<f64>, by: &Vector3<f64>) {
+        for (k, c) in self.transition.iter_mut().enumerate() {
+            let own = k.checked_sub(index::ATTITUDE).filter(|j| *j < 3);
+            (0..3).for_each(|i| c[index::ATTITUDE + i] = own.map_or(0.0, |j| keeps[(i, j)]));
+        }
+        self.driven.iter_mut().for_each(|c| (0..3).for_each(|i| c[index::ATTITUDE + i] = 0.0));
+        (0..3).for_each(|i| self.offset[index::ATTITUDE + i] = by[i]);
+        self.by_gyro = NavCovariance::zeros();
+    }
+
     /// Process noise of the navigation states where gyros and accelerometers have these variances per hertz.
     pub(crate) fn noise(&self, gyro: f64, accel: f64) -> NavCovariance {
         let mut q = self.by_gyro * gyro;

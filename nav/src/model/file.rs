@@ -20,6 +20,9 @@ struct File {
     gnss: Gnss,
     #[serde(default, skip_serializing_if = "Table::is_empty")]
     effects: Table,
+    /// What a unit's file says of several constants together.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    joint: Option<Box<super::JointPrior>>,
 }
 
 /// Value for the effects with a tolerance that the file does not name.
@@ -156,10 +159,17 @@ impl Model {
             })?;
             model.set(setting_from_toml(effect, value)?);
         }
-        Ok(match file.tolerances {
+        let mut model = match file.tolerances {
             Tolerances::None => model,
             Tolerances::Consumer => model.with_tolerances(),
-        })
+        };
+        if file.joint.as_ref().is_some_and(|joint| !joint.is_sound()) {
+            let message =
+                "[joint] holds no covariance of its states: a symmetric square of finite numbers".to_owned();
+            return Err(ModelError::Syntax { message, span: None });
+        }
+        model.joint = file.joint;
+        Ok(model)
     }
 
     /// Writes `model.toml`; reading it back gives the same model to the last digit printed.
@@ -177,6 +187,7 @@ impl Model {
             imu: Imu::from(&self.imu),
             gnss: Gnss::from(&self.gnss),
             effects,
+            joint: self.joint.clone(),
         };
         toml::to_string(&file).unwrap_or_default()
     }

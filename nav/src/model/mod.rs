@@ -121,6 +121,32 @@ impl EffectSetting {
     }
 }
 
+/// What is known of several constants together, where more is known than a sigma of each: a filter begins with it.
+#[derive(Debug, Clone, Default, PartialEq, serde::Serialize, serde::Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct JointPrior {
+    /// Short names of the states, for example `g11` and `bg_x`.
+    pub names: Vec<String>,
+    /// Their covariance, SI, row by row.
+    pub covariance_si: Vec<Vec<f64>>,
+    /// 1-sigma of each before anything was measured, SI: what it takes to call a state observable counts from there.
+    pub unmeasured_si: Vec<f64>,
+}
+
+impl JointPrior {
+    /// Whether it is a covariance of all its states.
+    fn is_sound(&self) -> bool {
+        let n = self.names.len();
+        let rows = || self.covariance_si.iter();
+        rows().len() == n
+            && self.unmeasured_si.len() == n
+            && self.unmeasured_si.iter().all(|s| s.is_finite())
+            && rows().all(|row| row.len() == n && row.iter().all(|v| v.is_finite()))
+            && (0..n).all(|i| self.covariance_si[i][i] > 0.0)
+            && (0..n).all(|i| (0..n).all(|j| self.covariance_si[i][j] == self.covariance_si[j][i]))
+    }
+}
+
 /// The whole model.
 #[derive(Debug, Clone)]
 pub struct Model {
@@ -132,6 +158,8 @@ pub struct Model {
     pub effects: Vec<EffectSetting>,
     /// Names of the effects that no user asked for: tolerances of the sensors ([`Model::with_tolerances`]).
     pub tolerances: Vec<&'static str>,
+    /// What the unit's own file says of them together.
+    pub joint: Option<Box<JointPrior>>,
 }
 
 impl Default for Model {
@@ -156,6 +184,7 @@ impl Default for Model {
             },
             effects: Vec::new(),
             tolerances: Vec::new(),
+            joint: None,
         }
     }
 }
@@ -232,6 +261,15 @@ impl Model {
     pub fn remove(&mut self, name: &str) {
         self.tolerances.retain(|n| *n != name);
         self.effects.retain(|s| s.effect.name() != name);
+    }
+
+    /// 1-sigma of a state before anything was measured, SI, where this model begins with `start`.
+    pub fn unmeasured_sigma(&self, name: &str, start: f64) -> f64 {
+        let own = self.joint.as_deref().and_then(|j| {
+            let k = j.names.iter().position(|n| n == name)?;
+            j.unmeasured_si.get(k).copied()
+        });
+        own.map_or(start, |sigma| sigma.max(start))
     }
 
     /// The setting of this effect, if the model has it.

@@ -10,6 +10,26 @@ use std::f64::consts::{FRAC_PI_2, PI, TAU};
 /// Hands shake at this frequency, Hz, and by so much: an angle, rad (physiological tremor: 8 to 12 Hz; of arms that carry, slower).
 const TREMOR: (f64, f64) = (3.7, 4e-3);
 
+/// Foam gives way by so much, rad, with this time constant, s.
+const SOFT: (f64, f64) = (6e-3, 4.0);
+/// It does so about this axis of the unit.
+const SINKS_ABOUT: Vector3<f64> = Vector3::new(0.64, -0.6, 0.48);
+
+/// How somebody does it.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Manner {
+    /// As read: sides up to 12° off, on a firm table.
+    Careful,
+    /// A side twice, one that is left too early, hands that shake, a break, a slow start.
+    Mistaken,
+    /// Sides some 20° off.
+    Askew,
+    /// On foam.
+    Soft,
+    /// Without the left side and the back.
+    TwoMissing,
+}
+
 /// One thing that hands do, after the other.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum Act {
@@ -17,6 +37,8 @@ pub enum Act {
     Rest(f64),
     /// Hold it in the air for so long, s: it shakes.
     Shake(f64),
+    /// Leave it on something soft for so long, s: it sinks in.
+    Sink(f64),
     /// Turn it about an axis of its own by an angle, rad, in so long, s; what is left over moves it by so far, m.
     Turn {
         /// About this axis.
@@ -31,7 +53,7 @@ pub enum Act {
 impl Act {
     fn duration_s(&self) -> f64 {
         match self {
-            Self::Rest(s) | Self::Shake(s) | Self::Turn { for_s: s, .. } => *s,
+            Self::Rest(s) | Self::Shake(s) | Self::Sink(s) | Self::Turn { for_s: s, .. } => *s,
         }
     }
 }
@@ -55,6 +77,13 @@ fn smooth(u: f64, for_s: f64) -> [f64; 3] {
     ]
 }
 
+/// How far foam has given way after so long, rad, and how fast it does, rad/s; it begins smoothly.
+fn sunk(since_s: f64) -> [f64; 2] {
+    let (size, tau) = SOFT;
+    let u = since_s / tau;
+    [size * (1.0 - (1.0 + u) * (-u).exp()), size * u * (-u).exp() / tau]
+}
+
 impl Hand {
     /// These acts, from level at a heading, rad.
     pub fn new(acts: impl IntoIterator<Item = Act>, heading: f64) -> Self {
@@ -65,38 +94,66 @@ impl Hand {
         for act in acts {
             list.push((t_s, at, act));
             t_s += act.duration_s();
-            if let Act::Turn { axis, angle, .. } = act {
-                at *= UnitQuaternion::new(Vector3::from(axis).normalize() * angle);
-            }
+            at *= match act {
+                Act::Turn { axis, angle, .. } => UnitQuaternion::new(Vector3::from(axis).normalize() * angle),
+                Act::Sink(s) => UnitQuaternion::new(SINKS_ABOUT * sunk(s)[0]),
+                Act::Rest(_) | Act::Shake(_) => UnitQuaternion::identity(),
+            };
         }
         Self { acts: list, duration_s: t_s, place: Geodetic::from_degrees(47.397_7, 8.545_6, 488.0) }
     }
 
     /// All six sides, each for so long, s, up to 12° off, and a turn about the vertical: as somebody does it who has read how.
     pub fn six_sides(hold_s: f64) -> Self {
-        Self::new(Self::turns(hold_s, &[]), 1.1)
+        Self::in_manner(hold_s, Manner::Careful)
     }
 
     /// The same with mistakes: a side twice, a side that is left too early, hands that shake, a break, a slow start.
     pub fn with_mistakes(hold_s: f64) -> Self {
-        Self::new(Self::turns(hold_s, &[1, 3, 4]), 1.1)
+        Self::in_manner(hold_s, Manner::Mistaken)
     }
 
-    fn turns(hold_s: f64, mistakes: &[usize]) -> Vec<Act> {
+    /// Each side for so long, s, as somebody does it.
+    pub fn in_manner(hold_s: f64, manner: Manner) -> Self {
+        let mut acts = Self::turns(hold_s, manner);
+        if manner == Manner::Soft {
+            acts.iter_mut().for_each(|act| {
+                if let Act::Rest(s) = act {
+                    *act = Act::Sink(*s);
+                }
+            });
+        }
+        Self::new(acts, 1.1)
+    }
+
+    /// Turns from level: nose up, nose down, level, right side, left side, upside down, level, each some degrees off; and once around.
+    fn plan(manner: Manner) -> Vec<([f64; 3], f64, f64)> {
         let quarter = FRAC_PI_2;
-        // From level: nose up, nose down, level, right side, left side, upside down, level, each some degrees off.
-        let plan: [([f64; 3], f64, f64); 8] = [
-            ([0.0, 1.0, 0.06], quarter - 0.1, 3.0),
-            ([0.05, -1.0, 0.0], 2.0 * quarter - 0.15, 4.0),
-            ([0.0, 1.0, 0.0], quarter - 0.1, 2.5),
-            ([1.0, 0.04, 0.0], quarter + 0.1, 3.0),
-            ([-1.0, 0.0, 0.05], 2.0 * quarter + 0.05, 4.0),
-            ([-1.0, 0.08, 0.0], quarter + 0.05, 3.0),
-            ([1.0, 0.0, 0.0], PI - 0.05, 4.0),
-            ([0.0, 0.0, 1.0], TAU - 0.2, 6.0),
+        let off = if manner == Manner::Askew { 0.2 } else { 0.0 };
+        let around = ([0.0, 0.0, 1.0], TAU - 0.2, 6.0);
+        let mut plan = vec![
+            ([0.0, 1.0, 0.06], quarter - 0.1 - off, 3.0),
+            ([0.05, -1.0, 0.0], 2.0 * quarter - 0.15 - 1.5 * off, 4.0),
+            ([0.0, 1.0, 0.0], quarter - 0.1 - 0.5 * off, 2.5),
+            ([1.0, 0.04, 0.0], quarter + 0.1 + off, 3.0),
         ];
+        if manner == Manner::TwoMissing {
+            plan.extend([([-1.0, 0.0, 0.05], quarter + 0.1, 3.0), around]);
+        } else {
+            plan.extend([
+                ([-1.0, 0.0, 0.05], 2.0 * quarter + 0.05, 4.0),
+                ([-1.0, 0.08, 0.0], quarter + 0.05 + off, 3.0),
+                ([1.0, 0.0, 0.0], PI - 0.05, 4.0),
+                around,
+            ]);
+        }
+        plan
+    }
+
+    fn turns(hold_s: f64, manner: Manner) -> Vec<Act> {
+        let mistakes: &[usize] = if manner == Manner::Mistaken { &[1, 3, 4] } else { &[] };
         let mut acts = vec![Act::Rest(hold_s + 6.0)];
-        for (k, (axis, angle, for_s)) in plan.into_iter().enumerate() {
+        for (k, (axis, angle, for_s)) in Self::plan(manner).into_iter().enumerate() {
             let wrong = mistakes.contains(&k);
             if wrong && k == 1 {
                 // The side before is left at once and taken up again.
@@ -145,6 +202,10 @@ impl Profile for Hand {
         let turn = |axis: Vector3<f64>, angle: f64| at * UnitQuaternion::new(axis * angle);
         let (attitude, rate) = match act {
             Act::Rest(_) => (*at, Vector3::zeros()),
+            Act::Sink(_) => {
+                let [angle, rate] = sunk(since_s);
+                (turn(SINKS_ABOUT, angle), SINKS_ABOUT * rate)
+            }
             Act::Turn { axis, angle, .. } => {
                 let axis = Vector3::from(*axis).normalize();
                 let [share, rate, _] = smooth(since_s / for_s, for_s);
@@ -179,7 +240,9 @@ mod tests {
 
     #[test]
     fn rate_is_the_derivative_of_the_attitude_and_velocity_the_integral_of_acceleration() {
-        for hand in [Hand::six_sides(20.0), Hand::with_mistakes(20.0)] {
+        use Manner::{Askew, Careful, Mistaken, Soft, TwoMissing};
+        for manner in [Careful, Mistaken, Askew, Soft, TwoMissing] {
+            let hand = Hand::in_manner(20.0, manner);
             let mut t = 0.0;
             let h = 1e-4;
             while t < hand.duration_s() - 1.0 {
@@ -198,6 +261,11 @@ mod tests {
     #[test]
     fn every_side_comes_down_within_twenty_degrees() {
         let hand = Hand::six_sides(20.0);
+        let askew = Hand::in_manner(20.0, Manner::Askew);
+        let level = |h: &Hand, t_s: f64| h.motion_at(t_s, 0.0).0.c_nb.row(2).transpose().amax();
+        let rests = askew.acts.iter().filter(|(.., act)| matches!(act, Act::Rest(_)));
+        let worst = rests.map(|(from_s, ..)| level(&askew, from_s + 1.0)).fold(1.0, f64::min);
+        assert!(worst < 17f64.to_radians().cos(), "{worst}");
         let mut seen = [false; 6];
         for (from_s, ..) in hand.acts.iter().filter(|(.., act)| matches!(act, Act::Rest(_))) {
             let up = -hand.motion_at(from_s + 1.0, 0.0).0.c_nb.row(2).transpose();

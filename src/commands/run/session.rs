@@ -2,6 +2,7 @@
 
 use super::Hooks;
 use super::mission_watch::MissionWatch;
+use crate::advice::on_board::OnBoard;
 use crate::engine::situation::{SILENT_S, Situation, SituationKind, no_data};
 use crate::engine::snapshot::{Phase, Snapshot};
 use crate::link::endpoint::{Links, ReceiveClock, Received};
@@ -20,6 +21,7 @@ use crate::sinks::foxglove::Feed;
 use crate::sinks::live::{Event, Live};
 use crate::sinks::recorder::{RecordItem, Recorder};
 use mavlink::dialects::ardupilotmega::{MavCmd, MavMessage};
+use std::path::PathBuf;
 use std::sync::Arc;
 use std::time::Duration;
 use tokio::time::MissedTickBehavior;
@@ -48,6 +50,10 @@ pub(super) struct Session<E> {
     pub(super) recorder: Option<Recorder>,
     pub(super) voice: HeartbeatSource,
     pub(super) rates: Option<RateKeeper>,
+    /// What the vehicle says of itself.
+    pub(super) on_board: OnBoard,
+    /// Where files of units are, as long as the vehicle's own was not looked for.
+    pub(super) units: Option<PathBuf>,
     /// Reads version and parameters for the recording.
     pub(super) inventory: Option<Inventory>,
     pub(super) timesync: Timesync,
@@ -302,6 +308,17 @@ impl<E: Estimator> Session<E> {
     /// Version and parameters of the vehicle that is followed, as far as they are recorded.
     fn take_stock(&mut self, received: &Received) {
         let frame = &received.frame;
+        self.on_board.frame(frame, self.pipeline.converter().vehicle());
+        if let Some(id) = &self.on_board.board
+            && let Some(folder) = self.units.take()
+            && let Ok(Some(path)) = crate::unit::find(&folder, id)
+        {
+            let path = path.display();
+            let text = format!(
+                "what is known of this unit stands in {path}: start with --unit {path} to begin from it"
+            );
+            self.tell(received.t_us, Severity::Info, text);
+        }
         let now_s = self.clock.monotonic_ns() as f64 * 1e-9;
         if self.inventory.is_none()
             && self.recorder.is_some()

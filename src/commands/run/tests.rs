@@ -102,7 +102,7 @@ async fn a_replay_of_the_recording_repeats_the_run() {
             heard[..n].to_vec()
         })
     };
-    let (_, live) = serve(&args, hooks, stop, |_| Fingerprint::default()).await.unwrap();
+    let Served { document: live, .. } = serve(&args, hooks, stop, |_| Fingerprint::default()).await.unwrap();
     let heard = vehicle.await.unwrap();
     assert_eq!((heard[0], heard[6]), (0xFD, 191), "the companion speaks as component 191");
     let (_, again) = replay(&replay_args(&record), |_| Fingerprint::default()).unwrap();
@@ -152,7 +152,7 @@ async fn a_stray_heartbeat_does_not_capture_the_run() {
             live
         })
     };
-    let (pipeline, _) = serve(&args, hooks, stop, |_| Fingerprint::default()).await.unwrap();
+    let Served { pipeline, .. } = serve(&args, hooks, stop, |_| Fingerprint::default()).await.unwrap();
     let live = vehicle.await.unwrap();
     assert!(pipeline.summary().imu.samples > 1000, "{}", pipeline.summary().imu.samples);
     let named =
@@ -165,7 +165,7 @@ async fn a_run_without_a_vehicle_ends_with_its_duration_and_says_why_the_link_is
     let args =
         run_args(&["--connect", "serial:/dev/gaware-no-such-port", "--no-record", "--duration", "0.5"]);
     let (hooks, seen, _outbox) = hooks();
-    let (pipeline, document) =
+    let Served { pipeline, document, .. } =
         serve(&args, hooks, CancellationToken::new(), |_| Fingerprint::default()).await.unwrap();
     assert_eq!(pipeline.summary().imu.samples, 0);
     assert!(document.contains_key("warnings"));

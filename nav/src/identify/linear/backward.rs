@@ -8,7 +8,8 @@
 
 use super::forward::{Keep, Prior, Tape, Taped};
 use super::kalman::{
-    MOST_ROWS, SIGMA_FLOOR, Square, State, Update, add_rows, add_scaled, gauss_markov_variance, vectorised,
+    GROUPS, MOST_ROWS, SIGMA_FLOOR, Square, State, Update, add_rows, add_scaled, gauss_markov_variance,
+    vectorised,
 };
 use super::rows::{Kind, Row};
 use super::{Epoch, Problem, STATES, index, variances};
@@ -48,16 +49,23 @@ struct Adjoint {
 }
 
 impl Adjoint {
-    /// Back over a fix. `counted`: whether it counts; `weights` are those of the squared innovations of position and velocity.
+    /// Back over a fix. `counted`: whether it counts; `weights` are those of the squared innovations of each group.
     #[inline(always)]
-    fn correct(&mut self, fix: &Fix<'_>, weights: &[f64; 2], counted: bool, slope: &mut Slope) {
+    fn correct(
+        &mut self,
+        fix: &Fix<'_>,
+        weights: &[f64; GROUPS],
+        counted: bool,
+        noise: &Noise,
+        slope: &mut Slope,
+    ) {
         let one = f64::from(u8::from(counted));
         // What each row adds to the slope by the covariance, h wᵀ + w hᵀ; it is written once for all.
         let (mut h, mut w) = ([[0.0; STATES]; MOST_ROWS], [[0.0; STATES]; MOST_ROWS]);
         let count = fix.updates.len().min(MOST_ROWS);
         for (k, (row, u)) in fix.rows.iter().zip(fix.updates).enumerate().take(count).rev() {
             let (y, g, s) = (u.y, &u.g, u.s.recip());
-            let weight = weights[usize::from(!row.is_position())];
+            let weight = weights[row.group()];
             let mut pg = product(&self.p, g);
             for j in k + 1..count {
                 add_scaled(&mut pg, &h[j], dot(&w[j], g));
@@ -70,7 +78,7 @@ impl Adjoint {
             // by_s h hᵀ + (h by_gᵀ + by_g hᵀ)/2 with by_g = (x y − 2 P g)/s.
             w[k] = std::array::from_fn(|i| 0.5 * (by_s * h[k][i] + (self.x[i] * y - 2.0 * pg[i]) * s));
             add_scaled(&mut self.x, &h[k], -by_y);
-            slope.row(row, u, by_s);
+            slope.row(row, u, by_s, noise);
         }
         for (i, p) in self.p.iter_mut().enumerate() {
             add_rows(p, count, |k| (&h[k], w[k][i]));
@@ -151,12 +159,15 @@ fn inner(a: &Square, q: &NavCovariance) -> f64 {
 
 impl Slope {
     #[inline(always)]
-    fn row(&mut self, row: &Row, u: &Update, by_r: f64) {
-        if u.r > SIGMA_FLOOR * SIGMA_FLOOR {
+    fn row(&mut self, row: &Row, u: &Update, by_r: f64, noise: &Noise) {
+        if row.kind == Kind::Rate {
+            self.by_figure[figure::GYRO] += 2.0 * (row.sigma * noise.gyro).powi(2) * by_r;
+        } else if u.r > SIGMA_FLOOR * SIGMA_FLOOR {
             let k = match row.kind {
                 Kind::Horizontal => figure::POSITION,
                 Kind::Height => figure::HEIGHT,
                 Kind::Velocity => figure::VELOCITY,
+                Kind::Place | Kind::Rate => return,
             };
             self.by_figure[k] += 2.0 * u.r * by_r;
         }
@@ -212,7 +223,7 @@ impl WithSimd for Return<'_> {
             let epoch = fix.epoch;
             let counted = problem.part(epoch, options) == Some(0);
             let interval = &epoch.interval;
-            adjoint.correct(&fix, &taped.weights, counted, &mut slope);
+            adjoint.correct(&fix, &taped.weights, counted, noise, &mut slope);
             slope.renewal(&adjoint, taped, noise, interval.dt);
             adjoint.x[index::STAMP] = 0.0;
             adjoint.p[index::STAMP] = [0.0; STATES];
@@ -223,7 +234,7 @@ impl WithSimd for Return<'_> {
             adjoint.predict(interval, (-interval.dt / noise.correlation_s).exp());
             slope.walks(&adjoint.p, interval.dt);
         }
-        slope.by_figure[figure::GYRO] = 2.0 * by_gyro * noise.gyro * noise.gyro;
+        slope.by_figure[figure::GYRO] += 2.0 * by_gyro * noise.gyro * noise.gyro;
         slope.by_figure[figure::ACCEL] = 2.0 * by_accel * noise.accel * noise.accel;
         for (k, v) in gauss_markov_variance(noise).into_iter().enumerate() {
             slope.by_figure[figure::GAUSS_MARKOV] +=
@@ -271,7 +282,7 @@ impl Problem {
             let counted = f64::from(u8::from(self.part(epoch, options) == Some(0)));
             let gyro = back.block(index::GYRO_BIAS);
             for (row, update) in fix.rows.iter().zip(fix.updates).rev() {
-                let weight = taped.weights[usize::from(!row.is_position())];
+                let weight = taped.weights[row.group()];
                 back.update(row, row.position_axis(), update, counted * weight);
             }
             out.push(Shock { t_s: epoch.t_s, gyro, fix: back.block(STATES) });
@@ -291,11 +302,16 @@ impl Problem {
         let mut out = Vec::with_capacity(self.len());
         for fix in self.taken_back(&tape) {
             let interval = &fix.epoch.interval;
-            let mut residuals = [None; 12];
+            let (mut residuals, mut rates) = ([None; 12], [None; 3]);
             for (row, update) in fix.rows.iter().zip(fix.updates).rev() {
                 let (u, spread) = back.update(row, row.position_axis(), update, 1.0);
                 let (value, variance) = (update.r * u, update.r * update.r * spread);
-                residuals[6 + row.channel()] = Some(Residual { value, variance: variance.max(0.0) });
+                let dt = if row.kind == Kind::Rate { interval.dt } else { 1.0 };
+                let residual = Residual { value: value / dt, variance: variance.max(0.0) / (dt * dt) };
+                match row.group() {
+                    2 => rates[row.axis] = Some(residual),
+                    group => residuals[6 + 3 * group + row.axis] = Some(residual),
+                }
             }
             let (gyro, accel) = variances(noise, interval);
             for (first, at, density) in [(0, index::ATTITUDE, gyro), (3, index::VELOCITY, accel)] {
@@ -305,6 +321,7 @@ impl Problem {
                     residuals[first + k] = Some(Residual { value: density * r[k], variance });
                 }
             }
+            residuals.iter_mut().zip(rates).for_each(|(r, rate)| *r = rate.or(*r));
             out.push(residuals);
             back.predict(interval, (-interval.dt / noise.correlation_s).exp());
         }

@@ -2,7 +2,7 @@
 //!
 //! Parameters are carried along (Friedland 1969, "Treatment of bias in recursive filtering"; Willsky & Jones 1976 for jumps): δx = δx₀ + U θ with U ← Φ U + B and U ← U − K (H U + D).
 
-use super::kalman::{Kalman, State, Update, add_rows, add_scaled, normalised_squares, vectorised};
+use super::kalman::{GROUPS, Kalman, State, Update, add_rows, add_scaled, normalised_squares, vectorised};
 use super::rows::Measured;
 use super::{Epoch, Problem, STATES, index};
 use crate::effects::BiasWalk;
@@ -48,8 +48,8 @@ impl Run {
 /// One fix as it happened: enough to go back over it.
 #[derive(Debug, Clone)]
 pub(super) struct Taped {
-    /// Derivative of the robust square of each group: position, velocity.
-    pub(super) weights: [f64; 2],
+    /// Derivative of the robust square of each group: position, velocity, rate.
+    pub(super) weights: [f64; GROUPS],
     /// Rows of the Gauss-Markov error of P after the transition, without its noise, and the Gauss-Markov error's mean then.
     pub(super) gauss_markov_rows: [State; 3],
     pub(super) gauss_markov: [f64; 3],
@@ -332,15 +332,15 @@ impl Run {
         epoch: &Epoch,
         updates: &[Update],
         sensitivities: &[f64],
-    ) -> [f64; 2] {
+    ) -> [f64; GROUPS] {
         let nis = normalised_squares(&epoch.measured.rows, updates);
-        let group = |k: usize| usize::from(!epoch.measured.rows[k].is_position());
+        let group = |k: usize| epoch.measured.rows[k].group();
         let robust = nis.map(robust);
         let weights = robust.map(|r| r.1);
         let Some(part) = part else { return weights };
         let ln_det: f64 = updates.iter().map(|u| u.s.ln()).sum();
-        self.log_likelihood[part] -= 0.5 * (ln_det + robust[0].0 + robust[1].0);
-        self.nis[part].0 += nis[0] + nis[1];
+        self.log_likelihood[part] -= 0.5 * (ln_det + robust.iter().map(|r| r.0).sum::<f64>());
+        self.nis[part].0 += nis.iter().sum::<f64>();
         self.nis[part].1 += updates.len();
         let columns = sensitivities.len() / updates.len().max(1);
         if columns > 0 {

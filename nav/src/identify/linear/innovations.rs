@@ -45,7 +45,7 @@ impl Problem {
             let part = self.part(epoch, options);
             let [mut position, mut velocity] = groups(&kalman, epoch);
             kalman.correct(&epoch.measured.rows, &mut updates);
-            [position.nis, velocity.nis] = normalised_squares(&epoch.measured.rows, &updates);
+            [position.nis, velocity.nis, _] = normalised_squares(&epoch.measured.rows, &updates);
             run.count(part, epoch, &updates, &[]);
             fixes.push(Innovation { t_s: epoch.t_s, elapsed_s: epoch.elapsed_s, part, position, velocity });
         }
@@ -56,9 +56,9 @@ impl Problem {
 /// Position and velocity of a fix before either is applied, row by row.
 fn groups(kalman: &Kalman<'_>, epoch: &Epoch) -> [Group; 2] {
     let mut groups = [Group::default(); 2];
-    for row in &epoch.measured.rows {
+    for row in epoch.measured.rows.iter().filter(|r| r.group() < 2) {
         let (innovation, variance) = kalman.innovation(row);
-        let group = &mut groups[usize::from(!row.is_position())];
+        let group = &mut groups[row.group()];
         let normalised = innovation / variance.sqrt();
         if let (Some(i), Some(n)) = (group.innovation.get_mut(group.dof), group.normalised.get_mut(group.dof))
         {
@@ -124,7 +124,7 @@ impl Reference {
                 return None;
             }
             (_, nav) = track.interval_to(&nav, knot.t_s)?;
-            let fix = flight.fixes().get(knot.fix)?;
+            let fix = flight.fixes().get(knot.fix).filter(|f| !flight.by_hand().gave(f))?;
             sum.0 +=
                 rows::of(fix, &nav, track).rows.iter().take(2).map(|row| row.residual.powi(2)).sum::<f64>();
             sum.1 += 1;

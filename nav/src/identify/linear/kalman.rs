@@ -16,8 +16,10 @@ use pulp::{Arch, WithSimd};
 /// No fix is assumed to be better than this, m and m/s.
 pub(super) const SIGMA_FLOOR: f64 = 0.01;
 
-/// Rows of a fix: position and velocity.
-pub(super) const MOST_ROWS: usize = 6;
+/// Rows of a fix: position, velocity, and at rest the rate.
+pub(super) const MOST_ROWS: usize = 9;
+/// Groups of them.
+pub(super) const GROUPS: usize = 3;
 
 /// A symmetric matrix over the states.
 pub(super) type Square = [[f64; STATES]; STATES];
@@ -44,13 +46,13 @@ pub(super) struct Kalman<'a> {
     walk: BiasWalk,
 }
 
-/// Squared normalised innovations of a fix: position, velocity. The rows of a group are taken one after the other, so that what they
+/// Squared normalised innovations of a fix: position, velocity, rate. The rows of a group are taken one after the other, so that what they
 /// have in common counts once.
 #[inline(always)]
-pub(super) fn normalised_squares(rows: &[Row], updates: &[Update]) -> [f64; 2] {
-    let mut nis = [0.0; 2];
+pub(super) fn normalised_squares(rows: &[Row], updates: &[Update]) -> [f64; GROUPS] {
+    let mut nis = [0.0; GROUPS];
     for (row, update) in rows.iter().zip(updates) {
-        nis[usize::from(!row.is_position())] += update.y * update.y / update.s;
+        nis[row.group()] += update.y * update.y / update.s;
     }
     nis
 }
@@ -62,13 +64,15 @@ pub(super) fn gauss_markov_variance(noise: &Noise) -> [f64; 3] {
 }
 
 /// Variance of a row.
-pub(super) fn row_variance(kind: Kind, sigma: f64, noise: &Noise) -> f64 {
-    let scale = match kind {
+pub(super) fn row_variance(row: &Row, noise: &Noise) -> f64 {
+    let scale = match row.kind {
         Kind::Horizontal => noise.position_scale,
         Kind::Height => noise.height_scale,
         Kind::Velocity => noise.velocity_scale,
+        Kind::Place => 1.0,
+        Kind::Rate => return (row.sigma * noise.gyro).powi(2) + row.least,
     };
-    (sigma * scale).max(SIGMA_FLOOR).powi(2)
+    (row.sigma * scale).max(SIGMA_FLOOR).powi(2)
 }
 
 /// Runs with vector registers of the machine. Four numbers wide where there are wider ones too: that divides [`STATES`]. Nothing is
@@ -198,7 +202,7 @@ impl<'a> Kalman<'a> {
 
     /// Innovation of a scalar measurement and its variance.
     pub(super) fn innovation(&self, row: &Row) -> (f64, f64) {
-        let r = row_variance(row.kind, row.sigma, self.noise);
+        let r = row_variance(row, self.noise);
         (row.residual - row.dot(&self.x), r + row.dot(&row.times(&self.p)))
     }
 
@@ -213,7 +217,7 @@ impl<'a> Kalman<'a> {
                 add_scaled(&mut g, &u.g, -row.dot(&u.g) / u.s);
             }
             let y = row.residual - row.dot(&self.x);
-            let r = row_variance(row.kind, row.sigma, self.noise);
+            let r = row_variance(row, self.noise);
             let s = r + row.dot(&g);
             *less = -s.recip();
             add_scaled(&mut self.x, &g, y / s);

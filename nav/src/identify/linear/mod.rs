@@ -206,17 +206,18 @@ impl<'a> About<'a> {
             return epochs;
         }
         let mut track = Track::new(flight, self.model, &self.samples, &reference.calibration, self.watched);
-        let mut nav = reference.start;
+        let (mut nav, mut since_s) = (reference.start, flight.initial().t_s);
         if let Some(before) = first.checked_sub(1).and_then(|k| reference.knots.get(k)) {
             track.seek(before.t_s);
-            nav = before.nav;
+            (nav, since_s) = (before.nav, before.t_s);
         }
         for knot in knots {
             let Some((mut interval, predicted)) = track.interval_to(&nav, knot.t_s) else { break };
             interval.set_offset(interval::error(&knot.nav, &predicted));
             interval.rounding = self.rounding.at(knot.t_s - 0.5 * interval.dt);
             let fix = &flight.fixes()[knot.fix];
-            let measured = rows::of(fix, &knot.nav, &track);
+            let measured = measured(flight, knot.fix, (&nav, since_s), &knot.nav, &mut interval, &track);
+            since_s = knot.t_s;
             let elapsed_s = fix.t_s - flight.initial().t_s;
             let unsettled = flight.unseen().unsettles(fix.t_s);
             epochs.push(Epoch { interval, t_s: knot.t_s, elapsed_s, unsettled, measured });
@@ -224,6 +225,26 @@ impl<'a> About<'a> {
         }
         epochs
     }
+}
+
+/// What the fix of this number measures at `to`, at the end of an interval from a state at a time; with what rest adds and takes off.
+fn measured(
+    flight: &Flight,
+    fix: usize,
+    (from, from_s): (&NavState, f64),
+    to: &NavState,
+    interval: &mut Interval,
+    track: &Track<'_>,
+) -> Measured {
+    let (fix, by_hand) = (&flight.fixes()[fix], flight.by_hand());
+    let of = if by_hand.gave(fix) { rows::of_place } else { rows::of };
+    let mut measured = of(fix, to, track);
+    if let Some(unknown) = by_hand.rests(from_s, from_s + interval.dt) {
+        interval.rounding.0 += unknown[0];
+        interval.rounding.1 += unknown[1];
+        rows::rest(interval, [from, to], &mut measured);
+    }
+    measured
 }
 
 /// The random walk of the biases that a model says.

@@ -5,9 +5,9 @@
 //! is below a degree all along, also where the filter did not know it yet.
 
 use super::super::flight::Flight;
-use super::kalman::{Kalman, normalised_squares, vectorised};
+use super::kalman::{GROUPS, Kalman, normalised_squares, vectorised};
 use super::track::Track;
-use super::{Problem, STATES, index, moved, rows};
+use super::{Problem, STATES, index, measured, moved};
 use crate::filter::calibration::Calibration;
 use crate::identify::noise::Noise;
 use crate::identify::watched::Watched;
@@ -119,12 +119,12 @@ impl Reference {
         Self::first_pass(flight, model, noise).0
     }
 
-    /// The trajectory of the first pass, with the squared normalised innovations of position and velocity at each of its knots.
+    /// The trajectory of the first pass, with the squared normalised innovations of position, velocity and rate at each of its knots.
     pub(in crate::identify) fn first_pass(
         flight: &Flight,
         model: &Model,
         noise: &Noise,
-    ) -> (Self, Vec<[f64; 2]>) {
+    ) -> (Self, Vec<[f64; GROUPS]>) {
         vectorised(
             #[inline(always)]
             || Self::gone_through(flight, model, noise),
@@ -132,7 +132,7 @@ impl Reference {
     }
 
     #[inline(always)]
-    fn gone_through(flight: &Flight, model: &Model, noise: &Noise) -> (Self, Vec<[f64; 2]>) {
+    fn gone_through(flight: &Flight, model: &Model, noise: &Noise) -> (Self, Vec<[f64; GROUPS]>) {
         let watched = Watched::default();
         let mut reference = Self {
             start: flight.initial().nav,
@@ -149,18 +149,25 @@ impl Reference {
         let (mut updates, mut nis) = (Vec::new(), Vec::with_capacity(flight.fixes().len()));
         let (mut nav, mut since_s, mut guessed) = (flight.initial().nav, flight.initial().t_s, false);
         for (k, t_s) in valid_times(flight, model) {
-            let fix = &flight.fixes()[k];
             let Some((mut interval, predicted)) = track.interval_to(&nav, t_s) else { break };
             interval.rounding = rounding.at(t_s - 0.5 * interval.dt);
+            let guess = flight.guessed(since_s, t_s, &predicted);
+            let rows = measured(
+                flight,
+                k,
+                (&nav, since_s),
+                guess.as_ref().unwrap_or(&predicted),
+                &mut interval,
+                &track,
+            )
+            .rows;
             kalman.predict(&interval);
             kalman.renew(interval.dt);
-            let guess = flight.guessed(since_s, t_s, &predicted);
             since_s = t_s;
             guessed |= guess.is_some();
             let about = guess.unwrap_or(predicted);
             let known = interval::error(&about, &predicted);
             kalman.x.iter_mut().zip(known.iter()).for_each(|(x, by)| *x += by);
-            let rows = rows::of(fix, &about, &track).rows;
             kalman.correct(&rows, &mut updates);
             nis.push(normalised_squares(&rows, &updates));
             guessed &= kalman.attitude_sigma() > SURE;

@@ -4,8 +4,11 @@ use super::index;
 use super::kalman::{Square, State, add_scaled};
 use super::track::Track;
 use crate::linear::fix;
+use crate::linear::interval::{Interval, Nav};
 use crate::mechanization::NavState;
+use crate::rotation::{log, skew};
 use crate::sample::GnssFix;
+use nalgebra::{Matrix3, Vector3};
 
 /// Which figure of the noise scales a row.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -13,22 +16,30 @@ pub(super) enum Kind {
     Horizontal,
     Height,
     Velocity,
+    /// The velocity of a place, which no receiver's noise scales.
+    Place,
+    /// The mean rate of a rest, scaled by the noise of the gyros.
+    Rate,
 }
 
 /// One scalar measurement. Of its derivatives by the states only those are kept that are not zero.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Row {
     pub(super) kind: Kind,
-    /// North, east or down.
-    axis: usize,
+    /// North, east or down; x, y or z of a rate.
+    pub(super) axis: usize,
     /// What was measured less what the trajectory says.
     pub(super) residual: f64,
     /// 1-sigma before scaling.
     pub(super) sigma: f64,
-    /// Derivative by the position error, or by the velocity error where it measures that.
+    /// Variance that no figure scales.
+    pub(super) least: f64,
+    /// Derivative by the error of what it measures: position, velocity, or gyro bias.
     own: [f64; 3],
     /// Derivative by the attitude error.
     attitude: [f64; 3],
+    /// Derivative of a rate by the accelerometer bias, through the g-sensitivity that the model knows of.
+    by_accel: [f64; 3],
     /// Derivative by an error of the stamp, and by what all stamps are off by: the vehicle moves by this much per second.
     drift: f64,
 }
@@ -37,7 +48,7 @@ impl Row {
     /// Whether it belongs to the position.
     #[inline(always)]
     pub(super) fn is_position(&self) -> bool {
-        self.kind != Kind::Velocity
+        matches!(self.kind, Kind::Horizontal | Kind::Height)
     }
 
     /// North, east or down of a position, as the number of its Gauss-Markov error.
@@ -46,16 +57,25 @@ impl Row {
         self.is_position().then_some(self.axis)
     }
 
-    /// North, east, down of the position, then of the velocity.
+    /// Position, velocity, rate: rows of one group are tested together.
     #[inline(always)]
-    pub(super) fn channel(&self) -> usize {
-        if self.is_position() { self.axis } else { 3 + self.axis }
+    pub(super) fn group(&self) -> usize {
+        match self.kind {
+            Kind::Horizontal | Kind::Height => 0,
+            Kind::Velocity | Kind::Place => 1,
+            Kind::Rate => 2,
+        }
+    }
+
+    #[inline(always)]
+    fn is_rate(&self) -> bool {
+        self.kind == Kind::Rate
     }
 
     /// First of the states that it measures.
     #[inline(always)]
     fn measures(&self) -> usize {
-        if self.is_position() { index::POSITION } else { index::VELOCITY }
+        [index::POSITION, index::VELOCITY, index::GYRO_BIAS][self.group()]
     }
 
     /// Whether the attitude counts.
@@ -75,6 +95,9 @@ impl Row {
         if self.is_position() {
             sum += v[index::GAUSS_MARKOV + self.axis];
         }
+        if self.is_rate() {
+            (0..3).for_each(|k| sum += self.by_accel[k] * v[index::ACCEL_BIAS + k]);
+        }
         sum + self.drift * (v[index::STAMP] + v[index::CLOCK])
     }
 
@@ -91,6 +114,9 @@ impl Row {
         if self.is_position() {
             add_scaled(&mut out, &m[index::GAUSS_MARKOV + self.axis], 1.0);
         }
+        if self.is_rate() {
+            (0..3).for_each(|k| add_scaled(&mut out, &m[index::ACCEL_BIAS + k], self.by_accel[k]));
+        }
         add_scaled(&mut out, &m[index::STAMP], self.drift);
         add_scaled(&mut out, &m[index::CLOCK], self.drift);
         out
@@ -106,6 +132,9 @@ impl Row {
         if self.is_position() {
             h[index::GAUSS_MARKOV + self.axis] = 1.0;
         }
+        if self.is_rate() {
+            h[index::ACCEL_BIAS..index::ACCEL_BIAS + 3].copy_from_slice(self.by_accel.as_slice());
+        }
         h[index::STAMP] = self.drift;
         h[index::CLOCK] = self.drift;
         h
@@ -118,8 +147,9 @@ impl Row {
         let three = |first: usize, v: [f64; 3]| (0..3).map(move |k| (first + k, v[k]));
         let attitude = three(index::ATTITUDE, own.attitude).take(if own.turns() { 3 } else { 0 });
         let gauss_markov = own.position_axis().map(|axis| (index::GAUSS_MARKOV + axis, 1.0));
+        let accel = three(index::ACCEL_BIAS, own.by_accel).take(if own.is_rate() { 3 } else { 0 });
         let stamps = [(index::STAMP, own.drift), (index::CLOCK, own.drift)];
-        three(at, own.own).chain(attitude).chain(gauss_markov).chain(stamps)
+        three(at, own.own).chain(attitude).chain(gauss_markov).chain(accel).chain(stamps)
     }
 }
 
@@ -128,7 +158,7 @@ impl Row {
 pub(super) struct Measured {
     /// Rows of the position, then of the velocity.
     pub(super) rows: Vec<Row>,
-    /// Row after row: its own derivative by each watched parameter of an effect; terms have none.
+    /// Row after row: its own derivative by each watched parameter of an effect; terms have one at rest alone.
     pub(super) direct: Vec<f64>,
 }
 
@@ -171,6 +201,8 @@ pub(super) fn of(fix: &GnssFix, nav: &NavState, track: &Track<'_>) -> Measured {
             axis: i,
             residual: m.residual[i],
             sigma: m.sigma[i],
+            least: 0.0,
+            by_accel: [0.0; 3],
             own: std::array::from_fn(|j| m.own[(i, j)]),
             attitude: std::array::from_fn(|j| m.attitude[(i, j)]),
             drift: m.drift[i],
@@ -189,4 +221,61 @@ pub(super) fn of(fix: &GnssFix, nav: &NavState, track: &Track<'_>) -> Measured {
         rows: places().map(|(group, i)| row(group, i)).collect(),
         direct: places().flat_map(|(group, i)| direct[group].iter().map(move |c| c[i])).collect(),
     }
+}
+
+/// What the place says of the velocity about `nav`: nothing of a receiver is in it.
+pub(super) fn of_place(fix: &GnssFix, nav: &NavState, track: &Track<'_>) -> Measured {
+    let (at, c_nb) = (track.at_fix(nav), nav.c_nb());
+    let (velocity, [_, measured]) = (nav.v_n(), at.measured(fix, &at.instant()));
+    let row = |i: usize| Row {
+        kind: Kind::Place,
+        axis: i,
+        residual: -velocity[i],
+        sigma: measured.sigma[i],
+        least: 0.0,
+        own: std::array::from_fn(|j| c_nb[(i, j)]),
+        attitude: [0.0; 3],
+        by_accel: [0.0; 3],
+        drift: 0.0,
+    };
+    let each: usize = track.watched().effects.iter().map(|s| s.states().count()).sum();
+    Measured { rows: (0..3).map(row).collect(), direct: vec![0.0; 3 * each] }
+}
+
+/// A rest over an interval, between these states of the trajectory: the unit does not turn but with the Earth, so what the gyros showed over
+/// it is a measurement, and the attitude goes on as it was. Nothing is counted twice: the same noise of the gyros is no process noise then.
+pub(super) fn rest(interval: &mut Interval, [from, to]: [&NavState; 2], measured: &mut Measured) {
+    // ε at the end is r + A ε, by which it keeps the attitude; the gyros say Φ ε + B θ + o.
+    let r = log(&(to.q_eb.inverse() * from.q_eb));
+    let keeps = Matrix3::identity() + skew(&r) * 0.5;
+    let back = Matrix3::identity() - skew(&r) * 0.5;
+    let three = |c: &Nav| Vector3::new(c[index::ATTITUDE], c[index::ATTITUDE + 1], c[index::ATTITUDE + 2]);
+    let block = |at: usize| Matrix3::from_columns(&[0, 1, 2].map(|k| three(&interval.transition[at + k])));
+    let by_attitude = (block(index::ATTITUDE) - keeps) * back;
+    let residual = r - three(&interval.offset) + by_attitude * r;
+    let (by_gyro, by_accel) = (block(index::GYRO_BIAS), block(index::ACCEL_BIAS));
+    // Rows of the fix have no derivative by terms.
+    let (columns, rows) = (interval.driven.len(), measured.rows.len());
+    let each = measured.direct.len() / rows.max(1);
+    let mut direct = vec![0.0; columns * (rows + 3)];
+    for (row, out) in direct.chunks_exact_mut(columns.max(1)).enumerate() {
+        if row < rows {
+            out[..each].copy_from_slice(&measured.direct[row * each..(row + 1) * each]);
+        } else {
+            out.iter_mut().zip(&interval.driven).for_each(|(o, d)| *o = d[index::ATTITUDE + row - rows]);
+        }
+    }
+    measured.direct = direct;
+    measured.rows.extend((0..3).map(|i| Row {
+        kind: Kind::Rate,
+        axis: i,
+        residual: residual[i],
+        sigma: interval.dt.sqrt(),
+        least: interval.rounding.0 * interval.dt,
+        own: std::array::from_fn(|j| by_gyro[(i, j)]),
+        attitude: std::array::from_fn(|j| by_attitude[(i, j)]),
+        by_accel: std::array::from_fn(|j| by_accel[(i, j)]),
+        drift: 0.0,
+    }));
+    interval.keep_attitude(&keeps, &r);
 }

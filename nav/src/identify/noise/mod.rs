@@ -117,7 +117,7 @@ impl Claims {
     /// Of these flights.
     pub fn new(model: &Model, flights: &[&Flight]) -> Self {
         let middle = |claim: &dyn Fn(&crate::sample::GnssFix) -> f64| {
-            let mut all: Vec<f64> = flights.iter().flat_map(|f| f.fixes()).map(claim).collect();
+            let mut all: Vec<f64> = flights.iter().flat_map(|f| f.received()).map(claim).collect();
             all.sort_by(f64::total_cmp);
             all.get(all.len() / 2).copied().unwrap_or(1.0).max(1e-3)
         };

@@ -33,6 +33,64 @@ function ring(letter) {
   return item;
 }
 
+/* The ground session */
+
+function holdRing() {
+  const face = svg("svg", { viewBox: "0 0 72 72", role: "img" });
+  const around = { cx: 36, cy: 36, r: RADIUS, pathLength: 100 };
+  face.append(
+    svg("circle", { ...around, class: "ring-back" }),
+    svg("circle", { ...around, class: "ring-front", transform: "rotate(-90 36 36)", "stroke-dasharray": "0 100" }),
+    svg("text", { x: 36, y: 35, class: "ring-letter" }),
+  );
+  return face;
+}
+
+/** What a side has brought: the largest sigma of G before and after. */
+function brought(side) {
+  if (side.skipped) return "left out";
+  const [before, after] = side.g_sigma_deg_per_h_per_g ?? [];
+  const sigma = Number.isFinite(after) && before > after * 1.05 ? `, ± ${brief(before)} → ${brief(after)}` : "";
+  return side.held_s > 0 ? `${num(side.held_s, 0)} s${sigma}` : "";
+}
+
+/** Ring with the seconds left by the noise of the mean rate, the side that is next, and what each side has brought. */
+function byHand(ground) {
+  const shown = Boolean(ground?.active);
+  $("byhand").hidden = !shown;
+  document.body.classList.toggle("by-hand", shown);
+  if (!shown) return;
+  if ($("hold").children.length === 0) $("hold").append(holdRing(), make("p", "hold-words"));
+  const sides = ground.sides.filter((side) => !side.skipped);
+  const done = sides.filter((side) => side.done).length;
+  const left = ground.seconds_left;
+  const wanted = Math.max(...ground.sides.map((side) => side.wanted_s), 1);
+  const holding = Number.isFinite(left);
+  const share = holding ? 1 - left / wanted : done / Math.max(1, sides.length);
+  const face = $("hold").firstChild;
+  setAttr(face.querySelector(".ring-front"), "stroke-dasharray", `${Math.round(100 * Math.min(1, Math.max(0, share)))} 100`);
+  setText(face.querySelector("text"), holding ? `${Math.ceil(left)}` : `${done}/${sides.length}`);
+  setAttr(face, "aria-label", holding ? `${Math.ceil(left)} seconds left on this side` : `${done} of ${sides.length} sides done`);
+  setText($("hold").lastChild, holding ? "s left" : ground.done ? "done" : "sides done");
+  const list = $("sides");
+  while (list.children.length > ground.sides.length) list.lastChild.remove();
+  ground.sides.forEach((side, k) => {
+    const item = list.children[k] ?? list.appendChild(sideItem());
+    const next = !side.done && !side.skipped && ground.instruction.endsWith(side.side);
+    setAttr(item, "data-state", side.done ? "done" : next ? "next" : "open");
+    setText(item.children[0], side.done ? "✓" : side.skipped ? "–" : next ? "→" : "○");
+    setText(item.children[1], capital(side.side));
+    setText(item.children[2], brought(side));
+  });
+}
+
+function sideItem() {
+  const item = make("li");
+  item.append(make("span", "mark"), make("span", "side"), make("span", "brought"));
+  item.firstChild.setAttribute("aria-hidden", "true");
+  return item;
+}
+
 /** The states that a condition would show: where they have converged all the same, it is not needed any more. */
 const ABOUT = { a: /^(bg_|ba_)/, b: /^g(11|22|33)$/, c: /^g[1-3][1-3]$/ };
 
@@ -180,14 +238,16 @@ function motion(s) {
 }
 
 export function showSnapshot(s) {
+  byHand(s.ground);
   rings(s.observability, s.phase === "running");
   gMatrix(s);
   states(s);
   motion(s);
   list($("warnings"), s.warnings.slice().reverse());
   setText($("clock"), clock(s.elapsed_s));
-  const nis = s.consistency.nis_mean_per_dof;
-  chip("chip-nis", s.phase !== "running" || nis === null ? "idle" : nis > 2 || nis < 0.4 ? "bad" : nis > 1.5 ? "wait" : "good", s.phase === "running" ? num(nis, 2) : "–");
+  // The place is no receiver: what it says agrees by construction.
+  const nis = s.ground?.without_fixes ? null : s.consistency.nis_mean_per_dof;
+  chip("chip-nis", s.phase !== "running" || nis === null ? "idle" : nis > 2 || nis < 0.4 ? "bad" : nis > 1.5 ? "wait" : "good", s.phase === "running" && nis !== null ? num(nis, 2) : "–");
 }
 
 /** Old data are grey at once, and nothing stays green. */
