@@ -301,7 +301,7 @@ fn flights_of(
     progress(Phase::Smoothing);
     let mut residuals = smoothed(&good, &judged, settings, &workers);
     let mut found = remaining.terms;
-    found.retain(|term| !size::is_negligible(term, &judged, &residuals));
+    found.retain(|term| !size::is_negligible(term, &judged, &residuals, &good));
     let imitations = imitations(&remaining.replaced, &found, &judged);
     if !imitations.is_empty() {
         let mut removed = std::mem::take(&mut judged.removed);

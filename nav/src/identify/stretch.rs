@@ -6,6 +6,7 @@ use super::linear::Unseen;
 use crate::estimator::{Estimator, Stage};
 use crate::filter::Initial;
 use crate::model::Model;
+use crate::operating::OperatingSeries;
 use crate::sample::{GnssFix, ImuSample, ImuStream, Sample, SampleKind};
 use nalgebra::Vector3;
 
@@ -77,6 +78,7 @@ pub(super) struct Stretch {
     pub(super) guesses: Guesses,
     /// How much of the recording gaps cut off that nothing bridges, s.
     pub(super) unbridged_s: f64,
+    pub(super) operating: OperatingSeries,
 }
 
 impl Stretch {
@@ -118,7 +120,8 @@ impl Stretch {
             });
         }
         let guesses = Guesses::of(stretch, &unseen);
-        Ok(Self { stream, initial, raw, fixes, unseen, guesses, unbridged_s })
+        let operating = OperatingSeries::of(stretch);
+        Ok(Self { stream, initial, raw, fixes, unseen, guesses, unbridged_s, operating })
     }
 }
 
