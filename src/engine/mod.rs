@@ -203,8 +203,11 @@ impl Engine {
             }
             Sample::Restart(_) => self.restart(),
             Sample::Recalibrated => {}
-            // The live estimate depends on none of it.
-            Sample::Operating(_) => return,
+            // Only effects that depend on it take notice.
+            Sample::Operating(_) => {
+                self.estimator.feed(sample);
+                return;
+            }
         }
         self.take(sample);
         if matches!(sample, Sample::Restart(_)) {

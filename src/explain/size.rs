@@ -66,7 +66,7 @@ impl Spread {
     }
 }
 
-fn instant(motion: &Motion, flight: &Flight) -> Instant {
+pub(super) fn instant(motion: &Motion, flight: &Flight) -> Instant {
     let t_s = flight.initial().t_s + motion.elapsed_s;
     Instant {
         t_s,

@@ -1,4 +1,5 @@
 use super::*;
+use crate::outputs::Outputs;
 use gaware_nav::effects;
 use gaware_nav::identify::linear::Problem;
 use gaware_nav::identify::linear::reference::Reference;

@@ -305,7 +305,7 @@ impl Flight {
     }
 
     /// The samples as the source reported them.
-    pub(crate) fn reported(&self) -> &[ImuSample] {
+    pub fn reported(&self) -> &[ImuSample] {
         &self.raw
     }
 

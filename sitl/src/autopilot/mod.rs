@@ -216,7 +216,8 @@ impl Autopilot {
         let (flavour, airframe) = (config.flavour, config.airframe);
         let streams = Streams::new(config.flavour, config.loop_rate_hz, config.has_highres_imu, 0.0)
             .with_sim_state(config.has_sim_state)
-            .with_filter_status(config.navigates, 0.0);
+            .with_filter_status(config.navigates, 0.0)
+            .with_reports(model.effects.iter().any(|s| s.effect.needs_conditions()), 0.0);
         let filter = config.filter_hz.map(|hz| {
             let one = messages::LowPass::new(hz, config.loop_rate_hz);
             [one.clone(), one]

@@ -88,6 +88,21 @@ impl Streams {
         streams
     }
 
+    /// The same table, with throttle, battery and outputs sent unasked: many autopilots are set up so, and who simulates an effect that goes with
+    /// them wants them in the log.
+    #[must_use]
+    pub fn with_reports(self, reports: bool, now_s: f64) -> Self {
+        let mut streams = self;
+        if reports {
+            for (id, rate_hz) in
+                [(SYS_STATUS_DATA::ID, 4.0), (VFR_HUD_DATA::ID, 4.0), (SERVO_OUTPUT_RAW_DATA::ID, 4.0)]
+            {
+                streams.put(id, 1.0 / rate_hz, now_s);
+            }
+        }
+        streams
+    }
+
     fn filter_status(&self) -> u32 {
         match self.flavour {
             Flavour::ArduPilot => EKF_STATUS_REPORT_DATA::ID,
