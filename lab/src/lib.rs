@@ -19,3 +19,4 @@ pub mod paper;
 pub mod recorded;
 pub mod statistics;
 pub mod transfer;
+pub mod unknown;

@@ -11,6 +11,7 @@ use crate::heading::{HeadingBank, MEMBERS};
 use crate::mechanization::NavState;
 use crate::model::{Model, SourceHistory};
 use crate::noise_meter::NoiseMeter;
+use crate::operating::Operating;
 use crate::quantisation::Dequantiser;
 use crate::receiver::ReceiverMeter;
 use crate::rotation::c_nb_from_euler;
@@ -119,6 +120,8 @@ pub struct Estimator {
     events: Vec<EstimatorEvent>,
     /// What is known of a vehicle on the ground without fixes.
     ground: PlaceAid,
+    /// What the vehicle does beside moving, as last reported.
+    operating: Operating,
 }
 
 impl Estimator {
@@ -140,6 +143,7 @@ impl Estimator {
             bias_share: BIAS_AFTER_RESTART,
             events: Vec::new(),
             ground: PlaceAid::default(),
+            operating: Operating::default(),
         }
         .of_unknown_flight()
     }
@@ -169,6 +173,7 @@ impl Estimator {
             // The vehicle goes on; what the new calibration leaves of the biases is learnt like any change of them.
             Sample::Recalibrated => {}
             Sample::Place(place) => self.ground.set_home(*place),
+            Sample::Operating(report) => self.operating.update(&report.values),
         }
         Vec::new()
     }
@@ -281,7 +286,9 @@ impl Estimator {
         self.last = Some(sample);
         let (kind, noise) = (self.stream.kind, self.extra_noise());
         let (rounding, scatter) = (self.dequantiser.constant_error(), self.meter.scatter());
+        let operating = self.operating;
         let set_source = |filter: &mut Filter| {
+            filter.set_operating(&operating);
             filter.set_stream(kind, noise);
             filter.set_rounding_error(rounding);
             filter.set_scatter(scatter);

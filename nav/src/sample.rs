@@ -4,6 +4,7 @@
 //! already dropped duplicates and foreign components; nothing here knows where a sample came from.
 
 use crate::earth::{Geodetic, STANDARD_GRAVITY};
+use crate::operating::OperatingSample;
 use nalgebra::Vector3;
 use serde::{Deserialize, Serialize};
 
@@ -192,4 +193,6 @@ pub enum Sample {
     Recalibrated,
     /// Where the vehicle is as long as no fix says so: its home position, or what people say.
     Place(Geodetic),
+    /// What the vehicle does beside moving.
+    Operating(OperatingSample),
 }

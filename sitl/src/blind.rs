@@ -1,6 +1,7 @@
 //! Blind flights: what is injected, how the vehicle is flown, what its sensors report.
 
 use crate::noise::{Noise, Purpose};
+use crate::powertrain::Carrier;
 use crate::sensors::{Flight as Simulated, SensorConfig, Temperature, VibrationLine};
 use crate::trajectory::Flown;
 use crate::trajectory::fixed_wing::FixedWing;
@@ -122,6 +123,21 @@ fn vibration(family: Family, noise: &mut Noise, share: f64) -> Vec<VibrationLine
 
 /// Flies a vehicle with these effects injected.
 pub fn fly(injected: &[EffectSetting], kind: Kind, family: Family, seed: u64) -> Blind {
+    flown(injected, kind, family, seed, None)
+}
+
+/// The same with reports of throttle, battery, outputs and speed of the air, Hz.
+pub fn fly_with_reports(injected: &[EffectSetting], kind: Kind, family: Family, seed: u64) -> Blind {
+    flown(injected, kind, family, seed, Some(10.0))
+}
+
+fn flown(
+    injected: &[EffectSetting],
+    kind: Kind,
+    family: Family,
+    seed: u64,
+    reports_hz: Option<f64>,
+) -> Blind {
     let seed = if family == Family::Aside { seed ^ FAMILY_SEED } else { seed };
     let mut noise = Noise::numbered(seed, Purpose::HiddenTruth, 7);
     let truth = truth(injected, &mut noise);
@@ -144,6 +160,8 @@ pub fn fly(injected: &[EffectSetting], kind: Kind, family: Family, seed: u64) ->
         least_throttle: LEAST_THROTTLE,
         time_jitter_s: 2e-3,
         temperature: Some(Temperature { start_degc: 22.0, end_degc: 47.0, time_constant_s: 110.0 }),
+        carrier: reports_hz.map(|_| Carrier::Wings),
+        operating_rate_hz: reports_hz.unwrap_or(0.0),
         ..SensorConfig::default()
     };
     let profile = profile(kind, family, seed);

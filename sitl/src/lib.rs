@@ -9,6 +9,7 @@ pub mod autopilot;
 pub mod blind;
 pub mod faults;
 pub mod noise;
+pub mod powertrain;
 pub mod scenario;
 pub mod sensors;
 pub mod shell;

@@ -4,10 +4,14 @@
 //! Fixes report the vehicle some time before their stamp. The simulation is what the model says.
 
 use crate::noise::{GaussMarkov, Noise, Purpose};
+use crate::powertrain::{Carrier, Powertrain};
 use crate::truth::{Trajectory, Truth};
 use gaware_nav::earth::Geodetic;
-use gaware_nav::effects::{Antenna, FixInstant, Instant, LateRate, Older, ReportedSample, Surroundings};
+use gaware_nav::effects::{
+    Antenna, Conditions, FixInstant, Instant, LateRate, Older, ReportedSample, Surroundings,
+};
 use gaware_nav::model::{EffectSetting, Model};
+use gaware_nav::operating::{LagBank, Operating, OperatingSample};
 use gaware_nav::rotation::{euler_from_c_nb, wrap_pi};
 use gaware_nav::sample::{
     AttitudeHint, FixVelocity, GnssFix, ImuSample, ImuStream, Quantisation, Sample, SampleKind,
@@ -77,6 +81,10 @@ pub struct SensorConfig {
     pub temperature: Option<Temperature>,
     /// Times without fixes: from, to, s.
     pub outages: Vec<(f64, f64)>,
+    /// What drives the vehicle; `None` = nothing is reported of it and no effect sees any.
+    pub carrier: Option<Carrier>,
+    /// Reports of throttle, battery and outputs, Hz; 0 = none.
+    pub operating_rate_hz: f64,
 }
 
 impl Default for SensorConfig {
@@ -97,6 +105,8 @@ impl Default for SensorConfig {
             time_jitter_s: 0.0,
             temperature: None,
             outages: Vec::new(),
+            carrier: None,
+            operating_rate_hz: 0.0,
         }
     }
 }
@@ -137,6 +147,8 @@ pub struct Sensors {
     rates: [Option<(f64, Vector3<f64>)>; 2],
     /// Phase per line and axis: three of force, three of rate.
     phases: Vec<[f64; 6]>,
+    powertrain: Option<Powertrain>,
+    lags: LagBank,
 }
 
 impl Sensors {
@@ -150,6 +162,8 @@ impl Sensors {
         Self {
             quantisation: model.quantisation_of(&stream),
             model: model.clone(),
+            powertrain: config.carrier.map(|carrier| Powertrain::new(carrier, seed)),
+            lags: LagBank::default(),
             config,
             gyro_noise: noise(Purpose::Gyro),
             accel_noise: noise(Purpose::Accel),
@@ -206,6 +220,7 @@ impl Sensors {
             force: truth.force + vibration_force,
             temperature_above_25_degc: temperature.map_or(0.0, |t| t - 25.0),
             around: self.around(truth),
+            conditions: self.conditions(truth, temperature),
         };
         let per_sample = 1.0 / interval_s.sqrt();
         let imu = &self.model.imu;
@@ -258,6 +273,23 @@ impl Sensors {
         };
         self.rates = [self.rates[1], Some(now)];
         Surroundings { rate_derivatives: derivatives, late: LateRate::default(), vibration: power }
+    }
+
+    /// What the vehicle does beside moving.
+    fn conditions(&mut self, truth: &Truth, temperature_degc: Option<f64>) -> Conditions {
+        Conditions {
+            operating: self.powertrain.as_mut().map(|p| p.at(truth)).unwrap_or_default(),
+            speed: truth.v_n.norm(),
+            height_m: truth.place.height_m,
+            heading_rad: euler_from_c_nb(&truth.c_nb).z,
+            elapsed_s: truth.t_s,
+            lagged_degc: temperature_degc.map(|t| self.lags.push(truth.t_s, t - 25.0)).unwrap_or_default(),
+        }
+    }
+
+    /// What the autopilot reports of throttle, battery and outputs at the last inertial sample.
+    pub fn operating(&mut self) -> Operating {
+        self.powertrain.as_mut().map(Powertrain::reported).unwrap_or_default()
     }
 
     fn vibration(&self, t_s: f64) -> (Vector3<f64>, Vector3<f64>) {
@@ -392,6 +424,7 @@ pub struct Flight {
     imu: u64,
     fix: u64,
     attitude: u64,
+    operating: u64,
 }
 
 impl std::fmt::Debug for Flight {
@@ -410,6 +443,7 @@ impl Flight {
             imu: 0,
             fix: 0,
             attitude: 0,
+            operating: 0,
         }
     }
 
@@ -438,8 +472,16 @@ impl Iterator for Flight {
             let imu = due(self.imu, config.imu_rate_hz);
             let fix = config.fix_phase_s + due(self.fix, config.fix_rate_hz);
             let attitude = due(self.attitude, config.attitude_rate_hz);
+            // The powertrain is as the last inertial sample saw it, so that reports come after it.
+            let operating = due(self.operating, config.operating_rate_hz);
             if imu.min(fix).min(attitude) > end {
                 return None;
+            }
+            if operating < imu.min(fix).min(attitude) {
+                self.operating += 1;
+                let truth = self.trajectory.truth_at(operating);
+                let values = self.sensors.operating();
+                return Some((Sample::Operating(OperatingSample { t_s: operating, values }), truth));
             }
             if imu <= fix && imu <= attitude {
                 self.imu += 1;

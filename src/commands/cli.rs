@@ -1,8 +1,8 @@
 //! The command line: which commands there are, how they start, and what exit status their result becomes.
 
 use super::{
-    CommandError, OverwriteArgs, airframe, compare, config, demo, explain, fleet, ground, mission, output,
-    params, plan, preflight, replay, report, run, serve, sim, start, study, unit,
+    CommandError, OverwriteArgs, airframe, compare, config, demo, effects, explain, fleet, ground, mission,
+    output, params, plan, preflight, replay, report, run, serve, sim, start, study, unit,
 };
 use crate::outputs::mark;
 use crate::sinks::log;
@@ -51,6 +51,8 @@ pub enum Command {
     Sim(sim::SimArgs),
     /// Identify unmodelled sensor errors, with magnitude and confidence.
     Explain(explain::ExplainArgs),
+    /// Effects outside the catalogue: does a new flight confirm them?
+    Effects(effects::EffectsCommand),
     /// Replay and explain over many logs on all processors, and what each inertial unit's flights have in common.
     Fleet(fleet::FleetArgs),
     /// Monte Carlo studies and accuracy on recorded flights.
@@ -184,6 +186,7 @@ fn dispatch(command: Command) -> Result<ExitCode, CommandError> {
         Command::Serve(args) => serve::run(&args)?,
         Command::Preflight(args) => preflight::run(&args)?,
         Command::Explain(args) => explain::run(&args)?,
+        Command::Effects(args) => effects::run(&args)?,
         Command::Fleet(args) => fleet::run(&args)?,
         Command::Study(args) => return study::run(&args),
         Command::Completions { shell } => {

@@ -1,11 +1,12 @@
 //! `gaware explain`: which sensor errors the model lacks, how large they are, and the residuals before and after.
 
+use super::effects::EffectsArgs;
 use super::known::{PlaceArgs, UnitFileArgs};
 use super::{CommandError, ListenArgs, OverwriteArgs, load_model, output};
 use crate::explain::contract::Verdict;
 use crate::explain::{self, Explained, Phase, Request, STEPS};
 use crate::report::explanation::headline;
-use gaware_nav::identify::select::Settings;
+use gaware_nav::identify::select::{Beside, Settings};
 use std::cell::Cell;
 use std::fmt::Write;
 use std::path::{Path, PathBuf};
@@ -29,7 +30,7 @@ pub struct ExplainArgs {
     /// Explain all of every log, however long (default: an hour at most, of the minutes in which the vehicle moves most).
     #[arg(long)]
     pub whole: bool,
-    /// Folder for report.html, report.json, model.toml and the parameter file of the autopilot.
+    /// Folder for report.html, report.json, model.toml, effects.toml (of effects outside the catalogue) and the parameter file of the autopilot.
     #[arg(long, value_name = "DIR")]
     pub out: PathBuf,
     /// Print the explanation as one JSON document.
@@ -38,6 +39,9 @@ pub struct ExplainArgs {
     /// Files that exist.
     #[command(flatten)]
     pub overwrite: OverwriteArgs,
+    /// Effects that a user defines: they are looked for like those of the catalogue.
+    #[command(flatten)]
+    pub effects: EffectsArgs,
     /// Source of the samples.
     #[command(flatten)]
     pub listen: ListenArgs,
@@ -55,8 +59,10 @@ pub struct ExplainArgs {
 /// When a log or the model cannot be read, or the report cannot be written. A flight that says too little is none.
 pub fn run(args: &ExplainArgs) -> Result<(), CommandError> {
     let read = args.logs.iter().chain(&args.validate).chain(&args.model).chain(&args.parameters);
+    let read = read.chain(&args.effects.effects);
     let outputs = args.overwrite.outputs(read);
     explain::check(&args.out, &outputs)?;
+    let beside = Beside::default().and(&args.effects.load()?);
     let first =
         args.logs.first().map(|log| args.unit.of_log(log, args.listen.options().vehicle)).transpose()?;
     let model =
@@ -66,7 +72,7 @@ pub fn run(args: &ExplainArgs) -> Result<(), CommandError> {
         validate: args.validate.iter().map(Into::into).collect(),
         model,
         converter: args.listen.options(),
-        settings: Settings::default(),
+        settings: Settings { beside, ..Settings::default() },
         parameters: args.parameters.as_ref().map(Into::into),
         whole: args.whole,
         place: args.place.home,

@@ -1,6 +1,7 @@
 //! `gaware ground --connect ADDR`: the guided ground session alone. It runs as `run` does, gives its instructions line by line and to the ground
 //! station, ends when nothing is left to do, and keeps the result in the file of the unit.
 
+use super::effects::EffectsArgs;
 use super::known::{KnownArgs, PlaceArgs, UnitFileArgs};
 use super::run::{self, Hooks, RunArgs, Served, seconds};
 use super::unit::origin;
@@ -133,6 +134,7 @@ pub fn run(args: GroundArgs) -> Result<(), CommandError> {
 
 fn run_args(args: &GroundArgs) -> RunArgs {
     RunArgs {
+        effects: EffectsArgs::default(),
         connect: args.connect.clone(),
         config: None,
         model: args.model.clone(),

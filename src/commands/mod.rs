@@ -8,6 +8,7 @@ pub mod compare;
 pub mod config;
 pub mod demo;
 pub mod demo_loop;
+pub mod effects;
 pub mod explain;
 pub mod fleet;
 pub mod fleet_limits;
@@ -117,6 +118,14 @@ pub enum CommandError {
     /// A model file is wrong.
     #[error(transparent)]
     Model(#[from] ModelFileError),
+    /// A file of effects is wrong.
+    #[error("{path}: {source}")]
+    Effects {
+        /// File.
+        path: PathBuf,
+        /// What is wrong.
+        source: gaware_nav::effects::data::DefinitionError,
+    },
     /// A baseline cannot be used.
     #[error("{path} is no baseline: {reason}")]
     Baseline {

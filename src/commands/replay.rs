@@ -1,6 +1,7 @@
 //! `gaware replay LOG…`: the pipeline over recorded flights, with their time series as tables and baselines for CI.
 
 use super::baseline::{self, Outcome};
+use super::effects::EffectsArgs;
 use super::known::KnownArgs;
 use super::{CommandError, ListenArgs, OverwriteArgs, load_model, output, print, progress_bar};
 use crate::engine::{Engine, EngineOptions};
@@ -27,6 +28,9 @@ pub struct ReplayArgs {
     /// consumer unit are estimated; an autopilot's own log gives delay and antenna place, where they are set, as first values).
     #[arg(long, value_name = "FILE")]
     pub model: Option<PathBuf>,
+    /// Effects that a user defines, for the model.
+    #[command(flatten)]
+    pub effects: EffectsArgs,
     /// Write time series: to a .csv or .parquet file the states, to an .mcap file or a folder (as Parquet) states, inertial
     /// samples, fixes, the autopilot's attitude and events. Columns and units: docs/export.md.
     #[arg(long, value_name = "FILE|DIR")]
@@ -91,6 +95,7 @@ pub fn run(args: &ReplayArgs) -> Result<(), CommandError> {
     }
     args.junit.iter().try_for_each(|path| outputs.check(path))?;
     let names = names(&args.logs, target.is_some() || args.baseline.is_some())?;
+    args.effects.load()?;
     let given = args.model.as_deref().map(load_model).transpose()?;
     let mut tables = Gathered::default();
     let mut results = Vec::new();

@@ -99,6 +99,7 @@ pub async fn serve<E: Estimator>(
     stop: CancellationToken,
     make: impl FnOnce(Model) -> E,
 ) -> Result<Served<E>, CommandError> {
+    args.effects.load()?;
     let model = args.known.unit.on(args.model.as_deref().map(load_model).transpose()?)?;
     let model = model.unwrap_or_else(Model::standard);
     let clock = ReceiveClock::start();

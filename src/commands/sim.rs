@@ -1,6 +1,7 @@
 //! `gaware sim`: a simulated autopilot on UDP, TCP or a pseudo-terminal.
 
 use super::OverwriteArgs;
+use super::effects::EffectsArgs;
 use crate::outputs::{OutputError, mark};
 use clap::{Args, ValueEnum};
 use gaware_nav::model::Model;
@@ -46,6 +47,9 @@ pub struct SimArgs {
     /// The sensors are what this model says: noise, fixes and effects, each of its given value (default: those of the scenario).
     #[arg(long, value_name = "FILE", conflicts_with = "hide_random")]
     pub model: Option<PathBuf>,
+    /// Effects that a user defines, for --model and --hide.
+    #[command(flatten)]
+    pub effects: EffectsArgs,
     /// Inject an effect into the sensors, values as in a model file: gps_latency=0.3, gps_lever_arm=[0.3,0,-0.1].
     #[arg(long, value_name = "EFFECT=VALUE")]
     pub hide: Vec<String>,
@@ -193,6 +197,7 @@ fn prepare(args: &SimArgs) -> Result<Prepared, SimError> {
     if let Some(times) = args.repeat {
         scenario = scenario.repeated(times).ok_or_else(|| SimError::Repeat(args.scenario.clone()))?;
     }
+    args.effects.load().map_err(|e| SimError::Model(Box::new(e)))?;
     if let Some(path) = &args.model {
         believe(&mut scenario, super::load_model(path).map_err(|e| SimError::Model(Box::new(e)))?);
     }

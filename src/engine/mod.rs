@@ -203,6 +203,11 @@ impl Engine {
             }
             Sample::Restart(_) => self.restart(),
             Sample::Recalibrated | Sample::Place(_) => {}
+            // Only effects that depend on it take notice.
+            Sample::Operating(_) => {
+                self.estimator.feed(sample);
+                return;
+            }
         }
         self.take(sample);
         if matches!(sample, Sample::Restart(_)) {

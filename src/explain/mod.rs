@@ -9,6 +9,8 @@ mod assembly;
 pub mod autopilot;
 pub mod consequence;
 pub mod contract;
+pub mod drivers;
+mod files;
 pub mod schema;
 mod size;
 pub mod words;
@@ -17,13 +19,15 @@ use crate::advice::on_board::OnBoard;
 use crate::health::HealthLog;
 use crate::inputs::Input;
 use crate::logs::LogError;
-use crate::outputs::{OutputError, Outputs, mark};
+use crate::outputs::OutputError;
 use crate::parallel::{Threads, cores};
 use crate::pipeline;
 use crate::sensors::ConverterOptions;
 use contract::Explanation;
+pub use files::{check, files, write};
 use gaware_nav::earth::Geodetic;
 use gaware_nav::effects::{self, Effect, RECEIVER};
+use gaware_nav::identify::beyond;
 use gaware_nav::identify::flight::{Flight, TooLittle};
 use gaware_nav::identify::judge::{self, Judged};
 use gaware_nav::identify::limits::NotFound;
@@ -33,7 +37,7 @@ use gaware_nav::identify::terms;
 use gaware_nav::model::{EffectSetting, Model};
 use gaware_nav::sample::Sample;
 use size::Size;
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 use std::time::Duration;
 
 /// What to explain.
@@ -183,6 +187,8 @@ pub struct Explained {
     pub judged: Option<Judged>,
     /// Where simulation and measurement disagree, flight by flight.
     pub residuals: Vec<FlightResiduals>,
+    /// Residuals against what drives effects that the catalogue does not hold.
+    pub drivers: Vec<drivers::DriverPlot>,
     /// Effects that were tested and are not significant.
     pub not_found: Vec<NotFound>,
     /// Names of the logs.
@@ -299,13 +305,14 @@ fn flights_of(
     let base = model.clone().with_receiver();
     let selection = select::select(&good, &base, settings, &workers);
     progress(Phase::Judging);
+    let selection = beyond::select(&good, &base, selection, settings, &workers);
     let mut judged = judge::judge(&good, &judging, selection, settings, &workers);
     progress(Phase::Terms);
     let remaining = terms::find(&good, &judging, &judged.selection, settings, &workers);
     progress(Phase::Smoothing);
     let mut residuals = smoothed(&good, &judged, settings, &workers);
     let mut found = remaining.terms;
-    found.retain(|term| !size::is_negligible(term, &judged, &residuals));
+    found.retain(|term| !size::is_negligible(term, &judged, &residuals, &good));
     let imitations = imitations(&remaining.replaced, &found, &judged);
     if !imitations.is_empty() {
         let mut removed = std::mem::take(&mut judged.removed);
@@ -322,12 +329,14 @@ fn flights_of(
     let likely: Vec<bool> = not_found.iter().zip(&others).map(likely).collect();
     let events = to_own_time(&mut judged, &good);
     let listed = assembly::not_found(&not_found, &likely);
+    let drivers = drivers::plots(&judged, &residuals, &good);
     let mut explanation = assembly::explanation(&judged, &own, &residuals, found, listed, &events);
     explanation.summary.push_str(&unbridged);
     Explained {
         explanation,
         model: assembly::new_model(&judged, &own),
         judged: Some(judged),
+        drivers,
         residuals,
         not_found,
         logs: Vec::new(),
@@ -355,6 +364,7 @@ fn too_little(why: &str, model: &Model) -> Explained {
         model: model.clone(),
         judged: None,
         residuals: Vec::new(),
+        drivers: Vec::new(),
         not_found: Vec::new(),
         logs: Vec::new(),
         validated: Vec::new(),
@@ -432,63 +442,6 @@ fn smoothed(
 ) -> Vec<FlightResiduals> {
     let both = residual::before_and_after(flights, &judged.selection, settings, workers);
     both.into_iter().map(|[before, after]| FlightResiduals { before, after }).collect()
-}
-
-/// Whether all that [`write()`] writes may be written.
-///
-/// # Errors
-/// One of the files is an input, or somebody else's.
-pub fn check(folder: &Path, outputs: &Outputs) -> Result<(), OutputError> {
-    let own = [REPORT, RESULT, MODEL].map(|name| folder.join(name));
-    own.iter().chain(&autopilot::files(folder)).try_for_each(|path| outputs.check(path))
-}
-
-const REPORT: &str = "report.html";
-const RESULT: &str = "report.json";
-const MODEL: &str = "model.toml";
-
-/// Writes `report.html`, `report.json`, `model.toml` and the parameter file of the autopilot.
-///
-/// # Errors
-/// A folder or file that cannot be written, a plot that cannot be drawn.
-pub fn write(explained: &Explained, folder: &Path, outputs: &Outputs) -> Result<(), ExplainError> {
-    check(folder, outputs)?;
-    outputs.folder(folder)?;
-    let written = files(explained)?;
-    for (name, content) in &written {
-        outputs.write(&folder.join(name), content.as_str())?;
-    }
-    // A file of an earlier explanation in the same folder does not stay.
-    let old = autopilot::files(folder).into_iter().filter(|p| written.iter().all(|(n, _)| !p.ends_with(n)));
-    Ok(old.into_iter().try_for_each(|path| outputs.remove(&path))?)
-}
-
-/// The files that [`write()`] writes, by name, with marks that are still to be sealed.
-///
-/// # Errors
-/// A plot that cannot be drawn.
-pub fn files(explained: &Explained) -> Result<Vec<(String, String)>, ExplainError> {
-    let json = serde_json::to_string_pretty(&explained.explanation).unwrap_or_default();
-    let html = crate::report::explanation::html(explained).map_err(ExplainError::Plot)?;
-    let mut files = vec![
-        (RESULT.to_owned(), mark::json(&json)),
-        (REPORT.to_owned(), mark::text(html, mark::Style::Angle)),
-        (MODEL.to_owned(), mark::text(model_file(explained), mark::Style::Hash)),
-    ];
-    files.extend(autopilot::file(explained));
-    Ok(files)
-}
-
-/// The new model as a file; it says where it comes from, and what in it belongs to these flights alone.
-fn model_file(explained: &Explained) -> String {
-    let mut text = format!("# by gaware explain from {}\n", one_line(&explained.logs.join(", ")));
-    for setting in explained.model.effects.iter().filter(|s| select::is_jump(s.effect)) {
-        text.push_str(&format!(
-            "# {} is an event of one flight: take it out before the model is used for another\n",
-            setting.effect.name()
-        ));
-    }
-    text + &explained.model.to_toml()
 }
 
 /// Without line ends, so that a comment stays one.

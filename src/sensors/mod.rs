@@ -13,6 +13,7 @@ mod health;
 pub mod imu;
 pub mod modes;
 pub mod notice;
+pub mod operating;
 mod px4;
 pub mod source;
 pub mod stuck;
@@ -175,8 +176,9 @@ impl Converter {
             return;
         }
         self.count_missing(frame.sequence);
-        // Ids of HEARTBEAT, SYSTEM_TIME, GPS_RAW_INT, SCALED_IMU, RAW_IMU, ATTITUDE, HIGHRES_IMU, SCALED_IMU2 and 3.
-        if !matches!(frame.message_id, 0 | 2 | 24 | 26 | 27 | 30 | 105 | 116 | 129) {
+        // Ids of HEARTBEAT, SYS_STATUS, SYSTEM_TIME, GPS_RAW_INT, SCALED_IMU, RAW_IMU, ATTITUDE, SERVO_OUTPUT_RAW, VFR_HUD, HIGHRES_IMU,
+        // SCALED_IMU2 and 3, BATTERY_STATUS.
+        if !matches!(frame.message_id, 0..=2 | 24 | 26 | 27 | 30 | 36 | 74 | 105 | 116 | 129 | 147) {
             return;
         }
         let Ok(message) = frame.decode() else {
@@ -227,7 +229,9 @@ impl Converter {
         match measurement {
             Measurement::Imu(stamp, sample) => self.sample(*stamp, sample, out),
             Measurement::Fix(stamp, fix) => self.placed_fix(*stamp, fix, out),
-            Measurement::Stream(_) | Measurement::Attitude(..) => self.in_time(measurement, out),
+            Measurement::Stream(_) | Measurement::Attitude(..) | Measurement::Operating(..) => {
+                self.in_time(measurement, out);
+            }
         }
     }
 
@@ -263,6 +267,7 @@ impl Converter {
             self.autopilot = autopilot;
             self.tell(Notice::Vehicle { system_id, autopilot });
         }
+        self.in_time(&Measurement::Operating(None, operating::of_heartbeat(m)), out);
         if autopilot == Autopilot::Px4 && self.calibration.may_change(m) {
             out.push(Sample::Recalibrated);
         }
@@ -299,7 +304,10 @@ impl Converter {
                 self.health.attitude(roll_pitch_yaw);
                 self.in_time(&Measurement::Attitude(Stamp::BootMs(m.time_boot_ms), roll_pitch_yaw), out);
             }
-            other => self.inertial(other, out),
+            other => match operating::of_message(other) {
+                Some(values) => self.in_time(&Measurement::Operating(None, values), out),
+                None => self.inertial(other, out),
+            },
         }
     }
 

@@ -32,7 +32,7 @@ pub struct Target {
 }
 
 /// All targets.
-pub const TARGETS: [Target; 18] = [
+pub const TARGETS: [Target; 19] = [
     target("framer", Shape::Bytes, targets::link::framer, targets::link::raw_seeds),
     target("decode", Shape::Script, targets::link::decode, targets::link::script_seeds),
     target("address", Shape::Text, targets::link::address, targets::link::address_seeds),
@@ -44,6 +44,7 @@ pub const TARGETS: [Target; 18] = [
     target("plan", Shape::Text, targets::files::plan, no_seeds),
     target("waypoints", Shape::Text, targets::files::waypoints, no_seeds),
     target("model", Shape::Text, targets::files::model, targets::files::model_seeds),
+    target("effects", Shape::Text, targets::files::effects, targets::files::effects_seeds),
     target("airframe", Shape::Text, targets::files::airframe, targets::files::airframe_seeds),
     target("parameters", Shape::Script, targets::transfer::parameters, targets::transfer::parameter_seeds),
     target("transfer", Shape::Script, targets::transfer::transfer, targets::transfer::seeds),

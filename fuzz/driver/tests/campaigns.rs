@@ -54,6 +54,7 @@ campaigns! {
     plan: 5_000,
     waypoints: 20_000,
     model: 3_000,
+    effects: 10_000,
     airframe: 3_000,
     parameters: 10_000,
     transfer: 5_000,

@@ -14,7 +14,7 @@ use gaware::parallel::{Progress, map_runs_on};
 use gaware_nav::effects::{self, Effect, REGISTRY};
 use gaware_nav::identify::flight::Flight;
 use gaware_nav::identify::select::{self, Selection, Settings};
-use gaware_nav::identify::{Serial, judge, survey};
+use gaware_nav::identify::{Serial, beyond, judge, survey};
 use gaware_nav::model::{EffectSetting, Model, QuantisationBelief};
 use gaware_sitl::noise::{Noise, Purpose};
 use serde::Serialize;
@@ -22,6 +22,7 @@ use serde::Serialize;
 pub use document::{Flown, write as document};
 pub use gaware_sitl::blind::{Blind, DURATION_S, Family, Kind, draw, draw_injected, fly, ground_truth};
 pub use oracle::Seen;
+pub(crate) use oracle::could_name;
 pub use summary::{Share, Summary, confusion, summarise};
 
 /// At most so many effects are injected in one flight.
@@ -138,7 +139,7 @@ fn seed_of(job: &Job) -> u64 {
 }
 
 /// What is assumed before the flight, as `explain` begins: nothing of what is injected.
-fn belief(hidden: &[EffectSetting]) -> Model {
+pub(crate) fn belief(hidden: &[EffectSetting]) -> Model {
     let mut base = Model::default().with_receiver();
     // What only a tape measure separates has been measured.
     for other in hidden.iter().filter_map(|s| s.effect.needs_known()).filter_map(effects::find) {
@@ -170,6 +171,7 @@ fn one(job: &Job, family: Family, settings: &Settings) -> Option<Outcome> {
     let flight = Flight::prepare(&blind.samples, &base).ok()?;
     let selection = select::select(&[&flight], &base, settings, &Serial);
     let oracle = oracle::could_name(&flight, &base, &hidden, &selection, settings);
+    let selection = beyond::select(&[&flight], &base, selection, settings, &Serial);
     let looks = selection.steps.iter().map(|s| &s.candidates).chain([&selection.remaining]);
     let looks = looks.map(|l| l.iter().take(MOST_TOLD).copied().collect()).collect();
     let judge::Confirmed { mut selection, removed, left_out } =

@@ -32,7 +32,7 @@ pub struct Seen {
 }
 
 /// Which of the injected effects could be named alone.
-pub(super) fn could_name(
+pub(crate) fn could_name(
     flight: &Flight,
     base: &Model,
     hidden: &[EffectSetting],

@@ -4,6 +4,7 @@ mod blind;
 mod closed_loop;
 mod endurance;
 mod faults;
+mod unknown;
 
 use crate::{demo, drift, ground, guidance, honesty, observability, paper, recorded, transfer};
 use gaware::commands::{CommandError, output};
@@ -42,6 +43,8 @@ pub enum StudyKind {
     Transfer(TransferArgs),
     /// Inject an effect, fly, explain, compare with the ground truth: the confusion matrix.
     Blind(blind::BlindArgs),
+    /// Inject an effect outside the catalogue, fly, explain: is a formula named that does the same?
+    Unknown(unknown::UnknownArgs),
     /// Inject an error that the autopilot can correct, fly, explain, apply its parameters, fly again, compare its own innovations.
     Loop(closed_loop::LoopArgs),
     /// Hours: stationary, smooth cruise, steady turns, landings, outages, dropouts and jumps; errors against sigmas.
@@ -317,6 +320,7 @@ pub fn run(args: &StudyArgs) -> Result<(), StudyError> {
             })?)?)
         }
         StudyKind::Blind(args) => blind::run(args),
+        StudyKind::Unknown(args) => unknown::run(args),
         StudyKind::Loop(args) => closed_loop::run(args),
         StudyKind::Drift(args) => {
             let settings = drift::Settings { seeds: args.seeds, seed: args.seed };

@@ -10,6 +10,7 @@ mod acts;
 mod bias_drift;
 mod catalogue;
 mod clock_drift;
+pub mod data;
 mod dispatch;
 mod gps_bias_step;
 mod gps_latency;
@@ -44,7 +45,7 @@ pub use gps_velocity_latency::GpsVelocityLatency;
 pub use gyro_accel_delay::GyroAccelDelay;
 pub use gyro_bias_step::GyroBiasStep;
 pub use imu_truncation::ImuTruncation;
-pub use instant::{Antenna, FixInstant, Instant, LateRate, Older, Surroundings};
+pub use instant::{Antenna, Conditions, FixInstant, Instant, LateRate, Older, Surroundings};
 pub use linear::{Driver, LinearEffect, Sensor};
 pub use parameters::{ParameterGroup, Shape, Unit, unit};
 pub use source::MISTAKES;
@@ -80,9 +81,11 @@ pub static REGISTRY: &[&dyn Effect] = &[
 /// What every receiver does; outside the registry, since it is not tested.
 pub static RECEIVER: &dyn Effect = &GpsSmoothing;
 
-/// The effect of this name, if there is one: of the design's table, a fault of a source, or what every receiver does.
+/// The effect of this name, if there is one: of the design's table, a fault of a source, what every receiver does, or an effect that is
+/// data: one that a file defined, or a formula.
 pub fn find(name: &str) -> Option<&'static dyn Effect> {
-    REGISTRY.iter().chain(MISTAKES).copied().chain([RECEIVER]).find(|e| e.name() == name)
+    let built_in = REGISTRY.iter().chain(MISTAKES).copied().chain([RECEIVER]).find(|e| e.name() == name);
+    built_in.or_else(|| data::find(name))
 }
 
 /// Spectral densities (square roots) of random walks that an effect adds to the biases.
@@ -228,6 +231,11 @@ pub trait Effect: Sync + std::fmt::Debug {
     /// Another effect that no motion separates from it: it is looked for only where the model gives that one as known.
     fn needs_known(&self) -> Option<&'static str> {
         None
+    }
+
+    /// Logarithm of the odds against it before any flight, nats, beyond those against an effect of the catalogue.
+    fn prior_cost(&self) -> f64 {
+        0.0
     }
 
     /// Whether it shows only where the vehicle vibrates.

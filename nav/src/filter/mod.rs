@@ -28,6 +28,7 @@ mod window;
 use crate::linear::interval::{Here, Sum};
 use crate::mechanization::{Motion, NavState};
 use crate::model::Model;
+use crate::operating::{LagBank, Operating};
 use crate::sample::{ImuSample, SampleKind};
 use calibration::{Calibration, MotionJacobian};
 use covariance::Covariance;
@@ -123,6 +124,10 @@ pub struct Filter {
     nearby: Option<Arc<ForceRates>>,
     /// Whether an effect of the model depends on the samples around the present one …
     needs_surroundings: bool,
+    /// Whether an effect depends on more than motion, and what is reported of that.
+    needs_conditions: bool,
+    operating: Operating,
+    lags: LagBank,
     /// … and what those so far show.
     recent: Recent,
     /// Whether an effect of the model lets biases walk.
@@ -199,6 +204,9 @@ impl Filter {
             failed: false,
             nearby: None,
             needs_surroundings: model.effects.iter().any(|s| s.effect.needs_surroundings()),
+            needs_conditions: model.effects.iter().any(|s| s.effect.needs_conditions()),
+            operating: Operating::default(),
+            lags: LagBank::default(),
             recent: Recent::default(),
             biases_walk: model.effects.iter().any(|s| s.effect.on_biases().is_some()),
             gyro_walk: 0.0,
@@ -242,6 +250,11 @@ impl Filter {
         later.walk_constants(by_s);
         later.decay_gauss_markov(by_s);
         later
+    }
+
+    /// Takes what the vehicle does beside moving, as last reported.
+    pub fn set_operating(&mut self, operating: &Operating) {
+        self.operating = *operating;
     }
 
     /// Lets the gyro biases walk by so much beyond the model, rad/s/√s.

@@ -6,6 +6,7 @@ use super::nav_map::Dense;
 use super::regressor::BEYOND_NOISE;
 use super::unseen::{BetweenSamples, GAP_S, MOTION as GAP_MOTION};
 use crate::displacement::Displacement;
+use crate::effects::Conditions;
 use crate::linear::interval::{NavCovariance, Sum};
 use crate::mechanization::Motion;
 use crate::sample::{ImuSample, SampleKind};
@@ -71,7 +72,7 @@ impl Filter {
             self.hold_step(sample, dt);
             return;
         }
-        self.look_around();
+        self.look_around(sample);
         let coasts = self.coasts(sample.t_s);
         self.about.motion = self.motion_of(sample);
         self.regressor.take(&self.about.motion, self.noise_band(dt), dt);
@@ -166,9 +167,21 @@ impl Filter {
     }
 
     /// What the samples up to the end of a step show.
-    fn look_around(&mut self) {
+    fn look_around(&mut self, sample: &ImuSample) {
         if self.needs_surroundings {
             self.about.calibration.around = self.recent.around();
+        }
+        if self.needs_conditions {
+            let lagged = sample.temperature_degc.map(|t| self.lags.push(sample.t_s, t - 25.0));
+            let nav = &self.about.nav;
+            self.about.calibration.conditions = Conditions {
+                operating: self.operating,
+                speed: nav.v_e.norm(),
+                height_m: nav.geodetic().height_m,
+                heading_rad: nav.euler().z,
+                elapsed_s: sample.t_s - self.began_s,
+                lagged_degc: lagged.unwrap_or_default(),
+            };
         }
     }
 

@@ -7,6 +7,7 @@ use super::linear::Unseen;
 use crate::estimator::{Estimator, Stage};
 use crate::filter::Initial;
 use crate::model::Model;
+use crate::operating::OperatingSeries;
 use crate::sample::{GnssFix, ImuSample, ImuStream, Sample, SampleKind};
 use nalgebra::Vector3;
 
@@ -80,6 +81,7 @@ pub(super) struct Stretch {
     pub(super) guesses: Guesses,
     /// How much of the recording gaps cut off that nothing bridges, s.
     pub(super) unbridged_s: f64,
+    pub(super) operating: OperatingSeries,
 }
 
 impl Stretch {
@@ -125,7 +127,8 @@ impl Stretch {
             });
         }
         let guesses = Guesses::of(stretch, &unseen);
-        Ok(Self { stream, initial, raw, fixes, by_hand, unseen, guesses, unbridged_s })
+        let operating = OperatingSeries::of(stretch);
+        Ok(Self { stream, initial, raw, fixes, by_hand, unseen, guesses, unbridged_s, operating })
     }
 }
 

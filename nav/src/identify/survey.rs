@@ -69,7 +69,7 @@ struct Linear<'a> {
 
 impl<'a> Linear<'a> {
     fn new(search: &'a Search<'a>, point: &'a Point) -> Self {
-        let lacking = select::lacking(search.base(), search.flights, &point.added, search.does_without());
+        let lacking = select::lacking(search.base(), search.flights, &point.added, search.looks_for());
         let linear = lacking.iter().filter(|s| select::is_linear(s.effect)).cloned();
         let effects = point.added.iter().map(|a| a.setting.clone()).chain(linear).collect();
         let watched = Watched { effects, ..Watched::default() };
@@ -257,7 +257,7 @@ impl<'a> Linear<'a> {
         let of = |effect: &&'static dyn Effect| {
             let Some(setting) = self.lacking.iter().find(|s| s.effect.name() == effect.name()) else {
                 let reason = match effect.needs_known() {
-                    _ if self.search.does_without().contains(effect.name()) => {
+                    _ if self.search.looks_for().0.contains(effect.name()) => {
                         "it was taken out of the catalogue"
                     }
                     Some(_) => {

@@ -5,6 +5,7 @@ use crate::earth::Geodetic;
 use crate::effects;
 use crate::mechanization::{Increment, Motion, NavState, step};
 use crate::model::{EffectSetting, Model};
+use crate::operating::{Channel, Operating, OperatingSample};
 use crate::rotation::c_nb_from_euler;
 use crate::sample::{AttitudeHint, FixVelocity, GnssFix, ImuSample, ImuStream, Sample, SampleKind};
 use nalgebra::Vector3;
@@ -188,6 +189,73 @@ fn a_term_outside_the_catalogue_is_named_as_a_term() {
         assert_eq!(terms[0].unit, "rad/s/(rad/s*m/s2)");
         assert!(effects.is_empty(), "seed {seed}: {effects:?}");
     }
+}
+
+/// What is named of a flight whose samples are disturbed, formulas among the candidates; with reports of a current.
+fn named(seed: u64, by: &dyn Fn(&mut ImuSample)) -> Vec<select::Added> {
+    let (model, settings) = (Model::default(), select::Settings::default());
+    let mut samples = disturbed(fly(&model, seed), by);
+    let report = |k: u32| {
+        let t_s = f64::from(k) * 0.2;
+        let values = Operating::default().with(Channel::Current, current(t_s));
+        Sample::Operating(OperatingSample { t_s, values })
+    };
+    samples.extend((0..450).map(report));
+    let flight = flight::Flight::prepare(&samples, &model).unwrap();
+    let catalogue = select::select(&[&flight], &model, &settings, &Serial);
+    let selection = beyond::select(&[&flight], &model, catalogue, &settings, &Serial);
+    let selection = judge::confirm(&[&flight], &[], selection, &settings, &Serial).selection;
+    selection.added
+}
+
+fn current(t_s: f64) -> f64 {
+    10.0 + 6.0 * (0.37 * t_s).sin() + 3.0 * (1.1 * t_s).sin()
+}
+
+#[test]
+fn an_effect_outside_the_catalogue_is_named_as_a_formula_with_its_value() {
+    let by_current = named(3, &|imu| imu.gyro.z += 4e-4 * current(imu.t_s));
+    let names: Vec<&str> = by_current.iter().map(|a| a.setting.effect.name()).collect();
+    assert_eq!(names, ["formula:gyro~current"]);
+    let setting = &by_current[0].setting;
+    assert!((setting.values[2] - 4e-4).abs() < 3.0 * setting.sigmas[2], "{setting:?}");
+    assert!(setting.values[..2].iter().zip(&setting.sigmas).all(|(v, s)| v.abs() < 3.5 * s), "{setting:?}");
+    let by_product = named(4, &|imu| imu.gyro.y += 4e-3 * imu.gyro.x * imu.accel.z);
+    let names: Vec<&str> = by_product.iter().map(|a| a.setting.effect.name()).collect();
+    assert_eq!(names, ["formula:gyro~w_x*f_z"]);
+}
+
+#[test]
+fn a_clean_flight_and_one_of_the_catalogue_have_no_formula() {
+    for seed in 30..34 {
+        assert!(named(seed, &|_| ()).is_empty(), "seed {seed}");
+        let scaled = named(seed, &|imu| imu.gyro.y += 2e-2 * imu.gyro.y);
+        let formulas = scaled.iter().filter(|a| a.setting.effect.name().starts_with("formula:")).count();
+        assert_eq!(formulas, 0, "seed {seed}: {scaled:?}");
+    }
+}
+
+#[test]
+fn a_second_flight_confirms_a_formula_or_contradicts_it() {
+    let settings = select::Settings::default();
+    let confirmed = |size: f64| {
+        let model = Model::default();
+        let mut samples = disturbed(fly(&model, 9), &|imu| imu.gyro.z += size * current(imu.t_s));
+        samples.extend((0..450).map(|k| {
+            let t_s = f64::from(k) * 0.2;
+            let values = Operating::default().with(Channel::Current, current(t_s));
+            Sample::Operating(OperatingSample { t_s, values })
+        }));
+        let flight = flight::Flight::prepare(&samples, &model).unwrap();
+        let effect = effects::find("formula:gyro~current").unwrap();
+        let earlier = EffectSetting { effect, values: vec![0.0, 0.0, 4e-4], sigmas: vec![3e-5; 3] };
+        beyond::confirm(&[&flight], &model, &[earlier], &settings, &Serial).remove(0)
+    };
+    let same = confirmed(4e-4);
+    assert!(same.evidence > 5.0 && same.differences().iter().all(|z| z.abs() < 3.5), "{same:?}");
+    let other = confirmed(-4e-4);
+    assert!(other.differences()[2] < -5.0, "{other:?}");
+    assert!(confirmed(0.0).differences()[2] < -3.0);
 }
 
 #[test]

@@ -2,6 +2,7 @@
 
 use crate::commands::ListenArgs;
 use crate::commands::band::BandArgs;
+use crate::commands::effects::EffectsArgs;
 use crate::commands::foxglove::{DEFAULT_ADDRESS, listen_address};
 use crate::commands::known::KnownArgs;
 use crate::link::address::Address;
@@ -24,6 +25,9 @@ pub struct RunArgs {
     /// Model of the sensors (default: g-sensitivity and GNSS latency are estimated).
     #[arg(long, value_name = "FILE")]
     pub model: Option<PathBuf>,
+    /// Effects that a user defines, for the model.
+    #[command(flatten)]
+    pub effects: EffectsArgs,
     /// Where to record: a folder, or a file that ends in .mcap.
     #[arg(long, value_name = "PATH", default_value = "recordings", conflicts_with = "no_record")]
     pub record: PathBuf,

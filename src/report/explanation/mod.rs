@@ -6,6 +6,7 @@ mod autopilot;
 mod catalogue;
 mod effects;
 mod evidence;
+mod formulas;
 
 pub use super::page::escape;
 pub use answers::{headline, verdict};
@@ -34,6 +35,7 @@ pub fn html(explained: &Explained) -> Result<String, String> {
     answers::section(explained, &mut body);
     health(explained, &mut body);
     effects::details(explained, &mut body);
+    formulas::section(&explained.drivers, &mut body);
     evidence::before_and_after(e, &mut body);
     autopilot::section(e, &mut body);
     catalogue::effects(explained, &mut body);
@@ -144,6 +146,7 @@ mod tests {
             model: Model::default(),
             judged: None,
             residuals: Vec::new(),
+            drivers: Vec::new(),
             not_found: Vec::new(),
             logs: vec!["<bench>.tlog".to_owned()],
             validated: Vec::new(),

@@ -128,10 +128,14 @@ impl TopicEncoder {
             RecordItem::Sample(t_us, Sample::Attitude(s)) => {
                 vec![self.json("/attitude_autopilot", *t_us, &AttitudeRecord::from(s))]
             }
-            // They are in the frames again and stand in the log.
+            // All of them are in the frames again, or stand in the log.
             RecordItem::Sample(
                 _,
-                Sample::Stream(_) | Sample::Restart(_) | Sample::Recalibrated | Sample::Place(_),
+                Sample::Stream(_)
+                | Sample::Restart(_)
+                | Sample::Recalibrated
+                | Sample::Place(_)
+                | Sample::Operating(_),
             ) => Vec::new(),
             RecordItem::Snapshot(t_us, s) => self.snapshot(*t_us, s),
             RecordItem::Log(t_us, severity, text) => {

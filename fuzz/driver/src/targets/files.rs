@@ -14,7 +14,8 @@ use gaware_mission::item::{Autopilot, Mission, MissionKind};
 use gaware_mission::maneuver::{Entry, Maneuver};
 use gaware_mission::transfer::Address;
 use gaware_mission::transfer::verified::VehicleState;
-use gaware_nav::effects::REGISTRY;
+use gaware_nav::effects::data::{check as effects_file, expression::Expression};
+use gaware_nav::effects::{Instant, REGISTRY};
 use gaware_nav::model::{EffectSetting, Model};
 use nalgebra::Vector3;
 
@@ -146,6 +147,37 @@ pub fn airframe(data: &[u8]) -> bool {
         assert!(!last.contains("NaN") && !last.contains("inf"), "{maneuver:?}: {last}");
     }
     true
+}
+
+/// `effects.toml`, and expressions by themselves. What is accepted has a value or none on every sample, and reads as it is written.
+pub fn effects(data: &[u8]) -> bool {
+    let text = String::from_utf8_lossy(data);
+    let (before, after) =
+        (Instant::default(), Instant { t_s: 1.0, rate: Vector3::repeat(1e3), ..Instant::default() });
+    if let Ok(expression) = Expression::parse(&text) {
+        for x in [&before, &after] {
+            let _ = expression.value(x);
+        }
+        let again = Expression::parse(expression.text());
+        assert!(again.is_ok_and(|e| e.dimension() == expression.dimension()), "{text}");
+        return true;
+    }
+    // Effects live as long as the program: whole files are tried, of one kind of content each, and not defined.
+    match effects_file(&text) {
+        Ok(()) => true,
+        Err(error) => refused(&error),
+    }
+}
+
+/// Expressions and files as people write them.
+pub fn effects_seeds() -> Vec<Vec<u8>> {
+    let texts = [
+        "w_x*|w_x| - 2*f_z^2/(1 + throttle)",
+        "lag(temperature, 30) - temperature",
+        "is(mode, 5)*sin(heading)",
+        "schema = \"gaware.effects/1\"\n[[effect]]\nname = \"esc\"\ntarget = \"gyro\"\nz = \"current\"\nunit = \"deg/h/A\"\n",
+    ];
+    texts.iter().map(|t| t.as_bytes().to_vec()).collect()
 }
 
 /// Models as the program writes them.

@@ -48,7 +48,7 @@ struct Look {
 
 impl Search<'_> {
     /// Looks again at the best of a scan at `from`; best first, its evidence counted against `point`.
-    pub(super) fn close_looks(
+    pub(in crate::identify) fn close_looks(
         &self,
         scanned: &[Candidate],
         from: &Point,

@@ -35,6 +35,8 @@ pub struct Settings {
     pub tolerances: bool,
     /// Effects that are not looked for, whatever the flights say: a study's.
     pub without: Without,
+    /// Effects that are looked for beside those of the catalogue.
+    pub beside: Beside,
 }
 
 impl Default for Settings {
@@ -47,6 +49,7 @@ impl Default for Settings {
             most_effects: 12,
             tolerances: true,
             without: Without::default(),
+            beside: Beside::default(),
         }
     }
 }
@@ -66,6 +69,39 @@ impl Without {
     /// Whether it does without this one.
     pub fn contains(self, name: &str) -> bool {
         self != Self(0) && self.and(name) == self
+    }
+}
+
+/// At most so many effects are looked for beside those of the catalogue.
+const MOST_BESIDE: usize = 24;
+
+/// Effects that a search has beside those of the catalogue: a user's, or formulas.
+#[derive(Debug, Clone, Copy, Default)]
+pub struct Beside([Option<&'static dyn Effect>; MOST_BESIDE]);
+
+impl Beside {
+    /// The same, and these too; those beyond the place that there is are left out.
+    #[must_use]
+    pub fn and(mut self, effects: &[&'static dyn Effect]) -> Self {
+        for effect in effects {
+            if self.iter().all(|e| e.name() != effect.name())
+                && let Some(free) = self.0.iter_mut().find(|e| e.is_none())
+            {
+                *free = Some(*effect);
+            }
+        }
+        self
+    }
+
+    /// Each of them.
+    pub fn iter(&self) -> impl Iterator<Item = &'static dyn Effect> {
+        self.0.into_iter().flatten()
+    }
+}
+
+impl PartialEq for Beside {
+    fn eq(&self, other: &Self) -> bool {
+        self.iter().map(Effect::name).eq(other.iter().map(Effect::name))
     }
 }
 
@@ -177,10 +213,12 @@ pub(super) fn lacking(
     base: &Model,
     flights: &[&Flight],
     added: &[Added],
-    without: Without,
+    (without, beside): (Without, Beside),
 ) -> Vec<EffectSetting> {
     REGISTRY
         .iter()
+        .copied()
+        .chain(beside.iter())
         .filter(|e| !without.contains(e.name()))
         .filter(|e| added.iter().all(|a| a.setting.effect.name() != e.name()))
         .filter_map(|effect| {
@@ -198,7 +236,7 @@ pub(super) fn lacking(
                 Some(known) if known.estimated() > 0 || effect.is_empty() => None,
                 Some(known) => Some(known.clone()),
                 None => {
-                    Some(EffectSetting { sigmas: vec![0.0; effect.len()], ..EffectSetting::unknown(*effect) })
+                    Some(EffectSetting { sigmas: vec![0.0; effect.len()], ..EffectSetting::unknown(effect) })
                 }
             }
         })

@@ -20,15 +20,10 @@ impl Search<'_> {
     /// Every candidate, or those of these names; best first.
     pub(super) fn scan(&self, point: &Point, names: Option<&[&'static str]>) -> Vec<Candidate> {
         let wanted = |effect: &dyn Effect| names.is_none_or(|n| n.contains(&effect.name()));
-        let mut lacking = lacking(&self.base, self.flights, &point.added, self.settings.without);
+        let mut lacking = lacking(&self.base, self.flights, &point.added, self.looks_for());
         lacking.retain(|s| wanted(s.effect));
-        let linear: Vec<&EffectSetting> = lacking.iter().filter(|s| is_linear(s.effect)).collect();
-        let effects = point.added.iter().map(|a| &a.setting).chain(linear.iter().copied()).cloned().collect();
-        let watched = Watched { effects, ..Watched::default() };
-        let (_, [information, _]) = together(self.run_through(point, &watched, None, None));
+        let mut candidates = self.glance(point, &lacking);
         let problems = self.problems(point, &Watched::default());
-        let mut candidates: Vec<Candidate> =
-            linear.iter().filter_map(|s| linear_candidate(s, &point.added, &watched, &information)).collect();
         let jumping: Vec<&EffectSetting> = lacking.iter().filter(|s| is_jump(s.effect)).collect();
         if !jumping.is_empty() {
             let shocks = map(self.workers, problems.len(), |k| {
@@ -49,6 +44,15 @@ impl Search<'_> {
         candidates.retain(|c| c.evidence.is_finite());
         candidates.sort_by(|a, b| b.evidence.total_cmp(&a.evidence));
         candidates
+    }
+
+    /// These linear effects beside those of a point, in no order.
+    pub(in crate::identify) fn glance(&self, point: &Point, lacking: &[EffectSetting]) -> Vec<Candidate> {
+        let linear: Vec<&EffectSetting> = lacking.iter().filter(|s| is_linear(s.effect)).collect();
+        let effects = point.added.iter().map(|a| &a.setting).chain(linear.iter().copied()).cloned().collect();
+        let watched = Watched { effects, ..Watched::default() };
+        let (_, [information, _]) = together(self.run_through(point, &watched, None, None));
+        linear.iter().filter_map(|s| linear_candidate(s, &point.added, &watched, &information)).collect()
     }
 
     /// Drifts of several sizes.
@@ -170,6 +174,7 @@ fn linear_candidate(
     for (i, k) in new.iter().enumerate() {
         found.values[slots[*k].1] += best.step[old.len() + i];
     }
+    let evidence = evidence - setting.effect.prior_cost();
     let cost = best.evidence - without.evidence - evidence;
     Some(Candidate { setting: found, prior, evidence, cost })
 }

@@ -217,9 +217,9 @@ impl<'a> Search<'a> {
         self.settings.options
     }
 
-    /// What is not looked for.
-    pub(in crate::identify) fn does_without(&self) -> super::Without {
-        self.settings.without
+    /// What of the catalogue is not looked for, and what beside it is.
+    pub(in crate::identify) fn looks_for(&self) -> (super::Without, super::Beside) {
+        (self.settings.without, self.settings.beside)
     }
 
     /// Whether values allow for what calibration leaves in any unit.
@@ -275,7 +275,7 @@ impl<'a> Search<'a> {
     }
 
     /// The model as it is, with the noise that suits it.
-    pub(super) fn start(&mut self, noise: &Noise) -> Point {
+    pub(in crate::identify) fn start(&mut self, noise: &Noise) -> Point {
         let (mut point, mut problems) = self.settle(&self.given, noise, &self.empty(noise), 0);
         for _ in 0..2 {
             let fitted = self.fit_noise(&problems, &point.noise);
@@ -305,14 +305,16 @@ impl<'a> Search<'a> {
         let fixes: usize = self.flights.iter().map(|f| f.fixes().len()).sum();
         let parameters = best.setting.effect.len() as f64;
         let reported = |l: &(Candidate, Point)| (l.0.setting.effect.name(), l.0.evidence);
+        // A name of the catalogue stands alone only where no formula explains as much: what a formula pays for the grammar makes it less likely,
+        // not its explanation worse.
+        let (own_cost, margin) = (best.setting.effect.prior_cost(), self.settings.margin);
+        let near = |l: &&(Candidate, Point)| {
+            let more = (l.0.setting.effect.prior_cost() - own_cost).max(0.0);
+            l.0.evidence > best.evidence - margin.max(more)
+        };
         let other = |r: &&(&'static str, f64)| looks.iter().all(|l| l.0.setting.effect.name() != r.0);
         Step {
-            group: looks
-                .iter()
-                .map(reported)
-                .filter(|l| l.1 > best.evidence - self.settings.margin)
-                .map(|l| l.0)
-                .collect(),
+            group: looks.iter().filter(near).map(|l| l.0.setting.effect.name()).collect(),
             evidence: best.evidence,
             log_likelihood_gain: gain,
             bic_gain: gain - 0.5 * parameters * (fixes as f64).ln(),

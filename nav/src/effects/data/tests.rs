@@ -1,0 +1,96 @@
+//! Effects as data: what they add, what is refused, what is written.
+
+use super::*;
+use crate::effects::testing::instant;
+use crate::effects::{Conditions, find as find_any};
+use crate::operating::{Channel, Operating};
+
+fn with_current(amperes: f64) -> Instant {
+    let operating = Operating::default().with(Channel::Current, amperes);
+    Instant {
+        conditions: Conditions { operating, ..Conditions::default() },
+        ..instant([0.1, 0.2, -0.3], [1.0, 2.0, -9.0])
+    }
+}
+
+#[test]
+fn a_formula_is_an_effect_by_its_name() {
+    let effect = find_any("formula:gyro~current").unwrap();
+    let unit = effect.groups()[0].unit;
+    assert_eq!((unit.symbol, unit.suffix, effect.len()), ("deg/h/A", "deg_per_h_per_a", 3));
+    let added = effect.gyro(&[0.0, 1e-5, 2e-5], &with_current(10.0));
+    assert!((added - Vector3::new(0.0, 1e-4, 2e-4)).norm() < 1e-12);
+    assert_eq!(effect.accel(&[1.0; 3], &with_current(10.0)), Vector3::zeros());
+    // What is not reported drives nothing.
+    assert_eq!(effect.gyro(&[1.0; 3], &instant([0.1; 3], [1.0; 3])), Vector3::zeros());
+    assert!(std::ptr::addr_eq(effect, find_any("formula:gyro~current").unwrap()));
+    assert!(find_any("formula:gyro~curent").is_none() && find_any("formula:baro~current").is_none());
+    assert_eq!(find_any("formula:accel~w_x*|w_x|").unwrap().groups()[0].unit.symbol, "mg/(rad/s)²");
+}
+
+#[test]
+fn jacobians_are_what_the_effect_adds_per_parameter() {
+    load("schema = \"gaware.effects/1\"\n[[effect]]\nname = \"mixed_axes\"\ntarget = \"accel\"\nx = \"current\"\nz = \"2*current\"").unwrap();
+    for name in ["formula:gyro~w_x*f_z", "formula:accel~current*current", "mixed_axes"] {
+        let (effect, x) = (find_any(name).unwrap(), with_current(3.0));
+        let (mut gyro, mut accel) = ([Vector3::zeros(); 3], [Vector3::zeros(); 3]);
+        effect.imu_jacobian(&[0.0; 3], &x, &mut gyro, &mut accel);
+        for k in 0..3 {
+            let mut p = [0.0; 3];
+            p[k] = 1.0;
+            assert_eq!([effect.gyro(&p, &x), effect.accel(&p, &x)], [gyro[k], accel[k]], "{name} {k}");
+        }
+    }
+}
+
+#[test]
+fn a_file_defines_effects_and_is_read_again_as_it_was_written() {
+    let text = "schema = \"gaware.effects/1\"\n[[effect]]\nname = \"esc_heat\"\ntarget = \"gyro\"\nz = \"current*current\"\n\
+                unit = \"deg/h/A2\"\nprior_sigma = 0.5\ncause = \"heat\"\nremedy = \"a shield\"\n";
+    let effect = load(text).unwrap()[0];
+    assert_eq!((effect.name(), effect.len(), effect.cause()), ("esc_heat", 1, "heat"));
+    assert!((effect.groups()[0].prior_sigma / unit::DEG_PER_H.si - 0.5).abs() < 1e-12);
+    assert!((effect.gyro(&[2.0], &with_current(3.0)) - Vector3::new(0.0, 0.0, 18.0)).norm() < 1e-12);
+    let again = written([definition("esc_heat").unwrap()]);
+    assert!(std::ptr::addr_eq(load(&again).unwrap()[0], effect), "{again}");
+    assert!(of_files().iter().any(|e| e.name() == "esc_heat"));
+}
+
+#[test]
+fn errors_of_a_file_are_named() {
+    let error = |body: &str| {
+        load(&format!("schema = \"gaware.effects/1\"\n[[effect]]\n{body}"))
+            .expect_err("must be rejected")
+            .to_string()
+    };
+    assert!(load("schema = \"gaware.effects/2\"").unwrap_err().to_string().contains("gaware.effects/1"));
+    for (body, wanted) in [
+        ("name = \"a1\"\ntarget = \"gyro\"\nx = \"curent\"", "no such quantity"),
+        ("name = \"a2\"\ntarget = \"compass\"\nx = \"current\"", "gyro or accel"),
+        ("name = \"a3\"\ntarget = \"gyro\"", "driver for all axes"),
+        ("name = \"a4\"\ntarget = \"gyro\"\nx = \"current\"\nunit = \"deg/h/V\"", "deg/h/A"),
+        ("name = \"a5\"\ntarget = \"gyro\"\nx = \"current\"\ny = \"voltage\"", "different units"),
+        ("name = \"gps_latency\"\ntarget = \"gyro\"\nx = \"current\"", "catalogue"),
+        ("name = \"A 6\"\ntarget = \"gyro\"\nx = \"current\"", "a to z"),
+        ("name = \"a7\"\ntarget = \"gyro\"\nx = \"current\"\nprior_sigma = -1.0", "positive"),
+        ("name = \"a8\"\ntarget = \"gyro\"\nx = \"current\"\nsigma = 1.0", "sigma"),
+    ] {
+        let error = error(body);
+        assert!(error.contains(wanted), "{body}: {error}");
+    }
+    let first = "name = \"twice\"\ntarget = \"gyro\"\nx = \"current\"";
+    load(&format!("schema = \"gaware.effects/1\"\n[[effect]]\n{first}")).unwrap();
+    assert!(error(&first.replace("current", "voltage")).contains("otherwise"));
+}
+
+#[test]
+fn every_formula_of_the_grammar_is_an_effect_of_a_sensible_prior() {
+    for driver in grammar::drivers() {
+        for target in ["gyro", "accel"] {
+            let name = format!("{FORMULA}{target}~{driver}");
+            let effect = find_any(&name).unwrap_or_else(|| panic!("{name}"));
+            assert!(effect.groups()[0].prior_sigma.is_finite() && effect.prior_cost() > 0.0);
+            assert!(!effect.description().is_empty() && effect.name() == name);
+        }
+    }
+}

@@ -1,0 +1,174 @@
+//! Beyond the catalogue: formulas over all drivers that the flights have compete with the effects of the catalogue, by the same evidence.
+//!
+//! Sparse regression over a library of candidate terms (Brunton, Proctor & Kutz 2016, "Discovering governing equations from data by sparse
+//! identification of nonlinear dynamical systems", PNAS 113), with the marginal likelihood in place of a threshold on coefficients (Tipping 2001, "Sparse
+//! Bayesian learning and the relevance vector machine", JMLR 1). Every formula is screened at a glance twice, some at a time: with nothing named, and
+//! beside what the catalogue named. Where one comes near what the catalogue explains, or explains what it leaves, the selection is
+//! made again with the best of them among its candidates. A formula pays for the size of the grammar
+//! ([`Effect::prior_cost`](crate::effects::Effect::prior_cost)).
+
+use super::flight::Flight;
+use super::select::{self, Added, Point, Search, Selection, Settings};
+use super::{Workers, judge};
+use crate::effects::data::grammar;
+use crate::effects::{Effect, data};
+use crate::model::{EffectSetting, Model};
+
+/// So many formulas are watched at once: the cost of a pass grows with the square of its columns.
+const AT_ONCE: usize = 24;
+/// So many of the best at each point are tried closely.
+const TRIED: usize = 5;
+/// A formula this far behind the best effect of the catalogue at a glance may still win when noise and values are fitted, nats …
+const BEHIND: f64 = 12.0;
+/// … or by this share of its evidence.
+const BEHIND_SHARE: f64 = 0.2;
+/// A formula with this evidence beside all that was named is tried, nats: below the threshold for a name, since a glance does not fit the noise.
+const WORTH: f64 = 1.0;
+
+/// A selection that adds the best effect at each step may end worse than the one without formulas: not by more than this, nats.
+const GREEDY: f64 = 10.0;
+
+/// A formula and its evidence at a glance, nats, the price of the grammar included.
+type Glance = (&'static dyn Effect, f64);
+
+/// The formulas at a glance beside the effects of a point; best first.
+fn screen(search: &Search<'_>, point: &Point, formulas: &[&'static dyn Effect]) -> Vec<Glance> {
+    let mut out: Vec<Glance> = Vec::new();
+    for some in formulas.chunks(AT_ONCE) {
+        let lacking: Vec<EffectSetting> = some
+            .iter()
+            .filter(|e| point.added.iter().all(|a| a.setting.effect.name() != e.name()))
+            .map(|e| EffectSetting { sigmas: vec![0.0; e.len()], ..EffectSetting::unknown(*e) })
+            .collect();
+        let found = search.glance(point, &lacking);
+        out.extend(found.into_iter().map(|c| (c.setting.effect, c.evidence)).filter(|g| g.1.is_finite()));
+    }
+    out.sort_by(|a, b| b.1.total_cmp(&a.1));
+    out
+}
+
+/// What the catalogue's strongest effect explains by itself, nats.
+fn strongest(selection: &Selection) -> f64 {
+    selection.steps.iter().map(|s| s.evidence).fold(0.0, f64::max)
+}
+
+/// Formulas that may be what flights show, given what the catalogue makes of them.
+fn promising(
+    flights: &[&Flight],
+    catalogue: &Selection,
+    settings: &Settings,
+    workers: &dyn Workers,
+) -> Vec<&'static dyn Effect> {
+    let formulas = grammar::formulas(flights);
+    let settings = Settings { options: catalogue.options.all(), ..*settings };
+    let search = judge::about(flights, catalogue, &settings, workers);
+    let point = search.best(&catalogue.added, &catalogue.noise);
+    let mut tried: Vec<&'static dyn Effect> = screen(&search, &point, &formulas)
+        .into_iter()
+        .take(TRIED)
+        .filter(|g| g.1 > WORTH)
+        .map(|g| g.0)
+        .collect();
+    if !catalogue.added.is_empty() {
+        let search = Search::new(flights, &catalogue.base, &settings, workers, &catalogue.base_noise);
+        let point = search.best(&[], &catalogue.base_noise);
+        let own: Vec<EffectSetting> = catalogue.added.iter().map(|a| nothing(a.setting.effect)).collect();
+        let glance = search.glance(&point, &own).into_iter().map(|c| c.evidence).fold(0.0, f64::max);
+        let top = if glance > 0.0 { glance } else { strongest(catalogue) };
+        let bar = (top - BEHIND.max(BEHIND_SHARE * top)).max(WORTH);
+        let alone = screen(&search, &point, &formulas).into_iter().take(TRIED).filter(|g| g.1 > bar);
+        alone.for_each(|(effect, _)| {
+            if tried.iter().all(|t| t.name() != effect.name()) {
+                tried.push(effect);
+            }
+        });
+    }
+    tried
+}
+
+fn nothing(effect: &'static dyn Effect) -> EffectSetting {
+    EffectSetting { sigmas: vec![0.0; effect.len()], ..EffectSetting::unknown(effect) }
+}
+
+/// What a selection is worth: log-likelihood of the fit part, less what its parameters and formulas cost (Schwarz 1978).
+fn worth(selection: &Selection, fixes: usize) -> f64 {
+    let cost =
+        |a: &Added| 0.5 * a.setting.effect.len() as f64 * (fixes as f64).ln() + a.setting.effect.prior_cost();
+    selection.log_likelihood[1] - selection.added.iter().map(cost).sum::<f64>()
+}
+
+/// Whether a formula is named in it, alone or in a group.
+fn names_formula(selection: &Selection) -> bool {
+    selection.steps.iter().flat_map(|s| &s.group).any(|name| name.starts_with(data::FORMULA))
+}
+
+/// A selection of the catalogue's effects, or one in which formulas have taken places.
+pub fn select(
+    flights: &[&Flight],
+    base: &Model,
+    catalogue: Selection,
+    settings: &Settings,
+    workers: &dyn Workers,
+) -> Selection {
+    let tried = promising(flights, &catalogue, settings, workers);
+    if tried.is_empty() {
+        return catalogue;
+    }
+    let settings = Settings { beside: settings.beside.and(&tried), ..*settings };
+    let found = select::select(flights, base, &settings, workers);
+    let fixes = flights.iter().map(|f| f.fixes().len()).sum();
+    if names_formula(&found) && worth(&found, fixes) > worth(&catalogue, fixes) - GREEDY {
+        found
+    } else {
+        catalogue
+    }
+}
+
+/// What a flight says of one effect of a model.
+#[derive(Debug, Clone)]
+pub struct Confirmation {
+    /// The effect as the model has it, with the sigmas of an earlier flight.
+    pub earlier: EffectSetting,
+    /// As this flight has it, from a prior that knows nothing of the earlier one.
+    pub here: EffectSetting,
+    /// Logarithm of the odds that it is there at all, nats.
+    pub evidence: f64,
+}
+
+impl Confirmation {
+    /// Difference of each parameter in sigmas of both.
+    pub fn differences(&self) -> Vec<f64> {
+        let both = self.here.values.iter().zip(&self.earlier.values);
+        let sigmas = self.here.sigmas.iter().zip(&self.earlier.sigmas).map(|(a, b)| a.hypot(*b));
+        both.zip(sigmas).map(|((a, b), s)| if s > 0.0 { (a - b) / s } else { 0.0 }).collect()
+    }
+}
+
+/// Looks in flights for effects of a model as if nobody had seen them before; `base` is the model without them.
+pub fn confirm(
+    flights: &[&Flight],
+    base: &Model,
+    effects: &[EffectSetting],
+    settings: &Settings,
+    workers: &dyn Workers,
+) -> Vec<Confirmation> {
+    let settings = Settings { options: settings.options.all(), ..*settings };
+    let measured = super::noise::Noise::measured(base, flights);
+    let mut search = Search::new(flights, base, &settings, workers, &measured);
+    let start = search.start(&measured);
+    let one = |earlier: &EffectSetting| {
+        let candidate = search.glance(&start, &[nothing(earlier.effect)]).into_iter().next()?;
+        let (look, point) =
+            search.close_looks(std::slice::from_ref(&candidate), &start, &start).into_iter().next().unzip();
+        // It is one that was named before, and pays for no grammar.
+        let evidence =
+            look.map_or(candidate.evidence, |l: select::Candidate| l.evidence) + earlier.effect.prior_cost();
+        let prior = select::prior_sigmas(earlier.effect).into_iter().map(|s| (0.0, 2.0 * s)).collect();
+        let own = Added { setting: candidate.setting, prior };
+        let noise = point.map_or(start.noise, |p: Point| p.noise);
+        let best = search.best(&[own], &noise);
+        let here = best.added.into_iter().find(|a| a.setting.effect.name() == earlier.effect.name())?.setting;
+        Some(Confirmation { earlier: earlier.clone(), here, evidence })
+    };
+    effects.iter().filter_map(one).collect()
+}
