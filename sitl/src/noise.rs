@@ -38,6 +38,8 @@ pub enum Purpose {
     Choice,
     /// How an aircraft slips.
     Slip,
+    /// White noise of compasses.
+    Field,
 }
 
 /// Random numbers for one purpose.

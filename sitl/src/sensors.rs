@@ -3,6 +3,7 @@
 //! ω̃ = ω_ib + b_g + Σ effects + noise and f̃ likewise (the paper, eqs. (1) and (2)), then the rounding of the source.
 //! Fixes report the vehicle some time before their stamp. The simulation is what the model says.
 
+use crate::magnetometer::{COMPASSES, Magnetometers};
 use crate::noise::{GaussMarkov, Noise, Purpose};
 use crate::truth::{Trajectory, Truth};
 use gaware_nav::earth::Geodetic;
@@ -10,7 +11,7 @@ use gaware_nav::effects::{Antenna, FixInstant, Instant, LateRate, Older, Reporte
 use gaware_nav::model::{EffectSetting, Model};
 use gaware_nav::rotation::{euler_from_c_nb, wrap_pi};
 use gaware_nav::sample::{
-    AttitudeHint, FixVelocity, GnssFix, ImuSample, ImuStream, Quantisation, Sample, SampleKind,
+    AttitudeHint, FieldSample, FixVelocity, GnssFix, ImuSample, ImuStream, Quantisation, Sample, SampleKind,
 };
 use nalgebra::Vector3;
 use std::f64::consts::{SQRT_2, TAU};
@@ -77,6 +78,8 @@ pub struct SensorConfig {
     pub temperature: Option<Temperature>,
     /// Times without fixes: from, to, s.
     pub outages: Vec<(f64, f64)>,
+    /// Samples of each compass, Hz; 0 = none.
+    pub field_rate_hz: f64,
 }
 
 impl Default for SensorConfig {
@@ -97,6 +100,7 @@ impl Default for SensorConfig {
             time_jitter_s: 0.0,
             temperature: None,
             outages: Vec::new(),
+            field_rate_hz: 0.0,
         }
     }
 }
@@ -137,6 +141,7 @@ pub struct Sensors {
     rates: [Option<(f64, Vector3<f64>)>; 2],
     /// Phase per line and axis: three of force, three of rate.
     phases: Vec<[f64; 6]>,
+    magnetometers: Magnetometers,
 }
 
 impl Sensors {
@@ -164,6 +169,7 @@ impl Sensors {
             accel_walk: Vector3::zeros(),
             rates: [None; 2],
             phases,
+            magnetometers: Magnetometers::new(seed),
         }
     }
 
@@ -358,6 +364,11 @@ impl Sensors {
         AttitudeHint { t_s: truth.t_s, roll_pitch_yaw: [angles.x, angles.y, wrap_pi(angles.z)] }
     }
 
+    /// What a compass measures at this truth, T; nothing where it has no field.
+    pub fn field(&mut self, compass: u8, truth: &Truth) -> Option<Vector3<f64>> {
+        self.magnetometers.at(compass, truth, &self.model, 0.0)
+    }
+
     /// Whether there is no fix at this time.
     pub fn in_outage(&self, t_s: f64) -> bool {
         self.config.outages.iter().any(|(from, to)| (*from..*to).contains(&t_s))
@@ -392,6 +403,7 @@ pub struct Flight {
     imu: u64,
     fix: u64,
     attitude: u64,
+    field: u64,
 }
 
 impl std::fmt::Debug for Flight {
@@ -410,6 +422,7 @@ impl Flight {
             imu: 0,
             fix: 0,
             attitude: 0,
+            field: 0,
         }
     }
 
@@ -440,6 +453,16 @@ impl Iterator for Flight {
             let attitude = due(self.attitude, config.attitude_rate_hz);
             if imu.min(fix).min(attitude) > end {
                 return None;
+            }
+            let compass = (self.field % u64::from(COMPASSES)) as u8;
+            let field = due(self.field / u64::from(COMPASSES), config.field_rate_hz);
+            if field < imu.min(fix).min(attitude) {
+                self.field += 1;
+                let truth = self.trajectory.truth_at(field);
+                if let Some(shown) = self.sensors.field(compass, &truth) {
+                    return Some((Sample::Field(FieldSample { t_s: field, compass, field: shown }), truth));
+                }
+                continue;
             }
             if imu <= fix && imu <= attitude {
                 self.imu += 1;

@@ -203,6 +203,8 @@ impl Engine {
             }
             Sample::Restart(_) => self.restart(),
             Sample::Recalibrated => {}
+            // The live estimate uses no compass.
+            Sample::Field(_) => return,
         }
         self.take(sample);
         if matches!(sample, Sample::Restart(_)) {

@@ -18,6 +18,7 @@ use std::io::Read;
 mod fixes;
 mod health;
 mod inertial;
+mod magnetic;
 mod messages;
 mod notes;
 use messages::Messages;

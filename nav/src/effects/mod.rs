@@ -11,6 +11,7 @@ mod bias_drift;
 mod catalogue;
 mod clock_drift;
 mod dispatch;
+mod field;
 mod gps_bias_step;
 mod gps_latency;
 mod gps_lever_arm;
@@ -36,6 +37,10 @@ pub use catalogue::{
     GYRO_G2_SENSITIVITY, GYRO_MISALIGNMENT, GYRO_SCALE_FACTOR, GYRO_TEMPERATURE, VIBRATION_RECTIFICATION,
 };
 pub use clock_drift::ClockDrift;
+pub use field::{
+    COMPASS, CompassEffect, FieldEffect, FieldInstant, MAG_CURRENT, MAG_DECLINATION, MAG_DELAY, MAG_HARD_IRON,
+    MAG_ROTATION, MAG_SOFT_IRON,
+};
 pub use gps_bias_step::GpsBiasStep;
 pub use gps_latency::GpsLatency;
 pub use gps_lever_arm::GpsLeverArm;
@@ -80,9 +85,9 @@ pub static REGISTRY: &[&dyn Effect] = &[
 /// What every receiver does; outside the registry, since it is not tested.
 pub static RECEIVER: &dyn Effect = &GpsSmoothing;
 
-/// The effect of this name, if there is one: of the design's table, a fault of a source, or what every receiver does.
+/// The effect of this name, if there is one: of the design's table, a fault of a source, of a compass, or what every receiver does.
 pub fn find(name: &str) -> Option<&'static dyn Effect> {
-    REGISTRY.iter().chain(MISTAKES).copied().chain([RECEIVER]).find(|e| e.name() == name)
+    REGISTRY.iter().chain(MISTAKES).chain(COMPASS).copied().chain([RECEIVER]).find(|e| e.name() == name)
 }
 
 /// Spectral densities (square roots) of random walks that an effect adds to the biases.
@@ -252,6 +257,11 @@ pub trait Effect: Sync + std::fmt::Debug {
 
     /// What it does to fixes.
     fn on_fixes(&self) -> Option<&dyn FixEffect> {
+        None
+    }
+
+    /// What it does to the field that a compass reports.
+    fn on_field(&self) -> Option<&dyn FieldEffect> {
         None
     }
 

@@ -8,6 +8,7 @@
 //! whole catalogue and no further penalty is due. Noise is fitted first ([`noise`]) so that it does not pass for an effect;
 //! effects are then added one by one at the values that the flights say ([`select`]).
 
+pub mod compass;
 pub mod evidence;
 pub mod flight;
 mod guess;

@@ -6,7 +6,7 @@ use super::linear::Unseen;
 use crate::estimator::{Estimator, Stage};
 use crate::filter::Initial;
 use crate::model::Model;
-use crate::sample::{GnssFix, ImuSample, ImuStream, Sample, SampleKind};
+use crate::sample::{FieldSample, GnssFix, ImuSample, ImuStream, Sample, SampleKind};
 use nalgebra::Vector3;
 
 /// A filter that has heading starts with these 1-sigmas whatever the search said of them, rad.
@@ -73,6 +73,8 @@ pub(super) struct Stretch {
     pub(super) raw: Vec<ImuSample>,
     /// Fixes after the start.
     pub(super) fixes: Vec<GnssFix>,
+    /// What its compasses measured.
+    pub(super) fields: Vec<FieldSample>,
     pub(super) unseen: Unseen,
     pub(super) guesses: Guesses,
     /// How much of the recording gaps cut off that nothing bridges, s.
@@ -118,7 +120,12 @@ impl Stretch {
             });
         }
         let guesses = Guesses::of(stretch, &unseen);
-        Ok(Self { stream, initial, raw, fixes, unseen, guesses, unbridged_s })
+        let field = |s: &Sample| match s {
+            Sample::Field(field) if field.t_s > initial.t_s => Some(*field),
+            _ => None,
+        };
+        let fields = stretch.iter().filter_map(field).collect();
+        Ok(Self { stream, initial, raw, fixes, fields, unseen, guesses, unbridged_s })
     }
 }
 

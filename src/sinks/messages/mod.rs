@@ -129,7 +129,10 @@ impl TopicEncoder {
                 vec![self.json("/attitude_autopilot", *t_us, &AttitudeRecord::from(s))]
             }
             // Both are in the frames again and stand in the log.
-            RecordItem::Sample(_, Sample::Stream(_) | Sample::Restart(_) | Sample::Recalibrated) => {
+            RecordItem::Sample(
+                _,
+                Sample::Stream(_) | Sample::Restart(_) | Sample::Recalibrated | Sample::Field(_),
+            ) => {
                 Vec::new()
             }
             RecordItem::Snapshot(t_us, s) => self.snapshot(*t_us, s),

@@ -157,6 +157,7 @@ impl Slope {
                 Kind::Horizontal => figure::POSITION,
                 Kind::Height => figure::HEIGHT,
                 Kind::Velocity => figure::VELOCITY,
+                Kind::Field => return,
             };
             self.by_figure[k] += 2.0 * u.r * by_r;
         }

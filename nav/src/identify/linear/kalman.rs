@@ -67,6 +67,7 @@ pub(super) fn row_variance(kind: Kind, sigma: f64, noise: &Noise) -> f64 {
         Kind::Horizontal => noise.position_scale,
         Kind::Height => noise.height_scale,
         Kind::Velocity => noise.velocity_scale,
+        Kind::Field => return sigma * sigma,
     };
     (sigma * scale).max(SIGMA_FLOOR).powi(2)
 }

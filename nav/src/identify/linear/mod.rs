@@ -11,6 +11,7 @@
 pub mod backward;
 pub mod forward;
 pub mod innovations;
+pub(super) mod field;
 mod kalman;
 pub mod reference;
 mod rows;

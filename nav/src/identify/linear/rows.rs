@@ -13,6 +13,8 @@ pub(super) enum Kind {
     Horizontal,
     Height,
     Velocity,
+    /// Of a compass.
+    Field,
 }
 
 /// One scalar measurement. Of its derivatives by the states only those are kept that are not zero.
@@ -20,24 +22,24 @@ pub(super) enum Kind {
 pub(super) struct Row {
     pub(super) kind: Kind,
     /// North, east or down.
-    axis: usize,
+    pub(super) axis: usize,
     /// What was measured less what the trajectory says.
     pub(super) residual: f64,
     /// 1-sigma before scaling.
     pub(super) sigma: f64,
     /// Derivative by the position error, or by the velocity error where it measures that.
-    own: [f64; 3],
+    pub(super) own: [f64; 3],
     /// Derivative by the attitude error.
-    attitude: [f64; 3],
+    pub(super) attitude: [f64; 3],
     /// Derivative by an error of the stamp, and by what all stamps are off by: the vehicle moves by this much per second.
-    drift: f64,
+    pub(super) drift: f64,
 }
 
 impl Row {
     /// Whether it belongs to the position.
     #[inline(always)]
     pub(super) fn is_position(&self) -> bool {
-        self.kind != Kind::Velocity
+        matches!(self.kind, Kind::Horizontal | Kind::Height)
     }
 
     /// North, east or down of a position, as the number of its Gauss-Markov error.
