@@ -164,7 +164,7 @@ impl Estimator {
             }
             Sample::Restart(reason) => self.restart(*reason),
             // The vehicle goes on; what the new calibration leaves of the biases is learnt like any change of them.
-            Sample::Recalibrated | Sample::Field(_) => {}
+            Sample::Recalibrated | Sample::Field(_) | Sample::Operating(_) => {}
         }
         Vec::new()
     }

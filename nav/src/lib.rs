@@ -21,6 +21,7 @@ pub mod mechanization;
 pub mod model;
 pub mod noise_meter;
 pub mod observability;
+pub mod operating;
 pub mod quantisation;
 pub mod rotation;
 pub mod sample;

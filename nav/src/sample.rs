@@ -4,6 +4,7 @@
 //! already dropped duplicates and foreign components; nothing here knows where a sample came from.
 
 use crate::earth::{Geodetic, STANDARD_GRAVITY};
+use crate::operating::OperatingSample;
 use nalgebra::Vector3;
 use serde::{Deserialize, Serialize};
 
@@ -214,4 +215,6 @@ pub enum Sample {
     Restart(RestartReason),
     /// The autopilot may have changed the calibration that its samples carry: their biases before and after are not the same.
     Recalibrated,
+    /// What the vehicle does beside moving.
+    Operating(OperatingSample),
 }

@@ -10,6 +10,7 @@ pub mod blind;
 pub mod faults;
 pub mod magnetometer;
 pub mod noise;
+pub mod powertrain;
 pub mod scenario;
 pub mod sensors;
 pub mod shell;

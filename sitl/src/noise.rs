@@ -38,6 +38,10 @@ pub enum Purpose {
     Choice,
     /// How an aircraft slips.
     Slip,
+    /// An auto-throttle that hunts.
+    Throttle,
+    /// Errors of what is reported of the battery.
+    Reports,
     /// White noise of compasses.
     Field,
 }

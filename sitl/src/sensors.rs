@@ -5,10 +5,14 @@
 
 use crate::magnetometer::{COMPASSES, Magnetometers};
 use crate::noise::{GaussMarkov, Noise, Purpose};
+use crate::powertrain::{Carrier, Powertrain};
 use crate::truth::{Trajectory, Truth};
 use gaware_nav::earth::Geodetic;
-use gaware_nav::effects::{Antenna, FixInstant, Instant, LateRate, Older, ReportedSample, Surroundings};
+use gaware_nav::effects::{
+    Antenna, Conditions, FixInstant, Instant, LateRate, Older, ReportedSample, Surroundings,
+};
 use gaware_nav::model::{EffectSetting, Model};
+use gaware_nav::operating::{Channel, LagBank, Operating, OperatingSample};
 use gaware_nav::rotation::{euler_from_c_nb, wrap_pi};
 use gaware_nav::sample::{
     AttitudeHint, FieldSample, FixVelocity, GnssFix, ImuSample, ImuStream, Quantisation, Sample, SampleKind,
@@ -80,6 +84,10 @@ pub struct SensorConfig {
     pub outages: Vec<(f64, f64)>,
     /// Samples of each compass, Hz; 0 = none.
     pub field_rate_hz: f64,
+    /// What drives the vehicle; `None` = nothing is reported of it and no effect sees any.
+    pub carrier: Option<Carrier>,
+    /// Reports of throttle, battery and outputs, Hz; 0 = none.
+    pub operating_rate_hz: f64,
 }
 
 impl Default for SensorConfig {
@@ -101,6 +109,8 @@ impl Default for SensorConfig {
             temperature: None,
             outages: Vec::new(),
             field_rate_hz: 0.0,
+            carrier: None,
+            operating_rate_hz: 0.0,
         }
     }
 }
@@ -142,6 +152,8 @@ pub struct Sensors {
     /// Phase per line and axis: three of force, three of rate.
     phases: Vec<[f64; 6]>,
     magnetometers: Magnetometers,
+    powertrain: Option<Powertrain>,
+    lags: LagBank,
 }
 
 impl Sensors {
@@ -155,6 +167,8 @@ impl Sensors {
         Self {
             quantisation: model.quantisation_of(&stream),
             model: model.clone(),
+            powertrain: config.carrier.map(|carrier| Powertrain::new(carrier, seed)),
+            lags: LagBank::default(),
             config,
             gyro_noise: noise(Purpose::Gyro),
             accel_noise: noise(Purpose::Accel),
@@ -212,6 +226,7 @@ impl Sensors {
             force: truth.force + vibration_force,
             temperature_above_25_degc: temperature.map_or(0.0, |t| t - 25.0),
             around: self.around(truth),
+            conditions: self.conditions(truth, temperature),
         };
         let per_sample = 1.0 / interval_s.sqrt();
         let imu = &self.model.imu;
@@ -264,6 +279,23 @@ impl Sensors {
         };
         self.rates = [self.rates[1], Some(now)];
         Surroundings { rate_derivatives: derivatives, late: LateRate::default(), vibration: power }
+    }
+
+    /// What the vehicle does beside moving.
+    fn conditions(&mut self, truth: &Truth, temperature_degc: Option<f64>) -> Conditions {
+        Conditions {
+            operating: self.powertrain.as_mut().map(|p| p.at(truth)).unwrap_or_default(),
+            speed: truth.v_n.norm(),
+            height_m: truth.place.height_m,
+            heading_rad: euler_from_c_nb(&truth.c_nb).z,
+            elapsed_s: truth.t_s,
+            lagged_degc: temperature_degc.map(|t| self.lags.push(truth.t_s, t - 25.0)).unwrap_or_default(),
+        }
+    }
+
+    /// What the autopilot reports of throttle, battery and outputs at the last inertial sample.
+    pub fn operating(&mut self) -> Operating {
+        self.powertrain.as_mut().map(Powertrain::reported).unwrap_or_default()
     }
 
     fn vibration(&self, t_s: f64) -> (Vector3<f64>, Vector3<f64>) {
@@ -366,7 +398,8 @@ impl Sensors {
 
     /// What a compass measures at this truth, T; nothing where it has no field.
     pub fn field(&mut self, compass: u8, truth: &Truth) -> Option<Vector3<f64>> {
-        self.magnetometers.at(compass, truth, &self.model, 0.0)
+        let current = self.powertrain.as_ref().and_then(|p| p.now().get(Channel::Current));
+        self.magnetometers.at(compass, truth, &self.model, current.unwrap_or(0.0))
     }
 
     /// Whether there is no fix at this time.
@@ -404,6 +437,7 @@ pub struct Flight {
     fix: u64,
     attitude: u64,
     field: u64,
+    operating: u64,
 }
 
 impl std::fmt::Debug for Flight {
@@ -423,6 +457,7 @@ impl Flight {
             fix: 0,
             attitude: 0,
             field: 0,
+            operating: 0,
         }
     }
 
@@ -451,6 +486,8 @@ impl Iterator for Flight {
             let imu = due(self.imu, config.imu_rate_hz);
             let fix = config.fix_phase_s + due(self.fix, config.fix_rate_hz);
             let attitude = due(self.attitude, config.attitude_rate_hz);
+            // The powertrain is as the last inertial sample saw it, so that reports come after it.
+            let operating = due(self.operating, config.operating_rate_hz);
             if imu.min(fix).min(attitude) > end {
                 return None;
             }
@@ -463,6 +500,12 @@ impl Iterator for Flight {
                     return Some((Sample::Field(FieldSample { t_s: field, compass, field: shown }), truth));
                 }
                 continue;
+            }
+            if operating < imu.min(fix).min(attitude) {
+                self.operating += 1;
+                let truth = self.trajectory.truth_at(operating);
+                let values = self.sensors.operating();
+                return Some((Sample::Operating(OperatingSample { t_s: operating, values }), truth));
             }
             if imu <= fix && imu <= attitude {
                 self.imu += 1;

@@ -5,7 +5,7 @@ mod units;
 
 use super::table::rows;
 use super::*;
-use gaware_nav::effects::{self, Antenna, FixInstant, Instant, Older, REGISTRY, Surroundings};
+use gaware_nav::effects::{self, Antenna, FixInstant, Instant, Older, REGISTRY};
 use gaware_nav::rotation::c_nb_from_euler;
 use nalgebra::Vector3;
 use proptest::prelude::*;
@@ -198,7 +198,7 @@ fn added(effect: &str, p: &[f64], ideal: Vector3<f64>, degc: f64) -> Vector3<f64
         rate: ideal,
         force: ideal,
         temperature_above_25_degc: degc - 25.0,
-        around: Surroundings::default(),
+        ..effects::Instant::default()
     };
     let imu = effects::find(effect).and_then(|e| e.on_samples()).expect("an effect on samples");
     if effect.starts_with("accel") { imu.accel(p, &x) } else { imu.gyro(p, &x) }

@@ -203,8 +203,8 @@ impl Engine {
             }
             Sample::Restart(_) => self.restart(),
             Sample::Recalibrated => {}
-            // The live estimate uses no compass.
-            Sample::Field(_) => return,
+            // The live estimate depends on none of it.
+            Sample::Field(_) | Sample::Operating(_) => return,
         }
         self.take(sample);
         if matches!(sample, Sample::Restart(_)) {

@@ -270,6 +270,7 @@ pub fn explanation(
         not_found,
         assumed: assumed(judged),
         noise,
+        compasses: None,
         autopilot: None,
         summary: String::new(),
     };

@@ -2,7 +2,7 @@
 
 use super::words::number;
 use gaware_nav::earth::STANDARD_GRAVITY;
-use gaware_nav::effects::{Antenna, FixInstant, Instant, Older, Surroundings};
+use gaware_nav::effects::{Antenna, Conditions, FixInstant, Instant, Older, Surroundings};
 use gaware_nav::model::EffectSetting;
 use gaware_nav::rotation::c_nb_from_euler;
 use nalgebra::Vector3;
@@ -69,6 +69,7 @@ pub fn of(setting: &EffectSetting, speed_m_per_s: f64) -> Option<String> {
             force,
             temperature_above_25_degc: 10.0 * f64::from(u8::from(load > 1.0)),
             around: if load > 1.0 { shaken() } else { Surroundings::default() },
+            conditions: Conditions { speed: speed_m_per_s, ..Conditions::default() },
         }
     };
     let (straight, turning) = (instant(1.0), instant(TURN.0));

@@ -6,12 +6,11 @@
 //! overwhelming evidence. So where fixes are too good to be true, an effect must also do more than that.
 
 use super::FlightResiduals;
-use gaware_nav::effects::Instant;
+use gaware_nav::effects::{Conditions, Instant};
 use gaware_nav::identify::flight::Flight;
 use gaware_nav::identify::judge::Judged;
 use gaware_nav::identify::residual::Motion;
 use gaware_nav::identify::terms;
-use gaware_nav::identify::watched::Regressors;
 use gaware_nav::model::EffectSetting;
 use nalgebra::Vector3;
 
@@ -75,23 +74,23 @@ fn instant(motion: &Motion, flight: &Flight) -> Instant {
         force: motion.force,
         temperature_above_25_degc: motion.temperature_degc.map_or(0.0, |t| t - 25.0),
         around: flight.around(t_s),
+        conditions: Conditions { speed: motion.speed, ..flight.conditions(t_s) },
     }
 }
 
 /// Whether a term outside the catalogue is no more than what the model leaves out.
-pub fn is_negligible(term: &terms::Found, judged: &Judged, residuals: &[FlightResiduals]) -> bool {
+pub fn is_negligible(
+    term: &terms::Found,
+    judged: &Judged,
+    residuals: &[FlightResiduals],
+    flights: &[&Flight],
+) -> bool {
     let mut spread = Spread::default();
-    for point in residuals.iter().flat_map(|g| &g.after) {
-        let motion = &point.motion;
-        let at = Regressors {
-            force: motion.force,
-            rate: motion.rate,
-            temperature_above_25_degc: motion.temperature_degc.map_or(0.0, |t| t - 25.0),
-            speed: motion.speed,
-            elapsed_s: motion.elapsed_s,
-        };
-        let value = terms::value(term.term, &at).unwrap_or_default();
-        spread.take(&Vector3::new(term.coefficient * value, 0.0, 0.0));
+    for (residuals, flight) in residuals.iter().zip(flights) {
+        for point in &residuals.after {
+            let value = terms::value(term.term, &instant(&point.motion, flight)).unwrap_or_default();
+            spread.take(&Vector3::new(term.coefficient * value, 0.0, 0.0));
+        }
     }
     let floor = if term.channel.starts_with("gyro") { GYRO } else { ACCEL };
     judged.fit[1].nis_per_dof < TOO_GOOD && spread.rms() < floor

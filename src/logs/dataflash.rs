@@ -11,6 +11,7 @@
 use super::source::{Choice, Source, Survey};
 use super::window::Window;
 use super::{Damage, Item, LogError, LogReader, Progress, Record};
+use crate::timeline::Measurement;
 use gaware_nav::observability::words::VehicleKind;
 use nalgebra::Vector3;
 use std::io::Read;
@@ -21,6 +22,7 @@ mod inertial;
 mod magnetic;
 mod messages;
 mod notes;
+mod operating;
 use messages::Messages;
 
 /// First bytes of a message of this format.
@@ -294,7 +296,9 @@ impl<R: Read> Iterator for DataflashReader<R> {
             }
         }
         let record = self.messages.queue.pop_front()?;
-        self.given += u64::from(matches!(record.item, Item::Measurement(_)));
+        let measured =
+            matches!(&record.item, Item::Measurement(m) if !matches!(m, Measurement::Operating(..)));
+        self.given += u64::from(measured);
         Some(Ok(record))
     }
 }

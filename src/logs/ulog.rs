@@ -18,6 +18,7 @@ mod basic;
 mod fields;
 mod health;
 mod notes;
+mod operating;
 mod topics;
 use basic::Basic;
 use fields::Fields;

@@ -85,7 +85,8 @@ mod tests {
         };
         let mut read = |m: &MavMessage| compasses.reading(m, Autopilot::Ardupilot);
         let (_, first) = read(&raw(1_000_000, 200)).unwrap();
-        assert_eq!((first.compass, first.field), (0, Vector3::new(200e-7, -20e-7, 400e-7)));
+        assert_eq!(first.compass, 0);
+        assert!((first.field - Vector3::new(2e-5, -2e-6, 4e-5)).norm() < 1e-12);
         assert!(read(&raw(1_020_000, 200)).is_none(), "the same sample again");
         assert!(read(&raw(1_400_000, 200)).is_some(), "a compass that stands still measures");
         assert!(read(&raw(1_500_000, 0)).is_some());

@@ -14,6 +14,7 @@ mod health;
 pub mod imu;
 pub mod modes;
 pub mod notice;
+pub mod operating;
 mod px4;
 pub mod source;
 pub mod stuck;
@@ -177,8 +178,9 @@ impl Converter {
             return;
         }
         self.count_missing(frame.sequence);
-        // Ids of HEARTBEAT, SYSTEM_TIME, GPS_RAW_INT, SCALED_IMU, RAW_IMU, ATTITUDE, HIGHRES_IMU, SCALED_IMU2 and 3.
-        if !matches!(frame.message_id, 0 | 2 | 24 | 26 | 27 | 30 | 105 | 116 | 129) {
+        // Ids of HEARTBEAT, SYS_STATUS, SYSTEM_TIME, GPS_RAW_INT, SCALED_IMU, RAW_IMU, ATTITUDE, SERVO_OUTPUT_RAW, VFR_HUD, HIGHRES_IMU,
+        // SCALED_IMU2 and 3, BATTERY_STATUS.
+        if !matches!(frame.message_id, 0..=2 | 24 | 26 | 27 | 30 | 36 | 74 | 105 | 116 | 129 | 147) {
             return;
         }
         let Ok(message) = frame.decode() else {
@@ -230,7 +232,10 @@ impl Converter {
         match measurement {
             Measurement::Imu(stamp, sample) => self.sample(*stamp, sample, out),
             Measurement::Fix(stamp, fix) => self.placed_fix(*stamp, fix, out),
-            Measurement::Stream(_) | Measurement::Attitude(..) | Measurement::Field(..) => {
+            Measurement::Stream(_)
+            | Measurement::Attitude(..)
+            | Measurement::Field(..)
+            | Measurement::Operating(..) => {
                 self.in_time(measurement, out);
             }
         }
@@ -268,6 +273,7 @@ impl Converter {
             self.autopilot = autopilot;
             self.tell(Notice::Vehicle { system_id, autopilot });
         }
+        self.in_time(&Measurement::Operating(None, operating::of_heartbeat(m)), out);
         if autopilot == Autopilot::Px4 && self.calibration.may_change(m) {
             out.push(Sample::Recalibrated);
         }
@@ -299,6 +305,9 @@ impl Converter {
                 self.in_time(&Measurement::Attitude(Stamp::BootMs(m.time_boot_ms), roll_pitch_yaw), out);
             }
             other => {
+                if let Some(values) = operating::of_message(other) {
+                    return self.in_time(&Measurement::Operating(None, values), out);
+                }
                 self.inertial(other, out);
                 if let Some((stamp, sample)) = self.compasses.reading(other, self.autopilot) {
                     self.in_time(&Measurement::Field(stamp, sample), out);

@@ -15,6 +15,7 @@ pub use clock::Stamp;
 use clock::{Clock, GAP_US};
 use gaps::GapMeter;
 pub use gaps::Gaps;
+use gaware_nav::operating::{Operating, OperatingSample};
 use gaware_nav::sample::{AttitudeHint, FieldSample, GnssFix, ImuSample, ImuStream, RestartReason, Sample};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
@@ -48,6 +49,8 @@ pub enum Measurement {
     Attitude(Stamp, [f64; 3]),
     /// A sample of a compass. Its `t_s` counts for nothing: the stamp does.
     Field(Stamp, FieldSample),
+    /// What the vehicle does beside moving; without a stamp it belongs to the time of its arrival.
+    Operating(Option<Stamp>, Operating),
 }
 
 /// What was refused, and why.
@@ -142,6 +145,7 @@ impl TimeLine {
             Measurement::Fix(stamp, fix) => self.fix(*stamp, fix, out),
             Measurement::Attitude(stamp, roll_pitch_yaw) => self.attitude(*stamp, *roll_pitch_yaw, out),
             Measurement::Field(stamp, sample) => self.field(*stamp, sample, out),
+            Measurement::Operating(stamp, values) => self.operating(*stamp, *values, out),
         }
     }
 
@@ -402,6 +406,15 @@ impl TimeLine {
             *last = Some(t_us.min(now + FIX_AHEAD_US));
             self.counts.fields += 1;
             out.push(Sample::Field(sample));
+        }
+    }
+
+    /// What the vehicle does beside moving: it decides nothing, and there is no base to put it on before the first inertial sample.
+    fn operating(&self, stamp: Option<Stamp>, values: Operating, out: &mut Vec<Sample>) {
+        let Some(now) = self.clock.now_us().filter(|_| !values.is_empty()) else { return };
+        let placed = stamp.map_or(Some(now), |stamp| self.clock.place(stamp));
+        if let Some(t_us) = placed.filter(|t_us| t_us.abs_diff(now) <= GAP_US) {
+            out.push(Sample::Operating(OperatingSample { t_s: seconds(t_us), values }));
         }
     }
 }

@@ -45,6 +45,11 @@ pub trait ImuEffect {
         None
     }
 
+    /// Whether it depends on [`Instant::conditions`].
+    fn needs_conditions(&self) -> bool {
+        false
+    }
+
     /// Whether it depends on [`Instant::around`].
     fn needs_surroundings(&self) -> bool {
         false

@@ -223,14 +223,8 @@ pub static MAG_DECLINATION: CompassEffect = CompassEffect {
 };
 
 /// Every effect on a compass, the simplest first.
-pub static COMPASS: &[&dyn Effect] = &[
-    &MAG_HARD_IRON,
-    &MAG_CURRENT,
-    &MAG_ROTATION,
-    &MAG_SOFT_IRON,
-    &MAG_DELAY,
-    &MAG_DECLINATION,
-];
+pub static COMPASS: &[&dyn Effect] =
+    &[&MAG_HARD_IRON, &MAG_CURRENT, &MAG_ROTATION, &MAG_SOFT_IRON, &MAG_DELAY, &MAG_DECLINATION];
 
 #[cfg(test)]
 mod tests {

@@ -2,6 +2,7 @@
 
 use super::Effect;
 use crate::earth::STANDARD_GRAVITY;
+use crate::operating::{LAGS, Operating};
 use nalgebra::{Matrix3, Vector3};
 
 /// The ideal inertial unit at one instant: what its effects may depend on.
@@ -17,6 +18,25 @@ pub struct Instant {
     pub temperature_above_25_degc: f64,
     /// What the samples before and after it show.
     pub around: Surroundings,
+    /// What the vehicle does beside that.
+    pub conditions: Conditions,
+}
+
+/// The vehicle at the instant of a sample: what effects outside the catalogue may depend on. Zero or absent where it is not at hand.
+#[derive(Debug, Clone, Copy, Default, PartialEq)]
+pub struct Conditions {
+    /// Throttle, battery, outputs, speed of the air, flight mode.
+    pub operating: Operating,
+    /// Speed over ground, m/s.
+    pub speed: f64,
+    /// Height, m.
+    pub height_m: f64,
+    /// Heading, rad.
+    pub heading_rad: f64,
+    /// Since the start of the estimation, s.
+    pub elapsed_s: f64,
+    /// Temperature above 25 °C behind first-order lags of [`LAGS_S`](crate::operating::LAGS_S).
+    pub lagged_degc: [f64; LAGS],
 }
 
 /// What a single sample does not show but those before and after it do; zero where they are not at hand.

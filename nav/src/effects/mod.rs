@@ -38,8 +38,8 @@ pub use catalogue::{
 };
 pub use clock_drift::ClockDrift;
 pub use field::{
-    COMPASS, CompassEffect, FieldEffect, FieldInstant, MAG_CURRENT, MAG_DECLINATION, MAG_DELAY, MAG_HARD_IRON,
-    MAG_ROTATION, MAG_SOFT_IRON,
+    COMPASS, CompassEffect, FieldEffect, FieldInstant, MAG_CURRENT, MAG_DECLINATION, MAG_DELAY,
+    MAG_HARD_IRON, MAG_ROTATION, MAG_SOFT_IRON,
 };
 pub use gps_bias_step::GpsBiasStep;
 pub use gps_latency::GpsLatency;
@@ -49,7 +49,7 @@ pub use gps_velocity_latency::GpsVelocityLatency;
 pub use gyro_accel_delay::GyroAccelDelay;
 pub use gyro_bias_step::GyroBiasStep;
 pub use imu_truncation::ImuTruncation;
-pub use instant::{Antenna, FixInstant, Instant, LateRate, Older, Surroundings};
+pub use instant::{Antenna, Conditions, FixInstant, Instant, LateRate, Older, Surroundings};
 pub use linear::{Driver, LinearEffect, Sensor};
 pub use parameters::{ParameterGroup, Shape, Unit, unit};
 pub use source::MISTAKES;

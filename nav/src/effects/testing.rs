@@ -11,7 +11,14 @@ pub fn instant(rate: [f64; 3], force: [f64; 3]) -> Instant {
         late: LateRate::default(),
         vibration: Vector3::new(2.0, 9.0, 30.0),
     };
-    Instant { t_s: 12.0, rate, force: force.into(), temperature_above_25_degc: 7.0, around }
+    Instant {
+        t_s: 12.0,
+        rate,
+        force: force.into(),
+        temperature_above_25_degc: 7.0,
+        around,
+        ..Instant::default()
+    }
 }
 
 pub fn fix_instant() -> FixInstant {

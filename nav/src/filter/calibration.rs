@@ -2,7 +2,7 @@
 //! sensor model and its Jacobian with respect to every constant state.
 
 use super::layout::{Layout, index};
-use crate::effects::{Instant, MAX_PARAMETERS, Surroundings};
+use crate::effects::{Conditions, Instant, MAX_PARAMETERS, Surroundings};
 use crate::mechanization::Motion;
 use crate::model::Model;
 use crate::sample::ImuSample;
@@ -27,6 +27,8 @@ pub struct Calibration {
     parameters: Vec<Vec<f64>>,
     /// What the samples around the present one show.
     pub around: Surroundings,
+    /// What the vehicle does beside moving.
+    pub conditions: Conditions,
     /// What the effects that are linear add together, found anew with every parameter.
     linear: LinearPart,
 }
@@ -85,6 +87,7 @@ impl Calibration {
             linear: LinearPart::of(model, &parameters),
             parameters,
             around: Surroundings::default(),
+            conditions: Conditions::default(),
         }
     }
 
@@ -96,8 +99,8 @@ impl Calibration {
     /// The same biases with the values of another model's effects.
     #[must_use]
     pub fn with_effects_of(&self, model: &Model) -> Self {
-        let Self { gyro_bias, accel_bias, around, .. } = *self;
-        Self { gyro_bias, accel_bias, around, ..Self::new(model) }
+        let Self { gyro_bias, accel_bias, around, conditions, .. } = *self;
+        Self { gyro_bias, accel_bias, around, conditions, ..Self::new(model) }
     }
 
     /// The value of a constant state.
@@ -132,6 +135,7 @@ impl Calibration {
             force: motion.force,
             temperature_above_25_degc: sample.temperature_degc.map_or(0.0, |t| t - REFERENCE_DEGC),
             around: self.around,
+            conditions: self.conditions,
         }
     }
 

@@ -7,12 +7,13 @@ use super::linear::reference::delay_s;
 use super::rounding::Rounding;
 use super::stationary;
 use super::stretch::{Stretch, averaged};
-use crate::effects::{MISTAKES, Surroundings};
+use crate::effects::{Conditions, MISTAKES, Surroundings};
 use crate::filter::Initial;
 use crate::filter::force_rate::ForceRates;
 use crate::mechanization::NavState;
 use crate::model::Model;
 use crate::noise_meter::NoiseMeter;
+use crate::operating::{LagSeries, OperatingSeries};
 use crate::quantisation::Dequantiser;
 use crate::sample::{FieldSample, GnssFix, ImuSample, ImuStream, Quantisation, Sample, SampleKind};
 use std::borrow::Cow;
@@ -43,6 +44,8 @@ pub struct Flight {
     /// What the rounding leaves unknown, for each way to read it.
     rounding: Vec<(Quantisation, Rounding)>,
     force_rates: Arc<ForceRates>,
+    operating: Arc<OperatingSeries>,
+    lags: Arc<LagSeries>,
     unseen: Unseen,
     guesses: Guesses,
     interval_s: f64,
@@ -63,10 +66,12 @@ impl Flight {
     /// # Errors
     /// When the recording is too poor to say anything.
     pub fn prepare(samples: &[Sample], model: &Model) -> Result<Self, TooLittle> {
-        let Stretch { stream, initial, raw, fixes, fields, unseen, guesses, unbridged_s } =
+        let Stretch { stream, initial, raw, fixes, fields, unseen, guesses, unbridged_s, operating } =
             Stretch::of(samples, model)?;
         let mut flight = Self {
             force_rates: Arc::new(ForceRates::new(&raw, stream.kind)),
+            operating: Arc::new(operating),
+            lags: Arc::new(LagSeries::of(&raw)),
             guesses,
             unseen,
             stream,
@@ -192,6 +197,21 @@ impl Flight {
         self.force_rates.around(t_s, 0.0)
     }
 
+    /// What the vehicle does beside moving.
+    pub fn operating(&self) -> &OperatingSeries {
+        &self.operating
+    }
+
+    /// What of the vehicle's conditions the recording says by itself.
+    pub fn conditions(&self, t_s: f64) -> Conditions {
+        Conditions {
+            operating: self.operating.at(t_s),
+            elapsed_s: t_s - self.initial.t_s,
+            lagged_degc: self.lags.at(t_s),
+            ..Conditions::default()
+        }
+    }
+
     /// What the vehicle may have done where samples are lost.
     pub(super) fn unseen(&self) -> &Unseen {
         &self.unseen
@@ -269,6 +289,8 @@ impl Flight {
         self.rounding.iter_mut().for_each(|(_, r)| r.move_by(by_s));
         let kind = self.averaged.map_or(self.stream.kind, |a| a.0);
         self.force_rates = Arc::new(ForceRates::new(&self.raw, kind));
+        Arc::make_mut(&mut self.operating).move_by(by_s);
+        Arc::make_mut(&mut self.lags).move_by(by_s);
         self.unseen.move_by(by_s);
         self.guesses.move_by(by_s);
         self.forget_undone();

@@ -6,6 +6,7 @@ use super::linear::Unseen;
 use crate::estimator::{Estimator, Stage};
 use crate::filter::Initial;
 use crate::model::Model;
+use crate::operating::OperatingSeries;
 use crate::sample::{FieldSample, GnssFix, ImuSample, ImuStream, Sample, SampleKind};
 use nalgebra::Vector3;
 
@@ -79,6 +80,7 @@ pub(super) struct Stretch {
     pub(super) guesses: Guesses,
     /// How much of the recording gaps cut off that nothing bridges, s.
     pub(super) unbridged_s: f64,
+    pub(super) operating: OperatingSeries,
 }
 
 impl Stretch {
@@ -124,8 +126,9 @@ impl Stretch {
             Sample::Field(field) if field.t_s > initial.t_s => Some(*field),
             _ => None,
         };
+        let operating = OperatingSeries::of(stretch);
         let fields = stretch.iter().filter_map(field).collect();
-        Ok(Self { stream, initial, raw, fixes, fields, unseen, guesses, unbridged_s })
+        Ok(Self { stream, initial, raw, fixes, fields, unseen, guesses, unbridged_s, operating })
     }
 }
 

@@ -17,8 +17,8 @@ use super::judge;
 use super::linear;
 use super::pass::{Information, Options};
 use super::select::{Added, Point, Search, Selection, Settings, priors};
-use crate::effects::BiasWalk;
-use crate::identify::watched::{Regressors, Term, Watched};
+use crate::effects::{BiasWalk, Instant};
+use crate::identify::watched::{Term, Watched};
 use crate::model::Model;
 
 /// One regressor with its name and unit.
@@ -28,7 +28,7 @@ pub struct Regressor {
     pub name: &'static str,
     /// Divides the unit of the channel.
     pub per: &'static str,
-    value: fn(&Regressors) -> f64,
+    value: fn(&Instant) -> f64,
     /// A size of the regressor in flight, to judge coefficients by.
     typical: f64,
 }
@@ -69,10 +69,10 @@ pub const REGRESSORS: [Regressor; 32] = [
     regressor!("w_z*f_y", "/(rad/s*m/s2)", 1.0, |r| r.rate.z * r.force.y),
     regressor!("w_z*f_z", "/(rad/s*m/s2)", 3.0, |r| r.rate.z * r.force.z),
     regressor!("T", "/degC", 10.0, |r| r.temperature_above_25_degc),
-    regressor!("speed", "/(m/s)", 20.0, |r| r.speed),
-    regressor!("speed*speed", "/(m/s)^2", 400.0, |r| r.speed * r.speed),
-    regressor!("t", "/s", 100.0, |r| r.elapsed_s),
-    regressor!("t*t", "/s^2", 1e4, |r| r.elapsed_s * r.elapsed_s),
+    regressor!("speed", "/(m/s)", 20.0, |r| r.conditions.speed),
+    regressor!("speed*speed", "/(m/s)^2", 400.0, |r| r.conditions.speed * r.conditions.speed),
+    regressor!("t", "/s", 100.0, |r| r.conditions.elapsed_s),
+    regressor!("t*t", "/s^2", 1e4, |r| r.conditions.elapsed_s * r.conditions.elapsed_s),
 ];
 
 /// Names of the channels of a term.
@@ -108,7 +108,7 @@ pub struct Found {
 }
 
 /// The value of a regressor by its name.
-pub fn value(term: &str, at: &Regressors) -> Option<f64> {
+pub fn value(term: &str, at: &Instant) -> Option<f64> {
     REGRESSORS.iter().find(|r| r.name == term).map(|r| (r.value)(at))
 }
 

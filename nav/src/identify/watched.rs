@@ -11,22 +11,7 @@ pub struct Term {
     /// 0 … 2: gyro x, y, z; 3 … 5: accelerometer x, y, z.
     pub channel: usize,
     /// What it is proportional to.
-    pub regressor: fn(&Regressors) -> f64,
-}
-
-/// What a term may depend on.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Regressors {
-    /// Specific force, m/s².
-    pub force: Vector3<f64>,
-    /// Angular rate, rad/s.
-    pub rate: Vector3<f64>,
-    /// Above 25 °C.
-    pub temperature_above_25_degc: f64,
-    /// Speed over ground, m/s.
-    pub speed: f64,
-    /// Time since the start of the filter, s.
-    pub elapsed_s: f64,
+    pub regressor: fn(&Instant) -> f64,
 }
 
 /// What is watched.

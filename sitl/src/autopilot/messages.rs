@@ -3,6 +3,7 @@
 use super::{Autopilot, Flavour};
 use crate::scenario::Airframe;
 use gaware_nav::earth::{Geodetic, STANDARD_GRAVITY};
+use gaware_nav::operating::Channel;
 use gaware_nav::rotation::euler_from_c_nb;
 use gaware_nav::sample::{FixVelocity, GnssFix, ImuSample};
 use mavlink::MessageData;
@@ -75,6 +76,8 @@ impl Autopilot {
             ATTITUDE_DATA::ID => self.attitude(boot_ms),
             GLOBAL_POSITION_INT_DATA::ID => self.global_position(boot_ms),
             VFR_HUD_DATA::ID => self.vfr_hud(),
+            SYS_STATUS_DATA::ID => self.sys_status(),
+            SERVO_OUTPUT_RAW_DATA::ID => self.outputs(),
             SIM_STATE_DATA::ID => self.sim_state(),
             MISSION_CURRENT_DATA::ID => self.mission_current(),
             EKF_STATUS_REPORT_DATA::ID | ESTIMATOR_STATUS_DATA::ID => return self.filter_status(),
@@ -174,7 +177,8 @@ impl Autopilot {
         }
         let field = self.sample_field();
         // Flags: three of acceleration, three of rate, three of the field.
-        let fields_updated = HighresImuUpdatedFlags::from_bits_truncate(if field.x == 0.0 { 0x3F } else { 0x1FF });
+        let fields_updated =
+            HighresImuUpdatedFlags::from_bits_truncate(if field.x == 0.0 { 0x3F } else { 0x1FF });
         // ArduPilot fills a field whose unit is G with mG times 1000 (`GCS_Common.cpp`: `send_highres_imu`).
         let gauss = match self.config.flavour {
             Flavour::ArduPilot => 1e-3 * TESLA.0,
@@ -289,13 +293,38 @@ impl Autopilot {
         let truth = self.truth();
         let speed = truth.v_n.norm() as f32;
         let yaw = euler_from_c_nb(&truth.c_nb).z.to_degrees().rem_euclid(360.0);
+        let throttle = self.sensors.operating().get(Channel::Throttle).unwrap_or(0.5);
         MavMessage::VFR_HUD(VFR_HUD_DATA {
             airspeed: speed,
             groundspeed: truth.v_n.xy().norm() as f32,
             alt: (truth.place.height_m - self.config.geoid_height_m) as f32,
             climb: -truth.v_n.z as f32,
             heading: yaw as i16,
-            throttle: 50,
+            throttle: (100.0 * throttle).round() as u16,
+        })
+    }
+
+    fn sys_status(&mut self) -> MavMessage {
+        let now = self.sensors.operating();
+        let of = |channel| now.get(channel).unwrap_or_default();
+        MavMessage::SYS_STATUS(SYS_STATUS_DATA {
+            voltage_battery: (1e3 * of(Channel::Voltage)).round() as u16,
+            current_battery: (100.0 * of(Channel::Current)).round() as i16,
+            battery_remaining: -1,
+            ..Default::default()
+        })
+    }
+
+    fn outputs(&mut self) -> MavMessage {
+        let now = self.sensors.operating();
+        let pwm = |k| now.get(Channel::Motor(k)).map_or(0, |v| (1000.0 + 1000.0 * v).round() as u16);
+        MavMessage::SERVO_OUTPUT_RAW(SERVO_OUTPUT_RAW_DATA {
+            time_usec: (self.boot_s() * 1e6) as u32,
+            servo1_raw: pwm(0),
+            servo2_raw: pwm(1),
+            servo3_raw: pwm(2),
+            servo4_raw: pwm(3),
+            ..Default::default()
         })
     }
 

@@ -19,6 +19,7 @@ mod upset;
 
 use crate::faults::Fault;
 use crate::noise::{Noise, Purpose};
+use crate::powertrain::Carrier;
 use crate::scenario::{Airframe, Scenario};
 use crate::sensors::{SensorConfig, Sensors};
 use crate::truth::{Trajectory, Truth};
@@ -209,7 +210,11 @@ impl Autopilot {
         let start = body.truth_at(0.0).place;
         let home = messages::home_item(&start, config.geoid_height_m);
         // Rounding is done where the message is made.
-        let sensors = SensorConfig { time_jitter_s: 0.0, ..sensors };
+        let carrier = match config.airframe {
+            Airframe::FixedWing => Carrier::Wings,
+            Airframe::Multirotor => Carrier::Rotors,
+        };
+        let sensors = SensorConfig { time_jitter_s: 0.0, carrier: Some(carrier), ..sensors };
         let (flavour, airframe) = (config.flavour, config.airframe);
         let streams = Streams::new(config.flavour, config.loop_rate_hz, config.has_highres_imu, 0.0)
             .with_sim_state(config.has_sim_state)

@@ -22,6 +22,8 @@ const COMMON: &[u32] = &[
     GLOBAL_POSITION_INT_DATA::ID,
     MISSION_CURRENT_DATA::ID,
     VFR_HUD_DATA::ID,
+    SYS_STATUS_DATA::ID,
+    SERVO_OUTPUT_RAW_DATA::ID,
 ];
 
 #[derive(Debug, Clone, Copy)]
@@ -177,19 +179,23 @@ impl Streams {
             return;
         }
         let raw = [RAW_IMU_DATA::ID];
-        let status = [GPS_RAW_INT_DATA::ID, MISSION_CURRENT_DATA::ID];
+        let status = [SYS_STATUS_DATA::ID, GPS_RAW_INT_DATA::ID, MISSION_CURRENT_DATA::ID];
         let position = [GLOBAL_POSITION_INT_DATA::ID];
         let extra1 = [ATTITUDE_DATA::ID, SIM_STATE_DATA::ID];
         let extra2 = [VFR_HUD_DATA::ID];
         let extra3 = [SYSTEM_TIME_DATA::ID];
+        let channels = [SERVO_OUTPUT_RAW_DATA::ID];
         let groups: &[&[u32]] = match group {
-            MavDataStream::MAV_DATA_STREAM_ALL => &[&raw, &status, &position, &extra1, &extra2, &extra3],
+            MavDataStream::MAV_DATA_STREAM_ALL => {
+                &[&raw, &status, &position, &extra1, &extra2, &extra3, &channels]
+            }
             MavDataStream::MAV_DATA_STREAM_RAW_SENSORS => &[&raw],
             MavDataStream::MAV_DATA_STREAM_EXTENDED_STATUS => &[&status],
             MavDataStream::MAV_DATA_STREAM_POSITION => &[&position],
             MavDataStream::MAV_DATA_STREAM_EXTRA1 => &[&extra1],
             MavDataStream::MAV_DATA_STREAM_EXTRA2 => &[&extra2],
             MavDataStream::MAV_DATA_STREAM_EXTRA3 => &[&extra3],
+            MavDataStream::MAV_DATA_STREAM_RC_CHANNELS => &[&channels],
             _ => &[],
         };
         for id in

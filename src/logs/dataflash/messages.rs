@@ -3,7 +3,7 @@
 use super::fixes::{accuracies, arrival_us, fix, utc_s};
 use super::inertial::{self, Raw};
 use super::notes::{self, Filter, class_of_firmware, class_of_parameter, version};
-use super::{Entry, health, magnetic};
+use super::{Entry, health, magnetic, operating};
 use crate::logs::source::{Choice, Source, Survey};
 use crate::logs::{Item, LogNote, Record, VehicleClass};
 use crate::sensors::gnss::Course;
@@ -175,6 +175,9 @@ impl Messages {
         }
         if let Some(found) = notes::other_attitude(entry) {
             self.note(entry, LogNote::Attitude(found.0, found.1));
+        }
+        if let Some((t_us, values)) = entry.stamp_us().zip(operating::of(entry, self.class())) {
+            self.put(t_us, Measurement::Operating(Some(Stamp::Usec(t_us)), values));
         }
         for note in health::notes(entry, self.class(), self.filter.flies(entry)) {
             self.note(entry, LogNote::Health(note));

@@ -2,10 +2,11 @@
 
 use super::notes::{board, class_of_firmware, class_of_parameter};
 use super::*;
-use crate::logs::filter::Channel;
+use crate::logs::filter::Channel as FilterChannel;
 use crate::logs::source::Kind;
 use crate::logs::{HealthNote, Item, LogNote, VehicleClass};
 use crate::timeline::{Measurement, Stamp};
+use gaware_nav::operating::{Channel, Operating};
 use gaware_nav::sample::{FixVelocity, GnssFix, SampleKind};
 use proptest::prelude::*;
 
@@ -142,6 +143,49 @@ fn a_plane_with_rotors_is_a_vtol_and_flies_turns_on_its_wings() {
     let log = [formats, text_message("ArduPlane V4.5.7 (0a)"), parameter("Q_ENABLE", 1.0), data()].concat();
     assert!(notes(&log).contains(&LogNote::Vehicle(VehicleClass::Vtol)));
     assert_eq!(read(&log).kind, Some(VehicleKind::FixedWing));
+}
+
+#[test]
+fn battery_outputs_throttle_and_mode_are_measurements_with_their_time() {
+    let floats = |t_us: u64, values: &[f32]| {
+        let mut body = t_us.to_le_bytes().to_vec();
+        values.iter().for_each(|v| body.extend(v.to_le_bytes()));
+        body
+    };
+    let mut outputs = 1_020_000_u64.to_le_bytes().to_vec();
+    [1500_u16, 0, 1900].iter().for_each(|v| outputs.extend(v.to_le_bytes()));
+    let bytes = [
+        definitions(),
+        fmt(10, 3 + 8 + 8, "BAT", "Qff", "TimeUS,Volt,Curr"),
+        fmt(11, 3 + 8 + 6, "RCOU", "QHHH", "TimeUS,C1,C2,C3"),
+        fmt(12, 3 + 8 + 4, "CTUN", "Qf", "TimeUS,ThO"),
+        fmt(13, 3 + 8 + 2, "MODE", "QMB", "TimeUS,Mode,ModeNum"),
+        message(10, &floats(1_010_000, &[15.5, 12.25])),
+        message(11, &outputs),
+        message(12, &floats(1_030_000, &[0.375])),
+        message(13, &[&1_040_000_u64.to_le_bytes()[..], &[5, 5]].concat()),
+        data(),
+    ]
+    .concat();
+    let mut reader = DataflashReader::new(&bytes[..], bytes.len() as u64);
+    let found: Vec<(Option<Stamp>, Operating)> = reader
+        .by_ref()
+        .flatten()
+        .filter_map(|r| match r.item {
+            Item::Measurement(Measurement::Operating(stamp, values)) => Some((stamp, values)),
+            _ => None,
+        })
+        .collect();
+    let none = Operating::default();
+    let at = |t_us| Some(Stamp::Usec(t_us));
+    let wanted = [
+        (at(1_010_000), none.with(Channel::Voltage, 15.5).with(Channel::Current, 12.25)),
+        (at(1_020_000), none.with(Channel::Motor(0), 0.5).with(Channel::Motor(2), 0.9)),
+        (at(1_030_000), none.with(Channel::Throttle, 0.375)),
+        (at(1_040_000), none.with(Channel::Mode, 5.0)),
+    ];
+    assert_eq!(found, wanted);
+    assert_eq!(reader.damage(), Damage::default());
 }
 
 #[test]
@@ -379,7 +423,7 @@ fn rounds(family: &str, with_core: bool) -> Vec<u8> {
     out
 }
 
-fn filter_notes(bytes: &[u8]) -> Vec<Vec<(Channel, f64)>> {
+fn filter_notes(bytes: &[u8]) -> Vec<Vec<(FilterChannel, f64)>> {
     let reader = DataflashReader::new(bytes, bytes.len() as u64);
     let values = |record: Record| match record.item {
         Item::Note(LogNote::Filter(values)) => Some(values),
@@ -391,9 +435,9 @@ fn filter_notes(bytes: &[u8]) -> Vec<Vec<(Channel, f64)>> {
 #[test]
 fn the_innovations_of_the_core_that_flies_are_taken_in_old_and_new_logs() {
     for (family, with_core) in [("NKF", false), ("XKF", false), ("NKF", true), ("XKF", true)] {
-        let (v, r) = (Channel::VelocityNorth, Channel::VelocityRatio);
+        let (v, r) = (FilterChannel::VelocityNorth, FilterChannel::VelocityRatio);
         let expected = [(v, 0.0), (r, 0.01), (v, 1.1), (r, 1.11)].map(|(channel, value)| {
-            let both = [(Channel::VelocityNorth, value), (Channel::VelocityRatio, value)];
+            let both = [(FilterChannel::VelocityNorth, value), (FilterChannel::VelocityRatio, value)];
             both.into_iter().filter(|(c, _)| *c == channel).collect::<Vec<_>>()
         });
         assert_eq!(

@@ -3,7 +3,8 @@
 use super::*;
 use crate::logs::source::Kind;
 use crate::logs::{HealthNote, Item};
-use crate::timeline::Measurement;
+use crate::timeline::{Measurement, Stamp};
+use gaware_nav::operating::{Channel, Operating};
 use gaware_nav::sample::SampleKind;
 use proptest::prelude::*;
 
@@ -250,6 +251,46 @@ fn the_innovations_of_the_instance_that_flies_are_taken() {
 }
 
 /// `sensor_combined` is of the unit that is selected.
+#[test]
+fn battery_thrust_and_motors_are_measurements_with_their_time() {
+    let mut bytes = definitions();
+    for (id, name, fields) in [
+        (20, "battery_status", "uint64_t timestamp;float voltage_v;float current_a;"),
+        (21, "vehicle_thrust_setpoint", "uint64_t timestamp;float[3] xyz;"),
+        (22, "actuator_motors", "uint64_t timestamp;float[4] control;"),
+    ] {
+        bytes.extend(message(b'F', format!("{name}:{fields}").as_bytes()));
+        bytes.extend(subscription(id, name));
+    }
+    let nan = f32::NAN;
+    for (id, values) in
+        [(20_u16, &[15.5_f32, 8.25][..]), (21, &[0.0, 0.0, -0.5]), (22, &[0.25, 0.75, nan, nan])]
+    {
+        let mut body = id.to_le_bytes().to_vec();
+        body.extend(1_500_000_u64.to_le_bytes());
+        values.iter().for_each(|v| body.extend(v.to_le_bytes()));
+        bytes.extend(message(b'D', &body));
+    }
+    bytes.extend(data());
+    let found: Vec<Operating> = UlogReader::new(&bytes[..], bytes.len() as u64)
+        .flatten()
+        .filter_map(|r| match r.item {
+            Item::Measurement(Measurement::Operating(stamp, values)) => {
+                assert!(r.t_us != 1_500_000 || stamp == Some(Stamp::Usec(1_500_000)));
+                (r.t_us == 1_500_000).then_some(values)
+            }
+            _ => None,
+        })
+        .collect();
+    let none = Operating::default();
+    let wanted = [
+        none.with(Channel::Voltage, 15.5).with(Channel::Current, 8.25),
+        none.with(Channel::Throttle, 0.5),
+        none.with(Channel::Motor(0), 0.25).with(Channel::Motor(1), 0.75),
+    ];
+    assert_eq!(found, wanted);
+}
+
 #[test]
 fn the_selected_accelerometer_is_named() {
     let mut bytes = definitions();

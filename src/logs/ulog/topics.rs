@@ -2,7 +2,7 @@
 
 use super::fields::{Fields, attitude, fix, vehicle_class};
 use super::notes::{filter_values, is_of_filter};
-use super::{Definitions, health};
+use super::{Definitions, health, operating};
 use crate::logs::source::{Choice, Kind, Source, Survey};
 use crate::logs::{HealthNote, Item, LogNote, Record, VehicleClass};
 use crate::timeline::{Measurement, Stamp};
@@ -139,6 +139,10 @@ impl Topics {
         }
         if topic.instance != if is_of_filter(&topic.name) { self.primary } else { 0 } {
             return true;
+        }
+        if let Some(values) = operating::of(&fields) {
+            let item = Item::Measurement(Measurement::Operating(Some(Stamp::Usec(t_us)), values));
+            out.push_back(Record { t_us, item });
         }
         let notes = health::notes(&topic.name, &fields, definitions);
         out.extend(notes.into_iter().map(|n| note(LogNote::Health(n))));

@@ -36,6 +36,9 @@ pub fn html(explained: &Explained) -> Result<String, String> {
     effects::details(explained, &mut body);
     evidence::before_and_after(e, &mut body);
     autopilot::section(e, &mut body);
+    if let Some(compasses) = &e.compasses {
+        super::flight::compass_section(compasses, &mut body);
+    }
     catalogue::effects(explained, &mut body);
     evidence::contributions(e, &mut body);
     if let Some(judged) = &explained.judged {

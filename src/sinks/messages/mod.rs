@@ -128,13 +128,15 @@ impl TopicEncoder {
             RecordItem::Sample(t_us, Sample::Attitude(s)) => {
                 vec![self.json("/attitude_autopilot", *t_us, &AttitudeRecord::from(s))]
             }
-            // Both are in the frames again and stand in the log.
+            // All of them are in the frames again, or stand in the log.
             RecordItem::Sample(
                 _,
-                Sample::Stream(_) | Sample::Restart(_) | Sample::Recalibrated | Sample::Field(_),
-            ) => {
-                Vec::new()
-            }
+                Sample::Stream(_)
+                | Sample::Restart(_)
+                | Sample::Recalibrated
+                | Sample::Field(_)
+                | Sample::Operating(_),
+            ) => Vec::new(),
             RecordItem::Snapshot(t_us, s) => self.snapshot(*t_us, s),
             RecordItem::Log(t_us, severity, text) => {
                 vec![self.json("/log", *t_us, &Log::new(*t_us, *severity, text))]

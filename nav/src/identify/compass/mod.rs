@@ -18,6 +18,7 @@ use super::noise::Noise;
 use super::pass::{Information, Options};
 use crate::effects::{COMPASS, FieldInstant};
 use crate::model::{EffectSetting, Model};
+use crate::operating::Channel;
 use crate::rotation::skew;
 use choose::{Chosen, Widths};
 pub use heading::{Heading, Level};
@@ -38,11 +39,9 @@ const PASSES: usize = 4;
 
 /// What is known beside a flight.
 #[derive(Debug, Clone, Copy)]
-pub struct Given<'a> {
+pub struct Given {
     /// The Earth's field at the place and date, north, east, down, T.
     pub field_n: Vector3<f64>,
-    /// Current of the battery over time, s and A; empty where it is not known.
-    pub current: &'a [(f64, f64)],
 }
 
 /// An effect of a compass that the flight shows.
@@ -114,7 +113,7 @@ impl<'a> Compasses<'a> {
     }
 
     /// Every compass that measured during the flight.
-    pub fn all(&self, given: &Given<'_>) -> Vec<CompassFound> {
+    pub fn all(&self, given: &Given) -> Vec<CompassFound> {
         let mut numbers: Vec<u8> = self.flight.fields().iter().map(|f| f.compass).collect();
         numbers.sort_unstable();
         numbers.dedup();
@@ -122,12 +121,12 @@ impl<'a> Compasses<'a> {
     }
 
     /// One compass; nothing where it has too few samples.
-    pub fn one(&self, compass: u8, given: &Given<'_>) -> Option<CompassFound> {
+    pub fn one(&self, compass: u8, given: &Given) -> Option<CompassFound> {
         let instants = self.instants(compass, given);
         if instants.iter().flatten().count() < ENOUGH {
             return None;
         }
-        let has_current = !given.current.is_empty();
+        let has_current = self.current_range().is_some();
         let yaw_sigma = self.yaw_sigma(&instants)?;
         let orientation = orientation::find(&instants, has_current, yaw_sigma);
         let mut turned = instants.clone();
@@ -140,8 +139,13 @@ impl<'a> Compasses<'a> {
         Some(self.found(compass, given, (&instants, &turned), orientation, (sigma, yaw_sigma), &chosen))
     }
 
+    /// Least and largest current, A, where it is reported.
+    fn current_range(&self) -> Option<(f64, f64)> {
+        self.flight.operating().range(Channel::Current)
+    }
+
     /// The compass at every fix of the linearised flight.
-    fn instants(&self, compass: u8, given: &Given<'_>) -> Vec<Option<Instant>> {
+    fn instants(&self, compass: u8, given: &Given) -> Vec<Option<Instant>> {
         let own: Vec<(f64, Vector3<f64>)> =
             self.flight.fields().iter().filter(|f| f.compass == compass).map(|f| (f.t_s, f.field)).collect();
         let down = Vector3::z();
@@ -157,7 +161,7 @@ impl<'a> Compasses<'a> {
                 field: c_nb.transpose() * given.field_n,
                 by_declination: c_nb.transpose() * down.cross(&given.field_n),
                 rate,
-                current_a: current_at(given.current, knot.t_s),
+                current_a: self.flight.operating().at(knot.t_s).get(Channel::Current).unwrap_or(0.0),
             };
             Some(Instant { elapsed_s: knot.t_s - start_s, c_nb, measured, x })
         };
@@ -177,10 +181,19 @@ impl<'a> Compasses<'a> {
             sum
         })?;
         let before = self.settled.prior.len();
-        let columns: Vec<usize> =
-            self.settled.prior.iter().enumerate().filter(|(_, p)| p.0 > 0.0).map(|(k, _)| k).chain([before]).collect();
-        let sigma: Vec<f64> =
-            columns.iter().map(|k| self.settled.prior.get(*k).map_or(std::f64::consts::PI, |p| p.0)).collect();
+        let columns: Vec<usize> = self
+            .settled
+            .prior
+            .iter()
+            .enumerate()
+            .filter(|(_, p)| p.0 > 0.0)
+            .map(|(k, _)| k)
+            .chain([before])
+            .collect();
+        let sigma: Vec<f64> = columns
+            .iter()
+            .map(|k| self.settled.prior.get(*k).map_or(std::f64::consts::PI, |p| p.0))
+            .collect();
         let fit = super::evidence::fit(&information, &columns, &sigma, &vec![0.0; columns.len()])?;
         let last = columns.len() - 1;
         Some(fit.covariance[(last, last)].max(0.0).sqrt())
@@ -188,8 +201,12 @@ impl<'a> Compasses<'a> {
 
     fn information(&self, fields: &[Option<FieldAtFix>], own: usize, sigma: f64) -> (Vec<Information>, f64) {
         let options = Options::default().all();
-        let run =
-            self.settled.problem.run_with_field((&self.settled.noise, &options), fields, (own, sigma), BLOCK_S);
+        let run = self.settled.problem.run_with_field(
+            (&self.settled.noise, &options),
+            fields,
+            (own, sigma),
+            BLOCK_S,
+        );
         (run.blocks, run.nis_per_dof)
     }
 
@@ -220,7 +237,7 @@ impl<'a> Compasses<'a> {
     fn found(
         &self,
         compass: u8,
-        given: &Given<'_>,
+        given: &Given,
         (instants, turned): (&[Option<Instant>], &[Option<Instant>]),
         orientation: Option<Orientation>,
         (sigma, yaw_sigma): (f64, f64),
@@ -247,20 +264,14 @@ impl<'a> Compasses<'a> {
             orientation,
             heading: Heading::of(&reported, &given.field_n, yaw_sigma),
             corrected: Heading::of(&all, &given.field_n, yaw_sigma),
-            length_t: [
-                reported.iter().map(|i| i.measured.norm()).sum::<f64>() / count,
-                given.field_n.norm(),
-            ],
+            length_t: [reported.iter().map(|i| i.measured.norm()).sum::<f64>() / count, given.field_n.norm()],
             residual_t: [rms(&mut reported.iter()), rms(&mut all.iter())],
-            held_out_t: [
-                rms(&mut reported.iter().filter(is_held)),
-                rms(&mut held.iter().filter(is_held)),
-            ],
+            held_out_t: [rms(&mut reported.iter().filter(is_held)), rms(&mut held.iter().filter(is_held))],
             noise: (sigma, chosen.correlated),
             effects: chosen.findings(),
             removed: chosen.removed(),
             not_found: chosen.not_found(),
-            current_a: (!given.current.is_empty()).then(|| {
+            current_a: self.current_range().map(|_| {
                 [
                     current().fold(f64::INFINITY, f64::min),
                     current().sum::<f64>() / count,
@@ -318,32 +329,12 @@ fn undone(i: &Instant, values: &[f64]) -> Vector3<f64> {
     inverse * (i.measured - constant)
 }
 
-/// The field at a time: the straight line through the samples around it, or between its neighbours.
+/// The field at a time, on the straight line between its neighbours. A mean over more of them would be shorter in a turn.
 fn at_time(samples: &[(f64, Vector3<f64>)], t_s: f64) -> Option<Vector3<f64>> {
-    let from = samples.partition_point(|s| s.0 < t_s - NEAR_S);
-    let to = samples.partition_point(|s| s.0 <= t_s + NEAR_S);
-    let near = samples.get(from..to)?;
-    let (first, last) = (near.first()?, near.last()?);
-    if first.0 > t_s || last.0 < t_s {
+    let next = samples.partition_point(|s| s.0 < t_s);
+    let (before, after) = (samples.get(next.checked_sub(1)?)?, samples.get(next)?);
+    if t_s - before.0 > NEAR_S || after.0 - t_s > NEAR_S {
         return None;
     }
-    let count = near.len() as f64;
-    let mean_t = near.iter().map(|s| s.0 - t_s).sum::<f64>() / count;
-    let mean = near.iter().map(|s| s.1).sum::<Vector3<f64>>() / count;
-    let spread: f64 = near.iter().map(|s| (s.0 - t_s - mean_t).powi(2)).sum();
-    if spread <= 0.0 {
-        return Some(mean);
-    }
-    let slope = near.iter().map(|s| (s.1 - mean) * (s.0 - t_s - mean_t)).sum::<Vector3<f64>>() / spread;
-    Some(mean - slope * mean_t)
-}
-
-/// The current at a time: between its neighbours, 0 before the first.
-fn current_at(current: &[(f64, f64)], t_s: f64) -> f64 {
-    let next = current.partition_point(|c| c.0 < t_s);
-    match (next.checked_sub(1).and_then(|k| current.get(k)), current.get(next)) {
-        (Some(a), Some(b)) if b.0 > a.0 => a.1 + (b.1 - a.1) * (t_s - a.0) / (b.0 - a.0),
-        (Some(one), _) | (None, Some(one)) => one.1,
-        (None, None) => 0.0,
-    }
+    Some(before.1.lerp(&after.1, (t_s - before.0) / (after.0 - before.0)))
 }

@@ -42,20 +42,22 @@ impl Orientation {
         let yaw = self.turned[(1, 0)].atan2(self.turned[(0, 0)]);
         let again = turn(upside_down, yaw);
         let degrees = (yaw.to_degrees() + 360.0).rem_euclid(360.0).round();
-        ((again - self.turned).norm() < 1e-6).then_some((if upside_down { 180.0 } else { 0.0 }, degrees % 360.0))
+        ((again - self.turned).norm() < 1e-6)
+            .then_some((if upside_down { 180.0 } else { 0.0 }, degrees % 360.0))
     }
 
     /// In words.
     pub fn words(&self) -> String {
         if let Some((roll, yaw)) = self.roll_yaw_deg() {
             return match (roll, yaw) {
-                (0.0, yaw) => format!("turned by {yaw:.0}° about its vertical axis"),
-                (_, 0.0) => "upside down (roll 180°)".to_owned(),
-                (_, yaw) => format!("upside down and turned by {yaw:.0}° (roll 180°, yaw {yaw:.0}°)"),
+                (0.0, yaw) => format!("is turned by {yaw:.0}° about its vertical axis"),
+                (_, 0.0) => "is upside down (roll 180°)".to_owned(),
+                (_, yaw) => format!("is upside down and turned by {yaw:.0}° (roll 180°, yaw {yaw:.0}°)"),
             };
         }
         let axis = |row: usize| {
-            let k = (0..3).max_by(|a, b| self.turned[(row, *a)].abs().total_cmp(&self.turned[(row, *b)].abs()));
+            let k =
+                (0..3).max_by(|a, b| self.turned[(row, *a)].abs().total_cmp(&self.turned[(row, *b)].abs()));
             let k = k.unwrap_or_default();
             format!("{}{}", if self.turned[(row, k)] < 0.0 { "−" } else { "" }, ["x", "y", "z"][k])
         };
@@ -91,7 +93,12 @@ fn candidates() -> Vec<Matrix3<f64>> {
 /// Logarithm of the marginal likelihood of an orientation, with every effect of the compass open.
 fn evidence_of(turned: &Matrix3<f64>, instants: &[&Instant], has_current: bool, weight: f64) -> f64 {
     let undo = turned.transpose();
-    let groups = || COMPASS.iter().flat_map(|e| e.groups()).flat_map(|g| std::iter::repeat_n((g.unit, g.prior_sigma), g.shape.len()));
+    let groups = || {
+        COMPASS
+            .iter()
+            .flat_map(|e| e.groups())
+            .flat_map(|g| std::iter::repeat_n((g.unit, g.prior_sigma), g.shape.len()))
+    };
     let sigma: Vec<f64> = groups().map(|g| g.1).collect();
     let mut information = Information::zeros(sigma.len());
     let mut misfit = 0.0;

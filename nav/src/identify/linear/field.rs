@@ -1,10 +1,10 @@
 //! A compass along a linearised flight: three more rows at the time of validity of each fix. They measure the attitude, and depend on effects
 //! of the compass alone; nothing drives the motion by them, so that one linearised flight serves every compass and every effect.
 
+use super::Problem;
 use super::forward::{Run, Sensitivity};
 use super::kalman::{Kalman, vectorised};
 use super::rows::{Kind, Measured, Row};
-use super::Problem;
 use crate::identify::noise::Noise;
 use crate::identify::pass::{Information, Options};
 use nalgebra::{Matrix3, Vector3};

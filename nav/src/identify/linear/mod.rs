@@ -9,9 +9,9 @@
 //! serves every model; `reference` finds it.
 
 pub mod backward;
+pub(super) mod field;
 pub mod forward;
 pub mod innovations;
-pub(super) mod field;
 mod kalman;
 pub mod reference;
 mod rows;

@@ -2,11 +2,11 @@
 
 use super::super::flight::Flight;
 use super::unseen::Unseen;
-use crate::effects::Instant;
+use crate::effects::{Conditions, Instant};
 use crate::filter::calibration::Calibration;
 use crate::filter::force_rate::ForceRates;
 use crate::filter::unseen::GAP_S;
-use crate::identify::watched::{Regressors, Watched};
+use crate::identify::watched::Watched;
 use crate::linear::fix::AtFix;
 use crate::linear::interval::{Here, Interval, Sum};
 use crate::mechanization::NavState;
@@ -18,6 +18,7 @@ use nalgebra::{Matrix3, Vector3};
 pub(super) struct Track<'a> {
     samples: &'a [ImuSample],
     force_rates: &'a ForceRates,
+    flight: &'a Flight,
     unseen: &'a Unseen,
     next: usize,
     kind: SampleKind,
@@ -28,6 +29,8 @@ pub(super) struct Track<'a> {
     start_s: f64,
     /// Whether an effect depends on more than single samples.
     needs_surroundings: bool,
+    /// Whether an effect or a term depends on more than motion.
+    needs_conditions: bool,
     from: Here,
     to: Here,
 }
@@ -51,6 +54,7 @@ impl<'a> Track<'a> {
         let mut track = Self {
             samples,
             force_rates: flight.force_rates(),
+            flight,
             unseen: flight.unseen(),
             next: 0,
             kind: flight.stream().kind,
@@ -64,6 +68,8 @@ impl<'a> Track<'a> {
                 .iter()
                 .chain(&watched.effects)
                 .any(|s| s.effect.needs_surroundings()),
+            needs_conditions: !watched.terms.is_empty()
+                || model.effects.iter().chain(&watched.effects).any(|s| s.effect.needs_conditions()),
             from: Here::default(),
             to: Here::default(),
         };
@@ -82,13 +88,13 @@ impl<'a> Track<'a> {
             }
             (one, other) => ImuSample { t_s, ..*one.or(other).unwrap_or(&self.last) },
         };
-        self.see(&self.last.clone(), 0.0);
+        self.see(&self.last.clone(), None);
     }
 
     /// Biases and parameters from here on.
     pub(super) fn set_calibration(&mut self, calibration: &Calibration) {
         self.calibration.clone_from(calibration);
-        self.see(&self.last.clone(), 0.0);
+        self.see(&self.last.clone(), None);
     }
 
     /// The parameters that are watched.
@@ -118,13 +124,28 @@ impl<'a> Track<'a> {
         }
     }
 
+    /// What the vehicle does beside moving, where something asks for it.
+    fn conditions(&self, t_s: f64, nav: Option<&NavState>) -> Conditions {
+        if !self.needs_conditions {
+            return Conditions::default();
+        }
+        let mut conditions = self.flight.conditions(t_s);
+        if let Some(nav) = nav {
+            conditions.speed = nav.v_e.norm();
+            conditions.height_m = nav.geodetic().height_m;
+            conditions.heading_rad = nav.euler().z;
+        }
+        conditions
+    }
+
     /// Motion and columns at a sample become those of the end of a step.
-    fn see(&mut self, sample: &ImuSample, speed: f64) {
+    fn see(&mut self, sample: &ImuSample, nav: Option<&NavState>) {
         std::mem::swap(&mut self.from, &mut self.to);
         // A mean is one of the middle of its interval.
         let dt = sample.t_s - self.from.t_s;
         let is_mean = self.kind != SampleKind::Point && dt > 0.0 && dt < GAP_S;
         self.look_around(sample.t_s - if is_mean { 0.5 * dt } else { 0.0 });
+        self.calibration.conditions = self.conditions(sample.t_s, nav);
         let motion = self.calibration.motion(self.model, sample);
         let here = &mut self.to;
         here.t_s = sample.t_s;
@@ -136,6 +157,7 @@ impl<'a> Track<'a> {
             force: motion.force,
             temperature_above_25_degc,
             around: self.calibration.around,
+            conditions: self.calibration.conditions,
         };
         (here.by_force, here.by_rate) = (Matrix3::zeros(), Matrix3::zeros());
         for (setting, p) in self.model.effects.iter().zip(self.calibration.parameters()) {
@@ -144,16 +166,9 @@ impl<'a> Track<'a> {
         }
         here.columns.clear();
         self.watched.imu_columns(&x, &mut here.columns);
-        let regressors = Regressors {
-            force: motion.force,
-            rate: motion.rate,
-            temperature_above_25_degc,
-            speed,
-            elapsed_s: sample.t_s - self.start_s,
-        };
         for term in &self.watched.terms {
             let mut column = [Vector3::zeros(); 2];
-            column[term.channel / 3 % 2][term.channel % 3] = -(term.regressor)(&regressors);
+            column[term.channel / 3 % 2][term.channel % 3] = -(term.regressor)(&x);
             here.columns.push(column);
         }
         // An accelerometer error passes through the g-sensitivity that the model knows of.
@@ -188,7 +203,7 @@ impl<'a> Track<'a> {
             }
             let dt = sample.t_s - self.to.t_s;
             if dt > 0.0 {
-                self.see(&sample, sum.nav().v_e.norm());
+                self.see(&sample, Some(sum.nav()));
                 sum.add(&self.from, &self.to, self.kind, dt);
                 if let Some(missed) = self.unseen.within(self.from.t_s, self.to.t_s) {
                     sum.add_gap(&missed);
