@@ -8,8 +8,6 @@ mod choose;
 mod heading;
 mod orientation;
 mod settled;
-#[cfg(test)]
-mod tests;
 
 use super::Workers;
 use super::flight::Flight;
