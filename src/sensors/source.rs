@@ -134,6 +134,8 @@ impl fmt::Display for ImuSource {
 }
 
 const WINDOW_US: u64 = 1_000_000;
+/// Stamps further from the window than this are another boot, or stand behind a gap.
+const APART_US: u64 = 10 * WINDOW_US;
 /// Windows in a row that must prefer another source before it takes over.
 const PATIENCE: u32 = 3;
 
@@ -170,8 +172,8 @@ impl SourceChoice {
     /// Counts a message of a candidate; reports when a window of message time has closed.
     pub fn count(&mut self, source: ImuSource, t_us: u64, autopilot: Autopilot) -> Option<Window> {
         let start = *self.window_start_us.get_or_insert(t_us);
-        // After a reboot or a gap the window has no meaning. Millisecond stamps may be a little older than it.
-        if t_us + WINDOW_US < start || t_us.saturating_sub(start) > 10 * WINDOW_US {
+        // After a reboot or a gap the window has no meaning. Frames that a link has delayed by seconds are older than it, too.
+        if t_us.abs_diff(start) > APART_US {
             self.window_start_us = Some(t_us);
             self.counts = [0; 5];
         }
@@ -276,6 +278,20 @@ mod tests {
             }
         }
         assert_eq!(changes, vec![RawImu]);
+    }
+
+    #[test]
+    fn frames_that_come_late_do_not_make_another_source_of_the_same_unit_the_better_one() {
+        let mut choice = SourceChoice::new(None);
+        let mut changes = Vec::new();
+        for n in 0..3000_u64 {
+            // Every third frame has been on its way for up to two seconds.
+            let late = if n % 3 == 0 { n % 20 * 100_000 } else { 0 };
+            let t_us = (10_000_000 + n * 20_000).saturating_sub(late);
+            let source = if n % 2 == 0 { ScaledImu } else { HighresImu };
+            changes.extend(choice.count(source, t_us, Autopilot::Px4).and_then(|w| w.change));
+        }
+        assert_eq!(changes, vec![ScaledImu]);
     }
 
     #[test]

@@ -5,7 +5,7 @@ use crate::health::checks::{Check, Grade, verdict};
 use crate::report::page::escape;
 use std::fmt::Write;
 
-const WIDTH: f64 = 960.0;
+const WIDTH: f64 = 860.0;
 /// Place of the axis, from the left.
 const LEFT: f64 = 70.0;
 /// Narrower modes have no name in the drawing.
@@ -66,7 +66,7 @@ fn axis(log: &HealthLog, checks: &[Check], body: &mut String) {
     let x = |t: f64| LEFT + (t.clamp(0.0, end) / end) * (WIDTH - LEFT - 10.0);
     let _ = write!(
         body,
-        "<div class=\"drawing\"><svg class=\"plot\" viewBox=\"0 0 {WIDTH:.0} 96\" font-size=\"12\" fill=\"currentColor\" role=\"img\" \
+        "<div class=\"drawing\"><svg class=\"plot\" viewBox=\"0 0 {WIDTH:.0} 96\" font-size=\"15\" fill=\"currentColor\" role=\"img\" \
          aria-label=\"modes and arming over time\"><text x=\"0\" y=\"18\">mode</text><text x=\"0\" y=\"44\">armed</text><text x=\"0\" y=\"66\">events</text>"
     );
     for (k, (from, name)) in modes.iter().enumerate() {
@@ -82,7 +82,7 @@ fn axis(log: &HealthLog, checks: &[Check], body: &mut String) {
             b - a,
             escape(name)
         );
-        if b - a > NAMED.max(7.0 * name.len() as f64) && modes.len() <= MOST_MODES {
+        if b - a > NAMED.max(9.0 * name.len() as f64) && modes.len() <= MOST_MODES {
             let _ = write!(body, "<text x=\"{:.1}\" y=\"18\">{}</text>", a + 4.0, escape(name));
         }
     }
