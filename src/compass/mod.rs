@@ -144,8 +144,16 @@ pub struct CompassReport {
     pub notes: Vec<String>,
 }
 
+impl CompassReport {
+    /// The compasses that are wrong, in words; empty where there are none.
+    pub fn wrong(&self) -> String {
+        let wrong = self.compasses.iter().filter(|c| c.status == Status::Wrong);
+        wrong.map(|c| format!(" {}", c.text)).collect()
+    }
+}
+
 /// Whether a recording holds anything of a compass.
-pub fn has_compass(samples: &[Sample]) -> bool {
+fn has_compass(samples: &[Sample]) -> bool {
     samples.iter().any(|s| matches!(s, Sample::Field(_)))
 }
 

@@ -328,6 +328,9 @@ fn flights_of(
     let mut explanation = assembly::explanation(&judged, &own, &residuals, found, listed, &events);
     explanation.summary.push_str(&unbridged);
     explanation.compasses = good.first().and_then(|flight| compasses(flight, &judged));
+    explanation
+        .summary
+        .push_str(&explanation.compasses.as_ref().map_or_else(String::new, CompassReport::wrong));
     Explained {
         explanation,
         model: assembly::new_model(&judged, &own),
