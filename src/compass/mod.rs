@@ -197,6 +197,15 @@ pub fn of_flight(
     advice::unused(&mut report.compasses, on_board);
     report.notes.push(format!("{}.", world.words()));
     report.notes.extend(advice::corrected_on_board(on_board));
+    let turned: Vec<_> = found.iter().filter_map(|f| f.orientation.as_ref()).collect();
+    if let [first, .., last] = turned[..]
+        && turned.len() == found.len()
+        && first.turned == last.turned
+    {
+        report.notes.push(
+            "All compasses are turned alike: the orientation of the board may be the wrong one instead of theirs, though a multirotor hardly flies with that.".to_owned(),
+        );
+    }
     if found.iter().any(|f| f.current_a.is_none()) {
         report.notes.push(
             "The log holds no battery current: whether motors move a compass is not tested.".to_owned(),
