@@ -16,7 +16,7 @@ use serde::Serialize;
 /// A change of less than this many sigmas is none.
 const SIGNIFICANT: f64 = 2.0;
 /// A compass that is this bad after all corrections is not to be used, deg.
-const HOPELESS_DEG: f64 = 15.0;
+const UNUSABLE_DEG: f64 = 15.0;
 /// A declination set by hand that differs by more than this, deg.
 const DECLINATION_DEG: f64 = 1.5;
 /// `COMPASS_OFFS_MAX` is 1800 mG (`AP_Compass/AP_Compass.cpp`).
@@ -441,7 +441,7 @@ pub(super) fn unused(compasses: &mut [CompassEntry], on_board: &OnBoard) {
         return;
     }
     for entry in
-        compasses.iter_mut().filter(|c| c.status == Status::Wrong && c.heading_rms_deg.after > HOPELESS_DEG)
+        compasses.iter_mut().filter(|c| c.status == Status::Wrong && c.heading_rms_deg.after > UNUSABLE_DEG)
     {
         let n = ardupilot_number(ardupilot_place(entry.compass - 1, on_board));
         let name = format!("COMPASS_USE{n}");

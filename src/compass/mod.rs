@@ -90,7 +90,7 @@ pub struct CompassEffectEntry {
     pub parameters: Vec<CompassParameter>,
     /// Logarithm of the odds for it.
     pub evidence: f64,
-    /// By how much it makes blocks more likely that took no part in the fit, nats.
+    /// By how much it makes the held-out blocks more likely, nats.
     pub held_out_gain: f64,
 }
 
@@ -113,7 +113,7 @@ pub struct CompassEntry {
     pub length_mgauss: [f64; 2],
     /// RMS residual.
     pub residual_mgauss: BeforeAfter,
-    /// The same on blocks that took no part in the fit.
+    /// The same on held-out blocks.
     pub held_out_mgauss: BeforeAfter,
     /// How it is turned, where that is not as the autopilot has it.
     pub orientation: Option<String>,

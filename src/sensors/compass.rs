@@ -88,7 +88,7 @@ mod tests {
         assert_eq!(first.compass, 0);
         assert!((first.field - Vector3::new(2e-5, -2e-6, 4e-5)).norm() < 1e-12);
         assert!(read(&raw(1_020_000, 200)).is_none(), "the same sample again");
-        assert!(read(&raw(1_400_000, 200)).is_some(), "a compass that stands still measures");
+        assert!(read(&raw(1_400_000, 200)).is_some(), "a stationary compass measures");
         assert!(read(&raw(1_500_000, 0)).is_some());
         let second = SCALED_IMU2_DATA { time_boot_ms: 1500, xmag: 210, ..Default::default() };
         assert_eq!(read(&MavMessage::SCALED_IMU2(second.clone())).unwrap().1.compass, 1);

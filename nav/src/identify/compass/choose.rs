@@ -26,7 +26,7 @@ const HELD_OUT_EVERY: usize = 3;
 const ENOUGH_BLOCKS: usize = 6;
 const UNKNOWN_CORRELATION: f64 = 9.0;
 
-/// Whether a block takes no part in choosing and fitting.
+/// Whether a block is held out.
 pub(super) fn is_held_out(block: usize) -> bool {
     block % HELD_OUT_EVERY == HELD_OUT_EVERY - 1
 }

@@ -24,7 +24,7 @@ use nalgebra::{Matrix3, Vector3};
 pub use orientation::Orientation;
 use settled::Settled;
 
-/// Samples of a compass this far from a fix stand for it: compasses are read at 10 Hz and more, s.
+/// Samples of a compass this far from a fix are used for it: compasses are read at 10 Hz and more, s.
 const NEAR_S: f64 = 0.15;
 /// Fewer fixes with a compass than this say nothing of it.
 const ENOUGH: usize = 60;
@@ -72,7 +72,7 @@ pub struct CompassFound {
     pub length_t: [f64; 2],
     /// RMS of its residual, as reported and corrected, T.
     pub residual_t: [f64; 2],
-    /// The same on blocks that took no part in the fit.
+    /// The same on held-out blocks.
     pub held_out_t: [f64; 2],
     /// Noise that was fitted, T, and by how much its error is correlated: a factor on variances.
     pub noise: (f64, f64),

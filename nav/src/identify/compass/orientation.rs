@@ -128,7 +128,7 @@ fn evidence_of(turned: &Matrix3<f64>, instants: &[&Instant], has_current: bool, 
     fit.map_or(f64::NEG_INFINITY, |f| f.evidence - 0.5 * misfit)
 }
 
-/// The orientation that the field shows, where it is beyond doubt another one than the autopilot has.
+/// The orientation that the field shows, where it is beyond chance another one than the autopilot has.
 pub(super) fn find(instants: &[Option<Instant>], has_current: bool, yaw_sigma: f64) -> Option<Orientation> {
     if yaw_sigma > WELL_KNOWN {
         return None;

@@ -44,7 +44,7 @@ impl FieldAtFix {
 pub(in crate::identify) struct FieldRun {
     /// Score and information of all watched parameters, block by block.
     pub(in crate::identify) blocks: Vec<Information>,
-    /// Mean squared normalised innovation of the compass per degree of freedom.
+    /// Mean NIS of the compass per degree of freedom.
     pub(in crate::identify) nis_per_dof: f64,
 }
 
