@@ -15,9 +15,9 @@ use nalgebra::{Matrix3, Rotation3, Vector3};
 const DATE: Option<f64> = Some(1_782_864_000.0);
 const MG: f64 = 1e-7;
 
-fn flight(name: &str, hidden: &[(&str, Vec<f64>)], seed: u64) -> Vec<Sample> {
+fn flight(name: &str, injected: &[(&str, Vec<f64>)], seed: u64) -> Vec<Sample> {
     let mut scenario = scenario::scenario(name).unwrap();
-    for (effect, values) in hidden {
+    for (effect, values) in injected {
         scenario.model.set(EffectSetting::known(effects::find(effect).unwrap(), values).unwrap());
     }
     let wings = scenario.airframe == scenario::Airframe::FixedWing;
@@ -176,9 +176,9 @@ fn recorded_flights_show_their_compasses() {
 }
 
 /// A flight as its autopilot sends it, through frames, converter and time line.
-fn linked(flavour: Flavour, name: &str, hidden: (&str, &[f64])) -> Vec<Sample> {
+fn linked(flavour: Flavour, name: &str, injected: (&str, &[f64])) -> Vec<Sample> {
     let mut scenario = scenario::scenario(name).unwrap();
-    scenario.model.set(EffectSetting::known(effects::find(hidden.0).unwrap(), hidden.1).unwrap());
+    scenario.model.set(EffectSetting::known(effects::find(injected.0).unwrap(), injected.1).unwrap());
     let config = AutopilotConfig { flavour, wait_for_station: false, seed: 50, ..AutopilotConfig::default() };
     let mut autopilot = SimulatedAutopilot::playing(config, &scenario);
     let station = Sender { system_id: 255, component_id: 190 };

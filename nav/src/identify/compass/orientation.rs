@@ -7,7 +7,7 @@ use crate::identify::pass::Information;
 use nalgebra::{Matrix3, Rotation3, Vector3};
 use std::f64::consts::FRAC_PI_4;
 
-/// What attitude errors, motors and iron that nobody has calibrated leave at an instant, T.
+/// What attitude errors, motors and uncalibrated iron leave at an instant, T.
 const SIGMA_T: f64 = 50e-7;
 /// Errors are the same for so long, s: no two instants within it count as two.
 const SAME_S: f64 = 5.0;
