@@ -8,6 +8,7 @@ mod tests;
 pub mod world;
 
 use crate::advice::on_board::OnBoard;
+use crate::explain::contract::BeforeAfter;
 use crate::parallel::{Threads, cores};
 use advice::CompassProposal;
 use gaware_nav::identify::compass::{CompassFound, Compasses, Given, Heading};
@@ -51,15 +52,6 @@ pub struct Value {
     pub value: f64,
     /// 1-sigma.
     pub sigma: f64,
-}
-
-/// Something before and after what was found is corrected.
-#[derive(Debug, Clone, Copy, PartialEq, Serialize, JsonSchema)]
-pub struct BeforeAfter {
-    /// As reported.
-    pub before: f64,
-    /// Corrected.
-    pub after: f64,
 }
 
 /// A parameter of an effect.
