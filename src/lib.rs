@@ -11,6 +11,7 @@ pub mod attitudes;
 #[cfg(not(target_family = "wasm"))]
 pub mod commands;
 pub mod compare;
+pub mod compass;
 #[cfg(not(target_family = "wasm"))]
 pub mod demo;
 pub mod engine;

@@ -159,6 +159,28 @@ pub struct AttitudeHint {
     pub roll_pitch_yaw: [f64; 3],
 }
 
+/// One sample of a compass: the magnetic field in body axes, as the autopilot reports it.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+pub struct FieldSample {
+    /// Time stamp, s.
+    pub t_s: f64,
+    /// Which compass of the vehicle, from 0.
+    pub compass: u8,
+    /// Field, T.
+    pub field: Vector3<f64>,
+}
+
+/// The Earth's field is 22 to 67 µT; beyond ten times that nothing measures it any more, T. No field at all is a compass that is not there.
+const PLAUSIBLE_FIELD_T: f64 = 7e-4;
+
+impl FieldSample {
+    /// Whether a compass on a vehicle can have given these values at a time.
+    pub fn is_plausible(&self) -> bool {
+        let size = self.field.norm();
+        self.t_s.is_finite() && size > 0.0 && size < PLAUSIBLE_FIELD_T
+    }
+}
+
 /// Why the time base or the vehicle started anew.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
@@ -187,6 +209,8 @@ pub enum Sample {
     Fix(GnssFix),
     /// The autopilot's own attitude.
     Attitude(AttitudeHint),
+    /// The magnetic field.
+    Field(FieldSample),
     /// A fresh start: state is kept for the constants of the vehicle, dropped for motion.
     Restart(RestartReason),
     /// The autopilot may have changed the calibration that its samples carry: their biases before and after are not the same.

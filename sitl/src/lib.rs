@@ -8,6 +8,7 @@
 pub mod autopilot;
 pub mod blind;
 pub mod faults;
+pub mod magnetometer;
 pub mod noise;
 pub mod powertrain;
 pub mod scenario;

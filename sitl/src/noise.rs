@@ -42,6 +42,8 @@ pub enum Purpose {
     Throttle,
     /// Errors of what is reported of the battery.
     Reports,
+    /// White noise of compasses.
+    Field,
 }
 
 /// Random numbers for one purpose.

@@ -86,6 +86,11 @@ impl Powertrain {
         self.now
     }
 
+    /// As it was at the last instant.
+    pub fn now(&self) -> &Operating {
+        &self.now
+    }
+
     /// What the autopilot reports of the last instant.
     pub fn reported(&mut self) -> Operating {
         let channels = [Channel::Current, Channel::Voltage, Channel::Airspeed];

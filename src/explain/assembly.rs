@@ -54,7 +54,7 @@ fn keys(setting: &EffectSetting, values: &[f64], prefix: &str, out: &mut Map<Str
         let v: Vec<f64> = own.iter().map(|v| v / group.unit.si).collect();
         let value = match group.shape {
             Shape::Scalar => json!(v[0]),
-            Shape::Vector | Shape::UpperTriangle => json!(v),
+            Shape::Vector | Shape::UpperTriangle | Shape::Symmetric => json!(v),
             Shape::Matrix => json!([v[0..3], v[3..6], v[6..9]]),
             Shape::MatrixWithoutDiagonal => json!([[0.0, v[0], v[1]], [v[2], 0.0, v[3]], [v[4], v[5], 0.0]]),
         };
@@ -270,6 +270,7 @@ pub fn explanation(
         not_found,
         assumed: assumed(judged),
         noise,
+        compasses: None,
         autopilot: None,
         summary: String::new(),
     };

@@ -236,6 +236,9 @@ pub struct Explanation {
     /// Noise, as claimed and as the flights have it.
     #[schemars(with = "Vec<super::schema::NoiseFigure>")]
     pub noise: Vec<NoiseEntry>,
+    /// The compasses of the first flight, against its motion; absent where it holds none.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub compasses: Option<crate::compass::CompassReport>,
     /// What the autopilot itself can correct, by which parameter.
     pub autopilot: Option<crate::advice::Advice>,
     /// The result in plain words.
@@ -258,6 +261,7 @@ pub fn too_little(why: &str) -> Explanation {
         not_found: Vec::new(),
         assumed: Vec::new(),
         noise: Vec::new(),
+        compasses: None,
         autopilot: None,
         summary: format!("Too little data to identify unmodelled effects: {why}."),
     }

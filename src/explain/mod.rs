@@ -16,6 +16,7 @@ mod size;
 pub mod words;
 
 use crate::advice::on_board::OnBoard;
+use crate::compass::{self, CompassReport};
 use crate::health::HealthLog;
 use crate::inputs::Input;
 use crate::logs::LogError;
@@ -248,12 +249,18 @@ pub fn run(request: &Request, progress: &dyn Fn(Phase)) -> Result<Explained, Exp
     let flown = streams.take();
     let validate = read_all(&request.validate, request.logs.len())?;
     progress(Phase::Read(load));
-    let mut explained = flights_of(flights, validate, &model, &settings, progress);
+    let read = |log: &Input| pipeline::Beside::read(log, request.converter.vehicle);
+    let beside: Vec<pipeline::Beside> = request.logs.iter().map(read).collect::<Result<_, _>>()?;
+    let own = flights.iter().position(Result::is_ok).and_then(|k| beside.get(k));
+    let compasses = |flight: &Flight, judged: &Judged| {
+        let beside = own.filter(|_| !flight.fields().is_empty())?;
+        let (model, noise) = (judged.selection.model(), judged.selection.noise);
+        Some(compass::of_flight(flight, &model, Some(noise), beside.start_unix_s(), &beside.on_board))
+    };
+    let mut explained = flights_of(flights, validate, (&model, &settings), &compasses, progress);
     explained.explanation.summary.push_str(&words::parts(&parts));
     explained.logs = request.logs.iter().map(Input::name).collect();
     explained.validated = request.validate.iter().map(Input::name).collect();
-    let read = |log: &Input| pipeline::Beside::read(log, request.converter.vehicle);
-    let beside: Vec<pipeline::Beside> = request.logs.iter().map(read).collect::<Result<_, _>>()?;
     let dates = beside.iter().map(pipeline::Beside::date);
     for (name, date) in explained.logs.iter_mut().zip(dates).filter(|(_, date)| !date.is_empty()) {
         name.push_str(&format!(" ({date})"));
@@ -276,7 +283,7 @@ pub fn samples(
     progress: &dyn Fn(Phase),
 ) -> Explained {
     let prepare = |all: &[Vec<Sample>]| all.iter().map(|samples| Flight::prepare(samples, model)).collect();
-    flights_of(prepare(flights), prepare(validate), model, settings, progress)
+    flights_of(prepare(flights), prepare(validate), (model, settings), &|_, _| None, progress)
 }
 
 /// A recording made ready, or why it says too little.
@@ -285,8 +292,8 @@ type Prepared = Result<Flight, TooLittle>;
 fn flights_of(
     flights: Vec<Prepared>,
     validate: Vec<Prepared>,
-    model: &Model,
-    settings: &Settings,
+    (model, settings): (&Model, &Settings),
+    compasses: &dyn Fn(&Flight, &Judged) -> Option<CompassReport>,
     progress: &dyn Fn(Phase),
 ) -> Explained {
     let workers = Threads(cores());
@@ -332,6 +339,10 @@ fn flights_of(
     let drivers = drivers::plots(&judged, &residuals, &good);
     let mut explanation = assembly::explanation(&judged, &own, &residuals, found, listed, &events);
     explanation.summary.push_str(&unbridged);
+    explanation.compasses = good.first().and_then(|flight| compasses(flight, &judged));
+    explanation
+        .summary
+        .push_str(&explanation.compasses.as_ref().map_or_else(String::new, CompassReport::wrong));
     Explained {
         explanation,
         model: assembly::new_model(&judged, &own),

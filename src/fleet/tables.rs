@@ -373,7 +373,7 @@ fn flat(group: &ParameterGroup, value: &Value) -> Vec<f64> {
     let list = |v: &Value| v.as_array().cloned().unwrap_or_default();
     match group.shape {
         Shape::Scalar => vec![number(value)],
-        Shape::Vector | Shape::UpperTriangle => list(value).iter().map(number).collect(),
+        Shape::Vector | Shape::UpperTriangle | Shape::Symmetric => list(value).iter().map(number).collect(),
         Shape::Matrix => list(value).iter().flat_map(list).map(|v| number(&v)).collect(),
         Shape::MatrixWithoutDiagonal => {
             let all = list(value).iter().flat_map(list).map(|v| number(&v)).collect::<Vec<_>>();

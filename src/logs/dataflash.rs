@@ -19,6 +19,7 @@ use std::io::Read;
 mod fixes;
 mod health;
 mod inertial;
+mod magnetic;
 mod messages;
 mod notes;
 mod operating;

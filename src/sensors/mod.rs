@@ -7,6 +7,7 @@
 
 mod ardupilot;
 pub mod clipped;
+mod compass;
 pub mod flight;
 pub mod gnss;
 mod health;
@@ -124,6 +125,7 @@ pub struct Converter {
     slow_windows: u32,
     receiver: gnss::Receiver,
     calibration: px4::Calibration,
+    compasses: compass::Compasses,
     has_fix: Option<bool>,
     systems: Systems,
     /// Until then, s, a change of the inertial source belongs to the reboot before it.
@@ -153,6 +155,7 @@ impl Converter {
             slow_windows: 0,
             receiver: gnss::Receiver::default(),
             calibration: px4::Calibration::default(),
+            compasses: compass::Compasses::default(),
             has_fix: None,
             systems: Systems::default(),
             rebooted_until_s: None,
@@ -220,6 +223,7 @@ impl Converter {
         self.has_fix = None;
         (self.rebooted_until_s, self.settling_restarts) = (None, 0);
         self.calibration = px4::Calibration::default();
+        self.compasses = compass::Compasses::default();
         self.health = Health::default();
         self.tell(Notice::Vehicle { system_id, autopilot });
     }
@@ -229,7 +233,10 @@ impl Converter {
         match measurement {
             Measurement::Imu(stamp, sample) => self.sample(*stamp, sample, out),
             Measurement::Fix(stamp, fix) => self.placed_fix(*stamp, fix, out),
-            Measurement::Stream(_) | Measurement::Attitude(..) | Measurement::Operating(..) => {
+            Measurement::Stream(_)
+            | Measurement::Attitude(..)
+            | Measurement::Field(..)
+            | Measurement::Operating(..) => {
                 self.in_time(measurement, out);
             }
         }
@@ -304,10 +311,15 @@ impl Converter {
                 self.health.attitude(roll_pitch_yaw);
                 self.in_time(&Measurement::Attitude(Stamp::BootMs(m.time_boot_ms), roll_pitch_yaw), out);
             }
-            other => match operating::of_message(other) {
-                Some(values) => self.in_time(&Measurement::Operating(None, values), out),
-                None => self.inertial(other, out),
-            },
+            other => {
+                if let Some(values) = operating::of_message(other) {
+                    return self.in_time(&Measurement::Operating(None, values), out);
+                }
+                self.inertial(other, out);
+                if let Some((stamp, sample)) = self.compasses.reading(other, self.autopilot) {
+                    self.in_time(&Measurement::Field(stamp, sample), out);
+                }
+            }
         }
     }
 

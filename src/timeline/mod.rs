@@ -16,7 +16,7 @@ use clock::{Clock, GAP_US};
 use gaps::GapMeter;
 pub use gaps::Gaps;
 use gaware_nav::operating::{Operating, OperatingSample};
-use gaware_nav::sample::{AttitudeHint, GnssFix, ImuSample, ImuStream, RestartReason, Sample};
+use gaware_nav::sample::{AttitudeHint, FieldSample, GnssFix, ImuSample, ImuStream, RestartReason, Sample};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 use std::collections::VecDeque;
@@ -33,6 +33,8 @@ const FIX_AHEAD_US: u64 = 500_000;
 const BEHIND: u32 = 12;
 /// Fixes that wait for inertial samples; more are dropped, oldest first.
 const MAX_WAITING: usize = 64;
+/// Compasses of a vehicle: ArduPilot uses 3, PX4 4.
+pub const MOST_COMPASSES: usize = 4;
 
 /// What a source delivers, with its own stamp.
 #[derive(Debug, Clone, PartialEq)]
@@ -45,6 +47,8 @@ pub enum Measurement {
     Fix(Option<Stamp>, GnssFix),
     /// The autopilot's own roll, pitch, yaw, rad.
     Attitude(Stamp, [f64; 3]),
+    /// A sample of a compass. Its `t_s` counts for nothing: the stamp does.
+    Field(Stamp, FieldSample),
     /// What the vehicle does beside moving; without a stamp it belongs to the time of its arrival.
     Operating(Option<Stamp>, Operating),
 }
@@ -79,6 +83,8 @@ pub struct TimeCounts {
     pub fix_implausible: u64,
     /// Attitude hints given out.
     pub attitudes: u64,
+    /// Samples of compasses given out.
+    pub fields: u64,
     /// Fresh starts.
     pub restarts: u64,
 }
@@ -122,6 +128,8 @@ pub struct TimeLine {
     last_fix: Option<(Option<Stamp>, GnssFix)>,
     last_fix_us: Option<u64>,
     last_attitude_us: Option<u64>,
+    /// Of each compass.
+    last_field_us: [Option<u64>; MOST_COMPASSES],
     /// Fixes that are ahead of the inertial samples.
     waiting: VecDeque<(u64, GnssFix)>,
     counts: TimeCounts,
@@ -136,6 +144,7 @@ impl TimeLine {
             Measurement::Imu(stamp, sample) => self.imu(*stamp, sample, missing, out),
             Measurement::Fix(stamp, fix) => self.fix(*stamp, fix, out),
             Measurement::Attitude(stamp, roll_pitch_yaw) => self.attitude(*stamp, *roll_pitch_yaw, out),
+            Measurement::Field(stamp, sample) => self.field(*stamp, sample, out),
             Measurement::Operating(stamp, values) => self.operating(*stamp, *values, out),
         }
     }
@@ -293,6 +302,7 @@ impl TimeLine {
             self.counts.fix_misplaced += self.waiting.len() as u64;
             self.waiting.clear();
             (self.last_fix, self.last_fix_us, self.last_attitude_us) = (None, None, None);
+            self.last_field_us = [None; MOST_COMPASSES];
             out.push(Sample::Restart(reason));
             out.extend(self.stream.clone().map(Sample::Stream));
         }
@@ -383,6 +393,19 @@ impl TimeLine {
             self.last_attitude_us = Some(t_us.min(now + FIX_AHEAD_US));
             self.counts.attitudes += 1;
             out.push(Sample::Attitude(AttitudeHint { t_s: seconds(t_us), roll_pitch_yaw }));
+        }
+    }
+
+    fn field(&mut self, stamp: Stamp, sample: &FieldSample, out: &mut Vec<Sample>) {
+        let Some(now) = self.clock.now_us() else { return };
+        let Some(last) = self.last_field_us.get_mut(usize::from(sample.compass)) else { return };
+        let near = |t: &u64| t.abs_diff(now) <= GAP_US && last.is_none_or(|last| *t > last);
+        let Some(t_us) = self.clock.place(stamp).filter(near) else { return };
+        let sample = FieldSample { t_s: seconds(t_us), ..*sample };
+        if sample.is_plausible() {
+            *last = Some(t_us.min(now + FIX_AHEAD_US));
+            self.counts.fields += 1;
+            out.push(Sample::Field(sample));
         }
     }
 

@@ -29,7 +29,11 @@ pub fn stretches(samples: &[Sample]) -> Vec<Stretch> {
             Sample::Imu(imu) => now.samples.push(*imu),
             Sample::Fix(fix) => now.fixes.push(*fix),
             Sample::Attitude(hint) => now.attitudes.push(*hint),
-            Sample::Restart(_) | Sample::Recalibrated | Sample::Place(_) | Sample::Operating(_) => {}
+            Sample::Restart(_)
+            | Sample::Recalibrated
+            | Sample::Place(_)
+            | Sample::Field(_)
+            | Sample::Operating(_) => {}
         }
     }
     all.retain(|s| !s.samples.is_empty());

@@ -36,6 +36,7 @@ fn entry(out: &mut String, k: usize, effect: &dyn Effect) -> Result<(), Error> {
             Shape::Matrix => "3×3 values",
             Shape::MatrixWithoutDiagonal => "3×3 values without the diagonal",
             Shape::UpperTriangle => "three values (xy, xz, yz)",
+            Shape::Symmetric => "six values (xx, yy, zz, xy, xz, yz)",
         };
         write!(out, "- Parameters: {shape} in {}", group.unit.symbol)?;
         if group.prior_sigma > 0.0 {

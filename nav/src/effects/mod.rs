@@ -12,6 +12,7 @@ mod catalogue;
 mod clock_drift;
 pub mod data;
 mod dispatch;
+mod field;
 mod gps_bias_step;
 mod gps_latency;
 mod gps_lever_arm;
@@ -37,6 +38,10 @@ pub use catalogue::{
     GYRO_G2_SENSITIVITY, GYRO_MISALIGNMENT, GYRO_SCALE_FACTOR, GYRO_TEMPERATURE, VIBRATION_RECTIFICATION,
 };
 pub use clock_drift::ClockDrift;
+pub use field::{
+    COMPASS, CompassEffect, FieldEffect, FieldInstant, MAG_CURRENT, MAG_DECLINATION, MAG_DELAY,
+    MAG_HARD_IRON, MAG_ROTATION, MAG_SOFT_IRON,
+};
 pub use gps_bias_step::GpsBiasStep;
 pub use gps_latency::GpsLatency;
 pub use gps_lever_arm::GpsLeverArm;
@@ -81,10 +86,11 @@ pub static REGISTRY: &[&dyn Effect] = &[
 /// What every receiver does; outside the registry, since it is not tested.
 pub static RECEIVER: &dyn Effect = &GpsSmoothing;
 
-/// The effect of this name, if there is one: of the design's table, a fault of a source, what every receiver does, or an effect that is
+/// The effect of this name, if there is one: of the design's table, a fault of a source, of a compass, what every receiver does, or an effect that is
 /// data: one that a file defined, or a formula.
 pub fn find(name: &str) -> Option<&'static dyn Effect> {
-    let built_in = REGISTRY.iter().chain(MISTAKES).copied().chain([RECEIVER]).find(|e| e.name() == name);
+    let built_in =
+        REGISTRY.iter().chain(MISTAKES).chain(COMPASS).copied().chain([RECEIVER]).find(|e| e.name() == name);
     built_in.or_else(|| data::find(name))
 }
 
@@ -260,6 +266,11 @@ pub trait Effect: Sync + std::fmt::Debug {
 
     /// What it does to fixes.
     fn on_fixes(&self) -> Option<&dyn FixEffect> {
+        None
+    }
+
+    /// What it does to the field that a compass reports.
+    fn on_field(&self) -> Option<&dyn FieldEffect> {
         None
     }
 

@@ -48,6 +48,14 @@ pub mod unit {
     /// Random walk of an accelerometer bias.
     pub const MG_PER_RTH: Unit =
         Unit { symbol: "mg/√h", suffix: "mg_per_rth", si: 1e-3 * STANDARD_GRAVITY / 60.0 };
+    /// Magnetic field.
+    pub const MGAUSS: Unit = Unit { symbol: "mG", suffix: "mgauss", si: 1e-7 };
+    /// Magnetic field of a current.
+    pub const MGAUSS_PER_A: Unit = Unit { symbol: "mG/A", suffix: "mgauss_per_a", si: 1e-7 };
+    /// A share.
+    pub const PERCENT: Unit = Unit { symbol: "%", suffix: "percent", si: 0.01 };
+    /// Angle.
+    pub const DEG: Unit = Unit { symbol: "deg", suffix: "deg", si: std::f64::consts::PI / 180.0 };
     /// Time.
     pub const S: Unit = Unit { symbol: "s", suffix: "s", si: 1.0 };
     /// Length.
@@ -67,6 +75,8 @@ pub enum Shape {
     MatrixWithoutDiagonal,
     /// xy, xz, yz.
     UpperTriangle,
+    /// xx, yy, zz, xy, xz, yz.
+    Symmetric,
 }
 
 impl Shape {
@@ -75,7 +85,7 @@ impl Shape {
         match self {
             Self::Scalar => 1,
             Self::Vector | Self::UpperTriangle => 3,
-            Self::MatrixWithoutDiagonal => 6,
+            Self::MatrixWithoutDiagonal | Self::Symmetric => 6,
             Self::Matrix => 9,
         }
     }

@@ -16,7 +16,7 @@ use crate::model::Model;
 use crate::noise_meter::NoiseMeter;
 use crate::operating::{LagSeries, OperatingSeries};
 use crate::quantisation::Dequantiser;
-use crate::sample::{GnssFix, ImuSample, ImuStream, Quantisation, Sample, SampleKind};
+use crate::sample::{FieldSample, GnssFix, ImuSample, ImuStream, Quantisation, Sample, SampleKind};
 use std::borrow::Cow;
 use std::sync::{Arc, OnceLock};
 
@@ -40,6 +40,7 @@ pub struct Flight {
     initial: Initial,
     raw: Vec<ImuSample>,
     fixes: Vec<GnssFix>,
+    fields: Vec<FieldSample>,
     prepared: Vec<(Quantisation, Vec<ImuSample>)>,
     /// What the rounding leaves unknown, for each way to read it.
     rounding: Vec<(Quantisation, Rounding)>,
@@ -67,7 +68,7 @@ impl Flight {
     /// # Errors
     /// When the recording is too poor to say anything.
     pub fn prepare(samples: &[Sample], model: &Model) -> Result<Self, TooLittle> {
-        let Stretch { stream, initial, raw, fixes, by_hand, unseen, guesses, unbridged_s, operating } =
+        let Stretch { stream, initial, raw, fixes, fields, by_hand, unseen, guesses, unbridged_s, operating } =
             Stretch::of(samples, model)?;
         let mut flight = Self {
             force_rates: Arc::new(ForceRates::new(&raw, stream.kind)),
@@ -80,6 +81,7 @@ impl Flight {
             initial,
             raw,
             fixes,
+            fields,
             prepared: Vec::new(),
             rounding: Vec::new(),
             interval_s: 0.0,
@@ -176,6 +178,11 @@ impl Flight {
     /// The fixes after the start.
     pub fn fixes(&self) -> &[GnssFix] {
         &self.fixes
+    }
+
+    /// What its compasses measured.
+    pub fn fields(&self) -> &[FieldSample] {
+        &self.fields
     }
 
     /// What the samples are.
@@ -290,6 +297,7 @@ impl Flight {
         self.initial.t_s += by_s;
         self.raw.iter_mut().for_each(|s| s.t_s += by_s);
         self.fixes.iter_mut().for_each(|f| f.t_s += by_s);
+        self.fields.iter_mut().for_each(|f| f.t_s += by_s);
         self.prepared.iter_mut().flat_map(|p| &mut p.1).for_each(|s| s.t_s += by_s);
         self.rounding.iter_mut().for_each(|(_, r)| r.move_by(by_s));
         let kind = self.averaged.map_or(self.stream.kind, |a| a.0);

@@ -10,6 +10,7 @@
 
 pub mod beyond;
 mod by_hand;
+pub mod compass;
 pub mod evidence;
 pub mod flight;
 mod guess;

@@ -8,7 +8,7 @@ use crate::estimator::{Estimator, Stage};
 use crate::filter::Initial;
 use crate::model::Model;
 use crate::operating::OperatingSeries;
-use crate::sample::{GnssFix, ImuSample, ImuStream, Sample, SampleKind};
+use crate::sample::{FieldSample, GnssFix, ImuSample, ImuStream, Sample, SampleKind};
 use nalgebra::Vector3;
 
 /// A filter that has heading starts with these 1-sigmas whatever the search said of them, rad.
@@ -77,6 +77,8 @@ pub(super) struct Stretch {
     pub(super) fixes: Vec<GnssFix>,
     /// Rest and place of a unit that was turned by hand.
     pub(super) by_hand: ByHand,
+    /// What its compasses measured.
+    pub(super) fields: Vec<FieldSample>,
     pub(super) unseen: Unseen,
     pub(super) guesses: Guesses,
     /// How much of the recording gaps cut off that nothing bridges, s.
@@ -127,8 +129,13 @@ impl Stretch {
             });
         }
         let guesses = Guesses::of(stretch, &unseen);
+        let field = |s: &Sample| match s {
+            Sample::Field(field) if field.t_s > initial.t_s => Some(*field),
+            _ => None,
+        };
         let operating = OperatingSeries::of(stretch);
-        Ok(Self { stream, initial, raw, fixes, by_hand, unseen, guesses, unbridged_s, operating })
+        let fields = stretch.iter().filter_map(field).collect();
+        Ok(Self { stream, initial, raw, fixes, fields, by_hand, unseen, guesses, unbridged_s, operating })
     }
 }
 

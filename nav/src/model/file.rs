@@ -344,7 +344,7 @@ fn shaped(group: &ParameterGroup, si: &[f64]) -> Value {
     let row = |r: &[f64]| Value::Array(r.iter().map(|v| number(*v)).collect());
     match group.shape {
         Shape::Scalar => number(si[0]),
-        Shape::Vector | Shape::UpperTriangle => row(si),
+        Shape::Vector | Shape::UpperTriangle | Shape::Symmetric => row(si),
         Shape::Matrix => Value::Array(si.chunks(3).map(row).collect()),
         Shape::MatrixWithoutDiagonal => Value::Array(vec![
             row(&[0.0, si[0], si[1]]),

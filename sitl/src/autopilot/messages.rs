@@ -42,6 +42,11 @@ impl LowPass {
     }
 }
 
+/// Compasses are read this often, s (ArduPilot's `compass.read` at 10 Hz and more).
+const COMPASS_S: f64 = 0.05;
+/// T per mG and per G.
+const TESLA: (f64, f64) = (1e-7, 1e-4);
+
 /// As a C cast does: toward zero, and clamped where C would overflow.
 fn counts(value: f64, step: f64) -> i16 {
     (value / step) as i16
@@ -121,6 +126,15 @@ impl Autopilot {
         ((self.boot_s() + late) * 1e6) as u64
     }
 
+    /// The compass as it was last read, T; zero where there is none.
+    fn sample_field(&mut self) -> Vector3<f64> {
+        if self.now_s - self.field.0 >= COMPASS_S {
+            let truth = self.truth_at(self.now_s);
+            self.field = (self.now_s, self.sensors.field(0, &truth).unwrap_or_default());
+        }
+        self.field.1
+    }
+
     /// Hundredths of a degree; 0 means unknown.
     fn temperature_cdegc(sample: &ImuSample) -> i16 {
         sample.temperature_degc.map_or(0, |t| (t * 100.0) as i16)
@@ -128,7 +142,7 @@ impl Autopilot {
 
     /// In counts, as both of the older messages have it.
     fn rounded_imu(&mut self) -> RAW_IMU_DATA {
-        let s = self.sample_imu();
+        let (s, field) = (self.sample_imu(), self.sample_field());
         RAW_IMU_DATA {
             time_usec: self.imu_stamp_us(),
             xacc: counts(s.accel.x, MILLI_G),
@@ -138,6 +152,9 @@ impl Autopilot {
             ygyro: counts(s.gyro.y, 1e-3),
             zgyro: counts(s.gyro.z, 1e-3),
             temperature: Self::temperature_cdegc(&s),
+            xmag: counts(field.x, TESLA.0),
+            ymag: counts(field.y, TESLA.0),
+            zmag: counts(field.z, TESLA.0),
             ..Default::default()
         }
     }
@@ -158,8 +175,16 @@ impl Autopilot {
             s.gyro -= gyro;
             s.accel -= accel;
         }
-        // The first six flags: three of acceleration, three of rate.
-        let fields_updated = HighresImuUpdatedFlags::from_bits_truncate(0x3F);
+        let field = self.sample_field();
+        // Flags: three of acceleration, three of rate, three of the field.
+        let fields_updated =
+            HighresImuUpdatedFlags::from_bits_truncate(if field.x == 0.0 { 0x3F } else { 0x1FF });
+        // ArduPilot fills a field whose unit is G with mG times 1000 (`GCS_Common.cpp`: `send_highres_imu`).
+        let gauss = match self.config.flavour {
+            Flavour::ArduPilot => 1e-3 * TESLA.0,
+            Flavour::Px4 => TESLA.1,
+        };
+        let field = field / gauss;
         MavMessage::HIGHRES_IMU(HIGHRES_IMU_DATA {
             time_usec: self.imu_stamp_us(),
             xacc: s.accel.x as f32,
@@ -170,6 +195,9 @@ impl Autopilot {
             zgyro: s.gyro.z as f32,
             // ArduPilot puts the barometer's temperature here, PX4 the air's.
             temperature: 21.5,
+            xmag: field.x as f32,
+            ymag: field.y as f32,
+            zmag: field.z as f32,
             fields_updated,
             ..Default::default()
         })

@@ -151,6 +151,8 @@ pub struct Autopilot {
     last_filler_s: f64,
     imu: Option<ImuSample>,
     imu_s: f64,
+    /// When the compass was last read, s, and what it said, T.
+    field: (f64, Vector3<f64>),
     filter: Option<[messages::LowPass; 2]>,
     stamp_noise: Noise,
     /// When the analytic flight begins; infinite while it waits.
@@ -256,6 +258,7 @@ impl Autopilot {
             last_filler_s: 0.0,
             imu: None,
             imu_s: 0.0,
+            field: (f64::NEG_INFINITY, Vector3::zeros()),
             filter,
             last_timesync_s: 0.0,
             home_height: start.height_m,

@@ -3,7 +3,7 @@
 use super::fixes::{accuracies, arrival_us, fix, utc_s};
 use super::inertial::{self, Raw};
 use super::notes::{self, Filter, class_of_firmware, class_of_parameter, version};
-use super::{Entry, health, operating};
+use super::{Entry, health, magnetic, operating};
 use crate::logs::source::{Choice, Source, Survey};
 use crate::logs::{Item, LogNote, Record, VehicleClass};
 use crate::sensors::gnss::Course;
@@ -107,7 +107,13 @@ impl Messages {
         if self.survey.is_some() {
             return Some(());
         }
-        // Firmware before 4.1 has no instance field and names further instances GPS2, MAG2.
+        if let Some(compass) = magnetic::compass(entry) {
+            if let Some((t_us, sample)) = magnetic::sample(entry, compass)? {
+                self.put(t_us, Measurement::Field(Stamp::Usec(t_us), sample));
+            }
+            return Some(());
+        }
+        // Firmware before 4.1 has no instance field and names further instances GPS2.
         if entry.number("I").is_some_and(|i| i != 0.0) {
             return Some(());
         }

@@ -7,10 +7,12 @@ use crate::logs::source::{Choice, Kind, Source, Survey};
 use crate::logs::{HealthNote, Item, LogNote, Record, VehicleClass};
 use crate::timeline::{Measurement, Stamp};
 use gaware_nav::observability::words::VehicleKind;
-use gaware_nav::sample::{ImuSample, ImuStream, Quantisation, SampleKind};
+use gaware_nav::sample::{FieldSample, ImuSample, ImuStream, Quantisation, SampleKind};
 use nalgebra::Vector3;
 use std::collections::VecDeque;
 
+/// T per G.
+const TESLA_PER_GAUSS: f64 = 1e-4;
 /// Axes end at 16 g on almost all units, m/s².
 const RANGE: f64 = 156.0;
 
@@ -116,6 +118,13 @@ impl Topics {
             let id = fields.number("accel_device_id").filter(|id| *id > 0.0);
             let combined = self.choice.source.kind == Kind::Combined;
             out.extend(id.filter(|_| combined).map(|id| note(LogNote::Accelerometer(id as u32))));
+            return true;
+        }
+        if topic.name == "vehicle_magnetometer" {
+            let Some(field) = fields.vector("magnetometer_ga") else { return false };
+            let sample = FieldSample { t_s: 0.0, compass: topic.instance, field: field * TESLA_PER_GAUSS };
+            let stamp = Stamp::Usec(fields.sampled().unwrap_or(t_us));
+            out.push_back(Record { t_us, item: Item::Measurement(Measurement::Field(stamp, sample)) });
             return true;
         }
         if topic.name == "estimator_attitude" {

@@ -38,6 +38,9 @@ pub fn html(explained: &Explained) -> Result<String, String> {
     formulas::section(&explained.drivers, &mut body);
     evidence::before_and_after(e, &mut body);
     autopilot::section(e, &mut body);
+    if let Some(compasses) = &e.compasses {
+        super::flight::compass_section(compasses, &mut body);
+    }
     catalogue::effects(explained, &mut body);
     evidence::contributions(e, &mut body);
     if let Some(judged) = &explained.judged {

@@ -2,6 +2,7 @@
 
 mod answers;
 mod attitude;
+mod compass;
 mod health;
 mod innovations;
 mod knowledge;
@@ -17,12 +18,13 @@ pub use log::{FlightLog, Logged};
 use super::page::{escape, page};
 use super::plot::{Color, Plot, X_AXIS, Y_AXIS, Z_AXIS};
 use crate::advice::start;
+use crate::compass::{self as compasses, CompassReport};
 use crate::engine::snapshot::{Phase, Snapshot, Summary};
 use crate::engine::{Engine, EngineOptions};
 use crate::health::checks::checks;
 use crate::logs;
-use crate::pipeline::Beside;
 use crate::pipeline::replay::{self, ReplayError, ReplayRequest};
+use crate::pipeline::{self, Beside};
 use serde_json::{Map, Value};
 use std::fmt::Write;
 
@@ -41,8 +43,11 @@ pub struct Origin {
     pub model: String,
     /// What the log says beside its samples.
     pub beside: Beside,
+    /// Its compasses, where it holds any.
+    pub compasses: Option<CompassReport>,
 }
 
+pub use compass::section as compass_section;
 pub use health::section as health_section;
 
 /// The report of a log, with the result as `replay --json` prints it.
@@ -66,17 +71,42 @@ pub fn of_log(
 ) -> Result<LogReport, ReplayError> {
     let make = |model| Logged::new(Engine::new(model, options));
     let mut beside = Beside::default();
-    let (pipeline, document) = replay::replay_watched(request, make, progress, Some(&mut beside))?;
+    let (pipeline, mut document) = replay::replay_watched(request, make, progress, Some(&mut beside))?;
     let taken = || match logs::mcap::recorded_setup(&request.log) {
         Some(_) => "the recording's own".to_owned(),
         None => "standard (g-sensitivity, GNSS latency and the tolerances of a consumer unit estimated)"
             .to_owned(),
     };
-    let origin =
-        Origin { log: request.log.name(), date: beside.date(), model: model.unwrap_or_else(taken), beside };
+    let judged = judged_compasses(request, pipeline.converter().stats().time.fields, &beside)?;
+    let origin = Origin {
+        log: request.log.name(),
+        date: beside.date(),
+        model: model.unwrap_or_else(taken),
+        beside,
+        compasses: judged,
+    };
     let html =
         html(&origin, &pipeline.summary(), &document, pipeline.engine().log()).map_err(ReplayError::Draw)?;
+    if let Some(Ok(found)) = origin.compasses.map(serde_json::to_value) {
+        document.insert("compasses".to_owned(), found);
+    }
     Ok(LogReport { html, document })
+}
+
+/// So much of a flight is enough to judge a compass by, s.
+const COMPASS_S: f64 = 900.0;
+
+/// The compasses of a log that holds `fields` samples of them, by the part of it with the most motion.
+fn judged_compasses(
+    request: &ReplayRequest,
+    fields: u64,
+    beside: &Beside,
+) -> Result<Option<CompassReport>, ReplayError> {
+    if fields == 0 {
+        return Ok(None);
+    }
+    let part = pipeline::most_motion(&request.log, request.converter, COMPASS_S)?;
+    Ok(compasses::of_samples(&part.samples, beside.start_unix_s(), &beside.on_board))
 }
 
 /// The autopilot's attitude less ours over time: s since the first sample, roll, pitch, yaw in deg. Empty where the log has too little of it.
@@ -102,6 +132,10 @@ pub fn html(
     answers::head(origin, summary, &scope::words(summary, &origin.beside, &fitted), &mut body);
     let whose = answers::whose(compared.as_ref(), &fitted, log);
     body.push_str(&crate::report::page::answers(&[("Whose attitude is right?", whose)]));
+    if let Some(found) = &origin.compasses {
+        let answer = escape(&compass::answer(found));
+        body.push_str(&crate::report::page::answers(&[("Which compass is wrong?", answer)]));
+    }
     let judged = checks(&origin.beside.health, summary.autopilot == "px4");
     health::section(&origin.beside.health, &judged, &mut body);
     answers::verdict(summary, &mut body);
@@ -118,6 +152,9 @@ pub fn html(
     if estimated {
         knowledge::learning(summary, log, &lessons, &mut body)?;
         knowledge::biases(log, &mut body)?;
+    }
+    if let Some(found) = &origin.compasses {
+        compass::section(found, &mut body);
     }
     motion_table(&fitted, &mut body);
     attitudes(compared.as_ref(), document, &mut body)?;

@@ -135,6 +135,7 @@ impl TopicEncoder {
                 | Sample::Restart(_)
                 | Sample::Recalibrated
                 | Sample::Place(_)
+                | Sample::Field(_)
                 | Sample::Operating(_),
             ) => Vec::new(),
             RecordItem::Snapshot(t_us, s) => self.snapshot(*t_us, s),

@@ -167,7 +167,7 @@ impl Slope {
                 Kind::Horizontal => figure::POSITION,
                 Kind::Height => figure::HEIGHT,
                 Kind::Velocity => figure::VELOCITY,
-                Kind::Place | Kind::Rate => return,
+                Kind::Place | Kind::Rate | Kind::Field => return,
             };
             self.by_figure[k] += 2.0 * u.r * by_r;
         }

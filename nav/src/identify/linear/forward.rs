@@ -3,7 +3,7 @@
 //! Parameters are carried along (Friedland 1969, "Treatment of bias in recursive filtering"; Willsky & Jones 1976 for jumps): δx = δx₀ + U θ with U ← Φ U + B and U ← U − K (H U + D).
 
 use super::kalman::{GROUPS, Kalman, State, Update, add_rows, add_scaled, normalised_squares, vectorised};
-use super::rows::Measured;
+use super::rows::{Measured, Row};
 use super::{Epoch, Problem, STATES, index};
 use crate::effects::BiasWalk;
 use crate::identify::noise::Noise;
@@ -105,29 +105,32 @@ fn robust(nis: f64) -> (f64, f64) {
 }
 
 /// How the filter's error depends on the watched parameters: as many rows of `m` as states.
-struct Sensitivity {
+pub(super) struct Sensitivity {
     m: usize,
     u: Vec<f64>,
     scratch: Vec<f64>,
     /// Whitened derivatives of the innovations of the present fix, row by row.
-    rows: Vec<f64>,
+    pub(super) rows: Vec<f64>,
     /// Of each of these, negative: what whitens it.
     scales: Vec<f64>,
 }
 
 impl Sensitivity {
-    fn new(m: usize) -> Self {
+    pub(super) fn new(m: usize) -> Self {
         Self { m, u: vec![0.0; STATES * m], scratch: vec![0.0; 9 * m], rows: Vec::new(), scales: Vec::new() }
     }
 
     #[inline(always)]
-    fn predict(&mut self, interval: &Interval, decay: f64) {
+    pub(super) fn predict(&mut self, interval: &Interval, decay: f64) {
         let m = self.m;
         if m == 0 {
             return;
         }
         for (i, out) in self.scratch.chunks_exact_mut(m).enumerate() {
-            out.iter_mut().zip(&interval.driven).for_each(|(o, b)| *o = b[i]);
+            // What acts on a compass alone drives no motion.
+            let (driven, rest) = out.split_at_mut(interval.driven.len().min(m));
+            driven.iter_mut().zip(&interval.driven).for_each(|(o, b)| *o = b[i]);
+            rest.fill(0.0);
             let u = &self.u;
             add_rows(out, DYNAMIC, |j| (&u[j * m..(j + 1) * m], interval.transition[j][i]));
         }
@@ -139,7 +142,7 @@ impl Sensitivity {
 
     /// The whitened derivatives of the innovations of a fix, row by row.
     #[inline(always)]
-    fn correct(&mut self, measured: &Measured, updates: &[Update]) {
+    pub(super) fn correct(&mut self, measured: &Measured, updates: &[Update]) {
         let m = self.m;
         self.rows.clear();
         if m == 0 {
@@ -229,7 +232,7 @@ impl<'a> Runner<'a> {
         self.kalman.correct(&epoch.measured.rows, updates);
         self.sensitivity.correct(&epoch.measured, updates);
         let part = self.problem.part(epoch, self.options);
-        let weights = self.run.count(part, epoch, updates, &self.sensitivity.rows);
+        let weights = self.run.count(part, &epoch.measured.rows, updates, &self.sensitivity.rows);
         if let Keep::Blocks(block_s) = keep
             && epoch.elapsed_s - self.begun_s >= block_s
         {
@@ -329,12 +332,12 @@ impl Run {
     pub(super) fn count(
         &mut self,
         part: Option<usize>,
-        epoch: &Epoch,
+        rows: &[Row],
         updates: &[Update],
         sensitivities: &[f64],
     ) -> [f64; GROUPS] {
-        let nis = normalised_squares(&epoch.measured.rows, updates);
-        let group = |k: usize| epoch.measured.rows[k].group();
+        let nis = normalised_squares(rows, updates);
+        let group = |k: usize| rows[k].group();
         let robust = nis.map(robust);
         let weights = robust.map(|r| r.1);
         let Some(part) = part else { return weights };

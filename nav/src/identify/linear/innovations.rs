@@ -46,7 +46,7 @@ impl Problem {
             let [mut position, mut velocity] = groups(&kalman, epoch);
             kalman.correct(&epoch.measured.rows, &mut updates);
             [position.nis, velocity.nis, _] = normalised_squares(&epoch.measured.rows, &updates);
-            run.count(part, epoch, &updates, &[]);
+            run.count(part, &epoch.measured.rows, &updates, &[]);
             fixes.push(Innovation { t_s: epoch.t_s, elapsed_s: epoch.elapsed_s, part, position, velocity });
         }
         Innovations { fixes, log_likelihood: run.log_likelihood, nis: run.nis }

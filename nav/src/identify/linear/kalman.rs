@@ -71,6 +71,7 @@ pub(super) fn row_variance(row: &Row, noise: &Noise) -> f64 {
         Kind::Velocity => noise.velocity_scale,
         Kind::Place => 1.0,
         Kind::Rate => return (row.sigma * noise.gyro).powi(2) + row.least,
+        Kind::Field => return row.sigma * row.sigma,
     };
     (row.sigma * scale).max(SIGMA_FLOOR).powi(2)
 }

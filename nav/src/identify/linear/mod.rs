@@ -9,6 +9,7 @@
 //! serves every model; `reference` finds it.
 
 pub mod backward;
+pub(super) mod field;
 pub mod forward;
 pub mod innovations;
 mod kalman;

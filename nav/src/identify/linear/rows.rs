@@ -20,6 +20,8 @@ pub(super) enum Kind {
     Place,
     /// The mean rate of a rest, scaled by the noise of the gyros.
     Rate,
+    /// Of a compass.
+    Field,
 }
 
 /// One scalar measurement. Of its derivatives by the states only those are kept that are not zero.
@@ -35,13 +37,13 @@ pub(super) struct Row {
     /// Variance that no figure scales.
     pub(super) least: f64,
     /// Derivative by the error of what it measures: position, velocity, or gyro bias.
-    own: [f64; 3],
+    pub(super) own: [f64; 3],
     /// Derivative by the attitude error.
-    attitude: [f64; 3],
+    pub(super) attitude: [f64; 3],
     /// Derivative of a rate by the accelerometer bias, through the g-sensitivity that the model knows of.
-    by_accel: [f64; 3],
+    pub(super) by_accel: [f64; 3],
     /// Derivative by an error of the stamp, and by what all stamps are off by: the vehicle moves by this much per second.
-    drift: f64,
+    pub(super) drift: f64,
 }
 
 impl Row {
@@ -62,7 +64,7 @@ impl Row {
     pub(super) fn group(&self) -> usize {
         match self.kind {
             Kind::Horizontal | Kind::Height => 0,
-            Kind::Velocity | Kind::Place => 1,
+            Kind::Velocity | Kind::Place | Kind::Field => 1,
             Kind::Rate => 2,
         }
     }

@@ -1,0 +1,149 @@
+//! Whether a compass is turned by a quarter or an eighth of a turn, or has an axis reversed: a wrong orientation parameter or driver.
+
+use super::Instant;
+use crate::effects::COMPASS;
+use crate::identify::evidence;
+use crate::identify::pass::Information;
+use nalgebra::{Matrix3, Rotation3, Vector3};
+use std::f64::consts::FRAC_PI_4;
+
+/// What attitude errors, motors and uncalibrated iron leave at an instant, T.
+const SIGMA_T: f64 = 50e-7;
+/// Errors are the same for so long, s: no two instants within it count as two.
+const SAME_S: f64 = 5.0;
+/// Odds from which another orientation is named, nats: there are 63 others.
+const THRESHOLD: f64 = 12.0;
+/// Nothing is said of a quarter turn where our own heading is known worse than this, rad.
+const WELL_KNOWN: f64 = 0.2;
+
+/// How a compass is turned: its field is `turned` times the one that it should have.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Orientation {
+    /// A rotation, or a reflection.
+    pub turned: Matrix3<f64>,
+    /// Logarithm of the odds against the orientation that the autopilot has.
+    pub evidence: f64,
+}
+
+impl Orientation {
+    /// Its inverse.
+    pub fn undo(&self) -> Matrix3<f64> {
+        self.turned.transpose()
+    }
+
+    /// Whether an axis is reversed, which no orientation parameter undoes.
+    pub fn is_reflection(&self) -> bool {
+        self.turned.determinant() < 0.0
+    }
+
+    /// Roll of 0 or 180° followed by a yaw in steps of 45°, deg, where it is such.
+    pub fn roll_yaw_deg(&self) -> Option<(f64, f64)> {
+        let upside_down = self.turned[(2, 2)] < 0.0;
+        let yaw = self.turned[(1, 0)].atan2(self.turned[(0, 0)]);
+        let again = turn(upside_down, yaw);
+        let degrees = (yaw.to_degrees() + 360.0).rem_euclid(360.0).round();
+        ((again - self.turned).norm() < 1e-6)
+            .then_some((if upside_down { 180.0 } else { 0.0 }, degrees % 360.0))
+    }
+
+    /// In words.
+    pub fn words(&self) -> String {
+        if let Some((roll, yaw)) = self.roll_yaw_deg() {
+            return match (roll, yaw) {
+                (0.0, yaw) => format!("is turned by {yaw:.0}° about its vertical axis"),
+                (_, 0.0) => "is upside down (roll 180°)".to_owned(),
+                (_, yaw) => format!("is upside down and turned by {yaw:.0}° (roll 180°, yaw {yaw:.0}°)"),
+            };
+        }
+        let axis = |row: usize| {
+            let k =
+                (0..3).max_by(|a, b| self.turned[(row, *a)].abs().total_cmp(&self.turned[(row, *b)].abs()));
+            let k = k.unwrap_or_default();
+            format!("{}{}", if self.turned[(row, k)] < 0.0 { "−" } else { "" }, ["x", "y", "z"][k])
+        };
+        let what = if self.is_reflection() { "has an axis reversed" } else { "is turned" };
+        format!("{what}: its x, y, z are {}, {}, {} of the vehicle", axis(0), axis(1), axis(2))
+    }
+}
+
+fn turn(upside_down: bool, yaw: f64) -> Matrix3<f64> {
+    let roll = if upside_down { std::f64::consts::PI } else { 0.0 };
+    Rotation3::from_euler_angles(roll, 0.0, yaw).into_inner()
+}
+
+/// Steps of 45° about the vertical axis, upright and upside down, and every exchange and reversal of axes.
+fn candidates() -> Vec<Matrix3<f64>> {
+    let eighths = (0..16).map(|k| turn(k >= 8, f64::from(k % 8) * FRAC_PI_4));
+    let mut all: Vec<Matrix3<f64>> = eighths.collect();
+    let orders = [[0, 1, 2], [0, 2, 1], [1, 0, 2], [1, 2, 0], [2, 0, 1], [2, 1, 0]];
+    for order in orders {
+        for signs in 0..8_u8 {
+            let mut m = Matrix3::zeros();
+            for (row, column) in order.into_iter().enumerate() {
+                m[(row, column)] = if signs & (1 << row) == 0 { 1.0 } else { -1.0 };
+            }
+            if all.iter().all(|other| (other - m).norm() > 1e-6) {
+                all.push(m);
+            }
+        }
+    }
+    all
+}
+
+/// Logarithm of the marginal likelihood of an orientation, with every effect of the compass open.
+fn evidence_of(turned: &Matrix3<f64>, instants: &[&Instant], has_current: bool, weight: f64) -> f64 {
+    let undo = turned.transpose();
+    let groups = || {
+        COMPASS
+            .iter()
+            .flat_map(|e| e.groups())
+            .flat_map(|g| std::iter::repeat_n((g.unit, g.prior_sigma), g.shape.len()))
+    };
+    let sigma: Vec<f64> = groups().map(|g| g.1).collect();
+    let mut information = Information::zeros(sigma.len());
+    let mut misfit = 0.0;
+    let mut columns = Vec::with_capacity(sigma.len());
+    for i in instants {
+        let residual: Vector3<f64> = undo * i.measured - i.x.field;
+        misfit += weight * residual.norm_squared();
+        columns.clear();
+        for effect in COMPASS {
+            let mut own = vec![Vector3::zeros(); effect.len()];
+            if let Some(on) = effect.on_field() {
+                on.field_jacobian(&i.x, &mut own);
+            }
+            columns.extend(own);
+        }
+        for (a, by_a) in columns.iter().enumerate() {
+            information.score[a] += weight * by_a.dot(&residual);
+            for (b, by_b) in columns.iter().enumerate() {
+                information.matrix[(a, b)] += weight * by_a.dot(by_b);
+            }
+        }
+    }
+    let is_current = |k: usize| groups().nth(k).is_some_and(|g| g.0.suffix == "mgauss_per_a");
+    let open: Vec<usize> = (0..sigma.len()).filter(|k| has_current || !is_current(*k)).collect();
+    let own: Vec<f64> = open.iter().map(|k| sigma[*k]).collect();
+    let fit = evidence::fit(&information, &open, &own, &vec![0.0; open.len()]);
+    fit.map_or(f64::NEG_INFINITY, |f| f.evidence - 0.5 * misfit)
+}
+
+/// The orientation that the field shows, where it is beyond chance another one than the autopilot has.
+pub(super) fn find(instants: &[Option<Instant>], has_current: bool, yaw_sigma: f64) -> Option<Orientation> {
+    if yaw_sigma > WELL_KNOWN {
+        return None;
+    }
+    let all: Vec<&Instant> = instants.iter().flatten().collect();
+    let (first, last) = (all.first()?.elapsed_s, all.last()?.elapsed_s);
+    let independent = ((last - first) / SAME_S).max(1.0).min(all.len() as f64);
+    let weight = independent / all.len() as f64 / (SIGMA_T * SIGMA_T);
+    let every = all.len().div_ceil(600).max(1);
+    let thinned: Vec<&Instant> = all.iter().step_by(every).copied().collect();
+    let weight = weight * all.len() as f64 / thinned.len() as f64;
+    let as_it_is = evidence_of(&Matrix3::identity(), &thinned, has_current, weight);
+    let best = candidates()
+        .into_iter()
+        .map(|turned| (evidence_of(&turned, &thinned, has_current, weight) - as_it_is, turned))
+        .max_by(|a, b| a.0.total_cmp(&b.0))?;
+    (best.0 > THRESHOLD).then_some(Orientation { turned: best.1, evidence: best.0 })
+}

@@ -1,0 +1,63 @@
+//! The trajectory that compasses are judged by: a flight linearised about the values that it gives the effects of its model.
+
+use super::super::evidence;
+use crate::identify::Workers;
+use crate::identify::flight::Flight;
+use crate::identify::linear::Problem;
+use crate::identify::linear::reference::Reference;
+use crate::identify::noise::Noise;
+use crate::identify::pass::Options;
+use crate::identify::watched::Watched;
+use crate::model::Model;
+
+/// A latency of .1 s is found to a few milliseconds by the first pass, and the second is linear.
+const PASSES: usize = 2;
+
+/// A linearised flight with what its model leaves open.
+#[derive(Debug)]
+pub(super) struct Settled {
+    pub(super) noise: Noise,
+    pub(super) reference: Reference,
+    pub(super) problem: Problem,
+    /// Prior sigma and prior mean less value of each watched parameter of the model; sigma 0: known.
+    pub(super) prior: Vec<(f64, f64)>,
+}
+
+impl Settled {
+    pub(super) fn new(flight: &Flight, base: &Model, noise: Option<Noise>, workers: &dyn Workers) -> Self {
+        let noise = noise.unwrap_or_else(|| Noise::measured(base, &[flight]));
+        let mut model = base.clone();
+        let mut settled = Self::about(flight, base, &model, noise, workers);
+        for _ in 0..PASSES {
+            let open: Vec<usize> = (0..settled.prior.len()).filter(|k| settled.prior[*k].0 > 0.0).collect();
+            if open.is_empty() {
+                break;
+            }
+            let run = settled.problem.run(&noise, &Options::default().all());
+            let (sigma, offset): (Vec<f64>, Vec<f64>) = open.iter().map(|k| settled.prior[*k]).unzip();
+            let Some(fit) = evidence::fit(&run.information[0], &open, &sigma, &offset) else { break };
+            let slots = slots(&model);
+            for (k, step) in open.iter().zip(fit.step.iter()) {
+                let (e, p) = slots[*k];
+                model.effects[e].values[p] += step;
+            }
+            settled = Self::about(flight, base, &model, noise, workers);
+        }
+        settled
+    }
+
+    fn about(flight: &Flight, base: &Model, model: &Model, noise: Noise, workers: &dyn Workers) -> Self {
+        let reference = Reference::find(flight, model, &noise, workers);
+        let watched = Watched { effects: model.effects.clone(), ..Watched::default() };
+        let problem = Problem::new(flight, model, &reference, &watched, workers);
+        let prior = slots(model).into_iter().map(|(e, p)| {
+            let (own, now) = (&base.effects[e], &model.effects[e]);
+            (own.sigmas[p], own.values[p] - now.values[p])
+        });
+        Self { noise, reference, prior: prior.collect(), problem }
+    }
+}
+
+fn slots(model: &Model) -> Vec<(usize, usize)> {
+    Watched { effects: model.effects.clone(), ..Watched::default() }.slots()
+}
