@@ -281,8 +281,8 @@ mod tests {
     #[test]
     fn every_row_is_an_effect_and_equals_itself() {
         let mut noise = Noise::new(1, Purpose::HiddenTruth);
-        for k in 0..OUTSIDE.len() {
-            let setting = injected(k, &mut noise).unwrap_or_else(|| panic!("{:?}", OUTSIDE[k]));
+        for (k, row) in OUTSIDE.iter().enumerate() {
+            let setting = injected(k, &mut noise).unwrap_or_else(|| panic!("{row:?}"));
             assert_eq!(setting.effect.len(), 1);
         }
         let a: Vec<f64> = (0..600).map(|k| f64::from(k % 7)).collect();

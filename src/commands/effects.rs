@@ -120,9 +120,9 @@ pub fn run(args: &EffectsCommand) -> Result<(), CommandError> {
     let found = beyond::confirm(&flights, &base, &asked, &Settings::default(), &Threads(cores()));
     if args.json {
         let all: Vec<Value> = found.iter().map(document).collect();
-        return Ok(output::json_pretty(&json!({"schema": "gaware.confirmation/1", "effects": all}))?);
+        return output::json_pretty(&json!({"schema": "gaware.confirmation/1", "effects": all}));
     }
-    Ok(output::words(|out| found.iter().try_for_each(|c| words(out, c)))?)
+    output::words(|out| found.iter().try_for_each(|c| words(out, c)))
 }
 
 fn document(c: &Confirmation) -> Value {
