@@ -153,6 +153,11 @@ pub(super) fn of(found: &CompassFound, on_board: &OnBoard, world: &WorldField) -
         orientation(found.compass, turned, on_board, &mut advice);
         return advice;
     }
+    // Values go with what calibration leaves of the other effects: what is named alone may not correct the field.
+    if !found.effects.is_empty() && found.held_out_t[1] >= found.held_out_t[0] {
+        advice.1.push("what is named does not make the residual of the held-out field smaller".to_owned());
+        return advice;
+    }
     let unseparated = found.effects.iter().any(|f| !f.others.is_empty());
     match on_board.autopilot {
         None if !found.effects.is_empty() => {

@@ -107,7 +107,7 @@ fn each_effect_is_named_with_values_that_hold() {
 #[test]
 fn a_wrong_orientation_and_a_reversed_axis_are_named() {
     let samples = flight("multirotor", &[], 30);
-    let quarter = Rotation3::from_euler_angles(0.0, 0.0, 1.570_796_326_8).into_inner();
+    let quarter = Rotation3::from_euler_angles(0.0, 0.0, std::f64::consts::FRAC_PI_2).into_inner();
     let turned = |by: Matrix3<f64>| -> Vec<Sample> {
         let one = |s: &Sample| match s {
             Sample::Field(f) if f.compass == 0 => {
@@ -118,7 +118,8 @@ fn a_wrong_orientation_and_a_reversed_axis_are_named() {
         samples.iter().map(one).collect()
     };
     let reversed = Matrix3::from_diagonal(&Vector3::new(1.0, -1.0, 1.0));
-    let eighth = Rotation3::from_euler_angles(std::f64::consts::PI, 0.0, 0.785_398_163_4).into_inner();
+    let eighth =
+        Rotation3::from_euler_angles(std::f64::consts::PI, 0.0, std::f64::consts::FRAC_PI_4).into_inner();
     for (by, words) in
         [(quarter, "turned by 90°"), (eighth, "upside down and turned by 45°"), (reversed, "x, −y, z")]
     {
