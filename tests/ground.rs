@@ -176,10 +176,10 @@ fn recorded_sessions_are_explained_with_and_without_gnss() {
         let found = ended.json();
         let of = |effect: &str| {
             let named = found["effects"].as_array().unwrap().iter();
-            let own = named
+            let mut own = named
                 .filter(|e| e["names"] == serde_json::json!([effect]))
                 .map(|e| e["parameters"][effect].clone());
-            own.last().unwrap_or_else(|| panic!("{effect} of {name}: {}", found["summary"]))
+            own.next_back().unwrap_or_else(|| panic!("{effect} of {name}: {}", found["summary"]))
         };
         let g = of("gyro_g_sensitivity");
         for (i, row) in truth(name).iter().enumerate() {

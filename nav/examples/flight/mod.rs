@@ -16,7 +16,7 @@ const H_S: f64 = 1e-3;
 /// Where it is, m, in axes of the starting point.
 fn place(t: f64) -> Vector3<f64> {
     // At first it stands; then it speeds up.
-    let s = 0.5 * ((t - 5.0).max(0.0)).min(20.0).powi(2) / 20.0 + (t - 25.0).max(0.0);
+    let s = 0.5 * (t - 5.0).clamp(0.0, 20.0).powi(2) / 20.0 + (t - 25.0).max(0.0);
     let turn = 0.11 * s + 0.6 * (0.07 * s).sin();
     Vector3::new(180.0 * turn.sin(), 120.0 * (2.0 * turn).sin(), -60.0 * (1.0 - (0.09 * s).cos()))
 }
