@@ -155,7 +155,12 @@ fn missing(found: &str, entry: &EffectEntry, added: &Added, text: &mut Vec<Strin
             "This flight does not separate {}. The first fits best{size}.",
             names.join(" or ")
         ));
-        text.extend(entry.separate_by.as_ref().map(|maneuver| format!("To separate them: {maneuver}.")));
+        text.extend(
+            entry
+                .separate_by
+                .as_ref()
+                .map(|maneuver| format!("To separate them: {}.", maneuver.trim_end_matches('.'))),
+        );
     }
     text.extend(entry.consequence.as_ref().map(|c| format!("Consequence: {c}.")));
     text.push(format!("Remedy: {}.", entry.remedy));
@@ -256,7 +261,8 @@ mod tests {
             text.contains("gyro_walk = 3000 deg/h/√h or more.") && text.contains("No bias of such a sensor");
         assert!(told, "{text}");
         let text = summary(&e, &[&drift(100.0)]);
-        assert!(text.contains("gyro_walk = 100 ± 220 deg/h/√h.") && !text.contains("No bias"), "{text}");
+        // A value within its sigma is no result.
+        assert!(text.contains("of no size beyond its sigma.") && !text.contains("No bias"), "{text}");
     }
 
     #[test]

@@ -5,7 +5,7 @@
 //! Bayesian learning and the relevance vector machine", JMLR 1). Every formula is screened at a glance twice, some at a time: with nothing named, and
 //! beside what the catalogue named. Where one comes near what the catalogue explains, or explains what it leaves, the selection is
 //! made again with the best of them among its candidates. A formula pays for the size of the grammar
-//! ([`Effect::prior_cost`](crate::effects::Effect::prior_cost)).
+//! ([`Effect::prior_cost`]).
 
 use super::flight::Flight;
 use super::select::{self, Added, Point, Search, Selection, Settings};

@@ -16,7 +16,7 @@ pub const AUTOPILOT: &str = "autopilot";
 pub const OURS: &str = "this estimate";
 /// Name of a simulation's truth.
 pub const TRUTH: &str = "simulation truth";
-/// Velocities are compared over at least this time, s: rare attitudes and noise of the fixes count for less.
+/// Velocities are compared over about this time, s: rare attitudes and noise of the fixes count for less.
 const SPAN_S: f64 = 1.0;
 /// A longer interval had fixes or attitudes missing, s.
 const LONGEST_S: f64 = 3.0;
@@ -116,10 +116,12 @@ impl Track {
             return;
         };
         let span_s = fix.t_s - from.t_s;
-        if (0.0..SPAN_S).contains(&span_s) {
+        // Intervals end at the same fixes for all attitudes, whenever each of them began: otherwise they could not be compared one by one.
+        let cell = |t_s: f64| (t_s / SPAN_S).floor();
+        if span_s >= 0.0 && cell(fix.t_s) == cell(from.t_s) {
             return;
         }
-        if (SPAN_S..=LONGEST_S).contains(&span_s) {
+        if (0.5 * SPAN_S..=LONGEST_S).contains(&span_s) {
             self.intervals.push(Interval {
                 t_s: fix.t_s,
                 gained: fix.v - from.v - Vector3::z() * (GRAVITY * span_s),
@@ -342,7 +344,12 @@ mod tests {
     use super::*;
 
     /// A vehicle that accelerates to and fro for three minutes, with these errors of pitch and yaw of the autopilot and of the yaw of ours, rad.
-    fn flown([pitch, autopilot, ours]: [f64; 3], acceleration: f64) -> Vec<Fitted> {
+    fn flown(errors: [f64; 3], acceleration: f64) -> Vec<Fitted> {
+        flown_from(0.0, errors, acceleration)
+    }
+
+    /// The same where ours begins so much later, s.
+    fn flown_from(later_s: f64, [pitch, autopilot, ours]: [f64; 3], acceleration: f64) -> Vec<Fitted> {
         let (mut motion, mut velocity, dt) = (Motion::default(), Vector3::zeros(), 0.02);
         for k in 0..9000 {
             let t_s = f64::from(k) * dt;
@@ -353,7 +360,9 @@ mod tests {
             motion.push_force(&Vector3::new(ahead + 0.15, 0.1, -GRAVITY));
             if k % 5 == 4 {
                 motion.push_attitude(AUTOPILOT, t_s, [0.0, pitch, yaw + autopilot]);
-                motion.push_attitude(OURS, t_s, [0.0, 0.0, yaw + ours]);
+                if t_s > later_s {
+                    motion.push_attitude(OURS, t_s, [0.0, 0.0, yaw + ours]);
+                }
             }
             if k % 10 == 9 {
                 let noise = 0.05 * (f64::from(k) * 1.7).sin();
@@ -380,6 +389,14 @@ mod tests {
         assert_eq!(worse(&all), Some(OURS), "{all:?}");
         let (off, sigma) = all.iter().find(|f| f.name == OURS).unwrap().yaw_off_deg.unwrap();
         assert!((off + 85.9).abs() < 3.0 * sigma.max(0.5), "{off} {sigma}");
+    }
+
+    /// On a recorded flight the two were out of step, and nothing of them was compared.
+    #[test]
+    fn an_attitude_that_begins_between_two_fixes_is_compared_all_the_same() {
+        for later_s in [1.3, 1.5, 1.7, 1.9, 2.1] {
+            assert_eq!(worse(&flown_from(later_s, [0.0, 0.2, 0.0], 2.0)), Some(AUTOPILOT), "{later_s}");
+        }
     }
 
     #[test]
