@@ -185,7 +185,7 @@ const REAL: [Real; 7] = [
         phase: "running",
         said: "",
         learns: true,
-        nis: 0.146,
+        nis: 0.180,
         g_within: 100.0,
     },
     Real {

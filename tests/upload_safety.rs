@@ -245,7 +245,7 @@ async fn the_pre_flight_check_stops_wrong_set_ups() {
             &path,
             "quadrotor",
             1,
-            "ANGLE_MAX is 20°, bank_max_deg of the airframe file 35°",
+            "ANGLE_MAX is 20°, bank_max_deg of the airframe file 30°",
         ),
         (
             &[("FENCE_ENABLE", 1.0), ("FENCE_ALT_MAX", 40.0)],

@@ -332,7 +332,12 @@ async fn what_the_pre_flight_check_stops_no_upload_brings() {
     const TOKEN: &str = "far-too-steep-turns";
     let (folder, stop) = (Folder::new("one-check"), CancellationToken::new());
     let address = quadrotor("udpin:127.0.0.1:0", A, 0.0, &stop).await;
-    let airframe = Airframe::example("quadrotor");
+    // Steeper than the simulated vehicle allows.
+    let airframe = Airframe::example("quadrotor").map(|a| Airframe { bank_max_deg: 35.0, ..a });
+    let file = folder.file("steep.toml");
+    let text = include_str!("../mission/airframes/quadrotor.toml")
+        .replace("bank_max_deg = 30.0", "bank_max_deg = 35.0");
+    std::fs::write(&file, text).unwrap();
     let planned = plan(&folder, "planned.plan", &Contents { airframe, ..legs(5, 50.0) });
     let words = "ANGLE_MAX is 30°, bank_max_deg of the airframe file 35°";
     let told = gaware(&["preflight", "--plan", &planned, "--connect", &address]).await;
@@ -342,8 +347,7 @@ async fn what_the_pre_flight_check_stops_no_upload_brings() {
     // A file without an airframe, checked against one that is named.
     let bare = plan(&folder, "bare.plan", &legs(5, 50.0));
     let backup = folder.file("b2.plan");
-    let named =
-        ["mission", "upload", &bare, "--airframe", "quadrotor", "--backup", &backup, "--connect", &address];
+    let named = ["mission", "upload", &bare, "--airframe", &file, "--backup", &backup, "--connect", &address];
     let told = gaware(&named).await;
     assert!(told.code() == Some(1) && told.stderr.contains(words), "{}{}", told.stdout, told.stderr);
     let args = ["run", "--connect", &address, "--no-record", "--headless", "--web", "127.0.0.1:0"];

@@ -86,7 +86,7 @@ fn verdict(c: &Confirmation) -> &'static str {
     let apart = c.differences().iter().any(|z| z.abs() > APART);
     match (c.evidence > enough(), apart) {
         (true, false) => "confirmed",
-        (_, true) => "contradicted",
+        (_, true) => "inconsistent",
         (false, false) => "not shown",
     }
 }
@@ -141,7 +141,7 @@ fn document(c: &Confirmation) -> Value {
 }
 
 fn words(out: &mut String, c: &Confirmation) -> std::fmt::Result {
-    writeln!(out, "{}: {} (log odds {:.1})", c.here.effect.name(), verdict(c), c.evidence)?;
+    writeln!(out, "{}: {} (log Bayes factor {:.1})", c.here.effect.name(), verdict(c), c.evidence)?;
     for (k, (name, unit)) in c.here.parameters().enumerate() {
         let of = |s: &EffectSetting| {
             let sigma = s.sigmas[k] / unit.si;

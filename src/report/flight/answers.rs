@@ -11,6 +11,9 @@ use crate::engine::snapshot::{Phase, StateStatus, Status, Summary};
 use crate::report::page::{answers as list, escape};
 use std::fmt::Write;
 
+/// Two attitudes that differ by no more than so many sigmas of ours are alike.
+const OWN_SIGMAS: f64 = 2.0;
+
 /// Name, origin, and what the log can answer.
 pub fn head(origin: &super::Origin, s: &Summary, (scope, next): &(String, String), body: &mut String) {
     let vehicle = match (origin.beside.on_board.class, s.vehicle_type.as_str()) {
@@ -209,7 +212,10 @@ pub fn whose(compared: Option<&Comparison>, fitted: &[Fitted], log: &FlightLog) 
     } else {
         (autopilot, ours, "This estimate's")
     };
-    let Some(t) = worse.worse_than(better) else {
+    // What the own estimate does not know better than that is no one's fault.
+    let within = |r: &super::attitude::Row| (0..3).all(|k| r.rms_deg[k] <= OWN_SIGMAS * r.sigma_deg[k]);
+    let alike = compared.and_then(|c| c.rows.first()).is_some_and(within);
+    let Some(t) = worse.worse_than(better).filter(|_| !alike) else {
         return format!(
             "Both fit the motion alike ({:.2} and {:.2} m/s² for the autopilot and this estimate): this flight does not decide it.{apart} \
              <a href=\"#motion\">All attitudes</a>.",
