@@ -209,7 +209,7 @@ const REAL: [Real; 7] = [
         phase: "running",
         said: "RAW_IMU",
         learns: true,
-        nis: 0.788,
+        nis: 0.552,
         g_within: 1600.0,
     },
     Real {
@@ -217,7 +217,7 @@ const REAL: [Real; 7] = [
         phase: "running",
         said: "RAW_IMU",
         learns: true,
-        nis: 1.134,
+        nis: 0.593,
         g_within: 1050.0,
     },
 ];

@@ -333,11 +333,11 @@ async fn what_the_pre_flight_check_stops_no_upload_brings() {
     let (folder, stop) = (Folder::new("one-check"), CancellationToken::new());
     let address = quadrotor("udpin:127.0.0.1:0", A, 0.0, &stop).await;
     // Steeper than the simulated vehicle allows.
-    let airframe = Airframe::example("quadrotor").map(|a| Airframe { bank_max_deg: 35.0, ..a });
     let file = folder.file("steep.toml");
     let text = include_str!("../mission/airframes/quadrotor.toml")
         .replace("bank_max_deg = 30.0", "bank_max_deg = 35.0");
-    std::fs::write(&file, text).unwrap();
+    std::fs::write(&file, &text).unwrap();
+    let airframe = Some(Airframe::from_toml(&text).unwrap());
     let planned = plan(&folder, "planned.plan", &Contents { airframe, ..legs(5, 50.0) });
     let words = "ANGLE_MAX is 30°, bank_max_deg of the airframe file 35°";
     let told = gaware(&["preflight", "--plan", &planned, "--connect", &address]).await;
