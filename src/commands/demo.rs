@@ -225,7 +225,7 @@ fn settings(args: &DemoArgs) -> Result<Settings, CommandError> {
     }
     settings.band_m = args.band.or(settings.band_m)?;
     if let Some(path) = &args.model {
-        settings.belief = super::load_model(path)?;
+        settings.belief = super::load_model(path)?.with_receiver();
         settings.drawn = settings.belief.clone();
     }
     Ok(settings)

@@ -101,7 +101,7 @@ pub async fn serve<E: Estimator>(
 ) -> Result<Served<E>, CommandError> {
     args.effects.load()?;
     let model = args.known.unit.on(args.model.as_deref().map(load_model).transpose()?)?;
-    let model = model.unwrap_or_else(Model::standard);
+    let model = model.unwrap_or_else(Model::standard).with_receiver();
     let clock = ReceiveClock::start();
     let options = args.listen.options();
     let guard = args.signing_key.as_deref().map(Guard::load).transpose()?;

@@ -52,13 +52,12 @@ pub enum ReplayError {
     Draw(String),
 }
 
-/// Reads the text of a model that an estimate is to use: what every receiver does belongs to it, though files do not say so. `path` is its
-/// name in errors.
+/// Reads the text of a model; `path` is its name in errors.
 ///
 /// # Errors
 /// It is none; the line is reported where it is known.
 pub fn parse_model(text: &str, path: &Path) -> Result<Model, ModelFileError> {
-    Model::from_toml(text).map(Model::with_receiver).map_err(|source| {
+    Model::from_toml(text).map_err(|source| {
         let line = match &source {
             ModelError::Syntax { span: Some(span), .. } => {
                 text.get(..span.start).map(|before| before.matches('\n').count() + 1)
@@ -96,7 +95,8 @@ pub fn replay_watched<E: Estimator>(
         (Some(model), _) => model.clone(),
         (None, Some(setup)) => parse_model(&setup.model_toml, request.log.path())?,
         (None, None) => Model::standard(),
-    };
+    }
+    .with_receiver();
     let started = if request.model.is_none() && recorded.autopilot().is_some() {
         start::start(&mut model, &OnBoard::read(&request.log, None)?)
     } else {
