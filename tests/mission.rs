@@ -288,18 +288,48 @@ async fn ask(page: &str, token: Option<&str>, body: &str) -> (u16, String) {
     post(page, "/api/v1/mission/upload", token, body).await
 }
 
-/// Waits until the companion has an inertial sample: a run that ends without any is none.
-async fn estimating(page: &str) {
+/// Asks the page for this until it is so.
+async fn page_says(page: &str, path: &str, so: impl Fn(&serde_json::Value) -> bool) -> serde_json::Value {
     let request = format!(
-        "GET /api/v1/status HTTP/1.1\r\nHost: {page}\r\nAuthorization: Bearer {TOKEN}\r\nConnection: close\r\n\r\n"
+        "GET {path} HTTP/1.1\r\nHost: {page}\r\nAuthorization: Bearer {TOKEN}\r\nConnection: close\r\n\r\n"
     );
     loop {
         let (status, body) = exchange(page, &request).await;
         assert_eq!(status, 200, "{body}");
-        let snapshot: serde_json::Value = serde_json::from_str(&body).unwrap();
-        if snapshot["imu"]["samples"].as_u64().unwrap() > 0 {
-            return;
+        let said = serde_json::from_str(&body).unwrap();
+        if so(&said) {
+            return said;
         }
+    }
+}
+
+/// Waits until the companion has an inertial sample: a run that ends without any is none.
+async fn estimating(page: &str) {
+    page_says(page, "/api/v1/status", |s| s["imu"]["samples"].as_u64().unwrap() > 0).await;
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn a_run_after_an_upload_sees_that_its_mission_is_on_the_vehicle() {
+    for (name, flavour) in [("seen-ap", Flavour::ArduPilot), ("seen-px4", Flavour::Px4)] {
+        let (folder, stop) = (Folder::new(name), CancellationToken::new());
+        let address = vehicle("udpin:127.0.0.1:0", flavour, LinkFaults::default(), &stop).await;
+        let planned = folder.mission("planned.waypoints", 6);
+        upload(&put(&address, planned.clone(), folder.file("b1.plan")), &stop, |_| ()).await.unwrap();
+        for (mission, state, words) in [
+            (planned, "on_vehicle", "planned.waypoints is on the vehicle: read and compared"),
+            (folder.mission("other.waypoints", 5), "ready", "on the vehicle is another mission of 7 items"),
+        ] {
+            let (companion, page) = run_with_page(&address, &mission);
+            let looked =
+                |s: &serde_json::Value| s["mission"]["text"].as_str().unwrap().contains("on the vehicle");
+            let said = page_says(&page, "/api/v1/sinks", looked).await;
+            assert_eq!(said["mission"]["state"], state, "{said:#}");
+            assert!(said["mission"]["text"].as_str().unwrap().contains(words), "{said:#}");
+            estimating(&page).await;
+            companion.terminate();
+            assert_eq!(companion.ended().code(), Some(0));
+        }
+        stop.cancel();
     }
 }
 

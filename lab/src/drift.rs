@@ -230,7 +230,7 @@ fn one_flight(base: &Scenario, rotor: bool, drift: Drift, seed: u64) -> Run {
         watch.look(&estimator, &truth, &drifting.bias);
     });
     let mut run = watch.run;
-    run.walk = estimator.gyro_walk() / unit::DEG_PER_H_PER_RTH.si;
+    run.walk = estimator.walk().gyro / unit::DEG_PER_H_PER_RTH.si;
     run
 }
 

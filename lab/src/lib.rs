@@ -20,3 +20,4 @@ pub mod recorded;
 pub mod statistics;
 pub mod transfer;
 pub mod unknown;
+pub mod withheld;

@@ -5,6 +5,7 @@
 
 use crate::alignment::Gathering;
 use crate::drift::DriftBank;
+use crate::effects::BiasWalk;
 use crate::filter::{Filter, FixOutcome, Fusion, Initial, LOST_ATTITUDE, PassedOver};
 use crate::ground::{PlaceAid, REFERENCE_ERROR};
 use crate::heading::{HeadingBank, MEMBERS};
@@ -63,10 +64,10 @@ pub enum EstimatorEvent {
         /// The sigma of its worst axis, rad.
         sigma_rad: f64,
     },
-    /// The gyro biases drift faster or slower than was assumed; the estimate goes on with another random walk of theirs.
-    GyroBiasesDrift {
-        /// The random walk that the fixes ask for beyond the model's own, rad/s/√s.
-        walk: f64,
+    /// The biases drift faster or slower than was assumed; the estimate goes on with another random walk of theirs.
+    BiasesDrift {
+        /// The random walk that the fixes ask for beyond the model's own.
+        walk: BiasWalk,
     },
     /// The first fix after a start on the ground without one: the motion starts from fixes now.
     PlaceKnown {
@@ -233,11 +234,11 @@ impl Estimator {
         }
     }
 
-    /// The random walk of the gyro biases that the fixes ask for beyond the model's own, rad/s/√s; 0 where they ask for none.
-    pub fn gyro_walk(&self) -> f64 {
+    /// The random walk of the biases that the fixes ask for beyond the model's own; 0 where they ask for none.
+    pub fn walk(&self) -> BiasWalk {
         match &self.state {
             State::Running(bank) => bank.walk(),
-            _ => 0.0,
+            _ => BiasWalk::default(),
         }
     }
 
@@ -316,7 +317,7 @@ impl Estimator {
                 let walk = bank.walk();
                 let outcomes = bank.poll();
                 if bank.walk() != walk {
-                    self.events.push(EstimatorEvent::GyroBiasesDrift { walk: bank.walk() });
+                    self.events.push(EstimatorEvent::BiasesDrift { walk: bank.walk() });
                 }
                 outcomes
             }

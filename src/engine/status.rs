@@ -5,7 +5,7 @@ use super::estimate::{BEYOND_PRIOR, Constants};
 use super::situation::{self, FIX_PATIENCE_S, Inputs, Situation};
 use super::snapshot::{Consistency, GnssStatus, Guidance, ImuStatus, Phase, StateStatus, Status};
 use crate::timeline::Gaps;
-use gaware_nav::effects::unit;
+use gaware_nav::effects::{BiasWalk, unit};
 use gaware_nav::estimator::{EstimatorEvent, Stage};
 use gaware_nav::filter::{Filter, FixEvent, PassedOver};
 
@@ -183,13 +183,7 @@ pub(super) fn reported(event: &EstimatorEvent) -> String {
             "the attitude became uncertain to {:.0}° and is aligned anew, biases and G are kept",
             sigma_rad.to_degrees()
         ),
-        EstimatorEvent::GyroBiasesDrift { walk: 0.0 } => {
-            "the fixes fit better without a drift of the gyro biases beyond the model's".to_owned()
-        }
-        EstimatorEvent::GyroBiasesDrift { walk } => format!(
-            "the fixes fit better if the gyro biases drift: the filter now assumes a random walk of {:.0} deg/h/√h for them",
-            walk / unit::DEG_PER_H_PER_RTH.si
-        ),
+        EstimatorEvent::BiasesDrift { walk } => drift_words(*walk),
         EstimatorEvent::PlaceKnown { constants_kept: true } => {
             "first GNSS fix after a start on the ground without one: position and heading start from it, biases and G are kept"
                 .to_owned()
@@ -223,4 +217,19 @@ pub(super) fn reported_fix(event: &FixEvent) -> String {
             format!("GNSS is back after {after_s:.0} s: position and velocity start from its first fix")
         }
     }
+}
+/// What another walk of the biases means.
+fn drift_words(walk: BiasWalk) -> String {
+    let gyro = (walk.gyro > 0.0)
+        .then(|| format!("of {:.0} deg/h/√h for those of the gyros", walk.gyro / unit::DEG_PER_H_PER_RTH.si));
+    let accel =
+        (walk.accel > 0.0).then(|| format!("of {} m/s²/√s for those of the accelerometers", walk.accel));
+    let walks: Vec<_> = gyro.into_iter().chain(accel).collect();
+    if walks.is_empty() {
+        return "the fixes fit better without a drift of the biases beyond the model's".to_owned();
+    }
+    format!(
+        "the fixes fit better if the biases drift: the filter now assumes a random walk {}",
+        walks.join(" and ")
+    )
 }

@@ -3,12 +3,13 @@
 
 use super::delivery::{DeliveryError, Order, deliver};
 use super::files::{self, Contents};
+use super::journal;
 use super::param_delivery::ParamOrder;
 use super::pin;
 use super::pinned::Pinned;
 use super::run_wire::RunWire;
 use super::vehicle::Vehicle;
-use super::wire::{News, Wire};
+use super::wire::{self, News, Wire};
 use crate::figures::counted;
 use crate::link::endpoint::{Origin, Received};
 use crate::sinks::live::Live;
@@ -16,6 +17,9 @@ use crate::sinks::status::{MissionState, MissionView, SinkStatus};
 use crate::sinks::{Change, Request};
 use gaware_mission::airframe::Airframe;
 use gaware_mission::change::Phase;
+use gaware_mission::compare::differences;
+use gaware_mission::item::MissionKind;
+use gaware_mission::transfer::TransferError;
 use gaware_mission::transfer::verified::{Options, Outcome};
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
@@ -59,10 +63,41 @@ impl Planned {
         self.path.file_name().map_or_else(String::new, |n| n.to_string_lossy().into_owned())
     }
 
+    fn ready(&self) -> String {
+        let items = self.contents.mission.items.len();
+        let are = if items == 1 { "is" } else { "are" };
+        format!("{} of {} {are} ready to be uploaded before take-off", counted(items, "item"), self.name())
+    }
+
+    /// Compares what the vehicle holds with this mission and its fence.
+    async fn on_board(&self, wire: &mut Pinned<RunWire>) -> Result<OnBoard, TransferError> {
+        let mission = wire::download(wire, MissionKind::Mission).await?;
+        let autopilot = wire.vehicle().autopilot;
+        if !differences(autopilot, &self.contents.mission, &mission).is_empty() {
+            let items = mission.items.len();
+            return Ok(if items == 0 { OnBoard::Nothing } else { OnBoard::Other(items) });
+        }
+        if !self.contents.fence.is_empty() {
+            let fence = wire::download(wire, MissionKind::Fence).await?;
+            if !differences(autopilot, &journal::list(&self.contents.fence), &fence).is_empty() {
+                return Ok(OnBoard::Other(mission.items.len()));
+            }
+        }
+        Ok(OnBoard::Same)
+    }
+
     /// Where the mission before is kept: beside the file.
     fn backup_path(&self) -> PathBuf {
         self.path.with_file_name(format!("mission-backup-{}.plan", stamp()))
     }
+}
+
+/// What a vehicle holds, against a planned mission.
+enum OnBoard {
+    Same,
+    Nothing,
+    /// Another mission or another fence, with so many items of the mission.
+    Other(usize),
 }
 
 /// Part of the name of a backup: no two are made in the same millisecond.
@@ -81,6 +116,8 @@ pub struct Offer {
     pub airframe: Option<Airframe>,
 }
 
+/// A reading that failed is tried again with a later heartbeat, so often in all.
+const LOOKS: u8 = 3;
 /// A few periods of snapshots.
 const NEXT_SNAPSHOT: Duration = Duration::from_secs(1);
 
@@ -94,6 +131,8 @@ pub struct Uploader {
     heard: Vec<(Vehicle, Origin, Instant)>,
     live: watch::Receiver<Arc<Live>>,
     status: Arc<SinkStatus>,
+    /// So often may still be read what is on board, to learn whether the planned mission is there already.
+    looks: u8,
 }
 
 impl Uploader {
@@ -108,15 +147,13 @@ impl Uploader {
     ) -> Self {
         let wire = Pinned::new(RunWire::new(frames, outbox), Vehicle::UNKNOWN, Origin::default());
         if let Some(planned) = &offer.mission {
-            let (items, name) = (planned.contents.mission.items.len(), planned.name());
-            let (items, are) = (counted(items, "item"), if items == 1 { "is" } else { "are" });
-            let text = format!("{items} of {name} {are} ready to be uploaded before take-off");
-            show(&status, planned, MissionState::Ready, text);
+            show(&status, planned, MissionState::Ready, planned.ready());
         }
         if let Some(order) = &offer.parameters {
             parameters::show(&status, order, MissionState::Ready, parameters::ready(order));
         }
-        Self { offer, wire, wanted, heard: Vec::new(), live, status }
+        let looks = if offer.mission.is_some() { LOOKS } else { 0 };
+        Self { offer, wire, wanted, heard: Vec::new(), live, status, looks }
     }
 
     /// Serves requests until `stop`; a change under way then is cancelled, and what was there before put back first.
@@ -134,7 +171,7 @@ impl Uploader {
                     None => return,
                 },
                 frame = self.wire.raw.frames.recv() => match frame {
-                    Ok(received) => self.notice(&received),
+                    Ok(received) => if self.notice(&received) { self.look_on_board().await },
                     Err(RecvError::Lagged(_)) => {}
                     Err(RecvError::Closed) => return,
                 },
@@ -142,11 +179,45 @@ impl Uploader {
         }
     }
 
-    fn notice(&mut self, received: &Received) {
-        let Some(seen) = Vehicle::from_heartbeat(&received.frame) else { return };
+    /// Takes a frame; whether it is a heartbeat of the vehicle that the engine listens to.
+    fn notice(&mut self, received: &Received) -> bool {
+        let Some(seen) = Vehicle::from_heartbeat(&received.frame) else { return false };
         let origin = received.origin();
         self.heard.retain(|(v, from, _)| (v.address, *from) != (seen.address, origin));
         self.heard.push((seen, origin, Instant::now()));
+        self.followed().is_some_and(|(vehicle, _)| vehicle.address == seen.address)
+    }
+
+    /// Reads what is on board of a vehicle that stands: a mission that was uploaded before the run need not be uploaded again.
+    async fn look_on_board(&mut self) {
+        let stands = self.followed().is_some_and(|(vehicle, _)| vehicle.state.objection().is_none());
+        if self.looks == 0 || !stands || self.pin().await.is_err() {
+            return;
+        }
+        self.looks -= 1;
+        let Some(planned) = &self.offer.mission else { return };
+        let (state, text) = match planned.on_board(&mut self.wire).await {
+            Ok(OnBoard::Same) => {
+                (MissionState::OnVehicle, format!("{} is on the vehicle: read and compared", planned.name()))
+            }
+            Ok(OnBoard::Nothing) => {
+                (MissionState::Ready, format!("{}; the vehicle has no mission", planned.ready()))
+            }
+            Ok(OnBoard::Other(items)) => {
+                let other = format!(
+                    "{}; on the vehicle is another mission of {}",
+                    planned.ready(),
+                    counted(items, "item")
+                );
+                (MissionState::Ready, other)
+            }
+            Err(error) => {
+                tracing::debug!(%error, "what is on board could not be read");
+                return;
+            }
+        };
+        self.looks = 0;
+        show(&self.status, planned, state, text);
     }
 
     /// The vehicles that sent something lately.

@@ -6,7 +6,7 @@ mod endurance;
 mod faults;
 mod unknown;
 
-use crate::{demo, drift, ground, guidance, honesty, observability, paper, recorded, transfer};
+use crate::{demo, drift, ground, guidance, honesty, observability, paper, recorded, transfer, withheld};
 use gaware::commands::{CommandError, output};
 use gaware::demo::{Prepared, Settings};
 use gaware::parallel::Progress;
@@ -53,6 +53,8 @@ pub enum StudyKind {
     Drift(DriftArgs),
     /// Ground sessions by hand over many units: sources of samples, GNSS open, covered and none, hands that make mistakes.
     Ground(GroundStudyArgs),
+    /// Logs of anybody: fixes are withheld for some seconds, and what the live filter predicts is compared with the first one after.
+    Withheld(WithheldArgs),
     /// Faults of link, clocks and sensors in flight: what the pilot is shown, time to recover, losses, errors against sigmas.
     Faults(faults::FaultsArgs),
 }
@@ -66,6 +68,23 @@ pub struct DriftArgs {
     /// First seed.
     #[arg(long, default_value_t = 1)]
     pub seed: u64,
+    /// Print one JSON document.
+    #[arg(long)]
+    pub json: bool,
+}
+
+/// Arguments of `study withheld`.
+#[derive(Debug, Clone, clap::Args)]
+pub struct WithheldArgs {
+    /// Logs of any format.
+    #[arg(required = true)]
+    pub logs: Vec<PathBuf>,
+    /// Fixes are withheld for so long, s.
+    #[arg(long, default_value_t = 10.0, value_name = "SECONDS")]
+    pub gap: f64,
+    /// And so often, s.
+    #[arg(long, default_value_t = 25.0, value_name = "SECONDS")]
+    pub every: f64,
     /// Print one JSON document.
     #[arg(long)]
     pub json: bool,
@@ -330,6 +349,12 @@ pub fn run(args: &StudyArgs) -> Result<(), StudyError> {
         StudyKind::Ground(args) => {
             let settings = ground::Settings { runs: args.runs, seed: args.seed };
             let study = with_bar(ground::sessions(&settings), "sessions", |bar| ground::run(&settings, bar));
+            show(args.json, &study, |out, study| write!(out, "{study}"))
+        }
+        StudyKind::Withheld(args) => {
+            let settings =
+                withheld::Settings { logs: args.logs.clone(), gap_s: args.gap, every_s: args.every };
+            let study = with_bar(settings.logs.len(), "logs", |bar| withheld::run(&settings, bar));
             show(args.json, &study, |out, study| write!(out, "{study}"))
         }
         StudyKind::Endurance(args) => endurance::run(args),

@@ -8,6 +8,7 @@ use super::aid::stationarity::detector::{Detector, SampleNoise};
 use super::force_rate::{AFTER_S, BEFORE_S, ForceRates};
 use super::window::{Step, Window};
 use super::{Filter, FixOutcome};
+use crate::effects::BiasWalk;
 use crate::mechanization::{self, Increment, Motion, NavState};
 use crate::sample::{GnssFix, ImuSample};
 use std::collections::VecDeque;
@@ -101,11 +102,11 @@ impl Fusion {
         &mut self.filter
     }
 
-    /// Lets the gyro biases walk by so much beyond the model from now on, rad/s/√s, and in what is run again.
-    pub fn set_gyro_walk(&mut self, density: f64) {
-        self.filter.set_gyro_walk(density);
+    /// Lets the biases walk by so much beyond the model from now on, and in what is run again.
+    pub fn set_walk(&mut self, walk: BiasWalk) {
+        self.filter.set_walk(walk);
         if let Some(window) = &mut self.window {
-            window.set_gyro_walk(density);
+            window.set_walk(walk);
         }
     }
 

@@ -25,6 +25,7 @@ pub(crate) mod unseen;
 mod update;
 mod window;
 
+use crate::effects::BiasWalk;
 use crate::linear::interval::{Here, Sum};
 use crate::mechanization::{Motion, NavState};
 use crate::model::Model;
@@ -133,7 +134,7 @@ pub struct Filter {
     /// Whether an effect of the model lets biases walk.
     biases_walk: bool,
     /// Random walk of the gyro biases beyond the model's, rad/s/√s.
-    gyro_walk: f64,
+    walk: BiasWalk,
     /// Log-likelihood of the mean rates of a stationary vehicle that nobody has taken yet.
     rest_evidence: f64,
     /// For how long the constants have not walked yet, s.
@@ -209,7 +210,7 @@ impl Filter {
             lags: LagBank::default(),
             recent: Recent::default(),
             biases_walk: model.effects.iter().any(|s| s.effect.on_biases().is_some()),
-            gyro_walk: 0.0,
+            walk: BiasWalk::default(),
             rest_evidence: 0.0,
             unwalked_s: 0.0,
             began_s: initial.t_s,
@@ -232,7 +233,7 @@ impl Filter {
         fresh.began_s = self.began_s;
         fresh.rounding = self.rounding;
         fresh.scatter = self.scatter;
-        fresh.gyro_walk = self.gyro_walk;
+        fresh.walk = self.walk;
         fresh.initial_sigmas[index::GYRO_BIAS..].copy_from_slice(&self.initial_sigmas[index::GYRO_BIAS..]);
         fresh.p.copy_tail(&self.p, index::GYRO_BIAS);
         for k in 0..3 {
@@ -257,19 +258,19 @@ impl Filter {
         self.operating = *operating;
     }
 
-    /// Lets the gyro biases walk by so much beyond the model, rad/s/√s.
-    pub fn set_gyro_walk(&mut self, density: f64) {
-        self.gyro_walk = density;
+    /// Lets the biases walk by so much beyond the model.
+    pub fn set_walk(&mut self, walk: BiasWalk) {
+        self.walk = walk;
     }
 
-    /// The random walk of the gyro biases beyond the model's, rad/s/√s.
-    pub fn gyro_walk(&self) -> f64 {
-        self.gyro_walk
+    /// The random walk of the biases beyond the model's.
+    pub fn walk(&self) -> BiasWalk {
+        self.walk
     }
 
     /// Random walk of the gyro biases by the model and beyond it, rad/s/√s.
     pub(super) fn gyro_walk_density(&self) -> f64 {
-        self.gyro_walk.hypot(self.model_gyro_walk_density())
+        self.walk.gyro.hypot(self.model_gyro_walk_density())
     }
 
     /// The same by the model alone.

@@ -6,7 +6,7 @@ use super::nav_map::Dense;
 use super::regressor::BEYOND_NOISE;
 use super::unseen::{BetweenSamples, GAP_S, MOTION as GAP_MOTION};
 use crate::displacement::Displacement;
-use crate::effects::Conditions;
+use crate::effects::{BiasWalk, Conditions};
 use crate::linear::interval::{NavCovariance, Sum};
 use crate::mechanization::Motion;
 use crate::sample::{ImuSample, SampleKind};
@@ -307,17 +307,15 @@ impl Filter {
 
     /// The random walks of biases that effects ask for, and of all constants where tolerances say that none is one for ever.
     pub(super) fn walk_constants(&mut self, dt: f64) {
-        if self.gyro_walk > 0.0 {
-            let variance = self.gyro_walk * self.gyro_walk * dt;
-            (0..3).for_each(|k| self.p.add_variance(index::GYRO_BIAS + k, variance));
-        }
+        let mut walk = self.walk;
         if self.biases_walk {
-            for (setting, p) in self.model.effects.iter().zip(self.about.calibration.parameters()) {
-                let walk = setting.effect.bias_walk(p);
-                for k in 0..3 {
-                    self.p.add_variance(index::GYRO_BIAS + k, walk.gyro * walk.gyro * dt);
-                    self.p.add_variance(index::ACCEL_BIAS + k, walk.accel * walk.accel * dt);
-                }
+            let effects = self.model.effects.iter().zip(self.about.calibration.parameters());
+            walk = effects.map(|(s, p)| s.effect.bias_walk(p)).fold(walk, BiasWalk::and);
+        }
+        if walk != BiasWalk::default() {
+            for k in 0..3 {
+                self.p.add_variance(index::GYRO_BIAS + k, walk.gyro * walk.gyro * dt);
+                self.p.add_variance(index::ACCEL_BIAS + k, walk.accel * walk.accel * dt);
             }
         }
         let Some([biases, others]) = self.model.constants_walk() else { return };

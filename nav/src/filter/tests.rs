@@ -294,7 +294,8 @@ fn a_vehicle_at_rest_is_held_and_learns_what_its_gyros_show() {
 fn gyros_at_rest_speak_against_a_walk_however_long_each_filter_has_known_of_the_rest() {
     let evidence = |walk_deg_per_h_per_rth: f64| {
         let mut fusion = Fusion::new(started(&Model::standard())).recognising_rest();
-        fusion.set_gyro_walk(walk_deg_per_h_per_rth * crate::effects::unit::DEG_PER_H_PER_RTH.si);
+        let gyro = walk_deg_per_h_per_rth * crate::effects::unit::DEG_PER_H_PER_RTH.si;
+        fusion.set_walk(crate::effects::BiasWalk { gyro, accel: 0.0 });
         run(&mut fusion, 0.0, 120.0, 0.0);
         fusion.filter_mut().take_rest_evidence()
     };

@@ -14,6 +14,7 @@ use super::layout::index;
 use super::{Filter, FixOutcome};
 use crate::consistency::error;
 use crate::displacement::Displacement;
+use crate::effects::BiasWalk;
 use crate::mechanization::{Increment, NavState, step};
 use crate::sample::{GnssFix, ImuSample};
 use std::sync::Arc;
@@ -134,9 +135,9 @@ impl Window {
         })
     }
 
-    /// What is run again has this walk of the gyro biases too, rad/s/√s.
-    pub(super) fn set_gyro_walk(&mut self, density: f64) {
-        self.prior.set_gyro_walk(density);
+    /// What is run again has this walk of the biases too.
+    pub(super) fn set_walk(&mut self, walk: BiasWalk) {
+        self.prior.set_walk(walk);
     }
 
     /// Keeps a step.
