@@ -24,9 +24,10 @@ class Server(Case):
         port = free_udp_port()
         self.link = f"udpin:127.0.0.1:{port}"
         self.vehicle.add_any_connection(f"udpout://127.0.0.1:{port}")
-        server = MissionRawServer(self.vehicle.server_component())
+        # Kept: without a reference it is collected, and nobody answers.
+        self.server = MissionRawServer(self.vehicle.server_component())
         self.missions = queue.Queue()
-        server.subscribe_incoming_mission(self.arrived)
+        self.server.subscribe_incoming_mission(self.arrived)
 
     def arrived(self, result, plan, _):
         """The server announces every list in the same way: the fence is none of ours here."""
