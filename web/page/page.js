@@ -47,7 +47,7 @@ function show() {
       select.onchange = () => { entry.role = select.value; enable(); };
       row.append(select);
     } else {
-      row.append(make("span", entry.role === "model" ? "model of the sensors" : "parameters of the vehicle", { class: "quiet" }));
+      row.append(make("span", entry.role === "model" ? "model of the sensors, or effects" : "parameters of the vehicle", { class: "quiet" }));
     }
     const remove = make("button", "Remove", { type: "button", "aria-label": `Remove ${entry.name}` });
     remove.onclick = () => { chosen.splice(chosen.indexOf(entry), 1); show(); };

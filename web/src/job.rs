@@ -10,7 +10,8 @@ use gaware::outputs::mark::{self, Style};
 use gaware::pipeline::replay::{ReplayRequest, TRUTH_FROM_S, parse_model};
 use gaware::report::{explanation, flight};
 use gaware::sensors::ConverterOptions;
-use gaware_nav::identify::select::Settings;
+use gaware_nav::effects::data;
+use gaware_nav::identify::select::{Beside, Settings};
 use gaware_nav::model::Model;
 use serde::{Deserialize, Serialize};
 use std::cell::Cell;
@@ -91,16 +92,29 @@ type Done = (Vec<String>, Vec<(String, String)>);
 fn dispatch(job: Job, contents: Vec<Vec<u8>>) -> Result<Done, Failure> {
     let mut logs = Vec::new();
     let mut validate = Vec::new();
-    let (mut model, mut parameters) = (None, None);
+    let (mut models, mut parameters) = (Vec::new(), None);
+    let mut beside = Beside::default();
     for (Described { name, role }, bytes) in job.files.into_iter().zip(contents) {
         let input = Input::in_memory(&name, bytes);
         match role {
             Role::Log => logs.push(input),
             Role::Validate => validate.push(input),
-            Role::Model => model = Some((input.name(), parse_model(&input.text()?, input.path())?)),
+            Role::Model => match input.text()? {
+                text if data::is_one(&text) => {
+                    let own = data::load(&text).map_err(|error| format!("{}: {error}", input.name()))?;
+                    beside = beside.and(&own);
+                }
+                text => models.push((input, text)),
+            },
             Role::Parameters => parameters = Some(input),
         }
     }
+    // A model may name effects of a file that comes after it.
+    let model = match models.as_slice() {
+        [] => None,
+        [(input, text)] => Some((input.name(), parse_model(text, input.path())?)),
+        [..] => return Err("one model at a time: remove the others".into()),
+    };
     match (job.command, logs.as_slice()) {
         (Command::Report, [log]) => report(log, model),
         (Command::Compare, [before, after]) => compared(before, after, model.map(|(_, model)| model)),
@@ -109,7 +123,7 @@ fn dispatch(job: Job, contents: Vec<Vec<u8>>) -> Result<Done, Failure> {
             validate,
             model: model.map(|(_, model)| model),
             converter: ConverterOptions::default(),
-            settings: Settings::default(),
+            settings: Settings { beside, ..Settings::default() },
             parameters,
             whole: false,
             place: None,

@@ -97,6 +97,11 @@ fn parsed(text: &str) -> Result<File, DefinitionError> {
     Ok(file)
 }
 
+/// Whether a text is meant as such a file: it names the schema, of whatever version.
+pub fn is_one(text: &str) -> bool {
+    text.contains("gaware.effects/")
+}
+
 /// Whether a file is one, without defining anything.
 ///
 /// # Errors

@@ -11,7 +11,7 @@ pub mod grammar;
 use super::linear::Sensor;
 use super::{Effect, ImuEffect, Instant, ParameterGroup, REGISTRY, Shape, Unit, unit};
 use expression::{Dimension, Expression, ExpressionError};
-pub use file::{check, load, written};
+pub use file::{check, is_one, load, written};
 use nalgebra::{Matrix3, Vector3};
 use std::sync::{PoisonError, RwLock};
 
