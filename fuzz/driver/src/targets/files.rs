@@ -15,7 +15,7 @@ use gaware_mission::maneuver::{Entry, Maneuver};
 use gaware_mission::transfer::Address;
 use gaware_mission::transfer::verified::VehicleState;
 use gaware_nav::effects::data::{check as effects_file, expression::Expression};
-use gaware_nav::effects::{Instant, REGISTRY};
+use gaware_nav::effects::{Instant, REGISTRY, Sensor};
 use gaware_nav::model::{EffectSetting, Model};
 use nalgebra::Vector3;
 
@@ -156,7 +156,8 @@ pub fn effects(data: &[u8]) -> bool {
         (Instant::default(), Instant { t_s: 1.0, rate: Vector3::repeat(1e3), ..Instant::default() });
     if let Ok(expression) = Expression::parse(&text) {
         for x in [&before, &after] {
-            let _ = expression.value(x);
+            let _ =
+                (expression.value(x), [Sensor::Gyro, Sensor::Accel].map(|of| expression.by_motion(x, of)));
         }
         let again = Expression::parse(expression.text());
         assert!(again.is_ok_and(|e| e.dimension() == expression.dimension()), "{text}");

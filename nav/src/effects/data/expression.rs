@@ -2,7 +2,9 @@
 //! parser with dimensions (Aho, Lam, Sethi & Ullman 2006, section 4.4), and a stack machine that evaluates the result once per sample.
 
 use crate::effects::Instant;
+use crate::effects::linear::Sensor;
 use crate::operating::{Channel, LAGS_S};
+use nalgebra::Vector3;
 use std::fmt;
 
 /// Powers of metre, second, ampere, volt, degree Celsius; angles have no dimension.
@@ -127,6 +129,23 @@ enum Step {
     Equal(f64),
 }
 
+impl Step {
+    /// What one with a single operand makes of it, and the slope there.
+    fn of(self, a: f64) -> (f64, f64) {
+        let sign = if a == 0.0 { 0.0 } else { a.signum() };
+        match self {
+            Self::Negate => (-a, -1.0),
+            Self::Absolute => (a.abs(), sign),
+            Self::Sign => (sign, 0.0),
+            Self::Sine => (a.sin(), a.cos()),
+            Self::Cosine => (a.cos(), -a.sin()),
+            Self::Power(n) => (a.powi(i32::from(n)), f64::from(n) * a.powi(i32::from(n) - 1)),
+            Self::Equal(v) if a.is_finite() => (f64::from(u8::from(a == v)), 0.0),
+            _ => (f64::NAN, 0.0),
+        }
+    }
+}
+
 /// Values on the stack at once.
 const DEPTH: usize = 16;
 /// Steps of an expression.
@@ -180,46 +199,51 @@ impl Expression {
 
     /// Its value; not a number where something that it depends on is not reported.
     pub fn value(&self, x: &Instant) -> f64 {
-        let mut stack = [0.0; DEPTH];
+        self.run(x, |_| []).0
+    }
+
+    /// Its derivative by the axes of the specific force, or of the angular rate.
+    pub fn by_motion(&self, x: &Instant, of: Sensor) -> [f64; 3] {
+        let size = |v: &Vector3<f64>| v.try_normalize(0.0).unwrap_or_default();
+        let axis = |k: usize| std::array::from_fn(|i| f64::from(u8::from(i == k)));
+        self.run(x, |v| match (v, of) {
+            (Variable::Force(k), Sensor::Accel) | (Variable::Rate(k), Sensor::Gyro) => axis(k),
+            (Variable::ForceSize, Sensor::Accel) => size(&x.force).into(),
+            (Variable::RateSize, Sensor::Gyro) => size(&x.rate).into(),
+            _ => [0.0; 3],
+        })
+        .1
+    }
+
+    /// Value and derivatives together (forward-mode differentiation), `seed` being the derivatives of each variable.
+    fn run<const N: usize>(&self, x: &Instant, seed: impl Fn(Variable) -> [f64; N]) -> (f64, [f64; N]) {
+        let mut stack = [(0.0, [0.0; N]); DEPTH];
         let mut top = 0;
         for step in &self.steps {
             match *step {
                 Step::Number(_) | Step::Variable(_) => {
                     stack[top] = match *step {
-                        Step::Variable(v) => v.value(x),
-                        Step::Number(v) => v,
-                        _ => f64::NAN,
+                        Step::Variable(v) => (v.value(x), seed(v)),
+                        Step::Number(v) => (v, [0.0; N]),
+                        _ => (f64::NAN, [0.0; N]),
                     };
                     top += 1;
                 }
                 Step::Add | Step::Subtract | Step::Multiply | Step::Divide => {
-                    let (a, b) = (stack[top - 2], stack[top - 1]);
+                    let ((a, by_a), (b, by_b)) = (stack[top - 2], stack[top - 1]);
                     top -= 1;
-                    stack[top - 1] = match step {
-                        Step::Add => a + b,
-                        Step::Subtract => a - b,
-                        Step::Multiply => a * b,
-                        _ => a / b,
+                    let (value, a_slope, b_slope) = match step {
+                        Step::Add => (a + b, 1.0, 1.0),
+                        Step::Subtract => (a - b, 1.0, -1.0),
+                        Step::Multiply => (a * b, b, a),
+                        _ => (a / b, 1.0 / b, -a / (b * b)),
                     };
+                    stack[top - 1] = (value, std::array::from_fn(|k| a_slope * by_a[k] + b_slope * by_b[k]));
                 }
                 one => {
-                    let a = stack[top - 1];
-                    stack[top - 1] = match one {
-                        Step::Negate => -a,
-                        Step::Absolute => a.abs(),
-                        Step::Sign => {
-                            if a == 0.0 {
-                                0.0
-                            } else {
-                                a.signum()
-                            }
-                        }
-                        Step::Sine => a.sin(),
-                        Step::Cosine => a.cos(),
-                        Step::Power(n) => a.powi(i32::from(n)),
-                        Step::Equal(v) if a.is_finite() => f64::from(u8::from(a == v)),
-                        _ => f64::NAN,
-                    };
+                    let (a, by_a) = stack[top - 1];
+                    let (value, slope) = one.of(a);
+                    stack[top - 1] = (value, by_a.map(|by| slope * by));
                 }
             }
         }
@@ -248,6 +272,14 @@ impl Expression {
     /// Whether it depends on what samples around the present one show.
     pub fn needs_surroundings(&self) -> bool {
         self.any(|v| matches!(v, Variable::RateDerivative(_) | Variable::Vibration(_)))
+    }
+
+    /// Whether it depends on what this sensor measures.
+    pub fn needs_motion(&self, of: Sensor) -> bool {
+        match of {
+            Sensor::Accel => self.any(|v| matches!(v, Variable::Force(_) | Variable::ForceSize)),
+            Sensor::Gyro => self.any(|v| matches!(v, Variable::Rate(_) | Variable::RateSize)),
+        }
     }
 
     /// Whether it depends on vibration.

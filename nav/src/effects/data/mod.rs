@@ -12,7 +12,7 @@ use super::linear::Sensor;
 use super::{Effect, ImuEffect, Instant, ParameterGroup, REGISTRY, Shape, Unit, unit};
 use expression::{Dimension, Expression, ExpressionError};
 pub use file::{check, is_one, load, written};
-use nalgebra::Vector3;
+use nalgebra::{Matrix3, Vector3};
 use std::sync::{PoisonError, RwLock};
 
 /// What begins the name of an effect that is a formula.
@@ -264,6 +264,24 @@ impl DataEffect {
     }
 }
 
+impl DataEffect {
+    /// Derivative of what is added to a sensor by what the other one measures: an error of an accelerometer's bias reaches the gyros through a
+    /// driver such as `w_z*f_x`.
+    fn by_motion(&self, to: Sensor, of: Sensor, p: &[f64], x: &Instant) -> Option<Matrix3<f64>> {
+        let reach = |d: &Expression| d.needs_motion(of);
+        (to == self.definition.target && self.cells.iter().filter_map(|c| c.1.as_ref()).any(reach)).then(
+            || {
+                let mut out = Matrix3::zeros();
+                for ((axis, driver), p) in self.cells.iter().zip(p).filter(|(_, p)| **p != 0.0) {
+                    let by = driver.as_ref().map_or([0.0; 3], |d| d.by_motion(x, of));
+                    (0..3).for_each(|k| out[(*axis, k)] += p * known(by[k]));
+                }
+                out
+            },
+        )
+    }
+}
+
 /// A driver that is not reported drives nothing.
 fn known(value: f64) -> f64 {
     if value.is_finite() { value } else { 0.0 }
@@ -323,6 +341,14 @@ impl ImuEffect for DataEffect {
         for (column, (axis, driver)) in columns.iter_mut().zip(&self.cells) {
             column[*axis] = shared.unwrap_or_else(|| of(driver));
         }
+    }
+
+    fn gyro_by_force(&self, p: &[f64], x: &Instant) -> Option<Matrix3<f64>> {
+        self.by_motion(Sensor::Gyro, Sensor::Accel, p, x)
+    }
+
+    fn accel_by_rate(&self, p: &[f64], x: &Instant) -> Option<Matrix3<f64>> {
+        self.by_motion(Sensor::Accel, Sensor::Gyro, p, x)
     }
 
     fn needs_conditions(&self) -> bool {

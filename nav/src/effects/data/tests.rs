@@ -43,6 +43,43 @@ fn jacobians_are_what_the_effect_adds_per_parameter() {
     }
 }
 
+/// An error of one sensor reaches the other through the driver by the slope of what is added there.
+#[test]
+fn errors_of_one_sensor_reach_the_other_through_the_driver() {
+    let names = [
+        "gyro~w_z*f_x",
+        "accel~w_x*|w_x|",
+        "gyro~f_x/f_z",
+        "accel~w_y*f_z",
+        "gyro~f*sin(f_y/f)",
+        "accel~1/w^2",
+    ];
+    let (p, h) = ([2.0, -3.0, 5.0], 1e-4);
+    let x = Instant {
+        rate: Vector3::new(0.3, -0.4, 0.7),
+        force: Vector3::new(3.0, 2.0, -9.0),
+        ..with_current(3.0)
+    };
+    for name in names {
+        let effect = find_any(&format!("{FORMULA}{name}")).unwrap();
+        let (by_force, by_rate) = (effect.gyro_by_force(&p, &x), effect.accel_by_rate(&p, &x));
+        assert!(by_force.is_some() != by_rate.is_some(), "{name}");
+        for k in 0..3 {
+            let step = Vector3::ith(k, h);
+            let [more, less] = [step, -step].map(|by| match by_force {
+                Some(_) => effect.gyro(&p, &Instant { force: x.force + by, ..x }),
+                None => effect.accel(&p, &Instant { rate: x.rate + by, ..x }),
+            });
+            let (numeric, slope) =
+                ((more - less) / (2.0 * h), by_force.or(by_rate).unwrap().column(k).into_owned());
+            assert!((numeric - slope).norm() < 1e-5 * (1.0 + slope.norm()), "{name}: {numeric} {slope}");
+        }
+    }
+    let sign = find_any("formula:accel~sign(w_x)").unwrap();
+    assert_eq!(sign.accel_by_rate(&p, &x), Some(nalgebra::Matrix3::zeros()));
+    assert!(find_any("formula:gyro~current").unwrap().gyro_by_force(&p, &x).is_none());
+}
+
 #[test]
 fn a_file_defines_effects_and_is_read_again_as_it_was_written() {
     let text = "schema = \"gaware.effects/1\"\n[[effect]]\nname = \"esc_heat\"\ntarget = \"gyro\"\nz = \"current*current\"\n\

@@ -14,8 +14,6 @@ const MAX_DEFICIT_NATS: f64 = 15.0;
 const MAX_DEFICIT_SHARE: f64 = 0.5;
 /// At most so many candidates are looked at again.
 const CLOSE_LOOKS: usize = 6;
-/// Without a candidate of this evidence none is looked at again, nats.
-const MIN_EVIDENCE_NATS: f64 = 0.0;
 /// Values and noise take turns at most so often …
 const TURNS: usize = 3;
 /// … and no more when a turn gains less than this, nats.
@@ -55,7 +53,8 @@ impl Search<'_> {
         point: &Point,
     ) -> Vec<(Candidate, Point)> {
         let top = scanned.first().map_or(f64::NEG_INFINITY, |c| c.evidence);
-        if top < MIN_EVIDENCE_NATS {
+        // What is less likely than nothing is not looked at again.
+        if top < 0.0 {
             return Vec::new();
         }
         let hopeful: Vec<&Candidate> =
