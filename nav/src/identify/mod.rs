@@ -8,6 +8,8 @@
 //! whole catalogue and no further penalty is due. Noise is fitted first ([`noise`]) so that it does not pass for an effect;
 //! effects are then added one by one at the values that the flights say ([`select`]).
 
+pub mod aids;
+pub mod air;
 pub mod beyond;
 mod by_hand;
 pub mod compass;
