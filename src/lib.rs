@@ -7,6 +7,8 @@
 #![cfg_attr(not(test), deny(clippy::print_stdout))]
 
 pub mod advice;
+pub mod aids;
+pub mod air;
 pub mod attitudes;
 #[cfg(not(target_family = "wasm"))]
 pub mod commands;

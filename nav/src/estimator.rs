@@ -172,7 +172,7 @@ impl Estimator {
             }
             Sample::Restart(reason) => self.restart(*reason),
             // The vehicle goes on; what the new calibration leaves of the biases is learnt like any change of them.
-            Sample::Recalibrated | Sample::Field(_) => {}
+            Sample::Recalibrated | Sample::Field(_) | Sample::Air(_) => {}
             Sample::Place(place) => self.ground.set_home(*place),
             Sample::Operating(report) => self.operating.update(&report.values),
         }

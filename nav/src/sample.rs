@@ -181,6 +181,42 @@ impl FieldSample {
     }
 }
 
+/// What a sample of the air is of.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum AirKind {
+    /// Static pressure, Pa, before any correction for the flow.
+    Barometer,
+    /// Equivalent airspeed (what a pitot tube shows), m/s.
+    Airspeed,
+}
+
+/// One sample of a barometer or an airspeed sensor.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+pub struct AirSample {
+    /// Time stamp, s.
+    pub t_s: f64,
+    /// Of what.
+    pub kind: AirKind,
+    /// Which of them, from 0.
+    pub sensor: u8,
+    /// Value in the unit of its kind.
+    pub value: f64,
+    /// Temperature of the sensor, °C, where it is known.
+    pub temperature_degc: Option<f64>,
+}
+
+/// Pressure between 16 km and a mine, Pa, and airspeed, m/s.
+const PLAUSIBLE_AIR: [(f64, f64); 2] = [(1e4, 1.2e5), (0.0, 400.0)];
+
+impl AirSample {
+    /// Whether a sensor on a vehicle can have given this value at a time.
+    pub fn is_plausible(&self) -> bool {
+        let (least, most) = PLAUSIBLE_AIR[self.kind as usize];
+        self.t_s.is_finite() && (least..most).contains(&self.value)
+    }
+}
+
 /// Why the time base or the vehicle started anew.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
@@ -211,6 +247,8 @@ pub enum Sample {
     Attitude(AttitudeHint),
     /// The magnetic field.
     Field(FieldSample),
+    /// Pressure or speed of the air.
+    Air(AirSample),
     /// A fresh start: state is kept for the constants of the vehicle, dropped for motion.
     Restart(RestartReason),
     /// The autopilot may have changed the calibration that its samples carry: their biases before and after are not the same.

@@ -5,6 +5,7 @@
 //! force and rate belong together to better than a micrometre), but they are not aerodynamic models: use them to
 //! test estimators and protocols, not to design a control loop.
 
+pub mod air;
 pub mod autopilot;
 pub mod blind;
 pub mod faults;

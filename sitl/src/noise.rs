@@ -44,6 +44,8 @@ pub enum Purpose {
     Reports,
     /// White noise of compasses.
     Field,
+    /// Noise of barometers and airspeed, weather and gusts.
+    Air,
 }
 
 /// Random numbers for one purpose.

@@ -3,6 +3,7 @@
 //! ω̃ = ω_ib + b_g + Σ effects + noise and f̃ likewise (the paper, eqs. (1) and (2)), then the rounding of the source.
 //! Fixes report the vehicle some time before their stamp. The simulation is what the model says.
 
+use crate::air::{AIR_SENSORS, AirSensors, Carried, WindTrack};
 use crate::magnetometer::{COMPASSES, Magnetometers};
 use crate::noise::{GaussMarkov, Noise, Purpose};
 use crate::powertrain::{Carrier, Powertrain};
@@ -15,7 +16,8 @@ use gaware_nav::model::{EffectSetting, Model};
 use gaware_nav::operating::{Channel, LagBank, Operating, OperatingSample};
 use gaware_nav::rotation::{euler_from_c_nb, wrap_pi};
 use gaware_nav::sample::{
-    AttitudeHint, FieldSample, FixVelocity, GnssFix, ImuSample, ImuStream, Quantisation, Sample, SampleKind,
+    AirSample, AttitudeHint, FieldSample, FixVelocity, GnssFix, ImuSample, ImuStream, Quantisation, Sample,
+    SampleKind,
 };
 use nalgebra::Vector3;
 use std::f64::consts::{SQRT_2, TAU};
@@ -84,6 +86,10 @@ pub struct SensorConfig {
     pub outages: Vec<(f64, f64)>,
     /// Samples of each compass, Hz; 0 = none.
     pub field_rate_hz: f64,
+    /// Samples of each barometer and of the airspeed, Hz; 0 = none.
+    pub air_rate_hz: f64,
+    /// Wind that carries the flight along.
+    pub wind: WindTrack,
     /// What drives the vehicle; `None` = nothing is reported of it and no effect sees any.
     pub carrier: Option<Carrier>,
     /// Reports of throttle, battery and outputs, Hz; 0 = none.
@@ -109,6 +115,8 @@ impl Default for SensorConfig {
             temperature: None,
             outages: Vec::new(),
             field_rate_hz: 0.0,
+            air_rate_hz: 0.0,
+            wind: WindTrack::default(),
             carrier: None,
             operating_rate_hz: 0.0,
         }
@@ -152,6 +160,7 @@ pub struct Sensors {
     /// Phase per line and axis: three of force, three of rate.
     phases: Vec<[f64; 6]>,
     magnetometers: Magnetometers,
+    air: AirSensors,
     powertrain: Option<Powertrain>,
     lags: LagBank,
 }
@@ -184,6 +193,7 @@ impl Sensors {
             rates: [None; 2],
             phases,
             magnetometers: Magnetometers::new(seed),
+            air: AirSensors::new(seed),
         }
     }
 
@@ -402,6 +412,12 @@ impl Sensors {
         self.magnetometers.at(compass, truth, &self.model, current.unwrap_or(0.0))
     }
 
+    /// What one of the sensors of the air measures at this truth.
+    fn air(&mut self, which: usize, truth: &Truth) -> AirSample {
+        let throttle = self.powertrain.as_ref().and_then(|p| p.now().get(Channel::Throttle));
+        self.air.at(which, truth, &self.model, &self.config.wind, throttle.unwrap_or(0.0))
+    }
+
     /// Whether there is no fix at this time.
     pub fn in_outage(&self, t_s: f64) -> bool {
         self.config.outages.iter().any(|(from, to)| (*from..*to).contains(&t_s))
@@ -437,6 +453,7 @@ pub struct Flight {
     fix: u64,
     attitude: u64,
     field: u64,
+    air: u64,
     operating: u64,
 }
 
@@ -449,6 +466,11 @@ impl std::fmt::Debug for Flight {
 impl Flight {
     /// Flies a trajectory with these sensors.
     pub fn new(trajectory: Box<dyn Trajectory>, model: &Model, config: SensorConfig, seed: u64) -> Self {
+        let wind = config.wind;
+        let trajectory: Box<dyn Trajectory> = match wind == WindTrack::default() {
+            true => trajectory,
+            false => Box::new(Carried { inner: trajectory, wind }),
+        };
         Self {
             trajectory,
             sensors: Sensors::new(model, config, seed),
@@ -457,6 +479,7 @@ impl Flight {
             fix: 0,
             attitude: 0,
             field: 0,
+            air: 0,
             operating: 0,
         }
     }
@@ -500,6 +523,14 @@ impl Iterator for Flight {
                     return Some((Sample::Field(FieldSample { t_s: field, compass, field: shown }), truth));
                 }
                 continue;
+            }
+            let sensors = AIR_SENSORS.len() as u64;
+            let air = due(self.air / sensors, config.air_rate_hz);
+            if air < imu.min(fix).min(attitude) {
+                let which = (self.air % sensors) as usize;
+                self.air += 1;
+                let truth = self.trajectory.truth_at(air);
+                return Some((Sample::Air(self.sensors.air(which, &truth)), truth));
             }
             if operating < imu.min(fix).min(attitude) {
                 self.operating += 1;

@@ -98,7 +98,7 @@ fn earth_rate_n(lat_rad: f64) -> Vector3<f64> {
 }
 
 /// Transport rate ω_en^n, rad/s (Groves 2013, eq. 5.44).
-fn transport_rate_n(place: &Geodetic, v_n: &Vector3<f64>) -> Vector3<f64> {
+pub fn transport_rate_n(place: &Geodetic, v_n: &Vector3<f64>) -> Vector3<f64> {
     let (r_n, r_e) = place.radii();
     let east = v_n.y / (r_e + place.height_m);
     Vector3::new(east, -v_n.x / (r_n + place.height_m), -east * place.lat_rad.tan())

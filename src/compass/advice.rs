@@ -33,7 +33,7 @@ const PX4_SOURCE: &str =
 
 /// A parameter that is to change.
 #[derive(Debug, Clone, PartialEq, Serialize, JsonSchema)]
-pub struct CompassProposal {
+pub struct SensorProposal {
     /// Its name.
     pub parameter: String,
     /// Its value on board.
@@ -49,7 +49,7 @@ pub struct CompassProposal {
 }
 
 /// What is proposed, and why the rest is not.
-type Advice = (Vec<CompassProposal>, Vec<String>);
+type Advice = (Vec<SensorProposal>, Vec<String>);
 
 /// What an autopilot applies to one compass.
 #[derive(Debug, Clone, Copy)]
@@ -153,11 +153,6 @@ pub(super) fn of(found: &CompassFound, on_board: &OnBoard, world: &WorldField) -
         orientation(found.compass, turned, on_board, &mut advice);
         return advice;
     }
-    // Values go with what calibration leaves of the other effects: what is named alone may not correct the field.
-    if !found.effects.is_empty() && found.held_out_t[1] >= found.held_out_t[0] {
-        advice.1.push("what is named does not make the residual of the held-out field smaller".to_owned());
-        return advice;
-    }
     let unseparated = found.effects.iter().any(|f| !f.others.is_empty());
     match on_board.autopilot {
         None if !found.effects.is_empty() => {
@@ -214,7 +209,7 @@ fn ardupilot(found: &CompassFound, on_board: &OnBoard, world: &WorldField, advic
                 let unit = ("mG/A", MGAUSS, ARDUPILOT_SOURCE);
                 propose(finding, on_board, &names.current, &new.current, unit, advice);
                 let off = kind.filter(|_| !by_current && on_board.has(&names.current[0]));
-                advice.0.extend(off.map(|on_board| CompassProposal {
+                advice.0.extend(off.map(|on_board| SensorProposal {
                     parameter: "COMPASS_MOTCT".to_owned(),
                     on_board,
                     proposed: 2.0,
@@ -315,7 +310,7 @@ fn propose(
         };
         let sigma = finding.setting.sigmas[k] / size;
         if (values[k] - old).abs() > SIGNIFICANT * sigma {
-            advice.0.push(CompassProposal {
+            advice.0.push(SensorProposal {
                 parameter: name.clone(),
                 on_board: old,
                 proposed: (values[k] * 1e4).round() / 1e4,
@@ -343,7 +338,7 @@ fn scales(
     let values = [(0, 0), (1, 1), (2, 2), (0, 1), (0, 2), (1, 2)].map(|at| scale[at]);
     for (name, value) in names.diagonal.iter().chain(&names.off_diagonal).zip(values) {
         match on_board.get(name) {
-            Some(old) => advice.0.push(CompassProposal {
+            Some(old) => advice.0.push(SensorProposal {
                 parameter: name.clone(),
                 on_board: old,
                 proposed: (value * 1e4).round() / 1e4,
@@ -408,7 +403,7 @@ fn orientation(compass: u8, turned: &Orientation, on_board: &OnBoard, advice: &m
             "{name}: the compass is internal and turns with the board; check the board's orientation, or whether it is external"
         )),
         (Some(old), Some(new)) => {
-            advice.0.push(CompassProposal {
+            advice.0.push(SensorProposal {
                 parameter: name,
                 on_board: old,
                 proposed: f64::from(new),
@@ -429,7 +424,7 @@ fn declination(on_board: &OnBoard, world: &WorldField, advice: &mut Advice) {
         return;
     };
     if (old.to_degrees() - world.declination_deg).abs() > DECLINATION_DEG {
-        advice.0.push(CompassProposal {
+        advice.0.push(SensorProposal {
             parameter: "COMPASS_DEC".to_owned(),
             on_board: old,
             proposed: (world.declination_deg.to_radians() * 1e4).round() / 1e4,
@@ -451,7 +446,7 @@ pub(super) fn unused(compasses: &mut [CompassEntry], on_board: &OnBoard) {
         let n = ardupilot_number(ardupilot_place(entry.compass - 1, on_board));
         let name = format!("COMPASS_USE{n}");
         if let Some(old) = on_board.get(&name).filter(|v| *v != 0.0) {
-            entry.proposals.push(CompassProposal {
+            entry.proposals.push(SensorProposal {
                 parameter: name,
                 on_board: old,
                 proposed: 0.0,

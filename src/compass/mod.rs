@@ -9,13 +9,10 @@ pub mod world;
 
 use crate::advice::on_board::OnBoard;
 use crate::explain::contract::BeforeAfter;
-use crate::parallel::{Threads, cores};
-use advice::CompassProposal;
+use advice::SensorProposal;
+use gaware_nav::identify::aids::{Finding, Settled};
 use gaware_nav::identify::compass::{CompassFound, Compasses, Given, Heading};
-use gaware_nav::identify::flight::{Flight, TooLittle};
-use gaware_nav::identify::noise::Noise;
-use gaware_nav::model::Model;
-use gaware_nav::sample::Sample;
+use gaware_nav::identify::flight::Flight;
 use schemars::JsonSchema;
 use serde::Serialize;
 use world::WorldField;
@@ -33,15 +30,15 @@ const WRONG_LENGTH: f64 = 0.35;
 /// T per mG.
 const MGAUSS: f64 = 1e-7;
 
-/// Whether a compass can be relied on.
+/// Whether a sensor can be relied on.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, JsonSchema)]
 #[serde(rename_all = "snake_case")]
 pub enum Status {
-    /// Its heading agrees with the motion.
+    /// It agrees with the motion.
     Ok,
     /// It does not.
     Wrong,
-    /// The flight does not show the heading well enough.
+    /// The flight does not show it well enough.
     NotKnown,
 }
 
@@ -56,7 +53,7 @@ pub struct Value {
 
 /// A parameter of an effect.
 #[derive(Debug, Clone, PartialEq, Serialize, JsonSchema)]
-pub struct CompassParameter {
+pub struct SensorParameter {
     /// Short name.
     pub name: &'static str,
     /// Unit of value and sigma.
@@ -67,9 +64,9 @@ pub struct CompassParameter {
     pub sigma: f64,
 }
 
-/// An effect that the flight shows of a compass.
+/// An effect that the flight shows of a sensor.
 #[derive(Debug, Clone, PartialEq, Serialize, JsonSchema)]
-pub struct CompassEffectEntry {
+pub struct SensorEffect {
     /// Its name, and those of effects that would do as well.
     pub names: Vec<&'static str>,
     /// One line.
@@ -79,11 +76,34 @@ pub struct CompassEffectEntry {
     /// What to do about it.
     pub remedy: &'static str,
     /// Its parameters.
-    pub parameters: Vec<CompassParameter>,
+    pub parameters: Vec<SensorParameter>,
     /// Logarithm of the odds for it.
     pub evidence: f64,
     /// By how much it makes the held-out blocks more likely, nats.
     pub held_out_gain: f64,
+}
+
+impl SensorEffect {
+    /// A finding in the units of its parameters.
+    pub fn of(f: &Finding) -> Self {
+        let values = f.setting.values.iter().zip(&f.setting.sigmas);
+        Self {
+            names: std::iter::once(f.setting.effect.name()).chain(f.others.iter().copied()).collect(),
+            description: f.setting.effect.description(),
+            cause: f.setting.effect.cause(),
+            remedy: f.setting.effect.remedy(),
+            parameters: (f.setting.parameters().zip(values))
+                .map(|((name, unit), (value, sigma))| SensorParameter {
+                    name,
+                    unit: unit.symbol,
+                    value: value / unit.si,
+                    sigma: sigma / unit.si,
+                })
+                .collect(),
+            evidence: f.evidence,
+            held_out_gain: f.held_out_gain,
+        }
+    }
 }
 
 /// One compass.
@@ -110,13 +130,13 @@ pub struct CompassEntry {
     /// How it is turned, where that is not as the autopilot has it.
     pub orientation: Option<String>,
     /// What the flight shows, the clearest first.
-    pub effects: Vec<CompassEffectEntry>,
+    pub effects: Vec<SensorEffect>,
     /// Effects that held-out blocks did not confirm.
     pub removed: Vec<&'static str>,
     /// Effects that were tested and are not significant.
     pub not_found: Vec<&'static str>,
     /// Parameters that correct it.
-    pub proposals: Vec<CompassProposal>,
+    pub proposals: Vec<SensorProposal>,
     /// Why others are not proposed.
     pub not_proposed: Vec<String>,
     /// Levelled horizontal field (forward, right), mG: as reported, as corrected.
@@ -144,36 +164,10 @@ impl CompassReport {
     }
 }
 
-/// Whether a recording holds anything of a compass.
-fn has_compass(samples: &[Sample]) -> bool {
-    samples.iter().any(|s| matches!(s, Sample::Field(_)))
-}
-
-/// Judges the compasses of a recording by a trajectory of the standard model. `start_unix_s`: its date. Nothing where it holds no compass.
-pub fn of_samples(
-    samples: &[Sample],
-    start_unix_s: Option<f64>,
-    on_board: &OnBoard,
-) -> Option<CompassReport> {
-    if !has_compass(samples) {
-        return None;
-    }
-    let model = Model::standard();
-    Some(match Flight::prepare(samples, &model) {
-        Ok(flight) => of_flight(&flight, &model, None, start_unix_s, on_board),
-        Err(why) => not_known(&why),
-    })
-}
-
-fn not_known(why: &TooLittle) -> CompassReport {
-    CompassReport { compasses: Vec::new(), notes: vec![format!("The compasses are not judged: {why}.")] }
-}
-
-/// Judges the compasses of a flight under a model, with its noise where that was fitted.
+/// Judges the compasses of a flight by its settled trajectory.
 pub fn of_flight(
     flight: &Flight,
-    model: &Model,
-    noise: Option<Noise>,
+    settled: &Settled,
     start_unix_s: Option<f64>,
     on_board: &OnBoard,
 ) -> CompassReport {
@@ -183,8 +177,7 @@ pub fn of_flight(
         report.notes.push("The world magnetic model does not hold at this place.".to_owned());
         return report;
     };
-    let found =
-        Compasses::new(flight, model, noise, &Threads(cores())).all(&Given { field_n: world.field_n });
+    let found = Compasses::new(flight, settled).all(&Given { field_n: world.field_n });
     report.compasses = found.iter().map(|f| entry(f, &world, on_board)).collect();
     advice::unused(&mut report.compasses, on_board);
     report.notes.push(format!("{}.", world.words()));
@@ -209,25 +202,6 @@ pub fn of_flight(
 fn entry(found: &CompassFound, world: &WorldField, on_board: &OnBoard) -> CompassEntry {
     let deg = f64::to_degrees;
     let status = status(found);
-    let effects = found.effects.iter().map(|f| {
-        let values = f.setting.values.iter().zip(&f.setting.sigmas);
-        CompassEffectEntry {
-            names: std::iter::once(f.setting.effect.name()).chain(f.others.iter().copied()).collect(),
-            description: f.setting.effect.description(),
-            cause: f.setting.effect.cause(),
-            remedy: f.setting.effect.remedy(),
-            parameters: (f.setting.parameters().zip(values))
-                .map(|((name, unit), (value, sigma))| CompassParameter {
-                    name,
-                    unit: unit.symbol,
-                    value: value / unit.si,
-                    sigma: sigma / unit.si,
-                })
-                .collect(),
-            evidence: f.evidence,
-            held_out_gain: f.held_out_gain,
-        }
-    });
     let advice = advice::of(found, on_board, world);
     let both = |v: [f64; 2]| BeforeAfter { before: v[0] / MGAUSS, after: v[1] / MGAUSS };
     CompassEntry {
@@ -241,7 +215,7 @@ fn entry(found: &CompassFound, world: &WorldField, on_board: &OnBoard) -> Compas
         residual_mgauss: both(found.residual_t),
         held_out_mgauss: both(found.held_out_t),
         orientation: found.orientation.as_ref().map(|o| o.words()),
-        effects: effects.collect(),
+        effects: found.effects.iter().map(SensorEffect::of).collect(),
         removed: found.removed.clone(),
         not_found: found.not_found.iter().map(|n| n.0).collect(),
         proposals: advice.0,

@@ -203,7 +203,7 @@ impl Engine {
             }
             Sample::Restart(_) => self.restart(),
             // The live estimate depends on none of it.
-            Sample::Field(_) => return,
+            Sample::Field(_) | Sample::Air(_) => return,
             Sample::Recalibrated | Sample::Place(_) => {}
             // Only effects that depend on it take notice.
             Sample::Operating(_) => {

@@ -271,6 +271,7 @@ pub fn explanation(
         assumed: assumed(judged),
         noise,
         compasses: None,
+        air: None,
         autopilot: None,
         summary: String::new(),
     };

@@ -239,6 +239,9 @@ pub struct Explanation {
     /// The compasses of the first flight, against its motion; absent where it holds none.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub compasses: Option<crate::compass::CompassReport>,
+    /// Its barometers, airspeed sensors and wind; absent where it holds none.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub air: Option<crate::air::AirReport>,
     /// What the autopilot itself can correct, by which parameter.
     pub autopilot: Option<crate::advice::Advice>,
     /// The result in plain words.
@@ -262,6 +265,7 @@ pub fn too_little(why: &str) -> Explanation {
         assumed: Vec::new(),
         noise: Vec::new(),
         compasses: None,
+        air: None,
         autopilot: None,
         summary: format!("Too little data to identify unmodelled effects: {why}."),
     }

@@ -16,7 +16,7 @@ mod size;
 pub mod words;
 
 use crate::advice::on_board::OnBoard;
-use crate::compass::{self, CompassReport};
+use crate::aids::{self, Aids};
 use crate::health::HealthLog;
 use crate::inputs::Input;
 use crate::logs::LogError;
@@ -252,12 +252,12 @@ pub fn run(request: &Request, progress: &dyn Fn(Phase)) -> Result<Explained, Exp
     let read = |log: &Input| pipeline::Beside::read(log, request.converter.vehicle);
     let beside: Vec<pipeline::Beside> = request.logs.iter().map(read).collect::<Result<_, _>>()?;
     let own = flights.iter().position(Result::is_ok).and_then(|k| beside.get(k));
-    let compasses = |flight: &Flight, judged: &Judged| {
-        let beside = own.filter(|_| !flight.fields().is_empty())?;
+    let sensors = |flight: &Flight, judged: &Judged| {
+        let Some(beside) = own else { return Aids::default() };
         let (model, noise) = (judged.selection.model(), judged.selection.noise);
-        Some(compass::of_flight(flight, &model, Some(noise), beside.start_unix_s(), &beside.on_board))
+        aids::of_flight(flight, &model, Some(noise), beside.start_unix_s(), &beside.on_board)
     };
-    let mut explained = flights_of(flights, validate, (&model, &settings), &compasses, progress);
+    let mut explained = flights_of(flights, validate, (&model, &settings), &sensors, progress);
     explained.explanation.summary.push_str(&words::parts(&parts));
     explained.logs = request.logs.iter().map(Input::name).collect();
     explained.validated = request.validate.iter().map(Input::name).collect();
@@ -283,7 +283,7 @@ pub fn samples(
     progress: &dyn Fn(Phase),
 ) -> Explained {
     let prepare = |all: &[Vec<Sample>]| all.iter().map(|samples| Flight::prepare(samples, model)).collect();
-    flights_of(prepare(flights), prepare(validate), (model, settings), &|_, _| None, progress)
+    flights_of(prepare(flights), prepare(validate), (model, settings), &|_, _| Aids::default(), progress)
 }
 
 /// A recording made ready, or why it says too little.
@@ -293,7 +293,7 @@ fn flights_of(
     flights: Vec<Prepared>,
     validate: Vec<Prepared>,
     (model, settings): (&Model, &Settings),
-    compasses: &dyn Fn(&Flight, &Judged) -> Option<CompassReport>,
+    sensors: &dyn Fn(&Flight, &Judged) -> Aids,
     progress: &dyn Fn(Phase),
 ) -> Explained {
     let workers = Threads(cores());
@@ -339,10 +339,9 @@ fn flights_of(
     let drivers = drivers::plots(&judged, &residuals, &good);
     let mut explanation = assembly::explanation(&judged, &own, &residuals, found, listed, &events);
     explanation.summary.push_str(&unbridged);
-    explanation.compasses = good.first().and_then(|flight| compasses(flight, &judged));
-    explanation
-        .summary
-        .push_str(&explanation.compasses.as_ref().map_or_else(String::new, CompassReport::wrong));
+    let beside = good.first().map(|flight| sensors(flight, &judged)).unwrap_or_default();
+    explanation.summary.push_str(&beside.wrong());
+    (explanation.compasses, explanation.air) = (beside.compasses, beside.air);
     Explained {
         explanation,
         model: assembly::new_model(&judged, &own),

@@ -16,6 +16,7 @@ use gaware_nav::observability::words::VehicleKind;
 use nalgebra::Vector3;
 use std::io::Read;
 
+mod air;
 mod fixes;
 mod health;
 mod inertial;

@@ -14,6 +14,7 @@ use gaware_nav::observability::words::VehicleKind;
 use std::collections::{HashMap, VecDeque};
 use std::io::Read;
 
+mod air;
 mod basic;
 mod fields;
 mod health;

@@ -5,6 +5,7 @@
 //! hold no frames go through the same time line. Whatever is refused is counted, and what matters to the user becomes a
 //! [`Notice`].
 
+pub mod air;
 mod ardupilot;
 pub mod clipped;
 mod compass;
@@ -126,6 +127,7 @@ pub struct Converter {
     receiver: gnss::Receiver,
     calibration: px4::Calibration,
     compasses: compass::Compasses,
+    air: air::AirMessages,
     has_fix: Option<bool>,
     systems: Systems,
     /// Until then, s, a change of the inertial source belongs to the reboot before it.
@@ -156,6 +158,7 @@ impl Converter {
             receiver: gnss::Receiver::default(),
             calibration: px4::Calibration::default(),
             compasses: compass::Compasses::default(),
+            air: air::AirMessages::default(),
             has_fix: None,
             systems: Systems::default(),
             rebooted_until_s: None,
@@ -224,6 +227,7 @@ impl Converter {
         (self.rebooted_until_s, self.settling_restarts) = (None, 0);
         self.calibration = px4::Calibration::default();
         self.compasses = compass::Compasses::default();
+        self.air = air::AirMessages::default();
         self.health = Health::default();
         self.tell(Notice::Vehicle { system_id, autopilot });
     }
@@ -236,6 +240,7 @@ impl Converter {
             Measurement::Stream(_)
             | Measurement::Attitude(..)
             | Measurement::Field(..)
+            | Measurement::Air(..)
             | Measurement::Operating(..) => {
                 self.in_time(measurement, out);
             }
@@ -318,6 +323,9 @@ impl Converter {
                 self.inertial(other, out);
                 if let Some((stamp, sample)) = self.compasses.reading(other, self.autopilot) {
                     self.in_time(&Measurement::Field(stamp, sample), out);
+                }
+                for (stamp, sample) in self.air.readings(other) {
+                    self.in_time(&Measurement::Air(stamp, sample), out);
                 }
             }
         }

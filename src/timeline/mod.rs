@@ -16,7 +16,9 @@ use clock::{Clock, GAP_US};
 use gaps::GapMeter;
 pub use gaps::Gaps;
 use gaware_nav::operating::{Operating, OperatingSample};
-use gaware_nav::sample::{AttitudeHint, FieldSample, GnssFix, ImuSample, ImuStream, RestartReason, Sample};
+use gaware_nav::sample::{
+    AirSample, AttitudeHint, FieldSample, GnssFix, ImuSample, ImuStream, RestartReason, Sample,
+};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 use std::collections::VecDeque;
@@ -35,6 +37,8 @@ const BEHIND: u32 = 12;
 const MAX_WAITING: usize = 64;
 /// Compasses of a vehicle: ArduPilot uses 3, PX4 4.
 pub const MOST_COMPASSES: usize = 4;
+/// Barometers and airspeed sensors of a vehicle.
+const MOST_OF_AIR: usize = 4;
 
 /// What a source delivers, with its own stamp.
 #[derive(Debug, Clone, PartialEq)]
@@ -49,6 +53,8 @@ pub enum Measurement {
     Attitude(Stamp, [f64; 3]),
     /// A sample of a compass. Its `t_s` counts for nothing: the stamp does.
     Field(Stamp, FieldSample),
+    /// A sample of a barometer or of the airspeed; without a stamp it belongs to the time of its arrival.
+    Air(Option<Stamp>, AirSample),
     /// What the vehicle does beside moving; without a stamp it belongs to the time of its arrival.
     Operating(Option<Stamp>, Operating),
 }
@@ -85,6 +91,8 @@ pub struct TimeCounts {
     pub attitudes: u64,
     /// Samples of compasses given out.
     pub fields: u64,
+    /// Samples of barometers and airspeed sensors given out.
+    pub air: u64,
     /// Fresh starts.
     pub restarts: u64,
 }
@@ -130,6 +138,8 @@ pub struct TimeLine {
     last_attitude_us: Option<u64>,
     /// Of each compass.
     last_field_us: [Option<u64>; MOST_COMPASSES],
+    /// Of each barometer and each airspeed sensor.
+    last_air_us: [[Option<u64>; MOST_OF_AIR]; 2],
     /// Fixes that are ahead of the inertial samples.
     waiting: VecDeque<(u64, GnssFix)>,
     counts: TimeCounts,
@@ -145,6 +155,7 @@ impl TimeLine {
             Measurement::Fix(stamp, fix) => self.fix(*stamp, fix, out),
             Measurement::Attitude(stamp, roll_pitch_yaw) => self.attitude(*stamp, *roll_pitch_yaw, out),
             Measurement::Field(stamp, sample) => self.field(*stamp, sample, out),
+            Measurement::Air(stamp, sample) => self.air(*stamp, sample, out),
             Measurement::Operating(stamp, values) => self.operating(*stamp, *values, out),
         }
     }
@@ -303,6 +314,7 @@ impl TimeLine {
             self.waiting.clear();
             (self.last_fix, self.last_fix_us, self.last_attitude_us) = (None, None, None);
             self.last_field_us = [None; MOST_COMPASSES];
+            self.last_air_us = [[None; MOST_OF_AIR]; 2];
             out.push(Sample::Restart(reason));
             out.extend(self.stream.clone().map(Sample::Stream));
         }
@@ -406,6 +418,21 @@ impl TimeLine {
             *last = Some(t_us.min(now + FIX_AHEAD_US));
             self.counts.fields += 1;
             out.push(Sample::Field(sample));
+        }
+    }
+
+    fn air(&mut self, stamp: Option<Stamp>, sample: &AirSample, out: &mut Vec<Sample>) {
+        let Some(now) = self.clock.now_us() else { return };
+        let own = self.last_air_us[sample.kind as usize].get_mut(usize::from(sample.sensor));
+        let Some(last) = own else { return };
+        let near = |t: &u64| t.abs_diff(now) <= GAP_US && last.is_none_or(|last| *t > last);
+        let placed = stamp.map_or(Some(now), |stamp| self.clock.place(stamp));
+        let Some(t_us) = placed.filter(near) else { return };
+        let sample = AirSample { t_s: seconds(t_us), ..*sample };
+        if sample.is_plausible() {
+            *last = Some(t_us.min(now + FIX_AHEAD_US));
+            self.counts.air += 1;
+            out.push(Sample::Air(sample));
         }
     }
 

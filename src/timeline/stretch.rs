@@ -33,6 +33,7 @@ pub fn stretches(samples: &[Sample]) -> Vec<Stretch> {
             | Sample::Recalibrated
             | Sample::Place(_)
             | Sample::Field(_)
+            | Sample::Air(_)
             | Sample::Operating(_) => {}
         }
     }

@@ -7,6 +7,7 @@
 
 mod accel_lever_arm;
 mod acts;
+mod air;
 mod bias_drift;
 mod catalogue;
 mod clock_drift;
@@ -32,6 +33,10 @@ use nalgebra::Vector3;
 
 pub use accel_lever_arm::AccelLeverArm;
 pub use acts::{FixEffect, ImuEffect, SourceEffect, WalkEffect};
+pub use air::{
+    AIRSPEED, AIRSPEED_DELAY, AIRSPEED_OFFSET, AIRSPEED_SCALE, AirDriver, AirEffect, AirInstant, BARO_DELAY,
+    BARO_DYNAMIC_PRESSURE, BARO_SCALE, BARO_TEMPERATURE, BARO_THRUST, BAROMETER, SEA_LEVEL_DENSITY,
+};
 pub use bias_drift::{AccelBiasDrift, GyroBiasDrift};
 pub use catalogue::{
     ACCEL_MISALIGNMENT, ACCEL_NONLINEARITY, ACCEL_SCALE_FACTOR, ACCEL_TEMPERATURE, GYRO_G_SENSITIVITY,
@@ -86,11 +91,12 @@ pub static REGISTRY: &[&dyn Effect] = &[
 /// What every receiver does; outside the registry, since it is not tested.
 pub static RECEIVER: &dyn Effect = &GpsSmoothing;
 
-/// The effect of this name, if there is one: of the design's table, a fault of a source, of a compass, what every receiver does, or an effect that is
+/// The effect of this name, if there is one: of the design's table, a fault of a source, of another sensor, what every receiver does, or an effect that is
 /// data: one that a file defined, or a formula.
 pub fn find(name: &str) -> Option<&'static dyn Effect> {
+    let sensors = COMPASS.iter().chain(BAROMETER).chain(AIRSPEED);
     let built_in =
-        REGISTRY.iter().chain(MISTAKES).chain(COMPASS).copied().chain([RECEIVER]).find(|e| e.name() == name);
+        REGISTRY.iter().chain(MISTAKES).chain(sensors).copied().chain([RECEIVER]).find(|e| e.name() == name);
     built_in.or_else(|| data::find(name))
 }
 
@@ -271,6 +277,11 @@ pub trait Effect: Sync + std::fmt::Debug {
 
     /// What it does to the field that a compass reports.
     fn on_field(&self) -> Option<&dyn FieldEffect> {
+        None
+    }
+
+    /// What it does to a barometer or an airspeed sensor.
+    fn on_air(&self) -> Option<&AirEffect> {
         None
     }
 

@@ -52,6 +52,10 @@ pub mod unit {
     pub const MGAUSS: Unit = Unit { symbol: "mG", suffix: "mgauss", si: 1e-7 };
     /// Magnetic field of a current.
     pub const MGAUSS_PER_A: Unit = Unit { symbol: "mG/A", suffix: "mgauss_per_a", si: 1e-7 };
+    /// Pressure.
+    pub const PA: Unit = Unit { symbol: "Pa", suffix: "pa", si: 1.0 };
+    /// Height by temperature.
+    pub const M_PER_DEGC: Unit = Unit { symbol: "m/°C", suffix: "m_per_degc", si: 1.0 };
     /// A share.
     pub const PERCENT: Unit = Unit { symbol: "%", suffix: "percent", si: 0.01 };
     /// Angle.

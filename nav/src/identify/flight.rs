@@ -16,7 +16,9 @@ use crate::model::Model;
 use crate::noise_meter::NoiseMeter;
 use crate::operating::{LagSeries, OperatingSeries};
 use crate::quantisation::Dequantiser;
-use crate::sample::{FieldSample, GnssFix, ImuSample, ImuStream, Quantisation, Sample, SampleKind};
+use crate::sample::{
+    AirSample, FieldSample, GnssFix, ImuSample, ImuStream, Quantisation, Sample, SampleKind,
+};
 use std::borrow::Cow;
 use std::sync::{Arc, OnceLock};
 
@@ -41,6 +43,7 @@ pub struct Flight {
     raw: Vec<ImuSample>,
     fixes: Vec<GnssFix>,
     fields: Vec<FieldSample>,
+    air: Vec<AirSample>,
     prepared: Vec<(Quantisation, Vec<ImuSample>)>,
     /// What the rounding leaves unknown, for each way to read it.
     rounding: Vec<(Quantisation, Rounding)>,
@@ -68,8 +71,19 @@ impl Flight {
     /// # Errors
     /// When the recording is too poor to say anything.
     pub fn prepare(samples: &[Sample], model: &Model) -> Result<Self, TooLittle> {
-        let Stretch { stream, initial, raw, fixes, fields, by_hand, unseen, guesses, unbridged_s, operating } =
-            Stretch::of(samples, model)?;
+        let Stretch {
+            stream,
+            initial,
+            raw,
+            fixes,
+            fields,
+            air,
+            by_hand,
+            unseen,
+            guesses,
+            unbridged_s,
+            operating,
+        } = Stretch::of(samples, model)?;
         let mut flight = Self {
             force_rates: Arc::new(ForceRates::new(&raw, stream.kind)),
             operating: Arc::new(operating),
@@ -82,6 +96,7 @@ impl Flight {
             raw,
             fixes,
             fields,
+            air,
             prepared: Vec::new(),
             rounding: Vec::new(),
             interval_s: 0.0,
@@ -183,6 +198,11 @@ impl Flight {
     /// What its compasses measured.
     pub fn fields(&self) -> &[FieldSample] {
         &self.fields
+    }
+
+    /// What its barometers and airspeed sensors measured.
+    pub fn air(&self) -> &[AirSample] {
+        &self.air
     }
 
     /// What the samples are.
@@ -298,6 +318,7 @@ impl Flight {
         self.raw.iter_mut().for_each(|s| s.t_s += by_s);
         self.fixes.iter_mut().for_each(|f| f.t_s += by_s);
         self.fields.iter_mut().for_each(|f| f.t_s += by_s);
+        self.air.iter_mut().for_each(|a| a.t_s += by_s);
         self.prepared.iter_mut().flat_map(|p| &mut p.1).for_each(|s| s.t_s += by_s);
         self.rounding.iter_mut().for_each(|(_, r)| r.move_by(by_s));
         let kind = self.averaged.map_or(self.stream.kind, |a| a.0);

@@ -11,6 +11,8 @@
 //! flight is given a name is therefore measured: 4 of 300 (`study blind --clean`; docs/explain.md). Noise is fitted first ([`noise`]) so that it does not pass for an effect;
 //! effects are then added one by one at the values that the flights say ([`select`]).
 
+pub mod aids;
+pub mod air;
 pub mod beyond;
 mod by_hand;
 pub mod compass;

@@ -8,7 +8,7 @@ use crate::estimator::{Estimator, Stage};
 use crate::filter::Initial;
 use crate::model::Model;
 use crate::operating::OperatingSeries;
-use crate::sample::{FieldSample, GnssFix, ImuSample, ImuStream, Sample, SampleKind};
+use crate::sample::{AirSample, FieldSample, GnssFix, ImuSample, ImuStream, Sample, SampleKind};
 use nalgebra::Vector3;
 
 /// A filter that has heading starts with these 1-sigmas whatever the search said of them, rad.
@@ -79,6 +79,8 @@ pub(super) struct Stretch {
     pub(super) by_hand: ByHand,
     /// What its compasses measured.
     pub(super) fields: Vec<FieldSample>,
+    /// What its barometers and airspeed sensors measured.
+    pub(super) air: Vec<AirSample>,
     pub(super) unseen: Unseen,
     pub(super) guesses: Guesses,
     /// How much of the recording gaps cut off that nothing bridges, s.
@@ -133,9 +135,26 @@ impl Stretch {
             Sample::Field(field) if field.t_s > initial.t_s => Some(*field),
             _ => None,
         };
+        let of_air = |s: &Sample| match s {
+            Sample::Air(air) if air.t_s > initial.t_s => Some(*air),
+            _ => None,
+        };
+        let air = stretch.iter().filter_map(of_air).collect();
         let operating = OperatingSeries::of(stretch);
         let fields = stretch.iter().filter_map(field).collect();
-        Ok(Self { stream, initial, raw, fixes, fields, by_hand, unseen, guesses, unbridged_s, operating })
+        Ok(Self {
+            stream,
+            initial,
+            raw,
+            fixes,
+            fields,
+            air,
+            by_hand,
+            unseen,
+            guesses,
+            unbridged_s,
+            operating,
+        })
     }
 }
 

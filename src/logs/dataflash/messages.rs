@@ -3,7 +3,7 @@
 use super::fixes::{accuracies, arrival_us, fix, utc_s};
 use super::inertial::{self, Raw};
 use super::notes::{self, Filter, class_of_firmware, class_of_parameter, version};
-use super::{Entry, health, magnetic, operating};
+use super::{Entry, air, health, magnetic, operating};
 use crate::logs::source::{Choice, Source, Survey};
 use crate::logs::{Item, LogNote, Record, VehicleClass};
 use crate::sensors::gnss::Course;
@@ -112,6 +112,9 @@ impl Messages {
                 self.put(t_us, Measurement::Field(Stamp::Usec(t_us), sample));
             }
             return Some(());
+        }
+        if let Some((t_us, sample)) = air::sample(entry) {
+            self.put(t_us, Measurement::Air(Some(Stamp::Usec(t_us)), sample));
         }
         // Firmware before 4.1 has no instance field and names further instances GPS2.
         if entry.number("I").is_some_and(|i| i != 0.0) {

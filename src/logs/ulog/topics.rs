@@ -2,7 +2,7 @@
 
 use super::fields::{Fields, attitude, fix, vehicle_class};
 use super::notes::{filter_values, is_of_filter};
-use super::{Definitions, health, operating};
+use super::{Definitions, air, health, operating};
 use crate::logs::source::{Choice, Kind, Source, Survey};
 use crate::logs::{HealthNote, Item, LogNote, Record, VehicleClass};
 use crate::timeline::{Measurement, Stamp};
@@ -126,6 +126,10 @@ impl Topics {
             let stamp = Stamp::Usec(fields.sampled().unwrap_or(t_us));
             out.push_back(Record { t_us, item: Item::Measurement(Measurement::Field(stamp, sample)) });
             return true;
+        }
+        if let Some(sample) = air::of(&fields, |topic| definitions.has_topic(topic)) {
+            let stamp = Some(Stamp::Usec(fields.sampled().unwrap_or(t_us)));
+            out.push_back(Record { t_us, item: Item::Measurement(Measurement::Air(stamp, sample)) });
         }
         if topic.name == "estimator_attitude" {
             let name = format!("EKF2 lane {}", topic.instance);

@@ -41,6 +41,9 @@ pub fn html(explained: &Explained) -> Result<String, String> {
     if let Some(compasses) = &e.compasses {
         super::flight::compass_section(compasses, &mut body);
     }
+    if let Some(air) = &e.air {
+        super::flight::air_section(air, &mut body);
+    }
     catalogue::effects(explained, &mut body);
     evidence::contributions(e, &mut body);
     if let Some(judged) = &explained.judged {

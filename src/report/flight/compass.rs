@@ -1,6 +1,7 @@
 //! The compasses of the vehicle: a table with the answer first, what moves each, what corrects it, and the circle of its field.
 
-use crate::compass::{CompassEntry, CompassReport, Status};
+use crate::compass::advice::SensorProposal;
+use crate::compass::{CompassEntry, CompassReport, SensorEffect, Status};
 use crate::report::page::escape;
 use crate::report::plot::{AFTER, BEFORE};
 use std::fmt::Write;
@@ -52,7 +53,7 @@ pub fn section(report: &CompassReport, body: &mut String) {
     }
 }
 
-fn status(status: Status) -> &'static str {
+pub(super) fn status(status: Status) -> &'static str {
     match status {
         Status::Ok => "ok",
         Status::Wrong => "<b>wrong</b>",
@@ -62,12 +63,18 @@ fn status(status: Status) -> &'static str {
 
 fn compass(c: &CompassEntry, body: &mut String) {
     let _ = write!(body, "<h3>Compass {}</h3><p>{}</p>", c.compass, escape(&c.text));
-    if !c.effects.is_empty() {
+    found(&c.effects, (&c.proposals, &c.not_proposed), body);
+    body.push_str(&circle(c));
+}
+
+/// What a flight shows of a sensor, and what corrects it.
+pub(super) fn found(effects: &[SensorEffect], advice: (&[SensorProposal], &[String]), body: &mut String) {
+    if !effects.is_empty() {
         body.push_str(
             "<div class=\"wide\"><table><tr><th>effect</th><th>values ± sigma</th><th class=\"n\">evidence</th><th class=\"n\">held-out gain</th><th>remedy</th></tr>",
         );
-        for e in &c.effects {
-            let value = |p: &crate::compass::CompassParameter| {
+        for e in effects {
+            let value = |p: &crate::compass::SensorParameter| {
                 format!("{} {:.2} ± {:.2} {}", p.name, p.value, p.sigma, p.unit)
             };
             let values: Vec<String> = e.parameters.iter().map(value).collect();
@@ -84,17 +91,16 @@ fn compass(c: &CompassEntry, body: &mut String) {
         }
         body.push_str("</table></div>");
     }
-    proposals(c, body);
-    body.push_str(&circle(c));
+    proposals(advice, body);
 }
 
 /// What the autopilot can correct, as a table; the same for reports of a flight and of an explanation.
-fn proposals(c: &CompassEntry, body: &mut String) {
-    if !c.proposals.is_empty() {
+fn proposals((proposals, not_proposed): (&[SensorProposal], &[String]), body: &mut String) {
+    if !proposals.is_empty() {
         body.push_str(
             "<div class=\"wide\"><table><tr><th>parameter</th><th class=\"n\">on board</th><th class=\"n\">proposed</th><th>unit</th><th>for</th><th>source</th></tr>",
         );
-        for p in &c.proposals {
+        for p in proposals {
             let _ = write!(
                 body,
                 "<tr><td>{}</td><td class=\"n\">{}</td><td class=\"n\">{}</td><td>{}</td><td>{}</td><td><small>{}</small></td></tr>",
@@ -108,7 +114,7 @@ fn proposals(c: &CompassEntry, body: &mut String) {
         }
         body.push_str("</table></div>");
     }
-    for why in &c.not_proposed {
+    for why in not_proposed {
         let _ = write!(body, "<p><small>Not proposed: {}.</small></p>", escape(why));
     }
 }

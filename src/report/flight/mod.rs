@@ -1,5 +1,6 @@
 //! The page of one flight: what is known now, what made it known, and how the autopilot's own attitude compares.
 
+mod air;
 mod answers;
 mod attitude;
 mod compass;
@@ -18,7 +19,7 @@ pub use log::{FlightLog, Logged};
 use super::page::{escape, page};
 use super::plot::{Color, Plot, X_AXIS, Y_AXIS, Z_AXIS};
 use crate::advice::start;
-use crate::compass::{self as compasses, CompassReport};
+use crate::aids::{self, Aids};
 use crate::engine::snapshot::{Phase, Snapshot, Summary};
 use crate::engine::{Engine, EngineOptions};
 use crate::health::checks::checks;
@@ -43,10 +44,11 @@ pub struct Origin {
     pub model: String,
     /// What the log says beside its samples.
     pub beside: Beside,
-    /// Its compasses, where it holds any.
-    pub compasses: Option<CompassReport>,
+    /// Its compasses, barometers and airspeed sensors, where it holds any.
+    pub aids: Aids,
 }
 
+pub use air::section as air_section;
 pub use compass::section as compass_section;
 pub use health::section as health_section;
 
@@ -77,36 +79,33 @@ pub fn of_log(
         None => "standard (g-sensitivity, GNSS latency and the tolerances of a consumer unit estimated)"
             .to_owned(),
     };
-    let judged = judged_compasses(request, pipeline.converter().stats().time.fields, &beside)?;
+    let counts = pipeline.converter().stats().time;
+    let judged = judged_sensors(request, counts.fields + counts.air, &beside)?;
     let origin = Origin {
         log: request.log.name(),
         date: beside.date(),
         model: model.unwrap_or_else(taken),
         beside,
-        compasses: judged,
+        aids: judged,
     };
     let html =
         html(&origin, &pipeline.summary(), &document, pipeline.engine().log()).map_err(ReplayError::Draw)?;
-    if let Some(Ok(found)) = origin.compasses.map(serde_json::to_value) {
-        document.insert("compasses".to_owned(), found);
-    }
+    let Aids { compasses, air } = origin.aids;
+    let found = [("compasses", compasses.map(serde_json::to_value)), ("air", air.map(serde_json::to_value))];
+    document.extend(found.into_iter().filter_map(|(name, v)| Some((name.to_owned(), v?.ok()?))));
     Ok(LogReport { html, document })
 }
 
-/// So much of a flight is enough to judge a compass by, s.
-const COMPASS_S: f64 = 900.0;
+/// So much of a flight is enough to judge a sensor by, s.
+const JUDGED_S: f64 = 900.0;
 
-/// The compasses of a log that holds `fields` samples of them, by the part of it with the most motion.
-fn judged_compasses(
-    request: &ReplayRequest,
-    fields: u64,
-    beside: &Beside,
-) -> Result<Option<CompassReport>, ReplayError> {
-    if fields == 0 {
-        return Ok(None);
+/// The sensors beside the inertial unit of a log that holds `count` samples of them, by the part of it with the most motion.
+fn judged_sensors(request: &ReplayRequest, count: u64, beside: &Beside) -> Result<Aids, ReplayError> {
+    if count == 0 {
+        return Ok(Aids::default());
     }
-    let part = pipeline::most_motion(&request.log, request.converter, COMPASS_S)?;
-    Ok(compasses::of_samples(&part.samples, beside.start_unix_s(), &beside.on_board))
+    let part = pipeline::most_motion(&request.log, request.converter, JUDGED_S)?;
+    Ok(aids::of_samples(&part.samples, beside.start_unix_s(), &beside.on_board))
 }
 
 /// The autopilot's attitude less ours over time: s since the first sample, roll, pitch, yaw in deg. Empty where the log has too little of it.
@@ -132,9 +131,15 @@ pub fn html(
     answers::head(origin, summary, &scope::words(summary, &origin.beside, &fitted), &mut body);
     let whose = answers::whose(compared.as_ref(), &fitted, log);
     body.push_str(&crate::report::page::answers(&[("Whose attitude is right?", whose)]));
-    if let Some(found) = &origin.compasses {
+    if let Some(found) = &origin.aids.compasses {
         let answer = escape(&compass::answer(found));
         body.push_str(&crate::report::page::answers(&[("Which compass is wrong?", answer)]));
+    }
+    if let Some(found) = &origin.aids.air {
+        body.push_str(&crate::report::page::answers(&[(
+            "Barometer, airspeed, wind?",
+            escape(&air::answer(found)),
+        )]));
     }
     let judged = checks(&origin.beside.health, summary.autopilot == "px4");
     health::section(&origin.beside.health, &judged, &mut body);
@@ -153,8 +158,11 @@ pub fn html(
         knowledge::learning(summary, log, &lessons, &mut body)?;
         knowledge::biases(log, &mut body)?;
     }
-    if let Some(found) = &origin.compasses {
+    if let Some(found) = &origin.aids.compasses {
         compass::section(found, &mut body);
+    }
+    if let Some(found) = &origin.aids.air {
+        air::section(found, &mut body);
     }
     motion_table(&fitted, &mut body);
     attitudes(compared.as_ref(), document, &mut body)?;

@@ -136,6 +136,7 @@ impl TopicEncoder {
                 | Sample::Recalibrated
                 | Sample::Place(_)
                 | Sample::Field(_)
+                | Sample::Air(_)
                 | Sample::Operating(_),
             ) => Vec::new(),
             RecordItem::Snapshot(t_us, s) => self.snapshot(*t_us, s),

@@ -4,25 +4,21 @@
 //! ([`linear::field`](super::linear)), so that what the flight leaves open about the attitude counts against what it says of a compass. Nothing
 //! here changes the trajectory: a compass among motors never makes a heading worse.
 
-mod choose;
 mod heading;
 mod orientation;
-mod settled;
 
-use super::Workers;
+pub use super::aids::Finding as CompassFinding;
+use super::aids::choose::{self, Chosen, Widths};
+use super::aids::{Settled, at_time};
 use super::flight::Flight;
 use super::linear::field::FieldAtFix;
-use super::noise::Noise;
 use super::pass::{Information, Options};
 use crate::effects::{COMPASS, FieldInstant};
-use crate::model::{EffectSetting, Model};
 use crate::operating::Channel;
 use crate::rotation::skew;
-use choose::{Chosen, Widths};
 pub use heading::{Heading, Level};
 use nalgebra::{Matrix3, Vector3};
 pub use orientation::Orientation;
-use settled::Settled;
 
 /// Samples of a compass this far from a fix are used for it: compasses are read at 10 Hz and more, s.
 const NEAR_S: f64 = 0.15;
@@ -32,6 +28,9 @@ const ENOUGH: usize = 60;
 pub(super) const BLOCK_S: f64 = 20.0;
 /// Noise of a compass to start from, and the least that is assumed (half a step of `RAW_IMU` and the noise of common magnetometers), T.
 const SIGMA_T: (f64, f64) = (1e-6, 2e-7);
+/// What is left of each effect of [`COMPASS`] by an ordinary calibration, 1-sigma, SI: 15 mG, .2 mG/A, 1.5°, 2 %, .1 s, .5°. ArduPilot's
+/// calibrator is content with a fitness of 16 mG RMS (`COMPASS_CAL_FIT`), PX4's with a mean residual of .01 G (`mag_calibration.cpp`).
+const TOLERANCES: [f64; 6] = [15e-7, 0.2e-7, 0.026, 0.02, 0.1, 0.0087];
 /// Passes: effects multiply the attitude error, and the noise is fitted.
 const PASSES: usize = 4;
 
@@ -40,19 +39,6 @@ const PASSES: usize = 4;
 pub struct Given {
     /// The Earth's field at the place and date, north, east, down, T.
     pub field_n: Vector3<f64>,
-}
-
-/// An effect of a compass that the flight shows.
-#[derive(Debug, Clone)]
-pub struct CompassFinding {
-    /// With its values and their 1-sigma.
-    pub setting: EffectSetting,
-    /// Logarithm of the odds that it is there.
-    pub evidence: f64,
-    /// By how much it makes the held-out blocks more likely, nats.
-    pub held_out_gain: f64,
-    /// Others that would do as well: the flight does not separate them.
-    pub others: Vec<&'static str>,
 }
 
 /// One compass.
@@ -97,17 +83,35 @@ struct Instant {
     x: FieldInstant,
 }
 
+impl Instant {
+    fn is_held_out(&self) -> bool {
+        choose::is_held_out((self.elapsed_s / BLOCK_S) as usize)
+    }
+}
+
+/// The same instants with these errors undone.
+fn corrected(of: &[Instant], values: &[f64]) -> Vec<Instant> {
+    of.iter().map(|i| Instant { measured: undone(i, values), ..*i }).collect()
+}
+
+/// RMS residual per axis, T.
+fn rms(of: &mut dyn Iterator<Item = &Instant>) -> f64 {
+    let (sum, count) =
+        of.fold((0.0, 0.0), |(s, n), i| (s + (i.measured - i.x.field).norm_squared() / 3.0, n + 1.0));
+    (sum / f64::max(count, 1.0)).sqrt()
+}
+
 /// A flight ready to judge its compasses.
 #[derive(Debug)]
 pub struct Compasses<'a> {
     flight: &'a Flight,
-    settled: Settled,
+    settled: &'a Settled,
 }
 
 impl<'a> Compasses<'a> {
-    /// Settles the trajectory of a flight under a model. `noise`: where it was fitted already.
-    pub fn new(flight: &'a Flight, model: &Model, noise: Option<Noise>, workers: &dyn Workers) -> Self {
-        Self { flight, settled: Settled::new(flight, model, noise, workers) }
+    /// The trajectory that they are judged by.
+    pub fn new(flight: &'a Flight, settled: &'a Settled) -> Self {
+        Self { flight, settled }
     }
 
     /// Every compass that measured during the flight.
@@ -131,9 +135,11 @@ impl<'a> Compasses<'a> {
         if let Some(found) = &orientation {
             turned.iter_mut().flatten().for_each(|i| i.measured = found.undo() * i.measured);
         }
-        let widths = Widths::new(has_current);
+        let widths = Widths::new(COMPASS, &TOLERANCES, |effect| effect != "mag_current" || has_current);
         let (values, blocks, sigma) = self.fitted(&turned, &widths)?;
-        let chosen = choose::choose(&blocks, &self.settled.prior, &widths, &values);
+        let all: Vec<Instant> = turned.iter().flatten().copied().collect();
+        let error = |values: &[f64]| rms(&mut corrected(&all, values).iter().filter(|i| i.is_held_out()));
+        let chosen = choose::choose(&blocks, &self.settled.prior, &widths, &values, &error);
         Some(self.found(compass, given, (&instants, &turned), orientation, (sigma, yaw_sigma), &chosen))
     }
 
@@ -151,7 +157,7 @@ impl<'a> Compasses<'a> {
         let rates = self.flight.samples(crate::sample::Quantisation::None);
         let knots = self.settled.reference.knots.iter();
         let at = |knot: &super::linear::reference::Knot| {
-            let measured = at_time(&own, knot.t_s)?;
+            let measured = at_time(&own, knot.t_s, NEAR_S, |a, b, s| a.lerp(b, s))?;
             let c_nb = knot.nav.c_nb();
             let next = rates.partition_point(|s| s.t_s < knot.t_s);
             let rate = rates.get(next).map_or_else(Vector3::zeros, |s| s.gyro);
@@ -242,18 +248,9 @@ impl<'a> Compasses<'a> {
         chosen: &Chosen,
     ) -> CompassFound {
         let reported: Vec<Instant> = instants.iter().flatten().copied().collect();
-        let corrected = |values: &[f64]| -> Vec<Instant> {
-            let undo = |i: &Instant| Instant { measured: undone(i, values), ..*i };
-            turned.iter().flatten().map(undo).collect()
-        };
-        let all = corrected(&chosen.named_values());
-        let held = corrected(&chosen.fit_values());
-        let is_held = |i: &&Instant| choose::is_held_out((i.elapsed_s / BLOCK_S) as usize);
-        let rms = |of: &mut dyn Iterator<Item = &Instant>| {
-            let (sum, count) =
-                of.fold((0.0, 0.0), |(s, n), i| (s + (i.measured - i.x.field).norm_squared() / 3.0, n + 1.0));
-            (sum / f64::max(count, 1.0)).sqrt()
-        };
+        let turned: Vec<Instant> = turned.iter().flatten().copied().collect();
+        let all = corrected(&turned, &chosen.named_values());
+        let held = corrected(&turned, &chosen.fit_values());
         let count = reported.len().max(1) as f64;
         let current = || reported.iter().map(|i| i.x.current_a);
         CompassFound {
@@ -264,7 +261,7 @@ impl<'a> Compasses<'a> {
             corrected: Heading::of(&all, &given.field_n, yaw_sigma),
             length_t: [reported.iter().map(|i| i.measured.norm()).sum::<f64>() / count, given.field_n.norm()],
             residual_t: [rms(&mut reported.iter()), rms(&mut all.iter())],
-            held_out_t: [rms(&mut reported.iter().filter(is_held)), rms(&mut held.iter().filter(is_held))],
+            held_out_t: [&reported, &held].map(|of| rms(&mut of.iter().filter(|i| i.is_held_out()))),
             noise: (sigma, chosen.correlated),
             effects: chosen.findings(),
             removed: chosen.removed(),
@@ -325,14 +322,4 @@ fn undone(i: &Instant, values: &[f64]) -> Vector3<f64> {
     }
     let inverse = by_field.try_inverse().unwrap_or_else(Matrix3::identity);
     inverse * (i.measured - constant)
-}
-
-/// The field at a time, on the straight line between its neighbours. A mean over more of them would be shorter in a turn.
-fn at_time(samples: &[(f64, Vector3<f64>)], t_s: f64) -> Option<Vector3<f64>> {
-    let next = samples.partition_point(|s| s.0 < t_s);
-    let (before, after) = (samples.get(next.checked_sub(1)?)?, samples.get(next)?);
-    if t_s - before.0 > NEAR_S || after.0 - t_s > NEAR_S {
-        return None;
-    }
-    Some(before.1.lerp(&after.1, (t_s - before.0) / (after.0 - before.0)))
 }

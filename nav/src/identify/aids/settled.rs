@@ -1,7 +1,7 @@
-//! The trajectory that compasses are judged by: a flight linearised about the values that it gives the effects of its model.
+//! The trajectory that the sensors beside the inertial unit are judged by: a flight linearised about the values that it gives the effects of its model.
 
-use super::super::evidence;
 use crate::identify::Workers;
+use crate::identify::evidence;
 use crate::identify::flight::Flight;
 use crate::identify::linear::Problem;
 use crate::identify::linear::reference::Reference;
@@ -15,16 +15,17 @@ const PASSES: usize = 2;
 
 /// A linearised flight with what its model leaves open.
 #[derive(Debug)]
-pub(super) struct Settled {
-    pub(super) noise: Noise,
-    pub(super) reference: Reference,
-    pub(super) problem: Problem,
+pub struct Settled {
+    pub(in crate::identify) noise: Noise,
+    pub(in crate::identify) reference: Reference,
+    pub(in crate::identify) problem: Problem,
     /// Prior sigma and prior mean less value of each watched parameter of the model; sigma 0: known.
-    pub(super) prior: Vec<(f64, f64)>,
+    pub(in crate::identify) prior: Vec<(f64, f64)>,
 }
 
 impl Settled {
-    pub(super) fn new(flight: &Flight, base: &Model, noise: Option<Noise>, workers: &dyn Workers) -> Self {
+    /// Settles the trajectory of a flight under a model. `noise`: where it was fitted already.
+    pub fn new(flight: &Flight, base: &Model, noise: Option<Noise>, workers: &dyn Workers) -> Self {
         let noise = noise.unwrap_or_else(|| Noise::measured(base, &[flight]));
         let mut model = base.clone();
         let mut settled = Self::about(flight, base, &model, noise, workers);

@@ -1,0 +1,246 @@
+//! Barometers, airspeed sensors and the wind of a recording in words: which one is wrong, by how much, why, and what the autopilot can correct.
+//!
+//! The mathematics are `gaware_nav::identify::air`.
+
+mod advice;
+#[cfg(test)]
+mod tests;
+
+use crate::advice::on_board::OnBoard;
+use crate::compass::{SensorEffect, Status, advice::SensorProposal};
+use crate::explain::contract::BeforeAfter;
+use gaware_nav::identify::aids::Settled;
+use gaware_nav::identify::air::{Air, AirFound};
+use gaware_nav::identify::flight::Flight;
+use gaware_nav::sample::AirKind;
+use schemars::JsonSchema;
+use serde::Serialize;
+
+/// A barometer that errs by more is wrong, m: both autopilots take a barometer for known to 2 to 3 m (`EK3_ALT_M_NSE` 2, `EKF2_BARO_NOISE` 3.5).
+const WRONG_M: f64 = 3.0;
+/// An airspeed that errs by more of itself is wrong: ArduPilot's ratio of 2 differs by 10 % of the airspeed from one of 2.4.
+const WRONG_SHARE: f64 = 0.1;
+/// An airspeed whose error may be larger than this and unseen is not known, m/s.
+const KNOWN_M_PER_S: f64 = 1.5;
+
+/// The wind by an airspeed sensor, m/s.
+#[derive(Debug, Clone, PartialEq, Serialize, JsonSchema)]
+pub struct WindEntry {
+    /// Mean velocity of the air toward north and east.
+    pub north_east_m_per_s: [f64; 2],
+    /// 1-sigma, with what the sensor's own errors leave open.
+    pub sigma_m_per_s: [f64; 2],
+    /// 1-sigma by which it changed over the flight.
+    pub changed_m_per_s: f64,
+    /// In words.
+    pub text: String,
+}
+
+/// One barometer or airspeed sensor.
+#[derive(Debug, Clone, PartialEq, Serialize, JsonSchema)]
+pub struct AirEntry {
+    /// Which: "Barometer 1".
+    pub sensor: String,
+    /// Whether it can be relied on.
+    pub status: Status,
+    /// The same in words.
+    pub text: String,
+    /// Unit of the errors: m or m/s.
+    pub unit: &'static str,
+    /// Largest error by what was found.
+    pub largest_error: f64,
+    /// Speed through the air at which it was, m/s.
+    pub at_m_per_s: f64,
+    /// RMS residual against trajectory and wind.
+    pub residual: BeforeAfter,
+    /// 1-sigma of an error at high speed that this flight would not have shown.
+    pub known_to: f64,
+    /// What the flight shows, the clearest first.
+    pub effects: Vec<SensorEffect>,
+    /// Effects that held-out blocks did not confirm.
+    pub removed: Vec<&'static str>,
+    /// Effects that were tested and are not significant.
+    pub not_found: Vec<&'static str>,
+    /// The wind, by an airspeed sensor.
+    pub wind: Option<WindEntry>,
+    /// Parameters that correct it.
+    pub proposals: Vec<SensorProposal>,
+    /// Why others are not proposed.
+    pub not_proposed: Vec<String>,
+    /// Speed, m/s, and error as reported and as corrected.
+    #[serde(skip)]
+    pub points: Vec<[f64; 3]>,
+}
+
+/// All of a vehicle.
+#[derive(Debug, Clone, PartialEq, Default, Serialize, JsonSchema)]
+pub struct AirReport {
+    /// One entry each.
+    pub sensors: Vec<AirEntry>,
+    /// What they were compared with, and why something is not known.
+    pub notes: Vec<String>,
+}
+
+impl AirReport {
+    /// The sensors that are wrong, in words; empty where there are none.
+    pub fn wrong(&self) -> String {
+        let wrong = self.sensors.iter().filter(|c| c.status == Status::Wrong);
+        wrong.map(|c| format!(" {}", c.text)).collect()
+    }
+}
+
+/// Judges them by a settled trajectory; nothing where the flight has none.
+pub fn of_flight(flight: &Flight, settled: &Settled, on_board: &OnBoard) -> Option<AirReport> {
+    if flight.air().is_empty() {
+        return None;
+    }
+    let is_wing = on_board.fixed_wing == Some(true);
+    let found = Air::new(flight, settled, is_wing).all();
+    let mut report =
+        AirReport { sensors: found.iter().map(|f| entry(f, on_board)).collect(), notes: Vec::new() };
+    report.sensors.sort_by(|a, b| a.sensor.cmp(&b.sensor));
+    let has = |kind| found.iter().any(|f| f.kind == kind);
+    if has(AirKind::Barometer) && !has(AirKind::Airspeed) {
+        report.notes.push(
+            "The flight has no airspeed: the wind that the pressure of the flow goes with is estimated with it, from no wind ± 5 m/s.".to_owned(),
+        );
+    }
+    if has(AirKind::Airspeed) && !is_wing {
+        report.notes.push(
+            "The log does not say that wings carry the vehicle: sideslip is left open, and the wind follows from turns alone.".to_owned(),
+        );
+    }
+    Some(report)
+}
+
+fn entry(found: &AirFound, on_board: &OnBoard) -> AirEntry {
+    let status = status(found);
+    let is_height = found.kind == AirKind::Barometer;
+    let advice = advice::of(found, on_board);
+    AirEntry {
+        sensor: name(found),
+        status,
+        text: text(found, status),
+        unit: if is_height { "m" } else { "m/s" },
+        largest_error: found.largest.0,
+        at_m_per_s: found.largest.1,
+        residual: BeforeAfter { before: found.residual[0], after: found.residual[1] },
+        known_to: found.known_to,
+        effects: found.effects.iter().map(SensorEffect::of).collect(),
+        removed: found.removed.clone(),
+        not_found: found.not_found.iter().map(|n| n.0).collect(),
+        wind: found.wind.as_ref().map(|w| WindEntry {
+            north_east_m_per_s: w.mean,
+            sigma_m_per_s: w.sigma,
+            changed_m_per_s: w.changed,
+            text: wind(w),
+        }),
+        proposals: advice.0,
+        not_proposed: advice.1,
+        points: found.points.clone(),
+    }
+}
+
+fn name(found: &AirFound) -> String {
+    let what = if found.kind == AirKind::Barometer { "Barometer" } else { "Airspeed sensor" };
+    format!("{what} {}", found.sensor + 1)
+}
+
+/// From where it blows, and how well that is known.
+fn wind(w: &gaware_nav::identify::air::Wind) -> String {
+    let [n, e] = w.mean;
+    let from = (-e).atan2(-n).to_degrees().rem_euclid(360.0);
+    format!(
+        "wind {:.1} m/s from {from:.0}°, north {n:.1} ± {:.1}, east {e:.1} ± {:.1} m/s, changing by {:.1} m/s",
+        n.hypot(e),
+        w.sigma[0],
+        w.sigma[1],
+        w.changed
+    )
+}
+
+fn status(found: &AirFound) -> Status {
+    let (error, speed) = found.largest;
+    let (wrong, known) = match found.kind {
+        AirKind::Barometer => (error.abs() > WRONG_M, found.known_to < WRONG_M),
+        AirKind::Airspeed => (error.abs() > WRONG_SHARE * speed, found.known_to < KNOWN_M_PER_S),
+    };
+    match (wrong && !found.effects.is_empty(), known) {
+        (true, _) => Status::Wrong,
+        (false, false) => Status::NotKnown,
+        (false, true) => Status::Ok,
+    }
+}
+
+/// What a pilot has to know of it.
+fn text(found: &AirFound, status: Status) -> String {
+    let is_height = found.kind == AirKind::Barometer;
+    let (error, speed) = found.largest;
+    let mut parts = Vec::new();
+    let size = |v: f64| format!("{:.1} {}", v.abs(), if is_height { "m" } else { "m/s" });
+    let way = match (is_height, error > 0.0) {
+        (true, true) => "too high",
+        (true, false) => "too low",
+        (false, true) => "too fast",
+        (false, false) => "too slow",
+    };
+    match status {
+        Status::Wrong => parts.push(format!("reads up to {} {way} (at {speed:.0} m/s)", size(error))),
+        Status::Ok if !found.effects.is_empty() => {
+            parts.push(format!("is in order but for up to {} {way} (at {speed:.0} m/s)", size(error)));
+        }
+        Status::Ok if is_height => parts.push(format!(
+            "follows the GNSS height within {} RMS",
+            size(found.residual[1])
+        )),
+        Status::Ok => parts.push(format!("agrees with motion and wind within {} RMS", size(found.residual[1]))),
+        Status::NotKnown if is_height => parts.push(format!(
+            "is not judged: an error of {} at high speed would not have shown; fly fast and slow legs at one height",
+            size(found.known_to)
+        )),
+        Status::NotKnown => parts.push(format!(
+            "is not judged: wind and scale are not separable on this flight (an error of {} would not have shown); fly circles both ways",
+            size(found.known_to)
+        )),
+    }
+    for effect in &found.effects {
+        let names: Vec<&str> =
+            std::iter::once(effect.setting.effect.name()).chain(effect.others.iter().copied()).collect();
+        parts.push(if names.len() > 1 {
+            format!("this flight does not separate {}", names.join(" from "))
+        } else {
+            words(effect.setting.effect.name(), &effect.setting.values)
+        });
+    }
+    format!("{} {}.", name(found), parts.join("; "))
+}
+
+fn words(effect: &str, v: &[f64]) -> String {
+    match effect {
+        "baro_dynamic_pressure" => {
+            let names = ["forward", "backward", "right", "left", "vertical"];
+            let most = (0..v.len()).max_by(|a, b| v[*a].abs().total_cmp(&v[*b].abs())).unwrap_or_default();
+            format!(
+                "its port feels {:.0} % of the dynamic pressure ({} flow)",
+                100.0 * v[most],
+                names.get(most).copied().unwrap_or_default()
+            )
+        }
+        "baro_thrust" => {
+            format!("the propellers' wash changes its pressure by {:.0} Pa at full throttle", v[0])
+        }
+        "baro_delay" => format!("it is {:.2} s late", v[0]),
+        "baro_temperature" => format!("its height goes with its temperature by {:.2} m/°C", v[0]),
+        "baro_scale" => format!("differences of height are {:.0} % too {}", 100.0 * v[0].abs(), large(v[0])),
+        "airspeed_scale" => {
+            format!("it shows {:.0} % too {}", 100.0 * v[0].abs(), if v[0] > 0.0 { "much" } else { "little" })
+        }
+        "airspeed_offset" => format!("its pressure is {:.0} Pa off", v[0]),
+        "airspeed_delay" => format!("it is {:.1} s late", v[0]),
+        other => format!("{other} is significant"),
+    }
+}
+
+fn large(v: f64) -> &'static str {
+    if v > 0.0 { "large" } else { "small" }
+}
