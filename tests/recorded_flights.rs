@@ -274,6 +274,9 @@ fn the_worse_yaw_is_found_by_the_motion() {
         assert!(said(late).contains("The autopilot's fits worse"), "{late}");
     }
     // An early autopilot with a compass and late fixes: 3.6 standard errors.
-    assert!(said("real_px4plane_swiss.tlog").contains("The autopilot's is wrong</b>, its yaw off by -2"), "swiss");
+    assert!(
+        said("real_px4plane_swiss.tlog").contains("The autopilot's is wrong</b>, its yaw off by -2"),
+        "swiss"
+    );
     assert!(said("sitl_clean_dither.tlog").contains("Both fit the motion alike"), "clean");
 }
