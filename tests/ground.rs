@@ -113,9 +113,50 @@ fn the_file_of_a_unit_is_kept_and_found_by_its_hardware_id() {
     let shown = gaware(&["unit", "show", &file, "--json"]).json();
     let id = shown["unit"]["origin"]["hardware_id"].as_str().unwrap().to_owned();
     assert!(file.starts_with(&units) && file.ends_with(&format!("{id}.toml")), "{file} {id}");
+    assert_eq!(shown["unit"]["origin"]["from"], serde_json::json!(["session.mcap"]));
+    // The session that made the file is not told by it what it has shown.
     let replayed = gaware(&["replay", &log, "--units", &units, "--json"]);
     assert_eq!(replayed.code(), Some(0), "{}", replayed.stderr);
-    assert!(replayed.stderr.contains(&format!("unit {id}: begins from {file}")), "{}", replayed.stderr);
+    assert!(!replayed.stderr.contains("begins from"), "{}", replayed.stderr);
+    begins_anew_with(&folder, &units, &format!("unit {id}: begins from {file}"));
+}
+
+/// A run finds the file of the vehicle once that has named itself, begins anew with it, and its replay is the same to the last byte; other logs
+/// of the vehicle find it too.
+fn begins_anew_with(folder: &Folder, units: &str, said: &str) {
+    let (log, tlog) = (folder.file("run.mcap"), folder.file("run.tlog"));
+    let vehicle = Gaware::start(&[
+        "sim",
+        "--scenario",
+        "hand",
+        "--listen",
+        "tcpin:127.0.0.1:0",
+        "--speed",
+        "25",
+        "--until",
+        "40",
+        "--record",
+        &tlog,
+    ]);
+    let address = vehicle.line();
+    let run = ["run", "--connect", &address, "--record", &log, "--units", units, "--headless", "--json"];
+    let station = Gaware::start(&run);
+    assert_eq!(vehicle.ended().code(), Some(0));
+    station.line_with(said);
+    station.line_with("link is down");
+    station.terminate();
+    let live = station.ended();
+    assert_eq!(live.code(), Some(0), "{}", live.stderr);
+    // One side alone shows nothing of G: what is known comes from the file.
+    let sigmas = live.json()["estimate"]["g_sensitivity_deg_per_h_per_g"]["sigma"].clone();
+    let known = |v: &Value| v.as_f64().is_some_and(|s| s < 30.0);
+    assert!(sigmas.as_array().unwrap().iter().flat_map(|r| r.as_array().unwrap()).all(known), "{sigmas}");
+    let again = gaware(&["replay", &log, "--json"]);
+    assert_eq!(live.stdout, again.stdout, "{}", live.stderr);
+    let of_log = |more: &[&str]| gaware(&[&["replay", &tlog, "--units", units, "--json"], more].concat());
+    let found = of_log(&[]);
+    assert!(found.code() == Some(0) && found.stderr.contains(said), "{}", found.stderr);
+    assert!(!of_log(&["--no-unit"]).stderr.contains("begins from"));
 }
 
 #[test]

@@ -74,6 +74,15 @@ pub enum EstimatorEvent {
         /// Whether the constants are kept: a vehicle that flew smoothly had passed for one at rest where they are not.
         constants_kept: bool,
     },
+    /// What was measured contradicts the unit's own file: nothing of it is believed any more, and the motion starts anew.
+    UnitContradicted {
+        /// The constant that lies farthest from what the file says …
+        worst: &'static str,
+        /// … and by how many sigmas.
+        sigmas: f64,
+        /// How many constants contradict it.
+        constants: usize,
+    },
     /// The vehicle left the ground, or its place on it, before the first fix: its motion waits for one, the constants are kept.
     PlaceLeft,
     /// The filter was not finite or not positive any more: everything starts anew.
@@ -324,6 +333,7 @@ impl Estimator {
         };
         self.look_after_health();
         self.keep_filter();
+        self.doubt_unit();
         if let Some(fix) = self.ground.take(&sample, &self.sample_noise(noise, rounding)) {
             self.feed_fix(&fix);
         }
@@ -500,3 +510,4 @@ impl Estimator {
 mod on_ground;
 #[cfg(test)]
 mod tests;
+mod unit;

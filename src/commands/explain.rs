@@ -1,7 +1,7 @@
 //! `gaware explain`: which sensor errors the model lacks, how large they are, and the residuals before and after.
 
 use super::effects::EffectsArgs;
-use super::known::{PlaceArgs, UnitFileArgs};
+use super::known::{KnownUnit, PlaceArgs, UnitFileArgs, with_known};
 use super::{CommandError, ListenArgs, OverwriteArgs, load_model, output};
 use crate::explain::contract::Verdict;
 use crate::explain::{self, Explained, Phase, Request, STEPS};
@@ -63,11 +63,10 @@ pub fn run(args: &ExplainArgs) -> Result<(), CommandError> {
     let outputs = args.overwrite.outputs(read);
     explain::check(&args.out, &outputs)?;
     let beside = Beside::default().and(&args.effects.load()?);
-    let first =
-        args.logs.first().map(|log| args.unit.of_log(log, args.listen.options().vehicle)).transpose()?;
-    let model =
-        first.as_ref().unwrap_or(&args.unit).on(args.model.as_deref().map(load_model).transpose()?)?;
-    let request = Request {
+    let given = args.model.as_deref().map(load_model).transpose()?;
+    let known = known(args)?;
+    let model = with_known(given.clone(), known.as_ref());
+    let mut request = Request {
         logs: args.logs.iter().map(Into::into).collect(),
         validate: args.validate.iter().map(Into::into).collect(),
         model,
@@ -91,7 +90,7 @@ pub fn run(args: &ExplainArgs) -> Result<(), CommandError> {
     let bar = indicatif::ProgressBar::new_spinner();
     bar.enable_steady_tick(Duration::from_millis(200));
     let entered = Cell::new(began);
-    let explained = explain::run(&request, &|phase| {
+    let shown = |phase: Phase| {
         if let Phase::Read(load) = phase {
             bar.suspend(|| crate::sinks::log::line(&load.words()));
             return;
@@ -103,9 +102,17 @@ pub fn run(args: &ExplainArgs) -> Result<(), CommandError> {
         }
         let elapsed_s = began.elapsed().as_secs_f64();
         bar.set_message(format!("step {step} of {STEPS}: {what} ({elapsed_s:.0} s so far{left})"));
-    });
+    };
+    let mut explained = explain::run(&request, &shown)?;
+    if let Some(words) = known.zip(request.model.as_ref()).and_then(|(k, before)| {
+        k.unit.contradicted_by(before, &explained.model).map(|said| k.contradicted_words(&said))
+    }) {
+        bar.suspend(|| crate::sinks::log::line(&words));
+        request.model = given;
+        explained = explain::run(&request, &shown)?;
+        explained.explanation.summary = format!("{words}. {}", explained.explanation.summary);
+    }
     bar.finish_and_clear();
-    let explained = explained?;
     explain::write(&explained, &args.out, &outputs)?;
     crate::sinks::log::line(&format!("explained in {:.1} s{}", began.elapsed().as_secs_f64(), peak_memory()));
     let explanation = &explained.explanation;
@@ -118,6 +125,14 @@ pub fn run(args: &ExplainArgs) -> Result<(), CommandError> {
         return Err(CommandError::TooLittleData(explanation.summary.clone()));
     }
     Ok(())
+}
+
+/// The file of the unit that the logs are of; one that was made from them says nothing that they do not.
+fn known(args: &ExplainArgs) -> Result<Option<KnownUnit>, CommandError> {
+    let Some(first) = args.logs.first() else { return Ok(None) };
+    let known = args.unit.of_log(first, args.listen.options().vehicle)?;
+    let new = |k: &KnownUnit| args.unit.unit.is_some() || !args.logs.iter().any(|log| k.is_from(log));
+    Ok(known.filter(new))
 }
 
 /// For people: the result in words, a sentence a line, and where all of it stands.

@@ -5,7 +5,7 @@ use super::effects::EffectsArgs;
 use super::known::{KnownArgs, PlaceArgs, UnitFileArgs};
 use super::run::{self, Hooks, RunArgs, Served, seconds};
 use super::unit::origin;
-use super::{CommandError, ListenArgs, OverwriteArgs, band, output, start};
+use super::{CommandError, ListenArgs, OverwriteArgs, band, file_name, output, start};
 use crate::engine::meaning::LIMIT_DEG;
 use crate::engine::snapshot::{Estimate, GroundStatus, Snapshot};
 use crate::engine::{Engine, EngineOptions};
@@ -151,6 +151,7 @@ fn run_args(args: &GroundArgs) -> RunArgs {
             unit: UnitFileArgs {
                 unit: args.unit.clone().filter(|path| path.exists()),
                 units: args.units.clone(),
+                no_unit: false,
             },
             limit: LIMIT_DEG,
         },
@@ -167,10 +168,6 @@ fn run_args(args: &GroundArgs) -> RunArgs {
 }
 
 async fn session(args: &GroundArgs) -> Result<(), CommandError> {
-    let before = match &args.unit {
-        Some(path) if path.exists() => Some(Unit::read(path)?),
-        _ => None,
-    };
     let (asked, stop) = (CancellationToken::new(), CancellationToken::new());
     start::cancel_on_signal(&asked);
     let (live, live_rx) = watch::channel(Arc::new(Live::default()));
@@ -183,13 +180,14 @@ async fn session(args: &GroundArgs) -> Result<(), CommandError> {
     let options =
         EngineOptions { place: args.place.home, ground: Some(args.skip.clone()), ..EngineOptions::default() };
     let hooks = Hooks { live, outbox: outbox_rx, raw_outbox, mission: None, frames, foxglove: None };
-    let served = run::serve(&run_args(args), hooks, stop, |model| Engine::new(model, options)).await?;
+    let make = move |model| Engine::new(model, options.clone());
+    let served = run::serve(&run_args(args), hooks, stop, make).await?;
     // It ends with the run.
     let refused = guide.await.unwrap_or_default();
     if let Some(reason) = refused {
         return Err(GroundError::Refused(reason).into());
     }
-    finish(args, &served, before)
+    finish(args, &served)
 }
 
 /// Gives the instructions.
@@ -248,7 +246,7 @@ impl Guide {
 }
 
 /// The result, and the file of the unit.
-fn finish(args: &GroundArgs, served: &Served<Engine>, before: Option<Unit>) -> Result<(), CommandError> {
+fn finish(args: &GroundArgs, served: &Served<Engine>) -> Result<(), CommandError> {
     let (engine, snapshot) = (served.pipeline.engine(), served.pipeline.snapshot());
     let mut beside = Beside::default();
     beside.on_board = served.on_board.clone();
@@ -257,9 +255,11 @@ fn finish(args: &GroundArgs, served: &Served<Engine>, before: Option<Unit>) -> R
         (None, Some(id)) => Some(crate::unit::file_of(&args.units, id)),
         (None, None) => None,
     };
-    let before = match (before, &file) {
-        (None, Some(path)) if args.unit.is_none() && path.exists() => Some(Unit::read(path)?),
-        (before, _) => before,
+    // Where the estimate began, and what it could not begin from any more: the vehicle named itself too late, or is another.
+    let begun = served.known.as_ref().map(|k| k.unit.clone());
+    let before = match (&begun, &file) {
+        (None, Some(path)) if path.exists() => Some(Unit::read(path)?),
+        _ => begun.clone(),
     };
     let session = &snapshot.ground;
     let states = &snapshot.observability.states;
@@ -269,14 +269,16 @@ fn finish(args: &GroundArgs, served: &Served<Engine>, before: Option<Unit>) -> R
     };
     let mut inconsistencies = Vec::new();
     if let (Some(path), Some(filter)) = (&file, engine.filter()) {
-        let mut new = Unit::of_filter(filter, origin(&beside, "ground session"));
+        let from = served.recording.as_deref().map_or_else(|| "ground session".to_owned(), file_name);
+        let mut new = Unit::of_filter(filter, origin(&beside, &from));
         if let Some(before) = &before {
             before.check_hardware(path, new.origin.hardware_id.as_deref())?;
-            if args.unit.is_none() {
-                // It was not where the estimate began: what it says is compared, and replaced.
+            if begun.is_some() && filter.model().joint.is_some() {
+                new = new.after(before);
+            } else {
+                // It is not where the estimate began, or is not believed any more: what it says is compared, and replaced.
                 inconsistencies.extend(before.contradictions(&new));
             }
-            new = new.after(before);
             let far = engine.summary().implausible;
             inconsistencies
                 .extend(far.into_iter().map(|name| format!("{name} is far from what the file says")));

@@ -1,9 +1,11 @@
 //! What is known of a vehicle before its samples come: where it is, what its unit's file says, and which error of attitude matters to it.
 
 use super::CommandError;
-use super::unit::with_unit;
+use super::unit::today;
 use crate::engine::meaning::LIMIT_DEG;
+use crate::logs::mcap::recorded_setup;
 use crate::pipeline::Beside;
+use crate::unit::{Unit, UnitError};
 use gaware_nav::earth::Geodetic;
 use gaware_nav::model::Model;
 use std::path::{Path, PathBuf};
@@ -26,6 +28,46 @@ pub struct UnitFileArgs {
     /// Folder of unit files; without --unit the one of this vehicle's hardware id is used, where the folder has it.
     #[arg(long, value_name = "DIR", default_value = "units")]
     pub units: PathBuf,
+    /// Begin without the file of the unit, also where the folder has it.
+    #[arg(long, conflicts_with = "unit")]
+    pub no_unit: bool,
+}
+
+/// The file that an estimate begins from.
+#[derive(Debug, Clone)]
+pub struct KnownUnit {
+    /// Where it stands.
+    pub path: PathBuf,
+    /// What it says.
+    pub unit: Unit,
+}
+
+impl KnownUnit {
+    /// In a sentence.
+    pub fn words(&self) -> String {
+        let origin = &self.unit.origin;
+        let id = origin.hardware_id.as_deref().unwrap_or("of unknown hardware");
+        let count = self.unit.measured().len();
+        format!(
+            "unit {id}: begins from {} of {} ({} measured; --no-unit leaves it out)",
+            self.path.display(),
+            origin.date,
+            crate::figures::counted(count, "constant")
+        )
+    }
+
+    /// Whether it was made from this recording, by name.
+    pub fn is_from(&self, log: &Path) -> bool {
+        self.unit.origin.from.contains(&super::file_name(log))
+    }
+
+    /// What is said where recordings contradict it.
+    pub fn contradicted_words(&self, said: &str) -> String {
+        format!(
+            "the recordings contradict {} ({said}): it is not believed, and they are explained without it. Measure the unit again (gaware ground), or check what has changed (mounting, another sensor, warm-up)",
+            self.path.display()
+        )
+    }
 }
 
 /// All of it.
@@ -43,37 +85,53 @@ pub struct KnownArgs {
 }
 
 impl UnitFileArgs {
-    /// Where the file of a unit is to be looked for; nowhere where one is given.
-    pub fn folder(&self) -> Option<PathBuf> {
-        Some(self.units.clone()).filter(|folder| self.unit.is_none() && folder.is_dir())
-    }
-
-    /// The file that is given, or that of the vehicle of this log; the user is told which was found.
+    /// Which file an estimate for hardware with this id begins from: every command asks here. Without an id only the one that was named.
     ///
     /// # Errors
-    /// A log that cannot be read.
-    pub fn of_log(&self, log: &Path, vehicle: Option<u8>) -> Result<Self, CommandError> {
-        let Some(folder) = self.folder() else { return Ok(self.clone()) };
-        let Some(id) = Beside::read(log, vehicle)?.on_board.board else { return Ok(self.clone()) };
-        let unit = crate::unit::find(&folder, &id)?;
-        if let Some(path) = &unit {
-            crate::sinks::log::line(&format!("unit {id}: begins from {}", path.display()));
-        }
-        Ok(Self { unit, units: folder })
+    /// The file is none, or of other hardware; the folder cannot be read.
+    pub fn decide(&self, hardware_id: Option<&str>) -> Result<Option<KnownUnit>, UnitError> {
+        let path = match (&self.unit, hardware_id) {
+            _ if self.no_unit => None,
+            (Some(path), _) => Some(path.clone()),
+            (None, Some(id)) if self.units.is_dir() => crate::unit::find(&self.units, id)?,
+            (None, _) => None,
+        };
+        let Some(path) = path else { return Ok(None) };
+        let unit = Unit::read(&path)?;
+        unit.check_hardware(&path, hardware_id)?;
+        Ok(Some(KnownUnit { path, unit }))
     }
 
-    /// The model with what the file says; a model only where there is one or a file.
+    /// Whether the vehicle's id could change what [`Self::decide`] says.
+    pub fn asks_for_id(&self) -> bool {
+        !self.no_unit && (self.unit.is_some() || self.units.is_dir())
+    }
+
+    /// The file for the vehicle of this log; the user is told which.
     ///
     /// # Errors
-    /// The file cannot be read, or is none.
-    pub fn on(&self, model: Option<Model>) -> Result<Option<Model>, CommandError> {
-        if self.unit.is_none() {
-            return Ok(model);
+    /// A log that cannot be read, and as [`Self::decide`].
+    pub fn of_log(&self, log: &Path, vehicle: Option<u8>) -> Result<Option<KnownUnit>, CommandError> {
+        if !self.asks_for_id() {
+            return Ok(None);
         }
-        let mut model = model.unwrap_or_else(Model::standard);
-        with_unit(&mut model, self.unit.as_deref())?;
-        Ok(Some(model))
+        if self.unit.is_none() && recorded_setup(log).is_some() {
+            // A recording of a run holds what was known then, and its replay repeats the run.
+            return Ok(None);
+        }
+        let id = Beside::read(log, vehicle)?.on_board.board;
+        let known = self.decide(id.as_deref())?.filter(|k| self.unit.is_some() || !k.is_from(log));
+        known.iter().for_each(|k| crate::sinks::log::line(&k.words()));
+        Ok(known)
     }
+}
+
+/// The model with what the file says; a model only where there is one or a file.
+pub fn with_known(model: Option<Model>, known: Option<&KnownUnit>) -> Option<Model> {
+    let Some(known) = known else { return model };
+    let mut model = model.unwrap_or_else(Model::standard);
+    known.unit.apply(&mut model, &today());
+    Some(model)
 }
 
 /// Latitude and longitude in degrees, and a height.

@@ -1,6 +1,7 @@
 //! `gaware plan`: excitation maneuvers for an airframe and a place, and what they will make observable.
 
 use super::band::{self, BandError};
+use super::known::with_known;
 use super::{CommandError, demo, output};
 use crate::demo::predictor;
 use crate::figures::counted;
@@ -140,7 +141,12 @@ pub fn run(args: &PlanArgs) -> Result<(), CommandError> {
         files::check_kind(path).map_err(PlanCommandError::from)?;
         outputs.check(path)?;
     }
-    let model = args.unit.on(args.model.as_deref().map(super::load_model).transpose()?)?;
+    // Whose plan this is, only a recording of the vehicle says.
+    let known = match &args.measured {
+        Some(log) => args.unit.of_log(log, None)?,
+        None => args.unit.decide(None)?,
+    };
+    let model = with_known(args.model.as_deref().map(super::load_model).transpose()?, known.as_ref());
     let mut request = request(args)?;
     let model = measured(args, model.unwrap_or_else(Model::standard), &mut request)?;
     let made =

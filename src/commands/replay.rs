@@ -2,7 +2,7 @@
 
 use super::baseline::{self, Outcome};
 use super::effects::EffectsArgs;
-use super::known::KnownArgs;
+use super::known::{KnownArgs, with_known};
 use super::{CommandError, ListenArgs, OverwriteArgs, load_model, output, print, progress_bar};
 use crate::engine::{Engine, EngineOptions};
 use crate::export::{self, ExportError, Gather, Gathered};
@@ -102,7 +102,10 @@ pub fn run(args: &ReplayArgs) -> Result<(), CommandError> {
     for (log, name) in args.logs.iter().zip(names) {
         let request = ReplayRequest {
             log: log.into(),
-            model: args.known.unit.of_log(log, args.listen.options().vehicle)?.on(given.clone())?,
+            model: with_known(
+                given.clone(),
+                args.known.unit.of_log(log, args.listen.options().vehicle)?.as_ref(),
+            ),
             converter: args.listen.options(),
             truth_from_s: args.truth_from,
         };

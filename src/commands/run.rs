@@ -1,6 +1,7 @@
 //! `gaware run`: the daemon. Frames of all links go through converter and engine in one task, in the order in which they are
 //! recorded, so that a replay of the recording repeats the run.
 
+use super::known::{KnownUnit, with_known};
 use super::{CommandError, demo, load_model, output, print};
 use crate::advice::on_board::OnBoard;
 use crate::link::address::Address;
@@ -20,17 +21,20 @@ use gaware_nav::model::Model;
 use gaware_nav::observability::words::VehicleKind;
 use mavlink::dialects::ardupilotmega::MavMessage;
 use serde_json::{Map, Value};
+use std::path::PathBuf;
 use std::sync::Arc;
 use tokio::sync::{mpsc, watch};
 use tokio_util::sync::CancellationToken;
 
 mod args;
+mod introduction;
 pub mod mission_watch;
 mod outcome;
 mod session;
 
 pub use args::RunArgs;
 pub(in crate::commands) use args::seconds;
+use introduction::Introduction;
 use mission_watch::MissionWatch;
 use outcome::{incomplete, received_anything, report_recording};
 use session::Session;
@@ -64,7 +68,7 @@ pub async fn run<E: Estimator>(
     args: &RunArgs,
     hooks: Hooks,
     stop: CancellationToken,
-    make: impl FnOnce(Model) -> E,
+    make: impl Fn(Model) -> E + Send + 'static,
 ) -> Result<(), CommandError> {
     let live = hooks.live.subscribe();
     let Served { pipeline, document, .. } = serve(args, hooks, stop, make).await?;
@@ -87,6 +91,10 @@ pub struct Served<E> {
     pub document: Map<String, Value>,
     /// What the vehicle said of itself.
     pub on_board: OnBoard,
+    /// The file of the unit that the estimate began from.
+    pub known: Option<KnownUnit>,
+    /// The recording.
+    pub recording: Option<PathBuf>,
 }
 
 /// Runs until `stop` or the duration, and gives the pipeline at the end with the result.
@@ -97,21 +105,23 @@ pub async fn serve<E: Estimator>(
     args: &RunArgs,
     hooks: Hooks,
     stop: CancellationToken,
-    make: impl FnOnce(Model) -> E,
+    make: impl Fn(Model) -> E + Send + 'static,
 ) -> Result<Served<E>, CommandError> {
     args.effects.load()?;
-    let model = args.known.unit.on(args.model.as_deref().map(load_model).transpose()?)?;
-    let model = model.unwrap_or_else(Model::standard).with_receiver();
+    let given = args.model.as_deref().map(load_model).transpose()?;
+    let begun = args.known.unit.decide(None)?;
+    let model = model(given.clone(), begun.as_ref());
     let clock = ReceiveClock::start();
     let options = args.listen.options();
     let guard = args.signing_key.as_deref().map(Guard::load).transpose()?;
-    let recorder = start_recorder(args, &model, options, clock.now_us())?;
-    // The engine gets the model as a replay will read it, to the last digit.
-    let model = Model::from_toml(&model.to_toml()).unwrap_or(model);
+    let setup = setup(args, &model, options)?;
+    let recorder = start_recorder(args, &setup, clock.now_us())?;
     let mut hooks = hooks;
     let hooks_mission = hooks.mission.take();
     let mut pipeline = Pipeline::new(options, make(model), TRUTH_FROM_S);
     pipeline.decide_vehicle_kind(args.airframe.as_deref().map(airframe_kind).transpose()?);
+    let introduction =
+        Introduction::new(&args.known.unit, given, begun, setup, Box::new(make), &mut pipeline);
     let mut session = Session {
         pipeline,
         // The links outlive a cancellation: the rates are given back over them.
@@ -121,7 +131,8 @@ pub async fn serve<E: Estimator>(
         voice: HeartbeatSource::new(),
         rates: None,
         on_board: OnBoard::default(),
-        units: args.known.unit.folder(),
+        introduction,
+        unit_said: None,
         inventory: None,
         timesync: Timesync::new(),
         hooks,
@@ -141,6 +152,7 @@ pub async fn serve<E: Estimator>(
         guard.close();
     }
     session.links.stop().await;
+    let recording = session.recorder.as_ref().map(|r| r.path().to_owned());
     if let Some(recorder) = session.recorder {
         let path = recorder.path().to_owned();
         // The writer may have seconds of work left.
@@ -148,27 +160,32 @@ pub async fn serve<E: Estimator>(
         tracing::info!(path = %path.display(), ?stats, "recording closed");
         report_recording(&path, stats, &mut document);
     }
-    Ok(Served { pipeline: session.pipeline, document, on_board: session.on_board })
+    let known = session.introduction.begun;
+    Ok(Served { pipeline: session.pipeline, document, on_board: session.on_board, known, recording })
 }
 
-fn start_recorder(
-    args: &RunArgs,
-    model: &Model,
-    converter: ConverterOptions,
-    now_us: u64,
-) -> Result<Option<Recorder>, CommandError> {
-    if args.no_record {
-        return Ok(None);
-    }
-    let setup = Setup {
+/// The model of a run, as a replay will read it, to the last digit.
+fn model(given: Option<Model>, known: Option<&KnownUnit>) -> Model {
+    let model = with_known(given, known).unwrap_or_else(Model::standard).with_receiver();
+    Model::from_toml(&model.to_toml()).unwrap_or(model)
+}
+
+fn setup(args: &RunArgs, model: &Model, converter: ConverterOptions) -> Result<Setup, CommandError> {
+    Ok(Setup {
         version: env!("CARGO_PKG_VERSION").to_owned(),
         links: args.connect.iter().map(Address::to_string).collect(),
         converter,
         model_toml: model.to_toml(),
         vehicle: args.airframe.as_deref().map(airframe_kind).transpose()?,
         place: args.known.place.home,
-    };
-    let recorder = Recorder::start_in(&args.record, now_us, &setup, args.record_limit)?;
+    })
+}
+
+fn start_recorder(args: &RunArgs, setup: &Setup, now_us: u64) -> Result<Option<Recorder>, CommandError> {
+    if args.no_record {
+        return Ok(None);
+    }
+    let recorder = Recorder::start_in(&args.record, now_us, setup, args.record_limit)?;
     tracing::info!(path = %recorder.path().display(), "recording");
     Ok(Some(recorder))
 }

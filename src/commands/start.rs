@@ -216,8 +216,8 @@ async fn with_sinks(args: &RunArgs) -> Result<(), CommandError> {
         }
         ends.cancel();
     });
-    run::run(&RunArgs { duration: None, ..args.clone() }, hooks, stop, |model| Engine::new(model, options))
-        .await
+    let make = move |model| Engine::new(model, options.clone());
+    run::run(&RunArgs { duration: None, ..args.clone() }, hooks, stop, make).await
 }
 
 fn show_terminal(sources: Sources, stop: &CancellationToken) -> Result<(), terminal::TerminalError> {

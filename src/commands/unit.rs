@@ -91,17 +91,6 @@ pub(crate) fn today() -> String {
     figures::day(since.as_secs_f64())
 }
 
-/// The model with what a unit file says of its sensors.
-///
-/// # Errors
-/// The file cannot be read, or is none.
-pub fn with_unit(model: &mut Model, path: Option<&Path>) -> Result<(), CommandError> {
-    if let Some(path) = path {
-        Unit::read(path)?.apply(model, &today());
-    }
-    Ok(())
-}
-
 /// Hardware, firmware and sensors as a log names them.
 pub(crate) fn origin(beside: &Beside, from: &str) -> Origin {
     let OnBoard { autopilot, version, board, parameters, .. } = &beside.on_board;

@@ -183,6 +183,15 @@ pub(super) fn reported(event: &EstimatorEvent) -> String {
             "the attitude became uncertain to {:.0}° and is aligned anew, biases and G are kept",
             sigma_rad.to_degrees()
         ),
+        EstimatorEvent::UnitContradicted { worst, sigmas, constants } => {
+            let others = match constants {
+                1 => String::new(),
+                n => format!(" and {} more", n - 1),
+            };
+            format!(
+                "the measurements contradict the unit's file in {worst}{others} ({sigmas:.1} sigma): it is not believed any more, and the estimate starts anew without it. Measure the unit again (gaware ground), or check what has changed (mounting, another sensor, warm-up)"
+            )
+        }
         EstimatorEvent::BiasesDrift { walk } => drift_words(*walk),
         EstimatorEvent::PlaceKnown { constants_kept: true } => {
             "first GNSS fix after a start on the ground without one: position and heading start from it, biases and G are kept"

@@ -79,6 +79,13 @@ enum Top {
     End,
 }
 
+/// What stands next, for one who wants metadata alone.
+enum Next {
+    Metadata(Vec<u8>),
+    Other,
+    End,
+}
+
 impl<F: Read + Seek> McapReader<F> {
     /// Starts behind the magic of `file`, which has `total_bytes`.
     pub fn new(file: F, total_bytes: u64) -> Self {
@@ -103,6 +110,42 @@ impl<F: Read + Seek> McapReader<F> {
     fn go_to(&mut self, place: u64) -> Result<(), LogError> {
         let here = self.file.stream_position().map_err(|e| self.failed(e))?;
         self.file.seek_relative(place.wrapping_sub(here).cast_signed()).map_err(|e| self.failed(e))
+    }
+
+    /// The next top-level record if it is metadata; others are passed over unread, however long.
+    fn metadata(&mut self) -> Result<Next, LogError> {
+        match self.head()? {
+            None => Ok(Next::End),
+            Some((op::METADATA, length)) if length <= RECORD_LIMIT as u64 => {
+                let mut body = vec![0; length as usize];
+                self.file.read_exact(&mut body).map_err(|e| self.failed(e))?;
+                self.position += HEADER_LEN + length;
+                Ok(Next::Metadata(body))
+            }
+            Some((op::HEADER..op::DATA_END, length)) => {
+                self.position += HEADER_LEN + length;
+                self.go_to(self.position)?;
+                Ok(Next::Other)
+            }
+            Some(_) => Ok(Next::End),
+        }
+    }
+
+    /// Opcode and length of the record at the present position; nothing where the file ends before its end.
+    fn head(&mut self) -> Result<Option<(u8, u64)>, LogError> {
+        if self.position == 0 {
+            self.position = MAGIC.len() as u64;
+            self.go_to(self.position)?;
+        }
+        let rest = self.progress.total_bytes.saturating_sub(self.position);
+        if rest < HEADER_LEN {
+            return Ok(None);
+        }
+        let mut head = [0; HEADER_LEN as usize];
+        self.file.read_exact(&mut head).map_err(|e| self.failed(e))?;
+        let [opcode, length @ ..] = head;
+        let length = u64::from_le_bytes(length);
+        Ok((length <= rest - HEADER_LEN).then_some((opcode, length)))
     }
 
     fn top(&mut self) -> Result<Top, LogError> {
@@ -322,19 +365,26 @@ pub fn recorded_setup(log: impl Into<Input>) -> Option<Setup> {
     setup_in(McapReader::new(file, total))
 }
 
-/// The set-up in a recording that has just been opened.
+/// The set-up in a recording that has just been opened: the last, since a run begins anew with what is known of its unit once the vehicle has named
+/// itself.
 pub fn setup_in(mut reader: McapReader<impl Read + Seek>) -> Option<Setup> {
-    // It stands among the first records.
-    for _ in 0..8 {
-        let Top::Record(opcode, body) = reader.top().ok()? else { return None };
-        if opcode == op::METADATA
-            && let Ok(McapRecord::Metadata(m)) = mcap::parse_record(opcode, &body)
-            && m.name == SETUP_METADATA
-        {
-            return serde_json::from_str(m.metadata.get("json")?).ok();
+    let mut setup = None;
+    let mut records = 0;
+    // The first stands among the first records; a log of others has none.
+    while setup.is_some() || records < 8 {
+        records += 1;
+        match reader.metadata().ok()? {
+            Next::End => break,
+            Next::Other => {}
+            Next::Metadata(body) => {
+                let Ok(McapRecord::Metadata(m)) = mcap::parse_record(op::METADATA, &body) else { continue };
+                if m.name == SETUP_METADATA {
+                    setup = m.metadata.get("json").and_then(|json| serde_json::from_str(json).ok()).or(setup);
+                }
+            }
         }
     }
-    None
+    setup
 }
 
 #[cfg(test)]

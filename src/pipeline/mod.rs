@@ -84,9 +84,19 @@ pub struct ReplayDocument {
     pub started: Vec<Started>,
 }
 
+/// What the engine got.
+#[derive(Debug, Clone)]
+enum Given {
+    Vehicle(VehicleKind),
+    Flight(Box<FlightReport>),
+    Sample(Box<Sample>),
+}
+
 /// Converter and engine in a row.
 #[derive(Debug, Clone)]
 pub struct Pipeline<E> {
+    /// All that the engine got, as long as another may have to take its place.
+    held: Option<Vec<Given>>,
     converter: Converter,
     flight: FlightWatch,
     engine: E,
@@ -106,6 +116,7 @@ impl<E: Consumer> Pipeline<E> {
     /// compared with the truth, where a simulated autopilot sends it.
     pub fn new(options: ConverterOptions, engine: E, truth_from_s: f64) -> Self {
         Self {
+            held: None,
             converter: Converter::new(options),
             flight: FlightWatch::default(),
             engine,
@@ -123,6 +134,38 @@ impl<E: Consumer> Pipeline<E> {
         self.log_autopilot = name;
     }
 
+    /// Keeps all that the engine gets from now on, for [`Self::begin_anew`].
+    pub fn hold(&mut self) {
+        self.held = Some(Vec::new());
+    }
+
+    /// Keeps it no longer.
+    pub fn let_go(&mut self) {
+        self.held = None;
+    }
+
+    /// Another engine in the place of this one: it gets all that this one got, as if it had been there from the beginning.
+    pub fn begin_anew(&mut self, engine: E) {
+        self.engine = engine;
+        for given in self.held.take().unwrap_or_default() {
+            match given {
+                Given::Vehicle(kind) => self.engine.set_vehicle(kind),
+                Given::Flight(report) => self.engine.set_flight(&report),
+                Given::Sample(sample) => self.engine.feed(&sample),
+            }
+        }
+    }
+
+    fn keep(&mut self, given: Given) {
+        let Some(held) = &mut self.held else { return };
+        if let (Given::Flight(_), Some(last @ Given::Flight(_))) = (&given, held.last_mut()) {
+            // Nothing was measured under the one before.
+            *last = given;
+        } else {
+            held.push(given);
+        }
+    }
+
     /// Decides what flies, whatever the vehicle itself reports.
     pub fn decide_vehicle_kind(&mut self, kind: Option<VehicleKind>) {
         self.kind_decided = false;
@@ -134,7 +177,10 @@ impl<E: Consumer> Pipeline<E> {
     fn learn_vehicle_kind(&mut self, kind: Option<VehicleKind>) {
         if kind.is_some() && kind != self.kind && !self.kind_decided {
             self.kind = kind;
-            kind.iter().for_each(|kind| self.engine.set_vehicle(*kind));
+            kind.into_iter().for_each(|kind| {
+                self.keep(Given::Vehicle(kind));
+                self.engine.set_vehicle(kind);
+            });
         }
     }
 
@@ -150,6 +196,9 @@ impl<E: Consumer> Pipeline<E> {
         self.converter.feed(t_us, frame, &mut self.samples);
         self.learn_vehicle_kind(self.converter.vehicle_kind());
         self.flight.feed(t_us, frame, &self.converter);
+        if self.held.is_some() {
+            self.keep(Given::Flight(Box::new(self.flight.report().clone())));
+        }
         self.engine.set_flight(self.flight.report());
         let notices = self.pass_on();
         if self.converter.vehicle() == Some(frame.system_id) {
@@ -193,6 +242,9 @@ impl<E: Consumer> Pipeline<E> {
     fn pass_on(&mut self) -> Vec<Notice> {
         for sample in &self.samples {
             self.engine.feed(sample);
+        }
+        if let Some(held) = &mut self.held {
+            held.extend(self.samples.iter().cloned().map(|s| Given::Sample(Box::new(s))));
         }
         self.truth.begin(self.converter.time().now_s());
         let notices = self.converter.take_notices();

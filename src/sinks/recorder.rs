@@ -187,7 +187,7 @@ impl Recorder {
     pub fn record(&self, item: RecordItem) {
         let counters = &self.counters;
         let (room, lost) = match item {
-            RecordItem::Frame(_) => (FRAMES_AHEAD, &counters.dropped),
+            RecordItem::Frame(_) | RecordItem::Setup(_) => (FRAMES_AHEAD, &counters.dropped),
             _ => (DERIVED_AHEAD, &counters.skipped),
         };
         let waiting = &counters.waiting;

@@ -18,6 +18,8 @@ const SCHEMA: &str = "gaware.unit/1";
 const TURN_ON: f64 = 0.1;
 /// Two results of one unit that differ by more than so many of their sigmas contradict each other.
 const CONTRADICTION: f64 = 4.0;
+/// A variance that has lost less than this share is no measurement of its constant.
+const LEAST_LOST: f64 = 0.1;
 /// A correlation matrix may be this far from positive.
 const ROUNDED: f64 = 1e-6;
 /// A state that keeps more of its prior sigma than this has not been measured.
@@ -317,9 +319,10 @@ impl Unit {
             let kept = if i == j {
                 Self::aged(a, days).powi(2)
             } else {
-                self.correlation(*i, *j) * a.sigma * b.sigma
+                self.correlation(*i, *j) * (a.sigma * b.sigma)
             };
-            kept * si(a) * si(b)
+            // Symmetric to the last digit: a recording whose model is not cannot be replayed.
+            kept * (si(a) * si(b))
         };
         JointPrior {
             unmeasured_si: own.iter().map(|(_, s)| s.prior_sigma * si(s)).collect(),
@@ -375,6 +378,34 @@ impl Unit {
             })
         };
         self.states.iter().filter_map(compare).collect()
+    }
+
+    /// Where what recordings show of a model that began from this file contradicts it, in words: an estimate that began from a value lies from it by
+    /// the root of what its variance has lost since.
+    pub fn contradicted_by(&self, before: &Model, after: &Model) -> Option<String> {
+        let mut said = Vec::new();
+        for old in before.effects.iter().filter(|s| s.effect.on_samples().is_some()) {
+            let Some(new) = after.get(old.effect.name()) else { continue };
+            for (k, (name, unit)) in old.parameters().enumerate() {
+                let (sigma, left) = (old.sigmas[k], new.sigmas[k]);
+                if self.get(name).is_none() || sigma <= 0.0 {
+                    continue;
+                }
+                let lost = (sigma.powi(2) - left.powi(2)).max(LEAST_LOST * sigma.powi(2)).sqrt();
+                let off = (new.values[k] - old.values[k]).abs() / lost;
+                if off > CONTRADICTION {
+                    let figure =
+                        |value: f64, sigma: f64| crate::figures::with_sigma(value / unit.si, sigma / unit.si);
+                    said.push(format!(
+                        "{name}: {} {}, now {}: {off:.1} sigma apart",
+                        figure(old.values[k], sigma),
+                        unit.symbol,
+                        figure(new.values[k], left)
+                    ));
+                }
+            }
+        }
+        (!said.is_empty()).then(|| said.join("; "))
     }
 
     /// Whether this file may be used for hardware with this id.

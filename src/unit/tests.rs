@@ -159,3 +159,73 @@ fn a_file_of_other_hardware_is_refused() {
     let error = unit.check_hardware(path, Some("cd34")).unwrap_err().to_string();
     assert!(error.contains("ab12") && error.contains("cd34"), "{error}");
 }
+
+/// What comes of six sides by hand of a unit with the given values where the estimate begins from this file.
+fn turned_by_hand(truth: &Model, file: Option<&Unit>) -> crate::engine::Engine {
+    use gaware_sitl::sensors::Flight;
+    use gaware_sitl::trajectory::{Flown, hand::Hand};
+    use gaware_sitl::truth::Trajectory;
+    let base = gaware_sitl::scenario::scenario("hand").unwrap();
+    let mut model = Model::standard();
+    file.into_iter().for_each(|unit| unit.apply(&mut model, "2026-11-24"));
+    let path = Flown::with_step(Hand::six_sides(20.0), 0.02);
+    let place = Some(path.clone().truth_at(0.0).place);
+    let options = crate::engine::EngineOptions { place, ..Default::default() };
+    let mut engine = crate::engine::Engine::new(model, options);
+    let mut sensors = base.sensors.clone();
+    (sensors.imu_rate_hz, sensors.attitude_rate_hz) = (50.0, 5.0);
+    (sensors.quantisation, sensors.message) = (gaware_nav::sample::Quantisation::None, "HIGHRES_IMU".into());
+    for (sample, _) in Flight::new(Box::new(path), truth, sensors, 7) {
+        if !matches!(sample, gaware_nav::sample::Sample::Fix(_)) {
+            engine.feed(&sample);
+        }
+    }
+    engine
+}
+
+/// A file of another unit is found out by what is measured, said, and believed no more; that of the unit itself is not.
+#[test]
+fn a_file_that_the_data_contradict_is_said_and_not_believed() {
+    let mut truth = gaware_sitl::sensors::draw_vehicle(&Model::standard(), 5);
+    truth.gnss = gaware_sitl::scenario::scenario("hand").unwrap().model.gnss.clone();
+    let alone = turned_by_hand(&truth, None);
+    let origin = Origin { date: "2026-11-24".into(), ..Origin::default() };
+    let own = Unit::of_filter(alone.filter().unwrap(), origin);
+    let said = |engine: &crate::engine::Engine| {
+        engine.summary().warnings.iter().any(|w| w.contains("contradict the unit's file"))
+    };
+    let with_own = turned_by_hand(&truth, Some(&own));
+    assert!(!said(&with_own), "{:?}", with_own.summary().warnings);
+    assert!(with_own.filter().unwrap().model().joint.is_some());
+    // Another part on the board: twelve sigmas off in one element.
+    let mut other = own.clone();
+    let state = other.states.iter_mut().find(|s| s.name == "g21").unwrap();
+    state.value += 12.0 * state.sigma.max(8.0);
+    let with_other = turned_by_hand(&truth, Some(&other));
+    assert!(said(&with_other), "{:?}", with_other.summary().warnings);
+    let g = with_other.summary().estimate.g_sensitivity_deg_per_h_per_g;
+    let values = &truth.get("gyro_g_sensitivity").unwrap().values;
+    for (k, true_si) in values.iter().enumerate() {
+        let off = g.value[k / 3][k % 3] - true_si / gaware_nav::effects::unit::DEG_PER_H_PER_G.si;
+        let sigma = g.sigma[k / 3][k % 3];
+        assert!(off.abs() < 4.0 * sigma, "g{}{}: {off} ± {sigma}", k / 3 + 1, k % 3 + 1);
+    }
+}
+
+/// What flights show of a model that began from the file.
+#[test]
+fn an_explanation_far_from_the_file_contradicts_it() {
+    let unit = unit();
+    let mut before = Model::standard();
+    unit.apply(&mut before, "2026-11-24");
+    let shown = |value: f64| {
+        let mut after = before.clone();
+        let mut g = after.get("gyro_g_sensitivity").unwrap().clone();
+        let si = gaware_nav::effects::unit::DEG_PER_H_PER_G.si;
+        (g.values[0], g.sigmas[0]) = (value * si, 4.0 * si);
+        after.set(g);
+        unit.contradicted_by(&before, &after)
+    };
+    assert_eq!(shown(135.0), None);
+    assert!(shown(160.0).is_some_and(|said| said.starts_with("g11: 120")));
+}

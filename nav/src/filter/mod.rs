@@ -21,6 +21,7 @@ mod nav_map;
 mod propagation;
 mod regressor;
 mod second_order;
+mod unit;
 pub(crate) mod unseen;
 mod update;
 mod window;

@@ -272,6 +272,25 @@ impl Model {
         own.map_or(start, |sigma| sigma.max(start))
     }
 
+    /// The same with nothing of what the unit's own file says but its values to begin from: every constant as uncertain as before anything
+    /// was measured.
+    #[must_use]
+    pub fn forgetting_unit(mut self) -> Self {
+        let Some(joint) = self.joint.take() else { return self };
+        let unmeasured: std::collections::BTreeMap<_, _> =
+            joint.names.iter().map(String::as_str).zip(joint.unmeasured_si.iter().copied()).collect();
+        let of = |name: &str, sigma: f64| unmeasured.get(name).map_or(sigma, |s| s.max(sigma));
+        self.imu.gyro_bias_sigma = of("bg_x", self.imu.gyro_bias_sigma);
+        self.imu.accel_bias_sigma = of("ba_x", self.imu.accel_bias_sigma);
+        for setting in &mut self.effects {
+            let names: Vec<_> = setting.parameters().map(|(name, _)| name).collect();
+            for (sigma, name) in setting.sigmas.iter_mut().zip(names).filter(|(sigma, _)| **sigma > 0.0) {
+                *sigma = of(name, *sigma);
+            }
+        }
+        self
+    }
+
     /// The setting of this effect, if the model has it.
     pub fn get(&self, name: &str) -> Option<&EffectSetting> {
         self.effects.iter().find(|s| s.effect.name() == name)

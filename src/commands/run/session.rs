@@ -1,6 +1,7 @@
 //! A run under way: frames through converter and engine, requests to the vehicle, snapshots for the screens.
 
 use super::Hooks;
+use super::introduction::Introduction;
 use super::mission_watch::MissionWatch;
 use crate::advice::on_board::OnBoard;
 use crate::engine::situation::{SILENT_S, Situation, SituationKind, no_data};
@@ -21,7 +22,6 @@ use crate::sinks::foxglove::Feed;
 use crate::sinks::live::{Event, Live};
 use crate::sinks::recorder::{RecordItem, Recorder};
 use mavlink::dialects::ardupilotmega::{MavCmd, MavMessage};
-use std::path::PathBuf;
 use std::sync::Arc;
 use std::time::Duration;
 use tokio::time::MissedTickBehavior;
@@ -39,6 +39,8 @@ const COMMAND_ACK: u32 = 77;
 const GIVE_BACK_TRIES: u32 = 2;
 /// … each time waiting so long for the answer.
 const GIVE_BACK_PATIENCE: Duration = Duration::from_millis(400);
+/// What is news on the screens is so for so long, µs.
+const NEWS_US: u64 = 20_000_000;
 /// Events that stay on the screen.
 const EVENTS_KEPT: usize = 50;
 
@@ -52,8 +54,10 @@ pub(super) struct Session<E> {
     pub(super) rates: Option<RateKeeper>,
     /// What the vehicle says of itself.
     pub(super) on_board: OnBoard,
-    /// Where files of units are, as long as the vehicle's own was not looked for.
-    pub(super) units: Option<PathBuf>,
+    /// What is known of its unit.
+    pub(super) introduction: Introduction<E>,
+    /// What was said of that, and when, µs.
+    pub(super) unit_said: Option<(u64, String)>,
     /// Reads version and parameters for the recording.
     pub(super) inventory: Option<Inventory>,
     pub(super) timesync: Timesync,
@@ -152,11 +156,15 @@ impl<E: Estimator> Session<E> {
         let now_ns = self.clock.monotonic_ns();
         self.record(RecordItem::Frame(received.clone()));
         let (samples, notices) = self.pipeline.frame(t_us, &received.frame);
+        let sampled = !samples.is_empty();
         let keepers = (&self.recorder, &self.hooks.foxglove);
         if keepers.0.is_some() || keepers.1.is_some() {
             for sample in samples {
                 keep(keepers, RecordItem::Sample(t_us, sample.clone()));
             }
+        }
+        if sampled {
+            self.introduction.sampled(t_us, &mut self.pipeline);
         }
         for notice in notices {
             self.react(t_us, &notice);
@@ -310,22 +318,29 @@ impl<E: Estimator> Session<E> {
         let frame = &received.frame;
         self.on_board.frame(frame, self.pipeline.converter().vehicle());
         if let Some(id) = &self.on_board.board
-            && let Some(folder) = self.units.take()
-            && let Ok(Some(path)) = crate::unit::find(&folder, id)
+            && let Some((severity, text, setup)) = self.introduction.named(id, &mut self.pipeline)
         {
-            let path = path.display();
-            let text = format!(
-                "what is known of this unit stands in {path}: start with --unit {path} to begin from it"
-            );
-            self.tell(received.t_us, Severity::Info, text);
+            if let Some((recorder, setup)) = self.recorder.as_ref().zip(setup) {
+                recorder.record(RecordItem::Setup(Box::new(setup)));
+            }
+            if !text.is_empty() {
+                if severity == Severity::Info {
+                    // A screen that has the terminal keeps it back, and shows it as news.
+                    crate::sinks::log::line(&text);
+                }
+                self.unit_said = Some((self.clock.now_us(), text.clone()));
+                self.tell(received.t_us, severity, text);
+            }
         }
         let now_s = self.clock.monotonic_ns() as f64 * 1e-9;
         if self.inventory.is_none()
-            && self.recorder.is_some()
+            && (self.recorder.is_some() || self.introduction.asks())
             && let Some(vehicle) = Vehicle::from_heartbeat(frame)
             && self.pipeline.converter().vehicle() == Some(vehicle.address.system)
         {
-            self.inventory = Some(Inventory::new(vehicle, received.origin(), now_s));
+            let inventory = Inventory::new(vehicle, received.origin(), now_s);
+            let all = self.recorder.is_some();
+            self.inventory = Some(if all { inventory } else { inventory.of_version_alone() });
         }
         if let Some(inventory) = &mut self.inventory {
             inventory.receive(now_s, frame);
@@ -350,6 +365,9 @@ impl<E: Estimator> Session<E> {
         self.with_mission(now_us, &mut snapshot);
         self.with_systems(&mut snapshot);
         self.with_link(now_us, &mut snapshot);
+        let unit_said =
+            self.unit_said.iter().filter(|(said_us, _)| now_us.saturating_sub(*said_us) < NEWS_US);
+        snapshot.news.extend(unit_said.map(|(_, text)| text.clone()));
         self.record(RecordItem::Snapshot(now_us, Box::new(snapshot.clone())));
         let live = Live {
             snapshot,

@@ -51,7 +51,7 @@ impl Feed {
     pub fn offer(&self, item: &RecordItem) {
         let at = |t_us: &u64| t_us.saturating_add(self.origin_us);
         let item = match item {
-            RecordItem::Frame(_) => return,
+            RecordItem::Frame(_) | RecordItem::Setup(_) => return,
             RecordItem::Sample(t_us, sample) => RecordItem::Sample(at(t_us), sample.clone()),
             RecordItem::Snapshot(t_us, snapshot) => RecordItem::Snapshot(at(t_us), snapshot.clone()),
             RecordItem::Log(t_us, severity, text) => RecordItem::Log(at(t_us), *severity, text.clone()),

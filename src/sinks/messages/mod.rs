@@ -10,7 +10,7 @@ mod well_known;
 
 use crate::engine::snapshot::{Phase, Snapshot};
 use crate::link::endpoint::Received;
-pub use crate::logs::mcap::FRAME_TOPIC;
+pub use crate::logs::mcap::{FRAME_TOPIC, Setup};
 use crate::sensors::Severity;
 use flat::{States, plain};
 use gaware_nav::sample::Sample;
@@ -38,6 +38,8 @@ pub enum RecordItem {
     Snapshot(u64, Box<Snapshot>),
     /// A message to the user.
     Log(u64, Severity, String),
+    /// What a replay must know, where that has changed: of the recording alone.
+    Setup(Box<Setup>),
 }
 
 /// A JSON schema.
@@ -139,6 +141,7 @@ impl TopicEncoder {
                 | Sample::Air(_)
                 | Sample::Operating(_),
             ) => Vec::new(),
+            RecordItem::Setup(_) => Vec::new(),
             RecordItem::Snapshot(t_us, s) => self.snapshot(*t_us, s),
             RecordItem::Log(t_us, severity, text) => {
                 vec![self.json("/log", *t_us, &Log::new(*t_us, *severity, text))]

@@ -44,6 +44,22 @@ pub(super) struct Output {
     sequence: u32,
 }
 
+/// What a replay must know: the last one in a file counts.
+fn set_up(writer: &mut Writer<NoSeek<BufWriter<Appending>>>, setup: &Setup) -> Result<(), McapError> {
+    let json = serde_json::to_string(setup).unwrap_or_default();
+    writer.write_metadata(&Metadata {
+        name: SETUP_METADATA.to_owned(),
+        metadata: BTreeMap::from([("json".to_owned(), json)]),
+    })?;
+    writer.attach(&Attachment {
+        log_time: 0,
+        create_time: 0,
+        name: MODEL_ATTACHMENT.to_owned(),
+        media_type: "application/toml".to_owned(),
+        data: Cow::Borrowed(setup.model_toml.as_bytes()),
+    })
+}
+
 impl Output {
     pub(super) fn create(path: &Path, setup: &Setup) -> Result<Self, McapError> {
         if let Some(folder) = path.parent().filter(|p| !p.as_os_str().is_empty()) {
@@ -59,18 +75,7 @@ impl Output {
             .chunk_size(Some(CHUNK_BYTES))
             .disable_seeking(true);
         let mut writer = options.create(NoSeek::new(BufWriter::new(sink)))?;
-        let json = serde_json::to_string(setup).unwrap_or_default();
-        writer.write_metadata(&Metadata {
-            name: SETUP_METADATA.to_owned(),
-            metadata: BTreeMap::from([("json".to_owned(), json)]),
-        })?;
-        writer.attach(&Attachment {
-            log_time: 0,
-            create_time: 0,
-            name: MODEL_ATTACHMENT.to_owned(),
-            media_type: "application/toml".to_owned(),
-            data: Cow::Borrowed(setup.model_toml.as_bytes()),
-        })?;
+        set_up(&mut writer, setup)?;
         let mut output = Self {
             file,
             appended,
@@ -99,6 +104,9 @@ impl Output {
     }
 
     pub(super) fn write(&mut self, item: &RecordItem) -> Result<(), McapError> {
+        if let RecordItem::Setup(setup) = item {
+            return set_up(&mut self.writer, setup);
+        }
         let messages = self.encoder.encode(item);
         self.add_new_channels()?;
         messages.iter().try_for_each(|message| self.put(message))

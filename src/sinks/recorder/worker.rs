@@ -114,6 +114,9 @@ impl Worker {
     }
 
     fn write(&mut self, item: &RecordItem) {
+        if let RecordItem::Setup(setup) = item {
+            self.setup = (**setup).clone();
+        }
         if self.output.is_none() && Instant::now() >= self.retry {
             self.retry = Instant::now() + RETRY_PERIOD;
             self.begin_next();
