@@ -1,5 +1,5 @@
-//! Barometers and airspeed in PX4's log: `sensor_baro` per instance, else `vehicle_air_data`; `airspeed` per instance, else `differential_pressure`. All
-//! of them come before the corrections of the estimator and of `ASPD_SCALE_n`.
+//! Barometers and airspeed in PX4's log: `vehicle_air_data` (5 Hz by default), else `sensor_baro` per instance (1 Hz by default); `airspeed` per instance,
+//! else `differential_pressure`. All of them come before the corrections of the estimator and of `ASPD_SCALE_n`.
 
 use super::fields::Fields;
 use crate::sensors::air::equivalent_airspeed;
@@ -15,12 +15,12 @@ pub(super) fn of(fields: &Fields, has: impl Fn(&str) -> bool) -> Option<AirSampl
         Some(AirSample { t_s: 0.0, kind, sensor: fields.topic.instance, value, temperature_degc })
     };
     match fields.topic.name.as_str() {
-        "sensor_baro" => {
+        "sensor_baro" if !has("vehicle_air_data") => {
             let pressure = number("pressure")?;
             let pa = if pressure < HPA { 100.0 * pressure } else { pressure };
             sample(AirKind::Barometer, pa, number("temperature"))
         }
-        "vehicle_air_data" if !has("sensor_baro") => {
+        "vehicle_air_data" => {
             let degc = number("baro_temp_celcius").or(number("ambient_temperature"));
             sample(AirKind::Barometer, number("baro_pressure_pa")?, degc)
         }

@@ -68,7 +68,8 @@ impl Without {
 
     /// Whether it does without this one.
     pub fn contains(self, name: &str) -> bool {
-        self != Self(0) && self.and(name) == self
+        let alone = Self::default().and(name);
+        alone != Self::default() && self.0 & alone.0 == alone.0
     }
 }
 
@@ -319,5 +320,20 @@ pub fn select(flights: &[&Flight], base: &Model, settings: &Settings, workers: &
         added,
         steps: chosen.found.into_iter().map(|f| f.step).collect(),
         remaining: chosen.remaining,
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::Without;
+
+    #[test]
+    fn what_is_taken_out_of_the_catalogue_takes_nothing_else_out() {
+        let without = Without::default().and("gps_lever_arm");
+        assert!(without.contains("gps_lever_arm"));
+        assert!(!without.contains("gps_latency") && !without.contains("formula:gyro~current"));
+        assert!(
+            !Without::default().contains("gps_lever_arm") && !Without::default().contains("formula:gyro~w_x")
+        );
     }
 }
