@@ -30,27 +30,18 @@ fn bin(count: f64) -> (f64, f64) {
     }
 }
 
-/// Noise that dithers reaches a third count within so many memories of the samples. Two counts that take turns scatter by up to half a step
-/// (three quarters beside the dead zone) however little noise there is, where the mean lies at the edge between them.
-const THIRD_COUNT: (f64, f64) = (8.0, 12.0);
-
 /// Local mean and variance of one axis, steps.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Channel {
     mean: f64,
     variance: f64,
-    /// The last two different counts, the newer first.
-    counts: [f64; 2],
-    /// How long ago, in memories, a third one came beside each pair of them.
-    third: f64,
 }
 
 impl Channel {
     /// Before anything but its first count is known.
     pub(super) fn starting(count: f64) -> Self {
         let (low, high) = bin(count);
-        let variance = SCATTER_AT_START * SCATTER_AT_START;
-        Self { mean: 0.5 * (low + high), variance, counts: [count; 2], third: 0.0 }
+        Self { mean: 0.5 * (low + high), variance: SCATTER_AT_START * SCATTER_AT_START }
     }
 
     /// The value behind a count, the variance that rounding adds to it and the part of that which stays the same from sample to
@@ -62,8 +53,8 @@ impl Channel {
         let (low, high) = bin(count);
         let (centre, flat) = (0.5 * (low + high), (high - low).powi(2) / 12.0);
         // Without dither the counts carry no mean: toward the centre of the bin and its flat variance.
-        let scattered = (self.variance.sqrt() - SCATTER_FLOOR) / (SCATTER_DITHERS - SCATTER_FLOOR);
-        let dither = scattered.clamp(0.0, 1.0) * self.reaches_a_third(count, gain);
+        let dither =
+            ((self.variance.sqrt() - SCATTER_FLOOR) / (SCATTER_DITHERS - SCATTER_FLOOR)).clamp(0.0, 1.0);
         if self.mean.abs() > 1.0 + FAR * self.variance.sqrt() {
             // The dead zone is out of reach: the centres are the values with an independent error.
             self.learn(centre, (centre - self.mean).powi(2) - flat, gain);
@@ -81,19 +72,6 @@ impl Channel {
         }
         self.learn(centre + dither * (1.0 - PULL) * (expected - centre), scatter, gain);
         (value, added, (1.0 - dither) * flat)
-    }
-
-    /// Whether the noise reaches a third count, from 0 to 1.
-    fn reaches_a_third(&mut self, count: f64, gain: f64) -> f64 {
-        self.third += gain;
-        if self.counts[0] != count {
-            if self.counts[1] != count {
-                self.third = 0.0;
-            }
-            self.counts = [count, self.counts[0]];
-        }
-        let (from, to) = THIRD_COUNT;
-        ((to - self.third) / (to - from)).clamp(0.0, 1.0)
     }
 
     fn learn(&mut self, value: f64, scatter: f64, gain: f64) {

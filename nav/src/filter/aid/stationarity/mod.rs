@@ -38,8 +38,6 @@ struct Means {
     duration_s: f64,
     rate: Vector3<f64>,
     force: Vector3<f64>,
-    /// What rounding may keep from every sample, as variances times time: counts that take turns now are dithered and now not.
-    rounding: [Vector3<f64>; 2],
 }
 
 impl Means {
@@ -53,7 +51,6 @@ impl Means {
             sum.duration_s += block.duration_s;
             sum.rate += block.rate;
             sum.force += block.force;
-            (0..2).for_each(|k| sum.rounding[k] += block.rounding[k]);
         }
         sum
     }
@@ -185,7 +182,6 @@ impl Filter {
             block.duration_s += dt;
             block.rate += motion.rate * dt;
             block.force += motion.force * dt;
-            (0..2).for_each(|k| block.rounding[k] += self.rounding[k] * dt);
         }
         self.last = Some(*sample);
         self.t_s = sample.t_s;
@@ -269,9 +265,8 @@ impl Filter {
         let rows = |kind: usize, expected: &Vector3<f64>, sum: Vector3<f64>, columns: &[Vector3<f64>]| {
             let mut rows = Rows { dof: 3, ..Rows::default() };
             rows.residual = (expected - sum / totals[kind].duration_s).into();
-            let rounding = totals[kind].rounding[kind] / totals[kind].duration_s;
             for i in 0..3 {
-                rows.variance[i] = noise[kind] + hold.constant[kind][i] + rounding[i];
+                rows.variance[i] = noise[kind] + hold.constant[kind][i] + self.rounding[kind][i];
             }
             // exp(−ε) v = v + [v×] ε: what is expected moves with the attitude.
             let by_attitude: Matrix3<f64> = -skew(expected);
