@@ -82,6 +82,8 @@ impl Member {
 pub struct DriftBank {
     members: Vec<Member>,
     reported: usize,
+    /// Whether accelerometers may be taken for ones that shake.
+    shaking: bool,
 }
 
 impl DriftBank {
@@ -101,7 +103,7 @@ impl DriftBank {
         let members: Vec<_> = std::iter::once(BiasWalk::default()).chain(walks).map(member).collect();
         // Constants that go on from an earlier stream keep the walk that they were found with.
         let reported = members.iter().position(|m| m.walk == fusion.filter().walk()).unwrap_or(0);
-        Self { members, reported }
+        Self { members, reported, shaking: true }
     }
 
     /// The reported filter with what it has not reached yet.
@@ -117,6 +119,12 @@ impl DriftBank {
     /// The random walk of the biases that is reported, beyond the model's own.
     pub fn walk(&self) -> BiasWalk {
         self.members[self.reported].walk
+    }
+
+    /// Whether accelerometers may be taken for ones that shake. Not where the only aid is that the vehicle stays at its place: that is an
+    /// assumption, which a vehicle that flies must be able to refute.
+    pub fn allow_shaking(&mut self, allowed: bool) {
+        self.shaking = allowed;
     }
 
     /// Does the same to every filter.
@@ -179,14 +187,16 @@ impl DriftBank {
 
     /// Reports another walk where the evidence asks for it, and lets those begin anew that are far behind.
     fn decide(&mut self) {
+        let allowed = |m: &Member| self.shaking || m.walk.accel == 0.0;
         let sound = |m: &Member| !m.fusion.filter().has_failed() && !m.fusion.filter().is_lost();
         let best = self
             .members
             .iter()
             .enumerate()
-            .filter(|(_, m)| sound(m))
+            .filter(|(_, m)| sound(m) && allowed(m))
             .max_by(|a, b| a.1.lead.total_cmp(&b.1.lead));
-        if let Some((k, ahead)) = best.map(|(k, m)| (k, m.lead)).filter(|(_, lead)| *lead > AHEAD) {
+        let enough = if allowed(&self.members[self.reported]) { AHEAD } else { f64::NEG_INFINITY };
+        if let Some((k, ahead)) = best.map(|(k, m)| (k, m.lead)).filter(|(_, lead)| *lead > enough) {
             self.reported = k;
             self.members.iter_mut().for_each(|m| m.lead -= ahead);
         }

@@ -324,6 +324,7 @@ impl Estimator {
                 bank.for_each(|f| set_source(f.filter_mut()));
                 bank.push_imu(sample);
                 let walk = bank.walk();
+                bank.allow_shaking(!self.ground.aids(sample.t_s));
                 let outcomes = bank.poll();
                 if bank.walk() != walk {
                     self.events.push(EstimatorEvent::BiasesDrift { walk: bank.walk() });

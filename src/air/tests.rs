@@ -160,9 +160,7 @@ fn the_proposals_undo_the_errors_by_the_formulas_of_both_firmwares() {
 #[test]
 #[ignore = "needs the recorded flights: GAWARE_FLIGHTS"]
 fn recorded_flights_show_their_barometers() {
-    for name in
-        ["public/quiver_088.bin", "public/copter_0036.bin", "real_px4_ekf_failure.ulg", "real_px4_sample.ulg"]
-    {
+    for name in ["public/quiver_088.bin", "public/copter_0036.bin", "real_px4_ekf_failure.ulg"] {
         let log = crate::inputs::Input::from(crate::testing::flights().join(name));
         let part =
             crate::pipeline::most_motion(&log, crate::sensors::ConverterOptions::default(), 900.0).unwrap();

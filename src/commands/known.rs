@@ -64,7 +64,7 @@ impl KnownUnit {
     /// What is said where recordings contradict it.
     pub fn contradicted_words(&self, said: &str) -> String {
         format!(
-            "the recordings contradict {} ({said}): it is not believed, and they are explained without it. Measure the unit again (gaware ground), or check what has changed (mounting, another sensor, warm-up)",
+            "the recordings are inconsistent with {} ({said}): it is left out, and they are explained without it. Measure the unit again (gaware ground), or check what has changed (mounting, another sensor, warm-up)",
             self.path.display()
         )
     }

@@ -20,7 +20,7 @@ use estimate::Constants;
 use gaware_mission::airframe::Airframe;
 use gaware_mission::maneuver::Maneuver;
 use gaware_nav::earth::Geodetic;
-use gaware_nav::estimator::{Estimator, Stage};
+use gaware_nav::estimator::{Estimator, EstimatorEvent, Stage};
 use gaware_nav::filter::{Filter, FixEvent, FixOutcome, PassedOver};
 use gaware_nav::ground::session::Side;
 use gaware_nav::model::Model;
@@ -257,6 +257,9 @@ impl Engine {
         }
         for event in self.estimator.take_events() {
             self.warnings.push(&reported(&event));
+            if matches!(event, EstimatorEvent::BiasesDrift { walk } if walk.accel > 0.0) {
+                self.contradicted_s = self.time.now_s();
+            }
             if let Some(guide) = &mut self.guide {
                 guide.restart();
             }

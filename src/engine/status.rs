@@ -189,7 +189,7 @@ pub(super) fn reported(event: &EstimatorEvent) -> String {
                 n => format!(" and {} more", n - 1),
             };
             format!(
-                "the measurements contradict the unit's file in {worst}{others} ({sigmas:.1} sigma): it is not believed any more, and the estimate starts anew without it. Measure the unit again (gaware ground), or check what has changed (mounting, another sensor, warm-up)"
+                "the unit's file is inconsistent with the measurements in {worst}{others} ({sigmas:.1} sigma): it is left out, and the estimate starts anew without it. Measure the unit again (gaware ground), or check what has changed (mounting, another sensor, warm-up)"
             )
         }
         EstimatorEvent::BiasesDrift { walk } => drift_words(*walk),
@@ -227,18 +227,20 @@ pub(super) fn reported_fix(event: &FixEvent) -> String {
         }
     }
 }
-/// What another walk of the biases means.
+/// What another walk of the biases means. Accelerometers that seem to shake are also what a receiver looks like that is led astray.
 fn drift_words(walk: BiasWalk) -> String {
-    let gyro = (walk.gyro > 0.0)
-        .then(|| format!("of {:.0} deg/h/√h for those of the gyros", walk.gyro / unit::DEG_PER_H_PER_RTH.si));
-    let accel =
-        (walk.accel > 0.0).then(|| format!("of {} m/s²/√s for those of the accelerometers", walk.accel));
-    let walks: Vec<_> = gyro.into_iter().chain(accel).collect();
-    if walks.is_empty() {
-        return "the fixes fit better without a drift of the biases beyond the model's".to_owned();
+    let gyro = format!("{:.0} deg/h/√h for those of the gyros", walk.gyro / unit::DEG_PER_H_PER_RTH.si);
+    if walk.accel > 0.0 {
+        return format!(
+            "fixes and inertial data fail the innovation test of sensors in order: the accelerometers shake or clip, or the fixes are wrong (check \
+             vibration and GNSS); the filter now assumes random walks of the biases, of {gyro} and of {} m/s²/√s for those of the accelerometers",
+            walk.accel
+        );
     }
-    format!(
-        "the fixes fit better if the biases drift: the filter now assumes a random walk {}",
-        walks.join(" and ")
-    )
+    if walk.gyro > 0.0 {
+        return format!(
+            "the fixes fit better if the gyro biases drift: the filter now assumes a random walk of {gyro}"
+        );
+    }
+    "the fixes fit better without a drift of the biases beyond the model's".to_owned()
 }

@@ -192,7 +192,7 @@ fn a_file_that_the_data_contradict_is_said_and_not_believed() {
     let origin = Origin { date: "2026-11-24".into(), ..Origin::default() };
     let own = Unit::of_filter(alone.filter().unwrap(), origin);
     let said = |engine: &crate::engine::Engine| {
-        engine.summary().warnings.iter().any(|w| w.contains("contradict the unit's file"))
+        engine.summary().warnings.iter().any(|w| w.contains("the unit's file is inconsistent"))
     };
     let with_own = turned_by_hand(&truth, Some(&own));
     assert!(!said(&with_own), "{:?}", with_own.summary().warnings);
