@@ -254,6 +254,9 @@ struct Link {
     told_down: bool,
 }
 
+/// How a connection ends that the other side ends.
+const CLOSED: &str = "the other side closed the connection";
+
 impl Link {
     /// Opens the link again and again, waiting longer after each failure in a row.
     async fn supervise(mut self) {
@@ -261,7 +264,9 @@ impl Link {
         loop {
             let before = self.status.borrow().received_bytes;
             let problem = match self.serve().await {
-                Ok(()) => "the other side closed the connection".to_owned(),
+                Ok(()) => CLOSED.to_owned(),
+                // What was not read when the other side closed makes a reset of it.
+                Err(e) if e.kind() == io::ErrorKind::ConnectionReset => CLOSED.to_owned(),
                 Err(e) => e.to_string(),
             };
             if self.frames.is_closed() {
