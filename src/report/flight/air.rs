@@ -75,7 +75,7 @@ fn drawing(s: &AirEntry) -> String {
     format!(
         "<figure><figcaption><b>error of {}</b> <small>by speed through the air, 0 to {speed:.0} m/s; ±{error:.1} {}</small> <span class=\"key\"><i \
          style=\"background:{BEFORE}\"></i>as reported</span><span class=\"key\"><i style=\"background:{AFTER}\"></i>corrected</span></figcaption><svg viewBox=\"0 0 {width} {height}\" \
-         width=\"{width}\" role=\"img\" aria-label=\"error by speed, before and after\"><path d=\"M0 {half}H{width}\" stroke=\"currentColor\" opacity=\".3\"/>{}{}</svg></figure>",
+         width=\"{width}\" style=\"max-width:100%\" role=\"img\" aria-label=\"error by speed, before and after\"><path d=\"M0 {half}H{width}\" stroke=\"currentColor\" opacity=\".3\"/>{}{}</svg></figure>",
         s.sensor,
         s.unit,
         dots(1, BEFORE),
