@@ -28,19 +28,18 @@ fn against(estimate: &Value, truth: &[[f64; 3]; 3]) -> Vec<(f64, f64)> {
 /// What the simulated unit has.
 const SIMULATED: [[f64; 3]; 3] = [[150.0, 30.0, -60.0], [-45.0, 130.0, 50.0], [25.0, -35.0, -170.0]];
 
+/// No fix in the whole session.
+const INDOORS: [&str; 2] = ["--fault", "gnss-loss@0-9000"];
+
+/// A simulated vehicle in people's hands.
+fn in_hands(scenario: &str, more: &[&str]) -> Gaware {
+    let sim = ["sim", "--scenario", scenario, "--listen", "tcpin:127.0.0.1:0", "--speed", "25"];
+    Gaware::start(&[&sim[..], more].concat())
+}
+
 /// A simulated vehicle in people's hands, without GNSS, and the session with these arguments; what the session said and gave.
 fn session(scenario: &str, more: &[&str]) -> (Vec<String>, support::Ended) {
-    let vehicle = Gaware::start(&[
-        "sim",
-        "--scenario",
-        scenario,
-        "--listen",
-        "tcpin:127.0.0.1:0",
-        "--speed",
-        "25",
-        "--fault",
-        "gnss-loss@0-9000",
-    ]);
+    let vehicle = in_hands(scenario, &INDOORS);
     let address = vehicle.line();
     let station =
         Gaware::start(&[&["ground", "--connect", &address, "--no-record", "--json"], more].concat());
@@ -82,18 +81,7 @@ fn hands_that_make_mistakes_are_led_through_six_sides_without_gnss() {
 fn the_file_of_a_unit_is_kept_and_found_by_its_hardware_id() {
     let folder = Folder::new("ground-units");
     let (log, units) = (folder.file("session.mcap"), folder.file("units"));
-    let sim = [
-        "sim",
-        "--scenario",
-        "hand",
-        "--listen",
-        "tcpin:127.0.0.1:0",
-        "--speed",
-        "25",
-        "--fault",
-        "gnss-loss@0-9000",
-    ];
-    let vehicle = Gaware::start(&sim);
+    let vehicle = in_hands("hand", &INDOORS);
     let address = vehicle.line();
     let args = [
         "ground",
@@ -125,19 +113,7 @@ fn the_file_of_a_unit_is_kept_and_found_by_its_hardware_id() {
 /// of the vehicle find it too.
 fn begins_anew_with(folder: &Folder, units: &str, said: &str) {
     let (log, tlog) = (folder.file("run.mcap"), folder.file("run.tlog"));
-    let vehicle = Gaware::start(&[
-        "sim",
-        "--scenario",
-        "hand",
-        "--listen",
-        "tcpin:127.0.0.1:0",
-        "--speed",
-        "25",
-        "--until",
-        "40",
-        "--record",
-        &tlog,
-    ]);
+    let vehicle = in_hands("hand", &["--until", "40", "--record", &tlog]);
     let address = vehicle.line();
     let run = ["run", "--connect", &address, "--record", &log, "--units", units, "--headless", "--json"];
     let station = Gaware::start(&run);

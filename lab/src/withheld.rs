@@ -12,7 +12,7 @@ use gaware::sensors::ConverterOptions;
 use gaware_nav::estimator::{Estimator, Stage};
 use gaware_nav::filter::FixOutcome;
 use gaware_nav::model::Model;
-use gaware_nav::sample::{FixVelocity, GnssFix, Sample};
+use gaware_nav::sample::{GnssFix, Sample};
 use serde::Serialize;
 use std::fmt::{Display, Formatter};
 use std::path::{Path, PathBuf};
@@ -162,11 +162,8 @@ impl Run<'_> {
 }
 
 fn speed(fix: &GnssFix) -> f64 {
-    match fix.velocity {
-        FixVelocity::None => 0.0,
-        FixVelocity::Horizontal([n, e]) => n.hypot(e),
-        FixVelocity::Full([n, e, d]) => n.hypot(e).hypot(d),
-    }
+    let [n, e, d] = fix.velocity.components();
+    n.hypot(e).hypot(d)
 }
 
 fn shares(gaps: &[Gap]) -> Shares {

@@ -22,6 +22,15 @@ pub fn error(filter: &Filter, nav: &NavState, truth: &Calibration) -> Vec<f64> {
     out
 }
 
+/// A variance that has lost less than this share is no measurement of its constant.
+const LEAST_LOST: f64 = 0.1;
+
+/// By how many sigmas an estimate has moved from the value that it began from: by the root of what its variance has lost since, which is that of the
+/// innovation of all measurements together. Variances before and after.
+pub fn departure(moved: f64, before: f64, after: f64) -> f64 {
+    moved.abs() / (before - after).max(LEAST_LOST * before).sqrt()
+}
+
 /// eᵀ P⁻¹ e over the given states; `None` where their covariance is singular.
 pub fn nees(filter: &Filter, error: &[f64], states: &[usize]) -> Option<f64> {
     let p = filter.covariance();

@@ -22,7 +22,7 @@ use std::collections::VecDeque;
 /// three (60, 250, 1000) a step of 1000 deg/h left G 5.5 sigma off and slow drifts a NEES of 1.63 per degree of freedom; with these 3.2 and
 /// 1.26 (`gaware study drift`). Accelerometers: strong vibration, and one that clips. They go with the largest walk of the gyros, which shake
 /// as well; with a small one a step of the gyros goes into the accelerometers for seconds (NEES 4.5 after it instead of .9). On 267 gaps of
-/// 10 s in the fixes of 100 logs of strangers the velocities within 2 sigma are 92.1 % without these two and 96.8 % with them, the RMS of all
+/// 10 s in the fixes of 108 logs of strangers the velocities within 2 sigma are 92.1 % without these two and 96.8 % with them, the RMS of all
 /// in sigmas 1.80 and .92 (`gaware study withheld`, 2026-11-25).
 pub const WALKS: [[f64; 2]; 6] =
     [[30.0, 0.0], [120.0, 0.0], [600.0, 0.0], [4000.0, 0.0], [4000.0, 0.05], [4000.0, 1.0]];

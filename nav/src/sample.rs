@@ -105,6 +105,17 @@ pub enum FixVelocity {
     Full([f64; 3]),
 }
 
+impl FixVelocity {
+    /// North, east and down, m/s; 0 where it says nothing.
+    pub fn components(self) -> [f64; 3] {
+        match self {
+            Self::None => [0.0; 3],
+            Self::Horizontal([n, e]) => [n, e, 0.0],
+            Self::Full(v) => v,
+        }
+    }
+}
+
 /// One GNSS solution.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub struct GnssFix {
@@ -127,11 +138,7 @@ impl GnssFix {
     /// Whether a receiver on a vehicle can have given these values at a time.
     pub fn is_plausible(&self) -> bool {
         let (height, speed) = PLAUSIBLE_FIX;
-        let velocity = match self.velocity {
-            FixVelocity::None => [0.0; 3],
-            FixVelocity::Horizontal([n, e]) => [n, e, 0.0],
-            FixVelocity::Full(v) => v,
-        };
+        let velocity = self.velocity.components();
         let sigmas = self.position_sigma_m.iter().chain(&self.velocity_sigma_m_per_s).flatten();
         self.t_s.is_finite()
             && self.position.lat_rad.abs() <= std::f64::consts::FRAC_PI_2

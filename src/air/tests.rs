@@ -1,26 +1,15 @@
 use super::*;
 use crate::aids::of_samples;
+use crate::aids::testing::flown;
 use gaware_mission::item::Autopilot;
 use gaware_nav::effects;
-use gaware_nav::model::EffectSetting;
 use gaware_nav::sample::Sample;
 use gaware_sitl::air::WindTrack;
-use gaware_sitl::powertrain::Carrier;
-use gaware_sitl::scenario;
 
 const WIND: WindTrack = WindTrack { mean_n_e: [4.0, -3.0], swing: (0.8, 160.0) };
 
 fn flight(name: &str, injected: &[(&str, Vec<f64>)], seed: u64) -> Vec<Sample> {
-    let mut scenario = scenario::scenario(name).unwrap();
-    for (effect, values) in injected {
-        scenario.model.set(EffectSetting::known(effects::find(effect).unwrap(), values).unwrap());
-    }
-    let wings = scenario.airframe == scenario::Airframe::FixedWing;
-    scenario.sensors.air_rate_hz = 10.0;
-    scenario.sensors.wind = WIND;
-    scenario.sensors.operating_rate_hz = 10.0;
-    scenario.sensors.carrier = Some(if wings { Carrier::Wings } else { Carrier::Rotors });
-    scenario.flight(seed).map(|(sample, _)| sample).collect()
+    flown(name, injected, seed, |s| (s.air_rate_hz, s.wind) = (10.0, WIND))
 }
 
 fn judged(name: &str, injected: &[(&str, Vec<f64>)], seed: u64) -> AirReport {

@@ -115,14 +115,14 @@ impl<F: Read + Seek> McapReader<F> {
     /// The next top-level record if it is metadata; others are passed over unread, however long.
     fn metadata(&mut self) -> Result<Next, LogError> {
         match self.head()? {
-            None => Ok(Next::End),
-            Some((op::METADATA, length)) if length <= RECORD_LIMIT as u64 => {
+            None | Some((_, _, false)) => Ok(Next::End),
+            Some((op::METADATA, length, _)) if length <= RECORD_LIMIT as u64 => {
                 let mut body = vec![0; length as usize];
                 self.file.read_exact(&mut body).map_err(|e| self.failed(e))?;
                 self.position += HEADER_LEN + length;
                 Ok(Next::Metadata(body))
             }
-            Some((op::HEADER..op::DATA_END, length)) => {
+            Some((op::HEADER..op::DATA_END, length, _)) => {
                 self.position += HEADER_LEN + length;
                 self.go_to(self.position)?;
                 Ok(Next::Other)
@@ -131,8 +131,8 @@ impl<F: Read + Seek> McapReader<F> {
         }
     }
 
-    /// Opcode and length of the record at the present position; nothing where the file ends before its end.
-    fn head(&mut self) -> Result<Option<(u8, u64)>, LogError> {
+    /// Opcode and length of the record at the present position, and whether it ends within the file; nothing at the end of the file.
+    fn head(&mut self) -> Result<Option<(u8, u64, bool)>, LogError> {
         if self.position == 0 {
             self.position = MAGIC.len() as u64;
             self.go_to(self.position)?;
@@ -145,27 +145,15 @@ impl<F: Read + Seek> McapReader<F> {
         self.file.read_exact(&mut head).map_err(|e| self.failed(e))?;
         let [opcode, length @ ..] = head;
         let length = u64::from_le_bytes(length);
-        Ok((length <= rest - HEADER_LEN).then_some((opcode, length)))
+        Ok(Some((opcode, length, length <= rest - HEADER_LEN)))
     }
 
     fn top(&mut self) -> Result<Top, LogError> {
-        if self.position == 0 {
-            self.position = MAGIC.len() as u64;
-            self.go_to(self.position)?;
-        }
-        let rest = self.progress.total_bytes.saturating_sub(self.position);
-        if rest < HEADER_LEN {
+        let Some((opcode, length, is_whole)) = self.head()? else {
             self.damage.truncated = true;
             return Ok(Top::End);
-        }
-        let mut head = [0; HEADER_LEN as usize];
-        self.file.read_exact(&mut head).map_err(|e| self.failed(e))?;
-        let [opcode, length @ ..] = head;
-        let length = u64::from_le_bytes(length);
-        if !(op::HEADER..=op::DATA_END).contains(&opcode)
-            || length > rest - HEADER_LEN
-            || length > RECORD_LIMIT as u64
-        {
+        };
+        if !(op::HEADER..=op::DATA_END).contains(&opcode) || !is_whole || length > RECORD_LIMIT as u64 {
             return Ok(Top::Damaged);
         }
         let mut body = vec![0; length as usize];

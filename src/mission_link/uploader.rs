@@ -69,35 +69,22 @@ impl Planned {
         format!("{} of {} {are} ready to be uploaded before take-off", counted(items, "item"), self.name())
     }
 
-    /// Compares what the vehicle holds with this mission and its fence.
-    async fn on_board(&self, wire: &mut Pinned<RunWire>) -> Result<OnBoard, TransferError> {
+    /// Compares what the vehicle holds with this mission and its fence; where they differ, how many items its mission has.
+    async fn other_on_board(&self, wire: &mut Pinned<RunWire>) -> Result<Option<usize>, TransferError> {
         let mission = wire::download(wire, MissionKind::Mission).await?;
         let autopilot = wire.vehicle().autopilot;
-        if !differences(autopilot, &self.contents.mission, &mission).is_empty() {
-            let items = mission.items.len();
-            return Ok(if items == 0 { OnBoard::Nothing } else { OnBoard::Other(items) });
-        }
-        if !self.contents.fence.is_empty() {
+        let mut is_same = differences(autopilot, &self.contents.mission, &mission).is_empty();
+        if is_same && !self.contents.fence.is_empty() {
             let fence = wire::download(wire, MissionKind::Fence).await?;
-            if !differences(autopilot, &journal::list(&self.contents.fence), &fence).is_empty() {
-                return Ok(OnBoard::Other(mission.items.len()));
-            }
+            is_same = differences(autopilot, &journal::list(&self.contents.fence), &fence).is_empty();
         }
-        Ok(OnBoard::Same)
+        Ok((!is_same).then_some(mission.items.len()))
     }
 
     /// Where the mission before is kept: beside the file.
     fn backup_path(&self) -> PathBuf {
         self.path.with_file_name(format!("mission-backup-{}.plan", stamp()))
     }
-}
-
-/// What a vehicle holds, against a planned mission.
-enum OnBoard {
-    Same,
-    Nothing,
-    /// Another mission or another fence, with so many items of the mission.
-    Other(usize),
 }
 
 /// Part of the name of a backup: no two are made in the same millisecond.
@@ -196,14 +183,12 @@ impl Uploader {
         }
         self.looks -= 1;
         let Some(planned) = &self.offer.mission else { return };
-        let (state, text) = match planned.on_board(&mut self.wire).await {
-            Ok(OnBoard::Same) => {
+        let (state, text) = match planned.other_on_board(&mut self.wire).await {
+            Ok(None) => {
                 (MissionState::OnVehicle, format!("{} is on the vehicle: read and compared", planned.name()))
             }
-            Ok(OnBoard::Nothing) => {
-                (MissionState::Ready, format!("{}; the vehicle has no mission", planned.ready()))
-            }
-            Ok(OnBoard::Other(items)) => {
+            Ok(Some(0)) => (MissionState::Ready, format!("{}; the vehicle has no mission", planned.ready())),
+            Ok(Some(items)) => {
                 let other = format!(
                     "{}; on the vehicle is another mission of {}",
                     planned.ready(),

@@ -396,44 +396,28 @@ impl TimeLine {
     }
 
     fn attitude(&mut self, stamp: Stamp, roll_pitch_yaw: [f64; 3], out: &mut Vec<Sample>) {
-        // Before the first inertial sample there is no base to put it on.
-        let Some(now) = self.clock.now_us() else { return };
-        let near = |t: &u64| t.abs_diff(now) <= GAP_US && self.last_attitude_us.is_none_or(|last| *t > last);
-        let placed = self.clock.place(stamp).filter(near);
-        if let Some(t_us) = placed.filter(|_| roll_pitch_yaw.iter().all(|v| v.is_finite())) {
-            // One stamped ahead must not keep out those that follow.
-            self.last_attitude_us = Some(t_us.min(now + FIX_AHEAD_US));
-            self.counts.attitudes += 1;
-            out.push(Sample::Attitude(AttitudeHint { t_s: seconds(t_us), roll_pitch_yaw }));
-        }
+        let hint = |t_s| AttitudeHint { t_s, roll_pitch_yaw };
+        let is_good = |hint: &AttitudeHint| hint.roll_pitch_yaw.iter().all(|v| v.is_finite());
+        let hint = beside(&self.clock, &mut self.last_attitude_us, Some(stamp), hint, is_good);
+        self.counts.attitudes += u64::from(hint.is_some());
+        out.extend(hint.map(Sample::Attitude));
     }
 
     fn field(&mut self, stamp: Stamp, sample: &FieldSample, out: &mut Vec<Sample>) {
-        let Some(now) = self.clock.now_us() else { return };
         let Some(last) = self.last_field_us.get_mut(usize::from(sample.compass)) else { return };
-        let near = |t: &u64| t.abs_diff(now) <= GAP_US && last.is_none_or(|last| *t > last);
-        let Some(t_us) = self.clock.place(stamp).filter(near) else { return };
-        let sample = FieldSample { t_s: seconds(t_us), ..*sample };
-        if sample.is_plausible() {
-            *last = Some(t_us.min(now + FIX_AHEAD_US));
-            self.counts.fields += 1;
-            out.push(Sample::Field(sample));
-        }
+        let at = |t_s| FieldSample { t_s, ..*sample };
+        let field = beside(&self.clock, last, Some(stamp), at, FieldSample::is_plausible);
+        self.counts.fields += u64::from(field.is_some());
+        out.extend(field.map(Sample::Field));
     }
 
     fn air(&mut self, stamp: Option<Stamp>, sample: &AirSample, out: &mut Vec<Sample>) {
-        let Some(now) = self.clock.now_us() else { return };
         let own = self.last_air_us[sample.kind as usize].get_mut(usize::from(sample.sensor));
         let Some(last) = own else { return };
-        let near = |t: &u64| t.abs_diff(now) <= GAP_US && last.is_none_or(|last| *t > last);
-        let placed = stamp.map_or(Some(now), |stamp| self.clock.place(stamp));
-        let Some(t_us) = placed.filter(near) else { return };
-        let sample = AirSample { t_s: seconds(t_us), ..*sample };
-        if sample.is_plausible() {
-            *last = Some(t_us.min(now + FIX_AHEAD_US));
-            self.counts.air += 1;
-            out.push(Sample::Air(sample));
-        }
+        let at = |t_s| AirSample { t_s, ..*sample };
+        let air = beside(&self.clock, last, stamp, at, AirSample::is_plausible);
+        self.counts.air += u64::from(air.is_some());
+        out.extend(air.map(Sample::Air));
     }
 
     /// What the vehicle does beside moving: it decides nothing, and there is no base to put it on before the first inertial sample.
@@ -466,6 +450,26 @@ fn agrees(held_us: u64, t_us: u64) -> bool {
 
 fn seconds(t_us: u64) -> f64 {
     t_us as f64 * 1e-6
+}
+
+/// What comes beside the inertial samples, at its place: newer than the `last` of its kind, near the present, and good. Without a stamp it belongs to the
+/// time of its arrival. Before the first inertial sample there is no base to put it on.
+fn beside<S>(
+    clock: &Clock,
+    last: &mut Option<u64>,
+    stamp: Option<Stamp>,
+    at: impl Fn(f64) -> S,
+    is_good: impl Fn(&S) -> bool,
+) -> Option<S> {
+    let now = clock.now_us()?;
+    let placed = stamp.map_or(Some(now), |stamp| clock.place(stamp))?;
+    if placed.abs_diff(now) > GAP_US || last.is_some_and(|last| placed <= last) {
+        return None;
+    }
+    let sample = Some(at(seconds(placed))).filter(is_good)?;
+    // One stamped ahead must not keep out those that follow.
+    *last = Some(placed.min(now + FIX_AHEAD_US));
+    Some(sample)
 }
 
 #[cfg(test)]

@@ -100,25 +100,7 @@ impl AirEffect {
 }
 
 impl Effect for AirEffect {
-    fn name(&self) -> &'static str {
-        self.name
-    }
-
-    fn description(&self) -> &'static str {
-        self.description
-    }
-
-    fn cause(&self) -> &'static str {
-        self.cause
-    }
-
-    fn remedy(&self) -> &'static str {
-        self.remedy
-    }
-
-    fn groups(&self) -> &'static [ParameterGroup] {
-        self.parameters
-    }
+    of_row!();
 
     fn on_air(&self) -> Option<&AirEffect> {
         Some(self)

@@ -78,25 +78,7 @@ pub struct CompassEffect {
 }
 
 impl Effect for CompassEffect {
-    fn name(&self) -> &'static str {
-        self.name
-    }
-
-    fn description(&self) -> &'static str {
-        self.description
-    }
-
-    fn cause(&self) -> &'static str {
-        self.cause
-    }
-
-    fn remedy(&self) -> &'static str {
-        self.remedy
-    }
-
-    fn groups(&self) -> &'static [ParameterGroup] {
-        self.parameters
-    }
+    of_row!();
 
     fn on_field(&self) -> Option<&dyn FieldEffect> {
         Some(self)

@@ -99,25 +99,7 @@ impl LinearEffect {
 }
 
 impl Effect for LinearEffect {
-    fn name(&self) -> &'static str {
-        self.name
-    }
-
-    fn description(&self) -> &'static str {
-        self.description
-    }
-
-    fn cause(&self) -> &'static str {
-        self.cause
-    }
-
-    fn remedy(&self) -> &'static str {
-        self.remedy
-    }
-
-    fn groups(&self) -> &'static [ParameterGroup] {
-        self.parameters
-    }
+    of_row!();
 
     fn tolerance(&self) -> Option<f64> {
         self.tolerance

@@ -5,6 +5,31 @@
 //! Contributions are evaluated at the *true* rate and specific force and add up: ω̃ = ω + Σ gyro(ω, f),
 //! f̃ = f + Σ accel(f) (the paper, eqs. (1) and (2), generalised); biases are not effects but part of every model.
 
+/// The methods of [`Effect`] that a row of a table answers from its own fields.
+macro_rules! of_row {
+    () => {
+        fn name(&self) -> &'static str {
+            self.name
+        }
+
+        fn description(&self) -> &'static str {
+            self.description
+        }
+
+        fn cause(&self) -> &'static str {
+            self.cause
+        }
+
+        fn remedy(&self) -> &'static str {
+            self.remedy
+        }
+
+        fn groups(&self) -> &'static [ParameterGroup] {
+            self.parameters
+        }
+    };
+}
+
 mod accel_lever_arm;
 mod acts;
 mod air;

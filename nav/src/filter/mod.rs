@@ -134,7 +134,7 @@ pub struct Filter {
     recent: Recent,
     /// Whether an effect of the model lets biases walk.
     biases_walk: bool,
-    /// Random walk of the gyro biases beyond the model's, rad/s/√s.
+    /// Random walk of the biases beyond the model's.
     walk: BiasWalk,
     /// Log-likelihood of the mean rates of a stationary vehicle that nobody has taken yet.
     rest_evidence: f64,

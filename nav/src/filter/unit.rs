@@ -3,17 +3,15 @@
 use super::Filter;
 use super::calibration::Calibration;
 use super::layout::index;
+use crate::consistency::departure;
 
 /// A constant that lies farther from the unit's file than so many sigmas contradicts it: thirty constants are looked at every second of a flight, of
 /// which a normal one is beyond five sigmas once in 1.7 million.
 const UNIT_CONTRADICTED: f64 = 5.0;
-/// A variance that has lost less than this share is no measurement of its constant.
-const LEAST_LOST: f64 = 0.1;
 
 impl Filter {
     /// What contradicts the unit's own file most: the name of a constant, how many of its sigmas it lies from what the file says, and how many
-    /// such constants there are. An estimate that began from a value lies from it by the root of what its variance has lost since (the
-    /// innovation of all measurements together). Biases are no evidence: each turn-on has its own.
+    /// such constants there are. Biases are no evidence: each turn-on has its own.
     pub fn contradicts_unit(&self) -> Option<(&'static str, f64, usize)> {
         let joint = self.model.joint.as_deref()?;
         let said = Calibration::new(&self.model);
@@ -21,9 +19,8 @@ impl Filter {
         let off = names.filter(|(_, n)| joint.names.iter().any(|j| j == n.name)).map(|(k, n)| {
             let state = index::GYRO_BIAS + k;
             let before = self.initial_sigmas[state].powi(2);
-            let lost = (before - self.p.at(state, state)).max(LEAST_LOST * before);
             let moved = self.estimate.calibration.get(&self.layout, state) - said.get(&self.layout, state);
-            (n, moved.abs() / lost.sqrt())
+            (n, departure(moved, before, self.p.at(state, state)))
         });
         let beyond: Vec<_> =
             off.filter(|(n, z)| !n.effect.ends_with("_bias") && *z > UNIT_CONTRADICTED).collect();

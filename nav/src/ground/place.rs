@@ -202,11 +202,8 @@ impl PlaceAid {
     /// Takes a fix of a receiver, which came at this time.
     pub(crate) fn take_fix(&mut self, fix: &GnssFix, now_s: f64) -> Contact {
         self.fix_s = Some(now_s);
-        let speed = match fix.velocity {
-            FixVelocity::None => 0.0,
-            FixVelocity::Horizontal([n, e]) => n.hypot(e),
-            FixVelocity::Full([n, e, d]) => n.hypot(e).hypot(d),
-        };
+        let [n, e, d] = fix.velocity.components();
+        let speed = n.hypot(e).hypot(d);
         let fast = speed > FAST.max(5.0 * fix.velocity_sigma_m_per_s.map_or(0.0, |s| s[0]));
         let alone = std::mem::take(&mut self.alone);
         if self.is_elsewhere(fix) {

@@ -375,7 +375,7 @@ impl Series {
     /// The wind at every instant, and 1-sigma of its mean along each axis.
     fn winds(&self, values: &[f64], noise: &series::Noise) -> (Vec<States>, States) {
         let rows = self.rows(values, false);
-        let smoothed = series::pass(&rows, noise, BLOCK_S).smoothed;
+        let smoothed = series::pass(&rows, noise, BLOCK_S).smoothed();
         let mut next = 0;
         let at = |i: &Instant| {
             while rows.get(next + 1).is_some_and(|r| r.elapsed_s <= i.elapsed_s) {
@@ -390,17 +390,17 @@ impl Series {
     }
 
     fn found(&mut self, sensor: u8, chosen: &Chosen, noise: series::Noise) -> AirFound {
-        let named = chosen.named_values();
+        let named = &chosen.named;
         let reported = vec![0.0; self.widths.len()];
         let linearised = self.wind.clone();
         self.follow(&reported, &noise);
         let before = self.residuals(&reported);
         self.wind = linearised;
-        self.follow(&named, &noise);
-        let after = self.residuals(&named);
-        let seen = self.seen(&self.shift(&named));
+        self.follow(named, &noise);
+        let after = self.residuals(named);
+        let seen = self.seen(&self.shift(named));
         let errors: Vec<(f64, f64)> =
-            seen.iter().map(|x| (self.added(&named, x), x.velocity.norm())).collect();
+            seen.iter().map(|x| (self.added(named, x), x.velocity.norm())).collect();
         let largest = errors.iter().copied().max_by(|a, b| a.0.abs().total_cmp(&b.0.abs()));
         let rms = |r: &[f64]| (r.iter().map(|v| v * v).sum::<f64>() / r.len().max(1) as f64).sqrt();
         let every = self.instants.len().div_ceil(600).max(1);
@@ -413,10 +413,10 @@ impl Series {
             residual: [rms(&before), rms(&after)],
             noise: [noise.sigma, noise.walk],
             known_to: self.known_to(chosen, &seen),
-            effects: chosen.findings(),
-            removed: chosen.removed(),
-            not_found: chosen.not_found(),
-            wind: (self.kind == AirKind::Airspeed).then(|| self.wind(&named, &noise, chosen)),
+            effects: chosen.findings.clone(),
+            removed: chosen.removed.clone(),
+            not_found: chosen.not_found.clone(),
+            wind: (self.kind == AirKind::Airspeed).then(|| self.wind(named, &noise, chosen)),
             points: points.map(|((_, speed), (b, a))| [*speed, *b, *a]).collect(),
         }
     }
@@ -440,7 +440,7 @@ impl Series {
         let mut by: Vec<f64> =
             seen.iter().filter_map(|x| Some(self.catalogue[0].on_air()?.drivers[0].value(x).abs())).collect();
         by.sort_by(f64::total_cmp);
-        chosen.first_sigma() * by.get(by.len() * 9 / 10).copied().unwrap_or(0.0)
+        chosen.first_sigma * by.get(by.len() * 9 / 10).copied().unwrap_or(0.0)
     }
 
     fn wind(&self, named: &[f64], noise: &series::Noise, chosen: &Chosen) -> Wind {
@@ -449,7 +449,7 @@ impl Series {
         let mean = mean_of(&winds);
         // What the sensor's own error leaves open.
         let mut shifted = named.to_vec();
-        shifted[0] += chosen.first_sigma();
+        shifted[0] += chosen.first_sigma;
         let by_scale = mean_of(&self.winds(&shifted, noise).0) - mean;
         let changed =
             winds.iter().map(|w| (w - mean).norm_squared()).sum::<f64>() / winds.len().max(1) as f64;

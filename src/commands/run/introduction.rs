@@ -3,10 +3,11 @@
 //! What the engine got until then is held and given to the new one, and the recording gets the new model: its replay is the same to the last bit.
 
 use super::model;
-use crate::commands::known::{KnownUnit, UnitFileArgs};
+use crate::commands::known::UnitFileArgs;
 use crate::pipeline::{Estimator, Pipeline};
 use crate::sensors::Severity;
 use crate::sinks::recorder::Setup;
+use crate::unit::known::KnownUnit;
 use gaware_nav::model::Model;
 
 /// What the engine gets is held for so long after the first sample, µs. A vehicle answers the first question for its version within a second; five
@@ -74,9 +75,12 @@ impl<E: Estimator> Introduction<E> {
         id: &str,
         pipeline: &mut Pipeline<E>,
     ) -> Option<(Severity, String, Option<Setup>)> {
+        // Every frame after the answer comes by here: the folder is read once.
         let stage = std::mem::replace(&mut self.stage, Stage::Settled);
+        if stage == Stage::Settled {
+            return None;
+        }
         let (severity, text, known) = match self.files.decide(Some(id)) {
-            _ if stage == Stage::Settled => return None,
             Ok(known) if known.as_ref().map(|k| &k.path) == self.begun.as_ref().map(|k| &k.path) => {
                 pipeline.let_go();
                 return known.map(|k| (Severity::Info, k.words(), None));

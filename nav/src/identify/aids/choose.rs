@@ -195,42 +195,19 @@ impl About<'_> {
 
 /// What was chosen.
 pub(in crate::identify) struct Chosen {
-    findings: Vec<Finding>,
-    removed: Vec<&'static str>,
-    not_found: Vec<(&'static str, f64)>,
-    named: Vec<f64>,
-    fitted: Vec<f64>,
-    first_sigma: f64,
-    pub(in crate::identify) correlated: f64,
-}
-
-impl Chosen {
+    pub(in crate::identify) findings: Vec<Finding>,
+    /// Effects that held-out data did not confirm.
+    pub(in crate::identify) removed: Vec<&'static str>,
+    /// Effects that were tested and are not significant, with the evidence for each.
+    pub(in crate::identify) not_found: Vec<(&'static str, f64)>,
     /// Values of every parameter by all data; those of effects that were not named are 0.
-    pub(in crate::identify) fn named_values(&self) -> Vec<f64> {
-        self.named.clone()
-    }
-
+    pub(in crate::identify) named: Vec<f64>,
     /// The same by the data that were not held out.
-    pub(in crate::identify) fn fit_values(&self) -> Vec<f64> {
-        self.fitted.clone()
-    }
-
+    pub(in crate::identify) fitted: Vec<f64>,
     /// 1-sigma of the first parameter within its widest prior.
-    pub(in crate::identify) fn first_sigma(&self) -> f64 {
-        self.first_sigma
-    }
-
-    pub(in crate::identify) fn findings(&self) -> Vec<Finding> {
-        self.findings.clone()
-    }
-
-    pub(in crate::identify) fn removed(&self) -> Vec<&'static str> {
-        self.removed.clone()
-    }
-
-    pub(in crate::identify) fn not_found(&self) -> Vec<(&'static str, f64)> {
-        self.not_found.clone()
-    }
+    pub(in crate::identify) first_sigma: f64,
+    /// Factor on variances by which errors are correlated.
+    pub(in crate::identify) correlated: f64,
 }
 
 /// Blocks as one, with the information about the sensor seen from zero instead of `values`.
@@ -477,7 +454,7 @@ mod tests {
                 continue;
             }
             named += 1;
-            let alone = error(&chosen.fit_values());
+            let alone = error(&chosen.fitted);
             assert!(alone < error(&vec![0.0; widths.len()]), "run {run}: {:?}", chosen.findings);
             for f in &chosen.findings {
                 let e = COMPASS.iter().position(|e| e.name() == f.setting.effect.name()).unwrap();

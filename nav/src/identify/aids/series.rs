@@ -50,12 +50,11 @@ pub(in crate::identify) struct Noise {
 pub(in crate::identify) struct Pass {
     /// Score and information, block by block.
     pub(in crate::identify) blocks: Vec<Information>,
-    /// The states at each row by all rows, and their covariance.
-    pub(in crate::identify) smoothed: Vec<(States, Matrix2<f64>)>,
     /// Log-likelihood of the held-out blocks.
     pub(in crate::identify) held_out: f64,
     log_likelihood: f64,
     nis: f64,
+    steps: Vec<Step>,
 }
 
 /// The states before and after a row.
@@ -69,8 +68,9 @@ pub(in crate::identify) fn pass(rows: &[Row], noise: &Noise, block_s: f64) -> Pa
     let columns = rows.first().map_or(0, |r| r.columns.len());
     let (mut x, mut p) = (States::zeros(), Matrix2::identity() * noise.start.powi(2));
     let mut by = vec![States::zeros(); columns];
-    let mut out = Pass { blocks: vec![], smoothed: vec![], held_out: 0.0, log_likelihood: 0.0, nis: 0.0 };
-    let (mut steps, mut count) = (Vec::with_capacity(rows.len()), 0);
+    let steps = Vec::with_capacity(rows.len());
+    let mut out = Pass { blocks: vec![], held_out: 0.0, log_likelihood: 0.0, nis: 0.0, steps };
+    let mut count = 0;
     let mut last_s = rows.first().map_or(0.0, |r| r.elapsed_s);
     let mut slope = vec![0.0; columns];
     for row in rows {
@@ -100,36 +100,37 @@ pub(in crate::identify) fn pass(rows: &[Row], noise: &Noise, block_s: f64) -> Pa
         x += gain * y;
         p -= gain * ph.transpose();
         by.iter_mut().zip(&slope).for_each(|(b, o)| *b -= gain * *o);
-        steps.push(Step { predicted, filtered: (x, p) });
+        out.steps.push(Step { predicted, filtered: (x, p) });
     }
     out.blocks.iter_mut().for_each(Information::finish);
     out.nis /= f64::from(count.max(1));
-    out.smoothed = smoothed(&steps);
     out
 }
 
-/// Rauch, Tung & Striebel 1965, for states that walk.
-fn smoothed(steps: &[Step]) -> Vec<(States, Matrix2<f64>)> {
-    let mut out: Vec<(States, Matrix2<f64>)> = steps.iter().map(|s| s.filtered).collect();
-    for k in (0..steps.len().saturating_sub(1)).rev() {
-        let (next, own) = (&steps[k + 1].predicted, &steps[k].filtered);
-        let Some(inverse) = next.1.try_inverse() else { continue };
-        let gain = own.1 * inverse;
-        let later = out[k + 1];
-        out[k] = (own.0 + gain * (later.0 - next.0), own.1 + gain * (later.1 - next.1) * gain.transpose());
+impl Pass {
+    /// The states at each row by all rows, and their covariance (Rauch, Tung & Striebel 1965, for states that walk).
+    pub(in crate::identify) fn smoothed(&self) -> Vec<(States, Matrix2<f64>)> {
+        let mut out: Vec<(States, Matrix2<f64>)> = self.steps.iter().map(|s| s.filtered).collect();
+        for k in (0..self.steps.len().saturating_sub(1)).rev() {
+            let (next, own) = (&self.steps[k + 1].predicted, &self.steps[k].filtered);
+            let Some(inverse) = next.1.try_inverse() else { continue };
+            let gain = own.1 * inverse;
+            let later = out[k + 1];
+            out[k] =
+                (own.0 + gain * (later.0 - next.0), own.1 + gain * (later.1 - next.1) * gain.transpose());
+        }
+        out
     }
-    out
 }
 
-/// The noise by which these rows are most likely. `limits`: the least and the largest white noise; `start`: of the states.
+/// The noise by which these rows are most likely, their columns aside. `limits`: the least and the largest white noise; `start`: of the states.
 pub(in crate::identify) fn noise_of(rows: &[Row], limits: (f64, f64), start: f64) -> Noise {
     let one = |ratio: f64| {
         let mut noise = Noise { sigma: limits.0.max(0.5 * limits.1), walk: 0.0, start };
         let mut found = f64::NEG_INFINITY;
         for _ in 0..3 {
             noise.walk = ratio * noise.sigma;
-            let bare: Vec<Row> = rows.iter().map(|r| Row { columns: vec![], ..r.clone() }).collect();
-            let run = pass(&bare, &noise, f64::INFINITY);
+            let run = pass(rows, &noise, f64::INFINITY);
             found = run.log_likelihood;
             noise.sigma = (noise.sigma * run.nis.sqrt()).clamp(limits.0, limits.1);
         }

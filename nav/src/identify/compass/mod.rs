@@ -249,8 +249,8 @@ impl<'a> Compasses<'a> {
     ) -> CompassFound {
         let reported: Vec<Instant> = instants.iter().flatten().copied().collect();
         let turned: Vec<Instant> = turned.iter().flatten().copied().collect();
-        let all = corrected(&turned, &chosen.named_values());
-        let held = corrected(&turned, &chosen.fit_values());
+        let all = corrected(&turned, &chosen.named);
+        let held = corrected(&turned, &chosen.fitted);
         let count = reported.len().max(1) as f64;
         let current = || reported.iter().map(|i| i.x.current_a);
         CompassFound {
@@ -263,9 +263,9 @@ impl<'a> Compasses<'a> {
             residual_t: [rms(&mut reported.iter()), rms(&mut all.iter())],
             held_out_t: [&reported, &held].map(|of| rms(&mut of.iter().filter(|i| i.is_held_out()))),
             noise: (sigma, chosen.correlated),
-            effects: chosen.findings(),
-            removed: chosen.removed(),
-            not_found: chosen.not_found(),
+            effects: chosen.findings.clone(),
+            removed: chosen.removed.clone(),
+            not_found: chosen.not_found.clone(),
             current_a: self.current_range().map(|_| {
                 [
                     current().fold(f64::INFINITY, f64::min),
