@@ -27,6 +27,9 @@ const SIGNIFICANT: f64 = 3.0;
 /// A field that is longer or shorter by more than this share is none of the Earth: ArduPilot refuses to arm beyond 35 % of 530 mG
 /// (`AP_Arming/AP_Arming.cpp`: `AP_ARMING_COMPASS_MAGFIELD_MIN`).
 const WRONG_LENGTH: f64 = 0.35;
+/// Compasses whose errors differ by less than this share of them are off alike: three of a log whose stamps are those of several vehicles
+/// were 19.4 to 19.5° off, two that were hung up wrongly in one copter 72° and 157°.
+const ALIKE: f64 = 0.25;
 /// T per mG.
 const MGAUSS: f64 = 1e-7;
 
@@ -160,9 +163,25 @@ impl CompassReport {
     /// The compasses that are wrong, in words; empty where there are none.
     pub fn wrong(&self) -> String {
         let wrong = self.compasses.iter().filter(|c| c.status == Status::Wrong);
-        wrong.map(|c| format!(" {}", c.text)).collect()
+        let words: String = wrong.map(|c| format!(" {}", c.text)).collect();
+        if self.are_off_alike() { format!("{words} {OFF_ALIKE}") } else { words }
+    }
+
+    /// Whether all point off by one angle, which separate sensors do not by themselves.
+    fn are_off_alike(&self) -> bool {
+        let off = || self.compasses.iter().map(|c| c.heading_off_deg.value);
+        let (least, most) = (off().fold(f64::INFINITY, f64::min), off().fold(f64::NEG_INFINITY, f64::max));
+        self.compasses.len() > 1
+            && self.compasses.iter().all(|c| {
+                let Value { value, sigma } = c.heading_off_deg;
+                c.orientation.is_none() && points_off(value, sigma)
+            })
+            && most - least < ALIKE * least.abs().min(most.abs())
     }
 }
+
+/// What else than the compasses may be wrong.
+const OFF_ALIKE: &str = "All compasses are off alike: the field at this place or the heading of this estimate may be what is wrong, not they.";
 
 /// Judges the compasses of a flight by its settled trajectory.
 pub fn of_flight(
@@ -190,6 +209,9 @@ pub fn of_flight(
         report.notes.push(
             "All compasses are turned alike: the orientation of the board may be the wrong one instead of theirs, though a multirotor hardly flies with that.".to_owned(),
         );
+    }
+    if report.are_off_alike() {
+        report.notes.push(OFF_ALIKE.to_owned());
     }
     if found.iter().any(|f| f.current_a.is_none()) {
         report.notes.push(
@@ -229,13 +251,20 @@ fn entry(found: &CompassFound, world: &WorldField, on_board: &OnBoard) -> Compas
     }
 }
 
+/// Whether a mean heading error is large and significant, deg.
+fn points_off(mean: f64, sigma: f64) -> bool {
+    mean.abs() > WRONG_DEG && mean.abs() > SIGNIFICANT * sigma
+}
+
 fn status(found: &CompassFound) -> Status {
     let Heading { mean, sigma, own_sigma, rms, .. } = found.heading;
     let [mean, sigma, own, rms] = [mean.abs(), sigma, own_sigma, rms].map(f64::to_degrees);
     let [length, expected] = found.length_t;
-    let points_off = mean > WRONG_DEG && mean > SIGNIFICANT * sigma;
     let scatters = rms > WRONG_DEG && rms > SIGNIFICANT * own;
-    if found.orientation.is_some() || points_off || scatters || (length / expected - 1.0).abs() > WRONG_LENGTH
+    if found.orientation.is_some()
+        || points_off(mean, sigma)
+        || scatters
+        || (length / expected - 1.0).abs() > WRONG_LENGTH
     {
         Status::Wrong
     } else if own > KNOWN_DEG || rms > WRONG_DEG {
@@ -261,7 +290,7 @@ fn text(found: &CompassFound, status: Status) -> String {
             mean.abs()
         )),
         Status::Wrong if found.orientation.is_some() => {}
-        Status::Wrong if mean.abs() > WRONG_DEG && mean.abs() > SIGNIFICANT * sigma => {
+        Status::Wrong if points_off(mean, sigma) => {
             parts.push(format!("points {:.0}° ± {sigma:.0}° off", mean.abs()));
         }
         Status::Wrong if rms > WRONG_DEG => {

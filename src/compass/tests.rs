@@ -1,5 +1,6 @@
 use super::*;
 use crate::aids::of_samples;
+use crate::aids::testing::flown;
 use crate::link::frame::{Frame, Sender};
 use crate::sensors::{Converter, ConverterOptions};
 use gaware_mission::item::Autopilot;
@@ -8,7 +9,6 @@ use gaware_nav::model::EffectSetting;
 use gaware_nav::sample::Sample;
 use gaware_sitl::autopilot::{Autopilot as SimulatedAutopilot, AutopilotConfig, Flavour};
 use gaware_sitl::magnetometer::EARTH_FIELD_T;
-use gaware_sitl::powertrain::Carrier;
 use gaware_sitl::scenario;
 use mavlink::dialects::ardupilotmega::{COMMAND_LONG_DATA, MavCmd, MavMessage};
 use nalgebra::{Matrix3, Rotation3, Vector3};
@@ -18,15 +18,7 @@ const DATE: Option<f64> = Some(1_782_864_000.0);
 const MG: f64 = 1e-7;
 
 fn flight(name: &str, injected: &[(&str, Vec<f64>)], seed: u64) -> Vec<Sample> {
-    let mut scenario = scenario::scenario(name).unwrap();
-    for (effect, values) in injected {
-        scenario.model.set(EffectSetting::known(effects::find(effect).unwrap(), values).unwrap());
-    }
-    let wings = scenario.airframe == scenario::Airframe::FixedWing;
-    scenario.sensors.field_rate_hz = 20.0;
-    scenario.sensors.operating_rate_hz = 10.0;
-    scenario.sensors.carrier = Some(if wings { Carrier::Wings } else { Carrier::Rotors });
-    scenario.flight(seed).map(|(sample, _)| sample).collect()
+    flown(name, injected, seed, |s| s.field_rate_hz = 20.0)
 }
 
 fn judged(samples: &[Sample]) -> CompassReport {
@@ -106,19 +98,49 @@ fn each_effect_is_named_with_values_that_hold() {
     assert!(wrong.is_empty(), "{wrong:#?}");
 }
 
+/// The compasses up to the given one turned.
+fn turned_up_to(compass: u8, by: Matrix3<f64>, samples: &[Sample]) -> Vec<Sample> {
+    let one = |s: &Sample| match s {
+        Sample::Field(f) if f.compass <= compass => {
+            Sample::Field(gaware_nav::sample::FieldSample { field: by * f.field, ..*f })
+        }
+        other => other.clone(),
+    };
+    samples.iter().map(one).collect()
+}
+
+#[test]
+fn compasses_that_are_off_alike_are_not_blamed_alone() {
+    let samples = flight("multirotor", &[], 33);
+    let by = Rotation3::from_euler_angles(0.0, 0.0, 19f64.to_radians()).into_inner();
+    let words = |upto: u8| judged(&turned_up_to(upto, by, &samples)).wrong();
+    let (one, both) = (words(0), words(1));
+    assert!(one.contains("Compass 1 points 18°") && !one.contains("alike"), "{one}");
+    assert!(both.contains("Compass 2 points 18°") && both.contains("All compasses are off alike"), "{both}");
+}
+
+/// A receiver whose fixes jump by 60 m every two seconds: no compass is called turned, no barometer wrong.
+#[test]
+fn where_fixes_and_inertial_data_contradict_each_other_no_sensor_is_judged() {
+    let mut samples = flown("multirotor", &[], 34, |s| (s.field_rate_hz, s.air_rate_hz) = (20.0, 10.0));
+    for sample in &mut samples {
+        if let Sample::Fix(fix) = sample
+            && fix.t_s % 4.0 > 2.0
+        {
+            fix.position.lat_rad += 60.0 / 6.37e6;
+        }
+    }
+    let aids = of_samples(&samples, DATE, &OnBoard::default());
+    let (compasses, air) = (aids.compasses.unwrap(), aids.air.unwrap());
+    assert!(compasses.compasses.is_empty() && compasses.notes[0].contains("contradict each other"));
+    assert!(air.sensors.is_empty() && air.notes[0].contains("contradict each other"), "{:?}", air.notes);
+}
+
 #[test]
 fn a_wrong_orientation_and_a_reversed_axis_are_named() {
     let samples = flight("multirotor", &[], 30);
     let quarter = Rotation3::from_euler_angles(0.0, 0.0, std::f64::consts::FRAC_PI_2).into_inner();
-    let turned = |by: Matrix3<f64>| -> Vec<Sample> {
-        let one = |s: &Sample| match s {
-            Sample::Field(f) if f.compass == 0 => {
-                Sample::Field(gaware_nav::sample::FieldSample { field: by * f.field, ..*f })
-            }
-            other => other.clone(),
-        };
-        samples.iter().map(one).collect()
-    };
+    let turned = |by: Matrix3<f64>| turned_up_to(0, by, &samples);
     let reversed = Matrix3::from_diagonal(&Vector3::new(1.0, -1.0, 1.0));
     let eighth =
         Rotation3::from_euler_angles(std::f64::consts::PI, 0.0, std::f64::consts::FRAC_PI_4).into_inner();

@@ -47,6 +47,11 @@ impl Settled {
         settled
     }
 
+    /// How far inertial data and fixes are from agreeing along it: the mean squared normalised innovation per degree of freedom, of all fixes.
+    pub fn nis_per_dof(&self) -> f64 {
+        self.problem.run(&self.noise, &Options::default()).nis_per_dof(0)
+    }
+
     fn about(flight: &Flight, base: &Model, model: &Model, noise: Noise, workers: &dyn Workers) -> Self {
         let reference = Reference::find(flight, model, &noise, workers);
         let watched = Watched { effects: model.effects.clone(), ..Watched::default() };
