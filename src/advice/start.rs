@@ -77,8 +77,13 @@ impl Found<'_> {
     /// The first of several names that is on board.
     fn one(&mut self, names: &[&str]) -> Option<f64> {
         let (name, value) = names.iter().find_map(|n| Some((n, *self.board.parameters.get(*n)?)))?;
-        self.used.push(format!("{name} {value}"));
+        self.uses(name, value);
         Some(value)
+    }
+
+    /// Autopilots hold parameters as 32-bit numbers: more digits than those say nothing.
+    fn uses(&mut self, name: &str, value: f64) {
+        self.used.push(format!("{name} {}", value as f32));
     }
 
     /// A place on the vehicle, m; zero where none was set.
@@ -89,7 +94,7 @@ impl Found<'_> {
             let value = self.board.parameters.get(name).copied().filter(|v| v.abs() <= DISTANCE_M);
             let value = value.unwrap_or(0.0);
             if value != 0.0 {
-                self.used.push(format!("{name} {value}"));
+                self.uses(name, value);
             }
             value
         })
@@ -207,6 +212,9 @@ mod tests {
         assert!(arm.iter().zip([1.0, 0.1, -0.3]).all(|(a, b)| (a - b).abs() < 1e-9), "{arm:?}");
         assert!(model.is_tolerance("gps_lever_arm"), "still no state that a flight is flown for");
         assert_eq!(told[0].parameters.len(), 4);
+        // As an autopilot's 32 bits hold it.
+        let (_, told) = started(Autopilot::ArduPilot, &[("INS_POS1_Z", f64::from(-0.12_f32))]);
+        assert_eq!(told[0].parameters, ["INS_POS1_Z -0.12"]);
         // The sigmas are those of the standard model, and a model file keeps the values.
         let (read, standard) = (Model::from_toml(&model.to_toml()).unwrap(), Model::standard());
         assert_eq!(values(&read, "gps_lever_arm"), arm);

@@ -50,7 +50,10 @@ pub fn head(origin: &super::Origin, s: &Summary, (scope, next): &(String, String
 
 /// The result of this estimate in words, and its warnings.
 pub fn verdict(s: &Summary, body: &mut String) {
-    let words = escape(&words::verdict(s)).replacen("`gaware explain`", "<code>gaware explain</code>", 1);
+    let mut words = escape(&words::verdict(s));
+    for command in ["gaware explain", "gaware ground"] {
+        words = words.replace(&format!("`{command}`"), &format!("<code>{command}</code>"));
+    }
     let _ = write!(body, "<h2 id=\"estimate\">This estimate</h2><p class=\"verdict\">{words}</p>");
     if !s.warnings.is_empty() {
         body.push_str("<ul>");
@@ -71,7 +74,7 @@ pub fn answers(s: &Summary, log: &FlightLog, lessons: &[Lesson], fixes: &[Channe
     } else if observable == g.len() {
         "Run <code>gaware explain</code> on this log: it tests which effects the model lacks."
     } else {
-        "Fly what is named in the verdict, then run <code>gaware explain</code> on the log."
+        "Turn the vehicle to six sides by hand (<code>gaware ground</code>) or fly what is named in the verdict, then run <code>gaware explain</code> on the recording."
     };
     body.push_str(&list(&[
         (

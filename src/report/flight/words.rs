@@ -73,6 +73,20 @@ pub fn verdict(summary: &Summary) -> String {
         }
         None => "No g-sensitivity stands out of its uncertainty.".to_owned(),
     };
+    text.push_str(&columns(summary));
+    let nis = summary.consistency.nis_mean_per_dof;
+    if nis > 1.5 {
+        text.push_str(&format!(
+            " The fixes disagree with the model more than it expects (NIS {} per degree of freedom, 1 is right): `gaware explain` names the unmodelled effect.",
+            number(nis)
+        ));
+    }
+    text
+}
+
+/// Which columns of G have converged, and what shows the others: all of them on the ground, or one by one in flight.
+fn columns(summary: &Summary) -> String {
+    let (mut text, mut open) = (String::new(), false);
     for (c, axis) in COLUMNS.iter().enumerate() {
         let remedy = remedy(c, &summary.vehicle_type);
         let names: Vec<String> = (1..=3).map(|r| format!("g{r}{}", c + 1)).collect();
@@ -87,14 +101,11 @@ pub fn verdict(summary: &Summary) -> String {
         } else {
             let some = if known == 0 { "has not converged" } else { "has converged in part" };
             text.push_str(&format!(" Column {axis} {some}: {remedy}."));
+            open = true;
         }
     }
-    let nis = summary.consistency.nis_mean_per_dof;
-    if nis > 1.5 {
-        text.push_str(&format!(
-            " The fixes disagree with the model more than it expects (NIS {} per degree of freedom, 1 is right): `gaware explain` names the unmodelled effect.",
-            number(nis)
-        ));
+    if open {
+        text.push_str(" Or on the ground: turned to six sides by hand it shows all of G in five minutes (`gaware ground`).");
     }
     text
 }
