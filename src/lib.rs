@@ -21,7 +21,6 @@ pub mod explain;
 #[cfg(not(target_family = "wasm"))]
 pub mod export;
 pub mod figures;
-#[cfg(not(target_family = "wasm"))]
 pub mod fleet;
 pub mod health;
 pub mod inputs;

@@ -1,11 +1,13 @@
 //! `gaware explain`: which sensor errors the model lacks, how large they are, and the residuals before and after.
 
 use super::effects::EffectsArgs;
-use super::known::{KnownUnit, PlaceArgs, UnitFileArgs, with_known};
+use super::known::{PlaceArgs, UnitFileArgs};
+use super::unit::today;
 use super::{CommandError, ListenArgs, OverwriteArgs, load_model, output};
 use crate::explain::contract::Verdict;
 use crate::explain::{self, Explained, Phase, Request, STEPS};
 use crate::report::explanation::headline;
+use crate::unit::known::KnownUnit;
 use gaware_nav::identify::select::{Beside, Settings};
 use std::cell::Cell;
 use std::fmt::Write;
@@ -63,13 +65,11 @@ pub fn run(args: &ExplainArgs) -> Result<(), CommandError> {
     let outputs = args.overwrite.outputs(read);
     explain::check(&args.out, &outputs)?;
     let beside = Beside::default().and(&args.effects.load()?);
-    let given = args.model.as_deref().map(load_model).transpose()?;
     let known = known(args)?;
-    let model = with_known(given.clone(), known.as_ref());
-    let mut request = Request {
+    let request = Request {
         logs: args.logs.iter().map(Into::into).collect(),
         validate: args.validate.iter().map(Into::into).collect(),
-        model,
+        model: args.model.as_deref().map(load_model).transpose()?,
         converter: args.listen.options(),
         settings: Settings { beside, ..Settings::default() },
         parameters: args.parameters.as_ref().map(Into::into),
@@ -103,15 +103,8 @@ pub fn run(args: &ExplainArgs) -> Result<(), CommandError> {
         let elapsed_s = began.elapsed().as_secs_f64();
         bar.set_message(format!("step {step} of {STEPS}: {what} ({elapsed_s:.0} s so far{left})"));
     };
-    let mut explained = explain::run(&request, &shown)?;
-    if let Some(words) = known.zip(request.model.as_ref()).and_then(|(k, before)| {
-        k.unit.contradicted_by(before, &explained.model).map(|said| k.contradicted_words(&said))
-    }) {
-        bar.suspend(|| crate::sinks::log::line(&words));
-        request.model = given;
-        explained = explain::run(&request, &shown)?;
-        explained.explanation.summary = format!("{words}. {}", explained.explanation.summary);
-    }
+    let told = |words: &str| bar.suspend(|| crate::sinks::log::line(words));
+    let explained = explain::run_from(known.as_ref(), &today(), &request, &shown, &told)?;
     bar.finish_and_clear();
     explain::write(&explained, &args.out, &outputs)?;
     crate::sinks::log::line(&format!("explained in {:.1} s{}", began.elapsed().as_secs_f64(), peak_memory()));

@@ -5,6 +5,7 @@ use super::unit::today;
 use crate::engine::meaning::LIMIT_DEG;
 use crate::logs::mcap::recorded_setup;
 use crate::pipeline::Beside;
+use crate::unit::known::KnownUnit;
 use crate::unit::{Unit, UnitError};
 use gaware_nav::earth::Geodetic;
 use gaware_nav::model::Model;
@@ -31,43 +32,6 @@ pub struct UnitFileArgs {
     /// Begin without the file of the unit, also where the folder has it.
     #[arg(long, conflicts_with = "unit")]
     pub no_unit: bool,
-}
-
-/// The file that an estimate begins from.
-#[derive(Debug, Clone)]
-pub struct KnownUnit {
-    /// Where it stands.
-    pub path: PathBuf,
-    /// What it says.
-    pub unit: Unit,
-}
-
-impl KnownUnit {
-    /// In a sentence.
-    pub fn words(&self) -> String {
-        let origin = &self.unit.origin;
-        let id = origin.hardware_id.as_deref().unwrap_or("of unknown hardware");
-        let count = self.unit.measured().len();
-        format!(
-            "unit {id}: begins from {} of {} ({} measured; --no-unit leaves it out)",
-            self.path.display(),
-            origin.date,
-            crate::figures::counted(count, "constant")
-        )
-    }
-
-    /// Whether it was made from this recording, by name.
-    pub fn is_from(&self, log: &Path) -> bool {
-        self.unit.origin.from.contains(&super::file_name(log))
-    }
-
-    /// What is said where recordings contradict it.
-    pub fn contradicted_words(&self, said: &str) -> String {
-        format!(
-            "the recordings are inconsistent with {} ({said}): it is left out, and they are explained without it. Measure the unit again (gaware ground), or check what has changed (mounting, another sensor, warm-up)",
-            self.path.display()
-        )
-    }
 }
 
 /// All of it.
@@ -97,9 +61,7 @@ impl UnitFileArgs {
             (None, _) => None,
         };
         let Some(path) = path else { return Ok(None) };
-        let unit = Unit::read(&path)?;
-        unit.check_hardware(&path, hardware_id)?;
-        Ok(Some(KnownUnit { path, unit }))
+        KnownUnit::of(&path, Unit::read(&path)?, hardware_id).map(Some)
     }
 
     /// Whether the vehicle's id could change what [`Self::decide`] says.
@@ -128,10 +90,7 @@ impl UnitFileArgs {
 
 /// The model with what the file says; a model only where there is one or a file.
 pub fn with_known(model: Option<Model>, known: Option<&KnownUnit>) -> Option<Model> {
-    let Some(known) = known else { return model };
-    let mut model = model.unwrap_or_else(Model::standard);
-    known.unit.apply(&mut model, &today());
-    Some(model)
+    known.map_or(model.clone(), |known| Some(known.model(model, &today())))
 }
 
 /// Latitude and longitude in degrees, and a height.

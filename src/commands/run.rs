@@ -1,7 +1,7 @@
 //! `gaware run`: the daemon. Frames of all links go through converter and engine in one task, in the order in which they are
 //! recorded, so that a replay of the recording repeats the run.
 
-use super::known::{KnownUnit, with_known};
+use super::known::with_known;
 use super::{CommandError, demo, load_model, output, print};
 use crate::advice::on_board::OnBoard;
 use crate::link::address::Address;
@@ -16,6 +16,7 @@ use crate::sinks::events::Causes;
 use crate::sinks::foxglove::Feed;
 use crate::sinks::live::Live;
 use crate::sinks::recorder::{Recorder, Setup};
+use crate::unit::known::KnownUnit;
 use gaware_mission::item::Mission;
 use gaware_nav::model::Model;
 use gaware_nav::observability::words::VehicleKind;

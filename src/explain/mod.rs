@@ -24,6 +24,7 @@ use crate::outputs::OutputError;
 use crate::parallel::{Threads, cores};
 use crate::pipeline;
 use crate::sensors::ConverterOptions;
+use crate::unit::known::KnownUnit;
 use contract::Explanation;
 pub use files::{check, files, write};
 use gaware_nav::earth::Geodetic;
@@ -209,6 +210,29 @@ pub struct FlightResiduals {
     pub before: Vec<Point>,
     /// With the new one.
     pub after: Vec<Point>,
+}
+
+/// Explains from what a unit's file says on this day (as `2026-11-24`), where there is one. Where the recordings contradict it, `left_out` gets
+/// the sentence that says so, and they are explained without it.
+///
+/// # Errors
+/// As [`run`].
+pub fn run_from(
+    known: Option<&KnownUnit>,
+    today: &str,
+    request: &Request,
+    progress: &dyn Fn(Phase),
+    left_out: &dyn Fn(&str),
+) -> Result<Explained, ExplainError> {
+    let Some(known) = known else { return run(request, progress) };
+    let before = known.model(request.model.clone(), today);
+    let explained = run(&Request { model: Some(before.clone()), ..request.clone() }, progress)?;
+    let Some(said) = known.unit.contradicted_by(&before, &explained.model) else { return Ok(explained) };
+    let words = known.contradicted_words(&said);
+    left_out(&words);
+    let mut explained = run(request, progress)?;
+    explained.explanation.summary = format!("{words}. {}", explained.explanation.summary);
+    Ok(explained)
 }
 
 /// Reads and explains.

@@ -1,6 +1,7 @@
 //! Which logs a fleet has, and what their names say.
 
 use super::FleetError;
+use super::log::Named;
 use std::path::{Path, PathBuf};
 
 /// Endings of logs, in lower case.
@@ -69,15 +70,6 @@ fn matching(pattern: &str, found: &mut Vec<PathBuf>) -> Result<(), FleetError> {
 fn is_log(path: &Path) -> bool {
     let ending = path.extension().map(|e| e.to_string_lossy().to_ascii_lowercase());
     ending.is_some_and(|e| ENDINGS.contains(&e.as_str()))
-}
-
-/// What the path of a log says of its flight.
-#[derive(Debug, Clone, Default, PartialEq, Eq)]
-pub struct Named {
-    /// The inertial unit.
-    pub unit: Option<String>,
-    /// The firmware.
-    pub firmware: Option<String>,
 }
 
 #[derive(Debug, Clone, PartialEq, Eq)]

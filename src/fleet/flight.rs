@@ -5,6 +5,8 @@ use crate::advice::on_board::{OnBoard, key as autopilot_key};
 use crate::engine::snapshot::Summary;
 use crate::engine::{Engine, EngineOptions};
 use crate::explain;
+use crate::inputs::Input;
+use crate::outputs::mark::hex;
 use crate::pipeline::Beside;
 use crate::pipeline::replay::{ReplayRequest, replay_watched};
 use crate::sensors::ConverterOptions;
@@ -13,8 +15,11 @@ use gaware_nav::model::{EffectSetting, Model};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 use serde_json::{Map, Value};
-use std::path::Path;
+use sha2::{Digest, Sha256};
+use std::io::{self, Read};
 
+/// Bytes that are hashed at once.
+const BLOCK: usize = 1 << 16;
 /// Version of the entries.
 pub const SCHEMA: &str = "gaware.fleet_flight/1";
 
@@ -94,18 +99,40 @@ impl FlightParameter {
 }
 
 /// Analyses one log. A log that cannot be read is an entry too: it cannot be read tomorrow either.
-pub fn analyse(log: &Path, work: &Work, sha256: &str, bytes: u64) -> FlightEntry {
+pub fn analyse(log: &Input, work: &Work, sha256: &str, bytes: u64) -> FlightEntry {
     let (flight, failed) = match flight(log, work) {
         Ok(flight) => (Some(flight), None),
         // An entry is about content: where the log lies is no part of it.
-        Err(why) => (None, Some(why.replace(&log.display().to_string(), "the log"))),
+        Err(why) => (None, Some(why.replace(&log.path().display().to_string(), "the log"))),
     };
     FlightEntry { schema: SCHEMA.to_owned(), sha256: sha256.to_owned(), bytes, failed, flight }
 }
 
-fn flight(log: &Path, work: &Work) -> Result<Flight, String> {
+/// The same with the hash of one file, as it is now.
+///
+/// # Errors
+/// It cannot be opened or read.
+pub fn analyse_file(log: &Input, work: &Work) -> io::Result<FlightEntry> {
+    let mut hash = Sha256::new();
+    let bytes = add(&mut hash, log.open()?)?;
+    Ok(analyse(log, work, &hex(&hash.finalize()), bytes))
+}
+
+/// Adds all of a file to a hash; how many bytes these were.
+pub(super) fn add(hash: &mut Sha256, mut file: impl Read) -> io::Result<u64> {
+    let mut block = vec![0_u8; BLOCK];
+    let mut bytes = 0;
+    loop {
+        let n = file.read(&mut block)?;
+        let Some(part) = block.get(..n).filter(|p| !p.is_empty()) else { return Ok(bytes) };
+        hash.update(part);
+        bytes += n as u64;
+    }
+}
+
+fn flight(log: &Input, work: &Work) -> Result<Flight, String> {
     let request = ReplayRequest {
-        log: log.into(),
+        log: log.clone(),
         model: work.model.clone(),
         converter: work.converter,
         // A fleet compares nothing with a simulation's truth.
@@ -133,9 +160,9 @@ fn flight(log: &Path, work: &Work) -> Result<Flight, String> {
     })
 }
 
-fn explanation(log: &Path, work: &Work) -> Result<Value, String> {
+fn explanation(log: &Input, work: &Work) -> Result<Value, String> {
     let request = explain::Request {
-        logs: vec![log.into()],
+        logs: vec![log.clone()],
         validate: Vec::new(),
         model: None,
         converter: work.converter,

@@ -6,9 +6,13 @@
 //! the flights of each inertial unit have in common. No processes and no clocks here: `commands::fleet` has them.
 
 pub mod family;
+#[cfg(not(target_family = "wasm"))]
 pub mod find;
 pub mod flight;
+pub mod log;
+#[cfg(not(target_family = "wasm"))]
 pub mod store;
+#[cfg(not(target_family = "wasm"))]
 pub mod tables;
 
 use crate::outputs::OutputError;

@@ -1,17 +1,14 @@
 //! Results under the address of their content: a file for each, whole or not there.
 
 use super::FleetError;
-use super::flight::{self, FlightEntry, SCHEMA, Work};
+use super::flight::{self, FlightEntry, SCHEMA, Work, add};
 use crate::outputs::mark::{self, hex};
 use crate::outputs::{self, OutputError, Outputs};
 use gaware_nav::model::Model;
 use sha2::{Digest, Sha256};
 use std::fs::File;
-use std::io::{self, Read};
+use std::io;
 use std::path::{Path, PathBuf};
-
-/// Bytes that are hashed at once.
-const BLOCK: usize = 1 << 16;
 
 /// What a log holds.
 #[derive(Debug, Clone, PartialEq, Eq)]
@@ -108,7 +105,7 @@ pub fn analysed(log: &Path, work: &Work, folder: Option<&Path>) -> Result<Flight
     if let Some(there) = store.as_ref().and_then(|s| s.get(&address)) {
         return Ok(there);
     }
-    let entry = flight::analyse(log, work, &address.content.sha256, address.content.bytes);
+    let entry = flight::analyse(&log.into(), work, &address.content.sha256, address.content.bytes);
     // A result lies under the hash of what it was made of.
     if content(log).ok().as_ref() != Some(&address.content) {
         return Err(FleetError::Changed(log.to_owned()));
@@ -129,7 +126,7 @@ fn address(log: &Path, recipe: &str) -> Result<Address, FleetError> {
 fn content(log: &Path) -> io::Result<Content> {
     let mut hash = Sha256::new();
     if !log.is_dir() {
-        let bytes = add(&mut hash, log)?;
+        let bytes = add(&mut hash, File::open(log)?)?;
         return Ok(Content { sha256: hex(&hash.finalize()), bytes });
     }
     let mut tables: Vec<PathBuf> =
@@ -140,23 +137,11 @@ fn content(log: &Path) -> io::Result<Content> {
     for table in tables {
         hash.update(table.file_name().unwrap_or_default().as_encoded_bytes());
         hash.update([0]);
-        let own = add(&mut hash, &table)?;
+        let own = add(&mut hash, File::open(&table)?)?;
         hash.update(own.to_le_bytes());
         bytes += own;
     }
     Ok(Content { sha256: hex(&hash.finalize()), bytes })
-}
-
-fn add(hash: &mut Sha256, path: &Path) -> io::Result<u64> {
-    let mut file = File::open(path)?;
-    let mut block = vec![0_u8; BLOCK];
-    let mut bytes = 0;
-    loop {
-        let n = file.read(&mut block)?;
-        let Some(part) = block.get(..n).filter(|p| !p.is_empty()) else { return Ok(bytes) };
-        hash.update(part);
-        bytes += n as u64;
-    }
 }
 
 #[cfg(test)]

@@ -3,7 +3,6 @@
 #[cfg(not(target_family = "wasm"))]
 pub mod demo;
 pub mod explanation;
-#[cfg(not(target_family = "wasm"))]
 pub mod fleet;
 pub mod flight;
 pub mod heat;

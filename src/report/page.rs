@@ -19,7 +19,6 @@ pub fn page(title: &str, body: &str) -> String {
 }
 
 /// A page whose plots have a script and a style of their own.
-#[cfg(not(target_family = "wasm"))]
 pub fn page_with(title: &str, style: &str, body: &str, script: &str) -> String {
     frame(title, style, body, Some(script))
 }

@@ -2,9 +2,11 @@
 //! hardware, firmware and day. A model takes them as priors, with what a turn-on does to biases and age to the rest.
 
 mod ageing;
+pub mod known;
 
 use crate::inputs;
 use crate::outputs::{OutputError, Outputs, mark};
+use gaware_nav::consistency::departure;
 use gaware_nav::filter::Filter;
 use gaware_nav::filter::layout::index;
 use gaware_nav::model::{EffectSetting, JointPrior, Model};
@@ -18,8 +20,6 @@ const SCHEMA: &str = "gaware.unit/1";
 const TURN_ON: f64 = 0.1;
 /// Two results of one unit that differ by more than so many of their sigmas contradict each other.
 const CONTRADICTION: f64 = 4.0;
-/// A variance that has lost less than this share is no measurement of its constant.
-const LEAST_LOST: f64 = 0.1;
 /// A correlation matrix may be this far from positive.
 const ROUNDED: f64 = 1e-6;
 /// A state that keeps more of its prior sigma than this has not been measured.
@@ -194,7 +194,16 @@ impl Unit {
         Self::parse(&text).map_err(|reason| UnitError::Syntax { path: path.to_owned(), reason })
     }
 
-    fn parse(text: &str) -> Result<Self, String> {
+    /// Whether a text is meant as such a file: it names the schema, of whatever version.
+    pub fn is_one(text: &str) -> bool {
+        text.contains("gaware.unit/")
+    }
+
+    /// The content of a unit file.
+    ///
+    /// # Errors
+    /// Why it is none.
+    pub fn parse(text: &str) -> Result<Self, String> {
         let unit: Self = toml::from_str(text).map_err(|e| e.message().to_owned())?;
         if unit.schema != SCHEMA {
             return Err(format!("its schema is {:?}, not {SCHEMA:?}", unit.schema));
@@ -391,8 +400,7 @@ impl Unit {
                 if self.get(name).is_none() || sigma <= 0.0 {
                     continue;
                 }
-                let lost = (sigma.powi(2) - left.powi(2)).max(LEAST_LOST * sigma.powi(2)).sqrt();
-                let off = (new.values[k] - old.values[k]).abs() / lost;
+                let off = departure(new.values[k] - old.values[k], sigma.powi(2), left.powi(2));
                 if off > CONTRADICTION {
                     let figure =
                         |value: f64, sigma: f64| crate::figures::with_sigma(value / unit.si, sigma / unit.si);

@@ -3,6 +3,7 @@
 "use strict";
 /** Together; the module has 1 GiB for contents and analysis. */
 const MOST_BYTES = 600e6;
+const LOG = /\.(bin|ulg|tlog|mcap)$/i;
 const ROLES = { log: "analyse", validate: "hold out: only judges" };
 const at = (id) => document.getElementById(id);
 const chosen = [];
@@ -32,8 +33,36 @@ function size(bytes) {
 
 function take(files) {
   trouble("");
-  for (const file of files) chosen.push({ file, name: file.name, role: role(file.name) });
+  for (const { file, name } of files) chosen.push({ file, name, role: role(name) });
   show();
+}
+
+/** The logs below a dropped entry, by their paths in it; what was dropped itself is taken whatever its name. */
+async function below(entry, top = true) {
+  if (entry.isFile) {
+    if (!top && !LOG.test(entry.name)) return [];
+    const file = await new Promise((resolve, reject) => entry.file(resolve, reject));
+    return [{ file, name: entry.fullPath.slice(1) }];
+  }
+  const reader = entry.createReader();
+  const found = [];
+  for (;;) {
+    const some = await new Promise((resolve, reject) => reader.readEntries(resolve, reject));
+    if (some.length === 0) return found;
+    for (const inner of some) found.push(...(await below(inner, false)));
+  }
+}
+
+async function dropped(transfer) {
+  const entries = [...transfer.items].map((item) => item.webkitGetAsEntry?.()).filter(Boolean);
+  if (entries.length === 0) return take([...transfer.files].map((file) => ({ file, name: file.name })));
+  try {
+    const found = (await Promise.all(entries.map((entry) => below(entry)))).flat();
+    take(found.sort((a, b) => (a.name < b.name ? -1 : 1)));
+    if (found.length === 0) trouble("There is no .bin, .ulg, .tlog or .mcap in the folder.");
+  } catch (error) {
+    trouble(`What was dropped cannot be read: ${error.message}`);
+  }
 }
 
 function show() {
@@ -47,7 +76,7 @@ function show() {
       select.onchange = () => { entry.role = select.value; enable(); };
       row.append(select);
     } else {
-      row.append(make("span", entry.role === "model" ? "model of the sensors, or effects" : "parameters of the vehicle", { class: "quiet" }));
+      row.append(make("span", entry.role === "model" ? "model of the sensors, effects, or a unit" : "parameters of the vehicle", { class: "quiet" }));
     }
     const remove = make("button", "Remove", { type: "button", "aria-label": `Remove ${entry.name}` });
     remove.onclick = () => { chosen.splice(chosen.indexOf(entry), 1); show(); };
@@ -63,6 +92,7 @@ function enable() {
   at("report").disabled = running || logs().length === 0;
   at("explain").disabled = running || logs().length === 0;
   at("compare").disabled = running || logs().length !== 2;
+  at("fleet").disabled = running || logs().length < 2;
   at("work").hidden = !running;
 }
 
@@ -95,7 +125,7 @@ function work(command, files) {
       return status();
     };
     status();
-    worker.postMessage({ packed: at("module").textContent.replace(/\s/g, ""), command, files });
+    worker.postMessage({ packed: at("module").textContent.replace(/\s/g, ""), command, today: new Date().toISOString().slice(0, 10), files });
   });
 }
 
@@ -126,22 +156,36 @@ function result(title, { done, seconds, memory }) {
   at("results").prepend(box);
 }
 
-async function start(command, title, files) {
-  trouble("");
+/** The answer of one worker; too much for it is a failure like others. */
+async function answered(command, files) {
   const bytes = files.reduce((sum, { file }) => sum + file.size, 0);
-  if (bytes > MOST_BYTES) {
-    trouble(`${title}: ${size(bytes)} are more than a page can analyse (${size(MOST_BYTES)}): take fewer logs, or the program itself.`);
-    return false;
-  }
+  if (bytes > MOST_BYTES) return { failed: `${size(bytes)} are more than a page can analyse (${size(MOST_BYTES)}): take fewer logs, or the program itself.` };
   const job = work(command, files.map(({ name, role, file }) => ({ name, role, file })));
   enable();
   const answer = await job;
   running = null;
   enable();
-  if (answer.stopped) return false;
+  return answer;
+}
+
+async function start(command, title, files) {
+  trouble("");
+  const answer = await answered(command, files);
   if (answer.failed) trouble(`${title}: ${answer.failed}`);
-  else result(title, answer);
-  return !answer.failed;
+  else if (answer.done) result(title, answer);
+  return !answer.failed && !answer.stopped;
+}
+
+/** Each log by a worker of its own, whose memory ends with it; then what they have in common. A log that fails is an entry with the reason. */
+async function fleet(files) {
+  const entries = [];
+  for (const log of files) {
+    const answer = await answered("fleet_log", [log, ...others()]);
+    if (answer.stopped) return;
+    const failed = answer.failed && JSON.stringify({ schema: "gaware.fleet_flight/1", sha256: "", bytes: log.file.size, failed: answer.failed, flight: null });
+    entries.push({ name: log.name, role: "entry", file: new Blob([failed ?? answer.done.files[0].text]) });
+  }
+  await start("fleet", `Fleet of ${files.length} logs`, entries);
 }
 
 const others = () => chosen.filter(({ role }) => role !== "log" && role !== "validate");
@@ -151,11 +195,12 @@ at("report").onclick = async () => {
 };
 at("explain").onclick = () => start("explain", `Explanation of ${names()}`, chosen.slice());
 at("compare").onclick = () => start("compare", `Comparison of ${names()}`, [...logs(), ...others()]);
+at("fleet").onclick = () => { trouble(""); fleet(logs()); };
 at("stop").onclick = () => running?.stop();
-at("files").onchange = (event) => { take([...event.target.files]); event.target.value = ""; };
+at("files").onchange = (event) => { take([...event.target.files].map((file) => ({ file, name: file.name }))); event.target.value = ""; };
 document.addEventListener("dragover", (event) => { event.preventDefault(); at("drop").classList.add("over"); });
 document.addEventListener("dragleave", () => at("drop").classList.remove("over"));
-document.addEventListener("drop", (event) => { event.preventDefault(); at("drop").classList.remove("over"); take([...event.dataTransfer.files]); });
+document.addEventListener("drop", (event) => { event.preventDefault(); at("drop").classList.remove("over"); dropped(event.dataTransfer); });
 
 // From a server: later also without it.
 at("along").hidden = !location.protocol.startsWith("http");

@@ -11,7 +11,7 @@ async function load(packed, imports) {
   return (await WebAssembly.instantiate(await unpacked.arrayBuffer(), imports)).instance.exports;
 }
 
-onmessage = async ({ data: { packed, command, files } }) => {
+onmessage = async ({ data: { packed, command, today, files } }) => {
   let last = null;
   let module = null;
   const text = (at, length) => words.decode(new Uint8Array(module.memory.buffer, at, length));
@@ -45,7 +45,7 @@ onmessage = async ({ data: { packed, command, files } }) => {
       }
       module.file();
     }
-    await put(new Blob([JSON.stringify({ command, files: files.map(({ name, role }) => ({ name, role })) })]));
+    await put(new Blob([JSON.stringify({ command, today, files: files.map(({ name, role }) => ({ name, role })) })]));
     const length = module.run();
     const answer = JSON.parse(text(module.answer(), length));
     postMessage({ ...answer, memory: module.memory.buffer.byteLength });

@@ -5,11 +5,17 @@ use gaware::compare::flight::FilterFlight;
 use gaware::compare::{compare, page};
 use gaware::engine::{Engine, EngineOptions};
 use gaware::explain::{self, Phase, Request, STEPS};
+use gaware::fleet::family;
+use gaware::fleet::flight::{self, FlightEntry, Work};
+use gaware::fleet::log::{FleetLog, Named};
 use gaware::inputs::Input;
 use gaware::outputs::mark::{self, Style};
+use gaware::pipeline::Beside as OfLog;
 use gaware::pipeline::replay::{ReplayRequest, TRUTH_FROM_S, parse_model};
-use gaware::report::{explanation, flight};
+use gaware::report::{explanation, fleet as fleet_page, flight as flight_page};
 use gaware::sensors::ConverterOptions;
+use gaware::unit::Unit;
+use gaware::unit::known::KnownUnit;
 use gaware_nav::effects::data;
 use gaware_nav::identify::select::{Beside, Settings};
 use gaware_nav::model::Model;
@@ -27,6 +33,10 @@ enum Command {
     Explain,
     /// `gaware compare`.
     Compare,
+    /// One log of `gaware fleet`: its entry.
+    FleetLog,
+    /// `gaware fleet report`, of entries.
+    Fleet,
 }
 
 /// What a file is to the job.
@@ -35,14 +45,19 @@ enum Command {
 enum Role {
     Log,
     Validate,
+    /// A model, effects of a user, or what is known of a unit.
     Model,
     Parameters,
+    /// What came of a log of a fleet.
+    Entry,
 }
 
 /// The job as the page describes it; the contents come in the same order.
 #[derive(Debug, Deserialize)]
 struct Job {
     command: Command,
+    /// The day, as `2026-11-25`: what is known of a unit ages.
+    today: String,
     files: Vec<Described>,
 }
 
@@ -89,46 +104,89 @@ fn sealed((name, text): (String, String)) -> Made {
 /// Words and files.
 type Done = (Vec<String>, Vec<(String, String)>);
 
-fn dispatch(job: Job, contents: Vec<Vec<u8>>) -> Result<Done, Failure> {
-    let mut logs = Vec::new();
-    let mut validate = Vec::new();
-    let (mut models, mut parameters) = (Vec::new(), None);
-    let mut beside = Beside::default();
-    for (Described { name, role }, bytes) in job.files.into_iter().zip(contents) {
-        let input = Input::in_memory(&name, bytes);
+/// The files of a job by what they are to it.
+#[derive(Default)]
+struct Files {
+    logs: Vec<Input>,
+    validate: Vec<Input>,
+    entries: Vec<(String, Input)>,
+    model: Option<(Input, String)>,
+    unit: Option<(Input, String)>,
+    parameters: Option<Input>,
+    beside: Beside,
+}
+
+impl Files {
+    fn take(&mut self, role: Role, input: Input) -> Result<(), Failure> {
         match role {
-            Role::Log => logs.push(input),
-            Role::Validate => validate.push(input),
+            Role::Log => self.logs.push(input),
+            Role::Validate => self.validate.push(input),
+            Role::Entry => self.entries.push((input.path().display().to_string(), input)),
+            Role::Parameters => self.parameters = Some(input),
             Role::Model => match input.text()? {
                 text if data::is_one(&text) => {
                     let own = data::load(&text).map_err(|error| format!("{}: {error}", input.name()))?;
-                    beside = beside.and(&own);
+                    self.beside = self.beside.and(&own);
                 }
-                text => models.push((input, text)),
+                text if Unit::is_one(&text) => only_one(&mut self.unit, (input, text), "file of a unit")?,
+                text => only_one(&mut self.model, (input, text), "model")?,
             },
-            Role::Parameters => parameters = Some(input),
         }
+        Ok(())
     }
-    // A model may name effects of a file that comes after it.
-    let model = match models.as_slice() {
-        [] => None,
-        [(input, text)] => Some((input.name(), parse_model(text, input.path())?)),
-        [..] => return Err("one model at a time: remove the others".into()),
+
+    /// The model, once all effects that it may name are defined.
+    fn model(&self) -> Result<Option<Model>, Failure> {
+        let parse = |(input, text): &(Input, String)| parse_model(text, input.path());
+        Ok(self.model.as_ref().map(parse).transpose()?)
+    }
+
+    /// The unit's file, which must be that of the first log's hardware.
+    fn known(&self) -> Result<Option<KnownUnit>, Failure> {
+        let (Some((input, text)), Some(log)) = (&self.unit, self.logs.first()) else { return Ok(None) };
+        let unit = Unit::parse(text).map_err(|why| format!("{} is no unit file: {why}", input.name()))?;
+        let id = OfLog::read(log.clone(), None)?.on_board.board;
+        Ok(Some(KnownUnit::of(input.path(), unit, id.as_deref())?))
+    }
+}
+
+fn only_one<T>(place: &mut Option<T>, new: T, what: &str) -> Result<(), Failure> {
+    match place.replace(new) {
+        Some(_) => Err(format!("one {what} at a time: remove the others").into()),
+        None => Ok(()),
+    }
+}
+
+fn dispatch(job: Job, contents: Vec<Vec<u8>>) -> Result<Done, Failure> {
+    let mut files = Files::default();
+    for (Described { name, role }, bytes) in job.files.into_iter().zip(contents) {
+        files.take(role, Input::in_memory(&name, bytes))?;
+    }
+    let (model, known) = (files.model()?, files.known()?);
+    let name = files.unit.as_ref().or(files.model.as_ref()).map(|(input, _)| input.name());
+    let with_known = |model: Option<Model>| match &known {
+        Some(known) => Some(known.model(model, &job.today)),
+        None => model,
     };
-    match (job.command, logs.as_slice()) {
-        (Command::Report, [log]) => report(log, model),
-        (Command::Compare, [before, after]) => compared(before, after, model.map(|(_, model)| model)),
-        (Command::Explain, [_, ..]) => explained(&Request {
-            logs,
-            validate,
-            model: model.map(|(_, model)| model),
-            converter: ConverterOptions::default(),
-            settings: Settings { beside, ..Settings::default() },
-            parameters,
-            whole: false,
-            place: None,
-        }),
-        (Command::Report, _) => Err("a report is of one log: choose one".into()),
+    match (job.command, files.logs.as_slice()) {
+        (Command::Report, [log]) => report(log, name, with_known(model)),
+        (Command::Compare, [before, after]) => compared(before, after, model),
+        (Command::FleetLog, [log]) => fleet_log(log, with_known(model)),
+        (Command::Fleet, _) => fleet(&files.entries),
+        (Command::Explain, [_, ..]) => {
+            let request = Request {
+                logs: files.logs,
+                validate: files.validate,
+                model,
+                converter: ConverterOptions::default(),
+                settings: Settings { beside: files.beside, ..Settings::default() },
+                parameters: files.parameters,
+                whole: false,
+                place: None,
+            };
+            explained(&request, known.as_ref(), &job.today)
+        }
+        (Command::Report | Command::FleetLog, _) => Err("a report is of one log: choose one".into()),
         (Command::Compare, _) => {
             Err("two logs are compared: choose the flight before and the one after".into())
         }
@@ -136,8 +194,40 @@ fn dispatch(job: Job, contents: Vec<Vec<u8>>) -> Result<Done, Failure> {
     }
 }
 
-fn report(log: &Input, model: Option<(String, Model)>) -> Result<Done, Failure> {
-    let (name, model) = model.unzip();
+/// One log of a fleet. One that cannot be analysed is an entry too.
+fn fleet_log(log: &Input, model: Option<Model>) -> Result<Done, Failure> {
+    let work = Work { model, explain: true, converter: ConverterOptions::default() };
+    show("replaying and explaining", 0, 0);
+    let entry = flight::analyse_file(log, &work)?;
+    Ok((Vec::new(), vec![(log.path().display().to_string(), serde_json::to_string(&entry)?)]))
+}
+
+fn fleet(entries: &[(String, Input)]) -> Result<Done, Failure> {
+    let log = |(path, entry): &(String, Input)| -> Result<FleetLog, Failure> {
+        let result = Ok(serde_json::from_str::<FlightEntry>(&entry.text()?)?);
+        Ok(FleetLog { path: path.clone(), named: Named::default(), result })
+    };
+    let logs = entries.iter().map(log).collect::<Result<Vec<_>, _>>()?;
+    let study = family::study(&logs);
+    let family = &study.family;
+    let mut words =
+        vec![format!("{} of {} logs of {} inertial units.", family.flights, logs.len(), family.units.len())];
+    words.extend(family.findings.iter().cloned());
+    if family.findings.is_empty() {
+        words.push("Nothing stands out.".to_owned());
+    }
+    let html = fleet_page::html("of the chosen logs", &logs, &study)?;
+    let json = serde_json::to_string_pretty(family)?;
+    Ok((
+        words,
+        vec![
+            ("fleet.html".to_owned(), mark::text(html, Style::Angle)),
+            ("fleet.json".to_owned(), mark::json(&json)),
+        ],
+    ))
+}
+
+fn report(log: &Input, name: Option<String>, model: Option<Model>) -> Result<Done, Failure> {
     let request = ReplayRequest {
         log: log.clone(),
         model,
@@ -146,7 +236,7 @@ fn report(log: &Input, model: Option<(String, Model)>) -> Result<Done, Failure> 
     };
     let progress = |done, total| show("estimating along the flight", done, total);
     progress(0, 0);
-    let report = flight::of_log(&request, EngineOptions::default(), name, &progress)?;
+    let report = flight_page::of_log(&request, EngineOptions::default(), name, &progress)?;
     let stem = stem(log);
     let json = serde_json::to_string_pretty(&report.document)?;
     Ok((
@@ -158,7 +248,7 @@ fn report(log: &Input, model: Option<(String, Model)>) -> Result<Done, Failure> 
     ))
 }
 
-fn explained(request: &Request) -> Result<Done, Failure> {
+fn explained(request: &Request, known: Option<&KnownUnit>, today: &str) -> Result<Done, Failure> {
     let entered = Cell::new(now());
     let progress = |phase: Phase| {
         if let Phase::Read(load) = phase {
@@ -169,7 +259,7 @@ fn explained(request: &Request) -> Result<Done, Failure> {
         let left = phase.time_left(at.saturating_sub(entered.replace(at)));
         show(&format!("step {step} of {STEPS}: {what}{left}"), 0, 0);
     };
-    let explained = explain::run(request, &progress)?;
+    let explained = explain::run_from(known, today, request, &progress, &|words| show(words, 0, 0))?;
     let explanation = &explained.explanation;
     // All the rest stands in the report, which is shown below.
     let mut words = match explanation.residual {

@@ -17,7 +17,7 @@ pub(crate) mod tests;
 
 pub use model::prior_model;
 
-use super::tables::FleetLog;
+use super::log::FleetLog;
 use findings::Finding;
 use fit::{Design, Fit, Observation, Uncertain, UnitFit};
 use schemars::JsonSchema;

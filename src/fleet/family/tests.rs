@@ -1,8 +1,8 @@
 //! Simulated fleets of estimates with known truth: 200 flights, 12 units, 3 firmwares.
 
 use super::*;
-use crate::fleet::find::Named;
 use crate::fleet::flight::{Flight, FlightEntry, FlightParameter, SCHEMA};
+use crate::fleet::log::Named;
 use gaware_nav::model::Model;
 
 const FLIGHTS: usize = 200;

@@ -3,7 +3,7 @@
 use super::{counted, distinct, title, units};
 use crate::fleet::family::findings::{Finding, Kind};
 use crate::fleet::family::{Family, FleetStudy, FlightValue};
-use crate::fleet::tables::FleetLog;
+use crate::fleet::log::FleetLog;
 use crate::report::page::{answers, escape, wide};
 use std::collections::{BTreeMap, BTreeSet};
 use std::fmt::Write;

@@ -3,7 +3,7 @@
 use super::title;
 use crate::figures::day;
 use crate::fleet::family::{FleetStudy, FlightValue};
-use crate::fleet::tables::FleetLog;
+use crate::fleet::log::FleetLog;
 use crate::report::plot::{short, ticks};
 use serde::Serialize;
 use std::fmt::Write;

@@ -11,7 +11,7 @@ use super::page::{escape, page_with, wide};
 use crate::figures::{counted, day, two_figures, with_sigma};
 use crate::fleet::family::findings::Finding;
 use crate::fleet::family::{FleetStudy, ParameterFamily};
-use crate::fleet::tables::FleetLog;
+use crate::fleet::log::FleetLog;
 use flights::Axis;
 use gaware_nav::effects;
 use std::collections::BTreeSet;
