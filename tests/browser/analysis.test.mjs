@@ -145,6 +145,54 @@ test("two flights are compared, a job can be stopped, and another one starts", a
   await close();
 });
 
+test("logs of a fleet are what the program makes of them, and one that cannot be read is named", async () => {
+  const { page, complaints, close } = await fromDisk({ viewport: { width: 390, height: 844 } });
+  const half = join(folder, "half.tlog");
+  writeFileSync(half, readFileSync(SMALL).subarray(0, 300000));
+  const bad = join(folder, "bad.bin");
+  writeFileSync(bad, "no log");
+  const logs = [SMALL, half, bad];
+  assert.equal(await run(page, "fleet", logs), "");
+  const out = join(folder, "fleet");
+  native("fleet", ...logs, "--out", out);
+  const theirs = JSON.parse(native("fleet", "report", out, "--json"));
+  assert.deepEqual(differences(JSON.parse(await saved(page, ".json")), theirs, 1e-6), []);
+  const shown = await page.frameLocator(".result iframe").locator("body").textContent();
+  assert.match(shown, /bad\.bin/);
+  assert.ok((await page.evaluate(faults)).scroll <= 0);
+  assert.deepEqual(complaints(), []);
+  await close();
+});
+
+test("a folder's logs are taken by their paths, and nothing else of it", async () => {
+  const { page, close } = await fromDisk();
+  const taken = await page.evaluate(async () => {
+    const file = (fullPath) => ({ isFile: true, name: fullPath.split("/").at(-1), fullPath, file: (done) => done(new File(["x"], fullPath)) });
+    const directory = (fullPath, inner) => ({ fullPath, createReader: () => ({ readEntries: (done) => done(inner.splice(0, 1)) }) });
+    const tree = directory("/day", [file("/day/a.BIN"), file("/day/notes.txt"), directory("/day/unit 2", [file("/day/unit 2/b.ulg")])]);
+    return (await below(tree)).map(({ name }) => name);
+  });
+  assert.deepEqual(taken, ["day/a.BIN", "day/unit 2/b.ulg"]);
+  await close();
+});
+
+test("what is known of a unit goes into a report as into a replay of the program, and a file of another version is refused", async () => {
+  const { page, complaints, close } = await fromDisk();
+  const log = join(FLIGHTS, "independent_hand_six.tlog");
+  const unit = join(folder, "unit.toml");
+  native("unit", "add", unit, log);
+  assert.equal(await run(page, "report", [SMALL, unit]), "");
+  const ours = JSON.parse(await saved(page, ".json"));
+  delete ours.compasses;
+  delete ours.air;
+  assert.deepEqual(differences(ours, JSON.parse(native("replay", SMALL, "--unit", unit, "--json")), SAME), []);
+  assert.notDeepEqual(differences(ours, JSON.parse(native("replay", SMALL, "--json")), SAME), []);
+  writeFileSync(unit, readFileSync(unit, "utf8").replace(/^schema.*$/m, 'schema = "gaware.unit/9"'));
+  assert.match(await run(page, "report", [SMALL, unit]), /unit\.toml is no unit file/);
+  assert.deepEqual(complaints(), []);
+  await close();
+});
+
 test("rubbish, half files and hostile names give a sentence, and the page lives on", async () => {
   const { page, complaints, close } = await fromDisk();
   page.on("dialog", () => assert.fail("a name became code"));

@@ -8,6 +8,7 @@ use super::motion::{AUTOPILOT, Fitted, OURS};
 use super::words;
 
 use crate::engine::snapshot::{Phase, StateStatus, Status, Summary};
+use crate::explain::words::number;
 use crate::report::page::{answers as list, escape};
 use std::fmt::Write;
 
@@ -254,6 +255,9 @@ fn changed(log: &FlightLog) -> String {
 }
 
 fn fit(s: &Summary, fixes: &[Channel]) -> String {
+    if s.gnss.used == 0 {
+        return "Not known: no fix was used.".to_owned();
+    }
     let nis = s.consistency.nis_mean_per_dof;
     let worst = fixes.iter().max_by(|a, b| a.largest.1.abs().total_cmp(&b.largest.1.abs()));
     let outlier = worst.map_or_else(String::new, |c| {
@@ -264,14 +268,19 @@ fn fit(s: &Summary, fixes: &[Channel]) -> String {
             c.largest.0
         )
     });
-    let word = if nis > 1.5 {
-        "too large, so the model lacks an effect"
+    let rms = format!("{} sigma RMS; 1 is right", number(nis.sqrt()));
+    let answer = if nis > 1.5 {
+        format!(
+            "No: the fixes differ from what is expected of them by more than the model allows ({rms}): it lacks an effect."
+        )
     } else if nis < 0.5 {
-        "too small, so the model assumes more noise than there is"
+        format!(
+            "Yes, with room: the fixes differ from what is expected of them by less than the model allows ({rms}): they are better than it assumes."
+        )
     } else {
-        "as it should be"
+        format!("Yes: the fixes differ from what is expected of them as much as they should ({rms}).")
     };
-    format!("NIS of the fixes used: {nis:.2} per degree of freedom (1 is right), {word}.{outlier}")
+    format!("{answer}{outlier}")
 }
 
 /// The last section: what is on this page, and no more.

@@ -77,8 +77,8 @@ pub fn verdict(summary: &Summary) -> String {
     let nis = summary.consistency.nis_mean_per_dof;
     if nis > 1.5 {
         text.push_str(&format!(
-            " The fixes disagree with the model more than it expects (NIS {} per degree of freedom, 1 is right): `gaware explain` names the unmodelled effect.",
-            number(nis)
+            " The fixes disagree with the model more than it expects ({} sigma RMS, 1 is right): `gaware explain` looks for the unmodelled effect.",
+            number(nis.sqrt())
         ));
     }
     text
