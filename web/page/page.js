@@ -96,8 +96,8 @@ function enable() {
   at("work").hidden = !running;
 }
 
-/** One worker for one job; its answer. */
-function work(command, files) {
+/** One worker for one job; its answer. `which`: of several jobs. */
+function work(command, files, which) {
   return new Promise((resolve) => {
     const url = URL.createObjectURL(new Blob([at("worker").textContent], { type: "text/javascript" }));
     const worker = new Worker(url);
@@ -106,7 +106,7 @@ function work(command, files) {
     const status = () => {
       const seconds = (performance.now() - began) / 1000;
       const left = latest.done > 0 && latest.done < latest.total ? `, about ${Math.ceil(seconds * (latest.total / latest.done - 1))} s left` : "";
-      at("doing").textContent = `${files.map((f) => f.name).join(", ")}: ${latest.progress} (${Math.round(seconds)} s so far${left})`;
+      at("doing").textContent = `${which}${command === "fleet" ? "all logs" : files.map((f) => f.name).join(", ")}: ${latest.progress} (${Math.round(seconds)} s so far${left})`;
       if (latest.total > 0) at("bar").value = latest.done / latest.total;
       else at("bar").removeAttribute("value");
     };
@@ -157,10 +157,10 @@ function result(title, { done, seconds, memory }) {
 }
 
 /** The answer of one worker; too much for it is a failure like others. */
-async function answered(command, files) {
+async function answered(command, files, which = "") {
   const bytes = files.reduce((sum, { file }) => sum + file.size, 0);
   if (bytes > MOST_BYTES) return { failed: `${size(bytes)} are more than a page can analyse (${size(MOST_BYTES)}): take fewer logs, or the program itself.` };
-  const job = work(command, files.map(({ name, role, file }) => ({ name, role, file })));
+  const job = work(command, files.map(({ name, role, file }) => ({ name, role, file })), which);
   enable();
   const answer = await job;
   running = null;
@@ -179,8 +179,8 @@ async function start(command, title, files) {
 /** Each log by a worker of its own, whose memory ends with it; then what they have in common. A log that fails is an entry with the reason. */
 async function fleet(files) {
   const entries = [];
-  for (const log of files) {
-    const answer = await answered("fleet_log", [log, ...others()]);
+  for (const [k, log] of files.entries()) {
+    const answer = await answered("fleet_log", [log, ...others()], `log ${k + 1} of ${files.length}, `);
     if (answer.stopped) return;
     const failed = answer.failed && JSON.stringify({ schema: "gaware.fleet_flight/1", sha256: "", bytes: log.file.size, failed: answer.failed, flight: null });
     entries.push({ name: log.name, role: "entry", file: new Blob([failed ?? answer.done.files[0].text]) });

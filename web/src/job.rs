@@ -5,6 +5,7 @@ use gaware::compare::flight::FilterFlight;
 use gaware::compare::{compare, page};
 use gaware::engine::{Engine, EngineOptions};
 use gaware::explain::{self, Phase, Request, STEPS};
+use gaware::figures::counted;
 use gaware::fleet::family;
 use gaware::fleet::flight::{self, FlightEntry, Work};
 use gaware::fleet::log::{FleetLog, Named};
@@ -210,12 +211,12 @@ fn fleet(entries: &[(String, Input)]) -> Result<Done, Failure> {
     let logs = entries.iter().map(log).collect::<Result<Vec<_>, _>>()?;
     let study = family::study(&logs);
     let family = &study.family;
-    let mut words =
-        vec![format!("{} of {} logs of {} inertial units.", family.flights, logs.len(), family.units.len())];
+    let mut words = vec![format!(
+        "{} of {}.",
+        counted(family.flights, "flight"),
+        counted(family.units.len(), "inertial unit")
+    )];
     words.extend(family.findings.iter().cloned());
-    if family.findings.is_empty() {
-        words.push("Nothing stands out.".to_owned());
-    }
     let html = fleet_page::html("of the chosen logs", &logs, &study)?;
     let json = serde_json::to_string_pretty(family)?;
     Ok((
