@@ -1,0 +1,49 @@
+// The package for others' pages and programs, as npm packs it, in Node: the same results as the program.
+
+import assert from "node:assert/strict";
+import { execFileSync } from "node:child_process";
+import { mkdtempSync, readFileSync, rmSync } from "node:fs";
+import { tmpdir } from "node:os";
+import { dirname, join } from "node:path";
+import { after, before, test } from "node:test";
+
+const ROOT = new URL("../../", import.meta.url).pathname;
+const SMALL = join(ROOT, "tests/data/small_gsens_typical_dither.tlog");
+const folder = mkdtempSync(join(tmpdir(), "gaware-package-"));
+let gaware;
+before(async () => {
+  const from = join(dirname(process.env.ANALYSIS), "npm");
+  const [{ filename }] = JSON.parse(execFileSync("npm", ["pack", "--json", "--pack-destination", folder, from], { cwd: folder }));
+  execFileSync("npm", ["install", "--no-audit", "--no-fund", "--offline", join(folder, filename)], { cwd: folder });
+  const { load } = await import(join(folder, "node_modules/gaware/index.js"));
+  gaware = await load();
+});
+after(() => rmSync(folder, { recursive: true }));
+
+const log = () => ({ name: "flight.tlog", content: readFileSync(SMALL) });
+const native = (...args) => JSON.parse(execFileSync(process.env.GAWARE, args, { stdio: ["ignore", "pipe", "ignore"], maxBuffer: 1 << 30 }));
+
+test("a replay has the estimate of the program's", async () => {
+  const steps = [];
+  const ours = await gaware.replay(log(), { progress: ({ progress }) => steps.push(progress) });
+  const theirs = native("replay", SMALL, "--json");
+  const { value, sigma } = theirs.estimate.g_sensitivity_deg_per_h_per_g;
+  const near = (row, r) => row.every((v, c) => Math.abs(v - value[r][c]) <= 1e-6 * sigma[r][c]);
+  assert.ok(ours.estimate.g_sensitivity_deg_per_h_per_g.value.every(near));
+  assert.equal(ours.gnss.used, theirs.gnss.used);
+  assert.ok(steps.includes("estimating along the flight"), steps.join());
+});
+
+test("an explanation names what the program's names", async () => {
+  const { words, files } = await gaware.explain(log());
+  const ours = JSON.parse(files.find(({ name }) => name === "report.json").text);
+  const theirs = native("explain", SMALL, "--json", "--out", join(folder, "explained"));
+  const named = ({ verdict, effects }) => [verdict, effects.map(({ names }) => names)];
+  assert.deepEqual(named(ours), named(theirs));
+  assert.ok(words.length > 0 && files.some(({ name }) => name === "model.toml"));
+});
+
+test("what is no log is refused with a sentence, and the next job works", async () => {
+  await assert.rejects(gaware.replay({ name: "rubbish.bin", content: new Uint8Array(5000) }), /rubbish\.bin/);
+  assert.equal((await gaware.replay(log())).gnss.used > 0, true);
+});
