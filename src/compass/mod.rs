@@ -11,7 +11,7 @@ use crate::advice::on_board::OnBoard;
 use crate::explain::contract::BeforeAfter;
 use advice::SensorProposal;
 use gaware_nav::identify::aids::{Finding, Settled};
-use gaware_nav::identify::compass::{CompassFound, Compasses, Given, Heading};
+use gaware_nav::identify::compass::{CompassFound, Compasses, ENOUGH, Given, Heading};
 use gaware_nav::identify::flight::Flight;
 use schemars::JsonSchema;
 use serde::Serialize;
@@ -197,6 +197,10 @@ pub fn of_flight(
         return report;
     };
     let found = Compasses::new(flight, settled).all(&Given { field_n: world.field_n });
+    if found.is_empty() {
+        report.notes.push(format!("The compasses are not judged: none has samples beside {ENOUGH} fixes."));
+        return report;
+    }
     report.compasses = found.iter().map(|f| entry(f, &world, on_board)).collect();
     advice::unused(&mut report.compasses, on_board);
     report.notes.push(format!("{}.", world.words()));

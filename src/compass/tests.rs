@@ -137,6 +137,16 @@ fn where_fixes_and_inertial_data_contradict_each_other_no_sensor_is_judged() {
 }
 
 #[test]
+fn a_compass_with_too_few_samples_is_said_to_have_them() {
+    let report = judged(&flown("multirotor", &[], 35, |s| s.field_rate_hz = 0.2));
+    assert!(
+        report.compasses.is_empty() && report.notes[0].contains("not judged: none has samples beside 60"),
+        "{:?}",
+        report.notes
+    );
+}
+
+#[test]
 fn a_wrong_orientation_and_a_reversed_axis_are_named() {
     let samples = flight("multirotor", &[], 30);
     let quarter = Rotation3::from_euler_angles(0.0, 0.0, std::f64::consts::FRAC_PI_2).into_inner();

@@ -23,7 +23,7 @@ pub use orientation::Orientation;
 /// Samples of a compass this far from a fix are used for it: compasses are read at 10 Hz and more, s.
 const NEAR_S: f64 = 0.15;
 /// Fewer fixes with a compass than this say nothing of it.
-const ENOUGH: usize = 60;
+pub const ENOUGH: usize = 60;
 /// Length of the blocks that are taken for independent of each other, s.
 pub(super) const BLOCK_S: f64 = 20.0;
 /// Noise of a compass to start from, and the least that is assumed (half a step of `RAW_IMU` and the noise of common magnetometers), T.
