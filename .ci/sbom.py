@@ -1,15 +1,16 @@
 #!/usr/bin/env python3
 """Write the bill of materials of the `gaware` program as CycloneDX 1.6 JSON, from `cargo metadata` and Cargo.lock.
 
-    .ci/sbom.py FILE [TARGET]
+    .ci/sbom.py FILE [TARGET [TEXTS]]
 
 It names what is linked into the program for one target (default: this machine's): normal dependencies and those of
-build scripts and macros, no test tools. Checksums are those of Cargo.lock. The serial number follows from the content, so that the same
+build scripts and macros, no test tools. TEXTS is a file for the texts of their licences. Checksums are those of Cargo.lock. The serial number follows from the content, so that the same
 sources give the same file.
 """
 
 import hashlib
 import json
+import re
 import subprocess
 import sys
 import tomllib
@@ -18,6 +19,7 @@ from pathlib import Path
 
 ROOT = Path(__file__).resolve().parent.parent
 PROGRAM = "gaware"
+NOTICE = re.compile(r"(licen[cs]e|copying|copyright|notice|unlicense)", re.IGNORECASE)
 
 
 def host():
@@ -69,10 +71,21 @@ def component(package, checksums):
     return entry
 
 
+def texts(parts):
+    """The licences that come in the packages of others, each text once under the names of all that have it."""
+    found = {}
+    for part in parts:
+        name = f"{part['name']} {part['version']} ({part['license']})"
+        files = [f for f in Path(part["manifest_path"]).parent.iterdir() if f.is_file() and NOTICE.match(f.name)]
+        for text in sorted({f.read_text(errors="replace").strip() for f in files}) or ["No text in the package."]:
+            found.setdefault(text, []).append(name)
+    return "\n\n".join("\n".join([*names, "", text, "", "-" * 80]) for text, names in found.items()) + "\n"
+
+
 def main():
-    if not 2 <= len(sys.argv) <= 3:
-        sys.exit("usage: sbom.py FILE [TARGET]")
-    target = sys.argv[2] if len(sys.argv) == 3 else host()
+    if not 2 <= len(sys.argv) <= 4:
+        sys.exit("usage: sbom.py FILE [TARGET [TEXTS]]")
+    target = sys.argv[2] if len(sys.argv) > 2 else host()
     data = metadata(target)
     needs = linked(data)
     packages = {p["id"]: p for p in data["packages"]}
@@ -100,6 +113,8 @@ def main():
     digest = hashlib.sha256(json.dumps(bill, sort_keys=True).encode()).digest()
     bill["serialNumber"] = f"urn:uuid:{uuid.UUID(bytes=digest[:16], version=4)}"
     Path(sys.argv[1]).write_text(json.dumps(bill, indent=1) + "\n")
+    if len(sys.argv) == 4:
+        Path(sys.argv[3]).write_text(texts([p for p in parts if p["source"]]))
     print(f"{len(bill['components'])} components for {target}")
 
 

@@ -2,7 +2,7 @@
 
 use super::{
     CommandError, OverwriteArgs, airframe, compare, config, demo, effects, explain, fleet, ground, mission,
-    output, params, plan, preflight, replay, report, run, serve, sim, start, study, unit,
+    output, params, plan, preflight, replay, report, run, serve, signals, sim, start, study, unit,
 };
 use crate::outputs::mark;
 use crate::sinks::log;
@@ -174,7 +174,7 @@ fn dispatch(command: Command) -> Result<ExitCode, CommandError> {
         Command::Sim(args) => {
             start::runtime()?.block_on(async {
                 let stop = CancellationToken::new();
-                start::cancel_on_signal(&stop);
+                signals::cancel_on_signal(&stop);
                 sim::run(&args, log::line, stop).await
             })?;
         }

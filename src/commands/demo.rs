@@ -4,7 +4,7 @@ use super::band::BandArgs;
 use super::demo_loop::Dialect;
 use super::foxglove::{DEFAULT_ADDRESS, listen_address};
 use super::report::ReportError;
-use super::{CommandError, OverwriteArgs, foxglove, output, start};
+use super::{CommandError, OverwriteArgs, foxglove, output, signals, start};
 use crate::demo::closed_loop::Correctable;
 use crate::demo::flight::{Ending, Flight, Stage};
 use crate::demo::ground::GroundSession;
@@ -354,7 +354,7 @@ async fn show(
     factor: f64,
 ) -> Result<Option<Flight>, CommandError> {
     let stop = CancellationToken::new();
-    start::cancel_on_signal(&stop);
+    signals::cancel_on_signal(&stop);
     let status = SinkStatus::new();
     let (snapshots, snapshots_rx) = watch::channel(Arc::new(planning()));
     let sources = || Sources { snapshots: snapshots_rx.clone(), status: status.clone(), requests: None };

@@ -85,7 +85,7 @@ pub fn run(args: &ExplainArgs) -> Result<(), CommandError> {
         // A file may be there by now; then the folder stays.
         let _ = std::fs::remove_dir(folder);
     }
-    super::start::end_when_asked("no report was written");
+    super::signals::end_when_asked("no report was written");
     let began = Instant::now();
     let bar = indicatif::ProgressBar::new_spinner();
     bar.enable_steady_tick(Duration::from_millis(200));

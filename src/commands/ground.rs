@@ -5,7 +5,7 @@ use super::effects::EffectsArgs;
 use super::known::{KnownArgs, PlaceArgs, UnitFileArgs};
 use super::run::{self, Hooks, RunArgs, Served, seconds};
 use super::unit::origin;
-use super::{CommandError, ListenArgs, OverwriteArgs, band, file_name, output, start};
+use super::{CommandError, ListenArgs, OverwriteArgs, band, file_name, output, signals, start};
 use crate::engine::meaning::LIMIT_DEG;
 use crate::engine::snapshot::{Estimate, GroundStatus, Snapshot};
 use crate::engine::{Engine, EngineOptions};
@@ -169,7 +169,7 @@ fn run_args(args: &GroundArgs) -> RunArgs {
 
 async fn session(args: &GroundArgs) -> Result<(), CommandError> {
     let (asked, stop) = (CancellationToken::new(), CancellationToken::new());
-    start::cancel_on_signal(&asked);
+    signals::cancel_on_signal(&asked);
     let (live, live_rx) = watch::channel(Arc::new(Live::default()));
     let (outbox, outbox_rx) = mpsc::channel(OUTBOX);
     let (frames, _) = broadcast::channel(OUTBOX);

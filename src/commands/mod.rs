@@ -32,6 +32,7 @@ pub mod replay;
 pub mod report;
 pub mod run;
 pub mod serve;
+pub mod signals;
 pub mod sim;
 pub mod start;
 pub mod study;

@@ -2,7 +2,7 @@
 
 use super::demo::load_airframe;
 use super::mission::ConnectArgs;
-use super::{CommandError, OverwriteArgs, output, start};
+use super::{CommandError, OverwriteArgs, output, signals, start};
 use crate::mission_link::facts::{self, Wish};
 use crate::mission_link::files::{self, Contents, FileError};
 use crate::mission_link::measure;
@@ -99,7 +99,7 @@ pub fn run(args: &PreflightArgs) -> Result<(), CommandError> {
     let runtime = start::runtime()?;
     let table = runtime.block_on(async {
         let stop = CancellationToken::new();
-        start::cancel_on_signal(&stop);
+        signals::cancel_on_signal(&stop);
         check(args, against, &stop).await
     });
     runtime.shutdown_timeout(Duration::from_secs(2));

@@ -207,23 +207,5 @@ fn usable_rate(args: &RunArgs) -> u16 {
     slowest.min().map_or(args.rate, |hz| args.rate.min(u16::try_from(hz).unwrap_or(u16::MAX)).max(1))
 }
 
-/// Ctrl-C, or SIGTERM from a service manager.
-pub(super) async fn wait_for_signal() {
-    let interrupt = tokio::signal::ctrl_c();
-    #[cfg(unix)]
-    {
-        use tokio::signal::unix::{SignalKind, signal};
-        match signal(SignalKind::terminate()) {
-            Ok(mut terminate) => tokio::select! {
-                _ = interrupt => {}
-                _ = terminate.recv() => {}
-            },
-            Err(_) => drop(interrupt.await),
-        }
-    }
-    #[cfg(not(unix))]
-    drop(interrupt.await);
-}
-
 #[cfg(test)]
 mod tests;

@@ -1,7 +1,7 @@
 //! `gaware serve --web`: the page that analyses logs in the browser, from a companion board or a lab server.
 
 use super::foxglove::listen_address;
-use super::{CommandError, start};
+use super::{CommandError, signals, start};
 use crate::sinks::log;
 use crate::sinks::web::{analysis, door};
 use std::net::SocketAddr;
@@ -43,7 +43,7 @@ pub fn run(args: &ServeArgs) -> Result<(), CommandError> {
     start::runtime()?.block_on(async {
         let address = args.listen;
         let stop = CancellationToken::new();
-        start::cancel_on_signal(&stop);
+        signals::cancel_on_signal(&stop);
         let failed = |reason: String| CommandError::Web { address, reason };
         let listener = door::bind(address).map_err(|e| failed(e.to_string()))?;
         let bound = listener.local_addr().map_err(|e| failed(e.to_string()))?;

@@ -6,6 +6,7 @@ use super::foxglove;
 use super::mission::MissionError;
 use super::params::ParamsError;
 use super::run::{self, Hooks, RunArgs};
+use super::signals;
 use crate::engine::guidance::GuidanceOptions;
 use crate::engine::situation::SituationKind;
 use crate::engine::snapshot::Snapshot;
@@ -51,7 +52,7 @@ pub fn runtime() -> Result<tokio::runtime::Runtime, CommandError> {
 fn tracing_to_stderr() {
     use std::io::IsTerminal;
     use tracing_subscriber::EnvFilter;
-    let colour = std::env::var_os("NO_COLOR").is_none() && std::io::stderr().is_terminal();
+    let colour = std::env::var_os("NO_COLOR").is_none() && std::io::stderr().is_terminal() && shows_colours();
     let filter = EnvFilter::try_from_default_env().unwrap_or_else(|_| EnvFilter::new("warn"));
     // A second command in the same process (tests) keeps the first one's log.
     let _ = tracing_subscriber::fmt()
@@ -61,62 +62,12 @@ fn tracing_to_stderr() {
         .try_init();
 }
 
-/// Cancels at Ctrl-C, SIGTERM, or SIGHUP, which a terminal or ssh session that goes away sends.
-pub fn cancel_on_signal(stop: &CancellationToken) {
-    let stop = stop.clone();
-    tokio::spawn(async move {
-        any_signal().await;
-        stop.cancel();
-    });
-}
-
-/// Ctrl-C, SIGTERM or SIGHUP.
-pub(super) async fn any_signal() {
-    tokio::select! {
-        () = run::wait_for_signal() => {}
-        () = hangup() => {}
-    }
-}
-
-/// Ends the process with a sentence when it is asked to end: for long work that writes nothing before its end.
-pub(super) fn end_when_asked(left: &'static str) {
-    /// Status of a program that a signal ended, as shells report SIGINT.
-    const INTERRUPTED: i32 = 130;
-    let wait = move || {
-        let Ok(runtime) = tokio::runtime::Builder::new_current_thread().enable_all().build() else { return };
-        runtime.block_on(any_signal());
-        crate::sinks::log::line(&format!("interrupted: {left}"));
-        std::process::exit(INTERRUPTED);
-    };
-    // Without the thread a signal ends the process as well, without the sentence.
-    let _ = std::thread::Builder::new().name("signals".into()).spawn(wait);
-}
-
-/// SIGHUP; never where the process was started to outlive its terminal (`nohup`).
-async fn hangup() {
-    #[cfg(unix)]
-    {
-        use tokio::signal::unix::{SignalKind, signal};
-        // The handler goes in once; after that the system says that the signal is caught.
-        static IGNORED: std::sync::OnceLock<bool> = std::sync::OnceLock::new();
-        if !*IGNORED.get_or_init(hangup_is_ignored)
-            && let Ok(mut hangup) = signal(SignalKind::hangup())
-        {
-            hangup.recv().await;
-            return;
-        }
-    }
-    std::future::pending::<()>().await;
-}
-
-/// Whether SIGHUP was ignored when the process started, as Linux reports it; elsewhere it is taken to be not.
-#[cfg(unix)]
-fn hangup_is_ignored() -> bool {
-    /// Signal 1 is the lowest bit.
-    const HANGUP: u64 = 1;
-    let status = std::fs::read_to_string("/proc/self/status").unwrap_or_default();
-    let mask = status.lines().find_map(|line| line.strip_prefix("SigIgn:"));
-    mask.and_then(|m| u64::from_str_radix(m.trim(), 16).ok()).is_some_and(|m| m & HANGUP != 0)
+/// Whether a terminal of this system takes the orders for colours: consoles of Windows only once they are told to.
+fn shows_colours() -> bool {
+    #[cfg(windows)]
+    return ratatui::crossterm::ansi_support::supports_ansi();
+    #[cfg(not(windows))]
+    true
 }
 
 /// Runs `gaware run` to its end.
@@ -144,7 +95,7 @@ async fn with_sinks(args: &RunArgs) -> Result<(), CommandError> {
     };
     let options = EngineOptions { place: args.known.place.home, limit_deg: args.known.limit, ..options };
     let (asked, stop) = (CancellationToken::new(), CancellationToken::new());
-    cancel_on_signal(&asked);
+    signals::cancel_on_signal(&asked);
     let status = SinkStatus::new();
     let (live, live_rx) = watch::channel(Arc::new(Live::default()));
     let (outbox, outbox_rx) = mpsc::channel(OUTBOX);

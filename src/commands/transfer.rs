@@ -1,6 +1,6 @@
 //! What `gaware mission` and `gaware params` share: a transfer that signals end in order, its lines on stderr, and its files.
 
-use super::{CommandError, output, start};
+use super::{CommandError, output, signals, start};
 use crate::mission_link::files;
 use crate::mission_link::journal::{JournalError, Kind};
 use serde::Serialize;
@@ -54,10 +54,10 @@ where
 fn watch_signals(stop: &CancellationToken, now: &CancellationToken) {
     let (stop, now) = (stop.clone(), now.clone());
     tokio::spawn(async move {
-        start::any_signal().await;
+        signals::any_signal().await;
         progress("stopping: what was begun is put back first; the same signal again ends at once");
         stop.cancel();
-        start::any_signal().await;
+        signals::any_signal().await;
         now.cancel();
     });
 }

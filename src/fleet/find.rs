@@ -91,7 +91,8 @@ impl NameRule {
     /// Without `{unit}`, or with two open parts side by side.
     pub fn new(rule: &str) -> Result<Self, FleetError> {
         let mut parts: Vec<Part> = Vec::new();
-        let mut rest = rule;
+        let with_slashes = with_slashes(rule);
+        let mut rest = with_slashes.as_str();
         while let Some(c) = rest.chars().next() {
             let open = [("{unit}", Part::Unit), ("{firmware}", Part::Firmware), ("*", Part::Any)];
             if let Some((text, part)) = open.into_iter().find(|(text, _)| rest.starts_with(text)) {
@@ -116,7 +117,7 @@ impl NameRule {
 
     /// What this rule reads from a path; nothing where the path does not follow it. Values hold no `/`.
     pub fn read(&self, path: &Path) -> Named {
-        let text = path.to_string_lossy();
+        let text = with_slashes(&path.to_string_lossy());
         let levels = self.0.iter().map(|p| match p {
             Part::Literal(text) => text.matches('/').count(),
             _ => 0,
@@ -131,6 +132,11 @@ impl NameRule {
             Named::default()
         }
     }
+}
+
+/// The names of a path apart by `/`, whatever the system writes.
+fn with_slashes(path: &str) -> String {
+    path.replace(std::path::MAIN_SEPARATOR, "/")
 }
 
 /// Open parts take as little as lets the rest follow.
@@ -174,6 +180,15 @@ mod tests {
         assert_eq!(read("{unit}_{firmware}_*.tlog", "a/u1_4.6_001.tlog"), (some("u1"), some("4.6")));
         assert_eq!(read("{unit}_{firmware}_*.tlog", "a/u1-4.6.tlog"), (None, None));
         assert_eq!(read("{firmware}/{unit}/*.ulg", "x/v1.15/b/c.ulg"), (some("b"), some("v1.15")));
+    }
+
+    #[test]
+    fn paths_and_rules_are_read_as_the_system_writes_them() {
+        let written = |parts: &[&str]| parts.join(std::path::MAIN_SEPARATOR_STR);
+        let path = written(&["flights", "imu7", "4.6_1.bin"]);
+        for rule in ["{unit}/{firmware}_*.bin".to_owned(), written(&["{unit}", "{firmware}_*.bin"])] {
+            assert_eq!(read(&rule, &path), (Some("imu7".to_owned()), Some("4.6".to_owned())), "{rule}");
+        }
     }
 
     #[test]

@@ -1,6 +1,6 @@
 //! Addresses of links as users write them: `serial:/dev/ttyAMA0:921600`, `udpin:0.0.0.0:14550`, `udpout:HOST:PORT`,
 //! `tcpout:HOST:PORT`; and as other tools write them: `udp:` and `udp://` wait (MAVProxy, MAVSDK), `tcp:` and `tcp://` connect,
-//! `serial:///dev/ttyUSB0:57600` (MAVSDK), `/dev/ttyUSB0,57600` (MAVProxy).
+//! `serial:///dev/ttyUSB0:57600` (MAVSDK), `/dev/ttyUSB0,57600` (MAVProxy), `COM3` (Mission Planner).
 
 use serde::Serialize;
 use std::fmt;
@@ -61,7 +61,7 @@ impl FromStr for Address {
     type Err = AddressError;
 
     fn from_str(s: &str) -> Result<Self, Self::Err> {
-        if s.starts_with("/dev/") {
+        if s.starts_with("/dev/") || is_com_port(s) {
             return serial(s);
         }
         let (kind, rest) = s.split_once(':').ok_or_else(|| AddressError::Kind(s.to_owned()))?;
@@ -76,6 +76,13 @@ impl FromStr for Address {
             _ => Err(AddressError::Kind(s.to_owned())),
         }
     }
+}
+
+/// Whether this begins as the name of a serial port of Windows: `COM3`, `COM3:57600`, `COM12,115200`.
+fn is_com_port(s: &str) -> bool {
+    let name = s.split([':', ',']).next().unwrap_or_default();
+    let number = name.get(3..).filter(|_| name.get(..3).is_some_and(|kind| kind.eq_ignore_ascii_case("COM")));
+    number.is_some_and(|n| !n.is_empty() && n.bytes().all(|b| b.is_ascii_digit()))
 }
 
 /// A local address to wait on; without a host any of this machine's.
@@ -166,6 +173,9 @@ mod tests {
             ("/dev/ttyACM0:921600", "serial:/dev/ttyACM0:921600"),
             ("/dev/ttyACM0", "serial:/dev/ttyACM0:57600"),
             ("serial:////dev/ttyUSB0,9600", "serial:/dev/ttyUSB0:9600"),
+            ("COM3", "serial:COM3:57600"),
+            ("com12,115200", "serial:com12:115200"),
+            (r"serial:\\.\COM12:921600", r"serial:\\.\COM12:921600"),
         ] {
             assert_eq!(text.parse::<Address>().map(|a| a.to_string()).as_deref(), Ok(meant), "{text}");
         }

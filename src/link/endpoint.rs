@@ -388,8 +388,8 @@ impl Link {
                             peers.insert(from, peer);
                         }
                     }
-                    // No one listens there (yet).
-                    Err(e) if matches!(e.kind(), io::ErrorKind::ConnectionRefused | io::ErrorKind::Interrupted) => {}
+                    // No one listens there (yet); Windows calls that a reset (`recvfrom`, WSAECONNRESET of a datagram socket).
+                    Err(e) if matches!(e.kind(), io::ErrorKind::ConnectionRefused | io::ErrorKind::ConnectionReset | io::ErrorKind::Interrupted) => {}
                     Err(e) => return Err(e),
                 },
                 Some((frame, only)) = self.replies.recv() => {

@@ -6,6 +6,7 @@
 //!
 //! What is in it, topic by topic, [`messages`](super::messages) says.
 
+mod held;
 mod output;
 mod space;
 mod worker;

@@ -75,7 +75,7 @@ impl Link {
                 Ok((Self::TcpStream { stream: Some(stream) }, format!("tcpin:{address}")))
             }
             Endpoint::Pty => {
-                let (master, slave) = SerialStream::pair().map_err(Error::other)?;
+                let (master, slave) = pseudo_terminal()?;
                 let name = slave.name().ok_or_else(|| Error::other("the pseudo-terminal has no name"))?;
                 Ok((Self::Pty { master, _slave: slave, heard: false }, format!("serial:{name}:921600")))
             }
@@ -107,8 +107,9 @@ impl Link {
                         *peer = Some(from);
                         chunks.push(buffer[..n].to_vec());
                     }
-                    // An ICMP refusal of an earlier datagram is no reason to stop listening.
-                    Err(e) if e.kind() == ErrorKind::ConnectionRefused => {}
+                    // An ICMP refusal of an earlier datagram is no reason to stop listening; Windows calls it a reset.
+                    Err(e)
+                        if matches!(e.kind(), ErrorKind::ConnectionRefused | ErrorKind::ConnectionReset) => {}
                     Err(_) => break,
                 }
             },
@@ -174,6 +175,18 @@ impl Link {
             _ => {}
         }
     }
+}
+
+/// Both ends of a pseudo-terminal.
+#[cfg(unix)]
+fn pseudo_terminal() -> Result<(SerialStream, SerialStream)> {
+    SerialStream::pair().map_err(Error::other)
+}
+
+#[cfg(not(unix))]
+fn pseudo_terminal() -> Result<(SerialStream, SerialStream)> {
+    let text = "this system has no pseudo-terminals that stand for a serial port; use udpout:, udpin:, tcpin: or tcpout:";
+    Err(Error::new(ErrorKind::Unsupported, text))
 }
 
 /// A connection that is already waiting.

@@ -1,5 +1,6 @@
 //! The open file of a recording: its channels, and messages on their way into it.
 
+use super::held;
 use super::{CHUNK_BYTES, MODEL_ATTACHMENT, RecordItem, SETUP_METADATA, Setup};
 use crate::sinks::messages::{TopicEncoder, TopicMessage};
 use mcap::records::{MessageHeader, Metadata};
@@ -65,9 +66,7 @@ impl Output {
         if let Some(folder) = path.parent().filter(|p| !p.as_os_str().is_empty()) {
             std::fs::create_dir_all(folder)?;
         }
-        let file = File::options().append(true).create_new(true).open(path)?;
-        // Whoever makes space for other recordings leaves this one alone. A file system without locks has one recorder.
-        let _ = file.try_lock_shared();
+        let file = held::create(path)?;
         let appended = Arc::default();
         let sink = Appending { file: file.try_clone()?, taken: Arc::clone(&appended) };
         let options = WriteOptions::new()

@@ -1,11 +1,11 @@
 //! Space for recordings: a limit for all of them together, kept by removing the oldest.
 //!
 //! Only what this program recorded is ever removed: a file must carry the name of a recording (or be one of this run) and begin
-//! as one. A recording that is still written, here or by another process, is locked and stays.
+//! as one. A recording that is still written, here or by another process, is held and stays.
 
+use super::held;
 use serde::Serialize;
 use std::fmt;
-use std::fs::{File, TryLockError};
 use std::io::Read;
 use std::path::{Path, PathBuf};
 use std::str::FromStr;
@@ -167,10 +167,7 @@ fn has_given_name(path: &Path) -> bool {
 
 /// Removes a recording of this program that no one writes any more.
 fn remove(path: &Path) -> bool {
-    let Ok(file) = File::open(path) else { return false };
-    if matches!(file.try_lock(), Err(TryLockError::WouldBlock)) {
-        return false;
-    }
+    let Some(file) = held::open_unless_held(path) else { return false };
     let mut head = Vec::new();
     if (&file).take(HEAD).read_to_end(&mut head).is_err()
         || !head.windows(LIBRARY.len()).any(|w| w == LIBRARY)

@@ -1,5 +1,6 @@
 //! The writer's thread: takes items, brings them to the disk twice a second, and leaves a file that can no longer be written.
 
+use super::held;
 use super::output::Output;
 use super::space::Space;
 use super::{Counters, RETRY_PERIOD, RecordItem, SYNC_PERIOD, Setup, part_path};
@@ -55,7 +56,7 @@ impl Worker {
         let Some(output) = &mut self.output else { return };
         let spoiled = output.file.metadata().ok().and_then(|file| {
             let truncated = file.len() < output.appended.load(Ordering::Relaxed);
-            if is_gone(&file) { Some("deleted") } else { truncated.then_some("truncated") }
+            if held::is_gone(&file) { Some("deleted") } else { truncated.then_some("truncated") }
         });
         if let Some(what) = spoiled {
             // What was in it is lost as well.
@@ -148,12 +149,4 @@ impl Drop for Worker {
     fn drop(&mut self) {
         self.counters.failed.fetch_add(self.pending, Ordering::Relaxed);
     }
-}
-
-/// Whether the open file has no name any more.
-fn is_gone(file: &std::fs::Metadata) -> bool {
-    #[cfg(unix)]
-    return std::os::unix::fs::MetadataExt::nlink(file) == 0;
-    #[cfg(not(unix))]
-    return file.len() == 0;
 }
