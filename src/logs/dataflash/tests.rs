@@ -7,7 +7,7 @@ use crate::logs::source::Kind;
 use crate::logs::{HealthNote, Item, LogNote, VehicleClass};
 use crate::timeline::{Measurement, Stamp};
 use gaware_nav::operating::{Channel, Operating};
-use gaware_nav::sample::{FixVelocity, GnssFix, SampleKind};
+use gaware_nav::sample::{AirKind, FixVelocity, GnssFix, SampleKind};
 use proptest::prelude::*;
 
 const SAMPLES: u64 = 400;
@@ -183,6 +183,63 @@ fn battery_outputs_throttle_and_mode_are_measurements_with_their_time() {
         (at(1_020_000), none.with(Channel::Motor(0), 0.5).with(Channel::Motor(2), 0.9)),
         (at(1_030_000), none.with(Channel::Throttle, 0.375)),
         (at(1_040_000), none.with(Channel::Mode, 5.0)),
+    ];
+    assert_eq!(found, wanted);
+    assert_eq!(reader.damage(), Damage::default());
+}
+
+#[test]
+fn barometers_and_airspeeds_are_read_by_instance_in_new_and_old_logs() {
+    let taken = 1_100_000_u64;
+    let body = |t_us: u64, instance: Option<u8>, floats: &[f32], centidegrees: i16, rest: &[u8]| {
+        let mut body = t_us.to_le_bytes().to_vec();
+        body.extend(instance);
+        floats.iter().for_each(|v| body.extend(v.to_le_bytes()));
+        body.extend(centidegrees.to_le_bytes());
+        body.extend(rest);
+        body
+    };
+    // Raw pressure, offset, used, healthy, probability, test ratio, primary.
+    let pitot = |healthy: u8| [&[0; 8][..], &[1, healthy], &[0; 9]].concat();
+    // Climb rate, time of the sample, ms, offset, ground temperature, health.
+    let barometer =
+        |sample_ms: u32, healthy: u8| [&[0; 4][..], &sample_ms.to_le_bytes(), &[0; 8], &[healthy]].concat();
+    let bytes = [
+        definitions(),
+        fmt(20, 41, "ARSP", "QBffcffBBffB", "TimeUS,I,Airspeed,DiffPress,Temp,RawPress,Offset,U,H,Hp,TR,Pri"),
+        fmt(21, 40, "ASP2", "QffcffBBffB", "TimeUS,Airspeed,DiffPress,Temp,RawPress,Offset,U,H,Hp,TR,Pri"),
+        fmt(22, 39, "BARO", "QBffcfIffB", "TimeUS,I,Alt,Press,Temp,CRt,SMS,Offset,GndTemp,Health"),
+        fmt(23, 38, "BAR2", "QffcfIffB", "TimeUS,Alt,Press,Temp,CRt,SMS,Offset,GndTemp,Health"),
+        message(20, &body(taken, Some(0), &[17.5, 190.0], 2150, &pitot(1))),
+        message(20, &body(taken, Some(1), &[18.25, 200.0], -150, &pitot(1))),
+        message(20, &body(taken, Some(1), &[99.0, 200.0], 2150, &pitot(0))),
+        message(20, &body(taken, Some(0), &[0.0, -3.0], 2150, &pitot(1))),
+        message(21, &body(taken, None, &[19.0, 220.0], 2150, &pitot(1))),
+        message(22, &body(taken, Some(2), &[30.0, 95_000.0], 3525, &barometer(1_060, 1))),
+        message(22, &body(taken, Some(0), &[30.0, 95_000.0], 3525, &barometer(1_060, 0))),
+        message(23, &body(taken, None, &[30.0, 95_100.0], 3525, &barometer(0, 1))),
+        data(),
+    ]
+    .concat();
+    let mut reader = DataflashReader::new(&bytes[..], bytes.len() as u64);
+    let found: Vec<_> = reader
+        .by_ref()
+        .flatten()
+        .filter_map(|r| match r.item {
+            Item::Measurement(Measurement::Air(stamp, s)) => {
+                Some((stamp, s.kind, s.sensor, s.value, s.temperature_degc))
+            }
+            _ => None,
+        })
+        .collect();
+    let at = |t_us| Some(Stamp::Usec(t_us));
+    let wanted = [
+        (at(taken), AirKind::Airspeed, 0, 17.5, Some(21.5)),
+        (at(taken), AirKind::Airspeed, 1, 18.25, Some(-1.5)),
+        (at(taken), AirKind::Airspeed, 1, 19.0, Some(21.5)),
+        // The barometer's own time of the sample; none where it lies too far back.
+        (at(1_060_000), AirKind::Barometer, 2, 95_000.0, Some(35.25)),
+        (at(taken), AirKind::Barometer, 1, 95_100.0, Some(35.25)),
     ];
     assert_eq!(found, wanted);
     assert_eq!(reader.damage(), Damage::default());

@@ -5,7 +5,7 @@ use crate::logs::source::Kind;
 use crate::logs::{HealthNote, Item};
 use crate::timeline::{Measurement, Stamp};
 use gaware_nav::operating::{Channel, Operating};
-use gaware_nav::sample::SampleKind;
+use gaware_nav::sample::{AirKind, AirSample, SampleKind};
 use proptest::prelude::*;
 
 const SAMPLES: u64 = 400;
@@ -289,6 +289,72 @@ fn battery_thrust_and_motors_are_measurements_with_their_time() {
         none.with(Channel::Motor(0), 0.25).with(Channel::Motor(1), 0.75),
     ];
     assert_eq!(found, wanted);
+}
+
+/// A log with these topics, each of one instance or more, and data `(topic, instance, sampled, floats)`; what is read of the air.
+fn air_of(topics: &[(&str, &str)], data_of: &[(usize, u8, u64, &[f32])]) -> Vec<(u64, AirSample)> {
+    let mut bytes = definitions();
+    for (k, (name, fields)) in topics.iter().enumerate() {
+        let format = format!("{name}:uint64_t timestamp;uint64_t timestamp_sample;{fields}");
+        bytes.extend(message(b'F', format.as_bytes()));
+        for instance in 0..2 {
+            let mut body = vec![instance];
+            body.extend((30 + 2 * k as u16 + u16::from(instance)).to_le_bytes());
+            body.extend(name.as_bytes());
+            bytes.extend(message(b'A', &body));
+        }
+    }
+    for (topic, instance, sampled_us, floats) in data_of {
+        let mut body = (30 + 2 * *topic as u16 + u16::from(*instance)).to_le_bytes().to_vec();
+        body.extend(1_500_000_u64.to_le_bytes());
+        body.extend(sampled_us.to_le_bytes());
+        floats.iter().for_each(|v| body.extend(v.to_le_bytes()));
+        bytes.extend(message(b'D', &body));
+    }
+    bytes.extend(data());
+    let mut reader = UlogReader::new(&bytes[..], bytes.len() as u64);
+    let of = |r: crate::logs::Record| match r.item {
+        Item::Measurement(Measurement::Air(Some(Stamp::Usec(t_us)), sample)) => Some((t_us, sample)),
+        _ => None,
+    };
+    let found = reader.by_ref().flatten().filter_map(of).collect();
+    assert_eq!(reader.damage(), Damage::default());
+    found
+}
+
+#[test]
+fn pressures_and_airspeeds_are_read_by_instance_from_the_better_topic() {
+    let sample =
+        |kind, sensor, value, temperature_degc| AirSample { t_s: 0.0, kind, sensor, value, temperature_degc };
+    let (baro, pitot) = (AirKind::Barometer, AirKind::Airspeed);
+    let differential = ("differential_pressure", "float differential_pressure_pa;float temperature;");
+    // 245 Pa are 20 m/s; a negative pressure is no speed.
+    let found =
+        air_of(&[differential], &[(0, 0, 1_490_000, &[245.0, 20.0]), (0, 1, 1_480_000, &[-3.0, 20.0])]);
+    assert_eq!(found, [(1_490_000, sample(pitot, 0, 20.0, None)), (1_480_000, sample(pitot, 1, 0.0, None))]);
+    let airspeed = ("airspeed", "float indicated_airspeed_m_s;float true_airspeed_m_s;");
+    let data: [(usize, u8, u64, &[f32]); 4] = [
+        (0, 0, 1_490_000, &[245.0, 20.0]),
+        (1, 0, 1_490_000, &[19.5, 21.0]),
+        (1, 1, 1_485_000, &[18.5, 20.0]),
+        (1, 1, 1_485_000, &[-1.0, 20.0]),
+    ];
+    let found = air_of(&[differential, airspeed], &data);
+    assert_eq!(found, [(1_490_000, sample(pitot, 0, 19.5, None)), (1_485_000, sample(pitot, 1, 18.5, None))]);
+    let single = ("sensor_baro", "float pressure;float temperature;");
+    let found = air_of(&[single], &[(0, 0, 1_490_000, &[95_000.0, 41.5]), (0, 1, 1_490_000, &[950.0, 40.5])]);
+    assert_eq!(
+        found,
+        [
+            (1_490_000, sample(baro, 0, 95_000.0, Some(41.5))),
+            (1_490_000, sample(baro, 1, 95_000.0, Some(40.5)))
+        ],
+        "pascal, and hectopascal before 1.14"
+    );
+    let fused = ("vehicle_air_data", "float baro_alt_meter;float baro_temp_celcius;float baro_pressure_pa;");
+    let data: [(usize, u8, u64, &[f32]); 2] =
+        [(0, 0, 1_490_000, &[95_000.0, 41.5]), (1, 0, 1_470_000, &[540.0, 39.5, 94_990.0])];
+    assert_eq!(air_of(&[single, fused], &data), [(1_470_000, sample(baro, 0, 94_990.0, Some(39.5)))]);
 }
 
 #[test]
