@@ -93,7 +93,9 @@ fn drawing(s: &AirEntry) -> String {
     text(0.5 * (left + width - right), height - 4.0, "middle", "speed through the air, m/s");
     for (which, color) in [(1, BEFORE), (2, AFTER)] {
         let mut path = String::new();
-        points.iter().for_each(|p| drop(write!(path, "M{:.1} {:.1}h0", x(p[0]), y(p[which]))));
+        for p in &points {
+            let _ = write!(path, "M{:.1} {:.1}h0", x(p[0]), y(p[which]));
+        }
         let _ = write!(
             svg,
             "<path d=\"{path}\" stroke=\"{color}\" stroke-width=\"3\" stroke-linecap=\"round\" fill=\"none\"/>"
