@@ -325,6 +325,10 @@ pub struct GroundStatus {
     pub sides: Vec<GroundSide>,
     /// How far it was turned about its axes in all.
     pub turned_deg: [f64; 3],
+    /// Scale factors and axes of the gyros, which turns about roll, pitch and yaw show: root mean square of their sigmas as shares of those wanted (300
+    /// ppm, 0.5 mrad). Beyond one, turns are asked for.
+    #[serde(default)]
+    pub turn_sigma: [f64; 3],
     /// Whether no fix aids the filter.
     pub without_fixes: bool,
     /// Whether place and heading are known; otherwise the Earth's rate counts as an unknown of 15 deg/h.
