@@ -83,6 +83,7 @@ impl<'a> Linear<'a> {
             run.blocks.iter().for_each(|b| all.add(b));
             blocks.extend(run.blocks);
         }
+        search.correlate(&point.added, &watched, &mut all);
         let (sigma, offset) = priors(&point.added, &watched);
         Self { search, point, lacking, watched, problems, blocks, all, log_likelihood, sigma, offset }
     }

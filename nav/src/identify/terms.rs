@@ -190,6 +190,7 @@ impl<'a> Watching<'a> {
             parts.iter_mut().zip(&run.information).for_each(|(sum, own)| sum.add(own));
             log_likelihood += run.log_likelihood[0];
         }
+        self.search.correlate(&self.point.added, &self.watched, &mut parts[0]);
         let effects = self.point.added.clone();
         let (sigma, offset) = priors(&effects, &self.watched);
         Data { parts, log_likelihood, effects, slots: self.watched.slots(), sigma, offset, terms: all() }

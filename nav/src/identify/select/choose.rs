@@ -168,7 +168,8 @@ impl Search<'_> {
     /// that cannot say.
     fn losses(&self, point: &Point) -> Vec<Option<f64>> {
         let watched = watching(&point.added);
-        let (_, [information, _]) = self.run(&self.problems(point, &watched), &point.noise);
+        let (_, [mut information, _]) = self.run(&self.problems(point, &watched), &point.noise);
+        self.correlate(&point.added, &watched, &mut information);
         (self.given.len()..point.added.len()).map(|k| loss(&information, &point.added, &watched, k)).collect()
     }
 

@@ -2,6 +2,7 @@
 
 mod choose;
 mod closer;
+mod joint;
 mod jumps;
 mod scan;
 mod search;

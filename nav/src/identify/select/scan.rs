@@ -51,7 +51,8 @@ impl Search<'_> {
         let linear: Vec<&EffectSetting> = lacking.iter().filter(|s| is_linear(s.effect)).collect();
         let effects = point.added.iter().map(|a| &a.setting).chain(linear.iter().copied()).cloned().collect();
         let watched = Watched { effects, ..Watched::default() };
-        let (_, [information, _]) = together(self.run_through(point, &watched, None, None));
+        let (_, [mut information, _]) = together(self.run_through(point, &watched, None, None));
+        self.correlate(&point.added, &watched, &mut information);
         linear.iter().filter_map(|s| linear_candidate(s, &point.added, &watched, &information)).collect()
     }
 

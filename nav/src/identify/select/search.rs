@@ -174,6 +174,16 @@ impl<'a> Search<'a> {
         together(map(self.workers, problems.len(), |k| problems[k].run(noise, &self.settings.options)))
     }
 
+    /// Adds what the file of the unit says of several constants together to the information of the flights, and gives its logarithm.
+    pub(in crate::identify) fn correlate(
+        &self,
+        added: &[Added],
+        watched: &Watched,
+        information: &mut Information,
+    ) -> f64 {
+        super::joint::correlate(self.base.joint.as_deref(), added, watched, information)
+    }
+
     /// These effects, beside what the model leaves open, at the values that fit best.
     pub(in crate::identify) fn best(&self, added: &[Added], noise: &Noise) -> Point {
         let all: Vec<Added> = self.given.iter().chain(added).cloned().collect();

@@ -191,11 +191,12 @@ impl Search<'_> {
     /// The fit of the linear model at some values; `None` where they are no place for a maximum.
     fn fit_values(&self, at: &mut Linearised, noise: &Noise) -> Option<Fitted> {
         let watched = watching(&at.added);
-        let (log_likelihood, [information, _]) = self.run(&at.problems, noise);
+        let (log_likelihood, [mut information, _]) = self.run(&at.problems, noise);
+        let of_unit = self.correlate(&at.added, &watched, &mut information);
         let fit = fit_added(&information, &watched, &mut at.added)?;
         let of_samples = self.evidence_of_samples(&at.added);
-        let evidence = log_likelihood + fit.evidence + of_samples;
-        let height = log_likelihood + of_samples + log_prior(&at.added, &watched);
+        let evidence = log_likelihood + fit.evidence + of_samples + of_unit;
+        let height = log_likelihood + of_samples + of_unit + log_prior(&at.added, &watched);
         Some(Fitted { fit, watched, evidence, log_likelihood, height })
     }
 }
