@@ -14,6 +14,8 @@ cd "$(dirname "$0")/.."
 target="${CARGO_TARGET_DIR:-$PWD/target}"
 out="$target/packages"
 version="$(sed -n 's/^version = "\(.*\)"$/\1/p' Cargo.toml | head -1)"
+host="$(rustc -vV | sed -n 's/^host: //p')"
+mkdir -p "$out"
 . packaging/zig.sh
 
 archive() { # TARGET
@@ -26,8 +28,14 @@ archive() { # TARGET
     # What `gaware serve --web` serves, where web/build has made it.
     [ ! -f "$target/web/gaware.html" ] || cp "$target/web/gaware.html" "$folder"
     case "$1" in
-    *windows*) cp "$program.exe" "$folder" && (cd "$out" && python3 -m zipfile -c "$name.zip" "$name") ;;
-    *) cp "$program" "$folder" && tar -C "$out" --owner=0 --group=0 -czf "$folder.tar.gz" "$name" ;;
+    *windows*)
+        cp "$program.exe" "$folder"
+        (cd "$out" && python3 -m zipfile -c "$name.zip" "$name")
+        ;;
+    *)
+        cp "$program" "$folder"
+        tar -C "$out" --owner=0 --group=0 -czf "$folder.tar.gz" "$name"
+        ;;
     esac
     rm -r "$folder"
 }
@@ -38,8 +46,11 @@ small="CARGO_PROFILE_RELEASE_DEBUG=0 CARGO_PROFILE_RELEASE_STRIP=symbols"
 for triple; do
     rustup target add "$triple" 2>/dev/null
     case "$triple" in
-    "$(rustc -vV | sed -n 's/^host: //p')") packaging/build-deb.sh && mv "$target"/debian/*.deb "$out" ;;
-    *-linux-gnu) packaging/build-deb.sh "$triple" ;;
+    *-linux-gnu)
+        # For this machine, or for the one that is named.
+        packaging/build-deb.sh $([ "$triple" = "$host" ] || echo "$triple")
+        cp "$target"/debian/*.deb "$out"
+        ;;
     *)
         # The features of both packages at once: what the wheel needs is compiled already.
         env $small cargo zigbuild --release --locked -p gaware -p gaware-python --bin gaware --target "$triple"
