@@ -28,7 +28,7 @@ pub struct AirInstant {
     pub temperature: f64,
     /// Equivalent airspeed, m/s, and its derivative, m/s².
     pub airspeed: [f64; 2],
-    /// What the airspeed sensor shows, m/s; 0 where it is not known.
+    /// What an airspeed sensor with its offset shows, without noise, m/s; 0 where that is not known.
     pub shown: f64,
 }
 

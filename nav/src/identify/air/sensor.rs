@@ -4,7 +4,7 @@ use super::super::aids::choose::{self, Chosen, Widths, is_held_out};
 use super::super::aids::series::{self, GIVEN, Noise, Row, States, WANDERS, Wander};
 use super::super::pass::Information;
 use super::{Air, AirFound, BLOCK_S, Carriage, ENOUGH, Instant, Wind, carriage_at};
-use crate::effects::{AIRSPEED, AirInstant, BAROMETER, Effect, SEA_LEVEL_DENSITY};
+use crate::effects::{AIRSPEED, AirDriver, AirInstant, BAROMETER, Effect, SEA_LEVEL_DENSITY};
 use crate::sample::AirKind;
 use nalgebra::{Rotation3, Vector2, Vector3};
 
@@ -119,15 +119,17 @@ impl<'a> AirSensor<'a> {
         }
     }
 
-    fn delay_s(&self, values: &[f64]) -> f64 {
+    /// Sum of the values of parameters that such a driver multiplies.
+    fn sum_of(&self, values: &[f64], is_one: impl Fn(AirDriver) -> bool) -> f64 {
         let drivers = self.catalogue.iter().filter_map(|e| e.on_air()).flat_map(|a| a.drivers);
-        let delays = drivers.zip(values).filter(|(d, _)| d.is_delay());
-        delays.map(|(_, v)| v).sum::<f64>().clamp(-LONGEST_DELAY_S, LONGEST_DELAY_S)
+        drivers.zip(values).filter(|(d, _)| is_one(**d)).map(|(_, v)| v).sum()
     }
 
     /// What there was to measure in this wind, with a delay at the time before.
     fn ideal(&self, values: &[f64], wind: &[Vector2<f64>]) -> Vec<Ideal> {
-        let (shift, delay_s) = (self.shift(values), self.delay_s(values));
+        let shift = self.shift(values);
+        let delay_s = self.sum_of(values, AirDriver::is_delay).clamp(-LONGEST_DELAY_S, LONGEST_DELAY_S);
+        let offset_pa = self.sum_of(values, |d| d == AirDriver::SpeedByPressure);
         let one = |(i, wind): (&Instant, &Vector2<f64>)| {
             let c = carriage_at(self.carriage, i.elapsed_s - delay_s)?;
             let w = wind + shift;
@@ -141,7 +143,8 @@ impl<'a> AirSensor<'a> {
                 throttle: c.throttle,
                 temperature: i.temperature,
                 airspeed: [airspeed, 0.0],
-                shown: if self.kind == AirKind::Airspeed { i.measured } else { 0.0 },
+                // Not what was measured: its noise would be in the driver too, and an offset of 35 Pa become one of 50.
+                shown: (airspeed.powi(2) + 2.0 * offset_pa / SEA_LEVEL_DENSITY).max(0.0).sqrt(),
             };
             let value = if self.kind == AirKind::Barometer { c.height_m } else { airspeed };
             Some(Ideal { c_nb: c.c_nb, value, x })
