@@ -325,8 +325,7 @@ pub struct GroundStatus {
     pub sides: Vec<GroundSide>,
     /// How far it was turned about its axes in all.
     pub turned_deg: [f64; 3],
-    /// Scale factors and axes of the gyros, which turns about roll, pitch and yaw show: root mean square of their sigmas as shares of those wanted (300
-    /// ppm, 0.5 mrad). Beyond one, turns are asked for.
+    /// What turns about roll, pitch and yaw show of the gyros: sigma (RMS) of scale factors and axes as a share of 300 ppm and 0.5 mrad. Beyond 1, turns are asked for.
     #[serde(default)]
     pub turn_sigma: [f64; 3],
     /// Whether no fix aids the filter.
