@@ -325,9 +325,6 @@ pub struct GroundStatus {
     pub sides: Vec<GroundSide>,
     /// How far it was turned about its axes in all.
     pub turned_deg: [f64; 3],
-    /// What turns about roll, pitch and yaw show of the gyros: sigma (RMS) of scale factors and axes as a share of 300 ppm and 0.5 mrad. Beyond 1, turns are asked for.
-    #[serde(default)]
-    pub turn_sigma: [f64; 3],
     /// Whether no fix aids the filter.
     pub without_fixes: bool,
     /// Whether place and heading are known; otherwise the Earth's rate counts as an unknown of 15 deg/h.

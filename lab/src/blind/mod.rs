@@ -7,7 +7,6 @@
 
 mod document;
 mod oracle;
-pub mod sensors;
 mod summary;
 
 use gaware::explain::contract::Verdict;

@@ -31,7 +31,6 @@ use crate::linear::interval::{Here, Sum};
 use crate::mechanization::{Motion, NavState};
 use crate::model::Model;
 use crate::operating::{LagBank, Operating};
-use crate::quantisation::ConstantError;
 use crate::sample::{ImuSample, SampleKind};
 use calibration::{Calibration, MotionJacobian};
 use covariance::Covariance;
@@ -107,8 +106,6 @@ pub struct Filter {
     scatter: (f64, f64),
     /// Variances of what rounding may keep from every sample, (rad/s)² and (m/s²)².
     rounding: [Vector3<f64>; 2],
-    /// What it does to the mean of a vehicle that does not move.
-    rounding_at_rest: ConstantError,
     /// Variances per axis of what is not known of the Earth's rate, (rad/s)², and of gravity, (m/s²)².
     reference_error: [f64; 2],
     /// Time of the last sample that a sensor took, s; the filter's own time may lie between two.
@@ -199,7 +196,6 @@ impl Filter {
             extra_noise: (0.0, 0.0),
             scatter: (0.0, 0.0),
             rounding: [Vector3::zeros(); 2],
-            rounding_at_rest: ConstantError::default(),
             reference_error: [0.0; 2],
             sampled_s: initial.t_s,
             bend: Some(unseen::Bend::default()),
@@ -237,7 +233,6 @@ impl Filter {
         }
         fresh.began_s = self.began_s;
         fresh.rounding = self.rounding;
-        fresh.rounding_at_rest = self.rounding_at_rest;
         fresh.scatter = self.scatter;
         fresh.walk = self.walk;
         fresh.initial_sigmas[index::GYRO_BIAS..].copy_from_slice(&self.initial_sigmas[index::GYRO_BIAS..]);

@@ -1,5 +1,6 @@
 //! The firmware's own arithmetic, for the tests of signs.
 use super::*;
+use gaware_nav::model::EffectSetting;
 
 /// `AP_Compass_Backend::correct_field`, mG and A.
 fn ardupilot(raw: &Vector3<f64>, current_a: f64, of: &dyn Fn(&str) -> f64, n: &str) -> Vector3<f64> {
@@ -93,4 +94,31 @@ fn compasses_are_found_by_their_priority() {
     assert_eq!((ardupilot_place(0, &board), ardupilot_place(2, &board)), (1, 2));
     assert_eq!(ardupilot_names(1).offset[0], "COMPASS_OFS2_X");
     assert_eq!(ardupilot_names(0).current[2], "COMPASS_MOT_Z");
+}
+
+/// What a firmware's simulation with 1.76, 4.15 and -1.76 mG/A gave: two of three components are within chance, and without them half of the field
+/// of the motors stays.
+#[test]
+fn a_vector_is_proposed_whole() {
+    let mut setting = EffectSetting::unknown(gaware_nav::effects::find("mag_current").unwrap());
+    setting.values = vec![1.78 * MGAUSS, 4.15 * MGAUSS, -2.03 * MGAUSS];
+    setting.sigmas = vec![0.99 * MGAUSS, 1.17 * MGAUSS, 1.20 * MGAUSS];
+    let names = ardupilot_names(0);
+    let board = OnBoard {
+        parameters: names.current.iter().map(|n| (n.clone(), 0.0)).collect(),
+        ..OnBoard::default()
+    };
+    let proposed = |size: f64| {
+        let mut setting = setting.clone();
+        setting.values.iter_mut().for_each(|v| *v *= size);
+        let finding = CompassFinding { setting, evidence: 274.0, held_out_gain: 9.0, others: vec![] };
+        let new = Vector3::new(-1.78, -4.15, 2.03) * size;
+        let mut advice = (Vec::new(), Vec::new());
+        propose(&finding, &board, &names.current, &new, ("mG/A", MGAUSS, ARDUPILOT_SOURCE), &mut advice);
+        advice.0.iter().map(|p| (p.parameter.clone(), p.proposed)).collect::<Vec<_>>()
+    };
+    let all = [("COMPASS_MOT_X", -1.78), ("COMPASS_MOT_Y", -4.15), ("COMPASS_MOT_Z", 2.03)];
+    assert_eq!(proposed(1.0), all.map(|(n, v)| (n.to_owned(), v)));
+    // Nothing of it is beyond chance.
+    assert!(proposed(0.1).is_empty());
 }

@@ -16,7 +16,6 @@ use crate::filter::covariance::Covariance;
 use crate::filter::group::{Prepared, Rows};
 use crate::filter::layout::index;
 use crate::mechanization::Motion;
-use crate::quantisation::ConstantError;
 use crate::rotation::skew;
 use crate::sample::ImuSample;
 use nalgebra::{Matrix3, Vector3};
@@ -26,10 +25,10 @@ use std::collections::VecDeque;
 const VELOCITY_SIGMA: f64 = 0.02;
 /// NIS of zero velocity beyond which the filter knows that the vehicle moves: chance 1e-3.
 const STOP_GATE: f64 = 16.3;
-/// Means are kept in blocks of this length, s: a side that is held by hand for a quarter of a minute has two at least, which tell a unit that sinks into foam …
-const BLOCK_S: f64 = 5.0;
+/// Means are kept in blocks of this length, s …
+const BLOCK_S: f64 = 10.0;
 /// … and reach back so many of them: longer means would mask a warming sensor.
-const BLOCKS: usize = 36;
+const BLOCKS: usize = 18;
 /// The estimate follows the means this often, s.
 const REFRESH_S: f64 = 1.0;
 
@@ -39,8 +38,6 @@ struct Means {
     duration_s: f64,
     rate: Vector3<f64>,
     force: Vector3<f64>,
-    /// What rounding does to both: the expected error and its variance, times the time.
-    rounding: ConstantError,
 }
 
 impl Means {
@@ -54,35 +51,9 @@ impl Means {
             sum.duration_s += block.duration_s;
             sum.rate += block.rate;
             sum.force += block.force;
-            sum.round(&block.rounding, 1.0);
         }
         sum
     }
-
-    /// Counts what rounding does for so long, s.
-    fn round(&mut self, error: &ConstantError, for_s: f64) {
-        for k in 0..2 {
-            self.rounding.mean[k] += error.mean[k] * for_s;
-            self.rounding.variance[k] += error.variance[k] * for_s;
-        }
-    }
-
-    /// The mean rate, or force, without what rounding is expected to do to it, and the variance of what it may do.
-    fn unrounded(&self, kind: usize) -> (Vector3<f64>, Vector3<f64>) {
-        let sum = if kind == 0 { self.rate } else { self.force };
-        ((sum - self.rounding.mean[kind]) / self.duration_s, self.rounding.variance[kind] / self.duration_s)
-    }
-}
-
-/// The variance of a constant error of a mean that is known to this variance without it, so that both together say no more than a mean with that error.
-///
-/// Every period in which a unit stands on the same side has the same rounding error: what says that a mean lies within a count says it once. As independent
-/// errors, of four times on one side, they gave a NEES of 1.5 per degree of freedom. Where the mean may lie anywhere it is the error itself.
-fn counted_once(error: f64, known: f64) -> f64 {
-    /// Share of what is known that is never taken for independent.
-    const LEAST: f64 = 1e-6;
-    let independent = known - error;
-    if independent > LEAST * known { error * known / independent } else { error / LEAST }
 }
 
 /// A stationary period: what the filter is linearised about stays where it was at the first estimate.
@@ -105,9 +76,9 @@ impl Filter {
         self.hold.is_some()
     }
 
-    /// Variances of what the rounding of the source may keep from every sample, (rad/s)² and (m/s²)², and what it does to their mean at rest.
-    pub fn set_rounding_error(&mut self, variances: [Vector3<f64>; 2], at_rest: &ConstantError) {
-        (self.rounding, self.rounding_at_rest) = (variances, *at_rest);
+    /// Variances of what the rounding of the source may keep from every sample, (rad/s)² and (m/s²)².
+    pub fn set_rounding_error(&mut self, variances: [Vector3<f64>; 2]) {
+        self.rounding = variances;
     }
 
     /// Whether the fixes have been inconsistent with a stationary vehicle's position for more than a moment.
@@ -211,7 +182,6 @@ impl Filter {
             block.duration_s += dt;
             block.rate += motion.rate * dt;
             block.force += motion.force * dt;
-            block.round(&self.rounding_at_rest, dt);
         }
         self.last = Some(*sample);
         self.t_s = sample.t_s;
@@ -266,8 +236,7 @@ impl Filter {
         if before.duration_s <= 0.0 || new.duration_s <= 0.0 {
             return 0.0;
         }
-        let [(now, of_now), (earlier, of_earlier)] = [new.unrounded(0), before.unrounded(0)];
-        let (off, rounding) = (now - earlier, of_now + of_earlier);
+        let off = new.rate / new.duration_s - before.rate / before.duration_s;
         let durations = [new.duration_s, before.duration_s];
         let variance =
             |walk: f64| -> f64 { durations.iter().map(|t| self.mean_rate_variance(*t, walk)).sum() };
@@ -275,7 +244,7 @@ impl Filter {
         (0..3)
             .map(|k| {
                 let [with, without] = variances.map(|v| {
-                    let s = v + rounding[k];
+                    let s = v + 2.0 * self.rounding[0][k];
                     -0.5 * ((off[k] * off[k] / s).min(super::gate(1)) + s.ln())
                 });
                 with - without
@@ -293,25 +262,23 @@ impl Filter {
             self.mean_rate_variance(totals[0].duration_s, self.gyro_walk_density()),
             self.noise_density().1 / totals[1].duration_s,
         ];
-        let rows = |kind: usize, expected: &Vector3<f64>, columns: &[Vector3<f64>]| {
+        let rows = |kind: usize, expected: &Vector3<f64>, sum: Vector3<f64>, columns: &[Vector3<f64>]| {
             let mut rows = Rows { dof: 3, ..Rows::default() };
-            let (mean, rounding) = totals[kind].unrounded(kind);
-            rows.residual = (expected - mean).into();
+            rows.residual = (expected - sum / totals[kind].duration_s).into();
+            for i in 0..3 {
+                rows.variance[i] = noise[kind] + hold.constant[kind][i] + self.rounding[kind][i];
+            }
             // exp(−ε) v = v + [v×] ε: what is expected moves with the attitude.
             let by_attitude: Matrix3<f64> = -skew(expected);
             (0..3).for_each(|j| rows.push(index::ATTITUDE + j, |i| by_attitude[(i, j)]));
             for (k, column) in columns.iter().enumerate() {
                 rows.push(index::GYRO_BIAS + k, |i| column[i]);
             }
-            let known = rows.variances_by(&hold.base.1);
-            for i in 0..3 {
-                rows.variance[i] = noise[kind] + hold.constant[kind][i] + counted_once(rounding[i], known[i]);
-            }
             rows
         };
         [
-            rows(0, &hold.expected.rate, &hold.jacobian.rate),
-            rows(1, &hold.expected.force, &hold.jacobian.force),
+            rows(0, &hold.expected.rate, totals[0].rate, &hold.jacobian.rate),
+            rows(1, &hold.expected.force, totals[1].force, &hold.jacobian.force),
         ]
     }
 
@@ -328,23 +295,5 @@ impl Filter {
         }
         self.refresh_hold();
         result
-    }
-}
-
-#[cfg(test)]
-mod tests {
-    use super::counted_once;
-
-    /// Kalman's P R / (P + R) with that variance: no less than the error, however often it is measured, and no more than what was known.
-    #[test]
-    fn an_error_that_stays_is_counted_once() {
-        let (error, mut known) = (0.3, 100.0);
-        for _ in 0..5 {
-            let r = counted_once(error, known);
-            known = known * r / (known + r);
-            assert!((known - error).abs() < 1e-5, "{known}");
-        }
-        assert!((counted_once(error, 1e9) / error - 1.0).abs() < 1e-8);
-        assert!(counted_once(error, 0.1) > 1e5 && counted_once(0.0, 0.0) == 0.0);
     }
 }
