@@ -71,7 +71,7 @@ pub fn of_flight(
     let nis = settled.nis_per_dof();
     if nis > BELIEVED_NIS {
         let why = format!(
-            "inertial data and fixes contradict each other ({nis:.0} times as much as their noise allows), so there is no motion to compare with"
+            "inertial data and fixes are inconsistent with each other ({nis:.0} times as much as their noise allows), so there is no motion to compare with"
         );
         return Aids::not_judged(fields, air, &why);
     }

@@ -132,8 +132,12 @@ fn where_fixes_and_inertial_data_contradict_each_other_no_sensor_is_judged() {
     }
     let aids = of_samples(&samples, DATE, &OnBoard::default());
     let (compasses, air) = (aids.compasses.unwrap(), aids.air.unwrap());
-    assert!(compasses.compasses.is_empty() && compasses.notes[0].contains("contradict each other"));
-    assert!(air.sensors.is_empty() && air.notes[0].contains("contradict each other"), "{:?}", air.notes);
+    assert!(compasses.compasses.is_empty() && compasses.notes[0].contains("inconsistent with each other"));
+    assert!(
+        air.sensors.is_empty() && air.notes[0].contains("inconsistent with each other"),
+        "{:?}",
+        air.notes
+    );
 }
 
 #[test]

@@ -275,7 +275,7 @@ fn fit(s: &Summary, fixes: &[Channel]) -> String {
         )
     } else if nis < 0.5 {
         format!(
-            "Yes, with room: the fixes differ from what is expected of them by less than the model allows ({rms}): they are better than it assumes."
+            "Yes, amply: the fixes differ from what is expected of them by less than the model allows ({rms}): they are better than it assumes."
         )
     } else {
         format!("Yes: the fixes differ from what is expected of them as much as they should ({rms}).")
