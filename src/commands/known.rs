@@ -5,7 +5,7 @@ use super::unit::today;
 use crate::engine::meaning::LIMIT_DEG;
 use crate::logs::mcap::recorded_setup;
 use crate::pipeline::Beside;
-use crate::unit::known::KnownUnit;
+use crate::unit::known::{self, KnownUnit};
 use crate::unit::{Unit, UnitError};
 use gaware_nav::earth::Geodetic;
 use gaware_nav::model::Model;
@@ -88,9 +88,9 @@ impl UnitFileArgs {
     }
 }
 
-/// The model with what the file says; a model only where there is one or a file.
+/// The model with what the file says today; a model only where there is one or a file.
 pub fn with_known(model: Option<Model>, known: Option<&KnownUnit>) -> Option<Model> {
-    known.map_or(model.clone(), |known| Some(known.model(model, &today())))
+    known::with_known(model, known, &today())
 }
 
 /// Latitude and longitude in degrees, and a height.

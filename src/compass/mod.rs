@@ -27,8 +27,8 @@ const SIGNIFICANT: f64 = 3.0;
 /// A field that is longer or shorter by more than this share is none of the Earth: ArduPilot refuses to arm beyond 35 % of 530 mG
 /// (`AP_Arming/AP_Arming.cpp`: `AP_ARMING_COMPASS_MAGFIELD_MIN`).
 const WRONG_LENGTH: f64 = 0.35;
-/// Compasses whose errors differ by less than this share of them are off alike: three of a log whose stamps are those of several vehicles
-/// were 19.4 to 19.5° off, two that were hung up wrongly in one copter 72° and 157°.
+/// Compasses whose errors differ by less than this share of them are off alike. The share is a choice: the one log known with such compasses, whose
+/// stamps are those of several vehicles, has three of 19.4 to 19.5°.
 const ALIKE: f64 = 0.25;
 /// T per mG.
 const MGAUSS: f64 = 1e-7;

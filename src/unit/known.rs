@@ -6,6 +6,14 @@ use crate::inputs::Input;
 use gaware_nav::model::Model;
 use std::path::{Path, PathBuf};
 
+/// The model with what the file says on this day (as `2026-11-24`); a model only where there is one or a file.
+pub fn with_known(model: Option<Model>, known: Option<&KnownUnit>, today: &str) -> Option<Model> {
+    match known {
+        Some(known) => Some(known.model(model, today)),
+        None => model,
+    }
+}
+
 /// The file that an estimate begins from.
 #[derive(Debug, Clone)]
 pub struct KnownUnit {

@@ -16,7 +16,7 @@ use gaware::pipeline::replay::{ReplayRequest, TRUTH_FROM_S, parse_model};
 use gaware::report::{explanation, fleet as fleet_page, flight as flight_page};
 use gaware::sensors::ConverterOptions;
 use gaware::unit::Unit;
-use gaware::unit::known::KnownUnit;
+use gaware::unit::known::{KnownUnit, with_known};
 use gaware_nav::effects::data;
 use gaware_nav::identify::select::{Beside, Settings};
 use gaware_nav::model::Model;
@@ -165,10 +165,7 @@ fn dispatch(job: Job, contents: Vec<Vec<u8>>) -> Result<Done, Failure> {
     }
     let (model, known) = (files.model()?, files.known()?);
     let name = files.unit.as_ref().or(files.model.as_ref()).map(|(input, _)| input.name());
-    let with_known = |model: Option<Model>| match &known {
-        Some(known) => Some(known.model(model, &job.today)),
-        None => model,
-    };
+    let with_known = |model| with_known(model, known.as_ref(), &job.today);
     match (job.command, files.logs.as_slice()) {
         (Command::Report, [log]) => report(log, name, with_known(model)),
         (Command::Compare, [before, after]) => compared(before, after, model),
