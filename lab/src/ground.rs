@@ -3,6 +3,8 @@
 //! Units are drawn from the filter's own prior, hands are those of the simulated session (sides up to 12° off, hands that shake, mistakes,
 //! sides 20° off, a soft table, two sides missing). Errors are those at the end, against the sigmas there.
 
+pub mod then_flight;
+
 use super::statistics::summary;
 use gaware::parallel::{Progress, map_runs};
 use gaware_nav::consistency::{error, nees};
@@ -22,8 +24,8 @@ use serde::Serialize;
 
 /// Rate of the inertial samples of a link, and of a `.bin` with its default mask, Hz.
 const IMU_RATE_HZ: [f64; 2] = [50.0, 25.0];
-/// A side is held for so long and six seconds more, s: the session asks for 12 to 45, and all of it takes six minutes.
-const HOLD_S: f64 = 29.0;
+/// A side is held for so long and six seconds more, s: the session asks for 12 to 45 in two or three visits, and all of it takes six minutes.
+const HOLD_S: f64 = 15.0;
 /// Whether all of G is observable is asked so often, s.
 const LOOK_EVERY_S: f64 = 5.0;
 /// An element of G is observable below this sigma, deg/h/g: the engine's default target.
@@ -183,6 +185,8 @@ fn one(base: &Scenario, path: &Flown, source: Source, sky: Sky, seed: u64) -> Ru
         Source::Raw | Source::RawQuiet => (Quantisation::Truncate(Steps::RAW_IMU), "RAW_IMU".into()),
     };
     let mut estimator = Estimator::new(model);
+    // There is no session with an armed vehicle.
+    estimator.set_flight(false, false);
     if sky == Sky::Place {
         estimator.set_place(Geodetic { height_m: 0.0, ..path.clone().truth_at(0.0).place });
     }

@@ -291,16 +291,19 @@ impl Estimator {
             self.align_anew(EstimatorEvent::AlignedAfterGap { gap_s: raw.t_s - last.t_s }, true);
         }
         let Some(undone) = self.model.undo_source_after(raw, &mut self.source) else { return Vec::new() };
+        if !self.is_stationary() {
+            self.dequantiser.moves();
+        }
         let sample = self.dequantiser.undo(&undone);
         self.meter.push(&sample);
         self.last = Some(sample);
         let (kind, noise) = (self.stream.kind, self.extra_noise());
         let (rounding, scatter) = (self.dequantiser.constant_error(), self.meter.scatter());
-        let operating = self.operating;
+        let (operating, at_rest) = (self.operating, self.dequantiser.at_rest());
         let set_source = |filter: &mut Filter| {
             filter.set_operating(&operating);
             filter.set_stream(kind, noise);
-            filter.set_rounding_error(rounding);
+            filter.set_rounding_error(rounding, &at_rest);
             filter.set_scatter(scatter);
         };
         let outcomes = match &mut self.state {

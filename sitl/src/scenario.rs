@@ -311,14 +311,14 @@ fn by_hand(name: &'static str, description: &'static str, profile: Hand) -> Scen
 }
 
 fn hand() -> Scenario {
-    by_hand("hand", "turned by hand on the ground: six sides, a turn about each axis", Hand::six_sides(40.0))
+    by_hand("hand", "turned by hand on the ground: six sides, once around each axis", Hand::six_sides(26.0))
 }
 
 fn hand_mistakes() -> Scenario {
     by_hand(
         "hand_mistakes",
         "the same with hands that shake, a side twice and one that is left too early",
-        Hand::with_mistakes(40.0),
+        Hand::with_mistakes(26.0),
     )
 }
 

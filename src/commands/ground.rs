@@ -338,6 +338,20 @@ fn text(r: &GroundResult) -> String {
         }
         out.push('\n');
     }
+    if r.session.turn_sigma.iter().any(|s| *s > 0.0) {
+        let [roll, pitch, yaw] = r.session.turn_sigma.map(|s| 100.0 * s);
+        let _ = writeln!(
+            out,
+            "gyro scale factors and axes: sigma {roll:.0} % of 300 ppm and 0.5 mrad by turns around the roll axis, {pitch:.0} % pitch, {yaw:.0} % yaw"
+        );
+    }
+    if r.session.turned_on_support_mrad > 0.0 {
+        let _ = writeln!(
+            out,
+            "the support gave way by up to {:.1} mrad in one hold: biases, scale factors and axes of the gyros may be off by three of their sigmas, G is not affected; repeat the session on something firm",
+            r.session.turned_on_support_mrad
+        );
+    }
     if !r.session.reference_known {
         out +=
             "place or heading unknown: the Earth's rate counts as an unknown of 15 deg/h (--home LAT,LON)\n";

@@ -11,8 +11,8 @@ use gaware_sitl::trajectory::Flown;
 use gaware_sitl::trajectory::hand::Hand;
 use serde_json::{Value, json};
 
-/// A side is held for so long, s, and six more: with the turns that makes six minutes.
-const HOLD_S: f64 = 29.0;
+/// A side is held for so long, s, and six more: what the session asks for, each of them at least twice. With the turns that makes six minutes.
+const HOLD_S: f64 = 15.0;
 /// Step of the integrated path, s: a session bends slowly.
 const STEP_S: f64 = 0.02;
 /// The day of the simulated session; the flight is on the same.

@@ -1,12 +1,16 @@
 //! The ground session inside the engine: looks at the motion of a vehicle that stands or is turned by hand, a few times a second.
 
 use super::Engine;
+use super::estimate::Constants;
 use super::snapshot::{GroundSide, GroundStatus};
 use gaware_nav::ground::session::{Instruction, Look, Session, Side};
 use gaware_nav::sample::ImuSample;
 
 /// A look every so often, s.
 const EVERY_S: f64 = 0.1;
+/// What turns show of the gyros, and the sigma wanted, ppm and mrad: what a turn at 2 g leaves of scale and axes is then as little as what six sides leave of
+/// G (0.4 rad/s times 300 ppm is 25 deg/h, times 0.5 mrad 41 deg/h).
+const BY_TURNS: [(&str, f64); 2] = [("gyro_scale_factor", 300.0), ("gyro_misalignment", 0.5)];
 
 /// The session and when the next look is due.
 #[derive(Debug, Clone, Default)]
@@ -46,6 +50,21 @@ impl GroundWatch {
     }
 }
 
+/// Of what turns about each axis show: the root mean square of the sigmas as shares of those wanted.
+fn by_turns(constants: &Constants) -> [f64; 3] {
+    let mut sums = [(0.0, 0.0); 3];
+    for (name, sigma) in constants.layout.names().iter().zip(&constants.sigma) {
+        let wanted = BY_TURNS.iter().find(|(effect, _)| *effect == name.effect);
+        // The last letter is the axis that is turned about.
+        let axis = ["x", "y", "z"].iter().position(|axis| name.name.ends_with(axis));
+        if let (Some((_, wanted)), Some(axis)) = (wanted, axis) {
+            let (sum, n) = sums[axis];
+            sums[axis] = (sum + (sigma / name.unit.si / wanted).powi(2), n + 1.0);
+        }
+    }
+    sums.map(|(sum, n)| if n > 0.0 { f64::sqrt(sum / n) } else { 0.0 })
+}
+
 impl Engine {
     /// Looks at a vehicle that people may be turning.
     pub(super) fn look_at_ground(&mut self, imu: &ImuSample) {
@@ -57,9 +76,9 @@ impl Engine {
             return;
         }
         let (rate, force) = self.stillness.smoothed();
-        let sigma = self.estimator.filter().map(|f| {
-            let sigmas = super::estimate::Constants::of_filter(f).estimate(self.estimator.model());
-            let cells = sigmas.g_sensitivity_deg_per_h_per_g.sigma;
+        let constants = self.estimator.filter().map(Constants::of_filter);
+        let sigma = constants.as_ref().map(|c| {
+            let cells = c.estimate(self.estimator.model()).g_sensitivity_deg_per_h_per_g.sigma;
             cells.as_flattened().iter().copied().fold(0.0, f64::max)
         });
         let look = Look {
@@ -69,6 +88,7 @@ impl Engine {
             stationary: self.estimator.is_stationary(),
             noise: self.estimator.gyro_noise(),
             g_sigma_deg_per_h_per_g: sigma.unwrap_or(f64::NAN),
+            turn_sigma: constants.as_ref().map(by_turns).unwrap_or_default(),
         };
         self.ground.session.look(&look);
         // Whoever puts the vehicle on a second side means it.
@@ -104,9 +124,15 @@ impl Engine {
             interruptions: session.interruptions(),
             sides: session.sides().iter().map(side).collect(),
             turned_deg: session.turned().map(f64::to_degrees),
+            turn_sigma: session.turn_sigma(),
+            turned_on_support_mrad: self.turned_on_support_mrad(),
             without_fixes: self.estimator.on_ground_without_fixes().is_some(),
             reference_known: self.estimator.on_ground_without_fixes() != Some(false),
         }
+    }
+
+    fn turned_on_support_mrad(&self) -> f64 {
+        self.estimator.filter().map_or(0.0, |f| 1e3 * f.turned_on_support())
     }
 
     /// What the session asks for and how far it is, in words; nothing where it asks for nothing.
@@ -124,9 +150,15 @@ impl Engine {
             }
             _ => "",
         };
+        let support = match self.turned_on_support_mrad() {
+            0.0 => String::new(),
+            mrad => format!(
+                " The support gives way ({mrad:.1} mrad in one hold): put the vehicle on something firm."
+            ),
+        };
         Some([
             watch.session.instruction().words(),
-            format!("G by hand: {done} of {all} sides done.{reference}"),
+            format!("G by hand: {done} of {all} sides done.{support}{reference}"),
         ])
     }
 }

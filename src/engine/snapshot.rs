@@ -325,6 +325,12 @@ pub struct GroundStatus {
     pub sides: Vec<GroundSide>,
     /// How far it was turned about its axes in all.
     pub turned_deg: [f64; 3],
+    /// What turns about roll, pitch and yaw show of the gyros: sigma (RMS) of scale factors and axes as a share of 300 ppm and 0.5 mrad. Beyond 1, turns are asked for.
+    #[serde(default)]
+    pub turn_sigma: [f64; 3],
+    /// How far the vehicle turned on its support during the hold in which it did most, mrad; zero on a firm one. What turns show of the gyros is worth less then.
+    #[serde(default)]
+    pub turned_on_support_mrad: f64,
     /// Whether no fix aids the filter.
     pub without_fixes: bool,
     /// Whether place and heading are known; otherwise the Earth's rate counts as an unknown of 15 deg/h.

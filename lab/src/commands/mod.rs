@@ -99,6 +99,9 @@ pub struct GroundStudyArgs {
     /// First seed.
     #[arg(long, default_value_t = 1)]
     pub seed: u64,
+    /// After each session a flight of five minutes for what is left, by a plan that begins with the unit's file.
+    #[arg(long)]
+    pub then_flight: bool,
     /// Print one JSON document.
     #[arg(long)]
     pub json: bool,
@@ -344,6 +347,11 @@ pub fn run(args: &StudyArgs) -> Result<(), StudyError> {
         StudyKind::Drift(args) => {
             let settings = drift::Settings { seeds: args.seeds, seed: args.seed };
             let study = with_bar(drift::flights(&settings), "flights", |bar| drift::run(&settings, bar));
+            show(args.json, &study, |out, study| write!(out, "{study}"))
+        }
+        StudyKind::Ground(args) if args.then_flight => {
+            let study =
+                with_bar(args.runs, "flights", |bar| ground::then_flight::run(args.runs, args.seed, bar));
             show(args.json, &study, |out, study| write!(out, "{study}"))
         }
         StudyKind::Ground(args) => {

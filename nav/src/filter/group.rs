@@ -24,6 +24,17 @@ impl Rows {
         }
     }
 
+    /// Variances of what the rows measure, by this covariance alone.
+    pub(super) fn variances_by(&self, p: &Covariance) -> [f64; GROUP] {
+        let ph = p.times(&self.h);
+        let mut out = [0.0; GROUP];
+        for (state, by) in &self.h {
+            let column = ph.at(*state);
+            out.iter_mut().zip(by.iter().zip(&column)).for_each(|(s, (c, p))| *s += c * p);
+        }
+        out
+    }
+
     /// The residuals less what an error of the state explains of them.
     pub(super) fn less(mut self, x: &[f64]) -> Self {
         for (state, by) in &self.h {

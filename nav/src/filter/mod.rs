@@ -31,6 +31,7 @@ use crate::linear::interval::{Here, Sum};
 use crate::mechanization::{Motion, NavState};
 use crate::model::Model;
 use crate::operating::{LagBank, Operating};
+use crate::quantisation::ConstantError;
 use crate::sample::{ImuSample, SampleKind};
 use calibration::{Calibration, MotionJacobian};
 use covariance::Covariance;
@@ -106,6 +107,8 @@ pub struct Filter {
     scatter: (f64, f64),
     /// Variances of what rounding may keep from every sample, (rad/s)² and (m/s²)².
     rounding: [Vector3<f64>; 2],
+    /// What it does to the mean of a vehicle that does not move.
+    rounding_at_rest: ConstantError,
     /// Variances per axis of what is not known of the Earth's rate, (rad/s)², and of gravity, (m/s²)².
     reference_error: [f64; 2],
     /// Time of the last sample that a sensor took, s; the filter's own time may lie between two.
@@ -114,6 +117,8 @@ pub struct Filter {
     bend: Option<unseen::Bend>,
     /// The stationary period under way.
     hold: Option<Box<aid::stationarity::Hold>>,
+    /// What the periods before say of what the vehicle rests on.
+    supports: aid::stationarity::Supports,
     /// Time of the last fix that was used, s.
     aided_s: Option<f64>,
     /// Since when the filter follows the attitude alone because fixes have stayed away, s.
@@ -196,10 +201,12 @@ impl Filter {
             extra_noise: (0.0, 0.0),
             scatter: (0.0, 0.0),
             rounding: [Vector3::zeros(); 2],
+            rounding_at_rest: ConstantError::default(),
             reference_error: [0.0; 2],
             sampled_s: initial.t_s,
             bend: Some(unseen::Bend::default()),
             hold: None,
+            supports: aid::stationarity::Supports::default(),
             aided_s: None,
             coasting_since_s: None,
             lost: false,
@@ -233,7 +240,9 @@ impl Filter {
         }
         fresh.began_s = self.began_s;
         fresh.rounding = self.rounding;
+        fresh.rounding_at_rest = self.rounding_at_rest;
         fresh.scatter = self.scatter;
+        fresh.supports = self.supports;
         fresh.walk = self.walk;
         fresh.initial_sigmas[index::GYRO_BIAS..].copy_from_slice(&self.initial_sigmas[index::GYRO_BIAS..]);
         fresh.p.copy_tail(&self.p, index::GYRO_BIAS);
@@ -274,7 +283,13 @@ impl Filter {
         self.walk.gyro.hypot(self.model_gyro_walk_density())
     }
 
-    /// The same by the model alone.
+    /// Random walk of the accelerometer biases, m/s²/√s.
+    pub(super) fn accel_walk_density(&self) -> f64 {
+        let effects = self.model.effects.iter().zip(self.about.calibration.parameters());
+        effects.map(|(s, p)| s.effect.bias_walk(p).accel).fold(self.walk.accel, f64::hypot)
+    }
+
+    /// Random walk of the gyro biases by the model alone, rad/s/√s.
     pub(super) fn model_gyro_walk_density(&self) -> f64 {
         let effects = self.model.effects.iter().zip(self.about.calibration.parameters());
         effects.map(|(s, p)| s.effect.bias_walk(p).gyro).fold(0.0, f64::hypot)

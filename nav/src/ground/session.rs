@@ -1,11 +1,15 @@
 //! The ground session: which side next, for how long, and what each side has brought.
 //!
-//! A static multi-position test (IEEE 1293, section 12.3.1; Titterton & Weston 2004, section 8.3) done by hand: six sides in any order, each held
-//! still until its mean rate is known, and turns between them for scale factors and axes. A pure state machine: looks at the motion in,
-//! instructions out.
+//! A static multi-position test (IEEE 1293, section 12.3.1; Titterton & Weston 2004, section 8.3) done by hand: six sides, each held still until its
+//! mean rate is known, and quarter turns between them, whose angles gravity measures, for scale factors and axes of the gyros (Tedaldi, Pretto &
+//! Menegatti 2014). As long as those are wide the sides are asked for in the order of such turns: once around the pitch axis, once around the roll axis, and
+//! on its side once around the yaw axis. Any other order counts as well. A pure state machine: looks at the motion in, instructions out.
+
+mod turns;
 
 use crate::earth::STANDARD_GRAVITY;
 use nalgebra::Vector3;
+use turns::Turns;
 
 /// A side is recognised within this angle, rad.
 const NEAR: f64 = 20.0 * std::f64::consts::PI / 180.0;
@@ -20,8 +24,10 @@ const IMPATIENT_S: f64 = 8.0;
 const TURNING: f64 = 0.15;
 /// Beyond this rate, rad/s, nobody is trying to hold it still.
 const HOLDING: f64 = 0.5;
-/// Each axis is turned by so much in all, rad: half a turn shows 0.3 % of scale as half a degree, which gravity measures to a tenth.
-const TURN: f64 = std::f64::consts::PI;
+/// Where turns are wanted each side comes again, and is held for this share of its time at once …
+const VISIT: f64 = 0.5;
+/// … and where it needs no more time, so long, s, for gravity to measure the turn before and the one after.
+const BETWEEN_TURNS_S: f64 = 8.0;
 /// Looks further apart than this are an interruption, s.
 const GAP_S: f64 = 2.0;
 
@@ -95,6 +101,8 @@ pub struct Look {
     pub noise: f64,
     /// The largest sigma of an element of G, deg/h/g.
     pub g_sigma_deg_per_h_per_g: f64,
+    /// What turns about each axis show of the gyros: its sigma as a share of the one wanted. Beyond one, turns are asked for.
+    pub turn_sigma: [f64; 3],
 }
 
 /// What one side has brought so far.
@@ -143,10 +151,12 @@ pub enum Instruction {
         /// Which next.
         next: Side,
     },
-    /// Turn it about an axis: 0 roll, 1 pitch, 2 yaw.
+    /// Turn it about an axis by a quarter: 0 roll, 1 pitch, 2 yaw.
     TurnAbout {
         /// Which axis.
         axis: usize,
+        /// To this side.
+        side: Side,
     },
     /// Everything is done.
     Done,
@@ -175,23 +185,37 @@ impl Instruction {
             Self::AlreadyDone { side, next } => {
                 format!("Already done {}: turn it {}", side.words(), next.words())
             }
-            Self::TurnAbout { axis } => {
+            Self::TurnAbout { axis, side } => {
                 let axis = ["roll", "pitch", "yaw"].get(*axis).copied().unwrap_or("yaw");
-                format!("Turn the vehicle once around its {axis} axis, then hold it still")
+                format!("Turn the vehicle around its {axis} axis: {}", side.words())
             }
             Self::Done => "Ground session done".to_owned(),
         }
     }
 }
 
+/// A side under way.
+#[derive(Debug, Clone, Copy)]
+struct Visit {
+    side: Side,
+    /// Since when hands try, s.
+    since_s: f64,
+    /// For how long it has been still, s.
+    held_s: f64,
+    /// The sigma of G before it.
+    before: f64,
+}
+
 /// The session.
 #[derive(Debug, Clone)]
 pub struct Session {
     sides: [SideState; 6],
-    turned: [f64; 3],
+    turns: Turns,
+    turn_sigma: [f64; 3],
     last_s: Option<f64>,
-    /// The side under way, since when hands try, and the sigma of G before it.
-    under_way: Option<(Side, f64, f64)>,
+    under_way: Option<Visit>,
+    /// Where the vehicle should go.
+    aim: Option<Instruction>,
     interruptions: u32,
     instruction: Instruction,
     began_s: Option<f64>,
@@ -209,9 +233,11 @@ impl Default for Session {
         };
         Self {
             sides: Side::ALL.map(fresh),
-            turned: [0.0; 3],
+            turns: Turns::default(),
+            turn_sigma: [0.0; 3],
             last_s: None,
             under_way: None,
+            aim: None,
             interruptions: 0,
             instruction: Instruction::default(),
             began_s: None,
@@ -233,7 +259,12 @@ impl Session {
 
     /// How far it was turned about its axes in all, rad.
     pub fn turned(&self) -> [f64; 3] {
-        self.turned
+        self.turns.turned()
+    }
+
+    /// What turns about each axis show: its sigma as a share of the one wanted.
+    pub fn turn_sigma(&self) -> [f64; 3] {
+        self.turn_sigma
     }
 
     /// What is asked for.
@@ -271,19 +302,18 @@ impl Session {
             return;
         }
         let side = Side::of_force(&look.force).filter(|_| look.rate.norm() < HOLDING);
-        if let Some((held, ..)) = self.under_way
-            && side != Some(held)
+        if let Some(visit) = self.under_way
+            && side != Some(visit.side)
         {
             self.interrupt();
         }
+        self.turn_sigma = look.turn_sigma;
         if !look.stationary {
-            for (turned, rate) in self.turned.iter_mut().zip(look.rate.iter()) {
-                *turned += if rate.abs() > TURNING { rate.abs() * dt } else { 0.0 };
-            }
+            self.turns.turn(&look.rate.map(|rate| if rate.abs() > TURNING { rate * dt } else { 0.0 }));
         }
         self.instruction = match side {
             Some(side) => self.on_side(side, look, dt),
-            None => self.next(None),
+            None => self.between(),
         };
         if self.instruction == Instruction::Done {
             self.done_s.get_or_insert(look.t_s);
@@ -292,174 +322,77 @@ impl Session {
 
     /// A hold that ends too early keeps what it has.
     fn interrupt(&mut self) {
-        if let Some((side, ..)) = self.under_way.take()
-            && self.sides.iter().any(|s| s.side == side && !s.done && s.held_s > 0.0)
+        if let Some(visit) = self.under_way.take()
+            && self.aim.is_none()
+            && visit.held_s > 0.0
         {
             self.interruptions += 1;
         }
     }
 
+    /// Whether the vehicle can stand on a side.
+    fn can(&self, side: Side) -> bool {
+        self.sides.iter().any(|s| s.side == side && !s.skipped)
+    }
+
+    /// About which axes turns are wanted.
+    fn wanted(&self) -> [bool; 3] {
+        std::array::from_fn(|k| self.turn_sigma[k] > 1.0 && self.turns.asks(k, &|side| self.can(side)))
+    }
+
     fn on_side(&mut self, side: Side, look: &Look, dt: f64) -> Instruction {
-        let (_, since_s, before) =
-            *self.under_way.get_or_insert((side, look.t_s, look.g_sigma_deg_per_h_per_g));
+        let turns = self.wanted().contains(&true);
+        let before = look.g_sigma_deg_per_h_per_g;
+        let visit = self.under_way.get_or_insert(Visit { side, since_s: look.t_s, held_s: 0.0, before });
         let Some(state) = self.sides.iter_mut().find(|s| s.side == side) else { return Instruction::Wait };
         if look.stationary {
             state.held_s += dt;
+            visit.held_s += dt;
+            self.turns.arrive(side);
+            self.aim = None;
         }
         if state.held_s > 0.0 {
-            let first = state.g_sigma_deg_per_h_per_g.map_or(before, |[first, _]| first);
+            let first = state.g_sigma_deg_per_h_per_g.map_or(visit.before, |[first, _]| first);
             state.g_sigma_deg_per_h_per_g = Some([first, look.g_sigma_deg_per_h_per_g]);
         }
-        let seconds_left = Self::wanted_s(look.noise) - state.held_s;
-        if state.done || seconds_left <= 0.0 {
-            state.done = true;
-            return self.next(Some(side));
+        let wanted_s = Self::wanted_s(look.noise);
+        let mut seconds_left = wanted_s - state.held_s;
+        state.done |= seconds_left <= 0.0;
+        if turns {
+            let whole_s = (VISIT * wanted_s).max(HOLD_S.0);
+            seconds_left = (seconds_left + visit.held_s).clamp(BETWEEN_TURNS_S, whole_s) - visit.held_s;
         }
-        if !look.stationary && look.t_s - since_s > IMPATIENT_S {
+        if seconds_left <= 0.0 {
+            let next = self.next(side);
+            self.aim = Some(next);
+            return next;
+        }
+        if !look.stationary && look.t_s - visit.since_s > IMPATIENT_S {
             return Instruction::TooMuchMotion { side };
         }
         Instruction::Hold { side, seconds_left }
     }
 
-    /// What comes next for a vehicle that stands on a side that is done, or between sides.
-    fn next(&self, on: Option<Side>) -> Instruction {
-        let next = self.sides.iter().find(|s| !s.done && !s.skipped).map(|s| s.side);
-        let axis = (0..3).find(|k| self.turned.get(*k).is_some_and(|t| *t < TURN));
-        match (next, on, axis) {
-            (Some(next), Some(side), _) => Instruction::AlreadyDone { side, next },
-            (Some(side), None, _) => Instruction::Turn { side },
-            (None, _, Some(axis)) => Instruction::TurnAbout { axis },
-            // The turn that is last is measured by the rest after it.
-            (None, None, None) => self.instruction,
-            (None, Some(_), None) => Instruction::Done,
+    /// What is asked for of a vehicle between two sides.
+    fn between(&self) -> Instruction {
+        let undone =
+            || self.sides.iter().find(|s| !s.done && !s.skipped).map(|s| Instruction::Turn { side: s.side });
+        self.aim.or_else(undone).unwrap_or(self.instruction)
+    }
+
+    /// What comes after a hold on this side.
+    fn next(&self, side: Side) -> Instruction {
+        let (wanted, can) = (self.wanted(), |side: Side| self.can(side));
+        if let Some((axis, side)) = self.turns.next(side, wanted, &can) {
+            return Instruction::TurnAbout { axis, side };
         }
+        if let Some(side) = self.turns.side_for(wanted, &can) {
+            return Instruction::Turn { side };
+        }
+        let undone = self.sides.iter().find(|s| !s.done && !s.skipped);
+        undone.map_or(Instruction::Done, |next| Instruction::AlreadyDone { side, next: next.side })
     }
 }
 
 #[cfg(test)]
-mod tests {
-    use super::*;
-
-    const NOISE: f64 = 2e-8;
-
-    /// Stands on a side for so long, or turns toward it at this rate, rad/s.
-    fn play(session: &mut Session, t_s: &mut f64, side: Side, for_s: f64, rate: Vector3<f64>) {
-        let end = *t_s + for_s;
-        let began = *t_s;
-        while *t_s < end {
-            let turning = rate.norm() > 0.0;
-            let force = if turning { Vector3::new(5.0, 5.0, -5.0) } else { side.force() * STANDARD_GRAVITY };
-            let stationary = !turning && *t_s - began > 5.0;
-            session.look(&Look {
-                t_s: *t_s,
-                force,
-                rate,
-                stationary,
-                noise: NOISE,
-                g_sigma_deg_per_h_per_g: 10.0,
-            });
-            *t_s += 0.1;
-        }
-    }
-
-    fn turn(session: &mut Session, t_s: &mut f64, axis: usize) {
-        play(session, t_s, Side::Level, 3.0, Vector3::ith(axis, 0.8));
-    }
-
-    #[test]
-    fn sides_are_recognised_within_twenty_degrees_and_not_beyond() {
-        for side in Side::ALL {
-            for (degrees, wanted) in [(0.0, true), (18.0, true), (24.0, false)] {
-                let f64_degrees: f64 = degrees;
-                let across = if side.force().x.abs() > 0.5 { Vector3::y() } else { Vector3::x() };
-                let (sin, cos) = f64_degrees.to_radians().sin_cos();
-                let force = (side.force() * cos + across * sin) * STANDARD_GRAVITY;
-                assert_eq!(Side::of_force(&force) == Some(side), wanted, "{side:?} {degrees}");
-            }
-        }
-        assert_eq!(Side::of_force(&Vector3::new(0.0, 0.0, -14.0)), None);
-    }
-
-    #[test]
-    fn six_sides_in_any_order_and_a_turn_about_each_axis_end_it() {
-        let (mut session, mut t_s) = (Session::default(), 0.0);
-        let order = [3, 0, 5, 1, 4, 2];
-        for (n, k) in order.into_iter().enumerate() {
-            play(&mut session, &mut t_s, Side::ALL[k], 60.0, Vector3::zeros());
-            assert!(session.sides()[k].done, "{k}");
-            // Roll and pitch are turned on the way from side to side.
-            turn(&mut session, &mut t_s, n % 2);
-        }
-        assert_eq!(session.instruction(), Instruction::TurnAbout { axis: 2 });
-        turn(&mut session, &mut t_s, 2);
-        turn(&mut session, &mut t_s, 2);
-        assert!(!session.is_done(), "the turn is measured by the rest after it");
-        play(&mut session, &mut t_s, Side::Level, 6.0, Vector3::zeros());
-        assert!(session.is_done());
-    }
-
-    #[test]
-    fn a_side_that_is_done_is_not_asked_for_again() {
-        let (mut session, mut t_s) = (Session::default(), 0.0);
-        play(&mut session, &mut t_s, Side::Level, 60.0, Vector3::zeros());
-        let Instruction::AlreadyDone { side, next } = session.instruction() else {
-            panic!("{:?}", session.instruction())
-        };
-        assert_eq!((side, next), (Side::Level, Side::NoseUp));
-    }
-
-    #[test]
-    fn seconds_left_follow_the_noise_and_not_the_clock() {
-        let (quiet, loud) = (Session::wanted_s(2.5e-9), Session::wanted_s(2e-8));
-        assert!(quiet < loud && quiet >= HOLD_S.0 && loud <= HOLD_S.1, "{quiet} {loud}");
-        let (mut session, mut t_s) = (Session::default(), 0.0);
-        play(&mut session, &mut t_s, Side::NoseUp, 10.0, Vector3::zeros());
-        let Instruction::Hold { side, seconds_left } = session.instruction() else {
-            panic!("{:?}", session.instruction())
-        };
-        assert_eq!(side, Side::NoseUp);
-        assert!((seconds_left - (Session::wanted_s(NOISE) - 5.0)).abs() < 0.3, "{seconds_left}");
-    }
-
-    #[test]
-    fn hands_that_shake_are_told_and_an_interruption_keeps_what_there_is() {
-        let (mut session, mut t_s) = (Session::default(), 0.0);
-        let shaky = |session: &mut Session, t_s: &mut f64| {
-            for _ in 0..120 {
-                let force = Side::NoseDown.force() * STANDARD_GRAVITY;
-                let rate = Vector3::new(0.05, 0.0, 0.0);
-                let look = Look {
-                    t_s: *t_s,
-                    force,
-                    rate,
-                    stationary: false,
-                    noise: NOISE,
-                    g_sigma_deg_per_h_per_g: 10.0,
-                };
-                session.look(&look);
-                *t_s += 0.1;
-            }
-        };
-        shaky(&mut session, &mut t_s);
-        assert_eq!(session.instruction(), Instruction::TooMuchMotion { side: Side::NoseDown });
-        play(&mut session, &mut t_s, Side::NoseDown, 10.0, Vector3::zeros());
-        turn(&mut session, &mut t_s, 1);
-        let held_s = session.sides()[2].held_s;
-        assert!(held_s > 4.0 && !session.sides()[2].done && session.interruptions() == 1);
-        t_s += 30.0;
-        play(&mut session, &mut t_s, Side::NoseDown, 60.0, Vector3::zeros());
-        assert!(session.sides()[2].done);
-    }
-
-    #[test]
-    fn a_vehicle_that_cannot_lie_on_its_back_is_done_without() {
-        let (mut session, mut t_s) = (Session::default(), 0.0);
-        session.skip(Side::UpsideDown);
-        for side in &Side::ALL[..5] {
-            play(&mut session, &mut t_s, *side, 60.0, Vector3::zeros());
-            (0..3).for_each(|k| turn(&mut session, &mut t_s, k));
-        }
-        play(&mut session, &mut t_s, Side::Level, 8.0, Vector3::zeros());
-        assert!(session.is_done(), "{:?}", session.instruction());
-    }
-}
+mod tests;

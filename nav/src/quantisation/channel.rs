@@ -1,5 +1,6 @@
 //! One axis of truncated samples: what the last second says of its mean and noise, and the values behind its counts.
 
+use super::pair::Pair;
 use std::f64::consts::TAU;
 
 /// Smallest scatter assumed, steps. Below it the counts are constant and say nothing of where in a bin the mean lies.
@@ -20,7 +21,7 @@ const FAR: f64 = 4.0;
 const LEAST_SLOPE: f64 = 0.3;
 
 /// Lower and upper limit of the values that truncation maps to this count, steps.
-fn bin(count: f64) -> (f64, f64) {
+pub(super) fn bin(count: f64) -> (f64, f64) {
     if count > 0.0 {
         (count, count + 1.0)
     } else if count < 0.0 {
@@ -35,13 +36,25 @@ fn bin(count: f64) -> (f64, f64) {
 pub(super) struct Channel {
     mean: f64,
     variance: f64,
+    pair: Pair,
 }
 
 impl Channel {
     /// Before anything but its first count is known.
     pub(super) fn starting(count: f64) -> Self {
         let (low, high) = bin(count);
-        Self { mean: 0.5 * (low + high), variance: SCATTER_AT_START * SCATTER_AT_START }
+        let variance = SCATTER_AT_START * SCATTER_AT_START;
+        Self { mean: 0.5 * (low + high), variance, pair: Pair::starting(count) }
+    }
+
+    /// It moves: what its counts have shown of a mean that stays is over.
+    pub(super) fn moves(&mut self) {
+        self.pair.start_over();
+    }
+
+    /// By how much the values of a mean that stays are expected to lie from it, and the variance of that, steps and steps².
+    pub(super) fn constant_error(&self) -> (f64, f64) {
+        self.pair.constant_error(self.mean)
     }
 
     /// The value behind a count, the variance that rounding adds to it and the part of that which stays the same from sample to
@@ -50,6 +63,7 @@ impl Channel {
         if !count.is_finite() {
             return (count, SCATTER_AT_START * SCATTER_AT_START, 0.0);
         }
+        self.pair.take(count, gain);
         let (low, high) = bin(count);
         let (centre, flat) = (0.5 * (low + high), (high - low).powi(2) / 12.0);
         // Without dither the counts carry no mean: toward the centre of the bin and its flat variance.

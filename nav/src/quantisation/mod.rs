@@ -5,6 +5,7 @@
 //! around zero it has a dead zone two steps wide.
 
 mod channel;
+mod pair;
 
 use self::channel::Channel;
 use crate::sample::{ImuSample, Quantisation, Steps};
@@ -61,6 +62,16 @@ fn centre(value: f64, step: f64) -> f64 {
     if count == 0.0 { 0.0 } else { value + 0.5 * step * count.signum() }
 }
 
+/// What rounding does to the mean of the samples of a unit that does not move, gyros and accelerometers: by how much it is expected to lie from the
+/// truth, rad/s and m/s², and the variance of that. It is the same as long as the mean is.
+#[derive(Debug, Clone, Copy, Default, PartialEq)]
+pub struct ConstantError {
+    /// Expected value.
+    pub mean: [Vector3<f64>; 2],
+    /// Variance about it.
+    pub variance: [Vector3<f64>; 2],
+}
+
 /// Gives truncated samples back their values, using what the last second says of mean and noise.
 ///
 /// Where the sensor noise is about a step, truncation masks a mean rate inside the dead zone, but the *frequencies* of the
@@ -81,6 +92,7 @@ pub struct Dequantiser {
     last_t_s: f64,
     variance: [Vector3<f64>; 2],
     persistent: [Vector3<f64>; 2],
+    at_rest: ConstantError,
 }
 
 impl Dequantiser {
@@ -94,6 +106,7 @@ impl Dequantiser {
             last_t_s: f64::NEG_INFINITY,
             variance,
             persistent: [Vector3::zeros(); 2],
+            at_rest: ConstantError::default(),
         }
     }
 
@@ -115,15 +128,19 @@ impl Dequantiser {
         });
         let mut back = *sample;
         let (gyro_channels, accel_channels) = channels.split_at_mut(3);
-        for k in 0..3 {
-            let (value, variance, persistent) = gyro_channels[k].update(gyro[k], gain);
-            back.gyro[k] = value * steps.gyro;
-            self.variance[0][k] = variance * steps.gyro * steps.gyro;
-            self.persistent[0][k] = persistent * steps.gyro * steps.gyro;
-            let (value, variance, persistent) = accel_channels[k].update(accel[k], gain);
-            back.accel[k] = value * steps.accel;
-            self.variance[1][k] = variance * steps.accel * steps.accel;
-            self.persistent[1][k] = persistent * steps.accel * steps.accel;
+        for (kind, channels, counts, step, back) in [
+            (0, gyro_channels, gyro, steps.gyro, &mut back.gyro),
+            (1, accel_channels, accel, steps.accel, &mut back.accel),
+        ] {
+            for (k, channel) in channels.iter_mut().enumerate() {
+                let (value, variance, persistent) = channel.update(counts[k], gain);
+                back[k] = value * step;
+                self.variance[kind][k] = variance * step * step;
+                self.persistent[kind][k] = persistent * step * step;
+                let (mean, variance) = channel.constant_error();
+                self.at_rest.mean[kind][k] = mean * step;
+                self.at_rest.variance[kind][k] = (variance + DITHERED_ERROR * DITHERED_ERROR) * step * step;
+            }
         }
         back
     }
@@ -133,8 +150,18 @@ impl Dequantiser {
         (self.variance[0], self.variance[1])
     }
 
-    /// Variances of the part of the error that stays the same from sample to sample, (rad/s)² and (m/s²)², per axis: what
-    /// no mean over a vehicle at rest takes away.
+    /// The unit moves: what its counts show of its rest begins anew. Hands that shake leave counts that noise alone would not.
+    pub fn moves(&mut self) {
+        self.channels.iter_mut().flatten().for_each(Channel::moves);
+    }
+
+    /// What it does to the mean of a unit that does not move, by what has been seen since it moved.
+    pub fn at_rest(&self) -> ConstantError {
+        self.at_rest
+    }
+
+    /// Variances of the part of the error that stays the same from sample to sample, (rad/s)² and (m/s²)², per axis, whether the
+    /// vehicle moves or not.
     pub fn constant_error(&self) -> [Vector3<f64>; 2] {
         let Quantisation::Truncate(steps) = self.quantisation else { return [Vector3::zeros(); 2] };
         let left = [steps.gyro, steps.accel].map(|s| (DITHERED_ERROR * s).powi(2));

@@ -103,7 +103,7 @@ impl Hand {
         Self { acts: list, duration_s: t_s, place: Geodetic::from_degrees(47.397_7, 8.545_6, 488.0) }
     }
 
-    /// All six sides, each for so long, s, up to 12° off, and a turn about the vertical: as somebody does it who has read how.
+    /// All six sides by quarter turns about each axis, each for so long, s, up to 12° off: as somebody does it who has read how.
     pub fn six_sides(hold_s: f64) -> Self {
         Self::in_manner(hold_s, Manner::Careful)
     }
@@ -126,28 +126,42 @@ impl Hand {
         Self::new(acts, 1.1)
     }
 
-    /// Turns from level: nose up, nose down, level, right side, left side, upside down, level, each some degrees off; and once around.
+    /// Quarter turns from level, each some degrees off: once around the pitch axis, once around the roll axis, and with the nose up once around the
+    /// yaw axis; to and fro where sides are missing.
     fn plan(manner: Manner) -> Vec<([f64; 3], f64, f64)> {
-        let quarter = FRAC_PI_2;
-        let off = if manner == Manner::Askew { 0.2 } else { 0.0 };
-        let around = ([0.0, 0.0, 1.0], TAU - 0.2, 6.0);
-        let mut plan = vec![
-            ([0.0, 1.0, 0.06], quarter - 0.1 - off, 3.0),
-            ([0.05, -1.0, 0.0], 2.0 * quarter - 0.15 - 1.5 * off, 4.0),
-            ([0.0, 1.0, 0.0], quarter - 0.1 - 0.5 * off, 2.5),
-            ([1.0, 0.04, 0.0], quarter + 0.1 + off, 3.0),
-        ];
+        // How far off the sides of a circle are, rad, one after the other.
+        let off: f64 = if manner == Manner::Askew { 0.32 } else { 0.12 };
+        let circle = |[a, b, c]: [[f64; 3]; 3], sign: f64| {
+            let by = [-off, off - 0.05, 0.02 - off, 0.0];
+            let axes = [a, b, c, b];
+            (0..4).map(move |k| {
+                let before = if k > 0 { by[k - 1] } else { 0.0 };
+                (axes[k], FRAC_PI_2 + sign * (by[k] - before), 2.5)
+            })
+        };
+        let pitch = [[0.0, 1.0, 0.04], [0.03, 1.0, 0.0], [0.0, 1.0, -0.04]];
+        let roll = [[1.0, 0.04, 0.0], [1.0, 0.0, 0.05], [1.0, -0.05, 0.0]];
+        let yaw = [[0.04, 0.0, 1.0], [0.0, 0.03, 1.0], [0.0, -0.04, 1.0]];
+        let up = ([0.0, 1.0, 0.02], FRAC_PI_2 - 0.06, 2.5);
         if manner == Manner::TwoMissing {
-            plan.extend([([-1.0, 0.0, 0.05], quarter + 0.1, 3.0), around]);
-        } else {
-            plan.extend([
-                ([-1.0, 0.0, 0.05], 2.0 * quarter + 0.05, 4.0),
-                ([-1.0, 0.08, 0.0], quarter + 0.05 + off, 3.0),
-                ([1.0, 0.0, 0.0], PI - 0.05, 4.0),
-                around,
-            ]);
+            // Neither on its left side nor on its back.
+            let there = |axis: [f64; 3], off: f64| (axis, FRAC_PI_2 + off, 2.5);
+            let back = |[x, y, z]: [f64; 3], off: f64| ([-x, -y, -z], FRAC_PI_2 + off, 2.5);
+            return vec![
+                there(pitch[0], -0.1),
+                back(pitch[1], -0.1),
+                back(pitch[0], -0.12),
+                there(pitch[2], -0.12),
+                there(roll[0], 0.1),
+                back(roll[1], 0.1),
+                up,
+                there(yaw[0], 0.1),
+                there(yaw[1], -0.1),
+                back(yaw[2], -0.1),
+                back(yaw[0], 0.1),
+            ];
         }
-        plan
+        circle(pitch, 1.0).chain(circle(roll, -1.0)).chain([up]).chain(circle(yaw, -1.0)).collect()
     }
 
     fn turns(hold_s: f64, manner: Manner) -> Vec<Act> {

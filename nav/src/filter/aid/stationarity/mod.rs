@@ -8,6 +8,7 @@
 //! out, and what the rounding of the source takes away, stays the same all the time and is a constant error of the means.
 
 pub(crate) mod detector;
+mod support;
 
 use crate::earth;
 use crate::filter::Filter;
@@ -16,19 +17,22 @@ use crate::filter::covariance::Covariance;
 use crate::filter::group::{Prepared, Rows};
 use crate::filter::layout::index;
 use crate::mechanization::Motion;
+use crate::quantisation::ConstantError;
 use crate::rotation::skew;
 use crate::sample::ImuSample;
 use nalgebra::{Matrix3, Vector3};
 use std::collections::VecDeque;
+pub(in crate::filter) use support::Supports;
+use support::{GivesWay, Support};
 
 /// 1-sigma of the velocity of a stationary vehicle, m/s.
 const VELOCITY_SIGMA: f64 = 0.02;
 /// NIS of zero velocity beyond which the filter knows that the vehicle moves: chance 1e-3.
 const STOP_GATE: f64 = 16.3;
-/// Means are kept in blocks of this length, s …
-const BLOCK_S: f64 = 10.0;
+/// Means are kept in blocks of this length, s: a side that is held by hand for a quarter of a minute has two at least, which tell a unit that sinks into foam …
+const BLOCK_S: f64 = 5.0;
 /// … and reach back so many of them: longer means would mask a warming sensor.
-const BLOCKS: usize = 18;
+const BLOCKS: usize = 36;
 /// The estimate follows the means this often, s.
 const REFRESH_S: f64 = 1.0;
 
@@ -38,22 +42,50 @@ struct Means {
     duration_s: f64,
     rate: Vector3<f64>,
     force: Vector3<f64>,
+    /// What rounding does to both: the expected error and its variance, times the time.
+    rounding: ConstantError,
 }
 
 impl Means {
     /// The newest blocks of so long together, s; one at least.
-    fn over(blocks: &VecDeque<Self>, longest_s: f64) -> Self {
+    fn over<'a>(blocks: impl DoubleEndedIterator<Item = &'a Self>, longest_s: f64) -> Self {
         let mut sum = Self::default();
-        for block in blocks.iter().rev() {
+        for block in blocks.rev() {
             if sum.duration_s > 0.0 && sum.duration_s + block.duration_s > longest_s {
                 break;
             }
             sum.duration_s += block.duration_s;
             sum.rate += block.rate;
             sum.force += block.force;
+            sum.round(&block.rounding, 1.0);
         }
         sum
     }
+
+    /// Counts what rounding does for so long, s.
+    fn round(&mut self, error: &ConstantError, for_s: f64) {
+        for k in 0..2 {
+            self.rounding.mean[k] += error.mean[k] * for_s;
+            self.rounding.variance[k] += error.variance[k] * for_s;
+        }
+    }
+
+    /// The mean rate, or force, without what rounding is expected to do to it, and the variance of what it may do.
+    fn unrounded(&self, kind: usize) -> (Vector3<f64>, Vector3<f64>) {
+        let sum = if kind == 0 { self.rate } else { self.force };
+        ((sum - self.rounding.mean[kind]) / self.duration_s, self.rounding.variance[kind] / self.duration_s)
+    }
+}
+
+/// The variance of a constant error of a mean that is known to this variance without it, so that both together say no more than a mean with that error.
+///
+/// Every period in which a unit stands on the same side has the same rounding error: what says that a mean lies within a count says it once. As independent
+/// errors, of four times on one side, they gave a NEES of 1.5 per degree of freedom. Where the mean may lie anywhere it is the error itself.
+fn counted_once(error: f64, known: f64) -> f64 {
+    /// Share of what is known that is never taken for independent.
+    const LEAST: f64 = 1e-6;
+    let independent = known - error;
+    if independent > LEAST * known { error * known / independent } else { error / LEAST }
 }
 
 /// A stationary period: what the filter is linearised about stays where it was at the first estimate.
@@ -68,6 +100,26 @@ pub(in crate::filter) struct Hold {
     base: (Vec<f64>, Covariance),
     blocks: VecDeque<Means>,
     refreshed_s: f64,
+    /// What it rests on, and how that gives way.
+    support: Support,
+    gives_way: GivesWay,
+    /// Blocks that the base has taken already where the support gives way: what their rows left out is counted.
+    taken: usize,
+    /// Since when, from its begin, s.
+    taken_s: f64,
+}
+
+/// Half of what the attitude turns on a support that gives way: s of what the mean rate leaves over, and the variance of the rest, rad².
+struct Turn {
+    of_rate: Vector3<f64>,
+    variance: Vector3<f64>,
+}
+
+impl Hold {
+    /// The newest blocks of so long together, s, that the base has not taken.
+    fn means(&self, longest_s: f64) -> Means {
+        Means::over(self.blocks.iter().skip(self.taken), longest_s)
+    }
 }
 
 impl Filter {
@@ -76,9 +128,15 @@ impl Filter {
         self.hold.is_some()
     }
 
-    /// Variances of what the rounding of the source may keep from every sample, (rad/s)² and (m/s²)².
-    pub fn set_rounding_error(&mut self, variances: [Vector3<f64>; 2]) {
-        self.rounding = variances;
+    /// Variances of what the rounding of the source may keep from every sample, (rad/s)² and (m/s²)², and what it does to their mean at rest.
+    pub fn set_rounding_error(&mut self, variances: [Vector3<f64>; 2], at_rest: &ConstantError) {
+        (self.rounding, self.rounding_at_rest) = (variances, *at_rest);
+    }
+
+    /// How far the vehicle has turned on its support in the stationary period in which it did most, rad; zero on a firm one.
+    pub fn turned_on_support(&self) -> f64 {
+        let now = self.hold.as_ref().map_or(0.0, |hold| hold.support.turned());
+        self.supports.turned().max(now)
     }
 
     /// Whether the fixes have been inconsistent with a stationary vehicle's position for more than a moment.
@@ -109,14 +167,17 @@ impl Filter {
             base: (self.x.clone(), self.p.clone()),
             blocks: VecDeque::new(),
             refreshed_s: self.t_s,
+            gives_way: self.supports.judge(&Support::default()),
+            support: Support::default(),
+            taken: 0,
+            taken_s: 0.0,
         }));
     }
 
     /// Ends it.
     pub(in crate::filter) fn end_hold(&mut self) {
-        if self.hold.take().is_none() {
-            return;
-        }
+        let Some(hold) = self.hold.take() else { return };
+        self.supports.add(&hold.support);
         // Rest has aided it as well as any fix.
         self.aided_s = self.aided_s.map(|_| self.t_s);
         self.x[index::VELOCITY..index::ATTITUDE].fill(0.0);
@@ -172,16 +233,19 @@ impl Filter {
         self.regressor.take(&motion, self.noise_band(dt), dt);
         (self.to.motion, self.to.lever) = (motion, self.regressor.lever(&motion));
         if hold.blocks.back().is_none_or(|b| b.duration_s >= BLOCK_S) {
-            self.rest_evidence += self.block_evidence(&hold.blocks);
+            self.judge_support(&mut hold);
+            self.rest_evidence += self.block_evidence(&hold);
             hold.blocks.push_back(Means::default());
             if hold.blocks.len() > BLOCKS {
                 hold.blocks.pop_front();
+                hold.taken = hold.taken.saturating_sub(1);
             }
         }
         if let Some(block) = hold.blocks.back_mut() {
             block.duration_s += dt;
             block.rate += motion.rate * dt;
             block.force += motion.force * dt;
+            block.round(&self.rounding_at_rest, dt);
         }
         self.last = Some(*sample);
         self.t_s = sample.t_s;
@@ -196,6 +260,20 @@ impl Filter {
         }
     }
 
+    /// Takes the block that is complete for what it says of the support. Where that gives way, the attitude turns in the base, block by block.
+    fn judge_support(&mut self, hold: &mut Hold) {
+        let Some(block) = hold.blocks.back() else { return };
+        let for_s = block.duration_s;
+        let walked = self.accel_walk_density().powi(2) * for_s;
+        hold.support.take(&(block.force / for_s), for_s, self.noise_density().1 / for_s, walked);
+        hold.gives_way = self.supports.judge(&hold.support);
+        if !hold.gives_way.is_firm() {
+            self.put_means_on(hold);
+            hold.base = (self.x.clone(), self.p.clone());
+            (hold.taken, hold.taken_s) = (hold.blocks.len(), hold.support.held_s());
+        }
+    }
+
     fn exchange_base(&mut self, hold: &mut Hold) {
         std::mem::swap(&mut self.x, &mut hold.base.0);
         std::mem::swap(&mut self.p, &mut hold.base.1);
@@ -205,15 +283,60 @@ impl Filter {
     fn refresh_hold(&mut self) {
         let Some(mut hold) = self.hold.take() else { return };
         hold.refreshed_s = self.t_s;
+        self.put_means_on(&hold);
+        self.hold = Some(hold);
+        self.find_estimate();
+    }
+
+    /// The base with the present means on top. On a support that gives way the mean rate is bias and turn together: of its innovation w a share q/V is the
+    /// turn (q its variance over the squared time, V that of all that the mean rate does not say), with a variance of q (1 − q/V). The mean specific force is that of
+    /// the attitude half way.
+    fn put_means_on(&mut self, hold: &Hold) {
         self.x.clone_from(&hold.base.0);
         self.p.clone_from(&hold.base.1);
-        for rows in self.mean_rows(&hold) {
+        let for_s = hold.means(f64::INFINITY).duration_s;
+        let [rate, force] = self.mean_rows(hold);
+        let of_turn = hold.gives_way.variance(hold.taken_s, for_s) / (for_s * for_s);
+        let half = Turn {
+            of_rate: Vector3::from(rate.variance).map(|v| 0.5 * for_s * of_turn / v),
+            variance: Vector3::from(rate.variance)
+                .map(|v| 0.5 * for_s * for_s * of_turn * (1.0 - of_turn / v)),
+        };
+        let turns = !hold.gives_way.is_firm() && for_s > 0.0;
+        let seen = rate.clone();
+        for rows in [rate, force] {
             if let Ok(prepared) = self.tested(rows).1 {
                 self.absorb(prepared);
             }
+            if turns {
+                self.turn_on_support(&seen, &half);
+            }
         }
-        self.hold = Some(hold);
-        self.find_estimate();
+    }
+
+    /// Turns the attitude by a share of what the rows of the mean rate leave over.
+    fn turn_on_support(&mut self, rows: &Rows, turn: &Turn) {
+        let ph = self.p.times(&rows.h);
+        let mut of_rows = Matrix3::zeros();
+        for (state, by) in &rows.h {
+            of_rows += Vector3::from(*by) * Vector3::from(ph.at(*state)).transpose();
+        }
+        let left = Vector3::from(rows.clone().less(&self.x).residual);
+        let share = Matrix3::from_diagonal(&turn.of_rate);
+        let a = index::ATTITUDE;
+        let attitude = Matrix3::from_fn(|i, j| ph.at(a + j)[i]);
+        let cross = share * attitude;
+        let block = self.p.block3(a)
+            + cross
+            + cross.transpose()
+            + share * of_rows * share
+            + Matrix3::from_diagonal(&turn.variance);
+        for state in (0..self.p.len()).filter(|state| !(a..a + 3).contains(state)) {
+            let with = Vector3::from_fn(|i, _| self.p.at(a + i, state));
+            self.p.set_cross3(a, state, &(with + share * Vector3::from(ph.at(state))));
+        }
+        self.p.set_block3(a, &block);
+        (0..3).for_each(|i| self.x[a + i] -= turn.of_rate[i] * left[i]);
     }
 
     /// A longer mean of the rate says less of a bias that walks, s: the minimum of the variance below.
@@ -229,22 +352,27 @@ impl Filter {
     /// How much more likely the mean rate of the newest block is with this filter's walk than with the model's own alone, nats, where those before it
     /// are known: the bias of a stationary gyro is the same in both but for its walk. A ratio, so that filters whose periods began at
     /// different times can be compared.
-    fn block_evidence(&self, blocks: &VecDeque<Means>) -> f64 {
-        let mut before = blocks.clone();
+    fn block_evidence(&self, hold: &Hold) -> f64 {
+        let mut before = hold.blocks.clone();
         let Some(new) = before.pop_back() else { return 0.0 };
-        let before = Means::over(&before, self.longest_mean_s());
+        let before = Means::over(before.iter(), self.longest_mean_s());
         if before.duration_s <= 0.0 || new.duration_s <= 0.0 {
             return 0.0;
         }
-        let off = new.rate / new.duration_s - before.rate / before.duration_s;
+        let [(now, of_now), (earlier, of_earlier)] = [new.unrounded(0), before.unrounded(0)];
         let durations = [new.duration_s, before.duration_s];
+        let from_s = hold.support.held_s() - new.duration_s;
+        let turned = hold.gives_way.variance(from_s, new.duration_s) / new.duration_s.powi(2)
+            + hold.gives_way.variance(from_s - before.duration_s, before.duration_s)
+                / before.duration_s.powi(2);
+        let (off, left_out) = (now - earlier, (of_now + of_earlier).add_scalar(turned));
         let variance =
             |walk: f64| -> f64 { durations.iter().map(|t| self.mean_rate_variance(*t, walk)).sum() };
         let variances = [self.gyro_walk_density(), self.model_gyro_walk_density()].map(variance);
         (0..3)
             .map(|k| {
                 let [with, without] = variances.map(|v| {
-                    let s = v + 2.0 * self.rounding[0][k];
+                    let s = v + left_out[k];
                     -0.5 * ((off[k] * off[k] / s).min(super::gate(1)) + s.ln())
                 });
                 with - without
@@ -253,8 +381,7 @@ impl Filter {
     }
 
     fn mean_rows(&self, hold: &Hold) -> [Rows; 2] {
-        let totals =
-            [Means::over(&hold.blocks, self.longest_mean_s()), Means::over(&hold.blocks, f64::INFINITY)];
+        let totals = [hold.means(self.longest_mean_s()), hold.means(f64::INFINITY)];
         if totals[0].duration_s <= 0.0 {
             return [Rows::default(), Rows::default()];
         }
@@ -262,23 +389,37 @@ impl Filter {
             self.mean_rate_variance(totals[0].duration_s, self.gyro_walk_density()),
             self.noise_density().1 / totals[1].duration_s,
         ];
-        let rows = |kind: usize, expected: &Vector3<f64>, sum: Vector3<f64>, columns: &[Vector3<f64>]| {
+        let rows = |kind: usize, expected: &Vector3<f64>, columns: &[Vector3<f64>]| {
             let mut rows = Rows { dof: 3, ..Rows::default() };
-            rows.residual = (expected - sum / totals[kind].duration_s).into();
-            for i in 0..3 {
-                rows.variance[i] = noise[kind] + hold.constant[kind][i] + self.rounding[kind][i];
-            }
+            let (mean, rounding) = totals[kind].unrounded(kind);
+            rows.residual = (expected - mean).into();
             // exp(−ε) v = v + [v×] ε: what is expected moves with the attitude.
             let by_attitude: Matrix3<f64> = -skew(expected);
             (0..3).for_each(|j| rows.push(index::ATTITUDE + j, |i| by_attitude[(i, j)]));
             for (k, column) in columns.iter().enumerate() {
                 rows.push(index::GYRO_BIAS + k, |i| column[i]);
             }
+            let known = rows.variances_by(&hold.base.1);
+            // A turn of variance q: q/T² of the mean rate; of the attitude half way all but q/12.
+            let for_s = totals[kind].duration_s;
+            let q = hold.gives_way.variance(hold.taken_s, for_s);
+            let turned = if kind == 0 {
+                Vector3::repeat(q / (for_s * for_s))
+            } else {
+                expected.map(|e| q / 12.0 * (expected.norm_squared() - e * e))
+            };
+            for i in 0..3 {
+                let constant = hold.constant[kind][i];
+                let [once, again] =
+                    if hold.taken > 0 && kind == 0 { [0.0, constant] } else { [constant, 0.0] };
+                rows.variance[i] =
+                    noise[kind] + turned[i] + once + counted_once(rounding[i] + again, known[i]);
+            }
             rows
         };
         [
-            rows(0, &hold.expected.rate, totals[0].rate, &hold.jacobian.rate),
-            rows(1, &hold.expected.force, totals[1].force, &hold.jacobian.force),
+            rows(0, &hold.expected.rate, &hold.jacobian.rate),
+            rows(1, &hold.expected.force, &hold.jacobian.force),
         ]
     }
 
@@ -295,5 +436,23 @@ impl Filter {
         }
         self.refresh_hold();
         result
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::counted_once;
+
+    /// Kalman's P R / (P + R) with that variance: no less than the error, however often it is measured, and no more than what was known.
+    #[test]
+    fn an_error_that_stays_is_counted_once() {
+        let (error, mut known) = (0.3, 100.0);
+        for _ in 0..5 {
+            let r = counted_once(error, known);
+            known = known * r / (known + r);
+            assert!((known - error).abs() < 1e-5, "{known}");
+        }
+        assert!((counted_once(error, 1e9) / error - 1.0).abs() < 1e-8);
+        assert!(counted_once(error, 0.1) > 1e5 && counted_once(0.0, 0.0) == 0.0);
     }
 }
