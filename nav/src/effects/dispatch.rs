@@ -104,6 +104,11 @@ impl<'a> dyn Effect + 'a {
         self.on_fixes().and_then(|e| e.fix_by_attitude(p, x))
     }
 
+    /// As [`FixEffect::values_to_try`].
+    pub fn values_to_try(&self) -> &'static [f64] {
+        self.on_fixes().map_or(&[], FixEffect::values_to_try)
+    }
+
     /// As [`WalkEffect::bias_walk`].
     pub fn bias_walk(&self, p: &[f64]) -> BiasWalk {
         self.on_biases().map_or_else(BiasWalk::default, |e| e.bias_walk(p))

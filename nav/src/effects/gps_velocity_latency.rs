@@ -66,6 +66,10 @@ impl FixEffect for GpsVelocityLatency {
         true
     }
 
+    fn values_to_try(&self) -> &'static [f64] {
+        &[0.05, 0.1, 0.2]
+    }
+
     fn velocity_delay_s(&self, p: &[f64]) -> f64 {
         p[0]
     }

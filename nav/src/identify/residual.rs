@@ -30,10 +30,6 @@ const STANDS_OUT: f64 = 5.0;
 /// At most so many places are reported.
 const MOST: usize = 8;
 
-/// Sensors with their unit, three axes each.
-pub const SENSORS: [(&str, &str); 4] =
-    [("gyro", "rad/s"), ("accel", "m/s²"), ("position", "m"), ("velocity", "m/s")];
-
 /// Channels: sensor by sensor, x, y, z or north, east, down.
 pub const CHANNELS: [&str; 12] = [
     "gyro_x",

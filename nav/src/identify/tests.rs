@@ -17,6 +17,11 @@ const RATE_HZ: f64 = 50.0;
 
 /// A vehicle that weaves, climbs and changes speed for 90 s, with noise, through the effects of a model.
 pub(crate) fn fly(model: &Model, seed: u64) -> Vec<Sample> {
+    fly_in_gusts(model, seed, 0.0)
+}
+
+/// The same in gusts of two to five hertz that lift it by so many m/s² and pitch it as they do.
+pub(crate) fn fly_in_gusts(model: &Model, seed: u64, lift: f64) -> Vec<Sample> {
     let mut rng = Xoshiro256PlusPlus::seed_from_u64(seed);
     let mut normal = || -> f64 { StandardNormal.sample(&mut rng) };
     let mut nav = NavState::from_ned(
@@ -34,7 +39,9 @@ pub(crate) fn fly(model: &Model, seed: u64) -> Vec<Sample> {
             0.2 * (0.5 * t).cos() - 0.3 * level.y,
             0.3 * (0.2 * t).sin(),
         );
-        Motion { rate, force: up + push }
+        let gust = (13.1 * t).sin() + (19.7 * t + 1.0).sin() + (29.3 * t + 2.0).sin();
+        let (pitch, heave) = (-0.01 * lift * gust, Vector3::z() * (lift * gust));
+        Motion { rate: rate + Vector3::y() * pitch, force: up + push + heave }
     };
     let mut samples = vec![Sample::Stream(ImuStream::default())];
     let delay = calibration
