@@ -95,6 +95,11 @@ pub trait FixEffect {
         false
     }
 
+    /// Whether it depends on [`Conditions`](super::Conditions).
+    fn needs_conditions(&self) -> bool {
+        false
+    }
+
     /// Position of the antenna relative to the inertial unit, m.
     fn arm(&self, _p: &[f64]) -> Vector3<f64> {
         Vector3::zeros()

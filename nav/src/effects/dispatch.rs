@@ -71,9 +71,10 @@ impl<'a> dyn Effect + 'a {
         self.on_samples().and_then(|e| e.accel_by_rate(p, x))
     }
 
-    /// As [`ImuEffect::needs_conditions`].
+    /// As [`ImuEffect::needs_conditions`] and [`FixEffect::needs_conditions`].
     pub fn needs_conditions(&self) -> bool {
         self.on_samples().is_some_and(ImuEffect::needs_conditions)
+            || self.on_fixes().is_some_and(FixEffect::needs_conditions)
     }
 
     /// As [`ImuEffect::needs_surroundings`].

@@ -112,6 +112,7 @@ mod tests {
             antenna: Antenna::default(),
             older: Older::default(),
             elapsed_s: 0.0,
+            conditions: crate::effects::Conditions::default(),
         };
         let [position, velocity] = GpsVelocityLatency.fix(&[latency], &x);
         let turned = rate * latency;

@@ -73,6 +73,10 @@ pub struct Motion {
     pub rate: Vector3<f64>,
     /// Over ground, m/s.
     pub speed: f64,
+    /// Heading, rad.
+    pub heading_rad: f64,
+    /// Above the start, m.
+    pub height_m: f64,
     /// Of the inertial unit, °C.
     pub temperature_degc: Option<f64>,
     /// Root of the mean squared change of specific force from sample to sample, m/s².
@@ -120,7 +124,7 @@ pub fn points(
 ) -> Vec<Point> {
     let samples = flight.samples_of(model);
     let mut samples = samples.iter().peekable();
-    let start_s = flight.initial().t_s;
+    let (start_s, start_height_m) = (flight.initial().t_s, flight.initial().nav.geodetic().height_m);
     let mut last: Option<ImuSample> = None;
     let mut motion = Motion::default();
     reference
@@ -136,6 +140,8 @@ pub fn points(
             seen.into(&mut motion);
             motion.elapsed_s = knot.t_s - start_s;
             motion.speed = knot.nav.v_e.norm();
+            motion.heading_rad = knot.nav.euler().z;
+            motion.height_m = knot.nav.geodetic().height_m - start_height_m;
             Point { motion, residuals }
         })
         .filter(|p| p.motion.elapsed_s > SETTLE_S)
