@@ -45,7 +45,7 @@ const OUTSIDE: [(&str, &str, &str, f64); 28] = [
     ("position", "y", "sin(2*heading)", 0.7),
     ("velocity", "x", "height", 30.0),
     ("position", "x", "cos(heading)", 0.7),
-    ("velocity", "z", "speed*speed", 200.0),
+    ("velocity", "y", "speed*speed", 200.0),
 ];
 
 /// A disturbance that counts as large: rad/s, m/s², m and m/s.

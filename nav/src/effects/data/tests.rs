@@ -46,7 +46,10 @@ fn a_formula_of_fixes_acts_on_fixes_alone() {
     let force = x.c_nb.transpose() * (x.a_n - Vector3::z() * crate::earth::STANDARD_GRAVITY);
     assert!((pushed - force.z).abs() < 1e-12);
     // It has neither temperature nor vibration.
-    assert!(find_any("formula:position~temperature").is_none() && find_any("formula:velocity~vibration_x").is_none());
+    assert!(
+        find_any("formula:position~temperature").is_none()
+            && find_any("formula:velocity~vibration_x").is_none()
+    );
 }
 
 #[test]
