@@ -1,10 +1,10 @@
-//! Effects that no catalogue holds: one of 24 is injected, alone or beside one of the catalogue, and the explanation must name a formula that
+//! Effects that no catalogue holds: one of 28 is injected, alone or beside one of the catalogue, and the explanation must name a formula that
 //! does the same on this flight. On clean flights it must name none.
 
 use crate::blind::{self, Family, Kind, Seen};
 use gaware::explain::contract::Verdict;
 use gaware::parallel::{Progress, map_runs_on};
-use gaware_nav::effects::{Effect, Instant, REGISTRY, data};
+use gaware_nav::effects::{Conditions, Effect, Instant, REGISTRY, data};
 use gaware_nav::identify::Serial;
 use gaware_nav::identify::flight::Flight;
 use gaware_nav::identify::select::{self, Settings};
@@ -17,7 +17,7 @@ use std::time::Instant as Clock;
 
 /// What is injected: target, axis, driver, and its usual size in SI by which a disturbance of a consumer unit is divided. A third of them are not
 /// in the grammar of the search either.
-const OUTSIDE: [(&str, &str, &str, f64); 24] = [
+const OUTSIDE: [(&str, &str, &str, f64); 28] = [
     ("gyro", "z", "current", 10.0),
     ("gyro", "y", "current*current", 200.0),
     ("accel", "x", "throttle", 0.3),
@@ -42,10 +42,16 @@ const OUTSIDE: [(&str, &str, &str, f64); 24] = [
     ("accel", "z", "w_y*f_z", 3.0),
     ("gyro", "z", "current*throttle", 5.0),
     ("accel", "x", "f_x^3", 100.0),
+    ("position", "y", "sin(2*heading)", 0.7),
+    ("velocity", "x", "height", 30.0),
+    ("position", "x", "cos(heading)", 0.7),
+    ("velocity", "y", "speed*speed", 200.0),
 ];
 
-/// A disturbance that counts as large, rad/s and m/s².
-const DISTURBANCE: [f64; 2] = [3e-3, 0.1];
+/// A disturbance that counts as large: rad/s, m/s², m and m/s.
+const DISTURBANCE: [(&str, f64); 4] = [("gyro", 3e-3), ("accel", 0.1), ("position", 2.0), ("velocity", 0.3)];
+/// Of a series: three axes of gyros, accelerometers, position and velocity.
+const CHANNELS: usize = 12;
 /// Formulas whose corrected series correlate by this much with the injected one are equal on this flight.
 const EQUAL: f64 = 0.95;
 
@@ -157,7 +163,7 @@ fn injected(k: usize, noise: &mut Noise) -> Option<EffectSetting> {
         "schema = \"gaware.effects/1\"\n[[effect]]\nname = \"outside_{k}\"\ntarget = \"{target}\"\n{axis} = \"{driver}\"\n"
     );
     let effect = *data::load(&text).ok()?.first()?;
-    let size = DISTURBANCE[usize::from(target == "accel")] / typical;
+    let size = DISTURBANCE.iter().find(|d| d.0 == target)?.1 / typical;
     let sign = if noise.uniform() < 0.5 { -1.0 } else { 1.0 };
     EffectSetting::known(effect, &[sign * size * (0.35 * (2.0f64 / 0.35).powf(noise.uniform()))]).ok()
 }
@@ -202,32 +208,52 @@ fn one(campaign: &Campaign, k: usize, settings: &Settings) -> Option<Outcome> {
     })
 }
 
-/// What an effect adds along a flight, every tenth of a second.
+/// What an effect adds along a flight, every tenth of a second to the sensors and at each fix to that: twelve channels.
 fn series(setting: &EffectSetting, flight: &Flight) -> Vec<f64> {
     let (from, to) = flight.span_s();
+    let height_m = flight.initial().nav.geodetic().height_m;
     let mut out = Vec::new();
+    let mut fixes = flight.fixes().iter().peekable();
+    let mut conditions = flight.conditions(from);
     for sample in flight.reported().iter().step_by(5).filter(|s| (from..to).contains(&s.t_s)) {
+        conditions = Conditions {
+            speed: conditions.speed,
+            height_m: conditions.height_m,
+            heading_rad: conditions.heading_rad,
+            ..flight.conditions(sample.t_s)
+        };
+        if let Some(fix) = fixes.next_if(|f| f.t_s <= sample.t_s) {
+            conditions.height_m = fix.position.height_m - height_m;
+            let [north, east, _] = fix.velocity.components();
+            (conditions.speed, conditions.heading_rad) = (north.hypot(east), east.atan2(north));
+        }
         let x = Instant {
             t_s: sample.t_s,
             rate: sample.gyro,
             force: sample.accel,
             temperature_above_25_degc: sample.temperature_degc.map_or(0.0, |t| t - 25.0),
             around: flight.around(sample.t_s),
-            conditions: flight.conditions(sample.t_s),
+            conditions,
         };
-        let added: [Vector3<f64>; 2] =
-            [setting.effect.gyro(&setting.values, &x), setting.effect.accel(&setting.values, &x)];
+        let mut added = [Vector3::zeros(); 4];
+        match data::added(setting.effect.name(), &setting.values, &x) {
+            Some((target, by)) => added[target as usize] = by,
+            None => {
+                added[0] = setting.effect.gyro(&setting.values, &x);
+                added[1] = setting.effect.accel(&setting.values, &x);
+            }
+        }
         out.extend(added.iter().flat_map(|v| v.iter().copied()));
     }
     out
 }
 
-/// Correlation of two series of six channels, each about its mean.
+/// Correlation of two series of twelve channels, each about its mean.
 fn correlation(a: &[f64], b: &[f64]) -> f64 {
-    let n = (a.len() / 6).max(1) as f64;
+    let n = (a.len() / CHANNELS).max(1) as f64;
     let (mut ab, mut aa, mut bb) = (0.0, 0.0, 0.0);
-    for c in 0..6 {
-        let of = |v: &[f64]| v.iter().skip(c).step_by(6).copied().collect::<Vec<f64>>();
+    for c in 0..CHANNELS {
+        let of = |v: &[f64]| v.iter().skip(c).step_by(CHANNELS).copied().collect::<Vec<f64>>();
         let (a, b) = (of(a), of(b));
         let (ma, mb) = (a.iter().sum::<f64>() / n, b.iter().sum::<f64>() / n);
         for (a, b) in a.iter().zip(&b) {

@@ -1,15 +1,17 @@
 //! The air around a simulated vehicle and what measures it: wind that carries the flight along, pressure of a day that is warmer or colder than the
-//! standard and whose weather changes, barometers and a pitot tube, through the effects of the model.
+//! standard and whose weather changes, barometers and a pitot tube, with the effects of the model.
 //!
-//! On purpose another atmosphere than the estimator's: the pressure comes from the day's own temperature, and the density from both.
+//! On purpose another atmosphere than the estimator's: the pressure comes from the day's own temperature, and the density from both. A delayed sensor
+//! shows what it measured a while ago, gusts included, and a pitot tube's offset adds to its pressure before the root is taken.
 
 use crate::noise::{GaussMarkov, Noise, Purpose};
 use crate::truth::{Motion, Trajectory, Truth, transport_rate_n};
 use gaware_nav::earth::{Geodetic, STANDARD_GRAVITY};
-use gaware_nav::effects::{AirInstant, SEA_LEVEL_DENSITY};
+use gaware_nav::effects::{AirDriver, AirInstant, SEA_LEVEL_DENSITY};
 use gaware_nav::model::Model;
 use gaware_nav::sample::{AirKind, AirSample};
 use nalgebra::Vector3;
+use std::collections::VecDeque;
 use std::f64::consts::TAU;
 
 /// Gas constant of dry air, J/kg/K, and how fast the temperature falls with height, K/m.
@@ -18,21 +20,27 @@ const AIR: (f64, f64) = (287.053, 0.0065);
 const NOISE: [f64; 2] = [3.0, 0.3];
 /// Weather: 1-sigma, Pa, and correlation time, s.
 const WEATHER: (f64, f64) = (12.0, 900.0);
-/// Gusts that do not carry the vehicle along: 1-sigma, m/s, and correlation time, s.
-const GUSTS: (f64, f64) = (0.4, 5.0);
 /// Barometers warm up by this much, K, in this time, s.
 const WARMS: (f64, f64) = (15.0, 150.0);
 /// What is measured in turn: two barometers and an airspeed sensor; the effects of the model are those of the first of each kind.
 pub const AIR_SENSORS: [(AirKind, u8); 3] =
     [(AirKind::Barometer, 0), (AirKind::Barometer, 1), (AirKind::Airspeed, 0)];
 
-/// Wind that carries the vehicle: its mean and a slow swing.
-#[derive(Debug, Clone, Copy, Default, PartialEq)]
+/// Wind that carries the vehicle: its mean and a slow swing; and gusts that do not.
+#[derive(Debug, Clone, Copy, PartialEq)]
 pub struct WindTrack {
     /// Mean velocity of the air, north and east, m/s.
     pub mean_n_e: [f64; 2],
     /// Amplitude of the swing, m/s, and its period, s.
     pub swing: (f64, f64),
+    /// Gusts: 1-sigma, m/s, and correlation time, s.
+    pub gusts: (f64, f64),
+}
+
+impl Default for WindTrack {
+    fn default() -> Self {
+        Self { mean_n_e: [0.0; 2], swing: (0.0, 0.0), gusts: (0.4, 5.0) }
+    }
 }
 
 impl WindTrack {
@@ -90,6 +98,8 @@ pub struct AirSensors {
     gusts: GaussMarkov,
     /// Temperature of the day less the standard's, K.
     day: f64,
+    /// What each would have shown without delay and noise, with the time.
+    recent: [VecDeque<(f64, f64)>; AIR_SENSORS.len()],
 }
 
 impl AirSensors {
@@ -101,6 +111,7 @@ impl AirSensors {
             weather: GaussMarkov::new(numbered(3)),
             gusts: GaussMarkov::new(numbered(4)),
             day: 6.0 * numbered(5).normal(),
+            recent: Default::default(),
         }
     }
 
@@ -119,34 +130,87 @@ impl AirSensors {
         let weather = WEATHER.0 * self.weather.at(truth.t_s, WEATHER.1).x;
         let still = (101_325.0 + weather) * (temperature / sea).powf(STANDARD_GRAVITY / (AIR.0 * AIR.1));
         let density = still / (AIR.0 * temperature);
-        let gusts = self.gusts.at(truth.t_s, GUSTS.1) * GUSTS.0;
+        let gusts = self.gusts.at(truth.t_s, wind.gusts.1) * wind.gusts.0;
         let velocity = truth.c_nb.transpose() * (truth.v_n - wind.velocity(truth.t_s)) + gusts;
-        let to_equivalent = (density / SEA_LEVEL_DENSITY).sqrt();
-        let along = velocity.dot(&(truth.c_nb.transpose() * truth.a_n)) / velocity.norm().max(1.0);
         let warm = WARMS.0 * (1.0 - (-truth.t_s / WARMS.1).exp());
         let x = AirInstant {
             velocity,
             density,
             height_m: truth.place.height_m,
-            climb: -truth.v_n.z,
             throttle,
             temperature: warm,
-            airspeed: [velocity.norm() * to_equivalent, along * to_equivalent],
+            airspeed: [velocity.norm() * (density / SEA_LEVEL_DENSITY).sqrt(), 0.0],
+            ..AirInstant::default()
         };
-        let effects = model.effects.iter().filter(|_| sensor == 0);
-        let own =
-            |name: &str| name.starts_with(if kind == AirKind::Barometer { "baro_" } else { "airspeed_" });
-        let added: f64 = effects
-            .filter(|s| own(s.effect.name()))
-            .filter_map(|s| Some(s.effect.on_air()?.added(&s.values, &x)))
-            .sum();
-        let noise = self.noise[which].normal() * NOISE[kind as usize];
-        let value = match kind {
+        let errors = Errors::of(model, kind, sensor, &x);
+        let now = match kind {
             // So much height is so much pressure less.
-            AirKind::Barometer => still - density * STANDARD_GRAVITY * added + noise,
-            AirKind::Airspeed => (x.airspeed[0] + added + noise).max(0.0),
+            AirKind::Barometer => still - density * STANDARD_GRAVITY * errors.added,
+            AirKind::Airspeed => {
+                let pressure = 0.5 * SEA_LEVEL_DENSITY * x.airspeed[0].powi(2) + errors.pressure_pa;
+                errors.added + (2.0 * pressure.max(0.0) / SEA_LEVEL_DENSITY).sqrt()
+            }
         };
+        let noise = self.noise[which].normal() * NOISE[kind as usize];
+        let shown = self.late(which, truth.t_s, now, errors.delay_s) + noise;
+        let value = if kind == AirKind::Airspeed { shown.max(0.0) } else { shown };
         let temperature_degc = (kind == AirKind::Barometer).then_some(25.0 + warm);
         AirSample { t_s: truth.t_s, kind, sensor, value, temperature_degc }
+    }
+
+    /// The value of a while ago; the first one before there was any.
+    fn late(&mut self, which: usize, t_s: f64, now: f64, delay_s: f64) -> f64 {
+        let recent = &mut self.recent[which];
+        recent.push_back((t_s, now));
+        while recent.get(1).is_some_and(|next| next.0 <= t_s - delay_s) {
+            recent.pop_front();
+        }
+        let Some((from, a)) = recent.front().copied() else { return now };
+        let (to, b) = recent.get(1).copied().unwrap_or((t_s, now));
+        let share = if to > from { ((t_s - delay_s - from) / (to - from)).clamp(0.0, 1.0) } else { 0.0 };
+        a + (b - a) * share
+    }
+}
+
+/// What is wrong with a sensor at an instant.
+#[derive(Debug, Clone, Copy, Default)]
+struct Errors {
+    /// m or m/s.
+    added: f64,
+    /// Of a pitot tube, Pa.
+    pressure_pa: f64,
+    delay_s: f64,
+}
+
+impl Errors {
+    fn of(model: &Model, kind: AirKind, sensor: u8, x: &AirInstant) -> Self {
+        let mut out = Self::default();
+        let family = if kind == AirKind::Barometer { "baro_" } else { "airspeed_" };
+        let own = |name: &str| sensor == 0 && name.starts_with(family);
+        for setting in model.effects.iter().filter(|s| own(s.effect.name())) {
+            let Some(effect) = setting.effect.on_air() else { continue };
+            match effect.drivers {
+                [AirDriver::SpeedByPressure] => out.pressure_pa += setting.values[0],
+                [driver] if driver.is_delay() => out.delay_s += setting.values[0],
+                _ => out.added += effect.added(&setting.values, x),
+            }
+        }
+        out
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// A delay is that of a real sensor: what was there a while ago, not a derivative.
+    #[test]
+    fn a_late_sensor_shows_what_was_there_before() {
+        let mut sensors = AirSensors::new(1);
+        let shown: Vec<f64> =
+            (0..40).map(|k| f64::from(k) * 0.1).map(|t| sensors.late(0, t, t * t, 1.25)).collect();
+        assert!(shown[..13].iter().all(|v| *v == 0.0), "{shown:?}");
+        assert!((shown[30] - 1.75f64.powi(2)).abs() < 0.003, "{}", shown[30]);
+        assert_eq!(sensors.late(0, 4.0, 16.0, 0.0), 16.0);
     }
 }

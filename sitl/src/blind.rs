@@ -1,15 +1,18 @@
 //! Blind flights: what is injected, how the vehicle is flown, what its sensors report.
 
+use crate::air::WindTrack;
 use crate::noise::{Noise, Purpose};
 use crate::powertrain::Carrier;
 use crate::sensors::{Flight as Simulated, SensorConfig, Temperature, VibrationLine};
 use crate::trajectory::Flown;
 use crate::trajectory::fixed_wing::FixedWing;
+use crate::trajectory::multirotor::Multirotor;
 use crate::trajectory::signal::Signal;
 use gaware_nav::effects::{DrawRange, Effect, REGISTRY};
 use gaware_nav::model::{EffectSetting, Model};
-use gaware_nav::sample::{Quantisation, Sample, Steps};
+use gaware_nav::sample::{AirKind, Quantisation, Sample, Steps};
 use serde::Serialize;
+use std::f64::consts::TAU;
 
 /// How the aircraft is flown.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
@@ -123,20 +126,61 @@ fn vibration(family: Family, noise: &mut Noise, share: f64) -> Vec<VibrationLine
 
 /// Flies a vehicle with these effects injected.
 pub fn fly(injected: &[EffectSetting], kind: Kind, family: Family, seed: u64) -> Blind {
-    flown(injected, kind, family, seed, None)
+    flown(injected, |seed| Flown::new(profile(kind, family, seed)), family, seed, |sensors| sensors)
 }
 
 /// The same with reports of throttle, battery, outputs and speed of the air, Hz.
 pub fn fly_with_reports(injected: &[EffectSetting], kind: Kind, family: Family, seed: u64) -> Blind {
-    flown(injected, kind, family, seed, Some(10.0))
+    flown(
+        injected,
+        |seed| Flown::new(profile(kind, family, seed)),
+        family,
+        seed,
+        |sensors| SensorConfig { carrier: Some(Carrier::Wings), operating_rate_hz: 10.0, ..sensors },
+    )
+}
+
+/// A flight in a wind that is drawn, with two barometers, and an airspeed sensor where wings carry it; the wind.
+pub fn fly_in_wind(
+    injected: &[EffectSetting],
+    carrier: Carrier,
+    family: Family,
+    seed: u64,
+) -> (Blind, WindTrack) {
+    let mut draw = Noise::numbered(seed, Purpose::Wind, 1);
+    let (speed, from) = (8.0 * draw.uniform(), TAU * draw.uniform());
+    let wind = WindTrack {
+        mean_n_e: [speed * from.cos(), speed * from.sin()],
+        swing: (0.15 * speed * draw.uniform(), 100.0 + 200.0 * draw.uniform()),
+        gusts: (0.2 + 0.6 * draw.uniform(), 2.0 + 8.0 * draw.uniform()),
+    };
+    let kind = if seed.is_multiple_of(2) { Kind::Rich } else { Kind::Coordinated };
+    let trajectory = |seed| match (carrier, family) {
+        (Carrier::Wings, _) => Flown::new(profile(kind, family, seed)),
+        (Carrier::Rotors, Family::Tuning) => Flown::new(Multirotor::new()),
+        (Carrier::Rotors, Family::Aside) => {
+            Flown::new(Multirotor::drawn(&mut Noise::new(seed, Purpose::Wind)))
+        }
+    };
+    let with_air = |sensors| SensorConfig {
+        carrier: Some(carrier),
+        operating_rate_hz: 10.0,
+        air_rate_hz: 10.0,
+        wind,
+        ..sensors
+    };
+    let mut blind = flown(injected, trajectory, family, seed, with_air);
+    let is_there = |s: &Sample| !matches!(s, Sample::Air(a) if a.kind == AirKind::Airspeed);
+    blind.samples.retain(|s| carrier == Carrier::Wings || is_there(s));
+    (blind, wind)
 }
 
 fn flown(
     injected: &[EffectSetting],
-    kind: Kind,
+    trajectory: impl FnOnce(u64) -> Flown,
     family: Family,
     seed: u64,
-    reports_hz: Option<f64>,
+    adapted: impl FnOnce(SensorConfig) -> SensorConfig,
 ) -> Blind {
     let seed = if family == Family::Aside { seed ^ FAMILY_SEED } else { seed };
     let mut noise = Noise::numbered(seed, Purpose::HiddenTruth, 7);
@@ -160,12 +204,9 @@ fn flown(
         least_throttle: LEAST_THROTTLE,
         time_jitter_s: 2e-3,
         temperature: Some(Temperature { start_degc: 22.0, end_degc: 47.0, time_constant_s: 110.0 }),
-        carrier: reports_hz.map(|_| Carrier::Wings),
-        operating_rate_hz: reports_hz.unwrap_or(0.0),
         ..SensorConfig::default()
     };
-    let profile = profile(kind, family, seed);
-    let flight = Simulated::new(Box::new(Flown::new(profile)), &truth, sensors, seed);
+    let flight = Simulated::new(Box::new(trajectory(seed)), &truth, adapted(sensors), seed);
     let samples = flight.take_while(|(_, t)| t.t_s < DURATION_S).map(|(s, _)| s).collect();
     Blind { injected: injected.to_vec(), truth, samples }
 }

@@ -163,6 +163,9 @@ pub struct Sensors {
     air: AirSensors,
     powertrain: Option<Powertrain>,
     lags: LagBank,
+    /// What the vehicle did beside moving at the last inertial sample, and the height of the first, m.
+    conditions: Conditions,
+    start_height_m: Option<f64>,
 }
 
 impl Sensors {
@@ -178,6 +181,8 @@ impl Sensors {
             model: model.clone(),
             powertrain: config.carrier.map(|carrier| Powertrain::new(carrier, seed)),
             lags: LagBank::default(),
+            conditions: Conditions::default(),
+            start_height_m: None,
             config,
             gyro_noise: noise(Purpose::Gyro),
             accel_noise: noise(Purpose::Accel),
@@ -293,13 +298,24 @@ impl Sensors {
 
     /// What the vehicle does beside moving.
     fn conditions(&mut self, truth: &Truth, temperature_degc: Option<f64>) -> Conditions {
-        Conditions {
+        self.start_height_m.get_or_insert(truth.place.height_m);
+        let beside = Conditions {
             operating: self.powertrain.as_mut().map(|p| p.at(truth)).unwrap_or_default(),
-            speed: truth.v_n.norm(),
-            height_m: truth.place.height_m,
-            heading_rad: euler_from_c_nb(&truth.c_nb).z,
             elapsed_s: truth.t_s,
             lagged_degc: temperature_degc.map(|t| self.lags.push(truth.t_s, t - 25.0)).unwrap_or_default(),
+            ..Conditions::default()
+        };
+        self.conditions = self.of_motion(truth, beside);
+        self.conditions
+    }
+
+    /// The same with the motion of this truth.
+    fn of_motion(&self, truth: &Truth, beside: Conditions) -> Conditions {
+        Conditions {
+            speed: truth.v_n.norm(),
+            height_m: truth.place.height_m - self.start_height_m.unwrap_or(truth.place.height_m),
+            heading_rad: euler_from_c_nb(&truth.c_nb).z,
+            ..beside
         }
     }
 
@@ -367,6 +383,7 @@ impl Sensors {
             antenna: Antenna::default(),
             older: Older::default(),
             elapsed_s: stamp_s,
+            conditions: Conditions { elapsed_s: stamp_s, ..self.of_motion(truth, self.conditions) },
         };
         let by_time = |s: &EffectSetting| {
             let (e, p) = (s.effect, &s.values);

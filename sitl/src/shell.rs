@@ -270,7 +270,10 @@ impl Server {
             }
         }
         recorder.finish()?;
-        self.link.close(LINGER).await;
+        tokio::select! {
+            () = self.link.close(LINGER) => {}
+            () = shutdown.cancelled() => {}
+        }
         served.virtual_s = autopilot.now_s();
         Ok(served)
     }

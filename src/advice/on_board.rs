@@ -102,8 +102,12 @@ impl OnBoard {
     /// Takes what the format of a log says at its end.
     pub fn complete_from(&mut self, reader: &dyn LogReader) {
         self.is_log_of(reader.autopilot());
-        self.fixed_wing =
-            self.fixed_wing.or(reader.vehicle_kind().map(|kind| kind == VehicleKind::FixedWing));
+        self.is_of_kind(reader.vehicle_kind());
+    }
+
+    /// Takes the kind of vehicle that a log is of, where nothing said it before.
+    pub fn is_of_kind(&mut self, kind: Option<VehicleKind>) {
+        self.fixed_wing = self.fixed_wing.or(kind.map(|kind| kind == VehicleKind::FixedWing));
     }
 
     /// From records that are in memory.

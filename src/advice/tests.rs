@@ -248,6 +248,7 @@ proptest! {
             antenna: Antenna::default(),
             older: Older::default(),
             elapsed_s: 0.0,
+            conditions: gaware_nav::effects::Conditions::default(),
         };
         let effect = effects::find("gps_lever_arm").and_then(|e| e.on_fixes()).expect("an effect on fixes");
         let [position, velocity] = effect.fix(&arm, &x);

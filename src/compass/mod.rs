@@ -162,9 +162,13 @@ pub struct CompassReport {
 impl CompassReport {
     /// The compasses that are wrong, in words; empty where there are none.
     pub fn wrong(&self) -> String {
-        let wrong = self.compasses.iter().filter(|c| c.status == Status::Wrong);
-        let words: String = wrong.map(|c| format!(" {}", c.text)).collect();
-        if self.are_off_alike() { format!("{words} {OFF_ALIKE}") } else { words }
+        self.texts(|c| c.status == Status::Wrong).map(|text| format!(" {text}")).collect()
+    }
+
+    /// What is said of these compasses, one sentence or two each, and what holds of all.
+    pub fn texts(&self, of: impl Fn(&CompassEntry) -> bool) -> impl Iterator<Item = &str> {
+        let alike = self.are_off_alike().then_some(OFF_ALIKE);
+        self.compasses.iter().filter(move |c| of(c)).map(|c| c.text.as_str()).chain(alike)
     }
 
     /// Whether all point off by one angle, which separate sensors do not by themselves.

@@ -113,10 +113,12 @@ fn turned_up_to(compass: u8, by: Matrix3<f64>, samples: &[Sample]) -> Vec<Sample
 fn compasses_that_are_off_alike_are_not_blamed_alone() {
     let samples = flight("multirotor", &[], 33);
     let by = Rotation3::from_euler_angles(0.0, 0.0, 19f64.to_radians()).into_inner();
-    let words = |upto: u8| judged(&turned_up_to(upto, by, &samples)).wrong();
-    let (one, both) = (words(0), words(1));
+    let said = |upto: u8| judged(&turned_up_to(upto, by, &samples));
+    let (one, both) = (said(0).wrong(), said(1).wrong());
     assert!(one.contains("Compass 1 points 18°") && !one.contains("alike"), "{one}");
     assert!(both.contains("Compass 2 points 18°") && both.contains("All compasses are off alike"), "{both}");
+    let first_screen = crate::report::flight::compass_answer(&said(1));
+    assert!(first_screen.contains("All compasses are off alike"), "{first_screen}");
 }
 
 /// A receiver whose fixes jump by 60 m every two seconds: no compass is called turned, no barometer wrong.

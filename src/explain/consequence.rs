@@ -148,6 +148,7 @@ fn on_fixes(setting: &EffectSetting, speed_m_per_s: f64) -> Option<String> {
         antenna: Antenna::default(),
         older: Older::default(),
         elapsed_s: AFTER_S,
+        conditions: Conditions { speed: speed_m_per_s, ..Conditions::default() },
     };
     let late_s = effect.fix_delay_s(p, AFTER_S);
     let [position, velocity] = effect.fix(p, &x);

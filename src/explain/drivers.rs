@@ -3,7 +3,7 @@
 
 use super::FlightResiduals;
 use super::size::instant;
-use gaware_nav::effects::{data, unit};
+use gaware_nav::effects::data::{self, Target};
 use gaware_nav::identify::flight::Flight;
 use gaware_nav::identify::judge::Judged;
 use gaware_nav::identify::residual::{CHANNELS, Point};
@@ -53,18 +53,18 @@ pub(super) fn plots(judged: &Judged, residuals: &[FlightResiduals], flights: &[&
         let best = (0..effect.len()).max_by(|a, b| z(*a).total_cmp(&z(*b)))?;
         let mut alone = vec![0.0; effect.len()];
         alone[best] = 1.0;
-        let gyro = definition.target == gaware_nav::effects::Sensor::Gyro;
-        let shown = if gyro { unit::DEG_PER_H } else { unit::MG };
+        let (target, shown) = (definition.target, definition.target.unit());
         let name = setting.parameters().nth(best)?.0;
-        let axis = ["x", "y", "z"].iter().position(|a| *a == name)?;
-        let channel = axis + if gyro { 0 } else { 3 };
+        let axis = target.axes().iter().position(|a| *a == name)?;
+        // Channels are three of each target, in its order.
+        let channel = axis + 3 * Target::ALL.iter().position(|t| *t == target)?;
         let gathered = |of: fn(&FlightResiduals) -> &Vec<Point>| {
             let mut points = Vec::new();
             for (flight_residuals, flight) in residuals.iter().zip(flights) {
                 for point in of(flight_residuals) {
                     let x = instant(&point.motion, flight);
-                    let added = if gyro { effect.gyro(&alone, &x) } else { effect.accel(&alone, &x) };
-                    points.extend(point.residuals[channel].map(|r| (added[axis], r.value / shown.si)));
+                    let added = data::added(effect.name(), &alone, &x).map_or(0.0, |a| a.1[axis]);
+                    points.extend(point.residuals[channel].map(|r| (added, r.value / shown.si)));
                 }
             }
             binned(points)

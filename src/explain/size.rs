@@ -6,7 +6,7 @@
 //! overwhelming evidence. So where fixes are too good to be true, an effect must also do more than that.
 
 use super::FlightResiduals;
-use gaware_nav::effects::{Conditions, Instant};
+use gaware_nav::effects::{Conditions, Instant, data};
 use gaware_nav::identify::flight::Flight;
 use gaware_nav::identify::judge::Judged;
 use gaware_nav::identify::residual::Motion;
@@ -74,7 +74,12 @@ pub(super) fn instant(motion: &Motion, flight: &Flight) -> Instant {
         force: motion.force,
         temperature_above_25_degc: motion.temperature_degc.map_or(0.0, |t| t - 25.0),
         around: flight.around(t_s),
-        conditions: Conditions { speed: motion.speed, ..flight.conditions(t_s) },
+        conditions: Conditions {
+            speed: motion.speed,
+            heading_rad: motion.heading_rad,
+            height_m: motion.height_m,
+            ..flight.conditions(t_s)
+        },
     }
 }
 
@@ -128,6 +133,7 @@ fn size(
 ) -> Size {
     let (effect, p) = (setting.effect, &setting.values);
     let [mut gyro, mut accel, mut speed, mut force] = std::array::from_fn(|_| Spread::default());
+    let mut on_fix = [Spread::default(), Spread::default()];
     let mut longest_s = 0.0f64;
     for (flight_residuals, flight) in residuals.iter().zip(flights) {
         for point in &flight_residuals.after {
@@ -135,6 +141,10 @@ fn size(
             let old = |f: &dyn Fn(&[f64]) -> Vector3<f64>| known.map_or(Vector3::zeros(), f);
             gyro.take(&(effect.gyro(p, &x) - old(&|k| effect.gyro(k, &x))));
             accel.take(&(effect.accel(p, &x) - old(&|k| effect.accel(k, &x))));
+            if let Some((target, added)) = data::added(effect.name(), p, &x) {
+                let which = on_fix.iter_mut().zip([data::Target::Position, data::Target::Velocity]);
+                which.filter(|(_, t)| *t == target).for_each(|(spread, _)| spread.take(&added));
+            }
             force.take(&point.motion.force);
             speed.take(&Vector3::new(point.motion.speed, 0.0, 0.0));
         }
@@ -144,7 +154,7 @@ fn size(
     let aged_s = |p: &[f64]| effect.fix_delay_s(p, longest_s);
     let late_s = aged_s(p) - known.map_or(0.0, aged_s);
     let older_s = effect.velocity_delay_s(p) - known.map_or(0.0, |k| effect.velocity_delay_s(k));
-    let moved = if effect.on_fixes().is_some() && late_s == 0.0 {
+    let moved = if effect.on_fixes().is_some() && late_s == 0.0 && data::definition(effect.name()).is_none() {
         let offsets = setting.parameters().zip(p).filter(|((_, unit), _)| unit.symbol == "m");
         offsets.map(|(_, v)| v * v).sum::<f64>().sqrt()
     } else {
@@ -153,9 +163,9 @@ fn size(
     Size {
         gyro: gyro.rms().max(walk.gyro * longest_s.sqrt()),
         accel: accel.rms().max(walk.accel * longest_s.sqrt()),
-        position: moved,
+        position: moved.max(on_fix[0].rms()),
         // The force changes by about what the vehicle accelerates by.
-        velocity: older_s.abs() * force.rms(),
+        velocity: (older_s.abs() * force.rms()).max(on_fix[1].rms()),
         negligible: false,
     }
 }

@@ -113,6 +113,9 @@ pub fn replay_watched<E: Estimator>(
     };
     let (pipeline, damage) =
         recorded.run_watched(make(model), request.truth_from_s, &|done| progress(done, total), &mut watch)?;
+    if let Some(beside) = beside {
+        beside.on_board.is_of_kind(pipeline.vehicle_kind());
+    }
     let mut document = pipeline.document();
     add_damage(damage, &mut document);
     if !started.is_empty() {

@@ -7,6 +7,7 @@
 
 mod document;
 mod oracle;
+pub mod sensors;
 mod summary;
 
 use gaware::explain::contract::Verdict;

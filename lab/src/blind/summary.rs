@@ -20,7 +20,7 @@ pub struct Share {
 }
 
 impl Share {
-    fn new(count: usize, of: usize) -> Self {
+    pub(super) fn new(count: usize, of: usize) -> Self {
         let share = if of == 0 { 0.0 } else { count as f64 / of as f64 };
         Self { count, of, share, interval_95: wilson_95(count, of) }
     }

@@ -39,6 +39,9 @@ pub struct BlindArgs {
     /// Take the injected effects out of the catalogue: the verdict must say that something is unexplained.
     #[arg(long, conflicts_with = "document")]
     pub unknown: bool,
+    /// Effects of barometers and airspeed sensors instead, alone and in pairs, on wings and rotors: so many rounds of 32 flights per family.
+    #[arg(long, value_name = "ROUNDS", num_args = 0..=1, default_missing_value = "1", conflicts_with_all = ["document", "unknown", "effect"])]
+    pub sensors: Option<usize>,
     /// Write the catalogue and the confusion matrix to this file.
     #[arg(long, value_name = "FILE")]
     pub document: Option<PathBuf>,
@@ -85,6 +88,9 @@ pub fn run(args: &BlindArgs) -> std::result::Result<(), StudyError> {
         Families::Both => vec![Family::Tuning, Family::Aside],
     };
     let jobs = args.jobs.map_or_else(parallel::cores, usize::from);
+    if let Some(rounds) = args.sensors {
+        return sensors(args, &families, rounds, jobs);
+    }
     let bar =
         gaware::commands::progress_bar((families.len() * (args.flights + args.clean)) as u64, "flights");
     let results: Vec<Result> = families
@@ -119,13 +125,78 @@ pub fn run(args: &BlindArgs) -> std::result::Result<(), StudyError> {
     Ok(output::words(|out| results.iter().try_for_each(|r| print(out, r)))?)
 }
 
-fn print(out: &mut String, result: &Result) -> std::fmt::Result {
-    let s = &result.summary;
+/// Barometers and airspeed sensors.
+fn sensors(
+    args: &BlindArgs,
+    families: &[Family],
+    rounds: usize,
+    jobs: usize,
+) -> std::result::Result<(), StudyError> {
+    let total = families.len() * blind::sensors::flights(rounds);
+    let bar = gaware::commands::progress_bar(total as u64, "flights");
+    let fly = |f: &Family| (*f, blind::sensors::run(rounds, args.seed, *f, jobs, &Bar(bar.clone())));
+    let all: Vec<(Family, Vec<blind::sensors::SensorFlight>)> = families.iter().map(fly).collect();
+    bar.finish_and_clear();
+    if args.json {
+        let one = |(family, flights): &(Family, Vec<blind::sensors::SensorFlight>)| serde_json::json!({"family": family, "table": blind::sensors::table(flights), "flights": flights});
+        let all: Vec<serde_json::Value> = all.iter().map(one).collect();
+        return Ok(output::json_pretty(&serde_json::json!({"schema": "gaware.study/1", "sensors": all}))?);
+    }
+    Ok(output::words(|out| {
+        all.iter().try_for_each(|(family, flights)| print_sensors(out, *family, flights))
+    })?)
+}
+
+fn print_sensors(
+    out: &mut String,
+    family: Family,
+    flights: &[blind::sensors::SensorFlight],
+) -> std::fmt::Result {
+    let table = blind::sensors::table(flights);
+    writeln!(out, "\n{} flights {}", flights.len(), name_of(family))?;
     writeln!(
         out,
-        "\nFlights {}",
-        if result.family == Family::Tuning { "of the tuning" } else { "kept aside" }
+        "  {:38} {:>8} {:>6} {:>6} {:>7} {:>10} {:>15}",
+        "injected", "times", "alone", "group", "missed", "called ok", "within 2 sigma"
     )?;
+    for (name, row) in &table.rows {
+        let within = format!("{} of {}", row.within_2_sigma.count, row.within_2_sigma.of);
+        writeln!(
+            out,
+            "  {name:38} {:8} {:6} {:6} {:7} {:10} {within:>15}",
+            row.injected, row.alone.count, row.in_group, row.missed, row.missed_and_ok
+        )?;
+    }
+    let lines = [
+        ("sensors with a wrong name alone", table.wrong_alone),
+        ("sensors in order with something named", table.clean_named),
+        ("parameters within 2 sigma", table.within_2_sigma),
+        ("parameters within 3 sigma", table.within_3_sigma),
+        ("components of the mean wind within 2 sigma", table.wind_within_2_sigma),
+    ];
+    lines.into_iter().try_for_each(|(what, share)| line(out, what, &share))?;
+    for flight in flights.iter().filter(|f| !f.wrong.is_empty()) {
+        writeln!(out, "  seed {}: {}", flight.seed, flight.wrong.join(", "))?;
+    }
+    Ok(())
+}
+
+fn name_of(family: Family) -> &'static str {
+    if family == Family::Tuning { "of the tuning" } else { "kept aside" }
+}
+
+fn line(out: &mut String, what: &str, share: &Share) -> std::fmt::Result {
+    let [low, high] = share.interval_95;
+    writeln!(
+        out,
+        "  {what:48} {:4} of {:4} = {:.3} (95 % interval {low:.3} to {high:.3})",
+        share.count, share.of, share.share
+    )
+}
+
+fn print(out: &mut String, result: &Result) -> std::fmt::Result {
+    let s = &result.summary;
+    writeln!(out, "\nFlights {}", name_of(result.family))?;
     let lines: [(&str, Share); 15] = [
         ("an oracle could name alone", s.oracle),
         ("named alone and right where the oracle could", s.alone_right_where_oracle),
@@ -143,14 +214,7 @@ fn print(out: &mut String, result: &Result) -> std::fmt::Result {
         ("all of several found", s.both_found),
         ("all of several found where the oracle could", s.both_found_where_oracle),
     ];
-    for (what, share) in lines.into_iter().filter(|l| l.1.of > 0) {
-        let [low, high] = share.interval_95;
-        writeln!(
-            out,
-            "  {what:48} {:4} of {:4} = {:.3} (95 % interval {low:.3} to {high:.3})",
-            share.count, share.of, share.share
-        )?;
-    }
+    lines.into_iter().filter(|l| l.1.of > 0).try_for_each(|(what, share)| line(out, what, &share))?;
     writeln!(out, "  {:.1} s for each flight, {} at a time", result.seconds_per_flight, result.jobs)?;
     for (injected, named) in &result.confusion {
         writeln!(out, "  {injected}")?;

@@ -28,6 +28,8 @@ pub struct AirInstant {
     pub temperature: f64,
     /// Equivalent airspeed, m/s, and its derivative, m/s².
     pub airspeed: [f64; 2],
+    /// What an airspeed sensor with its offset shows, without noise, m/s; 0 where that is not known.
+    pub shown: f64,
 }
 
 /// What a parameter multiplies.
@@ -47,7 +49,7 @@ pub enum AirDriver {
     Height,
     /// Equivalent airspeed.
     Speed,
-    /// Airspeed per pressure.
+    /// Airspeed per pressure: of v² = u² + 2 δp/ρ₀ the difference v − u is 2 δp/(ρ₀ (v + u)).
     SpeedByPressure,
     /// How the airspeed of a while ago differs, per second.
     SpeedLag,
@@ -69,9 +71,17 @@ impl AirDriver {
             Self::Temperature => x.temperature,
             Self::Height => x.height_m,
             Self::Speed => x.airspeed[0],
-            Self::SpeedByPressure => 1.0 / (SEA_LEVEL_DENSITY * x.airspeed[0].max(LEAST_SPEED)),
+            Self::SpeedByPressure => {
+                let shown = if x.shown > 0.0 { x.shown } else { x.airspeed[0] };
+                2.0 / (SEA_LEVEL_DENSITY * (x.airspeed[0] + shown).max(2.0 * LEAST_SPEED))
+            }
             Self::SpeedLag => -x.airspeed[1],
         }
+    }
+
+    /// Whether its parameter is a delay: what is measured is that of another time, and the value above only its derivative.
+    pub fn is_delay(self) -> bool {
+        matches!(self, Self::HeightLag | Self::SpeedLag)
     }
 }
 
@@ -224,6 +234,9 @@ mod tests {
         assert!((low + 0.1 * 0.5 * 1.2 * 400.0 / (1.2 * STANDARD_GRAVITY)).abs() < 1e-9, "{low}");
         assert!(BARO_DYNAMIC_PRESSURE.added(&[0.0, 0.0, 0.0, 0.2, 0.0], &x) < 0.0);
         assert!(BARO_THRUST.added(&[24.0], &x) < 0.0);
+        let shown = (2.0 * (0.5 * SEA_LEVEL_DENSITY * 15f64.powi(2) - 35.0) / SEA_LEVEL_DENSITY).sqrt();
+        let slow = AIRSPEED_OFFSET.added(&[-35.0], &AirInstant { airspeed: [15.0, 0.0], shown, ..x });
+        assert!((slow - (shown - 15.0)).abs() < 1e-9, "35 Pa too little at 15 m/s: {slow}");
         assert!(
             BAROMETER.iter().chain(AIRSPEED).all(|e| e.on_air().is_some_and(|a| a.drivers.len() == e.len()))
         );

@@ -71,9 +71,10 @@ impl<'a> dyn Effect + 'a {
         self.on_samples().and_then(|e| e.accel_by_rate(p, x))
     }
 
-    /// As [`ImuEffect::needs_conditions`].
+    /// As [`ImuEffect::needs_conditions`] and [`FixEffect::needs_conditions`].
     pub fn needs_conditions(&self) -> bool {
         self.on_samples().is_some_and(ImuEffect::needs_conditions)
+            || self.on_fixes().is_some_and(FixEffect::needs_conditions)
     }
 
     /// As [`ImuEffect::needs_surroundings`].
@@ -102,6 +103,11 @@ impl<'a> dyn Effect + 'a {
     /// As [`FixEffect::fix_by_attitude`].
     pub fn fix_by_attitude(&self, p: &[f64], x: &FixInstant) -> Option<[Matrix3<f64>; 2]> {
         self.on_fixes().and_then(|e| e.fix_by_attitude(p, x))
+    }
+
+    /// As [`FixEffect::values_to_try`].
+    pub fn values_to_try(&self) -> &'static [f64] {
+        self.on_fixes().map_or(&[], FixEffect::values_to_try)
     }
 
     /// As [`WalkEffect::bias_walk`].

@@ -62,6 +62,10 @@ impl FixEffect for GpsLatency {
         velocity[0] = -x.a_n;
     }
 
+    fn values_to_try(&self) -> &'static [f64] {
+        &[0.05, 0.1, 0.2]
+    }
+
     fn delays_fixes(&self) -> bool {
         true
     }

@@ -90,6 +90,7 @@ mod tests {
             antenna: Antenna::default(),
             older: Older::default(),
             elapsed_s: 0.0,
+            conditions: crate::effects::Conditions::default(),
         };
         let [position, velocity] = GpsSmoothing.fix(&[t * t / 8.0], &x);
         let half = 0.5 * rate * t;

@@ -66,6 +66,10 @@ impl FixEffect for GpsVelocityLatency {
         true
     }
 
+    fn values_to_try(&self) -> &'static [f64] {
+        &[0.05, 0.1, 0.2]
+    }
+
     fn velocity_delay_s(&self, p: &[f64]) -> f64 {
         p[0]
     }
@@ -108,6 +112,7 @@ mod tests {
             antenna: Antenna::default(),
             older: Older::default(),
             elapsed_s: 0.0,
+            conditions: crate::effects::Conditions::default(),
         };
         let [position, velocity] = GpsVelocityLatency.fix(&[latency], &x);
         let turned = rate * latency;

@@ -18,7 +18,7 @@ impl Effect for GyroAccelDelay {
     }
 
     fn description(&self) -> &'static str {
-        "the gyro samples are older than the accelerometer samples"
+        "rate and specific force of a sample are not of the same time: above zero the rate is the older one"
     }
 
     fn cause(&self) -> &'static str {

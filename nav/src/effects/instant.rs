@@ -29,7 +29,7 @@ pub struct Conditions {
     pub operating: Operating,
     /// Speed over ground, m/s.
     pub speed: f64,
-    /// Height, m.
+    /// Height above where the estimation began, m.
     pub height_m: f64,
     /// Heading, rad.
     pub heading_rad: f64,
@@ -80,6 +80,8 @@ pub struct FixInstant {
     pub older: Older,
     /// Since the start of the estimation, s.
     pub elapsed_s: f64,
+    /// What the vehicle does beside that.
+    pub conditions: Conditions,
 }
 
 /// By how much the velocity of a while ago differs from that of now, as the samples in between have it.
@@ -120,6 +122,20 @@ impl Antenna {
 }
 
 impl FixInstant {
+    /// The inertial unit at this instant, but for its temperature and what the samples around show of vibration.
+    pub fn instant(&self) -> Instant {
+        let force_n = self.a_n - Vector3::new(0.0, 0.0, STANDARD_GRAVITY);
+        let rate_derivatives = self.antenna.rate_derivatives;
+        Instant {
+            t_s: self.t_s,
+            rate: self.rate_eb,
+            force: self.c_nb.transpose() * force_n,
+            around: Surroundings { rate_derivatives, ..Surroundings::default() },
+            conditions: self.conditions,
+            ..Instant::default()
+        }
+    }
+
     /// Rate of change of the acceleration, m/s³: specific force turns with the body, and changes in it.
     pub fn jerk_n(&self) -> Vector3<f64> {
         let force_n = self.a_n - Vector3::new(0.0, 0.0, STANDARD_GRAVITY);

@@ -64,6 +64,8 @@ pub mod unit {
     pub const S: Unit = Unit { symbol: "s", suffix: "s", si: 1.0 };
     /// Length.
     pub const M: Unit = Unit { symbol: "m", suffix: "m", si: 1.0 };
+    /// Metres per second.
+    pub const M_PER_S: Unit = Unit { symbol: "m/s", suffix: "m_per_s", si: 1.0 };
 }
 
 /// How the values of a parameter group are laid out in `model.toml`.

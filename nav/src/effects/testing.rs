@@ -32,6 +32,7 @@ pub fn fix_instant() -> FixInstant {
         antenna: Antenna::default(),
         older: Older::default(),
         elapsed_s: 100.0,
+        conditions: crate::effects::Conditions::default(),
     }
 }
 

@@ -147,6 +147,8 @@ pub struct Filter {
     unwalked_s: f64,
     /// When it began, s.
     began_s: f64,
+    /// Height there, m.
+    began_height_m: f64,
 }
 
 impl Filter {
@@ -222,6 +224,7 @@ impl Filter {
             rest_evidence: 0.0,
             unwalked_s: 0.0,
             began_s: initial.t_s,
+            began_height_m: initial.nav.geodetic().height_m,
         }
     }
 
@@ -239,6 +242,7 @@ impl Filter {
             fresh.x[w..].copy_from_slice(&self.x[w..]);
         }
         fresh.began_s = self.began_s;
+        fresh.began_height_m = self.began_height_m;
         fresh.rounding = self.rounding;
         fresh.rounding_at_rest = self.rounding_at_rest;
         fresh.scatter = self.scatter;

@@ -177,7 +177,7 @@ impl Filter {
             self.about.calibration.conditions = Conditions {
                 operating: self.operating,
                 speed: nav.v_e.norm(),
-                height_m: nav.geodetic().height_m,
+                height_m: nav.geodetic().height_m - self.began_height_m,
                 heading_rad: nav.euler().z,
                 elapsed_s: sample.t_s - self.began_s,
                 lagged_degc: lagged.unwrap_or_default(),

@@ -30,10 +30,6 @@ const STANDS_OUT: f64 = 5.0;
 /// At most so many places are reported.
 const MOST: usize = 8;
 
-/// Sensors with their unit, three axes each.
-pub const SENSORS: [(&str, &str); 4] =
-    [("gyro", "rad/s"), ("accel", "m/s²"), ("position", "m"), ("velocity", "m/s")];
-
 /// Channels: sensor by sensor, x, y, z or north, east, down.
 pub const CHANNELS: [&str; 12] = [
     "gyro_x",
@@ -77,6 +73,10 @@ pub struct Motion {
     pub rate: Vector3<f64>,
     /// Over ground, m/s.
     pub speed: f64,
+    /// Heading, rad.
+    pub heading_rad: f64,
+    /// Above the start, m.
+    pub height_m: f64,
     /// Of the inertial unit, °C.
     pub temperature_degc: Option<f64>,
     /// Root of the mean squared change of specific force from sample to sample, m/s².
@@ -124,7 +124,7 @@ pub fn points(
 ) -> Vec<Point> {
     let samples = flight.samples_of(model);
     let mut samples = samples.iter().peekable();
-    let start_s = flight.initial().t_s;
+    let (start_s, start_height_m) = (flight.initial().t_s, flight.initial().nav.geodetic().height_m);
     let mut last: Option<ImuSample> = None;
     let mut motion = Motion::default();
     reference
@@ -140,6 +140,8 @@ pub fn points(
             seen.into(&mut motion);
             motion.elapsed_s = knot.t_s - start_s;
             motion.speed = knot.nav.v_e.norm();
+            motion.heading_rad = knot.nav.euler().z;
+            motion.height_m = knot.nav.geodetic().height_m - start_height_m;
             Point { motion, residuals }
         })
         .filter(|p| p.motion.elapsed_s > SETTLE_S)

@@ -17,6 +17,11 @@ const RATE_HZ: f64 = 50.0;
 
 /// A vehicle that weaves, climbs and changes speed for 90 s, with noise, through the effects of a model.
 pub(crate) fn fly(model: &Model, seed: u64) -> Vec<Sample> {
+    fly_in_gusts(model, seed, 0.0)
+}
+
+/// The same in gusts of two to five hertz that lift it by so many m/s² and pitch it as they do.
+pub(crate) fn fly_in_gusts(model: &Model, seed: u64, lift: f64) -> Vec<Sample> {
     let mut rng = Xoshiro256PlusPlus::seed_from_u64(seed);
     let mut normal = || -> f64 { StandardNormal.sample(&mut rng) };
     let mut nav = NavState::from_ned(
@@ -34,7 +39,9 @@ pub(crate) fn fly(model: &Model, seed: u64) -> Vec<Sample> {
             0.2 * (0.5 * t).cos() - 0.3 * level.y,
             0.3 * (0.2 * t).sin(),
         );
-        Motion { rate, force: up + push }
+        let gust = (13.1 * t).sin() + (19.7 * t + 1.0).sin() + (29.3 * t + 2.0).sin();
+        let (pitch, heave) = (-0.01 * lift * gust, Vector3::z() * (lift * gust));
+        Motion { rate: rate + Vector3::y() * pitch, force: up + push + heave }
     };
     let mut samples = vec![Sample::Stream(ImuStream::default())];
     let delay = calibration
@@ -193,8 +200,32 @@ fn a_term_outside_the_catalogue_is_named_as_a_term() {
 
 /// What is named of a flight whose samples are disturbed, formulas among the candidates; with reports of a current.
 fn named(seed: u64, by: &dyn Fn(&mut ImuSample)) -> Vec<select::Added> {
+    named_in(disturbed(fly(&Model::default(), seed), by))
+}
+
+/// The same of a flight whose fixes are disturbed: position or velocity, north-east-down, by the heading and the height above the start.
+fn named_of_fixes(seed: u64, by: &dyn Fn(f64, f64) -> [Vector3<f64>; 2]) -> Vec<select::Added> {
+    let mut samples = fly(&Model::default(), seed);
+    let (mut heading, start_m) = (0.0, 500.0);
+    for sample in &mut samples {
+        match sample {
+            Sample::Attitude(hint) => heading = hint.roll_pitch_yaw[2],
+            Sample::Fix(fix) => {
+                let [position, velocity] = by(heading, fix.position.height_m - start_m);
+                let moved = fix.position.to_ecef() + fix.position.c_en() * position;
+                fix.position = Geodetic::from_ecef(&moved);
+                if let FixVelocity::Horizontal([north, east]) = &mut fix.velocity {
+                    (*north, *east) = (*north + velocity.x, *east + velocity.y);
+                }
+            }
+            _ => {}
+        }
+    }
+    named_in(samples)
+}
+
+fn named_in(mut samples: Vec<Sample>) -> Vec<select::Added> {
     let (model, settings) = (Model::default(), select::Settings::default());
-    let mut samples = disturbed(fly(&model, seed), by);
     let report = |k: u32| {
         let t_s = f64::from(k) * 0.2;
         let values = Operating::default().with(Channel::Current, current(t_s));
@@ -223,6 +254,23 @@ fn an_effect_outside_the_catalogue_is_named_as_a_formula_with_its_value() {
     let by_product = named(4, &|imu| imu.gyro.y += 4e-3 * imu.gyro.x * imu.accel.z);
     let names: Vec<&str> = by_product.iter().map(|a| a.setting.effect.name()).collect();
     assert_eq!(names, ["formula:gyro~w_x*f_z"]);
+}
+
+#[test]
+fn what_fixes_go_with_is_named_as_a_formula_with_its_value() {
+    let zero = Vector3::zeros();
+    let by_heading =
+        named_of_fixes(3, &|heading, _| [Vector3::new(0.0, 4.0 * (2.0 * heading).sin(), 0.0), zero]);
+    let names: Vec<&str> = by_heading.iter().map(|a| a.setting.effect.name()).collect();
+    assert_eq!(names, ["formula:position~sin(2*heading)"]);
+    let setting = &by_heading[0].setting;
+    assert!((setting.values[1] - 4.0).abs() < 3.0 * setting.sigmas[1], "{setting:?}");
+    assert!(setting.values[0].abs() < 3.5 * setting.sigmas[0], "{setting:?}");
+    let by_height = named_of_fixes(4, &|_, height| [zero, Vector3::new(4e-3 * height, 0.0, 0.0)]);
+    let names: Vec<&str> = by_height.iter().map(|a| a.setting.effect.name()).collect();
+    assert_eq!(names, ["formula:velocity~height"]);
+    let setting = &by_height[0].setting;
+    assert!((setting.values[0] - 4e-3).abs() < 3.0 * setting.sigmas[0], "{setting:?}");
 }
 
 #[test]

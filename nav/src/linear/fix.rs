@@ -62,6 +62,7 @@ impl AtFix<'_> {
             ),
             older: Older::default(),
             elapsed_s: self.elapsed_s,
+            conditions: self.calibration.conditions,
         };
         let lag_s = effects().map(|(e, p)| e.velocity_delay_s(p)).sum();
         let older = self.rates.map(|r| r.older(lag_s, &x, &self.shown, &motion.force));

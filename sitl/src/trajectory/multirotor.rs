@@ -4,9 +4,11 @@
 use super::Scripted;
 use super::signal::{Jet, Signal};
 use super::{Chain, Profile};
+use crate::noise::Noise;
 use crate::truth::Motion;
 use gaware_nav::earth::{Geodetic, STANDARD_GRAVITY};
 use nalgebra::Vector3;
+use std::f64::consts::{PI, TAU};
 
 /// Linear drag, 1/s: rotor drag of a mid-size quadrotor, 3 m/s² at 10 m/s.
 const DRAG_PER_S: f64 = 0.3;
@@ -66,6 +68,33 @@ impl Multirotor {
             .ramp(204.0, 3.0, -1.1)
             .ramp(216.0, 3.0, 0.6)
             .step(230.0, 4.0, -1.5);
+        Self { north, east, down, yaw, duration_s: 240.0 }
+    }
+
+    /// Another flight as long: dashes in directions and at speeds that are drawn, climbs between them, turns in yaw.
+    pub fn drawn(draw: &mut Noise) -> Self {
+        let constant = || Signal::constant(0.0);
+        let mut down = constant().pulse(12.0, 22.0, 2.0, -2.0 - draw.uniform());
+        let (mut north, mut east, mut yaw) = (constant(), constant(), Signal::constant(TAU * draw.uniform()));
+        let (mut t_s, mut last) = (30.0, None);
+        while t_s < 215.0 {
+            // Every second dash leads back.
+            let (speed, toward) = match last.take() {
+                Some((speed, toward)) => (speed, toward + PI),
+                None => *last.insert((6.0 + 7.0 * draw.uniform(), TAU * draw.uniform())),
+            };
+            let for_s = 8.0 + 6.0 * draw.uniform();
+            north = dash(north, t_s, t_s + for_s, 2.0 + 2.0 * draw.uniform(), speed * toward.cos());
+            east = dash(east, t_s, t_s + for_s, 2.0 + 2.0 * draw.uniform(), speed * toward.sin());
+            if draw.uniform() < 0.4 {
+                let climb = if draw.uniform() < 0.5 { -3.0 } else { 2.5 };
+                down = dash(down, t_s, t_s + 7.0, 1.5, climb);
+            }
+            if draw.uniform() < 0.5 {
+                yaw = yaw.step(t_s + 2.0, 3.0, 2.0 * draw.uniform() - 1.0);
+            }
+            t_s += for_s + 3.0;
+        }
         Self { north, east, down, yaw, duration_s: 240.0 }
     }
 }

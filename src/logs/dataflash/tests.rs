@@ -2,9 +2,14 @@
 
 use super::notes::{board, class_of_firmware, class_of_parameter};
 use super::*;
+use crate::engine::{Engine, EngineOptions};
+use crate::inputs::Input;
 use crate::logs::filter::Channel as FilterChannel;
 use crate::logs::source::Kind;
 use crate::logs::{HealthNote, Item, LogNote, VehicleClass};
+use crate::pipeline::Beside;
+use crate::pipeline::replay::{ReplayRequest, replay_watched};
+use crate::sensors::ConverterOptions;
 use crate::timeline::{Measurement, Stamp};
 use gaware_nav::operating::{Channel, Operating};
 use gaware_nav::sample::{AirKind, FixVelocity, GnssFix, SampleKind};
@@ -143,6 +148,24 @@ fn a_plane_with_rotors_is_a_vtol_and_flies_turns_on_its_wings() {
     let log = [formats, text_message("ArduPlane V4.5.7 (0a)"), parameter("Q_ENABLE", 1.0), data()].concat();
     assert!(notes(&log).contains(&LogNote::Vehicle(VehicleClass::Vtol)));
     assert_eq!(read(&log).kind, Some(VehicleKind::FixedWing));
+}
+
+/// What a replay says beside its samples holds the kind of vehicle too, without which a wing's sideslip would be left open.
+#[test]
+fn a_replay_knows_that_a_plane_has_wings() {
+    let request = ReplayRequest {
+        log: Input::in_memory(
+            "plane.bin",
+            [definitions(), text_message("ArduPlane V4.5.7 (0a)"), data()].concat(),
+        ),
+        model: None,
+        converter: ConverterOptions::default(),
+        truth_from_s: 0.0,
+    };
+    let make = |model| Engine::new(model, EngineOptions::default());
+    let mut beside = Beside::default();
+    replay_watched(&request, make, &|_, _| {}, Some(&mut beside)).unwrap();
+    assert_eq!(beside.on_board.fixed_wing, Some(true));
 }
 
 #[test]

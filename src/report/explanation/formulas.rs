@@ -16,7 +16,7 @@ pub fn section(plots: &[DriverPlot], body: &mut String) {
         return;
     }
     body.push_str(
-        "<h2 id=\"drivers\">Residual against driver</h2><p><small>Sensors simulated along the smoothed trajectory, mean of a fourteenth of the \
+        "<h2 id=\"drivers\">Residual against driver</h2><p><small>Sensors and fixes simulated along the smoothed trajectory, mean of a fourteenth of the \
          flight each with its standard error: with the given model, and with the effect in it. The line is the effect about its mean.</small></p>",
     );
     plots.iter().for_each(|plot| figure(plot, body));

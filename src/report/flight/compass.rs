@@ -11,7 +11,7 @@ const SIDE: f64 = 320.0;
 
 /// The answer to "which compass is wrong?"; empty where the log holds none.
 pub fn answer(report: &CompassReport) -> String {
-    let texts: Vec<&str> = report.compasses.iter().map(|c| c.text.as_str()).collect();
+    let texts: Vec<&str> = report.texts(|_| true).collect();
     if texts.is_empty() { report.notes.join(" ") } else { texts.join(" ") }
 }
 

@@ -49,7 +49,7 @@ pub struct Origin {
 }
 
 pub use air::section as air_section;
-pub use compass::section as compass_section;
+pub use compass::{answer as compass_answer, section as compass_section};
 pub use health::section as health_section;
 
 /// The report of a log, with the result as `replay --json` prints it.

@@ -1,8 +1,8 @@
 //! `gaware.effects/1`: effects in a file of a user, and those that a flight showed.
 
 use super::expression::Expression;
-use super::{Definition, DefinitionError, define, is_unit};
-use crate::effects::{Effect, Sensor};
+use super::{Definition, DefinitionError, Target, define, is_unit};
+use crate::effects::Effect;
 use serde::{Deserialize, Serialize};
 
 const SCHEMA: &str = "gaware.effects/1";
@@ -58,11 +58,8 @@ impl Entry {
         if !is_name(&self.name) {
             return Err(failed("a name is made of a to z, 0 to 9 and _, at most 48 of them"));
         }
-        let target = match self.target.as_str() {
-            "gyro" => Sensor::Gyro,
-            "accel" => Sensor::Accel,
-            _ => return Err(failed("target must be gyro or accel")),
-        };
+        let target = Target::of_name(&self.target)
+            .ok_or_else(|| failed("target must be gyro, accel, position or velocity"))?;
         let axes = [&self.x, &self.y, &self.z];
         if self.driver.is_some() == axes.iter().any(|a| a.is_some()) {
             return Err(failed("give driver for all axes alike, or x, y, z"));
@@ -140,14 +137,13 @@ pub fn load(text: &str) -> Result<Vec<&'static dyn Effect>, DefinitionError> {
 
 /// The file that defines these effects; those of the catalogue need none.
 pub fn written<'a>(definitions: impl IntoIterator<Item = &'a Definition>) -> String {
-    let target = |sensor| if sensor == Sensor::Gyro { "gyro" } else { "accel" };
     let entry = |d: &Definition| {
         let text = |k: usize| d.drivers[k].as_ref().map(|e: &Expression| e.text().to_owned());
         let same = d.drivers.iter().all(|x| *x == d.drivers[0]);
         let own = |k: usize| if same { None } else { text(k) };
         Entry {
             name: d.name.clone(),
-            target: target(d.target).to_owned(),
+            target: d.target.name().to_owned(),
             driver: if same { text(0) } else { None },
             x: own(0),
             y: own(1),

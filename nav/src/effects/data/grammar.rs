@@ -1,7 +1,7 @@
 //! The formulas that are looked for beyond the catalogue: every driver that flights have, up to degree two, on all axes of a sensor.
 
 use super::expression::Expression;
-use super::{FORMULA, find};
+use super::{FORMULA, Target, find};
 use crate::effects::Effect;
 use crate::identify::flight::Flight;
 use crate::operating::Channel;
@@ -77,12 +77,30 @@ const OPERATING: [(Channel, f64, Row); 8] = [
     (Channel::Airspeed, 2.0, ("dynamic_pressure", 200.0, BOTH)),
     (Channel::Airspeed, 2.0, ("airspeed*throttle", 5.0, BOTH)),
 ];
+/// Of fixes, on the position and on the velocity: what the catalogue covers (a delay, an antenna off the unit, a receiver that smooths) is left to it.
+const FIXES: [(&str, f64, [bool; 2]); 10] = [
+    ("sin(heading)", 0.7, BOTH),
+    ("cos(heading)", 0.7, BOTH),
+    ("sin(2*heading)", 0.7, BOTH),
+    ("cos(2*heading)", 0.7, BOTH),
+    ("height", 30.0, BOTH),
+    ("height*height", 3000.0, BOTH),
+    ("speed", 4.0, BOTH),
+    ("f_z", 3.0, BOTH),
+    ("|w_z|", 0.2, BOTH),
+    ("time", 100.0, [false, true]),
+];
+
+/// Of fixes, where the log reports them.
+const FIXES_OPERATING: [(Channel, f64, &str); 2] =
+    [(Channel::Throttle, 0.1, "throttle"), (Channel::Current, 1.0, "current")];
+
 /// An output must vary by at least this share of its range.
 const OUTPUT_VARIES: f64 = 0.05;
 const OUTPUT_TYPICAL: f64 = 0.3;
 
-/// Formulas that flights may have at most, both sensors: what a formula pays for being one of so many.
-const COUNT: f64 = 128.0;
+/// Formulas that flights may have at most, sensors and fixes: what a formula pays for being one of so many.
+const COUNT: f64 = 152.0;
 
 /// Of the effects that flights miss, one in so many is outside the catalogue. Without this price a formula that imitates a name (`w_y*f_z` in flight at
 /// 1 g a scale factor) took its place on one of four flights.
@@ -95,7 +113,7 @@ pub fn cost() -> f64 {
 
 fn rows() -> impl Iterator<Item = Row> {
     let operating = OPERATING.iter().map(|o| o.2);
-    MOTION.into_iter().chain(TEMPERATURE).chain(operating)
+    MOTION.into_iter().chain(TEMPERATURE).chain(operating).chain(FIXES)
 }
 
 /// All drivers but outputs and modes.
@@ -112,9 +130,20 @@ pub fn typical(driver: &Expression) -> f64 {
         .map_or(if name.starts_with("motor_") { OUTPUT_TYPICAL } else { 1.0 }, |row| row.1)
 }
 
-/// What usually causes that a sensor goes with this driver.
-pub fn cause(driver: &Expression) -> &'static str {
+/// What usually causes that a target goes with this driver.
+pub fn cause(target: Target, driver: &Expression) -> &'static str {
     let has = |part: &str| driver.text().contains(part);
+    if target.is_of_fix() {
+        return if has("heading") {
+            "reflections that turn with the vehicle, an antenna whose pattern is not even, or a map of another datum or grid"
+        } else if has("current") || has("throttle") {
+            "interference of motors or speed controllers with the receiver"
+        } else if has("height") {
+            "a height of another model of the Earth, or an atmosphere that the receiver's model does not have"
+        } else {
+            "a receiver whose tracking gives way under the motion, or a filter in it"
+        };
+    }
     if has("current") || has("motor") || has("throttle") {
         "magnetic or supply coupling of motors and speed controllers into the inertial unit, or a board that bends with their thrust or heat"
     } else if has("voltage") {
@@ -155,7 +184,19 @@ pub fn formulas(flights: &[&Flight]) -> Vec<&'static dyn Effect> {
             drivers.iter().filter(|d| d.1[k]).map(|d| format!("{FORMULA}{target}~{}", d.0)).collect();
         own
     };
-    of("gyro", 0).into_iter().chain(of("accel", 1)).filter_map(|name| find(&name)).collect()
+    let fixes = of_fixes(&varies);
+    of("gyro", 0).into_iter().chain(of("accel", 1)).chain(fixes).filter_map(|name| find(&name)).collect()
+}
+
+/// Names of the formulas of fixes.
+fn of_fixes(varies: &impl Fn(Channel, f64) -> bool) -> Vec<String> {
+    let reported = FIXES_OPERATING.iter().filter(|o| varies(o.0, o.1)).map(|o| (o.2, BOTH));
+    let rows = FIXES.iter().map(|r| (r.0, r.2)).chain(reported);
+    rows.flat_map(|(driver, on)| {
+        let targets = [Target::Position, Target::Velocity].into_iter().zip(on).filter(|t| t.1);
+        targets.map(move |(target, _)| format!("{FORMULA}{}~{driver}", target.name()))
+    })
+    .collect()
 }
 
 /// Flight modes that were flown for a part of the time, of at most so many.

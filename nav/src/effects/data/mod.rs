@@ -1,5 +1,6 @@
-//! Effects as data: what an effect adds to the gyros or accelerometers is a parameter times an expression, per axis. Users write them in files
-//! (`gaware.effects/1`), and a name like `formula:gyro~current` is one by itself: all three gyros, each with a coefficient of its own.
+//! Effects as data: what an effect adds to the gyros, the accelerometers, the position or the velocity of fixes is a parameter times an expression, per
+//! axis. Users write them in files (`gaware.effects/1`), and a name like `formula:gyro~current` is one by itself: all three gyros, each with a
+//! coefficient of its own.
 //!
 //! An effect of a model lives as long as the program, like those of the catalogue. So does one that is defined here: it is leaked, once for
 //! each name, and a second definition of the same name must be the same.
@@ -7,13 +8,15 @@
 pub mod expression;
 mod file;
 pub mod grammar;
+mod target;
 
 use super::linear::Sensor;
-use super::{Effect, ImuEffect, Instant, ParameterGroup, REGISTRY, Shape, Unit, unit};
+use super::{Effect, FixEffect, FixInstant, ImuEffect, Instant, ParameterGroup, REGISTRY, Shape, Unit};
 use expression::{Dimension, Expression, ExpressionError};
 pub use file::{check, is_one, load, written};
 use nalgebra::{Matrix3, Vector3};
 use std::sync::{PoisonError, RwLock};
+pub use target::Target;
 
 /// What begins the name of an effect that is a formula.
 pub const FORMULA: &str = "formula:";
@@ -51,8 +54,8 @@ pub struct Definition {
     /// Name.
     pub name: String,
     /// What it adds to.
-    pub target: Sensor,
-    /// What drives each axis, if anything.
+    pub target: Target,
+    /// What drives each axis (x, y, z of a sensor; north, east, down of a fix), if anything.
     pub drivers: [Option<Expression>; 3],
     /// Prior 1-sigma of every coefficient in the unit of the effect; `None`: what a disturbance of a consumer unit comes to.
     pub prior_sigma: Option<f64>,
@@ -74,9 +77,6 @@ pub struct DataEffect {
     /// Whether one driver is that of all axes.
     uniform: bool,
 }
-
-/// Of a driver that nothing else says of: a disturbance of this size, rad/s and m/s², by a driver of this size (in SI).
-const DISTURBANCE: [f64; 2] = [3e-3, 0.1];
 
 /// So many effects at most: each lives as long as the program.
 const MOST: usize = 4096;
@@ -108,6 +108,12 @@ pub fn of_files() -> Vec<&'static dyn Effect> {
 pub fn definition(name: &str) -> Option<&'static Definition> {
     find(name)?;
     defined(name).map(|e| e.definition)
+}
+
+/// What an effect that is data adds, with these parameters, to what it acts on; `None` for all others.
+pub fn added(name: &str, p: &[f64], x: &Instant) -> Option<(Target, Vector3<f64>)> {
+    let effect = defined(name)?;
+    Some((effect.definition.target, effect.added(effect.definition.target, p, x)))
 }
 
 /// Makes an effect of a definition.
@@ -145,17 +151,13 @@ impl Definition {
     /// Of a name like `formula:gyro~w_x*|w_x|`.
     pub fn of_formula(name: &str) -> Option<Self> {
         let (target, driver) = name.strip_prefix(FORMULA)?.split_once('~')?;
-        let (target, sensor) = match target {
-            "gyro" => (Sensor::Gyro, "gyros"),
-            "accel" => (Sensor::Accel, "accelerometers"),
-            _ => return None,
-        };
-        let driver = Expression::parse(driver).ok()?;
+        let target = Target::of_name(target)?;
+        let driver = Expression::parse(driver).ok().filter(|d| target.can_have(d))?;
         Some(Self {
             name: name.to_owned(),
             target,
-            description: format!("the {sensor} go with {driver}, in a way that is not in the catalogue"),
-            cause: grammar::cause(&driver).to_owned(),
+            description: format!("{} {driver}, in a way that is not in the catalogue", target.goes_with()),
+            cause: grammar::cause(target, &driver).to_owned(),
             remedy: "confirm it on a second flight (gaware effects confirm), find the coupling, and keep it in the model until then"
                 .to_owned(),
             drivers: std::array::from_fn(|_| Some(driver.clone())),
@@ -196,8 +198,8 @@ fn per(dimension: Dimension) -> (String, String) {
 }
 
 /// The unit of a coefficient: what the target is printed in, per driver.
-fn unit_of(target: Sensor, dimension: Dimension) -> Unit {
-    let base = if target == Sensor::Gyro { unit::DEG_PER_H } else { unit::MG };
+fn unit_of(target: Target, dimension: Dimension) -> Unit {
+    let base = target.unit();
     let (symbol, suffix) = per(dimension);
     if symbol.is_empty() {
         return base;
@@ -225,11 +227,14 @@ impl DataEffect {
         if drivers.iter().any(|d| d.dimension() != dimension) {
             return Err("the drivers of its axes have different units".to_owned());
         }
+        if !drivers.iter().all(|d| definition.target.can_have(d)) {
+            return Err("temperature and vibration drive sensors, not fixes".to_owned());
+        }
         let unit = unit_of(definition.target, dimension);
         let prior_sigma = match definition.prior_sigma {
             Some(sigma) if sigma.is_finite() && sigma > 0.0 => sigma * unit.si,
             Some(_) => return Err("prior_sigma must be positive".to_owned()),
-            None => DISTURBANCE[definition.target as usize] / grammar::typical(first),
+            None => definition.target.disturbance() / grammar::typical(first),
         };
         let axes: Vec<usize> = (0..3).filter(|k| definition.drivers[*k].is_some()).collect();
         // One axis is a number, more of them are a vector.
@@ -238,11 +243,10 @@ impl DataEffect {
             _ => definition.drivers.iter().cloned().enumerate().collect(),
         };
         let shape = if cells.len() == 1 { Shape::Scalar } else { Shape::Vector };
+        let all = definition.target.axes();
         let names: &'static [&'static str] = match cells[..] {
-            [(0, _)] => &["x"],
-            [(1, _)] => &["y"],
-            [(2, _)] => &["z"],
-            _ => &["x", "y", "z"],
+            [(axis, _)] => &all[axis..=axis],
+            _ => all,
         };
         let uniform = cells.iter().all(|c| c.1 == cells[0].1);
         let groups = Box::leak(Box::new([ParameterGroup { unit, shape, names, prior_sigma }]));
@@ -253,7 +257,7 @@ impl DataEffect {
         self.cells.iter().filter_map(|c| c.1.as_ref()).any(of)
     }
 
-    fn added(&self, to: Sensor, p: &[f64], x: &Instant) -> Vector3<f64> {
+    fn added(&self, to: Target, p: &[f64], x: &Instant) -> Vector3<f64> {
         let mut out = Vector3::zeros();
         if to == self.definition.target {
             for ((axis, driver), p) in self.cells.iter().zip(p) {
@@ -267,7 +271,7 @@ impl DataEffect {
 impl DataEffect {
     /// Derivative of what is added to a sensor by what the other one measures: an error of an accelerometer's bias reaches the gyros through a
     /// driver such as `w_z*f_x`.
-    fn by_motion(&self, to: Sensor, of: Sensor, p: &[f64], x: &Instant) -> Option<Matrix3<f64>> {
+    fn by_motion(&self, to: Target, of: Sensor, p: &[f64], x: &Instant) -> Option<Matrix3<f64>> {
         let reach = |d: &Expression| d.needs_motion(of);
         (to == self.definition.target && self.cells.iter().filter_map(|c| c.1.as_ref()).any(reach)).then(
             || {
@@ -321,34 +325,66 @@ impl Effect for DataEffect {
     }
 
     fn on_samples(&self) -> Option<&dyn ImuEffect> {
-        Some(self)
+        if self.definition.target.is_of_fix() { None } else { Some(self) }
+    }
+
+    fn on_fixes(&self) -> Option<&dyn FixEffect> {
+        if self.definition.target.is_of_fix() { Some(self) } else { None }
     }
 }
 
-impl ImuEffect for DataEffect {
-    fn gyro(&self, p: &[f64], x: &Instant) -> Vector3<f64> {
-        self.added(Sensor::Gyro, p, x)
-    }
-
-    fn accel(&self, p: &[f64], x: &Instant) -> Vector3<f64> {
-        self.added(Sensor::Accel, p, x)
-    }
-
-    fn imu_jacobian(&self, _p: &[f64], x: &Instant, gyro: &mut [Vector3<f64>], accel: &mut [Vector3<f64>]) {
-        let columns = if self.definition.target == Sensor::Gyro { gyro } else { accel };
+impl DataEffect {
+    /// ∂/∂p of what is added to its target, a column a parameter.
+    fn fill(&self, columns: &mut [Vector3<f64>], x: &Instant) {
         let of = |driver: &Option<Expression>| driver.as_ref().map_or(0.0, |d| known(d.value(x)));
         let shared = self.uniform.then(|| self.cells.first().map_or(0.0, |c| of(&c.1)));
         for (column, (axis, driver)) in columns.iter_mut().zip(&self.cells) {
             column[*axis] = shared.unwrap_or_else(|| of(driver));
         }
     }
+}
+
+impl FixEffect for DataEffect {
+    fn needs_conditions(&self) -> bool {
+        true
+    }
+
+    fn fix(&self, p: &[f64], x: &FixInstant) -> [Vector3<f64>; 2] {
+        let x = x.instant();
+        [Target::Position, Target::Velocity].map(|to| self.added(to, p, &x))
+    }
+
+    fn fix_jacobian(
+        &self,
+        _p: &[f64],
+        x: &FixInstant,
+        position: &mut [Vector3<f64>],
+        velocity: &mut [Vector3<f64>],
+    ) {
+        let columns = if self.definition.target == Target::Position { position } else { velocity };
+        self.fill(columns, &x.instant());
+    }
+}
+
+impl ImuEffect for DataEffect {
+    fn gyro(&self, p: &[f64], x: &Instant) -> Vector3<f64> {
+        self.added(Target::Gyro, p, x)
+    }
+
+    fn accel(&self, p: &[f64], x: &Instant) -> Vector3<f64> {
+        self.added(Target::Accel, p, x)
+    }
+
+    fn imu_jacobian(&self, _p: &[f64], x: &Instant, gyro: &mut [Vector3<f64>], accel: &mut [Vector3<f64>]) {
+        self.fill(if self.definition.target == Target::Gyro { gyro } else { accel }, x);
+    }
 
     fn gyro_by_force(&self, p: &[f64], x: &Instant) -> Option<Matrix3<f64>> {
-        self.by_motion(Sensor::Gyro, Sensor::Accel, p, x)
+        self.by_motion(Target::Gyro, Sensor::Accel, p, x)
     }
 
     fn accel_by_rate(&self, p: &[f64], x: &Instant) -> Option<Matrix3<f64>> {
-        self.by_motion(Sensor::Accel, Sensor::Gyro, p, x)
+        self.by_motion(Target::Accel, Sensor::Gyro, p, x)
     }
 
     fn needs_conditions(&self) -> bool {

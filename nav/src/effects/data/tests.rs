@@ -2,7 +2,7 @@
 
 use super::*;
 use crate::effects::testing::instant;
-use crate::effects::{Conditions, find as find_any};
+use crate::effects::{Conditions, find as find_any, unit};
 use crate::operating::{Channel, Operating};
 
 fn with_current(amperes: f64) -> Instant {
@@ -26,6 +26,30 @@ fn a_formula_is_an_effect_by_its_name() {
     assert!(std::ptr::addr_eq(effect, find_any("formula:gyro~current").unwrap()));
     assert!(find_any("formula:gyro~curent").is_none() && find_any("formula:baro~current").is_none());
     assert_eq!(find_any("formula:accel~w_x*|w_x|").unwrap().groups()[0].unit.symbol, "mg/(rad/s)²");
+}
+
+/// On a fix a formula adds to north, east and down, by the motion there.
+#[test]
+fn a_formula_of_fixes_acts_on_fixes_alone() {
+    let effect = find_any("formula:velocity~height").unwrap();
+    let names: Vec<&str> = effect.groups()[0].names.to_vec();
+    assert_eq!((names, effect.groups()[0].unit.symbol), (vec!["north", "east", "down"], "m/s/m"));
+    assert!(effect.on_samples().is_none() && effect.needs_conditions());
+    let conditions = Conditions { height_m: 50.0, ..Conditions::default() };
+    let x = FixInstant { conditions, ..crate::effects::testing::fix_instant() };
+    assert_eq!(effect.fix(&[0.01, 0.0, -0.02], &x), [Vector3::zeros(), Vector3::new(0.5, 0.0, -1.0)]);
+    let (mut position, mut velocity) = ([Vector3::zeros(); 3], [Vector3::zeros(); 3]);
+    effect.fix_jacobian(&[0.0; 3], &x, &mut position, &mut velocity);
+    assert_eq!((position[1], velocity[1]), (Vector3::zeros(), Vector3::y() * 50.0));
+    // The specific force is that of the body.
+    let pushed = find_any("formula:position~f_z").unwrap().fix(&[1.0, 0.0, 0.0], &x)[0].x;
+    let force = x.c_nb.transpose() * (x.a_n - Vector3::z() * crate::earth::STANDARD_GRAVITY);
+    assert!((pushed - force.z).abs() < 1e-12);
+    // It has neither temperature nor vibration.
+    assert!(
+        find_any("formula:position~temperature").is_none()
+            && find_any("formula:velocity~vibration_x").is_none()
+    );
 }
 
 #[test]
@@ -103,7 +127,7 @@ fn errors_of_a_file_are_named() {
     assert!(load("schema = \"gaware.effects/2\"").unwrap_err().to_string().contains("gaware.effects/1"));
     for (body, wanted) in [
         ("name = \"a1\"\ntarget = \"gyro\"\nx = \"curent\"", "no such quantity"),
-        ("name = \"a2\"\ntarget = \"compass\"\nx = \"current\"", "gyro or accel"),
+        ("name = \"a2\"\ntarget = \"compass\"\nx = \"current\"", "position or velocity"),
         ("name = \"a3\"\ntarget = \"gyro\"", "driver for all axes"),
         ("name = \"a4\"\ntarget = \"gyro\"\nx = \"current\"\nunit = \"deg/h/V\"", "deg/h/A"),
         ("name = \"a5\"\ntarget = \"gyro\"\nx = \"current\"\ny = \"voltage\"", "different units"),
@@ -123,8 +147,9 @@ fn errors_of_a_file_are_named() {
 #[test]
 fn every_formula_of_the_grammar_is_an_effect_of_a_sensible_prior() {
     for driver in grammar::drivers() {
-        for target in ["gyro", "accel"] {
-            let name = format!("{FORMULA}{target}~{driver}");
+        let expression = Expression::parse(driver).unwrap();
+        for target in Target::ALL.into_iter().filter(|t| t.can_have(&expression)) {
+            let name = format!("{FORMULA}{}~{driver}", target.name());
             let effect = find_any(&name).unwrap_or_else(|| panic!("{name}"));
             assert!(effect.groups()[0].prior_sigma.is_finite() && effect.prior_cost() > 0.0);
             assert!(!effect.description().is_empty() && effect.name() == name);

@@ -12,7 +12,7 @@ use crate::model::EffectSetting;
 use nalgebra::{DMatrix, DVector};
 
 /// What is named has at least these odds, nats: one in a thousand per effect of a sensor without it.
-const THRESHOLD: f64 = 7.0;
+pub(in crate::identify) const THRESHOLD: f64 = 7.0;
 /// Another effect within this of the one chosen does as well, nats.
 const MARGIN: f64 = 3.3;
 /// No value is known better than this share of it: the current is reported with noise and between its reports the straight line is
@@ -38,6 +38,8 @@ pub(in crate::identify) struct Widths {
     wide: Vec<f64>,
     /// How many parameters are the effects' own; those of `with` follow.
     own: usize,
+    /// Effects that are not named.
+    closed: Vec<usize>,
 }
 
 impl Widths {
@@ -47,7 +49,8 @@ impl Widths {
         tolerances: &[f64],
         is_there: impl Fn(&str) -> bool,
     ) -> Self {
-        let mut out = Self { catalogue, effect: Vec::new(), narrow: Vec::new(), wide: Vec::new(), own: 0 };
+        let (effect, narrow, wide, closed) = (Vec::new(), Vec::new(), Vec::new(), Vec::new());
+        let mut out = Self { catalogue, effect, narrow, wide, own: 0, closed };
         for (e, (effect, tolerance)) in catalogue.iter().zip(tolerances).enumerate() {
             let open = f64::from(u8::from(is_there(effect.name())));
             for group in effect.groups() {
@@ -76,12 +79,17 @@ impl Widths {
         self
     }
 
+    /// This effect is not named from here on.
+    pub(in crate::identify) fn close(&mut self, effect: usize) {
+        self.closed.push(effect);
+    }
+
     pub(in crate::identify) fn len(&self) -> usize {
         self.effect.len()
     }
 
     /// Prior sigmas with these effects wide, those of `scaled` by a factor.
-    fn with(&self, named: &[usize], scaled: Option<(usize, f64)>) -> Vec<f64> {
+    pub(in crate::identify) fn with(&self, named: &[usize], scaled: Option<(usize, f64)>) -> Vec<f64> {
         let one = |k: usize| {
             let e = self.effect[k];
             match scaled {
@@ -296,7 +304,7 @@ pub(in crate::identify) fn choose(
         all: sum(blocks.iter(), before, values).unwrap_or_else(zeros),
         correlated: correlation(blocks, prior, widths),
     };
-    let every: Vec<usize> = (0..widths.catalogue.len()).collect();
+    let every: Vec<usize> = (0..widths.catalogue.len()).filter(|e| !widths.closed.contains(e)).collect();
     let mut named: Vec<usize> = Vec::new();
     let mut evidences: Vec<f64> = Vec::new();
     loop {

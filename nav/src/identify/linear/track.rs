@@ -132,7 +132,7 @@ impl<'a> Track<'a> {
         let mut conditions = self.flight.conditions(t_s);
         if let Some(nav) = nav {
             conditions.speed = nav.v_e.norm();
-            conditions.height_m = nav.geodetic().height_m;
+            conditions.height_m = nav.geodetic().height_m - self.flight.initial().nav.geodetic().height_m;
             conditions.heading_rad = nav.euler().z;
         }
         conditions

@@ -23,6 +23,13 @@ impl Search<'_> {
         let mut lacking = lacking(&self.base, self.flights, &point.added, self.looks_for());
         lacking.retain(|s| wanted(s.effect));
         let mut candidates = self.glance(point, &lacking);
+        for better in self.about_values(&lacking, point) {
+            match candidates.iter_mut().find(|c| c.setting.effect.name() == better.setting.effect.name()) {
+                Some(about_zero) if about_zero.evidence >= better.evidence => {}
+                Some(about_zero) => *about_zero = better,
+                None => candidates.push(better),
+            }
+        }
         let problems = self.problems(point, &Watched::default());
         let jumping: Vec<&EffectSetting> = lacking.iter().filter(|s| is_jump(s.effect)).collect();
         if !jumping.is_empty() {
@@ -54,6 +61,25 @@ impl Search<'_> {
         let (_, [mut information, _]) = together(self.run_through(point, &watched, None, None));
         self.correlate(&point.added, &watched, &mut information);
         linear.iter().filter_map(|s| linear_candidate(s, &point.added, &watched, &information)).collect()
+    }
+
+    /// Effects that are linear near each of several values alone, linearised about each.
+    fn about_values(&self, lacking: &[EffectSetting], point: &Point) -> Vec<Candidate> {
+        let tries: Vec<(&EffectSetting, f64)> =
+            lacking.iter().flat_map(|s| s.effect.values_to_try().iter().map(move |v| (s, *v))).collect();
+        let cost = (SCALES.len() as f64).ln();
+        map(self.workers, tries.len(), |k| {
+            let (lacking, value) = tries[k];
+            let setting = EffectSetting { values: vec![value], ..lacking.clone() };
+            let prior: Vec<(f64, f64)> =
+                lacking.values.iter().copied().zip(prior_sigmas(setting.effect)).collect();
+            let mut added = point.added.clone();
+            added.push(Added { setting: setting.clone(), prior: prior.clone() });
+            let (with, _) = self.settle(&added, &point.noise, point, 0);
+            // One of several widths of the prior, as where it is linear about zero.
+            let evidence = with.evidence - point.evidence - cost;
+            Candidate { setting, prior, evidence, cost }
+        })
     }
 
     /// Drifts of several sizes.
@@ -178,4 +204,35 @@ fn linear_candidate(
     let evidence = evidence - setting.effect.prior_cost();
     let cost = best.evidence - without.evidence - evidence;
     Some(Candidate { setting: found, prior, evidence, cost })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::super::Serial;
+    use super::super::super::flight::Flight;
+    use super::super::super::noise::Noise;
+    use super::super::super::tests::fly_in_gusts;
+    use super::super::{Search, Settings};
+    use crate::effects::GpsLatency;
+    use crate::model::{EffectSetting, Model};
+
+    /// Where the acceleration of now is not that of a delay ago, the fixes show the delay all the same.
+    #[test]
+    fn a_delay_is_seen_at_a_glance_in_gusts() {
+        let base = Model::default();
+        let mut truth = base.clone();
+        truth.set(EffectSetting::known(&GpsLatency, &[0.12]).unwrap());
+        let flight = Flight::prepare(&fly_in_gusts(&truth, 5, 4.0), &base).unwrap();
+        let flights = [&flight];
+        let measured = Noise::measured(&base, &flights);
+        let mut search = Search::new(&flights, &base, &Settings::default(), &Serial, &measured);
+        let start = search.start(&measured);
+        let scanned = search.scan(&start, None);
+        let glance = scanned.iter().find(|c| c.setting.effect.name() == "gps_latency").unwrap();
+        let explained = search.close_looks(&scanned, &start, &start);
+        let (best, _) = &explained[0];
+        assert_eq!(best.setting.effect.name(), "gps_latency", "{scanned:?}");
+        assert!((best.setting.values[0] - 0.12).abs() < 0.005, "{best:?}");
+        assert!(glance.evidence > 0.3 * best.evidence, "{} of {}", glance.evidence, best.evidence);
+    }
 }

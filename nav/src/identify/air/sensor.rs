@@ -1,0 +1,472 @@
+//! One barometer or airspeed sensor as a series of measurements: what each fix says of its effects, and what is left with some of them.
+
+use super::super::aids::Finding;
+use super::super::aids::choose::{self, Chosen, Widths, is_held_out};
+use super::super::aids::series::{self, BOUNDED, Bounded, Figures, GIVEN, Known, Noise, Prior, Row, States};
+use super::super::evidence::{SCALES, log_mean_exp};
+use super::super::pass::Information;
+use super::{Air, AirFound, BLOCK_S, Carriage, ENOUGH, Instant, Wind, carriage_at};
+use crate::effects::{AIRSPEED, AirDriver, AirInstant, BAROMETER, Effect, SEA_LEVEL_DENSITY};
+use crate::sample::AirKind;
+use nalgebra::{Rotation3, Vector2, Vector3};
+
+/// Passes: wind multiplies the scale and the coefficients, and the noise is fitted.
+const PASSES: usize = 5;
+/// What is left of each effect of a sensor in order, 1-sigma, SI: 3 % of the dynamic pressure (.6 m at 20 m/s), 5 Pa of propeller wash (.4 m), .1 s, .05 m/°C,
+/// 3 % (air 9 K from the standard's); 3 % of the airspeed, 3 Pa (.2 m/s at 15 m/s), .2 s.
+const TOLERANCES: [&[f64]; 2] = [&[0.03, 5.0, 0.1, 0.05, 0.03], &[0.03, 3.0, 0.2]];
+/// Noise of heights, m, and airspeeds, m/s: white; walk per √s (the weather, 3 m in an hour of it; the wind, 1.2 m/s in ten minutes); what is bounded with its correlation time, s
+/// (the height of trajectory or receiver; gusts, over 100 to 260 m of air at 30 to 100 m height: MIL-F-8785C).
+const FIGURES: [Figures; 2] = [
+    Figures {
+        usual: [(0.2, 3.0), (0.03, 2.5), (0.3, 3.0), (15.0, 3.0)],
+        limits: [(0.03, 3.0), (0.001, 1.0), (0.02, 10.0), (1.0, 120.0)],
+        smooth: &[false, true],
+    },
+    Figures {
+        usual: [(0.3, 2.0), (0.05, 2.5), (0.5, 2.0), (8.0, 2.0)],
+        limits: [(0.05, 3.0), (0.002, 1.0), (0.02, 5.0), (1.0, 30.0)],
+        smooth: &[false],
+    },
+];
+/// Offset of a barometer at the start, m, and a component of the wind, m/s.
+const START: [f64; 2] = [300.0, 8.0];
+/// What a port's dynamic pressure knows of a wind that nothing measures, m/s …
+const WIND_SIGMA: f64 = 5.0;
+/// … and its gusts, m/s and s: moderate turbulence at 50 m is 1.5 m/s over a length of 100 m (MIL-F-8785C), light is half of it.
+const GUSTS: Bounded = (0.7, 7.0);
+/// Sideslip of a wing, 1-sigma as a share of the airspeed, with the 25 fixes of 5 s in which it stays the same.
+const SLIP: f64 = 0.05 * 5.0;
+/// Its constant part: our own heading, and a fin that is not straight, rad.
+const SLIP_CONSTANT: f64 = 0.05;
+/// And the part that goes with the bank, rad at 90°: in a turn the rudder is not enough, or too much. ArduPilot's simulated wing slips by .022 rad in its turns.
+const SLIP_BANK: f64 = 0.05;
+/// Below this airspeed nothing is said of the wind, m/s.
+const FLIES: f64 = 5.0;
+/// A temperature or a throttle that changes by less drives nothing: °C, share.
+const DRIVES: [f64; 2] = [2.0, 0.1];
+/// The height of a barometer is judged about its mean over so long before and after, s: the weather and the wandering of a receiver's height are no error of it.
+const ABOUT_S: f64 = 60.0;
+/// No delay is longer, s.
+const LONGEST_DELAY_S: f64 = 5.0;
+
+/// A sensor with what its passes need.
+pub(super) struct AirSensor<'a> {
+    kind: AirKind,
+    catalogue: &'static [&'static dyn Effect],
+    widths: Widths,
+    carriage: &'a [Carriage],
+    instants: Vec<Instant>,
+    mean_height_m: f64,
+    is_wing: bool,
+    /// The wind at each instant about which it is linearised.
+    wind: Vec<Vector2<f64>>,
+    /// Gusts at a port.
+    gusts: Bounded,
+}
+
+/// What there was to measure at an instant.
+struct Ideal {
+    c_nb: Rotation3<f64>,
+    /// Height or equivalent airspeed.
+    value: f64,
+    x: AirInstant,
+}
+
+fn range(of: impl Iterator<Item = f64>) -> f64 {
+    let (low, high) = of.fold((f64::INFINITY, f64::NEG_INFINITY), |(l, h), v| (l.min(v), h.max(v)));
+    high - low
+}
+
+fn mean(of: impl Iterator<Item = f64>) -> f64 {
+    let (sum, count) = of.fold((0.0, 0.0), |(s, n), v| (s + v, n + 1.0));
+    sum / f64::max(count, 1.0)
+}
+
+fn rms(of: impl Iterator<Item = f64>) -> f64 {
+    mean(of.filter(|v| v.is_finite()).map(|v| v * v)).sqrt()
+}
+
+/// Whether an airspeed sensor measures anything.
+fn flies(i: &Instant, s: &Ideal, wind: &Vector2<f64>) -> bool {
+    let ground = (s.c_nb * s.x.velocity + Vector3::new(wind.x, wind.y, 0.0)).norm();
+    s.x.velocity.norm() > FLIES && (ground > FLIES || i.measured > FLIES)
+}
+
+impl<'a> AirSensor<'a> {
+    pub(super) fn new(air: &'a Air<'_>, kind: AirKind, instants: Vec<Instant>, wind: Option<&Wind>) -> Self {
+        let catalogue = [BAROMETER, AIRSPEED][kind as usize];
+        let carriage = &air.carriage;
+        let changes =
+            [range(instants.iter().map(|i| i.temperature)), range(carriage.iter().map(|c| c.throttle))];
+        let is_there = |effect: &str| match effect {
+            "baro_temperature" => changes[0] > DRIVES[0],
+            "baro_thrust" => changes[1] > DRIVES[1],
+            _ => true,
+        };
+        let widths = Widths::new(catalogue, TOLERANCES[kind as usize], is_there);
+        let widths = match kind {
+            AirKind::Barometer => (0..2).fold(widths, |w, k| {
+                w.along("baro_dynamic_pressure", wind.map_or(WIND_SIGMA, |w| w.sigma[k]))
+            }),
+            AirKind::Airspeed => widths.always(SLIP_CONSTANT).always(SLIP_BANK),
+        };
+        Self {
+            kind,
+            catalogue,
+            widths,
+            carriage,
+            mean_height_m: mean(carriage.iter().map(|c| c.height_m)),
+            is_wing: air.is_wing,
+            wind: instants.iter().map(|i| wind.map_or_else(Vector2::zeros, |w| w.at(i.elapsed_s))).collect(),
+            gusts: wind.map_or(GUSTS, |w| w.gusts),
+            instants,
+        }
+    }
+
+    /// Parameters of effects, before those that go with them.
+    fn effects(&self) -> usize {
+        self.catalogue.iter().map(|e| e.len()).sum()
+    }
+
+    /// By how much the wind differs that a port's dynamic pressure shows.
+    fn shift(&self, values: &[f64]) -> Vector2<f64> {
+        match self.kind {
+            AirKind::Barometer => Vector2::new(values[self.effects()], values[self.effects() + 1]),
+            AirKind::Airspeed => Vector2::zeros(),
+        }
+    }
+
+    /// Sum of the values of parameters that such a driver multiplies.
+    fn sum_of(&self, values: &[f64], is_one: impl Fn(AirDriver) -> bool) -> f64 {
+        let drivers = self.catalogue.iter().filter_map(|e| e.on_air()).flat_map(|a| a.drivers);
+        drivers.zip(values).filter(|(d, _)| is_one(**d)).map(|(_, v)| v).sum()
+    }
+
+    /// What there was to measure in this wind, with a delay at the time before.
+    fn ideal(&self, values: &[f64], wind: &[Vector2<f64>]) -> Vec<Ideal> {
+        let shift = self.shift(values);
+        let delay_s = self.sum_of(values, AirDriver::is_delay).clamp(-LONGEST_DELAY_S, LONGEST_DELAY_S);
+        let offset_pa = self.sum_of(values, |d| d == AirDriver::SpeedByPressure);
+        let one = |(i, wind): (&Instant, &Vector2<f64>)| {
+            let c = carriage_at(self.carriage, i.elapsed_s - delay_s)?;
+            let w = wind + shift;
+            let velocity = c.c_nb.inverse() * (c.v_n - Vector3::new(w.x, w.y, 0.0));
+            let airspeed = velocity.norm() * (i.density / SEA_LEVEL_DENSITY).sqrt();
+            let x = AirInstant {
+                velocity,
+                density: i.density,
+                height_m: c.height_m - self.mean_height_m,
+                climb: -c.v_n.z,
+                throttle: c.throttle,
+                temperature: i.temperature,
+                airspeed: [airspeed, 0.0],
+                // Not what was measured: its noise would be in the driver too, and an offset of 35 Pa become one of 50.
+                shown: (airspeed.powi(2) + 2.0 * offset_pa / SEA_LEVEL_DENSITY).max(0.0).sqrt(),
+            };
+            let value = if self.kind == AirKind::Barometer { c.height_m } else { airspeed };
+            Some(Ideal { c_nb: c.c_nb, value, x })
+        };
+        let mut all: Vec<Ideal> = self.instants.iter().zip(wind).filter_map(one).collect();
+        let speeds: Vec<(f64, f64)> =
+            self.instants.iter().zip(&all).map(|(i, s)| (i.elapsed_s, s.x.airspeed[0])).collect();
+        for (s, w) in all.iter_mut().skip(1).zip(speeds.windows(3)) {
+            s.x.airspeed[1] = (w[2].1 - w[0].1) / (w[2].0 - w[0].0).max(1e-3);
+        }
+        all
+    }
+
+    /// What the effects beside the delay add at an instant with these values.
+    fn added(&self, values: &[f64], x: &AirInstant) -> f64 {
+        let x = AirInstant { climb: 0.0, airspeed: [x.airspeed[0], 0.0], ..*x };
+        let mut at = 0;
+        let one = |e: &&dyn Effect| {
+            let p = &values[at..at + e.len()];
+            at += e.len();
+            e.on_air().map_or(0.0, |a| a.added(p, &x))
+        };
+        self.catalogue.iter().map(one).sum()
+    }
+
+    fn rows(&self, values: &[f64], with_columns: bool) -> Vec<Row> {
+        let own = |x: &AirInstant| -> Vec<f64> {
+            let effects = self.catalogue.iter().filter_map(|e| e.on_air());
+            let columns = effects.flat_map(|a| a.drivers.iter().map(|d| d.value(x)));
+            if with_columns { columns.collect() } else { Vec::new() }
+        };
+        let ideal = self.ideal(values, &self.wind);
+        let rows =
+            self.instants.iter().zip(&ideal).zip(&self.wind).flat_map(|((i, s), wind)| match self.kind {
+                AirKind::Barometer => vec![self.height(values, i, s, own(&s.x))],
+                AirKind::Airspeed => self.speed((i, s, wind), values, own(&s.x)),
+            });
+        rows.collect()
+    }
+
+    fn height(&self, values: &[f64], i: &Instant, s: &Ideal, mut columns: Vec<f64>) -> Row {
+        let added = self.added(values, &s.x);
+        // A wind that is stronger by one m/s to the north or east.
+        let by_wind = |axis: usize| {
+            let mut w = Vector3::zeros();
+            w[axis] = 1e-3;
+            let there = AirInstant { velocity: s.x.velocity - s.c_nb.inverse() * w, ..s.x };
+            (self.added(values, &there) - added) / 1e-3
+        };
+        let by_wind = Vector2::new(by_wind(0), by_wind(1));
+        if !columns.is_empty() {
+            columns.extend(by_wind.iter());
+        }
+        let mut by_state = States::x();
+        by_state[BOUNDED] = 1.0;
+        by_state[GIVEN] = by_wind.norm();
+        let residual = i.measured - s.value - added;
+        Row { elapsed_s: i.elapsed_s, residual, noise: 1.0, least: 0.0, by_state, columns }
+    }
+
+    /// The airspeed, and for a wing that it does not slip; nothing on the ground.
+    fn speed(
+        &self,
+        (i, s, wind): (&Instant, &Ideal, &Vector2<f64>),
+        values: &[f64],
+        mut columns: Vec<f64>,
+    ) -> Vec<Row> {
+        if !flies(i, s, wind) {
+            return Vec::new();
+        }
+        let against = s.x.velocity.norm();
+        let (scale, banked) = (values[0], (s.c_nb * Vector3::y()).z);
+        let slip = values[self.effects()] + values[self.effects() + 1] * banked;
+        let by_speed = (1.0 + scale) * (s.x.density / SEA_LEVEL_DENSITY).sqrt();
+        let unit = s.c_nb * s.x.velocity / against;
+        let by_state = States::from([-unit.x * by_speed, -unit.y * by_speed, by_speed, 0.0, 0.0]);
+        let with_columns = !columns.is_empty();
+        let none = if with_columns { vec![0.0; self.effects()] } else { Vec::new() };
+        columns.extend(with_columns.then_some([0.0; 2]).into_iter().flatten());
+        let speed = Row {
+            elapsed_s: i.elapsed_s,
+            residual: i.measured - s.value - self.added(values, &s.x) + by_state.xy().dot(wind),
+            noise: 1.0,
+            least: 0.0,
+            by_state,
+            columns,
+        };
+        if !self.is_wing {
+            return vec![speed];
+        }
+        let across = s.c_nb * Vector3::y();
+        let by_state = States::from([-across.x, -across.y, 0.0, 0.0, 0.0]);
+        let slipping = Row {
+            residual: slip * against - s.x.velocity.y + by_state.xy().dot(wind),
+            noise: 0.0,
+            least: SLIP * against,
+            by_state,
+            columns: none
+                .into_iter()
+                .chain(with_columns.then_some([-against, -against * banked]).into_iter().flatten())
+                .collect(),
+            ..speed.clone()
+        };
+        vec![speed, slipping]
+    }
+
+    /// Values of all effects together within their widest priors, the noise, and the information about them there.
+    pub(super) fn fitted(&mut self) -> Option<(Vec<f64>, Noise, Vec<Information>)> {
+        let mut values = vec![0.0; self.widths.len()];
+        let mut noise = None;
+        for pass in 0..PASSES {
+            let rows = self.rows(&values, true);
+            if rows.len() < ENOUGH {
+                return None;
+            }
+            let every: Vec<usize> = (0..self.catalogue.len()).collect();
+            let own = self.noise(&rows, &every, &values, noise.as_ref()).1;
+            let run = series::pass(&rows, &own, BLOCK_S);
+            if pass + 1 == PASSES {
+                return Some((values, own, run.blocks));
+            }
+            let step = choose::step(&run.blocks, &[], &self.widths, &values)?;
+            values.iter_mut().zip(&step).for_each(|(v, s)| *v += s);
+            self.follow(&values, &own);
+            noise = Some(own);
+        }
+        None
+    }
+
+    /// The likeliest noise where these effects are there, and the logarithm of that likelihood.
+    fn noise(&self, rows: &[Row], named: &[usize], values: &[f64], near: Option<&Noise>) -> (f64, Noise) {
+        let given = if self.kind == AirKind::Barometer { self.gusts } else { (0.0, 1.0) };
+        let known = Known { given, start: START[self.kind as usize] };
+        let sigma = self.widths.with(named, None);
+        series::noise_of(rows, &FIGURES[self.kind as usize], Prior { sigma: &sigma, values }, known, near)
+    }
+
+    /// Chooses. An effect has to be worth the odds also against the noise that would do without it: a slow one against weather that changes
+    /// faster, a port against a trajectory whose height is worse.
+    pub(super) fn chosen(&mut self, values: &[f64], noise: &Noise, blocks: &[Information]) -> Chosen {
+        let rows = self.rows(values, true);
+        let mut refuted: Vec<&'static str> = Vec::new();
+        loop {
+            let error = |values: &[f64]| self.held_out_rms(values, noise);
+            let mut chosen = choose::choose(blocks, &[], &self.widths, values, &error);
+            let place = |f: &Finding| self.catalogue.iter().position(|e| e.name() == f.setting.effect.name());
+            let named: Vec<usize> = chosen.findings.iter().filter_map(place).collect();
+            let all = self.noise(&rows, &named, values, Some(noise));
+            let odds = |e: &usize| {
+                let others: Vec<usize> = named.iter().copied().filter(|o| o != e).collect();
+                (
+                    *e,
+                    all.0 + self.of_its_size(&rows, &named, *e, values, &all.1)
+                        - self.noise(&rows, &others, values, None).0,
+                )
+            };
+            let weakest = named.iter().map(odds).min_by(|a, b| a.1.total_cmp(&b.1));
+            match weakest.filter(|(_, odds)| *odds < choose::THRESHOLD) {
+                Some((e, _)) => {
+                    refuted.push(self.catalogue[e].name());
+                    self.widths.close(e);
+                }
+                None => {
+                    chosen.removed.extend(&refuted);
+                    chosen.not_found.retain(|n| !refuted.contains(&n.0));
+                    return chosen;
+                }
+            }
+        }
+    }
+
+    /// By how much an effect is likelier with the width of its prior averaged over a few scales than with its widest.
+    fn of_its_size(&self, rows: &[Row], named: &[usize], e: usize, values: &[f64], noise: &Noise) -> f64 {
+        let at = |sigma: &[f64]| series::marginal(rows, noise, Prior { sigma, values });
+        let scaled = SCALES.map(|scale| at(&self.widths.with(named, Some((e, scale)))));
+        log_mean_exp(scaled) - at(&self.widths.with(named, None))
+    }
+
+    /// Linearises an airspeed about the wind that it shows with these values.
+    fn follow(&mut self, values: &[f64], noise: &Noise) {
+        if self.kind == AirKind::Airspeed {
+            self.wind = self.winds(values, noise).0;
+        }
+    }
+
+    /// The wind at every instant, and 1-sigma of its mean along each axis.
+    fn winds(&self, values: &[f64], noise: &Noise) -> (Vec<Vector2<f64>>, Vector2<f64>) {
+        let rows = self.rows(values, false);
+        let smoothed = series::pass(&rows, noise, BLOCK_S).smoothed();
+        let mut next = 0;
+        let at = |i: &Instant| {
+            while rows.get(next + 1).is_some_and(|r| r.elapsed_s <= i.elapsed_s) {
+                next += 1;
+            }
+            smoothed.get(next).map_or_else(Vector2::zeros, |s| s.0.xy())
+        };
+        let winds = self.instants.iter().map(at).collect();
+        let count = smoothed.len().max(1) as f64;
+        let variance = smoothed.iter().map(|s| s.1.diagonal().xy()).sum::<Vector2<f64>>() / count;
+        (winds, variance.map(|v| v.max(0.0).sqrt()))
+    }
+
+    /// What is left of the measurement at every instant: of a height about its mean over [`ABOUT_S`] before and after, of an airspeed in the wind that goes with these values, and on the ground nothing.
+    fn residuals(&self, values: &[f64], noise: &Noise) -> Vec<f64> {
+        let wind = match self.kind {
+            AirKind::Barometer => self.wind.clone(),
+            AirKind::Airspeed => self.winds(values, noise).0,
+        };
+        let ideal = self.ideal(values, &wind);
+        let left = |(i, s): (&Instant, &Ideal)| i.measured - s.value - self.added(values, &s.x);
+        let all: Vec<f64> = self.instants.iter().zip(&ideal).map(left).collect();
+        match self.kind {
+            AirKind::Barometer => self.about_mean(&all),
+            AirKind::Airspeed => {
+                let parts = self.instants.iter().zip(&ideal).zip(&wind).zip(all);
+                parts.map(|(((i, s), w), left)| if flies(i, s, w) { left } else { f64::NAN }).collect()
+            }
+        }
+    }
+
+    fn about_mean(&self, all: &[f64]) -> Vec<f64> {
+        let (mut from, mut to, mut sum) = (0, 0, 0.0);
+        let one = |(i, own): (&Instant, &f64)| {
+            while self.instants.get(to).is_some_and(|next| next.elapsed_s <= i.elapsed_s + ABOUT_S) {
+                sum += all[to];
+                to += 1;
+            }
+            while self.instants[from].elapsed_s < i.elapsed_s - ABOUT_S {
+                sum -= all[from];
+                from += 1;
+            }
+            own - sum / (to - from).max(1) as f64
+        };
+        self.instants.iter().zip(all).map(one).collect()
+    }
+
+    /// RMS of what is left on the held-out blocks with these values.
+    pub(super) fn held_out_rms(&self, values: &[f64], noise: &Noise) -> f64 {
+        let left = self.residuals(values, noise);
+        let held =
+            self.instants.iter().zip(left).filter(|(i, _)| is_held_out((i.elapsed_s / BLOCK_S) as usize));
+        rms(held.map(|h| h.1))
+    }
+
+    pub(super) fn found(&self, sensor: u8, chosen: &Chosen, noise: Noise) -> AirFound {
+        let (named, zero) = (&chosen.named, vec![0.0; self.widths.len()]);
+        let (before, after) = (self.residuals(&zero, &noise), self.residuals(named, &noise));
+        let (ideal, now) = (self.ideal(named, &self.wind), self.ideal(&zero, &self.wind));
+        let error = |(s, now): (&Ideal, &Ideal)| {
+            (s.value - now.value + self.added(named, &s.x), now.x.velocity.norm())
+        };
+        let errors: Vec<(f64, f64)> = ideal.iter().zip(&now).map(error).collect();
+        let largest = errors.iter().copied().max_by(|a, b| a.0.abs().total_cmp(&b.0.abs()));
+        let every = self.instants.len().div_ceil(600).max(1);
+        let points = errors.iter().zip(before.iter().zip(&after)).step_by(every);
+        AirFound {
+            kind: self.kind,
+            sensor,
+            instants: self.instants.len(),
+            largest: largest.unwrap_or_default(),
+            residual: [&before, &after].map(|of| rms(of.iter().copied())),
+            held_out: [&zero, &chosen.fitted].map(|v| self.held_out_rms(v, &noise)),
+            noise: [noise.sigma, noise.walk],
+            known_to: self.known_to(chosen, &ideal),
+            effects: chosen.findings.clone(),
+            removed: chosen.removed.clone(),
+            not_found: chosen.not_found.clone(),
+            wind: (self.kind == AirKind::Airspeed).then(|| self.wind(named, &noise, chosen)),
+            points: points.map(|((_, speed), (b, a))| [*speed, *b, *a]).collect(),
+        }
+    }
+
+    /// 1-sigma of what may have stayed unseen of the first effect (port or scale) at the 90th percentile of the speed.
+    fn known_to(&self, chosen: &Chosen, ideal: &[Ideal]) -> f64 {
+        let first = self.catalogue[0].on_air().and_then(|a| a.drivers.first());
+        let mut by: Vec<f64> = ideal.iter().filter_map(|s| Some(first?.value(&s.x).abs())).collect();
+        by.sort_by(f64::total_cmp);
+        chosen.first_sigma * by.get(by.len() * 9 / 10).copied().unwrap_or(0.0)
+    }
+
+    fn wind(&self, named: &[f64], noise: &Noise, chosen: &Chosen) -> Wind {
+        let (winds, own) = self.winds(named, noise);
+        // On the ground nothing shows the wind, and there it is weaker.
+        let ideal = self.ideal(named, &winds);
+        let flown: Vec<bool> =
+            self.instants.iter().zip(&ideal).zip(&winds).map(|((i, s), w)| flies(i, s, w)).collect();
+        let count = flown.iter().filter(|f| **f).count().max(1) as f64;
+        let sum_of = |of: &mut dyn Iterator<Item = (Vector2<f64>, bool)>| {
+            of.filter(|w| w.1).map(|w| w.0).sum::<Vector2<f64>>()
+        };
+        let mean_of = |w: &[Vector2<f64>]| sum_of(&mut w.iter().copied().zip(flown.iter().copied())) / count;
+        let mean = mean_of(&winds);
+        // What the sensor's own error leaves open.
+        let mut shifted = named.to_vec();
+        shifted[0] += chosen.first_sigma;
+        let by_scale = mean_of(&self.winds(&shifted, noise).0) - mean;
+        let squares: Vec<Vector2<f64>> = winds.iter().map(|w| (w - mean).map(|d| d * d)).collect();
+        let changed = mean_of(&squares).sum();
+        Wind {
+            mean: mean.into(),
+            sigma: [0, 1].map(|k| own[k].hypot(by_scale[k])),
+            changed: (0.5 * changed).sqrt(),
+            gusts: noise.bounded,
+            track: self.instants.iter().map(|i| i.elapsed_s).zip(winds).collect(),
+        }
+    }
+}
