@@ -296,7 +296,7 @@ impl Filter {
         self.p.clone_from(&hold.base.1);
         let for_s = hold.means(f64::INFINITY).duration_s;
         let [rate, force] = self.mean_rows(hold);
-        let of_turn = hold.gives_way.variance(hold.taken_s, for_s) / (for_s * for_s);
+        let of_turn = hold.gives_way.variance(for_s) / (for_s * for_s);
         let half = Turn {
             of_rate: Vector3::from(rate.variance).map(|v| 0.5 * for_s * of_turn / v),
             variance: Vector3::from(rate.variance)
@@ -362,9 +362,8 @@ impl Filter {
         let [(now, of_now), (earlier, of_earlier)] = [new.unrounded(0), before.unrounded(0)];
         let durations = [new.duration_s, before.duration_s];
         let from_s = hold.support.held_s() - new.duration_s;
-        let turned = hold.gives_way.variance(from_s, new.duration_s) / new.duration_s.powi(2)
-            + hold.gives_way.variance(from_s - before.duration_s, before.duration_s)
-                / before.duration_s.powi(2);
+        let turned = hold.gives_way.variance(new.duration_s) / new.duration_s.powi(2)
+            + hold.gives_way.variance(before.duration_s) / before.duration_s.powi(2);
         let (off, left_out) = (now - earlier, (of_now + of_earlier).add_scalar(turned));
         let variance =
             |walk: f64| -> f64 { durations.iter().map(|t| self.mean_rate_variance(*t, walk)).sum() };
@@ -402,7 +401,7 @@ impl Filter {
             let known = rows.variances_by(&hold.base.1);
             // A turn of variance q: q/T² of the mean rate; of the attitude half way all but q/12.
             let for_s = totals[kind].duration_s;
-            let q = hold.gives_way.variance(hold.taken_s, for_s);
+            let q = hold.gives_way.variance(for_s);
             let turned = if kind == 0 {
                 Vector3::repeat(q / (for_s * for_s))
             } else {

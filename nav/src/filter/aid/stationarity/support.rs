@@ -9,41 +9,29 @@ use nalgebra::Vector3;
 
 /// Random walks of the attitude that are tried, rad/√s: 0.1 to 10 mrad in half a minute.
 const DENSITIES: [f64; 7] = [3e-5, 6e-5, 1.2e-4, 2.5e-4, 5e-4, 1e-3, 2e-3];
-/// None, these without an end (a hand), and these as they die down (foam).
-const WALKS: usize = 1 + 2 * DENSITIES.len();
-/// What dies down does so by e in this time, s. Foam with a time constant of 4 s comes to rest
-/// while a side is held, and most of its turn comes first (`gaware study ground`).
-const DIES_DOWN_S: f64 = 5.0;
+/// None, and these.
+const WALKS: usize = 1 + DENSITIES.len();
 /// That a support gives way is said once its walk is ahead of none by so many nats, as of the walks of the biases.
 const AHEAD: f64 = 7.0;
 
-/// How a support gives way: the density of the walk of the attitude when the period begins, rad/√s, and whether it dies down.
+/// How a support gives way: the density of the walk of the attitude, rad/√s.
 #[derive(Debug, Clone, Copy, Default, PartialEq)]
 pub(super) struct GivesWay {
     density: f64,
-    dies_down: bool,
 }
 
 impl GivesWay {
     fn number(k: usize) -> Self {
-        let all = DENSITIES.len();
-        let density = |k: usize| DENSITIES.get(k % all).copied().unwrap_or(0.0);
-        k.checked_sub(1).map_or_else(Self::default, |k| Self { density: density(k), dies_down: k >= all })
+        Self { density: k.checked_sub(1).and_then(|k| DENSITIES.get(k).copied()).unwrap_or(0.0) }
     }
 
     pub(super) fn is_firm(self) -> bool {
         self.density <= 0.0
     }
 
-    /// Variance of each axis of the turn in so long after a time since the period began, rad².
-    pub(super) fn variance(self, from_s: f64, for_s: f64) -> f64 {
-        let half_s = 0.5 * DIES_DOWN_S;
-        let lasts_s = if self.dies_down {
-            half_s * (-from_s / half_s).exp() * (1.0 - (-for_s / half_s).exp())
-        } else {
-            for_s
-        };
-        self.density * self.density * lasts_s
+    /// Variance of each axis of the turn in so long, rad².
+    pub(super) fn variance(self, for_s: f64) -> f64 {
+        self.density * self.density * for_s
     }
 }
 
@@ -66,7 +54,6 @@ pub(super) struct Support {
 impl Support {
     /// Takes the mean of a block of so long, s, with noise of this variance; what walks beside the attitude adds this variance, both (m/s²)².
     pub(super) fn take(&mut self, mean: &Vector3<f64>, duration_s: f64, noise: f64, walked: f64) {
-        let from_s = self.held_s;
         self.held_s += duration_s;
         let Some(walks) = &mut self.walks else {
             self.first = *mean;
@@ -76,7 +63,7 @@ impl Support {
         let down = mean.normalize();
         for (k, walk) in walks.iter_mut().enumerate() {
             // From the middle of one block to that of the next.
-            let turned = GivesWay::number(k).variance(from_s - 0.5 * duration_s, duration_s);
+            let turned = GivesWay::number(k).variance(duration_s);
             walk.variance += turned * mean.norm_squared() + walked;
             let off = mean - walk.force;
             let across = off - down * down.dot(&off);
@@ -133,7 +120,9 @@ impl Supports {
     pub(super) fn judge(&self, period: &Support) -> GivesWay {
         let likelihood = |k: usize| {
             let own = period.walks.as_ref().map_or(0.0, |walks| walks[k].log_likelihood);
-            own + self.log_likelihood[k] / self.periods.max(1.0)
+            // A firm support is as likely before as all the walks together.
+            let prior = if k == 0 { 0.0 } else { (DENSITIES.len() as f64).ln() };
+            own + self.log_likelihood[k] / self.periods.max(1.0) - prior
         };
         // Of equals the first, which gives way less.
         let most = |best: usize, k: usize| if likelihood(k) > likelihood(best) { k } else { best };
@@ -166,7 +155,7 @@ mod tests {
     #[test]
     fn foam_is_found_in_its_first_period_and_a_firm_table_stays_one() {
         // Sigma of the turn in 25 s, rad.
-        let turn = |supports: &Supports, period: &Support| supports.judge(period).variance(0.0, 25.0).sqrt();
+        let turn = |supports: &Supports, period: &Support| supports.judge(period).variance(25.0).sqrt();
         let foam = |t: f64| 3e-3 * (1.0 - (-t / 4.0).exp());
         let mut firm = 0;
         for seed in 0..40 {
