@@ -116,11 +116,14 @@ pub fn sizes(
     let too_good = judged.fit[1].nis_per_dof < TOO_GOOD;
     let of = |setting: &&EffectSetting| {
         let known = judged.selection.base.get(setting.effect.name()).map(|s| s.values.clone());
-        let mut size = size(setting, known.as_deref(), residuals, flights);
+        let (mut size, away_m) = size(setting, known.as_deref(), residuals, flights);
         // Truncation is there or not.
         let sized = !setting.effect.is_empty();
+        // The fixes of a turn far out on another Earth jump by as much.
+        let jumps = setting.effect.event().is_some() && setting.effect.on_fixes().is_some();
+        let position = if jumps { POSITION.max(EARTH * away_m) } else { POSITION };
         let small =
-            size.gyro < GYRO && size.accel < ACCEL && size.position < POSITION && size.velocity < VELOCITY;
+            size.gyro < GYRO && size.accel < ACCEL && size.position < position && size.velocity < VELOCITY;
         let delay = |p: &Vec<f64>| setting.effect.fix_delay_s(p, 0.0);
         let of_clock = setting.effect.delays_fixes()
             && known.as_ref().is_some_and(|k| (delay(&setting.values) - delay(k)).abs() < KNOWN_DELAY_S);
@@ -130,12 +133,13 @@ pub fn sizes(
     effects.iter().map(of).collect()
 }
 
+/// Its size, and how far the vehicle was from the start, RMS, m.
 fn size(
     setting: &EffectSetting,
     known: Option<&[f64]>,
     residuals: &[FlightResiduals],
     flights: &[&Flight],
-) -> Size {
+) -> (Size, f64) {
     let (effect, p) = (setting.effect, &setting.values);
     let [mut gyro, mut accel, mut speed, mut force] = std::array::from_fn(|_| Spread::default());
     let mut on_fix = [Spread::default(), Spread::default()];
@@ -172,12 +176,13 @@ fn size(
     let is_fix = data::definition(effect.name()).is_some_and(|d| d.target.is_of_fix());
     let of_earth =
         is_fix && on_fix.iter().zip([&away, &speed]).all(|(added, of)| added.rms() <= EARTH * size_of(of));
-    Size {
+    let size = Size {
         gyro: gyro.rms().max(walk.gyro * longest_s.sqrt()),
         accel: accel.rms().max(walk.accel * longest_s.sqrt()),
         position: moved.max(on_fix[0].rms()),
         // The force changes by about what the vehicle accelerates by.
         velocity: (older_s.abs() * force.rms()).max(on_fix[1].rms()),
         negligible: of_earth,
-    }
+    };
+    (size, size_of(&away))
 }
