@@ -25,6 +25,11 @@ const POSITION: f64 = 0.15;
 /// The same of the velocity of fixes, m/s.
 const VELOCITY: f64 = 0.05;
 
+/// By this share of speed and of the distance from the start a formula of fixes is that of an Earth of another shape, whatever the noise of the
+/// fixes: radii of curvature of the ellipsoid lie between 6335 and 6400 km, ArduPilot's simulator flies on a sphere of 6378 km
+/// (`AP_Common/Location.h`).
+const EARTH: f64 = 6.7e-3;
+
 /// The delay of a fix that the user knows is one from the true motion. Inertial samples are late themselves, by the autopilot's
 /// low-pass (two poles at 20 Hz: 11 to 14 ms) and up to a loop until they are sent: a change of a known delay below this is
 /// no effect, s.
@@ -111,29 +116,34 @@ pub fn sizes(
     let too_good = judged.fit[1].nis_per_dof < TOO_GOOD;
     let of = |setting: &&EffectSetting| {
         let known = judged.selection.base.get(setting.effect.name()).map(|s| s.values.clone());
-        let mut size = size(setting, known.as_deref(), residuals, flights);
+        let (mut size, away_m) = size(setting, known.as_deref(), residuals, flights);
         // Truncation is there or not.
         let sized = !setting.effect.is_empty();
+        // The fixes of a turn far out on another Earth jump by as much.
+        let jumps = setting.effect.event().is_some() && setting.effect.on_fixes().is_some();
+        let position = if jumps { POSITION.max(EARTH * away_m) } else { POSITION };
         let small =
-            size.gyro < GYRO && size.accel < ACCEL && size.position < POSITION && size.velocity < VELOCITY;
+            size.gyro < GYRO && size.accel < ACCEL && size.position < position && size.velocity < VELOCITY;
         let delay = |p: &Vec<f64>| setting.effect.fix_delay_s(p, 0.0);
         let of_clock = setting.effect.delays_fixes()
             && known.as_ref().is_some_and(|k| (delay(&setting.values) - delay(k)).abs() < KNOWN_DELAY_S);
-        size.negligible = sized && (too_good && small || of_clock);
+        size.negligible |= sized && (too_good && small || of_clock);
         size
     };
     effects.iter().map(of).collect()
 }
 
+/// Its size, and how far the vehicle was from the start, RMS, m.
 fn size(
     setting: &EffectSetting,
     known: Option<&[f64]>,
     residuals: &[FlightResiduals],
     flights: &[&Flight],
-) -> Size {
+) -> (Size, f64) {
     let (effect, p) = (setting.effect, &setting.values);
     let [mut gyro, mut accel, mut speed, mut force] = std::array::from_fn(|_| Spread::default());
     let mut on_fix = [Spread::default(), Spread::default()];
+    let mut away = Spread::default();
     let mut longest_s = 0.0f64;
     for (flight_residuals, flight) in residuals.iter().zip(flights) {
         for point in &flight_residuals.after {
@@ -146,10 +156,13 @@ fn size(
                 which.filter(|(_, t)| *t == target).for_each(|(spread, _)| spread.take(&added));
             }
             force.take(&point.motion.force);
+            away.take(&Vector3::new(point.motion.away_m, 0.0, 0.0));
             speed.take(&Vector3::new(point.motion.speed, 0.0, 0.0));
         }
         longest_s = longest_s.max(flight.duration_s());
     }
+    // About zero, not about the mean.
+    let size_of = |s: &Spread| (s.square / s.n.max(1.0)).sqrt();
     let walk = effect.bias_walk(p);
     let aged_s = |p: &[f64]| effect.fix_delay_s(p, longest_s);
     let late_s = aged_s(p) - known.map_or(0.0, aged_s);
@@ -158,14 +171,18 @@ fn size(
         let offsets = setting.parameters().zip(p).filter(|((_, unit), _)| unit.symbol == "m");
         offsets.map(|(_, v)| v * v).sum::<f64>().sqrt()
     } else {
-        late_s.abs() * (speed.square / speed.n.max(1.0)).sqrt()
+        late_s.abs() * size_of(&speed)
     };
-    Size {
+    let is_fix = data::definition(effect.name()).is_some_and(|d| d.target.is_of_fix());
+    let of_earth =
+        is_fix && on_fix.iter().zip([&away, &speed]).all(|(added, of)| added.rms() <= EARTH * size_of(of));
+    let size = Size {
         gyro: gyro.rms().max(walk.gyro * longest_s.sqrt()),
         accel: accel.rms().max(walk.accel * longest_s.sqrt()),
         position: moved.max(on_fix[0].rms()),
         // The force changes by about what the vehicle accelerates by.
         velocity: (older_s.abs() * force.rms()).max(on_fix[1].rms()),
-        negligible: false,
-    }
+        negligible: of_earth,
+    };
+    (size, size_of(&away))
 }

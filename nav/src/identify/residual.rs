@@ -77,6 +77,8 @@ pub struct Motion {
     pub heading_rad: f64,
     /// Above the start, m.
     pub height_m: f64,
+    /// From the start, m.
+    pub away_m: f64,
     /// Of the inertial unit, °C.
     pub temperature_degc: Option<f64>,
     /// Root of the mean squared change of specific force from sample to sample, m/s².
@@ -124,7 +126,8 @@ pub fn points(
 ) -> Vec<Point> {
     let samples = flight.samples_of(model);
     let mut samples = samples.iter().peekable();
-    let (start_s, start_height_m) = (flight.initial().t_s, flight.initial().nav.geodetic().height_m);
+    let (start_s, start) = (flight.initial().t_s, flight.initial().nav);
+    let start_height_m = start.geodetic().height_m;
     let mut last: Option<ImuSample> = None;
     let mut motion = Motion::default();
     reference
@@ -142,6 +145,7 @@ pub fn points(
             motion.speed = knot.nav.v_e.norm();
             motion.heading_rad = knot.nav.euler().z;
             motion.height_m = knot.nav.geodetic().height_m - start_height_m;
+            motion.away_m = (knot.nav.r_e - start.r_e).norm();
             Point { motion, residuals }
         })
         .filter(|p| p.motion.elapsed_s > SETTLE_S)

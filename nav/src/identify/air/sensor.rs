@@ -415,7 +415,9 @@ impl<'a> AirSensor<'a> {
             (s.value - now.value + self.added(named, &s.x), now.x.velocity.norm())
         };
         let errors: Vec<(f64, f64)> = ideal.iter().zip(&now).map(error).collect();
-        let largest = errors.iter().copied().max_by(|a, b| a.0.abs().total_cmp(&b.0.abs()));
+        // Where an airspeed sensor measures nothing there is no residual, and no error.
+        let flown = errors.iter().zip(&before).filter(|(_, left)| left.is_finite()).map(|(error, _)| *error);
+        let largest = flown.max_by(|a, b| a.0.abs().total_cmp(&b.0.abs()));
         let every = self.instants.len().div_ceil(600).max(1);
         let points = errors.iter().zip(before.iter().zip(&after)).step_by(every);
         AirFound {

@@ -67,6 +67,12 @@ impl Search<'_> {
     fn about_values(&self, lacking: &[EffectSetting], point: &Point) -> Vec<Candidate> {
         let tries: Vec<(&EffectSetting, f64)> =
             lacking.iter().flat_map(|s| s.effect.values_to_try().iter().map(move |v| (s, *v))).collect();
+        // The places of a unit that was turned by hand say nothing of a receiver.
+        if tries.is_empty() || self.flights.iter().all(|f| f.received().next().is_none()) {
+            return Vec::new();
+        }
+        // What a trajectory that is found anew gains by itself is no evidence.
+        let alone = self.settle(&point.added, &point.noise, point, 0).0.evidence.max(point.evidence);
         let cost = (SCALES.len() as f64).ln();
         map(self.workers, tries.len(), |k| {
             let (lacking, value) = tries[k];
@@ -77,8 +83,7 @@ impl Search<'_> {
             added.push(Added { setting: setting.clone(), prior: prior.clone() });
             let (with, _) = self.settle(&added, &point.noise, point, 0);
             // One of several widths of the prior, as where it is linear about zero.
-            let evidence = with.evidence - point.evidence - cost;
-            Candidate { setting, prior, evidence, cost }
+            Candidate { setting, prior, evidence: with.evidence - alone - cost, cost }
         })
     }
 
