@@ -107,6 +107,15 @@ impl TableReader {
         Ok(Self::of(rows(&folder.join(IMU), IMU_COLUMNS)?, rows(&fixes, FIX_COLUMNS)?))
     }
 
+    /// Reads the content of two tables, inertial samples and fixes.
+    ///
+    /// # Errors
+    /// A table that is empty, too narrow or not numeric.
+    pub fn of_tables(imu: impl Read, fixes: impl Read) -> Result<Self, LogError> {
+        let imu = rows_of(imu, Path::new(IMU), IMU_COLUMNS)?;
+        Ok(Self::of(imu, rows_of(fixes, Path::new(FIXES), FIX_COLUMNS)?))
+    }
+
     fn of(imu_rows: Vec<Vec<f64>>, fix_rows: Vec<Vec<f64>>) -> Self {
         let stream = ImuStream {
             message: IMU.into(),
