@@ -105,8 +105,6 @@ pub(in crate::filter) struct Hold {
     gives_way: GivesWay,
     /// Blocks that the base has taken already where the support gives way: what their rows left out is counted.
     taken: usize,
-    /// Since when, from its begin, s.
-    taken_s: f64,
 }
 
 /// Half of what the attitude turns on a support that gives way: s of what the mean rate leaves over, and the variance of the rest, rad².
@@ -170,7 +168,6 @@ impl Filter {
             gives_way: self.supports.judge(&Support::default()),
             support: Support::default(),
             taken: 0,
-            taken_s: 0.0,
         }));
     }
 
@@ -270,7 +267,7 @@ impl Filter {
         if !hold.gives_way.is_firm() {
             self.put_means_on(hold);
             hold.base = (self.x.clone(), self.p.clone());
-            (hold.taken, hold.taken_s) = (hold.blocks.len(), hold.support.held_s());
+            hold.taken = hold.blocks.len();
         }
     }
 
@@ -361,7 +358,6 @@ impl Filter {
         }
         let [(now, of_now), (earlier, of_earlier)] = [new.unrounded(0), before.unrounded(0)];
         let durations = [new.duration_s, before.duration_s];
-        let from_s = hold.support.held_s() - new.duration_s;
         let turned = hold.gives_way.variance(new.duration_s) / new.duration_s.powi(2)
             + hold.gives_way.variance(before.duration_s) / before.duration_s.powi(2);
         let (off, left_out) = (now - earlier, (of_now + of_earlier).add_scalar(turned));

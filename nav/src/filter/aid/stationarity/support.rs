@@ -47,14 +47,12 @@ struct Walk {
 #[derive(Debug, Clone, Default)]
 pub(super) struct Support {
     first: Vector3<f64>,
-    held_s: f64,
     walks: Option<[Walk; WALKS]>,
 }
 
 impl Support {
     /// Takes the mean of a block of so long, s, with noise of this variance; what walks beside the attitude adds this variance, both (m/s²)².
     pub(super) fn take(&mut self, mean: &Vector3<f64>, duration_s: f64, noise: f64, walked: f64) {
-        self.held_s += duration_s;
         let Some(walks) = &mut self.walks else {
             self.first = *mean;
             self.walks = Some([Walk { force: *mean, variance: noise, log_likelihood: 0.0 }; WALKS]);
@@ -76,11 +74,6 @@ impl Support {
 }
 
 impl Support {
-    /// For how long, to the end of the last block, s.
-    pub(super) fn held_s(&self) -> f64 {
-        self.held_s
-    }
-
     /// How far it has turned, rad; zero where it stands firm.
     pub(super) fn turned(&self) -> f64 {
         let likelier = |a: &&Walk, b: &&Walk| a.log_likelihood.total_cmp(&b.log_likelihood);
