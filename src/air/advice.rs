@@ -83,10 +83,9 @@ fn hint(parameter: &str) -> &'static str {
     if parameter.contains("_WCF_") { " (BAROn_WCF_ENABLE 1 and a restart make it appear)" } else { "" }
 }
 
-/// To four digits.
+/// To four digits, which is how it is printed.
 fn rounded(v: f64) -> f64 {
-    let step = 10f64.powf(v.abs().max(1e-9).log10().floor() - 3.0);
-    (v / step).round() * step
+    format!("{v:.3e}").parse().unwrap_or(v)
 }
 
 /// Coefficients of the flow that the flight shows: place among the parameters, value, sigma.
@@ -166,5 +165,19 @@ fn px4(sensor: u8, finding: &Finding, on_board: &OnBoard) -> Vec<Change> {
             vec![Change("SENS_DPRES_OFF".to_owned(), old + value, sigma, "Pa", (-2e3, 2e3), DIFFERENTIAL)]
         }
         _ => Vec::new(),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::rounded;
+
+    #[test]
+    fn four_digits_are_printed_as_four() {
+        for (value, printed) in
+            [(-0.533_700_4, "-0.5337"), (1987.46, "1987"), (0.0, "0"), (3.0e-7, "0.0000003")]
+        {
+            assert_eq!(rounded(value).to_string(), printed);
+        }
     }
 }
