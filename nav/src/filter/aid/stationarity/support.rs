@@ -99,8 +99,18 @@ impl Supports {
     pub(super) fn add(&mut self, period: &Support) {
         if let Some(walks) = &period.walks {
             self.periods += 1.0;
-            self.turned = self.turned.max(period.turned());
             self.log_likelihood.iter_mut().zip(walks).for_each(|(sum, walk)| *sum += walk.log_likelihood);
+            // What one period does not show beyond chance, all of them together may.
+            let most = |best: usize, k: usize| {
+                if self.log_likelihood[k] > self.log_likelihood[best] { k } else { best }
+            };
+            let best = (1..WALKS).fold(0, most);
+            let together = if self.log_likelihood[best] - self.log_likelihood[0] > AHEAD {
+                walks[best].force.angle(&period.first)
+            } else {
+                0.0
+            };
+            self.turned = self.turned.max(period.turned()).max(together);
         }
     }
 
