@@ -48,10 +48,8 @@ const OUTSIDE: [(&str, &str, &str, f64); 28] = [
     ("velocity", "y", "speed*speed", 200.0),
 ];
 
-/// A disturbance that counts as large: rad/s, m/s², m and m/s.
-const DISTURBANCE: [(&str, f64); 4] = [("gyro", 3e-3), ("accel", 0.1), ("position", 2.0), ("velocity", 0.3)];
 /// Of a series: three axes of gyros, accelerometers, position and velocity.
-const CHANNELS: usize = 12;
+const CHANNELS: usize = 3 * data::Target::ALL.len();
 /// Formulas whose corrected series correlate by this much with the injected one are equal on this flight.
 const EQUAL: f64 = 0.95;
 
@@ -163,7 +161,7 @@ fn injected(k: usize, noise: &mut Noise) -> Option<EffectSetting> {
         "schema = \"gaware.effects/1\"\n[[effect]]\nname = \"outside_{k}\"\ntarget = \"{target}\"\n{axis} = \"{driver}\"\n"
     );
     let effect = *data::load(&text).ok()?.first()?;
-    let size = DISTURBANCE.iter().find(|d| d.0 == target)?.1 / typical;
+    let size = data::Target::of_name(target)?.disturbance() / typical;
     let sign = if noise.uniform() < 0.5 { -1.0 } else { 1.0 };
     EffectSetting::known(effect, &[sign * size * (0.35 * (2.0f64 / 0.35).powf(noise.uniform()))]).ok()
 }

@@ -3,7 +3,7 @@
 
 use super::FlightResiduals;
 use super::size::instant;
-use gaware_nav::effects::data::{self, Target};
+use gaware_nav::effects::data;
 use gaware_nav::identify::flight::Flight;
 use gaware_nav::identify::judge::Judged;
 use gaware_nav::identify::residual::{CHANNELS, Point};
@@ -57,7 +57,7 @@ pub(super) fn plots(judged: &Judged, residuals: &[FlightResiduals], flights: &[&
         let name = setting.parameters().nth(best)?.0;
         let axis = target.axes().iter().position(|a| *a == name)?;
         // Channels are three of each target, in its order.
-        let channel = axis + 3 * Target::ALL.iter().position(|t| *t == target)?;
+        let channel = axis + 3 * target as usize;
         let gathered = |of: fn(&FlightResiduals) -> &Vec<Point>| {
             let mut points = Vec::new();
             for (flight_residuals, flight) in residuals.iter().zip(flights) {

@@ -122,14 +122,18 @@ impl Antenna {
 }
 
 impl FixInstant {
+    /// Specific force, north-east-down, m/s².
+    fn force_n(&self) -> Vector3<f64> {
+        self.a_n - Vector3::new(0.0, 0.0, STANDARD_GRAVITY)
+    }
+
     /// The inertial unit at this instant, but for its temperature and what the samples around show of vibration.
     pub fn instant(&self) -> Instant {
-        let force_n = self.a_n - Vector3::new(0.0, 0.0, STANDARD_GRAVITY);
         let rate_derivatives = self.antenna.rate_derivatives;
         Instant {
             t_s: self.t_s,
             rate: self.rate_eb,
-            force: self.c_nb.transpose() * force_n,
+            force: self.c_nb.transpose() * self.force_n(),
             around: Surroundings { rate_derivatives, ..Surroundings::default() },
             conditions: self.conditions,
             ..Instant::default()
@@ -138,8 +142,7 @@ impl FixInstant {
 
     /// Rate of change of the acceleration, m/s³: specific force turns with the body, and changes in it.
     pub fn jerk_n(&self) -> Vector3<f64> {
-        let force_n = self.a_n - Vector3::new(0.0, 0.0, STANDARD_GRAVITY);
-        (self.c_nb * self.rate_eb).cross(&force_n) + self.c_nb * self.force_rate
+        (self.c_nb * self.rate_eb).cross(&self.force_n()) + self.c_nb * self.force_rate
     }
 
     /// Second and third derivative of the position of a point of the vehicle relative to the inertial unit, m/s² and m/s³.

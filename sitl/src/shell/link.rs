@@ -225,7 +225,7 @@ mod tests {
     use super::*;
     use tokio::io::AsyncReadExt;
 
-    /// A station that has yet to read most of what was sent to it, and whose own last words nobody reads, gets everything all the same.
+    /// A station that has yet to read most of what was sent to it, and whose own last words no one reads, gets everything all the same.
     #[tokio::test]
     async fn a_station_reads_everything_of_a_link_that_closes() {
         let (mut link, address) = Link::open(&Endpoint::TcpIn("127.0.0.1:0".into())).await.unwrap();

@@ -11,7 +11,7 @@ const SIZE: (f64, f64) = (350.0, 240.0);
 /// Left, right, above and below the axes, px.
 const MARGIN: [f64; 4] = [38.0, 10.0, 8.0, 38.0];
 /// The axes reach so much farther than the outermost dots.
-const ROOM: f64 = 1.06;
+const REACH: f64 = 1.06;
 /// A smaller error is of no interest, m or m/s.
 const LEAST: f64 = 0.1;
 
@@ -68,7 +68,7 @@ fn drawing(s: &AirEntry) -> String {
     let finite = |p: &&[f64; 3]| p.iter().all(|v| v.is_finite());
     let points: Vec<&[f64; 3]> = s.points.iter().filter(finite).collect();
     let most = |of: &dyn Fn(&[f64; 3]) -> f64| points.iter().map(|p| of(p)).fold(0.0, f64::max);
-    let (speed, error) = (most(&|p| p[0]) * ROOM, most(&|p| p[1].abs().max(p[2].abs())) * ROOM);
+    let (speed, error) = (most(&|p| p[0]) * REACH, most(&|p| p[1].abs().max(p[2].abs())) * REACH);
     if !(speed > 0.0 && error > 0.0) {
         return String::new();
     }

@@ -179,24 +179,21 @@ pub fn formulas(flights: &[&Flight]) -> Vec<&'static dyn Effect> {
     let outputs = Channel::all().filter(|c| matches!(c, Channel::Motor(_)) && varies(*c, OUTPUT_VARIES));
     drivers.extend(outputs.map(|c| (c.name().to_owned(), BOTH)));
     drivers.extend(modes(flights).into_iter().map(|mode| (format!("is(mode,{mode})"), BOTH)));
-    let of = |target: &str, k: usize| {
-        let own: Vec<String> =
-            drivers.iter().filter(|d| d.1[k]).map(|d| format!("{FORMULA}{target}~{}", d.0)).collect();
-        own
-    };
-    let fixes = of_fixes(&varies);
-    of("gyro", 0).into_iter().chain(of("accel", 1)).chain(fixes).filter_map(|name| find(&name)).collect()
+    let reported = FIXES_OPERATING.iter().filter(|o| varies(o.0, o.1)).map(|o| (o.2, BOTH));
+    let of_fixes = FIXES.iter().map(|(name, _, on)| (*name, *on)).chain(reported);
+    let of_fixes: Vec<(String, [bool; 2])> = of_fixes.map(|(name, on)| (name.to_owned(), on)).collect();
+    let sensors = names(&drivers, [Target::Gyro, Target::Accel]);
+    let fixes = names(&of_fixes, [Target::Position, Target::Velocity]);
+    sensors.chain(fixes).filter_map(|name| find(&name)).collect()
 }
 
-/// Names of the formulas of fixes.
-fn of_fixes(varies: &impl Fn(Channel, f64) -> bool) -> Vec<String> {
-    let reported = FIXES_OPERATING.iter().filter(|o| varies(o.0, o.1)).map(|o| (o.2, BOTH));
-    let rows = FIXES.iter().map(|r| (r.0, r.2)).chain(reported);
-    rows.flat_map(|(driver, on)| {
-        let targets = [Target::Position, Target::Velocity].into_iter().zip(on).filter(|t| t.1);
-        targets.map(move |(target, _)| format!("{FORMULA}{}~{driver}", target.name()))
-    })
-    .collect()
+/// Names of the formulas with these drivers, of the one target and then of the other.
+fn names(drivers: &[(String, [bool; 2])], targets: [Target; 2]) -> impl Iterator<Item = String> {
+    let of = move |(k, target): (usize, Target)| {
+        let own = drivers.iter().filter(move |d| d.1[k]);
+        own.map(move |d| format!("{FORMULA}{}~{}", target.name(), d.0))
+    };
+    targets.into_iter().enumerate().flat_map(of)
 }
 
 /// Flight modes that were flown for a part of the time, of at most so many.

@@ -66,7 +66,7 @@ impl Target {
     }
 
     /// A disturbance of a consumer unit or receiver, in SI.
-    pub(super) fn disturbance(self) -> f64 {
+    pub fn disturbance(self) -> f64 {
         match self {
             Self::Gyro => 3e-3,
             Self::Accel => 0.1,
