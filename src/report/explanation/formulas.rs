@@ -6,7 +6,8 @@ use crate::explain::words::number;
 use crate::report::plot::{AFTER, BEFORE, Color};
 use std::fmt::Write;
 
-const SIZE: (f64, f64) = (640.0, 260.0);
+/// Width and height, px: on a phone it keeps its size, and its letters theirs.
+const SIZE: (f64, f64) = (350.0, 240.0);
 /// Left, right, top, bottom.
 const MARGIN: [f64; 4] = [70.0, 15.0, 12.0, 40.0];
 
@@ -50,9 +51,10 @@ fn figure(plot: &DriverPlot, body: &mut String) {
         (SIZE.1 - bottom, top),
     );
     let mut svg = format!(
-        "<svg viewBox=\"0 0 {} {}\" role=\"img\" aria-label=\"{} against {}\" style=\"max-width:100%;height:auto\">",
+        "<svg viewBox=\"0 0 {} {}\" width=\"{}\" role=\"img\" aria-label=\"{} against {}\" style=\"max-width:100%;height:auto\">",
         SIZE.0,
         SIZE.1,
+        SIZE.0,
         escape(&plot.channel),
         escape(&plot.driver)
     );
@@ -143,6 +145,10 @@ mod tests {
         assert_eq!(body.matches("<circle").count(), 28);
         assert!(
             body.contains("gyro z, deg/h") && body.contains("formula:gyro~current") && !body.contains("NaN")
+        );
+        assert!(
+            SIZE.0 <= 358.0,
+            "wider than the text of a page of 390 pixels, it would shrink with its letters"
         );
         let mut empty = String::new();
         section(&[], &mut empty);
