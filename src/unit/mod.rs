@@ -154,21 +154,17 @@ pub fn file_of(folder: &Path, hardware_id: &str) -> PathBuf {
 }
 
 impl Unit {
-    /// What a filter knows of the sensors: their biases and every effect that acts on samples. After a session on a support that gave way not what that
-    /// spoils: biases, scale factors and axes of the gyros were off by 2.3 of their sigmas there (RMS of 12 units, `gaware study ground`).
+    /// What a filter knows of the sensors: their biases and every effect that acts on samples, without what a support that gave way has spoiled.
     pub fn of_filter(filter: &Filter, origin: Origin) -> Self {
         let model = filter.model();
-        let names = filter.layout().names().iter().enumerate();
-        let spoilt = ["gyro_bias", "gyro_scale_factor", "gyro_misalignment"];
+        let spoilt = filter.spoilt_by_support();
+        let names = filter.layout().names().iter().enumerate().map(|(k, n)| (index::GYRO_BIAS + k, n));
         let own = |effect: &str| {
-            if filter.turned_on_support() > 0.0 && spoilt.contains(&effect) {
-                return false;
-            }
             let acts = model.get(effect).is_some_and(|s| s.effect.on_samples().is_some());
             acts || effect.ends_with("_bias")
         };
         let kept: Vec<_> =
-            names.filter(|(_, n)| own(n.effect)).map(|(k, n)| (index::GYRO_BIAS + k, n)).collect();
+            names.filter(|(state, n)| !spoilt.contains(state) && own(n.effect)).collect();
         let states = kept.iter().map(|(state, n)| UnitState {
             name: n.name.to_owned(),
             effect: n.effect.to_owned(),

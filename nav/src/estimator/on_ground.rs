@@ -1,6 +1,6 @@
 //! What the estimation does on the ground: the place as an aid where no fix says more, and how it gives way to the first fix.
 
-use super::{Estimator, EstimatorEvent};
+use super::{Estimator, EstimatorEvent, State};
 use crate::earth::Geodetic;
 use crate::filter::{FixOutcome, SampleNoise};
 use crate::ground::Contact;
@@ -19,8 +19,14 @@ impl Estimator {
         self.ground.set_place(place);
     }
 
-    /// Takes whether the vehicle reports that it flies, and that it is armed.
+    /// Takes whether the vehicle reports that it flies, and that it is armed. It leaves with it what it rested on in people's hands.
     pub fn set_flight(&mut self, flying: bool, armed: bool) {
+        if (flying || armed)
+            && !self.ground.goes_to_fly()
+            && let State::Running(bank) = &mut self.state
+        {
+            bank.for_each(|fusion| fusion.filter_mut().leave_support());
+        }
         self.ground.set_flight(flying, armed);
     }
 

@@ -93,6 +93,11 @@ impl PlaceAid {
         (self.flying, self.armed) = (flying, armed);
     }
 
+    /// Whether the vehicle reports that it flies or is armed.
+    pub(crate) fn goes_to_fly(&self) -> bool {
+        self.flying || self.armed
+    }
+
     /// Whether it aids the filter at present.
     pub(crate) fn aids(&self, now_s: f64) -> bool {
         self.alone || self.given_s.is_some_and(|t| now_s - t < 2.0 * TURNING_AT_MOST_S)
