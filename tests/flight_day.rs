@@ -1,4 +1,5 @@
-//! A flight day with the program's own commands: plan, pre-flight check, upload with the fence over a mission that was left in the middle, flight, landing, report, explain.
+//! A flight day with the program's own commands: plan, pre-flight check, upload with the fence over a mission that was left in the middle, flight, landing, report, explain;
+//! with a gyro that drifts on one day, and a return that nobody planned on another.
 //! The simulated autopilots refuse, cut and rewrite as the firmware does (docs/firmware-rules.md).
 
 #![allow(clippy::unwrap_used, clippy::panic, reason = "helpers of tests may panic, as tests do")]
@@ -15,20 +16,34 @@ use std::io::{Read, Write};
 use std::net::TcpStream;
 use support::{Ended, Folder, Gaware, gaware};
 
+/// What happens on the day.
+#[derive(Clone, Copy, PartialEq)]
+enum Story {
+    /// All of the plan is flown.
+    Planned,
+    /// It is, with gyros that drift as those of a board that warms up.
+    GyrosDrift,
+    /// In its middle the autopilot is ordered to return.
+    Return,
+}
+
 /// One vehicle of one firmware, with a GNSS latency that is hidden in it.
 struct Day {
     folder: Folder,
     airframe: String,
     rotor: bool,
     firmware: &'static str,
+    story: Story,
 }
 
 const HOME: &str = "47.397,8.545,441";
 const HIDDEN: &str = "gps_latency=0.25";
+/// 180 deg/h a minute, the drift of ArduPilot's simulator, as a random walk of as much in that time.
+const DRIFT: &str = "gyro_bias_drift=1400";
 
 impl Day {
     /// An airframe of the program, told which firmware flies it.
-    fn new(airframe: &str, firmware: &'static str) -> Self {
+    fn new(airframe: &str, firmware: &'static str, story: Story) -> Self {
         let folder = Folder::new(&format!("day-{airframe}-{firmware}"));
         let own = format!("{}/mission/airframes/{airframe}.toml", env!("CARGO_MANIFEST_DIR"));
         let text = std::fs::read_to_string(own).unwrap();
@@ -38,7 +53,7 @@ impl Day {
             text.replace("autopilot = \"ardupilot\"", &format!("autopilot = \"{firmware}\"")),
         )
         .unwrap();
-        Self { folder, airframe: file, rotor: airframe == "quadrotor", firmware }
+        Self { folder, airframe: file, rotor: airframe == "quadrotor", firmware, story }
     }
 
     fn plan(&self) -> String {
@@ -65,7 +80,7 @@ impl Day {
 
     fn vehicle(&self) -> (Gaware, String) {
         let scenario = if self.rotor { "mission_multirotor" } else { "mission_fixed_wing" };
-        let vehicle = Gaware::start(&[
+        let mut arguments = vec![
             "sim",
             "--scenario",
             scenario,
@@ -78,7 +93,11 @@ impl Day {
             "--until-landed",
             "--hide",
             HIDDEN,
-        ]);
+        ];
+        if self.story == Story::GyrosDrift {
+            arguments.extend(["--hide", DRIFT]);
+        }
+        let vehicle = Gaware::start(&arguments);
         let address = vehicle.line();
         (vehicle, address)
     }
@@ -136,6 +155,26 @@ fn leave_mission_at(address: &str, item: u16) {
             return;
         }
     }
+}
+
+/// Another station orders the vehicle to return once it is at this item; returns when the vehicle says that it does.
+fn order_to_return(address: &str, firmware: &str, from_item: u16) {
+    let mut pilot = Pilot::new(address);
+    let at = |e: &MissionMessage| matches!(e, MissionMessage::Current { seq, .. } if *seq >= from_item);
+    while !pilot.frames().iter().filter_map(codec::decode).any(|e| at(&e.message)) {}
+    let [param2, param3] = if firmware == "px4" { [4.0, 5.0] } else { [6.0, 0.0] };
+    let order = COMMAND_LONG_DATA {
+        command: MavCmd::MAV_CMD_DO_SET_MODE,
+        param1: 1.0,
+        param2,
+        param3,
+        target_system: 1,
+        target_component: 1,
+        ..Default::default()
+    };
+    pilot.send(&Frame::encode(STATION, 0, &MavMessage::COMMAND_LONG(order)));
+    let returns = |f: &Frame| Vehicle::from_heartbeat(f).is_some_and(|v| !v.state.flying_mission);
+    while !pilot.frames().iter().any(returns) {}
 }
 
 /// The pilot arms and starts the mission; returns when the vehicle says that it flies it.
@@ -202,8 +241,8 @@ fn upload_after_a_flight(day: &Day, plan: &str, address: &str) {
     }
 }
 
-fn flight_day(airframe: &str, firmware: &'static str) {
-    let day = Day::new(airframe, firmware);
+fn flight_day(airframe: &str, firmware: &'static str, story: Story) {
+    let day = Day::new(airframe, firmware, story);
     let plan = day.plan();
     let (vehicle, address) = day.vehicle();
     let link = ["--connect", address.as_str()];
@@ -223,6 +262,9 @@ fn flight_day(airframe: &str, firmware: &'static str) {
     let station = Gaware::start(
         &[&["run", "--record", &recording, "--headless", "--json", "--mission", &plan], &link[..]].concat(),
     );
+    if story == Story::Return {
+        order_to_return(&address, firmware, 4);
+    }
     let landed = vehicle.ended();
     assert_eq!(landed.code(), Some(0), "{}", landed.stderr);
     station.terminate();
@@ -230,12 +272,12 @@ fn flight_day(airframe: &str, firmware: &'static str) {
     assert_eq!(summary.code(), Some(0), "{}", summary.stderr);
     let replayed = done(&["replay", &recording, "--json"]);
     assert_eq!(summary.stdout, replayed.stdout, "the replay repeats the run");
-    nothing_else_was_asked_for(&recording);
+    nothing_else_was_asked_for(&day, &recording);
     look_back(&day, &recording, &summary.json());
 }
 
 /// While the autopilot flies its mission nobody is asked to fly anything else; and it has flown it.
-fn nothing_else_was_asked_for(recording: &str) {
+fn nothing_else_was_asked_for(day: &Day, recording: &str) {
     let bytes = std::fs::read(recording).unwrap();
     let snapshots = mcap::MessageStream::new(&bytes).unwrap().map(Result::unwrap);
     let flown: Vec<Value> = snapshots
@@ -253,6 +295,8 @@ fn nothing_else_was_asked_for(recording: &str) {
         let flies = snapshot["mission"]["flying"] == true && snapshot["phase"] == "running";
         assert!(!flies || situation["headline"] != "Monitoring", "{situation:#}");
     }
+    let says = |headline: &str| flown.iter().any(|s| s["situation"]["headline"] == headline);
+    assert_eq!(says("Autopilot returns"), day.story == Story::Return, "what the screens say of a return");
     let flown: Vec<Value> = flown.into_iter().filter(|s| s["mission"]["flying"] == true).collect();
     assert!(flown.len() > 20, "{} snapshots in the mission", flown.len());
     for snapshot in flown {
@@ -275,24 +319,26 @@ fn look_back(day: &Day, recording: &str, summary: &Value) {
     let latency = &latency.unwrap_or_else(|| panic!("{}", explained["summary"]))["parameters"]["gps_latency"];
     let of = |name: &str| latency[name].as_f64().unwrap();
     assert!((of("value_s") - 0.25).abs() < 3.0 * of("sigma_s"), "{latency}");
+    let names = |e: &Value| e["names"].as_array().is_some_and(|n| n.contains(&"gyro_bias_drift".into()));
+    assert_eq!(effects.iter().any(names), day.story == Story::GyrosDrift, "{}", explained["summary"]);
 }
 
 #[test]
 fn a_flight_day_of_a_plane_with_ardupilot() {
-    flight_day("small_fixed_wing", "ardupilot");
+    flight_day("small_fixed_wing", "ardupilot", Story::Planned);
 }
 
 #[test]
-fn a_flight_day_of_a_plane_with_px4() {
-    flight_day("large_fixed_wing", "px4");
+fn a_flight_day_of_a_plane_with_px4_and_gyros_that_drift() {
+    flight_day("large_fixed_wing", "px4", Story::GyrosDrift);
 }
 
 #[test]
-fn a_flight_day_of_a_quadrotor_with_ardupilot() {
-    flight_day("quadrotor", "ardupilot");
+fn a_flight_day_of_a_quadrotor_with_ardupilot_that_is_ordered_to_return() {
+    flight_day("quadrotor", "ardupilot", Story::Return);
 }
 
 #[test]
 fn a_flight_day_of_a_quadrotor_with_px4() {
-    flight_day("quadrotor", "px4");
+    flight_day("quadrotor", "px4", Story::Planned);
 }

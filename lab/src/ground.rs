@@ -358,7 +358,8 @@ mod tests {
     fn a_flight_after_a_session_on_foam_begins_with_sigmas_that_hold() {
         let base = scenario("hand").unwrap();
         let path = Flown::with_step(Hand::in_manner(HOLD_S, Manner::Soft), 0.02);
-        let runs: Vec<Run> = (1..=4).map(|seed| one(&base, &path, Source::Highres, Sky::Place, seed)).collect();
+        let runs: Vec<Run> =
+            (1..=4).map(|seed| one(&base, &path, Source::Highres, Sky::Place, seed)).collect();
         assert!(runs.iter().flat_map(|r| &r.g).all(|(_, sigma)| *sigma < OBSERVABLE));
         let nees = runs.iter().map(|r| r.nees).sum::<f64>() / runs.len() as f64;
         assert!(nees < 1.5, "{nees}");

@@ -5,6 +5,7 @@ use crate::link::frame::Frame;
 use crate::link::param_codec;
 use crate::link::vehicle::Vehicle;
 use crate::logs::{self, Item, LogError, LogNote, LogReader, Record, VehicleClass};
+use crate::sensors::modes;
 use gaware_mission::item::Autopilot;
 use gaware_mission::params::file::ParamFile;
 use gaware_mission::params::{Encoding, ParamMessage};
@@ -185,6 +186,15 @@ impl OnBoard {
         }
         if self.system_id != Some(frame.system_id) {
             return;
+        }
+        if frame.message_id == HEARTBEAT
+            && self.class == Some(VehicleClass::FixedWing)
+            && self.autopilot == Some(Autopilot::ArduPilot)
+            && let Some(Ok(mode)) = frame.payload().get(..4).map(<[u8; 4]>::try_from)
+            && modes::is_of_rotors(u32::from_le_bytes(mode))
+        {
+            // A plane that rotors lift as well may call itself a plane in its heartbeats.
+            self.class = Some(VehicleClass::Vtol);
         }
         if frame.message_id == AUTOPILOT_VERSION {
             // capabilities (8), uid (8), flight_sw_version: type, patch, minor, major.

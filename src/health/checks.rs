@@ -89,13 +89,13 @@ pub fn checks(log: &HealthLog, px4: bool) -> Vec<Check> {
     let j = Judge { log, px4, in_flight: &in_flight };
     vec![
         j.part("autopilot's estimator", j.estimator(), !log.ratios.is_empty()),
-        j.part("failsafes", j.faults(&|what| part_of(what) == "failsafes"), !log.modes.is_empty()),
+        j.part("failsafes", j.failsafes(), !log.modes.is_empty()),
         j.part("GNSS", j.gnss(), !log.receiver.is_empty()),
         j.part("vibration", j.vibration(), !log.vibration.is_empty() || !log.clipped.is_empty()),
         j.part("compass", j.compass(), log.ratios.contains_key(&Channel::HeadingRatio)),
         j.part("battery and supply", j.power(), !log.battery.is_empty()),
         j.part("motors", j.motors(), !log.stopped.is_empty()),
-        j.part("messages", j.messages(), !log.texts.is_empty()),
+        j.part("messages", j.texts(&|text| !is_of_failsafe(text)), !log.texts.is_empty()),
         j.part("end of the log", j.end(), log.armed().is_some()),
     ]
 }
@@ -371,10 +371,18 @@ impl Judge<'_> {
         found
     }
 
-    fn messages(&self) -> Vec<Finding> {
+    /// What state and texts of the autopilot say of failsafes.
+    fn failsafes(&self) -> Vec<Finding> {
+        let mut found = self.faults(&|what| part_of(what) == "failsafes");
+        found.extend(self.texts(&is_of_failsafe));
+        found
+    }
+
+    /// Texts beyond information.
+    fn texts(&self, of: &dyn Fn(&str) -> bool) -> Vec<Finding> {
         let grave = |level| if level == Level::Error { Grade::Bad } else { Grade::Look };
         let mut found: Vec<Finding> = Vec::new();
-        let worth = self.log.texts.iter().filter(|(_, (level, _))| *level > Level::Info);
+        let worth = self.log.texts.iter().filter(|(_, (level, text))| *level > Level::Info && of(text));
         for (t, (level, text)) in worth {
             let t = self.log.s(*t);
             let quoted = format!("\"{text}\"");
@@ -417,6 +425,10 @@ fn is_event(what: &str) -> bool {
         .iter()
         .any(|word| what.contains(word))
         && what != "failsafe"
+}
+
+fn is_of_failsafe(text: &str) -> bool {
+    text.to_ascii_lowercase().contains("failsafe")
 }
 
 fn times(n: usize) -> String {

@@ -32,7 +32,8 @@ pub(super) struct Found {
     /// It holds inertial samples.
     pub(super) inertial: bool,
     pub(super) notes: Vec<HealthNote>,
-    pub(super) fix: Option<GnssFix>,
+    /// A fix and its stamp, µs.
+    pub(super) fix: Option<(Option<u64>, GnssFix)>,
 }
 
 impl Frames {
@@ -85,7 +86,8 @@ impl Frames {
                     jamming: None,
                     interference: false,
                 });
-                found.fix = has_fix(m).then(|| self.receiver.fix(m, 0.0));
+                let measured_us = (m.time_usec > 0).then_some(m.time_usec);
+                found.fix = has_fix(m).then(|| (measured_us, self.receiver.fix(m, 0.0)));
             }
             MavMessage::EKF_STATUS_REPORT(m) => {
                 let lacks = |bit: u16| m.flags.bits() & bit == 0;

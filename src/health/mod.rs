@@ -10,7 +10,7 @@ mod tests;
 
 use crate::logs::filter::{self, Channel};
 use crate::logs::{HealthNote, Item, Level, LogNote, Record};
-use crate::timeline::Measurement;
+use crate::timeline::{Measurement, Stamp};
 use frames::Frames;
 use gaware_nav::sample::{FixVelocity, GnssFix};
 use std::collections::BTreeMap;
@@ -76,14 +76,16 @@ impl HealthLog {
             Item::Note(LogNote::Health(note)) => self.note(t_us, note),
             Item::Note(LogNote::Filter(values)) => self.values(t_us, values),
             Item::Measurement(Measurement::Imu(..)) => _ = self.start_us.get_or_insert(t_us),
-            Item::Measurement(Measurement::Fix(_, fix)) => self.fix(t_us, fix),
+            Item::Measurement(Measurement::Fix(stamp, fix)) => {
+                self.fix(t_us, stamp.map(Stamp::raw_us), fix);
+            }
             Item::Frame(frame) => {
                 let found = self.frames.take(frame);
                 if found.inertial {
                     self.start_us.get_or_insert(t_us);
                 }
                 found.notes.iter().for_each(|note| self.note(t_us, note));
-                found.fix.iter().for_each(|fix| self.fix(t_us, fix));
+                found.fix.iter().for_each(|(measured_us, fix)| self.fix(t_us, *measured_us, fix));
                 if found.ours {
                     self.values(t_us, &filter::of_frame(frame));
                 }
@@ -140,10 +142,11 @@ impl HealthLog {
         }
     }
 
-    /// A fix that is not where the one before leads has jumped.
-    fn fix(&mut self, t_us: u64, fix: &GnssFix) {
-        let Some((before_us, before)) = self.last_fix.replace((t_us, *fix)) else { return };
-        let dt = t_us.saturating_sub(before_us) as f64 * 1e-6;
+    /// A fix that is not where the one before leads has jumped. Links deliver in bursts: the time between both is that of their stamps, where they have any.
+    fn fix(&mut self, t_us: u64, measured_us: Option<u64>, fix: &GnssFix) {
+        let at_us = measured_us.unwrap_or(t_us);
+        let Some((before_us, before)) = self.last_fix.replace((at_us, *fix)) else { return };
+        let dt = at_us.saturating_sub(before_us) as f64 * 1e-6;
         if dt <= 0.0 || dt > FIX_SPACING_S {
             return;
         }

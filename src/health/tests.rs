@@ -126,6 +126,38 @@ fn a_fix_that_is_not_where_the_last_one_leads_has_jumped() {
     );
 }
 
+/// Fixes of a steady flight that a link delivers in bursts of five: none of them has jumped.
+#[test]
+fn fixes_that_arrive_late_and_together_have_not_jumped() {
+    let mut log = flight();
+    for k in 0..50_u64 {
+        let t_s = 20.0 + 0.2 * k as f64;
+        let fix = GnssFix {
+            t_s: 0.0,
+            position: gaware_nav::earth::Geodetic::from_degrees(47.0 + 15.0 * t_s / 111_195.0, 8.0, 500.0),
+            velocity: FixVelocity::Full([15.0, 0.0, 0.0]),
+            position_sigma_m: None,
+            velocity_sigma_m_per_s: None,
+            yaw_rad: None,
+        };
+        let arrived_us = 20_000_000 + 1_000_000 * (k / 5 + 1) + 3000 * (k % 5);
+        let item = Item::Measurement(Measurement::Fix(Stamp::from_seconds(t_s), fix));
+        log.take(&Record { t_us: arrived_us, item });
+    }
+    let all = checks(&log, false);
+    assert!(!of(&all, "GNSS").text.contains("jumps"), "{:?}", of(&all, "GNSS"));
+}
+
+#[test]
+fn a_text_of_a_failsafe_is_a_failsafe() {
+    let mut log = flight();
+    at(&mut log, 40.0, HealthNote::Text(Level::Error, "Failsafe - Short event on".into()));
+    at(&mut log, 41.0, HealthNote::Text(Level::Error, "Crash: disarming".into()));
+    let all = checks(&log, false);
+    assert_eq!((of(&all, "failsafes").grade, of(&all, "failsafes").t_s), (Grade::Bad, Some(40.0)));
+    assert_eq!((of(&all, "messages").grade, of(&all, "messages").t_s), (Grade::Bad, Some(41.0)));
+}
+
 fn recorded(name: &str) -> (HealthLog, Vec<Check>) {
     let mut reader = logs::open(crate::testing::flights().join(name)).unwrap();
     let mut log = HealthLog::default();

@@ -95,6 +95,11 @@ const PX4_MODES: [(u8, u8, &str, FlightMode); 19] = [
     (10, 255, "Termination", Landing),
 ];
 
+/// Whether an ArduPlane in this mode is carried by its rotors.
+pub fn is_of_rotors(custom_mode: u32) -> bool {
+    PLANE.iter().any(|(number, name, _)| *number == custom_mode && name.starts_with('Q'))
+}
+
 /// The mode of a heartbeat: what it means and its name. `firmware` is `MAV_AUTOPILOT`, `kind` `MAV_TYPE`. Other firmware says no more than a flag.
 pub fn of_heartbeat(firmware: u8, kind: u8, base_mode: u8, custom_mode: u32) -> (FlightMode, String) {
     let unknown = || (Unknown, format!("mode {custom_mode}"));

@@ -163,8 +163,7 @@ impl Unit {
             let acts = model.get(effect).is_some_and(|s| s.effect.on_samples().is_some());
             acts || effect.ends_with("_bias")
         };
-        let kept: Vec<_> =
-            names.filter(|(state, n)| !spoilt.contains(state) && own(n.effect)).collect();
+        let kept: Vec<_> = names.filter(|(state, n)| !spoilt.contains(state) && own(n.effect)).collect();
         let states = kept.iter().map(|(state, n)| UnitState {
             name: n.name.to_owned(),
             effect: n.effect.to_owned(),

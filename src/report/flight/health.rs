@@ -86,7 +86,11 @@ fn axis(log: &HealthLog, checks: &[Check], body: &mut String) {
             let _ = write!(body, "<text x=\"{:.1}\" y=\"18\">{}</text>", a + 4.0, escape(name));
         }
     }
-    for (from, to) in log.armed().unwrap_or_default() {
+    let armed = log.armed();
+    if armed.is_none() {
+        let _ = write!(body, "<text x=\"{LEFT}\" y=\"44\" opacity=\".7\">not in the log</text>");
+    }
+    for (from, to) in armed.unwrap_or_default() {
         let (a, b) = (x(from), x(to));
         let _ = write!(
             body,
