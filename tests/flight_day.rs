@@ -263,7 +263,9 @@ fn flight_day(airframe: &str, firmware: &'static str, story: Story) {
         &[&["run", "--record", &recording, "--headless", "--json", "--mission", &plan], &link[..]].concat(),
     );
     if story == Story::Return {
-        order_to_return(&address, firmware, 4);
+        let plan: Value = serde_json::from_str(&std::fs::read_to_string(&plan).unwrap()).unwrap();
+        let items = plan.pointer("/mission/items").and_then(Value::as_array).map_or(0, Vec::len);
+        order_to_return(&address, firmware, u16::try_from(2 * items / 3).unwrap());
     }
     let landed = vehicle.ended();
     assert_eq!(landed.code(), Some(0), "{}", landed.stderr);

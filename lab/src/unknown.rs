@@ -1,4 +1,4 @@
-//! Effects that no catalogue holds: one of 28 is injected, alone or beside one of the catalogue, and the explanation must name a formula that
+//! Effects that no catalogue holds: one of 32 is injected, alone or beside one of the catalogue, and the explanation must name a formula that
 //! does the same on this flight. On clean flights it must name none.
 
 use crate::blind::{self, Family, Kind, Seen};
@@ -17,7 +17,7 @@ use std::time::Instant as Clock;
 
 /// What is injected: target, axis, driver, and its usual size in SI by which a disturbance of a consumer unit is divided. A third of them are not
 /// in the grammar of the search either.
-const OUTSIDE: [(&str, &str, &str, f64); 28] = [
+const OUTSIDE: [(&str, &str, &str, f64); 32] = [
     ("gyro", "z", "current", 10.0),
     ("gyro", "y", "current*current", 200.0),
     ("accel", "x", "throttle", 0.3),
@@ -46,6 +46,10 @@ const OUTSIDE: [(&str, &str, &str, f64); 28] = [
     ("velocity", "x", "height", 30.0),
     ("position", "x", "cos(heading)", 0.7),
     ("velocity", "y", "speed*speed", 200.0),
+    ("gyro", "x", "dead(w_x,0.3)", 0.3),
+    ("accel", "y", "above(throttle,0.05)", 0.5),
+    ("gyro", "z", "above(height,60)", 0.5),
+    ("gyro", "y", "sign(temperature-lag(temperature,30))", 1.0),
 ];
 
 /// Of a series: three axes of gyros, accelerometers, position and velocity.

@@ -19,6 +19,9 @@ use std::collections::BTreeMap;
 const MOST: usize = 72_000;
 /// Texts kept.
 const MOST_TEXTS: usize = 2000;
+/// What is reported as a state comes once a second. A log that says first and later that something ended holds changes alone, as those that ArduPilot begins
+/// when it is armed: it was so from the beginning.
+const STATE_SPACING_S: f64 = 5.0;
 /// A fix so far from where the velocity of the last one leads has jumped, m. Receivers drift by 1 to 2 m over minutes.
 const JUMP_M: f64 = 5.0;
 /// Fixes further apart than this are not compared, s.
@@ -195,7 +198,12 @@ impl HealthLog {
             return None;
         }
         let mut out = Vec::new();
-        let mut since = None;
+        let mut since = match series.first() {
+            Some((t, false)) if self.s(*t) > STATE_SPACING_S => {
+                Some(self.s(self.first_us.unwrap_or(0)).max(0.0))
+            }
+            _ => None,
+        };
         for (t, on) in series {
             match (on, since) {
                 (true, None) => since = Some(self.s(*t)),

@@ -148,6 +148,16 @@ fn fixes_that_arrive_late_and_together_have_not_jumped() {
     assert!(!of(&all, "GNSS").text.contains("jumps"), "{:?}", of(&all, "GNSS"));
 }
 
+/// A log that ArduPilot begins when it is armed says of arming the end alone.
+#[test]
+fn a_log_that_says_only_that_it_is_disarmed_was_armed_before() {
+    let mut log = HealthLog::default();
+    at(&mut log, 700.0, HealthNote::Mode("POSHOLD".into()));
+    at(&mut log, 833.0, HealthNote::Armed(false));
+    at(&mut log, 835.0, HealthNote::Supply(5.0));
+    assert_eq!(log.armed(), Some(vec![(0.0, 133.0)]));
+}
+
 #[test]
 fn a_text_of_a_failsafe_is_a_failsafe() {
     let mut log = flight();

@@ -12,8 +12,8 @@ use std::fmt::Write;
 /// Arguments of `study unknown`.
 #[derive(Debug, Clone, clap::Args)]
 pub struct UnknownArgs {
-    /// Flights with an injected effect, per family; 28 are each of them once.
-    #[arg(long, default_value_t = 28)]
+    /// Flights with an injected effect, per family; 32 are each of them once.
+    #[arg(long, default_value_t = 32)]
     pub flights: usize,
     /// Clean flights per family.
     #[arg(long, default_value_t = 12)]

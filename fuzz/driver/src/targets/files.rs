@@ -176,6 +176,7 @@ pub fn effects_seeds() -> Vec<Vec<u8>> {
         "w_x*|w_x| - 2*f_z^2/(1 + throttle)",
         "lag(temperature, 30) - temperature",
         "is(mode, 5)*sin(heading)",
+        "above(height, 60) - dead(heading, 0.3)",
         "schema = \"gaware.effects/1\"\n[[effect]]\nname = \"esc\"\ntarget = \"gyro\"\nz = \"current\"\nunit = \"deg/h/A\"\n",
     ];
     texts.iter().map(|t| t.as_bytes().to_vec()).collect()

@@ -127,6 +127,10 @@ enum Step {
     Cosine,
     Power(i8),
     Equal(f64),
+    /// One above this, otherwise zero.
+    Above(f64),
+    /// What is beyond a dead zone of so much to both sides.
+    Dead(f64),
 }
 
 impl Step {
@@ -141,6 +145,9 @@ impl Step {
             Self::Cosine => (a.cos(), -a.sin()),
             Self::Power(n) => (a.powi(i32::from(n)), f64::from(n) * a.powi(i32::from(n) - 1)),
             Self::Equal(v) if a.is_finite() => (f64::from(u8::from(a == v)), 0.0),
+            Self::Above(v) if a.is_finite() => (f64::from(u8::from(a > v)), 0.0),
+            Self::Dead(v) if a.abs() > v => (a - v.copysign(a), 1.0),
+            Self::Dead(_) if a.is_finite() => (0.0, 0.0),
             _ => (f64::NAN, 0.0),
         }
     }
@@ -448,15 +455,20 @@ impl<'a> Parser<'a> {
             "sin" | "cos" if dimension != NONE => return Err(self.error("sin and cos take an angle")),
             "sin" => (Step::Sine, NONE),
             "cos" => (Step::Cosine, NONE),
-            "is" => {
+            "is" | "above" | "dead" => {
                 self.expect(',')?;
-                (Step::Equal(self.number()?), NONE)
+                let limit = self.number()?;
+                match name {
+                    "is" => (Step::Equal(limit), NONE),
+                    "above" => (Step::Above(limit), NONE),
+                    _ => (Step::Dead(limit), dimension),
+                }
             }
             _ => {
                 self.rest = before;
-                return Err(
-                    self.error("functions are abs, sign, sin, cos, lag(temperature, s), is(mode, n); found")
-                );
+                return Err(self.error(
+                    "functions are abs, sign, sin, cos, lag(temperature, s), is(mode, n), above(…, n), dead(…, n); found",
+                ));
             }
         };
         self.push(step)?;

@@ -15,7 +15,7 @@ const GYRO: [bool; 2] = [true, false];
 const ACCEL: [bool; 2] = [false, true];
 
 /// Motion: there in every flight. Squares of the specific force of the own axis are in the catalogue, of the other axes not.
-const MOTION: [Row; 38] = [
+const MOTION: [Row; 41] = [
     ("w_x", 0.5, ACCEL),
     ("w_y", 0.3, ACCEL),
     ("w_z", 0.3, ACCEL),
@@ -51,25 +51,30 @@ const MOTION: [Row; 38] = [
     ("wdot_x", 1.0, GYRO),
     ("wdot_y", 1.0, GYRO),
     ("wdot_z", 1.0, GYRO),
+    ("dead(w_x,0.3)", 0.3, GYRO),
+    ("dead(w_y,0.2)", 0.2, GYRO),
+    ("dead(w_z,0.2)", 0.2, GYRO),
     ("speed*speed", 400.0, BOTH),
     ("time", 100.0, BOTH),
     ("time*time", 1e4, BOTH),
 ];
 
 /// Where the samples have a temperature.
-const TEMPERATURE: [Row; 6] = [
+const TEMPERATURE: [Row; 7] = [
     ("temperature*temperature", 100.0, BOTH),
     ("lag(temperature,10)", 10.0, BOTH),
     ("lag(temperature,30)", 10.0, BOTH),
     ("lag(temperature,100)", 10.0, BOTH),
     ("lag(temperature,300)", 10.0, BOTH),
     ("temperature-lag(temperature,30)", 3.0, BOTH),
+    ("temperature-lag(temperature,100)", 5.0, BOTH),
 ];
 
 /// Where the log reports them: the channel that must vary, by at least so much.
-const OPERATING: [(Channel, f64, Row); 8] = [
+const OPERATING: [(Channel, f64, Row); 9] = [
     (Channel::Throttle, 0.1, ("throttle", 0.3, BOTH)),
     (Channel::Throttle, 0.1, ("throttle*throttle", 0.3, BOTH)),
+    (Channel::Throttle, 0.1, ("above(throttle,0.05)", 0.3, BOTH)),
     (Channel::Current, 1.0, ("current", 10.0, BOTH)),
     (Channel::Current, 1.0, ("current*current", 200.0, BOTH)),
     (Channel::Voltage, 0.2, ("voltage", 5.0, BOTH)),
@@ -100,7 +105,7 @@ const OUTPUT_VARIES: f64 = 0.05;
 const OUTPUT_TYPICAL: f64 = 0.3;
 
 /// Formulas that flights may have at most, sensors and fixes: what a formula pays for being one of so many.
-const COUNT: f64 = 152.0;
+const COUNT: f64 = 159.0;
 
 /// Of the effects that flights miss, one in so many is outside the catalogue. Without this price a formula that imitates a name (`w_y*f_z` in flight at
 /// 1 g a scale factor) took its place on one of four flights.
