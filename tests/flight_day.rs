@@ -23,7 +23,7 @@ enum Story {
     Planned,
     /// It is, with gyros that drift as those of a board that warms up.
     GyrosDrift,
-    /// In its middle the autopilot is ordered to return.
+    /// Before it lands the autopilot is ordered to return.
     Return,
 }
 
@@ -265,7 +265,7 @@ fn flight_day(airframe: &str, firmware: &'static str, story: Story) {
     if story == Story::Return {
         let plan: Value = serde_json::from_str(&std::fs::read_to_string(&plan).unwrap()).unwrap();
         let items = plan.pointer("/mission/items").and_then(Value::as_array).map_or(0, Vec::len);
-        order_to_return(&address, firmware, u16::try_from(2 * items / 3).unwrap());
+        order_to_return(&address, firmware, u16::try_from(items - 1).unwrap());
     }
     let landed = vehicle.ended();
     assert_eq!(landed.code(), Some(0), "{}", landed.stderr);

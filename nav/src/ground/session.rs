@@ -163,14 +163,6 @@ pub enum Instruction {
 }
 
 impl Instruction {
-    /// The kind alone: seconds that pass make no other instruction.
-    pub fn same_as(&self, other: &Self) -> bool {
-        match (self, other) {
-            (Self::Hold { side: a, .. }, Self::Hold { side: b, .. }) => a == b,
-            _ => self == other,
-        }
-    }
-
     /// In words; one sentence.
     pub fn words(&self) -> String {
         match self {

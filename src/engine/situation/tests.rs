@@ -102,6 +102,12 @@ fn a_maneuver_is_proposed_to_a_pilot_alone() {
         let done = decide(&Inputs { done: true, ..good(&flight) });
         let ends = matches!(kind, TakeOff | Returning | Landing);
         assert_eq!(done, if ends { kind } else { Done }, "{mode:?}");
+        let order = describe(&Inputs { done: true, ..good(&flight) }).text;
+        assert_eq!(
+            order == "Land",
+            matches!(mode, FlightMode::Pilot | FlightMode::Unknown),
+            "{mode:?}: {order}"
+        );
         // … and who has landed has landed in any mode.
         let landed = FlightReport { on_ground: true, ..flight.clone() };
         assert_eq!(decide(&good(&landed)), Ground, "{mode:?}");
