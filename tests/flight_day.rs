@@ -65,7 +65,12 @@ impl Day {
             "--home",
             HOME,
             "--budget",
-            if self.rotor { "120" } else { "280" },
+            match (self.rotor, self.story) {
+                // So long that the station has compared the mission on board with the plan well before its end.
+                (true, Story::Return) => "240",
+                (true, _) => "120",
+                (false, _) => "280",
+            },
             "--land",
             "--radius",
             "2000",
