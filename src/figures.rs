@@ -1,5 +1,6 @@
 //! Figures and dates as people read them, the same on every page and screen.
 
+use gaware_nav::earth::Geodetic;
 use std::fmt::Display;
 
 /// Decimal places that show two significant figures of a sigma.
@@ -41,6 +42,20 @@ pub fn civil(days: i64) -> (i64, i64, i64) {
     let mp = (5 * doy + 2) / 153;
     let (day, month) = (doy - (153 * mp + 2) / 5 + 1, if mp < 10 { mp + 3 } else { mp - 9 });
     (yoe + 400 * era + i64::from(month <= 2), month, day)
+}
+
+/// Latitude and longitude in degrees, and a height in m where it is given, as people write them.
+///
+/// # Errors
+/// How to write them.
+pub fn place(text: &str) -> Result<Geodetic, String> {
+    let numbers: Vec<f64> = text.split(',').filter_map(|n| n.trim().parse().ok()).collect();
+    match numbers[..] {
+        [lat, lon, ref alt @ ..] if lat.abs() <= 90.0 && lon.abs() <= 180.0 && alt.len() < 2 => {
+            Ok(Geodetic::from_degrees(lat, lon, alt.first().copied().unwrap_or(0.0)))
+        }
+        _ => Err("write latitude and longitude in degrees, as in 47.4,8.5".to_owned()),
+    }
 }
 
 #[cfg(test)]

@@ -41,3 +41,4 @@ pub mod sinks;
 mod testing;
 pub mod timeline;
 pub mod unit;
+pub mod view;

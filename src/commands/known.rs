@@ -3,6 +3,7 @@
 use super::CommandError;
 use super::unit::today;
 use crate::engine::meaning::LIMIT_DEG;
+use crate::figures;
 use crate::logs::mcap::recorded_setup;
 use crate::pipeline::Beside;
 use crate::unit::known::{self, KnownUnit};
@@ -16,7 +17,7 @@ use std::path::{Path, PathBuf};
 pub struct PlaceArgs {
     /// Where the vehicle is, in degrees and m above sea level, for as long as no fix says so: 47.4,8.5,440 (or without the height). A vehicle that is turned by hand indoors needs it for the
     /// Earth's rate; without it that counts as an unknown of 15 deg/h.
-    #[arg(long, value_name = "LAT,LON[,ALT]", value_parser = place, allow_hyphen_values = true)]
+    #[arg(long, value_name = "LAT,LON[,ALT]", value_parser = figures::place, allow_hyphen_values = true)]
     pub home: Option<Geodetic>,
 }
 
@@ -91,17 +92,6 @@ impl UnitFileArgs {
 /// The model with what the file says today; a model only where there is one or a file.
 pub fn with_known(model: Option<Model>, known: Option<&KnownUnit>) -> Option<Model> {
     known::with_known(model, known, &today())
-}
-
-/// Latitude and longitude in degrees, and a height.
-fn place(text: &str) -> Result<Geodetic, String> {
-    let numbers: Vec<f64> = text.split(',').filter_map(|n| n.trim().parse().ok()).collect();
-    match numbers[..] {
-        [lat, lon, ref alt @ ..] if lat.abs() <= 90.0 && lon.abs() <= 180.0 && alt.len() < 2 => {
-            Ok(Geodetic::from_degrees(lat, lon, alt.first().copied().unwrap_or(0.0)))
-        }
-        _ => Err("write latitude and longitude in degrees, as in --home 47.4,8.5".to_owned()),
-    }
 }
 
 /// An angle that an attitude can be wrong by.

@@ -17,6 +17,7 @@ use crate::sinks::foxglove::Feed;
 use crate::sinks::live::Live;
 use crate::sinks::recorder::{Recorder, Setup};
 use crate::unit::known::KnownUnit;
+use crate::view::mission_watch::MissionWatch;
 use gaware_mission::item::Mission;
 use gaware_nav::model::Model;
 use gaware_nav::observability::words::VehicleKind;
@@ -29,14 +30,12 @@ use tokio_util::sync::CancellationToken;
 
 mod args;
 mod introduction;
-pub mod mission_watch;
 mod outcome;
 mod session;
 
 pub use args::RunArgs;
 pub(in crate::commands) use args::seconds;
 use introduction::Introduction;
-use mission_watch::MissionWatch;
 use outcome::{incomplete, received_anything, report_recording};
 use session::Session;
 

@@ -180,6 +180,11 @@ impl Engine {
         self.estimator.set_place(self.options.place.unwrap_or(place));
     }
 
+    /// What the user has set.
+    pub fn options(&self) -> &EngineOptions {
+        &self.options
+    }
+
     /// What flies.
     pub fn vehicle(&self) -> VehicleKind {
         self.options.vehicle().unwrap_or(self.reported)

@@ -8,7 +8,7 @@ mod outgoing;
 use super::address::Address;
 use super::frame::Frame;
 use super::framer::{Framer, FramerStats};
-use serde::Serialize;
+pub use super::status::LinkStatus;
 use std::collections::{BTreeMap, BTreeSet};
 use std::io;
 use std::net::SocketAddr;
@@ -99,25 +99,6 @@ impl Received {
 
 /// A frame for the vehicle, and for one peer alone where one is named.
 type Reply = (Frame, Option<SocketAddr>);
-
-/// How a link is doing.
-#[derive(Debug, Clone, PartialEq, Serialize)]
-pub struct LinkStatus {
-    /// Where it leads.
-    pub address: Address,
-    /// Whether it is open.
-    pub up: bool,
-    /// Why it is not, in words; empty while it is.
-    pub problem: String,
-    /// Times it was opened.
-    pub openings: u64,
-    /// Bytes received.
-    pub received_bytes: u64,
-    /// Frames found in them.
-    pub framer: FramerStats,
-    /// Frames that it could not send: it was down, or the other side does not read.
-    pub unsent: u64,
-}
 
 /// The sending side of a link.
 #[derive(Debug, Clone)]

@@ -12,6 +12,7 @@ pub mod heartbeat;
 pub mod param_codec;
 pub mod rates;
 pub mod signing;
+pub mod status;
 pub mod systems;
 pub mod timesync;
 pub mod vehicle;

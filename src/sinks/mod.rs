@@ -4,13 +4,11 @@
 //! messages and counts them in [`status::SinkStatus`]; the engine never waits for it.
 
 pub mod foxglove;
-pub mod link_meter;
 pub mod live;
 pub mod log;
 pub mod messages;
 pub mod metrics;
 pub mod recorder;
-pub mod status;
 #[cfg(unix)]
 pub mod supervisor;
 pub mod telemetry;
@@ -19,6 +17,7 @@ pub mod web;
 pub mod words;
 
 pub use crate::engine::events;
+pub use crate::view::{link_meter, status};
 use tokio::sync::oneshot;
 
 /// What a person at a screen may want changed on the vehicle.

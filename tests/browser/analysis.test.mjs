@@ -3,12 +3,13 @@
 import assert from "node:assert/strict";
 import { execFileSync, spawn } from "node:child_process";
 import { once } from "node:events";
+import { createServer } from "node:http";
 import { mkdtempSync, readFileSync, rmSync, truncateSync, writeFileSync } from "node:fs";
 import { tmpdir } from "node:os";
 import { basename, join } from "node:path";
 import { createInterface } from "node:readline";
 import { after, before, test } from "node:test";
-import { faults, launch, open } from "./harness.mjs";
+import { SAME, differences, faults, launch, open } from "./harness.mjs";
 
 const ROOT = new URL("../../", import.meta.url).pathname;
 const FLIGHTS = process.env.GAWARE_FLIGHTS ?? join(ROOT, "../shared/data");
@@ -16,13 +17,6 @@ const PAGE = process.env.ANALYSIS;
 const SMALL = join(ROOT, "tests/data/small_gsens_typical_dither.tlog");
 /** Each format and both autopilots; LOGS=a,b takes others. */
 const LOGS = [SMALL, ...(process.env.LOGS?.split(",") ?? ["independent_gsens_consumer.tlog", "real_copter_sample.BIN", "real_ardusub_bench.tlog", "real_px4_ekf_failure.ulg", "real_px4_sample.ulg", "px4_plane_strong_noise.mcap"]).map((name) => join(FLIGHTS, name))];
-
-/**
- * Sine, cosine and the like differ in their last digit: the module has those of musl, the program those of its system. Over a flight that makes
- * less than 1e-9 in fourteen of fifteen recordings and 1.2e-9 in one number of the other; since the filter's trajectory follows at thresholds, 36 numbers
- * of small_gsens_typical_dither differ by more than 3e-9, nine by more than 1e-8 and none by 1e-7: an open point.
- */
-const SAME = 1e-7;
 
 const folder = mkdtempSync(join(tmpdir(), "gaware-analysis-"));
 let browser;
@@ -57,25 +51,6 @@ async function saved(page, ending) {
 
 function native(...args) {
   return execFileSync(process.env.GAWARE, args, { stdio: ["ignore", "pipe", "ignore"], maxBuffer: 1 << 30 }).toString();
-}
-
-/** The field with the sigma of a value: value, value_s, value_deg_per_h and so on. */
-const sigmaOf = (name) => name.replace(/^value/, "sigma");
-
-/** Where two documents differ by more than `tolerance` of the number, or of its own sigma where that is larger. */
-function differences(ours, theirs, tolerance, path = "", sigma = 0) {
-  if (typeof ours === "number" && typeof theirs === "number") {
-    const scale = Math.max(Math.abs(ours), Math.abs(theirs), Number(sigma) || 0);
-    return Math.abs(ours - theirs) <= tolerance * scale ? [] : [`${path}: ${ours}, not ${theirs}`];
-  }
-  if (ours === null || theirs === null || typeof ours !== "object" || typeof theirs !== "object") return ours === theirs ? [] : [`${path}: ${JSON.stringify(ours)}, not ${JSON.stringify(theirs)}`];
-  const names = new Set([...Object.keys(ours), ...Object.keys(theirs)]);
-  names.delete("written_by");
-  return [...names].flatMap((name) => {
-    // A normalised innovation is in units of its sigma.
-    const own = path.endsWith("normalised_innovation") ? 1 : Array.isArray(ours) ? sigma?.[name] : name.startsWith("value") ? theirs[sigmaOf(name)] : 0;
-    return differences(ours[name], theirs[name], tolerance, `${path}.${name}`, own);
-  });
 }
 
 test("the results of recordings of every format are those of the program", async () => {
@@ -243,5 +218,36 @@ test("from a server it asks for nothing once it is loaded, and starts without a 
     await close();
   } finally {
     server.kill("SIGKILL");
+  }
+});
+
+test("the page's address names a log of its own server, and of no other", async () => {
+  const type = { html: "text/html", js: "text/javascript", tlog: "application/octet-stream" };
+  const files = { "/": PAGE, "/sw.js": join(ROOT, "web/page/sw.js"), "/logs/flight%201.tlog": SMALL };
+  const asked = [];
+  const server = createServer((request, response) => {
+    asked.push(request.url);
+    const file = files[request.url];
+    if (!file) return response.writeHead(request.url === "/away" ? 302 : 404, { location: "http://localhost:9/flight.bin" }).end();
+    return response.writeHead(200, { "content-type": type[basename(file).split(".").at(-1)] }).end(readFileSync(file));
+  }).listen(0, "127.0.0.1");
+  await once(server, "listening");
+  const own = `http://127.0.0.1:${server.address().port}/`;
+  const { page, errors, close } = await open(browser);
+  try {
+    await page.goto(`${own}#url=logs/flight%25201.tlog`);
+    await page.locator("#chosen", { hasText: "flight%201.tlog" }).waitFor();
+    await page.click("#report");
+    await page.locator(".result iframe").waitFor();
+    for (const [url, why] of [["https://example.org/flight.bin", /not on the server of this page/], ["javascript:alert(1)", /not on the server/], ["none.bin", /answers 404/], ["away", /from elsewhere/]]) {
+      await page.evaluate((hash) => { location.hash = hash; }, `url=${encodeURIComponent(url)}`);
+      await page.locator("#trouble", { hasText: why }).waitFor();
+    }
+    assert.deepEqual([...new Set(asked)].sort(), ["/", "/away", "/logs/flight%201.tlog", "/none.bin", "/sw.js"]);
+    assert.deepEqual(errors.filter((e) => !e.startsWith("asked for blob:") && !/404|ERR_FAILED|about:/.test(e)), []);
+  } finally {
+    await close();
+    server.close();
+    server.closeAllConnections();
   }
 });

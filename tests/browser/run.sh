@@ -1,5 +1,5 @@
 #!/bin/sh
-# The pages in a real browser. Needs node 20, npm and Chromium (CHROMIUM=/path, default /usr/bin/chromium).
+# The pages in a real browser. Needs node 20, npm and Chromium (CHROMIUM=/path, default /usr/bin/chromium); one test is of Firefox, where there is one (FIREFOX=/path).
 # SCREENSHOTS=1 also renews the pictures in docs/, of the program itself: `gaware demo` in mid-flight.
 set -eu
 cd "$(dirname "$0")/../.."

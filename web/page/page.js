@@ -96,11 +96,22 @@ function enable() {
   at("work").hidden = !running;
 }
 
+/** A worker for one order; `end` frees all that it has. */
+function employ(order, answer) {
+  const url = URL.createObjectURL(new Blob([at("worker").textContent], { type: "text/javascript" }));
+  const worker = new Worker(url);
+  worker.onerror = (event) => { event.preventDefault(); answer({ ended: true, failed: `The analysis could not be started: ${event.message ?? "the browser gave no reason"}` }); };
+  worker.onmessage = ({ data }) => answer(data);
+  worker.postMessage({ packed: at("module").textContent.replace(/\s/g, ""), ...order });
+  const end = () => { worker.terminate(); URL.revokeObjectURL(url); };
+  return { post: (message, transfer) => worker.postMessage(message, transfer), end };
+}
+
+const today = () => new Date().toISOString().slice(0, 10);
+
 /** One worker for one job; its answer. `which`: of several jobs. */
 function work(command, files, which) {
   return new Promise((resolve) => {
-    const url = URL.createObjectURL(new Blob([at("worker").textContent], { type: "text/javascript" }));
-    const worker = new Worker(url);
     const began = performance.now();
     let latest = { progress: "starting", done: 0, total: 0 };
     const status = () => {
@@ -113,19 +124,16 @@ function work(command, files, which) {
     const clock = setInterval(status, 500);
     const end = (answer) => {
       clearInterval(clock);
-      worker.terminate();
-      URL.revokeObjectURL(url);
+      worker.end();
       resolve({ ...answer, seconds: (performance.now() - began) / 1000 });
     };
     running = { stop: () => end({ stopped: true }) };
-    worker.onerror = (event) => { event.preventDefault(); end({ failed: `The analysis could not be started: ${event.message ?? "the browser gave no reason"}` }); };
-    worker.onmessage = ({ data }) => {
+    const worker = employ({ command, today: today(), files }, (data) => {
       if (data.progress === undefined) return end(data);
       latest = data;
       return status();
-    };
+    });
     status();
-    worker.postMessage({ packed: at("module").textContent.replace(/\s/g, ""), command, today: new Date().toISOString().slice(0, 10), files });
   });
 }
 
@@ -137,7 +145,7 @@ function result(title, { done, seconds, memory }) {
   const urls = [];
   const saves = make("ul", "", { class: "saves" });
   const link = (words, { name, text }, attributes) => {
-    const type = name.endsWith(".html") ? "text/html" : name.endsWith(".json") ? "application/json" : "text/plain";
+    const type = name.endsWith(".html") ? "text/html" : name.endsWith(".json") ? "application/json" : name.endsWith(".tlog") ? "application/octet-stream" : "text/plain";
     urls.push(URL.createObjectURL(new Blob([text], { type: `${type};charset=utf-8` })));
     const item = make("li", "");
     item.append(make("a", words, { href: urls.at(-1), ...attributes }));
@@ -205,4 +213,25 @@ document.addEventListener("drop", (event) => { event.preventDefault(); at("drop"
 // From a server: later also without it.
 at("along").hidden = !location.protocol.startsWith("http");
 const kept = location.protocol.startsWith("http") && navigator.serviceWorker ? navigator.serviceWorker.register("sw.js").then(() => navigator.serviceWorker.ready).catch(() => {}) : Promise.resolve();
-kept.then(() => { document.body.dataset.ready = "true"; });
+kept.then(() => { document.body.dataset.ready = "true"; return named(); });
+addEventListener("hashchange", named);
+
+/** The log that the page's address names (#url=…), of its own server only. The page may ask for nothing (its policy): its keeper does (sw.js). */
+async function named() {
+  const text = new URLSearchParams(location.hash.slice(1)).get("url");
+  if (!text) return;
+  const refuse = (why) => trouble(`The log that the address of this page names cannot be taken: ${why}. Download it and drop it here.`);
+  const url = URL.canParse(text, location.href) ? new URL(text, location.href) : null;
+  if (!url?.protocol.startsWith("http") || url.origin !== location.origin) return refuse("it is not on the server of this page");
+  if (!navigator.serviceWorker) return refuse("that needs https, or a server on this computer");
+  const name = url.pathname.split("/").at(-1) || "log";
+  at("doing").textContent = `Taking ${name} from the server of this page`;
+  at("work").hidden = false;
+  const { port1, port2 } = new MessageChannel();
+  const answer = new Promise((resolve) => { port1.onmessage = ({ data }) => resolve(data); });
+  (await navigator.serviceWorker.ready).active.postMessage({ url: url.href }, [port2]);
+  const { content, failed } = await answer;
+  enable();
+  if (failed) return refuse(failed);
+  return take([{ file: new File([content], name), name }]);
+}

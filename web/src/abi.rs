@@ -8,7 +8,9 @@
     reason = "names of exported functions are unsafe attributes, imports unsafe declarations; there is no unsafe block"
 )]
 
-use crate::job;
+use crate::{job, live};
+use gaware::view::listener::Listener;
+use serde::Serialize;
 use std::sync::{Mutex, MutexGuard, PoisonError};
 use std::time::Duration;
 
@@ -39,6 +41,8 @@ use nobody::{now_ms, panicked, progress};
 static SPACE: Mutex<Vec<u8>> = Mutex::new(Vec::new());
 static FILES: Mutex<Vec<Vec<u8>>> = Mutex::new(Vec::new());
 static ANSWER: Mutex<Vec<u8>> = Mutex::new(Vec::new());
+/// The vehicle that is listened to.
+static LIVE: Mutex<Option<Listener>> = Mutex::new(None);
 
 fn open<T>(place: &Mutex<T>) -> MutexGuard<'_, T> {
     place.lock().unwrap_or_else(PoisonError::into_inner)
@@ -62,16 +66,79 @@ pub extern "C" fn file() {
 /// What was written describes the job (JSON): does it and gives the length of the answer (JSON).
 #[unsafe(no_mangle)]
 pub extern "C" fn run() -> usize {
+    watch_panics();
+    let job = std::mem::take(&mut *open(&SPACE));
+    let files = std::mem::take(&mut *open(&FILES));
+    answered(job::run(&job, files))
+}
+
+fn watch_panics() {
     std::panic::set_hook(Box::new(|info| {
         let words = info.to_string();
         panicked(words.as_ptr(), words.len());
     }));
-    let job = std::mem::take(&mut *open(&SPACE));
-    let files = std::mem::take(&mut *open(&FILES));
-    let done = job::run(&job, files);
+}
+
+fn answered(bytes: Vec<u8>) -> usize {
     let mut answer = open(&ANSWER);
-    *answer = done;
+    *answer = bytes;
     answer.len()
+}
+
+/// What was written describes a vehicle to listen to (JSON): the length of the reason where that cannot be.
+#[unsafe(no_mangle)]
+pub extern "C" fn listen() -> usize {
+    watch_panics();
+    let session = std::mem::take(&mut *open(&SPACE));
+    let files = std::mem::take(&mut *open(&FILES));
+    match live::begin(&session, files) {
+        Ok(listener) => {
+            *open(&LIVE) = Some(listener);
+            0
+        }
+        Err(error) => answered(error.to_string().into_bytes()),
+    }
+}
+
+/// What the listener says; nothing where there is none.
+fn live<T: Default>(what: impl FnOnce(&mut Listener) -> T) -> T {
+    open(&LIVE).as_mut().map(what).unwrap_or_default()
+}
+
+fn json(value: &impl Serialize) -> Vec<u8> {
+    serde_json::to_vec(value).unwrap_or_default()
+}
+
+/// The port was opened at this baud rate.
+#[unsafe(no_mangle)]
+pub extern "C" fn opened(baud: u32) {
+    live(|l| l.opened(baud));
+}
+
+/// The port is gone; what was written is the reason.
+#[unsafe(no_mangle)]
+pub extern "C" fn closed() {
+    let problem = std::mem::take(&mut *open(&SPACE));
+    live(|l| l.closed(&String::from_utf8_lossy(&problem)));
+}
+
+/// What was written came at this time, Unix µs: the length of what is to be recorded.
+#[unsafe(no_mangle)]
+pub extern "C" fn take(t_us: f64) -> usize {
+    let bytes = std::mem::take(&mut *open(&SPACE));
+    answered(live(|l| l.take(t_us as u64, &bytes)))
+}
+
+/// What the screen shows now: the length of its JSON.
+#[unsafe(no_mangle)]
+pub extern "C" fn view(now_us: f64) -> usize {
+    answered(live(|l| json(&l.view(now_us as u64))))
+}
+
+/// The result so far: the length of its JSON.
+#[unsafe(no_mangle)]
+pub extern "C" fn document() -> usize {
+    answered(live(|l| json(&l.document())))
 }
 
 /// Where the answer is.

@@ -43,7 +43,7 @@ enum Command {
 /// What a file is to the job.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Deserialize)]
 #[serde(rename_all = "snake_case")]
-enum Role {
+pub enum Role {
     Log,
     Validate,
     /// A model, effects of a user, or what is known of a unit.
@@ -62,10 +62,13 @@ struct Job {
     files: Vec<Described>,
 }
 
+/// A file as the page describes it.
 #[derive(Debug, Deserialize)]
-struct Described {
-    name: String,
-    role: Role,
+pub struct Described {
+    /// Its name.
+    pub name: String,
+    /// What it is to the job.
+    pub role: Role,
 }
 
 /// A file of the result.
@@ -85,7 +88,8 @@ enum Answer {
     Failed(String),
 }
 
-type Failure = Box<dyn Error>;
+/// Why there is no result.
+pub type Failure = Box<dyn Error>;
 
 /// Does a job and describes what came of it.
 pub fn run(job: &[u8], contents: Vec<Vec<u8>>) -> Vec<u8> {
@@ -107,7 +111,7 @@ type Done = (Vec<String>, Vec<(String, String)>);
 
 /// The files of a job by what they are to it.
 #[derive(Default)]
-struct Files {
+pub struct Files {
     logs: Vec<Input>,
     validate: Vec<Input>,
     entries: Vec<(String, Input)>,
@@ -118,7 +122,11 @@ struct Files {
 }
 
 impl Files {
-    fn take(&mut self, role: Role, input: Input) -> Result<(), Failure> {
+    /// Takes the next file.
+    ///
+    /// # Errors
+    /// It cannot be what it is given for.
+    pub fn take(&mut self, role: Role, input: Input) -> Result<(), Failure> {
         match role {
             Role::Log => self.logs.push(input),
             Role::Validate => self.validate.push(input),
@@ -137,16 +145,23 @@ impl Files {
     }
 
     /// The model, once all effects that it may name are defined.
-    fn model(&self) -> Result<Option<Model>, Failure> {
+    ///
+    /// # Errors
+    /// The file is none.
+    pub fn model(&self) -> Result<Option<Model>, Failure> {
         let parse = |(input, text): &(Input, String)| parse_model(text, input.path());
         Ok(self.model.as_ref().map(parse).transpose()?)
     }
 
-    /// The unit's file, which must be that of the first log's hardware.
-    fn known(&self) -> Result<Option<KnownUnit>, Failure> {
-        let (Some((input, text)), Some(log)) = (&self.unit, self.logs.first()) else { return Ok(None) };
+    /// The unit's file, which must be that of the first log's hardware, where there is a log.
+    ///
+    /// # Errors
+    /// It is none, or of other hardware.
+    pub fn known(&self) -> Result<Option<KnownUnit>, Failure> {
+        let Some((input, text)) = &self.unit else { return Ok(None) };
         let unit = Unit::parse(text).map_err(|why| format!("{} is no unit file: {why}", input.name()))?;
-        let id = OfLog::read(log.clone(), None)?.on_board.board;
+        let of_log = self.logs.first().map(|log| OfLog::read(log.clone(), None)).transpose()?;
+        let id = of_log.and_then(|log| log.on_board.board);
         Ok(Some(KnownUnit::of(input.path(), unit, id.as_deref())?))
     }
 }

@@ -1,10 +1,11 @@
 //! How a run ended: what was received, and what the recording lacks.
 
 use crate::commands::CommandError;
-use crate::link::endpoint::LinkStatus;
+use crate::link::status::LinkStatus;
 use crate::pipeline::{Estimator, Pipeline};
 use crate::sinks::recorder::RecorderStats;
 use crate::sinks::words::bytes;
+use crate::view::received::lacking;
 use serde_json::{Map, Value, json};
 use std::path::Path;
 
@@ -18,17 +19,7 @@ pub(super) fn received_anything<E: Estimator>(
     if converter.stats().time.imu_samples > 0 {
         return Ok(());
     }
-    let bytes: u64 = links.iter().map(|l| l.received_bytes).sum();
-    let frames: u64 = links.iter().map(|l| l.framer.frames).sum();
-    let heard = converter.systems().words();
-    Err(CommandError::Silent(match (bytes, frames) {
-        (0, _) => "nothing was received: is the autopilot powered, is this its port, and does it speak MAVLink there?".to_owned(),
-        (_, 0) => format!("{bytes} bytes were received and no MAVLink frame among them: is the baud rate right?"),
-        _ if heard.is_empty() => {
-            format!("{frames} MAVLink frames were received and no heartbeat of an autopilot among them")
-        }
-        _ => format!("no inertial data were received; messages came from: {heard}"),
-    }))
+    Err(CommandError::Silent(lacking(links, converter)))
 }
 
 /// An error when not one link could ever be opened.

@@ -2,15 +2,14 @@
 
 use super::Hooks;
 use super::introduction::Introduction;
-use super::mission_watch::MissionWatch;
 use crate::advice::on_board::OnBoard;
-use crate::engine::situation::{SILENT_S, Situation, SituationKind, no_data};
-use crate::engine::snapshot::{Phase, Snapshot};
+use crate::engine::snapshot::Snapshot;
 use crate::link::endpoint::{Links, ReceiveClock, Received};
 use crate::link::frame::Frame;
 use crate::link::guard::Guard;
 use crate::link::heartbeat::HeartbeatSource;
 use crate::link::rates::{RateAction, RateKeeper, needs};
+use crate::link::status::LinkStatus;
 use crate::link::timesync::Timesync;
 use crate::mission_link::inventory::Inventory;
 use crate::mission_link::uploader::RawMessage;
@@ -21,6 +20,8 @@ use crate::sinks::events::Causes;
 use crate::sinks::foxglove::Feed;
 use crate::sinks::live::{Event, Live};
 use crate::sinks::recorder::{RecordItem, Recorder};
+use crate::view::mission_watch::MissionWatch;
+use crate::view::received;
 use mavlink::dialects::ardupilotmega::{MavCmd, MavMessage};
 use std::sync::Arc;
 use std::time::Duration;
@@ -362,9 +363,9 @@ impl<E: Estimator> Session<E> {
             self.tell(now_us, Severity::Warning, report);
         }
         let mut snapshot = self.pipeline.snapshot();
-        self.with_mission(now_us, &mut snapshot);
-        self.with_systems(&mut snapshot);
-        self.with_link(now_us, &mut snapshot);
+        self.mission.complete(now_us as f64 * 1e-6, &mut snapshot);
+        let links: Vec<_> = self.links.handles().iter().map(|h| h.status()).collect();
+        self.with_link(now_us, &links, &mut snapshot);
         let unit_said =
             self.unit_said.iter().filter(|(said_us, _)| now_us.saturating_sub(*said_us) < NEWS_US);
         snapshot.news.extend(unit_said.map(|(_, text)| text.clone()));
@@ -372,7 +373,7 @@ impl<E: Estimator> Session<E> {
         let live = Live {
             snapshot,
             vehicle: self.pipeline.converter().vehicle(),
-            links: self.links.handles().iter().map(|h| h.status()).collect(),
+            links,
             recorder: self.recorder.as_ref().map(Recorder::stats),
             recording: self.recorder.as_ref().map_or_else(String::new, |r| r.path().display().to_string()),
             events: self.events.clone(),
@@ -381,42 +382,13 @@ impl<E: Estimator> Session<E> {
         self.hooks.live.send_replace(Arc::new(live));
     }
 
-    /// Who waits for inertial data wants to know what it receives.
-    fn with_systems(&self, snapshot: &mut Snapshot) {
-        if snapshot.phase != Phase::WaitingForImu {
-            return;
-        }
+    /// What only this side of the link knows: which rate was asked for, what was received, and that nothing arrives any more.
+    fn with_link(&self, now_us: u64, links: &[LinkStatus], snapshot: &mut Snapshot) {
         let converter = self.pipeline.converter();
-        let heard = converter.systems().words();
-        snapshot.waiting_for = match converter.vehicle() {
-            Some(vehicle) if !heard.is_empty() => {
-                format!("no inertial samples yet of vehicle {vehicle}; received from: {heard}")
-            }
-            _ => "no heartbeat of an autopilot yet: is it connected, and is this its port and baud rate?"
-                .to_owned(),
-        };
-        if snapshot.situation.kind == SituationKind::Starting {
-            snapshot.situation.text.clone_from(&snapshot.waiting_for);
-        }
-    }
-
-    fn with_mission(&self, now_us: u64, snapshot: &mut Snapshot) {
-        snapshot.mission = self.mission.progress(now_us as f64 * 1e-6);
-        if !snapshot.mission.stuck.is_empty() {
-            snapshot.warnings.push(snapshot.mission.stuck.clone());
-        }
-    }
-
-    /// What only this side of the link knows: which rate was asked for, and that nothing arrives any more.
-    fn with_link(&self, now_us: u64, snapshot: &mut Snapshot) {
-        let asked = self.rates.as_ref().zip(self.pipeline.converter().source());
+        let asked = self.rates.as_ref().zip(converter.source());
         snapshot.imu.asked_hz = asked.map_or(0.0, |(r, source)| r.asked_hz(source.message_id()));
         let silent_s = self.received_us.map_or(0.0, |t| now_us.saturating_sub(t) as f64 * 1e-6);
-        if silent_s > SILENT_S {
-            let mode = std::mem::take(&mut snapshot.situation.mode);
-            snapshot.situation = Situation { mode, ..no_data(silent_s) };
-            snapshot.guidance.instruction.clear();
-        }
+        received::complete(snapshot, links, converter, silent_s);
     }
 
     fn record(&self, item: RecordItem) {

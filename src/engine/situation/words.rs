@@ -17,13 +17,13 @@ pub(super) fn of(kind: SituationKind, i: &Inputs<'_>) -> [String; 3] {
         SituationKind::SeveralVehicles => say(
             "Several vehicles",
             "Several vehicles send on this link".to_owned(),
-            format!("{}: choose one with --vehicle. {NO_MANEUVER}", flight.several),
+            format!("{}: choose one (--vehicle). {NO_MANEUVER}", flight.several),
         ),
         SituationKind::WrongAirframe => say(
             "Wrong airframe",
             format!("The vehicle is a {}", kind_words(i.mismatch().unwrap_or_default())),
             format!(
-                "--airframe names a {}: start again with the right one. {NO_MANEUVER}",
+                "The airframe that was chosen (--airframe) is a {}: start again with the right one. {NO_MANEUVER}",
                 kind_words(i.airframe.unwrap_or_default())
             ),
         ),
@@ -171,7 +171,7 @@ fn done_words(i: &Inputs<'_>) -> [String; 3] {
 
 /// Which option is missing, with the value that fits what the heartbeat says.
 fn missing_airframe(i: &Inputs<'_>, flight: &FlightReport) -> String {
-    let start = "No maneuver can be proposed: start gaware with --airframe";
+    let start = "No maneuver can be proposed: start again with --airframe";
     match flight.kind.unwrap_or(i.vehicle) {
         VehicleKind::FixedWing => {
             format!("{start} small_fixed_wing or large_fixed_wing, or a file that describes this fixed wing.")

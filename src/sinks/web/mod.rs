@@ -9,12 +9,12 @@ mod api;
 mod assets;
 pub mod door;
 pub(in crate::sinks) mod guesses;
-mod history;
 mod stream;
 
 use super::Request;
 use super::status::SinkStatus;
 use crate::engine::snapshot::Snapshot;
+use crate::view::history::History;
 use access::{Policy, Token};
 use axum::Router;
 use axum::extract::DefaultBodyLimit;
@@ -23,9 +23,8 @@ use axum::middleware;
 use axum::routing::{get, post};
 use door::{Door, Places, Visitor};
 use guesses::Guesses;
-use history::History;
 use std::net::{IpAddr, SocketAddr};
-use std::sync::{Arc, Mutex};
+use std::sync::{Arc, Mutex, PoisonError};
 use std::time::Duration;
 use tokio::net::TcpListener;
 use tokio::sync::{mpsc, watch};
@@ -140,7 +139,7 @@ pub async fn serve(
     let stop = shutdown.child_token();
     let _ends_with_us = stop.clone().drop_guard();
     let shared = Shared::new(state, local, stop.clone());
-    tokio::spawn(history::keep(Arc::clone(&shared)));
+    tokio::spawn(keep_history(Arc::clone(&shared)));
     let app = router(shared).into_make_service_with_connect_info::<Visitor>();
     let server = axum::serve(Door::new(listener), app).with_graceful_shutdown(stop.clone().cancelled_owned());
     let overtime = async {
@@ -150,6 +149,20 @@ pub async fn serve(
     tokio::select! {
         result = server => result.map_err(WebError::Io),
         () = overtime => Ok(()),
+    }
+}
+
+/// Feeds the history until the server or the engine ends.
+async fn keep_history(shared: Arc<Shared>) {
+    let mut snapshots = shared.state.snapshots.clone();
+    snapshots.mark_changed();
+    loop {
+        tokio::select! {
+            () = shared.shutdown.cancelled() => return,
+            changed = snapshots.changed() => if changed.is_err() { return },
+        }
+        let snapshot = Arc::clone(&snapshots.borrow_and_update());
+        shared.history.lock().unwrap_or_else(PoisonError::into_inner).feed(&snapshot);
     }
 }
 

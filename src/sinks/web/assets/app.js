@@ -4,7 +4,7 @@ import { AttitudeIndicator } from "./attitude.js";
 import { StripChart, WINDOW_S } from "./chart.js";
 import { $, capital, setText } from "./dom.js";
 import { STALE_S, showHero } from "./hero.js";
-import { Stream } from "./stream.js";
+import { Stream, ask } from "./stream.js";
 import { Track } from "./track.js";
 import { showConnection, showEvents, showFreshness, showMission, showParameters, showSnapshot, showSystem } from "./view.js";
 
@@ -95,7 +95,7 @@ function thinned(all, now) {
 /** Fills in what the page has not seen: after loading, and after every interruption. */
 async function loadHistory() {
   try {
-    const response = await fetch("/api/v1/history");
+    const response = await ask("/api/v1/history");
     if (!response.ok) return;
     const history = await response.json();
     const past = history.points.map(([t, f, innovation, sigma, [lat, lon]]) => ({ t, f, innovation, sigma: sigma.flat(), lat, lon }));
@@ -132,7 +132,7 @@ function wordsOf(s) {
 
 async function loadEvents() {
   try {
-    const response = await fetch("/api/v1/history?points=0");
+    const response = await ask("/api/v1/history?points=0");
     if (response.ok) showEvents((await response.json()).events);
   } catch {
     // As above.
@@ -163,7 +163,7 @@ function look() {
 /** Planned path, fence and home, where there is a plan. */
 async function loadRoute() {
   try {
-    const response = await fetch("/api/v1/route");
+    const response = await ask("/api/v1/route");
     if (response.ok) track.route = await response.json();
     draw();
   } catch {
@@ -207,7 +207,7 @@ const stream = new Stream({
 /** After a restart with another token every request is refused: then show the sign-in page, not an old picture. */
 async function signedOut() {
   try {
-    if ((await fetch("/api/v1/capabilities")).status === 401) location.reload();
+    if ((await ask("/api/v1/capabilities")).status === 401) location.reload();
   } catch {
     // The server is away; the stream keeps trying.
   }
@@ -215,7 +215,7 @@ async function signedOut() {
 
 async function capabilities() {
   try {
-    const can = await (await fetch("/api/v1/capabilities")).json();
+    const can = await (await ask("/api/v1/capabilities")).json();
     $("actions").hidden = !can.mission_upload && !can.parameters_apply;
     for (const id of ["upload", "upload-result"]) $(id).hidden = !can.mission_upload;
     for (const id of ["set-parameters", "parameters-result"]) $(id).hidden = !can.parameters_apply;
@@ -239,7 +239,7 @@ function offer({ button, question, result, path, doing, check }) {
     look();
     setText($(result), doing);
     try {
-      const response = await fetch(path, {
+      const response = await ask(path, {
         method: "POST",
         headers: { "content-type": "application/json" },
         body: JSON.stringify({ confirm: true }),

@@ -4,6 +4,9 @@ const SILENT_MS = 3000; // The server says something every second.
 const GIVE_UP_MS = 8000; // A dead radio link does not close the connection: open another one.
 const RETRY_MS = [500, 1000, 2000, 3000];
 
+/** One answer of the server. The page in the browser (web/page/stream.js) has another stream and other answers. */
+export const ask = (path, options) => fetch(path, options);
+
 export class Stream {
   #source = null;
   #last = 0;

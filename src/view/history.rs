@@ -1,11 +1,9 @@
 //! The last minutes, so that a page opened or loaded again in flight has its charts, track and events at once.
 
-use super::Shared;
+use crate::engine::events::{Event, EventDetector};
 use crate::engine::snapshot::Snapshot;
-use crate::sinks::events::{Event, EventDetector};
 use serde::Serialize;
 use std::collections::VecDeque;
-use std::sync::{Arc, PoisonError};
 
 /// Seconds between two points.
 const STEP_S: f64 = 1.0;
@@ -23,7 +21,7 @@ type Point = (f64, [f64; 3], [f64; 6], [[f64; 3]; 3], [f64; 2]);
 
 /// What `GET /api/v1/history` returns.
 #[derive(Debug, Clone, Serialize)]
-pub(super) struct History {
+pub struct History {
     columns: [&'static str; 5],
     points: VecDeque<Point>,
     events: VecDeque<Event>,
@@ -44,7 +42,7 @@ impl Default for History {
 
 impl History {
     /// A copy with at most that many of the newest points, to be sent without holding the lock.
-    pub(super) fn newest(&self, points: Option<usize>) -> Self {
+    pub fn newest(&self, points: Option<usize>) -> Self {
         let skip = points.map_or(0, |n| self.points.len().saturating_sub(n));
         Self {
             columns: COLUMNS,
@@ -54,7 +52,8 @@ impl History {
         }
     }
 
-    fn feed(&mut self, s: &Snapshot) {
+    /// Takes the newest snapshot.
+    pub fn feed(&mut self, s: &Snapshot) {
         let last_s = self.points.back().map_or(f64::NEG_INFINITY, |p| p.0);
         if s.elapsed_s < last_s {
             // The engine started again: the past belongs to another flight.
@@ -84,20 +83,6 @@ fn point(s: &Snapshot) -> Point {
         s.estimate.g_sensitivity_deg_per_h_per_g.sigma.map(|row| row.map(short)),
         [place(s.motion.lat_deg), place(s.motion.lon_deg)],
     )
-}
-
-/// Feeds the history until the server or the engine ends.
-pub(super) async fn keep(shared: Arc<Shared>) {
-    let mut snapshots = shared.state.snapshots.clone();
-    snapshots.mark_changed();
-    loop {
-        tokio::select! {
-            () = shared.shutdown.cancelled() => return,
-            changed = snapshots.changed() => if changed.is_err() { return },
-        }
-        let snapshot = Arc::clone(&snapshots.borrow_and_update());
-        shared.history.lock().unwrap_or_else(PoisonError::into_inner).feed(&snapshot);
-    }
 }
 
 #[cfg(test)]

@@ -1,8 +1,8 @@
 //! How the links of a run are doing, for the screens: rate of frames and silence over all links together. No clock.
 
 use super::status::{LinkState, LinkView};
-use crate::link::endpoint::LinkStatus;
 use crate::link::framer::FramerStats;
+use crate::link::status::LinkStatus;
 
 /// A link without a frame for this long is called silent, s.
 const SILENT_S: f64 = 3.0;

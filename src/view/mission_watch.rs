@@ -3,9 +3,9 @@
 //! Sans I/O: it follows `HEARTBEAT` (who flies) and `MISSION_CURRENT` (which item). An item that takes more than twice as long as
 //! it should is reported: a circle whose altitude is out of reach never ends, and the autopilot says nothing.
 
-use crate::engine::snapshot::MissionProgress;
+use crate::engine::snapshot::{MissionProgress, Snapshot};
 use crate::link::frame::Frame;
-use crate::mission_link::vehicle::Vehicle;
+use crate::link::vehicle::Vehicle;
 use crate::sensors::AUTOPILOT_COMPONENT;
 use gaware_mission::fence::LocalFrame;
 use gaware_mission::item::{Autopilot, Mission, MissionItem, command};
@@ -81,6 +81,14 @@ impl MissionWatch {
         let at_item_s = if flying { (t_s - self.since_s).max(0.0) } else { 0.0 };
         let stuck = self.stuck(item, at_item_s).unwrap_or_default();
         MissionProgress { flying, item, at_item_s, stuck }
+    }
+
+    /// Adds it to a snapshot, with a warning where an item does not end.
+    pub fn complete(&self, t_s: f64, snapshot: &mut Snapshot) {
+        snapshot.mission = self.progress(t_s);
+        if !snapshot.mission.stuck.is_empty() {
+            snapshot.warnings.push(snapshot.mission.stuck.clone());
+        }
     }
 
     /// The report of an item that does not end, once.
