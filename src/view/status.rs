@@ -133,7 +133,8 @@ impl VehicleView {
         Self {
             control: situation.control,
             mode: situation.mode.clone(),
-            now: if flies { format!("mission item {item}") } else { String::new() },
+            // An item that the vehicle does not report is not item 0.
+            now: if flies { situation.text.to_lowercase() } else { String::new() },
             maneuver: if flies && items > 0 { item.min(items) } else { 0 },
             maneuvers: if flies { items } else { 0 },
             ..Self::default()

@@ -81,9 +81,15 @@ class Live {
     if (ended) this.#save(ended);
   }
 
+  /** The session has the whole window, or none of it. */
+  #show(shown) {
+    at("live").hidden = !shown;
+    document.body.classList.toggle("live", shown);
+    for (const element of document.body.children) element.inert = shown && element !== at("live");
+  }
+
   #begin() {
-    at("live").hidden = false;
-    document.body.classList.add("live");
+    this.#show(true);
     say("Opening the port…");
     pilotPage().then((page) => { at("pilot").srcdoc = page; });
     this.#timer = setInterval(() => {
@@ -174,8 +180,7 @@ class Live {
     clearInterval(this.#timer);
     this.worker.end();
     live = null;
-    at("live").hidden = true;
-    document.body.classList.remove("live");
+    this.#show(false);
     at("pilot").srcdoc = "";
     if (words) trouble(`Live: ${words}`);
   }
@@ -188,6 +193,7 @@ async function pilotPage() {
 }
 
 async function connect() {
+  if (live) return;
   trouble("");
   const value = (id) => at(id).value;
   try {
