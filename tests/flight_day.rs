@@ -57,52 +57,33 @@ impl Day {
     }
 
     fn plan(&self) -> String {
-        let plan = self.folder.file("day.plan");
-        let made = done(&[
-            "plan",
-            "--airframe",
-            &self.airframe,
-            "--home",
-            HOME,
-            "--budget",
-            match (self.rotor, self.story) {
-                // So long that the station has compared the mission on board with the plan well before its end.
-                (true, Story::Return) => "240",
-                (true, _) => "120",
-                (false, _) => "280",
-            },
-            "--land",
-            "--radius",
-            "2000",
-            "--ceiling",
-            "200",
-            "--out",
-            &plan,
-        ]);
+        let budget = match (self.rotor, self.story) {
+            // So long that the station has compared the mission on board with the plan well before its end.
+            (true, Story::Return) => "240",
+            (true, _) => "120",
+            (false, _) => "280",
+        };
+        let (plan, made) = self.plan_with(&["--budget", budget]);
         assert!(made.stdout.contains("enforced by the vehicle: the geofence"), "{}", made.stdout);
         plan
     }
 
-    fn vehicle(&self) -> (Gaware, String) {
+    /// A plan that lands, with these arguments beside.
+    fn plan_with(&self, more: &[&str]) -> (String, Ended) {
+        let plan = self.folder.file("day.plan");
+        let place = ["--home", HOME, "--land", "--radius", "2000", "--ceiling", "200"];
+        let made =
+            done(&[&["plan", "--airframe", &self.airframe, "--out", &plan], &place[..], more].concat());
+        (plan, made)
+    }
+
+    /// The vehicle with this error, and these arguments beside.
+    fn vehicle(&self, hidden: &str, more: &[&str]) -> (Gaware, String) {
         let scenario = if self.rotor { "mission_multirotor" } else { "mission_fixed_wing" };
-        let mut arguments = vec![
-            "sim",
-            "--scenario",
-            scenario,
-            "--autopilot",
-            self.firmware,
-            "--listen",
-            "tcpin:127.0.0.1:0",
-            "--speed",
-            "10",
-            "--until-landed",
-            "--hide",
-            HIDDEN,
-        ];
-        if self.story == Story::GyrosDrift {
-            arguments.extend(["--hide", DRIFT]);
-        }
-        let vehicle = Gaware::start(&arguments);
+        let drift = if self.story == Story::GyrosDrift { &["--hide", DRIFT][..] } else { &[] };
+        let own = ["sim", "--scenario", scenario, "--autopilot", self.firmware];
+        let link = ["--listen", "tcpin:127.0.0.1:0", "--speed", "10", "--until-landed", "--hide", hidden];
+        let vehicle = Gaware::start(&[&own[..], &link[..], more, drift].concat());
         let address = vehicle.line();
         (vehicle, address)
     }
@@ -249,7 +230,7 @@ fn upload_after_a_flight(day: &Day, plan: &str, address: &str) {
 fn flight_day(airframe: &str, firmware: &'static str, story: Story) {
     let day = Day::new(airframe, firmware, story);
     let plan = day.plan();
-    let (vehicle, address) = day.vehicle();
+    let (vehicle, address) = day.vehicle(HIDDEN, &[]);
     let link = ["--connect", address.as_str()];
 
     let table =
@@ -348,4 +329,46 @@ fn a_flight_day_of_a_quadrotor_with_ardupilot_that_is_ordered_to_return() {
 #[test]
 fn a_flight_day_of_a_quadrotor_with_px4() {
     flight_day("quadrotor", "px4", Story::Planned);
+}
+
+/// From `plan --for` to the report of its flight: the pitot tube's error is named alone, its value holds, and its sigma is about what the plan promises.
+#[test]
+fn a_plan_for_sensors_keeps_what_it_promises() {
+    const WIND: [&str; 2] = ["--wind", "3,-2"];
+    let day = Day::new("small_fixed_wing", "ardupilot", Story::Planned);
+    let (plan, made) = day.plan_with(&[&["--for", "airspeed,barometer", "--json"], &WIND[..]].concat());
+    let made = made.json();
+    assert_eq!(made["for"], serde_json::json!(["airspeed", "barometer"]), "{made:#}");
+    let states = made["states"].as_array().unwrap();
+    let scale = states.iter().find(|s| s["name"] == "as_scale").unwrap();
+    assert_eq!(scale["reach"], "known", "{scale}");
+    let promised = scale["sigma"].as_f64().unwrap();
+
+    let (vehicle, address) = day.vehicle("airspeed_scale=20", &WIND);
+    let link = ["--connect", address.as_str()];
+    done(&[&["mission", "upload", &plan], &link[..]].concat());
+    start_mission(&address);
+    let recording = day.folder.file("day.mcap");
+    let station = Gaware::start(&[&["run", "--record", &recording, "--headless"], &link[..]].concat());
+    let landed = vehicle.ended();
+    assert_eq!(landed.code(), Some(0), "{}", landed.stderr);
+    station.terminate();
+    assert_eq!(station.ended().code(), Some(0));
+
+    let explained = done(&["explain", &recording, "--json", "--out", &day.folder.file("explained")]).json();
+    let sensors = explained["air"]["sensors"].as_array().unwrap();
+    let named =
+        |s: &Value| s["effects"].as_array().unwrap().iter().map(|e| e["names"].clone()).collect::<Vec<_>>();
+    for sensor in sensors {
+        let own = sensor["sensor"] == "Airspeed sensor 1";
+        let expected = if own { vec![serde_json::json!(["airspeed_scale"])] } else { Vec::new() };
+        assert_eq!(named(sensor), expected, "{sensor:#}");
+    }
+    assert_eq!(sensors.len(), 3, "{sensors:#?}");
+    let found = sensors.iter().flat_map(|s| s["effects"].as_array().unwrap());
+    let found = found.map(|e| &e["parameters"][0]).next().unwrap();
+    let of = |name: &str| found[name].as_f64().unwrap();
+    assert!((of("value") - 20.0).abs() < 3.0 * of("sigma"), "{found}");
+    let kept = of("sigma") / promised;
+    assert!((0.5..2.0).contains(&kept), "promised {promised}, reported {found}");
 }

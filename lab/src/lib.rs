@@ -16,6 +16,7 @@ pub mod guidance;
 pub mod honesty;
 pub mod observability;
 pub mod paper;
+pub mod planned;
 pub mod recorded;
 pub mod statistics;
 pub mod transfer;

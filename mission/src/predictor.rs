@@ -3,9 +3,13 @@
 //! Planner and guidance know only the trait [`Predictor`]; [`BoundPredictor`] is the one on the information bound of
 //! `gaware-nav`. Sigmas are predictions in the sense of the bound: no filter does better.
 
+pub mod sensors;
+
+use crate::airframe::Airframe;
 use crate::fence::LocalFrame;
 use crate::item::Home;
 use crate::kinematics::Kinematics;
+use crate::maneuver::Maneuver;
 use gaware_nav::bound::InformationBound;
 use gaware_nav::earth::{Geodetic, rotation_rate};
 use gaware_nav::filter::layout::{StateName, index};
@@ -46,6 +50,16 @@ pub trait Predictor: Clone {
 
     /// The sigmas now, of the states that a flight is planned for: without tolerances of the sensors.
     fn sigmas(&self) -> Vec<NamedSigma>;
+
+    /// Whether a sigma that stays short of its target is worth flying for.
+    fn is_short_of_use(&self) -> bool {
+        true
+    }
+
+    /// What an autopilot can fly that may change them.
+    fn maneuvers(&self, airframe: &Airframe) -> Vec<Maneuver> {
+        Maneuver::automatic(airframe)
+    }
 }
 
 /// A sample of a predicted flight as the information bound takes it: it does not depend on what is known there, so that one track serves every

@@ -433,10 +433,11 @@ impl Sensors {
         self.magnetometers.at(compass, truth, &self.model, current.unwrap_or(0.0))
     }
 
-    /// What one of the sensors of the air measures at this truth.
-    fn air(&mut self, which: usize, truth: &Truth) -> AirSample {
+    /// What one of [`AIR_SENSORS`] measures at this truth; where the air moves otherwise than the flight's own wind, in that wind.
+    pub fn air(&mut self, which: usize, truth: &Truth, wind: Option<WindTrack>) -> AirSample {
         let throttle = self.powertrain.as_ref().and_then(|p| p.now().get(Channel::Throttle));
-        self.air.at(which, truth, &self.model, &self.config.wind, throttle.unwrap_or(0.0))
+        let wind = wind.unwrap_or(self.config.wind);
+        self.air.at(which, truth, &self.model, &wind, throttle.unwrap_or(0.0))
     }
 
     /// Whether there is no fix at this time.

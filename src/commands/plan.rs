@@ -1,8 +1,9 @@
-//! `gaware plan`: excitation maneuvers for an airframe and a place, and what they will make observable.
+//! `gaware plan`: excitation maneuvers for an airframe and a place, and what they will make observable of the inertial unit, or of sensors beside it.
 
 use super::band::{self, BandError};
 use super::known::with_known;
 use super::{CommandError, demo, output};
+use crate::compass::world::WorldField;
 use crate::demo::predictor;
 use crate::figures::counted;
 use crate::mission_link::files::{self, Contents, FileError};
@@ -14,8 +15,11 @@ use gaware_mission::maneuver::Maneuver;
 use gaware_mission::planner::{
     DEFAULT_BEAM, Plan, PlanError, PlannedManeuver, PlannedState, Request, climb_out, plan, radius_that_fits,
 };
-use gaware_mission::predictor::NamedSigma;
+use gaware_mission::predictor::sensors::SensorPredictor;
+use gaware_mission::predictor::{NamedSigma, Predictor};
 use gaware_mission::safety::Limits;
+use gaware_nav::earth::Geodetic;
+use gaware_nav::identify::aids::foreseen::Planned;
 use gaware_nav::model::Model;
 use nalgebra::Vector3;
 use schemars::JsonSchema;
@@ -80,6 +84,9 @@ pub struct PlanArgs {
     /// the receiver says of them are planned with, so that the flight keeps what is promised.
     #[arg(long, value_name = "LOG")]
     pub measured: Option<PathBuf>,
+    /// Plan for sensors beside the inertial unit instead of it: maneuvers by what they make known of the errors of these.
+    #[arg(long = "for", value_name = "SENSOR", value_enum, value_delimiter = ',')]
+    pub sensors: Vec<PlannedSensor>,
     /// What is known of the unit.
     #[command(flatten)]
     pub unit: super::known::UnitFileArgs,
@@ -92,6 +99,18 @@ pub struct PlanArgs {
     /// Print one JSON document.
     #[arg(long)]
     pub json: bool,
+}
+
+/// A sensor that is planned for.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Serialize, JsonSchema, clap::ValueEnum)]
+#[serde(rename_all = "snake_case")]
+pub enum PlannedSensor {
+    /// Offsets, scale factors, motors, mounting and delay of a compass.
+    Compass,
+    /// Scale, offset and delay of a pitot tube, apart from the wind.
+    Airspeed,
+    /// Static port, propeller wash, delay and scale of a barometer.
+    Barometer,
 }
 
 /// Why there is no plan.
@@ -149,8 +168,11 @@ pub fn run(args: &PlanArgs) -> Result<(), CommandError> {
     let model = with_known(args.model.as_deref().map(super::load_model).transpose()?, known.as_ref());
     let mut request = request(args)?;
     let model = measured(args, model.unwrap_or_else(Model::standard), &mut request)?;
-    let made =
-        plan(&request, predictor(&model, &request)).map_err(|e| with_radius(args, &request, &model, e))?;
+    let made = if args.sensors.is_empty() {
+        planned(args, &request, predictor(&model, &request))?
+    } else {
+        planned(args, &request, sensor_predictor(&model, &request, &args.sensors)?)?
+    };
     if let Some(path) = &args.out {
         let a = &request.airframe;
         let contents = Contents {
@@ -170,21 +192,53 @@ pub fn run(args: &PlanArgs) -> Result<(), CommandError> {
         ));
     }
     if args.json {
-        output::json(&document(&made, &request))
+        output::json(&PlanDocument { sensors: args.sensors.clone(), ..document(&made, &request) })
     } else {
         output::words(|out| print(out, &made, &request))
     }
 }
 
-/// A refusal for want of space, with the circle that would have it.
-fn with_radius(args: &PlanArgs, request: &Request, model: &Model, source: PlanError) -> PlanCommandError {
+/// Makes the plan; a refusal for want of space comes with the circle that would have it.
+fn planned<P: Predictor>(args: &PlanArgs, request: &Request, predictor: P) -> Result<Plan, PlanCommandError> {
+    plan(request, predictor.clone()).map_err(|e| with_radius(args, request, predictor, e))
+}
+
+/// What a flight makes known of these sensors.
+///
+/// # Errors
+/// A place where the world magnetic model does not hold.
+pub fn sensor_predictor(
+    model: &Model,
+    request: &Request,
+    sensors: &[PlannedSensor],
+) -> Result<SensorPredictor, PlanCommandError> {
+    let place = request.home.place();
+    let home = Geodetic::from_degrees(place.lat_deg, place.lon_deg, f64::from(request.home.alt_m));
+    let world = WorldField::at(&home, None)
+        .ok_or_else(|| PlanCommandError::Numbers("for: no magnetic field is known at this place".into()))?;
+    let kind = |s: &PlannedSensor| match s {
+        PlannedSensor::Compass => Planned::Compass,
+        PlannedSensor::Airspeed => Planned::Airspeed,
+        PlannedSensor::Barometer => Planned::Barometer,
+    };
+    let mut own = sensors.to_vec();
+    own.sort_unstable();
+    own.dedup();
+    let planned: Vec<Planned> = own.iter().map(kind).collect();
+    let [n, e, _] = request.limits.wind_ned_m_per_s;
+    let bound = predictor(model, request);
+    Ok(SensorPredictor::new(bound, &request.airframe, &planned, [n, e], world.field_n))
+}
+
+fn with_radius(
+    args: &PlanArgs,
+    request: &Request,
+    predictor: impl Predictor,
+    source: PlanError,
+) -> PlanCommandError {
     use PlanError::{ClimbOut, HomeOutside, NoWayHome, NothingFits};
     let tight = matches!(source, ClimbOut { .. } | HomeOutside { .. } | NoWayHome(_) | NothingFits { .. });
-    let wider = if tight && args.fence.is_none() {
-        radius_that_fits(request, predictor(model, request))
-    } else {
-        None
-    };
+    let wider = if tight && args.fence.is_none() { radius_that_fits(request, predictor) } else { None };
     match wider {
         Some(radius_m) => PlanCommandError::Tight { source, radius_m },
         None => source.into(),
@@ -289,6 +343,9 @@ pub struct PlanDocument {
     pub notes: Vec<String>,
     /// What the vehicle enforces while it flies the plan, and what it does not, in words.
     pub enforcement: [String; 2],
+    /// The sensors that it is for, whose parameters are then the states; without, the inertial unit.
+    #[serde(rename = "for", skip_serializing_if = "Vec::is_empty")]
+    pub sensors: Vec<PlannedSensor>,
 }
 
 /// A maneuver of a plan.
@@ -362,6 +419,7 @@ fn document(made: &Plan, request: &Request) -> PlanDocument {
         states: made.states.clone(),
         notes: made.notes.clone(),
         enforcement: enforcement(request),
+        sensors: Vec::new(),
     }
 }
 

@@ -124,8 +124,7 @@ impl Flight {
     pub fn new(prepared: Prepared, seed: u64) -> Self {
         let settings = &prepared.settings;
         let truth = hidden_truth(&settings.drawn, seed);
-        let autopilot =
-            Autopilot::flying(settings.autopilot(seed), settings.vehicle(seed), &truth, Prepared::sensors());
+        let autopilot = prepared.autopilot(&truth, seed);
         let truth = relative_to_stamps(truth, autopilot.mean_stamp_delay_s());
         let mut guidance = GuidanceOptions::new(settings.airframe.clone(), false);
         guidance.band_m = settings.band_m;

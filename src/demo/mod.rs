@@ -13,14 +13,14 @@ pub mod series;
 use crate::sinks::status::RouteView;
 use gaware_mission::airframe::Airframe;
 use gaware_mission::fence::{Fence, FencePolygon, LocalFrame};
-use gaware_mission::item::{Autopilot, Home, LatLon, command};
+use gaware_mission::item::{Autopilot as Firmware, Home, LatLon, command};
 use gaware_mission::kinematics::{Kinematics, STEP_S};
 use gaware_mission::planner::{CLIMB_OUT_SHARE, Plan, PlanError, Request, climb_out, plan};
 use gaware_mission::predictor::{BoundPredictor, NamedSigma, Predictor, Targets};
 use gaware_mission::safety::Limits;
 use gaware_nav::earth::{Geodetic, STANDARD_GRAVITY};
 use gaware_nav::model::Model;
-use gaware_sitl::autopilot::{AutopilotConfig, Flavour};
+use gaware_sitl::autopilot::{Autopilot, AutopilotConfig, Flavour};
 use gaware_sitl::scenario;
 use gaware_sitl::sensors::draw_vehicle;
 use gaware_sitl::vehicle::VehicleConfig;
@@ -89,7 +89,8 @@ impl Settings {
         if n.hypot(e) < 0.1 { 60.0 } else { (-e).atan2(-n).to_degrees().rem_euclid(360.0) }
     }
 
-    fn request(&self) -> Request {
+    /// What there is to plan.
+    pub fn request(&self) -> Request {
         let rotor = usize::from(!self.airframe.is_fixed_wing());
         let home = self.home();
         let frame = LocalFrame::new(home.place());
@@ -151,8 +152,8 @@ impl Settings {
     fn autopilot(&self, seed: u64) -> AutopilotConfig {
         AutopilotConfig {
             flavour: match self.airframe.autopilot {
-                Autopilot::ArduPilot => Flavour::ArduPilot,
-                Autopilot::Px4 => Flavour::Px4,
+                Firmware::ArduPilot => Flavour::ArduPilot,
+                Firmware::Px4 => Flavour::Px4,
             },
             geoid_height_m: HOME.3,
             wait_for_station: false,
@@ -262,6 +263,12 @@ impl Prepared {
             attitude_sigma_deg: flown.attitude_sigma_rad().map(f64::to_degrees),
         };
         Ok(Self { settings, plan, prediction })
+    }
+
+    /// The vehicle of a seed with these sensor errors, at home.
+    pub fn autopilot(&self, truth: &Model, seed: u64) -> Autopilot {
+        let settings = &self.settings;
+        Autopilot::flying(settings.autopilot(seed), settings.vehicle(seed), truth, Self::sensors())
     }
 
     /// Whether the mission itself ends in a landing.

@@ -183,8 +183,10 @@ impl Converter {
         }
         self.count_missing(frame.sequence);
         // Ids of HEARTBEAT, SYS_STATUS, SYSTEM_TIME, GPS_RAW_INT, SCALED_IMU, RAW_IMU, ATTITUDE, SERVO_OUTPUT_RAW, VFR_HUD, HIGHRES_IMU,
-        // SCALED_IMU2 and 3, BATTERY_STATUS.
-        if !matches!(frame.message_id, 0..=2 | 24 | 26 | 27 | 30 | 36 | 74 | 105 | 116 | 129 | 147) {
+        // SCALED_IMU2 and 3, BATTERY_STATUS, SCALED_PRESSURE, 2 and 3, AIRSPEED.
+        if !matches!(frame.message_id, 0..=2 | 24 | 26 | 27 | 30 | 36 | 74 | 105 | 116 | 129 | 147)
+            && !matches!(frame.message_id, 29 | 137 | 143 | 295)
+        {
             return;
         }
         let Ok(message) = frame.decode() else {

@@ -64,6 +64,37 @@ impl Bench {
 
 const FIX: GpsFixType = GpsFixType::GPS_FIX_TYPE_3D_FIX;
 
+/// Pressures and airspeed reach the samples, each sensor with its own number.
+#[test]
+fn what_a_link_says_of_the_air_becomes_samples() {
+    use mavlink::dialects::ardupilotmega::{
+        AIRSPEED_DATA, SCALED_PRESSURE_DATA, SCALED_PRESSURE2_DATA, SCALED_PRESSURE3_DATA,
+    };
+    let mut bench = Bench::ardupilot();
+    bench.raw_imu(1000..2000);
+    let (time_boot_ms, press_abs) = (1990, 950.0);
+    let first = SCALED_PRESSURE_DATA { time_boot_ms, press_abs, ..Default::default() };
+    let second = SCALED_PRESSURE2_DATA { time_boot_ms, press_abs, ..Default::default() };
+    let third = SCALED_PRESSURE3_DATA { time_boot_ms, press_abs, ..Default::default() };
+    let pitot = AIRSPEED_DATA { airspeed: 17.0, ..Default::default() };
+    for message in [
+        MavMessage::SCALED_PRESSURE(first),
+        MavMessage::SCALED_PRESSURE2(second),
+        MavMessage::SCALED_PRESSURE3(third),
+        MavMessage::AIRSPEED(pitot),
+    ] {
+        bench.send_as(VEHICLE, message);
+    }
+    let air = bench.out.iter().filter_map(|s| match s {
+        Sample::Air(a) => Some((a.kind, a.sensor, a.value)),
+        _ => None,
+    });
+    use gaware_nav::sample::AirKind::{Airspeed, Barometer};
+    let expected =
+        [(Barometer, 0, 95_000.0), (Barometer, 1, 95_000.0), (Barometer, 2, 95_000.0), (Airspeed, 0, 17.0)];
+    assert_eq!(air.collect::<Vec<_>>(), expected);
+}
+
 #[test]
 fn the_stream_is_announced_before_its_first_sample() {
     let mut bench = Bench::ardupilot();

@@ -4,6 +4,7 @@ mod blind;
 mod closed_loop;
 mod endurance;
 mod faults;
+mod planned;
 mod print;
 mod unknown;
 
@@ -56,6 +57,8 @@ pub enum StudyKind {
     Ground(GroundStudyArgs),
     /// Logs of anybody: fixes are withheld for some seconds, and what the live filter predicts is compared with the first one after.
     Withheld(WithheldArgs),
+    /// Plan for sensors beside the inertial unit, fly it with each of their errors, and compare what was promised with what a report says.
+    Planned(planned::PlannedArgs),
     /// Faults of link, clocks and sensors in flight: what the pilot is shown, time to recover, losses, errors against sigmas.
     Faults(faults::FaultsArgs),
 }
@@ -368,6 +371,7 @@ pub fn run(args: &StudyArgs) -> Result<(), StudyError> {
         }
         StudyKind::Endurance(args) => endurance::run(args),
         StudyKind::Faults(args) => faults::run(args),
+        StudyKind::Planned(args) => planned::run(args),
         StudyKind::Guidance(args) => {
             let study = with_bar(2 * args.runs, "flights", |bar| guidance::run(args.runs, args.seed, bar))?;
             show(args.json, &study, print::guidance)

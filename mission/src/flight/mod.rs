@@ -8,7 +8,7 @@ mod wing;
 
 use crate::airframe::Airframe;
 use crate::fence::LocalFrame;
-use crate::item::{AltitudeReference, MissionItem, command};
+use crate::item::{AltitudeReference, Autopilot, MissionItem, command};
 use crate::kinematics::{Kinematics, STEP_S, fill_rates};
 use crate::maneuver::{Entry, Side};
 use nalgebra::{Vector2, Vector3};
@@ -76,6 +76,12 @@ enum Task {
         at: Vector2<f64>,
         height: Option<f64>,
     },
+    /// A multirotor stays at a waypoint for a time.
+    Stay {
+        at: Vector2<f64>,
+        height: Option<f64>,
+        seconds: f64,
+    },
     /// Straight down onto this place.
     Touchdown {
         at: Vector2<f64>,
@@ -92,7 +98,10 @@ impl Task {
     /// Height that is wanted at this place, where the task wants one.
     fn height_at(&self, p: Vector2<f64>) -> Option<f64> {
         match self {
-            Self::Line { height, .. } | Self::Circle { height, .. } | Self::Hover { height, .. } => *height,
+            Self::Line { height, .. }
+            | Self::Circle { height, .. }
+            | Self::Hover { height, .. }
+            | Self::Stay { height, .. } => *height,
             Self::Touchdown { .. } => Some(0.0),
             Self::Glide { from, to, height } => {
                 let line = to - from;
@@ -252,6 +261,13 @@ impl<'a> Flyer<'a> {
                 self.yaw = Some(f64::from(item.params[0]).to_radians());
                 return Ok(None);
             }
+            command::NAV_WAYPOINT if !self.airframe.is_fixed_wing() && item.params[0] > 0.0 => {
+                let nose = f64::from(item.params[3]);
+                if self.airframe.autopilot == Autopilot::Px4 && nose.is_finite() {
+                    self.yaw = Some(nose.to_radians());
+                }
+                Task::Stay { at, height, seconds: f64::from(item.params[0]) }
+            }
             command::NAV_WAYPOINT => Task::Line { from: self.last_point.unwrap_or(here), to: at, height },
             command::NAV_LOITER_TURNS => {
                 let (radius, side) = radius(item.params[2]);
@@ -371,6 +387,13 @@ impl Progress {
                         self.arrived_s.is_some() && (height + position_ned_m.z).abs() < LEVEL_M
                     }
                 }
+            }
+            Task::Stay { at, height, seconds } => {
+                let level = height.is_none_or(|h| (h + position_ned_m.z).abs() < LEVEL_M);
+                if level && (at - p).norm() < LEVEL_M {
+                    self.arrived_s.get_or_insert(elapsed_s);
+                }
+                self.arrived_s.is_some_and(|t| elapsed_s - t >= *seconds)
             }
             Task::Glide { from, to, .. } => (to - p).dot(&(to - from)) <= 0.0,
             Task::Touchdown { at } => (p - at).norm() < 3.0 && position_ned_m.z > -TOUCHED_M,

@@ -19,7 +19,9 @@ pub(super) fn steer(
     let p = s.position_ned_m.xy();
     let (horizontal, nose) = match task {
         Task::Line { to, .. } | Task::Glide { to, .. } => toward(p, *to, airframe, speed),
-        Task::Hover { at, .. } | Task::Touchdown { at } => toward(p, *at, airframe, speed),
+        Task::Hover { at, .. } | Task::Stay { at, .. } | Task::Touchdown { at } => {
+            toward(p, *at, airframe, speed)
+        }
         Task::Circle { center, radius, side, .. } => {
             around(p, *center, *radius, side.sign(), airframe, speed)
         }

@@ -28,7 +28,7 @@ pub(super) fn steer(
     let (wanted, curve) = match task {
         Task::Line { from, to, .. } | Task::Glide { from, to, .. } => line(p, *from, *to, ground, airframe),
         Task::Circle { center, radius, side, .. } => circle(p, *center, *radius, side.sign(), ground),
-        Task::Hover { at, .. } | Task::Touchdown { at } => {
+        Task::Hover { at, .. } | Task::Stay { at, .. } | Task::Touchdown { at } => {
             circle(p, *at, airframe.turn_radius_min_m, 1.0, ground)
         }
     };

@@ -18,6 +18,12 @@ const LEAST_CLIMB_M: f64 = 10.0;
 /// Change of height in a pull-up, in seconds of climb.
 const PULL_UP_S: f64 = 5.0;
 
+/// Rate of a nose that turns in hover, deg/s, and the time in which it settles, s.
+const YAW_DEG_PER_S: f64 = 30.0;
+const YAW_SETTLES_S: f64 = 2.0;
+/// Hover between two changes of height, s.
+const HOVER_S: f64 = 3.0;
+
 /// Waypoints in a ring.
 const RING: u32 = 10;
 
@@ -217,6 +223,54 @@ impl Builder<'_> {
         Ok(())
     }
 
+    /// Figures of eight with bank in reserve, slow and fast.
+    fn two_speed_circles(&mut self) -> Result<(), NoSpace> {
+        let a = self.airframe;
+        for speed in [self.slow(), a.speed_max_m_per_s] {
+            let radius = self.fits(2.0, a.planned_radius_m(speed + self.place.wind_m_per_s))?;
+            self.speed(speed);
+            self.circles(radius, 0.0, Side::Right, radius, 1.0);
+            self.circles(-radius, 0.0, Side::Left, radius, 1.0);
+        }
+        self.speed(a.speed_cruise_m_per_s);
+        Ok(())
+    }
+
+    /// A multirotor stays over the centre at this height, with its nose there where that is given, deg.
+    fn stay(&mut self, height_m: f64, seconds: f64, nose_deg: Option<f64>) {
+        let ardupilot = self.airframe.autopilot == Autopilot::ArduPilot;
+        if let Some(nose) = nose_deg.filter(|_| ardupilot) {
+            let params = [nose as f32, YAW_DEG_PER_S as f32, 0.0, 0.0];
+            self.items.push(MissionItem::action(command::CONDITION_YAW, params));
+        }
+        self.waypoint(0.0, 0.0, height_m);
+        if let Some(last) = self.items.last_mut() {
+            last.params[0] = seconds.ceil() as f32;
+            if let Some(nose) = nose_deg.filter(|_| !ardupilot) {
+                // PX4 takes the heading from the waypoint.
+                last.params[3] = nose as f32;
+            }
+        }
+    }
+
+    fn yaw_turns(&mut self) {
+        let first = self.place.heading_rad.to_degrees();
+        for quarter in [0.0, 1.0, 2.0, 3.0, 4.0, 3.0, 2.0, 1.0, 0.0] {
+            let nose = (first + 90.0 * quarter).rem_euclid(360.0);
+            self.stay(self.place.height_m, 90.0 / YAW_DEG_PER_S + YAW_SETTLES_S, Some(nose));
+        }
+    }
+
+    fn hover_steps(&mut self) -> Result<(), NoSpace> {
+        let change = PULL_UP_S * self.airframe.climb_max_m_per_s.min(self.airframe.descent_max_m_per_s);
+        let [low, high] = self.heights(change.max(LEAST_CLIMB_M))?;
+        for height in [low, high, low, high, low] {
+            self.stay(height, HOVER_S, None);
+        }
+        self.waypoint(0.0, 0.0, self.place.height_m);
+        Ok(())
+    }
+
     fn crab_legs(&mut self) -> Result<(), NoSpace> {
         let half = self.half_run()?;
         let height = self.place.height_m;
@@ -283,6 +337,12 @@ pub(super) fn build(
             b.climb(true)?;
             b.speed(airframe.speed_cruise_m_per_s);
         }
+        Maneuver::TwoSpeedCircles => b.two_speed_circles()?,
+        Maneuver::YawTurns | Maneuver::HoverSteps if airframe.is_fixed_wing() => {
+            return Err(NoSpace::NotFlown("a fixed wing does not hover"));
+        }
+        Maneuver::YawTurns => b.yaw_turns(),
+        Maneuver::HoverSteps => b.hover_steps()?,
         Maneuver::CrabLegs if !airframe.is_fixed_wing() => b.crab_legs()?,
         Maneuver::CrabLegs => return Err(NoSpace::NotFlown("crab legs are for multirotors")),
         Maneuver::Sideslip => {

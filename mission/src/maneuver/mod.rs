@@ -60,6 +60,12 @@ pub enum Maneuver {
     CrabLegs,
     /// Fixed wing: wings level, rudder left then right: column y of G. Autopilots do not fly it.
     Sideslip,
+    /// Gentle circles both ways, slow and then fast: wind apart from the scale of an airspeed, a port in the flow, a compass on all headings.
+    TwoSpeedCircles,
+    /// Multirotor: a full turn of the nose in hover, right and then left: a compass apart from the motors.
+    YawTurns,
+    /// Multirotor: straight up and down in hover: throttle apart from the flow.
+    HoverSteps,
 }
 
 impl Maneuver {
@@ -84,9 +90,24 @@ impl Maneuver {
         all
     }
 
+    /// Those that show the sensors beside the inertial unit, flown by the autopilot.
+    pub fn for_sensors(airframe: &Airframe) -> Vec<Self> {
+        let mut all = Self::automatic(airframe);
+        all.push(Self::TwoSpeedCircles);
+        if !airframe.is_fixed_wing() {
+            all.extend([Self::YawTurns, Self::HoverSteps]);
+        }
+        all
+    }
+
     /// Those that the autopilot can fly.
     pub fn automatic(airframe: &Airframe) -> Vec<Self> {
         Self::all(airframe).into_iter().filter(|m| !m.is_manual_only()).collect()
+    }
+
+    /// Whether the heading of its placement changes nothing.
+    pub fn is_symmetric(self) -> bool {
+        matches!(self, Self::SteadyTurn(_) | Self::YawTurns | Self::HoverSteps)
     }
 
     /// The side to which it turns, where it turns to one side only.

@@ -21,6 +21,43 @@ const SLIP_S: f64 = 6.0;
 /// Sideslip with full rudder, rad.
 const SLIP_RAD: f64 = 0.2;
 
+/// A full turn of the nose in hover, s.
+const YAW_TURN_S: f64 = 20.0;
+/// Straight up or down in hover, s.
+const HOVER_STEP_S: f64 = 8.0;
+/// Share of the steep bank in gentle circles.
+const GENTLE: f64 = 0.6;
+
+/// Slow and fast, m/s.
+fn two_speeds(airframe: &Airframe) -> [f64; 2] {
+    let slow = airframe.planned_min_m_per_s().max(0.25 * airframe.speed_cruise_m_per_s);
+    [slow, airframe.speed_max_m_per_s]
+}
+
+/// Time of a gentle circle at this speed, s.
+fn gentle_circle_s(airframe: &Airframe, speed: f64) -> f64 {
+    if airframe.is_fixed_wing() {
+        TAU * airframe.turn_radius_m(speed, GENTLE * airframe.steep_bank_rad()) / speed + SETTLE_S
+    } else {
+        TAU * speed / rotor_turn_m_per_s2(airframe) + SETTLE_S
+    }
+}
+
+/// Which of the gentle circles is flown at a time: side, speed, and time since its begin.
+fn gentle_circle(airframe: &Airframe, t_s: f64) -> (Side, f64, f64) {
+    let mut since_s = t_s;
+    for speed in two_speeds(airframe) {
+        let round_s = gentle_circle_s(airframe, speed);
+        for side in [Side::Right, Side::Left] {
+            if since_s < round_s {
+                return (side, speed, since_s);
+            }
+            since_s -= round_s;
+        }
+    }
+    (Side::Left, airframe.speed_max_m_per_s, since_s)
+}
+
 /// Time of one circle, s.
 fn circle_s(airframe: &Airframe) -> f64 {
     if airframe.is_fixed_wing() {
@@ -47,6 +84,11 @@ pub(super) fn duration_s(maneuver: Maneuver, airframe: &Airframe) -> f64 {
         Maneuver::PaperSequence => 60.0,
         Maneuver::CrabLegs => 8.0 * CRAB_LEG_S,
         Maneuver::Sideslip => 2.0 * SLIP_S + SETTLE_S,
+        Maneuver::TwoSpeedCircles => {
+            2.0 * two_speeds(airframe).map(|v| gentle_circle_s(airframe, v)).iter().sum::<f64>()
+        }
+        Maneuver::YawTurns => 2.0 * YAW_TURN_S,
+        Maneuver::HoverSteps => 4.0 * HOVER_STEP_S,
     }
 }
 
@@ -128,6 +170,13 @@ pub(super) fn wing_command(maneuver: Maneuver, airframe: &Airframe, t: f64) -> W
             t if t < 45.0 => command.airspeed_m_per_s = slow,
             _ => command.climb_rad = climb,
         },
+        Maneuver::TwoSpeedCircles => {
+            let (side, speed, since_s) = gentle_circle(airframe, t);
+            command.airspeed_m_per_s = speed;
+            if since_s < gentle_circle_s(airframe, speed) - SETTLE_S {
+                command.bank_rad = side.sign() * GENTLE * airframe.steep_bank_rad();
+            }
+        }
         Maneuver::Sideslip if t < 2.0 * SLIP_S => {
             let slip = if t < SLIP_S { SLIP_RAD } else { -SLIP_RAD };
             command.sideslip_rad = slip;
@@ -163,6 +212,16 @@ fn rotor_command(maneuver: Maneuver, airframe: &Airframe, yaw: f64, t: f64) -> R
             t if t < 45.0 => hold(Vector3::zeros()),
             _ => hold(vertical(up)),
         },
+        Maneuver::TwoSpeedCircles => {
+            let (side, speed, since_s) = gentle_circle(airframe, t);
+            let angle = yaw + side.sign() * rotor_turn_m_per_s2(airframe) / speed * since_s;
+            RotorCommand { velocity_ned_m_per_s: toward(angle, speed), yaw_rad: angle }
+        }
+        Maneuver::YawTurns => {
+            let turned = if t < YAW_TURN_S { t } else { 2.0 * YAW_TURN_S - t };
+            RotorCommand { yaw_rad: yaw + TAU * turned / YAW_TURN_S, ..hold(Vector3::zeros()) }
+        }
+        Maneuver::HoverSteps => hold(vertical(if even_half(t, HOVER_STEP_S) { up } else { -down })),
         Maneuver::CrabLegs => {
             // Out and back along 0, 90, 45 and 135 degrees from the nose.
             let leg = (t / CRAB_LEG_S) as usize;

@@ -19,7 +19,7 @@ fn spread(samples: &[Kinematics], axis: usize) -> f64 {
 #[test]
 fn instructions_fit_into_a_status_text() {
     for airframe in airframes() {
-        for maneuver in Maneuver::all(&airframe) {
+        for maneuver in Maneuver::all(&airframe).into_iter().chain(Maneuver::for_sensors(&airframe)) {
             let words = maneuver.words(&airframe);
             assert!(
                 words.short.len() <= 50 && words.short.is_ascii(),
@@ -35,7 +35,7 @@ fn instructions_fit_into_a_status_text() {
 #[test]
 fn every_maneuver_is_finite_and_lasts_as_long_as_it_says() {
     for airframe in airframes() {
-        for maneuver in Maneuver::all(&airframe) {
+        for maneuver in Maneuver::all(&airframe).into_iter().chain(Maneuver::for_sensors(&airframe)) {
             let samples = flown(&airframe, maneuver);
             let last = samples[samples.len() - 1];
             assert!((last.t_s - maneuver.duration_s(&airframe)).abs() < 0.1, "{maneuver:?}");
@@ -93,7 +93,7 @@ fn place(space_m: f64) -> Placement {
 fn items_stay_within_room_band_and_speed_limits() {
     for airframe in airframes() {
         let place = place(600.0);
-        for maneuver in Maneuver::automatic(&airframe) {
+        for maneuver in Maneuver::for_sensors(&airframe) {
             let items = maneuver.items(&airframe, &place).unwrap_or_else(|e| panic!("{maneuver:?}: {e}"));
             for item in &items {
                 if let Some(at) = item.place() {
@@ -134,7 +134,7 @@ fn px4_gets_only_commands_that_its_missions_know() {
     ];
     for mut airframe in airframes() {
         airframe.autopilot = crate::item::Autopilot::Px4;
-        for maneuver in Maneuver::automatic(&airframe) {
+        for maneuver in Maneuver::for_sensors(&airframe) {
             let items = maneuver.items(&airframe, &place(900.0)).expect("space enough");
             assert!(items.iter().all(|i| known.contains(&i.command)), "{maneuver:?}");
         }

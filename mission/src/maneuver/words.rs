@@ -42,6 +42,9 @@ fn purpose(maneuver: Maneuver) -> &'static str {
         Maneuver::PaperSequence => "attitude, biases and the diagonal of G",
         Maneuver::CrabLegs => "columns x and y of G",
         Maneuver::Sideslip => "column y of G, unobservable in coordinated flight",
+        Maneuver::TwoSpeedCircles => "wind, scale of the airspeed, static port, compass on all headings",
+        Maneuver::YawTurns => "compass on all headings without flow",
+        Maneuver::HoverSteps => "propeller wash and motor current without flow",
     }
 }
 
@@ -92,7 +95,13 @@ fn wing(maneuver: Maneuver, airframe: &Airframe, seconds: f64) -> (String, Strin
                  y column of G; autopilots do not fly this."
             ),
         ),
-        Maneuver::CrabLegs => ("Not for fixed wings".to_owned(), "Crab legs are for multirotors.".to_owned()),
+        Maneuver::TwoSpeedCircles => (
+            format!("Circle right, left: slow, then fast, {seconds} s"),
+            format!("One gentle circle right and one left, slow, and both again fast, {seconds} s."),
+        ),
+        Maneuver::CrabLegs | Maneuver::YawTurns | Maneuver::HoverSteps => {
+            ("Not for fixed wings".to_owned(), "This is for multirotors.".to_owned())
+        }
     }
 }
 
@@ -134,6 +143,20 @@ fn rotor(maneuver: Maneuver, airframe: &Airframe, seconds: f64) -> (String, Stri
             format!(
                 "Hold the nose and dash forward, back, right, left and diagonally at {speed} m/s, {seconds} s."
             ),
+        ),
+        Maneuver::TwoSpeedCircles => (
+            format!("Circle right, left: slow, then fast, {seconds} s"),
+            format!(
+                "One circle right and one left, nose along the path, slow, and both again fast, {seconds} s."
+            ),
+        ),
+        Maneuver::YawTurns => (
+            format!("Hover: turn right 360 deg, then left, {seconds} s"),
+            format!("Hover, turn the nose right through a full turn, then left, {seconds} s."),
+        ),
+        Maneuver::HoverSteps => (
+            format!("Hover: straight up, straight down, twice, {seconds} s"),
+            format!("Hover over one place: full climb, full descent, twice, {seconds} s."),
         ),
         Maneuver::Sideslip | Maneuver::Spiral(_) => {
             ("Not for multirotors".to_owned(), "Fly crab legs instead.".to_owned())

@@ -263,8 +263,8 @@ impl<'a> Search<'a> {
         reasons: &mut Vec<(Maneuver, Rejection)>,
     ) -> Vec<Node<'a, P>> {
         let mut found = Vec::new();
-        let automatic = Maneuver::automatic(&self.request.airframe).into_iter();
-        for maneuver in automatic.filter(|m| keeps_balance(*m, &node.maneuvers)) {
+        let all = node.predictor.maneuvers(&self.request.airframe).into_iter();
+        for maneuver in all.filter(|m| keeps_balance(*m, &node.maneuvers)) {
             let mut reason = None;
             let before = found.len();
             for place in &self.placements {
@@ -272,9 +272,8 @@ impl<'a> Search<'a> {
                     Ok(next) => found.push(next),
                     Err(e) => reason = Some((maneuver, e)),
                 }
-                let symmetric = matches!(maneuver, Maneuver::SteadyTurn(_));
                 // One heading is enough where it changes nothing; where one fits, a second is variety enough.
-                if symmetric || found.len() >= before + 2 {
+                if maneuver.is_symmetric() || found.len() >= before + 2 {
                     break;
                 }
             }
@@ -396,7 +395,7 @@ impl<'a> Search<'a> {
             |k: usize, now: f64| node.before.get(k).is_some_and(|before| now < (1.0 - WORTH_FLYING) * before);
         sigmas.iter().zip(reach).enumerate().all(|(k, (s, r))| match r {
             Reach::Known => s.ratio() <= PROMISED_SHARE,
-            Reach::Short => !better(k, s.sigma),
+            Reach::Short => !node.predictor.is_short_of_use() || !better(k, s.sigma),
             Reach::Unobservable => true,
         })
     }
@@ -408,10 +407,15 @@ impl<'a> Search<'a> {
         let unobservable = names(&|s| s.reach == Reach::Unobservable);
         let short = names(&|s| s.reach == Reach::Short);
         let unfinished = names(&|s| s.reach == Reach::Known && !s.known());
+        let of_g = |s: &PlannedState| s.name.starts_with('g') && s.name[1..].parse::<u8>().is_ok();
         let mut notes = Vec::new();
         if !unobservable.is_empty() {
             let wing = self.request.airframe.is_fixed_wing();
-            let remedy = if wing { "; a pilot must fly sideslips for column y of G" } else { "" };
+            let remedy = if wing && states.iter().any(of_g) {
+                "; a pilot must fly sideslips for column y of G"
+            } else {
+                ""
+            };
             notes.push(format!("unobservable with maneuvers of the autopilot: {unobservable}{remedy}"));
         }
         if !short.is_empty() {
@@ -420,7 +424,6 @@ impl<'a> Search<'a> {
                 "excited, but too weakly to reach the target within {minutes:.0} min of any maneuver: {short}"
             ));
         }
-        let of_g = |s: &PlannedState| s.name.starts_with('g') && s.name[1..].parse::<u8>().is_ok();
         let by_hand = names(&|s| of_g(s) && !s.known());
         if !by_hand.is_empty() {
             notes.push(format!(

@@ -2,6 +2,7 @@
 
 use super::mission::Cursor;
 use super::{Autopilot, Flavour, feasibility};
+use crate::air::WindTrack;
 use crate::scenario::Airframe;
 use crate::truth::{Trajectory, Truth};
 use crate::vehicle::{Mode, PilotEvent, Vehicle};
@@ -27,6 +28,13 @@ impl Body {
             Self::Analytic(trajectory, _) => trajectory.truth_at(t_s),
             Self::Vehicle(vehicle) => vehicle.truth_at(t_s),
         }
+    }
+
+    /// The wind at this truth, where it is not that of the sensors.
+    pub(super) fn wind(&self, truth: &Truth) -> Option<WindTrack> {
+        let Self::Vehicle(vehicle) = self else { return None };
+        let air = vehicle.air_velocity(truth);
+        Some(WindTrack { mean_n_e: [air.x, air.y], gusts: (0.0, 1.0), ..WindTrack::default() })
     }
 
     pub(super) fn duration_s(&self) -> f64 {

@@ -3,9 +3,10 @@
 use super::{Autopilot, Flavour};
 use crate::scenario::Airframe;
 use gaware_nav::earth::{Geodetic, STANDARD_GRAVITY};
+use gaware_nav::effects::SEA_LEVEL_DENSITY;
 use gaware_nav::operating::Channel;
 use gaware_nav::rotation::euler_from_c_nb;
-use gaware_nav::sample::{FixVelocity, GnssFix, ImuSample};
+use gaware_nav::sample::{AirSample, FixVelocity, GnssFix, ImuSample};
 use mavlink::MessageData;
 use mavlink::dialects::ardupilotmega::*;
 use nalgebra::{Rotation3, UnitQuaternion, Vector3};
@@ -44,6 +45,10 @@ impl LowPass {
 
 /// Compasses are read this often, s (ArduPilot's `compass.read` at 10 Hz and more).
 const COMPASS_S: f64 = 0.05;
+/// Pa per hPa.
+const HPA: f64 = 100.0;
+/// Which of the sensors of the air is the pitot tube.
+const AIRSPEED_SENSOR: usize = 2;
 /// T per mG and per G.
 const TESLA: (f64, f64) = (1e-7, 1e-4);
 
@@ -79,6 +84,18 @@ impl Autopilot {
             SYS_STATUS_DATA::ID => self.sys_status(),
             SERVO_OUTPUT_RAW_DATA::ID => self.outputs(),
             SIM_STATE_DATA::ID => self.sim_state(),
+            SCALED_PRESSURE_DATA::ID => MavMessage::SCALED_PRESSURE(self.pressure(0, boot_ms)),
+            SCALED_PRESSURE2_DATA::ID => {
+                let SCALED_PRESSURE_DATA { time_boot_ms, press_abs, temperature, .. } =
+                    self.pressure(1, boot_ms);
+                let own =
+                    SCALED_PRESSURE2_DATA { time_boot_ms, press_abs, temperature, ..Default::default() };
+                MavMessage::SCALED_PRESSURE2(own)
+            }
+            AIRSPEED_DATA::ID => MavMessage::AIRSPEED(AIRSPEED_DATA {
+                airspeed: self.sample_air(AIRSPEED_SENSOR).value as f32,
+                ..Default::default()
+            }),
             MISSION_CURRENT_DATA::ID => self.mission_current(),
             EKF_STATUS_REPORT_DATA::ID | ESTIMATOR_STATUS_DATA::ID => return self.filter_status(),
             _ => return None,
@@ -135,6 +152,24 @@ impl Autopilot {
         self.field.1
     }
 
+    /// One of the sensors of the air, now.
+    fn sample_air(&mut self, which: usize) -> AirSample {
+        let truth = self.truth_at(self.now_s);
+        let wind = self.body.wind(&truth);
+        self.sensors.air(which, &truth, wind)
+    }
+
+    fn pressure(&mut self, which: usize, time_boot_ms: u32) -> SCALED_PRESSURE_DATA {
+        let s = self.sample_air(which);
+        let temperature = s.temperature_degc.map_or(0, |t| (t * 100.0) as i16);
+        SCALED_PRESSURE_DATA {
+            time_boot_ms,
+            press_abs: (s.value / HPA) as f32,
+            temperature,
+            ..Default::default()
+        }
+    }
+
     /// Hundredths of a degree; 0 means unknown.
     fn temperature_cdegc(sample: &ImuSample) -> i16 {
         sample.temperature_degc.map_or(0, |t| (t * 100.0) as i16)
@@ -185,7 +220,16 @@ impl Autopilot {
             Flavour::Px4 => TESLA.1,
         };
         let field = field / gauss;
+        // PX4 has the airspeed here (`HIGHRES_IMU.hpp`: `diff_pressure`).
+        let has_airspeed = self.config.flavour == Flavour::Px4 && self.has_airspeed();
+        let speed = if has_airspeed { self.sample_air(AIRSPEED_SENSOR).value } else { 0.0 };
+        let fields_updated = if has_airspeed {
+            fields_updated | HighresImuUpdatedFlags::from_bits_truncate(0x400)
+        } else {
+            fields_updated
+        };
         MavMessage::HIGHRES_IMU(HIGHRES_IMU_DATA {
+            diff_pressure: (0.5 * SEA_LEVEL_DENSITY * speed * speed / HPA) as f32,
             time_usec: self.imu_stamp_us(),
             xacc: s.accel.x as f32,
             yacc: s.accel.y as f32,

@@ -119,6 +119,18 @@ pub struct Outgoing {
     pub bytes: Vec<u8>,
 }
 
+/// Whether sensors beside the inertial unit have errors: then all of them are sent, with what drives these.
+fn has_air_or_field(model: &Model) -> bool {
+    model.effects.iter().any(|s| s.effect.on_air().is_some() || s.effect.on_field().is_some())
+}
+
+/// What an autopilot sends of barometers and airspeed; PX4 has the latter in `HIGHRES_IMU`.
+fn air_messages(flavour: Flavour, airframe: Airframe) -> &'static [u32] {
+    const ALL: [u32; 3] = [SCALED_PRESSURE_DATA::ID, SCALED_PRESSURE2_DATA::ID, AIRSPEED_DATA::ID];
+    let has_airspeed = flavour == Flavour::ArduPilot && airframe == Airframe::FixedWing;
+    if has_airspeed { &ALL } else { &ALL[..2] }
+}
+
 /// The flight begins this long after the station's first request, so that it can make all of them, s.
 const RELEASE_AFTER_S: f64 = 1.0;
 
@@ -216,10 +228,12 @@ impl Autopilot {
         };
         let sensors = SensorConfig { time_jitter_s: 0.0, carrier: Some(carrier), ..sensors };
         let (flavour, airframe) = (config.flavour, config.airframe);
+        let senses = has_air_or_field(model);
         let streams = Streams::new(config.flavour, config.loop_rate_hz, config.has_highres_imu, 0.0)
             .with_sim_state(config.has_sim_state)
             .with_filter_status(config.navigates, 0.0)
-            .with_reports(model.effects.iter().any(|s| s.effect.needs_conditions()), 0.0);
+            .with_reports(model.effects.iter().any(|s| s.effect.needs_conditions()) || senses, 0.0)
+            .with_air(if senses { air_messages(flavour, airframe) } else { &[] }, 0.0);
         let filter = config.filter_hz.map(|hz| {
             let one = messages::LowPass::new(hz, config.loop_rate_hz);
             [one.clone(), one]
@@ -282,6 +296,11 @@ impl Autopilot {
         let by_hand = scenario.by_hand;
         let config = AutopilotConfig { airframe: scenario.airframe, by_hand, ..config };
         Self::new(config, scenario.trajectory(), &scenario.model, scenario.sensors.clone())
+    }
+
+    /// Whether it has a pitot tube that is sent.
+    fn has_airspeed(&self) -> bool {
+        self.config.airframe == Airframe::FixedWing && has_air_or_field(self.sensors.model())
     }
 
     /// Virtual time since the start, s.

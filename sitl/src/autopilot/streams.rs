@@ -9,6 +9,8 @@ use std::collections::BTreeMap;
 pub const SLOW_DOWN: f64 = 4.0;
 /// Rate at which the status of the navigation filter is sent unasked, Hz.
 const FILTER_STATUS_HZ: f64 = 1.0;
+/// Rate of pressures and airspeed, Hz.
+const AIR_HZ: f64 = 10.0;
 /// Slack when due times are compared with loop times, s.
 const SLACK_S: f64 = 1e-7;
 
@@ -101,6 +103,13 @@ impl Streams {
             }
         }
         streams
+    }
+
+    /// The same table, with what its barometers and its pitot tube measure sent unasked.
+    #[must_use]
+    pub fn with_air(mut self, sensors: &[u32], now_s: f64) -> Self {
+        sensors.iter().for_each(|id| self.put(*id, 1.0 / AIR_HZ, now_s));
+        self
     }
 
     fn filter_status(&self) -> u32 {

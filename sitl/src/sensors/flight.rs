@@ -89,7 +89,7 @@ impl Iterator for Flight {
                 let which = (self.air % sensors) as usize;
                 self.air += 1;
                 let truth = self.trajectory.truth_at(air);
-                return Some((Sample::Air(self.sensors.air(which, &truth)), truth));
+                return Some((Sample::Air(self.sensors.air(which, &truth, None)), truth));
             }
             if operating < imu.min(fix).min(attitude) {
                 self.operating += 1;

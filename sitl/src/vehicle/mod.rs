@@ -229,6 +229,11 @@ impl Vehicle {
         self.stick = stick;
     }
 
+    /// Velocity of the air at this truth, gusts included, north, east, down, m/s.
+    pub fn air_velocity(&self, truth: &Truth) -> Vector3<f64> {
+        self.wind.at(truth.t_s, truth.place.height_m, -truth.v_n.z).0
+    }
+
     /// The sequence number being flown.
     pub fn current(&self) -> usize {
         self.pilot.current()

@@ -183,6 +183,17 @@ impl About<'_> {
         variance
     }
 
+    /// Values and 1-sigma of an effect that is one of those named; nothing where there is no fit.
+    fn values_of(&self, named: &[usize], e: usize) -> Vec<(f64, f64)> {
+        let Some(found) = self.fitted(&self.all, &self.widths.only(named)) else { return Vec::new() };
+        let by_tolerances = self.by_tolerances(&found, named);
+        let own = |i: usize| found.columns[i].checked_sub(self.prior.len()).map(|k| self.widths.effect[k]);
+        let own = (0..found.columns.len()).filter(|i| own(*i) == Some(e));
+        let one =
+            |i: usize| (found.fit.step[i], (found.fit.covariance[(i, i)].max(0.0) + by_tolerances[i]).sqrt());
+        own.map(one).take(self.widths.catalogue[e].len()).collect()
+    }
+
     /// 1-sigma of the sensor's first parameter with its effect open beside those named.
     fn first_sigma(&self, named: &[usize]) -> f64 {
         let open: Vec<usize> = named.iter().copied().chain([0]).collect();
@@ -250,6 +261,20 @@ pub(in crate::identify) fn step(
     let every: Vec<usize> = (0..widths.catalogue.len()).collect();
     let found = about.own_values(&about.all, &every);
     Some(found.iter().zip(values).map(|(new, old)| new - old).collect())
+}
+
+/// 1-sigma of each parameter as it would be reported where its effect alone were named; nothing of effects that are not there. `prior`: that of the parameters
+/// before those of the sensor.
+pub(in crate::identify) fn sigmas_alone(
+    information: Information,
+    prior: &[(f64, f64)],
+    widths: &Widths,
+) -> Vec<(usize, f64)> {
+    let (fit, held_out) = (information.clone(), information.clone());
+    let about = About { prior, widths, fit, held_out, all: information, correlated: 1.0 };
+    let is_there = |e: &usize| (0..widths.own).any(|k| widths.effect[k] == *e && widths.wide[k] > 0.0);
+    let of_one = |e: usize| about.values_of(&[e], e).into_iter().map(move |(_, sigma)| (e, sigma));
+    (0..widths.catalogue.len()).filter(is_there).flat_map(of_one).collect()
 }
 
 /// By how much blocks of the flight scatter more than white noise would: the median ratio of the sandwich estimate to the curvature
@@ -353,19 +378,11 @@ pub(in crate::identify) fn choose(
 }
 
 fn finding(about: &About<'_>, named: &[usize], e: usize, evidence: f64) -> Finding {
-    let before = about.prior.len();
     let catalogue = about.widths.catalogue;
     let mut setting = EffectSetting::unknown(catalogue[e]);
-    if let Some(found) = about.fitted(&about.all, &about.widths.only(named)) {
-        let by_tolerances = about.by_tolerances(&found, named);
-        let first = about.widths.effect.iter().position(|own| *own == e).unwrap_or_default();
-        for p in 0..setting.effect.len() {
-            if let Some(i) = found.columns.iter().position(|k| *k == before + first + p) {
-                setting.values[p] = found.fit.step[i];
-                let variance = found.fit.covariance[(i, i)].max(0.0) + by_tolerances[i];
-                setting.sigmas[p] = variance.sqrt().hypot(KNOWN_TO * setting.values[p]);
-            }
-        }
+    for (p, (value, sigma)) in about.values_of(named, e).into_iter().enumerate() {
+        setting.values[p] = value;
+        setting.sigmas[p] = sigma.hypot(KNOWN_TO * value);
     }
     let others_named: Vec<usize> = named.iter().copied().filter(|o| *o != e).collect();
     let own = about.evidence(&others_named, Some(e));

@@ -5,6 +5,7 @@
 //! are never named.
 
 pub(super) mod choose;
+pub mod foreseen;
 pub(super) mod series;
 pub(super) mod settled;
 

@@ -85,6 +85,15 @@ pub(in crate::identify) struct Figures {
     pub(in crate::identify) smooth: &'static [bool],
 }
 
+impl Figures {
+    /// The noise before there is a flight.
+    pub(in crate::identify) fn before(&self, known: Known) -> Noise {
+        let [sigma, walk, size, memory_s] = self.usual.map(|u| u.0);
+        let Known { given, start } = known;
+        Noise { sigma, walk, bounded: (size, memory_s), smooth: false, given, start }
+    }
+}
+
 /// Prior sigmas of the parameters, and the values about which the rows are linearised.
 #[derive(Debug, Clone, Copy)]
 pub(in crate::identify) struct Prior<'p> {
@@ -101,22 +110,23 @@ pub(in crate::identify) struct Pass {
 }
 
 /// The states before and after a row, and how they come from the row before.
-struct Step {
+pub(in crate::identify) struct Step {
     transition: Square,
     predicted: (States, Square),
     filtered: (States, Square),
 }
 
 /// A filter of the states.
-struct Walker<'n> {
-    noise: &'n Noise,
+#[derive(Debug, Clone)]
+struct Walker {
+    noise: Noise,
     last_s: f64,
     x: States,
     p: Square,
 }
 
-impl<'n> Walker<'n> {
-    fn new(noise: &'n Noise, start_s: f64) -> Self {
+impl Walker {
+    fn new(noise: Noise, start_s: f64) -> Self {
         let variances =
             noise.stationary() + States::from([noise.start, noise.start, 0.0, 0.0, 0.0]).map(|s| s * s);
         Self { noise, last_s: start_s, x: States::zeros(), p: Square::from_diagonal(&variances) }
@@ -195,32 +205,54 @@ fn gone_through<'r>(
 ) -> Pass {
     let mut rows = rows.peekable();
     let (columns, start_s) = rows.peek().map_or((0, 0.0), |r| (r.columns.len(), r.elapsed_s));
-    let mut walker = Walker::new(noise, start_s);
-    let mut by = vec![States::zeros(); columns];
+    let mut running = Running::new(*noise, columns, start_s);
     let mut out = Pass { blocks: Vec::new(), log_likelihood: 0.0, steps: Vec::new() };
-    let mut slope = vec![0.0; columns];
     for row in rows {
-        let transition = walker.predict(row.elapsed_s);
-        by.iter_mut().for_each(|b| *b = transition * *b);
-        let predicted = (walker.x, walker.p);
-        let (y, s, gain) = walker.innovation(row);
-        slope.iter_mut().zip(&row.columns).zip(&by).for_each(|((o, c), b)| *o = c + row.by_state.dot(b));
         let block = (row.elapsed_s / block_s) as usize;
         while out.blocks.len() <= block {
             out.blocks.push(Information::zeros(columns));
         }
-        if row.elapsed_s >= SETTLE_S {
-            out.blocks[block].take(&slope, y, 1.0 / s);
-            out.log_likelihood -= 0.5 * (s.ln() + y * y / s);
-        }
-        walker.update(y, s, &gain);
-        by.iter_mut().zip(&slope).for_each(|(b, o)| *b -= gain * *o);
+        let (step, log_likelihood) = running.take(row, &mut out.blocks[block]);
+        out.log_likelihood += log_likelihood;
         if with_steps {
-            out.steps.push(Step { transition, predicted, filtered: (walker.x, walker.p) });
+            out.steps.push(step);
         }
     }
     out.blocks.iter_mut().for_each(Information::finish);
     out
+}
+
+/// A pass under way: the filter, and its states by the parameters.
+#[derive(Debug, Clone)]
+pub(in crate::identify) struct Running {
+    walker: Walker,
+    by: Vec<States>,
+    slope: Vec<f64>,
+}
+
+impl Running {
+    pub(in crate::identify) fn new(noise: Noise, columns: usize, start_s: f64) -> Self {
+        let walker = Walker::new(noise, start_s);
+        Self { walker, by: vec![States::zeros(); columns], slope: vec![0.0; columns] }
+    }
+
+    /// Adds what the next row says to the information, which is to be finished; returns the step and the logarithm of the row's likelihood.
+    pub(in crate::identify) fn take(&mut self, row: &Row, into: &mut Information) -> (Step, f64) {
+        let Self { walker, by, slope } = self;
+        let transition = walker.predict(row.elapsed_s);
+        by.iter_mut().for_each(|b| *b = transition * *b);
+        let predicted = (walker.x, walker.p);
+        let (y, s, gain) = walker.innovation(row);
+        slope.iter_mut().zip(&row.columns).zip(&*by).for_each(|((o, c), b)| *o = c + row.by_state.dot(b));
+        let mut log_likelihood = 0.0;
+        if row.elapsed_s >= SETTLE_S {
+            into.take(slope, y, 1.0 / s);
+            log_likelihood = -0.5 * (s.ln() + y * y / s);
+        }
+        walker.update(y, s, &gain);
+        by.iter_mut().zip(&*slope).for_each(|(b, o)| *b -= gain * *o);
+        (Step { transition, predicted, filtered: (walker.x, walker.p) }, log_likelihood)
+    }
 }
 
 impl Pass {

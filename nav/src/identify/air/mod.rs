@@ -13,6 +13,7 @@ use crate::effects::SEA_LEVEL_DENSITY;
 use crate::operating::{Channel, MOTORS};
 use crate::sample::{AirKind, AirSample};
 use nalgebra::{Rotation3, Vector2, Vector3};
+pub(in crate::identify) use sensor::AirForeseen;
 use sensor::AirSensor;
 
 /// Samples this far from a fix are used for it: `SCALED_PRESSURE` comes at 2 Hz and more, s.
@@ -76,14 +77,19 @@ pub struct AirFound {
     pub points: Vec<[f64; 3]>,
 }
 
-/// The vehicle at a time of the flight.
+/// The vehicle at a time of a flight.
 #[derive(Debug, Clone, Copy)]
-struct Carriage {
-    elapsed_s: f64,
-    c_nb: Rotation3<f64>,
-    v_n: Vector3<f64>,
-    height_m: f64,
-    throttle: f64,
+pub struct Carriage {
+    /// Since the start, s.
+    pub elapsed_s: f64,
+    /// Attitude.
+    pub c_nb: Rotation3<f64>,
+    /// Velocity over ground, north, east, down, m/s.
+    pub v_n: Vector3<f64>,
+    /// Height above the ellipsoid or the sea, m.
+    pub height_m: f64,
+    /// Share of full throttle.
+    pub throttle: f64,
 }
 
 /// A sensor at a fix.

@@ -1,5 +1,7 @@
 //! One barometer or airspeed sensor as a series of measurements: what each fix says of its effects, and what is left with some of them.
 
+mod foreseen;
+
 use super::super::aids::Finding;
 use super::super::aids::choose::{self, Chosen, Widths, is_held_out};
 use super::super::aids::series::{self, BOUNDED, Bounded, Figures, GIVEN, Known, Noise, Prior, Row, States};
@@ -8,6 +10,7 @@ use super::super::pass::Information;
 use super::{Air, AirFound, BLOCK_S, Carriage, ENOUGH, Instant, Wind, carriage_at};
 use crate::effects::{AIRSPEED, AirDriver, AirInstant, BAROMETER, Effect, SEA_LEVEL_DENSITY};
 use crate::sample::AirKind;
+pub(in crate::identify) use foreseen::AirForeseen;
 use nalgebra::{Rotation3, Vector2, Vector3};
 
 /// Passes: wind multiplies the scale and the coefficients, and the noise is fitted.
@@ -33,6 +36,8 @@ const FIGURES: [Figures; 2] = [
 const START: [f64; 2] = [300.0, 8.0];
 /// What a port's dynamic pressure knows of a wind that nothing measures, m/s …
 const WIND_SIGMA: f64 = 5.0;
+/// … or that an airspeed sensor shows in circles both ways, m/s: .1 to .3 on simulated planes …
+const SHOWN_WIND_SIGMA: f64 = 0.2;
 /// … and its gusts, m/s and s: moderate turbulence at 50 m is 1.5 m/s over a length of 100 m (MIL-F-8785C), light is half of it.
 const GUSTS: Bounded = (0.7, 7.0);
 /// Sideslip of a wing, 1-sigma as a share of the airspeed, with the 25 fixes of 5 s in which it stays the same.
@@ -93,6 +98,23 @@ fn flies(i: &Instant, s: &Ideal, wind: &Vector2<f64>) -> bool {
     s.x.velocity.norm() > FLIES && (ground > FLIES || i.measured > FLIES)
 }
 
+/// What is open of a sensor. `wind`: 1-sigma of its components, where an airspeed sensor shows it.
+fn widths(kind: AirKind, wind: Option<[f64; 2]>, is_there: impl Fn(&str) -> bool) -> Widths {
+    let widths = Widths::new([BAROMETER, AIRSPEED][kind as usize], TOLERANCES[kind as usize], is_there);
+    match kind {
+        AirKind::Barometer => {
+            (0..2).fold(widths, |w, k| w.along("baro_dynamic_pressure", wind.map_or(WIND_SIGMA, |s| s[k])))
+        }
+        AirKind::Airspeed => widths.always(SLIP_CONSTANT).always(SLIP_BANK),
+    }
+}
+
+/// What is known of the noise of a sensor.
+fn known(kind: AirKind, gusts: Bounded) -> Known {
+    let given = if kind == AirKind::Barometer { gusts } else { (0.0, 1.0) };
+    Known { given, start: START[kind as usize] }
+}
+
 impl<'a> AirSensor<'a> {
     pub(super) fn new(air: &'a Air<'_>, kind: AirKind, instants: Vec<Instant>, wind: Option<&Wind>) -> Self {
         let catalogue = [BAROMETER, AIRSPEED][kind as usize];
@@ -104,13 +126,7 @@ impl<'a> AirSensor<'a> {
             "baro_thrust" => changes[1] > DRIVES[1],
             _ => true,
         };
-        let widths = Widths::new(catalogue, TOLERANCES[kind as usize], is_there);
-        let widths = match kind {
-            AirKind::Barometer => (0..2).fold(widths, |w, k| {
-                w.along("baro_dynamic_pressure", wind.map_or(WIND_SIGMA, |w| w.sigma[k]))
-            }),
-            AirKind::Airspeed => widths.always(SLIP_CONSTANT).always(SLIP_BANK),
-        };
+        let widths = widths(kind, wind.map(|w| w.sigma), is_there);
         Self {
             kind,
             catalogue,
@@ -150,22 +166,7 @@ impl<'a> AirSensor<'a> {
         let offset_pa = self.sum_of(values, |d| d == AirDriver::SpeedByPressure);
         let one = |(i, wind): (&Instant, &Vector2<f64>)| {
             let c = carriage_at(self.carriage, i.elapsed_s - delay_s)?;
-            let w = wind + shift;
-            let velocity = c.c_nb.inverse() * (c.v_n - Vector3::new(w.x, w.y, 0.0));
-            let airspeed = velocity.norm() * (i.density / SEA_LEVEL_DENSITY).sqrt();
-            let x = AirInstant {
-                velocity,
-                density: i.density,
-                height_m: c.height_m - self.mean_height_m,
-                climb: -c.v_n.z,
-                throttle: c.throttle,
-                temperature: i.temperature,
-                airspeed: [airspeed, 0.0],
-                // Not what was measured: its noise would be in the driver too, and an offset of 35 Pa become one of 50.
-                shown: (airspeed.powi(2) + 2.0 * offset_pa / SEA_LEVEL_DENSITY).max(0.0).sqrt(),
-            };
-            let value = if self.kind == AirKind::Barometer { c.height_m } else { airspeed };
-            Some(Ideal { c_nb: c.c_nb, value, x })
+            Some(self.ideal_of(&c, &(wind + shift), [i.density, i.temperature, offset_pa]))
         };
         let mut all: Vec<Ideal> = self.instants.iter().zip(wind).filter_map(one).collect();
         let speeds: Vec<(f64, f64)> =
@@ -174,6 +175,30 @@ impl<'a> AirSensor<'a> {
             s.x.airspeed[1] = (w[2].1 - w[0].1) / (w[2].0 - w[0].0).max(1e-3);
         }
         all
+    }
+
+    /// What there was to measure here in this wind, with density and temperature of the sensor and the offset of its pressure.
+    fn ideal_of(
+        &self,
+        c: &Carriage,
+        wind: &Vector2<f64>,
+        [density, temperature, offset_pa]: [f64; 3],
+    ) -> Ideal {
+        let velocity = c.c_nb.inverse() * (c.v_n - Vector3::new(wind.x, wind.y, 0.0));
+        let airspeed = velocity.norm() * (density / SEA_LEVEL_DENSITY).sqrt();
+        let x = AirInstant {
+            velocity,
+            density,
+            height_m: c.height_m - self.mean_height_m,
+            climb: -c.v_n.z,
+            throttle: c.throttle,
+            temperature,
+            airspeed: [airspeed, 0.0],
+            // Not what was measured: its noise would be in the driver too, and an offset of 35 Pa become one of 50.
+            shown: (airspeed.powi(2) + 2.0 * offset_pa / SEA_LEVEL_DENSITY).max(0.0).sqrt(),
+        };
+        let value = if self.kind == AirKind::Barometer { c.height_m } else { airspeed };
+        Ideal { c_nb: c.c_nb, value, x }
     }
 
     /// What the effects beside the delay add at an instant with these values.
@@ -189,18 +214,25 @@ impl<'a> AirSensor<'a> {
     }
 
     fn rows(&self, values: &[f64], with_columns: bool) -> Vec<Row> {
-        let own = |x: &AirInstant| -> Vec<f64> {
-            let effects = self.catalogue.iter().filter_map(|e| e.on_air());
-            let columns = effects.flat_map(|a| a.drivers.iter().map(|d| d.value(x)));
-            if with_columns { columns.collect() } else { Vec::new() }
-        };
         let ideal = self.ideal(values, &self.wind);
-        let rows =
-            self.instants.iter().zip(&ideal).zip(&self.wind).flat_map(|((i, s), wind)| match self.kind {
-                AirKind::Barometer => vec![self.height(values, i, s, own(&s.x))],
-                AirKind::Airspeed => self.speed((i, s, wind), values, own(&s.x)),
-            });
-        rows.collect()
+        let all = self.instants.iter().zip(&ideal).zip(&self.wind);
+        all.flat_map(|((i, s), wind)| self.rows_of((i, s, wind), values, with_columns)).collect()
+    }
+
+    /// What one instant says.
+    fn rows_of(
+        &self,
+        (i, s, wind): (&Instant, &Ideal, &Vector2<f64>),
+        values: &[f64],
+        with_columns: bool,
+    ) -> Vec<Row> {
+        let effects = self.catalogue.iter().filter_map(|e| e.on_air());
+        let columns = effects.flat_map(|a| a.drivers.iter().map(|d| d.value(&s.x)));
+        let columns = if with_columns { columns.collect() } else { Vec::new() };
+        match self.kind {
+            AirKind::Barometer => vec![self.height(values, i, s, columns)],
+            AirKind::Airspeed => self.speed((i, s, wind), values, columns),
+        }
     }
 
     fn height(&self, values: &[f64], i: &Instant, s: &Ideal, mut columns: Vec<f64>) -> Row {
@@ -294,8 +326,7 @@ impl<'a> AirSensor<'a> {
 
     /// The likeliest noise where these effects are there, and the logarithm of that likelihood.
     fn noise(&self, rows: &[Row], named: &[usize], values: &[f64], near: Option<&Noise>) -> (f64, Noise) {
-        let given = if self.kind == AirKind::Barometer { self.gusts } else { (0.0, 1.0) };
-        let known = Known { given, start: START[self.kind as usize] };
+        let known = known(self.kind, self.gusts);
         let sigma = self.widths.with(named, None);
         series::noise_of(rows, &FIGURES[self.kind as usize], Prior { sigma: &sigma, values }, known, near)
     }

@@ -30,7 +30,7 @@ pub(super) const BLOCK_S: f64 = 20.0;
 const SIGMA_T: (f64, f64) = (1e-6, 2e-7);
 /// What is left of each effect of [`COMPASS`] by an ordinary calibration, 1-sigma, SI: 15 mG, .2 mG/A, 1.5°, 2 %, .1 s, .5°. ArduPilot's
 /// calibrator is content with a fitness of 16 mG RMS (`COMPASS_CAL_FIT`), PX4's with a mean residual of .01 G (`mag_calibration.cpp`).
-const TOLERANCES: [f64; 6] = [15e-7, 0.2e-7, 0.026, 0.02, 0.1, 0.0087];
+pub(super) const TOLERANCES: [f64; 6] = [15e-7, 0.2e-7, 0.026, 0.02, 0.1, 0.0087];
 /// Passes: effects multiply the attitude error, and the noise is fitted.
 const PASSES: usize = 4;
 
