@@ -331,7 +331,7 @@ fn a_flight_day_of_a_quadrotor_with_px4() {
     flight_day("quadrotor", "px4", Story::Planned);
 }
 
-/// From `plan --for` to the report of its flight: the pitot tube's error is named alone, its value holds, and its sigma is about what the plan promises.
+/// From `plan --for` to the report of its flight: the barometer's error is named alone, its value holds, and its sigma is about what the plan promises.
 #[test]
 fn a_plan_for_sensors_keeps_what_it_promises() {
     const WIND: [&str; 2] = ["--wind", "3,-2"];
@@ -340,11 +340,11 @@ fn a_plan_for_sensors_keeps_what_it_promises() {
     let made = made.json();
     assert_eq!(made["for"], serde_json::json!(["airspeed", "barometer"]), "{made:#}");
     let states = made["states"].as_array().unwrap();
-    let scale = states.iter().find(|s| s["name"] == "as_scale").unwrap();
-    assert_eq!(scale["reach"], "known", "{scale}");
-    let promised = scale["sigma"].as_f64().unwrap();
+    let wash = states.iter().find(|s| s["name"] == "b_thrust").unwrap();
+    assert_eq!(wash["reach"], "known", "{wash}");
+    let promised = wash["sigma"].as_f64().unwrap();
 
-    let (vehicle, address) = day.vehicle("airspeed_scale=20", &WIND);
+    let (vehicle, address) = day.vehicle("baro_thrust=60", &WIND);
     let link = ["--connect", address.as_str()];
     done(&[&["mission", "upload", &plan], &link[..]].concat());
     start_mission(&address);
@@ -360,15 +360,15 @@ fn a_plan_for_sensors_keeps_what_it_promises() {
     let named =
         |s: &Value| s["effects"].as_array().unwrap().iter().map(|e| e["names"].clone()).collect::<Vec<_>>();
     for sensor in sensors {
-        let own = sensor["sensor"] == "Airspeed sensor 1";
-        let expected = if own { vec![serde_json::json!(["airspeed_scale"])] } else { Vec::new() };
+        let own = sensor["sensor"] == "Barometer 1";
+        let expected = if own { vec![serde_json::json!(["baro_thrust"])] } else { Vec::new() };
         assert_eq!(named(sensor), expected, "{sensor:#}");
     }
     assert_eq!(sensors.len(), 3, "{sensors:#?}");
     let found = sensors.iter().flat_map(|s| s["effects"].as_array().unwrap());
     let found = found.map(|e| &e["parameters"][0]).next().unwrap();
     let of = |name: &str| found[name].as_f64().unwrap();
-    assert!((of("value") - 20.0).abs() < 3.0 * of("sigma"), "{found}");
+    assert!((of("value") - 60.0).abs() < 3.0 * of("sigma"), "{found}");
     let kept = of("sigma") / promised;
     assert!((0.5..2.0).contains(&kept), "promised {promised}, reported {found}");
 }

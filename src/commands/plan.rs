@@ -84,7 +84,7 @@ pub struct PlanArgs {
     /// the receiver says of them are planned with, so that the flight keeps what is promised.
     #[arg(long, value_name = "LOG")]
     pub measured: Option<PathBuf>,
-    /// Plan for sensors beside the inertial unit instead of it: maneuvers by what they make known of the errors of these.
+    /// Plan for sensors beside the inertial unit instead of it: maneuvers by what they make observable of the errors of these.
     #[arg(long = "for", value_name = "SENSOR", value_enum, value_delimiter = ',')]
     pub sensors: Vec<PlannedSensor>,
     /// What is known of the unit.
@@ -203,7 +203,7 @@ fn planned<P: Predictor>(args: &PlanArgs, request: &Request, predictor: P) -> Re
     plan(request, predictor.clone()).map_err(|e| with_radius(args, request, predictor, e))
 }
 
-/// What a flight makes known of these sensors.
+/// What a flight makes observable of these sensors.
 ///
 /// # Errors
 /// A place where the world magnetic model does not hold.

@@ -92,7 +92,7 @@ fn place(space_m: f64) -> Placement {
 #[test]
 fn items_stay_within_room_band_and_speed_limits() {
     for airframe in airframes() {
-        let place = place(600.0);
+        let place = place(900.0);
         for maneuver in Maneuver::for_sensors(&airframe) {
             let items = maneuver.items(&airframe, &place).unwrap_or_else(|e| panic!("{maneuver:?}: {e}"));
             for item in &items {

@@ -1,4 +1,4 @@
-//! Prediction of what a flight makes known of compass, barometer and airspeed: the information that a report would have of them, along kinematics.
+//! Prediction of what a flight makes observable of compass, barometer and airspeed: the information that a report would have of them, along kinematics.
 //!
 //! A sensor's parameters count as known where an error of their usual size would be named.
 
