@@ -23,7 +23,7 @@ enum Story {
     Planned,
     /// It is, with gyros that drift as those of a board that warms up.
     GyrosDrift,
-    /// Before it lands the autopilot is ordered to return.
+    /// Before it lands the autopilot returns.
     Return,
 }
 
@@ -57,12 +57,7 @@ impl Day {
     }
 
     fn plan(&self) -> String {
-        let budget = match (self.rotor, self.story) {
-            // So long that the station has compared the mission on board with the plan well before its end.
-            (true, Story::Return) => "240",
-            (true, _) => "120",
-            (false, _) => "280",
-        };
+        let budget = if self.rotor { "120" } else { "280" };
         let (plan, made) = self.plan_with(&["--budget", budget]);
         assert!(made.stdout.contains("enforced by the vehicle: the geofence"), "{}", made.stdout);
         plan
@@ -87,6 +82,11 @@ impl Day {
         let address = vehicle.line();
         (vehicle, address)
     }
+}
+
+fn items_of(plan: &str) -> usize {
+    let plan: Value = serde_json::from_str(&std::fs::read_to_string(plan).unwrap()).unwrap();
+    plan.pointer("/mission/items").and_then(Value::as_array).map_or(0, Vec::len)
 }
 
 /// Runs a command that must end well.
@@ -141,26 +141,6 @@ fn leave_mission_at(address: &str, item: u16) {
             return;
         }
     }
-}
-
-/// Another station orders the vehicle to return once it is at this item; returns when the vehicle says that it does.
-fn order_to_return(address: &str, firmware: &str, from_item: u16) {
-    let mut pilot = Pilot::new(address);
-    let at = |e: &MissionMessage| matches!(e, MissionMessage::Current { seq, .. } if *seq >= from_item);
-    while !pilot.frames().iter().filter_map(codec::decode).any(|e| at(&e.message)) {}
-    let [param2, param3] = if firmware == "px4" { [4.0, 5.0] } else { [6.0, 0.0] };
-    let order = COMMAND_LONG_DATA {
-        command: MavCmd::MAV_CMD_DO_SET_MODE,
-        param1: 1.0,
-        param2,
-        param3,
-        target_system: 1,
-        target_component: 1,
-        ..Default::default()
-    };
-    pilot.send(&Frame::encode(STATION, 0, &MavMessage::COMMAND_LONG(order)));
-    let returns = |f: &Frame| Vehicle::from_heartbeat(f).is_some_and(|v| !v.state.flying_mission);
-    while !pilot.frames().iter().any(returns) {}
 }
 
 /// The pilot arms and starts the mission; returns when the vehicle says that it flies it.
@@ -230,7 +210,9 @@ fn upload_after_a_flight(day: &Day, plan: &str, address: &str) {
 fn flight_day(airframe: &str, firmware: &'static str, story: Story) {
     let day = Day::new(airframe, firmware, story);
     let plan = day.plan();
-    let (vehicle, address) = day.vehicle(HIDDEN, &[]);
+    let before_landing = format!("return@{}", items_of(&plan) - 1);
+    let fault: &[&str] = if story == Story::Return { &["--fault", &before_landing] } else { &[] };
+    let (vehicle, address) = day.vehicle(HIDDEN, fault);
     let link = ["--connect", address.as_str()];
 
     let table =
@@ -248,11 +230,6 @@ fn flight_day(airframe: &str, firmware: &'static str, story: Story) {
     let station = Gaware::start(
         &[&["run", "--record", &recording, "--headless", "--json", "--mission", &plan], &link[..]].concat(),
     );
-    if story == Story::Return {
-        let plan: Value = serde_json::from_str(&std::fs::read_to_string(&plan).unwrap()).unwrap();
-        let items = plan.pointer("/mission/items").and_then(Value::as_array).map_or(0, Vec::len);
-        order_to_return(&address, firmware, u16::try_from(items - 1).unwrap());
-    }
     let landed = vehicle.ended();
     assert_eq!(landed.code(), Some(0), "{}", landed.stderr);
     station.terminate();
@@ -322,7 +299,7 @@ fn a_flight_day_of_a_plane_with_px4_and_gyros_that_drift() {
 }
 
 #[test]
-fn a_flight_day_of_a_quadrotor_with_ardupilot_that_is_ordered_to_return() {
+fn a_flight_day_of_a_quadrotor_with_ardupilot_that_returns() {
     flight_day("quadrotor", "ardupilot", Story::Return);
 }
 
@@ -346,7 +323,8 @@ fn a_plan_for_sensors_keeps_what_it_promises() {
 
     let (vehicle, address) = day.vehicle("baro_thrust=60", &WIND);
     let link = ["--connect", address.as_str()];
-    done(&[&["mission", "upload", &plan], &link[..]].concat());
+    let backup = day.folder.file("before.plan");
+    done(&[&["mission", "upload", &plan, "--backup", &backup], &link[..]].concat());
     start_mission(&address);
     let recording = day.folder.file("day.mcap");
     let station = Gaware::start(&[&["run", "--record", &recording, "--headless"], &link[..]].concat());

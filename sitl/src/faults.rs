@@ -131,6 +131,11 @@ pub enum Fault {
     },
     /// The aircraft has not the power to climb while it circles: a loiter to a higher altitude never ends.
     NoClimbInCircles,
+    /// At this item of its mission the autopilot returns, as in a failsafe or by order of its pilot.
+    Return {
+        /// Number of the item.
+        item: usize,
+    },
     /// [`LinkFaults::loss`].
     Loss(f64),
     /// [`LinkFaults::duplicate`].
@@ -155,7 +160,7 @@ pub enum Fault {
 /// A fault that cannot be read.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
 #[error(
-    "\"{0}\" is no fault; known are reboot@S, instance-restart@S-S, gnss-loss@S-S, clock-jump@S+S, gimbal, no-climb-in-circles, rate-theft@S, loss=P, \
+    "\"{0}\" is no fault; known are reboot@S, instance-restart@S-S, gnss-loss@S-S, clock-jump@S+S, gimbal, no-climb-in-circles, return@ITEM, rate-theft@S, loss=P, \
      duplicate=P, reorder=P, corrupt=P, delay=S, jitter=S, dropout@S-S"
 )]
 pub struct FaultError(String);
@@ -188,6 +193,7 @@ fn parse(text: &str) -> Option<Fault> {
     if let Some((name, at)) = text.split_once('@') {
         return match name {
             "reboot" => Some(Fault::Reboot { at_s: number(at)? }),
+            "return" => at.parse().ok().map(|item| Fault::Return { item }),
             "rate-theft" => Some(Fault::RateTheft { at_s: number(at)? }),
             "instance-restart" => span(at).map(|(from_s, to_s)| Fault::InstanceRestart { from_s, to_s }),
             "gnss-loss" => span(at).map(|(from_s, to_s)| Fault::GnssLoss { from_s, to_s }),
@@ -297,6 +303,7 @@ mod tests {
         assert_eq!("gnss-loss@20-40.5".parse(), Ok(Fault::GnssLoss { from_s: 20.0, to_s: 40.5 }));
         assert_eq!("instance-restart@9-12".parse(), Ok(Fault::InstanceRestart { from_s: 9.0, to_s: 12.0 }));
         assert_eq!("clock-jump@50+10".parse(), Ok(Fault::ClockJump { at_s: 50.0, by_s: 10.0 }));
+        assert_eq!("return@7".parse(), Ok(Fault::Return { item: 7 }));
         assert_eq!("loss=0.2".parse(), Ok(Fault::Loss(0.2)));
         for wrong in ["", "loss=2", "loss=nan", "reboot", "dropout@5-3", "gremlin@3", "delay=-1"] {
             assert!(wrong.parse::<Fault>().is_err(), "{wrong}");

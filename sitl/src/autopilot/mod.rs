@@ -213,6 +213,10 @@ impl Autopilot {
             first_item: usize::from(config.flavour == Flavour::ArduPilot),
             geoid_height_m: config.geoid_height_m,
             climbs_in_circles: !config.faults.contains(&Fault::NoClimbInCircles),
+            returns_at: config.faults.iter().find_map(|fault| match fault {
+                Fault::Return { item } => Some(*item),
+                _ => None,
+            }),
             ..vehicle
         };
         Self::with_body(config, Body::Vehicle(Box::new(Vehicle::new(vehicle))), model, sensors)

@@ -63,6 +63,8 @@ pub struct VehicleConfig {
     pub first_item: usize,
     /// Whether a wing has the power to climb while it circles.
     pub climbs_in_circles: bool,
+    /// The item of the mission at which it returns instead.
+    pub returns_at: Option<usize>,
     /// Seed of the gusts.
     pub seed: u64,
 }
@@ -90,6 +92,7 @@ impl VehicleConfig {
             geoid_height_m: 47.0,
             first_item: 1,
             climbs_in_circles: true,
+            returns_at: None,
             seed: 1,
         }
     }

@@ -204,6 +204,12 @@ impl Pilot {
 
     fn in_mode(&mut self, sight: &Sight) -> Control {
         match self.mode {
+            Mode::Auto
+                if self.airborne && self.config.returns_at.is_some_and(|item| self.current >= item) =>
+            {
+                self.set_mode(Mode::Rtl);
+                self.go_home(sight)
+            }
             Mode::Auto => self.fly_mission(sight),
             Mode::Manual if !self.airborne => stationary(self.yaw),
             Mode::Manual | Mode::Loiter => self.hold(sight),
