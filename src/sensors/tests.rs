@@ -85,6 +85,8 @@ fn what_a_link_says_of_the_air_becomes_samples() {
     ] {
         bench.send_as(VEHICLE, message);
     }
+    // A sample of another sensor waits until the inertial ones have passed it.
+    bench.raw_imu(2000..3000);
     let air = bench.out.iter().filter_map(|s| match s {
         Sample::Air(a) => Some((a.kind, a.sensor, a.value)),
         _ => None,

@@ -219,8 +219,8 @@ enum Rejection {
     Unsafe(#[from] Refusal),
     #[error(transparent)]
     NotPredicted(#[from] FlightError),
-    /// Two equal ones have been flown, and a third gains less than a tenth.
-    #[error("flown twice already, and a third time brings little")]
+    /// Two equal ones have been flown, and a third gains less than a tenth; or nothing of a sensor gets better by a twentieth.
+    #[error("it brings little beyond what is flown before it")]
     InVain,
 }
 

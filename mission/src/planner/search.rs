@@ -51,7 +51,7 @@ struct Node<'a, P> {
     path: Vec<Kinematics>,
     log_score: f64,
     gain_per_s: f64,
-    /// Sigmas before its last maneuver.
+    /// Smallest sigmas before its last maneuver: those of sensors grow again where a maneuver brings in the tolerances of others.
     before: Vec<f64>,
 }
 
@@ -295,7 +295,9 @@ impl<'a> Search<'a> {
         self.end(&flown.flyers)?;
         let mut next = node.clone();
         let start_s = node.flyers[0].t_s();
-        next.before = node.predictor.sigmas().iter().map(|s| s.sigma).collect();
+        let least =
+            |(k, now): (usize, &NamedSigma)| node.before.get(k).map_or(now.sigma, |b| b.min(now.sigma));
+        next.before = node.predictor.sigmas().iter().enumerate().map(least).collect();
         next.maneuvers.push(PlannedManeuver {
             maneuver,
             start_s,
@@ -306,7 +308,7 @@ impl<'a> Search<'a> {
         next.flyers = flown.flyers;
         next.items.extend(items);
         next.path.extend(flown.samples);
-        if next.repeats_in_vain() {
+        if next.repeats_in_vain() || next.is_in_vain() {
             return Err(Rejection::InVain);
         }
         Ok(next)
@@ -441,6 +443,17 @@ impl<P> Node<'_, P> {
     /// Time of the nominal flight so far, s.
     fn t_s(&self) -> f64 {
         self.flyers.first().map_or(0.0, Flyer::t_s)
+    }
+
+    /// Whether its last maneuver brings nothing of sensors: an error of one is named or it is not.
+    fn is_in_vain(&self) -> bool
+    where
+        P: Predictor,
+    {
+        let better = |(now, before): (&NamedSigma, &f64)| {
+            *before > PROMISED_SHARE * now.target && now.sigma <= (1.0 - WORTH_FLYING) * before
+        };
+        !self.predictor.is_short_of_use() && !self.predictor.sigmas().iter().zip(&self.before).any(better)
     }
 
     /// Whether its last maneuver is the third of a kind in a row and brings little.

@@ -90,7 +90,7 @@ pub struct Foresight {
 #[derive(Clone)]
 enum Sensor {
     Compass(Information),
-    Air(AirForeseen),
+    Air(Box<AirForeseen>),
 }
 
 impl std::fmt::Debug for Foresight {
@@ -111,7 +111,7 @@ impl Foresight {
     pub fn new(planned: &[Planned], setting: Setting) -> Self {
         let air = |kind| {
             let has_airspeed = planned.contains(&Planned::Airspeed);
-            Sensor::Air(AirForeseen::new(kind, &setting, has_airspeed))
+            Sensor::Air(Box::new(AirForeseen::new(kind, &setting, has_airspeed)))
         };
         let sensor = |p: &Planned| match p {
             Planned::Compass => Sensor::Compass(Information::zeros(ATTITUDE + compass_widths().len())),
