@@ -71,8 +71,9 @@ fn what_a_link_says_of_the_air_becomes_samples() {
         AIRSPEED_DATA, SCALED_PRESSURE_DATA, SCALED_PRESSURE2_DATA, SCALED_PRESSURE3_DATA,
     };
     let mut bench = Bench::ardupilot();
-    bench.raw_imu(1000..2000);
-    let (time_boot_ms, press_abs) = (1990, 950.0);
+    // The source of the inertial samples is chosen first: there is no time base before.
+    bench.raw_imu(1000..6000);
+    let (time_boot_ms, press_abs) = (5990, 950.0);
     let first = SCALED_PRESSURE_DATA { time_boot_ms, press_abs, ..Default::default() };
     let second = SCALED_PRESSURE2_DATA { time_boot_ms, press_abs, ..Default::default() };
     let third = SCALED_PRESSURE3_DATA { time_boot_ms, press_abs, ..Default::default() };
@@ -85,8 +86,6 @@ fn what_a_link_says_of_the_air_becomes_samples() {
     ] {
         bench.send_as(VEHICLE, message);
     }
-    // A sample of another sensor waits until the inertial ones have passed it.
-    bench.raw_imu(2000..3000);
     let air = bench.out.iter().filter_map(|s| match s {
         Sample::Air(a) => Some((a.kind, a.sensor, a.value)),
         _ => None,
