@@ -344,7 +344,7 @@ pub struct PlanDocument {
     /// What the vehicle enforces while it flies the plan, and what it does not, in words.
     pub enforcement: [String; 2],
     /// The sensors that it is for, whose parameters are then the states; without, the inertial unit.
-    #[serde(rename = "for", skip_serializing_if = "Vec::is_empty")]
+    #[serde(rename = "for")]
     pub sensors: Vec<PlannedSensor>,
 }
 
