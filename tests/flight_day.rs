@@ -1,5 +1,5 @@
 //! A flight day with the program's own commands: plan, pre-flight check, upload with the fence over a mission that was left in the middle, flight, landing, report, explain;
-//! with a gyro that drifts on one day, and a return that nobody planned on another.
+//! with a gyro that drifts on one day, and a return that no one planned on another.
 //! The simulated autopilots refuse, cut and rewrite as the firmware does (docs/firmware-rules.md).
 
 #![allow(clippy::unwrap_used, clippy::panic, reason = "helpers of tests may panic, as tests do")]

@@ -325,6 +325,7 @@ impl std::fmt::Display for GroundStudy {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use gaware_sitl::sensors::SensorConfig;
 
     #[test]
     fn six_sides_show_all_of_g_whatever_the_sky() {
@@ -351,6 +352,31 @@ mod tests {
         };
         assert_eq!(kept(Manner::Careful), [true; 5]);
         assert_eq!(kept(Manner::Soft), [true, true, false, false, false]);
+    }
+
+    /// Also where it is armed while it stands on the foam, which the period under way has shown.
+    #[test]
+    fn whoever_is_armed_has_left_the_foam() {
+        let base = scenario("hand").unwrap();
+        let path = Flown::with_step(Hand::in_manner(HOLD_S, Manner::Soft), 0.02);
+        let unit = draw_vehicle(&Model::standard(), 2);
+        let sensors = SensorConfig { imu_rate_hz: 50.0, message: "HIGHRES_IMU".into(), ..base.sensors };
+        let mut estimator = Estimator::new(Model::standard());
+        estimator.set_flight(false, false);
+        estimator.set_place(path.clone().truth_at(0.0).place);
+        let turned = |e: &Estimator| e.filter().map_or(0.0, |f| f.turned_on_support());
+        let mut shown = 0;
+        let samples = Flight::new(Box::new(path), &unit, sensors, 2).map(|s| s.0);
+        for (k, sample) in samples.filter(|s| !matches!(s, Sample::Fix(_))).enumerate() {
+            let _ = estimator.feed(&sample);
+            if k % 100 == 0 && turned(&estimator) > 0.0 {
+                let mut armed = estimator.clone();
+                armed.set_flight(false, true);
+                assert_eq!(turned(&armed), 0.0, "sample {k}");
+                shown += 1;
+            }
+        }
+        assert!(shown > 20, "the foam is noticed: {shown}");
     }
 
     /// A flight that goes on from there begins without what foam has spoiled, and with what it has not.

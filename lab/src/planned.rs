@@ -12,11 +12,10 @@ use gaware::parallel::{Progress, map_runs};
 use gaware::pipeline::samples_of;
 use gaware::sensors::ConverterOptions;
 use gaware_mission::airframe::Airframe;
-use gaware_mission::planner::{Plan, Reach, plan};
+use gaware_mission::planner::{Reach, plan};
 use gaware_nav::effects::{AIRSPEED, BAROMETER, COMPASS, Effect};
 use gaware_nav::model::{EffectSetting, Model};
 use gaware_sitl::noise::{Noise, Purpose};
-use gaware_sitl::sensors::draw_vehicle;
 use serde::Serialize;
 
 /// 2026-07-01: the simulation's magnetic field is that of 2026.
@@ -88,12 +87,12 @@ pub fn flights(settings: &Settings) -> usize {
     settings.flights * effects(&settings.sensors).len()
 }
 
-fn planned(settings: &Settings) -> Result<(Prepared, Plan), PlanCommandError> {
+fn planned(settings: &Settings) -> Result<Prepared, PlanCommandError> {
     let own = demo::Settings::new(settings.airframe.clone(), None);
     let request = own.request();
-    let made = plan(&request, sensor_predictor(&own.belief, &request, &settings.sensors)?)?;
+    let plan = plan(&request, sensor_predictor(&own.belief, &request, &settings.sensors)?)?;
     let prediction = Prediction { sigmas: Vec::new(), attitude_sigma_deg: [0.0; 3] };
-    Ok((Prepared { settings: own, plan: made.clone(), prediction }, made))
+    Ok(Prepared { settings: own, plan, prediction })
 }
 
 /// A size of an effect, with a sign of each parameter; nothing measures before it happens.
@@ -112,10 +111,7 @@ fn draw(effect: &'static dyn Effect, seed: u64) -> EffectSetting {
 /// One flight: what was injected, and what a report says.
 fn fly(prepared: &Prepared, effect: &'static dyn Effect, seed: u64) -> (EffectSetting, Aids) {
     let injected = draw(effect, seed);
-    let mut truth = draw_vehicle(&prepared.settings.drawn, seed);
-    for setting in truth.effects.iter_mut().filter(|s| s.effect.delays_fixes()) {
-        setting.values.iter_mut().for_each(|v| *v = v.max(0.0));
-    }
+    let mut truth = demo::hidden_truth(&prepared.settings.drawn, seed);
     truth.set(injected.clone());
     let engine = Engine::new(Model::standard(), EngineOptions::default());
     let autopilot = prepared.autopilot(&truth, seed);
@@ -139,7 +135,8 @@ fn named(aids: &Aids) -> Vec<(bool, &SensorEffect)> {
 /// # Errors
 /// No plan for this airframe.
 pub fn run(settings: &Settings, progress: &dyn Progress) -> Result<PlannedStudy, PlanCommandError> {
-    let (prepared, made) = planned(settings)?;
+    let prepared = planned(settings)?;
+    let made = &prepared.plan;
     let all = effects(&settings.sensors);
     let flown = map_runs(flights(settings), progress, |k| {
         fly(&prepared, all[k / settings.flights], settings.seed + k as u64)

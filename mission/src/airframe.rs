@@ -203,6 +203,11 @@ impl Airframe {
         (self.speed_min_m_per_s + self.speed_sag_m_per_s).min(self.speed_cruise_m_per_s)
     }
 
+    /// Slowest speed that is of use in a maneuver, m/s: a multirotor must arrive.
+    pub fn planned_slow_m_per_s(&self) -> f64 {
+        self.planned_min_m_per_s().max(0.25 * self.speed_cruise_m_per_s)
+    }
+
     /// Largest bank of a planned steep turn, rad: a share of the limit, and no more than keeps the peak of the load while
     /// rolling into it inside the limit.
     pub fn steep_bank_rad(&self) -> f64 {

@@ -192,7 +192,7 @@ pub fn run(args: &PlanArgs) -> Result<(), CommandError> {
         ));
     }
     if args.json {
-        output::json(&PlanDocument { sensors: args.sensors.clone(), ..document(&made, &request) })
+        output::json(&document(&made, &request, &args.sensors))
     } else {
         output::words(|out| print(out, &made, &request))
     }
@@ -402,7 +402,7 @@ struct StateSchema {
     reach: String,
 }
 
-fn document(made: &Plan, request: &Request) -> PlanDocument {
+fn document(made: &Plan, request: &Request, sensors: &[PlannedSensor]) -> PlanDocument {
     let maneuver = |m: &PlannedManeuver| ManeuverEntry {
         maneuver: m.maneuver,
         start_s: m.start_s,
@@ -419,7 +419,7 @@ fn document(made: &Plan, request: &Request) -> PlanDocument {
         states: made.states.clone(),
         notes: made.notes.clone(),
         enforcement: enforcement(request),
-        sensors: Vec::new(),
+        sensors: sensors.to_vec(),
     }
 }
 

@@ -24,6 +24,8 @@ pub struct Line<'a> {
 pub const BEFORE: Color = "#d6604d";
 /// Colour of what is after.
 pub const AFTER: Color = "#2a82be";
+/// Width and height of a small drawing, px: on a phone it keeps its size, and its letters theirs.
+pub const SMALL: (f64, f64) = (350.0, 240.0);
 /// Colours of the three axes of the body.
 pub const X_AXIS: Color = "#2a82be";
 /// See [`X_AXIS`].
@@ -371,6 +373,15 @@ pub(super) fn ticks([low, high]: [f64; 2]) -> Vec<f64> {
     let step = [1.0, 2.0, 5.0, 10.0].into_iter().map(|m| m * unit).find(|s| *s >= raw).unwrap_or(raw);
     let first = (low / step).ceil() as i64;
     (first..first + 12).map(|k| k as f64 * step).take_while(|v| *v <= high).collect()
+}
+
+/// A label in a small drawing at this place.
+pub fn label(svg: &mut String, (x, y): (f64, f64), anchor: &str, text: &str) {
+    let _ = write!(
+        svg,
+        "<text x=\"{x:.1}\" y=\"{y:.1}\" text-anchor=\"{anchor}\" font-size=\"12\" fill=\"currentColor\">{}</text>",
+        escape(text)
+    );
 }
 
 #[cfg(test)]

@@ -155,7 +155,7 @@ impl Builder<'_> {
 
     fn varying_speed(&mut self) -> Result<(), NoSpace> {
         let half = self.half_run()?;
-        let (slow, fast) = (self.slow(), self.airframe.speed_max_m_per_s);
+        let (slow, fast) = (self.airframe.planned_slow_m_per_s(), self.airframe.speed_max_m_per_s);
         let height = self.place.height_m;
         self.waypoint(-half, 0.0, height);
         for side in [1.0, -1.0] {
@@ -166,11 +166,6 @@ impl Builder<'_> {
         }
         self.speed(self.airframe.speed_cruise_m_per_s);
         Ok(())
-    }
-
-    /// Slowest useful speed: a multirotor must arrive.
-    fn slow(&self) -> f64 {
-        self.airframe.planned_min_m_per_s().max(0.25 * self.airframe.speed_cruise_m_per_s)
     }
 
     fn climb(&mut self, up: bool) -> Result<(), NoSpace> {
@@ -226,7 +221,7 @@ impl Builder<'_> {
     /// Figures of eight with bank in reserve, slow and fast.
     fn two_speed_circles(&mut self) -> Result<(), NoSpace> {
         let a = self.airframe;
-        for speed in [self.slow(), a.speed_max_m_per_s] {
+        for speed in [self.airframe.planned_slow_m_per_s(), a.speed_max_m_per_s] {
             let radius = self.fits(2.0, a.planned_radius_m(speed + self.place.wind_m_per_s))?;
             self.speed(speed);
             self.circles(radius, 0.0, Side::Right, radius, 1.0);
@@ -333,7 +328,7 @@ pub(super) fn build(
             b.varying_speed()?;
             let radius = b.radius(1.0)?;
             b.circles(0.0, 0.0, Side::Right, radius, 1.0);
-            b.speed(b.slow());
+            b.speed(airframe.planned_slow_m_per_s());
             b.climb(true)?;
             b.speed(airframe.speed_cruise_m_per_s);
         }

@@ -30,8 +30,7 @@ const GENTLE: f64 = 0.6;
 
 /// Slow and fast, m/s.
 fn two_speeds(airframe: &Airframe) -> [f64; 2] {
-    let slow = airframe.planned_min_m_per_s().max(0.25 * airframe.speed_cruise_m_per_s);
-    [slow, airframe.speed_max_m_per_s]
+    [airframe.planned_slow_m_per_s(), airframe.speed_max_m_per_s]
 }
 
 /// Time of a gentle circle at this speed, s.

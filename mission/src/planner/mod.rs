@@ -5,6 +5,7 @@
 //! reached in time, is a candidate at all. Sigmas come from a [`Predictor`], so the search itself knows no filter.
 
 mod landing;
+mod outcome;
 mod place;
 mod rank;
 mod search;

@@ -1,10 +1,9 @@
 //! The beam search.
 
 use super::landing::Landing;
+use super::outcome::verdicts;
 use super::place::placements;
-use super::{
-    PROMISED_SHARE, Plan, PlanError, PlannedManeuver, PlannedState, Reach, Rejection, Request, SigmasAt,
-};
+use super::{PROMISED_SHARE, Plan, PlanError, PlannedManeuver, Reach, Rejection, Request, SigmasAt};
 use crate::fence::LocalFrame;
 use crate::flight::Flyer;
 use crate::item::{Mission, MissionItem, command};
@@ -401,42 +400,6 @@ impl<'a> Search<'a> {
             Reach::Unobservable => true,
         })
     }
-
-    fn notes(&self, states: &[PlannedState]) -> Vec<String> {
-        let names = |wanted: &dyn Fn(&PlannedState) -> bool| {
-            states.iter().filter(|s| wanted(s)).map(|s| s.name.as_str()).collect::<Vec<_>>().join(", ")
-        };
-        let unobservable = names(&|s| s.reach == Reach::Unobservable);
-        let short = names(&|s| s.reach == Reach::Short);
-        let unfinished = names(&|s| s.reach == Reach::Known && !s.known());
-        let of_g = |s: &PlannedState| s.name.starts_with('g') && s.name[1..].parse::<u8>().is_ok();
-        let mut notes = Vec::new();
-        if !unobservable.is_empty() {
-            let wing = self.request.airframe.is_fixed_wing();
-            let remedy = if wing && states.iter().any(of_g) {
-                "; a pilot must fly sideslips for column y of G"
-            } else {
-                ""
-            };
-            notes.push(format!("unobservable with maneuvers of the autopilot: {unobservable}{remedy}"));
-        }
-        if !short.is_empty() {
-            let minutes = self.request.budget_s / 60.0;
-            notes.push(format!(
-                "excited, but too weakly to reach the target within {minutes:.0} min of any maneuver: {short}"
-            ));
-        }
-        let by_hand = names(&|s| of_g(s) && !s.known());
-        if !by_hand.is_empty() {
-            notes.push(format!(
-                "by the information bound this flight does not make {by_hand} observable; six sides by hand on the ground do, in five minutes (gaware ground)"
-            ));
-        }
-        if !unfinished.is_empty() {
-            notes.push(format!("after this plan still short of the target: {unfinished}; allow more time"));
-        }
-        notes
-    }
 }
 
 impl<P> Node<'_, P> {
@@ -450,10 +413,10 @@ impl<P> Node<'_, P> {
     where
         P: Predictor,
     {
-        let better = |(now, before): (&NamedSigma, &f64)| {
-            *before > PROMISED_SHARE * now.target && now.sigma <= (1.0 - WORTH_FLYING) * before
-        };
-        !self.predictor.is_short_of_use() && !self.predictor.sigmas().iter().zip(&self.before).any(better)
+        let open = |(now, before): &(&NamedSigma, &f64)| **before > PROMISED_SHARE * now.target;
+        let sigmas = self.predictor.sigmas();
+        let mut open = sigmas.iter().zip(&self.before).filter(open);
+        !self.predictor.is_short_of_use() && !open.any(better_by(WORTH_FLYING))
     }
 
     /// Whether its last maneuver is the third of a kind in a row and brings little.
@@ -462,10 +425,14 @@ impl<P> Node<'_, P> {
         P: Predictor,
     {
         let [.., a, b, c] = self.maneuvers.as_slice() else { return false };
-        let better = |(now, before): (&NamedSigma, &f64)| now.sigma <= (1.0 - WORTH_REPEATING) * before;
         let equal = a.maneuver == b.maneuver && b.maneuver == c.maneuver;
-        equal && !self.predictor.sigmas().iter().zip(&self.before).any(better)
+        equal && !self.predictor.sigmas().iter().zip(&self.before).any(better_by(WORTH_REPEATING))
     }
+}
+
+/// Whether a sigma has become smaller by this share.
+fn better_by(share: f64) -> impl Fn((&NamedSigma, &f64)) -> bool {
+    move |(now, before)| now.sigma <= (1.0 - share) * before
 }
 
 /// Whether turns stay divided between both sides: turns to one side alone tie what the side force does to the gyros to what the load
@@ -474,17 +441,6 @@ fn keeps_balance(next: Maneuver, flown: &[PlannedManeuver]) -> bool {
     let Some(side) = next.side() else { return true };
     let more: f64 = flown.iter().filter_map(|m| m.maneuver.side()).map(Side::sign).sum();
     more * side.sign() <= 0.0
-}
-
-fn verdicts(after: &[NamedSigma], reach: &[Reach]) -> Vec<PlannedState> {
-    let state = |(s, reach): (&NamedSigma, &Reach)| PlannedState {
-        name: s.name.to_string(),
-        unit: s.unit.to_string(),
-        sigma: s.sigma,
-        target: s.target,
-        reach: *reach,
-    };
-    after.iter().zip(reach).map(state).collect()
 }
 
 /// Logarithm of the worst normalised sigma of the states that can become known, and a part of the mean of all that can be excited: what

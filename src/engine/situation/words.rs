@@ -154,7 +154,7 @@ fn flight_words(kind: SituationKind, i: &Inputs<'_>, flight: &FlightReport) -> [
 fn done_words(i: &Inputs<'_>) -> [String; 3] {
     let text = match i.mode() {
         _ if i.is_on_ground() => "Landed: evaluate the flight",
-        // Nobody takes over from an autopilot because of this.
+        // No one takes over from an autopilot because of this.
         FlightMode::Mission | FlightMode::Hold => "Nothing more to fly: the autopilot may land",
         _ => "Land",
     };

@@ -3,11 +3,9 @@
 use super::escape;
 use crate::explain::drivers::{Bin, DriverPlot};
 use crate::explain::words::number;
-use crate::report::plot::{AFTER, BEFORE, Color};
+use crate::report::plot::{AFTER, BEFORE, Color, SMALL as SIZE, label};
 use std::fmt::Write;
 
-/// Width and height, px: on a phone it keeps its size, and its letters theirs.
-const SIZE: (f64, f64) = (350.0, 240.0);
 /// Left, right, top, bottom.
 const MARGIN: [f64; 4] = [70.0, 15.0, 12.0, 40.0];
 
@@ -67,12 +65,12 @@ fn figure(plot: &DriverPlot, body: &mut String) {
         SIZE.0 - right
     );
     for v in [x.from, 0.5 * (x.from + x.to), x.to] {
-        text(&mut svg, x.place(v), SIZE.1 - bottom + 16.0, "middle", &number(v));
+        label(&mut svg, (x.place(v), SIZE.1 - bottom + 16.0), "middle", &number(v));
     }
     for v in [y.from, 0.0, y.to] {
-        text(&mut svg, left - 6.0, y.place(v) + 4.0, "end", &number(v));
+        label(&mut svg, (left - 6.0, y.place(v) + 4.0), "end", &number(v));
     }
-    text(&mut svg, 0.5 * (left + SIZE.0), SIZE.1 - 6.0, "middle", &format!("{} (SI)", plot.driver));
+    label(&mut svg, (0.5 * (left + SIZE.0), SIZE.1 - 6.0), "middle", &format!("{} (SI)", plot.driver));
     line(&mut svg, plot, (&x, &y));
     for (bins, color) in plot.bins.iter().zip([BEFORE, AFTER]) {
         bins.iter().for_each(|bin| point(&mut svg, bin, color, (&x, &y)));
@@ -111,14 +109,6 @@ fn point(svg: &mut String, bin: &Bin, color: Color, (x, y): (&Scale, &Scale)) {
         y.place(bin.residual - bin.error),
         y.place(bin.residual + bin.error),
         y.place(bin.residual)
-    );
-}
-
-fn text(svg: &mut String, x: f64, y: f64, anchor: &str, text: &str) {
-    let _ = write!(
-        svg,
-        "<text x=\"{x:.1}\" y=\"{y:.1}\" text-anchor=\"{anchor}\" font-size=\"12\" fill=\"currentColor\">{}</text>",
-        escape(text)
     );
 }
 

@@ -3,11 +3,9 @@
 use super::compass::{found, status};
 use crate::air::{AirEntry, AirReport};
 use crate::report::page::escape;
-use crate::report::plot::{AFTER, BEFORE, short, ticks};
+use crate::report::plot::{AFTER, BEFORE, SMALL as SIZE, label, short, ticks};
 use std::fmt::Write;
 
-/// Width and height of a drawing, px: on a phone it keeps its size.
-const SIZE: (f64, f64) = (350.0, 240.0);
 /// Left, right, above and below the axes, px.
 const MARGIN: [f64; 4] = [38.0, 10.0, 8.0, 38.0];
 /// The axes reach so much farther than the outermost dots.
@@ -82,15 +80,13 @@ fn drawing(s: &AirEntry) -> String {
         y(0.0),
         width - right
     );
-    let mut text = |x: f64, y: f64, anchor: &str, text: &str| {
-        let _ = write!(
-            svg,
-            "<text x=\"{x:.1}\" y=\"{y:.1}\" text-anchor=\"{anchor}\" font-size=\"12\" fill=\"currentColor\">{text}</text>"
-        );
-    };
-    ticks([0.0, speed]).iter().for_each(|v| text(x(*v), height - bottom + 15.0, "middle", &short(*v)));
-    ticks([-error, error]).iter().for_each(|v| text(left - 5.0, y(*v) + 4.0, "end", &short(*v)));
-    text(0.5 * (left + width - right), height - 4.0, "middle", "speed through the air, m/s");
+    for v in ticks([0.0, speed]) {
+        label(&mut svg, (x(v), height - bottom + 15.0), "middle", &short(v));
+    }
+    for v in ticks([-error, error]) {
+        label(&mut svg, (left - 5.0, y(v) + 4.0), "end", &short(v));
+    }
+    label(&mut svg, (0.5 * (left + width - right), height - 4.0), "middle", "speed through the air, m/s");
     for (which, color) in [(1, BEFORE), (2, AFTER)] {
         let mut path = String::new();
         for p in &points {

@@ -149,16 +149,14 @@ impl Filter {
     /// The vehicle leaves what it rested on: what that has spoiled is as uncertain as before all measurements, about the value that it has.
     pub fn leave_support(&mut self) {
         let spoilt = self.spoilt_by_support();
-        for state in &spoilt {
-            let sigma = self.initial_sigmas.get(*state).copied().unwrap_or_default();
-            self.p.reset(*state, sigma);
-            if let Some(hold) = &mut self.hold {
-                hold.base.1.reset(*state, sigma);
-            }
+        if spoilt.is_empty() {
+            return;
         }
-        if !spoilt.is_empty() {
-            self.supports = Supports::default();
-            self.end_hold();
+        // The period under way counts for the support as well: it ends first.
+        self.end_hold();
+        self.supports = Supports::default();
+        for state in spoilt {
+            self.p.reset(state, self.initial_sigmas.get(state).copied().unwrap_or_default());
         }
     }
 
