@@ -40,6 +40,8 @@ pub(in crate::identify) struct Widths {
     own: usize,
     /// Effects that are not named.
     closed: Vec<usize>,
+    /// Effects of which no parameter is known better than this, 1-sigma, SI.
+    known_to: Vec<(usize, f64)>,
 }
 
 impl Widths {
@@ -50,7 +52,7 @@ impl Widths {
         is_there: impl Fn(&str) -> bool,
     ) -> Self {
         let (effect, narrow, wide, closed) = (Vec::new(), Vec::new(), Vec::new(), Vec::new());
-        let mut out = Self { catalogue, effect, narrow, wide, own: 0, closed };
+        let mut out = Self { catalogue, effect, narrow, wide, own: 0, closed, known_to: Vec::new() };
         for (e, (effect, tolerance)) in catalogue.iter().zip(tolerances).enumerate() {
             let open = f64::from(u8::from(is_there(effect.name())));
             for group in effect.groups() {
@@ -77,6 +79,17 @@ impl Widths {
         self.narrow.push(sigma);
         self.wide.push(sigma);
         self
+    }
+
+    /// What the measurement is compared with is no better than this for one effect, 1-sigma.
+    pub(in crate::identify) fn known_to(mut self, effect: &str, sigma: f64) -> Self {
+        self.known_to.extend(self.catalogue.iter().position(|e| e.name() == effect).map(|e| (e, sigma)));
+        self
+    }
+
+    /// Another 1-sigma of a parameter that is always open.
+    pub(in crate::identify) fn reopen(&mut self, parameter: usize, sigma: f64) {
+        (self.narrow[parameter], self.wide[parameter]) = (sigma, sigma);
     }
 
     /// This effect is not named from here on.
@@ -189,8 +202,10 @@ impl About<'_> {
         let by_tolerances = self.by_tolerances(&found, named);
         let own = |i: usize| found.columns[i].checked_sub(self.prior.len()).map(|k| self.widths.effect[k]);
         let own = (0..found.columns.len()).filter(|i| own(*i) == Some(e));
-        let one =
-            |i: usize| (found.fit.step[i], (found.fit.covariance[(i, i)].max(0.0) + by_tolerances[i]).sqrt());
+        let least = self.widths.known_to.iter().find(|k| k.0 == e).map_or(0.0, |k| k.1.powi(2));
+        let one = |i: usize| {
+            (found.fit.step[i], (found.fit.covariance[(i, i)].max(0.0) + by_tolerances[i] + least).sqrt())
+        };
         own.map(one).take(self.widths.catalogue[e].len()).collect()
     }
 
@@ -203,6 +218,40 @@ impl About<'_> {
             Some(f.fit.covariance[(at, at)].max(0.0).sqrt())
         });
         sigma.unwrap_or(0.0)
+    }
+
+    /// Names, one after the other, the effect of those tried that is worth most beside those named already, with its evidence.
+    fn add(&self, named: &mut Vec<(usize, f64)>, mut tried: Vec<usize>) {
+        loop {
+            let beside: Vec<usize> = named.iter().map(|n| n.0).collect();
+            tried.retain(|e| !beside.contains(e));
+            let base = self.evidence(&beside, None);
+            let gains = tried.iter().map(|e| (*e, self.evidence(&beside, Some(*e)) - base));
+            match gains.max_by(|a, b| a.1.total_cmp(&b.1)).filter(|best| best.1 > THRESHOLD) {
+                Some(best) => named.push(best),
+                None => return,
+            }
+        }
+    }
+
+    /// Removes, one after the other, the effect that held-out data confirm least, as long as they do not confirm all.
+    fn remove(
+        &self,
+        named: &mut Vec<(usize, f64)>,
+        removed: &mut Vec<usize>,
+        as_reported: f64,
+        held_out_error: &dyn Fn(&[f64]) -> f64,
+    ) {
+        loop {
+            let all: Vec<usize> = named.iter().map(|n| n.0).collect();
+            let gains = all.iter().enumerate().map(|(k, e)| (k, self.held_out_gain(&all, *e)));
+            let Some((k, gain)) = gains.min_by(|a, b| a.1.total_cmp(&b.1)) else { return };
+            // Both: the gain knows what the flight leaves open, the residual is what a corrected sensor would show.
+            if gain > 0.0 && held_out_error(&self.own_values(&self.fit, &all)) < as_reported {
+                return;
+            }
+            removed.push(named.remove(k).0);
+        }
     }
 
     /// Values of the sensor's own parameters by these data.
@@ -330,34 +379,20 @@ pub(in crate::identify) fn choose(
         correlated: correlation(blocks, prior, widths),
     };
     let every: Vec<usize> = (0..widths.catalogue.len()).filter(|e| !widths.closed.contains(e)).collect();
-    let mut named: Vec<usize> = Vec::new();
-    let mut evidences: Vec<f64> = Vec::new();
-    loop {
-        let base = about.evidence(&named, None);
-        let gain = |e: &usize| (*e, about.evidence(&named, Some(*e)) - base);
-        let rest = every.iter().filter(|e| !named.contains(e)).map(gain);
-        match rest.max_by(|a, b| a.1.total_cmp(&b.1)) {
-            Some((e, gain)) if gain > THRESHOLD => {
-                named.push(e);
-                evidences.push(gain);
-            }
-            _ => break,
-        }
-    }
-    let mut removed = Vec::new();
-    let worst = |named: &[usize]| {
-        let gains = named.iter().enumerate().map(|(k, e)| (k, about.held_out_gain(named, *e)));
-        gains.min_by(|a, b| a.1.total_cmp(&b.1))
-    };
     let as_reported = held_out_error(&vec![0.0; widths.len()]);
-    while let Some((k, gain)) = worst(&named) {
-        // Both: the gain knows what the flight leaves open, the residual is what a corrected sensor would show.
-        if gain > 0.0 && held_out_error(&about.own_values(&about.fit, &named)) < as_reported {
+    let (mut named, mut removed): (Vec<(usize, f64)>, Vec<usize>) = (Vec::new(), Vec::new());
+    // What held-out data remove was named in the place of something else, perhaps: the others are tried again without it.
+    loop {
+        let tried = every.iter().copied().filter(|e| !removed.contains(e)).collect();
+        about.add(&mut named, tried);
+        let before = removed.len();
+        about.remove(&mut named, &mut removed, as_reported, held_out_error);
+        if removed.len() == before {
             break;
         }
-        removed.push(widths.catalogue[named.remove(k)].name());
-        evidences.remove(k);
     }
+    let (named, evidences): (Vec<usize>, Vec<f64>) = named.into_iter().unzip();
+    let removed: Vec<_> = removed.into_iter().map(|e| widths.catalogue[e].name()).collect();
     let base = about.evidence(&named, None);
     let not_found = every
         .iter()
