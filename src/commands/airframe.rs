@@ -8,7 +8,9 @@ use crate::logs::{self, Item};
 use crate::outputs::mark;
 use crate::pipeline::{Consumer, Pipeline};
 use gaware_mission::airframe::{Airframe, AirframeError};
+use gaware_mission::item::Autopilot;
 use gaware_nav::model::Model;
+use gaware_nav::observability::words::VehicleKind;
 use gaware_nav::sample::{ImuSample, Sample};
 use mavlink::dialects::ardupilotmega::MavMessage;
 use measure::{Instant, Measured};
@@ -18,6 +20,8 @@ use std::path::{Path, PathBuf};
 
 /// Id of `VFR_HUD`, the only common message with an airspeed.
 const VFR_HUD: u32 = 74;
+/// `ac_mission` keeps radii over 255 m in tens of metres.
+const ARDUPILOT_RADIUS_STEP_M: f64 = 10.0;
 /// Spacing of what is kept of a flight, s.
 const SPACING_S: f64 = 0.1;
 /// Records between two looks at the progress.
@@ -43,9 +47,10 @@ pub enum AirframeAction {
 pub struct FitArgs {
     /// Recorded flight: .tlog, DataFlash .bin, .ulg or a recording of gaware (.mcap).
     pub log: PathBuf,
-    /// Airframe whose values stay where the flight measures none.
-    #[arg(long, value_name = "NAME|FILE", default_value = "small_fixed_wing")]
-    pub airframe: String,
+    /// Airframe whose values stay where the flight measures none (default: quadrotor for a multirotor's flight, small_fixed_wing for any
+    /// other). Who flies it is as the log says.
+    #[arg(long, value_name = "NAME|FILE")]
+    pub airframe: Option<String>,
     /// Write the airframe file here.
     #[arg(long, value_name = "FILE")]
     pub out: Option<PathBuf>,
@@ -76,6 +81,18 @@ pub enum FitError {
         /// Seconds needed.
         least: f64,
     },
+    /// The file says wings and the flight rotors, or the other way round.
+    #[error("{path} is the flight of a {flown}, and {airframe} describes a {described}")]
+    Kind {
+        /// Log.
+        path: PathBuf,
+        /// Kind that flew.
+        flown: &'static str,
+        /// Name of the airframe.
+        airframe: String,
+        /// Its kind.
+        described: &'static str,
+    },
     /// What was measured is inconsistent with what was given.
     #[error("the fitted airframe is not valid: {0}; start from a nearer one with --airframe")]
     Airframe(#[from] AirframeError),
@@ -87,12 +104,12 @@ pub enum FitError {
 /// A log, model or airframe that cannot be read, too little flight, a file that cannot be written.
 pub fn run(args: &AirframeArgs) -> Result<(), CommandError> {
     let AirframeAction::Fit(args) = &args.action;
-    let inputs = [Some(args.log.as_path()), Some(Path::new(&args.airframe)), args.model.as_deref()];
+    let inputs = [Some(args.log.as_path()), args.airframe.as_deref().map(Path::new), args.model.as_deref()];
     let outputs = args.overwrite.outputs(inputs.into_iter().flatten());
     args.out.iter().try_for_each(|path| outputs.check(path))?;
-    let base = demo::load_airframe(&args.airframe)?;
     let model = args.model.as_deref().map_or_else(|| Ok(Model::standard()), load_model)?;
-    let flight = read(args, model)?;
+    let Flight { steps: flight, kind, autopilot } = read(args, model)?;
+    let base = base(args, kind, autopilot)?;
     let seconds = SPACING_S * flight.len() as f64;
     if seconds < measure::LEAST_FLIGHT_S {
         let (path, least) = (args.log.clone(), measure::LEAST_FLIGHT_S);
@@ -111,6 +128,29 @@ pub fn run(args: &AirframeArgs) -> Result<(), CommandError> {
     }
 }
 
+/// Where the fit begins: an airframe of the kind that flew, flown by the autopilot that flew it.
+fn base(
+    args: &FitArgs,
+    kind: Option<VehicleKind>,
+    autopilot: Option<Autopilot>,
+) -> Result<Airframe, CommandError> {
+    let rotors = kind == Some(VehicleKind::Multirotor);
+    let usual = if rotors { "quadrotor" } else { "small_fixed_wing" };
+    let mut base = demo::load_airframe(args.airframe.as_deref().unwrap_or(usual))?;
+    if kind.is_some() && base.is_fixed_wing() == rotors {
+        let name = |rotors| if rotors { "multirotor" } else { "fixed wing" };
+        let (path, airframe) = (args.log.clone(), base.name);
+        return Err(FitError::Kind { path, flown: name(rotors), airframe, described: name(!rotors) }.into());
+    }
+    if let Some(autopilot) = autopilot.filter(|a| *a != base.autopilot) {
+        base.autopilot = autopilot;
+        // ArduPilot alone rounds large radii.
+        let ardupilot = autopilot == Autopilot::ArduPilot;
+        base.radius_step_above_255_m = if ardupilot { ARDUPILOT_RADIUS_STEP_M } else { 0.0 };
+    }
+    Ok(base)
+}
+
 fn file(fitted: &Airframe, log: &Path, seconds: f64) -> Result<String, CommandError> {
     // Names of files may hold anything; a comment ends with its line.
     let name: String = log.file_name().unwrap_or_default().to_string_lossy().escape_default().collect();
@@ -118,8 +158,17 @@ fn file(fitted: &Airframe, log: &Path, seconds: f64) -> Result<String, CommandEr
     Ok(format!("# Fitted to {seconds:.0} s of flight in {name} by `gaware airframe fit`.\n{text}"))
 }
 
-/// The flight in steps, with the sensors as calibrated at its end.
-fn read(args: &FitArgs, model: Model) -> Result<Vec<Instant>, CommandError> {
+/// A recorded flight.
+struct Flight {
+    /// In steps, with the sensors as calibrated at its end.
+    steps: Vec<Instant>,
+    /// What flew, where the log says so.
+    kind: Option<VehicleKind>,
+    /// Who flew it.
+    autopilot: Option<Autopilot>,
+}
+
+fn read(args: &FitArgs, model: Model) -> Result<Flight, CommandError> {
     let mut reader = logs::open(&args.log)?;
     let recorded = logs::mcap::recorded_setup(&args.log).map(|s| s.converter).unwrap_or_default();
     let options = crate::sensors::ConverterOptions {
@@ -128,6 +177,7 @@ fn read(args: &FitArgs, model: Model) -> Result<Vec<Instant>, CommandError> {
     };
     let log = Log { engine: Engine::new(model, EngineOptions::default()), kept: Vec::new(), sum: None };
     let mut pipeline = Pipeline::new(options, log, f64::INFINITY);
+    pipeline.set_autopilot(reader.autopilot());
     let bar = progress_bar(reader.progress().total_bytes, "bytes");
     let mut airspeeds: Vec<(f64, f64)> = Vec::new();
     let mut records = 0_u64;
@@ -148,7 +198,14 @@ fn read(args: &FitArgs, model: Model) -> Result<Vec<Instant>, CommandError> {
         }
     }
     bar.finish_and_clear();
-    Ok(pipeline.engine().instants(&airspeeds))
+    let autopilot = match pipeline.autopilot() {
+        "ardupilot" => Some(Autopilot::ArduPilot),
+        "px4" => Some(Autopilot::Px4),
+        _ => None,
+    };
+    let steps = pipeline.engine().instants(&airspeeds);
+    let kind = pipeline.vehicle_kind().or(reader.vehicle_kind()).filter(|k| *k != VehicleKind::Unknown);
+    Ok(Flight { steps, kind, autopilot })
 }
 
 /// The mean of some inertial samples, with attitude and velocity at their end.
@@ -264,7 +321,7 @@ mod tests {
     fn fit(log: PathBuf) -> FitArgs {
         FitArgs {
             log,
-            airframe: "small_fixed_wing".to_owned(),
+            airframe: None,
             out: None,
             overwrite: OverwriteArgs::default(),
             model: None,
@@ -273,11 +330,27 @@ mod tests {
         }
     }
 
+    /// A quadrotor of PX4 fitted to the file of a small wing on ArduPilot was planned for as such.
+    #[test]
+    fn the_fit_begins_with_what_flew_and_who_flew_it() {
+        let args = fit("a.mcap".into());
+        let quadrotor = base(&args, Some(VehicleKind::Multirotor), Some(Autopilot::Px4)).expect("shipped");
+        assert_eq!((quadrotor.is_fixed_wing(), quadrotor.autopilot), (false, Autopilot::Px4));
+        assert_eq!(quadrotor.radius_step_above_255_m, 0.0);
+        for (kind, autopilot) in [(None, None), (Some(VehicleKind::FixedWing), Some(Autopilot::ArduPilot))] {
+            let wing = base(&args, kind, autopilot).expect("shipped");
+            assert_eq!(Some(wing), Airframe::example("small_fixed_wing"));
+        }
+        let args = FitArgs { airframe: Some("small_fixed_wing".to_owned()), ..args };
+        let why = base(&args, Some(VehicleKind::Multirotor), None).expect_err("wings").to_string();
+        assert_eq!(why, "a.mcap is the flight of a multirotor, and small fixed wing describes a fixed wing");
+    }
+
     /// ArduPilot's simulated plane slips by about 0.2 g in its turns: 0.178 g at 45° of bank by its own truth.
     #[test]
     fn a_recorded_flight_shows_the_side_force_of_its_turns() {
         let log = Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/data/small_clean_dither.tlog");
-        let flight = read(&fit(log), Model::standard()).expect("a readable flight");
+        let flight = read(&fit(log), Model::standard()).expect("a readable flight").steps;
         let measured = measure::all(&flight, true);
         let of = |key: &str| measured.iter().find(|m| m.key == key).map_or(f64::NAN, |m| m.value);
         assert!((of("side_force_g") - 0.178).abs() < 0.03, "{measured:?}");

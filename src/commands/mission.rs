@@ -243,7 +243,7 @@ async fn bring_list_over(
     let kept = previous.items.len();
     let mut contents = Contents { backup_of: Some(vehicle), ..Contents::default() };
     let put = contents.put(kind, previous.clone());
-    put.map_err(|source| FileError::Fence { path: backup.to_owned(), source })?;
+    put.map_err(|source| FileError::List { path: backup.to_owned(), source })?;
     let text = files::text_of_contents(backup, &contents, vehicle.autopilot, vehicle.mav_type)?;
     files::write_new(backup, &text)?;
     let options = Options { even_while_flying: args.even_while_flying, ..Options::default() };
@@ -336,7 +336,7 @@ async fn read_contents(
 ) -> Result<(Contents, String), MissionError> {
     let path = &args.link.file;
     let mut contents = Contents::default();
-    let fails = |source| FileError::Fence { path: path.clone(), source };
+    let fails = |source| FileError::List { path: path.clone(), source };
     if let Some(kind) = args.list.map(MissionKind::from) {
         let list = read_list(session, kind).await?;
         contents.put(kind, list).map_err(fails)?;

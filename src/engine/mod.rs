@@ -108,8 +108,6 @@ pub struct Engine {
     stillness: StationaryTest,
     watch: ConditionWatch,
     guide: Option<Guide>,
-    /// The last filter before a restart: shown until the next one runs.
-    before: Option<Box<Filter>>,
     /// What the vehicle reports of its flight, where there is one.
     flight: Option<FlightReport>,
     /// When a position was rejected as a jump, s, and how far it was off, m.
@@ -150,7 +148,6 @@ impl Engine {
             stillness: StationaryTest::default(),
             watch,
             guide,
-            before: None,
             flight: None,
             jump: None,
             contradicted_s: None,
@@ -217,10 +214,6 @@ impl Engine {
             }
         }
         self.take(sample);
-        if matches!(sample, Sample::Restart(_)) {
-            // After a sensor fault this is an earlier one than the last.
-            self.before = self.estimator.before_restart().map(|filter| Box::new(filter.clone()));
-        }
     }
 
     fn feed_imu(&mut self, imu: &ImuSample, sample: &Sample) {
@@ -389,7 +382,7 @@ impl Engine {
         let observability = observability::of(
             &self.watch,
             &constants,
-            predicted.as_ref().or(self.before.as_deref()),
+            predicted.as_ref().or(self.estimator.before_restart()),
             &self.options.targets,
             self.vehicle(),
         );
@@ -448,7 +441,8 @@ impl Engine {
     }
 
     fn constants(&self, filter: Option<&Filter>) -> Constants {
-        match filter.or(self.before.as_deref()) {
+        // What is known before a restart or a gap is shown until the next filter runs.
+        match filter.or(self.estimator.before_restart()) {
             Some(filter) => Constants::of_filter(filter),
             None => Constants::of_model(self.estimator.model()),
         }

@@ -33,7 +33,7 @@ impl Engine {
         let stands = filter.is_some_and(|f| self.stillness.stands(f.nav().v_n().norm()));
         match self.phase() {
             Phase::WaitingForImu => "no inertial samples yet: is the autopilot connected?".to_owned(),
-            Phase::WaitingForGnss if self.before.is_some() => {
+            Phase::WaitingForGnss if self.estimator.before_restart().is_some() => {
                 "no GNSS fix since the restart: the constants are kept, motion starts with the next fix"
                     .to_owned()
             }

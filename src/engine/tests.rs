@@ -134,6 +134,26 @@ fn a_reboot_keeps_what_was_learned_of_the_vehicle() {
     }
 }
 
+/// PX4's log of a whole flight ended half a second after a gap: all that it had shown was gone, though "biases and G are kept".
+#[test]
+fn what_was_learned_is_shown_also_where_a_log_ends_just_after_a_gap() {
+    let flight = named("fixed_wing");
+    let learned = fly(&flight, 1, 150.0).snapshot().estimate;
+    let mut engine = Engine::new(Model::standard(), EngineOptions::default());
+    for (sample, truth) in flight.flight(1).take_while(|(_, t)| t.t_s <= 153.5) {
+        if !(150.0..153.0).contains(&truth.t_s) {
+            engine.feed(&sample);
+        }
+    }
+    let now = engine.snapshot();
+    assert_eq!(now.phase, Phase::Aligning);
+    let [kept, known] = [now.estimate, learned].map(|e| e.g_sensitivity_deg_per_h_per_g);
+    for (kept, known) in kept.sigma.as_flattened().iter().zip(known.sigma.as_flattened()) {
+        assert!((kept / known - 1.0).abs() < 1e-3, "{kept} {known}");
+    }
+    assert_eq!(engine.summary().estimate.g_sensitivity_deg_per_h_per_g, kept);
+}
+
 /// A range that ends below the load of a turn is noticed after a while: what the samples at its end have taught by then goes.
 #[test]
 fn what_a_faulty_sensor_taught_before_it_was_found_is_dropped() {

@@ -6,7 +6,9 @@ use gaware_mission::fence::{Fence, FenceItemError};
 use gaware_mission::files::plan::{self, PlanFile};
 use gaware_mission::files::waypoints;
 use gaware_mission::identity::Identity;
-use gaware_mission::item::{Autopilot, LatLon, Mission, MissionItem, MissionKind, command};
+use gaware_mission::item::{
+    AltitudeReference, Autopilot, LatLon, Mission, MissionItem, MissionKind, command,
+};
 use std::path::{Path, PathBuf};
 
 /// Why a mission file cannot be used.
@@ -49,13 +51,13 @@ pub enum FileError {
         /// `mission` or `params`.
         command: &'static str,
     },
-    /// A fence that no plan file can hold.
+    /// A list that no plan file can hold.
     #[error("{path}: {source}", path = path.display())]
-    Fence {
+    List {
         /// File.
         path: PathBuf,
         /// What it cannot hold.
-        source: FenceItemError,
+        source: ListError,
     },
     /// A `.waypoints` file for a geofence or rally points.
     #[error("{path}: only a .plan file holds a {kind}", path = path.display())]
@@ -68,6 +70,17 @@ pub enum FileError {
     /// Neither kind.
     #[error("{0}: name it .plan or .waypoints, the two kinds of mission files")]
     Kind(PathBuf),
+}
+
+/// Why a vehicle's list does not go into a plan file.
+#[derive(Debug, Clone, PartialEq, thiserror::Error)]
+pub enum ListError {
+    /// A fence.
+    #[error(transparent)]
+    Fence(#[from] FenceItemError),
+    /// A plan file has heights above home only: read from it, the point would be elsewhere.
+    #[error("rally point {0} does not count its height from home, as plan files do")]
+    Rally(usize),
 }
 
 /// What a mission file holds.
@@ -103,12 +116,18 @@ impl Contents {
     /// Puts one of the three lists in.
     ///
     /// # Errors
-    /// A fence that a plan file cannot hold.
-    pub fn put(&mut self, kind: MissionKind, list: Mission) -> Result<(), FenceItemError> {
+    /// A fence or rally points that a plan file cannot hold.
+    pub fn put(&mut self, kind: MissionKind, list: Mission) -> Result<(), ListError> {
         match kind {
             MissionKind::Mission => self.mission = list,
             MissionKind::Fence => self.fence = Fence::from_items(&list.items)?,
-            MissionKind::Rally => self.rally_points = list.items.iter().map(rally_point).collect(),
+            MissionKind::Rally => {
+                let other = |i: &MissionItem| i.frame.altitude_reference() != AltitudeReference::Home;
+                if let Some(k) = list.items.iter().position(other) {
+                    return Err(ListError::Rally(k + 1));
+                }
+                self.rally_points = list.items.iter().map(rally_point).collect();
+            }
         }
         Ok(())
     }
@@ -263,5 +282,25 @@ pub fn folder_of(path: &Path) -> &Path {
 fn sync_folder(path: &Path) {
     if let Ok(folder) = std::fs::File::open(folder_of(path)) {
         let _ = folder.sync_all();
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use gaware_mission::item::Frame;
+
+    /// PX4 reads a rally point above sea level back as frame 5: in a plan file 529 m of altitude would be 529 m above home.
+    #[test]
+    fn a_rally_point_above_sea_level_is_not_written_as_one_above_home() {
+        let point = |frame| MissionItem { frame, ..rally_item([47.4, 8.5, 529.0]) };
+        let list = |frame| Mission { home: None, items: vec![point(Frame(6)), point(frame)] };
+        let mut contents = Contents::default();
+        assert_eq!(contents.put(MissionKind::Rally, list(Frame(3))), Ok(()));
+        assert_eq!(contents.rally_points, [[47.4, 8.5, 529.0]; 2]);
+        for frame in [0, 5, 10] {
+            let why = contents.put(MissionKind::Rally, list(Frame(frame)));
+            assert_eq!(why, Err(ListError::Rally(2)), "{frame}");
+        }
     }
 }

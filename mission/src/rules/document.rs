@@ -67,6 +67,9 @@ What else a simulated autopilot does as the firmware does.
 | PX4 | a UDP port answers the place that it heard first | mavlink_receiver.cpp, set_client_source_initialized | not simulated; `udpout` comes from the same local port in every run |
 | PX4 | SCALED_IMU, SCALED_IMU2, SCALED_IMU3 are vehicle_imu 0, 1, 2; HIGHRES_IMU is the unit in use, less the filter's bias estimates | streams/SCALED_IMU.hpp, streams/HIGHRES_IMU.hpp | CAL_ACC1_ID is set, as on every board |
 | PX4 | adds what its filter learnt of the accelerometers to CAL_ACC*_OFF when it is disarmed, from 0.05 m/s² on | VehicleIMU.cpp, SensorCalibrationSaveAccel (SENS_IMU_AUTOCAL, on by default) | commits nothing, and says so: SENS_IMU_AUTOCAL 0 |
+| PX4 | keeps the frame of a rally point as it was sent and returns to frames 0 and 3 only; to another it flies off, from home and from the point, with \"RTL: unsupported MAV_FRAME\". It reads `_INT` back whatever was sent | rtl.cpp:495, setSafepointAsDestination; mavlink_mission.cpp, parse_mavlink_mission_item | says so at the upload; `gaware` sends rally points in frame 3 |
+| PX4 | stamps SCALED_IMU when vehicle_imu is published, not when it was measured: 3.8 ms later on average in its own simulator, which makes the latency from a link that much shorter than from a `.ulg` | VehicleIMU.cpp, Publish; streams/SCALED_IMU.hpp | not simulated |
+| PX4 | without its gimbal module prints \"param 65535 invalid\" at each request of AUTOPILOT_VERSION, and means nothing by it | mavlink_main.cpp:1086, MNT_MODE_IN | not simulated |
 | both | integers of RAW_IMU and SCALED_IMU are truncated toward zero; in calm air they repeat for seconds | GCS_Common.cpp:2215, streams/SCALED_IMU.hpp | the same; repeated values are judged by their probability |
 ";
 

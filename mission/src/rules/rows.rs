@@ -136,5 +136,5 @@ pub const ROWS: &[Row] = rows! {
     [NAV_FENCE_CIRCLE_EXCLUSION ARDUPILOT [SECONDS, D, D, D] ALL ArduPilotFence "AC_PolyFence_loader.h, CIRCLE_EXCLUSION_INT" "4.0 only"]
     [NAV_FENCE_CIRCLE_EXCLUSION PX4 [Exact, D, D, D] ALL Px4Fence PX4_FENCE]
     [NAV_RALLY_POINT ARDUPILOT [D; 4] ALL ArduPilotRally "MissionItemProtocol_Rally.cpp:51 (stored), :86 (read back)"]
-    [NAV_RALLY_POINT PX4 [D; 4] ALL Px4Place "mavlink_mission.cpp, MAV_CMD_NAV_RALLY_POINT"]
+    [NAV_RALLY_POINT PX4 [D; 4] ALL Px4Place "mavlink_mission.cpp, MAV_CMD_NAV_RALLY_POINT" "a return goes there if it was sent in frame 0 or 3 (rtl.cpp:495)"]
 };

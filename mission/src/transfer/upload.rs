@@ -144,7 +144,11 @@ impl Upload {
         self.last_asked = Some(seq);
         self.state = State::Serving { until: now + self.peers.timing.silence_s };
         let mut item = *item;
-        item.frame = item.frame.on_wire();
+        // PX4 returns to a rally point in frame 0 or 3 only, and flies off where it is `_INT` (rtl.cpp:495); ArduPilot takes every frame.
+        item.frame = match self.peers.kind {
+            MissionKind::Rally => item.frame.in_files(),
+            MissionKind::Mission | MissionKind::Fence => item.frame.on_wire(),
+        };
         // PX4 keeps the index of the mission before where no item is marked; ArduPilot does not read the mark.
         let current = seq == 0 && self.peers.kind == MissionKind::Mission;
         let message = MissionMessage::ItemInt { seq, current, item, mission_type: self.peers.mission_type() };

@@ -66,6 +66,8 @@ struct Upload {
     staged: Vec<Item>,
     /// The item that was marked as the current one.
     current: Option<u16>,
+    /// Whether it holds a rally point to which PX4 cannot return.
+    lost: bool,
 }
 
 /// What an upload or a clearing does to the index of the current item.
@@ -328,7 +330,17 @@ impl MissionServer {
         self.download = None;
         let staged = Vec::new();
         let (asked_s, heard_s) = (now_s, now_s);
-        self.uploads.push(Upload { list, peer, count, next: 0, asked_s, heard_s, staged, current: None });
+        self.uploads.push(Upload {
+            list,
+            peer,
+            count,
+            next: 0,
+            asked_s,
+            heard_s,
+            staged,
+            current: None,
+            lost: false,
+        });
         vec![ask(flavour, peer, list, 0)]
     }
 
@@ -384,6 +396,7 @@ impl MissionServer {
         if item.current != 0 {
             upload.current = Some(item.seq);
         }
+        upload.lost |= list == List::Rally && !storage::px4_returns_to(&item);
         let kept = match firmware.keep(list, item) {
             // `MissionItemProtocol_Waypoints::append_item`.
             Ok(kept) if firmware.flavour == Flavour::ArduPilot && ardupilot::jumps_outside(&kept, last) => {
@@ -417,7 +430,7 @@ impl MissionServer {
 
     /// The last item is there.
     fn complete(&mut self, stored: &mut Vec<Item>, upload: Upload) -> Vec<MavMessage> {
-        let Upload { list, peer, count, staged, current, .. } = upload;
+        let Upload { list, peer, count, staged, current, lost, .. } = upload;
         if self.firmware.flavour == Flavour::ArduPilot
             && list == List::Fence
             && let Err(why) = storage::validate_fence(&staged)
@@ -434,6 +447,9 @@ impl MissionServer {
         }
         if self.firmware.flavour == Flavour::ArduPilot && list == List::Mission {
             self.texts.push("Flight plan received");
+        }
+        if self.firmware.flavour == Flavour::Px4 && lost {
+            self.texts.push("RTL: unsupported MAV_FRAME");
         }
         self.changed |= list == List::Mission;
         self.finished = Some((peer, list, count));

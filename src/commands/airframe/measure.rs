@@ -11,6 +11,9 @@ pub const LEAST_FLIGHT_S: f64 = 60.0;
 const FLYING_SHARE: f64 = 0.35;
 /// A vehicle that was never faster than this has not flown, m/s.
 const FLYING_M_PER_S: f64 = 3.0;
+/// In flight from this height above the lowest of the log on, m, and how long a step may count for it, s.
+const CLEAR_M: f64 = 10.0;
+const LONGEST_STEP_S: f64 = 1.0;
 /// More bank than this is a turn; less than the second is level, rad.
 const TURN_RAD: f64 = 0.35;
 const LEVEL_RAD: f64 = 0.17;
@@ -89,13 +92,25 @@ fn field<'a>(a: &'a mut Airframe, key: &str) -> Option<&'a mut f64> {
     })
 }
 
-/// The part of a flight in the air.
+/// The part of a flight in the air: a wing that rolls on a runway is slower than any that flies.
 pub fn in_flight(mut all: Vec<Instant>) -> Vec<Instant> {
     let speed = |i: &Instant| i.velocity_ned.xy().norm();
     let fastest = all.iter().map(speed).fold(0.0, f64::max);
     let least = FLYING_M_PER_S.max(FLYING_SHARE * fastest);
-    let first = all.iter().position(|i| speed(i) > least).unwrap_or(all.len());
-    let last = all.iter().rposition(|i| speed(i) > least).map_or(first, |k| k + 1);
+    let mut height = 0.0;
+    let heights: Vec<f64> = std::iter::once(0.0)
+        .chain(all.windows(2).map(|w| {
+            height -= (w[1].t_s - w[0].t_s).min(LONGEST_STEP_S) * w[1].velocity_ned.z;
+            height
+        }))
+        .collect();
+    let (low, high) = heights.iter().fold((0.0, 0.0), |(l, h): (f64, f64), x| (l.min(*x), h.max(*x)));
+    // A log of level flight alone has no ground in it.
+    let clear = if high - low > 2.0 * CLEAR_M { low + CLEAR_M } else { low };
+    let flies =
+        |k: usize| all.get(k).zip(heights.get(k)).is_some_and(|(i, h)| speed(i) > least && *h >= clear);
+    let first = (0..all.len()).find(|k| flies(*k)).unwrap_or(all.len());
+    let last = (0..all.len()).rfind(|k| flies(*k)).map_or(first, |k| k + 1);
     all.truncate(last);
     all.split_off(first.min(last))
 }
@@ -263,4 +278,39 @@ pub fn apply(base: &Airframe, measured: &[Measured]) -> Result<Airframe, Airfram
     fitted = fitted.fitted();
     fitted.validate()?;
     Ok(fitted)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// PX4's own simulator took off from a runway and rolled out: 7.7 m/s were the slowest airspeed of an aircraft that flies at 10.
+    #[test]
+    fn rolling_on_the_runway_is_no_flight() {
+        let at = |k: usize, speed: f64, down: f64| Instant {
+            t_s: 0.1 * k as f64,
+            roll: 0.0,
+            pitch: 0.0,
+            velocity_ned: Vector3::new(speed, 0.0, down),
+            rate: Vector3::zeros(),
+            force: Vector3::zeros(),
+            airspeed: Some(speed),
+        };
+        // Rolls to 10 m/s in 5 s, climbs 60 m, flies, descends, rolls out.
+        let of = |k: usize| match k {
+            0..50 => at(k, 0.2 * k as f64, 0.0),
+            50..250 => at(k, 12.0, -3.0),
+            250..950 => at(k, 11.0 + (k % 50) as f64 * 0.05, 0.0),
+            950..1150 => at(k, 12.0, 3.0),
+            _ => at(k, (10.0 - 0.05 * (k - 1150) as f64).max(0.0), 0.0),
+        };
+        let whole: Vec<Instant> = (0..1400).map(of).collect();
+        let slowest = |flight: Vec<Instant>| {
+            speeds(&flight, true).iter().find(|m| m.key == "speed_min_m_per_s").map(|m| m.value)
+        };
+        assert!(slowest(in_flight(whole.clone())).is_some_and(|v| v > 10.9));
+        // Without take-off and landing nothing is cut.
+        let level = whole.get(250..950).unwrap_or_default().to_vec();
+        assert_eq!(in_flight(level.clone()).len(), level.len());
+    }
 }

@@ -155,6 +155,12 @@ fn px4_rally(item: Item) -> Result<Item, MavMissionResult> {
     Ok(Item { param1: 0.0, ..px4_place(item, known)? })
 }
 
+/// `RTL::setSafepointAsDestination` (rtl.cpp:495) looks at the frame as it was sent, and knows 0 and 3. With any other it leaves latitude and longitude
+/// unset: the firmware flew away, from home and from the point.
+pub(super) fn px4_returns_to(point: &Item) -> bool {
+    matches!(point.frame, MavFrame::MAV_FRAME_GLOBAL | MavFrame::MAV_FRAME_GLOBAL_RELATIVE_ALT)
+}
+
 /// What PX4 keeps of any item with a place: global frames only, which it reads back as the `_INT` ones.
 fn px4_place(item: Item, known: bool) -> Result<Item, MavMissionResult> {
     let frame = with_int(item.frame).ok_or(match item.frame {

@@ -1,6 +1,7 @@
 use super::*;
-use gaware_mission::item::{Frame, MissionItem, MissionKind, command};
+use gaware_mission::item::{Frame, LatLon, MissionItem, MissionKind, command};
 use gaware_mission::rules::{Firmware, stored_item, table::ROWS};
+use gaware_mission::transfer::{Action, Address, Envelope, MissionMessage, Peers, Upload};
 use mavlink::MessageData;
 use proptest::prelude::*;
 
@@ -374,6 +375,33 @@ fn rally_points_keep_whole_metres_on_ardupilot() {
         let end = s.handle(&mut items, &STATION, &sent(point), 0.0);
         assert_eq!(result(&end), Some(MavMissionResult::MAV_MISSION_ACCEPTED));
         assert_eq!((s.rally_points()[0].z, items.len()), (z, 0));
+    }
+}
+
+/// What PX4 makes of a rally point's frame shows only at the return: the read-back says `_INT` whatever was sent.
+#[test]
+fn px4_returns_to_the_rally_points_that_are_uploaded() {
+    for flavour in [Flavour::ArduPilot, Flavour::Px4] {
+        let (mut s, mut items) = (server(flavour), Vec::new());
+        let place = LatLon { lat_deg: 47.3977, lon_deg: 8.5456 };
+        let at = |z| MissionItem::at(command::NAV_RALLY_POINT, [0.0; 4], place, z);
+        let me = Address { system: STATION.system_id as u8, component: STATION.component_id };
+        let peers = Peers::new(me, Address { system: 1, component: 1 }).about(MissionKind::Rally);
+        let (mut upload, _) = Upload::start(peers, vec![at(40.0), at(60.0)], 0.0);
+        let mission_type = MavMissionType::MAV_MISSION_TYPE_RALLY;
+        let count = MISSION_COUNT_DATA { count: 2, mission_type, ..Default::default() };
+        s.handle(&mut items, &STATION, &MavMessage::MISSION_COUNT(count), 0.0);
+        for seq in 0..2 {
+            let message = MissionMessage::RequestInt { seq, mission_type: mission_type as u8 };
+            let actions = upload.receive(0.0, &Envelope { from: peers.vehicle, to: me, message });
+            let [Action::Send(MissionMessage::ItemInt { item, .. }), ..] = actions.as_slice() else {
+                panic!("{actions:?}")
+            };
+            s.handle(&mut items, &STATION, &sent(Item { seq, ..on_wire(item, mission_type) }), 0.0);
+        }
+        let read_back = s.rally_points().iter().map(|i| i.frame as u8).collect::<Vec<_>>();
+        assert_eq!(read_back, if flavour == Flavour::Px4 { [6; 2] } else { [3; 2] });
+        assert_eq!(s.take_texts(), Vec::<&str>::new(), "{flavour:?}");
     }
 }
 
