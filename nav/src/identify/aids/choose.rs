@@ -220,40 +220,6 @@ impl About<'_> {
         sigma.unwrap_or(0.0)
     }
 
-    /// Names, one after the other, the effect of those tried that is worth most beside those named already, with its evidence.
-    fn add(&self, named: &mut Vec<(usize, f64)>, mut tried: Vec<usize>) {
-        loop {
-            let beside: Vec<usize> = named.iter().map(|n| n.0).collect();
-            tried.retain(|e| !beside.contains(e));
-            let base = self.evidence(&beside, None);
-            let gains = tried.iter().map(|e| (*e, self.evidence(&beside, Some(*e)) - base));
-            match gains.max_by(|a, b| a.1.total_cmp(&b.1)).filter(|best| best.1 > THRESHOLD) {
-                Some(best) => named.push(best),
-                None => return,
-            }
-        }
-    }
-
-    /// Removes, one after the other, the effect that held-out data confirm least, as long as they do not confirm all.
-    fn remove(
-        &self,
-        named: &mut Vec<(usize, f64)>,
-        removed: &mut Vec<usize>,
-        as_reported: f64,
-        held_out_error: &dyn Fn(&[f64]) -> f64,
-    ) {
-        loop {
-            let all: Vec<usize> = named.iter().map(|n| n.0).collect();
-            let gains = all.iter().enumerate().map(|(k, e)| (k, self.held_out_gain(&all, *e)));
-            let Some((k, gain)) = gains.min_by(|a, b| a.1.total_cmp(&b.1)) else { return };
-            // Both: the gain knows what the flight leaves open, the residual is what a corrected sensor would show.
-            if gain > 0.0 && held_out_error(&self.own_values(&self.fit, &all)) < as_reported {
-                return;
-            }
-            removed.push(named.remove(k).0);
-        }
-    }
-
     /// Values of the sensor's own parameters by these data.
     fn own_values(&self, of: &Information, named: &[usize]) -> Vec<f64> {
         let v = self.values(of, named);
@@ -379,20 +345,34 @@ pub(in crate::identify) fn choose(
         correlated: correlation(blocks, prior, widths),
     };
     let every: Vec<usize> = (0..widths.catalogue.len()).filter(|e| !widths.closed.contains(e)).collect();
-    let as_reported = held_out_error(&vec![0.0; widths.len()]);
-    let (mut named, mut removed): (Vec<(usize, f64)>, Vec<usize>) = (Vec::new(), Vec::new());
-    // What held-out data remove was named in the place of something else, perhaps: the others are tried again without it.
+    let mut named: Vec<usize> = Vec::new();
+    let mut evidences: Vec<f64> = Vec::new();
     loop {
-        let tried = every.iter().copied().filter(|e| !removed.contains(e)).collect();
-        about.add(&mut named, tried);
-        let before = removed.len();
-        about.remove(&mut named, &mut removed, as_reported, held_out_error);
-        if removed.len() == before {
-            break;
+        let base = about.evidence(&named, None);
+        let gain = |e: &usize| (*e, about.evidence(&named, Some(*e)) - base);
+        let rest = every.iter().filter(|e| !named.contains(e)).map(gain);
+        match rest.max_by(|a, b| a.1.total_cmp(&b.1)) {
+            Some((e, gain)) if gain > THRESHOLD => {
+                named.push(e);
+                evidences.push(gain);
+            }
+            _ => break,
         }
     }
-    let (named, evidences): (Vec<usize>, Vec<f64>) = named.into_iter().unzip();
-    let removed: Vec<_> = removed.into_iter().map(|e| widths.catalogue[e].name()).collect();
+    let mut removed = Vec::new();
+    let worst = |named: &[usize]| {
+        let gains = named.iter().enumerate().map(|(k, e)| (k, about.held_out_gain(named, *e)));
+        gains.min_by(|a, b| a.1.total_cmp(&b.1))
+    };
+    let as_reported = held_out_error(&vec![0.0; widths.len()]);
+    while let Some((k, gain)) = worst(&named) {
+        // Both: the gain knows what the flight leaves open, the residual is what a corrected sensor would show.
+        if gain > 0.0 && held_out_error(&about.own_values(&about.fit, &named)) < as_reported {
+            break;
+        }
+        removed.push(widths.catalogue[named.remove(k)].name());
+        evidences.remove(k);
+    }
     let base = about.evidence(&named, None);
     let not_found = every
         .iter()
