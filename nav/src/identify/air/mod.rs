@@ -15,22 +15,13 @@ use crate::sample::{AirKind, AirSample};
 use nalgebra::{Rotation3, Vector2, Vector3};
 pub(in crate::identify) use sensor::AirForeseen;
 use sensor::AirSensor;
-use std::ops::Range;
 
 /// Samples this far from a fix are used for it: `SCALED_PRESSURE` comes at 2 Hz and more, s.
 const NEAR_S: f64 = 0.6;
-/// Below this speed nothing is said of the wind, m/s.
-const FLIES: f64 = 5.0;
 /// Fewer fixes with a sensor than this say nothing of it.
 const ENOUGH: usize = 100;
 /// Length of the blocks that are taken for independent of each other, s.
 const BLOCK_S: f64 = 20.0;
-
-/// Airspeeds count from so far above the ground on, m, where surface wind is measured (WMO-No. 8, section 5.9.2). Below it the wind is another one: with the 35 fixes of
-/// a landing the gusts came out twice as strong, and −15 to −26 Pa of offset beside 20 % of scale.
-const SURFACE_M: f64 = 10.0;
-/// A plane that begins low and fast is taking off where it has climbed so far within this time, s.
-const SOON_S: f64 = 60.0;
 
 /// Wind over a flight.
 #[derive(Debug, Clone, PartialEq)]
@@ -131,8 +122,6 @@ pub struct Air<'a> {
     is_wing: bool,
     /// The vehicle at each fix.
     carriage: Vec<Carriage>,
-    /// From take-off to landing, since the start, s.
-    airborne: Range<f64>,
 }
 
 impl<'a> Air<'a> {
@@ -146,10 +135,8 @@ impl<'a> Air<'a> {
             height_m: k.nav.geodetic().height_m,
             throttle: throttle(flight, is_wing, k.t_s),
         };
-        let carriage: Vec<Carriage> = settled.reference.knots.iter().map(at).collect();
-        let up = clear_of_ground(carriage.iter()).unwrap_or(f64::INFINITY);
-        let down = clear_of_ground(carriage.iter().rev()).unwrap_or(f64::NEG_INFINITY);
-        Self { samples: flight.air(), start_s, is_wing, carriage, airborne: up..down }
+        let carriage = settled.reference.knots.iter().map(at).collect();
+        Self { samples: flight.air(), start_s, is_wing, carriage }
     }
 
     /// Every sensor that measured during the flight: airspeed first, since its wind is the barometers' too.
@@ -196,22 +183,11 @@ impl<'a> Air<'a> {
                 temperature: sample.temperature_degc.unwrap_or(0.0),
             })
         };
-        let counts = |c: &&Carriage| is_height || self.airborne.contains(&c.elapsed_s);
-        let mut all: Vec<Instant> = self.carriage.iter().filter(counts).filter_map(at).collect();
+        let mut all: Vec<Instant> = self.carriage.iter().filter_map(at).collect();
         let mean = all.iter().map(|i| i.temperature).sum::<f64>() / all.len().max(1) as f64;
         all.iter_mut().for_each(|i| i.temperature -= mean);
         all
     }
-}
-
-/// When a vehicle is first clear of the ground. It begins there where it hardly moves, or where it is low and climbs soon; else it is in flight from the start.
-fn clear_of_ground<'c>(mut way: impl Iterator<Item = &'c Carriage> + Clone) -> Option<f64> {
-    let lowest = way.clone().map(|c| c.height_m).fold(f64::INFINITY, f64::min);
-    let first = way.next()?;
-    let (slow, low) = (first.v_n.norm() < FLIES, first.height_m < lowest + SURFACE_M);
-    let soon = |c: &&Carriage| slow || low && (c.elapsed_s - first.elapsed_s).abs() < SOON_S;
-    let clear = way.find(|c| c.height_m > first.height_m + SURFACE_M).filter(soon);
-    Some(clear.unwrap_or(first).elapsed_s)
 }
 
 /// The throttle, or the mean of a multirotor's motors.

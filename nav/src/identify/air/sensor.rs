@@ -7,7 +7,7 @@ use super::super::aids::choose::{self, Chosen, Widths, is_held_out};
 use super::super::aids::series::{self, BOUNDED, Bounded, Figures, GIVEN, Known, Noise, Prior, Row, States};
 use super::super::evidence::{SCALES, log_mean_exp};
 use super::super::pass::Information;
-use super::{Air, AirFound, BLOCK_S, Carriage, ENOUGH, FLIES, Instant, Wind, carriage_at};
+use super::{Air, AirFound, BLOCK_S, Carriage, ENOUGH, Instant, Wind, carriage_at};
 use crate::effects::{AIRSPEED, AirDriver, AirInstant, BAROMETER, Effect, SEA_LEVEL_DENSITY};
 use crate::sample::AirKind;
 pub(in crate::identify) use foreseen::AirForeseen;
@@ -46,17 +46,12 @@ const SLIP: f64 = 0.05 * 5.0;
 const SLIP_CONSTANT: f64 = 0.05;
 /// And the part that goes with the bank, rad at 90°: in a turn the rudder is not enough, or too much. ArduPilot's simulated wing slips by .022 rad in its turns.
 const SLIP_BANK: f64 = 0.05;
+/// Below this airspeed nothing is said of the wind, m/s.
+const FLIES: f64 = 5.0;
 /// A temperature or a throttle that changes by less drives nothing: °C, share.
 const DRIVES: [f64; 2] = [2.0, 0.1];
 /// The height of a barometer is judged about its mean over so long before and after, s: the weather and the wandering of a receiver's height are no error of it.
 const ABOUT_S: f64 = 60.0;
-/// What is not known of the square root of the density: air 9 K from the standard's, as of a barometer's scale.
-const DENSITY: f64 = 0.016;
-/// An autopilot holds the airspeed in gusts, so that the speed over ground has them: what changes within so long before and after, s, shows less than the whole scale
-/// factor, or none of it (errors in variables: Fuller 1987, section 1.1). With it 20 % of scale became an offset of 67 Pa in gusts of .4 m/s.
-const HELD_S: f64 = 10.0;
-/// The share of such changes that an airspeed does not follow, 1-sigma, where it is likelier that it does not follow all of them.
-const HELD: f64 = 1.0;
 /// No delay is longer, s.
 const LONGEST_DELAY_S: f64 = 5.0;
 
@@ -80,8 +75,6 @@ struct Ideal {
     c_nb: Rotation3<f64>,
     /// Height or equivalent airspeed.
     value: f64,
-    /// The latter less its mean over [`HELD_S`] before and after.
-    change: f64,
     x: AirInstant,
 }
 
@@ -99,23 +92,6 @@ fn rms(of: impl Iterator<Item = f64>) -> f64 {
     mean(of.filter(|v| v.is_finite()).map(|v| v * v)).sqrt()
 }
 
-/// What differs from the mean over so long before and after, s. `all`: time, s, and value, in order.
-fn about_mean(all: &[(f64, f64)], about_s: f64) -> Vec<f64> {
-    let (mut from, mut to, mut sum) = (0, 0, 0.0);
-    let one = |(t_s, own): &(f64, f64)| {
-        while all.get(to).is_some_and(|next| next.0 <= t_s + about_s) {
-            sum += all[to].1;
-            to += 1;
-        }
-        while all[from].0 < t_s - about_s {
-            sum -= all[from].1;
-            from += 1;
-        }
-        own - sum / (to - from).max(1) as f64
-    };
-    all.iter().map(one).collect()
-}
-
 /// Whether an airspeed sensor measures anything.
 fn flies(i: &Instant, s: &Ideal, wind: &Vector2<f64>) -> bool {
     let ground = (s.c_nb * s.x.velocity + Vector3::new(wind.x, wind.y, 0.0)).norm();
@@ -129,10 +105,7 @@ fn widths(kind: AirKind, wind: Option<[f64; 2]>, is_there: impl Fn(&str) -> bool
         AirKind::Barometer => {
             (0..2).fold(widths, |w, k| w.along("baro_dynamic_pressure", wind.map_or(WIND_SIGMA, |s| s[k])))
         }
-        AirKind::Airspeed => {
-            let widths = widths.always(SLIP_CONSTANT).always(SLIP_BANK).always(HELD);
-            widths.known_to("airspeed_scale", DENSITY)
-        }
+        AirKind::Airspeed => widths.always(SLIP_CONSTANT).always(SLIP_BANK),
     }
 }
 
@@ -201,8 +174,6 @@ impl<'a> AirSensor<'a> {
         for (s, w) in all.iter_mut().skip(1).zip(speeds.windows(3)) {
             s.x.airspeed[1] = (w[2].1 - w[0].1) / (w[2].0 - w[0].0).max(1e-3);
         }
-        let changes = about_mean(&speeds, HELD_S);
-        all.iter_mut().zip(changes).for_each(|(s, change)| s.change = change);
         all
     }
 
@@ -227,7 +198,7 @@ impl<'a> AirSensor<'a> {
             shown: (airspeed.powi(2) + 2.0 * offset_pa / SEA_LEVEL_DENSITY).max(0.0).sqrt(),
         };
         let value = if self.kind == AirKind::Barometer { c.height_m } else { airspeed };
-        Ideal { c_nb: c.c_nb, value, change: 0.0, x }
+        Ideal { c_nb: c.c_nb, value, x }
     }
 
     /// What the effects beside the delay add at an instant with these values.
@@ -296,18 +267,16 @@ impl<'a> AirSensor<'a> {
         }
         let against = s.x.velocity.norm();
         let (scale, banked) = (values[0], (s.c_nb * Vector3::y()).z);
-        let [slip, by_bank, held] = [0, 1, 2].map(|k| values[self.effects() + k]);
-        let slip = slip + by_bank * banked;
+        let slip = values[self.effects()] + values[self.effects() + 1] * banked;
         let by_speed = (1.0 + scale) * (s.x.density / SEA_LEVEL_DENSITY).sqrt();
         let unit = s.c_nb * s.x.velocity / against;
         let by_state = States::from([-unit.x * by_speed, -unit.y * by_speed, by_speed, 0.0, 0.0]);
         let with_columns = !columns.is_empty();
         let none = if with_columns { vec![0.0; self.effects()] } else { Vec::new() };
-        columns.extend(with_columns.then_some([0.0, 0.0, s.change]).into_iter().flatten());
+        columns.extend(with_columns.then_some([0.0; 2]).into_iter().flatten());
         let speed = Row {
             elapsed_s: i.elapsed_s,
-            residual: i.measured - s.value - self.added(values, &s.x) - held * s.change
-                + by_state.xy().dot(wind),
+            residual: i.measured - s.value - self.added(values, &s.x) + by_state.xy().dot(wind),
             noise: 1.0,
             least: 0.0,
             by_state,
@@ -325,7 +294,7 @@ impl<'a> AirSensor<'a> {
             by_state,
             columns: none
                 .into_iter()
-                .chain(with_columns.then_some([-against, -against * banked, 0.0]).into_iter().flatten())
+                .chain(with_columns.then_some([-against, -against * banked]).into_iter().flatten())
                 .collect(),
             ..speed.clone()
         };
@@ -343,7 +312,6 @@ impl<'a> AirSensor<'a> {
             }
             let every: Vec<usize> = (0..self.catalogue.len()).collect();
             let own = self.noise(&rows, &every, &values, noise.as_ref()).1;
-            self.follow_or_hold(&rows, &every, &values, &own);
             let run = series::pass(&rows, &own, BLOCK_S);
             if pass + 1 == PASSES {
                 return Some((values, own, run.blocks));
@@ -354,22 +322,6 @@ impl<'a> AirSensor<'a> {
             noise = Some(own);
         }
         None
-    }
-
-    /// Whether an airspeed follows what changes fast: with the likelier of both.
-    fn follow_or_hold(&mut self, rows: &[Row], every: &[usize], values: &[f64], noise: &Noise) {
-        if self.kind == AirKind::Barometer {
-            return;
-        }
-        let held = self.effects() + 2;
-        let mut with = |sigma: f64| {
-            self.widths.reopen(held, sigma);
-            let sigma = self.widths.with(every, None);
-            series::marginal(rows, noise, Prior { sigma: &sigma, values })
-        };
-        if with(0.0) >= with(HELD) {
-            self.widths.reopen(held, 0.0);
-        }
     }
 
     /// The likeliest noise where these effects are there, and the logarithm of that likelihood.
@@ -454,15 +406,28 @@ impl<'a> AirSensor<'a> {
         let left = |(i, s): (&Instant, &Ideal)| i.measured - s.value - self.added(values, &s.x);
         let all: Vec<f64> = self.instants.iter().zip(&ideal).map(left).collect();
         match self.kind {
-            AirKind::Barometer => {
-                let heights: Vec<(f64, f64)> = self.instants.iter().map(|i| i.elapsed_s).zip(all).collect();
-                about_mean(&heights, ABOUT_S)
-            }
+            AirKind::Barometer => self.about_mean(&all),
             AirKind::Airspeed => {
                 let parts = self.instants.iter().zip(&ideal).zip(&wind).zip(all);
                 parts.map(|(((i, s), w), left)| if flies(i, s, w) { left } else { f64::NAN }).collect()
             }
         }
+    }
+
+    fn about_mean(&self, all: &[f64]) -> Vec<f64> {
+        let (mut from, mut to, mut sum) = (0, 0, 0.0);
+        let one = |(i, own): (&Instant, &f64)| {
+            while self.instants.get(to).is_some_and(|next| next.elapsed_s <= i.elapsed_s + ABOUT_S) {
+                sum += all[to];
+                to += 1;
+            }
+            while self.instants[from].elapsed_s < i.elapsed_s - ABOUT_S {
+                sum -= all[from];
+                from += 1;
+            }
+            own - sum / (to - from).max(1) as f64
+        };
+        self.instants.iter().zip(all).map(one).collect()
     }
 
     /// RMS of what is left on the held-out blocks with these values.
