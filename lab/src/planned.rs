@@ -111,7 +111,7 @@ fn draw(effect: &'static dyn Effect, seed: u64) -> EffectSetting {
 /// One flight: what was injected, and what a report says.
 fn fly(prepared: &Prepared, effect: &'static dyn Effect, seed: u64) -> (EffectSetting, Aids) {
     let injected = draw(effect, seed);
-    let mut truth = demo::hidden_truth(&prepared.settings.drawn, seed);
+    let mut truth = demo::drawn_truth(&prepared.settings.drawn, seed);
     truth.set(injected.clone());
     let engine = Engine::new(Model::standard(), EngineOptions::default());
     let autopilot = prepared.autopilot(&truth, seed);

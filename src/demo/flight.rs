@@ -5,7 +5,7 @@ mod upload;
 mod view;
 
 use super::series::{Log, PERIOD_S};
-use super::{Prepared, hidden_truth};
+use super::{Prepared, drawn_truth};
 use crate::engine::guidance::GuidanceOptions;
 use crate::engine::snapshot::Snapshot;
 use crate::engine::{Engine, EngineOptions};
@@ -123,7 +123,7 @@ impl Flight {
     /// A vehicle of this seed that stands at home.
     pub fn new(prepared: Prepared, seed: u64) -> Self {
         let settings = &prepared.settings;
-        let truth = hidden_truth(&settings.drawn, seed);
+        let truth = drawn_truth(&settings.drawn, seed);
         let autopilot = prepared.autopilot(&truth, seed);
         let truth = relative_to_stamps(truth, autopilot.mean_stamp_delay_s());
         let mut guidance = GuidanceOptions::new(settings.airframe.clone(), false);

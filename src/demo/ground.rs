@@ -1,7 +1,7 @@
 //! The ground session before the flight: the same unit, turned to six sides by simulated hands indoors, in virtual time through an engine of its
 //! own. What it finds is the file of the unit, and the belief that the flight begins with.
 
-use super::{HOME, Prepared, Settings, hidden_truth};
+use super::{HOME, Prepared, Settings, drawn_truth};
 use crate::engine::snapshot::{Snapshot, Status};
 use crate::engine::{Engine, EngineOptions};
 use crate::unit::{Origin, Unit};
@@ -47,7 +47,7 @@ impl GroundSession {
             ..EngineOptions::default()
         };
         Self {
-            samples: Simulated::new(Box::new(path), &hidden_truth(&settings.drawn, seed), sensors, seed),
+            samples: Simulated::new(Box::new(path), &drawn_truth(&settings.drawn, seed), sensors, seed),
             engine: Engine::new(settings.belief.clone(), options),
             now_s: 0.0,
             over: false,

@@ -164,7 +164,7 @@ impl Settings {
 }
 
 /// The truth of one vehicle: constants drawn from what is assumed, unknown to the companion.
-pub fn hidden_truth(belief: &Model, seed: u64) -> Model {
+pub fn drawn_truth(belief: &Model, seed: u64) -> Model {
     let mut truth = draw_vehicle(belief, seed);
     for setting in truth.effects.iter_mut().filter(|s| s.effect.delays_fixes()) {
         // A fix does not come before it was measured.
