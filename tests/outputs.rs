@@ -120,7 +120,7 @@ fn on_a_full_disk_the_file_before_stays_and_no_part_is_left() {
         &report[..],
         &["replay", &log, "--export", &table],
         &["plan", "--airframe", "quadrotor", "--home", HOME, "--budget", "60", "--out", &plan],
-        &["airframe", "fit", &log, "--airframe", "quadrotor", "--out", &model],
+        &["airframe", "fit", &log, "--out", &model],
     ] {
         let ended = Gaware::start_on_a_small_disk(1, args).ended();
         assert_eq!(ended.code(), Some(1), "{args:?}: {}", ended.stderr);
