@@ -203,6 +203,13 @@ impl Airframe {
         (self.speed_min_m_per_s + self.speed_sag_m_per_s).min(self.speed_cruise_m_per_s)
     }
 
+    /// The same airframe flown by this autopilot: ArduPilot alone rounds radii over 255 m, to tens of metres (`ac_mission`).
+    #[must_use]
+    pub fn flown_by(self, autopilot: Autopilot) -> Self {
+        let radius_step_above_255_m = if autopilot == Autopilot::ArduPilot { 10.0 } else { 0.0 };
+        Self { autopilot, radius_step_above_255_m, ..self }
+    }
+
     /// Slowest speed that is of use in a maneuver, m/s: a multirotor must arrive.
     pub fn planned_slow_m_per_s(&self) -> f64 {
         self.planned_min_m_per_s().max(0.25 * self.speed_cruise_m_per_s)

@@ -29,10 +29,7 @@ const WIND: [f64; 3] = [3.0, -2.0, 0.0];
 const GEOID_M: f64 = 47.0;
 
 fn airframe(name: &str, autopilot: Autopilot) -> Airframe {
-    let mut airframe = Airframe::example(name).unwrap();
-    airframe.autopilot = autopilot;
-    airframe.radius_step_above_255_m = if autopilot == Autopilot::ArduPilot { 10.0 } else { 0.0 };
-    airframe
+    Airframe::example(name).unwrap().flown_by(autopilot)
 }
 
 fn made(airframe: &Airframe, radius_m: f64) -> Plan {

@@ -20,8 +20,6 @@ use std::path::{Path, PathBuf};
 
 /// Id of `VFR_HUD`, the only common message with an airspeed.
 const VFR_HUD: u32 = 74;
-/// `ac_mission` keeps radii over 255 m in tens of metres.
-const ARDUPILOT_RADIUS_STEP_M: f64 = 10.0;
 /// Spacing of what is kept of a flight, s.
 const SPACING_S: f64 = 0.1;
 /// Records between two looks at the progress.
@@ -136,19 +134,17 @@ fn base(
 ) -> Result<Airframe, CommandError> {
     let rotors = kind == Some(VehicleKind::Multirotor);
     let usual = if rotors { "quadrotor" } else { "small_fixed_wing" };
-    let mut base = demo::load_airframe(args.airframe.as_deref().unwrap_or(usual))?;
+    let base = demo::load_airframe(args.airframe.as_deref().unwrap_or(usual))?;
     if kind.is_some() && base.is_fixed_wing() == rotors {
         let name = |rotors| if rotors { "multirotor" } else { "fixed wing" };
         let (path, airframe) = (args.log.clone(), base.name);
         return Err(FitError::Kind { path, flown: name(rotors), airframe, described: name(!rotors) }.into());
     }
-    if let Some(autopilot) = autopilot.filter(|a| *a != base.autopilot) {
-        base.autopilot = autopilot;
-        // ArduPilot alone rounds large radii.
-        let ardupilot = autopilot == Autopilot::ArduPilot;
-        base.radius_step_above_255_m = if ardupilot { ARDUPILOT_RADIUS_STEP_M } else { 0.0 };
-    }
-    Ok(base)
+    // What a file says of its own autopilot stays.
+    Ok(match autopilot.filter(|a| *a != base.autopilot) {
+        Some(autopilot) => base.flown_by(autopilot),
+        None => base,
+    })
 }
 
 fn file(fitted: &Airframe, log: &Path, seconds: f64) -> Result<String, CommandError> {
@@ -198,11 +194,8 @@ fn read(args: &FitArgs, model: Model) -> Result<Flight, CommandError> {
         }
     }
     bar.finish_and_clear();
-    let autopilot = match pipeline.autopilot() {
-        "ardupilot" => Some(Autopilot::ArduPilot),
-        "px4" => Some(Autopilot::Px4),
-        _ => None,
-    };
+    let known = [Autopilot::ArduPilot, Autopilot::Px4];
+    let autopilot = known.into_iter().find(|a| a.key() == pipeline.autopilot());
     let steps = pipeline.engine().instants(&airspeeds);
     let kind = pipeline.vehicle_kind().or(reader.vehicle_kind()).filter(|k| *k != VehicleKind::Unknown);
     Ok(Flight { steps, kind, autopilot })

@@ -107,10 +107,10 @@ pub fn in_flight(mut all: Vec<Instant>) -> Vec<Instant> {
     let (low, high) = heights.iter().fold((0.0, 0.0), |(l, h): (f64, f64), x| (l.min(*x), h.max(*x)));
     // A log of level flight alone has no ground in it.
     let clear = if high - low > 2.0 * CLEAR_M { low + CLEAR_M } else { low };
-    let flies =
-        |k: usize| all.get(k).zip(heights.get(k)).is_some_and(|(i, h)| speed(i) > least && *h >= clear);
-    let first = (0..all.len()).find(|k| flies(*k)).unwrap_or(all.len());
-    let last = (0..all.len()).rfind(|k| flies(*k)).map_or(first, |k| k + 1);
+    let flies: Vec<bool> =
+        all.iter().zip(&heights).map(|(i, height)| speed(i) > least && *height >= clear).collect();
+    let first = flies.iter().position(|f| *f).unwrap_or(all.len());
+    let last = flies.iter().rposition(|f| *f).map_or(first, |k| k + 1);
     all.truncate(last);
     all.split_off(first.min(last))
 }
