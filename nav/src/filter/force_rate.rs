@@ -14,6 +14,9 @@ const SPAN_S: f64 = 0.1;
 /// The angular rate itself is a mean over this time before and after an instant, s.
 const RATE_SPAN_S: f64 = 0.02;
 
+/// Variance per hertz of the rate's own rate of change where that of the rate is one, 1/s²: a difference of angles over 2 × 0.1 s.
+pub const RATE_CHANGE_DENSITY: f64 = 0.5 / (SPAN_S * SPAN_S);
+
 /// A rate that is compared with one of a while ago is a mean over this time before and after, s.
 const LATE_SPAN_S: f64 = 0.01;
 /// The power of vibration is a mean over this time before and after an instant, s: two lines that the sampling folds onto nearly the

@@ -19,6 +19,8 @@ pub struct Fit {
     pub evidence: f64,
     /// Gain of the likelihood itself.
     pub gain: f64,
+    /// What of the likelihood at the point of linearisation noise of the samples may have made: counted in the evidence, at most 0.
+    pub imitated: f64,
 }
 
 /// Fits columns of the information. `sigma` are prior sigmas, `offset` prior mean minus point of linearisation.
@@ -26,7 +28,27 @@ pub fn fit(information: &Information, columns: &[usize], sigma: &[f64], offset: 
     let n = columns.len();
     let b = DVector::from_fn(n, |i, _| information.score[columns[i]]);
     let lambda = DMatrix::from_fn(n, n, |i, j| information.matrix[(columns[i], columns[j])]);
-    fit_dense(&b, &lambda, sigma, offset)
+    let beside = DVector::from_fn(n, |i, _| information.imitated[columns[i]]);
+    if beside.iter().all(|d| *d == 0.0) {
+        return fit_dense(&b, &lambda, sigma, offset);
+    }
+    // A score b + Λ θ of mean Λ θ and variance Λ + D about no effect at all: the information is Λ (Λ + D)⁻¹ Λ.
+    let total = DMatrix::from_fn(n, n, |i, j| {
+        lambda[(i, j)] + if i == j { beside[i] + least(lambda[(i, i)]) } else { 0.0 }
+    });
+    let total = total.cholesky()?;
+    let (score, share) = (total.solve(&b), total.solve(&lambda));
+    let from = DVector::from_fn(n, |i, _| -offset[i]);
+    let along = &score + &share * &from * 0.5;
+    let imitated = -from.component_mul(&beside).dot(&along);
+    let fit = fit_dense(&(&lambda * score), &(&lambda * share), sigma, offset)?;
+    let gain = b.dot(&fit.step) - 0.5 * fit.step.dot(&(lambda * &fit.step));
+    Some(Fit { evidence: fit.evidence + imitated, gain, imitated, ..fit })
+}
+
+/// What keeps a matrix regular where nothing excites a parameter.
+fn least(diagonal: f64) -> f64 {
+    if diagonal > 0.0 { 1e-9 * diagonal } else { 1.0 }
 }
 
 fn fit_dense(b: &DVector<f64>, lambda: &DMatrix<f64>, sigma: &[f64], offset: &[f64]) -> Option<Fit> {
@@ -37,6 +59,7 @@ fn fit_dense(b: &DVector<f64>, lambda: &DMatrix<f64>, sigma: &[f64], offset: &[f
             covariance: DMatrix::zeros(0, 0),
             evidence: 0.0,
             gain: 0.0,
+            imitated: 0.0,
         });
     }
     // In units of the prior: A = I + D Λ D.
@@ -51,7 +74,7 @@ fn fit_dense(b: &DVector<f64>, lambda: &DMatrix<f64>, sigma: &[f64], offset: &[f
     let step = DVector::from_fn(n, |i, _| x[i] * sigma[i]);
     let covariance = DMatrix::from_fn(n, n, |i, j| inverse[(i, j)] * sigma[i] * sigma[j]);
     let gain = b.dot(&step) - 0.5 * step.dot(&(lambda * &step));
-    Some(Fit { step, covariance, evidence, gain })
+    Some(Fit { step, covariance, evidence, gain, imitated: 0.0 })
 }
 
 /// The logarithm of the mean of exponentials.

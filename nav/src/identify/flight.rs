@@ -268,6 +268,11 @@ impl Flight {
         self.interval_s
     }
 
+    /// The same of the samples that the estimation goes through.
+    pub(super) fn sample_s(&self) -> f64 {
+        self.interval_s.max(1e-4) * self.averaged.map_or(1.0, |(_, every)| every as f64)
+    }
+
     /// Seconds from the start to the last sample.
     pub fn duration_s(&self) -> f64 {
         self.raw.last().map_or(0.0, |s| s.t_s - self.initial.t_s)
@@ -281,6 +286,11 @@ impl Flight {
     /// Variance per hertz of gyro and accelerometer samples beyond smooth motion.
     pub fn measured_noise(&self) -> (f64, f64) {
         self.measured_noise
+    }
+
+    /// Whether the samples are so noisy that their noise may pass for what drives an effect.
+    pub(super) fn is_noisy(&self) -> bool {
+        super::linear::is_strong(self.measured_noise)
     }
 
     /// The samples as this belief about rounding reads them.

@@ -72,18 +72,25 @@ pub struct Information {
     pub score: DVector<f64>,
     /// Σ sᵀ s.
     pub matrix: DMatrix<f64>,
+    /// Variance that each score has beside the information: what noise of the samples can make of it.
+    pub imitated: DVector<f64>,
 }
 
 impl Information {
     /// None yet.
     pub fn zeros(columns: usize) -> Self {
-        Self { score: DVector::zeros(columns), matrix: DMatrix::zeros(columns, columns) }
+        Self {
+            score: DVector::zeros(columns),
+            matrix: DMatrix::zeros(columns, columns),
+            imitated: DVector::zeros(columns),
+        }
     }
 
     /// Adds that of another part or flight.
     pub fn add(&mut self, other: &Self) {
         self.score += &other.score;
         self.matrix += &other.matrix;
+        self.imitated += &other.imitated;
     }
 
     /// Adds a whitened innovation with its derivative by every parameter.

@@ -81,6 +81,7 @@ impl<'a> Linear<'a> {
         for run in runs {
             log_likelihood += run.log_likelihood[0];
             run.blocks.iter().for_each(|b| all.add(b));
+            all.imitated += &run.information[0].imitated;
             blocks.extend(run.blocks);
         }
         search.correlate(&point.added, &watched, &mut all);

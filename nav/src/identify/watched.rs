@@ -44,4 +44,14 @@ impl Watched {
             columns.extend(setting.states().map(|k| [-gyro[k], -accel[k]]));
         }
     }
+
+    /// The same of effects and terms.
+    pub(crate) fn columns(&self, x: &Instant, columns: &mut Vec<[Vector3<f64>; 2]>) {
+        self.imu_columns(x, columns);
+        columns.extend(self.terms.iter().map(|term| {
+            let mut column = [Vector3::zeros(); 2];
+            column[term.channel / 3 % 2][term.channel % 3] = -(term.regressor)(x);
+            column
+        }));
+    }
 }

@@ -136,8 +136,11 @@ impl About<'_> {
             sigmas.push(s);
             offsets.push(if k < before { offset } else { 0.0 });
         }
-        let tempered =
-            Information { score: &of.score / self.correlated, matrix: &of.matrix / self.correlated };
+        let tempered = Information {
+            score: &of.score / self.correlated,
+            matrix: &of.matrix / self.correlated,
+            imitated: of.imitated.clone(),
+        };
         Some(Fitted { fit: evidence::fit(&tempered, &columns, &sigmas, &offsets)?, columns })
     }
 

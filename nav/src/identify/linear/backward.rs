@@ -7,6 +7,7 @@
 //! recursion (de Jong & Penzer 1998, "Diagnosing shocks in time series").
 
 use super::forward::{Keep, Prior, Tape, Taped};
+use super::imitation::Weight;
 use super::kalman::{
     GROUPS, MOST_ROWS, SIGMA_FLOOR, Square, State, Update, add_rows, add_scaled, gauss_markov_variance,
     vectorised,
@@ -17,7 +18,7 @@ use crate::identify::noise::{FIGURES, Noise, figure};
 use crate::identify::pass::Options;
 use crate::identify::residual::Residual;
 use crate::linear::interval::{BIASES, DYNAMIC, Interval, NavCovariance};
-use nalgebra::{Matrix3, Vector3};
+use nalgebra::{Matrix3, Matrix6, Vector3};
 use pulp::{Simd, WithSimd};
 
 /// Likelihood of the fit part and its slopes.
@@ -279,14 +280,29 @@ impl Problem {
         let mut out: Vec<Shock> = Vec::with_capacity(self.len());
         for (fix, taped) in self.taken_back(&tape).zip(tape.fixes.iter().rev()) {
             let epoch = fix.epoch;
-            let counted = f64::from(u8::from(self.part(epoch, options) == Some(0)));
             let gyro = back.block(index::GYRO_BIAS);
-            for (row, update) in fix.rows.iter().zip(fix.updates).rev() {
-                let weight = taped.weights[row.group()];
-                back.update(row, row.position_axis(), update, counted * weight);
-            }
+            back.fix(&fix, taped, self.part(epoch, options) == Some(0));
             out.push(Shock { t_s: epoch.t_s, gyro, fix: back.block(STATES) });
             back.predict(&epoch.interval, (-epoch.interval.dt / noise.correlation_s).exp());
+        }
+        out.reverse();
+        out
+    }
+
+    /// What the fixes of one part tell of noise, interval by interval: of the samples ∫ Bᵀ Φᵀ Λ Φ B dt by the trapezoidal rule, with Λ = N of
+    /// the fixes that come after; of the rows of a fix 1/s + Kᵀ N K.
+    pub(super) fn noise_weights(&self, noise: &Noise, options: &Options, part: usize) -> Vec<Weight> {
+        let (_, tape) = self.run_keeping(noise, options, Keep::Updates);
+        let mut back = Shocks::default();
+        let at = |k: usize| if k < 3 { index::ATTITUDE + k } else { index::VELOCITY + k - 3 };
+        let mut out = Vec::with_capacity(self.len());
+        for (fix, taped) in self.taken_back(&tape).zip(tape.fixes.iter().rev()) {
+            let interval = &fix.epoch.interval;
+            let rows = back.fix(&fix, taped, self.part(fix.epoch, options) == Some(part));
+            let end = Matrix6::from_fn(|i, j| back.n[at(i)][at(j)]);
+            back.predict(interval, (-interval.dt / noise.correlation_s).exp());
+            let start = Matrix6::from_fn(|i, j| back.n[at(i)][at(j)]);
+            out.push(Weight { samples: (start + end) * (0.5 * interval.dt), rows });
         }
         out.reverse();
         out
@@ -421,6 +437,17 @@ impl Shocks {
             add_scaled(&mut self.n[i], &h, -ng[i]);
         }
         (weight * u.y / u.s - along, weight / u.s + gng)
+    }
+
+    /// Back over a fix as it was weighted, with what the flight tells of an error of each of its rows.
+    fn fix(&mut self, fix: &Fix<'_>, taped: &Taped, counted: bool) -> Vec<f64> {
+        let one = |(row, update): (&Row, &Update)| {
+            let weight = if counted { taped.weights[row.group()] } else { 0.0 };
+            self.update(row, row.position_axis(), update, weight).1
+        };
+        let mut spreads: Vec<f64> = fix.rows.iter().zip(fix.updates).rev().map(one).collect();
+        spreads.reverse();
+        spreads
     }
 
     fn predict(&mut self, interval: &Interval, decay: f64) {

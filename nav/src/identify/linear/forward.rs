@@ -2,6 +2,7 @@
 //!
 //! Parameters are carried along (Friedland 1969, "Treatment of bias in recursive filtering"; Willsky & Jones 1976 for jumps): δx = δx₀ + U θ with U ← Φ U + B and U ← U − K (H U + D).
 
+use super::imitation::Imitation;
 use super::kalman::{GROUPS, Kalman, State, Update, add_rows, add_scaled, normalised_squares, vectorised};
 use super::rows::{Measured, Row};
 use super::{Epoch, Problem, STATES, index};
@@ -277,7 +278,16 @@ impl WithSimd for Going<'_, '_> {
 impl Problem {
     /// Runs the filter with this noise.
     pub fn run(&self, noise: &Noise, options: &Options) -> Run {
-        self.go(self.walk, noise, options, Keep::Nothing, self.columns).0
+        let mut run = self.go(self.walk, noise, options, Keep::Nothing, self.columns).0;
+        let noisy = self.columns > 0 && self.epochs().any(|e| e.driven.is_known());
+        run.imitated(noisy.then(|| {
+            [0, 1].map(|part| {
+                let mut imitation = Imitation::new(self, noise, options, part, self.columns);
+                self.epochs().for_each(|epoch| imitation.take(epoch, noise));
+                imitation
+            })
+        }));
+        run
     }
 
     /// The same when the biases walk like this. Watched parameters are left out.
@@ -327,6 +337,13 @@ impl Problem {
 }
 
 impl Run {
+    /// Takes in what noise of the samples can make of the scores of both parts.
+    pub(super) fn imitated(&mut self, imitations: Option<[Imitation; 2]>) {
+        for (information, imitation) in self.information.iter_mut().zip(imitations.into_iter().flatten()) {
+            information.imitated = imitation.end();
+        }
+    }
+
     /// Counts the rows of a fix, with their whitened derivatives one after the other, and says how much each group weighs.
     #[inline(always)]
     pub(super) fn count(

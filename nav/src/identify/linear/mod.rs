@@ -11,6 +11,7 @@
 pub mod backward;
 pub(super) mod field;
 pub mod forward;
+mod imitation;
 pub mod innovations;
 mod kalman;
 pub mod reference;
@@ -30,12 +31,14 @@ use crate::mechanization::NavState;
 use crate::model::Model;
 use crate::sample::ImuSample;
 use forward::{Keep, Run, Runner};
+use imitation::{Driven, Imitation};
 use nalgebra::Vector3;
 use reference::Reference;
 use rows::Measured;
 use std::borrow::Cow;
 use track::Track;
 
+pub(super) use imitation::is_strong;
 pub(super) use unseen::Unseen;
 
 /// Number of states: position, velocity, attitude errors in body axes, gyro and accelerometer bias, Gauss-Markov error of the fixes
@@ -62,6 +65,8 @@ const PASSING: usize = 128;
 #[derive(Debug, Clone)]
 struct Epoch {
     interval: Interval,
+    /// By how much noise of the samples moves each watched parameter's column, where that noise is strong.
+    driven: Driven,
     /// Time of validity, s.
     t_s: f64,
     /// Of the stamp, after the start, s.
@@ -134,11 +139,20 @@ impl Problem {
         let keep = block_s.map_or(Keep::Nothing, Keep::Blocks);
         let walk = random_walk.unwrap_or(problem.walk);
         let mut runner = Runner::new(&problem, (noise, options), walk, keep, problem.columns);
+        let mut imitations = about.flight.is_noisy().then(|| {
+            let whole = Self::new(about.flight, about.model, about.reference, &Watched::default(), workers);
+            [0, 1].map(|part| Imitation::new(&whole, noise, options, part, problem.columns))
+        });
         for first in (0..about.reference.knots.len()).step_by(PIECES * PASSING) {
             let pieces = map(workers, PIECES, |k| about.linearised(first + k * PASSING, PASSING));
             pieces.iter().for_each(|epochs| runner.go(epochs));
+            for imitation in imitations.iter_mut().flatten() {
+                pieces.iter().flatten().for_each(|epoch| imitation.take(epoch, noise));
+            }
         }
-        runner.end().0
+        let mut run = runner.end().0;
+        run.imitated(imitations);
+        run
     }
 
     /// Times of validity of the fixes, s.
@@ -218,10 +232,15 @@ impl<'a> About<'a> {
             interval.rounding = self.rounding.at(knot.t_s - 0.5 * interval.dt);
             let fix = &flight.fixes()[knot.fix];
             let measured = measured(flight, knot.fix, (&nav, since_s), &knot.nav, &mut interval, &track);
+            let driven = if flight.is_noisy() {
+                track.driven(&knot.nav, measured.rows.len())
+            } else {
+                Driven::default()
+            };
             since_s = knot.t_s;
             let elapsed_s = fix.t_s - flight.initial().t_s;
             let unsettled = flight.unseen().unsettles(fix.t_s);
-            epochs.push(Epoch { interval, t_s: knot.t_s, elapsed_s, unsettled, measured });
+            epochs.push(Epoch { interval, driven, t_s: knot.t_s, elapsed_s, unsettled, measured });
             nav = knot.nav;
         }
         epochs

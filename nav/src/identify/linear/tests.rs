@@ -279,3 +279,38 @@ fn a_trajectory_aside_leads_back_to_the_same_one() {
     assert!((got - wanted).abs() < 1.0, "{got} instead of {wanted}");
     assert!(farthest < 0.3 && back.bend(&straight) < 2e-3, "{farthest} m, {} rad", back.bend(&straight));
 }
+
+/// Very noisy accelerometers: their noise drives the columns of their own scale factors and moves the trajectory, and the scores go with
+/// it in every flight. What noise can make of a score is known, and no effect gets odds by it.
+#[test]
+fn noise_of_the_samples_is_no_scale_factor() {
+    let mut model = Model::default();
+    (model.imu.gyro_noise, model.imu.accel_noise) = (0.002, 0.5);
+    let noise = Noise { gyro: 0.002, accel: 0.5, ..noise() };
+    let options = Options::default().all();
+    let scale = EffectSetting::unknown(&effects::ACCEL_SCALE_FACTOR);
+    let watched = Watched { effects: vec![scale], ..Watched::default() };
+    let (mut raw, mut allowed) = (0.0, 0.0);
+    for seed in 1..=6 {
+        let flight = Flight::prepare(&fly(&model, seed), &model).unwrap();
+        assert!(flight.is_noisy());
+        let reference = Reference::find(&flight, &model, &noise, &Serial);
+        let run = Problem::new(&flight, &model, &reference, &watched, &Serial).run(&noise, &options);
+        let about = About::new(&flight, &model, &reference, &watched);
+        let through = Problem::run_through(&about, None, &noise, &options, None, &Serial);
+        let own = &run.information[0];
+        assert!((&own.imitated - &through.information[0].imitated).amax() < 1e-6 * own.imitated.amax());
+        for k in 0..3 {
+            let (score, known) = (own.score[k], own.matrix[(k, k)]);
+            raw += score / known.sqrt() / 18.0;
+            allowed += score * score / (known + own.imitated[k]) / 18.0;
+        }
+    }
+    assert!(raw > 1.0, "the scores of flights without an effect are {raw} sigma off in the mean");
+    assert!(allowed < 1.2, "{allowed} is the mean square in sigmas, with what noise can make of it");
+    // Good samples are not asked.
+    let (flight, model) = self::flight();
+    let reference = Reference::find(&flight, &model, &self::noise(), &Serial);
+    let run = Problem::new(&flight, &model, &reference, &watched, &Serial).run(&self::noise(), &options);
+    assert!(!flight.is_noisy() && run.information[0].imitated.amax() == 0.0);
+}

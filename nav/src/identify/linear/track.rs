@@ -1,6 +1,7 @@
 //! Along the samples of a flight: the sensors at each of them, and the way from one fix to the next.
 
 use super::super::flight::Flight;
+use super::imitation::{self, Driven};
 use super::unseen::Unseen;
 use crate::effects::{Conditions, Instant};
 use crate::filter::calibration::Calibration;
@@ -33,6 +34,8 @@ pub(super) struct Track<'a> {
     needs_conditions: bool,
     from: Here,
     to: Here,
+    /// What effects and terms depend on at the end of the last step.
+    shown: Instant,
 }
 
 impl<'a> Track<'a> {
@@ -72,6 +75,7 @@ impl<'a> Track<'a> {
                 || model.effects.iter().chain(&watched.effects).any(|s| s.effect.needs_conditions()),
             from: Here::default(),
             to: Here::default(),
+            shown: Instant::default(),
         };
         track.seek(start_s);
         track
@@ -114,6 +118,12 @@ impl<'a> Track<'a> {
             t_s: self.to.t_s,
             elapsed_s: self.to.t_s - self.start_s,
         }
+    }
+
+    /// By how much noise of the samples moves each column over the last interval and at a fix with so many rows at its end.
+    pub(super) fn driven(&self, nav: &NavState, rows: usize) -> Driven {
+        let at = self.at_fix(nav).instant();
+        imitation::driven(self.watched, &self.shown, &at, (rows, self.flight.sample_s()))
     }
 
     /// What the samples around an instant show, where an effect asks for it.
@@ -165,12 +175,8 @@ impl<'a> Track<'a> {
             here.by_rate += setting.effect.accel_by_rate(p, &x).unwrap_or_default();
         }
         here.columns.clear();
-        self.watched.imu_columns(&x, &mut here.columns);
-        for term in &self.watched.terms {
-            let mut column = [Vector3::zeros(); 2];
-            column[term.channel / 3 % 2][term.channel % 3] = -(term.regressor)(&x);
-            here.columns.push(column);
-        }
+        self.watched.columns(&x, &mut here.columns);
+        self.shown = x;
         // An accelerometer error passes through the g-sensitivity that the model knows of.
         for [rate, force] in &mut here.columns {
             *rate -= here.by_force * *force;

@@ -196,7 +196,7 @@ impl Search<'_> {
         let fit = fit_added(&information, &watched, &mut at.added)?;
         let of_samples = self.evidence_of_samples(&at.added);
         let evidence = log_likelihood + fit.evidence + of_samples + of_unit;
-        let height = log_likelihood + of_samples + of_unit + log_prior(&at.added, &watched);
+        let height = log_likelihood + fit.imitated + of_samples + of_unit + log_prior(&at.added, &watched);
         Some(Fitted { fit, watched, evidence, log_likelihood, height })
     }
 }
