@@ -308,7 +308,8 @@ fn a_flight_day_of_a_quadrotor_with_px4() {
     flight_day("quadrotor", "px4", Story::Planned);
 }
 
-/// From `plan --for` to the report of its flight: the barometer's error is named alone, its value holds, and its sigma is about what the plan promises.
+/// From `plan --for` to the report of its flight: the barometer's error is named alone, its value holds, and its sigma is about what the plan promises. A pitot tube
+/// that shows too much is found too, although the wind at the ground is another one than in flight.
 #[test]
 fn a_plan_for_sensors_keeps_what_it_promises() {
     const WIND: [&str; 2] = ["--wind", "3,-2"];
@@ -321,7 +322,8 @@ fn a_plan_for_sensors_keeps_what_it_promises() {
     assert_eq!(wash["reach"], "known", "{wash}");
     let promised = wash["sigma"].as_f64().unwrap();
 
-    let (vehicle, address) = day.vehicle("baro_thrust=60", &WIND);
+    let (vehicle, address) =
+        day.vehicle("baro_thrust=60", &[&WIND[..], &["--hide", "airspeed_scale=20"]].concat());
     let link = ["--connect", address.as_str()];
     let backup = day.folder.file("before.plan");
     done(&[&["mission", "upload", &plan, "--backup", &backup], &link[..]].concat());
@@ -337,16 +339,21 @@ fn a_plan_for_sensors_keeps_what_it_promises() {
     let sensors = explained["air"]["sensors"].as_array().unwrap();
     let named =
         |s: &Value| s["effects"].as_array().unwrap().iter().map(|e| e["names"].clone()).collect::<Vec<_>>();
+    let injected = [("Airspeed sensor 1", "airspeed_scale", 20.0), ("Barometer 1", "baro_thrust", 60.0)];
     for sensor in sensors {
-        let own = sensor["sensor"] == "Barometer 1";
-        let expected = if own { vec![serde_json::json!(["baro_thrust"])] } else { Vec::new() };
+        let own = injected.iter().filter(|i| sensor["sensor"] == i.0);
+        let expected: Vec<Value> = own.map(|i| serde_json::json!([i.1])).collect();
         assert_eq!(named(sensor), expected, "{sensor:#}");
     }
     assert_eq!(sensors.len(), 3, "{sensors:#?}");
-    let found = sensors.iter().flat_map(|s| s["effects"].as_array().unwrap());
-    let found = found.map(|e| &e["parameters"][0]).next().unwrap();
-    let of = |name: &str| found[name].as_f64().unwrap();
-    assert!((of("value") - 60.0).abs() < 3.0 * of("sigma"), "{found}");
-    let kept = of("sigma") / promised;
-    assert!((0.5..2.0).contains(&kept), "promised {promised}, reported {found}");
+    let found = |i: usize| {
+        let sensor = sensors.iter().find(|s| s["sensor"] == injected[i].0).unwrap();
+        ["value", "sigma"].map(|of| sensor["effects"][0]["parameters"][0][of].as_f64().unwrap())
+    };
+    for (k, (.., truth)) in injected.iter().enumerate() {
+        let [value, sigma] = found(k);
+        assert!((value - truth).abs() < 3.0 * sigma, "{value} ± {sigma}, not {truth}");
+    }
+    let kept = found(1)[1] / promised;
+    assert!((0.5..2.0).contains(&kept), "promised {promised}, times {kept}");
 }

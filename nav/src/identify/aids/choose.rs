@@ -40,6 +40,8 @@ pub(in crate::identify) struct Widths {
     own: usize,
     /// Effects that are not named.
     closed: Vec<usize>,
+    /// Effects of which no parameter is known better than this, 1-sigma, SI.
+    known_to: Vec<(usize, f64)>,
 }
 
 impl Widths {
@@ -50,7 +52,7 @@ impl Widths {
         is_there: impl Fn(&str) -> bool,
     ) -> Self {
         let (effect, narrow, wide, closed) = (Vec::new(), Vec::new(), Vec::new(), Vec::new());
-        let mut out = Self { catalogue, effect, narrow, wide, own: 0, closed };
+        let mut out = Self { catalogue, effect, narrow, wide, own: 0, closed, known_to: Vec::new() };
         for (e, (effect, tolerance)) in catalogue.iter().zip(tolerances).enumerate() {
             let open = f64::from(u8::from(is_there(effect.name())));
             for group in effect.groups() {
@@ -77,6 +79,17 @@ impl Widths {
         self.narrow.push(sigma);
         self.wide.push(sigma);
         self
+    }
+
+    /// What the measurement is compared with is no better than this for one effect, 1-sigma.
+    pub(in crate::identify) fn known_to(mut self, effect: &str, sigma: f64) -> Self {
+        self.known_to.extend(self.catalogue.iter().position(|e| e.name() == effect).map(|e| (e, sigma)));
+        self
+    }
+
+    /// Another 1-sigma of a parameter that is always open.
+    pub(in crate::identify) fn reopen(&mut self, parameter: usize, sigma: f64) {
+        (self.narrow[parameter], self.wide[parameter]) = (sigma, sigma);
     }
 
     /// This effect is not named from here on.
@@ -192,8 +205,10 @@ impl About<'_> {
         let by_tolerances = self.by_tolerances(&found, named);
         let own = |i: usize| found.columns[i].checked_sub(self.prior.len()).map(|k| self.widths.effect[k]);
         let own = (0..found.columns.len()).filter(|i| own(*i) == Some(e));
-        let one =
-            |i: usize| (found.fit.step[i], (found.fit.covariance[(i, i)].max(0.0) + by_tolerances[i]).sqrt());
+        let least = self.widths.known_to.iter().find(|k| k.0 == e).map_or(0.0, |k| k.1.powi(2));
+        let one = |i: usize| {
+            (found.fit.step[i], (found.fit.covariance[(i, i)].max(0.0) + by_tolerances[i] + least).sqrt())
+        };
         own.map(one).take(self.widths.catalogue[e].len()).collect()
     }
 

@@ -6,6 +6,8 @@
 //! sigmas say so.
 
 mod sensor;
+#[cfg(test)]
+mod tests;
 
 use super::aids::{Finding, Settled, at_time};
 use super::flight::Flight;
@@ -18,6 +20,13 @@ use sensor::AirSensor;
 
 /// Samples this far from a fix are used for it: `SCALED_PRESSURE` comes at 2 Hz and more, s.
 const NEAR_S: f64 = 0.6;
+/// Below this speed nothing is said of the wind, m/s.
+const FLIES: f64 = 5.0;
+/// A wing that is slower over ground, and through the air than [`FLIES`], stands, m/s.
+const STANDS: f64 = 1.0;
+/// So far above and below where it stands the wind is another one than in flight (MIL-F-8785C, wind shear near the ground: 1.3 times as strong at 10 m as at 3 m), m. With
+/// .5 to 20 m the scale of two flights was the same; with all that was measured until they stood it was not named on one of them.
+const NEAR_GROUND_M: f64 = 10.0;
 /// Fewer fixes with a sensor than this say nothing of it.
 const ENOUGH: usize = 100;
 /// Length of the blocks that are taken for independent of each other, s.
@@ -176,18 +185,41 @@ impl<'a> Air<'a> {
         let at = |c: &Carriage| {
             let sample = at_time(&own, self.start_s + c.elapsed_s, NEAR_S, between)?;
             let measured = if is_height { pressure_height_m(sample.value) } else { sample.value };
-            Some(Instant {
+            let stands = c.v_n.norm() < STANDS && measured < FLIES;
+            let instant = Instant {
                 elapsed_s: c.elapsed_s,
                 measured,
                 density: density(if is_height { measured } else { c.height_m }),
                 temperature: sample.temperature_degc.unwrap_or(0.0),
-            })
+            };
+            Some((instant, (c.height_m, stands)))
         };
-        let mut all: Vec<Instant> = self.carriage.iter().filter_map(at).collect();
+        let (mut all, places): (Vec<Instant>, Vec<_>) = self.carriage.iter().filter_map(at).unzip();
+        if self.is_wing && !is_height {
+            let mut near = near_ground(&places).into_iter();
+            all.retain(|_| near.next() == Some(false));
+        }
         let mean = all.iter().map(|i| i.temperature).sum::<f64>() / all.len().max(1) as f64;
         all.iter_mut().for_each(|i| i.temperature -= mean);
         all
     }
+}
+
+/// Of heights, m, with whether the vehicle stands there: which are near the ground where it stood before or stands after, without having been away from it between.
+fn near_ground(all: &[(f64, bool)]) -> Vec<bool> {
+    let mut near = vec![false; all.len()];
+    let mut go = |order: &mut dyn Iterator<Item = usize>| {
+        let mut ground = None;
+        for k in order {
+            let (height_m, stands) = all[k];
+            let is_near = |ground: &f64| (height_m - ground).abs() < NEAR_GROUND_M;
+            ground = if stands { Some(height_m) } else { ground.filter(is_near) };
+            near[k] |= ground.is_some();
+        }
+    };
+    go(&mut (0..all.len()));
+    go(&mut (0..all.len()).rev());
+    near
 }
 
 /// The throttle, or the mean of a multirotor's motors.
