@@ -16,7 +16,7 @@ use nalgebra::{Rotation3, Vector2, Vector3};
 use statistics::{about_mean, mean, range, rms};
 
 /// Passes: wind multiplies the scale and the coefficients, and the noise is fitted.
-const PASSES: usize = 6;
+const PASSES: usize = 5;
 /// Before this pass the wind is not known, and its error is in what changes fast.
 const KNOWS_WIND: usize = 2;
 /// What is left of each effect of a sensor in order, 1-sigma, SI: 3 % of the dynamic pressure (.6 m at 20 m/s), 5 Pa of propeller wash (.4 m), .1 s, .05 m/°C,
