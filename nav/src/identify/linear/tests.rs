@@ -285,8 +285,8 @@ fn a_trajectory_aside_leads_back_to_the_same_one() {
 #[test]
 fn noise_of_the_samples_is_no_scale_factor() {
     let mut model = Model::default();
-    (model.imu.gyro_noise, model.imu.accel_noise) = (0.002, 0.5);
-    let noise = Noise { gyro: 0.002, accel: 0.5, ..noise() };
+    (model.imu.gyro_noise, model.imu.accel_noise) = (0.006, 0.5);
+    let noise = Noise { gyro: 0.006, accel: 0.5, ..noise() };
     let options = Options::default().all();
     let scale = EffectSetting::unknown(&effects::ACCEL_SCALE_FACTOR);
     let watched = Watched { effects: vec![scale], ..Watched::default() };
