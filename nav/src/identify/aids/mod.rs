@@ -6,6 +6,7 @@
 
 pub(super) mod choose;
 pub mod foreseen;
+pub(super) mod judged;
 pub(super) mod series;
 pub(super) mod settled;
 
