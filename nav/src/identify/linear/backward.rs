@@ -289,23 +289,25 @@ impl Problem {
         out
     }
 
-    /// What the fixes of one part tell of noise, interval by interval: of the samples ∫ Bᵀ Φᵀ Λ Φ B dt by the trapezoidal rule, with Λ = N of
+    /// What the fixes of either part tell of noise, interval by interval: of the samples ∫ Bᵀ Φᵀ Λ Φ B dt by the trapezoidal rule, with Λ = N of
     /// the fixes that come after; of the rows of a fix 1/s + Kᵀ N K.
-    pub(super) fn noise_weights(&self, noise: &Noise, options: &Options, part: usize) -> Vec<Weight> {
+    pub(super) fn noise_weights(&self, noise: &Noise, options: &Options) -> [Vec<Weight>; 2] {
         let (_, tape) = self.run_keeping(noise, options, Keep::Updates);
-        let mut back = Shocks::default();
         let at = |k: usize| if k < 3 { index::ATTITUDE + k } else { index::VELOCITY + k - 3 };
-        let mut out = Vec::with_capacity(self.len());
-        for (fix, taped) in self.taken_back(&tape).zip(tape.fixes.iter().rev()) {
-            let interval = &fix.epoch.interval;
-            let rows = back.fix(&fix, taped, self.part(fix.epoch, options) == Some(part));
-            let end = Matrix6::from_fn(|i, j| back.n[at(i)][at(j)]);
-            back.predict(interval, (-interval.dt / noise.correlation_s).exp());
-            let start = Matrix6::from_fn(|i, j| back.n[at(i)][at(j)]);
-            out.push(Weight { samples: (start + end) * (0.5 * interval.dt), rows });
-        }
-        out.reverse();
-        out
+        let of_samples = |back: &Shocks| Matrix6::from_fn(|i, j| back.n[at(i)][at(j)]);
+        [0, 1].map(|part| {
+            let mut back = Shocks::default();
+            let mut out = Vec::with_capacity(self.len());
+            for (fix, taped) in self.taken_back(&tape).zip(tape.fixes.iter().rev()) {
+                let interval = &fix.epoch.interval;
+                let rows = back.fix(&fix, taped, self.part(fix.epoch, options) == Some(part));
+                let end = of_samples(&back);
+                back.predict(interval, (-interval.dt / noise.correlation_s).exp());
+                out.push(Weight { samples: (of_samples(&back) + end) * (0.5 * interval.dt), rows });
+            }
+            out.reverse();
+            out
+        })
     }
 
     /// The disturbances and measurement errors that the whole flight speaks for, fix by fix: means of what the sensors measured since

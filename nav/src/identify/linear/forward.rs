@@ -281,11 +281,9 @@ impl Problem {
         let mut run = self.go(self.walk, noise, options, Keep::Nothing, self.columns).0;
         let noisy = self.columns > 0 && self.epochs().any(|e| e.driven.is_known());
         run.imitated(noisy.then(|| {
-            [0, 1].map(|part| {
-                let mut imitation = Imitation::new(self, noise, options, part, self.columns);
-                self.epochs().for_each(|epoch| imitation.take(epoch, noise));
-                imitation
-            })
+            let mut parts = Imitation::of_parts(self, noise, options, self.columns);
+            parts.iter_mut().for_each(|part| self.epochs().for_each(|epoch| part.take(epoch, noise)));
+            parts
         }));
         run
     }

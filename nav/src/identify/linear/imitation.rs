@@ -8,6 +8,7 @@
 //! By the Cauchy-Schwarz inequality it moves the score by no more than √(E W), whatever the correlation. Where gyros and accelerometers do so by
 //! themselves, that is the sum of both squares: a variance that the score has beside its information.
 
+use super::rows::{Kind, Row};
 use super::{Epoch, Problem, variances};
 use crate::effects::{FixInstant, Instant};
 use crate::filter::force_rate::{self, RATE_CHANGE_DENSITY};
@@ -50,13 +51,12 @@ pub(in crate::identify) fn is_strong((gyro, accel): (f64, f64)) -> bool {
     gyro > STRONG[0] * STRONG[0] && accel > STRONG[1] * STRONG[1]
 }
 
-/// By how much noise of the samples, which come every `sample_s`, moves each column: at the end of an interval and at a fix with so many rows
-/// (three of the position, then those of the velocity).
+/// By how much noise of the samples, which come every `sample_s`, moves each column: at the end of an interval and at a fix with these rows.
 pub(super) fn driven(
     watched: &Watched,
     x: &Instant,
     fix: &FixInstant,
-    (rows, sample_s): (usize, f64),
+    (rows, sample_s): (&[Row], f64),
 ) -> Driven {
     let per_hertz = [sample_s.recip(), force_rate::noise(1.0).powi(2)];
     let squares = [0, 1].map(|input| by_fix(watched, fix, rows, input));
@@ -67,7 +67,7 @@ pub(super) fn driven(
 
 /// Squared derivative of each row by the rate (0) or by how fast the specific force changes (1). The acceleration itself is not
 /// asked: the unknown offset of all stamps does what its noise does.
-fn by_fix(watched: &Watched, x: &FixInstant, rows: usize, input: usize) -> Vec<f64> {
+fn by_fix(watched: &Watched, x: &FixInstant, rows: &[Row], input: usize) -> Vec<f64> {
     let columns = |axis: usize, by: f64| {
         let mut moved = *x;
         if input == 0 {
@@ -83,14 +83,18 @@ fn by_fix(watched: &Watched, x: &FixInstant, rows: usize, input: usize) -> Vec<f
     };
     // Steps of ± 1/2: the columns are quadratic at most.
     let moved: [_; 3] = std::array::from_fn(|axis| [columns(axis, 0.5), columns(axis, -0.5)]);
-    let square = |group: usize, row: usize, k: usize| {
-        moved.iter().map(|[up, down]| (up[k][group][row] - down[k][group][row]).powi(2)).sum::<f64>()
+    let square = |row: &Row, k: usize| {
+        // Places and rates of a unit that rests have no derivative by what drives a fix.
+        let group = match row.kind {
+            Kind::Horizontal | Kind::Height => 0,
+            Kind::Velocity => 1,
+            Kind::Place | Kind::Rate | Kind::Field => return 0.0,
+        };
+        let by = |[up, down]: &[Vec<[Vector3<f64>; 2]>; 2]| up[k][group][row.axis] - down[k][group][row.axis];
+        moved.iter().map(|m| by(m).powi(2)).sum::<f64>()
     };
     let each = moved[0][0].len();
-    (0..rows.min(6))
-        .flat_map(|r| (0..each).map(move |k| (r, k)))
-        .map(|(r, k)| square(r / 3, r % 3, k))
-        .collect()
+    rows.iter().flat_map(|row| (0..each).map(|k| square(row, k)).collect::<Vec<_>>()).collect()
 }
 
 fn by_samples(watched: &Watched, x: &Instant) -> Vec<SMatrix<f64, 6, INPUTS>> {
@@ -141,20 +145,14 @@ pub(super) struct Imitation {
 }
 
 impl Imitation {
-    /// Before the first fix. `problem` is the whole flight; what it watches does not count.
-    pub(super) fn new(
-        problem: &Problem,
-        noise: &Noise,
-        options: &Options,
-        part: usize,
-        columns: usize,
-    ) -> Self {
-        Self {
-            weights: problem.noise_weights(noise, options, part),
+    /// Of both parts, before the first fix. `problem` is the whole flight; what it watches does not count.
+    pub(super) fn of_parts(problem: &Problem, noise: &Noise, options: &Options, columns: usize) -> [Self; 2] {
+        problem.noise_weights(noise, options).map(|weights| Self {
+            weights,
             next: 0,
             columns: [0, 1].map(|_| DVector::zeros(columns)),
             innovations: [0.0; 2],
-        }
+        })
     }
 
     /// On over these fixes.

@@ -141,7 +141,7 @@ impl Problem {
         let mut runner = Runner::new(&problem, (noise, options), walk, keep, problem.columns);
         let mut imitations = about.flight.is_noisy().then(|| {
             let whole = Self::new(about.flight, about.model, about.reference, &Watched::default(), workers);
-            [0, 1].map(|part| Imitation::new(&whole, noise, options, part, problem.columns))
+            Imitation::of_parts(&whole, noise, options, problem.columns)
         });
         for first in (0..about.reference.knots.len()).step_by(PIECES * PASSING) {
             let pieces = map(workers, PIECES, |k| about.linearised(first + k * PASSING, PASSING));
@@ -232,11 +232,8 @@ impl<'a> About<'a> {
             interval.rounding = self.rounding.at(knot.t_s - 0.5 * interval.dt);
             let fix = &flight.fixes()[knot.fix];
             let measured = measured(flight, knot.fix, (&nav, since_s), &knot.nav, &mut interval, &track);
-            let driven = if flight.is_noisy() {
-                track.driven(&knot.nav, measured.rows.len())
-            } else {
-                Driven::default()
-            };
+            let driven =
+                if flight.is_noisy() { track.driven(&knot.nav, &measured.rows) } else { Driven::default() };
             since_s = knot.t_s;
             let elapsed_s = fix.t_s - flight.initial().t_s;
             let unsettled = flight.unseen().unsettles(fix.t_s);

@@ -2,6 +2,7 @@
 
 use super::super::flight::Flight;
 use super::imitation::{self, Driven};
+use super::rows::Row;
 use super::unseen::Unseen;
 use crate::effects::{Conditions, Instant};
 use crate::filter::calibration::Calibration;
@@ -34,8 +35,6 @@ pub(super) struct Track<'a> {
     needs_conditions: bool,
     from: Here,
     to: Here,
-    /// What effects and terms depend on at the end of the last step.
-    shown: Instant,
 }
 
 impl<'a> Track<'a> {
@@ -75,7 +74,6 @@ impl<'a> Track<'a> {
                 || model.effects.iter().chain(&watched.effects).any(|s| s.effect.needs_conditions()),
             from: Here::default(),
             to: Here::default(),
-            shown: Instant::default(),
         };
         track.seek(start_s);
         track
@@ -120,10 +118,10 @@ impl<'a> Track<'a> {
         }
     }
 
-    /// By how much noise of the samples moves each column over the last interval and at a fix with so many rows at its end.
-    pub(super) fn driven(&self, nav: &NavState, rows: usize) -> Driven {
+    /// By how much noise of the samples moves each column over the last interval and at the fix at its end, which has these rows.
+    pub(super) fn driven(&self, nav: &NavState, rows: &[Row]) -> Driven {
         let at = self.at_fix(nav).instant();
-        imitation::driven(self.watched, &self.shown, &at, (rows, self.flight.sample_s()))
+        imitation::driven(self.watched, &self.instant(&self.last), &at, (rows, self.flight.sample_s()))
     }
 
     /// What the samples around an instant show, where an effect asks for it.
@@ -148,6 +146,18 @@ impl<'a> Track<'a> {
         conditions
     }
 
+    /// What effects and terms depend on at the end of the last step, which came to this sample.
+    fn instant(&self, sample: &ImuSample) -> Instant {
+        Instant {
+            t_s: sample.t_s,
+            rate: self.to.motion.rate,
+            force: self.to.motion.force,
+            temperature_above_25_degc: sample.temperature_degc.map_or(0.0, |t| t - 25.0),
+            around: self.calibration.around,
+            conditions: self.calibration.conditions,
+        }
+    }
+
     /// Motion and columns at a sample become those of the end of a step.
     fn see(&mut self, sample: &ImuSample, nav: Option<&NavState>) {
         std::mem::swap(&mut self.from, &mut self.to);
@@ -157,18 +167,9 @@ impl<'a> Track<'a> {
         self.look_around(sample.t_s - if is_mean { 0.5 * dt } else { 0.0 });
         self.calibration.conditions = self.conditions(sample.t_s, nav);
         let motion = self.calibration.motion(self.model, sample);
+        (self.to.t_s, self.to.motion, self.to.lever) = (sample.t_s, motion, motion);
+        let x = self.instant(sample);
         let here = &mut self.to;
-        here.t_s = sample.t_s;
-        (here.motion, here.lever) = (motion, motion);
-        let temperature_above_25_degc = sample.temperature_degc.map_or(0.0, |t| t - 25.0);
-        let x = Instant {
-            t_s: sample.t_s,
-            rate: motion.rate,
-            force: motion.force,
-            temperature_above_25_degc,
-            around: self.calibration.around,
-            conditions: self.calibration.conditions,
-        };
         (here.by_force, here.by_rate) = (Matrix3::zeros(), Matrix3::zeros());
         for (setting, p) in self.model.effects.iter().zip(self.calibration.parameters()) {
             here.by_force += setting.effect.gyro_by_force(p, &x).unwrap_or_default();
@@ -176,7 +177,6 @@ impl<'a> Track<'a> {
         }
         here.columns.clear();
         self.watched.columns(&x, &mut here.columns);
-        self.shown = x;
         // An accelerometer error passes through the g-sensitivity that the model knows of.
         for [rate, force] in &mut here.columns {
             *rate -= here.by_force * *force;
