@@ -31,7 +31,7 @@ pub(in crate::identify) fn is_held_out(block: usize) -> bool {
 
 /// Prior sigmas of every parameter of the effects of a sensor, narrow and wide, and of what goes with one of them without being named.
 pub(in crate::identify) struct Widths {
-    catalogue: &'static [&'static dyn Effect],
+    pub(super) catalogue: &'static [&'static dyn Effect],
     /// Effect of each parameter.
     effect: Vec<usize>,
     narrow: Vec<f64>,
@@ -85,6 +85,11 @@ impl Widths {
     pub(in crate::identify) fn known_to(mut self, effect: &str, sigma: f64) -> Self {
         self.known_to.extend(self.catalogue.iter().position(|e| e.name() == effect).map(|e| (e, sigma)));
         self
+    }
+
+    /// What no parameter of an effect is known better than, 1-sigma, SI.
+    pub(super) fn least(&self, effect: usize) -> f64 {
+        self.known_to.iter().find(|k| k.0 == effect).map_or(0.0, |k| k.1)
     }
 
     /// Another 1-sigma of a parameter that is always open.
@@ -205,7 +210,7 @@ impl About<'_> {
         let by_tolerances = self.by_tolerances(&found, named);
         let own = |i: usize| found.columns[i].checked_sub(self.prior.len()).map(|k| self.widths.effect[k]);
         let own = (0..found.columns.len()).filter(|i| own(*i) == Some(e));
-        let least = self.widths.known_to.iter().find(|k| k.0 == e).map_or(0.0, |k| k.1.powi(2));
+        let least = self.widths.least(e).powi(2);
         let one = |i: usize| {
             (found.fit.step[i], (found.fit.covariance[(i, i)].max(0.0) + by_tolerances[i] + least).sqrt())
         };

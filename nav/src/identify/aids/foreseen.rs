@@ -2,7 +2,7 @@
 //! without errors. The noise is the usual one of each sensor, and what is left of its other effects counts as after a flight.
 
 use super::choose::{THRESHOLD, Widths, sigmas_alone};
-use crate::effects::{COMPASS, Effect, FieldInstant, Unit};
+use crate::effects::{COMPASS, FieldInstant, Unit};
 use crate::identify::air::{AirForeseen, Carriage};
 use crate::identify::compass;
 use crate::identify::pass::Information;
@@ -31,23 +31,28 @@ pub struct Foreseen {
     pub unit: Unit,
     /// 1-sigma with which a flight would report it where its effect alone is wrong, in that unit.
     pub sigma: f64,
-    /// Sigma from which an error of its usual size is named, with the reserve for what a report says beside it, in that unit.
+    /// Sigma from which an error of its usual size is named, with the reserve for what a report says beside it and with what no flight can show, in that unit.
     pub target: f64,
 }
 
 impl Foreseen {
-    /// Parameters with effect and sigma, SI.
-    pub(in crate::identify) fn of(catalogue: &[&'static dyn Effect], sigmas: Vec<(usize, f64)>) -> Vec<Self> {
+    /// Each parameter of a sensor by the information about it. `prior`: that of the parameters before those of the sensor.
+    pub(in crate::identify) fn of(
+        information: Information,
+        prior: &[(f64, f64)],
+        widths: &Widths,
+    ) -> Vec<Self> {
+        let sigmas = sigmas_alone(information, prior, widths);
         let names = |e: usize| {
-            let groups = catalogue[e].groups().iter();
+            let groups = widths.catalogue[e].groups().iter();
             groups.flat_map(|g| g.names.iter().map(move |name| (*name, g)))
         };
-        let mut seen = vec![0; catalogue.len()];
+        let mut seen = vec![0; widths.catalogue.len()];
         let one = |(e, sigma): (usize, f64)| {
             let (name, group) = names(e).nth(seen[e])?;
             let unit = group.unit;
             seen[e] += 1;
-            let target = group.prior_sigma / NAMED_FROM / RESERVE / unit.si;
+            let target = (group.prior_sigma / NAMED_FROM / RESERVE).hypot(widths.least(e)) / unit.si;
             Some(Self { name, unit, sigma: sigma / unit.si, target })
         };
         sigmas.into_iter().filter_map(one).collect()
@@ -140,7 +145,7 @@ impl Foresight {
                 let mut information = information.clone();
                 information.finish();
                 let prior = [(TILT, 0.0), (TILT, 0.0), (yaw_sigma, 0.0)];
-                Foreseen::of(COMPASS, sigmas_alone(information, &prior, &compass_widths()))
+                Foreseen::of(information, &prior, &compass_widths())
             }
         };
         self.sensors.iter().flat_map(one).collect()

@@ -2,7 +2,6 @@
 
 use super::{AirSensor, FIGURES, GUSTS, SHOWN_WIND_SIGMA, known, widths};
 use crate::effects::{AIRSPEED, BAROMETER};
-use crate::identify::aids::choose;
 use crate::identify::aids::foreseen::{Foreseen, Setting};
 use crate::identify::aids::series::Running;
 use crate::identify::air::{Carriage, Instant, density};
@@ -66,6 +65,6 @@ impl AirForeseen {
     pub(in crate::identify) fn sigmas(&self) -> Vec<Foreseen> {
         let mut information = self.information.clone();
         information.finish();
-        Foreseen::of(self.sensor.catalogue, choose::sigmas_alone(information, &[], &self.sensor.widths))
+        Foreseen::of(information, &[], &self.sensor.widths)
     }
 }
