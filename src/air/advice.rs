@@ -1,16 +1,19 @@
-//! Which parameters correct a barometer or an airspeed sensor.
+//! Which parameters correct a barometer or an airspeed sensor, or are the drag of a multirotor.
 //!
 //! Pressure and airspeed in the logs come before what these parameters correct, so that the values found replace those on board; the ratio of ArduPilot's airspeed is
 //! the exception. ArduPilot subtracts `BAROn_WCF_*` times ½ρv² by axis and direction (`AP_Baro/AP_Baro_Wind.cpp`: `wind_pressure_correction`) and `BAROn_THST_SCALE` times the
 //! throttle (`AP_Baro/AP_Baro.cpp`: `thrust_pressure_correction`); PX4 adds `EKF2_PCOEF_*` times v²/2g to the height (`compensateBaroForDynamicPressure`). ArduPilot's airspeed is
 //! √(ratio (p − offset)) (`AP_Airspeed/AP_Airspeed.cpp`), PX4's calibrated one scale times the indicated (`airspeed_selector/AirspeedValidator.cpp`).
+//!
+//! Both estimate the wind by −ρ/2 v²/`BCOEF` − v `MCOEF`: PX4 with √(ρ/ρ₀) `MCOEF`, as here (`fuseDrag`), ArduPilot with ρ/ρ₀ `MCOEF` (`FuseDragForces`). A coefficient of zero
+//! turns its part off.
 
 use crate::advice::on_board::OnBoard;
 use crate::compass::advice::SensorProposal;
 use gaware_mission::item::Autopilot;
-use gaware_nav::effects::SEA_LEVEL_DENSITY;
+use gaware_nav::effects::{DRAG_QUADRATIC, SEA_LEVEL_DENSITY};
 use gaware_nav::identify::aids::Finding;
-use gaware_nav::identify::air::AirFound;
+use gaware_nav::identify::air::{AirFound, AirQuantity};
 
 /// A change of less than this many sigmas is none.
 const SIGNIFICANT: f64 = 2.0;
@@ -27,6 +30,11 @@ const HEIGHT_DELAY: &str =
 const SELECTOR: &str = "modules/airspeed_selector/airspeed_selector_params.yaml; applied in AirspeedValidator.cpp: update_CAS_TAS";
 const DIFFERENTIAL: &str =
     "modules/sensors/module.yaml; applied in modules/sensors/sensors.cpp: diff_pres_poll";
+
+const EK3_DRAG: &str =
+    "AP_NavEKF3/AP_NavEKF3.cpp: var_info; applied in AP_NavEKF3_AirDataFusion.cpp: FuseDragForces";
+const EKF2_DRAG: &str =
+    "modules/ekf2/params_drag.yaml; applied in EKF/aid_sources/drag/drag_fusion.cpp: fuseDrag";
 
 /// A new value: parameter, value, its 1-sigma, unit, limits, source.
 struct Change(String, f64, f64, &'static str, (f64, f64), &'static str);
@@ -48,6 +56,7 @@ pub(super) fn of(found: &AirFound, on_board: &OnBoard) -> (Vec<SensorProposal>, 
                 not.push("the log does not say which autopilot flew: no parameter can be named".to_owned());
                 break;
             }
+            Some(autopilot) if found.kind == AirQuantity::Drag => drag(found, finding, autopilot),
             Some(Autopilot::ArduPilot) => ardupilot(found.sensor, finding, on_board),
             Some(Autopilot::Px4) => px4(found.sensor, finding, on_board),
         };
@@ -77,6 +86,29 @@ pub(super) fn of(found: &AirFound, on_board: &OnBoard) -> (Vec<SensorProposal>, 
         }
     }
     (proposals, not)
+}
+
+/// The coefficients of drag: what a flight shows of an effect, and zero for the other one where it does not show that.
+fn drag(found: &AirFound, finding: &Finding, autopilot: Autopilot) -> Vec<Change> {
+    let (prefix, most, source, momentum) = match autopilot {
+        Autopilot::ArduPilot => ("EK3_DRAG_", 1000.0, EK3_DRAG, found.density.max(0.1).powf(-0.5)),
+        Autopilot::Px4 => ("EKF2_", 200.0, EKF2_DRAG, 1.0),
+    };
+    let (v, s) = (&finding.setting.values, &finding.setting.sigmas);
+    let alone = found.effects.len() == 1;
+    let body = |k: usize, v: f64, s: f64| {
+        Change(format!("{prefix}BCOEF_{}", ["X", "Y"][k]), v, s, "kg/m²", (0.0, most), source)
+    };
+    let rotors = |v: f64, s: f64| Change(format!("{prefix}MCOEF"), v, s, "1/s", (0.0, 1.0), source);
+    if finding.setting.effect.name() == DRAG_QUADRATIC.name {
+        let known = (0..2).filter(|k| v[*k] > SIGNIFICANT * s[*k]);
+        let known = known.map(|k| body(k, 1.0 / v[k], s[k] / v[k].powi(2)));
+        known.chain(alone.then(|| rotors(0.0, 0.0))).collect()
+    } else {
+        let none = [0, 1].map(|k| body(k, 0.0, 0.0));
+        let none = none.into_iter().filter(|_| alone);
+        std::iter::once(rotors(momentum * v[0], momentum * s[0])).chain(none).collect()
+    }
 }
 
 fn hint(parameter: &str) -> &'static str {

@@ -1,4 +1,4 @@
-//! Barometers, airspeed sensors and the wind of a recording in words: which one is wrong, by how much, why, and what the autopilot can correct.
+//! Barometers, airspeed sensors, drag and the wind of a recording in words: which one is wrong, by how much, why, and what the autopilot can correct.
 //!
 //! The mathematics are `gaware_nav::identify::air`.
 
@@ -9,10 +9,11 @@ mod tests;
 use crate::advice::on_board::OnBoard;
 use crate::compass::{SensorEffect, Status, advice::SensorProposal};
 use crate::explain::contract::BeforeAfter;
-use gaware_nav::identify::aids::Settled;
-use gaware_nav::identify::air::{Air, AirFound};
+use crate::logs::VehicleClass;
+use gaware_nav::effects::DRAG_QUADRATIC;
+use gaware_nav::identify::aids::{Finding, Settled};
+use gaware_nav::identify::air::{Air, AirFound, AirQuantity};
 use gaware_nav::identify::flight::Flight;
-use gaware_nav::sample::AirKind;
 use schemars::JsonSchema;
 use serde::Serialize;
 
@@ -22,10 +23,10 @@ const WRONG_M: f64 = 3.0;
 const WRONG_SHARE: f64 = 0.1;
 /// The same at an ordinary 15 m/s, m/s. Moderate turbulence at 50 m leaves as much (MIL-F-8785C).
 const WRONG_M_PER_S: f64 = 1.5;
-/// An error that is of interest has to be so many sigmas to be seen.
+/// An error that is of interest has to be so many sigmas to be seen, and a coefficient of the body to be given.
 const BEYOND_CHANCE: f64 = 2.0;
 
-/// The wind by an airspeed sensor, m/s.
+/// The wind by an airspeed sensor or by drag, m/s.
 #[derive(Debug, Clone, PartialEq, Serialize, JsonSchema)]
 pub struct WindEntry {
     /// Mean velocity of the air toward north and east.
@@ -38,18 +39,18 @@ pub struct WindEntry {
     pub text: String,
 }
 
-/// One barometer or airspeed sensor.
+/// One barometer or airspeed sensor, or the drag of a multirotor.
 #[derive(Debug, Clone, PartialEq, Serialize, JsonSchema)]
 pub struct AirEntry {
-    /// Which: "Barometer 1".
+    /// Which: "Barometer 1"; "Drag" is no sensor, but what the accelerometers feel along body x and y.
     pub sensor: String,
     /// Whether it can be relied on.
     pub status: Status,
     /// The same in words.
     pub text: String,
-    /// Unit of the errors: m or m/s.
+    /// Unit of the errors: m or m/s, or m/s² of drag.
     pub unit: &'static str,
-    /// Largest error by what was found.
+    /// Largest error by what was found, or largest drag.
     pub largest_error: f64,
     /// Speed through the air at which it was, m/s.
     pub at_m_per_s: f64,
@@ -65,7 +66,7 @@ pub struct AirEntry {
     pub removed: Vec<&'static str>,
     /// Effects that were tested and are not significant.
     pub not_found: Vec<&'static str>,
-    /// The wind, by an airspeed sensor.
+    /// The wind, by an airspeed sensor or by drag.
     pub wind: Option<WindEntry>,
     /// Parameters that correct it.
     pub proposals: Vec<SensorProposal>,
@@ -95,21 +96,25 @@ impl AirReport {
 
 /// Judges them by a settled trajectory; nothing where the flight has none.
 pub fn of_flight(flight: &Flight, settled: &Settled, on_board: &OnBoard) -> Option<AirReport> {
-    if flight.air().is_empty() {
+    let is_rotor =
+        on_board.class.map_or(on_board.fixed_wing == Some(false), |c| c == VehicleClass::Multirotor);
+    let is_wing = on_board.fixed_wing == Some(true);
+    let air = Air::new(flight, settled, is_wing);
+    let mut found = air.all();
+    found.extend(is_rotor.then(|| air.drag(flight, settled)).flatten());
+    if found.is_empty() && flight.air().is_empty() {
         return None;
     }
-    let is_wing = on_board.fixed_wing == Some(true);
-    let found = Air::new(flight, settled, is_wing).all();
     let mut report =
         AirReport { sensors: found.iter().map(|f| entry(f, on_board)).collect(), notes: Vec::new() };
     report.sensors.sort_by(|a, b| a.sensor.cmp(&b.sensor));
     let has = |kind| found.iter().any(|f| f.kind == kind);
-    if has(AirKind::Barometer) && !has(AirKind::Airspeed) {
+    if has(AirQuantity::Height) && !has(AirQuantity::Airspeed) {
         report.notes.push(
             "The flight has no airspeed: the wind that the pressure of the flow goes with is estimated with it, from no wind ± 5 m/s.".to_owned(),
         );
     }
-    if has(AirKind::Airspeed) && !is_wing {
+    if has(AirQuantity::Airspeed) && !is_wing {
         report.notes.push(
             "The log does not say that wings carry the vehicle: sideslip is left open, and the wind follows from turns alone.".to_owned(),
         );
@@ -119,14 +124,13 @@ pub fn of_flight(flight: &Flight, settled: &Settled, on_board: &OnBoard) -> Opti
 
 fn entry(found: &AirFound, on_board: &OnBoard) -> AirEntry {
     let status = status(found);
-    let is_height = found.kind == AirKind::Barometer;
     let advice = advice::of(found, on_board);
     let both = |v: [f64; 2]| BeforeAfter { before: v[0], after: v[1] };
     AirEntry {
         sensor: name(found),
         status,
         text: text(found, status),
-        unit: if is_height { "m" } else { "m/s" },
+        unit: ["m", "m/s", "m/s²"][found.kind as usize],
         largest_error: found.largest.0,
         at_m_per_s: found.largest.1,
         residual: both(found.residual),
@@ -148,8 +152,11 @@ fn entry(found: &AirFound, on_board: &OnBoard) -> AirEntry {
 }
 
 fn name(found: &AirFound) -> String {
-    let what = if found.kind == AirKind::Barometer { "Barometer" } else { "Airspeed sensor" };
-    format!("{what} {}", found.sensor + 1)
+    match found.kind {
+        AirQuantity::Height => format!("Barometer {}", found.sensor + 1),
+        AirQuantity::Airspeed => format!("Airspeed sensor {}", found.sensor + 1),
+        AirQuantity::Drag => "Drag".to_owned(),
+    }
 }
 
 /// From where it blows, how well that is known, and its gusts.
@@ -167,8 +174,11 @@ fn wind(w: &gaware_nav::identify::air::Wind) -> String {
 }
 
 fn status(found: &AirFound) -> Status {
+    if found.kind == AirQuantity::Drag {
+        return if found.effects.is_empty() { Status::NotKnown } else { Status::Ok };
+    }
     let (error, speed) = found.largest;
-    let wrong = if found.kind == AirKind::Barometer { WRONG_M } else { WRONG_SHARE * speed };
+    let wrong = if found.kind == AirQuantity::Height { WRONG_M } else { WRONG_SHARE * speed };
     if !found.effects.is_empty() && error.abs() > wrong {
         Status::Wrong
     } else if BEYOND_CHANCE * found.known_to > of_interest(found.kind) || scatters(found) {
@@ -179,8 +189,8 @@ fn status(found: &AirFound) -> Status {
 }
 
 /// What an error has to be to be of interest, m or m/s.
-fn of_interest(kind: AirKind) -> f64 {
-    if kind == AirKind::Barometer { WRONG_M } else { WRONG_M_PER_S }
+fn of_interest(kind: AirQuantity) -> f64 {
+    if kind == AirQuantity::Height { WRONG_M } else { WRONG_M_PER_S }
 }
 
 /// Whether more is left than a sensor in order leaves, and no effect explains it.
@@ -190,7 +200,10 @@ fn scatters(found: &AirFound) -> bool {
 
 /// What a pilot has to know of it.
 fn text(found: &AirFound, status: Status) -> String {
-    let is_height = found.kind == AirKind::Barometer;
+    if found.kind == AirQuantity::Drag {
+        return drag(found);
+    }
+    let is_height = found.kind == AirQuantity::Height;
     let (error, speed) = found.largest;
     let mut parts = Vec::new();
     let size = |v: f64| format!("{:.1} {}", v.abs(), if is_height { "m" } else { "m/s" });
@@ -258,6 +271,41 @@ fn words(effect: &str, v: &[f64]) -> String {
         "airspeed_offset" => format!("its pressure is {:.0} Pa off", v[0]),
         "airspeed_delay" => format!("it is {:.1} s late", v[0]),
         other => format!("{other} is significant"),
+    }
+}
+
+/// What a pilot has to know of drag.
+fn drag(found: &AirFound) -> String {
+    if found.effects.is_empty() {
+        return "Drag and wind are not known: the specific force along body x and y does not go with the speed; fly forward and back at two speeds, with the nose in two directions.".to_owned();
+    }
+    let list: Vec<String> = found.effects.iter().map(coefficients).collect();
+    format!(
+        "Drag is up to {:.1} m/s² (at {:.0} m/s): {}.",
+        found.largest.0.abs(),
+        found.largest.1,
+        list.join("; ")
+    )
+}
+
+/// The coefficients of an effect of drag with their sigmas, in the units of both autopilots.
+fn coefficients(effect: &Finding) -> String {
+    let setting = &effect.setting;
+    let (v, s) = (&setting.values, &setting.sigmas);
+    let own = if setting.effect.name() == DRAG_QUADRATIC.name {
+        let one = |k: usize| {
+            format!(", {:.1} ± {:.1} kg/m² along {}", 1.0 / v[k], s[k] / v[k].powi(2), ["x", "y"][k])
+        };
+        let known = (0..2).filter(|k| v[*k] > BEYOND_CHANCE * s[*k]);
+        format!("drag of the body{}", known.map(one).collect::<String>())
+    } else {
+        format!("momentum drag of the rotors {:.3} ± {:.3} 1/s", v[0], s[0])
+    };
+    let others = effect.others.join(", ");
+    if others.is_empty() {
+        own
+    } else {
+        format!("{own} (this flight does not separate it from {others}: fly two speeds)")
     }
 }
 

@@ -47,17 +47,29 @@ fn names(entry: &AirEntry) -> Vec<&str> {
     entry.effects.iter().map(|e| e.names[0]).collect()
 }
 
+/// What is named of a sensor with these effects; the simulated multirotor has drag in proportion to its speed.
+fn expected<'e>(s: &AirEntry, own: &str, effects: &[&'e str]) -> Vec<&'e str> {
+    match &*s.sensor {
+        "Drag" => vec!["drag_rotor"],
+        sensor if sensor == own => effects.to_vec(),
+        _ => vec![],
+    }
+}
+
 #[test]
 fn sensors_in_order_are_and_the_wind_is_found() {
     for (name, seed) in [("fixed_wing", 1), ("fixed_wing_gusts", 2), ("multirotor", 3)] {
         let report = judged(name, &[], seed);
         for s in &report.sensors {
-            assert_eq!((s.status, names(s)), (Status::Ok, vec![]), "{name}: {s:?}");
+            assert_eq!((s.status, names(s)), (Status::Ok, expected(s, "", &[])), "{name}: {s:?}");
         }
-        let wind = report.sensors.iter().find_map(|s| s.wind.as_ref()).unwrap();
-        for k in 0..2 {
-            let off = (wind.north_east_m_per_s[k] - WIND.mean_n_e[k]).abs();
-            assert!(off < 3.0 * wind.sigma_m_per_s[k].hypot(0.15), "{name} {wind:?}");
+        let winds: Vec<&WindEntry> = report.sensors.iter().filter_map(|s| s.wind.as_ref()).collect();
+        assert_eq!(winds.len(), if name == "multirotor" { 2 } else { 1 }, "{name}");
+        for wind in winds {
+            for k in 0..2 {
+                let off = (wind.north_east_m_per_s[k] - WIND.mean_n_e[k]).abs();
+                assert!(off < 3.0 * wind.sigma_m_per_s[k].hypot(0.15), "{name} {wind:?}");
+            }
         }
     }
 }
@@ -76,8 +88,7 @@ fn each_effect_is_named_with_values_that_hold() {
         let report = judged(name, &[(effect, truth.clone())], seed);
         let own = if effect.starts_with("baro") { "Barometer 1" } else { "Airspeed sensor 1" };
         for s in &report.sensors {
-            let expected = if s.sensor == own { vec![effect] } else { vec![] };
-            if names(s) != expected {
+            if names(s) != expected(s, own, &[effect]) {
                 wrong.push(format!("{name} {effect} {}: {:?}", s.sensor, names(s)));
             }
             let parameters = s.effects.iter().filter(|e| e.names[0] == effect).flat_map(|e| &e.parameters);
@@ -155,7 +166,7 @@ fn a_straight_leg_asks_for_circles_both_ways() {
     assert!(pitot.text.contains("fly circles both ways"), "{}", pitot.text);
 }
 
-fn found(kind: AirKind, held_out: [f64; 2], known_to: f64) -> AirFound {
+fn found(kind: AirQuantity, held_out: [f64; 2], known_to: f64) -> AirFound {
     AirFound {
         kind,
         sensor: 0,
@@ -170,13 +181,14 @@ fn found(kind: AirKind, held_out: [f64; 2], known_to: f64) -> AirFound {
         not_found: Vec::new(),
         wind: None,
         points: Vec::new(),
+        density: 0.0,
     }
 }
 
 /// What is left has to be that of a sensor in order before one is called so.
 #[test]
 fn a_sensor_of_which_much_is_left_is_not_in_order() {
-    for (kind, small, large) in [(AirKind::Airspeed, 0.6, 1.8), (AirKind::Barometer, 1.0, 3.5)] {
+    for (kind, small, large) in [(AirQuantity::Airspeed, 0.6, 1.8), (AirQuantity::Height, 1.0, 3.5)] {
         assert_eq!(super::status(&found(kind, [small; 2], 0.2)), Status::Ok);
         let scatters = found(kind, [large; 2], 0.2);
         assert_eq!(super::status(&scatters), Status::NotKnown);
@@ -222,6 +234,106 @@ fn the_proposals_undo_the_errors_by_the_formulas_of_both_firmwares() {
     near(&px4, "EKF2_PCOEF_XP", 0.2, 0.04);
     near(&px4, "ASPD_SCALE_1", 1.0 / 1.15, 0.03);
     assert_eq!(of(&board(Autopilot::Px4, &[])), vec![], "only what the log's own list has");
+}
+
+/// Drag of rotors, 1/s, and of the body along x and y, m²/kg.
+const DRAG: [f64; 3] = [0.2, 0.035, 0.06];
+
+fn dragged(drag: [f64; 3], seed: u64, board: &OnBoard) -> AirEntry {
+    let injected = [("drag_rotor", vec![drag[0]]), ("drag_quadratic", vec![drag[1], drag[2]])];
+    let report = of_samples(&flight("multirotor", &injected, seed), None, board).air.unwrap();
+    report.sensors.into_iter().find(|s| s.sensor == "Drag").unwrap()
+}
+
+fn copter(autopilot: Autopilot, parameters: &[(&str, f64)]) -> OnBoard {
+    OnBoard {
+        autopilot: Some(autopilot),
+        fixed_wing: Some(false),
+        parameters: parameters.iter().map(|(n, v)| ((*n).to_owned(), *v)).collect(),
+        ..OnBoard::default()
+    }
+}
+
+/// No airspeed sensor, gusts, a frame that is not straight and accelerometers with biases: drag by speed, and the wind that goes with it.
+#[test]
+fn a_multirotor_shows_its_drag_and_the_wind() {
+    for seed in [1, 2] {
+        let s = dragged(DRAG, seed, &copter(Autopilot::Px4, &[]));
+        let mut found: Vec<(&str, Vec<f64>)> = Vec::new();
+        for e in &s.effects {
+            assert_eq!(e.names.len(), 1, "{:?}", e.names);
+            found.push((e.names[0], e.parameters.iter().map(|p| p.value).collect()));
+            let truth = if e.names[0] == "drag_rotor" { &DRAG[..1] } else { &DRAG[1..] };
+            for (p, truth) in e.parameters.iter().zip(truth) {
+                assert!(
+                    (p.value - truth).abs() < 3.0 * p.sigma,
+                    "{} {} ± {}, not {truth}",
+                    p.name,
+                    p.value,
+                    p.sigma
+                );
+                assert!(p.sigma < 0.3 * truth, "{} ± {}", p.name, p.sigma);
+            }
+        }
+        assert_eq!((s.status, found.len()), (Status::Ok, 2), "{found:?}");
+        assert!(s.held_out.after < 0.2 * s.held_out.before, "{:?}", s.held_out);
+        let wind = s.wind.unwrap();
+        for k in 0..2 {
+            let off = (wind.north_east_m_per_s[k] - WIND.mean_n_e[k]).abs();
+            assert!(off < 3.0 * wind.sigma_m_per_s[k] && wind.sigma_m_per_s[k] < 0.6, "{wind:?}");
+        }
+    }
+}
+
+/// Without drag nothing is said of it, nor of the wind; and wings have none that this finds.
+#[test]
+fn no_drag_has_no_name() {
+    let s = dragged([0.0; 3], 3, &copter(Autopilot::Px4, &[("EKF2_MCOEF", 0.15)]));
+    assert_eq!((s.status, names(&s), &s.wind), (Status::NotKnown, vec![], &None), "{}", s.text);
+    assert_eq!((s.proposals, s.not_proposed), (vec![], vec![]));
+    let wings = judged("fixed_wing", &[], 1);
+    assert!(wings.sensors.iter().all(|s| s.sensor != "Drag"));
+}
+
+/// With the parameters proposed both firmwares' formulas predict the specific force of the simulated vehicle, with its sign.
+#[test]
+fn the_drag_parameters_predict_the_force_by_the_formulas_of_both_firmwares() {
+    let names = [
+        ["EK3_DRAG_MCOEF", "EK3_DRAG_BCOEF_X", "EK3_DRAG_BCOEF_Y"],
+        ["EKF2_MCOEF", "EKF2_BCOEF_X", "EKF2_BCOEF_Y"],
+    ];
+    let height_m = 488.0 + 25.0;
+    let density = 1.225 * (1.0 - 2.2558e-5 * height_m as f64).powf(4.2559);
+    for (autopilot, names, on_board, momentum) in [
+        (Autopilot::ArduPilot, names[0], [0.0; 3], density / 1.225),
+        (Autopilot::Px4, names[1], [0.15, 100.0, 100.0], (density / 1.225).sqrt()),
+    ] {
+        let listed: Vec<(&str, f64)> = names.into_iter().zip(on_board).collect();
+        let s = dragged(DRAG, 1, &copter(autopilot, &listed));
+        let [m, x, y] = names.map(|n| s.proposals.iter().find(|p| p.parameter == n).unwrap().proposed);
+        for (axis, ballistic) in [x, y].into_iter().enumerate() {
+            for v in [-12.0f64, 6.0, 12.0] {
+                let firmware = -0.5 * density / ballistic * v * v.abs() - v * m * momentum;
+                let truth =
+                    -0.5 * density * DRAG[1 + axis] * v * v.abs() - v * DRAG[0] * (density / 1.225).sqrt();
+                assert!(
+                    (firmware - truth).abs() < 0.06 * truth.abs(),
+                    "{autopilot:?} {v}: {firmware} {truth}"
+                );
+            }
+        }
+        assert_eq!(
+            dragged(DRAG, 1, &copter(autopilot, &[])).proposals,
+            vec![],
+            "only what the log's own list has"
+        );
+    }
+    // A rotor alone: what is on board of the body would count twice.
+    let listed = [("EKF2_MCOEF", 0.15), ("EKF2_BCOEF_X", 100.0), ("EKF2_BCOEF_Y", 100.0)];
+    let s = dragged([0.25, 0.0, 0.0], 2, &copter(Autopilot::Px4, &listed));
+    let proposed: Vec<(&str, f64)> = s.proposals.iter().map(|p| (&*p.parameter, p.proposed)).collect();
+    assert_eq!(proposed[1..], [("EKF2_BCOEF_X", 0.0), ("EKF2_BCOEF_Y", 0.0)], "{proposed:?}");
+    assert!(proposed[0].0 == "EKF2_MCOEF" && (proposed[0].1 - 0.25).abs() < 0.015, "{proposed:?}");
 }
 
 /// Real vehicles: what is named of a barometer is never there without a smaller residual.

@@ -4,11 +4,12 @@ use super::OverwriteArgs;
 use super::effects::EffectsArgs;
 use crate::outputs::{OutputError, mark};
 use clap::{Args, ValueEnum};
+use gaware_nav::effects::DRAG;
 use gaware_nav::model::Model;
 use gaware_sitl::autopilot::{Autopilot, AutopilotConfig, Flavour};
 use gaware_sitl::blind;
 use gaware_sitl::faults::{Fault, FaultError, link_faults};
-use gaware_sitl::scenario::{self, InjectError, Scenario};
+use gaware_sitl::scenario::{self, Airframe, InjectError, Scenario};
 use gaware_sitl::sensors::Temperature;
 use gaware_sitl::shell::{Endpoint, Options, Served, Server, ShellError, Speed};
 use std::path::PathBuf;
@@ -122,6 +123,9 @@ pub enum SimError {
     /// Not two numbers.
     #[error("--wind takes two numbers, toward north and toward east in m/s: --wind 3,-2")]
     Wind,
+    /// A vehicle whose drag is its own.
+    #[error("only a multirotor that flies by itself can have another drag: --scenario multirotor")]
+    Drag,
     /// A model that cannot be read.
     #[error(transparent)]
     Model(Box<super::CommandError>),
@@ -203,6 +207,10 @@ fn prepare(args: &SimArgs) -> Result<Prepared, SimError> {
     }
     for effect in &args.hide {
         scenario::inject(&mut scenario.model, effect)?;
+    }
+    let has_drag = scenario.model.effects.iter().any(|s| DRAG.iter().any(|e| e.name() == s.effect.name()));
+    if has_drag && (scenario.airframe == Airframe::FixedWing || scenario.vehicle.is_some()) {
+        return Err(SimError::Drag);
     }
     let sealed = args.hide_random.map(|seed| hide_random(&mut scenario, seed));
     if let Some(vehicle) = &mut scenario.vehicle {
@@ -306,6 +314,8 @@ mod tests {
         for (line, said) in [
             ("--scenario moon", "there is no scenario \"moon\"; known are paper, "),
             ("--hide gremlins=1", "there is no effect \"gremlins\""),
+            ("--scenario fixed_wing --hide drag_rotor=0.2", "--scenario multirotor"),
+            ("--scenario mission_multirotor --hide drag_rotor=0.2", "--scenario multirotor"),
             ("--fault gremlins", "is no fault; known are"),
             ("--listen nowhere", "is an invalid address; write"),
             ("--speed fast", "is no speed"),

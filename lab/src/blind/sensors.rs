@@ -1,4 +1,4 @@
-//! Blind flights for what measures air: an effect of a barometer or an airspeed sensor is injected, the vehicle flies in a wind, the sensors are judged, and only
+//! Blind flights for what measures air: an effect of a barometer or an airspeed sensor, or a drag, is injected, the vehicle flies in a wind, the sensors are judged, and only
 //! then the truth is looked at. Effects that are not injected are as large as an ordinary calibration leaves them, of the first sensor of each kind; the
 //! second barometer has none.
 
@@ -8,7 +8,7 @@ use gaware::aids;
 use gaware::air::AirEntry;
 use gaware::compass::Status;
 use gaware::parallel::{Progress, map_runs_on};
-use gaware_nav::effects::{AIRSPEED, BAROMETER, Effect, find};
+use gaware_nav::effects::{AIRSPEED, BAROMETER, DRAG_QUADRATIC, DRAG_ROTOR, Effect, find};
 use gaware_nav::model::EffectSetting;
 use gaware_sitl::blind::{DURATION_S, fly_in_wind};
 use gaware_sitl::noise::{Noise, Purpose};
@@ -31,6 +31,14 @@ const ORDINARY: [(&str, f64); 8] = [
 const SIZES: (f64, f64) = (0.7, 1.7);
 /// A parameter is informed where its sigma is below this share of the definition's.
 const INFORMED: f64 = 0.7;
+
+/// What is flown of one kind of vehicle.
+pub type Tested = (Carrier, &'static [&'static dyn Effect]);
+/// The effects of barometers and airspeed sensors.
+pub const SENSORS: &[Tested] =
+    &[(Carrier::Wings, BAROMETER), (Carrier::Wings, AIRSPEED), (Carrier::Rotors, BAROMETER)];
+/// Those of drag; a clean flight has none.
+pub const OF_DRAG: &[Tested] = &[(Carrier::Rotors, &[&DRAG_ROTOR, &DRAG_QUADRATIC])];
 
 /// One injected effect and what became of it.
 #[derive(Debug, Clone, Serialize)]
@@ -72,9 +80,9 @@ pub struct SensorFlight {
 fn draw(effect: &'static dyn Effect, noise: &mut Noise) -> EffectSetting {
     let mut setting = EffectSetting::unknown(effect);
     let size = SIZES.0 + (SIZES.1 - SIZES.0) * noise.uniform();
-    // Nothing measures before it happens.
+    // Nothing measures before it happens, and drag is against the motion.
     let is_delay = effect.on_air().is_some_and(|a| a.drivers.iter().any(|d| d.is_delay()));
-    let sign = if is_delay || noise.uniform() < 0.5 { 1.0 } else { -1.0 };
+    let sign = if is_delay || is_drag(effect) || noise.uniform() < 0.5 { 1.0 } else { -1.0 };
     for (value, sigma) in setting.values.iter_mut().zip(&setting.sigmas) {
         *value = sign * size * sigma * (0.67 + 0.66 * noise.uniform());
     }
@@ -82,16 +90,18 @@ fn draw(effect: &'static dyn Effect, noise: &mut Noise) -> EffectSetting {
     setting
 }
 
+fn is_drag(effect: &dyn Effect) -> bool {
+    [DRAG_ROTOR.name, DRAG_QUADRATIC.name].contains(&effect.name())
+}
+
 /// What is flown: carrier and effects.
 type Job = (Carrier, Vec<&'static dyn Effect>, u64);
 
 /// Each effect alone, each pair of one sensor in turn, and clean flights; `rounds` of all of them.
-fn jobs(rounds: usize, first_seed: u64) -> Vec<Job> {
+fn jobs(flown: &[Tested], rounds: usize, first_seed: u64) -> Vec<Job> {
     let mut out: Vec<Job> = Vec::new();
     for round in 0..rounds {
-        for (carrier, catalogue) in
-            [(Carrier::Wings, BAROMETER), (Carrier::Wings, AIRSPEED), (Carrier::Rotors, BAROMETER)]
-        {
+        for (carrier, catalogue) in flown.iter().copied() {
             let seed = |out: &Vec<Job>| first_seed + out.len() as u64;
             for (k, effect) in catalogue.iter().enumerate() {
                 out.push((carrier, vec![*effect], seed(&out)));
@@ -105,7 +115,7 @@ fn jobs(rounds: usize, first_seed: u64) -> Vec<Job> {
     out
 }
 
-fn one((carrier, effects, seed): &Job, family: Family) -> SensorFlight {
+fn one((carrier, effects, seed): &Job, of_drag: bool, family: Family) -> SensorFlight {
     let mut noise = Noise::numbered(*seed, Purpose::HiddenTruth, 11);
     let injected: Vec<EffectSetting> = effects.iter().map(|e| draw(*e, &mut noise)).collect();
     let mut all = injected.clone();
@@ -116,12 +126,22 @@ fn one((carrier, effects, seed): &Job, family: Family) -> SensorFlight {
         let values: Vec<f64> = (0..effect.len()).map(|_| sigma * noise.normal()).collect();
         all.extend(EffectSetting::known(effect, &values).ok());
     }
+    if of_drag && effects.is_empty() {
+        all.extend(EffectSetting::known(&DRAG_ROTOR, &[0.0]).ok());
+    }
     let (blind, wind) = fly_in_wind(&all, *carrier, family, *seed);
     let wings = *carrier == Carrier::Wings;
     let board = OnBoard { fixed_wing: Some(wings), ..OnBoard::default() };
-    let report = aids::of_samples(&blind.samples, None, &board).air.unwrap_or_default();
+    let mut report = aids::of_samples(&blind.samples, None, &board).air.unwrap_or_default();
+    report.sensors.retain(|s| (s.sensor == "Drag") == of_drag);
     let of_sensor = |s: &AirEntry, effect: &str| {
-        s.sensor == if effect.starts_with("baro") { "Barometer 1" } else { "Airspeed sensor 1" }
+        let family = effect.split('_').next();
+        s.sensor
+            == match family {
+                Some("baro") => "Barometer 1",
+                Some("drag") => "Drag",
+                _ => "Airspeed sensor 1",
+            }
     };
     let has_any = |s: &AirEntry| injected.iter().any(|i| of_sensor(s, i.effect.name()));
     let is_injected =
@@ -172,21 +192,23 @@ fn outcome(injected: &EffectSetting, s: &AirEntry) -> Injected {
     }
 }
 
-/// Flies `rounds` of every effect alone and in a pair, 32 flights each.
+/// Flies `rounds` of every effect alone and in a pair: 32 flights each of sensors, 6 of drag.
 pub fn run(
+    flown: &[Tested],
     rounds: usize,
     first_seed: u64,
     family: Family,
     threads: usize,
     progress: &dyn Progress,
 ) -> Vec<SensorFlight> {
-    let jobs = jobs(rounds, first_seed);
-    map_runs_on(threads, jobs.len(), progress, |k| one(&jobs[k], family))
+    let jobs = jobs(flown, rounds, first_seed);
+    let of_drag = flown.iter().all(|(_, catalogue)| catalogue.iter().all(|e| is_drag(*e)));
+    map_runs_on(threads, jobs.len(), progress, |k| one(&jobs[k], of_drag, family))
 }
 
 /// How many flights a round has.
-pub fn flights(rounds: usize) -> usize {
-    jobs(rounds, 0).len()
+pub fn flights(flown: &[Tested], rounds: usize) -> usize {
+    jobs(flown, rounds, 0).len()
 }
 
 /// One row of the table: an effect on wings or rotors.

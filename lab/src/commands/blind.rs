@@ -42,6 +42,9 @@ pub struct BlindArgs {
     /// Effects of barometers and airspeed sensors instead, alone and in pairs, on wings and rotors: so many rounds of 32 flights per family.
     #[arg(long, value_name = "ROUNDS", num_args = 0..=1, default_missing_value = "1", conflicts_with_all = ["document", "unknown", "effect"])]
     pub sensors: Option<usize>,
+    /// Drag of multirotors instead, each effect alone and in pairs: so many rounds of 6 flights per family.
+    #[arg(long, value_name = "ROUNDS", num_args = 0..=1, default_missing_value = "1", conflicts_with_all = ["document", "unknown", "effect", "sensors"])]
+    pub drag: Option<usize>,
     /// Write the catalogue and the confusion matrix to this file.
     #[arg(long, value_name = "FILE")]
     pub document: Option<PathBuf>,
@@ -88,8 +91,9 @@ pub fn run(args: &BlindArgs) -> std::result::Result<(), StudyError> {
         Families::Both => vec![Family::Tuning, Family::Aside],
     };
     let jobs = args.jobs.map_or_else(parallel::cores, usize::from);
-    if let Some(rounds) = args.sensors {
-        return sensors(args, &families, rounds, jobs);
+    let beside = [(args.sensors, blind::sensors::SENSORS), (args.drag, blind::sensors::OF_DRAG)];
+    if let Some((rounds, flown)) = beside.into_iter().find_map(|(rounds, flown)| Some((rounds?, flown))) {
+        return sensors(args, &families, (flown, rounds), jobs);
     }
     let bar =
         gaware::commands::progress_bar((families.len() * (args.flights + args.clean)) as u64, "flights");
@@ -125,16 +129,16 @@ pub fn run(args: &BlindArgs) -> std::result::Result<(), StudyError> {
     Ok(output::words(|out| results.iter().try_for_each(|r| print(out, r)))?)
 }
 
-/// Barometers and airspeed sensors.
+/// Barometers and airspeed sensors, or drag.
 fn sensors(
     args: &BlindArgs,
     families: &[Family],
-    rounds: usize,
+    (flown, rounds): (&[blind::sensors::Tested], usize),
     jobs: usize,
 ) -> std::result::Result<(), StudyError> {
-    let total = families.len() * blind::sensors::flights(rounds);
+    let total = families.len() * blind::sensors::flights(flown, rounds);
     let bar = gaware::commands::progress_bar(total as u64, "flights");
-    let fly = |f: &Family| (*f, blind::sensors::run(rounds, args.seed, *f, jobs, &Bar(bar.clone())));
+    let fly = |f: &Family| (*f, blind::sensors::run(flown, rounds, args.seed, *f, jobs, &Bar(bar.clone())));
     let all: Vec<(Family, Vec<blind::sensors::SensorFlight>)> = families.iter().map(fly).collect();
     bar.finish_and_clear();
     if args.json {

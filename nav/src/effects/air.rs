@@ -1,8 +1,13 @@
-//! Effects on what measures air, as data: each parameter multiplies one driver and adds it to the height of a barometer or to a speed of the air.
+//! Effects on what measures air, as data: each parameter multiplies one driver and adds it to the height of a barometer, to a speed of the air, or to the specific force of a
+//! multirotor along a body axis.
 //!
 //! A static port in the flow measures p + c q with the dynamic pressure q = ½ρv² by body axis and direction, and the height falls by δp/(ρg)
 //! (ArduPilot, `AP_Baro/AP_Baro_Wind.cpp`: `wind_pressure_correction`; PX4, `EKF/aid_sources/barometer/baro_height_control.cpp`:
 //! `compensateBaroForDynamicPressure`). A pitot tube shows √(2 δp/ρ₀), the equivalent airspeed (Groves 2013, section 6.2).
+//!
+//! The thrust of a multirotor is along body z, so that the specific force along x and y is drag (Leishman 2006, section 2.14.6; Mahony, Kumar & Corke 2012): of the rotors in proportion to
+//! the speed and to the mass flow √ρ, of the body ½ρv² per ballistic coefficient (PX4, `EKF/aid_sources/drag/drag_fusion.cpp`: `fuseDrag`; ArduPilot,
+//! `AP_NavEKF3/AP_NavEKF3_AirDataFusion.cpp`: `FuseDragForces`).
 
 use super::{Effect, ParameterGroup, Shape, unit};
 use crate::earth::STANDARD_GRAVITY;
@@ -30,6 +35,10 @@ pub struct AirInstant {
     pub airspeed: [f64; 2],
     /// What an airspeed sensor with its offset shows, without noise, m/s; 0 where that is not known.
     pub shown: f64,
+    /// The body axis of a specific force, 0 or 1.
+    pub axis: usize,
+    /// Thrust of a multirotor per weight.
+    pub thrust: f64,
 }
 
 /// What a parameter multiplies.
@@ -53,6 +62,12 @@ pub enum AirDriver {
     SpeedByPressure,
     /// How the airspeed of a while ago differs, per second.
     SpeedLag,
+    /// Specific force by the speed along its axis and the mass flow through the rotors, √ρ relative to sea level.
+    RotorDrag,
+    /// What that becomes by the root of the thrust, which the mass flow goes with too, less what it is in hover.
+    ThrustDrag,
+    /// Specific force along this axis by ½ρv².
+    BodyDrag(usize),
 }
 
 /// Below this airspeed a pressure says nothing of it, m/s.
@@ -76,6 +91,12 @@ impl AirDriver {
                 2.0 / (SEA_LEVEL_DENSITY * (x.airspeed[0] + shown).max(2.0 * LEAST_SPEED))
             }
             Self::SpeedLag => -x.airspeed[1],
+            Self::RotorDrag => -x.velocity[x.axis] * (x.density / SEA_LEVEL_DENSITY).sqrt(),
+            Self::ThrustDrag => Self::RotorDrag.value(x) * (x.thrust.max(0.0).sqrt() - 1.0),
+            Self::BodyDrag(axis) if axis == x.axis => {
+                -0.5 * x.density * x.velocity[axis] * x.velocity[axis].abs()
+            }
+            Self::BodyDrag(_) => 0.0,
         }
     }
 
@@ -103,7 +124,7 @@ pub struct AirEffect {
 }
 
 impl AirEffect {
-    /// What it adds: m of height or m/s of airspeed.
+    /// What it adds: m of height, m/s of airspeed or m/s² of specific force.
     pub fn added(&self, p: &[f64], x: &AirInstant) -> f64 {
         self.drivers.iter().zip(p).map(|(d, p)| p * d.value(x)).sum()
     }
@@ -121,7 +142,10 @@ const fn one(unit: super::Unit, names: &'static [&'static str], prior_sigma: f64
     ParameterGroup { unit, shape: Shape::Scalar, names, prior_sigma }
 }
 
-use AirDriver::{Height, HeightLag, Port, PortBoth, Speed, SpeedByPressure, SpeedLag, Temperature, Throttle};
+use AirDriver::{
+    BodyDrag, Height, HeightLag, Port, PortBoth, RotorDrag, Speed, SpeedByPressure, SpeedLag, Temperature,
+    Throttle, ThrustDrag,
+};
 
 /// A static port or a hull in the flow. The prior is 30 % of the dynamic pressure: PX4 allows ±50 % (`EKF2_PCOEF_*`), ArduPilot ±100 %.
 pub static BARO_DYNAMIC_PRESSURE: AirEffect = AirEffect {
@@ -215,6 +239,42 @@ pub static AIRSPEED_DELAY: AirEffect = AirEffect {
 
 /// Every effect on an airspeed sensor.
 pub static AIRSPEED: &[&dyn Effect] = &[&AIRSPEED_SCALE, &AIRSPEED_OFFSET, &AIRSPEED_DELAY];
+
+/// What to do about drag: nothing is wrong, but an estimator can find the wind by it.
+const KNOW_DRAG: &str = "none is needed; with these coefficients the autopilot can estimate the wind by drag (ArduPilot does as soon as one is in use, PX4 with EKF2_DRAG_CTRL)";
+
+/// Drag of the body. The prior is a ballistic coefficient of 25 kg/m²: PX4 assumes 100, ArduPilot's simulation has 17.
+pub static DRAG_QUADRATIC: AirEffect = AirEffect {
+    name: "drag_quadratic",
+    description: "drag by the square of the speed through the air, along each axis",
+    cause: "the area of the body against the flow",
+    remedy: KNOW_DRAG,
+    parameters: &[one(unit::M2_PER_KG, &["d_body_x"], 0.04), one(unit::M2_PER_KG, &["d_body_y"], 0.04)],
+    drivers: &[BodyDrag(0), BodyDrag(1)],
+};
+
+/// Momentum drag of rotors. The prior is .2 1/s: PX4 assumes .15, ArduPilot's simulation has .25.
+pub static DRAG_ROTOR: AirEffect = AirEffect {
+    name: "drag_rotor",
+    description: "momentum drag of the rotors: in proportion to the speed through the air",
+    cause: "air across the rotor axes that is carried along",
+    remedy: KNOW_DRAG,
+    parameters: &[one(unit::PER_S, &["d_rotor"], 0.2)],
+    drivers: &[RotorDrag],
+};
+
+/// Momentum drag that goes with the thrust. Neither firmware knows of it, so that it is a tolerance of the coefficients and never named; ArduPilot's simulated copter has .25.
+pub static DRAG_THRUST: AirEffect = AirEffect {
+    name: "drag_thrust",
+    description: "momentum drag of the rotors goes with the root of the thrust",
+    cause: "rotors that turn faster carry more air along",
+    remedy: "none is needed",
+    parameters: &[one(unit::PER_S, &["d_thrust"], 0.1)],
+    drivers: &[ThrustDrag],
+};
+
+/// What is named of the drag of a multirotor.
+pub static DRAG: &[&dyn Effect] = &[&DRAG_ROTOR, &DRAG_QUADRATIC];
 
 #[cfg(test)]
 mod tests {

@@ -60,7 +60,8 @@ pub use accel_lever_arm::AccelLeverArm;
 pub use acts::{FixEffect, ImuEffect, SourceEffect, WalkEffect};
 pub use air::{
     AIRSPEED, AIRSPEED_DELAY, AIRSPEED_OFFSET, AIRSPEED_SCALE, AirDriver, AirEffect, AirInstant, BARO_DELAY,
-    BARO_DYNAMIC_PRESSURE, BARO_SCALE, BARO_TEMPERATURE, BARO_THRUST, BAROMETER, SEA_LEVEL_DENSITY,
+    BARO_DYNAMIC_PRESSURE, BARO_SCALE, BARO_TEMPERATURE, BARO_THRUST, BAROMETER, DRAG, DRAG_QUADRATIC,
+    DRAG_ROTOR, DRAG_THRUST, SEA_LEVEL_DENSITY,
 };
 pub use bias_drift::{AccelBiasDrift, GyroBiasDrift};
 pub use catalogue::{
@@ -119,7 +120,7 @@ pub static RECEIVER: &dyn Effect = &GpsSmoothing;
 /// The effect of this name, if there is one: of the design's table, a fault of a source, of another sensor, what every receiver does, or an effect that is
 /// data: one that a file defined, or a formula.
 pub fn find(name: &str) -> Option<&'static dyn Effect> {
-    let sensors = COMPASS.iter().chain(BAROMETER).chain(AIRSPEED);
+    let sensors = COMPASS.iter().chain(BAROMETER).chain(AIRSPEED).chain(DRAG);
     let built_in =
         REGISTRY.iter().chain(MISTAKES).chain(sensors).copied().chain([RECEIVER]).find(|e| e.name() == name);
     built_in.or_else(|| data::find(name))

@@ -56,6 +56,10 @@ pub mod unit {
     pub const PA: Unit = Unit { symbol: "Pa", suffix: "pa", si: 1.0 };
     /// Height by temperature.
     pub const M_PER_DEGC: Unit = Unit { symbol: "m/°C", suffix: "m_per_degc", si: 1.0 };
+    /// Drag per mass by speed.
+    pub const PER_S: Unit = Unit { symbol: "1/s", suffix: "per_s", si: 1.0 };
+    /// Drag area per mass.
+    pub const M2_PER_KG: Unit = Unit { symbol: "m²/kg", suffix: "m2_per_kg", si: 1.0 };
     /// A share.
     pub const PERCENT: Unit = Unit { symbol: "%", suffix: "percent", si: 0.01 };
     /// Angle.

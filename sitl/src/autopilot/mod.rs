@@ -22,6 +22,7 @@ use crate::noise::{Noise, Purpose};
 use crate::powertrain::Carrier;
 use crate::scenario::{Airframe, Scenario};
 use crate::sensors::{SensorConfig, Sensors};
+use crate::trajectory::dragged::Dragged;
 use crate::truth::{Trajectory, Truth};
 use crate::vehicle::{Vehicle, VehicleConfig};
 use flight::Body;
@@ -299,7 +300,9 @@ impl Autopilot {
         }
         let by_hand = scenario.by_hand;
         let config = AutopilotConfig { airframe: scenario.airframe, by_hand, ..config };
-        Self::new(config, scenario.trajectory(), &scenario.model, scenario.sensors.clone())
+        let (model, sensors) = (&scenario.model, scenario.sensors.clone());
+        let trajectory = Dragged::by_model(scenario.trajectory(), model, sensors.wind, config.seed);
+        Self::new(config, trajectory, model, sensors)
     }
 
     /// Whether it has a pitot tube that is sent.

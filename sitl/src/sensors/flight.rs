@@ -1,6 +1,7 @@
 //! A flight, sample by sample in order of arrival.
 
 use super::*;
+use crate::trajectory::dragged::Dragged;
 
 /// A flight as its sensors report it: samples in order of arrival, each with the truth at the time it was measured
 /// (for a fix its time of validity). The first item is the [`Sample::Stream`].
@@ -31,7 +32,7 @@ impl Flight {
             false => Box::new(Carried { inner: trajectory, wind }),
         };
         Self {
-            trajectory,
+            trajectory: Dragged::by_model(trajectory, model, wind, seed),
             sensors: Sensors::new(model, config, seed),
             announced: false,
             imu: 0,

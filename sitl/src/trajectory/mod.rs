@@ -1,6 +1,7 @@
 //! Analytic flights: velocity and attitude are smooth functions of time, position is integrated finely.
 
 pub mod bench;
+pub mod dragged;
 pub mod fixed_wing;
 pub mod hand;
 pub mod multirotor;

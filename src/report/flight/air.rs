@@ -1,4 +1,4 @@
-//! Barometers, airspeed sensors and the wind: a table with the answer first, what moves each, what corrects it, and its error against the speed.
+//! Barometers, airspeed sensors, drag and the wind: a table with the answer first, what moves each, what corrects it, and its error against the speed.
 
 use super::compass::{found, status};
 use crate::air::{AirEntry, AirReport};
@@ -26,8 +26,8 @@ pub fn section(report: &AirReport, body: &mut String) {
         return;
     }
     body.push_str(
-        "<h2 id=\"air\">Barometers, airspeed and wind</h2><p>The pressure height against the height of the trajectory, about its mean over two minutes; the airspeed against \
-         velocity less the wind that goes with it. Neither takes part in our estimate. RMS: on every third block of 20 s, corrected by what the others show; an effect is named only \
+        "<h2 id=\"air\">Barometers, airspeed, drag and wind</h2><p>The pressure height against the height of the trajectory, about its mean over two minutes; the airspeed against \
+         velocity less the wind that goes with it; the specific force of a multirotor along body x and y against its drag in such a wind. None of it takes part in our estimate. RMS: on every third block of 20 s, corrected by what the others show; an effect is named only \
          where that makes it smaller.</p><div class=\"wide\"><table><tr><th>sensor</th><th></th><th class=\"n\">largest error, at speed</th>\
          <th class=\"n\">RMS on held-out data: reported, corrected</th><th class=\"n\">error that would not have shown (1 sigma)</th></tr>",
     );
@@ -97,10 +97,10 @@ fn drawing(s: &AirEntry) -> String {
             "<path d=\"{path}\" stroke=\"{color}\" stroke-width=\"3\" stroke-linecap=\"round\" fill=\"none\"/>"
         );
     }
-    let about = if s.unit == "m" {
-        "error of the height, m, about its mean over two minutes"
-    } else {
-        "error of the airspeed, m/s, in the wind that it shows"
+    let about = match s.unit {
+        "m" => "error of the height, m, about its mean over two minutes",
+        "m/s" => "error of the airspeed, m/s, in the wind that it shows",
+        _ => "specific force against the motion, m/s², along body x and y; corrected: less the drag",
     };
     format!(
         "<figure><figcaption><b>{}</b> <small>{about}</small> <span class=\"key\"><i style=\"background:{BEFORE}\"></i>as reported</span><span class=\"key\"><i \

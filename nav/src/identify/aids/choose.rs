@@ -30,8 +30,9 @@ pub(in crate::identify) fn is_held_out(block: usize) -> bool {
 }
 
 /// Prior sigmas of every parameter of the effects of a sensor, narrow and wide, and of what goes with one of them without being named.
+#[derive(Clone)]
 pub(in crate::identify) struct Widths {
-    pub(super) catalogue: &'static [&'static dyn Effect],
+    pub(in crate::identify) catalogue: &'static [&'static dyn Effect],
     /// Effect of each parameter.
     effect: Vec<usize>,
     narrow: Vec<f64>,
@@ -104,6 +105,12 @@ impl Widths {
 
     pub(in crate::identify) fn len(&self) -> usize {
         self.effect.len()
+    }
+
+    /// Which effects of the catalogue these are.
+    pub(in crate::identify) fn places(&self, findings: &[Finding]) -> Vec<usize> {
+        let place = |f: &Finding| self.catalogue.iter().position(|e| e.name() == f.setting.effect.name());
+        findings.iter().filter_map(place).collect()
     }
 
     /// Prior sigmas with these effects wide, those of `scaled` by a factor.
@@ -228,6 +235,18 @@ impl About<'_> {
         sigma.unwrap_or(0.0)
     }
 
+    /// Covariance of the sensor's own parameters, within the tolerances of the effects that are not named.
+    fn own_covariance(&self, named: &[usize]) -> DMatrix<f64> {
+        let mut out = DMatrix::zeros(self.widths.len(), self.widths.len());
+        let Some(found) = self.fitted(&self.all, &self.widths.with(named, None)) else { return out };
+        let own =
+            found.columns.iter().enumerate().filter_map(|(i, k)| Some((i, k.checked_sub(self.prior.len())?)));
+        for (i, a) in own.clone() {
+            own.clone().for_each(|(j, b)| out[(a, b)] = found.fit.covariance[(i, j)]);
+        }
+        out
+    }
+
     /// Values of the sensor's own parameters by these data.
     fn own_values(&self, of: &Information, named: &[usize]) -> Vec<f64> {
         let v = self.values(of, named);
@@ -250,6 +269,8 @@ pub(in crate::identify) struct Chosen {
     pub(in crate::identify) first_sigma: f64,
     /// Factor on variances by which errors are correlated.
     pub(in crate::identify) correlated: f64,
+    /// Covariance of every parameter, within the tolerances of the effects that are not named.
+    pub(in crate::identify) covariance: DMatrix<f64>,
 }
 
 /// Blocks as one, with the information about the sensor seen from zero instead of `values`.
@@ -397,6 +418,7 @@ pub(in crate::identify) fn choose(
         fitted: about.own_values(&about.fit, &named),
         first_sigma: about.first_sigma(&named),
         correlated: about.correlated,
+        covariance: about.own_covariance(&named),
     }
 }
 

@@ -27,13 +27,13 @@ const LARGEST: f64 = 4.0;
 const SETTLE_S: f64 = 10.0;
 
 const STATES: usize = 5;
-/// Two that walk, one that is bounded with its rate where that is smooth, and one that is bounded as is given; what has fewer leaves others at zero.
+/// Two that walk, one that is bounded with its rate where that is smooth, else with another one like it, and one that is bounded as is given; what has fewer leaves others at zero.
 pub(in crate::identify) type States = SVector<f64, STATES>;
 type Square = SMatrix<f64, STATES, STATES>;
 /// Which of them is bounded …
 pub(in crate::identify) const BOUNDED: usize = 2;
-/// … and which is its rate.
-const RATE: usize = 3;
+/// … and which is its rate, or another one like it.
+pub(in crate::identify) const RATE: usize = 3;
 /// Which of them is bounded as is given.
 pub(in crate::identify) const GIVEN: usize = 4;
 
@@ -164,11 +164,12 @@ impl Noise {
         if self.smooth { 2.0 / memory_s } else { 1.0 / memory_s }
     }
 
-    /// Variances of what is bounded. A state without an error of its own keeps an inverse of its covariance.
+    /// Variances of what is bounded; of two alike where it is not smooth (gusts to the north and to the east). A state without an error of its own keeps
+    /// an inverse of its covariance.
     fn stationary(&self) -> States {
         let own = |sigma: f64| sigma.powi(2).max(1e-9);
-        let rate = if self.smooth { (self.bounded.0 * self.decay()).powi(2) } else { 0.0 };
-        States::from([0.0, 0.0, own(self.bounded.0), rate.max(1e-9), own(self.given.0)])
+        let rate = if self.smooth { self.bounded.0 * self.decay() } else { self.bounded.0 };
+        States::from([0.0, 0.0, own(self.bounded.0), own(rate), own(self.given.0)])
     }
 
     /// Transition over a time and the noise that it brings: what keeps the bounded states' variances as they are.

@@ -17,6 +17,8 @@ const PASSES: usize = 2;
 #[derive(Debug)]
 pub struct Settled {
     pub(in crate::identify) noise: Noise,
+    /// The model with the values that the flight gives it.
+    pub(in crate::identify) model: Model,
     pub(in crate::identify) reference: Reference,
     pub(in crate::identify) problem: Problem,
     /// Prior sigma and prior mean less value of each watched parameter of the model; sigma 0: known.
@@ -60,7 +62,8 @@ impl Settled {
             let (own, now) = (&base.effects[e], &model.effects[e]);
             (own.sigmas[p], own.values[p] - now.values[p])
         });
-        Self { noise, reference, prior: prior.collect(), problem }
+        let prior = prior.collect();
+        Self { noise, model: model.clone(), reference, prior, problem }
     }
 }
 

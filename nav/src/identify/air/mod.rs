@@ -5,13 +5,15 @@
 //! walk, with gusts along it; a wing flies without much sideslip, which is a soft measurement of the wind across. Without turns wind and scale are the same; then the
 //! sigmas say so.
 
+mod drag;
 mod sensor;
 #[cfg(test)]
 mod tests;
 
+use super::aids::judged::{ENOUGH, Judged};
 use super::aids::{Finding, Settled, at_time};
 use super::flight::Flight;
-use crate::effects::SEA_LEVEL_DENSITY;
+use crate::effects::{AirInstant, SEA_LEVEL_DENSITY};
 use crate::operating::{Channel, MOTORS};
 use crate::sample::{AirKind, AirSample};
 use nalgebra::{Rotation3, Vector2, Vector3};
@@ -27,10 +29,6 @@ const STANDS: f64 = 1.0;
 /// So far above and below where it stands the wind is another one than in flight (MIL-F-8785C, wind shear near the ground: 1.3 times as strong at 10 m as at 3 m), m. With
 /// .5 to 20 m the scale of two flights was the same; with all that was measured until they stood it was not named on one of them.
 const NEAR_GROUND_M: f64 = 10.0;
-/// Fewer fixes with a sensor than this say nothing of it.
-const ENOUGH: usize = 100;
-/// Length of the blocks that are taken for independent of each other, s.
-const BLOCK_S: f64 = 20.0;
 
 /// Wind over a flight.
 #[derive(Debug, Clone, PartialEq)]
@@ -55,16 +53,27 @@ impl Wind {
     }
 }
 
-/// One barometer or airspeed sensor.
+/// What was compared with the motion through the air.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum AirQuantity {
+    /// The height of a barometer.
+    Height,
+    /// An airspeed.
+    Airspeed,
+    /// The specific force of a multirotor along body x and y.
+    Drag,
+}
+
+/// One barometer or airspeed sensor, or the drag of a multirotor.
 #[derive(Debug, Clone)]
 pub struct AirFound {
     /// What it is.
-    pub kind: AirKind,
+    pub kind: AirQuantity,
     /// Which, from 0.
     pub sensor: u8,
     /// Fixes at which it was compared.
     pub instants: usize,
-    /// The largest error by the effects named, m or m/s, and the airspeed or ground speed at which it was, m/s.
+    /// The largest error by the effects named, m or m/s, or the largest drag, m/s², and the airspeed or ground speed at which it was, m/s.
     pub largest: (f64, f64),
     /// RMS of its residual as reported and corrected: of a height less its mean over two minutes, of an airspeed less the wind that goes with it.
     pub residual: [f64; 2],
@@ -80,10 +89,12 @@ pub struct AirFound {
     pub removed: Vec<&'static str>,
     /// Effects that were tested and are not significant, with the evidence for each.
     pub not_found: Vec<(&'static str, f64)>,
-    /// The wind, by an airspeed sensor.
+    /// The wind, by an airspeed sensor or by drag.
     pub wind: Option<Wind>,
     /// Speed, and residual as reported and as corrected, for a plot.
     pub points: Vec<[f64; 3]>,
+    /// Mean density of the air relative to sea level: of drag.
+    pub density: f64,
 }
 
 /// The vehicle at a time of a flight.
@@ -161,6 +172,11 @@ impl<'a> Air<'a> {
         out
     }
 
+    /// The drag of a multirotor; `flight` and `settled`: those of this trajectory.
+    pub fn drag(&self, flight: &Flight, settled: &Settled) -> Option<AirFound> {
+        drag::Drag::new(self, flight, settled).judged()
+    }
+
     fn one(&self, kind: AirKind, number: u8, wind: Option<&Wind>) -> Option<AirFound> {
         let instants = self.instants(kind, number);
         if instants.len() < ENOUGH {
@@ -220,6 +236,13 @@ fn near_ground(all: &[(f64, bool)]) -> Vec<bool> {
     go(&mut (0..all.len()));
     go(&mut (0..all.len()).rev());
     near
+}
+
+/// By how much that changes which depends on the air with a wind that is stronger by one m/s to the north and to the east.
+fn by_wind(c_nb: &Rotation3<f64>, x: &AirInstant, of: impl Fn(&AirInstant) -> f64) -> Vector2<f64> {
+    const BY: f64 = 1e-3;
+    let in_wind = |w| AirInstant { velocity: x.velocity - c_nb.inverse() * (BY * w), ..*x };
+    Vector2::new(of(&in_wind(Vector3::x())), of(&in_wind(Vector3::y()))).map(|there| (there - of(x)) / BY)
 }
 
 /// The throttle, or the mean of a multirotor's motors.

@@ -1,24 +1,17 @@
 //! One barometer or airspeed sensor as a series of measurements: what each fix says of its effects, and what is left with some of them.
 
 mod foreseen;
-mod statistics;
 
-use super::super::aids::Finding;
-use super::super::aids::choose::{self, Chosen, Widths, is_held_out};
+use super::super::aids::choose::{Chosen, Widths};
+use super::super::aids::judged::{BLOCK_S, Judged};
 use super::super::aids::series::{self, BOUNDED, Bounded, Figures, GIVEN, Known, Noise, Prior, Row, States};
-use super::super::evidence::{SCALES, log_mean_exp};
-use super::super::pass::Information;
-use super::{Air, AirFound, BLOCK_S, Carriage, ENOUGH, FLIES, Instant, Wind, carriage_at};
+use super::super::aids::statistics::{about_mean, high, mean, range, rms};
+use super::{Air, AirFound, AirQuantity, Carriage, FLIES, Instant, Wind, by_wind, carriage_at};
 use crate::effects::{AIRSPEED, AirDriver, AirInstant, BAROMETER, Effect, SEA_LEVEL_DENSITY};
 use crate::sample::AirKind;
 pub(in crate::identify) use foreseen::AirForeseen;
 use nalgebra::{Rotation3, Vector2, Vector3};
-use statistics::{about_mean, mean, range, rms};
 
-/// Passes: wind multiplies the scale and the coefficients, and the noise is fitted.
-const PASSES: usize = 5;
-/// Before this pass the wind is not known, and its error is in what changes fast.
-const KNOWS_WIND: usize = 2;
 /// What is left of each effect of a sensor in order, 1-sigma, SI: 3 % of the dynamic pressure (.6 m at 20 m/s), 5 Pa of propeller wash (.4 m), .1 s, .05 m/°C,
 /// 3 % (air 9 K from the standard's); 3 % of the airspeed, 3 Pa (.2 m/s at 15 m/s), .2 s.
 const TOLERANCES: [&[f64]; 2] = [&[0.03, 5.0, 0.1, 0.05, 0.03], &[0.03, 3.0, 0.2]];
@@ -118,6 +111,49 @@ fn known(kind: AirKind, gusts: Bounded) -> Known {
     Known { given, start: START[kind as usize] }
 }
 
+impl Judged for AirSensor<'_> {
+    fn widths(&self) -> &Widths {
+        &self.widths
+    }
+
+    fn noise_figures(&self) -> (&'static Figures, Known) {
+        (&FIGURES[self.kind as usize], known(self.kind, self.gusts))
+    }
+
+    fn rows(&self, values: &[f64], with_columns: bool) -> Vec<Row> {
+        let ideal = self.ideal(values, &self.wind);
+        let all = self.instants.iter().zip(&ideal).zip(&self.wind);
+        all.flat_map(|((i, s), wind)| self.rows_of((i, s, wind), values, with_columns)).collect()
+    }
+
+    /// An airspeed follows what changes fast where the contrary is not worth the odds.
+    fn describe(&mut self, rows: &[Row], every: &[usize], values: &[f64], noise: &Noise) {
+        if self.kind == AirKind::Barometer {
+            return;
+        }
+        let held = self.effects() + 2;
+        let likely = [0.0, HELD].map(|sigma| {
+            self.widths.reopen(held, sigma);
+            let sigma = self.widths.with(every, None);
+            series::marginal(rows, noise, Prior { sigma: &sigma, values })
+        });
+        if likely[1] < likely[0] + HELD_ODDS {
+            self.widths.reopen(held, 0.0);
+        }
+    }
+
+    /// Linearises an airspeed about the wind that it shows with these values.
+    fn follow(&mut self, values: &[f64], noise: &Noise) {
+        if self.kind == AirKind::Airspeed {
+            self.wind = self.winds(values, noise).0;
+        }
+    }
+
+    fn left(&self, values: &[f64], noise: &Noise) -> Vec<(f64, f64)> {
+        self.instants.iter().map(|i| i.elapsed_s).zip(self.residuals(values, noise)).collect()
+    }
+}
+
 impl<'a> AirSensor<'a> {
     pub(super) fn new(air: &'a Air<'_>, kind: AirKind, instants: Vec<Instant>, wind: Option<&Wind>) -> Self {
         let catalogue = [BAROMETER, AIRSPEED][kind as usize];
@@ -201,6 +237,7 @@ impl<'a> AirSensor<'a> {
             airspeed: [airspeed, 0.0],
             // Not what was measured: its noise would be in the driver too, and an offset of 35 Pa become one of 50.
             shown: (airspeed.powi(2) + 2.0 * offset_pa / SEA_LEVEL_DENSITY).max(0.0).sqrt(),
+            ..AirInstant::default()
         };
         let value = if self.kind == AirKind::Barometer { c.height_m } else { airspeed };
         Ideal { c_nb: c.c_nb, value, change: 0.0, x }
@@ -216,12 +253,6 @@ impl<'a> AirSensor<'a> {
             e.on_air().map_or(0.0, |a| a.added(p, &x))
         };
         self.catalogue.iter().map(one).sum()
-    }
-
-    fn rows(&self, values: &[f64], with_columns: bool) -> Vec<Row> {
-        let ideal = self.ideal(values, &self.wind);
-        let all = self.instants.iter().zip(&ideal).zip(&self.wind);
-        all.flat_map(|((i, s), wind)| self.rows_of((i, s, wind), values, with_columns)).collect()
     }
 
     /// What one instant says.
@@ -241,22 +272,14 @@ impl<'a> AirSensor<'a> {
     }
 
     fn height(&self, values: &[f64], i: &Instant, s: &Ideal, mut columns: Vec<f64>) -> Row {
-        let added = self.added(values, &s.x);
-        // A wind that is stronger by one m/s to the north or east.
-        let by_wind = |axis: usize| {
-            let mut w = Vector3::zeros();
-            w[axis] = 1e-3;
-            let there = AirInstant { velocity: s.x.velocity - s.c_nb.inverse() * w, ..s.x };
-            (self.added(values, &there) - added) / 1e-3
-        };
-        let by_wind = Vector2::new(by_wind(0), by_wind(1));
+        let by_wind = by_wind(&s.c_nb, &s.x, |x| self.added(values, x));
         if !columns.is_empty() {
             columns.extend(by_wind.iter());
         }
         let mut by_state = States::x();
         by_state[BOUNDED] = 1.0;
         by_state[GIVEN] = by_wind.norm();
-        let residual = i.measured - s.value - added;
+        let residual = i.measured - s.value - self.added(values, &s.x);
         Row { elapsed_s: i.elapsed_s, residual, noise: 1.0, least: 0.0, by_state, columns }
     }
 
@@ -308,103 +331,6 @@ impl<'a> AirSensor<'a> {
         vec![speed, slipping]
     }
 
-    /// Values of all effects together within their widest priors, the noise, and the information about them there.
-    pub(super) fn fitted(&mut self) -> Option<(Vec<f64>, Noise, Vec<Information>)> {
-        let mut values = vec![0.0; self.widths.len()];
-        let mut noise = None;
-        for pass in 0..PASSES {
-            let rows = self.rows(&values, true);
-            if rows.len() < ENOUGH {
-                return None;
-            }
-            let every: Vec<usize> = (0..self.catalogue.len()).collect();
-            let own = self.noise(&rows, &every, &values, noise.as_ref()).1;
-            if pass == KNOWS_WIND {
-                self.follow_or_hold(&rows, &every, &values, &own);
-            }
-            let run = series::pass(&rows, &own, BLOCK_S);
-            if pass + 1 == PASSES {
-                return Some((values, own, run.blocks));
-            }
-            let step = choose::step(&run.blocks, &[], &self.widths, &values)?;
-            values.iter_mut().zip(&step).for_each(|(v, s)| *v += s);
-            self.follow(&values, &own);
-            noise = Some(own);
-        }
-        None
-    }
-
-    /// Whether an airspeed follows what changes fast: it does where the contrary is not worth the odds.
-    fn follow_or_hold(&mut self, rows: &[Row], every: &[usize], values: &[f64], noise: &Noise) {
-        if self.kind == AirKind::Barometer {
-            return;
-        }
-        let held = self.effects() + 2;
-        let likely = [0.0, HELD].map(|sigma| {
-            self.widths.reopen(held, sigma);
-            let sigma = self.widths.with(every, None);
-            series::marginal(rows, noise, Prior { sigma: &sigma, values })
-        });
-        if likely[1] < likely[0] + HELD_ODDS {
-            self.widths.reopen(held, 0.0);
-        }
-    }
-
-    /// The likeliest noise where these effects are there, and the logarithm of that likelihood.
-    fn noise(&self, rows: &[Row], named: &[usize], values: &[f64], near: Option<&Noise>) -> (f64, Noise) {
-        let known = known(self.kind, self.gusts);
-        let sigma = self.widths.with(named, None);
-        series::noise_of(rows, &FIGURES[self.kind as usize], Prior { sigma: &sigma, values }, known, near)
-    }
-
-    /// Chooses. An effect has to be worth the odds also against the noise that would do without it: a slow one against weather that changes
-    /// faster, a port against a trajectory whose height is worse.
-    pub(super) fn chosen(&mut self, values: &[f64], noise: &Noise, blocks: &[Information]) -> Chosen {
-        let rows = self.rows(values, true);
-        let mut refuted: Vec<&'static str> = Vec::new();
-        loop {
-            let error = |values: &[f64]| self.held_out_rms(values, noise);
-            let mut chosen = choose::choose(blocks, &[], &self.widths, values, &error);
-            let place = |f: &Finding| self.catalogue.iter().position(|e| e.name() == f.setting.effect.name());
-            let named: Vec<usize> = chosen.findings.iter().filter_map(place).collect();
-            let all = self.noise(&rows, &named, values, Some(noise));
-            let odds = |e: &usize| {
-                let others: Vec<usize> = named.iter().copied().filter(|o| o != e).collect();
-                (
-                    *e,
-                    all.0 + self.of_its_size(&rows, &named, *e, values, &all.1)
-                        - self.noise(&rows, &others, values, None).0,
-                )
-            };
-            let weakest = named.iter().map(odds).min_by(|a, b| a.1.total_cmp(&b.1));
-            match weakest.filter(|(_, odds)| *odds < choose::THRESHOLD) {
-                Some((e, _)) => {
-                    refuted.push(self.catalogue[e].name());
-                    self.widths.close(e);
-                }
-                None => {
-                    chosen.removed.extend(&refuted);
-                    chosen.not_found.retain(|n| !refuted.contains(&n.0));
-                    return chosen;
-                }
-            }
-        }
-    }
-
-    /// By how much an effect is likelier with the width of its prior averaged over a few scales than with its widest.
-    fn of_its_size(&self, rows: &[Row], named: &[usize], e: usize, values: &[f64], noise: &Noise) -> f64 {
-        let at = |sigma: &[f64]| series::marginal(rows, noise, Prior { sigma, values });
-        let scaled = SCALES.map(|scale| at(&self.widths.with(named, Some((e, scale)))));
-        log_mean_exp(scaled) - at(&self.widths.with(named, None))
-    }
-
-    /// Linearises an airspeed about the wind that it shows with these values.
-    fn follow(&mut self, values: &[f64], noise: &Noise) {
-        if self.kind == AirKind::Airspeed {
-            self.wind = self.winds(values, noise).0;
-        }
-    }
-
     /// The wind at every instant, and 1-sigma of its mean along each axis.
     fn winds(&self, values: &[f64], noise: &Noise) -> (Vec<Vector2<f64>>, Vector2<f64>) {
         let rows = self.rows(values, false);
@@ -443,14 +369,6 @@ impl<'a> AirSensor<'a> {
         }
     }
 
-    /// RMS of what is left on the held-out blocks with these values.
-    pub(super) fn held_out_rms(&self, values: &[f64], noise: &Noise) -> f64 {
-        let left = self.residuals(values, noise);
-        let held =
-            self.instants.iter().zip(left).filter(|(i, _)| is_held_out((i.elapsed_s / BLOCK_S) as usize));
-        rms(held.map(|h| h.1))
-    }
-
     pub(super) fn found(&self, sensor: u8, chosen: &Chosen, noise: Noise) -> AirFound {
         let (named, zero) = (&chosen.named, vec![0.0; self.widths.len()]);
         let (before, after) = (self.residuals(&zero, &noise), self.residuals(named, &noise));
@@ -465,7 +383,7 @@ impl<'a> AirSensor<'a> {
         let every = self.instants.len().div_ceil(600).max(1);
         let points = errors.iter().zip(before.iter().zip(&after)).step_by(every);
         AirFound {
-            kind: self.kind,
+            kind: [AirQuantity::Height, AirQuantity::Airspeed][self.kind as usize],
             sensor,
             instants: self.instants.len(),
             largest: largest.unwrap_or_default(),
@@ -478,15 +396,14 @@ impl<'a> AirSensor<'a> {
             not_found: chosen.not_found.clone(),
             wind: (self.kind == AirKind::Airspeed).then(|| self.wind(named, &noise, chosen)),
             points: points.map(|((_, speed), (b, a))| [*speed, *b, *a]).collect(),
+            density: 0.0,
         }
     }
 
     /// 1-sigma of what may have stayed unseen of the first effect (port or scale) at the 90th percentile of the speed.
     fn known_to(&self, chosen: &Chosen, ideal: &[Ideal]) -> f64 {
         let first = self.catalogue[0].on_air().and_then(|a| a.drivers.first());
-        let mut by: Vec<f64> = ideal.iter().filter_map(|s| Some(first?.value(&s.x).abs())).collect();
-        by.sort_by(f64::total_cmp);
-        chosen.first_sigma * by.get(by.len() * 9 / 10).copied().unwrap_or(0.0)
+        chosen.first_sigma * high(ideal.iter().filter_map(|s| Some(first?.value(&s.x).abs())))
     }
 
     fn wind(&self, named: &[f64], noise: &Noise, chosen: &Chosen) -> Wind {

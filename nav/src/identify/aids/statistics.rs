@@ -1,24 +1,31 @@
-//! Means and ranges of series.
+//! Means, ranges and percentiles of series.
 
 /// Largest less smallest.
-pub(super) fn range(of: impl Iterator<Item = f64>) -> f64 {
+pub(in crate::identify) fn range(of: impl Iterator<Item = f64>) -> f64 {
     let (low, high) = of.fold((f64::INFINITY, f64::NEG_INFINITY), |(l, h), v| (l.min(v), h.max(v)));
     high - low
 }
 
 /// 0 of nothing.
-pub(super) fn mean(of: impl Iterator<Item = f64>) -> f64 {
+pub(in crate::identify) fn mean(of: impl Iterator<Item = f64>) -> f64 {
     let (sum, count) = of.fold((0.0, 0.0), |(s, n), v| (s + v, n + 1.0));
     sum / f64::max(count, 1.0)
 }
 
 /// Of what is finite.
-pub(super) fn rms(of: impl Iterator<Item = f64>) -> f64 {
+pub(in crate::identify) fn rms(of: impl Iterator<Item = f64>) -> f64 {
     mean(of.filter(|v| v.is_finite()).map(|v| v * v)).sqrt()
 }
 
+/// The 90th percentile; 0 of nothing.
+pub(in crate::identify) fn high(of: impl Iterator<Item = f64>) -> f64 {
+    let mut all: Vec<f64> = of.collect();
+    all.sort_by(f64::total_cmp);
+    all.get(all.len() * 9 / 10).copied().unwrap_or(0.0)
+}
+
 /// What differs from the mean over so long before and after, s. `all`: time, s, and value, in order.
-pub(super) fn about_mean(all: &[(f64, f64)], about_s: f64) -> Vec<f64> {
+pub(in crate::identify) fn about_mean(all: &[(f64, f64)], about_s: f64) -> Vec<f64> {
     let (mut from, mut to, mut sum) = (0, 0, 0.0);
     let one = |(t_s, own): &(f64, f64)| {
         while all.get(to).is_some_and(|next| next.0 <= t_s + about_s) {
