@@ -42,6 +42,7 @@ struct Change(String, f64, f64, &'static str, (f64, f64), &'static str);
 /// What is proposed, and why the rest is not.
 pub(super) fn of(found: &AirFound, on_board: &OnBoard) -> (Vec<SensorProposal>, Vec<String>) {
     let (mut proposals, mut not) = (Vec::new(), Vec::new());
+    let is_off = found.kind == AirQuantity::Drag && uses_no_drag(on_board);
     for finding in &found.effects {
         let effect = finding.setting.effect.name();
         if !finding.others.is_empty() {
@@ -71,7 +72,11 @@ pub(super) fn of(found: &AirFound, on_board: &OnBoard) -> (Vec<SensorProposal>, 
                 ));
                 continue;
             };
-            if !(limits.0..=limits.1).contains(&proposed) {
+            if is_off {
+                not.push(format!(
+                    "{parameter} {proposed:.4}: the autopilot estimates no wind by drag; with a coefficient above 0 it does"
+                ));
+            } else if !(limits.0..=limits.1).contains(&proposed) {
                 not.push(format!("{parameter} {proposed:.3}: beyond {} to {}", limits.0, limits.1));
             } else if (proposed - now).abs() >= SIGNIFICANT * sigma && proposed != now {
                 proposals.push(SensorProposal {
@@ -109,6 +114,13 @@ fn drag(found: &AirFound, finding: &Finding, autopilot: Autopilot) -> Vec<Change
         let none = none.into_iter().filter(|_| alone);
         std::iter::once(rotors(momentum * v[0], momentum * s[0])).chain(none).collect()
     }
+}
+
+/// Whether ArduPilot's filter has no coefficient above 0, so that one would turn on what its owner has off. PX4 has a switch of its own for it.
+fn uses_no_drag(on_board: &OnBoard) -> bool {
+    let is_zero = |name: &str| on_board.get(&format!("EK3_DRAG_{name}")).is_some_and(|v| v == 0.0);
+    on_board.autopilot == Some(Autopilot::ArduPilot)
+        && ["MCOEF", "BCOEF_X", "BCOEF_Y"].into_iter().all(is_zero)
 }
 
 fn hint(parameter: &str) -> &'static str {

@@ -3,6 +3,7 @@ use crate::aids::of_samples;
 use crate::aids::testing::flown;
 use gaware_mission::item::Autopilot;
 use gaware_nav::effects;
+use gaware_nav::model::EffectSetting;
 use gaware_nav::sample::Sample;
 use gaware_sitl::air::WindTrack;
 use gaware_sitl::scenario;
@@ -285,6 +286,21 @@ fn a_multirotor_shows_its_drag_and_the_wind() {
     }
 }
 
+/// Where much of the force is left neither drag nor wind is to be believed.
+#[test]
+fn a_force_of_which_much_is_left_shows_no_drag() {
+    let mut setting = EffectSetting::unknown(&effects::DRAG_ROTOR);
+    (setting.values[0], setting.sigmas[0]) = (0.22, 0.04);
+    let named = Finding { setting, evidence: 20.0, held_out_gain: 20.0, others: Vec::new() };
+    let of = |held_out| AirFound { effects: vec![named.clone()], ..found(AirQuantity::Drag, held_out, 0.1) };
+    let board = copter(Autopilot::Px4, &[("EKF2_MCOEF", 0.05)]);
+    let good = super::entry(&of([1.2, 0.2]), &board);
+    assert_eq!((good.status, good.proposals.len()), (Status::Ok, 1), "{:?}", good.proposals);
+    let bad = super::entry(&of([2.0, 0.8]), &board);
+    assert_eq!((bad.status, bad.proposals.len()), (Status::NotKnown, 0), "{:?}", bad.proposals);
+    assert!(bad.text.starts_with("Drag and wind are not judged: 0.8 m/s²"), "{}", bad.text);
+}
+
 /// Without drag nothing is said of it, nor of the wind; and wings have none that this finds.
 #[test]
 fn no_drag_has_no_name() {
@@ -305,7 +321,7 @@ fn the_drag_parameters_predict_the_force_by_the_formulas_of_both_firmwares() {
     let height_m = 488.0 + 25.0;
     let density = 1.225 * (1.0 - 2.2558e-5 * height_m as f64).powf(4.2559);
     for (autopilot, names, on_board, momentum) in [
-        (Autopilot::ArduPilot, names[0], [0.0; 3], density / 1.225),
+        (Autopilot::ArduPilot, names[0], [0.1, 0.0, 0.0], density / 1.225),
         (Autopilot::Px4, names[1], [0.15, 100.0, 100.0], (density / 1.225).sqrt()),
     ] {
         let listed: Vec<(&str, f64)> = names.into_iter().zip(on_board).collect();
@@ -328,6 +344,14 @@ fn the_drag_parameters_predict_the_force_by_the_formulas_of_both_firmwares() {
             "only what the log's own list has"
         );
     }
+    // Drag is off on board: that stays its owner's decision.
+    let off = dragged(DRAG, 1, &copter(Autopilot::ArduPilot, &names[0].map(|n| (n, 0.0))));
+    assert_eq!((off.proposals.len(), off.not_proposed.len()), (0, 3), "{:?}", off.not_proposed);
+    assert!(
+        off.not_proposed.iter().all(|n| n.contains("estimates no wind by drag")),
+        "{:?}",
+        off.not_proposed
+    );
     // A rotor alone: what is on board of the body would count twice.
     let listed = [("EKF2_MCOEF", 0.15), ("EKF2_BCOEF_X", 100.0), ("EKF2_BCOEF_Y", 100.0)];
     let s = dragged([0.25, 0.0, 0.0], 2, &copter(Autopilot::Px4, &listed));
