@@ -360,7 +360,7 @@ fn the_drag_parameters_predict_the_force_by_the_formulas_of_both_firmwares() {
     assert!(proposed[0].0 == "EKF2_MCOEF" && (proposed[0].1 - 0.25).abs() < 0.015, "{proposed:?}");
 }
 
-/// Real vehicles: what is named of a barometer is never there without a smaller residual.
+/// Real vehicles: what is named of a barometer is never there without a smaller residual; two multirotors show their drag, and one whose estimator failed none that is believed.
 #[test]
 #[ignore = "needs the recorded flights: GAWARE_FLIGHTS"]
 fn recorded_flights_show_their_barometers() {
@@ -375,5 +375,13 @@ fn recorded_flights_show_their_barometers() {
         for s in report.sensors.iter().filter(|s| !s.effects.is_empty()) {
             assert!(s.held_out.after < s.held_out.before, "{name}: {s:?}");
         }
+        let drag = report.sensors.iter().find(|s| s.sensor == "Drag").unwrap();
+        let fails = name.contains("ekf_failure");
+        assert_eq!(
+            (drag.status == Status::Ok, drag.wind.is_some()),
+            (!fails, !fails),
+            "{name}: {}",
+            drag.text
+        );
     }
 }
