@@ -65,7 +65,9 @@ fn a_parameter_of_a_sensor_needs_what_separates_it() {
     for (airframe, planned, name, with, without, times) in [
         // On one course wind and scale are the same.
         (&wing, &all, "as_scale", TwoSpeedCircles, Climb, 2.0),
+        (&wing, &all, "b_scale", Climb, TwoSpeedCircles, 2.0),
         (&rotor, &two, "bp_right", CrabLegs, YawTurns, 2.0),
+        (&rotor, &two, "b_delay", HoverSteps, YawTurns, 2.0),
         (&rotor, &two, "mh_x", YawTurns, HoverSteps, 1.2),
     ] {
         let [with, without] = [with, without].map(|m| ratio_after(airframe, planned, m, name));

@@ -93,13 +93,6 @@ impl Widths {
         self.known_to.iter().find(|k| k.0 == effect).map_or(0.0, |k| k.1)
     }
 
-    /// Whether a flight can name an error of its usual size: known exactly, it would be likelier than what is never named by the odds that are asked for.
-    pub(super) fn can_name(&self, effect: usize) -> bool {
-        let own = (0..self.own).filter(|k| self.effect[*k] == effect && self.wide[*k] > 0.0);
-        let ratios = own.map(|k| self.wide[k] / self.narrow[k].max(f64::MIN_POSITIVE));
-        ratios.map(|r| 0.5 * (r - 1.0) * (r + 1.0) - r.ln()).sum::<f64>() > THRESHOLD
-    }
-
     /// Another 1-sigma of a parameter that is always open.
     pub(in crate::identify) fn reopen(&mut self, parameter: usize, sigma: f64) {
         (self.narrow[parameter], self.wide[parameter]) = (sigma, sigma);

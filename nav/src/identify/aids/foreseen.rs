@@ -36,8 +36,7 @@ pub struct Foreseen {
 }
 
 impl Foreseen {
-    /// Each parameter of a sensor by the information about it; not those that no flight names (delays, the scale of a barometer), of which the tolerance is nearly the usual size:
-    /// of nine that a plan made known none was named (`study planned`). `prior`: that of the parameters before those of the sensor.
+    /// Each parameter of a sensor by the information about it. `prior`: that of the parameters before those of the sensor.
     pub(in crate::identify) fn of(
         information: Information,
         prior: &[(f64, f64)],
@@ -48,7 +47,6 @@ impl Foreseen {
             let groups = widths.catalogue[e].groups().iter();
             groups.flat_map(|g| g.names.iter().map(move |name| (*name, g)))
         };
-        let can_name: Vec<bool> = (0..widths.catalogue.len()).map(|e| widths.can_name(e)).collect();
         let mut seen = vec![0; widths.catalogue.len()];
         let one = |(e, sigma): (usize, f64)| {
             let (name, group) = names(e).nth(seen[e])?;
@@ -57,7 +55,7 @@ impl Foreseen {
             let target = (group.prior_sigma / NAMED_FROM / RESERVE).hypot(widths.least(e)) / unit.si;
             Some(Self { name, unit, sigma: sigma / unit.si, target })
         };
-        sigmas.into_iter().filter(|s| can_name[s.0]).filter_map(one).collect()
+        sigmas.into_iter().filter_map(one).collect()
     }
 }
 
