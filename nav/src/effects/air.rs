@@ -269,7 +269,7 @@ pub static DRAG_THRUST: AirEffect = AirEffect {
     description: "momentum drag of the rotors goes with the root of the thrust",
     cause: "rotors that turn faster carry more air along",
     remedy: "none is needed",
-    parameters: &[one(unit::PER_S, &["d_thrust"], 0.1)],
+    parameters: &[one(unit::PER_S, &["d_thrust"], 0.15)],
     drivers: &[ThrustDrag],
 };
 

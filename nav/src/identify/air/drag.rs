@@ -20,9 +20,10 @@ use nalgebra::{DVector, Vector2, Vector3};
 
 /// What drag is made of; the last is a tolerance of the coefficients.
 static CATALOGUE: [&dyn Effect; 3] = [&DRAG_ROTOR, &DRAG_QUADRATIC, &DRAG_THRUST];
-/// What of each is never named, 1-sigma: .01 1/s and .002 m²/kg are .1 m/s² at 10 m/s; all that goes with the thrust, without which 36 of 45
-/// simulated values were within 2 sigma.
-const TOLERANCES: [f64; 3] = [0.01, 0.002, 0.1];
+/// What of each is never named, 1-sigma: .01 1/s and .002 m²/kg are .1 m/s² at 10 m/s. Of what goes with the thrust a coefficient of .25 1/s has .14 RMS where any share of it does: with .1
+/// 49 of 63 values of a family of flights were within 2 sigma. A law with half of it (momentum theory has all, the firmwares' estimators nothing) made the coefficient of ten flights
+/// of ArduPilot's simulated copter 3 to 15 % too high.
+const TOLERANCES: [f64; 3] = [0.01, 0.002, 0.15];
 /// Offset of the accelerometers along x and y, 1-sigma, m/s² …
 const OFFSET: f64 = 0.15;
 /// … and thrust that is not along z, rad: frames and mounts of autopilots are straight to 1 or 2°.
