@@ -318,8 +318,8 @@ fn the_drag_parameters_predict_the_force_by_the_formulas_of_both_firmwares() {
         ["EK3_DRAG_MCOEF", "EK3_DRAG_BCOEF_X", "EK3_DRAG_BCOEF_Y"],
         ["EKF2_MCOEF", "EKF2_BCOEF_X", "EKF2_BCOEF_Y"],
     ];
-    let height_m = 488.0 + 25.0;
-    let density = 1.225 * (1.0 - 2.2558e-5 * height_m as f64).powf(4.2559);
+    let height_m: f64 = 488.0 + 25.0;
+    let density = 1.225 * (1.0 - 2.2558e-5 * height_m).powf(4.2559);
     for (autopilot, names, on_board, momentum) in [
         (Autopilot::ArduPilot, names[0], [0.1, 0.0, 0.0], density / 1.225),
         (Autopilot::Px4, names[1], [0.15, 100.0, 100.0], (density / 1.225).sqrt()),

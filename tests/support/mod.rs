@@ -10,6 +10,7 @@ use std::path::{Path, PathBuf};
 use std::process::{Child, Command, ExitStatus, Stdio};
 use std::sync::atomic::{AtomicUsize, Ordering};
 use std::sync::mpsc::{Receiver, channel};
+use std::sync::{Condvar, LazyLock, Mutex, PoisonError};
 use std::time::Duration;
 
 /// Longer than anything here takes on a busy machine, shorter than a test runner's patience.
@@ -145,8 +146,41 @@ impl Drop for Gaware {
     }
 }
 
+/// What computes as fast as it can; all else mostly waits for a link.
+const COMPUTES: [&str; 6] = ["compare", "explain", "export", "fleet", "replay", "report"];
+
+/// One computation for each processor at once, however many tests run: with more of them each would take longer than anybody waits.
+struct Processors {
+    free: Mutex<usize>,
+    given_back: Condvar,
+}
+
+/// A processor, until it is dropped.
+struct Processor(&'static Processors);
+
+impl Processors {
+    fn take() -> Processor {
+        static ALL: LazyLock<Processors> = LazyLock::new(|| Processors {
+            free: Mutex::new(std::thread::available_parallelism().map_or(1, usize::from)),
+            given_back: Condvar::new(),
+        });
+        let free = ALL.free.lock().unwrap_or_else(PoisonError::into_inner);
+        let mut free = ALL.given_back.wait_while(free, |n| *n == 0).unwrap_or_else(PoisonError::into_inner);
+        *free -= 1;
+        Processor(&ALL)
+    }
+}
+
+impl Drop for Processor {
+    fn drop(&mut self) {
+        *self.0.free.lock().unwrap_or_else(PoisonError::into_inner) += 1;
+        self.0.given_back.notify_one();
+    }
+}
+
 /// Runs the binary to its end.
 pub fn gaware(args: &[&str]) -> Ended {
+    let _processor = args.first().filter(|command| COMPUTES.contains(command)).map(|_| Processors::take());
     Gaware::start(args).ended()
 }
 
