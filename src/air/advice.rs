@@ -72,13 +72,16 @@ pub(super) fn of(found: &AirFound, on_board: &OnBoard) -> (Vec<SensorProposal>, 
                 ));
                 continue;
             };
+            if proposed == now {
+                continue;
+            }
             if is_off {
                 not.push(format!(
                     "{parameter} {proposed:.4}: the autopilot estimates no wind by drag; with a coefficient above 0 it does"
                 ));
             } else if !(limits.0..=limits.1).contains(&proposed) {
                 not.push(format!("{parameter} {proposed:.3}: beyond {} to {}", limits.0, limits.1));
-            } else if (proposed - now).abs() >= SIGNIFICANT * sigma && proposed != now {
+            } else if (proposed - now).abs() >= SIGNIFICANT * sigma {
                 proposals.push(SensorProposal {
                     parameter,
                     on_board: now,

@@ -352,6 +352,9 @@ fn the_drag_parameters_predict_the_force_by_the_formulas_of_both_firmwares() {
         "{:?}",
         off.not_proposed
     );
+    let listed = names[0].map(|n| (n, 0.0));
+    let off = dragged([0.25, 0.0, 0.0], 2, &copter(Autopilot::ArduPilot, &listed));
+    assert_eq!(off.not_proposed.len(), 1, "nothing is said of what stays 0: {:?}", off.not_proposed);
     // A rotor alone: what is on board of the body would count twice.
     let listed = [("EKF2_MCOEF", 0.15), ("EKF2_BCOEF_X", 100.0), ("EKF2_BCOEF_Y", 100.0)];
     let s = dragged([0.25, 0.0, 0.0], 2, &copter(Autopilot::Px4, &listed));
