@@ -338,12 +338,14 @@ fn a_plan_for_sensors_keeps_what_it_promises() {
 
     let explained = done(&["explain", &recording, "--json", "--out", &day.folder.file("explained")]).json();
     let sensors = explained["air"]["sensors"].as_array().unwrap();
-    let named =
-        |s: &Value| s["effects"].as_array().unwrap().iter().map(|e| e["names"].clone()).collect::<Vec<_>>();
+    // What fits best: where the link is slow the flight is another one, and may not separate a scale from an offset for certain.
+    let named = |s: &Value| -> Vec<Value> {
+        s["effects"].as_array().unwrap().iter().map(|e| e["names"][0].clone()).collect()
+    };
     let injected = [("Airspeed sensor 1", "airspeed_scale", 20.0), ("Barometer 1", "baro_thrust", 60.0)];
     for sensor in sensors {
         let own = injected.iter().filter(|i| sensor["sensor"] == i.0);
-        let expected: Vec<Value> = own.map(|i| serde_json::json!([i.1])).collect();
+        let expected: Vec<Value> = own.map(|i| serde_json::json!(i.1)).collect();
         assert_eq!(named(sensor), expected, "{sensor:#}");
     }
     assert_eq!(sensors.len(), 3, "{sensors:#?}");
