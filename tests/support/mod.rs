@@ -150,16 +150,17 @@ impl Drop for Gaware {
 const COMPUTES: [&str; 6] = ["compare", "explain", "export", "fleet", "replay", "report"];
 
 /// One computation for each processor at once, however many tests run: with more of them each would take longer than anybody waits.
-struct Processors {
+pub struct Processors {
     free: Mutex<usize>,
     given_back: Condvar,
 }
 
 /// A processor, until it is dropped.
-struct Processor(&'static Processors);
+pub struct Processor(&'static Processors);
 
 impl Processors {
-    fn take() -> Processor {
+    /// Waits for one. Nobody takes a second one, by [`gaware`] or here, before the first is given back.
+    pub fn take() -> Processor {
         static ALL: LazyLock<Processors> = LazyLock::new(|| Processors {
             free: Mutex::new(std::thread::available_parallelism().map_or(1, usize::from)),
             given_back: Condvar::new(),
