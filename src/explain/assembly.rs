@@ -4,7 +4,6 @@ use super::contract::{
     Assumed, BeforeAfter, ChannelResidual, EffectEntry, Evidence, Explanation, LeaveOneOut, ModelResidual,
     Negligible, NotFound, Regime, Term, Verdict, Where,
 };
-use super::size::Size;
 use super::{FlightResiduals, advice, consequence, words};
 use gaware_nav::effects::Shape;
 use gaware_nav::identify::judge::{DRIFT_S, Judged, ResidualMeasure};
@@ -12,6 +11,7 @@ use gaware_nav::identify::limits::NotFound as NavNotFound;
 use gaware_nav::identify::noise::NoiseEntry;
 use gaware_nav::identify::residual::{self as map, Point};
 use gaware_nav::identify::select::Added;
+use gaware_nav::identify::size::Size;
 use gaware_nav::identify::{survey, terms, whereabouts};
 use gaware_nav::model::{EffectSetting, Model};
 use serde_json::{Map, Value, json};

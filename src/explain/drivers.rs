@@ -2,11 +2,11 @@
 //! does not hold, before and after.
 
 use super::FlightResiduals;
-use super::size::instant;
 use gaware_nav::effects::data;
 use gaware_nav::identify::flight::Flight;
 use gaware_nav::identify::judge::Judged;
 use gaware_nav::identify::residual::{CHANNELS, Point};
+use gaware_nav::identify::size::instant;
 
 /// Points are gathered in so many bins with as many points each.
 const BINS: usize = 14;

@@ -12,7 +12,6 @@ pub mod contract;
 pub mod drivers;
 mod files;
 pub mod schema;
-mod size;
 pub mod words;
 
 use crate::advice::on_board::OnBoard;
@@ -35,10 +34,10 @@ use gaware_nav::identify::judge::{self, Judged};
 use gaware_nav::identify::limits::NotFound;
 use gaware_nav::identify::residual::{self, Point};
 use gaware_nav::identify::select::{self, Settings};
+use gaware_nav::identify::size::{Flown, Size};
 use gaware_nav::identify::terms;
 use gaware_nav::model::{EffectSetting, Model};
 use gaware_nav::sample::Sample;
-use size::Size;
 use std::path::PathBuf;
 use std::time::Duration;
 
@@ -343,7 +342,8 @@ fn flights_of(
     progress(Phase::Smoothing);
     let mut residuals = smoothed(&good, &judged, settings, &workers);
     let mut found = remaining.terms;
-    found.retain(|term| !size::is_negligible(term, &judged, &residuals, &good));
+    let flown = flown_as(&good, &judged, &residuals);
+    found.retain(|term| !flown.is_negligible(term));
     let imitations = imitations(&remaining.replaced, &found, &judged);
     if !imitations.is_empty() {
         let mut removed = std::mem::take(&mut judged.removed);
@@ -352,12 +352,12 @@ fn flights_of(
         judged.removed.extend(removed);
         residuals = smoothed(&good, &judged, settings, &workers);
     }
-    let sizes = |settings: Vec<&EffectSetting>| size::sizes(&settings, &judged, &residuals, &good);
-    let own = sizes(judged.selection.added.iter().map(|a| &a.setting).collect());
+    let flown = flown_as(&good, &judged, &residuals);
+    let size = |setting: &EffectSetting| flown.size(setting, &judged.selection.base);
+    let own: Vec<Size> = judged.selection.added.iter().map(|a| size(&a.setting)).collect();
     let not_found = only_tested(&judged, &own);
-    let others = sizes(not_found.iter().map(|n| &n.setting).collect());
-    let likely = |(n, size): (&NotFound, &Size)| n.evidence > settings.threshold && !size.negligible;
-    let likely: Vec<bool> = not_found.iter().zip(&others).map(likely).collect();
+    let likely = |n: &NotFound| n.evidence > settings.threshold && !size(&n.setting).negligible;
+    let likely: Vec<bool> = not_found.iter().map(likely).collect();
     let events = to_own_time(&mut judged, &good);
     let listed = assembly::not_found(&not_found, &likely);
     let drivers = drivers::plots(&judged, &residuals, &good);
@@ -378,6 +378,12 @@ fn flights_of(
         on_board: OnBoard::default(),
         health: Vec::new(),
     }
+}
+
+/// The flights as the model that was judged has them.
+fn flown_as(flights: &[&Flight], judged: &Judged, residuals: &[FlightResiduals]) -> Flown {
+    let motions = residuals.iter().map(|r| r.after.iter().map(|p| &p.motion));
+    Flown::new(flights, motions, judged.fit[1].nis_per_dof)
 }
 
 /// The recordings that say enough, and why the others do not.

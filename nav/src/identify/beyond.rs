@@ -8,8 +8,9 @@
 //! ([`Effect::prior_cost`]).
 
 use super::flight::Flight;
-use super::select::{self, Added, Point, Search, Selection, Settings};
-use super::{Workers, judge};
+use super::select::{self, Added, Candidate, Point, Search, Selection, Settings};
+use super::size::Flown;
+use super::{Workers, judge, residual};
 use crate::effects::data::grammar;
 use crate::effects::{Effect, data};
 use crate::model::{EffectSetting, Model};
@@ -28,23 +29,36 @@ const WORTH: f64 = 1.0;
 /// A selection that adds the best effect at each step may end worse than the one without formulas: not by more than this, nats.
 const GREEDY: f64 = 10.0;
 
-/// A formula and its evidence at a glance, nats, the price of the grammar included.
-type Glance = (&'static dyn Effect, f64);
-
-/// The formulas at a glance beside the effects of a point; best first.
-fn screen(search: &Search<'_>, point: &Point, formulas: &[&'static dyn Effect]) -> Vec<Glance> {
-    let mut out: Vec<Glance> = Vec::new();
+/// Those of the formulas that are worth a closer look beside the effects of a point, at a glance: more likely than `bar`, nats, the price of the
+/// grammar included, and of a size that a name is given to; best first.
+fn screen(
+    search: &Search<'_>,
+    point: &Point,
+    formulas: &[&'static dyn Effect],
+    (bar, flown): (f64, &Flown),
+) -> Vec<&'static dyn Effect> {
+    let mut out: Vec<Candidate> = Vec::new();
     for some in formulas.chunks(AT_ONCE) {
         let lacking: Vec<EffectSetting> = some
             .iter()
             .filter(|e| point.added.iter().all(|a| a.setting.effect.name() != e.name()))
-            .map(|e| EffectSetting { sigmas: vec![0.0; e.len()], ..EffectSetting::unknown(*e) })
+            .map(|e| nothing(*e))
             .collect();
-        let found = search.glance(point, &lacking);
-        out.extend(found.into_iter().map(|c| (c.setting.effect, c.evidence)).filter(|g| g.1.is_finite()));
+        let likely = search.glance(point, &lacking).into_iter().filter(|c| c.evidence > bar);
+        out.extend(likely.filter(|c| !flown.size(&c.setting, search.base()).negligible));
     }
-    out.sort_by(|a, b| b.1.total_cmp(&a.1));
-    out
+    out.sort_by(|a, b| b.evidence.total_cmp(&a.evidence));
+    out.into_iter().take(TRIED).map(|c| c.setting.effect).collect()
+}
+
+/// The flights as a point has them.
+fn flown(search: &Search<'_>, point: &Point) -> Flown {
+    let (model, references, problems) = search.at(point);
+    let (nis, n) = search.nis(&problems, &point.noise);
+    let all = search.flights.iter().zip(references.iter());
+    let motions: Vec<_> =
+        all.map(|(flight, reference)| residual::motions(flight, &model, reference)).collect();
+    Flown::new(search.flights, motions.iter().map(|m| m.iter()), nis / n.max(1) as f64)
 }
 
 /// What the catalogue's strongest effect explains by itself, nats.
@@ -63,12 +77,8 @@ fn promising(
     let settings = Settings { options: catalogue.options.all(), ..*settings };
     let search = judge::about(flights, catalogue, &settings, workers);
     let point = search.best(&catalogue.added, &catalogue.noise);
-    let mut tried: Vec<&'static dyn Effect> = screen(&search, &point, &formulas)
-        .into_iter()
-        .take(TRIED)
-        .filter(|g| g.1 > WORTH)
-        .map(|g| g.0)
-        .collect();
+    let flown = flown(&search, &point);
+    let mut tried = screen(&search, &point, &formulas, (WORTH, &flown));
     if !catalogue.added.is_empty() {
         let search = Search::new(flights, &catalogue.base, &settings, workers, &catalogue.base_noise);
         let point = search.best(&[], &catalogue.base_noise);
@@ -76,12 +86,11 @@ fn promising(
         let glance = search.glance(&point, &own).into_iter().map(|c| c.evidence).fold(0.0, f64::max);
         let top = if glance > 0.0 { glance } else { strongest(catalogue) };
         let bar = (top - BEHIND.max(BEHIND_SHARE * top)).max(WORTH);
-        let alone = screen(&search, &point, &formulas).into_iter().take(TRIED).filter(|g| g.1 > bar);
-        alone.for_each(|(effect, _)| {
+        for effect in screen(&search, &point, &formulas, (bar, &flown)) {
             if tried.iter().all(|t| t.name() != effect.name()) {
                 tried.push(effect);
             }
-        });
+        }
     }
     tried
 }
@@ -162,7 +171,7 @@ pub fn confirm(
             search.close_looks(std::slice::from_ref(&candidate), &start, &start).into_iter().next().unzip();
         // It is one that was named before, and pays for no grammar.
         let evidence =
-            look.map_or(candidate.evidence, |l: select::Candidate| l.evidence) + earlier.effect.prior_cost();
+            look.map_or(candidate.evidence, |l: Candidate| l.evidence) + earlier.effect.prior_cost();
         let prior = select::prior_sigmas(earlier.effect).into_iter().map(|s| (0.0, 2.0 * s)).collect();
         let own = Added { setting: candidate.setting, prior };
         let noise = point.map_or(start.noise, |p: Point| p.noise);

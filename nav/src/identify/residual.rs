@@ -8,7 +8,7 @@
 use super::flight::Flight;
 use super::judge::about;
 use super::linear::Problem;
-use super::linear::reference::Reference;
+use super::linear::reference::{Knot, Reference};
 use super::noise::Noise;
 use super::select::{Selection, Settings};
 use super::{Workers, map};
@@ -126,6 +126,13 @@ pub fn points(
     (reference, problem): (&Reference, &Problem),
     noise: &Noise,
 ) -> Vec<Point> {
+    let both = motions(flight, model, reference).into_iter().zip(problem.disturbances(noise));
+    let all = both.map(|(motion, residuals)| Point { motion, residuals });
+    all.filter(|p| p.motion.elapsed_s > SETTLE_S).collect()
+}
+
+/// What the vehicle did at each fix of a flight.
+pub(super) fn motions(flight: &Flight, model: &Model, reference: &Reference) -> Vec<Motion> {
     let samples = flight.samples_of(model);
     let mut samples = samples.iter().peekable();
     let (start_s, start) = (flight.initial().t_s, flight.initial().nav);
@@ -133,27 +140,22 @@ pub fn points(
     let to_ned = crate::earth::c_en_at(&start.r_e).transpose();
     let mut last: Option<ImuSample> = None;
     let mut motion = Motion::default();
-    reference
-        .knots
-        .iter()
-        .zip(problem.disturbances(noise))
-        .map(|(knot, residuals)| {
-            let mut seen = Seen::default();
-            while let Some(sample) = samples.next_if(|x| x.t_s <= knot.t_s) {
-                seen.take(sample, last.as_ref());
-                last = Some(*sample);
-            }
-            seen.into(&mut motion);
-            motion.elapsed_s = knot.t_s - start_s;
-            motion.speed = knot.nav.v_e.norm();
-            motion.heading_rad = knot.nav.euler().z;
-            motion.height_m = knot.nav.geodetic().height_m - start_height_m;
-            motion.away = to_ned * (knot.nav.r_e - start.r_e);
-            motion.velocity = to_ned * knot.nav.v_e;
-            Point { motion, residuals }
-        })
-        .filter(|p| p.motion.elapsed_s > SETTLE_S)
-        .collect()
+    let at = |knot: &Knot| {
+        let mut seen = Seen::default();
+        while let Some(sample) = samples.next_if(|x| x.t_s <= knot.t_s) {
+            seen.take(sample, last.as_ref());
+            last = Some(*sample);
+        }
+        seen.into(&mut motion);
+        motion.elapsed_s = knot.t_s - start_s;
+        motion.speed = knot.nav.v_e.norm();
+        motion.heading_rad = knot.nav.euler().z;
+        motion.height_m = knot.nav.geodetic().height_m - start_height_m;
+        motion.away = to_ned * (knot.nav.r_e - start.r_e);
+        motion.velocity = to_ned * knot.nav.v_e;
+        motion
+    };
+    reference.knots.iter().map(at).collect()
 }
 
 /// Samples of one interval.

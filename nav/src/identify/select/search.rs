@@ -174,6 +174,13 @@ impl<'a> Search<'a> {
         together(map(self.workers, problems.len(), |k| problems[k].run(noise, &self.settings.options)))
     }
 
+    /// Squared normalised innovations of the fit part, and their number.
+    pub(in crate::identify) fn nis(&self, problems: &[Problem], noise: &Noise) -> (f64, usize) {
+        let each =
+            map(self.workers, problems.len(), |k| problems[k].run(noise, &self.settings.options).nis[0]);
+        each.into_iter().fold((0.0, 0), |sum, own| (sum.0 + own.0, sum.1 + own.1))
+    }
+
     /// Adds what the file of the unit says of several constants together to the information of the flights, and gives its logarithm.
     pub(in crate::identify) fn correlate(
         &self,

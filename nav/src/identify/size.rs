@@ -5,13 +5,11 @@
 //! epochs. Each is millimetres per second squared or centimetres, and each can be imitated by an effect of the catalogue with
 //! overwhelming evidence. So where fixes are too good to be true, an effect must also do more than that.
 
-use super::FlightResiduals;
-use gaware_nav::effects::{Conditions, Instant, data};
-use gaware_nav::identify::flight::Flight;
-use gaware_nav::identify::judge::Judged;
-use gaware_nav::identify::residual::Motion;
-use gaware_nav::identify::terms;
-use gaware_nav::model::EffectSetting;
+use super::flight::Flight;
+use super::residual::Motion;
+use super::terms;
+use crate::effects::{Conditions, Instant, data};
+use crate::model::{EffectSetting, Model};
 use nalgebra::Vector3;
 
 /// NIS below this, with the noise at the lowest that is credible, are too good to be true.
@@ -115,7 +113,8 @@ impl Stretched {
     }
 }
 
-pub(super) fn instant(motion: &Motion, flight: &Flight) -> Instant {
+/// What drives effects at a fix.
+pub fn instant(motion: &Motion, flight: &Flight) -> Instant {
     let t_s = flight.initial().t_s + motion.elapsed_s;
     Instant {
         t_s,
@@ -132,35 +131,50 @@ pub(super) fn instant(motion: &Motion, flight: &Flight) -> Instant {
     }
 }
 
-/// Whether a term outside the catalogue is no more than what the model leaves out.
-pub fn is_negligible(
-    term: &terms::Found,
-    judged: &Judged,
-    residuals: &[FlightResiduals],
-    flights: &[&Flight],
-) -> bool {
-    let mut spread = Spread::default();
-    for (residuals, flight) in residuals.iter().zip(flights) {
-        for point in &residuals.after {
-            let value = terms::value(term.term, &instant(&point.motion, flight)).unwrap_or_default();
-            spread.take(&Vector3::new(term.coefficient * value, 0.0, 0.0));
-        }
-    }
-    let floor = if term.channel.starts_with("gyro") { GYRO } else { ACCEL };
-    judged.fit[1].nis_per_dof < TOO_GOOD && spread.rms() < floor
+/// Flights as what effects do on them is measured.
+#[derive(Debug, Clone)]
+pub struct Flown {
+    /// Flight by flight, at each fix.
+    flights: Vec<Vec<(Instant, Motion)>>,
+    longest_s: f64,
+    /// Whether the fixes are too good to be those of a receiver.
+    too_good: bool,
 }
 
-/// Sizes of effects on these flights, in their order.
-pub fn sizes(
-    effects: &[&EffectSetting],
-    judged: &Judged,
-    residuals: &[FlightResiduals],
-    flights: &[&Flight],
-) -> Vec<Size> {
-    let too_good = judged.fit[1].nis_per_dof < TOO_GOOD;
-    let of = |setting: &&EffectSetting| {
-        let known = judged.selection.base.get(setting.effect.name()).map(|s| s.values.clone());
-        let (mut size, away_m) = size(setting, known.as_deref(), residuals, flights);
+impl Flown {
+    /// Flights with what each vehicle did at its fixes, and how well these agree with the model that is known best (NIS per degree of freedom).
+    pub fn new<'a, M: Iterator<Item = &'a Motion>>(
+        flights: &[&Flight],
+        motions: impl Iterator<Item = M>,
+        nis_per_dof: f64,
+    ) -> Self {
+        let of = |(flight, motions): (&&Flight, M)| motions.map(|m| (instant(m, flight), *m)).collect();
+        Self {
+            flights: flights.iter().zip(motions).map(of).collect(),
+            longest_s: flights.iter().map(|f| f.duration_s()).fold(0.0, f64::max),
+            too_good: nis_per_dof < TOO_GOOD,
+        }
+    }
+
+    fn all(&self) -> impl Iterator<Item = &(Instant, Motion)> {
+        self.flights.iter().flatten()
+    }
+
+    /// Whether a term outside the catalogue is no more than what the model leaves out.
+    pub fn is_negligible(&self, term: &terms::Found) -> bool {
+        let mut spread = Spread::default();
+        for (x, _) in self.all() {
+            let value = terms::value(term.term, x).unwrap_or_default();
+            spread.take(&Vector3::new(term.coefficient * value, 0.0, 0.0));
+        }
+        let floor = if term.channel.starts_with("gyro") { GYRO } else { ACCEL };
+        self.too_good && spread.rms() < floor
+    }
+
+    /// What an effect adds to what a model has of it already.
+    pub fn size(&self, setting: &EffectSetting, base: &Model) -> Size {
+        let known = base.get(setting.effect.name()).map(|s| s.values.as_slice());
+        let (mut size, away_m) = self.added(setting, known);
         // Truncation is there or not.
         let sized = !setting.effect.is_empty();
         // The fixes of a turn far out on another Earth jump by as much.
@@ -168,76 +182,66 @@ pub fn sizes(
         let position = if jumps { POSITION.max(EARTH * away_m) } else { POSITION };
         let small =
             size.gyro < GYRO && size.accel < ACCEL && size.position < position && size.velocity < VELOCITY;
-        let delay = |p: &Vec<f64>| setting.effect.fix_delay_s(p, 0.0);
+        let delay = |p: &[f64]| setting.effect.fix_delay_s(p, 0.0);
         let of_clock = setting.effect.delays_fixes()
-            && known.as_ref().is_some_and(|k| (delay(&setting.values) - delay(k)).abs() < KNOWN_DELAY_S);
-        size.negligible |= sized && (too_good && small || of_clock);
+            && known.is_some_and(|k| (delay(&setting.values) - delay(k)).abs() < KNOWN_DELAY_S);
+        size.negligible |= sized && (self.too_good && small || of_clock);
         size
-    };
-    effects.iter().map(of).collect()
-}
+    }
 
-/// Its size, and how far the vehicle was from the start, RMS, m.
-fn size(
-    setting: &EffectSetting,
-    known: Option<&[f64]>,
-    residuals: &[FlightResiduals],
-    flights: &[&Flight],
-) -> (Size, f64) {
-    let (effect, p) = (setting.effect, &setting.values);
-    let [mut gyro, mut accel, mut speed, mut force] = std::array::from_fn(|_| Spread::default());
-    let mut on_fix = [Spread::default(), Spread::default()];
-    let mut stretched = [Stretched::default(), Stretched::default()];
-    let mut away = Spread::default();
-    let mut longest_s = 0.0f64;
-    for (flight_residuals, flight) in residuals.iter().zip(flights) {
-        let mut slow = [Slow::default(), Slow::default()];
-        for point in &flight_residuals.after {
-            let x = instant(&point.motion, flight);
-            let old = |f: &dyn Fn(&[f64]) -> Vector3<f64>| known.map_or(Vector3::zeros(), f);
-            gyro.take(&(effect.gyro(p, &x) - old(&|k| effect.gyro(k, &x))));
-            accel.take(&(effect.accel(p, &x) - old(&|k| effect.accel(k, &x))));
-            if let Some((target, added)) = data::added(effect.name(), p, &x) {
-                match target {
-                    data::Target::Position => {
+    /// What an effect adds, and how far the vehicle was from the start, RMS, m.
+    fn added(&self, setting: &EffectSetting, known: Option<&[f64]>) -> (Size, f64) {
+        let (effect, p) = (setting.effect, &setting.values);
+        let [mut gyro, mut accel, mut speed, mut force, mut away] =
+            std::array::from_fn(|_| Spread::default());
+        let mut on_fix = [Spread::default(), Spread::default()];
+        let mut stretched = [Stretched::default(), Stretched::default()];
+        for flight in &self.flights {
+            let mut slow = [Slow::default(), Slow::default()];
+            for (x, motion) in flight {
+                let old = |f: &dyn Fn(&[f64]) -> Vector3<f64>| known.map_or(Vector3::zeros(), f);
+                gyro.take(&(effect.gyro(p, x) - old(&|k| effect.gyro(k, x))));
+                accel.take(&(effect.accel(p, x) - old(&|k| effect.accel(k, x))));
+                match data::added(effect.name(), p, x) {
+                    Some((data::Target::Position, added)) => {
                         on_fix[0].take(&added);
-                        let away = slow[1].rest(x.t_s, &point.motion.away);
+                        let away = slow[1].rest(x.t_s, &motion.away);
                         stretched[0].take(&slow[0].rest(x.t_s, &added), &away);
                     }
-                    data::Target::Velocity => {
+                    Some((data::Target::Velocity, added)) => {
                         on_fix[1].take(&added);
-                        stretched[1].take(&added, &point.motion.velocity);
+                        stretched[1].take(&added, &motion.velocity);
                     }
-                    data::Target::Gyro | data::Target::Accel => {}
+                    _ => {}
                 }
+                force.take(&motion.force);
+                away.take(&motion.away);
+                speed.take(&Vector3::new(motion.speed, 0.0, 0.0));
             }
-            force.take(&point.motion.force);
-            away.take(&point.motion.away);
-            speed.take(&Vector3::new(point.motion.speed, 0.0, 0.0));
         }
-        longest_s = longest_s.max(flight.duration_s());
+        // About zero, not about the mean.
+        let size_of = |s: &Spread| (s.square / s.n.max(1.0)).sqrt();
+        let walk = effect.bias_walk(p);
+        let aged_s = |p: &[f64]| effect.fix_delay_s(p, self.longest_s);
+        let late_s = aged_s(p) - known.map_or(0.0, aged_s);
+        let older_s = effect.velocity_delay_s(p) - known.map_or(0.0, |k| effect.velocity_delay_s(k));
+        let moved =
+            if effect.on_fixes().is_some() && late_s == 0.0 && data::definition(effect.name()).is_none() {
+                let offsets = setting.parameters().zip(p).filter(|((_, unit), _)| unit.symbol == "m");
+                offsets.map(|(_, v)| v * v).sum::<f64>().sqrt()
+            } else {
+                late_s.abs() * size_of(&speed)
+            };
+        let size = Size {
+            gyro: gyro.rms().max(walk.gyro * self.longest_s.sqrt()),
+            accel: accel.rms().max(walk.accel * self.longest_s.sqrt()),
+            position: moved.max(on_fix[0].rms()),
+            // The force changes by about what the vehicle accelerates by.
+            velocity: (older_s.abs() * force.rms()).max(on_fix[1].rms()),
+            negligible: stretched.iter().any(Stretched::is_of_earth),
+        };
+        (size, size_of(&away))
     }
-    // About zero, not about the mean.
-    let size_of = |s: &Spread| (s.square / s.n.max(1.0)).sqrt();
-    let walk = effect.bias_walk(p);
-    let aged_s = |p: &[f64]| effect.fix_delay_s(p, longest_s);
-    let late_s = aged_s(p) - known.map_or(0.0, aged_s);
-    let older_s = effect.velocity_delay_s(p) - known.map_or(0.0, |k| effect.velocity_delay_s(k));
-    let moved = if effect.on_fixes().is_some() && late_s == 0.0 && data::definition(effect.name()).is_none() {
-        let offsets = setting.parameters().zip(p).filter(|((_, unit), _)| unit.symbol == "m");
-        offsets.map(|(_, v)| v * v).sum::<f64>().sqrt()
-    } else {
-        late_s.abs() * size_of(&speed)
-    };
-    let size = Size {
-        gyro: gyro.rms().max(walk.gyro * longest_s.sqrt()),
-        accel: accel.rms().max(walk.accel * longest_s.sqrt()),
-        position: moved.max(on_fix[0].rms()),
-        // The force changes by about what the vehicle accelerates by.
-        velocity: (older_s.abs() * force.rms()).max(on_fix[1].rms()),
-        negligible: stretched.iter().any(Stretched::is_of_earth),
-    };
-    (size, size_of(&away))
 }
 
 #[cfg(test)]
