@@ -186,6 +186,8 @@ pub struct Explained {
     pub model: Model,
     /// The numbers behind it; `None` where the flights say too little.
     pub judged: Option<Judged>,
+    /// Whether the inertial samples are so noisy that no value is to be used.
+    pub noisy: bool,
     /// Where simulation and measurement disagree, flight by flight.
     pub residuals: Vec<FlightResiduals>,
     /// Residuals against what drives effects that the catalogue does not hold.
@@ -363,6 +365,10 @@ fn flights_of(
     let drivers = drivers::plots(&judged, &residuals, &good);
     let mut explanation = assembly::explanation(&judged, &own, &residuals, found, listed, &events);
     explanation.summary.push_str(&unbridged);
+    let noisy = good.iter().any(|f| f.is_noisy());
+    if noisy {
+        explanation.summary.push_str(words::NOISY);
+    }
     let beside = good.first().map(|flight| sensors(flight, &judged)).unwrap_or_default();
     explanation.summary.push_str(&beside.wrong());
     (explanation.compasses, explanation.air) = (beside.compasses, beside.air);
@@ -370,6 +376,7 @@ fn flights_of(
         explanation,
         model: assembly::new_model(&judged, &own),
         judged: Some(judged),
+        noisy,
         drivers,
         residuals,
         not_found,
@@ -403,6 +410,7 @@ fn too_little(why: &str, model: &Model) -> Explained {
         explanation: contract::too_little(why),
         model: model.clone(),
         judged: None,
+        noisy: false,
         residuals: Vec::new(),
         drivers: Vec::new(),
         not_found: Vec::new(),

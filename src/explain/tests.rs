@@ -117,6 +117,31 @@ fn noise_far_beyond_what_is_claimed_is_a_finding() {
     assert!(e.summary.contains("gnss_velocity_noise"), "{}", e.summary);
 }
 
+/// Noise of the samples as PX4's simulator makes it: it moves values by several sigma, so that none is proposed.
+#[test]
+fn nothing_is_proposed_from_samples_that_are_noisier_than_any_unit() {
+    let late = [EffectSetting::known(&effects::GpsLatency, &[0.12]).unwrap()];
+    let mut flown = fast(&late, 4);
+    let of = |explained: &Explained| {
+        let findings = autopilot::findings(explained);
+        let latency = findings.into_iter().find(|f| f.names.contains(&"gps_latency"));
+        latency.map(|f| f.barred.is_some())
+    };
+    let good = samples(&[flown.clone()], &[], &Model::default(), &Settings::default(), &|_| {});
+    assert_eq!(of(&good), Some(false));
+    assert!(!good.explanation.summary.contains("no parameter"));
+    let mut errors = gaware_sitl::noise::Noise::new(4, gaware_sitl::noise::Purpose::Wind);
+    for sample in &mut flown {
+        if let Sample::Imu(imu) = sample {
+            imu.gyro.iter_mut().for_each(|w| *w += 0.05 * errors.normal());
+            imu.accel.iter_mut().for_each(|f| *f += 0.7 * errors.normal());
+        }
+    }
+    let noisy = samples(&[flown], &[], &Model::default(), &Settings::default(), &|_| {});
+    assert_ne!(of(&noisy), Some(false));
+    assert!(noisy.explanation.summary.contains("no parameter is proposed"), "{}", noisy.explanation.summary);
+}
+
 #[test]
 fn a_hidden_delay_is_named_and_the_residual_shrinks() {
     let hidden = EffectSetting::known(&effects::GpsLatency, &[0.17]).unwrap();

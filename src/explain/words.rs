@@ -65,6 +65,10 @@ pub fn unbridged(seconds: f64) -> String {
     )
 }
 
+/// What is said of samples that are so noisy that they pass for the motion. White noise as PX4's simulator makes by default, laid over one of its flights whose
+/// fixes were 120 ms late and whose antenna was away: 96 ± 4 ms and 71 ± 3 ms (2026-11-26), and no antenna.
+pub const NOISY: &str = " The inertial samples are noisier than those of any unit that flies: values may be off by several sigma, and no parameter is proposed.";
+
 /// What is said of logs of which only a part was explained.
 pub fn parts(parts: &[LogPart]) -> String {
     let minutes = |s: f64| (s / 60.0).round();

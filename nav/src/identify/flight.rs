@@ -289,7 +289,7 @@ impl Flight {
     }
 
     /// Whether the samples are so noisy that their noise may pass for what drives an effect.
-    pub(super) fn is_noisy(&self) -> bool {
+    pub fn is_noisy(&self) -> bool {
         super::linear::is_strong(self.measured_noise)
     }
 

@@ -243,7 +243,9 @@ impl Quantity {
         let at = |share: f64| all.get((share * all.len() as f64) as usize).copied();
         let (low, high) = (at(1.0 / 3.0)?, at(2.0 / 3.0)?);
         let least = 0.5 * 10f64.powi(-(self.digits as i32));
-        (high - low > 2.0 * least).then(|| vec![low, high])
+        // Of a vehicle that stands for a third of the time nothing is below its speed.
+        let above = *all.first()? + least;
+        (high - low > 2.0 * least).then(|| [low, high].into_iter().filter(|l| *l > above).collect())
     }
 
     fn range(&self, limits: &[f64], motion: &Motion) -> Option<usize> {
@@ -476,6 +478,21 @@ mod tests {
         assert!((heavy.share - 100.0 / 1200.0).abs() < 1e-9);
         // The speed never changes: no regime.
         assert!(cells.iter().all(|c| c.quantity != "speed"));
+    }
+
+    #[test]
+    fn no_range_is_below_the_speed_of_a_vehicle_that_stands() {
+        let standing = |k: i32| if k < 600 { 0.0 } else { 0.02 * f64::from(k) };
+        let of = |k: i32| {
+            let p = point(f64::from(k) * 0.2, 1.0, 1.0);
+            Point { motion: Motion { speed: standing(k), ..p.motion }, ..p }
+        };
+        let cells = cells(&(0..1200).map(of).collect::<Vec<_>>());
+        let mut ranges: Vec<&str> =
+            cells.iter().filter(|c| c.quantity == "speed").map(|c| c.regime.as_str()).collect();
+        ranges.sort_unstable();
+        ranges.dedup();
+        assert_eq!(ranges, ["speed above 16 m/s", "speed below 16 m/s"]);
     }
 
     #[test]

@@ -151,6 +151,7 @@ mod tests {
             explanation: contract::too_little("no GNSS fixes"),
             model: Model::default(),
             judged: None,
+            noisy: false,
             residuals: Vec::new(),
             drivers: Vec::new(),
             not_found: Vec::new(),
