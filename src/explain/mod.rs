@@ -365,6 +365,7 @@ fn flights_of(
     let drivers = drivers::plots(&judged, &residuals, &good);
     let mut explanation = assembly::explanation(&judged, &own, &residuals, found, listed, &events);
     explanation.summary.push_str(&unbridged);
+    explanation.summary.push_str(&words::sphere(good.iter().find_map(|f| f.sphere())));
     let noisy = good.iter().any(|f| f.is_noisy());
     if noisy {
         explanation.summary.push_str(words::NOISY);

@@ -69,6 +69,18 @@ pub fn unbridged(seconds: f64) -> String {
 /// fixes were 120 ms late and whose antenna was away: 96 ± 4 ms and 71 ± 3 ms (2026-11-26), and no antenna.
 pub const NOISY: &str = " The inertial samples are noisier than those of any unit that flies: values may be off by several sigma, and no parameter is proposed.";
 
+/// What is said of fixes on the sphere of a simulator, whose positions stretch by this north and east.
+pub fn sphere(stretch: Option<[f64; 2]>) -> String {
+    stretch.map_or_else(String::new, |[north, east]| {
+        format!(
+            " This is a simulator that flies over a sphere at rest: its positions ({:+.2} % north and {:+.2} % east against the velocities), the rate of \
+             the Earth and gravity were put right.",
+            100.0 * north,
+            100.0 * east
+        )
+    })
+}
+
 /// What is said of logs of which only a part was explained.
 pub fn parts(parts: &[LogPart]) -> String {
     let minutes = |s: f64| (s / 60.0).round();

@@ -6,6 +6,7 @@ use super::linear::Unseen;
 use super::linear::reference::Reference;
 use super::linear::reference::delay_s;
 use super::rounding::Rounding;
+use super::simulated::{self, Still};
 use super::stationary;
 use super::stretch::{Stretch, averaged};
 use crate::effects::{Conditions, MISTAKES, Surroundings};
@@ -59,6 +60,10 @@ pub struct Flight {
     /// Kind of the samples before they were averaged, and over how many.
     averaged: Option<(SampleKind, usize)>,
     moved_s: f64,
+    /// By how much the positions stretched north and east, where they were those of a simulator's sphere.
+    sphere: Option<[f64; 2]>,
+    /// Where it flew, if that Earth stood still.
+    still: Option<Still>,
     /// How much of the recording gaps cut off that nothing bridges, s.
     unbridged_s: f64,
     /// The samples with one fault over time undone, each made when it is first asked for.
@@ -75,7 +80,7 @@ impl Flight {
             stream,
             initial,
             raw,
-            fixes,
+            mut fixes,
             fields,
             air,
             by_hand,
@@ -84,6 +89,10 @@ impl Flight {
             unbridged_s,
             operating,
         } = Stretch::of(samples, model)?;
+        let sphere = simulated::stretch(&fixes);
+        if let (Some(by), Some(origin)) = (sphere, fixes.first().map(|f| f.position)) {
+            fixes.iter_mut().for_each(|f| f.position = simulated::undone(&origin, f.position, by));
+        }
         let mut flight = Self {
             force_rates: Arc::new(ForceRates::new(&raw, stream.kind)),
             operating: Arc::new(operating),
@@ -104,6 +113,8 @@ impl Flight {
             averaged: None,
             moved_s: 0.0,
             undone: Vec::new(),
+            sphere,
+            still: None,
             unbridged_s,
             known_delay_s: model.effects.iter().any(|s| s.effect.delays_fixes()).then(|| delay_s(model, 0.0)),
         };
@@ -112,6 +123,9 @@ impl Flight {
             return Err(TooLittle::Standing);
         }
         flight.dequantise(model);
+        if sphere.is_some() {
+            flight.put_on_earth(model);
+        }
         flight.drop_outliers(model);
         Ok(flight)
     }
@@ -166,6 +180,14 @@ impl Flight {
         self.undone = places.collect();
     }
 
+    /// Adds what a unit on the Earth would have measured beside that of a simulator over a sphere that stands still.
+    fn put_on_earth(&mut self, model: &Model) {
+        let noise = super::noise::Noise::measured(model, &[&*self]);
+        let still = Still::of(&Reference::filtered(self, model, &noise));
+        self.prepared.iter_mut().for_each(|(_, samples)| still.on_earth(samples));
+        self.still = Some(still);
+    }
+
     /// Leaves out single fixes that are inconsistent with their neighbours, for all models alike.
     fn drop_outliers(&mut self, model: &Model) {
         let noise = super::noise::Noise::measured(model, &[&*self]);
@@ -193,6 +215,12 @@ impl Flight {
     /// The fixes after the start.
     pub fn fixes(&self) -> &[GnssFix] {
         &self.fixes
+    }
+
+    /// By how much the positions of the recording stretch north and east against its velocities, where they are those of a simulator that flies over a
+    /// sphere; that is taken out of [`Self::fixes`].
+    pub fn sphere(&self) -> Option<[f64; 2]> {
+        self.sphere
     }
 
     /// What its compasses measured.
@@ -338,6 +366,7 @@ impl Flight {
         self.unseen.move_by(by_s);
         self.by_hand.move_by(by_s);
         self.guesses.move_by(by_s);
+        self.still.iter_mut().for_each(|s| s.move_by(by_s));
         self.forget_undone();
         self
     }
@@ -379,9 +408,13 @@ impl Flight {
         }
         let mut dequantiser = Dequantiser::new(model.quantisation_of(&self.stream));
         let samples: Vec<ImuSample> = samples.iter().map(|s| dequantiser.undo(s)).collect();
-        match self.averaged {
+        let mut samples = match self.averaged {
             Some((kind, every)) => averaged(&samples, self.initial.t_s, kind, every),
             None => samples,
+        };
+        if let Some(still) = &self.still {
+            still.on_earth(&mut samples);
         }
+        samples
     }
 }

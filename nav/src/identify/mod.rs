@@ -28,6 +28,7 @@ pub mod pass;
 pub mod residual;
 pub(crate) mod rounding;
 pub mod select;
+mod simulated;
 pub mod size;
 mod stationary;
 mod stretch;

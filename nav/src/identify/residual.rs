@@ -77,10 +77,6 @@ pub struct Motion {
     pub heading_rad: f64,
     /// Above the start, m.
     pub height_m: f64,
-    /// From the start: north, east, down there, m.
-    pub away: Vector3<f64>,
-    /// Over ground: north, east, down there, m/s.
-    pub velocity: Vector3<f64>,
     /// Of the inertial unit, °C.
     pub temperature_degc: Option<f64>,
     /// Root of the mean squared change of specific force from sample to sample, m/s².
@@ -137,7 +133,6 @@ pub(super) fn motions(flight: &Flight, model: &Model, reference: &Reference) -> 
     let mut samples = samples.iter().peekable();
     let (start_s, start) = (flight.initial().t_s, flight.initial().nav);
     let start_height_m = start.geodetic().height_m;
-    let to_ned = crate::earth::c_en_at(&start.r_e).transpose();
     let mut last: Option<ImuSample> = None;
     let mut motion = Motion::default();
     let at = |knot: &Knot| {
@@ -151,8 +146,6 @@ pub(super) fn motions(flight: &Flight, model: &Model, reference: &Reference) -> 
         motion.speed = knot.nav.v_e.norm();
         motion.heading_rad = knot.nav.euler().z;
         motion.height_m = knot.nav.geodetic().height_m - start_height_m;
-        motion.away = to_ned * (knot.nav.r_e - start.r_e);
-        motion.velocity = to_ned * knot.nav.v_e;
         motion
     };
     reference.knots.iter().map(at).collect()
