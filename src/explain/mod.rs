@@ -186,6 +186,8 @@ pub struct Explained {
     pub model: Model,
     /// The numbers behind it; `None` where the flights say too little.
     pub judged: Option<Judged>,
+    /// What is to be known of the recordings themselves, sentence by sentence.
+    pub notes: Vec<String>,
     /// Whether the inertial samples are so noisy that no value is to be used.
     pub noisy: bool,
     /// Where simulation and measurement disagree, flight by flight.
@@ -364,12 +366,16 @@ fn flights_of(
     let listed = assembly::not_found(&not_found, &likely);
     let drivers = drivers::plots(&judged, &residuals, &good);
     let mut explanation = assembly::explanation(&judged, &own, &residuals, found, listed, &events);
-    explanation.summary.push_str(&unbridged);
-    explanation.summary.push_str(&words::sphere(good.iter().find_map(|f| f.sphere())));
     let noisy = good.iter().any(|f| f.is_noisy());
-    if noisy {
-        explanation.summary.push_str(words::NOISY);
-    }
+    let notes: Vec<String> = [
+        unbridged,
+        good.iter().find_map(|f| f.sphere()).map(words::simulated),
+        noisy.then(|| words::NOISY.to_owned()),
+    ]
+    .into_iter()
+    .flatten()
+    .collect();
+    notes.iter().for_each(|note| explanation.summary.push_str(&format!(" {note}")));
     let beside = good.first().map(|flight| sensors(flight, &judged)).unwrap_or_default();
     explanation.summary.push_str(&beside.wrong());
     (explanation.compasses, explanation.air) = (beside.compasses, beside.air);
@@ -377,6 +383,7 @@ fn flights_of(
         explanation,
         model: assembly::new_model(&judged, &own),
         judged: Some(judged),
+        notes,
         noisy,
         drivers,
         residuals,
@@ -411,6 +418,7 @@ fn too_little(why: &str, model: &Model) -> Explained {
         explanation: contract::too_little(why),
         model: model.clone(),
         judged: None,
+        notes: Vec::new(),
         noisy: false,
         residuals: Vec::new(),
         drivers: Vec::new(),

@@ -55,30 +55,27 @@ pub fn sentences(summary: &str) -> impl Iterator<Item = &str> {
 const UNBRIDGED_S: f64 = 20.0;
 
 /// What is said where gaps in the samples left out so many seconds of the logs; empty where they did not.
-pub fn unbridged(seconds: f64) -> String {
-    if seconds < UNBRIDGED_S {
-        return String::new();
-    }
-    format!(
-        " {seconds:.0} s of the logs are left out: gaps in the inertial samples leave the attitude uncertain there, and no attitude of the \
-         autopilot leads across them. Record ATTITUDE beside the inertial samples."
-    )
+pub fn unbridged(seconds: f64) -> Option<String> {
+    (seconds >= UNBRIDGED_S).then(|| {
+        format!(
+            "{seconds:.0} s of the logs are left out: gaps in the inertial samples leave the attitude uncertain there, and no attitude of the \
+             autopilot leads across them. Record ATTITUDE beside the inertial samples."
+        )
+    })
 }
 
 /// What is said of samples that are so noisy that they pass for the motion. White noise as PX4's simulator makes by default, laid over one of its flights whose
 /// fixes were 120 ms late and whose antenna was away: 96 ± 4 ms and 71 ± 3 ms (2026-11-26), and no antenna.
-pub const NOISY: &str = " The inertial samples are noisier than those of any unit that flies: values may be off by several sigma, and no parameter is proposed.";
+pub const NOISY: &str = "The inertial samples are noisier than those of any unit that flies: values may be off by several sigma, and no parameter is proposed.";
 
 /// What is said of fixes on the sphere of a simulator, whose positions stretch by this north and east.
-pub fn sphere(stretch: Option<[f64; 2]>) -> String {
-    stretch.map_or_else(String::new, |[north, east]| {
-        format!(
-            " This is a simulator that flies over a sphere at rest: its positions ({:+.2} % north and {:+.2} % east against the velocities), the rate of \
-             the Earth and gravity were put right.",
-            100.0 * north,
-            100.0 * east
-        )
-    })
+pub fn simulated([north, east]: [f64; 2]) -> String {
+    format!(
+        "This is a simulator that flies over a sphere at rest: its positions ({:+.2} % north and {:+.2} % east against the velocities), the rate of \
+         the Earth and gravity were put right.",
+        100.0 * north,
+        100.0 * east
+    )
 }
 
 /// What is said of logs of which only a part was explained.

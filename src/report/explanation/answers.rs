@@ -81,8 +81,17 @@ pub fn section(explained: &Explained, body: &mut String) {
         e.residual.as_ref().map_or_else(String::new, |residual| improvement(residual, e.effects.is_empty()))
     );
     effects::first_screen(explained, body);
-    body.push_str(&answers(&[("What now?", next(e)), ("What is left?", left(e))]));
+    let now = if explained.noisy { NOT_TO_BE_USED.to_owned() } else { next(e) };
+    let notes: Vec<_> = explained.notes.iter().map(|note| escape(note)).collect();
+    body.push_str(&answers(&[
+        ("What now?", now),
+        ("What is left?", left(e)),
+        ("What of the recording?", notes.join("<br>")),
+    ]));
 }
+
+/// What to do with values from samples that are too noisy.
+const NOT_TO_BE_USED: &str = "Do not set the values above. Look at the noise of the inertial unit first: filters, mounting, or the settings of a simulator.";
 
 /// What the new model does to held-out data.
 fn improvement(residual: &ModelResidual, same: bool) -> String {

@@ -151,6 +151,7 @@ mod tests {
             explanation: contract::too_little("no GNSS fixes"),
             model: Model::default(),
             judged: None,
+            notes: vec!["Some of it <b> is new.".to_owned()],
             noisy: false,
             residuals: Vec::new(),
             drivers: Vec::new(),
@@ -162,6 +163,10 @@ mod tests {
         };
         let html = html(&explained).unwrap();
         assert!(html.contains("no GNSS fixes.</h1>") && html.contains("Record at least 40 s"), "{html}");
+        assert!(
+            html.contains("What of the recording?") && html.contains("Some of it &lt;b&gt; is new."),
+            "{html}"
+        );
         assert!(html.contains("&lt;bench&gt;.tlog") && !html.contains("Every effect"));
     }
 
