@@ -331,7 +331,6 @@ fn flights_of(
         let why = bad.first().map_or_else(|| "there is no flight".to_owned(), ToString::to_string);
         return too_little(&why, model);
     }
-    let unbridged = words::unbridged(good.iter().map(Flight::unbridged_s).sum());
     // Those that only judge come first: an event of the others has then not happened in them.
     let (judging, good) = in_a_row(judging, good);
     let good: Vec<&Flight> = good.iter().collect();
@@ -346,7 +345,7 @@ fn flights_of(
     progress(Phase::Smoothing);
     let mut residuals = smoothed(&good, &judged, settings, &workers);
     let mut found = remaining.terms;
-    let flown = flown_as(&good, &judged, &residuals);
+    let mut flown = flown_as(&good, &judged, &residuals);
     found.retain(|term| !flown.is_negligible(term));
     let imitations = imitations(&remaining.replaced, &found, &judged);
     if !imitations.is_empty() {
@@ -355,8 +354,8 @@ fn flights_of(
         judged = judge::judge(&good, &judging, judged.selection.without(&imitations), settings, &workers);
         judged.removed.extend(removed);
         residuals = smoothed(&good, &judged, settings, &workers);
+        flown = flown_as(&good, &judged, &residuals);
     }
-    let flown = flown_as(&good, &judged, &residuals);
     let size = |setting: &EffectSetting| flown.size(setting, &judged.selection.base);
     let own: Vec<Size> = judged.selection.added.iter().map(|a| size(&a.setting)).collect();
     let not_found = only_tested(&judged, &own);
@@ -366,15 +365,7 @@ fn flights_of(
     let listed = assembly::not_found(&not_found, &likely);
     let drivers = drivers::plots(&judged, &residuals, &good);
     let mut explanation = assembly::explanation(&judged, &own, &residuals, found, listed, &events);
-    let noisy = good.iter().any(|f| f.is_noisy());
-    let notes: Vec<String> = [
-        unbridged,
-        good.iter().find_map(|f| f.sphere()).map(words::simulated),
-        noisy.then(|| words::NOISY.to_owned()),
-    ]
-    .into_iter()
-    .flatten()
-    .collect();
+    let notes = words::notes(&good);
     notes.iter().for_each(|note| explanation.summary.push_str(&format!(" {note}")));
     let beside = good.first().map(|flight| sensors(flight, &judged)).unwrap_or_default();
     explanation.summary.push_str(&beside.wrong());
@@ -384,7 +375,7 @@ fn flights_of(
         model: assembly::new_model(&judged, &own),
         judged: Some(judged),
         notes,
-        noisy,
+        noisy: good.iter().any(|f| f.is_noisy()),
         drivers,
         residuals,
         not_found,

@@ -3,6 +3,7 @@
 use super::contract::{ChannelResidual, EffectEntry, Explanation, ModelResidual, Verdict};
 use crate::pipeline::LogPart;
 use gaware_nav::effects;
+use gaware_nav::identify::flight::Flight;
 use gaware_nav::identify::select::Added;
 
 /// A value with two or three figures that mean something.
@@ -55,7 +56,7 @@ pub fn sentences(summary: &str) -> impl Iterator<Item = &str> {
 const UNBRIDGED_S: f64 = 20.0;
 
 /// What is said where gaps in the samples left out so many seconds of the logs; empty where they did not.
-pub fn unbridged(seconds: f64) -> Option<String> {
+fn unbridged(seconds: f64) -> Option<String> {
     (seconds >= UNBRIDGED_S).then(|| {
         format!(
             "{seconds:.0} s of the logs are left out: gaps in the inertial samples leave the attitude uncertain there, and no attitude of the \
@@ -66,16 +67,27 @@ pub fn unbridged(seconds: f64) -> Option<String> {
 
 /// What is said of samples that are so noisy that they pass for the motion. White noise as PX4's simulator makes by default, laid over one of its flights whose
 /// fixes were 120 ms late and whose antenna was away: 96 ± 4 ms and 71 ± 3 ms (2026-11-26), and no antenna.
-pub const NOISY: &str = "The inertial samples are noisier than those of any unit that flies: values may be off by several sigma, and no parameter is proposed.";
+const NOISY: &str = "The inertial samples are noisier than those of any unit that flies: values may be off by several sigma, and no parameter is proposed.";
 
 /// What is said of fixes on the sphere of a simulator, whose positions stretch by this north and east.
-pub fn simulated([north, east]: [f64; 2]) -> String {
+fn simulated([north, east]: [f64; 2]) -> String {
     format!(
         "This is a simulator that flies over a sphere at rest: its positions ({:+.2} % north and {:+.2} % east against the velocities), the rate of \
          the Earth and gravity were put right.",
         100.0 * north,
         100.0 * east
     )
+}
+
+/// What is to be known of flights as they were recorded, sentence by sentence.
+pub fn notes(flights: &[&Flight]) -> Vec<String> {
+    let noisy = flights.iter().any(|f| f.is_noisy());
+    let all = [
+        unbridged(flights.iter().map(|f| f.unbridged_s()).sum()),
+        flights.iter().find_map(|f| f.sphere()).map(simulated),
+        noisy.then(|| NOISY.to_owned()),
+    ];
+    all.into_iter().flatten().collect()
 }
 
 /// What is said of logs of which only a part was explained.

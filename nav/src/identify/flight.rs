@@ -62,7 +62,7 @@ pub struct Flight {
     moved_s: f64,
     /// By how much the positions stretched north and east, where they were those of a simulator's sphere.
     sphere: Option<[f64; 2]>,
-    /// Where it flew, if that Earth stood still.
+    /// Where it flew, if that Earth does not turn.
     still: Option<Still>,
     /// How much of the recording gaps cut off that nothing bridges, s.
     unbridged_s: f64,
@@ -180,7 +180,7 @@ impl Flight {
         self.undone = places.collect();
     }
 
-    /// Adds what a unit on the Earth would have measured beside that of a simulator over a sphere that stands still.
+    /// Adds what a unit on the Earth would have measured beside that of a simulator over a sphere that does not turn.
     fn put_on_earth(&mut self, model: &Model) {
         let noise = super::noise::Noise::measured(model, &[&*self]);
         let still = Still::of(&Reference::filtered(self, model, &noise));

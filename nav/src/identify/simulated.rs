@@ -1,4 +1,4 @@
-//! The Earth of a simulator: many fly over a sphere that stands still, with the same gravity everywhere. What that puts into a recording is taken out, so that
+//! The Earth of a simulator: many fly over a sphere that does not turn, with the same gravity everywhere. What that puts into a recording is taken out, so that
 //! no effect is named for it.
 //!
 //! Positions of the receiver, read as those of the ellipsoid, stretch against their own velocities.
@@ -106,7 +106,7 @@ pub(super) fn undone(origin: &Geodetic, place: Geodetic, [north, east]: [f64; 2]
     }
 }
 
-/// A flight over an Earth that stands still: time and trajectory at its fixes.
+/// A flight over an Earth that does not turn: time and trajectory at its fixes.
 #[derive(Debug, Clone)]
 pub(super) struct Still(Vec<(f64, NavState)>);
 

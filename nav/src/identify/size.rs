@@ -1,9 +1,8 @@
 //! How large an effect is on these flights, and whether it is worth a name.
 //!
 //! Fixes that agree with the model far better than any receiver's noise come from a simulation, and then the small print of two
-//! simulations is compared: constant gravity, no Coriolis acceleration, fixes interpolated between epochs. Each is millimetres per second squared
-//! or centimetres, and each can be imitated by an effect of the catalogue with
-//! overwhelming evidence. So where fixes are too good to be true, an effect must also do more than that.
+//! simulations is compared: samples that are filtered and delayed, velocities rounded to centimetres per second, fixes interpolated between epochs.
+//! Each is small, and each can be imitated by an effect of the catalogue with overwhelming evidence. So where fixes are too good to be true, an effect must also do more than that.
 
 use super::flight::Flight;
 use super::residual::Motion;
@@ -18,7 +17,7 @@ const TOO_GOOD: f64 = 0.5;
 /// simulator what is not there came to 1.5e-4 to 3.2e-4 (scale factors of 900 ppm, a misalignment of 1 mrad, a formula; 2026-11-26), injected G to 5.8e-4 and
 /// more.
 const GYRO: f64 = 3.5e-4;
-/// The same of accelerometers, m/s²: two counts of `RAW_IMU`, and what a sphere, constant gravity and no Coriolis make of it.
+/// The same of accelerometers, m/s²: two counts of `RAW_IMU`.
 const ACCEL: f64 = 0.02;
 /// The same of the position of fixes, m: an antenna's phase centre, a turn cut short.
 const POSITION: f64 = 0.15;
