@@ -115,6 +115,11 @@ impl AirSensors {
         }
     }
 
+    /// By how much differences of height are too large by the standard atmosphere on this day, as a share.
+    pub fn height_scale(&self) -> f64 {
+        -self.day / (288.15 + self.day)
+    }
+
     /// What one of [`AIR_SENSORS`] measures at this truth, with this throttle, in this wind; call it in order of time.
     pub fn at(
         &mut self,

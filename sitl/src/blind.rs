@@ -1,6 +1,6 @@
 //! Blind flights: what is injected, how the vehicle is flown, what its sensors report.
 
-use crate::air::WindTrack;
+use crate::air::{AirSensors, WindTrack};
 use crate::noise::{Noise, Purpose};
 use crate::powertrain::Carrier;
 use crate::sensors::{Flight as Simulated, SensorConfig, Temperature, VibrationLine};
@@ -140,13 +140,14 @@ pub fn fly_with_reports(injected: &[EffectSetting], kind: Kind, family: Family, 
     )
 }
 
-/// A flight in a wind that is drawn, with two barometers, and an airspeed sensor where wings carry it; the wind.
+/// A flight in a wind that is drawn, with two barometers, and an airspeed sensor where wings carry it; the wind, and by how much differences of height are too large by the
+/// standard atmosphere on that day.
 pub fn fly_in_wind(
     injected: &[EffectSetting],
     carrier: Carrier,
     family: Family,
     seed: u64,
-) -> (Blind, WindTrack) {
+) -> (Blind, WindTrack, f64) {
     let mut draw = Noise::numbered(seed, Purpose::Wind, 1);
     let (speed, from) = (8.0 * draw.uniform(), TAU * draw.uniform());
     let wind = WindTrack {
@@ -172,7 +173,11 @@ pub fn fly_in_wind(
     let mut blind = flown(injected, trajectory, family, seed, with_air);
     let is_there = |s: &Sample| !matches!(s, Sample::Air(a) if a.kind == AirKind::Airspeed);
     blind.samples.retain(|s| carrier == Carrier::Wings || is_there(s));
-    (blind, wind)
+    (blind, wind, AirSensors::new(own_seed(family, seed)).height_scale())
+}
+
+fn own_seed(family: Family, seed: u64) -> u64 {
+    if family == Family::Aside { seed ^ FAMILY_SEED } else { seed }
 }
 
 fn flown(
@@ -182,7 +187,7 @@ fn flown(
     seed: u64,
     adapted: impl FnOnce(SensorConfig) -> SensorConfig,
 ) -> Blind {
-    let seed = if family == Family::Aside { seed ^ FAMILY_SEED } else { seed };
+    let seed = own_seed(family, seed);
     let mut noise = Noise::numbered(seed, Purpose::HiddenTruth, 7);
     let truth = truth(injected, &mut noise);
     let truncation_injected = injected.iter().any(|s| s.effect.truncates_samples());

@@ -14,6 +14,7 @@ use gaware_nav::effects::DRAG_QUADRATIC;
 use gaware_nav::identify::aids::{Finding, Settled};
 use gaware_nav::identify::air::{Air, AirFound, AirQuantity};
 use gaware_nav::identify::flight::Flight;
+use gaware_nav::model::EffectSetting;
 use schemars::JsonSchema;
 use serde::Serialize;
 
@@ -104,7 +105,7 @@ pub fn of_flight(flight: &Flight, settled: &Settled, on_board: &OnBoard) -> Opti
     let is_wing = on_board.fixed_wing == Some(true);
     let air = Air::new(flight, settled, is_wing);
     let mut found = air.all();
-    found.extend(is_rotor.then(|| air.drag(flight, settled)).flatten());
+    found.extend(is_rotor.then(|| air.drag()).flatten());
     if found.is_empty() && flight.air().is_empty() {
         return None;
     }
@@ -184,13 +185,19 @@ fn status(found: &AirFound) -> Status {
     }
     let (error, speed) = found.largest;
     let wrong = if found.kind == AirQuantity::Height { WRONG_M } else { WRONG_SHARE * speed };
-    if !found.effects.is_empty() && error.abs() > wrong {
+    if shows_an_error(found) && error.abs() > wrong {
         Status::Wrong
     } else if BEYOND_CHANCE * found.known_to > of_interest(found.kind) || scatters(found) {
         Status::NotKnown
     } else {
         Status::Ok
     }
+}
+
+/// Whether an effect is named, or what is within the tolerances of several adds up to an error that is no chance.
+fn shows_an_error(found: &AirFound) -> bool {
+    let (error, sigma) = (found.largest.0.abs(), found.largest_sigma);
+    !found.effects.is_empty() || (error > BEYOND_CHANCE * sigma && error > 0.5 * of_interest(found.kind))
 }
 
 /// What an error has to be to be of interest, m, m/s or m/s².
@@ -200,7 +207,7 @@ fn of_interest(kind: AirQuantity) -> f64 {
 
 /// Whether more is left than a sensor in order leaves, and no effect explains it.
 fn scatters(found: &AirFound) -> bool {
-    found.held_out[1] > of_interest(found.kind)
+    found.unexplained > of_interest(found.kind)
 }
 
 /// What a pilot has to know of it.
@@ -220,7 +227,7 @@ fn text(found: &AirFound, status: Status) -> String {
     };
     match status {
         Status::Wrong => parts.push(format!("reads up to {} {way} (at {speed:.0} m/s)", size(error))),
-        Status::Ok if !found.effects.is_empty() => {
+        Status::Ok if shows_an_error(found) => {
             parts.push(format!("is in order but for up to {} {way} (at {speed:.0} m/s)", size(error)));
         }
         Status::Ok if is_height => parts.push(format!(
@@ -240,6 +247,10 @@ fn text(found: &AirFound, status: Status) -> String {
             "is not judged: wind and scale are not separable on this flight (an error of {} would not have shown); fly circles both ways",
             size(found.known_to)
         )),
+    }
+    if found.effects.is_empty() && shows_an_error(found) && status != Status::NotKnown {
+        let each: Vec<String> = found.shared.iter().map(strongest).collect();
+        parts.push(format!("by {}, within what sensors of its kind differ by", each.join(" and ")));
     }
     for effect in &found.effects {
         let names: Vec<&str> =
@@ -279,12 +290,21 @@ fn words(effect: &str, v: &[f64]) -> String {
     }
 }
 
+/// The largest parameter of an effect, with its sigma.
+fn strongest(setting: &EffectSetting) -> String {
+    let all = setting.parameters().zip(setting.values.iter().zip(&setting.sigmas));
+    let most = all.max_by(|a, b| a.1.0.abs().total_cmp(&b.1.0.abs()));
+    most.map_or_else(String::new, |((_, unit), (value, sigma))| {
+        format!("{} {:.1} ± {:.1} {}", setting.effect.name(), value / unit.si, sigma / unit.si, unit.symbol)
+    })
+}
+
 /// What a pilot has to know of drag.
 fn drag(found: &AirFound) -> String {
     if scatters(found) && !found.effects.is_empty() {
         return format!(
             "Drag and wind are not judged: {:.1} m/s² RMS of the specific force along body x and y are left that nothing tested explains.",
-            found.held_out[1]
+            found.unexplained
         );
     }
     if found.effects.is_empty() {

@@ -173,8 +173,11 @@ fn found(kind: AirQuantity, held_out: [f64; 2], known_to: f64) -> AirFound {
         sensor: 0,
         instants: 1000,
         largest: (0.0, 20.0),
+        largest_sigma: 0.0,
         residual: held_out,
         held_out,
+        unexplained: held_out[1],
+        shared: Vec::new(),
         noise: [0.2, 0.02],
         known_to,
         effects: Vec::new(),
@@ -197,6 +200,36 @@ fn a_sensor_of_which_much_is_left_is_not_in_order() {
         assert!(text.contains("RMS of its error are left"), "{text}");
         assert_eq!(super::status(&found(kind, [small; 2], 5.0)), Status::NotKnown);
     }
+}
+
+/// Two effects that are each within what sensors differ by add up to an error that no pilot wants: it is told, though this flight shows of none that it is there.
+#[test]
+fn an_error_within_tolerances_is_told() {
+    let setting = |effect: &'static dyn effects::Effect, value, sigma| {
+        let mut setting = EffectSetting::unknown(effect);
+        (setting.values[0], setting.sigmas[0]) = (value, sigma);
+        setting
+    };
+    let shared =
+        vec![setting(&effects::AIRSPEED_SCALE, 0.08, 0.02), setting(&effects::AIRSPEED_OFFSET, 12.0, 4.0)];
+    let of = |largest, largest_sigma| AirFound {
+        largest,
+        largest_sigma,
+        unexplained: 0.4,
+        shared: shared.clone(),
+        ..found(AirQuantity::Airspeed, [2.0, 2.0], 0.3)
+    };
+    let wrong = of((2.7, 24.0), 0.4);
+    assert_eq!(super::status(&wrong), Status::Wrong);
+    assert_eq!(
+        super::text(&wrong, Status::Wrong),
+        "Airspeed sensor 1 reads up to 2.7 m/s too fast (at 24 m/s); by airspeed_scale 8.0 ± 2.0 % and airspeed_offset 12.0 ± 4.0 Pa, within what sensors of its kind differ by."
+    );
+    let slight = of((-1.4, 24.0), 0.4);
+    assert_eq!(super::status(&slight), Status::Ok);
+    assert!(super::text(&slight, Status::Ok).contains("in order but for up to 1.4 m/s too slow"));
+    let by_chance = of((1.4, 24.0), 0.9);
+    assert!(super::text(&by_chance, Status::Ok).contains("agrees with motion and wind"));
 }
 
 /// The same errors behind the new parameters: what each firmware's formula makes of the proposal.

@@ -117,7 +117,7 @@ fn jobs(flown: &[Tested], rounds: usize, first_seed: u64) -> Vec<Job> {
 
 fn one((carrier, effects, seed): &Job, of_drag: bool, family: Family) -> SensorFlight {
     let mut noise = Noise::numbered(*seed, Purpose::HiddenTruth, 11);
-    let injected: Vec<EffectSetting> = effects.iter().map(|e| draw(*e, &mut noise)).collect();
+    let mut injected: Vec<EffectSetting> = effects.iter().map(|e| draw(*e, &mut noise)).collect();
     let mut all = injected.clone();
     for (name, sigma) in ORDINARY {
         let Some(effect) = find(name).filter(|e| effects.iter().all(|i| i.name() != e.name())) else {
@@ -129,7 +129,9 @@ fn one((carrier, effects, seed): &Job, of_drag: bool, family: Family) -> SensorF
     if of_drag && effects.is_empty() {
         all.extend(EffectSetting::known(&DRAG_ROTOR, &[0.0]).ok());
     }
-    let (blind, wind) = fly_in_wind(&all, *carrier, family, *seed);
+    let (blind, wind, day) = fly_in_wind(&all, *carrier, family, *seed);
+    // The air of the day is a part of what a height's scale is.
+    injected.iter_mut().filter(|i| i.effect.name() == "baro_scale").for_each(|i| i.values[0] += day);
     let wings = *carrier == Carrier::Wings;
     let board = OnBoard { fixed_wing: Some(wings), ..OnBoard::default() };
     let mut report = aids::of_samples(&blind.samples, None, &board).air.unwrap_or_default();

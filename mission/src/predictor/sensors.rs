@@ -77,6 +77,7 @@ impl SensorPredictor {
             v_n: k.velocity_ned_m_per_s,
             height_m: self.bound.home_height_m + k.height_m(),
             throttle: self.throttle(k),
+            force: Some(k.force),
         };
         self.foresight.take(&now, &k.rate);
     }

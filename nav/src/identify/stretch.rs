@@ -122,6 +122,7 @@ impl Stretch {
         fixes.retain(|f| f.t_s > initial.t_s);
         fixes.sort_by(|a, b| a.t_s.total_cmp(&b.t_s));
         let fixes = without_unseen(fixes, &unseen);
+        unseen.add_touchdowns(&fixes, stream.kind);
         let seconds = raw.last().map_or(0.0, |s| s.t_s - initial.t_s);
         if seconds < ENOUGH_S || fixes.len() < ENOUGH_FIXES {
             let fixes = fixes.len();

@@ -8,14 +8,13 @@
 use super::super::aids::choose::{Chosen, Widths};
 use super::super::aids::judged::{BLOCK_S, Judged};
 use super::super::aids::series::{self, BOUNDED, Figures, Known, Noise, RATE, Row, States};
-use super::super::aids::statistics::{high, mean, range, rms};
-use super::super::flight::Flight;
-use super::{Air, AirFound, AirQuantity, Carriage, Settled, Wind, by_wind, density};
+use super::super::aids::statistics::{high, mean, rms};
+use super::{Air, AirFound, AirQuantity, Carriage, Wind, by_wind, density};
 use crate::earth::STANDARD_GRAVITY;
 use crate::effects::{
     AirDriver, AirInstant, DRAG_QUADRATIC, DRAG_ROTOR, DRAG_THRUST, Effect, SEA_LEVEL_DENSITY,
 };
-use crate::sample::{ImuSample, SampleKind};
+
 use nalgebra::{DVector, Vector2, Vector3};
 
 /// What drag is made of; the last is a tolerance of the coefficients.
@@ -41,8 +40,6 @@ const FIGURES: Figures = Figures {
 const START: f64 = 8.0;
 /// Drag of rotors where the passes begin, 1/s: without any, no force shows a wind.
 const ROTORS: f64 = 0.15;
-/// The specific force is its mean over at most so long before and after a fix, s: shorter than a vehicle takes to tilt. The means of two fixes have no sample in common.
-const ABOUT_S: f64 = 0.1;
 /// A vehicle that is not higher than this over its start and not faster may stand on the ground, m and m/s.
 const FLIES: [f64; 2] = [3.0, 2.0];
 
@@ -140,40 +137,14 @@ impl Judged for Drag {
     }
 }
 
-/// Means of the specific force about each point of the trajectory, as the model reads the samples.
-fn forces(flight: &Flight, settled: &Settled) -> Vec<Option<Vector3<f64>>> {
-    let (model, mut calibration) = (&settled.model, settled.reference.calibration.clone());
-    let needs_conditions = model.effects.iter().any(|s| s.effect.needs_conditions());
-    let (samples, knots) = (flight.samples_of(model), &settled.reference.knots);
-    // A mean is one of the middle of its interval.
-    let early_s = match flight.stream().kind {
-        SampleKind::Point => 0.0,
-        _ => 0.5 * range(samples.iter().map(|s| s.t_s)) / samples.len().max(2) as f64,
-    };
-    let mut force = |s: &ImuSample| {
-        if needs_conditions {
-            calibration.conditions = flight.conditions(s.t_s);
-        }
-        (s.t_s - early_s, calibration.motion(model, s).force)
-    };
-    let all: Vec<(f64, Vector3<f64>)> = samples.iter().map(&mut force).collect();
-    let half_s = (0.5 * range(knots.iter().map(|k| k.t_s)) / knots.len().max(2) as f64).min(ABOUT_S);
-    let about = |t_s: f64| {
-        let from = all.partition_point(|f| f.0 < t_s - half_s);
-        let own = &all[from..all.partition_point(|f| f.0 < t_s + half_s)];
-        (!own.is_empty()).then(|| own.iter().map(|f| f.1).sum::<Vector3<f64>>() / own.len() as f64)
-    };
-    knots.iter().map(|k| about(k.t_s)).collect()
-}
-
 impl Drag {
-    pub(super) fn new(air: &Air<'_>, flight: &Flight, settled: &Settled) -> Self {
+    pub(super) fn new(air: &Air<'_>) -> Self {
         let ground_m = air.carriage.first().map_or(0.0, |c| c.height_m);
         let flies = |c: &Carriage| c.height_m - ground_m > FLIES[0] || c.v_n.xy().norm() > FLIES[1];
-        let felt = |(c, force): (&Carriage, Option<Vector3<f64>>)| {
-            Some(Felt { c: *c, force: force.filter(|_| flies(c))?, density: density(c.height_m) })
+        let felt = |c: &Carriage| {
+            Some(Felt { c: *c, force: c.force.filter(|_| flies(c))?, density: density(c.height_m) })
         };
-        let instants: Vec<Felt> = air.carriage.iter().zip(forces(flight, settled)).filter_map(felt).collect();
+        let instants: Vec<Felt> = air.carriage.iter().filter_map(felt).collect();
         let mut widths = Widths::new(&CATALOGUE, &TOLERANCES, |_| true);
         widths.close(CATALOGUE.len() - 1);
         Self {
@@ -228,11 +199,14 @@ impl Drag {
             sensor: 0,
             instants: self.instants.len(),
             largest: sizes.max_by(|a, b| a.0.abs().total_cmp(&b.0.abs())).unwrap_or_default(),
+            largest_sigma: 0.0,
             residual: [&before, &after].map(|of| rms(of.iter().map(|l| l.1))),
             held_out: [&zero, &chosen.fitted].map(|v| self.held_out_rms(v, noise)),
+            unexplained: self.held_out_rms(&chosen.fitted, noise),
             noise: [noise.sigma, noise.walk],
             known_to: chosen.first_sigma * high(all.iter().map(|x| speed(x).abs())),
             effects: chosen.findings.clone(),
+            shared: Vec::new(),
             removed: chosen.removed.clone(),
             not_found: chosen.not_found.clone(),
             wind: (!chosen.findings.is_empty()).then(|| self.wind(chosen, noise)),
@@ -261,7 +235,12 @@ impl Drag {
             sigma: [0, 1].map(|axis| (own[axis].max(0.0) + by_values(axis)).sqrt()),
             changed: (0.5 * mean_of(&squares).sum()).sqrt(),
             gusts: noise.bounded,
-            track: self.instants.iter().map(|i| i.c.elapsed_s).zip(winds).collect(),
+            track: self
+                .instants
+                .iter()
+                .map(|i| i.c.elapsed_s)
+                .zip(winds.into_iter().map(|w| (w, 0.0)))
+                .collect(),
         }
     }
 }

@@ -6,6 +6,7 @@
 //! sigmas say so.
 
 mod drag;
+mod force;
 mod sensor;
 #[cfg(test)]
 mod tests;
@@ -14,6 +15,7 @@ use super::aids::judged::{ENOUGH, Judged};
 use super::aids::{Finding, Settled, at_time};
 use super::flight::Flight;
 use crate::effects::{AirInstant, SEA_LEVEL_DENSITY};
+use crate::model::EffectSetting;
 use crate::operating::{Channel, MOTORS};
 use crate::sample::{AirKind, AirSample};
 use nalgebra::{Rotation3, Vector2, Vector3};
@@ -41,15 +43,15 @@ pub struct Wind {
     pub changed: f64,
     /// Gusts beside that: 1-sigma, m/s, and correlation time, s.
     pub gusts: (f64, f64),
-    /// Time since the start, s, and the wind then.
-    track: Vec<(f64, Vector2<f64>)>,
+    /// Time since the start, s, and the wind then, with the gust along the flow at an airspeed sensor, m/s.
+    track: Vec<(f64, (Vector2<f64>, f64))>,
 }
 
 impl Wind {
     /// At a time since the start, s: that of the fix before.
-    fn at(&self, elapsed_s: f64) -> Vector2<f64> {
+    fn at(&self, elapsed_s: f64) -> (Vector2<f64>, f64) {
         let next = self.track.partition_point(|t| t.0 <= elapsed_s);
-        self.track.get(next.saturating_sub(1)).map_or_else(|| Vector2::from(self.mean), |t| t.1)
+        self.track.get(next.saturating_sub(1)).map_or_else(|| (Vector2::from(self.mean), 0.0), |t| t.1)
     }
 }
 
@@ -73,18 +75,25 @@ pub struct AirFound {
     pub sensor: u8,
     /// Fixes at which it was compared.
     pub instants: usize,
-    /// The largest error by the effects named, m or m/s, or the largest drag, m/s², and the airspeed or ground speed at which it was, m/s.
+    /// The largest error, m or m/s, by the effects named and by what the tolerances of the others leave, or the largest drag, m/s², and the airspeed or ground speed at which it was,
+    /// m/s.
     pub largest: (f64, f64),
+    /// 1-sigma of that error.
+    pub largest_sigma: f64,
     /// RMS of its residual as reported and corrected: of a height less its mean over two minutes, of an airspeed less the wind that goes with it.
     pub residual: [f64; 2],
     /// The same on held-out blocks, corrected by values of the others.
     pub held_out: [f64; 2],
+    /// What is left on held-out blocks that no effect explains, also within its tolerance.
+    pub unexplained: f64,
     /// White noise, and walk of offset or wind per √s.
     pub noise: [f64; 2],
     /// 1-sigma of an error at full speed that may have stayed unseen, m or m/s.
     pub known_to: f64,
     /// Effects that the flight shows.
     pub effects: Vec<Finding>,
+    /// Effects that are not named, of which each adds a share of that error that is worth a word.
+    pub shared: Vec<EffectSetting>,
     /// Effects that held-out data did not confirm.
     pub removed: Vec<&'static str>,
     /// Effects that were tested and are not significant, with the evidence for each.
@@ -110,6 +119,8 @@ pub struct Carriage {
     pub height_m: f64,
     /// Share of full throttle.
     pub throttle: f64,
+    /// Specific force in body axes, m/s², where it is known.
+    pub force: Option<Vector3<f64>>,
 }
 
 /// A sensor at a fix.
@@ -148,14 +159,15 @@ impl<'a> Air<'a> {
     /// `is_wing`: whether wings carry the vehicle, so that it flies without much sideslip.
     pub fn new(flight: &'a Flight, settled: &Settled, is_wing: bool) -> Self {
         let start_s = flight.initial().t_s;
-        let at = |k: &super::linear::reference::Knot| Carriage {
+        let at = |(k, force): (&super::linear::reference::Knot, _)| Carriage {
             elapsed_s: k.t_s - start_s,
             c_nb: Rotation3::from_matrix_unchecked(k.nav.c_nb()),
             v_n: k.nav.v_n(),
             height_m: k.nav.geodetic().height_m,
             throttle: throttle(flight, is_wing, k.t_s),
+            force,
         };
-        let carriage = settled.reference.knots.iter().map(at).collect();
+        let carriage = settled.reference.knots.iter().zip(force::forces(flight, settled)).map(at).collect();
         Self { samples: flight.air(), start_s, is_wing, carriage }
     }
 
@@ -172,9 +184,9 @@ impl<'a> Air<'a> {
         out
     }
 
-    /// The drag of a multirotor; `flight` and `settled`: those of this trajectory.
-    pub fn drag(&self, flight: &Flight, settled: &Settled) -> Option<AirFound> {
-        drag::Drag::new(self, flight, settled).judged()
+    /// The drag of a multirotor.
+    pub fn drag(&self) -> Option<AirFound> {
+        drag::Drag::new(self).judged()
     }
 
     fn one(&self, kind: AirKind, number: u8, wind: Option<&Wind>) -> Option<AirFound> {
@@ -266,5 +278,6 @@ fn carriage_at(all: &[Carriage], elapsed_s: f64) -> Option<Carriage> {
         v_n: before.v_n.lerp(&after.v_n, share),
         height_m: mix(before.height_m, after.height_m),
         throttle: mix(before.throttle, after.throttle),
+        force: before.force.zip(after.force).map(|(before, after)| before.lerp(&after, share)),
     })
 }

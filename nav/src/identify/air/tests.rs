@@ -46,6 +46,7 @@ fn held_in_gusts(pitot: Pitot, lands: bool, mut seed: u64) -> (Vec<Carriage>, Ve
             v_n: Vector3::new(v.x, v.y, 0.0),
             height_m,
             throttle: 0.4,
+            force: None,
         });
         let equivalent = (1.0 + pitot.0) * speed * (density(height_m) / SEA_LEVEL_DENSITY).sqrt();
         let shown = (equivalent.powi(2) + 2.0 * pitot.1 / SEA_LEVEL_DENSITY).max(0.0).sqrt();

@@ -16,6 +16,7 @@ pub mod innovations;
 mod kalman;
 pub mod reference;
 mod rows;
+mod touchdown;
 mod track;
 mod unseen;
 

@@ -8,12 +8,13 @@
 //! that the vehicle rolled, so each counts by itself.
 
 use super::index;
+use super::touchdown;
 use crate::earth::STANDARD_GRAVITY;
 use crate::filter::unseen::{GAP_S, MOTION};
 use crate::linear::interval::{NavCovariance, error};
 use crate::mechanization::{Increment, Motion, NavState};
 use crate::rotation::exp;
-use crate::sample::{ImuSample, SampleKind};
+use crate::sample::{GnssFix, ImuSample, SampleKind};
 use nalgebra::{UnitQuaternion, Vector3};
 
 /// Interpolation is tried at most so often for a length …
@@ -41,9 +42,12 @@ struct Gap {
     turned: bool,
 }
 
-/// The gaps of a flight.
+/// The gaps of a flight, and its touchdowns: between two samples.
 #[derive(Debug, Clone, Default)]
-pub(in crate::identify) struct Unseen(Vec<Gap>);
+pub(in crate::identify) struct Unseen {
+    gaps: Vec<Gap>,
+    blows: Vec<Gap>,
+}
 
 /// Interpolation over a stretch of known samples: those at its ends, and what it missed.
 struct Trial {
@@ -120,6 +124,11 @@ fn missed(trials: &[Trial], ends: &[ImuSample; 2], length_s: f64) -> NavCovarian
     NavCovariance::from_diagonal(&((alike + anywhere).diagonal() * LONG_TAILS.powi(2)))
 }
 
+/// Those of them, in order of time, that have a part between two times.
+fn between(all: &[Gap], from_s: f64, to_s: f64) -> impl Iterator<Item = &Gap> {
+    all.iter().skip(all.partition_point(|g| g.to_s <= from_s)).take_while(move |g| g.from_s < to_s)
+}
+
 impl Unseen {
     /// Of samples in order of time.
     pub(in crate::identify) fn of(samples: &[ImuSample], kind: SampleKind) -> Self {
@@ -138,15 +147,26 @@ impl Unseen {
             let missed = missed(trials, &[pair[0], pair[1]], length_s);
             gaps.push(Gap { from_s: pair[0].t_s, to_s: pair[1].t_s, missed, turned: false });
         }
-        Self(gaps)
+        Self { gaps, blows: Vec::new() }
+    }
+
+    /// Adds the touchdowns that these fixes show, where samples are points.
+    pub(in crate::identify) fn add_touchdowns(&mut self, fixes: &[GnssFix], kind: SampleKind) {
+        let blow = |(from_s, to_s, speed): (f64, f64, f64)| {
+            let mut missed = NavCovariance::zeros();
+            (0..3).for_each(|k| missed[(index::VELOCITY + k, index::VELOCITY + k)] = speed * speed);
+            Gap { from_s, to_s, missed, turned: false }
+        };
+        if kind == SampleKind::Point {
+            self.blows = touchdown::touchdowns(fixes).map(blow).collect();
+        }
     }
 
     /// What is missed between two times. Unseen motion lasts: its variances grow with the square, that of the position with the
     /// fourth power, of the time since the last sample.
     pub(super) fn within(&self, from_s: f64, to_s: f64) -> Option<NavCovariance> {
-        let first = self.0.partition_point(|g| g.to_s <= from_s);
         let mut sum: Option<NavCovariance> = None;
-        for gap in self.0.get(first..).unwrap_or_default().iter().take_while(|g| g.from_s < to_s) {
+        for gap in [&self.gaps, &self.blows].into_iter().flat_map(|all| between(all, from_s, to_s)) {
             let length_s = gap.to_s - gap.from_s;
             let share = |t_s: f64| ((t_s.clamp(gap.from_s, gap.to_s) - gap.from_s) / length_s).powi(2);
             let (a, b) = (share(from_s), share(to_s));
@@ -167,25 +187,25 @@ impl Unseen {
 
     /// Whether samples are missing between two times.
     pub(in crate::identify) fn hides(&self, from_s: f64, to_s: f64) -> bool {
-        let first = self.0.partition_point(|g| g.to_s <= from_s);
-        self.0.get(first).is_some_and(|g| g.from_s < to_s)
+        let first = self.gaps.partition_point(|g| g.to_s <= from_s);
+        self.gaps.get(first).is_some_and(|g| g.from_s < to_s)
     }
 
     /// Whether a gap in which the vehicle turned far has ended a moment before.
     pub(super) fn unsettles(&self, t_s: f64) -> bool {
-        let first = self.0.partition_point(|g| g.to_s <= t_s - SETTLE_S);
-        self.0.get(first..).unwrap_or_default().iter().take_while(|g| g.to_s <= t_s).any(|g| g.turned)
+        let first = self.gaps.partition_point(|g| g.to_s <= t_s - SETTLE_S);
+        self.gaps.get(first..).unwrap_or_default().iter().take_while(|g| g.to_s <= t_s).any(|g| g.turned)
     }
 
     /// Beginning and end of every gap, s.
     pub(in crate::identify) fn spans_s(&self) -> impl Iterator<Item = (f64, f64)> + '_ {
-        self.0.iter().map(|g| (g.from_s, g.to_s))
+        self.gaps.iter().map(|g| (g.from_s, g.to_s))
     }
 
     /// Widens gap number `k` where interpolation is known to have missed this much of the attitude, rad: as much is then possible, and what
     /// gravity makes of it in the meantime.
     pub(in crate::identify) fn widen(&mut self, k: usize, missed: &Vector3<f64>) {
-        let Some(gap) = self.0.get_mut(k) else { return };
+        let Some(gap) = self.gaps.get_mut(k) else { return };
         gap.turned |= missed.norm() > FAR;
         let length_s = gap.to_s - gap.from_s;
         let force = STANDARD_GRAVITY * missed.norm();
@@ -203,7 +223,7 @@ impl Unseen {
 
     /// The same at another time.
     pub(in crate::identify) fn move_by(&mut self, by_s: f64) {
-        for gap in &mut self.0 {
+        for gap in self.gaps.iter_mut().chain(&mut self.blows) {
             gap.from_s += by_s;
             gap.to_s += by_s;
         }

@@ -23,6 +23,7 @@ impl AirSensor<'static> {
             mean_height_m: setting.home_height_m,
             is_wing: setting.is_wing,
             wind: Vec::new(),
+            along: Vec::new(),
             gusts: GUSTS,
         }
     }
@@ -50,7 +51,7 @@ impl AirForeseen {
     pub(in crate::identify) fn take(&mut self, now: &Carriage, wind: &Vector2<f64>) {
         let sensor = &self.sensor;
         let density = density(now.height_m);
-        let mut s = sensor.ideal_of(now, wind, [density, 0.0, 0.0]);
+        let mut s = sensor.ideal_of(now, (wind, 0.0), [density, 0.0, 0.0]);
         let own = (now.elapsed_s, s.x.airspeed[0]);
         if let Some(last) = self.last.replace(own) {
             s.x.airspeed[1] = (own.1 - last.1) / (own.0 - last.0).max(1e-3);
