@@ -81,7 +81,11 @@ pub fn section(explained: &Explained, body: &mut String) {
         e.residual.as_ref().map_or_else(String::new, |residual| improvement(residual, e.effects.is_empty()))
     );
     effects::first_screen(explained, body);
-    let now = if explained.noisy { NOT_TO_BE_USED.to_owned() } else { next(e) };
+    let now = match (explained.noisy, e.effects.is_empty()) {
+        (false, _) => next(e),
+        (true, true) => LOOK_AT_NOISE.to_owned(),
+        (true, false) => format!("Do not set the values above. {LOOK_AT_NOISE}"),
+    };
     let notes: Vec<_> = explained.notes.iter().map(|note| escape(note)).collect();
     body.push_str(&answers(&[
         ("What now?", now),
@@ -90,8 +94,9 @@ pub fn section(explained: &Explained, body: &mut String) {
     ]));
 }
 
-/// What to do with values from samples that are too noisy.
-const NOT_TO_BE_USED: &str = "Do not set the values above. Look at the noise of the inertial unit first: filters, mounting, or the settings of a simulator.";
+/// What to do where samples are too noisy.
+const LOOK_AT_NOISE: &str =
+    "Look at the noise of the inertial unit first: filters, mounting, or the settings of a simulator.";
 
 /// What the new model does to held-out data.
 fn improvement(residual: &ModelResidual, same: bool) -> String {

@@ -197,6 +197,44 @@ impl About<'_> {
         gain(named) - gain(&others)
     }
 
+    /// Of these the effects that the fitted blocks ask for, the clearest first, each with its evidence.
+    fn asked_for(&self, of: &[usize]) -> Vec<(usize, f64)> {
+        let mut named: Vec<(usize, f64)> = Vec::new();
+        loop {
+            let so_far: Vec<usize> = named.iter().map(|n| n.0).collect();
+            let base = self.evidence(&so_far, None);
+            let gain = |e: &usize| (*e, self.evidence(&so_far, Some(*e)) - base);
+            let rest = of.iter().filter(|e| !so_far.contains(e)).map(gain);
+            match rest.max_by(|a, b| a.1.total_cmp(&b.1)) {
+                Some(best) if best.1 > THRESHOLD => named.push(best),
+                _ => return named,
+            }
+        }
+    }
+
+    /// The effects that are named, with their evidence, and those that held-out blocks refute: without such a one the others are asked again, since it may stand for one of them.
+    fn chosen(
+        &self,
+        of: &[usize],
+        held_out_error: &dyn Fn(&[f64]) -> f64,
+    ) -> (Vec<(usize, f64)>, Vec<usize>) {
+        let as_reported = held_out_error(&vec![0.0; self.widths.len()]);
+        let mut refuted: Vec<usize> = Vec::new();
+        loop {
+            let left: Vec<usize> = of.iter().copied().filter(|e| !refuted.contains(e)).collect();
+            let chosen = self.asked_for(&left);
+            let named: Vec<usize> = chosen.iter().map(|n| n.0).collect();
+            let gains = named.iter().map(|e| (*e, self.held_out_gain(&named, *e)));
+            // Both: the gain knows what the flight leaves open, the residual is what a corrected sensor would show.
+            let holds =
+                |gain: f64| gain > 0.0 && held_out_error(&self.own_values(&self.fit, &named)) < as_reported;
+            match gains.min_by(|a, b| a.1.total_cmp(&b.1)) {
+                Some((weakest, gain)) if !holds(gain) => refuted.push(weakest),
+                _ => return (chosen, refuted),
+            }
+        }
+    }
+
     /// Variance of what is fitted by the tolerances of the effects that are not: each moves the values by the bias that leaving it out brings.
     fn by_tolerances(&self, found: &Fitted, named: &[usize]) -> DVector<f64> {
         let mut variance = DVector::zeros(found.columns.len());
@@ -382,34 +420,9 @@ pub(in crate::identify) fn choose(
         correlated: correlation(blocks, prior, widths),
     };
     let every: Vec<usize> = (0..widths.catalogue.len()).filter(|e| !widths.closed.contains(e)).collect();
-    let mut named: Vec<usize> = Vec::new();
-    let mut evidences: Vec<f64> = Vec::new();
-    loop {
-        let base = about.evidence(&named, None);
-        let gain = |e: &usize| (*e, about.evidence(&named, Some(*e)) - base);
-        let rest = every.iter().filter(|e| !named.contains(e)).map(gain);
-        match rest.max_by(|a, b| a.1.total_cmp(&b.1)) {
-            Some((e, gain)) if gain > THRESHOLD => {
-                named.push(e);
-                evidences.push(gain);
-            }
-            _ => break,
-        }
-    }
-    let mut removed = Vec::new();
-    let worst = |named: &[usize]| {
-        let gains = named.iter().enumerate().map(|(k, e)| (k, about.held_out_gain(named, *e)));
-        gains.min_by(|a, b| a.1.total_cmp(&b.1))
-    };
-    let as_reported = held_out_error(&vec![0.0; widths.len()]);
-    while let Some((k, gain)) = worst(&named) {
-        // Both: the gain knows what the flight leaves open, the residual is what a corrected sensor would show.
-        if gain > 0.0 && held_out_error(&about.own_values(&about.fit, &named)) < as_reported {
-            break;
-        }
-        removed.push(widths.catalogue[named.remove(k)].name());
-        evidences.remove(k);
-    }
+    let (chosen, refuted) = about.chosen(&every, held_out_error);
+    let (named, evidences): (Vec<usize>, Vec<f64>) = chosen.into_iter().unzip();
+    let removed: Vec<&'static str> = refuted.iter().map(|e| widths.catalogue[*e].name()).collect();
     let base = about.evidence(&named, None);
     let not_found = every
         .iter()
