@@ -136,7 +136,7 @@ fn entry(found: &AirFound, on_board: &OnBoard) -> AirEntry {
         status,
         text: text(found, status),
         unit: ["m", "m/s", "m/s²"][found.kind as usize],
-        largest_error: found.largest.0,
+        largest_error: if shows_an_error(found) { found.largest.0 } else { 0.0 },
         at_m_per_s: found.largest.1,
         residual: both(found.residual),
         held_out: both(found.held_out),

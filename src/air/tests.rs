@@ -202,7 +202,7 @@ fn a_sensor_of_which_much_is_left_is_not_in_order() {
     }
 }
 
-/// Two effects that are each within what sensors differ by add up to an error that no pilot wants: it is told, though this flight shows of none that it is there.
+/// Two effects that are each within what sensors differ by add up to an error that no pilot wants: it is reported, though this flight shows of none that it is there.
 #[test]
 fn an_error_within_tolerances_is_told() {
     let setting = |effect: &'static dyn effects::Effect, value, sigma| {
@@ -230,6 +230,8 @@ fn an_error_within_tolerances_is_told() {
     assert!(super::text(&slight, Status::Ok).contains("in order but for up to 1.4 m/s too slow"));
     let by_chance = of((1.4, 24.0), 0.9);
     assert!(super::text(&by_chance, Status::Ok).contains("agrees with motion and wind"));
+    let board = OnBoard::default();
+    assert_eq!([&wrong, &by_chance].map(|f| super::entry(f, &board).largest_error), [2.7, 0.0]);
 }
 
 /// The same errors behind the new parameters: what each firmware's formula makes of the proposal.

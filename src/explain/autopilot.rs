@@ -43,7 +43,7 @@ pub fn findings(explained: &Explained) -> Vec<Finding> {
     // The same sentence as the verdict: a flight that the model does not explain gives no value to set.
     let unexplained = (explanation.verdict == Verdict::Unexplained)
         .then_some("the verdict is \"unexplained\": something else in the flight is not explained, its values are not to be used")
-        .or(explained.noisy.then_some("the inertial samples are noisier than those of any unit that flies: the value may be off by several sigma"));
+        .or(explained.noisy.then_some("the inertial samples are very noisy: the value may be off by several sigma"));
     let confirmed = explanation.residual.as_ref().is_some_and(|g| g.held_out.after < g.held_out.before);
     let mut findings = Vec::new();
     for entry in &explanation.effects {

@@ -95,8 +95,7 @@ pub fn section(explained: &Explained, body: &mut String) {
 }
 
 /// What to do where samples are too noisy.
-const LOOK_AT_NOISE: &str =
-    "Look at the noise of the inertial unit first: filters, mounting, or the settings of a simulator.";
+const LOOK_AT_NOISE: &str = "Look at the noise of the inertial unit first: mounting, filters, a faster log, or the settings of a simulator.";
 
 /// What the new model does to held-out data.
 fn improvement(residual: &ModelResidual, same: bool) -> String {

@@ -32,7 +32,7 @@ pub fn section(report: &AirReport, body: &mut String) {
          <th class=\"n\">RMS on held-out data: reported, corrected</th><th class=\"n\">error that would not have shown (1 sigma)</th></tr>",
     );
     for s in &report.sensors {
-        let largest = match s.effects.is_empty() {
+        let largest = match s.effects.is_empty() && s.largest_error.abs() < LEAST {
             true => "none found".to_owned(),
             false => format!("{:.1} {} at {:.0} m/s", s.largest_error, s.unit, s.at_m_per_s),
         };
