@@ -67,7 +67,7 @@ mod tests {
         let landed: Vec<_> = touchdowns(&fixes(500.0, |_| false)).collect();
         assert_eq!(landed.len(), 1);
         let (from_s, to_s, speed) = landed[0];
-        assert!(from_s < 40.0 && to_s >= 40.0 && to_s < 40.5 && (speed - 0.5).abs() < 1e-9, "{landed:?}");
+        assert!(from_s < 40.0 && (40.0..40.5).contains(&to_s) && (speed - 0.5).abs() < 1e-9, "{landed:?}");
         assert_eq!(touchdowns(&fixes(520.0, |_| false)).count(), 0, "hovers 20 m above the start");
         assert_eq!(touchdowns(&fixes(500.0, |t_s| t_s > 41.0)).count(), 0, "goes on at once");
     }
