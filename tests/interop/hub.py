@@ -72,4 +72,7 @@ class Hub:
         self.listener.close()
         with self.lock:
             for link in self.links:
-                link.shutdown(socket.SHUT_RDWR)
+                try:
+                    link.shutdown(socket.SHUT_RDWR)
+                except OSError:
+                    pass  # The other end was faster.
