@@ -14,7 +14,6 @@ use crate::earth::STANDARD_GRAVITY;
 use crate::effects::{
     AirDriver, AirInstant, DRAG_QUADRATIC, DRAG_ROTOR, DRAG_THRUST, Effect, SEA_LEVEL_DENSITY,
 };
-
 use nalgebra::{DVector, Vector2, Vector3};
 
 /// What drag is made of; the last is a tolerance of the coefficients.
