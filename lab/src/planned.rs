@@ -15,6 +15,7 @@ use gaware_mission::airframe::Airframe;
 use gaware_mission::planner::{Reach, plan};
 use gaware_nav::effects::{AIRSPEED, BAROMETER, COMPASS, Effect};
 use gaware_nav::model::{EffectSetting, Model};
+use gaware_sitl::air::AirSensors;
 use gaware_sitl::noise::{Noise, Purpose};
 use serde::Serialize;
 
@@ -110,13 +111,17 @@ fn draw(effect: &'static dyn Effect, seed: u64) -> EffectSetting {
 
 /// One flight: what was injected, and what a report says.
 fn fly(prepared: &Prepared, effect: &'static dyn Effect, seed: u64) -> (EffectSetting, Aids) {
-    let injected = draw(effect, seed);
+    let mut injected = draw(effect, seed);
     let mut truth = demo::drawn_truth(&prepared.settings.drawn, seed);
     truth.set(injected.clone());
     let engine = Engine::new(Model::standard(), EngineOptions::default());
     let autopilot = prepared.autopilot(&truth, seed);
     let mut flight = Flight::with(prepared.clone(), truth, autopilot, engine).recorded();
     flight.run();
+    // The air of the day is a part of what a height's scale is.
+    if effect.name() == "baro_scale" {
+        injected.values[0] += AirSensors::new(seed).height_scale();
+    }
     let samples = samples_of(&flight.into_parts().0, ConverterOptions::default());
     let board =
         OnBoard { fixed_wing: Some(prepared.settings.airframe.is_fixed_wing()), ..OnBoard::default() };
@@ -126,7 +131,9 @@ fn fly(prepared: &Prepared, effect: &'static dyn Effect, seed: u64) -> (EffectSe
 /// What a report names, by sensor: the errors are those of the first of each kind.
 fn named(aids: &Aids) -> Vec<(bool, &SensorEffect)> {
     let compasses = aids.compasses.iter().flat_map(|c| &c.compasses).map(|c| (c.compass == 1, &c.effects));
-    let air = aids.air.iter().flat_map(|a| &a.sensors).map(|s| (s.sensor.ends_with('1'), &s.effects));
+    // The simulated rotors have drag, which is no error.
+    let air = aids.air.iter().flat_map(|a| &a.sensors).filter(|s| s.sensor != "Drag");
+    let air = air.map(|s| (s.sensor.ends_with('1'), &s.effects));
     compasses.chain(air).flat_map(|(first, effects)| effects.iter().map(move |e| (first, e))).collect()
 }
 

@@ -1,4 +1,4 @@
-//! Wind: a mean with gusts, smooth in time, calm on the ground and full from a few metres up.
+//! Wind: a mean with gusts, smooth in time, calm on the ground and full from a few metres up, and how it carries a wing.
 
 use super::VehicleConfig;
 use crate::noise::{Noise, Purpose};
@@ -9,6 +9,10 @@ use std::f64::consts::TAU;
 const FULL_AT_M: f64 = 8.0;
 /// Gust frequencies, Hz: incommensurate, slower ones stronger, as in Dryden's spectrum.
 const LINES: [(f64, f64); 5] = [(0.043, 1.0), (0.097, 0.8), (0.23, 0.6), (0.51, 0.4), (1.07, 0.25)];
+
+/// A wing follows a gust with this time constant, s, and before that has it in its airspeed: an autopilot holds the airspeed by throttle and pitch (PX4's `FW_T_TAS_TC` and
+/// ArduPilot's `TECS_TIME_CONST` are 5 s), and without one the drag brings it back in twice that.
+const FOLLOWS_S: f64 = 5.0;
 
 /// The wind.
 #[derive(Debug, Clone)]
@@ -33,13 +37,35 @@ impl Wind {
 
     /// Velocity of the air and its derivative, north-east-down, for a vehicle at this height with this climb rate.
     pub(super) fn at(&self, t_s: f64, height_m: f64, climb_m_per_s: f64) -> (Vector3<f64>, Vector3<f64>) {
+        self.followed(0.0, t_s, (height_m, climb_m_per_s))
+    }
+
+    /// By which velocity and acceleration a wing at this height with this climb rate is carried.
+    pub(super) fn carrying(
+        &self,
+        t_s: f64,
+        height_m: f64,
+        climb_m_per_s: f64,
+    ) -> (Vector3<f64>, Vector3<f64>) {
+        self.followed(FOLLOWS_S, t_s, (height_m, climb_m_per_s))
+    }
+
+    /// Gusts behind a first-order lag, in steady state.
+    fn followed(
+        &self,
+        lag_s: f64,
+        t_s: f64,
+        (height_m, climb_m_per_s): (f64, f64),
+    ) -> (Vector3<f64>, Vector3<f64>) {
         let (mut full, mut rate) = (self.mean, Vector3::zeros());
         for axis in 0..2 {
             for ((f, a), phase) in LINES.iter().zip(&self.phases[axis]) {
                 let omega = TAU * f;
-                let (s, c) = (omega * t_s + phase).sin_cos();
-                full[axis] += self.gust * a * s;
-                rate[axis] += self.gust * a * omega * c;
+                let behind = (omega * lag_s).atan();
+                let size = self.gust * a * behind.cos();
+                let (s, c) = (omega * t_s + phase - behind).sin_cos();
+                full[axis] += size * s;
+                rate[axis] += size * omega * c;
             }
         }
         let (share, slope) = above_ground((height_m - self.ground_m) / FULL_AT_M);

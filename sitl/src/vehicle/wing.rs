@@ -40,7 +40,7 @@ fn air_motion(x: &State, control: &Control) -> (Motion, f64) {
 
 pub(super) fn motion(wind: &Wind, t: f64, x: &State, control: &Control) -> Motion {
     let (mut motion, _) = air_motion(x, control);
-    let (blow, blow_rate) = wind.at(t, x[2], -motion.v_n.z);
+    let (blow, blow_rate) = wind.carrying(t, x[2], -motion.v_n.z);
     motion.v_n += blow;
     motion.a_n += blow_rate;
     motion
@@ -55,7 +55,7 @@ pub(super) fn rates(
     control: &Control,
 ) -> State {
     let (air, course_rate) = air_motion(x, control);
-    let (blow, _) = wind.at(t, x[2], -air.v_n.z);
+    let (blow, _) = wind.carrying(t, x[2], -air.v_n.z);
     let moving = place_rate(&place(x), &(air.v_n + blow));
     let wanted = ((control.speed - x[SPEED]) / SPEED_S).clamp(-config.accel_m_per_s2, config.accel_m_per_s2);
     let mut rates = [0.0; super::STATES];

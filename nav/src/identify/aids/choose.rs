@@ -94,11 +94,6 @@ impl Widths {
         self.known_to.iter().find(|k| k.0 == effect).map_or(0.0, |k| k.1)
     }
 
-    /// Another 1-sigma of a parameter that is always open.
-    pub(in crate::identify) fn reopen(&mut self, parameter: usize, sigma: f64) {
-        (self.narrow[parameter], self.wide[parameter]) = (sigma, sigma);
-    }
-
     /// This effect is not named from here on.
     pub(in crate::identify) fn close(&mut self, effect: usize) {
         self.closed.push(effect);
@@ -106,12 +101,6 @@ impl Widths {
 
     pub(in crate::identify) fn len(&self) -> usize {
         self.effect.len()
-    }
-
-    /// Which effects of the catalogue these are.
-    pub(in crate::identify) fn places(&self, findings: &[Finding]) -> Vec<usize> {
-        let place = |f: &Finding| self.catalogue.iter().position(|e| e.name() == f.setting.effect.name());
-        findings.iter().filter_map(place).collect()
     }
 
     /// Prior sigmas with these effects wide, those of `scaled` by a factor.
@@ -212,27 +201,29 @@ impl About<'_> {
         }
     }
 
-    /// The effects that are named, with their evidence, and those that held-out blocks refute: without such a one the others are asked again, since it may stand for one of them.
-    fn chosen(
-        &self,
-        of: &[usize],
-        held_out_error: &dyn Fn(&[f64]) -> f64,
-    ) -> (Vec<(usize, f64)>, Vec<usize>) {
-        let as_reported = held_out_error(&vec![0.0; self.widths.len()]);
+    /// The effects that are named, with their evidence, and those that are refuted: without such a one the others are asked again, since it may stand for one of them.
+    fn chosen(&self, of: &[usize], confirm: &Confirm<'_>) -> (Vec<(usize, f64)>, Vec<usize>) {
         let mut refuted: Vec<usize> = Vec::new();
         loop {
             let left: Vec<usize> = of.iter().copied().filter(|e| !refuted.contains(e)).collect();
             let chosen = self.asked_for(&left);
             let named: Vec<usize> = chosen.iter().map(|n| n.0).collect();
-            let gains = named.iter().map(|e| (*e, self.held_out_gain(&named, *e)));
-            // Both: the gain knows what the flight leaves open, the residual is what a corrected sensor would show.
-            let holds =
-                |gain: f64| gain > 0.0 && held_out_error(&self.own_values(&self.fit, &named)) < as_reported;
-            match gains.min_by(|a, b| a.1.total_cmp(&b.1)) {
-                Some((weakest, gain)) if !holds(gain) => refuted.push(weakest),
-                _ => return (chosen, refuted),
+            let unfounded = || (confirm.unfounded)(&named).filter(|w| w.1 < THRESHOLD).map(|w| w.0);
+            match self.not_held_out(&named, confirm.held_out_error).or_else(unfounded) {
+                Some(e) => refuted.push(e),
+                None => return (chosen, refuted),
             }
         }
+    }
+
+    /// The effect of these that held-out blocks ask for least, where they do not ask for it.
+    fn not_held_out(&self, named: &[usize], error: &dyn Fn(&[f64]) -> f64) -> Option<usize> {
+        let gains = named.iter().map(|e| (*e, self.held_out_gain(named, *e)));
+        let (weakest, gain) = gains.min_by(|a, b| a.1.total_cmp(&b.1))?;
+        // Both: the gain knows what the flight leaves open, the residual is what a corrected sensor would show.
+        let as_reported = error(&vec![0.0; self.widths.len()]);
+        let holds = gain > 0.0 && error(&self.own_values(&self.fit, named)) < as_reported;
+        (!holds).then_some(weakest)
     }
 
     /// Variance of what is fitted by the tolerances of the effects that are not: each moves the values by the bias that leaving it out brings.
@@ -298,10 +289,18 @@ impl About<'_> {
     }
 }
 
+/// What is asked of effects beside their evidence on the fitted blocks.
+pub(in crate::identify) struct Confirm<'a> {
+    /// RMS residual of the held-out blocks with these values corrected.
+    pub(in crate::identify) held_out_error: &'a dyn Fn(&[f64]) -> f64,
+    /// Of effects named together the one with the worst odds against a noise that does without it, with these odds, nats.
+    pub(in crate::identify) unfounded: &'a dyn Fn(&[usize]) -> Option<(usize, f64)>,
+}
+
 /// What was chosen.
 pub(in crate::identify) struct Chosen {
     pub(in crate::identify) findings: Vec<Finding>,
-    /// Effects that held-out data did not confirm.
+    /// Effects that held-out data or the odds against another noise did not confirm.
     pub(in crate::identify) removed: Vec<&'static str>,
     /// Effects that were tested and are not significant, with the evidence for each.
     pub(in crate::identify) not_found: Vec<(&'static str, f64)>,
@@ -398,14 +397,13 @@ fn correlation(blocks: &[Information], prior: &[(f64, f64)], widths: &Widths) ->
     ratios.get(ratios.len() / 2).copied().unwrap_or(UNKNOWN_CORRELATION).max(1.0)
 }
 
-/// Chooses. `blocks`: score and information of each block at `values`; `prior`: sigma and offset of the model's own parameters; `held_out_error`: RMS
-/// residual of the held-out blocks with these values corrected.
+/// Chooses. `blocks`: score and information of each block at `values`; `prior`: sigma and offset of the model's own parameters.
 pub(in crate::identify) fn choose(
     blocks: &[Information],
     prior: &[(f64, f64)],
     widths: &Widths,
     values: &[f64],
-    held_out_error: &dyn Fn(&[f64]) -> f64,
+    confirm: &Confirm<'_>,
 ) -> Chosen {
     let before = prior.len();
     let part =
@@ -420,7 +418,7 @@ pub(in crate::identify) fn choose(
         correlated: correlation(blocks, prior, widths),
     };
     let every: Vec<usize> = (0..widths.catalogue.len()).filter(|e| !widths.closed.contains(e)).collect();
-    let (chosen, refuted) = about.chosen(&every, held_out_error);
+    let (chosen, refuted) = about.chosen(&every, confirm);
     let (named, evidences): (Vec<usize>, Vec<f64>) = chosen.into_iter().unzip();
     let removed: Vec<&'static str> = refuted.iter().map(|e| widths.catalogue[*e].name()).collect();
     let base = about.evidence(&named, None);
@@ -541,7 +539,8 @@ mod tests {
                 })
                 .sum::<f64>()
             };
-            let chosen = choose(&blocks, &[], &widths, &vec![0.0; widths.len()], &error);
+            let confirm = Confirm { held_out_error: &error, unfounded: &|_| None };
+            let chosen = choose(&blocks, &[], &widths, &vec![0.0; widths.len()], &confirm);
             if chosen.findings.is_empty() {
                 continue;
             }

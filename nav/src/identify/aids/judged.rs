@@ -1,6 +1,6 @@
 //! What is measured as scalars along a settled trajectory, judged: its noise, its effects all together, and which of them the flight shows.
 
-use super::choose::{self, Chosen, Widths, is_held_out};
+use super::choose::{self, Chosen, Confirm, Widths, is_held_out};
 use super::series::{self, Figures, Known, Noise, Prior, Row};
 use super::statistics::rms;
 use crate::identify::evidence::{SCALES, log_mean_exp};
@@ -8,8 +8,6 @@ use crate::identify::pass::Information;
 
 /// Passes: wind multiplies the scale and the coefficients, and the noise is fitted.
 const PASSES: usize = 5;
-/// Before this pass the wind is not known, and its error is in what changes fast.
-const KNOWS_WIND: usize = 2;
 /// Fewer rows than this say nothing.
 pub(in crate::identify) const ENOUGH: usize = 100;
 /// Length of the blocks that are taken for independent of each other, s.
@@ -25,8 +23,6 @@ pub(in crate::identify) trait Judged {
     }
     /// What every instant says about these values.
     fn rows(&self, values: &[f64], with_columns: bool) -> Vec<Row>;
-    /// Chooses among descriptions of anything else, once it is known; `every`: all effects.
-    fn describe(&mut self, _rows: &[Row], _every: &[usize], _values: &[f64], _noise: &Noise) {}
     /// Linearises about what these values say of anything else.
     fn follow(&mut self, values: &[f64], noise: &Noise);
     /// What is left of each measurement with these values, with its time since the start, s.
@@ -49,9 +45,6 @@ pub(in crate::identify) trait Judged {
             }
             let every: Vec<usize> = (0..self.widths().catalogue.len()).collect();
             let own = self.noise(&rows, &every, &values, noise.as_ref()).1;
-            if pass == KNOWS_WIND {
-                self.describe(&rows, &every, &values, &own);
-            }
             let run = series::pass(&rows, &own, BLOCK_S);
             if pass + 1 == PASSES {
                 return Some((values, own, run.blocks));
@@ -75,34 +68,18 @@ pub(in crate::identify) trait Judged {
     /// faster, a port against a trajectory whose height is worse.
     fn chosen(&self, values: &[f64], noise: &Noise, blocks: &[Information]) -> Chosen {
         let rows = self.rows(values, true);
-        let mut widths = self.widths().clone();
-        let mut refuted: Vec<&'static str> = Vec::new();
-        loop {
-            let error = |values: &[f64]| self.held_out_rms(values, noise);
-            let mut chosen = choose::choose(blocks, &[], &widths, values, &error);
-            let named = widths.places(&chosen.findings);
-            let all = self.noise(&rows, &named, values, Some(noise));
+        let unfounded = |named: &[usize]| {
+            let all = self.noise(&rows, named, values, Some(noise));
             let odds = |e: &usize| {
                 let others: Vec<usize> = named.iter().copied().filter(|o| o != e).collect();
-                (
-                    *e,
-                    all.0 + self.of_its_size(&rows, &named, *e, values, &all.1)
-                        - self.noise(&rows, &others, values, None).0,
-                )
+                let with = all.0 + self.of_its_size(&rows, named, *e, values, &all.1);
+                (*e, with - self.noise(&rows, &others, values, None).0)
             };
-            let weakest = named.iter().map(odds).min_by(|a, b| a.1.total_cmp(&b.1));
-            match weakest.filter(|(_, odds)| *odds < choose::THRESHOLD) {
-                Some((e, _)) => {
-                    refuted.push(widths.catalogue[e].name());
-                    widths.close(e);
-                }
-                None => {
-                    chosen.removed.extend(&refuted);
-                    chosen.not_found.retain(|n| !refuted.contains(&n.0));
-                    return chosen;
-                }
-            }
-        }
+            named.iter().map(odds).min_by(|a, b| a.1.total_cmp(&b.1))
+        };
+        let held_out_error = |values: &[f64]| self.held_out_rms(values, noise);
+        let confirm = Confirm { held_out_error: &held_out_error, unfounded: &unfounded };
+        choose::choose(blocks, &[], self.widths(), values, &confirm)
     }
 
     /// By how much an effect is likelier with the width of its prior averaged over a few scales than with its widest.

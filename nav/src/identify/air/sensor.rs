@@ -5,7 +5,7 @@ mod foreseen;
 
 use super::super::aids::choose::{Chosen, Widths};
 use super::super::aids::judged::{BLOCK_S, Judged};
-use super::super::aids::series::{self, BOUNDED, Bounded, Figures, GIVEN, Known, Noise, Prior, Row, States};
+use super::super::aids::series::{self, BOUNDED, Bounded, Figures, GIVEN, Known, Noise, Row, States};
 use super::super::aids::statistics::{about_mean, high, mean, range, rms};
 use super::{Air, AirFound, AirQuantity, Carriage, FLIES, Instant, Wind, by_wind, carriage_at};
 use crate::effects::{AIRSPEED, AirDriver, AirInstant, BAROMETER, Effect, SEA_LEVEL_DENSITY};
@@ -53,14 +53,9 @@ const DRIVES: [f64; 2] = [2.0, 0.1];
 const ABOUT_S: f64 = 60.0;
 /// What is not known of the square root of the density: air 9 K from the standard's, as of a barometer's scale.
 const DENSITY: f64 = 0.016;
-/// An autopilot holds the airspeed in gusts, so that the speed over ground has them: what changes within so long before and after, s, shows less than the whole scale
-/// factor, or none of it (errors in variables: Fuller 1987, section 1.1). Without a share of its own for that, 20 % of scale became an offset of 67 Pa in gusts of .4 m/s.
-const HELD_S: f64 = 10.0;
-/// The share of such changes that an airspeed does not follow, 1-sigma, where that is likelier than that it follows: 1 where it is held.
-const HELD: f64 = 1.0;
-/// That has to be worth these odds, nats (very strong evidence: Kass & Raftery 1995): 7.7 to 22 on flights whose airspeed is held, at most 3.0 on 80 flights in gusts that come on
-/// top and on four of a firmware. With any odds an offset of −23 Pa on one of these had no name.
-const HELD_ODDS: f64 = 5.0;
+/// A wing follows a gust after it has felt it, so that its speed over ground lags a share of its airspeed: on simulated flights in gusts of .3 m/s a sensor without a delay showed .05 to
+/// .13 s of one, 1-sigma.
+const GUSTS_DELAY_S: f64 = 0.1;
 /// No delay is longer, s.
 const LONGEST_DELAY_S: f64 = 5.0;
 
@@ -87,8 +82,6 @@ struct Ideal {
     c_nb: Rotation3<f64>,
     /// Height or equivalent airspeed.
     value: f64,
-    /// The latter less its mean over [`HELD_S`] before and after.
-    change: f64,
     /// Side force as at [`FORCE_SPEED`], m/s².
     side_force: f64,
     x: AirInstant,
@@ -108,8 +101,8 @@ fn widths(kind: AirKind, wind: Option<[f64; 2]>, is_there: impl Fn(&str) -> bool
             (0..2).fold(widths, |w, k| w.along("baro_dynamic_pressure", wind.map_or(WIND_SIGMA, |s| s[k])))
         }
         AirKind::Airspeed => {
-            let widths = widths.always(SLIP_CONSTANT).always(SLIP_BY_FORCE).always(0.0);
-            widths.known_to("airspeed_scale", DENSITY)
+            let widths = widths.always(SLIP_CONSTANT).always(SLIP_BY_FORCE);
+            widths.known_to("airspeed_scale", DENSITY).known_to("airspeed_delay", GUSTS_DELAY_S)
         }
     }
 }
@@ -133,22 +126,6 @@ impl Judged for AirSensor<'_> {
         let ideal = self.ideal(values, &self.wind);
         let all = self.instants.iter().zip(&ideal).zip(&self.wind);
         all.flat_map(|((i, s), wind)| self.rows_of((i, s, wind), values, with_columns)).collect()
-    }
-
-    /// An airspeed follows what changes fast where the contrary is not worth the odds.
-    fn describe(&mut self, rows: &[Row], every: &[usize], values: &[f64], noise: &Noise) {
-        if self.kind == AirKind::Barometer {
-            return;
-        }
-        let held = self.effects() + 2;
-        let likely = [0.0, HELD].map(|sigma| {
-            self.widths.reopen(held, sigma);
-            let sigma = self.widths.with(every, None);
-            series::marginal(rows, noise, Prior { sigma: &sigma, values })
-        });
-        if likely[1] < likely[0] + HELD_ODDS {
-            self.widths.reopen(held, 0.0);
-        }
     }
 
     /// Linearises an airspeed about the wind that it shows with these values.
@@ -225,8 +202,6 @@ impl<'a> AirSensor<'a> {
         for (s, w) in all.iter_mut().skip(1).zip(speeds.windows(3)) {
             s.x.airspeed[1] = (w[2].1 - w[0].1) / (w[2].0 - w[0].0).max(1e-3);
         }
-        let changes = about_mean(&speeds, HELD_S);
-        all.iter_mut().zip(changes).for_each(|(s, change)| s.change = change);
         all
     }
 
@@ -255,7 +230,7 @@ impl<'a> AirSensor<'a> {
         let value = if self.kind == AirKind::Barometer { c.height_m } else { airspeed };
         let as_at = (FORCE_SPEED / velocity.norm().max(FLIES)).powi(2);
         let side_force = c.force.map_or(0.0, |f| f.y) * as_at;
-        Ideal { c_nb: c.c_nb, value, change: 0.0, side_force, x }
+        Ideal { c_nb: c.c_nb, value, side_force, x }
     }
 
     /// What the effects beside the delay add at an instant with these values.
@@ -310,18 +285,17 @@ impl<'a> AirSensor<'a> {
         }
         let against = s.x.velocity.norm();
         let scale = values[0];
-        let [slip, by_force, held] = [0, 1, 2].map(|k| values[self.effects() + k]);
+        let [slip, by_force] = [0, 1].map(|k| values[self.effects() + k]);
         let slip = slip + by_force * s.side_force;
         let by_speed = (1.0 + scale) * (s.x.density / SEA_LEVEL_DENSITY).sqrt();
         let unit = s.c_nb * s.x.velocity / against;
         let by_state = States::from([-unit.x * by_speed, -unit.y * by_speed, by_speed, 0.0, 0.0]);
         let with_columns = !columns.is_empty();
         let none = if with_columns { vec![0.0; self.effects()] } else { Vec::new() };
-        columns.extend(with_columns.then_some([0.0, 0.0, s.change]).into_iter().flatten());
+        columns.extend(with_columns.then_some([0.0; 2]).into_iter().flatten());
         let speed = Row {
             elapsed_s: i.elapsed_s,
-            residual: i.measured - s.value - self.added(values, &s.x) - held * s.change
-                + by_state.xy().dot(wind),
+            residual: i.measured - s.value - self.added(values, &s.x) + by_state.xy().dot(wind),
             noise: 1.0,
             least: 0.0,
             by_state,
@@ -339,7 +313,7 @@ impl<'a> AirSensor<'a> {
             by_state,
             columns: none
                 .into_iter()
-                .chain(with_columns.then_some([-against, -against * s.side_force, 0.0]).into_iter().flatten())
+                .chain(with_columns.then_some([-against, -against * s.side_force]).into_iter().flatten())
                 .collect(),
             ..speed.clone()
         };

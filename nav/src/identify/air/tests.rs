@@ -20,10 +20,10 @@ const WIND: [f64; 2] = [3.0, -2.0];
 #[derive(Clone, Copy)]
 struct Pitot(f64, f64);
 
-/// Circles both ways and straight legs at four airspeeds that the autopilot holds in gusts of .4 m/s: the speed over ground has them. With `lands` the wind
-/// goes down to none on the last 20 m, and the vehicle rolls until it stands.
-fn held_in_gusts(pitot: Pitot, lands: bool, mut seed: u64) -> (Vec<Carriage>, Vec<AirSample>) {
-    let (mut yaw, mut speed, mut gust) = (0.0f64, 15.0f64, Vector2::zeros());
+/// Circles both ways and straight legs at four airspeeds in gusts of .4 m/s: the airspeed has them at once, and the autopilot, which holds it with a time constant of 5 s (`TECS_TIME_CONST`,
+/// `FW_T_TAS_TC`), turns them into speed over ground. With `lands` the wind goes down to none on the last 20 m, and the vehicle rolls until it stands.
+fn in_gusts(pitot: Pitot, lands: bool, mut seed: u64) -> (Vec<Carriage>, Vec<AirSample>) {
+    let (mut yaw, mut speed, mut gust, mut carried) = (0.0f64, 15.0f64, Vector2::zeros(), Vector2::zeros());
     let (mut carriage, mut samples) = (Vec::new(), Vec::new());
     for k in 0..(DURATION_S / STEP_S) as usize {
         let t_s = k as f64 * STEP_S;
@@ -38,7 +38,8 @@ fn held_in_gusts(pitot: Pitot, lands: bool, mut seed: u64) -> (Vec<Carriage>, Ve
         gust = gust * kept
             + 0.4 * (1.0 - kept * kept).sqrt() * Vector2::new(normal(&mut seed), normal(&mut seed));
         let ahead = Vector2::new(yaw.cos(), yaw.sin());
-        let along = if rolls { 0.0 } else { gust.dot(&ahead) };
+        carried += (gust - carried) * (STEP_S / 5.0);
+        let [along, felt] = [carried, gust - carried].map(|g| if rolls { 0.0 } else { g.dot(&ahead) });
         let v = ahead * (speed + along) + Vector2::from(WIND) * ((height_m - 440.0) / 20.0).min(1.0);
         carriage.push(Carriage {
             elapsed_s: t_s,
@@ -48,7 +49,7 @@ fn held_in_gusts(pitot: Pitot, lands: bool, mut seed: u64) -> (Vec<Carriage>, Ve
             throttle: 0.4,
             force: None,
         });
-        let equivalent = (1.0 + pitot.0) * speed * (density(height_m) / SEA_LEVEL_DENSITY).sqrt();
+        let equivalent = (1.0 + pitot.0) * (speed - felt) * (density(height_m) / SEA_LEVEL_DENSITY).sqrt();
         let shown = (equivalent.powi(2) + 2.0 * pitot.1 / SEA_LEVEL_DENSITY).max(0.0).sqrt();
         let value = shown + 0.3 * normal(&mut seed);
         samples.push(AirSample { t_s, kind: AirKind::Airspeed, sensor: 0, value, temperature_degc: None });
@@ -58,14 +59,14 @@ fn held_in_gusts(pitot: Pitot, lands: bool, mut seed: u64) -> (Vec<Carriage>, Ve
 
 /// Names, values and sigmas of what is found.
 fn found(pitot: Pitot, lands: bool, seed: u64) -> Vec<(&'static str, f64, f64)> {
-    let (carriage, samples) = held_in_gusts(pitot, lands, seed);
+    let (carriage, samples) = in_gusts(pitot, lands, seed);
     let air = Air { samples: &samples, start_s: 0.0, is_wing: true, carriage };
     let all = air.all().remove(0);
     assert!(all.effects.iter().all(|e| e.others.is_empty()), "{:?}", all.effects);
     all.effects.iter().map(|e| (e.setting.effect.name(), e.setting.values[0], e.setting.sigmas[0])).collect()
 }
 
-/// Gusts in the speed over ground, which an airspeed that is held does not follow, are neither an offset nor do they hide one, with a landing in a weaker wind or without.
+/// Gusts that an autopilot turns into speed over ground are neither an offset nor do they hide one, with a landing in a weaker wind or without.
 #[test]
 fn an_airspeed_that_is_held_in_gusts_gets_the_right_name() {
     let (scale, offset) = (Pitot(0.2, 0.0), Pitot(0.0, -35.0));

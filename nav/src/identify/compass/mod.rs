@@ -8,7 +8,7 @@ mod heading;
 mod orientation;
 
 pub use super::aids::Finding as CompassFinding;
-use super::aids::choose::{self, Chosen, Widths};
+use super::aids::choose::{self, Chosen, Confirm, Widths};
 use super::aids::{Settled, at_time};
 use super::flight::Flight;
 use super::linear::field::FieldAtFix;
@@ -139,7 +139,8 @@ impl<'a> Compasses<'a> {
         let (values, blocks, sigma) = self.fitted(&turned, &widths)?;
         let all: Vec<Instant> = turned.iter().flatten().copied().collect();
         let error = |values: &[f64]| rms(&mut corrected(&all, values).iter().filter(|i| i.is_held_out()));
-        let chosen = choose::choose(&blocks, &self.settled.prior, &widths, &values, &error);
+        let confirm = Confirm { held_out_error: &error, unfounded: &|_| None };
+        let chosen = choose::choose(&blocks, &self.settled.prior, &widths, &values, &confirm);
         Some(self.found(compass, given, (&instants, &turned), orientation, (sigma, yaw_sigma), &chosen))
     }
 
