@@ -7,7 +7,7 @@ mod advice;
 mod tests;
 
 use crate::advice::on_board::OnBoard;
-use crate::compass::{SensorEffect, Status, advice::SensorProposal};
+use crate::compass::{BEYOND_CHANCE, SensorEffect, Status, advice::SensorProposal};
 use crate::explain::contract::BeforeAfter;
 use crate::logs::VehicleClass;
 use gaware_nav::effects::DRAG_QUADRATIC;
@@ -27,8 +27,6 @@ const WRONG_M_PER_S: f64 = 1.5;
 /// What is left of a specific force where drag is known is less, m/s²: .06 to .31 RMS on 13 flights of six real multirotors; .55 and .8 on two others, one of which ended in a
 /// failure of its estimator.
 const WRONG_DRAG: f64 = 0.5;
-/// An error that is of interest has to be so many sigmas to be seen, and a coefficient of the body to be given.
-const BEYOND_CHANCE: f64 = 2.0;
 
 /// The wind by an airspeed sensor or by drag, m/s.
 #[derive(Debug, Clone, PartialEq, Serialize, JsonSchema)]
@@ -258,17 +256,24 @@ fn text(found: &AirFound, status: Status) -> String {
         parts.push(if names.len() > 1 {
             format!("this flight does not separate {}", names.join(" from "))
         } else {
-            words(effect.setting.effect.name(), &effect.setting.values)
+            words(&effect.setting)
         });
     }
     format!("{} {}.", name(found), parts.join("; "))
 }
 
-fn words(effect: &str, v: &[f64]) -> String {
-    match effect {
+/// The parameter that is the most sigmas from zero: where the flow never came from the right, a large value for it says nothing.
+fn clearest(setting: &EffectSetting) -> usize {
+    let sigmas = |k: &usize| (setting.values[*k] / setting.sigmas[*k].max(f64::MIN_POSITIVE)).abs();
+    (0..setting.values.len()).max_by(|a, b| sigmas(a).total_cmp(&sigmas(b))).unwrap_or_default()
+}
+
+fn words(setting: &EffectSetting) -> String {
+    let v = &setting.values;
+    match setting.effect.name() {
         "baro_dynamic_pressure" => {
             let names = ["forward", "backward", "right", "left", "vertical"];
-            let most = (0..v.len()).max_by(|a, b| v[*a].abs().total_cmp(&v[*b].abs())).unwrap_or_default();
+            let most = clearest(setting);
             format!(
                 "its port feels {:.0} % of the dynamic pressure ({} flow)",
                 100.0 * v[most],
@@ -290,12 +295,12 @@ fn words(effect: &str, v: &[f64]) -> String {
     }
 }
 
-/// The largest parameter of an effect, with its sigma.
+/// The clearest parameter of an effect, with its sigma.
 fn strongest(setting: &EffectSetting) -> String {
-    let all = setting.parameters().zip(setting.values.iter().zip(&setting.sigmas));
-    let most = all.max_by(|a, b| a.1.0.abs().total_cmp(&b.1.0.abs()));
-    most.map_or_else(String::new, |((_, unit), (value, sigma))| {
-        format!("{} {:.1} ± {:.1} {}", setting.effect.name(), value / unit.si, sigma / unit.si, unit.symbol)
+    let k = clearest(setting);
+    setting.parameters().nth(k).map_or_else(String::new, |(_, unit)| {
+        let [value, sigma] = [setting.values[k], setting.sigmas[k]].map(|v| v / unit.si);
+        format!("{} {value:.1} ± {sigma:.1} {}", setting.effect.name(), unit.symbol)
     })
 }
 

@@ -234,6 +234,16 @@ fn an_error_within_tolerances_is_told() {
     assert_eq!([&wrong, &by_chance].map(|f| super::entry(f, &board).largest_error), [2.7, 0.0]);
 }
 
+/// On a firmware's flight the port's forward coefficient was −27 ± 3 %, and that for a flow from the right, which never came, −38 ± 128 %: the words are of the first.
+#[test]
+fn the_words_are_of_what_the_flight_shows() {
+    let mut setting = EffectSetting::unknown(&effects::BARO_DYNAMIC_PRESSURE);
+    setting.values = vec![-0.27, 0.0, -0.38, -0.11, -0.09];
+    setting.sigmas = vec![0.03, 0.3, 1.28, 0.42, 0.24];
+    assert_eq!(super::words(&setting), "its port feels -27 % of the dynamic pressure (forward flow)");
+    assert_eq!(super::strongest(&setting), "baro_dynamic_pressure -27.0 ± 3.0 %");
+}
+
 /// The same errors behind the new parameters: what each firmware's formula makes of the proposal.
 #[test]
 fn the_proposals_undo_the_errors_by_the_formulas_of_both_firmwares() {

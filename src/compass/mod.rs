@@ -30,6 +30,8 @@ const WRONG_LENGTH: f64 = 0.35;
 /// Compasses whose errors differ by less than this share of them are off alike. The share is a choice: the one log known with such compasses, whose
 /// stamps are those of several vehicles, has three of 19.4 to 19.5°.
 const ALIKE: f64 = 0.25;
+/// An error that is of interest has to be so many sigmas to be seen, and a coefficient to be given.
+pub(crate) const BEYOND_CHANCE: f64 = 2.0;
 /// T per mG.
 const MGAUSS: f64 = 1e-7;
 
@@ -310,9 +312,13 @@ fn text(found: &CompassFound, status: Status) -> String {
         parts.push(format!("measures a field of {length:.0} mG where the Earth has {expected:.0}"));
     }
     for effect in &found.effects {
-        let size =
-            |unit: f64| nalgebra::Vector3::from_column_slice(&effect.setting.values[..3]).norm() / unit;
-        match effect.setting.effect.name() {
+        let setting = &effect.setting;
+        // Along an axis that the flight does not show the value says nothing.
+        let shown = |k: usize| {
+            if setting.values[k].abs() > BEYOND_CHANCE * setting.sigmas[k] { setting.values[k] } else { 0.0 }
+        };
+        let size = |unit: f64| nalgebra::Vector3::from_fn(|k, _| shown(k)).norm() / unit;
+        match setting.effect.name() {
             "mag_current" => {
                 let most = found.current_a.map_or(0.0, |c| c[2]);
                 let k = size(MGAUSS);

@@ -208,8 +208,7 @@ impl About<'_> {
             let left: Vec<usize> = of.iter().copied().filter(|e| !refuted.contains(e)).collect();
             let chosen = self.asked_for(&left);
             let named: Vec<usize> = chosen.iter().map(|n| n.0).collect();
-            let unfounded = || (confirm.unfounded)(&named).filter(|w| w.1 < THRESHOLD).map(|w| w.0);
-            match self.not_held_out(&named, confirm.held_out_error).or_else(unfounded) {
+            match self.not_held_out(&named, confirm.held_out_error).or_else(|| (confirm.unfounded)(&named)) {
                 Some(e) => refuted.push(e),
                 None => return (chosen, refuted),
             }
@@ -293,8 +292,8 @@ impl About<'_> {
 pub(in crate::identify) struct Confirm<'a> {
     /// RMS residual of the held-out blocks with these values corrected.
     pub(in crate::identify) held_out_error: &'a dyn Fn(&[f64]) -> f64,
-    /// Of effects named together the one with the worst odds against a noise that does without it, with these odds, nats.
-    pub(in crate::identify) unfounded: &'a dyn Fn(&[usize]) -> Option<(usize, f64)>,
+    /// Of effects named together the one that a noise which does without it explains best, where that is no worse by [`THRESHOLD`].
+    pub(in crate::identify) unfounded: &'a dyn Fn(&[usize]) -> Option<usize>,
 }
 
 /// What was chosen.

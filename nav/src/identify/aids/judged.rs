@@ -75,7 +75,8 @@ pub(in crate::identify) trait Judged {
                 let with = all.0 + self.of_its_size(&rows, named, *e, values, &all.1);
                 (*e, with - self.noise(&rows, &others, values, None).0)
             };
-            named.iter().map(odds).min_by(|a, b| a.1.total_cmp(&b.1))
+            let worst = named.iter().map(odds).min_by(|a, b| a.1.total_cmp(&b.1));
+            worst.filter(|w| w.1 < choose::THRESHOLD).map(|w| w.0)
         };
         let held_out_error = |values: &[f64]| self.held_out_rms(values, noise);
         let confirm = Confirm { held_out_error: &held_out_error, unfounded: &unfounded };
