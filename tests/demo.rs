@@ -24,7 +24,7 @@ fn flown(prepared: &Prepared, seed: u64) -> result::DemoResult {
 }
 
 #[test]
-fn estimates_of_three_vehicles_agree_with_their_drawn_truth() {
+fn estimates_of_five_vehicles_of_two_kinds_agree_with_their_drawn_truth() {
     let mut errors = Vec::new();
     for (airframe, ending) in [("small_fixed_wing", Ending::Landed), ("quadrotor", Ending::Landed)] {
         let prepared = prepared(airframe);
