@@ -16,7 +16,6 @@ use crate::identify::noise::Noise;
 use crate::identify::pass::Options;
 use crate::identify::watched::Watched;
 use crate::linear::fix;
-use crate::model::EffectSetting;
 use nalgebra::{DVector, Matrix6, SMatrix, Vector3};
 
 /// Angular rate, specific force, and how fast the rate changes.
@@ -65,59 +64,70 @@ pub(super) fn driven(
     Driven { samples: by_samples(watched, x), fix }
 }
 
-/// Squared derivative of each row by the rate (0) or by how fast the specific force changes (1). The acceleration itself is not
-/// asked: the unknown offset of all stamps does what its noise does.
+/// Squared derivative of each row by the rate (0) or by how fast the specific force changes (1), row after row. The acceleration itself is
+/// not asked: the unknown offset of all stamps does what its noise does.
 fn by_fix(watched: &Watched, x: &FixInstant, rows: &[Row], input: usize) -> Vec<f64> {
-    let columns = |axis: usize, by: f64| {
+    let moved = |axis: usize, by: f64| {
         let mut moved = *x;
         if input == 0 {
             moved.rate_eb[axis] += by
         } else {
             moved.force_rate[axis] += by
         }
-        let own = |s: &EffectSetting| {
-            let columns = fix::columns(s, &s.values, &moved);
-            s.states().map(|k| columns.map(|c| c[k])).collect::<Vec<_>>()
-        };
-        watched.effects.iter().flat_map(own).collect::<Vec<_>>()
+        moved
     };
-    // Steps of ± 1/2: the columns are quadratic at most.
-    let moved: [_; 3] = std::array::from_fn(|axis| [columns(axis, 0.5), columns(axis, -0.5)]);
-    let square = |row: &Row, k: usize| {
-        // Places and rates of a unit that rests have no derivative by what drives a fix.
-        let group = match row.kind {
-            Kind::Horizontal | Kind::Height => 0,
-            Kind::Velocity => 1,
-            Kind::Place | Kind::Rate | Kind::Field => return 0.0,
-        };
-        let by = |[up, down]: &[Vec<[Vector3<f64>; 2]>; 2]| up[k][group][row.axis] - down[k][group][row.axis];
-        moved.iter().map(|m| by(m).powi(2)).sum::<f64>()
-    };
-    let each = moved[0][0].len();
-    rows.iter().flat_map(|row| (0..each).map(|k| square(row, k)).collect::<Vec<_>>()).collect()
+    let each: usize = watched.effects.iter().map(|s| s.states().count()).sum();
+    let mut squares = vec![0.0; rows.len() * each];
+    for axis in 0..3 {
+        // Steps of ± 1/2: the columns are quadratic at most.
+        let (more, less) = (moved(axis, 0.5), moved(axis, -0.5));
+        let mut first = 0;
+        for s in &watched.effects {
+            let states = s.states();
+            if s.effect.on_fixes().is_some() {
+                let (up, down) = (fix::columns(s, &s.values, &more), fix::columns(s, &s.values, &less));
+                for (row, squares) in rows.iter().zip(squares.chunks_exact_mut(each.max(1))) {
+                    let Some(group) = group(row) else { continue };
+                    for (p, square) in s.states().zip(&mut squares[first..]) {
+                        *square += (up[group][p][row.axis] - down[group][p][row.axis]).powi(2);
+                    }
+                }
+            }
+            first += states.count();
+        }
+    }
+    squares
+}
+
+/// Position or velocity; places and rates of a unit that rests have no derivative by what drives a fix.
+fn group(row: &Row) -> Option<usize> {
+    match row.kind {
+        Kind::Horizontal | Kind::Height => Some(0),
+        Kind::Velocity => Some(1),
+        Kind::Place | Kind::Rate | Kind::Field => None,
+    }
 }
 
 fn by_samples(watched: &Watched, x: &Instant) -> Vec<SMatrix<f64, 6, INPUTS>> {
-    let columns = |input: usize, by: f64| {
-        let mut moved = *x;
-        let (axis, by) = (input % 3, by * STEPS[input / 3]);
-        match input / 3 {
-            0 => moved.rate[axis] += by,
-            1 => moved.force[axis] += by,
-            _ => moved.around.rate_derivatives[0][axis] += by,
-        }
-        let mut columns: Vec<[Vector3<f64>; 2]> = Vec::new();
-        watched.columns(&moved, &mut columns);
-        columns
-    };
     let mut out = Vec::new();
+    let [mut up, mut down] = [const { Vec::<[Vector3<f64>; 2]>::new() }; 2];
     for input in 0..INPUTS {
-        let (up, down) = (columns(input, 1.0), columns(input, -1.0));
+        let (axis, step) = (input % 3, STEPS[input / 3]);
+        for (by, columns) in [(step, &mut up), (-step, &mut down)] {
+            let mut moved = *x;
+            match input / 3 {
+                0 => moved.rate[axis] += by,
+                1 => moved.force[axis] += by,
+                _ => moved.around.rate_derivatives[0][axis] += by,
+            }
+            columns.clear();
+            watched.columns(&moved, columns);
+        }
         out.resize(up.len(), SMatrix::zeros());
         for ((by, up), down) in out.iter_mut().zip(&up).zip(&down) {
             for channel in 0..6 {
-                by[(channel, input)] = (up[channel / 3][channel % 3] - down[channel / 3][channel % 3])
-                    / (2.0 * STEPS[input / 3]);
+                by[(channel, input)] =
+                    (up[channel / 3][channel % 3] - down[channel / 3][channel % 3]) / (2.0 * step);
             }
         }
     }
@@ -166,7 +176,7 @@ impl Imitation {
         self.innovations[1] += accel * own(3);
         let variance = |input: usize| [gyro, accel, gyro * RATE_CHANGE_DENSITY][input / 3];
         for (k, by) in epoch.driven.samples.iter().enumerate() {
-            for (input, column) in by.column_iter().enumerate() {
+            for (input, column) in by.column_iter().enumerate().filter(|(_, c)| c.iter().any(|v| *v != 0.0)) {
                 self.columns[(input / 3) % 2][k] += variance(input) * column.dot(&(weight * column));
             }
         }
