@@ -83,29 +83,23 @@ fn by_fix(watched: &Watched, x: &FixInstant, rows: &[Row], input: usize) -> Vec<
         let (more, less) = (moved(axis, 0.5), moved(axis, -0.5));
         let mut first = 0;
         for s in &watched.effects {
-            let states = s.states();
             if s.effect.on_fixes().is_some() {
                 let (up, down) = (fix::columns(s, &s.values, &more), fix::columns(s, &s.values, &less));
                 for (row, squares) in rows.iter().zip(squares.chunks_exact_mut(each.max(1))) {
-                    let Some(group) = group(row) else { continue };
+                    // Places and rates of a unit that rests have no derivative by what drives a fix.
+                    if !row.is_position() && row.kind != Kind::Velocity {
+                        continue;
+                    }
+                    let (up, down) = (&up[row.group()], &down[row.group()]);
                     for (p, square) in s.states().zip(&mut squares[first..]) {
-                        *square += (up[group][p][row.axis] - down[group][p][row.axis]).powi(2);
+                        *square += (up[p][row.axis] - down[p][row.axis]).powi(2);
                     }
                 }
             }
-            first += states.count();
+            first += s.states().count();
         }
     }
     squares
-}
-
-/// Position or velocity; places and rates of a unit that rests have no derivative by what drives a fix.
-fn group(row: &Row) -> Option<usize> {
-    match row.kind {
-        Kind::Horizontal | Kind::Height => Some(0),
-        Kind::Velocity => Some(1),
-        Kind::Place | Kind::Rate | Kind::Field => None,
-    }
 }
 
 fn by_samples(watched: &Watched, x: &Instant) -> Vec<SMatrix<f64, 6, INPUTS>> {
