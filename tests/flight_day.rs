@@ -287,10 +287,10 @@ fn look_back(day: &Day, recording: &str, summary: &Value) {
     let latency = &latency.unwrap_or_else(|| panic!("{}", explained["summary"]))["parameters"]["gps_latency"];
     let of = |name: &str| latency[name].as_f64().unwrap();
     assert!((of("value_s") - 0.25).abs() < 3.0 * of("sigma_s"), "{latency}");
-    // The way that ends in a return is short: it may not separate the g-sensitivity that is there from a drift, and its group begins with what fits best.
-    let names = |e: &Value| match day.story {
-        Story::Return => e["names"][0] == "gyro_bias_drift",
-        _ => e["names"].as_array().is_some_and(|n| n.contains(&"gyro_bias_drift".into())),
+    // The way that ends in a return is short: where it does not separate the g-sensitivity that is there from a drift, it says both.
+    let names = |e: &Value| {
+        let has = |name: &str| e["names"].as_array().is_some_and(|n| n.contains(&name.into()));
+        has("gyro_bias_drift") && !(day.story == Story::Return && has("gyro_g_sensitivity"))
     };
     assert_eq!(effects.iter().any(names), day.story == Story::GyrosDrift, "{}", explained["summary"]);
 }

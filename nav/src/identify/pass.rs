@@ -93,6 +93,13 @@ impl Information {
         self.imitated += &other.imitated;
     }
 
+    /// Column `i` of the upper triangle, which is filled alone; `finish` mirrors it. As a slice: the iterator over a column counts strides.
+    #[inline(always)]
+    fn upper(&mut self, i: usize) -> &mut [f64] {
+        let first = i * self.score.len();
+        &mut self.matrix.as_mut_slice()[first..=first + i]
+    }
+
     /// Adds a whitened innovation with its derivative by every parameter.
     #[inline(always)]
     pub(super) fn take(&mut self, s: &[f64], residual: f64, weight: f64) {
@@ -101,8 +108,9 @@ impl Information {
             let w = weight * s[i];
             if w != 0.0 {
                 self.score[i] += w * residual;
-                // The upper triangle, column by column, is filled; `finish` mirrors it.
-                self.matrix.column_mut(i).iter_mut().zip(s).take(i + 1).for_each(|(m, x)| *m += w * x);
+                for (m, x) in self.upper(i).iter_mut().zip(s) {
+                    *m += w * x;
+                }
             }
         }
     }
@@ -119,8 +127,7 @@ impl Information {
                 let (v, w, x) = (v * a[i], w * b[i], x * c[i]);
                 if v != 0.0 || w != 0.0 || x != 0.0 {
                     self.score[i] += v * p + w * q + x * r;
-                    let column = self.matrix.column_mut(i);
-                    for (((m, a), b), c) in column.into_iter().zip(a).zip(b).zip(c).take(i + 1) {
+                    for (((m, a), b), c) in self.upper(i).iter_mut().zip(a).zip(b).zip(c) {
                         *m += v * a + w * b + x * c;
                     }
                 }
@@ -134,7 +141,7 @@ impl Information {
         }
     }
 
-    /// Fills what [`Self::take`] left out by symmetry.
+    /// Fills what [`Self::upper`] leaves out by symmetry.
     pub(super) fn finish(&mut self) {
         self.matrix.fill_lower_triangle_with_upper_triangle();
     }

@@ -37,10 +37,14 @@ impl Watched {
     /// `columns`.
     pub(crate) fn imu_columns(&self, x: &Instant, columns: &mut Vec<[Vector3<f64>; 2]>) {
         for setting in &self.effects {
+            let Some(effect) = setting.effect.on_samples() else {
+                columns.extend(setting.states().map(|_| [Vector3::zeros(); 2]));
+                continue;
+            };
             let n = setting.effect.len();
             let (mut gyro, mut accel) =
                 ([Vector3::zeros(); MAX_PARAMETERS], [Vector3::zeros(); MAX_PARAMETERS]);
-            setting.effect.imu_jacobian(&setting.values, x, &mut gyro[..n], &mut accel[..n]);
+            effect.imu_jacobian(&setting.values, x, &mut gyro[..n], &mut accel[..n]);
             columns.extend(setting.states().map(|k| [-gyro[k], -accel[k]]));
         }
     }

@@ -33,13 +33,16 @@ pub(crate) struct Isotropic {
 }
 
 impl Isotropic {
-    /// Its entries: row, column, value.
-    pub(crate) fn entries(&self) -> impl Iterator<Item = (usize, usize, f64)> {
-        let own = *self;
-        (0..3).flat_map(move |k| {
+    /// Adds so many times this.
+    #[inline(always)]
+    fn add_to(&self, q: &mut NavCovariance, times: f64) {
+        for k in 0..3 {
             let (p, v) = (index::POSITION + k, index::VELOCITY + k);
-            [(p, p, own.position), (p, v, own.both), (v, p, own.both), (v, v, own.velocity)]
-        })
+            q[(p, p)] += self.position * times;
+            q[(p, v)] += self.both * times;
+            q[(v, p)] += self.both * times;
+            q[(v, v)] += self.velocity * times;
+        }
     }
 }
 
@@ -101,9 +104,10 @@ impl Interval {
     }
 
     /// Process noise of the navigation states where gyros and accelerometers have these variances per hertz.
+    #[inline(always)]
     pub(crate) fn noise(&self, gyro: f64, accel: f64) -> NavCovariance {
         let mut q = self.by_gyro * gyro;
-        self.by_accel.entries().for_each(|(i, j, v)| q[(i, j)] += v * accel);
+        self.by_accel.add_to(&mut q, accel);
         if let Some(gaps) = &self.gaps {
             q += **gaps;
         }
@@ -423,7 +427,9 @@ impl Sum {
         };
         let mut transition = [Nav::zeros(); DYNAMIC];
         transition[..9].copy_from_slice(&self.composed.transition());
-        transition[9..].copy_from_slice(&self.biases.map(|c| c.end(&self.composed)));
+        for (column, bias) in transition[9..].iter_mut().zip(&self.biases) {
+            *column = bias.end(&self.composed);
+        }
         let mut driven: Vec<Nav> = self.driven.iter().map(|c| c.end(&self.composed)).collect();
         transition.iter_mut().chain(&mut driven).for_each(finish);
         let interval = Interval {
@@ -479,7 +485,7 @@ mod tests {
             prop_assert!((NavCovariance::from_columns(&composed.transition()) - transition).amax() < 1e-9);
             prop_assert!((composed.by_gyro(&turn) - turned(&gyro)).amax() < 1e-9 * (1.0 + gyro.amax()));
             let mut by_accel = NavCovariance::zeros();
-            composed.by_accel().entries().for_each(|(i, j, v)| by_accel[(i, j)] = v);
+            composed.by_accel().add_to(&mut by_accel, 1.0);
             prop_assert!((by_accel - turned(&accel)).amax() < 1e-9 * (1.0 + accel.amax()));
         }
     }

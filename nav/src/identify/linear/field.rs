@@ -8,6 +8,7 @@ use super::rows::{Kind, Measured, Row};
 use crate::identify::noise::Noise;
 use crate::identify::pass::{Information, Options};
 use nalgebra::{Matrix3, Vector3};
+use pulp::{Simd, WithSimd};
 
 /// What a compass measured at a fix.
 #[derive(Debug, Clone)]
@@ -60,37 +61,44 @@ impl Problem {
         (own, sigma): (usize, f64),
         block_s: f64,
     ) -> FieldRun {
-        vectorised(
-            #[inline(always)]
-            || self.gone_through_with_field((noise, options), fields, (own, sigma), block_s),
-        )
+        vectorised(WithField { problem: self, noise, options, fields, own, sigma, block_s })
     }
+}
+
+/// A run with a compass.
+struct WithField<'a> {
+    problem: &'a Problem,
+    noise: &'a Noise,
+    options: &'a Options,
+    fields: &'a [Option<FieldAtFix>],
+    own: usize,
+    sigma: f64,
+    block_s: f64,
+}
+
+impl WithSimd for WithField<'_> {
+    type Output = FieldRun;
 
     #[inline(always)]
-    fn gone_through_with_field(
-        &self,
-        (noise, options): (&Noise, &Options),
-        fields: &[Option<FieldAtFix>],
-        (own, sigma): (usize, f64),
-        block_s: f64,
-    ) -> FieldRun {
-        let columns = self.columns + own;
-        let mut kalman = Kalman::new(self, self.walk, noise);
+    fn with_simd<S: Simd>(self, simd: S) -> FieldRun {
+        let Self { problem, noise, options, fields, own, sigma, block_s } = self;
+        let columns = problem.columns + own;
+        let mut kalman = Kalman::new(problem, problem.walk, noise);
         let mut sensitivity = Sensitivity::new(columns);
         let (mut run, mut updates) = (Run::empty(columns), Vec::new());
         let (mut blocks, mut begun_s, mut nis) = (Vec::new(), 0.0, (0.0, 0));
-        for (epoch, field) in self.epochs().zip(fields) {
-            kalman.predict(&epoch.interval);
-            sensitivity.predict(&epoch.interval, (-epoch.interval.dt / noise.correlation_s).exp());
+        for (epoch, field) in problem.epochs().zip(fields) {
+            kalman.predict(simd, &epoch.interval);
+            sensitivity.predict(simd, &epoch.interval, (-epoch.interval.dt / noise.correlation_s).exp());
             kalman.renew(epoch.interval.dt);
-            let part = self.part(epoch, options).map(|_| 0);
-            kalman.correct(&epoch.measured.rows, &mut updates);
-            sensitivity.correct(&epoch.measured, &updates);
+            let part = problem.part(epoch, options).map(|_| 0);
+            kalman.correct(simd, &epoch.measured.rows, &mut updates);
+            sensitivity.correct(simd, &epoch.measured, &updates);
             run.count(part, &epoch.measured.rows, &updates, &sensitivity.rows);
             if let Some(field) = field {
-                let measured = field.measured(self.columns, sigma);
-                kalman.correct(&measured.rows, &mut updates);
-                sensitivity.correct(&measured, &updates);
+                let measured = field.measured(problem.columns, sigma);
+                kalman.correct(simd, &measured.rows, &mut updates);
+                sensitivity.correct(simd, &measured, &updates);
                 run.count(part, &measured.rows, &updates, &sensitivity.rows);
                 if part.is_some() {
                     nis.0 += updates.iter().map(|u| (u.y * u.y / u.s).min(16.0)).sum::<f64>();

@@ -122,7 +122,7 @@ impl Sensitivity {
     }
 
     #[inline(always)]
-    pub(super) fn predict(&mut self, interval: &Interval, decay: f64) {
+    pub(super) fn predict<S: Simd>(&mut self, simd: S, interval: &Interval, decay: f64) {
         let m = self.m;
         if m == 0 {
             return;
@@ -133,7 +133,7 @@ impl Sensitivity {
             driven.iter_mut().zip(&interval.driven).for_each(|(o, b)| *o = b[i]);
             rest.fill(0.0);
             let u = &self.u;
-            add_rows(out, DYNAMIC, |j| (&u[j * m..(j + 1) * m], interval.transition[j][i]));
+            add_rows(simd, out, DYNAMIC, |j| (&u[j * m..(j + 1) * m], interval.transition[j][i]));
         }
         self.u[..9 * m].copy_from_slice(&self.scratch);
         let gauss_markov = index::GAUSS_MARKOV * m..index::STAMP * m;
@@ -143,7 +143,7 @@ impl Sensitivity {
 
     /// The whitened derivatives of the innovations of a fix, row by row.
     #[inline(always)]
-    pub(super) fn correct(&mut self, measured: &Measured, updates: &[Update]) {
+    pub(super) fn correct<S: Simd>(&mut self, simd: S, measured: &Measured, updates: &[Update]) {
         let m = self.m;
         self.rows.clear();
         if m == 0 {
@@ -157,9 +157,9 @@ impl Sensitivity {
             let direct = measured.direct_of(k);
             out[..direct.len()].copy_from_slice(direct);
             for (state, h) in row.entries() {
-                add_scaled(out, &self.u[state * m..(state + 1) * m], h);
+                add_scaled(simd, out, &self.u[state * m..(state + 1) * m], h);
             }
-            add_rows(out, k, |j| (&before[j * m..(j + 1) * m], -row.dot(&updates[j].g) / updates[j].s));
+            add_rows(simd, out, k, |j| (&before[j * m..(j + 1) * m], -row.dot(&updates[j].g) / updates[j].s));
         }
         for (out, update) in self.rows.chunks_exact_mut(m).zip(updates) {
             let scale = update.s.sqrt().recip();
@@ -168,7 +168,7 @@ impl Sensitivity {
         }
         let (rows, scales) = (&self.rows, &self.scales);
         for (i, u) in self.u.chunks_exact_mut(m).enumerate() {
-            add_rows(u, updates.len(), |k| (&rows[k * m..(k + 1) * m], updates[k].g[i] * scales[k]));
+            add_rows(simd, u, updates.len(), |k| (&rows[k * m..(k + 1) * m], updates[k].g[i] * scales[k]));
         }
     }
 }
@@ -217,10 +217,10 @@ impl<'a> Runner<'a> {
     }
 
     #[inline(always)]
-    fn take(&mut self, epoch: &Epoch) {
+    fn take<S: Simd>(&mut self, simd: S, epoch: &Epoch) {
         let (interval, keep) = (&epoch.interval, self.keep);
-        self.kalman.predict(interval);
-        self.sensitivity.predict(interval, (-interval.dt / self.noise.correlation_s).exp());
+        self.kalman.predict(simd, interval);
+        self.sensitivity.predict(simd, interval, (-interval.dt / self.noise.correlation_s).exp());
         let before = (keep == Keep::Updates).then(|| self.kalman.gauss_markov());
         self.kalman.renew(interval.dt);
         if keep == Keep::Priors {
@@ -230,8 +230,8 @@ impl<'a> Runner<'a> {
             self.tape.priors.push(self.kalman.prior(index::POSITION));
         }
         let updates = &mut self.updates;
-        self.kalman.correct(&epoch.measured.rows, updates);
-        self.sensitivity.correct(&epoch.measured, updates);
+        self.kalman.correct(simd, &epoch.measured.rows, updates);
+        self.sensitivity.correct(simd, &epoch.measured, updates);
         let part = self.problem.part(epoch, self.options);
         let weights = self.run.count(part, &epoch.measured.rows, updates, &self.sensitivity.rows);
         if let Keep::Blocks(block_s) = keep
@@ -270,8 +270,11 @@ impl WithSimd for Going<'_, '_> {
     type Output = ();
 
     #[inline(always)]
-    fn with_simd<S: Simd>(self, _: S) {
-        self.epochs.iter().for_each(|epoch| self.runner.take(epoch));
+    fn with_simd<S: Simd>(self, simd: S) {
+        // A closure is a function of its own, without the registers that this one is compiled for.
+        for epoch in self.epochs {
+            self.runner.take(simd, epoch);
+        }
     }
 }
 

@@ -12,6 +12,7 @@ use crate::identify::noise::Noise;
 use crate::identify::pass::{Innovation, Options};
 use crate::identify::watched::Watched;
 use crate::model::Model;
+use pulp::Scalar;
 
 /// Position errors without fixes are measured after these times, s.
 pub const DRIFT_S: [f64; 3] = [5.0, 10.0, 30.0];
@@ -40,11 +41,11 @@ impl Problem {
         let mut fixes = Vec::with_capacity(self.epochs().count());
         let mut updates = Vec::new();
         for epoch in self.epochs() {
-            kalman.predict(&epoch.interval);
+            kalman.predict(Scalar, &epoch.interval);
             kalman.renew(epoch.interval.dt);
             let part = self.part(epoch, options);
             let [mut position, mut velocity] = groups(&kalman, epoch);
-            kalman.correct(&epoch.measured.rows, &mut updates);
+            kalman.correct(Scalar, &epoch.measured.rows, &mut updates);
             [position.nis, velocity.nis, _] = normalised_squares(&epoch.measured.rows, &updates);
             run.count(part, &epoch.measured.rows, &updates, &[]);
             fixes.push(Innovation { t_s: epoch.t_s, elapsed_s: epoch.elapsed_s, part, position, velocity });
@@ -87,9 +88,9 @@ impl Reference {
         let mut sums = [(0.0, 0); 3];
         let mut updates = Vec::new();
         for (k, epoch) in problem.epochs().enumerate() {
-            kalman.predict(&epoch.interval);
+            kalman.predict(Scalar, &epoch.interval);
             kalman.renew(epoch.interval.dt);
-            kalman.correct(&epoch.measured.rows, &mut updates);
+            kalman.correct(Scalar, &epoch.measured.rows, &mut updates);
             if epoch.elapsed_s < next_s {
                 continue;
             }

@@ -9,9 +9,7 @@ use super::{Problem, STATES, index, variances};
 use crate::effects::BiasWalk;
 use crate::identify::noise::{HEIGHT_GAUSS_MARKOV, Noise};
 use crate::linear::interval::Interval;
-#[cfg(target_arch = "x86_64")]
-use pulp::Simd;
-use pulp::{Arch, WithSimd};
+use pulp::{Arch, Scalar, Simd, WithSimd};
 
 /// No fix is assumed to be better than this, m and m/s.
 pub(super) const SIGMA_FLOOR: f64 = 0.01;
@@ -77,7 +75,8 @@ pub(super) fn row_variance(row: &Row, noise: &Noise) -> f64 {
 }
 
 /// Runs with vector registers of the machine. Four numbers wide where there are wider ones too: that divides [`STATES`]. Nothing is
-/// reordered or fused, so that the result is the same with any.
+/// reordered or fused, so that the result is the same with any. What is to use them is a loop and not a closure: the compiler may make a
+/// function of a closure, and that has no such registers.
 pub(super) fn vectorised<O: WithSimd>(operation: O) -> O::Output {
     #[cfg(target_arch = "x86_64")]
     if let Some(four_wide) = pulp::x86::V3::try_new() {
@@ -86,28 +85,46 @@ pub(super) fn vectorised<O: WithSimd>(operation: O) -> O::Output {
     Arch::new().dispatch(operation)
 }
 
+/// out ← out + scale × row.
 #[inline(always)]
-pub(super) fn add_scaled(out: &mut [f64], row: &[f64], scale: f64) {
-    out.iter_mut().zip(row).for_each(|(o, x)| *o += scale * x);
+pub(super) fn add_scaled<S: Simd>(simd: S, out: &mut [f64], row: &[f64], scale: f64) {
+    let ((out, out_end), (row, row_end)) = (S::as_mut_simd_f64s(out), S::as_simd_f64s(row));
+    let by = simd.splat_f64s(scale);
+    for (o, x) in out.iter_mut().zip(row) {
+        *o = simd.add_f64s(*o, simd.mul_f64s(by, *x));
+    }
+    for (o, x) in out_end.iter_mut().zip(row_end) {
+        *o += scale * x;
+    }
 }
 
 /// Adds `scale(k) × row k` for all of these rows, three at a time.
 #[inline(always)]
-pub(super) fn add_rows<'r>(out: &mut [f64], count: usize, row: impl Fn(usize) -> (&'r [f64], f64)) {
+pub(super) fn add_rows<'r, S: Simd>(
+    simd: S,
+    out: &mut [f64],
+    count: usize,
+    row: impl Fn(usize) -> (&'r [f64], f64),
+) {
     let mut k = 0;
     while k + 3 <= count {
         let ((a, p), (b, q), (c, r)) = (row(k), row(k + 1), row(k + 2));
-        for (((o, a), b), c) in out.iter_mut().zip(a).zip(b).zip(c) {
+        let (by_a, by_b, by_c) = (simd.splat_f64s(p), simd.splat_f64s(q), simd.splat_f64s(r));
+        let ((a, a_end), (b, b_end), (c, c_end)) =
+            (S::as_simd_f64s(a), S::as_simd_f64s(b), S::as_simd_f64s(c));
+        let (wide, end) = S::as_mut_simd_f64s(out);
+        for (((o, a), b), c) in wide.iter_mut().zip(a).zip(b).zip(c) {
+            let sum = simd.add_f64s(*o, simd.mul_f64s(by_a, *a));
+            *o = simd.add_f64s(simd.add_f64s(sum, simd.mul_f64s(by_b, *b)), simd.mul_f64s(by_c, *c));
+        }
+        for (((o, a), b), c) in end.iter_mut().zip(a_end).zip(b_end).zip(c_end) {
             *o = *o + p * a + q * b + r * c;
         }
         k += 3;
     }
-    if k + 2 == count {
-        let ((a, p), (b, q)) = (row(k), row(k + 1));
-        out.iter_mut().zip(a).zip(b).for_each(|((o, a), b)| *o = *o + p * a + q * b);
-    } else if k + 1 == count {
-        let (a, p) = row(k);
-        add_scaled(out, a, p);
+    for k in k..count {
+        let (row, scale) = row(k);
+        add_scaled(simd, out, row, scale);
     }
 }
 
@@ -148,30 +165,26 @@ impl<'a> Kalman<'a> {
 
     /// To the next fix, but for the Gauss-Markov error's noise.
     #[inline(always)]
-    pub(super) fn predict(&mut self, interval: &Interval) {
+    pub(super) fn predict<S: Simd>(&mut self, simd: S, interval: &Interval) {
         let decay = (-interval.dt / self.noise.correlation_s).exp();
         self.add_walk(interval.dt);
         let transition = &interval.transition;
         let mut half = [[0.0; STATES]; 9];
         for (i, half) in half.iter_mut().enumerate() {
             for (column, p) in transition.iter().zip(&self.p) {
-                add_scaled(half, p, column[i]);
+                add_scaled(simd, half, p, column[i]);
             }
         }
         let mut x: [f64; 9] = interval.offset.into();
         for (column, own) in transition.iter().zip(&self.x) {
-            add_scaled(&mut x, column.as_slice(), *own);
+            add_scaled(simd, &mut x, column.as_slice(), *own);
         }
         let (gyro, accel) = variances(self.noise, interval);
-        let mut q = interval.by_gyro * gyro;
-        interval.by_accel.entries().for_each(|(i, j, v)| q[(i, j)] += v * accel);
-        if let Some(gaps) = &interval.gaps {
-            q += **gaps;
-        }
+        let q = interval.noise(gyro, accel);
         for (i, half) in half.iter().enumerate() {
             let mut row: [f64; 9] = q.column(i).into();
             for (column, h) in transition.iter().zip(half) {
-                add_scaled(&mut row, column.as_slice(), *h);
+                add_scaled(simd, &mut row, column.as_slice(), *h);
             }
             self.p[i][..9].copy_from_slice(&row);
             self.p[i][9..].copy_from_slice(&half[9..]);
@@ -204,28 +217,28 @@ impl<'a> Kalman<'a> {
     /// Innovation of a scalar measurement and its variance.
     pub(super) fn innovation(&self, row: &Row) -> (f64, f64) {
         let r = row_variance(row, self.noise);
-        (row.residual - row.dot(&self.x), r + row.dot(&row.times(&self.p)))
+        (row.residual - row.dot(&self.x), r + row.dot(&row.times(Scalar, &self.p)))
     }
 
     /// All measurements of a fix; `updates` are then these.
     #[inline(always)]
-    pub(super) fn correct(&mut self, rows: &[Row], updates: &mut Vec<Update>) {
+    pub(super) fn correct<S: Simd>(&mut self, simd: S, rows: &[Row], updates: &mut Vec<Update>) {
         updates.clear();
         let mut less = [0.0; MOST_ROWS];
         for (row, less) in rows.iter().zip(&mut less) {
-            let mut g = row.times(&self.p);
+            let mut g = row.times(simd, &self.p);
             for u in updates.iter() {
-                add_scaled(&mut g, &u.g, -row.dot(&u.g) / u.s);
+                add_scaled(simd, &mut g, &u.g, -row.dot(&u.g) / u.s);
             }
             let y = row.residual - row.dot(&self.x);
             let r = row_variance(row, self.noise);
             let s = r + row.dot(&g);
             *less = -s.recip();
-            add_scaled(&mut self.x, &g, y / s);
+            add_scaled(simd, &mut self.x, &g, y / s);
             updates.push(Update { g, y, s, r });
         }
         for (i, p) in self.p.iter_mut().enumerate() {
-            add_rows(p, updates.len(), |k| (&updates[k].g, updates[k].g[i] * less[k]));
+            add_rows(simd, p, updates.len(), |k| (&updates[k].g, updates[k].g[i] * less[k]));
         }
     }
 }

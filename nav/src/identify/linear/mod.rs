@@ -3,8 +3,8 @@
 //! Between two fixes the samples are gone through a single time: transition, effect of every watched parameter and
 //! noise of the sensors are added up to one interval each. What is left is a linear Gaussian model with
 //! 20 states and a few thousand scalar measurements. On it run a Kalman filter ([`forward`]: likelihood, score and
-//! information of every parameter at once) and its adjoint ([`backward`]: the exact slope by every noise figure, and
-//! score and information of a jump at every instant). With the error in body axes (left-invariant, as in the ordinary
+//! information of every parameter at once) and its adjoint ([`backward`]: the exact slope by every noise figure;
+//! [`shocks`]: score and information of a jump at every instant). With the error in body axes (left-invariant, as in the ordinary
 //! filter) the transition depends on the trajectory only through Earth's rate and gravity, so one good trajectory
 //! serves every model; `reference` finds it.
 
@@ -16,6 +16,7 @@ pub mod innovations;
 mod kalman;
 pub mod reference;
 mod rows;
+pub mod shocks;
 mod touchdown;
 mod track;
 mod unseen;

@@ -17,6 +17,7 @@ use crate::mechanization::NavState;
 use crate::model::Model;
 use crate::sample::GnssFix;
 use nalgebra::{Matrix3, Vector3};
+use pulp::{Simd, WithSimd};
 
 /// After a gap the first guess of the attitude is kept until the fixes make it known to this, rad.
 const SURE: f64 = 0.05;
@@ -125,65 +126,7 @@ impl Reference {
         model: &Model,
         noise: &Noise,
     ) -> (Self, Vec<[f64; GROUPS]>) {
-        vectorised(
-            #[inline(always)]
-            || Self::gone_through(flight, model, noise),
-        )
-    }
-
-    #[inline(always)]
-    fn gone_through(flight: &Flight, model: &Model, noise: &Noise) -> (Self, Vec<[f64; GROUPS]>) {
-        let watched = Watched::default();
-        let mut reference = Self {
-            start: flight.initial().nav,
-            knots: Vec::with_capacity(flight.fixes().len()),
-            calibration: Calibration::new(model),
-            delays_s: delays_s(flight, model),
-        };
-        let samples = flight.samples_of(model);
-        let mut track = Track::new(flight, model, &samples, &reference.calibration, &watched);
-        let rounding = flight.rounding(model);
-        // A problem without fixes holds what the filter starts from.
-        let empty = Problem::new(flight, model, &reference, &watched, &Serial);
-        let mut kalman = Kalman::new(&empty, empty.walk, noise);
-        let (mut updates, mut nis) = (Vec::new(), Vec::with_capacity(flight.fixes().len()));
-        let (mut nav, mut since_s, mut guessed) = (flight.initial().nav, flight.initial().t_s, false);
-        for (k, t_s) in valid_times(flight, model) {
-            let Some((mut interval, predicted)) = track.interval_to(&nav, t_s) else { break };
-            interval.rounding = rounding.at(t_s - 0.5 * interval.dt);
-            let guess = flight.guessed(since_s, t_s, &predicted);
-            let rows = measured(
-                flight,
-                k,
-                (&nav, since_s),
-                guess.as_ref().unwrap_or(&predicted),
-                &mut interval,
-                &track,
-            )
-            .rows;
-            kalman.predict(&interval);
-            kalman.renew(interval.dt);
-            since_s = t_s;
-            guessed |= guess.is_some();
-            let about = guess.unwrap_or(predicted);
-            let known = interval::error(&about, &predicted);
-            kalman.x.iter_mut().zip(known.iter()).for_each(|(x, by)| *x += by);
-            kalman.correct(&rows, &mut updates);
-            nis.push(normalised_squares(&rows, &updates));
-            guessed &= kalman.attitude_sigma() > SURE;
-            if guessed {
-                // Corrections stay linear about the guess until the fixes say better.
-                nav = about;
-                reference.knots.push(Knot { t_s, fix: k, nav });
-                continue;
-            }
-            nav = moved(&about, &kalman.x);
-            reference.correct(&kalman.x[index::GYRO_BIAS..]);
-            track.set_calibration(&reference.calibration);
-            kalman.x[..index::GAUSS_MARKOV].fill(0.0);
-            reference.knots.push(Knot { t_s, fix: k, nav });
-        }
-        (reference, nis)
+        vectorised(FirstPass { flight, model, noise })
     }
 
     fn correct(&mut self, biases: &[f64]) {
@@ -240,5 +183,72 @@ impl Reference {
         }
         p[index::CLOCK][index::CLOCK] = flight.clock_sigma_s(model).powi(2);
         (mean, p)
+    }
+}
+
+/// The first pass over a flight.
+struct FirstPass<'a> {
+    flight: &'a Flight,
+    model: &'a Model,
+    noise: &'a Noise,
+}
+
+impl WithSimd for FirstPass<'_> {
+    type Output = (Reference, Vec<[f64; GROUPS]>);
+
+    #[inline(always)]
+    fn with_simd<S: Simd>(self, simd: S) -> Self::Output {
+        let Self { flight, model, noise } = self;
+        let watched = Watched::default();
+        let mut reference = Reference {
+            start: flight.initial().nav,
+            knots: Vec::with_capacity(flight.fixes().len()),
+            calibration: Calibration::new(model),
+            delays_s: delays_s(flight, model),
+        };
+        let samples = flight.samples_of(model);
+        let mut track = Track::new(flight, model, &samples, &reference.calibration, &watched);
+        let rounding = flight.rounding(model);
+        // A problem without fixes holds what the filter starts from.
+        let empty = Problem::new(flight, model, &reference, &watched, &Serial);
+        let mut kalman = Kalman::new(&empty, empty.walk, noise);
+        let (mut updates, mut nis) = (Vec::new(), Vec::with_capacity(flight.fixes().len()));
+        let (mut nav, mut since_s, mut guessed) = (flight.initial().nav, flight.initial().t_s, false);
+        for (k, t_s) in valid_times(flight, model) {
+            let Some((mut interval, predicted)) = track.interval_to(&nav, t_s) else { break };
+            interval.rounding = rounding.at(t_s - 0.5 * interval.dt);
+            let guess = flight.guessed(since_s, t_s, &predicted);
+            let rows = measured(
+                flight,
+                k,
+                (&nav, since_s),
+                guess.as_ref().unwrap_or(&predicted),
+                &mut interval,
+                &track,
+            )
+            .rows;
+            kalman.predict(simd, &interval);
+            kalman.renew(interval.dt);
+            since_s = t_s;
+            guessed |= guess.is_some();
+            let about = guess.unwrap_or(predicted);
+            let known = interval::error(&about, &predicted);
+            kalman.x.iter_mut().zip(known.iter()).for_each(|(x, by)| *x += by);
+            kalman.correct(simd, &rows, &mut updates);
+            nis.push(normalised_squares(&rows, &updates));
+            guessed &= kalman.attitude_sigma() > SURE;
+            if guessed {
+                // Corrections stay linear about the guess until the fixes say better.
+                nav = about;
+                reference.knots.push(Knot { t_s, fix: k, nav });
+                continue;
+            }
+            nav = moved(&about, &kalman.x);
+            reference.correct(&kalman.x[index::GYRO_BIAS..]);
+            track.set_calibration(&reference.calibration);
+            kalman.x[..index::GAUSS_MARKOV].fill(0.0);
+            reference.knots.push(Knot { t_s, fix: k, nav });
+        }
+        (reference, nis)
     }
 }

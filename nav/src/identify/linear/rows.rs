@@ -1,14 +1,15 @@
 //! What a fix measures, linearised at its time of validity.
 
-use super::index;
 use super::kalman::{Square, State, add_scaled};
 use super::track::Track;
+use super::{STATES, index};
 use crate::linear::fix;
 use crate::linear::interval::{Interval, Nav};
 use crate::mechanization::NavState;
 use crate::rotation::{log, skew};
 use crate::sample::GnssFix;
 use nalgebra::{Matrix3, Vector3};
+use pulp::Simd;
 
 /// Which figure of the noise scales a row.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -105,29 +106,34 @@ impl Row {
 
     /// h M.
     #[inline(always)]
-    pub(super) fn times(&self, m: &Square) -> State {
+    pub(super) fn times<S: Simd>(&self, simd: S, m: &Square) -> State {
         let at = self.measures();
-        let mut out = m[at].map(|v| v * self.own[0]);
-        add_scaled(&mut out, &m[at + 1], self.own[1]);
-        add_scaled(&mut out, &m[at + 2], self.own[2]);
+        let mut out = [0.0; STATES];
+        for k in 0..3 {
+            add_scaled(simd, &mut out, &m[at + k], self.own[k]);
+        }
         if self.turns() {
-            (0..3).for_each(|k| add_scaled(&mut out, &m[index::ATTITUDE + k], self.attitude[k]));
+            for k in 0..3 {
+                add_scaled(simd, &mut out, &m[index::ATTITUDE + k], self.attitude[k]);
+            }
         }
         if self.is_position() {
-            add_scaled(&mut out, &m[index::GAUSS_MARKOV + self.axis], 1.0);
+            add_scaled(simd, &mut out, &m[index::GAUSS_MARKOV + self.axis], 1.0);
         }
         if self.is_rate() {
-            (0..3).for_each(|k| add_scaled(&mut out, &m[index::ACCEL_BIAS + k], self.by_accel[k]));
+            for k in 0..3 {
+                add_scaled(simd, &mut out, &m[index::ACCEL_BIAS + k], self.by_accel[k]);
+            }
         }
-        add_scaled(&mut out, &m[index::STAMP], self.drift);
-        add_scaled(&mut out, &m[index::CLOCK], self.drift);
+        add_scaled(simd, &mut out, &m[index::STAMP], self.drift);
+        add_scaled(simd, &mut out, &m[index::CLOCK], self.drift);
         out
     }
 
     /// h itself.
     #[inline(always)]
     pub(super) fn dense(&self) -> State {
-        let mut h = [0.0; super::STATES];
+        let mut h = [0.0; STATES];
         let at = self.measures();
         h[at..at + 3].copy_from_slice(self.own.as_slice());
         h[index::ATTITUDE..index::ATTITUDE + 3].copy_from_slice(self.attitude.as_slice());

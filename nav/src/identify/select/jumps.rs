@@ -1,7 +1,7 @@
 //! Jumps: events of one flight, looked for at every fix.
 
 use super::super::evidence;
-use super::super::linear::backward::Shock;
+use super::super::linear::shocks::Shock;
 use super::super::pass::Options;
 use super::{Candidate, Point, Search, is_jump, prior_sigmas};
 use crate::effects::{Event, REGISTRY};
