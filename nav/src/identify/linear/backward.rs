@@ -146,15 +146,11 @@ pub(super) fn back_over<const N: usize, S: Simd>(
 ) {
     v[index::STAMP] = 0.0;
     m[index::STAMP] = [0.0; N];
-    for row in m.iter_mut() {
-        row[index::STAMP] = 0.0;
-    }
+    m.iter_mut().for_each(|row| row[index::STAMP] = 0.0);
     for w in index::GAUSS_MARKOV..index::STAMP {
         v[w] *= decay;
-        for k in 0..N {
-            m[w][k] *= decay;
-            m[k][w] *= decay;
-        }
+        m[w].iter_mut().for_each(|v| *v *= decay);
+        m.iter_mut().for_each(|row| row[w] *= decay);
     }
     *v = transposed(interval, v);
     *m = congruence(simd, interval, m);
