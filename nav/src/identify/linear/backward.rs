@@ -195,7 +195,7 @@ impl Slope {
     /// The noise of the Gauss-Markov error and of the stamp, and the Gauss-Markov error's decay.
     #[inline(always)]
     fn renewal(&mut self, adjoint: &Adjoint, taped: &Taped, noise: &Noise, dt: f64) {
-        let decay = (-dt / noise.correlation_s).exp();
+        let decay = noise.decay(dt);
         self.by_figure[figure::STAMP] += 2.0 * noise.stamp_s.powi(2) * adjoint.p[index::STAMP][index::STAMP];
         let mut by_decay = 0.0;
         for (k, v) in gauss_markov_variance(noise).into_iter().enumerate() {
@@ -236,14 +236,10 @@ impl WithSimd for Return<'_> {
             let interval = &epoch.interval;
             adjoint.correct(simd, &fix, &taped.weights, counted, noise, &mut slope);
             slope.renewal(&adjoint, taped, noise, interval.dt);
-            adjoint.x[index::STAMP] = 0.0;
-            adjoint.p[index::STAMP] = [0.0; STATES];
-            adjoint.p.iter_mut().for_each(|row| row[index::STAMP] = 0.0);
             by_gyro += inner(&adjoint.p, &interval.by_gyro);
             by_accel += inner_isotropic(&adjoint.p, &interval.by_accel);
             slope.walks(&adjoint.p, interval.dt);
-            let decay = (-interval.dt / noise.correlation_s).exp();
-            back_over(simd, interval, decay, &mut adjoint.x, &mut adjoint.p);
+            back_over(simd, interval, noise.decay(interval.dt), &mut adjoint.x, &mut adjoint.p);
             slope.walks(&adjoint.p, interval.dt);
         }
         slope.by_figure[figure::GYRO] += 2.0 * by_gyro * noise.gyro * noise.gyro;
@@ -328,7 +324,7 @@ impl WithSimd for Smoothing<'_> {
             }
             r[index::STAMP] = 0.0;
             let interval = &fix.epoch.interval;
-            let decay = (-interval.dt / noise.correlation_s).exp();
+            let decay = noise.decay(interval.dt);
             (index::GAUSS_MARKOV..index::STAMP).for_each(|w| r[w] *= decay);
             r = transposed(interval, &r);
         }

@@ -89,7 +89,7 @@ impl WithSimd for WithField<'_> {
         let (mut blocks, mut begun_s, mut nis) = (Vec::new(), 0.0, (0.0, 0));
         for (epoch, field) in problem.epochs().zip(fields) {
             kalman.predict(simd, &epoch.interval);
-            sensitivity.predict(simd, &epoch.interval, (-epoch.interval.dt / noise.correlation_s).exp());
+            sensitivity.predict(simd, &epoch.interval, noise.decay(epoch.interval.dt));
             kalman.renew(epoch.interval.dt);
             let part = problem.part(epoch, options).map(|_| 0);
             kalman.correct(simd, &epoch.measured.rows, &mut updates);

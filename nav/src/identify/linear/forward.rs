@@ -220,7 +220,7 @@ impl<'a> Runner<'a> {
     fn take<S: Simd>(&mut self, simd: S, epoch: &Epoch) {
         let (interval, keep) = (&epoch.interval, self.keep);
         self.kalman.predict(simd, interval);
-        self.sensitivity.predict(simd, interval, (-interval.dt / self.noise.correlation_s).exp());
+        self.sensitivity.predict(simd, interval, self.noise.decay(interval.dt));
         let before = (keep == Keep::Updates).then(|| self.kalman.gauss_markov());
         self.kalman.renew(interval.dt);
         if keep == Keep::Priors {

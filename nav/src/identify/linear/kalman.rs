@@ -166,7 +166,7 @@ impl<'a> Kalman<'a> {
     /// To the next fix, but for the Gauss-Markov error's noise.
     #[inline(always)]
     pub(super) fn predict<S: Simd>(&mut self, simd: S, interval: &Interval) {
-        let decay = (-interval.dt / self.noise.correlation_s).exp();
+        let decay = self.noise.decay(interval.dt);
         self.add_walk(interval.dt);
         let transition = &interval.transition;
         let mut half = [[0.0; STATES]; 9];

@@ -37,7 +37,7 @@ impl Problem {
             let gyro = back.block(index::GYRO_BIAS);
             back.fix(&fix, weights_where(self.part(epoch, options) == Some(0), taped));
             out.push(Shock { t_s: epoch.t_s, gyro, fix: back.block(STATES) });
-            back.predict(&epoch.interval, (-epoch.interval.dt / noise.correlation_s).exp());
+            back.predict(&epoch.interval, noise.decay(epoch.interval.dt));
         }
         out.reverse();
         out
@@ -57,7 +57,7 @@ impl Problem {
                 let said = back.fix(&fix, weights_where(self.part(fix.epoch, options) == Some(part), taped));
                 let rows = said.into_iter().map(|said| said.1).collect();
                 let end = of_samples(&back);
-                back.predict(interval, (-interval.dt / noise.correlation_s).exp());
+                back.predict(interval, noise.decay(interval.dt));
                 out.push(Weight { samples: (of_samples(&back) + end) * (0.5 * interval.dt), rows });
             }
             out.reverse();
@@ -96,7 +96,7 @@ impl Problem {
             }
             residuals.iter_mut().zip(rates).for_each(|(r, rate)| *r = rate.or(*r));
             out.push(residuals);
-            back.predict(interval, (-interval.dt / noise.correlation_s).exp());
+            back.predict(interval, noise.decay(interval.dt));
         }
         out.reverse();
         out

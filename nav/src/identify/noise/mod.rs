@@ -296,6 +296,12 @@ fn sigmas(
 pub(super) const HEIGHT_GAUSS_MARKOV: f64 = 1.6;
 
 impl Noise {
+    /// What is left of the Gauss-Markov error of the fixes after a time, s.
+    #[inline]
+    pub(super) fn decay(&self, dt: f64) -> f64 {
+        (-dt / self.correlation_s).exp()
+    }
+
     /// A start: the model's figures, and what the samples show if that is more.
     pub fn measured(model: &Model, flights: &[&Flight]) -> Self {
         let most = |f: fn(&Flight) -> f64| flights.iter().map(|x| f(x)).fold(0.0, f64::max);
