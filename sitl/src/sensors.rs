@@ -381,6 +381,7 @@ impl Sensors {
             t_s: truth.t_s,
             v_n: truth.v_n,
             a_n: truth.a_n,
+            smoothed_a_n: truth.a_n,
             c_nb: truth.c_nb,
             rate_eb: truth.rate_eb,
             force_rate: Vector3::zeros(),

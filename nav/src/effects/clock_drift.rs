@@ -77,7 +77,7 @@ impl FixEffect for ClockDrift {
         velocity: &mut [Vector3<f64>],
     ) {
         position[0] = -x.v_n * x.elapsed_s;
-        velocity[0] = -x.a_n * x.elapsed_s;
+        velocity[0] = -x.smoothed_a_n * x.elapsed_s;
     }
 }
 
@@ -94,7 +94,7 @@ mod tests {
         ClockDrift.fix_jacobian(&[3e-4], &x, &mut dp, &mut dv);
         assert!((ClockDrift.fix_delay_s(&[3e-4], 600.0) - 0.18).abs() < 1e-12);
         assert_eq!(ClockDrift.fix_delay_s(&[3e-4], 0.0), 0.0);
-        assert_eq!((dp[0], dv[0]), (x.v_n * -600.0, x.a_n * -600.0));
+        assert_eq!((dp[0], dv[0]), (x.v_n * -600.0, x.smoothed_a_n * -600.0));
         assert_eq!(ClockDrift.fix(&[3e-4], &x), [Vector3::zeros(); 2]);
     }
 }

@@ -59,7 +59,7 @@ impl FixEffect for GpsLatency {
         velocity: &mut [Vector3<f64>],
     ) {
         position[0] = -x.v_n;
-        velocity[0] = -x.a_n;
+        velocity[0] = -x.smoothed_a_n;
     }
 
     fn values_to_try(&self) -> &'static [f64] {
@@ -82,6 +82,6 @@ mod tests {
         let (mut dp, mut dv) = ([Vector3::zeros()], [Vector3::zeros()]);
         GpsLatency.fix_jacobian(&[0.1], &x, &mut dp, &mut dv);
         assert_eq!(GpsLatency.fix_delay_s(&[0.1], 60.0), 0.1);
-        assert_eq!((dp[0], dv[0]), (-x.v_n, -x.a_n));
+        assert_eq!((dp[0], dv[0]), (-x.v_n, -x.smoothed_a_n));
     }
 }

@@ -84,6 +84,7 @@ mod tests {
             t_s: 0.0,
             v_n: Vector3::new(v, 0.0, 0.0),
             a_n: Vector3::new(0.0, v * rate, 0.0),
+            smoothed_a_n: Vector3::new(0.0, v * rate, 0.0),
             c_nb: c_nb_from_euler(0.0, 0.0, 0.0),
             rate_eb: Vector3::new(0.0, 0.0, rate),
             force_rate: Vector3::zeros(),

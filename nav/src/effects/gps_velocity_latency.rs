@@ -75,9 +75,9 @@ impl FixEffect for GpsVelocityLatency {
     }
 
     fn fix(&self, p: &[f64], x: &FixInstant) -> [Vector3<f64>; 2] {
-        let (known, beyond) = (x.older.lag_s, p[0] - x.older.lag_s);
-        let jerk = x.jerk_n();
-        [Vector3::zeros(), x.older.change + (jerk * known - x.a_n) * beyond + jerk * (0.5 * beyond * beyond)]
+        let beyond = p[0] - x.older.lag_s;
+        let change = x.jerk_n() * (0.5 * beyond) - x.older.acceleration;
+        [Vector3::zeros(), x.older.change + change * beyond]
     }
 
     fn fix_jacobian(
@@ -87,7 +87,7 @@ impl FixEffect for GpsVelocityLatency {
         _position: &mut [Vector3<f64>],
         velocity: &mut [Vector3<f64>],
     ) {
-        velocity[0] = x.jerk_n() * p[0] - x.a_n;
+        velocity[0] = x.jerk_n() * (p[0] - x.older.lag_s) - x.older.acceleration;
     }
 }
 
@@ -106,11 +106,12 @@ mod tests {
             t_s: 0.0,
             v_n: Vector3::new(v, 0.0, 0.0),
             a_n: Vector3::new(0.0, v * rate, 0.0),
+            smoothed_a_n: Vector3::new(0.0, v * rate, 0.0),
             c_nb: c_nb_from_euler(0.0, 0.0, 0.0),
             rate_eb: Vector3::new(0.0, 0.0, rate),
             force_rate: Vector3::zeros(),
             antenna: Antenna::default(),
-            older: Older::default(),
+            older: Older { acceleration: Vector3::new(0.0, v * rate, 0.0), ..Older::default() },
             elapsed_s: 0.0,
             conditions: crate::effects::Conditions::default(),
         };

@@ -68,6 +68,8 @@ pub struct FixInstant {
     pub v_n: Vector3<f64>,
     /// Acceleration of the inertial unit relative to Earth, m/s².
     pub a_n: Vector3<f64>,
+    /// The same as a receiver that smooths has it ([`Antenna::smoothing_s2`]), m/s²: what a delay moves its velocity by.
+    pub smoothed_a_n: Vector3<f64>,
     /// C_b^n.
     pub c_nb: Matrix3<f64>,
     /// Rate of the body relative to Earth ω_eb^b, rad/s.
@@ -91,6 +93,8 @@ pub struct Older {
     pub lag_s: f64,
     /// North, east, down, m/s.
     pub change: Vector3<f64>,
+    /// The acceleration of that time as a receiver that smooths has it, north, east, down, m/s².
+    pub acceleration: Vector3<f64>,
 }
 
 /// What effects on fixes have to know of one another: a receiver smooths the path of the antenna, wherever that is.

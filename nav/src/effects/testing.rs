@@ -26,11 +26,12 @@ pub fn fix_instant() -> FixInstant {
         t_s: 12.0,
         v_n: Vector3::new(20.0, -5.0, 1.0),
         a_n: Vector3::new(1.0, 3.0, -0.5),
+        smoothed_a_n: Vector3::new(0.8, 2.5, -0.4),
         c_nb: c_nb_from_euler(0.4, -0.2, 1.0),
         rate_eb: Vector3::new(0.1, 0.2, -0.4),
         force_rate: Vector3::new(2.0, -1.0, 5.0),
         antenna: Antenna::default(),
-        older: Older::default(),
+        older: Older { acceleration: Vector3::new(0.8, 2.5, -0.4), ..Older::default() },
         elapsed_s: 100.0,
         conditions: crate::effects::Conditions::default(),
     }

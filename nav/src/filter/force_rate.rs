@@ -95,22 +95,38 @@ impl ForceRates {
         Some(sums.get(before)?.lerp(sums.get(next)?, share))
     }
 
-    /// The velocity `lag_s` before an instant, from the samples in between: their impulse, part by part in the axes of its middle.
-    /// `told` and `force` are the specific force there as the sample has it and as it is.
+    /// The velocity `lag_s` before an instant, from the samples in between: their impulse, part by part in the axes of its middle; and the
+    /// acceleration there. `told` and `force` are the specific force at the instant as the sample has it and as it is.
     pub fn older(&self, lag_s: f64, x: &FixInstant, told: &Vector3<f64>, force: &Vector3<f64>) -> Older {
+        let now = Older { acceleration: x.smoothed_a_n, ..Older::default() };
         if lag_s == 0.0 {
-            return Older::default();
+            return now;
         }
         let step_s = lag_s / f64::from(PARTS);
+        let turn = |at_s: f64| {
+            let angle = self.up_to(&self.angles, at_s)? - self.up_to(&self.angles, x.t_s)?;
+            Some(exp(&angle))
+        };
         let part = |k: u32| {
             let (from, to) = (x.t_s - step_s * f64::from(k + 1), x.t_s - step_s * f64::from(k));
-            let angle = self.up_to(&self.angles, x.t_s)? - self.up_to(&self.angles, 0.5 * (from + to))?;
             let impulse = self.up_to(&self.impulses, to)? - self.up_to(&self.impulses, from)?;
-            Some(exp(&-angle) * (impulse + (force - told) * step_s))
+            Some(turn(0.5 * (from + to))? * (impulse + (force - told) * step_s))
         };
-        let impulse: Option<Vector3<f64>> = (0..PARTS).map(part).sum();
         let rest = x.a_n - x.c_nb * force;
-        impulse.map_or_else(Older::default, |i| Older { lag_s, change: -(x.c_nb * i + rest * lag_s) })
+        let change = || {
+            let impulse: Vector3<f64> = (0..PARTS).map(part).sum::<Option<_>>()?;
+            let then_s = x.t_s - lag_s;
+            let then = self.force(then_s)? + force - told + self.bend(then_s) * x.antenna.smoothing_s2;
+            let acceleration = x.c_nb * (turn(then_s)? * then) + rest;
+            Some(Older { lag_s, change: -(x.c_nb * impulse + rest * lag_s), acceleration })
+        };
+        change().unwrap_or(now)
+    }
+
+    /// Mean of the specific force over a moment.
+    fn force(&self, t_s: f64) -> Option<Vector3<f64>> {
+        let [from, to] = [t_s - RATE_SPAN_S, t_s + RATE_SPAN_S].map(|t| self.up_to(&self.impulses, t));
+        Some((to? - from?) / (2.0 * RATE_SPAN_S))
     }
 
     /// Rate of change of the specific force in body axes, m/s³; zero where samples on one side are lacking.
@@ -118,6 +134,17 @@ impl ForceRates {
         let [before, here, after] = [t_s - SPAN_S, t_s, t_s + SPAN_S].map(|t| self.up_to(&self.impulses, t));
         match (before, here, after) {
             (Some(a), Some(b), Some(c)) => (c - b * 2.0 + a) / (SPAN_S * SPAN_S),
+            _ => Vector3::zeros(),
+        }
+    }
+
+    /// Second derivative of the specific force in the body axes of an instant, m/s⁴: what its rate of change, which is a difference over
+    /// the same times, changes by in a second. Zero where samples on one side are lacking.
+    pub fn bend(&self, t_s: f64) -> Vector3<f64> {
+        let here = self.up_to(&self.angles, t_s);
+        let force = |at_s: f64| Some(exp(&(self.up_to(&self.angles, at_s)? - here?)) * self.force(at_s)?);
+        match [t_s - SPAN_S, t_s, t_s + SPAN_S].map(force) {
+            [Some(a), Some(b), Some(c)] => (c - b * 2.0 + a) / (SPAN_S * SPAN_S),
             _ => Vector3::zeros(),
         }
     }
@@ -208,6 +235,26 @@ mod tests {
         assert_eq!(ForceRates::default().at(0.0), Vector3::zeros());
     }
 
+    /// A receiver that interpolates between two epochs 0.2 s apart, in gusts of 3 Hz: a delay moves its velocity by the mean of the accelerations
+    /// of both, which is not that of the instant between them.
+    #[test]
+    fn a_delay_moves_the_velocity_of_a_receiver_that_smooths_by_what_it_smooths() {
+        let force = |t: f64| Vector3::new(1.0 + (19.0 * t).sin(), 0.0, -9.8 + 5.0 * (19.0 * t).cos());
+        let samples: Vec<ImuSample> = (0..200)
+            .map(|i| {
+                let t_s = f64::from(i) * 0.01;
+                ImuSample { t_s, gyro: Vector3::zeros(), accel: force(t_s), temperature_degc: None }
+            })
+            .collect();
+        let rates = ForceRates::new(&samples, SampleKind::Point);
+        for t_s in [0.503, 1.1] {
+            let mean = (force(t_s - 0.1) + force(t_s + 0.1)) * 0.5;
+            let smoothed = force(t_s) + rates.bend(t_s) * (0.5 * 0.1 * 0.1);
+            assert!((smoothed - mean).norm() < 0.05 * (force(t_s) - mean).norm(), "{smoothed} {mean}");
+        }
+        assert_eq!(rates.bend(0.05), Vector3::zeros());
+    }
+
     /// A vehicle that rolls into a turn: the velocity of 0.18 s ago, against the path itself.
     #[test]
     fn the_velocity_of_a_while_ago_is_that_of_the_path() {
@@ -230,12 +277,15 @@ mod tests {
             let x = FixInstant {
                 t_s,
                 a_n: acceleration(t_s),
+                smoothed_a_n: acceleration(t_s),
                 c_nb: c_nb(t_s),
                 ..crate::effects::testing::fix_instant()
             };
             let older = rates.older(lag_s, &x, &(force(t_s) + bias), &force(t_s));
             let exact = velocity(t_s - lag_s) - velocity(t_s);
             assert!((older.change - exact).norm() < 5e-3, "{t_s}: {} {exact}", older.change);
+            let off = older.acceleration - acceleration(t_s - lag_s);
+            assert!(off.norm() < 0.1, "{t_s}: {off}");
         }
     }
 

@@ -53,6 +53,7 @@ impl AtFix<'_> {
             t_s,
             v_n: c_ne * nav.v_e,
             a_n: c_ne * mechanization::acceleration(nav, &motion.force),
+            smoothed_a_n: Vector3::zeros(),
             c_nb: c_ne * nav.c_eb(),
             rate_eb: motion.rate - nav.q_eb.inverse() * earth::rotation_rate(),
             force_rate: self.rates.map_or_else(Vector3::zeros, |r| r.at(t_s)),
@@ -64,9 +65,13 @@ impl AtFix<'_> {
             elapsed_s: self.elapsed_s,
             conditions: self.calibration.conditions,
         };
+        let rates = self.rates.filter(|_| x.antenna.smoothing_s2 != 0.0);
+        let bend = rates.map_or_else(Vector3::zeros, |r| r.bend(t_s));
+        let x = FixInstant { smoothed_a_n: x.a_n + x.c_nb * bend * x.antenna.smoothing_s2, ..x };
         let lag_s = effects().map(|(e, p)| e.velocity_delay_s(p)).sum();
-        let older = self.rates.map(|r| r.older(lag_s, &x, &self.shown, &motion.force));
-        FixInstant { older: older.unwrap_or_default(), ..x }
+        let now = || Older { acceleration: x.smoothed_a_n, ..Older::default() };
+        let older = self.rates.map_or_else(now, |r| r.older(lag_s, &x, &self.shown, &motion.force));
+        FixInstant { older, ..x }
     }
 
     /// Position and velocity, about the trajectory.
@@ -93,7 +98,7 @@ impl AtFix<'_> {
                 rows,
                 velocity - x.v_n,
                 fix.velocity_sigma_m_per_s.unwrap_or(gnss.velocity_sigma_m_per_s),
-                x.a_n,
+                x.smoothed_a_n,
             ),
         ];
         for (setting, p) in self.model.effects.iter().zip(self.calibration.parameters()) {

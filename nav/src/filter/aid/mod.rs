@@ -12,7 +12,7 @@ use super::layout::index;
 use super::regressor::BEYOND_NOISE;
 use super::second_order::{ERRORS, FORCE};
 use super::{Filter, Point};
-use crate::effects::FixInstant;
+use crate::effects::{FixInstant, Older};
 use crate::linear::fix::{self, AtFix, Measured};
 use crate::mechanization::Motion;
 use crate::rotation::skew;
@@ -113,18 +113,22 @@ impl Filter {
             force: self.to.lever.force + own.motion.force - motion.force,
         };
         let seen = AtFix { nav: &own.nav, motion: &motion, rates: None, ..at }.instant();
-        let a_n = if self.regressor.moving() {
-            seen.a_n
+        // Of a vehicle that has long done nothing else, a receiver smooths nothing but noise.
+        let (a_n, smoothed) = if self.regressor.moving() {
+            (seen.a_n, now.smoothed_a_n - now.a_n)
         } else {
-            self.beyond_error(seen.a_n, &motion.force, &now.c_nb)
+            (self.beyond_error(seen.a_n, &motion.force, &now.c_nb), Vector3::zeros())
         };
         let excited = FixInstant {
             v_n: seen.v_n,
             a_n,
+            smoothed_a_n: a_n + smoothed,
             rate_eb: seen.rate_eb,
             force_rate: self.beyond_noise(now.force_rate),
             ..now
         };
+        let acceleration = excited.smoothed_a_n - excited.jerk_n() * now.older.lag_s;
+        let excited = FixInstant { older: Older { acceleration, ..now.older }, ..excited };
         let groups = at.measured(fix, &now);
         Linearised { now, excited, groups }
     }
@@ -156,7 +160,8 @@ impl Filter {
     /// Rows of position (0) or velocity (1): an error of the time stamp moves all of them together.
     pub(super) fn rows_of(&self, group: usize, fix: &GnssFix, x: &Linearised) -> Rows {
         let m = &x.groups[group];
-        let (block, drift) = [(index::POSITION, x.excited.v_n), (index::VELOCITY, x.excited.a_n)][group];
+        let (block, drift) =
+            [(index::POSITION, x.excited.v_n), (index::VELOCITY, x.excited.smoothed_a_n)][group];
         let mut rows = Rows { dof: m.rows, ..Rows::default() };
         let residual = m.residual - m.drift * self.fix_ahead_s(fix);
         for i in 0..m.rows {

@@ -217,27 +217,58 @@ mod tests {
     use super::super::super::flight::Flight;
     use super::super::super::noise::Noise;
     use super::super::super::tests::fly_in_gusts;
-    use super::super::{Search, Settings};
+    use super::super::{Candidate, Search, Settings};
+    use crate::earth::Geodetic;
     use crate::effects::GpsLatency;
     use crate::model::{EffectSetting, Model};
+    use crate::sample::{FixVelocity, GnssFix, Sample};
+
+    /// A flight whose fixes are late by this, s.
+    fn late(by_s: f64) -> Vec<Sample> {
+        let mut truth = Model::default();
+        truth.set(EffectSetting::known(&GpsLatency, &[by_s]).unwrap());
+        fly_in_gusts(&truth, 5, 4.0)
+    }
+
+    /// What a first contest finds best, and what its evidence was at a glance.
+    fn found(samples: &[Sample], base: &Model) -> (Candidate, f64) {
+        let flight = Flight::prepare(samples, base).unwrap();
+        let flights = [&flight];
+        let measured = Noise::measured(base, &flights);
+        let mut search = Search::new(&flights, base, &Settings::default(), &Serial, &measured);
+        let start = search.start(&measured);
+        let scanned = search.scan(&start, None);
+        let glance = scanned.iter().find(|c| c.setting.effect.name() == "gps_latency").unwrap().evidence;
+        let mut looks = search.close_looks(&scanned, &start, &start);
+        (looks.remove(0).0, glance)
+    }
 
     /// Where the acceleration of now is not that of a delay ago, the fixes show the delay all the same.
     #[test]
     fn a_delay_is_seen_at_a_glance_in_gusts() {
-        let base = Model::default();
-        let mut truth = base.clone();
-        truth.set(EffectSetting::known(&GpsLatency, &[0.12]).unwrap());
-        let flight = Flight::prepare(&fly_in_gusts(&truth, 5, 4.0), &base).unwrap();
-        let flights = [&flight];
-        let measured = Noise::measured(&base, &flights);
-        let mut search = Search::new(&flights, &base, &Settings::default(), &Serial, &measured);
-        let start = search.start(&measured);
-        let scanned = search.scan(&start, None);
-        let glance = scanned.iter().find(|c| c.setting.effect.name() == "gps_latency").unwrap();
-        let explained = search.close_looks(&scanned, &start, &start);
-        let (best, _) = &explained[0];
-        assert_eq!(best.setting.effect.name(), "gps_latency", "{scanned:?}");
+        let (best, glance) = found(&late(0.12), &Model::default());
+        assert_eq!(best.setting.effect.name(), "gps_latency", "{best:?}");
         assert!((best.setting.values[0] - 0.12).abs() < 0.005, "{best:?}");
-        assert!(glance.evidence > 0.3 * best.evidence, "{} of {}", glance.evidence, best.evidence);
+        assert!(glance > 0.3 * best.evidence, "{glance} of {}", best.evidence);
+    }
+
+    /// Each fix in its place is the mean of itself and the one before, as of a receiver that interpolates between two: late by half
+    /// their interval. The acceleration of an instant is not what a delay moves such a velocity by.
+    #[test]
+    fn a_delay_of_a_receiver_that_interpolates_is_found_in_gusts() {
+        let mut samples = late(0.0);
+        let mut last: Option<GnssFix> = None;
+        for sample in &mut samples {
+            let Sample::Fix(fix) = sample else { continue };
+            let own = *fix;
+            let before = last.replace(own).unwrap_or(own);
+            let mean = (own.position.to_ecef() + before.position.to_ecef()) * 0.5;
+            fix.position = Geodetic::from_ecef(&mean);
+            let (n, b) = (own.velocity.components(), before.velocity.components());
+            fix.velocity = FixVelocity::Horizontal([0.5 * (n[0] + b[0]), 0.5 * (n[1] + b[1])]);
+        }
+        let (best, _) = found(&samples, &Model::default().with_receiver());
+        assert_eq!(best.setting.effect.name(), "gps_latency", "{best:?}");
+        assert!((best.setting.values[0] - 0.1).abs() < 0.005, "{best:?}");
     }
 }
