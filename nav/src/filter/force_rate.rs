@@ -5,7 +5,7 @@ use crate::effects::{FixInstant, LateRate, Older, Surroundings};
 use crate::rotation::exp;
 use crate::sample::{ImuSample, SampleKind};
 use crate::vibration::{HighPass, Meter};
-use nalgebra::Vector3;
+use nalgebra::{UnitQuaternion, Vector3};
 
 /// Means over so long before and after an instant are compared, s: two epochs of a receiver at 5 Hz, as its interpolation
 /// compares them.
@@ -35,6 +35,19 @@ const MOST_APART_S: f64 = 0.06;
 /// over 0.1 s.
 pub fn noise(density: f64) -> f64 {
     (2.0 * density / SPAN_S).sqrt() / SPAN_S
+}
+
+/// The instants that are compared.
+fn instants(t_s: f64) -> [f64; 3] {
+    [t_s - SPAN_S, t_s, t_s + SPAN_S]
+}
+
+/// By how much a slope changes in a second, from the values at the three of them; zero where one is lacking.
+fn second_difference(values: [Option<Vector3<f64>>; 3]) -> Vector3<f64> {
+    match values {
+        [Some(a), Some(b), Some(c)] => (c - b * 2.0 + a) / (SPAN_S * SPAN_S),
+        _ => Vector3::zeros(),
+    }
 }
 
 /// A change of velocity is put together of so many parts.
@@ -95,86 +108,74 @@ impl ForceRates {
         Some(sums.get(before)?.lerp(sums.get(next)?, share))
     }
 
+    /// Mean of what was summed up, over so long before and after an instant.
+    fn mean(&self, sums: &[Vector3<f64>], t_s: f64, span_s: f64) -> Option<Vector3<f64>> {
+        Some((self.up_to(sums, t_s + span_s)? - self.up_to(sums, t_s - span_s)?) / (2.0 * span_s))
+    }
+
+    /// From the axes of an instant to those where the angle was `here`.
+    fn turn(&self, at_s: f64, here: &Vector3<f64>) -> Option<UnitQuaternion<f64>> {
+        Some(exp(&(self.up_to(&self.angles, at_s)? - here)))
+    }
+
     /// The velocity `lag_s` before an instant, from the samples in between: their impulse, part by part in the axes of its middle; and the
     /// acceleration there. `told` and `force` are the specific force at the instant as the sample has it and as it is.
     pub fn older(&self, lag_s: f64, x: &FixInstant, told: &Vector3<f64>, force: &Vector3<f64>) -> Older {
-        let now = Older { acceleration: x.smoothed_a_n, ..Older::default() };
         if lag_s == 0.0 {
-            return now;
+            return x.older;
         }
         let step_s = lag_s / f64::from(PARTS);
-        let turn = |at_s: f64| {
-            let angle = self.up_to(&self.angles, at_s)? - self.up_to(&self.angles, x.t_s)?;
-            Some(exp(&angle))
-        };
-        let part = |k: u32| {
-            let (from, to) = (x.t_s - step_s * f64::from(k + 1), x.t_s - step_s * f64::from(k));
-            let impulse = self.up_to(&self.impulses, to)? - self.up_to(&self.impulses, from)?;
-            Some(turn(0.5 * (from + to))? * (impulse + (force - told) * step_s))
-        };
         let rest = x.a_n - x.c_nb * force;
-        let change = || {
+        let then = || {
+            let here = self.up_to(&self.angles, x.t_s)?;
+            let part = |k: u32| {
+                let (from, to) = (x.t_s - step_s * f64::from(k + 1), x.t_s - step_s * f64::from(k));
+                let impulse = self.up_to(&self.impulses, to)? - self.up_to(&self.impulses, from)?;
+                Some(self.turn(0.5 * (from + to), &here)? * (impulse + (force - told) * step_s))
+            };
             let impulse: Vector3<f64> = (0..PARTS).map(part).sum::<Option<_>>()?;
             let then_s = x.t_s - lag_s;
-            let then = self.force(then_s)? + force - told + self.bend(then_s) * x.antenna.smoothing_s2;
-            let acceleration = x.c_nb * (turn(then_s)? * then) + rest;
+            let then = self.mean(&self.impulses, then_s, RATE_SPAN_S)? + force - told
+                + self.bend(then_s) * x.antenna.smoothing_s2;
+            let acceleration = x.c_nb * (self.turn(then_s, &here)? * then) + rest;
             Some(Older { lag_s, change: -(x.c_nb * impulse + rest * lag_s), acceleration })
         };
-        change().unwrap_or(now)
-    }
-
-    /// Mean of the specific force over a moment.
-    fn force(&self, t_s: f64) -> Option<Vector3<f64>> {
-        let [from, to] = [t_s - RATE_SPAN_S, t_s + RATE_SPAN_S].map(|t| self.up_to(&self.impulses, t));
-        Some((to? - from?) / (2.0 * RATE_SPAN_S))
+        then().unwrap_or(x.older)
     }
 
     /// Rate of change of the specific force in body axes, m/s³; zero where samples on one side are lacking.
     pub fn at(&self, t_s: f64) -> Vector3<f64> {
-        let [before, here, after] = [t_s - SPAN_S, t_s, t_s + SPAN_S].map(|t| self.up_to(&self.impulses, t));
-        match (before, here, after) {
-            (Some(a), Some(b), Some(c)) => (c - b * 2.0 + a) / (SPAN_S * SPAN_S),
-            _ => Vector3::zeros(),
-        }
+        second_difference(instants(t_s).map(|t| self.up_to(&self.impulses, t)))
     }
 
     /// Second derivative of the specific force in the body axes of an instant, m/s⁴: what its rate of change, which is a difference over
     /// the same times, changes by in a second. Zero where samples on one side are lacking.
     pub fn bend(&self, t_s: f64) -> Vector3<f64> {
         let here = self.up_to(&self.angles, t_s);
-        let force = |at_s: f64| Some(exp(&(self.up_to(&self.angles, at_s)? - here?)) * self.force(at_s)?);
-        match [t_s - SPAN_S, t_s, t_s + SPAN_S].map(force) {
-            [Some(a), Some(b), Some(c)] => (c - b * 2.0 + a) / (SPAN_S * SPAN_S),
-            _ => Vector3::zeros(),
-        }
+        let force = |t: f64| Some(self.turn(t, &here?)? * self.mean(&self.impulses, t, RATE_SPAN_S)?);
+        second_difference(instants(t_s).map(force))
     }
 
     /// What the samples show around an instant. `lag_s`: the reported rate is so much older than the specific force.
     pub fn around(&self, t_s: f64, lag_s: f64) -> Surroundings {
-        let mean = |sums: &[Vector3<f64>], t_s: f64, span_s: f64| {
-            let (a, b) = (self.up_to(sums, t_s - span_s)?, self.up_to(sums, t_s + span_s)?);
-            Some((b - a) / (2.0 * span_s))
-        };
-        let rate = |t_s: f64| mean(&self.angles, t_s, LATE_SPAN_S);
+        let rate = |t_s: f64| self.mean(&self.angles, t_s, LATE_SPAN_S);
         // The true rate of now is reported later.
         let change = || Some(rate(t_s)? - rate(t_s + lag_s)?);
         let late = if lag_s == 0.0 { None } else { change() };
         Surroundings {
             rate_derivatives: self.of_rate_at(t_s + lag_s),
             late: late.map_or_else(LateRate::default, |change| LateRate { lag_s, change }),
-            vibration: mean(&self.powers, t_s, POWER_SPAN_S).unwrap_or_default(),
+            vibration: self.mean(&self.powers, t_s, POWER_SPAN_S).unwrap_or_default(),
         }
     }
 
     /// First and second derivative of the angular rate, rad/s² and rad/s³; zero where samples on one side are lacking.
     pub fn of_rate_at(&self, t_s: f64) -> [Vector3<f64>; 2] {
-        let rate = |t: f64| {
-            let (a, b) =
-                (self.up_to(&self.angles, t - RATE_SPAN_S)?, self.up_to(&self.angles, t + RATE_SPAN_S)?);
-            Some((b - a) / (2.0 * RATE_SPAN_S))
-        };
-        match [t_s - SPAN_S, t_s, t_s + SPAN_S].map(rate) {
-            [Some(a), Some(b), Some(c)] => [(c - a) / (2.0 * SPAN_S), (c - b * 2.0 + a) / (SPAN_S * SPAN_S)],
+        let rate = |t: f64| self.mean(&self.angles, t, RATE_SPAN_S);
+        match instants(t_s).map(rate) {
+            [Some(a), Some(b), Some(c)] => {
+                [(c - a) / (2.0 * SPAN_S), second_difference([Some(a), Some(b), Some(c)])]
+            }
             _ => [Vector3::zeros(); 2],
         }
     }

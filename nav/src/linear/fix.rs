@@ -49,28 +49,29 @@ impl AtFix<'_> {
         let Self { nav, motion, t_s, .. } = *self;
         let c_ne = earth::c_en_at(&nav.r_e).transpose();
         let effects = || self.model.effects.iter().map(|s| s.effect).zip(self.calibration.parameters());
+        let (a_n, c_nb) = (c_ne * mechanization::acceleration(nav, &motion.force), c_ne * nav.c_eb());
+        let antenna = Antenna::of(
+            effects().map(|(e, p)| (e, p.as_slice())),
+            self.rates.map_or_else(Default::default, |r| r.of_rate_at(t_s)),
+        );
+        let smooths = self.rates.filter(|_| antenna.smoothing_s2 != 0.0);
+        let bend = smooths.map_or_else(Vector3::zeros, |r| r.bend(t_s));
+        let smoothed_a_n = a_n + c_nb * bend * antenna.smoothing_s2;
         let x = FixInstant {
             t_s,
             v_n: c_ne * nav.v_e,
-            a_n: c_ne * mechanization::acceleration(nav, &motion.force),
-            smoothed_a_n: Vector3::zeros(),
-            c_nb: c_ne * nav.c_eb(),
+            a_n,
+            smoothed_a_n,
+            c_nb,
             rate_eb: motion.rate - nav.q_eb.inverse() * earth::rotation_rate(),
             force_rate: self.rates.map_or_else(Vector3::zeros, |r| r.at(t_s)),
-            antenna: Antenna::of(
-                effects().map(|(e, p)| (e, p.as_slice())),
-                self.rates.map_or_else(Default::default, |r| r.of_rate_at(t_s)),
-            ),
-            older: Older::default(),
+            antenna,
+            older: Older { acceleration: smoothed_a_n, ..Older::default() },
             elapsed_s: self.elapsed_s,
             conditions: self.calibration.conditions,
         };
-        let rates = self.rates.filter(|_| x.antenna.smoothing_s2 != 0.0);
-        let bend = rates.map_or_else(Vector3::zeros, |r| r.bend(t_s));
-        let x = FixInstant { smoothed_a_n: x.a_n + x.c_nb * bend * x.antenna.smoothing_s2, ..x };
         let lag_s = effects().map(|(e, p)| e.velocity_delay_s(p)).sum();
-        let now = || Older { acceleration: x.smoothed_a_n, ..Older::default() };
-        let older = self.rates.map_or_else(now, |r| r.older(lag_s, &x, &self.shown, &motion.force));
+        let older = self.rates.map_or(x.older, |r| r.older(lag_s, &x, &self.shown, &motion.force));
         FixInstant { older, ..x }
     }
 
