@@ -2,6 +2,7 @@
 //!
 //! Thresholds are those that the autopilots' own documentation and log viewers use; each cites its source.
 
+use super::logger::{LOSSY, Losses};
 use super::{HealthLog, Series};
 use crate::logs::Level;
 use crate::logs::filter::Channel;
@@ -78,6 +79,8 @@ const HDOP: [f64; 2] = [1.4, 2.5];
 const JUMP_BAD_M: f64 = 20.0;
 /// u-blox, "jammingIndicator": 0 to 255; PX4 Flight Review warns above 80.
 const JAMMING: f64 = 80.0;
+/// Share of the entries that the logger lost: beyond the second, explain uses no value.
+const LOST: [f64; 2] = [0.0, LOSSY];
 /// Texts that are shown.
 const TEXTS: usize = 6;
 
@@ -96,6 +99,7 @@ pub fn checks(log: &HealthLog, px4: bool) -> Vec<Check> {
         j.part("battery and supply", j.power(), !log.battery.is_empty()),
         j.part("motors", j.motors(), !log.stopped.is_empty()),
         j.part("messages", j.texts(&|text| !is_of_failsafe(text)), !log.texts.is_empty()),
+        j.part("logger", j.logger(), log.tells_losses()),
         j.part("end of the log", j.end(), log.armed().is_some()),
     ]
 }
@@ -400,6 +404,11 @@ impl Judge<'_> {
             found.push((Grade::Ok, None, format!("{more} more")));
         }
         found
+    }
+
+    fn logger(&self) -> Vec<Finding> {
+        let graded = |lost: Losses| (graded_above(lost.share, LOST), Some(lost.from_s), lost.words());
+        self.log.losses().map(graded).into_iter().collect()
     }
 
     /// A log that ends armed was cut by a crash, a brownout or a full card.

@@ -5,6 +5,7 @@
 
 pub mod checks;
 mod frames;
+pub mod logger;
 #[cfg(test)]
 mod tests;
 
@@ -65,6 +66,8 @@ pub struct HealthLog {
     cells: Option<f64>,
     supply: Series<f64>,
     stopped: Series<bool>,
+    lost: Series<[f64; 2]>,
+    pauses: Series<f64>,
     texts: Series<(Level, String)>,
     ratios: BTreeMap<Channel, Series<f64>>,
 }
@@ -137,6 +140,8 @@ impl HealthLog {
             }
             HealthNote::Supply(volts) => keep(&mut self.supply, t_us, *volts),
             HealthNote::Motors(largest) => change(&mut self.stopped, t_us, *largest == 0.0),
+            HealthNote::Lost(lost, kept) => keep(&mut self.lost, t_us, [*lost, *kept]),
+            HealthNote::Pause(seconds) => keep(&mut self.pauses, t_us, *seconds),
             HealthNote::Text(level, text) => {
                 if self.texts.len() < MOST_TEXTS {
                     self.texts.push((t_us, (*level, text.clone())));

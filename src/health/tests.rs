@@ -193,3 +193,39 @@ fn the_recorded_failure_of_a_filter_is_bad_within_a_second_of_its_onset() {
     assert!(own.text.contains("position test ratio above 1 for 5.5 s from 70.9 s"), "{own:?}");
     assert!(verdict(&all).starts_with("Bad: "), "{}", verdict(&all));
 }
+
+/// Two minutes of flight from 10 s on, with what an ArduPilot logger says each second: `lost` of 500 entries.
+fn logged(lost: impl Fn(u32) -> f64) -> HealthLog {
+    let mut log = flight();
+    let mut sum = 11.0;
+    for k in 0..70 {
+        sum += lost(k);
+        at(&mut log, f64::from(k) + 0.5, HealthNote::Lost(sum, 500.0 * f64::from(k)));
+    }
+    log
+}
+
+#[test]
+fn entries_that_the_logger_lost_in_flight_are_counted_and_those_at_its_start_are_not() {
+    let own = |lost: &dyn Fn(u32) -> f64| of(&checks(&logged(lost), false), "logger").clone();
+    assert_eq!(own(&|_| 0.0).grade, Grade::Ok);
+    assert_eq!(own(&|k| if k < 5 { 900.0 } else { 0.0 }).grade, Grade::Ok, "on the ground");
+    let few = own(&|k| if k == 30 { 90.0 } else { 0.0 });
+    assert_eq!((few.grade, few.t_s), (Grade::Look, Some(30.5)), "{}", few.text);
+    assert!(few.text.contains("lost 0.30 % of its entries"), "{}", few.text);
+    let many = own(&|k| if k > 20 { 500.0 } else { 0.0 });
+    assert_eq!((many.grade, many.t_s), (Grade::Bad, Some(21.5)), "{}", many.text);
+    assert_eq!(of(&checks(&flight(), false), "logger").grade, Grade::Unknown);
+}
+
+#[test]
+fn pauses_of_a_logger_are_a_share_of_the_flight() {
+    let mut log = flight();
+    at(&mut log, 0.0, HealthNote::Pause(0.0));
+    assert_eq!(of(&checks(&log, true), "logger").grade, Grade::Ok);
+    at(&mut log, 40.0, HealthNote::Pause(0.3));
+    at(&mut log, 60.0, HealthNote::Pause(0.6));
+    let own = of(&checks(&log, true), "logger").clone();
+    assert_eq!((own.grade, own.t_s), (Grade::Look, Some(40.0)), "{}", own.text);
+    assert!(own.text.contains("2 pauses, the longest 0.60 s"), "{}", own.text);
+}

@@ -158,6 +158,10 @@ pub enum HealthNote {
     Supply(f64),
     /// Largest command to a motor: 0 where all are zero.
     Motors(f64),
+    /// Entries that the logger has lost and those that it has written, so far.
+    Lost(f64, f64),
+    /// The logger could not write for so long, s; 0 at the begin of a log whose logger reports that.
+    Pause(f64),
     /// A text of the autopilot.
     Text(Level, String),
 }

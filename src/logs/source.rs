@@ -15,6 +15,8 @@ const FASTER: f64 = 1.5;
 /// Another unit must have so much less vibration and noise: samples of one flight by two good units differ by less (real_copter_sample.BIN,
 /// quiver_088.bin: 1.02 to 1.3).
 const QUIETER: f64 = 1.6;
+/// Means that cover so much of the time follow upon each other; below, they are taken as instants. Logs that lost nothing cover 0.99 and more.
+const CONTINUOUS: f64 = 0.98;
 /// Fewer samples say nothing of a source.
 const SOME: u64 = 50;
 /// So many samples at the end of the range are a matter of chance.
@@ -210,7 +212,7 @@ impl Survey {
             }
         }
         let (source, tally, why) = best;
-        Some(Choice { source, continuous: tally.coverage() > 0.6, of: working.len(), why })
+        Some(Choice { source, continuous: tally.coverage() > CONTINUOUS, of: working.len(), why })
     }
 }
 

@@ -9,7 +9,7 @@
 
 use super::source::{Choice, Source, Survey};
 use super::window::Window;
-use super::{Damage, LogError, LogNote, LogReader, Progress, Record};
+use super::{Damage, HealthNote, LogError, LogNote, LogReader, Progress, Record};
 use gaware_nav::observability::words::VehicleKind;
 use std::collections::{HashMap, VecDeque};
 use std::io::Read;
@@ -279,6 +279,12 @@ impl Definitions {
             }
             b'I' => {
                 out.extend(version_note(body).or_else(|| board_note(body)).map(|note| topics.record(note)));
+                true
+            }
+            // A dropout, ms.
+            b'O' => {
+                let pause = body.first_chunk().map(|ms| 1e-3 * f64::from(u16::from_le_bytes(*ms)));
+                out.extend(pause.map(|s| topics.record(LogNote::Health(HealthNote::Pause(s)))));
                 true
             }
             b'L' => {

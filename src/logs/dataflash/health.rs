@@ -87,6 +87,11 @@ pub(super) fn text(text: &str) -> HealthNote {
     HealthNote::Text(level, text.trim().to_owned())
 }
 
+/// What the logger says of itself: entries that it could not write since the log began (`AP_Logger/LogStructure.h`: `DSF`), of `kept` that it has.
+pub(super) fn logger(entry: &Entry, kept: u64) -> Option<HealthNote> {
+    Some(HealthNote::Lost(entry.number("Dp")?, kept as f64))
+}
+
 /// What another message says; `flies`: whether it is of the lane that flies.
 pub(super) fn notes(entry: &Entry, class: Option<VehicleClass>, flies: bool) -> Vec<HealthNote> {
     let of = |label: &str| entry.number(label);

@@ -13,8 +13,12 @@ const RAW_INTERVAL_US: u64 = 4_000;
 /// Axes end at 16 g on almost all units, m/s².
 const RANGE: f64 = 156.0;
 
+/// Raw samples this far apart have others missing between them, µs: sensors that log them take 250 to 8000 a second, in bursts of up to 8 ms.
+const HOLE_US: u64 = 10_000;
+
 /// A sample.
 pub(super) struct Inertial {
+    /// Time of the instant, or of the end of the interval.
     pub(super) t_us: u64,
     pub(super) sample: ImuSample,
     /// Time that it is the mean of, s; 0 for an instant.
@@ -22,6 +26,11 @@ pub(super) struct Inertial {
 }
 
 impl Inertial {
+    /// The instant that stands for it where its interval does not follow upon the one before.
+    pub(super) fn middle_us(&self) -> u64 {
+        self.t_us.saturating_sub((0.5e6 * self.interval_s) as u64)
+    }
+
     pub(super) fn is_clipped(&self) -> bool {
         self.sample.accel.amax() >= RANGE
     }
@@ -30,7 +39,8 @@ impl Inertial {
 /// Sums of one unit's raw samples.
 #[derive(Debug, Clone, Copy, Default)]
 struct Sums {
-    start_us: Option<u64>,
+    start_us: u64,
+    last_us: u64,
     gyro: (Vector3<f64>, u32),
     accel: (Vector3<f64>, u32),
 }
@@ -78,32 +88,43 @@ pub(super) fn sample(family: &str, unit: u8, entry: &Entry, raw: &mut Raw) -> Op
             let at_us = entry.number("SampleUS").filter(|t| *t > 0.0).map_or(t_us, |t| t as u64);
             let Some(sums) = raw.0.get_mut(usize::from(unit)) else { return Some(None) };
             if family == "ACC" {
-                sums.accel.0 += entry.vector(["AccX", "AccY", "AccZ"])?;
-                sums.accel.1 += 1;
-                return Some(None);
+                let accel = entry.vector(["AccX", "AccY", "AccZ"])?;
+                let before = sums.before_hole(at_us);
+                sums.accel = (sums.accel.0 + accel, sums.accel.1 + 1);
+                return Some(before);
             }
-            sums.gyro.0 += entry.vector(["GyrX", "GyrY", "GyrZ"])?;
-            sums.gyro.1 += 1;
-            Some(sums.mean(at_us))
+            let gyro = entry.vector(["GyrX", "GyrY", "GyrZ"])?;
+            let before = sums.before_hole(at_us);
+            sums.gyro = (sums.gyro.0 + gyro, sums.gyro.1 + 1);
+            let full = before.is_none() && sums.last_us - sums.start_us >= RAW_INTERVAL_US;
+            Some(if full { sums.mean() } else { before })
         }
     }
 }
 
 impl Sums {
-    fn mean(&mut self, at_us: u64) -> Option<Inertial> {
-        let start_us = *self.start_us.get_or_insert(at_us);
-        let length_us = at_us.saturating_sub(start_us);
-        if at_us < start_us || length_us > 50 * RAW_INTERVAL_US {
-            *self = Self { start_us: Some(at_us), ..Self::default() };
+    /// Comes to the time of a sample; where others are missing before it, the mean of those up to the hole.
+    fn before_hole(&mut self, at_us: u64) -> Option<Inertial> {
+        let hole = at_us < self.start_us || at_us > self.last_us + HOLE_US;
+        let mean = if hole { self.mean() } else { None };
+        if hole {
+            *self = Self { start_us: at_us, last_us: at_us, ..Self::default() };
+        }
+        self.last_us = self.last_us.max(at_us);
+        mean
+    }
+
+    /// The mean since the last one.
+    fn mean(&mut self) -> Option<Inertial> {
+        let length_us = self.last_us - self.start_us;
+        if length_us == 0 || self.gyro.1 == 0 || self.accel.1 == 0 {
             return None;
         }
-        if length_us < RAW_INTERVAL_US || self.accel.1 == 0 {
-            return None;
-        }
-        let sums = std::mem::replace(self, Self { start_us: Some(at_us), ..Self::default() });
+        let end_us = self.last_us;
+        let sums = std::mem::replace(self, Self { start_us: end_us, last_us: end_us, ..Self::default() });
         let gyro = sums.gyro.0 / f64::from(sums.gyro.1);
         let accel = sums.accel.0 / f64::from(sums.accel.1);
         let sample = ImuSample { t_s: 0.0, gyro, accel, temperature_degc: None };
-        Some(Inertial { t_us: at_us, sample, interval_s: length_us as f64 * 1e-6 })
+        Some(Inertial { t_us: end_us, sample, interval_s: length_us as f64 * 1e-6 })
     }
 }

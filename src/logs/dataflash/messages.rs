@@ -30,6 +30,8 @@ pub(super) struct Messages {
     filter: Filter,
     /// Time of the newest message, µs: parameters may have none of their own.
     newest_us: u64,
+    /// Messages so far.
+    taken: u64,
 }
 
 impl Messages {
@@ -45,6 +47,7 @@ impl Messages {
             class: (None, None),
             filter: Filter::default(),
             newest_us: 0,
+            taken: 0,
         }
     }
 
@@ -101,6 +104,7 @@ impl Messages {
 
     /// Takes a message; nothing where its content is wrong.
     pub(super) fn take(&mut self, entry: &Entry) -> Option<()> {
+        self.taken += 1;
         if let Some((family, source)) = inertial::source(entry) {
             return self.inertial(family, source, entry);
         }
@@ -145,6 +149,10 @@ impl Messages {
                 self.put(t_us, Measurement::Attitude(Stamp::Usec(t_us), angles));
             }
             "MSG" => self.text(entry),
+            "DSF" => {
+                let note = health::logger(entry, self.taken);
+                note.into_iter().for_each(|note| self.note(entry, LogNote::Health(note)));
+            }
             "PARM" => {
                 if let Some((name, value)) = entry.text("Name").zip(entry.number("Value")) {
                     let class = class_of_parameter(name, value);
@@ -205,7 +213,8 @@ impl Messages {
             let stream = ImuStream { message: self.choice.words(), kind, ..Default::default() };
             self.put(found.t_us, Measurement::Stream(stream));
         }
-        self.put(found.t_us, Measurement::Imu(Stamp::Usec(found.t_us), found.sample));
+        let t_us = if self.choice.continuous { found.t_us } else { found.middle_us() };
+        self.put(t_us, Measurement::Imu(Stamp::Usec(t_us), found.sample));
         Some(())
     }
 }

@@ -5,15 +5,16 @@ use super::*;
 use crate::engine::{Engine, EngineOptions};
 use crate::inputs::Input;
 use crate::logs::filter::Channel as FilterChannel;
-use crate::logs::source::Kind;
 use crate::logs::{HealthNote, Item, LogNote, VehicleClass};
 use crate::pipeline::Beside;
 use crate::pipeline::replay::{ReplayRequest, replay_watched};
 use crate::sensors::ConverterOptions;
 use crate::timeline::{Measurement, Stamp};
 use gaware_nav::operating::{Channel, Operating};
-use gaware_nav::sample::{AirKind, FixVelocity, GnssFix, SampleKind};
+use gaware_nav::sample::{AirKind, FixVelocity, GnssFix};
 use proptest::prelude::*;
+
+mod inertial;
 
 const SAMPLES: u64 = 400;
 
@@ -281,85 +282,22 @@ fn the_board_is_known_by_its_serial_number() {
     assert!(notes(&log).contains(&LogNote::Board("PX4v2 001f00273334510333323836".to_owned())));
 }
 
-/// Samples of two units: the first one shakes ten times as much.
-fn two_units() -> Vec<u8> {
-    let mut out = definitions();
-    for k in 0..SAMPLES {
-        for unit in 0..2_u8 {
-            let shake = if k % 2 == 0 { 1.0 } else { -1.0 } * if unit == 0 { 5.0 } else { 0.5 };
-            let mut body = (1_000_000 + 5_000 * k).to_le_bytes().to_vec();
-            body.push(unit);
-            for v in [0.01_f32, 0.02, 0.03, 0.0, 0.001 * k as f32, -9.8 + shake] {
-                body.extend(v.to_le_bytes());
-            }
-            out.extend(message(1, &body));
-        }
-    }
-    out
-}
-
 #[test]
-fn of_two_units_the_one_that_shakes_less_is_taken_and_named() {
-    let log = two_units();
-    let reader = || DataflashReader::new(&log[..], log.len() as u64);
-    let best = reader().survey().unwrap().best().unwrap();
-    assert_eq!((best.source.kind, best.source.unit, best.of), (Kind::Imu, 1, 2));
-    let records: Vec<Record> = reader().with_source(best).flatten().collect();
-    let largest = records.iter().filter_map(|r| match &r.item {
-        Item::Measurement(Measurement::Imu(_, sample)) => Some((sample.accel.z + 9.8).abs()),
-        _ => None,
-    });
-    assert_eq!(largest.clone().count() as u64, SAMPLES);
-    assert!(largest.fold(0.0, f64::max) < 1.0);
-    let named = records.iter().find_map(|r| match &r.item {
-        Item::Measurement(Measurement::Stream(stream)) => Some(stream.message.as_str()),
-        _ => None,
-    });
-    assert_eq!(named, Some("IMU[1] (of 2 sources, the least vibration)"));
-}
-
-/// Raw samples at 1 kHz beside filtered ones at 25 Hz.
-#[test]
-fn raw_samples_become_means_of_four_milliseconds() {
+fn what_the_logger_lost_stands_beside_what_it_wrote() {
     let mut log = definitions();
-    let labels = |name: &str| format!("TimeUS,I,SampleUS,{name}X,{name}Y,{name}Z");
-    log.extend(fmt(6, 3 + 8 + 1 + 8 + 12, "GYR", "QBQfff", &labels("Gyr")));
-    log.extend(fmt(7, 3 + 8 + 1 + 8 + 12, "ACC", "QBQfff", &labels("Acc")));
-    for k in 0..2000_u64 {
-        let t = 1_000_000 + 1000 * k;
-        if k % 40 == 0 {
-            let mut body = t.to_le_bytes().to_vec();
-            body.push(0);
-            [0.0_f32, 0.0, 0.0, 0.0, 0.001 * k as f32, -9.8]
-                .iter()
-                .for_each(|v| body.extend(v.to_le_bytes()));
-            log.extend(message(1, &body));
-        }
-        for (kind, values) in [(7, [0.0_f32, 0.001 * k as f32, -9.8]), (6, [0.001 * k as f32, 0.0, 0.0])] {
-            let mut body = t.to_le_bytes().to_vec();
-            body.push(0);
-            body.extend(t.to_le_bytes());
-            values.iter().for_each(|v| body.extend(v.to_le_bytes()));
-            log.extend(message(kind, &body));
-        }
-    }
-    let reader = || DataflashReader::new(&log[..], log.len() as u64);
-    let best = reader().survey().unwrap().best().unwrap();
-    assert_eq!((best.source.kind, best.continuous), (Kind::Raw, true), "{best:?}");
-    let records: Vec<Record> = reader().with_source(best).flatten().collect();
-    let samples: Vec<_> = records
-        .iter()
-        .filter_map(|r| match &r.item {
-            Item::Measurement(Measurement::Imu(stamp, sample)) => Some((stamp.raw_us(), sample.gyro.x)),
-            _ => None,
-        })
-        .collect();
-    assert!((499..=500).contains(&samples.len()), "{}", samples.len());
-    // The mean over the interval that ends at its stamp: of k−3 … k.
-    let (t_us, gyro) = samples[100];
-    assert!((gyro - 1e-3 * ((t_us - 1_000_000) as f64 * 1e-3 - 1.5)).abs() < 1e-6, "{t_us} {gyro}");
-    assert!(records.iter().any(|r| matches!(&r.item,
-        Item::Measurement(Measurement::Stream(s)) if s.kind == SampleKind::IntervalMean)));
+    log.extend(fmt(9, 3 + 8 + 4, "DSF", "QI", "TimeUS,Dp"));
+    log.extend(message(9, &[&1_000_000_u64.to_le_bytes()[..], &7_u32.to_le_bytes()].concat()));
+    log.extend(data());
+    log.extend(message(9, &[&4_000_000_u64.to_le_bytes()[..], &60_007_u32.to_le_bytes()].concat()));
+    let lost = |note: LogNote| match note {
+        LogNote::Health(HealthNote::Lost(lost, kept)) => Some((lost, kept)),
+        _ => None,
+    };
+    let found: Vec<(f64, f64)> = notes(&log).into_iter().filter_map(lost).collect();
+    assert_eq!(found.len(), 2, "{found:?}");
+    // One of the definitions is a message of its own.
+    assert_eq!((found[0], found[1].0), ((7.0, 2.0), 60_007.0));
+    assert!(found[1].1 > SAMPLES as f64, "{found:?}");
 }
 
 /// Week 1811, Thursday 00:03:05 GPS time: 2014-09-25.

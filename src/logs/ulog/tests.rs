@@ -196,6 +196,19 @@ fn means_with_gaps_between_them_are_points() {
 }
 
 #[test]
+fn a_dropout_is_a_pause_of_the_logger() {
+    let log = [definitions(), data(), message(b'O', &120_u16.to_le_bytes()), data()].concat();
+    let pauses: Vec<f64> = UlogReader::new(&log[..], log.len() as u64)
+        .flatten()
+        .filter_map(|record| match record.item {
+            Item::Note(LogNote::Health(HealthNote::Pause(s))) => Some(s),
+            _ => None,
+        })
+        .collect();
+    assert_eq!(pauses, [0.0, 0.12]);
+}
+
+#[test]
 fn board_and_texts_are_read() {
     let mut information = vec![17];
     information.extend(b"char[36] sys_uuid");

@@ -233,15 +233,19 @@ impl Topics {
             return true;
         }
         self.newest_us = t_us;
-        let mut put = |measurement| out.push_back(Record { t_us, item: Item::Measurement(measurement) });
+        let middle_us = t_us.saturating_sub((0.5e6 * interval_s) as u64);
+        let t_us = if self.choice.continuous { t_us } else { middle_us };
         if !self.streaming {
             self.streaming = true;
+            // A logger that reports its pauses has none yet.
+            out.push_back(self.record(LogNote::Health(HealthNote::Pause(0.0))));
             let kind = if self.choice.continuous { SampleKind::IntervalMean } else { SampleKind::Point };
             let stream = ImuStream { message: self.choice.words(), kind, quantisation: Quantisation::None };
-            put(Measurement::Stream(stream));
+            out.push_back(Record { t_us, item: Item::Measurement(Measurement::Stream(stream)) });
         }
         let sample = ImuSample { t_s: 0.0, gyro, accel, temperature_degc: None };
-        put(Measurement::Imu(Stamp::Usec(t_us), sample));
+        let measurement = Measurement::Imu(Stamp::Usec(t_us), sample);
+        out.push_back(Record { t_us, item: Item::Measurement(measurement) });
         self.given += 1;
         true
     }
