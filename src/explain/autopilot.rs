@@ -1,7 +1,7 @@
 //! From an explanation to the parameter advice: which of its effects may be used, what the logs say of the vehicle, and the file.
 
 use super::contract::Verdict;
-use super::{ExplainError, Explained, Request, one_line};
+use super::{ExplainError, Explained, Request, Unfit, one_line};
 use crate::advice::on_board::OnBoard;
 use crate::advice::{Advice, Finding, file};
 use crate::outputs::mark;
@@ -43,7 +43,7 @@ pub fn findings(explained: &Explained) -> Vec<Finding> {
     // The same sentence as the verdict: a flight that the model does not explain gives no value to set.
     let unexplained = (explanation.verdict == Verdict::Unexplained)
         .then_some("the verdict is \"unexplained\": something else in the flight is not explained, its values are not to be used")
-        .or(explained.noisy.then_some("the inertial samples are very noisy: the value may be off by several sigma"));
+        .or(explained.unfit.map(Unfit::bars));
     let confirmed = explanation.residual.as_ref().is_some_and(|g| g.held_out.after < g.held_out.before);
     let mut findings = Vec::new();
     for entry in &explanation.effects {

@@ -12,6 +12,7 @@ pub mod contract;
 pub mod drivers;
 mod files;
 pub mod schema;
+mod unfit;
 pub mod words;
 
 use crate::advice::on_board::OnBoard;
@@ -40,6 +41,7 @@ use gaware_nav::model::{EffectSetting, Model};
 use gaware_nav::sample::Sample;
 use std::path::PathBuf;
 use std::time::Duration;
+pub use unfit::Unfit;
 
 /// What to explain.
 #[derive(Debug, Clone)]
@@ -189,8 +191,8 @@ pub struct Explained {
     pub judged: Option<Judged>,
     /// What is to be known of the recordings themselves, sentence by sentence.
     pub notes: Vec<String>,
-    /// Whether the inertial samples are so noisy that no value is to be used.
-    pub noisy: bool,
+    /// Why no value is to be used, where the inertial samples are not good enough.
+    pub unfit: Option<Unfit>,
     /// Where simulation and measurement disagree, flight by flight.
     pub residuals: Vec<FlightResiduals>,
     /// Residuals against what drives effects that the catalogue does not hold.
@@ -376,7 +378,7 @@ fn flights_of(
         model: assembly::new_model(&judged, &own),
         judged: Some(judged),
         notes,
-        noisy: good.iter().any(|f| f.is_noisy()),
+        unfit: Unfit::of(&good),
         drivers,
         residuals,
         not_found,
@@ -411,7 +413,7 @@ fn too_little(why: &str, model: &Model) -> Explained {
         model: model.clone(),
         judged: None,
         notes: Vec::new(),
-        noisy: false,
+        unfit: None,
         residuals: Vec::new(),
         drivers: Vec::new(),
         not_found: Vec::new(),

@@ -1,5 +1,6 @@
 //! The result as a pilot would read it.
 
+use super::Unfit;
 use super::contract::{ChannelResidual, EffectEntry, Explanation, ModelResidual, Verdict};
 use crate::pipeline::LogPart;
 use gaware_nav::effects;
@@ -65,10 +66,6 @@ fn unbridged(seconds: f64) -> Option<String> {
     })
 }
 
-/// What is said of samples that are so noisy that they pass for the motion. White noise as PX4's simulator makes by default, laid over one of its flights whose
-/// fixes were 120 ms late and whose antenna was away: 96 ± 4 ms and 71 ± 3 ms (2026-11-26), and no antenna. Two of nine flights of a large copter, logged at 25 Hz, are as noisy.
-const NOISY: &str = "The inertial samples are very noisy (strong vibration in a slow log, or the noise of a simulator): values may be off by several sigma, and no parameter is proposed.";
-
 /// What is said of fixes on the sphere of a simulator, whose positions stretch by this north and east.
 fn simulated([north, east]: [f64; 2]) -> String {
     format!(
@@ -81,11 +78,10 @@ fn simulated([north, east]: [f64; 2]) -> String {
 
 /// What is to be known of flights as they were recorded, sentence by sentence.
 pub fn notes(flights: &[&Flight]) -> Vec<String> {
-    let noisy = flights.iter().any(|f| f.is_noisy());
     let all = [
         unbridged(flights.iter().map(|f| f.unbridged_s()).sum()),
         flights.iter().find_map(|f| f.sphere()).map(simulated),
-        noisy.then(|| NOISY.to_owned()),
+        Unfit::of(flights).map(Unfit::sentence),
     ];
     all.into_iter().flatten().collect()
 }

@@ -316,6 +316,12 @@ impl Flight {
         self.measured_noise
     }
 
+    /// Share of its time in which samples are missing, 0 to 1.
+    pub fn missing_share(&self) -> f64 {
+        let seconds = self.duration_s();
+        if seconds > 0.0 { (self.unseen.missing_s(self.interval_s) / seconds).min(1.0) } else { 0.0 }
+    }
+
     /// Whether the samples are so noisy that their noise may pass for what drives an effect.
     pub fn is_noisy(&self) -> bool {
         super::linear::is_strong(self.measured_noise)

@@ -81,10 +81,10 @@ pub fn section(explained: &Explained, body: &mut String) {
         e.residual.as_ref().map_or_else(String::new, |residual| improvement(residual, e.effects.is_empty()))
     );
     effects::first_screen(explained, body);
-    let now = match (explained.noisy, e.effects.is_empty()) {
-        (false, _) => next(e),
-        (true, true) => LOOK_AT_NOISE.to_owned(),
-        (true, false) => format!("Do not set the values above. {LOOK_AT_NOISE}"),
+    let now = match (explained.unfit, e.effects.is_empty()) {
+        (None, _) => next(e),
+        (Some(unfit), true) => unfit.remedy().to_owned(),
+        (Some(unfit), false) => format!("Do not set the values above. {}", unfit.remedy()),
     };
     let notes: Vec<_> = explained.notes.iter().map(|note| escape(note)).collect();
     body.push_str(&answers(&[
@@ -93,9 +93,6 @@ pub fn section(explained: &Explained, body: &mut String) {
         ("What of the recording?", notes.join("<br>")),
     ]));
 }
-
-/// What to do where samples are too noisy.
-const LOOK_AT_NOISE: &str = "Look at the noise of the inertial unit first: mounting, filters, a faster log, or the settings of a simulator.";
 
 /// What the new model does to held-out data.
 fn improvement(residual: &ModelResidual, same: bool) -> String {

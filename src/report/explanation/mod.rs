@@ -152,7 +152,7 @@ mod tests {
             model: Model::default(),
             judged: None,
             notes: vec!["Some of it <b> is new.".to_owned()],
-            noisy: false,
+            unfit: None,
             residuals: Vec::new(),
             drivers: Vec::new(),
             not_found: Vec::new(),

@@ -6,6 +6,9 @@
 //! have rolled in between. What is missed has long tails (on a flight between waypoints one place in forty is beyond three times
 //! the mean square), so both together are doubled. How velocity and attitude go together within a gap depends on when it was
 //! that the vehicle rolled, so each counts by itself.
+//!
+//! Samples that are lost one by one leave holes, which are many and short: each adds the mean square of what interpolation misses at
+//! places like it, and hides no fix.
 
 use super::index;
 use super::touchdown;
@@ -16,6 +19,7 @@ use crate::mechanization::{Increment, Motion, NavState};
 use crate::rotation::exp;
 use crate::sample::{GnssFix, ImuSample, SampleKind};
 use nalgebra::{UnitQuaternion, Vector3};
+use std::collections::BTreeMap;
 
 /// Interpolation is tried at most so often for a length …
 const TRIALS: usize = 300;
@@ -29,6 +33,8 @@ const FAR: f64 = 0.1;
 const SETTLE_S: f64 = 5.0;
 /// Lengths of gaps are separated by this, s.
 const LENGTHS_S: f64 = 0.1;
+/// Samples further apart than so many usual intervals have lost one between them: twice, less what stamps jitter.
+const HOLE_INTERVALS: f64 = 1.75;
 /// This much rate, rad/s, is as unlike as that much specific force, m/s².
 const RATE_PER_FORCE: f64 = 0.05;
 
@@ -42,10 +48,11 @@ struct Gap {
     turned: bool,
 }
 
-/// The gaps of a flight, and its touchdowns: between two samples.
+/// The gaps of a flight, the holes that single lost samples leave, and its touchdowns: between two samples.
 #[derive(Debug, Clone, Default)]
 pub(in crate::identify) struct Unseen {
     gaps: Vec<Gap>,
+    holes: Vec<Gap>,
     blows: Vec<Gap>,
 }
 
@@ -89,8 +96,8 @@ fn unlike(a: &[ImuSample; 2], b: &[ImuSample; 2]) -> f64 {
     one(&a[0], &b[0]) + one(&a[1], &b[1])
 }
 
-/// Interpolation over this long, where no sample is lost.
-fn trials(samples: &[ImuSample], kind: SampleKind, length_s: f64) -> Vec<Trial> {
+/// Interpolation over this long, where no samples are further apart than `most_s`.
+fn trials(samples: &[ImuSample], kind: SampleKind, length_s: f64, most_s: f64) -> Vec<Trial> {
     let rest = NavState { r_e: Vector3::zeros(), v_e: Vector3::zeros(), q_eb: UnitQuaternion::identity() };
     let stride = (samples.len() / TRIALS).max(1);
     let one = |from: usize| {
@@ -100,7 +107,7 @@ fn trials(samples: &[ImuSample], kind: SampleKind, length_s: f64) -> Vec<Trial> 
         let mut seen = rest;
         for pair in samples[from..=to].windows(2) {
             let dt = pair[1].t_s - pair[0].t_s;
-            if dt > GAP_S {
+            if dt > most_s {
                 return None;
             }
             seen = moved(&seen, &Increment::between(&motion(&pair[0]), &motion(&pair[1]), kind, dt));
@@ -112,16 +119,23 @@ fn trials(samples: &[ImuSample], kind: SampleKind, length_s: f64) -> Vec<Trial> 
     (0..samples.len()).step_by(stride).filter_map(one).collect()
 }
 
-/// What interpolation misses at places like this one.
-fn missed(trials: &[Trial], ends: &[ImuSample; 2], length_s: f64) -> NavCovariance {
+/// Mean squares of what interpolation misses at the places most like this one, and anywhere; `None` where too few were tried.
+fn missed(trials: &[Trial], ends: &[ImuSample; 2]) -> Option<[NavCovariance; 2]> {
     if trials.len() < ALIKE {
-        return anything(length_s);
+        return None;
     }
     let mut by_likeness: Vec<(f64, &Trial)> = trials.iter().map(|t| (unlike(&t.ends, ends), t)).collect();
     by_likeness.sort_by(|a, b| a.0.total_cmp(&b.0));
     let alike = by_likeness.iter().take(ALIKE).map(|t| t.1.missed).sum::<NavCovariance>() / ALIKE as f64;
     let anywhere = trials.iter().map(|t| t.missed).sum::<NavCovariance>() / trials.len() as f64;
-    NavCovariance::from_diagonal(&((alike + anywhere).diagonal() * LONG_TAILS.powi(2)))
+    Some([alike, anywhere].map(|q| NavCovariance::from_diagonal(&q.diagonal())))
+}
+
+/// The median of the intervals between samples, s.
+fn usual_interval_s(samples: &[ImuSample]) -> f64 {
+    let mut intervals: Vec<f64> = samples.windows(2).map(|w| w[1].t_s - w[0].t_s).collect();
+    let middle = intervals.len() / 2;
+    if intervals.is_empty() { 0.0 } else { *intervals.select_nth_unstable_by(middle, f64::total_cmp).1 }
 }
 
 /// Those of them, in order of time, that have a part between two times.
@@ -132,22 +146,34 @@ fn between(all: &[Gap], from_s: f64, to_s: f64) -> impl Iterator<Item = &Gap> {
 impl Unseen {
     /// Of samples in order of time.
     pub(in crate::identify) fn of(samples: &[ImuSample], kind: SampleKind) -> Self {
-        let mut tried: Vec<(usize, Vec<Trial>)> = Vec::new();
-        let mut gaps = Vec::new();
+        let usual_s = usual_interval_s(samples);
+        let mut own = Self::default();
+        let mut tried: BTreeMap<(bool, usize), Vec<Trial>> = BTreeMap::new();
         for pair in samples.windows(2) {
             let length_s = pair[1].t_s - pair[0].t_s;
-            if length_s <= GAP_S {
+            let is_gap = length_s > GAP_S;
+            if !is_gap && length_s <= HOLE_INTERVALS * usual_s {
                 continue;
             }
-            let class = (length_s / LENGTHS_S).ceil() as usize;
-            if tried.iter().all(|t| t.0 != class) {
-                tried.push((class, trials(samples, kind, class as f64 * LENGTHS_S)));
-            }
-            let trials = tried.iter().find(|t| t.0 == class).map_or(&[][..], |t| &t.1);
-            let missed = missed(trials, &[pair[0], pair[1]], length_s);
-            gaps.push(Gap { from_s: pair[0].t_s, to_s: pair[1].t_s, missed, turned: false });
+            // Lengths are separated by tenths of a second, those of holes by samples.
+            let (unit_s, most_s) =
+                if is_gap { (LENGTHS_S, GAP_S) } else { (usual_s, HOLE_INTERVALS * usual_s) };
+            let class = (length_s / unit_s - 1e-3).ceil().max(1.0);
+            let trials = tried
+                .entry((is_gap, class as usize))
+                .or_insert_with(|| trials(samples, kind, class * unit_s, most_s));
+            let found = missed(trials, &[pair[0], pair[1]]);
+            let missed = match found {
+                Some([alike, _]) if !is_gap => alike,
+                Some([alike, anywhere]) => (alike + anywhere) * LONG_TAILS.powi(2),
+                None if is_gap => anything(length_s),
+                // The bend of the samples around it is all that so short a flight shows.
+                None => continue,
+            };
+            let gap = Gap { from_s: pair[0].t_s, to_s: pair[1].t_s, missed, turned: false };
+            if is_gap { own.gaps.push(gap) } else { own.holes.push(gap) }
         }
-        Self { gaps, blows: Vec::new() }
+        own
     }
 
     /// Adds the touchdowns that these fixes show, where samples are points.
@@ -166,7 +192,9 @@ impl Unseen {
     /// fourth power, of the time since the last sample.
     pub(super) fn within(&self, from_s: f64, to_s: f64) -> Option<NavCovariance> {
         let mut sum: Option<NavCovariance> = None;
-        for gap in [&self.gaps, &self.blows].into_iter().flat_map(|all| between(all, from_s, to_s)) {
+        for gap in
+            [&self.gaps, &self.holes, &self.blows].into_iter().flat_map(|all| between(all, from_s, to_s))
+        {
             let length_s = gap.to_s - gap.from_s;
             let share = |t_s: f64| ((t_s.clamp(gap.from_s, gap.to_s) - gap.from_s) / length_s).powi(2);
             let (a, b) = (share(from_s), share(to_s));
@@ -197,6 +225,11 @@ impl Unseen {
         self.gaps.get(first..).unwrap_or_default().iter().take_while(|g| g.to_s <= t_s).any(|g| g.turned)
     }
 
+    /// How long samples are missing, s, that usually come in this interval.
+    pub(in crate::identify) fn missing_s(&self, usual_s: f64) -> f64 {
+        self.gaps.iter().chain(&self.holes).map(|g| g.to_s - g.from_s - usual_s).sum()
+    }
+
     /// Beginning and end of every gap, s.
     pub(in crate::identify) fn spans_s(&self) -> impl Iterator<Item = (f64, f64)> + '_ {
         self.gaps.iter().map(|g| (g.from_s, g.to_s))
@@ -223,7 +256,7 @@ impl Unseen {
 
     /// The same at another time.
     pub(in crate::identify) fn move_by(&mut self, by_s: f64) {
-        for gap in self.gaps.iter_mut().chain(&mut self.blows) {
+        for gap in self.gaps.iter_mut().chain(&mut self.holes).chain(&mut self.blows) {
             gap.from_s += by_s;
             gap.to_s += by_s;
         }
@@ -268,6 +301,24 @@ mod tests {
         // Cut in two by a fix it is the same gap.
         let halves = within(99.0, 100.5, 0).hypot(within(100.5, 102.0, 0));
         assert!((halves / x - 1.0).abs() < 1e-9, "{halves} {x}");
+    }
+
+    #[test]
+    fn a_hole_adds_what_interpolation_misses_there_and_hides_nothing() {
+        let lost = |t_s: f64| (t_s * 10.0).rem_euclid(10.0) < 0.99 && t_s > 60.0;
+        let samples = samples(lost);
+        let unseen = Unseen::of(&samples, SampleKind::Point);
+        assert!(unseen.gaps.is_empty() && !unseen.hides(0.0, 200.0));
+        let holes = unseen.holes.len();
+        assert!((115..=121).contains(&holes), "{holes}");
+        // Five of the samples of a second are missing.
+        assert!((unseen.missing_s(0.02) - 0.1 * 120.0).abs() < 0.3, "{}", unseen.missing_s(0.02));
+        // A line over 0.12 s of 0.4 rad/s · sin(1.3 t) misses up to 0.4 · 1.3² · 0.12³ / 12 rad.
+        let most = 0.4 * 1.3f64.powi(2) * 0.12f64.powi(3) / 12.0;
+        let x = unseen.within(60.0, 180.0).unwrap()[(index::ATTITUDE, index::ATTITUDE)];
+        let each = (x / holes as f64).sqrt();
+        assert!((0.4 * most..most).contains(&each), "{each} {most}");
+        assert_eq!(unseen.within(10.0, 50.0), None);
     }
 
     #[test]
