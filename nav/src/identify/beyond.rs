@@ -29,26 +29,46 @@ const WORTH: f64 = 1.0;
 /// A selection that adds the best effect at each step may end worse than the one without formulas: not by more than this, nats.
 const GREEDY: f64 = 10.0;
 
-/// Those of the formulas that are worth a closer look beside the effects of a point, at a glance: more likely than `bar`, nats, the price of the
-/// grammar included, and of a size that a name is given to; best first.
+/// Those of the formulas that are worth a closer look at a point, at a glance, best first: more likely than `bar` beside its effects, or about as likely
+/// in the place of one of them as that effect itself. The price of the grammar is included, and they are of a size that a name is given to.
 fn screen(
     search: &Search<'_>,
     point: &Point,
     formulas: &[&'static dyn Effect],
     (bar, flown): (f64, &Flown),
 ) -> Vec<&'static dyn Effect> {
-    let mut out: Vec<Candidate> = Vec::new();
+    let places = search.given.len()..point.added.len();
+    let mut beside: Vec<Candidate> = Vec::new();
+    let mut instead: Vec<Vec<Candidate>> = vec![Vec::new(); places.len()];
     for some in formulas.chunks(AT_ONCE) {
         let lacking: Vec<EffectSetting> = some
             .iter()
             .filter(|e| point.added.iter().all(|a| a.setting.effect.name() != e.name()))
             .map(|e| nothing(*e))
             .collect();
-        let likely = search.glance(point, &lacking).into_iter().filter(|c| c.evidence > bar);
-        out.extend(likely.filter(|c| !flown.size(&c.setting, search.base()).negligible));
+        let glance = search.glance_at(point, &lacking);
+        beside.extend(glance.beside().into_iter().filter(|c| c.evidence > bar));
+        for (k, found) in places.clone().zip(&mut instead) {
+            let Some((own, all)) = glance.instead_of(k) else { continue };
+            found.extend(all.into_iter().filter(|c| c.evidence > reach(own)));
+        }
     }
-    out.sort_by(|a, b| b.evidence.total_cmp(&a.evidence));
-    out.into_iter().take(TRIED).map(|c| c.setting.effect).collect()
+    let mut out: Vec<&'static dyn Effect> = Vec::new();
+    for mut some in std::iter::once(beside).chain(instead) {
+        some.retain(|c| !flown.size(&c.setting, search.base()).negligible);
+        some.sort_by(|a, b| b.evidence.total_cmp(&a.evidence));
+        for c in some.into_iter().take(TRIED) {
+            if out.iter().all(|e| e.name() != c.setting.effect.name()) {
+                out.push(c.setting.effect);
+            }
+        }
+    }
+    out
+}
+
+/// The evidence from which a formula may still win against an effect that has this one at a glance, nats.
+fn reach(own: f64) -> f64 {
+    (own - BEHIND.max(BEHIND_SHARE * own)).max(WORTH)
 }
 
 /// The flights as a point has them.
@@ -66,44 +86,58 @@ fn strongest(selection: &Selection) -> f64 {
     selection.steps.iter().map(|s| s.evidence).fold(0.0, f64::max)
 }
 
-/// Formulas that may be what flights show, given what the catalogue makes of them.
+/// Formulas that may be what flights show, given what the catalogue makes of them, and what that is worth.
 fn promising(
     flights: &[&Flight],
     catalogue: &Selection,
     settings: &Settings,
     workers: &dyn Workers,
-) -> Vec<&'static dyn Effect> {
+) -> (Vec<&'static dyn Effect>, f64) {
     let formulas = grammar::formulas(flights);
-    let settings = Settings { options: catalogue.options.all(), ..*settings };
-    let search = judge::about(flights, catalogue, &settings, workers);
-    let point = search.best(&catalogue.added, &catalogue.noise);
+    let (search, point) = over_all(flights, catalogue, settings, workers);
     let flown = flown(&search, &point);
+    let worth = worth(flights, &point, catalogue);
     let mut tried = screen(&search, &point, &formulas, (WORTH, &flown));
     if !catalogue.added.is_empty() {
-        let search = Search::new(flights, &catalogue.base, &settings, workers, &catalogue.base_noise);
+        let all = Settings { options: catalogue.options.all(), ..*settings };
+        let search = Search::new(flights, &catalogue.base, &all, workers, &catalogue.base_noise);
         let point = search.best(&[], &catalogue.base_noise);
         let own: Vec<EffectSetting> = catalogue.added.iter().map(|a| nothing(a.setting.effect)).collect();
         let glance = search.glance(&point, &own).into_iter().map(|c| c.evidence).fold(0.0, f64::max);
         let top = if glance > 0.0 { glance } else { strongest(catalogue) };
-        let bar = (top - BEHIND.max(BEHIND_SHARE * top)).max(WORTH);
-        for effect in screen(&search, &point, &formulas, (bar, &flown)) {
+        for effect in screen(&search, &point, &formulas, (reach(top), &flown)) {
             if tried.iter().all(|t| t.name() != effect.name()) {
                 tried.push(effect);
             }
         }
     }
-    tried
+    (tried, worth)
+}
+
+/// A search that counts all data, and a selection as these show it. Two selections may have held out different parts: a step that one of them names
+/// must not be held out.
+fn over_all<'a>(
+    flights: &'a [&'a Flight],
+    selection: &Selection,
+    settings: &Settings,
+    workers: &'a dyn Workers,
+) -> (Search<'a>, Point) {
+    let settings = Settings { options: selection.options.all(), ..*settings };
+    let search = judge::about(flights, selection, &settings, workers);
+    let point = search.best(&selection.added, &selection.noise);
+    (search, point)
 }
 
 fn nothing(effect: &'static dyn Effect) -> EffectSetting {
     EffectSetting { sigmas: vec![0.0; effect.len()], ..EffectSetting::unknown(effect) }
 }
 
-/// What a selection is worth: log-likelihood of the fit part, less what its parameters and formulas cost (Schwarz 1978).
-fn worth(selection: &Selection, fixes: usize) -> f64 {
+/// What a selection is worth: log-likelihood of all data, less what its parameters and formulas cost (Schwarz 1978).
+fn worth(flights: &[&Flight], point: &Point, selection: &Selection) -> f64 {
+    let fixes: usize = flights.iter().map(|f| f.fixes().len()).sum();
     let cost =
         |a: &Added| 0.5 * a.setting.effect.len() as f64 * (fixes as f64).ln() + a.setting.effect.prior_cost();
-    selection.log_likelihood[1] - selection.added.iter().map(cost).sum::<f64>()
+    point.log_likelihood - selection.added.iter().map(cost).sum::<f64>()
 }
 
 /// Whether a formula is named in it, alone or in a group.
@@ -119,18 +153,17 @@ pub fn select(
     settings: &Settings,
     workers: &dyn Workers,
 ) -> Selection {
-    let tried = promising(flights, &catalogue, settings, workers);
+    let (tried, catalogue_worth) = promising(flights, &catalogue, settings, workers);
     if tried.is_empty() {
         return catalogue;
     }
     let settings = Settings { beside: settings.beside.and(&tried), ..*settings };
     let found = select::select(flights, base, &settings, workers);
-    let fixes = flights.iter().map(|f| f.fixes().len()).sum();
-    if names_formula(&found) && worth(&found, fixes) > worth(&catalogue, fixes) - GREEDY {
-        found
-    } else {
-        catalogue
+    if !names_formula(&found) {
+        return catalogue;
     }
+    let (_, point) = over_all(flights, &found, &settings, workers);
+    if worth(flights, &point, &found) > catalogue_worth - GREEDY { found } else { catalogue }
 }
 
 /// What a flight says of one effect of a model.
@@ -180,4 +213,36 @@ pub fn confirm(
         Some(Confirmation { earlier: earlier.clone(), here, evidence })
     };
     effects.iter().filter_map(one).collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::tests::fly;
+    use super::super::{Serial, pass::Options};
+    use super::*;
+    use crate::effects::GpsLatency;
+
+    /// A selection that names a step holds out other parts than one that does not: their likelihoods are of different data.
+    #[test]
+    fn a_selection_is_worth_the_same_whatever_it_held_out() {
+        let (base, settings) = (Model::default(), Settings::default());
+        let mut truth = base.clone();
+        truth.set(EffectSetting::known(&GpsLatency, &[0.12]).unwrap());
+        let flight = Flight::prepare(&fly(&truth, 5), &base).unwrap();
+        let flights = [&flight];
+        let selection = select::select(&flights, &base, &settings, &Serial);
+        assert!(!selection.added.is_empty());
+        let worth = |selection: &Selection| {
+            let (_, point) = over_all(&flights, selection, &settings, &Serial);
+            worth(&flights, &point, selection)
+        };
+        let other = Selection {
+            options: Options { phase: selection.options.phase + 1, ..selection.options },
+            ..selection.clone()
+        };
+        assert_eq!(worth(&selection), worth(&other));
+        assert!(worth(&selection) > selection.log_likelihood[1] + 100.0, "all data, not a part");
+        let without = Selection { added: Vec::new(), steps: Vec::new(), ..selection.clone() };
+        assert!(worth(&without) < worth(&selection) - 100.0);
+    }
 }

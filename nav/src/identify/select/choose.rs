@@ -210,7 +210,11 @@ impl Search<'_> {
         let fewer = self.without_fitted(&chosen.point, k);
         let mut remaining = Vec::new();
         let looks = self.look(&fewer, Some(names), &mut remaining);
-        let Some((best, mut point)) = looks.first().cloned() else { return };
+        let Some((best, mut point)) = looks.first().cloned() else {
+            // Neither it nor a rival is more likely than nothing.
+            chosen.found[k].step.evidence = remaining.iter().map(|r| r.1).fold(f64::NEG_INFINITY, f64::max);
+            return;
+        };
         let gain = point.log_likelihood - fewer.log_likelihood;
         // Those that were far behind are not asked again.
         let before = &chosen.found[k].step.candidates;
@@ -233,7 +237,7 @@ mod tests {
     use super::super::super::{Serial, tests::fly};
     use super::super::Settings;
     use super::*;
-    use crate::effects::{AccelBiasDrift, GYRO_SCALE_FACTOR, GpsLatency};
+    use crate::effects::{AccelBiasDrift, GYRO_MISALIGNMENT, GYRO_SCALE_FACTOR, GpsLatency};
     use crate::model::{EffectSetting, Model};
 
     /// A flight whose fixes are 120 ms old.
@@ -279,6 +283,49 @@ mod tests {
             let loss = loss.unwrap();
             assert!((loss - exact).abs() < 1.0 + 0.1 * exact, "{k}: {loss} at a glance, {exact} taken out");
         }
+    }
+
+    /// Misalignments in the place of a scale factor that is named: as where it was never named.
+    #[test]
+    fn an_effect_in_the_place_of_another_is_what_it_is_without_that() {
+        let (base, settings) = (Model::default(), Settings::default());
+        let mut truth = base.clone();
+        truth.set(EffectSetting::known(&GYRO_SCALE_FACTOR, &[0.01, -0.01, 0.01]).unwrap());
+        let flight = Flight::prepare(&fly(&truth, 5), &base).unwrap();
+        let flights = [&flight];
+        let (mut search, measured) = searching(&flights, &base);
+        let start = search.start(&measured);
+        let chosen = search.choose(start, settings.proposal);
+        assert_eq!(chosen.found.len(), 1, "{:?}", chosen.found);
+        let other = EffectSetting { sigmas: vec![0.0; 6], ..EffectSetting::unknown(&GYRO_MISALIGNMENT) };
+        let lacking = [other];
+        let k = search.given.len();
+        let (own, instead) = search.glance_at(&chosen.point, &lacking).instead_of(k).unwrap();
+        let without = search.without(&chosen.point, 0);
+        let exact = search.glance(&without, &lacking)[0].evidence;
+        assert!(own > 100.0 && instead[0].evidence < 0.7 * own, "{own} {instead:?}");
+        assert!((instead[0].evidence - exact).abs() < 1.0 + 0.1 * exact.abs(), "{instead:?}, {exact}");
+        let beside = search.glance(&chosen.point, &lacking)[0].evidence;
+        assert!(beside < 5.0, "{beside}");
+    }
+
+    /// A delay that is not named yet passes for a walk of the biases; once it is named, the walk gives back what it took.
+    #[test]
+    fn a_drift_that_stood_for_a_delay_shrinks_when_the_delay_is_named() {
+        let base = Model::default();
+        let flight = late(&base);
+        let flights = [&flight];
+        let (mut search, measured) = searching(&flights, &base);
+        let start = search.start(&measured);
+        let scanned = search.scan(&start, Some(&["accel_bias_drift"]));
+        let (look, mut point) = search.close_looks(&scanned, &start, &start).remove(0);
+        let before = look.setting.values[0];
+        let setting = EffectSetting::known(&GpsLatency, &[0.12]).unwrap();
+        point.added.push(Added { prior: vec![(0.0, 0.1)], setting });
+        let fitted = search.fitted(&point, &point);
+        let after = fitted.added[search.given.len()].setting.values[0];
+        assert!(after < 0.2 * before, "{before} before, {after} after");
+        assert_eq!(fitted.added[search.given.len()].prior, [(after, 0.0)]);
     }
 
     /// A late flight with gyro noise that no such sensor has, and effects at no size that were added before: beside four the delay is

@@ -76,12 +76,12 @@ impl Search<'_> {
 
     /// One candidate at its own best values and, after a turn, noise, beginning at `from`. Evidence is counted against `before`.
     fn look_closely(&self, candidate: &Candidate, from: &Point, before: &Point) -> Look {
-        let mut candidate = candidate.clone();
-        if is_drift(&candidate) {
+        let candidate = candidate.clone();
+        let mut own = Added { setting: candidate.setting.clone(), prior: candidate.prior.clone() };
+        if is_drift(own.setting.effect) {
             let problems = self.problems(from, &Watched::default());
-            candidate = self.refine_size(candidate, &problems, from, &from.noise);
+            self.refine_size(&mut own, &from.added, (&problems, &from.noise));
         }
-        let own = Added { setting: candidate.setting.clone(), prior: candidate.prior.clone() };
         let with: Vec<Added> = from.added.iter().cloned().chain([own]).collect();
         let (point, problems) = if candidate.setting.effect.is_source_mistake() {
             self.settle_anew(&with, &from.noise)
@@ -103,15 +103,12 @@ impl Search<'_> {
         look
     }
 
-    /// Noise and values take turns: noise that stood for the effect goes as the effect comes.
+    /// Noise and values take turns: noise, and drifts, that stood for the effect go as the effect comes.
     fn turn(&self, look: Look, problems: Vec<Problem>, before: &Point) -> (Look, Vec<Problem>) {
         let Look { mut candidate, mut point, .. } = look;
         let noise = self.fit_noise(&problems, &point.noise).noise;
         let mut added = point.added.clone();
-        candidate = self.refine_size(candidate, &problems, before, &noise);
-        if let Some(last) = added.last_mut().filter(|_| is_drift(&candidate)) {
-            *last = Added { setting: candidate.setting.clone(), prior: candidate.prior.clone() };
-        }
+        self.resize(&mut added, (&problems, &noise));
         let (settled, problems) = self.settle_again(&added, &noise, &point, problems);
         let gain = settled.evidence - point.evidence;
         if gain > 0.0 {
@@ -119,32 +116,38 @@ impl Search<'_> {
         }
         if let Some(last) = point.added.last() {
             candidate.setting = last.setting.clone();
+            if is_drift(last.setting.effect) {
+                candidate.prior.clone_from(&last.prior);
+            }
         }
         // The average over prior widths and instants costs what it cost in the scan.
         candidate.evidence = point.evidence - before.evidence - candidate.cost;
         (Look { candidate, point, done: gain < MIN_TURN_GAIN_NATS }, problems)
     }
 
-    /// The size of a drift beside the effects of `point`, found to within a few per cent, with the sigma by the likelihood's curvature. Other
-    /// candidates stay as they are.
-    fn refine_size(
-        &self,
-        mut candidate: Candidate,
-        problems: &[Problem],
-        point: &Point,
-        noise: &Noise,
-    ) -> Candidate {
-        let Some((least, most)) = sizes_within(candidate.setting.effect) else { return candidate };
+    /// Finds the size of every drift beside all others anew: what it stood for may have been named since.
+    pub(super) fn resize(&self, added: &mut [Added], flown: (&[Problem], &Noise)) {
+        for k in 0..added.len() {
+            let mut others = added.to_vec();
+            let mut own = others.remove(k);
+            if is_drift(own.setting.effect) {
+                self.refine_size(&mut own, &others, flown);
+                added[k] = own;
+            }
+        }
+    }
+
+    /// The size of a drift beside others, found to within a few per cent, with the sigma by the likelihood's curvature.
+    fn refine_size(&self, drift: &mut Added, others: &[Added], (problems, noise): (&[Problem], &Noise)) {
+        let Some((least, most)) = sizes_within(drift.setting.effect) else { return };
         let within = |ln_size: f64| ln_size.exp().clamp(least, most);
-        let value = |ln_size: f64| {
-            self.with_random_walk(problems, &point.added, &candidate.setting, within(ln_size), noise)
-        };
-        let (at, curvature) = peak(value, candidate.setting.values[0].ln());
-        let at = within(at).ln();
-        candidate.setting.values = vec![at.exp()];
-        candidate.setting.sigmas = vec![at.exp() / curvature.sqrt()];
-        candidate.prior = vec![(at.exp(), 0.0)];
-        candidate
+        let value =
+            |ln_size: f64| self.with_random_walk(problems, others, &drift.setting, within(ln_size), noise);
+        let (at, curvature) = peak(value, drift.setting.values[0].ln());
+        let size = within(at);
+        drift.setting.values = vec![size];
+        drift.setting.sigmas = vec![size / curvature.sqrt()];
+        drift.prior = vec![(size, 0.0)];
     }
 }
 
@@ -155,8 +158,8 @@ pub(super) fn sizes_within(effect: &dyn Effect) -> Option<(f64, f64)> {
     Some((sizes.first()? / BEYOND_SIZES, sizes.last()? * BEYOND_SIZES))
 }
 
-fn is_drift(candidate: &Candidate) -> bool {
-    sizes_within(candidate.setting.effect).is_some()
+fn is_drift(effect: &dyn Effect) -> bool {
+    sizes_within(effect).is_some()
 }
 
 /// Place and curvature of a maximum, by parabolas through three points.

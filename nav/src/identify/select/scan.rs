@@ -6,7 +6,7 @@ use super::super::map;
 use super::super::noise::Noise;
 use super::super::pass::Information;
 use super::search::together;
-use super::settle::priors;
+use super::settle::{at_nothing, loss, priors};
 use super::{Added, Candidate, Point, Search, is_jump, is_linear, lacking, prior_sigmas};
 use crate::effects::{Effect, MISTAKES};
 use crate::identify::watched::Watched;
@@ -55,12 +55,21 @@ impl Search<'_> {
 
     /// These linear effects beside those of a point, in no order.
     pub(in crate::identify) fn glance(&self, point: &Point, lacking: &[EffectSetting]) -> Vec<Candidate> {
-        let linear: Vec<&EffectSetting> = lacking.iter().filter(|s| is_linear(s.effect)).collect();
-        let effects = point.added.iter().map(|a| &a.setting).chain(linear.iter().copied()).cloned().collect();
+        self.glance_at(point, lacking).beside()
+    }
+
+    /// One run over the flights for these linear effects at a point.
+    pub(in crate::identify) fn glance_at<'p>(
+        &self,
+        point: &'p Point,
+        lacking: &[EffectSetting],
+    ) -> Glance<'p> {
+        let lacking: Vec<EffectSetting> = lacking.iter().filter(|s| is_linear(s.effect)).cloned().collect();
+        let effects = point.added.iter().map(|a| &a.setting).chain(&lacking).cloned().collect();
         let watched = Watched { effects, ..Watched::default() };
         let (_, [mut information, _]) = together(self.run_through(point, &watched, None, None));
         self.correlate(&point.added, &watched, &mut information);
-        linear.iter().filter_map(|s| linear_candidate(s, &point.added, &watched, &information)).collect()
+        Glance { added: &point.added, lacking, watched, information }
     }
 
     /// Effects that are linear near each of several values alone, linearised about each.
@@ -175,40 +184,65 @@ impl Search<'_> {
     }
 }
 
-fn linear_candidate(
-    setting: &EffectSetting,
-    added: &[Added],
-    watched: &Watched,
-    information: &Information,
-) -> Option<Candidate> {
-    let slots = watched.slots();
-    let index = watched.effects.iter().position(|s| s.effect.name() == setting.effect.name())?;
-    let (old_sigma, old_offset) = priors(added, watched);
-    let old: Vec<usize> = (0..old_sigma.len()).filter(|k| old_sigma[*k] > 0.0).collect();
-    let new: Vec<usize> = (0..slots.len()).filter(|k| slots[*k].0 == index).collect();
-    let own = prior_sigmas(setting.effect);
-    let pick = |v: &[f64]| -> Vec<f64> { old.iter().map(|k| v[*k]).collect() };
-    let without = evidence::fit(information, &old, &pick(&old_sigma), &pick(&old_offset))?;
-    let columns: Vec<usize> = old.iter().chain(&new).copied().collect();
-    let offset: Vec<f64> = pick(&old_offset).into_iter().chain(new.iter().map(|_| 0.0)).collect();
-    let fits: Vec<(f64, evidence::Fit)> = SCALES
-        .iter()
-        .filter_map(|scale| {
-            let width = new.iter().map(|k| own[slots[*k].1] * scale);
-            let sigma: Vec<f64> = pick(&old_sigma).into_iter().chain(width).collect();
-            evidence::fit(information, &columns, &sigma, &offset).map(|f| (*scale, f))
-        })
-        .collect();
-    let evidence = log_mean_exp(fits.iter().map(|f| f.1.evidence)) - without.evidence;
-    let (scale, best) = fits.into_iter().max_by(|a, b| a.1.evidence.total_cmp(&b.1.evidence))?;
-    let mut found = setting.clone();
-    let prior = setting.values.iter().zip(&own).map(|(v, s)| (*v, s * scale)).collect();
-    for (i, k) in new.iter().enumerate() {
-        found.values[slots[*k].1] += best.step[old.len() + i];
+/// What one run over the flights shows, at a point, of effects that it lacks.
+pub(in crate::identify) struct Glance<'p> {
+    added: &'p [Added],
+    lacking: Vec<EffectSetting>,
+    watched: Watched,
+    information: Information,
+}
+
+impl Glance<'_> {
+    /// Each of them beside all those of the point.
+    pub(in crate::identify) fn beside(&self) -> Vec<Candidate> {
+        self.lacking.iter().filter_map(|s| self.candidate(s, &self.information, None)).collect()
     }
-    let evidence = evidence - setting.effect.prior_cost();
-    let cost = best.evidence - without.evidence - evidence;
-    Some(Candidate { setting: found, prior, evidence, cost })
+
+    /// Each of them in the place of effect number `k` of the point, and the evidence that this one has there itself; `None` where that is more than
+    /// a linear model can say.
+    pub(in crate::identify) fn instead_of(&self, k: usize) -> Option<(f64, Vec<Candidate>)> {
+        let own = loss(&self.information, self.added, &self.watched, k)?;
+        let (held, _) = at_nothing(&self.information, self.added, &self.watched, k);
+        Some((own, self.lacking.iter().filter_map(|s| self.candidate(s, &held, Some(k))).collect()))
+    }
+
+    /// An effect beside those of the point but `gone`, which `information` holds at nothing.
+    fn candidate(
+        &self,
+        setting: &EffectSetting,
+        information: &Information,
+        gone: Option<usize>,
+    ) -> Option<Candidate> {
+        let slots = self.watched.slots();
+        let index = self.watched.effects.iter().position(|s| s.effect.name() == setting.effect.name())?;
+        let (old_sigma, old_offset) = priors(self.added, &self.watched);
+        let stays = |k: &usize| old_sigma[*k] > 0.0 && Some(slots[*k].0) != gone;
+        let old: Vec<usize> = (0..old_sigma.len()).filter(stays).collect();
+        let new: Vec<usize> = (0..slots.len()).filter(|k| slots[*k].0 == index).collect();
+        let own = prior_sigmas(setting.effect);
+        let pick = |v: &[f64]| -> Vec<f64> { old.iter().map(|k| v[*k]).collect() };
+        let without = evidence::fit(information, &old, &pick(&old_sigma), &pick(&old_offset))?;
+        let columns: Vec<usize> = old.iter().chain(&new).copied().collect();
+        let offset: Vec<f64> = pick(&old_offset).into_iter().chain(new.iter().map(|_| 0.0)).collect();
+        let fits: Vec<(f64, evidence::Fit)> = SCALES
+            .iter()
+            .filter_map(|scale| {
+                let width = new.iter().map(|k| own[slots[*k].1] * scale);
+                let sigma: Vec<f64> = pick(&old_sigma).into_iter().chain(width).collect();
+                evidence::fit(information, &columns, &sigma, &offset).map(|f| (*scale, f))
+            })
+            .collect();
+        let evidence = log_mean_exp(fits.iter().map(|f| f.1.evidence)) - without.evidence;
+        let (scale, best) = fits.into_iter().max_by(|a, b| a.1.evidence.total_cmp(&b.1.evidence))?;
+        let mut found = setting.clone();
+        let prior = setting.values.iter().zip(&own).map(|(v, s)| (*v, s * scale)).collect();
+        for (i, k) in new.iter().enumerate() {
+            found.values[slots[*k].1] += best.step[old.len() + i];
+        }
+        let evidence = evidence - setting.effect.prior_cost();
+        let cost = best.evidence - without.evidence - evidence;
+        Some(Candidate { setting: found, prior, evidence, cost })
+    }
 }
 
 #[cfg(test)]

@@ -307,7 +307,9 @@ impl<'a> Search<'a> {
     pub(super) fn fitted(&self, point: &Point, from: &Point) -> Point {
         let (settled, problems) = self.settle(&point.added, &point.noise, from, STEPS);
         let noise = self.fit_noise(&problems, &settled.noise).noise;
-        let (better, _) = self.settle_again(&settled.added, &noise, &settled, problems);
+        let mut added = settled.added.clone();
+        self.resize(&mut added, (&problems, &noise));
+        let (better, _) = self.settle_again(&added, &noise, &settled, problems);
         if better.evidence > settled.evidence { better } else { settled }
     }
 

@@ -247,21 +247,34 @@ pub(super) fn loss(
     let (sigma, offset) = priors(added, watched);
     let columns = open(&sigma);
     let slots = watched.slots();
-    let (own, others): (Vec<usize>, Vec<usize>) = columns.iter().partition(|k| slots[**k].0 == effect);
+    let others: Vec<usize> = columns.iter().copied().filter(|k| slots[*k].0 != effect).collect();
     let pick = |v: &[f64], at: &[usize]| -> Vec<f64> { at.iter().map(|k| v[*k]).collect() };
     let with = evidence::fit(information, &columns, &pick(&sigma, &columns), &pick(&offset, &columns))?;
-    // Back to where the prior is centred: for an effect that was found, to nothing.
-    let mut held = information.clone();
-    let mut moved = 0.0;
-    for k in &own {
-        let by = offset[*k];
-        moved += by * held.score[*k] - 0.5 * by * by * held.matrix[(*k, *k)];
-        for j in 0..held.score.len() {
-            held.score[j] -= by * information.matrix[(j, *k)];
-        }
-    }
+    let (held, moved) = at_nothing(information, added, watched, effect);
     let without = evidence::fit(&held, &others, &pick(&sigma, &others), &pick(&offset, &others))?;
     Some(with.evidence - without.evidence - moved)
+}
+
+/// Score and information with the parameters of an effect back where the prior is centred (for an effect that was found: at nothing), and what that
+/// gains of the log-likelihood.
+pub(super) fn at_nothing(
+    information: &Information,
+    added: &[Added],
+    watched: &Watched,
+    effect: usize,
+) -> (Information, f64) {
+    let (sigma, offset) = priors(added, watched);
+    let slots = watched.slots();
+    let mut held = information.clone();
+    let mut moved = 0.0;
+    for k in open(&sigma).into_iter().filter(|k| slots[*k].0 == effect) {
+        let by = offset[k];
+        moved += by * held.score[k] - 0.5 * by * by * held.matrix[(k, k)];
+        for j in 0..held.score.len() {
+            held.score[j] -= by * information.matrix[(j, k)];
+        }
+    }
+    (held, moved)
 }
 
 /// Columns whose prior lets them move.
