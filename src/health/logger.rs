@@ -3,7 +3,7 @@
 use super::HealthLog;
 
 /// Where a larger share of a flight is missing, no value of it is used: ArduPilot flights of twelve minutes that lost 10 to 13 % were explained as those
-/// that lost nothing, with 20 % a value was 3.5 sigma off, with 30 to 43 % most were not explained (docs/explain.md, "A log that lost entries").
+/// that lost nothing, with 20 % a value was 3.5 sigma off, with 30 to 43 % the flight was not explained or by effects that are not there (docs/explain.md, "A log that lost entries").
 pub const LOSSY: f64 = 0.15;
 
 /// What was lost in flight.
@@ -29,10 +29,11 @@ impl Losses {
                 "the logger could not write for {percent} of the flight ({count} pauses, the longest {longest:.2} s, the first at {:.1} s)",
                 self.from_s
             ),
-            None => format!(
-                "the logger lost {percent} of its entries in flight, from {:.1} s: more is logged than it can write",
-                self.from_s
-            ),
+            None => {
+                format!(
+                    "the logger lost {percent} of its entries in flight: more is logged than it can write"
+                )
+            }
         }
     }
 }
