@@ -368,7 +368,8 @@ fn flights_of(
     let listed = assembly::not_found(&not_found, &likely);
     let drivers = drivers::plots(&judged, &residuals, &good);
     let mut explanation = assembly::explanation(&judged, &own, &residuals, found, listed, &events);
-    let notes = words::notes(&good);
+    let unfit = Unfit::of(&good);
+    let notes = words::notes(&good, unfit);
     notes.iter().for_each(|note| explanation.summary.push_str(&format!(" {note}")));
     let beside = good.first().map(|flight| sensors(flight, &judged)).unwrap_or_default();
     explanation.summary.push_str(&beside.wrong());
@@ -378,7 +379,7 @@ fn flights_of(
         model: assembly::new_model(&judged, &own),
         judged: Some(judged),
         notes,
-        unfit: Unfit::of(&good),
+        unfit,
         drivers,
         residuals,
         not_found,

@@ -77,11 +77,11 @@ fn simulated([north, east]: [f64; 2]) -> String {
 }
 
 /// What is to be known of flights as they were recorded, sentence by sentence.
-pub fn notes(flights: &[&Flight]) -> Vec<String> {
+pub fn notes(flights: &[&Flight], unfit: Option<Unfit>) -> Vec<String> {
     let all = [
         unbridged(flights.iter().map(|f| f.unbridged_s()).sum()),
         flights.iter().find_map(|f| f.sphere()).map(simulated),
-        Unfit::of(flights).map(Unfit::sentence),
+        unfit.map(Unfit::sentence),
     ];
     all.into_iter().flatten().collect()
 }

@@ -3,7 +3,7 @@
 //! Thresholds are those that the autopilots' own documentation and log viewers use; each cites its source.
 
 use super::logger::{LOSSY, Losses};
-use super::{HealthLog, Series};
+use super::{HealthLog, Series, in_spans};
 use crate::logs::Level;
 use crate::logs::filter::Channel;
 use schemars::JsonSchema;
@@ -87,8 +87,7 @@ const TEXTS: usize = 6;
 /// The judgement of every part.
 pub fn checks(log: &HealthLog, px4: bool) -> Vec<Check> {
     let flown = log.flown();
-    let in_flight =
-        |t: f64| flown.as_ref().is_none_or(|spans| spans.iter().any(|(a, b)| (*a..=*b).contains(&t)));
+    let in_flight = |t: f64| in_spans(&flown, t);
     let j = Judge { log, px4, in_flight: &in_flight };
     vec![
         j.part("autopilot's estimator", j.estimator(), !log.ratios.is_empty()),

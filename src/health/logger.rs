@@ -1,6 +1,6 @@
 //! What the autopilot's logger could not write in flight: estimates see a part of the flight only, and what is missing looks like an effect.
 
-use super::HealthLog;
+use super::{HealthLog, in_spans};
 
 /// Where a larger share of a flight is missing, no value of it is used: ArduPilot flights of twelve minutes that lost 10 to 13 % were explained as those
 /// that lost nothing, with 20 % a value was 3.5 sigma off, with 30 to 43 % the flight was not explained or by effects that are not there (docs/explain.md, "A log that lost entries").
@@ -49,8 +49,7 @@ impl HealthLog {
     /// What was lost before the first report is the start of the log: 58 logs of strangers lost up to 11 entries there and none later (2026-11-27).
     pub fn losses(&self) -> Option<Losses> {
         let flown = self.flown();
-        let in_flight =
-            |t: f64| flown.as_ref().is_none_or(|spans| spans.iter().any(|(a, b)| (*a..=*b).contains(&t)));
+        let in_flight = |t: f64| in_spans(&flown, t);
         let grown = |a: f64, b: f64| if b > a { b - a } else { 0.0 };
         let steps = self.lost.windows(2).map(|w| {
             let (_, [lost_before, kept_before]) = w[0];

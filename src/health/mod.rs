@@ -229,6 +229,11 @@ impl HealthLog {
     }
 }
 
+/// Whether a time is within one of the spans; always where these are not known.
+fn in_spans(spans: &Option<Vec<(f64, f64)>>, t: f64) -> bool {
+    spans.as_ref().is_none_or(|spans| spans.iter().any(|(a, b)| (*a..=*b).contains(&t)))
+}
+
 /// Appends a value, up to a bound.
 fn keep<T>(series: &mut Series<T>, t_us: u64, value: T) {
     if series.len() < MOST {

@@ -194,7 +194,7 @@ fn the_recorded_failure_of_a_filter_is_bad_within_a_second_of_its_onset() {
     assert!(verdict(&all).starts_with("Bad: "), "{}", verdict(&all));
 }
 
-/// Two minutes of flight from 10 s on, with what an ArduPilot logger says each second: `lost` of 500 entries.
+/// A minute of flight from 10 s on, with what an ArduPilot logger says each second: `lost` of 500 entries.
 fn logged(lost: impl Fn(u32) -> f64) -> HealthLog {
     let mut log = flight();
     let mut sum = 11.0;

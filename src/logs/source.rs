@@ -161,6 +161,11 @@ impl Choice {
         Self { source, continuous: !matches!(source.kind, Kind::Imu), of: 1, why: None }
     }
 
+    /// Time of a sample that is the mean over an interval, s, that ends at `end_us`: its end where these follow upon each other, otherwise its middle.
+    pub fn stamp_us(&self, end_us: u64, interval_s: f64) -> u64 {
+        if self.continuous { end_us } else { end_us.saturating_sub((0.5e6 * interval_s) as u64) }
+    }
+
     /// The source as results name it: which of several, and why.
     pub fn words(&self) -> String {
         let why = match self.why {

@@ -26,11 +26,6 @@ pub(super) struct Inertial {
 }
 
 impl Inertial {
-    /// The instant that stands for it where its interval does not follow upon the one before.
-    pub(super) fn middle_us(&self) -> u64 {
-        self.t_us.saturating_sub((0.5e6 * self.interval_s) as u64)
-    }
-
     pub(super) fn is_clipped(&self) -> bool {
         self.sample.accel.amax() >= RANGE
     }
@@ -105,7 +100,7 @@ pub(super) fn sample(family: &str, unit: u8, entry: &Entry, raw: &mut Raw) -> Op
 impl Sums {
     /// Comes to the time of a sample; where others are missing before it, the mean of those up to the hole.
     fn before_hole(&mut self, at_us: u64) -> Option<Inertial> {
-        let hole = at_us < self.start_us || at_us > self.last_us + HOLE_US;
+        let hole = at_us < self.start_us || at_us.saturating_sub(self.last_us) > HOLE_US;
         let mean = if hole { self.mean() } else { None };
         if hole {
             *self = Self { start_us: at_us, last_us: at_us, ..Self::default() };

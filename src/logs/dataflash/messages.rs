@@ -213,7 +213,7 @@ impl Messages {
             let stream = ImuStream { message: self.choice.words(), kind, ..Default::default() };
             self.put(found.t_us, Measurement::Stream(stream));
         }
-        let t_us = if self.choice.continuous { found.t_us } else { found.middle_us() };
+        let t_us = self.choice.stamp_us(found.t_us, found.interval_s);
         self.put(t_us, Measurement::Imu(Stamp::Usec(t_us), found.sample));
         Some(())
     }

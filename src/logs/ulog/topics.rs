@@ -233,8 +233,7 @@ impl Topics {
             return true;
         }
         self.newest_us = t_us;
-        let middle_us = t_us.saturating_sub((0.5e6 * interval_s) as u64);
-        let t_us = if self.choice.continuous { t_us } else { middle_us };
+        let t_us = self.choice.stamp_us(t_us, interval_s);
         if !self.streaming {
             self.streaming = true;
             // A logger that reports its pauses has none yet.

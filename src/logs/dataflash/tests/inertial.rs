@@ -105,3 +105,19 @@ fn the_mean_of_raw_samples_says_nothing_of_those_that_are_lost() {
         assert!((gyro - ramp).abs() < 0.001, "{t_us} {gyro} {ramp}");
     }
 }
+
+/// A damaged time is as far from the last one as can be.
+#[test]
+fn a_raw_sample_at_the_end_of_time_is_no_crash() {
+    let mut log = raw(|_| false);
+    for stamp in [u64::MAX, 0, u64::MAX, 5] {
+        for kind in [7, 6] {
+            let mut body = 4_000_000_u64.to_le_bytes().to_vec();
+            body.push(0);
+            body.extend(stamp.to_le_bytes());
+            body.extend([0; 12]);
+            log.extend(message(kind, &body));
+        }
+    }
+    assert!(raw_samples(&log).2.len() >= 499);
+}
