@@ -124,3 +124,37 @@ fn no_fixed_wing_maneuver_is_named_for_a_rotorcraft() {
         assert!(FIXED_WING.iter().all(|w| !text.contains(w)), "{log}: {text}");
     }
 }
+
+/// The recorded flight of a copter, of which the logger says that it lost as many entries as it wrote.
+fn half_lost(log: &mut [u8]) {
+    // "FMT" of "DSF": type, length and name; the count of what was dropped stands behind the time.
+    let format = log.windows(9).position(|w| w[..3] == [0xa3, 0x95, 0x80] && &w[5..9] == b"DSF\0").unwrap();
+    let (kind, length) = (log[format + 3], usize::from(log[format + 4]));
+    let entries: Vec<usize> =
+        (0..log.len() - length).filter(|k| log[*k..*k + 3] == [0xa3, 0x95, kind]).collect();
+    assert!(entries.len() > 50, "{}", entries.len());
+    for (k, at) in entries.into_iter().enumerate() {
+        log[at + 11..at + 15].copy_from_slice(&(1000 * k as u32).to_le_bytes());
+    }
+}
+
+#[test]
+#[ignore = "needs the recorded flights: GAWARE_FLIGHTS"]
+fn a_log_that_lost_much_of_its_flight_says_so_before_any_answer() {
+    let folder = Folder::new("report-lossy");
+    let mut bytes = fs::read(flights().join("real_copter_sample.BIN")).unwrap();
+    let page_of = |bytes: &[u8], name: &str| {
+        let (log, out) = (folder.file(&format!("{name}.bin")), folder.file(&format!("{name}.html")));
+        fs::write(&log, bytes).unwrap();
+        let made = gaware(&["report", &log, "--out", &out]);
+        assert_eq!(made.code(), Some(0), "{}", made.stderr);
+        fs::read_to_string(&out).unwrap()
+    };
+    assert!(!page_of(&bytes, "whole").contains("Rests on a part of the flight"));
+    half_lost(&mut bytes);
+    let page = page_of(&bytes, "lossy");
+    let at = |what: &str| page.find(what).unwrap_or_else(|| panic!("{what}"));
+    let told = at("Rests on a part of the flight: the logger lost");
+    assert!(told < at("This log can answer") && told < at("Whose attitude is right?"));
+    assert!(page.contains("For the next flight: log less"), "what to do about it");
+}

@@ -27,10 +27,12 @@ pub fn head(origin: &super::Origin, s: &Summary, (scope, next): &(String, String
         origin.beside.on_board.unit().map_or_else(String::new, |unit| format!(" · unit {}", escape(&unit)));
     let date = if origin.date.is_empty() { "date not in the log" } else { &origin.date };
     let imu = if s.imu.message.is_empty() { "no inertial message" } else { &s.imu.message };
+    let warning = super::scope::warning(&origin.beside)
+        .map_or_else(String::new, |text| format!("<p class=\"verdict grade-bad\">{}</p>", escape(&text)));
     let _ = write!(
         body,
         "<h1>{}</h1><p class=\"quiet\">{} · {vehicle}, {}{unit} · {:.0} s · {} at {:.1} Hz, {} samples, {} dropped · {} fixes, {} used, \
-         {} rejected · model: {} · gaware {}</p><p>{} {}</p>",
+         {} rejected · model: {} · gaware {}</p>{warning}<p>{} {}</p>",
         escape(&origin.log),
         escape(date),
         if s.autopilot == "unknown" { "autopilot not in the log".to_owned() } else { escape(&s.autopilot) },

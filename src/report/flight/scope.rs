@@ -2,6 +2,7 @@
 
 use super::motion::Fitted;
 use crate::engine::snapshot::{Phase, Status, Summary};
+use crate::health::logger::LOSSY;
 use crate::logs::VehicleClass;
 use crate::pipeline::Beside;
 use gaware_mission::item::Autopilot;
@@ -61,15 +62,25 @@ pub fn words(s: &Summary, beside: &Beside, fitted: &[Fitted]) -> (String, String
     (answer, next(s, beside))
 }
 
+/// What stands before every answer of a log that lost more than values can bear; ends with a full stop.
+pub fn warning(beside: &Beside) -> Option<String> {
+    let lost = beside.health.losses().filter(|lost| lost.share > LOSSY)?;
+    Some(format!(
+        "Rests on a part of the flight: {}. Values on this page may be off by several of their sigmas.",
+        lost.words()
+    ))
+}
+
 /// Parameters for the next flight.
 fn next(s: &Summary, beside: &Beside) -> String {
     let on_board = &beside.on_board;
-    if s.imu.rate_hz >= GOOD_HZ && s.gnss.fixes > 0 {
-        return String::new();
-    }
     let now = |name: &str| on_board.get(name).filter(|v| *v >= 0.0).map(|v| v as u32);
     let mut parts = Vec::new();
-    if s.imu.rate_hz < GOOD_HZ {
+    let lossy = warning(beside).is_some();
+    if lossy {
+        parts.push("log less (LOG_BITMASK without raw IMU, SDLOG_PROFILE with fewer topics), or write to a faster card".to_owned());
+    }
+    if s.imu.rate_hz < GOOD_HZ && !lossy {
         let is_log = on_board.system_id.is_none();
         parts.push(match on_board.autopilot {
             Some(Autopilot::ArduPilot) if is_log => {
@@ -95,5 +106,5 @@ fn next(s: &Summary, beside: &Beside) -> String {
     if s.gnss.fixes == 0 {
         parts.push("fly with a 3-D GNSS fix".to_owned());
     }
-    format!("For the next flight: {}.", parts.join("; "))
+    if parts.is_empty() { String::new() } else { format!("For the next flight: {}.", parts.join("; ")) }
 }
