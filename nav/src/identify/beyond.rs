@@ -99,7 +99,7 @@ fn promising(
     let worth = worth(flights, &point, catalogue);
     let mut tried = screen(&search, &point, &formulas, (WORTH, &flown));
     if !catalogue.added.is_empty() {
-        let all = Settings { options: catalogue.options.all(), ..*settings };
+        let all = all_data(catalogue, settings);
         let search = Search::new(flights, &catalogue.base, &all, workers, &catalogue.base_noise);
         let point = search.best(&[], &catalogue.base_noise);
         let own: Vec<EffectSetting> = catalogue.added.iter().map(|a| nothing(a.setting.effect)).collect();
@@ -114,6 +114,11 @@ fn promising(
     (tried, worth)
 }
 
+/// Settings that count what a selection held out, too.
+fn all_data(selection: &Selection, settings: &Settings) -> Settings {
+    Settings { options: selection.options.all(), ..*settings }
+}
+
 /// A search that counts all data, and a selection as these show it. Two selections may have held out different parts: a step that one of them names
 /// must not be held out.
 fn over_all<'a>(
@@ -122,8 +127,7 @@ fn over_all<'a>(
     settings: &Settings,
     workers: &'a dyn Workers,
 ) -> (Search<'a>, Point) {
-    let settings = Settings { options: selection.options.all(), ..*settings };
-    let search = judge::about(flights, selection, &settings, workers);
+    let search = judge::about(flights, selection, &all_data(selection, settings), workers);
     let point = search.best(&selection.added, &selection.noise);
     (search, point)
 }

@@ -81,6 +81,8 @@ pub struct Motion {
     pub temperature_degc: Option<f64>,
     /// Root of the mean squared change of specific force from sample to sample, m/s².
     pub vibration: f64,
+    /// What the biases of gyros, rad/s, and accelerometers, m/s², have walked since the start, where the model lets them and that was asked for.
+    pub walked: [Vector3<f64>; 2],
 }
 
 /// Disagreement at one time.
@@ -123,7 +125,11 @@ pub fn points(
     noise: &Noise,
 ) -> Vec<Point> {
     let both = motions(flight, model, reference).into_iter().zip(problem.disturbances(noise));
-    let all = both.map(|(motion, residuals)| Point { motion, residuals });
+    let mut walked = [Vector3::zeros(); 2];
+    let all = both.map(|(motion, (residuals, steps))| {
+        walked.iter_mut().zip(steps).for_each(|(sum, step)| *sum += step);
+        Point { motion: Motion { walked, ..motion }, residuals }
+    });
     all.filter(|p| p.motion.elapsed_s > SETTLE_S).collect()
 }
 

@@ -16,7 +16,7 @@ use super::flight::Flight;
 use super::judge;
 use super::linear;
 use super::pass::{Information, Options};
-use super::select::{Added, Point, Search, Selection, Settings, priors};
+use super::select::{Added, Point, Search, Selection, Settings, is_drift, priors};
 use crate::effects::{BiasWalk, Instant};
 use crate::identify::watched::{Term, Watched};
 use crate::model::Model;
@@ -200,14 +200,10 @@ impl<'a> Watching<'a> {
     fn without_drifts(&mut self, base: &Model) -> Option<Vec<&'static str>> {
         let effects = &self.point.added;
         let drifts: Vec<&'static str> =
-            effects.iter().filter(|a| is_drift(a)).map(|a| a.setting.effect.name()).collect();
+            effects.iter().map(|a| a.setting.effect).filter(|e| is_drift(*e)).map(|e| e.name()).collect();
         self.walk = Some(linear::walk(base));
         (!drifts.is_empty()).then_some(drifts)
     }
-}
-
-fn is_drift(added: &Added) -> bool {
-    !added.setting.effect.sizes_to_try().is_empty()
 }
 
 /// The best few terms that a selection lacks. `validate` are flights that took no part; without any, the held-out blocks of

@@ -68,8 +68,9 @@ impl Problem {
     /// The disturbances and measurement errors that the whole flight speaks for, fix by fix: means of what the sensors measured since
     /// the fix before less what the smoothed trajectory says, and the rows of the fix less the same; by the channels of
     /// [`crate::identify::residual::CHANNELS`]. Under a right model they have the variance that stands beside them (de Jong & Penzer 1998,
-    /// "Diagnosing shocks in time series").
-    pub fn disturbances(&self, noise: &Noise) -> Vec<[Option<Residual>; 12]> {
+    /// "Diagnosing shocks in time series"). With them what the biases of gyros and accelerometers have walked since the fix before, by the
+    /// smoothed means of their disturbances (Durbin & Koopman 2012, eq. 4.47).
+    pub fn disturbances(&self, noise: &Noise) -> Vec<([Option<Residual>; 12], [Vector3<f64>; 2])> {
         let (_, tape) = self.run_keeping(noise, &Options::default(), Keep::Updates);
         let mut back = Shocks::default();
         let mut out = Vec::with_capacity(self.len());
@@ -95,7 +96,9 @@ impl Problem {
                 }
             }
             residuals.iter_mut().zip(rates).for_each(|(r, rate)| *r = rate.or(*r));
-            out.push(residuals);
+            let walked = [(self.walk.gyro, index::GYRO_BIAS), (self.walk.accel, index::ACCEL_BIAS)]
+                .map(|(walk, at)| back.block(at).0 * (walk * walk * interval.dt));
+            out.push((residuals, walked));
             back.predict(interval, noise.decay(interval.dt));
         }
         out.reverse();

@@ -4,7 +4,7 @@ use super::super::linear::Problem;
 use super::super::map;
 use super::super::noise::Noise;
 use super::settle::{STEPS, watching};
-use super::{Added, Candidate, Point, Search};
+use super::{Added, Candidate, Point, Search, is_drift};
 use crate::effects::Effect;
 use crate::identify::watched::Watched;
 
@@ -128,9 +128,9 @@ impl Search<'_> {
     /// Finds the size of every drift beside all others anew: what it stood for may have been named since.
     pub(super) fn resize(&self, added: &mut [Added], flown: (&[Problem], &Noise)) {
         for k in 0..added.len() {
-            let mut others = added.to_vec();
-            let mut own = others.remove(k);
-            if is_drift(own.setting.effect) {
+            if is_drift(added[k].setting.effect) {
+                let mut others = added.to_vec();
+                let mut own = others.remove(k);
                 self.refine_size(&mut own, &others, flown);
                 added[k] = own;
             }
@@ -156,10 +156,6 @@ impl Search<'_> {
 pub(super) fn sizes_within(effect: &dyn Effect) -> Option<(f64, f64)> {
     let sizes = effect.sizes_to_try();
     Some((sizes.first()? / BEYOND_SIZES, sizes.last()? * BEYOND_SIZES))
-}
-
-fn is_drift(effect: &dyn Effect) -> bool {
-    sizes_within(effect).is_some()
 }
 
 /// Place and curvature of a maximum, by parabolas through three points.

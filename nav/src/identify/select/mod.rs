@@ -250,6 +250,11 @@ pub fn is_jump(effect: &dyn Effect) -> bool {
     effect.event().is_some()
 }
 
+/// Whether it walks: how fast is found by trying.
+pub fn is_drift(effect: &dyn Effect) -> bool {
+    !effect.sizes_to_try().is_empty()
+}
+
 pub(super) fn is_linear(effect: &dyn Effect) -> bool {
     effect.groups().iter().any(|g| g.is_state()) && !is_jump(effect)
 }
