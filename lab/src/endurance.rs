@@ -170,7 +170,11 @@ pub(super) fn assumed(base: &Scenario) -> Model {
 fn one_run(case: &Case, base: &Scenario, seed: u64) -> Run {
     let model = assumed(base);
     let mut vehicle = draw_vehicle(&model, seed);
-    for setting in vehicle.effects.iter_mut().filter(|s| s.effect.fix_delay_s(&s.values, 0.0) < 0.0) {
+    for setting in vehicle
+        .effects
+        .iter_mut()
+        .filter(|s| s.effect.delays_fixes() && s.effect.fix_delay_s(&s.values, 0.0) < 0.0)
+    {
         // A fix does not come before it was measured.
         setting.values.fill(0.0);
     }

@@ -10,7 +10,7 @@ use crate::powertrain::{Carrier, Powertrain};
 use crate::truth::{Trajectory, Truth};
 use gaware_nav::earth::Geodetic;
 use gaware_nav::effects::{
-    Antenna, Conditions, FixInstant, Instant, LateRate, Older, ReportedSample, Surroundings,
+    Antenna, Conditions, FixInstant, Instant, Kernel, LateRate, Older, ReportedSample, Surroundings,
 };
 use gaware_nav::model::{EffectSetting, Model};
 use gaware_nav::operating::{Channel, LagBank, Operating, OperatingSample};
@@ -347,19 +347,19 @@ impl Sensors {
     }
 
     /// The fix with this stamp, from the truth around its time of validity, and that time, s. A receiver that smooths reports the mean
-    /// of two instants whose distance gives its kernel's variance.
+    /// of two instants, by the distance and the weights that its kernel says.
     pub fn fix(&mut self, stamp_s: f64, mut truth_at: impl FnMut(f64) -> Truth) -> (GnssFix, f64) {
         let effects = || self.model.effects.iter();
         let valid_s = stamp_s - self.fix_delay_s(stamp_s);
         let older_s = valid_s - effects().map(|s| s.effect.velocity_delay_s(&s.values)).sum::<f64>();
-        let smoothing_s2: f64 = effects().map(|s| s.effect.smoothing_s2(&s.values)).sum();
-        let apart_s = (2.0 * smoothing_s2.max(0.0)).sqrt();
+        let kernels = effects().map(|s| s.effect.kernel(&s.values));
+        let (apart_s, newer) = two_instants(kernels.fold(Kernel::default(), Kernel::and));
         let mut around = |t_s: f64| [-apart_s, apart_s].map(|by| truth_at((t_s + by).max(0.0)));
         let (truths, older) = (around(valid_s), around(older_s));
         let antenna = |truths: &[Truth; 2]| truths.each_ref().map(|t| self.antenna(stamp_s, t));
         let ([[p1, _], [p2, _]], [[_, v1], [_, v2]]) = (antenna(&truths), antenna(&older));
         let [here, there] = &truths;
-        let place = between(&here.place, &there.place);
+        let place = between(&here.place, &there.place, newer);
         let gnss = &self.model.gnss;
         let white = self.position_noise.normal3().component_mul(&Vector3::from(gnss.position_sigma_m));
         let correlated = self.wander.at(stamp_s, gnss.position_correlation_s);
@@ -367,10 +367,10 @@ impl Sensors {
         if gnss.position_correlation_s > 0.0 {
             offset += correlated.component_mul(&Vector3::from(gnss.position_wander_sigma_m));
         }
-        offset += (p1 + p2) * 0.5;
-        let mut velocity = (older[0].v_n + older[1].v_n) * 0.5
+        offset += p1.lerp(&p2, newer);
+        let mut velocity = older[0].v_n.lerp(&older[1].v_n, newer)
             + self.velocity_noise.normal3().component_mul(&Vector3::from(gnss.velocity_sigma_m_per_s));
-        velocity += (v1 + v2) * 0.5;
+        velocity += v1.lerp(&v2, newer);
         (self.reported(stamp_s, &displaced(&place, &offset), &velocity), valid_s)
     }
 
@@ -382,6 +382,7 @@ impl Sensors {
             v_n: truth.v_n,
             a_n: truth.a_n,
             smoothed_a_n: truth.a_n,
+            uneven_n: Vector3::zeros(),
             c_nb: truth.c_nb,
             rate_eb: truth.rate_eb,
             force_rate: Vector3::zeros(),
@@ -392,7 +393,7 @@ impl Sensors {
         };
         let by_time = |s: &EffectSetting| {
             let (e, p) = (s.effect, &s.values);
-            [e.velocity_delay_s(p), e.smoothing_s2(p)].iter().any(|v| *v != 0.0)
+            e.velocity_delay_s(p) != 0.0 || !e.kernel(p).is_none()
         };
         let mut sum = [Vector3::zeros(); 2];
         for setting in self.model.effects.iter().filter(|s| !by_time(s)) {
@@ -447,12 +448,19 @@ impl Sensors {
     }
 }
 
-/// The middle of two places close together.
-fn between(a: &Geodetic, b: &Geodetic) -> Geodetic {
+/// How long before and after the middle of its kernel a receiver measures, s, and the weight of the later of both instants.
+fn two_instants(kernel: Kernel) -> (f64, f64) {
+    let apart_s = (2.0 * kernel.smoothing_s2.max(0.0)).sqrt();
+    let newer = if apart_s > 0.0 { 0.5 + 0.5 * kernel.ahead_s / apart_s } else { 0.5 };
+    (apart_s, newer)
+}
+
+/// A place so far on the way from one to another.
+fn between(a: &Geodetic, b: &Geodetic, share: f64) -> Geodetic {
     Geodetic {
-        lat_rad: a.lat_rad + 0.5 * (b.lat_rad - a.lat_rad),
-        lon_rad: a.lon_rad + 0.5 * wrap_pi(b.lon_rad - a.lon_rad),
-        height_m: a.height_m + 0.5 * (b.height_m - a.height_m),
+        lat_rad: a.lat_rad + share * (b.lat_rad - a.lat_rad),
+        lon_rad: a.lon_rad + share * wrap_pi(b.lon_rad - a.lon_rad),
+        height_m: a.height_m + share * (b.height_m - a.height_m),
     }
 }
 
@@ -483,10 +491,16 @@ pub fn draw_vehicle(model: &Model, seed: u64) -> Model {
         }
     }
     // A receiver smooths over what it has measured before it sends: no corner is sharpened, and none is known beforehand.
-    let delay_s: f64 = drawn.effects.iter().map(|s| s.effect.fix_delay_s(&s.values, 0.0)).sum();
+    let latencies = drawn.effects.iter().filter(|s| s.effect.delays_fixes());
+    let delay_s: f64 = latencies.map(|s| s.effect.fix_delay_s(&s.values, 0.0)).sum();
     let most = 0.5 * delay_s.max(0.0).powi(2);
-    for setting in drawn.effects.iter_mut().filter(|s| s.effect.smoothing_s2(&s.values) != 0.0) {
-        setting.values.iter_mut().for_each(|v| *v = v.abs().min(most));
+    for setting in drawn.effects.iter_mut().filter(|s| !s.effect.kernel(&s.values).is_none()) {
+        if let [smoothing_s2, skew_s2] = setting.values.as_mut_slice() {
+            *smoothing_s2 = smoothing_s2.abs().min(most);
+            let apart_s = (2.0 * *smoothing_s2).sqrt();
+            let skewed = apart_s.min(delay_s.max(0.0) - apart_s).max(0.0) * Kernel::SPAN_S;
+            *skew_s2 = skew_s2.clamp(-skewed, skewed);
+        }
     }
     drawn
 }

@@ -203,7 +203,7 @@ fn residual(judged: &Judged) -> ModelResidual {
 }
 
 /// What it all comes to. Noise that is not plausible has a cause; an effect that had to grow beyond what it can be explains nothing, nor do effects that leave the
-/// residual on held-out data as it was.
+/// residual on held-out data as it was; those that show in the samples themselves need no residual.
 fn verdict(
     effects: &[EffectEntry],
     added: &[&Added],
@@ -211,7 +211,8 @@ fn verdict(
     terms: &[terms::Found],
     noise: &[NoiseEntry],
 ) -> Verdict {
-    let shrinks = residual.held_out.after < residual.held_out.before;
+    let shown = added.iter().all(|a| a.setting.effect.needs_neighbours());
+    let shrinks = shown || residual.held_out.after < residual.held_out.before;
     // What no model explains comes first: several candidates for one of its effects do not make the values of the others right.
     if !terms.is_empty() || added.iter().any(|a| a.is_at_limit()) || noise.iter().any(|n| !n.plausible) {
         Verdict::Unexplained

@@ -1,7 +1,7 @@
 //! What an effect may act on: inertial samples, fixes, the random walk of the biases, raw samples. One trait each, with neutral
 //! defaults, so that a file of an effect holds only what it changes.
 
-use super::{BiasWalk, FixInstant, Instant, ReportedSample, undo_one_by_one};
+use super::{BiasWalk, FixInstant, Instant, Kernel, ReportedSample, undo_one_by_one};
 use crate::sample::ImuSample;
 use nalgebra::{Matrix3, Vector3};
 
@@ -85,9 +85,9 @@ pub trait FixEffect {
         0.0
     }
 
-    /// Half the variance of the kernel that the receiver smooths with, s².
-    fn smoothing_s2(&self, _p: &[f64]) -> f64 {
-        0.0
+    /// The kernel that the receiver smooths with.
+    fn kernel(&self, _p: &[f64]) -> Kernel {
+        Kernel::default()
     }
 
     /// Whether it depends on the motion before and after the time of validity.

@@ -1,7 +1,8 @@
 //! An effect asked for what it does, whatever it acts on: simulator, filter and `explain` need not know which traits it has.
 
 use super::{
-    BiasWalk, Effect, FixEffect, FixInstant, ImuEffect, Instant, ReportedSample, SourceEffect, WalkEffect,
+    BiasWalk, Effect, FixEffect, FixInstant, ImuEffect, Instant, Kernel, ReportedSample, SourceEffect,
+    WalkEffect,
 };
 use crate::sample::ImuSample;
 use nalgebra::{Matrix3, Vector3};
@@ -51,9 +52,9 @@ impl<'a> dyn Effect + 'a {
         self.on_fixes().map_or(0.0, |e| e.velocity_delay_s(p))
     }
 
-    /// As [`FixEffect::smoothing_s2`].
-    pub fn smoothing_s2(&self, p: &[f64]) -> f64 {
-        self.on_fixes().map_or(0.0, |e| e.smoothing_s2(p))
+    /// As [`FixEffect::kernel`].
+    pub fn kernel(&self, p: &[f64]) -> Kernel {
+        self.on_fixes().map_or_else(Kernel::default, |e| e.kernel(p))
     }
 
     /// As [`FixEffect::needs_motion_around`].

@@ -68,8 +68,10 @@ pub struct FixInstant {
     pub v_n: Vector3<f64>,
     /// Acceleration of the inertial unit relative to Earth, m/s².
     pub a_n: Vector3<f64>,
-    /// The same as a receiver that smooths has it ([`Antenna::smoothing_s2`]), m/s²: what a delay moves its velocity by.
+    /// The same as a receiver that smooths has it ([`Antenna::kernel`]), m/s²: what a delay moves its velocity by.
     pub smoothed_a_n: Vector3<f64>,
+    /// The mean of the acceleration over [`Kernel::SPAN_S`] before and after less that of the instant, over that time, m/s³; zero where it is not known.
+    pub uneven_n: Vector3<f64>,
     /// C_b^n.
     pub c_nb: Matrix3<f64>,
     /// Rate of the body relative to Earth ω_eb^b, rad/s.
@@ -97,11 +99,37 @@ pub struct Older {
     pub acceleration: Vector3<f64>,
 }
 
+/// What a receiver smooths a motion with, as interpolation between two of its own epochs does: weights of instants before, at and after the middle of its
+/// kernel.
+#[derive(Debug, Clone, Copy, Default, PartialEq)]
+pub struct Kernel {
+    /// Half its second moment about its middle, s².
+    pub smoothing_s2: f64,
+    /// By how much its mean is later than its middle, s: positive where what is new weighs more, at most [`Self::SPAN_S`].
+    pub ahead_s: f64,
+}
+
+impl Kernel {
+    /// Motion so long before and after an instant is compared, s: two epochs of a receiver at 5 Hz, as its interpolation compares them.
+    pub const SPAN_S: f64 = 0.1;
+
+    /// Both at once.
+    #[must_use]
+    pub fn and(self, other: Self) -> Self {
+        Self { smoothing_s2: self.smoothing_s2 + other.smoothing_s2, ahead_s: self.ahead_s + other.ahead_s }
+    }
+
+    /// Whether there is anything of it.
+    pub fn is_none(self) -> bool {
+        self == Self::default()
+    }
+}
+
 /// What effects on fixes have to know of one another: a receiver smooths the path of the antenna, wherever that is.
 #[derive(Debug, Clone, Copy, Default)]
 pub struct Antenna {
-    /// Half the variance of the receiver's kernel, s².
-    pub smoothing_s2: f64,
+    /// What the receiver smooths with.
+    pub kernel: Kernel,
     /// Position of the antenna relative to the inertial unit, m.
     pub arm: Vector3<f64>,
     /// First and second derivative of the angular rate, rad/s² and rad/s³; zero where they are not known.
@@ -117,7 +145,7 @@ impl Antenna {
         let mut antenna = Self { rate_derivatives, ..Self::default() };
         for (effect, p) in effects {
             if let Some(e) = effect.on_fixes() {
-                antenna.smoothing_s2 += e.smoothing_s2(p);
+                antenna.kernel = antenna.kernel.and(e.kernel(p));
                 antenna.arm += e.arm(p);
             }
         }
@@ -147,6 +175,11 @@ impl FixInstant {
     /// Rate of change of the acceleration, m/s³: specific force turns with the body, and changes in it.
     pub fn jerk_n(&self) -> Vector3<f64> {
         (self.c_nb * self.rate_eb).cross(&self.force_n()) + self.c_nb * self.force_rate
+    }
+
+    /// Mean of the acceleration over [`Kernel::SPAN_S`] before and after, m/s².
+    pub fn spanned_a_n(&self) -> Vector3<f64> {
+        self.a_n + self.uneven_n * Kernel::SPAN_S
     }
 
     /// Second and third derivative of the position of a point of the vehicle relative to the inertial unit, m/s² and m/s³.

@@ -81,7 +81,7 @@ pub use gps_velocity_latency::GpsVelocityLatency;
 pub use gyro_accel_delay::GyroAccelDelay;
 pub use gyro_bias_step::GyroBiasStep;
 pub use imu_truncation::ImuTruncation;
-pub use instant::{Antenna, Conditions, FixInstant, Instant, LateRate, Older, Surroundings};
+pub use instant::{Antenna, Conditions, FixInstant, Instant, Kernel, LateRate, Older, Surroundings};
 pub use linear::{Driver, LinearEffect, Sensor};
 pub use parameters::{ParameterGroup, Shape, Unit, unit};
 pub use source::MISTAKES;

@@ -1,15 +1,14 @@
 //! How fast specific force and angular rate change, along a whole flight or around one instant: known only when the samples on both
 //! sides of it are there. A receiver that rounds corners off needs it ([`GpsSmoothing`](crate::effects::GpsSmoothing)).
 
-use crate::effects::{FixInstant, LateRate, Older, Surroundings};
+use crate::effects::{FixInstant, Kernel, LateRate, Older, Surroundings};
 use crate::rotation::exp;
 use crate::sample::{ImuSample, SampleKind};
 use crate::vibration::{HighPass, Meter};
 use nalgebra::{UnitQuaternion, Vector3};
 
-/// Means over so long before and after an instant are compared, s: two epochs of a receiver at 5 Hz, as its interpolation
-/// compares them.
-const SPAN_S: f64 = 0.1;
+/// Means over so long before and after an instant are compared, s.
+const SPAN_S: f64 = Kernel::SPAN_S;
 
 /// The angular rate itself is a mean over this time before and after an instant, s.
 const RATE_SPAN_S: f64 = 0.02;
@@ -136,7 +135,7 @@ impl ForceRates {
             let impulse: Vector3<f64> = (0..PARTS).map(part).sum::<Option<_>>()?;
             let then_s = x.t_s - lag_s;
             let then = self.mean(&self.impulses, then_s, RATE_SPAN_S)? + force - told
-                + self.bend(then_s) * x.antenna.smoothing_s2;
+                + self.smoothed(then_s, x.antenna.kernel);
             let acceleration = x.c_nb * (self.turn(then_s, &here)? * then) + rest;
             Some(Older { lag_s, change: -(x.c_nb * impulse + rest * lag_s), acceleration })
         };
@@ -154,6 +153,21 @@ impl ForceRates {
         let here = self.up_to(&self.angles, t_s);
         let force = |t: f64| Some(self.turn(t, &here?)? * self.mean(&self.impulses, t, RATE_SPAN_S)?);
         second_difference(instants(t_s).map(force))
+    }
+
+    /// The mean of the specific force over [`SPAN_S`] before and after an instant less that of the instant, over that time, in body axes, m/s³; what the
+    /// body turns by in the meantime is left out, as in [`Self::at`]. Zero where samples on one side are lacking.
+    pub fn uneven(&self, t_s: f64) -> Vector3<f64> {
+        let mean = |span_s: f64| self.mean(&self.impulses, t_s, span_s);
+        mean(SPAN_S).zip(mean(RATE_SPAN_S)).map_or_else(Vector3::zeros, |(all, own)| (all - own) / SPAN_S)
+    }
+
+    /// By how much the acceleration of a receiver that smooths differs from that of the instant, in body axes, m/s².
+    pub fn smoothed(&self, t_s: f64, kernel: Kernel) -> Vector3<f64> {
+        let force = |by_s: f64| self.mean(&self.impulses, t_s + by_s, RATE_SPAN_S);
+        let change = || Some((force(SPAN_S)? - force(-SPAN_S)?) / (2.0 * SPAN_S));
+        let skewed = if kernel.ahead_s == 0.0 { None } else { change() };
+        self.bend(t_s) * kernel.smoothing_s2 + skewed.unwrap_or_default() * kernel.ahead_s
     }
 
     /// What the samples show around an instant. `lag_s`: the reported rate is so much older than the specific force.
@@ -250,10 +264,37 @@ mod tests {
         let rates = ForceRates::new(&samples, SampleKind::Point);
         for t_s in [0.503, 1.1] {
             let mean = (force(t_s - 0.1) + force(t_s + 0.1)) * 0.5;
-            let smoothed = force(t_s) + rates.bend(t_s) * (0.5 * 0.1 * 0.1);
+            let kernel = Kernel { smoothing_s2: 0.5 * 0.1 * 0.1, ahead_s: 0.0 };
+            let smoothed = force(t_s) + rates.smoothed(t_s, kernel);
             assert!((smoothed - mean).norm() < 0.05 * (force(t_s) - mean).norm(), "{smoothed} {mean}");
         }
         assert_eq!(rates.bend(0.05), Vector3::zeros());
+    }
+
+    /// A receiver that takes three tenths of one epoch and seven of the next, 0.2 s later, in gusts of 3 Hz.
+    #[test]
+    fn a_receiver_that_interpolates_unevenly_is_known_exactly() {
+        let (w, lift) = (19.0, 5.0);
+        let force = |t: f64| Vector3::new(0.0, 0.0, lift * (w * t).cos());
+        let velocity = |t: f64| Vector3::new(0.0, 0.0, lift / w * (w * t).sin());
+        let samples: Vec<ImuSample> = (0..200)
+            .map(|i| {
+                let t_s = f64::from(i) * 0.01;
+                ImuSample { t_s, gyro: Vector3::zeros(), accel: force(t_s), temperature_degc: None }
+            })
+            .collect();
+        let rates = ForceRates::new(&samples, SampleKind::Point);
+        let both = |of: &dyn Fn(f64) -> Vector3<f64>, t: f64| of(t + 0.1) * 0.7 + of(t - 0.1) * 0.3;
+        let kernel = Kernel { smoothing_s2: 0.005, ahead_s: 0.04 };
+        for t_s in [0.503, 0.58, 1.1] {
+            let spanned = force(t_s) + rates.uneven(t_s) * SPAN_S;
+            let own = velocity(t_s) + rates.at(t_s) * kernel.smoothing_s2 + spanned * kernel.ahead_s;
+            let off = (own - both(&velocity, t_s)).norm();
+            assert!(off < 0.03 * lift / w, "{off}");
+            let by_delay = force(t_s) + rates.smoothed(t_s, kernel);
+            assert!((by_delay - both(&force, t_s)).norm() < 0.05 * lift, "{by_delay}");
+        }
+        assert_eq!(rates.uneven(0.05), Vector3::zeros());
     }
 
     /// A vehicle that rolls into a turn: the velocity of 0.18 s ago, against the path itself.

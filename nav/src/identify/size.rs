@@ -200,3 +200,28 @@ impl Flown {
         }
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::effects;
+
+    /// Twelve minutes whose accelerometer biases have walked so far, m/s².
+    fn flown(walked: f64, too_good: bool) -> Flown {
+        Flown { fixes: Vec::new(), longest_s: 720.0, walked: [0.0, walked], too_good }
+    }
+
+    /// 27 mg/√h would lead 0.12 m/s² away in twelve minutes.
+    #[test]
+    fn a_walk_that_led_nowhere_is_negligible_where_fixes_are_too_good_to_be_true() {
+        let drift = effects::find("accel_bias_drift").unwrap();
+        let walk = EffectSetting::known(drift, &[27e-3 * 9.80665 / 60.0]).unwrap();
+        let size = |walked: f64, too_good: bool| flown(walked, too_good).size(&walk, &Model::default());
+        assert!(size(0.004, true).negligible);
+        assert!(!size(0.1, true).negligible && !size(0.004, false).negligible);
+        // Where nothing says how far it led, and where it led further, it is what a walk of that size can do.
+        for walked in [0.0, 5.0] {
+            assert!((size(walked, true).accel - 0.118).abs() < 1e-3, "{:?}", size(walked, true));
+        }
+    }
+}

@@ -54,14 +54,15 @@ impl AtFix<'_> {
             effects().map(|(e, p)| (e, p.as_slice())),
             self.rates.map_or_else(Default::default, |r| r.of_rate_at(t_s)),
         );
-        let smooths = self.rates.filter(|_| antenna.smoothing_s2 != 0.0);
-        let bend = smooths.map_or_else(Vector3::zeros, |r| r.bend(t_s));
-        let smoothed_a_n = a_n + c_nb * bend * antenna.smoothing_s2;
+        let smooths = self.rates.filter(|_| !antenna.kernel.is_none());
+        let smoothed = smooths.map_or_else(Vector3::zeros, |r| r.smoothed(t_s, antenna.kernel));
+        let smoothed_a_n = a_n + c_nb * smoothed;
         let x = FixInstant {
             t_s,
             v_n: c_ne * nav.v_e,
             a_n,
             smoothed_a_n,
+            uneven_n: self.rates.map_or_else(Vector3::zeros, |r| c_nb * r.uneven(t_s)),
             c_nb,
             rate_eb: motion.rate - nav.q_eb.inverse() * earth::rotation_rate(),
             force_rate: self.rates.map_or_else(Vector3::zeros, |r| r.at(t_s)),

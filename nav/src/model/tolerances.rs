@@ -18,10 +18,12 @@ use crate::effects::{Effect, RECEIVER, REGISTRY};
 const WALK_PER_RTH: [f64; 2] = [0.004, 0.01];
 
 impl EffectSetting {
-    /// Zero with the tolerance of a consumer unit as sigma, if the effect has one.
+    /// Zero with the tolerance of a consumer unit as sigma, if the effect has one; parameters beyond its first group are exactly zero.
     pub fn tolerance(effect: &'static dyn Effect) -> Option<Self> {
         let sigma = effect.tolerance()?;
-        Some(Self { effect, values: vec![0.0; effect.len()], sigmas: vec![sigma; effect.len()] })
+        let first = effect.groups().first()?.shape.len();
+        let sigmas = (0..effect.len()).map(|k| if k < first { sigma } else { 0.0 }).collect();
+        Some(Self { effect, values: vec![0.0; effect.len()], sigmas })
     }
 }
 
@@ -100,7 +102,7 @@ mod tests {
             assert!(sigma(name).iter().all(|s| (s - 0.003).abs() < 1e-12), "{name}");
         }
         assert_eq!(sigma("gps_lever_arm"), vec![0.3; 3]);
-        assert_eq!(sigma("gps_smoothing"), vec![0.005]);
+        assert_eq!(sigma("gps_smoothing"), vec![0.005, 0.0]);
         assert_eq!(model.effects.len(), 6);
     }
 

@@ -68,7 +68,9 @@ impl Filter {
             let setting = &self.model.effects[effect];
             let mut one = vec![0.0; setting.values.len()];
             one[parameter] = 1.0;
-            setting.effect.fix_delay_s(&one, self.t_s - self.began_s)
+            // What moves the middle of the kernel leaves its mean where it is.
+            let delay_s = setting.effect.fix_delay_s(&one, self.t_s - self.began_s);
+            delay_s - setting.effect.kernel(&one).ahead_s
         };
         let variance =
             |s: &crate::filter::layout::Slot| (delays(s.effect, s.parameter) * self.p.sigma(s.state)).powi(2);

@@ -7,7 +7,7 @@ use super::super::noise::Noise;
 use super::super::pass::Information;
 use super::search::together;
 use super::settle::{at_nothing, loss, priors};
-use super::{Added, Candidate, Point, Search, is_jump, is_linear, lacking, prior_sigmas};
+use super::{Added, Candidate, Point, Search, is_drift, is_jump, is_linear, lacking, prior_sigmas};
 use crate::effects::{Effect, MISTAKES};
 use crate::identify::watched::Watched;
 use crate::model::{EffectSetting, Model};
@@ -98,8 +98,7 @@ impl Search<'_> {
 
     /// Drifts of several sizes.
     fn random_walks(&self, lacking: &[EffectSetting], problems: &[Problem], point: &Point) -> Vec<Candidate> {
-        let drifts: Vec<&EffectSetting> =
-            lacking.iter().filter(|s| !s.effect.sizes_to_try().is_empty()).collect();
+        let drifts: Vec<&EffectSetting> = lacking.iter().filter(|s| is_drift(s.effect)).collect();
         let tries: Vec<(usize, f64)> = drifts
             .iter()
             .enumerate()
@@ -286,23 +285,31 @@ mod tests {
         assert!(glance > 0.3 * best.evidence, "{glance} of {}", best.evidence);
     }
 
-    /// Each fix in its place is the mean of itself and the one before, as of a receiver that interpolates between two: late by half
-    /// their interval. The acceleration of an instant is not what a delay moves such a velocity by.
-    #[test]
-    fn a_delay_of_a_receiver_that_interpolates_is_found_in_gusts() {
+    /// Each fix in its place is so much of itself and the rest of the one before, as of a receiver that interpolates between two: late by the share of
+    /// their interval, 0.2 s, that the older one has.
+    fn interpolated(older: f64) -> Vec<Sample> {
         let mut samples = late(0.0);
         let mut last: Option<GnssFix> = None;
         for sample in &mut samples {
             let Sample::Fix(fix) = sample else { continue };
             let own = *fix;
             let before = last.replace(own).unwrap_or(own);
-            let mean = (own.position.to_ecef() + before.position.to_ecef()) * 0.5;
-            fix.position = Geodetic::from_ecef(&mean);
+            let place = own.position.to_ecef().lerp(&before.position.to_ecef(), older);
+            fix.position = Geodetic::from_ecef(&place);
             let (n, b) = (own.velocity.components(), before.velocity.components());
-            fix.velocity = FixVelocity::Horizontal([0.5 * (n[0] + b[0]), 0.5 * (n[1] + b[1])]);
+            fix.velocity = FixVelocity::Horizontal([0, 1].map(|k| n[k] + older * (b[k] - n[k])));
         }
-        let (best, _) = found(&samples, &Model::default().with_receiver());
-        assert_eq!(best.setting.effect.name(), "gps_latency", "{best:?}");
-        assert!((best.setting.values[0] - 0.1).abs() < 0.005, "{best:?}");
+        samples
+    }
+
+    /// The acceleration of an instant is not what a delay moves such a velocity by, and where one of the two fixes weighs more, the middle is not
+    /// the mean.
+    #[test]
+    fn a_delay_of_a_receiver_that_interpolates_is_found_in_gusts() {
+        for older in [0.5, 0.75] {
+            let (best, _) = found(&interpolated(older), &Model::default().with_receiver());
+            assert_eq!(best.setting.effect.name(), "gps_latency", "{best:?}");
+            assert!((best.setting.values[0] - 0.2 * older).abs() < 0.005, "{older} {best:?}");
+        }
     }
 }
