@@ -155,7 +155,7 @@ impl ForceRates {
         second_difference(instants(t_s).map(force))
     }
 
-    /// The mean of the specific force over [`SPAN_S`] before and after an instant less that of the instant, over that time, in body axes, m/s³; what the
+    /// The mean of the specific force over [`Kernel::SPAN_S`] before and after an instant less that of the instant, over that time, in body axes, m/s³; what the
     /// body turns by in the meantime is left out, as in [`Self::at`]. Zero where samples on one side are lacking.
     pub fn uneven(&self, t_s: f64) -> Vector3<f64> {
         let mean = |span_s: f64| self.mean(&self.impulses, t_s, span_s);

@@ -62,6 +62,15 @@ impl Residual {
     }
 }
 
+/// What a whole flight says went wrong between one fix and the next, and at that one.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Disturbance {
+    /// By channel; `None` where there is nothing to compare.
+    pub residuals: [Option<Residual>; 12],
+    /// What the biases of gyros, rad/s, and accelerometers, m/s², have walked.
+    pub walked: [Vector3<f64>; 2],
+}
+
 /// What the vehicle did around one fix.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub struct Motion {
@@ -126,9 +135,9 @@ pub fn points(
 ) -> Vec<Point> {
     let both = motions(flight, model, reference).into_iter().zip(problem.disturbances(noise));
     let mut walked = [Vector3::zeros(); 2];
-    let all = both.map(|(motion, (residuals, steps))| {
-        walked.iter_mut().zip(steps).for_each(|(sum, step)| *sum += step);
-        Point { motion: Motion { walked, ..motion }, residuals }
+    let all = both.map(|(motion, found)| {
+        walked.iter_mut().zip(found.walked).for_each(|(sum, step)| *sum += step);
+        Point { motion: Motion { walked, ..motion }, residuals: found.residuals }
     });
     all.filter(|p| p.motion.elapsed_s > SETTLE_S).collect()
 }

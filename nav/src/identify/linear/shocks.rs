@@ -10,7 +10,7 @@ use super::rows::{Kind, Row};
 use super::{Problem, STATES, index, variances};
 use crate::identify::noise::Noise;
 use crate::identify::pass::Options;
-use crate::identify::residual::Residual;
+use crate::identify::residual::{Disturbance, Residual};
 use crate::linear::interval::Interval;
 use nalgebra::{Matrix3, Matrix6, Vector3};
 use pulp::{Simd, WithSimd};
@@ -70,7 +70,7 @@ impl Problem {
     /// [`crate::identify::residual::CHANNELS`]. Under a right model they have the variance that stands beside them (de Jong & Penzer 1998,
     /// "Diagnosing shocks in time series"). With them what the biases of gyros and accelerometers have walked since the fix before, by the
     /// smoothed means of their disturbances (Durbin & Koopman 2012, eq. 4.47).
-    pub fn disturbances(&self, noise: &Noise) -> Vec<([Option<Residual>; 12], [Vector3<f64>; 2])> {
+    pub fn disturbances(&self, noise: &Noise) -> Vec<Disturbance> {
         let (_, tape) = self.run_keeping(noise, &Options::default(), Keep::Updates);
         let mut back = Shocks::default();
         let mut out = Vec::with_capacity(self.len());
@@ -98,7 +98,7 @@ impl Problem {
             residuals.iter_mut().zip(rates).for_each(|(r, rate)| *r = rate.or(*r));
             let walked = [(self.walk.gyro, index::GYRO_BIAS), (self.walk.accel, index::ACCEL_BIAS)]
                 .map(|(walk, at)| back.block(at).0 * (walk * walk * interval.dt));
-            out.push((residuals, walked));
+            out.push(Disturbance { residuals, walked });
             back.predict(interval, noise.decay(interval.dt));
         }
         out.reverse();
