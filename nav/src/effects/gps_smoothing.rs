@@ -3,7 +3,7 @@
 //! A receiver that filters its solutions, or interpolates between them, reports z(t − L) + κ z̈ of a motion z, whatever the
 //! symmetric kernel is: L is its mean (the latency) and 2κ its variance. One that interpolates between epochs 2h apart weighs one of them more unless the delay happens to
 //! lead to their middle: it reports z(m) + κ z̈(m) + δ (z(m + h) − z(m − h)) / 2h, with the middle m = t − L − δ. With δ = 0 for a receiver that did not, a plane in gusts had
-//! its fixes .0725 ± .008 s late instead of .034, an antenna .72 m ahead and gyros that feel 1627 ± 256 deg/h/g, none of them there (ArduPilot's simulator with `SIM_GPS1_LAG_MS` 60; at
+//! its fixes .0725 ± .008 s late instead of .034, an antenna .72 m ahead and gyros that feel 1710 ± 254 deg/h/g, none of them there (ArduPilot's simulator with `SIM_GPS1_LAG_MS` 60; at
 //! 100, where δ is zero, all was right; 2026-11-27). Between samples T apart a linear interpolation has κ up
 //! to T²/8: at 5 Hz 5 mm per m/s², toward the centre of a turn, and a speed that falls short by centimetres per second there.
 //! That imitates an antenna above the inertial unit. It is estimated beside the biases and never named.
@@ -18,7 +18,7 @@ const PRIOR_S2: f64 = 0.005;
 const SPAN_S2: f64 = Kernel::SPAN_S * Kernel::SPAN_S;
 const S2: Unit = Unit { symbol: "s²", suffix: "s2", si: 1.0 };
 
-/// Half the variance of the receiver's kernel, s². It stands outside the registry: it is not tested.
+/// Half the variance of the receiver's kernel and its skew, s². It stands outside the registry: it is not tested.
 #[derive(Debug)]
 pub struct GpsSmoothing;
 
