@@ -169,15 +169,7 @@ pub(super) fn assumed(base: &Scenario) -> Model {
 
 fn one_run(case: &Case, base: &Scenario, seed: u64) -> Run {
     let model = assumed(base);
-    let mut vehicle = draw_vehicle(&model, seed);
-    for setting in vehicle
-        .effects
-        .iter_mut()
-        .filter(|s| s.effect.delays_fixes() && s.effect.fix_delay_s(&s.values, 0.0) < 0.0)
-    {
-        // A fix does not come before it was measured.
-        setting.values.fill(0.0);
-    }
+    let vehicle = draw_vehicle(&model, seed);
     let mut sensors = base.sensors.clone();
     sensors.imu_rate_hz = IMU_RATE_HZ;
     sensors.attitude_rate_hz = if case.hint { 2.0 } else { 0.0 };

@@ -185,14 +185,6 @@ fn held(
     unit.gnss.time_sigma_s = model.gnss.time_sigma_s;
     // Quiet gyros scatter by a tenth of a count, those of the standard model by 1.5 counts at 50 Hz.
     unit.imu.gyro_noise *= if source == Source::RawQuiet { 0.07 } else { 1.0 };
-    for setting in unit
-        .effects
-        .iter_mut()
-        .filter(|s| s.effect.delays_fixes() && s.effect.fix_delay_s(&s.values, 0.0) < 0.0)
-    {
-        // A fix does not come before it was measured.
-        setting.values.fill(0.0);
-    }
     let mut sensors = base.sensors.clone();
     sensors.imu_rate_hz = IMU_RATE_HZ[usize::from(source == Source::Bin)];
     sensors.attitude_rate_hz = 5.0;

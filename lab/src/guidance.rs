@@ -183,11 +183,7 @@ struct Flown {
 
 impl Setting {
     fn fly(&self, policy: Policy, seed: u64) -> Flown {
-        let mut truth = draw_vehicle(&self.belief, seed);
-        for setting in truth.effects.iter_mut().filter(|s| s.effect.delays_fixes()) {
-            // A fix does not come before it was measured.
-            setting.values.iter_mut().for_each(|v| *v = v.max(0.0));
-        }
+        let truth = draw_vehicle(&self.belief, seed);
         let vehicle = Shared(Arc::new(Mutex::new(Vehicle::new(self.vehicle(seed)))));
         let flight = Flight::new(Box::new(vehicle.clone()), &truth, self.sensors.clone(), seed);
         let options = match policy {

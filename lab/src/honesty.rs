@@ -170,11 +170,7 @@ fn belief(scenario: &Scenario) -> Model {
 
 /// Every state called observable after one flight of a vehicle drawn from what is assumed, estimated with what is assumed.
 fn one_flight(scenario: &Scenario, belief: &Model, assumed: &Model, seed: u64) -> Vec<Called> {
-    let mut vehicle = draw_vehicle(belief, seed);
-    for setting in vehicle.effects.iter_mut().filter(|s| s.effect.delays_fixes()) {
-        // A fix does not come before it was measured.
-        setting.values.iter_mut().for_each(|v| *v = v.max(0.0));
-    }
+    let vehicle = draw_vehicle(belief, seed);
     let flight =
         gaware_sitl::sensors::Flight::new(scenario.trajectory(), &vehicle, scenario.sensors.clone(), seed);
     let mut engine = Engine::new(assumed.clone(), EngineOptions::default());

@@ -17,6 +17,7 @@ use gaware_nav::effects::{AIRSPEED, BAROMETER, COMPASS, Effect};
 use gaware_nav::model::{EffectSetting, Model};
 use gaware_sitl::air::AirSensors;
 use gaware_sitl::noise::{Noise, Purpose};
+use gaware_sitl::sensors::draw_vehicle;
 use serde::Serialize;
 
 /// 2026-07-01: the simulation's magnetic field is that of 2026.
@@ -112,7 +113,7 @@ fn draw(effect: &'static dyn Effect, seed: u64) -> EffectSetting {
 /// One flight: what was injected, and what a report says.
 fn fly(prepared: &Prepared, effect: &'static dyn Effect, seed: u64) -> (EffectSetting, Aids) {
     let mut injected = draw(effect, seed);
-    let mut truth = demo::drawn_truth(&prepared.settings.drawn, seed);
+    let mut truth = draw_vehicle(&prepared.settings.drawn, seed);
     truth.set(injected.clone());
     let engine = Engine::new(Model::standard(), EngineOptions::default());
     let autopilot = prepared.autopilot(&truth, seed);

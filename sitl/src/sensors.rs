@@ -22,8 +22,10 @@ use gaware_nav::sample::{
 use nalgebra::Vector3;
 use std::f64::consts::{SQRT_2, TAU};
 
+mod drawn;
 mod flight;
 
+pub use drawn::draw_vehicle;
 pub use flight::Flight;
 
 /// One line of a vibration spectrum; sampling aliases it.
@@ -473,37 +475,3 @@ fn displaced(place: &Geodetic, by: &Vector3<f64>) -> Geodetic {
         height_m: place.height_m - by.z,
     }
 }
-
-/// A model whose biases and uncertain parameters are drawn from their prior sigmas: one vehicle of many, for Monte
-/// Carlo studies. Values with sigma 0 stay.
-pub fn draw_vehicle(model: &Model, seed: u64) -> Model {
-    let mut noise = Noise::new(seed, Purpose::HiddenTruth);
-    let mut drawn = model.clone();
-    for axis in 0..3 {
-        drawn.imu.gyro_bias[axis] += noise.normal() * model.imu.gyro_bias_sigma;
-    }
-    for axis in 0..3 {
-        drawn.imu.accel_bias[axis] += noise.normal() * model.imu.accel_bias_sigma;
-    }
-    for setting in &mut drawn.effects {
-        for (value, sigma) in setting.values.iter_mut().zip(&setting.sigmas) {
-            *value += noise.normal() * sigma;
-        }
-    }
-    // A receiver smooths over what it has measured before it sends: no corner is sharpened, and none is known beforehand.
-    let latencies = drawn.effects.iter().filter(|s| s.effect.delays_fixes());
-    let delay_s: f64 = latencies.map(|s| s.effect.fix_delay_s(&s.values, 0.0)).sum();
-    let most = 0.5 * delay_s.max(0.0).powi(2);
-    for setting in drawn.effects.iter_mut().filter(|s| !s.effect.kernel(&s.values).is_none()) {
-        if let [smoothing_s2, skew_s2] = setting.values.as_mut_slice() {
-            *smoothing_s2 = smoothing_s2.abs().min(most);
-            let apart_s = (2.0 * *smoothing_s2).sqrt();
-            let skewed = apart_s.min(delay_s.max(0.0) - apart_s).max(0.0) * Kernel::SPAN_S;
-            *skew_s2 = skew_s2.clamp(-skewed, skewed);
-        }
-    }
-    drawn
-}
-
-#[cfg(test)]
-mod tests;

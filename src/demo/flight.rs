@@ -4,8 +4,8 @@
 mod upload;
 mod view;
 
+use super::Prepared;
 use super::series::{Log, PERIOD_S};
-use super::{Prepared, drawn_truth};
 use crate::engine::guidance::GuidanceOptions;
 use crate::engine::snapshot::Snapshot;
 use crate::engine::{Engine, EngineOptions};
@@ -25,6 +25,7 @@ use gaware_mission::transfer::Action;
 use gaware_mission::transfer::verified::{Outcome, VerifiedUpload};
 use gaware_nav::model::Model;
 use gaware_sitl::autopilot::Autopilot;
+use gaware_sitl::sensors::draw_vehicle;
 use mavlink::dialects::ardupilotmega::{COMMAND_LONG_DATA, MavCmd, MavMessage};
 
 /// Virtual time of one turn, s.
@@ -123,7 +124,7 @@ impl Flight {
     /// A vehicle of this seed that stands at home.
     pub fn new(prepared: Prepared, seed: u64) -> Self {
         let settings = &prepared.settings;
-        let truth = drawn_truth(&settings.drawn, seed);
+        let truth = draw_vehicle(&settings.drawn, seed);
         let autopilot = prepared.autopilot(&truth, seed);
         let truth = relative_to_stamps(truth, autopilot.mean_stamp_delay_s());
         let mut guidance = GuidanceOptions::new(settings.airframe.clone(), false);

@@ -1,12 +1,12 @@
 //! The ground session before the flight: the same unit, turned to six sides by simulated hands indoors, in virtual time through an engine of its
 //! own. What it finds is the file of the unit, and the belief that the flight begins with.
 
-use super::{HOME, Prepared, Settings, drawn_truth};
+use super::{HOME, Prepared, Settings};
 use crate::engine::snapshot::{Snapshot, Status};
 use crate::engine::{Engine, EngineOptions};
 use crate::unit::{Origin, Unit};
 use gaware_nav::earth::Geodetic;
-use gaware_sitl::sensors::{Flight as Simulated, SensorConfig};
+use gaware_sitl::sensors::{Flight as Simulated, SensorConfig, draw_vehicle};
 use gaware_sitl::trajectory::Flown;
 use gaware_sitl::trajectory::hand::Hand;
 use serde_json::{Value, json};
@@ -47,7 +47,7 @@ impl GroundSession {
             ..EngineOptions::default()
         };
         Self {
-            samples: Simulated::new(Box::new(path), &drawn_truth(&settings.drawn, seed), sensors, seed),
+            samples: Simulated::new(Box::new(path), &draw_vehicle(&settings.drawn, seed), sensors, seed),
             engine: Engine::new(settings.belief.clone(), options),
             now_s: 0.0,
             over: false,

@@ -22,7 +22,6 @@ use gaware_nav::earth::{Geodetic, STANDARD_GRAVITY};
 use gaware_nav::model::Model;
 use gaware_sitl::autopilot::{Autopilot, AutopilotConfig, Flavour};
 use gaware_sitl::scenario;
-use gaware_sitl::sensors::draw_vehicle;
 use gaware_sitl::vehicle::VehicleConfig;
 use nalgebra::{UnitQuaternion, Vector2, Vector3};
 
@@ -161,16 +160,6 @@ impl Settings {
             ..AutopilotConfig::default()
         }
     }
-}
-
-/// The truth of one vehicle: constants drawn from what is assumed, unknown to the companion.
-pub fn drawn_truth(belief: &Model, seed: u64) -> Model {
-    let mut truth = draw_vehicle(belief, seed);
-    for setting in truth.effects.iter_mut().filter(|s| s.effect.delays_fixes()) {
-        // A fix does not come before it was measured.
-        setting.values.iter_mut().for_each(|v| *v = v.max(0.0));
-    }
-    truth
 }
 
 /// The information bound from the priors of a model, for a flight that begins at home.

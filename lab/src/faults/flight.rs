@@ -72,15 +72,6 @@ pub(super) fn assumed(base: &Scenario) -> Model {
     model
 }
 
-/// A vehicle drawn from what is assumed; a fix does not come before it was measured.
-pub(super) fn drawn(model: &Model, seed: u64) -> Model {
-    let mut vehicle = draw_vehicle(model, seed);
-    for setting in vehicle.effects.iter_mut().filter(|s| s.effect.delays_fixes()) {
-        setting.values.iter_mut().for_each(|v| *v = v.max(0.0));
-    }
-    vehicle
-}
-
 /// The simulated autopilot of this vehicle on this path.
 pub(super) fn autopilot(
     kind: &Kind,
@@ -222,7 +213,7 @@ pub(super) struct Course {
 /// Flies it.
 pub(super) fn fly(case: &Case, kind: &Kind, base: &Scenario, seed: u64) -> Course {
     let model = assumed(base);
-    let vehicle = drawn(&model, seed);
+    let vehicle = draw_vehicle(&model, seed);
     let sensors = Calibration::new(&vehicle);
     let mut path = kind.path.clone();
     let mut station = Station::new(model, seed, None);
@@ -269,7 +260,7 @@ fn begin(station: &mut Station, case: &Case, kind: &Kind, base: &Scenario, seed:
         Cause::Link(faults) => station.set_link_faults(faults),
         Cause::SecondAutopilot => {
             // Stationary, and switched on just now.
-            let other = drawn(&assumed(base), seed ^ 0x5EC0);
+            let other = draw_vehicle(&assumed(base), seed ^ 0x5EC0);
             let path = Flown::with_step(Bench::new(600.0), 0.1);
             station.join(autopilot(kind, path, case, &base.sensors, &other, seed ^ 0x5EC0));
         }

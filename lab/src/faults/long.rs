@@ -3,7 +3,7 @@
 //! Each hour the vehicle gets another battery: its clock starts anew and it stands where it stood. In each hour there are a fault of
 //! the link, one of the autopilot and one in its messages. Memory, recordings and the errors against their sigmas are looked at.
 
-use super::flight::{self, Judged, Kind, assumed, drawn, judged};
+use super::flight::{self, Judged, Kind, assumed, judged};
 use super::registry::{Case, Cause};
 use super::spoiler::{Spoil, Spoiler};
 use super::station::{Station, TURN_S};
@@ -19,6 +19,7 @@ use gaware_nav::model::Model;
 use gaware_sitl::faults::{Fault, LinkFaults};
 use gaware_sitl::noise::{Noise, Purpose};
 use gaware_sitl::scenario::{Scenario, scenario};
+use gaware_sitl::sensors::draw_vehicle;
 use gaware_sitl::trajectory::{Flown, Scripted, fixed_wing::FixedWing};
 use serde::Serialize;
 use std::path::{Path, PathBuf};
@@ -163,7 +164,7 @@ struct Run {
 
 impl Run {
     fn new(model: &Model, seed: u64, recorder: Recorder) -> Self {
-        let vehicle = drawn(model, seed);
+        let vehicle = draw_vehicle(model, seed);
         let path = FixedWing::new(true).landed().paused(5.0, GROUND_S).repeated(FLIGHTS);
         let [wing, _] = flight::kinds();
         Self {
