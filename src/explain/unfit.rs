@@ -1,6 +1,6 @@
 //! Recordings from which names may be right, but no value is to be used.
 
-use crate::health::logger::LOSSY;
+use crate::health::logger::{LOG_LESS, LOSSY};
 use gaware_nav::identify::flight::Flight;
 
 /// Why no value of these flights is to be used.
@@ -46,14 +46,11 @@ impl Unfit {
     }
 
     /// What to do first.
-    pub fn remedy(self) -> &'static str {
+    pub fn remedy(self) -> String {
         match self {
-            Self::Noisy => {
-                "Look at the noise of the inertial unit first: mounting, filters, a faster log, or the settings of a simulator."
-            }
-            Self::Lossy(_) => {
-                "Record a flight without losses first: log less (LOG_BITMASK without raw IMU, SDLOG_PROFILE), or write to a faster card."
-            }
+            Self::Noisy => "Look at the noise of the inertial unit first: mounting, filters, a faster log, or the settings of a simulator."
+                .to_owned(),
+            Self::Lossy(_) => format!("Record a flight without losses first: {LOG_LESS}."),
         }
     }
 }

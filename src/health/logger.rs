@@ -6,6 +6,10 @@ use super::{HealthLog, in_spans};
 /// that lost nothing, with 20 % a value was 3.5 sigma off, with 30 to 43 % the flight was not explained or by effects that are not there (docs/explain.md, "A log that lost entries").
 pub const LOSSY: f64 = 0.15;
 
+/// What to do about it.
+pub const LOG_LESS: &str =
+    "log less (LOG_BITMASK without raw IMU, SDLOG_PROFILE with fewer topics), or write to a faster card";
+
 /// What was lost in flight.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Losses {

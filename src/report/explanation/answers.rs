@@ -83,7 +83,7 @@ pub fn section(explained: &Explained, body: &mut String) {
     effects::first_screen(explained, body);
     let now = match (explained.unfit, e.effects.is_empty()) {
         (None, _) => next(e),
-        (Some(unfit), true) => unfit.remedy().to_owned(),
+        (Some(unfit), true) => unfit.remedy(),
         (Some(unfit), false) => format!("Do not set the values above. {}", unfit.remedy()),
     };
     let notes: Vec<_> = explained.notes.iter().map(|note| escape(note)).collect();

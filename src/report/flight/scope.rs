@@ -2,7 +2,7 @@
 
 use super::motion::Fitted;
 use crate::engine::snapshot::{Phase, Status, Summary};
-use crate::health::logger::LOSSY;
+use crate::health::logger::{LOG_LESS, LOSSY};
 use crate::logs::VehicleClass;
 use crate::pipeline::Beside;
 use gaware_mission::item::Autopilot;
@@ -78,7 +78,7 @@ fn next(s: &Summary, beside: &Beside) -> String {
     let mut parts = Vec::new();
     let lossy = warning(beside).is_some();
     if lossy {
-        parts.push("log less (LOG_BITMASK without raw IMU, SDLOG_PROFILE with fewer topics), or write to a faster card".to_owned());
+        parts.push(LOG_LESS.to_owned());
     }
     if s.imu.rate_hz < GOOD_HZ && !lossy {
         let is_log = on_board.system_id.is_none();
