@@ -56,7 +56,7 @@ pub struct AirEntry {
     pub largest_error: f64,
     /// Speed through the air at which it was, m/s.
     pub at_m_per_s: f64,
-    /// RMS residual: of a height about its mean over two minutes, of an airspeed in the wind that goes with it.
+    /// RMS residual: of a height about its mean over two minutes, of an airspeed in the wind that goes with what was found.
     pub residual: BeforeAfter,
     /// The same on held-out blocks, corrected by values of the others: what decides whether an effect is named.
     pub held_out: BeforeAfter,

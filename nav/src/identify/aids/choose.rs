@@ -216,12 +216,12 @@ impl About<'_> {
     }
 
     /// The effect of these that held-out blocks ask for least, where they do not ask for it.
-    fn not_held_out(&self, named: &[usize], error: &dyn Fn(&[f64]) -> f64) -> Option<usize> {
+    fn not_held_out(&self, named: &[usize], error: &HeldOutError<'_>) -> Option<usize> {
         let gains = named.iter().map(|e| (*e, self.held_out_gain(named, *e)));
         let (weakest, gain) = gains.min_by(|a, b| a.1.total_cmp(&b.1))?;
         // Both: the gain knows what the flight leaves open, the residual is what a corrected sensor would show.
-        let as_reported = error(&vec![0.0; self.widths.len()]);
-        let holds = gain > 0.0 && error(&self.own_values(&self.fit, named)) < as_reported;
+        let own = self.own_values(&self.fit, named);
+        let holds = gain > 0.0 && error(&own, &own) < error(&vec![0.0; own.len()], &own);
         (!holds).then_some(weakest)
     }
 
@@ -288,10 +288,12 @@ impl About<'_> {
     }
 }
 
+/// RMS residual of the held-out blocks with the first values corrected, where the second ones say what else there is (the wind).
+type HeldOutError<'a> = dyn Fn(&[f64], &[f64]) -> f64 + 'a;
+
 /// What is asked of effects beside their evidence on the fitted blocks.
 pub(in crate::identify) struct Confirm<'a> {
-    /// RMS residual of the held-out blocks with these values corrected.
-    pub(in crate::identify) held_out_error: &'a dyn Fn(&[f64]) -> f64,
+    pub(in crate::identify) held_out_error: &'a HeldOutError<'a>,
     /// Of effects named together the one that a noise which does without it explains best, where that is no worse by [`THRESHOLD`].
     pub(in crate::identify) unfounded: &'a dyn Fn(&[usize]) -> Option<usize>,
 }
@@ -538,7 +540,7 @@ mod tests {
                 })
                 .sum::<f64>()
             };
-            let confirm = Confirm { held_out_error: &error, unfounded: &|_| None };
+            let confirm = Confirm { held_out_error: &|values, _| error(values), unfounded: &|_| None };
             let chosen = choose(&blocks, &[], &widths, &vec![0.0; widths.len()], &confirm);
             if chosen.findings.is_empty() {
                 continue;

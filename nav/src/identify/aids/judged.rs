@@ -25,12 +25,13 @@ pub(in crate::identify) trait Judged {
     fn rows(&self, values: &[f64], with_columns: bool) -> Vec<Row>;
     /// Linearises about what these values say of anything else.
     fn follow(&mut self, values: &[f64], noise: &Noise);
-    /// What is left of each measurement with these values, with its time since the start, s.
-    fn left(&self, values: &[f64], noise: &Noise) -> Vec<(f64, f64)>;
+    /// What is left of each measurement with these values, with its time since the start, s, where anything else (the wind) is what `by` says: an error that wind follows
+    /// would leave no more than its correction does.
+    fn left(&self, values: &[f64], by: &[f64], noise: &Noise) -> Vec<(f64, f64)>;
 
     /// RMS of what is left on the held-out blocks with these values.
-    fn held_out_rms(&self, values: &[f64], noise: &Noise) -> f64 {
-        let left = self.left(values, noise).into_iter();
+    fn held_out_rms(&self, values: &[f64], by: &[f64], noise: &Noise) -> f64 {
+        let left = self.left(values, by, noise).into_iter();
         rms(left.filter(|l| is_held_out((l.0 / BLOCK_S) as usize)).map(|l| l.1))
     }
 
@@ -78,7 +79,7 @@ pub(in crate::identify) trait Judged {
             let worst = named.iter().map(odds).min_by(|a, b| a.1.total_cmp(&b.1));
             worst.filter(|w| w.1 < choose::THRESHOLD).map(|w| w.0)
         };
-        let held_out_error = |values: &[f64]| self.held_out_rms(values, noise);
+        let held_out_error = |values: &[f64], by: &[f64]| self.held_out_rms(values, by, noise);
         let confirm = Confirm { held_out_error: &held_out_error, unfounded: &unfounded };
         choose::choose(blocks, &[], self.widths(), values, &confirm)
     }

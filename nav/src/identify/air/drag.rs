@@ -128,11 +128,11 @@ impl Judged for Drag {
     }
 
     /// Along x and y at every instant, in the wind that goes with these values.
-    fn left(&self, values: &[f64], noise: &Noise) -> Vec<(f64, f64)> {
+    fn left(&self, values: &[f64], by: &[f64], noise: &Noise) -> Vec<(f64, f64)> {
         let one = |(i, wind): (&Felt, &Vector2<f64>)| {
             [0, 1].map(|axis| (i.c.elapsed_s, i.force[axis] - i.expected(values, &i.ideal(axis, wind))))
         };
-        self.instants.iter().zip(&self.winds(values, noise).0).flat_map(one).collect()
+        self.instants.iter().zip(&self.winds(by, noise).0).flat_map(one).collect()
     }
 }
 
@@ -179,7 +179,7 @@ impl Drag {
 
     fn found(&self, chosen: &Chosen, noise: &Noise) -> AirFound {
         let zero = vec![0.0; self.widths.len()];
-        let [before, after] = [&zero, &chosen.named].map(|v| self.left(v, noise));
+        let [before, after] = [&zero, &chosen.named].map(|v| self.left(v, &chosen.named, noise));
         let all: Vec<AirInstant> = self
             .instants
             .iter()
@@ -200,8 +200,8 @@ impl Drag {
             largest: sizes.max_by(|a, b| a.0.abs().total_cmp(&b.0.abs())).unwrap_or_default(),
             largest_sigma: 0.0,
             residual: [&before, &after].map(|of| rms(of.iter().map(|l| l.1))),
-            held_out: [&zero, &chosen.fitted].map(|v| self.held_out_rms(v, noise)),
-            unexplained: self.held_out_rms(&chosen.fitted, noise),
+            held_out: [&zero, &chosen.fitted].map(|v| self.held_out_rms(v, &chosen.fitted, noise)),
+            unexplained: self.held_out_rms(&chosen.fitted, &chosen.fitted, noise),
             noise: [noise.sigma, noise.walk],
             known_to: chosen.first_sigma * high(all.iter().map(|x| speed(x).abs())),
             effects: chosen.findings.clone(),

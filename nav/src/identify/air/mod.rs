@@ -80,7 +80,7 @@ pub struct AirFound {
     pub largest: (f64, f64),
     /// 1-sigma of that error.
     pub largest_sigma: f64,
-    /// RMS of its residual as reported and corrected: of a height less its mean over two minutes, of an airspeed less the wind that goes with it.
+    /// RMS of its residual as reported and corrected: of a height less its mean over two minutes, of an airspeed in the wind that goes with what was found.
     pub residual: [f64; 2],
     /// The same on held-out blocks, corrected by values of the others.
     pub held_out: [f64; 2],

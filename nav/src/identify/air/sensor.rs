@@ -135,8 +135,8 @@ impl Judged for AirSensor<'_> {
         }
     }
 
-    fn left(&self, values: &[f64], noise: &Noise) -> Vec<(f64, f64)> {
-        self.instants.iter().map(|i| i.elapsed_s).zip(self.residuals(values, noise)).collect()
+    fn left(&self, values: &[f64], by: &[f64], noise: &Noise) -> Vec<(f64, f64)> {
+        self.instants.iter().map(|i| i.elapsed_s).zip(self.residuals(values, by, noise)).collect()
     }
 }
 
@@ -342,11 +342,11 @@ impl<'a> AirSensor<'a> {
         self.winds(values, noise).0.into_iter().map(|w| w.0).collect()
     }
 
-    /// What is left of the measurement at every instant: of a height about its mean over [`ABOUT_S`] before and after, of an airspeed in the wind that goes with these values, and on the ground nothing.
-    fn residuals(&self, values: &[f64], noise: &Noise) -> Vec<f64> {
+    /// What is left of the measurement at every instant: of a height about its mean over [`ABOUT_S`] before and after, of an airspeed in the wind that goes with the values `by`, and on the ground nothing.
+    fn residuals(&self, values: &[f64], by: &[f64], noise: &Noise) -> Vec<f64> {
         let wind = match self.kind {
             AirKind::Barometer => self.wind.clone(),
-            AirKind::Airspeed => self.wind_alone(values, noise),
+            AirKind::Airspeed => self.wind_alone(by, noise),
         };
         let ideal = self.ideal(values, &wind);
         let left = |(i, s): (&Instant, &Ideal)| i.measured - s.value - self.added(values, &s.x);
@@ -365,7 +365,7 @@ impl<'a> AirSensor<'a> {
 
     pub(super) fn found(&self, sensor: u8, chosen: &Chosen, noise: Noise) -> AirFound {
         let (named, zero) = (&chosen.named, vec![0.0; self.widths.len()]);
-        let (before, after) = (self.residuals(&zero, &noise), self.residuals(named, &noise));
+        let [before, after] = [&zero, named].map(|v| self.residuals(v, named, &noise));
         let values = self.of_the_sensor(chosen);
         let within = self.ideal(&values, &self.wind);
         let errors = self.errors(&values, &within);
@@ -383,8 +383,8 @@ impl<'a> AirSensor<'a> {
             largest: largest.map_or((0.0, 0.0), |l| *l.0),
             largest_sigma: slope.dot(&(&chosen.covariance * &slope)).max(0.0).sqrt(),
             residual: [&before, &after].map(|of| rms(of.iter().copied())),
-            held_out: [&zero, &chosen.fitted].map(|v| self.held_out_rms(v, &noise)),
-            unexplained: self.held_out_rms(&chosen.within[1], &noise),
+            held_out: [&zero, &chosen.fitted].map(|v| self.held_out_rms(v, &chosen.fitted, &noise)),
+            unexplained: self.held_out_rms(&chosen.within[1], &chosen.within[1], &noise),
             noise: [noise.sigma, noise.walk],
             known_to: self.known_to(chosen, &within),
             effects: chosen.findings.clone(),

@@ -138,7 +138,8 @@ impl<'a> Compasses<'a> {
         let widths = Widths::new(COMPASS, &TOLERANCES, |effect| effect != "mag_current" || has_current);
         let (values, blocks, sigma) = self.fitted(&turned, &widths)?;
         let all: Vec<Instant> = turned.iter().flatten().copied().collect();
-        let error = |values: &[f64]| rms(&mut corrected(&all, values).iter().filter(|i| i.is_held_out()));
+        let error =
+            |values: &[f64], _: &[f64]| rms(&mut corrected(&all, values).iter().filter(|i| i.is_held_out()));
         let confirm = Confirm { held_out_error: &error, unfounded: &|_| None };
         let chosen = choose::choose(&blocks, &self.settled.prior, &widths, &values, &confirm);
         Some(self.found(compass, given, (&instants, &turned), orientation, (sigma, yaw_sigma), &chosen))
