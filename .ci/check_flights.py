@@ -53,7 +53,7 @@ for result in json.loads((out / "recorded.json").read_text())["recorded"]:
             check(f"{result['set']} {name} RMS", value, bound)
 
 explained = json.loads((out / "strong_noise.json").read_text())
-names = [effect["name"] for effect in explained["effects"]] + explained["unexplained_terms"]
+names = ["+".join(effect["names"]) for effect in explained["effects"]] + explained["unexplained_terms"]
 check(f"px4_plane_strong_noise, effects and terms where none is injected {names or ''}", len(names), 0)
 
 print(f"{'0' if failed else 'all'} bounds held" if not failed else f"{failed} bounds left")

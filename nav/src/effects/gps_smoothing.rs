@@ -17,6 +17,7 @@ const PRIOR_S2: f64 = 0.005;
 /// A skew of so much would put the mean at the end of the span, s².
 const SPAN_S2: f64 = Kernel::SPAN_S * Kernel::SPAN_S;
 const S2: Unit = Unit { symbol: "s²", suffix: "s2", si: 1.0 };
+const SKEW_S2: Unit = Unit { suffix: "skew_s2", ..S2 };
 
 /// Half the variance of the receiver's kernel and its skew, s². It stands outside the registry: it is not tested.
 #[derive(Debug)]
@@ -39,7 +40,7 @@ impl Effect for GpsSmoothing {
     fn groups(&self) -> &'static [ParameterGroup] {
         const OWN: ParameterGroup =
             ParameterGroup { unit: S2, shape: Shape::Scalar, names: &["smoothing"], prior_sigma: PRIOR_S2 };
-        &[OWN, ParameterGroup { names: &["skew"], ..OWN }]
+        &[OWN, ParameterGroup { unit: SKEW_S2, names: &["skew"], ..OWN }]
     }
 
     fn tolerance(&self) -> Option<f64> {

@@ -233,6 +233,15 @@ impl Recent {
 mod tests {
     use super::*;
 
+    /// Two seconds of samples that are this specific force, at 100 Hz.
+    fn rates_of(force: impl Fn(f64) -> Vector3<f64>) -> ForceRates {
+        let sample = |i: i32| {
+            let t_s = f64::from(i) * 0.01;
+            ImuSample { t_s, gyro: Vector3::zeros(), accel: force(t_s), temperature_degc: None }
+        };
+        ForceRates::new(&(0..200).map(sample).collect::<Vec<_>>(), SampleKind::Point)
+    }
+
     #[test]
     fn a_ramp_has_its_slope_and_the_ends_have_none() {
         let slope = Vector3::new(1.0, -3.0, 20.0);
@@ -255,13 +264,7 @@ mod tests {
     #[test]
     fn a_delay_moves_the_velocity_of_a_receiver_that_smooths_by_what_it_smooths() {
         let force = |t: f64| Vector3::new(1.0 + (19.0 * t).sin(), 0.0, -9.8 + 5.0 * (19.0 * t).cos());
-        let samples: Vec<ImuSample> = (0..200)
-            .map(|i| {
-                let t_s = f64::from(i) * 0.01;
-                ImuSample { t_s, gyro: Vector3::zeros(), accel: force(t_s), temperature_degc: None }
-            })
-            .collect();
-        let rates = ForceRates::new(&samples, SampleKind::Point);
+        let rates = rates_of(force);
         for t_s in [0.503, 1.1] {
             let mean = (force(t_s - 0.1) + force(t_s + 0.1)) * 0.5;
             let kernel = Kernel { smoothing_s2: 0.5 * 0.1 * 0.1, ahead_s: 0.0 };
@@ -277,13 +280,7 @@ mod tests {
         let (w, lift) = (19.0, 5.0);
         let force = |t: f64| Vector3::new(0.0, 0.0, lift * (w * t).cos());
         let velocity = |t: f64| Vector3::new(0.0, 0.0, lift / w * (w * t).sin());
-        let samples: Vec<ImuSample> = (0..200)
-            .map(|i| {
-                let t_s = f64::from(i) * 0.01;
-                ImuSample { t_s, gyro: Vector3::zeros(), accel: force(t_s), temperature_degc: None }
-            })
-            .collect();
-        let rates = ForceRates::new(&samples, SampleKind::Point);
+        let rates = rates_of(force);
         let both = |of: &dyn Fn(f64) -> Vector3<f64>, t: f64| of(t + 0.1) * 0.7 + of(t - 0.1) * 0.3;
         let kernel = Kernel { smoothing_s2: 0.005, ahead_s: 0.04 };
         for t_s in [0.503, 0.58, 1.1] {

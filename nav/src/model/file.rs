@@ -361,7 +361,7 @@ mod tests {
     #[test]
     fn every_effect_survives_a_round_trip() {
         let mut model = Model::default();
-        for effect in effects::REGISTRY {
+        for effect in effects::REGISTRY.iter().chain([&effects::RECEIVER]) {
             let mut s = EffectSetting::unknown(*effect);
             for (k, v) in s.values.iter_mut().enumerate() {
                 *v = s.sigmas[k] * (0.1 + k as f64);
@@ -381,7 +381,7 @@ mod tests {
 
     #[test]
     fn what_an_explanation_estimates_is_written_so_that_it_can_be_read() {
-        for effect in effects::REGISTRY {
+        for effect in effects::REGISTRY.iter().chain([&effects::RECEIVER]) {
             let mut setting = EffectSetting::unknown(*effect);
             setting.values.iter_mut().zip(1..).for_each(|(v, k)| *v = f64::from(k));
             setting.sigmas.fill(0.1);
