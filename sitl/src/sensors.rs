@@ -475,3 +475,6 @@ fn displaced(place: &Geodetic, by: &Vector3<f64>) -> Geodetic {
         height_m: place.height_m - by.z,
     }
 }
+
+#[cfg(test)]
+mod tests;

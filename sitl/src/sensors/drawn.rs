@@ -36,8 +36,8 @@ fn causal(drawn: &mut Model) {
         if let [smoothing_s2, skew_s2] = setting.values.as_mut_slice() {
             *smoothing_s2 = smoothing_s2.abs().min(most_s2);
             let apart_s = (2.0 * *smoothing_s2).sqrt();
-            let most_s2 = apart_s.min(delay_s - apart_s).max(0.0) * Kernel::SPAN_S;
-            *skew_s2 = skew_s2.clamp(-most_s2, most_s2);
+            let most_skewed_s2 = apart_s.min(delay_s - apart_s).max(0.0) * Kernel::SPAN_S;
+            *skew_s2 = skew_s2.clamp(-most_skewed_s2, most_skewed_s2);
         }
     }
 }
