@@ -266,6 +266,13 @@ async fn a_killed_change_is_taken_up_and_the_old_values_put_back() {
     let refused = params(&["apply", "--yes", "--connect", &address, &advice, "--backup", &other]).await;
     assert!(refused.stderr.contains("gaware params restore"), "{}", refused.stderr);
     let journal = folder.file("parameter-change-system1-0100000152505541.journal");
+    // A value that the vehicle does not give is not known to be one of ours: nothing is written over it unasked.
+    let whole = std::fs::read_to_string(&journal).unwrap();
+    std::fs::write(&journal, whole.replace("INS_POS1_Y", "INS_POS9_Y")).unwrap();
+    let unknown = params(&["restore", "--connect", &address, &journal]).await;
+    let said = "INS_POS9_Y without an answer (old 0, new 0.1)";
+    assert!(unknown.code() == Some(1) && unknown.stderr.contains(said), "{}", unknown.stderr);
+    std::fs::write(&journal, whole).unwrap();
     let ended = params(&["restore", "--connect", &address, &journal]).await;
     assert_eq!(ended.code(), Some(0), "{}{}", ended.stdout, ended.stderr);
     assert!(ended.stdout.contains("the old values of 6 parameters are on the vehicle"), "{}", ended.stdout);

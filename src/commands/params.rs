@@ -42,7 +42,7 @@ pub enum ParamsError {
     OtherVehicle(String),
     /// What is on the vehicle is of neither set.
     #[error(
-        "nothing was changed: on the vehicle are values that are neither the old nor the new ones: {values}. --force puts the old values of \
+        "nothing was changed: on the vehicle are values that are not known to be the old or the new ones: {values}. --force puts the old values of \
          {path} over them and keeps them in a file; or remove that journal if what is there is wanted", path = path.display()
     )]
     Neither {

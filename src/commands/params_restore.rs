@@ -95,9 +95,10 @@ async fn settle(
     }
     let encoding = Encoding::of(vehicle.autopilot);
     let on_board = |p: &Pair| got.values.get(&p.name).map(|v| v.value);
-    let is = |p: &Pair, value: f64| on_board(p).is_none_or(|v| encoding.same(p.kind, v, value));
-    let neither = pairs.iter().filter(|p| !is(p, p.old) && !is(p, p.new)).filter_map(|p| {
-        Some(format!("{} {} (old {}, new {})", p.name, on_board(p)? as f32, p.old as f32, p.new as f32))
+    let is = |p: &Pair, value: f64| on_board(p).is_some_and(|v| encoding.same(p.kind, v, value));
+    let neither = pairs.iter().filter(|p| !is(p, p.old) && !is(p, p.new)).map(|p| {
+        let there = on_board(p).map_or_else(|| "without an answer".to_owned(), |v| (v as f32).to_string());
+        format!("{} {there} (old {}, new {})", p.name, p.old as f32, p.new as f32)
     });
     let neither: Vec<String> = neither.collect();
     if !neither.is_empty() && !args.force {

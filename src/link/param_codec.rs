@@ -9,18 +9,28 @@ const REQUEST_READ: u32 = 20;
 const REQUEST_LIST: u32 = 21;
 const VALUE: u32 = 22;
 const SET: u32 = 23;
+const ERROR: u32 = 345;
+/// `MAV_PARAM_ERROR_DOES_NOT_EXIST`.
+const DOES_NOT_EXIST: u8 = 1;
 /// A request by name has this number.
 const BY_NAME: i16 = -1;
 
-/// The value of a parameter in a frame, if it holds one.
+/// What a vehicle says of a parameter in a frame: its value, or that there is none of that name.
 pub fn decode(frame: &Frame) -> Option<ParamMessage> {
-    if frame.message_id != VALUE {
-        return None;
-    }
     let mut b = Reader::new(frame.payload());
-    let (bits, count, index) = (b.u32(), b.u16(), b.u16());
-    let name = ParamName::from_wire(std::array::from_fn(|_| b.u8()))?;
-    Some(ParamMessage::Value { name, bits, kind: ParamType::from_number(b.u8()), count, index })
+    match frame.message_id {
+        VALUE => {
+            let (bits, count, index) = (b.u32(), b.u16(), b.u16());
+            let name = ParamName::from_wire(std::array::from_fn(|_| b.u8()))?;
+            Some(ParamMessage::Value { name, bits, kind: ParamType::from_number(b.u8()), count, index })
+        }
+        ERROR => {
+            let _index_and_addressee = b.u32();
+            let name = ParamName::from_wire(std::array::from_fn(|_| b.u8()))?;
+            (b.u8() == DOES_NOT_EXIST).then_some(ParamMessage::Missing { name })
+        }
+        _ => None,
+    }
 }
 
 /// Message id and payload of a message to the vehicle.
@@ -60,6 +70,13 @@ pub fn encode(to: Address, message: &ParamMessage) -> (u32, Vec<u8>) {
             b.push(kind.map_or(0, ParamType::number));
             VALUE
         }
+        ParamMessage::Missing { name } => {
+            b.extend(BY_NAME.to_le_bytes());
+            b.extend(address);
+            b.extend(name.to_wire());
+            b.push(DOES_NOT_EXIST);
+            ERROR
+        }
     };
     (id, b)
 }
@@ -68,7 +85,7 @@ pub fn encode(to: Address, message: &ParamMessage) -> (u32, Vec<u8>) {
 mod tests {
     use super::*;
     use crate::link::frame::Sender;
-    use mavlink::dialects::ardupilotmega::MavMessage;
+    use mavlink::dialects::ardupilotmega::{MavMessage, MavParamError};
 
     const VEHICLE: Address = Address { system: 1, component: 1 };
 
@@ -93,5 +110,10 @@ mod tests {
         let MavMessage::PARAM_VALUE(m) = framed(&value).decode().unwrap() else { panic!("no value") };
         assert_eq!((m.param_value.to_bits(), m.param_count, m.param_index), (7, 900, 12));
         assert_eq!(decode(&framed(&value)), Some(value));
+        let missing = ParamMessage::Missing { name };
+        let MavMessage::PARAM_ERROR(m) = framed(&missing).decode().unwrap() else { panic!("no error") };
+        assert_eq!((m.param_index, m.error), (-1, MavParamError::MAV_PARAM_ERROR_DOES_NOT_EXIST));
+        assert_eq!(m.param_id.to_str().unwrap(), "FENCE_ENABLE");
+        assert_eq!(decode(&framed(&missing)), Some(missing));
     }
 }

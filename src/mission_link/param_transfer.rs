@@ -8,9 +8,6 @@ use gaware_mission::params::list::{AllParameters, ListError, ParamList};
 use gaware_mission::params::{Encoding, ParamMessage, ParamName, ParamRead, ParamTiming, Parameters};
 use gaware_mission::transfer::Address;
 
-/// Attempts of each request while a list is read.
-const LIST_TRIES: u32 = 10;
-
 /// Reads all parameters.
 ///
 /// # Errors
@@ -20,8 +17,7 @@ pub async fn list(
     mut tell: impl FnMut(usize, usize),
 ) -> Result<AllParameters, ListError> {
     let encoding = Encoding::of(wire.vehicle().autopilot);
-    let timing = ParamTiming { tries: LIST_TRIES, ..ParamTiming::default() };
-    let begun = ParamList::start(encoding, timing, wire.now_s());
+    let begun = ParamList::start(encoding, ParamTiming::default(), wire.now_s());
     let over = |list: &ParamList| {
         // With its result the list has given away what it counts.
         if list.result().is_none() {

@@ -48,7 +48,7 @@ pub struct ApplyTiming {
 
 impl Default for ApplyTiming {
     fn default() -> Self {
-        Self { request: ParamTiming { tries: 10, ..ParamTiming::default() }, settle_s: 0.7, restores: 3 }
+        Self { request: ParamTiming::default(), settle_s: 0.7, restores: 3 }
     }
 }
 

@@ -293,7 +293,7 @@ mod tests {
             requests += list.tick(t).len();
         }
         let all = list.result().cloned().expect("over").expect("a list");
-        assert_eq!((all.values.len(), all.hash, requests), (1, None, 3));
+        assert_eq!((all.values.len(), all.hash, requests), (1, None, 10));
     }
 
     #[test]

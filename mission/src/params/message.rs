@@ -30,6 +30,11 @@ pub enum ParamMessage {
         /// Its number; 65535 where it has none.
         index: u16,
     },
+    /// `PARAM_ERROR` (345) with `MAV_PARAM_ERROR_DOES_NOT_EXIST`, to anybody: what ArduPilot says from 4.7 on; before it is silent.
+    Missing {
+        /// The name that no parameter has.
+        name: ParamName,
+    },
     /// `PARAM_SET` (23).
     Set {
         /// Parameter.

@@ -70,6 +70,7 @@ What else a simulated autopilot does as the firmware does.
 | PX4 | keeps the frame of a rally point as it was sent and returns to frames 0 and 3 only; to another it flies off, from home and from the point, with \"RTL: unsupported MAV_FRAME\". It reads `_INT` back whatever was sent | rtl.cpp:495, setSafepointAsDestination; mavlink_mission.cpp, parse_mavlink_mission_item | says so at the upload; `gaware` sends rally points in frame 3 |
 | PX4 | stamps SCALED_IMU when vehicle_imu is published, not when it was measured: 3.8 ms later on average in its own simulator, which makes the latency from a link that much shorter than from a `.ulg` | VehicleIMU.cpp, Publish; streams/SCALED_IMU.hpp | not simulated |
 | PX4 | without its gimbal module prints \"param 65535 invalid\" at each request of AUTOPILOT_VERSION, and means nothing by it | mavlink_main.cpp:1086, MNT_MODE_IN | not simulated |
+| ArduPilot | answers a request for a parameter that it does not have with PARAM_ERROR from 4.7 on, and not at all before | GCS_Param.cpp, param_io_timer | 4.6: no answer |
 | both | integers of RAW_IMU and SCALED_IMU are truncated toward zero; in calm air they repeat for seconds | GCS_Common.cpp:2215, streams/SCALED_IMU.hpp | the same; repeated values are judged by their probability |
 ";
 
