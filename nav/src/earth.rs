@@ -3,6 +3,7 @@
 //! Gravity is the normal field with its zonal terms J2 and J4 plus the centrifugal acceleration, so no geodetic
 //! conversion is needed inside the mechanisation. Nothing here knows of sensors or filters.
 
+use crate::rss;
 use nalgebra::{Matrix3, Vector3};
 use serde::{Deserialize, Serialize};
 
@@ -59,7 +60,7 @@ impl Geodetic {
         let (sin_lat, cos_lat) = latitude(r_e);
         let w = (1.0 - ECCENTRICITY_SQUARED * sin_lat * sin_lat).sqrt();
         // Height without cancellation at the poles (Fukushima 1999, eq. 4).
-        let height = r_e.x.hypot(r_e.y) * cos_lat + r_e.z * sin_lat - EQUATORIAL_RADIUS_M * w;
+        let height = rss(r_e.x, r_e.y) * cos_lat + r_e.z * sin_lat - EQUATORIAL_RADIUS_M * w;
         Self { lat_rad: sin_lat.atan2(cos_lat), lon_rad: r_e.y.atan2(r_e.x), height_m: height }
     }
 

@@ -6,6 +6,7 @@
 
 use crate::filter::{FixOutcome, Fusion};
 use crate::rotation::yaw_between;
+use crate::rss;
 use crate::sample::{GnssFix, ImuSample};
 
 /// Headings that a search starts with.
@@ -130,7 +131,7 @@ impl HeadingBank {
             return std::f64::consts::PI;
         }
         // Circular variance (Mardia & Jupp 2000, section 3.4.1), at most that of a uniform heading.
-        let r = (s.hypot(c) / all).clamp(1e-9, 1.0);
+        let r = (rss(s, c) / all).clamp(1e-9, 1.0);
         (-2.0 * r.ln() + within / all).sqrt().min(std::f64::consts::PI / 3.0_f64.sqrt())
     }
 }

@@ -29,3 +29,9 @@ pub mod sample;
 #[cfg(test)]
 mod testing;
 mod vibration;
+
+/// Root of a sum of squares, with the same digits on every processor: `f64::hypot` of the C library is computed otherwise where multiplication and addition are one
+/// instruction (arm64 and x86-64 differ in the last digit).
+pub(crate) fn rss(a: f64, b: f64) -> f64 {
+    (a * a + b * b).sqrt()
+}

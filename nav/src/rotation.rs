@@ -2,6 +2,7 @@
 //!
 //! Names say from and to: `c_eb` turns body vectors into ECEF ones (C_b^e of the paper).
 
+use crate::rss;
 use nalgebra::{Matrix3, Quaternion, UnitQuaternion, Vector3};
 
 /// The matrix [v×] with [v×]·w = v × w.
@@ -72,7 +73,7 @@ pub fn yaw_between(from: &Matrix3<f64>, to: &Matrix3<f64>) -> f64 {
 /// Roll, pitch, yaw in rad of C_b^n; yaw in (−π, π] (Groves 2013, eq. 2.23). With the nose straight up or down roll is set
 /// to zero and yaw takes the rest.
 pub fn euler_from_c_nb(c_nb: &Matrix3<f64>) -> Vector3<f64> {
-    if c_nb[(2, 1)].hypot(c_nb[(2, 2)]) < VERTICAL {
+    if rss(c_nb[(2, 1)], c_nb[(2, 2)]) < VERTICAL {
         let pitch = -c_nb[(2, 0)].clamp(-1.0, 1.0).asin();
         return Vector3::new(0.0, pitch, (-c_nb[(0, 1)]).atan2(c_nb[(1, 1)]));
     }

@@ -2,6 +2,7 @@
 
 use crate::earth::{Geodetic, ROTATION_RATE};
 use crate::filter::{Detector, SampleNoise};
+use crate::rss;
 use crate::sample::{FixVelocity, GnssFix, ImuSample};
 use nalgebra::Vector3;
 use std::collections::VecDeque;
@@ -208,7 +209,7 @@ impl PlaceAid {
     pub(crate) fn take_fix(&mut self, fix: &GnssFix, now_s: f64) -> Contact {
         self.fix_s = Some(now_s);
         let [n, e, d] = fix.velocity.components();
-        let speed = n.hypot(e).hypot(d);
+        let speed = rss(rss(n, e), d);
         let fast = speed > FAST.max(5.0 * fix.velocity_sigma_m_per_s.map_or(0.0, |s| s[0]));
         let alone = std::mem::take(&mut self.alone);
         if self.is_elsewhere(fix) {

@@ -2,6 +2,7 @@
 //! fixes, but it turns and sways; a unit that is turned by hand does not go anywhere at all.
 
 use crate::earth::Geodetic;
+use crate::rss;
 use crate::sample::{FixVelocity, GnssFix, ImuSample};
 use nalgebra::Vector3;
 
@@ -31,7 +32,7 @@ pub(super) fn stands(samples: &[ImuSample], fixes: &[GnssFix], noise: (f64, f64)
 fn is_slow(fixes: &[GnssFix]) -> bool {
     let speed = |f: &GnssFix| match f.velocity {
         FixVelocity::None => None,
-        FixVelocity::Horizontal([n, e]) => Some(n.hypot(e)),
+        FixVelocity::Horizontal([n, e]) => Some(rss(n, e)),
         FixVelocity::Full(v) => Some(Vector3::from(v).norm()),
     };
     let speeds: Vec<f64> = fixes.iter().filter_map(speed).collect();

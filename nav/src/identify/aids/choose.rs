@@ -9,6 +9,7 @@ use crate::effects::Effect;
 use crate::identify::evidence::{self, Fit, SCALES, log_mean_exp};
 use crate::identify::pass::Information;
 use crate::model::EffectSetting;
+use crate::rss;
 use nalgebra::{DMatrix, DVector};
 
 /// What is named has at least these odds, nats (very strong evidence: Kass & Raftery 1995). Against the tolerance of an effect they ask for 3.6 sigma of it. On 320 simulated flights none
@@ -448,7 +449,7 @@ fn finding(about: &About<'_>, named: &[usize], e: usize, evidence: f64) -> Findi
     let mut setting = EffectSetting::unknown(catalogue[e]);
     for (p, (value, sigma)) in about.values_of(named, e).into_iter().enumerate() {
         setting.values[p] = value;
-        setting.sigmas[p] = sigma.hypot(KNOWN_TO * value);
+        setting.sigmas[p] = rss(sigma, KNOWN_TO * value);
     }
     let others_named: Vec<usize> = named.iter().copied().filter(|o| *o != e).collect();
     let own = about.evidence(&others_named, Some(e));

@@ -7,6 +7,7 @@ use crate::identify::air::{AirForeseen, Carriage};
 use crate::identify::compass;
 use crate::identify::pass::Information;
 use crate::rotation::skew;
+use crate::rss;
 use crate::sample::AirKind;
 use nalgebra::{Vector2, Vector3};
 
@@ -53,7 +54,7 @@ impl Foreseen {
             let (name, group) = names(e).nth(seen[e])?;
             let unit = group.unit;
             seen[e] += 1;
-            let target = (group.prior_sigma / NAMED_FROM / RESERVE).hypot(widths.least(e)) / unit.si;
+            let target = rss(group.prior_sigma / NAMED_FROM / RESERVE, widths.least(e)) / unit.si;
             Some(Self { name, unit, sigma: sigma / unit.si, target })
         };
         sigmas.into_iter().filter_map(one).collect()

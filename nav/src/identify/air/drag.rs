@@ -14,6 +14,7 @@ use crate::earth::STANDARD_GRAVITY;
 use crate::effects::{
     AirDriver, AirInstant, DRAG_QUADRATIC, DRAG_ROTOR, DRAG_THRUST, Effect, SEA_LEVEL_DENSITY,
 };
+use crate::rss;
 use nalgebra::{DVector, Vector2, Vector3};
 
 /// What drag is made of; the last is a tolerance of the coefficients.
@@ -164,7 +165,7 @@ impl Drag {
         self.follow(&chosen.named, &noise);
         for setting in chosen.findings.iter_mut().map(|f| &mut f.setting) {
             let both = setting.sigmas.iter_mut().zip(&setting.values);
-            both.for_each(|(sigma, value)| *sigma = sigma.hypot(KNOWN_TO * value));
+            both.for_each(|(sigma, value)| *sigma = rss(*sigma, KNOWN_TO * value));
         }
         Some(self.found(&chosen, &noise))
     }

@@ -9,6 +9,7 @@ use super::super::aids::series::{self, BOUNDED, Bounded, Figures, GIVEN, Known, 
 use super::super::aids::statistics::{about_mean, high, mean, range, rms};
 use super::{Air, AirFound, AirQuantity, Carriage, FLIES, Instant, Wind, by_wind, carriage_at};
 use crate::effects::{AIRSPEED, AirDriver, AirInstant, BAROMETER, Effect, SEA_LEVEL_DENSITY};
+use crate::rss;
 use crate::sample::AirKind;
 pub(in crate::identify) use foreseen::AirForeseen;
 use nalgebra::{DVector, Rotation3, Vector2, Vector3};
@@ -424,7 +425,7 @@ impl<'a> AirSensor<'a> {
         let changed = mean_of(&squares).sum();
         Wind {
             mean: mean.into(),
-            sigma: [0, 1].map(|k| own[k].hypot(by_scale[k])),
+            sigma: [0, 1].map(|k| rss(own[k], by_scale[k])),
             changed: (0.5 * changed).sqrt(),
             gusts: noise.bounded,
             track: self.instants.iter().map(|i| i.elapsed_s).zip(blowing).collect(),

@@ -2,6 +2,7 @@
 
 use super::{BLOCK_S, Instant};
 use crate::rotation::{euler_from_c_nb, wrap_pi};
+use crate::rss;
 use nalgebra::{Rotation3, Vector3};
 
 /// Points of a plot.
@@ -56,7 +57,7 @@ impl Heading {
             std::f64::consts::PI
         };
         let most = sizes.get(sizes.len() * 95 / 100).copied().unwrap_or_default();
-        Self { mean, sigma: own_sigma.hypot(scatter), own_sigma, rms, most }
+        Self { mean, sigma: rss(own_sigma, scatter), own_sigma, rms, most }
     }
 }
 

@@ -4,6 +4,7 @@
 //! Nilsson & Rantakokko 2010, "Zero-velocity detection: an algorithm evaluation"). A smooth cruise looks the same to them, so
 //! the fixes must say zero too. One moving sample ends it.
 
+use crate::rss;
 use crate::sample::{FixVelocity, GnssFix, ImuSample};
 use nalgebra::Vector3;
 
@@ -73,9 +74,9 @@ impl Detector {
         let limit = |s: f64| (SPEED.0 * s).max(SPEED.1);
         let zero = match fix.velocity {
             FixVelocity::None => return,
-            FixVelocity::Horizontal([n, e]) => n.hypot(e) < limit(sigma[0].max(sigma[1])),
+            FixVelocity::Horizontal([n, e]) => rss(n, e) < limit(sigma[0].max(sigma[1])),
             FixVelocity::Full([n, e, d]) => {
-                n.hypot(e) < limit(sigma[0].max(sigma[1])) && d.abs() < limit(sigma[2])
+                rss(n, e) < limit(sigma[0].max(sigma[1])) && d.abs() < limit(sigma[2])
             }
         };
         if zero {
