@@ -355,8 +355,8 @@ impl Sensors {
         let valid_s = stamp_s - self.fix_delay_s(stamp_s);
         let older_s = valid_s - effects().map(|s| s.effect.velocity_delay_s(&s.values)).sum::<f64>();
         let kernels = effects().map(|s| s.effect.kernel(&s.values));
-        let (apart_s, newer) = two_instants(kernels.fold(Kernel::default(), Kernel::and));
-        let mut around = |t_s: f64| [-apart_s, apart_s].map(|by| truth_at((t_s + by).max(0.0)));
+        let (instants, newer) = two_instants(kernels.fold(Kernel::default(), Kernel::and));
+        let mut around = |t_s: f64| instants.map(|by| truth_at((t_s + by).max(0.0)));
         let (truths, older) = (around(valid_s), around(older_s));
         let antenna = |truths: &[Truth; 2]| truths.each_ref().map(|t| self.antenna(stamp_s, t));
         let ([[p1, _], [p2, _]], [[_, v1], [_, v2]]) = (antenna(&truths), antenna(&older));
@@ -384,7 +384,7 @@ impl Sensors {
             v_n: truth.v_n,
             a_n: truth.a_n,
             smoothed_a_n: truth.a_n,
-            uneven_n: Vector3::zeros(),
+            skewed_n: Vector3::zeros(),
             c_nb: truth.c_nb,
             rate_eb: truth.rate_eb,
             force_rate: Vector3::zeros(),
@@ -450,11 +450,14 @@ impl Sensors {
     }
 }
 
-/// How long before and after the middle of its kernel a receiver measures, s, and the weight of the later of both instants.
-fn two_instants(kernel: Kernel) -> (f64, f64) {
-    let apart_s = (2.0 * kernel.smoothing_s2.max(0.0)).sqrt();
-    let newer = if apart_s > 0.0 { 0.5 + 0.5 * kernel.ahead_s / apart_s } else { 0.5 };
-    (apart_s, newer)
+/// How long before and after the mean of its kernel a receiver measures, s, and the weight of the later of both instants.
+fn two_instants(kernel: Kernel) -> ([f64; 2], f64) {
+    let smoothing_s2 = kernel.smoothing_s2.max(0.0);
+    // With weights (1 ± δ/h)/2 of instants ± h about the middle the mean is δ later, half the variance (h² − δ²)/2, and the third moment −2δ times the variance.
+    let ahead_s = if smoothing_s2 > 0.0 { -1.5 * kernel.skew_s3 / smoothing_s2 } else { 0.0 };
+    let half_s = (2.0 * smoothing_s2).sqrt().hypot(ahead_s);
+    let newer = if half_s > 0.0 { 0.5 + 0.5 * ahead_s / half_s } else { 0.5 };
+    ([-half_s - ahead_s, half_s - ahead_s], newer)
 }
 
 /// A place so far on the way from one to another.

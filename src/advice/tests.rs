@@ -243,7 +243,7 @@ proptest! {
             v_n: Vector3::zeros(),
             a_n: Vector3::zeros(),
             smoothed_a_n: Vector3::zeros(),
-            uneven_n: Vector3::zeros(),
+            skewed_n: Vector3::zeros(),
             c_nb: c_nb_from_euler(attitude[0], attitude[1], attitude[2]),
             rate_eb: rate.into(),
             force_rate: Vector3::zeros(),

@@ -2,6 +2,7 @@
 
 use crate::advice::start;
 use crate::engine::snapshot::{Phase, Summary};
+use crate::figures::two_figures;
 use serde_json::{Map, Value};
 use std::fmt::Write;
 
@@ -65,7 +66,8 @@ fn write_summary(out: &mut String, s: &Summary, document: &Map<String, Value>) -
     for p in &s.estimate.effects {
         let name =
             if p.effect.ends_with(&p.name) { p.effect.clone() } else { format!("{} {}", p.effect, p.name) };
-        writeln!(out, "{name:>30} {:>12.4} ± {:<10.4} {}", p.value, p.sigma, p.unit)?;
+        let digits = if p.sigma > 0.0 { two_figures(p.sigma) } else { 4 };
+        writeln!(out, "{name:>30} {:>12.digits$} ± {:<10.digits$} {}", p.value, p.sigma, p.unit)?;
     }
     for direction in &s.observability.unobservable_directions {
         writeln!(out, "not observable: {}", direction.text)?;
@@ -106,13 +108,21 @@ mod tests {
             value: -12345.6789,
             sigma: 2999.9987,
         };
-        s.estimate.effects = vec![wide];
+        let small = ParameterEstimate {
+            effect: "gps_smoothing".to_owned(),
+            name: "skew".to_owned(),
+            unit: "s³".to_owned(),
+            value: 1.234e-4,
+            sigma: 6.1e-6,
+        };
+        s.estimate.effects = vec![wide, small];
         let text = summary(&s, &Map::new());
         let figures: Vec<&str> = text.lines().filter(|l| l.contains('±')).collect();
-        assert_eq!(figures.len(), 7, "{text}");
+        assert_eq!(figures.len(), 8, "{text}");
         for line in figures {
             assert!(line.chars().count() <= 80, "{} columns: {line}", line.chars().count());
         }
-        assert!(text.contains("2999.9987  deg/h/g2"), "{text}");
+        assert!(text.contains("-12346 ± 3000       deg/h/g2"), "{text}");
+        assert!(text.contains("0.0001234 ± 0.0000061  s³"), "{text}");
     }
 }

@@ -33,8 +33,8 @@ fn before_anything_came_priors_are_shown_and_nothing_is_claimed() {
     assert_eq!(now.estimate.gyro_bias_deg_per_h.sigma[0].round(), 1800.0);
     assert!(now.observability.states.iter().all(|s| s.status == Status::Unobservable));
     assert_eq!(now.observability.states.len(), 16);
-    // The latency, what a consumer unit's scale factors, axes and antenna are uncertain by, and the smoothing of the receiver.
-    assert_eq!(now.estimate.effects.len(), 20);
+    // The latency, what a consumer unit's scale factors, axes and antenna are uncertain by, smoothing and skew of the receiver.
+    assert_eq!(now.estimate.effects.len(), 21);
 }
 
 #[test]

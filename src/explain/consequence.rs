@@ -143,7 +143,7 @@ fn on_fixes(setting: &EffectSetting, speed_m_per_s: f64) -> Option<String> {
         v_n: Vector3::new(speed_m_per_s, 0.0, 0.0),
         a_n: Vector3::new(ahead, STANDARD_GRAVITY * bank.tan(), 0.0),
         smoothed_a_n: Vector3::new(ahead, STANDARD_GRAVITY * bank.tan(), 0.0),
-        uneven_n: Vector3::zeros(),
+        skewed_n: Vector3::zeros(),
         c_nb: c_nb_from_euler(bank, 0.0, 0.0),
         rate_eb: rate,
         force_rate: Vector3::zeros(),

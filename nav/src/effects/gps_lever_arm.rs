@@ -49,10 +49,9 @@ impl Effect for GpsLeverArm {
 impl FixEffect for GpsLeverArm {
     fn fix(&self, p: &[f64], x: &FixInstant) -> [Vector3<f64>; 2] {
         let arm = Vector3::from_column_slice(p);
-        let (kernel, speed) = (x.antenna.kernel, x.c_nb * x.rate_eb.cross(&arm));
+        let (s2, speed) = (x.antenna.kernel.smoothing_s2, x.c_nb * x.rate_eb.cross(&arm));
         let [acceleration, jerk] = x.derivatives_of(&arm);
-        let (s2, ahead_s) = (kernel.smoothing_s2, kernel.ahead_s);
-        [x.c_nb * arm + acceleration * s2 + speed * ahead_s, speed + jerk * s2 + acceleration * ahead_s]
+        [x.c_nb * arm + acceleration * s2, speed + jerk * s2]
     }
 
     fn arm(&self, p: &[f64]) -> Vector3<f64> {
@@ -98,7 +97,7 @@ mod tests {
         let rate = |t: f64| 0.3 * swing * (swing * t).cos();
         let at = |t: f64| {
             let antenna = Antenna {
-                kernel: Kernel { smoothing_s2: 0.5 * apart * apart, ahead_s: 0.0 },
+                kernel: Kernel { smoothing_s2: 0.5 * apart * apart, skew_s3: 0.0 },
                 arm: arm.into(),
                 rate_derivatives: [-swing * swing * yaw(t), -swing * swing * rate(t)]
                     .map(|r| Vector3::new(0.0, 0.0, r)),

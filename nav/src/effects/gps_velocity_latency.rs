@@ -107,7 +107,7 @@ mod tests {
             v_n: Vector3::new(v, 0.0, 0.0),
             a_n: Vector3::new(0.0, v * rate, 0.0),
             smoothed_a_n: Vector3::new(0.0, v * rate, 0.0),
-            uneven_n: Vector3::zeros(),
+            skewed_n: Vector3::zeros(),
             c_nb: c_nb_from_euler(0.0, 0.0, 0.0),
             rate_eb: Vector3::new(0.0, 0.0, rate),
             force_rate: Vector3::zeros(),

@@ -70,8 +70,8 @@ pub struct FixInstant {
     pub a_n: Vector3<f64>,
     /// The same as a receiver that smooths has it ([`Antenna::kernel`]), m/s²: what a delay moves its velocity by.
     pub smoothed_a_n: Vector3<f64>,
-    /// The mean of the acceleration over [`Kernel::SPAN_S`] before and after less that of the instant, over that time, m/s³; zero where it is not known.
-    pub uneven_n: Vector3<f64>,
+    /// Third derivative of the velocity over the instants of the kernel, m/s⁴; zero where it is not known.
+    pub skewed_n: Vector3<f64>,
     /// C_b^n.
     pub c_nb: Matrix3<f64>,
     /// Rate of the body relative to Earth ω_eb^b, rad/s.
@@ -99,24 +99,41 @@ pub struct Older {
     pub acceleration: Vector3<f64>,
 }
 
-/// What a receiver smooths a motion with, as interpolation between two of its own epochs does: weights of instants before, at and after the middle of its
-/// kernel.
+/// What a receiver smooths a motion with: the second and third moment of its kernel about the mean, which of receivers one after the other add up.
 #[derive(Debug, Clone, Copy, Default, PartialEq)]
 pub struct Kernel {
-    /// Half its second moment about its middle, s².
+    /// Half its variance, s².
     pub smoothing_s2: f64,
-    /// By how much its mean is later than its middle, s: positive where what is new weighs more, at most [`Self::SPAN_S`].
-    pub ahead_s: f64,
+    /// A sixth of its third moment, s³: negative where the later of two epochs weighs more.
+    pub skew_s3: f64,
 }
 
 impl Kernel {
     /// Motion so long before and after an instant is compared, s: two epochs of a receiver at 5 Hz, as its interpolation compares them.
     pub const SPAN_S: f64 = 0.1;
+    /// A sixth of the third moment of two instants, by half their variance and by what their mean is later than their middle.
+    pub const BY_AHEAD: f64 = -2.0 / 3.0;
+    /// Half variance with nineteen times the weight on one of two epochs at 5 Hz, s². A kernel with less hardly depends on where its instants are.
+    const LEAST_S2: f64 = 0.5 * 0.19 * Self::SPAN_S * Self::SPAN_S;
+
+    /// By how much the mean of two instants with these moments is later than their middle, s, as far as epochs of a receiver at 5 Hz leave it.
+    pub fn ahead_s(self) -> f64 {
+        let smoothing_s2 = self.smoothing_s2.max(0.0);
+        let per_s2 = smoothing_s2 / smoothing_s2.max(Self::LEAST_S2).powi(2);
+        (self.skew_s3 / Self::BY_AHEAD * per_s2).clamp(-Self::SPAN_S, Self::SPAN_S)
+    }
+
+    /// How far two instants are from their mean, later one first, s, which is so much later than their middle: those of a kernel with this variance, but no nearer to one another
+    /// than the epochs of a receiver at 5 Hz.
+    pub fn instants(self, ahead_s: f64) -> [f64; 2] {
+        let apart_s = (2.0 * self.smoothing_s2.max(0.0) + ahead_s * ahead_s).sqrt().max(Self::SPAN_S);
+        [apart_s - ahead_s, -apart_s - ahead_s]
+    }
 
     /// Both at once.
     #[must_use]
     pub fn and(self, other: Self) -> Self {
-        Self { smoothing_s2: self.smoothing_s2 + other.smoothing_s2, ahead_s: self.ahead_s + other.ahead_s }
+        Self { smoothing_s2: self.smoothing_s2 + other.smoothing_s2, skew_s3: self.skew_s3 + other.skew_s3 }
     }
 
     /// Whether there is anything of it.
@@ -175,11 +192,6 @@ impl FixInstant {
     /// Rate of change of the acceleration, m/s³: specific force turns with the body, and changes in it.
     pub fn jerk_n(&self) -> Vector3<f64> {
         (self.c_nb * self.rate_eb).cross(&self.force_n()) + self.c_nb * self.force_rate
-    }
-
-    /// Mean of the acceleration over [`Kernel::SPAN_S`] before and after, m/s².
-    pub fn spanned_a_n(&self) -> Vector3<f64> {
-        self.a_n + self.uneven_n * Kernel::SPAN_S
     }
 
     /// Second and third derivative of the position of a point of the vehicle relative to the inertial unit, m/s² and m/s³.

@@ -53,6 +53,7 @@ mod parameters;
 mod sequence;
 mod source;
 
+use crate::rss;
 use crate::sample::ImuSample;
 use nalgebra::Vector3;
 
@@ -139,7 +140,7 @@ impl BiasWalk {
     /// Both at once: walks that know nothing of each other add up in variance.
     #[must_use]
     pub fn and(self, other: Self) -> Self {
-        Self { gyro: self.gyro.hypot(other.gyro), accel: self.accel.hypot(other.accel) }
+        Self { gyro: rss(self.gyro, other.gyro), accel: rss(self.accel, other.accel) }
     }
 }
 

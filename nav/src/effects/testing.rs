@@ -27,7 +27,7 @@ pub fn fix_instant() -> FixInstant {
         v_n: Vector3::new(20.0, -5.0, 1.0),
         a_n: Vector3::new(1.0, 3.0, -0.5),
         smoothed_a_n: Vector3::new(0.8, 2.5, -0.4),
-        uneven_n: Vector3::new(3.0, -8.0, 12.0),
+        skewed_n: Vector3::new(-40.0, 90.0, 300.0),
         c_nb: c_nb_from_euler(0.4, -0.2, 1.0),
         rate_eb: Vector3::new(0.1, 0.2, -0.4),
         force_rate: Vector3::new(2.0, -1.0, 5.0),

@@ -24,8 +24,8 @@ const POWER_SPAN_S: f64 = 2.0;
 
 /// The samples of so long before …
 pub const BEFORE_S: f64 = 0.6;
-/// … and after an instant determine what is known around it, s.
-pub const AFTER_S: f64 = SPAN_S + RATE_SPAN_S + 0.03;
+/// … and of so long after the later of the instants that are compared determine what is known around it, s.
+const BEYOND_S: f64 = RATE_SPAN_S + 0.03;
 
 /// Samples further apart say nothing of what changes within [`SPAN_S`], s.
 const MOST_APART_S: f64 = 0.06;
@@ -34,6 +34,12 @@ const MOST_APART_S: f64 = 0.06;
 /// over 0.1 s.
 pub fn noise(density: f64) -> f64 {
     (2.0 * density / SPAN_S).sqrt() / SPAN_S
+}
+
+/// So long after an instant the samples of what is known around it are there, s: a receiver with this kernel has measured until then, and sends later.
+pub fn after_s(kernel: Kernel) -> f64 {
+    let [after_s, _] = kernel.instants(kernel.ahead_s());
+    after_s.max(SPAN_S) + BEYOND_S
 }
 
 /// The instants that are compared.
@@ -47,6 +53,12 @@ fn second_difference(values: [Option<Vector3<f64>>; 3]) -> Vector3<f64> {
         [Some(a), Some(b), Some(c)] => (c - b * 2.0 + a) / (SPAN_S * SPAN_S),
         _ => Vector3::zeros(),
     }
+}
+
+/// Second derivative of what changes by so much to these two instants, one after and one before that of which it is: the divided difference.
+fn divided([after_s, before_s]: [f64; 2], changes: [Option<Vector3<f64>>; 2]) -> Option<Vector3<f64>> {
+    let [after, before] = changes;
+    Some((after? / after_s - before? / before_s) * (2.0 / (after_s - before_s)))
 }
 
 /// A change of velocity is put together of so many parts.
@@ -93,7 +105,7 @@ impl ForceRates {
         t_s: f64,
         kind: SampleKind,
     ) -> Option<Self> {
-        let near = |s: &&ImuSample| s.t_s > t_s - BEFORE_S && s.t_s < t_s + 2.0 * AFTER_S;
+        let near = |s: &&ImuSample| s.t_s > t_s - BEFORE_S && s.t_s < t_s + 2.0 * (SPAN_S + BEYOND_S);
         let near: Vec<ImuSample> = samples.filter(near).copied().collect();
         let gap = near.windows(2).any(|w| matches!(w, [a, b] if b.t_s - a.t_s > MOST_APART_S));
         (!gap).then(|| Self::new(&near, kind))
@@ -117,27 +129,21 @@ impl ForceRates {
         Some(exp(&(self.up_to(&self.angles, at_s)? - here)))
     }
 
-    /// The velocity `lag_s` before an instant, from the samples in between: their impulse, part by part in the axes of its middle; and the
-    /// acceleration there. `told` and `force` are the specific force at the instant as the sample has it and as it is.
-    pub fn older(&self, lag_s: f64, x: &FixInstant, told: &Vector3<f64>, force: &Vector3<f64>) -> Older {
+    /// The velocity `lag_s` before an instant, from the samples in between, and the acceleration there. `shown` and `force` are the specific force at the instant
+    /// as the sample has it and as it is.
+    pub fn older(&self, lag_s: f64, x: &FixInstant, shown: &Vector3<f64>, force: &Vector3<f64>) -> Older {
         if lag_s == 0.0 {
             return x.older;
         }
-        let step_s = lag_s / f64::from(PARTS);
         let rest = x.a_n - x.c_nb * force;
         let then = || {
             let here = self.up_to(&self.angles, x.t_s)?;
-            let part = |k: u32| {
-                let (from, to) = (x.t_s - step_s * f64::from(k + 1), x.t_s - step_s * f64::from(k));
-                let impulse = self.up_to(&self.impulses, to)? - self.up_to(&self.impulses, from)?;
-                Some(self.turn(0.5 * (from + to), &here)? * (impulse + (force - told) * step_s))
-            };
-            let impulse: Vector3<f64> = (0..PARTS).map(part).sum::<Option<_>>()?;
+            let change = self.change(x.t_s, -lag_s, &(force - shown))?;
             let then_s = x.t_s - lag_s;
-            let then = self.mean(&self.impulses, then_s, RATE_SPAN_S)? + force - told
+            let then = self.mean(&self.impulses, then_s, RATE_SPAN_S)? + force - shown
                 + self.smoothed(then_s, x.antenna.kernel);
             let acceleration = x.c_nb * (self.turn(then_s, &here)? * then) + rest;
-            Some(Older { lag_s, change: -(x.c_nb * impulse + rest * lag_s), acceleration })
+            Some(Older { lag_s, change: x.c_nb * change - rest * lag_s, acceleration })
         };
         then().unwrap_or(x.older)
     }
@@ -147,27 +153,39 @@ impl ForceRates {
         second_difference(instants(t_s).map(|t| self.up_to(&self.impulses, t)))
     }
 
-    /// Second derivative of the specific force in the body axes of an instant, m/s⁴: what its rate of change, which is a difference over
-    /// the same times, changes by in a second. Zero where samples on one side are lacking.
-    pub fn bend(&self, t_s: f64) -> Vector3<f64> {
+    /// What the velocity changes by from an instant to another, in the body axes of the first, m/s: from the samples in between, which the specific force exceeds by so much (m/s²),
+    /// part by part in the axes of its middle.
+    fn change(&self, t_s: f64, by_s: f64, beyond: &Vector3<f64>) -> Option<Vector3<f64>> {
+        let (here, step_s) = (self.up_to(&self.angles, t_s)?, by_s / f64::from(PARTS));
+        let part = |k: u32| {
+            let from = t_s + step_s * f64::from(k);
+            let impulse = self.up_to(&self.impulses, from + step_s)? - self.up_to(&self.impulses, from)?;
+            Some(self.turn(from + 0.5 * step_s, &here)? * (impulse + beyond * step_s))
+        };
+        (0..PARTS).map(part).sum()
+    }
+
+    /// Third derivative of the velocity in the body axes of an instant as the skew of a receiver's kernel has it, m/s⁴: the divided difference over its instants, less that over as
+    /// many about the middle. Zero where samples on one side are lacking.
+    pub fn skewed(&self, t_s: f64, kernel: Kernel) -> Vector3<f64> {
+        let over = |ahead_s: f64| {
+            let instants = kernel.instants(ahead_s);
+            divided(instants, instants.map(|by| self.change(t_s, by, &Vector3::zeros())))
+        };
+        let ahead_s = kernel.ahead_s();
+        let ahead_s = ahead_s.abs().max(RATE_SPAN_S).copysign(ahead_s);
+        let change = || Some(over(ahead_s)? - over(0.0)?);
+        change().unwrap_or_default() / (Kernel::BY_AHEAD * ahead_s)
+    }
+
+    /// By how much the acceleration of a receiver that smooths differs from that of the instant, in body axes, m/s². Zero where samples on one side are lacking.
+    pub fn smoothed(&self, t_s: f64, kernel: Kernel) -> Vector3<f64> {
         let here = self.up_to(&self.angles, t_s);
         let force = |t: f64| Some(self.turn(t, &here?)? * self.mean(&self.impulses, t, RATE_SPAN_S)?);
-        second_difference(instants(t_s).map(force))
-    }
-
-    /// The mean of the specific force over [`Kernel::SPAN_S`] before and after an instant less that of the instant, over that time, in body axes, m/s³; what the
-    /// body turns by in the meantime is left out, as in [`Self::at`]. Zero where samples on one side are lacking.
-    pub fn uneven(&self, t_s: f64) -> Vector3<f64> {
-        let mean = |span_s: f64| self.mean(&self.impulses, t_s, span_s);
-        mean(SPAN_S).zip(mean(RATE_SPAN_S)).map_or_else(Vector3::zeros, |(all, own)| (all - own) / SPAN_S)
-    }
-
-    /// By how much the acceleration of a receiver that smooths differs from that of the instant, in body axes, m/s².
-    pub fn smoothed(&self, t_s: f64, kernel: Kernel) -> Vector3<f64> {
-        let force = |by_s: f64| self.mean(&self.impulses, t_s + by_s, RATE_SPAN_S);
-        let change = || Some((force(SPAN_S)? - force(-SPAN_S)?) / (2.0 * SPAN_S));
-        let skewed = if kernel.ahead_s == 0.0 { None } else { change() };
-        self.bend(t_s) * kernel.smoothing_s2 + skewed.unwrap_or_default() * kernel.ahead_s
+        let own = force(t_s);
+        let instants = kernel.instants(kernel.ahead_s());
+        let changes = instants.map(|by| Some(force(t_s + by)? - own?));
+        divided(instants, changes).unwrap_or_default() * kernel.smoothing_s2
     }
 
     /// What the samples show around an instant. `lag_s`: the reported rate is so much older than the specific force.
@@ -267,31 +285,36 @@ mod tests {
         let rates = rates_of(force);
         for t_s in [0.503, 1.1] {
             let mean = (force(t_s - 0.1) + force(t_s + 0.1)) * 0.5;
-            let kernel = Kernel { smoothing_s2: 0.5 * 0.1 * 0.1, ahead_s: 0.0 };
+            let kernel = Kernel { smoothing_s2: 0.5 * 0.1 * 0.1, skew_s3: 0.0 };
             let smoothed = force(t_s) + rates.smoothed(t_s, kernel);
             assert!((smoothed - mean).norm() < 0.05 * (force(t_s) - mean).norm(), "{smoothed} {mean}");
         }
-        assert_eq!(rates.bend(0.05), Vector3::zeros());
+        assert_eq!(rates.smoothed(0.05, Kernel { smoothing_s2: 0.005, skew_s3: 0.0 }), Vector3::zeros());
     }
 
-    /// A receiver that takes three tenths of one epoch and seven of the next, 0.2 s later, in gusts of 3 Hz.
+    /// A receiver that takes three tenths of one epoch and seven of the next, 0.2 s later, or the other way round, in gusts of 3 Hz.
     #[test]
     fn a_receiver_that_interpolates_unevenly_is_known_exactly() {
         let (w, lift) = (19.0, 5.0);
         let force = |t: f64| Vector3::new(0.0, 0.0, lift * (w * t).cos());
         let velocity = |t: f64| Vector3::new(0.0, 0.0, lift / w * (w * t).sin());
         let rates = rates_of(force);
-        let both = |of: &dyn Fn(f64) -> Vector3<f64>, t: f64| of(t + 0.1) * 0.7 + of(t - 0.1) * 0.3;
-        let kernel = Kernel { smoothing_s2: 0.005, ahead_s: 0.04 };
-        for t_s in [0.503, 0.58, 1.1] {
-            let spanned = force(t_s) + rates.uneven(t_s) * SPAN_S;
-            let own = velocity(t_s) + rates.at(t_s) * kernel.smoothing_s2 + spanned * kernel.ahead_s;
-            let off = (own - both(&velocity, t_s)).norm();
-            assert!(off < 0.03 * lift / w, "{off}");
-            let by_delay = force(t_s) + rates.smoothed(t_s, kernel);
-            assert!((by_delay - both(&force, t_s)).norm() < 0.05 * lift, "{by_delay}");
+        for newer in [0.7, 0.3, 0.95] {
+            let middle_s = 0.1 * (1.0 - 2.0 * newer);
+            let both = |of: &dyn Fn(f64) -> Vector3<f64>, t: f64| {
+                of(t + middle_s + 0.1) * newer + of(t + middle_s - 0.1) * (1.0 - newer)
+            };
+            let smoothing_s2 = 0.5 * (0.01 - middle_s * middle_s);
+            let kernel = Kernel { smoothing_s2, skew_s3: smoothing_s2 * middle_s / 1.5 };
+            for t_s in [0.503, 0.58, 1.1] {
+                let smoothed = rates.at(t_s) * smoothing_s2 + rates.skewed(t_s, kernel) * kernel.skew_s3;
+                let off = (velocity(t_s) + smoothed - both(&velocity, t_s)).norm();
+                assert!(off < 0.01 * lift / w, "{off}");
+                let by_delay = force(t_s) + rates.smoothed(t_s, kernel);
+                assert!((by_delay - both(&force, t_s)).norm() < 0.05 * lift, "{by_delay}");
+            }
+            assert_eq!(rates.skewed(0.05, kernel), Vector3::zeros());
         }
-        assert_eq!(rates.uneven(0.05), Vector3::zeros());
     }
 
     /// A vehicle that rolls into a turn: the velocity of 0.18 s ago, against the path itself.

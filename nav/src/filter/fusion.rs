@@ -5,7 +5,7 @@
 //! filter follows at that distance.
 
 use super::aid::stationarity::detector::{Detector, SampleNoise};
-use super::force_rate::{AFTER_S, BEFORE_S, ForceRates};
+use super::force_rate::{self, BEFORE_S, ForceRates};
 use super::window::{Step, Window};
 use super::{Filter, FixOutcome};
 use crate::effects::BiasWalk;
@@ -156,7 +156,7 @@ impl Fusion {
         let ripe_s = now
             - match (self.filter.is_stationary(), self.filter.looks_around_fixes()) {
                 (true, _) => REST_DELAY_S,
-                (false, true) => AFTER_S,
+                (false, true) => force_rate::after_s(self.filter.kernel()),
                 (false, false) => 0.0,
             };
         while let Some(fix) = self.fixes.front() {

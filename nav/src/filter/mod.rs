@@ -26,12 +26,13 @@ pub(crate) mod unseen;
 mod update;
 mod window;
 
-use crate::effects::BiasWalk;
+use crate::effects::{Antenna, BiasWalk, Kernel};
 use crate::linear::interval::{Here, Sum};
 use crate::mechanization::{Motion, NavState};
 use crate::model::Model;
 use crate::operating::{LagBank, Operating};
 use crate::quantisation::ConstantError;
+use crate::rss;
 use crate::sample::{ImuSample, SampleKind};
 use calibration::{Calibration, MotionJacobian};
 use covariance::Covariance;
@@ -284,19 +285,19 @@ impl Filter {
 
     /// Random walk of the gyro biases by the model and beyond it, rad/s/√s.
     pub(super) fn gyro_walk_density(&self) -> f64 {
-        self.walk.gyro.hypot(self.model_gyro_walk_density())
+        rss(self.walk.gyro, self.model_gyro_walk_density())
     }
 
     /// Random walk of the accelerometer biases, m/s²/√s.
     pub(super) fn accel_walk_density(&self) -> f64 {
         let effects = self.model.effects.iter().zip(self.about.calibration.parameters());
-        effects.map(|(s, p)| s.effect.bias_walk(p).accel).fold(self.walk.accel, f64::hypot)
+        effects.map(|(s, p)| s.effect.bias_walk(p).accel).fold(self.walk.accel, rss)
     }
 
     /// Random walk of the gyro biases by the model alone, rad/s/√s.
     pub(super) fn model_gyro_walk_density(&self) -> f64 {
         let effects = self.model.effects.iter().zip(self.about.calibration.parameters());
-        effects.map(|(s, p)| s.effect.bias_walk(p).gyro).fold(0.0, f64::hypot)
+        effects.map(|(s, p)| s.effect.bias_walk(p).gyro).fold(0.0, rss)
     }
 
     /// How much more likely the mean rates of a stationary vehicle since this was last taken are than without a walk beyond the model's, nats.
@@ -336,6 +337,12 @@ impl Filter {
     /// Whether fixes depend on samples around them that this filter has not got.
     pub(super) fn looks_around_fixes(&self) -> bool {
         self.model.effects.iter().any(|s| s.effect.needs_motion_around())
+    }
+
+    /// What the receiver smooths with, as far as it is known.
+    pub(super) fn kernel(&self) -> Kernel {
+        let effects = self.model.effects.iter().zip(self.about.calibration.parameters());
+        Antenna::of(effects.map(|(s, p)| (s.effect, p.as_slice())), Default::default()).kernel
     }
 
     /// Whether state or covariance are not finite and positive: nothing follows from them any more.

@@ -14,6 +14,7 @@ use super::{Workers, judge, residual};
 use crate::effects::data::grammar;
 use crate::effects::{Effect, data};
 use crate::model::{EffectSetting, Model};
+use crate::rss;
 
 /// So many formulas are watched at once: the cost of a pass grows with the square of its columns.
 const AT_ONCE: usize = 24;
@@ -185,7 +186,7 @@ impl Confirmation {
     /// Difference of each parameter in sigmas of both.
     pub fn differences(&self) -> Vec<f64> {
         let both = self.here.values.iter().zip(&self.earlier.values);
-        let sigmas = self.here.sigmas.iter().zip(&self.earlier.sigmas).map(|(a, b)| a.hypot(*b));
+        let sigmas = self.here.sigmas.iter().zip(&self.earlier.sigmas).map(|(&a, &b)| rss(a, b));
         both.zip(sigmas).map(|((a, b), s)| if s > 0.0 { (a - b) / s } else { 0.0 }).collect()
     }
 }

@@ -62,7 +62,7 @@ impl AtFix<'_> {
             v_n: c_ne * nav.v_e,
             a_n,
             smoothed_a_n,
-            uneven_n: self.rates.map_or_else(Vector3::zeros, |r| c_nb * r.uneven(t_s)),
+            skewed_n: self.rates.map_or_else(Vector3::zeros, |r| c_nb * r.skewed(t_s, antenna.kernel)),
             c_nb,
             rate_eb: motion.rate - nav.q_eb.inverse() * earth::rotation_rate(),
             force_rate: self.rates.map_or_else(Vector3::zeros, |r| r.at(t_s)),

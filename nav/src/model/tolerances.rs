@@ -18,12 +18,11 @@ use crate::effects::{Effect, RECEIVER, REGISTRY};
 const WALK_PER_RTH: [f64; 2] = [0.004, 0.01];
 
 impl EffectSetting {
-    /// Zero with the tolerance of a consumer unit as sigma, if the effect has one; parameters beyond its first group are exactly zero.
+    /// Zero with the tolerance of a consumer unit as sigma, if the effect has one; what is beyond its first group is as unknown as it is without.
     pub fn tolerance(effect: &'static dyn Effect) -> Option<Self> {
-        let sigma = effect.tolerance()?;
-        let first = effect.groups().first()?.shape.len();
-        let sigmas = (0..effect.len()).map(|k| if k < first { sigma } else { 0.0 }).collect();
-        Some(Self { effect, values: vec![0.0; effect.len()], sigmas })
+        let (sigma, mut setting) = (effect.tolerance()?, Self::unknown(effect));
+        setting.sigmas.iter_mut().take(effect.groups().first()?.shape.len()).for_each(|s| *s = sigma);
+        Some(setting)
     }
 }
 
@@ -102,7 +101,7 @@ mod tests {
             assert!(sigma(name).iter().all(|s| (s - 0.003).abs() < 1e-12), "{name}");
         }
         assert_eq!(sigma("gps_lever_arm"), vec![0.3; 3]);
-        assert_eq!(sigma("gps_smoothing"), vec![0.005, 0.0]);
+        assert_eq!(sigma("gps_smoothing"), vec![0.005, 1.3e-4]);
         assert_eq!(model.effects.len(), 6);
     }
 
@@ -119,7 +118,7 @@ mod tests {
         assert_eq!(model.effects.len(), 6);
         let states = Layout::new(&model).len();
         assert_eq!(model.with_tolerances().effects.len(), 6);
-        assert_eq!(states, 15 + 3 + 3 + 6 + 3 + 1);
+        assert_eq!(states, 15 + 3 + 3 + 6 + 3 + 2);
     }
 
     #[test]
@@ -140,7 +139,7 @@ mod tests {
         model.set(EffectSetting::unknown(&crate::effects::GYRO_SCALE_FACTOR));
         let layout = Layout::new(&model);
         let tolerances: Vec<_> = layout.names().iter().filter(|n| n.is_tolerance).map(|n| n.effect).collect();
-        assert_eq!(tolerances.len(), 3 + 6 + 3 + 3 + 1);
+        assert_eq!(tolerances.len(), 3 + 6 + 3 + 3 + 2);
         assert!(!tolerances.contains(&"gyro_scale_factor") && !tolerances.contains(&"gyro_g_sensitivity"));
     }
 }

@@ -33,11 +33,13 @@ fn causal(drawn: &mut Model) {
     }
     let most_s2 = 0.5 * delay_s * delay_s;
     for setting in drawn.effects.iter_mut().filter(|s| !s.effect.kernel(&s.values).is_none()) {
-        if let [smoothing_s2, skew_s2] = setting.values.as_mut_slice() {
+        if let [smoothing_s2, skew_s3] = setting.values.as_mut_slice() {
             *smoothing_s2 = smoothing_s2.abs().min(most_s2);
-            let apart_s = (2.0 * *smoothing_s2).sqrt();
-            let most_skewed_s2 = apart_s.min(delay_s - apart_s).max(0.0) * Kernel::SPAN_S;
-            *skew_s2 = skew_s2.clamp(-most_skewed_s2, most_skewed_s2);
+            // The later of its two instants is √(2κ + δ²) − δ after the mean.
+            let before_s = if delay_s > 0.0 { (most_s2 - *smoothing_s2) / delay_s } else { 0.0 };
+            let by_ahead_s2 = -Kernel::BY_AHEAD * *smoothing_s2;
+            *skew_s3 =
+                skew_s3.clamp(-by_ahead_s2 * Kernel::SPAN_S, by_ahead_s2 * before_s.min(Kernel::SPAN_S));
         }
     }
 }

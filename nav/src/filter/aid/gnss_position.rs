@@ -7,6 +7,7 @@ use super::{Linearised, SIGMA_FLOOR};
 use crate::filter::Filter;
 use crate::filter::group::Rows;
 use crate::filter::layout::index;
+use crate::rss;
 use crate::sample::GnssFix;
 use nalgebra::{Matrix3, Vector3};
 
@@ -55,7 +56,7 @@ impl Filter {
             self.x[w..w + 3].fill(0.0);
         }
         // Time stamp and latency move it along the path.
-        let along = now.v_n * self.delay_sigma_s().hypot(self.model.gnss.time_sigma_s);
+        let along = now.v_n * rss(self.delay_sigma_s(), self.model.gnss.time_sigma_s);
         let variances = Matrix3::from_diagonal(&sigma.map(|s| s * s)) + along * along.transpose();
         self.p.set_block3(index::POSITION, &(now.c_nb.transpose() * variances * now.c_nb));
         self.place_by_fix();
@@ -68,9 +69,7 @@ impl Filter {
             let setting = &self.model.effects[effect];
             let mut one = vec![0.0; setting.values.len()];
             one[parameter] = 1.0;
-            // What moves the middle of the kernel leaves its mean where it is.
-            let delay_s = setting.effect.fix_delay_s(&one, self.t_s - self.began_s);
-            delay_s - setting.effect.kernel(&one).ahead_s
+            setting.effect.fix_delay_s(&one, self.t_s - self.began_s)
         };
         let variance =
             |s: &crate::filter::layout::Slot| (delays(s.effect, s.parameter) * self.p.sigma(s.state)).powi(2);

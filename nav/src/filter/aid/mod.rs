@@ -115,16 +115,16 @@ impl Filter {
         let seen = AtFix { nav: &own.nav, motion: &motion, rates: None, ..at }.instant();
         // Of a vehicle that has long done nothing else, a receiver smooths nothing but noise.
         let (a_n, smoothed) = if self.regressor.moving() {
-            (seen.a_n, [now.smoothed_a_n - now.a_n, now.uneven_n])
+            (seen.a_n, [now.smoothed_a_n - now.a_n, now.skewed_n])
         } else {
             (self.beyond_error(seen.a_n, &motion.force, &now.c_nb), [Vector3::zeros(); 2])
         };
-        let [smoothed, uneven_n] = smoothed;
+        let [smoothed, skewed_n] = smoothed;
         let excited = FixInstant {
             v_n: seen.v_n,
             a_n,
             smoothed_a_n: a_n + smoothed,
-            uneven_n,
+            skewed_n,
             rate_eb: seen.rate_eb,
             force_rate: self.beyond_noise(now.force_rate),
             ..now

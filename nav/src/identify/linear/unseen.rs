@@ -299,7 +299,7 @@ mod tests {
         assert_eq!(unseen.within(40.0, 90.0), None);
         assert!(unseen.hides(100.9, 101.4) && !unseen.hides(101.1, 101.6) && !unseen.hides(99.0, 99.9));
         // Cut in two by a fix it is the same gap.
-        let halves = within(99.0, 100.5, 0).hypot(within(100.5, 102.0, 0));
+        let halves = crate::rss(within(99.0, 100.5, 0), within(100.5, 102.0, 0));
         assert!((halves / x - 1.0).abs() < 1e-9, "{halves} {x}");
     }
 

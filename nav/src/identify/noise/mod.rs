@@ -10,6 +10,7 @@ use super::linear::Problem;
 use super::pass::Options;
 use super::{Workers, map};
 use crate::model::Model;
+use crate::rss;
 use fit::slope;
 use serde::Serialize;
 
@@ -136,8 +137,8 @@ impl Claims {
         let own = &self.start;
         // Claims below what any model leaves are not held against the receiver.
         let total = |claimed: f64, scale: f64, floor: f64, gauss_markov: f64| {
-            (claimed * scale).hypot(gauss_markov * noise.gauss_markov_m)
-                / claimed.max(floor).hypot(gauss_markov * own.gauss_markov_m)
+            rss(claimed * scale, gauss_markov * noise.gauss_markov_m)
+                / rss(claimed.max(floor), gauss_markov * own.gauss_markov_m)
         };
         let position = total(self.position, noise.position_scale, MODEL_FLOOR.0, 1.0);
         let height = total(self.height, noise.height_scale, MODEL_FLOOR.0, HEIGHT_GAUSS_MARKOV);

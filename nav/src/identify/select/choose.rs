@@ -26,13 +26,16 @@ const RIVAL: f64 = 8.0;
 /// An effect that is worth this much more than it must be at a glance need not be taken out to see, nats.
 const NEEDED: f64 = 30.0;
 
+/// Two effects take the place of one at most so often.
+const MOST_SPLIT: usize = 2;
+
 /// One effect that was added.
 #[derive(Debug, Clone)]
 pub(super) struct Found {
     /// How.
     pub(super) step: Step,
     /// What not knowing its instant or the width of its prior costs, nats.
-    cost: f64,
+    pub(super) cost: f64,
 }
 
 impl Found {
@@ -52,7 +55,7 @@ pub(super) struct Chosen {
     pub(super) found: Vec<Found>,
     pub(super) point: Point,
     /// What was taken out again.
-    gone: Vec<&'static str>,
+    pub(super) gone: Vec<&'static str>,
     /// The candidates of the last look.
     pub(super) remaining: Vec<(&'static str, f64)>,
 }
@@ -138,7 +141,7 @@ impl Search<'_> {
     }
 
     /// The same with the noise that suits it.
-    fn without_fitted(&self, point: &Point, k: usize) -> Point {
+    pub(super) fn without_fitted(&self, point: &Point, k: usize) -> Point {
         let fewer = self.without(point, k);
         self.fitted(&fewer, &fewer)
     }
@@ -182,9 +185,10 @@ impl Search<'_> {
     /// Judges by these data what others proposed: each effect is compared with its rivals, and what has less evidence than
     /// the threshold beside the others goes.
     pub(super) fn confirm(&self, proposed: Chosen) -> Chosen {
-        let names = proposed.names();
+        let mut names = proposed.names();
         let mut chosen = Chosen { point: self.fitted(&proposed.point, &proposed.point), ..proposed };
         let least = self.settings.threshold;
+        let mut splits = MOST_SPLIT;
         // Where the block of a jump was held out, the fit part knows its instant to within the block.
         for k in 0..chosen.found.len() {
             if is_jump(chosen.point.added[self.given.len() + k].setting.effect) {
@@ -200,8 +204,14 @@ impl Search<'_> {
             }
             let evidence = chosen.found.iter().map(|f| f.step.evidence).enumerate();
             let worst = evidence.min_by(|a, b| a.1.total_cmp(&b.1)).filter(|w| w.1 < least);
-            let Some((k, _)) = worst else { return chosen };
-            self.remove(&mut chosen, k);
+            if let Some((k, _)) = worst {
+                self.remove(&mut chosen, k);
+            } else if splits == 0 || !self.split(&mut chosen) {
+                return chosen;
+            } else {
+                splits -= 1;
+                names.extend(chosen.names());
+            }
         }
     }
 

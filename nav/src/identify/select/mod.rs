@@ -7,6 +7,7 @@ mod jumps;
 mod scan;
 mod search;
 mod settle;
+mod split;
 
 use super::Workers;
 use super::flight::Flight;

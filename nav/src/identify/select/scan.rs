@@ -16,6 +16,9 @@ use crate::sample::{Quantisation, Steps};
 /// Faults of the source that turn the flight upside down are tested where something has this much evidence, nats.
 const GROSS: f64 = 100.0;
 
+/// Of two effects in the place of one, the first is one of so many that are likeliest there alone.
+const PAIRED: usize = 6;
+
 impl Search<'_> {
     /// Every candidate, or those of these names; best first.
     pub(super) fn scan(&self, point: &Point, names: Option<&[&'static str]>) -> Vec<Candidate> {
@@ -191,43 +194,96 @@ pub(in crate::identify) struct Glance<'p> {
     information: Information,
 }
 
+/// A column of the information that may move.
+#[derive(Clone, Copy)]
+struct Column {
+    at: usize,
+    /// Prior sigma.
+    sigma: f64,
+    /// Prior mean less the point of linearisation.
+    offset: f64,
+}
+
 impl Glance<'_> {
     /// Each of them beside all those of the point.
     pub(in crate::identify) fn beside(&self) -> Vec<Candidate> {
-        self.lacking.iter().filter_map(|s| self.candidate(s, &self.information, None)).collect()
+        let old = self.columns(None);
+        self.lacking.iter().filter_map(|s| self.candidate(s, &self.information, &old)).collect()
     }
 
     /// Each of them in the place of effect number `k` of the point, and the evidence that this one has there itself; `None` where that is more than
     /// a linear model can say.
     pub(in crate::identify) fn instead_of(&self, k: usize) -> Option<(f64, Vec<Candidate>)> {
         let own = loss(&self.information, self.added, &self.watched, k)?;
-        let (held, _) = at_nothing(&self.information, self.added, &self.watched, k);
-        Some((own, self.lacking.iter().filter_map(|s| self.candidate(s, &held, Some(k))).collect()))
+        let (held, old) = self.without(k);
+        Some((own, self.lacking.iter().filter_map(|s| self.candidate(s, &held, &old)).collect()))
     }
 
-    /// An effect beside those of the point but `gone`, which `information` holds at nothing.
+    /// The two of them that are likeliest together in the place of effect number `k` of the point, of which one is among the likeliest alone, and by how
+    /// much they are likelier than that, nats.
+    pub(super) fn two_instead_of(&self, k: usize) -> Option<([Candidate; 2], f64)> {
+        let (own, mut alone) = self.instead_of(k)?;
+        alone.sort_by(|a, b| b.evidence.total_cmp(&a.evidence));
+        alone.truncate(PAIRED);
+        let (held, others) = self.without(k);
+        let pairs = alone.into_iter().filter_map(|first| {
+            let old = [others.as_slice(), &self.columns_of(&first)].concat();
+            let second = self
+                .lacking
+                .iter()
+                .filter(|s| s.effect.name() != first.setting.effect.name())
+                .filter_map(|s| self.candidate(s, &held, &old))
+                .max_by(|a, b| a.evidence.total_cmp(&b.evidence))?;
+            let more = first.evidence + second.evidence - own;
+            Some(([first, second], more))
+        });
+        pairs.max_by(|a, b| a.1.total_cmp(&b.1))
+    }
+
+    /// The information where effect number `k` of the point does nothing, and the columns of the others.
+    fn without(&self, k: usize) -> (Information, Vec<Column>) {
+        (at_nothing(&self.information, self.added, &self.watched, k).0, self.columns(Some(k)))
+    }
+
+    /// The columns of the point's effects, but for `gone`.
+    fn columns(&self, gone: Option<usize>) -> Vec<Column> {
+        let slots = self.watched.slots();
+        let (sigma, offset) = priors(self.added, &self.watched);
+        let stays = |k: &usize| sigma[*k] > 0.0 && Some(slots[*k].0) != gone;
+        (0..sigma.len()).filter(stays).map(|k| Column { at: k, sigma: sigma[k], offset: offset[k] }).collect()
+    }
+
+    /// Those of an effect that the point lacks, with its prior.
+    fn columns_of(&self, found: &Candidate) -> Vec<Column> {
+        let name = found.setting.effect.name();
+        let own = self.watched.slots().into_iter().enumerate();
+        let own = own.filter(|(_, slot)| self.watched.effects[slot.0].effect.name() == name);
+        own.map(|(at, slot)| Column { at, sigma: found.prior[slot.1].1, offset: 0.0 }).collect()
+    }
+
+    /// An effect beside those whose columns these are, by information about a point where all others do nothing.
     fn candidate(
         &self,
         setting: &EffectSetting,
         information: &Information,
-        gone: Option<usize>,
+        old: &[Column],
     ) -> Option<Candidate> {
         let slots = self.watched.slots();
         let index = self.watched.effects.iter().position(|s| s.effect.name() == setting.effect.name())?;
-        let (old_sigma, old_offset) = priors(self.added, &self.watched);
-        let stays = |k: &usize| old_sigma[*k] > 0.0 && Some(slots[*k].0) != gone;
-        let old: Vec<usize> = (0..old_sigma.len()).filter(stays).collect();
         let new: Vec<usize> = (0..slots.len()).filter(|k| slots[*k].0 == index).collect();
         let own = prior_sigmas(setting.effect);
-        let pick = |v: &[f64]| -> Vec<f64> { old.iter().map(|k| v[*k]).collect() };
-        let without = evidence::fit(information, &old, &pick(&old_sigma), &pick(&old_offset))?;
-        let columns: Vec<usize> = old.iter().chain(&new).copied().collect();
-        let offset: Vec<f64> = pick(&old_offset).into_iter().chain(new.iter().map(|_| 0.0)).collect();
+        let pick = |of: fn(&Column) -> f64| old.iter().map(of);
+        let places: Vec<usize> = old.iter().map(|c| c.at).collect();
+        let sigmas: Vec<f64> = pick(|c| c.sigma).collect();
+        let offsets: Vec<f64> = pick(|c| c.offset).collect();
+        let without = evidence::fit(information, &places, &sigmas, &offsets)?;
+        let columns: Vec<usize> = places.iter().chain(&new).copied().collect();
+        let offset: Vec<f64> = pick(|c| c.offset).chain(new.iter().map(|_| 0.0)).collect();
         let fits: Vec<(f64, evidence::Fit)> = SCALES
             .iter()
             .filter_map(|scale| {
                 let width = new.iter().map(|k| own[slots[*k].1] * scale);
-                let sigma: Vec<f64> = pick(&old_sigma).into_iter().chain(width).collect();
+                let sigma: Vec<f64> = pick(|c| c.sigma).chain(width).collect();
                 evidence::fit(information, &columns, &sigma, &offset).map(|f| (*scale, f))
             })
             .collect();
