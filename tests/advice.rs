@@ -65,7 +65,7 @@ fn the_antenna_of_the_lever_arm_flight_is_proposed_where_it_was() {
 fn the_factors_of_the_accelerometer_flight_are_proposed() {
     let (advice, _) = advice("sitl_acc_scale.tlog", Some(SIMULATED_S), true);
     for (name, truth, limit) in
-        [("INS_ACCSCAL_X", 1.01, 0.002), ("INS_ACCSCAL_Y", 0.99, 0.006), ("INS_ACCSCAL_Z", 1.015, 0.002)]
+        [("INS_ACCSCAL_X", 1.01, 0.0015), ("INS_ACCSCAL_Y", 0.99, 0.003), ("INS_ACCSCAL_Z", 1.015, 0.0005)]
     {
         assert_near(proposal(&advice, name), truth, limit);
     }

@@ -61,6 +61,9 @@ fn divided([after_s, before_s]: [f64; 2], changes: [Option<Vector3<f64>>; 2]) ->
     Some((after? / after_s - before? / before_s) * (2.0 / (after_s - before_s)))
 }
 
+/// A sample is looked for within so many of where it would be if all came evenly, and then further and further.
+const NEAR: usize = 4;
+
 /// A change of velocity is put together of so many parts.
 const PARTS: u32 = 4;
 
@@ -111,8 +114,26 @@ impl ForceRates {
         (!gap).then(|| Self::new(&near, kind))
     }
 
+    /// Number of the first sample that is not before an instant: looked for around where it would be if samples came evenly.
+    fn next(&self, t_s: f64) -> usize {
+        let (times, n) = (&self.times_s, self.times_s.len());
+        let [first, .., last] = times.as_slice() else { return times.partition_point(|t| *t < t_s) };
+        let guess = ((t_s - first) / (last - first) * n as f64) as usize;
+        let (mut low, mut high, mut by) = (guess.min(n), guess.min(n), NEAR);
+        while low > 0 && times.get(low).is_none_or(|t| *t >= t_s) {
+            low = low.saturating_sub(by);
+            by *= 2;
+        }
+        by = NEAR;
+        while times.get(high).is_some_and(|t| *t < t_s) {
+            high = (high + by).min(n);
+            by *= 2;
+        }
+        low + times.get(low..high).map_or(0, |between| between.partition_point(|t| *t < t_s))
+    }
+
     fn up_to(&self, sums: &[Vector3<f64>], t_s: f64) -> Option<Vector3<f64>> {
-        let next = self.times_s.partition_point(|t| *t < t_s);
+        let next = self.next(t_s);
         let before = next.checked_sub(1)?;
         let (t0, t1) = (*self.times_s.get(before)?, *self.times_s.get(next)?);
         let share = (t_s - t0) / (t1 - t0);
@@ -156,11 +177,13 @@ impl ForceRates {
     /// What the velocity changes by from an instant to another, in the body axes of the first, m/s: from the samples in between, which the specific force exceeds by so much (m/s²),
     /// part by part in the axes of its middle.
     fn change(&self, t_s: f64, by_s: f64, beyond: &Vector3<f64>) -> Option<Vector3<f64>> {
-        let (here, step_s) = (self.up_to(&self.angles, t_s)?, by_s / f64::from(PARTS));
+        let step_s = by_s / f64::from(PARTS);
+        let (here, mut from) = (self.up_to(&self.angles, t_s)?, self.up_to(&self.impulses, t_s)?);
         let part = |k: u32| {
-            let from = t_s + step_s * f64::from(k);
-            let impulse = self.up_to(&self.impulses, from + step_s)? - self.up_to(&self.impulses, from)?;
-            Some(self.turn(from + 0.5 * step_s, &here)? * (impulse + beyond * step_s))
+            let begun_s = t_s + step_s * f64::from(k);
+            let to = self.up_to(&self.impulses, begun_s + step_s)?;
+            let impulse = to - std::mem::replace(&mut from, to);
+            Some(self.turn(begun_s + 0.5 * step_s, &here)? * (impulse + beyond * step_s))
         };
         (0..PARTS).map(part).sum()
     }
@@ -258,6 +281,21 @@ mod tests {
             ImuSample { t_s, gyro: Vector3::zeros(), accel: force(t_s), temperature_degc: None }
         };
         ForceRates::new(&(0..200).map(sample).collect::<Vec<_>>(), SampleKind::Point)
+    }
+
+    proptest::proptest! {
+        /// However unevenly the samples came, and before the first and after the last.
+        #[test]
+        fn the_next_sample_is_found(steps in proptest::collection::vec(0.0..5.0f64, 0..60), at in -1.0..2.0f64) {
+            let times_s: Vec<f64> =
+                steps.iter().scan(3.0, |t, step| { *t += step.powi(4); Some(*t) }).collect();
+            let rates = ForceRates { times_s, ..ForceRates::default() };
+            let [first, last] = [rates.times_s.first(), rates.times_s.last()].map(|t| t.copied().unwrap_or(3.0));
+            let on_samples = rates.times_s.iter().copied();
+            for t_s in on_samples.chain([first + at * (last - first), f64::NAN]) {
+                proptest::prop_assert_eq!(rates.next(t_s), rates.times_s.partition_point(|t| *t < t_s));
+            }
+        }
     }
 
     #[test]

@@ -27,6 +27,9 @@ const ENOUGH_BLOCKS: usize = 6;
 const INFORMED: f64 = 0.8;
 /// An effect that was not named speaks at most this loud for values beside it, nats: held-out data were against it.
 const LOUDEST: f64 = 3.3;
+/// An axis of a formula that is held at nothing has this share of its prior's sigma: far below what any flight resolves, and far enough from zero for the
+/// arithmetic.
+const HELD: f64 = 1e-3;
 /// A drift of a size is excluded where it makes the flights less likely by this, nats: two sigmas.
 const EXCLUDED: f64 = 2.0;
 
@@ -65,6 +68,8 @@ struct Linear<'a> {
     log_likelihood: f64,
     sigma: Vec<f64>,
     offset: Vec<f64>,
+    /// Columns that are held at nothing, and the sigma that each has where it is not.
+    held: Vec<(usize, f64)>,
 }
 
 impl<'a> Linear<'a> {
@@ -86,7 +91,50 @@ impl<'a> Linear<'a> {
         }
         search.correlate(&point.added, &watched, &mut all);
         let (sigma, offset) = priors(&point.added, &watched);
-        Self { search, point, lacking, watched, problems, blocks, all, log_likelihood, sigma, offset }
+        let held = Vec::new();
+        let mut linear = Self {
+            search,
+            point,
+            lacking,
+            watched,
+            problems,
+            blocks,
+            all,
+            log_likelihood,
+            sigma,
+            offset,
+            held,
+        };
+        linear.hold_idle_axes();
+        linear
+    }
+
+    /// Holds the axes of formulas at nothing that are likelier so, one after the other. A formula is sought on all axes of a sensor at once, and what it has
+    /// no part in would take what noise and effects that are badly seen leave there: beside an antenna's place `f_x^3` of accelerometer x did on y what it
+    /// did on x.
+    fn hold_idle_axes(&mut self) {
+        let slots = self.watched.slots();
+        let formula = |k: &usize| self.watched.effects[slots[*k].0].effect.prior_cost() > 0.0;
+        let mut axes: Vec<usize> = self.open().into_iter().filter(formula).collect();
+        while let Some(full) = self.fit(&self.all, &[]).filter(|_| !axes.is_empty()) {
+            let open = self.open();
+            let without = |k: usize| {
+                let mut sigma = self.sigma.clone();
+                sigma[k] *= HELD;
+                let sigmas: Vec<f64> = open.iter().map(|k| sigma[*k]).collect();
+                let offsets: Vec<f64> = open.iter().map(|k| self.offset[*k]).collect();
+                evidence::fit(&self.all, &open, &sigmas, &offsets).map(|f| (k, f.evidence))
+            };
+            // It is named: one axis at least has a part in it.
+            let others = |k: &&usize| axes.iter().any(|a| a != *k && slots[*a].0 == slots[**k].0);
+            let best =
+                axes.iter().filter(others).filter_map(|k| without(*k)).max_by(|a, b| a.1.total_cmp(&b.1));
+            let Some((k, _)) = best.filter(|b| b.1 > full.evidence) else { break };
+            let own = open.iter().position(|o| *o == k).map_or(0.0, |i| full.covariance[(i, i)].sqrt());
+            self.held.push((k, own));
+            self.sigma[k] *= HELD;
+            axes.retain(|a| *a != k);
+        }
     }
 
     /// Columns of what was found that may move.
@@ -178,6 +226,11 @@ impl<'a> Linear<'a> {
             let (effect, parameter) = slots[*k];
             added[effect].setting.values[parameter] += step;
             added[effect].setting.sigmas[parameter] = (within + between).max(0.0).sqrt();
+        }
+        for (k, sigma) in &self.held {
+            let (effect, parameter) = slots[*k];
+            added[effect].setting.values[parameter] = 0.0;
+            added[effect].setting.sigmas[parameter] = *sigma;
         }
         Some(added)
     }
@@ -315,5 +368,39 @@ impl Survey {
         let assumed = given.chain(held.map(known)).chain(truncated);
         let registered = |a: &Added| REGISTRY.iter().any(|e| e.name() == a.setting.effect.name());
         Self { assumed: assumed.filter(registered).collect(), not_found }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::flight::Flight;
+    use super::super::noise::Noise;
+    use super::super::{Serial, tests::fly};
+    use super::*;
+    use crate::effects;
+    use crate::model::Model;
+
+    /// A rate that goes with a product of forces on one axis, found as a formula that may act on all of them.
+    #[test]
+    fn axes_of_a_formula_that_show_nothing_are_held_at_nothing() {
+        let (base, settings) = (Model::default(), select::Settings::default());
+        let formula = effects::find("formula:gyro~f_y*f_z").unwrap();
+        let truth = EffectSetting::known(formula, &[4e-4, 0.0, 0.0]).unwrap();
+        let mut model = base.clone();
+        model.set(truth.clone());
+        let flight = Flight::prepare(&fly(&model, 5), &base).unwrap();
+        let flights = [&flight];
+        let measured = Noise::measured(&base, &flights);
+        let search = Search::new(&flights, &base, &settings, &Serial, &measured);
+        let prior = select::prior_sigmas(formula).into_iter().map(|s| (0.0, s)).collect();
+        let added = Added { setting: EffectSetting { sigmas: vec![0.0; 3], ..truth }, prior };
+        let mut point = search.best(&[added], &measured);
+        let all = point.added.last().unwrap().setting.clone();
+        assert!(all.values.iter().all(|v| *v != 0.0), "{all:?}");
+        Survey::take(&search, &mut point);
+        let held = &point.added.last().unwrap().setting;
+        assert_eq!(held.values[1..], [0.0; 2]);
+        assert!((held.values[0] - 4e-4).abs() < 3.0 * held.sigmas[0] && held.sigmas[0] < 1e-4, "{held:?}");
+        assert!(held.sigmas.iter().zip(&all.sigmas).all(|(h, a)| *h > 0.5 * a), "{held:?} {all:?}");
     }
 }

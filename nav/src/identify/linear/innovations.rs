@@ -126,8 +126,12 @@ impl Reference {
             }
             (_, nav) = track.interval_to(&nav, knot.t_s)?;
             let fix = flight.fixes().get(knot.fix).filter(|f| !flight.by_hand().gave(f))?;
-            sum.0 +=
-                rows::of(fix, &nav, track).rows.iter().take(2).map(|row| row.residual.powi(2)).sum::<f64>();
+            sum.0 += rows::of(fix, &track.seen(&nav))
+                .rows
+                .iter()
+                .take(2)
+                .map(|row| row.residual.powi(2))
+                .sum::<f64>();
             sum.1 += 1;
         }
         Some(())

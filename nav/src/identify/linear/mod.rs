@@ -31,12 +31,12 @@ use crate::identify::watched::Watched;
 use crate::linear::interval::{self, Interval};
 use crate::mechanization::NavState;
 use crate::model::Model;
-use crate::sample::ImuSample;
+use crate::sample::{GnssFix, ImuSample};
 use forward::{Keep, Run, Runner};
 use imitation::{Driven, Imitation};
 use nalgebra::Vector3;
 use reference::Reference;
-use rows::Measured;
+use rows::{Measured, Seen};
 use std::borrow::Cow;
 use track::Track;
 
@@ -233,9 +233,10 @@ impl<'a> About<'a> {
             interval.set_offset(interval::error(&knot.nav, &predicted));
             interval.rounding = self.rounding.at(knot.t_s - 0.5 * interval.dt);
             let fix = &flight.fixes()[knot.fix];
-            let measured = measured(flight, knot.fix, (&nav, since_s), &knot.nav, &mut interval, &track);
+            let seen = track.seen(&knot.nav);
+            let measured = measured(flight, fix, (&nav, since_s), &mut interval, &seen);
             let driven =
-                if flight.is_noisy() { track.driven(&knot.nav, &measured.rows) } else { Driven::default() };
+                if flight.is_noisy() { track.driven(&seen, &measured.rows) } else { Driven::default() };
             since_s = knot.t_s;
             let elapsed_s = fix.t_s - flight.initial().t_s;
             let unsettled = flight.unseen().unsettles(fix.t_s);
@@ -246,22 +247,21 @@ impl<'a> About<'a> {
     }
 }
 
-/// What the fix of this number measures at `to`, at the end of an interval from a state at a time; with what rest adds and takes off.
+/// What a fix measures at the end of an interval from a state at a time; with what rest adds and takes off.
 fn measured(
     flight: &Flight,
-    fix: usize,
+    fix: &GnssFix,
     (from, from_s): (&NavState, f64),
-    to: &NavState,
     interval: &mut Interval,
-    track: &Track<'_>,
+    seen: &Seen<'_>,
 ) -> Measured {
-    let (fix, by_hand) = (&flight.fixes()[fix], flight.by_hand());
+    let by_hand = flight.by_hand();
     let of = if by_hand.gave(fix) { rows::of_place } else { rows::of };
-    let mut measured = of(fix, to, track);
+    let mut measured = of(fix, seen);
     if let Some(unknown) = by_hand.rests(from_s, from_s + interval.dt) {
         interval.rounding.0 += unknown[0];
         interval.rounding.1 += unknown[1];
-        rows::rest(interval, [from, to], &mut measured);
+        rows::rest(interval, [from, seen.at.nav], &mut measured);
     }
     measured
 }

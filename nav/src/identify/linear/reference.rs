@@ -218,15 +218,8 @@ impl WithSimd for FirstPass<'_> {
             let Some((mut interval, predicted)) = track.interval_to(&nav, t_s) else { break };
             interval.rounding = rounding.at(t_s - 0.5 * interval.dt);
             let guess = flight.guessed(since_s, t_s, &predicted);
-            let rows = measured(
-                flight,
-                k,
-                (&nav, since_s),
-                guess.as_ref().unwrap_or(&predicted),
-                &mut interval,
-                &track,
-            )
-            .rows;
+            let (fix, seen) = (&flight.fixes()[k], track.seen(guess.as_ref().unwrap_or(&predicted)));
+            let rows = measured(flight, fix, (&nav, since_s), &mut interval, &seen).rows;
             kalman.predict(simd, &interval);
             kalman.renew(interval.dt);
             since_s = t_s;

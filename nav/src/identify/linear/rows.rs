@@ -1,9 +1,10 @@
 //! What a fix measures, linearised at its time of validity.
 
 use super::kalman::{Square, State, add_scaled};
-use super::track::Track;
 use super::{STATES, index};
-use crate::linear::fix;
+use crate::effects::FixInstant;
+use crate::identify::watched::Watched;
+use crate::linear::fix::{self, AtFix};
 use crate::linear::interval::{Interval, Nav};
 use crate::mechanization::NavState;
 use crate::rotation::{log, skew};
@@ -193,11 +194,19 @@ impl Measured {
     }
 }
 
-/// The rows of a fix about `nav`, with the sensors as they are there: the track must have come to its time of validity.
-pub(super) fn of(fix: &GnssFix, nav: &NavState, track: &Track<'_>) -> Measured {
-    let at = track.at_fix(nav);
-    let x = at.instant();
-    let groups = at.measured(fix, &x);
+/// The vehicle on a trajectory at the time of validity of a fix.
+pub(super) struct Seen<'a> {
+    pub(super) at: AtFix<'a>,
+    /// What effects on the fix depend on.
+    pub(super) x: FixInstant,
+    /// The parameters that are watched.
+    pub(super) watched: &'a Watched,
+}
+
+/// The rows of a fix.
+pub(super) fn of(fix: &GnssFix, seen: &Seen<'_>) -> Measured {
+    let Seen { at, x, watched } = seen;
+    let groups = at.measured(fix, x);
     let row = |group: usize, i: usize| {
         let m = &groups[group];
         Row {
@@ -217,8 +226,8 @@ pub(super) fn of(fix: &GnssFix, nav: &NavState, track: &Track<'_>) -> Measured {
         }
     };
     let mut direct = [Vec::new(), Vec::new()];
-    for setting in &track.watched().effects {
-        let columns = fix::columns(setting, &setting.values, &x);
+    for setting in &watched.effects {
+        let columns = fix::columns(setting, &setting.values, x);
         for k in setting.states() {
             direct.iter_mut().zip(&columns).for_each(|(out, c)| out.push(c[k]));
         }
@@ -231,10 +240,11 @@ pub(super) fn of(fix: &GnssFix, nav: &NavState, track: &Track<'_>) -> Measured {
     }
 }
 
-/// What the place says of the velocity about `nav`: nothing of a receiver is in it.
-pub(super) fn of_place(fix: &GnssFix, nav: &NavState, track: &Track<'_>) -> Measured {
-    let (at, c_nb) = (track.at_fix(nav), nav.c_nb());
-    let (velocity, [_, measured]) = (nav.v_n(), at.measured(fix, &at.instant()));
+/// What the place says of the velocity: nothing of a receiver is in it.
+pub(super) fn of_place(fix: &GnssFix, seen: &Seen<'_>) -> Measured {
+    let Seen { at, x, watched } = seen;
+    let (c_nb, velocity) = (at.nav.c_nb(), at.nav.v_n());
+    let [_, measured] = at.measured(fix, x);
     let row = |i: usize| Row {
         kind: Kind::Place,
         axis: i,
@@ -246,7 +256,7 @@ pub(super) fn of_place(fix: &GnssFix, nav: &NavState, track: &Track<'_>) -> Meas
         by_accel: [0.0; 3],
         drift: 0.0,
     };
-    let each: usize = track.watched().effects.iter().map(|s| s.states().count()).sum();
+    let each: usize = watched.effects.iter().map(|s| s.states().count()).sum();
     Measured { rows: (0..3).map(row).collect(), direct: vec![0.0; 3 * each] }
 }
 

@@ -2,7 +2,7 @@
 
 use super::super::flight::Flight;
 use super::imitation::{self, Driven};
-use super::rows::Row;
+use super::rows::{Row, Seen};
 use super::unseen::Unseen;
 use crate::effects::{Conditions, Instant};
 use crate::filter::calibration::Calibration;
@@ -99,14 +99,9 @@ impl<'a> Track<'a> {
         self.see(&self.last.clone(), None);
     }
 
-    /// The parameters that are watched.
-    pub(super) fn watched(&self) -> &Watched {
-        self.watched
-    }
-
     /// The vehicle at the end of the last interval, on this trajectory.
-    pub(super) fn at_fix<'s>(&'s self, nav: &'s NavState) -> AtFix<'s> {
-        AtFix {
+    pub(super) fn seen<'s>(&'s self, nav: &'s NavState) -> Seen<'s> {
+        let at = AtFix {
             nav,
             motion: &self.to.motion,
             shown: self.last.accel,
@@ -115,13 +110,13 @@ impl<'a> Track<'a> {
             rates: Some(self.force_rates),
             t_s: self.to.t_s,
             elapsed_s: self.to.t_s - self.start_s,
-        }
+        };
+        Seen { x: at.instant(), at, watched: self.watched }
     }
 
     /// By how much noise of the samples moves each column over the last interval and at the fix at its end, which has these rows.
-    pub(super) fn driven(&self, nav: &NavState, rows: &[Row]) -> Driven {
-        let at = self.at_fix(nav).instant();
-        imitation::driven(self.watched, &self.instant(&self.last), &at, (rows, self.flight.sample_s()))
+    pub(super) fn driven(&self, seen: &Seen<'_>, rows: &[Row]) -> Driven {
+        imitation::driven(self.watched, &self.instant(&self.last), &seen.x, (rows, self.flight.sample_s()))
     }
 
     /// What the samples around an instant show, where an effect asks for it.
