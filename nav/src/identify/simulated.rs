@@ -33,12 +33,15 @@ const SHORT_S: f64 = 4.0;
 /// One way: displacement, integral of the velocity, change of the velocity (what differs in age); north and east.
 type Way = [Vector2<f64>; 3];
 
+/// One that goes on: where it began, its trapezoids so far, and the slopes at both of its ends.
+type Begun<'a> = (&'a GnssFix, Vector2<f64>, Option<[Vector2<f64>; 2]>);
+
 /// Ways of a flight between its fixes: the trapezoids of their velocities, less what these cut off in turns by the slopes at both ends (Euler and Maclaurin;
 /// Abramowitz & Stegun 1964, 25.4.7). Circles of 15 s with five fixes a second would seem 600 ppm too small.
 fn ways(fixes: &[GnssFix]) -> Vec<Way> {
     let Some(origin) = fixes.first().map(|f| f.position) else { return Vec::new() };
     let mut out = Vec::new();
-    let mut begun: Option<(&GnssFix, Vector2<f64>, Option<[Vector2<f64>; 2]>)> = None;
+    let mut begun: Option<Begun<'_>> = None;
     for pair in fixes.windows(2) {
         let [before, now] = pair else { continue };
         let (Some(v_before), Some(v)) = (horizontal(before), horizontal(now)) else { return Vec::new() };
