@@ -14,11 +14,11 @@ const UNREPORTED_SPEED_SIGMA: f64 = 0.1;
 /// Sigma of a dual-antenna heading whose message does not report it, rad.
 const UNTOLD_YAW_SIGMA: f64 = 3.0 * std::f64::consts::PI / 180.0;
 
-/// A speed or course that was sent, in counts: both firmwares cut it off to whole cm/s and hundredths of a degree (AP_GPS.cpp, `send_mavlink_gps_raw`;
+/// A speed or course that was sent, in counts: both firmwares truncate it to whole cm/s and hundredths of a degree (AP_GPS.cpp, `send_mavlink_gps_raw`;
 /// PX4's streams/GPS_RAW_INT.hpp), so that it was half a count more on average. Left out, 5 mm/s of 25 m/s make accelerometers that are right 300 ppm too
 /// sensitive downward, and what a simulator's sphere is taken to stretch by 200 ppm wrong: five flights of ArduPilot's simulator had that scale factor
 /// 400 to 630 ppm off, up to 4.1 sigma (2026-11-28).
-fn before_the_cut(counts: u16) -> f64 {
+fn untruncated(counts: u16) -> f64 {
     if counts == 0 { 0.0 } else { f64::from(counts) + 0.5 }
 }
 
@@ -118,7 +118,7 @@ impl Receiver {
         if m.vel == u16::MAX || m.cog == u16::MAX {
             return (FixVelocity::None, None);
         }
-        let (speed, course_deg) = (before_the_cut(m.vel) * 1e-2, before_the_cut(m.cog) * 1e-2);
+        let (speed, course_deg) = (untruncated(m.vel) * 1e-2, untruncated(m.cog) * 1e-2);
         let (velocity, at_least) = self.course.velocity((m.time_usec, m.lat, m.lon), speed, course_deg);
         let sigma = match (reported, at_least) {
             (Some(a), Some(b)) => Some(a.max(b)),

@@ -72,7 +72,7 @@ What else a simulated autopilot does as the firmware does.
 | PX4 | without its gimbal module prints \"param 65535 invalid\" at each request of AUTOPILOT_VERSION, and means nothing by it | mavlink_main.cpp:1086, MNT_MODE_IN | not simulated |
 | ArduPilot | answers a request for a parameter that it does not have with PARAM_ERROR from 4.7 on, and not at all before | GCS_Param.cpp, param_io_timer | 4.6: no answer |
 | both | integers of RAW_IMU and SCALED_IMU are truncated toward zero; in calm air they repeat for seconds | GCS_Common.cpp:2215, streams/SCALED_IMU.hpp | the same; repeated values are judged by their probability |
-| both | speed and course of GPS_RAW_INT are cut off to whole cm/s and hundredths of a degree: 5 mm/s too slow on average | AP_GPS.cpp, send_mavlink_gps_raw; streams/GPS_RAW_INT.hpp | the same; half a count is added when it is read |
+| both | speed and course of GPS_RAW_INT are truncated to whole cm/s and hundredths of a degree: 5 mm/s too slow on average | AP_GPS.cpp, send_mavlink_gps_raw; streams/GPS_RAW_INT.hpp | the same; half a count is added when it is read |
 ";
 
 /// The page.

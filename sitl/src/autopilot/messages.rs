@@ -286,7 +286,7 @@ impl Autopilot {
             alt_ellipsoid: (height * 1e3).round() as i32,
             eph: 70,
             epv: 110,
-            // Cut off, as both firmwares do.
+            // Truncated, as by both firmwares.
             vel: (north.hypot(east) * 100.0).min(65534.0) as u16,
             cog: (course_deg * 100.0) as u16 % 36000,
             fix_type: GpsFixType::GPS_FIX_TYPE_3D_FIX,
