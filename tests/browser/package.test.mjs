@@ -6,6 +6,7 @@ import { mkdtempSync, readFileSync, rmSync } from "node:fs";
 import { tmpdir } from "node:os";
 import { dirname, join } from "node:path";
 import { after, before, test } from "node:test";
+import { sameOf } from "./harness.mjs";
 
 const ROOT = new URL("../../", import.meta.url).pathname;
 const SMALL = join(ROOT, "tests/data/small_gsens_typical_dither.tlog");
@@ -28,7 +29,7 @@ test("a replay has the estimate of the program's", async () => {
   const ours = await gaware.replay(log(), { progress: ({ progress }) => steps.push(progress) });
   const theirs = native("replay", SMALL, "--json");
   const { value, sigma } = theirs.estimate.g_sensitivity_deg_per_h_per_g;
-  const near = (row, r) => row.every((v, c) => Math.abs(v - value[r][c]) <= 1e-6 * sigma[r][c]);
+  const near = (row, r) => row.every((v, c) => Math.abs(v - value[r][c]) <= sameOf(SMALL) * sigma[r][c]);
   assert.ok(ours.estimate.g_sensitivity_deg_per_h_per_g.value.every(near));
   assert.equal(ours.gnss.used, theirs.gnss.used);
   assert.ok(steps.includes("estimating along the flight"), steps.join());
