@@ -36,7 +36,7 @@ type Way = [Vector2<f64>; 3];
 /// One that goes on: where it began, its trapezoids so far, and the slopes at both of its ends.
 type Begun<'a> = (&'a GnssFix, Vector2<f64>, Option<[Vector2<f64>; 2]>);
 
-/// Ways of a flight between its fixes: the trapezoids of their velocities, less what these cut off in turns by the slopes at both ends (Euler and Maclaurin;
+/// Ways of a flight between its fixes: the trapezoids of their velocities, less what these leave out in turns, by the slopes at both ends (Euler and Maclaurin;
 /// Abramowitz & Stegun 1964, 25.4.7). Circles of 15 s with five fixes a second would seem 600 ppm too small.
 fn ways(fixes: &[GnssFix]) -> Vec<Way> {
     let Some(origin) = fixes.first().map(|f| f.position) else { return Vec::new() };
@@ -190,7 +190,7 @@ mod tests {
         circled(0.05, radius_m, error_m)
     }
 
-    /// In circles of 14 s and more: what trapezoids cut off is none of the sphere's.
+    /// In circles of 14 s and more: what trapezoids leave out is none of the sphere's.
     #[test]
     fn circles_do_not_stretch_it() {
         for turn in [0.05, 0.25, 0.45] {
