@@ -20,6 +20,7 @@ use serde::Serialize;
 use std::future::Future;
 use std::path::{Path, PathBuf};
 use std::pin::pin;
+use std::sync::atomic::{AtomicUsize, Ordering};
 use std::task::{Context, Poll, Waker};
 
 /// The second vehicle, or station, comes within this time from the start of the upload, s.
@@ -190,8 +191,11 @@ fn until_killed<T>(future: impl Future<Output = T>) -> Option<T> {
 struct Folder(PathBuf);
 
 impl Folder {
-    fn new(name: &str) -> Option<Self> {
-        let path = std::env::temp_dir().join(format!("gaware-study-{}-{name}", std::process::id()));
+    /// No other study of this process has the same, however many run at once.
+    fn new() -> Option<Self> {
+        static MADE: AtomicUsize = AtomicUsize::new(0);
+        let name = format!("gaware-study-{}-{}", std::process::id(), MADE.fetch_add(1, Ordering::Relaxed));
+        let path = std::env::temp_dir().join(name);
         std::fs::create_dir_all(&path).ok()?;
         Some(Self(path))
     }
@@ -223,7 +227,7 @@ fn killed(wire: &mut Pinned<Air>, new: &Mission, folder: &Path) -> Option<Journa
 fn exchanged(flavour: Flavour, seed: u64) -> End {
     let ([previous, new, theirs], mut dice) = drawn(seed);
     let (kind, killed_s) = (3.0 * dice.uniform(), KILLED_WITHIN_S * dice.uniform());
-    let Some(folder) = Folder::new(&format!("{}-{seed}", name(flavour))) else { return End::Wrong };
+    let Some(folder) = Folder::new() else { return End::Wrong };
     let mut wire = Air::of(vec![aircraft(flavour, (A, HERE), seed, &previous)]).connect();
     if at_once(wire.identify()).is_err() {
         return End::Wrong;
@@ -295,5 +299,16 @@ fn second_station(flavour: Flavour, seed: u64) -> End {
             End::Stopped if came && done_s.is_some() => End::NotMeant,
             end => end,
         },
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn studies_at_the_same_time_keep_their_journals_apart() {
+        let folders = [Folder::new(), Folder::new()].map(Option::unwrap);
+        assert_ne!(folders[0].0, folders[1].0);
     }
 }
