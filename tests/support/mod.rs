@@ -14,7 +14,7 @@ use std::sync::{Condvar, LazyLock, Mutex, PoisonError};
 use std::time::Duration;
 
 /// Longer than anything here takes on a busy machine, shorter than a test runner's patience.
-pub const PATIENCE: Duration = Duration::from_secs(180);
+pub const PATIENCE: Duration = Duration::from_secs(600);
 
 /// A `gaware` process whose output is collected; it does not outlive the test.
 pub struct Gaware {
