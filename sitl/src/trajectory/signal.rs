@@ -60,23 +60,6 @@ fn smooth_step(t: f64, from_s: f64, for_s: f64) -> Jet {
 }
 
 impl Term {
-    /// The same, this much later.
-    fn later(self, by_s: f64) -> Self {
-        match self {
-            Self::Step { from_s, for_s, size } => Self::Step { from_s: from_s + by_s, for_s, size },
-            Self::Ramp { from_s, for_s, rate } => Self::Ramp { from_s: from_s + by_s, for_s, rate },
-            Self::Wave { from_s, to_s, amplitude, omega, phase, fade_s } => {
-                Self::Wave { from_s: from_s + by_s, to_s: to_s + by_s, amplitude, omega, phase, fade_s }
-            }
-        }
-    }
-
-    fn begins_s(&self) -> f64 {
-        match self {
-            Self::Step { from_s, .. } | Self::Ramp { from_s, .. } | Self::Wave { from_s, .. } => *from_s,
-        }
-    }
-
     fn at(&self, t: f64) -> Jet {
         match *self {
             Self::Step { from_s, for_s, size } => {
@@ -116,12 +99,16 @@ impl Term {
 pub struct Signal {
     start: f64,
     terms: Vec<Term>,
+    /// How often all of it comes again, and after how long, s.
+    again: (u32, f64),
+    /// When it is held, and for how long, s.
+    pause: (f64, f64),
 }
 
 impl Signal {
     /// A constant.
     pub fn constant(start: f64) -> Self {
-        Self { start, terms: Vec::new() }
+        Self { start, ..Self::default() }
     }
 
     /// From `from_s` on, changes by `size` within `for_s`.
@@ -166,27 +153,33 @@ impl Signal {
         self
     }
 
-    /// The same with every change that begins at `at_s` or later postponed by `for_s`.
+    /// The same held for `for_s` where nothing changes at `at_s`.
     #[must_use]
     pub fn paused(mut self, at_s: f64, for_s: f64) -> Self {
-        for term in self.terms.iter_mut().filter(|t| t.begins_s() >= at_s) {
-            *term = term.later(for_s);
-        }
+        self.pause = (at_s, for_s);
         self
     }
 
-    /// All changes once more, each `by_s` later, on top of the first ones.
+    /// So many times all changes, each time `by_s` later and from where they led before: all of them are over by then.
     #[must_use]
     pub fn repeated(mut self, times: u32, by_s: f64) -> Self {
-        let once = self.terms.clone();
-        for k in 1..times {
-            self.terms.extend(once.iter().map(|t| t.later(f64::from(k) * by_s)));
-        }
+        self.again = (times.saturating_sub(1), by_s);
         self
     }
 
     /// Value and derivatives at a time.
     pub fn at(&self, t_s: f64) -> Jet {
+        let ((at_s, for_s), (again, by_s)) = (self.pause, self.again);
+        let t_s = t_s.min(at_s).max(t_s - for_s);
+        let before = if again == 0 { 0.0 } else { (t_s / by_s).floor().clamp(0.0, f64::from(again)) };
+        let mut jet = self.once(t_s - before * by_s);
+        if before > 0.0 {
+            jet.x += before * (self.once(by_s).x - self.start);
+        }
+        jet
+    }
+
+    fn once(&self, t_s: f64) -> Jet {
         let start = Jet { x: self.start, d1: 0.0, d2: 0.0 };
         self.terms.iter().fold(start, |sum, term| sum + term.at(t_s))
     }
@@ -210,6 +203,20 @@ mod tests {
             // The second derivative has corners, so its own difference is only as good as h times the third.
             prop_assert!(((after.d1 - before.d1) / (2.0 * h) - here.d2).abs() < 0.03);
         }
+    }
+
+    /// Two that begin where the one before ended, with a pause between them.
+    #[test]
+    fn what_is_repeated_goes_on_from_where_it_led() {
+        let once = Signal::constant(1.0).step(1.0, 2.0, 3.0).pulse(4.0, 6.0, 1.0, -2.0);
+        let twice = once.clone().repeated(2, 8.0).paused(8.0, 5.0);
+        for t in [0.0, 1.7, 4.4, 7.0, 8.0] {
+            assert_eq!(twice.at(t), once.at(t), "{t}");
+            let again = twice.at(13.0 + t);
+            assert_eq!((again.x - 3.0, again.d1, again.d2), (once.at(t).x, once.at(t).d1, once.at(t).d2), "{t}");
+        }
+        assert_eq!(twice.at(10.0), Jet { x: 4.0, d1: 0.0, d2: 0.0 });
+        assert_eq!(twice.at(99.0).x, 7.0);
     }
 
     #[test]
