@@ -263,6 +263,17 @@ fn prepare(args: &SimArgs) -> Result<Prepared, SimError> {
     Ok(Prepared { autopilot: Autopilot::playing(config, &scenario), endpoint, options, sealed })
 }
 
+/// The same while something else may ask for the end, which is `None`: a flight that is repeated for hours takes a second for each time.
+async fn prepared(args: &SimArgs, shutdown: &CancellationToken) -> Option<Result<Prepared, SimError>> {
+    let (done, prepared) = tokio::sync::oneshot::channel();
+    let args = args.clone();
+    std::thread::spawn(move || _ = done.send(prepare(&args)));
+    tokio::select! {
+        () = shutdown.cancelled() => None,
+        prepared = prepared => prepared.ok(),
+    }
+}
+
 fn within(
     name: &'static str,
     value: f64,
@@ -285,7 +296,8 @@ pub async fn run(
 ) -> Result<Served, SimError> {
     let outputs = args.overwrite.outputs(args.model.as_deref());
     args.record.iter().chain(&args.sealed).try_for_each(|path| outputs.check(path))?;
-    let Prepared { autopilot, endpoint, options, sealed } = prepare(args)?;
+    let Some(prepared) = prepared(args, &shutdown).await else { return Ok(Served::default()) };
+    let Prepared { autopilot, endpoint, options, sealed } = prepared?;
     if let (Some(text), Some(path)) = (&sealed, &args.sealed) {
         outputs.write(path, mark::text(text.clone(), mark::Style::Hash)).map_err(SimError::Sealed)?;
     }
@@ -393,5 +405,14 @@ mod tests {
         let served = run(&args, |a| address = a.to_owned(), CancellationToken::new()).await.unwrap();
         assert!(address.starts_with("tcpout:127.0.0.1:"));
         assert!(served.virtual_s >= 3.0);
+    }
+
+    #[tokio::test]
+    async fn who_asks_for_the_end_does_not_wait_for_a_day_of_flights() {
+        let (stop, mut announced) = (CancellationToken::new(), false);
+        stop.cancel();
+        let args = args("--listen tcpin:127.0.0.1:0 --scenario fixed_wing --repeat 12");
+        run(&args, |_| announced = true, stop).await.unwrap();
+        assert!(!announced);
     }
 }
