@@ -1,7 +1,6 @@
 //! The Earth's magnetic field at a place and date, by NOAA's world magnetic model.
 
 use gaware_nav::earth::Geodetic;
-use gaware_nav::math::atan2;
 use gaware_nav::rotation::wrap_pi;
 use nalgebra::Vector3;
 use world_magnetic_model::GeomagneticField;
@@ -73,7 +72,7 @@ impl WorldField {
             self.field_n.norm() * 1e7,
             self.declination_deg,
             self.declination_sigma_deg,
-            atan2(self.field_n.z, self.field_n.xy().norm()).to_degrees()
+            self.field_n.z.atan2(self.field_n.xy().norm()).to_degrees()
         )
     }
 }

@@ -9,7 +9,6 @@ use crate::outputs::{OutputError, Outputs, mark};
 use gaware_nav::consistency::departure;
 use gaware_nav::filter::Filter;
 use gaware_nav::filter::layout::index;
-use gaware_nav::math::hypot;
 use gaware_nav::model::{EffectSetting, JointPrior, Model};
 use nalgebra::DMatrix;
 use serde::{Deserialize, Serialize};
@@ -279,7 +278,7 @@ impl Unit {
         } else {
             ageing::walk(days) * state.prior_sigma
         };
-        hypot(state.sigma, more).min(state.prior_sigma.max(state.sigma))
+        state.sigma.hypot(more).min(state.prior_sigma.max(state.sigma))
     }
 
     /// Makes the values priors of this model, as they are so many days later. What the model takes for known stays so.
@@ -374,7 +373,7 @@ impl Unit {
         let days = ageing::between(&self.origin.date, &other.origin.date);
         let compare = |s: &UnitState| {
             let new = other.get(&s.name)?;
-            let sigma = hypot(Self::aged(s, days), new.sigma);
+            let sigma = Self::aged(s, days).hypot(new.sigma);
             let off = (new.value - s.value) / sigma;
             (off.abs() > CONTRADICTION).then(|| {
                 format!(

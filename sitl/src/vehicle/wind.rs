@@ -2,7 +2,6 @@
 
 use super::VehicleConfig;
 use crate::noise::{Noise, Purpose};
-use gaware_nav::math::{atan, cos, sin_cos};
 use nalgebra::Vector3;
 use std::f64::consts::TAU;
 
@@ -62,9 +61,9 @@ impl Wind {
         for axis in 0..2 {
             for ((f, a), phase) in LINES.iter().zip(&self.phases[axis]) {
                 let omega = TAU * f;
-                let behind = atan(omega * lag_s);
-                let size = self.gust * a * cos(behind);
-                let (s, c) = sin_cos(omega * t_s + phase - behind);
+                let behind = (omega * lag_s).atan();
+                let size = self.gust * a * behind.cos();
+                let (s, c) = (omega * t_s + phase - behind).sin_cos();
                 full[axis] += size * s;
                 rate[axis] += size * omega * c;
             }
