@@ -6,26 +6,23 @@
 #       rustup target add aarch64-unknown-linux-gnu
 #       apt install gcc-aarch64-linux-gnu libc6-dev-arm64-cross qemu-user-static
 #
-# SKIP_BUILD=1 takes the program in the target folder as it is; PROFILE=dev makes a slower one sooner, of the same digits.
+# SKIP_BUILD=1 takes the program in the target folder as it is.
 set -eu
 cd "$(dirname "$0")/.."
 target="${CARGO_TARGET_DIR:-$PWD/target}"
-profile="${PROFILE:-release}"
-folder="$profile"
-[ "$profile" != dev ] || folder=debug
 case "${1:-}" in
 "")
     arch="$(dpkg --print-architecture)"
-    program="$target/$folder/gaware" cross="" run=""
-    [ "${SKIP_BUILD:-}" ] || cargo build --profile "$profile" --locked -p gaware --bin gaware
+    program="$target/release/gaware" cross="" run=""
+    [ "${SKIP_BUILD:-}" ] || cargo build --release --locked -p gaware --bin gaware
     ;;
 aarch64-unknown-linux-gnu)
     arch=arm64 cross=aarch64-linux-gnu-
-    program="$target/$1/$folder/gaware"
+    program="$target/$1/release/gaware"
     # The program writes its manuals and completions itself.
     run="qemu-aarch64-static -L /usr/aarch64-linux-gnu"
     [ "${SKIP_BUILD:-}" ] || CARGO_TARGET_AARCH64_UNKNOWN_LINUX_GNU_LINKER=${cross}gcc \
-        cargo build --profile "$profile" --locked -p gaware --bin gaware --target "$1"
+        cargo build --release --locked -p gaware --bin gaware --target "$1"
     ;;
 *)
     echo "no package for $1: packaging/build-deb.sh [aarch64-unknown-linux-gnu]" >&2
