@@ -93,15 +93,20 @@ impl Term {
     }
 }
 
+/// What becomes of all changes so far, those of time among them.
+#[derive(Debug, Clone, Copy)]
+enum Change {
+    Pause { at_s: f64, for_s: f64 },
+    Again { times: u32, by_s: f64 },
+}
+
 /// A sum of smooth pieces.
 #[derive(Debug, Clone, Default)]
 pub struct Signal {
     start: f64,
     terms: Vec<Term>,
-    /// How often all of it comes again, and after how long, s.
-    again: (u32, f64),
-    /// When it is held, and for how long, s.
-    pause: (f64, f64),
+    /// In the order in which they were asked for: the last sees a flight that the ones before have made.
+    changes: Vec<Change>,
 }
 
 impl Signal {
@@ -155,27 +160,38 @@ impl Signal {
     /// The same held for `for_s` where nothing changes at `at_s`.
     #[must_use]
     pub fn paused(mut self, at_s: f64, for_s: f64) -> Self {
-        self.pause = (at_s, for_s);
+        self.changes.push(Change::Pause { at_s, for_s });
         self
     }
 
     /// So many times all changes, each time `by_s` later and from where they led before: all of them are over by then.
     #[must_use]
     pub fn repeated(mut self, times: u32, by_s: f64) -> Self {
-        self.again = (times.saturating_sub(1), by_s);
+        self.changes.push(Change::Again { times: times.saturating_sub(1), by_s });
         self
     }
 
     /// Value and derivatives at a time.
     pub fn at(&self, t_s: f64) -> Jet {
-        let ((at_s, for_s), (again, by_s)) = (self.pause, self.again);
-        let t_s = t_s.min(at_s).max(t_s - for_s);
-        let before = if again == 0 { 0.0 } else { (t_s / by_s).floor().clamp(0.0, f64::from(again)) };
-        let mut jet = self.once(t_s - before * by_s);
-        if before > 0.0 {
-            jet.x += before * (self.once(by_s).x - self.start);
+        self.changed(&self.changes, t_s)
+    }
+
+    /// The same with these changes alone.
+    fn changed(&self, changes: &[Change], t_s: f64) -> Jet {
+        match changes.split_last() {
+            None => self.once(t_s),
+            Some((Change::Pause { at_s, for_s }, first)) => {
+                self.changed(first, t_s.min(*at_s).max(t_s - for_s))
+            }
+            Some((Change::Again { times, by_s }, first)) => {
+                let before = (t_s / by_s).floor().clamp(0.0, f64::from(*times));
+                let mut jet = self.changed(first, t_s - before * by_s);
+                if before > 0.0 {
+                    jet.x += before * (self.changed(first, *by_s).x - self.start);
+                }
+                jet
+            }
         }
-        jet
     }
 
     fn once(&self, t_s: f64) -> Jet {
@@ -217,6 +233,17 @@ mod tests {
         }
         assert_eq!(twice.at(10.0), Jet { x: 4.0, d1: 0.0, d2: 0.0 });
         assert_eq!(twice.at(99.0).x, 7.0);
+    }
+
+    /// Of two pauses the second sees a flight that has the first: a cruise of hours became a minute of it when the second took its place.
+    #[test]
+    fn pauses_add_up() {
+        let s = Signal::constant(0.0).step(1.0, 1.0, 1.0).step(4.0, 1.0, 2.0);
+        let paused = s.clone().paused(3.0, 100.0).paused(0.5, 10.0).repeated(2, 120.0);
+        for (t, once) in [(0.4, 0.4), (8.0, 0.5), (11.5, 1.5), (13.0, 3.0), (112.0, 3.0), (114.5, 4.5)] {
+            assert_eq!(paused.at(t).x, s.at(once).x, "{t}");
+            assert_eq!(paused.at(120.0 + t).x, 3.0 + s.at(once).x, "{t}");
+        }
     }
 
     #[test]
