@@ -143,12 +143,14 @@ impl Attitudes {
 
 #[cfg(test)]
 mod tests {
+    use gaware_nav::math::{cos, sin};
+
     use super::*;
     use std::f64::consts::PI;
 
     #[test]
     fn ten_hours_take_no_more_memory_than_one_and_the_shift_is_still_found() {
-        let attitude = |t: f64| [0.3 * (2.0 * t).sin(), 0.1 * t.cos(), wrap_pi(0.5 * t)];
+        let attitude = |t: f64| [0.3 * sin(2.0 * t), 0.1 * cos(t), wrap_pi(0.5 * t)];
         let mut both = Attitudes::default();
         for k in 0..36_000 * 20 {
             let t = f64::from(k) * 0.05;

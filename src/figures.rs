@@ -1,11 +1,12 @@
 //! Figures and dates as people read them, the same on every page and screen.
 
 use gaware_nav::earth::Geodetic;
+use gaware_nav::math::log10;
 use std::fmt::Display;
 
 /// Decimal places that show two significant figures of a sigma.
 pub fn two_figures(sigma: f64) -> usize {
-    (1.0 - sigma.abs().max(1e-12).log10().floor()).clamp(0.0, 12.0) as usize
+    (1.0 - log10(sigma.abs().max(1e-12)).floor()).clamp(0.0, 12.0) as usize
 }
 
 /// A value with its sigma, both to the second significant figure of the sigma (GUM, JCGM 100:2008, 7.2.6).

@@ -3,6 +3,7 @@
 #![allow(clippy::unwrap_used, clippy::panic, reason = "helpers of tests may panic, as tests do")]
 
 use crate::support;
+use gaware_nav::math::hypot;
 use gaware_nav::model::Model;
 use support::{Folder, Gaware, flights, gaware};
 
@@ -147,7 +148,7 @@ fn both_recordings_of_one_flight_show_the_same_latency() {
     let (link, link_sigma, _) = latency("sitl_gsens_typical_dither.tlog");
     let (log, log_sigma, document) = latency("sitl_gsens_typical_dither_cut.BIN");
     println!("link {link} ± {link_sigma} s, log {log} ± {log_sigma} s");
-    assert!((link - log).abs() < 2.0 * link_sigma.hypot(log_sigma), "{link} and {log}");
+    assert!((link - log).abs() < 2.0 * hypot(link_sigma, log_sigma), "{link} and {log}");
     // Behind the low-pass of the samples; before it, where EKF3 takes them, it is what the truth says.
     let proposals = document["autopilot"]["proposals"].as_array().unwrap();
     let delay = proposals.iter().find(|p| p["parameter"] == "GPS1_DELAY_MS").unwrap();

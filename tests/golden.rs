@@ -12,6 +12,7 @@ use gaware_nav::earth::Geodetic;
 use gaware_nav::estimator::Estimator;
 use gaware_nav::filter::Filter;
 use gaware_nav::filter::layout::index;
+use gaware_nav::math::log10;
 use gaware_nav::model::Model;
 use gaware_nav::rotation::wrap_pi;
 use gaware_nav::sample::Sample;
@@ -135,7 +136,7 @@ fn written(rows: &[(f64, Vec<Value>)]) -> String {
 }
 
 fn digits(x: f64) -> String {
-    let places = (4.0 - x.abs().max(1e-3).log10().floor()).max(0.0) as usize;
+    let places = (4.0 - log10(x.abs().max(1e-3)).floor()).max(0.0) as usize;
     format!("{x:.places$}")
 }
 

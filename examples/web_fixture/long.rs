@@ -5,6 +5,7 @@ use super::script;
 use gaware::engine::situation::FlightMode;
 use gaware::engine::snapshot::{Phase, Snapshot};
 use gaware::sinks::status::{Control, MissionState, MissionView, VehicleView};
+use gaware_nav::math::{cos, sin};
 use std::f64::consts::TAU;
 
 /// One round of maneuvers of the short script, s.
@@ -40,12 +41,12 @@ pub fn snapshot(t_s: f64) -> Snapshot {
     s.t_s = 100.0 + t_s;
     s.sequence = (t_s / script::STEP_S).round() as u64 + 1;
     s.imu.samples = (t_s * 100.0) as u64;
-    let (n, e) = (550.0 + 600.0 * (TAU * t_s / 300.0).sin(), 700.0 * (1.0 - (TAU * t_s / 190.0).cos()));
+    let (n, e) = (550.0 + 600.0 * sin(TAU * t_s / 300.0), 700.0 * (1.0 - cos(TAU * t_s / 190.0)));
     s.motion.lat_deg = 47.3977 + n / 111_200.0;
     s.motion.lon_deg = 8.5456 + e / 75_300.0;
     let turn = TAU * t_s / 23.0;
     s.estimate.attitude_deg.value =
-        [55.0 * turn.sin(), 12.0 * (0.7 * turn).cos(), (17.0 * t_s).rem_euclid(360.0)];
+        [55.0 * sin(turn), 12.0 * cos(0.7 * turn), (17.0 * t_s).rem_euclid(360.0)];
     // Warnings come and go, one, two, many; long ones too.
     for k in 0..(t_s / 60.0) as usize % 7 {
         s.warnings.push(format!(

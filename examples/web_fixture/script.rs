@@ -7,6 +7,7 @@ use gaware::engine::snapshot::{
     Snapshot, StateStatus, Status,
 };
 use gaware::sinks::status::RouteView;
+use gaware_nav::math::{cos, exp, sin};
 use gaware_nav::observability::words::VehicleKind;
 use std::f64::consts::TAU;
 
@@ -28,7 +29,7 @@ pub fn route() -> RouteView {
     let ring = [(-400.0, -300.0), (-400.0, 1900.0), (1700.0, 1900.0), (1700.0, -300.0)];
     let path = (0..60).map(|k| {
         let a = f64::from(k) * 0.21;
-        at(550.0 + 420.0 * a.sin(), 700.0 + 500.0 * (0.5 * a).cos())
+        at(550.0 + 420.0 * sin(a), 700.0 + 500.0 * cos(0.5 * a))
     });
     RouteView {
         home: Some(at(0.0, 0.0)),
@@ -114,7 +115,7 @@ pub fn settle(s: &mut Snapshot, mode: FlightMode, on_ground: bool) {
 }
 
 fn wave(t_s: f64, period_s: f64) -> f64 {
-    (TAU * t_s / period_s).sin()
+    sin(TAU * t_s / period_s)
 }
 
 /// Something like white noise, the same for the same time and channel.
@@ -164,8 +165,8 @@ fn motion(t_s: f64) -> Motion {
     for step in 0..(t_s / STEP_S) as u32 {
         let at = f64::from(step) * STEP_S;
         let h = if (40.0..72.0).contains(&at) { 0.6 + TAU * (at - 40.0) / 16.0 } else { 0.6 };
-        north += 24.0 * h.cos() * STEP_S;
-        east += 24.0 * h.sin() * STEP_S;
+        north += 24.0 * cos(h) * STEP_S;
+        east += 24.0 * sin(h) * STEP_S;
     }
     let n = |c| 0.035 * noise(t_s, c);
     let f = match t_s {
@@ -179,7 +180,7 @@ fn motion(t_s: f64) -> Motion {
         lat_deg: 47.3977 + north / 111_200.0,
         lon_deg: 8.5456 + east / 75_300.0,
         height_m: 620.0 + 12.0 * wave(t_s, 41.0),
-        velocity_ned_m_per_s: [speed * heading.cos(), speed * heading.sin(), -0.4],
+        velocity_ned_m_per_s: [speed * cos(heading), speed * sin(heading), -0.4],
         specific_force_g: [f[0] + n(10), f[1] + n(11), f[2] + n(12)],
         rate_deg_per_s: [0.4, if turning { 12.0 } else { 0.0 }, if turning { 18.0 } else { 0.2 }],
         position_sigma_m: [0.8, 0.8, 1.4],
@@ -223,7 +224,7 @@ fn sigma(t_s: f64, c: usize) -> f64 {
     let leg = COLUMN.iter().position(|x| *x == c).unwrap_or(0);
     let floor = [28.0, 24.0, 33.0].get(leg).copied().unwrap_or(30.0);
     let early = 1.0 - 0.15 * (t_s / 120.0).min(1.0);
-    floor + (PRIOR - floor) * early * (-5.5 * done(t_s, leg)).exp()
+    floor + (PRIOR - floor) * early * exp(-5.5 * done(t_s, leg))
 }
 
 fn estimates(t_s: f64, s: &mut Snapshot) {
@@ -292,7 +293,7 @@ fn observability(t_s: f64, s: &mut Snapshot) {
         [("bg", 1800.0, 18.0, 60.0, "deg/h"), ("ba", 20.0, 1.1, 2.0, "mg"), ("att", 5.0, 0.2, 0.5, "deg")]
     {
         for (axis, slow) in [("x", 1.0), ("y", 1.05), ("z", 1.6)] {
-            let sd = end * slow + (prior - end) * (-6.0 * settled).exp();
+            let sd = end * slow + (prior - end) * exp(-6.0 * settled);
             states.push(StateStatus {
                 name: format!("{prefix}_{axis}"),
                 status: status(sd / prior, sd, target),

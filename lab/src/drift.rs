@@ -12,6 +12,7 @@ use gaware_nav::estimator::{Estimator, Stage};
 use gaware_nav::filter::Filter;
 use gaware_nav::filter::calibration::Calibration;
 use gaware_nav::filter::layout::index;
+use gaware_nav::math::{atan2, cos, exp_m1, sin};
 use gaware_nav::mechanization::NavState;
 use gaware_nav::model::Model;
 use gaware_nav::sample::{Quantisation, Sample};
@@ -103,7 +104,7 @@ impl Drifting {
             Drift::None => [0.0; 3],
             Drift::Ramp(x) => shared(x * t_s / 60.0),
             Drift::Step(x) => shared(if t_s < 200.0 { 0.0 } else { x }),
-            Drift::WarmUp(x) => shared(x * -(-t_s / 180.0).exp_m1()),
+            Drift::WarmUp(x) => shared(x * -exp_m1(-t_s / 180.0)),
             Drift::Walk(x) => {
                 let sigma = x * unit::DEG_PER_H_PER_RTH.si * dt.sqrt();
                 self.bias.map(|b| b + sigma * self.noise.normal())
@@ -262,7 +263,7 @@ impl Watcher<'_> {
         let (own, true_) = (filter.nav().euler(), nav.euler());
         run.tilt_square.extend([0, 1].map(|k| (own[k] - true_[k]).to_degrees().powi(2)));
         let yaw = own[2] - true_[2];
-        run.yaw_square.push(yaw.sin().atan2(yaw.cos()).to_degrees().powi(2));
+        run.yaw_square.push(atan2(sin(yaw), cos(yaw)).to_degrees().powi(2));
         run.g_sigmas.clear();
         for (i, name) in layout.names().iter().enumerate().filter(|(_, n)| n.effect == "gyro_g_sensitivity") {
             let state = i + index::GYRO_BIAS;

@@ -8,6 +8,7 @@ use gaware_nav::effects::{Conditions, Effect, Instant, REGISTRY, data};
 use gaware_nav::identify::Serial;
 use gaware_nav::identify::flight::Flight;
 use gaware_nav::identify::select::{self, Settings};
+use gaware_nav::math::{atan2, hypot, powf};
 use gaware_nav::model::EffectSetting;
 use gaware_sitl::blind::{draw, fly_with_reports};
 use gaware_sitl::noise::{Noise, Purpose};
@@ -167,7 +168,7 @@ fn injected(k: usize, noise: &mut Noise) -> Option<EffectSetting> {
     let effect = *data::load(&text).ok()?.first()?;
     let size = data::Target::of_name(target)?.disturbance() / typical;
     let sign = if noise.uniform() < 0.5 { -1.0 } else { 1.0 };
-    EffectSetting::known(effect, &[sign * size * (0.35 * (2.0f64 / 0.35).powf(noise.uniform()))]).ok()
+    EffectSetting::known(effect, &[sign * size * (0.35 * powf(2.0f64 / 0.35, noise.uniform()))]).ok()
 }
 
 fn one(campaign: &Campaign, k: usize, settings: &Settings) -> Option<Outcome> {
@@ -227,7 +228,7 @@ fn series(setting: &EffectSetting, flight: &Flight) -> Vec<f64> {
         if let Some(fix) = fixes.next_if(|f| f.t_s <= sample.t_s) {
             conditions.height_m = fix.position.height_m - height_m;
             let [north, east, _] = fix.velocity.components();
-            (conditions.speed, conditions.heading_rad) = (north.hypot(east), east.atan2(north));
+            (conditions.speed, conditions.heading_rad) = (hypot(north, east), atan2(east, north));
         }
         let x = Instant {
             t_s: sample.t_s,

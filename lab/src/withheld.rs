@@ -11,6 +11,7 @@ use gaware::pipeline::samples;
 use gaware::sensors::ConverterOptions;
 use gaware_nav::estimator::{Estimator, Stage};
 use gaware_nav::filter::FixOutcome;
+use gaware_nav::math::hypot;
 use gaware_nav::model::Model;
 use gaware_nav::sample::{GnssFix, Sample};
 use serde::Serialize;
@@ -163,7 +164,7 @@ impl Run<'_> {
 
 fn speed(fix: &GnssFix) -> f64 {
     let [n, e, d] = fix.velocity.components();
-    n.hypot(e).hypot(d)
+    hypot(hypot(n, e), d)
 }
 
 fn shares(gaps: &[Gap]) -> Shares {

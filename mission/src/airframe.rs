@@ -4,6 +4,7 @@ mod checks;
 
 use crate::item::Autopilot;
 use gaware_nav::earth::STANDARD_GRAVITY;
+use gaware_nav::math::{acos, tan};
 use serde::{Deserialize, Serialize};
 
 /// A small fixed wing on ArduPlane.
@@ -188,7 +189,7 @@ impl Airframe {
     /// Radius of a level turn, m, speed in m/s, bank in rad: V²/(g tan φ − Y/cos φ) with the side force Y to the outside of the
     /// turn (balance of forces across the path and in height, Stevens, Lewis & Johnson 2016, section 3.6).
     pub fn turn_radius_m(&self, speed_m_per_s: f64, bank_rad: f64) -> f64 {
-        let inward = STANDARD_GRAVITY * bank_rad.tan() * self.turn_share();
+        let inward = STANDARD_GRAVITY * tan(bank_rad) * self.turn_share();
         speed_m_per_s * speed_m_per_s / inward
     }
 
@@ -219,7 +220,7 @@ impl Airframe {
     /// rolling into it inside the limit.
     pub fn steep_bank_rad(&self) -> f64 {
         let load = (self.load_factor_max / self.load_overshoot).max(1.05);
-        (self.bank_max_deg.to_radians() * STEEP_BANK).min((1.0 / load).acos())
+        (self.bank_max_deg.to_radians() * STEEP_BANK).min(acos(1.0 / load))
     }
 
     /// The smallest circle over ground that can be held at this speed (airspeed plus wind, m/s) with bank in reserve, m.

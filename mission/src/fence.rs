@@ -2,6 +2,7 @@
 
 use crate::item::{Frame, LatLon, MissionItem, command};
 use gaware_nav::earth::Geodetic;
+use gaware_nav::math::cos;
 use gaware_nav::rotation::wrap_180;
 use nalgebra::Vector2;
 use serde::{Deserialize, Serialize};
@@ -206,7 +207,7 @@ impl LocalFrame {
             origin,
             north_m_per_deg: north.to_radians(),
             // Kept off zero so that a place at the pole divides by something.
-            east_m_per_deg: (east * place.lat_rad.cos()).to_radians().max(1e-3),
+            east_m_per_deg: (east * cos(place.lat_rad)).to_radians().max(1e-3),
         }
     }
 

@@ -8,6 +8,7 @@
 mod rotor;
 mod wing;
 
+use gaware_nav::math::sin_cos;
 use nalgebra::{UnitQuaternion, Vector2, Vector3};
 
 pub use rotor::{RotorCommand, RotorState};
@@ -89,7 +90,7 @@ impl Extent {
     pub fn of(samples: &[Kinematics], heading_rad: f64) -> Self {
         let mut extent = Self::default();
         let Some(first) = samples.first() else { return extent };
-        let (s, c) = heading_rad.sin_cos();
+        let (s, c) = sin_cos(heading_rad);
         for k in samples {
             let d = k.position_ned_m - first.position_ned_m;
             let (ahead, right) = (d.x * c + d.y * s, d.y * c - d.x * s);

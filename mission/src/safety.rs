@@ -5,6 +5,7 @@ use crate::airframe::Airframe;
 use crate::fence::{Fence, LocalFence, LocalFrame};
 use crate::item::{AltitudeReference, Autopilot, MissionItem, command};
 use crate::kinematics::Kinematics;
+use gaware_nav::math::cos;
 use nalgebra::{Vector2, Vector3};
 use std::collections::VecDeque;
 
@@ -375,7 +376,7 @@ impl<'a> Checker<'a> {
                 continue;
             }
             let travel = (opposite + bank.abs()) / bank.abs().max(a.steep_bank_rad());
-            let load = (1.0 + (a.load_overshoot - 1.0) * travel) / bank.cos().max(0.2);
+            let load = (1.0 + (a.load_overshoot - 1.0) * travel) / cos(bank).max(0.2);
             if opposite > LEAST_ROLL_RAD && load > a.load_factor_max {
                 let from_deg = -(opposite * bank.signum()).to_degrees();
                 let (to_deg, limit) = (bank.to_degrees(), a.load_factor_max);

@@ -9,6 +9,7 @@
 use criterion::{Criterion, criterion_group, criterion_main};
 use gaware_nav::earth::{self, Geodetic};
 use gaware_nav::filter::{Filter, Initial};
+use gaware_nav::math::sin;
 use gaware_nav::mechanization::NavState;
 use gaware_nav::model::{GElements, Model};
 use gaware_nav::rotation::c_nb_from_euler;
@@ -35,7 +36,7 @@ fn models() -> [(&'static str, Model); 5] {
 /// A turn to the right at 45° of bank with some motion about it.
 fn sample(step: u32) -> ImuSample {
     let t_s = f64::from(step) * DT_S;
-    let wave = |rate: f64, phase: f64| (rate * t_s + phase).sin();
+    let wave = |rate: f64, phase: f64| sin(rate * t_s + phase);
     ImuSample {
         t_s,
         gyro: Vector3::new(0.1 * wave(3.0, 0.0), 0.2 + 0.05 * wave(2.0, 1.0), 0.2 + 0.02 * wave(5.0, 2.0)),

@@ -2,6 +2,7 @@
 
 use crate::earth::STANDARD_GRAVITY;
 use crate::filter::Initial;
+use crate::math::atan2;
 use crate::mechanization::NavState;
 use crate::rotation::{c_nb_from_euler, euler_from_c_nb, exp};
 use crate::rss;
@@ -124,7 +125,7 @@ impl Gathering {
             && v_n.norm() < STANDING_SPEED;
         let hint = self.hint.filter(|h| (last.t_s - h.t_s).abs() < HINT_AGE_S);
         let level =
-            [(-mean.accel.y).atan2(-mean.accel.z), mean.accel.x.atan2(rss(mean.accel.y, mean.accel.z))];
+            [atan2(-mean.accel.y, -mean.accel.z), atan2(mean.accel.x, rss(mean.accel.y, mean.accel.z))];
         let mut hinted_yaw = None;
         let (roll, pitch, tilt_sigma) = match hint {
             Some(h) => {

@@ -9,6 +9,7 @@
 //! thousand fixes have shown of their sum.
 
 use crate::earth;
+use crate::math::atan2;
 use crate::mechanization::NavState;
 use crate::rotation::{exp, left_jacobian, left_jacobian_inverse, log};
 use nalgebra::{UnitQuaternion, Vector3};
@@ -89,7 +90,7 @@ impl NavState {
 
 /// q = exp(ψ u) exp(a) with a ⟂ u, as ψ u and a (swing-twist decomposition).
 fn twist_and_swing(q: &UnitQuaternion<f64>, u: &Vector3<f64>) -> (Vector3<f64>, Vector3<f64>) {
-    let angle = 2.0 * q.imag().dot(u).atan2(q.w);
+    let angle = 2.0 * atan2(q.imag().dot(u), q.w);
     // The shorter way round.
     let angle = angle - std::f64::consts::TAU * (angle / std::f64::consts::TAU).round();
     let twist = u * angle;

@@ -3,6 +3,7 @@
 //! Gravity is the normal field with its zonal terms J2 and J4 plus the centrifugal acceleration, so no geodetic
 //! conversion is needed inside the mechanisation. Nothing here knows of sensors or filters.
 
+use crate::math::{atan2, sin, sin_cos};
 use crate::rss;
 use nalgebra::{Matrix3, Vector3};
 use serde::{Deserialize, Serialize};
@@ -48,8 +49,8 @@ impl Geodetic {
 
     /// The same point in ECEF, m (Groves 2013, eq. 2.112).
     pub fn to_ecef(self) -> Vector3<f64> {
-        let (sin_lat, cos_lat) = self.lat_rad.sin_cos();
-        let (sin_lon, cos_lon) = self.lon_rad.sin_cos();
+        let (sin_lat, cos_lat) = sin_cos(self.lat_rad);
+        let (sin_lon, cos_lon) = sin_cos(self.lon_rad);
         let n = EQUATORIAL_RADIUS_M / (1.0 - ECCENTRICITY_SQUARED * sin_lat * sin_lat).sqrt();
         let p = (n + self.height_m) * cos_lat;
         Vector3::new(p * cos_lon, p * sin_lon, ((1.0 - ECCENTRICITY_SQUARED) * n + self.height_m) * sin_lat)
@@ -61,17 +62,17 @@ impl Geodetic {
         let w = (1.0 - ECCENTRICITY_SQUARED * sin_lat * sin_lat).sqrt();
         // Height without cancellation at the poles (Fukushima 1999, eq. 4).
         let height = rss(r_e.x, r_e.y) * cos_lat + r_e.z * sin_lat - EQUATORIAL_RADIUS_M * w;
-        Self { lat_rad: sin_lat.atan2(cos_lat), lon_rad: r_e.y.atan2(r_e.x), height_m: height }
+        Self { lat_rad: atan2(sin_lat, cos_lat), lon_rad: atan2(r_e.y, r_e.x), height_m: height }
     }
 
     /// C_n^e: turns north-east-down vectors at this place into ECEF (Groves 2013, eq. 2.150 transposed).
     pub fn c_en(&self) -> Matrix3<f64> {
-        ned_axes(self.lat_rad.sin_cos(), self.lon_rad.sin_cos())
+        ned_axes(sin_cos(self.lat_rad), sin_cos(self.lon_rad))
     }
 
     /// Meridian and transverse radii of curvature R_N, R_E, m (Groves 2013, eqs. 2.105 and 2.106).
     pub fn radii(&self) -> (f64, f64) {
-        let w2 = 1.0 - ECCENTRICITY_SQUARED * self.lat_rad.sin().powi(2);
+        let w2 = 1.0 - ECCENTRICITY_SQUARED * sin(self.lat_rad).powi(2);
         let r_e = EQUATORIAL_RADIUS_M / w2.sqrt();
         (r_e * (1.0 - ECCENTRICITY_SQUARED) / w2, r_e)
     }
@@ -158,7 +159,7 @@ mod tests {
 
     /// Somigliana's closed formula on the ellipsoid (NIMA TR8350.2, eq. 4-1).
     fn somigliana(lat: f64) -> f64 {
-        let s2 = lat.sin().powi(2);
+        let s2 = sin(lat).powi(2);
         9.780_325_335_9 * (1.0 + 0.001_931_852_652_41 * s2) / (1.0 - ECCENTRICITY_SQUARED * s2).sqrt()
     }
 

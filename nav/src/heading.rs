@@ -5,6 +5,7 @@
 //! keep their weights; motion decides.
 
 use crate::filter::{FixOutcome, Fusion};
+use crate::math::{cos, exp, ln, sin};
 use crate::rotation::yaw_between;
 use crate::rss;
 use crate::sample::{GnssFix, ImuSample};
@@ -78,7 +79,7 @@ impl HeadingBank {
         let top = self.members.get(best).map_or(0.0, |m| m.log_weight);
         self.members.iter_mut().for_each(|m| m.log_weight -= top);
         let result = if best < outcomes.len() { outcomes.swap_remove(best) } else { Vec::new() };
-        self.members.retain(|m| m.log_weight > GIVE_UP.ln() && !m.fusion.filter().has_failed());
+        self.members.retain(|m| m.log_weight > ln(GIVE_UP) && !m.fusion.filter().has_failed());
         result
     }
 
@@ -105,7 +106,7 @@ impl HeadingBank {
         let reference = best.filter().nav().c_nb();
         let (mut near, mut all) = (0.0, 0.0);
         for m in &self.members {
-            let w = m.log_weight.exp();
+            let w = exp(m.log_weight);
             all += w;
             if yaw_between(&reference, &m.fusion.filter().nav().c_nb()).abs() < AROUND {
                 near += w;
@@ -122,9 +123,9 @@ impl HeadingBank {
             return std::f64::consts::PI;
         };
         for m in &self.members {
-            let w = m.log_weight.exp();
+            let w = exp(m.log_weight);
             let yaw = yaw_between(&reference, &m.fusion.filter().nav().c_nb());
-            (s, c, all) = (s + w * yaw.sin(), c + w * yaw.cos(), all + w);
+            (s, c, all) = (s + w * sin(yaw), c + w * cos(yaw), all + w);
             within += w * m.fusion.filter().heading_sigma().powi(2);
         }
         if all <= 0.0 {
@@ -132,6 +133,6 @@ impl HeadingBank {
         }
         // Circular variance (Mardia & Jupp 2000, section 3.4.1), at most that of a uniform heading.
         let r = (rss(s, c) / all).clamp(1e-9, 1.0);
-        (-2.0 * r.ln() + within / all).sqrt().min(std::f64::consts::PI / 3.0_f64.sqrt())
+        (-2.0 * ln(r) + within / all).sqrt().min(std::f64::consts::PI / 3.0_f64.sqrt())
     }
 }

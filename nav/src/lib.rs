@@ -17,6 +17,7 @@ pub mod ground;
 pub mod heading;
 pub mod identify;
 mod linear;
+pub mod math;
 pub mod mechanization;
 pub mod model;
 pub mod noise_meter;
@@ -30,8 +31,7 @@ pub mod sample;
 mod testing;
 mod vibration;
 
-/// Root of a sum of squares, with the same digits on every processor: `f64::hypot` of the C library is computed otherwise where multiplication and addition are one
-/// instruction (arm64 and x86-64 differ in the last digit).
+/// Root of a sum of squares that are far from the limits of numbers.
 pub(crate) fn rss(a: f64, b: f64) -> f64 {
     (a * a + b * b).sqrt()
 }

@@ -159,6 +159,8 @@ pub fn acceleration(state: &NavState, force: &Vector3<f64>) -> Vector3<f64> {
 
 #[cfg(test)]
 mod tests {
+    use crate::math::{cos, sin, sin_cos};
+
     use super::*;
     use crate::rotation::c_nb_from_euler;
 
@@ -188,10 +190,10 @@ mod tests {
     /// Rate and specific force of a body whose axis describes a cone while it is shaken in phase with that: coning turns it and
     /// sculling moves it, though neither rate nor force has a mean there.
     fn coning_and_sculling(t: f64) -> Motion {
-        let (s, c) = (CONE.1 * t).sin_cos();
-        let k = CONE.1 * CONE.0.sin();
+        let (s, c) = sin_cos(CONE.1 * t);
+        let k = CONE.1 * sin(CONE.0);
         // Body rate of q = Rz(wt) Rx(a) Rz(−wt).
-        let rate = Vector3::new(-k * s, k * c, CONE.1 * (CONE.0.cos() - 1.0));
+        let rate = Vector3::new(-k * s, k * c, CONE.1 * (cos(CONE.0) - 1.0));
         Motion { rate, force: Vector3::new(0.0, 0.0, SHAKEN * c) }
     }
 

@@ -17,6 +17,7 @@
 //! `INS_ACCEL_FILTER`). Differences count samples, not stamps: jitter of the stamps is no noise of the values. Causal, and a
 //! function of the samples alone.
 
+use crate::math::{ln, sin};
 use crate::sample::ImuSample;
 use nalgebra::Vector3;
 
@@ -121,7 +122,7 @@ struct LowPass {
 impl LowPass {
     fn at(interval_s: f64) -> Self {
         let peak_hz = |lag: usize| 0.5 / (interval_s * lag as f64);
-        let off = |lag: &usize| (peak_hz(*lag) / LOW_PASS_HZ.1).ln().abs();
+        let off = |lag: &usize| ln(peak_hz(*lag) / LOW_PASS_HZ.1).abs();
         let lag = (0..LAGS.len()).min_by(|a, b| off(&LAGS[*a]).total_cmp(&off(&LAGS[*b]))).unwrap_or(0);
         let gain = |hz: f64| 1.0 / (1.0 + (hz / LOW_PASS_HZ.0).powi(4));
         let (mut left, mut all) = ([0.0; 3], [0.0; 3]);
@@ -130,7 +131,7 @@ impl LowPass {
             // What lies above half the rate is folded down.
             let folded: f64 = (-3..=3).map(|turn| gain((hz + f64::from(turn) / interval_s).abs())).sum();
             for ((lag, left), all) in LAGS.iter().zip(&mut left).zip(&mut all) {
-                let seen = (std::f64::consts::PI * hz * interval_s * *lag as f64).sin().powi(12);
+                let seen = sin(std::f64::consts::PI * hz * interval_s * *lag as f64).powi(12);
                 *left += seen * folded;
                 *all += seen;
             }
@@ -341,9 +342,9 @@ mod tests {
     #[test]
     fn smooth_motion_is_no_noise() {
         // A swing of 30 deg/s in two seconds.
-        let swing = |t: f64| 0.5 * (std::f64::consts::PI * t).sin();
+        let swing = |t: f64| 0.5 * sin(std::f64::consts::PI * t);
         // Turbulence at 5 and 10 Hz, of 1 and 0.1 deg/s.
-        let lively = |t: f64| swing(t) + 0.017 * (31.4 * t).sin() + 0.0017 * (62.8 * t + 1.0).sin();
+        let lively = |t: f64| swing(t) + 0.017 * sin(31.4 * t) + 0.0017 * sin(62.8 * t + 1.0);
         for (kind, rate_hz) in [(Kind::White, 50.0), (Kind::White, 200.0), (Kind::LowPassed, 200.0)] {
             let ratio = measured(kind, rate_hz, 0.0, swing);
             assert!((ratio - 1.0).abs() < 0.15, "{kind:?} at {rate_hz} Hz: {ratio}");
@@ -356,7 +357,7 @@ mod tests {
     #[test]
     fn motion_of_a_rate_controller_is_no_low_pass() {
         let shake = |t: f64| {
-            let tone = |hz: f64, phase: f64| (std::f64::consts::TAU * hz * t + phase).sin();
+            let tone = |hz: f64, phase: f64| sin(std::f64::consts::TAU * hz * t + phase);
             DENSITY
                 * 226.0_f64.sqrt()
                 * (0.25 * tone(14.0, 0.3) + 0.25 * tone(19.0, 1.1) + 0.35 * tone(26.0, 2.0))

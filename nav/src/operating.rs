@@ -1,6 +1,7 @@
 //! Operating data: what the vehicle does beside moving, as the autopilot reports it (throttle, battery, outputs, speed of the air, flight
 //! mode). No part of the navigation; effects and the search for them may depend on it.
 
+use crate::math::exp;
 use crate::sample::{ImuSample, Sample};
 use serde::{Deserialize, Serialize};
 
@@ -223,7 +224,7 @@ impl LagBank {
                 let dt = t_s - last_s;
                 for (lagged, tau) in self.lagged.iter_mut().zip(LAGS_S) {
                     let behind = tau * (value - last) / dt;
-                    *lagged = (value - behind) + (*lagged - last + behind) * (-dt / tau).exp();
+                    *lagged = (value - behind) + (*lagged - last + behind) * exp(-dt / tau);
                 }
             }
             Some(_) => {}
@@ -289,7 +290,7 @@ mod tests {
         step.push(0.0, 0.0);
         step.push(1e-6, 1.0);
         let after = step.push(30.0, 1.0);
-        assert!((after[1] - (1.0 - (-1.0f64).exp())).abs() < 1e-3, "{after:?}");
+        assert!((after[1] - (1.0 - exp(-1.0f64))).abs() < 1e-3, "{after:?}");
     }
 
     fn report(t_s: f64, channel: Channel, value: f64) -> Sample {

@@ -170,6 +170,8 @@ impl ReceiverMeter {
 
 #[cfg(test)]
 mod tests {
+    use crate::math::exp;
+
     use super::*;
     use crate::earth::Geodetic;
     use crate::filter::Group;
@@ -181,7 +183,7 @@ mod tests {
     fn judged(sigma: f64, correlation: f64) -> f64 {
         let mut meter = ReceiverMeter::default();
         let mut random = Normal(7);
-        let keep = if correlation > 0.0 { (-1.0 / correlation).exp() } else { 0.0 };
+        let keep = if correlation > 0.0 { exp(-1.0 / correlation) } else { 0.0 };
         let mut errors = [0.0; 3];
         for n in 0..3000 {
             let stamp_s = 0.2 * f64::from(n);

@@ -2,6 +2,7 @@
 //!
 //! Names say from and to: `c_eb` turns body vectors into ECEF ones (C_b^e of the paper).
 
+use crate::math::{asin, atan2, cos, sin};
 use crate::rss;
 use nalgebra::{Matrix3, Quaternion, UnitQuaternion, Vector3};
 
@@ -37,7 +38,7 @@ pub fn left_jacobian(phi: &Vector3<f64>) -> Matrix3<f64> {
         (0.5 - a2 / 24.0 + a2 * a2 / 720.0, 1.0 / 6.0 - a2 / 120.0 + a2 * a2 / 5040.0)
     } else {
         let a = a2.sqrt();
-        ((1.0 - a.cos()) / a2, (a - a.sin()) / (a2 * a))
+        ((1.0 - cos(a)) / a2, (a - sin(a)) / (a2 * a))
     };
     Matrix3::identity() + k * b + k * k * c
 }
@@ -50,7 +51,7 @@ pub fn left_jacobian_inverse(phi: &Vector3<f64>) -> Matrix3<f64> {
         1.0 / 12.0 + a2 / 720.0
     } else {
         let a = a2.sqrt();
-        1.0 / a2 - (1.0 + a.cos()) / (2.0 * a * a.sin())
+        1.0 / a2 - (1.0 + cos(a)) / (2.0 * a * sin(a))
     };
     Matrix3::identity() - k * 0.5 + k * k * c
 }
@@ -67,20 +68,20 @@ const VERTICAL: f64 = 1e-6;
 /// down which comes nearest to C₂ C₁ᵀ.
 pub fn yaw_between(from: &Matrix3<f64>, to: &Matrix3<f64>) -> f64 {
     let turn = to * from.transpose();
-    (turn[(1, 0)] - turn[(0, 1)]).atan2(turn[(0, 0)] + turn[(1, 1)])
+    atan2(turn[(1, 0)] - turn[(0, 1)], turn[(0, 0)] + turn[(1, 1)])
 }
 
 /// Roll, pitch, yaw in rad of C_b^n; yaw in (−π, π] (Groves 2013, eq. 2.23). With the nose straight up or down roll is set
 /// to zero and yaw takes the rest.
 pub fn euler_from_c_nb(c_nb: &Matrix3<f64>) -> Vector3<f64> {
     if rss(c_nb[(2, 1)], c_nb[(2, 2)]) < VERTICAL {
-        let pitch = -c_nb[(2, 0)].clamp(-1.0, 1.0).asin();
-        return Vector3::new(0.0, pitch, (-c_nb[(0, 1)]).atan2(c_nb[(1, 1)]));
+        let pitch = -asin(c_nb[(2, 0)].clamp(-1.0, 1.0));
+        return Vector3::new(0.0, pitch, atan2(-c_nb[(0, 1)], c_nb[(1, 1)]));
     }
     Vector3::new(
-        c_nb[(2, 1)].atan2(c_nb[(2, 2)]),
-        -c_nb[(2, 0)].clamp(-1.0, 1.0).asin(),
-        c_nb[(1, 0)].atan2(c_nb[(0, 0)]),
+        atan2(c_nb[(2, 1)], c_nb[(2, 2)]),
+        -asin(c_nb[(2, 0)].clamp(-1.0, 1.0)),
+        atan2(c_nb[(1, 0)], c_nb[(0, 0)]),
     )
 }
 
@@ -156,11 +157,11 @@ mod tests {
         fn wrapping_keeps_the_direction(angle in -50.0..50.0f64) {
             let w = wrap_pi(angle);
             prop_assert!(w > -std::f64::consts::PI - 1e-12 && w <= std::f64::consts::PI);
-            prop_assert!((w.sin() - angle.sin()).abs() < 1e-9 && (w.cos() - angle.cos()).abs() < 1e-9);
+            prop_assert!((sin(w) - sin(angle)).abs() < 1e-9 && (cos(w) - cos(angle)).abs() < 1e-9);
             let d = wrap_180(angle.to_degrees());
             prop_assert!((-180.0..180.0).contains(&d));
-            prop_assert!((d.to_radians().sin() - angle.sin()).abs() < 1e-9);
-            prop_assert!((d.to_radians().cos() - angle.cos()).abs() < 1e-9);
+            prop_assert!((sin(d.to_radians()) - sin(angle)).abs() < 1e-9);
+            prop_assert!((cos(d.to_radians()) - cos(angle)).abs() < 1e-9);
         }
     }
 }

@@ -1,5 +1,7 @@
 //! What tests of several modules need.
 
+use crate::math::{cos, ln};
+
 /// Numbers with a standard normal distribution (Box & Muller 1958), of a linear congruential sequence (Knuth's MMIX).
 pub(crate) struct Normal(pub(crate) u64);
 
@@ -10,6 +12,6 @@ impl Normal {
     }
 
     pub(crate) fn next(&mut self) -> f64 {
-        (-2.0 * self.uniform().ln()).sqrt() * (std::f64::consts::TAU * self.uniform()).cos()
+        (-2.0 * ln(self.uniform())).sqrt() * cos(std::f64::consts::TAU * self.uniform())
     }
 }

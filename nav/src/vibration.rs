@@ -3,6 +3,7 @@
 //! A fourth-order Butterworth high-pass (two biquads, Bristow-Johnson's "Audio EQ cookbook") leaves vibration, aliased or not,
 //! and takes away maneuvers. Causal, and a function of the samples alone.
 
+use crate::math::sin_cos;
 use crate::sample::ImuSample;
 use nalgebra::Vector3;
 
@@ -29,7 +30,7 @@ struct Biquad {
 
 impl Biquad {
     fn high_pass(share_of_rate: f64, quality: f64) -> Self {
-        let (sin, cos) = (std::f64::consts::TAU * share_of_rate).sin_cos();
+        let (sin, cos) = sin_cos(std::f64::consts::TAU * share_of_rate);
         let alpha = sin / (2.0 * quality);
         let (b, a0) = (0.5 * (1.0 + cos), 1.0 + alpha);
         Self { c: [b, -2.0 * b, b, -2.0 * cos, 1.0 - alpha].map(|c| c / a0), ..Self::default() }
@@ -101,6 +102,8 @@ impl Meter {
 
 #[cfg(test)]
 mod tests {
+    use crate::math::sin;
+
     use super::*;
 
     fn sample(t_s: f64, accel: Vector3<f64>) -> ImuSample {
@@ -116,8 +119,8 @@ mod tests {
             for k in 0..(30.0 * rate_hz) as u32 {
                 let t = f64::from(k) / rate_hz;
                 let line =
-                    |size: f64| size * std::f64::consts::SQRT_2 * (std::f64::consts::TAU * 87.3 * t).sin();
-                let turn = 4.0 * (std::f64::consts::TAU * 0.5 * t).sin();
+                    |size: f64| size * std::f64::consts::SQRT_2 * sin(std::f64::consts::TAU * 87.3 * t);
+                let turn = 4.0 * sin(std::f64::consts::TAU * 0.5 * t);
                 meter.take(&sample(t, Vector3::new(line(0.5), line(2.0) + turn, turn - 9.8)));
                 if t > 10.0 {
                     sum += meter.power();

@@ -8,6 +8,7 @@ use crate::noise::{GaussMarkov, Noise, Purpose};
 use crate::truth::{Motion, Trajectory, Truth, transport_rate_n};
 use gaware_nav::earth::{Geodetic, STANDARD_GRAVITY};
 use gaware_nav::effects::{AirDriver, AirInstant, SEA_LEVEL_DENSITY};
+use gaware_nav::math::{cos, exp, powf, sin_cos};
 use gaware_nav::model::Model;
 use gaware_nav::sample::{AirKind, AirSample};
 use nalgebra::Vector3;
@@ -52,7 +53,7 @@ impl WindTrack {
             return [mean * t_s, mean, Vector3::zeros()];
         }
         let (rate, along) = (TAU / period, Vector3::new(0.8, -0.6, 0.0) * amplitude);
-        let (sin, cos) = (rate * t_s).sin_cos();
+        let (sin, cos) = sin_cos(rate * t_s);
         [mean * t_s + along * ((1.0 - cos) / rate), mean + along * sin, along * (cos * rate)]
     }
 
@@ -81,7 +82,7 @@ impl Trajectory for Carried {
         let (r_n, r_e) = own.place.radii();
         let place = Geodetic {
             lat_rad: own.place.lat_rad + way.x / (r_n + own.place.height_m),
-            lon_rad: own.place.lon_rad + way.y / ((r_e + own.place.height_m) * own.place.lat_rad.cos()),
+            lon_rad: own.place.lon_rad + way.y / ((r_e + own.place.height_m) * cos(own.place.lat_rad)),
             ..own.place
         };
         let rate_nb = own.rate_eb - own.c_nb.transpose() * transport_rate_n(&own.place, &own.v_n);
@@ -133,11 +134,11 @@ impl AirSensors {
         let sea = 288.15 + self.day;
         let temperature = sea - AIR.1 * truth.place.height_m;
         let weather = WEATHER.0 * self.weather.at(truth.t_s, WEATHER.1).x;
-        let still = (101_325.0 + weather) * (temperature / sea).powf(STANDARD_GRAVITY / (AIR.0 * AIR.1));
+        let still = (101_325.0 + weather) * powf(temperature / sea, STANDARD_GRAVITY / (AIR.0 * AIR.1));
         let density = still / (AIR.0 * temperature);
         let gusts = self.gusts.at(truth.t_s, wind.gusts.1) * wind.gusts.0;
         let velocity = truth.c_nb.transpose() * (truth.v_n - wind.velocity(truth.t_s)) + gusts;
-        let warm = WARMS.0 * (1.0 - (-truth.t_s / WARMS.1).exp());
+        let warm = WARMS.0 * (1.0 - exp(-truth.t_s / WARMS.1));
         let x = AirInstant {
             velocity,
             density,

@@ -9,6 +9,7 @@ use crate::trajectory::fixed_wing::FixedWing;
 use crate::trajectory::multirotor::Multirotor;
 use crate::trajectory::signal::Signal;
 use gaware_nav::effects::{DrawRange, Effect, REGISTRY};
+use gaware_nav::math::{cos, powf, sin};
 use gaware_nav::model::{EffectSetting, Model};
 use gaware_nav::sample::{AirKind, Quantisation, Sample, Steps};
 use serde::Serialize;
@@ -59,13 +60,13 @@ const FAMILY_SEED: u64 = 0x00a5_1de0;
 /// Draws a size of an effect, from just detectable to typical.
 pub fn draw(effect: &'static dyn Effect, noise: &mut Noise) -> EffectSetting {
     let mut setting = EffectSetting::unknown(effect);
-    let share = 0.35 * (1.0f64 / 0.35).powf(noise.uniform());
+    let share = 0.35 * powf(1.0f64 / 0.35, noise.uniform());
     for (k, sigma) in setting.sigmas.clone().into_iter().enumerate() {
         setting.values[k] = sigma * share * noise.normal();
     }
     let range = effect.draw_range();
     match range {
-        DrawRange::LogUniform(low, high) => setting.values[0] = low * (high / low).powf(noise.uniform()),
+        DrawRange::LogUniform(low, high) => setting.values[0] = low * powf(high / low, noise.uniform()),
         DrawRange::Uniform(low, high) => setting.values[0] = low + (high - low) * noise.uniform(),
         DrawRange::Prior => {}
     }
@@ -151,7 +152,7 @@ pub fn fly_in_wind(
     let mut draw = Noise::numbered(seed, Purpose::Wind, 1);
     let (speed, from) = (8.0 * draw.uniform(), TAU * draw.uniform());
     let wind = WindTrack {
-        mean_n_e: [speed * from.cos(), speed * from.sin()],
+        mean_n_e: [speed * cos(from), speed * sin(from)],
         swing: (0.15 * speed * draw.uniform(), 100.0 + 200.0 * draw.uniform()),
         gusts: (0.2 + 0.6 * draw.uniform(), 2.0 + 8.0 * draw.uniform()),
     };

@@ -1,6 +1,7 @@
 //! Random numbers by seed and purpose: switching one source of noise on or off leaves the draws of all others as
 //! they were.
 
+use gaware_nav::math::exp;
 use nalgebra::Vector3;
 use rand_chacha::ChaCha8Rng;
 use rand_chacha::rand_core::{Rng, SeedableRng};
@@ -99,7 +100,7 @@ impl GaussMarkov {
     /// The value at a later time, per unit of stationary sigma; white when the correlation time is zero.
     pub fn at(&mut self, t_s: f64, correlation_s: f64) -> Vector3<f64> {
         let kept = match self.at_s {
-            Some(last) if correlation_s > 0.0 => (-(t_s - last).max(0.0) / correlation_s).exp(),
+            Some(last) if correlation_s > 0.0 => exp(-(t_s - last).max(0.0) / correlation_s),
             _ => 0.0,
         };
         self.at_s = Some(t_s);
@@ -129,6 +130,6 @@ mod tests {
         let variance = x.iter().map(|v| v * v).sum::<f64>() / n;
         let lagged = x.windows(6).map(|w| w[0] * w[5]).sum::<f64>() / n;
         assert!((variance - 1.0).abs() < 0.05, "{variance}");
-        assert!((lagged - (-1.0f64).exp()).abs() < 0.05, "{lagged}");
+        assert!((lagged - exp(-1.0f64)).abs() < 0.05, "{lagged}");
     }
 }

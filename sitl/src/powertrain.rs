@@ -6,6 +6,7 @@
 use crate::noise::{GaussMarkov, Noise, Purpose};
 use crate::truth::Truth;
 use gaware_nav::earth::STANDARD_GRAVITY;
+use gaware_nav::math::powf;
 use gaware_nav::operating::{Channel, Operating};
 
 /// What carries the vehicle.
@@ -65,7 +66,7 @@ impl Powertrain {
         };
         let hunting = HUNTS.0 * self.hunting.at(truth.t_s, HUNTS.1).x;
         let throttle = (wanted + hunting).clamp(0.0, 1.0);
-        let current = CURRENT_A.0 + CURRENT_A.1 * throttle.powf(1.6);
+        let current = CURRENT_A.0 + CURRENT_A.1 * powf(throttle, 1.6);
         self.charge_c +=
             current * self.at_s.replace(truth.t_s).map_or(0.0, |last| (truth.t_s - last).max(0.0));
         let (full, ohm, per_volt) = BATTERY;

@@ -12,6 +12,7 @@ use gaware_nav::earth::Geodetic;
 use gaware_nav::effects::{
     Antenna, Conditions, FixInstant, Instant, Kernel, LateRate, Older, ReportedSample, Surroundings,
 };
+use gaware_nav::math::{cos, exp, hypot, sin};
 use gaware_nav::model::{EffectSetting, Model};
 use gaware_nav::operating::{Channel, LagBank, Operating, OperatingSample};
 use gaware_nav::rotation::{euler_from_c_nb, wrap_pi};
@@ -53,7 +54,7 @@ pub struct Temperature {
 impl Temperature {
     /// At a time, °C.
     pub fn at(&self, t_s: f64) -> f64 {
-        self.end_degc + (self.start_degc - self.end_degc) * (-t_s / self.time_constant_s).exp()
+        self.end_degc + (self.start_degc - self.end_degc) * exp(-t_s / self.time_constant_s)
     }
 }
 
@@ -135,7 +136,7 @@ impl SensorConfig {
         if self.throttle_period_s <= 0.0 {
             return 1.0;
         }
-        let swing = 0.5 - 0.5 * (TAU * t_s / self.throttle_period_s).cos();
+        let swing = 0.5 - 0.5 * cos(TAU * t_s / self.throttle_period_s);
         self.least_throttle + (1.0 - self.least_throttle) * swing
     }
 }
@@ -264,8 +265,8 @@ impl Sensors {
             gyro += setting.effect.gyro(&setting.values, &x);
             accel += setting.effect.accel(&setting.values, &x);
             let walk = setting.effect.bias_walk(&setting.values);
-            gyro_walk = gyro_walk.hypot(walk.gyro);
-            accel_walk = accel_walk.hypot(walk.accel);
+            gyro_walk = hypot(gyro_walk, walk.gyro);
+            accel_walk = hypot(accel_walk, walk.accel);
         }
         self.gyro_walk += self.walk_noise.normal3() * (gyro_walk / per_sample);
         self.accel_walk += self.walk_noise.normal3() * (accel_walk / per_sample);
@@ -336,8 +337,8 @@ impl Sensors {
         for (line, phase) in self.config.vibration.iter().zip(&self.phases) {
             let angle = TAU * line.frequency_hz * t_s;
             for axis in 0..3 {
-                force[axis] += throttle * SQRT_2 * line.accel_rms[axis] * (angle + phase[axis]).sin();
-                rate[axis] += throttle * SQRT_2 * line.gyro_rms[axis] * (angle + phase[axis + 3]).sin();
+                force[axis] += throttle * SQRT_2 * line.accel_rms[axis] * sin(angle + phase[axis]);
+                rate[axis] += throttle * SQRT_2 * line.gyro_rms[axis] * sin(angle + phase[axis + 3]);
             }
         }
         (force, rate)
@@ -455,7 +456,7 @@ fn two_instants(kernel: Kernel) -> ([f64; 2], f64) {
     let smoothing_s2 = kernel.smoothing_s2.max(0.0);
     // With weights (1 ± δ/h)/2 of instants ± h about the middle the mean is δ later, half the variance (h² − δ²)/2, and the third moment −2δ times the variance.
     let ahead_s = if smoothing_s2 > 0.0 { -1.5 * kernel.skew_s3 / smoothing_s2 } else { 0.0 };
-    let half_s = (2.0 * smoothing_s2).sqrt().hypot(ahead_s);
+    let half_s = hypot((2.0 * smoothing_s2).sqrt(), ahead_s);
     let newer = if half_s > 0.0 { 0.5 + 0.5 * ahead_s / half_s } else { 0.5 };
     ([-half_s - ahead_s, half_s - ahead_s], newer)
 }
@@ -474,7 +475,7 @@ fn displaced(place: &Geodetic, by: &Vector3<f64>) -> Geodetic {
     let (r_n, r_e) = place.radii();
     Geodetic {
         lat_rad: place.lat_rad + by.x / (r_n + place.height_m),
-        lon_rad: place.lon_rad + by.y / ((r_e + place.height_m) * place.lat_rad.cos()),
+        lon_rad: place.lon_rad + by.y / ((r_e + place.height_m) * cos(place.lat_rad)),
         height_m: place.height_m - by.z,
     }
 }

@@ -5,6 +5,7 @@
 //! expansion, on purpose not the zonal series of the mechanisation that is under test.
 
 use gaware_nav::earth::{ECCENTRICITY_SQUARED, EQUATORIAL_RADIUS_M, FLATTENING, Geodetic, MU, ROTATION_RATE};
+use gaware_nav::math::{cos, sin, tan};
 use nalgebra::{Matrix3, Vector3};
 
 /// The vehicle at one instant; all fields belong together exactly.
@@ -87,21 +88,21 @@ pub fn place_rate(place: &Geodetic, v_n: &Vector3<f64>) -> Vector3<f64> {
     let (r_n, r_e) = place.radii();
     Vector3::new(
         v_n.x / (r_n + place.height_m),
-        v_n.y / ((r_e + place.height_m) * place.lat_rad.cos()),
+        v_n.y / ((r_e + place.height_m) * cos(place.lat_rad)),
         -v_n.z,
     )
 }
 
 /// Earth rotation ω_ie^n, rad/s (Groves 2013, eq. 2.123).
 fn earth_rate_n(lat_rad: f64) -> Vector3<f64> {
-    Vector3::new(lat_rad.cos(), 0.0, -lat_rad.sin()) * ROTATION_RATE
+    Vector3::new(cos(lat_rad), 0.0, -sin(lat_rad)) * ROTATION_RATE
 }
 
 /// Transport rate ω_en^n, rad/s (Groves 2013, eq. 5.44).
 pub fn transport_rate_n(place: &Geodetic, v_n: &Vector3<f64>) -> Vector3<f64> {
     let (r_n, r_e) = place.radii();
     let east = v_n.y / (r_e + place.height_m);
-    Vector3::new(east, -v_n.x / (r_n + place.height_m), -east * place.lat_rad.tan())
+    Vector3::new(east, -v_n.x / (r_n + place.height_m), -east * tan(place.lat_rad))
 }
 
 /// Normal gravity, north-east-down, m/s²: Somigliana on the ellipsoid, second-order height expansion and the curvature of
@@ -112,12 +113,12 @@ pub fn gravity_n(place: &Geodetic) -> Vector3<f64> {
         ROTATION_RATE * ROTATION_RATE * EQUATORIAL_RADIUS_M * EQUATORIAL_RADIUS_M * SEMI_MINOR_M / MU;
     /// North component per height, 1/s².
     const PLUMB_LINE: f64 = 8.08e-9;
-    let s2 = place.lat_rad.sin().powi(2);
+    let s2 = sin(place.lat_rad).powi(2);
     let h = place.height_m / EQUATORIAL_RADIUS_M;
     let on_ellipsoid =
         9.780_325_335_9 * (1.0 + 0.001_931_852_652_41 * s2) / (1.0 - ECCENTRICITY_SQUARED * s2).sqrt();
     let down = on_ellipsoid * (1.0 - 2.0 * (1.0 + FLATTENING + M - 2.0 * FLATTENING * s2) * h + 3.0 * h * h);
-    Vector3::new(-PLUMB_LINE * place.height_m * (2.0 * place.lat_rad).sin(), 0.0, down)
+    Vector3::new(-PLUMB_LINE * place.height_m * sin(2.0 * place.lat_rad), 0.0, down)
 }
 
 #[cfg(test)]

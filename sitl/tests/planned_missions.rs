@@ -11,6 +11,7 @@ use gaware_mission::item::{Autopilot, Frame, Home, LatLon, MissionItem};
 use gaware_mission::planner::{Plan, Request, climb_out, plan};
 use gaware_mission::safety::Limits;
 use gaware_nav::earth::Geodetic;
+use gaware_nav::math::{cos, sin};
 use gaware_sitl::truth::Trajectory;
 use gaware_sitl::vehicle::{Mode, Vehicle, VehicleConfig};
 use mavlink::dialects::ardupilotmega::{MISSION_ITEM_INT_DATA, MavCmd, MavFrame};
@@ -29,14 +30,14 @@ fn request(seed: u64) -> Request {
     let n = r.random_range(5..9);
     let corner = |k: i32| {
         let angle = f64::from(k) / f64::from(n) * TAU;
-        frame.to_place(Vector2::new(angle.cos(), angle.sin()) * r.random_range(300.0..1200.0))
+        frame.to_place(Vector2::new(cos(angle), sin(angle)) * r.random_range(300.0..1200.0))
     };
     let corners = (0..n).map(corner).collect();
     let fence = Fence { polygons: vec![FencePolygon { inclusion: true, corners }], circles: vec![] };
     let airframe = Airframe::from_toml(EXAMPLES[(seed % 3) as usize].1).unwrap();
     let share = r.random_range(0.0..0.6) * airframe.speed_cruise_m_per_s;
     let toward: f64 = r.random_range(0.0..TAU);
-    let wind = [share * toward.cos(), share * toward.sin(), 0.0];
+    let wind = [share * cos(toward), share * sin(toward), 0.0];
     let (floor_m, ceiling_m) = (r.random_range(30.0..60.0), r.random_range(90.0..180.0));
     let height = (floor_m + ceiling_m) / 2.0;
     Request {

@@ -5,6 +5,7 @@ use super::rule::Change;
 use super::{Advice, Proposal, rounded, rule_free};
 use gaware_mission::item::Autopilot;
 use gaware_mission::params::file::{self, FileEntry, FileLine};
+use gaware_nav::math::{log10, powf};
 
 /// Longest comment line, characters.
 const WIDTH: usize = 110;
@@ -57,7 +58,7 @@ pub fn short(p: &Proposal) -> String {
 
 /// Two significant figures.
 fn significant(sigma: f64) -> String {
-    let step = 10_f64.powf(sigma.abs().max(1e-9).log10().floor() - 1.0);
+    let step = powf(10_f64, log10(sigma.abs().max(1e-9)).floor() - 1.0);
     rule_free((sigma / step).round() * step)
 }
 

@@ -13,6 +13,7 @@ pub mod table;
 use gaware_mission::item::Autopilot;
 use gaware_mission::params::ParamType;
 use gaware_nav::earth::STANDARD_GRAVITY;
+use gaware_nav::math::log10;
 use on_board::OnBoard;
 use rule::{Change, Derived};
 use schemars::JsonSchema;
@@ -387,7 +388,7 @@ fn note(mapping: &Mapping, known: Option<f64>, derived: Option<String>) -> Optio
 
 /// To the step of a parameter.
 pub fn rounded(value: f64, step: f64) -> f64 {
-    let digits = (-step.log10()).round().clamp(0.0, 9.0) as usize;
+    let digits = (-log10(step)).round().clamp(0.0, 9.0) as usize;
     format!("{:.digits$}", (value / step).round() * step).parse().unwrap_or(value)
 }
 

@@ -4,6 +4,7 @@
 use super::on_board::OnBoard;
 use super::table::{Mapping, Rule};
 use gaware_mission::item::Autopilot;
+use gaware_nav::math::hypot;
 use schemars::JsonSchema;
 use serde::Serialize;
 
@@ -120,7 +121,7 @@ fn delay(autopilot: Autopilot, latency_s: f64, sigma_s: f64, on_board: &OnBoard)
                 "{LOW_PASS} is not in the log: the delay of the logged samples, {:.0} ms at 20 Hz, is not added and is part of the sigma",
                 USUAL_DELAY_S * 1e3
             );
-            (0.0, sigma_s.hypot(USUAL_DELAY_S), Some(note))
+            (0.0, hypot(sigma_s, USUAL_DELAY_S), Some(note))
         }
     };
     let value = (latency_s + samples_s) * 1e3;

@@ -14,6 +14,7 @@ use gaware_mission::item::Autopilot;
 use gaware_nav::effects::{DRAG_QUADRATIC, SEA_LEVEL_DENSITY};
 use gaware_nav::identify::aids::Finding;
 use gaware_nav::identify::air::{AirFound, AirQuantity};
+use gaware_nav::math::powf;
 
 /// A change of less than this many sigmas is none.
 const SIGNIFICANT: f64 = 2.0;
@@ -99,7 +100,7 @@ pub(super) fn of(found: &AirFound, on_board: &OnBoard) -> (Vec<SensorProposal>, 
 /// The coefficients of drag: what a flight shows of an effect, and zero for the other one where it does not show that.
 fn drag(found: &AirFound, finding: &Finding, autopilot: Autopilot) -> Vec<Change> {
     let (prefix, most, source, momentum) = match autopilot {
-        Autopilot::ArduPilot => ("EK3_DRAG_", 1000.0, EK3_DRAG, found.density.max(0.1).powf(-0.5)),
+        Autopilot::ArduPilot => ("EK3_DRAG_", 1000.0, EK3_DRAG, powf(found.density.max(0.1), -0.5)),
         Autopilot::Px4 => ("EKF2_", 200.0, EKF2_DRAG, 1.0),
     };
     let (v, s) = (&finding.setting.values, &finding.setting.sigmas);

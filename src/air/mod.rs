@@ -14,6 +14,7 @@ use gaware_nav::effects::DRAG_QUADRATIC;
 use gaware_nav::identify::aids::{Finding, Settled};
 use gaware_nav::identify::air::{Air, AirFound, AirQuantity};
 use gaware_nav::identify::flight::Flight;
+use gaware_nav::math::{atan2, hypot};
 use gaware_nav::model::EffectSetting;
 use schemars::JsonSchema;
 use serde::Serialize;
@@ -165,10 +166,10 @@ fn name(found: &AirFound) -> String {
 /// From where it blows, how well that is known, and its gusts.
 fn wind(w: &gaware_nav::identify::air::Wind) -> String {
     let [n, e] = w.mean;
-    let from = (-e).atan2(-n).to_degrees().rem_euclid(360.0);
+    let from = atan2(-e, -n).to_degrees().rem_euclid(360.0);
     format!(
         "wind {:.1} m/s from {from:.0}°, north {n:.1} ± {:.1}, east {e:.1} ± {:.1} m/s, changing by {:.1} m/s, with gusts of {:.1} m/s",
-        n.hypot(e),
+        hypot(n, e),
         w.sigma[0],
         w.sigma[1],
         w.changed,

@@ -3,6 +3,7 @@ use crate::aids::of_samples;
 use crate::aids::testing::flown;
 use gaware_mission::item::Autopilot;
 use gaware_nav::effects;
+use gaware_nav::math::{hypot, powf};
 use gaware_nav::model::EffectSetting;
 use gaware_nav::sample::Sample;
 use gaware_sitl::air::WindTrack;
@@ -69,7 +70,7 @@ fn sensors_in_order_are_and_the_wind_is_found() {
         for wind in winds {
             for k in 0..2 {
                 let off = (wind.north_east_m_per_s[k] - WIND.mean_n_e[k]).abs();
-                assert!(off < 3.0 * wind.sigma_m_per_s[k].hypot(0.15), "{name} {wind:?}");
+                assert!(off < 3.0 * hypot(wind.sigma_m_per_s[k], 0.15), "{name} {wind:?}");
             }
         }
     }
@@ -364,7 +365,7 @@ fn the_drag_parameters_predict_the_force_by_the_formulas_of_both_firmwares() {
         ["EKF2_MCOEF", "EKF2_BCOEF_X", "EKF2_BCOEF_Y"],
     ];
     let height_m: f64 = 488.0 + 25.0;
-    let density = 1.225 * (1.0 - 2.2558e-5 * height_m).powf(4.2559);
+    let density = 1.225 * powf(1.0 - 2.2558e-5 * height_m, 4.2559);
     for (autopilot, names, on_board, momentum) in [
         (Autopilot::ArduPilot, names[0], [0.1, 0.0, 0.0], density / 1.225),
         (Autopilot::Px4, names[1], [0.15, 100.0, 100.0], (density / 1.225).sqrt()),

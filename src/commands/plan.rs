@@ -20,6 +20,7 @@ use gaware_mission::predictor::{NamedSigma, Predictor};
 use gaware_mission::safety::Limits;
 use gaware_nav::earth::Geodetic;
 use gaware_nav::identify::aids::foreseen::Planned;
+use gaware_nav::math::{atan2, hypot};
 use gaware_nav::model::Model;
 use nalgebra::Vector3;
 use schemars::JsonSchema;
@@ -269,8 +270,8 @@ fn request(args: &PlanArgs) -> Result<Request, CommandError> {
     if fence.is_empty() {
         return Err(wrong("fence: the file holds no geofence"));
     }
-    let upwind = (-e).atan2(-n).to_degrees().rem_euclid(360.0);
-    let heading = args.heading.unwrap_or(if n.hypot(e) > 0.1 { upwind } else { 0.0 });
+    let upwind = atan2(-e, -n).to_degrees().rem_euclid(360.0);
+    let heading = args.heading.unwrap_or(if hypot(n, e) > 0.1 { upwind } else { 0.0 });
     // Space for maneuvers on both sides, but no long climb before the first.
     let height = (0.5 * (args.floor + args.ceiling)).min(args.floor + CLIMB_M);
     let budget_s = args.budget.unwrap_or(airframe.maneuvers_max_s);

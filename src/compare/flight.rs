@@ -9,6 +9,7 @@ use crate::logs::filter::Origin;
 use crate::pipeline::{Pipeline, Recorded};
 use crate::report::flight::{FlightLog, Logged, attitude_differences};
 use crate::sensors::ConverterOptions;
+use gaware_nav::math::hypot;
 use schemars::JsonSchema;
 use serde::Serialize;
 use std::collections::BTreeMap;
@@ -149,7 +150,7 @@ impl Regimes {
         let ground_m = running.first().map_or(0.0, |s| s.motion.height_m);
         let speed = |s: &Snapshot| {
             let [n, e, _] = s.motion.velocity_ned_m_per_s;
-            n.hypot(e)
+            hypot(n, e)
         };
         let at = |(k, s): (usize, &&Snapshot)| {
             let before = k.checked_sub(1).and_then(|k| running.get(k)).unwrap_or(s);

@@ -8,6 +8,7 @@
 //! 3rd ed., chapter 19). The ratio of two root mean squares has its interval on the logarithm (delta method), with Student's t and the
 //! degrees of freedom of the weighted sum (F. E. Satterthwaite, Biometrics Bulletin 2 (1946) 110-114).
 
+use gaware_nav::math::{exp, hypot, ln};
 use schemars::JsonSchema;
 use serde::Serialize;
 
@@ -161,11 +162,11 @@ pub fn ratio(before: &Rms, after: &Rms, alpha: f64) -> Option<Ratio> {
         return None;
     }
     let value = after.value / before.value;
-    let sigma = 0.5 * before.relative.hypot(after.relative);
+    let sigma = 0.5 * hypot(before.relative, after.relative);
     let effective = before.effective.min(after.effective);
     let half = student(effective / PER_FREEDOM, alpha) * sigma;
     let enough = effective >= MIN_EFFECTIVE && before.count.min(after.count) >= MIN_SAMPLES;
-    let interval = enough.then(|| [value * (-half).exp(), value * half.exp()]);
+    let interval = enough.then(|| [value * exp(-half), value * exp(half)]);
     let change = match interval {
         None => Change::Undecided,
         Some([_, high]) if high < 1.0 => Change::Smaller,
@@ -184,13 +185,15 @@ fn student(freedom: f64, alpha: f64) -> f64 {
 
 /// The two-sided quantile of the normal distribution (Abramowitz & Stegun 26.2.23, error below 4.5e-4).
 fn normal(alpha: f64) -> f64 {
-    let t = (-2.0 * (alpha / 2.0).ln()).sqrt();
+    let t = (-2.0 * ln(alpha / 2.0)).sqrt();
     t - (2.515_517 + t * (0.802_853 + 0.010_328 * t))
         / (1.0 + t * (1.432_788 + t * (0.189_269 + 0.001_308 * t)))
 }
 
 #[cfg(test)]
 mod tests {
+    use gaware_nav::math::cos;
+
     use super::*;
 
     /// Normal numbers, the same on every machine (SplitMix64 and Box-Muller).
@@ -206,7 +209,7 @@ mod tests {
         }
 
         fn normal(&mut self) -> f64 {
-            (-2.0 * self.uniform().ln()).sqrt() * (std::f64::consts::TAU * self.uniform()).cos()
+            (-2.0 * ln(self.uniform())).sqrt() * cos(std::f64::consts::TAU * self.uniform())
         }
 
         /// First-order autoregressive, unit variance.

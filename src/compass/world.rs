@@ -1,6 +1,7 @@
 //! The Earth's magnetic field at a place and date, by NOAA's world magnetic model.
 
 use gaware_nav::earth::Geodetic;
+use gaware_nav::math::atan2;
 use gaware_nav::rotation::wrap_pi;
 use nalgebra::Vector3;
 use world_magnetic_model::GeomagneticField;
@@ -72,7 +73,7 @@ impl WorldField {
             self.field_n.norm() * 1e7,
             self.declination_deg,
             self.declination_sigma_deg,
-            self.field_n.z.atan2(self.field_n.xy().norm()).to_degrees()
+            atan2(self.field_n.z, self.field_n.xy().norm()).to_degrees()
         )
     }
 }

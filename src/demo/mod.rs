@@ -19,6 +19,7 @@ use gaware_mission::planner::{CLIMB_OUT_SHARE, Plan, PlanError, Request, climb_o
 use gaware_mission::predictor::{BoundPredictor, NamedSigma, Predictor, Targets};
 use gaware_mission::safety::Limits;
 use gaware_nav::earth::{Geodetic, STANDARD_GRAVITY};
+use gaware_nav::math::{asin, atan2, cos, hypot, sin, tan};
 use gaware_nav::model::Model;
 use gaware_sitl::autopilot::{Autopilot, AutopilotConfig, Flavour};
 use gaware_sitl::scenario;
@@ -85,7 +86,7 @@ impl Settings {
     /// The take-off is into the wind.
     fn heading_deg(&self) -> f64 {
         let [n, e] = self.wind_n_e_m_per_s;
-        if n.hypot(e) < 0.1 { 60.0 } else { (-e).atan2(-n).to_degrees().rem_euclid(360.0) }
+        if hypot(n, e) < 0.1 { 60.0 } else { atan2(-e, -n).to_degrees().rem_euclid(360.0) }
     }
 
     /// What there is to plan.
@@ -135,7 +136,7 @@ impl Settings {
             max_bank_rad: bank,
             climb_m_per_s: a.climb_max_m_per_s,
             sink_m_per_s: a.descent_max_m_per_s,
-            accel_m_per_s2: a.acceleration_m_per_s2.min(STANDARD_GRAVITY * bank.tan()),
+            accel_m_per_s2: a.acceleration_m_per_s2.min(STANDARD_GRAVITY * tan(bank)),
             jerk_m_per_s3: a.jerk_max_m_per_s3,
             side_force_g: a.side_force_g,
             roll_side_force_g: a.roll_side_force_g,
@@ -194,13 +195,13 @@ fn take_off(request: &Request, standing: &Kinematics) -> Vec<Kinematics> {
     let climb = CLIMB_OUT_SHARE * a.climb_max_m_per_s;
     let seconds = run_s + request.start_height_m.max(0.0) / climb;
     let heading = request.start_heading_deg.to_radians();
-    let course = Vector3::new(heading.cos(), heading.sin(), 0.0);
+    let course = Vector3::new(cos(heading), sin(heading), 0.0);
     let sample = |k: u32| {
         let t_s = f64::from(k) * STEP_S;
         let running = t_s < run_s;
         let speed = (acceleration * t_s).min(cruise);
         let up = if running { 0.0 } else { climb };
-        let pitch = (up / cruise).min(1.0).asin();
+        let pitch = asin((up / cruise).min(1.0));
         let along = 0.5 * speed * t_s.min(run_s) + cruise * (t_s - run_s).max(0.0);
         let attitude = UnitQuaternion::from_euler_angles(0.0, pitch, heading);
         let accelerates = if running { course * acceleration } else { Vector3::zeros() };

@@ -5,6 +5,7 @@ use gaware_nav::earth::STANDARD_GRAVITY;
 use gaware_nav::filter::Filter;
 use gaware_nav::filter::calibration::Calibration;
 use gaware_nav::filter::layout::{Layout, index};
+use gaware_nav::math::{atan2, hypot};
 use gaware_nav::model::Model;
 use gaware_nav::sample::ImuSample;
 
@@ -147,7 +148,7 @@ pub fn levelled(mean: Option<&ImuSample>) -> Estimate3 {
     let Some(f) = mean.map(|m| m.accel) else {
         return Estimate3 { value: [0.0; 3], sigma: [UNKNOWN_ANGLE_DEG; 3] };
     };
-    let (roll, pitch) = ((-f.y).atan2(-f.z), f.x.atan2(f.y.hypot(f.z)));
+    let (roll, pitch) = (atan2(-f.y, -f.z), atan2(f.x, hypot(f.y, f.z)));
     Estimate3 {
         value: [roll.to_degrees(), pitch.to_degrees(), 0.0],
         sigma: [LEVELLED_DEG, LEVELLED_DEG, UNKNOWN_ANGLE_DEG],

@@ -21,6 +21,7 @@ use gaware_mission::item::{Home, LatLon};
 use gaware_mission::maneuver::{Entry, Maneuver, Words};
 use gaware_mission::predictor::{BoundPredictor, NamedSigma, Predictor, Targets};
 use gaware_nav::filter::Filter;
+use gaware_nav::math::ln;
 use motion::{Instant, Motion};
 use nalgebra::Vector3;
 use round::{Candidate, Round, within_reach, worst};
@@ -235,7 +236,7 @@ impl Guide {
         let before = round.predictor.sigmas();
         let excitable = within_reach(&before, &round.after);
         let now = worst(&before, &excitable);
-        let gain = |c: &Candidate| (now / worst(&c.after, &excitable)).ln();
+        let gain = |c: &Candidate| ln(now / worst(&c.after, &excitable));
         let rate = |c: &Candidate| self.trust.of(t_s, &c.maneuvers) * gain(c) / c.duration_s.max(1.0);
         let best_of = |n: usize| {
             let those = round.after.iter().filter(move |c| c.maneuvers.len() == n);
@@ -246,7 +247,7 @@ impl Guide {
             (one, two) => one.or(two),
         };
         // Close to the targets half of the rest is worth it.
-        let least = WORTH_FLYING.min(0.5 * now.ln());
+        let least = WORTH_FLYING.min(0.5 * ln(now));
         let worth = best.filter(|b| now > 1.0 && gain(b) > least);
         self.done = worth.is_none();
         let open = before.iter().filter(|s| s.ratio() > 1.0).map(|s| s.name.to_string());
@@ -334,8 +335,8 @@ impl Asked {
 
     /// Share of the predicted gain that has come so far.
     fn gained(&self, now: &[NamedSigma]) -> f64 {
-        let predicted = (self.gain.0 / self.gain.1).ln();
-        let so_far = (self.gain.0 / worst(now, &self.excitable)).ln();
+        let predicted = ln(self.gain.0 / self.gain.1);
+        let so_far = ln(self.gain.0 / worst(now, &self.excitable));
         if predicted > 0.0 { (so_far / predicted).clamp(0.0, 1.0) } else { 1.0 }
     }
 
@@ -378,7 +379,7 @@ struct Instruction {
 
 /// How far a state has come toward its target, in the logarithm.
 fn toward_target((before, after): &(&NamedSigma, &NamedSigma)) -> f64 {
-    (before.ratio().max(1.0) / after.ratio().max(1.0)).ln()
+    ln(before.ratio().max(1.0) / after.ratio().max(1.0))
 }
 
 /// A number with three significant figures.

@@ -1,6 +1,7 @@
 //! Whether the vehicle moves at all, judged on smoothed samples, so that a shaking engine does not mask it.
 
 use gaware_nav::earth::STANDARD_GRAVITY;
+use gaware_nav::math::exp;
 use gaware_nav::sample::ImuSample;
 use nalgebra::Vector3;
 
@@ -32,7 +33,7 @@ impl StationaryTest {
             return;
         };
         let dt = (sample.t_s - last).clamp(0.0, SMOOTHING_S);
-        let share = 1.0 - (-dt / SMOOTHING_S).exp();
+        let share = 1.0 - exp(-dt / SMOOTHING_S);
         self.rate += (sample.gyro - self.rate) * share;
         self.force += (sample.accel - self.force) * share;
         let still = self.rate.norm() < RATE && (self.force.norm() - STANDARD_GRAVITY).abs() < FORCE;

@@ -3,6 +3,7 @@
 use super::words::number;
 use gaware_nav::earth::STANDARD_GRAVITY;
 use gaware_nav::effects::{Antenna, Conditions, FixInstant, Instant, Older, Surroundings};
+use gaware_nav::math::{acos, cos, sin, tan};
 use gaware_nav::model::EffectSetting;
 use gaware_nav::rotation::c_nb_from_euler;
 use nalgebra::Vector3;
@@ -35,12 +36,9 @@ fn turn(load: f64, speed_m_per_s: f64) -> (Vector3<f64>, Vector3<f64>) {
         let ahead = if load > 1.0 { DASH } else { 0.0 };
         return (Vector3::zeros(), Vector3::new(ahead, 0.0, -1.0) * STANDARD_GRAVITY);
     }
-    let bank = load.recip().clamp(-1.0, 1.0).acos();
-    let rate = STANDARD_GRAVITY * bank.tan() / speed_m_per_s;
-    (
-        Vector3::new(0.0, rate * bank.sin(), rate * bank.cos()),
-        Vector3::new(0.0, 0.0, -load * STANDARD_GRAVITY),
-    )
+    let bank = acos(load.recip().clamp(-1.0, 1.0));
+    let rate = STANDARD_GRAVITY * tan(bank) / speed_m_per_s;
+    (Vector3::new(0.0, rate * sin(bank), rate * cos(bank)), Vector3::new(0.0, 0.0, -load * STANDARD_GRAVITY))
 }
 
 /// Vibration of 1 g RMS on each axis.
@@ -136,13 +134,13 @@ pub fn of(setting: &EffectSetting, speed_m_per_s: f64) -> Option<String> {
 fn on_fixes(setting: &EffectSetting, speed_m_per_s: f64) -> Option<String> {
     let (effect, p) = (setting.effect, &setting.values);
     let (rate, _) = turn(TURN.0, speed_m_per_s);
-    let bank = if turns(speed_m_per_s) { TURN.0.recip().acos() } else { 0.0 };
+    let bank = if turns(speed_m_per_s) { acos(TURN.0.recip()) } else { 0.0 };
     let ahead = if turns(speed_m_per_s) { 0.0 } else { DASH * STANDARD_GRAVITY };
     let x = FixInstant {
         t_s: f64::MAX,
         v_n: Vector3::new(speed_m_per_s, 0.0, 0.0),
-        a_n: Vector3::new(ahead, STANDARD_GRAVITY * bank.tan(), 0.0),
-        smoothed_a_n: Vector3::new(ahead, STANDARD_GRAVITY * bank.tan(), 0.0),
+        a_n: Vector3::new(ahead, STANDARD_GRAVITY * tan(bank), 0.0),
+        smoothed_a_n: Vector3::new(ahead, STANDARD_GRAVITY * tan(bank), 0.0),
         skewed_n: Vector3::zeros(),
         c_nb: c_nb_from_euler(bank, 0.0, 0.0),
         rate_eb: rate,

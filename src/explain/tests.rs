@@ -6,6 +6,7 @@ use gaware_nav::identify::linear::reference::Reference;
 use gaware_nav::identify::noise::Noise;
 use gaware_nav::identify::residual::CHANNELS;
 use gaware_nav::identify::watched::Watched;
+use gaware_nav::math::acos;
 use gaware_nav::model::EffectSetting;
 use gaware_sitl::blind::{Family, Kind, fly};
 use gaware_sitl::truth::Truth;
@@ -240,7 +241,7 @@ fn the_smoothed_trajectory_has_half_of_the_errors_of_the_filter() {
             let Some(truth) = truths.get(at).filter(|t| (t.t_s - new.t_s).abs() < 1e-6) else { continue };
             let errors = |nav: &gaware_nav::mechanization::NavState| {
                 let turn = truth.c_nb.transpose() * nav.c_nb();
-                let angle = ((turn.trace() - 1.0) * 0.5).clamp(-1.0, 1.0).acos();
+                let angle = acos(((turn.trace() - 1.0) * 0.5).clamp(-1.0, 1.0));
                 [angle, (nav.v_n() - truth.v_n).norm()]
             };
             let (old, new) = (errors(&old.nav), errors(&new.nav));

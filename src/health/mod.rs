@@ -13,6 +13,7 @@ use crate::logs::filter::{self, Channel};
 use crate::logs::{HealthNote, Item, Level, LogNote, Record};
 use crate::timeline::{Measurement, Stamp};
 use frames::Frames;
+use gaware_nav::math::{cos, hypot};
 use gaware_nav::sample::{FixVelocity, GnssFix};
 use std::collections::BTreeMap;
 
@@ -165,8 +166,8 @@ impl HealthLog {
         let (Some(a), Some(b)) = (flat(&before.velocity), flat(&fix.velocity)) else { return };
         const EARTH_M: f64 = 6_371_000.0;
         let north = (fix.position.lat_rad - before.position.lat_rad) * EARTH_M;
-        let east = (fix.position.lon_rad - before.position.lon_rad) * EARTH_M * fix.position.lat_rad.cos();
-        let off = (north - 0.5 * dt * (a[0] + b[0])).hypot(east - 0.5 * dt * (a[1] + b[1]));
+        let east = (fix.position.lon_rad - before.position.lon_rad) * EARTH_M * cos(fix.position.lat_rad);
+        let off = hypot(north - 0.5 * dt * (a[0] + b[0]), east - 0.5 * dt * (a[1] + b[1]));
         // What a maneuver between two fixes may do: 2 g.
         if off > JUMP_M + 10.0 * dt * dt {
             keep(&mut self.jumps, t_us, off);

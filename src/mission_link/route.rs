@@ -3,6 +3,7 @@
 use crate::sinks::status::RouteView;
 use gaware_mission::fence::Fence;
 use gaware_mission::item::{Mission, command};
+use gaware_nav::math::{cos, sin_cos};
 
 /// Corners of a fence's circle on the map.
 const CIRCLE_CORNERS: u32 = 48;
@@ -14,10 +15,10 @@ pub fn route(mission: &Mission, fence: &Fence) -> RouteView {
     let degrees = |lat_e7: i32, lon_e7: i32| [f64::from(lat_e7) * 1e-7, f64::from(lon_e7) * 1e-7];
     let placed = mission.items.iter().filter(|i| command::has_position(i.command) && (i.x, i.y) != (0, 0));
     let circles = fence.circles.iter().map(|c| {
-        let east = M_PER_DEG * c.center.lat_deg.to_radians().cos().max(1e-3);
+        let east = M_PER_DEG * cos(c.center.lat_deg.to_radians()).max(1e-3);
         (0..CIRCLE_CORNERS)
             .map(|k| {
-                let (sin, cos) = (f64::from(k) / f64::from(CIRCLE_CORNERS) * std::f64::consts::TAU).sin_cos();
+                let (sin, cos) = sin_cos(f64::from(k) / f64::from(CIRCLE_CORNERS) * std::f64::consts::TAU);
                 [c.center.lat_deg + c.radius_m * cos / M_PER_DEG, c.center.lon_deg + c.radius_m * sin / east]
             })
             .collect()

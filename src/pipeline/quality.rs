@@ -2,6 +2,7 @@
 //! the live filter will weigh its samples and fixes. A plan that is made with them promises what the flight can keep.
 
 use gaware_nav::estimator::Estimator;
+use gaware_nav::math::hypot;
 use gaware_nav::model::Model;
 use gaware_nav::noise_meter::NoiseMeter;
 use gaware_nav::quantisation::Dequantiser;
@@ -168,7 +169,7 @@ fn stationary_scatter(fixes: &[GnssFix]) -> Option<f64> {
     let speeds: Vec<f64> = fixes
         .iter()
         .filter_map(|f| match f.velocity {
-            FixVelocity::Full([n, e, _]) | FixVelocity::Horizontal([n, e]) => Some(n.hypot(e)),
+            FixVelocity::Full([n, e, _]) | FixVelocity::Horizontal([n, e]) => Some(hypot(n, e)),
             FixVelocity::None => None,
         })
         .filter(|v| *v < STILL)

@@ -80,12 +80,14 @@ impl TruthComparison {
 
 #[cfg(test)]
 mod tests {
+    use gaware_nav::math::{cos, sin};
+
     use super::*;
 
     #[test]
     fn a_constant_lag_is_found_and_taken_out() {
         // Turning through north at a changing rate, estimated 12 ms late and 0.1 deg off in roll.
-        let attitude = |t: f64| [0.3 * (2.0 * t).sin(), 0.1 * t.cos(), 3.0 + (0.5 * t).sin()];
+        let attitude = |t: f64| [0.3 * sin(2.0 * t), 0.1 * cos(t), 3.0 + sin(0.5 * t)];
         let mut comparison = TruthComparison::new(5.0);
         comparison.begin(Some(100.0));
         for k in 0..3000 {

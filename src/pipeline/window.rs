@@ -171,6 +171,8 @@ fn run<C: Consumer>(path: &Input, options: ConverterOptions, consumer: C) -> Res
 
 #[cfg(test)]
 mod tests {
+    use gaware_nav::math::sin;
+
     use super::*;
 
     /// Stationary for an hour, turns for ten minutes, cruises in vibration for an hour.
@@ -180,7 +182,7 @@ mod tests {
             let (gyro, accel) = match t_s / 60.0 {
                 m if m < 60.0 => (Vector3::zeros(), Vector3::new(0.0, 0.0, -9.8)),
                 m if m < 70.0 => {
-                    (Vector3::new(0.0, 0.1, 0.2), Vector3::new(0.0, 0.0, -9.8 - 4.0 * (0.2 * t_s).sin()))
+                    (Vector3::new(0.0, 0.1, 0.2), Vector3::new(0.0, 0.0, -9.8 - 4.0 * sin(0.2 * t_s)))
                 }
                 _ => (Vector3::zeros(), Vector3::new(0.0, 0.0, -9.8 + if k % 2 == 0 { 8.0 } else { -8.0 })),
             };

@@ -6,6 +6,7 @@ use crate::mission_link::files::Contents;
 use gaware_mission::airframe::{Airframe, Kind};
 use gaware_mission::item::{Autopilot, command};
 use gaware_mission::rules::{self, FirmwareRefusal};
+use gaware_nav::math::atan2;
 
 /// Parameters of ArduPilot, today's names and older ones.
 pub(super) const ARDUPILOT: &[&str] = &[
@@ -264,5 +265,5 @@ fn glide_slope_deg(plan: &Contents) -> Option<f64> {
         return None;
     }
     let metres = distance_m(before.place()?, touch.place()?);
-    Some(f64::from(before.z - touch.z).atan2(metres).to_degrees())
+    Some(atan2(f64::from(before.z - touch.z), metres).to_degrees())
 }

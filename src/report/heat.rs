@@ -1,6 +1,7 @@
 //! A map of the disagreement: a row per channel, a column per stretch of time, coloured by the mean squared normalised residual.
 
 use gaware_nav::identify::residual::{CHANNELS, Point};
+use gaware_nav::math::ln;
 use std::collections::BTreeMap;
 use std::fmt::Write;
 
@@ -13,7 +14,7 @@ const MAP: f64 = 710.0;
 
 /// Opacity of the colour for a mean square: nothing up to twice what noise does, full at forty times.
 fn opacity(mean_square: f64) -> f64 {
-    ((mean_square.max(2.0) / 2.0).ln() / 20.0f64.ln()).clamp(0.0, 1.0)
+    (ln(mean_square.max(2.0) / 2.0) / ln(20.0f64)).clamp(0.0, 1.0)
 }
 
 /// The map as inline SVG; empty where there is nothing to draw. `colour` is that of the disagreement.

@@ -2,6 +2,7 @@
 //! interactive plot of (uPlot: zoom, values under the cursor, one time axis for all plots of a page).
 
 use super::page::escape;
+use gaware_nav::math::{log10, powf};
 use serde::Serialize;
 use std::collections::BTreeMap;
 use std::fmt::Write;
@@ -361,7 +362,7 @@ impl<'a> Plot<'a> {
 /// Six significant figures.
 pub(super) fn short(v: f64) -> String {
     let text = format!("{v:.6e}").parse::<f64>().unwrap_or(v);
-    let digits = (5.0 - text.abs().max(1e-9).log10().floor()).clamp(0.0, 9.0) as usize;
+    let digits = (5.0 - log10(text.abs().max(1e-9)).floor()).clamp(0.0, 9.0) as usize;
     let fixed = format!("{text:.digits$}");
     if fixed.contains('.') { fixed.trim_end_matches('0').trim_end_matches('.').to_owned() } else { fixed }
 }
@@ -369,7 +370,7 @@ pub(super) fn short(v: f64) -> String {
 /// Round values within a range, some four to eight of them.
 pub(super) fn ticks([low, high]: [f64; 2]) -> Vec<f64> {
     let raw = (high - low) / 5.0;
-    let unit = 10_f64.powf(raw.log10().floor());
+    let unit = powf(10_f64, log10(raw).floor());
     let step = [1.0, 2.0, 5.0, 10.0].into_iter().map(|m| m * unit).find(|s| *s >= raw).unwrap_or(raw);
     let first = (low / step).ceil() as i64;
     (first..first + 12).map(|k| k as f64 * step).take_while(|v| *v <= high).collect()

@@ -1,6 +1,7 @@
 //! Power spectral density of a sampled series by averaged modified periodograms (P. D. Welch, "The use of fast Fourier transform for the
 //! estimation of power spectra", IEEE Trans. Audio Electroacoust. 15(2), 1967).
 
+use gaware_nav::math::{cos, log10, sin};
 use std::f64::consts::TAU;
 
 /// Samples of a segment; neighbouring segments overlap by half.
@@ -18,8 +19,7 @@ pub fn decibels(samples: &[(f64, f64)]) -> Vec<(f64, f64)> {
     let Some(interval_s) = intervals.get(intervals.len() / 2).copied().filter(|t| *t > 0.0) else {
         return Vec::new();
     };
-    let window: Vec<f64> =
-        (0..SEGMENT).map(|k| 0.5 - 0.5 * (TAU * k as f64 / SEGMENT as f64).cos()).collect();
+    let window: Vec<f64> = (0..SEGMENT).map(|k| 0.5 - 0.5 * cos(TAU * k as f64 / SEGMENT as f64)).collect();
     let weight: f64 = window.iter().map(|w| w * w).sum();
     let runs = samples.chunk_by(|a, b| b.0 - a.0 < PAUSE * interval_s);
     let segments: Vec<&[(f64, f64)]> =
@@ -31,30 +31,32 @@ pub fn decibels(samples: &[(f64, f64)]) -> Vec<(f64, f64)> {
         let (mut re, mut im) = (0.0, 0.0);
         for (k, ((_, value), w)) in segment.iter().zip(&window).enumerate() {
             let angle = TAU * (bin * k) as f64 / SEGMENT as f64;
-            re += w * value * angle.cos();
-            im -= w * value * angle.sin();
+            re += w * value * cos(angle);
+            im -= w * value * sin(angle);
         }
         (re * re + im * im) / weight
     };
     let mean = |bin: usize| segments.iter().map(|s| power(s, bin)).sum::<f64>() / segments.len() as f64;
     (1..=SEGMENT / 2)
-        .map(|bin| (bin as f64 / (SEGMENT as f64 * interval_s), 10.0 * mean(bin).max(1e-12).log10()))
+        .map(|bin| (bin as f64 / (SEGMENT as f64 * interval_s), 10.0 * log10(mean(bin).max(1e-12))))
         .collect()
 }
 
 #[cfg(test)]
 mod tests {
+    use gaware_nav::math::powf;
+
     use super::*;
 
     #[test]
     fn a_sine_stands_at_its_frequency_with_its_power() {
         let samples: Vec<(f64, f64)> =
-            (0..640).map(|k| (0.2 * f64::from(k), (TAU * 0.1 * f64::from(k)).sin())).collect();
+            (0..640).map(|k| (0.2 * f64::from(k), sin(TAU * 0.1 * f64::from(k)))).collect();
         let spectrum = decibels(&samples);
         let peak = spectrum.iter().max_by(|a, b| a.1.total_cmp(&b.1)).unwrap();
         assert!((peak.0 - 0.5).abs() < 0.05, "{peak:?}");
         // A sine of unit amplitude has the power N/4 times the coherent gain of the window over its noise gain (2/3).
-        let expected = 10.0 * (64.0_f64 / 4.0 * 2.0 / 3.0).log10();
+        let expected = 10.0 * log10(64.0_f64 / 4.0 * 2.0 / 3.0);
         assert!((peak.1 - expected).abs() < 1.0, "{peak:?}, expected {expected}");
     }
 
@@ -70,7 +72,7 @@ mod tests {
             .collect();
         let spectrum = decibels(&samples);
         assert_eq!(spectrum.len(), 32);
-        let mean = spectrum.iter().map(|p| 10f64.powf(p.1 / 10.0)).sum::<f64>() / 32.0;
+        let mean = spectrum.iter().map(|p| powf(10f64, p.1 / 10.0)).sum::<f64>() / 32.0;
         assert!((mean - 1.0).abs() < 0.1, "{mean}");
     }
 

@@ -5,6 +5,7 @@
 //! equal values in a row have a probability of (1 − r)ⁿ at most. Motion without noise changes direction seldom.
 
 use super::stuck::StuckSensor;
+use gaware_nav::math::{ln, powf};
 
 /// Equal values in a row that are a plateau.
 const PLATEAU: u32 = 5;
@@ -53,8 +54,8 @@ impl Axis {
         *lower = lower.filter(|l| value >= *l);
         let corner = self.run >= PLATEAU && self.corner;
         // Noise that ends at a value ends at a limit, whatever was seen before the sensor or its driver became like that.
-        let chance = f64::from(self.run) * (1.0 - self.reversing.min(MOST_REVERSING)).ln();
-        let silent = chance < CHANCE.ln() && others_run < self.run / 2;
+        let chance = f64::from(self.run) * ln(1.0 - self.reversing.min(MOST_REVERSING));
+        let silent = chance < ln(CHANCE) && others_run < self.run / 2;
         let mut new = false;
         for (limit, extreme, side) in [(upper, self.high, 1.0), (lower, self.low, -1.0)] {
             let at_end = (corner && value == extreme) || (silent && value * side > 0.0);
@@ -70,7 +71,7 @@ impl Axis {
     fn turn(&mut self, upward: bool) {
         let reversal = f64::from(u8::from(upward != self.upward));
         let equal = f64::from(self.run.saturating_sub(1));
-        self.reversing *= (1.0 - 1.0 / DIRECTIONS).powf(equal);
+        self.reversing *= powf(1.0 - 1.0 / DIRECTIONS, equal);
         self.reversing += (reversal - self.reversing) / DIRECTIONS;
         self.upward = upward;
     }
@@ -114,6 +115,8 @@ impl ClipWatch {
 
 #[cfg(test)]
 mod tests {
+    use gaware_nav::math::{exp, sin};
+
     use super::*;
 
     fn count(v: f64) -> f64 {
@@ -127,7 +130,7 @@ mod tests {
 
     #[test]
     fn a_rate_that_runs_into_a_limit_is_found_and_what_is_at_the_limit_is_marked() {
-        let swing = |t: f64| [count((0.9 * t.sin()).clamp(-0.5, 0.5)), 0.0, 0.0, 0.0, 0.0, -9.81];
+        let swing = |t: f64| [count((0.9 * sin(t)).clamp(-0.5, 0.5)), 0.0, 0.0, 0.0, 0.0, -9.81];
         let found = watch(1000, swing);
         let limits: Vec<_> = found.iter().filter_map(|c| c.new).collect();
         assert_eq!(limits, [(StuckSensor::Gyro(0), 0.5), (StuckSensor::Gyro(0), 0.5)], "above and below");
@@ -142,7 +145,7 @@ mod tests {
         // Settles exponentially on a turn of 2 g, as vehicles do, without any noise; then a second, steeper one.
         let turn = |t: f64| {
             let settle = |from: f64, to: f64, at: f64| {
-                if t < at { 0.0 } else { (to - from) * (1.0 - (-(t - at) / 0.8).exp()) }
+                if t < at { 0.0 } else { (to - from) * (1.0 - exp(-(t - at) / 0.8)) }
             };
             let load = 1.0 + settle(1.0, 2.0, 5.0) + settle(2.0, 2.4, 30.0);
             [0.0, count(0.3 * (load - 1.0)), count(0.5 * (load - 1.0)), 0.0, 0.0, count(-9.81 * load)]
@@ -150,7 +153,7 @@ mod tests {
         assert!(watch(3000, turn).iter().all(|c| *c == Clipped::default()));
         let same = watch(3000, |_| [0.3, 0.0, 0.0, 0.0, 0.0, -19.0]);
         assert!(same.iter().all(|c| *c == Clipped::default()));
-        let swing = |t: f64| [count(0.9 * t.sin()), 0.0, 0.0, 0.0, 0.0, count(-9.81 - 5.0 * (0.7 * t).sin())];
+        let swing = |t: f64| [count(0.9 * sin(t)), 0.0, 0.0, 0.0, 0.0, count(-9.81 - 5.0 * sin(0.7 * t))];
         assert!(watch(3000, swing).iter().all(|c| *c == Clipped::default()));
     }
 
@@ -165,7 +168,7 @@ mod tests {
     #[test]
     fn noise_that_ends_is_a_limit_even_where_more_was_seen_before() {
         let force = |t: f64| {
-            let load = 1.0 + 0.8 * (0.2 * t).sin().max(0.0) + noise(t);
+            let load = 1.0 + 0.8 * sin(0.2 * t).max(0.0) + noise(t);
             let shown = if t < 30.0 { load } else { load.min(1.3) };
             [count(noise(t + 7.0)), 0.0, 0.0, 0.0, 0.0, -9.81 * count(shown)]
         };
@@ -183,7 +186,7 @@ mod tests {
     #[test]
     fn noise_that_goes_on_is_no_limit() {
         let force = |t: f64| {
-            let load = 1.0 + 0.8 * (0.2 * t).sin().max(0.0) + 0.3 * noise(t);
+            let load = 1.0 + 0.8 * sin(0.2 * t).max(0.0) + 0.3 * noise(t);
             [count(0.3 + noise(t)), 0.0, 0.0, 0.0, 0.0, -9.81 * count(load)]
         };
         assert!(watch(50_000, force).iter().all(|c| *c == Clipped::default()));

@@ -4,6 +4,7 @@
 //! every extension field. Its course is the direction of the velocity at any speed, until the receiver freezes it.
 
 use gaware_nav::earth::Geodetic;
+use gaware_nav::math::sin_cos;
 use gaware_nav::sample::{FixVelocity, GnssFix};
 use mavlink::dialects::ardupilotmega::GPS_RAW_INT_DATA;
 
@@ -78,7 +79,7 @@ impl Course {
         if self.frozen && speed < STRAIGHT_FROM_M_PER_S {
             return ([0.0; 2], Some(speed.max(UNREPORTED_SPEED_SIGMA)));
         }
-        let (sin, cos) = course_deg.to_radians().sin_cos();
+        let (sin, cos) = sin_cos(course_deg.to_radians());
         ([speed * cos, speed * sin], None)
     }
 }
@@ -195,7 +196,7 @@ mod tests {
         {
             let fix = next(&mut receiver, k as u64, vel, cog);
             let FixVelocity::Horizontal([n, e]) = fix.velocity else { panic!("no velocity") };
-            let (sin, cos) = ((f64::from(cog) + 0.5) * 1e-2).to_radians().sin_cos();
+            let (sin, cos) = sin_cos(((f64::from(cog) + 0.5) * 1e-2).to_radians());
             assert!((n - 0.01 * (f64::from(vel) + 0.5) * cos).abs() < 1e-9, "{k}: {n}");
             assert!((e - 0.01 * (f64::from(vel) + 0.5) * sin).abs() < 1e-9, "{k}: {e}");
             assert_eq!(fix.velocity_sigma_m_per_s, Some([0.4; 3]));

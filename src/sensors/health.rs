@@ -3,6 +3,7 @@
 use super::clipped::ClipWatch;
 use super::notice::Notice;
 use super::stuck::StuckWatch;
+use gaware_nav::math::hypot;
 use gaware_nav::sample::{FixVelocity, GnssFix, ImuSample};
 
 /// Inertial messages over which stamps are judged.
@@ -45,7 +46,7 @@ impl Health {
     pub(super) fn fix(&mut self, fix: &GnssFix) {
         self.moving = match fix.velocity {
             FixVelocity::None => false,
-            FixVelocity::Horizontal([n, e]) | FixVelocity::Full([n, e, _]) => n.hypot(e) > MOVING_M_PER_S,
+            FixVelocity::Horizontal([n, e]) | FixVelocity::Full([n, e, _]) => hypot(n, e) > MOVING_M_PER_S,
         };
     }
 

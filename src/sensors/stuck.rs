@@ -5,6 +5,7 @@
 //! witness: the other axes that move now, fixes that move, an attitude that turns, or values that no vehicle at rest has.
 
 use gaware_nav::earth::STANDARD_GRAVITY;
+use gaware_nav::math::{exp, ln};
 use serde::{Deserialize, Serialize};
 
 /// All values unchanged for so long are frozen, µs.
@@ -122,9 +123,9 @@ impl Repeats {
         }
         if !self.fault {
             let (run, for_us) = (f64::from(self.run), self.for_us(t_us) as f64);
-            let (repeated, weight) = ((run - 1.0) / run, 1.0 - (-run / SHARE_SAMPLES).exp());
+            let (repeated, weight) = ((run - 1.0) / run, 1.0 - exp(-run / SHARE_SAMPLES));
             self.share = Some(self.share.map_or(repeated, |share| share + (repeated - share) * weight));
-            self.longest_us = (self.longest_us * (-for_us / FORGOTTEN_US).exp()).max(for_us);
+            self.longest_us = (self.longest_us * exp(-for_us / FORGOTTEN_US)).max(for_us);
         }
         (self.since_us, self.run, self.fault) = (t_us, 1, false);
     }
@@ -136,10 +137,10 @@ impl Repeats {
     /// Whether values that work would hardly repeat for so long.
     fn is_improbable(&self, t_us: u64, least_us: u64) -> bool {
         // Of slow streams a second holds too few values; what has never changed says nothing of its noise.
-        let chance = self.share.map_or(f64::NEG_INFINITY, |share| f64::from(self.run) * share.max(1e-3).ln());
+        let chance = self.share.map_or(f64::NEG_INFINITY, |share| f64::from(self.run) * ln(share.max(1e-3)));
         let usual_us = (LONGER * self.longest_us).min(MOST_US as f64);
         let for_us = self.for_us(t_us);
-        self.run >= ENOUGH && for_us >= least_us && for_us as f64 >= usual_us && chance < CHANCE.ln()
+        self.run >= ENOUGH && for_us >= least_us && for_us as f64 >= usual_us && chance < ln(CHANCE)
     }
 }
 
@@ -308,6 +309,8 @@ impl Memory {
 
 #[cfg(test)]
 mod tests {
+    use gaware_nav::math::sin;
+
     use super::*;
 
     /// Samples at 50 Hz; gives what was found at each.
@@ -323,7 +326,7 @@ mod tests {
     /// A turning and climbing vehicle in whole counts.
     fn flying(k: u64) -> [f64; 6] {
         let t = k as f64 * 0.02;
-        let wave = |f: f64, a: f64| (a * (f * t).sin() * 1000.0).round() / 1000.0;
+        let wave = |f: f64, a: f64| (a * sin(f * t) * 1000.0).round() / 1000.0;
         [
             wave(1.1, 0.5),
             wave(1.3, 0.3),
@@ -363,7 +366,7 @@ mod tests {
         // Slow swings of a few counts, which truncation turns into steps; then a touchdown and rest.
         let hover = |k: u64| {
             let t = k as f64 * 0.02;
-            let counts = |period: f64, size: f64| (size * (std::f64::consts::TAU * t / period).sin()).trunc();
+            let counts = |period: f64, size: f64| (size * sin(std::f64::consts::TAU * t / period)).trunc();
             if k >= 4000 {
                 let bump = if k < 4010 { 300.0 } else { 0.0 };
                 return [0.0, bump * 1e-3, 0.0, 0.01, 0.0, -9.81 - bump * 0.01];

@@ -3,6 +3,7 @@
 use super::*;
 use crate::link::frame::Sender;
 use crate::logs::{self, Item};
+use gaware_nav::math::{cos, sin};
 use mavlink::dialects::ardupilotmega::{
     ATTITUDE_DATA, GpsFixType, MavModeFlag, RAW_IMU_DATA, SCALED_IMU_DATA,
 };
@@ -190,9 +191,8 @@ fn a_sensor_that_no_longer_measures_is_found_in_logs_without_frames_too() {
         let t_s = 10.0 + f64::from(k) * 0.02;
         // Alive for 20 s, then frozen.
         let alive = if k < 1000 { t_s } else { 30.0 };
-        let gyro =
-            nalgebra::Vector3::new(0.5 * alive.sin(), 0.3 * (1.3 * alive).cos(), 0.1 * (0.7 * alive).sin());
-        let accel = nalgebra::Vector3::new(alive.sin(), 0.5 * alive.cos(), -9.8 + 2.0 * (0.9 * alive).sin());
+        let gyro = nalgebra::Vector3::new(0.5 * sin(alive), 0.3 * cos(1.3 * alive), 0.1 * sin(0.7 * alive));
+        let accel = nalgebra::Vector3::new(sin(alive), 0.5 * cos(alive), -9.8 + 2.0 * sin(0.9 * alive));
         let sample = ImuSample { t_s, gyro, accel, temperature_degc: None };
         take(Measurement::Imu(Stamp::Usec((t_s * 1e6) as u64), sample));
     }

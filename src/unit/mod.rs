@@ -9,6 +9,7 @@ use crate::outputs::{OutputError, Outputs, mark};
 use gaware_nav::consistency::departure;
 use gaware_nav::filter::Filter;
 use gaware_nav::filter::layout::index;
+use gaware_nav::math::hypot;
 use gaware_nav::model::{EffectSetting, JointPrior, Model};
 use nalgebra::DMatrix;
 use serde::{Deserialize, Serialize};
@@ -278,7 +279,7 @@ impl Unit {
         } else {
             ageing::walk(days) * state.prior_sigma
         };
-        state.sigma.hypot(more).min(state.prior_sigma.max(state.sigma))
+        hypot(state.sigma, more).min(state.prior_sigma.max(state.sigma))
     }
 
     /// Makes the values priors of this model, as they are so many days later. What the model takes for known stays so.
@@ -373,7 +374,7 @@ impl Unit {
         let days = ageing::between(&self.origin.date, &other.origin.date);
         let compare = |s: &UnitState| {
             let new = other.get(&s.name)?;
-            let sigma = Self::aged(s, days).hypot(new.sigma);
+            let sigma = hypot(Self::aged(s, days), new.sigma);
             let off = (new.value - s.value) / sigma;
             (off.abs() > CONTRADICTION).then(|| {
                 format!(

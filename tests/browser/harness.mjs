@@ -91,32 +91,10 @@ export function faults() {
   };
 }
 
-/**
- * Sine, cosine and the like differ in their last digit: the module has those of musl, the program those of its system. Over a flight that makes
- * less than 1e-9 in fourteen of fifteen recordings and 1.2e-9 in one number of the other, but where the filter's trajectory comes to a threshold at which it follows: of
- * small_gsens_typical_dither 69 numbers differ by more than 1e-7 and none by 1e-4, an open point (2026-11-28; 36 by more than 3e-9 and none by 1e-7 before truncated speeds of
- * fixes counted as half a count more).
- */
-export const SAME = 1e-7;
-const AT_A_THRESHOLD = 1e-4;
-/** The tolerance of a recording. */
-export const sameOf = (log) => (log.endsWith("small_gsens_typical_dither.tlog") ? AT_A_THRESHOLD : SAME);
-
-/** The field with the sigma of a value: value, value_s, value_deg_per_h and so on. */
-const sigmaOf = (name) => name.replace(/^value/, "sigma");
-
-/** Where two documents differ by more than `tolerance` of the number, or of its own sigma where that is larger. */
-export function differences(ours, theirs, tolerance, path = "", sigma = 0) {
-  if (typeof ours === "number" && typeof theirs === "number") {
-    const scale = Math.max(Math.abs(ours), Math.abs(theirs), Number(sigma) || 0);
-    return Math.abs(ours - theirs) <= tolerance * scale ? [] : [`${path}: ${ours}, not ${theirs}`];
-  }
-  if (ours === null || theirs === null || typeof ours !== "object" || typeof theirs !== "object") return ours === theirs ? [] : [`${path}: ${JSON.stringify(ours)}, not ${JSON.stringify(theirs)}`];
+/** Where two documents differ but for who wrote them: nowhere, to the last digit, where module and program do the same. */
+export function differences(ours, theirs, path = "") {
+  if (typeof ours !== "object" || typeof theirs !== "object" || ours === null || theirs === null) return ours === theirs ? [] : [`${path}: ${JSON.stringify(ours)}, not ${JSON.stringify(theirs)}`];
   const names = new Set([...Object.keys(ours), ...Object.keys(theirs)]);
   names.delete("written_by");
-  return [...names].flatMap((name) => {
-    // A normalised innovation is in units of its sigma.
-    const own = path.endsWith("normalised_innovation") ? 1 : Array.isArray(ours) ? sigma?.[name] : name.startsWith("value") ? theirs[sigmaOf(name)] : 0;
-    return differences(ours[name], theirs[name], tolerance, `${path}.${name}`, own);
-  });
+  return [...names].flatMap((name) => differences(ours[name], theirs[name], `${path}.${name}`));
 }

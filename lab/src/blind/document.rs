@@ -4,6 +4,7 @@
 use super::Outcome;
 use gaware::explain::advice;
 use gaware_nav::effects::{DrawRange, Effect, REGISTRY, Shape};
+use gaware_nav::math::log10;
 use std::collections::BTreeMap;
 use std::fmt::{Error, Write};
 
@@ -54,7 +55,7 @@ fn entry(out: &mut String, k: usize, effect: &dyn Effect) -> Result<(), Error> {
 
 /// Three digits.
 fn rounded(value: f64) -> String {
-    let digits = (2.0 - value.abs().max(1e-12).log10().floor()).clamp(0.0, 6.0) as usize;
+    let digits = (2.0 - log10(value.abs().max(1e-12)).floor()).clamp(0.0, 6.0) as usize;
     let text = format!("{value:.digits$}");
     if text.contains('.') { text.trim_end_matches('0').trim_end_matches('.').to_owned() } else { text }
 }

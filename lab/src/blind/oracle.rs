@@ -12,6 +12,7 @@ use gaware_nav::identify::Serial;
 use gaware_nav::identify::flight::Flight;
 use gaware_nav::identify::noise::Noise;
 use gaware_nav::identify::select::{self, Selection, Settings};
+use gaware_nav::math::ln;
 use gaware_nav::model::{EffectSetting, Model};
 use serde::Serialize;
 
@@ -65,9 +66,9 @@ pub(crate) fn could_name(
         let noise = if hidden.len() == 1 { &selection.base_noise } else { &selection.noise };
         let other = select::best_other(&[flight], &others, noise, &own, &settings, &Serial);
         let best_other = other.as_ref().map_or(0.0, |o| o.evidence.max(0.0));
-        let chance = (REGISTRY.len() as f64 / ALARMS).ln();
+        let chance = ln(REGISTRY.len() as f64 / ALARMS);
         Seen {
-            alone: gain > chance && gain - best_other > (1.0 / WRONG).ln(),
+            alone: gain > chance && gain - best_other > ln(1.0 / WRONG),
             gain,
             other: other.map(|o| (o.setting.effect.name(), o.evidence)),
         }

@@ -2,6 +2,7 @@
 //! simulator and estimator share no idea of what a fault looks like.
 
 use gaware::link::frame::{Frame, Sender};
+use gaware_nav::math::{atan2, cos, hypot, sin};
 use mavlink::dialects::ardupilotmega::{GPS_RAW_INT_DATA, MavMessage};
 use std::collections::VecDeque;
 use std::ops::Range;
@@ -166,9 +167,9 @@ impl Spoiler {
         if speed != 0.0 {
             let course = (f64::from(fix.cog) * 0.01).to_radians();
             let ground = f64::from(fix.vel) * 0.01;
-            let (north, east) = (ground * course.cos() + speed, ground * course.sin());
-            fix.vel = (north.hypot(east) * 100.0).round() as u16;
-            fix.cog = ((east.atan2(north).to_degrees().rem_euclid(360.0) * 100.0).round() as u16) % 36000;
+            let (north, east) = (ground * cos(course) + speed, ground * sin(course));
+            fix.vel = (hypot(north, east) * 100.0).round() as u16;
+            fix.cog = ((atan2(east, north).to_degrees().rem_euclid(360.0) * 100.0).round() as u16) % 36000;
         }
     }
 

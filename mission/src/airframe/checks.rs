@@ -2,6 +2,7 @@
 //! of it would need more memory or time than there is.
 
 use super::{Airframe, AirframeError};
+use gaware_nav::math::cos;
 
 /// Longest change from cruise to the fastest speed or back, s.
 const LONGEST_CHANGE_S: f64 = 60.0;
@@ -87,7 +88,7 @@ fn speeds(a: &Airframe) -> Result<(), AirframeError> {
 
 fn wing_turns(a: &Airframe) -> Result<(), AirframeError> {
     let bank = a.bank_max_deg.to_radians();
-    let needed = 1.0 / bank.cos();
+    let needed = 1.0 / cos(bank);
     if a.load_factor_max < needed {
         return wrong(
             "load_factor_max",

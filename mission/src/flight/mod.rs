@@ -11,6 +11,7 @@ use crate::fence::LocalFrame;
 use crate::item::{AltitudeReference, Autopilot, MissionItem, command};
 use crate::kinematics::{Kinematics, STEP_S, fill_rates};
 use crate::maneuver::{Entry, Side};
+use gaware_nav::math::atan2;
 use nalgebra::{Vector2, Vector3};
 
 /// Longest time for one item, s: wind may keep the vehicle from ever arriving.
@@ -369,7 +370,7 @@ impl Progress {
             }
             Task::Circle { center, radius, side, until, .. } => {
                 let out = p - center;
-                let bearing = out.y.atan2(out.x);
+                let bearing = atan2(out.y, out.x);
                 // Turns count from the arrival at the circle.
                 if out.norm() < 1.3 * radius && out.norm() > 0.5 * radius {
                     self.arrived_s.get_or_insert(elapsed_s);

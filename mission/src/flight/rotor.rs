@@ -3,6 +3,7 @@
 use super::Task;
 use crate::airframe::Airframe;
 use crate::kinematics::{RotorCommand, RotorState};
+use gaware_nav::math::atan2;
 use nalgebra::{Vector2, Vector3};
 
 /// Share of the limits that autopilots use for position control.
@@ -40,7 +41,7 @@ fn toward(p: Vector2<f64>, to: Vector2<f64>, airframe: &Airframe, speed: f64) ->
         return (Vector2::zeros(), None);
     }
     let braking = stopping_speed(SHARE * airframe.braking_m_per_s2, airframe.jerk_max_m_per_s3, distance);
-    let nose = (distance > 5.0).then(|| d.y.atan2(d.x));
+    let nose = (distance > 5.0).then(|| atan2(d.y, d.x));
     (d / distance * speed.min(braking).min(0.8 * distance), nose)
 }
 
@@ -69,5 +70,5 @@ fn around(
     let inward = (0.6 * (distance - radius)).clamp(-speed, speed);
     let tangent = Vector2::new(-radial.y, radial.x) * side;
     let along = (speed * speed - inward * inward).max(0.0).sqrt();
-    (tangent * along - radial * inward, Some((-radial.y).atan2(-radial.x)))
+    (tangent * along - radial * inward, Some(atan2(-radial.y, -radial.x)))
 }

@@ -4,6 +4,7 @@ use super::Task;
 use crate::airframe::Airframe;
 use crate::kinematics::{WingCommand, WingState};
 use gaware_nav::earth::STANDARD_GRAVITY;
+use gaware_nav::math::{asin, atan, atan2, cos};
 use gaware_nav::rotation::wrap_pi;
 use nalgebra::{Vector2, Vector3};
 use std::f64::consts::FRAC_PI_2;
@@ -24,7 +25,7 @@ pub(super) fn steer(
     let p = s.position_ned_m.xy();
     let v = (s.air_velocity() + wind).xy();
     let ground = v.norm().max(1.0);
-    let course = v.y.atan2(v.x);
+    let course = atan2(v.y, v.x);
     let (wanted, curve) = match task {
         Task::Line { from, to, .. } | Task::Glide { from, to, .. } => line(p, *from, *to, ground, airframe),
         Task::Circle { center, radius, side, .. } => circle(p, *center, *radius, side.sign(), ground),
@@ -34,14 +35,14 @@ pub(super) fn steer(
     };
     let turn = curve + COURSE_GAIN * wrap_pi(wanted - course);
     // The lateral acceleration is across the air velocity; with a crab angle less of it turns the course.
-    let crab = wrap_pi(course - s.heading_rad).cos().max(0.3);
-    let bank = (ground * turn / (STANDARD_GRAVITY * crab)).atan();
+    let crab = cos(wrap_pi(course - s.heading_rad)).max(0.3);
+    let bank = atan(ground * turn / (STANDARD_GRAVITY * crab));
     let climb = (HEIGHT_GAIN * (height + s.position_ned_m.z))
         .clamp(-airframe.descent_max_m_per_s, airframe.climb_max_m_per_s);
     WingCommand {
         airspeed_m_per_s: speed,
         bank_rad: bank,
-        climb_rad: (climb / s.airspeed_m_per_s.max(1.0)).clamp(-0.8, 0.8).asin(),
+        climb_rad: asin((climb / s.airspeed_m_per_s.max(1.0)).clamp(-0.8, 0.8)),
         sideslip_rad: 0.0,
     }
 }
@@ -57,22 +58,22 @@ fn line(
     let along = to - from;
     if along.norm() < 1.0 {
         let d = to - p;
-        return (d.y.atan2(d.x), 0.0);
+        return (atan2(d.y, d.x), 0.0);
     }
-    let direction = along.y.atan2(along.x);
+    let direction = atan2(along.y, along.x);
     let d = p - from;
     let cross = along.normalize().perp(&d);
     let reach = airframe.turn_radius_m(ground, 0.5 * airframe.bank_max_deg.to_radians()).max(1.0);
-    (direction - (cross / reach).atan().clamp(-FRAC_PI_2, FRAC_PI_2), 0.0)
+    (direction - atan(cross / reach).clamp(-FRAC_PI_2, FRAC_PI_2), 0.0)
 }
 
 /// Course toward a circle, rad, and the turn rate on it, rad/s.
 fn circle(p: Vector2<f64>, center: Vector2<f64>, radius: f64, side: f64, ground: f64) -> (f64, f64) {
     let out = p - center;
     let distance = out.norm();
-    let bearing = if distance > 0.1 { out.y.atan2(out.x) } else { 0.0 };
+    let bearing = if distance > 0.1 { atan2(out.y, out.x) } else { 0.0 };
     let off = (distance - radius) / radius;
-    let wanted = bearing + side * (FRAC_PI_2 + (2.0 * off).atan());
+    let wanted = bearing + side * (FRAC_PI_2 + atan(2.0 * off));
     // On the circle the course turns by itself; far from it the way in is straight.
     let on = (1.0 - off.abs()).clamp(0.0, 1.0);
     (wanted, side * on * ground / distance.max(0.5 * radius))

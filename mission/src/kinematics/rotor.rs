@@ -3,6 +3,7 @@
 use super::{GRAVITY, Kinematics};
 use crate::airframe::Airframe;
 use gaware_nav::earth::STANDARD_GRAVITY;
+use gaware_nav::math::{cos, sin, tan};
 use gaware_nav::rotation::wrap_pi;
 use nalgebra::{Matrix3, Rotation3, UnitQuaternion, Vector3};
 
@@ -59,7 +60,7 @@ impl RotorState {
         let mut wanted = (command.velocity_ned_m_per_s - self.velocity_ned_m_per_s) / VELOCITY_LOOP_S;
         // The tilt that drag takes is not there for acceleration.
         let drag = airframe.drag_per_s * (self.velocity_ned_m_per_s - wind_ned).xy().norm();
-        let tilt = STANDARD_GRAVITY * airframe.bank_max_deg.to_radians().tan();
+        let tilt = STANDARD_GRAVITY * tan(airframe.bank_max_deg.to_radians());
         let limit = airframe.acceleration_m_per_s2.min((tilt - drag).max(0.5));
         let horizontal = wanted.xy().norm();
         if horizontal > limit {
@@ -92,7 +93,7 @@ impl RotorState {
         let drag = (self.velocity_ned_m_per_s - wind_ned) * airframe.drag_per_s;
         let thrust = self.acceleration - GRAVITY + Vector3::new(drag.x, drag.y, 0.0);
         let down = -thrust.normalize();
-        let nose = Vector3::new(self.yaw_rad.cos(), self.yaw_rad.sin(), 0.0);
+        let nose = Vector3::new(cos(self.yaw_rad), sin(self.yaw_rad), 0.0);
         let right = down.cross(&nose).normalize();
         let forward = right.cross(&down);
         let c_nb = Rotation3::from_matrix_unchecked(Matrix3::from_columns(&[forward, right, down]));

@@ -1,5 +1,6 @@
 use super::*;
 use crate::airframe::Airframe;
+use gaware_nav::math::{sin, tan};
 
 fn wing() -> Airframe {
     Airframe::example("small_fixed_wing").expect("shipped").with_side_force(0.0, 0.0)
@@ -23,9 +24,9 @@ fn fly(airframe: &Airframe, command: impl Fn(f64) -> WingCommand, seconds: f64) 
 
 fn turn(bank_deg: f64) -> impl Fn(f64) -> WingCommand {
     move |t| WingCommand {
-        airspeed_m_per_s: 16.0 + t.sin(),
+        airspeed_m_per_s: 16.0 + sin(t),
         bank_rad: bank_deg.to_radians(),
-        climb_rad: 0.1 * (0.5 * t).sin(),
+        climb_rad: 0.1 * sin(0.5 * t),
         sideslip_rad: 0.0,
     }
 }
@@ -72,7 +73,7 @@ fn an_uncoordinated_turn_feels_a_side_force_to_its_outside() {
         // The side force works against the turn.
         let last = &samples[samples.len() - 1];
         let turned = (last.attitude * last.rate).z.abs();
-        let coordinated = 9.80665 * bank.to_radians().tan().abs() / 16.0;
+        let coordinated = 9.80665 * tan(bank.to_radians()).abs() / 16.0;
         assert!((turned / coordinated - airframe.turn_share()).abs() < 0.03, "{bank}°: {turned}");
     }
 }

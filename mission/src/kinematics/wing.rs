@@ -3,6 +3,7 @@
 use super::{GRAVITY, Kinematics};
 use crate::airframe::Airframe;
 use gaware_nav::earth::STANDARD_GRAVITY;
+use gaware_nav::math::{asin, cos, sin, sin_cos};
 use nalgebra::{UnitQuaternion, Vector3};
 use std::f64::consts::{FRAC_PI_2, SQRT_2};
 
@@ -81,8 +82,8 @@ impl WingState {
 
     /// Velocity through the air, north, east, down, m/s.
     pub fn air_velocity(&self) -> Vector3<f64> {
-        let (sg, cg) = self.climb_rad.sin_cos();
-        let (sh, ch) = self.heading_rad.sin_cos();
+        let (sg, cg) = sin_cos(self.climb_rad);
+        let (sh, ch) = sin_cos(self.heading_rad);
         self.airspeed_m_per_s * Vector3::new(cg * ch, cg * sh, -sg)
     }
 
@@ -101,7 +102,7 @@ impl WingState {
     /// 2.3), and with the roll rate by adverse yaw. Recorded flights of ArduPilot's simulated plane follow this within 0.02 g.
     fn uncoordinated(&self, airframe: &Airframe) -> f64 {
         let speed = (self.airspeed_m_per_s / airframe.speed_cruise_m_per_s).max(0.1);
-        let turn = airframe.side_force_g * SQRT_2 * self.bank_rad.sin() * self.climb_rad.cos();
+        let turn = airframe.side_force_g * SQRT_2 * sin(self.bank_rad) * cos(self.climb_rad);
         let roll = airframe.roll_side_force_g * speed * self.roll_rate / FRAC_PI_2;
         let slip = (turn - roll) / (SIDE_FORCE_G_PER_RAD * speed * speed);
         slip.clamp(-SLIP_MAX_RAD, SLIP_MAX_RAD)
@@ -109,16 +110,16 @@ impl WingState {
 
     /// Lift acceleration that holds the climb rate of change at this bank, m/s².
     fn lift(&self, airframe: &Airframe) -> f64 {
-        let vertical = STANDARD_GRAVITY * self.climb_rad.cos() + self.airspeed_m_per_s * self.climb_rate;
-        let side = self.side_acceleration(airframe) * self.bank_rad.sin();
-        (vertical + side) / self.bank_rad.cos().max(0.2)
+        let vertical = STANDARD_GRAVITY * cos(self.climb_rad) + self.airspeed_m_per_s * self.climb_rate;
+        let side = self.side_acceleration(airframe) * sin(self.bank_rad);
+        (vertical + side) / cos(self.bank_rad).max(0.2)
     }
 
     /// Rate of change of heading, rad/s.
     fn turn_rate(&self, airframe: &Airframe) -> f64 {
-        let sideways = self.lift(airframe) * self.bank_rad.sin()
-            + self.side_acceleration(airframe) * self.bank_rad.cos();
-        sideways / (self.airspeed_m_per_s.max(1.0) * self.climb_rad.cos().max(0.2))
+        let sideways =
+            self.lift(airframe) * sin(self.bank_rad) + self.side_acceleration(airframe) * cos(self.bank_rad);
+        sideways / (self.airspeed_m_per_s.max(1.0) * cos(self.climb_rad).max(0.2))
     }
 
     /// One step of `dt` seconds toward a command.
@@ -139,7 +140,7 @@ impl WingState {
         let limit = airframe.pitch_max_deg.to_radians();
         // What the load factor leaves for pulling; pushing goes to a third of a g.
         let v = self.airspeed_m_per_s.max(1.0);
-        let pull = ((airframe.load_factor_max * self.bank_rad.cos() - 1.0).max(0.1)) * STANDARD_GRAVITY / v;
+        let pull = ((airframe.load_factor_max * cos(self.bank_rad) - 1.0).max(0.1)) * STANDARD_GRAVITY / v;
         let push = 0.65 * STANDARD_GRAVITY / v;
         let wanted =
             ((command.climb_rad.clamp(-limit, limit) - self.climb_rad) / PATH_LOOP_S).clamp(-push, pull);
@@ -159,8 +160,8 @@ impl WingState {
     /// What the inertial unit feels now; the rate is filled in from neighbours.
     pub fn kinematics(&self, airframe: &Airframe, wind_ned: &Vector3<f64>) -> Kinematics {
         let v = self.airspeed_m_per_s;
-        let (sg, cg) = self.climb_rad.sin_cos();
-        let (sh, ch) = self.heading_rad.sin_cos();
+        let (sg, cg) = sin_cos(self.climb_rad);
+        let (sh, ch) = sin_cos(self.heading_rad);
         let along = Vector3::new(cg * ch, cg * sh, -sg);
         let acceleration = along * self.acceleration
             + Vector3::new(-sg * ch, -sg * sh, -cg) * (v * self.climb_rate)
@@ -184,6 +185,6 @@ impl WingState {
     pub fn bank_against_sideslip(airframe: &Airframe, airspeed_m_per_s: f64, sideslip_rad: f64) -> f64 {
         let q = (airspeed_m_per_s / airframe.speed_cruise_m_per_s).powi(2);
         // tan φ = −Y/g: in balance the side force is carried by lift.
-        (SIDE_FORCE_G_PER_RAD * q * sideslip_rad).clamp(-0.5, 0.5).asin()
+        asin((SIDE_FORCE_G_PER_RAD * q * sideslip_rad).clamp(-0.5, 0.5))
     }
 }

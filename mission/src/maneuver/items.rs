@@ -6,6 +6,7 @@
 use super::{Maneuver, NoSpace, Placement, Side};
 use crate::airframe::Airframe;
 use crate::item::{Autopilot, LatLon, MissionItem, command};
+use gaware_nav::math::sin_cos;
 use nalgebra::{Rotation2, Vector2};
 use std::f64::consts::TAU;
 
@@ -82,7 +83,7 @@ impl Builder<'_> {
     fn ring(&mut self, ahead: f64, right: f64, side: Side, radius_m: f64, turns: f64) {
         let corners = (turns * f64::from(RING)).round() as u32;
         for k in 0..=corners {
-            let (s, c) = (side.sign() * TAU * f64::from(k) / f64::from(RING)).sin_cos();
+            let (s, c) = sin_cos(side.sign() * TAU * f64::from(k) / f64::from(RING));
             self.waypoint(ahead + radius_m * c, right + radius_m * s, self.place.height_m);
         }
     }
@@ -272,7 +273,7 @@ impl Builder<'_> {
         self.speed(self.airframe.speed_max_m_per_s);
         let yaw = self.place.heading_rad.to_degrees().rem_euclid(360.0) as f32;
         for axis_deg in [0.0_f64, 90.0, 45.0, 135.0] {
-            let (s, c) = axis_deg.to_radians().sin_cos();
+            let (s, c) = sin_cos(axis_deg.to_radians());
             for end in [1.0, -1.0] {
                 if self.airframe.autopilot == Autopilot::ArduPilot {
                     // For every leg anew: ArduCopter's nose goes back to leading the path at each waypoint.

@@ -3,6 +3,7 @@
 use super::{Entry, Maneuver, Side};
 use crate::airframe::Airframe;
 use crate::kinematics::{Kinematics, RotorCommand, STEP_S, WingCommand, WingState, fill_rates};
+use gaware_nav::math::{asin, cos, sin};
 use nalgebra::Vector3;
 use std::f64::consts::{FRAC_PI_4, TAU};
 
@@ -133,9 +134,8 @@ pub(super) fn wing_command(maneuver: Maneuver, airframe: &Airframe, t: f64) -> W
     let bank = airframe.steep_bank_rad();
     let turn = circle_s(airframe) - SETTLE_S;
     let steepest = airframe.pitch_max_deg.to_radians();
-    let climb = (airframe.climb_max_m_per_s / airframe.speed_cruise_m_per_s).min(0.9).asin().min(steepest);
-    let descent =
-        (airframe.descent_max_m_per_s / airframe.speed_cruise_m_per_s).min(0.9).asin().min(steepest);
+    let climb = asin((airframe.climb_max_m_per_s / airframe.speed_cruise_m_per_s).min(0.9)).min(steepest);
+    let descent = asin((airframe.descent_max_m_per_s / airframe.speed_cruise_m_per_s).min(0.9)).min(steepest);
     let mut command = WingCommand {
         airspeed_m_per_s: airframe.speed_cruise_m_per_s,
         bank_rad: 0.0,
@@ -188,7 +188,7 @@ pub(super) fn wing_command(maneuver: Maneuver, airframe: &Airframe, t: f64) -> W
 
 fn rotor_command(maneuver: Maneuver, airframe: &Airframe, yaw: f64, t: f64) -> RotorCommand {
     let (cruise, fast) = (airframe.speed_cruise_m_per_s, airframe.speed_max_m_per_s);
-    let toward = |angle: f64, speed: f64| Vector3::new(angle.cos(), angle.sin(), 0.0) * speed;
+    let toward = |angle: f64, speed: f64| Vector3::new(cos(angle), sin(angle), 0.0) * speed;
     let vertical = |up: f64| Vector3::new(0.0, 0.0, -up);
     let (up, down) = (airframe.climb_max_m_per_s, airframe.descent_max_m_per_s);
     let rate = rotor_turn_m_per_s2(airframe) / cruise;

@@ -5,6 +5,7 @@
 
 use super::{Encoding, ParamMessage, ParamName, ParamValue};
 use crate::change::Exchange;
+use gaware_nav::math::ln;
 use std::collections::BTreeMap;
 
 /// Waiting times and patience.
@@ -137,7 +138,7 @@ impl ParamRead {
     /// succession (Laplace) of what was answered and one lost request of the one that is waited for.
     fn tries(&self) -> u32 {
         let lost = f64::from(self.sent - self.answered + 2) / f64::from(self.sent + 3);
-        let enough = (-CERTAIN.ln() / lost.ln()).ceil();
+        let enough = (-ln(CERTAIN) / ln(lost)).ceil();
         (1..self.timing.tries).find(|n| f64::from(*n) >= enough).unwrap_or(self.timing.tries)
     }
 

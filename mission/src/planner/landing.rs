@@ -8,6 +8,7 @@ use crate::flight::Flyer;
 use crate::item::{Autopilot, MissionItem, command};
 use crate::kinematics::Kinematics;
 use crate::safety::Refusal;
+use gaware_nav::math::{atan2, cos, sin};
 use nalgebra::{Rotation2, Vector2, Vector3};
 
 /// Height of the approach above the floor, m: what a circle and a turn may sink below it.
@@ -46,7 +47,7 @@ impl<'a> Search<'a> {
         let (into_wind, turned): (f64, Vec<f64>) = if wind.norm() < CALM_M_PER_S {
             (self.request.start_heading_deg.to_radians(), (0..8).map(|k| 45.0 * f64::from(k)).collect())
         } else {
-            ((-wind.y).atan2(-wind.x), TURNED_DEG.to_vec())
+            (atan2(-wind.y, -wind.x), TURNED_DEG.to_vec())
         };
         let mut reason = Refusal::NoSafeEnd.into();
         for deg in turned {
@@ -115,7 +116,7 @@ impl<'a> Search<'a> {
         let unhurried: Vec<Flyer<'a>> = from.iter().map(|f| f.clone().within(f64::INFINITY)).collect();
         let flown = self.fly(&unhurried, &approach)?;
         let (mut flyers, mut samples) = (flown.flyers, flown.samples);
-        let line = Vector2::new(course.cos(), course.sin());
+        let line = Vector2::new(cos(course), sin(course));
         for (k, flyer) in flyers.iter_mut().enumerate() {
             let down = flyer.fly(&[land])?.samples;
             let places: Vec<_> = down.iter().map(|s| (s.t_s, s.position_ned_m)).collect();

@@ -19,6 +19,7 @@ use crate::kinematics::Kinematics;
 use crate::maneuver::Maneuver;
 use crate::predictor::{NamedSigma, Predictor};
 use crate::safety::{Limits, Refusal};
+use gaware_nav::math::sin_cos;
 use nalgebra::{Vector2, Vector3};
 use serde::{Deserialize, Serialize};
 
@@ -244,7 +245,7 @@ pub fn climb_out(
     if !airframe.is_fixed_wing() {
         return home.place();
     }
-    let (s, c) = heading_deg.to_radians().sin_cos();
+    let (s, c) = sin_cos(heading_deg.to_radians());
     let course = Vector2::new(c, s);
     let cruise = airframe.speed_cruise_m_per_s;
     let ground = (cruise + wind_ned.xy().dot(&course)).max(1.0);

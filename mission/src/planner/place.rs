@@ -4,6 +4,7 @@ use crate::airframe::Airframe;
 use crate::fence::LocalFrame;
 use crate::maneuver::Placement;
 use crate::safety::{Checker, Limits};
+use gaware_nav::math::atan2;
 use nalgebra::Vector2;
 
 /// Cells of the grid over the fence, each way.
@@ -59,7 +60,7 @@ pub(super) fn placements(
     let (center_m, space_m) = centre(checker, airframe, start);
     let wind = limits.wind();
     // Along and across the wind, and in between; runs are flown both ways.
-    let first = if limits.wind_speed() > 0.5 { wind.y.atan2(wind.x) } else { 0.0 };
+    let first = if limits.wind_speed() > 0.5 { atan2(wind.y, wind.x) } else { 0.0 };
     // Climbs overshoot: not to the very floor and ceiling.
     let height_m = start_height_m.clamp(limits.floor_m + 3.0, limits.ceiling_m - 3.0);
     let headings = [0.0, 0.5, 0.25, 0.75].map(|share| first + share * std::f64::consts::PI);

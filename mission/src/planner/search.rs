@@ -11,6 +11,7 @@ use crate::kinematics::Kinematics;
 use crate::maneuver::{Entry, Maneuver, Placement, Side, join_items};
 use crate::predictor::{NamedSigma, Predictor};
 use crate::safety::Checker;
+use gaware_nav::math::ln;
 use nalgebra::{Rotation3, Vector3};
 
 /// A state counts as one that this airframe can excite if its maneuvers can shrink its sigma to this share.
@@ -448,7 +449,7 @@ fn keeps_balance(next: Maneuver, flown: &[PlannedManeuver]) -> bool {
 pub(super) fn log_score(sigmas: &[NamedSigma], reach: &[Reach]) -> f64 {
     let (mut worst, mut sum, mut count) = (f64::NEG_INFINITY, 0.0, 0.0);
     for (state, reach) in sigmas.iter().zip(reach).filter(|(_, r)| **r != Reach::Unobservable) {
-        let log = state.ratio().max(PROMISED_SHARE).ln();
+        let log = ln(state.ratio().max(PROMISED_SHARE));
         if *reach == Reach::Known {
             worst = worst.max(log);
         }

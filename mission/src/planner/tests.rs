@@ -7,6 +7,7 @@ use crate::maneuver::{Entry, Side};
 use crate::predictor::sensors::SensorPredictor;
 use crate::predictor::{BoundPredictor, Targets};
 use gaware_nav::identify::aids::foreseen::Planned;
+use gaware_nav::math::{cos, sin};
 use gaware_nav::model::{GElements, Model};
 use nalgebra::{Vector2, Vector3};
 use proptest::prelude::*;
@@ -332,7 +333,7 @@ fn any_fence() -> impl Strategy<Value = Fence> {
     (corners, hole).prop_map(|(radii, hole)| {
         let frame = LocalFrame::new(HOME.place());
         let n = radii.len() as f64;
-        let at = |angle: f64, r: f64| frame.to_place(Vector2::new(angle.cos(), angle.sin()) * r);
+        let at = |angle: f64, r: f64| frame.to_place(Vector2::new(cos(angle), sin(angle)) * r);
         let corners =
             radii.iter().enumerate().map(|(k, r)| at(k as f64 * std::f64::consts::TAU / n, *r)).collect();
         let circles = hole.map(|(r, angle, size)| FenceCircle {
@@ -357,9 +358,9 @@ fn any_request() -> impl Strategy<Value = Request> {
             a.speed_cruise_m_per_s *= scale.clamp(a.speed_min_m_per_s / a.speed_cruise_m_per_s, 1.2);
             a.speed_max_m_per_s = a.speed_max_m_per_s.max(a.speed_cruise_m_per_s);
             a.bank_max_deg *= bank;
-            a.load_factor_max = a.load_factor_max.max(1.02 / a.bank_max_deg.to_radians().cos());
+            a.load_factor_max = a.load_factor_max.max(1.02 / cos(a.bank_max_deg.to_radians()));
             let wind = share * a.speed_cruise_m_per_s;
-            request.limits.wind_ned_m_per_s = [wind * toward.cos(), wind * toward.sin(), 0.0];
+            request.limits.wind_ned_m_per_s = [wind * cos(toward), wind * sin(toward), 0.0];
             (request.limits.floor_m, request.limits.ceiling_m) = (floor, floor + band);
             request.start_height_m = floor + band / 2.0;
             request.start_heading_deg = heading;

@@ -4,6 +4,7 @@
 use crate::airframe::Kind;
 use crate::fence::LocalFrame;
 use crate::item::{AltitudeReference, Mission, MissionItem, command};
+use gaware_nav::math::atan;
 
 /// The parameters of the vehicle that decide, with PX4's defaults for fixed wings and multirotors.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -166,7 +167,7 @@ fn approach(
     if drop <= f64::EPSILON {
         return Err(Infeasible::Approach { item });
     }
-    let slope_deg = (drop / run).atan().to_degrees();
+    let slope_deg = atan(drop / run).to_degrees();
     if slope_deg > limits.landing_angle_deg + SLACK_DEG {
         return Err(Infeasible::TooSteep { item, slope_deg, most_deg: limits.landing_angle_deg });
     }

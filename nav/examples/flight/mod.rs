@@ -3,6 +3,7 @@
 #![allow(dead_code, reason = "each example uses a part of it")]
 
 use gaware_nav::earth::{self, Geodetic};
+use gaware_nav::math::{cos, sin};
 use gaware_nav::mechanization::{Motion, NavState};
 use gaware_nav::rotation::{log, skew};
 use gaware_nav::sample::{FixVelocity, GnssFix, ImuSample, ImuStream, Sample};
@@ -17,8 +18,8 @@ const H_S: f64 = 1e-3;
 fn place(t: f64) -> Vector3<f64> {
     // At first it stands; then it speeds up.
     let s = 0.5 * (t - 5.0).clamp(0.0, 20.0).powi(2) / 20.0 + (t - 25.0).max(0.0);
-    let turn = 0.11 * s + 0.6 * (0.07 * s).sin();
-    Vector3::new(180.0 * turn.sin(), 120.0 * (2.0 * turn).sin(), -60.0 * (1.0 - (0.09 * s).cos()))
+    let turn = 0.11 * s + 0.6 * sin(0.07 * s);
+    Vector3::new(180.0 * sin(turn), 120.0 * sin(2.0 * turn), -60.0 * (1.0 - cos(0.09 * s)))
 }
 
 fn derivative(of: impl Fn(f64) -> Vector3<f64>, t: f64) -> Vector3<f64> {
@@ -55,7 +56,7 @@ pub fn motion(t: f64) -> Motion {
 /// A fix with errors of centimetres.
 pub fn fix(t: f64) -> GnssFix {
     let now = truth(t);
-    let error = |k: f64| 0.02 * (17.0 * t + k).sin();
+    let error = |k: f64| 0.02 * sin(17.0 * t + k);
     GnssFix {
         t_s: t,
         position: now.geodetic(),

@@ -87,6 +87,8 @@ impl ImuEffect for AccelLeverArm {
 
 #[cfg(test)]
 mod tests {
+    use crate::math::{cos, sin};
+
     use super::*;
     use crate::effects::Surroundings;
     use crate::effects::testing::{check_jacobians, instant};
@@ -95,17 +97,17 @@ mod tests {
     #[test]
     fn the_acceleration_of_a_point_is_that_of_its_path() {
         let arm = [0.5, -0.2, 0.1];
-        let angle = |t: f64| 0.4 * (3.0 * t).sin();
+        let angle = |t: f64| 0.4 * sin(3.0 * t);
         let c = |t: f64| crate::rotation::c_nb_from_euler(0.0, 0.0, angle(t));
         let path = |t: f64| c(t) * Vector3::from(arm);
         let (t, h) = (0.3, 1e-4);
         let exact = c(t).transpose() * (path(t + h) - path(t) * 2.0 + path(t - h)) / (h * h);
         let about_z = |v: f64| Vector3::new(0.0, 0.0, v);
         let around = Surroundings {
-            rate_derivatives: [about_z(-3.6 * (3.0 * t).sin()), Vector3::zeros()],
+            rate_derivatives: [about_z(-3.6 * sin(3.0 * t)), Vector3::zeros()],
             ..Surroundings::default()
         };
-        let x = Instant { around, ..instant([0.0, 0.0, 1.2 * (3.0 * t).cos()], [0.0; 3]) };
+        let x = Instant { around, ..instant([0.0, 0.0, 1.2 * cos(3.0 * t)], [0.0; 3]) };
         let found = AccelLeverArm.accel(&arm, &x);
         assert!((found - exact).norm() < 1e-5, "{found} {exact}");
     }

@@ -273,6 +273,8 @@ pub static VIBRATION_RECTIFICATION: LinearEffect = LinearEffect {
 
 #[cfg(test)]
 mod tests {
+    use crate::math::sin;
+
     use super::*;
     use crate::earth::STANDARD_GRAVITY;
     use crate::effects::testing::{check_jacobians, instant};
@@ -346,7 +348,7 @@ mod tests {
         for keep in [1_u32, 7, 13] {
             let (mut sum, mut n) = (0.0, 0.0);
             for k in (0..13_000_u32).step_by(keep as usize) {
-                let v = amplitude * (f64::from(k) * 0.7).sin();
+                let v = amplitude * sin(f64::from(k) * 0.7);
                 sum += ACCEL_NONLINEARITY.accel(&p, &instant([0.0; 3], [v, 0.0, 0.0])).x;
                 n += 1.0;
             }

@@ -79,6 +79,8 @@ impl FixEffect for GpsLeverArm {
 
 #[cfg(test)]
 mod tests {
+    use crate::math::{cos, sin};
+
     use super::*;
     use crate::effects::testing::{check_jacobians, fix_instant};
     use crate::effects::{Antenna, Kernel};
@@ -93,8 +95,8 @@ mod tests {
     #[test]
     fn the_path_of_the_antenna_is_smoothed_and_not_that_of_the_unit() {
         let (arm, apart, swing) = ([1.2, 0.4, -0.3], 0.1, 2.5);
-        let yaw = |t: f64| 0.3 * (swing * t).sin();
-        let rate = |t: f64| 0.3 * swing * (swing * t).cos();
+        let yaw = |t: f64| 0.3 * sin(swing * t);
+        let rate = |t: f64| 0.3 * swing * cos(swing * t);
         let at = |t: f64| {
             let antenna = Antenna {
                 kernel: Kernel { smoothing_s2: 0.5 * apart * apart, skew_s3: 0.0 },

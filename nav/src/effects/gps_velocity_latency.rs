@@ -93,6 +93,8 @@ impl FixEffect for GpsVelocityLatency {
 
 #[cfg(test)]
 mod tests {
+    use crate::math::{cos, sin};
+
     use super::*;
     use crate::effects::testing::check_jacobians;
     use crate::effects::{Antenna, Older};
@@ -118,7 +120,7 @@ mod tests {
         };
         let [position, velocity] = GpsVelocityLatency.fix(&[latency], &x);
         let turned = rate * latency;
-        let exact = Vector3::new(v * turned.cos() - v, -v * turned.sin(), 0.0);
+        let exact = Vector3::new(v * cos(turned) - v, -v * sin(turned), 0.0);
         assert!((velocity - exact).norm() < 1e-3, "{velocity} {exact}");
         assert_eq!(position, Vector3::zeros());
         check_jacobians(&GpsVelocityLatency);

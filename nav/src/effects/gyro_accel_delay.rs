@@ -80,6 +80,8 @@ impl ImuEffect for GyroAccelDelay {
 
 #[cfg(test)]
 mod tests {
+    use crate::math::{cos, sin};
+
     use super::*;
     use crate::effects::testing::{check_jacobians, instant};
     use crate::effects::{LateRate, Surroundings};
@@ -87,9 +89,9 @@ mod tests {
     /// A swing, against the rate of a while ago itself: by the series alone, and about what the samples showed.
     #[test]
     fn a_swing_shows_the_rate_of_a_while_ago() {
-        let rate = |t: f64| Vector3::new(1.2 * (2.0 * t).sin(), 0.3 * (3.0 * t).cos(), 0.1 * t);
-        let first = |t: f64| Vector3::new(2.4 * (2.0 * t).cos(), -0.9 * (3.0 * t).sin(), 0.1);
-        let second = |t: f64| Vector3::new(-4.8 * (2.0 * t).sin(), -2.7 * (3.0 * t).cos(), 0.0);
+        let rate = |t: f64| Vector3::new(1.2 * sin(2.0 * t), 0.3 * cos(3.0 * t), 0.1 * t);
+        let first = |t: f64| Vector3::new(2.4 * cos(2.0 * t), -0.9 * sin(3.0 * t), 0.1);
+        let second = |t: f64| Vector3::new(-4.8 * sin(2.0 * t), -2.7 * cos(3.0 * t), 0.0);
         for (t, late_s, lag_s) in [(0.4, 0.015, 0.0), (1.1, -0.02, 0.0), (0.9, 0.05, 0.04)] {
             let late = LateRate { lag_s, change: rate(t - lag_s) - rate(t) };
             let around = Surroundings { rate_derivatives: [first(t), second(t)], late, ..Default::default() };

@@ -2,6 +2,7 @@
 
 use super::{Effect, ParameterGroup, ReportedSample, SourceEffect};
 use crate::earth::STANDARD_GRAVITY;
+use crate::math::ln;
 use crate::sample::ImuSample;
 use nalgebra::Vector3;
 
@@ -127,11 +128,7 @@ fn repeated_by_purpose(samples: &[ImuSample]) -> f64 {
         return 0.0;
     }
     let (share, chance) = (all / n, axes.iter().map(|a| (a / fresh).max(1.0 / n)).product::<f64>());
-    if share > chance {
-        all * (share / chance).ln() + fresh * ((1.0 - share) / (1.0 - chance)).ln()
-    } else {
-        0.0
-    }
+    if share > chance { all * ln(share / chance) + fresh * ln((1.0 - share) / (1.0 - chance)) } else { 0.0 }
 }
 
 const SIDES: [(usize, f64); 6] = [(0, 1.0), (0, -1.0), (1, 1.0), (1, -1.0), (2, 1.0), (2, -1.0)];
@@ -210,6 +207,8 @@ impl SourceEffect for SequenceMistake {
 
 #[cfg(test)]
 mod tests {
+    use crate::math::sin;
+
     use super::*;
 
     /// A swing of both sensors about all axes, reported with a fault.
@@ -218,8 +217,7 @@ mod tests {
         let mut before: Option<ReportedSample> = None;
         for k in 0..350 {
             let t_s = f64::from(k) * 0.02;
-            let swing =
-                |a: f64| Vector3::new((0.9 * t_s + a).sin(), (0.8 * t_s).sin(), (0.5 * t_s - a).sin());
+            let swing = |a: f64| Vector3::new(sin(0.9 * t_s + a), sin(0.8 * t_s), sin(0.5 * t_s - a));
             let sample = ImuSample {
                 t_s,
                 gyro: swing(0.3) * size * RANGE[0],

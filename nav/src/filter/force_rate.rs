@@ -272,6 +272,8 @@ impl Recent {
 
 #[cfg(test)]
 mod tests {
+    use crate::math::{cos, sin};
+
     use super::*;
 
     /// Two seconds of samples that are this specific force, at 100 Hz.
@@ -319,7 +321,7 @@ mod tests {
     /// of both, which is not that of the instant between them.
     #[test]
     fn a_delay_moves_the_velocity_of_a_receiver_that_smooths_by_what_it_smooths() {
-        let force = |t: f64| Vector3::new(1.0 + (19.0 * t).sin(), 0.0, -9.8 + 5.0 * (19.0 * t).cos());
+        let force = |t: f64| Vector3::new(1.0 + sin(19.0 * t), 0.0, -9.8 + 5.0 * cos(19.0 * t));
         let rates = rates_of(force);
         for t_s in [0.503, 1.1] {
             let mean = (force(t_s - 0.1) + force(t_s + 0.1)) * 0.5;
@@ -334,8 +336,8 @@ mod tests {
     #[test]
     fn a_receiver_that_interpolates_unevenly_is_known_exactly() {
         let (w, lift) = (19.0, 5.0);
-        let force = |t: f64| Vector3::new(0.0, 0.0, lift * (w * t).cos());
-        let velocity = |t: f64| Vector3::new(0.0, 0.0, lift / w * (w * t).sin());
+        let force = |t: f64| Vector3::new(0.0, 0.0, lift * cos(w * t));
+        let velocity = |t: f64| Vector3::new(0.0, 0.0, lift / w * sin(w * t));
         let rates = rates_of(force);
         for newer in [0.7, 0.3, 0.95] {
             let middle_s = 0.1 * (1.0 - 2.0 * newer);
@@ -358,9 +360,9 @@ mod tests {
     /// A vehicle that rolls into a turn: the velocity of 0.18 s ago, against the path itself.
     #[test]
     fn the_velocity_of_a_while_ago_is_that_of_the_path() {
-        let roll = |t: f64| 0.8 * (1.0 + (3.0 * t).sin());
-        let velocity = |t: f64| Vector3::new(30.0 + 2.0 * t, 4.0 * (2.0 * t).sin(), -1.5 * (4.0 * t).cos());
-        let acceleration = |t: f64| Vector3::new(2.0, 8.0 * (2.0 * t).cos(), 6.0 * (4.0 * t).sin());
+        let roll = |t: f64| 0.8 * (1.0 + sin(3.0 * t));
+        let velocity = |t: f64| Vector3::new(30.0 + 2.0 * t, 4.0 * sin(2.0 * t), -1.5 * cos(4.0 * t));
+        let acceleration = |t: f64| Vector3::new(2.0, 8.0 * cos(2.0 * t), 6.0 * sin(4.0 * t));
         let gravity = Vector3::new(0.0, 0.0, 9.81);
         let c_nb = |t: f64| crate::rotation::c_nb_from_euler(roll(t), 0.0, 0.0);
         let force = |t: f64| c_nb(t).transpose() * (acceleration(t) - gravity);
@@ -368,7 +370,7 @@ mod tests {
         let samples: Vec<ImuSample> = (0..400)
             .map(|i| {
                 let t_s = f64::from(i) * 0.005;
-                let gyro = Vector3::new(2.4 * (3.0 * t_s).cos(), 0.0, 0.0);
+                let gyro = Vector3::new(2.4 * cos(3.0 * t_s), 0.0, 0.0);
                 ImuSample { t_s, gyro, accel: force(t_s) + bias, temperature_degc: None }
             })
             .collect();
@@ -392,8 +394,8 @@ mod tests {
     /// Gyros that are more than a sample late: what the samples show around an instant is the true rate.
     #[test]
     fn a_rate_that_is_late_is_found_among_the_samples() {
-        let rate = |t: f64| Vector3::new(0.8 * (2.0 * t).sin(), 0.0, 0.3 * (3.0 * t).cos());
-        let slope = |t: f64| Vector3::new(1.6 * (2.0 * t).cos(), 0.0, -0.9 * (3.0 * t).sin());
+        let rate = |t: f64| Vector3::new(0.8 * sin(2.0 * t), 0.0, 0.3 * cos(3.0 * t));
+        let slope = |t: f64| Vector3::new(1.6 * cos(2.0 * t), 0.0, -0.9 * sin(3.0 * t));
         let late_s = 0.027;
         let samples: Vec<ImuSample> = (0..300)
             .map(|i| {

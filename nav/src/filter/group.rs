@@ -2,6 +2,7 @@
 
 use super::covariance::{Covariance, GROUP, Tall};
 use super::update::{Group, gate};
+use crate::math::ln;
 
 /// Up to three measurements: residuals, sparse rows, variances of their own and loading of the noise that they share.
 #[derive(Debug, Clone, Default)]
@@ -77,9 +78,9 @@ impl Prepared {
         let l = cholesky(&s)?;
         let white = forward(&l, &rows.residual);
         let nis = white.iter().map(|v| v * v).sum::<f64>();
-        let ln_det = 2.0 * (0..GROUP).map(|i| l[i][i].ln()).sum::<f64>();
+        let ln_det = 2.0 * (0..GROUP).map(|i| ln(l[i][i])).sum::<f64>();
         let log_likelihood =
-            -0.5 * (nis.min(gate(rows.dof)) + ln_det + rows.dof as f64 * std::f64::consts::TAU.ln());
+            -0.5 * (nis.min(gate(rows.dof)) + ln_det + rows.dof as f64 * ln(std::f64::consts::TAU));
         let group = Group {
             dof: rows.dof,
             nis,
@@ -170,7 +171,7 @@ mod tests {
             let prepared = Prepared::new(&rows, &p).unwrap();
             let nis = (z.transpose() * inverse * &z)[0];
             assert!((prepared.group.nis - nis).abs() < 1e-12);
-            let expected = -0.5 * (nis + s.determinant().ln() + dof as f64 * std::f64::consts::TAU.ln());
+            let expected = -0.5 * (nis + ln(s.determinant()) + dof as f64 * ln(std::f64::consts::TAU));
             assert!((prepared.group.log_likelihood - expected).abs() < 1e-12);
             let (mut after, mut dx) = (p.clone(), vec![0.0; 15]);
             prepared.absorb(&mut after, &mut dx);

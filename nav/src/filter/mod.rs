@@ -28,6 +28,7 @@ mod window;
 
 use crate::effects::{Antenna, BiasWalk, Kernel};
 use crate::linear::interval::{Here, Sum};
+use crate::math::{cos, sin, sin_cos};
 use crate::mechanization::{Motion, NavState};
 use crate::model::Model;
 use crate::operating::{LagBank, Operating};
@@ -439,9 +440,9 @@ impl Filter {
     /// 1-sigma of roll, pitch and yaw, rad.
     pub fn euler_sigma(&self) -> Vector3<f64> {
         let [roll, pitch, _] = self.about.nav.euler().into();
-        let (sr, cr) = roll.sin_cos();
+        let (sr, cr) = sin_cos(roll);
         // Away from the vertical; at it roll and yaw are not apart anyway.
-        let (sp, cp) = (pitch.sin(), pitch.cos().max(1e-3));
+        let (sp, cp) = (sin(pitch), cos(pitch).max(1e-3));
         // Euler rates from body rates (Groves 2013, eq. 2.58).
         let e = Matrix3::new(1.0, sr * sp / cp, cr * sp / cp, 0.0, cr, -sr, 0.0, sr / cp, cr / cp);
         let p = e * self.p.block3(index::ATTITUDE) * e.transpose();

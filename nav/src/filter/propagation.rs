@@ -8,6 +8,7 @@ use super::unseen::{BetweenSamples, GAP_S, MOTION as GAP_MOTION};
 use crate::displacement::Displacement;
 use crate::effects::{BiasWalk, Conditions};
 use crate::linear::interval::{NavCovariance, Sum};
+use crate::math::exp;
 use crate::mechanization::Motion;
 use crate::sample::{ImuSample, SampleKind};
 
@@ -297,7 +298,7 @@ impl Filter {
         let (Some(w), tau) = (self.layout.gauss_markov(), self.model.gnss.position_correlation_s) else {
             return;
         };
-        let decay = if tau > 0.0 { (-dt / tau).exp() } else { 1.0 };
+        let decay = if tau > 0.0 { exp(-dt / tau) } else { 1.0 };
         self.x[w..w + 3].iter_mut().for_each(|x| *x *= decay);
         self.p.scale3(w, decay);
         for (k, sigma) in self.model.gnss.position_wander_sigma_m.into_iter().enumerate() {

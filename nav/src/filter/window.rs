@@ -268,6 +268,8 @@ impl Filter {
 
 #[cfg(test)]
 mod tests {
+    use crate::math::{asin, sin};
+
     use super::*;
     use crate::earth::{self, Geodetic};
     use crate::effects::GpsLatency;
@@ -347,7 +349,7 @@ mod tests {
     fn what_tilt_made_of_the_vertical_bias_is_forgotten_once_the_tilt_is_known() {
         const BIAS: f64 = 0.4;
         let model = Model::default();
-        let false_pitch = (BIAS / earth::STANDARD_GRAVITY).asin();
+        let false_pitch = asin(BIAS / earth::STANDARD_GRAVITY);
         let place = Geodetic::from_degrees(PLACE.0, PLACE.1, PLACE.2);
         let nav = NavState::from_ned(place, &Vector3::zeros(), &c_nb_from_euler(0.0, false_pitch, 0.0));
         let vertical_bias = |mut fusion: Fusion| {
@@ -391,9 +393,9 @@ mod tests {
     fn forward_and_back(fusion: &mut Fusion, delay_s: f64) {
         const AMPLITUDE_M_PER_S: f64 = 10.0;
         const RATE: f64 = 0.6;
-        let speed = |t: f64| if t > 0.0 { AMPLITUDE_M_PER_S * (RATE * t).sin().powi(2) } else { 0.0 };
+        let speed = |t: f64| if t > 0.0 { AMPLITUDE_M_PER_S * sin(RATE * t).powi(2) } else { 0.0 };
         let way = |t: f64| {
-            if t > 0.0 { AMPLITUDE_M_PER_S * (0.5 * t - (2.0 * RATE * t).sin() / (4.0 * RATE)) } else { 0.0 }
+            if t > 0.0 { AMPLITUDE_M_PER_S * (0.5 * t - sin(2.0 * RATE * t) / (4.0 * RATE)) } else { 0.0 }
         };
         let rest = at_rest(0.0);
         let north = rest.geodetic().c_en().column(0).into_owned();
@@ -402,7 +404,7 @@ mod tests {
         for i in 0..2000 {
             let t_s = f64::from(i) * 0.01;
             let nav = at(t_s);
-            let acceleration = north * (AMPLITUDE_M_PER_S * RATE * (2.0 * RATE * t_s).sin());
+            let acceleration = north * (AMPLITUDE_M_PER_S * RATE * sin(2.0 * RATE * t_s));
             let coriolis = earth::rotation_rate().cross(&nav.v_e) * 2.0;
             fusion.push_imu(ImuSample {
                 t_s,

@@ -8,6 +8,7 @@
 mod turns;
 
 use crate::earth::STANDARD_GRAVITY;
+use crate::math::cos;
 use nalgebra::Vector3;
 use turns::Turns;
 
@@ -69,7 +70,7 @@ impl Side {
     /// The side on which a specific force stands, m/s²; none in between.
     pub fn of_force(force: &Vector3<f64>) -> Option<Self> {
         let along = |s: &Self| s.force().dot(force) / force.norm().max(1e-9);
-        let near = |s: &Self| along(s) > NEAR.cos() && (force.norm() - STANDARD_GRAVITY).abs() < 1.0;
+        let near = |s: &Self| along(s) > cos(NEAR) && (force.norm() - STANDARD_GRAVITY).abs() < 1.0;
         Self::ALL.into_iter().find(near)
     }
 

@@ -13,6 +13,7 @@ use super::size::Flown;
 use super::{Workers, judge, residual};
 use crate::effects::data::grammar;
 use crate::effects::{Effect, data};
+use crate::math::ln;
 use crate::model::{EffectSetting, Model};
 use crate::rss;
 
@@ -141,7 +142,7 @@ fn nothing(effect: &'static dyn Effect) -> EffectSetting {
 fn worth(flights: &[&Flight], point: &Point, selection: &Selection) -> f64 {
     let fixes: usize = flights.iter().map(|f| f.fixes().len()).sum();
     let cost =
-        |a: &Added| 0.5 * a.setting.effect.len() as f64 * (fixes as f64).ln() + a.setting.effect.prior_cost();
+        |a: &Added| 0.5 * a.setting.effect.len() as f64 * ln(fixes as f64) + a.setting.effect.prior_cost();
     point.log_likelihood - selection.added.iter().map(cost).sum::<f64>()
 }
 

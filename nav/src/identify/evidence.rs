@@ -3,6 +3,7 @@
 //! size need not pay for a wide prior.
 
 use super::pass::Information;
+use crate::math::{exp, ln};
 use nalgebra::{DMatrix, DVector, Matrix3, Vector3};
 
 /// Widths of the prior that are averaged over, as factors on the sigma of the effect's definition.
@@ -68,7 +69,7 @@ fn fit_dense(b: &DVector<f64>, lambda: &DMatrix<f64>, sigma: &[f64], offset: &[f
     let rhs = DVector::from_fn(n, |i, _| b[i] * sigma[i] + o[i]);
     let cholesky = a.cholesky()?;
     let x = cholesky.solve(&rhs);
-    let ln_det: f64 = 2.0 * cholesky.l_dirty().diagonal().iter().map(|d| d.ln()).sum::<f64>();
+    let ln_det: f64 = 2.0 * cholesky.l_dirty().diagonal().iter().map(|d| ln(*d)).sum::<f64>();
     let evidence = 0.5 * rhs.dot(&x) - 0.5 * o.dot(&o) - 0.5 * ln_det;
     let inverse = cholesky.inverse();
     let step = DVector::from_fn(n, |i, _| x[i] * sigma[i]);
@@ -84,7 +85,7 @@ pub fn log_mean_exp(values: impl IntoIterator<Item = f64>) -> f64 {
     if !top.is_finite() {
         return f64::NEG_INFINITY;
     }
-    top + (values.iter().map(|v| (v - top).exp()).sum::<f64>() / values.len() as f64).ln()
+    top + ln(values.iter().map(|v| exp(v - top)).sum::<f64>() / values.len() as f64)
 }
 
 /// A jump whose instant is unknown.

@@ -120,6 +120,8 @@ impl Guesses {
 
 #[cfg(test)]
 mod tests {
+    use crate::math::{cos, sin};
+
     use super::*;
     use crate::sample::SampleKind;
 
@@ -129,11 +131,11 @@ mod tests {
         let all = (0..5000).map(|k| f64::from(k) * 0.02);
         let raw = all.clone().filter(|t| !(50.0..51.0).contains(t)).map(|t_s| ImuSample {
             t_s,
-            gyro: Vector3::new(1e-3 * (3.0 * t_s).sin(), 0.3 * (0.7 * t_s).sin(), 0.0),
+            gyro: Vector3::new(1e-3 * sin(3.0 * t_s), 0.3 * sin(0.7 * t_s), 0.0),
             accel: Vector3::new(0.0, 0.0, -9.8),
             temperature_degc: None,
         });
-        let pitch = |t_s: f64| 0.3 / 0.7 * (1.0 - (0.7 * t_s).cos());
+        let pitch = |t_s: f64| 0.3 / 0.7 * (1.0 - cos(0.7 * t_s));
         let hint = |t_s: f64| AttitudeHint { t_s, roll_pitch_yaw: [roll(t_s), pitch(t_s), 0.0] };
         let hints =
             all.filter(|t| with_attitude && !(50.0..51.0).contains(t)).map(|t| Sample::Attitude(hint(t)));

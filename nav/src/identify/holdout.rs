@@ -300,6 +300,8 @@ pub fn confirm(
 
 #[cfg(test)]
 mod tests {
+    use crate::math::ln;
+
     use super::*;
     use crate::testing::Normal;
 
@@ -314,7 +316,7 @@ mod tests {
         };
         let blocks = (0..10).map(|_| one()).collect();
         let gain = 0.5 * fit * values.iter().map(|v| v * v).sum::<f64>();
-        let evidence = gain - 0.5 * parameters as f64 * (1.0 + 9.0 * fit).ln();
+        let evidence = gain - 0.5 * parameters as f64 * ln(1.0 + 9.0 * fit);
         (Gain { fit: gain, parameters: parameters as f64, share: Some(0.2), blocks }, evidence)
     }
 

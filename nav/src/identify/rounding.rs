@@ -71,6 +71,8 @@ fn lasting(raw: &[ImuSample], of: impl Fn(&ImuSample) -> &Vector3<f64>) -> Vec<V
 
 #[cfg(test)]
 mod tests {
+    use crate::math::sin;
+
     use super::*;
     use crate::sample::Steps;
 
@@ -81,7 +83,7 @@ mod tests {
         let raw: Vec<ImuSample> = (0..6000)
             .map(|k| {
                 let t_s = f64::from(k) * 0.02;
-                let rate = if t_s < 60.0 { 0.4 } else { 40.0 + 30.0 * (t_s * 0.9).sin() } * steps.gyro;
+                let rate = if t_s < 60.0 { 0.4 } else { 40.0 + 30.0 * sin(t_s * 0.9) } * steps.gyro;
                 let real = Vector3::repeat(rate);
                 let (gyro, accel) =
                     Quantisation::Truncate(steps).apply(&real, &Vector3::new(0.0, 0.0, -9.81));

@@ -12,6 +12,7 @@
 
 use super::linear::reference::Reference;
 use crate::earth::{Geodetic, ROTATION_RATE, STANDARD_GRAVITY, c_en_at, gravity};
+use crate::math::cos;
 use crate::mechanization::NavState;
 use crate::sample::{FixVelocity, GnssFix, ImuSample};
 use nalgebra::{Matrix2, Vector2, Vector3};
@@ -74,7 +75,7 @@ fn away(origin: &Geodetic, place: &Geodetic) -> Vector2<f64> {
     let (north, east) = place.radii();
     Vector2::new(
         (place.lat_rad - origin.lat_rad) * (north + origin.height_m),
-        (place.lon_rad - origin.lon_rad) * (east + origin.height_m) * place.lat_rad.cos(),
+        (place.lon_rad - origin.lon_rad) * (east + origin.height_m) * cos(place.lat_rad),
     )
 }
 
@@ -154,6 +155,8 @@ impl Still {
 
 #[cfg(test)]
 mod tests {
+    use crate::math::{sin, sin_cos};
+
     use super::*;
 
     /// Circles at so many rad/s that drift away at 47° north, with fixes five times a second on a sphere of this radius; `None`: on the ellipsoid.
@@ -162,16 +165,16 @@ mod tests {
         let (north, east) = home.radii();
         let [north, east] = radius_m.map_or([north + 500.0, east + 500.0], |r| [r, r]);
         // Uniform with this RMS.
-        let error = |k: f64| (((12.9898 * k).sin() * 43_758.545_3).rem_euclid(1.0) - 0.5) * 12f64.sqrt();
+        let error = |k: f64| ((sin(12.9898 * k) * 43_758.545_3).rem_euclid(1.0) - 0.5) * 12f64.sqrt();
         let fix = |k: i32| {
             let t_s = 0.2 * f64::from(k);
-            let (sin, cos) = (turn * t_s).sin_cos();
-            let v = Vector2::new(20.0 * cos + 3.0, 20.0 * sin - 2.0);
-            let at = Vector2::new(20.0 / turn * sin + 3.0 * t_s, 20.0 / turn * (1.0 - cos) - 2.0 * t_s);
+            let (s, c) = sin_cos(turn * t_s);
+            let v = Vector2::new(20.0 * c + 3.0, 20.0 * s - 2.0);
+            let at = Vector2::new(20.0 / turn * s + 3.0 * t_s, 20.0 / turn * (1.0 - c) - 2.0 * t_s);
             let error = [2 * k, 2 * k + 1].map(|k| error_m * error(f64::from(k)));
             let position = Geodetic {
                 lat_rad: home.lat_rad + (at.x + error[0]) / north,
-                lon_rad: home.lon_rad + (at.y + error[1]) / (east * (home.lat_rad + at.x / north).cos()),
+                lon_rad: home.lon_rad + (at.y + error[1]) / (east * cos(home.lat_rad + at.x / north)),
                 height_m: 500.0,
             };
             GnssFix {
@@ -232,7 +235,7 @@ mod tests {
         still.on_earth(&mut samples);
         let [sample] = samples;
         // The Earth turns about north and, south of the equator, about down: y of this body is south.
-        let (north, down) = (35f64.to_radians().cos(), 35f64.to_radians().sin());
+        let (north, down) = (cos(35f64.to_radians()), sin(35f64.to_radians()));
         let rate = ROTATION_RATE * Vector3::new(0.0, -north, down);
         assert!((sample.gyro - rate).amax() < 1e-9, "{}", sample.gyro);
         assert!((sample.accel.norm() - gravity(&nav.r_e).norm()).abs() < 1e-6, "{}", sample.accel);

@@ -87,14 +87,16 @@ fn median(blocks: &[Block], of: impl Fn(&Block) -> Vector3<f64>) -> Vector3<f64>
 
 #[cfg(test)]
 mod tests {
+    use crate::math::{cos, sin};
+
     use super::*;
 
     /// Ten minutes at 50 Hz, whose gyros drift as in the simulation of ArduPilot (0.05 deg/s per minute) and whose receiver is noisy.
     fn recorded(sway: f64) -> (Vec<ImuSample>, Vec<GnssFix>) {
         let sample = |k: u32| {
             let t_s = f64::from(k) * 0.02;
-            let noise = 2e-3 * (f64::from(k) * 12.9898).sin();
-            let rate = Vector3::new(sway * (0.9 * t_s).sin(), sway * (1.3 * t_s).cos(), 0.0);
+            let noise = 2e-3 * sin(f64::from(k) * 12.9898);
+            let rate = Vector3::new(sway * sin(0.9 * t_s), sway * cos(1.3 * t_s), 0.0);
             let drift = (0.05_f64 / 60.0).to_radians() * t_s;
             let gyro = rate + Vector3::repeat(noise + drift + 0.01);
             ImuSample {
@@ -107,7 +109,7 @@ mod tests {
         let fix = |k: u32| GnssFix {
             t_s: f64::from(k) * 0.2,
             position: Geodetic::from_degrees(47.0, 8.0, 500.0),
-            velocity: FixVelocity::Horizontal([0.4 * (f64::from(k) * 0.7).sin(), 0.4]),
+            velocity: FixVelocity::Horizontal([0.4 * sin(f64::from(k) * 0.7), 0.4]),
             position_sigma_m: None,
             velocity_sigma_m_per_s: None,
             yaw_rad: None,
@@ -134,7 +136,7 @@ mod tests {
     #[test]
     fn noise_is_no_motion() {
         let (mut samples, fixes) = recorded(0.0);
-        let noise = |k: usize| 0.05 * (k as f64 * 78.233 + (k as f64).sqrt()).sin();
+        let noise = |k: usize| 0.05 * sin(k as f64 * 78.233 + (k as f64).sqrt());
         samples.iter_mut().enumerate().for_each(|(k, s)| s.gyro.x += noise(k / 50));
         assert!(!stands(&samples, &fixes, NOISE));
         assert!(stands(&samples, &fixes, (4e-3, 4e-6)), "noise of 0.06 rad/s in one second");

@@ -16,6 +16,7 @@ use super::pass::Information;
 use super::select::{self, Added, Point, Search, priors};
 use crate::effects::{Effect, REGISTRY};
 use crate::identify::watched::Watched;
+use crate::math::exp;
 use crate::model::EffectSetting;
 use nalgebra::Vector3;
 
@@ -210,7 +211,7 @@ impl<'a> Linear<'a> {
                     .chain(own.iter().map(|c| (c.0, c.1 * scale)))
                     .collect();
                 if let Some(fit) = self.fit(&self.all, &more) {
-                    let weight = (fit.evidence - full.evidence).min(LOUDEST).exp() / SCALES.len() as f64;
+                    let weight = exp((fit.evidence - full.evidence).min(LOUDEST)) / SCALES.len() as f64;
                     models.push((weight, fit));
                 }
             }

@@ -19,6 +19,7 @@ use super::pass::{Information, Options};
 use super::select::{Added, Point, Search, Selection, Settings, is_drift, priors};
 use crate::effects::{BiasWalk, Instant};
 use crate::identify::watched::{Term, Watched};
+use crate::math::ln;
 use crate::model::Model;
 
 /// One regressor with its name and unit.
@@ -305,7 +306,7 @@ impl Data {
                 evidence(&with).map(|e| (k, e))
             });
             let Some((k, best)) = tried.max_by(|a, b| a.1.total_cmp(&b.1)) else { break };
-            if best - have < WORTH + (self.terms.len() as f64).ln() {
+            if best - have < WORTH + ln(self.terms.len() as f64) {
                 break;
             }
             chosen.push(k);

@@ -3,6 +3,7 @@
 use super::*;
 use crate::earth::Geodetic;
 use crate::effects;
+use crate::math::{cos, ln, sin};
 use crate::mechanization::{Increment, Motion, NavState, step};
 use crate::model::{EffectSetting, Model};
 use crate::operating::{Channel, Operating, OperatingSample};
@@ -32,14 +33,14 @@ pub(crate) fn fly_in_gusts(model: &Model, seed: u64, lift: f64) -> Vec<Sample> {
     let calibration = crate::filter::calibration::Calibration::new(model);
     let motion = |t: f64, nav: &NavState| {
         let up = nav.c_nb().transpose() * Vector3::new(0.0, 0.0, -9.8);
-        let push = Vector3::new((0.3 * t).sin(), 0.8 * (0.23 * t).cos(), -3.0 * (0.4 * t).sin().max(0.0));
+        let push = Vector3::new(sin(0.3 * t), 0.8 * cos(0.23 * t), -3.0 * sin(0.4 * t).max(0.0));
         let level = nav.euler();
         let rate = Vector3::new(
-            0.5 * (0.7 * t).sin() - 0.3 * level.x,
-            0.2 * (0.5 * t).cos() - 0.3 * level.y,
-            0.3 * (0.2 * t).sin(),
+            0.5 * sin(0.7 * t) - 0.3 * level.x,
+            0.2 * cos(0.5 * t) - 0.3 * level.y,
+            0.3 * sin(0.2 * t),
         );
-        let gust = (13.1 * t).sin() + (19.7 * t + 1.0).sin() + (29.3 * t + 2.0).sin();
+        let gust = sin(13.1 * t) + sin(19.7 * t + 1.0) + sin(29.3 * t + 2.0);
         let (pitch, heave) = (-0.01 * lift * gust, Vector3::z() * (lift * gust));
         Motion { rate: rate + Vector3::y() * pitch, force: up + push + heave }
     };
@@ -156,7 +157,7 @@ fn a_bayes_factor_pays_for_what_it_cannot_see() {
     // Known to 0.01 of the prior and found at zero: the odds fall by the ratio of the widths.
     information.matrix[(0, 0)] = 1e4;
     let fit = evidence::fit(&information, &[0], &[1.0], &[0.0]).unwrap();
-    assert!((fit.evidence + 0.5 * 10_001f64.ln()).abs() < 1e-9);
+    assert!((fit.evidence + 0.5 * ln(10_001f64)).abs() < 1e-9);
     // Found five sigma away.
     information.score[0] = 500.0;
     let fit = evidence::fit(&information, &[0], &[1.0], &[0.0]).unwrap();
@@ -240,7 +241,7 @@ fn named_in(mut samples: Vec<Sample>) -> Vec<select::Added> {
 }
 
 fn current(t_s: f64) -> f64 {
-    10.0 + 6.0 * (0.37 * t_s).sin() + 3.0 * (1.1 * t_s).sin()
+    10.0 + 6.0 * sin(0.37 * t_s) + 3.0 * sin(1.1 * t_s)
 }
 
 #[test]
@@ -260,7 +261,7 @@ fn an_effect_outside_the_catalogue_is_named_as_a_formula_with_its_value() {
 fn what_fixes_go_with_is_named_as_a_formula_with_its_value() {
     let zero = Vector3::zeros();
     let by_heading =
-        named_of_fixes(3, &|heading, _| [Vector3::new(0.0, 4.0 * (2.0 * heading).sin(), 0.0), zero]);
+        named_of_fixes(3, &|heading, _| [Vector3::new(0.0, 4.0 * sin(2.0 * heading), 0.0), zero]);
     let names: Vec<&str> = by_heading.iter().map(|a| a.setting.effect.name()).collect();
     assert_eq!(names, ["formula:position~sin(2*heading)"]);
     let setting = &by_heading[0].setting;

@@ -410,6 +410,8 @@ pub const MILLI_G: f64 = 1e-3 * STANDARD_GRAVITY;
 
 #[cfg(test)]
 mod tests {
+    use crate::math::sin;
+
     use super::*;
     use crate::effects::ReportedSample;
     use nalgebra::Vector3;
@@ -424,8 +426,7 @@ mod tests {
         let (mut true_samples, mut samples) = (Vec::new(), Vec::new());
         for k in 0..200_u32 {
             let t_s = f64::from(k) * 0.02;
-            let swing =
-                |a: f64| Vector3::new((0.9 * t_s + a).sin(), (0.8 * t_s).sin(), (0.5 * t_s - a).sin());
+            let swing = |a: f64| Vector3::new(sin(0.9 * t_s + a), sin(0.8 * t_s), sin(0.5 * t_s - a));
             let sample =
                 ImuSample { t_s, gyro: swing(0.3), accel: swing(-0.3) * 9.0, temperature_degc: None };
             let mut now = [sample.gyro, sample.accel];

@@ -118,6 +118,8 @@ fn named(column: &[f64]) -> Option<UnobservableDirection> {
 
 #[cfg(test)]
 mod tests {
+    use crate::math::powf;
+
     use super::*;
     use proptest::prelude::*;
 
@@ -164,7 +166,7 @@ mod tests {
             rows in prop::collection::vec(prop::collection::vec(-3.0..3.0f64, 4), 0..6),
             exponents in prop::collection::vec(-3.0..3.0f64, 4),
         ) {
-            let unit: Vec<f64> = exponents.iter().map(|e| 10f64.powf(*e)).collect();
+            let unit: Vec<f64> = exponents.iter().map(|e| powf(10f64, *e)).collect();
             let scaled: Vec<Vec<f64>> =
                 rows.iter().map(|h| h.iter().zip(&unit).map(|(h, u)| h / u).collect()).collect();
             let g = analyse(&after(&unit, &scaled), &unit);

@@ -19,6 +19,7 @@
 //! **What it cannot determine.** A vibration line that aliases to below 0.5 Hz is a slow change of the samples and looks like
 //! one; so does a vehicle that is shaken slowly by hand without turning, and rightly.
 
+use crate::math::ln;
 use crate::rotation::skew;
 use nalgebra::{Matrix3, Vector3};
 
@@ -49,7 +50,7 @@ const NET_FACTOR: f64 = 1.25;
 /// x of the module's text: two bounds, each looked at once per block for ten minutes.
 fn confidence() -> f64 {
     let looks = 600.0 / BLOCK_S;
-    (2.0 * looks / FALSE_ALARMS_IN_TEN_MINUTES).ln()
+    ln(2.0 * looks / FALSE_ALARMS_IN_TEN_MINUTES)
 }
 
 /// One inertial sample as the detector wants it.
@@ -188,7 +189,7 @@ impl PathSegment {
         if self.blocks < 2 || known <= 0.0 || self.duration_s() < SHORTEST_SEGMENT_S {
             return Matrix3::zeros();
         }
-        let any_direction = x + NET.ln();
+        let any_direction = x + ln(NET);
         let chance = 2.0 * (any_direction * f64::from(self.blocks) / 2.0).sqrt() + 2.0 * any_direction;
         let vibration = self.noise * (NET_FACTOR * chance / (known * known));
         let lever = skew(&self.force.mean);
@@ -310,6 +311,8 @@ impl SegmentDetector {
 
 #[cfg(test)]
 mod tests {
+    use crate::math::{cos, sin};
+
     use super::*;
     use proptest::prelude::*;
 
@@ -397,13 +400,13 @@ mod tests {
             let t_s = f64::from(k) * dt_s;
             // 1.5° of roll at 0.1 Hz: gravity moves along the right axis.
             let (angle, w) = (0.026, 0.628);
-            let roll = angle * (w * t_s).sin();
+            let roll = angle * sin(w * t_s);
             let x = SegmentSample {
                 t_s,
                 dt_s,
-                rate: Vector3::new(angle * w * (w * t_s).cos(), 0.0, 0.0),
+                rate: Vector3::new(angle * w * cos(w * t_s), 0.0, 0.0),
                 rate_sigma: 1e-4,
-                force: Vector3::new(0.0, -9.8 * roll.sin(), -9.8 * roll.cos()),
+                force: Vector3::new(0.0, -9.8 * sin(roll), -9.8 * cos(roll)),
             };
             assert!(!matches!(detector.push(&x), Some(SegmentEvent::Closed(_))));
         }

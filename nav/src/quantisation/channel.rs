@@ -1,6 +1,7 @@
 //! One axis of truncated samples: what the last second says of its mean and noise, and the values behind its counts.
 
 use super::pair::Pair;
+use crate::math::exp;
 use std::f64::consts::TAU;
 
 /// Smallest scatter assumed, steps. Below it the counts are constant and say nothing of where in a bin the mean lies.
@@ -116,7 +117,7 @@ impl DeadZone {
     fn seen(mean: f64, variance: f64) -> Self {
         // Simpson's rule on either side of zero.
         let mut at = [0.0; 9];
-        let first = (-0.5 * (-1.0 - mean).powi(2) / variance).exp() / (variance * TAU).sqrt();
+        let first = exp(-0.5 * (-1.0 - mean).powi(2) / variance) / (variance * TAU).sqrt();
         at.iter_mut().zip(weights(first, (-1.0, 0.25), mean, variance)).for_each(|(at, w)| *at = w);
         let share =
             |k: usize| (at[k] + 4.0 * at[k + 1] + 2.0 * at[k + 2] + 4.0 * at[k + 3] + at[k + 4]) / 12.0;
@@ -143,8 +144,8 @@ impl DeadZone {
 /// Neighbouring weights differ by a ratio that itself changes by a constant ratio: two exponentials for all points instead of
 /// one for each.
 fn weights(first: f64, (start, step): (f64, f64), mean: f64, variance: f64) -> impl Iterator<Item = f64> {
-    let ratio = (-(step * (start - mean) + 0.5 * step * step) / variance).exp();
-    let change = (-step * step / variance).exp();
+    let ratio = exp(-(step * (start - mean) + 0.5 * step * step) / variance);
+    let change = exp(-step * step / variance);
     std::iter::successors(Some((first, ratio)), move |(w, ratio)| Some((w * ratio, ratio * change)))
         .map(|(weight, _)| weight)
 }
@@ -184,7 +185,7 @@ mod tests {
                     let (mut e, mut ex) = (0.0, 0.0);
                     for k in 0..SLICES {
                         let x = low + (f64::from(k) + 0.5) * width;
-                        let weight = (-0.5 * (x - mean).powi(2) / variance).exp();
+                        let weight = exp(-0.5 * (x - mean).powi(2) / variance);
                         e += weight;
                         ex += weight * x;
                     }

@@ -1,4 +1,5 @@
 use super::*;
+use crate::math::{exp, sin};
 use proptest::prelude::*;
 use rand::SeedableRng;
 use rand::rngs::Xoshiro256PlusPlus;
@@ -71,7 +72,7 @@ fn a_dithered_mean_in_the_dead_zone_is_found_again() {
 #[test]
 fn noise_behind_a_low_pass_dithers_as_well() {
     // One step RMS, 20 Hz first-order low-pass, 200 Hz: neighbours are half alike.
-    let keep = (-std::f64::consts::TAU * 20.0 * 0.005_f64).exp();
+    let keep = exp(-std::f64::consts::TAU * 20.0 * 0.005_f64);
     for rate in [0.3, 0.8, -1.2] {
         let mut rng = Xoshiro256PlusPlus::seed_from_u64(11);
         let mut dequantiser = Dequantiser::new(STEP);
@@ -112,7 +113,7 @@ fn without_dither_it_is_no_worse_than_the_centre_of_the_bin() {
 #[test]
 fn large_motion_passes_as_through_the_centres() {
     for (amplitude, period) in [(5.0, 10.0), (20.0, 5.0), (100.0, 2.0)] {
-        let shown = show(|t| 0.3 + amplitude * (std::f64::consts::TAU * t / period).sin(), 1.0, 7);
+        let shown = show(|t| 0.3 + amplitude * sin(std::f64::consts::TAU * t / period), 1.0, 7);
         assert!(shown.bias[1].abs() < 0.02, "{amplitude}: {:?}", shown.bias);
     }
 }
@@ -124,7 +125,7 @@ fn arriving(rate: f64, sigma: f64) -> f64 {
     let (mut along, mut all) = (0.0, 0.0);
     for k in 0..400_000_u32 {
         let t_s = f64::from(k) * 0.02;
-        let swing = 0.4 * (std::f64::consts::TAU * 2.0 * t_s).sin();
+        let swing = 0.4 * sin(std::f64::consts::TAU * 2.0 * t_s);
         let noise: f64 = StandardNormal.sample(&mut rng);
         let gyro = Vector3::repeat((rate + swing + sigma * noise).trunc());
         let sample = ImuSample { t_s, gyro, accel: Vector3::zeros(), temperature_degc: None };
@@ -272,7 +273,7 @@ fn what_counts_show_of_a_rest_begins_when_the_motion_ends() {
     let mut dequantiser = Dequantiser::new(STEP);
     for i in 0..1_000_u32 {
         let t_s = f64::from(i) * 0.02;
-        let shaken = if i < 200 { 5.0 * (1.0 - t_s / 4.0) * (20.0 * t_s).sin() } else { 0.0 };
+        let shaken = if i < 200 { 5.0 * (1.0 - t_s / 4.0) * sin(20.0 * t_s) } else { 0.0 };
         let gyro = Vector3::repeat((5.5 + shaken).trunc());
         if i < 250 {
             dequantiser.moves();

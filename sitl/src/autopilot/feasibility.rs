@@ -3,6 +3,7 @@
 
 use crate::scenario::Airframe;
 use gaware_nav::earth::Geodetic;
+use gaware_nav::math::{cos, hypot};
 use mavlink::dialects::ardupilotmega::*;
 
 /// `FW_LND_ANG`, deg, and what the check adds for rounding.
@@ -147,8 +148,8 @@ fn distance(a: &MISSION_ITEM_INT_DATA, b: &MISSION_ITEM_INT_DATA) -> f64 {
     let place = Geodetic::from_degrees(f64::from(a.x) * 1e-7, f64::from(a.y) * 1e-7, 0.0);
     let (r_n, r_e) = place.radii();
     let north = (f64::from(b.x) - f64::from(a.x)) * 1e-7_f64.to_radians() * r_n;
-    let east = (f64::from(b.y) - f64::from(a.y)) * 1e-7_f64.to_radians() * r_e * place.lat_rad.cos();
-    north.hypot(east)
+    let east = (f64::from(b.y) - f64::from(a.y)) * 1e-7_f64.to_radians() * r_e * cos(place.lat_rad);
+    hypot(north, east)
 }
 
 #[cfg(test)]

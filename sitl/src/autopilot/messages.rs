@@ -4,6 +4,7 @@ use super::{Autopilot, Flavour};
 use crate::scenario::Airframe;
 use gaware_nav::earth::{Geodetic, STANDARD_GRAVITY};
 use gaware_nav::effects::SEA_LEVEL_DENSITY;
+use gaware_nav::math::{atan2, hypot, tan};
 use gaware_nav::operating::Channel;
 use gaware_nav::rotation::euler_from_c_nb;
 use gaware_nav::sample::{AirSample, FixVelocity, GnssFix, ImuSample};
@@ -24,7 +25,7 @@ pub(super) struct LowPass {
 
 impl LowPass {
     pub(super) fn new(corner_hz: f64, rate_hz: f64) -> Self {
-        let k = (0.5 * TAU * corner_hz / rate_hz).tan();
+        let k = tan(0.5 * TAU * corner_hz / rate_hz);
         let norm = 1.0 / (1.0 + SQRT_2 * k + k * k);
         Self {
             b0: k * k * norm,
@@ -273,7 +274,7 @@ impl Autopilot {
             FixVelocity::Horizontal([n, e]) | FixVelocity::Full([n, e, _]) => (n, e),
             FixVelocity::None => (0.0, 0.0),
         };
-        let course_deg = east.atan2(north).to_degrees().rem_euclid(360.0);
+        let course_deg = atan2(east, north).to_degrees().rem_euclid(360.0);
         let mm = |sigma: f64| (sigma * 1e3).round() as u32;
         let (h_acc, v_acc) = fix.position_sigma_m.map_or((0, 0), |s| (mm((s[0] * s[1]).sqrt()), mm(s[2])));
         let vel_acc = fix.velocity_sigma_m_per_s.map_or(0, |s| mm((s[0] * s[1]).sqrt()));
@@ -287,7 +288,7 @@ impl Autopilot {
             eph: 70,
             epv: 110,
             // Truncated, as by both firmwares.
-            vel: (north.hypot(east) * 100.0).min(65534.0) as u16,
+            vel: (hypot(north, east) * 100.0).min(65534.0) as u16,
             cog: (course_deg * 100.0) as u16 % 36000,
             fix_type: GpsFixType::GPS_FIX_TYPE_3D_FIX,
             satellites_visible: 14,

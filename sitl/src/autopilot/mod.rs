@@ -26,6 +26,7 @@ use crate::trajectory::dragged::Dragged;
 use crate::truth::{Trajectory, Truth};
 use crate::vehicle::{Vehicle, VehicleConfig};
 use flight::Body;
+use gaware_nav::math::{exp, sin};
 use gaware_nav::model::Model;
 use gaware_nav::sample::{GnssFix, ImuSample};
 use gaware_wire::frame::encode;
@@ -491,8 +492,8 @@ impl Autopilot {
 
     /// Bias that PX4's filter assumes and has taken off its `HIGHRES_IMU`: near the truth, and moving.
     fn px4_bias_estimate(&self) -> [Vector3<f64>; 2] {
-        let settled = 1.0 - (-self.boot_s() / 30.0).exp();
-        let sway = 0.05 * (self.boot_s() / 23.0).sin();
+        let settled = 1.0 - exp(-self.boot_s() / 30.0);
+        let sway = 0.05 * sin(self.boot_s() / 23.0);
         let imu = &self.sensors.model().imu;
         [Vector3::from(imu.gyro_bias), Vector3::from(imu.accel_bias)].map(|b| b * (settled + sway))
     }

@@ -10,6 +10,7 @@ use super::params::ParameterTable;
 use super::{Autopilot, Flavour};
 use crate::truth::{Truth, gravity_n};
 use gaware_nav::earth::Geodetic;
+use gaware_nav::math::{atan2, cos, hypot};
 use gaware_nav::rotation::wrap_pi;
 use gaware_nav::sample::{FixVelocity, GnssFix, ImuSample};
 use mavlink::dialects::ardupilotmega::*;
@@ -213,8 +214,8 @@ impl Navigation {
         let n = f64::from(*count);
         self.gyro_bias = *rate / n;
         let f = *force / n;
-        let roll = (-f.y).atan2(-f.z);
-        let pitch = f.x.atan2(f.y.hypot(f.z));
+        let roll = atan2(-f.y, -f.z);
+        let pitch = atan2(f.x, hypot(f.y, f.z));
         self.state.attitude = UnitQuaternion::from_euler_angles(roll, pitch, heading());
         self.state.t_s = sample.t_s;
         self.aligning = None;
@@ -394,7 +395,7 @@ fn local(origin: &Geodetic, place: &Geodetic) -> Vector3<f64> {
     let (r_n, r_e) = origin.radii();
     Vector3::new(
         (place.lat_rad - origin.lat_rad) * (r_n + origin.height_m),
-        wrap_pi(place.lon_rad - origin.lon_rad) * (r_e + origin.height_m) * origin.lat_rad.cos(),
+        wrap_pi(place.lon_rad - origin.lon_rad) * (r_e + origin.height_m) * cos(origin.lat_rad),
         origin.height_m - place.height_m,
     )
 }

@@ -11,6 +11,7 @@ use crate::truth::{Motion, Trajectory, Truth};
 use gaware_nav::earth::STANDARD_GRAVITY;
 use gaware_nav::effects::SEA_LEVEL_DENSITY;
 use gaware_nav::identify::air::density;
+use gaware_nav::math::{cos, tan};
 use gaware_nav::model::Model;
 use nalgebra::{Matrix3, Rotation3, Vector3};
 use std::f64::consts::{PI, TAU};
@@ -64,7 +65,7 @@ impl Dragged {
         let mut draw = Noise::numbered(seed, Purpose::Wind, 9);
         // Frequencies of a Cauchy distribution make an exponential correlation.
         let mut line = || loop {
-            let omega = (PI * (draw.uniform() - 0.5)).tan() / wind.gusts.1;
+            let omega = tan(PI * (draw.uniform() - 0.5)) / wind.gusts.1;
             if omega.abs() < TAU * FASTEST_HZ {
                 break (omega, TAU * draw.uniform());
             }
@@ -89,7 +90,7 @@ impl Dragged {
 
     fn air(&self, t_s: f64) -> Vector3<f64> {
         let size = self.wind.gusts.0 * (2.0 / LINES as f64).sqrt();
-        let sum = |k: usize| size * self.gusts[k].iter().map(|(w, p)| (w * t_s + p).cos()).sum::<f64>();
+        let sum = |k: usize| size * self.gusts[k].iter().map(|(w, p)| cos(w * t_s + p)).sum::<f64>();
         self.wind.velocity(t_s) + Vector3::new(sum(0), sum(1), 0.0)
     }
 

@@ -9,6 +9,7 @@ use super::signal::{Jet, Signal};
 use super::{Chain, Profile};
 use crate::truth::Motion;
 use gaware_nav::earth::{Geodetic, STANDARD_GRAVITY};
+use gaware_nav::math::{cos, sin};
 use nalgebra::Vector3;
 use std::ops::{Add, Div, Mul, Neg};
 
@@ -159,10 +160,10 @@ struct Dual {
 
 impl Dual {
     fn cos(self) -> Self {
-        Self { x: self.x.cos(), d: -self.x.sin() * self.d }
+        Self { x: cos(self.x), d: -sin(self.x) * self.d }
     }
     fn sin(self) -> Self {
-        Self { x: self.x.sin(), d: self.x.cos() * self.d }
+        Self { x: sin(self.x), d: cos(self.x) * self.d }
     }
 }
 
@@ -235,9 +236,9 @@ pub(crate) fn wing_motion(course_rad: f64, v: &Jet, gamma: &Jet, mu: &Jet, beta:
     // V γ̇ = L cos μ − Y sin μ − g cos γ and V cos γ χ̇ = L sin μ + Y cos μ.
     let side = -(speed * speed * slip) * SIDE_FORCE_PER_M;
     let lift = (speed * climb_rate + climb.cos() * STANDARD_GRAVITY + side * bank.sin()) / bank.cos();
-    let turning = lift.x * bank.x.sin() + side.x * bank.x.cos();
+    let turning = lift.x * sin(bank.x) + side.x * cos(bank.x);
     // On the ground nothing turns: bank and slip are zero there.
-    let course_rate = turning / (speed.x.max(1.0) * climb.x.cos());
+    let course_rate = turning / (speed.x.max(1.0) * cos(climb.x));
     let attack = lift * ATTACK / (speed * speed + Dual { x: ATTACK_SPEED_SQUARED, d: 0.0 });
 
     let path = Chain::new().about(2, course_rad, course_rate).about(1, climb.x, climb.d);

@@ -4,6 +4,7 @@
 use super::Profile;
 use crate::truth::Motion;
 use gaware_nav::earth::Geodetic;
+use gaware_nav::math::{exp, sin, sin_cos};
 use nalgebra::{UnitQuaternion, Vector3};
 use std::f64::consts::{FRAC_PI_2, PI, TAU};
 
@@ -81,7 +82,7 @@ fn smooth(u: f64, for_s: f64) -> [f64; 3] {
 fn sunk(since_s: f64) -> [f64; 2] {
     let (size, tau) = SOFT;
     let u = since_s / tau;
-    [size * (1.0 - (1.0 + u) * (-u).exp()), size * u * (-u).exp() / tau]
+    [size * (1.0 - (1.0 + u) * exp(-u)), size * u * exp(-u) / tau]
 }
 
 impl Hand {
@@ -234,9 +235,9 @@ impl Profile for Hand {
             Act::Shake(_) => {
                 let omega = TAU * TREMOR.0;
                 // It fades in and out, so that rates do not jump.
-                let fade = (PI * since_s / for_s).sin().powi(2);
-                let fade_rate = PI / for_s * (TAU * since_s / for_s).sin();
-                let (sin, cos) = (omega * since_s).sin_cos();
+                let fade = sin(PI * since_s / for_s).powi(2);
+                let fade_rate = PI / for_s * sin(TAU * since_s / for_s);
+                let (sin, cos) = sin_cos(omega * since_s);
                 let axis = Vector3::new(0.6, 0.7, 0.39).normalize();
                 let angle = TREMOR.1 * fade * sin;
                 (turn(axis, angle), axis * (TREMOR.1 * (fade_rate * sin + fade * omega * cos)))
@@ -251,6 +252,7 @@ impl Profile for Hand {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use gaware_nav::math::cos;
 
     #[test]
     fn rate_is_the_derivative_of_the_attitude_and_velocity_the_integral_of_acceleration() {
@@ -279,12 +281,12 @@ mod tests {
         let level = |h: &Hand, t_s: f64| h.motion_at(t_s, 0.0).0.c_nb.row(2).transpose().amax();
         let rests = askew.acts.iter().filter(|(.., act)| matches!(act, Act::Rest(_)));
         let worst = rests.map(|(from_s, ..)| level(&askew, from_s + 1.0)).fold(1.0, f64::min);
-        assert!(worst < 17f64.to_radians().cos(), "{worst}");
+        assert!(worst < cos(17f64.to_radians()), "{worst}");
         let mut seen = [false; 6];
         for (from_s, ..) in hand.acts.iter().filter(|(.., act)| matches!(act, Act::Rest(_))) {
             let up = -hand.motion_at(from_s + 1.0, 0.0).0.c_nb.row(2).transpose();
             let k = up.iamax();
-            assert!(up[k].abs() > 20f64.to_radians().cos(), "{up}");
+            assert!(up[k].abs() > cos(20f64.to_radians()), "{up}");
             seen[2 * k + usize::from(up[k] > 0.0)] = true;
         }
         assert_eq!(seen, [true; 6]);

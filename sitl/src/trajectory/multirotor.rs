@@ -7,6 +7,7 @@ use super::{Chain, Profile};
 use crate::noise::Noise;
 use crate::truth::Motion;
 use gaware_nav::earth::{Geodetic, STANDARD_GRAVITY};
+use gaware_nav::math::{asin, atan2, cos, sin};
 use nalgebra::Vector3;
 use std::f64::consts::{PI, TAU};
 
@@ -84,8 +85,8 @@ impl Multirotor {
                 None => *last.insert((6.0 + 7.0 * draw.uniform(), TAU * draw.uniform())),
             };
             let for_s = 8.0 + 6.0 * draw.uniform();
-            north = dash(north, t_s, t_s + for_s, 2.0 + 2.0 * draw.uniform(), speed * toward.cos());
-            east = dash(east, t_s, t_s + for_s, 2.0 + 2.0 * draw.uniform(), speed * toward.sin());
+            north = dash(north, t_s, t_s + for_s, 2.0 + 2.0 * draw.uniform(), speed * cos(toward));
+            east = dash(east, t_s, t_s + for_s, 2.0 + 2.0 * draw.uniform(), speed * sin(toward));
             if draw.uniform() < 0.4 {
                 let climb = if draw.uniform() < 0.5 { -3.0 } else { 2.5 };
                 down = dash(down, t_s, t_s + 7.0, 1.5, climb);
@@ -141,9 +142,9 @@ pub(crate) fn rotor_motion(
     let z = heading.matrix().transpose() * axis;
     let z_rate = heading.matrix().transpose() * axis_rate - Vector3::new(0.0, 0.0, yaw.d1).cross(&z);
     // z = (sin θ cos φ, −sin φ, cos θ cos φ).
-    let roll = -z.y.asin();
+    let roll = -asin(z.y);
     let roll_rate = -z_rate.y / (1.0 - z.y * z.y).sqrt();
-    let pitch = z.x.atan2(z.z);
+    let pitch = atan2(z.x, z.z);
     let pitch_rate = (z_rate.x * z.z - z.x * z_rate.z) / (z.x * z.x + z.z * z.z);
     let body = heading.about(1, pitch, pitch_rate).about(0, roll, roll_rate);
     Motion { v_n, a_n, c_nb: body.matrix(), rate_nb: body.rate() }

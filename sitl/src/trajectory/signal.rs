@@ -3,6 +3,7 @@
 //! All pieces are twice continuously differentiable, so a speed made of them has a smooth acceleration and an angle
 //! a smooth rate.
 
+use gaware_nav::math::sin_cos;
 use std::ops::{Add, Mul};
 
 /// A value with its first two derivatives by time.
@@ -81,7 +82,7 @@ impl Term {
                 if t <= from_s || t >= to_s {
                     return Jet::default();
                 }
-                let (s, c) = (omega * (t - from_s) + phase).sin_cos();
+                let (s, c) = sin_cos(omega * (t - from_s) + phase);
                 let sine =
                     Jet { x: amplitude * s, d1: amplitude * omega * c, d2: -amplitude * omega * omega * s };
                 let fall = smooth_step(t, to_s - fade_s, fade_s);

@@ -7,6 +7,7 @@ use super::paper::Paper;
 use super::*;
 use crate::truth::gravity_n;
 use gaware_nav::earth::{ROTATION_RATE, STANDARD_GRAVITY, gravity, rotation_rate};
+use gaware_nav::math::{cos, tan};
 use gaware_nav::rotation::{euler_from_c_nb, exp, log};
 use nalgebra::UnitQuaternion;
 
@@ -102,16 +103,16 @@ fn a_steady_turn_is_a_circle_of_the_right_size() {
     let (speed, bank) = (22.0, 45f64.to_radians());
     let mut turn = Flown::new(FixedWing::steady_turn(speed, bank, 30.0));
     let start = turn.truth_at(0.0);
-    let circle_s = std::f64::consts::TAU * speed / (STANDARD_GRAVITY * bank.tan());
+    let circle_s = std::f64::consts::TAU * speed / (STANDARD_GRAVITY * tan(bank));
     let around = turn.truth_at(circle_s);
     let opposite = turn.truth_at(0.5 * circle_s);
     let distance = |t: &Truth| (t.place.to_ecef() - start.place.to_ecef()).norm();
     // The place does not close exactly: the axes turn with the meridian by some nanoradians.
     assert!(distance(&around) < 0.01, "{}", distance(&around));
-    let diameter = 2.0 * speed * speed / (STANDARD_GRAVITY * bank.tan());
+    let diameter = 2.0 * speed * speed / (STANDARD_GRAVITY * tan(bank));
     assert!((distance(&opposite) - diameter).abs() < 0.01);
     // Load factor 1/cos φ, nothing to the side (Earth rotation and local gravity aside).
-    assert!((start.force.norm() - STANDARD_GRAVITY / bank.cos()).abs() < 0.02, "{}", start.force);
+    assert!((start.force.norm() - STANDARD_GRAVITY / cos(bank)).abs() < 0.02, "{}", start.force);
     assert!(start.force.y.abs() < 0.02, "{}", start.force);
 }
 

@@ -6,6 +6,7 @@ mod steer;
 use super::{Control, VehicleConfig};
 use crate::scenario::Airframe;
 use gaware_nav::earth::{Geodetic, STANDARD_GRAVITY};
+use gaware_nav::math::{atan2, cos, sin};
 use gaware_nav::rotation::wrap_pi;
 use mavlink::dialects::ardupilotmega::{MISSION_ITEM_INT_DATA, MavCmd, MavFrame};
 use nalgebra::{Vector2, Vector3};
@@ -321,7 +322,7 @@ impl Pilot {
         const GLIDE: f64 = 0.1;
         let leg = self.leg.get_or_insert(Leg::begin(sight));
         let d = offset(&leg.from, at);
-        let direction = if d.norm() > 1.0 { d.y.atan2(d.x) } else { leg.course };
+        let direction = if d.norm() > 1.0 { atan2(d.y, d.x) } else { leg.course };
         self.flaring |= height < 5.0;
         if height < 0.5 && sight.airspeed < 0.3 {
             self.touch_down();
@@ -332,7 +333,7 @@ impl Pilot {
             return Control { climb, speed, ..stationary(self.yaw) };
         }
         let ahead = sight.to(at);
-        let distance = (ahead.x * direction.cos() + ahead.y * direction.sin()).max(0.0);
+        let distance = (ahead.x * cos(direction) + ahead.y * sin(direction)).max(0.0);
         let slope = Geodetic { height_m: self.home.height_m + GLIDE * distance, ..*at };
         let course = line_course(sight, at, direction);
         let mut control = self.wing(sight, course, 0.0, slope.height_m.min(sight.place.height_m));

@@ -6,6 +6,7 @@ use super::VehicleConfig;
 use crate::noise::{Noise, Purpose};
 use crate::trajectory::fixed_wing::SIDE_FORCE_PER_M;
 use gaware_nav::earth::STANDARD_GRAVITY;
+use gaware_nav::math::sin;
 use std::f64::consts::{FRAC_1_SQRT_2, FRAC_PI_2, TAU};
 
 /// Spread of the side force in turns and while rolling from one aircraft to the next, as shares: two recorded flights of one
@@ -78,7 +79,7 @@ impl Slip {
         let by_turn = side / (SIDE_FORCE_PER_M * turn.speed.max(SLOW).powi(2));
         let each = self.restless_rad * (2.0 / LINES_HZ.len() as f64).sqrt();
         let restless: f64 =
-            LINES_HZ.iter().zip(&self.phases).map(|(f, phase)| each * (TAU * f * t_s + phase).sin()).sum();
+            LINES_HZ.iter().zip(&self.phases).map(|(f, phase)| each * sin(TAU * f * t_s + phase)).sum();
         (by_turn + self.trim_rad + restless).clamp(-MOST_RAD, MOST_RAD) * turn.airborne
     }
 }

@@ -1,5 +1,6 @@
 use super::*;
 use gaware_nav::earth::{STANDARD_GRAVITY, gravity, rotation_rate};
+use gaware_nav::math::{cos, hypot, sin};
 use gaware_nav::rotation::{euler_from_c_nb, exp, wrap_pi};
 use mavlink::dialects::ardupilotmega::{MavCmd, MavFrame};
 use nalgebra::UnitQuaternion;
@@ -8,7 +9,7 @@ fn item(command: MavCmd, params: [f32; 4], north_m: f64, east_m: f64, z: f32) ->
     let start = VehicleConfig::fixed_wing().start;
     let (r_n, r_e) = start.radii();
     let lat = start.lat_rad + north_m / r_n;
-    let lon = start.lon_rad + east_m / (r_e * start.lat_rad.cos());
+    let lon = start.lon_rad + east_m / (r_e * cos(start.lat_rad));
     MISSION_ITEM_INT_DATA {
         command,
         frame: MavFrame::MAV_FRAME_GLOBAL_RELATIVE_ALT,
@@ -126,7 +127,7 @@ fn a_circle_has_its_radius_also_in_wind() {
         for truth in path.iter().filter(|t| t.t_s > 120.0) {
             let n = (truth.place.lat_rad - config_start().lat_rad) * r_n - 300.0;
             let e = (truth.place.lon_rad - config_start().lon_rad) * r_e - 300.0;
-            let radius = n.hypot(e);
+            let radius = hypot(n, e);
             assert!((radius - 120.0).abs() < 15.0, "{wind:?} {} s: {radius}", truth.t_s);
             assert!((truth.place.height_m - 568.0).abs() < 4.0);
         }
@@ -139,7 +140,7 @@ fn config_start() -> Geodetic {
 
 fn config_radii() -> (f64, f64) {
     let (r_n, r_e) = config_start().radii();
-    (r_n + 520.0, (r_e + 520.0) * config_start().lat_rad.cos())
+    (r_n + 520.0, (r_e + 520.0) * cos(config_start().lat_rad))
 }
 
 #[test]
@@ -176,8 +177,7 @@ fn a_wing_without_coordinated_rudder_feels_its_turns() {
         let (path, _) = fly(&mut vehicle, 150.0);
         let steady: Vec<&Truth> = path.iter().filter(|t| t.t_s > 100.0).collect();
         // Over the sine of the bank, that of 45° counts.
-        let at_45 =
-            |t: &&Truth| t.force.y / STANDARD_GRAVITY / euler_from_c_nb(&t.c_nb).x.sin().abs() * 0.707;
+        let at_45 = |t: &&Truth| t.force.y / STANDARD_GRAVITY / sin(euler_from_c_nb(&t.c_nb).x).abs() * 0.707;
         steady.iter().map(at_45).sum::<f64>() / steady.len() as f64
     };
     let right: Vec<f64> = (1..=6).map(|seed| felt(seed, 1.0)).collect();

@@ -2,6 +2,7 @@
 
 use super::VehicleConfig;
 use crate::noise::{Noise, Purpose};
+use gaware_nav::math::{atan, cos, sin_cos};
 use nalgebra::Vector3;
 use std::f64::consts::TAU;
 
@@ -61,9 +62,9 @@ impl Wind {
         for axis in 0..2 {
             for ((f, a), phase) in LINES.iter().zip(&self.phases[axis]) {
                 let omega = TAU * f;
-                let behind = (omega * lag_s).atan();
-                let size = self.gust * a * behind.cos();
-                let (s, c) = (omega * t_s + phase - behind).sin_cos();
+                let behind = atan(omega * lag_s);
+                let size = self.gust * a * cos(behind);
+                let (s, c) = sin_cos(omega * t_s + phase - behind);
                 full[axis] += size * s;
                 rate[axis] += size * omega * c;
             }

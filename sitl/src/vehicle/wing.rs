@@ -7,6 +7,7 @@ use super::{Control, State, VehicleConfig, place};
 use crate::trajectory::fixed_wing::wing_motion;
 use crate::trajectory::signal::Jet;
 use crate::truth::{Motion, place_rate};
+use gaware_nav::math::cos;
 
 pub(super) const SPEED: usize = 3;
 const CLIMB: usize = 4;
@@ -69,7 +70,7 @@ pub(super) fn rates(
     rates[BANK_RATE] = second_order(BANK_LOOP, control.bank, x[BANK], x[BANK_RATE]);
     let turn = Turn {
         speed: x[SPEED],
-        yaw_rate: course_rate * x[CLIMB].cos() * x[BANK].cos(),
+        yaw_rate: course_rate * cos(x[CLIMB]) * cos(x[BANK]),
         roll_rate: x[BANK_RATE],
         airborne: wind.airborne(x[2], -air.v_n.z).0,
     };

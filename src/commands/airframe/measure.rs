@@ -2,6 +2,7 @@
 
 use gaware_mission::airframe::{Airframe, AirframeError};
 use gaware_nav::earth::STANDARD_GRAVITY;
+use gaware_nav::math::{acos, cos, sin};
 use nalgebra::{Matrix2, Vector2, Vector3};
 use std::f64::consts::{FRAC_PI_2, SQRT_2};
 
@@ -171,7 +172,7 @@ fn attitudes(flight: &[Instant], wing: bool) -> Vec<Measured> {
     let share = 0.5 * TAIL;
     let most = |of: &dyn Fn(&Instant) -> f64| quantile(flight.iter().map(of).collect(), 1.0 - share);
     let lean = |i: &Instant| {
-        if wing { i.roll.abs() } else { (i.roll.cos() * i.pitch.cos()).clamp(-1.0, 1.0).acos() }
+        if wing { i.roll.abs() } else { acos((cos(i.roll) * cos(i.pitch)).clamp(-1.0, 1.0)) }
     };
     let mut rows = vec![
         ("bank_max_deg", most(&lean), "steepest 1 % left out"),
@@ -191,7 +192,7 @@ fn side_force(flight: &[Instant]) -> Vec<Measured> {
     if seconds < LEAST_TURNS_S {
         return Vec::new();
     }
-    let row = |i: &Instant| Vector2::new(-SQRT_2 * i.roll.sin() * i.pitch.cos(), i.rate.x / FRAC_PI_2);
+    let row = |i: &Instant| Vector2::new(-SQRT_2 * sin(i.roll) * cos(i.pitch), i.rate.x / FRAC_PI_2);
     let (mut normal, mut right) = (Matrix2::zeros(), Vector2::zeros());
     for i in flight {
         let h = row(i);
@@ -242,7 +243,7 @@ fn load_overshoot(flight: &[Instant]) -> Option<Measured> {
         // What a level turn at the bank that follows needs: a pilot who lets the nose drop carries less.
         let bank = late.iter().map(|j| j.roll.abs()).sum::<f64>() / late.len().max(1) as f64;
         if stays && !late.is_empty() && bank > TURN_RAD {
-            ratios.push(peak * bank.min(1.4).cos());
+            ratios.push(peak * cos(bank.min(1.4)));
         }
     }
     let turns = ratios.len();
@@ -270,7 +271,7 @@ pub fn apply(base: &Airframe, measured: &[Measured]) -> Result<Airframe, Airfram
     fitted.load_overshoot = fitted.load_overshoot.clamp(1.0, 4.0);
     if fitted.is_fixed_wing() {
         // The structure is not what a flight measures: the bank stays within the load that the file gives.
-        let by_load = (1.0 / fitted.load_factor_max.max(1.01)).acos().to_degrees();
+        let by_load = acos(1.0 / fitted.load_factor_max.max(1.01)).to_degrees();
         fitted.bank_max_deg = fitted.bank_max_deg.min((by_load * 10.0).floor() / 10.0).min(75.0);
         let tightest = fitted.turn_radius_m(fitted.speed_min_m_per_s, fitted.bank_max_deg.to_radians());
         fitted.turn_radius_min_m = fitted.turn_radius_min_m.max(tightest.ceil());

@@ -24,6 +24,7 @@ use crate::sensors::ConverterOptions;
 use gaware_mission::item::Autopilot as Firmware;
 use gaware_mission::params::apply::{ApplyOutcome, Wanted};
 use gaware_nav::identify::select::Settings as Search;
+use gaware_nav::math::hypot;
 use gaware_nav::model::Model;
 use gaware_sitl::autopilot::params::ParameterTable;
 use gaware_sitl::autopilot::{Autopilot, AutopilotConfig, Flavour};
@@ -299,7 +300,7 @@ fn corrected(
             Rule::Offset { .. } | Rule::Temperature { .. } => old,
         };
         let after = p.proposed?;
-        let sigma = p.sigma.hypot(p.step / 12_f64.sqrt());
+        let sigma = hypot(p.sigma, p.step / 12_f64.sqrt());
         Some(Corrected {
             parameter: p.parameter,
             before: p.on_board,

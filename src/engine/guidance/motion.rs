@@ -4,6 +4,7 @@
 //! side, of height up and down, of speed, and of each component of specific force. All that are large in the prediction must have come to half of it.
 
 use gaware_mission::kinematics::Kinematics;
+use gaware_nav::math::{atan2, exp, sin_cos};
 use nalgebra::Vector3;
 
 /// Marks of a motion.
@@ -99,10 +100,10 @@ impl Motion {
     /// Goes on to here.
     pub fn take(&mut self, here: Instant) {
         let dt_s = (here.t_s - self.last.t_s).max(0.0);
-        let (sin, cos) = (here.heading - self.last.heading).sin_cos();
-        self.turned += sin.atan2(cos);
+        let (sin, cos) = sin_cos(here.heading - self.last.heading);
+        self.turned += atan2(sin, cos);
         self.last = here;
-        self.force += (here.force - self.force) * (1.0 - (-dt_s / SMOOTHING_S).exp());
+        self.force += (here.force - self.force) * (1.0 - exp(-dt_s / SMOOTHING_S));
         self.heading.take(self.turned);
         self.height.take(here.height_m);
         self.speed.take(here.speed);
@@ -138,6 +139,8 @@ impl Motion {
 
 #[cfg(test)]
 mod tests {
+    use gaware_nav::math::sin;
+
     use super::*;
     use gaware_mission::airframe::Airframe;
     use gaware_mission::maneuver::{Entry, Maneuver};
@@ -152,7 +155,7 @@ mod tests {
     fn cruise() -> Motion {
         let at = |k: u32| {
             let t_s = f64::from(k) * 0.03;
-            let wave = |f: f64, a: f64| a * (f * t_s).sin();
+            let wave = |f: f64, a: f64| a * sin(f * t_s);
             Instant {
                 t_s,
                 heading: wave(0.3, 0.08),

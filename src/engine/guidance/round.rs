@@ -5,6 +5,7 @@ use gaware_mission::airframe::Airframe;
 use gaware_mission::kinematics::Kinematics;
 use gaware_mission::maneuver::{Entry, Maneuver};
 use gaware_mission::predictor::{BoundPredictor, NamedSigma, Predictor, TrackStep};
+use gaware_nav::math::{ln, powf};
 use nalgebra::Vector3;
 use std::sync::Arc;
 
@@ -161,10 +162,10 @@ pub(super) fn space([floor_m, ceiling_m]: [f64; 2], height_m: f64) -> [f64; 2] {
 pub(super) fn within_reach(before: &[NamedSigma], candidates: &[Candidate]) -> Vec<bool> {
     let rate = |i: usize, b: &NamedSigma| {
         let of =
-            |c: &Candidate| c.after.get(i).map_or(0.0, |a| (b.sigma / a.sigma).ln() / c.duration_s.max(1.0));
+            |c: &Candidate| c.after.get(i).map_or(0.0, |a| ln(b.sigma / a.sigma) / c.duration_s.max(1.0));
         candidates.iter().map(of).fold(0.0, f64::max)
     };
-    let time_s = |(i, b): (usize, &NamedSigma)| match (b.ratio().max(1.0).ln(), rate(i, b)) {
+    let time_s = |(i, b): (usize, &NamedSigma)| match (ln(b.ratio().max(1.0)), rate(i, b)) {
         (_, rate) if rate <= 0.0 => f64::INFINITY,
         (far, rate) => far / rate,
     };
@@ -182,7 +183,7 @@ pub(super) fn worst(sigmas: &[NamedSigma], counts: &[bool]) -> f64 {
     if ratios.is_empty() {
         return 1.0;
     }
-    (ratios.iter().map(|r| r.powi(4)).sum::<f64>() / ratios.len() as f64).powf(0.25)
+    powf(ratios.iter().map(|r| r.powi(4)).sum::<f64>() / ratios.len() as f64, 0.25)
 }
 
 #[cfg(test)]

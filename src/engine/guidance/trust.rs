@@ -4,6 +4,7 @@
 //! is kept, and forgotten after a while.
 
 use gaware_mission::maneuver::Maneuver;
+use gaware_nav::math::{exp, ln};
 
 /// Time after which a disappointment counts for 1/e in the logarithm, s.
 const FORGETTING_S: f64 = 300.0;
@@ -18,10 +19,10 @@ impl Trust {
     /// These maneuvers, one after the other, brought this share of their predicted gain. Which of them fell short no one knows: each bears
     /// its part until it shows itself in other company.
     pub fn learn(&mut self, t_s: f64, maneuvers: &[Maneuver], share: f64) {
-        let each = share.clamp(LEAST, 1.0).ln() / maneuvers.len().max(1) as f64;
+        let each = ln(share.clamp(LEAST, 1.0)) / maneuvers.len().max(1) as f64;
         for maneuver in maneuvers {
             // What worked is trusted again; what failed again is trusted less still.
-            let log = if share >= 1.0 { 0.0 } else { (self.log(t_s, *maneuver) + each).max(LEAST.ln()) };
+            let log = if share >= 1.0 { 0.0 } else { (self.log(t_s, *maneuver) + each).max(ln(LEAST)) };
             self.0.retain(|(m, ..)| m != maneuver);
             self.0.push((*maneuver, log, t_s));
         }
@@ -29,12 +30,12 @@ impl Trust {
 
     /// Expected share of the predicted gain, at most 1.
     pub fn of(&self, t_s: f64, maneuvers: &[Maneuver]) -> f64 {
-        maneuvers.iter().map(|m| self.log(t_s, *m)).sum::<f64>().exp()
+        exp(maneuvers.iter().map(|m| self.log(t_s, *m)).sum::<f64>())
     }
 
     fn log(&self, t_s: f64, maneuver: Maneuver) -> f64 {
         let known = self.0.iter().find(|(m, ..)| *m == maneuver);
-        known.map_or(0.0, |(_, log, since_s)| log * (-(t_s - since_s).max(0.0) / FORGETTING_S).exp())
+        known.map_or(0.0, |(_, log, since_s)| log * exp(-(t_s - since_s).max(0.0) / FORGETTING_S))
     }
 }
 

@@ -20,6 +20,7 @@ pub use model::prior_model;
 use super::log::FleetLog;
 use findings::Finding;
 use fit::{Design, Fit, Observation, Uncertain, UnitFit};
+use gaware_nav::math::{hypot, powf};
 use schemars::JsonSchema;
 use serde::Serialize;
 use std::collections::{BTreeMap, BTreeSet};
@@ -259,7 +260,7 @@ fn without_prior(p: &super::flight::FlightParameter) -> Option<Uncertain> {
     let (after, before) = (p.sigma.powi(-2), p.prior_sigma.powi(-2));
     let own = after - before;
     let value = (p.value * after - p.prior_value * before) / own;
-    let sigma = own.powf(-0.5);
+    let sigma = powf(own, -0.5);
     (value.is_finite() && sigma.is_finite()).then_some(Uncertain { value, sigma })
 }
 
@@ -348,7 +349,7 @@ fn parameter(
 fn flight_values(values: &Values, fit: &Fit) -> Vec<FlightValue> {
     let flight = |(o, log): (&Observation, &usize)| {
         let expected = fit.expected(o)?;
-        let z = (o.value - expected) / o.sigma.hypot(fit.spread.value);
+        let z = (o.value - expected) / hypot(o.sigma, fit.spread.value);
         Some(FlightValue {
             log: *log,
             unit: o.unit,

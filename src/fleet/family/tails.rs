@@ -1,5 +1,7 @@
 //! Tails of distributions, for tests of significance.
 
+use gaware_nav::math::{atan, cbrt, exp, sin_cos};
+
 /// The probability that Student's t with this many degrees of freedom is beyond `t` on either side (Abramowitz & Stegun 26.7.3, 26.7.4: exact
 /// for whole numbers of degrees).
 pub fn student(t: f64, freedom: usize) -> f64 {
@@ -10,8 +12,8 @@ pub fn student(t: f64, freedom: usize) -> f64 {
     if freedom > 400 {
         return normal(t);
     }
-    let theta = (t.abs() / (freedom as f64).sqrt()).atan();
-    let (sin, cos) = theta.sin_cos();
+    let theta = atan(t.abs() / (freedom as f64).sqrt());
+    let (sin, cos) = sin_cos(theta);
     let odd = freedom % 2 == 1;
     // cos θ + 2/3 cos³θ + … up to cos^(ν−2), or 1 + 1/2 cos²θ + … likewise.
     let mut term = if odd { cos } else { 1.0 };
@@ -42,7 +44,7 @@ pub fn normal(z: f64) -> f64 {
     let x = z.abs() / std::f64::consts::SQRT_2;
     let t = 1.0 / (1.0 + 0.5 * x);
     let polynomial = C.iter().rev().fold(0.0, |sum, c| sum * t + c);
-    (t * (-x * x + polynomial).exp()).clamp(0.0, 1.0)
+    (t * exp(-x * x + polynomial)).clamp(0.0, 1.0)
 }
 
 /// The probability that χ² with this many degrees of freedom is larger than `chi2` (Wilson & Hilferty 1931).
@@ -51,7 +53,7 @@ pub fn chi2_above(chi2: f64, freedom: usize) -> f64 {
         return 1.0;
     }
     let k = 2.0 / (9.0 * freedom as f64);
-    let z = ((chi2 / freedom as f64).cbrt() - (1.0 - k)) / k.sqrt();
+    let z = (cbrt(chi2 / freedom as f64) - (1.0 - k)) / k.sqrt();
     let beyond = 0.5 * normal(z);
     if z > 0.0 { beyond } else { 1.0 - beyond }
 }

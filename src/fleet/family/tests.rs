@@ -3,6 +3,7 @@
 use super::*;
 use crate::fleet::flight::{Flight, FlightEntry, FlightParameter, SCHEMA};
 use crate::fleet::log::Named;
+use gaware_nav::math::{cos, ln, powf};
 use gaware_nav::model::Model;
 
 const FLIGHTS: usize = 200;
@@ -33,8 +34,8 @@ impl Random {
 
     /// Normal with this sigma (Box & Muller 1958).
     fn normal(&mut self, sigma: f64) -> f64 {
-        let radius = (-2.0 * (1.0 - self.even()).ln()).sqrt();
-        sigma * radius * (std::f64::consts::TAU * self.even()).cos()
+        let radius = (-2.0 * ln(1.0 - self.even())).sqrt();
+        sigma * radius * cos(std::f64::consts::TAU * self.even())
     }
 }
 
@@ -84,7 +85,7 @@ pub(crate) fn simulated(seed: u64, injected: bool) -> Truth {
                     name: (*name).into(),
                     unit: (*of).into(),
                     value: (measured * w + prior_value * w0) / (w + w0),
-                    sigma: (w + w0).powf(-0.5),
+                    sigma: powf(w + w0, -0.5),
                     prior_value,
                     prior_sigma: *prior_sigma,
                 }

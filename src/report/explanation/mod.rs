@@ -20,6 +20,7 @@ use crate::health::checks::checks;
 use gaware_mission::item::Autopilot;
 use gaware_nav::identify::judge::Judged;
 use gaware_nav::identify::select::{Added, Settings};
+use gaware_nav::math::exp;
 use std::fmt::Write;
 
 /// An effect of the selection with its values.
@@ -78,7 +79,7 @@ fn how_to_read(body: &mut String) {
          prediction; its square over its predicted variance is the NIS, 1 per degree of freedom under a right model. An effect is \
          named at a log Bayes factor of at least {least} ({:.0} to 1) after a correction for the size of the catalogue. Held-out data \
          are not used for choosing or fitting: validation logs where given, otherwise every sixth block of five seconds.</p>",
-        least.exp()
+        exp(least)
     );
 }
 
@@ -123,7 +124,7 @@ fn found<'a>(entry: &EffectEntry, judged: Option<&'a Judged>) -> Option<Found<'a
 /// A Bayes factor from its natural logarithm.
 fn bayes(log: f64) -> String {
     if log.abs() < 10.0 {
-        format!("{:.0} (log {log:.1})", log.exp())
+        format!("{:.0} (log {log:.1})", exp(log))
     } else {
         format!("above 20 000 (log {log:.0})")
     }

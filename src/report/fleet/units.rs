@@ -4,6 +4,7 @@ use crate::figures::with_sigma;
 use crate::fleet::family::{Estimated, FleetStudy, FlightValue, ParameterFamily, UnitFamily};
 use crate::report::page::escape;
 use crate::report::plot::short;
+use gaware_nav::math::{log10, powf};
 use std::fmt::Write;
 
 /// Width and height of the drawing of one unit, px.
@@ -84,7 +85,7 @@ pub fn table(study: &FleetStudy, p: &ParameterFamily, values: &[FlightValue]) ->
 
 /// To a hundredth of a range.
 fn rounded(value: f64, range: f64) -> f64 {
-    let step = 10_f64.powf(range.log10().floor() - 2.0);
+    let step = powf(10_f64, log10(range).floor() - 2.0);
     if step.is_normal() { (value / step).round() * step } else { value }
 }
 

@@ -120,6 +120,8 @@ fn row(regime: &'static str, within: &dyn Fn(f64) -> bool, all: &[(f64, [f64; 3]
 
 #[cfg(test)]
 mod tests {
+    use gaware_nav::math::{cos, sin};
+
     use super::*;
 
     #[test]
@@ -137,7 +139,7 @@ mod tests {
             s.estimate.attitude_deg.value[0] = bank(t);
             s.estimate.attitude_deg.value[2] = (0.1 * t).to_degrees();
             s.estimate.attitude_deg.sigma = [0.1; 3];
-            s.motion.velocity_ned_m_per_s = [20.0 * (0.1 * t).cos(), 20.0 * (0.1 * t).sin(), 0.0];
+            s.motion.velocity_ned_m_per_s = [20.0 * cos(0.1 * t), 20.0 * sin(0.1 * t), 0.0];
             snapshots.push(s);
         }
         let found = compare(&attitudes, &snapshots).unwrap();

@@ -1,6 +1,7 @@
 //! Which parts of a flight taught most, and what the vehicle did there.
 
 use crate::engine::snapshot::{Phase, Snapshot, StateStatus};
+use gaware_nav::math::{hypot, ln};
 
 /// Length of a part, s.
 const PART_S: f64 = 15.0;
@@ -59,7 +60,7 @@ fn lesson(part: &[&Snapshot]) -> Option<Lesson> {
     };
     let mut states: Vec<(String, f64)> =
         first.observability.states.iter().filter(|s| is_g(&s.name)).filter_map(factor).collect();
-    let gain = states.iter().map(|(_, f)| f.max(1.0).ln()).sum();
+    let gain = states.iter().map(|(_, f)| ln(f.max(1.0))).sum();
     states.retain(|(_, f)| *f > LEAST_REDUCTION);
     states.sort_by(|a, b| b.1.total_cmp(&a.1));
     states.truncate(STATES_TOLD);
@@ -80,7 +81,7 @@ fn span(part: &[&Snapshot], of: impl Fn(&Snapshot) -> f64) -> (f64, f64) {
 /// Speed over ground, m/s.
 pub fn speed(s: &Snapshot) -> f64 {
     let [n, e, _] = s.motion.velocity_ned_m_per_s;
-    n.hypot(e)
+    hypot(n, e)
 }
 
 /// Load factor: specific force upward along the body, g.
@@ -136,6 +137,8 @@ pub fn known_since(snapshots: &[Snapshot]) -> Vec<(String, f64)> {
 
 #[cfg(test)]
 mod tests {
+    use gaware_nav::math::cos;
+
     use super::*;
 
     /// Sigmas of g11 and g33 and a bank every half second.
@@ -153,7 +156,7 @@ mod tests {
                 };
                 s.observability.states = vec![state("g11", g11), state("g33", g33)];
                 s.estimate.attitude_deg.value[0] = bank;
-                s.motion.specific_force_g = [0.0, 0.0, -1.0 / bank.to_radians().cos()];
+                s.motion.specific_force_g = [0.0, 0.0, -1.0 / cos(bank.to_radians())];
                 s
             })
             .collect()

@@ -341,6 +341,8 @@ fn difference(own: &[(f64, f64)], best: &[(f64, f64)]) -> (f64, usize) {
 
 #[cfg(test)]
 mod tests {
+    use gaware_nav::math::{cos, sin};
+
     use super::*;
 
     /// A vehicle that accelerates to and fro for three minutes, with these errors of pitch and yaw of the autopilot and of the yaw of ours, rad.
@@ -353,9 +355,9 @@ mod tests {
         let (mut motion, mut velocity, dt) = (Motion::default(), Vector3::zeros(), 0.02);
         for k in 0..9000 {
             let t_s = f64::from(k) * dt;
-            let yaw = 3.0 * (0.05 * t_s).sin();
-            let ahead = acceleration * (0.8 * t_s).sin();
-            velocity += Vector3::new(yaw.cos(), yaw.sin(), 0.0) * (ahead * dt);
+            let yaw = 3.0 * sin(0.05 * t_s);
+            let ahead = acceleration * sin(0.8 * t_s);
+            velocity += Vector3::new(cos(yaw), sin(yaw), 0.0) * (ahead * dt);
             // A biased accelerometer, and a receiver with noise in a wind that nobody measures.
             motion.push_force(&Vector3::new(ahead + 0.15, 0.1, -GRAVITY));
             if k % 5 == 4 {
@@ -365,7 +367,7 @@ mod tests {
                 }
             }
             if k % 10 == 9 {
-                let noise = 0.05 * (f64::from(k) * 1.7).sin();
+                let noise = 0.05 * sin(f64::from(k) * 1.7);
                 motion.push_fix(
                     t_s,
                     &FixVelocity::Full([velocity.x + noise + 5.0, velocity.y - noise - 3.0, 0.0]),
@@ -409,11 +411,11 @@ mod tests {
             let t_s = f64::from(k) * 0.02;
             motion.push_force(&Vector3::new(0.0, 0.0, -GRAVITY));
             if k % 5 == 4 {
-                motion.push_attitude(AUTOPILOT, t_s, [0.1 * (0.3 * t_s).sin(), 0.0, 0.0]);
+                motion.push_attitude(AUTOPILOT, t_s, [0.1 * sin(0.3 * t_s), 0.0, 0.0]);
                 motion.push_attitude(OURS, t_s, [0.0; 3]);
             }
             if k % 10 == 9 {
-                motion.push_fix(t_s, &FixVelocity::Full([0.02 * (f64::from(k) * 1.7).sin(), 0.0, 0.0]));
+                motion.push_fix(t_s, &FixVelocity::Full([0.02 * sin(f64::from(k) * 1.7), 0.0, 0.0]));
             }
         }
         assert_eq!(worse(&motion.fitted()), Some(AUTOPILOT), "hovering is enough");

@@ -2,6 +2,7 @@
 
 use super::lessons::Lesson;
 use crate::engine::snapshot::{Phase, Snapshot};
+use gaware_nav::math::{cos, hypot, log10, powf};
 use gaware_nav::rotation::wrap_pi;
 use std::fmt::Write;
 
@@ -21,7 +22,7 @@ const M_PER_DEG: f64 = 111_200.0;
 fn points(snapshots: &[Snapshot]) -> Vec<(f64, f64, f64)> {
     let running = || snapshots.iter().filter(|s| s.phase == Phase::Running);
     let Some(first) = running().next().map(|s| s.motion) else { return Vec::new() };
-    let east = M_PER_DEG * first.lat_deg.to_radians().cos();
+    let east = M_PER_DEG * cos(first.lat_deg.to_radians());
     running()
         .map(|s| {
             let lon = wrap_pi((s.motion.lon_deg - first.lon_deg).to_radians()).to_degrees();
@@ -33,7 +34,7 @@ fn points(snapshots: &[Snapshot]) -> Vec<(f64, f64, f64)> {
 
 /// The longest of 1, 2, 5 · 10^k that is not above this.
 fn round_length(m: f64) -> f64 {
-    let power = 10_f64.powf(m.max(1.0).log10().floor());
+    let power = powf(10_f64, log10(m.max(1.0)).floor());
     [5.0, 2.0, 1.0].into_iter().map(|f| f * power).find(|l| *l <= m).unwrap_or(power)
 }
 
@@ -99,7 +100,7 @@ pub fn svg(snapshots: &[Snapshot], lessons: &[Lesson]) -> String {
     };
     let ((west, east), (south, north)) = (span(&|p| p.1), span(&|p| p.2));
     let (Some(start), Some(end)) = (points.first(), points.last()) else { return String::new() };
-    let size_m = (east - west).hypot(north - south);
+    let size_m = hypot(east - west, north - south);
     if size_m < AT_REST_M {
         return format!(
             "<p>The vehicle stayed within {:.0} m: there is no track to draw.</p>",
@@ -162,7 +163,7 @@ mod tests {
             s
         };
         let track = points(&[at(179.999, 0.0), at(-179.999, 1.0)]);
-        assert!((track[1].1 - 0.002 * M_PER_DEG * 17.0_f64.to_radians().cos()).abs() < 1.0, "{track:?}");
+        assert!((track[1].1 - 0.002 * M_PER_DEG * cos(17.0_f64.to_radians())).abs() < 1.0, "{track:?}");
         assert_eq!(svg(&[], &[]), "");
         assert!(svg(&[at(10.0, 0.0)], &[]).contains("stayed within 1 m"));
         assert!(svg(&[at(10.0, 0.0), at(10.001, 1.0)], &[]).contains("start"));

@@ -6,6 +6,7 @@ use crate::engine::snapshot::{Condition, Phase, StateStatus, Status};
 use crate::sinks::events::{Severity, phase_words};
 use crate::sinks::status::{LinkState, MissionState, RecorderState};
 use crate::sinks::words::{brief, bytes, clock, fit};
+use gaware_nav::math::ln;
 use ratatui::Frame;
 use ratatui::layout::{Constraint, Layout, Rect};
 use ratatui::style::{Color, Modifier, Style};
@@ -260,7 +261,7 @@ fn state_of<'a>(view: &View<'a>, name: &str) -> Option<&'a StateStatus> {
 fn way_to_target(s: &StateStatus) -> f64 {
     let first = s.sigma / s.sigma_ratio;
     if s.sigma > 0.0 && s.target > 0.0 && first > s.target && first.is_finite() {
-        ((first / s.sigma).ln() / (first / s.target).ln()).clamp(0.0, 1.0)
+        (ln(first / s.sigma) / ln(first / s.target)).clamp(0.0, 1.0)
     } else {
         f64::from(u8::from(s.status == Status::Observable))
     }

@@ -3,6 +3,7 @@
 
 use crate::effects::Instant;
 use crate::effects::linear::Sensor;
+use crate::math::{cos, sin};
 use crate::operating::{Channel, LAGS_S};
 use nalgebra::Vector3;
 use std::fmt;
@@ -141,8 +142,8 @@ impl Step {
             Self::Negate => (-a, -1.0),
             Self::Absolute => (a.abs(), sign),
             Self::Sign => (sign, 0.0),
-            Self::Sine => (a.sin(), a.cos()),
-            Self::Cosine => (a.cos(), -a.sin()),
+            Self::Sine => (sin(a), cos(a)),
+            Self::Cosine => (cos(a), -sin(a)),
             Self::Power(n) => (a.powi(i32::from(n)), f64::from(n) * a.powi(i32::from(n) - 1)),
             Self::Equal(v) if a.is_finite() => (f64::from(u8::from(a == v)), 0.0),
             Self::Above(v) if a.is_finite() => (f64::from(u8::from(a > v)), 0.0),

@@ -5,6 +5,7 @@ use super::expression::Expression;
 use super::{FORMULA, Target, find};
 use crate::effects::Effect;
 use crate::identify::flight::Flight;
+use crate::math::ln;
 use crate::operating::Channel;
 
 /// A driver: its expression, a usual size in SI (RMS about its mean), and whether the accelerometers and the gyros may have it. What the
@@ -118,7 +119,7 @@ const OUTSIDE: f64 = 10.0;
 
 /// What a formula pays for the size of the grammar, nats.
 pub fn cost() -> f64 {
-    (COUNT * OUTSIDE).ln()
+    ln(COUNT * OUTSIDE)
 }
 
 fn rows() -> impl Iterator<Item = Row> {

@@ -3,6 +3,7 @@
 use crate::filter::Filter;
 use crate::filter::group::Rows;
 use crate::filter::layout::index;
+use crate::math::{cos, sin};
 use crate::rotation::wrap_pi;
 use crate::sample::GnssFix;
 
@@ -15,15 +16,15 @@ impl Filter {
     pub(in crate::filter) fn yaw_rows(&self, fix: &GnssFix) -> Rows {
         let Some((yaw, sigma)) = fix.yaw_rad else { return Rows::default() };
         let [roll, pitch, own] = self.about.nav.euler().into();
-        if pitch.cos() < UPRIGHT {
+        if cos(pitch) < UPRIGHT {
             return Rows::default();
         }
         let mut rows = Rows { dof: 1, ..Rows::default() };
         rows.residual[0] = wrap_pi(yaw - own);
         rows.variance[0] = sigma.max(SIGMA_FLOOR).powi(2);
         // Yaw rate from body rates (Groves 2013, eq. 2.58).
-        rows.push(index::ATTITUDE + 1, |_| roll.sin() / pitch.cos());
-        rows.push(index::ATTITUDE + 2, |_| roll.cos() / pitch.cos());
+        rows.push(index::ATTITUDE + 1, |_| sin(roll) / cos(pitch));
+        rows.push(index::ATTITUDE + 2, |_| cos(roll) / cos(pitch));
         rows
     }
 

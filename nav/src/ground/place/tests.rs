@@ -2,6 +2,7 @@
 
 use super::*;
 use crate::earth::STANDARD_GRAVITY;
+use crate::math::sin;
 
 const NOISE: SampleNoise = SampleNoise { rate: 1.5e-6, force: 2e-3 };
 
@@ -24,7 +25,7 @@ impl Vehicle {
         let mut k = 0_u32;
         while self.t_s < until_s {
             // Noise that is the same in every run, of the size that the detector expects.
-            let noise = |sigma: f64| sigma * 1.4 * (f64::from(k) * 12.9898 + 0.3).sin();
+            let noise = |sigma: f64| sigma * 1.4 * sin(f64::from(k) * 12.9898 + 0.3);
             let gyro = Vector3::new(noise(1.2e-3), 0.0, rate * if k % 50 < 25 { 1.0 } else { -1.0 });
             let accel = Vector3::new(0.0, noise(0.03), -STANDARD_GRAVITY);
             let sample = ImuSample { t_s: self.t_s, gyro, accel, temperature_degc: None };

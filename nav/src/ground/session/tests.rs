@@ -1,4 +1,5 @@
 use super::*;
+use crate::math::sin_cos;
 
 const NOISE: f64 = 2e-8;
 
@@ -33,7 +34,7 @@ fn sides_are_recognised_within_twenty_degrees_and_not_beyond() {
         for (degrees, wanted) in [(0.0, true), (18.0, true), (24.0, false)] {
             let f64_degrees: f64 = degrees;
             let across = if side.force().x.abs() > 0.5 { Vector3::y() } else { Vector3::x() };
-            let (sin, cos) = f64_degrees.to_radians().sin_cos();
+            let (sin, cos) = sin_cos(f64_degrees.to_radians());
             let force = (side.force() * cos + across * sin) * STANDARD_GRAVITY;
             assert_eq!(Side::of_force(&force) == Some(side), wanted, "{side:?} {degrees}");
         }

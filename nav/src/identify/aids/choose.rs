@@ -460,6 +460,8 @@ fn finding(about: &About<'_>, named: &[usize], e: usize, evidence: f64) -> Findi
 
 #[cfg(test)]
 mod tests {
+    use crate::math::{cos, sin};
+
     use super::*;
     use crate::effects::{COMPASS, FieldInstant};
     use nalgebra::Vector3;
@@ -483,7 +485,7 @@ mod tests {
             for k in 0..40 {
                 let yaw = 0.7 * f64::from(block) + 0.02 * f64::from(k);
                 let turn = Vector3::new(0.05 * normal(seed), 0.05 * normal(seed), 0.0);
-                let level = Vector3::new(2e-5 * yaw.cos(), -2e-5 * yaw.sin(), 4e-5);
+                let level = Vector3::new(2e-5 * cos(yaw), -2e-5 * sin(yaw), 4e-5);
                 let field = level + level.cross(&turn);
                 let x = FieldInstant {
                     field,

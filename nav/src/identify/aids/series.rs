@@ -9,6 +9,7 @@
 
 use crate::identify::evidence;
 use crate::identify::pass::Information;
+use crate::math::{exp, ln};
 use nalgebra::{SMatrix, SVector};
 
 /// Factors by which the search goes, from the first to one that changes the likelihood of a flight by less than a tenth.
@@ -175,7 +176,7 @@ impl Noise {
     /// Transition over a time and the noise that it brings: what keeps the bounded states' variances as they are.
     fn over(&self, since_s: f64) -> (Square, Square) {
         let (b, mut transition) = (self.decay(), Square::identity());
-        let left = (-b * since_s).exp();
+        let left = exp(-b * since_s);
         let own = if self.smooth {
             [(1.0 + b * since_s) * left, since_s * left, -b * b * since_s * left, (1.0 - b * since_s) * left]
         } else {
@@ -185,7 +186,7 @@ impl Noise {
         transition[(BOUNDED, RATE)] = own[1];
         transition[(RATE, BOUNDED)] = own[2];
         transition[(RATE, RATE)] = own[3];
-        transition[(GIVEN, GIVEN)] = (-since_s / self.given.1.max(1e-3)).exp();
+        transition[(GIVEN, GIVEN)] = exp(-since_s / self.given.1.max(1e-3));
         let kept = Square::from_diagonal(&self.stationary());
         let mut grown = kept - transition * kept * transition.transpose();
         (0..BOUNDED).for_each(|k| grown[(k, k)] = self.walk.powi(2) * since_s);
@@ -248,7 +249,7 @@ impl Running {
         let mut log_likelihood = 0.0;
         if row.elapsed_s >= SETTLE_S {
             into.take(slope, y, 1.0 / s);
-            log_likelihood = -0.5 * (s.ln() + y * y / s);
+            log_likelihood = -0.5 * (ln(s) + y * y / s);
         }
         walker.update(y, s, &gain);
         by.iter_mut().zip(&*slope).for_each(|(b, o)| *b -= gain * *o);
@@ -313,7 +314,7 @@ impl Search<'_> {
     /// Logarithm of the likelihood of a noise, with its own prior.
     fn one(&self, at: &[f64; 4], smooth: bool) -> f64 {
         let unusual =
-            |(v, (median, factor)): (&f64, &(f64, f64))| 0.5 * ((v / median).ln() / factor.ln()).powi(2);
+            |(v, (median, factor)): (&f64, &(f64, f64))| 0.5 * (ln(v / median) / ln(*factor)).powi(2);
         let unlikely: f64 = at.iter().zip(&self.figures.usual).map(unusual).sum();
         marginal(self.rows, &self.with(at, smooth), self.prior) - unlikely
     }

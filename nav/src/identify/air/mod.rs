@@ -15,6 +15,7 @@ use super::aids::judged::{ENOUGH, Judged};
 use super::aids::{Finding, Settled, at_time};
 use super::flight::Flight;
 use crate::effects::{AirInstant, SEA_LEVEL_DENSITY};
+use crate::math::powf;
 use crate::model::EffectSetting;
 use crate::operating::{Channel, MOTORS};
 use crate::sample::{AirKind, AirSample};
@@ -137,12 +138,12 @@ struct Instant {
 
 /// Height of this pressure in the standard atmosphere, m (ISO 2533).
 pub fn pressure_height_m(pressure_pa: f64) -> f64 {
-    288.15 / 0.0065 * (1.0 - (pressure_pa / 101_325.0).powf(0.190_263))
+    288.15 / 0.0065 * (1.0 - powf(pressure_pa / 101_325.0, 0.190_263))
 }
 
 /// Density of the standard atmosphere at this height, kg/m³.
 pub fn density(height_m: f64) -> f64 {
-    SEA_LEVEL_DENSITY * (1.0 - 0.0065 / 288.15 * height_m).max(0.3).powf(4.255_88)
+    SEA_LEVEL_DENSITY * powf((1.0 - 0.0065 / 288.15 * height_m).max(0.3), 4.255_88)
 }
 
 /// A flight ready to judge what measures its air.

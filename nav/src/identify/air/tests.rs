@@ -1,4 +1,5 @@
 use super::*;
+use crate::math::{atan, cos, exp, sin};
 use nalgebra::Vector2;
 
 /// A draw of mean 0 and sigma 1.
@@ -34,16 +35,16 @@ fn in_gusts(pitot: Pitot, lands: bool, mut seed: u64) -> (Vec<Carriage>, Vec<Air
         speed += if rolls { -(1.5 * STEP_S).min(speed) } else { (wanted - speed) / 3.0 * STEP_S };
         let rate = if descends { 0.0 } else { [0.15, -0.15, 0.0][(t_s / 20.0) as usize % 3] };
         yaw += rate * STEP_S;
-        let kept = (-STEP_S / 5.0).exp();
+        let kept = exp(-STEP_S / 5.0);
         gust = gust * kept
             + 0.4 * (1.0 - kept * kept).sqrt() * Vector2::new(normal(&mut seed), normal(&mut seed));
-        let ahead = Vector2::new(yaw.cos(), yaw.sin());
+        let ahead = Vector2::new(cos(yaw), sin(yaw));
         carried += (gust - carried) * (STEP_S / 5.0);
         let [along, felt] = [carried, gust - carried].map(|g| if rolls { 0.0 } else { g.dot(&ahead) });
         let v = ahead * (speed + along) + Vector2::from(WIND) * ((height_m - 440.0) / 20.0).min(1.0);
         carriage.push(Carriage {
             elapsed_s: t_s,
-            c_nb: Rotation3::from_euler_angles((speed * rate / 9.8).atan(), 0.0, yaw),
+            c_nb: Rotation3::from_euler_angles(atan(speed * rate / 9.8), 0.0, yaw),
             v_n: Vector3::new(v.x, v.y, 0.0),
             height_m,
             throttle: 0.4,

@@ -1,6 +1,7 @@
 //! The heading of a compass against that of the trajectory.
 
 use super::{BLOCK_S, Instant};
+use crate::math::{atan2, cos, sin};
 use crate::rotation::{euler_from_c_nb, wrap_pi};
 use crate::rss;
 use nalgebra::{Rotation3, Vector3};
@@ -34,11 +35,11 @@ pub struct Level {
 
 impl Heading {
     pub(super) fn of(instants: &[Instant], field_n: &Vector3<f64>, own_sigma: f64) -> Self {
-        let declination = field_n.y.atan2(field_n.x);
+        let declination = atan2(field_n.y, field_n.x);
         // A field that seems turned to the right is a heading that is too small.
         let off = |i: &Instant| {
             let shown = i.c_nb * i.measured;
-            wrap_pi(declination - shown.y.atan2(shown.x))
+            wrap_pi(declination - atan2(shown.y, shown.x))
         };
         let offs: Vec<(f64, f64)> = instants.iter().map(|i| (i.elapsed_s, off(i))).collect();
         let mean = circular(offs.iter().map(|o| o.1));
@@ -62,8 +63,8 @@ impl Heading {
 }
 
 fn circular(angles: impl Iterator<Item = f64>) -> f64 {
-    let (s, c) = angles.fold((0.0, 0.0), |(s, c), a| (s + a.sin(), c + a.cos()));
-    s.atan2(c)
+    let (s, c) = angles.fold((0.0, 0.0), |(s, c), a| (s + sin(a), c + cos(a)));
+    atan2(s, c)
 }
 
 /// The horizontal field in the axes of the levelled vehicle, thinned.

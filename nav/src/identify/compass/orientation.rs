@@ -4,6 +4,7 @@ use super::Instant;
 use crate::effects::COMPASS;
 use crate::identify::evidence;
 use crate::identify::pass::Information;
+use crate::math::atan2;
 use nalgebra::{Matrix3, Rotation3, Vector3};
 use std::f64::consts::FRAC_PI_4;
 
@@ -39,7 +40,7 @@ impl Orientation {
     /// Roll of 0 or 180° followed by a yaw in steps of 45°, deg, where it is such.
     pub fn roll_yaw_deg(&self) -> Option<(f64, f64)> {
         let upside_down = self.turned[(2, 2)] < 0.0;
-        let yaw = self.turned[(1, 0)].atan2(self.turned[(0, 0)]);
+        let yaw = atan2(self.turned[(1, 0)], self.turned[(0, 0)]);
         let again = turn(upside_down, yaw);
         let degrees = (yaw.to_degrees() + 360.0).rem_euclid(360.0).round();
         ((again - self.turned).norm() < 1e-6)

@@ -10,6 +10,7 @@ use crate::effects::BiasWalk;
 use crate::identify::noise::Noise;
 use crate::identify::pass::{Information, Options};
 use crate::linear::interval::{BIASES, DYNAMIC, Interval};
+use crate::math::ln;
 use pulp::{Simd, WithSimd};
 
 /// Squared normalised innovations of a group count linearly beyond this (Huber's function of the norm).
@@ -359,7 +360,7 @@ impl Run {
         let robust = nis.map(robust);
         let weights = robust.map(|r| r.1);
         let Some(part) = part else { return weights };
-        let ln_det: f64 = updates.iter().map(|u| u.s.ln()).sum();
+        let ln_det: f64 = updates.iter().map(|u| ln(u.s)).sum();
         self.log_likelihood[part] -= 0.5 * (ln_det + robust.iter().map(|r| r.0).sum::<f64>());
         self.nis[part].0 += nis.iter().sum::<f64>();
         self.nis[part].1 += updates.len();

@@ -9,6 +9,7 @@ use super::{Problem, STATES, index, variances};
 use crate::effects::BiasWalk;
 use crate::identify::noise::{HEIGHT_GAUSS_MARKOV, Noise};
 use crate::linear::interval::Interval;
+use crate::math::exp;
 use pulp::{Arch, Scalar, Simd, WithSimd};
 
 /// No fix is assumed to be better than this, m and m/s.
@@ -204,7 +205,7 @@ impl<'a> Kalman<'a> {
     /// The Gauss-Markov error's noise and a new error of the stamp.
     #[inline(always)]
     pub(super) fn renew(&mut self, dt: f64) {
-        let lost = 1.0 - (-2.0 * dt / self.noise.correlation_s).exp();
+        let lost = 1.0 - exp(-2.0 * dt / self.noise.correlation_s);
         for (k, v) in gauss_markov_variance(self.noise).into_iter().enumerate() {
             self.p[index::GAUSS_MARKOV + k][index::GAUSS_MARKOV + k] += v * lost;
         }

@@ -7,6 +7,7 @@ use crate::filter::{Filter, FixOutcome, Fusion};
 use crate::identify::Serial;
 use crate::identify::noise::FIGURES;
 use crate::identify::tests::{fly, noise};
+use crate::math::{exp, sin};
 use crate::model::EffectSetting;
 use crate::sample::Sample;
 
@@ -116,7 +117,7 @@ fn slopes_by_noise_are_those_of_the_likelihood() {
     for k in 0..FIGURES {
         let by = |h: f64| {
             let mut v = noise.get();
-            v[k] *= h.exp();
+            v[k] *= exp(h);
             Noise::from_figures(&v)
         };
         let wanted = (at(&by(h)) - at(&by(-h))) / (2.0 * h);
@@ -235,7 +236,7 @@ fn a_drifting_clock_is_seen_through_vibration() {
     let mut samples = fly(&model, 5);
     for sample in &mut samples {
         match sample {
-            Sample::Imu(imu) => imu.accel.z += 7.0 * (imu.t_s * 0.47 * std::f64::consts::TAU * 50.0).sin(),
+            Sample::Imu(imu) => imu.accel.z += 7.0 * sin(imu.t_s * 0.47 * std::f64::consts::TAU * 50.0),
             Sample::Fix(fix) => fix.t_s /= 1.0 - RATE,
             _ => {}
         }
@@ -265,7 +266,7 @@ fn a_trajectory_aside_leads_back_to_the_same_one() {
     let straight = found.smoothed(&linear(&found), &noise);
     let mut aside = straight.clone();
     for (k, knot) in aside.knots.iter_mut().enumerate() {
-        let [roll, pitch, yaw] = [1.1, 1.7, 2.3].map(|f| 3e-3 * (f * k as f64).sin());
+        let [roll, pitch, yaw] = [1.1, 1.7, 2.3].map(|f| 3e-3 * sin(f * k as f64));
         let mut by = [0.0; STATES];
         by[index::ATTITUDE..index::ATTITUDE + 3].copy_from_slice(&[roll, pitch, yaw]);
         knot.nav = moved(&knot.nav, &by);

@@ -265,13 +265,15 @@ impl Unseen {
 
 #[cfg(test)]
 mod tests {
+    use crate::math::sin;
+
     use super::*;
 
     /// A vehicle that weaves all the time, twice as much about x as about y, and not at all about z.
     fn samples(lost: impl Fn(f64) -> bool) -> Vec<ImuSample> {
         let at = |k: u32| {
             let t_s = f64::from(k) * 0.02;
-            let weave = 0.4 * (1.3 * t_s).sin();
+            let weave = 0.4 * sin(1.3 * t_s);
             ImuSample {
                 t_s,
                 gyro: Vector3::new(weave, 0.5 * weave, 0.0),

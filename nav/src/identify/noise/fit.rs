@@ -4,6 +4,7 @@ use super::super::linear::Problem;
 use super::super::pass::Options;
 use super::super::{Workers, map};
 use super::{FIGURES, Limits, Noise};
+use crate::math::{exp, ln};
 
 /// At most so many slopes are asked for in one fit.
 const MOST_SLOPES: usize = 40;
@@ -113,7 +114,7 @@ pub fn fit(
 
 /// Noise from the logarithms of its figures.
 fn figures(at: &[f64; FIGURES]) -> Noise {
-    Noise::from_figures(&at.map(f64::exp))
+    Noise::from_figures(&at.map(exp))
 }
 
 /// A search uphill.
@@ -137,7 +138,7 @@ impl<'a> Climb<'a> {
             plain: Metric::new(problems.iter().map(|p| p.times().count()).sum()),
             metric: *metric,
             given_up: None,
-            at: limits.within(&start).get().map(f64::ln),
+            at: limits.within(&start).get().map(ln),
             free: [true; FIGURES],
             share: 1.0,
         }

@@ -9,6 +9,7 @@ use super::flight::Flight;
 use super::linear::Problem;
 use super::pass::Options;
 use super::{Workers, map};
+use crate::math::{exp, ln};
 use crate::model::Model;
 use crate::rss;
 use fit::slope;
@@ -92,13 +93,13 @@ impl Limits {
     }
 
     fn clamp(&self, at: &[f64; FIGURES]) -> [f64; FIGURES] {
-        std::array::from_fn(|k| at[k].clamp(self.0[k].0.ln(), self.0[k].1.ln()))
+        std::array::from_fn(|k| at[k].clamp(ln(self.0[k].0), ln(self.0[k].1)))
     }
 
     /// Which figures may move uphill.
     fn free(&self, at: &[f64; FIGURES], slope: &[f64; FIGURES]) -> [bool; FIGURES] {
         std::array::from_fn(|k| {
-            let (low, high) = (self.0[k].0.ln() + 1e-9, self.0[k].1.ln() - 1e-9);
+            let (low, high) = (ln(self.0[k].0) + 1e-9, ln(self.0[k].1) - 1e-9);
             !(at[k] <= low && slope[k] < 0.0 || at[k] >= high && slope[k] > 0.0)
         })
     }
@@ -267,13 +268,13 @@ fn sigmas(
     options: &Options,
     workers: &dyn Workers,
 ) -> [f64; FIGURES] {
-    let at = noise.get().map(f64::ln);
+    let at = noise.get().map(ln);
     let slopes: Vec<[f64; FIGURES]> = map(workers, FIGURES + 1, |k| {
         let mut there = at;
         if k > 0 {
             there[k - 1] += CURVED_OVER;
         }
-        slope(problems, &Noise::from_figures(&there.map(f64::exp)), options, &super::Serial).1
+        slope(problems, &Noise::from_figures(&there.map(exp)), options, &super::Serial).1
     });
     let curvature = |i: usize, j: usize| {
         let one = |i: usize, j: usize| (slopes[0][j] - slopes[i + 1][j]) / CURVED_OVER;
@@ -300,7 +301,7 @@ impl Noise {
     /// What is left of the Gauss-Markov error of the fixes after a time, s.
     #[inline]
     pub(super) fn decay(&self, dt: f64) -> f64 {
-        (-dt / self.correlation_s).exp()
+        exp(-dt / self.correlation_s)
     }
 
     /// A start: the model's figures, and what the samples show if that is more.

@@ -7,6 +7,7 @@ use super::settle::{STEPS, watching};
 use super::{Added, Candidate, Point, Search, is_drift};
 use crate::effects::Effect;
 use crate::identify::watched::Watched;
+use crate::math::{exp, ln};
 
 /// Candidates this far behind the best are not looked at again, nats …
 const MAX_DEFICIT_NATS: f64 = 15.0;
@@ -140,10 +141,10 @@ impl Search<'_> {
     /// The size of a drift beside others, found to within a few per cent, with the sigma by the likelihood's curvature.
     fn refine_size(&self, drift: &mut Added, others: &[Added], (problems, noise): (&[Problem], &Noise)) {
         let Some((least, most)) = sizes_within(drift.setting.effect) else { return };
-        let within = |ln_size: f64| ln_size.exp().clamp(least, most);
+        let within = |ln_size: f64| exp(ln_size).clamp(least, most);
         let value =
             |ln_size: f64| self.with_random_walk(problems, others, &drift.setting, within(ln_size), noise);
-        let (at, curvature) = peak(value, drift.setting.values[0].ln());
+        let (at, curvature) = peak(value, ln(drift.setting.values[0]));
         let size = within(at);
         drift.setting.values = vec![size];
         drift.setting.sigmas = vec![size / curvature.sqrt()];

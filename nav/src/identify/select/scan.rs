@@ -10,6 +10,7 @@ use super::settle::{at_nothing, loss, priors};
 use super::{Added, Candidate, Point, Search, is_drift, is_jump, is_linear, lacking, prior_sigmas};
 use crate::effects::{Effect, MISTAKES};
 use crate::identify::watched::Watched;
+use crate::math::ln;
 use crate::model::{EffectSetting, Model};
 use crate::sample::{Quantisation, Steps};
 
@@ -85,7 +86,7 @@ impl Search<'_> {
         }
         // What a trajectory that is found anew gains by itself is no evidence.
         let alone = self.settle(&point.added, &point.noise, point, 0).0.evidence.max(point.evidence);
-        let cost = (SCALES.len() as f64).ln();
+        let cost = ln(SCALES.len() as f64);
         map(self.workers, tries.len(), |k| {
             let (lacking, value) = tries[k];
             let setting = EffectSetting { values: vec![value], ..lacking.clone() };
@@ -169,7 +170,7 @@ impl Search<'_> {
             added.push(Added { setting: setting.clone(), prior: Vec::new() });
             let (with, _) = self.settle_anew(&added, &point.noise);
             // Each is one of many, and all together are as likely as one effect of the table.
-            let cost = (MISTAKES.len() as f64).ln();
+            let cost = ln(MISTAKES.len() as f64);
             Candidate { setting, prior: Vec::new(), evidence: with.evidence - point.evidence - cost, cost }
         })
     }

@@ -11,6 +11,7 @@ use super::settle::STEPS;
 use super::{Added, Candidate, Settings, Step, with};
 use crate::effects::BiasWalk;
 use crate::identify::watched::Watched;
+use crate::math::ln;
 use crate::model::Model;
 use std::sync::Arc;
 
@@ -336,7 +337,7 @@ impl<'a> Search<'a> {
             group: looks.iter().filter(near).map(|l| l.0.setting.effect.name()).collect(),
             evidence: best.evidence,
             log_likelihood_gain: gain,
-            bic_gain: gain - 0.5 * parameters * (fixes as f64).ln(),
+            bic_gain: gain - 0.5 * parameters * ln(fixes as f64),
             candidates: looks.iter().map(reported).chain(remaining.iter().filter(other).copied()).collect(),
         }
     }

@@ -1,6 +1,7 @@
 //! Flights and benches, simulated sample by sample.
 
 use super::*;
+use crate::math::{cos, exp, sin};
 use rand::SeedableRng;
 use rand::rngs::Xoshiro256PlusPlus;
 use rand_distr::{Distribution, StandardNormal};
@@ -55,7 +56,7 @@ impl Vehicle {
             self.t_s += dt_s;
             let gyro = self.noise(GYRO_NOISE * self.rate_hz.sqrt()).add_scalar(self.leftover);
             // First order; the white input is scaled so that the output has the RMS asked for.
-            let keep = (-std::f64::consts::TAU * self.low_pass_hz * dt_s).exp();
+            let keep = exp(-std::f64::consts::TAU * self.low_pass_hz * dt_s);
             self.shaken = self.shaken * keep + self.noise(self.vibration * (1.0 - keep * keep).sqrt());
             let shaken = self.shaken;
             self.conditions.push(&SegmentSample {
@@ -116,7 +117,7 @@ fn vibration_behind_the_autopilots_low_pass_shows_nothing() {
 fn a_vibration_line_that_aliases_above_half_a_hertz_shows_nothing() {
     for line_hz in [0.6, 1.0, 1.7, 7.3] {
         let mut bench = Vehicle::new(1, 50.0, 0.1);
-        bench.fly(600.0, still, |t| [0.0, 4.2 * (std::f64::consts::TAU * line_hz * t).sin(), -9.8]);
+        bench.fly(600.0, still, |t| [0.0, 4.2 * sin(std::f64::consts::TAU * line_hz * t), -9.8]);
         assert_eq!(bench.conditions.gram(), Matrix3::zeros(), "{line_hz} Hz");
     }
 }
@@ -138,7 +139,7 @@ fn a_straight_run_with_thrust_changes_shows_one_direction() {
     for seed in 0..10 {
         let mut plane = Vehicle::new(seed, 50.0, 0.3);
         for _ in 0..3 {
-            plane.fly(40.0, still, |t| [1.0 + 4.0 * (0.5 * t).sin(), 0.0, -9.8]);
+            plane.fly(40.0, still, |t| [1.0 + 4.0 * sin(0.5 * t), 0.0, -9.8]);
             plane.fly(4.0, |_| [0.0, 0.0, 0.4], |_| [0.0, 0.0, -9.8]);
         }
         let conditions = &plane.conditions;
@@ -168,9 +169,9 @@ fn a_gentle_turn_shows_nothing() {
         let rolled = move |t: f64| bank * (t / 3.0).min(1.0);
         let rate = move |t: f64| {
             let phi = rolled(t);
-            [if t < 3.0 { bank / 3.0 } else { 0.0 }, turn * phi.sin(), turn * phi.cos()]
+            [if t < 3.0 { bank / 3.0 } else { 0.0 }, turn * sin(phi), turn * cos(phi)]
         };
-        plane.fly(120.0, rate, move |t| [0.0, 0.0, -9.8 / rolled(t).cos()]);
+        plane.fly(120.0, rate, move |t| [0.0, 0.0, -9.8 / cos(rolled(t))]);
         plane.fly(20.0, still, |_| REST);
         assert_eq!(plane.met_s, [None; 3]);
         assert_eq!(plane.conditions.gram(), Matrix3::zeros());
@@ -183,15 +184,15 @@ fn the_papers_flight_meets_a_then_b_then_c() {
         let mut plane = Vehicle::new(seed, 100.0, 0.3);
         plane.fly(10.0, still, |_| REST);
         assert_eq!(plane.conditions.status().c.progress, 0.0);
-        plane.fly(25.0, still, |t| [5.0 + 5.0 * (0.4 * t).sin(), 0.0, -9.8]);
+        plane.fly(25.0, still, |t| [5.0 + 5.0 * sin(0.4 * t), 0.0, -9.8]);
         assert_eq!(plane.met_s, [None; 3]);
         plane.fly(10.0, |_| [0.0, 0.0, 0.157], |_| [0.0, 12.0, -9.8]);
         // Forward in its own time, right and down together; then down alone.
         plane.fly(10.0, still, |t| {
-            let together = 5.0 * (1.1 * t).sin();
-            [8.0 * (1.3 * t).cos(), together, -9.8 + together]
+            let together = 5.0 * sin(1.1 * t);
+            [8.0 * cos(1.3 * t), together, -9.8 + together]
         });
-        plane.fly(15.0, still, |t| [0.0, 0.0, -9.8 + 6.0 * (0.9 * t).sin()]);
+        plane.fly(15.0, still, |t| [0.0, 0.0, -9.8 + 6.0 * sin(0.9 * t)]);
         let [Some(a), Some(b), Some(c)] = plane.met_s else { panic!("{seed}: {:?}", plane.met_s) };
         assert!(45.0 < a && a < b && b < c, "{seed}: {a} {b} {c}");
         let status = plane.conditions.status();
@@ -204,7 +205,7 @@ fn the_papers_flight_meets_a_then_b_then_c() {
 #[test]
 fn the_force_at_the_beginning_of_a_turn_counts() {
     let mut plane = Vehicle::new(3, 100.0, 0.1);
-    plane.fly(25.0, still, |t| [5.0 + 5.0 * (0.4 * t).sin(), 0.0, -9.8]);
+    plane.fly(25.0, still, |t| [5.0 + 5.0 * sin(0.4 * t), 0.0, -9.8]);
     assert_eq!(plane.met_s[0], None);
     // The paper's turn: 80 g to the right from one moment to the next, 9 deg/s.
     plane.fly(10.0, |_| [0.0, 0.0, 0.157], |_| [0.0, 780.0, -9.8]);
@@ -214,7 +215,7 @@ fn the_force_at_the_beginning_of_a_turn_counts() {
 
 #[test]
 fn one_segment_is_not_enough_for_b_and_c() {
-    let excite = |t: f64| [5.0 * (0.7 * t).cos(), 5.0 * (1.1 * t).sin(), -9.8 + 5.0 * (0.9 * t).sin()];
+    let excite = |t: f64| [5.0 * cos(0.7 * t), 5.0 * sin(1.1 * t), -9.8 + 5.0 * sin(0.9 * t)];
     let mut plane = Vehicle::new(1, 50.0, 0.3);
     plane.fly(40.0, still, excite);
     let status = plane.conditions.status();
@@ -229,7 +230,7 @@ fn one_segment_is_not_enough_for_b_and_c() {
 fn equal_samples_give_equal_results() {
     let run = || {
         let mut plane = Vehicle::new(9, 50.0, 1.0);
-        plane.fly(30.0, still, |t| [5.0 * t.sin(), 0.0, -9.8]);
+        plane.fly(30.0, still, |t| [5.0 * sin(t), 0.0, -9.8]);
         (plane.conditions.gram(), plane.conditions.status().clone())
     };
     assert_eq!(run(), run());
@@ -239,7 +240,7 @@ fn equal_samples_give_equal_results() {
 #[test]
 fn predicted_sigma_is_the_scatter_of_a_fit() {
     let (dt, n, runs) = (0.02, 2000_u32, 300);
-    let force = |t: f64| Vector3::new(3.0 * (0.7 * t).cos(), 2.0 * (1.1 * t).sin(), -9.8 + (0.3 * t).sin());
+    let force = |t: f64| Vector3::new(3.0 * cos(0.7 * t), 2.0 * sin(1.1 * t), -9.8 + sin(0.3 * t));
     let mut conditions = PathConditions::new(ConditionSettings::new(GYRO_NOISE));
     let mut scatter = crate::observability::segments::Scatter::default();
     for k in 0..n {

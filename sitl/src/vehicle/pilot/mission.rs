@@ -2,6 +2,7 @@
 //! turn comes.
 
 use super::*;
+use gaware_nav::math::{atan2, tan};
 
 /// Most items looked at in one decision, so that a loop of jumps cannot hang the pilot.
 const MOST_ITEMS: usize = 200;
@@ -168,7 +169,7 @@ impl Pilot {
             return d.norm() < near && (place.height_m - sight.place.height_m).abs() < near;
         }
         let speed = sight.ground_speed();
-        let turn = speed * speed / (STANDARD_GRAVITY * self.config.max_bank_rad.tan());
+        let turn = speed * speed / (STANDARD_GRAVITY * tan(self.config.max_bank_rad));
         let near = f64::from(item.param2).max(EARLY * turn + speed).max(15.0);
         let way = offset(&leg.from, place);
         // Also on a leg that is shorter than the distance at which the next one begins.
@@ -179,7 +180,7 @@ impl Pilot {
     /// Counts the angle around the centre from the time the circle is reached.
     fn count_turns(&self, sight: &Sight, centre: &Geodetic, radius: f64, leg: &mut Leg) {
         let d = -sight.to(centre);
-        let bearing = d.y.atan2(d.x);
+        let bearing = atan2(d.y, d.x);
         // A stationary multirotor has no circle to reach.
         let slack = (0.3 * radius.abs()).max(4.0);
         match &mut leg.turned {
@@ -248,7 +249,7 @@ impl Pilot {
         let d = sight.to(place);
         if d.norm() > 1.0 {
             let most = 0.02;
-            self.yaw += wrap_pi(d.y.atan2(d.x) - self.yaw).clamp(-most, most);
+            self.yaw += wrap_pi(atan2(d.y, d.x) - self.yaw).clamp(-most, most);
         }
     }
 
@@ -258,7 +259,7 @@ impl Pilot {
                 return self.take_off(sight, leg, place);
             }
             let way = offset(&leg.from, place);
-            let course = line_course(sight, place, way.y.atan2(way.x));
+            let course = line_course(sight, place, atan2(way.y, way.x));
             return self.wing(sight, course, 0.0, place.height_m);
         }
         let d = sight.to(place);

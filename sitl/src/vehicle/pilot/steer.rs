@@ -2,6 +2,7 @@
 
 use super::super::{Control, VehicleConfig};
 use gaware_nav::earth::{Geodetic, STANDARD_GRAVITY};
+use gaware_nav::math::{asin, atan, atan2, cos, sin};
 use gaware_nav::rotation::wrap_pi;
 use nalgebra::{Vector2, Vector3};
 
@@ -22,7 +23,7 @@ impl Sight {
     }
 
     pub(super) fn course(&self) -> f64 {
-        self.v_n.y.atan2(self.v_n.x)
+        atan2(self.v_n.y, self.v_n.x)
     }
 
     pub(super) fn ground_speed(&self) -> f64 {
@@ -35,7 +36,7 @@ pub(super) fn offset(from: &Geodetic, to: &Geodetic) -> Vector2<f64> {
     let (r_n, r_e) = from.radii();
     Vector2::new(
         (to.lat_rad - from.lat_rad) * (r_n + from.height_m),
-        wrap_pi(to.lon_rad - from.lon_rad) * (r_e + from.height_m) * from.lat_rad.cos(),
+        wrap_pi(to.lon_rad - from.lon_rad) * (r_e + from.height_m) * cos(from.lat_rad),
     )
 }
 
@@ -55,29 +56,29 @@ const VELOCITY_GAIN: f64 = 1.5;
 pub(super) fn line_course(sight: &Sight, to: &Geodetic, direction: f64) -> f64 {
     let d = sight.to(to);
     // Positive: the line lies to the right.
-    let cross = d.y * direction.cos() - d.x * direction.sin();
+    let cross = d.y * cos(direction) - d.x * sin(direction);
     let reach = sight.ground_speed().max(8.0) * LOOK_AHEAD_S;
-    direction + (cross / reach).atan().clamp(-INTERCEPT_RAD, INTERCEPT_RAD)
+    direction + atan(cross / reach).clamp(-INTERCEPT_RAD, INTERCEPT_RAD)
 }
 
 /// Course over ground that leads onto the circle, rad (Beard & McLain 2012, eq. 10.13); `turn` +1 = clockwise.
 pub(super) fn circle_course(sight: &Sight, centre: &Geodetic, radius: f64, turn: f64) -> f64 {
     let d = -sight.to(centre);
-    let from_centre = d.y.atan2(d.x);
-    from_centre + turn * (std::f64::consts::FRAC_PI_2 + (2.5 * (d.norm() - radius) / radius).atan())
+    let from_centre = atan2(d.y, d.x);
+    from_centre + turn * (std::f64::consts::FRAC_PI_2 + atan(2.5 * (d.norm() - radius) / radius))
 }
 
 /// Bank for a course over ground; `turn_rate` is what the path itself turns at, rad/s.
 pub(super) fn bank_for(config: &VehicleConfig, sight: &Sight, course: f64, turn_rate: f64) -> f64 {
     let rate = turn_rate + COURSE_GAIN * wrap_pi(course - sight.course());
-    (sight.ground_speed() * rate / STANDARD_GRAVITY).atan().clamp(-config.max_bank_rad, config.max_bank_rad)
+    atan(sight.ground_speed() * rate / STANDARD_GRAVITY).clamp(-config.max_bank_rad, config.max_bank_rad)
 }
 
 /// Climb angle toward a height.
 pub(super) fn climb_for(config: &VehicleConfig, sight: &Sight, height_m: f64) -> f64 {
     let up =
         (HEIGHT_GAIN * (height_m - sight.place.height_m)).clamp(-config.sink_m_per_s, config.climb_m_per_s);
-    (up / sight.airspeed.max(8.0)).clamp(-0.5, 0.5).asin()
+    asin((up / sight.airspeed.max(8.0)).clamp(-0.5, 0.5))
 }
 
 /// Acceleration of a multirotor toward a velocity, within its limits.

@@ -151,6 +151,8 @@ impl Detector {
 
 #[cfg(test)]
 mod tests {
+    use crate::math::sin;
+
     use super::*;
     use crate::earth::{Geodetic, STANDARD_GRAVITY};
     use rand::SeedableRng;
@@ -208,7 +210,7 @@ mod tests {
 
     #[test]
     fn a_sway_of_a_hovering_vehicle_is_not_stationary() {
-        assert_eq!(run(0.0, |t| 0.01 * (2.0 * t).sin()), (None, 0));
+        assert_eq!(run(0.0, |t| 0.01 * sin(2.0 * t)), (None, 0));
     }
 
     #[test]

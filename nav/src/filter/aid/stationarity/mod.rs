@@ -16,6 +16,7 @@ use crate::filter::calibration::MotionJacobian;
 use crate::filter::covariance::Covariance;
 use crate::filter::group::{Prepared, Rows};
 use crate::filter::layout::index;
+use crate::math::ln;
 use crate::mechanization::Motion;
 use crate::quantisation::ConstantError;
 use crate::rotation::skew;
@@ -391,7 +392,7 @@ impl Filter {
             .map(|k| {
                 let [with, without] = variances.map(|v| {
                     let s = v + left_out[k];
-                    -0.5 * ((off[k] * off[k] / s).min(super::gate(1)) + s.ln())
+                    -0.5 * ((off[k] * off[k] / s).min(super::gate(1)) + ln(s))
                 });
                 with - without
             })

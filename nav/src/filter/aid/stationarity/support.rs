@@ -5,6 +5,7 @@
 //! a few and none; the stationary periods before count as one more, so that a table says something of the next side, and a side on a
 //! cushion is judged by itself.
 
+use crate::math::ln;
 use nalgebra::Vector3;
 
 /// Random walks of the attitude that are tried, rad/√s: 0.1 to 10 mrad in half a minute.
@@ -66,7 +67,7 @@ impl Support {
             let off = mean - walk.force;
             let across = off - down * down.dot(&off);
             let s = walk.variance + noise;
-            walk.log_likelihood -= 0.5 * across.norm_squared() / s + s.ln();
+            walk.log_likelihood -= 0.5 * across.norm_squared() / s + ln(s);
             walk.force += off * (walk.variance / s);
             walk.variance *= noise / s;
         }
@@ -124,7 +125,7 @@ impl Supports {
         let likelihood = |k: usize| {
             let own = period.walks.as_ref().map_or(0.0, |walks| walks[k].log_likelihood);
             // A firm support is as likely before as all the walks together.
-            let prior = if k == 0 { 0.0 } else { (DENSITIES.len() as f64).ln() };
+            let prior = if k == 0 { 0.0 } else { ln(DENSITIES.len() as f64) };
             own + self.log_likelihood[k] / self.periods.max(1.0) - prior
         };
         // Of equals the first, which gives way less.
@@ -135,6 +136,8 @@ impl Supports {
 
 #[cfg(test)]
 mod tests {
+    use crate::math::exp;
+
     use super::*;
     use rand::SeedableRng;
     use rand::rngs::Xoshiro256PlusPlus;
@@ -159,7 +162,7 @@ mod tests {
     fn foam_is_found_in_its_first_period_and_a_firm_table_stays_one() {
         // Sigma of the turn in 25 s, rad.
         let turn = |supports: &Supports, period: &Support| supports.judge(period).variance(25.0).sqrt();
-        let foam = |t: f64| 3e-3 * (1.0 - (-t / 4.0).exp());
+        let foam = |t: f64| 3e-3 * (1.0 - exp(-t / 4.0));
         let mut firm = 0;
         for seed in 0..40 {
             let found = turn(&Supports::default(), &period(seed, 5, foam));
