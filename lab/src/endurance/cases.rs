@@ -15,6 +15,9 @@ const CRUISE_AT_S: f64 = 58.0;
 /// In a turn at 40° of bank there, s.
 const TURN_AT_S: f64 = 88.0;
 
+/// Straight and level there, after all maneuvers, s.
+const FLOWN_AT_S: f64 = 297.0;
+
 /// What goes wrong in a case.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) enum Fault {
@@ -69,7 +72,8 @@ fn registry() -> Vec<(String, Box<dyn Fn() -> Case>)> {
             add(format!("landings-{kind}"), Box::new(move |name| landings(name, rotor, truncated)));
             if !rotor {
                 for (length, dull_s) in [("15min", 900.0), ("3h", 10800.0)] {
-                    for (what, at_s) in [("cruise", CRUISE_AT_S), ("turn", TURN_AT_S)] {
+                    for (what, at_s) in [("cruise", CRUISE_AT_S), ("turn", TURN_AT_S), ("after", FLOWN_AT_S)]
+                    {
                         add(
                             format!("{what}-{length}-{kind}"),
                             Box::new(move |name| dull(name, truncated, at_s, dull_s)),

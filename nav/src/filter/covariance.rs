@@ -123,17 +123,6 @@ impl Covariance {
         }
     }
 
-    /// P ← M P Mᵀ with M = I + k hᵀ, where h stands on the three states from `at` on.
-    pub(super) fn shear(&mut self, at: usize, h: &Vector3<f64>, k: &[f64]) {
-        let ph: Vec<f64> = (0..self.n).map(|i| (0..3).map(|j| self.at(i, at + j) * h[j]).sum()).collect();
-        let own: f64 = (0..3).map(|j| h[j] * ph[at + j]).sum();
-        for (i, (ki, pi)) in k.iter().zip(&ph).enumerate() {
-            for (j, (kj, pj)) in k.iter().zip(&ph).enumerate() {
-                *self.at_mut(i, j) += ki * pj + pi * kj + own * ki * kj;
-            }
-        }
-    }
-
     /// Forgets all correlations of a state and gives it a new sigma.
     pub fn reset(&mut self, i: usize, sigma: f64) {
         for j in 0..self.n {

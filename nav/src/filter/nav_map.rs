@@ -9,7 +9,7 @@ use super::layout::index;
 use crate::displacement::{Displacement, LARGE_TILT};
 use crate::linear::interval::Interval;
 use crate::mechanization::NavState;
-use crate::rotation::{exp, left_jacobian, skew};
+use crate::rotation::{exp, left_jacobian};
 use nalgebra::{Matrix3, Vector3};
 use pulp::Simd;
 
@@ -51,11 +51,6 @@ pub(super) trait NavMap {
 }
 
 // No closures in what follows: one that the compiler does not inline would lose the wide registers.
-
-#[inline(always)]
-fn add<S: Simd>(simd: S, a: Triple<S>, b: Triple<S>) -> Triple<S> {
-    [simd.add_f64s(a[0], b[0]), simd.add_f64s(a[1], b[1]), simd.add_f64s(a[2], b[2])]
-}
 
 /// a·x for one row of three.
 #[inline(always)]
@@ -107,39 +102,6 @@ impl NavMap for Recentring {
             times(simd, &self.turn, x.triple(index::POSITION)),
             times(simd, &self.turn, x.triple(index::VELOCITY)),
             times(simd, &self.attitude, x.triple(index::ATTITUDE)),
-        ]
-    }
-}
-
-/// How an error reads about a state with another position and velocity, `m` away in body axes. With v = v̂ + Ĉ exp(ψ u) J(a) δv the same
-/// velocity is v̂ + Ĉ m + Ĉ exp(ψ u) J(a) δv' for δv' = δv − m + ψ u×m + ½ a×m to first order.
-#[derive(Debug, Clone)]
-pub(super) struct Shift {
-    position: [[f64; 3]; 3],
-    velocity: [[f64; 3]; 3],
-}
-
-impl NavState {
-    /// The change of coordinates that such a shift brings.
-    pub(super) fn shifted(&self, by: &Displacement) -> Shift {
-        let down = self.down_b();
-        let coupling = |m: &Vector3<f64>| -> [[f64; 3]; 3] {
-            let heading = down * down.transpose();
-            let k = down.cross(m) * down.transpose() - skew(m) * (Matrix3::identity() - heading) * 0.5;
-            k.transpose().into()
-        };
-        Shift { position: coupling(&by.position), velocity: coupling(&by.velocity) }
-    }
-}
-
-impl NavMap for Shift {
-    #[inline(always)]
-    fn rows<S: Simd>(&self, simd: S, x: Columns<'_, S>) -> [Triple<S>; 3] {
-        let eps = x.triple(index::ATTITUDE);
-        [
-            add(simd, x.triple(index::POSITION), times(simd, &self.position, eps)),
-            add(simd, x.triple(index::VELOCITY), times(simd, &self.velocity, eps)),
-            eps,
         ]
     }
 }

@@ -5,12 +5,13 @@ use super::layout::index;
 use super::nav_map::Dense;
 use super::regressor::BEYOND_NOISE;
 use super::unseen::{BetweenSamples, GAP_S, MOTION as GAP_MOTION};
-use crate::displacement::Displacement;
+use crate::earth;
 use crate::effects::{BiasWalk, Conditions};
 use crate::linear::interval::{NavCovariance, Sum};
 use crate::math::exp;
 use crate::mechanization::Motion;
 use crate::sample::{ImuSample, SampleKind};
+use nalgebra::Vector3;
 
 /// An interval ends after this long, s, whatever comes: Earth's share of it is of first order.
 const LONGEST_S: f64 = 1.0;
@@ -76,7 +77,7 @@ impl Filter {
         self.look_around(sample);
         let coasts = self.coasts(sample.t_s);
         self.about.motion = self.motion_of(sample);
-        self.regressor.take(&self.about.motion, self.noise_band(dt), dt);
+        self.feel(dt);
         std::mem::swap(&mut self.from, &mut self.to);
         self.see(sample);
         let missed = self.missed(dt, gap);
@@ -96,15 +97,34 @@ impl Filter {
         }
     }
 
+    /// What the regressor makes of the present motion, `dt` after the last one.
+    pub(super) fn feel(&mut self, dt: f64) {
+        let (motion, band) = (self.about.motion, self.noise_band(dt));
+        self.regressor.take(&motion, band, dt);
+        if self.regressor.is_quiet() {
+            self.regressor.average(&(motion.force + self.gravity_b()), band.1, dt);
+        }
+    }
+
+    /// What errors of attitude and time act on at the present motion.
+    pub(super) fn lever(&self) -> Motion {
+        self.regressor.lever(&self.about.motion, || self.gravity_b())
+    }
+
+    /// Gravity in the body axes of what is linearised about, m/s².
+    fn gravity_b(&self) -> Vector3<f64> {
+        self.about.nav.q_eb.inverse() * earth::gravity(&self.about.nav.r_e)
+    }
+
     /// The sensors at a sample become those at the end of a step.
     fn see(&mut self, sample: &ImuSample) {
         self.judged = self.regressor.motion();
+        let lever = self.lever();
         let jacobian = &mut self.jacobian;
         self.about.calibration.jacobian(&self.model, &self.layout, sample, &self.judged, jacobian);
         let here = &mut self.to;
         here.t_s = sample.t_s;
-        here.motion = self.about.motion;
-        here.lever = self.regressor.lever(&here.motion);
+        (here.motion, here.lever) = (self.about.motion, lever);
         let columns = jacobian.rate.iter().zip(&jacobian.force).map(|(rate, force)| [*rate, *force]);
         here.columns.clear();
         here.columns.extend(columns.skip(index::EFFECTS - index::GYRO_BIAS));
@@ -138,21 +158,10 @@ impl Filter {
         let moved = map.moved(&self.x);
         self.x[..moved.len()].copy_from_slice(&moved);
         self.decay_gauss_markov(dt);
-        self.follow_way();
-        self.find_estimate();
-    }
-
-    /// The way that the mean error of attitude and constants has brought since the last measurement: in body axes it turns with the heading,
-    /// as everything does that the sensors say.
-    fn follow_way(&mut self) {
-        if self.pinned
-            || self.coasting_since_s.is_some()
-            || self.x[..index::ATTITUDE].iter().all(|x| *x == 0.0)
-        {
-            return;
+        if !self.pinned && self.coasting_since_s.is_none() {
+            self.recentre_place();
         }
-        self.p.transform(&self.about.nav.shifted(&Displacement::of(&self.x)));
-        self.recentre_place();
+        self.find_estimate();
     }
 
     /// The motion behind the next sample.

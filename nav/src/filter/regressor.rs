@@ -95,6 +95,9 @@ pub(super) struct Regressor {
     started: bool,
     /// Time since the stream began, s.
     age_s: f64,
+    /// Mean acceleration in body axes, m/s², since all channels are quiet, and for how long that is, s.
+    acceleration: Vector3<f64>,
+    steady_s: f64,
 }
 
 impl Regressor {
@@ -111,9 +114,31 @@ impl Regressor {
         }
     }
 
-    /// The motion that errors of attitude and time act on: as the trajectory has it that they are errors of, but for what is only noise.
-    pub(super) fn lever(&self, measured: &Motion) -> Motion {
-        self.of_channels(|c, x| if c.is_quiet() { c.steady + c.held } else { x }, measured)
+    /// The motion that errors of attitude and time act on: as the trajectory has it that they are errors of, but for what is only noise. Where
+    /// nothing moves, the specific force is that of the mean acceleration: how far the trajectory's own tilt wanders from where the
+    /// accelerometers say (it is what the gyros' noise adds up to, and `gravity` in its body axes, m/s², goes with it) is no acceleration that
+    /// fixes could tell the heading by.
+    pub(super) fn lever(&self, measured: &Motion, gravity: impl FnOnce() -> Vector3<f64>) -> Motion {
+        let mut lever = self.of_channels(|c, x| if c.is_quiet() { c.steady + c.held } else { x }, measured);
+        if self.steady_s > 0.0 {
+            lever.force = self.acceleration - gravity();
+        }
+        lever
+    }
+
+    /// Whether no channel moves.
+    pub(super) fn is_quiet(&self) -> bool {
+        self.channels.iter().all(Channel::is_quiet)
+    }
+
+    /// The acceleration in body axes, m/s², `dt` after the last one, where nothing moves; noise reaches so far in it. Farther goes a tilt
+    /// that is found anew.
+    pub(super) fn average(&mut self, acceleration: &Vector3<f64>, band: f64, dt: f64) {
+        if (acceleration - self.acceleration).amax() >= band {
+            self.steady_s = 0.0;
+        }
+        self.steady_s += dt;
+        self.acceleration += (acceleration - self.acceleration) * (dt / self.steady_s);
     }
 
     /// The first sample of a stream: nothing to average with.
@@ -138,6 +163,9 @@ impl Regressor {
             c.take(x, if k < 3 { band.0 } else { band.1 }, dt);
             k += 1;
         });
+        if !self.is_quiet() {
+            self.steady_s = 0.0;
+        }
     }
 
     /// The same sample is compensated differently now.
@@ -171,6 +199,7 @@ impl Regressor {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::math::sin;
 
     const DT: f64 = 0.01;
 
@@ -228,11 +257,33 @@ mod tests {
         take(&mut r, 0.2, 1000);
         assert!((r.motion().force.x - before).abs() < 0.01, "{r:?}");
         // The errors of a trajectory are driven by its own motion, the shift included.
-        assert!((r.lever(&force(0.2)).force.x - before - 0.2).abs() < 0.01, "{r:?}");
+        assert!((r.lever(&force(0.2), Vector3::zeros).force.x - before - 0.2).abs() < 0.01, "{r:?}");
         r.take(&force(3.2), (1.0, 1.0), DT);
-        assert_eq!(r.lever(&force(3.2)).force.x, 3.2);
+        assert_eq!(r.lever(&force(3.2), Vector3::zeros).force.x, 3.2);
         take(&mut r, 5.2, 1000);
         r.estimate_changed(&force(5.2), &force(5.21));
         assert!((r.motion().force.x - 5.21).abs() < 0.01, "it moves again: {r:?}");
+    }
+
+    /// The trajectory's tilt wanders by what the gyros' noise adds up to while the vehicle keeps its attitude.
+    #[test]
+    fn a_tilt_that_wanders_is_no_acceleration() {
+        let mut r = standing();
+        let wandering = |tilt: f64| Vector3::new(9.8 * tilt, 0.0, 9.8);
+        for k in 0..6000 {
+            let motion = Motion { rate: Vector3::zeros(), force: -wandering(0.0) };
+            let tilt = 1e-3 * sin(0.01 * f64::from(k));
+            r.take(&motion, (1.0, 1.0), DT);
+            if r.is_quiet() {
+                r.average(&(motion.force + wandering(tilt)), 1.0, DT);
+            }
+        }
+        let now = wandering(1e-3);
+        let measured = Motion { rate: Vector3::zeros(), force: -wandering(0.0) };
+        let acceleration = r.lever(&measured, || now).force + now;
+        assert!(acceleration.norm() < 1e-3, "{acceleration}");
+        // Once it moves its samples say how.
+        r.take(&force(5.0), (1.0, 1.0), DT);
+        assert_eq!(r.lever(&force(5.0), || now).force.x, 5.0);
     }
 }

@@ -1,18 +1,20 @@
 //! What a linear filter leaves out: products of errors.
 //!
-//! With C = Ĉ exp(ε), f = f̂ + δf and ω = ω̂ + δω the navigation errors are driven by ½ ε×(ε×f) + ε×δf and by ½ ε×δω besides what
-//! is linear, and the gyros' compensation by the product of G's error and δf. In maneuvers the errors become small before that
-//! matters. Where nothing excites them, tilt and accelerometer bias stay a degree and tens of mg wrong for as long as the flight
-//! is smooth, and their products, constant over minutes, are inconsistent with what linear theory learns from a thousand fixes: a heading
-//! that drifts seems to part tilt from bias. So the products are counted as a slow walk of the biases, with the variance that
-//! the present covariance gives them (the second-order filter: Bar-Shalom, Li & Kirubarajan 2001, section 10.3.2, with the
-//! correlation in time that these terms have).
+//! With C = Ĉ exp(ψ u) exp(a), f = f̂ + δf and ω = ω̂ + δω (see [`Displacement`](crate::displacement::Displacement)) the navigation errors are
+//! driven by products of these beside what is linear, and the gyros' compensation by the product of G's error and δf. In maneuvers
+//! the errors become small before that matters. Where nothing excites them, tilt and accelerometer bias stay a degree and tens of mg wrong for
+//! as long as the flight is smooth, and their products, constant over minutes, are inconsistent with what linear theory learns from a thousand fixes. So the products are
+//! counted as a slow walk of the biases, with the variance that the present covariance gives them (the second-order filter: Bar-Shalom, Li &
+//! Kirubarajan 2001, section 10.3.2, with the correlation in time that these terms have). In the coordinates of one rotation vector a heading
+//! that drifts would multiply tilt and biases each by itself, and hours of cruise ended with accelerometer biases of 0.35 m/s².
 
 use super::Filter;
 use super::calibration::MotionJacobian;
 use super::layout::index;
+use crate::displacement::LARGE_TILT;
+use crate::earth;
 use crate::mechanization::Motion;
-use nalgebra::{Matrix3, SMatrix, Vector3};
+use nalgebra::{SMatrix, Vector3};
 
 /// Products of errors stay as they are for about so long, s.
 const LASTING_S: f64 = 10.0;
@@ -47,9 +49,12 @@ impl Filter {
 
     /// Mean squares of the products of errors, per axis: of the rate, (rad/s)², and of the specific force, (m/s²)².
     fn products_of_errors(&self, p: &Square) -> [Vector3<f64>; 2] {
-        let f = self.judged.force;
-        let force = Vector3::from_fn(|i, _| mean_square(&(tilted(i, &f) + cross_product(i, FORCE)), p));
-        let rate = Vector3::from_fn(|i, _| mean_square(&(cross_product(i, RATE) * 0.5), p));
+        let nav = &self.about.nav;
+        // With a tilt that is not known an attitude error is one rotation vector (see [`Displacement`]).
+        let down = if self.tilt_sigma() > LARGE_TILT { Vector3::zeros() } else { nav.down_b() };
+        let terms =
+            Products { down, force: self.to.lever.force, earth: nav.q_eb.inverse() * earth::rotation_rate() };
+        let [rate, force] = terms.forms().map(|axes| Vector3::from(axes.map(|a| mean_square(&a, p))));
         let variances = p.diagonal().fixed_rows::<3>(FORCE).into_owned();
         [rate + self.sensitivity_times_force(&self.judged, &variances), force]
     }
@@ -125,22 +130,106 @@ fn tilted(i: usize, f: &Vector3<f64>) -> Square {
     a
 }
 
-/// Axis `i` of ε × x as uᵀ A u, with x at `other`.
-fn cross_product(i: usize, other: usize) -> Square {
-    let mut a = Square::zeros();
-    let unit = Matrix3::<f64>::identity();
-    for j in 0..3 {
-        for k in 0..3 {
-            let sign = unit.column(j).cross(&unit.column(k))[i];
-            a[(j, other + k)] += 0.5 * sign;
-            a[(other + k, j)] += 0.5 * sign;
-        }
+/// The products of errors that a linear filter leaves out, with C = Ĉ exp(ψ u) exp(a), f = f̂ + δf and ω = ω̂ + δω to second order.
+struct Products {
+    /// u.
+    down: Vector3<f64>,
+    /// f̂.
+    force: Vector3<f64>,
+    /// The Earth's rate in body axes, rad/s.
+    earth: Vector3<f64>,
+}
+
+impl Products {
+    /// What they add to the rates of change of attitude and velocity errors, as bilinear forms of errors [ε δf δω]: of D f − f̂ with
+    /// D = exp(ψ u) exp(a), and of Ḋ = D (δω + ω_e) − ω_e D, both as cross products, with the Earth's rate ω_e. A heading turns what the vehicle is seen to do, not what its
+    /// sensors say: beside an acceleration it multiplies only what tilt and accelerometers are wrong by together, and of the rate the
+    /// Earth's alone.
+    fn of(&self, x: &[Vector3<f64>; 3], y: &[Vector3<f64>; 3]) -> [Vector3<f64>; 2] {
+        let parts = |v: &Vector3<f64>| {
+            let heading = self.down * self.down.dot(v);
+            (heading, v - heading)
+        };
+        let ((heading, tilt), (other_heading, other_tilt)) = (parts(&x[0]), parts(&y[0]));
+        let half =
+            |by: &Vector3<f64>, other: &Vector3<f64>, v: &Vector3<f64>| by.cross(&other.cross(v)) * 0.5;
+        let turn = |v: &Vector3<f64>| half(&heading, &other_heading, v) + half(&tilt, &other_tilt, v);
+        let of_rate = y[2] + y[0].cross(&self.earth);
+        let rate = tilt.cross(&(of_rate + parts(&of_rate).0)) * 0.5
+            - turn(&self.earth)
+            - tilt.cross(&other_heading.cross(&self.earth));
+        let force = turn(&self.force) + heading.cross(&other_tilt.cross(&self.force)) + x[0].cross(&y[1]);
+        [rate, force]
     }
-    a
+
+    /// Each axis of both as uᵀ A u with symmetric A.
+    fn forms(&self) -> [[Square; 3]; 2] {
+        let mut forms = [[Square::zeros(); 3]; 2];
+        let unit = |k: usize| {
+            let mut parts = [Vector3::zeros(); 3];
+            parts[k / 3][k % 3] = 1.0;
+            parts
+        };
+        for j in 0..ERRORS {
+            for k in 0..ERRORS {
+                for (form, product) in forms.iter_mut().zip(self.of(&unit(j), &unit(k))) {
+                    for (a, value) in form.iter_mut().zip(product.iter()) {
+                        a[(j, k)] += 0.5 * value;
+                        a[(k, j)] += 0.5 * value;
+                    }
+                }
+            }
+        }
+        forms
+    }
 }
 
 /// E (uᵀ A u)² of a Gaussian u: (tr A P)² + 2 tr (A P)² (Isserlis' theorem).
 fn mean_square(a: &Square, p: &Square) -> f64 {
     let ap = a * p;
     ap.trace().powi(2) + 2.0 * (ap * ap).trace()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::displacement::Displacement;
+    use crate::mechanization::NavState;
+    use crate::rotation::{c_nb_from_euler, exp};
+    use proptest::prelude::*;
+
+    fn small(size: f64) -> impl Strategy<Value = Vector3<f64>> {
+        prop::array::uniform3(-size..size).prop_map(Vector3::from)
+    }
+
+    proptest! {
+        /// What the exact equations leave of the errors' rates of change once the linear part is taken off, to third order.
+        #[test]
+        fn products_are_what_the_linear_equations_leave_out(
+            eps in small(0.02), force_error in small(0.2), rate_error in small(0.01), yaw in -3.0..3.0f64, roll in -1.0..1.0f64,
+        ) {
+            const STEP_S: f64 = 1e-4;
+            let place = earth::Geodetic::from_degrees(47.0, 8.0, 400.0);
+            let nav = NavState::from_ned(place, &Vector3::zeros(), &c_nb_from_euler(roll, 0.3, yaw));
+            let down = nav.down_b();
+            // A planet that turns as fast as the errors, so that its share is seen.
+            let terms = Products { down, force: Vector3::new(2.0, -1.0, -9.0), earth: Vector3::new(0.1, 0.3, -0.2) };
+            let errors = [eps, force_error, rate_error];
+            let [rate, force] = terms.of(&errors, &errors);
+
+            let displaced = nav.displaced(&Displacement { attitude: eps, ..Displacement::default() });
+            let d = nav.q_eb.inverse() * displaced.q_eb;
+            let exact = d * (terms.force + force_error) - terms.force;
+            let linear = eps.cross(&terms.force) + force_error;
+            prop_assert!((exact - linear - force).norm() < 5e-4, "{} {force}", exact - linear);
+
+            let later = |by_s: f64| {
+                let turned = exp(&(terms.earth * -by_s)) * d * exp(&((rate_error + terms.earth) * by_s));
+                nav.displacement_of(&NavState { q_eb: nav.q_eb * turned, ..nav }).attitude
+            };
+            let exact = (later(STEP_S) - later(-STEP_S)) / (2.0 * STEP_S);
+            let linear = rate_error + eps.cross(&terms.earth);
+            prop_assert!((exact - linear - rate).norm() < 5e-5, "{} {rate}", exact - linear);
+        }
+    }
 }

@@ -155,7 +155,6 @@ impl Filter {
         let position = self.position_rows(fix, &x);
         let velocity = self.velocity_rows(fix, &x);
         let yaw = self.yaw_rows(fix);
-        let before = self.x.clone();
         let mut outcome = FixOutcome { t_s: self.t_s, ..FixOutcome::default() };
         let withheld = velocity.dof > 0 && self.gates.velocity.lasts();
         if withheld {
@@ -170,7 +169,6 @@ impl Filter {
         }
         self.apply_yaw(yaw, &mut outcome);
         if !self.pinned {
-            self.turn_with_heading(&before);
             self.follow();
             self.walk_by_products();
         }
@@ -372,19 +370,6 @@ impl Filter {
             self.recentre();
         }
         self.find_estimate();
-    }
-
-    /// What a fix says of tilt and biases it says in axes of the Earth: with another heading it would have corrected other axes of the body. So the
-    /// correction turns with the error ψ of the heading, d(ψ) = exp(−ψ u) d. A linear update leaves that out, and the next ones take it for
-    /// information about the heading: 3 h of cruise then ended with a yaw sigma of 12° and an error of 90°.
-    fn turn_with_heading(&mut self, before: &[f64]) {
-        let down = self.about.nav.down_b();
-        let mut turned = vec![0.0; self.layout.len()];
-        for at in [index::ATTITUDE, index::GYRO_BIAS, index::ACCEL_BIAS] {
-            let by = Vector3::from_fn(|k, _| self.x[at + k] - before[at + k]);
-            turned[at..at + 3].copy_from_slice((-down.cross(&by)).as_slice());
-        }
-        self.p.shear(index::ATTITUDE, &down, &turned);
     }
 
     /// Whether what the linear model leaves out about the mean error counts.

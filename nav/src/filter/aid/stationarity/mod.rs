@@ -251,8 +251,8 @@ impl Filter {
         let Some(mut hold) = self.hold.take() else { return };
         let motion = self.about.calibration.motion(&self.model, sample);
         self.about.motion = motion;
-        self.regressor.take(&motion, self.noise_band(dt), dt);
-        (self.to.motion, self.to.lever) = (motion, self.regressor.lever(&motion));
+        self.feel(dt);
+        (self.to.motion, self.to.lever) = (motion, self.lever());
         if hold.blocks.back().is_none_or(|b| b.duration_s >= BLOCK_S) {
             self.judge_support(&mut hold);
             self.rest_evidence += self.block_evidence(&hold);
