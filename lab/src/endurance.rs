@@ -395,7 +395,7 @@ mod tests {
 
     /// Three hours of it: the heading drifts away, and little that the filter has seen says where to. What counted as knowledge once:
     /// one noisy sample a minute taken for a turn (seed 3: NEES 466), new estimates of the accelerometer biases taken for motion, and
-    /// a wrong rate taken for a turn (seed 12: 837); after maneuvers, that the trajectory's tilt wanders (seed 3: yaw 38° off at a sigma of 5°).
+    /// a wrong rate taken for a turn (seed 12: 837); after maneuvers, that the trajectory's tilt drifts (seed 3: yaw 38° off at a sigma of 5°).
     /// Nor does it say how old fixes are: errors of tilt and biases taken for accelerations did (a third of the latency's sigma).
     #[test]
     fn hours_of_smooth_cruise_bring_no_knowledge_that_is_false() {

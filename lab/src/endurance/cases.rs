@@ -14,7 +14,6 @@ const AT_REST_S: f64 = 5.0;
 const CRUISE_AT_S: f64 = 58.0;
 /// In a turn at 40° of bank there, s.
 const TURN_AT_S: f64 = 88.0;
-
 /// Straight and level there, after all maneuvers, s.
 const FLOWN_AT_S: f64 = 297.0;
 

@@ -115,7 +115,7 @@ impl Regressor {
     }
 
     /// The motion that errors of attitude and time act on: as the trajectory has it that they are errors of, but for what is only noise. Where
-    /// nothing moves, the specific force is that of the mean acceleration: how far the trajectory's own tilt wanders from where the
+    /// nothing moves, the specific force is that of the mean acceleration: how far the trajectory's own tilt drifts from where the
     /// accelerometers say (it is what the gyros' noise adds up to, and `gravity` in its body axes, m/s², goes with it) is no acceleration that
     /// fixes could tell the heading by.
     pub(super) fn lever(&self, measured: &Motion, gravity: impl FnOnce() -> Vector3<f64>) -> Motion {
@@ -265,21 +265,21 @@ mod tests {
         assert!((r.motion().force.x - 5.21).abs() < 0.01, "it moves again: {r:?}");
     }
 
-    /// The trajectory's tilt wanders by what the gyros' noise adds up to while the vehicle keeps its attitude.
+    /// The trajectory's tilt drifts by what the gyros' noise adds up to while the vehicle keeps its attitude.
     #[test]
-    fn a_tilt_that_wanders_is_no_acceleration() {
+    fn a_tilt_that_drifts_is_no_acceleration() {
         let mut r = standing();
-        let wandering = |tilt: f64| Vector3::new(9.8 * tilt, 0.0, 9.8);
+        let gravity = |tilt: f64| Vector3::new(9.8 * tilt, 0.0, 9.8);
         for k in 0..6000 {
-            let motion = Motion { rate: Vector3::zeros(), force: -wandering(0.0) };
+            let motion = Motion { rate: Vector3::zeros(), force: -gravity(0.0) };
             let tilt = 1e-3 * sin(0.01 * f64::from(k));
             r.take(&motion, (1.0, 1.0), DT);
             if r.is_quiet() {
-                r.average(&(motion.force + wandering(tilt)), 1.0, DT);
+                r.average(&(motion.force + gravity(tilt)), 1.0, DT);
             }
         }
-        let now = wandering(1e-3);
-        let measured = Motion { rate: Vector3::zeros(), force: -wandering(0.0) };
+        let now = gravity(1e-3);
+        let measured = Motion { rate: Vector3::zeros(), force: -gravity(0.0) };
         let acceleration = r.lever(&measured, || now).force + now;
         assert!(acceleration.norm() < 1e-3, "{acceleration}");
         // Once it moves its samples say how.

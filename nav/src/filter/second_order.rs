@@ -142,9 +142,9 @@ struct Products {
 
 impl Products {
     /// What they add to the rates of change of attitude and velocity errors, as bilinear forms of errors [ε δf δω]: of D f − f̂ with
-    /// D = exp(ψ u) exp(a), and of Ḋ = D (δω + ω_e) − ω_e D, both as cross products, with the Earth's rate ω_e. A heading turns what the vehicle is seen to do, not what its
-    /// sensors say: beside an acceleration it multiplies only what tilt and accelerometers are wrong by together, and of the rate the
-    /// Earth's alone.
+    /// D = exp(ψ u) exp(a), and of Ḋ = D (δω + ω_e) − ω_e D, both as cross products, with the Earth's rate ω_e. A heading turns what the
+    /// vehicle is seen to do, not what its sensors say: beside an acceleration it multiplies only what tilt and accelerometers are wrong
+    /// by together, and of the rate the Earth's alone.
     fn of(&self, x: &[Vector3<f64>; 3], y: &[Vector3<f64>; 3]) -> [Vector3<f64>; 2] {
         let parts = |v: &Vector3<f64>| {
             let heading = self.down * self.down.dot(v);

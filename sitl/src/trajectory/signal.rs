@@ -94,11 +94,18 @@ impl Term {
     }
 }
 
-/// What becomes of all changes so far, those of time among them.
+/// What becomes of the signal so far.
 #[derive(Debug, Clone, Copy)]
 enum Change {
-    Pause { at_s: f64, for_s: f64 },
-    Again { times: u32, by_s: f64 },
+    Pause {
+        at_s: f64,
+        for_s: f64,
+    },
+    /// So many times more, each so much later.
+    Again {
+        more: u32,
+        by_s: f64,
+    },
 }
 
 /// A sum of smooth pieces.
@@ -168,7 +175,7 @@ impl Signal {
     /// So many times all changes, each time `by_s` later and from where they led before: all of them are over by then.
     #[must_use]
     pub fn repeated(mut self, times: u32, by_s: f64) -> Self {
-        self.changes.push(Change::Again { times: times.saturating_sub(1), by_s });
+        self.changes.push(Change::Again { more: times.saturating_sub(1), by_s });
         self
     }
 
@@ -184,8 +191,8 @@ impl Signal {
             Some((Change::Pause { at_s, for_s }, first)) => {
                 self.changed(first, t_s.min(*at_s).max(t_s - for_s))
             }
-            Some((Change::Again { times, by_s }, first)) => {
-                let before = (t_s / by_s).floor().clamp(0.0, f64::from(*times));
+            Some((Change::Again { more, by_s }, first)) => {
+                let before = (t_s / by_s).floor().clamp(0.0, f64::from(*more));
                 let mut jet = self.changed(first, t_s - before * by_s);
                 if before > 0.0 {
                     jet.x += before * (self.changed(first, *by_s).x - self.start);
