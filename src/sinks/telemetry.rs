@@ -57,7 +57,8 @@ pub struct TelemetryConfig {
     pub texts_per_window: usize,
     /// Length of that window, s.
     pub text_window_s: f64,
-    /// Messages of both kinds at most in any second; a text of several chunks then takes its time.
+    /// Messages of both kinds at most in any second, not fewer than one text may have. All chunks of a text go
+    /// together: ground stations show what they have when the next one does not come within a second.
     pub messages_per_s: Option<usize>,
 }
 
@@ -80,8 +81,6 @@ pub struct Telemetry {
     events: EventDetector,
     waiting: VecDeque<Waiting>,
     sent_at_s: VecDeque<f64>,
-    /// Chunks of texts under way.
-    outgoing: VecDeque<MavMessage>,
     /// When the messages of the last second were sent.
     messages_at_s: VecDeque<f64>,
     next_value: usize,
@@ -98,7 +97,6 @@ impl Telemetry {
             events: EventDetector::default(),
             waiting: VecDeque::new(),
             sent_at_s: VecDeque::new(),
-            outgoing: VecDeque::new(),
             messages_at_s: VecDeque::new(),
             next_value: 0,
             next_value_at_s: None,
@@ -122,11 +120,9 @@ impl Telemetry {
                 text: event.text,
             });
         }
-        let texts = self.due_texts(now_s);
-        self.outgoing.extend(texts);
         let room = self.room(now_s);
-        let mut out: Vec<_> = self.outgoing.drain(..room.min(self.outgoing.len())).collect();
-        if self.outgoing.is_empty() {
+        let mut out = Vec::new();
+        if self.due_texts(now_s, room, &mut out) {
             self.due_values(now_s, snapshot, room, &mut out);
         }
         if self.config.messages_per_s.is_some() {
@@ -175,51 +171,26 @@ impl Telemetry {
         }
     }
 
-    fn due_texts(&mut self, now_s: f64) -> Vec<MavMessage> {
+    /// Texts whose turn has come; whether there is room for other messages, since no text waits for it.
+    fn due_texts(&mut self, now_s: f64, room: usize, out: &mut Vec<MavMessage>) -> bool {
         let before = self.waiting.len();
         self.waiting.retain(|w| w.topic == Topic::Instruction || now_s - w.since_s <= STALE_S);
         self.dropped += (before - self.waiting.len()) as u64;
         let window = self.config.text_window_s;
         self.sent_at_s.retain(|t| now_s - t < window);
-        let mut out = Vec::new();
         while self.sent_at_s.len() < self.config.texts_per_window {
-            let Some(most) = self.waiting.iter().map(|w| w.severity).min() else { break };
-            let Some(at) = self.waiting.iter().position(|w| w.severity == most) else { break };
-            let Some(text) = self.waiting.remove(at) else { break };
+            let most = self.waiting.iter().map(|w| w.severity).min();
+            let Some(at) = self.waiting.iter().position(|w| Some(w.severity) == most) else { break };
+            let chunks = self.waiting.get(at).map(|w| statustext(w.severity, &w.text, self.next_text_id));
+            let Some(chunks) = chunks.filter(|chunks| out.len() + chunks.len() <= room) else { return false };
+            self.waiting.remove(at);
             self.sent_at_s.push_back(now_s);
-            out.extend(self.statustext(text.severity, &text.text));
+            if chunks.len() > 1 {
+                self.next_text_id = self.next_text_id.checked_add(1).unwrap_or(1);
+            }
+            out.extend(chunks);
         }
-        out
-    }
-
-    fn statustext(&mut self, severity: Severity, text: &str) -> Vec<MavMessage> {
-        let text = fit(&ascii(text), TEXT_BYTES * MAX_CHUNKS);
-        let severity = match severity {
-            Severity::Warning => MavSeverity::MAV_SEVERITY_WARNING,
-            Severity::Notice => MavSeverity::MAV_SEVERITY_NOTICE,
-            Severity::Info => MavSeverity::MAV_SEVERITY_INFO,
-        };
-        let chunks: Vec<&[u8]> = text.as_bytes().chunks(TEXT_BYTES).collect();
-        let id = if chunks.len() > 1 { self.take_text_id() } else { 0 };
-        let ends_full = chunks.len() > 1 && text.len().is_multiple_of(TEXT_BYTES);
-        // A receiver knows the last chunk by a NUL in it; a text that fills its last chunk needs an empty one more.
-        let empty: &[u8] = &[];
-        (0u8..)
-            .zip(chunks.into_iter().chain(ends_full.then_some(empty)))
-            .map(|(chunk_seq, bytes)| {
-                let mut data = [0; TEXT_BYTES];
-                for (to, from) in data.iter_mut().zip(bytes) {
-                    *to = *from;
-                }
-                MavMessage::STATUSTEXT(STATUSTEXT_DATA { severity, text: data.into(), id, chunk_seq })
-            })
-            .collect()
-    }
-
-    fn take_text_id(&mut self) -> u16 {
-        let id = self.next_text_id;
-        self.next_text_id = self.next_text_id.checked_add(1).unwrap_or(1);
-        id
+        true
     }
 
     fn due_values(&mut self, now_s: f64, snapshot: &Snapshot, room: usize, out: &mut Vec<MavMessage>) {
@@ -248,6 +219,31 @@ impl Telemetry {
         }
         self.next_value_at_s = Some(due_s);
     }
+}
+
+/// One text, in chunks with the number `id` if it is longer than a message.
+fn statustext(severity: Severity, text: &str, id: u16) -> Vec<MavMessage> {
+    let text = fit(&ascii(text), TEXT_BYTES * MAX_CHUNKS);
+    let severity = match severity {
+        Severity::Warning => MavSeverity::MAV_SEVERITY_WARNING,
+        Severity::Notice => MavSeverity::MAV_SEVERITY_NOTICE,
+        Severity::Info => MavSeverity::MAV_SEVERITY_INFO,
+    };
+    let chunks: Vec<&[u8]> = text.as_bytes().chunks(TEXT_BYTES).collect();
+    let id = if chunks.len() > 1 { id } else { 0 };
+    let ends_full = chunks.len() > 1 && text.len().is_multiple_of(TEXT_BYTES);
+    // A receiver knows the last chunk by a NUL in it; a text that fills its last chunk needs an empty one more.
+    let empty: &[u8] = &[];
+    (0u8..)
+        .zip(chunks.into_iter().chain(ends_full.then_some(empty)))
+        .map(|(chunk_seq, bytes)| {
+            let mut data = [0; TEXT_BYTES];
+            for (to, from) in data.iter_mut().zip(bytes) {
+                *to = *from;
+            }
+            MavMessage::STATUSTEXT(STATUSTEXT_DATA { severity, text: data.into(), id, chunk_seq })
+        })
+        .collect()
 }
 
 /// One set of values with names of at most 10 characters: G and its sigmas (deg/h/g), NIS per degree of freedom,

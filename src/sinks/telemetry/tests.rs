@@ -116,6 +116,28 @@ fn a_text_that_fills_its_last_chunk_ends_with_an_empty_one() {
 }
 
 #[test]
+fn chunks_of_a_text_are_not_parted_by_the_limit_of_a_second() {
+    // MAVProxy and QGroundControl show what they have of a text when nothing more comes for a second.
+    let mut telemetry = Telemetry::new(TelemetryConfig::default());
+    let mut s = running(&"y".repeat(120));
+    s.warnings = vec!["x".repeat(120)];
+    let mut whole = 0;
+    for step in 0..40 {
+        let sent = telemetry.feed(f64::from(step) * 0.1, &s);
+        let chunks: Vec<u8> = sent
+            .iter()
+            .filter_map(|m| match m {
+                MavMessage::STATUSTEXT(t) if t.id != 0 => Some(t.chunk_seq),
+                _ => None,
+            })
+            .collect();
+        assert!(chunks.is_empty() || chunks == [0, 1, 2], "{chunks:?} at step {step}");
+        whole += chunks.len() / 3;
+    }
+    assert_eq!(whole, 2);
+}
+
+#[test]
 fn degrees_are_spelled_out() {
     let mut telemetry = Telemetry::new(TelemetryConfig::default());
     let sent = texts(&telemetry.feed(0.0, &running("Steep turn right, 55° bank")));
