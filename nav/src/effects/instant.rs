@@ -50,6 +50,15 @@ pub struct Surroundings {
     pub vibration: Vector3<f64>,
 }
 
+impl Surroundings {
+    /// The same of a unit that does not turn.
+    #[must_use]
+    pub fn at_rest(self) -> Self {
+        let late = LateRate { lag_s: self.late.lag_s, ..LateRate::default() };
+        Self { late, vibration: self.vibration, ..Self::default() }
+    }
+}
+
 /// By how much the angular rate of a while ago differs from that of now, as the samples in between have it.
 #[derive(Debug, Clone, Copy, Default, PartialEq)]
 pub struct LateRate {

@@ -234,7 +234,7 @@ impl<'a> About<'a> {
             interval.rounding = self.rounding.at(knot.t_s - 0.5 * interval.dt);
             let fix = &flight.fixes()[knot.fix];
             let seen = track.seen(&knot.nav);
-            let measured = measured(flight, fix, (&nav, since_s), &mut interval, &seen);
+            let measured = measured(&track, fix, (&nav, since_s), &mut interval, &seen);
             let driven =
                 if flight.is_noisy() { track.driven(&seen, &measured.rows) } else { Driven::default() };
             since_s = knot.t_s;
@@ -249,19 +249,19 @@ impl<'a> About<'a> {
 
 /// What a fix measures at the end of an interval from a state at a time; with what rest adds and takes off.
 fn measured(
-    flight: &Flight,
+    track: &Track<'_>,
     fix: &GnssFix,
     (from, from_s): (&NavState, f64),
     interval: &mut Interval,
     seen: &Seen<'_>,
 ) -> Measured {
-    let by_hand = flight.by_hand();
+    let by_hand = track.flight.by_hand();
     let of = if by_hand.gave(fix) { rows::of_place } else { rows::of };
     let mut measured = of(fix, seen);
     if let Some(unknown) = by_hand.rests(from_s, from_s + interval.dt) {
         interval.rounding.0 += unknown[0];
         interval.rounding.1 += unknown[1];
-        rows::rest(interval, [from, seen.at.nav], &mut measured);
+        rows::rest(interval, [from, seen.at.nav], track, &mut measured);
     }
     measured
 }

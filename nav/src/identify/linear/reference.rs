@@ -219,7 +219,7 @@ impl WithSimd for FirstPass<'_> {
             interval.rounding = rounding.at(t_s - 0.5 * interval.dt);
             let guess = flight.guessed(since_s, t_s, &predicted);
             let (fix, seen) = (&flight.fixes()[k], track.seen(guess.as_ref().unwrap_or(&predicted)));
-            let rows = measured(flight, fix, (&nav, since_s), &mut interval, &seen).rows;
+            let rows = measured(&track, fix, (&nav, since_s), &mut interval, &seen).rows;
             kalman.predict(simd, &interval);
             kalman.renew(interval.dt);
             since_s = t_s;

@@ -4,6 +4,7 @@ use super::super::flight::Flight;
 use super::imitation::{self, Driven};
 use super::rows::{Row, Seen};
 use super::unseen::Unseen;
+use crate::earth;
 use crate::effects::{Conditions, Instant};
 use crate::filter::calibration::Calibration;
 use crate::filter::force_rate::ForceRates;
@@ -11,16 +12,21 @@ use crate::filter::unseen::GAP_S;
 use crate::identify::watched::Watched;
 use crate::linear::fix::AtFix;
 use crate::linear::interval::{Here, Interval, Sum};
-use crate::mechanization::NavState;
+use crate::mechanization::{Motion, NavState};
 use crate::model::Model;
 use crate::sample::{ImuSample, SampleKind};
 use nalgebra::{Matrix3, Vector3};
+
+/// What a unit turns with that does not move, in its axes, rad/s.
+fn earths_rate(nav: &NavState) -> Vector3<f64> {
+    nav.q_eb.inverse() * earth::rotation_rate()
+}
 
 /// Goes along the samples of a flight.
 pub(super) struct Track<'a> {
     samples: &'a [ImuSample],
     force_rates: &'a ForceRates,
-    flight: &'a Flight,
+    pub(super) flight: &'a Flight,
     unseen: &'a Unseen,
     next: usize,
     kind: SampleKind,
@@ -114,6 +120,16 @@ impl<'a> Track<'a> {
         Seen { x: at.instant(), at, watched: self.watched }
     }
 
+    /// The error of a rate of the unit at rest, rad/s, as the gyros show it.
+    pub(super) fn as_shown(&self, nav: &NavState, error: &Vector3<f64>) -> Vector3<f64> {
+        let at = |rate| {
+            let motion = Motion { rate, force: self.to.motion.force };
+            self.calibration.measure(self.model, &self.last, &motion).rate
+        };
+        let earth = earths_rate(nav);
+        at(earth + error) - at(earth)
+    }
+
     /// By how much noise of the samples moves each column over the last interval and at the fix at its end, which has these rows.
     pub(super) fn driven(&self, seen: &Seen<'_>, rows: &[Row]) -> Driven {
         imitation::driven(self.watched, &self.instant(&self.last), &seen.x, (rows, self.flight.sample_s()))
@@ -163,7 +179,13 @@ impl<'a> Track<'a> {
         self.calibration.conditions = self.conditions(sample.t_s, nav);
         let motion = self.calibration.motion(self.model, sample);
         (self.to.t_s, self.to.motion, self.to.lever) = (sample.t_s, motion, motion);
-        let x = self.instant(sample);
+        let mut x = self.instant(sample);
+        if self.flight.by_hand().rests(sample.t_s, sample.t_s).is_some() {
+            // Of a unit that rests the rate is known better than the samples show it, and their noise is not in the columns: a scale factor that
+            // shrinks it would be likelier for that alone.
+            x.rate = nav.map_or_else(Vector3::zeros, earths_rate);
+            x.around = x.around.at_rest();
+        }
         let here = &mut self.to;
         (here.by_force, here.by_rate) = (Matrix3::zeros(), Matrix3::zeros());
         for (setting, p) in self.model.effects.iter().zip(self.calibration.parameters()) {

@@ -113,11 +113,16 @@ pub struct Claims {
     position: f64,
     height: f64,
     velocity: f64,
+    /// Noise of the gyros that their samples show, where no fix says what it comes to, rad/s/√Hz: a rest whose place or heading is unknown says no
+    /// more than that it is small (0.0012 deg/s/√Hz where it was 0.0085).
+    least_gyro: f64,
 }
 
 impl Claims {
     /// Of these flights.
     pub fn new(model: &Model, flights: &[&Flight]) -> Self {
+        let shown = flights.iter().map(|f| f.measured_noise().0.sqrt()).fold(f64::INFINITY, f64::min);
+        let without_fixes = flights.iter().all(|f| f.received().next().is_none());
         let middle = |claim: &dyn Fn(&crate::sample::GnssFix) -> f64| {
             let mut all: Vec<f64> = flights.iter().flat_map(|f| f.received()).map(claim).collect();
             all.sort_by(f64::total_cmp);
@@ -129,6 +134,7 @@ impl Claims {
             position: middle(&|f| f.position_sigma_m.unwrap_or(gnss.position_sigma_m)[0]),
             height: middle(&|f| f.position_sigma_m.unwrap_or(gnss.position_sigma_m)[2]),
             velocity: middle(&|f| f.velocity_sigma_m_per_s.unwrap_or(gnss.velocity_sigma_m_per_s)[0]),
+            least_gyro: if without_fixes { shown } else { 0.0 },
         }
     }
 
@@ -178,8 +184,9 @@ impl Claims {
             let low = CLAIMED.0.max(floor / claimed);
             (low, CLAIMED.1.max(2.0 * low))
         };
+        let (low, high) = around(self.start.gyro);
         [
-            around(self.start.gyro),
+            (low.max(self.least_gyro.min(self.start.gyro)), high),
             around(self.start.accel),
             above(MODEL_FLOOR.0, self.position),
             above(MODEL_FLOOR.0, self.height),
