@@ -226,7 +226,7 @@ impl<'a> About<'a> {
         let (mut nav, mut since_s) = (reference.start, flight.initial().t_s);
         if let Some(before) = first.checked_sub(1).and_then(|k| reference.knots.get(k)) {
             track.seek(before.t_s);
-            (nav, since_s) = (before.nav, before.t_s);
+            (nav, since_s) = (before.nav, flight.fixes().get(before.fix).map_or(since_s, |f| f.t_s));
         }
         for knot in knots {
             let Some((mut interval, predicted)) = track.interval_to(&nav, knot.t_s) else { break };
@@ -237,7 +237,7 @@ impl<'a> About<'a> {
             let measured = measured(&track, fix, (&nav, since_s), &mut interval, &seen);
             let driven =
                 if flight.is_noisy() { track.driven(&seen, &measured.rows) } else { Driven::default() };
-            since_s = knot.t_s;
+            since_s = fix.t_s;
             let elapsed_s = fix.t_s - flight.initial().t_s;
             let unsettled = flight.unseen().unsettles(fix.t_s);
             epochs.push(Epoch { interval, driven, t_s: knot.t_s, elapsed_s, unsettled, measured });
@@ -247,7 +247,8 @@ impl<'a> About<'a> {
     }
 }
 
-/// What a fix measures at the end of an interval from a state at a time; with what rest adds and takes off.
+/// What a fix measures at the end of an interval from a state at the fix before, which had this stamp; with what rest adds and takes off. Whether the unit
+/// rested is asked of the stamps: times of validity move with each delay that is tried, and models with other rows are not compared.
 fn measured(
     track: &Track<'_>,
     fix: &GnssFix,
@@ -258,10 +259,10 @@ fn measured(
     let by_hand = track.flight.by_hand();
     let of = if by_hand.gave(fix) { rows::of_place } else { rows::of };
     let mut measured = of(fix, seen);
-    if let Some(unknown) = by_hand.rests(from_s, from_s + interval.dt) {
+    if let Some(unknown) = by_hand.rests(from_s, fix.t_s) {
         interval.rounding.0 += unknown[0];
         interval.rounding.1 += unknown[1];
-        rows::rest(interval, [from, seen.at.nav], track, &mut measured);
+        rows::rest(interval, [from, seen.at.nav], (track, [from_s, fix.t_s]), &mut measured);
     }
     measured
 }

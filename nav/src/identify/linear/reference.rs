@@ -214,12 +214,14 @@ impl WithSimd for FirstPass<'_> {
         let mut kalman = Kalman::new(&empty, empty.walk, noise);
         let (mut updates, mut nis) = (Vec::new(), Vec::with_capacity(flight.fixes().len()));
         let (mut nav, mut since_s, mut guessed) = (flight.initial().nav, flight.initial().t_s, false);
+        let mut stamp_s = since_s;
         for (k, t_s) in valid_times(flight, model) {
             let Some((mut interval, predicted)) = track.interval_to(&nav, t_s) else { break };
             interval.rounding = rounding.at(t_s - 0.5 * interval.dt);
             let guess = flight.guessed(since_s, t_s, &predicted);
             let (fix, seen) = (&flight.fixes()[k], track.seen(guess.as_ref().unwrap_or(&predicted)));
-            let rows = measured(&track, fix, (&nav, since_s), &mut interval, &seen).rows;
+            let rows = measured(&track, fix, (&nav, stamp_s), &mut interval, &seen).rows;
+            stamp_s = fix.t_s;
             kalman.predict(simd, &interval);
             kalman.renew(interval.dt);
             since_s = t_s;

@@ -265,11 +265,12 @@ pub(super) fn of_place(fix: &GnssFix, seen: &Seen<'_>) -> Measured {
 /// it is a measurement, and the attitude goes on as it was. Nothing is counted twice: the same noise of the gyros is no process noise then.
 ///
 /// They are compared in what the gyros show, whose noise is the same whatever the model makes of it: that of the corrected rate is less by 4 % with a scale
-/// factor of 4 %, and over minutes of rest that alone was worth 125 nats (two formulas and 4 % on two axes of a recording made by others).
+/// factor of 4 %, and over minutes of rest that alone was worth 125 nats (two formulas and 4 % on two axes of a recording made by others). And they are what
+/// the gyros showed between the stamps of two fixes, whatever delay is tried: means over other samples are other data (a delay of -20 ms for 89 nats).
 pub(super) fn rest(
     interval: &mut Interval,
     [from, to]: [&NavState; 2],
-    track: &Track<'_>,
+    (track, stamps_s): (&Track<'_>, [f64; 2]),
     measured: &mut Measured,
 ) {
     // ε at the end is r + A ε, by which it keeps the attitude; the gyros say Φ ε + B θ + o.
@@ -280,7 +281,8 @@ pub(super) fn rest(
     let block = |at: usize| Matrix3::from_columns(&[0, 1, 2].map(|k| three(&interval.transition[at + k])));
     let by_attitude = (block(index::ATTITUDE) - keeps) * back;
     let residual = r - three(&interval.offset) + by_attitude * r;
-    let residual = track.as_shown(to, &(residual / interval.dt)) * interval.dt;
+    let residual = track.as_shown(to, &(residual / interval.dt)) * interval.dt
+        + track.shown_beyond(interval.dt, stamps_s);
     let (by_gyro, by_accel) = (block(index::GYRO_BIAS), block(index::ACCEL_BIAS));
     // Rows of the fix have no derivative by terms.
     let (columns, rows) = (interval.driven.len(), measured.rows.len());

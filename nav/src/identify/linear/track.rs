@@ -130,6 +130,32 @@ impl<'a> Track<'a> {
         at(earth + error) - at(earth)
     }
 
+    /// How much more the gyros showed over the last interval, which took so long, than between these times, rad.
+    pub(super) fn shown_beyond(&self, dt: f64, [from_s, to_s]: [f64; 2]) -> Vector3<f64> {
+        let now_s = self.to.t_s;
+        self.shown_between(now_s - dt, now_s) - self.shown_between(from_s, to_s)
+    }
+
+    /// What they showed between two times, rad.
+    fn shown_between(&self, from_s: f64, to_s: f64) -> Vector3<f64> {
+        let first = self.samples.partition_point(|s| s.t_s <= from_s).max(1);
+        let mut turned = Vector3::zeros();
+        for pair in self.samples[first - 1..].windows(2) {
+            let [last, next] = pair else { break };
+            let [from, to] = [from_s, to_s].map(|t| t.clamp(last.t_s, next.t_s));
+            let rate = if self.kind == SampleKind::Point && next.t_s > last.t_s {
+                last.gyro.lerp(&next.gyro, (0.5 * (from + to) - last.t_s) / (next.t_s - last.t_s))
+            } else {
+                next.gyro
+            };
+            turned += rate * (to - from);
+            if next.t_s >= to_s {
+                break;
+            }
+        }
+        turned
+    }
+
     /// By how much noise of the samples moves each column over the last interval and at the fix at its end, which has these rows.
     pub(super) fn driven(&self, seen: &Seen<'_>, rows: &[Row]) -> Driven {
         imitation::driven(self.watched, &self.instant(&self.last), &seen.x, (rows, self.flight.sample_s()))
