@@ -1,6 +1,6 @@
 //! The page of the demonstration: what the plan promised, what the flight reached, and the ground truth.
 
-use super::page::{escape, page};
+use super::page::{escape, page, wide};
 use super::plot::{AFTER, BEFORE, Color, Line, marked_lines};
 use crate::demo::result::DemoResult;
 use crate::demo::series::Series;
@@ -79,15 +79,17 @@ fn maneuvers(series: &Series, body: &mut String) {
     if series.maneuvers.is_empty() {
         return;
     }
-    body.push_str("<h2>Maneuvers</h2><table><tr><th>Maneuver</th><th class=\"n\">planned, s</th><th class=\"n\">flown, s</th>");
+    body.push_str("<h2>Maneuvers</h2>");
+    let mut table =
+        "<table><tr><th>Maneuver</th><th class=\"n\">planned, s</th><th class=\"n\">flown, s</th>".to_owned();
     for (title, _) in GROUPS {
         let name = title.split(':').next().unwrap_or(title);
-        let _ = write!(body, "<th class=\"n\">{name}<br>predicted / flown</th>");
+        let _ = write!(table, "<th class=\"n\">{name}<br>predicted / flown</th>");
     }
-    body.push_str("</tr>");
+    table.push_str("</tr>");
     for (m, k) in series.maneuvers.iter().zip(1..) {
         let _ = write!(
-            body,
+            table,
             "<tr><td>{k}. {}</td><td class=\"n\">{:.0}</td><td class=\"n\">{:.0}</td>",
             escape(&m.words),
             m.planned_end_s - m.planned_start_s,
@@ -97,14 +99,14 @@ fn maneuvers(series: &Series, body: &mut String) {
             let at = |flown| series.worst(names, flown).and_then(|points| near(&points, m.flown_end_s));
             match (at(false), at(true)) {
                 (Some(planned), Some(flown)) => {
-                    let _ = write!(body, "<td class=\"n\">{planned:.1} / {flown:.1}</td>");
+                    let _ = write!(table, "<td class=\"n\">{planned:.1} / {flown:.1}</td>");
                 }
-                _ => body.push_str("<td></td>"),
+                _ => table.push_str("<td></td>"),
             }
         }
-        body.push_str("</tr>");
+        table.push_str("</tr>");
     }
-    body.push_str("</table>");
+    body.push_str(&wide(&(table + "</table>")));
 }
 
 fn near(points: &[(f64, f64)], t_s: f64) -> Option<f64> {
@@ -112,13 +114,13 @@ fn near(points: &[(f64, f64)], t_s: f64) -> Option<f64> {
 }
 
 fn states(result: &DemoResult, body: &mut String) {
-    body.push_str(
-        "<h2>Estimate and injected truth</h2><table><tr><th>State</th><th class=\"n\">truth</th><th class=\"n\">estimate</th>\
-         <th class=\"n\">sigma</th><th class=\"n\">predicted sigma</th><th class=\"n\">error / sigma</th><th>unit</th><th></th></tr>",
-    );
+    body.push_str("<h2>Estimate and injected truth</h2>");
+    let mut table =
+        "<table><tr><th>State</th><th class=\"n\">truth</th><th class=\"n\">estimate</th>\
+         <th class=\"n\">sigma</th><th class=\"n\">predicted sigma</th><th class=\"n\">error / sigma</th><th>unit</th><th></th></tr>".to_owned();
     for s in &result.states {
         let _ = write!(
-            body,
+            table,
             "<tr><td>{}</td><td class=\"n\">{:.3}</td><td class=\"n\">{:.3}</td><td class=\"n\">{:.3}</td>\
              <td class=\"n\">{:.3}</td><td class=\"n\">{:.2}</td><td>{}</td><td>{}</td></tr>",
             escape(&s.name),
@@ -131,5 +133,5 @@ fn states(result: &DemoResult, body: &mut String) {
             if s.status == Status::Observable { "observable" } else { "" }
         );
     }
-    body.push_str("</table>");
+    body.push_str(&wide(&(table + "</table>")));
 }

@@ -11,6 +11,7 @@ import { faults, launch, open } from "./harness.mjs";
 const ROOT = new URL("../../", import.meta.url).pathname;
 const FLIGHTS = process.env.GAWARE_FLIGHTS ?? join(ROOT, "../shared/data");
 const SMALL = join(ROOT, "tests/data/small_gsens_typical_dither.tlog");
+const CLEAN = join(ROOT, "tests/data/small_clean_dither.tlog");
 /** Recordings of vehicles with rotors, and of one under water: no maneuver of a fixed wing may be named. */
 const NO_WING = /copter|px4_sample|qdr|sub_bench/;
 // The small recordings of this repository; with EVERY_FLIGHT=REGEX all with such a name (`.` for every one), by explain those of
@@ -26,17 +27,27 @@ const JOBS = [
 ];
 const kept = process.env.REPORTS;
 const folder = kept ?? mkdtempSync(join(tmpdir(), "gaware-reports-"));
+const program = (...words) => execFileSync(process.env.GAWARE, words, { stdio: ["ignore", "ignore", "inherit"] });
 let browser;
+/** Of recordings. */
 let reports;
+/** And every other page that the program writes without a server. */
+let pages;
 before(async () => {
   browser = await launch();
   mkdirSync(folder, { recursive: true });
   reports = JOBS.map(([command, log]) => {
     const out = join(folder, `${command}-${basename(log)}${command === "report" ? ".html" : ""}`);
     const page = command === "report" ? out : join(out, "report.html");
-    if (!existsSync(page)) execFileSync(process.env.GAWARE, [command, log, "--out", out], { stdio: ["ignore", "ignore", "inherit"] });
+    if (!existsSync(page)) program(command, log, "--out", out);
     return { name: `${command} ${log}`, rotor: NO_WING.test(log), url: `file://${page}` };
   });
+  const others = { demo: ["demo", "--headless", "--speed", "max"], compare: ["compare", CLEAN, SMALL] };
+  pages = [...reports, ...Object.entries(others).map(([name, words]) => {
+    const out = join(folder, `${name}.html`);
+    program(...words, "--force", "--report", out);
+    return { name, url: `file://${out}` };
+  })];
 });
 after(async () => {
   await browser.close();
@@ -45,7 +56,7 @@ after(async () => {
 
 test("at 1280 and at 390 pixels and on paper nothing overflows, nothing overlaps, every label can be read", async () => {
   // A4 with Chromium's margins is 718 px wide.
-  for (const { name, url } of reports) {
+  for (const { name, url } of pages) {
     for (const [width, media] of [[1280, "screen"], [390, "screen"], [718, "print"]]) {
       const { page, errors, close } = await open(browser, { viewport: { width: media === "print" ? 1280 : width, height: 844 } });
       await page.goto(url);
