@@ -4,6 +4,7 @@
 
 #![cfg_attr(not(test), deny(clippy::print_stdout))]
 
+pub mod agreement;
 pub mod blind;
 pub mod closed_loop;
 pub mod commands;

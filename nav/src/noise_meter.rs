@@ -22,7 +22,7 @@ use crate::sample::ImuSample;
 use nalgebra::Vector3;
 
 /// Memory of the running means, s.
-const MEMORY_S: f64 = 5.0;
+pub(crate) const MEMORY_S: f64 = 5.0;
 /// The same for how smooth the samples are, s.
 const SLOW_MEMORY_S: f64 = 20.0;
 /// Slices of the spectrum in a numerical integral.

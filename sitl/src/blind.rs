@@ -6,8 +6,10 @@ use crate::powertrain::Carrier;
 use crate::sensors::{Flight as Simulated, SensorConfig, Temperature, VibrationLine};
 use crate::trajectory::Flown;
 use crate::trajectory::fixed_wing::FixedWing;
+use crate::trajectory::hand::Hand;
 use crate::trajectory::multirotor::Multirotor;
 use crate::trajectory::signal::Signal;
+use crate::truth::Trajectory;
 use gaware_nav::effects::{DrawRange, Effect, REGISTRY};
 use gaware_nav::math::{cos, powf, sin};
 use gaware_nav::model::{EffectSetting, Model};
@@ -33,6 +35,8 @@ pub enum Family {
     Tuning,
     /// Those kept aside.
     Aside,
+    /// No flights: sessions in which the vehicle is turned by hand to six sides. `Rich` ones have a receiver, of the others the place is known.
+    Hand,
 }
 
 /// One blind flight.
@@ -48,6 +52,8 @@ pub struct Blind {
 
 /// Length of a blind flight, s.
 pub const DURATION_S: f64 = 240.0;
+/// A side is held by hand for so long, s: half of what a session asks for.
+const HOLD_S: f64 = 24.0;
 /// How much stronger than a smooth engine's the vibration of a multirotor or a single cylinder is.
 const STRONG_VIBRATION: f64 = 15.0;
 /// The throttle goes up and down in this time, s …
@@ -116,6 +122,7 @@ fn vibration(family: Family, noise: &mut Noise, share: f64) -> Vec<VibrationLine
     let lines: [f64; 2] = match family {
         Family::Tuning => [87.0, 61.3],
         Family::Aside => [112.9, 73.7],
+        Family::Hand => return Vec::new(),
     };
     let line = |f: f64| VibrationLine {
         frequency_hz: f + 3.0 * noise.uniform(),
@@ -127,15 +134,15 @@ fn vibration(family: Family, noise: &mut Noise, share: f64) -> Vec<VibrationLine
 
 /// Flies a vehicle with these effects injected.
 pub fn fly(injected: &[EffectSetting], kind: Kind, family: Family, seed: u64) -> Blind {
-    flown(injected, |seed| Flown::new(profile(kind, family, seed)), family, seed, |sensors| sensors)
+    flown(injected, |seed| path(kind, family, seed), (kind, family), seed, |sensors| sensors)
 }
 
 /// The same with reports of throttle, battery, outputs and speed of the air, Hz.
 pub fn fly_with_reports(injected: &[EffectSetting], kind: Kind, family: Family, seed: u64) -> Blind {
     flown(
         injected,
-        |seed| Flown::new(profile(kind, family, seed)),
-        family,
+        |seed| path(kind, family, seed),
+        (kind, family),
         seed,
         |sensors| SensorConfig { carrier: Some(Carrier::Wings), operating_rate_hz: 10.0, ..sensors },
     )
@@ -158,7 +165,7 @@ pub fn fly_in_wind(
     };
     let kind = if seed.is_multiple_of(2) { Kind::Rich } else { Kind::Coordinated };
     let trajectory = |seed| match (carrier, family) {
-        (Carrier::Wings, _) => Flown::new(profile(kind, family, seed)),
+        (Carrier::Wings, _) | (_, Family::Hand) => path(kind, family, seed),
         (Carrier::Rotors, Family::Tuning) => Flown::new(Multirotor::new()),
         (Carrier::Rotors, Family::Aside) => {
             Flown::new(Multirotor::drawn(&mut Noise::new(seed, Purpose::Wind)))
@@ -171,7 +178,7 @@ pub fn fly_in_wind(
         wind,
         ..sensors
     };
-    let mut blind = flown(injected, trajectory, family, seed, with_air);
+    let mut blind = flown(injected, trajectory, (kind, family), seed, with_air);
     let is_there = |s: &Sample| !matches!(s, Sample::Air(a) if a.kind == AirKind::Airspeed);
     blind.samples.retain(|s| carrier == Carrier::Wings || is_there(s));
     (blind, wind, AirSensors::new(own_seed(family, seed)).height_scale())
@@ -184,7 +191,7 @@ fn own_seed(family: Family, seed: u64) -> u64 {
 fn flown(
     injected: &[EffectSetting],
     trajectory: impl FnOnce(u64) -> Flown,
-    family: Family,
+    (kind, family): (Kind, Family),
     seed: u64,
     adapted: impl FnOnce(SensorConfig) -> SensorConfig,
 ) -> Blind {
@@ -212,17 +219,23 @@ fn flown(
         temperature: Some(Temperature { start_degc: 22.0, end_degc: 47.0, time_constant_s: 110.0 }),
         ..SensorConfig::default()
     };
-    let flight = Simulated::new(Box::new(trajectory(seed)), &truth, adapted(sensors), seed);
-    let samples = flight.take_while(|(_, t)| t.t_s < DURATION_S).map(|(s, _)| s).collect();
+    let mut trajectory = trajectory(seed);
+    let place = (family == Family::Hand && kind != Kind::Rich).then(|| trajectory.truth_at(0.0).place);
+    let end_s = if family == Family::Hand { f64::INFINITY } else { DURATION_S };
+    let flight = Simulated::new(Box::new(trajectory), &truth, adapted(sensors), seed);
+    let samples = flight.take_while(|(_, t)| t.t_s < end_s).map(|(s, _)| s);
+    let kept = samples.filter(|s| place.is_none() || !matches!(s, Sample::Fix(_)));
+    let samples = place.map(Sample::Place).into_iter().chain(kept).collect();
     Blind { injected: injected.to_vec(), truth, samples }
 }
 
-fn profile(kind: Kind, family: Family, seed: u64) -> FixedWing {
+fn path(kind: Kind, family: Family, seed: u64) -> Flown {
     let mut wind = Noise::new(seed, Purpose::Wind);
     let (gusts, phase) = (0.2 + 0.6 * wind.uniform(), 6.0 * wind.uniform());
     match family {
-        Family::Tuning => FixedWing::new(kind == Kind::Rich).with_gusts(25.0, gusts, phase),
-        Family::Aside => random_flight(kind, &mut wind).with_gusts(22.0, gusts, phase),
+        Family::Tuning => Flown::new(FixedWing::new(kind == Kind::Rich).with_gusts(25.0, gusts, phase)),
+        Family::Aside => Flown::new(random_flight(kind, &mut wind).with_gusts(22.0, gusts, phase)),
+        Family::Hand => Flown::with_step(Hand::six_sides(HOLD_S), 0.02),
     }
 }
 

@@ -172,3 +172,22 @@ fn a_drifting_clock_is_named_alone_in_vibration() {
     assert!(outcome.groups.contains(&vec!["clock_drift"]), "{outcome:?}");
     assert!(!outcome.groups.iter().flatten().any(|n| *n == "gyro_accel_delay"), "{outcome:?}");
 }
+
+/// Accelerometer noise that a fit of a few rests has far too small makes a drift of what is chance: it is no less than the rests show.
+#[test]
+fn a_perfect_unit_turned_by_hand_without_a_receiver_has_no_name() {
+    let clean = Job { hidden: [None; MOST_AT_ONCE], kind: Kind::Coordinated, seed: 5001 };
+    let outcome = one(&clean, Family::Hand, &Settings::default()).unwrap();
+    assert!(outcome.groups.is_empty(), "{outcome:?}");
+}
+
+#[test]
+fn what_only_a_hand_shows_is_named_with_its_values() {
+    for kind in [Kind::Rich, Kind::Coordinated] {
+        let outcome = flown(&["gyro_g2_sensitivity", "accel_scale_factor"], kind, Family::Hand);
+        let mut found: Vec<_> = outcome.groups.iter().flatten().copied().collect();
+        found.sort_unstable();
+        assert_eq!(found, ["accel_scale_factor", "gyro_g2_sensitivity"], "{outcome:?}");
+        assert!(outcome.errors_in_sigmas.iter().all(|z| z.abs() < 3.0), "{outcome:?}");
+    }
+}

@@ -30,7 +30,7 @@ pub struct BlindArgs {
     /// Only these effects.
     #[arg(long, value_name = "EFFECT")]
     pub effect: Vec<String>,
-    /// The flights that the method was tuned on, those kept aside (another airframe, other maneuvers, air and vibration), or both.
+    /// The flights that the method was tuned on, those kept aside (another airframe, other maneuvers, air and vibration), both; or sessions by hand.
     #[arg(long, value_enum, default_value_t = Families::Both)]
     pub family: Families,
     /// So many flights at a time; as many as there are cores when not given.
@@ -65,6 +65,20 @@ pub enum Families {
     Aside,
     /// Both.
     Both,
+    /// Sessions by hand on the ground, half of them without a receiver.
+    Hand,
+}
+
+impl Families {
+    /// One by one.
+    pub fn list(self) -> Vec<Family> {
+        match self {
+            Self::Tuning => vec![Family::Tuning],
+            Self::Aside => vec![Family::Aside],
+            Self::Both => vec![Family::Tuning, Family::Aside],
+            Self::Hand => vec![Family::Hand],
+        }
+    }
 }
 
 #[derive(Serialize)]
@@ -85,11 +99,7 @@ struct Result {
 pub fn run(args: &BlindArgs) -> std::result::Result<(), StudyError> {
     let outputs = args.overwrite.outputs::<&PathBuf>([]);
     args.document.iter().try_for_each(|path| outputs.check(path))?;
-    let families = match args.family {
-        Families::Tuning => vec![Family::Tuning],
-        Families::Aside => vec![Family::Aside],
-        Families::Both => vec![Family::Tuning, Family::Aside],
-    };
+    let families = args.family.list();
     let jobs = args.jobs.map_or_else(parallel::cores, usize::from);
     let beside = [(args.sensors, blind::sensors::SENSORS), (args.drag, blind::sensors::OF_DRAG)];
     if let Some((rounds, flown)) = beside.into_iter().find_map(|(rounds, flown)| Some((rounds?, flown))) {
@@ -186,7 +196,11 @@ fn print_sensors(
 }
 
 fn name_of(family: Family) -> &'static str {
-    if family == Family::Tuning { "of the tuning" } else { "kept aside" }
+    match family {
+        Family::Tuning => "of the tuning",
+        Family::Aside => "kept aside",
+        Family::Hand => "by hand",
+    }
 }
 
 fn line(out: &mut String, what: &str, share: &Share) -> std::fmt::Result {

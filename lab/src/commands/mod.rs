@@ -8,7 +8,9 @@ mod planned;
 mod print;
 mod unknown;
 
-use crate::{demo, drift, ground, guidance, honesty, observability, paper, recorded, transfer, withheld};
+use crate::{
+    agreement, demo, drift, ground, guidance, honesty, observability, paper, recorded, transfer, withheld,
+};
 use gaware::commands::{CommandError, output};
 use gaware::demo::{Prepared, Settings};
 use gaware::parallel::Progress;
@@ -57,6 +59,8 @@ pub enum StudyKind {
     Ground(GroundStudyArgs),
     /// Logs of anybody: fixes are withheld for some seconds, and what the live filter predicts is compared with the first one after.
     Withheld(WithheldArgs),
+    /// The live filter and the flight linearised as a whole with the same model and noise, on recordings: values and sigmas of every constant.
+    Agreement(AgreementArgs),
     /// Plan for sensors beside the inertial unit, fly it with each of their errors, and compare what was promised with what a report says.
     Planned(planned::PlannedArgs),
     /// Faults of link, clocks and sensors in flight: what the pilot is shown, time to recover, losses, errors against sigmas.
@@ -89,6 +93,17 @@ pub struct WithheldArgs {
     /// And so often, s.
     #[arg(long, default_value_t = 25.0, value_name = "SECONDS")]
     pub every: f64,
+    /// Print one JSON document.
+    #[arg(long)]
+    pub json: bool,
+}
+
+/// Arguments of `study agreement`.
+#[derive(Debug, Clone, clap::Args)]
+pub struct AgreementArgs {
+    /// Logs of any format.
+    #[arg(required = true)]
+    pub logs: Vec<PathBuf>,
     /// Print one JSON document.
     #[arg(long)]
     pub json: bool,
@@ -367,6 +382,12 @@ pub fn run(args: &StudyArgs) -> Result<(), StudyError> {
             let settings =
                 withheld::Settings { logs: args.logs.clone(), gap_s: args.gap, every_s: args.every };
             let study = with_bar(settings.logs.len(), "logs", |bar| withheld::run(&settings, bar));
+            show(args.json, &study, |out, study| write!(out, "{study}"))
+        }
+        StudyKind::Agreement(args) => {
+            let study = with_bar(agreement::comparisons(&args.logs), "comparisons", |bar| {
+                agreement::run(&args.logs, bar)
+            });
             show(args.json, &study, |out, study| write!(out, "{study}"))
         }
         StudyKind::Endurance(args) => endurance::run(args),

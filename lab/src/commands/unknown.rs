@@ -2,7 +2,6 @@
 
 use super::blind::Families;
 use super::{StudyError, with_bar};
-use crate::blind::Family;
 use crate::unknown::{self, Campaign, Count};
 use gaware::commands::output;
 use gaware::parallel;
@@ -40,11 +39,7 @@ pub struct UnknownArgs {
 /// # Errors
 /// Only those of writing to standard output.
 pub fn run(args: &UnknownArgs) -> Result<(), StudyError> {
-    let families = match args.family {
-        Families::Tuning => vec![Family::Tuning],
-        Families::Aside => vec![Family::Aside],
-        Families::Both => vec![Family::Tuning, Family::Aside],
-    };
+    let families = args.family.list();
     let campaign = |family| Campaign {
         flights: args.flights,
         clean: args.clean,

@@ -180,6 +180,21 @@ impl Antenna {
 }
 
 impl FixInstant {
+    /// The same of a unit that is known to rest: what samples around show beyond that is their noise.
+    #[must_use]
+    pub fn at_rest(self) -> Self {
+        Self {
+            a_n: Vector3::zeros(),
+            smoothed_a_n: Vector3::zeros(),
+            skewed_n: Vector3::zeros(),
+            rate_eb: Vector3::zeros(),
+            force_rate: Vector3::zeros(),
+            antenna: Antenna { rate_derivatives: Default::default(), ..self.antenna },
+            older: Older { lag_s: self.older.lag_s, ..Older::default() },
+            ..self
+        }
+    }
+
     /// Specific force, north-east-down, m/s².
     fn force_n(&self) -> Vector3<f64> {
         self.a_n - Vector3::new(0.0, 0.0, STANDARD_GRAVITY)

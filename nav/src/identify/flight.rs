@@ -14,7 +14,7 @@ use crate::filter::Initial;
 use crate::filter::force_rate::ForceRates;
 use crate::mechanization::NavState;
 use crate::model::Model;
-use crate::noise_meter::NoiseMeter;
+use crate::noise_meter::{MEMORY_S, NoiseMeter};
 use crate::operating::{LagSeries, OperatingSeries};
 use crate::quantisation::Dequantiser;
 use crate::sample::{
@@ -56,6 +56,8 @@ pub struct Flight {
     guesses: Guesses,
     interval_s: f64,
     measured_noise: (f64, f64),
+    /// The same while the unit rested between turns by hand: when, s, and what the samples showed.
+    shown_at_rest: Vec<(f64, [f64; 2])>,
     known_delay_s: Option<f64>,
     /// Kind of the samples before they were averaged, and over how many.
     averaged: Option<(SampleKind, usize)>,
@@ -110,6 +112,7 @@ impl Flight {
             rounding: Vec::new(),
             interval_s: 0.0,
             measured_noise: (0.0, 0.0),
+            shown_at_rest: Vec::new(),
             averaged: None,
             moved_s: 0.0,
             undone: Vec::new(),
@@ -140,6 +143,9 @@ impl Flight {
                 let (g, a) = meter.excess(0.0, 0.0);
                 gyro.push(g);
                 accel.push(a);
+                if self.by_hand.rests(sample.t_s - MEMORY_S, sample.t_s).is_some() {
+                    self.shown_at_rest.push((sample.t_s, [g, a]));
+                }
             }
         }
         let median = |v: &mut Vec<f64>| {
@@ -316,6 +322,22 @@ impl Flight {
         self.measured_noise
     }
 
+    /// Variance per hertz of gyro and accelerometer samples of a unit that rests, without what rounding adds as the model reads it: nothing but the sensors'
+    /// own noise, where the support gives way least. `None` where the unit was not turned by hand.
+    pub fn noise_at_rest(&self, model: &Model) -> Option<[f64; 2]> {
+        let rounding = self.rounding(model);
+        let sensor = |k: usize| {
+            let without = self.shown_at_rest.iter().map(|(t_s, shown)| {
+                let (gyro, accel) = rounding.at(*t_s);
+                (shown[k] - [gyro, accel][k]).max(0.0)
+            });
+            let mut all: Vec<f64> = without.collect();
+            all.sort_by(f64::total_cmp);
+            all.get(all.len() / 4).copied()
+        };
+        Some([sensor(0)?, sensor(1)?])
+    }
+
     /// Share of its time in which samples are missing, 0 to 1.
     pub fn missing_share(&self) -> f64 {
         let seconds = self.duration_s();
@@ -339,8 +361,14 @@ impl Flight {
         own.map_or_else(|| Rounding::undo(&self.raw, q, self.interval_s).1, |(_, r)| r.clone())
     }
 
+    /// What rounding adds to the variance per hertz of gyros and accelerometers at an instant, as a model reads the samples.
+    pub fn rounding_noise(&self, model: &Model) -> impl Fn(f64) -> (f64, f64) + use<> {
+        let rounding = self.rounding(model);
+        move |t_s| rounding.at(t_s)
+    }
+
     /// The samples as a model reads them: its assumption about rounding, faults of the source undone.
-    pub(crate) fn samples_of(&self, model: &Model) -> Cow<'_, [ImuSample]> {
+    pub fn samples_of(&self, model: &Model) -> Cow<'_, [ImuSample]> {
         if model.effects.iter().any(|s| s.effect.needs_neighbours() || s.effect.changes_unit()) {
             return self.kept_undone(model).map_or_else(|| Cow::Owned(self.undone(model)), Cow::Borrowed);
         }
@@ -371,6 +399,7 @@ impl Flight {
         Arc::make_mut(&mut self.lags).move_by(by_s);
         self.unseen.move_by(by_s);
         self.by_hand.move_by(by_s);
+        self.shown_at_rest.iter_mut().for_each(|(t_s, _)| *t_s += by_s);
         self.guesses.move_by(by_s);
         self.still.iter_mut().for_each(|s| s.move_by(by_s));
         self.forget_undone();

@@ -259,7 +259,7 @@ fn measured(
     let by_hand = track.flight.by_hand();
     let of = if by_hand.gave(fix) { rows::of_place } else { rows::of };
     let mut measured = of(fix, seen);
-    if let Some(unknown) = by_hand.rests(from_s, fix.t_s) {
+    if let Some(unknown) = by_hand.rests(from_s, fix.t_s).filter(|_| fix.t_s > from_s) {
         interval.rounding.0 += unknown[0];
         interval.rounding.1 += unknown[1];
         rows::rest(interval, [from, seen.at.nav], (track, [from_s, fix.t_s]), &mut measured);

@@ -113,16 +113,13 @@ pub struct Claims {
     position: f64,
     height: f64,
     velocity: f64,
-    /// Noise of the gyros that their samples show, where no fix says what it comes to, rad/s/√Hz: a rest whose place or heading is unknown says no
-    /// more than that it is small (0.0012 deg/s/√Hz where it was 0.0085).
-    least_gyro: f64,
+    /// What a unit at rest showed: its noise is no less ([`at_rest`]).
+    least: [f64; 2],
 }
 
 impl Claims {
     /// Of these flights.
     pub fn new(model: &Model, flights: &[&Flight]) -> Self {
-        let shown = flights.iter().map(|f| f.measured_noise().0.sqrt()).fold(f64::INFINITY, f64::min);
-        let without_fixes = flights.iter().all(|f| f.received().next().is_none());
         let middle = |claim: &dyn Fn(&crate::sample::GnssFix) -> f64| {
             let mut all: Vec<f64> = flights.iter().flat_map(|f| f.received()).map(claim).collect();
             all.sort_by(f64::total_cmp);
@@ -134,7 +131,7 @@ impl Claims {
             position: middle(&|f| f.position_sigma_m.unwrap_or(gnss.position_sigma_m)[0]),
             height: middle(&|f| f.position_sigma_m.unwrap_or(gnss.position_sigma_m)[2]),
             velocity: middle(&|f| f.velocity_sigma_m_per_s.unwrap_or(gnss.velocity_sigma_m_per_s)[0]),
-            least_gyro: if without_fixes { shown } else { 0.0 },
+            least: at_rest(model, flights),
         }
     }
 
@@ -179,15 +176,14 @@ impl Claims {
     }
 
     fn limits(&self) -> [(f64, f64); FIGURES] {
-        let around = |v: f64| (v / INERTIAL_BELOW, v * INERTIAL_ABOVE);
+        let around = |v: f64, least: f64| (least.max(v / INERTIAL_BELOW), v * INERTIAL_ABOVE);
         let above = |floor: f64, claimed: f64| {
             let low = CLAIMED.0.max(floor / claimed);
             (low, CLAIMED.1.max(2.0 * low))
         };
-        let (low, high) = around(self.start.gyro);
         [
-            (low.max(self.least_gyro.min(self.start.gyro)), high),
-            around(self.start.accel),
+            around(self.start.gyro, self.least[0]),
+            around(self.start.accel, self.least[1]),
             above(MODEL_FLOOR.0, self.position),
             above(MODEL_FLOOR.0, self.height),
             above(MODEL_FLOOR.1, self.velocity),
@@ -301,6 +297,14 @@ fn sigmas(
     })
 }
 
+/// Noise of gyros and accelerometers that units at rest between turns by hand showed, rad/s/√Hz and m/s²/√Hz; nothing where none did. What a fit makes of the means
+/// over a few such rests is a matter of chance: 0.0012 of 0.0085 deg/s/√Hz where the place is unknown, 0.0008 of 0.006 m/s²/√Hz with a receiver.
+fn at_rest(model: &Model, flights: &[&Flight]) -> [f64; 2] {
+    let shown = flights.iter().filter_map(|f| f.noise_at_rest(model));
+    let least = shown.reduce(|a, b| [a[0].min(b[0]), a[1].min(b[1])]);
+    least.unwrap_or_default().map(f64::sqrt)
+}
+
 /// The Gauss-Markov error of heights is this much larger than that of horizontal positions.
 pub(super) const HEIGHT_GAUSS_MARKOV: f64 = 1.6;
 
@@ -314,11 +318,11 @@ impl Noise {
     /// A start: the model's figures, and what the samples show if that is more.
     pub fn measured(model: &Model, flights: &[&Flight]) -> Self {
         let most = |f: fn(&Flight) -> f64| flights.iter().map(|x| f(x)).fold(0.0, f64::max);
-        let gnss = &model.gnss;
+        let (gnss, least) = (&model.gnss, at_rest(model, flights));
         let has_gauss_markov = gnss.position_correlation_s > 0.0 && gnss.position_wander_sigma_m[0] > 0.0;
         Self {
-            gyro: model.imu.gyro_noise.max(0.5 * most(|f| f.measured_noise().0).sqrt()),
-            accel: model.imu.accel_noise.max(0.5 * most(|f| f.measured_noise().1).sqrt()),
+            gyro: model.imu.gyro_noise.max(0.5 * most(|f| f.measured_noise().0).sqrt()).max(least[0]),
+            accel: model.imu.accel_noise.max(0.5 * most(|f| f.measured_noise().1).sqrt()).max(least[1]),
             position_scale: 1.0,
             height_scale: 1.0,
             velocity_scale: 1.0,
