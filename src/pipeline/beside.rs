@@ -15,7 +15,7 @@ pub struct Beside {
     pub on_board: OnBoard,
     /// Its states and events.
     pub health: HealthLog,
-    /// Stamp of the first entry, µs.
+    /// First stamp, µs.
     first_t_us: Option<u64>,
     /// Unix time less stamp, s, by the receiver.
     utc_offset_s: Option<f64>,
@@ -24,7 +24,10 @@ pub struct Beside {
 impl Beside {
     /// Takes an entry of the log. `vehicle`: the system id that is listened to.
     pub fn take(&mut self, record: &Record, vehicle: Option<u8>) {
-        self.first_t_us.get_or_insert(record.t_us);
+        // Logs may begin with entries without a time.
+        if record.t_us > 0 {
+            self.first_t_us.get_or_insert(record.t_us);
+        }
         if let Item::Note(LogNote::Utc(utc_s)) = &record.item {
             self.utc_offset_s.get_or_insert(utc_s - record.t_us as f64 * 1e-6);
         }
@@ -57,7 +60,6 @@ impl Beside {
         if first_us > FIRST_DATE_US {
             return Some(first_us as f64 * 1e-6);
         }
-        // Logs of autopilots may begin with entries without a time.
         Some(self.utc_offset_s? + first_us as f64 * 1e-6)
     }
 
@@ -67,5 +69,26 @@ impl Beside {
             let s = t as u64;
             format!("{} {:02}:{:02} UTC", crate::figures::day(t), s / 3600 % 24, s / 60 % 60)
         })
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// A simulator's log stamps its entries with the date, and those before the first sample with nothing.
+    #[test]
+    fn a_log_whose_first_entries_have_no_time_has_its_date() {
+        let note = |t_us, note| Record { t_us, item: Item::Note(note) };
+        let mut beside = Beside::default();
+        beside.take(&note(0, LogNote::Utc(1_710_773_351.2)), None);
+        assert_eq!(beside.start_unix_s(), None);
+        for stamps_begin_us in [1_710_773_350_354_000, 2_000_000] {
+            let mut beside = Beside::default();
+            beside.take(&note(0, LogNote::Board(Default::default())), None);
+            beside.take(&note(stamps_begin_us, LogNote::Utc(1_710_773_351.2)), None);
+            let start_s = beside.start_unix_s().unwrap();
+            assert!((1_710_773_350.0..1_710_773_352.0).contains(&start_s), "{start_s}");
+        }
     }
 }
