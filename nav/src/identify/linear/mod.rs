@@ -15,6 +15,7 @@ mod imitation;
 pub mod innovations;
 mod kalman;
 pub mod reference;
+mod rough;
 mod rows;
 pub mod shocks;
 mod touchdown;

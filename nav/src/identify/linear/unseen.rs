@@ -11,6 +11,7 @@
 //! places like it, and hides no fix.
 
 use super::index;
+use super::rough;
 use super::touchdown;
 use crate::earth::STANDARD_GRAVITY;
 use crate::filter::unseen::{GAP_S, MOTION};
@@ -54,6 +55,8 @@ pub(in crate::identify) struct Unseen {
     gaps: Vec<Gap>,
     holes: Vec<Gap>,
     blows: Vec<Gap>,
+    /// Steps in which the vehicle turns faster than its samples follow.
+    rough: Vec<Gap>,
 }
 
 /// Interpolation over a stretch of known samples: those at its ends, and what it missed.
@@ -173,6 +176,17 @@ impl Unseen {
             let gap = Gap { from_s: pair[0].t_s, to_s: pair[1].t_s, missed, turned: false };
             if is_gap { own.gaps.push(gap) } else { own.holes.push(gap) }
         }
+        let rough = rough::steps(samples, kind, usual_s, HOLE_INTERVALS * usual_s).into_iter();
+        own.rough = rough
+            .map(|step| {
+                let mut missed = NavCovariance::zeros();
+                for k in 0..3 {
+                    missed[(index::ATTITUDE + k, index::ATTITUDE + k)] = step.missed[0][k];
+                    missed[(index::VELOCITY + k, index::VELOCITY + k)] = step.missed[1][k];
+                }
+                Gap { from_s: step.from_s, to_s: step.to_s, missed, turned: false }
+            })
+            .collect();
         own
     }
 
@@ -192,8 +206,9 @@ impl Unseen {
     /// fourth power, of the time since the last sample.
     pub(super) fn within(&self, from_s: f64, to_s: f64) -> Option<NavCovariance> {
         let mut sum: Option<NavCovariance> = None;
-        for gap in
-            [&self.gaps, &self.holes, &self.blows].into_iter().flat_map(|all| between(all, from_s, to_s))
+        for gap in [&self.gaps, &self.holes, &self.blows, &self.rough]
+            .into_iter()
+            .flat_map(|all| between(all, from_s, to_s))
         {
             let length_s = gap.to_s - gap.from_s;
             let share = |t_s: f64| ((t_s.clamp(gap.from_s, gap.to_s) - gap.from_s) / length_s).powi(2);
@@ -256,7 +271,7 @@ impl Unseen {
 
     /// The same at another time.
     pub(in crate::identify) fn move_by(&mut self, by_s: f64) {
-        for gap in self.gaps.iter_mut().chain(&mut self.holes).chain(&mut self.blows) {
+        for gap in self.gaps.iter_mut().chain(&mut self.holes).chain(&mut self.blows).chain(&mut self.rough) {
             gap.from_s += by_s;
             gap.to_s += by_s;
         }
