@@ -10,8 +10,8 @@ use nalgebra::Vector3;
 
 /// Median of the mean of three squares of standard normal variables.
 const MEDIAN: f64 = 0.789;
-/// A step counts where its mean square is beyond white noise by so many times that …
-const BEYOND_NOISE: f64 = 4.0;
+/// A step counts where its mean square is so many times that of white noise, which noise does not come to in a thousand hours; the maneuver above has 10⁶ and more …
+const BEYOND_NOISE: f64 = 25.0;
 /// … and its error by this much, rad and m/s: a tenth of a milliradian a sample.
 const LEAST: [f64; 2] = [1e-4, 2e-3];
 /// Mean squares over so many samples before and after.
