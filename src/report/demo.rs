@@ -79,18 +79,17 @@ fn maneuvers(series: &Series, body: &mut String) {
     if series.maneuvers.is_empty() {
         return;
     }
-    body.push_str("<h2>Maneuvers</h2>");
-    let mut table =
-        "<table><tr><th>Maneuver</th><th class=\"n\">planned, s</th><th class=\"n\">flown, s</th>".to_owned();
+    body.push_str("<h2>Maneuvers</h2><p>Each as the plan has it / as it was flown: seconds, and the largest 1-sigma at the end.</p>");
+    let mut table = "<table><tr><th>Maneuver</th><th class=\"n\">s</th>".to_owned();
     for (title, _) in GROUPS {
         let name = title.split(':').next().unwrap_or(title);
-        let _ = write!(table, "<th class=\"n\">{name}<br>predicted / flown</th>");
+        let _ = write!(table, "<th class=\"n\">{name}</th>");
     }
     table.push_str("</tr>");
     for (m, k) in series.maneuvers.iter().zip(1..) {
         let _ = write!(
             table,
-            "<tr><td>{k}. {}</td><td class=\"n\">{:.0}</td><td class=\"n\">{:.0}</td>",
+            "<tr><td>{k}. {}</td><td class=\"n\">{:.0} / {:.0}</td>",
             escape(&m.words),
             m.planned_end_s - m.planned_start_s,
             m.flown_end_s - m.flown_start_s
@@ -99,7 +98,8 @@ fn maneuvers(series: &Series, body: &mut String) {
             let at = |flown| series.worst(names, flown).and_then(|points| near(&points, m.flown_end_s));
             match (at(false), at(true)) {
                 (Some(planned), Some(flown)) => {
-                    let _ = write!(table, "<td class=\"n\">{planned:.1} / {flown:.1}</td>");
+                    let [planned, flown] = [planned, flown].map(short);
+                    let _ = write!(table, "<td class=\"n\">{planned} / {flown}</td>");
                 }
                 _ => table.push_str("<td></td>"),
             }
@@ -107,6 +107,11 @@ fn maneuvers(series: &Series, body: &mut String) {
         table.push_str("</tr>");
     }
     body.push_str(&wide(&(table + "</table>")));
+}
+
+/// Without decimals from three digits on: the table fits on paper.
+fn short(v: f64) -> String {
+    if v < 100.0 { format!("{v:.1}") } else { format!("{v:.0}") }
 }
 
 fn near(points: &[(f64, f64)], t_s: f64) -> Option<f64> {

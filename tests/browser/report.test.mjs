@@ -11,7 +11,6 @@ import { faults, launch, open } from "./harness.mjs";
 const ROOT = new URL("../../", import.meta.url).pathname;
 const FLIGHTS = process.env.GAWARE_FLIGHTS ?? join(ROOT, "../shared/data");
 const SMALL = join(ROOT, "tests/data/small_gsens_typical_dither.tlog");
-const CLEAN = join(ROOT, "tests/data/small_clean_dither.tlog");
 /** Recordings of vehicles with rotors, and of one under water: no maneuver of a fixed wing may be named. */
 const NO_WING = /copter|px4_sample|qdr|sub_bench/;
 // The small recordings of this repository; with EVERY_FLIGHT=REGEX all with such a name (`.` for every one), by explain those of
@@ -19,6 +18,8 @@ const NO_WING = /copter|px4_sample|qdr|sub_bench/;
 const every = process.env.EVERY_FLIGHT ? readdirSync(FLIGHTS).filter((name) => !/\.(md|json|toml)$/.test(name) && new RegExp(process.env.EVERY_FLIGHT).test(name)) : [];
 const some = ["real_copter_sample.BIN", "real_px4_sample.ulg", "qdr_p4rtk_xsensdot", "independent_stand_20min.tlog", "independent_stand_20min_then_flight.tlog"];
 const logs = [SMALL, ...(every.length > 0 ? every : some).map((name) => join(FLIGHTS, name))].filter(existsSync);
+/** Two flights with the innovations of the autopilot's own filter. */
+const COMPARED = ["sitl_clean_dither.tlog", "sitl_gsens_typical_dither.tlog"].map((name) => join(FLIGHTS, name)).filter(existsSync);
 /** A flight with several unmodelled effects. */
 const SEVERAL = join(FLIGHTS, "real_px4plane_swiss.tlog");
 const JOBS = [
@@ -42,7 +43,7 @@ before(async () => {
     if (!existsSync(page)) program(command, log, "--out", out);
     return { name: `${command} ${log}`, rotor: NO_WING.test(log), url: `file://${page}` };
   });
-  const others = { demo: ["demo", "--headless", "--speed", "max"], compare: ["compare", CLEAN, SMALL] };
+  const others = { demo: ["demo", "--headless", "--speed", "max"], ...(COMPARED.length === 2 ? { compare: ["compare", ...COMPARED] } : {}) };
   pages = [...reports, ...Object.entries(others).map(([name, words]) => {
     const out = join(folder, `${name}.html`);
     program(...words, "--force", "--report", out);
