@@ -13,7 +13,7 @@ const PIECE_S: f64 = 2.0;
 /// … so that there are no more attitudes of either kind than this (2 MB).
 const MOST: usize = 1 << 16;
 /// References further apart than this are not interpolated, s.
-const MAX_SPACING_S: f64 = 0.15;
+pub const MAX_SPACING_S: f64 = 0.15;
 
 /// Roll, pitch, yaw, rad, at a time, s.
 type Attitude = (f64, [f64; 3]);

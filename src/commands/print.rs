@@ -3,6 +3,7 @@
 use crate::advice::start;
 use crate::engine::snapshot::{Phase, Summary};
 use crate::figures::two_figures;
+use crate::pipeline::truth_comparison;
 use serde_json::{Map, Value};
 use std::fmt::Write;
 
@@ -73,14 +74,22 @@ fn write_summary(out: &mut String, s: &Summary, document: &Map<String, Value>) -
         writeln!(out, "not observable: {}", direction.text)?;
     }
     if let Some(truth) = document.get("truth_comparison") {
-        let get = |name: &str| truth.get(name).cloned().unwrap_or_default();
+        let number = |value: &Value| value.as_f64().unwrap_or_default();
+        let get = |name: &str| truth.get(name).map_or(0.0, number);
+        let rms: Vec<String> = truth
+            .get("attitude_rms_deg")
+            .and_then(Value::as_array)
+            .map_or_else(Vec::new, |all| all.iter().map(|v| format!("{:.3}", number(v))).collect());
         writeln!(
             out,
-            "against the truth from {} s on: RMS {} deg in roll, pitch, yaw after a shift of {} s",
+            "against the truth from {:.0} s on: RMS {} deg in roll, pitch, yaw after a shift of {:.1} ms",
             get("from_s"),
-            get("attitude_rms_deg"),
-            get("time_shift_s")
+            rms.join(", "),
+            1e3 * get("time_shift_s")
         )?;
+        if let Some(shares) = truth_comparison::shares(truth) {
+            writeln!(out, "{shares}")?;
+        }
     }
     for warning in &s.warnings {
         writeln!(out, "warning: {warning}")?;

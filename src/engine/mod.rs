@@ -359,6 +359,13 @@ impl Engine {
         self.estimator.predicted_nav().map(|(t_s, nav)| (t_s, nav.euler().into()))
     }
 
+    /// 1-sigma of roll, pitch, yaw at the last fix, rad.
+    pub fn attitude_sigmas(&self) -> Option<[f64; 3]> {
+        let filter = self.filter()?;
+        let attitude_deg = estimate::attitude(filter, self.estimator.searched_yaw_sigma());
+        Some(attitude_deg.sigma.map(f64::to_radians))
+    }
+
     /// The maneuvers that the guidance asks for, to be flown one after the other.
     pub fn proposed(&self) -> &[Maneuver] {
         self.guide.as_ref().filter(|_| self.allows_maneuver()).map_or(&[], Guide::proposed)

@@ -127,6 +127,10 @@ impl Consumer for Gather {
     fn attitude(&mut self) -> Option<(f64, [f64; 3])> {
         self.engine.attitude()
     }
+
+    fn attitude_sigmas(&self) -> Option<[f64; 3]> {
+        self.engine.attitude_sigmas()
+    }
 }
 
 impl Estimator for Gather {

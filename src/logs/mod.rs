@@ -19,7 +19,7 @@ use crate::inputs::Input;
 use crate::link::frame::Frame;
 use crate::timeline::Measurement;
 use gaware_nav::observability::words::VehicleKind;
-pub use note::{HealthNote, Level, LogNote, VehicleClass};
+pub use note::{HealthNote, Level, LogNote, TRUTH, VehicleClass};
 use schemars::JsonSchema;
 use serde::Serialize;
 use std::io::Read;

@@ -2,6 +2,9 @@
 
 use super::filter::Channel;
 
+/// Whose attitude a simulated autopilot's log has beside others: that of the vehicle itself.
+pub const TRUTH: &str = "simulation truth";
+
 /// What an autopilot's own log says of itself (formats with frames say it in frames).
 #[derive(Debug, Clone, PartialEq)]
 pub enum LogNote {

@@ -7,7 +7,7 @@ mod beside;
 mod quality;
 mod recorded;
 pub mod replay;
-mod truth_comparison;
+pub mod truth_comparison;
 mod window;
 
 use crate::advice::start::Started;
@@ -15,7 +15,7 @@ use crate::engine::situation::FlightReport;
 use crate::engine::snapshot::{GnssStatus, ImuStatus, Snapshot, Summary};
 use crate::link::frame::Frame;
 use crate::logs::filter::{self, Channel, Origin};
-use crate::logs::{Damage, Item, LogNote, Record};
+use crate::logs::{Damage, Item, LogNote, Record, TRUTH};
 use crate::sensors::flight::FlightWatch;
 use crate::sensors::truth::SimTruth;
 use crate::sensors::{Converter, ConverterOptions, ConverterStats, Notice, Severity};
@@ -44,6 +44,10 @@ pub trait Consumer {
     fn set_place(&mut self, _place: Geodetic) {}
     /// Roll, pitch, yaw, rad, and the time they are for, s; nothing while there is no estimate. Called often.
     fn attitude(&mut self) -> Option<(f64, [f64; 3])> {
+        None
+    }
+    /// 1-sigma of that roll, pitch and yaw, rad.
+    fn attitude_sigmas(&self) -> Option<[f64; 3]> {
         None
     }
     /// Takes what the autopilot's own filter reports of itself.
@@ -205,10 +209,16 @@ impl<E: Consumer> Pipeline<E> {
             self.filter_report(Origin::Link, &filter::of_frame(frame));
         }
         if let Some(truth) = SimTruth::from_frame(frame, &self.converter) {
-            let estimate = if self.truth.wants(&truth) { self.engine.attitude() } else { None };
-            self.truth.push(&truth, estimate);
+            self.truth(truth.t_s, truth.roll_pitch_yaw);
         }
         (&self.samples, notices)
+    }
+
+    /// Takes the true roll, pitch, yaw, rad, of a simulated vehicle.
+    fn truth(&mut self, t_s: f64, roll_pitch_yaw: [f64; 3]) {
+        let estimate = if self.truth.wants(t_s) { self.engine.attitude() } else { None };
+        let sigmas = estimate.and_then(|_| self.engine.attitude_sigmas());
+        self.truth.push(t_s, roll_pitch_yaw, estimate.map(|(at_s, estimate)| (at_s, estimate, sigmas)));
     }
 
     /// Takes an entry of a log.
@@ -225,6 +235,9 @@ impl<E: Consumer> Pipeline<E> {
             Item::Note(LogNote::Filter(values)) => self.filter_report(Origin::Log, values),
             Item::Note(LogNote::Attitude(name, roll_pitch_yaw)) => {
                 if let Some(t_s) = self.converter.time().place_s(Stamp::Usec(record.t_us)) {
+                    if name == TRUTH {
+                        self.truth(t_s, *roll_pitch_yaw);
+                    }
                     self.engine.attitude_report(name, t_s, *roll_pitch_yaw);
                 }
             }
@@ -371,6 +384,10 @@ impl Consumer for crate::engine::Engine {
 
     fn attitude(&mut self) -> Option<(f64, [f64; 3])> {
         Self::attitude(self)
+    }
+
+    fn attitude_sigmas(&self) -> Option<[f64; 3]> {
+        Self::attitude_sigmas(self)
     }
 }
 

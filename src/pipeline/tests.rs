@@ -5,11 +5,13 @@ use crate::engine::{Engine, EngineOptions};
 use crate::link::frame::Sender;
 use crate::logs::tlog::record_bytes;
 use crate::sensors::ImuSource;
-use crate::timeline::stretches;
+use crate::timeline::{Measurement, Stamp, stretches};
 use gaware_nav::model::Model;
+use gaware_nav::sample::{ImuSample, Sample};
 use mavlink::dialects::ardupilotmega::{
     HEARTBEAT_DATA, HIGHRES_IMU_DATA, HighresImuUpdatedFlags, MavAutopilot, MavMessage, MavType, RAW_IMU_DATA,
 };
+use nalgebra::Vector3;
 use std::path::{Path, PathBuf};
 
 const VEHICLE: Sender = Sender { system_id: 1, component_id: 1 };
@@ -120,4 +122,52 @@ fn explain_sees_the_source_that_a_run_sees_and_each_source_apart() {
     assert!(found[0].samples.len() > 900);
     let other = ConverterOptions { source: None, vehicle: Some(7) };
     assert!(stretches(&samples(&file.0, other).unwrap()).is_empty());
+}
+
+/// An estimate that is level whatever happens, and says that it is right to 0.1 rad.
+struct Level(Option<f64>);
+
+impl Consumer for Level {
+    fn feed(&mut self, sample: &Sample) {
+        if let Sample::Imu(imu) = sample {
+            self.0 = Some(imu.t_s);
+        }
+    }
+
+    fn attitude(&mut self) -> Option<(f64, [f64; 3])> {
+        self.0.map(|t_s| (t_s, [0.0; 3]))
+    }
+
+    fn attitude_sigmas(&self) -> Option<[f64; 3]> {
+        Some([0.1; 3])
+    }
+}
+
+/// The truth that a simulated autopilot's own log holds is compared as that of a stream is; other attitudes are none.
+#[test]
+fn the_truth_in_a_log_of_an_autopilot_is_compared() {
+    let truth = |name: &str, roll_pitch_yaw| Item::Note(LogNote::Attitude(name.to_owned(), roll_pitch_yaw));
+    let result = |name: &str| {
+        let mut pipeline = Pipeline::new(ConverterOptions::default(), Level(None), 0.0);
+        for k in 0..100_u64 {
+            let t_us = 1_000_000 + k * 40_000;
+            let sample = ImuSample {
+                t_s: 0.0,
+                gyro: Vector3::zeros(),
+                accel: Vector3::new(0.0, 0.0, -9.8),
+                temperature_degc: None,
+            };
+            let item = Item::Measurement(Measurement::Imu(Stamp::Usec(t_us), sample));
+            pipeline.record(&Record { t_us, item });
+            // Half of the time it rolls by more than the estimate allows.
+            let roll = if k < 50 { 0.15 } else { 0.25 };
+            pipeline.record(&Record { t_us, item: truth(name, [roll, 0.0, 0.0]) });
+        }
+        pipeline.truth.result()
+    };
+    assert_eq!(result("EKF3 lane 0"), None);
+    let found = result(crate::logs::TRUTH).unwrap();
+    assert!((found.attitude_rms_deg[0] - 0.206_f64.to_degrees()).abs() < 0.1, "{found:?}");
+    let [roll, pitch, yaw] = found.within_2_sigma.unwrap();
+    assert!((roll - 0.5).abs() < 0.02 && pitch == 1.0 && yaw == 1.0, "{found:?}");
 }

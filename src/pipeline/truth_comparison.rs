@@ -1,9 +1,10 @@
-//! How far the estimated attitude is from the truth that a simulated autopilot sends along.
+//! How far the estimated attitude is from the truth that a simulated autopilot sends along, or has in its log.
 
-use crate::attitudes::Attitudes;
-use crate::sensors::truth::SimTruth;
+use crate::attitudes::{Attitudes, MAX_SPACING_S};
+use gaware_nav::rotation::wrap_pi;
 use schemars::JsonSchema;
 use serde::Serialize;
+use serde_json::Value;
 
 /// Largest shift that is searched, s.
 const MAX_SHIFT_S: f64 = 0.02;
@@ -21,7 +22,12 @@ pub struct TruthResult {
     pub attitude_rms_deg: [f64; 3],
     /// The same without the shift, deg.
     pub attitude_rms_unshifted_deg: [f64; 3],
+    /// Share of the errors of roll, pitch, yaw, as they are, within 2 of the estimate's sigmas.
+    pub within_2_sigma: Option<[f64; 3]>,
 }
+
+/// An estimate beside the truth: its time, s, and roll, pitch, yaw with their sigmas, rad.
+pub type Estimated = (f64, [f64; 3], Option<[f64; 3]>);
 
 /// Collects both.
 #[derive(Debug, Clone)]
@@ -29,12 +35,16 @@ pub struct TruthComparison {
     from_s: f64,
     start_s: Option<f64>,
     attitudes: Attitudes,
+    /// The truth before.
+    last: Option<(f64, [f64; 3])>,
+    /// Estimates with sigmas, and of these how many have roll, pitch, yaw within 2 of them.
+    judged: (usize, [usize; 3]),
 }
 
 impl TruthComparison {
     /// Compares from this many seconds after the start on.
     pub fn new(from_s: f64) -> Self {
-        Self { from_s, start_s: None, attitudes: Attitudes::default() }
+        Self { from_s, start_s: None, attitudes: Attitudes::default(), last: None, judged: (0, [0; 3]) }
     }
 
     /// Gives the time; the first one is the start.
@@ -42,23 +52,40 @@ impl TruthComparison {
         self.start_s = self.start_s.or(now_s);
     }
 
-    /// Whether an estimate beside this truth would be of use.
-    pub fn wants(&self, truth: &SimTruth) -> bool {
-        self.start_s.is_some_and(|start| truth.t_s >= start + self.from_s)
+    /// Whether an estimate beside a truth of this time would be of use.
+    pub fn wants(&self, t_s: f64) -> bool {
+        self.start_s.is_some_and(|start| t_s >= start + self.from_s)
     }
 
-    /// Takes the truth and the estimate beside it.
-    pub fn push(&mut self, truth: &SimTruth, estimate: Option<(f64, [f64; 3])>) {
-        let from = self.start_s.map_or(f64::INFINITY, |s| s + self.from_s);
+    /// Takes the true roll, pitch, yaw, rad, and the estimate beside it.
+    pub fn push(&mut self, t_s: f64, truth: [f64; 3], estimate: Option<Estimated>) {
         // A reboot starts the truth anew; what is behind it cannot be interpolated with what was before.
-        if self.attitudes.newest_reference_s().is_some_and(|t| truth.t_s < t) {
+        if self.attitudes.newest_reference_s().is_some_and(|t| t_s < t) {
             self.attitudes.clear();
+            self.last = None;
         }
-        if truth.t_s >= from {
-            self.attitudes.push_reference(truth.t_s, truth.roll_pitch_yaw);
-            if let Some((t, estimate)) = estimate.filter(|(t, _)| *t >= from) {
-                self.attitudes.push_estimate(t, estimate);
-            }
+        if !self.wants(t_s) {
+            return;
+        }
+        self.attitudes.push_reference(t_s, truth);
+        if let Some(estimate) = estimate.filter(|e| self.wants(e.0)) {
+            self.attitudes.push_estimate(estimate.0, estimate.1);
+            self.judge(t_s, truth, estimate);
+        }
+        self.last = Some((t_s, truth));
+    }
+
+    /// Counts an estimate between the truth before and this one.
+    fn judge(&mut self, t_s: f64, truth: [f64; 3], (at_s, estimate, sigmas): Estimated) {
+        let (Some((before_s, before)), Some(sigmas)) = (self.last, sigmas) else { return };
+        if !(before_s..=t_s).contains(&at_s) || t_s - before_s > MAX_SPACING_S {
+            return;
+        }
+        let share = (at_s - before_s) / (t_s - before_s).max(f64::MIN_POSITIVE);
+        self.judged.0 += 1;
+        for (k, within) in self.judged.1.iter_mut().enumerate() {
+            let error = wrap_pi(estimate[k] - before[k] - share * wrap_pi(truth[k] - before[k]));
+            *within += usize::from(error.abs() < 2.0 * sigmas[k]);
         }
     }
 
@@ -74,8 +101,18 @@ impl TruthComparison {
             time_shift_s,
             attitude_rms_deg: degrees(mean_squares),
             attitude_rms_unshifted_deg: degrees(unshifted),
+            within_2_sigma: (self.judged.0 > 0)
+                .then(|| self.judged.1.map(|w| w as f64 / self.judged.0 as f64)),
         })
     }
+}
+
+/// The shares within 2 sigma of a result in a document, in words.
+pub fn shares(result: &Value) -> Option<String> {
+    let shares = result.get("within_2_sigma")?.as_array()?;
+    let percent: Vec<f64> = shares.iter().filter_map(Value::as_f64).map(|s| 100.0 * s).collect();
+    let [roll, pitch, yaw] = percent.try_into().ok()?;
+    Some(format!("within 2 sigma of it roll {roll:.1} %, pitch {pitch:.1} %, yaw {yaw:.1} %"))
 }
 
 #[cfg(test)]
@@ -93,11 +130,10 @@ mod tests {
         for k in 0..3000 {
             let t_s = 100.0 + f64::from(k) * 0.02;
             let roll_pitch_yaw = attitude(t_s);
-            let truth =
-                SimTruth { t_s, roll_pitch_yaw, velocity_ned: [0.0; 3], lat_lon_deg: [0.0; 2], alt_m: 0.0 };
             let mut estimate = attitude(t_s - 0.012);
             estimate[0] += 0.1_f64.to_radians();
-            comparison.push(&truth, Some((t_s, estimate)));
+            // Of roll it says half of what it is off, of pitch enough, of yaw far too much.
+            comparison.push(t_s, roll_pitch_yaw, Some((t_s, estimate, Some([1e-4, 1e-3, 1.0]))));
         }
         let result = comparison.result().unwrap();
         assert!((result.time_shift_s - 0.012).abs() < 0.0006, "{result:?}");
@@ -105,6 +141,8 @@ mod tests {
         assert!(result.attitude_rms_deg[1] < 0.005 && result.attitude_rms_deg[2] < 0.01, "{result:?}");
         assert!(result.attitude_rms_unshifted_deg[2] > 0.1, "{result:?}");
         assert!((2700..2760).contains(&result.samples), "{result:?}");
+        let [roll, pitch, yaw] = result.within_2_sigma.unwrap();
+        assert!(roll < 0.1 && pitch > 0.99 && yaw == 1.0, "{result:?}");
     }
 
     #[test]

@@ -1,8 +1,8 @@
 //! What the autopilot's own log says beside its sensors: firmware, vehicle, and its navigation filter.
 
 use super::Entry;
-use crate::logs::VehicleClass;
 use crate::logs::filter::{self, Channel};
+use crate::logs::{TRUTH, VehicleClass};
 
 /// Which of the autopilot's navigation filters flies: ArduPilot may run two of them, each on several inertial units.
 ///
@@ -157,7 +157,7 @@ pub(super) fn other_attitude(entry: &Entry) -> Option<(String, [f64; 3])> {
         "NKF6" if entry.number("C").is_none() => "EKF2 lane 1".to_owned(),
         "EKF1" => "EKF1".to_owned(),
         "AHR2" => "AHR2".to_owned(),
-        "SIM" => "simulation truth".to_owned(),
+        "SIM" => TRUTH.to_owned(),
         _ => return None,
     };
     Some((name, attitude(entry)?))

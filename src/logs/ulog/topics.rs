@@ -4,7 +4,7 @@ use super::fields::{Fields, attitude, fix, vehicle_class};
 use super::notes::{filter_values, is_of_filter};
 use super::{Definitions, air, health, operating};
 use crate::logs::source::{Choice, Kind, Source, Survey};
-use crate::logs::{HealthNote, Item, LogNote, Record, VehicleClass};
+use crate::logs::{HealthNote, Item, LogNote, Record, TRUTH, VehicleClass};
 use crate::timeline::{Measurement, Stamp};
 use gaware_nav::observability::words::VehicleKind;
 use gaware_nav::sample::{FieldSample, ImuSample, ImuStream, Quantisation, SampleKind};
@@ -178,9 +178,7 @@ impl Topics {
             "vehicle_attitude" => attitude(fields).map(|rpy| Measurement::Attitude(stamp, rpy)),
             "vehicle_attitude_groundtruth" => {
                 let truth = attitude(fields);
-                out.extend(
-                    truth.map(|rpy| self.record(LogNote::Attitude("simulation truth".to_owned(), rpy))),
-                );
+                out.extend(truth.map(|rpy| self.record(LogNote::Attitude(TRUTH.to_owned(), rpy))));
                 return true;
             }
             "vehicle_status" => {

@@ -148,6 +148,10 @@ impl Consumer for Logged {
         self.engine.attitude()
     }
 
+    fn attitude_sigmas(&self) -> Option<[f64; 3]> {
+        self.engine.attitude_sigmas()
+    }
+
     fn filter_report(&mut self, origin: Origin, values: &[(Channel, f64)]) {
         self.log.filter_report(origin, values);
     }

@@ -25,7 +25,7 @@ use crate::engine::{Engine, EngineOptions};
 use crate::health::checks::checks;
 use crate::logs;
 use crate::pipeline::replay::{self, ReplayError, ReplayRequest};
-use crate::pipeline::{self, Beside};
+use crate::pipeline::{self, Beside, truth_comparison};
 use serde_json::{Map, Value};
 use std::fmt::Write;
 
@@ -291,8 +291,9 @@ fn attitudes(
             let _ = write!(
                 body,
                 "<p>Against the truth that the simulated vehicle sends, from {from_s:.0} s on: RMS roll {roll}, pitch {pitch}, yaw \
-                 {yaw}, after a shift of {:.0} ms.</p>",
-                1e3 * shift_s
+                 {yaw}, after a shift of {:.0} ms{}.</p>",
+                1e3 * shift_s,
+                truth_comparison::shares(truth).map_or_else(String::new, |shares| format!("; {shares}"))
             );
         }
     }

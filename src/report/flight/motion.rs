@@ -5,6 +5,7 @@
 //! estimate, the autopilot's, all lanes of its filters. Each gets its own constant accelerometer bias, so that it counts for none. A vehicle
 //! that hovers and one that flies are judged alike.
 
+use crate::logs::TRUTH;
 use gaware_nav::rotation::c_nb_from_euler;
 use gaware_nav::sample::FixVelocity;
 use nalgebra::{Matrix3, Matrix4, Vector3, Vector4};
@@ -14,8 +15,6 @@ use std::collections::{BTreeMap, VecDeque};
 pub const AUTOPILOT: &str = "autopilot";
 /// Name of ours.
 pub const OURS: &str = "this estimate";
-/// Name of a simulation's truth.
-pub const TRUTH: &str = "simulation truth";
 /// Velocities are compared over about this time, s: rare attitudes and noise of the fixes count for less.
 const SPAN_S: f64 = 1.0;
 /// A longer interval had fixes or attitudes missing, s.

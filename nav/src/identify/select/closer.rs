@@ -15,6 +15,9 @@ const MAX_DEFICIT_NATS: f64 = 15.0;
 const MAX_DEFICIT_SHARE: f64 = 0.5;
 /// At most so many candidates are looked at again.
 const CLOSE_LOOKS: usize = 6;
+/// So many formulas beside them that explain as much as the best, but for the price of the grammar: that makes them less likely, and a name of the
+/// catalogue still stands alone only where none does ([`Search::step`]).
+const FORMULAS: usize = 5;
 /// Values and noise take turns at most so often …
 const TURNS: usize = 3;
 /// … and no more when a turn gains less than this, nats.
@@ -58,8 +61,16 @@ impl Search<'_> {
         if top < 0.0 {
             return Vec::new();
         }
-        let hopeful: Vec<&Candidate> =
-            scanned.iter().filter(|c| !is_far_behind(c.evidence, top)).take(CLOSE_LOOKS).collect();
+        let (first, others) = scanned.split_at(CLOSE_LOOKS.min(scanned.len()));
+        let explains = |c: &&Candidate| {
+            let price = c.setting.effect.prior_cost();
+            price > 0.0 && c.evidence + price >= top
+        };
+        let hopeful: Vec<&Candidate> = first
+            .iter()
+            .filter(|c| !is_far_behind(c.evidence, top))
+            .chain(others.iter().filter(explains).take(FORMULAS))
+            .collect();
         // The first turn sorts out most of them.
         let looks = map(self.workers, hopeful.len(), |k| self.look_closely(hopeful[k], from, point));
         let top = looks.iter().map(|l| l.candidate.evidence).fold(0.0, f64::max);
