@@ -16,7 +16,7 @@ const MOST: usize = 1 << 16;
 pub const MAX_SPACING_S: f64 = 0.15;
 
 /// Roll, pitch, yaw, rad, at a time, s.
-type Attitude = (f64, [f64; 3]);
+pub type Attitude = (f64, [f64; 3]);
 
 /// An estimate and a reference over time.
 #[derive(Debug, Clone, Default)]
@@ -126,19 +126,29 @@ impl Attitudes {
             while self.reference.get(at + 1).is_some_and(|(next, _)| *next < wanted) {
                 at += 1;
             }
-            let ((t0, a), (t1, b)) = (self.reference.get(at)?, self.reference.get(at + 1)?);
-            let spacing = t1 - t0;
-            if !(*t0..=*t1).contains(&wanted) || spacing <= 0.0 || spacing > max_spacing_s {
-                return None;
-            }
-            let share = (wanted - t0) / spacing;
-            let mut difference = [0.0; 3];
-            for (((d, e), a), b) in difference.iter_mut().zip(estimate).zip(a).zip(b) {
-                *d = wrap_pi(e - a - share * wrap_pi(b - a));
-            }
+            let neighbours = [self.reference.get(at)?, self.reference.get(at + 1)?];
+            let difference = difference(neighbours, (wanted, *estimate), max_spacing_s)?;
             Some((*t, difference))
         })
     }
+}
+
+/// An estimate less what lies between two references, rad; nothing outside them, or where they are further apart than this, s.
+pub fn difference(
+    [(t0, a), (t1, b)]: [&Attitude; 2],
+    (t_s, estimate): Attitude,
+    max_spacing_s: f64,
+) -> Option<[f64; 3]> {
+    let spacing = t1 - t0;
+    if !(*t0..=*t1).contains(&t_s) || spacing <= 0.0 || spacing > max_spacing_s {
+        return None;
+    }
+    let share = (t_s - t0) / spacing;
+    let mut difference = [0.0; 3];
+    for (((d, e), a), b) in difference.iter_mut().zip(estimate).zip(a).zip(b) {
+        *d = wrap_pi(e - a - share * wrap_pi(b - a));
+    }
+    Some(difference)
 }
 
 #[cfg(test)]

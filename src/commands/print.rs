@@ -74,19 +74,15 @@ fn write_summary(out: &mut String, s: &Summary, document: &Map<String, Value>) -
         writeln!(out, "not observable: {}", direction.text)?;
     }
     if let Some(truth) = document.get("truth_comparison") {
-        let number = |value: &Value| value.as_f64().unwrap_or_default();
-        let get = |name: &str| truth.get(name).map_or(0.0, number);
-        let rms: Vec<String> = truth
-            .get("attitude_rms_deg")
-            .and_then(Value::as_array)
-            .map_or_else(Vec::new, |all| all.iter().map(|v| format!("{:.3}", number(v))).collect());
-        writeln!(
-            out,
-            "against the truth from {:.0} s on: RMS {} deg in roll, pitch, yaw after a shift of {:.1} ms",
-            get("from_s"),
-            rms.join(", "),
-            1e3 * get("time_shift_s")
-        )?;
+        let get = |name: &str| truth.get(name).and_then(Value::as_f64).unwrap_or_default();
+        if let Some([roll, pitch, yaw]) = truth_comparison::figures(truth, "attitude_rms_deg") {
+            writeln!(
+                out,
+                "against the truth from {:.0} s on: RMS {roll:.3}, {pitch:.3}, {yaw:.3} deg in roll, pitch, yaw after a shift of {:.1} ms",
+                get("from_s"),
+                1e3 * get("time_shift_s")
+            )?;
+        }
         if let Some(shares) = truth_comparison::shares(truth) {
             writeln!(out, "{shares}")?;
         }

@@ -1,7 +1,6 @@
 //! How far the estimated attitude is from the truth that a simulated autopilot sends along, or has in its log.
 
-use crate::attitudes::{Attitudes, MAX_SPACING_S};
-use gaware_nav::rotation::wrap_pi;
+use crate::attitudes::{Attitude, Attitudes, MAX_SPACING_S, difference};
 use schemars::JsonSchema;
 use serde::Serialize;
 use serde_json::Value;
@@ -36,7 +35,7 @@ pub struct TruthComparison {
     start_s: Option<f64>,
     attitudes: Attitudes,
     /// The truth before.
-    last: Option<(f64, [f64; 3])>,
+    last: Option<Attitude>,
     /// Estimates with sigmas, and of these how many have roll, pitch, yaw within 2 of them.
     judged: (usize, [usize; 3]),
 }
@@ -77,15 +76,12 @@ impl TruthComparison {
 
     /// Counts an estimate between the truth before and this one.
     fn judge(&mut self, t_s: f64, truth: [f64; 3], (at_s, estimate, sigmas): Estimated) {
-        let (Some((before_s, before)), Some(sigmas)) = (self.last, sigmas) else { return };
-        if !(before_s..=t_s).contains(&at_s) || t_s - before_s > MAX_SPACING_S {
-            return;
-        }
-        let share = (at_s - before_s) / (t_s - before_s).max(f64::MIN_POSITIVE);
+        let (Some(before), Some(sigmas)) = (self.last, sigmas) else { return };
+        let neighbours = [&before, &(t_s, truth)];
+        let Some(error) = difference(neighbours, (at_s, estimate), MAX_SPACING_S) else { return };
         self.judged.0 += 1;
-        for (k, within) in self.judged.1.iter_mut().enumerate() {
-            let error = wrap_pi(estimate[k] - before[k] - share * wrap_pi(truth[k] - before[k]));
-            *within += usize::from(error.abs() < 2.0 * sigmas[k]);
+        for ((within, error), sigma) in self.judged.1.iter_mut().zip(error).zip(sigmas) {
+            *within += usize::from(error.abs() < 2.0 * sigma);
         }
     }
 
@@ -107,11 +103,15 @@ impl TruthComparison {
     }
 }
 
+/// Figures of roll, pitch and yaw of a result in a document.
+pub fn figures(result: &Value, name: &str) -> Option<[f64; 3]> {
+    let all: Vec<f64> = result.get(name)?.as_array()?.iter().filter_map(Value::as_f64).collect();
+    all.try_into().ok()
+}
+
 /// The shares within 2 sigma of a result in a document, in words.
 pub fn shares(result: &Value) -> Option<String> {
-    let shares = result.get("within_2_sigma")?.as_array()?;
-    let percent: Vec<f64> = shares.iter().filter_map(Value::as_f64).map(|s| 100.0 * s).collect();
-    let [roll, pitch, yaw] = percent.try_into().ok()?;
+    let [roll, pitch, yaw] = figures(result, "within_2_sigma")?.map(|share| 100.0 * share);
     Some(format!("within 2 sigma of it roll {roll:.1} %, pitch {pitch:.1} %, yaw {yaw:.1} %"))
 }
 

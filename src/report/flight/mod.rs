@@ -280,18 +280,14 @@ fn attitudes(
     }
     if let Some(truth) = document.get("truth_comparison") {
         let number_of = |name: &str| truth.get(name).and_then(Value::as_f64);
-        let rms: Vec<String> = truth
-            .get("attitude_rms_deg")
-            .and_then(Value::as_array)
-            .map(|v| v.iter().filter_map(Value::as_f64).map(|x| format!("{x:.3}°")).collect())
-            .unwrap_or_default();
-        if let ([roll, pitch, yaw], Some(from_s), Some(shift_s)) =
-            (&rms[..], number_of("from_s"), number_of("time_shift_s"))
+        let rms = truth_comparison::figures(truth, "attitude_rms_deg");
+        if let (Some([roll, pitch, yaw]), Some(from_s), Some(shift_s)) =
+            (rms, number_of("from_s"), number_of("time_shift_s"))
         {
             let _ = write!(
                 body,
-                "<p>Against the truth that the simulated vehicle sends, from {from_s:.0} s on: RMS roll {roll}, pitch {pitch}, yaw \
-                 {yaw}, after a shift of {:.0} ms{}.</p>",
+                "<p>Against the truth that the simulated vehicle sends, from {from_s:.0} s on: RMS roll {roll:.3}°, pitch \
+                 {pitch:.3}°, yaw {yaw:.3}°, after a shift of {:.0} ms{}.</p>",
                 1e3 * shift_s,
                 truth_comparison::shares(truth).map_or_else(String::new, |shares| format!("; {shares}"))
             );
