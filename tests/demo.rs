@@ -28,11 +28,11 @@ fn flown(prepared: &Prepared, seed: u64) -> result::DemoResult {
 static FLIGHT_4: LazyLock<result::DemoResult> = LazyLock::new(|| flown(&prepared("quadrotor"), 4));
 
 #[test]
-fn estimates_of_five_vehicles_of_two_kinds_agree_with_their_drawn_truth() {
+fn estimates_of_three_vehicles_of_each_kind_agree_with_their_drawn_truth() {
     let mut errors = Vec::new();
     for (airframe, ending) in [("small_fixed_wing", Ending::Landed), ("quadrotor", Ending::Landed)] {
         let prepared = prepared(airframe);
-        for seed in 1..=5 {
+        for seed in 1..=3 {
             let result = flown(&prepared, seed);
             assert_eq!(result.ending, ending, "{airframe} {seed}");
             assert_eq!(result.document["mission"]["uploaded"], true);

@@ -17,6 +17,7 @@ use crate::quantisation::Dequantiser;
 use crate::receiver::ReceiverMeter;
 use crate::rotation::c_nb_from_euler;
 use crate::sample::{GnssFix, ImuSample, ImuStream, Quantisation, RestartReason, Sample};
+use nalgebra::Vector3;
 use std::collections::VecDeque;
 use std::sync::Arc;
 
@@ -42,8 +43,8 @@ const BIAS_AFTER_RESTART: f64 = 0.1;
 enum State {
     /// Gathering samples, waiting for a fix.
     Gathering(Gathering),
-    /// Several headings possible.
-    Searching(HeadingBank),
+    /// Several headings possible, for as long as no one says which: what a start with a heading would need is gathered on.
+    Searching(HeadingBank, Gathering),
     /// One filter, or several that differ in how fast the gyro biases drift.
     Running(Box<DriftBank>),
 }
@@ -175,7 +176,7 @@ impl Estimator {
             Sample::Imu(raw) => return self.feed_imu(raw),
             Sample::Fix(fix) => self.feed_receiver(fix),
             Sample::Attitude(hint) => {
-                if let State::Gathering(gathering) = &mut self.state {
+                if let State::Gathering(gathering) | State::Searching(_, gathering) = &mut self.state {
                     gathering.push_hint(*hint);
                 }
             }
@@ -193,7 +194,7 @@ impl Estimator {
         match &self.state {
             State::Gathering(g) if g.is_empty() => Stage::WaitingForImu,
             State::Gathering(_) => Stage::WaitingForGnss,
-            State::Searching(_) => Stage::SearchingHeading,
+            State::Searching(..) => Stage::SearchingHeading,
             State::Running(_) => Stage::Running,
         }
     }
@@ -202,7 +203,7 @@ impl Estimator {
     pub fn filter(&self) -> Option<&Filter> {
         match &self.state {
             State::Gathering(_) => None,
-            State::Searching(bank) => bank.best().map(Fusion::filter),
+            State::Searching(bank, _) => bank.best().map(Fusion::filter),
             State::Running(bank) => Some(bank.filter()),
         }
     }
@@ -216,7 +217,7 @@ impl Estimator {
     pub fn predicted(&self) -> Option<Filter> {
         match &self.state {
             State::Gathering(_) => None,
-            State::Searching(bank) => bank.best().map(Fusion::predicted),
+            State::Searching(bank, _) => bank.best().map(Fusion::predicted),
             State::Running(bank) => Some(bank.fusion().predicted()),
         }
     }
@@ -225,7 +226,7 @@ impl Estimator {
     pub fn predicted_nav(&mut self) -> Option<(f64, NavState)> {
         match &mut self.state {
             State::Gathering(_) => None,
-            State::Searching(bank) => bank.best_mut().map(Fusion::predicted_nav),
+            State::Searching(bank, _) => bank.best_mut().map(Fusion::predicted_nav),
             State::Running(bank) => Some(bank.predicted_nav()),
         }
     }
@@ -235,11 +236,12 @@ impl Estimator {
         self.last.as_ref()
     }
 
-    /// 1-sigma of heading over all hypotheses while it is searched, rad.
-    pub fn searched_yaw_sigma(&self) -> Option<f64> {
+    /// 1-sigma of roll, pitch, yaw, rad; over all hypotheses while the heading is searched.
+    pub fn euler_sigma(&self) -> Option<Vector3<f64>> {
         match &self.state {
-            State::Searching(bank) => Some(bank.yaw_sigma()),
-            _ => None,
+            State::Gathering(_) => None,
+            State::Searching(bank, _) => Some(bank.euler_sigma()),
+            State::Running(bank) => Some(bank.filter().euler_sigma()),
         }
     }
 
@@ -311,7 +313,8 @@ impl Estimator {
                 gathering.push_imu(sample);
                 Vec::new()
             }
-            State::Searching(bank) => {
+            State::Searching(bank, gathering) => {
+                gathering.push_imu(sample);
                 bank.for_each(|f| set_source(f.filter_mut()));
                 bank.push_imu(sample);
                 let outcomes = bank.poll();
@@ -437,15 +440,23 @@ impl Estimator {
 
     fn feed_fix(&mut self, fix: &GnssFix) {
         match &mut self.state {
-            State::Gathering(_) if !fix.is_plausible() => {}
-            State::Gathering(_) => self.try_start(fix),
-            State::Searching(bank) => bank.push_fix(*fix),
-            State::Running(bank) => bank.push_fix(*fix),
+            State::Gathering(_) => {}
+            State::Searching(bank, _) => bank.push_fix(*fix),
+            State::Running(bank) => return bank.push_fix(*fix),
+        }
+        if fix.is_plausible() {
+            self.try_start(fix);
         }
     }
 
+    /// Begins with this fix, where enough is known for it. A heading that is known only after its search has begun ends that: PX4 has one about a second
+    /// after its first samples, and a vehicle that hovers shows none.
     fn try_start(&mut self, fix: &GnssFix) {
-        let State::Gathering(gathering) = &self.state else { return };
+        let (searched, gathering) = match &self.state {
+            State::Gathering(gathering) => (None, gathering),
+            State::Searching(bank, gathering) => (Some(bank), gathering),
+            State::Running(_) => return,
+        };
         let position_sigma = fix.position_sigma_m.unwrap_or(self.model.gnss.position_sigma_m);
         let velocity_sigma = fix.velocity_sigma_m_per_s.unwrap_or(self.model.gnss.velocity_sigma_m_per_s);
         let (Some(start), Some(mean)) =
@@ -453,6 +464,10 @@ impl Estimator {
         else {
             return;
         };
+        let refuted = |bank: &HeadingBank| !start.heading_known || bank.refutes(&start.initial.nav.c_nb());
+        if searched.is_some_and(refuted) {
+            return;
+        }
         let by_place = self.ground.gave(fix);
         if by_place {
             self.ground.begin(start.heading_known);
@@ -489,7 +504,7 @@ impl Estimator {
                 );
                 make(&Initial { nav, ..start.initial.clone() })
             });
-            State::Searching(HeadingBank::new(members))
+            State::Searching(HeadingBank::new(members), gathering.clone())
         };
     }
 

@@ -6,9 +6,10 @@
 
 use crate::filter::{FixOutcome, Fusion};
 use crate::math::{cos, exp, ln, sin};
-use crate::rotation::yaw_between;
+use crate::rotation::{wrap_pi, yaw_between};
 use crate::rss;
 use crate::sample::{GnssFix, ImuSample};
+use nalgebra::{Matrix3, Vector3};
 
 /// Headings that a search starts with.
 pub const MEMBERS: usize = 12;
@@ -100,6 +101,12 @@ impl HeadingBank {
         self.members.get_mut(at).map(|m| &mut m.fusion)
     }
 
+    /// Whether the motion has shown that this attitude has the wrong heading: no member near it is left.
+    pub fn refutes(&self, c_nb: &Matrix3<f64>) -> bool {
+        let off = |m: &Member| yaw_between(c_nb, &m.fusion.filter().nav().c_nb()).abs();
+        self.members.iter().all(|m| off(m) > 2.0 * MEMBER_SIGMA_RAD)
+    }
+
     /// The winner, once motion has decided.
     pub fn winner(&self) -> Option<Fusion> {
         let best = self.best()?;
@@ -116,23 +123,68 @@ impl HeadingBank {
         (near > DECIDED * all && settled).then(|| best.clone())
     }
 
-    /// 1-sigma of heading over all members, rad.
-    pub fn yaw_sigma(&self) -> f64 {
-        let (mut s, mut c, mut all, mut within) = (0.0, 0.0, 0.0, 0.0);
-        let Some(reference) = self.best().map(|f| f.filter().nav().c_nb()) else {
-            return std::f64::consts::PI;
+    /// 1-sigma of roll, pitch and heading over all members, rad: what each knows, and how far apart they are (Bar-Shalom, Li & Kirubarajan 2001,
+    /// equation 1.4.16-10). In a hover a member with a false heading has a false tilt too, since it holds the autopilot's leaning for a bias.
+    pub fn euler_sigma(&self) -> Vector3<f64> {
+        let most = std::f64::consts::PI / 3.0_f64.sqrt();
+        let Some((reference, best)) =
+            self.best().map(|f| (f.filter().nav().c_nb(), f.filter().nav().euler()))
+        else {
+            return Vector3::repeat(most);
         };
+        let (mut s, mut c, mut all, mut square) = (0.0, 0.0, 0.0, Vector3::zeros());
         for m in &self.members {
-            let w = exp(m.log_weight);
-            let yaw = yaw_between(&reference, &m.fusion.filter().nav().c_nb());
+            let (w, filter) = (exp(m.log_weight), m.fusion.filter());
+            let (yaw, off) = (yaw_between(&reference, &filter.nav().c_nb()), filter.nav().euler() - best);
             (s, c, all) = (s + w * sin(yaw), c + w * cos(yaw), all + w);
-            within += w * m.fusion.filter().heading_sigma().powi(2);
+            let within = filter.euler_sigma();
+            square += w * Vector3::new(
+                within.x.powi(2) + wrap_pi(off.x).powi(2),
+                within.y.powi(2) + off.y.powi(2),
+                filter.heading_sigma().powi(2),
+            );
         }
-        if all <= 0.0 {
-            return std::f64::consts::PI;
-        }
-        // Circular variance (Mardia & Jupp 2000, section 3.4.1), at most that of a uniform heading.
+        // Circular variance of the heading (Mardia & Jupp 2000, section 3.4.1), at most that of a uniform one.
         let r = (rss(s, c) / all).clamp(1e-9, 1.0);
-        (-2.0 * ln(r) + within / all).sqrt().min(std::f64::consts::PI / 3.0_f64.sqrt())
+        let apart = Vector3::new(0.0, 0.0, -2.0 * ln(r));
+        (square / all + apart).map(|v| v.sqrt().min(most))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::earth::Geodetic;
+    use crate::filter::{Filter, Initial};
+    use crate::mechanization::NavState;
+    use crate::model::Model;
+    use crate::rotation::c_nb_from_euler;
+
+    fn filter(roll: f64, yaw: f64) -> Fusion {
+        let place = Geodetic::from_degrees(47.0, 8.0, 400.0);
+        let initial = Initial {
+            t_s: 0.0,
+            nav: NavState::from_ned(place, &Vector3::zeros(), &c_nb_from_euler(roll, 0.0, yaw)),
+            position_sigma_m: [1.0; 3],
+            velocity_sigma_m_per_s: [0.1; 3],
+            attitude_sigma_rad: [0.01, 0.01, 0.1],
+        };
+        Fusion::without_window(Filter::new(&Model::standard(), &initial))
+    }
+
+    #[test]
+    fn what_members_differ_by_is_in_the_sigma() {
+        let bank = HeadingBank::new([filter(0.1, -0.3), filter(-0.1, 0.3)]);
+        let sigma = bank.euler_sigma();
+        // The best of two that are alike is 0.2 rad of roll away from the other half of the weight.
+        assert!((sigma.x - 0.02_f64.sqrt()).abs() < 2e-3, "{sigma}");
+        assert!((sigma.y - 0.01).abs() < 1e-3 && (0.3..0.5).contains(&sigma.z), "{sigma}");
+    }
+
+    #[test]
+    fn a_heading_that_no_member_has_is_refuted() {
+        let bank = HeadingBank::new([filter(0.0, 3.0)]);
+        let refuted = |yaw: f64| bank.refutes(&c_nb_from_euler(0.1, 0.0, yaw));
+        assert!(refuted(0.0) && refuted(1.5) && !refuted(2.8) && !refuted(-3.0));
     }
 }

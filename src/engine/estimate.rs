@@ -8,6 +8,7 @@ use gaware_nav::filter::layout::{Layout, index};
 use gaware_nav::math::{atan2, hypot};
 use gaware_nav::model::Model;
 use gaware_nav::sample::ImuSample;
+use nalgebra::Vector3;
 
 /// The effect that has a place of its own on every screen.
 const G: &str = "gyro_g_sensitivity";
@@ -133,13 +134,9 @@ impl Constants {
     }
 }
 
-/// Roll, pitch, yaw of a filter; the heading's sigma may come from a search over several.
-pub fn attitude(filter: &Filter, searched_yaw_sigma: Option<f64>) -> Estimate3 {
+/// Roll, pitch, yaw of a filter, with the sigmas (rad) of all that the estimator holds for possible.
+pub fn attitude(filter: &Filter, sigma: &Vector3<f64>) -> Estimate3 {
     let value = filter.nav().euler().map(f64::to_degrees);
-    let mut sigma = filter.euler_sigma();
-    if let Some(yaw) = searched_yaw_sigma {
-        sigma.z = yaw.max(sigma.z);
-    }
     Estimate3 { value: value.into(), sigma: sigma.map(|s| s.to_degrees().min(UNKNOWN_ANGLE_DEG)).into() }
 }
 

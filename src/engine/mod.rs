@@ -361,9 +361,7 @@ impl Engine {
 
     /// 1-sigma of roll, pitch, yaw at the last fix, rad.
     pub fn attitude_sigmas(&self) -> Option<[f64; 3]> {
-        let filter = self.filter()?;
-        let attitude_deg = estimate::attitude(filter, self.estimator.searched_yaw_sigma());
-        Some(attitude_deg.sigma.map(f64::to_radians))
+        self.estimator.euler_sigma().map(Into::into)
     }
 
     /// The maneuvers that the guidance asks for, to be flown one after the other.
@@ -457,8 +455,8 @@ impl Engine {
 
     fn estimate(&self, filter: Option<&Filter>, constants: &Constants) -> Estimate {
         let mut estimate = constants.estimate(self.estimator.model());
-        estimate.attitude_deg = match filter {
-            Some(filter) => estimate::attitude(filter, self.estimator.searched_yaw_sigma()),
+        estimate.attitude_deg = match filter.zip(self.estimator.euler_sigma()) {
+            Some((filter, sigma)) => estimate::attitude(filter, &sigma),
             None => estimate::levelled(self.estimator.gathered_mean().as_ref()),
         };
         estimate

@@ -4,6 +4,7 @@
 
 use super::{Effect, ParameterGroup, SourceEffect, sequence};
 use crate::earth::STANDARD_GRAVITY;
+use crate::sample::ImuSample;
 use nalgebra::Vector3;
 
 /// Which sensor of the inertial unit.
@@ -20,6 +21,9 @@ enum Act {
     Swap(usize, usize),
     Scale(f64),
 }
+
+/// What gyros read in any flight if their unit is deg/s.
+const SLOWEST_TURN: f64 = 1.0;
 
 /// One fault.
 #[derive(Debug)]
@@ -78,6 +82,16 @@ impl SourceEffect for SourceMistake {
     fn changes_unit(&self) -> bool {
         matches!(self.act, Act::Scale(_))
     }
+
+    /// Another unit shows in what is read: of a gyro at rest it would only make the errors smaller (a simulated vehicle whose gyros drifted at rest, and
+    /// never read more than .003, was said to report deg/s).
+    fn shows_in(&self, samples: &[ImuSample]) -> bool {
+        match (self.act, self.sensor) {
+            (Act::Scale(_), Sensor::Gyro) => samples.iter().any(|s| s.gyro.amax() > SLOWEST_TURN),
+            (Act::Scale(_), Sensor::Accel) => samples.iter().any(|s| s.accel.norm() < 0.5 * STANDARD_GRAVITY),
+            _ => true,
+        }
+    }
 }
 
 macro_rules! mistakes {
@@ -135,5 +149,21 @@ mod tests {
         assert!((gyro.x - 57.29578).abs() < 1e-4);
         let [_, accel] = find("accel_in_g").source(&Vector3::zeros(), &Vector3::new(0.0, 0.0, -9.80665));
         assert!((accel.z + 1.0).abs() < 1e-12);
+    }
+
+    #[test]
+    fn a_unit_shows_in_what_is_read() {
+        let find = |name: &str| MISTAKES.iter().find(|m| m.name() == name).unwrap();
+        let sample = |rate: f64, force: f64| ImuSample {
+            t_s: 0.0,
+            gyro: Vector3::new(0.0, rate, 0.0),
+            accel: Vector3::new(0.0, 0.0, -force),
+            temperature_degc: None,
+        };
+        let (rest, turn) = ([sample(0.003, 9.8)], [sample(0.003, 9.8), sample(-20.0, 1.0)]);
+        for unit in ["gyro_in_deg_per_s", "accel_in_g"] {
+            assert!(!find(unit).shows_in(&rest) && find(unit).shows_in(&turn), "{unit}");
+        }
+        assert!(find("gyro_x_reversed").shows_in(&rest));
     }
 }

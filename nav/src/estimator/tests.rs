@@ -118,6 +118,48 @@ fn stand(estimator: &mut Estimator, from_s: f64, for_s: f64, noise: &mut impl Fn
     }
 }
 
+/// Samples of a vehicle at rest and its fixes, five in a second; with this heading, where someone says one.
+fn rest_with_fixes(estimator: &mut Estimator, from_s: f64, to_s: f64, hinted_yaw: Option<f64>) {
+    let nav = at_rest();
+    let to_body = nav.q_eb.inverse();
+    let (gyro, accel) = (to_body * earth::rotation_rate(), to_body * -earth::gravity(&nav.r_e));
+    for i in (from_s * 50.0) as u32..(to_s * 50.0) as u32 {
+        let t_s = f64::from(i) * 0.02;
+        estimator.feed(&Sample::Imu(ImuSample { t_s, gyro, accel, temperature_degc: None }));
+        if i % 10 != 0 {
+            continue;
+        }
+        let velocity = FixVelocity::Full([0.0; 3]);
+        let (position_sigma_m, velocity_sigma_m_per_s) = (None, None);
+        let position = nav.geodetic();
+        estimator.feed(&Sample::Fix(GnssFix {
+            t_s,
+            position,
+            velocity,
+            position_sigma_m,
+            velocity_sigma_m_per_s,
+            yaw_rad: None,
+        }));
+        if let Some(yaw) = hinted_yaw {
+            estimator.feed(&Sample::Attitude(AttitudeHint { t_s, roll_pitch_yaw: [0.02, -0.03, yaw] }));
+        }
+    }
+}
+
+/// PX4 publishes an attitude about a second after its first samples, when fixes are there already.
+#[test]
+fn a_heading_that_comes_late_ends_the_search_for_it() {
+    let mut estimator = Estimator::new(Model::standard());
+    rest_with_fixes(&mut estimator, 0.0, 3.0, None);
+    assert_eq!(estimator.stage(), Stage::SearchingHeading);
+    let [roll, pitch, yaw] = estimator.euler_sigma().unwrap().into();
+    assert!(yaw > 1.7 && roll.max(pitch) < 0.05, "nothing is known of the heading: {roll} {pitch} {yaw}");
+    rest_with_fixes(&mut estimator, 3.0, 4.0, Some(0.5));
+    assert_eq!(estimator.stage(), Stage::Running);
+    let (heading, sigma) = (estimator.filter().unwrap().nav().euler().z, estimator.euler_sigma().unwrap().z);
+    assert!((heading - 0.5).abs() < 0.01 && sigma < 0.15, "{heading} ± {sigma}");
+}
+
 /// It begins by its home position, takes off before the first fix, and says so once: its motion waits for a fix, its constants are kept.
 #[test]
 fn a_vehicle_that_leaves_its_home_before_the_first_fix_says_so_once() {

@@ -161,7 +161,7 @@ impl Search<'_> {
             .iter()
             .filter(|m| self.base.get(m.name()).is_none() && wanted(**m))
             .filter(|m| point.added.iter().all(|a| a.setting.effect.name() != m.name()))
-            .filter(|m| if m.needs_neighbours() { shows(**m) } else { gross })
+            .filter(|m| (gross || m.needs_neighbours()) && shows(**m))
             .copied()
             .collect();
         map(self.workers, lacking.len(), |k| {
