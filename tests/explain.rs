@@ -99,24 +99,6 @@ fn a_model_given_to_the_simulation_is_what_flies() {
     assert!(g33.abs() < 3.0 * sigma, "the scenario's own G is gone: {g33} ± {sigma}");
 }
 
-/// Real firmware with a GNSS lag of 0.35 s: seen from samples that its 20 Hz filter delays by 13.5 ms, fixes that are
-/// 0.335 s old come 0.3215 s late (measured against `SIM_STATE`).
-#[test]
-#[ignore = "needs the recorded flights: GAWARE_FLIGHTS"]
-fn the_lag_put_into_the_real_firmware_is_found() {
-    let data = flights();
-    let folder = Folder::new("lag");
-    let model = folder.file("known.toml");
-    std::fs::write(&model, "schema = \"gaware.model/1\"\n[effects.gps_latency]\nvalue_s = 0.08\n").unwrap();
-    let log = data.join("sitl_gps_lag350.tlog");
-    let out = folder.file("out");
-    let explained = gaware(&["explain", log.to_str().unwrap(), "--model", &model, "--out", &out, "--json"]);
-    let document = explained.json();
-    assert_eq!(document["effects"].as_array().unwrap().len(), 1, "{document:#}");
-    let value = document["effects"][0]["parameters"]["gps_latency"]["value_s"].as_f64().unwrap();
-    assert!((value - 0.3215).abs() < 0.003, "{value}");
-}
-
 /// PX4 from standing to after landing, with fixes that are 120 ms old and nothing else. It slows down along one line after touchdown, and PX4
 /// changes the offsets of the accelerometers by 7 mg when it is disarmed.
 #[test]
@@ -156,23 +138,6 @@ fn both_recordings_of_one_flight_show_the_same_latency() {
     let delay = proposals.iter().find(|p| p["parameter"] == "GPS1_DELAY_MS").unwrap();
     let (value, sigma) = (delay["proposed"].as_f64().unwrap(), delay["sigma"].as_f64().unwrap());
     assert!((value - 83.0).abs() < 2.0 * sigma, "{delay:#}");
-}
-
-/// The same firmware with its own lag, which the model knows as that of the receiver: nothing is missing. What the samples'
-/// low-pass takes off that lag, the receiver's corners and the small print of two simulations are no effects.
-#[test]
-#[ignore = "needs the recorded flights: GAWARE_FLIGHTS"]
-fn nothing_is_missing_in_the_clean_flight_of_the_real_firmware() {
-    let data = flights();
-    let folder = Folder::new("clean");
-    let model = folder.file("known.toml");
-    std::fs::write(&model, "schema = \"gaware.model/1\"\n[effects.gps_latency]\nvalue_s = 0.08\n").unwrap();
-    let log = data.join("sitl_clean_dither.tlog");
-    let out = folder.file("out");
-    let explained = gaware(&["explain", log.to_str().unwrap(), "--model", &model, "--out", &out, "--json"]);
-    let document = explained.json();
-    assert_eq!(document["verdict"], "nothing_missing", "{document:#}");
-    assert!(document["effects"].as_array().unwrap().is_empty());
 }
 
 /// A telemetry log without the frames that were lost, by the seconds since its start, their number and their message.

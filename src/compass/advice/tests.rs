@@ -77,7 +77,12 @@ fn an_orientation_is_undone_by_the_one_proposed() {
             ..OnBoard::default()
         };
         let mut advice = (Vec::new(), Vec::new());
-        orientation(0, &Orientation { turned: fault, evidence: 99.0 }, &board, &mut advice);
+        orientation(
+            0,
+            &Orientation { turned: fault, evidence: 99.0, others: Vec::new() },
+            &board,
+            &mut advice,
+        );
         let new = rotation(advice.0[0].proposed).unwrap();
         // The sensor is mounted so that the right orientation is `fault⁻¹ old`.
         let b = Vector3::new(200.0, 30.0, 430.0);

@@ -255,6 +255,9 @@ impl<'a> Compasses<'a> {
         let held = corrected(&turned, &chosen.fitted);
         let count = reported.len().max(1) as f64;
         let current = || reported.iter().map(|i| i.x.current_a);
+        // In the wrong axes they are others.
+        let is_known = orientation.as_ref().is_none_or(|o| o.others.is_empty());
+        let effects = if is_known { chosen.findings.clone() } else { Vec::new() };
         CompassFound {
             compass,
             instants: reported.len(),
@@ -265,7 +268,7 @@ impl<'a> Compasses<'a> {
             residual_t: [rms(&mut reported.iter()), rms(&mut all.iter())],
             held_out_t: [&reported, &held].map(|of| rms(&mut of.iter().filter(|i| i.is_held_out()))),
             noise: (sigma, chosen.correlated),
-            effects: chosen.findings.clone(),
+            effects,
             removed: chosen.removed.clone(),
             not_found: chosen.not_found.clone(),
             current_a: self.current_range().map(|_| {

@@ -14,6 +14,9 @@ const SIGMA_T: f64 = 50e-7;
 const SAME_S: f64 = 5.0;
 /// Odds from which another orientation is named, nats: there are 63 others.
 const THRESHOLD: f64 = 12.0;
+/// Orientations that are behind the best by less than this are as possible, nats: 63 others at this distance would have 6 % of the odds. In one heading
+/// several explain a field (a reversed z axis is nearly an upside-down compass turned by an eighth, where the heading is 22°).
+const APART: f64 = 7.0;
 /// Nothing is said of a quarter turn where our own heading is known worse than this, rad.
 const WELL_KNOWN: f64 = 0.2;
 
@@ -24,6 +27,8 @@ pub struct Orientation {
     pub turned: Matrix3<f64>,
     /// Logarithm of the odds against the orientation that the autopilot has.
     pub evidence: f64,
+    /// Others that this flight does not tell from it, the likeliest first.
+    pub others: Vec<Matrix3<f64>>,
 }
 
 impl Orientation {
@@ -37,34 +42,49 @@ impl Orientation {
         self.turned.determinant() < 0.0
     }
 
-    /// Roll of 0 or 180° followed by a yaw in steps of 45°, deg, where it is such.
-    pub fn roll_yaw_deg(&self) -> Option<(f64, f64)> {
-        let upside_down = self.turned[(2, 2)] < 0.0;
-        let yaw = atan2(self.turned[(1, 0)], self.turned[(0, 0)]);
-        let again = turn(upside_down, yaw);
-        let degrees = (yaw.to_degrees() + 360.0).rem_euclid(360.0).round();
-        ((again - self.turned).norm() < 1e-6)
-            .then_some((if upside_down { 180.0 } else { 0.0 }, degrees % 360.0))
-    }
-
-    /// In words.
+    /// In words; of several that are possible three at most.
     pub fn words(&self) -> String {
-        if let Some((roll, yaw)) = self.roll_yaw_deg() {
-            return match (roll, yaw) {
-                (0.0, yaw) => format!("is turned by {yaw:.0}° about its vertical axis"),
-                (_, 0.0) => "is upside down (roll 180°)".to_owned(),
-                (_, yaw) => format!("is upside down and turned by {yaw:.0}° (roll 180°, yaw {yaw:.0}°)"),
-            };
+        if self.others.is_empty() {
+            return words(&self.turned);
         }
-        let axis = |row: usize| {
-            let k =
-                (0..3).max_by(|a, b| self.turned[(row, *a)].abs().total_cmp(&self.turned[(row, *b)].abs()));
-            let k = k.unwrap_or_default();
-            format!("{}{}", if self.turned[(row, k)] < 0.0 { "−" } else { "" }, ["x", "y", "z"][k])
+        let possible: Vec<String> =
+            std::iter::once(&self.turned).chain(&self.others).take(3).map(words).collect();
+        let more = match (self.others.len() + 1).saturating_sub(possible.len()) {
+            0 => String::new(),
+            n => format!(", or {n} more"),
         };
-        let what = if self.is_reflection() { "has an axis reversed" } else { "is turned" };
-        format!("{what}: its x, y, z are {}, {}, {} of the vehicle", axis(0), axis(1), axis(2))
+        format!(
+            "is mounted or read in another way than its parameters say, in which one this flight does not show: it {}{more}",
+            possible.join(", or ")
+        )
     }
+}
+
+/// Roll of 0 or 180° followed by a yaw in steps of 45°, deg, where it is such.
+fn roll_yaw_deg(turned: &Matrix3<f64>) -> Option<(f64, f64)> {
+    let upside_down = turned[(2, 2)] < 0.0;
+    let yaw = atan2(turned[(1, 0)], turned[(0, 0)]);
+    let again = turn(upside_down, yaw);
+    let degrees = (yaw.to_degrees() + 360.0).rem_euclid(360.0).round();
+    ((again - turned).norm() < 1e-6).then_some((if upside_down { 180.0 } else { 0.0 }, degrees % 360.0))
+}
+
+/// One orientation in words.
+fn words(turned: &Matrix3<f64>) -> String {
+    if let Some((roll, yaw)) = roll_yaw_deg(turned) {
+        return match (roll, yaw) {
+            (0.0, yaw) => format!("is turned by {yaw:.0}° about its vertical axis"),
+            (_, 0.0) => "is upside down (roll 180°)".to_owned(),
+            (_, yaw) => format!("is upside down and turned by {yaw:.0}° (roll 180°, yaw {yaw:.0}°)"),
+        };
+    }
+    let axis = |row: usize| {
+        let k = (0..3).max_by(|a, b| turned[(row, *a)].abs().total_cmp(&turned[(row, *b)].abs()));
+        let k = k.unwrap_or_default();
+        format!("{}{}", if turned[(row, k)] < 0.0 { "−" } else { "" }, ["x", "y", "z"][k])
+    };
+    let what = if turned.determinant() < 0.0 { "has an axis reversed" } else { "is turned" };
+    format!("{what}: its x, y, z are {}, {}, {} of the vehicle", axis(0), axis(1), axis(2))
 }
 
 fn turn(upside_down: bool, yaw: f64) -> Matrix3<f64> {
@@ -142,9 +162,51 @@ pub(super) fn find(instants: &[Option<Instant>], has_current: bool, yaw_sigma: f
     let thinned: Vec<&Instant> = all.iter().step_by(every).copied().collect();
     let weight = weight * all.len() as f64 / thinned.len() as f64;
     let as_it_is = evidence_of(&Matrix3::identity(), &thinned, has_current, weight);
-    let best = candidates()
+    let mut found: Vec<(f64, Matrix3<f64>)> = candidates()
         .into_iter()
         .map(|turned| (evidence_of(&turned, &thinned, has_current, weight) - as_it_is, turned))
-        .max_by(|a, b| a.0.total_cmp(&b.0))?;
-    (best.0 > THRESHOLD).then_some(Orientation { turned: best.1, evidence: best.0 })
+        .collect();
+    found.sort_by(|a, b| b.0.total_cmp(&a.0));
+    let (evidence, turned) = *found.first().filter(|best| best.0 > THRESHOLD)?;
+    let others = found.into_iter().skip(1).take_while(|o| evidence - o.0 < APART).map(|o| o.1).collect();
+    Some(Orientation { turned, evidence, others })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::effects::FieldInstant;
+    use crate::math::{cos, sin};
+    use crate::rotation::c_nb_from_euler;
+
+    /// A compass whose z axis is reversed, for two minutes in headings this far about 22°, rad, with a tenth of it as tilt.
+    fn reversed(headings: f64) -> Option<Orientation> {
+        let field_n = Vector3::new(212e-7, 9.5e-7, 427e-7);
+        let reversed = Matrix3::from_diagonal(&Vector3::new(1.0, 1.0, -1.0));
+        let instant = |k: u32| {
+            let t = f64::from(k) * 0.2;
+            let tilt = 0.1 * headings;
+            let c_nb = c_nb_from_euler(tilt * sin(t), tilt * cos(1.3 * t), 0.38 + headings * sin(0.2 * t));
+            let x = FieldInstant {
+                field: c_nb.transpose() * field_n,
+                by_declination: c_nb.transpose() * Vector3::z().cross(&field_n),
+                ..FieldInstant::default()
+            };
+            Some(Instant { elapsed_s: t, c_nb, measured: reversed * x.field, x })
+        };
+        let instants: Vec<_> = (0..600).map(instant).collect();
+        find(&instants, false, 0.02)
+    }
+
+    #[test]
+    fn an_orientation_is_named_alone_only_where_the_flight_shows_it() {
+        let turning = reversed(3.0).unwrap();
+        assert_eq!(turning.words(), "has an axis reversed: its x, y, z are x, y, −z of the vehicle");
+        assert!(turning.others.is_empty());
+        let hovering = reversed(0.1).unwrap();
+        let z_reversed = turning.turned;
+        let is_possible = hovering.turned == z_reversed || hovering.others.contains(&z_reversed);
+        assert!(is_possible && !hovering.others.is_empty(), "{hovering:?}");
+        assert!(hovering.words().contains("which one this flight does not show"), "{}", hovering.words());
+    }
 }
