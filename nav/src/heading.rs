@@ -124,7 +124,7 @@ impl HeadingBank {
     }
 
     /// 1-sigma of roll, pitch and heading over all members, rad: what each knows, and how far apart they are (Bar-Shalom, Li & Kirubarajan 2001,
-    /// equation 1.4.16-10). In a hover a member with a false heading has a false tilt too, since it holds the autopilot's leaning for a bias.
+    /// section 1.4.16). In a hover a member with a false heading has a false tilt too, since it holds the autopilot's leaning for a bias.
     pub fn euler_sigma(&self) -> Vector3<f64> {
         let most = std::f64::consts::PI / 3.0_f64.sqrt();
         let Some((reference, best)) =
