@@ -101,11 +101,11 @@ fn the_lag_beyond_the_range_gets_the_greatest_value_and_is_named_with_its_size()
     assert!(file.lines().any(|line| line == "GPS1_DELAY_MS,250"), "{file}");
 }
 
-/// The firmware with its own lag, which the model knows as that of the receiver: what the samples' low-pass takes off that lag, the receiver's corners and
-/// the small print of two simulations are no effects.
+/// The firmware with its own lag, which the model knows as that of the receiver: what the samples' low-pass takes off that lag, the smoothing of the receiver and
+/// what two simulations leave out are no effects.
 #[test]
 #[ignore = "needs the recorded flights: GAWARE_FLIGHTS"]
-fn nothing_is_missing_and_proposed_in_the_clean_flight_of_the_real_firmware() {
+fn nothing_is_missing_or_proposed_in_the_clean_flight_of_the_real_firmware() {
     let (advice, _, explained) = advice("sitl_clean_dither.tlog", true);
     assert_eq!(advice["proposals"], serde_json::json!([]), "{advice:#}");
     assert_eq!(explained["verdict"], "nothing_missing", "{explained:#}");

@@ -374,7 +374,7 @@ fn px4_rotation(place: usize, on_board: &OnBoard) -> Option<Matrix3<f64>> {
 
 /// The orientation after which the axes are the vehicle's; offsets and scales are those of the old axes and have to be calibrated anew.
 fn orientation(compass: u8, turned: &Orientation, on_board: &OnBoard, advice: &mut Advice) {
-    if !turned.others.is_empty() {
+    if !turned.is_known() {
         advice.1.push("this flight does not show which orientation is the right one: turn through all headings, with bank".to_owned());
         return;
     }

@@ -1,6 +1,7 @@
 use super::*;
 use crate::earth::{self, Geodetic};
 use crate::filter::layout::index;
+use crate::rotation::c_nb_from_euler;
 use crate::sample::{AttitudeHint, FixVelocity};
 use nalgebra::Vector3;
 use rand::RngExt;

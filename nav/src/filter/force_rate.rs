@@ -64,9 +64,6 @@ fn divided([after_s, before_s]: [f64; 2], changes: [Option<Vector3<f64>>; 2]) ->
 /// A sample is looked for within so many of where it would be if all came evenly, and then further and further.
 const NEAR: usize = 4;
 
-/// Samples around an instant that are expected: at 200 Hz.
-const AROUND: usize = 256;
-
 /// A change of velocity is put together of so many parts.
 const PARTS: u32 = 4;
 
@@ -83,10 +80,8 @@ pub struct ForceRates {
 impl ForceRates {
     /// Of samples in order of time.
     pub fn new(samples: &[ImuSample], kind: SampleKind) -> Self {
-        let n = samples.len();
-        let (mut times_s, mut impulses) = (Vec::with_capacity(n), Vec::with_capacity(n));
-        let (mut angles, mut powers) = (Vec::with_capacity(n), Vec::with_capacity(n));
-        let (mut power, mut high_pass) = (Vector3::zeros(), HighPass::default());
+        let (mut times_s, mut impulses, mut angles) = (Vec::new(), Vec::new(), Vec::new());
+        let (mut powers, mut power, mut high_pass) = (Vec::new(), Vector3::zeros(), HighPass::default());
         let (mut last, mut sum, mut angle) = (None::<&ImuSample>, Vector3::zeros(), Vector3::zeros());
         for sample in samples {
             let fast = high_pass.take(sample);
@@ -114,10 +109,9 @@ impl ForceRates {
         kind: SampleKind,
     ) -> Option<Self> {
         let near = |s: &&ImuSample| s.t_s > t_s - BEFORE_S && s.t_s < t_s + 2.0 * (SPAN_S + BEYOND_S);
-        let mut around = Vec::with_capacity(AROUND);
-        around.extend(samples.filter(near).copied());
-        let gap = around.windows(2).any(|w| matches!(w, [a, b] if b.t_s - a.t_s > MOST_APART_S));
-        (!gap).then(|| Self::new(&around, kind))
+        let near: Vec<ImuSample> = samples.filter(near).copied().collect();
+        let gap = near.windows(2).any(|w| matches!(w, [a, b] if b.t_s - a.t_s > MOST_APART_S));
+        (!gap).then(|| Self::new(&near, kind))
     }
 
     /// Number of the first sample that is not before an instant: looked for around where it would be if samples came evenly.

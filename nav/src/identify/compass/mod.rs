@@ -256,7 +256,7 @@ impl<'a> Compasses<'a> {
         let count = reported.len().max(1) as f64;
         let current = || reported.iter().map(|i| i.x.current_a);
         // In the wrong axes they are others.
-        let is_known = orientation.as_ref().is_none_or(|o| o.others.is_empty());
+        let is_known = orientation.as_ref().is_none_or(Orientation::is_known);
         let effects = if is_known { chosen.findings.clone() } else { Vec::new() };
         CompassFound {
             compass,

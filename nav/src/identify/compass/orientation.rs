@@ -37,14 +37,19 @@ impl Orientation {
         self.turned.transpose()
     }
 
+    /// Whether this flight tells it from all others.
+    pub fn is_known(&self) -> bool {
+        self.others.is_empty()
+    }
+
     /// Whether an axis is reversed, which no orientation parameter undoes.
     pub fn is_reflection(&self) -> bool {
-        self.turned.determinant() < 0.0
+        is_reflection(&self.turned)
     }
 
     /// In words; of several that are possible three at most.
     pub fn words(&self) -> String {
-        if self.others.is_empty() {
+        if self.is_known() {
             return words(&self.turned);
         }
         let possible: Vec<String> =
@@ -58,6 +63,10 @@ impl Orientation {
             possible.join(", or ")
         )
     }
+}
+
+fn is_reflection(turned: &Matrix3<f64>) -> bool {
+    turned.determinant() < 0.0
 }
 
 /// Roll of 0 or 180° followed by a yaw in steps of 45°, deg, where it is such.
@@ -83,7 +92,7 @@ fn words(turned: &Matrix3<f64>) -> String {
         let k = k.unwrap_or_default();
         format!("{}{}", if turned[(row, k)] < 0.0 { "−" } else { "" }, ["x", "y", "z"][k])
     };
-    let what = if turned.determinant() < 0.0 { "has an axis reversed" } else { "is turned" };
+    let what = if is_reflection(turned) { "has an axis reversed" } else { "is turned" };
     format!("{what}: its x, y, z are {}, {}, {} of the vehicle", axis(0), axis(1), axis(2))
 }
 
