@@ -58,8 +58,9 @@ pub trait Scripted: Sized {
     }
 }
 
-/// Spacing of the integration, s: finer than any filter's step.
-const STEP_S: f64 = 1e-3;
+/// Spacing of the integration, s. The positions of all flights differ from those in steps of .25 ms by 6 µm at most, with this as with 1 ms: that
+/// is the rounding of the angles (2026-11-30). Samples at 200 Hz are on its nodes.
+const STEP_S: f64 = 5e-3;
 
 /// What is integrated.
 #[derive(Debug, Clone, Copy)]
@@ -96,7 +97,7 @@ impl std::fmt::Debug for Flown {
 }
 
 impl Flown {
-    /// Integrates the path of a profile (classical Runge-Kutta, 1 ms).
+    /// Integrates the path of a profile (classical Runge-Kutta, 5 ms).
     pub fn new(profile: impl Profile + 'static) -> Self {
         Self::with_step(profile, STEP_S)
     }
