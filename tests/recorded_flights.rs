@@ -202,7 +202,7 @@ const REAL: [Real; 7] = [
         said: "",
         learns: true,
         nis: 0.264,
-        g_within: 200.0,
+        g_within: 250.0,
     },
     Real {
         file: "real_apmplane_testlog2.tlog",

@@ -50,8 +50,8 @@ fn a_log_without_fixes_has_a_page_that_says_what_it_cannot_answer() {
     let folder = Folder::new("report-bench");
     let recording = folder.file("bench.tlog");
     let line =
-        ["sim", "--listen", "tcpin:127.0.0.1:0", "--speed", "max", "--until", "20", "--record", &recording];
-    let faults = ["--fault", "gnss-loss@0-100"];
+        ["sim", "--scenario", "bench", "--listen", "tcpin:127.0.0.1:0", "--speed", "max", "--until", "30"];
+    let faults = ["--fault", "gnss-loss@0-100", "--record", &recording];
     let vehicle = support::Gaware::start(&[&line[..], &faults[..]].concat());
     let address = vehicle.line();
     let station =

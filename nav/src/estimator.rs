@@ -4,6 +4,7 @@
 //! the same samples give the same result, bit for bit.
 
 use crate::alignment::Gathering;
+use crate::averaging::Averager;
 use crate::drift::DriftBank;
 use crate::effects::BiasWalk;
 use crate::filter::{Filter, FixOutcome, Fusion, LOST_ATTITUDE, PassedOver};
@@ -15,7 +16,7 @@ use crate::noise_meter::NoiseMeter;
 use crate::operating::Operating;
 use crate::quantisation::Dequantiser;
 use crate::receiver::ReceiverMeter;
-use crate::sample::{GnssFix, ImuSample, ImuStream, Quantisation, Sample};
+use crate::sample::{GnssFix, ImuSample, ImuStream, Quantisation, Sample, SampleKind};
 use nalgebra::Vector3;
 use std::collections::VecDeque;
 use std::sync::Arc;
@@ -108,6 +109,7 @@ pub struct Estimator {
     stream: ImuStream,
     dequantiser: Dequantiser,
     meter: NoiseMeter,
+    averager: Averager,
     receiver: ReceiverMeter,
     state: State,
     /// The last filter before a restart: its constants go on.
@@ -134,6 +136,7 @@ impl Estimator {
     /// With this model.
     pub fn new(model: Model) -> Self {
         Self {
+            averager: Averager::of(&model),
             model,
             stream: ImuStream::default(),
             dequantiser: Dequantiser::new(Quantisation::None),
@@ -274,6 +277,7 @@ impl Estimator {
             self.stream = stream.clone();
             self.dequantiser = Dequantiser::new(self.model.quantisation_of(stream));
             self.meter = NoiseMeter::default();
+            self.averager = Averager::of(&self.model);
         }
     }
 
@@ -294,8 +298,16 @@ impl Estimator {
         let sample = self.dequantiser.undo(&undone);
         self.meter.push(&sample);
         self.last = Some(sample);
-        let (kind, noise) = (self.stream.kind, self.extra_noise());
-        let (rounding, scatter) = (self.dequantiser.constant_error(), self.meter.scatter());
+        match self.averager.take(&sample, self.stream.kind, self.meter.interval_s()) {
+            Some(sample) => self.propagate(sample),
+            None => Vec::new(),
+        }
+    }
+
+    /// Goes on by a sample as the filters see it.
+    fn propagate(&mut self, sample: ImuSample) -> Vec<FixOutcome> {
+        let (kind, noise) = (self.kind(), self.extra_noise());
+        let (rounding, scatter) = (self.dequantiser.constant_error(), self.scatter());
         let (operating, at_rest) = (self.operating, self.dequantiser.at_rest());
         let set_source = |filter: &mut Filter| {
             filter.set_operating(&operating);
@@ -400,6 +412,19 @@ impl Estimator {
     /// What rounding adds to the noise of gyros, (rad/s)²/Hz, and accelerometers, (m/s²)²/Hz, at the present rate.
     pub fn rounding_noise(&self) -> (f64, f64) {
         self.dequantiser.noise_density(self.meter.interval_s())
+    }
+
+    /// Whether the samples that the filters see are points or means.
+    fn kind(&self) -> SampleKind {
+        self.averager.kind(self.stream.kind)
+    }
+
+    /// Variances of one of them as far as it is no smooth motion: of a mean of several as much less as of white noise.
+    fn scatter(&self) -> (f64, f64) {
+        let (gyro, accel) = self.meter.scatter();
+        let interval_s = self.meter.interval_s();
+        let share = if interval_s > 0.0 { interval_s / self.averager.interval_s(interval_s) } else { 1.0 };
+        (gyro * share, accel * share)
     }
 
     /// Variance per hertz beyond the model's: rounding and vibration.

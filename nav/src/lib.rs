@@ -5,6 +5,7 @@
 //! and it treats the vehicle as a rigid body whose inertial unit does not move.
 
 pub mod alignment;
+mod averaging;
 pub mod bound;
 pub mod consistency;
 pub mod displacement;

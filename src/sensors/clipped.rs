@@ -54,8 +54,8 @@ impl Axis {
         *lower = lower.filter(|l| value >= *l);
         let corner = self.run >= PLATEAU && self.corner;
         // Noise that ends at a value ends at a limit, whatever was seen before the sensor or its driver became like that.
-        let chance = f64::from(self.run) * ln(1.0 - self.reversing.min(MOST_REVERSING));
-        let silent = chance < ln(CHANCE) && others_run < self.run / 2;
+        let chance = || f64::from(self.run) * ln(1.0 - self.reversing.min(MOST_REVERSING));
+        let silent = others_run < self.run / 2 && chance() < ln(CHANCE);
         let mut new = false;
         for (limit, extreme, side) in [(upper, self.high, 1.0), (lower, self.low, -1.0)] {
             let at_end = (corner && value == extreme) || (silent && value * side > 0.0);
@@ -70,8 +70,9 @@ impl Axis {
     /// Takes a change of the value: for the samples that were equal before it, and whether it changes the direction.
     fn turn(&mut self, upward: bool) {
         let reversal = f64::from(u8::from(upward != self.upward));
-        let equal = f64::from(self.run.saturating_sub(1));
-        self.reversing *= powf(1.0 - 1.0 / DIRECTIONS, equal);
+        if self.run > 1 {
+            self.reversing *= powf(1.0 - 1.0 / DIRECTIONS, f64::from(self.run - 1));
+        }
         self.reversing += (reversal - self.reversing) / DIRECTIONS;
         self.upward = upward;
     }

@@ -2,6 +2,7 @@
 
 use super::{BIAS_AFTER_RESTART, CERTAIN_TILT, Estimator, EstimatorEvent, State};
 use crate::alignment::Gathering;
+use crate::averaging::Averager;
 use crate::drift::DriftBank;
 use crate::filter::{Filter, Fusion, Initial};
 use crate::ground::REFERENCE_ERROR;
@@ -50,7 +51,7 @@ impl Estimator {
                 Some(old) => old.restarted(initial, self.bias_share),
                 None => Filter::new(&self.model, initial),
             };
-            filter.set_stream(self.stream.kind, self.extra_noise());
+            filter.set_stream(self.kind(), self.extra_noise());
             if by_place && !self.ground.reference_known() {
                 filter.set_reference_error(REFERENCE_ERROR);
             }
@@ -111,6 +112,7 @@ impl Estimator {
         self.vague_since_s = None;
         self.bias_share = BIAS_AFTER_RESTART;
         self.meter = NoiseMeter::default();
+        self.averager = Averager::of(&self.model);
         self.dequantiser = Dequantiser::new(self.model.quantisation_of(&self.stream));
         self.state = State::Gathering(Gathering::default());
         self.last = None;

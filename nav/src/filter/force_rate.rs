@@ -61,16 +61,53 @@ fn divided([after_s, before_s]: [f64; 2], changes: [Option<Vector3<f64>>; 2]) ->
     Some((after? / after_s - before? / before_s) * (2.0 / (after_s - before_s)))
 }
 
-/// A sample is looked for within so many of where it would be if all came evenly, and then further and further.
-const NEAR: usize = 4;
-
 /// A change of velocity is put together of so many parts.
 const PARTS: u32 = 4;
+
+/// Times in order, and where each of as many equal parts of the span begins among them: an instant is found in a few steps.
+#[derive(Debug, Clone, Default)]
+struct Times {
+    times_s: Vec<f64>,
+    begins: Vec<usize>,
+}
+
+impl Times {
+    fn new(times_s: Vec<f64>) -> Self {
+        let mut own = Self { times_s, begins: Vec::new() };
+        let parts = own.times_s.len();
+        let mut begins = Vec::with_capacity(parts + 1);
+        for (k, t_s) in own.times_s.iter().enumerate() {
+            begins.resize(begins.len().max(own.part(*t_s) + 1), k);
+        }
+        begins.resize(parts + 1, parts);
+        own.begins = begins;
+        own
+    }
+
+    /// In which part an instant lies, or would: of two instants the later one is in no earlier part.
+    fn part(&self, t_s: f64) -> usize {
+        let [first, .., last] = self.times_s.as_slice() else { return 0 };
+        let n = self.times_s.len();
+        (((t_s - first) / (last - first) * n as f64) as usize).min(n - 1)
+    }
+
+    /// Number of the first that is not before an instant.
+    fn next(&self, t_s: f64) -> usize {
+        let part = self.part(t_s);
+        let of = |k: usize| self.begins.get(k).copied().unwrap_or(self.times_s.len());
+        let (low, high) = (of(part), of(part + 1));
+        low + self.times_s.get(low..high).map_or(0, |own| own.partition_point(|t| *t < t_s))
+    }
+
+    fn at(&self, k: usize) -> Option<f64> {
+        self.times_s.get(k).copied()
+    }
+}
 
 /// Samples with the impulse of specific force, and the angle, up to each.
 #[derive(Debug, Clone, Default)]
 pub struct ForceRates {
-    times_s: Vec<f64>,
+    times: Times,
     impulses: Vec<Vector3<f64>>,
     angles: Vec<Vector3<f64>>,
     /// Integral of the squares of what is fast in the specific force.
@@ -98,7 +135,7 @@ impl ForceRates {
             powers.push(power);
             last = Some(sample);
         }
-        Self { times_s, impulses, angles, powers }
+        Self { times: Times::new(times_s), impulses, angles, powers }
     }
 
     /// Of the samples around an instant, oldest first: enough of them before for a velocity of a while ago, and after for the second
@@ -114,28 +151,10 @@ impl ForceRates {
         (!gap).then(|| Self::new(&near, kind))
     }
 
-    /// Number of the first sample that is not before an instant: looked for around where it would be if samples came evenly.
-    fn next(&self, t_s: f64) -> usize {
-        let (times, n) = (&self.times_s, self.times_s.len());
-        let [first, .., last] = times.as_slice() else { return times.partition_point(|t| *t < t_s) };
-        let guess = ((t_s - first) / (last - first) * n as f64) as usize;
-        let (mut low, mut high, mut by) = (guess.min(n), guess.min(n), NEAR);
-        while low > 0 && times.get(low).is_none_or(|t| *t >= t_s) {
-            low = low.saturating_sub(by);
-            by *= 2;
-        }
-        by = NEAR;
-        while times.get(high).is_some_and(|t| *t < t_s) {
-            high = (high + by).min(n);
-            by *= 2;
-        }
-        low + times.get(low..high).map_or(0, |between| between.partition_point(|t| *t < t_s))
-    }
-
     fn up_to(&self, sums: &[Vector3<f64>], t_s: f64) -> Option<Vector3<f64>> {
-        let next = self.next(t_s);
+        let next = self.times.next(t_s);
         let before = next.checked_sub(1)?;
-        let (t0, t1) = (*self.times_s.get(before)?, *self.times_s.get(next)?);
+        let (t0, t1) = (self.times.at(before)?, self.times.at(next)?);
         let share = (t_s - t0) / (t1 - t0);
         Some(sums.get(before)?.lerp(sums.get(next)?, share))
     }
@@ -291,11 +310,11 @@ mod tests {
         fn the_next_sample_is_found(steps in proptest::collection::vec(0.0..5.0f64, 0..60), at in -1.0..2.0f64) {
             let times_s: Vec<f64> =
                 steps.iter().scan(3.0, |t, step| { *t += step.powi(4); Some(*t) }).collect();
-            let rates = ForceRates { times_s, ..ForceRates::default() };
-            let [first, last] = [rates.times_s.first(), rates.times_s.last()].map(|t| t.copied().unwrap_or(3.0));
-            let on_samples = rates.times_s.iter().copied();
+            let [first, last] = [times_s.first(), times_s.last()].map(|t| t.copied().unwrap_or(3.0));
+            let times = Times::new(times_s);
+            let on_samples = times.times_s.iter().copied();
             for t_s in on_samples.chain([first + at * (last - first), f64::NAN]) {
-                proptest::prop_assert_eq!(rates.next(t_s), rates.times_s.partition_point(|t| *t < t_s));
+                proptest::prop_assert_eq!(times.next(t_s), times.times_s.partition_point(|t| *t < t_s));
             }
         }
     }

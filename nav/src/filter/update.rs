@@ -202,6 +202,7 @@ impl Filter {
         if rejected(&outcome.velocity) && self.gates.velocity.locked_out(t_s) {
             outcome.velocity.recovered = true;
             self.gates.velocity.accept();
+            self.find_estimate();
             self.reset_velocity(fix);
             self.loosen_attitude();
             if rejected(&outcome.position) {
@@ -300,6 +301,7 @@ impl Filter {
         if let Ok(prepared) = self.tested(rows).1 {
             self.absorb(prepared);
             self.follow();
+            self.find_estimate();
         }
     }
 
@@ -362,14 +364,13 @@ impl Filter {
         };
     }
 
-    /// Moves what is linearised about to the estimate: position and velocity at once, attitude and constants where they have left the
-    /// neighbourhood in which the linear model holds.
+    /// Moves what is linearised about to the estimate, which is to be found after it: position and velocity at once, attitude and constants
+    /// where they have left the neighbourhood in which the linear model holds.
     fn follow(&mut self) {
         self.recentre_place();
         if self.has_strayed() {
             self.recentre();
         }
-        self.find_estimate();
     }
 
     /// Whether what the linear model leaves out about the mean error counts.

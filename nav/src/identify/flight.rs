@@ -8,7 +8,8 @@ use super::linear::reference::delay_s;
 use super::rounding::Rounding;
 use super::simulated::{self, Still};
 use super::stationary;
-use super::stretch::{Stretch, averaged};
+use super::stretch::Stretch;
+use crate::averaging::{self, averaged};
 use crate::effects::{Conditions, MISTAKES, Surroundings};
 use crate::filter::Initial;
 use crate::filter::force_rate::ForceRates;
@@ -25,8 +26,6 @@ use std::sync::{Arc, OnceLock};
 
 pub use super::stretch::{ENOUGH_FIXES, ENOUGH_S, TooLittle};
 
-/// Samples that come faster are averaged down to about this, Hz: the fixes see nothing of what lies above.
-const ENOUGH_HZ: f64 = 50.0;
 /// 1-sigma of what all time stamps are off by without anybody calling it a delay, s.
 const CLOCK_S: f64 = 2e-3;
 /// The same where somebody knows the delay: that is the receiver's own, counted from the true motion. The samples are late
@@ -59,8 +58,8 @@ pub struct Flight {
     /// The same while the unit rested between turns by hand: when, s, and what the samples showed.
     shown_at_rest: Vec<(f64, [f64; 2])>,
     known_delay_s: Option<f64>,
-    /// Kind of the samples before they were averaged, and over how many.
-    averaged: Option<(SampleKind, usize)>,
+    /// Kind of the samples before they were averaged.
+    averaged: Option<SampleKind>,
     moved_s: f64,
     /// By how much the positions stretched north and east, where they were those of a simulator's sphere.
     sphere: Option<[f64; 2]>,
@@ -167,13 +166,12 @@ impl Flight {
             self.prepared.push((q, samples));
             self.rounding.push((q, rounding));
         }
-        let every = (1.0 / (ENOUGH_HZ * self.interval_s.max(1e-4))).round() as usize;
-        if every > 1 {
+        if averaging::at_once(self.interval_s) > 1 {
             let kind = self.stream.kind;
             for (_, samples) in &mut self.prepared {
-                *samples = averaged(samples, self.initial.t_s, kind, every);
+                *samples = averaged(samples, kind, self.interval_s);
             }
-            self.averaged = Some((kind, every));
+            self.averaged = Some(kind);
             self.stream.kind = SampleKind::IntervalMean;
         }
         self.forget_undone();
@@ -304,7 +302,7 @@ impl Flight {
 
     /// The same of the samples that the estimation goes through.
     pub(super) fn sample_s(&self) -> f64 {
-        self.interval_s.max(1e-4) * self.averaged.map_or(1.0, |(_, every)| every as f64)
+        self.interval_s.max(1e-4) * self.averaged.map_or(1.0, |_| averaging::at_once(self.interval_s) as f64)
     }
 
     /// Seconds from the start to the last sample.
@@ -393,7 +391,7 @@ impl Flight {
         self.air.iter_mut().for_each(|a| a.t_s += by_s);
         self.prepared.iter_mut().flat_map(|p| &mut p.1).for_each(|s| s.t_s += by_s);
         self.rounding.iter_mut().for_each(|(_, r)| r.move_by(by_s));
-        let kind = self.averaged.map_or(self.stream.kind, |a| a.0);
+        let kind = self.averaged.unwrap_or(self.stream.kind);
         self.force_rates = Arc::new(ForceRates::new(&self.raw, kind));
         Arc::make_mut(&mut self.operating).move_by(by_s);
         Arc::make_mut(&mut self.lags).move_by(by_s);
@@ -444,7 +442,7 @@ impl Flight {
         let mut dequantiser = Dequantiser::new(model.quantisation_of(&self.stream));
         let samples: Vec<ImuSample> = samples.iter().map(|s| dequantiser.undo(s)).collect();
         let mut samples = match self.averaged {
-            Some((kind, every)) => averaged(&samples, self.initial.t_s, kind, every),
+            Some(kind) => averaged(&samples, kind, self.interval_s),
             None => samples,
         };
         if let Some(still) = &self.still {

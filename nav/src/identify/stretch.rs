@@ -8,8 +8,7 @@ use crate::estimator::{Estimator, Stage};
 use crate::filter::Initial;
 use crate::model::Model;
 use crate::operating::OperatingSeries;
-use crate::sample::{AirSample, FieldSample, GnssFix, ImuSample, ImuStream, Sample, SampleKind};
-use nalgebra::Vector3;
+use crate::sample::{AirSample, FieldSample, GnssFix, ImuSample, ImuStream, Sample};
 
 /// A filter that has heading starts with these 1-sigmas whatever the search said of them, rad.
 const START_ATTITUDE_SIGMA: [f64; 3] = [0.06, 0.06, 0.14];
@@ -264,38 +263,11 @@ fn without_end(part: &[Sample]) -> &[Sample] {
     part.split_at(part.iter().rposition(before).map_or(0, |k| k + 1)).0
 }
 
-/// Means over `every` intervals; point samples are taken as varying linearly in between.
-pub(super) fn averaged(
-    samples: &[ImuSample],
-    start_s: f64,
-    kind: SampleKind,
-    every: usize,
-) -> Vec<ImuSample> {
-    let mut out = Vec::with_capacity(samples.len() / every + 1);
-    let (mut before, mut begun_s) = (None::<&ImuSample>, start_s);
-    let (mut gyro, mut accel) = (Vector3::zeros(), Vector3::zeros());
-    for (i, sample) in samples.iter().enumerate() {
-        let from = match (before, kind) {
-            (Some(b), SampleKind::Point) => b,
-            _ => sample,
-        };
-        let dt = sample.t_s - before.map_or(start_s, |b| b.t_s);
-        gyro += (from.gyro + sample.gyro) * (0.5 * dt);
-        accel += (from.accel + sample.accel) * (0.5 * dt);
-        before = Some(sample);
-        let span = sample.t_s - begun_s;
-        if (i + 1) % every == 0 && span > 0.0 {
-            out.push(ImuSample { gyro: gyro / span, accel: accel / span, ..*sample });
-            (gyro, accel, begun_s) = (Vector3::zeros(), Vector3::zeros(), sample.t_s);
-        }
-    }
-    out
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
     use crate::sample::RestartReason;
+    use nalgebra::Vector3;
 
     fn imu(t_s: f64) -> Sample {
         Sample::Imu(ImuSample {
