@@ -11,7 +11,8 @@ use crate::rotation::{exp, left_jacobian_inverse, log};
 use crate::sample::{ImuSample, SampleKind};
 use nalgebra::{UnitQuaternion, Vector3};
 
-/// Samples that come faster are averaged down to about this, Hz: the fixes see nothing of what lies above.
+/// Samples that come faster are averaged down to about this, Hz: the fixes see nothing of what lies above. Of 112 logs with a true attitude one
+/// changed by more than .1°, to the better (`gaware replay LOG… --truth-from 20 --json`, 2026-11-30).
 const ENOUGH_HZ: f64 = 50.0;
 /// Averaging goes on until samples come so much less often than when it began: a rate at the limit begins it once.
 const SLOWER: f64 = 1.3;
@@ -195,7 +196,7 @@ mod tests {
         }
     }
 
-    /// A boot that nobody has noticed: the samples after it are means of what came after it.
+    /// A boot that went unnoticed: the samples after it are means of what came after it.
     #[test]
     fn time_may_begin_anew() {
         let times =

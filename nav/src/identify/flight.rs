@@ -302,7 +302,7 @@ impl Flight {
 
     /// The same of the samples that the estimation goes through.
     pub(super) fn sample_s(&self) -> f64 {
-        self.interval_s.max(1e-4) * self.averaged.map_or(1.0, |_| averaging::at_once(self.interval_s) as f64)
+        self.interval_s.max(1e-4) * averaging::at_once(self.interval_s) as f64
     }
 
     /// Seconds from the start to the last sample.
