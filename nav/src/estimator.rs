@@ -15,6 +15,7 @@ use crate::model::{Model, SourceHistory};
 use crate::noise_meter::NoiseMeter;
 use crate::operating::Operating;
 use crate::quantisation::Dequantiser;
+use crate::quantisation::crossings::{self, Crossings};
 use crate::receiver::ReceiverMeter;
 use crate::sample::{GnssFix, ImuSample, ImuStream, Quantisation, Sample, SampleKind};
 use nalgebra::Vector3;
@@ -82,6 +83,11 @@ pub enum EstimatorEvent {
     },
     /// The vehicle left the ground, or its place on it, before the first fix: its motion waits for one, the constants are kept.
     PlaceLeft,
+    /// Integer samples that seemed truncated are rounded, or the other way round; everything starts anew.
+    Rounding {
+        /// Whether they are rounded.
+        rounds: bool,
+    },
     /// The filter was not finite or not positive any more: everything starts anew.
     Failed {
         /// Whether the constants were sound and are kept.
@@ -108,6 +114,7 @@ pub struct Estimator {
     model: Model,
     stream: ImuStream,
     dequantiser: Dequantiser,
+    crossings: Crossings,
     meter: NoiseMeter,
     averager: Averager,
     receiver: ReceiverMeter,
@@ -140,6 +147,7 @@ impl Estimator {
             model,
             stream: ImuStream::default(),
             dequantiser: Dequantiser::new(Quantisation::None),
+            crossings: Crossings::default(),
             meter: NoiseMeter::default(),
             receiver: ReceiverMeter::default(),
             state: State::Gathering(Gathering::default()),
@@ -275,6 +283,7 @@ impl Estimator {
     fn new_stream(&mut self, stream: &ImuStream) {
         if *stream != self.stream {
             self.stream = stream.clone();
+            self.crossings = Crossings::default();
             self.dequantiser = Dequantiser::new(self.model.quantisation_of(stream));
             self.meter = NoiseMeter::default();
             self.averager = Averager::of(&self.model);
@@ -292,6 +301,7 @@ impl Estimator {
             self.align_anew(EstimatorEvent::AlignedAfterGap { gap_s: raw.t_s - last.t_s }, true);
         }
         let Some(undone) = self.model.undo_source_after(raw, &mut self.source) else { return Vec::new() };
+        self.check_rounding(&undone);
         if !self.is_stationary() {
             self.dequantiser.moves();
         }
@@ -301,6 +311,19 @@ impl Estimator {
         match self.averager.take(&sample, self.stream.kind, self.meter.interval_s()) {
             Some(sample) => self.propagate(sample),
             None => Vec::new(),
+        }
+    }
+
+    /// Whether the samples are integers of the kind that their message stands for. What was learnt of those of another kind is wrong: half a count is
+    /// 100 deg/h, and turned into 1500 ppm of a scale factor that was known to 240.
+    fn check_rounding(&mut self, raw: &ImuSample) {
+        let Some(steps) = crossings::checked(&self.stream, &self.model) else { return };
+        self.crossings.push(raw, &steps);
+        let quantisation = self.crossings.quantisation(&self.stream, &self.model);
+        if quantisation != self.dequantiser.quantisation() {
+            self.dequantiser = Dequantiser::new(quantisation);
+            let rounds = matches!(quantisation, Quantisation::Round(_));
+            self.align_anew(EstimatorEvent::Rounding { rounds }, false);
         }
     }
 

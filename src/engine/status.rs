@@ -204,6 +204,12 @@ pub(super) fn reported(event: &EstimatorEvent) -> String {
         EstimatorEvent::PlaceLeft => {
             "the vehicle left its place before the first GNSS fix: its motion waits for one, biases and G are kept".to_owned()
         }
+        EstimatorEvent::Rounding { rounds: true } => {
+            "the integers of the inertial samples are rounded, where this message's are truncated elsewhere: everything starts anew with that".to_owned()
+        }
+        EstimatorEvent::Rounding { rounds: false } => {
+            "the integers of the inertial samples are truncated after all: everything starts anew with that".to_owned()
+        }
         EstimatorEvent::Failed { constants_kept: true } => {
             "the filter failed its health check and was restarted; biases and G are kept".to_owned()
         }
@@ -230,11 +236,18 @@ pub(super) fn reported_fix(event: &FixEvent) -> String {
 /// What another walk of the biases means. Accelerometers that seem to shake are also what a receiver looks like that is led astray.
 fn drift_words(walk: BiasWalk) -> String {
     let gyro = format!("{:.0} deg/h/√h for those of the gyros", walk.gyro / unit::DEG_PER_H_PER_RTH.si);
-    if walk.accel > 0.0 {
+    if walk.shakes() {
         return format!(
             "fixes and inertial data fail the innovation test of sensors in order: the accelerometers shake or clip, or the fixes are wrong (check \
              vibration and GNSS); the filter now assumes random walks of the biases, of {gyro} and of {} m/s²/√s for those of the accelerometers",
             walk.accel
+        );
+    }
+    if walk.accel > 0.0 {
+        let accel = walk.accel / unit::MG_PER_RTH.si;
+        return format!(
+            "the fixes fit better if the biases drift, as those of a unit that warms up: the filter now assumes random walks of {gyro} and {accel:.0} mg/√h \
+             for those of the accelerometers"
         );
     }
     if walk.gyro > 0.0 {

@@ -127,6 +127,9 @@ pub fn find(name: &str) -> Option<&'static dyn Effect> {
     built_in.or_else(|| data::find(name))
 }
 
+/// A walk of the accelerometer biases from which on they shake, m/s²/√s: 16 mg in 10 s, where 2 mg/°C and 20 °C in five minutes make 1.3.
+const SHAKING_WALK: f64 = 0.05;
+
 /// Spectral densities (square roots) of random walks that an effect adds to the biases.
 #[derive(Debug, Clone, Copy, Default, PartialEq)]
 pub struct BiasWalk {
@@ -141,6 +144,11 @@ impl BiasWalk {
     #[must_use]
     pub fn and(self, other: Self) -> Self {
         Self { gyro: rss(self.gyro, other.gyro), accel: rss(self.accel, other.accel) }
+    }
+
+    /// Whether accelerometers that walk like this shake or clip: no warm-up changes their biases so fast.
+    pub fn shakes(&self) -> bool {
+        self.accel >= SHAKING_WALK
     }
 }
 

@@ -2,7 +2,7 @@ use super::*;
 use crate::earth::{self, Geodetic};
 use crate::filter::layout::index;
 use crate::rotation::c_nb_from_euler;
-use crate::sample::{AttitudeHint, FixVelocity};
+use crate::sample::{AttitudeHint, FixVelocity, Steps};
 use nalgebra::Vector3;
 use rand::RngExt;
 use rand::SeedableRng;
@@ -188,4 +188,32 @@ fn a_vehicle_that_leaves_its_home_before_the_first_fix_says_so_once() {
     // A home position after a fix is no better place.
     estimator.feed(&Sample::Place(Geodetic::from_degrees(-30.0, 8.0, 0.0)));
     assert!(estimator.place_fix().is_none_or(|f| f.position.lat_rad > 0.0));
+}
+
+/// Half a count that is added where none is missing was 1500 ppm of a scale factor known to 240.
+#[test]
+fn integers_that_are_rounded_where_others_truncate_are_recognised() {
+    let steps = Steps::RAW_IMU;
+    for (turned, rounds) in [(f64::round as fn(f64) -> f64, true), (f64::trunc, false)] {
+        let nav = at_rest();
+        let force = nav.q_eb.inverse() * -earth::gravity(&nav.r_e);
+        let mut random = Xoshiro256PlusPlus::seed_from_u64(4);
+        let mut noise = |sigma: f64| Vector3::from_fn(|_, _| sigma * 3.46 * (random.random::<f64>() - 0.5));
+        let mut live = Estimator::new(Model::standard());
+        let quantisation = Quantisation::Truncate(steps);
+        live.feed(&Sample::Stream(ImuStream { quantisation, ..ImuStream::default() }));
+        for i in 0..6000_u32 {
+            let t_s = f64::from(i) * 0.02;
+            // Three counts of noise: zero is passed often.
+            let gyro = noise(3.0 * steps.gyro).map(|v| turned(v / steps.gyro) * steps.gyro);
+            let accel = (force + noise(3.0 * steps.accel)).map(|v| turned(v / steps.accel) * steps.accel);
+            live.feed(&Sample::Imu(ImuSample { t_s, gyro, accel, temperature_degc: None }));
+            if i % 10 == 0 {
+                feed_aids(&mut live, t_s, &nav, &mut noise);
+            }
+        }
+        let found = live.take_events().contains(&EstimatorEvent::Rounding { rounds: true });
+        assert_eq!((found, live.stage()), (rounds, Stage::Running));
+        assert_eq!(matches!(live.dequantiser.quantisation(), Quantisation::Round(_)), rounds);
+    }
 }

@@ -8,6 +8,7 @@ use crate::estimator::{Estimator, Stage};
 use crate::filter::Initial;
 use crate::model::Model;
 use crate::operating::OperatingSeries;
+use crate::quantisation::crossings;
 use crate::sample::{AirSample, FieldSample, GnssFix, ImuSample, ImuStream, Sample};
 
 /// A filter that has heading starts with these 1-sigmas whatever the search said of them, rad.
@@ -91,7 +92,7 @@ impl Stretch {
     /// The longest one of a recording. `model` finds the start.
     pub(super) fn of(samples: &[Sample], model: &Model) -> Result<Self, TooLittle> {
         let whole = longest_stretch(samples);
-        let stream = announced(samples, whole);
+        let mut stream = announced(samples, whole);
         let all = inertial(whole);
         let mut unseen = Unseen::of(&all, stream.kind);
         let blind_s = guess::learn(whole, &all, &mut unseen);
@@ -118,6 +119,7 @@ impl Stretch {
         }
         let initial = start(samples, stretch, model, has_receiver).ok_or(TooLittle::NoStart)?;
         raw.retain(|s| s.t_s > initial.t_s);
+        stream.quantisation = crossings::of_whole(&stream, &raw, model);
         fixes.retain(|f| f.t_s > initial.t_s);
         fixes.sort_by(|a, b| a.t_s.total_cmp(&b.t_s));
         let fixes = without_unseen(fixes, &unseen);

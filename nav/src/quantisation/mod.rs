@@ -5,6 +5,7 @@
 //! around zero it has a dead zone two steps wide.
 
 mod channel;
+pub(crate) mod crossings;
 mod pair;
 
 use self::channel::Channel;

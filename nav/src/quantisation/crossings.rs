@@ -1,0 +1,111 @@
+//! Whether a source rounds its integers or truncates them, by how often a value that passes through zero is caught there.
+//!
+//! Of a value that goes from two counts or more on one side of zero to as many on the other within two samples, the one in between is about as likely
+//! anywhere near zero. Rounding gives each count a bin of one step, truncation gives zero one of two: of the counts −1, 0 and 1 a third is zero, or a half.
+//! Measured on 150 to 10,000 crossings (2026-11-30): ArduPilot, PX4 and the recordings made by others 48 to 77 % (more where the motion is slow against the
+//! samples), rounded samples of simulated flights 33 to 37 %.
+
+use crate::math::ln;
+use crate::model::{Model, QuantisationBelief};
+use crate::sample::{ImuSample, ImuStream, Quantisation, Steps};
+
+/// A crossing comes from so many counts beyond zero, and leads to as many.
+const BEYOND: f64 = 2.0;
+/// The source is taken for one that rounds once that is likelier by so many nats: one in 20,000 sources that truncate is wronged (Wald 1945).
+const SURE: f64 = 10.0;
+
+/// What the crossings so far say.
+#[derive(Debug, Clone, Default)]
+pub(crate) struct Crossings {
+    last: Option<[[f64; 6]; 2]>,
+    /// Logarithm of the odds that the source rounds.
+    log_odds: f64,
+    rounds: bool,
+}
+
+impl Crossings {
+    /// The next sample of a source with these steps.
+    pub(crate) fn push(&mut self, sample: &ImuSample, steps: &Steps) {
+        let [g, a] = [sample.gyro / steps.gyro, sample.accel / steps.accel];
+        let counts = [g.x, g.y, g.z, a.x, a.y, a.z].map(f64::round);
+        let [first, middle] = self.last.unwrap_or([[0.0; 6], counts]);
+        for ((from, at), to) in first.iter().zip(&middle).zip(&counts) {
+            if from.abs() >= BEYOND && to.abs() >= BEYOND && from * to < 0.0 && at.abs() <= 1.0 {
+                self.log_odds += if *at == 0.0 { ln(2.0 / 3.0) } else { ln(4.0 / 3.0) };
+            }
+        }
+        self.last = Some([middle, counts]);
+        self.rounds = self.log_odds > if self.rounds { 0.0 } else { SURE };
+    }
+
+    /// How a stream is to be read: what its message stands for, unless the samples contradict it. A model that says it is right.
+    pub(crate) fn quantisation(&self, stream: &ImuStream, model: &Model) -> Quantisation {
+        match checked(stream, model) {
+            Some(steps) if self.rounds => Quantisation::Round(steps),
+            _ => model.quantisation_of(stream),
+        }
+    }
+}
+
+/// The same where all samples are there.
+pub(crate) fn of_whole(stream: &ImuStream, samples: &[ImuSample], model: &Model) -> Quantisation {
+    let mut crossings = Crossings::default();
+    if let Some(steps) = checked(stream, model) {
+        samples.iter().for_each(|s| crossings.push(s, &steps));
+    }
+    if crossings.rounds { crossings.quantisation(stream, model) } else { stream.quantisation }
+}
+
+/// Steps of a stream of which nothing but its name says that it truncates.
+pub(crate) fn checked(stream: &ImuStream, model: &Model) -> Option<Steps> {
+    let says_nothing =
+        model.imu.quantisation == QuantisationBelief::Auto && model.get("imu_truncation").is_none();
+    match stream.quantisation {
+        Quantisation::Truncate(steps) if says_nothing => Some(steps),
+        _ => None,
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use nalgebra::Vector3;
+
+    /// What is found of a vehicle that rolls to and fro by so many counts per sample, its samples `turned` into integers.
+    fn found(turned: fn(f64) -> f64, slope: f64) -> Quantisation {
+        let steps = Steps::RAW_IMU;
+        let stream = ImuStream { quantisation: Quantisation::Truncate(steps), ..ImuStream::default() };
+        let mut crossings = Crossings::default();
+        for k in 0..60_000 {
+            // A triangle of 100 samples whose phase moves on: zero is passed everywhere.
+            let t = f64::from(k) * 1.00037 % 100.0;
+            let counts = slope * (if t < 50.0 { t - 25.0 } else { 75.0 - t });
+            let gyro = Vector3::new(turned(counts) * steps.gyro, 0.0, 0.0);
+            let accel = Vector3::new(0.0, 0.0, turned(-1000.3) * steps.accel);
+            crossings
+                .push(&ImuSample { t_s: f64::from(k) * 0.02, gyro, accel, temperature_degc: None }, &steps);
+        }
+        crossings.quantisation(&stream, &Model::default())
+    }
+
+    #[test]
+    fn a_source_that_rounds_is_known_by_its_crossings_of_zero() {
+        for slope in [4.1, 6.3, 9.0] {
+            assert_eq!(found(f64::round, slope), Quantisation::Round(Steps::RAW_IMU), "{slope}");
+            assert_eq!(found(f64::trunc, slope), Quantisation::Truncate(Steps::RAW_IMU), "{slope}");
+        }
+        // So slow that what is two counts off before and after can only be zero in between: nothing is claimed.
+        assert_eq!(found(f64::round, 2.1), Quantisation::Truncate(Steps::RAW_IMU));
+    }
+
+    #[test]
+    fn a_model_that_says_how_samples_are_read_is_right() {
+        let stream =
+            ImuStream { quantisation: Quantisation::Truncate(Steps::RAW_IMU), ..ImuStream::default() };
+        let rounds = Crossings { rounds: true, ..Crossings::default() };
+        let mut model = Model::default();
+        assert_eq!(rounds.quantisation(&stream, &model), Quantisation::Round(Steps::RAW_IMU));
+        model.imu.quantisation = QuantisationBelief::Truncate;
+        assert_eq!(rounds.quantisation(&stream, &model), stream.quantisation);
+    }
+}
