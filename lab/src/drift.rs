@@ -1,7 +1,7 @@
-//! Gyro biases that drift as those of a board that warms up, live: errors against sigmas, minute by minute.
+//! Biases that drift as those of a board that warms up, live: errors against sigmas, minute by minute.
 //!
-//! Sensors are drawn from the filter's own prior, and a drift that the model does not name is added to the gyros. The truth of the bias is
-//! the drawn one with the drift of that instant.
+//! Sensors are drawn from the filter's own prior, and a drift that the model does not name is added to the gyros or the accelerometers. The truth of the
+//! bias is the drawn one with the drift of that instant.
 
 use super::endurance::assumed;
 use super::statistics::summary;
@@ -36,7 +36,7 @@ const LOOK_FROM_S: f64 = 150.0;
 /// Share of a drift that each axis has.
 const AXES: [f64; 3] = [1.0, -0.8, 0.6];
 
-/// How the biases of the gyros change.
+/// How the biases change: those of the gyros, where nothing else is said.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Drift {
@@ -50,10 +50,12 @@ pub enum Drift {
     WarmUp(f64),
     /// A random walk, deg/h/√h.
     Walk(f64),
+    /// Those of the accelerometers by this, mg, with the same time constant.
+    Accel(f64),
 }
 
 /// Every drift that is flown.
-pub const DRIFTS: [Drift; 13] = [
+pub const DRIFTS: [Drift; 15] = [
     Drift::None,
     Drift::Ramp(10.0),
     Drift::Ramp(30.0),
@@ -67,6 +69,8 @@ pub const DRIFTS: [Drift; 13] = [
     Drift::Walk(60.0),
     Drift::Walk(250.0),
     Drift::Walk(1000.0),
+    Drift::Accel(10.0),
+    Drift::Accel(30.0),
 ];
 
 impl std::fmt::Display for Drift {
@@ -77,6 +81,7 @@ impl std::fmt::Display for Drift {
             Self::Step(x) => write!(f, "step of {x} deg/h"),
             Self::WarmUp(x) => write!(f, "warm-up by {x} deg/h"),
             Self::Walk(x) => write!(f, "walk {x} deg/h/√h"),
+            Self::Accel(x) => write!(f, "accel. warm-up by {x} mg"),
         }
     }
 }
@@ -86,28 +91,33 @@ struct Drifting {
     drift: Drift,
     noise: Noise,
     t_s: f64,
-    /// rad/s.
-    bias: [f64; 3],
+    /// Of gyros, rad/s, and accelerometers, m/s².
+    bias: [[f64; 3]; 2],
 }
 
 impl Drifting {
     fn new(drift: Drift, seed: u64) -> Self {
-        Self { drift, noise: Noise::numbered(seed, Purpose::BiasWalk, 1), t_s: 0.0, bias: [0.0; 3] }
+        Self { drift, noise: Noise::numbered(seed, Purpose::BiasWalk, 1), t_s: 0.0, bias: [[0.0; 3]; 2] }
     }
 
-    /// What it has added to the biases at this time, rad/s; times do not decrease.
-    fn at(&mut self, t_s: f64) -> [f64; 3] {
+    /// What it has added to the biases at this time; times do not decrease.
+    fn at(&mut self, t_s: f64) -> [[f64; 3]; 2] {
         let dt = (t_s - self.t_s).max(0.0);
         self.t_s = t_s;
         let shared = |deg_per_h: f64| AXES.map(|share| share * deg_per_h * unit::DEG_PER_H.si);
-        self.bias = match self.drift {
+        let warmed = -exp_m1(-t_s / 180.0);
+        self.bias[0] = match self.drift {
             Drift::None => [0.0; 3],
+            Drift::Accel(x) => {
+                self.bias[1] = AXES.map(|share| share * x * unit::MG.si * warmed);
+                [0.0; 3]
+            }
             Drift::Ramp(x) => shared(x * t_s / 60.0),
             Drift::Step(x) => shared(if t_s < 200.0 { 0.0 } else { x }),
-            Drift::WarmUp(x) => shared(x * -exp_m1(-t_s / 180.0)),
+            Drift::WarmUp(x) => shared(x * warmed),
             Drift::Walk(x) => {
                 let sigma = x * unit::DEG_PER_H_PER_RTH.si * dt.sqrt();
-                self.bias.map(|b| b + sigma * self.noise.normal())
+                self.bias[0].map(|b| b + sigma * self.noise.normal())
             }
         };
         self.bias
@@ -146,6 +156,8 @@ pub struct DriftResult {
     pub g_sigma_deg_per_h_per_g: f64,
     /// Random walk of the gyro biases that the filter assumed at the end beyond its model, deg/h/√h, median.
     pub walk_deg_per_h_per_rth: f64,
+    /// The same of the accelerometers, mg/√h.
+    pub walk_mg_per_rth: f64,
 }
 
 /// The whole study.
@@ -169,7 +181,8 @@ struct Run {
     yaw_square: Vec<f64>,
     g_worst: f64,
     g_sigmas: Vec<f64>,
-    walk: f64,
+    /// Of gyros and accelerometers.
+    walk: [f64; 2],
 }
 
 /// Number of flights that [`run`] makes.
@@ -220,14 +233,15 @@ fn one_flight(base: &Scenario, rotor: bool, drift: Drift, seed: u64) -> Run {
     let mut drifting = Drifting::new(drift, seed);
     Flight::new(Box::new(path), &vehicle, sensors, seed).for_each(|(mut sample, truth)| {
         if let Sample::Imu(s) = &mut sample {
-            let added = drifting.at(truth.t_s);
-            (0..3).for_each(|k| s.gyro[k] += added[k]);
+            let [gyro, accel] = drifting.at(truth.t_s);
+            (0..3).for_each(|k| (s.gyro[k], s.accel[k]) = (s.gyro[k] + gyro[k], s.accel[k] + accel[k]));
         }
         let _ = estimator.feed(&sample);
         watch.look(&estimator, &truth, &drifting.bias);
     });
     let mut run = watch.run;
-    run.walk = estimator.walk().gyro / unit::DEG_PER_H_PER_RTH.si;
+    let walk = estimator.walk();
+    run.walk = [walk.gyro / unit::DEG_PER_H_PER_RTH.si, walk.accel / unit::MG_PER_RTH.si];
     run
 }
 
@@ -240,7 +254,7 @@ struct Watcher<'a> {
 }
 
 impl Watcher<'_> {
-    fn look(&mut self, estimator: &Estimator, truth: &Truth, drifted: &[f64; 3]) {
+    fn look(&mut self, estimator: &Estimator, truth: &Truth, drifted: &[[f64; 3]; 2]) {
         if truth.t_s < self.next_s || truth.t_s > self.path.duration_s() - 1.0 {
             return;
         }
@@ -250,11 +264,14 @@ impl Watcher<'_> {
         }
     }
 
-    fn judge(&mut self, filter: &Filter, drifted: &[f64; 3]) {
+    fn judge(&mut self, filter: &Filter, [gyro, accel]: &[[f64; 3]; 2]) {
         let truth = self.path.truth_at(filter.t_s());
         let nav = NavState::from_ned(truth.place, &truth.v_n, &truth.c_nb);
         let mut vehicle = self.vehicle.clone();
-        (0..3).for_each(|k| vehicle.imu.gyro_bias[k] += drifted[k]);
+        for k in 0..3 {
+            vehicle.imu.gyro_bias[k] += gyro[k];
+            vehicle.imu.accel_bias[k] += accel[k];
+        }
         let e = error(filter, &nav, &Calibration::new(&vehicle));
         let (layout, p) = (filter.layout(), filter.covariance());
         let states: Vec<usize> = (0..index::GYRO_BIAS + layout.names().len()).collect();
@@ -286,7 +303,8 @@ fn summarise(rotor: bool, drift: Drift, runs: &[Run]) -> DriftResult {
         yaw_rms_deg: over(&|r| r.yaw_square.clone()).mean.sqrt(),
         g_worst_sigmas: over(&|r| vec![r.g_worst]).max,
         g_sigma_deg_per_h_per_g: over(&|r| r.g_sigmas.clone()).median,
-        walk_deg_per_h_per_rth: over(&|r| vec![r.walk]).median,
+        walk_deg_per_h_per_rth: over(&|r| vec![r.walk[0]]).median,
+        walk_mg_per_rth: over(&|r| vec![r.walk[1]]).median,
     }
 }
 
@@ -294,18 +312,28 @@ impl std::fmt::Display for DriftStudy {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
         writeln!(
             f,
-            "Gyro biases that drift, {} vehicles each, seed {}: errors from {LOOK_FROM_S} s on, every {LOOK_EVERY_S} s",
+            "Biases that drift, {} vehicles each, seed {}: errors from {LOOK_FROM_S} s on, every {LOOK_EVERY_S} s",
             self.seeds, self.seed
         )?;
         writeln!(
             f,
-            "{:6} {:24}{:>6}{:>10}{:>8}{:>9}{:>9}{:>10}{:>12}{:>8}",
-            "", "drift", "looks", "NEES/dof", "worst", "tilt °", "yaw °", "G worst σ", "G σ deg/h/g", "walk"
+            "{:6} {:24}{:>6}{:>10}{:>8}{:>9}{:>9}{:>10}{:>12}{:>8}{:>8}",
+            "",
+            "drift",
+            "looks",
+            "NEES/dof",
+            "worst",
+            "tilt °",
+            "yaw °",
+            "G worst σ",
+            "G σ deg/h/g",
+            "walk",
+            "mg/√h"
         )?;
         for d in &self.drifts {
             writeln!(
                 f,
-                "{:6} {:24}{:6}{:10.2}{:8.2}{:9.3}{:9.2}{:10.1}{:12.0}{:8.0}",
+                "{:6} {:24}{:6}{:10.2}{:8.2}{:9.3}{:9.2}{:10.1}{:12.0}{:8.0}{:8.0}",
                 d.vehicle,
                 d.drift,
                 d.looks,
@@ -315,7 +343,8 @@ impl std::fmt::Display for DriftStudy {
                 d.yaw_rms_deg,
                 d.g_worst_sigmas,
                 d.g_sigma_deg_per_h_per_g,
-                d.walk_deg_per_h_per_rth
+                d.walk_deg_per_h_per_rth,
+                d.walk_mg_per_rth
             )?;
         }
         Ok(())
@@ -330,9 +359,11 @@ mod tests {
     #[test]
     fn a_drift_is_found_and_none_is_not() {
         let base = scenario("fixed_wing").unwrap();
-        for (drift, walks) in [(Drift::None, false), (Drift::Ramp(180.0), true)] {
+        for (drift, walks) in
+            [(Drift::None, [false; 2]), (Drift::Ramp(180.0), [true, false]), (Drift::Accel(30.0), [true; 2])]
+        {
             let flown = one_flight(&base, false, drift, 1);
-            assert_eq!(flown.walk > 0.0, walks, "{drift}: {}", flown.walk);
+            assert_eq!(flown.walk.map(|w| w > 0.0), walks, "{drift}: {:?}", flown.walk);
             let found = summarise(false, drift, &[flown]);
             assert!(found.looks > 20, "{found:?}");
             assert!(

@@ -255,7 +255,7 @@ impl Engine {
         }
         for event in self.estimator.take_events() {
             self.warnings.push(&reported(&event));
-            if matches!(event, EstimatorEvent::BiasesDrift { walk } if walk.accel > 0.0) {
+            if matches!(event, EstimatorEvent::BiasesDrift { walk } if walk.shakes()) {
                 self.contradicted_s = self.time.now_s();
             }
             if let Some(guide) = &mut self.guide {
