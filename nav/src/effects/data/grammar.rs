@@ -17,7 +17,7 @@ const GYRO: [bool; 2] = [true, false];
 const ACCEL: [bool; 2] = [false, true];
 
 /// Motion: there in every flight. Squares of the specific force of the own axis are in the catalogue, of the other axes not.
-const MOTION: [Row; 44] = [
+const MOTION: [Row; 47] = [
     ("w_x", 0.5, ACCEL),
     ("w_y", 0.3, ACCEL),
     ("w_z", 0.3, ACCEL),
@@ -59,6 +59,10 @@ const MOTION: [Row; 44] = [
     ("dead(w_x,0.3)", 0.3, GYRO),
     ("dead(w_y,0.2)", 0.2, GYRO),
     ("dead(w_z,0.2)", 0.2, GYRO),
+    // A dead zone small beside the rates that are flown: what is missing is its half width, whichever way the vehicle turns.
+    ("sign(w_x)", 1.0, GYRO),
+    ("sign(w_y)", 1.0, GYRO),
+    ("sign(w_z)", 1.0, GYRO),
     ("speed*speed", 400.0, BOTH),
     ("time", 100.0, BOTH),
     ("time*time", 1e4, BOTH),
@@ -111,7 +115,7 @@ const OUTPUT_VARIES: f64 = 0.05;
 const OUTPUT_TYPICAL: f64 = 0.3;
 
 /// Formulas that flights may have at most, sensors and fixes: what a formula pays for being one of so many.
-const COUNT: f64 = 164.0;
+const COUNT: f64 = 167.0;
 
 /// Of the effects that flights miss, one in so many is outside the catalogue. Without this price a formula that imitates a name (`w_y*f_z` in flight at
 /// 1 g a scale factor) took its place on one of four flights.
@@ -165,6 +169,8 @@ pub fn cause(target: Target, driver: &Expression) -> &'static str {
         "air loads that bend the airframe between inertial unit and the rest, or a mounting that gives way with them"
     } else if has("mode") {
         "something that is switched with the flight mode"
+    } else if has("sign") {
+        "a sensor that does not answer to small rates (a dead zone), or integers that were truncated on the way"
     } else if has("time") {
         "warming up or settling since power-on"
     } else if has("wdot") {
