@@ -15,7 +15,7 @@ use crate::model::{Model, SourceHistory};
 use crate::noise_meter::NoiseMeter;
 use crate::operating::Operating;
 use crate::quantisation::Dequantiser;
-use crate::quantisation::crossings::{self, Crossings};
+use crate::quantisation::crossings::Crossings;
 use crate::receiver::ReceiverMeter;
 use crate::sample::{GnssFix, ImuSample, ImuStream, Quantisation, Sample, SampleKind};
 use nalgebra::Vector3;
@@ -142,12 +142,14 @@ pub struct Estimator {
 impl Estimator {
     /// With this model.
     pub fn new(model: Model) -> Self {
+        let stream = ImuStream::default();
+        let crossings = Crossings::of(&stream, &model);
         Self {
             averager: Averager::of(&model),
             model,
-            stream: ImuStream::default(),
-            dequantiser: Dequantiser::new(Quantisation::None),
-            crossings: Crossings::default(),
+            stream,
+            dequantiser: Dequantiser::new(crossings.quantisation()),
+            crossings,
             meter: NoiseMeter::default(),
             receiver: ReceiverMeter::default(),
             state: State::Gathering(Gathering::default()),
@@ -283,8 +285,8 @@ impl Estimator {
     fn new_stream(&mut self, stream: &ImuStream) {
         if *stream != self.stream {
             self.stream = stream.clone();
-            self.crossings = Crossings::default();
-            self.dequantiser = Dequantiser::new(self.model.quantisation_of(stream));
+            self.crossings = Crossings::of(stream, &self.model);
+            self.dequantiser = Dequantiser::new(self.crossings.quantisation());
             self.meter = NoiseMeter::default();
             self.averager = Averager::of(&self.model);
         }
@@ -317,10 +319,7 @@ impl Estimator {
     /// Whether the samples are integers of the kind that their message stands for. What was learnt of those of another kind is wrong: half a count is
     /// 100 deg/h, and turned into 1500 ppm of a scale factor that was known to 240.
     fn check_rounding(&mut self, raw: &ImuSample) {
-        let Some(steps) = crossings::checked(&self.stream, &self.model) else { return };
-        self.crossings.push(raw, &steps);
-        let quantisation = self.crossings.quantisation(&self.stream, &self.model);
-        if quantisation != self.dequantiser.quantisation() {
+        if let Some(quantisation) = self.crossings.push(raw) {
             self.dequantiser = Dequantiser::new(quantisation);
             let rounds = matches!(quantisation, Quantisation::Round(_));
             self.align_anew(EstimatorEvent::Rounding { rounds }, false);

@@ -113,7 +113,7 @@ impl Estimator {
         self.bias_share = BIAS_AFTER_RESTART;
         self.meter = NoiseMeter::default();
         self.averager = Averager::of(&self.model);
-        self.dequantiser = Dequantiser::new(self.crossings.quantisation(&self.stream, &self.model));
+        self.dequantiser = Dequantiser::new(self.crossings.quantisation());
         self.state = State::Gathering(Gathering::default());
         self.last = None;
         self.ground.restart();

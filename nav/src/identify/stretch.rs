@@ -119,7 +119,9 @@ impl Stretch {
         }
         let initial = start(samples, stretch, model, has_receiver).ok_or(TooLittle::NoStart)?;
         raw.retain(|s| s.t_s > initial.t_s);
-        stream.quantisation = crossings::of_whole(&stream, &raw, model);
+        if let Some(quantisation) = crossings::contradicted(&stream, &raw, model) {
+            stream.quantisation = quantisation;
+        }
         fixes.retain(|f| f.t_s > initial.t_s);
         fixes.sort_by(|a, b| a.t_s.total_cmp(&b.t_s));
         let fixes = without_unseen(fixes, &unseen);

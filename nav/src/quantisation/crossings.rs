@@ -14,9 +14,13 @@ const BEYOND: f64 = 2.0;
 /// The source is taken for one that rounds once that is likelier by so many nats: one in 20,000 sources that truncate is wronged (Wald 1945).
 const SURE: f64 = 10.0;
 
-/// What the crossings so far say.
-#[derive(Debug, Clone, Default)]
+/// What the crossings of a stream so far say.
+#[derive(Debug, Clone)]
 pub(crate) struct Crossings {
+    /// How its message and the model say that it is read.
+    said: Quantisation,
+    /// Of a stream of which nothing but its name says that it truncates. A model that says it is right.
+    steps: Option<Steps>,
     last: Option<[[f64; 6]; 2]>,
     /// Logarithm of the odds that the source rounds.
     log_odds: f64,
@@ -24,8 +28,20 @@ pub(crate) struct Crossings {
 }
 
 impl Crossings {
-    /// The next sample of a source with these steps.
-    pub(crate) fn push(&mut self, sample: &ImuSample, steps: &Steps) {
+    pub(crate) fn of(stream: &ImuStream, model: &Model) -> Self {
+        let says_nothing =
+            model.imu.quantisation == QuantisationBelief::Auto && model.get("imu_truncation").is_none();
+        let steps = match stream.quantisation {
+            Quantisation::Truncate(steps) if says_nothing => Some(steps),
+            _ => None,
+        };
+        let said = model.quantisation_of(stream);
+        Self { said, steps, last: None, log_odds: 0.0, rounds: false }
+    }
+
+    /// The next sample; how the stream is to be read from here on, where that is not how it was until now.
+    pub(crate) fn push(&mut self, sample: &ImuSample) -> Option<Quantisation> {
+        let steps = self.steps?;
         let [g, a] = [sample.gyro / steps.gyro, sample.accel / steps.accel];
         let counts = [g.x, g.y, g.z, a.x, a.y, a.z].map(f64::round);
         let [first, middle] = self.last.unwrap_or([[0.0; 6], counts]);
@@ -35,35 +51,24 @@ impl Crossings {
             }
         }
         self.last = Some([middle, counts]);
-        self.rounds = self.log_odds > if self.rounds { 0.0 } else { SURE };
+        let before = self.rounds;
+        self.rounds = self.log_odds > if before { 0.0 } else { SURE };
+        (self.rounds != before).then(|| self.quantisation())
     }
 
-    /// How a stream is to be read: what its message stands for, unless the samples contradict it. A model that says it is right.
-    pub(crate) fn quantisation(&self, stream: &ImuStream, model: &Model) -> Quantisation {
-        match checked(stream, model) {
-            Some(steps) if self.rounds => Quantisation::Round(steps),
-            _ => model.quantisation_of(stream),
-        }
+    /// How the stream is to be read: as its message stands for, unless the samples contradict that.
+    pub(crate) fn quantisation(&self) -> Quantisation {
+        self.steps.filter(|_| self.rounds).map_or(self.said, Quantisation::Round)
     }
 }
 
-/// The same where all samples are there.
-pub(crate) fn of_whole(stream: &ImuStream, samples: &[ImuSample], model: &Model) -> Quantisation {
-    let mut crossings = Crossings::default();
-    if let Some(steps) = checked(stream, model) {
-        samples.iter().for_each(|s| crossings.push(s, &steps));
-    }
-    if crossings.rounds { crossings.quantisation(stream, model) } else { stream.quantisation }
-}
-
-/// Steps of a stream of which nothing but its name says that it truncates.
-pub(crate) fn checked(stream: &ImuStream, model: &Model) -> Option<Steps> {
-    let says_nothing =
-        model.imu.quantisation == QuantisationBelief::Auto && model.get("imu_truncation").is_none();
-    match stream.quantisation {
-        Quantisation::Truncate(steps) if says_nothing => Some(steps),
-        _ => None,
-    }
+/// Steps of a stream that rounds though its message stands for truncation, where all samples are there.
+pub(crate) fn contradicted(stream: &ImuStream, samples: &[ImuSample], model: &Model) -> Option<Quantisation> {
+    let mut crossings = Crossings::of(stream, model);
+    samples.iter().for_each(|s| {
+        crossings.push(s);
+    });
+    crossings.rounds.then(|| crossings.quantisation())
 }
 
 #[cfg(test)]
@@ -75,17 +80,16 @@ mod tests {
     fn found(turned: fn(f64) -> f64, slope: f64) -> Quantisation {
         let steps = Steps::RAW_IMU;
         let stream = ImuStream { quantisation: Quantisation::Truncate(steps), ..ImuStream::default() };
-        let mut crossings = Crossings::default();
+        let mut crossings = Crossings::of(&stream, &Model::default());
         for k in 0..60_000 {
             // A triangle of 100 samples whose phase moves on: zero is passed everywhere.
             let t = f64::from(k) * 1.00037 % 100.0;
             let counts = slope * (if t < 50.0 { t - 25.0 } else { 75.0 - t });
             let gyro = Vector3::new(turned(counts) * steps.gyro, 0.0, 0.0);
             let accel = Vector3::new(0.0, 0.0, turned(-1000.3) * steps.accel);
-            crossings
-                .push(&ImuSample { t_s: f64::from(k) * 0.02, gyro, accel, temperature_degc: None }, &steps);
+            crossings.push(&ImuSample { t_s: f64::from(k) * 0.02, gyro, accel, temperature_degc: None });
         }
-        crossings.quantisation(&stream, &Model::default())
+        crossings.quantisation()
     }
 
     #[test]
@@ -102,10 +106,10 @@ mod tests {
     fn a_model_that_says_how_samples_are_read_is_right() {
         let stream =
             ImuStream { quantisation: Quantisation::Truncate(Steps::RAW_IMU), ..ImuStream::default() };
-        let rounds = Crossings { rounds: true, ..Crossings::default() };
+        let read = |model: &Model| Crossings { rounds: true, ..Crossings::of(&stream, model) }.quantisation();
         let mut model = Model::default();
-        assert_eq!(rounds.quantisation(&stream, &model), Quantisation::Round(Steps::RAW_IMU));
+        assert_eq!(read(&model), Quantisation::Round(Steps::RAW_IMU));
         model.imu.quantisation = QuantisationBelief::Truncate;
-        assert_eq!(rounds.quantisation(&stream, &model), stream.quantisation);
+        assert_eq!(read(&model), stream.quantisation);
     }
 }
