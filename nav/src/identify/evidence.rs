@@ -95,18 +95,19 @@ pub struct Jump {
     pub evidence: f64,
     /// That of the best instant and width alone.
     pub alone: f64,
-    /// The best instant, as an index.
-    pub at: usize,
+    /// The best instant, s.
+    pub t_s: f64,
+    /// RMS distance of the instants from it, each as likely as its evidence says, and what happened between two fixes, s.
+    pub sigma_s: f64,
     /// The best width, as a factor on the prior sigma.
     pub scale: f64,
     /// The size that fits best there.
     pub size: Vector3<f64>,
 }
 
-/// Each instant's own evidence, averaged over the instants. `None` without instants.
-pub fn jump(jumps: &[(Vector3<f64>, Matrix3<f64>)], sigma: f64) -> Option<Jump> {
-    let one = |at: usize, scale: f64| {
-        let (b, lambda) = &jumps[at];
+/// Each instant's own evidence, averaged over the instants (s, with score and information of the size). `None` without instants.
+pub fn jump(jumps: &[(f64, Vector3<f64>, Matrix3<f64>)], sigma: f64) -> Option<Jump> {
+    let one = |(t_s, b, lambda): &(f64, Vector3<f64>, Matrix3<f64>), scale: f64| {
         let fit = fit_dense(
             &DVector::from_column_slice(b.as_slice()),
             &DMatrix::from_column_slice(3, 3, lambda.as_slice()),
@@ -114,10 +115,15 @@ pub fn jump(jumps: &[(Vector3<f64>, Matrix3<f64>)], sigma: f64) -> Option<Jump> 
             &[0.0; 3],
         )?;
         let size = Vector3::from_column_slice(fit.step.as_slice());
-        Some(Jump { evidence: fit.evidence, alone: fit.evidence, at, scale, size })
+        Some(Jump { evidence: fit.evidence, alone: fit.evidence, t_s: *t_s, sigma_s: 0.0, scale, size })
     };
-    let all: Vec<Jump> =
-        (0..jumps.len()).flat_map(|at| SCALES.iter().filter_map(move |s| one(at, *s))).collect();
+    let all: Vec<Jump> = jumps.iter().flat_map(|at| SCALES.iter().filter_map(|s| one(at, *s))).collect();
     let best = *all.iter().max_by(|a, b| a.alone.total_cmp(&b.alone))?;
-    Some(Jump { evidence: log_mean_exp(all.iter().map(|j| j.alone)), ..best })
+    let moment = |power: i32| {
+        all.iter().map(|j| exp(j.alone - best.alone) * (j.t_s - best.t_s).powi(power)).sum::<f64>()
+    };
+    let interval_s = jumps.windows(2).find(|w| w[1].0 == best.t_s).map_or(0.0, |w| w[1].0 - w[0].0);
+    // It happened anywhere between two fixes.
+    let sigma_s = (moment(2) / moment(0) + interval_s * interval_s / 3.0).sqrt();
+    Some(Jump { evidence: log_mean_exp(all.iter().map(|j| j.alone)), sigma_s, ..best })
 }

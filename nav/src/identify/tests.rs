@@ -146,6 +146,12 @@ fn no_jump_of_several_is_held_out() {
     let mut names: Vec<_> = judged.selection.added.iter().map(|a| a.setting.effect.name()).collect();
     names.sort_unstable();
     assert_eq!((names, judged.removed), (vec!["gps_bias_step", "gyro_bias_step"], vec![]));
+    for added in &judged.selection.added {
+        let setting = &added.setting;
+        let true_s = if setting.effect.name() == "gyro_bias_step" { first_s } else { second_s };
+        let (off_s, sigma_s) = (setting.values[0] - true_s, setting.sigmas[0]);
+        assert!((0.02..1.0).contains(&sigma_s) && off_s.abs() < 3.0 * sigma_s, "{off_s} ± {sigma_s} s");
+    }
 }
 
 #[test]

@@ -19,20 +19,23 @@ impl Search<'_> {
         shocks: &[Vec<Shock>],
     ) -> Option<Candidate> {
         let gyro = setting.effect.event() == Some(Event::GyroBias);
-        let (mut times, mut jumps) = (Vec::new(), Vec::new());
+        let mut jumps = Vec::new();
         for (flight, shocks) in self.flights.iter().zip(shocks) {
             let start_s = flight.initial().t_s;
             let within = |s: &&Shock| {
                 let elapsed_s = s.t_s - start_s;
                 elapsed_s > self.settings.options.settle_s && elapsed_s < flight.duration_s() - MARGIN_S
             };
-            times.extend(shocks.iter().filter(within).map(|s| s.t_s));
-            jumps.extend(shocks.iter().filter(within).map(|s| if gyro { s.gyro } else { s.fix }));
+            jumps.extend(shocks.iter().filter(within).map(|s| {
+                let (score, information) = if gyro { s.gyro } else { s.fix };
+                (s.t_s, score, information)
+            }));
         }
         let own = prior_sigmas(setting.effect);
         let best = evidence::jump(&jumps, own[1])?;
         let mut found = setting.clone();
-        found.values = vec![*times.get(best.at)?, best.size.x, best.size.y, best.size.z];
+        found.values = vec![best.t_s, best.size.x, best.size.y, best.size.z];
+        found.sigmas[0] = best.sigma_s;
         let width = own[1] * best.scale;
         let prior =
             found.values.iter().zip(&own).map(|(v, s)| if *s > 0.0 { (0.0, width) } else { (*v, 0.0) });
