@@ -79,12 +79,12 @@ impl<'a> Linear<'a> {
         let linear = lacking.iter().filter(|s| select::is_linear(s.effect)).cloned();
         let effects = point.added.iter().map(|a| a.setting.clone()).chain(linear).collect();
         let watched = Watched { effects, ..Watched::default() };
-        let runs = search.run_through(point, &watched, None, Some(BLOCK_S));
+        let runs = search.run_through(point, &watched, &[search.walk(&point.added)], Some(BLOCK_S));
         let problems = search.problems(point, &Watched::default());
         let mut all = Information::zeros(watched.slots().len());
         let mut log_likelihood = 0.0;
         let mut blocks = Vec::new();
-        for run in runs {
+        for run in runs.into_iter().flatten() {
             log_likelihood += run.log_likelihood[0];
             run.blocks.iter().for_each(|b| all.add(b));
             all.imitated += &run.information[0].imitated;

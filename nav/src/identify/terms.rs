@@ -157,8 +157,8 @@ struct Watching<'a> {
     search: Search<'a>,
     point: Point,
     watched: Watched,
-    /// Another random walk of the biases than the model's.
-    walk: Option<BiasWalk>,
+    /// The random walk of the biases.
+    walk: BiasWalk,
 }
 
 impl<'a> Watching<'a> {
@@ -174,7 +174,8 @@ impl<'a> Watching<'a> {
             effects: point.added.iter().map(|a| a.setting.clone()).collect(),
             terms: all().iter().map(|(channel, r)| Term { channel: *channel, regressor: r.value }).collect(),
         };
-        Self { search, point, watched, walk: None }
+        let walk = search.walk(&point.added);
+        Self { search, point, watched, walk }
     }
 
     /// The same with other data counting.
@@ -183,11 +184,11 @@ impl<'a> Watching<'a> {
     }
 
     fn data(&self) -> Data {
-        let runs = self.search.run_through(&self.point, &self.watched, self.walk, None);
+        let runs = self.search.run_through(&self.point, &self.watched, &[self.walk], None);
         let columns = self.watched.slots().len() + self.watched.terms.len();
         let mut parts = [0, 1].map(|_| Information::zeros(columns));
         let mut log_likelihood = 0.0;
-        for run in &runs {
+        for run in runs.iter().flatten() {
             parts.iter_mut().zip(&run.information).for_each(|(sum, own)| sum.add(own));
             log_likelihood += run.log_likelihood[0];
         }
@@ -202,7 +203,7 @@ impl<'a> Watching<'a> {
         let effects = &self.point.added;
         let drifts: Vec<&'static str> =
             effects.iter().map(|a| a.setting.effect).filter(|e| is_drift(*e)).map(|e| e.name()).collect();
-        self.walk = Some(linear::walk(base));
+        self.walk = linear::walk(base);
         (!drifts.is_empty()).then_some(drifts)
     }
 }

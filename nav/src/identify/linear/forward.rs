@@ -11,6 +11,7 @@ use crate::identify::noise::Noise;
 use crate::identify::pass::{Information, Options};
 use crate::linear::interval::{BIASES, DYNAMIC, Interval};
 use crate::math::ln;
+use nalgebra::DVector;
 use pulp::{Simd, WithSimd};
 
 /// Squared normalised innovations of a group count linearly beyond this (Huber's function of the norm).
@@ -284,11 +285,12 @@ impl Problem {
     pub fn run(&self, noise: &Noise, options: &Options) -> Run {
         let mut run = self.go(self.walk, noise, options, Keep::Nothing, self.columns).0;
         let noisy = self.columns > 0 && self.epochs().any(|e| e.driven.is_known());
-        run.imitated(noisy.then(|| {
+        let imitated = noisy.then(|| {
             let mut parts = Imitation::of_parts(self, noise, options, self.columns);
             parts.iter_mut().for_each(|part| self.epochs().for_each(|epoch| part.take(epoch, noise)));
-            parts
-        }));
+            parts.map(Imitation::end)
+        });
+        run.imitated(imitated.as_ref());
         run
     }
 
@@ -340,9 +342,9 @@ impl Problem {
 
 impl Run {
     /// Takes in what noise of the samples can make of the scores of both parts.
-    pub(super) fn imitated(&mut self, imitations: Option<[Imitation; 2]>) {
-        for (information, imitation) in self.information.iter_mut().zip(imitations.into_iter().flatten()) {
-            information.imitated = imitation.end();
+    pub(super) fn imitated(&mut self, imitated: Option<&[DVector<f64>; 2]>) {
+        for (information, imitated) in self.information.iter_mut().zip(imitated.into_iter().flatten()) {
+            information.imitated.clone_from(imitated);
         }
     }
 

@@ -128,34 +128,33 @@ impl Problem {
     }
 
     /// Runs the filter over a flight while it is linearised, piece by piece: nothing of it is kept, however much is watched. With
-    /// score and information of each block of `block_s` by itself where that is asked for, and another random walk of the biases than
-    /// the model's.
+    /// score and information of each block of `block_s` by itself where that is asked for, once for each random walk of the biases.
     pub fn run_through(
         about: &About<'_>,
-        random_walk: Option<BiasWalk>,
-        noise: &Noise,
-        options: &Options,
+        walks: &[BiasWalk],
+        (noise, options): (&Noise, &Options),
         block_s: Option<f64>,
         workers: &dyn Workers,
-    ) -> Run {
+    ) -> Vec<Run> {
         let problem = Self::without_fixes(about);
         let keep = block_s.map_or(Keep::Nothing, Keep::Blocks);
-        let walk = random_walk.unwrap_or(problem.walk);
-        let mut runner = Runner::new(&problem, (noise, options), walk, keep, problem.columns);
+        let runner = |walk: &BiasWalk| Runner::new(&problem, (noise, options), *walk, keep, problem.columns);
+        let mut runners: Vec<Runner<'_>> = walks.iter().map(runner).collect();
         let mut imitations = about.flight.is_noisy().then(|| {
             let whole = Self::new(about.flight, about.model, about.reference, &Watched::default(), workers);
             Imitation::of_parts(&whole, noise, options, problem.columns)
         });
         for first in (0..about.reference.knots.len()).step_by(PIECES * PASSING) {
             let pieces = map(workers, PIECES, |k| about.linearised(first + k * PASSING, PASSING));
-            pieces.iter().for_each(|epochs| runner.go(epochs));
+            runners.iter_mut().for_each(|runner| pieces.iter().for_each(|epochs| runner.go(epochs)));
             for imitation in imitations.iter_mut().flatten() {
                 pieces.iter().flatten().for_each(|epoch| imitation.take(epoch, noise));
             }
         }
-        let mut run = runner.end().0;
-        run.imitated(imitations);
-        run
+        let imitated = imitations.map(|parts| parts.map(Imitation::end));
+        let mut runs: Vec<Run> = runners.into_iter().map(|runner| runner.end().0).collect();
+        runs.iter_mut().for_each(|run| run.imitated(imitated.as_ref()));
+        runs
     }
 
     /// Times of validity of the fixes, s.

@@ -304,7 +304,8 @@ fn noise_of_the_samples_is_no_scale_factor() {
         let reference = Reference::find(&flight, &model, &noise, &Serial);
         let run = Problem::new(&flight, &model, &reference, &watched, &Serial).run(&noise, &options);
         let about = About::new(&flight, &model, &reference, &watched);
-        let through = Problem::run_through(&about, None, &noise, &options, None, &Serial);
+        let through =
+            Problem::run_through(&about, &[walk(&model)], (&noise, &options), None, &Serial).remove(0);
         let own = &run.information[0];
         assert!((&own.imitated - &through.information[0].imitated).amax() < 1e-6 * own.imitated.amax());
         for k in 0..3 {

@@ -3,7 +3,7 @@
 use super::super::flight::Flight;
 use super::super::linear::forward::Run;
 use super::super::linear::reference::Reference;
-use super::super::linear::{About, Problem};
+use super::super::linear::{self, About, Problem};
 use super::super::noise::{self, Claims, Fitted, Limits, Metric, Noise, NoiseEntry};
 use super::super::pass::{Information, Options};
 use super::super::{Workers, map};
@@ -148,20 +148,29 @@ impl<'a> Search<'a> {
         (Arc::new(references), problems)
     }
 
-    /// Log-likelihood and information at a point of however many watched parameters: the flights are linearised on the way and not kept.
+    /// The random walk of the biases with these effects.
+    pub(in crate::identify) fn walk(&self, added: &[Added]) -> BiasWalk {
+        linear::walk(&self.model(added))
+    }
+
+    /// Log-likelihood and information at a point of however many watched parameters, for each of some random walks of the biases the runs
+    /// of all flights: these are linearised on the way and not kept.
     pub(in crate::identify) fn run_through(
         &self,
         point: &Point,
         watched: &Watched,
-        walk: Option<BiasWalk>,
+        walks: &[BiasWalk],
         block_s: Option<f64>,
-    ) -> Vec<Run> {
+    ) -> Vec<Vec<Run>> {
         let (model, options) = (self.model(&point.added), &self.settings.options);
-        map(self.workers, self.flights.len(), |k| {
+        let each = map(self.workers, self.flights.len(), |k| {
             let reference = point.references[k].with(self.flights[k], &model);
             let about = About::new(self.flights[k], &model, &reference, watched);
-            Problem::run_through(&about, walk, &point.noise, options, block_s, self.workers)
-        })
+            Problem::run_through(&about, walks, (&point.noise, options), block_s, self.workers)
+        });
+        let mut of_walks: Vec<Vec<Run>> = walks.iter().map(|_| Vec::new()).collect();
+        each.into_iter().flatten().enumerate().for_each(|(k, run)| of_walks[k % walks.len()].push(run));
+        of_walks
     }
 
     pub(super) fn trajectories(&self, model: &Model, noise: &Noise) -> Vec<Reference> {

@@ -1,8 +1,8 @@
 //! Values: the added effects where they fit best, about trajectories that are straight enough there.
 
 use super::super::evidence;
+use super::super::linear::Problem;
 use super::super::linear::reference::Reference;
-use super::super::linear::{self, Problem};
 use super::super::map;
 use super::super::noise::Noise;
 use super::super::pass::Information;
@@ -67,7 +67,7 @@ impl Search<'_> {
         at: &Point,
         mut problems: Vec<Problem>,
     ) -> (Point, Vec<Problem>) {
-        let walk = linear::walk(&self.model(added));
+        let walk = self.walk(added);
         problems.iter_mut().for_each(|p| p.set_walk(walk));
         let at = Linearised { added: added.to_vec(), references: at.references.clone(), problems };
         self.straighten(self.climb(at, noise, STEPS), noise, STEPS)
