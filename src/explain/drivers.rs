@@ -55,7 +55,7 @@ pub(super) fn plots(judged: &Judged, residuals: &[FlightResiduals], flights: &[&
         alone[best] = 1.0;
         let (target, shown) = (definition.target, definition.target.unit());
         let name = setting.parameters().nth(best)?.0;
-        let axis = target.axes().iter().position(|a| *a == name)?;
+        let axis = definition.axes().iter().position(|a| *a == name)?;
         // Channels are three of each target, in its order.
         let channel = axis + 3 * target as usize;
         let gathered = |of: fn(&FlightResiduals) -> &Vec<Point>| {

@@ -92,7 +92,8 @@ const OPERATING: [(Channel, f64, Row); 9] = [
     (Channel::Airspeed, 2.0, ("airspeed*throttle", 5.0, BOTH)),
 ];
 /// Of fixes, on the position and on the velocity: what the catalogue covers (a delay, an antenna off the unit, a receiver that smooths) is left to it.
-const FIXES: [(&str, f64, [bool; 2]); 11] = [
+const FIXES: [(&str, f64, [bool; 2]); 12] = [
+    ("heading", 1.0, BOTH),
     ("sin(heading)", 0.7, BOTH),
     ("cos(heading)", 0.7, BOTH),
     ("sin(2*heading)", 0.7, BOTH),
@@ -115,7 +116,7 @@ const OUTPUT_VARIES: f64 = 0.05;
 const OUTPUT_TYPICAL: f64 = 0.3;
 
 /// Formulas that flights may have at most, sensors and fixes: what a formula pays for being one of so many.
-const COUNT: f64 = 167.0;
+const COUNT: f64 = 169.0;
 
 /// Of the effects that flights miss, one in so many is outside the catalogue. Without this price a formula that imitates a name (`w_y*f_z` in flight at
 /// 1 g a scale factor) took its place on one of four flights.
@@ -149,7 +150,9 @@ pub fn typical(driver: &Expression) -> f64 {
 pub fn cause(target: Target, driver: &Expression) -> &'static str {
     let has = |part: &str| driver.text().contains(part);
     if target.is_of_fix() {
-        return if has("heading") {
+        return if driver.text() == "heading" {
+            "a place of the antenna that is corrected twice, or in the position or the velocity alone, or reflections that turn with the vehicle"
+        } else if has("heading") {
             "reflections that turn with the vehicle, an antenna whose pattern is not even, or a map of another datum or grid"
         } else if has("current") || has("throttle") {
             "interference of motors or speed controllers with the receiver"

@@ -12,6 +12,7 @@ mod target;
 
 use super::linear::Sensor;
 use super::{Effect, FixEffect, FixInstant, ImuEffect, Instant, ParameterGroup, REGISTRY, Shape, Unit};
+use crate::math::{cos, sin};
 use expression::{Dimension, Expression, ExpressionError};
 pub use file::{check, is_one, load, written};
 use nalgebra::{Matrix3, Vector3};
@@ -76,6 +77,8 @@ pub struct DataEffect {
     cells: Vec<(usize, Option<Expression>)>,
     /// Whether one driver is that of all axes.
     uniform: bool,
+    /// Whether its axes turn with the vehicle ([`Definition::turns`]).
+    turns: bool,
 }
 
 /// So many effects at most: each lives as long as the program.
@@ -95,13 +98,6 @@ pub fn find(name: &str) -> Option<&'static dyn Effect> {
         return Some(effect);
     }
     define(Definition::of_formula(name)?).ok()
-}
-
-/// The effects that files defined, in their order; formulas are not among them.
-pub fn of_files() -> Vec<&'static dyn Effect> {
-    let all = DEFINED.read().unwrap_or_else(PoisonError::into_inner);
-    let own = all.iter().filter(|e| !e.definition.name.starts_with(FORMULA));
-    own.map(|e| *e as &'static dyn Effect).collect()
 }
 
 /// The definition of an effect that is data.
@@ -148,6 +144,18 @@ pub fn define(definition: Definition) -> Result<&'static dyn Effect, DefinitionE
 }
 
 impl Definition {
+    /// Whether its coefficients are ahead of the vehicle, right of it and down, turned to north and east by the heading: a fix driven by `heading` itself.
+    /// An angle that jumps at ±180° drives nothing.
+    pub fn turns(&self) -> bool {
+        let heading = |d: &Option<Expression>| d.as_ref().is_some_and(|d| d.text() == "heading");
+        self.target.is_of_fix() && self.drivers.iter().all(heading)
+    }
+
+    /// Its axes.
+    pub fn axes(&self) -> &'static [&'static str; 3] {
+        if self.turns() { &["ahead", "right", "down"] } else { self.target.axes() }
+    }
+
     /// Of a name like `formula:gyro~w_x*|w_x|`.
     pub fn of_formula(name: &str) -> Option<Self> {
         let (target, driver) = name.strip_prefix(FORMULA)?.split_once('~')?;
@@ -156,7 +164,11 @@ impl Definition {
         Some(Self {
             name: name.to_owned(),
             target,
-            description: format!("{} {driver}, in a way that is not in the catalogue", target.goes_with()),
+            description: if target.is_of_fix() && driver.text() == "heading" {
+                format!("the {} of fixes is off in axes that turn with the vehicle", target.name())
+            } else {
+                format!("{} {driver}, in a way that is not in the catalogue", target.goes_with())
+            },
             cause: grammar::cause(target, &driver).to_owned(),
             remedy: "confirm it on a second flight (gaware effects confirm), find the coupling, and keep it in the model until then"
                 .to_owned(),
@@ -243,14 +255,15 @@ impl DataEffect {
             _ => definition.drivers.iter().cloned().enumerate().collect(),
         };
         let shape = if cells.len() == 1 { Shape::Scalar } else { Shape::Vector };
-        let all = definition.target.axes();
+        let all = definition.axes();
         let names: &'static [&'static str] = match cells[..] {
             [(axis, _)] => &all[axis..=axis],
             _ => all,
         };
         let uniform = cells.iter().all(|c| c.1 == cells[0].1);
         let groups = Box::leak(Box::new([ParameterGroup { unit, shape, names, prior_sigma }]));
-        Ok(Self { groups, cells, uniform, definition: Box::leak(Box::new(definition)) })
+        let turns = definition.turns();
+        Ok(Self { groups, cells, uniform, turns, definition: Box::leak(Box::new(definition)) })
     }
 
     fn driver(&self, of: fn(&Expression) -> bool) -> bool {
@@ -260,9 +273,9 @@ impl DataEffect {
     fn added(&self, to: Target, p: &[f64], x: &Instant) -> Vector3<f64> {
         let mut out = Vector3::zeros();
         if to == self.definition.target {
-            for ((axis, driver), p) in self.cells.iter().zip(p) {
-                out[*axis] += p * driver.as_ref().map_or(0.0, |d| known(d.value(x)));
-            }
+            let mut columns = [Vector3::zeros(); 3];
+            self.fill(&mut columns, x);
+            columns.iter().zip(p).for_each(|(column, p)| out += column * *p);
         }
         out
     }
@@ -337,6 +350,13 @@ impl DataEffect {
     /// ∂/∂p of what is added to its target, a column a parameter.
     fn fill(&self, columns: &mut [Vector3<f64>], x: &Instant) {
         let of = |driver: &Option<Expression>| driver.as_ref().map_or(0.0, |d| known(d.value(x)));
+        if self.turns {
+            let heading = of(&self.definition.drivers[0]);
+            let (s, c) = (sin(heading), cos(heading));
+            let turned = [Vector3::new(c, s, 0.0), Vector3::new(-s, c, 0.0), Vector3::z()];
+            columns.iter_mut().zip(turned).for_each(|(column, turned)| *column = turned);
+            return;
+        }
         let shared = self.uniform.then(|| self.cells.first().map_or(0.0, |c| of(&c.1)));
         for (column, (axis, driver)) in columns.iter_mut().zip(&self.cells) {
             column[*axis] = shared.unwrap_or_else(|| of(driver));

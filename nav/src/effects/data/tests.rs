@@ -1,7 +1,7 @@
 //! Effects as data: what they add, what is refused, what is written.
 
 use super::*;
-use crate::effects::testing::instant;
+use crate::effects::testing::{fix_instant, instant};
 use crate::effects::{Conditions, find as find_any, unit};
 use crate::operating::{Channel, Operating};
 
@@ -114,7 +114,6 @@ fn a_file_defines_effects_and_is_read_again_as_it_was_written() {
     assert!((effect.gyro(&[2.0], &with_current(3.0)) - Vector3::new(0.0, 0.0, 18.0)).norm() < 1e-12);
     let again = written([definition("esc_heat").unwrap()]);
     assert!(std::ptr::addr_eq(load(&again).unwrap()[0], effect), "{again}");
-    assert!(of_files().iter().any(|e| e.name() == "esc_heat"));
 }
 
 #[test]
@@ -155,4 +154,30 @@ fn every_formula_of_the_grammar_is_an_effect_of_a_sensible_prior() {
             assert!(!effect.description().is_empty() && effect.name() == name);
         }
     }
+}
+
+#[test]
+fn an_offset_that_turns_with_the_vehicle_is_ahead_of_it_by_its_heading() {
+    let effect = find_any("formula:position~heading").unwrap();
+    assert_eq!(effect.groups()[0].names, ["ahead", "right", "down"]);
+    let at = |heading_rad: f64| {
+        let mut x = fix_instant();
+        x.conditions.heading_rad = heading_rad;
+        effect.on_fixes().unwrap().fix(&[2.0, 1.0, 0.5], &x)
+    };
+    let [north, east] = [at(0.0), at(std::f64::consts::FRAC_PI_2)];
+    assert!((north[0] - Vector3::new(2.0, 1.0, 0.5)).norm() < 1e-12, "{north:?}");
+    assert!((east[0] - Vector3::new(-1.0, 2.0, 0.5)).norm() < 1e-12, "{east:?}");
+    assert_eq!(east[1], Vector3::zeros());
+    let (mut position, mut velocity) = ([Vector3::zeros(); 3], [Vector3::zeros(); 3]);
+    let mut x = fix_instant();
+    x.conditions.heading_rad = 2.0;
+    effect.on_fixes().unwrap().fix_jacobian(&[0.0; 3], &x, &mut position, &mut velocity);
+    for k in 0..3 {
+        let mut p = [0.0; 3];
+        p[k] = 1.0;
+        assert_eq!(position[k], effect.on_fixes().unwrap().fix(&p, &x)[0]);
+    }
+    // A sensor has no such axes.
+    assert_eq!(find_any("formula:gyro~heading").unwrap().groups()[0].names, ["x", "y", "z"]);
 }

@@ -6,7 +6,7 @@
 
 use super::super::map;
 use super::settle::{loss, watching};
-use super::{Added, Candidate, Point, Search, Step, is_jump};
+use super::{Added, Candidate, Point, Search, Step, is_jump, lacking};
 
 /// A flight is not gone through more often than this for each effect that may be added.
 const ROUNDS: usize = 2;
@@ -185,8 +185,9 @@ impl Search<'_> {
     /// Judges by these data what others proposed: each effect is compared with its rivals, and what has less evidence than
     /// the threshold beside the others goes.
     pub(super) fn confirm(&self, proposed: Chosen) -> Chosen {
-        let mut names = proposed.names();
         let mut chosen = Chosen { point: self.fitted(&proposed.point, &proposed.point), ..proposed };
+        self.meet_rivals(&mut chosen);
+        let mut names = chosen.names();
         let least = self.settings.threshold;
         let mut splits = MOST_SPLIT;
         // Where the block of a jump was held out, the fit part knows its instant to within the block.
@@ -211,6 +212,25 @@ impl Search<'_> {
             } else {
                 splits -= 1;
                 names.extend(chosen.names());
+            }
+        }
+    }
+
+    /// Adds to the candidates of each effect those that come near it at a glance in its place, now that the others are in. A rival that needs another of them
+    /// at another value was far behind when neither was there: of fixes that are late and lie ahead of the vehicle, two delays were named.
+    fn meet_rivals(&self, chosen: &mut Chosen) {
+        let lacking = lacking(&self.base, self.flights, &chosen.point.added, self.looks_for());
+        let glance = self.glance_at(&chosen.point, &lacking);
+        for (k, found) in chosen.found.iter_mut().enumerate() {
+            let Some((own, all)) = glance.instead_of(self.given.len() + k) else { continue };
+            for rival in all.into_iter().filter(|c| c.evidence > own - RIVAL.max(CLEAR_SHARE * own)) {
+                let name = rival.setting.effect.name();
+                // By as much as it is behind here.
+                let evidence = found.step.evidence + rival.evidence - own;
+                match found.step.candidates.iter_mut().find(|c| c.0 == name) {
+                    Some(known) => known.1 = known.1.max(evidence),
+                    None => found.step.candidates.push((name, evidence)),
+                }
             }
         }
     }
@@ -247,8 +267,14 @@ mod tests {
     use super::super::super::{Serial, tests::fly};
     use super::super::Settings;
     use super::*;
-    use crate::effects::{AccelBiasDrift, GYRO_MISALIGNMENT, GYRO_SCALE_FACTOR, GpsLatency};
+    use crate::earth::Geodetic;
+    use crate::effects::{
+        AccelBiasDrift, Effect, GYRO_MISALIGNMENT, GYRO_SCALE_FACTOR, GpsLatency, GpsVelocityLatency, data,
+    };
+    use crate::math::{cos, sin};
     use crate::model::{EffectSetting, Model};
+    use crate::sample::Sample;
+    use nalgebra::Vector3;
 
     /// A flight whose fixes are 120 ms old.
     fn late(base: &Model) -> Flight {
@@ -412,5 +438,46 @@ mod tests {
         let values: Vec<_> = confirmed.point.added.iter().map(|a| a.setting.values[0]).collect();
         assert!(values.len() == 1 && (values[0] - 0.12).abs() < 0.01, "{values:?}");
         assert_eq!(confirmed.gone, ["accel_bias_drift"]);
+    }
+
+    /// Fixes 0.12 s late whose position lies 1.8 m ahead of the vehicle: two delays together come near, and once both are named neither the formula
+    /// nor a greater delay alone is as likely.
+    #[test]
+    fn a_rival_that_needs_another_value_of_another_effect_is_met_in_the_end() {
+        let base = Model::default();
+        let mut truth = base.clone();
+        truth.set(EffectSetting::known(&GpsLatency, &[0.12]).unwrap());
+        let (mut samples, mut yaw) = (fly(&truth, 5), 0.0);
+        for sample in &mut samples {
+            match sample {
+                Sample::Attitude(hint) => yaw = hint.roll_pitch_yaw[2],
+                Sample::Fix(fix) => {
+                    let ahead = fix.position.c_en() * Vector3::new(1.8 * cos(yaw), 1.8 * sin(yaw), 0.0);
+                    fix.position = Geodetic::from_ecef(&(fix.position.to_ecef() + ahead));
+                }
+                _ => {}
+            }
+        }
+        let flight = Flight::prepare(&samples, &base).unwrap();
+        let flights = [&flight];
+        let (mut search, measured) = searching(&flights, &base);
+        let ahead = data::find("formula:position~heading").unwrap();
+        search.settings.beside = search.settings.beside.and(&[ahead]);
+        let mut from = search.start(&measured);
+        let delays: [(&dyn Effect, f64); 2] = [(&GpsVelocityLatency, 0.09), (&GpsLatency, 0.03)];
+        for (effect, value) in delays {
+            let effect = crate::effects::find(effect.name()).unwrap();
+            let setting = EffectSetting { values: vec![value], ..EffectSetting::unknown(effect) };
+            from.added.push(Added { prior: vec![(0.0, 0.1)], setting });
+        }
+        let found = delays.map(|(effect, _)| proposed(effect.name())).to_vec();
+        let point = search.fitted(&from, &from);
+        let mut two = Chosen { found, point, gone: Vec::new(), remaining: Vec::new() };
+        two.found[0].step.evidence = 500.0;
+        assert!(two.found[0].is_clear());
+        search.meet_rivals(&mut two);
+        let candidates = &two.found[0].step.candidates;
+        assert!(candidates.iter().any(|c| c.0 == ahead.name() && c.1 > 250.0), "{candidates:?}");
+        assert!(!two.found[0].is_clear() && two.names().contains(&ahead.name()), "{candidates:?}");
     }
 }
