@@ -48,7 +48,7 @@ fn screen(
             .filter(|e| point.added.iter().all(|a| a.setting.effect.name() != e.name()))
             .map(|e| nothing(*e))
             .collect();
-        let glance = search.glance_at(point, &lacking);
+        let glance = search.glance_unmasked_at(point, &lacking);
         beside.extend(glance.beside().into_iter().filter(|c| c.evidence > bar));
         for (k, found) in places.clone().zip(&mut instead) {
             let Some((own, all)) = glance.instead_of(k) else { continue };

@@ -62,12 +62,12 @@ impl Crossings {
     }
 }
 
-/// Steps of a stream that rounds though its message stands for truncation, where all samples are there.
+/// How a stream is to be read whose samples, all of them there, contradict its message.
 pub(crate) fn contradicted(stream: &ImuStream, samples: &[ImuSample], model: &Model) -> Option<Quantisation> {
     let mut crossings = Crossings::of(stream, model);
-    samples.iter().for_each(|s| {
-        crossings.push(s);
-    });
+    for sample in samples {
+        crossings.push(sample);
+    }
     crossings.rounds.then(|| crossings.quantisation())
 }
 

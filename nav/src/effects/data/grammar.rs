@@ -150,7 +150,7 @@ pub fn typical(driver: &Expression) -> f64 {
 pub fn cause(target: Target, driver: &Expression) -> &'static str {
     let has = |part: &str| driver.text().contains(part);
     if target.is_of_fix() {
-        return if driver.text() == "heading" {
+        return if target.turns_with(driver) {
             "a place of the antenna that is corrected twice, or in the position or the velocity alone, or reflections that turn with the vehicle"
         } else if has("heading") {
             "reflections that turn with the vehicle, an antenna whose pattern is not even, or a map of another datum or grid"

@@ -144,11 +144,9 @@ pub fn define(definition: Definition) -> Result<&'static dyn Effect, DefinitionE
 }
 
 impl Definition {
-    /// Whether its coefficients are ahead of the vehicle, right of it and down, turned to north and east by the heading: a fix driven by `heading` itself.
-    /// An angle that jumps at ±180° drives nothing.
+    /// Whether its coefficients are ahead of the vehicle, right of it and down, turned to north and east by the heading.
     pub fn turns(&self) -> bool {
-        let heading = |d: &Option<Expression>| d.as_ref().is_some_and(|d| d.text() == "heading");
-        self.target.is_of_fix() && self.drivers.iter().all(heading)
+        self.drivers.iter().all(|d| d.as_ref().is_some_and(|d| self.target.turns_with(d)))
     }
 
     /// Its axes.
@@ -164,7 +162,7 @@ impl Definition {
         Some(Self {
             name: name.to_owned(),
             target,
-            description: if target.is_of_fix() && driver.text() == "heading" {
+            description: if target.turns_with(&driver) {
                 format!("the {} of fixes is off in axes that turn with the vehicle", target.name())
             } else {
                 format!("{} {driver}, in a way that is not in the catalogue", target.goes_with())

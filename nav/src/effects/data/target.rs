@@ -40,6 +40,11 @@ impl Target {
         matches!(self, Self::Position | Self::Velocity)
     }
 
+    /// Whether its axes turn with the vehicle: a fix driven by `heading` itself. An angle that jumps at ±180° drives nothing.
+    pub(super) fn turns_with(self, driver: &Expression) -> bool {
+        self.is_of_fix() && driver.text() == "heading"
+    }
+
     /// What it is printed in.
     pub fn unit(self) -> Unit {
         match self {

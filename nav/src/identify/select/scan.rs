@@ -63,23 +63,33 @@ impl Search<'_> {
 
     /// These linear effects beside those of a point, in no order.
     pub(in crate::identify) fn glance(&self, point: &Point, lacking: &[EffectSetting]) -> Vec<Candidate> {
-        self.glance_at(point, lacking).beside()
+        self.glance_unmasked_at(point, lacking).beside()
     }
 
     /// One run over the flights for these linear effects at a point.
-    pub(in crate::identify) fn glance_at<'p>(
+    pub(super) fn glance_at<'p>(&self, point: &'p Point, lacking: &[EffectSetting]) -> Glance<'p> {
+        self.glance_with(point, lacking, &[self.walk(&point.added)])
+    }
+
+    /// The same beside a part of each drift, too: what is looked at [`Glance::beside`] all of it may be masked.
+    pub(in crate::identify) fn glance_unmasked_at<'p>(
         &self,
         point: &'p Point,
         lacking: &[EffectSetting],
     ) -> Glance<'p> {
+        self.glance_with(point, lacking, &self.walks_at(point))
+    }
+
+    /// One linearisation for some random walks of the biases, that of the point first.
+    fn glance_with<'p>(&self, point: &'p Point, lacking: &[EffectSetting], walks: &[BiasWalk]) -> Glance<'p> {
         let lacking: Vec<EffectSetting> = lacking.iter().filter(|s| is_linear(s.effect)).cloned().collect();
         let effects = point.added.iter().map(|a| &a.setting).chain(&lacking).cloned().collect();
         let watched = Watched { effects, ..Watched::default() };
-        let runs = self.run_through(point, &watched, &self.walks_at(point), None);
+        let runs = self.run_through(point, &watched, walks, None);
         let mut ways = runs.into_iter().map(|runs| {
             let (log_likelihood, [mut information, _]) = together(runs);
-            let of_unit = self.correlate(&point.added, &watched, &mut information);
-            (log_likelihood + of_unit, information)
+            self.correlate(&point.added, &watched, &mut information);
+            (log_likelihood, information)
         });
         let (log_likelihood, information) =
             ways.next().unwrap_or_else(|| (0.0, Information::zeros(watched.slots().len())));
@@ -429,7 +439,7 @@ mod tests {
         let (_, point) = search.close_looks(&scanned, &start, &start).remove(0);
         let time = data::find("formula:gyro~time").unwrap();
         let lacking = [EffectSetting { sigmas: vec![0.0; 3], ..EffectSetting::unknown(time) }];
-        let glance = search.glance_at(&point, &lacking);
+        let glance = search.glance_unmasked_at(&point, &lacking);
         let seen = glance.beside();
         let beside_a_part = seen[0].evidence;
         let beside_all = Glance { slower: Vec::new(), ..glance }.beside()[0].evidence;

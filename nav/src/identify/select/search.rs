@@ -163,14 +163,13 @@ impl<'a> Search<'a> {
         block_s: Option<f64>,
     ) -> Vec<Vec<Run>> {
         let (model, options) = (self.model(&point.added), &self.settings.options);
-        let each = map(self.workers, self.flights.len(), |k| {
+        let of_flights = map(self.workers, self.flights.len(), |k| {
             let reference = point.references[k].with(self.flights[k], &model);
             let about = About::new(self.flights[k], &model, &reference, watched);
             Problem::run_through(&about, walks, (&point.noise, options), block_s, self.workers)
         });
-        let mut of_walks: Vec<Vec<Run>> = walks.iter().map(|_| Vec::new()).collect();
-        each.into_iter().flatten().enumerate().for_each(|(k, run)| of_walks[k % walks.len()].push(run));
-        of_walks
+        let mut of_flights: Vec<_> = of_flights.into_iter().map(Vec::into_iter).collect();
+        walks.iter().map(|_| of_flights.iter_mut().filter_map(Iterator::next).collect()).collect()
     }
 
     pub(super) fn trajectories(&self, model: &Model, noise: &Noise) -> Vec<Reference> {
