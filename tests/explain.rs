@@ -275,7 +275,7 @@ fn an_interrupted_explanation_says_so_and_leaves_nothing() {
     let out = folder.file("out");
     let log = concat!(env!("CARGO_MANIFEST_DIR"), "/tests/data/small_clean_dither.tlog");
     let explained = Gaware::start(&["explain", log, "--out", &out]);
-    explained.line_with("step 2 of 5");
+    explained.line_with("step 2 of 4");
     explained.signal("-INT");
     explained.line_with("interrupted: no report was written");
     assert_eq!(explained.ended().code(), Some(130));

@@ -157,7 +157,7 @@ fn whole(flight: &Flight, prior: &Model, mut model: Model, noise: &Noise) -> Opt
     for _ in 0..MOST_TURNS {
         let effects = model.effects.iter().zip(&prior.effects);
         let effects = effects.map(|(m, p)| EffectSetting { sigmas: p.sigmas.clone(), ..m.clone() });
-        let watched = Watched { effects: effects.collect(), ..Watched::default() };
+        let watched = Watched { effects: effects.collect() };
         let reference = Reference::find(flight, &model, noise, &Serial);
         let problem = Problem::new(flight, &model, &reference, &watched, &Serial);
         let run = problem.run(noise, &Options { settle_s: 0.0, ..Options::default() }.all());

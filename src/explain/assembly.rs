@@ -5,14 +5,14 @@ use super::contract::{
     Negligible, NotFound, Regime, Term, Verdict, Where,
 };
 use super::{FlightResiduals, advice, consequence, words};
-use gaware_nav::effects::Shape;
+use gaware_nav::effects::{Shape, data};
 use gaware_nav::identify::judge::{DRIFT_S, Judged, ResidualMeasure};
 use gaware_nav::identify::limits::NotFound as NavNotFound;
 use gaware_nav::identify::noise::NoiseEntry;
 use gaware_nav::identify::residual::{self as map, Point};
 use gaware_nav::identify::select::Added;
 use gaware_nav::identify::size::Size;
-use gaware_nav::identify::{survey, terms, whereabouts};
+use gaware_nav::identify::{survey, whereabouts};
 use gaware_nav::model::{EffectSetting, Model};
 use serde_json::{Map, Value, json};
 use std::collections::BTreeMap;
@@ -208,13 +208,13 @@ fn verdict(
     effects: &[EffectEntry],
     added: &[&Added],
     residual: &ModelResidual,
-    terms: &[terms::Found],
+    left_over: &[EffectSetting],
     noise: &[NoiseEntry],
 ) -> Verdict {
     let shown = added.iter().all(|a| a.setting.effect.needs_neighbours());
     let shrinks = shown || residual.held_out.after < residual.held_out.before;
     // What no model explains comes first: several candidates for one of its effects do not make the values of the others right.
-    if !terms.is_empty() || added.iter().any(|a| a.is_at_limit()) || noise.iter().any(|n| !n.plausible) {
+    if !left_over.is_empty() || added.iter().any(|a| a.is_at_limit()) || noise.iter().any(|n| !n.plausible) {
         Verdict::Unexplained
     } else if effects.iter().any(|e| e.names.len() > 1) {
         Verdict::Ambiguous
@@ -227,12 +227,33 @@ fn verdict(
     }
 }
 
+/// An axis is listed where its coefficient is so many sigmas, or the greatest of the formula.
+const SIGMAS_OF_TERM: f64 = 3.0;
+
+/// A formula that was left over, axis by axis.
+fn terms(setting: &EffectSetting) -> Vec<Term> {
+    let Some(definition) = data::definition(setting.effect.name()) else { return Vec::new() };
+    let Some(driver) = definition.drivers.iter().flatten().next() else { return Vec::new() };
+    let values = || setting.values.iter().zip(&setting.sigmas);
+    let sigmas = |(value, sigma): (&f64, &f64)| (value / sigma).abs();
+    let least = values().map(sigmas).fold(0.0, f64::max).min(SIGMAS_OF_TERM);
+    let axes = definition.axes().iter().zip(values()).filter(|(_, v)| sigmas(*v) >= least);
+    let term = |(axis, (coefficient, sigma)): (&&str, (&f64, &f64))| Term {
+        channel: format!("{}_{axis}", definition.target.name()),
+        term: driver.text(),
+        coefficient: *coefficient,
+        sigma: *sigma,
+        unit: data::si_unit(definition),
+    };
+    axes.map(term).collect()
+}
+
 /// The contract of a judged selection.
 pub fn explanation(
     judged: &Judged,
     sizes: &[Size],
     residuals: &[FlightResiduals],
-    found: Vec<terms::Found>,
+    left_over: &[EffectSetting],
     not_found: Vec<NotFound>,
     events: &[Option<usize>],
 ) -> Explanation {
@@ -242,22 +263,13 @@ pub fn explanation(
     let (residual, noise) = (residual(judged), judged.noise.clone());
     let mut explanation = Explanation {
         schema: "gaware.explanation/1",
-        verdict: verdict(&effects, &added, &residual, &found, &noise),
+        verdict: verdict(&effects, &added, &residual, left_over, &noise),
         effects,
         places: places(residuals),
         regimes: regimes(residuals),
         residual: Some(residual),
         negligible: negligible(judged, sizes),
-        unexplained_terms: found
-            .into_iter()
-            .map(|t| Term {
-                channel: t.channel,
-                term: t.term,
-                coefficient: t.coefficient,
-                sigma: t.sigma,
-                unit: t.unit,
-            })
-            .collect(),
+        unexplained_terms: left_over.iter().flat_map(terms).collect(),
         leave_one_out: judged
             .left_out
             .iter()

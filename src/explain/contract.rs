@@ -176,7 +176,7 @@ pub struct LeaveOneOut {
 #[derive(Debug, Clone, PartialEq, Serialize, JsonSchema)]
 pub struct Term {
     /// `gyro_y`.
-    pub channel: &'static str,
+    pub channel: String,
     /// `f_x*f_z`.
     pub term: &'static str,
     /// Value.
@@ -221,7 +221,7 @@ pub struct Explanation {
     /// Before and after; `null` where too little can be said.
     #[serde(rename = "gap")]
     pub residual: Option<ModelResidual>,
-    /// Terms outside the catalogue.
+    /// Where the search ended because it had enough effects: formulas that would come next, axis by axis.
     pub unexplained_terms: Vec<Term>,
     /// What each effect contributes.
     pub leave_one_out: Vec<LeaveOneOut>,

@@ -2,8 +2,8 @@
 
 use super::*;
 use crate::explain::contract::Verdict;
-use gaware_nav::effects;
 use gaware_nav::effects::unit::{DEG_PER_H_PER_G, PPM};
+use gaware_nav::effects::{self, Effect};
 use gaware_nav::sample::ImuStream;
 use gaware_sitl::sensors::{Flight as Simulated, SensorConfig};
 use gaware_sitl::trajectory::Flown;

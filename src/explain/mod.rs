@@ -28,7 +28,7 @@ use crate::unit::known::KnownUnit;
 use contract::Explanation;
 pub use files::{check, files, write};
 use gaware_nav::earth::Geodetic;
-use gaware_nav::effects::{self, Effect, RECEIVER};
+use gaware_nav::effects::RECEIVER;
 use gaware_nav::identify::beyond;
 use gaware_nav::identify::flight::{Flight, TooLittle};
 use gaware_nav::identify::judge::{self, Judged};
@@ -36,7 +36,6 @@ use gaware_nav::identify::limits::NotFound;
 use gaware_nav::identify::residual::{self, Point};
 use gaware_nav::identify::select::{self, Settings};
 use gaware_nav::identify::size::{Flown, Size};
-use gaware_nav::identify::terms;
 use gaware_nav::model::{EffectSetting, Model};
 use gaware_nav::sample::Sample;
 use std::path::PathBuf;
@@ -122,12 +121,10 @@ pub enum Phase {
     Judging,
     /// Simulating the sensors along the smoothed trajectories.
     Smoothing,
-    /// Looking for terms outside the catalogue.
-    Terms,
 }
 
 /// Number of steps that the progress counts.
-pub const STEPS: usize = 5;
+pub const STEPS: usize = 4;
 
 impl Phase {
     /// Its number among the steps, and in words.
@@ -136,7 +133,6 @@ impl Phase {
             Self::Reading(k) => (1, format!("reading log {}", k + 1)),
             Self::Read(_) | Self::Choosing => (2, "fitting noise, comparing effects".to_owned()),
             Self::Judging => (3, "judging on held-out data".to_owned()),
-            Self::Terms => (4, "testing terms outside the catalogue".to_owned()),
             Self::Smoothing => (STEPS, "simulating the sensors along the smoothed trajectory".to_owned()),
         }
     }
@@ -148,7 +144,6 @@ impl Phase {
         let share = match self {
             Self::Reading(_) | Self::Read(_) | Self::Choosing => return String::new(),
             Self::Judging => 0.8,
-            Self::Terms => 1.0,
             Self::Smoothing => 0.7,
         };
         format!(", at most about {:.0} s left", (share * last.as_secs_f64()).max(1.0).ceil())
@@ -343,23 +338,12 @@ fn flights_of(
     progress(Phase::Judging);
     let selection = beyond::select(&good, &base, selection, settings, &workers);
     let mut judged = judge::judge(&good, &judging, selection, settings, &workers);
-    progress(Phase::Terms);
-    let remaining = terms::find(&good, &judging, &judged.selection, settings, &workers);
+    let mut left_over = beyond::left_over(&good, &judged, settings, &workers);
     progress(Phase::Smoothing);
-    let mut residuals = smoothed(&good, &judged, settings, &workers);
-    let mut found = remaining.terms;
-    let mut flown = flown_as(&good, &judged, &residuals);
-    found.retain(|term| !flown.is_negligible(term));
-    let imitations = imitations(&remaining.replaced, &found, &judged);
-    if !imitations.is_empty() {
-        let mut removed = std::mem::take(&mut judged.removed);
-        removed.extend(imitations.iter().filter_map(|name| effects::find(name)).map(Effect::name));
-        judged = judge::judge(&good, &judging, judged.selection.without(&imitations), settings, &workers);
-        judged.removed.extend(removed);
-        residuals = smoothed(&good, &judged, settings, &workers);
-        flown = flown_as(&good, &judged, &residuals);
-    }
+    let residuals = smoothed(&good, &judged, settings, &workers);
+    let flown = flown_as(&good, &judged, &residuals);
     let size = |setting: &EffectSetting| flown.size(setting, &judged.selection.base);
+    left_over.retain(|setting| !size(setting).negligible);
     let own: Vec<Size> = judged.selection.added.iter().map(|a| size(&a.setting)).collect();
     let not_found = only_tested(&judged, &own);
     let likely = |n: &NotFound| n.evidence > settings.threshold && !size(&n.setting).negligible;
@@ -367,7 +351,7 @@ fn flights_of(
     let events = to_own_time(&mut judged, &good);
     let listed = assembly::not_found(&not_found, &likely);
     let drivers = drivers::plots(&judged, &residuals, &good);
-    let mut explanation = assembly::explanation(&judged, &own, &residuals, found, listed, &events);
+    let mut explanation = assembly::explanation(&judged, &own, &residuals, &left_over, listed, &events);
     let unfit = Unfit::of(&good);
     let notes = words::notes(&good, unfit);
     notes.iter().for_each(|note| explanation.summary.push_str(&format!(" {note}")));
@@ -432,15 +416,6 @@ fn only_tested(judged: &Judged, sizes: &[Size]) -> Vec<NotFound> {
     let named: Vec<&str> = named.flat_map(|(step, _)| step.group.iter().copied()).collect();
     let told = |name: &str| named.contains(&name) || judged.removed.contains(&name);
     judged.survey.not_found.iter().filter(|n| !told(n.setting.effect.name())).cloned().collect()
-}
-
-/// Effects of the selection that had only imitated the terms that were found.
-fn imitations<'a>(replaced: &[&'a str], terms: &[terms::Found], judged: &Judged) -> Vec<&'a str> {
-    if terms.is_empty() {
-        return Vec::new();
-    }
-    let added = |name: &&str| judged.selection.added.iter().any(|a| a.setting.effect.name() == *name);
-    replaced.iter().copied().filter(added).filter(|name| *name != RECEIVER.name()).collect()
 }
 
 /// Seconds between two flights on the common line of time.

@@ -1,6 +1,6 @@
 use super::*;
 use crate::outputs::Outputs;
-use gaware_nav::effects;
+use gaware_nav::effects::{self, Effect};
 use gaware_nav::identify::linear::Problem;
 use gaware_nav::identify::linear::reference::Reference;
 use gaware_nav::identify::noise::Noise;

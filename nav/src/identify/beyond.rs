@@ -8,7 +8,8 @@
 //! ([`Effect::prior_cost`]).
 
 use super::flight::Flight;
-use super::select::{self, Added, Candidate, Point, Search, Selection, Settings};
+use super::judge::Judged;
+use super::select::{self, Added, Candidate, Glance, Point, Search, Selection, Settings};
 use super::size::Flown;
 use super::{Workers, judge, residual};
 use crate::effects::data::grammar;
@@ -25,6 +26,8 @@ const TRIED: usize = 5;
 const BEHIND: f64 = 12.0;
 /// … or by this share of its evidence.
 const BEHIND_SHARE: f64 = 0.2;
+/// So many that a search leaves over are looked at: the more, the less each says.
+const LEFT_OVER: usize = 3;
 /// A formula with this evidence beside all that was named is tried, nats: below the threshold for a name, since a glance does not fit the noise.
 const WORTH: f64 = 1.0;
 
@@ -43,12 +46,7 @@ fn screen(
     let mut beside: Vec<Candidate> = Vec::new();
     let mut instead: Vec<Vec<Candidate>> = vec![Vec::new(); places.len()];
     for some in formulas.chunks(AT_ONCE) {
-        let lacking: Vec<EffectSetting> = some
-            .iter()
-            .filter(|e| point.added.iter().all(|a| a.setting.effect.name() != e.name()))
-            .map(|e| nothing(*e))
-            .collect();
-        let glance = search.glance_unmasked_at(point, &lacking);
+        let glance = glance(search, point, some);
         beside.extend(glance.beside().into_iter().filter(|c| c.evidence > bar));
         for (k, found) in places.clone().zip(&mut instead) {
             let Some((own, all)) = glance.instead_of(k) else { continue };
@@ -66,6 +64,13 @@ fn screen(
         }
     }
     out
+}
+
+/// One look at those of the formulas that a point lacks.
+fn glance<'p>(search: &Search<'_>, point: &'p Point, formulas: &[&'static dyn Effect]) -> Glance<'p> {
+    let lacks = |e: &&&'static dyn Effect| point.added.iter().all(|a| a.setting.effect.name() != e.name());
+    let lacking: Vec<EffectSetting> = formulas.iter().filter(lacks).map(|e| nothing(*e)).collect();
+    search.glance_unmasked_at(point, &lacking)
 }
 
 /// The evidence from which a formula may still win against an effect that has this one at a glance, nats.
@@ -170,6 +175,30 @@ pub fn select(
     }
     let (_, point) = over_all(flights, &found, &settings, workers);
     if worth(flights, &point, &found) > catalogue_worth - GREEDY { found } else { catalogue }
+}
+
+/// Formulas that would come next where a search ended because it had enough effects: those that are likely beside all it found, best first. Where it ended
+/// because nothing was likely any more there is none: whatever was has been looked at closely, and is named or refuted.
+pub fn left_over(
+    flights: &[&Flight],
+    judged: &Judged,
+    settings: &Settings,
+    workers: &dyn Workers,
+) -> Vec<EffectSetting> {
+    let selection = &judged.selection;
+    let (search, point) = over_all(flights, selection, settings, workers);
+    if !search.are_enough(selection.added.len() + judged.removed.len(), &point.noise) {
+        return Vec::new();
+    }
+    let mut likely: Vec<Candidate> = grammar::formulas(flights)
+        .chunks(AT_ONCE)
+        .flat_map(|some| glance(&search, &point, some).beside())
+        .filter(|c| c.evidence > settings.threshold)
+        .collect();
+    likely.sort_by(|a, b| b.evidence.total_cmp(&a.evidence));
+    likely.truncate(LEFT_OVER);
+    let looks = search.close_looks(&likely, &point, &point).into_iter();
+    looks.filter(|l| l.0.evidence > settings.threshold).map(|l| l.0.setting).collect()
 }
 
 /// What a flight says of one effect of a model.

@@ -141,8 +141,7 @@ impl Evaluated {
     /// Size of the held-out blocks as a share of the fit part, by the information that either (the argument) has on what sets this model apart from another
     /// without effect number `k`. `None` for an effect that has no values.
     fn share(&self, [fit, held_out]: &[Information; 2], other: &Self, k: usize) -> Option<f64> {
-        let watched =
-            Watched { effects: self.all.iter().map(|a| a.setting.clone()).collect(), ..Watched::default() };
+        let watched = Watched { effects: self.all.iter().map(|a| a.setting.clone()).collect() };
         let slots = watched.slots();
         slots.iter().any(|(effect, _)| *effect == k).then_some(())?;
         let apart = |&(effect, parameter): &(usize, usize)| {

@@ -33,7 +33,6 @@ pub mod size;
 mod stationary;
 mod stretch;
 pub mod survey;
-pub mod terms;
 pub mod watched;
 pub mod whereabouts;
 

@@ -6,7 +6,6 @@
 
 use super::flight::Flight;
 use super::residual::Motion;
-use super::terms;
 use crate::effects::{Conditions, Instant, data};
 use crate::model::{EffectSetting, Model};
 use nalgebra::Vector3;
@@ -122,17 +121,6 @@ impl Flown {
             longest_s: flights.iter().map(|f| f.duration_s()).fold(0.0, f64::max),
             too_good: nis_per_dof < TOO_GOOD,
         }
-    }
-
-    /// Whether a term outside the catalogue is no more than what the model leaves out.
-    pub fn is_negligible(&self, term: &terms::Found) -> bool {
-        let mut spread = Spread::default();
-        for (x, _) in &self.fixes {
-            let value = terms::value(term.term, x).unwrap_or_default();
-            spread.take(&Vector3::new(term.coefficient * value, 0.0, 0.0));
-        }
-        let floor = if term.channel.starts_with("gyro") { GYRO } else { ACCEL };
-        self.too_good && spread.rms() < floor
     }
 
     /// What an effect adds to what a model has of it already.

@@ -78,7 +78,7 @@ impl<'a> Linear<'a> {
         let lacking = select::lacking(search.base(), search.flights, &point.added, search.looks_for());
         let linear = lacking.iter().filter(|s| select::is_linear(s.effect)).cloned();
         let effects = point.added.iter().map(|a| a.setting.clone()).chain(linear).collect();
-        let watched = Watched { effects, ..Watched::default() };
+        let watched = Watched { effects };
         let runs = search.run_through(point, &watched, &[search.walk(&point.added)], Some(BLOCK_S));
         let problems = search.problems(point, &Watched::default());
         let mut all = Information::zeros(watched.slots().len());

@@ -112,6 +112,16 @@ pub fn added(name: &str, p: &[f64], x: &Instant) -> Option<(Target, Vector3<f64>
     Some((effect.definition.target, effect.added(effect.definition.target, p, x)))
 }
 
+/// Unit in SI of the coefficients of an effect that is data.
+pub fn si_unit(definition: &Definition) -> String {
+    let dimension = definition.drivers.iter().flatten().next().map(Expression::dimension);
+    let base = definition.target.si_unit();
+    match dimension.map(|d| per(d).0).filter(|per| !per.is_empty()) {
+        Some(per) => format!("{base}/{}", per.replace("²)", "2)").replace('²', "^2").replace('·', "*")),
+        None => base.to_owned(),
+    }
+}
+
 /// Makes an effect of a definition.
 ///
 /// # Errors

@@ -55,6 +55,16 @@ impl Target {
         }
     }
 
+    /// Its unit in SI.
+    pub fn si_unit(self) -> &'static str {
+        match self {
+            Self::Gyro => "rad/s",
+            Self::Accel => "m/s2",
+            Self::Position => "m",
+            Self::Velocity => "m/s",
+        }
+    }
+
     /// Its axes.
     pub fn axes(self) -> &'static [&'static str; 3] {
         if self.is_of_fix() { &["north", "east", "down"] } else { &["x", "y", "z"] }

@@ -56,7 +56,7 @@ impl Settled {
 
     fn about(flight: &Flight, base: &Model, model: &Model, noise: Noise, workers: &dyn Workers) -> Self {
         let reference = Reference::find(flight, model, &noise, workers);
-        let watched = Watched { effects: model.effects.clone(), ..Watched::default() };
+        let watched = Watched { effects: model.effects.clone() };
         let problem = Problem::new(flight, model, &reference, &watched, workers);
         let prior = slots(model).into_iter().map(|(e, p)| {
             let (own, now) = (&base.effects[e], &model.effects[e]);
@@ -68,5 +68,5 @@ impl Settled {
 }
 
 fn slots(model: &Model) -> Vec<(usize, usize)> {
-    Watched { effects: model.effects.clone(), ..Watched::default() }.slots()
+    Watched { effects: model.effects.clone() }.slots()
 }

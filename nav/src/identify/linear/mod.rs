@@ -97,7 +97,7 @@ pub struct Problem {
 }
 
 impl Problem {
-    /// Linearises a flight. Watched are the states of `watched.effects` and the terms; jumps need no columns.
+    /// Linearises a flight. Watched are the states of `watched.effects`; jumps need no columns.
     pub fn new(
         flight: &Flight,
         model: &Model,
@@ -119,7 +119,7 @@ impl Problem {
         let (start, start_covariance) = reference.prior(flight, model);
         Self {
             pieces: Vec::new(),
-            columns: watched.slots().len() + watched.terms.len(),
+            columns: watched.slots().len(),
             start,
             start_covariance: Box::new(start_covariance),
             walk: walk(model),

@@ -75,7 +75,7 @@ fn both_uses_of_the_linear_model_agree_about_the_constants() {
             setting.values.clone_from(values);
             setting.sigmas.fill(0.0);
         }
-        let watched = Watched { effects: model.effects.clone(), ..Watched::default() };
+        let watched = Watched { effects: model.effects.clone() };
         let reference = Reference::find(&flight, &model, &noise, &Serial);
         let problem = Problem::new(&flight, &model, &reference, &watched, &Serial);
         let run = problem.run(&noise, &Options { settle_s: 0.0, ..Options::default() }.all());
@@ -154,7 +154,7 @@ fn the_score_is_the_slope_of_the_likelihood() {
         .filter(|e| !e.name().ends_with("temperature"))
         .map(|e| EffectSetting { sigmas: vec![0.0; e.len()], ..EffectSetting::unknown(*e) })
         .collect();
-    let watched = Watched { effects: linear.clone(), ..Watched::default() };
+    let watched = Watched { effects: linear.clone() };
     let noise = noise();
     let reference = Reference::find(&flight, &model, &noise, &Serial);
     let problem = Problem::new(&flight, &model, &reference, &watched, &Serial);
@@ -200,7 +200,7 @@ fn shocks_are_jumps() {
     for (name, k) in [("gps_bias_step", 150), ("gyro_bias_step", 222)] {
         let t_s = shocks[k].t_s;
         let step = EffectSetting::known(find(name).unwrap(), &[t_s, 0.0, 0.0, 0.0]).unwrap();
-        let watched = Watched { effects: vec![step], ..Watched::default() };
+        let watched = Watched { effects: vec![step] };
         let run = Problem::new(&flight, &model, &reference, &watched, &Serial).run(&noise, &options);
         let (score, matrix) = if name == "gps_bias_step" { shocks[k].fix } else { shocks[k].gyro };
         let information = &run.information[0];
@@ -296,7 +296,7 @@ fn noise_of_the_samples_is_no_scale_factor() {
     let noise = Noise { gyro: 0.006, accel: 0.5, ..noise() };
     let options = Options::default().all();
     let scale = EffectSetting::unknown(&effects::ACCEL_SCALE_FACTOR);
-    let watched = Watched { effects: vec![scale], ..Watched::default() };
+    let watched = Watched { effects: vec![scale] };
     let (mut raw, mut allowed) = (0.0, 0.0);
     for seed in 1..=6 {
         let flight = Flight::prepare(&fly(&model, seed), &model).unwrap();
@@ -382,7 +382,7 @@ fn a_scale_factor_that_shrinks_the_noise_of_a_rest_is_no_likelier() {
     });
     assert!((with - without).abs() < 1.0, "{} nats", with - without);
     let scale = EffectSetting::unknown(&effects::GYRO_SCALE_FACTOR);
-    let watched = Watched { effects: vec![scale], ..Watched::default() };
+    let watched = Watched { effects: vec![scale] };
     let run = Problem::new(&flight, &model, &reference, &watched, &Serial).run(&noise, &options);
     let information = &run.information[0];
     let z = (information.score[2], information.matrix[(2, 2)]);

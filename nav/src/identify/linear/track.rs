@@ -76,8 +76,11 @@ impl<'a> Track<'a> {
                 .iter()
                 .chain(&watched.effects)
                 .any(|s| s.effect.needs_surroundings()),
-            needs_conditions: !watched.terms.is_empty()
-                || model.effects.iter().chain(&watched.effects).any(|s| s.effect.needs_conditions()),
+            needs_conditions: model
+                .effects
+                .iter()
+                .chain(&watched.effects)
+                .any(|s| s.effect.needs_conditions()),
             from: Here::default(),
             to: Here::default(),
         };

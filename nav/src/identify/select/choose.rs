@@ -5,6 +5,7 @@
 //! more, with all the others in.
 
 use super::super::map;
+use super::super::noise::Noise;
 use super::settle::{loss, watching};
 use super::{Added, Candidate, Point, Search, Step, is_jump, lacking};
 
@@ -87,10 +88,7 @@ impl Search<'_> {
     /// The same after a choice.
     fn choose_after(&self, mut chosen: Chosen, threshold: f64) -> Chosen {
         for _ in 0..ROUNDS * self.settings.most_effects {
-            let implausible = self.claims.is_implausible(&chosen.point.noise);
-            let most =
-                self.settings.most_effects.min(if implausible { MOST_BESIDE_NOISE } else { usize::MAX });
-            if chosen.found.len() >= most {
+            if self.are_enough(chosen.found.len(), &chosen.point.noise) {
                 break;
             }
             let looks = self.look(&chosen.point, None, &mut chosen.remaining);
@@ -104,6 +102,12 @@ impl Search<'_> {
             while self.take_out(&mut chosen, 1, threshold - GRACE) {}
         }
         chosen
+    }
+
+    /// Whether so many effects beside this noise are enough, whatever is likely beside them.
+    pub(in crate::identify) fn are_enough(&self, effects: usize, noise: &Noise) -> bool {
+        effects >= self.settings.most_effects
+            || effects >= MOST_BESIDE_NOISE && self.claims.is_implausible(noise)
     }
 
     /// Every candidate (of these names) at a glance, the best of them closely; best first.
@@ -263,7 +267,6 @@ impl Search<'_> {
 #[cfg(test)]
 mod tests {
     use super::super::super::flight::Flight;
-    use super::super::super::noise::Noise;
     use super::super::super::{Serial, tests::fly};
     use super::super::Settings;
     use super::*;

@@ -78,7 +78,7 @@ mod tests {
             ],
             unmeasured_si: vec![3e-3; 4],
         };
-        let watched = Watched { effects: vec![setting], ..Watched::default() };
+        let watched = Watched { effects: vec![setting] };
         let mut information = Information::zeros(3);
         (information.matrix[(0, 0)], information.score[0]) = (1e10, 2e6);
         let flight = information.clone();
@@ -107,7 +107,7 @@ mod tests {
             covariance_si: vec![vec![1e-8, 9e-9], vec![9e-9, 1e-8]],
             unmeasured_si: vec![3e-3; 2],
         };
-        let watched = Watched { effects: vec![setting], ..Watched::default() };
+        let watched = Watched { effects: vec![setting] };
         let mut information = Information::zeros(3);
         assert_eq!(correlate(Some(&joint), &added, &watched, &mut information), 0.0);
         assert_eq!(information, Information::zeros(3));

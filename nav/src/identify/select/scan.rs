@@ -84,7 +84,7 @@ impl Search<'_> {
     fn glance_with<'p>(&self, point: &'p Point, lacking: &[EffectSetting], walks: &[BiasWalk]) -> Glance<'p> {
         let lacking: Vec<EffectSetting> = lacking.iter().filter(|s| is_linear(s.effect)).cloned().collect();
         let effects = point.added.iter().map(|a| &a.setting).chain(&lacking).cloned().collect();
-        let watched = Watched { effects, ..Watched::default() };
+        let watched = Watched { effects };
         let runs = self.run_through(point, &watched, walks, None);
         let mut ways = runs.into_iter().map(|runs| {
             let (log_likelihood, [mut information, _]) = together(runs);

@@ -41,7 +41,7 @@ struct Linearised {
 
 /// These effects as what is watched.
 pub(super) fn watching(added: &[Added]) -> Watched {
-    Watched { effects: added.iter().map(|a| a.setting.clone()).collect(), ..Watched::default() }
+    Watched { effects: added.iter().map(|a| a.setting.clone()).collect() }
 }
 
 impl Search<'_> {
