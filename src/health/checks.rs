@@ -3,7 +3,9 @@
 //! Thresholds are those that the autopilots' own documentation and log viewers use; each cites its source.
 
 use super::logger::{LOSSY, Losses};
+use super::rows::{Row, rows};
 use super::{HealthLog, Series, in_spans};
+use crate::advice::on_board::OnBoard;
 use crate::logs::Level;
 use crate::logs::filter::Channel;
 use schemars::JsonSchema;
@@ -49,29 +51,17 @@ pub struct Check {
 }
 
 /// One finding of a part.
-type Finding = (Grade, Option<f64>, String);
+pub(super) type Finding = (Grade, Option<f64>, String);
 
 /// A test ratio above 1 is a rejected measurement; so long in a row, s, it is worth a look, and so long the filter has lost it. Flight
 /// Review's diagnostics warn at 2 s and call 5 s critical.
 const REJECTED_S: [f64; 2] = [2.0, 5.0];
-/// Test ratios further apart are not a row, s.
-const RATIO_SPACING_S: f64 = 1.5;
 /// ArduPilot, "Measuring Vibration": below 30 m/s² is fine, above 60 nearly always a problem.
 const VIBRATION_ARDUPILOT: [f64; 2] = [30.0, 60.0];
 /// PX4 Flight Review, "Vibration Metrics": above 4.905 m/s² is a warning, above 9.81 critical.
 const VIBRATION_PX4: [f64; 2] = [4.905, 9.81];
 /// ArduPilot, "Measuring Vibration": more than 100 samples at the end of the range in a flight are serious.
 const CLIPPED: f64 = 100.0;
-/// A cell of a lithium battery under load, V: low and empty.
-const CELL_V: [f64; 2] = [3.5, 3.3];
-/// A full cell, V.
-const FULL_CELL_V: f64 = 4.25;
-/// Less than this is no battery that is measured, V.
-const NO_BATTERY_V: f64 = 2.5;
-/// Share of the battery that is left.
-const REMAINING: [f64; 2] = [0.2, 0.1];
-/// ArduPilot, "Power supply": the board's supply must stay above 4.3 V and vary by less than 0.15 V.
-const SUPPLY_V: [f64; 2] = [4.6, 4.3];
 /// Satellites and dilution as GPS_HDOP_GOOD (1.4) and both firmwares' pre-arm checks (6 satellites) have them.
 const SATELLITES: [f64; 2] = [8.0, 6.0];
 const HDOP: [f64; 2] = [1.4, 2.5];
@@ -85,26 +75,35 @@ const LOST: [f64; 2] = [0.0, LOSSY];
 const TEXTS: usize = 6;
 
 /// The judgement of every part.
-pub fn checks(log: &HealthLog, px4: bool) -> Vec<Check> {
-    let flown = log.flown();
-    let in_flight = |t: f64| in_spans(&flown, t);
-    let j = Judge { log, px4, in_flight: &in_flight };
-    vec![
+///
+/// Of a log that says that the vehicle was never armed all of it is judged, and nothing is worse than worth a look: no flight ended by it.
+pub fn checks(log: &HealthLog, px4: bool, board: &OnBoard) -> Vec<Check> {
+    let (flown, armed) = (log.flown(), log.armed().or_else(|| log.flown()));
+    let no_flight = log.is_of_no_flight();
+    let in_flight = |t: f64| no_flight || in_spans(&flown, t);
+    let armed = |t: f64| in_spans(&armed, t);
+    let j = Judge { log, px4, board, in_flight: &in_flight, armed: &armed };
+    let mut all = vec![
         j.part("autopilot's estimator", j.estimator(), !log.ratios.is_empty()),
         j.part("failsafes", j.failsafes(), !log.modes.is_empty()),
         j.part("GNSS", j.gnss(), !log.receiver.is_empty()),
         j.part("vibration", j.vibration(), !log.vibration.is_empty() || !log.clipped.is_empty()),
         j.part("compass", j.compass(), log.ratios.contains_key(&Channel::HeadingRatio)),
         j.part("battery and supply", j.power(), !log.battery.is_empty()),
-        j.part("motors", j.motors(), !log.stopped.is_empty()),
+        j.part("attitude", log.leans(board, &in_flight), log.has_leans()),
+        j.part("motors", j.motors(), log.has_motors(board)),
         j.part("messages", j.texts(&|text| !is_of_failsafe(text)), !log.texts.is_empty()),
         j.part("logger", j.logger(), log.tells_losses()),
         j.part("end of the log", j.end(), log.armed().is_some()),
-    ]
+    ];
+    if no_flight {
+        all.iter_mut().for_each(|check| check.grade = check.grade.min(Grade::Look));
+    }
+    all
 }
 
 /// The verdict: what is bad first, by time, then what to look at.
-pub fn verdict(checks: &[Check]) -> String {
+pub fn verdict(log: &HealthLog, checks: &[Check]) -> String {
     let mut bad: Vec<&Check> = checks.iter().filter(|c| c.grade == Grade::Bad).collect();
     bad.sort_by(|a, b| a.t_s.unwrap_or(f64::MAX).total_cmp(&b.t_s.unwrap_or(f64::MAX)));
     let look: Vec<&str> = checks.iter().filter(|c| c.grade == Grade::Look).map(|c| c.part).collect();
@@ -112,6 +111,13 @@ pub fn verdict(checks: &[Check]) -> String {
     let at = |c: &Check| c.t_s.map_or_else(String::new, |t| format!(" from {t:.1} s"));
     if known == 0 {
         return "The log says nothing of the vehicle's health.".to_owned();
+    }
+    if log.is_of_no_flight() {
+        let found = match look[..] {
+            [] => format!("Nothing out of the ordinary in {known} checks of a vehicle that does not fly."),
+            _ => format!("Look at {}.", look.join(", ")),
+        };
+        return format!("The vehicle was never armed in this log. {found}");
     }
     let mut text = match bad.first() {
         Some(first) => format!("Bad: {}{}: {}.", first.part, at(first), first.text),
@@ -149,7 +155,9 @@ fn part_of(what: &str) -> &'static str {
 struct Judge<'a> {
     log: &'a HealthLog,
     px4: bool,
+    board: &'a OnBoard,
     in_flight: &'a dyn Fn(f64) -> bool,
+    armed: &'a dyn Fn(f64) -> bool,
 }
 
 impl Judge<'_> {
@@ -171,19 +179,15 @@ impl Judge<'_> {
         series.iter().map(|(t, v)| (self.log.s(*t), *v)).filter(|(t, _)| (self.in_flight)(*t))
     }
 
-    /// Faults that begin in flight.
-    fn faults(&self, of: &dyn Fn(&str) -> bool) -> Vec<Finding> {
+    /// Faults that begin at such times.
+    fn faults(&self, of: &dyn Fn(&str) -> bool, at: &dyn Fn(f64) -> bool) -> Vec<Finding> {
         let mut found = Vec::new();
         for (what, (grave, series)) in self.log.faults.iter().filter(|(what, _)| of(what)) {
             let begun = series.windows(2).filter(|w| !w[0].1 && w[1].1).map(|w| w[1].0);
             // An error report has no state before.
             let first = series.first().filter(|(_, on)| *on && is_event(what)).map(|(t, _)| *t);
-            let starts: Vec<f64> = first
-                .into_iter()
-                .chain(begun)
-                .map(|t| self.log.s(t))
-                .filter(|t| (self.in_flight)(*t))
-                .collect();
+            let starts: Vec<f64> =
+                first.into_iter().chain(begun).map(|t| self.log.s(t)).filter(|t| at(*t)).collect();
             if let Some(start) = starts.first() {
                 let grade = if *grave { Grade::Bad } else { Grade::Look };
                 let times =
@@ -195,7 +199,7 @@ impl Judge<'_> {
     }
 
     fn estimator(&self) -> Vec<Finding> {
-        let mut found = self.faults(&|what| part_of(what) == "estimator");
+        let mut found = self.faults(&|what| part_of(what) == "estimator", self.in_flight);
         for channel in [Channel::VelocityRatio, Channel::PositionRatio, Channel::HeightRatio] {
             found.extend(self.rejected(channel));
         }
@@ -232,23 +236,18 @@ impl Judge<'_> {
     /// Rows of test ratios above 1.
     fn rejected(&self, channel: Channel) -> Option<Finding> {
         let series = self.log.ratios.get(&channel)?;
-        let mut worst: Option<(f64, f64, f64)> = None;
-        let mut row: Option<(f64, f64, f64)> = None;
-        for (t, value) in self.flown(series) {
-            row = match row.filter(|r| value > 1.0 && t - r.1 < RATIO_SPACING_S) {
-                Some((start, _, peak)) => Some((start, t, peak.max(value))),
-                None => (value > 1.0).then_some((t, t, value)),
-            };
-            let length = |r: Option<(f64, f64, f64)>| r.map_or(0.0, |(a, b, _)| b - a);
-            if length(row) > length(worst) {
-                worst = row;
-            }
-        }
-        let (start, end, peak) = worst.filter(|(a, b, _)| b - a >= REJECTED_S[0])?;
+        let mut rows = rows(self.flown(series), 1.0);
+        rows.retain(|row| row.length_s() >= REJECTED_S[0]);
+        let whole: f64 = rows.iter().map(Row::length_s).sum();
+        let peak = rows.iter().map(|row| row.peak).fold(0.0, f64::max);
+        let count = rows.len();
+        let Row { start, end, .. } = rows.into_iter().max_by(|a, b| a.length_s().total_cmp(&b.length_s()))?;
+        let others =
+            if count > 1 { format!(", {count} times in all for {whole:.1} s") } else { String::new() };
         let lost = end - start >= REJECTED_S[1] && channel != Channel::HeadingRatio;
         let grade = if lost { Grade::Bad } else { Grade::Look };
         let text = format!(
-            "{} above 1 for {:.1} s from {start:.1} s (up to {peak:.1}): rejected",
+            "{} above 1 for {:.1} s from {start:.1} s{others} (up to {peak:.1}): rejected",
             channel.words(),
             end - start
         );
@@ -256,13 +255,13 @@ impl Judge<'_> {
     }
 
     fn compass(&self) -> Vec<Finding> {
-        let mut found = self.faults(&|what| part_of(what) == "compass");
+        let mut found = self.faults(&|what| part_of(what) == "compass", self.in_flight);
         found.extend(self.rejected(Channel::HeadingRatio));
         found
     }
 
     fn gnss(&self) -> Vec<Finding> {
-        let mut found = self.faults(&|what| part_of(what) == "GNSS");
+        let mut found = self.faults(&|what| part_of(what) == "GNSS", self.in_flight);
         let all: Vec<_> = self.flown(&self.log.receiver).collect();
         let lost = all.windows(2).find(|w| w[0].1.fix_type >= 3 && w[1].1.fix_type < 3);
         found.extend(lost.map(|w| (Grade::Bad, Some(w[1].0), format!("3-D fix lost at {:.1} s", w[1].0))));
@@ -329,40 +328,13 @@ impl Judge<'_> {
     }
 
     fn power(&self) -> Vec<Finding> {
-        let mut found = self.faults(&|what| part_of(what) == "power");
-        let volts: Vec<(f64, f64, Option<f64>)> =
-            self.flown(&self.log.battery).map(|(t, (v, r))| (t, v, r)).collect();
-        if let Some((t, v, _)) = volts.iter().min_by(|a, b| a.1.total_cmp(&b.1)) {
-            let full = volts.iter().map(|v| v.1).fold(0.0, f64::max);
-            let cells = self.log.cells.unwrap_or_else(|| (full / FULL_CELL_V).ceil().max(1.0));
-            if full < NO_BATTERY_V {
-                let text = format!("the battery is not measured ({v:.2} V): no failsafe can act on it");
-                found.push((Grade::Look, Some(*t), text));
-            } else {
-                let cell = v / cells;
-                let text =
-                    format!("{v:.1} V at least, {cell:.2} V for each of {cells:.0} cells, at {t:.1} s");
-                found.push((graded_below(cell, CELL_V), Some(*t), text));
-            }
-        }
-        let left = volts.iter().filter_map(|v| Some((v.0, v.2?))).min_by(|a, b| a.1.total_cmp(&b.1));
-        if let Some((t, left)) = left.filter(|(_, left)| *left < REMAINING[0] && *left > 0.0) {
-            let text = format!("{:.0} % left at {t:.1} s", 100.0 * left);
-            found.push((graded_below(left, REMAINING), Some(t), text));
-        }
-        let supply = self.flown(&self.log.supply).min_by(|a, b| a.1.total_cmp(&b.1));
-        if let Some((t, volts)) = supply.filter(|s| s.1 < SUPPLY_V[0]) {
-            found.push((
-                graded_below(volts, SUPPLY_V),
-                Some(t),
-                format!("supply of the board {volts:.2} V at {t:.1} s"),
-            ));
-        }
+        let mut found = self.faults(&|what| part_of(what) == "power", self.in_flight);
+        found.extend(self.log.power(self.board, self.in_flight));
         found
     }
 
     fn motors(&self) -> Vec<Finding> {
-        let mut found = self.faults(&|what| part_of(what) == "motors");
+        let mut found = self.faults(&|what| part_of(what) == "motors", self.in_flight);
         let armed = self.log.armed().unwrap_or_default();
         let flying = |t: f64| armed.iter().any(|(a, b)| (*a..b - 0.5).contains(&t)) && (self.in_flight)(t);
         let stop = self.log.stopped.windows(2).filter(|w| !w[0].1 && w[1].1).map(|w| self.log.s(w[1].0));
@@ -371,12 +343,13 @@ impl Judge<'_> {
                 (Grade::Bad, Some(t), format!("all motor outputs fall to zero in flight at {t:.1} s"))
             }),
         );
+        found.extend(self.log.motor_limits(self.board, &flying));
         found
     }
 
     /// What state and texts of the autopilot say of failsafes.
     fn failsafes(&self) -> Vec<Finding> {
-        let mut found = self.faults(&|what| part_of(what) == "failsafes");
+        let mut found = self.faults(&|what| part_of(what) == "failsafes", self.armed);
         found.extend(self.texts(&is_of_failsafe));
         found
     }
@@ -393,7 +366,7 @@ impl Judge<'_> {
                 continue;
             }
             // On the ground a refused arming is how it should be.
-            let grade = if (self.in_flight)(t) { grave(*level) } else { Grade::Ok };
+            let grade = if (self.armed)(t) { grave(*level) } else { Grade::Ok };
             found.push((grade, Some(t), format!("{quoted} at {t:.1} s")));
         }
         found.sort_by_key(|f| std::cmp::Reverse(f.0));
@@ -453,6 +426,6 @@ fn graded_above(value: f64, [look, bad]: [f64; 2]) -> Grade {
     }
 }
 
-fn graded_below(value: f64, limits: [f64; 2]) -> Grade {
+pub(super) fn graded_below(value: f64, limits: [f64; 2]) -> Grade {
     graded_above(-value, limits.map(|l| -l))
 }

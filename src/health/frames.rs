@@ -3,9 +3,11 @@
 use crate::link::frame::Frame;
 use crate::logs::{HealthNote, Level};
 use crate::sensors::gnss::{Receiver, has_fix};
-use crate::sensors::{AUTOPILOT_COMPONENT, modes};
+use crate::sensors::{AUTOPILOT_COMPONENT, modes, operating};
+use gaware_nav::operating::Operating;
 use gaware_nav::sample::GnssFix;
-use mavlink::dialects::ardupilotmega::MavMessage;
+use mavlink::dialects::ardupilotmega::{MavMessage, STATUSTEXT_DATA};
+use nalgebra::{Quaternion, UnitQuaternion};
 
 /// `MAV_MODE_FLAG_SAFETY_ARMED`.
 const ARMED: u8 = 128;
@@ -13,6 +15,14 @@ const ARMED: u8 = 128;
 const FAILSAFE: [u8; 3] = [5, 6, 8];
 /// `MAV_AUTOPILOT_INVALID`.
 const NO_AUTOPILOT: u8 = 8;
+/// `MAV_AUTOPILOT_ARDUPILOTMEGA`.
+const ARDUPILOT: u8 = 3;
+/// `ATTITUDE_TARGET_TYPEMASK_ATTITUDE_IGNORE`.
+const NO_ATTITUDE: u8 = 128;
+/// The lowest severity of ArduPilot before 3.4 (`SEVERITY_LOW`), that of an alert since …
+const OLD_LOW: u8 = 1;
+/// … and texts that are no alert.
+const BANNERS: [&str; 5] = ["Ardu", "APM", "Frame: ", "GROUND START", "Reached Command"];
 /// Bits of `EKF_STATUS_REPORT.flags`: attitude, horizontal velocity.
 const EKF_ATTITUDE: u16 = 1;
 const EKF_VELOCITY: u16 = 2;
@@ -22,6 +32,8 @@ const EKF_VELOCITY: u16 = 2;
 pub(super) struct Frames {
     system: Option<u8>,
     receiver: Receiver,
+    ardupilot: bool,
+    old_severities: bool,
 }
 
 /// What a frame says.
@@ -34,6 +46,12 @@ pub(super) struct Found {
     pub(super) notes: Vec<HealthNote>,
     /// A fix and its stamp, µs.
     pub(super) fix: Option<(Option<u64>, GnssFix)>,
+    /// Roll and pitch, rad.
+    pub(super) lean: Option<[f64; 2]>,
+    /// Outputs.
+    pub(super) outputs: Option<Operating>,
+    /// This text shows that severities are those of firmware before MAVLink had any: all texts so far were misread.
+    pub(super) old_severities: bool,
 }
 
 impl Frames {
@@ -44,9 +62,12 @@ impl Frames {
         }
         found.inertial = matches!(frame.message_id, 26 | 27 | 105);
         found.ours = self.system == Some(frame.system_id);
-        // HEARTBEAT, SYS_STATUS, GPS_RAW_INT, POWER_STATUS, BATTERY_STATUS, EKF_STATUS_REPORT, ESTIMATOR_STATUS, VIBRATION,
-        // EXTENDED_SYS_STATE, STATUSTEXT.
-        if !matches!(frame.message_id, 0 | 1 | 24 | 125 | 147 | 193 | 230 | 241 | 245 | 253) {
+        // HEARTBEAT, SYS_STATUS, GPS_RAW_INT, ATTITUDE, SERVO_OUTPUT_RAW, NAV_CONTROLLER_OUTPUT, ATTITUDE_TARGET, POWER_STATUS, BATTERY_STATUS,
+        // EKF_STATUS_REPORT, ESTIMATOR_STATUS, VIBRATION, EXTENDED_SYS_STATE, STATUSTEXT.
+        if !matches!(
+            frame.message_id,
+            0 | 1 | 24 | 30 | 36 | 62 | 83 | 125 | 147 | 193 | 230 | 241 | 245 | 253
+        ) {
             return found;
         }
         if let Ok(message) = frame.decode() {
@@ -55,11 +76,24 @@ impl Frames {
         found
     }
 
+    fn text(&mut self, m: &STATUSTEXT_DATA, found: &mut Found) {
+        let text = m.text.to_str().map(str::trim).unwrap_or_default().to_owned();
+        if !self.old_severities && m.severity as u8 == OLD_LOW && BANNERS.iter().any(|b| text.starts_with(b))
+        {
+            self.old_severities = true;
+            found.old_severities = true;
+        }
+        let level =
+            if self.old_severities { Level::of_words(&text) } else { Level::of_severity(m.severity as u8) };
+        found.notes.push(HealthNote::Text(level, text));
+    }
+
     fn message(&mut self, system: u8, message: &MavMessage, found: &mut Found) {
         let fault = |what, on, grave| HealthNote::Fault { what, on, grave };
         match message {
             MavMessage::HEARTBEAT(m) if m.autopilot as u8 != NO_AUTOPILOT => {
                 self.system = Some(system);
+                self.ardupilot = m.autopilot as u8 == ARDUPILOT;
                 let base = m.base_mode.bits();
                 let (kind, firmware) = (m.mavtype as u8, m.autopilot as u8);
                 found
@@ -104,10 +138,19 @@ impl Frames {
             MavMessage::EXTENDED_SYS_STATE(m) if m.landed_state as u8 != 0 => {
                 found.notes.push(HealthNote::InAir(m.landed_state as u8 != 1));
             }
-            MavMessage::STATUSTEXT(m) => {
-                let text = m.text.to_str().map(str::trim).unwrap_or_default().to_owned();
-                found.notes.push(HealthNote::Text(Level::of_severity(m.severity as u8), text));
+            MavMessage::ATTITUDE(m) => found.lean = Some([m.roll, m.pitch].map(f64::from)),
+            MavMessage::NAV_CONTROLLER_OUTPUT(m) if self.ardupilot => {
+                let lean = [m.nav_roll, m.nav_pitch].map(|v| f64::from(v).to_radians());
+                found.notes.push(HealthNote::Demanded(lean));
             }
+            MavMessage::ATTITUDE_TARGET(m) if m.type_mask.bits() & NO_ATTITUDE == 0 => {
+                let [w, x, y, z] = m.q.map(f64::from);
+                let rotation = UnitQuaternion::try_new(Quaternion::new(w, x, y, z), 0.5);
+                let lean = rotation.map(|q| q.euler_angles()).map(|(roll, pitch, _)| [roll, pitch]);
+                found.notes.extend(lean.map(HealthNote::Demanded));
+            }
+            MavMessage::SERVO_OUTPUT_RAW(_) => found.outputs = operating::of_message(message),
+            MavMessage::STATUSTEXT(m) => self.text(m, found),
             _ => {}
         }
     }

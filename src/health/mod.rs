@@ -4,14 +4,18 @@
 //! words of the autopilot's users. It knows nothing of this program's own estimate.
 
 pub mod checks;
+mod control;
 mod frames;
 pub mod logger;
+mod power;
+mod rows;
 #[cfg(test)]
 mod tests;
 
 use crate::logs::filter::{self, Channel};
 use crate::logs::{HealthNote, Item, Level, LogNote, Record};
 use crate::timeline::{Measurement, Stamp};
+use control::Control;
 use frames::Frames;
 use gaware_nav::math::{cos, hypot};
 use gaware_nav::sample::{FixVelocity, GnssFix};
@@ -67,6 +71,7 @@ pub struct HealthLog {
     cells: Option<f64>,
     supply: Series<f64>,
     stopped: Series<bool>,
+    control: Control,
     lost: Series<[f64; 2]>,
     pauses: Series<f64>,
     texts: Series<(Level, String)>,
@@ -83,6 +88,10 @@ impl HealthLog {
             Item::Note(LogNote::Health(note)) => self.note(t_us, note),
             Item::Note(LogNote::Filter(values)) => self.values(t_us, values),
             Item::Measurement(Measurement::Imu(..)) => _ = self.start_us.get_or_insert(t_us),
+            Item::Measurement(Measurement::Attitude(_, [roll, pitch, _])) => {
+                self.control.attitude(t_us, [*roll, *pitch]);
+            }
+            Item::Measurement(Measurement::Operating(_, values)) => self.control.outputs(t_us, values),
             Item::Measurement(Measurement::Fix(stamp, fix)) => {
                 self.fix(t_us, stamp.map(Stamp::raw_us), fix);
             }
@@ -93,6 +102,11 @@ impl HealthLog {
                 }
                 found.notes.iter().for_each(|note| self.note(t_us, note));
                 found.fix.iter().for_each(|(measured_us, fix)| self.fix(t_us, *measured_us, fix));
+                found.lean.iter().for_each(|lean| self.control.attitude(t_us, *lean));
+                found.outputs.iter().for_each(|values| self.control.outputs(t_us, values));
+                if found.old_severities {
+                    self.texts.iter_mut().for_each(|(_, (level, text))| *level = Level::of_words(text));
+                }
                 if found.ours {
                     self.values(t_us, &filter::of_frame(frame));
                 }
@@ -140,6 +154,7 @@ impl HealthLog {
                 keep(&mut self.battery, t_us, (*volts, *remaining));
             }
             HealthNote::Supply(volts) => keep(&mut self.supply, t_us, *volts),
+            HealthNote::Demanded(lean) => self.control.demand(t_us, *lean),
             HealthNote::Motors(largest) => change(&mut self.stopped, t_us, *largest == 0.0),
             HealthNote::Lost(lost, kept) => keep(&mut self.lost, t_us, [*lost, *kept]),
             HealthNote::Pause(seconds) => keep(&mut self.pauses, t_us, *seconds),
@@ -197,6 +212,11 @@ impl HealthLog {
     /// Spans in which it flew: off the ground where that is reported, armed otherwise; `None` where the log says neither.
     pub fn flown(&self) -> Option<Vec<(f64, f64)>> {
         self.spans(&self.air).filter(|spans| !spans.is_empty()).or_else(|| self.armed())
+    }
+
+    /// Whether the log says that it was never armed.
+    pub fn is_of_no_flight(&self) -> bool {
+        self.flown().is_some_and(|spans| spans.is_empty())
     }
 
     fn spans(&self, series: &Series<bool>) -> Option<Vec<(f64, f64)>> {

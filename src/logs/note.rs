@@ -107,6 +107,39 @@ impl Level {
             _ => Self::Info,
         }
     }
+
+    /// Of a text of ArduPilot without a severity: what warns is known by its words.
+    pub fn of_words(text: &str) -> Self {
+        let lower = text.to_ascii_lowercase();
+        let has = |words: &[&str]| words.iter().any(|word| lower.contains(word));
+        if lower.starts_with("prearm") || lower.starts_with("arm:") {
+            Self::Warning
+        } else if has(&[
+            "crash",
+            "failsafe",
+            "ekf variance",
+            "lost",
+            "unhealthy",
+            "error",
+            "bad ",
+            "potential thrust",
+        ]) {
+            Self::Error
+        } else if has(&[
+            "fail",
+            "low batt",
+            "glitch",
+            "inconsistent",
+            "reset",
+            "lane switch",
+            "stopped aiding",
+            "clipping",
+        ]) {
+            Self::Warning
+        } else {
+            Self::Info
+        }
+    }
 }
 
 /// A state or event of the vehicle.
@@ -159,6 +192,8 @@ pub enum HealthNote {
     },
     /// Supply of the board, V.
     Supply(f64),
+    /// Roll and pitch that are demanded, rad.
+    Demanded([f64; 2]),
     /// Largest command to a motor: 0 where all are zero.
     Motors(f64),
     /// Entries that the logger has lost and those that it has written, so far.

@@ -53,38 +53,9 @@ pub(super) fn gnss(entry: &Entry) -> Option<HealthNote> {
     })
 }
 
-/// A text. The log has no severities: what warns is known by its words.
+/// A text. The log has no severities.
 pub(super) fn text(text: &str) -> HealthNote {
-    let lower = text.to_ascii_lowercase();
-    let has = |words: &[&str]| words.iter().any(|word| lower.contains(word));
-    let level = if lower.starts_with("prearm") || lower.starts_with("arm:") {
-        Level::Warning
-    } else if has(&[
-        "crash",
-        "failsafe",
-        "ekf variance",
-        "lost",
-        "unhealthy",
-        "error",
-        "bad ",
-        "potential thrust",
-    ]) {
-        Level::Error
-    } else if has(&[
-        "fail",
-        "low batt",
-        "glitch",
-        "inconsistent",
-        "reset",
-        "lane switch",
-        "stopped aiding",
-        "clipping",
-    ]) {
-        Level::Warning
-    } else {
-        Level::Info
-    };
-    HealthNote::Text(level, text.trim().to_owned())
+    HealthNote::Text(Level::of_words(text), text.trim().to_owned())
 }
 
 /// What the logger says of itself: entries that it could not write since the log began (`AP_Logger/LogStructure.h`: `DSF`), of `kept` that it has.
@@ -110,6 +81,12 @@ pub(super) fn notes(entry: &Entry, class: Option<VehicleClass>, flies: bool) -> 
         "POWR" => {
             let volts = of("Vcc").map(|v| if v > 100.0 { v * 1e-3 } else { v });
             volts.filter(|v| *v > 1.0).map(HealthNote::Supply).into_iter().collect()
+        }
+        "ATT" => {
+            // Before 3.2 the demand is named otherwise.
+            let demanded = |label, old| of(label).or(of(old)).map(f64::to_radians);
+            let lean = demanded("DesRoll", "RollIn").zip(demanded("DesPitch", "PitchIn"));
+            lean.map(|(roll, pitch)| HealthNote::Demanded([roll, pitch])).into_iter().collect()
         }
         "UBX1" => {
             let jamming = of("jamInd");

@@ -27,7 +27,12 @@ pub(super) fn fix(fields: &Fields) -> Option<GnssFix> {
 
 /// Roll, pitch, yaw, rad.
 pub(super) fn attitude(fields: &Fields) -> Option<[f64; 3]> {
-    let [w, x, y, z] = [0, 1, 2, 3].map(|k| fields.element("q", k));
+    rotation(fields, "q")
+}
+
+/// Roll, pitch, yaw of a quaternion, rad.
+pub(super) fn rotation(fields: &Fields, name: &str) -> Option<[f64; 3]> {
+    let [w, x, y, z] = [0, 1, 2, 3].map(|k| fields.element(name, k));
     let (roll, pitch, yaw) = UnitQuaternion::try_new(Quaternion::new(w?, x?, y?, z?), 0.5)?.euler_angles();
     Some([roll, pitch, yaw])
 }

@@ -143,6 +143,7 @@ pub(super) fn notes(topic: &str, fields: &Fields, definitions: &Definitions) -> 
             let low = brownout.map(|on| fault("supply: brownout", on, true));
             volts.map(HealthNote::Supply).into_iter().chain(low).collect()
         }
+        "vehicle_attitude_setpoint" => demanded(fields).map(HealthNote::Demanded).into_iter().collect(),
         "actuator_outputs" => motors(fields).into_iter().collect(),
         _ => Vec::new(),
     }
@@ -160,6 +161,12 @@ fn status(fields: &Fields) -> Vec<HealthNote> {
     let detected =
         DETECTED.iter().map(|(bit, what)| HealthNote::Fault { what, on: detected & bit != 0, grave: true });
     armed.into_iter().chain(mode).chain(failsafe).chain(detected).collect()
+}
+
+/// Roll and pitch that are demanded, rad: as a rotation, before 1.10 also as angles.
+fn demanded(fields: &Fields) -> Option<[f64; 2]> {
+    let rotation = super::fields::rotation(fields, "q_d").map(|[roll, pitch, _]| [roll, pitch]);
+    rotation.or_else(|| Some([fields.number("roll_body")?, fields.number("pitch_body")?]))
 }
 
 /// Whether any output is above zero.

@@ -67,7 +67,7 @@ fn health(explained: &Explained, body: &mut String) {
         if explained.health.len() > 1 && !log.is_empty() {
             let _ = write!(body, "<p><small>{}</small></p>", escape(name));
         }
-        super::flight::health_section(log, &checks(log, px4), body);
+        super::flight::health_section(log, &checks(log, px4, &explained.on_board), body);
     }
 }
 

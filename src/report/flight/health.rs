@@ -23,7 +23,7 @@ pub fn section(log: &HealthLog, checks: &[Check], body: &mut String) {
         body,
         "<h2 id=\"health\">Vehicle health</h2><p class=\"verdict grade-{}\">{}</p>",
         class(worst),
-        escape(&verdict(checks))
+        escape(&verdict(log, checks))
     );
     axis(log, checks, body);
     body.push_str("<table class=\"health\"><tr><th>Part</th><th>Grade</th><th class=\"n\">From</th><th>What the log says</th></tr>");

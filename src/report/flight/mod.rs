@@ -141,7 +141,7 @@ pub fn html(
             escape(&air::answer(found)),
         )]));
     }
-    let judged = checks(&origin.beside.health, summary.autopilot == "px4");
+    let judged = checks(&origin.beside.health, summary.autopilot == "px4", &origin.beside.on_board);
     health::section(&origin.beside.health, &judged, &mut body);
     answers::verdict(summary, &mut body);
     first_values(document, &mut body);
