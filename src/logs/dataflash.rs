@@ -24,6 +24,7 @@ mod magnetic;
 mod messages;
 mod notes;
 mod operating;
+pub mod text;
 use messages::Messages;
 
 /// First bytes of a message of this format.

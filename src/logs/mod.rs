@@ -126,7 +126,9 @@ pub enum LogError {
     #[error("there is no imu.csv beside {0}: a table of fixes is read together with the inertial samples")]
     NoImu(PathBuf),
     /// Another format.
-    #[error("{0}: unsupported format; gaware reads .tlog, .bin, .ulg, .mcap, a folder with imu.csv")]
+    #[error(
+        "{0}: unsupported format; gaware reads .tlog, .bin and its text (.log), .ulg, .mcap, a folder with imu.csv"
+    )]
     UnknownFormat(PathBuf),
     /// The format was recognised, and not one entry could be read.
     #[error("no {format} entry could be read in {bytes} bytes: the file is damaged or of another format")]
@@ -149,6 +151,7 @@ enum Format {
     Tlog,
     Mcap,
     Dataflash,
+    DataflashText,
     Ulog,
 }
 
@@ -165,8 +168,8 @@ pub fn open(log: impl Into<Input>) -> Result<Box<dyn LogReader>, LogError> {
     let failed = |source| LogError::Open { path: path.to_owned(), source };
     let mut file = log.open().map_err(failed)?;
     let total = file.total_bytes().map_err(failed)?;
-    let mut head = Vec::with_capacity(16);
-    file.by_ref().take(16).read_to_end(&mut head).map_err(failed)?;
+    let mut head = Vec::with_capacity(dataflash::text::HEAD);
+    file.by_ref().take(dataflash::text::HEAD as u64).read_to_end(&mut head).map_err(failed)?;
     if head.is_empty() {
         return Err(LogError::Empty(path.to_owned()));
     }
@@ -175,10 +178,10 @@ pub fn open(log: impl Into<Input>) -> Result<Box<dyn LogReader>, LogError> {
     match format_of(&head, path) {
         Some(Format::Tlog) => Ok(Box::new(tlog::TlogReader::new(file, total))),
         Some(Format::Mcap) => Ok(Box::new(mcap::McapReader::new(file, total))),
-        Some(Format::Dataflash) => {
-            let best = dataflash::DataflashReader::new(again()?, total).survey()?.best();
-            let best = best.unwrap_or(source::Choice::of(source::Source::IMU));
-            Ok(Box::new(dataflash::DataflashReader::new(file, total).with_source(best)))
+        Some(Format::Dataflash) => dataflash(again()?, file, total),
+        Some(Format::DataflashText) => {
+            let binary = dataflash::text::Transcoder::new;
+            dataflash(binary(again()?), binary(file), total)
         }
         Some(Format::Ulog) => {
             let best = ulog::UlogReader::new(again()?, total).survey()?.best();
@@ -189,6 +192,17 @@ pub fn open(log: impl Into<Input>) -> Result<Box<dyn LogReader>, LogError> {
     }
 }
 
+/// A log of ArduPilot, read for its inertial sources first.
+fn dataflash<R: Read + Send + 'static>(
+    survey: R,
+    source: R,
+    total: u64,
+) -> Result<Box<dyn LogReader>, LogError> {
+    let best = dataflash::DataflashReader::new(survey, total).survey()?.best();
+    let best = best.unwrap_or(source::Choice::of(source::Source::IMU));
+    Ok(Box::new(dataflash::DataflashReader::new(source, total).with_source(best)))
+}
+
 fn format_of(head: &[u8], path: &Path) -> Option<Format> {
     let extension = path.extension().and_then(|e| e.to_str()).map(str::to_ascii_lowercase);
     match head {
@@ -196,6 +210,7 @@ fn format_of(head: &[u8], path: &Path) -> Option<Format> {
         head if head.starts_with(ulog::MAGIC) => Some(Format::Ulog),
         head if head.starts_with(&dataflash::MAGIC) => Some(Format::Dataflash),
         [_, _, _, _, _, _, _, _, 0xFD | 0xFE, ..] => Some(Format::Tlog),
+        head if dataflash::text::is_one(head) => Some(Format::DataflashText),
         _ => match extension.as_deref() {
             Some("tlog") => Some(Format::Tlog),
             _ => None,

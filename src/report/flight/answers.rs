@@ -222,6 +222,13 @@ pub fn whose(compared: Option<&Comparison>, fitted: &[Fitted], log: &FlightLog) 
     let within = |r: &super::attitude::Row| (0..3).all(|k| r.rms_deg[k] <= OWN_SIGMAS * r.sigma_deg[k]);
     let alike = compared.and_then(|c| c.rows.first()).is_some_and(within);
     let Some(t) = worse.worse_than(better).filter(|_| !alike) else {
+        if let Some(wrong) = for_a_while(autopilot, ours) {
+            return format!(
+                "{wrong} Over the whole flight both fit the motion alike ({:.2} and {:.2} m/s² for the autopilot and this estimate).{apart} \
+                 <a href=\"#motion\">All attitudes</a>.",
+                autopilot.misfit, ours.misfit
+            );
+        }
         return format!(
             "Both fit the motion alike ({:.2} and {:.2} m/s² for the autopilot and this estimate): this flight does not decide it.{apart} \
              <a href=\"#motion\">All attitudes</a>.",
@@ -238,6 +245,23 @@ pub fn whose(compared: Option<&Comparison>, fitted: &[Fitted], log: &FlightLog) 
         worse.misfit,
         better.misfit
     )
+}
+
+/// Whose yaw is wrong for a while only, where that is one of the two.
+fn for_a_while(autopilot: &Fitted, ours: &Fitted) -> Option<String> {
+    let (name, stretch) = match (&autopilot.stretch, &ours.stretch) {
+        (Some(stretch), None) => ("The autopilot's", stretch),
+        (None, Some(stretch)) => ("This estimate's", stretch),
+        _ => return None,
+    };
+    Some(format!(
+        "<b>{name} is wrong for a while</b>: its yaw is off by {:.0} ± {:.0}° between {:.0} and {:.0} s, where that of {} fits the motion.",
+        stretch.off_deg,
+        stretch.sigma_deg,
+        stretch.from_s,
+        stretch.to_s,
+        escape(&stretch.against)
+    ))
 }
 
 /// The states that converged, in the order in which they did.

@@ -228,7 +228,12 @@ fn motion_table(fitted: &[motion::Fitted], body: &mut String) {
         let yaw = f
             .yaw_off_deg
             .map_or_else(|| "not shown by this flight".to_owned(), |(v, s)| format!("{v:.1} ± {s:.1}"));
+        let yaw = yaw
+            + &f.stretch.as_ref().map_or_else(String::new, |s| {
+                format!("; {:.0} ± {:.0} from {:.0} to {:.0} s", s.off_deg, s.sigma_deg, s.from_s, s.to_s)
+            });
         let says = match (f.is_worse(), f.t == 0.0) {
+            _ if f.name == logs::TRUTH => "the vehicle itself",
             (true, _) => "worse beyond chance",
             (_, true) => "best",
             _ => "as good as the best",

@@ -5,11 +5,14 @@
 //! estimate, the autopilot's, all lanes of its filters. Each gets its own constant accelerometer bias, so that it counts for none. A vehicle
 //! that hovers and one that flies are judged alike.
 
+mod yaw;
+
 use crate::logs::TRUTH;
 use gaware_nav::rotation::c_nb_from_euler;
 use gaware_nav::sample::FixVelocity;
-use nalgebra::{Matrix3, Matrix4, Vector3, Vector4};
+use nalgebra::{Matrix3, Vector3};
 use std::collections::{BTreeMap, VecDeque};
+pub use yaw::Stretch;
 
 /// Name of the attitude that flies.
 pub const AUTOPILOT: &str = "autopilot";
@@ -33,9 +36,6 @@ const SIGMAS: f64 = 3.0;
 const WORTH: f64 = 1.05;
 /// More attitudes are not judged.
 const MOST_TRACKS: usize = 12;
-/// Prior of an accelerometer bias, m/s² (30 mg), and noise of a change of velocity, m/s.
-const BIAS_SIGMA: f64 = 0.3;
-const NOISE: f64 = 0.3;
 const GRAVITY: f64 = 9.806_65;
 
 /// Integrals since some time: of the turned force, m/s, and of the attitude, s.
@@ -149,6 +149,8 @@ pub struct Fitted {
     pub misfit: f64,
     /// Constant error of its yaw, with sigma, deg; nothing where the flight does not show it.
     pub yaw_off_deg: Option<(f64, f64)>,
+    /// Where its yaw is off for a while, and another one's is not.
+    pub stretch: Option<Stretch>,
     /// Against the best one: difference of squared misfits over its standard error; 0 for the best.
     pub t: f64,
     /// Its misfit over that of the best one.
@@ -219,23 +221,27 @@ impl Motion {
             .iter()
             .filter(|(_, track)| blocks(&track.intervals) >= BLOCKS)
             .map(|(name, track)| {
-                let bias = fit(&track.intervals, 0.0, false).0.xyz();
+                let bias = yaw::bias(&track.intervals);
                 let square = |i: &Interval| (i.t_s, residual(i, &bias, 0.0).norm_squared());
                 let squares: Vec<(f64, f64)> = track.intervals.iter().map(square).collect();
                 let mean = squares.iter().map(|s| s.1).sum::<f64>() / squares.len() as f64;
-                (name, squares, mean.sqrt(), yaw_off(&track.intervals))
+                let windows = yaw::windows(&track.intervals, &bias);
+                (name, squares, mean.sqrt(), yaw::off(&track.intervals), windows)
             })
             .collect();
         let candidates = judged.iter().filter(|j| j.0 != TRUTH);
         let Some(best) = candidates.min_by(|a, b| a.2.total_cmp(&b.2)) else { return Vec::new() };
         let mut all: Vec<Fitted> = judged
             .iter()
-            .map(|(name, squares, misfit, yaw_off_deg)| {
+            .map(|(name, squares, misfit, yaw_off_deg, windows)| {
+                let others = judged.iter().filter(|j| j.0 != *name && j.0 != TRUTH);
+                let others = others.map(|j| (j.0.as_str(), j.4.as_slice()));
                 let (t, blocks) = if *name == best.0 { (0.0, 0) } else { difference(squares, &best.1) };
                 Fitted {
                     name: (*name).clone(),
                     misfit: *misfit,
                     yaw_off_deg: *yaw_off_deg,
+                    stretch: yaw::stretch(windows, others),
                     t,
                     ratio: misfit / best.2.max(1e-9),
                     blocks,
@@ -258,60 +264,6 @@ fn blocks(intervals: &[Interval]) -> usize {
 fn residual(i: &Interval, bias: &Vector3<f64>, yaw: f64) -> Vector3<f64> {
     let r = i.gained - c_nb_from_euler(0.0, 0.0, yaw) * (i.gain.force - i.gain.turn * bias);
     Vector3::new(r.x, r.y, r.z * i.vertical)
-}
-
-/// Accelerometer bias and, where wanted, yaw that fit best, with the inverse of the normal matrix; Gauss-Newton from this yaw.
-fn fit(intervals: &[Interval], yaw: f64, turns: bool) -> (Vector4<f64>, Matrix4<f64>) {
-    let mut x = Vector4::new(0.0, 0.0, 0.0, yaw);
-    let mut inverse = Matrix4::identity();
-    for _ in 0..6 {
-        let prior = Vector4::new(BIAS_SIGMA, BIAS_SIGMA, BIAS_SIGMA, if turns { 10.0 } else { 1e-9 })
-            .map(|s| s.powi(-2));
-        let mut normal = Matrix4::from_diagonal(&prior);
-        let mut right = -prior.component_mul(&(x - Vector4::new(0.0, 0.0, 0.0, yaw)));
-        for i in intervals {
-            let (rows, r) = rows(i, &x);
-            normal += rows.transpose() * rows / (NOISE * NOISE);
-            right += rows.transpose() * r / (NOISE * NOISE);
-        }
-        inverse = normal.try_inverse().unwrap_or_else(Matrix4::zeros);
-        x += inverse * right;
-    }
-    (x, inverse)
-}
-
-/// Derivatives of what the turned force gains, by bias and yaw, and the residual.
-fn rows(i: &Interval, x: &Vector4<f64>) -> (nalgebra::Matrix3x4<f64>, Vector3<f64>) {
-    let turn = c_nb_from_euler(0.0, 0.0, x.w);
-    let gained = turn * (i.gain.force - i.gain.turn * x.xyz());
-    let mut rows = nalgebra::Matrix3x4::zeros();
-    rows.fixed_view_mut::<3, 3>(0, 0).copy_from(&(-turn * i.gain.turn));
-    rows.set_column(3, &Vector3::new(-gained.y, gained.x, 0.0));
-    rows.row_mut(2).scale_mut(i.vertical);
-    (rows, residual(i, &x.xyz(), x.w))
-}
-
-/// The constant error of the yaw, deg, with a sigma from the scatter over blocks (sandwich).
-fn yaw_off(intervals: &[Interval]) -> Option<(f64, f64)> {
-    let cost =
-        |x: &Vector4<f64>| intervals.iter().map(|i| residual(i, &x.xyz(), x.w).norm_squared()).sum::<f64>();
-    let starts = (0..6).map(|k| fit(intervals, f64::from(k) * std::f64::consts::FRAC_PI_3, true));
-    let (x, inverse) = starts.min_by(|a, b| cost(&a.0).total_cmp(&cost(&b.0)))?;
-    let mut scores: Vec<(i64, Vector4<f64>)> = Vec::new();
-    for i in intervals {
-        let (rows, r) = rows(i, &x);
-        let score = rows.transpose() * r / (NOISE * NOISE);
-        let block = (i.t_s / BLOCK_S).floor() as i64;
-        match scores.last_mut().filter(|s| s.0 == block) {
-            Some((_, sum)) => *sum += score,
-            None => scores.push((block, score)),
-        }
-    }
-    let middle: Matrix4<f64> = scores.iter().map(|(_, s)| s * s.transpose()).sum();
-    let sigma = (inverse * middle * inverse)[(3, 3)].max(0.0).sqrt().to_degrees();
-    // What would correct it is the negative of its error.
-    let off = -gaware_nav::rotation::wrap_pi(x.w).to_degrees();
-    (sigma > 0.0 && sigma < 10.0).then_some((off, sigma))
 }
 
 /// Difference of the squared misfits of two attitudes over its standard error, and the number of blocks.
@@ -346,14 +298,20 @@ mod tests {
 
     /// A vehicle that accelerates to and fro for three minutes, with these errors of pitch and yaw of the autopilot and of the yaw of ours, rad.
     fn flown(errors: [f64; 3], acceleration: f64) -> Vec<Fitted> {
-        flown_from(0.0, errors, acceleration)
+        flown_with(&|_| errors, acceleration, 0.0)
     }
 
     /// The same where ours begins so much later, s.
-    fn flown_from(later_s: f64, [pitch, autopilot, ours]: [f64; 3], acceleration: f64) -> Vec<Fitted> {
+    fn flown_from(later_s: f64, errors: [f64; 3], acceleration: f64) -> Vec<Fitted> {
+        flown_with(&|_| errors, acceleration, later_s)
+    }
+
+    /// The same with errors that come and go.
+    fn flown_with(errors: &dyn Fn(f64) -> [f64; 3], acceleration: f64, later_s: f64) -> Vec<Fitted> {
         let (mut motion, mut velocity, dt) = (Motion::default(), Vector3::zeros(), 0.02);
         for k in 0..9000 {
             let t_s = f64::from(k) * dt;
+            let [pitch, autopilot, ours] = errors(t_s);
             let yaw = 3.0 * sin(0.05 * t_s);
             let ahead = acceleration * sin(0.8 * t_s);
             velocity += Vector3::new(cos(yaw), sin(yaw), 0.0) * (ahead * dt);
@@ -420,11 +378,41 @@ mod tests {
         assert_eq!(worse(&motion.fitted()), Some(AUTOPILOT), "hovering is enough");
     }
 
+    /// Ten seconds of three minutes change the mean by little, and the yaw was wrong all the same.
+    #[test]
+    fn a_yaw_that_is_wrong_for_a_while_is_found_with_its_time() {
+        let of = |all: &[Fitted], name: &str| all.iter().find(|f| f.name == name).unwrap().stretch.clone();
+        let wrong = |t: f64| if (60.0..75.0).contains(&t) { 1.5 } else { 0.0 };
+        let all = flown_with(&|t| [0.0, wrong(t), 0.0], 2.0, 0.0);
+        let found = of(&all, AUTOPILOT).unwrap();
+        assert!((found.off_deg - 86.0).abs() < 10.0 && found.against == OURS, "{found:?}");
+        assert!((found.from_s - 60.0).abs() <= 6.0 && (found.to_s - 75.0).abs() <= 6.0, "{found:?}");
+        assert_eq!(of(&all, OURS), None);
+        // Both alike are wrong by the fixes, and 8° are not worth a word.
+        let all = flown_with(&|t| [0.0, wrong(t), wrong(t)], 2.0, 0.0);
+        assert_eq!((of(&all, AUTOPILOT), of(&all, OURS)), (None, None));
+        assert_eq!(of(&flown_with(&|t| [0.0, 0.1 * wrong(t), 0.0], 2.0, 0.0), AUTOPILOT), None);
+        assert_eq!(of(&flown_with(&|t| [0.0, wrong(t), 0.0], 0.01, 0.0), AUTOPILOT), None, "no acceleration");
+    }
+
     #[test]
     fn nothing_is_decided_without_acceleration_or_between_equals() {
         assert_eq!(worse(&flown([0.0, 0.5, 0.5], 2.0)), None);
         let all = flown([0.0, 0.02, 0.0], 0.0);
         assert_eq!(worse(&all), None);
+        // At rest a simulated receiver has no noise, and any yaw fits.
+        let mut motion = Motion::default();
+        for k in 0..9000 {
+            let t_s = f64::from(k) * 0.02;
+            motion.push_force(&Vector3::new(0.0, 0.0, -GRAVITY));
+            if k % 5 == 4 {
+                motion.push_attitude(AUTOPILOT, t_s, [0.0, 0.0, 1.4]);
+            }
+            if k % 10 == 9 {
+                motion.push_fix(t_s, &FixVelocity::Full([1e-9 * sin(f64::from(k)), 0.0, 0.0]));
+            }
+        }
+        assert_eq!(motion.fitted()[0].yaw_off_deg, None);
         assert!(Motion::default().fitted().is_empty());
     }
 }
