@@ -2,6 +2,7 @@
 //! [`crate::mission_link::facts`].
 
 mod fence;
+mod heights;
 mod limits;
 mod vehicle;
 
@@ -129,6 +130,7 @@ pub fn check(facts: &Facts, against: Against<'_>) -> Vec<Row> {
     rows.extend(limits::check(facts, against));
     rows.extend(against.plan.and_then(|plan| vehicle::current_item(facts, plan)));
     rows.extend(fence::check(facts, against));
+    rows.extend(against.plan.into_iter().flat_map(heights::check));
     rows
 }
 

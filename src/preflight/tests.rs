@@ -150,6 +150,50 @@ fn an_item_that_the_firmware_refuses_is_named_before_the_upload() {
     assert!(said.contains("(loiter turns, command 18): ArduPlane refuses NaN in parameter 4"), "{said}");
 }
 
+/// A place of which only one coordinate is written would be sent as one at the equator or in Greenwich.
+#[test]
+fn half_a_place_is_refused_and_none_at_all_is_where_the_vehicle_is() {
+    for autopilot in [Autopilot::ArduPilot, Autopilot::Px4] {
+        let mut plan = plan(autopilot, 1);
+        let facts = if autopilot == Autopilot::Px4 { px4_plane() } else { plane() };
+        let said = |plan: &Contents| complaints(&check(&facts, Against { plan: Some(plan), airframe: None }));
+        let k = plan.mission.items.iter().rposition(|i| i.place().is_some()).expect("a place");
+        plan.mission.items[k].x = i32::MAX;
+        let lost = said(&plan);
+        assert!(lost.contains("STOP") && lost.contains("write a latitude, or no longitude either"), "{lost}");
+        plan.mission.items[k].y = i32::MAX;
+        assert!(!said(&plan).contains("write a l"), "{}", said(&plan));
+    }
+}
+
+#[test]
+fn heights_below_home_and_far_above_it_are_said() {
+    use gaware_mission::item::Frame;
+    let place = plane_plan().mission.items.iter().find_map(|i| i.place()).unwrap();
+    let said = |change: &dyn Fn(&mut Vec<MissionItem>)| {
+        let mut plan = plane_plan();
+        let (lat_e7, lon_e7) = place.to_e7();
+        plan.mission.home = Some(Home { lat_e7, lon_e7, alt_m: 440.0 });
+        change(&mut plan.mission.items);
+        let rows = check(&plane(), Against { plan: Some(&plan), airframe: None });
+        complaints(&rows.into_iter().filter(|r| r.check == "heights").collect::<Vec<_>>())
+    };
+    assert_eq!(said(&|_| ()), "");
+    let waypoint = |z| MissionItem::at(command::NAV_WAYPOINT, [0.0; 4], place, z);
+    let below = said(&|items| items.push(waypoint(-100.0)));
+    assert!(below.starts_with("STOP") && below.contains("100 m below home"), "{below}");
+    assert_eq!(said(&|items| items.push(MissionItem { command: command::NAV_LAND, ..waypoint(-20.0) })), "");
+    let above = said(&|items| items.push(waypoint(5000.0)));
+    assert!(above.starts_with("warn") && above.contains("5000 m above home"), "{above}");
+    let sea_level = |items: &mut Vec<MissionItem>| {
+        items.iter_mut().filter(|i| i.place().is_some()).for_each(|i| i.frame = Frame::GLOBAL);
+    };
+    let mistaken = said(&sea_level);
+    assert!(mistaken.starts_with("STOP") && mistaken.contains("all items lie below home"), "{mistaken}");
+    let one = said(&|items| items.push(MissionItem { frame: Frame::GLOBAL, ..waypoint(400.0) }));
+    assert!(one.starts_with("warn") && one.contains("40 m below home"), "{one}");
+}
+
 #[test]
 fn wrong_set_ups_of_a_plane() {
     let one = |name, change| wrong(name, plane(), plane_plan(), "small_fixed_wing", change);

@@ -262,7 +262,15 @@ fn check_place(
     refused: &dyn Fn(u8, f64, &'static str) -> Result<(), FirmwareRefusal>,
 ) -> Result<(), FirmwareRefusal> {
     const ALTITUDE_MAX_M: f32 = 83_000.0;
-    // Unset is sent as zero, which is where the vehicle is.
+    // Unset is sent as zero, and zero with zero is where the vehicle is; one of them alone would be a place at the equator or in Greenwich.
+    for (parameter, own, other, what) in [
+        (5, item.x, item.y, "write a latitude, or no longitude either"),
+        (6, item.y, item.x, "write a longitude, or no latitude either"),
+    ] {
+        if own == i32::MAX && other != i32::MAX && other != 0 {
+            return refused(parameter, f64::NAN, what);
+        }
+    }
     let degrees = |v: i32| if v == i32::MAX { 0.0 } else { f64::from(v) * 1e-7 };
     if degrees(item.x).abs() > 90.0 {
         return refused(5, degrees(item.x), "a latitude lies within 90 degrees");
