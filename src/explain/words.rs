@@ -193,19 +193,24 @@ fn shrunk(residual: &ModelResidual, effects: usize, text: &mut Vec<String>) {
         let shrink = |c: &ChannelResidual| c.nis.before - c.nis.after;
         shrink(a).total_cmp(&shrink(b))
     });
-    if let Some(c) = most {
+    let shrinks = residual.held_out.after < residual.held_out.before;
+    // Innovations are weighted by what is expected of them: a channel may have larger ones, and fit better.
+    let channel = most.filter(|c| shrinks && c.rms.after < c.rms.before).map_or_else(String::new, |c| {
         let unit = if c.channel.starts_with("velocity") { "m/s" } else { "m" };
-        text.push(format!(
-            "On held-out data, adding {} reduces the innovations of {} from {} to {} {unit} RMS, and the NIS per degree of \
-             freedom from {} to {} (1 is expected).",
-            if effects == 1 { "it" } else { "them" },
+        format!(
+            "the innovations of {} from {} to {} {unit} RMS, and ",
             c.channel.replace('_', " "),
             number(c.rms.before),
             number(c.rms.after),
-            number(residual.held_out.before),
-            number(residual.held_out.after),
-        ));
-    }
+        )
+    });
+    text.push(format!(
+        "On held-out data, adding {} {} {channel}the NIS per degree of freedom from {} to {} (1 is expected).",
+        if effects == 1 { "it" } else { "them" },
+        if shrinks { "reduces" } else { "does not reduce" },
+        number(residual.held_out.before),
+        number(residual.held_out.after),
+    ));
     if let Some(d) = residual.drift_m.get("30_s") {
         text.push(format!(
             "Without fixes the position drifts {} m in 30 s with the new model ({} m before).",

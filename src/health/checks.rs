@@ -65,6 +65,8 @@ const CLIPPED: f64 = 100.0;
 /// Satellites and dilution as GPS_HDOP_GOOD (1.4) and both firmwares' pre-arm checks (6 satellites) have them.
 const SATELLITES: [f64; 2] = [8.0, 6.0];
 const HDOP: [f64; 2] = [1.4, 2.5];
+/// A receiver that is silent for so long, s: ArduPilot declares it lost after 4 s (`AP_GPS`, `GPS_TIMEOUT_MS`); half as long is worth a look.
+pub(super) const SILENT_S: [f64; 2] = [2.0, 4.0];
 /// A fix that jumps by so much moves a vehicle that holds its position, m.
 const JUMP_BAD_M: f64 = 20.0;
 /// u-blox, "jammingIndicator": 0 to 255; PX4 Flight Review warns above 80.
@@ -265,6 +267,10 @@ impl Judge<'_> {
         let all: Vec<_> = self.flown(&self.log.receiver).collect();
         let lost = all.windows(2).find(|w| w[0].1.fix_type >= 3 && w[1].1.fix_type < 3);
         found.extend(lost.map(|w| (Grade::Bad, Some(w[1].0), format!("3-D fix lost at {:.1} s", w[1].0))));
+        found.extend(self.log.silence(self.in_flight).map(|(from, length)| {
+            let grade = if length >= SILENT_S[1] { Grade::Bad } else { Grade::Look };
+            (grade, Some(from), format!("no word of the receiver for {length:.0} s from {from:.1} s"))
+        }));
         if !all.is_empty() && all.iter().all(|(_, r)| r.fix_type < 3) {
             found.push((Grade::Bad, all.first().map(|a| a.0), "no 3-D fix in the whole flight".to_owned()));
         }
@@ -402,9 +408,22 @@ impl Judge<'_> {
 
 /// Reports of errors that stand for themselves.
 fn is_event(what: &str) -> bool {
-    ["failsafe", "crash", "switch", "refused", "check", "breach", "loss", "compass", "GPS", "error", "radio"]
-        .iter()
-        .any(|word| what.contains(word))
+    [
+        "failsafe",
+        "crash",
+        "restarted",
+        "switch",
+        "refused",
+        "check",
+        "breach",
+        "loss",
+        "compass",
+        "GPS",
+        "error",
+        "radio",
+    ]
+    .iter()
+    .any(|word| what.contains(word))
         && what != "failsafe"
 }
 

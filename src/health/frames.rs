@@ -19,6 +19,10 @@ const NO_AUTOPILOT: u8 = 8;
 const ARDUPILOT: u8 = 3;
 /// `ATTITUDE_TARGET_TYPEMASK_ATTITUDE_IGNORE`.
 const NO_ATTITUDE: u8 = 128;
+/// A time since boot that goes back by so much is that of another start, ms: links deliver late by less.
+const BACK_MS: u32 = 5000;
+/// What another start is called.
+pub(super) const RESTARTED: &str = "the autopilot restarted";
 /// The lowest severity of ArduPilot before 3.4 (`SEVERITY_LOW`), that of an alert since …
 const OLD_LOW: u8 = 1;
 /// … and texts that are no alert.
@@ -33,6 +37,8 @@ pub(super) struct Frames {
     system: Option<u8>,
     receiver: Receiver,
     ardupilot: bool,
+    /// The newest time since boot, ms.
+    boot_ms: u32,
     old_severities: bool,
 }
 
@@ -113,8 +119,10 @@ impl Frames {
             }
             MavMessage::GPS_RAW_INT(m) => {
                 let known = |v: u16| (v != u16::MAX).then(|| 1e-2 * f64::from(v));
+                // Zero and zero is no place that a receiver finds.
+                let placed = m.lat != 0 || m.lon != 0;
                 found.notes.push(HealthNote::Gnss {
-                    fix_type: m.fix_type as u8,
+                    fix_type: if placed { m.fix_type as u8 } else { (m.fix_type as u8).min(1) },
                     satellites: (m.satellites_visible != u8::MAX).then(|| f64::from(m.satellites_visible)),
                     hdop: known(m.eph),
                     jamming: None,
@@ -138,7 +146,12 @@ impl Frames {
             MavMessage::EXTENDED_SYS_STATE(m) if m.landed_state as u8 != 0 => {
                 found.notes.push(HealthNote::InAir(m.landed_state as u8 != 1));
             }
-            MavMessage::ATTITUDE(m) => found.lean = Some([m.roll, m.pitch].map(f64::from)),
+            MavMessage::ATTITUDE(m) => {
+                found.lean = Some([m.roll, m.pitch].map(f64::from));
+                let again = m.time_boot_ms.saturating_add(BACK_MS) < self.boot_ms;
+                self.boot_ms = m.time_boot_ms;
+                found.notes.push(fault(RESTARTED, again, true));
+            }
             MavMessage::NAV_CONTROLLER_OUTPUT(m) if self.ardupilot => {
                 let lean = [m.nav_roll, m.nav_pitch].map(|v| f64::from(v).to_radians());
                 found.notes.push(HealthNote::Demanded(lean));

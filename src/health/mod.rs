@@ -30,6 +30,8 @@ const MOST_TEXTS: usize = 2000;
 const STATE_SPACING_S: f64 = 5.0;
 /// A fix so far from where the velocity of the last one leads has jumped, m. Receivers drift by 1 to 2 m over minutes.
 const JUMP_M: f64 = 5.0;
+/// A receiver is silent after so many of its usual spacings.
+const SPACINGS: f64 = 5.0;
 /// Fixes further apart than this are not compared, s.
 const FIX_SPACING_S: f64 = 1.5;
 
@@ -58,6 +60,8 @@ pub struct HealthLog {
     armed: Series<bool>,
     air: Series<bool>,
     receiver: Series<Receiver>,
+    /// Seconds in which anything else came.
+    alive: Series<()>,
     jamming: Series<f64>,
     interference: Series<bool>,
     jumps: Series<f64>,
@@ -125,6 +129,11 @@ impl HealthLog {
     }
 
     fn note(&mut self, t_us: u64, note: &HealthNote) {
+        if !matches!(note, HealthNote::Gnss { .. })
+            && self.alive.last().is_none_or(|(last, ())| t_us >= last + 1_000_000)
+        {
+            keep(&mut self.alive, t_us, ());
+        }
         match note {
             HealthNote::Mode(name) => change(&mut self.modes, t_us, name.clone()),
             HealthNote::Armed(on) => change(&mut self.armed, t_us, *on),
@@ -212,6 +221,24 @@ impl HealthLog {
     /// Spans in which it flew: off the ground where that is reported, armed otherwise; `None` where the log says neither.
     pub fn flown(&self) -> Option<Vec<(f64, f64)>> {
         self.spans(&self.air).filter(|spans| !spans.is_empty()).or_else(|| self.armed())
+    }
+
+    /// The longest time in flight without a word of the receiver while the log has others: when it began, s, and how long.
+    fn silence(&self, in_flight: &dyn Fn(f64) -> bool) -> Option<(f64, f64)> {
+        let (first, last) = (self.receiver.first()?, self.alive.last()?);
+        let times = || self.receiver.iter().map(|(t, _)| self.s(*t));
+        let mut spacings: Vec<f64> = times().zip(times().skip(1)).map(|(a, b)| b - a).collect();
+        spacings.sort_by(f64::total_cmp);
+        let usual = spacings.get(spacings.len() / 2).copied().unwrap_or(0.0);
+        let least = checks::SILENT_S[0].max(SPACINGS * usual);
+        let ends = times().skip(1).chain([self.s(last.0).max(self.s(first.0))]);
+        let gaps = times().zip(ends).filter(|(a, b)| b - a >= least && in_flight(*a));
+        // Where the link or the logger lost everything, nobody knows what the receiver did.
+        let lively = gaps.filter(|(a, b)| {
+            let others = self.alive.iter().filter(|(t, ())| (*a..*b).contains(&self.s(*t))).count();
+            others as f64 > 0.5 * (b - a)
+        });
+        lively.map(|(a, b)| (a, b - a)).max_by(|x, y| x.1.total_cmp(&y.1))
     }
 
     /// Whether the log says that it was never armed.

@@ -287,6 +287,79 @@ fn cells_and_limits_of_a_battery_are_those_of_the_parameters() {
     assert_eq!(own(&multirotor(&[("BATT_CRT_VOLT", 50.4)])).grade, Grade::Bad);
 }
 
+#[test]
+fn a_receiver_that_falls_silent_in_flight_is_seen_and_a_link_that_does_is_not() {
+    let silent = |receiver: &dyn Fn(f64) -> bool, others: &dyn Fn(f64) -> bool| {
+        let mut log = HealthLog::default();
+        at(&mut log, 0.0, HealthNote::Armed(true));
+        at(&mut log, 1.0, HealthNote::InAir(true));
+        for k in 0..700 {
+            let t = 0.1 * f64::from(k);
+            if k % 2 == 0 && receiver(t) {
+                let (satellites, hdop) = (Some(14.0), Some(0.7));
+                let gnss =
+                    HealthNote::Gnss { fix_type: 3, satellites, hdop, jamming: None, interference: false };
+                at(&mut log, t, gnss);
+            }
+            if others(t) {
+                at(&mut log, t, HealthNote::Vibration(0, 8.0));
+            }
+        }
+        of(&checks(&log, false, &OnBoard::default()), "GNSS").clone()
+    };
+    assert_eq!(silent(&|_| true, &|_| true).grade, Grade::Ok);
+    let gone = silent(&|t| t < 40.0, &|_| true);
+    assert_eq!((gone.grade, gone.t_s.map(f64::round)), (Grade::Bad, Some(40.0)), "{}", gone.text);
+    assert!(gone.text.contains("no word of the receiver for 29 s"), "{}", gone.text);
+    assert_eq!(silent(&|t| !(30.0..33.0).contains(&t), &|_| true).grade, Grade::Look);
+    let link = |t: f64| !(30.0..50.0).contains(&t);
+    assert_eq!(silent(&link, &link).grade, Grade::Ok, "nothing came at all");
+}
+
+/// The time since boot begins anew in flight, and a receiver reports a fix at zero and zero.
+#[test]
+fn an_autopilot_that_restarts_in_flight_and_a_fix_without_a_place_are_seen() {
+    use crate::link::frame::{Frame, Sender};
+    use mavlink::dialects::ardupilotmega as m;
+    let flight = |boot_ms: &dyn Fn(u32) -> u32, lat: &dyn Fn(u32) -> i32| {
+        let mut log = HealthLog::default();
+        let mut send = |t_ms: u32, message: &m::MavMessage| {
+            let frame = Frame::encode(Sender { system_id: 1, component_id: 1 }, 0, message);
+            log.take(&Record { t_us: u64::from(t_ms) * 1000, item: Item::Frame(frame) });
+        };
+        for t_ms in (0..60_000).step_by(200) {
+            send(
+                t_ms,
+                &m::MavMessage::HEARTBEAT(m::HEARTBEAT_DATA {
+                    mavtype: m::MavType::MAV_TYPE_QUADROTOR,
+                    autopilot: m::MavAutopilot::MAV_AUTOPILOT_ARDUPILOTMEGA,
+                    base_mode: m::MavModeFlag::MAV_MODE_FLAG_SAFETY_ARMED,
+                    ..Default::default()
+                }),
+            );
+            let time_boot_ms = boot_ms(t_ms);
+            send(t_ms, &m::MavMessage::ATTITUDE(m::ATTITUDE_DATA { time_boot_ms, ..Default::default() }));
+            send(
+                t_ms,
+                &m::MavMessage::GPS_RAW_INT(m::GPS_RAW_INT_DATA {
+                    fix_type: m::GpsFixType::GPS_FIX_TYPE_3D_FIX,
+                    lat: lat(t_ms),
+                    satellites_visible: 12,
+                    ..Default::default()
+                }),
+            );
+        }
+        checks(&log, false, &OnBoard::default())
+    };
+    let all = flight(&|t| 100_000 + t, &|_| 470_000_000);
+    assert_eq!((of(&all, "failsafes").grade, of(&all, "GNSS").grade), (Grade::Ok, Grade::Ok), "{all:?}");
+    let all = flight(&|t| if t < 30_000 { 100_000 + t } else { t - 29_000 }, &|_| 470_000_000);
+    assert_eq!((of(&all, "failsafes").grade, of(&all, "failsafes").t_s), (Grade::Bad, Some(30.0)), "{all:?}");
+    assert!(of(&all, "failsafes").text.contains("the autopilot restarted at 30.0 s"), "{all:?}");
+    let all = flight(&|t| t, &|t| if t < 30_000 { 470_000_000 } else { 0 });
+    assert_eq!((of(&all, "GNSS").grade, of(&all, "GNSS").t_s), (Grade::Bad, Some(30.0)), "{all:?}");
+}
+
 /// Firmware before 3.4 sends what it reports with the severity of an alert.
 #[test]
 fn texts_of_old_firmware_are_judged_by_their_words() {

@@ -346,7 +346,18 @@ impl<E: Estimator> Pipeline<E> {
         s.autopilot = self.autopilot().to_owned();
         self.complete(&mut s.imu, &mut s.gnss, &mut s.warnings);
         s.warnings.extend(self.losses());
+        s.warnings.extend(self.other_vehicles());
         s
+    }
+
+    /// A recording of several vehicles says so, as a run does before it takes one of them.
+    fn other_vehicles(&self) -> Option<String> {
+        let (all, used) = (self.converter.several_vehicles(), self.converter.vehicle()?);
+        (!all.is_empty()).then(|| {
+            format!(
+                "several vehicles are in the recording: {all}; this is of system {used}, which was heard first (--vehicle chooses another)"
+            )
+        })
     }
 
     /// The result as a document: the summary, what flew, what was refused on the way, and the comparison with the truth

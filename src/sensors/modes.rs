@@ -1,8 +1,9 @@
 //! What the flight modes of both firmwares mean: who flies, and what the autopilot is about to do.
 //!
-//! Numbers and names: ArduPilot `ArduPlane/mode.h`, `ArduCopter/mode.h`; PX4 `src/modules/commander/px4_custom_mode.h`.
+//! Numbers and names: ArduPilot `mode.h` of `ArduPlane`, `ArduCopter`, `ArduSub` and `Rover`; PX4 `src/modules/commander/px4_custom_mode.h`.
 
 use crate::engine::situation::FlightMode::{self, Hold, Landing, Mission, Pilot, Return, TakeOff, Unknown};
+use crate::logs::VehicleClass;
 use gaware_mission::identity::Carrier;
 
 /// `MAV_AUTOPILOT_ARDUPILOTMEGA`, `MAV_AUTOPILOT_PX4`.
@@ -72,6 +73,37 @@ const COPTER: [Row; 26] = [
     (28, "TURTLE", Hold),
 ];
 
+const SUB: [Row; 11] = [
+    (0, "STABILIZE", Pilot),
+    (1, "ACRO", Pilot),
+    (2, "ALT_HOLD", Pilot),
+    (3, "AUTO", Mission),
+    (4, "GUIDED", Hold),
+    (7, "CIRCLE", Hold),
+    (9, "SURFACE", Landing),
+    (16, "POSHOLD", Pilot),
+    (19, "MANUAL", Pilot),
+    (20, "MOTOR_DETECT", Hold),
+    (21, "SURFTRAK", Pilot),
+];
+
+const ROVER: [Row; 14] = [
+    (0, "MANUAL", Pilot),
+    (1, "ACRO", Pilot),
+    (3, "STEERING", Pilot),
+    (4, "HOLD", Hold),
+    (5, "LOITER", Hold),
+    (6, "FOLLOW", Hold),
+    (7, "SIMPLE", Pilot),
+    (8, "DOCK", Hold),
+    (9, "CIRCLE", Hold),
+    (10, "AUTO", Mission),
+    (11, "RTL", Return),
+    (12, "SMART_RTL", Return),
+    (15, "GUIDED", Hold),
+    (16, "INITIALISING", Unknown),
+];
+
 /// Main mode and sub mode; a sub mode of 255 stands for all others.
 const PX4_MODES: [(u8, u8, &str, FlightMode); 19] = [
     (1, 255, "Manual", Pilot),
@@ -106,7 +138,12 @@ pub fn of_heartbeat(firmware: u8, kind: u8, base_mode: u8, custom_mode: u32) -> 
     match firmware {
         ARDUPILOT => {
             // Vehicles that rotors carry run ArduCopter.
-            let table: &[Row] = if Carrier::of(kind) == Some(Carrier::Rotors) { &COPTER } else { &PLANE };
+            let table: &[Row] = match VehicleClass::of_mav_type(kind) {
+                Some(VehicleClass::Submarine) => &SUB,
+                Some(VehicleClass::Rover) => &ROVER,
+                _ if Carrier::of(kind) == Some(Carrier::Rotors) => &COPTER,
+                _ => &PLANE,
+            };
             let row = table.iter().find(|(number, ..)| *number == custom_mode);
             row.map_or_else(unknown, |(_, name, mode)| (*mode, (*name).to_owned()))
         }
@@ -136,6 +173,9 @@ mod tests {
             (3, 2, 3, Mission, "AUTO"),
             (3, 13, 9, Landing, "LAND"),
             (3, 1, 99, Unknown, "mode 99"),
+            (3, 12, 19, Pilot, "MANUAL"),
+            (3, 10, 0, Pilot, "MANUAL"),
+            (3, 11, 12, Return, "SMART_RTL"),
             (12, 2, px4(4, 4), Mission, "Mission"),
             (12, 2, px4(4, 5), Return, "Return"),
             (12, 2, px4(4, 77), Hold, "Auto"),

@@ -21,7 +21,7 @@ impl Effect for GpsLatency {
     }
 
     fn remedy(&self) -> &'static str {
-        "set the autopilot's GNSS delay parameter (ArduPilot GPS1_DELAY_MS, PX4 SENS_GPS0_DELAY; before 4.6 and 1.18 GPS_DELAY_MS, EKF2_GPS_DELAY) to the value found"
+        "set the autopilot's GNSS delay parameter (ArduPilot GPS1_DELAY_MS, PX4 SENS_GPS0_DELAY; before 4.6 and 1.18 GPS_DELAY_MS, EKF2_GPS_DELAY): the value to set counts from the autopilot's own time stamps and stands among its parameters"
     }
 
     fn groups(&self) -> &'static [ParameterGroup] {

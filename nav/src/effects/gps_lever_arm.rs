@@ -25,7 +25,7 @@ impl Effect for GpsLeverArm {
     }
 
     fn remedy(&self) -> &'static str {
-        "set the antenna position (ArduPilot GPS1_POS_X/Y/Z, PX4 SENS_GPS0_OFFX/Y/Z; before 4.6 and 1.18 GPS_POS1_X/Y/Z, EKF2_GPS_POS_X/Y/Z) to the values found"
+        "compare the antenna position that is set (ArduPilot GPS1_POS_X/Y/Z, PX4 SENS_GPS0_OFFX/Y/Z; before 4.6 and 1.18 GPS_POS1_X/Y/Z, EKF2_GPS_POS_X/Y/Z) with the values found"
     }
 
     fn groups(&self) -> &'static [ParameterGroup] {

@@ -13,6 +13,9 @@ use mavlink::dialects::ardupilotmega::*;
 const JUDGE_AFTER_S: f64 = 0.3;
 /// `MAV_CMD_NAV_LAST`: commands up to it are flown (`AP_Mission::is_nav_cmd`).
 const LAST_NAV_COMMAND: u32 = 95;
+/// Higher than this above its place at the start, m, or faster than this, m/s, it flies.
+const STANDS_M: f64 = 1.0;
+const TAXIES_M_PER_S: f64 = 3.0;
 
 /// What carries the sensors.
 pub(super) enum Body {
@@ -35,6 +38,14 @@ impl Body {
         let Self::Vehicle(vehicle) = self else { return None };
         let air = vehicle.air_velocity(truth);
         Some(WindTrack { mean_n_e: [air.x, air.y], gusts: (0.0, 1.0), ..WindTrack::default() })
+    }
+
+    /// Height at which it stands at the start, m.
+    pub(super) fn start_height_m(&mut self) -> f64 {
+        match self {
+            Self::Analytic(trajectory, _) => trajectory.truth_at(0.0).place.height_m,
+            Self::Vehicle(vehicle) => vehicle.start().height_m,
+        }
     }
 
     pub(super) fn duration_s(&self) -> f64 {
@@ -115,6 +126,13 @@ impl Autopilot {
 
     pub(super) fn is_armed(&self) -> bool {
         self.vehicle().map_or(!self.is_waiting() && !self.config.by_hand, Vehicle::is_armed)
+    }
+
+    /// Whether it flies, as ArduPilot's heartbeat says it (`is_flying` of ArduPlane, `land_complete` of ArduCopter).
+    pub(super) fn is_airborne(&mut self) -> bool {
+        let truth = self.truth();
+        let above_m = (truth.place.height_m - self.body.start_height_m()).abs();
+        self.is_armed() && (above_m > STANDS_M || truth.v_n.norm() > TAXIES_M_PER_S)
     }
 
     pub(super) fn custom_mode(&self) -> u32 {

@@ -103,7 +103,7 @@ impl Autopilot {
         })
     }
 
-    fn heartbeat(&self) -> HEARTBEAT_DATA {
+    fn heartbeat(&mut self) -> HEARTBEAT_DATA {
         let autopilot = match self.config.flavour {
             Flavour::ArduPilot => MavAutopilot::MAV_AUTOPILOT_ARDUPILOTMEGA,
             Flavour::Px4 => MavAutopilot::MAV_AUTOPILOT_PX4,
@@ -112,16 +112,18 @@ impl Autopilot {
             Airframe::FixedWing => MavType::MAV_TYPE_FIXED_WING,
             Airframe::Multirotor => MavType::MAV_TYPE_QUADROTOR,
         };
-        let flying = self.is_armed();
+        let armed = self.is_armed();
+        // PX4 is active as soon as it is armed.
+        let active = if self.config.flavour == Flavour::ArduPilot { self.is_airborne() } else { armed };
         let mut base_mode =
             MavModeFlag::MAV_MODE_FLAG_CUSTOM_MODE_ENABLED | MavModeFlag::MAV_MODE_FLAG_MANUAL_INPUT_ENABLED;
-        base_mode.set(MavModeFlag::MAV_MODE_FLAG_SAFETY_ARMED, flying);
+        base_mode.set(MavModeFlag::MAV_MODE_FLAG_SAFETY_ARMED, armed);
         HEARTBEAT_DATA {
             custom_mode: self.custom_mode(),
             mavtype,
             autopilot,
             base_mode,
-            system_status: if flying { MavState::MAV_STATE_ACTIVE } else { MavState::MAV_STATE_STANDBY },
+            system_status: if active { MavState::MAV_STATE_ACTIVE } else { MavState::MAV_STATE_STANDBY },
             mavlink_version: 3,
         }
     }

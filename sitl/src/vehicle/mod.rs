@@ -262,6 +262,11 @@ impl Vehicle {
         &self.pilot.items
     }
 
+    /// Where it stands at the start.
+    pub fn start(&self) -> Geodetic {
+        self.config.start
+    }
+
     /// Whether it has flown and stands again.
     pub fn has_landed(&self) -> bool {
         self.pilot.has_landed()

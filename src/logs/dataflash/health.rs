@@ -118,11 +118,12 @@ pub(super) fn notes(entry: &Entry, class: Option<VehicleClass>, flies: bool) -> 
 
 fn mode(entry: &Entry, class: Option<VehicleClass>) -> Option<HealthNote> {
     let number = entry.number("ModeNum").or(entry.number("Mode"))?.max(0.0) as u32;
+    let of = |kind| modes::of_heartbeat(ARDUPILOT, kind, 0, number).1;
     let name = match class {
-        Some(VehicleClass::Multirotor | VehicleClass::Helicopter) => {
-            modes::of_heartbeat(ARDUPILOT, 2, 0, number).1
-        }
-        Some(VehicleClass::FixedWing | VehicleClass::Vtol) => modes::of_heartbeat(ARDUPILOT, 1, 0, number).1,
+        Some(VehicleClass::Rover) => of(10),
+        Some(VehicleClass::Submarine) => of(12),
+        Some(VehicleClass::Multirotor | VehicleClass::Helicopter) => of(2),
+        Some(VehicleClass::FixedWing | VehicleClass::Vtol) => of(1),
         _ => format!("mode {number}"),
     };
     Some(HealthNote::Mode(name))

@@ -299,6 +299,8 @@ fn fit(s: &Summary, fixes: &[Channel]) -> String {
         format!(
             "No: the fixes differ from what is expected of them by more than the model allows ({rms}): it lacks an effect."
         )
+    } else if nis < 0.5 && worst.is_some_and(|c| c.largest.1.abs() > FAR_SIGMAS) {
+        format!("On the whole ({rms}), but not everywhere.")
     } else if nis < 0.5 {
         format!(
             "Yes, amply: the fixes differ from what is expected of them by less than the model allows ({rms}): they are better than it assumes."
@@ -308,6 +310,9 @@ fn fit(s: &Summary, fixes: &[Channel]) -> String {
     };
     format!("{answer}{outlier}")
 }
+
+/// An innovation beyond this is none of chance, however small the others are.
+const FAR_SIGMAS: f64 = 5.0;
 
 /// The last section: what is on this page, and no more.
 pub fn how_to_read(body: &mut String) {

@@ -81,6 +81,12 @@ pub fn compare(attitudes: &Attitudes, snapshots: &[Snapshot]) -> Option<Comparis
     })
 }
 
+/// Whether all three angles became known.
+pub fn has_settled(snapshots: &[Snapshot]) -> bool {
+    let running = snapshots.iter().filter(|s| s.phase == Phase::Running);
+    running.map(|s| s.estimate.attitude_deg.sigma).any(|sigma| sigma.iter().all(|v| *v < SETTLED_DEG))
+}
+
 /// Why there is no comparison, in a sentence.
 pub fn why_not_compared(attitudes: &Attitudes, snapshots: &[Snapshot]) -> String {
     if attitudes.newest_reference_s().is_none() {

@@ -128,7 +128,12 @@ pub fn html(
     let fixes = innovations::of(&log.snapshots);
     let mut body = String::new();
     let fitted = log.motion.fitted();
-    answers::head(origin, summary, &scope::words(summary, &origin.beside, &fitted), &mut body);
+    answers::head(
+        origin,
+        summary,
+        &scope::words(summary, &origin.beside, &fitted, attitude::has_settled(&log.snapshots)),
+        &mut body,
+    );
     let whose = answers::whose(compared.as_ref(), &fitted, log);
     body.push_str(&crate::report::page::answers(&[("Whose attitude is right?", whose)]));
     if let Some(found) = &origin.aids.compasses {

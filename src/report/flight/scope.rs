@@ -19,7 +19,9 @@ const IMU_RAW: u32 = 1 << 19;
 const DEFAULT_AND_REPLAY: u32 = 0b11;
 
 /// The sentence, and what to set for the next flight; both end with a full stop.
-pub fn words(s: &Summary, beside: &Beside, fitted: &[Fitted]) -> (String, String) {
+///
+/// `settled`: whether the attitude became known.
+pub fn words(s: &Summary, beside: &Beside, fitted: &[Fitted], settled: bool) -> (String, String) {
     let (mut can, mut cannot): (Vec<&str>, Vec<String>) = (Vec::new(), Vec::new());
     let rate = s.imu.rate_hz;
     if !beside.health.is_empty() {
@@ -30,7 +32,7 @@ pub fn words(s: &Summary, beside: &Beside, fitted: &[Fitted]) -> (String, String
     }
     let usable = s.phase == Phase::Running && rate >= LEAST_HZ;
     if usable {
-        can.push("attitude and accelerometer bias");
+        can.push(if settled { "attitude and accelerometer bias" } else { "roll and pitch" });
     }
     let g: Vec<Status> =
         s.observability.states.iter().filter(|x| super::lessons::is_g(&x.name)).map(|x| x.status).collect();
@@ -41,7 +43,7 @@ pub fn words(s: &Summary, beside: &Beside, fitted: &[Fitted]) -> (String, String
         cannot.push(if g.is_empty() || !usable {
             "g-sensitivity".to_owned()
         } else {
-            "g-sensitivity (nothing in this flight excites it)".to_owned()
+            "g-sensitivity (no element of it became observable)".to_owned()
         });
     }
     if s.imu.samples == 0 {
