@@ -45,23 +45,57 @@ pub fn civil(days: i64) -> (i64, i64, i64) {
     (yoe + 400 * era + i64::from(month <= 2), month, day)
 }
 
+/// Where vehicles fly: from the Dead Sea to above any of their ceilings, m above sea level.
+const ALTITUDES_M: std::ops::RangeInclusive<f64> = -500.0..=30_000.0;
+
 /// Latitude and longitude in degrees, and a height in m where it is given, as people write them.
 ///
 /// # Errors
 /// How to write them.
 pub fn place(text: &str) -> Result<Geodetic, String> {
-    let numbers: Vec<f64> = text.split(',').filter_map(|n| n.trim().parse().ok()).collect();
-    match numbers[..] {
-        [lat, lon, ref alt @ ..] if lat.abs() <= 90.0 && lon.abs() <= 180.0 && alt.len() < 2 => {
-            Ok(Geodetic::from_degrees(lat, lon, alt.first().copied().unwrap_or(0.0)))
-        }
-        _ => Err("write latitude and longitude in degrees, as in 47.4,8.5".to_owned()),
+    let numbers: Option<Vec<f64>> = text.split(',').map(|n| n.trim().parse().ok()).collect();
+    let (lat, lon, alt_m) = match numbers.as_deref() {
+        Some(&[lat, lon]) => (lat, lon, 0.0),
+        Some(&[lat, lon, alt_m]) => (lat, lon, alt_m),
+        _ => (f64::NAN, f64::NAN, f64::NAN),
+    };
+    if lat.abs() > 90.0 || lon.abs() > 180.0 || lat.is_nan() || lon.is_nan() {
+        return Err("write latitude and longitude in degrees, as in 47.4,8.5".to_owned());
     }
+    if !ALTITUDES_M.contains(&alt_m) {
+        return Err(format!(
+            "write the altitude above sea level in m, from {} to {}, as in 47.4,8.5,440",
+            ALTITUDES_M.start(),
+            ALTITUDES_M.end()
+        ));
+    }
+    Ok(Geodetic::from_degrees(lat, lon, alt_m))
+}
+
+/// Reads a number of seconds that is not negative.
+///
+/// # Errors
+/// How to write it.
+pub fn not_negative(text: &str) -> Result<f64, String> {
+    let number = text.parse::<f64>().ok().filter(|s| s.is_finite() && *s >= 0.0);
+    number.ok_or_else(|| "write a number of seconds, 0 or more".to_owned())
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn a_place_is_on_the_earth() {
+        assert!(
+            place("47.4,8.5").is_ok() && place(" 47.4, 8.5, 440").is_ok() && place("-33,151,-10").is_ok()
+        );
+        for wrong in
+            ["47.4", "47.4,8.5,nan", "47.4,8.5,1e9", "47.4,8.5,440,1", "nan,8.5", "91,8.5", "a,47.4,8.5"]
+        {
+            assert!(place(wrong).is_err(), "{wrong}");
+        }
+    }
 
     #[test]
     fn one_thing_is_no_plural() {

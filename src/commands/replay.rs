@@ -52,7 +52,7 @@ pub struct ReplayArgs {
     #[command(flatten)]
     pub known: KnownArgs,
     /// Compare with the truth of a simulated flight from this many seconds after the start.
-    #[arg(long, value_name = "SECONDS", default_value_t = TRUTH_FROM_S)]
+    #[arg(long, value_name = "SECONDS", default_value_t = TRUTH_FROM_S, value_parser = crate::figures::not_negative)]
     pub truth_from: f64,
 }
 

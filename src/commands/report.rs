@@ -29,7 +29,7 @@ pub struct ReportArgs {
     #[command(flatten)]
     pub listen: ListenArgs,
     /// Compare with the truth of a simulated flight from this many seconds after the start.
-    #[arg(long, value_name = "SECONDS", default_value_t = 150.0)]
+    #[arg(long, value_name = "SECONDS", default_value_t = 150.0, value_parser = crate::figures::not_negative)]
     pub truth_from: f64,
 }
 

@@ -2,6 +2,9 @@
 
 use super::FleetError;
 use super::log::Named;
+use crate::logs::dataflash::text;
+use std::fs::File;
+use std::io::Read;
 use std::path::{Path, PathBuf};
 
 /// Endings of logs, in lower case.
@@ -69,7 +72,14 @@ fn matching(pattern: &str, found: &mut Vec<PathBuf>) -> Result<(), FleetError> {
 
 fn is_log(path: &Path) -> bool {
     let ending = path.extension().map(|e| e.to_string_lossy().to_ascii_lowercase());
-    ending.is_some_and(|e| ENDINGS.contains(&e.as_str()))
+    // Other programs write their diary under the same ending.
+    ending.is_some_and(|e| ENDINGS.contains(&e.as_str()) || e == "log" && is_text_of_dataflash(path))
+}
+
+fn is_text_of_dataflash(path: &Path) -> bool {
+    let mut head = Vec::new();
+    let read = File::open(path).and_then(|file| file.take(text::HEAD as u64).read_to_end(&mut head));
+    read.is_ok() && text::is_one(&head)
 }
 
 #[derive(Debug, Clone, PartialEq, Eq)]
@@ -202,14 +212,15 @@ mod tests {
     fn folders_and_patterns_give_each_log_once_and_no_other_file() {
         let folder = std::env::temp_dir().join(format!("gaware-find-{}", std::process::id()));
         std::fs::create_dir_all(folder.join("a/table")).unwrap();
-        for name in ["a/1.tlog", "a/2.BIN", "a/notes.txt", "a/table/imu.csv", "b.ulg"] {
+        for name in ["a/1.tlog", "a/2.BIN", "a/notes.txt", "a/diary.log", "a/table/imu.csv", "b.ulg"] {
             std::fs::write(folder.join(name), "x").unwrap();
         }
+        std::fs::write(folder.join("a/3.log"), "ArduCopter V3.1\nFMT, 128, 89, FMT, BBnNZ, Type\n").unwrap();
         let text = |name: &str| folder.join(name).to_str().unwrap().to_owned();
         let found = logs(&[text(""), text("a/*.tlog"), text("b.ulg")]).unwrap();
         let names: Vec<_> =
             found.iter().map(|p| p.strip_prefix(&folder).unwrap().to_str().unwrap()).collect();
-        assert_eq!(names, ["a/1.tlog", "a/2.BIN", "a/table", "b.ulg"]);
+        assert_eq!(names, ["a/1.tlog", "a/2.BIN", "a/3.log", "a/table", "b.ulg"]);
         assert!(logs(&[text("*.none")]).unwrap_err().to_string().contains("no log at"));
         std::fs::remove_dir_all(&folder).unwrap();
     }

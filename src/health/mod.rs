@@ -241,6 +241,11 @@ impl HealthLog {
         lively.map(|(a, b)| (a, b - a)).max_by(|x, y| x.1.total_cmp(&y.1))
     }
 
+    /// Whether a receiver had a 3-D fix at all.
+    pub fn has_fix(&self) -> bool {
+        self.receiver.iter().any(|(_, r)| r.fix_type >= 3)
+    }
+
     /// Whether the log says that it was never armed.
     pub fn is_of_no_flight(&self) -> bool {
         self.flown().is_some_and(|spans| spans.is_empty())

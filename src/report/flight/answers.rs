@@ -36,7 +36,7 @@ pub fn head(origin: &super::Origin, s: &Summary, (scope, next): &(String, String
         escape(&origin.log),
         escape(date),
         if s.autopilot == "unknown" { "autopilot not in the log".to_owned() } else { escape(&s.autopilot) },
-        s.duration_s,
+        if s.imu.samples == 0 { origin.beside.health.end_s().max(0.0) } else { s.duration_s },
         escape(imu),
         s.imu.rate_hz,
         s.imu.samples,

@@ -89,6 +89,9 @@ pub fn has_settled(snapshots: &[Snapshot]) -> bool {
 
 /// Why there is no comparison, in a sentence.
 pub fn why_not_compared(attitudes: &Attitudes, snapshots: &[Snapshot]) -> String {
+    if snapshots.is_empty() {
+        return "Not compared: there is no estimate of this program.".to_owned();
+    }
     if attitudes.newest_reference_s().is_none() {
         return "The log has no attitude of the autopilot to compare with.".to_owned();
     }
@@ -166,6 +169,6 @@ mod tests {
         attitudes.push_reference(1.0, [0.0; 3]);
         let why = why_not_compared(&attitudes, &snapshots);
         assert!(why.contains("never fell below 8.0°"), "{why}");
-        assert!(why_not_compared(&attitudes, &[]).contains("too few"));
+        assert!(why_not_compared(&attitudes, &[]).contains("no estimate of this program"));
     }
 }

@@ -51,7 +51,9 @@ pub fn words(s: &Summary, beside: &Beside, fitted: &[Fitted], settled: bool) -> 
     } else if rate < LEAST_HZ {
         cannot.push(format!("attitude: inertial samples at {rate:.0} Hz miss the motion between them"));
     }
-    if s.gnss.fixes == 0 {
+    // Without inertial samples fixes are not used, whether there are any or not.
+    let no_fix = s.gnss.fixes == 0 && !beside.health.has_fix();
+    if no_fix {
         cannot.push("whose attitude is right (no GNSS)".to_owned());
     }
     let list = |parts: &[String]| parts.join(", ");
@@ -82,7 +84,7 @@ fn next(s: &Summary, beside: &Beside) -> String {
     if lossy {
         parts.push(LOG_LESS.to_owned());
     }
-    if s.imu.rate_hz < GOOD_HZ && !lossy {
+    if s.imu.rate_hz < 0.95 * GOOD_HZ && !lossy {
         let is_log = on_board.system_id.is_none();
         parts.push(match on_board.autopilot {
             Some(Autopilot::ArduPilot) if is_log => {
@@ -105,7 +107,7 @@ fn next(s: &Summary, beside: &Beside) -> String {
             _ => "record with gaware run, or SR0_RAW_SENS 50 (the log's link), or send the autopilot's own .bin".to_owned(),
         });
     }
-    if s.gnss.fixes == 0 {
+    if s.gnss.fixes == 0 && !beside.health.has_fix() {
         parts.push("fly with a 3-D GNSS fix".to_owned());
     }
     if parts.is_empty() { String::new() } else { format!("For the next flight: {}.", parts.join("; ")) }
