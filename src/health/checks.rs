@@ -80,7 +80,9 @@ const TEXTS: usize = 6;
 ///
 /// Of a log that says that the vehicle was never armed all of it is judged, and nothing is worse than worth a look: no flight ended by it.
 pub fn checks(log: &HealthLog, px4: bool, board: &OnBoard) -> Vec<Check> {
-    let (flown, armed) = (log.flown(), log.armed().or_else(|| log.flown()));
+    // Spans that never were say nothing of a vehicle that moved.
+    let real = |spans: &Vec<(f64, f64)>| !spans.is_empty() || log.is_of_no_flight();
+    let (flown, armed) = (log.flown().filter(real), log.armed().or_else(|| log.flown()).filter(real));
     let no_flight = log.is_of_no_flight();
     let in_flight = |t: f64| no_flight || in_spans(&flown, t);
     let armed = |t: f64| in_spans(&armed, t);

@@ -21,6 +21,10 @@ const SPACING_US: u64 = 100_000;
 const STALE_US: u64 = 1_000_000;
 /// An output at its limit for so long in a row is no gust, s.
 const LIMIT_S: f64 = 1.0;
+/// Motors that are told to stand for so long have stopped, s: a heartbeat says a second late that the vehicle is disarmed …
+const STOPPED_S: f64 = 2.0;
+/// … and they turned so shortly before, s.
+const TURNED_S: f64 = 1.0;
 /// `SERVOn_FUNCTION`: motors 1 to 8, 9 to 12 (ArduPilot `SRV_Channel.h`).
 const MOTOR_FUNCTIONS: [std::ops::RangeInclusive<i64>; 2] = [33..=40, 82..=85];
 /// An output is at a limit within so much, µs.
@@ -97,7 +101,7 @@ impl HealthLog {
         if let Some(row) = longest(rows(away, AWAY), AWAY_S[0]) {
             let grade = if row.length_s() >= AWAY_S[1] { Grade::Bad } else { Grade::Look };
             let text = format!(
-                "leans up to {:.0}° away from what is demanded, more than {:.0}° for {:.1} s from {:.1} s: out of control",
+                "leans up to {:.0}° away from what is demanded, more than {:.0}° for {:.1} s from {:.1} s: out of control, or held by the ground",
                 row.peak.to_degrees(),
                 AWAY.to_degrees(),
                 row.length_s(),
@@ -105,7 +109,9 @@ impl HealthLog {
             );
             found.push((grade, Some(row.start), text));
         }
-        if let Some(row) = longest(rows(flown().map(|(t, lean)| (t, lean.tilt)), UPSIDE_DOWN), AWAY_S[0]) {
+        // A submarine flies as it likes.
+        let tilts = flown().filter(|_| board.class != Some(VehicleClass::Submarine));
+        if let Some(row) = longest(rows(tilts.map(|(t, lean)| (t, lean.tilt)), UPSIDE_DOWN), AWAY_S[0]) {
             let grade = if rotors && row.length_s() >= AWAY_S[1] { Grade::Bad } else { Grade::Look };
             let text = format!("upside down for {:.1} s from {:.1} s", row.length_s(), row.start);
             found.push((grade, Some(row.start), text));
@@ -156,7 +162,13 @@ impl HealthLog {
             let most = motors.iter().map(|k| 1000.0 + 1000.0 * outputs[*k]).fold(f64::MIN, f64::max);
             least - most
         };
-        if let Some(row) = longest(rows(flown().map(|(t, outputs)| (t, spare(outputs))), 0.0), LIMIT_S) {
+        // After arming motors wait; those that stop have turned just before.
+        let turned = |start: f64| {
+            flown().any(|(t, outputs)| (start - TURNED_S..start).contains(&t) && spare(outputs) < 0.0)
+        };
+        let mut stops = rows(flown().map(|(t, outputs)| (t, spare(outputs))), 0.0);
+        stops.retain(|row| turned(row.start));
+        if let Some(row) = longest(stops, STOPPED_S) {
             let text = format!("all motor outputs are at their least in flight from {:.1} s", row.start);
             found.push((Grade::Bad, Some(row.start), text));
         }

@@ -30,6 +30,8 @@ const MOST_TEXTS: usize = 2000;
 const STATE_SPACING_S: f64 = 5.0;
 /// A fix so far from where the velocity of the last one leads has jumped, m. Receivers drift by 1 to 2 m over minutes.
 const JUMP_M: f64 = 5.0;
+/// Two fixes in a row this fast are of a vehicle that moves by itself, m/s.
+const MOVES_M_PER_S: f64 = 5.0;
 /// A receiver is silent after so many of its usual spacings.
 const SPACINGS: f64 = 5.0;
 /// Fixes further apart than this are not compared, s.
@@ -66,6 +68,8 @@ pub struct HealthLog {
     interference: Series<bool>,
     jumps: Series<f64>,
     last_fix: Option<(u64, GnssFix)>,
+    /// Of all fixes, over ground.
+    fastest_m_per_s: f64,
     vibration: BTreeMap<u8, Series<f64>>,
     clipped: BTreeMap<u8, Series<f64>>,
     resets: BTreeMap<&'static str, Series<f64>>,
@@ -188,6 +192,7 @@ impl HealthLog {
             FixVelocity::Horizontal([n, e]) | FixVelocity::Full([n, e, _]) => Some([n, e]),
         };
         let (Some(a), Some(b)) = (flat(&before.velocity), flat(&fix.velocity)) else { return };
+        self.fastest_m_per_s = self.fastest_m_per_s.max(hypot(a[0], a[1]).min(hypot(b[0], b[1])));
         const EARTH_M: f64 = 6_371_000.0;
         let north = (fix.position.lat_rad - before.position.lat_rad) * EARTH_M;
         let east = (fix.position.lon_rad - before.position.lon_rad) * EARTH_M * cos(fix.position.lat_rad);
@@ -246,9 +251,9 @@ impl HealthLog {
         self.receiver.iter().any(|(_, r)| r.fix_type >= 3)
     }
 
-    /// Whether the log says that it was never armed.
+    /// Whether the log says that it was never armed. Firmware that knows no arming says so too: what moves has been.
     pub fn is_of_no_flight(&self) -> bool {
-        self.flown().is_some_and(|spans| spans.is_empty())
+        self.fastest_m_per_s < MOVES_M_PER_S && self.flown().is_some_and(|spans| spans.is_empty())
     }
 
     fn spans(&self, series: &Series<bool>) -> Option<Vec<(f64, f64)>> {

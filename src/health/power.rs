@@ -56,7 +56,8 @@ impl HealthLog {
         }
         let limits =
             [("BATT_CRT_VOLT", Grade::Bad), ("BATT_LOW_VOLT", Grade::Look), ("FS_BATT_VOLTAGE", Grade::Look)];
-        let own = limits.into_iter().find_map(|(name, grade)| {
+        let measured = self.battery.iter().any(|(_, (v, _))| *v >= NO_BATTERY_V);
+        let own = limits.into_iter().filter(|_| measured).find_map(|(name, grade)| {
             let limit = board.get(name).filter(|v| *v > 0.0)?;
             let below = rows(volts.iter().map(|(t, v, _)| (*t, limit - v)), 0.0);
             let row = below.into_iter().find(|row| row.length_s() >= LOW_S)?;

@@ -288,7 +288,12 @@ impl<R: Read> Iterator for DataflashReader<R> {
                     self.messages.release_fix();
                     if self.given == 0 && self.messages.queue.is_empty() {
                         let bytes = self.window.progress().total_bytes;
-                        return Some(Err(LogError::NothingReadable { format: "DataFlash", bytes }));
+                        let nothing = LogError::NothingReadable { format: "DataFlash", bytes };
+                        return Some(Err(if self.messages.taken() > 0 {
+                            LogError::NoTimes
+                        } else {
+                            nothing
+                        }));
                     }
                 }
                 Err(error) => {

@@ -138,6 +138,11 @@ pub enum LogError {
         /// Bytes looked at.
         bytes: u64,
     },
+    /// Entries, and none that can be put in order.
+    #[error(
+        "it holds no sensor data with a time: a log without a flight, or of firmware before ArduPilot 3.1, which wrote no times"
+    )]
+    NoTimes,
     /// A sound recording of a run that received nothing.
     #[error(
         "there are no MAVLink frames in it: the recording of a run without a vehicle, or of another program"

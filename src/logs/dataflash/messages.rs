@@ -59,6 +59,11 @@ impl Messages {
         self.survey.unwrap_or_default()
     }
 
+    /// Messages so far.
+    pub(super) fn taken(&self) -> u64 {
+        self.taken
+    }
+
     /// What flies; a plane with rotors flies turns on its wings.
     pub(super) fn kind(&self) -> Option<VehicleKind> {
         match self.class()? {
