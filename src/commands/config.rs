@@ -91,13 +91,32 @@ pub fn run(args: &ConfigArgs) -> Result<(), CommandError> {
     match &args.action {
         ConfigAction::Check { file } => {
             let config = Config::read(file)?;
-            output::text(&format!("{}: {} options, all valid\n", file.display(), config.entries.len()))
+            output::text(&checked(&config)?)
         }
         ConfigAction::Show { file } => {
             let config = file.as_deref().map(Config::read).transpose()?;
             output::text(&listing(config.as_ref()))
         }
     }
+}
+
+/// That a file is right, in a line. What a run would end with at once is an error; what the command line may give as well is named.
+fn checked(config: &Config) -> Result<String, CommandError> {
+    let (name, n) = (config.path.display(), config.entries.len());
+    // The file stands for what else a run needs.
+    let args = config.merged(&["--config".into(), config.path.clone().into()]);
+    let args = args.map_err(|e| ConfigError::Wrong {
+        path: config.path.clone(),
+        line: 1,
+        column: 1,
+        reason: e.to_string().lines().next().unwrap_or_default().to_owned(),
+    })?;
+    super::start::check(&args)?;
+    Ok(if args.connect.is_empty() {
+        format!("{name}: {n} options, each valid; a run needs also --connect\n")
+    } else {
+        format!("{name}: {n} options, all valid\n")
+    })
 }
 
 /// The options of `run`.
@@ -319,6 +338,26 @@ mod tests {
         for (text, said) in cases {
             let error = parse(text).unwrap_err();
             assert!(error.contains(said), "{text}: {error}");
+        }
+    }
+
+    /// What a run would refuse at once is no valid file.
+    #[test]
+    fn a_file_is_valid_where_a_run_would_begin() {
+        let said = |text: &str| checked(&parse(text).unwrap()).map_err(|e| e.to_string());
+        let link = "connect = [\"udpin:127.0.0.1:14550\"]\n";
+        let good = said(&format!("{link}airframe = \"small_fixed_wing\"\nfloor = 40\n")).unwrap();
+        assert!(good.ends_with("3 options, all valid\n"), "{good}");
+        let part = said("rate = 100\n").unwrap();
+        assert!(part.contains("each valid; a run needs also --connect"), "{part}");
+        for (wrong, why) in [
+            ("airframe = \"small_fixed_wing\"\nfloor = 500\nceiling = 10\n", "--floor 500 is not below"),
+            ("floor = 50\n", "--airframe"),
+            ("airframe = \"nix\"\n", "nix"),
+            ("model = \"/nix\"\n", "/nix"),
+        ] {
+            let error = said(&format!("{link}{wrong}")).unwrap_err();
+            assert!(error.contains(why), "{wrong}: {error}");
         }
     }
 

@@ -81,9 +81,8 @@ pub fn run(args: RunArgs) -> Result<(), CommandError> {
     result
 }
 
-/// Runs with all sinks. Signals, the terminal and the duration cancel `asked`; the run itself ends once an upload under way
-/// has put the previous mission back.
-async fn with_sinks(args: &RunArgs) -> Result<(), CommandError> {
+/// What a run asks of the engine.
+fn engine_options(args: &RunArgs) -> Result<EngineOptions, CommandError> {
     let options = match &args.airframe {
         Some(name) => {
             let mut guidance = GuidanceOptions::new(super::demo::load_airframe(name)?, true);
@@ -93,7 +92,26 @@ async fn with_sinks(args: &RunArgs) -> Result<(), CommandError> {
         None if args.band.is_given() => return Err(BandError::NoAirframe.into()),
         None => EngineOptions::default(),
     };
-    let options = EngineOptions { place: args.known.place.home, limit_deg: args.known.limit, ..options };
+    Ok(EngineOptions { place: args.known.place.home, limit_deg: args.known.limit, ..options })
+}
+
+/// Reads what a run reads before it opens a link, and begins none.
+///
+/// # Errors
+/// What a run would end with at once.
+pub fn check(args: &RunArgs) -> Result<(), CommandError> {
+    engine_options(args)?;
+    args.effects.load()?;
+    args.model.as_deref().map(super::load_model).transpose()?;
+    args.params.as_deref().map(ParamOrder::load).transpose().map_err(ParamsError::from)?;
+    args.mission.as_deref().map(Planned::load).transpose().map_err(MissionError::from)?;
+    Ok(())
+}
+
+/// Runs with all sinks. Signals, the terminal and the duration cancel `asked`; the run itself ends once an upload under way
+/// has put the previous mission back.
+async fn with_sinks(args: &RunArgs) -> Result<(), CommandError> {
+    let options = engine_options(args)?;
     let (asked, stop) = (CancellationToken::new(), CancellationToken::new());
     signals::cancel_on_signal(&asked);
     let status = SinkStatus::new();

@@ -24,7 +24,7 @@ impl Effect for ClockDrift {
     }
 
     fn cause(&self) -> &'static str {
-        "fixes and inertial samples are stamped by different clocks that are not synchronised"
+        "fixes and inertial samples are stamped by different clocks that are not synchronised, or the delay of the fixes has changed on the way"
     }
 
     fn remedy(&self) -> &'static str {
