@@ -96,7 +96,7 @@ pub fn checks(log: &HealthLog, px4: bool, board: &OnBoard) -> Vec<Check> {
         j.part("battery and supply", j.power(), !log.battery.is_empty()),
         j.part("attitude", log.leans(board, &in_flight), log.has_leans()),
         j.part("motors", j.motors(), log.has_motors(board)),
-        j.part("messages", j.texts(&|text| !is_of_failsafe(text)), !log.texts.is_empty()),
+        j.part("messages", j.texts(&|text| !is_of_failsafe(text), &in_flight), !log.texts.is_empty()),
         j.part("logger", j.logger(), log.tells_losses()),
         j.part("end of the log", j.end(), log.armed().is_some()),
     ];
@@ -358,12 +358,12 @@ impl Judge<'_> {
     /// What state and texts of the autopilot say of failsafes.
     fn failsafes(&self) -> Vec<Finding> {
         let mut found = self.faults(&|what| part_of(what) == "failsafes", self.armed);
-        found.extend(self.texts(&is_of_failsafe));
+        found.extend(self.texts(&is_of_failsafe, self.armed));
         found
     }
 
-    /// Texts beyond information.
-    fn texts(&self, of: &dyn Fn(&str) -> bool) -> Vec<Finding> {
+    /// Texts beyond information; those at other times are how it should be.
+    fn texts(&self, of: &dyn Fn(&str) -> bool, at: &dyn Fn(f64) -> bool) -> Vec<Finding> {
         let grave = |level| if level == Level::Error { Grade::Bad } else { Grade::Look };
         let mut found: Vec<Finding> = Vec::new();
         let worth = self.log.texts.iter().filter(|(_, (level, text))| *level > Level::Info && of(text));
@@ -374,7 +374,7 @@ impl Judge<'_> {
                 continue;
             }
             // On the ground a refused arming is how it should be.
-            let grade = if (self.armed)(t) { grave(*level) } else { Grade::Ok };
+            let grade = if at(t) && !self.log.is_of_no_flight() { grave(*level) } else { Grade::Ok };
             found.push((grade, Some(t), format!("{quoted} at {t:.1} s")));
         }
         found.sort_by_key(|f| std::cmp::Reverse(f.0));

@@ -3,7 +3,7 @@
 use super::{HealthLog, Series, keep};
 use crate::advice::on_board::OnBoard;
 use crate::health::checks::{Finding, Grade};
-use crate::health::rows::{Row, rows};
+use crate::health::rows::{Row, fullest, rows};
 use crate::logs::VehicleClass;
 use gaware_nav::math::{acos, cos, sin};
 use gaware_nav::operating::{Channel, MOTORS, Operating};
@@ -13,6 +13,9 @@ use nalgebra::Vector3;
 const AWAY: f64 = 30.0 * std::f64::consts::PI / 180.0;
 /// … for so long, s (ArduCopter `crash_check.cpp`: `CRASH_CHECK_ANGLE_DEVIATION_DEG`, `CRASH_CHECK_TRIGGER_SEC`); half as long is worth a look.
 const AWAY_S: [f64; 2] = [1.0, 2.0];
+/// What swings is away again and again: the time counts within so long, s. A crash swung between 5° and 90° for 5 s and was away for 1.2 s at a
+/// time (beast36.bin).
+const AWAY_WITHIN_S: f64 = 5.0;
 /// Beyond this the vehicle is upside down, rad.
 const UPSIDE_DOWN: f64 = 0.5 * std::f64::consts::PI;
 /// Leans are kept this far apart, µs: what takes seconds is seen.
@@ -98,13 +101,12 @@ impl HealthLog {
         };
         let away = flown().filter_map(|(t, lean)| Some((t, lean.away.filter(|_| rotors)?)));
         let mut found = Vec::new();
-        if let Some(row) = longest(rows(away, AWAY), AWAY_S[0]) {
-            let grade = if row.length_s() >= AWAY_S[1] { Grade::Bad } else { Grade::Look };
+        if let Some((row, whole_s)) = fullest(away, AWAY, AWAY_WITHIN_S).filter(|(_, s)| *s >= AWAY_S[0]) {
+            let grade = if whole_s >= AWAY_S[1] { Grade::Bad } else { Grade::Look };
             let text = format!(
-                "leans up to {:.0}° away from what is demanded, more than {:.0}° for {:.1} s from {:.1} s: out of control, or held by the ground",
+                "leans up to {:.0}° away from what is demanded, more than {:.0}° for {whole_s:.1} s of {AWAY_WITHIN_S:.0} s from {:.1} s: out of control, or held by the ground",
                 row.peak.to_degrees(),
                 AWAY.to_degrees(),
-                row.length_s(),
                 row.start
             );
             found.push((grade, Some(row.start), text));
