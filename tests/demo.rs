@@ -91,7 +91,7 @@ fn who_ends_the_demonstration_is_told_so_and_screens_say_who_flies() {
 fn every_maneuver_ends_and_the_landing_is_shown_as_such() {
     let prepared = prepared("small_fixed_wing");
     let mut flight = Flight::new(prepared.clone(), 1);
-    let (mut views, mut armed) = (Vec::new(), 0);
+    let (mut views, mut standing) = (Vec::new(), 0);
     while !matches!(flight.stage(), Stage::Over(_)) {
         flight.turn();
         views.push(flight.vehicle_view());
@@ -106,10 +106,10 @@ fn every_maneuver_ends_and_the_landing_is_shown_as_such() {
             let line = headless::line(&now, &StatusView::default());
             let flies = views.last().is_some_and(|v| v.control == Control::Autopilot);
             assert!(!flies || line.contains("(AUTO)"), "{line}");
-            // As ArduPlane's own heartbeat has it, once a second: armed for a mission it does not fly before it moves.
-            let ready = flies && line.contains("Armed, ready for take-off");
-            armed += usize::from(ready);
-            assert!(!flies || ready && armed == 1 || line.contains("autopilot flies"), "{line}");
+            // As ArduPlane's own heartbeat has it, once a second: armed it does not fly before it moves, nor when it has landed.
+            let stands = flies && line.contains("on the ground");
+            standing += usize::from(stands);
+            assert!(!flies || stands && standing <= 2 || line.contains("autopilot flies"), "{line}");
         }
     }
     // Two counts: never both, none longer than its own time, and none that stands still.
