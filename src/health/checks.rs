@@ -80,13 +80,14 @@ const TEXTS: usize = 6;
 ///
 /// Of a log that says that the vehicle was never armed all of it is judged, and nothing is worse than worth a look: no flight ended by it.
 pub fn checks(log: &HealthLog, px4: bool, board: &OnBoard) -> Vec<Check> {
-    // Spans that never were say nothing of a vehicle that moved.
-    let real = |spans: &Vec<(f64, f64)>| !spans.is_empty() || log.is_of_no_flight();
-    let (flown, armed) = (log.flown().filter(real), log.armed().or_else(|| log.flown()).filter(real));
     let no_flight = log.is_of_no_flight();
-    let in_flight = |t: f64| no_flight || in_spans(&flown, t);
+    // Spans that never were say nothing of a vehicle that moved.
+    let real = |spans: &Vec<(f64, f64)>| !spans.is_empty() || no_flight;
+    let (flown, armed) = (log.flown().filter(real), log.armed().or_else(|| log.flown()).filter(real));
+    let in_flight = |t: f64| in_spans(&flown, t);
+    let judged = |t: f64| no_flight || in_flight(t);
     let armed = |t: f64| in_spans(&armed, t);
-    let j = Judge { log, px4, board, in_flight: &in_flight, armed: &armed };
+    let j = Judge { log, px4, board, in_flight: &judged, armed: &armed };
     let mut all = vec![
         j.part("autopilot's estimator", j.estimator(), !log.ratios.is_empty()),
         j.part("failsafes", j.failsafes(), !log.modes.is_empty()),
@@ -94,7 +95,7 @@ pub fn checks(log: &HealthLog, px4: bool, board: &OnBoard) -> Vec<Check> {
         j.part("vibration", j.vibration(), !log.vibration.is_empty() || !log.clipped.is_empty()),
         j.part("compass", j.compass(), log.ratios.contains_key(&Channel::HeadingRatio)),
         j.part("battery and supply", j.power(), !log.battery.is_empty()),
-        j.part("attitude", log.leans(board, &in_flight), log.has_leans()),
+        j.part("attitude", log.leans(board, &judged), log.has_leans()),
         j.part("motors", j.motors(), log.has_motors(board)),
         j.part("messages", j.texts(&|text| !is_of_failsafe(text), &in_flight), !log.texts.is_empty()),
         j.part("logger", j.logger(), log.tells_losses()),
@@ -374,7 +375,7 @@ impl Judge<'_> {
                 continue;
             }
             // On the ground a refused arming is how it should be.
-            let grade = if at(t) && !self.log.is_of_no_flight() { grave(*level) } else { Grade::Ok };
+            let grade = if at(t) { grave(*level) } else { Grade::Ok };
             found.push((grade, Some(t), format!("{quoted} at {t:.1} s")));
         }
         found.sort_by_key(|f| std::cmp::Reverse(f.0));

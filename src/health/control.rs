@@ -24,7 +24,7 @@ const SPACING_US: u64 = 100_000;
 const STALE_US: u64 = 1_000_000;
 /// An output at its limit for so long in a row is no gust, s.
 const LIMIT_S: f64 = 1.0;
-/// Motors that are told to stand for so long have stopped, s: a heartbeat says a second late that the vehicle is disarmed …
+/// Motors whose outputs are at their least for so long have stopped, s: a heartbeat says a second late that the vehicle is disarmed …
 const STOPPED_S: f64 = 2.0;
 /// … and they turned so shortly before, s.
 const TURNED_S: f64 = 1.0;
@@ -133,7 +133,7 @@ impl HealthLog {
         (0..MOTORS).filter(turns).collect()
     }
 
-    /// Whether the log says what its motors were told.
+    /// Whether the log says what its motors were given.
     pub(super) fn has_motors(&self, board: &OnBoard) -> bool {
         !self.stopped.is_empty() || !self.motors(board).is_empty() && pwm_limits(board).is_some()
     }

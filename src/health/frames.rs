@@ -22,7 +22,7 @@ const NO_ATTITUDE: u8 = 128;
 /// A time since boot that goes back by so much is that of another start, ms: links deliver late by less.
 const BACK_MS: u32 = 5000;
 /// What another start is called.
-pub(super) const RESTARTED: &str = "the autopilot restarted";
+const RESTARTED: &str = "the autopilot restarted";
 /// The lowest severity of ArduPilot before 3.4 (`SEVERITY_LOW`), that of an alert since …
 const OLD_LOW: u8 = 1;
 /// … and texts that are no alert.

@@ -238,7 +238,7 @@ impl HealthLog {
         let least = checks::SILENT_S[0].max(SPACINGS * usual);
         let ends = times().skip(1).chain([self.s(last.0).max(self.s(first.0))]);
         let gaps = times().zip(ends).filter(|(a, b)| b - a >= least && in_flight(*a));
-        // Where the link or the logger lost everything, nobody knows what the receiver did.
+        // Where the link or the logger lost everything, no one knows what the receiver did.
         let lively = gaps.filter(|(a, b)| {
             let others = self.alive.iter().filter(|(t, ())| (*a..*b).contains(&self.s(*t))).count();
             others as f64 > 0.5 * (b - a)

@@ -245,7 +245,7 @@ fn a_motor_without_reserve_and_motors_that_stop_are_seen() {
         ("MOT_PWM_MAX", 2000.0),
         ("MOT_SPIN_MAX", 0.95),
     ]);
-    let told = |second: &dyn Fn(f64) -> f64| {
+    let given = |second: &dyn Fn(f64) -> f64| {
         let mut log = flight();
         for k in 0..700 {
             let t = 0.1 * f64::from(k);
@@ -258,12 +258,12 @@ fn a_motor_without_reserve_and_motors_that_stop_are_seen() {
         }
         of(&checks(&log, false, &board), "motors").clone()
     };
-    assert_eq!(told(&|_| 0.6).grade, Grade::Ok);
-    assert_eq!(told(&|t| if t < 9.0 { 0.95 } else { 0.6 }).grade, Grade::Ok, "on the ground");
-    let full = told(&|t| if t > 30.0 && t < 33.0 { 0.95 } else { 0.6 });
+    assert_eq!(given(&|_| 0.6).grade, Grade::Ok);
+    assert_eq!(given(&|t| if t < 9.0 { 0.95 } else { 0.6 }).grade, Grade::Ok, "on the ground");
+    let full = given(&|t| if t > 30.0 && t < 33.0 { 0.95 } else { 0.6 });
     assert_eq!((full.grade, full.t_s.map(f64::round)), (Grade::Look, Some(30.0)), "{}", full.text);
     assert!(full.text.contains("motor output 2 at its limit for 2.8 s"), "{}", full.text);
-    let stopped = told(&|t| if t > 50.0 { 0.0 } else { 0.6 });
+    let stopped = given(&|t| if t > 50.0 { 0.0 } else { 0.6 });
     assert_eq!((stopped.grade, stopped.t_s.map(f64::round)), (Grade::Bad, Some(50.0)), "{}", stopped.text);
 }
 

@@ -9,6 +9,7 @@
 
 use super::flight::Flight;
 use super::judge::Judged;
+use super::noise::Claims;
 use super::select::{self, Added, Candidate, Glance, Point, Search, Selection, Settings};
 use super::size::Flown;
 use super::{Workers, judge, residual};
@@ -186,10 +187,12 @@ pub fn left_over(
     workers: &dyn Workers,
 ) -> Vec<EffectSetting> {
     let selection = &judged.selection;
-    let (search, point) = over_all(flights, selection, settings, workers);
-    if !search.are_enough(selection.added.len() + judged.removed.len(), &point.noise) {
+    let (claims, added) =
+        (Claims::new(&selection.base, flights), selection.added.len() + judged.removed.len());
+    if !select::are_enough(added, settings, &claims, &selection.noise) {
         return Vec::new();
     }
+    let (search, point) = over_all(flights, selection, settings, workers);
     let mut likely: Vec<Candidate> = grammar::formulas(flights)
         .chunks(AT_ONCE)
         .flat_map(|some| glance(&search, &point, some).beside())

@@ -160,7 +160,7 @@ impl<'a> Linear<'a> {
         (0..slots.len()).filter(of).map(|k| (k, own[slots[k].1], slots[k].1)).collect()
     }
 
-    /// Columns of what is in any unit and the search has not named: what calibration leaves, with tolerances for sigmas, and G, which nobody calibrates,
+    /// Columns of what is in any unit and the search has not named: what calibration leaves, with tolerances for sigmas, and G, which no one calibrates,
     /// with that of the standard model. Evidence that is not enough for a name is none that a unit has no G: on two flights made by other means its
     /// elements of 110 and 220 deg/h/g had put scale factors 3.0 and 6.2 sigma off.
     fn tolerances(&self) -> Vec<(usize, f64)> {

@@ -63,6 +63,12 @@ pub(super) fn logger(entry: &Entry, kept: u64) -> Option<HealthNote> {
     Some(HealthNote::Lost(entry.number("Dp")?, kept as f64))
 }
 
+/// The demand of an `ATT`; before 3.2 it is named otherwise.
+pub(super) fn demanded(entry: &Entry) -> Option<HealthNote> {
+    let of = |label, old| entry.number(label).or(entry.number(old)).map(f64::to_radians);
+    Some(HealthNote::Demanded([of("DesRoll", "RollIn")?, of("DesPitch", "PitchIn")?]))
+}
+
 /// What another message says; `flies`: whether it is of the lane that flies.
 pub(super) fn notes(entry: &Entry, class: Option<VehicleClass>, flies: bool) -> Vec<HealthNote> {
     let of = |label: &str| entry.number(label);
@@ -81,12 +87,6 @@ pub(super) fn notes(entry: &Entry, class: Option<VehicleClass>, flies: bool) -> 
         "POWR" => {
             let volts = of("Vcc").map(|v| if v > 100.0 { v * 1e-3 } else { v });
             volts.filter(|v| *v > 1.0).map(HealthNote::Supply).into_iter().collect()
-        }
-        "ATT" => {
-            // Before 3.2 the demand is named otherwise.
-            let demanded = |label, old| of(label).or(of(old)).map(f64::to_radians);
-            let lean = demanded("DesRoll", "RollIn").zip(demanded("DesPitch", "PitchIn"));
-            lean.map(|(roll, pitch)| HealthNote::Demanded([roll, pitch])).into_iter().collect()
         }
         "UBX1" => {
             let jamming = of("jamInd");
@@ -118,15 +118,19 @@ pub(super) fn notes(entry: &Entry, class: Option<VehicleClass>, flies: bool) -> 
 
 fn mode(entry: &Entry, class: Option<VehicleClass>) -> Option<HealthNote> {
     let number = entry.number("ModeNum").or(entry.number("Mode"))?.max(0.0) as u32;
+    Some(HealthNote::Mode(mode_name(class, number)))
+}
+
+/// The name of a mode, where the log says what flies.
+pub(super) fn mode_name(class: Option<VehicleClass>, number: u32) -> String {
     let of = |kind| modes::of_heartbeat(ARDUPILOT, kind, 0, number).1;
-    let name = match class {
+    match class {
         Some(VehicleClass::Rover) => of(10),
         Some(VehicleClass::Submarine) => of(12),
         Some(VehicleClass::Multirotor | VehicleClass::Helicopter) => of(2),
         Some(VehicleClass::FixedWing | VehicleClass::Vtol) => of(1),
-        _ => format!("mode {number}"),
-    };
-    Some(HealthNote::Mode(name))
+        None => format!("mode {number}"),
+    }
 }
 
 fn event(id: u32) -> Option<HealthNote> {

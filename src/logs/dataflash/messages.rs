@@ -151,8 +151,7 @@ impl Messages {
             }
             "ATT" => {
                 let (t_us, angles) = (entry.stamp_us()?, notes::attitude(entry)?);
-                let demanded = health::notes(entry, None, false);
-                demanded.into_iter().for_each(|note| self.note(entry, LogNote::Health(note)));
+                health::demanded(entry).into_iter().for_each(|note| self.note(entry, LogNote::Health(note)));
                 self.put(t_us, Measurement::Attitude(Stamp::Usec(t_us), angles));
             }
             "MSG" => self.text(entry),

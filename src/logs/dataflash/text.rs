@@ -3,8 +3,10 @@
 //! Lines are `NAME, value, …`; their formats are `FMT` lines. Hundredths and degrees are written as such, a mode by its name. A line that does not fit its
 //! format becomes a message that no reader can use, so that it is counted.
 
+use super::health::mode_name;
+use super::notes::class_of_firmware;
 use super::{FMT, FMT_LEN, Format, HEADER, MAGIC};
-use crate::sensors::modes;
+use crate::logs::VehicleClass;
 use std::collections::BTreeMap;
 use std::io::{self, BufRead, BufReader, Read};
 
@@ -14,10 +16,6 @@ pub const HEAD: usize = 4096;
 const FIRST: &str = "FMT,128,89,FMT,";
 /// Longer lines are none.
 const LONGEST_LINE: u64 = 1024;
-/// `MAV_AUTOPILOT_ARDUPILOTMEGA`; `MAV_TYPE` of an aircraft with wings and of one with rotors.
-const ARDUPILOT: u8 = 3;
-const WINGS: u8 = 1;
-const ROTORS: u8 = 2;
 /// Flight modes have numbers below this.
 const MODES: u32 = 64;
 
@@ -35,8 +33,8 @@ pub struct Transcoder<R> {
     out: Vec<u8>,
     /// How much of `out` has been read.
     given: usize,
-    /// What carries the vehicle, as `MAV_TYPE`.
-    carried_by: u8,
+    /// What flies by the name of the firmware.
+    class: Option<VehicleClass>,
     /// What stands before the first format.
     banner: Option<String>,
 }
@@ -49,7 +47,7 @@ impl<R: Read> Transcoder<R> {
             formats: BTreeMap::new(),
             out: Vec::new(),
             given: 0,
-            carried_by: ROTORS,
+            class: None,
             banner: None,
         }
     }
@@ -80,7 +78,7 @@ impl<R: Read> Transcoder<R> {
             return self.describe(rest);
         }
         if name == "MSG" {
-            self.learn(rest);
+            self.class = class_of_firmware(rest.trim()).or(self.class);
         }
         let (kind, format) = self.formats.get(name)?;
         let mut values = rest.splitn(format.fields.len().max(1), ',').map(str::trim);
@@ -119,12 +117,6 @@ impl<R: Read> Transcoder<R> {
         Some(())
     }
 
-    fn learn(&mut self, text: &str) {
-        if text.contains("ArduPlane") {
-            self.carried_by = WINGS;
-        }
-    }
-
     /// One value as the format has it.
     fn field(&self, kind: u8, value: &str, out: &mut Vec<u8>) -> Option<()> {
         let number = || value.parse::<f64>().ok();
@@ -161,7 +153,8 @@ impl<R: Read> Transcoder<R> {
     /// The number of a mode: its name is written with or without spaces.
     fn mode(&self, name: &str) -> Option<u8> {
         let plain = |name: &str| name.to_ascii_uppercase().replace([' ', '_'], "");
-        let is = |k: &u32| plain(&modes::of_heartbeat(ARDUPILOT, self.carried_by, 0, *k).1) == plain(name);
+        let class = self.class.or(Some(VehicleClass::Multirotor));
+        let is = |k: &u32| plain(&mode_name(class, *k)) == plain(name);
         (0..MODES).find(is).and_then(|k| u8::try_from(k).ok())
     }
 }

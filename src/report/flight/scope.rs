@@ -51,9 +51,7 @@ pub fn words(s: &Summary, beside: &Beside, fitted: &[Fitted], settled: bool) -> 
     } else if rate < LEAST_HZ {
         cannot.push(format!("attitude: inertial samples at {rate:.0} Hz miss the motion between them"));
     }
-    // Without inertial samples fixes are not used, whether there are any or not.
-    let no_fix = s.gnss.fixes == 0 && !beside.health.has_fix();
-    if no_fix {
+    if has_no_fix(s, beside) {
         cannot.push("whose attitude is right (no GNSS)".to_owned());
     }
     let list = |parts: &[String]| parts.join(", ");
@@ -73,6 +71,11 @@ pub fn warning(beside: &Beside) -> Option<String> {
         "Rests on a part of the flight: {}. Values on this page may be off by several of their sigmas.",
         lost.words()
     ))
+}
+
+/// Without inertial samples fixes are not used, whether there are any or not.
+fn has_no_fix(s: &Summary, beside: &Beside) -> bool {
+    s.gnss.fixes == 0 && !beside.health.has_fix()
 }
 
 /// Parameters for the next flight.
@@ -107,7 +110,7 @@ fn next(s: &Summary, beside: &Beside) -> String {
             _ => "record with gaware run, or SR0_RAW_SENS 50 (the log's link), or send the autopilot's own .bin".to_owned(),
         });
     }
-    if s.gnss.fixes == 0 && !beside.health.has_fix() {
+    if has_no_fix(s, beside) {
         parts.push("fly with a 3-D GNSS fix".to_owned());
     }
     if parts.is_empty() { String::new() } else { format!("For the next flight: {}.", parts.join("; ")) }

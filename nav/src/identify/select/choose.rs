@@ -5,9 +5,9 @@
 //! more, with all the others in.
 
 use super::super::map;
-use super::super::noise::Noise;
+use super::super::noise::{Claims, Noise};
 use super::settle::{loss, watching};
-use super::{Added, Candidate, Point, Search, Step, is_jump, lacking};
+use super::{Added, Candidate, Point, Search, Settings, Step, is_jump, lacking};
 
 /// A flight is not gone through more often than this for each effect that may be added.
 const ROUNDS: usize = 2;
@@ -76,6 +76,16 @@ impl Chosen {
     }
 }
 
+/// Whether so many effects beside this noise are enough, whatever is likely beside them.
+pub(in crate::identify) fn are_enough(
+    effects: usize,
+    settings: &Settings,
+    claims: &Claims,
+    noise: &Noise,
+) -> bool {
+    effects >= settings.most_effects || effects >= MOST_BESIDE_NOISE && claims.is_implausible(noise)
+}
+
 impl Search<'_> {
     /// Adds the best effect as long as it has this evidence, and takes out what no longer has.
     pub(super) fn choose(&self, from: Point, threshold: f64) -> Chosen {
@@ -88,7 +98,7 @@ impl Search<'_> {
     /// The same after a choice.
     fn choose_after(&self, mut chosen: Chosen, threshold: f64) -> Chosen {
         for _ in 0..ROUNDS * self.settings.most_effects {
-            if self.are_enough(chosen.found.len(), &chosen.point.noise) {
+            if are_enough(chosen.found.len(), &self.settings, &self.claims, &chosen.point.noise) {
                 break;
             }
             let looks = self.look(&chosen.point, None, &mut chosen.remaining);
@@ -102,12 +112,6 @@ impl Search<'_> {
             while self.take_out(&mut chosen, 1, threshold - GRACE) {}
         }
         chosen
-    }
-
-    /// Whether so many effects beside this noise are enough, whatever is likely beside them.
-    pub(in crate::identify) fn are_enough(&self, effects: usize, noise: &Noise) -> bool {
-        effects >= self.settings.most_effects
-            || effects >= MOST_BESIDE_NOISE && self.claims.is_implausible(noise)
     }
 
     /// Every candidate (of these names) at a glance, the best of them closely; best first.

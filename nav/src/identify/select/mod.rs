@@ -16,6 +16,7 @@ use super::pass::Options;
 use crate::effects::{Effect, REGISTRY};
 use crate::model::{EffectSetting, Model};
 
+pub(super) use choose::are_enough;
 pub(super) use scan::Glance;
 pub(super) use search::{Point, Search};
 pub(super) use settle::priors;
