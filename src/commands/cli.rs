@@ -28,9 +28,9 @@ Examples:
   gaware replay flight.tlog --json
   gaware report flight.tlog
   gaware sim --scenario fixed_wing --listen tcpin:127.0.0.1:5760
-  gaware study paper --runs 400
+  gaware explain flight.tlog --out result
 
-Exit status: 0 done, 1 the work failed (stderr says why), 2 wrong usage.";
+Exit status: 0 done, 1 the work failed (stderr says why), 2 wrong usage, 3 the recordings say too little for an answer.";
 
 /// The commands.
 #[derive(Debug, Subcommand)]

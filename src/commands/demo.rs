@@ -61,7 +61,7 @@ pub struct DemoArgs {
     #[arg(long)]
     pub flight_only: bool,
     /// Address of the web page.
-    #[arg(long, value_name = "ADDR", default_value = "127.0.0.1:8080", conflicts_with = "no_web")]
+    #[arg(long, value_name = "ADDR", default_value = "127.0.0.1:8080", value_parser = listen_address, conflicts_with = "no_web")]
     pub web: SocketAddr,
     /// No web page.
     #[arg(long)]

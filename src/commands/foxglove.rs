@@ -6,19 +6,21 @@ use crate::sinks::log;
 use crate::sinks::status::SinkStatus;
 use crate::sinks::web::access::Token;
 use crate::sinks::web::{WebError, door};
-use std::net::{Ipv4Addr, SocketAddr};
+use std::net::{Ipv4Addr, SocketAddr, ToSocketAddrs};
 use std::time::{SystemTime, UNIX_EPOCH};
 use tokio_util::sync::CancellationToken;
 
 /// Where the server listens unless an address is given: the port that Foxglove proposes, for this machine only.
 pub(super) const DEFAULT_ADDRESS: &str = "127.0.0.1:8765";
 
-/// An address to listen on, or a port of this machine alone.
+/// An address to listen on (a name such as localhost stands for its IPv4 address where it has one), or a port of this machine alone.
 pub(super) fn listen_address(text: &str) -> Result<SocketAddr, String> {
     if let Ok(port) = text.parse::<u16>() {
         return Ok((Ipv4Addr::LOCALHOST, port).into());
     }
-    text.parse().map_err(|_| "write an address and a port, as in 127.0.0.1:8765, or a port".to_owned())
+    let known: Vec<SocketAddr> = text.to_socket_addrs().map(Iterator::collect).unwrap_or_default();
+    let chosen = known.iter().find(|a| a.is_ipv4()).or(known.first());
+    chosen.copied().ok_or_else(|| "write an address and a port, as in 127.0.0.1:8765, or a port".to_owned())
 }
 
 /// Unix time, µs.
@@ -78,6 +80,7 @@ mod tests {
         assert_eq!(address_of(&["--foxglove"]), listens("127.0.0.1:8765"));
         assert_eq!(address_of(&["--foxglove", "--headless"]), listens("127.0.0.1:8765"));
         assert_eq!(address_of(&["--foxglove", "9000"]), listens("127.0.0.1:9000"));
+        assert_eq!(address_of(&["--foxglove", "localhost:9000"]), listens("127.0.0.1:9000"));
         assert_eq!(address_of(&["--foxglove", "0.0.0.0:8765"]), listens("0.0.0.0:8765"));
         assert!(address_of(&["--foxglove", "everywhere"]).unwrap_err().contains("127.0.0.1:8765, or a port"));
     }

@@ -196,7 +196,11 @@ pub fn run(args: &UnitArgs) -> Result<(), CommandError> {
                 let what = figures::counted(count, "value");
                 return Err(UnitError::Contradicted { path: unit.clone(), what }.into());
             }
-            Ok(())
+            if logs.json {
+                return Ok(());
+            }
+            let logs = figures::counted(logs.logs.len(), "recording");
+            output::text(&format!("{logs}: no value disagrees with {}\n", unit.display()))
         }
     }
 }

@@ -213,6 +213,15 @@ impl Unit {
         if let Some(wrong) = unit.states.iter().find(|s| !sound(s)) {
             return Err(format!("{} has no finite value with a positive sigma", wrong.name));
         }
+        for (k, state) in unit.states.iter().enumerate() {
+            if unit.states.iter().take(k).any(|s| s.name == state.name) {
+                return Err(format!("{} stands in it twice", state.name));
+            }
+            // Values are read in the units of the catalogue: another one would be another value.
+            if let Some(own) = unit_of(state).filter(|own| *own != state.unit) {
+                return Err(format!("{} is given in {:?}, and must be in {own:?}", state.name, state.unit));
+            }
+        }
         let rows = unit.covariance.iter().enumerate().all(|(k, row)| row.len() == k + 1);
         if !rows || unit.covariance.len() != unit.states.len() {
             return Err("its covariance is not a lower triangle with a row for each state".to_owned());
@@ -427,6 +436,19 @@ impl Unit {
                 Err(UnitError::Other { path: path.to_owned(), of: of.clone(), has: has.to_owned() })
             }
             _ => Ok(()),
+        }
+    }
+}
+
+/// The unit that a state of a bias or of an effect of the catalogue has.
+fn unit_of(state: &UnitState) -> Option<&'static str> {
+    use gaware_nav::effects::unit::{DEG_PER_H, MG};
+    match state.effect.as_str() {
+        "gyro_bias" => Some(DEG_PER_H.symbol),
+        "accel_bias" => Some(MG.symbol),
+        name => {
+            let setting = EffectSetting::unknown(gaware_nav::effects::find(name)?);
+            setting.parameters().find(|(own, _)| *own == state.name).map(|(_, unit)| unit.symbol)
         }
     }
 }

@@ -45,6 +45,9 @@ fn a_damaged_file_is_refused_in_words() {
         ("2026-11-24", "yesterday", "is no date"),
         ("sigma = 8.0", "sigma = -8.0", "g11 has no finite value"),
         ("covariance = [[", "covariance = [[1.0], [", "lower triangle"),
+        ("name = \"g12\"", "name = \"g11\"", "g11 stands in it twice"),
+        ("unit = \"deg/h\"", "unit = \"deg/s\"", "in \"deg/s\", and must be in \"deg/h\""),
+        ("unit = \"ppm\"", "unit = \"%\"", "must be in \"ppm\""),
     ] {
         assert!(text.contains(from), "{from}");
         let reason = Unit::parse(&text.replacen(from, to, 1)).unwrap_err();

@@ -65,8 +65,8 @@ pub struct RunArgs {
     /// (docs/telemetry.md).
     #[arg(long, value_enum, value_name = "LEVEL", default_value = "low")]
     pub telemetry: TelemetryLevel,
-    /// Serve the web page on this address.
-    #[arg(long, value_name = "ADDR")]
+    /// Serve the web page on this address, with a port alone on that port of this machine.
+    #[arg(long, value_name = "ADDR", value_parser = listen_address)]
     pub web: Option<SocketAddr>,
     /// Live data for Foxglove, which connects to ws://ADDR: the topics of the recording. Without an address 127.0.0.1:8765, with a port
     /// alone that port of 127.0.0.1 (docs/foxglove.md).

@@ -3,7 +3,7 @@
 use super::effects::{self, capitalised, description};
 use super::{channel_unit, found, spoken, values};
 use crate::explain::Explained;
-use crate::explain::contract::{ChannelResidual, Explanation, ModelResidual, Verdict};
+use crate::explain::contract::{ChannelResidual, EffectEntry, Explanation, ModelResidual, Verdict};
 use crate::explain::words::number;
 use crate::report::page::{answers, escape};
 use std::fmt::Write;
@@ -26,19 +26,31 @@ pub fn headline(explained: &Explained) -> String {
     match (e.verdict, &e.effects[..]) {
         (Verdict::TooLittleData, _) => e.summary.clone(),
         (Verdict::NothingMissing, _) => "No unmodelled effect is significant.".to_owned(),
-        (Verdict::Explained, [one]) => {
-            let size = found(one, explained.judged.as_ref()).map(values).unwrap_or_default();
-            let size = size.first().map_or_else(String::new, |v| format!(": {}", v.text));
-            format!("{}{size}.", capitalised(description(one)))
-        }
+        (Verdict::Explained, [one]) => format!("{}.", sized(one, explained)),
         (Verdict::Explained, _) => format!("{} unmodelled effects: {}.", names.len(), names.join(", ")),
         (Verdict::Ambiguous, [one]) => format!("Unmodelled effect: one of {}.", one.names.join(", ")),
         (Verdict::Ambiguous, all) => {
-            let open = all.iter().filter(|x| x.names.len() > 1).count();
-            format!("{} unmodelled effects, {open} of them with more than one candidate.", all.len())
+            let alone: Vec<_> = all.iter().filter(|x| x.names.len() == 1).collect();
+            let open = all.len() - alone.len();
+            match &alone[..] {
+                [] => format!("{open} unmodelled effects, each with more than one candidate."),
+                // As certain as in a flight that is explained: its value belongs to the first line.
+                [one] => format!("{}; beside it {open} with more than one candidate.", sized(one, explained)),
+                several => {
+                    let names: Vec<_> = several.iter().map(|x| x.names.concat()).collect();
+                    format!("{}; beside them {open} with more than one candidate.", names.join(", "))
+                }
+            }
         }
         (Verdict::Unexplained, _) => format!("Not explained: {}.", open(e)),
     }
+}
+
+/// What an effect is, and how large.
+fn sized(one: &EffectEntry, explained: &Explained) -> String {
+    let size = found(one, explained.judged.as_ref()).map(values).unwrap_or_default();
+    let size = size.first().map_or_else(String::new, |v| format!(": {}", v.text));
+    format!("{}{size}", capitalised(description(one)))
 }
 
 /// What is left open.
