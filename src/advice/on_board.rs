@@ -11,9 +11,9 @@ use gaware_mission::params::file::ParamFile;
 use gaware_mission::params::{Encoding, ParamMessage};
 use gaware_nav::observability::words::VehicleKind;
 use gaware_nav::sample::Sample;
+use gaware_wire::heartbeat::Heartbeat;
 use std::collections::{BTreeMap, BTreeSet};
 
-const HEARTBEAT: u32 = 0;
 const AUTOPILOT_VERSION: u32 = 148;
 
 /// A list with so many parameters lacks those alone that the vehicle does not have: complete lists of old and small firmware have 492 to 805
@@ -173,7 +173,8 @@ impl OnBoard {
 
     /// Takes a frame. `vehicle`: as for [`Self::read`].
     pub fn frame(&mut self, frame: &Frame, vehicle: Option<u8>) {
-        if frame.message_id == HEARTBEAT
+        let heartbeat = Heartbeat::of(frame);
+        if let Some(heartbeat) = heartbeat
             && self.system_id.is_none()
             && let Some(seen) = Vehicle::from_heartbeat(frame)
             && vehicle.is_none_or(|id| id == seen.address.system)
@@ -181,17 +182,15 @@ impl OnBoard {
             self.system_id = Some(seen.address.system);
             self.autopilot = Some(seen.autopilot);
             self.fixed_wing = seen.is_fixed_wing();
-            self.class =
-                VehicleClass::of_mav_type(frame.payload().get(4).copied().unwrap_or(0)).or(self.class);
+            self.class = VehicleClass::of_mav_type(heartbeat.mav_type).or(self.class);
         }
         if self.system_id != Some(frame.system_id) {
             return;
         }
-        if frame.message_id == HEARTBEAT
+        if let Some(heartbeat) = heartbeat
             && self.class == Some(VehicleClass::FixedWing)
             && self.autopilot == Some(Autopilot::ArduPilot)
-            && let Some(Ok(mode)) = frame.payload().get(..4).map(<[u8; 4]>::try_from)
-            && modes::is_of_rotors(u32::from_le_bytes(mode))
+            && modes::is_of_rotors(heartbeat.custom_mode)
         {
             // A plane that rotors lift as well may call itself a plane in its heartbeats.
             self.class = Some(VehicleClass::Vtol);

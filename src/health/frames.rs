@@ -6,17 +6,10 @@ use crate::sensors::gnss::{Receiver, has_fix};
 use crate::sensors::{AUTOPILOT_COMPONENT, modes, operating};
 use gaware_nav::operating::Operating;
 use gaware_nav::sample::GnssFix;
+use gaware_wire::heartbeat::{ARDUPILOT, Heartbeat};
 use mavlink::dialects::ardupilotmega::{MavMessage, STATUSTEXT_DATA};
 use nalgebra::{Quaternion, UnitQuaternion};
 
-/// `MAV_MODE_FLAG_SAFETY_ARMED`.
-const ARMED: u8 = 128;
-/// `MAV_STATE_CRITICAL`, `MAV_STATE_EMERGENCY`, `MAV_STATE_FLIGHT_TERMINATION`.
-const FAILSAFE: [u8; 3] = [5, 6, 8];
-/// `MAV_AUTOPILOT_INVALID`.
-const NO_AUTOPILOT: u8 = 8;
-/// `MAV_AUTOPILOT_ARDUPILOTMEGA`.
-const ARDUPILOT: u8 = 3;
 /// `ATTITUDE_TARGET_TYPEMASK_ATTITUDE_IGNORE`.
 const NO_ATTITUDE: u8 = 128;
 /// A time since boot that goes back by so much is that of another start, ms: links deliver late by less.
@@ -30,6 +23,10 @@ const BANNERS: [&str; 5] = ["Ardu", "APM", "Frame: ", "GROUND START", "Reached C
 /// Bits of `EKF_STATUS_REPORT.flags`: attitude, horizontal velocity.
 const EKF_ATTITUDE: u16 = 1;
 const EKF_VELOCITY: u16 = 2;
+
+fn fault(what: &'static str, on: bool, grave: bool) -> HealthNote {
+    HealthNote::Fault { what, on, grave }
+}
 
 /// Follows the first autopilot.
 #[derive(Debug, Clone, Default)]
@@ -76,8 +73,16 @@ impl Frames {
         ) {
             return found;
         }
-        if let Ok(message) = frame.decode() {
-            self.message(frame.system_id, &message, &mut found);
+        if let Some(heartbeat) = Heartbeat::of(frame).filter(Heartbeat::is_of_vehicle) {
+            self.system = Some(frame.system_id);
+            self.ardupilot = heartbeat.autopilot == ARDUPILOT;
+            found.notes.push(HealthNote::Mode(modes::of_heartbeat(&heartbeat).1));
+            found.notes.push(HealthNote::Armed(heartbeat.is_armed()));
+            found.notes.push(fault("failsafe", heartbeat.is_failsafe(), true));
+        } else if self.system.is_some()
+            && let Ok(message) = frame.decode()
+        {
+            self.message(&message, &mut found);
         }
         found
     }
@@ -94,21 +99,8 @@ impl Frames {
         found.notes.push(HealthNote::Text(level, text));
     }
 
-    fn message(&mut self, system: u8, message: &MavMessage, found: &mut Found) {
-        let fault = |what, on, grave| HealthNote::Fault { what, on, grave };
+    fn message(&mut self, message: &MavMessage, found: &mut Found) {
         match message {
-            MavMessage::HEARTBEAT(m) if m.autopilot as u8 != NO_AUTOPILOT => {
-                self.system = Some(system);
-                self.ardupilot = m.autopilot as u8 == ARDUPILOT;
-                let base = m.base_mode.bits();
-                let (kind, firmware) = (m.mavtype as u8, m.autopilot as u8);
-                found
-                    .notes
-                    .push(HealthNote::Mode(modes::of_heartbeat(firmware, kind, base, m.custom_mode).1));
-                found.notes.push(HealthNote::Armed(base & ARMED != 0));
-                found.notes.push(fault("failsafe", FAILSAFE.contains(&(m.system_status as u8)), true));
-            }
-            _ if self.system.is_none() => {}
             MavMessage::SYS_STATUS(m) if m.voltage_battery != u16::MAX && m.voltage_battery > 0 => {
                 let remaining = u8::try_from(m.battery_remaining).ok().map(|p| 0.01 * f64::from(p));
                 let volts = 1e-3 * f64::from(m.voltage_battery);

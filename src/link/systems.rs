@@ -5,13 +5,9 @@
 
 use super::frame::Frame;
 use crate::sensors::{AUTOPILOT_COMPONENT, ImuSource};
+use gaware_wire::heartbeat::Heartbeat;
 use std::collections::BTreeMap;
 
-const HEARTBEAT: u32 = 0;
-/// `MAV_AUTOPILOT_INVALID`: no autopilot.
-const NO_AUTOPILOT: u8 = 8;
-/// `MAV_TYPE_GCS`, `MAV_TYPE_ONBOARD_CONTROLLER` and `MAV_TYPE_GIMBAL`: no vehicles.
-const NO_VEHICLES: [u8; 3] = [6, 18, 26];
 /// So many inertial messages prove a vehicle.
 const PROOF: u64 = 5;
 /// A vehicle without inertial data gives way to one of which so many more heartbeats were received.
@@ -42,20 +38,17 @@ impl Systems {
         if frame.component_id != AUTOPILOT_COMPONENT {
             return false;
         }
-        let id = frame.message_id;
-        let heartbeat = id == HEARTBEAT;
-        if !heartbeat && !ImuSource::ALL.iter().any(|s| s.message_id() == id) {
-            return false;
-        }
-        // MAVLink 2 leaves zeros at the end out.
-        let at = |k: usize| frame.payload().get(k).copied().unwrap_or(0);
-        let (mav_type, autopilot) = (at(4), at(5));
-        if heartbeat && (autopilot == NO_AUTOPILOT || NO_VEHICLES.contains(&mav_type)) {
+        let heartbeat = Heartbeat::of(frame);
+        let proves = match heartbeat {
+            Some(heartbeat) => heartbeat.is_of_vehicle(),
+            None => ImuSource::ALL.iter().any(|s| s.message_id() == frame.message_id),
+        };
+        if !proves {
             return false;
         }
         let first = !self.heard.contains_key(&frame.system_id);
         let heard = self.heard.entry(frame.system_id).or_default();
-        if heartbeat {
+        if let Some(Heartbeat { autopilot, mav_type, .. }) = heartbeat {
             heard.heartbeats += 1;
             (heard.autopilot, heard.mav_type) = (autopilot, mav_type);
         } else {

@@ -7,18 +7,10 @@ use gaware_mission::identity::{Carrier, Identity, Uid};
 use gaware_mission::item::Autopilot;
 use gaware_mission::transfer::Address;
 use gaware_mission::transfer::verified::VehicleState;
+use gaware_wire::heartbeat::{ARDUPILOT, GENERIC, Heartbeat, PX4};
 
-const HEARTBEAT: u32 = 0;
-/// `MAV_MODE_FLAG_SAFETY_ARMED`.
-const ARMED: u8 = 128;
-/// `MAV_AUTOPILOT_GENERIC`, `MAV_AUTOPILOT_ARDUPILOTMEGA`, `MAV_AUTOPILOT_PX4`.
-const GENERIC: u8 = 0;
-const ARDUPILOT: u8 = 3;
-const PX4: u8 = 12;
 /// `MAV_STATE_ACTIVE`; CRITICAL and EMERGENCY come after it.
 const ACTIVE: u8 = 4;
-/// `MAV_TYPE` of ground stations, companions and gimbals: never the vehicle, whatever autopilot they claim. The engine's rule is the same.
-const NO_VEHICLES: [u8; 3] = [6, 18, 26];
 
 /// A vehicle as its last heartbeat reports.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -48,34 +40,28 @@ impl Vehicle {
 
     /// From a heartbeat of an autopilot that flies missions; other frames say nothing.
     pub fn from_heartbeat(frame: &Frame) -> Option<Self> {
-        if frame.message_id != HEARTBEAT || frame.component_id != AUTOPILOT_COMPONENT {
+        if frame.component_id != AUTOPILOT_COMPONENT {
             return None;
         }
-        // MAVLink 2 leaves zeros at the end out.
-        let at = |k: usize| frame.payload().get(k).copied().unwrap_or(0);
-        let custom_mode = u32::from_le_bytes([at(0), at(1), at(2), at(3)]);
-        let (kind, firmware, base_mode, status) = (at(4), at(5), at(6), at(7));
-        if NO_VEHICLES.contains(&kind) {
-            return None;
-        }
+        let heartbeat = Heartbeat::of(frame).filter(Heartbeat::is_of_vehicle)?;
+        let firmware = heartbeat.autopilot;
         let autopilot = match firmware {
             ARDUPILOT => Autopilot::ArduPilot,
             // A generic one speaks the mission protocol as MAVLink describes it, as PX4 does.
             PX4 | GENERIC => Autopilot::Px4,
             _ => return None,
         };
-        let (mode, _) = modes::of_heartbeat(firmware, kind, base_mode, custom_mode);
-        let mission_mode = mode == FlightMode::Mission;
-        let armed = base_mode & ARMED != 0;
+        let mission_mode = modes::of_heartbeat(&heartbeat).0 == FlightMode::Mission;
+        let armed = heartbeat.is_armed();
         Some(Self {
             address: Address { system: frame.system_id, component: frame.component_id },
-            mav_type: kind,
+            mav_type: heartbeat.mav_type,
             autopilot,
             state: VehicleState {
                 armed,
                 mission_mode,
                 flying_mission: armed && mission_mode,
-                in_flight: firmware == PX4 && armed && status >= ACTIVE,
+                in_flight: firmware == PX4 && armed && heartbeat.status >= ACTIVE,
             },
             uid: None,
         })

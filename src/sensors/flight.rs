@@ -5,22 +5,16 @@ use super::modes;
 use super::{AUTOPILOT_COMPONENT, Converter, vehicle_kind};
 use crate::engine::situation::{FlightMode, FlightReport};
 use crate::link::frame::Frame;
+use gaware_wire::heartbeat::{ARDUPILOT, Heartbeat};
 use std::collections::VecDeque;
 
-const HEARTBEAT: u32 = 0;
 const MISSION_CURRENT: u32 = 42;
 const EXTENDED_SYS_STATE: u32 = 245;
 const STATUSTEXT: u32 = 253;
-/// `MAV_AUTOPILOT_ARDUPILOTMEGA`.
-const ARDUPILOT: u8 = 3;
-/// `MAV_MODE_FLAG_SAFETY_ARMED`.
-const ARMED: u8 = 128;
 /// `MAV_STATE_STANDBY`: ArduPilot reports it, armed or not, until it flies (`vehicle_system_status`); PX4 while it is disarmed.
 const STANDBY: u8 = 3;
 /// `MAV_STATE_ACTIVE`.
 const ACTIVE: u8 = 4;
-/// `MAV_STATE_CRITICAL` and `MAV_STATE_EMERGENCY`: a failsafe on both; `MAV_STATE_FLIGHT_TERMINATION`.
-const FAILSAFE: [u8; 3] = [5, 6, 8];
 /// `MAV_LANDED_STATE`.
 const ON_GROUND: u8 = 1;
 const IN_AIR: u8 = 2;
@@ -100,12 +94,12 @@ impl FlightWatch {
         if self.system_id != Some(frame.system_id) || frame.component_id != AUTOPILOT_COMPONENT {
             return;
         }
+        if let Some(heartbeat) = Heartbeat::of(frame) {
+            self.heartbeat(&heartbeat);
+        }
         // MAVLink 2 leaves zeros at the end out.
         let at = |k: usize| frame.payload().get(k).copied().unwrap_or(0);
         match frame.message_id {
-            HEARTBEAT => {
-                self.heartbeat(u32::from_le_bytes([at(0), at(1), at(2), at(3)]), [at(4), at(5), at(6), at(7)])
-            }
             MISSION_CURRENT => self.report.item = Some(u16::from_le_bytes([at(0), at(1)])),
             EXTENDED_SYS_STATE => self.landed = at(1),
             STATUSTEXT if at(0) <= CRITICAL && at(53) == 0 => {
@@ -125,19 +119,20 @@ impl FlightWatch {
         self.count(t_us, Counts::of(converter));
     }
 
-    fn heartbeat(&mut self, custom_mode: u32, [kind, firmware, base_mode, status]: [u8; 4]) {
+    fn heartbeat(&mut self, heartbeat: &Heartbeat) {
         let report = &mut self.report;
-        let (mode, name) = modes::of_heartbeat(firmware, kind, base_mode, custom_mode);
+        let (mode, name) = modes::of_heartbeat(heartbeat);
         report.has_heartbeat = true;
-        let armed = base_mode & ARMED != 0;
+        let (armed, status) = (heartbeat.is_armed(), heartbeat.status);
+        let ardupilot = heartbeat.autopilot == ARDUPILOT;
         report.flown &= report.armed || !armed;
         report.armed = armed;
         report.mode_name = name;
-        report.failsafe = FAILSAFE.contains(&status);
-        report.kind = vehicle_kind(u32::from(kind));
-        self.heartbeat = (mode, firmware == ARDUPILOT && status == STANDBY);
+        report.failsafe = heartbeat.is_failsafe();
+        report.kind = vehicle_kind(heartbeat.mav_type);
+        self.heartbeat = (mode, ardupilot && status == STANDBY);
         // ArduPilot's status is ACTIVE from take-off to landing, PX4's as soon as it is armed.
-        report.flown |= armed && firmware == ARDUPILOT && status == ACTIVE;
+        report.flown |= armed && ardupilot && status == ACTIVE;
     }
 
     fn combine(&mut self) {

@@ -28,9 +28,10 @@ use gaware_mission::identity::Carrier;
 use gaware_nav::earth::Geodetic;
 use gaware_nav::observability::words::VehicleKind;
 use gaware_nav::sample::{GnssFix, ImuSample, RestartReason, Sample};
+use gaware_wire::heartbeat::Heartbeat;
 use health::{Health, Verdict};
 use imu::Unusable;
-use mavlink::dialects::ardupilotmega::{GPS_RAW_INT_DATA, HEARTBEAT_DATA, MavAutopilot, MavMessage, MavType};
+use mavlink::dialects::ardupilotmega::{GPS_RAW_INT_DATA, MavMessage};
 pub use notice::{Notice, Severity};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
@@ -189,13 +190,15 @@ impl Converter {
         {
             return;
         }
+        if let Some(heartbeat) = Heartbeat::of(frame) {
+            self.heartbeat(frame.system_id, &heartbeat, out);
+            return;
+        }
         let Ok(message) = frame.decode() else {
             self.stats.undecodable += 1;
             return;
         };
-        if let MavMessage::HEARTBEAT(m) = &message {
-            self.heartbeat(frame.system_id, m, out);
-        } else if self.vehicle.is_none() {
+        if self.vehicle.is_none() {
             self.without_heartbeat(frame.system_id, &message);
         } else {
             self.measurement(&message, out);
@@ -210,17 +213,13 @@ impl Converter {
         }
         let Some(system_id) = next else { return };
         let heard = self.systems.of(system_id);
-        let autopilot = match heard.map(|h| h.autopilot) {
-            Some(3) => Autopilot::Ardupilot,
-            Some(12) => Autopilot::Px4,
-            _ => Autopilot::Unknown,
-        };
+        let autopilot = heard.map_or(Autopilot::Unknown, |h| Autopilot::of(h.autopilot));
         if self.time.counts().imu_samples > 0 {
             out.push(Sample::Restart(RestartReason::SourceChange));
         }
         self.vehicle = Some(system_id);
         self.autopilot = autopilot;
-        self.kind = heard.and_then(|h| vehicle_kind(u32::from(h.mav_type)));
+        self.kind = heard.and_then(|h| vehicle_kind(h.mav_type));
         self.time = TimeLine::default();
         (self.sequence, self.missing) = (None, 0);
         self.choice = SourceChoice::new(self.options.source);
@@ -261,28 +260,20 @@ impl Converter {
         }
     }
 
-    fn heartbeat(&mut self, system_id: u8, m: &HEARTBEAT_DATA, out: &mut Vec<Sample>) {
-        let not_a_vehicle = matches!(
-            m.mavtype,
-            MavType::MAV_TYPE_GCS | MavType::MAV_TYPE_GIMBAL | MavType::MAV_TYPE_ONBOARD_CONTROLLER
-        );
-        if m.autopilot == MavAutopilot::MAV_AUTOPILOT_INVALID || not_a_vehicle {
+    fn heartbeat(&mut self, system_id: u8, heartbeat: &Heartbeat, out: &mut Vec<Sample>) {
+        if !heartbeat.is_of_vehicle() {
             return;
         }
-        let autopilot = match m.autopilot {
-            MavAutopilot::MAV_AUTOPILOT_ARDUPILOTMEGA => Autopilot::Ardupilot,
-            MavAutopilot::MAV_AUTOPILOT_PX4 => Autopilot::Px4,
-            _ => Autopilot::Unknown,
-        };
-        self.kind = vehicle_kind(m.mavtype as u32).or(self.kind);
+        let autopilot = Autopilot::of(heartbeat.autopilot);
+        self.kind = vehicle_kind(heartbeat.mav_type).or(self.kind);
         if !self.heartbeat_seen || self.autopilot != autopilot {
             self.heartbeat_seen = true;
             self.vehicle = Some(system_id);
             self.autopilot = autopilot;
             self.tell(Notice::Vehicle { system_id, autopilot });
         }
-        self.in_time(&Measurement::Operating(None, operating::of_heartbeat(m)), out);
-        if autopilot == Autopilot::Px4 && self.calibration.may_change(m) {
+        self.in_time(&Measurement::Operating(None, operating::of_heartbeat(heartbeat)), out);
+        if autopilot == Autopilot::Px4 && self.calibration.may_change(heartbeat.is_armed()) {
             out.push(Sample::Recalibrated);
         }
     }
@@ -535,8 +526,8 @@ fn push_notice(notices: &mut Vec<Notice>, notice: Notice) {
 }
 
 /// What a type of MAVLink vehicle flies like (`MAV_TYPE` of `minimal.xml`); nothing for what does not fly.
-fn vehicle_kind(mav_type: u32) -> Option<VehicleKind> {
-    Some(match Carrier::of(u8::try_from(mav_type).ok()?)? {
+fn vehicle_kind(mav_type: u8) -> Option<VehicleKind> {
+    Some(match Carrier::of(mav_type)? {
         // The kinds of VTOL have wings to fly turns with.
         Carrier::Wings | Carrier::WingsAndRotors => VehicleKind::FixedWing,
         Carrier::Rotors => VehicleKind::Multirotor,

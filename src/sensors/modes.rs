@@ -5,10 +5,8 @@
 use crate::engine::situation::FlightMode::{self, Hold, Landing, Mission, Pilot, Return, TakeOff, Unknown};
 use crate::logs::VehicleClass;
 use gaware_mission::identity::Carrier;
+use gaware_wire::heartbeat::{ARDUPILOT, Heartbeat, PX4};
 
-/// `MAV_AUTOPILOT_ARDUPILOTMEGA`, `MAV_AUTOPILOT_PX4`.
-const ARDUPILOT: u8 = 3;
-const PX4: u8 = 12;
 /// `MAV_MODE_FLAG_AUTO_ENABLED`.
 const AUTO: u8 = 4;
 
@@ -132,10 +130,11 @@ pub fn is_of_rotors(custom_mode: u32) -> bool {
     PLANE.iter().any(|(number, name, _)| *number == custom_mode && name.starts_with('Q'))
 }
 
-/// The mode of a heartbeat: what it means and its name. `firmware` is `MAV_AUTOPILOT`, `kind` `MAV_TYPE`. Other firmware says no more than a flag.
-pub fn of_heartbeat(firmware: u8, kind: u8, base_mode: u8, custom_mode: u32) -> (FlightMode, String) {
+/// The mode of a heartbeat: what it means and its name. Other firmware says no more than a flag.
+pub fn of_heartbeat(heartbeat: &Heartbeat) -> (FlightMode, String) {
+    let Heartbeat { custom_mode, mav_type: kind, .. } = *heartbeat;
     let unknown = || (Unknown, format!("mode {custom_mode}"));
-    match firmware {
+    match heartbeat.autopilot {
         ARDUPILOT => {
             // Vehicles that rotors carry run ArduCopter.
             let table: &[Row] = match VehicleClass::of_mav_type(kind) {
@@ -152,7 +151,7 @@ pub fn of_heartbeat(firmware: u8, kind: u8, base_mode: u8, custom_mode: u32) -> 
             let row = PX4_MODES.iter().find(|(m, s, ..)| *m == main && (*s == sub || *s == 255));
             row.map_or_else(unknown, |(.., name, mode)| (*mode, (*name).to_owned()))
         }
-        _ if base_mode & AUTO != 0 => (Mission, "auto".to_owned()),
+        _ if heartbeat.base_mode & AUTO != 0 => (Mission, "auto".to_owned()),
         _ => (Pilot, "manual".to_owned()),
     }
 }
@@ -164,6 +163,9 @@ mod tests {
     #[test]
     fn modes_of_both_firmwares_mean_what_their_sources_say() {
         let px4 = |main: u32, sub: u32| main << 16 | sub << 24;
+        let of = |autopilot, mav_type, base_mode, custom_mode| {
+            of_heartbeat(&Heartbeat { custom_mode, mav_type, autopilot, base_mode, status: 0 })
+        };
         for (firmware, kind, custom, mode, name) in [
             (3, 1, 10, Mission, "AUTO"),
             (3, 1, 5, Pilot, "FBWA"),
@@ -182,13 +184,9 @@ mod tests {
             (12, 2, px4(3, 0), Pilot, "Position"),
             (12, 2, px4(3, 1), Hold, "Orbit"),
         ] {
-            assert_eq!(
-                of_heartbeat(firmware, kind, 0, custom),
-                (mode, name.to_owned()),
-                "{firmware} {custom}"
-            );
+            assert_eq!(of(firmware, kind, 0, custom), (mode, name.to_owned()), "{firmware} {custom}");
         }
-        assert_eq!(of_heartbeat(0, 1, AUTO, 7).0, Mission);
-        assert_eq!(of_heartbeat(0, 1, 0, 7).0, Pilot);
+        assert_eq!(of(0, 1, AUTO, 7).0, Mission);
+        assert_eq!(of(0, 1, 0, 7).0, Pilot);
     }
 }

@@ -2,7 +2,8 @@
 //! time; all of them change slowly, so that the time of arrival will do.
 
 use gaware_nav::operating::{Channel, MOTORS, Operating};
-use mavlink::dialects::ardupilotmega::{HEARTBEAT_DATA, MavAutopilot, MavMessage};
+use gaware_wire::heartbeat::{Heartbeat, PX4};
+use mavlink::dialects::ardupilotmega::MavMessage;
 
 /// Outputs end at about these, µs.
 const PWM_US: (f64, f64) = (500.0, 2500.0);
@@ -13,10 +14,11 @@ pub fn of_pwm_us(pwm_us: f64) -> Option<f64> {
 }
 
 /// The flight mode by its number; PX4 packs a main and a sub-mode (`px4_custom_mode.h`).
-pub fn of_heartbeat(m: &HEARTBEAT_DATA) -> Operating {
-    let number = match m.autopilot {
-        MavAutopilot::MAV_AUTOPILOT_PX4 => (m.custom_mode >> 16 & 0xff) + 256 * (m.custom_mode >> 24),
-        _ => m.custom_mode,
+pub fn of_heartbeat(heartbeat: &Heartbeat) -> Operating {
+    let mode = heartbeat.custom_mode;
+    let number = match heartbeat.autopilot {
+        PX4 => (mode >> 16 & 0xff) + 256 * (mode >> 24),
+        _ => mode,
     };
     Operating::default().with(Channel::Mode, f64::from(number))
 }

@@ -7,7 +7,6 @@
 //! (`SENS_IMU_AUTOCAL`, on by default; `modules/sensors/vehicle_imu/VehicleIMU.cpp`, `AccelCalibrationUpdate`).
 
 use super::source::ImuSource;
-use mavlink::dialects::ardupilotmega::{HEARTBEAT_DATA, MavModeFlag};
 
 /// Best first.
 pub const PREFERENCE: &[ImuSource] = &[
@@ -40,9 +39,8 @@ pub struct Calibration {
 }
 
 impl Calibration {
-    /// Takes a heartbeat and says whether the calibration may have changed since the one before.
-    pub fn may_change(&mut self, m: &HEARTBEAT_DATA) -> bool {
-        let armed = m.base_mode.contains(MavModeFlag::MAV_MODE_FLAG_SAFETY_ARMED);
+    /// Takes what a heartbeat says, and says whether the calibration may have changed since the one before.
+    pub fn may_change(&mut self, armed: bool) -> bool {
         std::mem::replace(&mut self.armed, armed) && !armed
     }
 }

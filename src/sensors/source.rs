@@ -6,6 +6,7 @@
 
 use super::{ardupilot, px4};
 use gaware_nav::sample::{ImuStream, Quantisation, SampleKind, Steps};
+use gaware_wire::heartbeat::{ARDUPILOT, PX4};
 use serde::{Deserialize, Serialize};
 use std::fmt;
 
@@ -23,6 +24,15 @@ pub enum Autopilot {
 }
 
 impl Autopilot {
+    /// By the number of a heartbeat.
+    pub(super) fn of(number: u8) -> Self {
+        match number {
+            ARDUPILOT => Self::Ardupilot,
+            PX4 => Self::Px4,
+            _ => Self::Unknown,
+        }
+    }
+
     /// `ardupilot`, `px4` or `unknown`.
     pub fn name(self) -> &'static str {
         match self {

@@ -5,7 +5,8 @@ use crate::link::frame::Sender;
 use crate::logs::{self, Item};
 use gaware_nav::math::{cos, sin};
 use mavlink::dialects::ardupilotmega::{
-    ATTITUDE_DATA, GpsFixType, MavModeFlag, RAW_IMU_DATA, SCALED_IMU_DATA,
+    ATTITUDE_DATA, GpsFixType, HEARTBEAT_DATA, MavAutopilot, MavModeFlag, MavType, RAW_IMU_DATA,
+    SCALED_IMU_DATA,
 };
 use proptest::prelude::*;
 use std::path::PathBuf;
@@ -155,6 +156,17 @@ fn others_on_the_link_are_ignored() {
     assert_eq!(bench.converter.vehicle(), Some(1));
     assert_eq!(bench.converter.autopilot(), Autopilot::Px4);
     assert_eq!(bench.converter.stats().foreign, 2 + 1 + 600);
+}
+
+#[test]
+fn a_kind_of_vehicle_that_the_dialect_does_not_have_is_one_still() {
+    let mut bench = Bench::new();
+    // Mode 3, MAV_TYPE 200 and MAV_STATE 77, armed.
+    let frame = Frame::of_payload(VEHICLE, 0, 0, &[3, 0, 0, 0, 200, 3, 128, 77, 3]).unwrap();
+    assert!(frame.decode().is_err());
+    bench.converter.feed(0, &frame, &mut bench.out);
+    assert_eq!((bench.converter.vehicle(), bench.converter.autopilot()), (Some(1), Autopilot::Ardupilot));
+    assert_eq!(bench.converter.stats().undecodable, 0);
 }
 
 #[test]

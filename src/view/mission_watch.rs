@@ -9,10 +9,9 @@ use crate::link::vehicle::Vehicle;
 use crate::sensors::AUTOPILOT_COMPONENT;
 use gaware_mission::fence::LocalFrame;
 use gaware_mission::item::{Autopilot, Mission, MissionItem, command};
+use gaware_wire::heartbeat;
 use mavlink::dialects::ardupilotmega::MavMessage;
 
-/// Id of `HEARTBEAT`.
-const HEARTBEAT: u32 = 0;
 /// Id of `MISSION_CURRENT`.
 const MISSION_CURRENT: u32 = 42;
 /// An item that this program does not know may take so long, s.
@@ -47,7 +46,7 @@ impl MissionWatch {
             return;
         }
         match frame.message_id {
-            HEARTBEAT => {
+            heartbeat::ID => {
                 let flew = self.flies();
                 self.vehicle = Vehicle::from_heartbeat(frame);
                 if self.flies() != flew {

@@ -5,9 +5,8 @@
 use super::Entry;
 use crate::logs::{HealthNote, Level, VehicleClass};
 use crate::sensors::modes;
+use gaware_wire::heartbeat::{ARDUPILOT, Heartbeat};
 
-/// `MAV_AUTOPILOT_ARDUPILOTMEGA`.
-const ARDUPILOT: u8 = 3;
 /// Faults of `XKF4.FS` and `NKF4.FS` that end an estimate: the attitude or the velocity is no number (`nav_filter_status`).
 const NO_NUMBER: u32 = 0b11;
 /// Time-outs of `XKF4.TS`: position and velocity.
@@ -123,7 +122,11 @@ fn mode(entry: &Entry, class: Option<VehicleClass>) -> Option<HealthNote> {
 
 /// The name of a mode, where the log says what flies.
 pub(super) fn mode_name(class: Option<VehicleClass>, number: u32) -> String {
-    let of = |kind| modes::of_heartbeat(ARDUPILOT, kind, 0, number).1;
+    let of = |mav_type| {
+        let heartbeat =
+            Heartbeat { custom_mode: number, mav_type, autopilot: ARDUPILOT, base_mode: 0, status: 0 };
+        modes::of_heartbeat(&heartbeat).1
+    };
     match class {
         Some(VehicleClass::Rover) => of(10),
         Some(VehicleClass::Submarine) => of(12),

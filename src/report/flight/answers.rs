@@ -156,9 +156,9 @@ fn in_a_turn(s: &Summary) -> String {
     let part = |k: usize, name: &str| {
         format!("{name} {:.1} ± {:.1}", turn.error_deg_per_min[k].0, turn.error_deg_per_min[k].1)
     };
-    let verdict = if s.turn.text.is_empty() { String::new() } else { format!(" {}.", s.turn.text) };
+    let verdict = if s.turn.text.is_empty() { String::new() } else { format!("; {}", s.turn.text) };
     format!(
-        "Gyro error at {}: {}, {}, {} deg per minute.{verdict}",
+        "Gyro error at {}: {}, {}, {} deg per minute{verdict}.",
         turn.when,
         part(0, "roll"),
         part(1, "pitch"),

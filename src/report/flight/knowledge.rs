@@ -63,8 +63,7 @@ pub fn g_sensitivity(s: &Summary, body: &mut String) {
 pub fn bias_table(s: &Summary, body: &mut String) {
     let usable = |name: &str| !s.implausible.iter().any(|n| n == name);
     body.push_str("<h2 id=\"biases\">Biases and other effects</h2>");
-    let mut table =
-        "<table><tr><th>Effect</th><th>Parameter</th><th class=\"n\">value</th><th>unit</th></tr>".to_owned();
+    let mut table = "<table><tr><th>Effect</th><th>Parameter</th><th class=\"n\">Value</th></tr>".to_owned();
     let mut row = |effect: &str, name: &str, value: f64, sigma: f64, unit: &str| {
         let text = if usable(name) {
             format!("{} ± {}", number(value), number(sigma))
@@ -73,7 +72,7 @@ pub fn bias_table(s: &Summary, body: &mut String) {
         };
         let _ = write!(
             table,
-            "<tr><td>{}</td><td>{}</td><td class=\"n\">{text}</td><td>{}</td></tr>",
+            "<tr><td>{}</td><td>{}</td><td class=\"n\">{text} {}</td></tr>",
             escape(effect),
             escape(name),
             escape(unit)
