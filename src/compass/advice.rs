@@ -28,6 +28,7 @@ const ARDUPILOT_SOURCE: &str =
     "AP_Compass/AP_Compass.cpp: var_info; applied in AP_Compass/AP_Compass_Backend.cpp: correct_field";
 const ARDUPILOT_TURN: &str =
     "AP_Compass/AP_Compass.cpp: var_info; applied in AP_Compass/AP_Compass_Backend.cpp: rotate_field";
+const PX4_TURN: &str = "lib/sensor_calibration/Magnetometer.cpp: ParametersLoad, set_rotation; applied in Magnetometer.hpp: Correct";
 const PX4_SOURCE: &str =
     "lib/sensor_calibration/module.yaml; applied in lib/sensor_calibration/Magnetometer.hpp: Correct";
 
@@ -223,19 +224,25 @@ fn ardupilot(found: &CompassFound, on_board: &OnBoard, world: &WorldField, advic
     }
 }
 
+/// The number of a compass's parameters, which is not that of its messages: known where one alone is calibrated.
+fn px4_place(on_board: &OnBoard, advice: &mut Advice) -> Option<usize> {
+    let places: Vec<usize> =
+        (0..4).filter(|n| on_board.get(&format!("CAL_MAG{n}_ID")).is_some_and(|id| id != 0.0)).collect();
+    if let [place] = places[..] {
+        return Some(place);
+    }
+    advice.1.push(format!(
+        "the vehicle has {} calibrated compasses, and the log does not say which of CAL_MAGn_* this one's are",
+        places.len()
+    ));
+    None
+}
+
 fn px4(found: &CompassFound, on_board: &OnBoard, advice: &mut Advice) {
     if found.effects.is_empty() {
         return;
     }
-    let places: Vec<usize> =
-        (0..4).filter(|n| on_board.get(&format!("CAL_MAG{n}_ID")).is_some_and(|id| id != 0.0)).collect();
-    let [place] = places[..] else {
-        advice.1.push(format!(
-            "the vehicle has {} calibrated compasses, and the log does not say which of CAL_MAGn_* this one's are",
-            places.len()
-        ));
-        return;
-    };
+    let Some(place) = px4_place(on_board, advice) else { return };
     let names = px4_names(place);
     let Some(offset) = vector(on_board, &names.offset) else {
         advice.1.push(format!("the log has no {}", names.offset[0]));
@@ -385,18 +392,19 @@ fn orientation(compass: u8, turned: &Orientation, on_board: &OnBoard, advice: &m
         );
         return;
     }
-    let (name, external) = match on_board.autopilot {
+    let (name, external, source) = match on_board.autopilot {
         Some(Autopilot::ArduPilot) => {
             let place = ardupilot_place(compass, on_board);
             let n = ardupilot_number(place);
             let external =
                 if place == 0 { "COMPASS_EXTERNAL".to_owned() } else { format!("COMPASS_EXTERN{n}") };
-            (format!("COMPASS_ORIENT{n}"), on_board.get(&external).is_none_or(|v| v != 0.0))
+            (format!("COMPASS_ORIENT{n}"), on_board.get(&external).is_none_or(|v| v != 0.0), ARDUPILOT_TURN)
         }
         Some(Autopilot::Px4) => {
-            let name = format!("CAL_MAG{compass}_ROT");
+            let Some(place) = px4_place(on_board, advice) else { return };
+            let name = format!("CAL_MAG{place}_ROT");
             let external = on_board.get(&name).is_none_or(|v| v >= 0.0);
-            (name, external)
+            (name, external, PX4_TURN)
         }
         None => {
             advice.1.push("the log does not say which autopilot flew: no parameter can be named".to_owned());
@@ -416,7 +424,7 @@ fn orientation(compass: u8, turned: &Orientation, on_board: &OnBoard, advice: &m
                 proposed: f64::from(new),
                 unit: "",
                 effect: "orientation",
-                source: ARDUPILOT_TURN,
+                source,
             });
             advice.1.push("calibrate the compass again after that: offsets and scales are of the old axes".to_owned());
         }

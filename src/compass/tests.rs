@@ -172,6 +172,26 @@ fn a_wrong_orientation_and_a_reversed_axis_are_named() {
     }
 }
 
+/// PX4 numbers its calibrations by itself: the compass of message 0 may be CAL_MAG1.
+#[test]
+fn the_orientation_of_px4_is_that_of_the_calibration_that_is_known_to_be_this_ones() {
+    let samples = flight("multirotor", &[], 30);
+    let quarter = Rotation3::from_euler_angles(0.0, 0.0, std::f64::consts::FRAC_PI_2).into_inner();
+    let turned = turned_up_to(0, quarter, &samples);
+    let of = |parameters: &[(&str, f64)]| {
+        let parameters = parameters.iter().map(|(n, v)| ((*n).to_owned(), *v)).collect();
+        let board = OnBoard { autopilot: Some(Autopilot::Px4), parameters, ..OnBoard::default() };
+        of_samples(&turned, DATE, &board).compasses.unwrap()
+    };
+    let rotations = [("CAL_MAG0_ROT", 0.0), ("CAL_MAG1_ROT", 0.0)];
+    let one = of(&[&rotations[..], &[("CAL_MAG0_ID", 0.0), ("CAL_MAG1_ID", 7.0)]].concat());
+    let [proposal] = &one.compasses[0].proposals[..] else { panic!("{:?}", one.compasses[0]) };
+    assert_eq!(proposal.parameter, "CAL_MAG1_ROT");
+    assert!(proposal.source.contains("Magnetometer.cpp"), "{proposal:?}");
+    let two = of(&[&rotations[..], &[("CAL_MAG0_ID", 5.0), ("CAL_MAG1_ID", 7.0)]].concat());
+    assert!(two.compasses[0].proposals.is_empty(), "{:?}", two.compasses[0].proposals);
+}
+
 /// What the program's proposal would make of the next flight: the same errors behind the new parameters.
 #[test]
 fn the_proposal_corrects_the_next_flight() {

@@ -131,6 +131,31 @@ fn a_fix_that_is_not_where_the_last_one_leads_has_jumped() {
     );
 }
 
+#[test]
+fn a_flight_across_the_antimeridian_has_not_jumped() {
+    let mut log = flight();
+    for k in 0..40_u64 {
+        // 20 m/s to the east, from 179.9995° on.
+        let lon = 179.9995 + 4.0 * k as f64 / 111_195.0;
+        let fix = GnssFix {
+            t_s: 0.0,
+            position: gaware_nav::earth::Geodetic::from_degrees(
+                0.0,
+                if lon > 180.0 { lon - 360.0 } else { lon },
+                500.0,
+            ),
+            velocity: FixVelocity::Full([0.0, 20.0, 0.0]),
+            position_sigma_m: None,
+            velocity_sigma_m_per_s: None,
+            yaw_rad: None,
+        };
+        let t_us = 20_000_000 + 200_000 * k;
+        log.take(&Record { t_us, item: Item::Measurement(Measurement::Fix(None, fix)) });
+    }
+    let all = checks(&log, false, &OnBoard::default());
+    assert_ne!(of(&all, "GNSS").grade, Grade::Bad, "{:?}", of(&all, "GNSS"));
+}
+
 /// Fixes of a steady flight that a link delivers in bursts of five: none of them has jumped.
 #[test]
 fn fixes_that_arrive_late_and_together_have_not_jumped() {

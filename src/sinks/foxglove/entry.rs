@@ -1,9 +1,9 @@
 //! Which connections become viewers: token, host and origin as for the web page, a protocol that both know, and a free place.
 
 use super::protocol::SUBPROTOCOLS;
-use crate::sinks::web::access::{Policy, Token, query_token};
+use crate::sinks::web::access::{Policy, TOO_MANY, Token};
 use crate::sinks::web::door::{Place, Places};
-use crate::sinks::web::guesses::{Guesses, Way};
+use crate::sinks::web::guesses::Guesses;
 use axum::http::header::{HeaderMap, HeaderValue, SEC_WEBSOCKET_PROTOCOL};
 use axum::http::{StatusCode, Uri};
 use std::net::IpAddr;
@@ -55,17 +55,16 @@ impl Entry {
     }
 
     fn admit(&self, from: IpAddr, uri: &Uri, headers: &HeaderMap) -> Result<(&'static str, Place), Refusal> {
-        if self.guesses.locked(from, Way::of_address(headers)) && query_token(uri).is_some() {
-            let reason = "too many wrong tokens from this address; wait a minute";
-            return Err((StatusCode::TOO_MANY_REQUESTS, reason));
+        let mut headers = headers.clone();
+        let limits = self.policy.limit(&self.guesses, from, uri, &mut headers);
+        match self.policy.admits_viewer(uri, &headers) {
+            _ if limits.in_address => return Err((StatusCode::TOO_MANY_REQUESTS, TOO_MANY)),
+            Err((StatusCode::UNAUTHORIZED, _)) if limits.of_headers => {
+                return Err((StatusCode::TOO_MANY_REQUESTS, TOO_MANY));
+            }
+            admitted => admitted?,
         }
-        if let Some((way, token)) = self.policy.wrong_token(uri, headers)
-            && self.policy.can_be_guessed()
-        {
-            self.guesses.wrong(from, way, token);
-        }
-        self.policy.admits_viewer(uri, headers)?;
-        let protocol = protocol_of(headers).ok_or((
+        let protocol = protocol_of(&headers).ok_or((
             StatusCode::BAD_REQUEST,
             "this server speaks foxglove.sdk.v1 and foxglove.websocket.v1",
         ))?;

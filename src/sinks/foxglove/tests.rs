@@ -314,3 +314,17 @@ fn beyond_this_machine_the_token_is_needed_and_guesses_are_limited() {
     }
     assert_eq!(ask("/?token=guess-number-10"), StatusCode::TOO_MANY_REQUESTS);
 }
+
+#[test]
+fn guesses_in_a_header_are_limited_as_those_in_the_address_are() {
+    let entry = Entry::new(false, Some(Token::new("fly-the-steep-turn").unwrap()));
+    let ask = |token: &str| {
+        let bearer = format!("Bearer {token}");
+        answer(&entry, "/", &[(HOST, "192.168.1.7:8765"), (axum::http::header::AUTHORIZATION, &bearer)])
+    };
+    for k in 0..10 {
+        assert_eq!(ask(&format!("guess-number-{k}")), StatusCode::UNAUTHORIZED, "{k}");
+    }
+    assert_eq!(ask("guess-number-10"), StatusCode::TOO_MANY_REQUESTS);
+    assert_eq!(ask("fly-the-steep-turn"), StatusCode::TOO_MANY_REQUESTS);
+}

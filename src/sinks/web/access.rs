@@ -4,7 +4,7 @@
 //! point its own name at 127.0.0.1: DNS rebinding). Anything else, and every change, needs the token.
 
 use super::door::Visitor;
-use super::guesses::Way;
+use super::guesses::{Guesses, Way};
 use super::{Shared, WebError, assets};
 use axum::extract::{ConnectInfo, Request, State};
 use axum::http::header::{self, HeaderMap, HeaderName, HeaderValue};
@@ -18,6 +18,9 @@ use subtle::ConstantTimeEq;
 /// Name of the cookie that carries the token after `?token=` was given once, before the port: browsers send the cookies of a host to all of its
 /// ports, and two servers must not overwrite each other's.
 const COOKIE: &str = "gaware_token_";
+
+/// What is said where an address has guessed too often.
+pub(in crate::sinks) const TOO_MANY: &str = "too many wrong tokens from this address; wait a minute";
 
 /// The secret that opens the page. Compared in constant time, never printed.
 #[derive(Clone)]
@@ -76,6 +79,17 @@ pub(in crate::sinks) struct Policy {
     token: Option<Token>,
 }
 
+/// What an address may still try.
+#[derive(Debug, Clone, Copy)]
+pub(in crate::sinks) struct Limits {
+    /// The token in the address line is one too many.
+    pub(in crate::sinks) in_address: bool,
+    /// Tokens of headers are not looked at.
+    pub(in crate::sinks) of_headers: bool,
+    /// A token was looked at, and is wrong.
+    wrong: bool,
+}
+
 /// What becomes of a request.
 #[derive(Debug, PartialEq, Eq)]
 enum Decision {
@@ -100,11 +114,7 @@ impl Policy {
     }
 
     /// A wrong token that this request carries, in its address or its headers.
-    pub(in crate::sinks) fn wrong_token<'a>(
-        &self,
-        uri: &'a Uri,
-        headers: &'a HeaderMap,
-    ) -> Option<(Way, &'a str)> {
+    fn wrong_token<'a>(&self, uri: &'a Uri, headers: &'a HeaderMap) -> Option<(Way, &'a str)> {
         let token = self.token.as_ref()?;
         let in_address = query_token(uri).map(|given| (Way::of_address(headers), given));
         let given = in_address.into_iter().chain(header_tokens(headers).map(|given| (Way::Header, given)));
@@ -118,9 +128,30 @@ impl Policy {
         wrong
     }
 
-    /// Whether wrong tokens count: nobody guesses 128 bits.
-    pub(in crate::sinks) fn can_be_guessed(&self) -> bool {
-        self.token.as_ref().is_some_and(|token| !token.random)
+    /// Counts the wrong token of a request. One that comes in a way by which this address has guessed too often is not looked at: those of
+    /// headers are taken away, so that what needs no token goes on.
+    pub(in crate::sinks) fn limit(
+        &self,
+        guesses: &Guesses,
+        from: IpAddr,
+        uri: &Uri,
+        headers: &mut HeaderMap,
+    ) -> Limits {
+        let of_address = guesses.locked(from, Way::of_address(headers));
+        let of_headers = guesses.locked(from, Way::Header);
+        if of_headers {
+            for name in [header::AUTHORIZATION, header::COOKIE] {
+                headers.remove(name);
+            }
+        }
+        let wrong = self.wrong_token(uri, headers);
+        // Nobody guesses 128 bits.
+        let can_be_guessed = self.token.as_ref().is_some_and(|token| !token.random);
+        if let Some((way, token)) = wrong.filter(|_| can_be_guessed) {
+            guesses.wrong(from, way, token);
+        }
+        let in_address = of_address && query_token(uri).is_some();
+        Limits { in_address, of_headers, wrong: wrong.is_some() }
     }
 
     /// Whether a viewer may open a WebSocket, with the reason where not. What holds for reading the page holds here too; beyond that a
@@ -247,7 +278,7 @@ fn is_of_another_site(headers: &HeaderMap) -> bool {
     }
 }
 
-pub(in crate::sinks) fn query_token(uri: &Uri) -> Option<&str> {
+fn query_token(uri: &Uri) -> Option<&str> {
     uri.query()?.split('&').find_map(|pair| pair.strip_prefix("token="))
 }
 
@@ -266,22 +297,9 @@ pub(super) async fn guard(
     mut request: Request,
     next: Next,
 ) -> Response {
-    let locked = |way| shared.guesses.locked(address, way);
-    let (in_address, in_headers) = (locked(Way::of_address(request.headers())), locked(Way::Header));
-    if in_headers {
-        // As if it had none: what needs no token goes on.
-        for name in [header::AUTHORIZATION, header::COOKIE] {
-            request.headers_mut().remove(name);
-        }
-    }
-    let wrong = shared.policy.wrong_token(request.uri(), request.headers());
-    if let Some((way, token)) = wrong
-        && shared.policy.can_be_guessed()
-    {
-        shared.guesses.wrong(address, way, token);
-    }
-    let wrong = wrong.is_some();
-    if in_address && query_token(request.uri()).is_some() {
+    let uri = request.uri().clone();
+    let limits = shared.policy.limit(&shared.guesses, address, &uri, request.headers_mut());
+    if limits.in_address {
         return too_many_guesses();
     }
     let host = host_of(request.headers()).to_owned();
@@ -289,15 +307,14 @@ pub(super) async fn guard(
         Decision::Allow => next.run(request).await,
         Decision::Remember(target) => remember(&shared.policy, &host, &target),
         Decision::Refused(reason) => (StatusCode::FORBIDDEN, format!("{reason}\n")).into_response(),
-        Decision::Unauthorised if in_headers => too_many_guesses(),
-        Decision::Unauthorised => unauthorised(request.uri().path(), wrong),
+        Decision::Unauthorised if limits.of_headers => too_many_guesses(),
+        Decision::Unauthorised => unauthorised(request.uri().path(), limits.wrong),
     }
 }
 
 fn too_many_guesses() -> Response {
     let wait = [(header::RETRY_AFTER, "60")];
-    (StatusCode::TOO_MANY_REQUESTS, wait, "too many wrong tokens from this address; wait a minute\n")
-        .into_response()
+    (StatusCode::TOO_MANY_REQUESTS, wait, format!("{TOO_MANY}\n")).into_response()
 }
 
 fn remember(policy: &Policy, host: &str, target: &str) -> Response {
