@@ -362,8 +362,8 @@ async fn the_page_uploads_with_token_and_confirmation_only_and_keeps_the_mission
         let circle = FenceCircle { inclusion: true, center, radius_m: 2500.0 };
         let fence = Fence { circles: vec![circle], ..Fence::default() };
         let firmware = if flavour == Flavour::Px4 { Firmware::Px4 } else { Firmware::ArduPilot };
-        std::fs::write(&planned, files::text_of(&planned, &mission(6), &fence, firmware, 2).unwrap())
-            .unwrap();
+        let contents = files::Contents { mission: mission(6), fence, ..files::Contents::default() };
+        std::fs::write(&planned, files::text_of(&planned, &contents, firmware, 2).unwrap()).unwrap();
         let (companion, page) = run_with_page(&address, &planned);
         assert_eq!(ask(&page, None, "{\"confirm\": true}").await.0, 401);
         assert_eq!(ask(&page, Some("not-the-token"), "{\"confirm\": true}").await.0, 401);

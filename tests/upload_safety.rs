@@ -39,7 +39,9 @@ fn fence(radius_m: f64) -> Fence {
 /// A plan for a quadrotor.
 fn plan(folder: &Folder, name: &str, mission: &Mission, fence: &Fence, firmware: Firmware) -> String {
     let path = folder.file(name);
-    let text = files::text_of(path.as_ref(), mission, fence, firmware, 2).unwrap();
+    let contents =
+        files::Contents { mission: mission.clone(), fence: fence.clone(), ..files::Contents::default() };
+    let text = files::text_of(path.as_ref(), &contents, firmware, 2).unwrap();
     std::fs::write(&path, text).unwrap();
     path
 }

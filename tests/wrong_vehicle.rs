@@ -34,7 +34,7 @@ fn fence(radius_m: f64) -> Fence {
 /// A plan for a quadrotor.
 fn plan(folder: &Folder, name: &str, contents: &Contents) -> String {
     let path = folder.file(name);
-    let text = files::text_of_contents(path.as_ref(), contents, Firmware::ArduPilot, 2).unwrap();
+    let text = files::text_of(path.as_ref(), contents, Firmware::ArduPilot, 2).unwrap();
     std::fs::write(&path, text).unwrap();
     path
 }

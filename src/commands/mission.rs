@@ -244,7 +244,7 @@ async fn bring_list_over(
     let mut contents = Contents { backup_of: Some(vehicle), ..Contents::default() };
     let put = contents.put(kind, previous.clone());
     put.map_err(|source| FileError::List { path: backup.to_owned(), source })?;
-    let text = files::text_of_contents(backup, &contents, vehicle.autopilot, vehicle.mav_type)?;
+    let text = files::text_of(backup, &contents, vehicle.autopilot, vehicle.mav_type)?;
     files::write_new(backup, &text)?;
     let options = Options { even_while_flying: args.even_while_flying, ..Options::default() };
     let change = ListChange { kind, new, previous };
@@ -315,7 +315,7 @@ pub async fn download(args: &DownloadArgs, stop: &CancellationToken) -> Result<M
     session.close().await;
     let (contents, notes) = read?;
     let contents = Contents { backup_of: Some(vehicle), ..contents };
-    let text = files::text_of_contents(file, &contents, vehicle.autopilot, vehicle.mav_type)?;
+    let text = files::text_of(file, &contents, vehicle.autopilot, vehicle.mav_type)?;
     files::write_new(file, &text)?;
     let items = contents.mission.items.len();
     let what = match args.list.map(MissionKind::from) {

@@ -182,8 +182,8 @@ pub fn run(args: &PlanArgs) -> Result<(), CommandError> {
             airframe: Some(a.clone()),
             ..Contents::default()
         };
-        let text = files::text_of_contents(path, &contents, a.autopilot, a.mav_type())
-            .map_err(PlanCommandError::from)?;
+        let text =
+            files::text_of(path, &contents, a.autopilot, a.mav_type()).map_err(PlanCommandError::from)?;
         outputs.write(path, files::marked(path, text))?;
     }
     if let Some(path) = args.out.as_ref().filter(|p| p.extension().is_some_and(|e| e == "txt")) {

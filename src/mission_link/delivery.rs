@@ -194,7 +194,7 @@ fn keep(wire: &impl Wire, order: &Order, before: &Before) -> Result<Journal, Fil
     let vehicle = wire.identity();
     let (fence, mission) = (before.fence.clone().unwrap_or_default(), before.mission.clone());
     let contents = Contents { mission, fence, backup_of: Some(vehicle), ..Contents::default() };
-    let text = files::text_of_contents(&order.backup, &contents, vehicle.autopilot, vehicle.mav_type)?;
+    let text = files::text_of(&order.backup, &contents, vehicle.autopilot, vehicle.mav_type)?;
     files::write_new(&order.backup, &text)?;
     let fences = order.with_fence.then(|| fences_of(order, before));
     let (previous, new) = (contents.mission, order.contents.mission.clone());

@@ -178,26 +178,11 @@ pub fn read_contents(path: &Path) -> Result<Contents, FileError> {
     })
 }
 
-/// The text of a mission file of the kind that its name shows.
-///
-/// # Errors
-/// The name shows no kind.
-pub fn text_of(
-    path: &Path,
-    mission: &Mission,
-    fence: &Fence,
-    autopilot: Autopilot,
-    mav_type: u8,
-) -> Result<String, FileError> {
-    let contents = Contents { mission: mission.clone(), fence: fence.clone(), ..Contents::default() };
-    text_of_contents(path, &contents, autopilot, mav_type)
-}
-
 /// The text of a file with all of this; a `.waypoints` file holds the mission alone.
 ///
 /// # Errors
 /// The name shows no kind.
-pub fn text_of_contents(
+pub fn text_of(
     path: &Path,
     contents: &Contents,
     autopilot: Autopilot,

@@ -152,7 +152,7 @@ impl Restoration<'_> {
         let mut contents = Contents { mission, backup_of: Some(vehicle), ..Contents::default() };
         let put = contents.put(MissionKind::Fence, fence);
         put.map_err(|source| FileError::List { path: self.backup.clone(), source })?;
-        let text = files::text_of_contents(&self.backup, &contents, vehicle.autopilot, vehicle.mav_type)?;
+        let text = files::text_of(&self.backup, &contents, vehicle.autopilot, vehicle.mav_type)?;
         files::write_new(&self.backup, &text)
     }
 }

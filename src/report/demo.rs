@@ -1,7 +1,7 @@
 //! The page of the demonstration: what the plan promised, what the flight reached, and the ground truth.
 
 use super::page::{escape, page, wide};
-use super::plot::{AFTER, BEFORE, Color, Line, marked_lines};
+use super::plot::{AFTER, BEFORE, Color, Plot};
 use crate::demo::result::DemoResult;
 use crate::demo::series::Series;
 use crate::engine::snapshot::Status;
@@ -66,12 +66,12 @@ fn plot(title: &str, names: &[&str], series: &Series, marks: &[(f64, &str)]) -> 
     // The target stands as long as anything does: a flight may be broken off.
     let all = || planned.iter().chain(&flown).map(|(t, _)| *t);
     let ends = [all().fold(f64::INFINITY, f64::min), all().fold(0.0, f64::max)];
-    let lines = [
-        Line { name: "predicted", color: BEFORE, points: planned },
-        Line { name: "flown", color: AFTER, points: flown },
-        Line { name: "target", color: TARGET, points: ends.map(|t| (t, target)).to_vec() },
-    ];
-    marked_lines(title, &unit, &lines, marks)
+    Plot::new(title, &unit)
+        .line("predicted", BEFORE, planned)
+        .line("flown", AFTER, flown)
+        .line("target", TARGET, ends.map(|t| (t, target)).to_vec())
+        .marks(marks)
+        .svg()
 }
 
 /// Per maneuver: when, and the worst of each group at its end.

@@ -87,30 +87,6 @@ struct Description<'a> {
     limits: Option<f64>,
 }
 
-/// A plot of lines over time.
-///
-/// # Errors
-/// The description cannot be written.
-pub fn lines(title: &str, unit: &str, lines: &[Line<'_>]) -> Result<String, String> {
-    marked_lines(title, unit, lines, &[])
-}
-
-/// A plot of lines over time with named instants.
-///
-/// # Errors
-/// The description cannot be written.
-pub fn marked_lines(
-    title: &str,
-    unit: &str,
-    lines: &[Line<'_>],
-    marks: &[(f64, &str)],
-) -> Result<String, String> {
-    let mut plot = Plot::new(title, unit);
-    plot.lines.extend_from_slice(lines);
-    plot.marks.extend_from_slice(marks);
-    plot.svg()
-}
-
 impl<'a> Plot<'a> {
     /// A plot of nothing yet.
     pub fn new(title: &'a str, unit: &'a str) -> Self {

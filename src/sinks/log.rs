@@ -146,11 +146,6 @@ impl Drop for Hold {
     }
 }
 
-/// Log lines that were lost because no one read stderr.
-pub fn lost() -> u64 {
-    STDERR.get().map_or(0, |lines| lines.lost.load(Ordering::Relaxed))
-}
-
 /// Waits for the lines that are under way, at most half a second.
 pub fn flush() {
     if let Some(lines) = STDERR.get() {

@@ -48,15 +48,16 @@ impl TelemetryLevel {
     }
 }
 
+/// Texts are counted over so long, s.
+const TEXT_WINDOW_S: f64 = 10.0;
+
 /// Rates of the telemetry.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct TelemetryConfig {
-    /// Seconds in which every value is sent once; 0 sends no values.
+    /// Seconds in which every value is sent once.
     pub value_period_s: f64,
-    /// Texts at most in any `text_window_s`.
+    /// Texts at most in any 10 s.
     pub texts_per_window: usize,
-    /// Length of that window, s.
-    pub text_window_s: f64,
     /// Messages of both kinds at most in any second, not fewer than one text may have. All chunks of a text go
     /// together: ground stations show what they have when the next one does not come within a second.
     pub messages_per_s: Option<usize>,
@@ -64,7 +65,7 @@ pub struct TelemetryConfig {
 
 impl Default for TelemetryConfig {
     fn default() -> Self {
-        Self { value_period_s: 10.0, texts_per_window: 4, text_window_s: 10.0, messages_per_s: Some(5) }
+        Self { value_period_s: 10.0, texts_per_window: 4, messages_per_s: Some(5) }
     }
 }
 
@@ -176,8 +177,7 @@ impl Telemetry {
         let before = self.waiting.len();
         self.waiting.retain(|w| w.topic == Topic::Instruction || now_s - w.since_s <= STALE_S);
         self.dropped += (before - self.waiting.len()) as u64;
-        let window = self.config.text_window_s;
-        self.sent_at_s.retain(|t| now_s - t < window);
+        self.sent_at_s.retain(|t| now_s - t < TEXT_WINDOW_S);
         while self.sent_at_s.len() < self.config.texts_per_window {
             let most = self.waiting.iter().map(|w| w.severity).min();
             let Some(at) = self.waiting.iter().position(|w| Some(w.severity) == most) else { break };
@@ -194,9 +194,6 @@ impl Telemetry {
     }
 
     fn due_values(&mut self, now_s: f64, snapshot: &Snapshot, room: usize, out: &mut Vec<MavMessage>) {
-        if self.config.value_period_s <= 0.0 {
-            return;
-        }
         let values = values(snapshot);
         let step_s = self.config.value_period_s / values.len() as f64;
         let mut due_s = self.next_value_at_s.unwrap_or(now_s);

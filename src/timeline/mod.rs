@@ -2,13 +2,14 @@
 //!
 //! Sources deliver [`Measurement`]s with their own stamps. The time line puts them on one base ([`clock`]), keeps inertial
 //! samples in order, finds duplicates, gaps ([`gaps`]), restarts and changes of source, and gives every fix its place. What comes
-//! out are [`Sample`]s: after a restart the stream is announced again, so that every stretch ([`Stretch`]) stands by itself.
+//! out are [`Sample`]s: after a restart the stream is announced again, so that every stretch stands by itself.
 //!
 //! A sample that is far from its predecessor is held until the next one agrees with it: one corrupt stamp neither restarts
 //! anything nor refuses what follows. Deterministic, and bounded in memory.
 
 pub mod clock;
 pub mod gaps;
+#[cfg(test)]
 mod stretch;
 
 pub use clock::Stamp;
@@ -22,6 +23,7 @@ use gaware_nav::sample::{
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 use std::collections::VecDeque;
+#[cfg(test)]
 pub use stretch::{Stretch, stretches};
 
 /// Stamps that go back no more than this are late or reordered, not a reboot, µs.

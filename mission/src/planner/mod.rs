@@ -7,7 +7,6 @@
 mod landing;
 mod outcome;
 mod place;
-mod rank;
 mod search;
 mod take_off;
 
@@ -22,8 +21,6 @@ use crate::safety::{Limits, Refusal};
 use gaware_nav::math::sin_cos;
 use nalgebra::{Vector2, Vector3};
 use serde::{Deserialize, Serialize};
-
-pub use rank::{Ranked, rank};
 
 /// Gives every kind of maneuver a chance to be the first: a plan of five minutes then takes seconds.
 pub const DEFAULT_BEAM: usize = 9;

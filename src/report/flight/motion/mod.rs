@@ -155,8 +155,6 @@ pub struct Fitted {
     pub t: f64,
     /// Its misfit over that of the best one.
     pub ratio: f64,
-    /// Blocks of five seconds that were compared with the best one.
-    pub blocks: usize,
     /// Time and squared misfit of every interval.
     squares: Vec<(f64, f64)>,
 }
@@ -164,7 +162,7 @@ pub struct Fitted {
 impl Fitted {
     /// Difference of the squared misfits from those of another one over its standard error.
     fn t_against(&self, other: &Self) -> f64 {
-        difference(&self.squares, &other.squares).0
+        difference(&self.squares, &other.squares)
     }
 
     /// Whether it is worse than the best one beyond chance, and by more than a hair.
@@ -236,7 +234,7 @@ impl Motion {
             .map(|(name, squares, misfit, yaw_off_deg, windows)| {
                 let others = judged.iter().filter(|j| j.0 != *name && j.0 != TRUTH);
                 let others = others.map(|j| (j.0.as_str(), j.4.as_slice()));
-                let (t, blocks) = if *name == best.0 { (0.0, 0) } else { difference(squares, &best.1) };
+                let t = if *name == best.0 { 0.0 } else { difference(squares, &best.1) };
                 Fitted {
                     name: (*name).clone(),
                     misfit: *misfit,
@@ -244,7 +242,6 @@ impl Motion {
                     stretch: yaw::stretch(windows, others),
                     t,
                     ratio: misfit / best.2.max(1e-9),
-                    blocks,
                     squares: squares.clone(),
                 }
             })
@@ -266,8 +263,8 @@ fn residual(i: &Interval, bias: &Vector3<f64>, yaw: f64) -> Vector3<f64> {
     Vector3::new(r.x, r.y, r.z * i.vertical)
 }
 
-/// Difference of the squared misfits of two attitudes over its standard error, and the number of blocks.
-fn difference(own: &[(f64, f64)], best: &[(f64, f64)]) -> (f64, usize) {
+/// Difference of the squared misfits of two attitudes over its standard error; 0 where they share too little time.
+fn difference(own: &[(f64, f64)], best: &[(f64, f64)]) -> f64 {
     let mut other = best.iter().peekable();
     let mut blocks: Vec<(i64, f64, u32)> = Vec::new();
     for (t_s, square) in own {
@@ -282,12 +279,12 @@ fn difference(own: &[(f64, f64)], best: &[(f64, f64)]) -> (f64, usize) {
     }
     let n = blocks.len() as f64;
     if blocks.len() < BLOCKS {
-        return (0.0, blocks.len());
+        return 0.0;
     }
     let means = || blocks.iter().map(|(_, sum, count)| sum / f64::from(*count));
     let mean = means().sum::<f64>() / n;
     let error = (means().map(|m| (m - mean).powi(2)).sum::<f64>() / (n * (n - 1.0))).sqrt();
-    (if error > 0.0 { mean / error } else { 0.0 }, blocks.len())
+    if error > 0.0 { mean / error } else { 0.0 }
 }
 
 #[cfg(test)]
