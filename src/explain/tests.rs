@@ -461,7 +461,7 @@ fn what_an_explanation_will_take_is_said_before() {
     let hour = Workload { samples: 720_000, fixes: 18_000 }.words();
     assert!(
         hour.contains(
-            "about 27 to 450 s of processor time (much more where much is missing) and 477 MB of memory"
+            "about 27 to 450 s of processor time (up to 2700 s where much is missing) and 477 MB of memory"
         ),
         "{hour}"
     );
