@@ -7,11 +7,11 @@ use super::contract::{
 use super::{FlightResiduals, advice, consequence, words};
 use gaware_nav::effects::{Shape, data};
 use gaware_nav::identify::judge::{DRIFT_S, Judged, ResidualMeasure};
-use gaware_nav::identify::limits::NotFound as NavNotFound;
 use gaware_nav::identify::noise::NoiseEntry;
 use gaware_nav::identify::residual::{self as map, Point};
 use gaware_nav::identify::select::Added;
 use gaware_nav::identify::size::Size;
+use gaware_nav::identify::survey::NotFound as NavNotFound;
 use gaware_nav::identify::{survey, whereabouts};
 use gaware_nav::model::{EffectSetting, Model};
 use serde_json::{Map, Value, json};

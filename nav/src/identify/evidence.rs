@@ -9,6 +9,30 @@ use nalgebra::{DMatrix, DVector, Matrix3, Vector3};
 /// Widths of the prior that are averaged over, as factors on the sigma of the effect's definition.
 pub const SCALES: [f64; 5] = [2.0, 1.0, 0.5, 0.2, 0.08];
 
+/// A column of the information that may move.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Column {
+    /// Its place in the information.
+    pub at: usize,
+    /// Prior sigma.
+    pub sigma: f64,
+    /// Prior mean less the point of linearisation.
+    pub offset: f64,
+}
+
+impl Column {
+    /// Those of these priors (sigma and offset) that let their column move.
+    pub fn open(priors: impl IntoIterator<Item = (f64, f64)>) -> Vec<Self> {
+        let all = priors.into_iter().enumerate().map(|(at, (sigma, offset))| Self { at, sigma, offset });
+        all.filter(|c| c.sigma > 0.0).collect()
+    }
+
+    /// The same with a prior this many times as wide.
+    pub fn wider(self, by: f64) -> Self {
+        Self { sigma: self.sigma * by, ..self }
+    }
+}
+
 /// Parameters fitted to score and information.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Fit {
@@ -24,14 +48,14 @@ pub struct Fit {
     pub imitated: f64,
 }
 
-/// Fits columns of the information. `sigma` are prior sigmas, `offset` prior mean minus point of linearisation.
-pub fn fit(information: &Information, columns: &[usize], sigma: &[f64], offset: &[f64]) -> Option<Fit> {
+/// Fits columns of the information.
+pub fn fit(information: &Information, columns: &[Column]) -> Option<Fit> {
     let n = columns.len();
-    let b = DVector::from_fn(n, |i, _| information.score[columns[i]]);
-    let lambda = DMatrix::from_fn(n, n, |i, j| information.matrix[(columns[i], columns[j])]);
-    let beside = DVector::from_fn(n, |i, _| information.imitated[columns[i]]);
+    let b = DVector::from_fn(n, |i, _| information.score[columns[i].at]);
+    let lambda = DMatrix::from_fn(n, n, |i, j| information.matrix[(columns[i].at, columns[j].at)]);
+    let beside = DVector::from_fn(n, |i, _| information.imitated[columns[i].at]);
     if beside.iter().all(|d| *d == 0.0) {
-        return fit_dense(&b, &lambda, sigma, offset);
+        return fit_dense(&b, &lambda, columns);
     }
     // A score b + Λ θ of mean Λ θ and variance Λ + D about no effect at all: the information is Λ (Λ + D)⁻¹ Λ.
     let total = DMatrix::from_fn(n, n, |i, j| {
@@ -39,10 +63,10 @@ pub fn fit(information: &Information, columns: &[usize], sigma: &[f64], offset: 
     });
     let total = total.cholesky()?;
     let (score, share) = (total.solve(&b), total.solve(&lambda));
-    let from = DVector::from_fn(n, |i, _| -offset[i]);
+    let from = DVector::from_fn(n, |i, _| -columns[i].offset);
     let along = &score + &share * &from * 0.5;
     let imitated = -from.component_mul(&beside).dot(&along);
-    let fit = fit_dense(&(&lambda * score), &(&lambda * share), sigma, offset)?;
+    let fit = fit_dense(&(&lambda * score), &(&lambda * share), columns)?;
     let gain = b.dot(&fit.step) - 0.5 * fit.step.dot(&(lambda * &fit.step));
     Some(Fit { evidence: fit.evidence + imitated, gain, imitated, ..fit })
 }
@@ -52,8 +76,9 @@ fn least(diagonal: f64) -> f64 {
     if diagonal > 0.0 { 1e-9 * diagonal } else { 1.0 }
 }
 
-fn fit_dense(b: &DVector<f64>, lambda: &DMatrix<f64>, sigma: &[f64], offset: &[f64]) -> Option<Fit> {
+fn fit_dense(b: &DVector<f64>, lambda: &DMatrix<f64>, columns: &[Column]) -> Option<Fit> {
     let n = b.len();
+    let sigma = |i: usize| columns[i].sigma;
     if n == 0 {
         return Some(Fit {
             step: DVector::zeros(0),
@@ -64,16 +89,16 @@ fn fit_dense(b: &DVector<f64>, lambda: &DMatrix<f64>, sigma: &[f64], offset: &[f
         });
     }
     // In units of the prior: A = I + D Λ D.
-    let a = DMatrix::from_fn(n, n, |i, j| lambda[(i, j)] * sigma[i] * sigma[j] + f64::from(u8::from(i == j)));
-    let o = DVector::from_fn(n, |i, _| offset[i] / sigma[i]);
-    let rhs = DVector::from_fn(n, |i, _| b[i] * sigma[i] + o[i]);
+    let a = DMatrix::from_fn(n, n, |i, j| lambda[(i, j)] * sigma(i) * sigma(j) + f64::from(u8::from(i == j)));
+    let o = DVector::from_fn(n, |i, _| columns[i].offset / sigma(i));
+    let rhs = DVector::from_fn(n, |i, _| b[i] * sigma(i) + o[i]);
     let cholesky = a.cholesky()?;
     let x = cholesky.solve(&rhs);
     let ln_det: f64 = 2.0 * cholesky.l_dirty().diagonal().iter().map(|d| ln(*d)).sum::<f64>();
     let evidence = 0.5 * rhs.dot(&x) - 0.5 * o.dot(&o) - 0.5 * ln_det;
     let inverse = cholesky.inverse();
-    let step = DVector::from_fn(n, |i, _| x[i] * sigma[i]);
-    let covariance = DMatrix::from_fn(n, n, |i, j| inverse[(i, j)] * sigma[i] * sigma[j]);
+    let step = DVector::from_fn(n, |i, _| x[i] * sigma(i));
+    let covariance = DMatrix::from_fn(n, n, |i, j| inverse[(i, j)] * sigma(i) * sigma(j));
     let gain = b.dot(&step) - 0.5 * step.dot(&(lambda * &step));
     Some(Fit { step, covariance, evidence, gain, imitated: 0.0 })
 }
@@ -111,8 +136,7 @@ pub fn jump(jumps: &[(f64, Vector3<f64>, Matrix3<f64>)], sigma: f64) -> Option<J
         let fit = fit_dense(
             &DVector::from_column_slice(b.as_slice()),
             &DMatrix::from_column_slice(3, 3, lambda.as_slice()),
-            &[sigma * scale; 3],
-            &[0.0; 3],
+            &[0, 1, 2].map(|at| Column { at, sigma: sigma * scale, offset: 0.0 }),
         )?;
         let size = Vector3::from_column_slice(fit.step.as_slice());
         Some(Jump { evidence: fit.evidence, alone: fit.evidence, t_s: *t_s, sigma_s: 0.0, scale, size })

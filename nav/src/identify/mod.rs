@@ -21,7 +21,6 @@ pub mod flight;
 mod guess;
 pub mod holdout;
 pub mod judge;
-pub mod limits;
 pub mod linear;
 pub mod noise;
 pub mod pass;

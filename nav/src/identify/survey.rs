@@ -8,12 +8,11 @@
 //! so values are averaged over the models with each of them, weighed by their evidence (Hoeting, Madigan, Raftery & Volinsky
 //! 1999, "Bayesian model averaging").
 
-use super::evidence::{self, Fit, SCALES};
-use super::limits::{self, Known, NotFound};
+use super::evidence::{self, Column, Fit, SCALES};
 use super::linear::Problem;
 use super::map;
 use super::pass::Information;
-use super::select::{self, Added, Point, Search, priors};
+use super::select::{self, Added, Point, Search};
 use crate::effects::{Effect, GYRO_G_SENSITIVITY, REGISTRY};
 use crate::identify::watched::Watched;
 use crate::math::exp;
@@ -33,6 +32,21 @@ const LOUDEST: f64 = 3.3;
 const HELD: f64 = 1e-3;
 /// A drift of a size is excluded where it makes the flights less likely by this, nats: two sigmas.
 const EXCLUDED: f64 = 2.0;
+/// The prior of an effect that was not found is made so many times wider for its limit.
+const WIDE: f64 = 30.0;
+
+/// What was looked for and not found, with the sigma that these flights leave it: an effect smaller than a few of those sigmas may be
+/// there all the same. The sigma is that of the information bound along the flown trajectory (van Trees 1968, section 2.4), given
+/// what else was found and with hardly any prior: what the flights themselves know.
+#[derive(Debug, Clone)]
+pub struct NotFound {
+    /// The effect with the values that suit the flights best, and their sigmas.
+    pub setting: EffectSetting,
+    /// Logarithm of the odds that it is there.
+    pub evidence: f64,
+    /// Why there is no better limit, where there is a reason.
+    pub reason: Option<&'static str>,
+}
 
 /// The catalogue when everything is over.
 #[derive(Debug, Clone, Default)]
@@ -67,8 +81,8 @@ struct Linear<'a> {
     blocks: Vec<Information>,
     all: Information,
     log_likelihood: f64,
-    sigma: Vec<f64>,
-    offset: Vec<f64>,
+    /// Columns of what was found that may move.
+    open: Vec<Column>,
     /// Columns that are held at nothing, and the sigma that each has where it is not.
     held: Vec<(usize, f64)>,
 }
@@ -91,21 +105,10 @@ impl<'a> Linear<'a> {
             blocks.extend(run.blocks);
         }
         search.correlate(&point.added, &watched, &mut all);
-        let (sigma, offset) = priors(&point.added, &watched);
+        let open = select::open(&point.added, &watched);
         let held = Vec::new();
-        let mut linear = Self {
-            search,
-            point,
-            lacking,
-            watched,
-            problems,
-            blocks,
-            all,
-            log_likelihood,
-            sigma,
-            offset,
-            held,
-        };
+        let mut linear =
+            Self { search, point, lacking, watched, problems, blocks, all, log_likelihood, open, held };
         linear.hold_idle_axes();
         linear
     }
@@ -115,55 +118,45 @@ impl<'a> Linear<'a> {
     /// did on x.
     fn hold_idle_axes(&mut self) {
         let slots = self.watched.slots();
-        let formula = |k: &usize| self.watched.effects[slots[*k].0].effect.prior_cost() > 0.0;
-        let mut axes: Vec<usize> = self.open().into_iter().filter(formula).collect();
+        let effect_of = |c: &Column| slots[c.at].0;
+        let formula = |i: &usize| self.watched.effects[effect_of(&self.open[*i])].effect.prior_cost() > 0.0;
+        let mut axes: Vec<usize> = (0..self.open.len()).filter(formula).collect();
         while let Some(full) = self.fit(&self.all, &[]).filter(|_| !axes.is_empty()) {
-            let open = self.open();
-            let without = |k: usize| {
-                let mut sigma = self.sigma.clone();
-                sigma[k] *= HELD;
-                let sigmas: Vec<f64> = open.iter().map(|k| sigma[*k]).collect();
-                let offsets: Vec<f64> = open.iter().map(|k| self.offset[*k]).collect();
-                evidence::fit(&self.all, &open, &sigmas, &offsets).map(|f| (k, f.evidence))
+            let open = &self.open;
+            let without = |i: usize| {
+                let mut open = open.clone();
+                open[i].sigma *= HELD;
+                evidence::fit(&self.all, &open).map(|f| (i, f.evidence))
             };
             // It is named: one axis at least has a part in it.
-            let others = |k: &&usize| axes.iter().any(|a| a != *k && slots[*a].0 == slots[**k].0);
+            let others =
+                |i: &&usize| axes.iter().any(|a| a != *i && effect_of(&open[*a]) == effect_of(&open[**i]));
             let best =
-                axes.iter().filter(others).filter_map(|k| without(*k)).max_by(|a, b| a.1.total_cmp(&b.1));
-            let Some((k, _)) = best.filter(|b| b.1 > full.evidence) else { break };
-            let own = open.iter().position(|o| *o == k).map_or(0.0, |i| full.covariance[(i, i)].sqrt());
-            self.held.push((k, own));
-            self.sigma[k] *= HELD;
-            axes.retain(|a| *a != k);
+                axes.iter().filter(others).filter_map(|i| without(*i)).max_by(|a, b| a.1.total_cmp(&b.1));
+            let Some((i, _)) = best.filter(|b| b.1 > full.evidence) else { break };
+            self.held.push((open[i].at, full.covariance[(i, i)].sqrt()));
+            self.open[i].sigma *= HELD;
+            axes.retain(|a| *a != i);
         }
     }
 
-    /// Columns of what was found that may move.
-    fn open(&self) -> Vec<usize> {
-        (0..self.sigma.len()).filter(|k| self.sigma[*k] > 0.0).collect()
-    }
-
-    /// What was found, and further columns with their prior sigmas.
-    fn fit(&self, information: &Information, more: &[(usize, f64)]) -> Option<Fit> {
-        let open = self.open();
-        let columns: Vec<usize> = open.iter().copied().chain(more.iter().map(|m| m.0)).collect();
-        let sigma: Vec<f64> = open.iter().map(|k| self.sigma[*k]).chain(more.iter().map(|m| m.1)).collect();
-        let offset: Vec<f64> = open.iter().map(|k| self.offset[*k]).chain(more.iter().map(|_| 0.0)).collect();
-        evidence::fit(information, &columns, &sigma, &offset)
+    /// What was found, and further columns.
+    fn fit(&self, information: &Information, more: &[Column]) -> Option<Fit> {
+        evidence::fit(information, &[&self.open, more].concat())
     }
 
     /// Columns of a lacking effect with the prior sigmas of its definition.
-    fn columns(&self, effect: &dyn Effect) -> Vec<(usize, f64, usize)> {
+    fn columns(&self, effect: &dyn Effect) -> Vec<Column> {
         let own = select::prior_sigmas(effect);
-        let slots = self.watched.slots();
-        let of = |k: &usize| self.watched.effects[slots[*k].0].effect.name() == effect.name();
-        (0..slots.len()).filter(of).map(|k| (k, own[slots[k].1], slots[k].1)).collect()
+        let slots = self.watched.slots().into_iter().enumerate();
+        let of = slots.filter(|(_, slot)| self.watched.effects[slot.0].effect.name() == effect.name());
+        of.map(|(at, slot)| Column { at, sigma: own[slot.1], offset: 0.0 }).collect()
     }
 
     /// Columns of what is in any unit and the search has not named: what calibration leaves, with tolerances for sigmas, and G, which no one calibrates,
     /// with that of the standard model. Evidence that is not enough for a name is none that a unit has no G: on two flights made by other means its
     /// elements of 110 and 220 deg/h/g had put scale factors 3.0 and 6.2 sigma off.
-    fn tolerances(&self) -> Vec<(usize, f64)> {
+    fn tolerances(&self) -> Vec<Column> {
         if !self.search.allows_for_tolerances() {
             return Vec::new();
         }
@@ -175,14 +168,14 @@ impl<'a> Linear<'a> {
         };
         linear
             .filter_map(|s| Some((s, sigma_of(&s)?)))
-            .flat_map(|(s, sigma)| self.columns(s.effect).into_iter().map(move |c| (c.0, sigma)))
+            .flat_map(|(s, sigma)| self.columns(s.effect).into_iter().map(move |c| Column { sigma, ..c }))
             .collect()
     }
 
     /// By how much the scatter over blocks exceeds what the curvature says, as a factor on each open column's sigma; at least 1.
-    fn widening(&self, full: &Fit, beside: &[(usize, f64)]) -> Vec<f64> {
+    fn widening(&self, full: &Fit, beside: &[Column]) -> Vec<f64> {
         let n = self.blocks.len();
-        let open = self.open().len();
+        let open = self.open.len();
         if n < ENOUGH_BLOCKS {
             return vec![1.0; open];
         }
@@ -205,18 +198,13 @@ impl<'a> Linear<'a> {
     fn values(&self) -> Option<Vec<Added>> {
         let tolerances = self.tolerances();
         let full = self.fit(&self.all, &tolerances)?;
-        let open = self.open();
         let widening = self.widening(&full, &tolerances);
         let mut models: Vec<(f64, Fit)> = vec![(1.0, full.clone())];
         for setting in self.lacking.iter().filter(|s| select::is_linear(s.effect)) {
             let own = self.columns(setting.effect);
             for scale in SCALES {
-                let more: Vec<(usize, f64)> = tolerances
-                    .iter()
-                    .filter(|t| own.iter().all(|c| c.0 != t.0))
-                    .copied()
-                    .chain(own.iter().map(|c| (c.0, c.1 * scale)))
-                    .collect();
+                let others = tolerances.iter().filter(|t| own.iter().all(|c| c.at != t.at)).copied();
+                let more: Vec<Column> = others.chain(own.iter().map(|c| c.wider(scale))).collect();
                 if let Some(fit) = self.fit(&self.all, &more) {
                     let weight = exp((fit.evidence - full.evidence).min(LOUDEST)) / SCALES.len() as f64;
                     models.push((weight, fit));
@@ -227,11 +215,11 @@ impl<'a> Linear<'a> {
         let mean = |of: &dyn Fn(&Fit) -> f64| models.iter().map(|(w, f)| w * of(f)).sum::<f64>() / total;
         let slots = self.watched.slots();
         let mut added = self.point.added.clone();
-        for (i, k) in open.iter().enumerate() {
+        for (i, column) in self.open.iter().enumerate() {
             let step = mean(&|f| f.step[i]);
             let within = mean(&|f| f.covariance[(i, i)]) * widening[i].powi(2);
             let between = mean(&|f| (f.step[i] - step).powi(2));
-            let (effect, parameter) = slots[*k];
+            let (effect, parameter) = slots[column.at];
             added[effect].setting.values[parameter] += step;
             added[effect].setting.sigmas[parameter] = (within + between).max(0.0).sqrt();
         }
@@ -246,19 +234,23 @@ impl<'a> Linear<'a> {
     /// A linear effect that was not found.
     fn linear(&self, setting: &EffectSetting, full: &Fit) -> Option<NotFound> {
         let own = self.columns(setting.effect);
-        let evidences = SCALES.iter().filter_map(|scale| {
-            let more: Vec<(usize, f64)> = own.iter().map(|c| (c.0, c.1 * scale)).collect();
-            self.fit(&self.all, &more).map(|f| f.evidence - full.evidence)
-        });
+        let fit = |scale: f64| {
+            let own: Vec<Column> = own.iter().map(|c| c.wider(scale)).collect();
+            self.fit(&self.all, &own)
+        };
+        let evidences = SCALES.iter().filter_map(|scale| fit(*scale).map(|f| f.evidence - full.evidence));
         let evidence = evidence::log_mean_exp(evidences);
-        let known = Known { sigma: &self.sigma, offset: &self.offset };
-        let columns: Vec<(usize, usize)> = own.iter().map(|c| (c.2, c.0)).collect();
-        let mut found = limits::of(setting, &columns, &known, &self.all, evidence)?;
-        let prior = select::prior_sigmas(setting.effect);
-        if found.setting.sigmas.iter().zip(&prior).any(|(sigma, prior)| *prior > 0.0 && sigma > prior) {
-            found.reason = Some("the flights hardly excite some of its parameters");
+        let (wide, slots) = (fit(WIDE)?, self.watched.slots());
+        let mut setting = setting.clone();
+        for (column, at) in own.iter().zip(self.open.len()..) {
+            let parameter = slots[column.at].1;
+            setting.values[parameter] += wide.step[at];
+            setting.sigmas[parameter] = wide.covariance[(at, at)].max(0.0).sqrt();
         }
-        Some(found)
+        let prior = select::prior_sigmas(setting.effect);
+        let hardly = setting.sigmas.iter().zip(&prior).any(|(sigma, prior)| *prior > 0.0 && sigma > prior);
+        let reason = hardly.then_some("the flights hardly excite some of its parameters");
+        Some(NotFound { setting, evidence, reason })
     }
 
     /// A drift that was not found, with the size from which on the flights exclude it.

@@ -157,17 +157,34 @@ fn no_jump_of_several_is_held_out() {
 #[test]
 fn a_bayes_factor_pays_for_what_it_cannot_see() {
     let mut information = pass::Information::zeros(1);
+    let column = [evidence::Column { at: 0, sigma: 1.0, offset: 0.0 }];
     // No information: no evidence either way.
-    let fit = evidence::fit(&information, &[0], &[1.0], &[0.0]).unwrap();
+    let fit = evidence::fit(&information, &column).unwrap();
     assert_eq!((fit.evidence, fit.gain), (0.0, 0.0));
     // Known to 0.01 of the prior and found at zero: the odds fall by the ratio of the widths.
     information.matrix[(0, 0)] = 1e4;
-    let fit = evidence::fit(&information, &[0], &[1.0], &[0.0]).unwrap();
+    let fit = evidence::fit(&information, &column).unwrap();
     assert!((fit.evidence + 0.5 * ln(10_001f64)).abs() < 1e-9);
     // Found five sigma away.
     information.score[0] = 500.0;
-    let fit = evidence::fit(&information, &[0], &[1.0], &[0.0]).unwrap();
+    let fit = evidence::fit(&information, &column).unwrap();
     assert!((fit.step[0] - 0.05).abs() < 1e-4 && (fit.gain - 12.5).abs() < 0.01, "{fit:?}");
+}
+
+#[test]
+fn with_hardly_any_prior_the_sigma_is_that_of_the_information() {
+    let mut information = pass::Information::zeros(2);
+    information.matrix[(0, 0)] = 4.0;
+    information.matrix[(1, 1)] = 1e4;
+    information.matrix[(0, 1)] = 100.0;
+    information.matrix[(1, 0)] = 100.0;
+    information.score[1] = 50.0;
+    let columns = evidence::Column::open([(1.0, 0.0), (6.0, 0.0)]);
+    let alone = evidence::fit(&information, &columns[1..]).unwrap();
+    assert!((alone.covariance[(0, 0)].sqrt() - 0.01).abs() < 1e-5 && (alone.step[0] - 5e-3).abs() < 1e-5);
+    // Beside something else that imitates it in part: 1/√(10⁴ − 100²/(4 + 1)).
+    let beside = evidence::fit(&information, &columns).unwrap();
+    assert!((beside.covariance[(1, 1)].sqrt() - 8000.0f64.sqrt().recip()).abs() < 1e-5, "{beside:?}");
 }
 
 /// Samples with a disturbance of each inertial sample.

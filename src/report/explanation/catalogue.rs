@@ -7,7 +7,7 @@ use crate::explain::words::number;
 use crate::figures::with_sigma;
 use crate::report::page::{escape, wide};
 use gaware_nav::effects;
-use gaware_nav::identify::limits::NotFound;
+use gaware_nav::identify::survey::NotFound;
 use serde_json::Value;
 use std::fmt::Write;
 

@@ -6,7 +6,7 @@
 
 use super::Finding;
 use crate::effects::Effect;
-use crate::identify::evidence::{self, Fit, SCALES, log_mean_exp};
+use crate::identify::evidence::{self, Column, Fit, SCALES, log_mean_exp};
 use crate::identify::pass::Information;
 use crate::model::EffectSetting;
 use crate::rss;
@@ -138,26 +138,19 @@ struct About<'a> {
 
 /// One fit of a set of effects.
 struct Fitted {
-    columns: Vec<usize>,
+    columns: Vec<Column>,
     fit: Fit,
 }
 
 impl About<'_> {
     fn fitted(&self, of: &Information, sigma: &[f64]) -> Option<Fitted> {
-        let before = self.prior.len();
-        let (mut columns, mut sigmas, mut offsets) = (Vec::new(), Vec::new(), Vec::new());
-        let all = self.prior.iter().copied().chain(sigma.iter().map(|s| (*s, 0.0)));
-        for (k, (s, offset)) in all.enumerate().filter(|(_, p)| p.0 > 0.0) {
-            columns.push(k);
-            sigmas.push(s);
-            offsets.push(if k < before { offset } else { 0.0 });
-        }
+        let columns = Column::open(self.prior.iter().copied().chain(sigma.iter().map(|s| (*s, 0.0))));
         let tempered = Information {
             score: &of.score / self.correlated,
             matrix: &of.matrix / self.correlated,
             imitated: of.imitated.clone(),
         };
-        Some(Fitted { fit: evidence::fit(&tempered, &columns, &sigmas, &offsets)?, columns })
+        Some(Fitted { fit: evidence::fit(&tempered, &columns)?, columns })
     }
 
     fn evidence(&self, named: &[usize], candidate: Option<usize>) -> f64 {
@@ -172,7 +165,7 @@ impl About<'_> {
     fn values(&self, of: &Information, sigma: &[f64]) -> DVector<f64> {
         let mut out = DVector::zeros(self.prior.len() + self.widths.len());
         if let Some(found) = self.fitted(of, sigma) {
-            found.columns.iter().zip(found.fit.step.iter()).for_each(|(k, v)| out[*k] = *v);
+            found.columns.iter().zip(found.fit.step.iter()).for_each(|(c, v)| out[c.at] = *v);
         }
         out
     }
@@ -233,7 +226,7 @@ impl About<'_> {
             |u: &usize| self.widths.effect[*u] != usize::MAX && !named.contains(&self.widths.effect[*u]);
         for u in (0..self.widths.len()).filter(left_out) {
             let together = DVector::from_fn(found.columns.len(), |i, _| {
-                self.all.matrix[(found.columns[i], self.prior.len() + u)] / self.correlated
+                self.all.matrix[(found.columns[i].at, self.prior.len() + u)] / self.correlated
             });
             let moved = &found.fit.covariance * together * self.widths.narrow[u];
             variance += moved.component_mul(&moved);
@@ -245,7 +238,7 @@ impl About<'_> {
     fn values_of(&self, named: &[usize], e: usize) -> Vec<(f64, f64)> {
         let Some(found) = self.fitted(&self.all, &self.widths.only(named)) else { return Vec::new() };
         let by_tolerances = self.by_tolerances(&found, named);
-        let own = |i: usize| found.columns[i].checked_sub(self.prior.len()).map(|k| self.widths.effect[k]);
+        let own = |i: usize| found.columns[i].at.checked_sub(self.prior.len()).map(|k| self.widths.effect[k]);
         let own = (0..found.columns.len()).filter(|i| own(*i) == Some(e));
         let least = self.widths.least(e).powi(2);
         let one = |i: usize| {
@@ -259,7 +252,7 @@ impl About<'_> {
         let open: Vec<usize> = named.iter().copied().chain([0]).collect();
         let found = self.fitted(&self.all, &self.widths.with(&open, None));
         let sigma = found.and_then(|f| {
-            let at = f.columns.iter().position(|k| *k == self.prior.len())?;
+            let at = f.columns.iter().position(|c| c.at == self.prior.len())?;
             Some(f.fit.covariance[(at, at)].max(0.0).sqrt())
         });
         sigma.unwrap_or(0.0)
@@ -269,8 +262,11 @@ impl About<'_> {
     fn own_covariance(&self, named: &[usize]) -> DMatrix<f64> {
         let mut out = DMatrix::zeros(self.widths.len(), self.widths.len());
         let Some(found) = self.fitted(&self.all, &self.widths.with(named, None)) else { return out };
-        let own =
-            found.columns.iter().enumerate().filter_map(|(i, k)| Some((i, k.checked_sub(self.prior.len())?)));
+        let own = found
+            .columns
+            .iter()
+            .enumerate()
+            .filter_map(|(i, c)| Some((i, c.at.checked_sub(self.prior.len())?)));
         for (i, a) in own.clone() {
             own.clone().for_each(|(j, b)| out[(a, b)] = found.fit.covariance[(i, j)]);
         }

@@ -7,7 +7,7 @@
 //! height of a trajectory, which inertial data keep smooth. Its figures are those of the largest marginal likelihood, with the parameters integrated out over
 //! their priors (restricted likelihood: Patterson & Thompson 1971): where the noise is fitted to what is left of no effect at all, it takes every effect for its own.
 
-use crate::identify::evidence;
+use crate::identify::evidence::{self, Column};
 use crate::identify::pass::Information;
 use crate::math::{exp, ln};
 use nalgebra::{SMatrix, SVector};
@@ -281,10 +281,8 @@ pub(in crate::identify) fn marginal(rows: &[Row], noise: &Noise, prior: Prior<'_
     let every = rows.len().div_ceil(FITTED_ROWS).max(1);
     // A wing has two rows for each instant, so that an odd number of rows leaves both.
     let run = gone_through(rows.iter().step_by(every | 1), noise, f64::INFINITY, false);
-    let open: Vec<usize> = (0..prior.sigma.len()).filter(|k| prior.sigma[*k] > 0.0).collect();
-    let (sigma, offset): (Vec<f64>, Vec<f64>) =
-        open.iter().map(|k| (prior.sigma[*k], -prior.values[*k])).unzip();
-    let fit = run.blocks.first().and_then(|of| evidence::fit(of, &open, &sigma, &offset));
+    let open = Column::open(prior.sigma.iter().zip(prior.values).map(|(sigma, value)| (*sigma, -value)));
+    let fit = run.blocks.first().and_then(|of| evidence::fit(of, &open));
     fit.map_or(f64::NEG_INFINITY, |f| run.log_likelihood + f.evidence)
 }
 

@@ -1,7 +1,7 @@
 //! The trajectory that the sensors beside the inertial unit are judged by: a flight linearised about the values that it gives the effects of its model.
 
 use crate::identify::Workers;
-use crate::identify::evidence;
+use crate::identify::evidence::{self, Column};
 use crate::identify::flight::Flight;
 use crate::identify::linear::Problem;
 use crate::identify::linear::reference::Reference;
@@ -32,16 +32,15 @@ impl Settled {
         let mut model = base.clone();
         let mut settled = Self::about(flight, base, &model, noise, workers);
         for _ in 0..PASSES {
-            let open: Vec<usize> = (0..settled.prior.len()).filter(|k| settled.prior[*k].0 > 0.0).collect();
+            let open = Column::open(settled.prior.iter().copied());
             if open.is_empty() {
                 break;
             }
             let run = settled.problem.run(&noise, &Options::default().all());
-            let (sigma, offset): (Vec<f64>, Vec<f64>) = open.iter().map(|k| settled.prior[*k]).unzip();
-            let Some(fit) = evidence::fit(&run.information[0], &open, &sigma, &offset) else { break };
+            let Some(fit) = evidence::fit(&run.information[0], &open) else { break };
             let slots = slots(&model);
-            for (k, step) in open.iter().zip(fit.step.iter()) {
-                let (e, p) = slots[*k];
+            for (column, step) in open.iter().zip(fit.step.iter()) {
+                let (e, p) = slots[column.at];
                 model.effects[e].values[p] += step;
             }
             settled = Self::about(flight, base, &model, noise, workers);

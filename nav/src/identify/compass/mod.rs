@@ -10,6 +10,7 @@ mod orientation;
 pub use super::aids::Finding as CompassFinding;
 use super::aids::choose::{self, Chosen, Confirm, Widths};
 use super::aids::{Settled, at_time};
+use super::evidence::{self, Column};
 use super::flight::Flight;
 use super::linear::field::FieldAtFix;
 use super::pass::{Information, Options};
@@ -19,6 +20,7 @@ use crate::rotation::skew;
 pub use heading::{Heading, Level};
 use nalgebra::{Matrix3, Vector3};
 pub use orientation::Orientation;
+use std::f64::consts::PI;
 
 /// Samples of a compass this far from a fix are used for it: compasses are read at 10 Hz and more, s.
 const NEAR_S: f64 = 0.15;
@@ -186,21 +188,9 @@ impl<'a> Compasses<'a> {
             sum.add(&b);
             sum
         })?;
-        let before = self.settled.prior.len();
-        let columns: Vec<usize> = self
-            .settled
-            .prior
-            .iter()
-            .enumerate()
-            .filter(|(_, p)| p.0 > 0.0)
-            .map(|(k, _)| k)
-            .chain([before])
-            .collect();
-        let sigma: Vec<f64> = columns
-            .iter()
-            .map(|k| self.settled.prior.get(*k).map_or(std::f64::consts::PI, |p| p.0))
-            .collect();
-        let fit = super::evidence::fit(&information, &columns, &sigma, &vec![0.0; columns.len()])?;
+        let sigmas = self.settled.prior.iter().map(|p| p.0).chain([PI]);
+        let columns = Column::open(sigmas.map(|sigma| (sigma, 0.0)));
+        let fit = evidence::fit(&information, &columns)?;
         let last = columns.len() - 1;
         Some(fit.covariance[(last, last)].max(0.0).sqrt())
     }

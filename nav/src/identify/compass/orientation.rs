@@ -1,8 +1,8 @@
 //! Whether a compass is turned by a quarter or an eighth of a turn, or has an axis reversed: a wrong orientation parameter or driver.
 
 use super::Instant;
-use crate::effects::COMPASS;
-use crate::identify::evidence;
+use crate::effects::{COMPASS, ParameterGroup};
+use crate::identify::evidence::{self, Column};
 use crate::identify::pass::Information;
 use crate::math::atan2;
 use nalgebra::{Matrix3, Rotation3, Vector3};
@@ -123,16 +123,14 @@ fn candidates() -> Vec<Matrix3<f64>> {
 /// Logarithm of the marginal likelihood of an orientation, with every effect of the compass open.
 fn evidence_of(turned: &Matrix3<f64>, instants: &[&Instant], has_current: bool, weight: f64) -> f64 {
     let undo = turned.transpose();
-    let groups = || {
-        COMPASS
-            .iter()
-            .flat_map(|e| e.groups())
-            .flat_map(|g| std::iter::repeat_n((g.unit, g.prior_sigma), g.shape.len()))
+    let prior = |g: &ParameterGroup| {
+        let is_open = has_current || g.unit.suffix != "mgauss_per_a";
+        std::iter::repeat_n((if is_open { g.prior_sigma } else { 0.0 }, 0.0), g.shape.len())
     };
-    let sigma: Vec<f64> = groups().map(|g| g.1).collect();
-    let mut information = Information::zeros(sigma.len());
+    let priors: Vec<(f64, f64)> = COMPASS.iter().flat_map(|e| e.groups()).flat_map(prior).collect();
+    let mut information = Information::zeros(priors.len());
     let mut misfit = 0.0;
-    let mut columns = Vec::with_capacity(sigma.len());
+    let mut columns = Vec::with_capacity(priors.len());
     for i in instants {
         let residual: Vector3<f64> = undo * i.measured - i.x.field;
         misfit += weight * residual.norm_squared();
@@ -151,10 +149,7 @@ fn evidence_of(turned: &Matrix3<f64>, instants: &[&Instant], has_current: bool, 
             }
         }
     }
-    let is_current = |k: usize| groups().nth(k).is_some_and(|g| g.0.suffix == "mgauss_per_a");
-    let open: Vec<usize> = (0..sigma.len()).filter(|k| has_current || !is_current(*k)).collect();
-    let own: Vec<f64> = open.iter().map(|k| sigma[*k]).collect();
-    let fit = evidence::fit(&information, &open, &own, &vec![0.0; open.len()]);
+    let fit = evidence::fit(&information, &Column::open(priors));
     fit.map_or(f64::NEG_INFINITY, |f| f.evidence - 0.5 * misfit)
 }
 

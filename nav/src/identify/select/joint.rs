@@ -53,7 +53,7 @@ pub(super) fn correlate(
 mod tests {
     use super::*;
     use crate::effects;
-    use crate::identify::evidence;
+    use crate::identify::evidence::{self, Column};
     use crate::model::EffectSetting;
 
     /// A flight that knows one of two correlated constants tells the other as far as the file ties them: the fit is that of the textbook with the whole
@@ -84,7 +84,8 @@ mod tests {
         let flight = information.clone();
         let said = correlate(Some(&joint), &added, &watched, &mut information);
         let offset: Vec<f64> = added[0].setting.values.iter().map(|v| -v).collect();
-        let fit = evidence::fit(&information, &[0, 1, 2], &sigmas, &offset).unwrap();
+        let columns = Column::open(sigmas.into_iter().zip(offset.iter().copied()));
+        let fit = evidence::fit(&information, &columns).unwrap();
         let precision = prior.clone().try_inverse().unwrap();
         let covariance = (&precision + &flight.matrix).try_inverse().unwrap();
         let o = DVector::from_vec(offset);

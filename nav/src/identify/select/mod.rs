@@ -19,7 +19,7 @@ use crate::model::{EffectSetting, Model};
 pub(super) use choose::are_enough;
 pub(super) use scan::Glance;
 pub(super) use search::{Point, Search};
-pub(super) use settle::priors;
+pub(super) use settle::open;
 
 /// What the selection may do.
 #[derive(Debug, Clone, Copy, PartialEq)]

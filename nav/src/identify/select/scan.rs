@@ -1,12 +1,12 @@
 //! One look at every candidate, linearised about the present point.
 
-use super::super::evidence::{self, SCALES, log_mean_exp};
+use super::super::evidence::{Column, Fit, SCALES, fit, log_mean_exp};
 use super::super::linear::Problem;
 use super::super::map;
 use super::super::noise::Noise;
 use super::super::pass::Information;
 use super::search::together;
-use super::settle::{at_nothing, loss, priors};
+use super::settle::{at_nothing, loss, open};
 use super::{Added, Candidate, Point, Search, is_drift, is_jump, is_linear, lacking, prior_sigmas};
 use crate::effects::{BiasWalk, Effect, MISTAKES};
 use crate::identify::watched::Watched;
@@ -229,16 +229,6 @@ pub(in crate::identify) struct Glance<'p> {
     slower: Vec<(f64, Information)>,
 }
 
-/// A column of the information that may move.
-#[derive(Clone, Copy)]
-struct Column {
-    at: usize,
-    /// Prior sigma.
-    sigma: f64,
-    /// Prior mean less the point of linearisation.
-    offset: f64,
-}
-
 impl Glance<'_> {
     /// Each of them beside all those of the point; of its drifts that may be a part.
     pub(in crate::identify) fn beside(&self) -> Vec<Candidate> {
@@ -296,9 +286,9 @@ impl Glance<'_> {
     /// The columns of the point's effects, but for `gone`.
     fn columns(&self, gone: Option<usize>) -> Vec<Column> {
         let slots = self.watched.slots();
-        let (sigma, offset) = priors(self.added, &self.watched);
-        let stays = |k: &usize| sigma[*k] > 0.0 && Some(slots[*k].0) != gone;
-        (0..sigma.len()).filter(stays).map(|k| Column { at: k, sigma: sigma[k], offset: offset[k] }).collect()
+        let mut columns = open(self.added, &self.watched);
+        columns.retain(|c| Some(slots[c.at].0) != gone);
+        columns
     }
 
     /// Those of an effect that the point lacks, with its prior.
@@ -321,7 +311,7 @@ impl Glance<'_> {
         let new: Vec<usize> = (0..slots.len()).filter(|k| slots[*k].0 == index).collect();
         let own = prior_sigmas(setting.effect);
         let without = fit(information, old)?;
-        let fits: Vec<(f64, evidence::Fit)> = SCALES
+        let fits: Vec<(f64, Fit)> = SCALES
             .iter()
             .filter_map(|scale| {
                 let new = new.iter().map(|k| Column { at: *k, sigma: own[slots[*k].1] * scale, offset: 0.0 });
@@ -340,13 +330,6 @@ impl Glance<'_> {
         let cost = best.evidence - without.evidence - evidence;
         Some(Candidate { setting: found, prior, evidence, cost })
     }
-}
-
-/// The fit of these columns.
-fn fit(information: &Information, columns: &[Column]) -> Option<evidence::Fit> {
-    let pick = |of: fn(&Column) -> f64| -> Vec<f64> { columns.iter().map(of).collect() };
-    let places: Vec<usize> = columns.iter().map(|c| c.at).collect();
-    evidence::fit(information, &places, &pick(|c| c.sigma), &pick(|c| c.offset))
 }
 
 #[cfg(test)]

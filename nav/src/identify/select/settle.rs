@@ -1,6 +1,6 @@
 //! Values: the added effects where they fit best, about trajectories that are straight enough there.
 
-use super::super::evidence;
+use super::super::evidence::{self, Column};
 use super::super::linear::Problem;
 use super::super::linear::reference::Reference;
 use super::super::map;
@@ -218,18 +218,16 @@ struct Reached {
     height: f64,
 }
 
-/// Prior sigma and distance from the prior mean of each watched parameter.
-pub(in crate::identify) fn priors(added: &[Added], watched: &Watched) -> (Vec<f64>, Vec<f64>) {
+/// The columns of the watched parameters of these effects, which are watched before all others, whose prior lets them move.
+pub(in crate::identify) fn open(added: &[Added], watched: &Watched) -> Vec<Column> {
     let own =
         |(e, p): (usize, usize)| added.get(e).map(|a| (a.prior[p].1, a.prior[p].0 - a.setting.values[p]));
-    watched.slots().into_iter().filter_map(own).unzip()
+    Column::open(watched.slots().into_iter().map_while(own))
 }
 
 /// Logarithm of the prior density at the present values, but for a constant.
 fn log_prior(added: &[Added], watched: &Watched) -> f64 {
-    let (sigma, offset) = priors(added, watched);
-    let moved = sigma.iter().zip(&offset).filter(|(sigma, _)| **sigma > 0.0);
-    -0.5 * moved.map(|(sigma, offset)| (offset / sigma).powi(2)).sum::<f64>()
+    -0.5 * open(added, watched).iter().map(|c| (c.offset / c.sigma).powi(2)).sum::<f64>()
 }
 
 /// Evidence that goes when an effect goes, by score and information about values close to the best: its parameters are held
@@ -244,14 +242,11 @@ pub(super) fn loss(
     if gone.effect.is_empty() || !gone.effect.groups().iter().all(|g| g.is_state()) {
         return None;
     }
-    let (sigma, offset) = priors(added, watched);
-    let columns = open(&sigma);
-    let slots = watched.slots();
-    let others: Vec<usize> = columns.iter().copied().filter(|k| slots[*k].0 != effect).collect();
-    let pick = |v: &[f64], at: &[usize]| -> Vec<f64> { at.iter().map(|k| v[*k]).collect() };
-    let with = evidence::fit(information, &columns, &pick(&sigma, &columns), &pick(&offset, &columns))?;
+    let (mut columns, slots) = (open(added, watched), watched.slots());
+    let with = evidence::fit(information, &columns)?;
+    columns.retain(|c| slots[c.at].0 != effect);
     let (held, moved) = at_nothing(information, added, watched, effect);
-    let without = evidence::fit(&held, &others, &pick(&sigma, &others), &pick(&offset, &others))?;
+    let without = evidence::fit(&held, &columns)?;
     Some(with.evidence - without.evidence - moved)
 }
 
@@ -263,12 +258,13 @@ pub(super) fn at_nothing(
     watched: &Watched,
     effect: usize,
 ) -> (Information, f64) {
-    let (sigma, offset) = priors(added, watched);
     let slots = watched.slots();
     let mut held = information.clone();
     let mut moved = 0.0;
-    for k in open(&sigma).into_iter().filter(|k| slots[*k].0 == effect) {
-        let by = offset[k];
+    for Column { at: k, offset: by, .. } in open(added, watched) {
+        if slots[k].0 != effect {
+            continue;
+        }
         moved += by * held.score[k] - 0.5 * by * by * held.matrix[(k, k)];
         for j in 0..held.score.len() {
             held.score[j] -= by * information.matrix[(j, k)];
@@ -277,19 +273,12 @@ pub(super) fn at_nothing(
     (held, moved)
 }
 
-/// Columns whose prior lets them move.
-fn open(sigma: &[f64]) -> Vec<usize> {
-    (0..sigma.len()).filter(|k| sigma[*k] > 0.0).collect()
-}
-
 fn fit_added(information: &Information, watched: &Watched, added: &mut [Added]) -> Option<evidence::Fit> {
-    let (sigma, offset) = priors(added, watched);
-    let columns = open(&sigma);
-    let pick = |v: &[f64]| -> Vec<f64> { columns.iter().map(|k| v[*k]).collect() };
-    let fit = evidence::fit(information, &columns, &pick(&sigma), &pick(&offset))?;
+    let columns = open(added, watched);
+    let fit = evidence::fit(information, &columns)?;
     let slots = watched.slots();
-    for (i, k) in columns.iter().enumerate() {
-        let (e, p) = slots[*k];
+    for (i, column) in columns.iter().enumerate() {
+        let (e, p) = slots[column.at];
         set(&mut added[e].setting, p, fit.covariance[(i, i)]);
     }
     Some(fit)
@@ -310,10 +299,9 @@ struct Step {
 
 impl Step {
     fn new(fit: &evidence::Fit, watched: &Watched, added: &[Added]) -> Self {
-        let (sigma, _) = priors(added, watched);
         let slots = watched.slots();
         let mut by = vec![0.0; slots.len()];
-        open(&sigma).into_iter().zip(fit.step.iter()).for_each(|(k, step)| by[k] = *step);
+        open(added, watched).iter().zip(fit.step.iter()).for_each(|(c, step)| by[c.at] = *step);
         let sigmas = slots.iter().map(|(e, p)| added[*e].setting.sigmas[*p]);
         let reach = by.iter().zip(sigmas).filter(|(by, _)| **by != 0.0).map(|(by, sigma)| by.abs() / sigma);
         Self { reach: reach.fold(0.0, f64::max), by, slots }
