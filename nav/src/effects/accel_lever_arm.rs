@@ -23,20 +23,11 @@ fn by_arm(x: &Instant) -> Matrix3<f64> {
 }
 
 impl Effect for AccelLeverArm {
-    fn name(&self) -> &'static str {
-        "accel_lever_arm"
-    }
-
-    fn description(&self) -> &'static str {
-        "the accelerometers sit away from the gyros"
-    }
-
-    fn cause(&self) -> &'static str {
-        "accelerometers and gyros on different boards, or a position of the inertial unit that is entered wrongly"
-    }
-
-    fn remedy(&self) -> &'static str {
-        "measure the distance from accelerometers to antenna and set it (INS_POS1_X/Y/Z, EKF2_IMU_POS_X/Y/Z)"
+    words! {
+        name: "accel_lever_arm",
+        description: "the accelerometers sit away from the gyros",
+        cause: "accelerometers and gyros on different boards, or a position of the inertial unit that is entered wrongly",
+        remedy: "measure the distance from accelerometers to antenna and set it (INS_POS1_X/Y/Z, EKF2_IMU_POS_X/Y/Z)",
     }
 
     fn groups(&self) -> &'static [ParameterGroup] {

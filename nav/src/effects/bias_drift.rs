@@ -21,20 +21,11 @@ const ACCEL_SIZES: [f64; 4] =
 pub struct GyroBiasDrift;
 
 impl Effect for GyroBiasDrift {
-    fn name(&self) -> &'static str {
-        "gyro_bias_drift"
-    }
-
-    fn description(&self) -> &'static str {
-        "the gyro biases follow a random walk"
-    }
-
-    fn cause(&self) -> &'static str {
-        "the gyro biases change with warm-up, supply or stress on the board"
-    }
-
-    fn remedy(&self) -> &'static str {
-        "let the unit warm up, and allow the bias process noise found"
+    words! {
+        name: "gyro_bias_drift",
+        description: "the gyro biases follow a random walk",
+        cause: "the gyro biases change with warm-up, supply or stress on the board",
+        remedy: "let the unit warm up, and allow the bias process noise found",
     }
 
     fn groups(&self) -> &'static [ParameterGroup] {
@@ -74,20 +65,11 @@ impl WalkEffect for GyroBiasDrift {
 pub struct AccelBiasDrift;
 
 impl Effect for AccelBiasDrift {
-    fn name(&self) -> &'static str {
-        "accel_bias_drift"
-    }
-
-    fn description(&self) -> &'static str {
-        "the accelerometer biases follow a random walk"
-    }
-
-    fn cause(&self) -> &'static str {
-        "the accelerometer biases change with warm-up, vibration or stress on the board"
-    }
-
-    fn remedy(&self) -> &'static str {
-        "let the unit warm up, and allow the bias process noise found"
+    words! {
+        name: "accel_bias_drift",
+        description: "the accelerometer biases follow a random walk",
+        cause: "the accelerometer biases change with warm-up, vibration or stress on the board",
+        remedy: "let the unit warm up, and allow the bias process noise found",
     }
 
     fn groups(&self) -> &'static [ParameterGroup] {

@@ -15,20 +15,11 @@ const PRIOR_SIGMA: f64 = 200.0 * unit::PPM.si;
 pub struct ClockDrift;
 
 impl Effect for ClockDrift {
-    fn name(&self) -> &'static str {
-        "clock_drift"
-    }
-
-    fn description(&self) -> &'static str {
-        "the clock of the GNSS stamps runs faster or slower than that of the inertial stamps"
-    }
-
-    fn cause(&self) -> &'static str {
-        "fixes and inertial samples are stamped by different clocks that are not synchronised, or the delay of the fixes has changed on the way"
-    }
-
-    fn remedy(&self) -> &'static str {
-        "stamp both on one clock, or synchronise them (TIMESYNC, PPS)"
+    words! {
+        name: "clock_drift",
+        description: "the clock of the GNSS stamps runs faster or slower than that of the inertial stamps",
+        cause: "fixes and inertial samples are stamped by different clocks that are not synchronised, or the delay of the fixes has changed on the way",
+        remedy: "stamp both on one clock, or synchronise them (TIMESYNC, PPS)",
     }
 
     fn groups(&self) -> &'static [ParameterGroup] {

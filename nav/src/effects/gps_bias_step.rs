@@ -15,20 +15,11 @@ impl GpsBiasStep {
 }
 
 impl Effect for GpsBiasStep {
-    fn name(&self) -> &'static str {
-        "gps_bias_step"
-    }
-
-    fn description(&self) -> &'static str {
-        "the GNSS position jumps and stays beside the truth"
-    }
-
-    fn cause(&self) -> &'static str {
-        "a change of satellites, of the correction source or of the receiver's solution"
-    }
-
-    fn remedy(&self) -> &'static str {
-        "look at the receiver's fix type and satellites at that instant; leave that part of the flight out"
+    words! {
+        name: "gps_bias_step",
+        description: "the GNSS position jumps and stays beside the truth",
+        cause: "a change of satellites, of the correction source or of the receiver's solution",
+        remedy: "look at the receiver's fix type and satellites at that instant; leave that part of the flight out",
     }
 
     fn groups(&self) -> &'static [ParameterGroup] {

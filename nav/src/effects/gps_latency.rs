@@ -8,20 +8,11 @@ use nalgebra::Vector3;
 pub struct GpsLatency;
 
 impl Effect for GpsLatency {
-    fn name(&self) -> &'static str {
-        "gps_latency"
-    }
-
-    fn description(&self) -> &'static str {
-        "GNSS fixes arrive late"
-    }
-
-    fn cause(&self) -> &'static str {
-        "the receiver computes and sends a solution some time after it measured, and the autopilot stamps it when it arrives"
-    }
-
-    fn remedy(&self) -> &'static str {
-        "set the autopilot's GNSS delay parameter (ArduPilot GPS1_DELAY_MS, PX4 SENS_GPS0_DELAY; before 4.6 and 1.18 GPS_DELAY_MS, EKF2_GPS_DELAY): the value to set counts from the autopilot's own time stamps and stands among its parameters"
+    words! {
+        name: "gps_latency",
+        description: "GNSS fixes arrive late",
+        cause: "the receiver computes and sends a solution some time after it measured, and the autopilot stamps it when it arrives",
+        remedy: "set the autopilot's GNSS delay parameter (ArduPilot GPS1_DELAY_MS, PX4 SENS_GPS0_DELAY; before 4.6 and 1.18 GPS_DELAY_MS, EKF2_GPS_DELAY): the value to set counts from the autopilot's own time stamps and stands among its parameters",
     }
 
     fn groups(&self) -> &'static [ParameterGroup] {

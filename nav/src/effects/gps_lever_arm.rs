@@ -12,20 +12,11 @@ const TOLERANCE_M: f64 = 0.3;
 pub struct GpsLeverArm;
 
 impl Effect for GpsLeverArm {
-    fn name(&self) -> &'static str {
-        "gps_lever_arm"
-    }
-
-    fn description(&self) -> &'static str {
-        "the GNSS antenna sits away from the inertial unit"
-    }
-
-    fn cause(&self) -> &'static str {
-        "the antenna does not sit where the inertial unit sits"
-    }
-
-    fn remedy(&self) -> &'static str {
-        "compare the antenna position that is set (ArduPilot GPS1_POS_X/Y/Z, PX4 SENS_GPS0_OFFX/Y/Z; before 4.6 and 1.18 GPS_POS1_X/Y/Z, EKF2_GPS_POS_X/Y/Z) with the values found"
+    words! {
+        name: "gps_lever_arm",
+        description: "the GNSS antenna sits away from the inertial unit",
+        cause: "the antenna does not sit where the inertial unit sits",
+        remedy: "compare the antenna position that is set (ArduPilot GPS1_POS_X/Y/Z, PX4 SENS_GPS0_OFFX/Y/Z; before 4.6 and 1.18 GPS_POS1_X/Y/Z, EKF2_GPS_POS_X/Y/Z) with the values found",
     }
 
     fn groups(&self) -> &'static [ParameterGroup] {

@@ -35,12 +35,9 @@ fn thirds(x: &FixInstant) -> [Vector3<f64>; 2] {
 }
 
 impl Effect for GpsSmoothing {
-    fn name(&self) -> &'static str {
-        "gps_smoothing"
-    }
-
-    fn description(&self) -> &'static str {
-        "the receiver rounds corners off"
+    words! {
+        name: "gps_smoothing",
+        description: "the receiver rounds corners off",
     }
 
     fn groups(&self) -> &'static [ParameterGroup] {

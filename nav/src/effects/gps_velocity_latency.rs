@@ -12,20 +12,11 @@ use nalgebra::Vector3;
 pub struct GpsVelocityLatency;
 
 impl Effect for GpsVelocityLatency {
-    fn name(&self) -> &'static str {
-        "gps_velocity_latency"
-    }
-
-    fn description(&self) -> &'static str {
-        "the velocity of GNSS fixes is older than their position"
-    }
-
-    fn cause(&self) -> &'static str {
-        "the receiver filters its velocity or takes it from an earlier epoch, or a driver joins messages of two epochs"
-    }
-
-    fn remedy(&self) -> &'static str {
-        "choose a dynamic model without velocity smoothing in the receiver, or log velocity with its own time of validity"
+    words! {
+        name: "gps_velocity_latency",
+        description: "the velocity of GNSS fixes is older than their position",
+        cause: "the receiver filters its velocity or takes it from an earlier epoch, or a driver joins messages of two epochs",
+        remedy: "choose a dynamic model without velocity smoothing in the receiver, or log velocity with its own time of validity",
     }
 
     fn groups(&self) -> &'static [ParameterGroup] {

@@ -13,20 +13,11 @@ use nalgebra::Vector3;
 pub struct GyroAccelDelay;
 
 impl Effect for GyroAccelDelay {
-    fn name(&self) -> &'static str {
-        "gyro_accel_delay"
-    }
-
-    fn description(&self) -> &'static str {
-        "rate and specific force of a sample are not of the same time: above zero the rate is the older one"
-    }
-
-    fn cause(&self) -> &'static str {
-        "low-pass filters of different corner frequency, or a driver that reads one sensor before the other"
-    }
-
-    fn remedy(&self) -> &'static str {
-        "set the same low-pass for gyros and accelerometers (INS_GYRO_FILTER, INS_ACCEL_FILTER; IMU_GYRO_CUTOFF, IMU_ACCEL_CUTOFF)"
+    words! {
+        name: "gyro_accel_delay",
+        description: "rate and specific force of a sample are not of the same time: above zero the rate is the older one",
+        cause: "low-pass filters of different corner frequency, or a driver that reads one sensor before the other",
+        remedy: "set the same low-pass for gyros and accelerometers (INS_GYRO_FILTER, INS_ACCEL_FILTER; IMU_GYRO_CUTOFF, IMU_ACCEL_CUTOFF)",
     }
 
     fn groups(&self) -> &'static [ParameterGroup] {

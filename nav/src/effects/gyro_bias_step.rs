@@ -17,20 +17,11 @@ impl GyroBiasStep {
 }
 
 impl Effect for GyroBiasStep {
-    fn name(&self) -> &'static str {
-        "gyro_bias_step"
-    }
-
-    fn description(&self) -> &'static str {
-        "the gyro biases jump and stay at the new value"
-    }
-
-    fn cause(&self) -> &'static str {
-        "a shock, a change of supply or a reset of the sensor"
-    }
-
-    fn remedy(&self) -> &'static str {
-        "look at what happened at that instant; check mounting and supply of the unit"
+    words! {
+        name: "gyro_bias_step",
+        description: "the gyro biases jump and stay at the new value",
+        cause: "a shock, a change of supply or a reset of the sensor",
+        remedy: "look at what happened at that instant; check mounting and supply of the unit",
     }
 
     fn groups(&self) -> &'static [ParameterGroup] {

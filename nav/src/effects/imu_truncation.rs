@@ -8,20 +8,11 @@ use super::{Effect, Excitation, ParameterGroup, Separation};
 pub struct ImuTruncation;
 
 impl Effect for ImuTruncation {
-    fn name(&self) -> &'static str {
-        "imu_truncation"
-    }
-
-    fn description(&self) -> &'static str {
-        "integer inertial samples are truncated toward zero"
-    }
-
-    fn cause(&self) -> &'static str {
-        "a driver or message casts samples to integers instead of rounding them"
-    }
-
-    fn remedy(&self) -> &'static str {
-        "round in the driver, or log inertial samples at full resolution"
+    words! {
+        name: "imu_truncation",
+        description: "integer inertial samples are truncated toward zero",
+        cause: "a driver or message casts samples to integers instead of rounding them",
+        remedy: "round in the driver, or log inertial samples at full resolution",
     }
 
     fn groups(&self) -> &'static [ParameterGroup] {

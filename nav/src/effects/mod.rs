@@ -5,8 +5,31 @@
 //! Contributions are evaluated at the *true* rate and specific force and add up: ω̃ = ω + Σ gyro(ω, f),
 //! f̃ = f + Σ accel(f) (the paper, eqs. (1) and (2), generalised); biases are not effects but part of every model.
 
-/// The methods of [`Effect`] that a row of a table answers from its own fields.
-macro_rules! of_row {
+/// The methods of [`Effect`] that say in words what it is.
+macro_rules! words {
+    (name: $name:literal, description: $description:literal, $(cause: $cause:literal, remedy: $remedy:literal,)?) => {
+        fn name(&self) -> &'static str {
+            $name
+        }
+
+        fn description(&self) -> &'static str {
+            $description
+        }
+
+        $(
+            fn cause(&self) -> &'static str {
+                $cause
+            }
+
+            fn remedy(&self) -> &'static str {
+                $remedy
+            }
+        )?
+    };
+}
+
+/// Those that a row of any table answers from its own fields.
+macro_rules! named {
     () => {
         fn name(&self) -> &'static str {
             self.name
@@ -15,6 +38,13 @@ macro_rules! of_row {
         fn description(&self) -> &'static str {
             self.description
         }
+    };
+}
+
+/// Those that a row of effects with parameters answers so.
+macro_rules! of_row {
+    () => {
+        named!();
 
         fn cause(&self) -> &'static str {
             self.cause
@@ -26,6 +56,21 @@ macro_rules! of_row {
 
         fn groups(&self) -> &'static [ParameterGroup] {
             self.parameters
+        }
+    };
+}
+
+/// Those that a row of faults of a source does: each is there or not.
+macro_rules! of_fault {
+    () => {
+        named!();
+
+        fn groups(&self) -> &'static [ParameterGroup] {
+            &[]
+        }
+
+        fn on_source(&self) -> Option<&dyn SourceEffect> {
+            Some(self)
         }
     };
 }

@@ -134,21 +134,7 @@ fn repeated_by_purpose(samples: &[ImuSample]) -> f64 {
 const SIDES: [(usize, f64); 6] = [(0, 1.0), (0, -1.0), (1, 1.0), (1, -1.0), (2, 1.0), (2, -1.0)];
 
 impl Effect for SequenceMistake {
-    fn name(&self) -> &'static str {
-        self.name
-    }
-
-    fn description(&self) -> &'static str {
-        self.description
-    }
-
-    fn groups(&self) -> &'static [ParameterGroup] {
-        &[]
-    }
-
-    fn on_source(&self) -> Option<&dyn SourceEffect> {
-        Some(self)
-    }
+    of_fault!();
 }
 
 impl SourceEffect for SequenceMistake {

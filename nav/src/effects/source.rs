@@ -53,21 +53,7 @@ impl SourceMistake {
 }
 
 impl Effect for SourceMistake {
-    fn name(&self) -> &'static str {
-        self.name
-    }
-
-    fn description(&self) -> &'static str {
-        self.description
-    }
-
-    fn groups(&self) -> &'static [ParameterGroup] {
-        &[]
-    }
-
-    fn on_source(&self) -> Option<&dyn SourceEffect> {
-        Some(self)
-    }
+    of_fault!();
 }
 
 impl SourceEffect for SourceMistake {
