@@ -1,7 +1,7 @@
 //! `model.toml`: reading and writing, with units in the names of the keys (design, section 3).
 
 use super::ranges::{self, Range};
-use super::{EffectSetting, Model, ModelError, QuantisationBelief};
+use super::{EffectSetting, GnssModel, Model, ModelError, QuantisationBelief};
 use crate::effects::{self, Effect, ParameterGroup, Shape};
 use serde::{Deserialize, Serialize};
 use toml::{Table, Value};
@@ -17,7 +17,7 @@ struct File {
     #[serde(default)]
     imu: Imu,
     #[serde(default)]
-    gnss: Gnss,
+    gnss: GnssModel,
     #[serde(default, skip_serializing_if = "Table::is_empty")]
     effects: Table,
     /// What a unit's file says of several constants together.
@@ -53,27 +53,7 @@ struct Imu {
     gyro_bias_deg_per_s: [f64; 3],
     #[serde(skip_serializing_if = "is_zero")]
     accel_bias_m_per_s2: [f64; 3],
-    quantisation: Belief,
-}
-
-#[derive(Debug, Clone, Copy, Serialize, Deserialize)]
-#[serde(rename_all = "snake_case")]
-enum Belief {
-    Auto,
-    None,
-    Round,
-    Truncate,
-}
-
-#[derive(Debug, Serialize, Deserialize)]
-#[serde(deny_unknown_fields, default)]
-struct Gnss {
-    position_sigma_m: [f64; 3],
-    velocity_sigma_m_per_s: [f64; 3],
-    position_correlation_s: f64,
-    #[serde(skip_serializing_if = "is_zero")]
-    position_wander_sigma_m: [f64; 3],
-    time_sigma_s: f64,
+    quantisation: QuantisationBelief,
 }
 
 /// Twelve significant digits: more than any sensor has, fewer than the noise of unit conversion.
@@ -81,7 +61,7 @@ fn tidy(v: f64) -> f64 {
     format!("{v:.11e}").parse().unwrap_or(v)
 }
 
-fn is_zero(v: &[f64; 3]) -> bool {
+pub(super) fn is_zero(v: &[f64; 3]) -> bool {
     v.iter().all(|x| *x == 0.0)
 }
 
@@ -100,30 +80,19 @@ impl From<&super::ImuModel> for Imu {
             accel_bias_sigma_m_per_s2: tidy(m.accel_bias_sigma),
             gyro_bias_deg_per_s: m.gyro_bias.map(|v| tidy(v.to_degrees())),
             accel_bias_m_per_s2: m.accel_bias.map(tidy),
-            quantisation: match m.quantisation {
-                QuantisationBelief::Auto => Belief::Auto,
-                QuantisationBelief::None => Belief::None,
-                QuantisationBelief::Round => Belief::Round,
-                QuantisationBelief::Truncate => Belief::Truncate,
-            },
+            quantisation: m.quantisation,
         }
     }
 }
 
-impl Default for Gnss {
-    fn default() -> Self {
-        Self::from(&Model::default().gnss)
-    }
-}
-
-impl From<&super::GnssModel> for Gnss {
-    fn from(m: &super::GnssModel) -> Self {
+impl GnssModel {
+    fn tidy(&self) -> Self {
         Self {
-            position_sigma_m: m.position_sigma_m.map(tidy),
-            velocity_sigma_m_per_s: m.velocity_sigma_m_per_s.map(tidy),
-            position_correlation_s: tidy(m.position_correlation_s),
-            position_wander_sigma_m: m.position_wander_sigma_m.map(tidy),
-            time_sigma_s: tidy(m.time_sigma_s),
+            position_sigma_m: self.position_sigma_m.map(tidy),
+            velocity_sigma_m_per_s: self.velocity_sigma_m_per_s.map(tidy),
+            position_correlation_s: tidy(self.position_correlation_s),
+            position_wander_sigma_m: self.position_wander_sigma_m.map(tidy),
+            time_sigma_s: tidy(self.time_sigma_s),
         }
     }
 }
@@ -151,7 +120,7 @@ impl Model {
             return Err(ModelError::Schema(file.schema));
         }
         let mut model =
-            Model { imu: imu_from_file(&file.imu)?, gnss: gnss_from_file(&file.gnss)?, ..Model::default() };
+            Model { imu: imu_from_file(&file.imu)?, gnss: checked(file.gnss)?, ..Model::default() };
         for (name, value) in &file.effects {
             let effect = effects::find(name).ok_or_else(|| ModelError::UnknownEffect {
                 name: name.clone(),
@@ -185,7 +154,7 @@ impl Model {
             schema: SCHEMA.to_owned(),
             tolerances,
             imu: Imu::from(&self.imu),
-            gnss: Gnss::from(&self.gnss),
+            gnss: self.gnss.tidy(),
             effects,
             joint: self.joint.clone(),
         };
@@ -208,16 +177,12 @@ fn imu_from_file(f: &Imu) -> Result<super::ImuModel, ModelError> {
         accel_bias_sigma: sigma("accel_bias_sigma_m_per_s2", f.accel_bias_sigma_m_per_s2)?,
         gyro_bias: f.gyro_bias_deg_per_s.map(f64::to_radians),
         accel_bias: f.accel_bias_m_per_s2,
-        quantisation: match f.quantisation {
-            Belief::Auto => QuantisationBelief::Auto,
-            Belief::None => QuantisationBelief::None,
-            Belief::Round => QuantisationBelief::Round,
-            Belief::Truncate => QuantisationBelief::Truncate,
-        },
+        quantisation: f.quantisation,
     })
 }
 
-fn gnss_from_file(f: &Gnss) -> Result<super::GnssModel, ModelError> {
+/// Noise that fixes can have.
+fn checked(f: GnssModel) -> Result<GnssModel, ModelError> {
     for v in f.position_sigma_m {
         ranges::FIX_SIGMA.check("position_sigma_m", v)?;
     }
@@ -229,13 +194,7 @@ fn gnss_from_file(f: &Gnss) -> Result<super::GnssModel, ModelError> {
     }
     ranges::CORRELATION_S.check("position_correlation_s", f.position_correlation_s)?;
     ranges::STAMP_S.check("time_sigma_s", f.time_sigma_s)?;
-    Ok(super::GnssModel {
-        position_sigma_m: f.position_sigma_m,
-        velocity_sigma_m_per_s: f.velocity_sigma_m_per_s,
-        position_correlation_s: f.position_correlation_s,
-        position_wander_sigma_m: f.position_wander_sigma_m,
-        time_sigma_s: f.time_sigma_s,
-    })
+    Ok(f)
 }
 
 fn setting_from_toml(effect: &'static dyn Effect, value: &Value) -> Result<EffectSetting, ModelError> {

@@ -10,6 +10,7 @@ mod tolerances;
 use crate::earth::STANDARD_GRAVITY;
 use crate::effects::{self, Effect};
 use crate::sample::{ImuSample, ImuStream, Quantisation, Steps};
+use serde::{Deserialize, Serialize};
 
 /// Noise and priors of the inertial unit, SI.
 #[derive(Debug, Clone, PartialEq)]
@@ -31,7 +32,8 @@ pub struct ImuModel {
 }
 
 /// What the model says of integer samples.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case", expecting = "enum Belief")]
 pub enum QuantisationBelief {
     /// As the source message is known to be.
     #[default]
@@ -45,7 +47,8 @@ pub enum QuantisationBelief {
 }
 
 /// Noise of the fixes where they bring no figures of their own.
-#[derive(Debug, Clone, PartialEq)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default, expecting = "struct Gnss")]
 pub struct GnssModel {
     /// 1-sigma north, east, down, m.
     pub position_sigma_m: [f64; 3],
@@ -54,9 +57,22 @@ pub struct GnssModel {
     /// Correlation time of position errors, s; 0 = white.
     pub position_correlation_s: f64,
     /// Stationary 1-sigma of the correlated part, m; the white part is `position_sigma_m`.
+    #[serde(skip_serializing_if = "file::is_zero")]
     pub position_wander_sigma_m: [f64; 3],
     /// 1-sigma of the time stamps, s: autopilots stamp a fix when a loop finds it complete.
     pub time_sigma_s: f64,
+}
+
+impl Default for GnssModel {
+    fn default() -> Self {
+        Self {
+            position_sigma_m: [1.5, 1.5, 2.5],
+            velocity_sigma_m_per_s: [0.1, 0.1, 0.2],
+            position_correlation_s: 0.0,
+            position_wander_sigma_m: [0.0; 3],
+            time_sigma_s: 0.0,
+        }
+    }
 }
 
 /// One effect with its assumed values, SI, one per parameter.
@@ -122,7 +138,7 @@ impl EffectSetting {
 }
 
 /// What is known of several constants together, where more is known than a sigma of each: a filter begins with it.
-#[derive(Debug, Clone, Default, PartialEq, serde::Serialize, serde::Deserialize)]
+#[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct JointPrior {
     /// Short names of the states, for example `g11` and `bg_x`.
@@ -175,13 +191,7 @@ impl Default for Model {
                 accel_bias: [0.0; 3],
                 quantisation: QuantisationBelief::Auto,
             },
-            gnss: GnssModel {
-                position_sigma_m: [1.5, 1.5, 2.5],
-                velocity_sigma_m_per_s: [0.1, 0.1, 0.2],
-                position_correlation_s: 0.0,
-                position_wander_sigma_m: [0.0; 3],
-                time_sigma_s: 0.0,
-            },
+            gnss: GnssModel::default(),
             effects: Vec::new(),
             tolerances: Vec::new(),
             joint: None,
