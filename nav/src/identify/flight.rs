@@ -8,6 +8,7 @@ use super::linear::reference::delay_s;
 use super::rounding::Rounding;
 use super::simulated::{self, Still};
 use super::stationary;
+use super::statistics::{median, quantile};
 use super::stretch::Stretch;
 use crate::averaging::{self, averaged};
 use crate::effects::{Conditions, MISTAKES, Surroundings};
@@ -147,11 +148,8 @@ impl Flight {
                 }
             }
         }
-        let median = |v: &mut Vec<f64>| {
-            v.sort_by(f64::total_cmp);
-            v.get(v.len() / 2).copied().unwrap_or(0.0)
-        };
-        self.measured_noise = (median(&mut gyro), median(&mut accel));
+        let usual = |of: Vec<f64>| median(of.into_iter()).unwrap_or(0.0);
+        self.measured_noise = (usual(gyro), usual(accel));
         self.interval_s = meter.interval_s();
     }
 
@@ -329,9 +327,7 @@ impl Flight {
                 let (gyro, accel) = rounding.at(*t_s);
                 (shown[k] - [gyro, accel][k]).max(0.0)
             });
-            let mut all: Vec<f64> = without.collect();
-            all.sort_by(f64::total_cmp);
-            all.get(all.len() / 4).copied()
+            quantile(without, (1, 4))
         };
         Some([sensor(0)?, sensor(1)?])
     }

@@ -30,6 +30,7 @@ pub mod select;
 mod simulated;
 pub mod size;
 mod stationary;
+mod statistics;
 mod stretch;
 pub mod survey;
 pub mod watched;

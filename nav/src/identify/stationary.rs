@@ -1,6 +1,7 @@
 //! Whether a recording shows a vehicle that stands: neither its fixes nor its samples know any motion. A multirotor that hovers has slow
 //! fixes, but it turns and sways; a unit that is turned by hand does not go anywhere at all.
 
+use super::statistics;
 use crate::earth::Geodetic;
 use crate::rss;
 use crate::sample::{FixVelocity, GnssFix, ImuSample};
@@ -78,11 +79,7 @@ pub(super) fn means(samples: &[ImuSample]) -> Vec<Block> {
 
 /// Axis by axis.
 fn median(blocks: &[Block], of: impl Fn(&Block) -> Vector3<f64>) -> Vector3<f64> {
-    Vector3::from_fn(|axis, _| {
-        let mut values: Vec<f64> = blocks.iter().map(|b| of(b)[axis]).collect();
-        values.sort_by(f64::total_cmp);
-        values.get(values.len() / 2).copied().unwrap_or(0.0)
-    })
+    Vector3::from_fn(|axis, _| statistics::median(blocks.iter().map(|b| of(b)[axis])).unwrap_or(0.0))
 }
 
 #[cfg(test)]

@@ -1,4 +1,4 @@
-//! Means, ranges and percentiles of series.
+//! Means, ranges and quantiles of series.
 
 /// Largest less smallest.
 pub(in crate::identify) fn range(of: impl Iterator<Item = f64>) -> f64 {
@@ -17,11 +17,24 @@ pub(in crate::identify) fn rms(of: impl Iterator<Item = f64>) -> f64 {
     mean(of.filter(|v| v.is_finite()).map(|v| v * v)).sqrt()
 }
 
+/// The value that this share of them, a fraction, is no more than; `None` of nothing.
+pub(in crate::identify) fn quantile(
+    of: impl Iterator<Item = f64>,
+    (share, of_parts): (usize, usize),
+) -> Option<f64> {
+    let mut all: Vec<f64> = of.collect();
+    let at = all.len() * share / of_parts;
+    (at < all.len()).then(|| *all.select_nth_unstable_by(at, f64::total_cmp).1)
+}
+
+/// The greater of the two in the middle; `None` of nothing.
+pub(in crate::identify) fn median(of: impl Iterator<Item = f64>) -> Option<f64> {
+    quantile(of, (1, 2))
+}
+
 /// The 90th percentile; 0 of nothing.
 pub(in crate::identify) fn high(of: impl Iterator<Item = f64>) -> f64 {
-    let mut all: Vec<f64> = of.collect();
-    all.sort_by(f64::total_cmp);
-    all.get(all.len() * 9 / 10).copied().unwrap_or(0.0)
+    quantile(of, (9, 10)).unwrap_or(0.0)
 }
 
 /// What differs from the mean over so long before and after, s. `all`: time, s, and value, in order.

@@ -8,6 +8,7 @@ use super::Finding;
 use crate::effects::Effect;
 use crate::identify::evidence::{self, Column, Fit, SCALES, log_mean_exp};
 use crate::identify::pass::Information;
+use crate::identify::statistics::median;
 use crate::model::EffectSetting;
 use crate::rss;
 use nalgebra::{DMatrix, DVector};
@@ -390,9 +391,8 @@ fn correlation(blocks: &[Information], prior: &[(f64, f64)], widths: &Widths) ->
     };
     let (scatter, curvature) = (&inverse * meat * &inverse, &inverse * total * &inverse);
     let own = (0..open.len()).filter(|i| open[*i] >= prior.len() && curvature[(*i, *i)] > 0.0);
-    let mut ratios: Vec<f64> = own.map(|i| scatter[(i, i)] / curvature[(i, i)]).collect();
-    ratios.sort_by(f64::total_cmp);
-    ratios.get(ratios.len() / 2).copied().unwrap_or(UNKNOWN_CORRELATION).max(1.0)
+    let ratios = own.map(|i| scatter[(i, i)] / curvature[(i, i)]);
+    median(ratios).unwrap_or(UNKNOWN_CORRELATION).max(1.0)
 }
 
 /// Chooses. `blocks`: score and information of each block at `values`; `prior`: sigma and offset of the model's own parameters.

@@ -2,9 +2,9 @@
 
 use super::choose::{self, Chosen, Confirm, Widths, is_held_out};
 use super::series::{self, Figures, Known, Noise, Prior, Row};
-use super::statistics::rms;
 use crate::identify::evidence::{SCALES, log_mean_exp};
 use crate::identify::pass::Information;
+use crate::identify::statistics::rms;
 
 /// Passes: wind multiplies the scale and the coefficients, and the noise is fitted.
 const PASSES: usize = 5;

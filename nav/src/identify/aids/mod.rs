@@ -9,7 +9,6 @@ pub mod foreseen;
 pub(super) mod judged;
 pub(super) mod series;
 pub(super) mod settled;
-pub(super) mod statistics;
 
 use crate::model::EffectSetting;
 pub use settled::Settled;

@@ -8,7 +8,7 @@
 use super::super::aids::choose::{Chosen, Widths};
 use super::super::aids::judged::{BLOCK_S, Judged};
 use super::super::aids::series::{self, BOUNDED, Figures, Known, Noise, RATE, Row, States};
-use super::super::aids::statistics::{high, mean, rms};
+use super::super::statistics::{high, mean, rms};
 use super::{Air, AirFound, AirQuantity, Carriage, Wind, by_wind, density};
 use crate::earth::STANDARD_GRAVITY;
 use crate::effects::{

@@ -1,7 +1,7 @@
 //! The specific force along a trajectory.
 
-use super::super::aids::statistics::range;
 use super::super::flight::Flight;
+use super::super::statistics::range;
 use super::Settled;
 use crate::sample::{ImuSample, SampleKind};
 use nalgebra::Vector3;

@@ -6,7 +6,7 @@ mod foreseen;
 use super::super::aids::choose::{Chosen, Widths};
 use super::super::aids::judged::{BLOCK_S, Judged};
 use super::super::aids::series::{self, BOUNDED, Bounded, Figures, GIVEN, Known, Noise, Row, States};
-use super::super::aids::statistics::{about_mean, high, mean, range, rms};
+use super::super::statistics::{about_mean, high, mean, range, rms};
 use super::{Air, AirFound, AirQuantity, Carriage, FLIES, Instant, Wind, by_wind, carriage_at};
 use crate::effects::{AIRSPEED, AirDriver, AirInstant, BAROMETER, Effect, SEA_LEVEL_DENSITY};
 use crate::rss;

@@ -5,6 +5,7 @@
 //! how that grows with the interval (from a quarter of them to half) says what all of them miss (Richardson's extrapolation, for variances). White noise, which the sensors
 //! and vibration have all the time, is taken off by its median: the model has it already.
 
+use crate::identify::statistics::median;
 use crate::sample::{ImuSample, SampleKind};
 use nalgebra::Vector3;
 
@@ -65,9 +66,7 @@ fn squares(
 
 /// White noise in squares, mean over the axes: by the median.
 fn noise(squares: &[Option<Vector3<f64>>]) -> f64 {
-    let mut all: Vec<f64> = squares.iter().flatten().map(|v| v.sum() / 3.0).collect();
-    let middle = all.len() / 2;
-    if all.is_empty() { 0.0 } else { *all.select_nth_unstable_by(middle, f64::total_cmp).1 / MEDIAN }
+    median(squares.iter().flatten().map(|v| v.sum() / 3.0)).map_or(0.0, |m| m / MEDIAN)
 }
 
 /// Variances of what one sensor misses in the step after each sample.

@@ -15,6 +15,7 @@ use super::rough;
 use super::touchdown;
 use crate::earth::STANDARD_GRAVITY;
 use crate::filter::unseen::{GAP_S, MOTION};
+use crate::identify::statistics::median;
 use crate::linear::interval::{NavCovariance, error};
 use crate::mechanization::{Increment, Motion, NavState};
 use crate::rotation::exp;
@@ -136,9 +137,7 @@ fn missed(trials: &[Trial], ends: &[ImuSample; 2]) -> Option<[NavCovariance; 2]>
 
 /// The median of the intervals between samples, s.
 fn usual_interval_s(samples: &[ImuSample]) -> f64 {
-    let mut intervals: Vec<f64> = samples.windows(2).map(|w| w[1].t_s - w[0].t_s).collect();
-    let middle = intervals.len() / 2;
-    if intervals.is_empty() { 0.0 } else { *intervals.select_nth_unstable_by(middle, f64::total_cmp).1 }
+    median(samples.windows(2).map(|w| w[1].t_s - w[0].t_s)).unwrap_or(0.0)
 }
 
 /// Those of them, in order of time, that have a part between two times.

@@ -8,6 +8,7 @@ mod fit;
 use super::flight::Flight;
 use super::linear::Problem;
 use super::pass::Options;
+use super::statistics::median;
 use super::{Workers, map};
 use crate::math::{exp, ln};
 use crate::model::Model;
@@ -121,9 +122,7 @@ impl Claims {
     /// Of these flights.
     pub fn new(model: &Model, flights: &[&Flight]) -> Self {
         let middle = |claim: &dyn Fn(&crate::sample::GnssFix) -> f64| {
-            let mut all: Vec<f64> = flights.iter().flat_map(|f| f.received()).map(claim).collect();
-            all.sort_by(f64::total_cmp);
-            all.get(all.len() / 2).copied().unwrap_or(1.0).max(1e-3)
+            median(flights.iter().flat_map(|f| f.received()).map(claim)).unwrap_or(1.0).max(1e-3)
         };
         let gnss = &model.gnss;
         Self {
