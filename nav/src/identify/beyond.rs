@@ -56,7 +56,7 @@ fn screen(
     }
     let mut out: Vec<&'static dyn Effect> = Vec::new();
     for mut some in std::iter::once(beside).chain(instead) {
-        some.retain(|c| !flown.size(&c.setting, search.base()).negligible);
+        some.retain(|c| !flown.size(&c.setting, &search.base).negligible);
         some.sort_by(|a, b| b.evidence.total_cmp(&a.evidence));
         for c in some.into_iter().take(TRIED) {
             if out.iter().all(|e| e.name() != c.setting.effect.name()) {

@@ -208,7 +208,7 @@ impl<'a> HoldoutTest<'a> {
 
     /// Size of the held-out blocks as a share of the fit part, by time; `None` where other flights judge.
     pub(super) fn share(&self) -> Option<f64> {
-        let every = self.search.options().held_out_every;
+        let every = self.search.settings.options.held_out_every;
         (self.others.is_none() && every > 1).then(|| f64::from(every - 1).recip())
     }
 
@@ -234,7 +234,7 @@ impl<'a> HoldoutTest<'a> {
         let by_time = self.share();
         let information = by_time.map(|_| self.search.run(&problems, &self.noise).1);
         drop(problems);
-        map(self.search.workers(), full.all.len() - given, |k| {
+        map(self.search.workers, full.all.len() - given, |k| {
             let mut fewer = full.all[given..].to_vec();
             let gone = fewer.remove(k);
             let (without, _) = self.evaluate(&fewer);

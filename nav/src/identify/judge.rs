@@ -65,8 +65,8 @@ impl Measured {
     fn new(search: &Search<'_>, point: &Point) -> Self {
         let (model, references, problems) = search.at(point);
         let noise = &point.noise;
-        let (flights, options) = (search.flights, search.options());
-        let each = map(search.workers(), 2 * flights.len(), |k| {
+        let (flights, options) = (search.flights, search.settings.options);
+        let each = map(search.workers, 2 * flights.len(), |k| {
             let (flight, k) = (flights[k / 2], (k / 2, k % 2));
             let problem = &problems[k.0];
             if k.1 == 0 {

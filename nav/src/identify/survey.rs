@@ -89,7 +89,7 @@ struct Linear<'a> {
 
 impl<'a> Linear<'a> {
     fn new(search: &'a Search<'a>, point: &'a Point) -> Self {
-        let lacking = select::lacking(search.base(), search.flights, &point.added, search.looks_for());
+        let lacking = search.lacking(&point.added);
         let linear = lacking.iter().filter(|s| select::is_linear(s.effect)).cloned();
         let effects = point.added.iter().map(|a| a.setting.clone()).chain(linear).collect();
         let watched = Watched { effects };
@@ -157,13 +157,13 @@ impl<'a> Linear<'a> {
     /// with that of the standard model. Evidence that is not enough for a name is none that a unit has no G: on two flights made by other means its
     /// elements of 110 and 220 deg/h/g had put scale factors 3.0 and 6.2 sigma off.
     fn tolerances(&self) -> Vec<Column> {
-        if !self.search.allows_for_tolerances() {
+        if !self.search.settings.tolerances {
             return Vec::new();
         }
         let linear = self.lacking.iter().filter(|s| select::is_linear(s.effect));
         let sigma_of = |s: &&EffectSetting| {
             let name = s.effect.name();
-            let g = name == GYRO_G_SENSITIVITY.name() && self.search.base().get(name).is_none();
+            let g = name == GYRO_G_SENSITIVITY.name() && self.search.base.get(name).is_none();
             s.effect.tolerance().or_else(|| select::prior_sigmas(s.effect).first().copied().filter(|_| g))
         };
         linear
@@ -179,7 +179,7 @@ impl<'a> Linear<'a> {
         if n < ENOUGH_BLOCKS {
             return vec![1.0; open];
         }
-        let without = map(self.search.workers(), n, |b| {
+        let without = map(self.search.workers, n, |b| {
             let mut rest = self.all.clone();
             rest.score -= &self.blocks[b].score;
             rest.matrix -= &self.blocks[b].matrix;
@@ -261,7 +261,7 @@ impl<'a> Linear<'a> {
                 - self.log_likelihood
         };
         let sizes = setting.effect.sizes_to_try();
-        let values = map(self.search.workers(), sizes.len(), |k| value(sizes[k]));
+        let values = map(self.search.workers, sizes.len(), |k| value(sizes[k]));
         let evidence = evidence::log_mean_exp(values.iter().copied());
         let top = values.iter().copied().fold(0.0, f64::max);
         let excluded = sizes.iter().zip(&values).find(|(_, v)| **v < top - EXCLUDED).map(|s| *s.0);
@@ -273,8 +273,8 @@ impl<'a> Linear<'a> {
 
     /// An event that was not found, with what a jump in the middle of the flight would be known to.
     fn event(&self, setting: &EffectSetting) -> Option<NotFound> {
-        let shocks = map(self.search.workers(), self.problems.len(), |k| {
-            self.problems[k].shocks(&self.point.noise, &self.search.options())
+        let shocks = map(self.search.workers, self.problems.len(), |k| {
+            self.problems[k].shocks(&self.point.noise, &self.search.settings.options)
         });
         let candidate = self.search.jump(setting, &shocks)?;
         let flight = shocks.first()?;
@@ -306,13 +306,13 @@ impl<'a> Linear<'a> {
         let there = |effect: &dyn Effect| {
             let name = effect.name();
             self.point.added.iter().any(|a| a.setting.effect.name() == name)
-                || self.search.base().get(name).is_some()
+                || self.search.base.get(name).is_some()
                 || self.search.assumes_truncation(effect)
         };
         let of = |effect: &&'static dyn Effect| {
             let Some(setting) = self.lacking.iter().find(|s| s.effect.name() == effect.name()) else {
                 let reason = match effect.needs_known() {
-                    _ if self.search.looks_for().0.contains(effect.name()) => {
+                    _ if self.search.settings.without.contains(effect.name()) => {
                         "it was taken out of the catalogue"
                     }
                     Some(_) => {
@@ -355,12 +355,12 @@ impl Survey {
         let known = |s: &EffectSetting| Added { setting: s.clone(), prior: vec![(0.0, 0.0); s.values.len()] };
         let given = point.added.iter().take(search.given.len()).cloned();
         let held = search
-            .base()
+            .base
             .effects
             .iter()
             .filter(|s| point.added.iter().all(|a| a.setting.effect.name() != s.effect.name()));
         let truncated = REGISTRY.iter().filter(|e| {
-            search.base().get(e.name()).is_none()
+            search.base.get(e.name()).is_none()
                 && point.added.iter().all(|a| a.setting.effect.name() != e.name())
                 && search.assumes_truncation(**e)
         });

@@ -7,7 +7,7 @@
 use super::super::map;
 use super::super::noise::{Claims, Noise};
 use super::settle::{loss, watching};
-use super::{Added, Candidate, Point, Search, Settings, Step, is_jump, lacking};
+use super::{Added, Candidate, Point, Search, Settings, Step, is_jump};
 
 /// A flight is not gone through more often than this for each effect that may be added.
 const ROUNDS: usize = 2;
@@ -227,7 +227,7 @@ impl Search<'_> {
     /// Adds to the candidates of each effect those that come near it at a glance in its place, now that the others are in. A rival that needs another of them
     /// at another value was far behind when neither was there: of fixes that are late and lie ahead of the vehicle, two delays were named.
     fn meet_rivals(&self, chosen: &mut Chosen) {
-        let lacking = lacking(&self.base, self.flights, &chosen.point.added, self.looks_for());
+        let lacking = self.lacking(&chosen.point.added);
         let glance = self.glance_at(&chosen.point, &lacking);
         for (k, found) in chosen.found.iter_mut().enumerate() {
             let Some((own, all)) = glance.instead_of(self.given.len() + k) else { continue };

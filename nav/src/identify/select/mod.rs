@@ -213,41 +213,6 @@ pub fn with(base: &Model, added: &[Added]) -> Model {
     model
 }
 
-/// The effects that a model lacks or holds at a fixed value, as they enter the search.
-pub(super) fn lacking(
-    base: &Model,
-    flights: &[&Flight],
-    added: &[Added],
-    (without, beside): (Without, Beside),
-) -> Vec<EffectSetting> {
-    REGISTRY
-        .iter()
-        .copied()
-        .chain(beside.iter())
-        .filter(|e| !without.contains(e.name()))
-        .filter(|e| added.iter().all(|a| a.setting.effect.name() != e.name()))
-        .filter_map(|effect| {
-            if effect.needs_temperature() && !flights.iter().any(|f| f.has_temperature()) {
-                return None;
-            }
-            let known = |name| {
-                let estimated = added.iter().any(|a: &Added| a.setting.effect.name() == name);
-                base.get(name).is_some() && !estimated
-            };
-            if effect.needs_known().is_some_and(|name| !known(name)) {
-                return None;
-            }
-            match base.get(effect.name()) {
-                Some(known) if known.estimated() > 0 || effect.is_empty() => None,
-                Some(known) => Some(known.clone()),
-                None => {
-                    Some(EffectSetting { sigmas: vec![0.0; effect.len()], ..EffectSetting::unknown(effect) })
-                }
-            }
-        })
-        .collect()
-}
-
 /// Whether it is an event: an instant that is searched for, and a size.
 pub fn is_jump(effect: &dyn Effect) -> bool {
     effect.event().is_some()

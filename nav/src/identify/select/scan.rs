@@ -7,7 +7,7 @@ use super::super::noise::Noise;
 use super::super::pass::Information;
 use super::search::together;
 use super::settle::{at_nothing, loss, open};
-use super::{Added, Candidate, Point, Search, is_drift, is_jump, is_linear, lacking, prior_sigmas};
+use super::{Added, Candidate, Point, Search, is_drift, is_jump, is_linear, prior_sigmas};
 use crate::effects::{BiasWalk, Effect, MISTAKES};
 use crate::identify::watched::Watched;
 use crate::math::ln;
@@ -28,7 +28,7 @@ impl Search<'_> {
     /// Every candidate, or those of these names; best first.
     pub(super) fn scan(&self, point: &Point, names: Option<&[&'static str]>) -> Vec<Candidate> {
         let wanted = |effect: &dyn Effect| names.is_none_or(|n| n.contains(&effect.name()));
-        let mut lacking = lacking(&self.base, self.flights, &point.added, self.looks_for());
+        let mut lacking = self.lacking(&point.added);
         lacking.retain(|s| wanted(s.effect));
         let mut candidates = self.glance(point, &lacking);
         for better in self.about_values(&lacking, point) {

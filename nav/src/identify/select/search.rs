@@ -9,10 +9,10 @@ use super::super::pass::{Information, Options};
 use super::super::{Workers, map};
 use super::settle::STEPS;
 use super::{Added, Candidate, Settings, Step, with};
-use crate::effects::BiasWalk;
+use crate::effects::{BiasWalk, Effect, REGISTRY};
 use crate::identify::watched::Watched;
 use crate::math::ln;
-use crate::model::Model;
+use crate::model::{EffectSetting, Model};
 use std::sync::Arc;
 
 /// The search over one set of flights.
@@ -20,9 +20,10 @@ use std::sync::Arc;
 pub(in crate::identify) struct Search<'a> {
     pub(in crate::identify) flights: &'a [&'a Flight],
     /// The model that is assumed, with nothing in it to be estimated.
-    pub(super) base: Model,
-    pub(super) settings: Settings,
-    pub(super) workers: &'a dyn Workers,
+    pub(in crate::identify) base: Model,
+    pub(in crate::identify) settings: Settings,
+    /// Who does the work.
+    pub(in crate::identify) workers: &'a dyn Workers,
     pub(super) limits: Limits,
     pub(super) claims: Claims,
     pub(super) metric: Metric,
@@ -233,29 +234,28 @@ impl<'a> Search<'a> {
         problems.iter().map(run).sum()
     }
 
-    /// The model that is assumed, with nothing in it to be estimated.
-    pub(in crate::identify) fn base(&self) -> &Model {
-        &self.base
-    }
-
-    /// What counts.
-    pub(in crate::identify) fn options(&self) -> Options {
-        self.settings.options
-    }
-
-    /// What of the catalogue is not looked for, and what beside it is.
-    pub(in crate::identify) fn looks_for(&self) -> (super::Without, super::Beside) {
-        (self.settings.without, self.settings.beside)
-    }
-
-    /// Whether values allow for what calibration leaves in any unit.
-    pub(in crate::identify) fn allows_for_tolerances(&self) -> bool {
-        self.settings.tolerances
-    }
-
-    /// Who does the work.
-    pub(in crate::identify) fn workers(&self) -> &'a dyn Workers {
-        self.workers
+    /// The effects that the model lacks or holds at a fixed value beside these, as they enter the search.
+    pub(in crate::identify) fn lacking(&self, added: &[Added]) -> Vec<EffectSetting> {
+        let Settings { without, beside, .. } = &self.settings;
+        let is_added = |name: &str| added.iter().any(|a| a.setting.effect.name() == name);
+        let of = |effect: &'static dyn Effect| {
+            if effect.needs_temperature() && !self.flights.iter().any(|f| f.has_temperature()) {
+                return None;
+            }
+            let known = |name: &str| self.base.get(name).is_some() && !is_added(name);
+            if effect.needs_known().is_some_and(|name| !known(name)) {
+                return None;
+            }
+            match self.base.get(effect.name()) {
+                Some(known) if known.estimated() > 0 || effect.is_empty() => None,
+                Some(known) => Some(known.clone()),
+                None => {
+                    Some(EffectSetting { sigmas: vec![0.0; effect.len()], ..EffectSetting::unknown(effect) })
+                }
+            }
+        };
+        let sought = REGISTRY.iter().copied().chain(beside.iter());
+        sought.filter(|e| !without.contains(e.name()) && !is_added(e.name())).filter_map(of).collect()
     }
 
     /// What the samples themselves say for faults of the source.

@@ -4,7 +4,7 @@
 //! then: neither of the two alone is as likely. So in the end each effect is compared with pairs.
 
 use super::choose::{Chosen, Found};
-use super::{Candidate, Point, Search, lacking};
+use super::{Candidate, Point, Search};
 
 /// A glance does not fit the noise: two effects that are behind by less than this are looked at closely, nats. On two firmware flights that are explained the closer look gave
 /// 1.3 less to 1.0 more than the glance (2026-11-28).
@@ -18,7 +18,7 @@ impl Search<'_> {
         {
             return false;
         }
-        let lacking = lacking(&self.base, self.flights, &chosen.point.added, self.looks_for());
+        let lacking = self.lacking(&chosen.point.added);
         let glance = self.glance_at(&chosen.point, &lacking);
         let pairs: Vec<_> = (0..chosen.found.len())
             .filter_map(|k| Some((k, glance.two_instead_of(self.given.len() + k)?)))
