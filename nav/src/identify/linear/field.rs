@@ -2,8 +2,8 @@
 //! of the compass alone; nothing drives the motion by them, so that one linearised flight serves every compass and every effect.
 
 use super::Problem;
-use super::forward::{Run, Sensitivity};
-use super::kalman::{Kalman, vectorised};
+use super::forward::{Keep, Runner};
+use super::kalman::vectorised;
 use super::rows::{Kind, Measured, Row};
 use crate::identify::noise::Noise;
 use crate::identify::pass::{Information, Options};
@@ -61,19 +61,19 @@ impl Problem {
         (own, sigma): (usize, f64),
         block_s: f64,
     ) -> FieldRun {
-        vectorised(WithField { problem: self, noise, options, fields, own, sigma, block_s })
+        let keep = Keep::Blocks(block_s);
+        let runner = Runner::new(self, (noise, options), self.walk, keep, self.columns + own);
+        vectorised(WithField { problem: self, options, runner, fields, sigma })
     }
 }
 
 /// A run with a compass.
 struct WithField<'a> {
     problem: &'a Problem,
-    noise: &'a Noise,
     options: &'a Options,
+    runner: Runner<'a>,
     fields: &'a [Option<FieldAtFix>],
-    own: usize,
     sigma: f64,
-    block_s: f64,
 }
 
 impl WithSimd for WithField<'_> {
@@ -81,38 +81,21 @@ impl WithSimd for WithField<'_> {
 
     #[inline(always)]
     fn with_simd<S: Simd>(self, simd: S) -> FieldRun {
-        let Self { problem, noise, options, fields, own, sigma, block_s } = self;
-        let columns = problem.columns + own;
-        let mut kalman = Kalman::new(problem, problem.walk, noise);
-        let mut sensitivity = Sensitivity::new(columns);
-        let (mut run, mut updates) = (Run::empty(columns), Vec::new());
-        let (mut blocks, mut begun_s, mut nis) = (Vec::new(), 0.0, (0.0, 0));
+        let Self { problem, options, mut runner, fields, sigma } = self;
+        let mut nis = (0.0, 0);
         for (epoch, field) in problem.epochs().zip(fields) {
-            kalman.predict(simd, &epoch.interval);
-            sensitivity.predict(simd, &epoch.interval, noise.decay(epoch.interval.dt));
-            kalman.renew(epoch.interval.dt);
             let part = problem.part(epoch, options).map(|_| 0);
-            kalman.correct(simd, &epoch.measured.rows, &mut updates);
-            sensitivity.correct(simd, &epoch.measured, &updates);
-            run.count(part, &epoch.measured.rows, &updates, &sensitivity.rows);
+            runner.take(simd, epoch, part);
             if let Some(field) = field {
-                let measured = field.measured(problem.columns, sigma);
-                kalman.correct(simd, &measured.rows, &mut updates);
-                sensitivity.correct(simd, &measured, &updates);
-                run.count(part, &measured.rows, &updates, &sensitivity.rows);
+                runner.correct(simd, &field.measured(problem.columns, sigma), part);
                 if part.is_some() {
-                    nis.0 += updates.iter().map(|u| (u.y * u.y / u.s).min(16.0)).sum::<f64>();
-                    nis.1 += updates.len();
+                    nis.0 += runner.updates.iter().map(|u| (u.y * u.y / u.s).min(16.0)).sum::<f64>();
+                    nis.1 += runner.updates.len();
                 }
             }
-            if epoch.elapsed_s - begun_s >= block_s {
-                begun_s = epoch.elapsed_s;
-                blocks.push(std::mem::replace(&mut run.information[0], Information::zeros(columns)));
-            }
+            runner.end_block(epoch.elapsed_s);
         }
-        blocks.push(run.information[0].clone());
-        blocks.iter_mut().for_each(Information::finish);
         let nis_per_dof = nis.0 / f64::from(u32::try_from(nis.1.max(1)).unwrap_or(u32::MAX));
-        FieldRun { blocks, nis_per_dof }
+        FieldRun { blocks: runner.end().0.blocks, nis_per_dof }
     }
 }

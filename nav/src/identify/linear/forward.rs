@@ -187,7 +187,8 @@ pub(super) struct Runner<'a> {
     tape: Tape,
     /// When the present block began, s.
     begun_s: f64,
-    updates: Vec<Update>,
+    /// Those of the last correction.
+    pub(super) updates: Vec<Update>,
 }
 
 impl<'a> Runner<'a> {
@@ -218,8 +219,9 @@ impl<'a> Runner<'a> {
         vectorised(Going { runner: self, epochs });
     }
 
+    /// On over this fix, which counts in this part.
     #[inline(always)]
-    fn take<S: Simd>(&mut self, simd: S, epoch: &Epoch) {
+    pub(super) fn take<S: Simd>(&mut self, simd: S, epoch: &Epoch, part: Option<usize>) {
         let (interval, keep) = (&epoch.interval, self.keep);
         self.kalman.predict(simd, interval);
         self.sensitivity.predict(simd, interval, self.noise.decay(interval.dt));
@@ -231,23 +233,37 @@ impl<'a> Runner<'a> {
             }
             self.tape.priors.push(self.kalman.prior(index::POSITION));
         }
-        let updates = &mut self.updates;
-        self.kalman.correct(simd, &epoch.measured.rows, updates);
-        self.sensitivity.correct(simd, &epoch.measured, updates);
-        let part = self.problem.part(epoch, self.options);
-        let weights = self.run.count(part, &epoch.measured.rows, updates, &self.sensitivity.rows);
-        if let Keep::Blocks(block_s) = keep
-            && epoch.elapsed_s - self.begun_s >= block_s
-        {
-            self.begun_s = epoch.elapsed_s;
-            let none = Information::zeros(self.sensitivity.m);
-            self.run.blocks.push(std::mem::replace(&mut self.run.information[0], none));
-        }
+        let weights = self.correct(simd, &epoch.measured, part);
         if let Some((gauss_markov_rows, gauss_markov)) = before {
             self.tape.fixes.push(Taped { weights, gauss_markov_rows, gauss_markov });
         }
         if matches!(keep, Keep::Updates | Keep::Priors) {
-            self.tape.updates.extend_from_slice(updates);
+            self.tape.updates.extend_from_slice(&self.updates);
+        }
+    }
+
+    /// By what was measured, which counts in this part; returns how much each group weighs.
+    #[inline(always)]
+    pub(super) fn correct<S: Simd>(
+        &mut self,
+        simd: S,
+        measured: &Measured,
+        part: Option<usize>,
+    ) -> [f64; GROUPS] {
+        self.kalman.correct(simd, &measured.rows, &mut self.updates);
+        self.sensitivity.correct(simd, measured, &self.updates);
+        self.run.count(part, &measured.rows, &self.updates, &self.sensitivity.rows)
+    }
+
+    /// Ends a block of information that is long enough.
+    #[inline(always)]
+    pub(super) fn end_block(&mut self, elapsed_s: f64) {
+        if let Keep::Blocks(block_s) = self.keep
+            && elapsed_s - self.begun_s >= block_s
+        {
+            self.begun_s = elapsed_s;
+            let none = Information::zeros(self.sensitivity.m);
+            self.run.blocks.push(std::mem::replace(&mut self.run.information[0], none));
         }
     }
 
@@ -275,7 +291,9 @@ impl WithSimd for Going<'_, '_> {
     fn with_simd<S: Simd>(self, simd: S) {
         // A closure is a function of its own, without the registers that this one is compiled for.
         for epoch in self.epochs {
-            self.runner.take(simd, epoch);
+            let part = self.runner.problem.part(epoch, self.runner.options);
+            self.runner.take(simd, epoch, part);
+            self.runner.end_block(epoch.elapsed_s);
         }
     }
 }
