@@ -114,14 +114,10 @@ impl Gathering {
             return None;
         }
         let mean = self.mean()?;
-        let (v_n, known_velocity) = match fix.velocity {
-            FixVelocity::None => (Vector3::zeros(), false),
-            FixVelocity::Horizontal([n, e]) => (Vector3::new(n, e, 0.0), true),
-            FixVelocity::Full(v) => (v.into(), true),
-        };
+        let v_n = Vector3::from(fix.velocity.components());
         let stationary = mean.gyro.norm() < STATIONARY_RATE
             && (mean.accel.norm() - STANDARD_GRAVITY).abs() < STANDING_FORCE
-            && known_velocity
+            && fix.velocity != FixVelocity::None
             && v_n.norm() < STANDING_SPEED;
         let hint = self.hint.filter(|h| (last.t_s - h.t_s).abs() < HINT_AGE_S);
         let level =

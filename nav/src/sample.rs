@@ -42,6 +42,17 @@ impl ImuSample {
     pub fn is_usable(&self) -> bool {
         self.is_plausible() && self.temperature_degc.is_none_or(f64::is_finite)
     }
+
+    /// The sample of a source of this kind at a time between this one and the next.
+    pub(crate) fn between(&self, next: &Self, kind: SampleKind, t_s: f64) -> Self {
+        let (gyro, accel) = if kind == SampleKind::Point && next.t_s > self.t_s {
+            let share = (t_s - self.t_s) / (next.t_s - self.t_s);
+            (self.gyro.lerp(&next.gyro, share), self.accel.lerp(&next.accel, share))
+        } else {
+            (next.gyro, next.accel)
+        };
+        Self { t_s, gyro, accel, ..*next }
+    }
 }
 
 /// How the values of a sample came about.
@@ -113,6 +124,21 @@ impl FixVelocity {
             Self::Horizontal([n, e]) => [n, e, 0.0],
             Self::Full(v) => v,
         }
+    }
+
+    /// How many of these it says anything of.
+    pub fn rows(self) -> usize {
+        match self {
+            Self::None => 0,
+            Self::Horizontal(_) => 2,
+            Self::Full(_) => 3,
+        }
+    }
+
+    /// North and east, m/s, where it says anything.
+    pub fn horizontal(self) -> Option<[f64; 2]> {
+        let [n, e, _] = self.components();
+        (self != Self::None).then_some([n, e])
     }
 }
 

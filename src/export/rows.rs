@@ -3,7 +3,7 @@
 use super::table::{Cell, Put, Row};
 use crate::engine::events::{Event, Topic};
 use crate::engine::snapshot::{Estimate3, Phase, Snapshot};
-use gaware_nav::sample::{AttitudeHint, FixVelocity, GnssFix, ImuSample};
+use gaware_nav::sample::{AttitudeHint, GnssFix, ImuSample};
 
 /// Name of the table that a single file has.
 pub const STATES: &str = "states";
@@ -56,14 +56,10 @@ impl Row for GnssFix {
         put("lat_deg", "Latitude (WGS 84), deg", Cell::Number(self.position.lat_rad.to_degrees()));
         put("lon_deg", "Longitude (WGS 84), deg", Cell::Number(self.position.lon_rad.to_degrees()));
         put("height_m", "Height as the receiver counts it, m", Cell::Number(self.position.height_m));
-        let velocity: &[f64] = match &self.velocity {
-            FixVelocity::None => &[],
-            FixVelocity::Horizontal(v) => v,
-            FixVelocity::Full(v) => v,
-        };
+        let (velocity, rows) = (self.velocity.components(), self.velocity.rows());
         let or_nan = |value: Option<f64>| value.unwrap_or(f64::NAN);
         let about = "Velocity {}, m/s, where the fix has it";
-        each(put, &NED, "velocity_{}_m_per_s", about, |k| or_nan(velocity.get(k).copied()));
+        each(put, &NED, "velocity_{}_m_per_s", about, |k| or_nan(velocity[..rows].get(k).copied()));
         let about = "The receiver's own 1-sigma of position {}, m";
         each(put, &NED, "position_sigma_{}_m", about, |k| or_nan(self.position_sigma_m.map(|s| s[k])));
         let (about, sigma) = ("The receiver's own 1-sigma of velocity {}, m/s", self.velocity_sigma_m_per_s);

@@ -19,7 +19,7 @@ use control::Control;
 use frames::Frames;
 use gaware_nav::math::{cos, hypot};
 use gaware_nav::rotation::wrap_pi;
-use gaware_nav::sample::{FixVelocity, GnssFix};
+use gaware_nav::sample::GnssFix;
 use std::collections::BTreeMap;
 
 /// More entries of a kind are not kept: two hours at 10 Hz.
@@ -188,11 +188,8 @@ impl HealthLog {
         if dt <= 0.0 || dt > FIX_SPACING_S {
             return;
         }
-        let flat = |v: &FixVelocity| match *v {
-            FixVelocity::None => None,
-            FixVelocity::Horizontal([n, e]) | FixVelocity::Full([n, e, _]) => Some([n, e]),
-        };
-        let (Some(a), Some(b)) = (flat(&before.velocity), flat(&fix.velocity)) else { return };
+        let velocities = (before.velocity.horizontal(), fix.velocity.horizontal());
+        let (Some(a), Some(b)) = velocities else { return };
         self.fastest_m_per_s = self.fastest_m_per_s.max(hypot(a[0], a[1]).min(hypot(b[0], b[1])));
         const EARTH_M: f64 = 6_371_000.0;
         let north = (fix.position.lat_rad - before.position.lat_rad) * EARTH_M;

@@ -7,7 +7,7 @@ use gaware_nav::model::Model;
 use gaware_nav::noise_meter::NoiseMeter;
 use gaware_nav::quantisation::Dequantiser;
 use gaware_nav::receiver::ReceiverMeter;
-use gaware_nav::sample::{FixVelocity, GnssFix, Sample};
+use gaware_nav::sample::{GnssFix, Sample};
 
 /// The noise is looked at after so many samples each.
 const EVERY: usize = 100;
@@ -168,10 +168,7 @@ fn stationary_scatter(fixes: &[GnssFix]) -> Option<f64> {
     const STILL: f64 = 1.0;
     let speeds: Vec<f64> = fixes
         .iter()
-        .filter_map(|f| match f.velocity {
-            FixVelocity::Full([n, e, _]) | FixVelocity::Horizontal([n, e]) => Some(hypot(n, e)),
-            FixVelocity::None => None,
-        })
+        .filter_map(|f| f.velocity.horizontal().map(|[n, e]| hypot(n, e)))
         .filter(|v| *v < STILL)
         .collect();
     let enough = speeds.len() >= LEAST_FIXES;

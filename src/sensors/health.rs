@@ -4,7 +4,7 @@ use super::clipped::ClipWatch;
 use super::notice::Notice;
 use super::stuck::StuckWatch;
 use gaware_nav::math::hypot;
-use gaware_nav::sample::{FixVelocity, GnssFix, ImuSample};
+use gaware_nav::sample::{GnssFix, ImuSample};
 
 /// Inertial messages over which stamps are judged.
 const STAMPS_JUDGED: u32 = 250;
@@ -44,10 +44,7 @@ pub(super) struct Health {
 impl Health {
     /// Takes a fix: whether the vehicle moves.
     pub(super) fn fix(&mut self, fix: &GnssFix) {
-        self.moving = match fix.velocity {
-            FixVelocity::None => false,
-            FixVelocity::Horizontal([n, e]) | FixVelocity::Full([n, e, _]) => hypot(n, e) > MOVING_M_PER_S,
-        };
+        self.moving = fix.velocity.horizontal().is_some_and(|[n, e]| hypot(n, e) > MOVING_M_PER_S);
     }
 
     /// Takes the attitude that the autopilot reports, rad.

@@ -218,18 +218,7 @@ impl Filter {
         if !next.is_usable() || !t_s.is_finite() {
             return;
         }
-        let between = match (self.last, self.kind) {
-            (Some(last), SampleKind::Point) if next.t_s > last.t_s => {
-                let share = (t_s - last.t_s) / (next.t_s - last.t_s);
-                ImuSample {
-                    t_s,
-                    gyro: last.gyro.lerp(&next.gyro, share),
-                    accel: last.accel.lerp(&next.accel, share),
-                    temperature_degc: next.temperature_degc,
-                }
-            }
-            _ => ImuSample { t_s, ..*next },
-        };
+        let between = self.last.map_or(ImuSample { t_s, ..*next }, |last| last.between(next, self.kind, t_s));
         // A gap belongs to the interval between the samples, however many fixes fall into it.
         let gap = self.gap_until(next);
         self.step(&between, &gap);

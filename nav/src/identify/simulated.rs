@@ -14,7 +14,7 @@ use super::linear::reference::Reference;
 use crate::earth::{Geodetic, ROTATION_RATE, STANDARD_GRAVITY, c_en_at, gravity};
 use crate::math::cos;
 use crate::mechanization::NavState;
-use crate::sample::{FixVelocity, GnssFix, ImuSample};
+use crate::sample::{GnssFix, ImuSample};
 use nalgebra::{Matrix2, Vector2, Vector3};
 
 /// No Earth stretches by more: radii of curvature of the ellipsoid lie between 6335 and 6400 km.
@@ -66,8 +66,7 @@ fn ways(fixes: &[GnssFix]) -> Vec<Way> {
 }
 
 fn horizontal(fix: &GnssFix) -> Option<Vector2<f64>> {
-    let [n, e, _] = fix.velocity.components();
-    (!matches!(fix.velocity, FixVelocity::None)).then(|| Vector2::new(n, e))
+    fix.velocity.horizontal().map(Vector2::from)
 }
 
 /// From the origin, north and east, m.
@@ -155,9 +154,9 @@ impl Still {
 
 #[cfg(test)]
 mod tests {
-    use crate::math::{sin, sin_cos};
-
     use super::*;
+    use crate::math::{sin, sin_cos};
+    use crate::sample::FixVelocity;
 
     /// Circles at so many rad/s that drift away at 47° north, with fixes five times a second on a sphere of this radius; `None`: on the ellipsoid.
     fn circled(turn: f64, radius_m: Option<f64>, error_m: f64) -> Vec<GnssFix> {

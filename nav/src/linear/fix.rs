@@ -7,7 +7,7 @@ use crate::filter::calibration::Calibration;
 use crate::filter::force_rate::ForceRates;
 use crate::mechanization::{self, Motion, NavState};
 use crate::model::{EffectSetting, Model};
-use crate::sample::{FixVelocity, GnssFix};
+use crate::sample::GnssFix;
 use nalgebra::{Matrix3, Vector3};
 
 /// The vehicle at the time of validity of a fix.
@@ -80,11 +80,6 @@ impl AtFix<'_> {
     pub(crate) fn measured(&self, fix: &GnssFix, x: &FixInstant) -> [Measured; 2] {
         let c_ne = earth::c_en_at(&self.nav.r_e).transpose();
         let gnss = &self.model.gnss;
-        let (velocity, rows) = match fix.velocity {
-            FixVelocity::None => (Vector3::zeros(), 0),
-            FixVelocity::Horizontal([n, e]) => (Vector3::new(n, e, 0.0), 2),
-            FixVelocity::Full(v) => (Vector3::from(v), 3),
-        };
         let group = |rows, residual, sigma, drift| Measured {
             rows,
             residual,
@@ -97,8 +92,8 @@ impl AtFix<'_> {
         let mut out = [
             group(3, position, fix.position_sigma_m.unwrap_or(gnss.position_sigma_m), x.v_n),
             group(
-                rows,
-                velocity - x.v_n,
+                fix.velocity.rows(),
+                Vector3::from(fix.velocity.components()) - x.v_n,
                 fix.velocity_sigma_m_per_s.unwrap_or(gnss.velocity_sigma_m_per_s),
                 x.smoothed_a_n,
             ),

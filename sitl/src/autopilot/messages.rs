@@ -7,7 +7,7 @@ use gaware_nav::effects::SEA_LEVEL_DENSITY;
 use gaware_nav::math::{atan2, hypot, tan};
 use gaware_nav::operating::Channel;
 use gaware_nav::rotation::euler_from_c_nb;
-use gaware_nav::sample::{AirSample, FixVelocity, GnssFix, ImuSample};
+use gaware_nav::sample::{AirSample, GnssFix, ImuSample};
 use mavlink::MessageData;
 use mavlink::dialects::ardupilotmega::*;
 use nalgebra::{Rotation3, UnitQuaternion, Vector3};
@@ -272,10 +272,7 @@ impl Autopilot {
             Flavour::ArduPilot => ((boot_s * 1e3 + 1e-6) as u64) * 1000,
             Flavour::Px4 => (boot_s * 1e6).round() as u64,
         };
-        let (north, east) = match fix.velocity {
-            FixVelocity::Horizontal([n, e]) | FixVelocity::Full([n, e, _]) => (n, e),
-            FixVelocity::None => (0.0, 0.0),
-        };
+        let [north, east, _] = fix.velocity.components();
         let course_deg = atan2(east, north).to_degrees().rem_euclid(360.0);
         let mm = |sigma: f64| (sigma * 1e3).round() as u32;
         let (h_acc, v_acc) = fix.position_sigma_m.map_or((0, 0), |s| (mm((s[0] * s[1]).sqrt()), mm(s[2])));

@@ -1,6 +1,6 @@
 //! Samples as flat records with units in the names, for people who open a recording in another program.
 
-use gaware_nav::sample::{AttitudeHint, FixVelocity, GnssFix, ImuSample};
+use gaware_nav::sample::{AttitudeHint, GnssFix, ImuSample};
 use schemars::JsonSchema;
 use serde::Serialize;
 
@@ -57,11 +57,7 @@ impl From<&GnssFix> for FixRecord {
             lat_deg: s.position.lat_rad.to_degrees(),
             lon_deg: s.position.lon_rad.to_degrees(),
             height_m: s.position.height_m,
-            velocity_m_per_s: match s.velocity {
-                FixVelocity::None => Vec::new(),
-                FixVelocity::Horizontal(v) => v.to_vec(),
-                FixVelocity::Full(v) => v.to_vec(),
-            },
+            velocity_m_per_s: s.velocity.components()[..s.velocity.rows()].to_vec(),
             position_sigma_m: s.position_sigma_m,
             velocity_sigma_m_per_s: s.velocity_sigma_m_per_s,
         }

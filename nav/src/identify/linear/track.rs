@@ -95,7 +95,7 @@ impl<'a> Track<'a> {
         self.last = match (before, self.samples.get(self.next)) {
             (Some(before), Some(next)) => {
                 self.last = *before;
-                self.between(t_s, next)
+                self.last.between(next, self.kind, t_s)
             }
             (one, other) => ImuSample { t_s, ..*one.or(other).unwrap_or(&self.last) },
         };
@@ -142,12 +142,7 @@ impl<'a> Track<'a> {
         for pair in self.samples[first - 1..].windows(2) {
             let [last, next] = pair else { break };
             let [from, to] = [from_s, to_s].map(|t| t.clamp(last.t_s, next.t_s));
-            let rate = if self.kind == SampleKind::Point && next.t_s > last.t_s {
-                last.gyro.lerp(&next.gyro, (0.5 * (from + to) - last.t_s) / (next.t_s - last.t_s))
-            } else {
-                next.gyro
-            };
-            turned += rate * (to - from);
+            turned += last.between(next, self.kind, 0.5 * (from + to)).gyro * (to - from);
             if next.t_s >= to_s {
                 break;
             }
@@ -225,27 +220,13 @@ impl<'a> Track<'a> {
         }
     }
 
-    /// The sample at a time between the last one and `next`.
-    fn between(&self, t_s: f64, next: &ImuSample) -> ImuSample {
-        if self.kind == SampleKind::Point && next.t_s > self.last.t_s {
-            let share = (t_s - self.last.t_s) / (next.t_s - self.last.t_s);
-            return ImuSample {
-                t_s,
-                gyro: self.last.gyro.lerp(&next.gyro, share),
-                accel: self.last.accel.lerp(&next.accel, share),
-                temperature_degc: next.temperature_degc,
-            };
-        }
-        ImuSample { t_s, ..*next }
-    }
-
     /// The samples up to a time as one interval, and where the mechanisation gets to. `None` where the samples end before.
     pub(super) fn interval_to(&mut self, nav: &NavState, t_s: f64) -> Option<(Interval, NavState)> {
         let mut sum = Sum::new(nav, self.to.columns.len());
         loop {
             let next = self.samples.get(self.next).copied()?;
             let arrived = next.t_s > t_s;
-            let sample = if arrived { self.between(t_s, &next) } else { next };
+            let sample = if arrived { self.last.between(&next, self.kind, t_s) } else { next };
             if !arrived {
                 self.next += 1;
             }

@@ -194,11 +194,10 @@ impl Motion {
 
     /// Takes the velocity of a fix, with its time of validity.
     pub fn push_fix(&mut self, t_s: f64, velocity: &FixVelocity) {
-        let (v, vertical) = match *velocity {
-            FixVelocity::None => return,
-            FixVelocity::Horizontal([n, e]) => (Vector3::new(n, e, 0.0), 0.0),
-            FixVelocity::Full([n, e, d]) => (Vector3::new(n, e, d), 1.0),
-        };
+        if *velocity == FixVelocity::None {
+            return;
+        }
+        let (v, vertical) = (velocity.components().into(), f64::from(u8::from(velocity.rows() == 3)));
         for track in self.0.values_mut() {
             track.waiting.push_back(Velocity { t_s, v, vertical });
             if track.waiting.len() > 64 {
