@@ -2,7 +2,8 @@
 //! row here and a line in [`REGISTRY`](super::REGISTRY).
 
 use super::linear::{Driver, LinearEffect, Sensor};
-use super::{Excitation, ParameterGroup, Separation, Shape, unit};
+use super::parameters::group;
+use super::{Excitation, Separation, Shape, unit};
 use Driver::{Force, ForceSquared, Rate, Temperature, Vibration};
 
 /// What calibration leaves of scale factors: 3000 ppm, consumer MEMS after factory calibration.
@@ -18,15 +19,6 @@ const TEMPERATURE_REMEDY: &str =
 const WARM_DRIFT: &str =
     "on a second flight that starts with a warm autopilot: the temperature comes back, a drift does not";
 
-const fn one(
-    unit: super::Unit,
-    shape: Shape,
-    names: &'static [&'static str],
-    prior_sigma: f64,
-) -> ParameterGroup {
-    ParameterGroup { unit, shape, names, prior_sigma }
-}
-
 const fn apart(from: &'static str, fly: &'static [Excitation], why: &'static str) -> Separation {
     Separation { from, fly, why }
 }
@@ -40,7 +32,7 @@ pub static GYRO_G_SENSITIVITY: LinearEffect = LinearEffect {
     cause: "MEMS gyros respond to linear acceleration: a property of the part, larger where the board is bent or its damping is stiff",
     remedy: "estimate it in flight and correct rates by G f, or mount the unit on softer, symmetric damping",
     acts_on: Sensor::Gyro,
-    parameters: &[one(
+    parameters: &[group(
         unit::DEG_PER_H_PER_G,
         Shape::Matrix,
         &["g11", "g12", "g13", "g21", "g22", "g23", "g31", "g32", "g33"],
@@ -88,7 +80,7 @@ pub static GYRO_G2_SENSITIVITY: LinearEffect = LinearEffect {
     cause: "MEMS gyros rectify strong or vibrating acceleration",
     remedy: "reduce vibration at the unit; keep the values in the model",
     acts_on: Sensor::Gyro,
-    parameters: &[one(
+    parameters: &[group(
         unit::DEG_PER_H_PER_G2,
         Shape::Vector,
         &["g2_x", "g2_y", "g2_z"],
@@ -109,7 +101,7 @@ pub static GYRO_SCALE_FACTOR: LinearEffect = LinearEffect {
     cause: "factory calibration of the gyros, their temperature, or a driver with the wrong sensitivity",
     remedy: "calibrate the gyros on a rate table, or correct rates by the values found",
     acts_on: Sensor::Gyro,
-    parameters: &[one(unit::PPM, Shape::Vector, &["sg_x", "sg_y", "sg_z"], SCALE_SIGMA)],
+    parameters: &[group(unit::PPM, Shape::Vector, &["sg_x", "sg_y", "sg_z"], SCALE_SIGMA)],
     cells: &[(0, Rate(0)), (1, Rate(1)), (2, Rate(2))],
     tolerance: Some(SCALE_SIGMA),
     separations: &[apart(
@@ -126,7 +118,7 @@ pub static ACCEL_SCALE_FACTOR: LinearEffect = LinearEffect {
     cause: "factory calibration of the accelerometers, or an accelerometer calibration in positions that were not level",
     remedy: "repeat the six-position accelerometer calibration",
     acts_on: Sensor::Accel,
-    parameters: &[one(unit::PPM, Shape::Vector, &["sa_x", "sa_y", "sa_z"], SCALE_SIGMA)],
+    parameters: &[group(unit::PPM, Shape::Vector, &["sa_x", "sa_y", "sa_z"], SCALE_SIGMA)],
     cells: &[(0, Force(0)), (1, Force(1)), (2, Force(2))],
     tolerance: Some(SCALE_SIGMA),
     separations: &[
@@ -142,7 +134,7 @@ pub static GYRO_MISALIGNMENT: LinearEffect = LinearEffect {
     cause: "the gyro axes are not square to each other or to the body: tolerance of the part or a tilted mounting",
     remedy: "correct rates by the matrix found, or calibrate on a rate table",
     acts_on: Sensor::Gyro,
-    parameters: &[one(
+    parameters: &[group(
         unit::MRAD,
         Shape::MatrixWithoutDiagonal,
         &["mg_xy", "mg_xz", "mg_yx", "mg_yz", "mg_zx", "mg_zy"],
@@ -161,7 +153,7 @@ pub static ACCEL_MISALIGNMENT: LinearEffect = LinearEffect {
     cause: "the accelerometer axes are not square to each other: tolerance of the part",
     remedy: "correct specific force by the matrix found",
     acts_on: Sensor::Accel,
-    parameters: &[one(unit::MRAD, Shape::UpperTriangle, &["ma_xy", "ma_xz", "ma_yz"], MISALIGNMENT_SIGMA)],
+    parameters: &[group(unit::MRAD, Shape::UpperTriangle, &["ma_xy", "ma_xz", "ma_yz"], MISALIGNMENT_SIGMA)],
     cells: &[(0, Force(1)), (0, Force(2)), (1, Force(2))],
     tolerance: Some(MISALIGNMENT_SIGMA),
     separations: &[apart(
@@ -185,7 +177,7 @@ pub static ACCEL_NONLINEARITY: LinearEffect = LinearEffect {
     cause: "second-order response of the accelerometers, with vibration also a bias",
     remedy: "reduce vibration at the unit, or use a part with a larger range",
     acts_on: Sensor::Accel,
-    parameters: &[one(unit::MG_PER_G2, Shape::Vector, &["ka_x", "ka_y", "ka_z"], unit::MG_PER_G2.si)],
+    parameters: &[group(unit::MG_PER_G2, Shape::Vector, &["ka_x", "ka_y", "ka_z"], unit::MG_PER_G2.si)],
     cells: &[(0, ForceSquared(0)), (1, ForceSquared(1)), (2, ForceSquared(2))],
     tolerance: None,
     separations: &[],
@@ -200,7 +192,7 @@ pub static GYRO_TEMPERATURE: LinearEffect = LinearEffect {
     cause: "the gyro biases are not compensated for temperature",
     remedy: TEMPERATURE_REMEDY,
     acts_on: Sensor::Gyro,
-    parameters: &[one(
+    parameters: &[group(
         unit::DEG_PER_H_PER_DEGC,
         Shape::Vector,
         &["tg_x", "tg_y", "tg_z"],
@@ -226,7 +218,7 @@ pub static ACCEL_TEMPERATURE: LinearEffect = LinearEffect {
     cause: "the accelerometer biases are not compensated for temperature",
     remedy: TEMPERATURE_REMEDY,
     acts_on: Sensor::Accel,
-    parameters: &[one(
+    parameters: &[group(
         unit::MG_PER_DEGC,
         Shape::Vector,
         &["ta_x", "ta_y", "ta_z"],
@@ -249,7 +241,12 @@ pub static VIBRATION_RECTIFICATION: LinearEffect = LinearEffect {
     cause: "asymmetric response of the accelerometers or of their mounting to strong vibration",
     remedy: "mount the unit on softer dampers and balance propellers",
     acts_on: Sensor::Accel,
-    parameters: &[one(unit::MG_PER_G2, Shape::Vector, &["kv_x", "kv_y", "kv_z"], 10.0 * unit::MG_PER_G2.si)],
+    parameters: &[group(
+        unit::MG_PER_G2,
+        Shape::Vector,
+        &["kv_x", "kv_y", "kv_z"],
+        10.0 * unit::MG_PER_G2.si,
+    )],
     cells: &[(0, Vibration(0)), (1, Vibration(1)), (2, Vibration(2))],
     tolerance: None,
     separations: &[

@@ -4,6 +4,7 @@
 //! 2013, section 6.1.2; Renaudin, Afzal & Lachapelle 2010, "Complete triaxis magnetometer calibration in the magnetic domain"). They stand beside the
 //! [`REGISTRY`](super::REGISTRY): a vehicle has several compasses, and each of them has its own.
 
+use super::parameters::group;
 use super::{Effect, ParameterGroup, Shape, unit};
 use nalgebra::Vector3;
 
@@ -101,15 +102,6 @@ impl FieldEffect for CompassEffect {
             }
         }
     }
-}
-
-const fn group(
-    unit: super::Unit,
-    shape: Shape,
-    names: &'static [&'static str],
-    prior_sigma: f64,
-) -> ParameterGroup {
-    ParameterGroup { unit, shape, names, prior_sigma }
 }
 
 use FieldDriver::{Current, Declination, Field, Lag, Less, One};

@@ -120,6 +120,16 @@ pub struct ParameterGroup {
     pub prior_sigma: f64,
 }
 
+/// A row of a table: parameters of one unit.
+pub(super) const fn group(
+    unit: Unit,
+    shape: Shape,
+    names: &'static [&'static str],
+    prior_sigma: f64,
+) -> ParameterGroup {
+    ParameterGroup { unit, shape, names, prior_sigma }
+}
+
 impl ParameterGroup {
     /// Whether a filter can carry these parameters as states. Otherwise their Jacobian columns stay zero.
     pub fn is_state(&self) -> bool {
