@@ -327,15 +327,6 @@ fn correlated(points: &[Point], channel: usize) -> f64 {
     1.0 + 2.0 * lags.map(|r| r * r).sum::<f64>()
 }
 
-/// By channel over the whole flight: mean square and RMS.
-pub fn totals(points: &[Point]) -> [Option<(f64, f64)>; 12] {
-    std::array::from_fn(|c| {
-        let mut sum = Sum::default();
-        points.iter().filter_map(|p| p.residuals[c].as_ref()).for_each(|r| sum.take(r));
-        (sum.n > 0.0).then(|| (sum.square / sum.n, (sum.size / sum.n).sqrt()))
-    })
-}
-
 /// Every channel in every regime.
 pub fn cells(points: &[Point]) -> Vec<Cell> {
     let mut out = Vec::new();
@@ -507,7 +498,5 @@ mod tests {
     fn where_all_is_as_it_should_be_no_place_stands_out() {
         let points: Vec<Point> = (0..1200).map(|k| point(f64::from(k) * 0.2, 1.0, 1.0)).collect();
         assert!(places(&points).is_empty());
-        let totals = totals(&points);
-        assert!((totals[1].unwrap().0 - 1.0).abs() < 1e-9 && totals[6].is_none());
     }
 }

@@ -26,18 +26,12 @@ pub struct ConditionSettings {
     pub gyro_noise: f64,
     /// 1-sigma that a coefficient of G must reach, rad/s per m/s².
     pub target_sigma: f64,
-    /// 1-sigma of a coefficient of G before the flight, rad/s per m/s².
-    pub prior_sigma: f64,
 }
 
 impl ConditionSettings {
-    /// For gyros of this noise (rad/s/√Hz): from 360 deg/h/g, what a consumer data sheet allows, to 40 deg/h/g.
+    /// For gyros of this noise (rad/s/√Hz): to 40 deg/h/g, a ninth of what a consumer data sheet allows.
     pub fn new(gyro_noise: f64) -> Self {
-        Self {
-            gyro_noise,
-            target_sigma: 40.0 * unit::DEG_PER_H_PER_G.si,
-            prior_sigma: 360.0 * unit::DEG_PER_H_PER_G.si,
-        }
+        Self { gyro_noise, target_sigma: 40.0 * unit::DEG_PER_H_PER_G.si }
     }
 
     /// Gram along a direction that reaches the target, (m/s²)² s.
@@ -133,17 +127,6 @@ impl PathConditions {
     /// Σ of the significant Grams over all segments, (m/s²)² s: the rank of the paper's A.
     pub fn gram(&self) -> Matrix3<f64> {
         self.closed + self.segment().map_or_else(Matrix3::zeros, |s| s.excitation)
-    }
-
-    /// What the segments and the prior, but no turn and no fix, determine about any row of G: 1-sigma of its coefficients
-    /// of forward, right and down, rad/s per m/s². σ = N √((S + N²/σ₀² I)⁻¹)_kk; σ₀ where nothing has changed.
-    pub fn predicted_sigma(&self) -> [f64; 3] {
-        let prior = (self.settings.gyro_noise / self.settings.prior_sigma).powi(2);
-        let information = self.gram() + Matrix3::from_diagonal_element(prior);
-        match information.try_inverse() {
-            Some(inverse) => [0, 1, 2].map(|k| self.settings.gyro_noise * inverse[(k, k)].max(0.0).sqrt()),
-            None => [self.settings.prior_sigma; 3],
-        }
     }
 
     fn take(&mut self, segment: &PathSegment) {
