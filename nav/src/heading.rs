@@ -60,7 +60,7 @@ impl HeadingBank {
         self.members.iter_mut().for_each(|m| m.fusion.push_fix(fix));
     }
 
-    /// Gives every member more noise.
+    /// Does this to the filter of every member.
     pub fn for_each(&mut self, mut f: impl FnMut(&mut Fusion)) {
         self.members.iter_mut().for_each(|m| f(&mut m.fusion));
     }
