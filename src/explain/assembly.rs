@@ -8,11 +8,12 @@ use super::{FlightResiduals, advice, consequence, words};
 use gaware_nav::effects::{Shape, data};
 use gaware_nav::identify::judge::{DRIFT_S, Judged, ResidualMeasure};
 use gaware_nav::identify::noise::NoiseEntry;
+use gaware_nav::identify::pass::CHANNELS;
 use gaware_nav::identify::residual::{self as map, Point};
 use gaware_nav::identify::select::Added;
 use gaware_nav::identify::size::Size;
+use gaware_nav::identify::survey;
 use gaware_nav::identify::survey::NotFound as NavNotFound;
-use gaware_nav::identify::{survey, whereabouts};
 use gaware_nav::model::{EffectSetting, Model};
 use serde_json::{Map, Value, json};
 use std::collections::BTreeMap;
@@ -182,7 +183,7 @@ fn regimes(residuals: &[FlightResiduals]) -> Vec<Regime> {
 fn residual(judged: &Judged) -> ModelResidual {
     let pair = |g: &[ResidualMeasure; 2]| BeforeAfter { before: g[0].nis_per_dof, after: g[1].nis_per_dof };
     let [before, after] = &judged.held_out;
-    let channels = whereabouts::CHANNELS.iter().enumerate().filter_map(|(c, channel)| {
+    let channels = CHANNELS.iter().enumerate().filter_map(|(c, channel)| {
         Some(ChannelResidual {
             channel,
             rms: BeforeAfter { before: before.rms[c]?, after: after.rms[c]? },

@@ -8,7 +8,6 @@ use super::noise::NoiseEntry;
 use super::pass::Innovation;
 use super::select::{Added, Point, Search, Selection, Settings};
 use super::survey::{Survey, is_informed};
-use super::whereabouts;
 use super::{Workers, map};
 
 pub use super::holdout::{Confirmed, LeftOut, confirm};
@@ -93,7 +92,7 @@ impl Measured {
         let fixes = self.innovations.iter().flat_map(|i| &i.fixes);
         for innovation in fixes.filter(|i| i.part == Some(part)) {
             for c in 0..6 {
-                if let Some(v) = whereabouts::channel(innovation, c) {
+                if let Some(v) = innovation.channel(c) {
                     let group = if c < 3 { &innovation.position } else { &innovation.velocity };
                     sum[c] += v * v;
                     square[c] += group.innovation[c % 3].powi(2);

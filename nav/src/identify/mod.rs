@@ -34,7 +34,6 @@ mod statistics;
 mod stretch;
 pub mod survey;
 pub mod watched;
-pub mod whereabouts;
 
 use std::sync::Mutex;
 

@@ -65,6 +65,18 @@ pub struct Innovation {
     pub velocity: Group,
 }
 
+/// The channels of a fix, in the order of the innovations.
+pub const CHANNELS: [&str; 6] =
+    ["position_north", "position_east", "position_down", "velocity_north", "velocity_east", "velocity_down"];
+
+impl Innovation {
+    /// Normalised innovation of a channel, if the fix has it.
+    pub fn channel(&self, channel: usize) -> Option<f64> {
+        let group = if channel < 3 { &self.position } else { &self.velocity };
+        (channel % 3 < group.dof).then(|| group.normalised[channel % 3])
+    }
+}
+
 /// Score and information of the watched parameters of one part.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Information {

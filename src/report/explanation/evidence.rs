@@ -10,8 +10,8 @@ use crate::report::plot::{AFTER, BEFORE, Plot};
 use crate::report::{heat, spectrum};
 use gaware_nav::earth::STANDARD_GRAVITY;
 use gaware_nav::identify::judge::Judged;
+use gaware_nav::identify::pass::CHANNELS;
 use gaware_nav::identify::residual::Motion;
-use gaware_nav::identify::whereabouts::{CHANNELS, channel};
 use std::collections::BTreeMap;
 use std::fmt::Write;
 
@@ -87,7 +87,7 @@ fn by_second(points: impl Iterator<Item = (f64, f64)>) -> Vec<(f64, f64)> {
 
 /// Normalised innovations of a channel by the given model (0) or the new one (1).
 fn of(judged: &Judged, model: usize, c: usize) -> Vec<(f64, f64)> {
-    judged.innovations[model].iter().filter_map(|i| Some((i.elapsed_s, channel(i, c)?))).collect()
+    judged.innovations[model].iter().filter_map(|i| Some((i.elapsed_s, i.channel(c)?))).collect()
 }
 
 /// The given model and, where anything was added, the new one.
