@@ -62,6 +62,12 @@ pub(super) fn of(found: &AirFound, on_board: &OnBoard) -> (Vec<SensorProposal>, 
             Some(Autopilot::ArduPilot) => ardupilot(found.sensor, finding, on_board),
             Some(Autopilot::Px4) => px4(found.sensor, finding, on_board),
         };
+        if effect == "airspeed_offset" && changes.iter().any(|c| recalibrates(&c.0, on_board)) {
+            not.push(
+                "ARSPD_SKIP_CAL, without which the calibration at the start writes ARSPD_OFFSET anew: better cover the tube while it calibrates"
+                    .to_owned(),
+            );
+        }
         if changes.is_empty() {
             not.push(format!("{effect}: no parameter of this autopilot corrects it"));
         }
@@ -125,6 +131,12 @@ fn uses_no_drag(on_board: &OnBoard) -> bool {
     let is_zero = |name: &str| on_board.get(&format!("EK3_DRAG_{name}")).is_some_and(|v| v == 0.0);
     on_board.autopilot == Some(Autopilot::ArduPilot)
         && ["MCOEF", "BCOEF_X", "BCOEF_Y"].into_iter().all(is_zero)
+}
+
+/// Whether ArduPilot finds this offset anew at each start (`AP_Airspeed/AP_Airspeed.cpp`: `calibrate`).
+fn recalibrates(offset: &str, on_board: &OnBoard) -> bool {
+    let skips = offset.replace("OFFSET", "SKIP_CAL");
+    offset.ends_with("OFFSET") && on_board.get(&skips) == Some(0.0)
 }
 
 fn hint(parameter: &str) -> &'static str {

@@ -1,14 +1,15 @@
 //! Which parameters correct a compass.
 //!
-//! ArduPilot corrects m = M (r + ofs + mot·I) (`AP_Compass/AP_Compass_Backend.cpp`: `correct_field`) after the rotations of `rotate_field`, with
-//! M of `COMPASS_DIA` and `COMPASS_ODI`. PX4 corrects m = R S (r + comp·P − off) (`lib/sensor_calibration/Magnetometer.hpp`: `Correct`) with S of
-//! `CAL_MAGn_*SCALE` and `CAL_MAGn_*ODIAG`. A field m = A b + h + k I becomes b by M ← A⁻¹M, ofs ← ofs − M⁻¹h, mot ← mot − M⁻¹k, and likewise in PX4.
+//! ArduPilot corrects m = s M (r + ofs) + mot·I (`AP_Compass/AP_Compass_Backend.cpp`: `correct_field`) after the rotations of `rotate_field`, with
+//! M of `COMPASS_DIA` and `COMPASS_ODI` and s of `COMPASS_SCALE`. PX4 corrects m = R S (r + comp·P − off) (`lib/sensor_calibration/Magnetometer.hpp`: `Correct`) with S of
+//! `CAL_MAGn_*SCALE` and `CAL_MAGn_*ODIAG`. A field m = A b + h + k I becomes b by sM ← A⁻¹sM, ofs ← ofs − (sM)⁻¹h, mot ← A⁻¹(mot − k), in PX4 comp ← comp − (RS)⁻¹k.
 
 use super::{CompassEntry, MGAUSS, Status};
 use crate::advice::on_board::OnBoard;
 use crate::compass::world::WorldField;
 use gaware_mission::item::Autopilot;
 use gaware_nav::identify::compass::{CompassFinding, CompassFound, Orientation};
+use gaware_nav::rotation::wrap_180;
 use nalgebra::{Matrix3, Rotation3, Vector3};
 use schemars::JsonSchema;
 use serde::Serialize;
@@ -65,6 +66,8 @@ struct OnBoardField {
 
 /// Names of the parameters of a compass.
 struct Names {
+    /// One factor for all axes; PX4 has none.
+    factor: String,
     offset: [String; 3],
     diagonal: [String; 3],
     off_diagonal: [String; 3],
@@ -86,12 +89,19 @@ fn ardupilot_number(place: usize) -> String {
 fn ardupilot_names(place: usize) -> Names {
     let n = ardupilot_number(place);
     let three = |what: &str| ["X", "Y", "Z"].map(|axis| format!("COMPASS_{what}{n}_{axis}"));
-    Names { offset: three("OFS"), diagonal: three("DIA"), off_diagonal: three("ODI"), current: three("MOT") }
+    Names {
+        factor: format!("COMPASS_SCALE{n}"),
+        offset: three("OFS"),
+        diagonal: three("DIA"),
+        off_diagonal: three("ODI"),
+        current: three("MOT"),
+    }
 }
 
 fn px4_names(place: usize) -> Names {
     let three = |what: &str| ["X", "Y", "Z"].map(|axis| format!("CAL_MAG{place}_{axis}{what}"));
     Names {
+        factor: String::new(),
         offset: three("OFF"),
         diagonal: three("SCALE"),
         off_diagonal: three("ODIAG"),
@@ -187,12 +197,19 @@ fn ardupilot(found: &CompassFound, on_board: &OnBoard, world: &WorldField, advic
     let kind = on_board.get("COMPASS_MOTCT");
     // 0: off, 1: by throttle, 2: by current.
     let by_current = kind == Some(2.0);
+    // One factor for all axes is applied before the matrix, where it is within these limits (`Compass::have_scale_factor`).
+    let factor = on_board.get(&names.factor).filter(|s| (SCALE.0..=SCALE.1).contains(s)).unwrap_or(1.0);
     let now = OnBoardField {
-        scale: symmetric(&diagonal.unwrap_or(Vector3::repeat(1.0)), &off),
+        scale: symmetric(&diagonal.unwrap_or(Vector3::repeat(1.0)), &off) * factor,
         offset,
         current: vector(on_board, &names.current).filter(|_| by_current).unwrap_or_default(),
     };
-    let Some(new) = corrected(&now, &Errors::of(&found.effects), &Matrix3::identity()) else { return };
+    let errors = Errors::of(&found.effects);
+    let Some(new) = corrected(&now, &errors, &Matrix3::identity()) else { return };
+    let Some(unbent) = errors.by_field.try_inverse() else { return };
+    // The motor compensation is added behind the matrix.
+    let new =
+        OnBoardField { scale: new.scale / factor, current: unbent * (now.current - errors.current), ..new };
     for finding in &found.effects {
         match finding.setting.effect.name() {
             "mag_hard_iron" if new.offset.amax() > MOST_OFFSET_MGAUSS => {
@@ -426,19 +443,31 @@ fn orientation(compass: u8, turned: &Orientation, on_board: &OnBoard, advice: &m
                 effect: "orientation",
                 source,
             });
-            advice.1.push("calibrate the compass again after that: offsets and scales are of the old axes".to_owned());
+            advice.1.push("offsets and scales, which are of the old axes: calibrate the compass again after that".to_owned());
         }
         _ => advice.1.push(format!("{name}: not in the log, or not an orientation about the vertical axis")),
     }
 }
 
-/// `COMPASS_DEC` where ArduPilot does not take it from its own table.
+/// `COMPASS_DEC`, rad, where ArduPilot does not take it from its own table and it is another one than the world's.
+fn wrong_declination(on_board: &OnBoard, world: &WorldField) -> Option<f64> {
+    let old = on_board.get("COMPASS_DEC").filter(|_| on_board.get("COMPASS_AUTODEC") == Some(0.0))?;
+    let off = wrap_180(old.to_degrees() - world.declination_deg);
+    (on_board.autopilot == Some(Autopilot::ArduPilot) && off.abs() > DECLINATION_DEG).then_some(old)
+}
+
+/// The same as a sentence: no compass is wrong, and every heading is.
+pub(super) fn declination_off(on_board: &OnBoard, world: &WorldField) -> Option<String> {
+    let degrees = wrong_declination(on_board, world)?.to_degrees();
+    Some(format!(
+        "COMPASS_DEC is {degrees:.1}° where the world model has {:.1}°: every heading that the autopilot takes from a compass is {:.0}° off.",
+        world.declination_deg,
+        wrap_180(degrees - world.declination_deg).abs()
+    ))
+}
+
 fn declination(on_board: &OnBoard, world: &WorldField, advice: &mut Advice) {
-    let Some(old) = on_board.get("COMPASS_DEC").filter(|_| on_board.get("COMPASS_AUTODEC") == Some(0.0))
-    else {
-        return;
-    };
-    if (old.to_degrees() - world.declination_deg).abs() > DECLINATION_DEG {
+    if let Some(old) = wrong_declination(on_board, world) {
         advice.0.push(SensorProposal {
             parameter: "COMPASS_DEC".to_owned(),
             on_board: old,

@@ -159,6 +159,9 @@ pub struct CompassReport {
     pub compasses: Vec<CompassEntry>,
     /// The field that they were compared with, what is corrected on board already, and why something is not known.
     pub notes: Vec<String>,
+    /// Those of the notes that hold of all compasses and change what is to be done.
+    #[serde(skip)]
+    pub common: Vec<String>,
 }
 
 impl CompassReport {
@@ -169,8 +172,8 @@ impl CompassReport {
 
     /// What is said of these compasses, one sentence or two each, and what holds of all.
     pub fn texts(&self, of: impl Fn(&CompassEntry) -> bool) -> impl Iterator<Item = &str> {
-        let alike = self.are_off_alike().then_some(OFF_ALIKE);
-        self.compasses.iter().filter(move |c| of(c)).map(|c| c.text.as_str()).chain(alike)
+        let own = self.compasses.iter().filter(move |c| of(c)).map(|c| c.text.as_str());
+        own.chain(self.common.iter().map(String::as_str))
     }
 
     /// Whether all point off by one angle, which separate sensors do not by themselves.
@@ -211,18 +214,20 @@ pub fn of_flight(
     advice::unused(&mut report.compasses, on_board);
     report.notes.push(format!("{}.", world.words()));
     report.notes.extend(advice::corrected_on_board(on_board));
+    report.common.extend(advice::declination_off(on_board, &world));
     let turned: Vec<_> = found.iter().filter_map(|f| f.orientation.as_ref()).collect();
     if let [first, .., last] = turned[..]
         && turned.len() == found.len()
         && first.turned == last.turned
     {
-        report.notes.push(
+        report.common.push(
             "All compasses are turned alike: the orientation of the board may be the wrong one instead of theirs, though a multirotor hardly flies with that.".to_owned(),
         );
     }
     if report.are_off_alike() {
-        report.notes.push(OFF_ALIKE.to_owned());
+        report.common.push(OFF_ALIKE.to_owned());
     }
+    report.notes.extend(report.common.iter().cloned());
     if found.iter().any(|f| f.current_a.is_none()) {
         report.notes.push(
             "The log holds no battery current: whether motors move a compass is not tested.".to_owned(),
@@ -313,10 +318,10 @@ fn text(found: &CompassFound, status: Status) -> String {
     }
     for effect in &found.effects {
         let setting = &effect.setting;
-        // Along an axis that the flight does not show the value says nothing.
-        let shown = |k: usize| {
-            if setting.values[k].abs() > BEYOND_CHANCE * setting.sigmas[k] { setting.values[k] } else { 0.0 }
-        };
+        // Along an axis that the flight does not show the value says nothing; one of them is what was found.
+        let sigmas = |k: usize| setting.values[k].abs() / setting.sigmas[k].max(f64::MIN_POSITIVE);
+        let least = (0..3).map(sigmas).fold(0.0, f64::max).min(BEYOND_CHANCE);
+        let shown = |k: usize| if sigmas(k) >= least { setting.values[k] } else { 0.0 };
         let size = |unit: f64| nalgebra::Vector3::from_fn(|k, _| shown(k)).norm() / unit;
         match setting.effect.name() {
             "mag_current" => {

@@ -160,9 +160,11 @@ fn a_wrong_orientation_and_a_reversed_axis_are_named() {
     let reversed = Matrix3::from_diagonal(&Vector3::new(1.0, -1.0, 1.0));
     let eighth =
         Rotation3::from_euler_angles(std::f64::consts::PI, 0.0, std::f64::consts::FRAC_PI_4).into_inner();
-    for (by, words) in
-        [(quarter, "turned by 90°"), (eighth, "upside down and turned by 45°"), (reversed, "x, −y, z")]
-    {
+    for (by, words) in [
+        (quarter, "turned by 270° to the right"),
+        (eighth, "upside down and turned by 45°"),
+        (reversed, "x, −y, z"),
+    ] {
         let report = judged(&turned(by));
         let first = &report.compasses[0];
         assert_eq!(first.status, Status::Wrong);
@@ -190,6 +192,40 @@ fn the_orientation_of_px4_is_that_of_the_calibration_that_is_known_to_be_this_on
     assert!(proposal.source.contains("Magnetometer.cpp"), "{proposal:?}");
     let two = of(&[&rotations[..], &[("CAL_MAG0_ID", 5.0), ("CAL_MAG1_ID", 7.0)]].concat());
     assert!(two.compasses[0].proposals.is_empty(), "{:?}", two.compasses[0].proposals);
+}
+
+/// `correct_field` adds the motor compensation behind the matrix, and one factor before it.
+#[test]
+fn the_motor_compensation_is_proposed_as_the_firmware_applies_it() {
+    let (iron, motors) = ([60.0, -40.0, 30.0], [5.0, -4.0, 2.0]);
+    let injected = [("mag_hard_iron", iron), ("mag_current", motors)];
+    let injected = injected.map(|(name, v)| (name, v.map(|v| v * MG).to_vec()));
+    let old = [
+        ("COMPASS_SCALE", 1.1),
+        ("COMPASS_OFS_X", -20.0),
+        ("COMPASS_OFS_Y", 35.0),
+        ("COMPASS_OFS_Z", 5.0),
+        ("COMPASS_DIA_X", 1.2),
+        ("COMPASS_DIA_Y", 0.85),
+        ("COMPASS_DIA_Z", 1.0),
+        ("COMPASS_MOT_X", 3.0),
+        ("COMPASS_MOT_Y", -2.0),
+        ("COMPASS_MOT_Z", 4.0),
+        ("COMPASS_MOTCT", 2.0),
+    ];
+    let parameters = old.map(|(n, v)| (n.to_owned(), v)).into();
+    let board = OnBoard { autopilot: Some(Autopilot::ArduPilot), parameters, ..OnBoard::default() };
+    let samples = flight("multirotor", &injected, 41);
+    let report = of_samples(&samples, DATE, &board).compasses.unwrap();
+    let of =
+        |name: &str| report.compasses[0].proposals.iter().find(|p| p.parameter == name).map(|p| p.proposed);
+    for (k, axis) in ["X", "Y", "Z"].into_iter().enumerate() {
+        let new = of(&format!("COMPASS_MOT_{axis}")).unwrap();
+        assert!((new - (old[7 + k].1 - motors[k])).abs() < 0.8, "{axis}: {new}");
+        let new = of(&format!("COMPASS_OFS_{axis}")).unwrap();
+        let expected = old[1 + k].1 - iron[k] / (1.1 * old[4 + k].1);
+        assert!((new - expected).abs() < 15.0, "{axis}: {new} {expected}");
+    }
 }
 
 /// What the program's proposal would make of the next flight: the same errors behind the new parameters.

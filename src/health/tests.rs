@@ -4,6 +4,7 @@ use super::checks::{Check, Grade, checks, verdict};
 use super::*;
 use crate::advice::on_board::OnBoard;
 use crate::logs;
+use gaware_nav::sample::FixVelocity;
 
 fn at(log: &mut HealthLog, t_s: f64, note: HealthNote) {
     log.take(&Record { t_us: (t_s * 1e6) as u64, item: Item::Note(LogNote::Health(note)) });

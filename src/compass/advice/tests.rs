@@ -5,7 +5,7 @@ use gaware_nav::model::EffectSetting;
 /// `AP_Compass_Backend::correct_field`, mG and A.
 fn ardupilot(raw: &Vector3<f64>, current_a: f64, of: &dyn Fn(&str) -> f64, n: &str) -> Vector3<f64> {
     let three = |what: &str| Vector3::from(["X", "Y", "Z"].map(|a| of(&format!("COMPASS_{what}{n}_{a}"))));
-    symmetric(&three("DIA"), &three("ODI")) * (raw + three("OFS") + three("MOT") * current_a)
+    symmetric(&three("DIA"), &three("ODI")) * (raw + three("OFS")) + three("MOT") * current_a
 }
 
 /// `calibration::Magnetometer::Correct`, G and A.

@@ -87,8 +87,15 @@ impl Widths {
 
     /// What the measurement is compared with is no better than this for one effect, 1-sigma.
     pub(in crate::identify) fn known_to(mut self, effect: &str, sigma: f64) -> Self {
-        self.known_to.extend(self.catalogue.iter().position(|e| e.name() == effect).map(|e| (e, sigma)));
+        self.know(effect, sigma);
         self
+    }
+
+    /// The same, in the place of what was said before.
+    pub(in crate::identify) fn know(&mut self, effect: &str, sigma: f64) {
+        let own = self.catalogue.iter().position(|e| e.name() == effect);
+        self.known_to.retain(|k| Some(k.0) != own);
+        self.known_to.extend(own.map(|e| (e, sigma)));
     }
 
     /// What no parameter of an effect is known better than, 1-sigma, SI.
@@ -504,7 +511,7 @@ mod tests {
     fn columns(x: &FieldInstant) -> Vec<Vector3<f64>> {
         let one = |e: &&dyn Effect| {
             let mut own = vec![Vector3::zeros(); e.len()];
-            e.on_field().unwrap().field_jacobian(x, &mut own);
+            e.on_field().unwrap().field_jacobian(&vec![0.0; e.len()], x, &mut own);
             own
         };
         COMPASS.iter().flat_map(one).collect()

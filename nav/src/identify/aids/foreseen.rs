@@ -170,7 +170,7 @@ fn field(information: &mut Information, now: &Carriage, rate: &Vector3<f64>, set
     for effect in COMPASS {
         let mut own = vec![Vector3::zeros(); effect.len()];
         if let Some(on) = effect.on_field() {
-            on.field_jacobian(&x, &mut own);
+            on.field_jacobian(&vec![0.0; own.len()], &x, &mut own);
         }
         columns.extend(own);
     }

@@ -285,7 +285,7 @@ fn row(i: &Instant, values: &[f64]) -> FieldAtFix {
         at += effect.len();
         expected += on.field(p, &i.x);
         let mut own = vec![Vector3::zeros(); effect.len()];
-        on.field_jacobian(&i.x, &mut own);
+        on.field_jacobian(p, &i.x, &mut own);
         columns.extend(own);
         by_field += derivative_by_field(p, &i.x, on);
     }
