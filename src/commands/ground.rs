@@ -4,7 +4,7 @@
 use super::effects::EffectsArgs;
 use super::known::{KnownArgs, PlaceArgs, UnitFileArgs};
 use super::run::{self, Hooks, RunArgs, Served, seconds};
-use super::unit::origin;
+use super::unit::{doubt, origin};
 use super::{CommandError, ListenArgs, OverwriteArgs, band, file_name, output, signals, start};
 use crate::engine::meaning::LIMIT_DEG;
 use crate::engine::snapshot::{Estimate, GroundStatus, Snapshot};
@@ -250,7 +250,7 @@ fn finish(args: &GroundArgs, served: &Served<Engine>) -> Result<(), CommandError
     let (engine, snapshot) = (served.pipeline.engine(), served.pipeline.snapshot());
     let mut beside = Beside::default();
     beside.on_board = served.on_board.clone();
-    let file = match (&args.unit, &beside.on_board.board) {
+    let mut file = match (&args.unit, &beside.on_board.board) {
         (Some(path), _) => Some(path.clone()),
         (None, Some(id)) => Some(crate::unit::file_of(&args.units, id)),
         (None, None) => None,
@@ -268,11 +268,11 @@ fn finish(args: &GroundArgs, served: &Served<Engine>) -> Result<(), CommandError
         states.iter().filter(|s| (s.status == Observable) == observable).map(|s| s.name.clone()).collect()
     };
     let mut inconsistencies = Vec::new();
-    if let (Some(path), Some(filter)) = (&file, engine.filter()) {
+    if let (Some(path), Some(filter)) = (file.clone(), engine.filter()) {
         let from = served.recording.as_deref().map_or_else(|| "ground session".to_owned(), file_name);
         let mut new = Unit::of_filter(filter, origin(&beside, &from));
         if let Some(before) = &before {
-            before.check_hardware(path, new.origin.hardware_id.as_deref())?;
+            before.check_hardware(&path, new.origin.hardware_id.as_deref())?;
             if begun.is_some() && filter.model().joint.is_some() {
                 new = new.after(before);
             } else {
@@ -283,11 +283,18 @@ fn finish(args: &GroundArgs, served: &Served<Engine>) -> Result<(), CommandError
             inconsistencies
                 .extend(far.into_iter().map(|name| format!("{name} is far from what the file says")));
         }
-        if !new.measured().is_empty() {
+        // What contradicts the file is said above; without one nothing else tells an axis that is the wrong way round.
+        let doubtful = engine.has_warmed() || before.is_none();
+        if let Some(why) = doubt(engine).filter(|_| doubtful && !args.overwrite.force) {
+            inconsistencies.push(format!(
+                "{why}; the file of the unit was not written (--force writes it all the same)"
+            ));
+            file = None;
+        } else if !new.measured().is_empty() {
             if let Some(folder) = path.parent().filter(|_| args.unit.is_none()) {
                 args.overwrite.outputs::<&std::path::Path>([]).folder(folder)?;
             }
-            new.write(path, &args.overwrite.outputs::<&std::path::Path>([]))?;
+            new.write(&path, &args.overwrite.outputs::<&std::path::Path>([]))?;
         }
     }
     let result = GroundResult {

@@ -3,8 +3,9 @@
 use super::known::PlaceArgs;
 use super::{CommandError, ListenArgs, OverwriteArgs, file_name, output};
 use crate::advice::on_board::{self, OnBoard};
-use crate::engine::{Engine, EngineOptions};
+use crate::engine::{Engine, EngineOptions, WARMED};
 use crate::figures;
+use crate::fleet::store::sha256;
 use crate::pipeline::Beside;
 use crate::pipeline::replay::{ReplayRequest, replay_watched};
 use crate::unit::{Origin, Unit, UnitError};
@@ -113,12 +114,27 @@ pub(crate) fn origin(beside: &Beside, from: &str) -> Origin {
         date: first_s.map_or_else(today, figures::day),
         temperature_degc: None,
         from: vec![from.to_owned()],
+        sha256: Vec::new(),
         sensor_ids: ids.map(|(name, value)| (name.clone(), *value)).collect(),
     }
 }
 
-/// What one recording shows of its unit, beside what is known before it.
-fn measure(log: &Path, logs: &UnitLogs, before: Option<&Unit>) -> Result<Unit, CommandError> {
+/// Why what an engine has of a unit is not to be believed; nothing where it is.
+pub(crate) fn doubt(engine: &Engine) -> Option<String> {
+    if engine.has_warmed() {
+        return Some(WARMED.to_owned());
+    }
+    let far = engine.summary().implausible;
+    let words = "beyond what such a unit has: an axis may be reversed or another one, or its unit a wrong one (gaware explain names it)";
+    (!far.is_empty()).then(|| format!("{} is {words}", far.join(", ")))
+}
+
+/// What one recording shows of its unit, beside what is known before it, and why that is not to be believed.
+fn measure(
+    log: &Path,
+    logs: &UnitLogs,
+    before: Option<&Unit>,
+) -> Result<(Unit, Option<String>), CommandError> {
     let mut model = Model::standard();
     let mut beside = Beside::default();
     if let Some(before) = before {
@@ -134,8 +150,11 @@ fn measure(log: &Path, logs: &UnitLogs, before: Option<&Unit>) -> Result<Unit, C
     let make = |model| Engine::new(model, options);
     let (pipeline, _) = replay_watched(&request, make, &|_, _| {}, Some(&mut beside))?;
     let name = file_name(log);
-    let filter = pipeline.engine().filter().ok_or_else(|| UnitError::Nothing(name.clone()))?;
-    Ok(Unit::of_filter(filter, origin(&beside, &name)))
+    let engine = pipeline.engine();
+    let filter = engine.filter().ok_or_else(|| UnitError::Nothing(name.clone()))?;
+    let sha256 = sha256(log).map_err(|source| UnitError::Read { path: log.to_owned(), source })?;
+    let origin = Origin { sha256: vec![sha256], ..origin(&beside, &name) };
+    Ok((Unit::of_filter(filter, origin), doubt(engine)))
 }
 
 /// Recordings one after the other on top of what is known, and where they disagree with it.
@@ -145,16 +164,32 @@ fn combine(
     logs: &UnitLogs,
 ) -> Result<(Option<Unit>, Vec<String>), CommandError> {
     let (mut known, mut inconsistencies) = (known, Vec::new());
+    let forced = logs.overwrite.force;
     for log in &logs.logs {
-        let alone = measure(log, logs, None)?;
+        let (alone, doubt) = measure(log, logs, None)?;
+        let name = file_name(log);
+        if let Some(why) = doubt.filter(|_| !forced) {
+            return Err(UnitError::Doubtful { log: name, why }.into());
+        }
         let Some(before) = &known else {
             known = Some(alone);
             continue;
         };
         before.check_hardware(path, alone.origin.hardware_id.as_deref())?;
+        if alone.origin.sha256.iter().any(|own| before.origin.sha256.contains(own)) {
+            return Err(UnitError::Again { path: path.to_owned(), log: name }.into());
+        }
         let said = before.contradictions(&alone);
-        inconsistencies.extend(said.into_iter().map(|s| format!("{}: {s}", file_name(log))));
-        let both = measure(log, logs, Some(before))?.after(before);
+        if let (Some(first), false) = (said.first(), forced) {
+            let why = format!(
+                "it disagrees with {} in {} ({first})",
+                path.display(),
+                figures::counted(said.len(), "value")
+            );
+            return Err(UnitError::Doubtful { log: name, why }.into());
+        }
+        inconsistencies.extend(said.into_iter().map(|s| format!("{name}: {s}")));
+        let both = measure(log, logs, Some(before))?.0.after(before);
         known = Some(both);
     }
     Ok((known, inconsistencies))
@@ -184,7 +219,7 @@ pub fn run(args: &UnitArgs) -> Result<(), CommandError> {
             let known = Unit::read(unit)?;
             let mut said = Vec::new();
             for log in &logs.logs {
-                let alone = measure(log, logs, None)?;
+                let alone = measure(log, logs, None)?.0;
                 known.check_hardware(unit, alone.origin.hardware_id.as_deref())?;
                 said.extend(
                     known.contradictions(&alone).into_iter().map(|s| format!("{}: {s}", file_name(log))),

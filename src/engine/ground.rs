@@ -12,6 +12,12 @@ const EVERY_S: f64 = 0.1;
 /// G (0.4 rad/s times 300 ppm is 25 deg/h, times 0.5 mrad 41 deg/h).
 const BY_TURNS: [(&str, f64); 2] = [("gyro_scale_factor", 300.0), ("gyro_misalignment", 0.5)];
 
+/// A session during which the temperature changes by more says of G what it takes for constant biases, °C: elements were within 2 sigma of the truth where it
+/// changed by 4 °C, and up to 5.5 and 13 sigma off where it changed by 8 and by 12 to 20 °C, at 15 deg/h/°C (18 independent sessions, 2026-11-30).
+const WARMS_DEGC: f64 = 5.0;
+/// What is said then.
+pub(crate) const WARMED: &str = "the temperature of the unit changed by more than 5 °C while it was turned by hand: G may be off by many sigmas; let it run warm and turn it again, or see what gaware explain makes of the recording";
+
 /// The session and when the next look is due.
 #[derive(Debug, Clone, Default)]
 pub(super) struct GroundWatch {
@@ -21,6 +27,8 @@ pub(super) struct GroundWatch {
     begun: bool,
     armed: bool,
     flying: bool,
+    /// Least and largest temperature while it was held, °C.
+    held_degc: Option<(f64, f64)>,
 }
 
 impl GroundWatch {
@@ -91,9 +99,21 @@ impl Engine {
             turn_sigma: constants.as_ref().map(by_turns).unwrap_or_default(),
         };
         self.ground.session.look(&look);
+        if let (true, Some(now)) = (look.stationary, imu.temperature_degc) {
+            let (least, most) = self.ground.held_degc.unwrap_or((now, now));
+            self.ground.held_degc = Some((least.min(now), most.max(now)));
+        }
         // Whoever puts the vehicle on a second side means it.
         let held = self.ground.session.sides().iter().filter(|s| s.held_s > 0.0).count();
         self.ground.begun |= held > 1;
+        if self.has_warmed() {
+            self.warnings.push(WARMED);
+        }
+    }
+
+    /// Whether the temperature changed too much during a session for what it says of G.
+    pub(crate) fn has_warmed(&self) -> bool {
+        self.ground.begun && self.ground.held_degc.is_some_and(|(least, most)| most - least > WARMS_DEGC)
     }
 
     /// The session in words and figures.

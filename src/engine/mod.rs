@@ -29,6 +29,7 @@ use gaware_nav::observability::segments::PathSegment;
 use gaware_nav::observability::words::VehicleKind;
 use gaware_nav::sample::{GnssFix, ImuSample, Sample};
 use ground::GroundWatch;
+pub(crate) use ground::WARMED;
 use guidance::motion::Instant;
 use guidance::{Flying, GuidanceOptions, Guide};
 use observability::ConditionWatch;

@@ -122,6 +122,11 @@ fn address(log: &Path, recipe: &str) -> Result<Address, FleetError> {
     Ok(Address { content, key })
 }
 
+/// SHA-256 of a log.
+pub(crate) fn sha256(log: &Path) -> io::Result<String> {
+    Ok(content(log)?.sha256)
+}
+
 /// Hash and size of a log; of a folder with tables, those of its tables with their names.
 fn content(log: &Path) -> io::Result<Content> {
     let mut hash = Sha256::new();

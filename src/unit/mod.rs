@@ -65,6 +65,22 @@ pub enum UnitError {
         /// How many values.
         what: String,
     },
+    /// A recording is in it.
+    #[error("{log} is in {path} already, and would count twice: leave it out")]
+    Again {
+        /// File.
+        path: PathBuf,
+        /// Recording.
+        log: String,
+    },
+    /// What a recording says is not to be believed.
+    #[error("{log}: {why}; nothing was written (--force adds it all the same)")]
+    Doubtful {
+        /// Recording.
+        log: String,
+        /// Why.
+        why: String,
+    },
     /// Nothing was measured.
     #[error(
         "{0} shows nothing of the unit: turn it to six sides, each held still (gaware ground), or fly maneuvers"
@@ -110,6 +126,9 @@ pub struct Origin {
     pub temperature_degc: Option<f64>,
     /// Recordings and sessions, oldest first.
     pub from: Vec<String>,
+    /// SHA-256 of the recordings.
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    pub sha256: Vec<String>,
     /// Parameters that name the sensors (`INS_GYR_ID`, `CAL_GYRO0_ID`).
     #[serde(skip_serializing_if = "BTreeMap::is_empty")]
     pub sensor_ids: BTreeMap<String, f64>,
@@ -259,9 +278,10 @@ impl Unit {
         for state in &mut self.states {
             state.prior_sigma = before.get(&state.name).map_or(state.prior_sigma, |s| s.prior_sigma);
         }
-        let Origin { hardware_id, firmware, sensor_ids, from, .. } = &before.origin;
+        let Origin { hardware_id, firmware, sensor_ids, from, sha256, .. } = &before.origin;
         let own = &mut self.origin;
         own.from = from.iter().chain(&own.from).cloned().collect();
+        own.sha256 = sha256.iter().chain(&own.sha256).cloned().collect();
         own.hardware_id = own.hardware_id.take().or_else(|| hardware_id.clone());
         own.firmware = own.firmware.take().or_else(|| firmware.clone());
         if own.sensor_ids.is_empty() {

@@ -70,6 +70,7 @@ impl Estimator {
         SampleNoise {
             rate: of(imu.gyro_noise, extra.0, rounding[0].max()),
             force: of(imu.accel_noise, extra.1, rounding[1].max()),
+            least: [of(imu.gyro_noise, 0.0, rounding[0].max()), of(imu.accel_noise, 0.0, rounding[1].max())],
         }
     }
 

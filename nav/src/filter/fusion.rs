@@ -315,6 +315,8 @@ impl Filter {
     fn sample_noise(&self, dt: f64) -> SampleNoise {
         let (gyro, accel) = self.noise_density();
         let of = |density: f64, rounding: f64| density / dt + 3.0 * rounding;
-        SampleNoise { rate: of(gyro, self.rounding[0].max()), force: of(accel, self.rounding[1].max()) }
+        let (imu, rounding) = (&self.model().imu, self.rounding.map(|r| r.max()));
+        let least = [of(imu.gyro_noise.powi(2), rounding[0]), of(imu.accel_noise.powi(2), rounding[1])];
+        SampleNoise { rate: of(gyro, rounding[0]), force: of(accel, rounding[1]), least }
     }
 }

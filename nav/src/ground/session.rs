@@ -343,6 +343,9 @@ impl Session {
             visit.held_s += dt;
             self.turns.arrive(side);
             self.aim = None;
+        } else if let Some(aim) = self.aim.filter(|_| visit.held_s > 0.0) {
+            // It does what it was asked for: the turn is no motion of this side.
+            return aim;
         }
         if state.held_s > 0.0 {
             let first = state.g_sigma_deg_per_h_per_g.map_or(visit.before, |[first, _]| first);

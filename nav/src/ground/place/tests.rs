@@ -4,7 +4,7 @@ use super::*;
 use crate::earth::STANDARD_GRAVITY;
 use crate::math::sin;
 
-const NOISE: SampleNoise = SampleNoise { rate: 1.5e-6, force: 2e-3 };
+const NOISE: SampleNoise = SampleNoise { rate: 1.5e-6, force: 2e-3, least: [1.5e-6, 2e-3] };
 
 /// A vehicle at 50 Hz: `moves` says rate, rad/s, and specific force along the vertical, m/s², at a time.
 struct Vehicle {

@@ -229,6 +229,28 @@ fn hands_that_shake_are_told_and_an_interruption_keeps_what_there_is() {
     assert!(session.sides()[2].done);
 }
 
+/// The noise that is measured grows with the turn that begins, and with it the time that a side would want.
+#[test]
+fn a_turn_that_was_asked_for_is_no_motion_of_the_side_before() {
+    let (mut session, mut t_s) = (Session::default(), 0.0);
+    play(&mut session, &mut t_s, Side::Level, 60.0, Vector3::zeros());
+    let asked = session.instruction();
+    assert!(matches!(asked, Instruction::AlreadyDone { next: Side::NoseUp, .. }), "{asked:?}");
+    for _ in 0..50 {
+        session.look(&Look {
+            t_s,
+            force: Side::Level.force() * STANDARD_GRAVITY,
+            rate: Vector3::new(0.0, 0.2, 0.0),
+            stationary: false,
+            noise: 1e3 * NOISE,
+            g_sigma_deg_per_h_per_g: 10.0,
+            turn_sigma: [0.0; 3],
+        });
+        assert_eq!(session.instruction(), asked, "{t_s}");
+        t_s += 0.1;
+    }
+}
+
 #[test]
 fn a_vehicle_that_cannot_lie_on_its_back_is_done_without() {
     let (mut session, mut t_s) = (Session::default(), 0.0);
