@@ -35,6 +35,10 @@ const CLOCK_S: f64 = 2e-3;
 const CLOCK_OF_KNOWN_DELAY_S: f64 = 0.01;
 /// A fix this many sigmas off that is inconsistent with its neighbours is left out.
 const OUTLIER_NIS: f64 = 60.0;
+/// Samples are whole counts where so many of them are, to this share of a count. The likelihood of the fixes hardly speaks against truncation in vibration:
+/// `imu_truncation` was named of samples of a log that are on no such grid (one of six noisy flights made by other means, 2026-11-30).
+const MOSTLY: f64 = 0.95;
+const OF_A_COUNT: f64 = 0.02;
 
 /// Samples and fixes from one start to the end.
 #[derive(Debug, Clone)]
@@ -56,6 +60,8 @@ pub struct Flight {
     guesses: Guesses,
     interval_s: f64,
     measured_noise: (f64, f64),
+    /// Whether its samples are whole counts of 1 mrad/s and 1 mg.
+    whole_counts: bool,
     /// The same while the unit rested between turns by hand: when, s, and what the samples showed.
     shown_at_rest: Vec<(f64, [f64; 2])>,
     known_delay_s: Option<f64>,
@@ -112,6 +118,7 @@ impl Flight {
             rounding: Vec::new(),
             interval_s: 0.0,
             measured_noise: (0.0, 0.0),
+            whole_counts: false,
             shown_at_rest: Vec::new(),
             averaged: None,
             moved_s: 0.0,
@@ -153,9 +160,21 @@ impl Flight {
         self.interval_s = meter.interval_s();
     }
 
+    /// Whether its samples are whole counts, as integers are: whether they were truncated to such is a question only then.
+    pub(in crate::identify) fn has_whole_counts(&self) -> bool {
+        self.whole_counts
+    }
+
     fn dequantise(&mut self, model: &Model) {
         let mut wanted = vec![model.quantisation_of(&self.stream)];
-        let truncated = Quantisation::Truncate(crate::sample::Steps::RAW_IMU);
+        let steps = crate::sample::Steps::RAW_IMU;
+        let whole = |v: &nalgebra::Vector3<f64>, step: f64| {
+            v.iter().all(|x| (x / step - (x / step).round()).abs() < OF_A_COUNT)
+        };
+        let count =
+            self.raw.iter().filter(|s| whole(&s.gyro, steps.gyro) && whole(&s.accel, steps.accel)).count();
+        self.whole_counts = count as f64 >= MOSTLY * self.raw.len() as f64;
+        let truncated = Quantisation::Truncate(steps);
         if !wanted.contains(&truncated) {
             wanted.push(truncated);
         }

@@ -326,6 +326,8 @@ impl<'a> Linear<'a> {
                 full.as_ref().and_then(|f| self.linear(setting, f))
             } else if select::is_jump(*effect) {
                 self.event(setting)
+            } else if effect.truncates_samples() && !self.search.has_whole_counts() {
+                Some(without(*effect, "the samples are finer than its steps"))
             } else if effect.is_empty() {
                 let tried = self.search.discrete(std::slice::from_ref(setting), self.point);
                 let evidence = tried.first().map(|c| c.evidence);

@@ -175,7 +175,9 @@ impl Search<'_> {
         let tries: Vec<&EffectSetting> = lacking
             .iter()
             .filter(|s| s.effect.is_empty())
-            .filter(|s| !(s.effect.truncates_samples() && self.truncates_already(&model)))
+            .filter(|s| {
+                !s.effect.truncates_samples() || !self.truncates_already(&model) && self.has_whole_counts()
+            })
             .collect();
         map(self.workers, tries.len(), |k| {
             let mut added = point.added.clone();
@@ -210,6 +212,11 @@ impl Search<'_> {
     /// Whether this effect is what the source says of its samples.
     pub(in crate::identify) fn assumes_truncation(&self, effect: &dyn Effect) -> bool {
         effect.truncates_samples() && self.truncates_already(&self.base)
+    }
+
+    /// Whether the samples of all flights are counts that something may have truncated.
+    pub(in crate::identify) fn has_whole_counts(&self) -> bool {
+        self.flights.iter().all(|f| f.has_whole_counts())
     }
 
     fn truncates_already(&self, model: &Model) -> bool {
