@@ -378,18 +378,18 @@ fn correlation(blocks: &[Information], prior: &[(f64, f64)], widths: &Widths) ->
     if blocks.len() < ENOUGH_BLOCKS {
         return UNKNOWN_CORRELATION;
     }
-    let sigma: Vec<f64> = prior.iter().map(|p| p.0).chain(widths.wide.iter().copied()).collect();
-    let open: Vec<usize> = (0..sigma.len()).filter(|k| sigma[*k] > 0.0).collect();
+    let sigmas = prior.iter().map(|p| p.0).chain(widths.wide.iter().copied());
+    let open = Column::open(sigmas.map(|sigma| (sigma, 0.0)));
     let scaled = |m: &DMatrix<f64>| {
         DMatrix::from_fn(open.len(), open.len(), |i, j| {
-            m[(open[i], open[j])] * sigma[open[i]] * sigma[open[j]]
+            m[(open[i].at, open[j].at)] * open[i].sigma * open[j].sigma
         })
     };
     let mut total = DMatrix::zeros(open.len(), open.len());
     let mut meat = DMatrix::zeros(open.len(), open.len());
     for block in blocks {
         total += scaled(&block.matrix);
-        let score = DVector::from_fn(open.len(), |i, _| block.score[open[i]] * sigma[open[i]]);
+        let score = DVector::from_fn(open.len(), |i, _| block.score[open[i].at] * open[i].sigma);
         meat += &score * score.transpose();
     }
     let Some(inverse) = (&total + DMatrix::identity(open.len(), open.len())).cholesky().map(|c| c.inverse())
@@ -397,7 +397,7 @@ fn correlation(blocks: &[Information], prior: &[(f64, f64)], widths: &Widths) ->
         return UNKNOWN_CORRELATION;
     };
     let (scatter, curvature) = (&inverse * meat * &inverse, &inverse * total * &inverse);
-    let own = (0..open.len()).filter(|i| open[*i] >= prior.len() && curvature[(*i, *i)] > 0.0);
+    let own = (0..open.len()).filter(|i| open[*i].at >= prior.len() && curvature[(*i, *i)] > 0.0);
     let ratios = own.map(|i| scatter[(i, i)] / curvature[(i, i)]);
     median(ratios).unwrap_or(UNKNOWN_CORRELATION).max(1.0)
 }
