@@ -98,12 +98,10 @@ impl Effect for AccelAxes {
         }]
     }
 
-    fn on_samples(&self) -> Option<&dyn effects::ImuEffect> {
-        Some(self)
+    fn acts_on(&self, what: effects::ActsOn) -> bool {
+        what == effects::ActsOn::Samples
     }
-}
 
-impl effects::ImuEffect for AccelAxes {
     fn accel(&self, p: &[f64], x: &Instant) -> Vector3<f64> {
         let f = x.force;
         match p {

@@ -4,6 +4,7 @@
 //! constant rate and specific force that turn and accelerate the body by as much: with the rotation vector φ and the velocity Δv in the axes of
 //! the group's start, φ/T and J(φ)⁻¹ Δv/T (Forster, Carlone, Dellaert & Scaramuzza 2017; J: Barfoot 2017, eq. 7.77).
 
+use crate::effects::ActsOn;
 use crate::filter::unseen::GAP_S;
 use crate::mechanization::{Increment, Motion};
 use crate::model::Model;
@@ -63,8 +64,8 @@ pub(crate) struct Averager {
 impl Averager {
     /// For what this model estimates: what an error that is not linear in the motion adds to a mean is not what the mean shows (vibration is lost).
     pub(crate) fn of(model: &Model) -> Self {
-        let mut acts = model.effects.iter().filter_map(|s| s.effect.on_samples());
-        Self { none: acts.any(|effect| !effect.is_linear()), ..Self::default() }
+        let mut acts = model.effects.iter().filter(|s| s.effect.acts_on(ActsOn::Samples));
+        Self { none: acts.any(|s| !s.effect.is_linear()), ..Self::default() }
     }
 
     /// Takes a sample of this kind; such samples are `interval_s` apart. Gives what there is to go on with, if anything.

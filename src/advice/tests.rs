@@ -200,7 +200,7 @@ fn added(effect: &str, p: &[f64], ideal: Vector3<f64>, degc: f64) -> Vector3<f64
         temperature_above_25_degc: degc - 25.0,
         ..effects::Instant::default()
     };
-    let imu = effects::find(effect).and_then(|e| e.on_samples()).expect("an effect on samples");
+    let imu = effects::find(effect).expect("an effect on samples");
     if effect.starts_with("accel") { imu.accel(p, &x) } else { imu.gyro(p, &x) }
 }
 
@@ -252,7 +252,7 @@ proptest! {
             elapsed_s: 0.0,
             conditions: gaware_nav::effects::Conditions::default(),
         };
-        let effect = effects::find("gps_lever_arm").and_then(|e| e.on_fixes()).expect("an effect on fixes");
+        let effect = effects::find("gps_lever_arm").expect("an effect on fixes");
         let [position, velocity] = effect.fix(&arm, &x);
         for autopilot in [Autopilot::ArduPilot, Autopilot::Px4] {
             let mapping = row("gps_lever_arm", autopilot);
@@ -269,7 +269,7 @@ proptest! {
     /// `AP_NavEKF3_Measurements.cpp:590`, `estimator_interface.cpp:180-182`: the stamp less the parameter is when the fix was valid.
     #[test]
     fn the_delay_dates_a_fix_back_to_when_it_was_valid(latency in 0.0..0.4_f64, hz in 5.0..200.0_f64, arrived in 10.0..1e4_f64) {
-        let effect = effects::find("gps_latency").and_then(|e| e.on_fixes()).expect("an effect on fixes");
+        let effect = effects::find("gps_latency").expect("an effect on fixes");
         for autopilot in [Autopilot::ArduPilot, Autopilot::Px4] {
             let board = on_board(autopilot, &[("INS_ACCEL_FILTER", hz)]);
             let derived = rule::derive(row("gps_latency", autopilot), 0, latency, 1e-3, &board);

@@ -7,6 +7,7 @@ pub mod known;
 use crate::inputs;
 use crate::outputs::{OutputError, Outputs, mark};
 use gaware_nav::consistency::departure;
+use gaware_nav::effects::ActsOn;
 use gaware_nav::filter::Filter;
 use gaware_nav::filter::layout::index;
 use gaware_nav::math::hypot;
@@ -180,7 +181,7 @@ impl Unit {
         let spoilt = filter.spoilt_by_support();
         let names = filter.layout().names().iter().enumerate().map(|(k, n)| (index::GYRO_BIAS + k, n));
         let own = |effect: &str| {
-            let acts = model.get(effect).is_some_and(|s| s.effect.on_samples().is_some());
+            let acts = model.get(effect).is_some_and(|s| s.effect.acts_on(ActsOn::Samples));
             acts || effect.ends_with("_bias")
         };
         let kept: Vec<_> = names.filter(|(state, n)| !spoilt.contains(state) && own(n.effect)).collect();
@@ -331,7 +332,7 @@ impl Unit {
         let known: Vec<String> = model.effects.iter().map(|s| s.effect.name().to_owned()).collect();
         for name in known {
             let Some(setting) = model.get(&name).cloned() else { continue };
-            if setting.effect.on_samples().is_some() {
+            if setting.effect.acts_on(ActsOn::Samples) {
                 self.apply_effect(setting, model, days);
             }
         }
@@ -423,7 +424,7 @@ impl Unit {
     /// the root of what its variance has lost since.
     pub fn contradicted_by(&self, before: &Model, after: &Model) -> Option<String> {
         let mut said = Vec::new();
-        for old in before.effects.iter().filter(|s| s.effect.on_samples().is_some()) {
+        for old in before.effects.iter().filter(|s| s.effect.acts_on(ActsOn::Samples)) {
             let Some(new) = after.get(old.effect.name()) else { continue };
             for (k, (name, unit)) in old.parameters().enumerate() {
                 let (sigma, left) = (old.sigmas[k], new.sigmas[k]);

@@ -5,7 +5,7 @@
 //! at a − l do: no motion separates the two, only a tape measure does. So it is tested where the model gives the place of
 //! the antenna.
 
-use super::{Effect, ImuEffect, Instant, ParameterGroup, Separation, Shape, unit};
+use super::{ActsOn, Effect, Instant, ParameterGroup, Separation, Shape, unit};
 use crate::rotation::skew;
 use nalgebra::{Matrix3, Vector3};
 
@@ -51,12 +51,10 @@ impl Effect for AccelLeverArm {
         Some("gps_lever_arm")
     }
 
-    fn on_samples(&self) -> Option<&dyn ImuEffect> {
-        Some(self)
+    fn acts_on(&self, what: ActsOn) -> bool {
+        what == ActsOn::Samples
     }
-}
 
-impl ImuEffect for AccelLeverArm {
     fn needs_surroundings(&self) -> bool {
         true
     }

@@ -3,7 +3,7 @@
 //! The parameter is the density q of a process noise, not a state: no sample depends on it, so it is searched for over
 //! likelihoods, not estimated.
 
-use super::{BiasWalk, Effect, Excitation, ParameterGroup, Separation, Shape, WalkEffect, unit};
+use super::{ActsOn, BiasWalk, Effect, Excitation, ParameterGroup, Separation, Shape, unit};
 
 /// Densities to try, deg/h/√h: from a good tactical part to a consumer part that warms up.
 const GYRO_SIZES: [f64; 4] = [
@@ -45,12 +45,10 @@ impl Effect for GyroBiasDrift {
         }]
     }
 
-    fn on_biases(&self) -> Option<&dyn WalkEffect> {
-        Some(self)
+    fn acts_on(&self, what: ActsOn) -> bool {
+        what == ActsOn::Biases
     }
-}
 
-impl WalkEffect for GyroBiasDrift {
     fn bias_walk(&self, p: &[f64]) -> BiasWalk {
         BiasWalk { gyro: p[0].abs(), accel: 0.0 }
     }
@@ -81,12 +79,10 @@ impl Effect for AccelBiasDrift {
         }]
     }
 
-    fn on_biases(&self) -> Option<&dyn WalkEffect> {
-        Some(self)
+    fn acts_on(&self, what: ActsOn) -> bool {
+        what == ActsOn::Biases
     }
-}
 
-impl WalkEffect for AccelBiasDrift {
     fn bias_walk(&self, p: &[f64]) -> BiasWalk {
         BiasWalk { gyro: 0.0, accel: p[0].abs() }
     }

@@ -275,7 +275,7 @@ mod tests {
     use super::*;
     use crate::earth::STANDARD_GRAVITY;
     use crate::effects::testing::{check_jacobians, instant};
-    use crate::effects::{Effect, ImuEffect, Instant, Surroundings};
+    use crate::effects::{Effect, Instant, Surroundings};
     use nalgebra::Vector3;
 
     #[test]

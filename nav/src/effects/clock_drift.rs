@@ -4,7 +4,7 @@
 //! series about the stamp would not do: the acceleration of one instant is mostly vibration. Recordings that put the receiver's own time
 //! beside the autopilot's boot time have it, and so has a companion that stamps fixes itself.
 
-use super::{DrawRange, Effect, Excitation, FixEffect, FixInstant, ParameterGroup, Separation, Shape, unit};
+use super::{ActsOn, DrawRange, Effect, Excitation, FixInstant, ParameterGroup, Separation, Shape, unit};
 use nalgebra::Vector3;
 
 /// 200 ppm: quartz is within 50, ceramic resonators are within 5000.
@@ -50,12 +50,10 @@ impl Effect for ClockDrift {
         DrawRange::LogUniform(100.0 * unit::PPM.si, 600.0 * unit::PPM.si)
     }
 
-    fn on_fixes(&self) -> Option<&dyn FixEffect> {
-        Some(self)
+    fn acts_on(&self, what: ActsOn) -> bool {
+        what == ActsOn::Fixes
     }
-}
 
-impl FixEffect for ClockDrift {
     fn fix_delay_s(&self, p: &[f64], elapsed_s: f64) -> f64 {
         p[0] * elapsed_s
     }

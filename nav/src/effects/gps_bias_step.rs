@@ -1,7 +1,7 @@
 //! A jump of the fixes' position: from some instant on they lie beside the truth, as after a change of satellites,
 //! of correction source or of the receiver's solution.
 
-use super::{DrawRange, Effect, Event, FixEffect, FixInstant, ParameterGroup, Shape, unit};
+use super::{ActsOn, DrawRange, Effect, Event, FixInstant, ParameterGroup, Shape, unit};
 use nalgebra::Vector3;
 
 /// When, and how far north, east and down. The instant is searched for, the size is a state.
@@ -48,12 +48,10 @@ impl Effect for GpsBiasStep {
         Some(Event::FixPosition)
     }
 
-    fn on_fixes(&self) -> Option<&dyn FixEffect> {
-        Some(self)
+    fn acts_on(&self, what: ActsOn) -> bool {
+        what == ActsOn::Fixes
     }
-}
 
-impl FixEffect for GpsBiasStep {
     fn fix(&self, p: &[f64], x: &FixInstant) -> [Vector3<f64>; 2] {
         let size = if Self::on(p, x) { Vector3::new(p[1], p[2], p[3]) } else { Vector3::zeros() };
         [size, Vector3::zeros()]

@@ -1,6 +1,6 @@
 //! GNSS latency: a fix reports where the vehicle was some time before the fix's time stamp.
 
-use super::{DrawRange, Effect, Excitation, FixEffect, FixInstant, ParameterGroup, Separation, Shape, unit};
+use super::{ActsOn, DrawRange, Effect, Excitation, FixInstant, ParameterGroup, Separation, Shape, unit};
 use nalgebra::Vector3;
 
 /// Time from validity to time stamp. Identifiable only relative to the delay of the inertial samples.
@@ -32,12 +32,10 @@ impl Effect for GpsLatency {
         DrawRange::LogUniform(0.04, 0.3)
     }
 
-    fn on_fixes(&self) -> Option<&dyn FixEffect> {
-        Some(self)
+    fn acts_on(&self, what: ActsOn) -> bool {
+        what == ActsOn::Fixes
     }
-}
 
-impl FixEffect for GpsLatency {
     fn fix_delay_s(&self, p: &[f64], _elapsed_s: f64) -> f64 {
         p[0]
     }

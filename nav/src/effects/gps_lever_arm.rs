@@ -1,6 +1,6 @@
 //! Lever arm: the antenna does not sit where the inertial unit sits (Groves 2013, eqs. 14.124 and 14.125).
 
-use super::{Effect, FixEffect, FixInstant, ParameterGroup, Shape, unit};
+use super::{ActsOn, Effect, FixInstant, ParameterGroup, Shape, unit};
 use crate::rotation::skew;
 use nalgebra::{Matrix3, Vector3};
 
@@ -32,12 +32,10 @@ impl Effect for GpsLeverArm {
         Some(TOLERANCE_M)
     }
 
-    fn on_fixes(&self) -> Option<&dyn FixEffect> {
-        Some(self)
+    fn acts_on(&self, what: ActsOn) -> bool {
+        what == ActsOn::Fixes
     }
-}
 
-impl FixEffect for GpsLeverArm {
     fn fix(&self, p: &[f64], x: &FixInstant) -> [Vector3<f64>; 2] {
         let arm = Vector3::from_column_slice(p);
         let (s2, speed) = (x.antenna.kernel.smoothing_s2, x.c_nb * x.rate_eb.cross(&arm));

@@ -10,7 +10,7 @@
 //! That imitates an antenna above the inertial unit. It is estimated beside the biases and never named.
 //! The standard model has it among its tolerances, up to the interpolation of a receiver of 5 Hz.
 
-use super::{Effect, FixEffect, FixInstant, Kernel, ParameterGroup, Shape, Unit};
+use super::{ActsOn, Effect, FixInstant, Kernel, ParameterGroup, Shape, Unit};
 use nalgebra::Vector3;
 
 /// Of a linear interpolation between samples 0.2 s apart.
@@ -50,12 +50,10 @@ impl Effect for GpsSmoothing {
         Some(PRIOR_S2)
     }
 
-    fn on_fixes(&self) -> Option<&dyn FixEffect> {
-        Some(self)
+    fn acts_on(&self, what: ActsOn) -> bool {
+        what == ActsOn::Fixes
     }
-}
 
-impl FixEffect for GpsSmoothing {
     fn needs_motion_around(&self) -> bool {
         true
     }

@@ -4,7 +4,7 @@
 //! v(t − L) = v(t) − a L + ½ ȧ L² to second order. Where an aircraft rolls quickly the rest is centimetres per second at 0.2 s; there
 //! the samples give the velocity of a while ago, and the series is one about it.
 
-use super::{DrawRange, Effect, Excitation, FixEffect, FixInstant, ParameterGroup, Separation, Shape, unit};
+use super::{ActsOn, DrawRange, Effect, Excitation, FixInstant, ParameterGroup, Separation, Shape, unit};
 use nalgebra::Vector3;
 
 /// Time from the validity of the velocity to that of the position.
@@ -47,12 +47,10 @@ impl Effect for GpsVelocityLatency {
         DrawRange::LogUniform(0.04, 0.2)
     }
 
-    fn on_fixes(&self) -> Option<&dyn FixEffect> {
-        Some(self)
+    fn acts_on(&self, what: ActsOn) -> bool {
+        what == ActsOn::Fixes
     }
-}
 
-impl FixEffect for GpsVelocityLatency {
     fn needs_motion_around(&self) -> bool {
         true
     }

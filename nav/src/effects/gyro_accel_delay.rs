@@ -5,7 +5,7 @@
 //! is that of the samples, and the series is one about it. Below zero the accelerometers are late; what both have in common
 //! is part of [`GpsLatency`](super::GpsLatency).
 
-use super::{DrawRange, Effect, Excitation, ImuEffect, Instant, ParameterGroup, Separation, Shape, unit};
+use super::{ActsOn, DrawRange, Effect, Excitation, Instant, ParameterGroup, Separation, Shape, unit};
 use nalgebra::Vector3;
 
 /// Time from the validity of the rate to that of the specific force.
@@ -43,12 +43,10 @@ impl Effect for GyroAccelDelay {
         DrawRange::LogUniform(0.004, 0.03)
     }
 
-    fn on_samples(&self) -> Option<&dyn ImuEffect> {
-        Some(self)
+    fn acts_on(&self, what: ActsOn) -> bool {
+        what == ActsOn::Samples
     }
-}
 
-impl ImuEffect for GyroAccelDelay {
     fn rate_lag_s(&self, p: &[f64]) -> f64 {
         p[0]
     }

@@ -1,6 +1,6 @@
 //! A jump of the gyro biases: from some instant on they have another value, as after a shock or a change of supply.
 
-use super::{DrawRange, Effect, Event, ImuEffect, Instant, ParameterGroup, Shape, unit};
+use super::{ActsOn, DrawRange, Effect, Event, Instant, ParameterGroup, Shape, unit};
 use nalgebra::Vector3;
 
 /// When, and how much about each axis. The instant is searched for, the size is a state.
@@ -49,12 +49,10 @@ impl Effect for GyroBiasStep {
         Some(Event::GyroBias)
     }
 
-    fn on_samples(&self) -> Option<&dyn ImuEffect> {
-        Some(self)
+    fn acts_on(&self, what: ActsOn) -> bool {
+        what == ActsOn::Samples
     }
-}
 
-impl ImuEffect for GyroBiasStep {
     fn gyro(&self, p: &[f64], x: &Instant) -> Vector3<f64> {
         if Self::on(p, x) { Vector3::new(p[1], p[2], p[3]) } else { Vector3::zeros() }
     }

@@ -1,6 +1,6 @@
 //! What effects may depend on: the inertial unit at the instant of a sample, the vehicle at the time of validity of a fix.
 
-use super::Effect;
+use super::{ActsOn, Effect};
 use crate::earth::STANDARD_GRAVITY;
 use crate::operating::{LAGS, Operating};
 use nalgebra::{Matrix3, Vector3};
@@ -170,9 +170,9 @@ impl Antenna {
     ) -> Self {
         let mut antenna = Self { rate_derivatives, ..Self::default() };
         for (effect, p) in effects {
-            if let Some(e) = effect.on_fixes() {
-                antenna.kernel = antenna.kernel.and(e.kernel(p));
-                antenna.arm += e.arm(p);
+            if effect.acts_on(ActsOn::Fixes) {
+                antenna.kernel = antenna.kernel.and(effect.kernel(p));
+                antenna.arm += effect.arm(p);
             }
         }
         antenna

@@ -1,6 +1,6 @@
 //! Effects that are linear in their parameters, as data: each parameter multiplies one driver and adds to one axis of one sensor.
 
-use super::{Effect, ImuEffect, Instant, ParameterGroup, Separation};
+use super::{ActsOn, Effect, Instant, ParameterGroup, Separation};
 use nalgebra::{Matrix3, Vector3};
 
 /// The three axes of a sensor.
@@ -117,12 +117,10 @@ impl Effect for LinearEffect {
         self.any(|d| matches!(d, Driver::Vibration(_)))
     }
 
-    fn on_samples(&self) -> Option<&dyn ImuEffect> {
-        Some(self)
+    fn acts_on(&self, what: ActsOn) -> bool {
+        what == ActsOn::Samples
     }
-}
 
-impl ImuEffect for LinearEffect {
     fn is_linear(&self) -> bool {
         !self.any(|d| !matches!(d, Driver::Force(_) | Driver::Rate(_)))
     }

@@ -69,20 +69,19 @@ macro_rules! of_fault {
             &[]
         }
 
-        fn on_source(&self) -> Option<&dyn SourceEffect> {
-            Some(self)
+        fn acts_on(&self, what: ActsOn) -> bool {
+            what == ActsOn::Source
         }
     };
 }
 
 mod accel_lever_arm;
-mod acts;
 mod air;
 mod bias_drift;
 mod catalogue;
 mod clock_drift;
 pub mod data;
-mod dispatch;
+mod effect;
 mod field;
 mod gps_bias_step;
 mod gps_latency;
@@ -99,11 +98,9 @@ mod sequence;
 mod source;
 
 use crate::rss;
-use crate::sample::ImuSample;
 use nalgebra::Vector3;
 
 pub use accel_lever_arm::AccelLeverArm;
-pub use acts::{FixEffect, ImuEffect, SourceEffect, WalkEffect};
 pub use air::{
     AIRSPEED, AIRSPEED_DELAY, AIRSPEED_OFFSET, AIRSPEED_SCALE, AirDriver, AirEffect, AirInstant, BARO_DELAY,
     BARO_DYNAMIC_PRESSURE, BARO_SCALE, BARO_TEMPERATURE, BARO_THRUST, BAROMETER, DRAG, DRAG_QUADRATIC,
@@ -115,6 +112,7 @@ pub use catalogue::{
     GYRO_G2_SENSITIVITY, GYRO_MISALIGNMENT, GYRO_SCALE_FACTOR, GYRO_TEMPERATURE, VIBRATION_RECTIFICATION,
 };
 pub use clock_drift::ClockDrift;
+pub use effect::{ActsOn, Effect};
 pub use field::{
     COMPASS, CompassEffect, FieldEffect, FieldInstant, MAG_CURRENT, MAG_DECLINATION, MAG_DELAY,
     MAG_HARD_IRON, MAG_ROTATION, MAG_SOFT_IRON,
@@ -208,17 +206,6 @@ pub struct ReportedSample {
     pub count: u64,
 }
 
-/// A fault undone sample by sample.
-fn undo_one_by_one<E: SourceEffect + ?Sized>(effect: &E, samples: &[ImuSample]) -> Vec<ImuSample> {
-    let mut last = None;
-    let mut undo = |sample: &ImuSample| {
-        let undone = effect.undo_source_after(sample, last.as_ref());
-        last = Some(*sample);
-        undone
-    };
-    samples.iter().filter_map(&mut undo).collect()
-}
-
 /// Motion that makes an effect show by itself, in the terms of a flight plan.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Excitation {
@@ -263,117 +250,6 @@ pub enum Event {
     GyroBias,
     /// The position of the fixes.
     FixPosition,
-}
-
-/// One way in which a real sensor differs from an ideal one: what it is. What it does stands in the traits for what it acts on.
-pub trait Effect: Sync + std::fmt::Debug {
-    /// The fixed name of the design's table.
-    fn name(&self) -> &'static str;
-
-    /// One line for people.
-    fn description(&self) -> &'static str;
-
-    /// What usually causes it.
-    fn cause(&self) -> &'static str {
-        "a driver, a message or a mounting that does not do what the autopilot assumes"
-    }
-
-    /// What to do about it.
-    fn remedy(&self) -> &'static str {
-        "correct the driver or the mounting; no filter can estimate it"
-    }
-
-    /// The parameters; empty for a discrete effect.
-    fn groups(&self) -> &'static [ParameterGroup];
-
-    /// Number of parameters.
-    fn len(&self) -> usize {
-        self.groups().iter().map(|g| g.shape.len()).sum()
-    }
-
-    /// Whether the effect is discrete: present or absent, without parameters.
-    fn is_empty(&self) -> bool {
-        self.len() == 0
-    }
-
-    /// 1-sigma of what calibration leaves of it in a consumer unit, SI, for every parameter alike; `None` for what a sensor has or has
-    /// not. The standard model estimates these.
-    fn tolerance(&self) -> Option<f64> {
-        None
-    }
-
-    /// Effects that it imitates, and what separates them. A pair stands in the file of one of them.
-    fn separations(&self) -> &'static [Separation] {
-        &[]
-    }
-
-    /// From where a study draws its first parameter.
-    fn draw_range(&self) -> DrawRange {
-        match *self.on_biases().map_or(&[][..], WalkEffect::sizes_to_try) {
-            [_, low, .., high] => DrawRange::LogUniform(low, high),
-            _ => DrawRange::Prior,
-        }
-    }
-
-    /// Whether it shows only where samples carry a temperature.
-    fn needs_temperature(&self) -> bool {
-        false
-    }
-
-    /// Another effect that no motion separates from it: it is looked for only where the model gives that one as known.
-    fn needs_known(&self) -> Option<&'static str> {
-        None
-    }
-
-    /// Logarithm of the odds against it before any flight, nats, beyond those against an effect of the catalogue.
-    fn prior_cost(&self) -> f64 {
-        0.0
-    }
-
-    /// Whether it shows only where the vehicle vibrates.
-    fn needs_vibration(&self) -> bool {
-        false
-    }
-
-    /// What jumps, if it is an event: an instant that is searched for, and a size.
-    fn event(&self) -> Option<Event> {
-        None
-    }
-
-    /// Whether it says that integer samples are truncated toward zero.
-    fn truncates_samples(&self) -> bool {
-        false
-    }
-
-    /// What it does to inertial samples.
-    fn on_samples(&self) -> Option<&dyn ImuEffect> {
-        None
-    }
-
-    /// What it does to fixes.
-    fn on_fixes(&self) -> Option<&dyn FixEffect> {
-        None
-    }
-
-    /// What it does to the field that a compass reports.
-    fn on_field(&self) -> Option<&dyn FieldEffect> {
-        None
-    }
-
-    /// What it does to a barometer or an airspeed sensor.
-    fn on_air(&self) -> Option<&AirEffect> {
-        None
-    }
-
-    /// What it does to the process noise of the biases.
-    fn on_biases(&self) -> Option<&dyn WalkEffect> {
-        None
-    }
-
-    /// What it does to finished samples.
-    fn on_source(&self) -> Option<&dyn SourceEffect> {
-        None
-    }
 }
 
 #[cfg(test)]

@@ -1,6 +1,7 @@
 //! Faults of a source that show from sample to sample: values clipped at the end of the range, samples reported twice. Discrete like those of [`source`](super::source), and named on the same scale.
 
-use super::{Effect, ParameterGroup, ReportedSample, SourceEffect};
+use super::effect::undo_one_by_one;
+use super::{ActsOn, Effect, ParameterGroup, ReportedSample};
 use crate::earth::STANDARD_GRAVITY;
 use crate::math::ln;
 use crate::sample::ImuSample;
@@ -135,9 +136,7 @@ const SIDES: [(usize, f64); 6] = [(0, 1.0), (0, -1.0), (1, 1.0), (1, -1.0), (2, 
 
 impl Effect for SequenceMistake {
     of_fault!();
-}
 
-impl SourceEffect for SequenceMistake {
     fn needs_neighbours(&self) -> bool {
         true
     }
@@ -163,7 +162,7 @@ impl SourceEffect for SequenceMistake {
 
     fn undo_sequence(&self, samples: &[ImuSample]) -> Vec<ImuSample> {
         let Act::Clip(sensor) = self.act else {
-            return super::undo_one_by_one(self, samples);
+            return undo_one_by_one(self, samples);
         };
         let mut out = samples.to_vec();
         for (axis, sign) in SIDES {

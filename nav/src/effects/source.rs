@@ -2,7 +2,7 @@
 //! not, without parameters. They stand beside the design's table, not in it: no one estimates or plans for them, but an
 //! explanation names them, and a model that holds one is simulated and undone like any other.
 
-use super::{Effect, ParameterGroup, SourceEffect, sequence};
+use super::{ActsOn, Effect, ParameterGroup, sequence};
 use crate::earth::STANDARD_GRAVITY;
 use crate::sample::ImuSample;
 use nalgebra::Vector3;
@@ -54,9 +54,7 @@ impl SourceMistake {
 
 impl Effect for SourceMistake {
     of_fault!();
-}
 
-impl SourceEffect for SourceMistake {
     fn source(&self, gyro: &Vector3<f64>, accel: &Vector3<f64>) -> [Vector3<f64>; 2] {
         [self.on(Sensor::Gyro, gyro, false), self.on(Sensor::Accel, accel, false)]
     }

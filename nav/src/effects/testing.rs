@@ -1,6 +1,6 @@
 //! What the tests of all effects share.
 
-use super::{Antenna, Effect, FixInstant, ImuEffect, Instant, LateRate, MAX_PARAMETERS, Older, Surroundings};
+use super::{Antenna, Effect, FixInstant, Instant, LateRate, MAX_PARAMETERS, Older, Surroundings};
 use crate::rotation::c_nb_from_euler;
 use nalgebra::Vector3;
 
@@ -66,7 +66,7 @@ pub fn check_jacobians(effect: &dyn Effect) {
         instant([0.0, 0.1, 0.0], [0.2, -0.4, -9.8]),
         instant([-2.0, 1.0, 0.7], [-20.0, 5.0, 3.0]),
     ] {
-        if effect.on_samples().is_some_and(ImuEffect::is_linear) {
+        if effect.is_linear() {
             let bare = Instant { rate: x.rate, force: x.force, ..Instant::default() };
             let half = Instant { rate: 0.5 * x.rate, force: 0.5 * x.force, ..x };
             let (rate, force) =

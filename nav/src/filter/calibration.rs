@@ -2,7 +2,7 @@
 //! sensor model and its Jacobian with respect to every constant state.
 
 use super::layout::{Layout, index};
-use crate::effects::{Conditions, Instant, MAX_PARAMETERS, Surroundings};
+use crate::effects::{ActsOn, Conditions, Instant, MAX_PARAMETERS, Surroundings};
 use crate::mechanization::Motion;
 use crate::model::Model;
 use crate::sample::ImuSample;
@@ -48,7 +48,10 @@ impl LinearPart {
     fn of(model: &Model, parameters: &[Vec<f64>]) -> Self {
         let mut out = Self::default();
         for (e, (setting, p)) in model.effects.iter().zip(parameters).enumerate() {
-            let Some(effect) = setting.effect.on_samples() else { continue };
+            let effect = setting.effect;
+            if !effect.acts_on(ActsOn::Samples) {
+                continue;
+            }
             if !effect.is_linear() {
                 out.others.push(e);
                 continue;
@@ -210,11 +213,14 @@ impl Calibration {
         for (e, (setting, p)) in model.effects.iter().zip(&self.parameters).enumerate() {
             let (own, rest) = slots.split_at(slots.iter().take_while(|s| s.effect == e).count());
             slots = rest;
-            let Some(effect) = setting.effect.on_samples() else { continue };
+            let effect = setting.effect;
+            if !effect.acts_on(ActsOn::Samples) {
+                continue;
+            }
             if let Some(g) = effect.gyro_by_force(p, &x) {
                 by_force += g;
             }
-            by_rate += setting.effect.accel_by_rate(p, &x).unwrap_or_default();
+            by_rate += effect.accel_by_rate(p, &x).unwrap_or_default();
             let Some(first) = own.first().map(|s| s.state - index::GYRO_BIAS) else { continue };
             if own.len() == p.len() {
                 // States of one effect follow each other.

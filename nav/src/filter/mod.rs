@@ -26,7 +26,7 @@ pub(crate) mod unseen;
 mod update;
 mod window;
 
-use crate::effects::{Antenna, BiasWalk, Kernel};
+use crate::effects::{ActsOn, Antenna, BiasWalk, Kernel};
 use crate::linear::interval::{Here, Sum};
 use crate::math::{cos, sin, sin_cos};
 use crate::mechanization::{Motion, NavState};
@@ -221,7 +221,7 @@ impl Filter {
             operating: Operating::default(),
             lags: LagBank::default(),
             recent: Recent::default(),
-            biases_walk: model.effects.iter().any(|s| s.effect.on_biases().is_some()),
+            biases_walk: model.effects.iter().any(|s| s.effect.acts_on(ActsOn::Biases)),
             walk: BiasWalk::default(),
             rest_evidence: 0.0,
             unwalked_s: 0.0,

@@ -6,7 +6,7 @@
 
 use super::flight::Flight;
 use super::residual::Motion;
-use crate::effects::{Conditions, Instant, data};
+use crate::effects::{ActsOn, Conditions, Instant, data};
 use crate::model::{EffectSetting, Model};
 use nalgebra::Vector3;
 
@@ -129,7 +129,7 @@ impl Flown {
         let mut size = self.added(setting, known);
         // Truncation is there or not.
         let sized = !setting.effect.is_empty();
-        let jumps = setting.effect.event().is_some() && setting.effect.on_fixes().is_some();
+        let jumps = setting.effect.event().is_some() && setting.effect.acts_on(ActsOn::Fixes);
         let position = if jumps { JUMP } else { POSITION };
         let small =
             size.gyro < GYRO && size.accel < ACCEL && size.position < position && size.velocity < VELOCITY;
@@ -172,7 +172,7 @@ impl Flown {
         let late_s = aged_s(p) - known.map_or(0.0, aged_s);
         let older_s = effect.velocity_delay_s(p) - known.map_or(0.0, |k| effect.velocity_delay_s(k));
         let moved =
-            if effect.on_fixes().is_some() && late_s == 0.0 && data::definition(effect.name()).is_none() {
+            if effect.acts_on(ActsOn::Fixes) && late_s == 0.0 && data::definition(effect.name()).is_none() {
                 let offsets = setting.parameters().zip(p).filter(|((_, unit), _)| unit.symbol == "m");
                 offsets.map(|(_, v)| v * v).sum::<f64>().sqrt()
             } else {

@@ -1,7 +1,7 @@
 //! What a run over a linearised flight watches: parameters of effects that the model lacks (or holds at a wrong value), each a column of the
 //! linear model.
 
-use crate::effects::{Instant, MAX_PARAMETERS};
+use crate::effects::{ActsOn, Instant, MAX_PARAMETERS};
 use crate::model::EffectSetting;
 use nalgebra::Vector3;
 
@@ -25,11 +25,12 @@ impl Watched {
     /// What each watched parameter does to the rate and the force that are read off the samples, appended to `columns`.
     pub(crate) fn columns(&self, x: &Instant, columns: &mut Vec<[Vector3<f64>; 2]>) {
         for setting in &self.effects {
-            let Some(effect) = setting.effect.on_samples() else {
+            let effect = setting.effect;
+            if !effect.acts_on(ActsOn::Samples) {
                 columns.extend(setting.states().map(|_| [Vector3::zeros(); 2]));
                 continue;
-            };
-            let n = setting.effect.len();
+            }
+            let n = effect.len();
             let (mut gyro, mut accel) =
                 ([Vector3::zeros(); MAX_PARAMETERS], [Vector3::zeros(); MAX_PARAMETERS]);
             effect.imu_jacobian(&setting.values, x, &mut gyro[..n], &mut accel[..n]);

@@ -316,7 +316,7 @@ impl Model {
     }
 
     /// The same from a sample and those before; `None` where it adds no information. The last fault is undone first, and each
-    /// sees what the one undone before it gave: as [`SourceEffect::undo_sequence`](effects::SourceEffect::undo_sequence) does with a whole
+    /// sees what the one undone before it gave: as [`Effect::undo_sequence`] does with a whole
     /// flight.
     pub fn undo_source_after(&self, now: &ImuSample, before: &mut SourceHistory) -> Option<ImuSample> {
         let faults = self.effects.iter().rev().filter(|s| s.effect.is_source_mistake());

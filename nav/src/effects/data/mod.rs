@@ -11,7 +11,7 @@ pub mod grammar;
 mod target;
 
 use super::linear::Sensor;
-use super::{Effect, FixEffect, FixInstant, ImuEffect, Instant, ParameterGroup, REGISTRY, Shape, Unit};
+use super::{ActsOn, Effect, FixInstant, Instant, ParameterGroup, REGISTRY, Shape, Unit};
 use crate::math::{cos, sin};
 use expression::{Dimension, Expression, ExpressionError};
 pub use file::{check, is_one, load, written};
@@ -345,12 +345,59 @@ impl Effect for DataEffect {
         if self.definition.name.starts_with(FORMULA) { grammar::cost() } else { 0.0 }
     }
 
-    fn on_samples(&self) -> Option<&dyn ImuEffect> {
-        if self.definition.target.is_of_fix() { None } else { Some(self) }
+    fn acts_on(&self, what: ActsOn) -> bool {
+        what == if self.definition.target.is_of_fix() { ActsOn::Fixes } else { ActsOn::Samples }
     }
 
-    fn on_fixes(&self) -> Option<&dyn FixEffect> {
-        if self.definition.target.is_of_fix() { Some(self) } else { None }
+    fn needs_conditions(&self) -> bool {
+        true
+    }
+
+    fn needs_surroundings(&self) -> bool {
+        self.acts_on(ActsOn::Samples) && self.driver(Expression::needs_surroundings)
+    }
+
+    fn fix(&self, p: &[f64], x: &FixInstant) -> [Vector3<f64>; 2] {
+        let x = x.instant();
+        [Target::Position, Target::Velocity].map(|to| self.added(to, p, &x))
+    }
+
+    fn fix_jacobian(
+        &self,
+        _p: &[f64],
+        x: &FixInstant,
+        position: &mut [Vector3<f64>],
+        velocity: &mut [Vector3<f64>],
+    ) {
+        match self.definition.target {
+            Target::Position => self.fill(position, &x.instant()),
+            Target::Velocity => self.fill(velocity, &x.instant()),
+            _ => {}
+        }
+    }
+
+    fn gyro(&self, p: &[f64], x: &Instant) -> Vector3<f64> {
+        self.added(Target::Gyro, p, x)
+    }
+
+    fn accel(&self, p: &[f64], x: &Instant) -> Vector3<f64> {
+        self.added(Target::Accel, p, x)
+    }
+
+    fn imu_jacobian(&self, _p: &[f64], x: &Instant, gyro: &mut [Vector3<f64>], accel: &mut [Vector3<f64>]) {
+        match self.definition.target {
+            Target::Gyro => self.fill(gyro, x),
+            Target::Accel => self.fill(accel, x),
+            _ => {}
+        }
+    }
+
+    fn gyro_by_force(&self, p: &[f64], x: &Instant) -> Option<Matrix3<f64>> {
+        self.by_motion(Target::Gyro, Sensor::Accel, p, x)
+    }
+
+    fn accel_by_rate(&self, p: &[f64], x: &Instant) -> Option<Matrix3<f64>> {
+        self.by_motion(Target::Accel, Sensor::Gyro, p, x)
     }
 }
 
@@ -369,58 +416,6 @@ impl DataEffect {
         for (column, (axis, driver)) in columns.iter_mut().zip(&self.cells) {
             column[*axis] = shared.unwrap_or_else(|| of(driver));
         }
-    }
-}
-
-impl FixEffect for DataEffect {
-    fn needs_conditions(&self) -> bool {
-        true
-    }
-
-    fn fix(&self, p: &[f64], x: &FixInstant) -> [Vector3<f64>; 2] {
-        let x = x.instant();
-        [Target::Position, Target::Velocity].map(|to| self.added(to, p, &x))
-    }
-
-    fn fix_jacobian(
-        &self,
-        _p: &[f64],
-        x: &FixInstant,
-        position: &mut [Vector3<f64>],
-        velocity: &mut [Vector3<f64>],
-    ) {
-        let columns = if self.definition.target == Target::Position { position } else { velocity };
-        self.fill(columns, &x.instant());
-    }
-}
-
-impl ImuEffect for DataEffect {
-    fn gyro(&self, p: &[f64], x: &Instant) -> Vector3<f64> {
-        self.added(Target::Gyro, p, x)
-    }
-
-    fn accel(&self, p: &[f64], x: &Instant) -> Vector3<f64> {
-        self.added(Target::Accel, p, x)
-    }
-
-    fn imu_jacobian(&self, _p: &[f64], x: &Instant, gyro: &mut [Vector3<f64>], accel: &mut [Vector3<f64>]) {
-        self.fill(if self.definition.target == Target::Gyro { gyro } else { accel }, x);
-    }
-
-    fn gyro_by_force(&self, p: &[f64], x: &Instant) -> Option<Matrix3<f64>> {
-        self.by_motion(Target::Gyro, Sensor::Accel, p, x)
-    }
-
-    fn accel_by_rate(&self, p: &[f64], x: &Instant) -> Option<Matrix3<f64>> {
-        self.by_motion(Target::Accel, Sensor::Gyro, p, x)
-    }
-
-    fn needs_conditions(&self) -> bool {
-        true
-    }
-
-    fn needs_surroundings(&self) -> bool {
-        self.driver(Expression::needs_surroundings)
     }
 }
 

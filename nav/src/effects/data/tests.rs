@@ -34,7 +34,7 @@ fn a_formula_of_fixes_acts_on_fixes_alone() {
     let effect = find_any("formula:velocity~height").unwrap();
     let names: Vec<&str> = effect.groups()[0].names.to_vec();
     assert_eq!((names, effect.groups()[0].unit.symbol), (vec!["north", "east", "down"], "m/s/m"));
-    assert!(effect.on_samples().is_none() && effect.needs_conditions());
+    assert!(!effect.acts_on(ActsOn::Samples) && effect.needs_conditions());
     let conditions = Conditions { height_m: 50.0, ..Conditions::default() };
     let x = FixInstant { conditions, ..crate::effects::testing::fix_instant() };
     assert_eq!(effect.fix(&[0.01, 0.0, -0.02], &x), [Vector3::zeros(), Vector3::new(0.5, 0.0, -1.0)]);
@@ -163,7 +163,7 @@ fn an_offset_that_turns_with_the_vehicle_is_ahead_of_it_by_its_heading() {
     let at = |heading_rad: f64| {
         let mut x = fix_instant();
         x.conditions.heading_rad = heading_rad;
-        effect.on_fixes().unwrap().fix(&[2.0, 1.0, 0.5], &x)
+        effect.fix(&[2.0, 1.0, 0.5], &x)
     };
     let [north, east] = [at(0.0), at(std::f64::consts::FRAC_PI_2)];
     assert!((north[0] - Vector3::new(2.0, 1.0, 0.5)).norm() < 1e-12, "{north:?}");
@@ -172,11 +172,11 @@ fn an_offset_that_turns_with_the_vehicle_is_ahead_of_it_by_its_heading() {
     let (mut position, mut velocity) = ([Vector3::zeros(); 3], [Vector3::zeros(); 3]);
     let mut x = fix_instant();
     x.conditions.heading_rad = 2.0;
-    effect.on_fixes().unwrap().fix_jacobian(&[0.0; 3], &x, &mut position, &mut velocity);
+    effect.fix_jacobian(&[0.0; 3], &x, &mut position, &mut velocity);
     for k in 0..3 {
         let mut p = [0.0; 3];
         p[k] = 1.0;
-        assert_eq!(position[k], effect.on_fixes().unwrap().fix(&p, &x)[0]);
+        assert_eq!(position[k], effect.fix(&p, &x)[0]);
     }
     // A sensor has no such axes.
     assert_eq!(find_any("formula:gyro~heading").unwrap().groups()[0].names, ["x", "y", "z"]);

@@ -12,7 +12,7 @@ use super::layout::index;
 use super::regressor::BEYOND_NOISE;
 use super::second_order::{ERRORS, FORCE};
 use super::{Filter, Point};
-use crate::effects::{FixInstant, Older};
+use crate::effects::{ActsOn, FixInstant, Older};
 use crate::linear::fix::{self, AtFix, Measured};
 use crate::mechanization::Motion;
 use crate::rotation::skew;
@@ -179,7 +179,7 @@ impl Filter {
         {
             let (own, rest) = slots.split_at(slots.iter().take_while(|s| s.effect == e).count());
             slots = rest;
-            if own.is_empty() || setting.effect.on_fixes().is_none() {
+            if own.is_empty() || !setting.effect.acts_on(ActsOn::Fixes) {
                 continue;
             }
             let columns = fix::columns(setting, p, &x.excited);

@@ -10,7 +10,7 @@
 
 use super::rows::{Kind, Row};
 use super::{Epoch, Problem, variances};
-use crate::effects::{FixInstant, Instant};
+use crate::effects::{ActsOn, FixInstant, Instant};
 use crate::filter::force_rate::{self, RATE_CHANGE_DENSITY};
 use crate::identify::noise::Noise;
 use crate::identify::pass::Options;
@@ -83,7 +83,7 @@ fn by_fix(watched: &Watched, x: &FixInstant, rows: &[Row], input: usize) -> Vec<
         let (more, less) = (moved(axis, 0.5), moved(axis, -0.5));
         let mut first = 0;
         for s in &watched.effects {
-            if s.effect.on_fixes().is_some() {
+            if s.effect.acts_on(ActsOn::Fixes) {
                 let (up, down) = (fix::columns(s, &s.values, &more), fix::columns(s, &s.values, &less));
                 for (row, squares) in rows.iter().zip(squares.chunks_exact_mut(each.max(1))) {
                     // Places and rates of a unit that rests have no derivative by what drives a fix.

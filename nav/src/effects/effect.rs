@@ -1,21 +1,134 @@
-//! What an effect may act on: inertial samples, fixes, the random walk of the biases, raw samples. One trait each, with neutral
-//! defaults, so that a file of an effect holds only what it changes.
+//! What every effect answers: what it is, in words and parameters, and what it does to inertial samples, fixes, the random walk of the biases and
+//! raw samples. Everything but the former has a neutral default, so that a file of an effect holds only what it changes.
 
-use super::{BiasWalk, FixInstant, Instant, Kernel, ReportedSample, undo_one_by_one};
+use super::{
+    AirEffect, BiasWalk, DrawRange, Event, FieldEffect, FixInstant, Instant, Kernel, ParameterGroup,
+    ReportedSample, Separation,
+};
 use crate::sample::ImuSample;
 use nalgebra::{Matrix3, Vector3};
 
-/// An effect on inertial samples.
+/// What an effect acts on, beside other sensors.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum ActsOn {
+    /// Inertial samples.
+    Samples,
+    /// Fixes.
+    Fixes,
+    /// The process noise of the biases.
+    Biases,
+    /// Raw samples: a fault of a source, there or not.
+    Source,
+}
+
+/// One way in which a real sensor differs from an ideal one: what it is, and what it does to what it acts on; nothing to the rest.
 ///
-/// `p` holds the effect's parameters in SI, in the order of its groups; its length is [`Effect::len`](super::Effect::len). Methods have a neutral
-/// default. Jacobian slices come zeroed, one column per parameter.
-pub trait ImuEffect {
+/// `p` holds its parameters in SI, in the order of its groups; its length is [`Effect::len`]. Jacobian slices come zeroed, one column per parameter.
+pub trait Effect: Sync + std::fmt::Debug {
+    /// The fixed name of the design's table.
+    fn name(&self) -> &'static str;
+
+    /// One line for people.
+    fn description(&self) -> &'static str;
+
+    /// What usually causes it.
+    fn cause(&self) -> &'static str {
+        "a driver, a message or a mounting that does not do what the autopilot assumes"
+    }
+
+    /// What to do about it.
+    fn remedy(&self) -> &'static str {
+        "correct the driver or the mounting; no filter can estimate it"
+    }
+
+    /// The parameters; empty for a discrete effect.
+    fn groups(&self) -> &'static [ParameterGroup];
+
+    /// Number of parameters.
+    fn len(&self) -> usize {
+        self.groups().iter().map(|g| g.shape.len()).sum()
+    }
+
+    /// Whether the effect is discrete: present or absent, without parameters.
+    fn is_empty(&self) -> bool {
+        self.len() == 0
+    }
+
+    /// 1-sigma of what calibration leaves of it in a consumer unit, SI, for every parameter alike; `None` for what a sensor has or has
+    /// not. The standard model estimates these.
+    fn tolerance(&self) -> Option<f64> {
+        None
+    }
+
+    /// Effects that it imitates, and what separates them. A pair stands in the file of one of them.
+    fn separations(&self) -> &'static [Separation] {
+        &[]
+    }
+
+    /// From where a study draws its first parameter.
+    fn draw_range(&self) -> DrawRange {
+        match *self.sizes_to_try() {
+            [_, low, .., high] => DrawRange::LogUniform(low, high),
+            _ => DrawRange::Prior,
+        }
+    }
+
+    /// Whether it shows only where samples carry a temperature.
+    fn needs_temperature(&self) -> bool {
+        false
+    }
+
+    /// Another effect that no motion separates from it: it is looked for only where the model gives that one as known.
+    fn needs_known(&self) -> Option<&'static str> {
+        None
+    }
+
+    /// Logarithm of the odds against it before any flight, nats, beyond those against an effect of the catalogue.
+    fn prior_cost(&self) -> f64 {
+        0.0
+    }
+
+    /// Whether it shows only where the vehicle vibrates.
+    fn needs_vibration(&self) -> bool {
+        false
+    }
+
+    /// What jumps, if it is an event: an instant that is searched for, and a size.
+    fn event(&self) -> Option<Event> {
+        None
+    }
+
+    /// Whether it says that integer samples are truncated toward zero.
+    fn truncates_samples(&self) -> bool {
+        false
+    }
+
+    /// Whether it acts on this.
+    fn acts_on(&self, _what: ActsOn) -> bool {
+        false
+    }
+
+    /// Whether it is a fault of a source.
+    fn is_source_mistake(&self) -> bool {
+        self.acts_on(ActsOn::Source)
+    }
+
+    /// What it does to the field that a compass reports.
+    fn on_field(&self) -> Option<&dyn FieldEffect> {
+        None
+    }
+
+    /// What it does to a barometer or an airspeed sensor.
+    fn on_air(&self) -> Option<&AirEffect> {
+        None
+    }
+
     /// What it adds to the true rate, rad/s.
     fn gyro(&self, _p: &[f64], _x: &Instant) -> Vector3<f64> {
         Vector3::zeros()
     }
 
-    /// Whether what it adds is linear in rate and specific force and depends on nothing else.
+    /// Whether what it adds to samples is linear in rate and specific force and depends on nothing else.
     fn is_linear(&self) -> bool {
         false
     }
@@ -45,7 +158,7 @@ pub trait ImuEffect {
         None
     }
 
-    /// Whether it depends on [`Instant::conditions`].
+    /// Whether it depends on [`Conditions`](super::Conditions).
     fn needs_conditions(&self) -> bool {
         false
     }
@@ -59,10 +172,7 @@ pub trait ImuEffect {
     fn gyro_by_force(&self, _p: &[f64], _x: &Instant) -> Option<Matrix3<f64>> {
         None
     }
-}
 
-/// An effect on fixes; parameters as in [`ImuEffect`].
-pub trait FixEffect {
     /// Whether it is a delay of whole fixes that stays the same.
     fn delays_fixes(&self) -> bool {
         false
@@ -95,11 +205,6 @@ pub trait FixEffect {
         false
     }
 
-    /// Whether it depends on [`Conditions`](super::Conditions).
-    fn needs_conditions(&self) -> bool {
-        false
-    }
-
     /// Position of the antenna relative to the inertial unit, m.
     fn arm(&self, _p: &[f64]) -> Vector3<f64> {
         Vector3::zeros()
@@ -120,23 +225,21 @@ pub trait FixEffect {
     ) {
     }
 
-    /// ∂(position, velocity)/∂(body rotation ε) of what [`FixEffect::fix`] adds, where C = Ĉ exp(ε).
+    /// ∂(position, velocity)/∂(body rotation ε) of what [`Self::fix`] adds, where C = Ĉ exp(ε).
     fn fix_by_attitude(&self, _p: &[f64], _x: &FixInstant) -> Option<[Matrix3<f64>; 2]> {
         None
     }
-}
 
-/// An effect on the process noise of the biases.
-pub trait WalkEffect {
     /// Random walk that it adds to the biases.
-    fn bias_walk(&self, p: &[f64]) -> BiasWalk;
+    fn bias_walk(&self, _p: &[f64]) -> BiasWalk {
+        BiasWalk::default()
+    }
 
-    /// Sizes worth trying, SI and ascending: its only parameter is no state.
-    fn sizes_to_try(&self) -> &'static [f64];
-}
+    /// Sizes worth trying, SI and ascending, where its only parameter is no state.
+    fn sizes_to_try(&self) -> &'static [f64] {
+        &[]
+    }
 
-/// An effect on raw samples: a fault of a source, there or not.
-pub trait SourceEffect {
     /// What the source makes of a finished gyro (rad/s) and accelerometer (m/s²) sample.
     fn source(&self, gyro: &Vector3<f64>, accel: &Vector3<f64>) -> [Vector3<f64>; 2] {
         [*gyro, *accel]
@@ -183,4 +286,15 @@ pub trait SourceEffect {
     fn shows_in(&self, _samples: &[ImuSample]) -> bool {
         true
     }
+}
+
+/// A fault undone sample by sample.
+pub(super) fn undo_one_by_one<E: Effect + ?Sized>(effect: &E, samples: &[ImuSample]) -> Vec<ImuSample> {
+    let mut last = None;
+    let mut undo = |sample: &ImuSample| {
+        let undone = effect.undo_source_after(sample, last.as_ref());
+        last = Some(*sample);
+        undone
+    };
+    samples.iter().filter_map(&mut undo).collect()
 }
