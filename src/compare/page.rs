@@ -3,7 +3,7 @@
 use super::flight::{FilterFlight, Regime};
 use super::statistics::Change;
 use super::{Comparison, Kind, Row, Verdict, ratio_with_interval};
-use crate::report::page::{escape, page, wide};
+use crate::report::page::{self, escape, page};
 use crate::report::plot::{AFTER, BEFORE, Plot};
 use std::fmt::Write;
 
@@ -61,29 +61,28 @@ pub fn html(c: &Comparison, before: &FilterFlight, after: &FilterFlight) -> Resu
 }
 
 fn table(c: &Comparison, body: &mut String) {
-    let mut table = "<table><tr><th>Quantity</th><th>Regime</th><th class=\"n\">RMS before</th><th class=\"n\">RMS after</th>\
-                     <th class=\"n\">After over before</th><th class=\"n\">Effective samples</th><th>Result</th></tr>"
-        .to_owned();
-    for r in &c.rows {
-        let _ = write!(
-            table,
-            "<tr><td>{}</td><td>{}</td><td class=\"n\">{:.3} {}</td><td class=\"n\">{:.3} {}</td><td class=\"n\">{}</td>\
-             <td class=\"n\">{:.0}, {:.0}</td><td>{}</td></tr>",
+    let rows = c.rows.iter().map(|r| {
+        [
             bold(r.quantity.words(), r),
-            r.regime.words(),
-            r.before.value,
-            r.unit,
-            r.after.value,
-            r.unit,
+            r.regime.words().to_owned(),
+            format!("{:.3} {}", r.before.value, r.unit),
+            format!("{:.3} {}", r.after.value, r.unit),
             ratio_with_interval(&r.ratio),
-            r.before.effective,
-            r.after.effective,
-            result(r)
-        );
-    }
-    table.push_str("</table>");
+            format!("{:.0}, {:.0}", r.before.effective, r.after.effective),
+            result(r).to_owned(),
+        ]
+    });
+    let titles = [
+        "Quantity",
+        "Regime",
+        "#RMS before",
+        "#RMS after",
+        "#After over before",
+        "#Effective samples",
+        "Result",
+    ];
     body.push_str("<h2>By regime</h2>");
-    body.push_str(&wide(&table));
+    body.push_str(&page::table(titles, rows));
 }
 
 fn bold(text: &str, r: &Row) -> String {

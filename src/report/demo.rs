@@ -1,6 +1,6 @@
 //! The page of the demonstration: what the plan promised, what the flight reached, and the ground truth.
 
-use super::page::{escape, page, wide};
+use super::page::{capitalised, escape, page, table};
 use super::plot::{AFTER, BEFORE, Color, Plot};
 use crate::demo::result::DemoResult;
 use crate::demo::series::Series;
@@ -52,12 +52,6 @@ pub fn html(airframe: &str, result: &DemoResult, series: &Series) -> Result<Stri
     Ok(page(airframe, &body))
 }
 
-/// With a capital at the start.
-fn capitalised(text: &str) -> String {
-    let mut chars = text.chars();
-    chars.next().map_or_else(String::new, |first| first.to_uppercase().chain(chars).collect())
-}
-
 fn plot(title: &str, names: &[&str], series: &Series, marks: &[(f64, &str)]) -> Result<String, String> {
     let (Some(planned), Some(flown)) = (series.worst(names, false), series.worst(names, true)) else {
         return Ok(String::new());
@@ -80,33 +74,18 @@ fn maneuvers(series: &Series, body: &mut String) {
         return;
     }
     body.push_str("<h2>Maneuvers</h2><p>Each as the plan has it / as it was flown: seconds, and the largest 1-sigma at the end.</p>");
-    let mut table = "<table><tr><th>Maneuver</th><th class=\"n\">s</th>".to_owned();
-    for (title, _) in GROUPS {
-        let name = title.split(':').next().unwrap_or(title);
-        let _ = write!(table, "<th class=\"n\">{name}</th>");
-    }
-    table.push_str("</tr>");
-    for (m, k) in series.maneuvers.iter().zip(1..) {
-        let _ = write!(
-            table,
-            "<tr><td>{k}. {}</td><td class=\"n\">{:.0} / {:.0}</td>",
-            escape(&m.words),
-            m.planned_end_s - m.planned_start_s,
-            m.flown_end_s - m.flown_start_s
-        );
-        for (_, names) in GROUPS {
+    let groups = GROUPS.map(|(title, _)| format!("#{}", title.split(':').next().unwrap_or(title)));
+    let [a, b, c, d, e] = groups.each_ref().map(String::as_str);
+    let rows = series.maneuvers.iter().zip(1..).map(|(m, k)| {
+        let [a, b, c, d, e] = GROUPS.map(|(_, names)| {
             let at = |flown| series.worst(names, flown).and_then(|points| near(&points, m.flown_end_s));
-            match (at(false), at(true)) {
-                (Some(planned), Some(flown)) => {
-                    let [planned, flown] = [planned, flown].map(short);
-                    let _ = write!(table, "<td class=\"n\">{planned} / {flown}</td>");
-                }
-                _ => table.push_str("<td></td>"),
-            }
-        }
-        table.push_str("</tr>");
-    }
-    body.push_str(&wide(&(table + "</table>")));
+            let both = at(false).zip(at(true));
+            both.map_or_else(String::new, |(planned, flown)| format!("{} / {}", short(planned), short(flown)))
+        });
+        let took = [m.planned_end_s - m.planned_start_s, m.flown_end_s - m.flown_start_s];
+        [format!("{k}. {}", escape(&m.words)), format!("{:.0} / {:.0}", took[0], took[1]), a, b, c, d, e]
+    });
+    body.push_str(&table(["Maneuver", "#s", a, b, c, d, e], rows));
 }
 
 /// Without decimals from three digits on: the table fits on paper.
@@ -120,23 +99,20 @@ fn near(points: &[(f64, f64)], t_s: f64) -> Option<f64> {
 
 fn states(result: &DemoResult, body: &mut String) {
     body.push_str("<h2>Estimate and injected truth</h2>");
-    let mut table =
-        "<table><tr><th>State</th><th class=\"n\">truth</th><th class=\"n\">estimate</th>\
-         <th class=\"n\">sigma</th><th class=\"n\">predicted sigma</th><th class=\"n\">error / sigma</th><th>unit</th><th></th></tr>".to_owned();
-    for s in &result.states {
-        let _ = write!(
-            table,
-            "<tr><td>{}</td><td class=\"n\">{:.3}</td><td class=\"n\">{:.3}</td><td class=\"n\">{:.3}</td>\
-             <td class=\"n\">{:.3}</td><td class=\"n\">{:.2}</td><td>{}</td><td>{}</td></tr>",
+    let rows = result.states.iter().map(|s| {
+        let [truth, estimate, sigma, planned] =
+            [s.truth, s.estimate, s.sigma, s.planned_sigma].map(|v| format!("{v:.3}"));
+        [
             escape(&s.name),
-            s.truth,
-            s.estimate,
-            s.sigma,
-            s.planned_sigma,
-            s.normalised_error,
+            truth,
+            estimate,
+            sigma,
+            planned,
+            format!("{:.2}", s.normalised_error),
             escape(&s.unit),
-            if s.status == Status::Observable { "observable" } else { "" }
-        );
-    }
-    body.push_str(&wide(&(table + "</table>")));
+            if s.status == Status::Observable { "observable" } else { "" }.to_owned(),
+        ]
+    });
+    let titles = ["State", "#truth", "#estimate", "#sigma", "#predicted sigma", "#error / sigma", "unit", ""];
+    body.push_str(&table(titles, rows));
 }

@@ -12,6 +12,12 @@ pub fn escape(text: &str) -> String {
     text.replace('&', "&amp;").replace('<', "&lt;").replace('>', "&gt;").replace('"', "&quot;")
 }
 
+/// A sentence begins with a capital letter.
+pub fn capitalised(text: &str) -> String {
+    let mut chars = text.chars();
+    chars.next().map_or_else(String::new, |first| first.to_uppercase().chain(chars).collect())
+}
+
 /// A page with this title and body. The scripts are there only where there is a plot.
 pub fn page(title: &str, body: &str) -> String {
     let plots = body.contains("<figure class=\"chart\"");
@@ -41,6 +47,21 @@ fn frame(title: &str, own_style: &str, body: &str, script: Option<&str>) -> Stri
 /// A table that scrolls by itself where it is wider than the screen.
 pub fn wide(table: &str) -> String {
     format!("<div class=\"wide\" tabindex=\"0\">{table}</div>")
+}
+
+/// A table in [`wide`]: titles (one that begins with `#` is over numbers) and rows of markup. Nothing without rows.
+pub fn table<const N: usize>(titles: [&str; N], rows: impl IntoIterator<Item = [String; N]>) -> String {
+    let class = titles.map(|t| if t.starts_with('#') { " class=\"n\"" } else { "" });
+    let row = |tag: &str, cells: [String; N]| {
+        let cells = class.iter().zip(cells).map(|(class, cell)| format!("<{tag}{class}>{cell}</{tag}>"));
+        format!("<tr>{}</tr>", cells.collect::<String>())
+    };
+    let rows: String = rows.into_iter().map(|cells| row("td", cells)).collect();
+    if rows.is_empty() {
+        return rows;
+    }
+    let head = row("th", titles.map(|t| t.trim_start_matches('#').to_owned()));
+    wide(&format!("<table>{head}{rows}</table>"))
 }
 
 /// A value and its sigma stay on one line.

@@ -1,11 +1,11 @@
 //! The first screen: headline, verdict with the improvement on held-out data, and for each effect its size, consequence and remedy.
 
-use super::effects::{self, capitalised, description};
+use super::effects::{self, description};
 use super::{channel_unit, found, spoken, values};
 use crate::explain::Explained;
 use crate::explain::contract::{ChannelResidual, EffectEntry, Explanation, ModelResidual, Verdict};
 use crate::explain::words::number;
-use crate::report::page::{answers, escape};
+use crate::report::page::{answers, capitalised, escape};
 use std::fmt::Write;
 
 /// The verdict in words.

@@ -3,7 +3,7 @@
 use crate::advice::file::short;
 use crate::advice::rule_free;
 use crate::explain::contract::Explanation;
-use crate::report::page::{escape, wide};
+use crate::report::page::{escape, table};
 use std::fmt::Write;
 
 /// The section; nothing where there is no advice.
@@ -14,10 +14,7 @@ pub fn section(e: &Explanation, body: &mut String) {
     };
     body.push_str("<h2 id=\"autopilot\">Parameters of the autopilot</h2>");
     if !advice.proposals.is_empty() {
-        let mut table = "<table><tr><th>Parameter</th><th class=\"n\">On board</th><th>Proposed</th><th>Effect</th><th>Range</th><th>Step</th>\
-                         <th>Reboot</th></tr>"
-            .to_owned();
-        for p in &advice.proposals {
+        let rows = advice.proposals.iter().map(|p| {
             let range = p.range.map_or_else(|| "–".to_owned(), |(low, high)| format!("{low} to {high}"));
             let needs = match p.needs.as_slice() {
                 [] => String::new(),
@@ -25,19 +22,18 @@ pub fn section(e: &Explanation, body: &mut String) {
             };
             let note =
                 p.note.as_deref().map_or_else(String::new, |n| format!("<br><small>{}</small>", escape(n)));
-            let _ = write!(
-                table,
-                "<tr><td><b>{}</b></td><td class=\"n\">{}</td><td>{}{needs}{note}</td><td>{}</td><td>{range}</td><td>{}</td><td>{}</td></tr>",
-                breakable(p.parameter),
+            [
+                format!("<b>{}</b>", breakable(p.parameter)),
                 p.on_board.map_or_else(|| "not in the log".to_owned(), rule_free),
-                breakable(&short(p)),
+                breakable(&short(p)) + &needs + &note,
                 breakable(p.effect),
+                range,
                 rule_free(p.step),
-                if p.reboot { "yes" } else { "no" },
-            );
-        }
-        table.push_str("</table>");
-        body.push_str(&wide(&table));
+                if p.reboot { "yes" } else { "no" }.to_owned(),
+            ]
+        });
+        let titles = ["Parameter", "#On board", "Proposed", "Effect", "Range", "Step", "Reboot"];
+        body.push_str(&table(titles, rows));
         body.push_str(
             "<p><small>The same as a file for ground stations: autopilot.param (ArduPilot) or autopilot.params (PX4). <code>gaware params \
              apply</code> keeps a backup, writes, reads back and compares.</small></p>",

@@ -5,11 +5,10 @@ use crate::explain::Explained;
 use crate::explain::contract::Explanation;
 use crate::explain::words::number;
 use crate::figures::with_sigma;
-use crate::report::page::{escape, wide};
+use crate::report::page::{escape, table};
 use gaware_nav::effects;
 use gaware_nav::identify::survey::NotFound;
 use serde_json::Value;
-use std::fmt::Write;
 
 /// An effect of this many sigmas would have been detected.
 const DETECTED: f64 = 3.0;
@@ -33,21 +32,17 @@ pub fn effects(explained: &Explained, body: &mut String) {
          a correction for the size of the catalogue. An effect that is not significant has its detection limit in the last column \
          (3 sigma, on the best and on the worst of its axes): a smaller one can be there all the same.</small></p>",
     );
-    let mut table =
-        "<table><tr><th>Effect</th><th>Result</th><th class=\"n\">Log Bayes factor</th><th>Value ± 1 sigma, or detection limit</th></tr>".to_owned();
-    for row in rows {
+    let rows = rows.into_iter().map(|row| {
         let what = effects::find(&row.name).map_or("", |effect| effect.description());
-        let _ = write!(
-            table,
-            "<tr><td><b>{}</b><br><small>{what}</small></td><td>{}</td><td class=\"n\">{}</td><td>{}</td></tr>",
-            escape(&row.name),
-            row.result,
+        [
+            format!("<b>{}</b><br><small>{what}</small>", escape(&row.name)),
+            row.result.to_owned(),
             row.log_bayes.map_or_else(|| "–".to_owned(), |v| format!("{v:.1}")),
-            row.value
-        );
-    }
-    table.push_str("</table>");
-    body.push_str(&wide(&table));
+            row.value,
+        ]
+    });
+    let titles = ["Effect", "Result", "#Log Bayes factor", "Value ± 1 sigma, or detection limit"];
+    body.push_str(&table(titles, rows));
 }
 
 fn rows(explained: &Explained) -> Vec<Row> {
@@ -134,22 +129,15 @@ pub fn noise(e: &Explanation, body: &mut String) {
         return;
     }
     body.push_str("<h2 id=\"noise\">Noise</h2>");
-    let mut table =
-        "<table><tr><th>Figure</th><th class=\"n\">Assumed</th><th class=\"n\">Fitted ± 1 sigma</th><th>Plausible</th></tr>".to_owned();
-    for n in &e.noise {
-        let _ = write!(
-            table,
-            "<tr><td>{}</td><td class=\"n\">{} {}</td><td class=\"n\">{} {}</td><td>{}</td></tr>",
+    let rows = e.noise.iter().map(|n| {
+        [
             figure(n.name),
-            number(n.assumed),
-            n.unit,
-            with_sigma(n.fitted, n.sigma),
-            n.unit,
-            if n.plausible { "yes" } else { "no" }
-        );
-    }
-    table.push_str("</table>");
-    body.push_str(&wide(&table));
+            format!("{} {}", number(n.assumed), n.unit),
+            format!("{} {}", with_sigma(n.fitted, n.sigma), n.unit),
+            if n.plausible { "yes" } else { "no" }.to_owned(),
+        ]
+    });
+    body.push_str(&table(["Figure", "#Assumed", "#Fitted ± 1 sigma", "Plausible"], rows));
 }
 
 /// Name of a noise figure in words.

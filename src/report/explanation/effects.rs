@@ -4,7 +4,7 @@
 use super::{Found, Value, bayes, found, values};
 use crate::explain::Explained;
 use crate::explain::contract::EffectEntry;
-use crate::report::page::{answers, escape};
+use crate::report::page::{answers, capitalised, escape};
 use gaware_nav::effects;
 use std::fmt::Write;
 
@@ -14,12 +14,6 @@ const SHOWN: usize = 3;
 /// What an effect is, in words.
 pub(super) fn description(entry: &EffectEntry) -> &'static str {
     entry.names.first().and_then(|name| effects::find(name)).map_or("", |effect| effect.description())
-}
-
-/// A sentence begins with a capital letter.
-pub(super) fn capitalised(text: &str) -> String {
-    let mut chars = text.chars();
-    chars.next().map_or_else(String::new, |first| first.to_uppercase().chain(chars).collect())
 }
 
 /// Size, consequence and remedy of each effect.

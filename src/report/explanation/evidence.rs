@@ -5,7 +5,7 @@ use super::{channel_unit, escape, spoken};
 use crate::explain::contract::Explanation;
 use crate::explain::words::number;
 use crate::explain::{Explained, FlightResiduals};
-use crate::report::page::wide;
+use crate::report::page::table;
 use crate::report::plot::{AFTER, BEFORE, Plot};
 use crate::report::{heat, spectrum};
 use gaware_nav::earth::STANDARD_GRAVITY;
@@ -26,16 +26,9 @@ const REGIMES_SHOWN: usize = 12;
 pub fn before_and_after(e: &Explanation, body: &mut String) {
     let Some(residual) = &e.residual else { return };
     body.push_str("<h2 id=\"residuals\">Residuals before and after</h2>");
-    let mut table =
-        "<table><tr><th></th><th class=\"n\">Given model</th><th class=\"n\">New model</th></tr>".to_owned();
+    let mut rows = Vec::new();
     let mut row = |name: &str, before: f64, after: f64| {
-        let _ = write!(
-            table,
-            "<tr><td>{}</td><td class=\"n\">{}</td><td class=\"n\">{}</td></tr>",
-            escape(name),
-            number(before),
-            number(after)
-        );
+        rows.push([escape(name), number(before), number(after)]);
     };
     row("NIS per degree of freedom, held-out data", residual.held_out.before, residual.held_out.after);
     row("NIS per degree of freedom, fitted data", residual.fit.before, residual.fit.after);
@@ -53,8 +46,7 @@ pub fn before_and_after(e: &Explanation, body: &mut String) {
         let name = format!("RMS position error after {} without fixes, m", time.replace('_', " "));
         row(&name, drift.before, drift.after);
     }
-    table.push_str("</table>");
-    body.push_str(&wide(&table));
+    body.push_str(&table(["", "#Given model", "#New model"], rows));
 }
 
 /// What is lost without each effect.
@@ -63,16 +55,12 @@ pub fn contributions(e: &Explanation, body: &mut String) {
         return;
     }
     body.push_str("<h2>Contribution of each effect</h2>");
-    let mut table = "<table><tr><th>Left out</th><th class=\"n\">Loss of log Bayes factor</th><th class=\"n\">Loss of held-out log-likelihood</th></tr>".to_owned();
-    for l in &e.leave_one_out {
-        let _ = write!(
-            table,
-            "<tr><td>{}</td><td class=\"n\">{:.1}</td><td class=\"n\">{:.1}</td></tr>",
-            l.name, l.evidence, l.held_out_log_likelihood
-        );
-    }
-    table.push_str("</table>");
-    body.push_str(&wide(&table));
+    let rows = e.leave_one_out.iter().map(|l| {
+        let [evidence, held_out] = [l.evidence, l.held_out_log_likelihood].map(|v| format!("{v:.1}"));
+        [l.name.to_owned(), evidence, held_out]
+    });
+    let titles = ["Left out", "#Loss of log Bayes factor", "#Loss of held-out log-likelihood"];
+    body.push_str(&table(titles, rows));
 }
 
 /// Means over seconds.
@@ -185,24 +173,19 @@ fn places(e: &Explanation, logs: &[String], body: &mut String) {
         return;
     }
     body.push_str("<h2>Largest residuals of the given model</h2>");
-    let mut table = "<table><tr><th>Channel</th><th>Time</th><th>What the vehicle did</th><th class=\"n\">Share of the excess</th></tr>".to_owned();
-    for p in &e.places {
-        let _ = write!(
-            table,
-            "<tr><td>{}{}</td><td class=\"t\">{:.0} to {:.0} s</td><td>{}</td><td class=\"n\">{:.0} %</td></tr>",
-            p.channel.replace('_', " "),
-            match logs.get(p.log).filter(|_| logs.len() > 1) {
-                Some(log) => format!(" <small>({})</small>", escape(log)),
-                None => String::new(),
-            },
-            p.t_start_s,
-            p.t_end_s,
+    let rows = e.places.iter().map(|p| {
+        let log = match logs.get(p.log).filter(|_| logs.len() > 1) {
+            Some(log) => format!(" <small>({})</small>", escape(log)),
+            None => String::new(),
+        };
+        [
+            p.channel.replace('_', " ") + &log,
+            format!("<span class=\"t\">{:.0} to {:.0} s</span>", p.t_start_s, p.t_end_s),
             escape(&p.regime),
-            100.0 * p.share
-        );
-    }
-    table.push_str("</table>");
-    body.push_str(&wide(&table));
+            format!("{:.0} %", 100.0 * p.share),
+        ]
+    });
+    body.push_str(&table(["Channel", "Time", "What the vehicle did", "#Share of the excess"], rows));
 }
 
 fn regimes(e: &Explanation, body: &mut String) {
@@ -213,22 +196,17 @@ fn regimes(e: &Explanation, body: &mut String) {
     }
     worst.sort_by(|a, b| (b.nis.before * (1.0 - b.share)).total_cmp(&(a.nis.before * (1.0 - a.share))));
     body.push_str("<h2>Residuals by flight regime</h2><p><small>Mean squared normalised residual; 1 is expected.</small></p>");
-    let mut table = "<table><tr><th>Channel</th><th>Regime</th><th class=\"n\">Share of the flight</th><th class=\"n\">Given \
-                     model</th><th class=\"n\">New model</th></tr>"
-        .to_owned();
-    for r in worst.into_iter().take(REGIMES_SHOWN) {
-        let _ = write!(
-            table,
-            "<tr><td>{}</td><td>{}</td><td class=\"n\">{:.0} %</td><td class=\"n\">{}</td><td class=\"n\">{}</td></tr>",
+    let rows = worst.into_iter().take(REGIMES_SHOWN).map(|r| {
+        [
             r.channel.replace('_', " "),
             escape(&r.regime),
-            100.0 * r.share,
+            format!("{:.0} %", 100.0 * r.share),
             number(r.nis.before),
-            number(r.nis.after)
-        );
-    }
-    table.push_str("</table>");
-    body.push_str(&wide(&table));
+            number(r.nis.after),
+        ]
+    });
+    let titles = ["Channel", "Regime", "#Share of the flight", "#Given model", "#New model"];
+    body.push_str(&table(titles, rows));
 }
 
 fn terms(e: &Explanation, body: &mut String) {
@@ -236,19 +214,9 @@ fn terms(e: &Explanation, body: &mut String) {
         return;
     }
     body.push_str("<h2>Residuals that no effect of the catalogue explains</h2>");
-    let mut table =
-        "<table><tr><th>Channel</th><th>Correlates with</th><th class=\"n\">Coefficient</th></tr>".to_owned();
-    for t in &e.unexplained_terms {
-        let _ = write!(
-            table,
-            "<tr><td>{}</td><td>{}</td><td class=\"n\">{} ± {} {}</td></tr>",
-            t.channel.replace('_', " "),
-            escape(&spoken(t.term)),
-            number(t.coefficient),
-            number(t.sigma),
-            escape(&t.unit)
-        );
-    }
-    table.push_str("</table>");
-    body.push_str(&wide(&table));
+    let rows = e.unexplained_terms.iter().map(|t| {
+        let coefficient = format!("{} ± {} {}", number(t.coefficient), number(t.sigma), escape(&t.unit));
+        [t.channel.replace('_', " "), escape(&spoken(t.term)), coefficient]
+    });
+    body.push_str(&table(["Channel", "Correlates with", "#Coefficient"], rows));
 }

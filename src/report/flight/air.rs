@@ -2,7 +2,7 @@
 
 use super::compass::{found, status};
 use crate::air::{AirEntry, AirReport};
-use crate::report::page::escape;
+use crate::report::page::{escape, table};
 use crate::report::plot::{AFTER, BEFORE, SMALL as SIZE, label, short, ticks};
 use std::fmt::Write;
 
@@ -28,26 +28,30 @@ pub fn section(report: &AirReport, body: &mut String) {
     body.push_str(
         "<h2 id=\"air\">Barometers, airspeed, drag and wind</h2><p>The pressure height against the height of the trajectory, about its mean over two minutes; the airspeed against \
          velocity less the wind that goes with it; the specific force of a multirotor along body x and y against its drag in such a wind. None of it takes part in our estimate. RMS: on every third block of 20 s, corrected by what the others show; an effect is named only \
-         where that makes it smaller.</p><div class=\"wide\"><table><tr><th>sensor</th><th></th><th class=\"n\">largest error, at speed</th>\
-         <th class=\"n\">RMS on held-out data: reported, corrected</th><th class=\"n\">error that would not have shown (1 sigma)</th></tr>",
+         where that makes it smaller.</p>",
     );
-    for s in &report.sensors {
+    let rows = report.sensors.iter().map(|s| {
         let largest = match s.effects.is_empty() && s.largest_error.abs() < LEAST {
             true => "none found".to_owned(),
             false => format!("{:.1} {} at {:.0} m/s", s.largest_error, s.unit, s.at_m_per_s),
         };
         let unseen = if s.known_to < LEAST { format!("under {LEAST}") } else { format!("{:.1}", s.known_to) };
-        let _ = write!(
-            body,
-            "<tr><td>{}</td><td>{}</td><td class=\"n\">{largest}</td><td class=\"n\">{:.2}, {:.2} {unit}</td><td class=\"n\">{unseen} {unit}</td></tr>",
-            s.sensor,
-            status(s.status),
-            s.held_out.before,
-            s.held_out.after,
-            unit = s.unit
-        );
-    }
-    body.push_str("</table></div>");
+        [
+            s.sensor.to_string(),
+            status(s.status).to_owned(),
+            largest,
+            format!("{:.2}, {:.2} {}", s.held_out.before, s.held_out.after, s.unit),
+            format!("{unseen} {}", s.unit),
+        ]
+    });
+    let titles = [
+        "sensor",
+        "",
+        "#largest error, at speed",
+        "#RMS on held-out data: reported, corrected",
+        "#error that would not have shown (1 sigma)",
+    ];
+    body.push_str(&table(titles, rows));
     for s in &report.sensors {
         let _ = write!(body, "<h3>{}</h3><p>{}</p>", s.sensor, escape(&s.text));
         if let Some(wind) = &s.wind {

@@ -2,7 +2,7 @@
 
 use crate::compass::advice::SensorProposal;
 use crate::compass::{CompassEntry, CompassReport, SensorEffect, Status};
-use crate::report::page::escape;
+use crate::report::page::{escape, table};
 use crate::report::plot::{AFTER, BEFORE};
 use std::fmt::Write;
 
@@ -22,29 +22,29 @@ pub fn section(report: &CompassReport, body: &mut String) {
     }
     body.push_str(
         "<h2 id=\"compasses\">Compasses</h2><p>The heading of each compass, levelled by our roll and pitch and with the declination of the world model, against \
-         the heading that acceleration and GNSS velocity show. No compass takes part in our estimate.</p><div class=\"wide\"><table><tr><th>compass</th><th></th>\
-         <th class=\"n\">heading off, deg</th><th class=\"n\">our sigma, deg</th><th class=\"n\">RMS, deg: reported, corrected</th><th class=\"n\">field, mG (Earth)</th>\
-         <th class=\"n\">residual on held-out data, mG</th></tr>",
+         the heading that acceleration and GNSS velocity show. No compass takes part in our estimate.</p>",
     );
-    for c in &report.compasses {
-        let _ = write!(
-            body,
-            "<tr><td>{}</td><td>{}</td><td class=\"n\">{:.1} ± {:.1}</td><td class=\"n\">{:.1}</td><td class=\"n\">{:.1}, {:.1}</td><td class=\"n\">{:.0} ({:.0})</td>\
-             <td class=\"n\">{:.0}, {:.0}</td></tr>",
-            c.compass,
-            status(c.status),
-            c.heading_off_deg.value,
-            c.heading_off_deg.sigma,
-            c.own_heading_sigma_deg,
-            c.heading_rms_deg.before,
-            c.heading_rms_deg.after,
-            c.length_mgauss[0],
-            c.length_mgauss[1],
-            c.held_out_mgauss.before,
-            c.held_out_mgauss.after
-        );
-    }
-    body.push_str("</table></div>");
+    let rows = report.compasses.iter().map(|c| {
+        [
+            c.compass.to_string(),
+            status(c.status).to_owned(),
+            format!("{:.1} ± {:.1}", c.heading_off_deg.value, c.heading_off_deg.sigma),
+            format!("{:.1}", c.own_heading_sigma_deg),
+            format!("{:.1}, {:.1}", c.heading_rms_deg.before, c.heading_rms_deg.after),
+            format!("{:.0} ({:.0})", c.length_mgauss[0], c.length_mgauss[1]),
+            format!("{:.0}, {:.0}", c.held_out_mgauss.before, c.held_out_mgauss.after),
+        ]
+    });
+    let titles = [
+        "compass",
+        "",
+        "#heading off, deg",
+        "#our sigma, deg",
+        "#RMS, deg: reported, corrected",
+        "#field, mG (Earth)",
+        "#residual on held-out data, mG",
+    ];
+    body.push_str(&table(titles, rows));
     for c in &report.compasses {
         compass(c, body);
     }
@@ -69,51 +69,37 @@ fn compass(c: &CompassEntry, body: &mut String) {
 
 /// What a flight shows of a sensor, and what corrects it.
 pub(super) fn found(effects: &[SensorEffect], advice: (&[SensorProposal], &[String]), body: &mut String) {
-    if !effects.is_empty() {
-        body.push_str(
-            "<div class=\"wide\"><table><tr><th>effect</th><th>values ± sigma</th><th class=\"n\">evidence</th><th class=\"n\">held-out gain</th><th>remedy</th></tr>",
-        );
-        for e in effects {
-            let value = |p: &crate::compass::SensorParameter| {
-                format!("{} {:.2} ± {:.2} {}", p.name, p.value, p.sigma, p.unit)
-            };
-            let values: Vec<String> = e.parameters.iter().map(value).collect();
-            let _ = write!(
-                body,
-                "<tr><td>{}<br><small>{}</small></td><td>{}</td><td class=\"n\">{:.0}</td><td class=\"n\">{:.0}</td><td>{}</td></tr>",
-                escape(&e.names.join(" or ")),
-                escape(e.description),
-                escape(&values.join(", ")),
-                e.evidence,
-                e.held_out_gain,
-                escape(e.remedy)
-            );
-        }
-        body.push_str("</table></div>");
-    }
+    let rows = effects.iter().map(|e| {
+        let value = |p: &crate::compass::SensorParameter| {
+            format!("{} {:.2} ± {:.2} {}", p.name, p.value, p.sigma, p.unit)
+        };
+        let values: Vec<String> = e.parameters.iter().map(value).collect();
+        let (names, what) = (escape(&e.names.join(" or ")), escape(e.description));
+        [
+            format!("{names}<br><small>{what}</small>"),
+            escape(&values.join(", ")),
+            format!("{:.0}", e.evidence),
+            format!("{:.0}", e.held_out_gain),
+            escape(e.remedy),
+        ]
+    });
+    body.push_str(&table(["effect", "values ± sigma", "#evidence", "#held-out gain", "remedy"], rows));
     proposals(advice, body);
 }
 
 /// What the autopilot can correct, as a table; the same for reports of a flight and of an explanation.
 fn proposals((proposals, not_proposed): (&[SensorProposal], &[String]), body: &mut String) {
-    if !proposals.is_empty() {
-        body.push_str(
-            "<div class=\"wide\"><table><tr><th>parameter</th><th class=\"n\">on board</th><th class=\"n\">proposed</th><th>unit</th><th>for</th><th>source</th></tr>",
-        );
-        for p in proposals {
-            let _ = write!(
-                body,
-                "<tr><td>{}</td><td class=\"n\">{}</td><td class=\"n\">{}</td><td>{}</td><td>{}</td><td><small>{}</small></td></tr>",
-                escape(&p.parameter),
-                p.on_board,
-                p.proposed,
-                p.unit,
-                p.effect,
-                escape(p.source)
-            );
-        }
-        body.push_str("</table></div>");
-    }
+    let rows = proposals.iter().map(|p| {
+        [
+            escape(&p.parameter),
+            p.on_board.to_string(),
+            p.proposed.to_string(),
+            p.unit.to_string(),
+            p.effect.to_string(),
+            format!("<small>{}</small>", escape(p.source)),
+        ]
+    });
+    body.push_str(&table(["parameter", "#on board", "#proposed", "unit", "for", "source"], rows));
     for why in not_proposed {
         let _ = write!(body, "<p><small>Not proposed: {}.</small></p>", escape(why));
     }

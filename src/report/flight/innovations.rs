@@ -2,9 +2,8 @@
 
 use super::{AXES, series};
 use crate::engine::snapshot::{Phase, Snapshot};
-use crate::report::page::wide;
+use crate::report::page::table;
 use crate::report::plot::Plot;
-use std::fmt::Write;
 
 const CHANNELS: [&str; 6] =
     ["position north", "position east", "position down", "velocity north", "velocity east", "velocity down"];
@@ -54,23 +53,17 @@ pub fn section(shots: &[Snapshot], channels: &[Channel], body: &mut String) -> R
     body.push_str(
         "<h2>Innovations</h2><p>What a fix says less what was expected of it, over its expected sigma.</p>",
     );
-    let mut table =
-        "<table><tr><th>Channel</th><th class=\"n\">RMS, sigma</th><th class=\"n\">beyond 3 sigma</th>\
-                     <th class=\"n\">largest, sigma</th><th class=\"n\">at, s</th></tr>"
-            .to_owned();
-    for c in channels {
-        let _ = write!(
-            table,
-            "<tr><td>{}</td><td class=\"n\">{:.2}</td><td class=\"n\">{:.1} %</td><td class=\"n\">{:.1}</td><td class=\"n\">{:.0}</td></tr>",
-            c.name,
-            c.rms,
-            100.0 * c.outliers,
-            c.largest.1,
-            c.largest.0
-        );
-    }
-    table.push_str("</table>");
-    body.push_str(&wide(&table));
+    let rows = channels.iter().map(|c| {
+        [
+            c.name.to_owned(),
+            format!("{:.2}", c.rms),
+            format!("{:.1} %", 100.0 * c.outliers),
+            format!("{:.1}", c.largest.1),
+            format!("{:.0}", c.largest.0),
+        ]
+    });
+    let titles = ["Channel", "#RMS, sigma", "#beyond 3 sigma", "#largest, sigma", "#at, s"];
+    body.push_str(&table(titles, rows));
     let largest = channels.iter().map(|c| c.largest.1.abs()).fold(4.0, f64::max);
     for (title, from) in [("position innovations", 0), ("velocity innovations", 3)] {
         let mut plot = Plot::new(title, "sigma").within(largest.min(SHOWN)).expected(2.0);

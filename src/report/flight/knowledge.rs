@@ -4,7 +4,7 @@ use super::lessons::{self, Lesson};
 use super::{AXES, FlightLog, series, words};
 use crate::engine::snapshot::{Snapshot, Status, Summary};
 use crate::explain::words::number;
-use crate::report::page::{escape, wide};
+use crate::report::page::{escape, table};
 use crate::report::plot::{Color, Plot};
 use std::fmt::Write;
 
@@ -21,62 +21,45 @@ pub fn g_sensitivity(s: &Summary, body: &mut String) {
     } else {
         "<p>In deg/h/g. An unmodelled error is absorbed by these states: only the sigmas are shown, no values.</p>"
     });
-    let mut table = "<table><tr><th>gyro</th><th class=\"n\">forward (x)</th><th class=\"n\">sideways (y)</th><th class=\"n\">downward (z)</th></tr>".to_owned();
-    for (row, name) in ["roll (x)", "pitch (y)", "yaw (z)"].iter().enumerate() {
-        let _ = write!(table, "<tr><td>{name}</td>");
-        for column in 0..3 {
-            let (value, sigma) = (g.value[row][column], g.sigma[row][column]);
-            let state = format!("g{}{}", row + 1, column + 1);
-            let status = s.observability.states.iter().find(|st| st.name == state).map(|st| st.status);
-            let text = format!("{value:.0} ± {sigma:.0}");
-            let _ = match status {
-                Some(_) if !usable => {
-                    write!(table, "<td class=\"n\"><small>not usable (± {sigma:.0})</small></td>")
-                }
-                Some(_) if value.abs() > words::SURE * sigma => {
-                    write!(table, "<td class=\"n\"><b>{text}</b></td>")
-                }
-                Some(Status::Observable) => write!(table, "<td class=\"n\">{text}</td>"),
-                Some(_) => write!(table, "<td class=\"n\"><small>{text}</small></td>"),
-                None => write!(table, "<td class=\"n\"><small>not estimated</small></td>"),
-            };
+    let cell = |row: usize, column: usize| {
+        let (value, sigma) = (g.value[row][column], g.sigma[row][column]);
+        let state = format!("g{}{}", row + 1, column + 1);
+        let status = s.observability.states.iter().find(|st| st.name == state).map(|st| st.status);
+        let text = format!("{value:.0} ± {sigma:.0}");
+        match status {
+            Some(_) if !usable => format!("<small>not usable (± {sigma:.0})</small>"),
+            Some(_) if value.abs() > words::SURE * sigma => format!("<b>{text}</b>"),
+            Some(Status::Observable) => text,
+            Some(_) => format!("<small>{text}</small>"),
+            None => "<small>not estimated</small>".to_owned(),
         }
-        table.push_str("</tr>");
-    }
-    body.push_str(&wide(&(table + "</table>")));
+    };
+    let rows = ["roll (x)", "pitch (y)", "yaw (z)"].into_iter().enumerate();
+    let rows = rows.map(|(k, name)| [name.to_owned(), cell(k, 0), cell(k, 1), cell(k, 2)]);
+    body.push_str(&table(["gyro", "#forward (x)", "#sideways (y)", "#downward (z)"], rows));
     if !usable {
         return;
     }
-    let mut table = "<table><tr><th>against level flight or hover</th><th class=\"n\">roll</th><th class=\"n\">pitch</th><th class=\"n\">yaw</th></tr>".to_owned();
-    for meaning in words::meanings(g, &s.vehicle_type) {
-        let _ = write!(table, "<tr><td>{}</td>", meaning.when);
-        for (value, sigma) in meaning.error_deg_per_min {
-            let _ = write!(table, "<td class=\"n\">{value:.1} ± {sigma:.1}</td>");
-        }
-        table.push_str("</tr>");
-    }
+    let rows = words::meanings(g, &s.vehicle_type).into_iter().map(|meaning| {
+        let [x, y, z] = meaning.error_deg_per_min.map(|(value, sigma)| format!("{value:.1} ± {sigma:.1}"));
+        [meaning.when.to_owned(), x, y, z]
+    });
     body.push_str("<p>What that means in flight, as an error of each gyro in deg per minute:</p>");
-    body.push_str(&wide(&(table + "</table>")));
+    body.push_str(&table(["against level flight or hover", "#roll", "#pitch", "#yaw"], rows));
 }
 
 /// Biases and the parameters of the other effects as numbers.
 pub fn bias_table(s: &Summary, body: &mut String) {
     let usable = |name: &str| !s.implausible.iter().any(|n| n == name);
     body.push_str("<h2 id=\"biases\">Biases and other effects</h2>");
-    let mut table = "<table><tr><th>Effect</th><th>Parameter</th><th class=\"n\">Value</th></tr>".to_owned();
+    let mut rows = Vec::new();
     let mut row = |effect: &str, name: &str, value: f64, sigma: f64, unit: &str| {
         let text = if usable(name) {
             format!("{} ± {}", number(value), number(sigma))
         } else {
             format!("not usable (± {})", number(sigma))
         };
-        let _ = write!(
-            table,
-            "<tr><td>{}</td><td>{}</td><td class=\"n\">{text} {}</td></tr>",
-            escape(effect),
-            escape(name),
-            escape(unit)
-        );
+        rows.push([escape(effect), escape(name), format!("{text} {}", escape(unit))]);
     };
     for (effect, prefix, e, unit) in [
         ("gyro bias", "bg", &s.estimate.gyro_bias_deg_per_h, "deg/h"),
@@ -89,7 +72,7 @@ pub fn bias_table(s: &Summary, body: &mut String) {
     for p in &s.estimate.effects {
         row(&p.effect.replace('_', " "), &p.name, p.value, p.sigma, &p.unit);
     }
-    body.push_str(&wide(&(table + "</table>")));
+    body.push_str(&table(["Effect", "Parameter", "#Value"], rows));
 }
 
 /// How G became known: over time, what taught most, what is left.
@@ -114,21 +97,16 @@ pub fn learning(s: &Summary, log: &FlightLog, lessons: &[Lesson], body: &mut Str
             .collect();
         body.push_str(&banded(&title, "deg/h/g", &lines)?);
     }
-    if !lessons.is_empty() {
-        body.push_str("<div class=\"wide\"><table><tr><th></th><th>Time</th><th>What the vehicle did</th><th>Sigma divided by</th></tr>");
-        for (lesson, k) in lessons.iter().zip(1..) {
-            let states: Vec<String> = lesson.states.iter().map(|(n, f)| format!("{n} {f:.1}")).collect();
-            let _ = write!(
-                body,
-                "<tr><td><b>{k}</b></td><td class=\"t\">{:.0} to {:.0} s</td><td>{}</td><td>{}</td></tr>",
-                lesson.start_s,
-                lesson.end_s,
-                escape(&lesson.did),
-                states.join(", ")
-            );
-        }
-        body.push_str("</table></div>");
-    }
+    let rows = lessons.iter().zip(1..).map(|(lesson, k)| {
+        let states: Vec<String> = lesson.states.iter().map(|(n, f)| format!("{n} {f:.1}")).collect();
+        [
+            format!("<b>{k}</b>"),
+            format!("<span class=\"t\">{:.0} to {:.0} s</span>", lesson.start_s, lesson.end_s),
+            escape(&lesson.did),
+            states.join(", "),
+        ]
+    });
+    body.push_str(&table(["", "Time", "What the vehicle did", "Sigma divided by"], rows));
     conditions(s, body);
     states(s, log, body);
     for direction in &s.observability.unobservable_directions {
@@ -142,38 +120,34 @@ pub fn learning(s: &Summary, log: &FlightLog, lessons: &[Lesson], body: &mut Str
 
 fn conditions(s: &Summary, body: &mut String) {
     let c = &s.observability.conditions;
-    body.push_str("<table><tr><th>Observability condition on segments of constant attitude (sufficient, not necessary)</th><th></th></tr>");
-    for (name, what, condition) in [
+    let all = [
         ("a", "two independent changes of specific force: attitude and biases", &c.a),
         ("b", "every element of specific force changes: the diagonal of G", &c.b),
         ("c", "three independent changes: all of G", &c.c),
-    ] {
+    ];
+    let rows = all.into_iter().map(|(name, what, condition)| {
         let state = if condition.met { "met".to_owned() } else { escape(&condition.missing) };
-        let _ = write!(body, "<tr><td>({name}) {what}</td><td>{state}</td></tr>");
-    }
-    body.push_str("</table>");
+        [format!("({name}) {what}"), state]
+    });
+    let title = "Observability condition on segments of constant attitude (sufficient, not necessary)";
+    body.push_str(&table([title, ""], rows));
 }
 
 fn states(s: &Summary, log: &FlightLog, body: &mut String) {
     let since = lessons::known_since(&log.snapshots);
-    body.push_str(
-        "<div class=\"wide\"><table><tr><th>State</th><th class=\"n\">sigma</th><th class=\"n\">target</th><th>unit</th><th class=\"n\">of the sigma at the \
-         start</th><th class=\"n\">converged since, s</th></tr>",
-    );
-    for state in &s.observability.states {
+    let rows = s.observability.states.iter().map(|state| {
         let known = since.iter().find(|(name, _)| *name == state.name);
-        let _ = write!(
-            body,
-            "<tr><td>{}</td><td class=\"n\">{}</td><td class=\"n\">{}</td><td>{}</td><td class=\"n\">{:.1} %</td><td class=\"n\">{}</td></tr>",
+        [
             escape(&state.name),
             number(state.sigma),
             number(state.target),
             escape(&state.unit),
-            100.0 * state.sigma_ratio,
-            known.map_or_else(|| "–".to_owned(), |(_, t)| format!("{t:.0}"))
-        );
-    }
-    body.push_str("</table></div>");
+            format!("{:.1} %", 100.0 * state.sigma_ratio),
+            known.map_or_else(|| "–".to_owned(), |(_, t)| format!("{t:.0}")),
+        ]
+    });
+    let titles = ["State", "#sigma", "#target", "unit", "#of the sigma at the start", "#converged since, s"];
+    body.push_str(&table(titles, rows));
 }
 
 /// Biases over time.

@@ -16,7 +16,7 @@ mod words;
 
 pub use log::{FlightLog, Logged};
 
-use super::page::{escape, page};
+use super::page::{self, escape, page, table};
 use super::plot::{Color, Plot, X_AXIS, Y_AXIS, Z_AXIS};
 use crate::advice::start;
 use crate::aids::{self, Aids};
@@ -226,10 +226,9 @@ fn motion_table(fitted: &[motion::Fitted], body: &mut String) {
     }
     body.push_str(
         "<h2 id=\"motion\">All attitudes against the motion</h2><p>The specific force turned by each attitude, against the change of GNSS velocity over a \
-         second. Each has its own constant accelerometer bias. t: difference from the best one over its standard error; above 3 it is beyond chance.</p>\
-         <div class=\"wide\"><table><tr><th>attitude</th><th class=\"n\">misfit, m/s²</th><th class=\"n\">yaw off by, deg</th><th class=\"n\">t</th><th></th></tr>",
+         second. Each has its own constant accelerometer bias. t: difference from the best one over its standard error; above 3 it is beyond chance.</p>",
     );
-    for f in fitted {
+    let rows = fitted.iter().map(|f| {
         let yaw = f
             .yaw_off_deg
             .map_or_else(|| "not shown by this flight".to_owned(), |(v, s)| format!("{v:.1} ± {s:.1}"));
@@ -243,15 +242,9 @@ fn motion_table(fitted: &[motion::Fitted], body: &mut String) {
             (_, true) => "best",
             _ => "as good as the best",
         };
-        let _ = write!(
-            body,
-            "<tr><td>{}</td><td class=\"n\">{:.2}</td><td class=\"n\">{yaw}</td><td class=\"n\">{:.1}</td><td>{says}</td></tr>",
-            escape(&f.name),
-            f.misfit,
-            f.t
-        );
-    }
-    body.push_str("</table></div>");
+        [escape(&f.name), format!("{:.2}", f.misfit), yaw, format!("{:.1}", f.t), says.to_owned()]
+    });
+    body.push_str(&table(["attitude", "#misfit, m/s²", "#yaw off by, deg", "#t", ""], rows));
 }
 
 fn attitudes(
@@ -263,23 +256,16 @@ fn attitudes(
         let _ = write!(
             body,
             "<h2 id=\"attitude\">The autopilot's own attitude</h2><p>Autopilot less this estimate, after a shift of {:.0} ms. Its yaw leans on a \
-             compass, ours on the fixes.</p><div class=\"wide\"><table><tr><th>while</th><th class=\"n\">instants</th><th class=\"n\">mean roll, pitch, yaw, \
-             deg</th><th class=\"n\">RMS, deg</th><th class=\"n\">our sigma, deg</th></tr>",
+             compass, ours on the fixes.</p>",
             1e3 * found.shift_s
         );
         let three = |v: [f64; 3]| v.map(|v| format!("{v:.2}")).join(" / ");
-        for row in &found.rows {
-            let _ = write!(
-                body,
-                "<tr><td>{}</td><td class=\"n\">{}</td><td class=\"n\">{}</td><td class=\"n\">{}</td><td class=\"n\">{}</td></tr>",
-                row.regime,
-                row.count,
-                three(row.mean_deg),
-                three(row.rms_deg),
-                three(row.sigma_deg)
-            );
-        }
-        body.push_str("</table></div>");
+        let rows = found.rows.iter().map(|row| {
+            let [mean, rms, sigma] = [row.mean_deg, row.rms_deg, row.sigma_deg].map(three);
+            [row.regime.to_string(), row.count.to_string(), mean, rms, sigma]
+        });
+        let titles = ["while", "#instants", "#mean roll, pitch, yaw, deg", "#RMS, deg", "#our sigma, deg"];
+        body.push_str(&table(titles, rows));
         let every = found.differences.len().div_ceil(POINTS).max(1);
         let mut plot = Plot::new("autopilot less this estimate", "deg");
         for (k, (name, (_, color))) in ["roll", "pitch", "yaw"].into_iter().zip(AXES).enumerate() {
