@@ -2,7 +2,7 @@
 
 use super::lessons::{self, Lesson};
 use super::{AXES, FlightLog, series, words};
-use crate::engine::snapshot::{Snapshot, Status, Summary};
+use crate::engine::snapshot::{Estimate3, Snapshot, Status, Summary};
 use crate::explain::words::number;
 use crate::report::page::{escape, table};
 use crate::report::plot::{Color, Plot};
@@ -154,28 +154,15 @@ fn states(s: &Summary, log: &FlightLog, body: &mut String) {
 pub fn biases(log: &FlightLog, body: &mut String) -> Result<(), String> {
     let shots = &log.snapshots;
     body.push_str("<h2>Biases over time</h2>");
-    let gyro: Vec<Banded<'_>> = AXES
-        .iter()
-        .enumerate()
-        .map(|(k, (name, color))| {
-            Banded::of(shots, name, color, move |s| {
-                let e = &s.estimate.gyro_bias_deg_per_h;
-                (e.value[k], e.sigma[k])
-            })
-        })
-        .collect();
-    body.push_str(&banded("gyro bias", "deg/h", &gyro)?);
-    let accel: Vec<Banded<'_>> = AXES
-        .iter()
-        .enumerate()
-        .map(|(k, (name, color))| {
-            Banded::of(shots, name, color, move |s| {
-                let e = &s.estimate.accel_bias_mg;
-                (e.value[k], e.sigma[k])
-            })
-        })
-        .collect();
-    body.push_str(&banded("accelerometer bias", "mg", &accel)?);
+    let gyro: fn(&Snapshot) -> &Estimate3 = |s| &s.estimate.gyro_bias_deg_per_h;
+    let accel: fn(&Snapshot) -> &Estimate3 = |s| &s.estimate.accel_bias_mg;
+    for (title, unit, of) in [("gyro bias", "deg/h", gyro), ("accelerometer bias", "mg", accel)] {
+        let axes = AXES.iter().enumerate();
+        let lines = axes.map(|(k, (name, color))| {
+            Banded::of(shots, name, color, move |s| (of(s).value[k], of(s).sigma[k]))
+        });
+        body.push_str(&banded(title, unit, &lines.collect::<Vec<_>>())?);
+    }
     Ok(())
 }
 

@@ -135,17 +135,13 @@ pub fn html(
         &mut body,
     );
     let whose = answers::whose(compared.as_ref(), &fitted, log);
-    body.push_str(&crate::report::page::answers(&[("Whose attitude is right?", whose)]));
-    if let Some(found) = &origin.aids.compasses {
-        let answer = escape(&compass::answer(found));
-        body.push_str(&crate::report::page::answers(&[("Which compass is wrong?", answer)]));
-    }
-    if let Some(found) = &origin.aids.air {
-        body.push_str(&crate::report::page::answers(&[(
-            "Barometer, airspeed, wind?",
-            escape(&air::answer(found)),
-        )]));
-    }
+    let compasses = origin.aids.compasses.as_ref().map(|found| escape(&compass::answer(found)));
+    let air = origin.aids.air.as_ref().map(|found| escape(&air::answer(found)));
+    body.push_str(&page::answers(&[
+        ("Whose attitude is right?", whose),
+        ("Which compass is wrong?", compasses.unwrap_or_default()),
+        ("Barometer, airspeed, wind?", air.unwrap_or_default()),
+    ]));
     let judged = checks(&origin.beside.health, summary.autopilot == "px4", &origin.beside.on_board);
     health::section(&origin.beside.health, &judged, &mut body);
     answers::verdict(summary, &mut body);
