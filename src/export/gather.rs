@@ -8,7 +8,6 @@ use crate::engine::events::{Event, EventDetector, Severity, Topic};
 use crate::engine::snapshot::{ParameterEstimate, Snapshot, Summary};
 use crate::pipeline::{Consumer, Estimator};
 use gaware_nav::earth::Geodetic;
-use gaware_nav::observability::words::VehicleKind;
 use gaware_nav::sample::{AttitudeHint, FixVelocity, GnssFix, ImuSample, Sample};
 use nalgebra::Vector3;
 
@@ -112,24 +111,8 @@ impl Consumer for Gather {
         self.note(sample);
     }
 
-    fn set_vehicle(&mut self, kind: VehicleKind) {
-        self.engine.set_vehicle(kind);
-    }
-
-    fn set_flight(&mut self, report: &crate::engine::situation::FlightReport) {
-        self.engine.set_flight(report);
-    }
-
-    fn set_place(&mut self, place: gaware_nav::earth::Geodetic) {
-        self.engine.set_place(place);
-    }
-
-    fn attitude(&mut self) -> Option<(f64, [f64; 3])> {
-        self.engine.attitude()
-    }
-
-    fn attitude_sigmas(&self) -> Option<[f64; 3]> {
-        self.engine.attitude_sigmas()
+    fn engine(&mut self) -> Option<&mut Engine> {
+        Some(&mut self.engine)
     }
 }
 

@@ -11,6 +11,7 @@ pub mod truth_comparison;
 mod window;
 
 use crate::advice::start::Started;
+use crate::engine::Engine;
 use crate::engine::situation::FlightReport;
 use crate::engine::snapshot::{GnssStatus, ImuStatus, Snapshot, Summary};
 use crate::link::frame::Frame;
@@ -36,19 +37,29 @@ pub use window::{Excerpt, LogPart, most_motion};
 pub trait Consumer {
     /// Takes the next sample.
     fn feed(&mut self, sample: &Sample);
-    /// Takes what flies.
-    fn set_vehicle(&mut self, _kind: VehicleKind) {}
-    /// Takes what the vehicle reports of its flight.
-    fn set_flight(&mut self, _report: &FlightReport) {}
-    /// Takes where the vehicle is for as long as no fix says so.
-    fn set_place(&mut self, _place: Geodetic) {}
-    /// Roll, pitch, yaw, rad, and the time they are for, s; nothing while there is no estimate. Called often.
-    fn attitude(&mut self) -> Option<(f64, [f64; 3])> {
+    /// The engine inside, which takes and answers what follows; nothing does where there is none.
+    fn engine(&mut self) -> Option<&mut Engine> {
         None
     }
+    /// Takes what flies.
+    fn set_vehicle(&mut self, kind: VehicleKind) {
+        self.engine().into_iter().for_each(|engine| engine.set_vehicle(kind));
+    }
+    /// Takes what the vehicle reports of its flight.
+    fn set_flight(&mut self, report: &FlightReport) {
+        self.engine().into_iter().for_each(|engine| engine.set_flight(report));
+    }
+    /// Takes where the vehicle is for as long as no fix says so.
+    fn set_place(&mut self, place: Geodetic) {
+        self.engine().into_iter().for_each(|engine| engine.set_place(place));
+    }
+    /// Roll, pitch, yaw, rad, and the time they are for, s; nothing while there is no estimate. Called often.
+    fn attitude(&mut self) -> Option<(f64, [f64; 3])> {
+        self.engine()?.attitude()
+    }
     /// 1-sigma of that roll, pitch and yaw, rad.
-    fn attitude_sigmas(&self) -> Option<[f64; 3]> {
-        None
+    fn attitude_sigmas(&mut self) -> Option<[f64; 3]> {
+        self.engine()?.attitude_sigmas()
     }
     /// Takes what the autopilot's own filter reports of itself.
     fn filter_report(&mut self, _origin: Origin, _values: &[(Channel, f64)]) {}
@@ -376,33 +387,17 @@ impl<E: Estimator> Pipeline<E> {
     }
 }
 
-impl Consumer for crate::engine::Engine {
+impl Consumer for Engine {
     fn feed(&mut self, sample: &Sample) {
         Self::feed(self, sample);
     }
 
-    fn set_vehicle(&mut self, kind: VehicleKind) {
-        Self::set_vehicle(self, kind);
-    }
-
-    fn set_flight(&mut self, report: &FlightReport) {
-        Self::set_flight(self, report);
-    }
-
-    fn set_place(&mut self, place: Geodetic) {
-        Self::set_place(self, place);
-    }
-
-    fn attitude(&mut self) -> Option<(f64, [f64; 3])> {
-        Self::attitude(self)
-    }
-
-    fn attitude_sigmas(&self) -> Option<[f64; 3]> {
-        Self::attitude_sigmas(self)
+    fn engine(&mut self) -> Option<&mut Engine> {
+        Some(self)
     }
 }
 
-impl Estimator for crate::engine::Engine {
+impl Estimator for Engine {
     fn snapshot(&self) -> Snapshot {
         Self::snapshot(self)
     }

@@ -138,7 +138,7 @@ impl Consumer for Level {
         self.0.map(|t_s| (t_s, [0.0; 3]))
     }
 
-    fn attitude_sigmas(&self) -> Option<[f64; 3]> {
+    fn attitude_sigmas(&mut self) -> Option<[f64; 3]> {
         Some([0.1; 3])
     }
 }

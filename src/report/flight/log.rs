@@ -8,7 +8,6 @@ use crate::engine::counters::ElapsedTime;
 use crate::engine::snapshot::{Snapshot, Summary};
 use crate::logs::filter::{Channel, Origin};
 use crate::pipeline::{Consumer, Estimator};
-use gaware_nav::observability::words::VehicleKind;
 use gaware_nav::sample::Sample;
 
 /// Spacing of what is written down, s.
@@ -132,24 +131,8 @@ impl Consumer for Logged {
         self.log.push(sample, &mut self.engine);
     }
 
-    fn set_vehicle(&mut self, kind: VehicleKind) {
-        self.engine.set_vehicle(kind);
-    }
-
-    fn set_flight(&mut self, report: &crate::engine::situation::FlightReport) {
-        self.engine.set_flight(report);
-    }
-
-    fn set_place(&mut self, place: gaware_nav::earth::Geodetic) {
-        self.engine.set_place(place);
-    }
-
-    fn attitude(&mut self) -> Option<(f64, [f64; 3])> {
-        self.engine.attitude()
-    }
-
-    fn attitude_sigmas(&self) -> Option<[f64; 3]> {
-        self.engine.attitude_sigmas()
+    fn engine(&mut self) -> Option<&mut Engine> {
+        Some(&mut self.engine)
     }
 
     fn filter_report(&mut self, origin: Origin, values: &[(Channel, f64)]) {
