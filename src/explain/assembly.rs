@@ -2,7 +2,7 @@
 
 use super::contract::{
     Assumed, BeforeAfter, ChannelResidual, EffectEntry, Evidence, Explanation, LeaveOneOut, ModelResidual,
-    Negligible, NotFound, Regime, Term, Verdict, Where,
+    Negligible, NotFound, Regime, SCHEMA, Term, Verdict, Where,
 };
 use super::{FlightResiduals, advice, consequence, words};
 use gaware_nav::effects::{Shape, data};
@@ -263,7 +263,7 @@ pub fn explanation(
         entries(judged, sizes, events, speed > AIRCRAFT_M_PER_S, speed).into_iter().unzip();
     let (residual, noise) = (residual(judged), judged.noise.clone());
     let mut explanation = Explanation {
-        schema: "gaware.explanation/1",
+        schema: SCHEMA,
         verdict: verdict(&effects, &added, &residual, left_over, &noise),
         effects,
         places: places(residuals),
@@ -284,10 +284,7 @@ pub fn explanation(
         not_found,
         assumed: assumed(judged),
         noise,
-        compasses: None,
-        air: None,
-        autopilot: None,
-        summary: String::new(),
+        ..Explanation::default()
     };
     explanation.summary = words::summary(&explanation, &added);
     explanation

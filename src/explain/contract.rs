@@ -7,7 +7,7 @@ use serde_json::Value;
 use std::collections::BTreeMap;
 
 /// What came of it.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, JsonSchema)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, JsonSchema)]
 #[serde(rename_all = "snake_case")]
 pub enum Verdict {
     /// Effects were found and each stands alone.
@@ -19,6 +19,7 @@ pub enum Verdict {
     /// A residual is left that no named effect explains.
     Unexplained,
     /// Too short, without fixes, without motion: the recordings do not answer the question.
+    #[default]
     TooLittleData,
 }
 
@@ -204,8 +205,11 @@ pub struct NotFound {
     pub parameters: Value,
 }
 
+/// Name of the contract.
+pub const SCHEMA: &str = "gaware.explanation/1";
+
 /// The contract.
-#[derive(Debug, Clone, PartialEq, Serialize, JsonSchema)]
+#[derive(Debug, Clone, PartialEq, Default, Serialize, JsonSchema)]
 pub struct Explanation {
     /// `gaware.explanation/1`.
     pub schema: &'static str,
@@ -251,22 +255,8 @@ pub struct Explanation {
 /// The result of recordings that say too little.
 pub fn too_little(why: &str) -> Explanation {
     Explanation {
-        schema: "gaware.explanation/1",
-        verdict: Verdict::TooLittleData,
-        effects: Vec::new(),
-        places: Vec::new(),
-        regimes: Vec::new(),
-        residual: None,
-        unexplained_terms: Vec::new(),
-        leave_one_out: Vec::new(),
-        negligible: Vec::new(),
-        removed: Vec::new(),
-        not_found: Vec::new(),
-        assumed: Vec::new(),
-        noise: Vec::new(),
-        compasses: None,
-        air: None,
-        autopilot: None,
+        schema: SCHEMA,
         summary: format!("Too little data to identify unmodelled effects: {why}."),
+        ..Explanation::default()
     }
 }

@@ -179,7 +179,7 @@ pub enum ExplainError {
 }
 
 /// The result with everything that the report shows.
-#[derive(Debug, Clone)]
+#[derive(Debug, Clone, Default)]
 pub struct Explained {
     /// The contract.
     pub explanation: Explanation,
@@ -330,7 +330,8 @@ fn flights_of(
     let (judging, _) = sorted(validate);
     if good.is_empty() {
         let why = bad.first().map_or_else(|| "there is no flight".to_owned(), ToString::to_string);
-        return too_little(&why, model);
+        let explanation = contract::too_little(&why);
+        return Explained { explanation, model: model.clone(), ..Explained::default() };
     }
     // Those that only judge come first: an event of the others has then not happened in them.
     let (judging, good) = in_a_row(judging, good);
@@ -370,10 +371,7 @@ fn flights_of(
         drivers,
         residuals,
         not_found,
-        logs: Vec::new(),
-        validated: Vec::new(),
-        on_board: OnBoard::default(),
-        health: Vec::new(),
+        ..Explained::default()
     }
 }
 
@@ -393,23 +391,6 @@ fn sorted(all: Vec<Prepared>) -> (Vec<Flight>, Vec<TooLittle>) {
         }
     }
     (good, bad)
-}
-
-fn too_little(why: &str, model: &Model) -> Explained {
-    Explained {
-        explanation: contract::too_little(why),
-        model: model.clone(),
-        judged: None,
-        notes: Vec::new(),
-        unfit: None,
-        residuals: Vec::new(),
-        drivers: Vec::new(),
-        not_found: Vec::new(),
-        logs: Vec::new(),
-        validated: Vec::new(),
-        on_board: OnBoard::default(),
-        health: Vec::new(),
-    }
 }
 
 /// What was not found and stands in no other list either.

@@ -144,23 +144,14 @@ fn channel_unit(channel: &str) -> &'static str {
 mod tests {
     use super::*;
     use crate::explain::contract;
-    use gaware_nav::model::Model;
 
     #[test]
     fn a_recording_that_says_too_little_has_a_report_with_the_reason_and_what_to_do() {
         let explained = Explained {
             explanation: contract::too_little("no GNSS fixes"),
-            model: Model::default(),
-            judged: None,
             notes: vec!["Some of it <b> is new.".to_owned()],
-            unfit: None,
-            residuals: Vec::new(),
-            drivers: Vec::new(),
-            not_found: Vec::new(),
             logs: vec!["<bench>.tlog".to_owned()],
-            validated: Vec::new(),
-            on_board: crate::advice::on_board::OnBoard::default(),
-            health: Vec::new(),
+            ..Explained::default()
         };
         let html = html(&explained).unwrap();
         assert!(html.contains("no GNSS fixes.</h1>") && html.contains("Record at least 40 s"), "{html}");
