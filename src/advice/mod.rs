@@ -125,7 +125,7 @@ pub fn advise(findings: &[Finding], on_board: &OnBoard) -> Advice {
         ..Advice::default()
     };
     let Some(autopilot) = on_board.autopilot else {
-        advice.notes.push("the log does not say which autopilot flew: no parameter can be named".to_owned());
+        advice.notes.push(on_board::NO_AUTOPILOT.to_owned());
         return advice;
     };
     for finding in findings {

@@ -16,6 +16,9 @@ use std::collections::{BTreeMap, BTreeSet};
 
 const AUTOPILOT_VERSION: u32 = 148;
 
+/// Why nothing is proposed where the log has no autopilot.
+pub const NO_AUTOPILOT: &str = "the log does not say which autopilot flew: no parameter can be named";
+
 /// A list with so many parameters lacks those alone that the vehicle does not have: complete lists of old and small firmware have 492 to 805
 /// (recorded and public logs), partial ones a few.
 const COMPLETE: usize = 400;

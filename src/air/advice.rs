@@ -8,7 +8,7 @@
 //! Both estimate the wind by −ρ/2 v²/`BCOEF` − v `MCOEF`: PX4 with √(ρ/ρ₀) `MCOEF`, as here (`fuseDrag`), ArduPilot with ρ/ρ₀ `MCOEF` (`FuseDragForces`). A coefficient of zero
 //! turns its part off.
 
-use crate::advice::on_board::OnBoard;
+use crate::advice::on_board::{NO_AUTOPILOT, OnBoard};
 use crate::compass::advice::SensorProposal;
 use gaware_mission::item::Autopilot;
 use gaware_nav::effects::{DRAG_QUADRATIC, SEA_LEVEL_DENSITY};
@@ -55,7 +55,7 @@ pub(super) fn of(found: &AirFound, on_board: &OnBoard) -> (Vec<SensorProposal>, 
         }
         let changes = match on_board.autopilot {
             None => {
-                not.push("the log does not say which autopilot flew: no parameter can be named".to_owned());
+                not.push(NO_AUTOPILOT.to_owned());
                 break;
             }
             Some(autopilot) if found.kind == AirQuantity::Drag => drag(found, finding, autopilot),

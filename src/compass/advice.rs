@@ -5,7 +5,7 @@
 //! `CAL_MAGn_*SCALE` and `CAL_MAGn_*ODIAG`. A field m = A b + h + k I becomes b by sM ← A⁻¹sM, ofs ← ofs − (sM)⁻¹h, mot ← A⁻¹(mot − k), in PX4 comp ← comp − (RS)⁻¹k.
 
 use super::{CompassEntry, MGAUSS, Status};
-use crate::advice::on_board::OnBoard;
+use crate::advice::on_board::{NO_AUTOPILOT, OnBoard};
 use crate::compass::world::WorldField;
 use gaware_mission::item::Autopilot;
 use gaware_nav::identify::compass::{CompassFinding, CompassFound, Orientation};
@@ -119,6 +119,21 @@ fn symmetric(diagonal: &Vector3<f64>, off: &Vector3<f64>) -> Matrix3<f64> {
     Matrix3::new(d.x, o.x, o.y, o.x, d.y, o.z, o.y, o.z, d.z)
 }
 
+/// What the autopilot applies, in the units of its parameters.
+fn applied(names: &Names, on_board: &OnBoard, by_current: bool, advice: &mut Advice) -> Option<OnBoardField> {
+    let Some(offset) = vector(on_board, &names.offset) else {
+        advice.1.push(format!("the log has no {}", names.offset[0]));
+        return None;
+    };
+    let diagonal = vector(on_board, &names.diagonal).filter(|d| *d != Vector3::zeros());
+    let off = vector(on_board, &names.off_diagonal).unwrap_or_default();
+    Some(OnBoardField {
+        scale: symmetric(&diagonal.unwrap_or(Vector3::repeat(1.0)), &off),
+        offset,
+        current: vector(on_board, &names.current).filter(|_| by_current).unwrap_or_default(),
+    })
+}
+
 /// What the flight found of a compass, in body axes: A, h (mG) and k (mG/A).
 struct Errors {
     by_field: Matrix3<f64>,
@@ -167,7 +182,7 @@ pub(super) fn of(found: &CompassFound, on_board: &OnBoard, world: &WorldField) -
     let unseparated = found.effects.iter().any(|f| !f.others.is_empty());
     match on_board.autopilot {
         None if !found.effects.is_empty() => {
-            advice.1.push("the log does not say which autopilot flew: no parameter can be named".to_owned());
+            advice.1.push(NO_AUTOPILOT.to_owned());
         }
         _ if unseparated => {
             let all =
@@ -188,22 +203,13 @@ fn ardupilot(found: &CompassFound, on_board: &OnBoard, world: &WorldField, advic
         return;
     }
     let names = ardupilot_names(ardupilot_place(found.compass, on_board));
-    let Some(offset) = vector(on_board, &names.offset) else {
-        advice.1.push(format!("the log has no {}", names.offset[0]));
-        return;
-    };
-    let diagonal = vector(on_board, &names.diagonal).filter(|d| *d != Vector3::zeros());
-    let off = vector(on_board, &names.off_diagonal).unwrap_or_default();
     let kind = on_board.get("COMPASS_MOTCT");
     // 0: off, 1: by throttle, 2: by current.
     let by_current = kind == Some(2.0);
+    let Some(mut now) = applied(&names, on_board, by_current, advice) else { return };
     // One factor for all axes is applied before the matrix, where it is within these limits (`Compass::have_scale_factor`).
     let factor = on_board.get(&names.factor).filter(|s| (SCALE.0..=SCALE.1).contains(s)).unwrap_or(1.0);
-    let now = OnBoardField {
-        scale: symmetric(&diagonal.unwrap_or(Vector3::repeat(1.0)), &off) * factor,
-        offset,
-        current: vector(on_board, &names.current).filter(|_| by_current).unwrap_or_default(),
-    };
+    now.scale *= factor;
     let errors = Errors::of(&found.effects);
     let Some(new) = corrected(&now, &errors, &Matrix3::identity()) else { return };
     let Some(unbent) = errors.by_field.try_inverse() else { return };
@@ -261,27 +267,17 @@ fn px4(found: &CompassFound, on_board: &OnBoard, advice: &mut Advice) {
     }
     let Some(place) = px4_place(on_board, advice) else { return };
     let names = px4_names(place);
-    let Some(offset) = vector(on_board, &names.offset) else {
-        advice.1.push(format!("the log has no {}", names.offset[0]));
-        return;
-    };
+    let kind = on_board.get("CAL_MAG_COMP_TYP");
+    // 0: off, 1: by throttle, 2: by the current of battery 1, in kA; G/kA is mG/A.
+    let by_current = kind == Some(2.0);
+    let Some(mut now) = applied(&names, on_board, by_current, advice) else { return };
+    // PX4 subtracts its offset, in G.
+    now.offset *= -1e3;
     let Some(rotation) = px4_rotation(place, on_board) else {
         advice.1.push(format!(
             "CAL_MAG{place}_ROT or SENS_BOARD_ROT is none about the vertical axis or upside down"
         ));
         return;
-    };
-    let kind = on_board.get("CAL_MAG_COMP_TYP");
-    // 0: off, 1: by throttle, 2: by the current of battery 1, in kA.
-    let by_current = kind == Some(2.0);
-    let scale = vector(on_board, &names.diagonal).filter(|d| *d != Vector3::zeros());
-    let off = vector(on_board, &names.off_diagonal).unwrap_or_default();
-    let now = OnBoardField {
-        scale: symmetric(&scale.unwrap_or(Vector3::repeat(1.0)), &off),
-        // PX4 subtracts its offset, in G.
-        offset: -offset * 1e3,
-        // G/kA is mG/A.
-        current: vector(on_board, &names.current).filter(|_| by_current).unwrap_or_default(),
     };
     let Some(new) = corrected(&now, &Errors::of(&found.effects), &rotation) else { return };
     for finding in &found.effects {
@@ -333,20 +329,9 @@ fn propose(
         Some((values[k] - old).abs() > SIGNIFICANT * finding.setting.sigmas[k] / size)
     };
     let any = (0..3).any(|k| is_beyond_chance(k) == Some(true));
-    for (k, name) in names.iter().enumerate() {
-        match on_board.get(name) {
-            None => advice.1.push(format!("the log has no {name}")),
-            Some(on_board) if any => advice.0.push(SensorProposal {
-                parameter: name.clone(),
-                on_board,
-                proposed: (values[k] * 1e4).round() / 1e4,
-                unit,
-                effect: finding.setting.effect.name(),
-                source,
-            }),
-            Some(_) => {}
-        }
-    }
+    let values = names.iter().zip(values.iter().copied());
+    let values = values.filter(|(name, _)| any || on_board.get(name).is_none());
+    set(finding, on_board, values, (unit, source), advice);
 }
 
 /// Scale factors and what is beside the diagonal: all six, since they act together.
@@ -363,13 +348,25 @@ fn scales(
         return;
     }
     let values = [(0, 0), (1, 1), (2, 2), (0, 1), (0, 2), (1, 2)].map(|at| scale[at]);
-    for (name, value) in names.diagonal.iter().chain(&names.off_diagonal).zip(values) {
+    let names = names.diagonal.iter().chain(&names.off_diagonal);
+    set(finding, on_board, names.zip(values), ("", source), advice);
+}
+
+/// New values of parameters, to four decimals.
+fn set<'a>(
+    finding: &CompassFinding,
+    on_board: &OnBoard,
+    values: impl Iterator<Item = (&'a String, f64)>,
+    (unit, source): (&'static str, &'static str),
+    advice: &mut Advice,
+) {
+    for (name, value) in values {
         match on_board.get(name) {
-            Some(old) => advice.0.push(SensorProposal {
+            Some(on_board) => advice.0.push(SensorProposal {
                 parameter: name.clone(),
-                on_board: old,
+                on_board,
                 proposed: (value * 1e4).round() / 1e4,
-                unit: "",
+                unit,
                 effect: finding.setting.effect.name(),
                 source,
             }),
@@ -424,7 +421,7 @@ fn orientation(compass: u8, turned: &Orientation, on_board: &OnBoard, advice: &m
             (name, external, PX4_TURN)
         }
         None => {
-            advice.1.push("the log does not say which autopilot flew: no parameter can be named".to_owned());
+            advice.1.push(NO_AUTOPILOT.to_owned());
             return;
         }
     };
