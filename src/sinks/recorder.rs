@@ -19,9 +19,9 @@ use output::Output;
 pub use space::RecordLimit;
 use space::{Removed, Space};
 use std::path::{Path, PathBuf};
-use std::sync::Arc;
-use std::sync::atomic::{AtomicU64, AtomicUsize, Ordering};
+use std::sync::atomic::{AtomicUsize, Ordering};
 use std::sync::mpsc::{Sender, channel};
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::thread::JoinHandle;
 use std::time::{Duration, Instant};
 use worker::Worker;
@@ -92,21 +92,20 @@ pub struct RecorderStats {
 
 #[derive(Debug, Default)]
 struct Counters {
-    written: AtomicU64,
-    dropped: AtomicU64,
-    skipped: AtomicU64,
-    failed: AtomicU64,
-    bytes: AtomicU64,
-    files: AtomicU64,
-    removed_files: AtomicU64,
-    removed_bytes: AtomicU64,
+    /// Held for a few additions, never while the disk is busy.
+    stats: Mutex<RecorderStats>,
     waiting: AtomicUsize,
 }
 
 impl Counters {
+    fn stats(&self) -> MutexGuard<'_, RecorderStats> {
+        self.stats.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+
     fn removed(&self, removed: Removed) {
-        self.removed_files.fetch_add(removed.files, Ordering::Relaxed);
-        self.removed_bytes.fetch_add(removed.bytes, Ordering::Relaxed);
+        let mut stats = self.stats();
+        stats.removed_files += removed.files;
+        stats.removed_bytes += removed.bytes;
     }
 }
 
@@ -161,7 +160,8 @@ impl Recorder {
         let output = Output::create(path, setup)
             .map_err(|source| RecorderError::Create { path: path.to_owned(), source })?;
         let (items, inbox) = channel();
-        let counters = Arc::new(Counters { files: AtomicU64::new(1), ..Counters::default() });
+        let counters = Arc::new(Counters::default());
+        counters.stats().files = 1;
         if let Some(space) = &mut space {
             counters.removed(space.make_for(path));
         }
@@ -188,32 +188,23 @@ impl Recorder {
     /// Hands an item over without waiting.
     pub fn record(&self, item: RecordItem) {
         let counters = &self.counters;
-        let (room, lost) = match item {
-            RecordItem::Frame(_) | RecordItem::Setup(_) => (FRAMES_AHEAD, &counters.dropped),
-            _ => (DERIVED_AHEAD, &counters.skipped),
-        };
+        let is_frame = matches!(item, RecordItem::Frame(_) | RecordItem::Setup(_));
+        let room = if is_frame { FRAMES_AHEAD } else { DERIVED_AHEAD };
         let waiting = &counters.waiting;
         // Counted before it is sent: the writer takes it off again after it has taken it.
         if waiting.fetch_add(1, Ordering::Relaxed) >= room
             || self.items.as_ref().is_none_or(|items| items.send(item).is_err())
         {
             waiting.fetch_sub(1, Ordering::Relaxed);
-            lost.fetch_add(1, Ordering::Relaxed);
+            let mut stats = counters.stats();
+            let lost = if is_frame { &mut stats.dropped } else { &mut stats.skipped };
+            *lost += 1;
         }
     }
 
     /// How it is doing.
     pub fn stats(&self) -> RecorderStats {
-        RecorderStats {
-            written: self.counters.written.load(Ordering::Relaxed),
-            dropped: self.counters.dropped.load(Ordering::Relaxed),
-            skipped: self.counters.skipped.load(Ordering::Relaxed),
-            failed: self.counters.failed.load(Ordering::Relaxed),
-            bytes: self.counters.bytes.load(Ordering::Relaxed),
-            files: self.counters.files.load(Ordering::Relaxed),
-            removed_files: self.counters.removed_files.load(Ordering::Relaxed),
-            removed_bytes: self.counters.removed_bytes.load(Ordering::Relaxed),
-        }
+        *self.counters.stats()
     }
 
     /// Items that wait for the writer: who records faster than any vehicle can wait for it.
@@ -239,7 +230,7 @@ impl Recorder {
             let _ = thread.join();
             // What it did not come to is lost.
             let left = self.counters.waiting.swap(0, Ordering::Relaxed);
-            self.counters.failed.fetch_add(left as u64, Ordering::Relaxed);
+            self.counters.stats().failed += left as u64;
         }
     }
 }

@@ -9,7 +9,7 @@ use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
 use std::sync::atomic::{AtomicU64, Ordering};
-use std::sync::{Arc, PoisonError, RwLock};
+use std::sync::{Arc, PoisonError, RwLock, RwLockReadGuard, RwLockWriteGuard};
 
 /// State of the link to the autopilot.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
@@ -294,12 +294,9 @@ impl SinkCounters {
 /// The registry: one per process, in an [`Arc`].
 #[derive(Debug, Default)]
 pub struct SinkStatus {
-    link: RwLock<LinkView>,
-    recorder: RwLock<RecorderView>,
-    mission: RwLock<MissionView>,
-    parameters: RwLock<ParametersView>,
-    vehicle: RwLock<VehicleView>,
-    route: RwLock<(u64, Arc<RouteView>)>,
+    /// Without the sinks.
+    known: RwLock<StatusView>,
+    route: RwLock<Arc<RouteView>>,
     sinks: RwLock<BTreeMap<&'static str, Arc<SinkCounters>>>,
 }
 
@@ -315,50 +312,58 @@ impl SinkStatus {
         Arc::clone(sinks.entry(name).or_default())
     }
 
+    fn known(&self) -> RwLockReadGuard<'_, StatusView> {
+        self.known.read().unwrap_or_else(PoisonError::into_inner)
+    }
+
+    fn known_mut(&self) -> RwLockWriteGuard<'_, StatusView> {
+        self.known.write().unwrap_or_else(PoisonError::into_inner)
+    }
+
     /// Replaces what is known of the link; the link's supervisor calls it about once a second and on changes.
     pub fn set_link(&self, link: LinkView) {
-        *self.link.write().unwrap_or_else(PoisonError::into_inner) = link;
+        self.known_mut().link = link;
     }
 
     /// Replaces what is known of the recorder.
     pub fn set_recorder(&self, recorder: RecorderView) {
-        *self.recorder.write().unwrap_or_else(PoisonError::into_inner) = recorder;
+        self.known_mut().recorder = recorder;
     }
 
     /// Replaces what is known of the planned mission.
     pub fn set_mission(&self, mission: MissionView) {
-        *self.mission.write().unwrap_or_else(PoisonError::into_inner) = mission;
+        self.known_mut().mission = mission;
     }
 
     /// What is known of the planned mission.
     pub fn mission(&self) -> MissionView {
-        self.mission.read().unwrap_or_else(PoisonError::into_inner).clone()
+        self.known().mission.clone()
     }
 
     /// Replaces what is known of the file of parameters.
     pub fn set_parameters(&self, parameters: ParametersView) {
-        *self.parameters.write().unwrap_or_else(PoisonError::into_inner) = parameters;
+        self.known_mut().parameters = parameters;
     }
 
     /// What is known of the file of parameters.
     pub fn parameters(&self) -> ParametersView {
-        self.parameters.read().unwrap_or_else(PoisonError::into_inner).clone()
+        self.known().parameters.clone()
     }
 
     /// Replaces what is known of who flies.
     pub fn set_vehicle(&self, vehicle: VehicleView) {
-        *self.vehicle.write().unwrap_or_else(PoisonError::into_inner) = vehicle;
+        self.known_mut().vehicle = vehicle;
     }
 
     /// Replaces planned path, fence and home.
     pub fn set_route(&self, route: RouteView) {
-        let mut kept = self.route.write().unwrap_or_else(PoisonError::into_inner);
-        *kept = (kept.0 + 1, Arc::new(route));
+        *self.route.write().unwrap_or_else(PoisonError::into_inner) = Arc::new(route);
+        self.known_mut().route += 1;
     }
 
     /// Planned path, fence and home.
     pub fn route(&self) -> Arc<RouteView> {
-        Arc::clone(&self.route.read().unwrap_or_else(PoisonError::into_inner).1)
+        Arc::clone(&self.route.read().unwrap_or_else(PoisonError::into_inner))
     }
 
     /// A copy for screens, metrics and the page.
@@ -366,13 +371,8 @@ impl SinkStatus {
         let sinks = self.sinks.read().unwrap_or_else(PoisonError::into_inner);
         StatusView {
             schema: "gaware.sinks/1".to_owned(),
-            link: self.link.read().unwrap_or_else(PoisonError::into_inner).clone(),
-            recorder: self.recorder.read().unwrap_or_else(PoisonError::into_inner).clone(),
-            mission: self.mission(),
-            parameters: self.parameters(),
-            vehicle: self.vehicle.read().unwrap_or_else(PoisonError::into_inner).clone(),
-            route: self.route.read().unwrap_or_else(PoisonError::into_inner).0,
             sinks: sinks.iter().map(|(name, c)| ((*name).to_owned(), c.view())).collect(),
+            ..self.known().clone()
         }
     }
 }

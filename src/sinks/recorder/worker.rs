@@ -60,7 +60,7 @@ impl Worker {
         });
         if let Some(what) = spoiled {
             // What was in it is lost as well.
-            self.counters.written.fetch_sub(self.settled, Ordering::Relaxed);
+            self.counters.stats().written -= self.settled;
             self.pending += self.settled;
             self.give_up(&std::io::Error::other(format!("another process {what} the file")).into());
             // Nothing is wrong with the disk.
@@ -70,8 +70,9 @@ impl Worker {
         match how(output).and_then(|()| Ok(output.file.metadata()?)) {
             Ok(file) => {
                 self.settled += self.pending;
-                self.counters.written.fetch_add(std::mem::take(&mut self.pending), Ordering::Relaxed);
-                self.counters.bytes.store(self.earlier_bytes + file.len(), Ordering::Relaxed);
+                let mut stats = self.counters.stats();
+                stats.written += std::mem::take(&mut self.pending);
+                stats.bytes = self.earlier_bytes + file.len();
             }
             Err(error) => self.give_up(&error),
         }
@@ -85,7 +86,7 @@ impl Worker {
         }
         self.settle(Output::finish);
         if self.output.take().is_some() {
-            self.earlier_bytes = self.counters.bytes.load(Ordering::Relaxed);
+            self.earlier_bytes = self.counters.stats().bytes;
             self.settled = 0;
             self.begin_next();
         }
@@ -106,7 +107,7 @@ impl Worker {
         match Output::create(&path, &self.setup) {
             Ok(output) => {
                 self.output = Some(output);
-                self.counters.files.fetch_add(1, Ordering::Relaxed);
+                self.counters.stats().files += 1;
             }
             Err(error) => {
                 tracing::warn!(%error, path = %path.display(), "the next recording could not be started");
@@ -123,7 +124,7 @@ impl Worker {
             self.begin_next();
         }
         let Some(output) = &mut self.output else {
-            self.counters.failed.fetch_add(1, Ordering::Relaxed);
+            self.counters.stats().failed += 1;
             return;
         };
         self.pending += 1;
@@ -136,8 +137,8 @@ impl Worker {
     /// Leaves a file that can no longer be written; what was on its way there is lost.
     fn give_up(&mut self, error: &McapError) {
         tracing::error!(%error, path = %self.path.display(), "recording failed, messages are lost");
-        self.counters.failed.fetch_add(std::mem::take(&mut self.pending), Ordering::Relaxed);
-        self.earlier_bytes = self.counters.bytes.load(Ordering::Relaxed);
+        self.counters.stats().failed += std::mem::take(&mut self.pending);
+        self.earlier_bytes = self.counters.stats().bytes;
         self.settled = 0;
         self.output = None;
         self.retry = Instant::now() + RETRY_PERIOD;
@@ -147,6 +148,6 @@ impl Worker {
 impl Drop for Worker {
     /// A writer that dies loses what was not on the disk yet.
     fn drop(&mut self) {
-        self.counters.failed.fetch_add(self.pending, Ordering::Relaxed);
+        self.counters.stats().failed += self.pending;
     }
 }
