@@ -238,7 +238,7 @@ pub(super) async fn bring(
     result.backup = delivered.backup;
     result.journal = delivered.journal;
     result.values = match &delivered.outcome {
-        ApplyOutcome::Mixed { values, .. } => Some(values.iter().map(Into::into).collect()),
+        ApplyOutcome::Mixed { values, .. } => Some(values.clone()),
         _ => None,
     };
     result.settled()

@@ -72,7 +72,7 @@ async fn take_up(
     result.backup = Some(backup);
     result.journal = (on_vehicle == OnVehicle::Mixed).then_some(path);
     if let ApplyOutcome::Mixed { values, .. } = &outcome {
-        result.values = Some(values.iter().map(Into::into).collect());
+        result.values = Some(values.clone());
     }
     result.settled()
 }

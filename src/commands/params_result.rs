@@ -103,25 +103,6 @@ impl std::fmt::Display for Shown {
     }
 }
 
-/// A parameter of which it is not certain that it has the old or the new value.
-#[derive(Debug, Clone, PartialEq, Serialize)]
-pub struct Uncertain {
-    /// Parameter.
-    pub name: String,
-    /// Before.
-    pub old: f64,
-    /// To be afterwards.
-    pub new: f64,
-    /// As it was read last; `null`: not known, one of the two.
-    pub on_board: Option<f64>,
-}
-
-impl From<&Doubtful> for Uncertain {
-    fn from(d: &Doubtful) -> Self {
-        Self { name: d.name.to_string(), old: d.old, new: d.new, on_board: d.on_board }
-    }
-}
-
 /// The end of an action (`gaware.params/1`).
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct ParamsResult {
@@ -144,7 +125,7 @@ pub struct ParamsResult {
     /// The parameters, for `show`.
     pub parameters: Option<Vec<Shown>>,
     /// Which value is which, where it is neither set.
-    pub values: Option<Vec<Uncertain>>,
+    pub values: Option<Vec<Doubtful>>,
     /// Where parameters that were read are now.
     pub file: Option<PathBuf>,
     /// Where the old values are.

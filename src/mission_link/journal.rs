@@ -11,7 +11,6 @@ use gaware_mission::fence::Fence;
 use gaware_mission::files::plan::{self, PlanFile};
 use gaware_mission::identity::{Identity, Sameness};
 use gaware_mission::item::{Autopilot, Mission};
-use gaware_mission::params::ParamType;
 use gaware_mission::params::apply::Pair;
 use serde::{Deserialize, Serialize};
 use serde_json::Value;
@@ -60,57 +59,44 @@ pub enum Kind {
 }
 
 impl Kind {
-    /// Begin of the names of the files; the system id and the hardware id follow.
-    fn prefix(self) -> &'static str {
+    /// What differs between the two.
+    fn either<T>(self, mission: T, parameters: T) -> T {
         match self {
-            Self::Mission => "mission-transfer-system",
-            Self::Parameters => "parameter-change-system",
+            Self::Mission => mission,
+            Self::Parameters => parameters,
         }
     }
 
+    /// Begin of the names of the files; the system id and the hardware id follow.
+    fn prefix(self) -> &'static str {
+        self.either("mission-transfer-system", "parameter-change-system")
+    }
+
     fn schema(self) -> &'static str {
-        match self {
-            Self::Mission => "gaware.transfer/1",
-            Self::Parameters => "gaware.parameter-change/1",
-        }
+        self.either("gaware.transfer/1", "gaware.parameter-change/1")
     }
 
     /// The command that takes it up.
     pub fn command(self) -> &'static str {
-        match self {
-            Self::Mission => "mission",
-            Self::Parameters => "params",
-        }
+        self.either("mission", "params")
     }
 
     /// Parameters for a mission, and the reverse.
     pub fn other(self) -> Self {
-        match self {
-            Self::Mission => Self::Parameters,
-            Self::Parameters => Self::Mission,
-        }
+        self.either(Self::Parameters, Self::Mission)
     }
 
     /// What is interrupted.
     fn noun(self) -> &'static str {
-        match self {
-            Self::Mission => "upload",
-            Self::Parameters => "change",
-        }
+        self.either("upload", "change")
     }
 
     fn whole(self) -> &'static str {
-        match self {
-            Self::Mission => "an interrupted upload",
-            Self::Parameters => "a change of parameters",
-        }
+        self.either("an interrupted upload", "a change of parameters")
     }
 
     fn words(self) -> &'static str {
-        match self {
-            Self::Mission => "transfer of a mission",
-            Self::Parameters => "change of parameters",
-        }
+        self.either("transfer of a mission", "change of parameters")
     }
 
     /// Whether a file has the name of such a journal.
@@ -267,35 +253,7 @@ struct Document {
     #[serde(default, skip_serializing_if = "Option::is_none")]
     new: Option<Value>,
     #[serde(default, skip_serializing_if = "Option::is_none")]
-    parameters: Option<Vec<Entry>>,
-}
-
-#[derive(Debug, Serialize, Deserialize)]
-struct Entry {
-    name: String,
-    /// `MAV_PARAM_TYPE`.
-    kind: u8,
-    old: f64,
-    new: f64,
-}
-
-impl From<&Pair> for Entry {
-    fn from(p: &Pair) -> Self {
-        Self { name: p.name.to_string(), kind: p.kind.number(), old: p.old, new: p.new }
-    }
-}
-
-impl TryFrom<&Entry> for Pair {
-    type Error = String;
-
-    fn try_from(e: &Entry) -> Result<Self, String> {
-        let name = e.name.parse().map_err(|e: gaware_mission::params::NameError| e.to_string())?;
-        let kind = ParamType::from_number(e.kind).ok_or_else(|| format!("{} is no type", e.kind))?;
-        let finite = e.old.is_finite() && e.new.is_finite();
-        finite
-            .then_some(Self { name, kind, old: e.old, new: e.new })
-            .ok_or_else(|| format!("{name} has no value"))
-    }
+    parameters: Option<Vec<Pair>>,
 }
 
 impl Journal {
@@ -345,7 +303,7 @@ impl Journal {
                 document.with_fence = fences.is_some();
                 (document.previous, document.new) = (plan(previous, before), plan(new, after));
             }
-            Content::Parameters(pairs) => document.parameters = Some(pairs.iter().map(Into::into).collect()),
+            Content::Parameters(pairs) => document.parameters = Some(pairs.clone()),
         }
         document
     }
@@ -377,10 +335,7 @@ impl Journal {
                 let fences = found.with_fence.then_some((previous.fence, new.fence));
                 Content::Mission { previous: previous.mission, new: new.mission, fences }
             }
-            (None, None, Some(entries)) => {
-                let pairs: Result<_, _> = entries.iter().map(Pair::try_from).collect();
-                Content::Parameters(pairs.map_err(wrong)?)
-            }
+            (None, None, Some(pairs)) => Content::Parameters(pairs),
             _ => return Err(wrong("it holds neither a mission before and after nor parameters".to_owned())),
         };
         let Document { system_id, autopilot, .. } = found;
@@ -442,10 +397,8 @@ impl Journal {
     /// The rest of a sentence about a vehicle of which no one knows what is on it.
     pub fn left_words(&self) -> String {
         let (path, kind) = (self.path.display(), self.content.kind());
-        let (both, previous) = match kind {
-            Kind::Mission => ("Both missions", "the previous one"),
-            Kind::Parameters => ("Both sets", "the old one"),
-        };
+        let (both, previous) =
+            kind.either(("Both missions", "the previous one"), ("Both sets", "the old one"));
         format!(
             ". {both} are in {path}: \"gaware {} restore\" puts {previous} back when the link is there again",
             kind.command()

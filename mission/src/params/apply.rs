@@ -10,6 +10,7 @@ pub use outcome::{ApplyOutcome, Doubtful};
 
 use super::{Encoding, ParamMessage, ParamName, ParamRead, ParamTiming, ParamType, ParamValue, Parameters};
 use crate::change::{Exchange, Phase, VehicleState, VerifiedChange};
+use serde::{Deserialize, Serialize};
 
 /// A parameter and the value that it is to have.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -23,7 +24,7 @@ pub struct Wanted {
 }
 
 /// A parameter before and after: what a journal keeps.
-#[derive(Debug, Clone, Copy, PartialEq)]
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub struct Pair {
     /// Which.
     pub name: ParamName,

@@ -1,7 +1,10 @@
 //! Names, types and values of parameters.
 
+use serde::{Deserialize, Serialize};
+
 /// The name of a parameter: 1 to 16 ASCII characters.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize)]
+#[serde(try_from = "String", into = "String")]
 pub struct ParamName([u8; 16]);
 
 /// Not a name of a parameter.
@@ -47,6 +50,20 @@ impl std::str::FromStr for ParamName {
     }
 }
 
+impl TryFrom<String> for ParamName {
+    type Error = NameError;
+
+    fn try_from(text: String) -> Result<Self, NameError> {
+        text.parse()
+    }
+}
+
+impl From<ParamName> for String {
+    fn from(name: ParamName) -> Self {
+        name.to_string()
+    }
+}
+
 impl std::fmt::Display for ParamName {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
         f.write_str(self.as_str())
@@ -54,7 +71,8 @@ impl std::fmt::Display for ParamName {
 }
 
 /// `MAV_PARAM_TYPE`, as far as it fits into four bytes.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Serialize, Deserialize)]
+#[serde(try_from = "u8", into = "u8")]
 pub enum ParamType {
     /// 1.
     U8,
@@ -98,6 +116,20 @@ impl ParamType {
             Self::I32 => 6,
             Self::Real32 => 9,
         }
+    }
+}
+
+impl TryFrom<u8> for ParamType {
+    type Error = String;
+
+    fn try_from(number: u8) -> Result<Self, String> {
+        Self::from_number(number).ok_or_else(|| format!("{number} is no type of a parameter"))
+    }
+}
+
+impl From<ParamType> for u8 {
+    fn from(kind: ParamType) -> Self {
+        kind.number()
     }
 }
 

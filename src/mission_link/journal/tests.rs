@@ -1,5 +1,6 @@
 use super::*;
 use gaware_mission::item::{LatLon, MissionItem, command};
+use gaware_mission::params::ParamType;
 
 fn vehicle(uid: Option<&str>) -> Identity {
     let uid = uid.map(|u| u.parse().unwrap());

@@ -1,9 +1,10 @@
 //! How a change of parameters ended.
 
 use crate::params::ParamName;
+use serde::Serialize;
 
 /// A parameter of which it is not certain that it has the old or the new value.
-#[derive(Debug, Clone, Copy, PartialEq)]
+#[derive(Debug, Clone, Copy, PartialEq, Serialize)]
 pub struct Doubtful {
     /// Which.
     pub name: ParamName,
