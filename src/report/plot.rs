@@ -204,11 +204,9 @@ impl<'a> Plot<'a> {
 
     /// Range of values and of time; nothing where there are no points.
     fn extent(&self) -> Option<([f64; 2], [f64; 2])> {
-        let span = |(a, b): (f64, f64), v: f64| if v.is_finite() { (a.min(v), b.max(v)) } else { (a, b) };
-        let none = (f64::INFINITY, f64::NEG_INFINITY);
         let all = || self.lines.iter().flat_map(|l| &l.points);
-        let (first, end) = all().map(|p| p.0).fold(none, span);
-        let (low, high) = all().map(|p| p.1).fold(none, span);
+        let (first, end) = span(all().map(|p| p.0));
+        let (low, high) = span(all().map(|p| p.1));
         if !first.is_finite() || !low.is_finite() {
             return None;
         }
@@ -293,15 +291,7 @@ impl<'a> Plot<'a> {
                 "<path d=\"M60 {top:.1}H840v{height:.1}H60z\" fill=\"#3ca06e\" fill-opacity=\".15\"/>"
             );
         }
-        for v in ticks(y) {
-            let _ = write!(
-                out,
-                "<path d=\"M60 {0:.1}H840\" stroke=\"currentColor\" stroke-opacity=\".15\"/><text x=\"54\" y=\"{1:.1}\" text-anchor=\"end\">{2}</text>",
-                py(v),
-                py(v) + 4.0,
-                short(v)
-            );
-        }
+        grid(&mut out, y, (60, 840), py);
         for s in ticks(t) {
             let _ = write!(
                 out,
@@ -332,6 +322,27 @@ impl<'a> Plot<'a> {
         }
         out.push_str("</svg>");
         out
+    }
+}
+
+/// Smallest and largest of the finite values; infinity and its negative where there is none.
+pub fn span(values: impl IntoIterator<Item = f64>) -> (f64, f64) {
+    let values = values.into_iter().filter(|v| v.is_finite());
+    values.fold((f64::INFINITY, f64::NEG_INFINITY), |(low, high), v| (low.min(v), high.max(v)))
+}
+
+/// Lines across a large drawing from `left` to `right`, px, at round values, with their labels.
+pub(super) fn grid(svg: &mut String, range: [f64; 2], (left, right): (u32, u32), py: impl Fn(f64) -> f64) {
+    for v in ticks(range) {
+        let _ = write!(
+            svg,
+            "<path d=\"M{left} {:.1}H{right}\" stroke=\"currentColor\" stroke-opacity=\".15\"/><text x=\"{}\" y=\"{:.1}\" \
+             text-anchor=\"end\">{}</text>",
+            py(v),
+            left - 6,
+            py(v) + 4.0,
+            short(v)
+        );
     }
 }
 

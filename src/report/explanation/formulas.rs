@@ -3,7 +3,7 @@
 use super::escape;
 use crate::explain::drivers::{Bin, DriverPlot};
 use crate::explain::words::number;
-use crate::report::plot::{AFTER, BEFORE, Color, SMALL as SIZE, label};
+use crate::report::plot::{AFTER, BEFORE, Color, SMALL as SIZE, label, span};
 use std::fmt::Write;
 
 /// Left, right, top, bottom.
@@ -30,7 +30,7 @@ struct Scale {
 
 impl Scale {
     fn of(values: impl Iterator<Item = f64>, at: (f64, f64)) -> Self {
-        let (from, to) = values.fold((f64::MAX, f64::MIN), |(a, b), v| (a.min(v), b.max(v)));
+        let (from, to) = span(values);
         let slack = (0.05 * (to - from)).max(1e-12 * to.abs()).max(f64::MIN_POSITIVE);
         Self { from: from - slack, to: to + slack, at }
     }

@@ -4,7 +4,7 @@ use super::title;
 use crate::figures::day;
 use crate::fleet::family::{FleetStudy, FlightValue};
 use crate::fleet::log::FleetLog;
-use crate::report::plot::{short, ticks};
+use crate::report::plot::{grid, short, span, ticks};
 use serde::Serialize;
 use std::fmt::Write;
 
@@ -42,9 +42,7 @@ impl Axis {
                 *number
             })
             .collect();
-        let known = || at.iter().copied().filter(|t| t.is_finite());
-        let (first, last) =
-            (known().fold(f64::INFINITY, f64::min), known().fold(f64::NEG_INFINITY, f64::max));
+        let (first, last) = span(at.iter().copied());
         Self { dated, at, first, last }
     }
 
@@ -65,9 +63,7 @@ impl Axis {
     /// All flights of a parameter without scripts: points with bars of 1 sigma, those unlike the others of their unit with a ring. Bars end
     /// where the drawing does.
     pub fn still(&self, title: &str, values: &[FlightValue]) -> String {
-        let (low, high) = values
-            .iter()
-            .fold((f64::INFINITY, f64::NEG_INFINITY), |(low, high), f| (low.min(f.value), high.max(f.value)));
+        let (low, high) = span(values.iter().map(|f| f.value));
         let margin = 0.08 * (high - low).max(f64::MIN_POSITIVE);
         let (low, high) = if high > low { (low - margin, high + margin) } else { (low - 0.5, low + 0.5) };
         let px = |t: f64| {
@@ -77,15 +73,7 @@ impl Axis {
         let mut out = format!(
             "<svg role=\"img\" viewBox=\"0 0 860 216\" font-family=\"sans-serif\" font-size=\"15\" fill=\"currentColor\"><title>{title}</title>"
         );
-        for v in ticks([low, high]) {
-            let _ = write!(
-                out,
-                "<path d=\"M70 {0:.1}H850\" stroke=\"currentColor\" stroke-opacity=\".15\"/><text x=\"64\" y=\"{1:.1}\" text-anchor=\"end\">{2}</text>",
-                py(v),
-                py(v) + 4.0,
-                short(v)
-            );
-        }
+        grid(&mut out, [low, high], (70, 850), py);
         for (t, label) in self.labels() {
             let _ = write!(
                 out,

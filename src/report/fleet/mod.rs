@@ -12,6 +12,7 @@ use crate::figures::{counted, day, two_figures, with_sigma};
 use crate::fleet::family::findings::Finding;
 use crate::fleet::family::{FleetStudy, ParameterFamily};
 use crate::fleet::log::FleetLog;
+use crate::report::plot::span;
 use flights::Axis;
 use gaware_nav::effects;
 use std::collections::BTreeSet;
@@ -69,8 +70,7 @@ fn order(study: &FleetStudy) -> Vec<usize> {
 fn head(name: &str, logs: &[FleetLog], study: &FleetStudy, body: &mut String) {
     let family = &study.family;
     let starts: Vec<f64> = logs.iter().filter_map(|l| l.flight()?.start_unix_s).collect();
-    let (first, last) =
-        starts.iter().fold((f64::INFINITY, f64::NEG_INFINITY), |(low, high), t| (low.min(*t), high.max(*t)));
+    let (first, last) = span(starts.iter().copied());
     let dates = match starts.len() {
         0 => "dates not in the logs".to_owned(),
         _ if day(first) == day(last) => day(first),

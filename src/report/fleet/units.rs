@@ -3,7 +3,7 @@
 use crate::figures::with_sigma;
 use crate::fleet::family::{Estimated, FleetStudy, FlightValue, ParameterFamily, UnitFamily};
 use crate::report::page::escape;
-use crate::report::plot::short;
+use crate::report::plot::{short, span};
 use gaware_nav::math::{log10, powf};
 use std::fmt::Write;
 
@@ -24,9 +24,7 @@ impl Scale {
         let spread = p.turn_on_spread.value;
         let units = p.units.iter().map(|u| (u.constant.value, u.constant.sigma.max(spread)));
         let family = p.in_family().map(|(mean, between)| (mean.value, between));
-        let none = (f64::INFINITY, f64::NEG_INFINITY);
-        let (low, high) =
-            units.chain(family).fold(none, |(low, high), (v, s)| (low.min(v - s), high.max(v + s)));
+        let (low, high) = span(units.chain(family).flat_map(|(v, s)| [v - s, v + s]));
         let (low, high) = if high > low { (low, high) } else { (low - 0.5, low + 0.5) };
         Self { low, high, family }
     }

@@ -1,6 +1,7 @@
 //! Which parts of a flight taught most, and what the vehicle did there.
 
 use crate::engine::snapshot::{Phase, Snapshot, StateStatus};
+use crate::report::plot;
 use gaware_nav::math::{hypot, ln};
 
 /// Length of a part, s.
@@ -75,7 +76,7 @@ fn lesson(part: &[&Snapshot]) -> Option<Lesson> {
 
 /// Smallest and largest.
 fn span(part: &[&Snapshot], of: impl Fn(&Snapshot) -> f64) -> (f64, f64) {
-    part.iter().map(|s| of(s)).fold((f64::INFINITY, f64::NEG_INFINITY), |(a, b), v| (a.min(v), b.max(v)))
+    plot::span(part.iter().map(|s| of(s)))
 }
 
 /// Speed over ground, m/s.

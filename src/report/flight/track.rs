@@ -2,8 +2,10 @@
 
 use super::lessons::Lesson;
 use crate::engine::snapshot::{Phase, Snapshot};
-use gaware_nav::math::{cos, hypot, log10, powf};
-use gaware_nav::rotation::wrap_pi;
+use crate::report::plot::span;
+use gaware_mission::fence::LocalFrame;
+use gaware_mission::item::LatLon;
+use gaware_nav::math::{hypot, log10, powf};
 use std::fmt::Write;
 
 /// Size of the drawing.
@@ -95,10 +97,7 @@ fn ends(start: (f64, f64), end: (f64, f64), taken: &mut Vec<Label>) -> String {
 /// the lessons.
 pub fn svg(snapshots: &[Snapshot], lessons: &[Lesson]) -> String {
     let points = points(snapshots);
-    let span = |of: &dyn Fn(&(f64, f64, f64)) -> f64| {
-        points.iter().map(of).fold((f64::INFINITY, f64::NEG_INFINITY), |(a, b), v| (a.min(v), b.max(v)))
-    };
-    let ((west, east), (south, north)) = (span(&|p| p.1), span(&|p| p.2));
+    let ((west, east), (south, north)) = (span(points.iter().map(|p| p.1)), span(points.iter().map(|p| p.2)));
     let (Some(start), Some(end)) = (points.first(), points.last()) else { return String::new() };
     let size_m = hypot(east - west, north - south);
     if size_m < AT_REST_M {
