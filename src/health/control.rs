@@ -83,7 +83,7 @@ impl Control {
 
 /// Whether rotors alone carry it: what is demanded of wings is not followed in every mode.
 fn is_carried_by_rotors(board: &OnBoard) -> bool {
-    matches!(board.class, Some(VehicleClass::Multirotor | VehicleClass::Helicopter))
+    board.class.is_some_and(VehicleClass::is_carried_by_rotors)
 }
 
 impl HealthLog {

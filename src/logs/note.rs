@@ -1,6 +1,7 @@
 //! What a log says beside sensors and fixes: parameters, who the vehicle is, the date, and how it was.
 
 use super::filter::Channel;
+use gaware_nav::observability::words::VehicleKind;
 
 /// Whose attitude a simulated autopilot's log has beside others: that of the vehicle itself.
 pub const TRUTH: &str = "simulation truth";
@@ -51,6 +52,22 @@ pub enum VehicleClass {
 }
 
 impl VehicleClass {
+    /// Whether wings carry it, at least in cruise.
+    pub fn has_wings(self) -> bool {
+        matches!(self, Self::FixedWing | Self::Vtol)
+    }
+
+    /// Whether rotors alone carry it.
+    pub fn is_carried_by_rotors(self) -> bool {
+        matches!(self, Self::Multirotor | Self::Helicopter)
+    }
+
+    /// What its maneuvers depend on; a VTOL flies turns on its wings.
+    pub fn kind(self) -> Option<VehicleKind> {
+        let wings = self.has_wings().then_some(VehicleKind::FixedWing);
+        wings.or(self.is_carried_by_rotors().then_some(VehicleKind::Multirotor))
+    }
+
     /// In documents.
     pub fn key(self) -> &'static str {
         match self {

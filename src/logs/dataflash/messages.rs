@@ -64,13 +64,9 @@ impl Messages {
         self.taken
     }
 
-    /// What flies; a plane with rotors flies turns on its wings.
+    /// What flies.
     pub(super) fn kind(&self) -> Option<VehicleKind> {
-        match self.class()? {
-            VehicleClass::FixedWing | VehicleClass::Vtol => Some(VehicleKind::FixedWing),
-            VehicleClass::Multirotor | VehicleClass::Helicopter => Some(VehicleKind::Multirotor),
-            VehicleClass::Rover | VehicleClass::Submarine => None,
-        }
+        self.class()?.kind()
     }
 
     /// The firmware says which family it is, its parameters what is carried by what.

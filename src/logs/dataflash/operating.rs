@@ -24,7 +24,7 @@ pub(super) fn of(entry: &Entry, class: Option<VehicleClass>) -> Option<Operating
         }
         "CTUN" => {
             // Percent on aircraft; a share on rotors since 3.4, thousandths before.
-            let wings = matches!(class, Some(VehicleClass::FixedWing | VehicleClass::Vtol));
+            let wings = class.is_some_and(VehicleClass::has_wings);
             let share = |v: f64| match (wings, v) {
                 (true, v) => 0.01 * v,
                 (_, v) if v > 1.5 => 1e-3 * v,

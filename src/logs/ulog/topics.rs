@@ -59,13 +59,9 @@ impl Topics {
         self.survey.unwrap_or_default()
     }
 
-    /// What flies; a VTOL flies turns on its wings.
+    /// What flies.
     pub(super) fn kind(&self) -> Option<VehicleKind> {
-        match self.class.0.or(self.class.1)? {
-            VehicleClass::FixedWing | VehicleClass::Vtol => Some(VehicleKind::FixedWing),
-            VehicleClass::Multirotor | VehicleClass::Helicopter => Some(VehicleKind::Multirotor),
-            VehicleClass::Rover | VehicleClass::Submarine => None,
-        }
+        self.class.0.or(self.class.1)?.kind()
     }
 
     pub(super) fn learn_class(

@@ -91,7 +91,7 @@ fn next(s: &Summary, beside: &Beside) -> String {
         let is_log = on_board.system_id.is_none();
         parts.push(match on_board.autopilot {
             Some(Autopilot::ArduPilot) if is_log => {
-                let copter = matches!(on_board.class, Some(VehicleClass::Multirotor | VehicleClass::Helicopter));
+                let copter = on_board.class.is_some_and(VehicleClass::is_carried_by_rotors);
                 let bit = if copter { IMU_FAST } else { IMU_RAW };
                 let what = if copter { "fast IMU" } else { "raw IMU" };
                 match now("LOG_BITMASK") {
