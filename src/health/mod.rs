@@ -191,10 +191,10 @@ impl HealthLog {
         let velocities = (before.velocity.horizontal(), fix.velocity.horizontal());
         let (Some(a), Some(b)) = velocities else { return };
         self.fastest_m_per_s = self.fastest_m_per_s.max(hypot(a[0], a[1]).min(hypot(b[0], b[1])));
-        const EARTH_M: f64 = 6_371_000.0;
-        let north = (fix.position.lat_rad - before.position.lat_rad) * EARTH_M;
+        let (north_m, east_m) = fix.position.radii();
+        let north = (fix.position.lat_rad - before.position.lat_rad) * north_m;
         let east =
-            wrap_pi(fix.position.lon_rad - before.position.lon_rad) * EARTH_M * cos(fix.position.lat_rad);
+            wrap_pi(fix.position.lon_rad - before.position.lon_rad) * east_m * cos(fix.position.lat_rad);
         let off = hypot(north - 0.5 * dt * (a[0] + b[0]), east - 0.5 * dt * (a[1] + b[1]));
         // What a maneuver between two fixes may do: 2 g.
         if off > JUMP_M + 10.0 * dt * dt {

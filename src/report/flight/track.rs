@@ -17,18 +17,16 @@ const AT_REST_M: f64 = 10.0;
 /// Half the height and half the width of a number, and of the words at start and end, with some space around them.
 const NUMBER: (f64, f64) = (8.0, 8.0);
 const WORD: (f64, f64) = (24.0, 8.0);
-/// Metres per degree of latitude, near enough for a drawing.
-const M_PER_DEG: f64 = 111_200.0;
 
 /// East and north of the first point, m, with the time; nothing while there is no estimate.
 fn points(snapshots: &[Snapshot]) -> Vec<(f64, f64, f64)> {
     let running = || snapshots.iter().filter(|s| s.phase == Phase::Running);
-    let Some(first) = running().next().map(|s| s.motion) else { return Vec::new() };
-    let east = M_PER_DEG * cos(first.lat_deg.to_radians());
+    let place = |s: &Snapshot| LatLon { lat_deg: s.motion.lat_deg, lon_deg: s.motion.lon_deg };
+    let Some(frame) = running().next().map(|s| LocalFrame::new(place(s))) else { return Vec::new() };
     running()
         .map(|s| {
-            let lon = wrap_pi((s.motion.lon_deg - first.lon_deg).to_radians()).to_degrees();
-            (s.elapsed_s, east * lon, M_PER_DEG * (s.motion.lat_deg - first.lat_deg))
+            let at = frame.to_local(place(s));
+            (s.elapsed_s, at.y, at.x)
         })
         .filter(|(_, e, n)| e.is_finite() && n.is_finite())
         .collect()
@@ -162,7 +160,10 @@ mod tests {
             s
         };
         let track = points(&[at(179.999, 0.0), at(-179.999, 1.0)]);
-        assert!((track[1].1 - 0.002 * M_PER_DEG * cos(17.0_f64.to_radians())).abs() < 1.0, "{track:?}");
+        assert!(
+            (track[1].1 - 0.002 * 111_320.0 * gaware_nav::math::cos(17.0_f64.to_radians())).abs() < 1.0,
+            "{track:?}"
+        );
         assert_eq!(svg(&[], &[]), "");
         assert!(svg(&[at(10.0, 0.0)], &[]).contains("stayed within 1 m"));
         assert!(svg(&[at(10.0, 0.0), at(10.001, 1.0)], &[]).contains("start"));

@@ -8,6 +8,7 @@
 mod yaw;
 
 use crate::logs::TRUTH;
+use gaware_nav::earth::STANDARD_GRAVITY;
 use gaware_nav::rotation::c_nb_from_euler;
 use gaware_nav::sample::FixVelocity;
 use nalgebra::{Matrix3, Vector3};
@@ -36,7 +37,6 @@ const SIGMAS: f64 = 3.0;
 const WORTH: f64 = 1.05;
 /// More attitudes are not judged.
 const MOST_TRACKS: usize = 12;
-const GRAVITY: f64 = 9.806_65;
 
 /// Integrals since some time: of the turned force, m/s, and of the attitude, s.
 #[derive(Debug, Clone, Copy, Default)]
@@ -123,7 +123,7 @@ impl Track {
         if (0.5 * SPAN_S..=LONGEST_S).contains(&span_s) {
             self.intervals.push(Interval {
                 t_s: fix.t_s,
-                gained: fix.v - from.v - Vector3::z() * (GRAVITY * span_s),
+                gained: fix.v - from.v - Vector3::z() * (STANDARD_GRAVITY * span_s),
                 vertical: fix.vertical * from.vertical,
                 gain: Gain { force: gain.force - before.force, turn: gain.turn - before.turn },
             });
@@ -312,7 +312,7 @@ mod tests {
             let ahead = acceleration * sin(0.8 * t_s);
             velocity += Vector3::new(cos(yaw), sin(yaw), 0.0) * (ahead * dt);
             // A biased accelerometer, and a receiver with noise in a wind that nobody measures.
-            motion.push_force(&Vector3::new(ahead + 0.15, 0.1, -GRAVITY));
+            motion.push_force(&Vector3::new(ahead + 0.15, 0.1, -STANDARD_GRAVITY));
             if k % 5 == 4 {
                 motion.push_attitude(AUTOPILOT, t_s, [0.0, pitch, yaw + autopilot]);
                 if t_s > later_s {
@@ -362,7 +362,7 @@ mod tests {
         let mut motion = Motion::default();
         for k in 0..9000 {
             let t_s = f64::from(k) * 0.02;
-            motion.push_force(&Vector3::new(0.0, 0.0, -GRAVITY));
+            motion.push_force(&Vector3::new(0.0, 0.0, -STANDARD_GRAVITY));
             if k % 5 == 4 {
                 motion.push_attitude(AUTOPILOT, t_s, [0.1 * sin(0.3 * t_s), 0.0, 0.0]);
                 motion.push_attitude(OURS, t_s, [0.0; 3]);
@@ -400,7 +400,7 @@ mod tests {
         let mut motion = Motion::default();
         for k in 0..9000 {
             let t_s = f64::from(k) * 0.02;
-            motion.push_force(&Vector3::new(0.0, 0.0, -GRAVITY));
+            motion.push_force(&Vector3::new(0.0, 0.0, -STANDARD_GRAVITY));
             if k % 5 == 4 {
                 motion.push_attitude(AUTOPILOT, t_s, [0.0, 0.0, 1.4]);
             }
