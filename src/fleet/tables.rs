@@ -310,16 +310,16 @@ fn parameter_rows(row: &EffectRow<'_>, values: Option<&Value>, push: &mut dyn Fn
 
 /// The parameters of a group in their order, from the layout of files.
 fn flat(group: &ParameterGroup, value: &Value) -> Vec<f64> {
-    let number = |v: &Value| v.as_f64().unwrap_or(f64::NAN);
-    let list = |v: &Value| v.as_array().cloned().unwrap_or_default();
-    match group.shape {
-        Shape::Scalar => vec![number(value)],
-        Shape::Vector | Shape::UpperTriangle | Shape::Symmetric => list(value).iter().map(number).collect(),
-        Shape::Matrix => list(value).iter().flat_map(list).map(|v| number(&v)).collect(),
-        Shape::MatrixWithoutDiagonal => {
-            let all = list(value).iter().flat_map(list).map(|v| number(&v)).collect::<Vec<_>>();
-            all.into_iter().enumerate().filter(|(k, _)| k % 4 != 0).map(|(_, v)| v).collect()
-        }
+    let without_diagonal = group.shape == Shape::MatrixWithoutDiagonal;
+    let all = numbers(value).into_iter().enumerate();
+    all.filter(|(k, _)| !without_diagonal || k % 4 != 0).map(|(_, v)| v).collect()
+}
+
+/// All numbers of a list of lists in their order.
+fn numbers(value: &Value) -> Vec<f64> {
+    match value.as_array() {
+        Some(list) => list.iter().flat_map(numbers).collect(),
+        None => vec![value.as_f64().unwrap_or(f64::NAN)],
     }
 }
 

@@ -7,6 +7,8 @@
 //! moment estimate of Paule & Mandel (1982) weights precise and vague flights alike and scatters more.
 
 use nalgebra::{DMatrix, DVector};
+use schemars::JsonSchema;
+use serde::Serialize;
 
 /// The estimate of one flight, free of its prior.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -33,8 +35,8 @@ pub struct Design {
 }
 
 /// A value with its 1-sigma.
-#[derive(Debug, Clone, Copy, PartialEq, Default)]
-pub struct Uncertain {
+#[derive(Debug, Clone, Copy, PartialEq, Default, Serialize, JsonSchema)]
+pub struct Estimated {
     /// Value.
     pub value: f64,
     /// 1-sigma.
@@ -49,9 +51,9 @@ pub struct UnitFit {
     /// Mean time of its flights as weighted, days.
     pub mean_time_d: f64,
     /// Constant part with the first firmware at the mean time.
-    pub constant: Uncertain,
+    pub constant: Estimated,
     /// Drift per day, where the design has it.
-    pub slope: Option<Uncertain>,
+    pub slope: Option<Estimated>,
     /// Weighted sum of squares of its residuals.
     pub squares: f64,
     /// Its degrees of freedom, without the part that shifts take.
@@ -64,9 +66,9 @@ pub struct Fit {
     /// By index; `None` for a unit without flights.
     pub units: Vec<Option<UnitFit>>,
     /// Shift that came with each firmware; `None` where the design has none or the flights cannot separate it from the units.
-    pub shifts: Vec<Option<Uncertain>>,
+    pub shifts: Vec<Option<Estimated>>,
     /// Turn-on spread τ.
-    pub spread: Uncertain,
+    pub spread: Estimated,
     /// Degrees of freedom.
     pub freedom: usize,
 }
@@ -117,14 +119,14 @@ pub fn fit(observations: &[Observation], units: usize, design: &Design) -> Optio
     Some(Fit {
         units: solved.units,
         shifts: solved.shifts,
-        spread: Uncertain { value: spread, sigma },
+        spread: Estimated { value: spread, sigma },
         freedom: solved.freedom,
     })
 }
 
 struct Solved {
     units: Vec<Option<UnitFit>>,
-    shifts: Vec<Option<Uncertain>>,
+    shifts: Vec<Option<Estimated>>,
     /// Derivative of the restricted likelihood by τ², times two.
     score: f64,
     /// tr(PP) up to products of leverages.
@@ -201,7 +203,7 @@ fn solve(observations: &[Observation], units: usize, design: &Design, spread2: f
     let mut solved =
         Solved { units: Vec::new(), shifts: vec![None; firmwares], score: 0.0, information: 0.0, freedom: 0 };
     for (j, k) in wanted.iter().enumerate().filter(|(j, _)| kept.contains(j)) {
-        solved.shifts[*k] = Some(Uncertain { value: shift[j], sigma: covariance[(j, j)].max(0.0).sqrt() });
+        solved.shifts[*k] = Some(Estimated { value: shift[j], sigma: covariance[(j, j)].max(0.0).sqrt() });
     }
     let mut own_columns = 0;
     for block in &blocks {
@@ -274,7 +276,7 @@ fn unit_fit(block: &Block, shift: &DVector<f64>, covariance: &DMatrix<f64>) -> U
     let part = |which: usize, own: f64| {
         let column: Vec<f64> = block.columns.iter().map(|c| c[which]).collect();
         let variance = own + quadratic(&column, covariance);
-        Uncertain { value: block.value[which] - dot(&column, shift), sigma: variance.sqrt() }
+        Estimated { value: block.value[which] - dot(&column, shift), sigma: variance.sqrt() }
     };
     let residual = |row: &Row| row.value - dot(&row.columns, shift);
     UnitFit {
@@ -288,7 +290,7 @@ fn unit_fit(block: &Block, shift: &DVector<f64>, covariance: &DMatrix<f64>) -> U
 }
 
 /// Mean and spread of values with errors of their own, with the sigma of the mean.
-pub fn mean_and_spread(values: &[Uncertain]) -> Option<(Uncertain, f64)> {
+pub fn mean_and_spread(values: &[Estimated]) -> Option<(Estimated, f64)> {
     let observations: Vec<Observation> = values
         .iter()
         .map(|v| Observation { unit: 0, firmware: 0, time_d: 0.0, value: v.value, sigma: v.sigma })

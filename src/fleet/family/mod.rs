@@ -19,7 +19,8 @@ pub use model::prior_model;
 
 use super::log::FleetLog;
 use findings::Finding;
-use fit::{Design, Fit, Observation, Uncertain, UnitFit};
+pub use fit::Estimated;
+use fit::{Design, Fit, Observation, UnitFit};
 use gaware_nav::math::{hypot, powf};
 use schemars::JsonSchema;
 use serde::Serialize;
@@ -33,21 +34,6 @@ const DRIFT_FLIGHTS: usize = 5;
 const FAMILY_UNITS: usize = 4;
 const DAY_S: f64 = 86_400.0;
 const YEAR_D: f64 = 365.25;
-
-/// A value with its 1-sigma.
-#[derive(Debug, Clone, Copy, PartialEq, Default, Serialize, JsonSchema)]
-pub struct Estimated {
-    /// Value.
-    pub value: f64,
-    /// 1-sigma.
-    pub sigma: f64,
-}
-
-impl From<Uncertain> for Estimated {
-    fn from(u: Uncertain) -> Self {
-        Self { value: u.value, sigma: u.sigma }
-    }
-}
 
 /// What a fleet teaches (`gaware.fleet_family/1`).
 #[derive(Debug, Clone, PartialEq, Serialize, JsonSchema)]
@@ -253,7 +239,7 @@ impl<'a> Flights<'a> {
 }
 
 /// What the flight alone says: the posterior over the prior, both normal.
-fn without_prior(p: &super::flight::FlightParameter) -> Option<Uncertain> {
+fn without_prior(p: &super::flight::FlightParameter) -> Option<Estimated> {
     if !p.is_informed() {
         return None;
     }
@@ -261,7 +247,7 @@ fn without_prior(p: &super::flight::FlightParameter) -> Option<Uncertain> {
     let own = after - before;
     let value = (p.value * after - p.prior_value * before) / own;
     let sigma = powf(own, -0.5);
-    (value.is_finite() && sigma.is_finite()).then_some(Uncertain { value, sigma })
+    (value.is_finite() && sigma.is_finite()).then_some(Estimated { value, sigma })
 }
 
 /// Finds what the flights of each unit have in common. Logs without a result or without a known unit do not count.
@@ -304,7 +290,7 @@ fn parameter(
     let units = flights.units.len();
     let open = open_design(own, flights);
     let whole = fit::fit(own, units, &open).or_else(|| fit::fit(own, units, &Design::default()))?;
-    let significant = |u: &Uncertain| tails::student(u.value / u.sigma, whole.freedom) * tests < LEVEL;
+    let significant = |u: &Estimated| tails::student(u.value / u.sigma, whole.freedom) * tests < LEVEL;
     let chosen = Design {
         slopes: whole
             .units
@@ -314,8 +300,8 @@ fn parameter(
         shifts: whole.shifts.iter().map(|s| s.is_some_and(|s| significant(&s))).collect(),
     };
     let last = fit::fit(own, units, &chosen)?;
-    let constants: Vec<Option<Uncertain>> = last.units.iter().map(|u| u.map(|u| u.constant)).collect();
-    let there: Vec<Uncertain> = constants.iter().flatten().copied().collect();
+    let constants: Vec<Option<Estimated>> = last.units.iter().map(|u| u.map(|u| u.constant)).collect();
+    let there: Vec<Estimated> = constants.iter().flatten().copied().collect();
     let family = fit::mean_and_spread(&there);
     let rows = last.units.iter().enumerate().filter_map(|(k, unit)| {
         let of = UnitOf { index: k, unit: (*unit)?, last: &last, own, tests };
@@ -327,7 +313,7 @@ fn parameter(
         Some(FirmwareShift {
             from: flights.firmwares.get(k.checked_sub(1)?)?.clone(),
             to: flights.firmwares.get(k)?.clone(),
-            shift: found.into(),
+            shift: found,
             significant: chosen.shifts.get(k).copied().unwrap_or(false),
         })
     };
@@ -336,8 +322,8 @@ fn parameter(
         name: name.clone(),
         unit: unit.clone(),
         flights: own.len(),
-        turn_on_spread: last.spread.into(),
-        family_mean: family.map(|(mean, _)| mean.into()),
+        turn_on_spread: last.spread,
+        family_mean: family.map(|(mean, _)| mean),
         between_units: family.map(|(_, spread)| spread),
         units: rows.collect(),
         firmware_shifts: (1..flights.firmwares.len()).filter_map(shift).collect(),
@@ -380,10 +366,8 @@ fn open_design(own: &[Observation], flights: &Flights<'_>) -> Design {
 impl ParameterFamily {
     /// Mean and spread of the units that are not out of family; absent with fewer than two.
     pub fn in_family(&self) -> Option<(Estimated, f64)> {
-        let uncertain = |e: Estimated| Uncertain { value: e.value, sigma: e.sigma };
         let own = self.units.iter().filter(|u| !u.out_of_family);
-        let (mean, spread) = fit::mean_and_spread(&own.map(|u| uncertain(u.constant)).collect::<Vec<_>>())?;
-        Some((mean.into(), spread))
+        fit::mean_and_spread(&own.map(|u| u.constant).collect::<Vec<_>>())
     }
 }
 
@@ -397,15 +381,15 @@ struct UnitOf<'a> {
 }
 
 impl UnitOf<'_> {
-    fn row(&self, name: &str, drift: Option<Uncertain>, constants: &[Option<Uncertain>]) -> UnitFamily {
+    fn row(&self, name: &str, drift: Option<Estimated>, constants: &[Option<Estimated>]) -> UnitFamily {
         let unit = &self.unit;
         let (family_t, others) = self.against_the_others(constants);
-        let per_year = |s: Uncertain| Estimated { value: s.value * YEAR_D, sigma: s.sigma * YEAR_D };
+        let per_year = |s: Estimated| Estimated { value: s.value * YEAR_D, sigma: s.sigma * YEAR_D };
         let scatter = tails::chi2_above(unit.squares, unit.freedom);
         UnitFamily {
             unit: name.to_owned(),
             flights: unit.flights,
-            constant: unit.constant.into(),
+            constant: unit.constant,
             drift_per_year: unit.slope.or(drift).map(per_year),
             drifts: unit.slope.is_some(),
             scatters_more: scatter * self.tests < LEVEL,
@@ -417,8 +401,8 @@ impl UnitOf<'_> {
     }
 
     /// Student's t against the family of the others, and their number.
-    fn against_the_others(&self, constants: &[Option<Uncertain>]) -> (Option<f64>, usize) {
-        let others: Vec<Uncertain> =
+    fn against_the_others(&self, constants: &[Option<Estimated>]) -> (Option<f64>, usize) {
+        let others: Vec<Estimated> =
             constants.iter().enumerate().filter(|(k, _)| *k != self.index).filter_map(|(_, c)| *c).collect();
         if others.len() + 1 < FAMILY_UNITS {
             return (None, others.len());
@@ -435,7 +419,7 @@ impl UnitOf<'_> {
         let Some(latest) =
             mine.max_by(|a, b| a.time_d.total_cmp(&b.time_d).then(a.firmware.cmp(&b.firmware)))
         else {
-            return self.unit.constant.into();
+            return self.unit.constant;
         };
         let (mut value, mut variance) = (self.unit.constant.value, self.unit.constant.sigma.powi(2));
         if let Some(slope) = self.unit.slope {
