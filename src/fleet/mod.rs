@@ -22,7 +22,7 @@ use std::path::PathBuf;
 #[derive(Debug, thiserror::Error)]
 pub enum FleetError {
     /// A pattern or folder with nothing in it.
-    #[error("no log at {0}: gaware reads .tlog, .bin, .ulg, .mcap and folders with imu.csv")]
+    #[error("no log at {0}: gaware reads .tlog, .bin, .log, .ulg, .mcap and folders with imu.csv")]
     NoLog(String),
     /// A pattern that is none.
     #[error("invalid pattern {pattern}: {reason}")]
