@@ -59,7 +59,7 @@ impl Token {
     pub fn random() -> Result<Self, WebError> {
         let mut bytes = [0u8; 16];
         getrandom::fill(&mut bytes).map_err(|e| WebError::Randomness(e.to_string()))?;
-        Ok(Self { text: bytes.iter().map(|b| format!("{b:02x}")).collect(), random: true })
+        Ok(Self { text: crate::outputs::mark::hex(&bytes), random: true })
     }
 
     /// The secret itself, to show it once to the person who started the server.

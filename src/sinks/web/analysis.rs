@@ -1,8 +1,7 @@
 //! The page that analyses logs in the browser, from this machine: the file that web/build makes, and the script that keeps it for later.
 //! Nothing is received but the two requests; logs stay in the browser.
 
-use super::door::{Door, Visitor};
-use super::{GRACE, WebError};
+use super::{WebError, serve_until};
 use axum::Router;
 use axum::http::StatusCode;
 use axum::http::header::{self, HeaderMap, HeaderName, HeaderValue};
@@ -25,17 +24,7 @@ pub async fn serve(
     page: Vec<u8>,
     shutdown: CancellationToken,
 ) -> Result<(), WebError> {
-    let app = router(page).into_make_service_with_connect_info::<Visitor>();
-    let server =
-        axum::serve(Door::new(listener), app).with_graceful_shutdown(shutdown.clone().cancelled_owned());
-    let overtime = async {
-        shutdown.cancelled().await;
-        tokio::time::sleep(GRACE).await;
-    };
-    tokio::select! {
-        result = server => result.map_err(WebError::Io),
-        () = overtime => Ok(()),
-    }
+    serve_until(listener, router(page), &shutdown).await
 }
 
 /// The server without its socket.

@@ -140,7 +140,12 @@ pub async fn serve(
     let _ends_with_us = stop.clone().drop_guard();
     let shared = Shared::new(state, local, stop.clone());
     tokio::spawn(keep_history(Arc::clone(&shared)));
-    let app = router(shared).into_make_service_with_connect_info::<Visitor>();
+    serve_until(listener, router(shared), &stop).await
+}
+
+/// Serves until `stop`, and after that for no longer than open requests may take.
+async fn serve_until(listener: TcpListener, app: Router, stop: &CancellationToken) -> Result<(), WebError> {
+    let app = app.into_make_service_with_connect_info::<Visitor>();
     let server = axum::serve(Door::new(listener), app).with_graceful_shutdown(stop.clone().cancelled_owned());
     let overtime = async {
         stop.cancelled().await;
