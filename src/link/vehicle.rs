@@ -38,6 +38,11 @@ impl Vehicle {
         uid: None,
     };
 
+    /// Whether this autopilot sent a frame.
+    pub fn sent(&self, frame: &Frame) -> bool {
+        self.address == Address { system: frame.system_id, component: frame.component_id }
+    }
+
     /// From a heartbeat of an autopilot that flies missions; other frames say nothing.
     pub fn from_heartbeat(frame: &Frame) -> Option<Self> {
         if frame.component_id != AUTOPILOT_COMPONENT {

@@ -129,7 +129,7 @@ async fn listen(
 ) -> Result<(), String> {
     while wire.now_s() < until_s {
         match wire.next(Some(until_s)).await {
-            Event::Frame(frame) if of_vehicle(wire.vehicle(), &frame) => {
+            Event::Frame(frame) if wire.vehicle().sent(&frame) => {
                 see(&frame, facts);
                 if over(&frame) {
                     break;
@@ -140,10 +140,6 @@ async fn listen(
         }
     }
     Ok(())
-}
-
-fn of_vehicle(vehicle: Vehicle, frame: &Frame) -> bool {
-    (frame.system_id, frame.component_id) == (vehicle.address.system, vehicle.address.component)
 }
 
 /// The wish for one message, by id and payload.

@@ -103,8 +103,7 @@ impl Inventory {
         {
             self.give_way(now_s);
         }
-        let address = self.facts.vehicle.address;
-        if (frame.system_id, frame.component_id) != (address.system, address.component) {
+        if !self.facts.vehicle.sent(frame) {
             return;
         }
         if TRANSFER.contains(&frame.message_id) {

@@ -91,9 +91,7 @@ impl Pin {
 
     /// Takes a frame; whether the transfer may see it.
     pub fn take(&mut self, now_s: f64, origin: Origin, frame: &Frame) -> bool {
-        if (frame.system_id, frame.component_id)
-            != (self.vehicle.address.system, self.vehicle.address.component)
-        {
+        if !self.vehicle.sent(frame) {
             return true;
         }
         if origin != self.origin {

@@ -102,8 +102,7 @@ impl<R: RawWire + Send> Pinned<R> {
     }
 
     fn see_home(&mut self, frame: &Frame) {
-        let from = Address { system: frame.system_id, component: frame.component_id };
-        if frame.message_id != HOME_POSITION || from != self.vehicle().address {
+        if frame.message_id != HOME_POSITION || !self.vehicle().sent(frame) {
             return;
         }
         let at = |k: usize| frame.payload().get(k).copied().unwrap_or(0);
