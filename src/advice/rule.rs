@@ -8,12 +8,14 @@ use gaware_nav::math::hypot;
 use schemars::JsonSchema;
 use serde::Serialize;
 
-/// Group delay of a second-order Butterworth low-pass at rest times its cut-off frequency: √2/(2π).
-const GROUP_DELAY_CYCLES: f64 = std::f64::consts::SQRT_2 / std::f64::consts::TAU;
+/// Delay of a second-order Butterworth low-pass at low frequency, s: √2/(2π) over its cut-off frequency.
+pub(super) const fn low_pass_delay_s(cut_off_hz: f64) -> f64 {
+    std::f64::consts::SQRT_2 / std::f64::consts::TAU / cut_off_hz
+}
 /// ArduPilot's low-pass of the accelerometers, Hz.
 const LOW_PASS: &str = "INS_ACCEL_FILTER";
 /// Delay of the samples at the usual cut-off of 20 Hz, s: the uncertainty where the cut-off is not known.
-const USUAL_DELAY_S: f64 = GROUP_DELAY_CYCLES / 20.0;
+const USUAL_DELAY_S: f64 = low_pass_delay_s(20.0);
 
 /// How a parameter is to change, where its value on board is not known.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, JsonSchema)]
@@ -109,7 +111,7 @@ fn delay(autopilot: Autopilot, latency_s: f64, sigma_s: f64, on_board: &OnBoard)
     let (samples_s, sigma_s, note) = match (autopilot, on_board.get(LOW_PASS).filter(|hz| *hz > 0.0)) {
         (Autopilot::Px4, _) => (0.0, sigma_s, None),
         (Autopilot::ArduPilot, Some(hz)) => {
-            let samples_s = GROUP_DELAY_CYCLES / hz;
+            let samples_s = low_pass_delay_s(hz);
             let note = format!(
                 "{:.1} ms of it are the delay of the logged samples ({LOW_PASS} {hz} Hz)",
                 samples_s * 1e3

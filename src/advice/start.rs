@@ -9,12 +9,12 @@
 //! (`sensors/vehicle_imu/VehicleIMU.cpp`).
 
 use super::on_board::OnBoard;
+use super::rule::low_pass_delay_s;
 use gaware_mission::item::Autopilot;
 use gaware_nav::model::Model;
 use schemars::JsonSchema;
 use serde::Serialize;
 use serde_json::{Map, Value};
-use std::f64::consts::{PI, SQRT_2};
 
 /// Delays of a receiver that can be, s; ArduPilot takes 250 ms at most, PX4 300.
 const DELAY_S: std::ops::RangeInclusive<f64> = 0.001..=0.5;
@@ -125,11 +125,6 @@ fn latency(autopilot: Autopilot, mut found: Found) -> Option<Started> {
         text: format!("GNSS latency starts at {:.0} ms: {}{less}", value * 1e3, found.used.first()?),
         parameters: found.used,
     })
-}
-
-/// Delay of a second-order Butterworth low-pass at low frequency, s.
-fn low_pass_delay_s(cut_off_hz: f64) -> f64 {
-    SQRT_2 / (2.0 * PI * cut_off_hz)
 }
 
 /// The antenna from the inertial unit.
