@@ -40,9 +40,12 @@ const EKF2_DRAG: &str =
 /// A new value: parameter, value, its 1-sigma, unit, limits, source.
 struct Change(String, f64, f64, &'static str, (f64, f64), &'static str);
 
-/// What is proposed, and why the rest is not.
-pub(super) fn of(found: &AirFound, on_board: &OnBoard) -> (Vec<SensorProposal>, Vec<String>) {
-    let (mut proposals, mut not) = (Vec::new(), Vec::new());
+/// What is proposed, why the rest is not, and which effects the parameters on board correct already.
+pub(super) type Advice = (Vec<SensorProposal>, Vec<String>, Vec<&'static str>);
+
+/// The advice for one sensor.
+pub(super) fn of(found: &AirFound, on_board: &OnBoard) -> Advice {
+    let (mut proposals, mut not, mut set) = (Vec::new(), Vec::new(), Vec::new());
     let is_off = found.kind == AirQuantity::Drag && uses_no_drag(on_board);
     for finding in &found.effects {
         let effect = finding.setting.effect.name();
@@ -70,6 +73,10 @@ pub(super) fn of(found: &AirFound, on_board: &OnBoard) -> (Vec<SensorProposal>, 
         }
         if changes.is_empty() {
             not.push(format!("{effect}: no parameter of this autopilot corrects it"));
+        }
+        if is_set(&changes, on_board) {
+            set.push(effect);
+            continue;
         }
         for Change(parameter, proposed, sigma, unit, limits, source) in changes {
             let Some(now) = on_board.get(&parameter) else {
@@ -100,7 +107,14 @@ pub(super) fn of(found: &AirFound, on_board: &OnBoard) -> (Vec<SensorProposal>, 
             }
         }
     }
-    (proposals, not)
+    (proposals, not, set)
+}
+
+/// Whether the parameters on board are what the flight finds, and not nothing: the sensor's samples are those before the correction.
+fn is_set(changes: &[Change], on_board: &OnBoard) -> bool {
+    let known = || changes.iter().map(|c| Some((c, on_board.get(&c.0)?)));
+    let same = |(c, now): (&Change, f64)| (c.1 - now).abs() < SIGNIFICANT * c.2 || c.1 == now;
+    known().all(|c| c.is_some_and(same)) && known().flatten().any(|(_, now)| now != 0.0)
 }
 
 /// The coefficients of drag: what a flight shows of an effect, and zero for the other one where it does not show that.

@@ -126,14 +126,20 @@ pub fn of_flight(flight: &Flight, settled: &Settled, on_board: &OnBoard) -> Opti
 }
 
 fn entry(found: &AirFound, on_board: &OnBoard) -> AirEntry {
-    let status = status(found);
+    let mut status = status(found);
     let is_believed = found.kind != AirQuantity::Drag || status == Status::Ok;
     let advice = if is_believed { advice::of(found, on_board) } else { Default::default() };
     let both = |v: [f64; 2]| BeforeAfter { before: v[0], after: v[1] };
+    let mut text = text(found, status);
+    let is_set = |f: &Finding| f.others.is_empty() && advice.2.contains(&f.setting.effect.name());
+    if status == Status::Wrong && !found.effects.is_empty() && found.effects.iter().all(is_set) {
+        status = Status::Ok;
+        text = format!("{} The parameters on board correct that.", text);
+    }
     AirEntry {
         sensor: name(found),
         status,
-        text: text(found, status),
+        text,
         unit: ["m", "m/s", "m/s²"][found.kind as usize],
         largest_error: if shows_an_error(found) { found.largest.0 } else { 0.0 },
         at_m_per_s: found.largest.1,

@@ -84,7 +84,7 @@ impl UnitFileArgs {
         }
         let id = Beside::read(log, vehicle)?.on_board.board;
         let known = self.decide(id.as_deref())?.filter(|k| self.unit.is_some() || !k.is_from(log));
-        known.iter().for_each(|k| crate::sinks::log::line(&k.words()));
+        known.iter().for_each(|k| crate::sinks::log::line(&k.words(&today())));
         Ok(known)
     }
 }

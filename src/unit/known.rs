@@ -40,13 +40,14 @@ impl KnownUnit {
         model
     }
 
-    /// In a sentence.
-    pub fn words(&self) -> String {
+    /// In a sentence, as it is on this day (as `2026-11-24`).
+    pub fn words(&self, today: &str) -> String {
         let origin = &self.unit.origin;
         let id = origin.hardware_id.as_deref().unwrap_or("of unknown hardware");
         let count = self.unit.measured().len();
+        let aged = self.unit.aged_words(today).map_or_else(String::new, |words| format!("; {words}"));
         format!(
-            "unit {id}: begins from {} of {} ({} measured; --no-unit leaves it out)",
+            "unit {id}: begins from {} of {} ({} measured{aged}; --no-unit leaves it out)",
             self.path.display(),
             origin.date,
             counted(count, "constant")

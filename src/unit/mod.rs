@@ -312,6 +312,17 @@ impl Unit {
         hypot(state.sigma, more).min(state.prior_sigma.max(state.sigma))
     }
 
+    /// What age makes of the sigmas of G on this day, in words; nothing where that is less than half of them.
+    fn aged_words(&self, today: &str) -> Option<String> {
+        let days = ageing::between(&self.origin.date, today);
+        let own = self.states.iter().filter(|s| s.effect == "gyro_g_sensitivity");
+        let largest = |of: &dyn Fn(&UnitState) -> f64| own.clone().map(of).fold(0.0, f64::max);
+        let (then, now) = (largest(&|s| s.sigma), largest(&|s| Self::aged(s, days)));
+        (now > 1.5 * then).then(|| {
+            format!("{days:.0} days later G counts as known to ± {now:.0} deg/h/g instead of ± {then:.0}")
+        })
+    }
+
     /// Makes the values priors of this model, as they are so many days later. What the model takes for known stays so.
     pub fn apply(&self, model: &mut Model, today: &str) {
         let days = ageing::between(&self.origin.date, today);

@@ -4,6 +4,7 @@
 
 use super::model;
 use crate::commands::known::UnitFileArgs;
+use crate::commands::unit::today;
 use crate::pipeline::{Estimator, Pipeline};
 use crate::sensors::Severity;
 use crate::sinks::recorder::Setup;
@@ -83,9 +84,11 @@ impl<E: Estimator> Introduction<E> {
         let (severity, text, known) = match self.files.decide(Some(id)) {
             Ok(known) if known.as_ref().map(|k| &k.path) == self.begun.as_ref().map(|k| &k.path) => {
                 pipeline.let_go();
-                return known.map(|k| (Severity::Info, k.words(), None));
+                return known.map(|k| (Severity::Info, k.words(&today()), None));
             }
-            Ok(known) => (Severity::Info, known.as_ref().map(KnownUnit::words).unwrap_or_default(), known),
+            Ok(known) => {
+                (Severity::Info, known.as_ref().map(|k| k.words(&today())).unwrap_or_default(), known)
+            }
             Err(error) => (Severity::Warning, format!("{error}; the estimate begins without it"), None),
         };
         if stage == Stage::Late {

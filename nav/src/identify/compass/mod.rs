@@ -161,10 +161,11 @@ impl<'a> Compasses<'a> {
         let rates = self.flight.samples(crate::sample::Quantisation::None);
         let knots = self.settled.reference.knots.iter();
         let at = |knot: &super::linear::reference::Knot| {
-            let measured = at_time(&own, knot.t_s, NEAR_S, |a, b, s| a.lerp(b, s))?;
             let c_nb = knot.nav.c_nb();
             let next = rates.partition_point(|s| s.t_s < knot.t_s);
             let rate = rates.get(next).map_or_else(Vector3::zeros, |s| s.gyro);
+            let between = at_time(&own, knot.t_s, NEAR_S, |a, b, s| a.lerp(b, s));
+            let measured = between.or_else(|| turned_to(&own, knot.t_s, &rate))?;
             let x = FieldInstant {
                 field: c_nb.transpose() * given.field_n,
                 by_declination: c_nb.transpose() * down.cross(&given.field_n),
@@ -302,6 +303,18 @@ fn derivative_by_field(p: &[f64], x: &FieldInstant, on: &dyn crate::effects::Fie
         on.field(p, &FieldInstant { field, ..none }) - constant
     };
     Matrix3::from_columns(&[column(0), column(1), column(2)])
+}
+
+/// The nearest sample as it would be at this time, with the vehicle turning as it does then: for a compass that is logged less often than there are fixes
+/// (PX4 logs twice a second).
+fn turned_to(own: &[(f64, Vector3<f64>)], t_s: f64, rate: &Vector3<f64>) -> Option<Vector3<f64>> {
+    let next = own.partition_point(|s| s.0 < t_s);
+    let both = [next.checked_sub(1).and_then(|k| own.get(k)), own.get(next)];
+    let off = |s: &&(f64, Vector3<f64>)| (s.0 - t_s).abs();
+    let (at_s, field) = both.into_iter().flatten().min_by(|a, b| off(a).total_cmp(&off(b)))?;
+    let dt = t_s - at_s;
+    // What the vehicle itself carries does not turn: at half a radian per second a tenth of it is left, which is no more than its calibration leaves.
+    (dt.abs() <= NEAR_S).then(|| crate::rotation::exp(&(rate * -dt)) * field)
 }
 
 /// The field that a compass with these errors would have measured without them.
