@@ -103,6 +103,13 @@ impl Widths {
         self.known_to.iter().find(|k| k.0 == effect).map_or(0.0, |k| k.1)
     }
 
+    /// Whether an effect with these values is within what it is compared with is known to: a delay that gusts may pretend is no delay.
+    pub(super) fn is_within_what_is_known(&self, effect: usize, values: &[f64]) -> bool {
+        const SIGMAS: f64 = 3.0;
+        let own = values.iter().zip(&self.effect).filter(|(_, e)| **e == effect);
+        self.least(effect) > 0.0 && own.clone().all(|(v, _)| v.abs() < SIGMAS * self.least(effect))
+    }
+
     /// This effect is not named from here on.
     pub(in crate::identify) fn close(&mut self, effect: usize) {
         self.closed.push(effect);

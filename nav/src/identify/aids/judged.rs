@@ -70,6 +70,9 @@ pub(in crate::identify) trait Judged {
     fn chosen(&self, values: &[f64], noise: &Noise, blocks: &[Information]) -> Chosen {
         let rows = self.rows(values, true);
         let unfounded = |named: &[usize]| {
+            if let Some(e) = named.iter().find(|e| self.widths().is_within_what_is_known(**e, values)) {
+                return Some(*e);
+            }
             let all = self.noise(&rows, named, values, Some(noise));
             let odds = |e: &usize| {
                 let others: Vec<usize> = named.iter().copied().filter(|o| o != e).collect();
