@@ -210,7 +210,9 @@ mod tests {
                 by_declination: c_nb.transpose() * Vector3::z().cross(&field_n),
                 ..FieldInstant::default()
             };
-            Some(Instant { elapsed_s: t, c_nb, measured: reversed * x.field, x })
+            // What motors and attitude errors leave of it, 20 mG RMS.
+            let left = Vector3::new(sin(3.1 * t), sin(4.3 * t + 1.0), sin(5.7 * t + 2.0)) * 28e-7;
+            Some(Instant { elapsed_s: t, c_nb, measured: reversed * x.field + left, x })
         };
         let instants: Vec<_> = (0..600).map(instant).collect();
         find(&instants, false, 0.02)
