@@ -58,6 +58,9 @@ pub struct OnBoard {
     pub changed: BTreeSet<String>,
     /// Which inertial unit the samples are of.
     pub unit: SampledUnit,
+    /// Whether the samples are those before the autopilot's low-pass (ArduPilot `AP_InertialSensor_Backend.cpp`: increments and raw samples are taken
+    /// before it).
+    pub unfiltered: bool,
     /// Whether values come from a file beside the log.
     pub from_file: bool,
     /// How many the vehicle says that it has, where it says so.
@@ -149,6 +152,7 @@ impl OnBoard {
         let px4 = self.autopilot == Some(Autopilot::Px4);
         for sample in samples {
             let Sample::Stream(stream) = sample else { continue };
+            self.unfiltered |= stream.message.starts_with("IMT[") || stream.message.starts_with("ACC/GYR[");
             match stream.message.as_str() {
                 "SCALED_IMU2" => self.is_of(SampledUnit::Place(1)),
                 "SCALED_IMU3" => self.is_of(SampledUnit::Place(2)),

@@ -110,6 +110,7 @@ fn combined(
 fn delay(autopilot: Autopilot, latency_s: f64, sigma_s: f64, on_board: &OnBoard) -> Derived {
     let (samples_s, sigma_s, note) = match (autopilot, on_board.get(LOW_PASS).filter(|hz| *hz > 0.0)) {
         (Autopilot::Px4, _) => (0.0, sigma_s, None),
+        (Autopilot::ArduPilot, _) if on_board.unfiltered => (0.0, sigma_s, None),
         (Autopilot::ArduPilot, Some(hz)) => {
             let samples_s = low_pass_delay_s(hz);
             let note = format!(

@@ -7,6 +7,19 @@ use crate::logs::{Item, LogNote};
 use gaware_mission::item::Autopilot;
 use gaware_nav::sample::{ImuStream, Sample};
 
+/// Increments and raw samples of a log are taken before the low-pass, whose delay is no part of what they show.
+#[test]
+fn samples_before_the_low_pass_are_not_late_by_it() {
+    let proposed = |message: &str| {
+        let mut board = on_board(Autopilot::ArduPilot, &[("GPS1_DELAY_MS", 0.0), ("INS_ACCEL_FILTER", 20.0)]);
+        let stream = ImuStream { message: message.to_owned(), ..Default::default() };
+        board.samples_are(&[Sample::Stream(stream)]);
+        advise(&[finding("gps_latency", &[0.14], 1e-3)], &board).proposals[0].proposed.unwrap()
+    };
+    assert!((proposed("IMU") - proposed("IMT[0]") - 11.25).abs() < 0.1, "{}", proposed("IMU"));
+    assert_eq!(proposed("IMT[0]"), proposed("ACC/GYR[0]"));
+}
+
 /// Every real board has several calibrated units: the message that brings the samples, or the log's device id, says whose parameters count.
 #[test]
 fn of_several_units_the_one_that_the_samples_are_of_is_corrected() {
