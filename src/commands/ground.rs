@@ -284,8 +284,7 @@ fn finish(args: &GroundArgs, served: &Served<Engine>) -> Result<(), CommandError
                 .extend(far.into_iter().map(|name| format!("{name} is far from what the file says")));
         }
         // What contradicts the file is said above; without one nothing else tells an axis that is the wrong way round.
-        let doubtful = engine.has_warmed() || before.is_none();
-        if let Some(why) = doubt(engine).filter(|_| doubtful && !args.overwrite.force) {
+        if let Some(why) = doubt(engine).filter(|_| before.is_none() && !args.overwrite.force) {
             inconsistencies.push(format!(
                 "{why}; the file of the unit was not written (--force writes it all the same)"
             ));

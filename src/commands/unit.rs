@@ -121,9 +121,6 @@ pub(crate) fn origin(beside: &Beside, from: &str) -> Origin {
 
 /// Why what an engine has of a unit is not to be believed; nothing where it is.
 pub(crate) fn doubt(engine: &Engine) -> Option<String> {
-    if engine.has_warmed() {
-        return Some(WARMED.to_owned());
-    }
     let far = engine.summary().implausible;
     let words = "beyond what such a unit has: an axis may be reversed or another one, or its unit a wrong one (gaware explain names it)";
     (!far.is_empty()).then(|| format!("{} is {words}", far.join(", ")))
@@ -153,6 +150,9 @@ fn measure(
     let engine = pipeline.engine();
     let filter = engine.filter().ok_or_else(|| UnitError::Nothing(name.clone()))?;
     let sha256 = sha256(log).map_err(|source| UnitError::Read { path: log.to_owned(), source })?;
+    if engine.has_warmed() && before.is_none() {
+        crate::sinks::log::line(&format!("{name}: {WARMED}"));
+    }
     let origin = Origin { sha256: vec![sha256], ..origin(&beside, &name) };
     Ok((Unit::of_filter(filter, origin), doubt(engine)))
 }

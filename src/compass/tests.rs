@@ -144,7 +144,7 @@ fn where_fixes_and_inertial_data_contradict_each_other_no_sensor_is_judged() {
 
 #[test]
 fn a_compass_with_too_few_samples_is_said_to_have_them() {
-    let report = judged(&flown("multirotor", &[], 35, |s| s.field_rate_hz = 0.2));
+    let report = judged(&flown("multirotor", &[], 35, |s| s.field_rate_hz = 0.05));
     assert!(
         report.compasses.is_empty() && report.notes[0].contains("not judged: none has samples beside 60"),
         "{:?}",
