@@ -41,25 +41,26 @@ pub trait Consumer {
     fn engine(&mut self) -> Option<&mut Engine> {
         None
     }
+    // Written with the type: of an `&mut Engine` the method of this trait comes before one of its own that takes `&self`, and would ask itself.
     /// Takes what flies.
     fn set_vehicle(&mut self, kind: VehicleKind) {
-        self.engine().into_iter().for_each(|engine| engine.set_vehicle(kind));
+        self.engine().into_iter().for_each(|engine| Engine::set_vehicle(engine, kind));
     }
     /// Takes what the vehicle reports of its flight.
     fn set_flight(&mut self, report: &FlightReport) {
-        self.engine().into_iter().for_each(|engine| engine.set_flight(report));
+        self.engine().into_iter().for_each(|engine| Engine::set_flight(engine, report));
     }
     /// Takes where the vehicle is for as long as no fix says so.
     fn set_place(&mut self, place: Geodetic) {
-        self.engine().into_iter().for_each(|engine| engine.set_place(place));
+        self.engine().into_iter().for_each(|engine| Engine::set_place(engine, place));
     }
     /// Roll, pitch, yaw, rad, and the time they are for, s; nothing while there is no estimate. Called often.
     fn attitude(&mut self) -> Option<(f64, [f64; 3])> {
-        self.engine()?.attitude()
+        Engine::attitude(self.engine()?)
     }
     /// 1-sigma of that roll, pitch and yaw, rad.
     fn attitude_sigmas(&mut self) -> Option<[f64; 3]> {
-        self.engine()?.attitude_sigmas()
+        Engine::attitude_sigmas(self.engine()?)
     }
     /// Takes what the autopilot's own filter reports of itself.
     fn filter_report(&mut self, _origin: Origin, _values: &[(Channel, f64)]) {}
