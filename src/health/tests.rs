@@ -107,21 +107,25 @@ fn events_in_flight_are_graded_and_dated() {
     assert!(of(&all, "autopilot's estimator").text.contains("lane switched once, first to 1 at 34.0 s"));
 }
 
+/// A fix at this time, on the ground plan of a flight at 500 m.
+fn fix_at(t_us: u64, [lat, lon]: [f64; 2], velocity: [f64; 3]) -> Record {
+    let fix = GnssFix {
+        t_s: 0.0,
+        position: gaware_nav::earth::Geodetic::from_degrees(lat, lon, 500.0),
+        velocity: FixVelocity::Full(velocity),
+        position_sigma_m: None,
+        velocity_sigma_m_per_s: None,
+        yaw_rad: None,
+    };
+    Record { t_us, item: Item::Measurement(Measurement::Fix(None, fix)) }
+}
+
 #[test]
 fn a_fix_that_is_not_where_the_last_one_leads_has_jumped() {
     let mut log = flight();
     for k in 0..20 {
         let lat = 47.0 + if k < 10 { 0.0 } else { 0.001 };
-        let fix = GnssFix {
-            t_s: 0.0,
-            position: gaware_nav::earth::Geodetic::from_degrees(lat, 8.0, 500.0),
-            velocity: FixVelocity::Full([0.0; 3]),
-            position_sigma_m: None,
-            velocity_sigma_m_per_s: None,
-            yaw_rad: None,
-        };
-        let t_us = 20_000_000 + 200_000 * k;
-        log.take(&Record { t_us, item: Item::Measurement(Measurement::Fix(None, fix)) });
+        log.take(&fix_at(20_000_000 + 200_000 * k, [lat, 8.0], [0.0; 3]));
     }
     let all = checks(&log, false, &OnBoard::default());
     assert_eq!(
@@ -138,20 +142,8 @@ fn a_flight_across_the_antimeridian_has_not_jumped() {
     for k in 0..40_u64 {
         // 20 m/s to the east, from 179.9995° on.
         let lon = 179.9995 + 4.0 * k as f64 / 111_195.0;
-        let fix = GnssFix {
-            t_s: 0.0,
-            position: gaware_nav::earth::Geodetic::from_degrees(
-                0.0,
-                if lon > 180.0 { lon - 360.0 } else { lon },
-                500.0,
-            ),
-            velocity: FixVelocity::Full([0.0, 20.0, 0.0]),
-            position_sigma_m: None,
-            velocity_sigma_m_per_s: None,
-            yaw_rad: None,
-        };
-        let t_us = 20_000_000 + 200_000 * k;
-        log.take(&Record { t_us, item: Item::Measurement(Measurement::Fix(None, fix)) });
+        let lon = if lon > 180.0 { lon - 360.0 } else { lon };
+        log.take(&fix_at(20_000_000 + 200_000 * k, [0.0, lon], [0.0, 20.0, 0.0]));
     }
     let all = checks(&log, false, &OnBoard::default());
     assert_ne!(of(&all, "GNSS").grade, Grade::Bad, "{:?}", of(&all, "GNSS"));

@@ -84,13 +84,19 @@ impl Effect for CompassEffect {
     }
 }
 
+impl CompassEffect {
+    /// By what an effect turns the field with these values; nothing for the others.
+    fn turn(&self, p: &[f64]) -> Option<Vector3<f64>> {
+        self.cells.is_empty().then(|| Vector3::from_fn(|k, _| p.get(k).copied().unwrap_or(0.0)))
+    }
+}
+
 impl FieldEffect for CompassEffect {
     fn field(&self, p: &[f64], x: &FieldInstant) -> Vector3<f64> {
-        let mut out = Vector3::zeros();
-        if self.cells.is_empty() {
-            let turn = Vector3::from_fn(|k, _| p.get(k).copied().unwrap_or(0.0));
-            out = exp(&turn).inverse() * x.field - x.field;
+        if let Some(turn) = self.turn(p) {
+            return exp(&turn).inverse() * x.field - x.field;
         }
+        let mut out = Vector3::zeros();
         for (axis, parameter, driver) in self.cells {
             out[*axis] += p.get(*parameter).copied().unwrap_or(0.0) * driver.value(x);
         }
@@ -98,9 +104,8 @@ impl FieldEffect for CompassEffect {
     }
 
     fn field_jacobian(&self, p: &[f64], x: &FieldInstant, columns: &mut [Vector3<f64>]) {
-        if self.cells.is_empty() {
+        if let Some(turn) = self.turn(p) {
             // Φ ↦ exp(Φ) b changes by −exp(Φ) [b×] J_r(Φ), with J_r(Φ) = J_l(−Φ) (Solà 2018, arXiv:1711.02508, eq. 190); Φ = −θ.
-            let turn = Vector3::from_fn(|k, _| p.get(k).copied().unwrap_or(0.0));
             let back = exp(&turn).to_rotation_matrix().into_inner().transpose();
             let by = back * skew(&x.field) * left_jacobian(&turn);
             columns.iter_mut().zip(by.column_iter()).for_each(|(column, own)| column.copy_from(&own));

@@ -65,13 +65,8 @@ impl Estimator {
 
     /// What white noise and rounding leave in one sample.
     pub(super) fn sample_noise(&self, extra: (f64, f64), rounding: [Vector3<f64>; 2]) -> SampleNoise {
-        let (imu, dt) = (&self.model.imu, self.averager.interval_s(self.meter.interval_s()).max(1e-4));
-        let of = |n: f64, extra: f64, rounding: f64| (n * n + extra) / dt + 3.0 * rounding;
-        SampleNoise {
-            rate: of(imu.gyro_noise, extra.0, rounding[0].max()),
-            force: of(imu.accel_noise, extra.1, rounding[1].max()),
-            least: [of(imu.gyro_noise, 0.0, rounding[0].max()), of(imu.accel_noise, 0.0, rounding[1].max())],
-        }
+        let dt = self.averager.interval_s(self.meter.interval_s()).max(1e-4);
+        SampleNoise::of(&self.model.imu, extra, rounding, dt)
     }
 
     /// A fix of a receiver, which may be the first after a start by the place alone.

@@ -313,10 +313,6 @@ impl Fusion {
 impl Filter {
     /// What white noise and rounding leave in one sample.
     fn sample_noise(&self, dt: f64) -> SampleNoise {
-        let (gyro, accel) = self.noise_density();
-        let of = |density: f64, rounding: f64| density / dt + 3.0 * rounding;
-        let (imu, rounding) = (&self.model().imu, self.rounding.map(|r| r.max()));
-        let least = [of(imu.gyro_noise.powi(2), rounding[0]), of(imu.accel_noise.powi(2), rounding[1])];
-        SampleNoise { rate: of(gyro, rounding[0]), force: of(accel, rounding[1]), least }
+        SampleNoise::of(&self.model().imu, self.extra_noise, self.rounding, dt)
     }
 }

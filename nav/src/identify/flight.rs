@@ -60,10 +60,10 @@ pub struct Flight {
     guesses: Guesses,
     interval_s: f64,
     measured_noise: (f64, f64),
-    /// Whether its samples are whole counts of 1 mrad/s and 1 mg.
-    whole_counts: bool,
     /// The same while the unit rested between turns by hand: when, s, and what the samples showed.
     shown_at_rest: Vec<(f64, [f64; 2])>,
+    /// Whether its samples are whole counts of 1 mrad/s and 1 mg.
+    whole_counts: bool,
     known_delay_s: Option<f64>,
     /// Kind of the samples before they were averaged.
     averaged: Option<SampleKind>,

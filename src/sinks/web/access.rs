@@ -145,7 +145,7 @@ impl Policy {
             }
         }
         let wrong = self.wrong_token(uri, headers);
-        // Nobody guesses 128 bits.
+        // 128 bits cannot be guessed.
         let can_be_guessed = self.token.as_ref().is_some_and(|token| !token.random);
         if let Some((way, token)) = wrong.filter(|_| can_be_guessed) {
             guesses.wrong(from, way, token);

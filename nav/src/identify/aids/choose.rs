@@ -106,8 +106,9 @@ impl Widths {
     /// Whether an effect with these values is within what it is compared with is known to: a delay that gusts may pretend is no delay.
     pub(super) fn is_within_what_is_known(&self, effect: usize, values: &[f64]) -> bool {
         const SIGMAS: f64 = 3.0;
-        let own = values.iter().zip(&self.effect).filter(|(_, e)| **e == effect);
-        self.least(effect) > 0.0 && own.clone().all(|(v, _)| v.abs() < SIGMAS * self.least(effect))
+        let least = self.least(effect);
+        let mut own = values.iter().zip(&self.effect).filter(|(_, e)| **e == effect);
+        least > 0.0 && own.all(|(v, _)| v.abs() < SIGMAS * least)
     }
 
     /// This effect is not named from here on.

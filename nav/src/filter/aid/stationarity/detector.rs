@@ -4,6 +4,7 @@
 //! Nilsson & Rantakokko 2010, "Zero-velocity detection: an algorithm evaluation"). A smooth cruise looks the same to them, so
 //! the fixes must say zero too. One moving sample ends it.
 
+use crate::model::ImuModel;
 use crate::rss;
 use crate::sample::{FixVelocity, GnssFix, ImuSample};
 use nalgebra::Vector3;
@@ -37,6 +38,19 @@ pub(crate) struct SampleNoise {
     pub(crate) force: f64,
     /// The same without vibration.
     pub(crate) least: [f64; 2],
+}
+
+impl SampleNoise {
+    /// What white noise (`extra`: of vibration, per hertz) and rounding leave in one sample.
+    pub(crate) fn of(imu: &ImuModel, extra: (f64, f64), rounding: [Vector3<f64>; 2], dt: f64) -> Self {
+        let of = |n: f64, extra: f64, rounding: f64| (n * n + extra) / dt + 3.0 * rounding;
+        let [gyro, accel] = rounding.map(|r| r.max());
+        Self {
+            rate: of(imu.gyro_noise, extra.0, gyro),
+            force: of(imu.accel_noise, extra.1, accel),
+            least: [of(imu.gyro_noise, 0.0, gyro), of(imu.accel_noise, 0.0, accel)],
+        }
+    }
 }
 
 /// Sums over one block.
